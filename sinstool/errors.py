@@ -1,0 +1,90 @@
+"""What can go wrong for a user: one class for each kind, with one line that helps.
+
+Every message says what was wrong, where (file, topic, time) and what to do. The command
+line prints that line alone and exits with ``exit_code``; a traceback appears only with
+``-v``. Code outside :mod:`sinstool.cli` raises these and never prints.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+
+class SinstoolError(Exception):
+    """Root of all errors a user can cause.
+
+    Parameters
+    ----------
+    message : str
+        What was wrong and where, without a full stop's worth of padding.
+    hint : str, optional
+        What to do about it; printed after the message.
+    """
+
+    exit_code = 1
+
+    def __init__(self, message: str, hint: str = "") -> None:
+        self.message = message
+        self.hint = hint
+        super().__init__(message)
+
+    def __str__(self) -> str:
+        return f"{self.message}: {self.hint}" if self.hint else self.message
+
+
+class ConfigurationError(SinstoolError):
+    """An option or a key of the configuration file is unknown, mistyped or impossible."""
+
+    exit_code = 2
+
+
+class LogError(SinstoolError):
+    """A log cannot be read as it is.
+
+    Parameters
+    ----------
+    path : path-like
+        The log.
+    message : str
+        What is wrong with it.
+    hint : str, optional
+        What to do.
+    offset : int, optional
+        Byte offset in the file at which it was found.
+    """
+
+    def __init__(
+        self, path: Path | str, message: str, hint: str = "", offset: int | None = None
+    ) -> None:
+        self.path = Path(path)
+        self.offset = offset
+        where = f" (at byte {offset})" if offset is not None else ""
+        super().__init__(f"{path}: {message}{where}", hint)
+
+
+class NotALogError(LogError):
+    """The file is missing, empty or of no format that sinstool reads."""
+
+
+class DamagedLogError(LogError):
+    """The log is truncated or a part of it is corrupt."""
+
+
+class UnsupportedLogError(LogError):
+    """The log is whole but uses an encoding, compression or version we do not read."""
+
+
+class TopicError(LogError):
+    """The topic asked for is missing, of the wrong type, or one of several."""
+
+
+class DataError(LogError):
+    """The values in a topic are not what they are declared to be (units, rates, time)."""
+
+
+class AlignmentError(SinstoolError):
+    """The initial attitude cannot be had from this log in the way that was asked for."""
+
+
+class OutputError(SinstoolError):
+    """The output cannot be written: it exists, is the input, or its folder refuses it."""
