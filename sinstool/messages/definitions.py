@@ -1,0 +1,234 @@
+"""The fields of a message type, from the schema text a log carries.
+
+The grammar of ``.msg`` and ROS IDL files is rosbags' trade; this module only asks it, fills
+in what logs leave out, and says clearly what it cannot use.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from functools import lru_cache
+from typing import Any
+
+from rosbags.interfaces import Nodetype
+from rosbags.typesys import Stores, get_types_from_idl, get_types_from_msg, get_typestore
+
+ENCODINGS = ("cdr", "ros1")
+
+
+class DefinitionError(ValueError):
+    """A schema cannot be parsed or names a type that is defined nowhere."""
+
+
+@dataclass(frozen=True)
+class FieldType:
+    """One field's type.
+
+    Attributes
+    ----------
+    kind : {'base', 'message', 'array', 'sequence'}
+        A primitive, a nested message, a fixed-length array or a variable-length sequence.
+    name : str
+        Of the primitive or message; of the element for arrays and sequences.
+    element : {'base', 'message', ''}
+        Kind of the element of an array or a sequence.
+    count : int
+        Length of a fixed array, else 0.
+    """
+
+    kind: str
+    name: str
+    element: str = ""
+    count: int = 0
+
+
+@dataclass(frozen=True)
+class Definition:
+    """A message type with everything nested in it.
+
+    Attributes
+    ----------
+    name : str
+        Normalised ROS 2 spelling, ``package/msg/Type``.
+    encoding : {'cdr', 'ros1'}
+        Serialisation the layout is meant for.
+    types : dict
+        Type name to its ordered ``(field name, FieldType)`` pairs.
+    """
+
+    name: str
+    encoding: str
+    types: dict[str, tuple[tuple[str, FieldType], ...]]
+
+    def fields(self, name: str) -> tuple[tuple[str, FieldType], ...]:
+        """Fields of a nested type; DefinitionError when it is defined nowhere."""
+        try:
+            return self.types[name]
+        except KeyError:
+            raise DefinitionError(f"type {name} is not defined in the schema") from None
+
+    def paths_of(self, type_name: str) -> Iterator[str]:
+        """Dotted paths at which a type is nested ('' for the message itself)."""
+        yield from self._paths_of(self.name, type_name, "", 0)
+
+    def _paths_of(self, here: str, wanted: str, prefix: str, depth: int) -> Iterator[str]:
+        if here == wanted:
+            yield prefix
+            return
+        if depth > 8 or here not in self.types:
+            return
+        for field, ftype in self.types[here]:
+            if ftype.kind == "message":
+                path = f"{prefix}.{field}" if prefix else field
+                yield from self._paths_of(ftype.name, wanted, path, depth + 1)
+
+
+def normalise_type_name(name: str) -> str:
+    """``sensor_msgs/Imu`` and ``sensor_msgs/msg/Imu`` both to the latter."""
+    parts = name.strip("/").split("/")
+    if len(parts) == 2:
+        return f"{parts[0]}/msg/{parts[1]}"
+    return "/".join(parts)
+
+
+def ros1_type_name(name: str) -> str:
+    """``sensor_msgs/msg/Imu`` to ``sensor_msgs/Imu``."""
+    parts = name.split("/")
+    return f"{parts[0]}/{parts[-1]}"
+
+
+@lru_cache(maxsize=256)
+def parse_definition(type_name: str, schema_encoding: str, text: str, encoding: str) -> Definition:
+    """Parse the schema of a topic.
+
+    Parameters
+    ----------
+    type_name : str
+        The topic's type, in ROS 1 or ROS 2 spelling.
+    schema_encoding : str
+        ``ros2msg``, ``ros1msg``, ``ros2idl`` or empty.
+    text : str
+        Schema text with all nested types, as logs carry it. When it is empty (rosbag2 records
+        such schemas when the .msg files were missing) the standard types are looked up by name.
+    encoding : {'cdr', 'ros1'}
+        How messages of the topic are serialised.
+
+    Returns
+    -------
+    Definition
+
+    Raises
+    ------
+    DefinitionError
+        The text cannot be parsed, or the type is neither in it nor a standard one.
+    """
+    name = normalise_type_name(type_name)
+    found: dict[str, Any] = {}
+    if text.strip():
+        try:
+            if schema_encoding == "ros2idl":
+                lines = [ln for ln in text.splitlines() if not ln.lstrip().startswith("#include")]
+                found = dict(get_types_from_idl("\n".join(lines)))
+            else:
+                found = dict(get_types_from_msg(text, name))
+        except Exception as exc:  # rosbags' parser raises classes of its own and others'
+            raise DefinitionError(f"schema of {type_name} cannot be parsed ({exc})") from exc
+    if name not in found:
+        found = _standard_types(encoding) | found
+    if name not in found:
+        raise DefinitionError(
+            f"the log has no definition of {type_name} and it is not a standard type"
+        )
+    types: dict[str, tuple[tuple[str, FieldType], ...]] = {}
+    _collect(name, found, types, encoding)
+    return Definition(name, encoding, types)
+
+
+def schema_text(type_name: str, encoding: str) -> str:
+    """Full concatenated schema text of a standard type (``ros2msg`` or ``ros1msg``).
+
+    Parameters
+    ----------
+    type_name : str
+        A standard type in ROS 2 spelling.
+    encoding : {'cdr', 'ros1'}
+        Which flavour: ROS 1 headers have a sequence number.
+
+    Returns
+    -------
+    str
+    """
+    text, _ = _store(encoding).generate_msgdef(
+        type_name, ros_version=1 if encoding == "ros1" else 2
+    )
+    return text
+
+
+def type_hash(type_name: str) -> str:
+    """RIHS01 hash (ROS 2) of a standard type."""
+    return str(_store("cdr").hash_rihs01(type_name))
+
+
+def md5_sum(type_name: str) -> str:
+    """MD5 (ROS 1) of a standard type's definition."""
+    _, md5 = _store("ros1").generate_msgdef(type_name, ros_version=1)
+    return str(md5)
+
+
+@lru_cache(maxsize=2)
+def _store(encoding: str) -> Any:
+    return get_typestore(Stores.ROS1_NOETIC if encoding == "ros1" else Stores.ROS2_HUMBLE)
+
+
+def _standard_types(encoding: str) -> dict[str, Any]:
+    return dict(_store(encoding).fielddefs)
+
+
+def _collect(
+    name: str,
+    found: dict[str, Any],
+    types: dict[str, tuple[tuple[str, FieldType], ...]],
+    encoding: str,
+) -> None:
+    """Copy a type and all it nests from rosbags' form into ours."""
+    if name in types:
+        return
+    if name in ("builtin_interfaces/msg/Time", "builtin_interfaces/msg/Duration"):
+        # ROS 1 has these as primitives and no schema spells them out.
+        second = "uint32" if encoding == "ros1" and name.endswith("Time") else "int32"
+        fraction = "int32" if encoding == "ros1" and name.endswith("Duration") else "uint32"
+        types[name] = (
+            ("sec", FieldType("base", second)),
+            ("nanosec", FieldType("base", fraction)),
+        )
+        return
+    if name not in found:
+        standard = _standard_types(encoding)
+        if name not in standard:
+            raise DefinitionError(f"type {name} is not defined in the schema")
+        found = found | {name: standard[name]}
+    fields = [
+        (field, _field_type(descriptor))
+        for field, descriptor in found[name][1]
+        # rosbags' placeholder for empty types: on the wire in CDR only
+        if encoding == "cdr" or field != "structure_needs_at_least_one_member"
+    ]
+    types[name] = tuple(fields)
+    for _, ftype in fields:
+        if ftype.kind == "message" or ftype.element == "message":
+            _collect(ftype.name, found, types, encoding)
+
+
+def _field_type(descriptor: Any) -> FieldType:
+    node, value = descriptor
+    if node == Nodetype.BASE:
+        return FieldType("base", value[0])
+    if node == Nodetype.NAME:
+        return FieldType("message", value)
+    (subnode, subvalue), count = value
+    element = "base" if subnode == Nodetype.BASE else "message"
+    name = subvalue[0] if subnode == Nodetype.BASE else subvalue
+    if node == Nodetype.ARRAY:
+        return FieldType("array", name, element, count)
+    return FieldType("sequence", name, element)

@@ -1,0 +1,63 @@
+"""Open a log, whatever it is, by what its first bytes say."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from sinstool.errors import NotALogError
+from sinstool.readers.log import Log
+
+KNOWN = "sinstool reads MCAP, ROS 1 .bag, and ROS 2 bags (a directory or a single .db3)"
+
+
+def open_log(path: Path | str, salvage: bool = False) -> Log:
+    """Open a recorded log.
+
+    Parameters
+    ----------
+    path : path-like
+        An MCAP file, a ROS 1 bag, a ROS 2 bag directory or a single ``.db3``; recognised by
+        content, not by suffix.
+    salvage : bool
+        Pass over damaged parts and note them in ``lost``.
+
+    Returns
+    -------
+    Log
+
+    Raises
+    ------
+    NotALogError
+        The path does not exist, cannot be read, is empty or is none of these.
+    DamagedLogError
+        The log is damaged and `salvage` is off.
+    UnsupportedLogError
+        It uses something we do not read.
+    """
+    path = Path(path)
+    if not path.exists():
+        raise NotALogError(path, "there is no such file or folder")
+    if path.is_dir():
+        from sinstool.readers.rosbag2 import open_directory
+
+        return open_directory(path, salvage)
+    try:
+        with path.open("rb") as stream:
+            head = stream.read(16)
+    except OSError as exc:
+        raise NotALogError(path, f"cannot be read ({exc.strerror})") from exc
+    if not head:
+        raise NotALogError(path, "the file is empty")
+    if head.startswith(b"\x89MCAP0\r\n"):
+        from sinstool.readers.mcap import McapLog
+
+        return McapLog(path, salvage)
+    if head.startswith(b"#ROSBAG V"):
+        from sinstool.readers.rosbag1 import Rosbag1Log
+
+        return Rosbag1Log(path, salvage)
+    if head.startswith(b"SQLite format 3"):
+        from sinstool.readers.rosbag2 import SqliteLog
+
+        return SqliteLog(path, salvage)
+    raise NotALogError(path, f"not a log: it begins with {head[:8]!r}", KNOWN)

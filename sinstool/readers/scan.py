@@ -1,0 +1,181 @@
+"""Compiled walks over the records of a chunk: where every message lies, and what else is there.
+
+The record headers are read rather than the chunk's own message index, because the index can
+be missing or wrong and the headers cannot: the walk fails exactly where the chunk does.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numba import njit
+
+# What stopped a walk
+END, PARTIAL, FOREIGN = 0, 1, 2
+
+_MESSAGE = 0x05
+_MESSAGE_HEADER = 22
+_RECORD_HEADER = 9
+
+
+@njit(cache=True, nogil=True)
+def _u16(b, p):  # type: ignore[no-untyped-def]
+    return np.int64(b[p]) | np.int64(b[p + 1]) << 8
+
+
+@njit(cache=True, nogil=True)
+def _u32(b, p):  # type: ignore[no-untyped-def]
+    return _u16(b, p) | _u16(b, p + 2) << 16
+
+
+@njit(cache=True, nogil=True)
+def _u64(b, p):  # type: ignore[no-untyped-def]
+    return _u32(b, p) | _u32(b, p + 4) << 32
+
+
+@njit(cache=True, nogil=True)
+def scan_mcap(buffer, start, out, stop_at_foreign):  # type: ignore[no-untyped-def]
+    """Walk MCAP records.
+
+    Parameters
+    ----------
+    buffer : ndarray, uint8
+    start : int
+        Where the first record begins.
+    out : ndarray of int64, shape (6, m)
+        Receives channel, offset, length, log time, publish time, sequence of each message.
+    stop_at_foreign : bool
+        Stop at records that are no messages (top level of a file) or step over them (chunks).
+
+    Returns
+    -------
+    count : int
+        Messages found.
+    end : int
+        Where the walk stopped.
+    why : int
+        END at the buffer's end, PARTIAL at a record that runs over it (or declares a negative
+        or too small length), FOREIGN at a record that is no message.
+    """
+    size = buffer.shape[0]
+    pos = start
+    count = 0
+    room = out.shape[1]
+    while pos < size:
+        if pos + _RECORD_HEADER > size:
+            return count, pos, PARTIAL
+        length = _u64(buffer, pos + 1)
+        if buffer[pos] != _MESSAGE:
+            if stop_at_foreign:
+                return count, pos, FOREIGN
+            if length < 0 or length > size - pos - _RECORD_HEADER:
+                return count, pos, PARTIAL
+            pos += _RECORD_HEADER + length
+            continue
+        if length < _MESSAGE_HEADER or length > size - pos - _RECORD_HEADER:
+            return count, pos, PARTIAL
+        if count == room:
+            return count, pos, PARTIAL
+        body = pos + _RECORD_HEADER
+        out[0, count] = _u16(buffer, body)
+        out[5, count] = _u32(buffer, body + 2)
+        out[3, count] = _u64(buffer, body + 6)
+        out[4, count] = _u64(buffer, body + 14)
+        out[1, count] = body + _MESSAGE_HEADER
+        out[2, count] = length - _MESSAGE_HEADER
+        count += 1
+        pos = body + length
+    return count, pos, END
+
+
+@njit(cache=True, nogil=True)
+def foreign_mcap(buffer, out):  # type: ignore[no-untyped-def]
+    """Places of the records in a chunk that are no messages.
+
+    Parameters
+    ----------
+    buffer : ndarray, uint8
+    out : ndarray of int64, shape (3, m)
+        Receives opcode, offset of the body, length.
+
+    Returns
+    -------
+    int
+        How many there are (at most m are written).
+    """
+    size = buffer.shape[0]
+    pos = 0
+    count = 0
+    while pos + _RECORD_HEADER <= size:
+        length = _u64(buffer, pos + 1)
+        if length < 0 or length > size - pos - _RECORD_HEADER:
+            break
+        if buffer[pos] != _MESSAGE:
+            if count < out.shape[1]:
+                out[0, count] = buffer[pos]
+                out[1, count] = pos + _RECORD_HEADER
+                out[2, count] = length
+            count += 1
+        pos += _RECORD_HEADER + length
+    return count
+
+
+@njit(cache=True, nogil=True)
+def scan_rosbag1(buffer, out):  # type: ignore[no-untyped-def]
+    """Walk the records of a ROS 1 bag chunk and note its messages.
+
+    Parameters
+    ----------
+    buffer : ndarray, uint8
+        Decompressed chunk.
+    out : ndarray of int64, shape (4, m)
+        Receives connection, offset, length and time (ns) of each message.
+
+    Returns
+    -------
+    count : int
+    end : int
+        Where the walk stopped: the buffer's size when every record was whole.
+    """
+    size = buffer.shape[0]
+    pos = 0
+    count = 0
+    while pos + 8 <= size:
+        header = _u32(buffer, pos)
+        if header > size - pos - 8:
+            break
+        field = pos + 4
+        header_end = field + header
+        op = 0
+        connection = np.int64(-1)
+        time = np.int64(0)
+        good = True
+        while field < header_end:
+            if field + 4 > header_end:
+                good = False
+                break
+            width = _u32(buffer, field)
+            name = field + 4
+            field = name + width
+            if field > header_end:
+                good = False
+                break
+            # names are told by their first letters: op, conn, time
+            if width == 4 and buffer[name] == 111 and buffer[name + 2] == 61:
+                op = buffer[name + 3]
+            elif width == 9 and buffer[name] == 99 and buffer[name + 4] == 61:
+                connection = _u32(buffer, name + 5)
+            elif width == 13 and buffer[name] == 116 and buffer[name + 4] == 61:
+                time = _u32(buffer, name + 5) * 1_000_000_000 + _u32(buffer, name + 9)
+        if not good:
+            break
+        length = _u32(buffer, header_end)
+        if length > size - header_end - 4:
+            break
+        if op == 2 and connection >= 0 and count < out.shape[1]:
+            out[0, count] = connection
+            out[1, count] = header_end + 4
+            out[2, count] = length
+            out[3, count] = time
+            count += 1
+        pos = header_end + 4 + length
+    return count, pos
