@@ -1,0 +1,229 @@
+"""Stillness: half-second windows of inertial data, and the spans in which nothing moved.
+
+A gyro can be biased by degrees per second, so stillness is judged on variance, never on the
+mean; the means only have to stay what they were.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numba import njit
+
+WINDOW_NS = 500_000_000
+# Noise of working sensors at rest, with an engine idling: beyond this something moves.
+MAX_GYRO_STD = 0.06  # rad/s, norm over the axes
+MAX_ACCEL_STD = 0.35  # m/s^2
+# Within a span the noise may grow to this many times its smallest so far, or, as when somebody
+# knocks at the table, to these small values; the means must stay what they were all the same.
+STD_GROWTH = 2.5
+KNOCK_STD = np.array([0.012, 0.15])
+# Slow rotation or tilting shows in the means: allowed change beside the noise of a mean.
+GYRO_STEP = 0.003  # rad/s
+ACCEL_STEP = 0.05  # m/s^2
+MEAN_SIGMAS = 4.0
+MIN_SAMPLES = 4
+MIN_WINDOWS = 2
+
+# Columns of a window row
+_INDEX, _COUNT, _MEAN, _SQUARES = 0, 1, 2, 8
+WIDTH = 14
+
+
+@dataclass(frozen=True)
+class Windows:
+    """Half-second windows of a stream, in order; windows without samples are absent.
+
+    Attributes
+    ----------
+    start_ns : ndarray of int64, shape (n,)
+    count : ndarray of int64, shape (n,)
+    gyro, accel : ndarray, shape (n, 3)
+        Means, rad/s and m/s^2.
+    gyro_std, accel_std : ndarray, shape (n,)
+        Root of the summed variances of the axes.
+    """
+
+    start_ns: np.ndarray
+    count: np.ndarray
+    gyro: np.ndarray
+    accel: np.ndarray
+    gyro_std: np.ndarray
+    accel_std: np.ndarray
+
+    def __len__(self) -> int:
+        return len(self.start_ns)
+
+
+class WindowStage:
+    """Accumulates windows from blocks of ordered samples; its state is the open window."""
+
+    def __init__(self) -> None:
+        self._origin: int | None = None
+        self._open = np.zeros(WIDTH)
+        self._closed: list[np.ndarray] = []
+
+    def push(self, time_ns: np.ndarray, gyro: np.ndarray, accel: np.ndarray) -> None:
+        """Add ordered samples.
+
+        Parameters
+        ----------
+        time_ns : ndarray of int64, shape (n,)
+        gyro, accel : ndarray, shape (n, 3)
+        """
+        if not len(time_ns):
+            return
+        if self._origin is None:
+            self._origin = int(time_ns[0])
+        index = (time_ns - self._origin) // WINDOW_NS
+        rows = np.empty((len(time_ns) + 1, WIDTH))
+        closed = _accumulate(index, gyro, accel, self._open, rows)
+        if closed:
+            self._closed.append(rows[:closed].copy())
+
+    def finish(self) -> Windows:
+        """All windows so far, the open one included."""
+        parts = list(self._closed)
+        if self._open[_COUNT] > 0:
+            parts.append(self._open[None, :].copy())
+        rows = np.concatenate(parts) if parts else np.empty((0, WIDTH))
+        variance = rows[:, _SQUARES:] / np.maximum(rows[:, _COUNT : _COUNT + 1] - 1.0, 1.0)
+        return Windows(
+            (self._origin or 0) + rows[:, _INDEX].astype(np.int64) * WINDOW_NS,
+            rows[:, _COUNT].astype(np.int64),
+            rows[:, _MEAN : _MEAN + 3],
+            rows[:, _MEAN + 3 : _MEAN + 6],
+            np.sqrt(variance[:, :3].sum(axis=1)),
+            np.sqrt(variance[:, 3:].sum(axis=1)),
+        )
+
+
+@dataclass(frozen=True)
+class StillSpan:
+    """A stretch in which nothing moved.
+
+    Attributes
+    ----------
+    start_ns, end_ns : int
+    samples : int
+    gyro, accel : ndarray, shape (3,)
+        Means over it, rad/s and m/s^2.
+    gyro_std, accel_std : float
+        Noise of single samples, norm over the axes.
+    """
+
+    start_ns: int
+    end_ns: int
+    samples: int
+    gyro: np.ndarray
+    accel: np.ndarray
+    gyro_std: float
+    accel_std: float
+
+    @property
+    def duration_s(self) -> float:
+        """Length in seconds."""
+        return (self.end_ns - self.start_ns) / 1e9
+
+
+def still_spans(windows: Windows) -> list[StillSpan]:
+    """Spans of at least a second in which nothing moved.
+
+    Parameters
+    ----------
+    windows : Windows
+
+    Returns
+    -------
+    list of StillSpan
+        In order of time.
+    """
+    quiet = (
+        (windows.gyro_std < MAX_GYRO_STD)
+        & (windows.accel_std < MAX_ACCEL_STD)
+        & (windows.count >= MIN_SAMPLES)
+    )
+    spans: list[StillSpan] = []
+    begin: int | None = None
+    total = 0.0
+    gyro = np.zeros(3)
+    accel = np.zeros(3)
+    floor = np.zeros(2)
+    for k in range(len(windows)):
+        joins = bool(quiet[k])
+        noise = np.array([windows.gyro_std[k], windows.accel_std[k]])
+        if joins and begin is not None:
+            joined = windows.start_ns[k] - windows.start_ns[k - 1] == WINDOW_NS
+            steady = bool(np.all(noise <= np.maximum(STD_GROWTH * floor, KNOCK_STD)))
+            spread = MEAN_SIGMAS * noise / np.sqrt(windows.count[k])
+            same = bool(
+                np.linalg.norm(windows.gyro[k] - gyro) < GYRO_STEP + spread[0]
+                and np.linalg.norm(windows.accel[k] - accel) < ACCEL_STEP + spread[1]
+            )
+            if not (joined and steady and same):
+                _close(spans, windows, begin, k)
+                begin = None
+        if not joins:
+            if begin is not None:
+                _close(spans, windows, begin, k)
+            begin = None
+            continue
+        weight = float(windows.count[k])
+        if begin is None:
+            begin, total, floor = k, 0.0, noise
+            gyro, accel = windows.gyro[k], windows.accel[k]
+        gyro = (gyro * total + windows.gyro[k] * weight) / (total + weight)
+        accel = (accel * total + windows.accel[k] * weight) / (total + weight)
+        total += weight
+        floor = np.minimum(floor, noise)
+    if begin is not None:
+        _close(spans, windows, begin, len(windows))
+    return spans
+
+
+def _close(spans: list[StillSpan], windows: Windows, begin: int, end: int) -> None:
+    """Add the span of windows [begin, end), less its last window: motion began somewhere in it."""
+    if end < len(windows):
+        end -= 1
+    if end - begin < MIN_WINDOWS:
+        return
+    part = slice(begin, end)
+    count = windows.count[part].astype(float)
+    spans.append(
+        StillSpan(
+            int(windows.start_ns[begin]),
+            int(windows.start_ns[end - 1]) + WINDOW_NS,
+            int(count.sum()),
+            count @ windows.gyro[part] / count.sum(),
+            count @ windows.accel[part] / count.sum(),
+            float(np.sqrt(count @ windows.gyro_std[part] ** 2 / count.sum())),
+            float(np.sqrt(count @ windows.accel_std[part] ** 2 / count.sum())),
+        )
+    )
+
+
+def lead_in(spans: list[StillSpan], first_ns: int) -> StillSpan | None:
+    """The span that begins with the log (first sample at ``first_ns``), if there is one."""
+    if spans and spans[0].start_ns <= first_ns:
+        return spans[0]
+    return None
+
+
+@njit(cache=True, nogil=True)
+def _accumulate(index, gyro, accel, state, rows):  # type: ignore[no-untyped-def]
+    """Welford sums per window; closed windows go to ``rows``, the open one stays in ``state``."""
+    closed = 0
+    for i in range(index.shape[0]):
+        if state[1] > 0 and state[0] != index[i]:
+            rows[closed, :] = state
+            closed += 1
+            state[:] = 0.0
+        state[0] = index[i]
+        state[1] += 1.0
+        for a in range(6):
+            value = gyro[i, a] if a < 3 else accel[i, a - 3]
+            delta = value - state[2 + a]
+            state[2 + a] += delta / state[1]
+            state[8 + a] += delta * (value - state[2 + a])
+    return closed

@@ -1,0 +1,332 @@
+"""Streams out of a log: which columns each message type gives, turned into our frames and units."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from sinstool.messages.decode import Columns, Decoder
+from sinstool.readers.frames import enu_to_ned, q_nb_from_log, turn_body
+from sinstool.readers.log import Channel, Log
+from sinstool.streams import Baro, Encoder, Gnss, Imu, Magnetometer, Stream, Velocity, concatenate
+
+IMU_TYPE = "sensor_msgs/msg/Imu"
+FIX_TYPE = "sensor_msgs/msg/NavSatFix"
+PRESSURE_TYPE = "sensor_msgs/msg/FluidPressure"
+JOINT_TYPE = "sensor_msgs/msg/JointState"
+MAGNETIC_TYPE = "sensor_msgs/msg/MagneticField"
+VELOCITY_TYPES = (
+    "geometry_msgs/msg/TwistStamped",
+    "geometry_msgs/msg/TwistWithCovarianceStamped",
+    "nav_msgs/msg/Odometry",
+)
+STANDARD_GRAVITY = 9.80665
+DEGREE = np.pi / 180.0
+
+_XYZ = ("x", "y", "z")
+_XYZW = ("x", "y", "z", "w")
+
+
+@dataclass(frozen=True)
+class ImuUnits:
+    """How a log's Imu topic is to be read.
+
+    Attributes
+    ----------
+    body_axes : {'flu', 'frd'}
+    gyro_scale, accel_scale : float
+        Factors to rad/s and m/s^2 (or to rad and m/s for increments).
+    """
+
+    body_axes: str = "flu"
+    gyro_scale: float = 1.0
+    accel_scale: float = 1.0
+
+
+@dataclass
+class Losses:
+    """Messages left out while a stream was read.
+
+    Attributes
+    ----------
+    malformed : int
+        Did not fit their definition.
+    nonfinite : int
+        Held NaN or infinity.
+    problem : str
+        What was wrong with the first malformed one.
+    """
+
+    malformed: int = 0
+    nonfinite: int = 0
+    problem: str = ""
+
+
+def _vector(path: str) -> list[str]:
+    return [f"{path}.{axis}" for axis in _XYZ]
+
+
+def _stamp(columns: Mapping[str, np.ndarray]) -> np.ndarray:
+    return columns["sec"].astype(np.int64) * 1_000_000_000 + columns["nanosec"].astype(np.int64)
+
+
+def _header(prefix: str = "") -> dict[str, list[str]]:
+    return {
+        "sec": [f"{prefix}header.stamp.sec"],
+        "nanosec": [f"{prefix}header.stamp.nanosec"],
+    }
+
+
+def read_columns(
+    log: Log,
+    channels: Sequence[Channel],
+    columns: Mapping[str, Sequence[str]],
+    losses: Losses,
+    progress: Callable[[int], None] | None = None,
+) -> Iterator[tuple[np.ndarray, dict[str, np.ndarray]]]:
+    """Decoded columns of one topic, batch by batch, in file order.
+
+    Parameters
+    ----------
+    log : Log
+    channels : sequence of Channel
+        All channels that carry the topic (a topic may have several).
+    columns : mapping
+        As for `Decoder`.
+    losses : Losses
+        Counts the messages left out.
+    progress : callable, optional
+        Called with the bytes of the log read so far.
+
+    Yields
+    ------
+    log_time_ns : ndarray of int64, shape (n,)
+    values : dict of str to ndarray
+        Valid rows only.
+    """
+    decoders = {c.id: Decoder(c.definition(log.path), columns) for c in channels}
+    for batch in log.batches(list(decoders)):
+        if progress is not None:
+            progress(batch.position)
+        present = list(decoders) if len(decoders) == 1 else np.unique(batch.channel).tolist()
+        parts: list[tuple[np.ndarray, Columns]] = []
+        for number in present:
+            one = batch.select([number])
+            decoded = decoders[number].decode(one.buffer, one.offset, one.length)
+            parts.append((one.log_time, decoded))
+            bad = len(one) - int(np.count_nonzero(decoded.valid))
+            if bad:
+                losses.malformed += bad
+                losses.problem = losses.problem or decoders[number].problem
+        for log_time, decoded in parts:
+            if decoded.valid.all():
+                yield log_time, decoded.values
+            elif decoded.valid.any():
+                keep = decoded.valid
+                yield log_time[keep], {k: v[keep] for k, v in decoded.values.items()}
+
+
+def read_imu(
+    log: Log,
+    channels: Sequence[Channel],
+    units: ImuUnits,
+    losses: Losses,
+    *,
+    path: str = "",
+    log_time: bool = False,
+    orientation: bool = False,
+    progress: Callable[[int], None] | None = None,
+) -> Iterator[Imu]:
+    """Imu samples of a topic, in file order, in FRD and SI units.
+
+    Parameters
+    ----------
+    log : Log
+    channels : sequence of Channel
+    units : ImuUnits
+    losses : Losses
+    path : str
+        Where the Imu lies inside the message, for types that nest one ('' for plain Imu).
+    log_time : bool
+        Use the recorder's time instead of the header stamp.
+    orientation : bool
+        Read the orientation too.
+    progress : callable, optional
+        Called with the bytes of the log read so far.
+
+    Yields
+    ------
+    Imu
+    """
+    prefix = f"{path}." if path else ""
+    columns: dict[str, Sequence[str]] = {
+        **_header(prefix),
+        "gyro": _vector(f"{prefix}angular_velocity"),
+        "accel": _vector(f"{prefix}linear_acceleration"),
+    }
+    if orientation:
+        columns["q"] = [f"{prefix}orientation.{axis}" for axis in _XYZW]
+        columns["q_covariance"] = [f"{prefix}orientation_covariance"]
+    for log_time_ns, values in read_columns(log, channels, columns, losses, progress):
+        gyro, accel = values["gyro"], values["accel"]
+        q = None
+        if orientation:
+            q = _orientation(values["q"], values["q_covariance"], units.body_axes)
+        block = Imu(
+            log_time_ns if log_time else _stamp(values),
+            log_time_ns,
+            turn_body(gyro * units.gyro_scale, units.body_axes),
+            turn_body(accel * units.accel_scale, units.body_axes),
+            q,
+        )
+        finite = np.isfinite(gyro).all(axis=1) & np.isfinite(accel).all(axis=1)
+        if not finite.all():
+            losses.nonfinite += int(len(finite) - np.count_nonzero(finite))
+            block = block.rows(finite)
+        if len(block):
+            yield block
+
+
+def _orientation(q_xyzw: np.ndarray, covariance: np.ndarray, axes: str) -> np.ndarray:
+    """q_nb of Imu messages; NaN where the message says it has none or it is no rotation."""
+    norm = np.sqrt(np.einsum("ij,ij->i", q_xyzw, q_xyzw))
+    good = (covariance[:, 0] != -1.0) & (np.abs(norm - 1.0) < 0.05)
+    q = np.full((len(q_xyzw), 4), np.nan)
+    wxyz = q_xyzw[good][:, [3, 0, 1, 2]] / norm[good, None]
+    q[good] = q_nb_from_log(wxyz, axes)
+    return q
+
+
+def _read(
+    log: Log,
+    channels: Sequence[Channel],
+    columns: Mapping[str, Sequence[str]],
+    build: Callable[[np.ndarray, dict[str, np.ndarray]], Stream],
+    losses: Losses,
+) -> Iterator[Stream]:
+    for log_time_ns, values in read_columns(log, channels, columns, losses):
+        yield build(log_time_ns, values)
+
+
+def read_fixes(log: Log, channels: Sequence[Channel], losses: Losses) -> Iterator[Gnss]:
+    """NavSatFix messages, covariance turned from ENU to NED."""
+
+    def build(log_time_ns: np.ndarray, v: dict[str, np.ndarray]) -> Gnss:
+        enu = v["covariance"].reshape(-1, 3, 3)
+        turn = np.array([[0.0, 1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, -1.0]])
+        return Gnss(
+            _stamp(v),
+            log_time_ns,
+            v["latitude"] * DEGREE,
+            v["longitude"] * DEGREE,
+            v["altitude"],
+            turn @ enu @ turn.T,
+            v["covariance_type"].astype(np.int64),
+            v["status"].astype(np.int64),
+        )
+
+    columns = {
+        **_header(),
+        "latitude": ["latitude"],
+        "longitude": ["longitude"],
+        "altitude": ["altitude"],
+        "covariance": ["position_covariance"],
+        "covariance_type": ["position_covariance_type"],
+        "status": ["status.status"],
+    }
+    yield from _read(log, channels, columns, build, losses)  # type: ignore[misc]
+
+
+def read_velocity(log: Log, channels: Sequence[Channel], losses: Losses) -> Iterator[Velocity]:
+    """Velocity over ground (TwistStamped, TwistWithCovarianceStamped, Odometry: world ENU)."""
+    path = "twist.linear" if channels[0].type == VELOCITY_TYPES[0] else "twist.twist.linear"
+
+    def build(log_time_ns: np.ndarray, v: dict[str, np.ndarray]) -> Velocity:
+        return Velocity(_stamp(v), log_time_ns, enu_to_ned(v["linear"]))
+
+    yield from _read(  # type: ignore[misc]
+        log, channels, {**_header(), "linear": _vector(path)}, build, losses
+    )
+
+
+def read_pressure(log: Log, channels: Sequence[Channel], losses: Losses) -> Iterator[Baro]:
+    """FluidPressure messages."""
+
+    def build(log_time_ns: np.ndarray, v: dict[str, np.ndarray]) -> Baro:
+        return Baro(_stamp(v), log_time_ns, v["pressure"], v["variance"])
+
+    columns = {**_header(), "pressure": ["fluid_pressure"], "variance": ["variance"]}
+    yield from _read(log, channels, columns, build, losses)  # type: ignore[misc]
+
+
+def read_magnetic_field(
+    log: Log, channels: Sequence[Channel], axes: str, losses: Losses
+) -> Iterator[Magnetometer]:
+    """MagneticField messages, turned to FRD."""
+
+    def build(log_time_ns: np.ndarray, v: dict[str, np.ndarray]) -> Magnetometer:
+        return Magnetometer(_stamp(v), log_time_ns, turn_body(v["field"], axes))
+
+    columns = {**_header(), "field": _vector("magnetic_field")}
+    yield from _read(log, channels, columns, build, losses)  # type: ignore[misc]
+
+
+def read_joint(
+    log: Log, channels: Sequence[Channel], joint: str, losses: Losses
+) -> Iterator[Encoder]:
+    """Position of one joint of JointState messages; those that lack it are left out."""
+
+    def build(log_time_ns: np.ndarray, v: dict[str, np.ndarray]) -> Encoder:
+        return Encoder(_stamp(v), log_time_ns, v["position"])
+
+    columns = {**_header(), "position": [f"position[name={joint}]"]}
+    yield from _read(log, channels, columns, build, losses)  # type: ignore[misc]
+
+
+def first_fix(log: Log, channels: Sequence[Channel]) -> Gnss | None:
+    """The first valid fix of a log, as a stream of one row; None where there is none."""
+    for block in read_fixes(log, channels, Losses()):
+        good = (block.status >= 0) & np.isfinite(block.latitude) & np.isfinite(block.longitude)
+        # Receivers without a fix write exact zeros and call them valid.
+        good &= (block.latitude != 0.0) | (block.longitude != 0.0)
+        if good.any():
+            return block.rows(np.flatnonzero(good)[:1])
+    return None
+
+
+def frame_id(log: Log, channels: Sequence[Channel], path: str = "") -> str:
+    """frame_id of a topic's first message ('' when it has none)."""
+    from sinstool.messages.layout import LayoutError, walk
+
+    definitions = {c.id: c.definition(log.path) for c in channels}
+    prefix = f"{path}." if path else ""
+    for batch in log.batches(list(definitions)):
+        for i in range(len(batch)):
+            start, length = int(batch.offset[i]), int(batch.length[i])
+            payload = batch.buffer[start : start + length].tobytes()
+            try:
+                layout = walk(definitions[int(batch.channel[i])], payload)
+            except LayoutError:
+                continue
+            if f"{prefix}header.frame_id" in layout.leaves:
+                return layout.text(f"{prefix}header.frame_id", payload)
+            return ""
+    return ""
+
+
+def reblock(blocks: Iterator[Imu], rows: int) -> Iterator[Imu]:
+    """The same samples in blocks of a given number of rows (the last may be shorter)."""
+    held: list[Imu] = []
+    count = 0
+    for block in blocks:
+        held.append(block)
+        count += len(block)
+        while count >= rows:
+            whole = concatenate(held)
+            yield whole.rows(slice(0, rows))
+            held = [whole.rows(slice(rows, None))]
+            count -= rows
+    if count:
+        yield concatenate(held)

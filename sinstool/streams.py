@@ -1,0 +1,177 @@
+"""The data that flows: streams of samples as columns, in sinstool's own frames and units.
+
+Each stream is a frozen dataclass of equally long arrays; a block is just a short stream. A row
+is one sample. ``time_ns`` is the time of measurement on the clock chosen for the run (the
+header stamp unless that is unusable); ``log_time_ns`` is when the recorder received it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, fields
+from typing import Any, TypeVar
+
+import numpy as np
+
+S = TypeVar("S", bound="Stream")
+
+
+@dataclass(frozen=True)
+class Stream:
+    """Samples of one sensor.
+
+    Attributes
+    ----------
+    time_ns : ndarray of int64, shape (n,)
+    log_time_ns : ndarray of int64, shape (n,)
+    """
+
+    time_ns: np.ndarray
+    log_time_ns: np.ndarray
+
+    def __len__(self) -> int:
+        return len(self.time_ns)
+
+    def rows(self: S, which: slice | np.ndarray) -> S:
+        """Rows by slice, mask or index array."""
+        return type(self)(**{name: column[which] for name, column in self._columns().items()})
+
+    def _columns(self) -> dict[str, np.ndarray]:
+        values = ((f.name, getattr(self, f.name)) for f in fields(self))
+        return {name: value for name, value in values if value is not None}
+
+
+@dataclass(frozen=True)
+class Imu(Stream):
+    """Inertial measurements in body axes (FRD).
+
+    Attributes
+    ----------
+    gyro : ndarray, shape (n, 3)
+        Angular rate omega_ib_b in rad/s, or its integral over the sample interval in rad.
+    accel : ndarray, shape (n, 3)
+        Specific force in m/s^2 (or its integral in m/s).
+    orientation : ndarray, shape (n, 4), optional
+        q_nb as the log gives it; NaN rows where it gives none.
+    """
+
+    gyro: np.ndarray
+    accel: np.ndarray
+    orientation: np.ndarray | None = None
+
+
+@dataclass(frozen=True)
+class Gnss(Stream):
+    """Position fixes.
+
+    Attributes
+    ----------
+    latitude, longitude : ndarray, shape (n,)
+        Radians, WGS-84.
+    height : ndarray, shape (n,)
+        Metres above the ellipsoid.
+    covariance_n : ndarray, shape (n, 3, 3)
+        Position covariance in NED, m^2; zeros where the log gives none.
+    covariance_type : ndarray of int, shape (n,)
+        0 unknown, 1 approximated, 2 diagonal known, 3 known.
+    status : ndarray of int, shape (n,)
+        Negative: no fix.
+    """
+
+    latitude: np.ndarray
+    longitude: np.ndarray
+    height: np.ndarray
+    covariance_n: np.ndarray
+    covariance_type: np.ndarray
+    status: np.ndarray
+
+
+@dataclass(frozen=True)
+class Velocity(Stream):
+    """Velocity over ground.
+
+    Attributes
+    ----------
+    velocity_n : ndarray, shape (n, 3)
+        North, east, down in m/s.
+    """
+
+    velocity_n: np.ndarray
+
+
+@dataclass(frozen=True)
+class Baro(Stream):
+    """Static pressure.
+
+    Attributes
+    ----------
+    pressure : ndarray, shape (n,)
+        Pa.
+    variance : ndarray, shape (n,)
+        Pa^2, 0 where unknown.
+    """
+
+    pressure: np.ndarray
+    variance: np.ndarray
+
+
+@dataclass(frozen=True)
+class Encoder(Stream):
+    """Position of one joint.
+
+    Attributes
+    ----------
+    position : ndarray, shape (n,)
+        rad.
+    """
+
+    position: np.ndarray
+
+
+@dataclass(frozen=True)
+class Magnetometer(Stream):
+    """Magnetic flux density in body axes (FRD).
+
+    Attributes
+    ----------
+    field_b : ndarray, shape (n, 3)
+        Tesla.
+    """
+
+    field_b: np.ndarray
+
+
+@dataclass(frozen=True)
+class Solution(Stream):
+    """Attitude at sample instants, and the measurements as used there.
+
+    Attributes
+    ----------
+    q_nb : ndarray, shape (n, 4)
+        Unit quaternions, body to navigation frame.
+    omega_ib_b : ndarray, shape (n, 3)
+        Angular rate in rad/s, corrected.
+    specific_force_b : ndarray, shape (n, 3)
+        m/s^2, corrected.
+    """
+
+    q_nb: np.ndarray
+    omega_ib_b: np.ndarray
+    specific_force_b: np.ndarray
+
+
+def concatenate(parts: Sequence[S]) -> S:
+    """Join streams of one kind, in order.
+
+    Parameters
+    ----------
+    parts : sequence of Stream
+        At least one.
+    """
+    if len(parts) == 1:
+        return parts[0]
+    first = parts[0]
+    columns: dict[str, Any] = {
+        name: np.concatenate([getattr(p, name) for p in parts]) for name in first._columns()
+    }
+    return type(first)(**columns)

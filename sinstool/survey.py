@@ -1,0 +1,463 @@
+"""The first pass over a log: what its Imu data is, before anything is computed from it.
+
+Rates, gaps, clocks, units, stillness, saturation: found in one pass with state that does not
+depend on where blocks end. Both `sinstool info` and `sinstool process` begin here, so that what
+`info` says is what `process` acts on.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, field
+
+import numpy as np
+from numba import njit
+
+from sinstool.alignment.still import StillSpan, Windows, WindowStage, lead_in, still_spans
+from sinstool.errors import DataError
+from sinstool.readers.log import Log
+from sinstool.readers.streams import ImuUnits, Losses, read_imu, reblock
+from sinstool.readers.topics import ImuTopic
+from sinstool.streams import Imu
+from sinstool.timeline import (
+    FIRST_HORIZON,
+    GAP_INTERVALS,
+    LAST_HORIZON,
+    SECOND,
+    Order,
+    OrderCounts,
+    ordered,
+)
+from sinstool.units import unit_evidence
+
+BLOCK_ROWS = 16384
+# Interval histogram: relative bin width 1/1000 from 100 ns to 10^6 s.
+_LOW, _HIGH, _STEP = np.log(100.0), np.log(1e15), 1e-3
+_BINS = int((_HIGH - _LOW) / _STEP) + 1
+# Norm-of-specific-force histogram: 1 mm/s^2 bins up to 100 m/s^2.
+_FORCE_BINS, _FORCE_STEP = 100_000, 1e-3
+MAX_GAPS_KEPT = 1000
+BURSTY_SHARE = 0.05
+SATURATION_RUN = 3
+
+
+@dataclass(frozen=True)
+class Survey:
+    """What the first pass found.
+
+    Attributes
+    ----------
+    topic : str
+    count : int
+        Usable samples, in order, without duplicates.
+    first_ns, last_ns : int
+    time_source : {'stamp', 'log'}
+        Header stamps, or the recorder's times where stamps are unusable.
+    time_note : str
+        Why stamps are unusable.
+    interval_ns : float
+        Median interval.
+    interval_range_ns : tuple of int
+        Smallest and largest interval.
+    max_gap_ns : int
+        Longest interval that is still no gap.
+    bursty : bool
+        Stamps come in bursts.
+    gaps : tuple of (int, float)
+        Start (ns) and length (s) of the first thousand gaps.
+    gap_count, gap_total_s
+        Of all of them.
+    missed : int
+        Intervals between 1.5 nominal ones and a gap: single samples missing.
+    order : OrderCounts
+    horizon_ns : int
+        Look-ahead that puts every late sample in its place.
+    losses : Losses
+    clock_offset_s : tuple of float
+        Log time minus stamp: smallest and largest.
+    held : int
+        Samples that repeat the values of the one before.
+    gyro_max, accel_max : ndarray, shape (3,)
+        Largest magnitude by axis.
+    saturated : tuple of str
+        Axes that stay at their largest value for several samples.
+    specific_force_median : float
+        Median norm, m/s^2.
+    windows : Windows
+    spans : tuple of StillSpan
+    lead_in : StillSpan or None
+        The still span that the log begins with.
+    orientation : ndarray or None, shape (4,)
+        First valid q_nb the log gives.
+    orientation_ns : int
+        Its time.
+    gyro_unit_evidence : float
+        Share of telling windows in which the gyro fits the turning of gravity better as deg/s.
+    gyro_unit_windows : int
+        How many telling windows there are.
+    """
+
+    topic: str
+    count: int
+    first_ns: int
+    last_ns: int
+    time_source: str
+    time_note: str
+    interval_ns: float
+    interval_range_ns: tuple[int, int]
+    max_gap_ns: int
+    bursty: bool
+    gaps: tuple[tuple[int, float], ...]
+    gap_count: int
+    gap_total_s: float
+    missed: int
+    order: OrderCounts
+    horizon_ns: int
+    losses: Losses
+    clock_offset_s: tuple[float, float]
+    held: int
+    gyro_max: np.ndarray
+    accel_max: np.ndarray
+    saturated: tuple[str, ...]
+    specific_force_median: float
+    windows: Windows
+    spans: tuple[StillSpan, ...]
+    lead_in: StillSpan | None
+    orientation: np.ndarray | None
+    orientation_ns: int
+    gyro_unit_evidence: float
+    gyro_unit_windows: int
+
+    @property
+    def rate_hz(self) -> float:
+        """Rate from the median interval."""
+        return 1e9 / self.interval_ns if self.interval_ns else 0.0
+
+    @property
+    def duration_s(self) -> float:
+        """Time covered by samples, gaps left out."""
+        return (self.last_ns - self.first_ns) / SECOND - self.gap_total_s
+
+
+@dataclass
+class _Tally:
+    """Everything the pass accumulates."""
+
+    count: int = 0
+    first_ns: int = 0
+    last_ns: int = 0
+    histogram: np.ndarray = field(default_factory=lambda: np.zeros(_BINS, np.int64))
+    sums: np.ndarray = field(default_factory=lambda: np.zeros(_BINS, np.int64))
+    shortest: int = np.iinfo(np.int64).max
+    longest: int = 0
+    long_start: np.ndarray = field(default_factory=lambda: np.zeros(0, np.int64))
+    long_step: np.ndarray = field(default_factory=lambda: np.zeros(0, np.int64))
+    force: np.ndarray = field(default_factory=lambda: np.zeros(_FORCE_BINS, np.int64))
+    offset_low: int = np.iinfo(np.int64).max
+    offset_high: int = np.iinfo(np.int64).min
+    extremes: np.ndarray = field(default_factory=lambda: np.zeros((6, 4)))
+    held: int = 0
+    windows: WindowStage = field(default_factory=WindowStage)
+    orientation: np.ndarray | None = None
+    orientation_ns: int = 0
+    orientation_varies: bool = False
+
+
+def survey(
+    log: Log,
+    topic: ImuTopic,
+    units: ImuUnits,
+    *,
+    start_ns: int | None = None,
+    end_ns: int | None = None,
+    max_gap_s: float | None = None,
+    block_rows: int = BLOCK_ROWS,
+    progress: Callable[[int], None] | None = None,
+) -> Survey:
+    """Read a log's Imu topic once and say what it holds.
+
+    Parameters
+    ----------
+    log : Log
+    topic : ImuTopic
+    units : ImuUnits
+    start_ns, end_ns : int, optional
+        Only samples in this span of time.
+    max_gap_s : float, optional
+        Longest interval that is no gap; by default three nominal intervals.
+    block_rows : int
+        Samples handled at once; the result does not depend on it.
+    progress : callable, optional
+        Called with the bytes read so far.
+
+    Returns
+    -------
+    Survey
+
+    Raises
+    ------
+    DataError
+        The topic has no usable sample in the span.
+    """
+    log_time, note, horizon = False, "", FIRST_HORIZON
+    while True:
+        losses = Losses()
+        order = Order(horizon)
+        blocks = read_imu(
+            log,
+            topic.channels,
+            units,
+            losses,
+            path=topic.path,
+            log_time=log_time,
+            orientation=True,
+            progress=progress,
+        )
+        tally = _Tally()
+        source = within(blocks, start_ns, end_ns)
+        for block in ordered(reblock(source, block_rows), order):
+            _add(tally, block)
+        if tally.count == 0:
+            detail = f" ({losses.problem})" if losses.problem else ""
+            where = " between --start and --end" if start_ns is not None or end_ns else ""
+            raise DataError(
+                log.path, f"topic {topic.topic} has no usable Imu message{where}{detail}"
+            )
+        counts = order.counts
+        if not log_time:
+            note = _unusable(tally, counts)
+            if note:
+                log_time, horizon = True, FIRST_HORIZON
+                continue
+        if counts.lateness_ns > horizon and horizon < LAST_HORIZON:
+            horizon = min(LAST_HORIZON, 1 << int(counts.lateness_ns).bit_length())
+            continue
+        break
+    return _conclude(topic, tally, order, losses, log_time, note, max_gap_s)
+
+
+def within(blocks: Iterator[Imu], start_ns: int | None, end_ns: int | None) -> Iterator[Imu]:
+    """Only the samples in a span of time (both ends included)."""
+    for block in blocks:
+        if start_ns is None and end_ns is None:
+            yield block
+            continue
+        keep = np.ones(len(block), np.bool_)
+        if start_ns is not None:
+            keep &= block.time_ns >= start_ns
+        if end_ns is not None:
+            keep &= block.time_ns <= end_ns
+        if keep.any():
+            yield block.rows(keep)
+
+
+def _add(tally: _Tally, block: Imu) -> None:
+    """Take a block of ordered samples into the tally."""
+    times = block.time_ns
+    if tally.count == 0:
+        tally.first_ns = int(times[0])
+    else:
+        _add_intervals(tally, np.concatenate(([tally.last_ns], times[:1])))
+    _add_intervals(tally, times)
+    tally.count += len(times)
+    tally.last_ns = int(times[-1])
+    offset = block.log_time_ns - times
+    tally.offset_low = min(tally.offset_low, int(offset.min()))
+    tally.offset_high = max(tally.offset_high, int(offset.max()))
+    norm = np.sqrt(np.einsum("ij,ij->i", block.accel, block.accel))
+    place = np.minimum(norm / _FORCE_STEP, _FORCE_BINS - 1).astype(np.int64)
+    tally.force += np.bincount(place, minlength=_FORCE_BINS)
+    tally.held += _extremes(block.gyro, block.accel, tally.extremes)
+    tally.windows.push(times, block.gyro, block.accel)
+    _add_orientation(tally, block)
+
+
+def _add_intervals(tally: _Tally, times: np.ndarray) -> None:
+    steps = np.diff(times)
+    if not len(steps):
+        return
+    place = ((np.log(steps) - _LOW) / _STEP).astype(np.int64)
+    np.clip(place, 0, _BINS - 1, out=place)
+    tally.histogram += np.bincount(place, minlength=_BINS)
+    # Whole nanoseconds in float64 add exactly up to 2^53, so the order of blocks cannot show.
+    tally.sums += np.bincount(place, weights=steps, minlength=_BINS).astype(np.int64)
+    tally.shortest = min(tally.shortest, int(steps.min()))
+    tally.longest = max(tally.longest, int(steps.max()))
+    start = np.concatenate((tally.long_start, times[:-1]))
+    step = np.concatenate((tally.long_step, steps))
+    if len(step) > MAX_GAPS_KEPT:
+        keep = np.sort(np.argsort(-step, kind="stable")[:MAX_GAPS_KEPT])
+        start, step = start[keep], step[keep]
+    tally.long_start, tally.long_step = start, step
+
+
+def _add_orientation(tally: _Tally, block: Imu) -> None:
+    q = block.orientation
+    if q is None or (tally.orientation is not None and tally.orientation_varies):
+        return
+    rows = np.flatnonzero(np.isfinite(q[:, 0]))
+    if not len(rows):
+        return
+    if tally.orientation is None:
+        tally.orientation = q[rows[0]].copy()
+        tally.orientation_ns = int(block.time_ns[rows[0]])
+    tally.orientation_varies = bool((q[rows] != tally.orientation).any())
+
+
+def _unusable(tally: _Tally, counts: OrderCounts) -> str:
+    """Why the header stamps cannot be used; empty when they can."""
+    total = tally.count + counts.duplicates + counts.late
+    if total > 1 and tally.count == 1:
+        return f"all header stamps are {tally.first_ns} ns"
+    if counts.differing_duplicates > 0.5 * total:
+        return f"{counts.differing_duplicates} of {total} samples repeat the stamp before them"
+    if counts.lateness_ns > LAST_HORIZON:
+        return f"header stamps jump back by {counts.lateness_ns / SECOND:.1f} s"
+    return ""
+
+
+def _conclude(
+    topic: ImuTopic,
+    tally: _Tally,
+    order: Order,
+    losses: Losses,
+    log_time: bool,
+    note: str,
+    max_gap_s: float | None,
+) -> Survey:
+    intervals = int(tally.histogram.sum())
+    nominal, median = _nominal_interval(tally)
+    bursty = False
+    limit = GAP_INTERVALS * nominal
+    if max_gap_s is not None:
+        limit = max_gap_s * SECOND
+    elif intervals and _above(tally, limit)[0] > BURSTY_SHARE * intervals:
+        bursty = True
+        limit = GAP_INTERVALS * _quantile(tally, 0.99)
+    gap_count, gap_ns = _above(tally, limit)
+    missed = _above(tally, 1.5 * nominal)[0] - gap_count if not bursty else 0
+    is_gap = tally.long_step > limit
+    windows = tally.windows.finish()
+    spans = still_spans(windows)
+    evidence, telling = unit_evidence(windows)
+    names = [f"{sensor} {axis}" for sensor in ("gyro", "accelerometer") for axis in "xyz"]
+    saturated = tuple(
+        name
+        for name, row in zip(names, tally.extremes, strict=True)
+        if row[1] >= SATURATION_RUN and row[0] > 0
+    )
+    identity_only = (
+        tally.orientation is not None and not tally.orientation_varies and tally.count > 1
+    )
+    return Survey(
+        topic=topic.topic,
+        count=tally.count,
+        first_ns=tally.first_ns,
+        last_ns=tally.last_ns,
+        time_source="log" if log_time else "stamp",
+        time_note=note,
+        interval_ns=median,
+        interval_range_ns=(tally.shortest if intervals else 0, tally.longest),
+        max_gap_ns=int(limit),
+        bursty=bursty,
+        gaps=tuple(
+            (int(s), int(d) / SECOND)
+            for s, d in zip(tally.long_start[is_gap], tally.long_step[is_gap], strict=True)
+        ),
+        gap_count=gap_count,
+        gap_total_s=gap_ns / SECOND,
+        missed=missed,
+        order=order.counts,
+        horizon_ns=order.horizon_ns,
+        losses=losses,
+        clock_offset_s=(tally.offset_low / SECOND, tally.offset_high / SECOND),
+        held=tally.held,
+        gyro_max=tally.extremes[:3, 0].copy(),
+        accel_max=tally.extremes[3:, 0].copy(),
+        saturated=saturated,
+        specific_force_median=_force_median(tally.force),
+        windows=windows,
+        spans=tuple(spans),
+        lead_in=lead_in(spans, tally.first_ns),
+        orientation=None if identity_only else tally.orientation,
+        orientation_ns=tally.orientation_ns,
+        gyro_unit_evidence=evidence,
+        gyro_unit_windows=telling,
+    )
+
+
+def _quantile(tally: _Tally, share: float) -> float:
+    """Interval below which a share of all intervals lies: the mean of its histogram bin."""
+    total = int(tally.histogram.sum())
+    if not total:
+        return 0.0
+    k = int(np.searchsorted(np.cumsum(tally.histogram), share * total))
+    k = min(k, _BINS - 1)
+    return float(tally.sums[k]) / max(int(tally.histogram[k]), 1)
+
+
+def _nominal_interval(tally: _Tally) -> tuple[float, float]:
+    """Nominal and median interval, ns.
+
+    Where arrival jitters over decades the median says little; the mean of the shorter 99 %
+    is then the larger of the two and the one that gaps are judged by.
+    """
+    median = _quantile(tally, 0.5)
+    total = int(tally.histogram.sum())
+    if not total:
+        return 0.0, 0.0
+    upto = int(np.searchsorted(np.cumsum(tally.histogram), 0.99 * total)) + 1
+    shorter = float(tally.sums[:upto].sum()) / max(int(tally.histogram[:upto].sum()), 1)
+    return max(median, shorter), median
+
+
+def _above(tally: _Tally, limit: float) -> tuple[int, int]:
+    """How many intervals exceed a limit, and their sum, ns.
+
+    Exact among the thousand longest; beyond those, to the histogram's bin.
+    """
+    if (
+        not len(tally.long_step)
+        or tally.long_step.min() <= limit
+        or len(tally.long_step) < MAX_GAPS_KEPT
+    ):
+        longer = tally.long_step[tally.long_step > limit]
+        return len(longer), int(longer.sum())
+    k = int((np.log(max(limit, 1.0)) - _LOW) / _STEP) + 1
+    return int(tally.histogram[k:].sum()), int(tally.sums[k:].sum())
+
+
+def _force_median(force: np.ndarray) -> float:
+    total = int(force.sum())
+    if not total:
+        return 0.0
+    return (int(np.searchsorted(np.cumsum(force), 0.5 * total)) + 0.5) * _FORCE_STEP
+
+
+@njit(cache=True, nogil=True)
+def _extremes(gyro, accel, state):  # type: ignore[no-untyped-def]
+    """Largest magnitude per axis and the longest run at it; counts repeats of all six values.
+
+    Columns of ``state``: largest magnitude, longest run at it, present run, last value.
+    """
+    held = 0
+    for i in range(gyro.shape[0]):
+        same = True
+        for a in range(6):
+            value = gyro[i, a] if a < 3 else accel[i, a - 3]
+            if value != state[a, 3]:
+                same = False
+            size = abs(value)
+            if size > state[a, 0]:
+                state[a, 0] = size
+                state[a, 1] = 1.0
+                state[a, 2] = 1.0
+            elif size == state[a, 0]:
+                state[a, 2] += 1.0
+                state[a, 1] = max(state[a, 1], state[a, 2])
+            else:
+                state[a, 2] = 0.0
+            state[a, 3] = value
+        if same:
+            held += 1
+    return held

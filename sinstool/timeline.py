@@ -1,0 +1,204 @@
+"""Time made sane: samples in the order they were measured, without duplicates, split at gaps.
+
+Logs are written in the order in which messages arrive. `Order` puts them in the order of their
+stamps with a bounded look-ahead, drops repeated stamps, and counts what it met; `segments` then
+cuts the ordered samples wherever more time passed than can be integrated across.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+
+from sinstool.streams import Imu, concatenate
+
+SECOND = 1_000_000_000
+# Samples are held back this long at first; a log that needs more is read again with more.
+FIRST_HORIZON = SECOND
+# Stamps that run back further than this are a clock that was set, not late messages.
+LAST_HORIZON = 64 * SECOND
+# An interval of more than this many nominal ones is a gap: two samples or more are missing, and
+# what the vehicle did meanwhile is not in the log.
+GAP_INTERVALS = 3.0
+
+
+@dataclass(frozen=True)
+class OrderState:
+    """What `Order` carries from block to block.
+
+    Attributes
+    ----------
+    held : Imu or None
+        Samples that later ones may still precede, in order.
+    newest, last_seen : int
+        Largest time seen, and the time of the sample seen last.
+    last_out : int
+        Time of the last sample given out.
+    last_gyro : ndarray, shape (3,)
+        Its angular rate.
+    """
+
+    held: Imu | None = None
+    newest: int = np.iinfo(np.int64).min
+    last_seen: int = np.iinfo(np.int64).min
+    last_out: int = np.iinfo(np.int64).min
+    last_gyro: np.ndarray = field(default_factory=lambda: np.zeros(3))
+
+
+@dataclass
+class OrderCounts:
+    """What `Order` met.
+
+    Attributes
+    ----------
+    backward : int
+        Samples stamped earlier than the one before them in the file.
+    lateness_ns : int
+        How far the latest of them lay behind the newest sample then seen.
+    duplicates : int
+        Samples dropped because their time had been given out already.
+    differing_duplicates : int
+        Those of them that held other values than the sample kept.
+    late : int
+        Samples dropped because they came later than the horizon allows.
+    """
+
+    backward: int = 0
+    lateness_ns: int = 0
+    duplicates: int = 0
+    differing_duplicates: int = 0
+    late: int = 0
+
+
+class Order:
+    """Samples by time, from blocks in the order of the file.
+
+    Parameters
+    ----------
+    horizon_ns : int
+        How far behind the newest sample a late one may lie and still be put in its place.
+    """
+
+    def __init__(self, horizon_ns: int = FIRST_HORIZON) -> None:
+        self.horizon_ns = horizon_ns
+        self.state = OrderState()
+        self.counts = OrderCounts()
+
+    def push(self, block: Imu) -> Imu:
+        """Take a block in; give out what can no longer be preceded by anything."""
+        state = self.state
+        self._count(block.time_ns)
+        held = block if state.held is None else concatenate([state.held, block])
+        newest = max(state.newest, int(block.time_ns.max()))
+        ordered = held.rows(np.argsort(held.time_ns, kind="stable"))
+        ready = int(np.searchsorted(ordered.time_ns, newest - self.horizon_ns, side="right"))
+        self.state = replace(
+            state,
+            held=ordered.rows(slice(ready, None)),
+            newest=newest,
+            last_seen=int(block.time_ns[-1]),
+        )
+        return self._give(ordered.rows(slice(0, ready)))
+
+    def finish(self) -> Imu | None:
+        """The samples still held; None when nothing was ever pushed."""
+        held = self.state.held
+        if held is None:
+            return None
+        self.state = replace(self.state, held=held.rows(slice(0, 0)))
+        return self._give(held)
+
+    def _count(self, times: np.ndarray) -> None:
+        before = np.concatenate(([self.state.last_seen], times[:-1]))
+        newest = np.maximum.accumulate(np.concatenate(([self.state.newest], times)))[:-1]
+        self.counts.backward += int(np.count_nonzero(times < before))
+        behind = newest - times
+        behind = behind[newest > times]
+        if len(behind):
+            self.counts.lateness_ns = max(self.counts.lateness_ns, int(behind.max()))
+
+    def _give(self, block: Imu) -> Imu:
+        """Drop repeated times and samples that came too late; remember the last time."""
+        if not len(block):
+            return block
+        last = self.state.last_out
+        times = block.time_ns
+        fresh = np.empty(len(times), np.bool_)
+        fresh[0] = times[0] > last
+        np.greater(times[1:], times[:-1], out=fresh[1:])
+        fresh &= times > last
+        if not fresh.all():
+            late = times < last
+            self.counts.late += int(np.count_nonzero(late))
+            repeated = np.flatnonzero(~fresh & ~late)
+            self.counts.duplicates += len(repeated)
+            before = np.vstack((self.state.last_gyro, block.gyro[:-1]))[repeated]
+            differs = (block.gyro[repeated] != before).any(axis=1)
+            self.counts.differing_duplicates += int(np.count_nonzero(differs))
+            block = block.rows(fresh)
+        if len(block):
+            self.state = replace(
+                self.state, last_out=int(block.time_ns[-1]), last_gyro=block.gyro[-1].copy()
+            )
+        return block
+
+
+def ordered(blocks: Iterable[Imu], order: Order) -> Iterator[Imu]:
+    """All samples of a stream by time, through an `Order`."""
+    for block in blocks:
+        if len(out := order.push(block)):
+            yield out
+    rest = order.finish()
+    if rest is not None and len(rest):
+        yield rest
+
+
+@dataclass(frozen=True)
+class Piece:
+    """A block's part that lies in one segment.
+
+    Attributes
+    ----------
+    imu : Imu
+    starts : bool
+        The segment begins with it.
+    gap_s : float
+        Length of the gap before it, 0 at the log's start.
+    """
+
+    imu: Imu
+    starts: bool
+    gap_s: float
+
+
+def segments(blocks: Iterable[Imu], max_gap_ns: int) -> Iterator[Piece]:
+    """Cut ordered samples at gaps.
+
+    Parameters
+    ----------
+    blocks : iterable of Imu
+        Ordered, without duplicates.
+    max_gap_ns : int
+        Longest interval that is no gap.
+
+    Yields
+    ------
+    Piece
+        In order; a segment may come in several pieces, of which the first has ``starts``.
+    """
+    last: int | None = None
+    for block in blocks:
+        times = block.time_ns
+        steps = np.diff(times, prepend=times[0] if last is None else last)
+        cuts = np.flatnonzero(steps > max_gap_ns)
+        edges = [0, *cuts.tolist(), len(times)]
+        for begin, end in zip(edges[:-1], edges[1:], strict=True):
+            if begin == end:
+                continue
+            is_cut = bool(steps[begin] > max_gap_ns)
+            first = last is None and begin == 0
+            gap = float(steps[begin]) / SECOND if is_cut else 0.0
+            yield Piece(block.rows(slice(begin, end)), first or is_cut, gap)
+        last = int(times[-1])
