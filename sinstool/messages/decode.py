@@ -10,7 +10,7 @@ import numpy as np
 from numba import njit
 
 from sinstool.messages.definitions import Definition
-from sinstool.messages.layout import Layout, LayoutError, Leaf, walk
+from sinstool.messages.layout import NUMPY, Layout, LayoutError, Leaf, walk
 
 # Layouts kept per topic; a topic with more (JointState of ever-changing size) still decodes,
 # one message at a time.
@@ -76,6 +76,10 @@ class Decoder:
         self.columns = {name: tuple(paths) for name, paths in columns.items()}
         self._plans: list[_Plan] = []
         self._dtypes: dict[str, tuple[str, int]] = {}
+        for name, paths in self.columns.items():
+            shapes = [_declared(definition, path) for path in paths]
+            if None not in shapes and len({s[0] for s in shapes if s}) == 1:
+                self._dtypes[name] = shapes[0][0], sum(s[1] for s in shapes if s)  # type: ignore[index]
         self.problem = ""
 
     def decode(self, buffer: np.ndarray, offset: np.ndarray, length: np.ndarray) -> Columns:
@@ -95,12 +99,12 @@ class Decoder:
         count = len(offset)
         done = np.zeros(count, np.bool_)
         valid = np.zeros(count, np.bool_)
-        if not self._dtypes and not self._prime(buffer, offset, length):
+        if len(self._dtypes) < len(self.columns) and not self._prime(buffer, offset, length):
             return Columns(self._empty(count), valid)
         names = list(self.columns)
         sizes = np.array([self._row_bytes(name) for name in names], np.int64)
         # Each column starts on 8 bytes, so that its view is an aligned array.
-        base = np.concatenate(([0], np.cumsum((sizes * count + 7) // 8 * 8)))
+        base = _bases(sizes * count)
         out = np.zeros(int(base[-1]), np.uint8)
         for plan in self._plans:
             self._gather(plan, buffer, offset, length, out, base, sizes, done, valid)
@@ -117,12 +121,12 @@ class Decoder:
             else:
                 one = slice(index, index + 1)
                 part = np.zeros(1, np.bool_), np.zeros(1, np.bool_)
-                row = np.zeros(int(sizes.sum()), np.uint8)
-                row_base = np.concatenate(([0], np.cumsum(sizes)))
+                row_base = _bases(sizes)
+                row = np.zeros(int(row_base[-1]), np.uint8)
                 self._gather(new, buffer, offset[one], length[one], row, row_base, sizes, *part)
                 for k in range(len(names)):
                     begin = int(base[k] + index * sizes[k])
-                    out[begin : begin + int(sizes[k])] = row[row_base[k] : row_base[k + 1]]
+                    out[begin : begin + sizes[k]] = row[row_base[k] : row_base[k] + sizes[k]]
                 done[index], valid[index] = True, part[1][0]
         values = {}
         for k, name in enumerate(names):
@@ -133,17 +137,18 @@ class Decoder:
 
     def _empty(self, count: int) -> dict[str, np.ndarray]:
         """Columns of zeros for messages of which not one could be laid out."""
-        return {
-            name: np.zeros((count, len(paths)) if len(paths) > 1 else count)
-            for name, paths in self.columns.items()
-        }
+        empty = {}
+        for name, paths in self.columns.items():
+            dtype, width = self._dtypes.get(name, ("f8", len(paths)))
+            empty[name] = np.zeros((count, width) if width > 1 else count, "<" + dtype)
+        return empty
 
     def _row_bytes(self, name: str) -> int:
         dtype, width = self._dtypes[name]
         return int(np.dtype(dtype).itemsize * width)
 
     def _prime(self, buffer: np.ndarray, offset: np.ndarray, length: np.ndarray) -> bool:
-        """Find the columns' types from the first message that fits its definition."""
+        """Find the types of columns that the definition leaves open, from the first that fits."""
         for index in range(len(offset)):
             plan = self._plan_for(buffer, int(offset[index]), int(length[index]))
             if plan is not None:
@@ -159,6 +164,7 @@ class Decoder:
             self.problem = self.problem or str(exc)
             return None
         guards = list(layout.guards)
+        shapes = dict(self._dtypes)
         pieces: list[tuple[int, int, int, int, int]] = []
         for k, (name, paths) in enumerate(self.columns.items()):
             within, kinds = 0, set()
@@ -175,9 +181,10 @@ class Decoder:
                 raise LayoutError(f"column {name} mixes the types {sorted(kinds)}")
             dtype = kinds.pop()
             shape = (dtype, within // np.dtype(dtype).itemsize)
-            if self._dtypes.setdefault(name, shape) != shape:
+            if shapes.setdefault(name, shape) != shape:
                 self.problem = self.problem or f"a message has another number of {paths[0]}"
                 return None
+        self._dtypes = shapes
         guard = [(at + i, byte) for at, raw in guards for i, byte in enumerate(raw)]
         merged = np.array(_merge(pieces), np.int64).reshape(-1, 5)
         return _Plan(
@@ -221,6 +228,33 @@ class Decoder:
         )
 
 
+def _bases(sizes: np.ndarray) -> np.ndarray:
+    """Where each column begins and the last ends, on 8 bytes: views need it, so do words."""
+    return np.concatenate(([0], np.cumsum((sizes + 7) // 8 * 8)))
+
+
+def _declared(definition: Definition, path: str) -> tuple[str, int] | None:
+    """Type and count of a path as far as the definition alone tells them.
+
+    So a batch of nothing but damaged messages still gives columns of the right type.
+    """
+    match = _BY_NAME.match(path)
+    *parents, last = (match["array"] if match else path).split(".")
+    here = definition.name
+    for part in parents:
+        ftype = dict(definition.types.get(here, ())).get(part.split("[")[0])
+        if ftype is None:
+            return None
+        here = ftype.name
+    ftype = dict(definition.types.get(here, ())).get(last)
+    if ftype is None or ftype.name not in NUMPY or ftype.kind == "message":
+        return None
+    if match:
+        return NUMPY[ftype.name], 1
+    count = {"base": 1, "array": ftype.count}.get(ftype.kind, 0)
+    return (NUMPY[ftype.name], count) if count else None
+
+
 def _resolve(
     layout: Layout, path: str, payload: bytes, guards: list[tuple[int, bytes]]
 ) -> Leaf | None:
@@ -261,6 +295,22 @@ def _merge(pieces: list[tuple[int, int, int, int, int]]) -> list[tuple[int, int,
 
 
 @njit(cache=True, nogil=True)
+def _word(b, p):  # type: ignore[no-untyped-def]
+    # The compiler makes one load of it, wherever p lies; a loop over bytes stays a loop.
+    return _half(b, p) | np.uint64(_half(b, p + 4)) << np.uint64(32)
+
+
+@njit(cache=True, nogil=True)
+def _half(b, p):  # type: ignore[no-untyped-def]
+    return (
+        np.uint32(b[p])
+        | np.uint32(b[p + 1]) << np.uint32(8)
+        | np.uint32(b[p + 2]) << np.uint32(16)
+        | np.uint32(b[p + 3]) << np.uint32(24)
+    )
+
+
+@njit(cache=True, nogil=True)
 def _gather_kernel(  # type: ignore[no-untyped-def]
     buffer,
     offset,
@@ -280,6 +330,8 @@ def _gather_kernel(  # type: ignore[no-untyped-def]
     done,
     valid,
 ):
+    words = out.view(np.uint64)
+    halves = out.view(np.uint32)
     for i in range(offset.shape[0]):
         if done[i] or length[i] != wanted_length:
             continue
@@ -299,6 +351,12 @@ def _gather_kernel(  # type: ignore[no-untyped-def]
                 for b in range(size[p]):
                     inside = b % width
                     out[dst + b - inside + (width - 1 - inside)] = buffer[src + b]
+            elif (size[p] | dst) & 7 == 0:
+                for b in range(0, size[p], 8):
+                    words[(dst + b) >> 3] = _word(buffer, src + b)
+            elif (size[p] | dst) & 3 == 0:
+                for b in range(0, size[p], 4):
+                    halves[(dst + b) >> 2] = _half(buffer, src + b)
             else:
                 for b in range(size[p]):
                     out[dst + b] = buffer[src + b]

@@ -142,6 +142,7 @@ def parse_definition(type_name: str, schema_encoding: str, text: str, encoding: 
         )
     types: dict[str, tuple[tuple[str, FieldType], ...]] = {}
     _collect(name, found, types, encoding)
+    _refuse_recursion(name, types, ())
     return Definition(name, encoding, types)
 
 
@@ -218,6 +219,17 @@ def _collect(
     for _, ftype in fields:
         if ftype.kind == "message" or ftype.element == "message":
             _collect(ftype.name, found, types, encoding)
+
+
+def _refuse_recursion(
+    name: str, types: dict[str, tuple[tuple[str, FieldType], ...]], above: tuple[str, ...]
+) -> None:
+    """A type inside itself has no layout, and no depth at which a walk would end."""
+    if name in above:
+        raise DefinitionError(f"type {name} contains itself")
+    for _, ftype in types[name]:
+        if ftype.kind == "message" or ftype.element == "message":
+            _refuse_recursion(ftype.name, types, (*above, name))
 
 
 def _field_type(descriptor: Any) -> FieldType:

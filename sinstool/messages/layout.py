@@ -15,6 +15,7 @@ import numpy as np
 from sinstool.messages.definitions import Definition, FieldType
 
 CDR_HEADER = 4
+ZSTD_MAGIC = b"\x28\xb5\x2f\xfd"
 SIZES = {
     "bool": 1,
     "byte": 1,
@@ -153,6 +154,8 @@ class _Walker:
         head = self.payload[:CDR_HEADER]
         if len(head) < CDR_HEADER:
             raise LayoutError(f"payload of {len(head)} bytes is too short for CDR")
+        if head == ZSTD_MAGIC:
+            raise LayoutError("payload is compressed by zstd: open the bag's folder, not one file")
         if head[0] != 0 or head[1] not in (0, 1):
             kind = {6: "XCDR2", 7: "XCDR2", 2: "PL_CDR", 3: "PL_CDR"}.get(head[1], "unknown")
             raise LayoutError(

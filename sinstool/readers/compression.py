@@ -62,6 +62,8 @@ def decompress(name: str, data: bytes | memoryview, size: int) -> bytes | memory
 def _decompress(name: str, data: bytes | memoryview, size: int) -> bytes | memoryview:
     if name in ("", "none"):
         return data
+    if name not in ("zstd", "lz4", "bz2"):
+        raise UnknownCompressionError(f"compression '{name}' is not one of zstd, lz4, bz2, none")
     if size == 0:
         return b""
     if name == "zstd":
@@ -72,13 +74,11 @@ def _decompress(name: str, data: bytes | memoryview, size: int) -> bytes | memor
     if name == "lz4":
         unpacked = lz4.frame.LZ4FrameDecompressor().decompress(data, max_length=size + 1)
         return bytes(unpacked)
-    if name == "bz2":
-        return bz2.BZ2Decompressor().decompress(data, max_length=size + 1)
-    raise UnknownCompressionError(f"compression '{name}' is not one of zstd, lz4, bz2, none")
+    return bz2.BZ2Decompressor().decompress(data, max_length=size + 1)
 
 
 def _zstd() -> zstandard.ZstdDecompressor:
     """This thread's decompressor: they are not safe to share."""
     if not hasattr(_local, "zstd"):
         _local.zstd = zstandard.ZstdDecompressor()
-    return _local.zstd  # type: ignore[no-any-return]
+    return _local.zstd

@@ -147,6 +147,8 @@ class Log(ABC):
         Whether damaged parts are passed over (and noted in `lost`) instead of refused.
     lost : list of str
         What was passed over, in words.
+    counts : dict of int to int
+        Messages by channel as the log itself declares them, where it does; not checked.
     """
 
     format: str
@@ -157,6 +159,8 @@ class Log(ABC):
         self.salvage = salvage
         self.channels: dict[int, Channel] = {}
         self.lost: list[str] = []
+        self.counts: dict[int, int] = {}
+        self._undefined: set[int] = set()
         self.size = path_size(path)
 
     @abstractmethod
@@ -182,7 +186,7 @@ class Log(ABC):
         """All channels that carry a topic, by id."""
         return [c for _, c in sorted(self.channels.items()) if c.topic == topic]
 
-    def close(self) -> None:
+    def close(self) -> None:  # noqa: B027 - not every log holds something
         """Give back what the reader holds."""
 
     def __enter__(self) -> Log:
@@ -190,6 +194,16 @@ class Log(ABC):
 
     def __exit__(self, *_: object) -> None:
         self.close()
+
+    def _selected(self, batch: RawBatch, wanted: frozenset[int] | None) -> RawBatch:
+        """The wanted messages of a batch; those of channels the log never defines are noted."""
+        for number in np.unique(batch.channel).tolist():
+            if number not in self.channels and number not in self._undefined:
+                self._undefined.add(number)
+                self.note_lost(f"messages of channel {number}, which the log does not define")
+        if self._undefined:
+            batch = batch.select(self.channels.keys())
+        return batch if wanted is None else batch.select(wanted)
 
     def note_lost(self, what: str) -> None:
         """Remember a passed-over part, once."""

@@ -10,7 +10,7 @@ from __future__ import annotations
 import os
 import struct
 import zlib
-from collections.abc import Collection, Iterator
+from collections.abc import Collection, Generator, Iterator
 from dataclasses import dataclass
 from io import BytesIO
 from pathlib import Path
@@ -23,6 +23,7 @@ from mcap.opcode import Opcode
 from sinstool.errors import DamagedLogError, NotALogError, UnsupportedLogError
 from sinstool.readers.ahead import ahead
 from sinstool.readers.compression import (
+    MAX_BLOCK,
     CompressionError,
     UnknownCompressionError,
     decompress,
@@ -95,9 +96,12 @@ class McapLog(Log):
         super().__init__(path, salvage)
         self._fd = os.open(path, os.O_RDONLY)
         self.profile = ""
-        self.counts: dict[int, int] = {}
         self.chunk_channels: dict[int, frozenset[int]] = {}
-        self._schemas: dict[int, records.Schema] = {}
+        self.schemas: dict[int, records.Schema] = {}
+        self.schema_ids: dict[int, int] = {}
+        # Messages by channel of each chunk that was ever walked, by the chunk's offset
+        self.chunk_counts: dict[int, dict[int, int]] = {}
+        self._chunk_starts: list[int] = []
         self._verified = False
         try:
             self._open()
@@ -185,13 +189,15 @@ class McapLog(Log):
                 self._damage("the summary ends inside a record", start + pos)
                 return False
             if op == Opcode.SCHEMA and (schema := self._parse(records.Schema, body, start + pos)):
-                self._schemas[schema.id] = schema
+                self.schemas[schema.id] = schema
             elif op == Opcode.CHANNEL and (ch := self._parse(records.Channel, body, start + pos)):
                 channels.append(ch)
             elif op == Opcode.STATISTICS:
                 statistics = self._parse(records.Statistics, body, start + pos)
             elif op == Opcode.CHUNK_INDEX:
                 index = self._parse(records.ChunkIndex, body, start + pos)
+                if index:
+                    self._chunk_starts.append(index.chunk_start_offset)
                 if index and index.message_index_offsets:
                     self.chunk_channels[index.chunk_start_offset] = frozenset(
                         index.message_index_offsets
@@ -199,7 +205,7 @@ class McapLog(Log):
             pos += 9 + length
         if statistics is None or len({c.id for c in channels}) < statistics.channel_count:
             return False
-        if any(c.schema_id and c.schema_id not in self._schemas for c in channels):
+        if any(c.schema_id and c.schema_id not in self.schemas for c in channels):
             return False
         for channel in channels:
             self._add_channel(channel)
@@ -211,6 +217,9 @@ class McapLog(Log):
         for place in self.places():
             if isinstance(place, OtherPlace):
                 if place.opcode in (Opcode.SCHEMA, Opcode.CHANNEL):
+                    if place.length > MAX_RECORD:
+                        self._damage(f"a record declares {place.length} bytes", place.offset)
+                        continue
                     body = self.read_at(place.offset + 9, place.length - 9)
                     self._define(place.opcode, body, place.offset)
             elif isinstance(place, ChunkPlace):
@@ -230,14 +239,15 @@ class McapLog(Log):
         if op == Opcode.SCHEMA:
             schema = self._parse(records.Schema, body, offset)
             if schema:
-                self._schemas.setdefault(schema.id, schema)
+                self.schemas.setdefault(schema.id, schema)
         else:
             channel = self._parse(records.Channel, body, offset)
             if channel and channel.id not in self.channels:
                 self._add_channel(channel)
 
     def _add_channel(self, channel: records.Channel) -> None:
-        schema = self._schemas.get(channel.schema_id)
+        schema = self.schemas.get(channel.schema_id)
+        self.schema_ids[channel.id] = channel.schema_id
         encoding = channel.message_encoding
         self.channels[channel.id] = Channel(
             channel.id,
@@ -267,13 +277,13 @@ class McapLog(Log):
                 return
             op, length = head[0], self._record_length(head)
             if op == Opcode.MESSAGE:
-                pos = yield from self._run(pos, end)
-                if pos < 0:
-                    return
+                stop = yield from self._run(pos, end)
+                pos = stop if stop >= 0 else self._next_chunk(pos, end)
                 continue
-            if length > end - pos - 9:
+            if op == 0 or length > end - pos - 9:
                 self._damage(f"a record (opcode {op}) declares {length} bytes, more than left", pos)
-                return
+                pos = self._next_chunk(pos, end)
+                continue
             if op in (Opcode.DATA_END, Opcode.FOOTER):
                 return
             if op == Opcode.CHUNK:
@@ -284,8 +294,12 @@ class McapLog(Log):
                 yield OtherPlace(op, pos, 9 + length)
             pos += 9 + length
 
-    def _run(self, pos: int, end: int) -> Iterator[RawBatch]:
-        """Messages at top level from `pos` on; returns where the next other record begins."""
+    def _next_chunk(self, pos: int, end: int) -> int:
+        """Where to go on behind damage: the next chunk that the summary lists, or the end."""
+        return min((start for start in self._chunk_starts if start > pos), default=end)
+
+    def _run(self, pos: int, end: int) -> Generator[RawBatch, None, int]:
+        """Messages at top level from `pos` on; returns where another begins, or -1."""
         while pos < end:
             window = np.frombuffer(self.read_at(pos, min(WINDOW, end - pos)), np.uint8)
             out = np.empty((6, len(window) // _MIN_MESSAGE + 1), np.int64)
@@ -294,7 +308,7 @@ class McapLog(Log):
                 yield _batch(window, out[:, :count], pos + stop)
             pos += stop
             if why == FOREIGN:
-                return pos  # type: ignore[return-value]
+                return pos
             if why == END:
                 continue
             if count == 0:
@@ -302,12 +316,12 @@ class McapLog(Log):
                 length = self._record_length(head) if len(head) == 9 else 0
                 if not 22 <= length <= end - pos - 9 or length > MAX_RECORD * 4:
                     self._damage("a message record runs over the end of the file", pos)
-                    return -1  # type: ignore[return-value]
+                    return -1
                 window = np.frombuffer(self.read_at(pos, 9 + length), np.uint8)
                 count, stop, _ = scan_mcap(window, 0, out, True)
                 yield _batch(window, out[:, :count], pos + stop)
                 pos += stop
-        return pos  # type: ignore[return-value]
+        return pos
 
     def _chunk_place(self, pos: int, length: int) -> ChunkPlace | None:
         head = self.read_at(pos + 9, min(length, 32 + 256))
@@ -326,6 +340,9 @@ class McapLog(Log):
 
     def _load(self, place: ChunkPlace) -> np.ndarray | None:
         """A chunk's records, decompressed and checked; None where damage is passed over."""
+        if place.data_length > MAX_BLOCK:
+            self._damage(f"a chunk of {place.data_length} bytes is more than we take", place.offset)
+            return None
         data = self.read_at(place.data_offset, place.data_length)
         try:
             raw = decompress(place.compression, data, place.size)
@@ -354,6 +371,8 @@ class McapLog(Log):
         count, stop, why = scan_mcap(chunk, 0, out, False)
         if why != END:
             self._damage(f"a record inside a chunk runs over its end (at {stop})", place.offset)
+        numbers = np.bincount(out[0, :count])
+        self.chunk_counts[place.offset] = {int(c): int(numbers[c]) for c in np.flatnonzero(numbers)}
         return _batch(chunk, out[:, :count], place.offset + place.length)
 
     def batches(self, channels: Collection[int] | None = None) -> Iterator[RawBatch]:
@@ -372,21 +391,11 @@ class McapLog(Log):
         def load(place: ChunkPlace | RawBatch) -> RawBatch | None:
             return place if isinstance(place, RawBatch) else self.chunk_batch(place)
 
-        unknown: set[int] = set()
         for batch in ahead(load, needed()):
-            if batch is None:
-                continue
-            strange = set(np.unique(batch.channel).tolist()) - self.channels.keys() - unknown
-            for number in sorted(strange):
-                unknown.add(number)
-                self.note_lost(f"messages of channel {number}, which the log does not define")
-            if unknown:
-                batch = batch.select(self.channels.keys())
-            if wanted is not None:
-                batch = batch.select(wanted)
-            if len(batch):
+            if batch is not None and len(batch := self._selected(batch, wanted)):
                 yield batch
-        if wanted is None:
+        # A chunk whose CRC was wrong must be passed over again in the next pass.
+        if wanted is None and not self.lost:
             self._verified = True
 
 

@@ -57,7 +57,7 @@ def open_log(path: Path | str, salvage: bool = False) -> Log:
 
         return Rosbag1Log(path, salvage)
     if head.startswith(b"SQLite format 3"):
-        from sinstool.readers.rosbag2 import SqliteLog
+        from sinstool.readers.sqlite import SqliteLog
 
         return SqliteLog(path, salvage)
     raise NotALogError(path, f"not a log: it begins with {head[:8]!r}", KNOWN)

@@ -120,62 +120,109 @@ def foreign_mcap(buffer, out):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True, nogil=True)
-def scan_rosbag1(buffer, out):  # type: ignore[no-untyped-def]
-    """Walk the records of a ROS 1 bag chunk and note its messages.
+def _rosbag1_record(buffer, pos):  # type: ignore[no-untyped-def]
+    """Op (-1: no whole record), connection, time, offset and length of the data of a record."""
+    size = buffer.shape[0]
+    nothing = (np.int64(-1), np.int64(-1), np.int64(-1), np.int64(0), np.int64(0))
+    if pos + 8 > size:
+        return nothing
+    header = _u32(buffer, pos)
+    if header > size - pos - 8:
+        return nothing
+    field = pos + 4
+    header_end = field + header
+    op = np.int64(-1)
+    connection = np.int64(-1)
+    time = np.int64(-1)
+    while field < header_end:
+        if field + 4 > header_end:
+            return nothing
+        width = _u32(buffer, field)
+        name = field + 4
+        field = name + width
+        if field > header_end:
+            return nothing
+        # the names a message has are told by first letter and width: op=., conn=...., time=........
+        if width == 4 and buffer[name] == 111 and buffer[name + 2] == 61:
+            op = np.int64(buffer[name + 3])
+        elif width == 9 and buffer[name] == 99 and buffer[name + 4] == 61:
+            connection = _u32(buffer, name + 5)
+        elif width == 13 and buffer[name] == 116 and buffer[name + 4] == 61:
+            time = _u32(buffer, name + 5) * 1_000_000_000 + _u32(buffer, name + 9)
+    length = _u32(buffer, header_end)
+    if length > size - header_end - 4 or (op == 2 and (connection < 0 or time < 0)):
+        return nothing
+    return op, connection, time, header_end + 4, length
+
+
+@njit(cache=True, nogil=True)
+def scan_rosbag1(buffer, start, out, stop_at_foreign):  # type: ignore[no-untyped-def]
+    """Walk the records of a ROS 1 bag and note the messages.
 
     Parameters
     ----------
     buffer : ndarray, uint8
-        Decompressed chunk.
+        Decompressed chunk, or a piece of the file's top level.
+    start : int
+        Where the first record begins.
     out : ndarray of int64, shape (4, m)
         Receives connection, offset, length and time (ns) of each message.
+    stop_at_foreign : bool
+        Stop at records that are no messages (top level of a file) or step over them (chunks).
 
     Returns
     -------
     count : int
+        Messages found.
     end : int
-        Where the walk stopped: the buffer's size when every record was whole.
+        Where the walk stopped.
+    why : int
+        END at the buffer's end, PARTIAL at a record that runs over it or is none, FOREIGN at a
+        record that is no message.
     """
     size = buffer.shape[0]
-    pos = 0
+    pos = start
     count = 0
-    while pos + 8 <= size:
-        header = _u32(buffer, pos)
-        if header > size - pos - 8:
-            break
-        field = pos + 4
-        header_end = field + header
-        op = 0
-        connection = np.int64(-1)
-        time = np.int64(0)
-        good = True
-        while field < header_end:
-            if field + 4 > header_end:
-                good = False
-                break
-            width = _u32(buffer, field)
-            name = field + 4
-            field = name + width
-            if field > header_end:
-                good = False
-                break
-            # names are told by their first letters: op, conn, time
-            if width == 4 and buffer[name] == 111 and buffer[name + 2] == 61:
-                op = buffer[name + 3]
-            elif width == 9 and buffer[name] == 99 and buffer[name + 4] == 61:
-                connection = _u32(buffer, name + 5)
-            elif width == 13 and buffer[name] == 116 and buffer[name + 4] == 61:
-                time = _u32(buffer, name + 5) * 1_000_000_000 + _u32(buffer, name + 9)
-        if not good:
-            break
-        length = _u32(buffer, header_end)
-        if length > size - header_end - 4:
-            break
-        if op == 2 and connection >= 0 and count < out.shape[1]:
+    while pos < size:
+        op, connection, time, offset, length = _rosbag1_record(buffer, pos)
+        if op < 0 or (op == 2 and count == out.shape[1]):
+            return count, pos, PARTIAL
+        if op == 2:
             out[0, count] = connection
-            out[1, count] = header_end + 4
+            out[1, count] = offset
             out[2, count] = length
             out[3, count] = time
             count += 1
-        pos = header_end + 4 + length
-    return count, pos
+        elif stop_at_foreign:
+            return count, pos, FOREIGN
+        pos = offset + length
+    return count, pos, END
+
+
+@njit(cache=True, nogil=True)
+def foreign_rosbag1(buffer, out):  # type: ignore[no-untyped-def]
+    """Places of the records in a ROS 1 bag chunk that are no messages.
+
+    Parameters
+    ----------
+    buffer : ndarray, uint8
+    out : ndarray of int64, shape (m,)
+        Receives where each begins.
+
+    Returns
+    -------
+    int
+        How many there are (at most m are written).
+    """
+    pos = 0
+    count = 0
+    while pos < buffer.shape[0]:
+        op, _, _, offset, length = _rosbag1_record(buffer, pos)
+        if op < 0:
+            break
+        if op != 2:
+            if count < out.shape[0]:
+                out[count] = pos
+            count += 1
+        pos = offset + length
+    return count

@@ -1,0 +1,217 @@
+"""The SQLite storage of ROS 2 bags: one ``.db3`` file, schema versions 1 to 4."""
+
+from __future__ import annotations
+
+import shutil
+import sqlite3
+import tempfile
+from collections.abc import Collection, Iterator
+from contextlib import suppress
+from pathlib import Path
+from urllib.parse import quote
+
+import numpy as np
+
+from sinstool.errors import DamagedLogError, NotALogError
+from sinstool.readers.log import Channel, Log, RawBatch
+
+BATCH = 16384
+# A batch ends here too, so that images do not make it large.
+BATCH_BYTES = 32 * 2**20
+
+
+class SqliteLog(Log):
+    """A single ``.db3`` file of a ROS 2 bag.
+
+    Messages come in the order they were inserted. Their payloads are given as they are stored:
+    a bag that compresses each message is decompressed by its folder's reader.
+
+    Parameters
+    ----------
+    path : Path
+    salvage : bool
+        Stop quietly where the database is damaged, and note it in `lost`.
+
+    Raises
+    ------
+    NotALogError
+        The database has no tables of a ROS 2 bag.
+    DamagedLogError
+        SQLite cannot read it.
+    """
+
+    format = "rosbag2"
+    profile = "ros2"
+
+    def __init__(self, path: Path, salvage: bool = False) -> None:
+        super().__init__(path, salvage)
+        self._beside: tempfile.TemporaryDirectory[str] | None = None
+        self._shared_memory: Path | None = None
+        self._database: sqlite3.Connection | None = None
+        try:
+            self._database = self._connect()
+            self._read_topics(self._database)
+        except (sqlite3.Error, OverflowError) as exc:
+            self.close()
+            raise self._damaged(exc) from exc
+        except BaseException:
+            self.close()
+            raise
+
+    def close(self) -> None:
+        """Close the database, and remove what SQLite or we put beside it."""
+        if self._database is not None:
+            self._database.close()
+            self._database = None
+        if self._shared_memory is not None:
+            self._shared_memory.unlink(missing_ok=True)
+            self._shared_memory = None
+        if self._beside is not None:
+            self._beside.cleanup()
+            self._beside = None
+
+    def _damaged(self, exc: Exception) -> DamagedLogError:
+        hint = f"`sqlite3 '{self.path}' .recover | sqlite3 recovered.db3` saves what can be saved"
+        return DamagedLogError(self.path, f"SQLite cannot read it ({exc})", hint)
+
+    # -- opening ---------------------------------------------------------------------------
+
+    def _connect(self) -> sqlite3.Connection:
+        """Open without changing anything, and without missing what is not yet in the main file."""
+        journal, wal, shared = (
+            self.path.with_name(self.path.name + tail) for tail in ("-journal", "-wal", "-shm")
+        )
+        if not _filled(wal) and not _filled(journal):
+            # Nothing pending: SQLite needs neither locks nor a writable folder.
+            return _open(self.path, "immutable=1")
+        if not _filled(journal):
+            ours = not shared.exists()
+            with suppress(sqlite3.Error):
+                database = _open(self.path, "mode=ro")
+                self._shared_memory = shared if ours else None
+                return database
+        # A transaction to roll back, or a folder in which SQLite may not even make its lock
+        # file: let it work on a copy.
+        self._beside = tempfile.TemporaryDirectory(prefix="sinstool-")
+        copy = Path(self._beside.name) / self.path.name
+        for source in (self.path, wal, journal):
+            if source.exists():
+                shutil.copyfile(source, copy.with_name(source.name))
+        return _open(copy, "mode=rw")
+
+    def _read_topics(self, database: sqlite3.Connection) -> None:
+        tables = {
+            name: [row[1] for row in database.execute(f"PRAGMA table_info({name})")]
+            for name in ("topics", "messages", "message_definitions")
+        }
+        if not {"id", "name", "type"} <= set(tables["topics"]) or not (
+            {"topic_id", "timestamp", "data"} <= set(tables["messages"])
+        ):
+            raise NotALogError(self.path, "an SQLite database, but not of a ROS 2 bag")
+        definitions: dict[str, tuple[str, str]] = {}
+        if tables["message_definitions"]:
+            rows = database.execute(
+                "SELECT topic_type, encoding, encoded_message_definition FROM message_definitions"
+            )
+            definitions = {str(name): (str(kind), str(text)) for name, kind, text in rows}
+        # Columns came with the versions of the schema: 2 brought QoS, 4 the type hashes.
+        optional = [
+            name
+            for name in ("serialization_format", "offered_qos_profiles", "type_description_hash")
+            if name in tables["topics"]
+        ]
+        wanted = ", ".join(["id", "name", "type", *optional])
+        for number, topic, kind, *rest in database.execute(f"SELECT {wanted} FROM topics"):
+            more = {name: str(value) for name, value in zip(optional, rest, strict=True) if value}
+            encoding = more.pop("serialization_format", "cdr")
+            schema_encoding, text = definitions.get(str(kind), ("ros2msg", ""))
+            self.channels[int(number)] = Channel(
+                int(number), str(topic), str(kind), encoding, schema_encoding, text, more
+            )
+        (last,) = database.execute("SELECT max(rowid) FROM messages").fetchone()
+        self._last_row = int(last or 0)
+
+    # -- reading ---------------------------------------------------------------------------
+
+    def batches(self, channels: Collection[int] | None = None) -> Iterator[RawBatch]:
+        """Raw messages in the order they were inserted (see `Log.batches`)."""
+        wanted = None if channels is None else frozenset(int(c) for c in channels)
+        query = "SELECT rowid, topic_id, timestamp, data FROM messages"
+        if wanted is not None:
+            query += f" WHERE topic_id IN ({', '.join(map(str, sorted(wanted)))})"
+        rows: list[tuple] = []
+        last = 0
+        assert self._database is not None, "the log is closed"
+        try:
+            cursor = self._database.execute(query + " ORDER BY rowid")
+            step, held = 64, 0
+            while more := cursor.fetchmany(step):
+                rows += more
+                last = more[-1][0]
+                size = sum(len(row[3]) for row in more if isinstance(row[3], bytes))
+                held += size
+                # Ask for about a quarter of a batch at a time, whatever the messages' size
+                step = max(1, min(BATCH // 4, BATCH_BYTES // 4 * len(more) // (size + 1)))
+                if len(rows) >= BATCH or held >= BATCH_BYTES:
+                    yield self._selected(self._batch(rows), wanted)
+                    rows, held = [], 0
+        except (sqlite3.Error, OverflowError) as exc:
+            if not self.salvage:
+                raise self._damaged(exc) from exc
+            self.note_lost(f"what follows message {last}: {exc}")
+        if rows:
+            yield self._selected(self._batch(rows), wanted)
+
+    def _batch(self, rows: list[tuple]) -> RawBatch:
+        position = int(self.size * min(1.0, rows[-1][0] / max(1, self._last_row)))
+        try:
+            topic, time, data = _columns(rows)
+        except TypeError as exc:
+            # SQLite stores any type in any column; a bag does not.
+            if not self.salvage:
+                raise self._damaged(exc) from exc
+            good = [r for r in rows if tuple(map(type, r[1:])) == (int, int, bytes)]
+            self.note_lost(f"{len(rows) - len(good)} rows before row {rows[-1][0]} ({exc})")
+            topic, time, data = _columns(good)
+        length = np.fromiter(map(len, data), np.int64, len(data))
+        return RawBatch(
+            np.frombuffer(b"".join(data), np.uint8),
+            topic,
+            np.cumsum(length) - length,
+            length,
+            time,
+            time,
+            np.zeros(len(data), np.int64),
+            position,
+        )
+
+
+def _columns(rows: list[tuple]) -> tuple[np.ndarray, np.ndarray, tuple[bytes, ...]]:
+    """Topic, time and data of all rows; TypeError where one is not what it should be."""
+    _, topic, time, data = zip(*rows, strict=True) if rows else ((), (), (), ())
+    for column, kind in ((topic, int), (time, int), (data, bytes)):
+        if strange := set(map(type, column)) - {kind}:
+            raise TypeError(f"a message holds {strange.pop().__name__} for {kind.__name__}")
+    return np.array(topic, np.int64), np.array(time, np.int64), data
+
+
+def _filled(path: Path) -> bool:
+    return path.exists() and path.stat().st_size > 0
+
+
+def _open(path: Path, mode: str) -> sqlite3.Connection:
+    # Batches may be asked for in another thread than the one that opened the log.
+    database = sqlite3.connect(
+        f"file:{quote(str(path.absolute()))}?{mode}", uri=True, check_same_thread=False
+    )
+    database.text_factory = _text
+    try:
+        database.execute("SELECT count(*) FROM sqlite_master").fetchone()
+    except sqlite3.Error:
+        database.close()
+        raise
+    return database
+
+
+def _text(raw: bytes) -> str:
+    return raw.decode("utf-8", "replace")
