@@ -95,12 +95,11 @@ def log(quaternion: ArrayLike) -> FloatArray:
     norm_v = np.linalg.norm(v, axis=-1, keepdims=True)
     # Below, 2 atan2(|v|, w) / |v| is 2 / w to the last bit, and |v|**2 might underflow.
     small = norm_v < 1e-9 * w
-    with np.errstate(divide="ignore", invalid="ignore"):
-        factor = np.where(
-            small,
-            2.0 / w,
-            2.0 * np.arctan2(norm_v, w) / np.where(small, 1.0, norm_v),
-        )
+    factor = np.where(
+        small,
+        2.0 / np.where(small, w, 1.0),
+        2.0 * np.arctan2(norm_v, w) / np.where(small, 1.0, norm_v),
+    )
     return np.asarray(factor * v)
 
 

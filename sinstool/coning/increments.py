@@ -5,13 +5,13 @@ on the interval, and that polynomial is integrated over the interval. At the end
 segment the same polynomial is used off its centre, so that the order stays the same; a
 segment with fewer samples uses all it has.
 
-How many points: in coning the interpolation must be better than the algorithm that follows.
-At a twelfth or less of the sample rate 2 points (trapezoid) undo what any algorithm gains,
-4 points leave several times the error of ``previous-3``, and 6 are of its order (eighth in
-rate * interval). More points follow faster motion, but the weights of all of them trust
-the band up to half the sample rate, where a real log holds noise that the coning product
-then rectifies: the sum of the squares of the weights, the power that white noise keeps, is
-0.50, 0.59, 0.63 and 0.65 for 2, 4, 6 and 8 points. Hence 6.
+How many points: coning of 0.1 deg at 30 Hz, sampled at 400 Hz and answered by ``previous-3``,
+leaves a drift of 2.2, 0.089, 4.2e-3 or 4.1e-4 deg/h with 2, 4, 6 or 8 points; no compensation
+at all leaves 2.2 deg/h and exact increments 2.2e-4. So 2 points, the trapezoid, undo what any
+algorithm gains. The price of more is noise, and it is paid at the ends: of the power of white
+noise a centred stencil keeps 0.50, 0.59, 0.63, 0.65 but the outermost one 0.50, 0.81, 1.53,
+4.1. Hence 6, where no interval of a segment gets much more than its share; 8 for a gyro that
+is sampled slowly and quiet.
 """
 
 from __future__ import annotations

@@ -7,14 +7,14 @@ rotation vector. Four variants differ in three numbers only,
 
     phi = A a - b T**2 / 2 + c T + (K1 a x b + K2 c x a + T**3 / 6 b x c) / 2 :
 
-=========== =================== ============================ ==========================
-variant     A                   K1                           K2
-=========== =================== ============================ ==========================
-printed     epsilon             2 epsilon**3 + epsilon T**2/2  2 epsilon**3 - epsilon T
-truncated   epsilon             2 epsilon**3 - epsilon T**2/2  2 epsilon**2 - epsilon T
-exact       T g0                T**3 g1                      T**2 g2
-bvp         T (1 - L) / 2       T**3 (h1 - 1/6)              T**2 h2
-=========== =================== ============================ ==========================
+=========== ============= ============================== ========================
+variant     A             K1                             K2
+=========== ============= ============================== ========================
+printed     epsilon       2 epsilon**3 + epsilon T**2/2  2 epsilon**3 - epsilon T
+truncated   epsilon       2 epsilon**3 - epsilon T**2/2  2 epsilon**2 - epsilon T
+exact       T g0          T**3 g1                        T**2 g2
+bvp         T (1 - L) / 2 T**3 (h1 - 1/6)                T**2 h2
+=========== ============= ============================== ========================
 
 ``printed`` is eq. 11 of the paper to the letter: one sign and one power in it are wrong,
 so that it depends on the unit of time (seconds are meant). ``truncated`` corrects both and
@@ -22,7 +22,8 @@ drops ``exp(-T/epsilon)`` as the paper does; ``exact`` keeps it; ``bvp`` solves 
 both of its boundary values, where the paper's boundary layer misses the second one.
 
 With ``beta = n (w1 - w2) / T`` (eq. 14) every variant is ``p w1 + (T - p) w2 + kappa w1 x w2``.
-Only n > 1 or n < 0 can do better than no compensation at all; the preset ``best`` does.
+Of the last three variants none with 0 <= n <= 1 does better in coning than no compensation
+at all; the preset ``best`` (n = 2) does.
 
 References
 ----------
