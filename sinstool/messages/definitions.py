@@ -126,14 +126,19 @@ def parse_definition(type_name: str, schema_encoding: str, text: str, encoding: 
     name = normalise_type_name(type_name)
     found: dict[str, Any] = {}
     if text.strip():
+        # The grammar knows neither \r\n nor blanks at the end of a line; recorders write both.
+        lines = [line.rstrip() for line in text.split("\n")]
         try:
             if schema_encoding == "ros2idl":
-                lines = [ln for ln in text.splitlines() if not ln.lstrip().startswith("#include")]
+                # All files in one text: what holds them together is no part of the grammar
+                seams = ("#include", "=" * 80, "IDL: ")
+                lines = [line for line in lines if not line.lstrip().startswith(seams)]
                 found = dict(get_types_from_idl("\n".join(lines)))
             else:
-                found = dict(get_types_from_msg(text, name))
+                found = dict(get_types_from_msg("\n".join(lines), name))
         except Exception as exc:  # rosbags' parser raises classes of its own and others'
-            raise DefinitionError(f"schema of {type_name} cannot be parsed ({exc})") from exc
+            reason = " ".join(str(exc).split())[:120]
+            raise DefinitionError(f"schema of {type_name} cannot be parsed ({reason})") from exc
     if name not in found:
         found = _standard_types(encoding) | found
     if name not in found:
@@ -179,7 +184,13 @@ def md5_sum(type_name: str) -> str:
 
 @lru_cache(maxsize=2)
 def _store(encoding: str) -> Any:
-    return get_typestore(Stores.ROS1_NOETIC if encoding == "ros1" else Stores.ROS2_HUMBLE)
+    if encoding != "ros1":
+        return get_typestore(Stores.ROS2_HUMBLE)
+    store = get_typestore(Stores.ROS1_NOETIC)
+    # rosbags' collection for ROS 1 has no tf2_msgs
+    tf = "geometry_msgs/TransformStamped[] transforms"
+    store.register(get_types_from_msg(tf, "tf2_msgs/msg/TFMessage"))
+    return store
 
 
 def _standard_types(encoding: str) -> dict[str, Any]:

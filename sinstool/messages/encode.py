@@ -62,6 +62,8 @@ class Encoder:
         """
         out = np.empty((count, len(self._template)), np.uint8)
         out[:] = self._template
+        if not count:
+            return out
         for path, values in columns.items():
             leaf = self.layout.leaves.get(path)
             if leaf is None:

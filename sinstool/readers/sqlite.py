@@ -51,7 +51,7 @@ class SqliteLog(Log):
         try:
             self._database = self._connect()
             self._read_topics(self._database)
-        except (sqlite3.Error, OverflowError) as exc:
+        except (sqlite3.Error, OverflowError, TypeError, ValueError) as exc:
             self.close()
             raise self._damaged(exc) from exc
         except BaseException:
