@@ -26,6 +26,7 @@ from sinstool.timeline import (
     SECOND,
     Order,
     OrderCounts,
+    mean_rates,
     ordered,
 )
 from sinstool.units import unit_evidence
@@ -171,6 +172,7 @@ def survey(
     start_ns: int | None = None,
     end_ns: int | None = None,
     max_gap_s: float | None = None,
+    increments: bool = False,
     block_rows: int = BLOCK_ROWS,
     progress: Callable[[int], None] | None = None,
 ) -> Survey:
@@ -185,6 +187,8 @@ def survey(
         Only samples in this span of time.
     max_gap_s : float, optional
         Longest interval that is no gap; by default three nominal intervals.
+    increments : bool
+        Samples are increments; they are judged as mean rates over their intervals.
     block_rows : int
         Samples handled at once; the result does not depend on it.
     progress : callable, optional
@@ -215,7 +219,8 @@ def survey(
         )
         tally = _Tally()
         source = within(blocks, start_ns, end_ns)
-        for block in ordered(reblock(source, block_rows), order):
+        in_order = ordered(reblock(source, block_rows), order)
+        for block in mean_rates(in_order) if increments else in_order:
             _add(tally, block)
         if tally.count == 0:
             detail = f" ({losses.problem})" if losses.problem else ""

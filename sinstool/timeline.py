@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, field, replace
+from itertools import pairwise
 
 import numpy as np
 
@@ -194,11 +195,50 @@ def segments(blocks: Iterable[Imu], max_gap_ns: int) -> Iterator[Piece]:
         steps = np.diff(times, prepend=times[0] if last is None else last)
         cuts = np.flatnonzero(steps > max_gap_ns)
         edges = [0, *cuts.tolist(), len(times)]
-        for begin, end in zip(edges[:-1], edges[1:], strict=True):
+        for begin, end in pairwise(edges):
             if begin == end:
                 continue
             is_cut = bool(steps[begin] > max_gap_ns)
             first = last is None and begin == 0
             gap = float(steps[begin]) / SECOND if is_cut else 0.0
             yield Piece(block.rows(slice(begin, end)), first or is_cut, gap)
+        last = int(times[-1])
+
+
+def mean_rates(
+    blocks: Iterable[Imu], nominal_ns: float | None = None, max_gap_ns: int | None = None
+) -> Iterator[Imu]:
+    """Increments as mean rates over their own intervals.
+
+    Parameters
+    ----------
+    blocks : iterable of Imu
+        Ordered; gyro in rad and accel in m/s over the interval that ends at each stamp.
+    nominal_ns : float, optional
+        Interval of samples that follow a gap or nothing; by default what the stamps say, and
+        for the first sample the interval after it.
+    max_gap_ns : int, optional
+        What counts as a gap.
+
+    Yields
+    ------
+    Imu
+        gyro in rad/s and accel in m/s^2.
+    """
+    last: int | None = None
+    for block in blocks:
+        times = block.time_ns
+        step = np.diff(times, prepend=times[0] if last is None else last).astype(np.float64)
+        if last is None:
+            step[0] = nominal_ns or (step[1] if len(step) > 1 else SECOND)
+        if nominal_ns is not None and max_gap_ns is not None:
+            step[step > max_gap_ns] = nominal_ns
+        seconds = (step / SECOND)[:, None]
+        yield Imu(
+            times,
+            block.log_time_ns,
+            block.gyro / seconds,
+            block.accel / seconds,
+            block.orientation,
+        )
         last = int(times[-1])

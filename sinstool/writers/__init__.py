@@ -1,0 +1,1 @@
+"""Solutions out: MCAP that any ROS or Foxglove user can open, whole or not at all."""

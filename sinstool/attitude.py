@@ -1,0 +1,169 @@
+"""Ordered Imu blocks in, attitude out: segments, rotation vectors and propagation joined.
+
+This is the streaming heart of `process --mode attitude`: what it carries from block to block is
+the coning stage of the running segment, the attitude, and the samples not yet answered for.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass
+
+import numpy as np
+
+from sinstool.coning.algorithm import ConingAlgorithm
+from sinstool.coning.stage import ConingStage, RotationVectors
+from sinstool.strapdown.attitude import AttitudePropagator
+from sinstool.streams import Imu, Solution, concatenate
+from sinstool.timeline import SECOND, mean_rates, segments
+
+
+@dataclass(frozen=True)
+class AttitudeSettings:
+    """What an attitude run needs to know.
+
+    Attributes
+    ----------
+    algorithm : ConingAlgorithm
+    gyro_kind : {'rate', 'mean-rate', 'increment'}
+        For ``increment`` the blocks hold integrals, in rad and m/s.
+    nominal_ns : float
+        Nominal sample interval.
+    max_gap_ns : int
+        Longest interval that is integrated across.
+    gyro_bias : ndarray, shape (3,)
+        rad/s, subtracted.
+    omega_ie_n : ndarray, shape (3,) or None
+        Earth rate to remove, rad/s in NED.
+    sample_rate : float or None
+        Rate in Hz to be believed instead of the stamps' intervals.
+    """
+
+    algorithm: ConingAlgorithm
+    gyro_kind: str
+    nominal_ns: float
+    max_gap_ns: int
+    gyro_bias: np.ndarray
+    omega_ie_n: np.ndarray | None = None
+    sample_rate: float | None = None
+
+
+class AttitudeRun:
+    """Attitude from ordered samples.
+
+    Parameters
+    ----------
+    q_nb : ndarray, shape (4,)
+        Attitude at the first sample.
+    settings : AttitudeSettings
+
+    Attributes
+    ----------
+    samples, updates : int
+        Taken in and given out (the first sample of a segment is given out too).
+    missed_rotation : float
+        What the vehicle turned during gaps if it went on as it did on either side, rad.
+    """
+
+    def __init__(self, q_nb: np.ndarray, settings: AttitudeSettings) -> None:
+        self.settings = settings
+        self.samples = 0
+        self.updates = 0
+        self.missed_rotation = 0.0
+        self._propagator = AttitudePropagator(q_nb, settings.omega_ie_n)
+        self._stage: ConingStage | None = None
+        self._held: Imu | None = None
+        self._held_first = 0
+        self._segment_start = 0
+        self._segment_count = 0
+        self._last_rate = np.zeros(3)
+
+    def run(self, blocks: Iterable[Imu]) -> Iterator[Solution]:
+        """Attitude at every update instant.
+
+        Parameters
+        ----------
+        blocks : iterable of Imu
+            Ordered, without duplicates.
+
+        Yields
+        ------
+        Solution
+            Not empty; together in order of time.
+        """
+        settings = self.settings
+        rates = blocks
+        if settings.gyro_kind == "increment":
+            rates = mean_rates(blocks, settings.nominal_ns, settings.max_gap_ns)
+        for piece in segments(rates, settings.max_gap_ns):
+            imu = Imu(
+                piece.imu.time_ns,
+                piece.imu.log_time_ns,
+                piece.imu.gyro - settings.gyro_bias,
+                piece.imu.accel,
+            )
+            self.samples += len(imu)
+            if piece.starts:
+                yield from self._finish()
+                yield self._begin(imu, piece.gap_s)
+            self._hold(imu)
+            yield from self._answer(self._push(imu))
+            self._last_rate = imu.gyro[-1]
+        yield from self._finish()
+
+    def _begin(self, imu: Imu, gap_s: float) -> Solution:
+        """Start a segment; its first sample has the attitude the last segment ended with."""
+        if gap_s > 0.0:
+            mean = 0.5 * (self._last_rate + imu.gyro[0])
+            self.missed_rotation += float(np.linalg.norm(mean)) * gap_s
+        self._stage = ConingStage(
+            self.settings.algorithm,
+            # increments were divided by their intervals at the door
+            "rate" if self.settings.gyro_kind == "rate" else "mean-rate",
+            nominal_interval=self.settings.nominal_ns / SECOND,
+        )
+        self._held, self._held_first, self._segment_count = None, 0, 0
+        self._segment_start = int(imu.time_ns[0])
+        self.updates += 1
+        return _solution(imu.rows(slice(0, 1)), self._propagator.q_nb[None, :])
+
+    def _hold(self, imu: Imu) -> None:
+        self._held = imu if self._held is None else concatenate([self._held, imu])
+
+    def _push(self, imu: Imu) -> RotationVectors:
+        assert self._stage is not None
+        times = imu.time_ns
+        if self.settings.sample_rate is not None:
+            number = self._segment_count + np.arange(len(imu))
+            step = SECOND / self.settings.sample_rate
+            times = self._segment_start + np.rint(number * step).astype(np.int64)
+        self._segment_count += len(imu)
+        return self._stage.push(imu.gyro, times)
+
+    def _answer(self, vectors: RotationVectors) -> Iterator[Solution]:
+        """Propagate over finished updates and let go of the samples they answer for."""
+        if not len(vectors.sample):
+            return
+        assert self._held is not None
+        q = self._propagator.push(vectors.rotation_vector, vectors.interval)
+        rows = vectors.sample - self._held_first
+        solution = _solution(self._held.rows(rows), q)
+        self.updates += len(q)
+        done = int(rows[-1]) + 1
+        self._held = self._held.rows(slice(done, None))
+        self._held_first += done
+        yield solution
+
+    def _finish(self) -> Iterator[Solution]:
+        if self._stage is not None:
+            yield from self._answer(self._stage.finish())
+            self._stage = None
+
+    @property
+    def q_nb(self) -> np.ndarray:
+        """Attitude after the last update."""
+        return self._propagator.q_nb
+
+
+def _solution(imu: Imu, q_nb: np.ndarray) -> Solution:
+    return Solution(imu.time_ns, imu.log_time_ns, q_nb, imu.gyro, imu.accel)

@@ -1,0 +1,88 @@
+"""The `sinstool` command. Commands are imported only when they run, so that help is quick."""
+
+from __future__ import annotations
+
+import sys
+from importlib import import_module
+
+import click
+
+from sinstool import __version__
+from sinstool.errors import SinstoolError
+
+# name -> (module under sinstool.cli, one line for the list of commands)
+COMMANDS = {
+    "process": ("process", "Recorded IMU to corrected attitude, written as MCAP."),
+    "info": ("info", "What is in a log, and what is odd about it."),
+    "simulate": ("simulate", "Write a log with exact truth."),
+}
+
+
+class LazyGroup(click.Group):
+    """A group that knows its commands' names and imports only the one that is run."""
+
+    def list_commands(self, ctx: click.Context) -> list[str]:
+        """Return names in the order of a day's work."""
+        return list(COMMANDS)
+
+    def get_command(self, ctx: click.Context, name: str) -> click.Command | None:
+        """Import a command; unknown names get a suggestion."""
+        if name not in COMMANDS:
+            return None
+        module = import_module(f"sinstool.cli.{COMMANDS[name][0]}")
+        command: click.Command = module.command
+        return command
+
+    def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
+        """List commands without importing them."""
+        with formatter.section("Commands"):
+            formatter.write_dl([(name, line) for name, (_, line) in COMMANDS.items()])
+
+    def resolve_command(
+        self, ctx: click.Context, args: list[str]
+    ) -> tuple[str | None, click.Command | None, list[str]]:
+        """Suggest the nearest command when there is no such one."""
+        if args and args[0] not in COMMANDS and not args[0].startswith("-"):
+            import difflib
+
+            near = difflib.get_close_matches(args[0], COMMANDS, n=1)
+            hint = f"did you mean {near[0]}?" if near else f"there are {', '.join(COMMANDS)}"
+            raise click.UsageError(f"there is no command '{args[0]}': {hint}", ctx)
+        return super().resolve_command(ctx, args)
+
+
+@click.group(cls=LazyGroup, context_settings={"help_option_names": ["-h", "--help"]})
+@click.version_option(__version__, prog_name="sinstool")
+def cli() -> None:
+    """Recorded IMU logs in, corrected attitude out.
+
+    Reads MCAP, ROS 1 bags and ROS 2 bags; writes MCAP. See sinstool COMMAND --help.
+    """
+
+
+def main() -> None:
+    """Run the command line; every failure a user can cause ends in one line."""
+    verbose = any(a in ("-v", "--verbose") for a in sys.argv[1:])
+    try:
+        status = cli.main(standalone_mode=False)
+    except SinstoolError as exc:
+        if verbose:
+            raise
+        click.echo(f"sinstool: {exc}", err=True)
+        sys.exit(exc.exit_code)
+    except click.exceptions.Exit as exc:
+        sys.exit(exc.exit_code)
+    except click.ClickException as exc:
+        exc.show()
+        sys.exit(exc.exit_code)
+    except (KeyboardInterrupt, click.Abort):
+        click.echo("sinstool: interrupted; nothing was written", err=True)
+        sys.exit(130)
+    except BrokenPipeError:
+        # The reader of our output went away (as `head` does); nobody is left to tell.
+        sys.stderr.close()
+        sys.exit(1)
+    except MemoryError:
+        click.echo("sinstool: out of memory", err=True)
+        sys.exit(1)
+    sys.exit(status if isinstance(status, int) else 0)

@@ -1,0 +1,493 @@
+"""MCAP out, in bulk: messages as arrays, chunks built by one compiled scatter.
+
+The two structures that exist per message (chunk bodies and message indexes) are written here
+with numpy and numba; every other record goes through mcap's own classes. All rules that readers
+in the field rely on are kept: an index for every channel of every chunk, no chunk without
+messages, statistics, repeated schemas and channels, summary offsets.
+"""
+
+from __future__ import annotations
+
+import struct
+import threading
+import zlib
+from collections import deque
+from collections.abc import Callable, Sequence
+from concurrent.futures import Future, ThreadPoolExecutor
+from dataclasses import dataclass
+from io import BytesIO
+from typing import IO
+
+import lz4.frame
+import mcap.records as records
+import numpy as np
+import zstandard
+from mcap.data_stream import ReadDataStream, RecordBuilder
+from mcap.opcode import Opcode
+from numba import njit
+
+MAGIC = b"\x89MCAP0\r\n"
+CHUNK_SIZE = 2**20
+ZSTD_LEVEL = 1
+COMPRESSIONS = ("zstd", "lz4", "none")
+_RECORD = 31  # head and fixed fields of a message record
+_QUEUE = 6  # chunks compressed ahead of the disk at most
+_U64 = 2**64 - 1  # times are kept as int64; the bits are what the file holds
+
+_local = threading.local()
+
+
+@dataclass(frozen=True)
+class Messages:
+    """Serialised messages to write.
+
+    Attributes
+    ----------
+    channel : ndarray of int64, shape (n,)
+    log_time, publish_time, sequence : ndarray of int64, shape (n,)
+    buffer : ndarray of uint8, 1-D
+    offset, length : ndarray of int64, shape (n,)
+        Where each payload lies in the buffer.
+    """
+
+    channel: np.ndarray
+    log_time: np.ndarray
+    publish_time: np.ndarray
+    sequence: np.ndarray
+    buffer: np.ndarray
+    offset: np.ndarray
+    length: np.ndarray
+
+    @staticmethod
+    def from_rows(
+        channel: int, payload: np.ndarray, log_time: np.ndarray, sequence: np.ndarray
+    ) -> Messages:
+        """Messages of one channel and one size.
+
+        Parameters
+        ----------
+        channel : int
+        payload : ndarray of uint8, shape (n, size)
+        log_time, sequence : ndarray of int64, shape (n,)
+        """
+        count, size = payload.shape
+        return Messages(
+            np.full(count, channel, np.int64),
+            log_time,
+            log_time,
+            sequence,
+            payload.reshape(-1),
+            np.arange(count, dtype=np.int64) * size,
+            np.full(count, size, np.int64),
+        )
+
+
+@dataclass(frozen=True)
+class _Chunk:
+    """A chunk ready for the file: its record, its indexes, and what the summary needs."""
+
+    record: bytes
+    indexes: list[tuple[int, bytes]]
+    counts: dict[int, int]
+    start_time: int
+    end_time: int
+    compression: str
+    compressed_size: int
+    size: int
+
+
+class McapWriter:
+    """Writes one MCAP file.
+
+    Parameters
+    ----------
+    stream : binary file
+        Open for writing; the writer counts what it writes from its first byte.
+    profile : str
+        ``ros2`` or ``ros1``.
+    library : str
+        Named in the header.
+    compression : {'zstd', 'lz4', 'none'}
+    """
+
+    def __init__(
+        self, stream: IO[bytes], profile: str, library: str, compression: str = "zstd"
+    ) -> None:
+        self._stream = stream
+        self._position = 0
+        self.compression = "" if compression == "none" else compression
+        self.schemas: dict[int, records.Schema] = {}
+        self.channels: dict[int, records.Channel] = {}
+        self.counts: dict[int, int] = {}
+        self._chunk_indexes: list[records.ChunkIndex] = []
+        self._attachment_indexes: list[records.AttachmentIndex] = []
+        self._metadata_indexes: list[records.MetadataIndex] = []
+        self._span: tuple[int, int] | None = None
+        self._pool = ThreadPoolExecutor(max_workers=2, thread_name_prefix="sinstool-write")
+        self._queue: deque[Future[_Chunk] | Callable[[], None]] = deque()
+        self._write(MAGIC)
+        self._write_record(records.Header(profile, library))
+
+    # -- definitions -----------------------------------------------------------------------
+
+    def add_schema(self, name: str, encoding: str, data: bytes, number: int | None = None) -> int:
+        """Define a schema, or find the equal one that is there.
+
+        Parameters
+        ----------
+        name, encoding : str
+        data : bytes
+        number : int, optional
+            Id to give it; by default the next free one.
+
+        Returns
+        -------
+        int
+        """
+        if number is None:
+            for known in self.schemas.values():
+                if (known.name, known.encoding, known.data) == (name, encoding, data):
+                    return known.id
+            number = max(self.schemas, default=0) + 1
+        schema = records.Schema(id=number, name=name, encoding=encoding, data=data)
+        self.schemas[number] = schema
+        self._enqueue(lambda: self._write_record(schema))
+        return number
+
+    def add_channel(
+        self,
+        topic: str,
+        encoding: str,
+        schema: int,
+        metadata: dict[str, str],
+        number: int | None = None,
+    ) -> int:
+        """Define a channel.
+
+        Parameters
+        ----------
+        topic, encoding : str
+        schema : int
+            Its schema's id; 0 for none.
+        metadata : dict
+        number : int, optional
+            Id to give it; by default the next free one.
+
+        Returns
+        -------
+        int
+        """
+        if number is None:
+            number = max(self.channels, default=0) + 1
+        channel = records.Channel(
+            id=number,
+            topic=topic,
+            message_encoding=encoding,
+            metadata=metadata,
+            schema_id=schema,
+        )
+        self.channels[number] = channel
+        self._enqueue(lambda: self._write_record(channel))
+        return number
+
+    # -- messages --------------------------------------------------------------------------
+
+    def write(self, parts: Sequence[Messages]) -> None:
+        """Write messages, merged by log time, in chunks of about 1 MiB.
+
+        Parameters
+        ----------
+        parts : sequence of Messages
+            All that belongs to one stretch of time; calls come in the order of time.
+        """
+        parts = [p for p in parts if len(p.channel)]
+        if not parts:
+            return
+        log_time = np.concatenate([p.log_time for p in parts])
+        size = np.concatenate([p.length for p in parts]) + _RECORD
+        order = np.argsort(log_time, kind="stable")
+        ends = np.cumsum(size[order])
+        place = np.empty(len(order), np.int64)
+        place[order] = ends - size[order]
+        body = np.empty(int(ends[-1]), np.uint8)
+        begin = 0
+        for part in parts:
+            end = begin + len(part.channel)
+            _scatter(
+                body,
+                place[begin:end],
+                part.channel,
+                part.sequence,
+                part.log_time,
+                part.publish_time,
+                part.buffer,
+                part.offset,
+                part.length,
+            )
+            begin = end
+        channel = np.concatenate([p.channel for p in parts])[order]
+        times = log_time[order]
+        place = place[order]
+        first = 0
+        while first < len(order):
+            base = int(place[first])
+            last = int(np.searchsorted(ends, base + CHUNK_SIZE, side="right"))
+            last = max(last, first + 1)
+            rows = slice(first, last)
+            chunk = body[base : int(ends[last - 1])]
+            self._enqueue(
+                self._pool.submit(
+                    _pack, chunk, channel[rows], times[rows], place[rows] - base, self.compression
+                )
+            )
+            first = last
+
+    def write_chunk(
+        self,
+        record: bytes,
+        indexes: list[tuple[int, bytes]],
+        times: tuple[int, int],
+        compression: str,
+        sizes: tuple[int, int],
+    ) -> None:
+        """Write a chunk record of another file as it is.
+
+        Parameters
+        ----------
+        record : bytes
+            The whole record.
+        indexes : list of (int, bytes)
+            Channel id and the entries of its message index (16 bytes a message).
+        times : (int, int)
+            First and last log time.
+        compression : str
+        sizes : (int, int)
+            Bytes of its data, compressed and not.
+        """
+        counts = {channel: len(entries) // 16 for channel, entries in indexes}
+        chunk = _Chunk(record, indexes, counts, *times, compression, *sizes)
+        self._enqueue(lambda: self._write_chunk(chunk))
+
+    # -- the rest --------------------------------------------------------------------------
+
+    def write_record_bytes(self, opcode: int, record: bytes) -> None:
+        """Write a top-level record as it is; metadata and attachments are indexed.
+
+        Parameters
+        ----------
+        opcode : int
+        record : bytes
+            The whole record, its 9-byte head included.
+        """
+
+        def write() -> None:
+            start = self._position
+            self._write(record)
+            if opcode == Opcode.METADATA:
+                name = records.Metadata.read(ReadDataStream(BytesIO(record[9:]))).name
+                self._metadata_indexes.append(records.MetadataIndex(start, len(record), name))
+            elif opcode == Opcode.ATTACHMENT:
+                log_time, create_time = struct.unpack_from("<QQ", record, 9)
+                name, pos = _string(record, 25)
+                media, pos = _string(record, pos)
+                (data_size,) = struct.unpack_from("<Q", record, pos)
+                self._attachment_indexes.append(
+                    records.AttachmentIndex(
+                        offset=start,
+                        length=len(record),
+                        log_time=log_time,
+                        create_time=create_time,
+                        data_size=data_size,
+                        name=name,
+                        media_type=media,
+                    )
+                )
+
+        self._enqueue(write)
+
+    def add_metadata(self, name: str, values: dict[str, str]) -> None:
+        """Write a Metadata record."""
+        builder = RecordBuilder()
+        records.Metadata(name=name, metadata=values).write(builder)
+        self.write_record_bytes(Opcode.METADATA, builder.end())
+
+    def finish(self) -> None:
+        """Write everything that is queued, the summary and the footer."""
+        while self._queue:
+            self._drain_one()
+        self._pool.shutdown()
+        self._write_record(records.DataEnd(data_section_crc=0))
+        self._write_summary()
+        self._write(MAGIC)
+
+    def abort(self) -> None:
+        """Drop what is queued; the file is of no use afterwards."""
+        self._queue.clear()
+        self._pool.shutdown(wait=True, cancel_futures=True)
+
+    # -- inside ----------------------------------------------------------------------------
+
+    def _enqueue(self, item: Future[_Chunk] | Callable[[], None]) -> None:
+        """Keep the order of the file while chunks are compressed by the pool."""
+        self._queue.append(item)
+        while len(self._queue) > _QUEUE:
+            self._drain_one()
+
+    def _drain_one(self) -> None:
+        item = self._queue.popleft()
+        if isinstance(item, Future):
+            self._write_chunk(item.result())
+        else:
+            item()
+
+    def _write(self, data: bytes | memoryview) -> None:
+        self._stream.write(data)
+        self._position += len(data)
+
+    def _write_record(self, record: records.McapRecord) -> None:
+        builder = RecordBuilder()
+        record.write(builder)
+        self._write(builder.end())
+
+    def _write_chunk(self, chunk: _Chunk) -> None:
+        start = self._position
+        self._write(chunk.record)
+        index_start = self._position
+        offsets = {}
+        for channel, entries in chunk.indexes:
+            offsets[channel] = self._position
+            head = struct.pack(
+                "<BQHI", Opcode.MESSAGE_INDEX, 6 + len(entries), channel, len(entries)
+            )
+            self._write(head)
+            self._write(entries)
+        self._chunk_indexes.append(
+            records.ChunkIndex(
+                chunk_length=len(chunk.record),
+                chunk_start_offset=start,
+                compression=chunk.compression,
+                compressed_size=chunk.compressed_size,
+                message_end_time=chunk.end_time & _U64,
+                message_index_length=self._position - index_start,
+                message_index_offsets=offsets,
+                message_start_time=chunk.start_time & _U64,
+                uncompressed_size=chunk.size,
+            )
+        )
+        for channel, count in chunk.counts.items():
+            self.counts[channel] = self.counts.get(channel, 0) + count
+        low, high = self._span or (chunk.start_time, chunk.end_time)
+        self._span = (min(low, chunk.start_time), max(high, chunk.end_time))
+
+    def _write_summary(self) -> None:
+        start = self._position
+        low, high = self._span or (0, 0)
+        statistics = records.Statistics(
+            attachment_count=len(self._attachment_indexes),
+            channel_count=len(self.channels),
+            channel_message_counts={c: self.counts.get(c, 0) for c in self.channels},
+            chunk_count=len(self._chunk_indexes),
+            message_count=sum(self.counts.values()),
+            message_end_time=high & _U64,
+            message_start_time=low & _U64,
+            metadata_count=len(self._metadata_indexes),
+            schema_count=len(self.schemas),
+        )
+        groups: list[tuple[int, list[records.McapRecord]]] = [
+            (Opcode.SCHEMA, list(self.schemas.values())),
+            (Opcode.CHANNEL, list(self.channels.values())),
+            (Opcode.STATISTICS, [statistics]),
+            (Opcode.CHUNK_INDEX, list(self._chunk_indexes)),
+            (Opcode.ATTACHMENT_INDEX, list(self._attachment_indexes)),
+            (Opcode.METADATA_INDEX, list(self._metadata_indexes)),
+        ]
+        summary = bytearray()
+        offsets = bytearray()
+        for opcode, members in groups:
+            if not members:
+                continue
+            begin = len(summary)
+            for member in members:
+                builder = RecordBuilder()
+                member.write(builder)
+                summary += builder.end()
+            builder = RecordBuilder()
+            records.SummaryOffset(opcode, start + begin, len(summary) - begin).write(builder)
+            offsets += builder.end()
+        offset_start = start + len(summary)
+        footer = struct.pack("<BQQQ", Opcode.FOOTER, 20, start, offset_start)
+        crc = zlib.crc32(bytes(summary) + bytes(offsets) + footer)
+        self._write(bytes(summary) + bytes(offsets) + footer + struct.pack("<I", crc))
+
+
+def _string(record: bytes, pos: int) -> tuple[str, int]:
+    """A length-prefixed string in a record, and where it ends."""
+    (length,) = struct.unpack_from("<I", record, pos)
+    return record[pos + 4 : pos + 4 + length].decode("utf-8", "replace"), pos + 4 + length
+
+
+def _compress(name: str, data: np.ndarray) -> bytes:
+    if name == "zstd":
+        if not hasattr(_local, "zstd"):
+            _local.zstd = zstandard.ZstdCompressor(level=ZSTD_LEVEL)
+        return bytes(_local.zstd.compress(data))
+    if name == "lz4":
+        return bytes(lz4.frame.compress(data, store_size=True))
+    return data.tobytes()
+
+
+def message_indexes(
+    channel: np.ndarray, log_time: np.ndarray, offset: np.ndarray
+) -> list[tuple[int, bytes]]:
+    """Entries of the message index of each channel of a chunk.
+
+    Parameters
+    ----------
+    channel, log_time, offset : ndarray of int64, shape (n,)
+        Of the chunk's messages in order; offsets of their records in the uncompressed chunk.
+
+    Returns
+    -------
+    list of (int, bytes)
+        Channel id and its entries, by id.
+    """
+    entries = np.stack((log_time, offset), axis=1).astype("<u8")
+    return [(int(c), entries[channel == c].tobytes()) for c in np.unique(channel)]
+
+
+def _pack(
+    chunk: np.ndarray, channel: np.ndarray, times: np.ndarray, offset: np.ndarray, compression: str
+) -> _Chunk:
+    """Compress a chunk's records and make its indexes; runs in the pool."""
+    indexes = message_indexes(channel, times, offset)
+    data = _compress(compression, chunk)
+    name = compression.encode()
+    start, end = int(times.min()), int(times.max())
+    crc = zlib.crc32(chunk.data)
+    fields = f"<qqQII{len(name)}sQ"
+    body = struct.pack(fields, start, end, len(chunk), crc, len(name), name, len(data))
+    record = struct.pack("<BQ", Opcode.CHUNK, len(body) + len(data)) + body + data
+    counts = {c: len(entries) // 16 for c, entries in indexes}
+    return _Chunk(record, indexes, counts, start, end, compression, len(data), len(chunk))
+
+
+@njit(cache=True, nogil=True)
+def _put(body, at, value, width):  # type: ignore[no-untyped-def]
+    for b in range(width):
+        body[at + b] = (value >> (8 * b)) & 0xFF
+
+
+@njit(cache=True, nogil=True)
+def _scatter(body, place, channel, sequence, log_time, publish_time, buffer, offset, length):  # type: ignore[no-untyped-def]
+    """Write message records, each at its place in the chunk body."""
+    for i in range(place.shape[0]):
+        p = place[i]
+        body[p] = 0x05
+        _put(body, p + 1, length[i] + 22, 8)
+        _put(body, p + 9, channel[i], 2)
+        _put(body, p + 11, sequence[i], 4)
+        _put(body, p + 15, log_time[i], 8)
+        _put(body, p + 23, publish_time[i], 8)
+        p += 31
+        o = offset[i]
+        body[p : p + length[i]] = buffer[o : o + length[i]]

@@ -1,0 +1,108 @@
+"""A file that appears under its name only when it is complete."""
+
+from __future__ import annotations
+
+import contextlib
+import os
+import tempfile
+from pathlib import Path
+from types import TracebackType
+from typing import IO
+
+from sinstool.errors import OutputError
+
+
+def check_output(output: Path, inputs: list[Path], overwrite: bool) -> None:
+    """Refuse an output that exists, is an input, or lies in a folder that cannot be written.
+
+    Parameters
+    ----------
+    output : Path
+    inputs : list of Path
+    overwrite : bool
+        An existing file may be replaced; an input never.
+
+    Raises
+    ------
+    OutputError
+    """
+    folder = output.parent if str(output.parent) else Path(".")
+    if output.is_dir():
+        raise OutputError(f"{output} is a folder", "give the name of a file with -o")
+    if output.exists():
+        for source in inputs:
+            same = output.samefile(source)
+            if source.is_dir():
+                same = same or any(output.samefile(p) for p in source.iterdir() if p.is_file())
+            if same:
+                raise OutputError(f"{output} is the input itself", "choose another file with -o")
+        if not overwrite:
+            raise OutputError(f"{output} exists already", "choose another name or add --overwrite")
+    if not folder.is_dir():
+        raise OutputError(f"the folder {folder} does not exist", "make it, or choose another")
+    if not os.access(folder, os.W_OK | os.X_OK):
+        raise OutputError(f"the folder {folder} cannot be written to", "choose another with -o")
+
+
+class WholeFile:
+    """Write to a temporary file beside the target; rename it on success, remove it otherwise.
+
+    Parameters
+    ----------
+    path : Path
+        The target.
+
+    Raises
+    ------
+    OutputError
+        The folder refuses a new file.
+    """
+
+    def __init__(self, path: Path) -> None:
+        self.path = path
+        try:
+            handle, name = tempfile.mkstemp(
+                prefix=f".{path.name}.", suffix=".part", dir=path.parent or "."
+            )
+        except OSError as exc:
+            raise OutputError(f"cannot write in {path.parent}: {exc.strerror}") from exc
+        self._part = Path(name)
+        self.stream: IO[bytes] = os.fdopen(handle, "wb", buffering=2**20)
+
+    def __enter__(self) -> WholeFile:
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        exc: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        if kind is None:
+            self._complete()
+        else:
+            self._discard()
+            if isinstance(exc, OSError) and exc.errno is not None:
+                raise OutputError(f"writing {self.path} failed: {exc.strerror}") from exc
+
+    def _complete(self) -> None:
+        try:
+            self.stream.flush()
+            os.fsync(self.stream.fileno())
+            self.stream.close()
+            # mkstemp makes files private; the user's own mask decides who may read the result.
+            mask = os.umask(0)
+            os.umask(mask)
+            os.chmod(self._part, 0o666 & ~mask)
+            os.replace(self._part, self.path)
+        except BaseException as exc:
+            self._discard()
+            if isinstance(exc, OSError):
+                raise OutputError(f"writing {self.path} failed: {exc.strerror}") from exc
+            raise
+
+    def _discard(self) -> None:
+        # A full disk refuses the last flush too; the file goes anyway.
+        with contextlib.suppress(OSError):
+            self.stream.close()
+        self._part.unlink(missing_ok=True)
