@@ -37,6 +37,9 @@ class AttitudeSettings:
         Earth rate to remove, rad/s in NED.
     sample_rate : float or None
         Rate in Hz to be believed instead of the stamps' intervals.
+    still_until_ns : int or None
+        The vehicle is known to be at rest until then: what the gyro seems to turn is the
+        wandering of its bias, and the attitude stays.
     """
 
     algorithm: ConingAlgorithm
@@ -46,6 +49,7 @@ class AttitudeSettings:
     gyro_bias: np.ndarray
     omega_ie_n: np.ndarray | None = None
     sample_rate: float | None = None
+    still_until_ns: int | None = None
 
 
 class AttitudeRun:
@@ -145,7 +149,13 @@ class AttitudeRun:
         if not len(vectors.sample):
             return
         assert self._held is not None
-        q = self._propagator.push(vectors.rotation_vector, vectors.interval)
+        q = np.empty((len(vectors.sample), 4))
+        until = self.settings.still_until_ns
+        still = 0 if until is None else int(np.searchsorted(vectors.time_ns, until, "right"))
+        q[:still] = self._propagator.q_nb
+        q[still:] = self._propagator.push(
+            vectors.rotation_vector[still:], vectors.interval[still:]
+        )
         rows = vectors.sample - self._held_first
         solution = _solution(self._held.rows(rows), q)
         self.updates += len(q)

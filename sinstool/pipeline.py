@@ -326,6 +326,9 @@ def _settings(source: Source, alignment: Alignment, config: ProcessConfig) -> At
         alignment.gyro_bias,
         _earth_rate(source),
         rate,
+        source.survey.lead_in.end_ns
+        if source.survey.lead_in is not None and alignment.bias_source == "still"
+        else None,
     )
 
 
