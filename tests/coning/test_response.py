@@ -6,6 +6,7 @@ within 1 % or 1e-6 deg/h, or half a unit of the last digit it is given with.
 
 from decimal import Decimal
 
+import mpmath
 import numpy as np
 import pytest
 
@@ -268,6 +269,23 @@ def test_true_rotation_vectors_do_not_drift(half_angle, turn):
     phi = rotation.log(rotation.multiply(wrong, rotation.conjugate(r)))
     found = drift_from_phi(phi, 0.01, turn / 2 / np.pi / 0.01)
     assert found == pytest.approx(e / 0.01, rel=1e-5)
+
+
+@pytest.mark.parametrize("half_angle", [1e-4, 2e-3, 0.05])
+@pytest.mark.parametrize("frequency", [0.3, 11.0, 170.0, 310.0])
+def test_difference_of_the_angles_does_not_cancel(half_angle, frequency):
+    gyro = coning_samples(half_angle, frequency, INTERVAL, 5, "increment")
+    phi = algorithm("previous-3").rotation_vectors(gyro, np.full(5, INTERVAL), 4, 1)[0]
+    with mpmath.workdps(60):
+        exact_phi = [mpmath.mpf(float(v)) for v in phi]
+        angle = mpmath.sqrt(sum(v * v for v in exact_phi))
+        half = mpmath.pi * mpmath.mpf(frequency) * mpmath.mpf(INTERVAL)
+        cosine = mpmath.cos(angle / 2) * mpmath.cos(half) - (
+            exact_phi[2] / angle * mpmath.sin(angle / 2) * mpmath.sin(half)
+        )
+        exact = -2 * (mpmath.acos(cosine) - half) / mpmath.mpf(INTERVAL)
+    error = abs(drift_from_phi(phi, INTERVAL, frequency) - float(exact))
+    assert error < 1e-13 * coning_rate(half_angle, frequency)
 
 
 def rates_gain(turn, q):
