@@ -64,13 +64,13 @@ def _decompress(name: str, data: bytes | memoryview, size: int) -> bytes | memor
         return data
     if name not in ("zstd", "lz4", "bz2"):
         raise UnknownCompressionError(f"compression '{name}' is not one of zstd, lz4, bz2, none")
-    if size == 0:
+    if not len(data) and size == 0:
         return b""
     if name == "zstd":
         declared = zstandard.frame_content_size(data)
         if declared not in (-1, size):
             raise CompressionError(f"its zstd frame declares {declared} bytes, not {size}")
-        return _zstd().decompress(data, max_output_size=size)
+        return _zstd().decompress(data, max_output_size=max(size, 1))
     if name == "lz4":
         unpacked = lz4.frame.LZ4FrameDecompressor().decompress(data, max_length=size + 1)
         return bytes(unpacked)

@@ -113,7 +113,7 @@ class Rosbag1Log(Log):
         magic = self._read_at(0, len(MAGIC))
         if magic != MAGIC:
             if magic.startswith(b"#ROSBAG V") and not MAGIC.startswith(magic):
-                version = magic[8:].split(b"\n")[0].decode("ascii", "replace")
+                version = magic[9:].split(b"\n")[0].decode("ascii", "replace")
                 raise UnsupportedLogError(
                     self.path, f"a bag of version {version}", "`rosbag fix` makes it version 2.0"
                 )
@@ -257,7 +257,9 @@ class Rosbag1Log(Log):
             with suppress(_BadRecordError):
                 self._record(end)
                 return end
-        raise _BadRecordError("nothing follows the message index where it says it ends")
+        if record.end > self.size:
+            raise _BadRecordError("a message index runs over the end of the file")
+        return record.end
 
     def _run(self, record: _Record) -> Generator[RawBatch, None, int]:
         """Messages at the top level; returns where the next other record begins."""

@@ -343,9 +343,11 @@ def _unzstd(source: BinaryIO, sink: BinaryIO, limit: int | None = None) -> bool:
         if not pending:
             return True
         while not frame.eof:
-            if not pending or (limit is not None and sink.tell() > limit):
+            if not pending:
                 return False
             sink.write(frame.decompress(pending))
+            if limit is not None and sink.tell() > limit:
+                return False
             pending = source.read(_PIECE) if not frame.eof else frame.unused_data
 
 

@@ -140,19 +140,14 @@ class SqliteLog(Log):
         if wanted is not None:
             query += f" WHERE topic_id IN ({', '.join(map(str, sorted(wanted)))})"
         rows: list[tuple] = []
-        last = 0
+        last = held = 0
         assert self._database is not None, "the log is closed"
         try:
-            cursor = self._database.execute(query + " ORDER BY rowid")
-            step, held = 64, 0
-            while more := cursor.fetchmany(step):
-                rows += more
-                last = more[-1][0]
-                size = sum(len(row[3]) for row in more if isinstance(row[3], bytes))
-                held += size
-                # Ask for about a quarter of a batch at a time, whatever the messages' size
-                step = max(1, min(BATCH // 4, BATCH_BYTES // 4 * len(more) // (size + 1)))
-                if len(rows) >= BATCH or held >= BATCH_BYTES:
+            for row in self._database.execute(query + " ORDER BY rowid"):
+                rows.append(row)
+                last = row[0]
+                held += len(row[3]) if type(row[3]) is bytes else 0
+                if len(rows) == BATCH or held >= BATCH_BYTES:
                     yield self._selected(self._batch(rows), wanted)
                     rows, held = [], 0
         except (sqlite3.Error, OverflowError) as exc:

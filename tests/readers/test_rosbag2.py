@@ -1,0 +1,517 @@
+import os
+import shutil
+import sqlite3
+
+import numpy as np
+import pytest
+import zstandard
+from rosbags.rosbag2 import CompressionFormat, CompressionMode, Reader, StoragePlugin, Writer
+
+from sinstool.errors import DamagedLogError, NotALogError, SinstoolError, UnsupportedLogError
+from sinstool.readers import open_log
+from sinstool.readers import sqlite as sqlite_module
+
+from .logs import (
+    IMU,
+    TOPICS,
+    Row,
+    definition,
+    memory_below,
+    payload_of,
+    read_back,
+    real,
+    rows,
+    same_time,
+    store,
+    write_mcap,
+)
+
+STORAGES = {"db3": StoragePlugin.SQLITE3, "mcap": StoragePlugin.MCAP}
+
+
+def content(count=300):
+    return same_time(rows(count))
+
+
+def write_bag2(path, messages, storage="db3", mode=None):
+    """A bag folder by rosbags' writer."""
+    writer = Writer(path, version=9, storage_plugin=STORAGES[storage])
+    if mode:
+        writer.set_compression(CompressionMode[mode.upper()], CompressionFormat.ZSTD)
+    with writer:
+        ids = {
+            topic: writer.add_connection(topic, TOPICS[topic], typestore=store())
+            for topic in dict.fromkeys(row.topic for row in messages)
+        }
+        for row in messages:
+            writer.write(ids[row.topic], row.log_time, row.payload)
+    return path
+
+
+def write_db3(path, messages, version=3, wal=False):
+    """A .db3 as the versions of rosbag2 made it; the connection comes too while `wal`."""
+    database = sqlite3.connect(path)
+    if wal:
+        database.execute("PRAGMA journal_mode=wal")
+        database.execute("PRAGMA wal_autocheckpoint=0")
+    more = {1: "", 2: ", offered_qos_profiles TEXT NOT NULL"}.get(version)
+    if more is None:
+        database.execute("CREATE TABLE schema(schema_version INTEGER PRIMARY KEY, ros_distro TEXT)")
+        database.execute("INSERT INTO schema VALUES (?, 'x')", (version,))
+        more = ", offered_qos_profiles TEXT NOT NULL"
+    if version >= 4:
+        more += ", type_description_hash TEXT NOT NULL"
+        database.execute(
+            "CREATE TABLE message_definitions(id INTEGER PRIMARY KEY, topic_type TEXT, encoding TEXT,"
+            " encoded_message_definition TEXT, type_description_hash TEXT)"
+        )
+    database.execute(
+        "CREATE TABLE topics(id INTEGER PRIMARY KEY, name TEXT NOT NULL, type TEXT NOT NULL,"
+        f" serialization_format TEXT NOT NULL{more})"
+    )
+    database.execute(
+        "CREATE TABLE messages(id INTEGER PRIMARY KEY, topic_id INTEGER NOT NULL,"
+        " timestamp INTEGER NOT NULL, data BLOB NOT NULL)"
+    )
+    database.execute("CREATE INDEX timestamp_idx ON messages (timestamp ASC)")
+    ids = {}
+    for topic in dict.fromkeys(row.topic for row in messages):
+        ids[topic] = len(ids) + 1
+        values = [ids[topic], topic, TOPICS[topic], "cdr", "- history: 1", "RIHS01_00"]
+        values = values[: {1: 4, 2: 5, 3: 5}.get(version, 6)]
+        marks = ", ".join("?" * len(values))
+        database.execute(f"INSERT INTO topics VALUES ({marks})", values)
+        if version >= 4:
+            values = (topic and TOPICS[topic], "ros2msg", definition(TOPICS[topic])[0], "RIHS01_00")
+            database.execute("INSERT INTO message_definitions VALUES (NULL, ?, ?, ?, ?)", values)
+    database.commit()
+    database.executemany(
+        "INSERT INTO messages (topic_id, timestamp, data) VALUES (?, ?, ?)",
+        [(ids[row.topic], row.log_time, row.payload) for row in messages],
+    )
+    database.commit()
+    if wal:
+        return path, database
+    database.close()
+    return path
+
+
+def metadata(folder, files, storage="sqlite3", extra=""):
+    listed = "".join(f"  - {name}\n" for name in files)
+    (folder / "metadata.yaml").write_text(
+        "rosbag2_bagfile_information:\n  version: 4\n"
+        f"  storage_identifier: {storage}\n{extra}  relative_file_paths:\n{listed}"
+    )
+
+
+def snapshot(folder):
+    return {p.name: (p.stat().st_mtime_ns, p.read_bytes()) for p in folder.iterdir()}
+
+
+# -- a single .db3 -------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("version", [1, 2, 3, 4])
+def test_every_version_of_the_schema(tmp_path, version):
+    path = write_db3(tmp_path / "a.db3", content(), version)
+    before = snapshot(tmp_path)
+    with open_log(path) as log:
+        assert (log.format, log.profile) == ("rosbag2", "ros2")
+        assert {c.topic: c.type for c in log.channels.values()} == TOPICS
+        assert read_back(log) == content()
+        channel = log.channels_of("/imu")[0]
+        assert channel.message_encoding == "cdr"
+        assert channel.schema_text == (definition(IMU)[0] if version == 4 else "")
+        assert channel.definition(path).types
+        wanted = {"offered_qos_profiles": "- history: 1"} if version > 1 else {}
+        wanted |= {"type_description_hash": "RIHS01_00"} if version == 4 else {}
+        assert channel.metadata == wanted
+        imu = [r for r in content() if r.topic == "/imu"]
+        assert read_back(log, [channel.id]) == imu
+        assert read_back(log, []) == []
+    assert snapshot(tmp_path) == before
+
+
+def test_order_is_that_of_insertion(tmp_path):
+    mixed = [content()[k] for k in np.random.default_rng(0).permutation(len(content()))]
+    with open_log(write_db3(tmp_path / "a.db3", mixed)) as log:
+        assert read_back(log) == mixed
+
+
+def test_batches_are_bounded_in_messages_and_in_bytes(tmp_path, monkeypatch):
+    monkeypatch.setattr(sqlite_module, "BATCH", 100)
+    with open_log(write_db3(tmp_path / "a.db3", content())) as log:
+        sizes = [len(batch) for batch in log.batches()]
+        assert max(sizes) <= 125
+        assert sum(sizes) == len(content())
+        assert read_back(log) == content()
+        one, two = log.batches(), log.batches([1])
+        assert len(next(one)) and len(next(two)) and len(next(one))
+    images = [Row("/imu", k, k, bytes([k]) * 3_000_000) for k in range(30)]
+    path = write_db3(tmp_path / "b.db3", images)
+    del images
+    with memory_below(80 * 2**20), open_log(path) as log:
+        assert sum(len(batch) for batch in log.batches()) == 30
+
+
+@pytest.mark.parametrize("shared_memory", [True, False])
+def test_rows_that_are_still_in_the_wal_are_read(tmp_path, shared_memory):
+    path, database = write_db3(tmp_path / "live.db3", content(), wal=True)
+    folder = tmp_path / "copy"
+    folder.mkdir()
+    for tail in ("", "-wal", "-shm")[: 3 if shared_memory else 2]:
+        shutil.copyfile(f"{path}{tail}", folder / f"live.db3{tail}")
+    before = {name: raw for name, (_, raw) in snapshot(folder).items()}
+    with open_log(folder / "live.db3") as log:
+        assert read_back(log) == content()
+    after = {name: raw for name, (_, raw) in snapshot(folder).items()}
+    assert after.keys() == before.keys()
+    assert all(after[name] == before[name] for name in ("live.db3", "live.db3-wal"))
+    with open_log(path) as log:  # while the recorder still runs
+        assert read_back(log) == content()
+    database.close()
+    assert not (tmp_path / "live.db3-wal").exists()
+    with open_log(path) as log:
+        assert read_back(log) == content()
+
+
+def test_wal_where_no_lock_file_can_be_made(tmp_path, monkeypatch):
+    path, database = write_db3(tmp_path / "live.db3", content(), wal=True)
+    folder = tmp_path / "copy"
+    folder.mkdir()
+    for tail in ("", "-wal"):
+        shutil.copyfile(f"{path}{tail}", folder / f"live.db3{tail}")
+    database.close()
+    plain = sqlite_module._open
+
+    def refuse(file, mode):
+        if mode == "mode=ro":  # as in a folder one may not write to (root may, everywhere)
+            raise sqlite3.OperationalError("unable to open database file")
+        return plain(file, mode)
+
+    monkeypatch.setattr(sqlite_module, "_open", refuse)
+    before = snapshot(folder)
+    with open_log(folder / "live.db3") as log:
+        beside = log._beside.name
+        assert read_back(log) == content()
+    assert snapshot(folder) == before
+    assert not os.path.exists(beside)
+
+
+def test_names_that_mean_something_in_an_uri(tmp_path):
+    path = write_db3(tmp_path / "a?mode=rw&b#c %41.db3", content(3))
+    with open_log(path) as log:
+        assert read_back(log) == content(3)
+
+
+def test_a_damaged_database_says_how_to_recover(tmp_path):
+    path = write_db3(tmp_path / "a.db3", content())
+    data = path.read_bytes()
+    path.write_bytes(data[: len(data) // 2])
+    with (
+        pytest.raises(DamagedLogError, match=r"sqlite3 '.*a\.db3' \.recover"),
+        open_log(path) as log,
+    ):
+        read_back(log)
+    path.write_bytes(data[:100] + bytes(5000))
+    with pytest.raises(DamagedLogError, match="recover"):
+        open_log(path)
+
+
+def test_salvage_keeps_what_comes_before_the_damage(tmp_path):
+    path = write_db3(tmp_path / "a.db3", content())
+    data = bytearray(path.read_bytes())
+    data[len(data) * 2 // 3 // 4096 * 4096 :][:4096] = b""
+    at = len(data) * 2 // 3 // 4096 * 4096
+    data[at : at + 8192] = b"\xa5" * 8192
+    path.write_bytes(data)
+    with open_log(path, salvage=True) as log:
+        found = read_back(log)
+        assert found == content()[: len(found)]
+        assert 0 < len(found) < len(content())
+        assert "what follows message" in log.lost[0]
+
+
+def test_cells_of_any_type(tmp_path):
+    path = write_db3(tmp_path / "a.db3", content(30))
+    database = sqlite3.connect(path)
+    database.execute("UPDATE messages SET data = 'text' WHERE id = 4")
+    database.execute("UPDATE messages SET timestamp = 1.5 WHERE id = 5")
+    database.execute("UPDATE messages SET topic_id = 77 WHERE id = 6")
+    database.commit()
+    database.close()
+    with open_log(path) as log, pytest.raises(DamagedLogError, match="holds"):
+        read_back(log)
+    with open_log(path, salvage=True) as log:
+        assert read_back(log) == content(30)[:3] + content(30)[6:]
+        assert sorted(log.lost)[1].startswith("messages of channel 77")
+
+
+def test_other_databases_are_no_logs(tmp_path):
+    path = tmp_path / "a.db3"
+    database = sqlite3.connect(path)
+    database.execute("CREATE TABLE notes(x)")
+    database.commit()
+    database.close()
+    with pytest.raises(NotALogError, match="not of a ROS 2 bag"):
+        open_log(path)
+
+
+def test_flipped_bytes_give_an_error_of_ours_or_nothing(tmp_path):
+    data = write_db3(tmp_path / "a.db3", content(30), 4).read_bytes()
+    path = tmp_path / "b.db3"
+    rng = np.random.default_rng(0)
+    for _ in range(150):
+        broken = bytearray(data)
+        for at in rng.integers(16, len(data), 4):
+            broken[at] = rng.integers(0, 256)
+        path.write_bytes(broken)
+        for salvage in (False, True):
+            try:
+                with open_log(path, salvage) as log:
+                    read_back(log)
+            except SinstoolError as exc:
+                assert "\n" not in str(exc)
+
+
+# -- folders -------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("storage", ["db3", "mcap"])
+@pytest.mark.parametrize("mode", [None, "file", "message"])
+def test_bags_of_rosbags_writer(tmp_path, storage, mode):
+    path = write_bag2(tmp_path / "bag", content(), storage, mode)
+    before = snapshot(path)
+    with open_log(path) as log:
+        assert (log.format, log.profile) == ("rosbag2", "ros2")
+        assert {c.topic: c.type for c in log.channels.values()} == TOPICS
+        assert read_back(log) == content()
+        assert read_back(log, [log.channels_of("/baro")[0].id]) == [
+            row for row in content() if row.topic == "/baro"
+        ]
+        assert log.channels_of("/imu")[0].schema_text == definition(IMU)[0]
+        unpacked = log._unpacked.name if log._unpacked else ""
+        assert bool(unpacked) == (mode == "file")
+        assert not log.lost
+    assert not (unpacked and os.path.exists(unpacked))
+    assert snapshot(path) == before
+
+
+def split(folder, storage="db3", pieces=12):
+    """A bag in pieces, with other channel numbers in each."""
+    folder.mkdir()
+    names = []
+    for k in range(pieces):
+        part = content()[k * 400 // pieces : (k + 1) * 400 // pieces]
+        part = sorted(part, key=lambda row: (row.topic == "/imu") == (k % 2 == 0))
+        names.append(f"bag_{k}.{storage}")
+        if storage == "db3":
+            write_db3(folder / names[-1], part, 3 if k else 1)
+        else:
+            write_mcap(folder / names[-1], part)
+    return names
+
+
+def in_order(folder, names):
+    out = []
+    for name in names:
+        with open_log(folder / name) as log:
+            out += read_back(log)
+    return out
+
+
+@pytest.mark.parametrize("storage", ["db3", "mcap"])
+def test_channels_are_the_same_in_all_files(tmp_path, storage):
+    folder = tmp_path / "bag"
+    names = split(folder, storage)
+    wanted = in_order(folder, names)
+    assert sorted(wanted) == sorted(content())
+    backwards = names[::-1]
+    metadata(folder, [f"bag/{n}" for n in backwards], {"db3": "sqlite3"}.get(storage, storage))
+    with open_log(folder) as log:
+        assert len(log.channels) == 2
+        assert read_back(log) == in_order(folder, backwards)
+        assert [part.path.name for part in log.parts] == backwards
+        assert sum(log.counts.values()) == (len(content()) if storage == "mcap" else 0)
+    (folder / "metadata.yaml").unlink()
+    with open_log(folder) as log:  # in natural order: bag_2 before bag_10
+        assert read_back(log) == wanted
+
+
+def test_a_topic_whose_type_changes_is_two_channels(tmp_path):
+    folder = tmp_path / "bag"
+    folder.mkdir()
+    write_db3(folder / "a.db3", content(10))
+    path = write_db3(folder / "b.db3", content(10))
+    database = sqlite3.connect(path)
+    database.execute("UPDATE topics SET type = 'sensor_msgs/msg/Temperature' WHERE name = '/baro'")
+    database.commit()
+    database.close()
+    with open_log(folder) as log:
+        assert len(log.channels_of("/imu")) == 1
+        assert [c.type.split("/")[-1] for c in log.channels_of("/baro")] == [
+            "FluidPressure",
+            "Temperature",
+        ]
+        assert read_back(log) == content(10) * 2
+
+
+def test_a_file_that_is_missing(tmp_path):
+    folder = tmp_path / "bag"
+    names = split(folder)
+    metadata(folder, names)
+    (folder / names[3]).unlink()
+    with pytest.raises(DamagedLogError, match=r"lists bag_3\.db3, which is not there.*--salvage"):
+        open_log(folder)
+    with open_log(folder, salvage=True) as log:
+        assert read_back(log) == in_order(folder, names[:3] + names[4:])
+        assert log.lost == ["metadata.yaml lists bag_3.db3, which is not there"]
+
+
+def test_a_damaged_file_is_named(tmp_path):
+    folder = tmp_path / "bag"
+    names = split(folder, "mcap", 3)
+    metadata(folder, names, "mcap")
+    wanted = in_order(folder, names)
+    data = (folder / names[1]).read_bytes()
+    (folder / names[1]).write_bytes(data[:-3])
+    with pytest.raises(DamagedLogError, match=r"bag_1\.mcap: cut short"):
+        open_log(folder)
+    with open_log(folder, salvage=True) as log:
+        assert read_back(log) == wanted
+        assert log.lost[0].startswith("bag_1.mcap: cut short")
+
+
+@pytest.mark.parametrize(
+    "text", ["", "just text", "a: [", "rosbag2_bagfile_information: 3", "\x00"]
+)
+def test_metadata_that_cannot_be_used(tmp_path, text):
+    folder = tmp_path / "bag"
+    names = split(folder, pieces=3)
+    (folder / "metadata.yaml").write_text(text)
+    with pytest.raises(DamagedLogError, match=r"metadata\.yaml cannot be used") as caught:
+        open_log(folder)
+    assert "\n" not in str(caught.value)
+    with open_log(folder, salvage=True) as log:
+        assert read_back(log) == in_order(folder, names)
+
+
+def test_what_we_do_not_read_is_named(tmp_path):
+    folder = tmp_path / "bag"
+    names = split(folder, pieces=1)
+    metadata(folder, names, "leveldb")
+    with pytest.raises(UnsupportedLogError, match="'leveldb'.*sqlite3 and mcap"):
+        open_log(folder)
+    metadata(folder, names, extra="  compression_mode: FILE\n  compression_format: lz4\n")
+    with pytest.raises(UnsupportedLogError, match="compressed by 'lz4'"):
+        open_log(folder)
+
+
+def test_folders_that_are_no_bags(tmp_path):
+    with pytest.raises(NotALogError, match="holds no files"):
+        open_log(tmp_path)
+    (tmp_path / "a.csv").write_text("1,2")
+    write_mcap(tmp_path / "a.mcap", content(3))
+    write_mcap(tmp_path / "b.mcap", content(3))
+    with pytest.raises(NotALogError, match=r"holds 1 \.csv, 2 \.mcap: name one log"):
+        open_log(tmp_path)
+
+
+def test_compressed_files_that_are_cut_or_corrupt(tmp_path):
+    path = write_bag2(tmp_path / "bag", content(), "mcap", "file")
+    file = next(p for p in path.iterdir() if p.suffix == ".zstd")
+    data = file.read_bytes()
+    file.write_bytes(data[: len(data) // 2])
+    with pytest.raises(DamagedLogError, match="ends too early"):
+        open_log(path)
+    with open_log(path, salvage=True) as log:
+        found = read_back(log)
+        assert found == content()[: len(found)]
+    file.write_bytes(data[:100] + bytes(50) + data[150:])
+    with pytest.raises(DamagedLogError):
+        open_log(path)
+
+
+def test_compressed_files_of_several_frames(tmp_path):
+    path = write_bag2(tmp_path / "bag", content(), "db3", "file")
+    file = next(p for p in path.iterdir() if p.suffix == ".zstd")
+    plain = zstandard.ZstdDecompressor().stream_reader(file.read_bytes()).read()
+    frames = [plain[:5000], plain[5000:9000], plain[9000:]]
+    file.write_bytes(b"".join(zstandard.compress(f) for f in frames))
+    with open_log(path) as log:
+        assert read_back(log) == content()
+
+
+def test_compressed_messages_that_are_damaged_or_swell(tmp_path):
+    path = write_bag2(tmp_path / "bag", content(30), "db3", "message")
+    file = next(path.glob("*.db3"))
+    unsized = zstandard.ZstdCompressor(write_content_size=False)
+    database = sqlite3.connect(file)
+    database.execute("UPDATE messages SET data = x'28b52ffd00' WHERE id = 3")
+    database.execute("UPDATE messages SET data = x'1234' WHERE id = 4")
+    database.execute(
+        "UPDATE messages SET data = ? WHERE id = 5", (unsized.compress(content(30)[4].payload),)
+    )
+    bomb = unsized.compress(bytes(2**28 + 2**20))
+    database.execute("UPDATE messages SET data = ? WHERE id = 6", (bomb[:9000],))
+    database.commit()
+    database.close()
+    with open_log(path) as log, pytest.raises(DamagedLogError, match="a message's zstd"):
+        read_back(log)
+    with open_log(path, salvage=True) as log:
+        assert read_back(log) == content(30)[:2] + content(30)[4:5] + content(30)[6:]
+        assert log.lost
+
+
+def test_a_file_of_compressed_messages_alone_says_so(tmp_path):
+    from sinstool.messages.decode import Decoder
+
+    path = write_bag2(tmp_path / "bag", content(3), "db3", "message")
+    file = next(path.glob("*.db3"))
+    with open_log(file) as log:
+        channel = log.channels_of("/imu")[0]
+        decoder = Decoder(channel.definition(file), {"x": ["angular_velocity.x"]})
+        for batch in log.batches([channel.id]):
+            assert not decoder.decode(batch.buffer, batch.offset, batch.length).valid.any()
+    assert "open the bag's folder" in decoder.problem
+
+
+# -- real ones -----------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("inside", ["", "/ardrone_imu_ros2_db3.db3"])
+def test_real_bag_reads_as_rosbags_reads_it(inside):
+    path = real(f"imu_tools/ardrone_imu_ros2_db3{inside}")
+    with Reader(path) as reader:
+        theirs = [Row(c.topic, t, t, bytes(data)) for c, t, data in reader.messages()]
+    with open_log(path) as log:
+        assert sorted(read_back(log)) == sorted(theirs)
+        for channel in log.channels.values():
+            assert channel.definition(path).types
+
+
+def test_a_ros1_bag_and_its_ros2_conversion_hold_the_same_numbers():
+    from sinstool.messages.decode import Decoder
+
+    columns = {
+        "gyro": [f"angular_velocity.{axis}" for axis in "xyz"],
+        "sec": ["header.stamp.sec"],
+        "nanosec": ["header.stamp.nanosec"],
+    }
+    found = []
+    for name in ("imu_tools/ardrone_imu.bag", "imu_tools/ardrone_imu_ros2_db3"):
+        path = real(name)
+        with open_log(path) as log:
+            imu = next(c for c in log.channels.values() if c.type == IMU)
+            decoder = Decoder(imu.definition(path), columns)
+            parts = [decoder.decode(b.buffer, b.offset, b.length) for b in log.batches([imu.id])]
+        assert all(part.valid.all() for part in parts)
+        whole = {key: np.concatenate([p.values[key] for p in parts]) for key in columns}
+        order = np.lexsort((whole["nanosec"], whole["sec"]))
+        found.append({key: values[order] for key, values in whole.items()})
+    for key in columns:
+        assert np.array_equal(found[0][key], found[1][key])
+
+
+def test_payload_helper_is_deterministic():
+    assert payload_of(IMU, 5) == payload_of(IMU, 5)
