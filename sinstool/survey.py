@@ -39,7 +39,9 @@ _BINS = int((_HIGH - _LOW) / _STEP) + 1
 _FORCE_BINS, _FORCE_STEP = 100_000, 1e-3
 MAX_GAPS_KEPT = 1000
 BURSTY_SHARE = 0.05
+# Several samples at the largest value are a stop, unless the axis is always about there.
 SATURATION_RUN = 3
+SATURATION_RATIO = 2.0
 
 
 @dataclass(frozen=True)
@@ -346,10 +348,11 @@ def _conclude(
     spans = still_spans(windows)
     evidence, telling = unit_evidence(windows)
     names = [f"{sensor} {axis}" for sensor in ("gyro", "accelerometer") for axis in "xyz"]
+    usual = np.sqrt(np.mean(np.hstack((windows.gyro, windows.accel)) ** 2, axis=0))
     saturated = tuple(
         name
-        for name, row in zip(names, tally.extremes, strict=True)
-        if row[1] >= SATURATION_RUN and row[0] > 0
+        for name, row, size in zip(names, tally.extremes, usual, strict=True)
+        if row[1] >= SATURATION_RUN and row[0] > SATURATION_RATIO * size
     )
     identity_only = (
         tally.orientation is not None and not tally.orientation_varies and tally.count > 1

@@ -1,0 +1,1 @@
+"""Truth trajectories with exact inertial samples, and the errors of sensors."""

@@ -1,0 +1,1 @@
+"""Rotation vectors and velocity increments into attitude, velocity, position."""

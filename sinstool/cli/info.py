@@ -1,0 +1,125 @@
+"""`sinstool info`: what is in a log, and what is odd about it."""
+
+from __future__ import annotations
+
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import Any
+
+import click
+
+from sinstool.cli.console import print_json, progress_bar, table
+from sinstool.cli.options import config_options, effective_config
+
+
+@click.command("info")
+@click.argument("log", type=click.Path(path_type=Path))
+@config_options("input")
+@click.option("--json", "as_json", is_flag=True, help="one JSON object on stdout")
+@click.option("-q", "--quiet", is_flag=True, help="no progress")
+@click.option("-v", "--verbose", is_flag=True, help="all still spans; tracebacks for errors")
+def command(
+    log: Path,
+    config_file: Path | None,
+    as_json: bool,
+    quiet: bool,
+    verbose: bool,
+    **given: Any,
+) -> int:
+    """What is in LOG, what is odd about it, and what process would do with it."""
+    config = effective_config(config_file, given)
+    from sinstool.inspection import inspect
+
+    with progress_bar(log.name, quiet) as progress:
+        found = inspect(log, config.input, progress)
+    if as_json:
+        print_json(found)
+    else:
+        _print(found, verbose)
+    return 3 if found["lost"] else 0
+
+
+def _time(ns: str) -> str:
+    """A time as people read it; clocks that count from boot are shown in seconds."""
+    value = int(ns)
+    if value > 946684800 * 10**9:  # 2000-01-01: recorders' own clocks start at zero
+        when = datetime.fromtimestamp(value // 10**9, UTC)
+        return f"{when:%Y-%m-%d %H:%M:%S}.{value % 10**9 // 10**6:03d} UTC"
+    return f"{value / 1e9:.3f} s"
+
+
+def _print(found: dict[str, Any], verbose: bool) -> None:
+    source = found["input"]
+    span = (int(source["end_ns"]) - int(source["start_ns"])) / 1e9
+    table(
+        [
+            ("log", f"{source['path']} ({source['size'] / 1e6:.1f} MB)"),
+            ("format", f"{source['format']}, profile {source['profile'] or 'none'}"),
+            ("messages", f"{source['messages']} in {span:.3f} s"),
+            ("from", _time(source["start_ns"])),
+            ("to", _time(source["end_ns"])),
+        ]
+    )
+    click.echo("\ntopics")
+    names = [t["topic"] for t in found["topics"]]
+    width = max((len(n) for n in names), default=0)
+    for t in found["topics"]:
+        rate = f"{t['rate_hz']:.2f} Hz" if t["rate_hz"] else "-"
+        odd = f", {t['out_of_order']} out of order" if t["out_of_order"] else ""
+        click.echo(
+            f"  {t['topic']:<{width}}  {t['n']:>9}  {rate:>11}  {t['type']}"
+            f"  (longest interval {t['longest_interval_s']:.3g} s{odd})"
+        )
+    for imu in found["imu"]:
+        _print_imu(imu, verbose)
+    for part in found["lost"]:
+        click.echo(f"\nlost: {part}")
+    verdict = found["process"]
+    click.echo("")
+    if verdict["possible"]:
+        note = f" ({verdict['why']})" if verdict["why"] else ""
+        click.echo(f"process would take {verdict['imu_topic']}{note}; align {verdict['align']}")
+    else:
+        click.echo(f"process would refuse this log: {verdict['why']}")
+
+
+def _print_imu(imu: dict[str, Any], verbose: bool) -> None:
+    click.echo(f"\nIMU {imu['topic']}")
+    if "problem" in imu:
+        click.echo(f"  {imu['problem']}")
+        return
+    low, median, high = imu["interval_ms"]
+    gyro = ", ".join(f"{v:.3g}" for v in imu["gyro_max_rad_s"])
+    rows = [
+        ("  samples", f"{imu['n']} at {imu['rate_hz']:.3f} Hz, {imu['covered_s']:.3f} s covered"),
+        ("  interval", f"{low:.4g} / {median:.4g} / {high:.4g} ms (shortest, median, longest)"),
+        (
+            "  time",
+            f"{'header stamps' if imu['time_source'] == 'stamp' else 'log times'};"
+            f" {imu['duplicates']} duplicates, {imu['backward']} backward, {imu['gaps']} gaps",
+        ),
+        (
+            "  clocks",
+            "log time less stamp {:+.4f} to {:+.4f} s".format(*imu["log_less_stamp_s"]),
+        ),
+        ("  gyro", f"largest {gyro} rad/s on x, y, z"),
+        ("  gravity", f"specific force mostly {imu['specific_force_m_s2']:.3f} m/s^2"),
+        ("  orientation", "given" if imu["orientation"] else "none"),
+    ]
+    spans = imu["still"] if verbose else imu["still"][:3]
+    for span in spans:
+        bias = ", ".join(f"{b:.3e}" for b in span["gyro_bias_rad_s"])
+        axis = f", gravity on {span['gravity_axis']}" if span["gravity_axis"] else ""
+        rows.append(
+            (
+                "  still",
+                f"{span['duration_s']:.1f} s from {span['start_s']:.1f} s: mean rate {bias}"
+                f" rad/s{axis}",
+            )
+        )
+    if not imu["still"]:
+        rows.append(("  still", "never for a second"))
+    table(rows)
+    for oddity in imu["oddities"]:
+        answer = f" -> {oddity['answer']}" if oddity["answer"] else ""
+        click.echo(f"  {'!' if oddity['fatal'] else '*'} {oddity['text']}{answer}")

@@ -1,0 +1,175 @@
+"""`sinstool simulate`: logs with exact truth."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any, TypeVar
+
+import click
+
+from sinstool.cli.console import print_json
+from sinstool.cli.options import Numbers
+
+F = TypeVar("F", bound=Callable[..., Any])
+START_NS = 1_700_000_000_000_000_000
+
+
+def _common(function: F) -> F:
+    """Options of every scenario."""
+    options = [
+        click.option(
+            "-o", "--output", type=click.Path(path_type=Path), required=True, help="MCAP to write"
+        ),
+        click.option("--duration", type=float, default=60.0, show_default=True, help="seconds"),
+        click.option("--rate", type=float, default=400.0, show_default=True, help="samples/s, Hz"),
+        click.option(
+            "--gyro-kind",
+            type=click.Choice(["rate", "mean-rate", "increment"]),
+            default="rate",
+            show_default=True,
+            help="what the Imu topic carries",
+        ),
+        click.option(
+            "--body-axes",
+            type=click.Choice(["flu", "frd"]),
+            default="flu",
+            show_default=True,
+            help="axes of the Imu topic; the truth's world is ENU for flu, NED for frd",
+        ),
+        click.option(
+            "--grade",
+            type=click.Choice(["perfect", "navigation", "tactical", "mems"]),
+            default="perfect",
+            show_default=True,
+            help="sensor errors",
+        ),
+        click.option("--seed", type=int, default=0, show_default=True, help="of the errors"),
+        click.option("--overwrite", is_flag=True, help="replace an existing output"),
+        click.option("--json", "as_json", is_flag=True, help="one JSON object on stdout"),
+        click.option("-v", "--verbose", is_flag=True, help="tracebacks for errors"),
+    ]
+    for option in reversed(options):
+        function = option(function)
+    return function
+
+
+@click.group("simulate")
+def command() -> None:
+    """Write a log with exact truth: /imu/data_raw, and /truth/imu and /truth/odometry beside it."""
+
+
+@command.command("coning")
+@_common
+@click.option("--half-angle-deg", type=float, default=1.0, show_default=True, help="of the cone")
+@click.option("--frequency", type=float, default=10.0, show_default=True, help="turns/s, Hz")
+@click.option("--lead-in", type=float, default=0.0, show_default=True, help="rest before it, s")
+def coning(
+    half_angle_deg: float,
+    frequency: float,
+    lead_in: float,
+    duration: float,
+    rate: float,
+    **rest: Any,
+) -> None:
+    """Classical coning, exact for any angle, after an optional rest; the Earth does not turn."""
+    import numpy as np
+
+    from sinstool.simulation.coning import classical_coning
+    from sinstool.simulation.join import after_rest
+    from sinstool.simulation.truth import sample_times
+
+    _positive(duration=duration, rate=rate)
+    if not 0.0 < half_angle_deg < 90.0:
+        raise click.UsageError("--half-angle-deg is between 0 and 90")
+    times = sample_times(rate, duration + lead_in, START_NS)
+    begin = int(np.searchsorted(times, START_NS + round(lead_in * 1e9)))
+    if begin >= len(times) - 1:
+        raise click.UsageError("--duration holds no sample interval")
+    truth = classical_coning(times[begin:], np.radians(half_angle_deg), frequency)
+    if begin > 0:
+        # A cone without an angle is a rest.
+        rest_before = classical_coning(times[: begin + 1], 0.0, frequency, q_nc=truth.q_nb[0])
+        truth = after_rest(truth, rest_before)
+    scenario = {
+        "scenario": "coning",
+        "half_angle_deg": half_angle_deg,
+        "frequency_hz": frequency,
+        "lead_in_s": lead_in,
+    }
+    _write(truth, scenario | {"duration_s": duration, "rate_hz": rate}, None, rest)
+
+
+@command.command("static")
+@_common
+@click.option("--latitude", type=float, default=45.0, show_default=True, help="degrees")
+@click.option("--longitude", type=float, default=0.0, show_default=True, help="degrees")
+@click.option("--height", type=float, default=0.0, show_default=True, help="metres, ellipsoidal")
+@click.option(
+    "--attitude",
+    type=Numbers(3),
+    default="0,0,0",
+    show_default=True,
+    metavar="ROLL,PITCH,HEADING",
+    help="degrees, FRD in NED",
+)
+def static(
+    latitude: float,
+    longitude: float,
+    height: float,
+    attitude: tuple[float, float, float],
+    duration: float,
+    rate: float,
+    **rest: Any,
+) -> None:
+    """A body at rest on the turning Earth, with fixes of where it is."""
+    import numpy as np
+
+    from sinstool.rotation import from_euler
+    from sinstool.simulation.static import static as static_truth
+    from sinstool.simulation.truth import sample_times
+
+    _positive(duration=duration, rate=rate)
+    if not -90.0 <= latitude <= 90.0:
+        raise click.UsageError("--latitude is between -90 and 90")
+    times = sample_times(rate, duration, START_NS)
+    q_nb = from_euler(np.radians(attitude))
+    truth = static_truth(times, q_nb, np.radians(latitude), height)
+    scenario = {
+        "scenario": "static",
+        "latitude_deg": latitude,
+        "longitude_deg": longitude,
+        "height_m": height,
+        "attitude_deg": ",".join(map(str, attitude)),
+        "duration_s": duration,
+        "rate_hz": rate,
+    }
+    position = (float(np.radians(latitude)), float(np.radians(longitude)), height)
+    _write(truth, scenario, position, rest)
+
+
+def _positive(**values: float) -> None:
+    for name, value in values.items():
+        if not value > 0.0:
+            raise click.UsageError(f"--{name} is {value}, not positive")
+
+
+def _write(
+    truth: Any, scenario: dict[str, Any], position: tuple[float, float, float] | None, rest: Any
+) -> None:
+    from sinstool.simulation.sensors import GRADES, with_errors
+    from sinstool.writers.simulated import SimulatedLog, write_simulated
+    from sinstool.writers.whole import check_output
+
+    output: Path = rest["output"]
+    check_output(output, [], rest["overwrite"])
+    sensor = with_errors(truth, GRADES[rest["grade"]], rest["seed"])
+    kept = {k: rest[k] for k in ("gyro_kind", "body_axes", "grade", "seed")}
+    settings = {k: str(v) for k, v in (scenario | kept).items()}
+    log = SimulatedLog(sensor, truth, rest["gyro_kind"], rest["body_axes"], position)
+    counts = write_simulated(output, log, settings)
+    if rest["as_json"]:
+        print_json({"output": str(output), "topics": counts, "settings": settings})
+    else:
+        listing = ", ".join(f"{topic} ({count})" for topic, count in counts.items())
+        click.echo(f"{output}: {listing}")

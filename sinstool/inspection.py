@@ -1,0 +1,225 @@
+"""What is in a log: topics, the survey of each Imu topic, and what `process` would make of it."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from sinstool.config import InputOptions
+from sinstool.errors import DataError, TopicError
+from sinstool.oddities import gravity_axis, oddities
+from sinstool.pipeline import imu_units
+from sinstool.readers import open_log
+from sinstool.readers.frames import turn_body
+from sinstool.readers.log import Log
+from sinstool.readers.topics import OWN_PREFIXES, ImuTopic, choose_imu, imu_candidates
+from sinstool.survey import Survey, survey
+
+MAX_SPANS = 20
+
+
+@dataclass
+class _Traffic:
+    """Messages of one topic, by log time."""
+
+    count: int = 0
+    size: int = 0
+    first: int = 0
+    last: int = 0
+    low: int = 0
+    high: int = 0
+    longest: int = 0
+    backward: int = 0
+    kinds: dict[str, None] = field(default_factory=dict)
+
+    def add(self, times: np.ndarray, size: int) -> None:
+        steps = np.diff(times, prepend=times[0] if self.count == 0 else self.last)
+        self.longest = max(self.longest, int(steps.max()))
+        self.backward += int(np.count_nonzero(steps < 0))
+        low, high = int(times.min()), int(times.max())
+        self.low = low if self.count == 0 else min(self.low, low)
+        self.high = high if self.count == 0 else max(self.high, high)
+        self.first = int(times[0]) if self.count == 0 else self.first
+        self.last = int(times[-1])
+        self.count += len(times)
+        self.size += size
+
+
+def inspect(
+    path: Path, options: InputOptions, progress: Callable[[float], None] | None = None
+) -> dict[str, Any]:
+    """Describe a log.
+
+    Parameters
+    ----------
+    path : Path
+    options : InputOptions
+        Topic, axes and units, as for `process`.
+    progress : callable, optional
+        Called with the fraction done.
+
+    Returns
+    -------
+    dict
+        ``input``, ``topics``, ``imu`` (one entry for each Imu topic), ``process`` (what it would
+        take, or why it would refuse) and ``lost``.
+
+    Raises
+    ------
+    SinstoolError
+    """
+    with open_log(path, options.salvage) as log:
+        wanted = options.imu_topic
+        candidates = [
+            c
+            for c in imu_candidates(log)
+            if (c.topic == wanted if wanted else not c.topic.startswith(OWN_PREFIXES))
+        ]
+        passes = 1 + len(candidates)
+        traffic = _traffic(log, _part(progress, log.size, 0, passes))
+        imus = []
+        for number, candidate in enumerate(candidates):
+            report = _part(progress, log.size, 1 + number, passes)
+            imus.append(_describe(log, candidate, options, report))
+        return {
+            "input": {
+                "path": str(path),
+                "format": log.format,
+                "profile": log.profile,
+                "size": log.size,
+                "messages": sum(t.count for t in traffic.values()),
+                "start_ns": str(min((t.low for t in traffic.values()), default=0)),
+                "end_ns": str(max((t.high for t in traffic.values()), default=0)),
+            },
+            "topics": [_topic(name, t) for name, t in sorted(traffic.items())],
+            "imu": imus,
+            "process": _verdict(log, wanted, imus),
+            "lost": list(log.lost),
+        }
+
+
+def _part(
+    progress: Callable[[float], None] | None, size: int, number: int, passes: int
+) -> Callable[[int], None] | None:
+    if progress is None:
+        return None
+    return lambda position: progress((number + min(1.0, position / max(size, 1))) / passes)
+
+
+def _traffic(log: Log, progress: Callable[[int], None] | None) -> dict[str, _Traffic]:
+    found: dict[str, _Traffic] = {}
+    for channel in log.channels.values():
+        traffic = found.setdefault(channel.topic, _Traffic())
+        traffic.kinds[f"{channel.type_name or 'no type'} ({channel.message_encoding})"] = None
+    for batch in log.batches():
+        if progress:
+            progress(batch.position)
+        for number in np.unique(batch.channel).tolist():
+            mine = batch.channel == number
+            size = int(batch.length[mine].sum())
+            found[log.channels[number].topic].add(batch.log_time[mine], size)
+    return found
+
+
+def _topic(name: str, t: _Traffic) -> dict[str, Any]:
+    span = (t.high - t.low) / 1e9
+    return {
+        "topic": name,
+        "type": ", ".join(t.kinds),
+        "n": t.count,
+        "bytes": t.size,
+        "rate_hz": (t.count - 1) / span if span > 0 else None,
+        "longest_interval_s": t.longest / 1e9,
+        "out_of_order": t.backward,
+    }
+
+
+def _describe(
+    log: Log,
+    topic: ImuTopic,
+    options: InputOptions,
+    progress: Callable[[int], None] | None,
+) -> dict[str, Any]:
+    try:
+        found = survey(
+            log,
+            topic,
+            imu_units(options),
+            max_gap_s=options.max_gap,
+            increments=options.gyro_kind == "increment",
+            progress=progress,
+        )
+    except DataError as exc:
+        return {"topic": topic.topic, "n": 0, "problem": exc.message, "oddities": []}
+    return {
+        "topic": topic.topic,
+        "path": topic.path,
+        "n": found.count,
+        "rate_hz": found.rate_hz,
+        "first_ns": str(found.first_ns),
+        "last_ns": str(found.last_ns),
+        "covered_s": found.duration_s,
+        "interval_ms": [
+            found.interval_range_ns[0] / 1e6,
+            found.interval_ns / 1e6,
+            found.interval_range_ns[1] / 1e6,
+        ],
+        "time_source": found.time_source,
+        "gaps": found.gap_count,
+        "gap_list": [{"start_ns": str(t), "length_s": length} for t, length in found.gaps],
+        "duplicates": found.order.duplicates,
+        "backward": found.order.backward,
+        "log_less_stamp_s": list(found.clock_offset_s),
+        "specific_force_m_s2": found.specific_force_median,
+        "gyro_max_rad_s": found.gyro_max.tolist(),
+        "accel_max_m_s2": found.accel_max.tolist(),
+        "orientation": found.orientation is not None,
+        "still": _spans(found, options),
+        "oddities": [
+            {"kind": o.kind, "text": o.text, "answer": o.answer, "fatal": o.fatal}
+            for o in oddities(found, options)
+        ],
+    }
+
+
+def _spans(found: Survey, options: InputOptions) -> list[dict[str, Any]]:
+    """The still spans, in the log's own axes."""
+    return [
+        {
+            "start_s": (span.start_ns - found.first_ns) / 1e9,
+            "duration_s": span.duration_s,
+            "gyro_bias_rad_s": turn_body(span.gyro, options.body_axes).tolist(),
+            "specific_force_m_s2": turn_body(span.accel, options.body_axes).tolist(),
+            "gravity_axis": gravity_axis(span.accel, options.body_axes),
+            "gyro_noise_rad_s": span.gyro_std,
+            "accel_noise_m_s2": span.accel_std,
+        }
+        for span in sorted(found.spans, key=lambda s: -s.duration_s)[:MAX_SPANS]
+    ]
+
+
+def _verdict(log: Log, wanted: str | None, imus: list[dict[str, Any]]) -> dict[str, Any]:
+    """What `process` would take, or why it would refuse."""
+    try:
+        chosen = choose_imu(log, wanted)
+    except TopicError as exc:
+        return {"possible": False, "imu_topic": None, "why": str(exc)}
+    found = next(i for i in imus if i["topic"] == chosen.topic)
+    if "problem" in found:
+        return {"possible": False, "imu_topic": chosen.topic, "why": found["problem"]}
+    fatal = [o for o in found["oddities"] if o["fatal"]]
+    if fatal:
+        why = f"{fatal[0]['text']}: {fatal[0]['answer']}"
+        return {"possible": False, "imu_topic": chosen.topic, "why": why}
+    still = [s for s in found["still"] if s["start_s"] <= 0.0]
+    if still:
+        align = f"level, from {still[0]['duration_s']:.1f} s at rest; gyro bias removed"
+    elif found["orientation"]:
+        align = "log: the first orientation of the Imu topic; no gyro bias removed"
+    else:
+        align = "rough tilt from the first second; no gyro bias removed"
+    return {"possible": True, "imu_topic": chosen.topic, "align": align, "why": chosen.note}
