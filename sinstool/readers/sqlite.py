@@ -148,8 +148,9 @@ class SqliteLog(Log):
                 last = row[0]
                 held += len(row[3]) if type(row[3]) is bytes else 0
                 if len(rows) == BATCH or held >= BATCH_BYTES:
-                    yield self._selected(self._batch(rows), wanted)
+                    batch = self._selected(self._batch(rows), wanted)
                     rows, held = [], 0
+                    yield batch
         except (sqlite3.Error, OverflowError) as exc:
             if not self.salvage:
                 raise self._damaged(exc) from exc

@@ -62,8 +62,8 @@ def write_db3(path, messages, version=3, wal=False):
     if version >= 4:
         more += ", type_description_hash TEXT NOT NULL"
         database.execute(
-            "CREATE TABLE message_definitions(id INTEGER PRIMARY KEY, topic_type TEXT, encoding TEXT,"
-            " encoded_message_definition TEXT, type_description_hash TEXT)"
+            "CREATE TABLE message_definitions(id INTEGER PRIMARY KEY, topic_type TEXT,"
+            " encoding TEXT, encoded_message_definition TEXT, type_description_hash TEXT)"
         )
     database.execute(
         "CREATE TABLE topics(id INTEGER PRIMARY KEY, name TEXT NOT NULL, type TEXT NOT NULL,"
@@ -142,7 +142,7 @@ def test_batches_are_bounded_in_messages_and_in_bytes(tmp_path, monkeypatch):
     monkeypatch.setattr(sqlite_module, "BATCH", 100)
     with open_log(write_db3(tmp_path / "a.db3", content())) as log:
         sizes = [len(batch) for batch in log.batches()]
-        assert max(sizes) <= 125
+        assert max(sizes) == 100
         assert sum(sizes) == len(content())
         assert read_back(log) == content()
         one, two = log.batches(), log.batches([1])
@@ -150,7 +150,7 @@ def test_batches_are_bounded_in_messages_and_in_bytes(tmp_path, monkeypatch):
     images = [Row("/imu", k, k, bytes([k]) * 3_000_000) for k in range(30)]
     path = write_db3(tmp_path / "b.db3", images)
     del images
-    with memory_below(80 * 2**20), open_log(path) as log:
+    with memory_below(120 * 2**20), open_log(path) as log:
         assert sum(len(batch) for batch in log.batches()) == 30
 
 
@@ -221,9 +221,8 @@ def test_a_damaged_database_says_how_to_recover(tmp_path):
 def test_salvage_keeps_what_comes_before_the_damage(tmp_path):
     path = write_db3(tmp_path / "a.db3", content())
     data = bytearray(path.read_bytes())
-    data[len(data) * 2 // 3 // 4096 * 4096 :][:4096] = b""
-    at = len(data) * 2 // 3 // 4096 * 4096
-    data[at : at + 8192] = b"\xa5" * 8192
+    at = data.index(content()[250].payload) // 4096 * 4096
+    data[at : at + 8] = b"\xa5" * 8
     path.write_bytes(data)
     with open_log(path, salvage=True) as log:
         found = read_back(log)
@@ -400,7 +399,7 @@ def test_what_we_do_not_read_is_named(tmp_path):
     folder = tmp_path / "bag"
     names = split(folder, pieces=1)
     metadata(folder, names, "leveldb")
-    with pytest.raises(UnsupportedLogError, match="'leveldb'.*sqlite3 and mcap"):
+    with pytest.raises(UnsupportedLogError, match=r"'leveldb'.*sqlite3 and mcap"):
         open_log(folder)
     metadata(folder, names, extra="  compression_mode: FILE\n  compression_format: lz4\n")
     with pytest.raises(UnsupportedLogError, match="compressed by 'lz4'"):
@@ -418,7 +417,7 @@ def test_folders_that_are_no_bags(tmp_path):
 
 
 def test_compressed_files_that_are_cut_or_corrupt(tmp_path):
-    path = write_bag2(tmp_path / "bag", content(), "mcap", "file")
+    path = write_bag2(tmp_path / "bag", content(1200), "mcap", "file")
     file = next(p for p in path.iterdir() if p.suffix == ".zstd")
     data = file.read_bytes()
     file.write_bytes(data[: len(data) // 2])
@@ -426,10 +425,10 @@ def test_compressed_files_that_are_cut_or_corrupt(tmp_path):
         open_log(path)
     with open_log(path, salvage=True) as log:
         found = read_back(log)
-        assert found == content()[: len(found)]
-    file.write_bytes(data[:100] + bytes(50) + data[150:])
-    with pytest.raises(DamagedLogError):
-        open_log(path)
+        assert found == content(1200)[: len(found)]
+    file.write_bytes(data[:100] + bytes(5000) + data[5100:])
+    with pytest.raises(DamagedLogError), open_log(path) as log:
+        read_back(log)
 
 
 def test_compressed_files_of_several_frames(tmp_path):
@@ -442,7 +441,8 @@ def test_compressed_files_of_several_frames(tmp_path):
         assert read_back(log) == content()
 
 
-def test_compressed_messages_that_are_damaged_or_swell(tmp_path):
+def test_compressed_messages_that_are_damaged_or_swell(tmp_path, monkeypatch):
+    monkeypatch.setattr("sinstool.readers.rosbag2.MAX_BLOCK", 2**22)
     path = write_bag2(tmp_path / "bag", content(30), "db3", "message")
     file = next(path.glob("*.db3"))
     unsized = zstandard.ZstdCompressor(write_content_size=False)
@@ -452,8 +452,8 @@ def test_compressed_messages_that_are_damaged_or_swell(tmp_path):
     database.execute(
         "UPDATE messages SET data = ? WHERE id = 5", (unsized.compress(content(30)[4].payload),)
     )
-    bomb = unsized.compress(bytes(2**28 + 2**20))
-    database.execute("UPDATE messages SET data = ? WHERE id = 6", (bomb[:9000],))
+    bomb = unsized.compress(bytes(2**22 + 1))
+    database.execute("UPDATE messages SET data = ? WHERE id = 6", (bomb,))
     database.commit()
     database.close()
     with open_log(path) as log, pytest.raises(DamagedLogError, match="a message's zstd"):
