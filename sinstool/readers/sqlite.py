@@ -5,6 +5,7 @@ from __future__ import annotations
 import shutil
 import sqlite3
 import tempfile
+from array import array
 from collections.abc import Collection, Iterator
 from contextlib import suppress
 from pathlib import Path
@@ -15,7 +16,8 @@ import numpy as np
 from sinstool.errors import DamagedLogError, NotALogError
 from sinstool.readers.log import Channel, Log, RawBatch
 
-BATCH = 16384
+# Small enough to stay in the processor's cache, which is worth a third of the time.
+BATCH = 4096
 # A batch ends here too, so that images do not make it large.
 BATCH_BYTES = 32 * 2**20
 
@@ -139,56 +141,49 @@ class SqliteLog(Log):
         query = "SELECT rowid, topic_id, timestamp, data FROM messages"
         if wanted is not None:
             query += f" WHERE topic_id IN ({', '.join(map(str, sorted(wanted)))})"
-        rows: list[tuple] = []
-        last = held = 0
         assert self._database is not None, "the log is closed"
+        # Flat arrays, and all in one loop: whatever is done here is done for every message.
+        topics, times, lengths, data = array("q"), array("q"), array("q"), bytearray()
+        row = 0
         try:
-            for row in self._database.execute(query + " ORDER BY rowid"):
-                rows.append(row)
-                last = row[0]
-                held += len(row[3]) if type(row[3]) is bytes else 0
-                if len(rows) == BATCH or held >= BATCH_BYTES:
-                    batch = self._selected(self._batch(rows), wanted)
-                    rows, held = [], 0
-                    yield batch
+            for row, topic, time, blob in self._database.execute(query + " ORDER BY rowid"):
+                try:
+                    topics.append(topic)
+                    times.append(time)
+                    data += blob
+                except TypeError as exc:
+                    # SQLite stores any type in any column; a bag does not.
+                    del topics[len(lengths) :], times[len(lengths) :]
+                    if not self.salvage:
+                        raise self._damaged(exc) from exc
+                    self.note_lost(f"message {row}: {exc}")
+                    continue
+                lengths.append(len(blob))
+                if len(lengths) == BATCH or len(data) >= BATCH_BYTES:
+                    batch = _batch(topics, times, lengths, data, self._position(row))
+                    topics, times, lengths, data = array("q"), array("q"), array("q"), bytearray()
+                    yield self._selected(batch, wanted)
         except (sqlite3.Error, OverflowError) as exc:
             if not self.salvage:
                 raise self._damaged(exc) from exc
-            self.note_lost(f"what follows message {last}: {exc}")
-        if rows:
-            yield self._selected(self._batch(rows), wanted)
+            self.note_lost(f"what follows message {row}: {exc}")
+        if lengths:
+            batch = _batch(topics, times, lengths, data, self._position(row))
+            yield self._selected(batch, wanted)
 
-    def _batch(self, rows: list[tuple]) -> RawBatch:
-        position = int(self.size * min(1.0, rows[-1][0] / max(1, self._last_row)))
-        try:
-            topic, time, data = _columns(rows)
-        except TypeError as exc:
-            # SQLite stores any type in any column; a bag does not.
-            if not self.salvage:
-                raise self._damaged(exc) from exc
-            good = [r for r in rows if tuple(map(type, r[1:])) == (int, int, bytes)]
-            self.note_lost(f"{len(rows) - len(good)} rows before row {rows[-1][0]} ({exc})")
-            topic, time, data = _columns(good)
-        length = np.fromiter(map(len, data), np.int64, len(data))
-        return RawBatch(
-            np.frombuffer(b"".join(data), np.uint8),
-            topic,
-            np.cumsum(length) - length,
-            length,
-            time,
-            time,
-            np.zeros(len(data), np.int64),
-            position,
-        )
+    def _position(self, row: int) -> int:
+        return int(self.size * min(1.0, max(0, row) / max(1, self._last_row)))
 
 
-def _columns(rows: list[tuple]) -> tuple[np.ndarray, np.ndarray, tuple[bytes, ...]]:
-    """Topic, time and data of all rows; TypeError where one is not what it should be."""
-    _, topic, time, data = zip(*rows, strict=True) if rows else ((), (), (), ())
-    for column, kind in ((topic, int), (time, int), (data, bytes)):
-        if strange := set(map(type, column)) - {kind}:
-            raise TypeError(f"a message holds {strange.pop().__name__} for {kind.__name__}")
-    return np.array(topic, np.int64), np.array(time, np.int64), data
+def _batch(topics: array, times: array, lengths: array, data: bytearray, position: int) -> RawBatch:
+    buffer = np.frombuffer(data, np.uint8)
+    # as all other readers give it, so that compiled loops need no second version
+    buffer.flags.writeable = False
+    topic, time, length = (np.frombuffer(a, np.int64) for a in (topics, times, lengths))
+    sequence = np.zeros(len(length), np.int64)
+    return RawBatch(
+        buffer, topic, np.cumsum(length) - length, length, time, time, sequence, position
+    )
 
 
 def _filled(path: Path) -> bool:
