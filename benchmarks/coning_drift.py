@@ -1,8 +1,8 @@
 """Drift of every coning algorithm in classical coning, by the closed form, as a table or a figure.
 
-    python benchmarks/coning_drift.py
-    python benchmarks/coning_drift.py --half-angle-deg 0.1 --rate 200 --gyro-kind rate
-    python benchmarks/coning_drift.py --figure docs/coning_drift.svg
+python benchmarks/coning_drift.py
+python benchmarks/coning_drift.py --half-angle-deg 0.1 --rate 200 --gyro-kind rate
+python benchmarks/coning_drift.py --figure docs/coning_drift.svg
 """
 
 from __future__ import annotations
@@ -21,13 +21,17 @@ FREQUENCIES = (5.0, 10.0, 20.0, 30.0, 50.0, 75.0, 100.0)
 def drift_table(half_angle: float, rate: float, kind: str, frequencies: tuple[float, ...]):
     """Drift in deg/h: one row an algorithm, one column a frequency."""
     shown = [name for name in names() if name != "savage-4"]  # another name of optimal-4
-    rows = {}
-    for name in shown:
-        chosen = algorithm(name)
-        rows[name] = [
-            DEG_H * coning_drift(chosen, half_angle, f, 1.0 / rate, kind) for f in frequencies
-        ]
-    return rows
+    chosen = {name: algorithm(name) for name in shown}
+    if kind == "rate":
+        sp = "singular-perturbation"
+        # epsilon = 0 and n = 0 leave phi = w2 T: the rectangle rule, without compensation
+        chosen["rectangle rule"] = algorithm(sp, epsilon=0.0, beta_gain=0.0)
+        for variant in ("exact", "bvp", "truncated", "printed"):
+            chosen[f"{sp}, paper, {variant}"] = algorithm(sp, preset="paper", variant=variant)
+    return {
+        name: [DEG_H * coning_drift(one, half_angle, f, 1.0 / rate, kind) for f in frequencies]
+        for name, one in chosen.items()
+    }
 
 
 def print_table(args: argparse.Namespace) -> None:
