@@ -1,5 +1,4 @@
 import os
-import shutil
 import sqlite3
 
 import numpy as np
@@ -7,30 +6,24 @@ import pytest
 import zstandard
 from rosbags.rosbag2 import CompressionFormat, CompressionMode, Reader, StoragePlugin, Writer
 
-from sinstool.errors import DamagedLogError, NotALogError, SinstoolError, UnsupportedLogError
+from sinstool.errors import DamagedLogError, NotALogError, UnsupportedLogError
 from sinstool.readers import open_log
-from sinstool.readers import sqlite as sqlite_module
 
 from .logs import (
     IMU,
     TOPICS,
     Row,
+    content,
     definition,
-    memory_below,
-    payload_of,
     read_back,
     real,
-    rows,
-    same_time,
+    snapshot,
     store,
+    write_db3,
     write_mcap,
 )
 
 STORAGES = {"db3": StoragePlugin.SQLITE3, "mcap": StoragePlugin.MCAP}
-
-
-def content(count=300):
-    return same_time(rows(count))
 
 
 def write_bag2(path, messages, storage="db3", mode=None):
@@ -48,236 +41,12 @@ def write_bag2(path, messages, storage="db3", mode=None):
     return path
 
 
-def write_db3(path, messages, version=3, wal=False):
-    """A .db3 as the versions of rosbag2 made it; the connection comes too while `wal`."""
-    database = sqlite3.connect(path)
-    if wal:
-        database.execute("PRAGMA journal_mode=wal")
-        database.execute("PRAGMA wal_autocheckpoint=0")
-    more = {1: "", 2: ", offered_qos_profiles TEXT NOT NULL"}.get(version)
-    if more is None:
-        database.execute("CREATE TABLE schema(schema_version INTEGER PRIMARY KEY, ros_distro TEXT)")
-        database.execute("INSERT INTO schema VALUES (?, 'x')", (version,))
-        more = ", offered_qos_profiles TEXT NOT NULL"
-    if version >= 4:
-        more += ", type_description_hash TEXT NOT NULL"
-        database.execute(
-            "CREATE TABLE message_definitions(id INTEGER PRIMARY KEY, topic_type TEXT,"
-            " encoding TEXT, encoded_message_definition TEXT, type_description_hash TEXT)"
-        )
-    database.execute(
-        "CREATE TABLE topics(id INTEGER PRIMARY KEY, name TEXT NOT NULL, type TEXT NOT NULL,"
-        f" serialization_format TEXT NOT NULL{more})"
-    )
-    database.execute(
-        "CREATE TABLE messages(id INTEGER PRIMARY KEY, topic_id INTEGER NOT NULL,"
-        " timestamp INTEGER NOT NULL, data BLOB NOT NULL)"
-    )
-    database.execute("CREATE INDEX timestamp_idx ON messages (timestamp ASC)")
-    ids = {}
-    for topic in dict.fromkeys(row.topic for row in messages):
-        ids[topic] = len(ids) + 1
-        values = [ids[topic], topic, TOPICS[topic], "cdr", "- history: 1", "RIHS01_00"]
-        values = values[: {1: 4, 2: 5, 3: 5}.get(version, 6)]
-        marks = ", ".join("?" * len(values))
-        database.execute(f"INSERT INTO topics VALUES ({marks})", values)
-        if version >= 4:
-            values = (topic and TOPICS[topic], "ros2msg", definition(TOPICS[topic])[0], "RIHS01_00")
-            database.execute("INSERT INTO message_definitions VALUES (NULL, ?, ?, ?, ?)", values)
-    database.commit()
-    database.executemany(
-        "INSERT INTO messages (topic_id, timestamp, data) VALUES (?, ?, ?)",
-        [(ids[row.topic], row.log_time, row.payload) for row in messages],
-    )
-    database.commit()
-    if wal:
-        return path, database
-    database.close()
-    return path
-
-
 def metadata(folder, files, storage="sqlite3", extra=""):
     listed = "".join(f"  - {name}\n" for name in files)
     (folder / "metadata.yaml").write_text(
         "rosbag2_bagfile_information:\n  version: 4\n"
         f"  storage_identifier: {storage}\n{extra}  relative_file_paths:\n{listed}"
     )
-
-
-def snapshot(folder):
-    return {p.name: (p.stat().st_mtime_ns, p.read_bytes()) for p in folder.iterdir()}
-
-
-# -- a single .db3 -------------------------------------------------------------------------
-
-
-@pytest.mark.parametrize("version", [1, 2, 3, 4])
-def test_every_version_of_the_schema(tmp_path, version):
-    path = write_db3(tmp_path / "a.db3", content(), version)
-    before = snapshot(tmp_path)
-    with open_log(path) as log:
-        assert (log.format, log.profile) == ("rosbag2", "ros2")
-        assert {c.topic: c.type for c in log.channels.values()} == TOPICS
-        assert read_back(log) == content()
-        channel = log.channels_of("/imu")[0]
-        assert channel.message_encoding == "cdr"
-        assert channel.schema_text == (definition(IMU)[0] if version == 4 else "")
-        assert channel.definition(path).types
-        wanted = {"offered_qos_profiles": "- history: 1"} if version > 1 else {}
-        wanted |= {"type_description_hash": "RIHS01_00"} if version == 4 else {}
-        assert channel.metadata == wanted
-        imu = [r for r in content() if r.topic == "/imu"]
-        assert read_back(log, [channel.id]) == imu
-        assert read_back(log, []) == []
-    assert snapshot(tmp_path) == before
-
-
-def test_order_is_that_of_insertion(tmp_path):
-    mixed = [content()[k] for k in np.random.default_rng(0).permutation(len(content()))]
-    with open_log(write_db3(tmp_path / "a.db3", mixed)) as log:
-        assert read_back(log) == mixed
-
-
-def test_batches_are_bounded_in_messages_and_in_bytes(tmp_path, monkeypatch):
-    monkeypatch.setattr(sqlite_module, "BATCH", 100)
-    with open_log(write_db3(tmp_path / "a.db3", content())) as log:
-        sizes = [len(batch) for batch in log.batches()]
-        assert max(sizes) == 100
-        assert sum(sizes) == len(content())
-        assert read_back(log) == content()
-        one, two = log.batches(), log.batches([1])
-        assert len(next(one)) and len(next(two)) and len(next(one))
-    images = [Row("/imu", k, k, bytes([k]) * 3_000_000) for k in range(30)]
-    path = write_db3(tmp_path / "b.db3", images)
-    del images
-    with memory_below(120 * 2**20), open_log(path) as log:
-        assert sum(len(batch) for batch in log.batches()) == 30
-
-
-@pytest.mark.parametrize("shared_memory", [True, False])
-def test_rows_that_are_still_in_the_wal_are_read(tmp_path, shared_memory):
-    path, database = write_db3(tmp_path / "live.db3", content(), wal=True)
-    folder = tmp_path / "copy"
-    folder.mkdir()
-    for tail in ("", "-wal", "-shm")[: 3 if shared_memory else 2]:
-        shutil.copyfile(f"{path}{tail}", folder / f"live.db3{tail}")
-    before = {name: raw for name, (_, raw) in snapshot(folder).items()}
-    with open_log(folder / "live.db3") as log:
-        assert read_back(log) == content()
-    after = {name: raw for name, (_, raw) in snapshot(folder).items()}
-    assert after.keys() == before.keys()
-    assert all(after[name] == before[name] for name in ("live.db3", "live.db3-wal"))
-    with open_log(path) as log:  # while the recorder still runs
-        assert read_back(log) == content()
-    database.close()
-    assert not (tmp_path / "live.db3-wal").exists()
-    with open_log(path) as log:
-        assert read_back(log) == content()
-
-
-def test_wal_where_no_lock_file_can_be_made(tmp_path, monkeypatch):
-    path, database = write_db3(tmp_path / "live.db3", content(), wal=True)
-    folder = tmp_path / "copy"
-    folder.mkdir()
-    for tail in ("", "-wal"):
-        shutil.copyfile(f"{path}{tail}", folder / f"live.db3{tail}")
-    database.close()
-    plain = sqlite_module._open
-
-    def refuse(file, mode):
-        if mode == "mode=ro":  # as in a folder one may not write to (root may, everywhere)
-            raise sqlite3.OperationalError("unable to open database file")
-        return plain(file, mode)
-
-    monkeypatch.setattr(sqlite_module, "_open", refuse)
-    before = snapshot(folder)
-    with open_log(folder / "live.db3") as log:
-        beside = log._beside.name
-        assert read_back(log) == content()
-    assert snapshot(folder) == before
-    assert not os.path.exists(beside)
-
-
-def test_names_that_mean_something_in_an_uri(tmp_path):
-    path = write_db3(tmp_path / "a?mode=rw&b#c %41.db3", content(3))
-    with open_log(path) as log:
-        assert read_back(log) == content(3)
-
-
-def test_a_damaged_database_says_how_to_recover(tmp_path):
-    path = write_db3(tmp_path / "a.db3", content())
-    data = path.read_bytes()
-    path.write_bytes(data[: len(data) // 2])
-    with (
-        pytest.raises(DamagedLogError, match=r"sqlite3 '.*a\.db3' \.recover"),
-        open_log(path) as log,
-    ):
-        read_back(log)
-    path.write_bytes(data[:100] + bytes(5000))
-    with pytest.raises(DamagedLogError, match="recover"):
-        open_log(path)
-
-
-def test_salvage_keeps_what_comes_before_the_damage(tmp_path):
-    path = write_db3(tmp_path / "a.db3", content())
-    data = bytearray(path.read_bytes())
-    at = data.index(content()[250].payload) // 4096 * 4096
-    data[at : at + 8] = b"\xa5" * 8
-    path.write_bytes(data)
-    with open_log(path, salvage=True) as log:
-        found = read_back(log)
-        assert found == content()[: len(found)]
-        assert 0 < len(found) < len(content())
-        assert "what follows message" in log.lost[0]
-
-
-def test_cells_of_any_type(tmp_path):
-    path = write_db3(tmp_path / "a.db3", content(30))
-    database = sqlite3.connect(path)
-    database.execute("UPDATE messages SET data = 'text' WHERE id = 4")
-    database.execute("UPDATE messages SET timestamp = 1.5 WHERE id = 5")
-    database.execute("UPDATE messages SET topic_id = 77 WHERE id = 6")
-    database.commit()
-    database.close()
-    with open_log(path) as log, pytest.raises(DamagedLogError, match="SQLite cannot read it"):
-        read_back(log)
-    with open_log(path, salvage=True) as log:
-        assert read_back(log) == content(30)[:3] + content(30)[6:]
-        assert [note.split(":")[0] for note in log.lost] == [
-            "message 4",
-            "message 5",
-            "messages of channel 77, which the log does not define",
-        ]
-
-
-def test_other_databases_are_no_logs(tmp_path):
-    path = tmp_path / "a.db3"
-    database = sqlite3.connect(path)
-    database.execute("CREATE TABLE notes(x)")
-    database.commit()
-    database.close()
-    with pytest.raises(NotALogError, match="not of a ROS 2 bag"):
-        open_log(path)
-
-
-def test_flipped_bytes_give_an_error_of_ours_or_nothing(tmp_path):
-    data = write_db3(tmp_path / "a.db3", content(30), 4).read_bytes()
-    path = tmp_path / "b.db3"
-    rng = np.random.default_rng(0)
-    for _ in range(150):
-        broken = bytearray(data)
-        for at in rng.integers(16, len(data), 4):
-            broken[at] = rng.integers(0, 256)
-        path.write_bytes(broken)
-        for salvage in (False, True):
-            try:
-                with open_log(path, salvage) as log:
-                    read_back(log)
-            except SinstoolError as exc:
-                assert "\n" not in str(exc)
-
-
-# -- folders -------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize("storage", ["db3", "mcap"])
@@ -515,7 +284,3 @@ def test_a_ros1_bag_and_its_ros2_conversion_hold_the_same_numbers():
         found.append({key: values[order] for key, values in whole.items()})
     for key in columns:
         assert np.array_equal(found[0][key], found[1][key])
-
-
-def test_payload_helper_is_deterministic():
-    assert payload_of(IMU, 5) == payload_of(IMU, 5)
