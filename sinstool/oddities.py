@@ -13,7 +13,7 @@ import numpy as np
 from sinstool.config import InputOptions
 from sinstool.readers.frames import turn_body
 from sinstool.survey import Survey
-from sinstool.units import accel_looks_like_g, gyro_looks_like_degrees
+from sinstool.units import accel_looks_like_g, gyro_looks_like_degrees, turns_like_degrees
 
 MIN_RATE_HZ = 10.0
 CLOCK_OFFSET_S = 1.0
@@ -65,11 +65,11 @@ def oddities(survey: Survey, options: InputOptions) -> list[Oddity]:
 
 def _units(s: Survey, options: InputOptions) -> list[Oddity]:
     found = []
-    if gyro_looks_like_degrees(s.gyro_unit_evidence, s.gyro_unit_windows, s.gyro_max):
+    if gyro_looks_like_degrees(s.gyro_unit, s.gyro_max):
         reason = (
-            f"gravity turns in the body as if its rates were in deg/s"
-            f" ({s.gyro_unit_evidence:.0%} of {s.gyro_unit_windows} half-second windows)"
-            if s.gyro_unit_windows
+            "gravity turns in the body as if its rates were in deg/s"
+            f" ({s.gyro_unit.scale:.2f} of what they then say; it would be 57 for rad/s)"
+            if turns_like_degrees(s.gyro_unit)
             else f"its rates reach {s.gyro_max.max():.0f}, too much for rad/s"
         )
         if options.gyro_unit is None:
@@ -174,7 +174,10 @@ def _time(s: Survey, options: InputOptions) -> list[Oddity]:
         )
     if s.missed:
         found.append(
-            Oddity("missed-samples", f"at {s.missed} places one sample is missing between two")
+            Oddity(
+                "missed-samples",
+                f"at {s.missed} places samples are missing; they are integrated across",
+            )
         )
     low, high = s.clock_offset_s
     if max(abs(low), abs(high)) > CLOCK_OFFSET_S:

@@ -42,13 +42,12 @@ from sinstool.streams import Imu, Solution
 from sinstool.survey import BLOCK_ROWS, Survey, survey, within
 from sinstool.timeline import Order, ordered
 from sinstool.transforms import check_tf
-from sinstool.units import DEGREE
+from sinstool.units import DEGREE, STANDARD_GRAVITY
 from sinstool.writers.copy import Copier
 from sinstool.writers.mcap import McapWriter
 from sinstool.writers.solution import TOPICS, Frames, SolutionWriter
 from sinstool.writers.whole import WholeFile, check_output
 
-STANDARD_GRAVITY = 9.80665
 Progress = Callable[[float], None]
 
 

@@ -29,7 +29,7 @@ from sinstool.timeline import (
     mean_rates,
     ordered,
 )
-from sinstool.units import unit_evidence
+from sinstool.units import UnitEvidence, unit_evidence
 
 BLOCK_ROWS = 16384
 # Interval histogram: relative bin width 1/1000 from 100 ns to 10^6 s.
@@ -67,11 +67,11 @@ class Survey:
     bursty : bool
         Stamps come in bursts.
     gaps : tuple of (int, float)
-        Start (ns) and length (s) of the first thousand gaps.
+        Start (ns) and length (s), in order of time: the thousand longest.
     gap_count, gap_total_s
         Of all of them.
     missed : int
-        Intervals between 1.5 nominal ones and a gap: single samples missing.
+        Intervals of more than 1.5 nominal ones that are no gap: samples are missing there.
     order : OrderCounts
     horizon_ns : int
         Look-ahead that puts every late sample in its place.
@@ -94,10 +94,8 @@ class Survey:
         First valid q_nb the log gives.
     orientation_ns : int
         Its time.
-    gyro_unit_evidence : float
-        Share of telling windows in which the gyro fits the turning of gravity better as deg/s.
-    gyro_unit_windows : int
-        How many telling windows there are.
+    gyro_unit : UnitEvidence
+        What the turning of gravity says about the unit of the rates.
     """
 
     topic: str
@@ -128,8 +126,7 @@ class Survey:
     lead_in: StillSpan | None
     orientation: np.ndarray | None
     orientation_ns: int
-    gyro_unit_evidence: float
-    gyro_unit_windows: int
+    gyro_unit: UnitEvidence
 
     @property
     def rate_hz(self) -> float:
@@ -342,11 +339,10 @@ def _conclude(
         bursty = True
         limit = GAP_INTERVALS * _quantile(tally, 0.99)
     gap_count, gap_ns = _above(tally, limit)
-    missed = _above(tally, 1.5 * nominal)[0] - gap_count if not bursty else 0
+    missed = 0 if bursty else max(0, _above(tally, 1.5 * nominal)[0] - gap_count)
     is_gap = tally.long_step > limit
     windows = tally.windows.finish()
     spans = still_spans(windows)
-    evidence, telling = unit_evidence(windows)
     names = [f"{sensor} {axis}" for sensor in ("gyro", "accelerometer") for axis in "xyz"]
     usual = np.sqrt(np.mean(np.hstack((windows.gyro, windows.accel)) ** 2, axis=0))
     saturated = tuple(
@@ -389,8 +385,7 @@ def _conclude(
         lead_in=lead_in(spans, tally.first_ns),
         orientation=None if identity_only else tally.orientation,
         orientation_ns=tally.orientation_ns,
-        gyro_unit_evidence=evidence,
-        gyro_unit_windows=telling,
+        gyro_unit=unit_evidence(windows),
     )
 
 

@@ -23,6 +23,7 @@ LAST_HORIZON = 64 * SECOND
 # An interval of more than this many nominal ones is a gap: two samples or more are missing, and
 # what the vehicle did meanwhile is not in the log.
 GAP_INTERVALS = 3.0
+_NEVER = int(np.iinfo(np.int64).min)
 
 
 @dataclass(frozen=True)
@@ -42,9 +43,9 @@ class OrderState:
     """
 
     held: Imu | None = None
-    newest: int = np.iinfo(np.int64).min
-    last_seen: int = np.iinfo(np.int64).min
-    last_out: int = np.iinfo(np.int64).min
+    newest: int = _NEVER
+    last_seen: int = _NEVER
+    last_out: int = _NEVER
     last_gyro: np.ndarray = field(default_factory=lambda: np.zeros(3))
 
 
@@ -63,7 +64,7 @@ class OrderCounts:
     differing_duplicates : int
         Those of them that held other values than the sample kept.
     late : int
-        Samples dropped because they came later than the horizon allows.
+        Samples dropped because they lay further behind the newest than the horizon.
     """
 
     backward: int = 0
@@ -89,8 +90,10 @@ class Order:
 
     def push(self, block: Imu) -> Imu:
         """Take a block in; give out what can no longer be preceded by anything."""
+        block = self._punctual(block)
+        if not len(block):
+            return block
         state = self.state
-        self._count(block.time_ns)
         held = block if state.held is None else concatenate([state.held, block])
         newest = max(state.newest, int(block.time_ns.max()))
         ordered = held.rows(np.argsort(held.time_ns, kind="stable"))
@@ -99,7 +102,6 @@ class Order:
             state,
             held=ordered.rows(slice(ready, None)),
             newest=newest,
-            last_seen=int(block.time_ns[-1]),
         )
         return self._give(ordered.rows(slice(0, ready)))
 
@@ -111,32 +113,43 @@ class Order:
         self.state = replace(self.state, held=held.rows(slice(0, 0)))
         return self._give(held)
 
-    def _count(self, times: np.ndarray) -> None:
+    def _punctual(self, block: Imu) -> Imu:
+        """Count what is out of order; drop what lies further back than the horizon.
+
+        By this rule, and not by what happens to have been given out, no sample depends on
+        where blocks end.
+        """
+        times = block.time_ns
         before = np.concatenate(([self.state.last_seen], times[:-1]))
         newest = np.maximum.accumulate(np.concatenate(([self.state.newest], times)))[:-1]
+        self.state = replace(self.state, last_seen=int(times[-1]))
         self.counts.backward += int(np.count_nonzero(times < before))
-        behind = newest - times
-        behind = behind[newest > times]
-        if len(behind):
-            self.counts.lateness_ns = max(self.counts.lateness_ns, int(behind.max()))
+        behind = np.where(newest > times, newest - times, 0)
+        lateness = int(behind.max())
+        if not lateness:
+            return block
+        self.counts.lateness_ns = max(self.counts.lateness_ns, lateness)
+        if lateness <= self.horizon_ns:
+            return block
+        late = behind > self.horizon_ns
+        self.counts.late += int(np.count_nonzero(late))
+        return block.rows(~late)
 
     def _give(self, block: Imu) -> Imu:
-        """Drop repeated times and samples that came too late; remember the last time."""
+        """Drop repeated times, of which the first in the file stays; remember the last time."""
         if not len(block):
             return block
-        last = self.state.last_out
         times = block.time_ns
-        fresh = np.empty(len(times), np.bool_)
-        fresh[0] = times[0] > last
-        np.greater(times[1:], times[:-1], out=fresh[1:])
-        fresh &= times > last
+        fresh = np.diff(times, prepend=self.state.last_out) > 0
+        if self.state.last_out == _NEVER:
+            fresh[0] = True
         if not fresh.all():
-            late = times < last
-            self.counts.late += int(np.count_nonzero(late))
-            repeated = np.flatnonzero(~fresh & ~late)
+            repeated = np.flatnonzero(~fresh)
             self.counts.duplicates += len(repeated)
-            before = np.vstack((self.state.last_gyro, block.gyro[:-1]))[repeated]
-            differs = (block.gyro[repeated] != before).any(axis=1)
+            # row of the sample kept: 0 is that given out last
+            kept = np.maximum.accumulate(np.where(fresh, np.arange(1, len(times) + 1), 0))
+            known = np.vstack((self.state.last_gyro, block.gyro))[kept[repeated]]
+            differs = (block.gyro[repeated] != known).any(axis=1)
             self.counts.differing_duplicates += int(np.count_nonzero(differs))
             block = block.rows(fresh)
         if len(block):
@@ -216,7 +229,7 @@ def mean_rates(
         Ordered; gyro in rad and accel in m/s over the interval that ends at each stamp.
     nominal_ns : float, optional
         Interval of samples that follow a gap or nothing; by default what the stamps say, and
-        for the first sample the interval after it.
+        for the first sample the interval after it (a second when it is the only one).
     max_gap_ns : int, optional
         What counts as a gap.
 
@@ -226,7 +239,7 @@ def mean_rates(
         gyro in rad/s and accel in m/s^2.
     """
     last: int | None = None
-    for block in blocks:
+    for block in _begun(blocks):
         times = block.time_ns
         step = np.diff(times, prepend=times[0] if last is None else last).astype(np.float64)
         if last is None:
@@ -242,3 +255,17 @@ def mean_rates(
             block.orientation,
         )
         last = int(times[-1])
+
+
+def _begun(blocks: Iterable[Imu]) -> Iterator[Imu]:
+    """The same samples, the first two of them in one block."""
+    rest = iter(blocks)
+    first = next(rest, None)
+    while first is not None and len(first) < 2:
+        second = next(rest, None)
+        if second is None:
+            break
+        first = concatenate([first, second])
+    if first is not None:
+        yield first
+    yield from rest

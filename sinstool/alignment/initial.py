@@ -10,8 +10,8 @@ from sinstool.alignment.level import level
 from sinstool.alignment.still import StillSpan, Windows
 from sinstool.errors import AlignmentError
 from sinstool.rotation import conjugate, from_euler, rotate
+from sinstool.units import STANDARD_GRAVITY
 
-STANDARD_GRAVITY = 9.80665
 ROUGH_S = 1.0
 
 

@@ -22,8 +22,6 @@ VELOCITY_TYPES = (
     "geometry_msgs/msg/TwistWithCovarianceStamped",
     "nav_msgs/msg/Odometry",
 )
-STANDARD_GRAVITY = 9.80665
-DEGREE = np.pi / 180.0
 
 _XYZ = ("x", "y", "z")
 _XYZW = ("x", "y", "z", "w")
@@ -219,8 +217,8 @@ def read_fixes(log: Log, channels: Sequence[Channel], losses: Losses) -> Iterato
         return Gnss(
             _stamp(v),
             log_time_ns,
-            v["latitude"] * DEGREE,
-            v["longitude"] * DEGREE,
+            np.radians(v["latitude"]),
+            np.radians(v["longitude"]),
             v["altitude"],
             turn @ enu @ turn.T,
             v["covariance_type"].astype(np.int64),
@@ -289,6 +287,7 @@ def first_fix(log: Log, channels: Sequence[Channel]) -> Gnss | None:
     """The first valid fix of a log, as a stream of one row; None where there is none."""
     for block in read_fixes(log, channels, Losses()):
         good = (block.status >= 0) & np.isfinite(block.latitude) & np.isfinite(block.longitude)
+        good &= np.abs(block.latitude) <= 0.5 * np.pi
         # Receivers without a fix write exact zeros and call them valid.
         good &= (block.latitude != 0.0) | (block.longitude != 0.0)
         if good.any():
