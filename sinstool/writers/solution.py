@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
@@ -61,41 +62,51 @@ class Frames:
 Columns = dict[str, np.ndarray]
 
 
-def _header(s: Solution, prefix: str = "") -> Columns:
+class _Rows:
+    """A batch of solutions as messages give it; what several topics share is made once."""
+
+    def __init__(self, solution: Solution, frames: Frames) -> None:
+        self.solution = solution
+        self.frames = frames
+
+    def header(self, prefix: str = "") -> Columns:
+        sec, nanosec = self._stamp
+        return {f"{prefix}header.stamp.sec": sec, f"{prefix}header.stamp.nanosec": nanosec}
+
+    @cached_property
+    def _stamp(self) -> tuple[np.ndarray, np.ndarray]:
+        return np.divmod(self.solution.time_ns, 1_000_000_000)
+
+    @cached_property
+    def xyzw(self) -> np.ndarray:
+        q = q_for_log(self.solution.q_nb, self.frames.body_axes, self.frames.world)
+        return q[:, [1, 2, 3, 0]]
+
+
+def _imu(r: _Rows) -> Columns:
     return {
-        f"{prefix}header.stamp.sec": s.time_ns // 1_000_000_000,
-        f"{prefix}header.stamp.nanosec": s.time_ns % 1_000_000_000,
+        **r.header(),
+        "orientation.x": r.xyzw,
+        "angular_velocity.x": turn_body(r.solution.omega_ib_b, r.frames.body_axes),
+        "linear_acceleration.x": turn_body(r.solution.specific_force_b, r.frames.body_axes),
     }
 
 
-def _xyzw(s: Solution, frames: Frames) -> np.ndarray:
-    return q_for_log(s.q_nb, frames.body_axes, frames.world)[:, [1, 2, 3, 0]]
+def _attitude(r: _Rows) -> Columns:
+    return {**r.header(), "quaternion.x": r.xyzw}
 
 
-def _imu(s: Solution, frames: Frames) -> Columns:
-    return {
-        **_header(s),
-        "orientation.x": _xyzw(s, frames),
-        "angular_velocity.x": turn_body(s.omega_ib_b, frames.body_axes),
-        "linear_acceleration.x": turn_body(s.specific_force_b, frames.body_axes),
-    }
+def _euler(r: _Rows) -> Columns:
+    return {**r.header(), "vector.x": to_euler(r.solution.q_nb)}
 
 
-def _attitude(s: Solution, frames: Frames) -> Columns:
-    return {**_header(s), "quaternion.x": _xyzw(s, frames)}
+def _pose(r: _Rows) -> Columns:
+    return {**r.header(), "pose.orientation.x": r.xyzw}
 
 
-def _euler(s: Solution, frames: Frames) -> Columns:
-    return {**_header(s), "vector.x": to_euler(s.q_nb)}
-
-
-def _pose(s: Solution, frames: Frames) -> Columns:
-    return {**_header(s), "pose.orientation.x": _xyzw(s, frames)}
-
-
-def _tf(s: Solution, frames: Frames) -> Columns:
+def _tf(r: _Rows) -> Columns:
     first = "transforms[0]."
-    return {**_header(s, first), f"{first}transform.rotation.x": _xyzw(s, frames)}
+    return {**r.header(first), f"{first}transform.rotation.x": r.xyzw}
 
 
 @dataclass(frozen=True)
@@ -104,7 +115,7 @@ class _Topic:
 
     topic: str
     type_name: str
-    columns: Callable[[Solution, Frames], Columns]
+    columns: Callable[[_Rows], Columns]
     strings: Callable[[Frames], dict[str, str]]
     lengths: tuple[tuple[str, int], ...] = ()
 
@@ -211,13 +222,18 @@ class SolutionWriter:
         count = len(solution)
         self._before(int(solution.log_time_ns.max()))
         sequence = np.arange(self.written, self.written + count, dtype=np.int64)
+        self._writer.write(lambda: self._messages(solution, sequence))
+        self.written += count
+
+    def _messages(self, solution: Solution, sequence: np.ndarray) -> list[Messages]:
+        """Serialise a batch; runs in the writer's threads, so it changes nothing of ours."""
+        rows = _Rows(solution, self._frames)
         parts = []
         for topic, encoder, number in zip(self._topics, self._encoders, self._numbers, strict=True):
-            columns = topic.columns(solution, self._frames)
+            columns = topic.columns(rows)
             for path in encoder.layout.leaves:
                 if path.endswith("header.seq"):
                     columns[path] = sequence
-            payload = encoder.encode(columns, count)
+            payload = encoder.encode(columns, len(solution))
             parts.append(Messages.from_rows(number, payload, solution.log_time_ns, sequence))
-        self._writer.write(parts)
-        self.written += count
+        return parts
