@@ -12,7 +12,7 @@ import numpy as np
 from sinstool.config import InputOptions
 from sinstool.errors import DataError, TopicError
 from sinstool.oddities import gravity_axis, oddities
-from sinstool.pipeline import imu_units
+from sinstool.pipeline import imu_units, time_span
 from sinstool.readers import open_log
 from sinstool.readers.frames import turn_body
 from sinstool.readers.log import Log
@@ -149,6 +149,7 @@ def _describe(
             log,
             topic,
             imu_units(options),
+            span=time_span(log, options),
             max_gap_s=options.max_gap,
             increments=options.gyro_kind == "increment",
             progress=progress,
@@ -179,6 +180,7 @@ def _describe(
         "accel_max_m_s2": found.accel_max.tolist(),
         "orientation": found.orientation is not None,
         "still": _spans(found, options),
+        "align": _align(found),
         "oddities": [
             {"kind": o.kind, "text": o.text, "answer": o.answer, "fatal": o.fatal}
             for o in oddities(found, options)
@@ -202,6 +204,15 @@ def _spans(found: Survey, options: InputOptions) -> list[dict[str, Any]]:
     ]
 
 
+def _align(found: Survey) -> str:
+    """What --align auto would do."""
+    if found.lead_in is not None:
+        return f"level, from {found.lead_in.duration_s:.1f} s at rest; gyro bias removed"
+    if found.orientation is not None and not found.orientation_constant:
+        return "log: the first orientation of the Imu topic; no gyro bias removed"
+    return "rough tilt from the first second; no gyro bias removed"
+
+
 def _verdict(log: Log, wanted: str | None, imus: list[dict[str, Any]]) -> dict[str, Any]:
     """What `process` would take, or why it would refuse."""
     try:
@@ -215,11 +226,9 @@ def _verdict(log: Log, wanted: str | None, imus: list[dict[str, Any]]) -> dict[s
     if fatal:
         why = f"{fatal[0]['text']}: {fatal[0]['answer']}"
         return {"possible": False, "imu_topic": chosen.topic, "why": why}
-    still = [s for s in found["still"] if s["start_s"] <= 0.0]
-    if still:
-        align = f"level, from {still[0]['duration_s']:.1f} s at rest; gyro bias removed"
-    elif found["orientation"]:
-        align = "log: the first orientation of the Imu topic; no gyro bias removed"
-    else:
-        align = "rough tilt from the first second; no gyro bias removed"
-    return {"possible": True, "imu_topic": chosen.topic, "align": align, "why": chosen.note}
+    return {
+        "possible": True,
+        "imu_topic": chosen.topic,
+        "align": found["align"],
+        "why": chosen.note,
+    }

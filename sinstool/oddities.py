@@ -12,6 +12,7 @@ import numpy as np
 
 from sinstool.config import InputOptions
 from sinstool.readers.frames import turn_body
+from sinstool.rotation import conjugate, rotate
 from sinstool.survey import Survey
 from sinstool.units import accel_looks_like_g, gyro_looks_like_degrees, turns_like_degrees
 
@@ -19,6 +20,7 @@ MIN_RATE_HZ = 10.0
 CLOCK_OFFSET_S = 1.0
 CLOCK_WANDER_S = 0.5
 HELD_SHARE = 0.05
+ORIENTATION_TILT_DEG = 20.0
 
 
 @dataclass(frozen=True)
@@ -228,6 +230,7 @@ def _values(s: Survey, options: InputOptions) -> list[Oddity]:
                 " the sensor's range is too small there",
             )
         )
+    found += _orientation(s)
     still = s.lead_in
     if still is not None:
         axis = gravity_axis(still.accel, options.body_axes)
@@ -238,6 +241,33 @@ def _values(s: Survey, options: InputOptions) -> list[Oddity]:
                     f"at rest the accelerometer reads gravity on {axis} of the sensor, not on"
                     f" {'+z' if options.body_axes == 'flu' else '-z'}",
                     "a matter of mounting, or of --body-axes",
+                )
+            )
+    return found
+
+
+def _orientation(s: Survey) -> list[Oddity]:
+    found = []
+    if s.orientation_constant:
+        placeholder = " and the identity, a placeholder" if s.orientation is None else ""
+        found.append(
+            Oddity(
+                "constant-orientation",
+                f"the orientation in topic {s.topic} is the same in every message{placeholder}",
+            )
+        )
+    still = s.lead_in
+    if s.orientation is not None and still is not None and s.orientation_ns < still.end_ns:
+        down = rotate(conjugate(s.orientation), np.array([0.0, 0.0, 1.0]))
+        cosine = float(down @ -still.accel) / float(np.linalg.norm(still.accel))
+        angle = float(np.degrees(np.arccos(np.clip(cosine, -1.0, 1.0))))
+        if angle > ORIENTATION_TILT_DEG:
+            found.append(
+                Oddity(
+                    "orientation-tilt",
+                    f"the orientation in topic {s.topic} is tilted by {angle:.0f} deg from what the"
+                    " accelerometer says at rest: other axes, or its numbers are in another order",
+                    "do not use --align log",
                 )
             )
     return found

@@ -185,13 +185,11 @@ def prepare(
     warnings: list[str] = []
     if topic.note:
         warnings.append(f"Imu topic {topic.topic}: {topic.note}")
-    start_ns, end_ns = _window(log, topic, units, options)
     found = survey(
         log,
         topic,
         units,
-        start_ns=start_ns,
-        end_ns=end_ns,
+        span=time_span(log, options),
         max_gap_s=options.max_gap,
         increments=options.gyro_kind == "increment",
         progress=progress,
@@ -214,21 +212,21 @@ def imu_units(options: InputOptions) -> ImuUnits:
     )
 
 
-def _window(
-    log: Log, topic: ImuTopic, units: ImuUnits, options: InputOptions
-) -> tuple[int | None, int | None]:
-    """--start and --end on the log's clock."""
+def time_span(
+    log: Log, options: InputOptions
+) -> Callable[[int], tuple[int | None, int | None]] | None:
+    """--start and --end, as a function of the time of the first sample; None: all of the log."""
     if options.start is None and options.end is None:
-        return None, None
-    first = next(read_imu(log, topic.channels, units, Losses(), path=topic.path), None)
-    if first is None:
-        raise DataError(log.path, f"topic {topic.topic} has no usable Imu message")
-    origin = int(first.time_ns[0])
-    start = None if options.start is None else parse_time(options.start, origin)
-    end = None if options.end is None else parse_time(options.end, origin)
-    if start is not None and end is not None and end <= start:
-        raise DataError(log.path, "--end is not after --start", "choose a longer span")
-    return start, end
+        return None
+
+    def resolve(first_ns: int) -> tuple[int | None, int | None]:
+        start = None if options.start is None else parse_time(options.start, first_ns)
+        end = None if options.end is None else parse_time(options.end, first_ns)
+        if start is not None and end is not None and end <= start:
+            raise DataError(log.path, "--end is not after --start", "choose a longer span")
+        return start, end
+
+    return resolve
 
 
 def _position(
@@ -283,7 +281,7 @@ def align(source: Source, config: ProcessConfig) -> Alignment:
             f"{path}: the log does not begin still, so its tilt cannot be levelled",
             "choose a still beginning with --start, or use --align log, fixed or auto",
         )
-    elif found.orientation is not None:
+    elif found.orientation is not None and not found.orientation_constant:
         alignment = initial.from_log(found.orientation, found.orientation_ns)
     else:
         alignment = initial.from_motion(found.windows, found.first_ns)

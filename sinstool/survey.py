@@ -7,14 +7,16 @@ depend on where blocks end. Both `sinstool info` and `sinstool process` begin he
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, field
+from itertools import chain
 
 import numpy as np
 from numba import njit
 
 from sinstool.alignment.still import StillSpan, Windows, WindowStage, lead_in, still_spans
 from sinstool.errors import DataError
+from sinstool.readers.frames import q_for_log
 from sinstool.readers.log import Log
 from sinstool.readers.streams import ImuUnits, Losses, read_imu, reblock
 from sinstool.readers.topics import ImuTopic
@@ -42,6 +44,33 @@ BURSTY_SHARE = 0.05
 # Several samples at the largest value are a stop, unless the axis is always about there.
 SATURATION_RUN = 3
 SATURATION_RATIO = 2.0
+# A clock was set back where samples alternate between two times this often for each step back.
+SET_BACK_RATIO = 10
+
+
+@dataclass
+class _Extent:
+    """What is seen of all samples in the order of the file, be they in the span or not."""
+
+    count: int = 0
+    low: int = 0
+    high: int = 0
+    last_log: int = 0
+    log_backward: int = 0
+
+    def watch(self, blocks: Iterator[Imu]) -> Iterator[Imu]:
+        """The same blocks."""
+        for block in blocks:
+            low, high = int(block.time_ns.min()), int(block.time_ns.max())
+            log_times = block.log_time_ns
+            if self.count:
+                low, high = min(low, self.low), max(high, self.high)
+                log_times = np.concatenate(([self.last_log], log_times))
+            self.low, self.high = low, high
+            self.last_log = int(log_times[-1])
+            self.log_backward += int(np.count_nonzero(log_times[1:] < log_times[:-1]))
+            self.count += len(block)
+            yield block
 
 
 @dataclass(frozen=True)
@@ -91,9 +120,11 @@ class Survey:
     lead_in : StillSpan or None
         The still span that the log begins with.
     orientation : ndarray or None, shape (4,)
-        First valid q_nb the log gives.
+        First valid q_nb the log gives; None also where it is the identity in every message.
     orientation_ns : int
         Its time.
+    orientation_constant : bool
+        It is the same in every message.
     gyro_unit : UnitEvidence
         What the turning of gravity says about the unit of the rates.
     """
@@ -126,6 +157,7 @@ class Survey:
     lead_in: StillSpan | None
     orientation: np.ndarray | None
     orientation_ns: int
+    orientation_constant: bool
     gyro_unit: UnitEvidence
 
     @property
@@ -155,12 +187,14 @@ class _Tally:
     force: np.ndarray = field(default_factory=lambda: np.zeros(_FORCE_BINS, np.int64))
     offset_low: int = np.iinfo(np.int64).max
     offset_high: int = np.iinfo(np.int64).min
-    extremes: np.ndarray = field(default_factory=lambda: np.zeros((6, 4)))
+    extremes: np.ndarray = field(default_factory=lambda: np.tile([0.0, 0.0, 0.0, np.nan], (6, 1)))
     held: int = 0
     windows: WindowStage = field(default_factory=WindowStage)
     orientation: np.ndarray | None = None
     orientation_ns: int = 0
     orientation_varies: bool = False
+    last_log: int = np.iinfo(np.int64).min
+    log_descents: int = 0
 
 
 def survey(
@@ -168,8 +202,7 @@ def survey(
     topic: ImuTopic,
     units: ImuUnits,
     *,
-    start_ns: int | None = None,
-    end_ns: int | None = None,
+    span: Callable[[int], tuple[int | None, int | None]] | None = None,
     max_gap_s: float | None = None,
     increments: bool = False,
     block_rows: int = BLOCK_ROWS,
@@ -182,8 +215,9 @@ def survey(
     log : Log
     topic : ImuTopic
     units : ImuUnits
-    start_ns, end_ns : int, optional
-        Only samples in this span of time.
+    span : callable, optional
+        First and last time (None: open) of the samples that count, from the time of the first
+        sample, on whichever clock that is.
     max_gap_s : float, optional
         Longest interval that is no gap; by default three nominal intervals.
     increments : bool
@@ -216,31 +250,52 @@ def survey(
             orientation=True,
             progress=progress,
         )
-        tally = _Tally()
-        source = within(blocks, start_ns, end_ns)
+        tally, extent = _Tally(), _Extent()
+        source = extent.watch(blocks)
+        if span is not None:
+            source = _spanned(source, span)
         in_order = ordered(reblock(source, block_rows), order)
         for block in mean_rates(in_order) if increments else in_order:
             _add(tally, block)
-        if tally.count == 0:
-            detail = f" ({losses.problem})" if losses.problem else ""
-            where = " between --start and --end" if start_ns is not None or end_ns else ""
-            raise DataError(
-                log.path, f"topic {topic.topic} has no usable Imu message{where}{detail}"
-            )
         counts = order.counts
         if not log_time:
-            note = _unusable(tally, counts)
+            note = _unusable(tally, counts, extent)
             if note:
                 log_time, horizon = True, FIRST_HORIZON
                 continue
+        if tally.count == 0:
+            raise _nothing(log, topic, losses, extent)
         if counts.lateness_ns > horizon and horizon < LAST_HORIZON:
             horizon = min(LAST_HORIZON, 1 << int(counts.lateness_ns).bit_length())
             continue
         break
-    return _conclude(topic, tally, order, losses, log_time, note, max_gap_s)
+    return _conclude(topic, units.body_axes, tally, order, losses, log_time, note, max_gap_s)
 
 
-def within(blocks: Iterator[Imu], start_ns: int | None, end_ns: int | None) -> Iterator[Imu]:
+def _nothing(log: Log, topic: ImuTopic, losses: Losses, extent: _Extent) -> DataError:
+    """Why there is not a single sample."""
+    if extent.count:
+        return DataError(
+            log.path,
+            f"topic {topic.topic} has no usable Imu message between --start and --end",
+            f"its samples span {(extent.high - extent.low) / SECOND:.3f} s, from {extent.low} ns",
+        )
+    detail = f" ({losses.problem})" if losses.problem else ""
+    if losses.nonfinite:
+        detail = f" ({losses.nonfinite} hold NaN or infinity)"
+    return DataError(log.path, f"topic {topic.topic} has no usable Imu message{detail}")
+
+
+def _spanned(
+    blocks: Iterator[Imu], span: Callable[[int], tuple[int | None, int | None]]
+) -> Iterator[Imu]:
+    """Only the samples in a span that the first sample's time settles."""
+    first = next(blocks, None)
+    if first is not None:
+        yield from within(chain([first], blocks), *span(int(first.time_ns[0])))
+
+
+def within(blocks: Iterable[Imu], start_ns: int | None, end_ns: int | None) -> Iterator[Imu]:
     """Only the samples in a span of time (both ends included)."""
     for block in blocks:
         if start_ns is None and end_ns is None:
@@ -268,6 +323,9 @@ def _add(tally: _Tally, block: Imu) -> None:
     offset = block.log_time_ns - times
     tally.offset_low = min(tally.offset_low, int(offset.min()))
     tally.offset_high = max(tally.offset_high, int(offset.max()))
+    log_times = np.concatenate(([tally.last_log], block.log_time_ns))
+    tally.log_descents += int(np.count_nonzero(log_times[1:] < log_times[:-1]))
+    tally.last_log = int(log_times[-1])
     norm = np.sqrt(np.einsum("ij,ij->i", block.accel, block.accel))
     place = np.minimum(norm / _FORCE_STEP, _FORCE_BINS - 1).astype(np.int64)
     tally.force += np.bincount(place, minlength=_FORCE_BINS)
@@ -308,20 +366,29 @@ def _add_orientation(tally: _Tally, block: Imu) -> None:
     tally.orientation_varies = bool((q[rows] != tally.orientation).any())
 
 
-def _unusable(tally: _Tally, counts: OrderCounts) -> str:
+def _unusable(tally: _Tally, counts: OrderCounts, extent: _Extent) -> str:
     """Why the header stamps cannot be used; empty when they can."""
+    if extent.count > 1 and extent.low == extent.high:
+        return f"all header stamps are {extent.low} ns"
     total = tally.count + counts.duplicates + counts.late
-    if total > 1 and tally.count == 1:
-        return f"all header stamps are {tally.first_ns} ns"
     if counts.differing_duplicates > 0.5 * total:
         return f"{counts.differing_duplicates} of {total} samples repeat the stamp before them"
     if counts.lateness_ns > LAST_HORIZON:
         return f"header stamps jump back by {counts.lateness_ns / SECOND:.1f} s"
+    # Late messages fill a hole when put in their place. A clock that was set back counts the
+    # same seconds twice: by stamp, samples from before and after then alternate.
+    disorder = counts.backward + extent.log_backward
+    if counts.backward and tally.log_descents > SET_BACK_RATIO * disorder:
+        return (
+            f"header stamps run back by {counts.lateness_ns / SECOND:.3g} s and over the same time"
+            " again"
+        )
     return ""
 
 
 def _conclude(
     topic: ImuTopic,
+    body_axes: str,
     tally: _Tally,
     order: Order,
     losses: Losses,
@@ -350,9 +417,8 @@ def _conclude(
         for name, row, size in zip(names, tally.extremes, usual, strict=True)
         if row[1] >= SATURATION_RUN and row[0] > SATURATION_RATIO * size
     )
-    identity_only = (
-        tally.orientation is not None and not tally.orientation_varies and tally.count > 1
-    )
+    constant = tally.orientation is not None and not tally.orientation_varies and tally.count > 1
+    placeholder = constant and _is_identity(tally.orientation, body_axes)
     return Survey(
         topic=topic.topic,
         count=tally.count,
@@ -383,10 +449,19 @@ def _conclude(
         windows=windows,
         spans=tuple(spans),
         lead_in=lead_in(spans, tally.first_ns),
-        orientation=None if identity_only else tally.orientation,
+        orientation=None if placeholder else tally.orientation,
         orientation_ns=tally.orientation_ns,
+        orientation_constant=constant,
         gyro_unit=unit_evidence(windows),
     )
+
+
+def _is_identity(q_nb: np.ndarray | None, body_axes: str) -> bool:
+    """Whether a log wrote 1 and three zeros, in whichever order it keeps a quaternion."""
+    if q_nb is None:
+        return False
+    written = q_for_log(q_nb, body_axes, "enu" if body_axes == "flu" else "ned")
+    return bool(np.abs(written).max() > 1.0 - 1e-12)
 
 
 def _quantile(tally: _Tally, share: float) -> float:
@@ -441,6 +516,8 @@ def _force_median(force: np.ndarray) -> float:
 def _extremes(gyro, accel, state):  # type: ignore[no-untyped-def]
     """Largest magnitude per axis and the longest run at it; counts repeats of all six values.
 
+    A repeated sample is no measurement and makes no run longer.
+
     Columns of ``state``: largest magnitude, longest run at it, present run, last value.
     """
     held = 0
@@ -450,6 +527,11 @@ def _extremes(gyro, accel, state):  # type: ignore[no-untyped-def]
             value = gyro[i, a] if a < 3 else accel[i, a - 3]
             if value != state[a, 3]:
                 same = False
+        if same:
+            held += 1
+            continue
+        for a in range(6):
+            value = gyro[i, a] if a < 3 else accel[i, a - 3]
             size = abs(value)
             if size > state[a, 0]:
                 state[a, 0] = size
@@ -461,6 +543,4 @@ def _extremes(gyro, accel, state):  # type: ignore[no-untyped-def]
             else:
                 state[a, 2] = 0.0
             state[a, 3] = value
-        if same:
-            held += 1
     return held
