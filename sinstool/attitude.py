@@ -98,7 +98,9 @@ class AttitudeRun:
         settings = self.settings
         rates = blocks
         if settings.gyro_kind == "increment":
-            rates = mean_rates(blocks, settings.nominal_ns, settings.max_gap_ns)
+            # A rate that was given is the interval of every increment, whatever stamps say.
+            believed = settings.max_gap_ns if settings.sample_rate is None else 0
+            rates = mean_rates(blocks, settings.nominal_ns, believed)
         for piece in segments(rates, settings.max_gap_ns):
             imu = Imu(
                 piece.imu.time_ns,
@@ -153,13 +155,14 @@ class AttitudeRun:
         until = self.settings.still_until_ns
         still = 0 if until is None else int(np.searchsorted(vectors.time_ns, until, "right"))
         q[:still] = self._propagator.q_nb
-        q[still:] = self._propagator.push(
-            vectors.rotation_vector[still:], vectors.interval[still:]
-        )
+        q[still:] = self._propagator.push(vectors.rotation_vector[still:], vectors.interval[still:])
         rows = vectors.sample - self._held_first
-        solution = _solution(self._held.rows(rows), q)
-        self.updates += len(q)
         done = int(rows[-1]) + 1
+        if done - int(rows[0]) == len(rows):  # every sample has its update: nothing to pick out
+            solution = _solution(self._held.rows(slice(done - len(rows), done)), q)
+        else:
+            solution = _solution(self._held.rows(rows), q)
+        self.updates += len(q)
         self._held = self._held.rows(slice(done, None))
         self._held_first += done
         yield solution

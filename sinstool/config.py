@@ -7,11 +7,13 @@ in the file; the command line generates its options from these models, so the tw
 from __future__ import annotations
 
 import tomllib
+from datetime import UTC, datetime
+from decimal import Decimal, InvalidOperation
 from pathlib import Path
 from typing import Any, Literal
 
 import tomli_w
-from pydantic import BaseModel, ConfigDict, Field, ValidationError, field_validator
+from pydantic import BaseModel, ConfigDict, Field, ValidationError, field_validator, model_validator
 
 from sinstool.coning.registry import algorithm, names
 from sinstool.errors import ConfigurationError
@@ -22,7 +24,16 @@ EMITS = ("imu", "attitude", "euler", "pose", "tf")
 class _Group(BaseModel):
     """Options that belong together: a table of the configuration file."""
 
-    model_config = ConfigDict(extra="forbid", validate_assignment=False, frozen=True)
+    # strict: a word is no number and a number is no yes or no
+    model_config = ConfigDict(extra="forbid", frozen=True, strict=True, allow_inf_nan=False)
+
+    @model_validator(mode="before")
+    @classmethod
+    def _tuples(cls, data: Any) -> Any:
+        """Lists, which TOML has, as the tuples that strict models want."""
+        if not isinstance(data, dict):
+            return data
+        return {k: tuple(v) if isinstance(v, list) else v for k, v in data.items()}
 
 
 class InputOptions(_Group):
@@ -52,18 +63,28 @@ class InputOptions(_Group):
     )
     imu_rate: float | None = Field(
         None,
-        gt=0,
+        ge=1e-3,
+        le=1e6,
         description="sampling rate in Hz, instead of the intervals between stamps",
     )
     max_gap: float | None = Field(
         None,
         gt=0,
+        le=1e9,
         description="longest interval in seconds that is integrated across (default: three"
         " nominal intervals)",
     )
     salvage: bool = Field(
         False, description="go on past damaged parts of a log and say what was lost"
     )
+
+    @field_validator("start", "end", mode="before")
+    @classmethod
+    def _text(cls, value: Any) -> Any:
+        """TOML has numbers and dates of its own."""
+        if isinstance(value, (int, float)) and not isinstance(value, bool):
+            return repr(value)
+        return value.isoformat() if isinstance(value, datetime) else value
 
     @field_validator("start", "end")
     @classmethod
@@ -97,7 +118,10 @@ class ConingOptions(_Group):
     @field_validator("coning")
     @classmethod
     def _known(cls, value: str) -> str:
-        algorithm(value)
+        try:
+            algorithm(value)
+        except ConfigurationError as exc:
+            raise ValueError(str(exc)) from exc
         return value
 
     def sp_options(self) -> dict[str, Any]:
@@ -181,7 +205,7 @@ def build(model: type[_Group], data: dict[str, Any], source: str = "", check: bo
         ProcessConfig, or a group of it.
     data : dict
     source : str
-        Named in errors: a file, or the command line.
+        Named in errors: a file; empty for the command line, whose options are named instead.
     check : bool
         Check also that options fit each other.
 
@@ -204,15 +228,52 @@ def build(model: type[_Group], data: dict[str, Any], source: str = "", check: bo
 
 
 def _first_error(exc: ValidationError, source: str) -> str:
-    error = exc.errors()[0]
-    # Unions add the names of their branches to the path; keys alone mean something to a user.
-    path = [str(p) for p in error["loc"][:2]]
-    path += [str(p) for p in error["loc"][2:] if isinstance(p, int)]
+    """One line about the first thing that is wrong, with the key's path or the option's name."""
+    errors = exc.errors()
+    key = errors[0]["loc"][:2]
+    # All branches of a union complain; the one that got furthest into the value knows best.
+    same = [e for e in errors if e["loc"][:2] == key]
+    error = max(same, key=lambda e: len(e["loc"]))
+    path = ".".join(map(str, key))
     where = f"{source}: " if source else ""
     if error["type"] == "extra_forbidden":
-        return f"{where}unknown key {'.'.join(path)}"
-    said = error["msg"].removeprefix("Value error, ")
-    return f"{where}{'.'.join(path)} = {error['input']!r}: {said}"
+        return f"{where}unknown key {path}"
+    if len(same) > 1 and len(error["loc"]) <= 3 and error["type"] != "missing":
+        said = " or ".join(dict.fromkeys(_said(e) for e in same))
+    else:
+        said = _said(error)
+    # Branches of unions have names, elements of lists have numbers.
+    element = next((p for p in error["loc"][2:] if isinstance(p, int)), None)
+    if error["type"] == "missing":
+        element = None
+    if element is not None:
+        path += f"[{element}]"
+    if not source and len(key) == 2:
+        return f"--{str(key[1]).replace('_', '-')} {_shown(error['input'])}: {said}"
+    return f"{where}{path} = {_shown(error['input'])}: {said}"
+
+
+def _shown(value: Any) -> str:
+    """A value as TOML writes it, or nearly."""
+    if isinstance(value, bool):
+        return str(value).lower()
+    if isinstance(value, tuple):
+        return f"[{', '.join(_shown(v) for v in value)}]"
+    return repr(value)
+
+
+def _said(error: Any) -> str:
+    """What pydantic says, in the words of the file."""
+    words = {
+        "tuple_type": "must be a list",
+        "model_type": "must be a table",
+        "missing": "too few values",
+        "too_long": "too many values",
+    }
+    if error["type"] in words:
+        return words[error["type"]]
+    said = str(error["msg"]).removeprefix("Value error, ").removeprefix("Input ")
+    return said.replace("should be", "must be", 1)
 
 
 def _check(config: ProcessConfig) -> None:
@@ -283,17 +344,14 @@ def parse_time(text: str, first_ns: int) -> int:
     ValueError
         The text is none of these.
     """
-    from datetime import UTC, datetime
-    from decimal import Decimal, InvalidOperation
-
     text = text.strip()
     digits = text.removesuffix("ns").strip()
     if digits.lstrip("+-").isdigit() and (text.endswith("ns") or len(digits.lstrip("+-")) > 12):
-        return int(digits)
+        return _in_range(int(digits), text)
     try:
         seconds = Decimal(text)
         if seconds.is_finite():
-            return first_ns + int(seconds * 1_000_000_000)
+            return _in_range(first_ns + int(seconds * 1_000_000_000), text)
     except InvalidOperation:
         pass
     try:
@@ -306,3 +364,9 @@ def parse_time(text: str, first_ns: int) -> int:
         when = when.replace(tzinfo=UTC)
     delta = when - datetime(1970, 1, 1, tzinfo=UTC)
     return (delta.days * 86400 + delta.seconds) * 1_000_000_000 + delta.microseconds * 1000
+
+
+def _in_range(time_ns: int, text: str) -> int:
+    if not -(2**63) <= time_ns < 2**63:
+        raise ValueError(f"'{text}' is no time that a log can hold")
+    return time_ns

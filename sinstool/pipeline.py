@@ -12,6 +12,7 @@ from concurrent.futures import ThreadPoolExecutor
 from contextlib import ExitStack
 from dataclasses import dataclass, replace
 from pathlib import Path
+from threading import Event
 from typing import Any
 
 import numpy as np
@@ -41,13 +42,14 @@ from sinstool.rotation import to_euler
 from sinstool.streams import Imu, Solution
 from sinstool.survey import BLOCK_ROWS, Survey, survey, within
 from sinstool.timeline import Order, ordered
-from sinstool.transforms import check_tf
+from sinstool.transforms import tf_parent
 from sinstool.units import DEGREE, STANDARD_GRAVITY
 from sinstool.writers.copy import Copier
 from sinstool.writers.mcap import McapWriter
 from sinstool.writers.solution import TOPICS, Frames, SolutionWriter
 from sinstool.writers.whole import WholeFile, check_output
 
+HASH_BYTES = 2**20
 Progress = Callable[[float], None]
 
 
@@ -106,7 +108,9 @@ def process(
         log = stack.enter_context(open_log(path, config.input.salvage))
         check_output(output, [path], config.output.overwrite)
         pool = stack.enter_context(ThreadPoolExecutor(1, thread_name_prefix="sinstool-hash"))
-        digest = pool.submit(sha256, path)
+        stop = Event()
+        stack.callback(stop.set)  # a run that fails does not wait for the hash of a large log
+        digest = pool.submit(sha256, path, stop)
         source = prepare(log, config, _share(progress, log.size, 0.0))
         emits, warnings = _emits(source, config)
         alignment = align(source, config)
@@ -377,7 +381,7 @@ def _emits(source: Source, config: ProcessConfig) -> tuple[list[str], list[str]]
         )
     if "tf" in emits:
         body = frame_id(source.log, source.topic.channels, source.topic.path) or "imu_link"
-        parent = check_tf(source.log, body)
+        parent = tf_parent(source.log, body)
         if parent is not None:
             emits.remove("tf")
             warnings.append(
@@ -394,17 +398,20 @@ def _share(progress: Progress | None, size: int, begin: float) -> Callable[[int]
     return lambda position: progress(begin + 0.5 * min(1.0, position / max(size, 1)))
 
 
-def sha256(path: Path) -> str:
-    """SHA-256 of a log.
+def sha256(path: Path, stop: Event | None = None) -> str:
+    """SHA-256 of a log, given up when ``stop`` is set.
 
     Of a directory: of the lines ``<sha256>  <relative name>`` of its files, sorted by name.
     """
     if path.is_dir():
         names = sorted(p.relative_to(path).as_posix() for p in path.rglob("*") if p.is_file())
-        listing = "".join(f"{sha256(path / name)}  {name}\n" for name in names)
+        listing = "".join(f"{sha256(path / name, stop)}  {name}\n" for name in names)
         return hashlib.sha256(listing.encode()).hexdigest()
+    digest = hashlib.sha256()
     with path.open("rb") as stream:
-        return hashlib.file_digest(stream, "sha256").hexdigest()
+        while not (stop and stop.is_set()) and (part := stream.read(HASH_BYTES)):
+            digest.update(part)
+    return digest.hexdigest()
 
 
 # -- the summary ---------------------------------------------------------------------------

@@ -13,7 +13,7 @@ TF_TYPES = ("tf2_msgs/msg/TFMessage", "tf/msg/tfMessage")
 MAX_MESSAGES = 20_000
 
 
-def check_tf(log: Log, child: str) -> str | None:
+def tf_parent(log: Log, child: str) -> str | None:
     """Parent of a frame in the log's own /tf and /tf_static; None where it has none.
 
     Parameters

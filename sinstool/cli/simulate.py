@@ -13,6 +13,8 @@ from sinstool.cli.options import Numbers
 
 F = TypeVar("F", bound=Callable[..., Any])
 START_NS = 1_700_000_000_000_000_000
+MAX_RATE_HZ = 1e6
+MAX_DURATION_S = 1e6
 
 
 def _common(function: F) -> F:
@@ -79,9 +81,13 @@ def coning(
     from sinstool.simulation.join import after_rest
     from sinstool.simulation.truth import sample_times
 
-    _positive(duration=duration, rate=rate)
+    _check(duration, rate, rest["seed"])
     if not 0.0 < half_angle_deg < 90.0:
-        raise click.UsageError("--half-angle-deg is between 0 and 90")
+        raise click.UsageError(f"--half-angle-deg is {half_angle_deg}, not between 0 and 90")
+    if not abs(frequency) <= MAX_RATE_HZ:
+        raise click.UsageError(f"--frequency is {frequency}, not at most {MAX_RATE_HZ:g}")
+    if not 0.0 <= lead_in <= MAX_DURATION_S:
+        raise click.UsageError(f"--lead-in is {lead_in}, not from 0 to {MAX_DURATION_S:g}")
     times = sample_times(rate, duration + lead_in, START_NS)
     begin = int(np.searchsorted(times, START_NS + round(lead_in * 1e9)))
     if begin >= len(times) - 1:
@@ -129,9 +135,13 @@ def static(
     from sinstool.simulation.static import static as static_truth
     from sinstool.simulation.truth import sample_times
 
-    _positive(duration=duration, rate=rate)
-    if not -90.0 <= latitude <= 90.0:
-        raise click.UsageError("--latitude is between -90 and 90")
+    _check(duration, rate, rest["seed"])
+    limits = {"latitude": (latitude, 90.0), "longitude": (longitude, 180.0)}
+    for name, (value, limit) in limits.items():
+        if not -limit <= value <= limit:
+            raise click.UsageError(f"--{name} is {value}, not from {-limit:g} to {limit:g}")
+    if not np.isfinite([height, *attitude]).all():
+        raise click.UsageError("--height and --attitude are not finite numbers")
     times = sample_times(rate, duration, START_NS)
     q_nb = from_euler(np.radians(attitude))
     truth = static_truth(times, q_nb, np.radians(latitude), height)
@@ -148,10 +158,18 @@ def static(
     _write(truth, scenario, position, rest)
 
 
-def _positive(**values: float) -> None:
-    for name, value in values.items():
-        if not value > 0.0:
-            raise click.UsageError(f"--{name} is {value}, not positive")
+def _check(duration: float, rate: float, seed: int) -> None:
+    """Refuse what no log can be made of."""
+    if not 0.0 < rate <= MAX_RATE_HZ:
+        raise click.UsageError(f"--rate is {rate}, not above 0 and at most {MAX_RATE_HZ:g}")
+    if not 0.0 < duration <= MAX_DURATION_S:
+        raise click.UsageError(
+            f"--duration is {duration}, not above 0 and at most {MAX_DURATION_S:g}"
+        )
+    if duration * rate < 1.0:
+        raise click.UsageError("--duration holds no sample interval")
+    if seed < 0:
+        raise click.UsageError(f"--seed is {seed}, not zero or more")
 
 
 def _write(
