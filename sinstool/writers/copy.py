@@ -106,7 +106,8 @@ class Copier:
 
     def _copy(self, item: _Chunk | RawBatch | OtherPlace) -> None:
         if isinstance(item, RawBatch):
-            self._writer.write([_messages(item)])
+            # A message of a channel that is defined nowhere would make the output unreadable.
+            self._writer.write([_messages(item.select(self._log.channels.keys()))])
         elif isinstance(item, _Chunk):
             self._copy_chunk(item)
         elif item.opcode not in (Opcode.SCHEMA, Opcode.CHANNEL):
