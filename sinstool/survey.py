@@ -196,6 +196,10 @@ class _Tally:
     last_log: int = np.iinfo(np.int64).min
     log_descents: int = 0
 
+    def wants_orientation(self) -> bool:
+        """Whether more can tell anything: the first is not known, or not whether it varies."""
+        return self.orientation is None or not self.orientation_varies
+
 
 def survey(
     log: Log,
@@ -240,6 +244,7 @@ def survey(
     while True:
         losses = Losses()
         order = Order(horizon)
+        tally, extent = _Tally(), _Extent()
         blocks = read_imu(
             log,
             topic.channels,
@@ -247,10 +252,9 @@ def survey(
             losses,
             path=topic.path,
             log_time=log_time,
-            orientation=True,
+            orientation=tally.wants_orientation,
             progress=progress,
         )
-        tally, extent = _Tally(), _Extent()
         source = extent.watch(blocks)
         if span is not None:
             source = _spanned(source, span)
@@ -355,7 +359,7 @@ def _add_intervals(tally: _Tally, times: np.ndarray) -> None:
 
 def _add_orientation(tally: _Tally, block: Imu) -> None:
     q = block.orientation
-    if q is None or (tally.orientation is not None and tally.orientation_varies):
+    if q is None or not tally.wants_orientation():
         return
     rows = np.flatnonzero(np.isfinite(q[:, 0]))
     if not len(rows):

@@ -96,7 +96,9 @@ class Order:
         state = self.state
         held = block if state.held is None else concatenate([state.held, block])
         newest = max(state.newest, int(block.time_ns.max()))
-        ordered = held.rows(np.argsort(held.time_ns, kind="stable"))
+        ordered = held
+        if (held.time_ns[1:] < held.time_ns[:-1]).any():
+            ordered = held.rows(np.argsort(held.time_ns, kind="stable"))
         ready = int(np.searchsorted(ordered.time_ns, newest - self.horizon_ns, side="right"))
         self.state = replace(
             state,

@@ -134,7 +134,7 @@ def read_imu(
     *,
     path: str = "",
     log_time: bool = False,
-    orientation: bool = False,
+    orientation: bool | Callable[[], bool] = False,
     progress: Callable[[int], None] | None = None,
 ) -> Iterator[Imu]:
     """Imu samples of a topic, in file order, in FRD and SI units.
@@ -149,8 +149,9 @@ def read_imu(
         Where the Imu lies inside the message, for types that nest one ('' for plain Imu).
     log_time : bool
         Use the recorder's time instead of the header stamp.
-    orientation : bool
-        Read the orientation too.
+    orientation : bool or callable
+        Read the orientation too. A callable is asked for every batch; where it says False the
+        rows are NaN, which spares turning what nobody looks at any more.
     progress : callable, optional
         Called with the bytes of the log read so far.
 
@@ -167,20 +168,25 @@ def read_imu(
     if orientation:
         columns["q"] = [f"{prefix}orientation.{axis}" for axis in _XYZW]
         columns["q_covariance"] = [f"{prefix}orientation_covariance"]
+    axes = turn_body(np.ones(3), units.body_axes)
+    gyro_scale, accel_scale = units.gyro_scale * axes, units.accel_scale * axes
     for log_time_ns, values in read_columns(log, channels, columns, losses, progress):
         gyro, accel = values["gyro"], values["accel"]
         q = None
         if orientation:
-            q = _orientation(values["q"], values["q_covariance"], units.body_axes)
+            if orientation is True or orientation():
+                q = _orientation(values["q"], values["q_covariance"], units.body_axes)
+            else:
+                q = np.broadcast_to(np.nan, (len(gyro), 4))
         block = Imu(
             log_time_ns if log_time else _stamp(values),
             log_time_ns,
-            turn_body(gyro * units.gyro_scale, units.body_axes),
-            turn_body(accel * units.accel_scale, units.body_axes),
+            gyro * gyro_scale,
+            accel * accel_scale,
             q,
         )
-        finite = np.isfinite(gyro).all(axis=1) & np.isfinite(accel).all(axis=1)
-        if not finite.all():
+        if not (np.isfinite(gyro).all() and np.isfinite(accel).all()):
+            finite = np.isfinite(gyro).all(axis=1) & np.isfinite(accel).all(axis=1)
             losses.nonfinite += int(len(finite) - np.count_nonzero(finite))
             block = block.rows(finite)
         if len(block):
