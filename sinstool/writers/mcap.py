@@ -31,7 +31,7 @@ CHUNK_SIZE = 2**20
 ZSTD_LEVEL = 1
 COMPRESSIONS = ("zstd", "lz4", "none")
 _RECORD = 31  # head and fixed fields of a message record
-_QUEUE = 6  # calls ahead of the disk at most
+_AHEAD = 32 * 2**20  # bytes taken in but not yet in the file at most
 _U64 = 2**64 - 1  # times are kept as int64; the bits are what the file holds
 
 _local = threading.local()
@@ -131,7 +131,8 @@ class McapWriter:
         self._span: tuple[int, int] | None = None
         self._packers = ThreadPoolExecutor(2, thread_name_prefix="sinstool-pack")
         self._file = ThreadPoolExecutor(1, thread_name_prefix="sinstool-write")
-        self._queue: deque[Future[None]] = deque()
+        self._queue: deque[tuple[Future[None], int]] = deque()
+        self._waiting = 0  # bytes in the queue
         self._write(MAGIC)
         self._write_record(records.Header(profile, library))
 
@@ -158,7 +159,7 @@ class McapWriter:
             number = max(self.schemas, default=0) + 1
         schema = records.Schema(id=number, name=name, encoding=encoding, data=data)
         self.schemas[number] = schema
-        self._enqueue(lambda: self._write_record(schema))
+        self._enqueue(lambda: self._write_record(schema), len(data))
         return number
 
     def add_channel(
@@ -194,27 +195,38 @@ class McapWriter:
             schema_id=schema,
         )
         self.channels[number] = channel
-        self._enqueue(lambda: self._write_record(channel))
+        self._enqueue(lambda: self._write_record(channel), 0)
         return number
 
     # -- messages --------------------------------------------------------------------------
 
-    def write(self, parts: Sequence[Messages] | Callable[[], Sequence[Messages]]) -> None:
+    def write(self, parts: Sequence[Messages]) -> None:
         """Write messages, merged by log time, in chunks of about 1 MiB.
 
         Parameters
         ----------
-        parts : sequence of Messages, or a function that returns it
-            All that belongs to one stretch of time; calls come in the order of time. A function
-            is called by one of the packing threads.
+        parts : sequence of Messages
+            All that belongs to one stretch of time; calls come in the order of time.
         """
-        packed = self._packers.submit(_pack_all, parts, self.compression)
+        self.write_made(lambda: parts, sum(int(p.length.sum()) for p in parts))
+
+    def write_made(self, make: Callable[[], Sequence[Messages]], size: int) -> None:
+        """Write messages as `write` does, but have them made by one of the packing threads.
+
+        Parameters
+        ----------
+        make : callable
+            Returns what `write` takes.
+        size : int
+            Bytes of their payloads.
+        """
+        packed = self._packers.submit(_pack_all, make, self.compression)
 
         def write() -> None:
             for chunk in packed.result():
                 self._write_chunk(chunk)
 
-        self._enqueue(write)
+        self._enqueue(write, size)
 
     def write_chunk(
         self,
@@ -240,7 +252,7 @@ class McapWriter:
         """
         counts = {channel: len(entries) // 16 for channel, entries in indexes}
         chunk = _Chunk(record, indexes, counts, *times, compression, *sizes)
-        self._enqueue(lambda: self._write_chunk(chunk))
+        self._enqueue(lambda: self._write_chunk(chunk), len(record))
 
     # -- the rest --------------------------------------------------------------------------
 
@@ -277,7 +289,7 @@ class McapWriter:
                     )
                 )
 
-        self._enqueue(write)
+        self._enqueue(write, len(record))
 
     def add_metadata(self, name: str, values: dict[str, str]) -> None:
         """Write a Metadata record."""
@@ -288,7 +300,7 @@ class McapWriter:
     def finish(self) -> None:
         """Write everything that is queued, the summary and the footer."""
         while self._queue:
-            self._queue.popleft().result()
+            self._await_first()
         self._packers.shutdown()
         self._file.shutdown()
         self._write_record(records.DataEnd(data_section_crc=0))
@@ -303,11 +315,17 @@ class McapWriter:
 
     # -- inside ----------------------------------------------------------------------------
 
-    def _enqueue(self, write: Callable[[], None]) -> None:
+    def _enqueue(self, write: Callable[[], None], size: int) -> None:
         """Have something written after all that was asked for before it."""
-        self._queue.append(self._file.submit(write))
-        while len(self._queue) > _QUEUE:
-            self._queue.popleft().result()
+        self._queue.append((self._file.submit(write), size))
+        self._waiting += size
+        while self._queue and (self._waiting > _AHEAD or self._queue[0][0].done()):
+            self._await_first()
+
+    def _await_first(self) -> None:
+        written, size = self._queue.popleft()
+        self._waiting -= size
+        written.result()
 
     def _write(self, data: bytes | memoryview) -> None:
         self._stream.write(data)
@@ -424,11 +442,9 @@ def message_indexes(
     return [(int(c), entries[channel == c].tobytes()) for c in np.unique(channel)]
 
 
-def _pack_all(
-    parts: Sequence[Messages] | Callable[[], Sequence[Messages]], compression: str
-) -> list[_Chunk]:
-    """Chunks of all messages of a `McapWriter.write`; runs in the pool."""
-    parts = [p for p in (parts() if callable(parts) else parts) if len(p.channel)]
+def _pack_all(make: Callable[[], Sequence[Messages]], compression: str) -> list[_Chunk]:
+    """Chunks of all messages of one call to the writer; runs in a packing thread."""
+    parts = [p for p in make() if len(p.channel)]
     if not parts:
         return []
     log_time = np.concatenate([p.log_time for p in parts])

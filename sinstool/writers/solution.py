@@ -183,6 +183,7 @@ class SolutionWriter:
         self._encoders = [
             Encoder(t.type_name, encoding, t.strings(frames), dict(t.lengths)) for t in self._topics
         ]
+        self._payload_size = sum(e.encode({}, 1).shape[1] for e in self._encoders)
         self._numbers = [self._define(t) for t in self._topics]
         self._held: list[Solution] = []
         self._count = 0
@@ -222,7 +223,9 @@ class SolutionWriter:
         count = len(solution)
         self._before(int(solution.log_time_ns.max()))
         sequence = np.arange(self.written, self.written + count, dtype=np.int64)
-        self._writer.write(lambda: self._messages(solution, sequence))
+        self._writer.write_made(
+            lambda: self._messages(solution, sequence), count * self._payload_size
+        )
         self.written += count
 
     def _messages(self, solution: Solution, sequence: np.ndarray) -> list[Messages]:
