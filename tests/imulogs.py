@@ -190,6 +190,15 @@ def resting(count, seed=0, gyro_noise=2e-3, accel_noise=0.02, bias=(0.0, 0.0, 0.
     return gyro, accel
 
 
+def products(steps):
+    """The product of each rotation and all before it."""
+    out, shift = steps, 1
+    while shift < len(steps):
+        out = Rotation.concatenate((out[:shift], out[:-shift] * out[shift:]))
+        shift *= 2
+    return out
+
+
 def handheld(count, rate=200.0, seed=0, size=2.0, rest_s=0.0, slowness_s=0.5, noise=2e-3):
     """A hand turns a FLU sensor in place: rates (rad/s), specific force and rotations to ENU."""
     rng = np.random.default_rng(seed)
@@ -201,11 +210,8 @@ def handheld(count, rate=200.0, seed=0, size=2.0, rest_s=0.0, slowness_s=0.5, no
     gyro = size * smooth / np.sqrt(np.mean(smooth**2))
     still = int(rest_s * rate)
     gyro[:still] = 0.0
-    steps = Rotation.from_rotvec(0.5 * (gyro[1:] + gyro[:-1]) / rate)
-    q = [Rotation.identity()]
-    for step in steps:
-        q.append(q[-1] * step)
-    attitude = Rotation.concatenate(q)
+    steps = np.concatenate((np.zeros((1, 3)), 0.5 * (gyro[1:] + gyro[:-1]) / rate))
+    attitude = products(Rotation.from_rotvec(steps))
     accel = attitude.inv().apply([0.0, 0.0, G])
     gyro = gyro + noise * rng.standard_normal(gyro.shape)
     return gyro, accel + 10.0 * noise * rng.standard_normal(accel.shape), attitude
