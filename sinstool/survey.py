@@ -349,8 +349,15 @@ def _add_intervals(tally: _Tally, times: np.ndarray) -> None:
     tally.sums += np.bincount(place, weights=steps, minlength=_BINS).astype(np.int64)
     tally.shortest = min(tally.shortest, int(steps.min()))
     tally.longest = max(tally.longest, int(steps.max()))
-    start = np.concatenate((tally.long_start, times[:-1]))
-    step = np.concatenate((tally.long_step, steps))
+    start, step = times[:-1], steps
+    if len(tally.long_step) == MAX_GAPS_KEPT:
+        # of equal intervals the first stays, so only longer ones can take a place
+        longer = steps > tally.long_step.min()
+        start, step = start[longer], step[longer]
+        if not len(step):
+            return
+    start = np.concatenate((tally.long_start, start))
+    step = np.concatenate((tally.long_step, step))
     if len(step) > MAX_GAPS_KEPT:
         keep = np.sort(np.argsort(-step, kind="stable")[:MAX_GAPS_KEPT])
         start, step = start[keep], step[keep]

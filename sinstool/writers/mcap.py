@@ -438,8 +438,11 @@ def message_indexes(
     list of (int, bytes)
         Channel id and its entries, by id.
     """
-    entries = np.stack((log_time, offset), axis=1).astype("<u8")
-    return [(int(c), entries[channel == c].tobytes()) for c in np.unique(channel)]
+    entries = np.empty((len(channel), 2), "<i8")
+    entries[:, 0] = log_time
+    entries[:, 1] = offset
+    present = np.flatnonzero(np.bincount(channel))
+    return [(int(c), entries[channel == c].tobytes()) for c in present]
 
 
 def _pack_all(make: Callable[[], Sequence[Messages]], compression: str) -> list[_Chunk]:
