@@ -110,7 +110,7 @@ class Copier:
             self._writer.write([_messages(item.select(self._log.channels.keys()))])
         elif isinstance(item, _Chunk):
             self._copy_chunk(item)
-        elif item.opcode not in (Opcode.SCHEMA, Opcode.CHANNEL):
+        elif item.opcode not in (Opcode.HEADER, Opcode.SCHEMA, Opcode.CHANNEL):
             assert isinstance(self._log, McapLog)
             record = self._log.read_at(item.offset, item.length)
             self._writer.write_record_bytes(item.opcode, record)
