@@ -1,0 +1,1 @@
+"""Side-by-side comparison of coning algorithms: arrays in, numbers and figures out."""
