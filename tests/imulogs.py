@@ -8,7 +8,7 @@ from mcap.reader import make_reader
 from mcap.writer import Writer
 from readers.logs import DATA
 from rosbags.rosbag1 import Writer as BagWriter
-from rosbags.typesys import Stores, get_typestore
+from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 from scipy.spatial.transform import Rotation
 
 IMU = "sensor_msgs/msg/Imu"
@@ -37,7 +37,12 @@ class Message(NamedTuple):
 
 @cache
 def store(ros=2):
-    return get_typestore(Stores.ROS1_NOETIC if ros == 1 else Stores.ROS2_HUMBLE)
+    if ros == 2:
+        return get_typestore(Stores.ROS2_HUMBLE)
+    types = get_typestore(Stores.ROS1_NOETIC)  # which lacks the one that tf2 is about
+    text = "geometry_msgs/TransformStamped[] transforms"
+    types.register(get_types_from_msg(text, "tf2_msgs/msg/TFMessage"))
+    return types
 
 
 def header(time_ns, frame="imu_link", ros=2):
