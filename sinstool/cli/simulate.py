@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Any, Literal, TypeVar
 
 import click
 
@@ -106,6 +106,88 @@ def coning(
     _write(truth, scenario | {"duration_s": duration, "rate_hz": rate}, None, rest)
 
 
+@command.command("coning-paper")
+@_common
+@click.option("--noise-frequency", type=float, default=400.0, show_default=True, help="Hz")
+@click.option(
+    "--noise-deg",
+    type=float,
+    default=0.01,
+    show_default=True,
+    help="amplitude of the noise as an angle, before the gyro's filter",
+)
+@click.option(
+    "--phase",
+    type=click.Choice(["consistent", "literal"]),
+    default="consistent",
+    show_default=True,
+    help="the paper's eq. 20 as its motion demands, or to the letter",
+)
+@click.option(
+    "--gyro-response",
+    default="cheb:6",
+    show_default=True,
+    metavar="RESPONSE",
+    help="none, cheb:N[,ripple dB,bandwidth Hz] or butter:N[,bandwidth Hz]",
+)
+@click.option("--half-angle-deg", type=float, default=0.1, show_default=True, help="of the cone")
+@click.option("--frequency", type=float, default=30.0, show_default=True, help="turns/s, Hz")
+def coning_paper(
+    noise_frequency: float,
+    noise_deg: float,
+    phase: Literal["consistent", "literal"],
+    gyro_response: str,
+    half_angle_deg: float,
+    frequency: float,
+    duration: float,
+    rate: float,
+    **rest: Any,
+) -> None:
+    """Fu and Luo's experiment: a cone, and noise of one frequency through the gyro's filter.
+
+    The truth is the cone. The gyro has the noise; further errors come with --grade.
+    """
+    import numpy as np
+
+    from sinstool.simulation.coning_paper import coning_paper as experiment
+    from sinstool.simulation.gyro_response import parse_response
+    from sinstool.simulation.truth import sample_times
+
+    _check(duration, rate, rest["seed"])
+    if not 0.0 < half_angle_deg < 90.0:
+        raise click.UsageError(f"--half-angle-deg is {half_angle_deg}, not between 0 and 90")
+    if not abs(frequency) <= MAX_RATE_HZ:
+        raise click.UsageError(f"--frequency is {frequency}, not at most {MAX_RATE_HZ:g}")
+    if not 0.0 <= noise_frequency <= MAX_RATE_HZ:
+        raise click.UsageError(
+            f"--noise-frequency is {noise_frequency}, not from 0 to {MAX_RATE_HZ:g}"
+        )
+    if not 0.0 <= noise_deg < 90.0:
+        raise click.UsageError(f"--noise-deg is {noise_deg}, not from 0 to 90")
+    response = parse_response(gyro_response)
+    truth, sensor = experiment(
+        sample_times(rate, duration, START_NS),
+        noise_frequency,
+        phase=phase,
+        response=response,
+        half_angle=np.radians(half_angle_deg),
+        frequency=frequency,
+        noise_angle=np.radians(noise_deg),
+    )
+    scenario = {
+        "scenario": "coning-paper",
+        "half_angle_deg": half_angle_deg,
+        "frequency_hz": frequency,
+        "noise_frequency_hz": noise_frequency,
+        "noise_deg": noise_deg,
+        "phase": phase,
+        "gyro_response": response.name,
+        "duration_s": duration,
+        "rate_hz": rate,
+    }
+    _write(truth, scenario, None, rest, measured=sensor)
+
+
 @command.command("static")
 @_common
 @click.option("--latitude", type=float, default=45.0, show_default=True, help="degrees")
@@ -173,15 +255,22 @@ def _check(duration: float, rate: float, seed: int) -> None:
 
 
 def _write(
-    truth: Any, scenario: dict[str, Any], position: tuple[float, float, float] | None, rest: Any
+    truth: Any,
+    scenario: dict[str, Any],
+    position: tuple[float, float, float] | None,
+    rest: Any,
+    measured: Any = None,
 ) -> None:
+    """Write the log; `measured` is the truth with errors of the scenario's own, if it has any."""
     from sinstool.simulation.sensors import GRADES, with_errors
     from sinstool.writers.simulated import SimulatedLog, write_simulated
     from sinstool.writers.whole import check_output
 
     output: Path = rest["output"]
     check_output(output, [], rest["overwrite"])
-    sensor = with_errors(truth, GRADES[rest["grade"]], rest["seed"])
+    sensor = with_errors(
+        truth if measured is None else measured, GRADES[rest["grade"]], rest["seed"]
+    )
     kept = {k: rest[k] for k in ("gyro_kind", "body_axes", "grade", "seed")}
     settings = {k: str(v) for k, v in (scenario | kept).items()}
     log = SimulatedLog(sensor, truth, rest["gyro_kind"], rest["body_axes"], position)
