@@ -12,7 +12,7 @@ import struct
 import threading
 import zlib
 from collections import deque
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Collection, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import dataclass
 from io import BytesIO
@@ -156,7 +156,7 @@ class McapWriter:
             for known in self.schemas.values():
                 if (known.name, known.encoding, known.data) == (name, encoding, data):
                     return known.id
-            number = max(self.schemas, default=0) + 1
+            number = _free(self.schemas)
         schema = records.Schema(id=number, name=name, encoding=encoding, data=data)
         self.schemas[number] = schema
         self._enqueue(lambda: self._write_record(schema), len(data))
@@ -186,7 +186,7 @@ class McapWriter:
         int
         """
         if number is None:
-            number = max(self.channels, default=0) + 1
+            number = _free(self.channels)
         channel = records.Channel(
             id=number,
             topic=topic,
@@ -405,6 +405,14 @@ class McapWriter:
         footer = struct.pack("<BQQQ", Opcode.FOOTER, 20, start, offset_start)
         crc = zlib.crc32(bytes(summary) + bytes(offsets) + footer)
         self._write(bytes(summary) + bytes(offsets) + footer + struct.pack("<I", crc))
+
+
+def _free(taken: Collection[int]) -> int:
+    """An id that nothing has: behind the largest, as long as 16 bits hold it."""
+    behind = max(taken, default=0) + 1
+    if behind < 2**16:
+        return behind
+    return next(number for number in range(1, 2**16) if number not in taken)
 
 
 def _string(record: bytes, pos: int) -> tuple[str, int]:

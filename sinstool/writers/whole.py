@@ -26,6 +26,14 @@ def check_output(output: Path, inputs: list[Path], overwrite: bool) -> None:
     ------
     OutputError
     """
+    try:
+        _check_output(output, inputs, overwrite)
+    except OSError as exc:
+        # A folder that may not be looked into, a name too long for the file system
+        raise OutputError(f"cannot write {output}: {exc.strerror}", "choose another -o") from exc
+
+
+def _check_output(output: Path, inputs: list[Path], overwrite: bool) -> None:
     folder = output.parent if str(output.parent) else Path(".")
     if output.is_dir():
         raise OutputError(f"{output} is a folder", "give the name of a file with -o")
@@ -61,8 +69,9 @@ class WholeFile:
     def __init__(self, path: Path) -> None:
         self.path = path
         try:
+            # cut, as a name may be so long already that nothing can be added to it
             handle, name = tempfile.mkstemp(
-                prefix=f".{path.name}.", suffix=".part", dir=path.parent or "."
+                prefix=f".{path.name[:40]}.", suffix=".part", dir=path.parent or "."
             )
         except OSError as exc:
             raise OutputError(f"cannot write in {path.parent}: {exc.strerror}") from exc
