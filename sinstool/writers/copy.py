@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import struct
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from mcap.opcode import Opcode
@@ -41,6 +41,7 @@ class Copier:
     def __init__(self, log: Log, writer: McapWriter) -> None:
         self._log = log
         self._writer = writer
+        self._wide: np.ndarray | None = None
         self._define()
         self._items = self._mcap_items(log) if isinstance(log, McapLog) else log.batches()
         self._next = next(self._items, None)
@@ -68,13 +69,17 @@ class Copier:
                     number,
                 )
             return
-        for number, channel in self._log.channels.items():
+        numbers = sorted(self._log.channels)
+        if numbers and numbers[-1] >= 2**16:  # bags have room for more than MCAP
+            self._wide = np.array(numbers)
+        for place, number in enumerate(numbers):
+            channel = self._log.channels[number]
             self._writer.add_channel(
                 channel.topic,
                 channel.message_encoding,
                 self._writer.add_schema(*_schema(channel)),
                 channel.metadata,
-                number,
+                number if self._wide is None else place,
             )
 
     @staticmethod
@@ -100,14 +105,17 @@ class Copier:
     def _begins(item: _Chunk | RawBatch | OtherPlace) -> int:
         if isinstance(item, _Chunk):
             return item.place.start_time
-        if isinstance(item, RawBatch):
+        if isinstance(item, RawBatch) and len(item):
             return int(item.log_time[0])
         return _START
 
     def _copy(self, item: _Chunk | RawBatch | OtherPlace) -> None:
         if isinstance(item, RawBatch):
             # A message of a channel that is defined nowhere would make the output unreadable.
-            self._writer.write([_messages(item.select(self._log.channels.keys()))])
+            messages = _messages(item.select(self._log.channels.keys()))
+            if self._wide is not None:
+                messages = replace(messages, channel=np.searchsorted(self._wide, messages.channel))
+            self._writer.write([messages])
         elif isinstance(item, _Chunk):
             self._copy_chunk(item)
         elif item.opcode not in (Opcode.HEADER, Opcode.SCHEMA, Opcode.CHANNEL):

@@ -1,5 +1,6 @@
 """The bulk writer, judged by mcap's own readers and by the format's rules on offsets."""
 
+import sqlite3
 import struct
 from collections import Counter
 from io import BytesIO
@@ -15,7 +16,7 @@ from mcap.reader import NonSeekingReader, make_reader
 from mcap.records import Chunk, MessageIndex
 from mcap.stream_reader import StreamReader, get_chunk_data_stream
 from mcap.writer import CompressionType, Writer
-from readers.logs import COMPRESSIONS, T0, mcap_records, rows, write_mcap
+from readers.logs import COMPRESSIONS, T0, mcap_records, rows, write_db3, write_mcap
 
 from sinstool.readers import open_log
 from sinstool.writers import mcap as module
@@ -309,6 +310,19 @@ def test_a_damaged_message_index_is_made_anew(tmp_path):
     for record in StreamReader(BytesIO(result), emit_chunks=True).records:
         if isinstance(record, MessageIndex):
             assert record.channel_id != 999
+
+
+def test_topics_of_a_bag_keep_apart_whatever_their_ids(tmp_path):
+    path = write_db3(tmp_path / "a.db3", rows(), 4)
+    database = sqlite3.connect(path)
+    for table, column in (("topics", "id"), ("messages", "topic_id")):
+        database.execute(f"UPDATE {table} SET {column} = {column} + 70000 * ({column} - 1)")
+    database.commit()
+    database.close()
+    found = read(make_reader(BytesIO(copied(path)), validate_crcs=True))
+    assert Counter((m[0], m[1], m[4]) for m in found) == Counter(
+        (r.topic, r.log_time, r.payload) for r in rows()
+    )
 
 
 def test_compressions_of_the_test_are_all():

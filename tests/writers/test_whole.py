@@ -248,6 +248,6 @@ def test_a_name_as_long_as_names_can_be(out):
 
 
 def test_a_name_too_long_for_the_file_system(log, out):
-    with pytest.raises(OutputError, match="[Nn]ame too long"):
+    with pytest.raises(OutputError, match=r"[Nn]ame too long"):
         process(log, out.with_name("x" * 251 + ".mcap"), ProcessConfig())
     assert names(out) == []
