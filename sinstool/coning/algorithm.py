@@ -15,6 +15,7 @@ from numpy.typing import ArrayLike, NDArray
 
 FloatArray = NDArray[np.float64]
 Takes = Literal["increments", "rates"]
+GyroKind = Literal["rate", "mean-rate", "increment"]
 
 
 class ConingAlgorithm(ABC):
@@ -42,6 +43,8 @@ class ConingAlgorithm(ABC):
         its starting point and always needed.
     after : int
         Later rows used where they exist.
+    caveat : str
+        What a user who chooses it has to be told; mostly nothing.
     """
 
     name: str
@@ -51,6 +54,7 @@ class ConingAlgorithm(ABC):
     samples: int = 1
     before: int = 0
     after: int = 0
+    caveat: str = ""
 
     def rotation_vectors(self, x: ArrayLike, dt: ArrayLike, first: int, count: int) -> FloatArray:
         """Rotation vectors of `count` consecutive updates.
@@ -98,6 +102,25 @@ class ConingAlgorithm(ABC):
         if count:
             self._fill(rows, intervals, first, out)
         return out
+
+    def for_kind(self, gyro_kind: GyroKind) -> ConingAlgorithm:
+        """Form of this algorithm for the kind of sample that a log has.
+
+        Whoever feeds an algorithm asks for this form first. Most have one only, and samples
+        are turned into what it takes; one that gains from knowing gives another here.
+
+        Parameters
+        ----------
+        gyro_kind : {"rate", "mean-rate", "increment"}
+            What the samples are; see the conventions in :mod:`sinstool`.
+
+        Returns
+        -------
+        ConingAlgorithm
+            This one, unless it has a form of its own for the kind; of the same name and with
+            as many samples per update.
+        """
+        return self
 
     @abstractmethod
     def _fill(self, x: FloatArray, dt: FloatArray, first: int, out: FloatArray) -> None:

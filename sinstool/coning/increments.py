@@ -18,16 +18,14 @@ from __future__ import annotations
 
 from fractions import Fraction
 from functools import cache
-from typing import Literal
 
 import numba
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from sinstool.coning.algorithm import Takes
+from sinstool.coning.algorithm import GyroKind, Takes
 
 FloatArray = NDArray[np.float64]
-GyroKind = Literal["rate", "mean-rate", "increment"]
 
 GYRO_KINDS = ("rate", "mean-rate", "increment")
 POINTS = (2, 4, 6, 8)

@@ -1,8 +1,9 @@
 """Coning corrections from one cross product: earlier increments with the last one.
 
-The families ``uncompensated``, ``previous-P`` (one update per sample, P earlier samples) and
-``optimal-N`` (N samples per update, none from outside it) differ only in how many samples
-an update has and how many earlier ones it may use; the weights are solved for.
+The families ``uncompensated``, ``previous-P`` (one update per sample, P earlier samples),
+``optimal-N`` (N samples per update, none from outside it) and ``optimal-N-previous-P`` differ
+only in how many samples an update has and how many earlier ones it may use; the weights are
+solved for.
 
 References
 ----------
@@ -50,7 +51,7 @@ class LagAlgorithm(ConingAlgorithm):
             self._weights[history, : len(exact)] = [float(x) for x in exact]
 
     def _fill(self, x: FloatArray, dt: FloatArray, first: int, out: FloatArray) -> None:
-        _lag_kernel(x, first, self.samples, self._weights, out)
+        lag_kernel(x, first, self.samples, self._weights, out)
 
     def shorter(self, samples: int) -> ConingAlgorithm:
         """See :meth:`ConingAlgorithm.shorter`; earlier samples replace the missing ones."""
@@ -83,21 +84,28 @@ def previous(count: int) -> LagAlgorithm:
     )
 
 
-def optimal(count: int) -> LagAlgorithm:
-    """Build one update per `count` samples with Miller's coning-optimal coefficients."""
+def optimal(count: int, earlier: int = 0) -> LagAlgorithm:
+    """Build one update per `count` samples with Miller's coning-optimal coefficients.
+
+    With `earlier` it uses as many samples from before the update too, as Ignagni does
+    (``optimal-N-previous-P``).
+    """
     return LagAlgorithm(
         count,
-        0,
-        f"optimal-{count}",
-        f"{count} samples per update, optimal for pure coning",
+        earlier,
+        f"optimal-{count}" + (f"-previous-{earlier}" if earlier else ""),
+        f"{count} samples per update"
+        + (f" and {earlier} earlier" if earlier else "")
+        + ", optimal for pure coning",
         "Miller 1983; Ignagni 1996",
     )
 
 
 @numba.njit(cache=True, nogil=True)
-def _lag_kernel(
+def lag_kernel(
     x: FloatArray, first: int, samples: int, weights: FloatArray, out: FloatArray
 ) -> None:
+    """Updates of `samples` increments; row h of `weights` is for h earlier ones."""
     most = weights.shape[0] - 1
     for update in range(out.shape[0]):
         start = first + update * samples

@@ -1,8 +1,8 @@
 """Names of the coning algorithms, and how each is built.
 
 One line per family: a pattern for its names, the function that builds one (imported only
-when asked for, so that naming algorithms costs nothing), the names shown to users, and
-whether it takes the singular-perturbation options.
+when asked for, so that naming algorithms costs nothing), the names shown to users, and the
+options that it takes.
 """
 
 from __future__ import annotations
@@ -27,27 +27,40 @@ class Family(NamedTuple):
         ``module:function`` inside :mod:`sinstool.coning`.
     names : tuple of str
         Shown to users; the pattern may allow more.
-    options : bool
-        Whether the function takes keyword options.
+    options : tuple of str
+        Keyword options of the function.
     """
 
     pattern: str
     builder: str
     names: tuple[str, ...]
-    options: bool = False
+    options: tuple[str, ...] = ()
 
 
 FAMILIES = (
     Family(r"uncompensated", "lags:uncompensated", ("uncompensated",)),
-    Family(r"previous-([1-3])", "lags:previous", ("previous-1", "previous-2", "previous-3")),
-    Family(r"optimal-([2-6])", "lags:optimal", tuple(f"optimal-{n}" for n in range(2, 7))),
+    Family(r"previous-([1-9])", "lags:previous", ("previous-1", "previous-2", "previous-3")),
+    Family(
+        r"optimal-([2-9])(?:-previous-([1-9]))?",
+        "lags:optimal",
+        tuple(f"optimal-{n}" for n in range(2, 7)),
+    ),
     Family(r"savage-(4)", "lags:optimal", ("savage-4",)),
     Family(r"savage-two-speed(?:-(\d+))?", "savage:two_speed", ("savage-two-speed",)),
     Family(
         r"singular-perturbation",
         "singular_perturbation:SingularPerturbation",
         ("singular-perturbation",),
-        options=True,
+        options=("variant", "preset", "epsilon", "beta_gain", "beta"),
+    ),
+    Family(r"picard-(\d+)", "picard:picard", ("picard-4", "picard-8")),
+    Family(r"quatfiter-(\d+)", "quatfiter:quatfiter", ("quatfiter-4", "quatfiter-8")),
+    Family(r"lookahead-(\d+)", "lookahead:lookahead", ("lookahead-8", "lookahead-12")),
+    Family(
+        r"gyro-tuned",
+        "gyro_tuned:GyroTuned",
+        ("gyro-tuned",),
+        options=("passband", "stopband", "gyro_response", "interval", "lags"),
     ),
 )
 
@@ -71,8 +84,9 @@ def algorithm(name: str, **options: Any) -> ConingAlgorithm:
     name : str
         One of :func:`names`, or another member of a numbered family.
     **options
-        Options of the algorithm; only ``singular-perturbation`` has any, see
-        :class:`~sinstool.coning.singular_perturbation.SingularPerturbation`.
+        Options of the algorithm; ``singular-perturbation`` and ``gyro-tuned`` have some, see
+        :class:`~sinstool.coning.singular_perturbation.SingularPerturbation` and
+        :class:`~sinstool.coning.gyro_tuned.GyroTuned`.
 
     Returns
     -------
@@ -82,16 +96,16 @@ def algorithm(name: str, **options: Any) -> ConingAlgorithm:
     Raises
     ------
     ConfigurationError
-        If the name is unknown, it takes no options, or their values are impossible.
+        If the name is unknown, an option is none of its own, or a value is impossible.
     """
     for family in FAMILIES:
         match = re.fullmatch(family.pattern, name)
         if match is None:
             continue
-        if options and not family.options:
+        strange = sorted(set(options) - set(family.options))
+        if strange:
             raise ConfigurationError(
-                f"coning algorithm {name} has no option {', '.join(sorted(options))}",
-                "leave it out, or choose singular-perturbation",
+                f"coning algorithm {name} has no option {', '.join(strange)}", _whose(strange)
             )
         module, _, function = family.builder.partition(":")
         build = getattr(import_module(f"sinstool.coning.{module}"), function)
@@ -102,3 +116,11 @@ def algorithm(name: str, **options: Any) -> ConingAlgorithm:
         f"unknown coning algorithm {name!r}",
         f"did you mean {near[0]}? There are {', '.join(names())}",
     )
+
+
+def _whose(options: list[str]) -> str:
+    """Say which algorithms have these options."""
+    owners = [f.names[0] for f in FAMILIES if set(options) <= set(f.options)]
+    if not owners:
+        return "leave it out"
+    return f"leave it out, or choose {' or '.join(owners)}"

@@ -12,13 +12,13 @@ References
 
 from __future__ import annotations
 
-from math import atan2, copysign, cos, pi, sin, sqrt
+from math import pi, sin
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from sinstool.coning.algorithm import ConingAlgorithm
-from sinstool.coning.increments import DEFAULT_POINTS, GyroKind, RateIntegrator, convert
+from sinstool.coning.algorithm import ConingAlgorithm, GyroKind
+from sinstool.coning.increments import DEFAULT_POINTS, RateIntegrator, convert
 
 FloatArray = NDArray[np.float64]
 
@@ -61,22 +61,29 @@ def drift_from_phi(rotation_vector: ArrayLike, duration: float, frequency: float
     phi = np.asarray(rotation_vector, dtype=np.float64)
     if phi.shape != (3,):
         raise ValueError(f"Expected `rotation_vector` to have shape (3,), got {phi.shape}.")
-    angle = float(np.linalg.norm(phi))
-    e_z = float(phi[2]) * (sin(0.5 * angle) / angle if angle else 0.5)
-    e_w = cos(0.5 * angle)
+    return float(_drifts(phi[np.newaxis], duration, np.array([frequency]))[0])
+
+
+def _drifts(phi: FloatArray, duration: float, frequency: FloatArray) -> FloatArray:
+    angle = np.linalg.norm(phi, axis=1)
+    e_z = 0.5 * phi[:, 2] * np.sinc(angle / (2.0 * pi))
+    e_w = np.cos(0.5 * angle)
     h = pi * frequency * duration
-    cos_h, sin_h = cos(h), sin(h)
+    cos_h, sin_h = np.cos(h), np.sin(h)
     # cos A = cos h + delta, with e_w - 1 = -2 sin(angle/4)**2
-    delta = -2.0 * sin(0.25 * angle) ** 2 * cos_h - e_z * sin_h
+    delta = -2.0 * np.sin(0.25 * angle) ** 2 * cos_h - e_z * sin_h
     square = sin_h * sin_h - 2.0 * delta * cos_h - delta * delta
-    sin_a = copysign(sqrt(max(square, 0.0)), e_w * sin_h + e_z * cos_h)
+    sin_a = np.copysign(np.sqrt(np.maximum(square, 0.0)), e_w * sin_h + e_z * cos_h)
     cos_a = cos_h + delta
-    if sin_a * sin_h > 0.0:
-        sine = cos_h * (-2.0 * delta * cos_h - delta * delta) / (sin_a + sin_h) - sin_h * delta
-    else:
-        sine = sin_a * cos_h - cos_a * sin_h
-    difference = atan2(sine, cos_a * cos_h + sin_a * sin_h)
-    return -2.0 * difference / duration
+    alike = sin_a * sin_h > 0.0
+    total = np.where(alike, sin_a + sin_h, 1.0)
+    sine = np.where(
+        alike,
+        cos_h * (-2.0 * delta * cos_h - delta * delta) / total - sin_h * delta,
+        sin_a * cos_h - cos_a * sin_h,
+    )
+    difference = np.arctan2(sine, cos_a * cos_h + sin_a * sin_h)
+    return np.asarray(-2.0 * difference / duration)
 
 
 def coning_rate(half_angle: float, frequency: float) -> float:
@@ -122,20 +129,26 @@ def coning_samples(
         rad/s or rad. Attitude ``q = [cos(a/2), sin(a/2) cos Wt, sin(a/2) sin Wt, 0]``
         has the rate ``W [-sin a sin Wt, sin a cos Wt, -2 sin(a/2)**2]``.
     """
-    turn = 2.0 * pi * frequency
+    return _samples(half_angle, np.array([frequency]), interval, count, gyro_kind)[0]
+
+
+def _samples(
+    half_angle: float, frequency: FloatArray, interval: float, count: int, gyro_kind: GyroKind
+) -> FloatArray:
+    turn = 2.0 * pi * frequency[:, np.newaxis]
     k = np.arange(count)
     # Whole turns are taken off in units of turns: beyond half the sample rate too.
-    late = 2.0 * pi * np.mod(frequency * interval * k, 1.0)
+    late = 2.0 * pi * np.mod(frequency[:, np.newaxis] * interval * k, 1.0)
     z = -2.0 * turn * sin(0.5 * half_angle) ** 2
     if gyro_kind == "rate":
         scale, gain, phase = 1.0, turn * sin(half_angle), late
     else:
         # Over an interval: the rate at its middle times sin(lambda/2) / (lambda/2).
         scale = interval if gyro_kind == "increment" else 1.0
-        gain = 2.0 * sin(half_angle) * sin(0.5 * turn * interval) / interval
+        gain = 2.0 * sin(half_angle) * np.sin(0.5 * turn * interval) / interval
         phase = late - 0.5 * turn * interval
-    rate = np.stack([-gain * np.sin(phase), gain * np.cos(phase), np.full(count, z)], axis=-1)
-    return scale * rate
+    z = np.broadcast_to(z, phase.shape)
+    return np.asarray(scale * np.stack([-gain * np.sin(phase), gain * np.cos(phase), z], axis=-1))
 
 
 def coning_drift(
@@ -169,20 +182,52 @@ def coning_drift(
     float
         rad/s; positive for too little compensation.
     """
-    integrator = RateIntegrator(points)
-    pad = points  # beyond the algorithm's own window, so that no stencil is off its centre
-    first = pad + max(algorithm.before, 1)
-    count = first + algorithm.samples + algorithm.after + pad
-    gyro = coning_samples(half_angle, frequency, interval, count, gyro_kind)
-    dt = np.full(count, interval)
-    if gyro_kind == "rate" and algorithm.takes == "increments":
+    one = np.array([float(frequency)])
+    return float(coning_drifts(algorithm, half_angle, one, interval, gyro_kind, points=points)[0])
+
+
+def coning_drifts(
+    algorithm: ConingAlgorithm,
+    half_angle: float,
+    frequency: ArrayLike,
+    interval: float,
+    gyro_kind: GyroKind = "mean-rate",
+    *,
+    points: int = DEFAULT_POINTS,
+) -> FloatArray:
+    """Long-term drift of an algorithm at many frequencies at once.
+
+    Parameters
+    ----------
+    algorithm, half_angle, interval, gyro_kind, points
+        See :func:`coning_drift`.
+    frequency : array_like, shape (n,)
+        Of the coning, Hz.
+
+    Returns
+    -------
+    ndarray, shape (n,)
+        rad/s.
+    """
+    algorithm = algorithm.for_kind(gyro_kind)
+    at = np.atleast_1d(np.asarray(frequency, dtype=np.float64))
+    # one row of history at least: increments from rates begin at row 1
+    before = max(algorithm.before, 1)
+    rows = before + algorithm.samples + algorithm.after
+    integrate = gyro_kind == "rate" and algorithm.takes == "increments"
+    pad = points if integrate else 0  # so that no stencil is off its centre
+    gyro = _samples(half_angle, at, interval, rows + 2 * pad, gyro_kind)
+    dt = np.full(gyro.shape[:2], interval)
+    if integrate:
+        # all frequencies one behind the other: only what is near the seams is wrong
         x = np.zeros_like(gyro)
-        x[1:] = integrator.increments(gyro, dt, 1, count - 1)
+        flat = RateIntegrator(points).increments(gyro.reshape(-1, 3), dt.ravel(), 1, dt.size - 1)
+        x.reshape(-1, 3)[1:] = flat
     else:
-        x = convert(gyro, dt, gyro_kind, algorithm.takes)
-    window = slice(first - max(algorithm.before, 1), first + algorithm.samples + algorithm.after)
-    phi = algorithm.rotation_vectors(x[window], dt[window], max(algorithm.before, 1), 1)
-    return drift_from_phi(phi[0], algorithm.samples * interval, frequency)
+        x = convert(gyro.reshape(-1, 3), dt.ravel(), gyro_kind, algorithm.takes).reshape(gyro.shape)
+    windows = np.ascontiguousarray(x[:, pad : pad + rows])
+    phi = [algorithm.rotation_vectors(one, dt[0, :rows], before, 1)[0] for one in windows]
+    return _drifts(np.array(phi).reshape(-1, 3), algorithm.samples * interval, at)
 
 
 def coning_gain(
@@ -214,5 +259,34 @@ def coning_gain(
     float
         1 for a perfect algorithm, 0 for one that sees no coning at all.
     """
-    drift = coning_drift(algorithm, _NARROW, frequency, interval, gyro_kind, points=points)
-    return 1.0 - drift / coning_rate(_NARROW, frequency)
+    one = np.array([float(frequency)])
+    return float(coning_gains(algorithm, one, interval, gyro_kind, points=points)[0])
+
+
+def coning_gains(
+    algorithm: ConingAlgorithm,
+    frequency: ArrayLike,
+    interval: float,
+    gyro_kind: GyroKind = "mean-rate",
+    *,
+    points: int = DEFAULT_POINTS,
+) -> FloatArray:
+    """Fraction of the true coning rate that an algorithm reproduces, at many frequencies.
+
+    Parameters
+    ----------
+    algorithm, interval, gyro_kind, points
+        See :func:`coning_gain`.
+    frequency : array_like, shape (n,)
+        Of the coning, Hz; 1 is returned for frequency 0.
+
+    Returns
+    -------
+    ndarray, shape (n,)
+        One gain a frequency.
+    """
+    at = np.atleast_1d(np.asarray(frequency, dtype=np.float64))
+    still = at == 0.0
+    safe = np.where(still, 1.0, at)
+    drift = coning_drifts(algorithm, _NARROW, safe, interval, gyro_kind, points=points)
+    return np.where(still, 1.0, 1.0 - drift / (2.0 * pi * safe * 2.0 * sin(0.5 * _NARROW) ** 2))

@@ -53,7 +53,8 @@ class ConingStage:
     Parameters
     ----------
     algorithm : ConingAlgorithm
-        See :func:`sinstool.coning.registry.algorithm`.
+        See :func:`sinstool.coning.registry.algorithm`; of several forms that for the kind of
+        sample is taken.
     gyro_kind : {"rate", "mean-rate", "increment"}
         What the samples are; see the conventions in :mod:`sinstool`. Rates for an algorithm
         that takes increments are integrated by
@@ -87,6 +88,7 @@ class ConingStage:
             raise ValueError(
                 f"Expected a positive `nominal_interval` for {gyro_kind}, got {nominal_interval}."
             )
+        algorithm = algorithm.for_kind(gyro_kind)
         self.algorithm = algorithm
         self.gyro_kind: GyroKind = gyro_kind
         self._first_interval = float(nominal_interval)

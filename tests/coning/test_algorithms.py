@@ -8,7 +8,19 @@ from sinstool.coning.registry import algorithm, names
 from sinstool.coning.savage import SavageTwoSpeed
 from sinstool.errors import ConfigurationError
 
-EVERY = [*names(), "savage-two-speed-1", "savage-two-speed-7"]
+EVERY = [
+    *names(),
+    "savage-two-speed-1",
+    "savage-two-speed-7",
+    "previous-6",
+    "optimal-8",
+    "optimal-3-previous-2",
+    "picard-2",
+    "quatfiter-3",
+    "lookahead-4",
+    "lookahead-16",
+]
+FORMS = [(name, kind) for name in EVERY for kind in ("mean-rate", "rate")]
 
 
 def samples(count, seed=1):
@@ -86,11 +98,12 @@ def test_savage_is_its_relatives_where_they_meet():
     np.testing.assert_array_equal(SavageTwoSpeed(1).rotation_vectors(x, dt, 0, 1), x[:1])
 
 
-@pytest.mark.parametrize("name", EVERY)
-def test_an_update_depends_on_nothing_but_its_window(name):
-    a = algorithm(name)
-    x, dt = samples(60)
-    first, count = 7, 6
+@pytest.mark.parametrize(("name", "kind"), FORMS)
+def test_an_update_depends_on_nothing_but_its_window(name, kind):
+    a = algorithm(name).for_kind(kind)
+    assert (a.name, a.samples) == (algorithm(name).name, algorithm(name).samples)
+    x, dt = samples(110)
+    first, count = 21, 6
     together = a.rotation_vectors(x, dt, first, count)
     for update in range(count):
         start = first + update * a.samples
@@ -103,9 +116,9 @@ def test_an_update_depends_on_nothing_but_its_window(name):
         np.testing.assert_array_equal(together[update], answer[0])
 
 
-@pytest.mark.parametrize("name", EVERY)
-def test_a_constant_rate_is_integrated_exactly(name):
-    a = algorithm(name)
+@pytest.mark.parametrize(("name", "kind"), FORMS)
+def test_a_constant_rate_is_integrated_exactly(name, kind):
+    a = algorithm(name).for_kind(kind)
     rate = np.array([0.7, -1.1, 0.4])
     dt = np.full(30, 0.004)
     x = np.tile(rate if a.takes == "rates" else rate * 0.004, (30, 1))
@@ -113,9 +126,9 @@ def test_a_constant_rate_is_integrated_exactly(name):
     np.testing.assert_allclose(answers, np.tile(rate * 0.004 * a.samples, (3, 1)), rtol=1e-14)
 
 
-@pytest.mark.parametrize("name", EVERY)
-def test_turned_samples_give_turned_answers(name):
-    a = algorithm(name)
+@pytest.mark.parametrize(("name", "kind"), FORMS)
+def test_turned_samples_give_turned_answers(name, kind):
+    a = algorithm(name).for_kind(kind)
     x, dt = samples(40)
     q = rotation.exp([0.8, -2.0, 0.5])
     straight = a.rotation_vectors(x, dt, 4, 4)
@@ -181,7 +194,7 @@ def test_registry_knows_the_names_of_the_command_line():
     promised = {
         "uncompensated", "previous-1", "previous-2", "previous-3", "optimal-2", "optimal-3",
         "optimal-4", "optimal-5", "optimal-6", "savage-4", "savage-two-speed",
-        "singular-perturbation",
+        "singular-perturbation", "picard-4", "quatfiter-4", "lookahead-12", "gyro-tuned",
     }  # fmt: skip
     assert promised <= set(names())
     for name in names():
@@ -196,7 +209,7 @@ def test_registry_knows_the_names_of_the_command_line():
     ("wrong", "meant"),
     [
         ("previous3", "previous-3"),
-        ("optimal-9", "optimal-"),
+        ("optimal-99", "optimal-"),
         ("singular_perturbation", "singular-perturbation"),
         ("none", "did you mean"),
         ("", "did you mean"),
@@ -210,7 +223,14 @@ def test_unknown_names_are_refused_with_the_nearest(wrong, meant):
 
 
 def test_options_where_there_are_none_are_refused():
-    with pytest.raises(ConfigurationError, match="no option epsilon"):
+    with pytest.raises(ConfigurationError, match="no option epsilon") as error:
         algorithm("previous-1", epsilon=1e-3)
+    assert "choose singular-perturbation" in error.value.hint
+    with pytest.raises(ConfigurationError, match="no option passband") as error:
+        algorithm("singular-perturbation", passband=60.0, epsilon=1e-3)
+    assert "choose gyro-tuned" in error.value.hint
+    with pytest.raises(ConfigurationError, match="no option nonsense") as error:
+        algorithm("gyro-tuned", nonsense=1)
+    assert error.value.hint == "leave it out"
     with pytest.raises(ConfigurationError, match="savage-two-speed-0"):
         algorithm("savage-two-speed-0")
