@@ -1,0 +1,675 @@
+import json
+import os
+import re
+import signal
+import subprocess
+import sys
+import time
+import tomllib
+from pathlib import Path
+
+import click
+import numpy as np
+import pytest
+from imulogs import (
+    REAL,
+    even_times,
+    handheld,
+    imu_log,
+    imu_messages,
+    read_topic,
+    resting,
+    write_log,
+)
+from readers.logs import PRESSURE, Row, payload_of, real, write_mcap
+
+from sinstool.cli import main as main_module
+from sinstool.cli.main import COMMANDS, cli
+from sinstool.config import ProcessConfig, build
+from sinstool.coning.registry import names
+
+PROGRAM = [sys.executable, "-c", "from sinstool.cli.main import main; main()"]
+
+
+@pytest.fixture
+def sinstool(monkeypatch, capsys):
+    """Runs the command line in this process: status, stdout, stderr."""
+
+    def call(*arguments):
+        monkeypatch.setattr(sys, "argv", ["sinstool", *map(str, arguments)])
+        with pytest.raises(SystemExit) as info:
+            main_module.main()
+        out, err = capsys.readouterr()
+        return info.value.code, out, err
+
+    return call
+
+
+@pytest.fixture
+def log(tmp_path):
+    """A good log, alone in its folder."""
+    folder = tmp_path / "logs"
+    folder.mkdir()
+    gyro, accel, _ = handheld(1000, rest_s=2.0)
+    return imu_log(folder / "good.mcap", even_times(1000), gyro, accel)
+
+
+def one_line(err):
+    """The one line of an error, and nothing of Python in it."""
+    lines = err.strip().split("\n")
+    assert len(lines) == 1, err
+    assert lines[0].startswith("sinstool: ")
+    assert "Traceback" not in err
+    return lines[0]
+
+
+def usage(err):
+    assert "Traceback" not in err
+    assert err.startswith("Usage: ")
+    return err.strip().split("\n")[-1]
+
+
+# -- bad inputs ------------------------------------------------------------------------------
+
+
+def missing(folder):
+    return folder / "nope.mcap", "there is no such file"
+
+
+def empty(folder):
+    path = folder / "empty.mcap"
+    path.write_bytes(b"")
+    return path, "the file is empty"
+
+
+def text(folder):
+    path = folder / "text.mcap"
+    path.write_text("time,gyro\n1,2\n")
+    return path, "not a log"
+
+
+def directory(folder):
+    path = folder / "folder"
+    path.mkdir()
+    return path, "metadata.yaml"
+
+
+def cut(folder):
+    path = imu_log(folder / "cut.mcap", even_times(5000), *resting(5000))
+    path.write_bytes(path.read_bytes()[: path.stat().st_size // 2])
+    return path, "--salvage"
+
+
+def no_imu(folder):
+    payload = payload_of(PRESSURE, 0)
+    return write_mcap(folder / "b.mcap", [Row("/baro", 1, 1, payload)]), "no sensor_msgs/Imu topic"
+
+
+def ambiguous(folder):
+    times = even_times(100)
+    messages = [m for t in ("/a", "/b") for m in imu_messages(times, *resting(100), topic=t)]
+    return write_log(folder / "two.mcap", messages), "--imu-topic"
+
+
+def deg_s(folder):
+    gyro, accel, _ = handheld(4000)
+    return imu_log(
+        folder / "deg.mcap", even_times(4000), np.degrees(gyro), accel
+    ), "--gyro-unit deg/s"
+
+
+def in_g(folder):
+    gyro, accel, _ = handheld(1000)
+    return imu_log(folder / "g.mcap", even_times(1000), gyro, accel / 9.8), "--accel-unit g"
+
+
+def slow(folder):
+    return imu_log(folder / "slow.mcap", even_times(60, 1.0), *resting(60)), "1 samples a second"
+
+
+def not_a_number(folder):
+    return imu_log(folder / "nan.mcap", even_times(9), [np.nan] * 3, [0.0, 0, 9.8]), "hold NaN"
+
+
+BAD = [
+    missing, empty, text, directory, cut, no_imu, ambiguous, deg_s, in_g, slow, not_a_number
+]  # fmt: skip
+
+
+@pytest.mark.parametrize("make", BAD, ids=lambda f: f.__name__)
+@pytest.mark.parametrize("options", [(), ("--json",), ("-q",)])
+def test_bad_inputs_end_in_one_line(sinstool, tmp_path, make, options):
+    path, expected = make(tmp_path)
+    before = sorted(p.name for p in tmp_path.rglob("*"))
+    status, out, err = sinstool("process", path, "-o", tmp_path / "out.mcap", *options)
+    line = one_line(err)
+    assert status == 1 and out == ""
+    assert expected in line and str(path) in line
+    assert sorted(p.name for p in tmp_path.rglob("*")) == before
+
+
+def test_output_exists(sinstool, log, tmp_path):
+    out = tmp_path / "out.mcap"
+    out.write_bytes(b"precious")
+    status, _, err = sinstool("process", log, "-o", out)
+    assert status == 1 and "exists already" in one_line(err) and "--overwrite" in err
+    assert out.read_bytes() == b"precious"
+    status, _, err = sinstool("process", log, "-o", out, "--overwrite")
+    assert status == 0 and "Traceback" not in err
+    assert len(read_topic(out, "/sinstool/attitude")) == 1000
+    assert sorted(p.name for p in tmp_path.iterdir()) == ["logs", "out.mcap"]
+
+
+@pytest.mark.parametrize("options", [(), ("--overwrite",)])
+@pytest.mark.parametrize("way", ["itself", "dotted", "symlink", "hardlink"])
+def test_output_is_the_input(sinstool, log, options, way):
+    out = log
+    if way == "dotted":
+        out = log.parent / ".." / log.parent.name / log.name
+    elif way != "itself":
+        out = log.parent / "other.mcap"
+        (os.symlink if way == "symlink" else os.link)(log, out)
+    before = log.read_bytes()
+    status, _, err = sinstool("process", log, "-o", out, *options)
+    assert status == 1 and "is the input itself" in one_line(err)
+    assert log.read_bytes() == before
+
+
+@pytest.mark.parametrize(
+    ("out", "expected"),
+    [
+        ("/proc/out.mcap", "/proc"),  # not even root writes there
+        ("nowhere/out.mcap", "does not exist"),
+        ("logs", "is a folder"),
+        ("logs/good.mcap/out.mcap", "does not exist"),
+    ],
+)
+def test_unwritable_places(sinstool, log, tmp_path, monkeypatch, out, expected):
+    if out.startswith("/proc") and not Path("/proc").is_dir():
+        pytest.skip("no /proc on this system")
+    monkeypatch.chdir(tmp_path)
+    status, _, err = sinstool("process", log, "-o", out)
+    assert status == 1 and expected in one_line(err)
+    assert [p.name for p in tmp_path.rglob("*")] == ["logs", "good.mcap"]
+
+
+@pytest.mark.skipif(os.geteuid() == 0, reason="root writes into any folder")
+def test_a_folder_without_write_permission(sinstool, log, tmp_path):
+    folder = tmp_path / "locked"
+    folder.mkdir(mode=0o555)
+    status, _, err = sinstool("process", log, "-o", folder / "out.mcap")
+    assert status == 1 and "cannot be written to" in one_line(err)
+
+
+@pytest.fixture(scope="module")
+def large(tmp_path_factory):
+    """So large that processing it takes a while."""
+    from sinstool.simulation.coning import classical_coning
+    from sinstool.simulation.truth import sample_times
+    from sinstool.writers.simulated import SimulatedLog, write_simulated
+
+    path = tmp_path_factory.mktemp("large") / "large.mcap"
+    truth = classical_coning(sample_times(1000.0, 200.0, 10**18), 0.3, 3.0)
+    write_simulated(path, SimulatedLog(truth, truth, "rate", "flu"), {})
+    return path
+
+
+def has_open(process, path):
+    """Whether a process has a file open; True also where the system does not say."""
+    files = Path(f"/proc/{process.pid}/fd")
+    if not files.is_dir():
+        return True
+    try:
+        return any(os.path.realpath(f) == str(path) for f in files.iterdir())
+    except OSError:  # one was closed meanwhile
+        return False
+
+
+@pytest.mark.parametrize("when", ["while it reads", "while it writes"])
+def test_ctrl_c(large, tmp_path, when):
+    run = subprocess.Popen(
+        [*PROGRAM, "process", large, "-o", tmp_path / "out.mcap"],
+        stderr=subprocess.PIPE,
+        stdout=subprocess.PIPE,
+    )
+    deadline = time.monotonic() + 60.0
+    while time.monotonic() < deadline and run.poll() is None:
+        if when == "while it reads" and has_open(run, large):
+            break
+        if any(p.stat().st_size for p in tmp_path.iterdir()):
+            break
+    assert run.poll() is None
+    run.send_signal(signal.SIGINT)
+    stdout, stderr = run.communicate(timeout=30)
+    assert run.returncode == 130, stderr.decode()
+    assert one_line(stderr.decode()) == "sinstool: interrupted; nothing was written"
+    assert stdout == b""
+    assert list(tmp_path.iterdir()) == []
+
+
+# -- configuration ---------------------------------------------------------------------------
+
+WRONG = {
+    "[inputt]": "unknown key inputt",
+    "[input]\nbody_axis = 'flu'": "unknown key input.body_axis",
+    "loud = true": "unknown key loud",
+    "input = 3": "input = 3: must be a table",
+    "[input]\nbody_axes = 'FLU'": "input.body_axes = 'FLU': must be 'flu' or 'frd'",
+    "[input]\nimu_topic = 5": "input.imu_topic = 5: must be a valid string",
+    "[input]\nsalvage = 'yes'": "input.salvage = 'yes': must be a valid boolean",
+    "[input]\nsalvage = 1": "input.salvage = 1: must be a valid boolean",
+    "[input]\nimu_rate = 0": "input.imu_rate = 0: ",
+    "[input]\nimu_rate = inf": "input.imu_rate = inf: must be a finite number",
+    "[input]\nimu_rate = '200'": "input.imu_rate = '200': must be a valid number",
+    "[input]\nmax_gap = -1.0": "input.max_gap = -1.0: must be greater than 0",
+    "[input]\nstart = 'noon'": "input.start = 'noon': 'noon' is not a time",
+    "[input]\nend = true": "input.end = true: ",
+    "[input]\nend = '1e400'": "input.end = '1e400': ",
+    "[coning]\nconing = 'optimal-x'": "coning.coning = 'optimal-x': unknown coning algorithm",
+    "[coning]\nepsilon = -1e-3": "coning.epsilon = -0.001: ",
+    "[align]\nlatitude = 91": "align.latitude = 91: must be less than or equal to 90",
+    "[align]\nlatitude = nan": "align.latitude = nan: ",
+    "[align]\nlatitude = true": "align.latitude = true: must be a valid number",
+    "[align]\ngyro_bias = [1, 2]": "align.gyro_bias = [1, 2]: too few values",
+    "[align]\ngyro_bias = [1, 2, 'x']": "align.gyro_bias[2] = 'x': must be a valid number",
+    "[align]\ngyro_bias = 'rest'": "align.gyro_bias = 'rest': must be 'still' or 'none'",
+    "[align]\ninitial_attitude = [1, 2, 3, 4]": "align.initial_attitude = [1, 2, 3, 4]: too many",
+    "[output]\nemit = ['imu', 'odometry']": "'odometry' is not one of",
+    "[output]\nemit = []": "output.emit = []: nothing is left",
+    "[output]\nemit = 'imu'": "output.emit = 'imu': must be a list",
+    "[output": "not valid TOML",
+    "[align]\nalign = 'fixed'": "--align fixed needs an attitude",
+    "[align]\ninitial_attitude = [1, 2, 3]": "--initial-attitude is given",
+    "[coning]\nbeta_gain = 2.0": "--coning is previous-3",
+}
+
+
+@pytest.mark.parametrize("toml", WRONG)
+def test_wrong_configuration(sinstool, log, tmp_path, toml):
+    path = tmp_path / "run.toml"
+    path.write_text(toml)
+    status, out, err = sinstool("process", log, "-o", tmp_path / "o.mcap", "--config", path)
+    assert status == 2 and out == ""
+    line = one_line(err)
+    assert WRONG[toml] in line
+    if not WRONG[toml].startswith("--"):
+        assert f"{path}: " in line
+    assert not (tmp_path / "o.mcap").exists()
+
+
+def test_a_configuration_that_is_not_there(sinstool, tmp_path):
+    status, _, err = sinstool("process", "--config", tmp_path / "no.toml", "--print-config")
+    assert status == 2 and "no.toml: cannot be read" in one_line(err)
+    (tmp_path / "latin.toml").write_bytes(b'[input]\nimu_topic = "\xe4"')
+    status, _, err = sinstool("process", "--config", tmp_path / "latin.toml", "--print-config")
+    assert status == 2 and "not valid TOML" in one_line(err)
+
+
+@pytest.mark.parametrize(
+    ("options", "expected"),
+    [
+        (("--latitude", "99"), "--latitude 99.0: must be less than or equal to 90"),
+        (("--gyro-bias", "1,2,nan"), "--gyro-bias nan: must be a finite number"),
+        (("--emit", "foo"), "--emit ['foo']: 'foo' is not one of"),
+        (("--coning", "optimal-x"), "--coning 'optimal-x': unknown coning algorithm"),
+        (("--imu-rate", "0"), "--imu-rate 0.0: "),
+        (("--start", "soon"), "--start 'soon': 'soon' is not a time"),
+        (("--align", "fixed"), "give --initial-attitude"),
+        (("--sp-preset", "paper"), "add --coning singular-perturbation"),
+    ],
+)
+def test_wrong_options_are_named(sinstool, log, tmp_path, options, expected):
+    status, _, err = sinstool("process", log, "-o", tmp_path / "o.mcap", *options)
+    assert status == 2 and expected in one_line(err)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "expected"),
+    [
+        (("process",), "give a LOG"),
+        (("process", "a.mcap"), "-o FILE"),
+        (("proces",), "did you mean process?"),
+        (("dance",), "there are process, info, simulate"),
+        (("process", "a", "-o", "b", "--imu-tpic", "x"), "--imu-topic"),
+        (("process", "a", "-o", "b", "--align", "sideways"), "'sideways' is not one of"),
+        (("process", "a", "-o", "b", "--gyro-bias", "1,2"), "'1,2' is not 3 numbers"),
+        (("process", "a", "-o", "b", "--latitude", "north"), "'north' is not a valid float"),
+        (("info",), "LOG"),
+        (("simulate", "dance", "-o", "x"), "No such command"),
+    ],
+)
+def test_usage(sinstool, arguments, expected):
+    status, out, err = sinstool(*arguments)
+    assert status == 2 and out == "" and expected in usage(err)
+
+
+FULL = """
+[input]
+imu_topic = "/imu"
+gnss_topic = "/fix"
+start = 1.5
+end = 2023-11-14T22:13:25Z
+body_axes = "frd"
+gyro_kind = "mean-rate"
+gyro_unit = "deg/s"
+accel_unit = "g"
+imu_rate = 200
+max_gap = 0.25
+salvage = true
+
+[coning]
+coning = "singular-perturbation"
+sp_variant = "bvp"
+epsilon = 1e-3
+beta = [1, 2.5, -3]
+
+[align]
+mode = "attitude"
+align = "fixed"
+initial_attitude = [1, 2, 3]
+gyro_bias = [0.1, 0, -1e-5]
+latitude = -33.5
+longitude = 151
+height = 12.5
+
+[output]
+world = "ned"
+emit = ["euler", "imu", "euler"]
+only_results = true
+compression = "lz4"
+overwrite = true
+"""
+
+
+def test_the_printed_configuration_can_be_fed_back(sinstool, tmp_path):
+    (tmp_path / "full.toml").write_text(FULL)
+    status, first, err = sinstool("process", "--config", tmp_path / "full.toml", "--print-config")
+    assert (status, err) == (0, "")
+    (tmp_path / "back.toml").write_text(first)
+    _, second, _ = sinstool("process", "--config", tmp_path / "back.toml", "--print-config")
+    assert second == first
+    got = tomllib.loads(first)
+    assert got["input"]["start"] == "1.5"
+    assert got["input"]["end"] == "2023-11-14T22:13:25+00:00"
+    assert got["coning"]["beta"] == [1.0, 2.5, -3.0]
+    assert got["output"]["emit"] == ["euler", "imu"]
+    # every key that can be said with another is said here
+    said = {(g, k) for g, keys in got.items() for k in keys}
+    assert {(g, k) for g, k in fields()} - said == {
+        ("coning", "sp_preset"),
+        ("coning", "beta_gain"),
+    }
+
+
+def test_flags_win_over_the_file(sinstool, tmp_path):
+    (tmp_path / "run.toml").write_text('[align]\nlatitude = 10\n[output]\nworld = "ned"\n')
+    _, out, _ = sinstool(
+        "process", "--config", tmp_path / "run.toml", "--latitude", "-20.5", "--print-config"
+    )
+    got = tomllib.loads(out)
+    assert (got["align"]["latitude"], got["output"]["world"]) == (-20.5, "ned")
+
+
+def fields():
+    return [
+        (group, name)
+        for group, field in ProcessConfig.model_fields.items()
+        for name in field.annotation.model_fields
+    ]
+
+
+def test_every_field_is_an_option_and_the_reverse():
+    command = cli.get_command(None, "process")
+    options = {p.name: p for p in command.params if isinstance(p, click.Option) and "__" in p.name}
+    assert {f"{group}__{name}" for group, name in fields()} == set(options)
+    for group, name in fields():
+        option = options[f"{group}__{name}"]
+        assert option.opts == ["--" + name.replace("_", "-")]
+        assert option.help, option
+    own = {p.name for p in command.params} - set(options)
+    assert own == {"log", "output", "config_file", "show", "as_json", "quiet", "verbose"}
+    # names are unique over the groups, as flags must be
+    assert len({name for _, name in fields()}) == len(fields())
+
+
+def test_what_is_told_as_an_option_is_what_the_file_tells(sinstool):
+    told = [
+        "--imu-topic", "/i", "--start", "5", "--imu-rate", "99.5", "--salvage",
+        "--coning", "optimal-4", "--gyro-bias", "-0.1,0,2e-3", "--align", "fixed",
+        "--initial-attitude", "-1,2,3", "--emit", "euler, pose", "--only-results",
+    ]  # fmt: skip
+    _, out, _ = sinstool("process", *told, "--print-config")
+    expected = {
+        "input": {"imu_topic": "/i", "start": "5", "imu_rate": 99.5, "salvage": True},
+        "coning": {"coning": "optimal-4"},
+        "align": {
+            "gyro_bias": [-0.1, 0, 2e-3], "align": "fixed", "initial_attitude": [-1, 2, 3]
+        },
+        "output": {"emit": ["euler", "pose"], "only_results": True},
+    }  # fmt: skip
+    assert build(ProcessConfig, tomllib.loads(out)) == build(ProcessConfig, expected)
+
+
+# -- help ------------------------------------------------------------------------------------
+
+
+def test_help_imports_nothing_heavy():
+    code = (
+        "import sys\nfrom sinstool.cli.main import cli\n"
+        "cli.main(['--help'], standalone_mode=False)\n"
+        "print('loaded', sorted({m.split('.')[0] for m in sys.modules}))"
+    )
+    run = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    shown, loaded = run.stdout.split("loaded ")
+    heavy = {"numpy", "numba", "scipy", "pydantic", "rich", "mcap", "rosbags", "zstandard", "lz4"}
+    assert heavy & set(re.findall(r"'(\w+)'", loaded)) == set()
+    assert all(name in shown for name in COMMANDS)
+
+
+def test_printing_a_configuration_compiles_nothing():
+    code = (
+        "import sys\nfrom sinstool.cli.main import cli\n"
+        "cli.main(['process', '--print-config'], standalone_mode=False)\n"
+        "print('loaded', sorted({m.split('.')[0] for m in sys.modules}))"
+    )
+    run = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    loaded = re.findall(r"'(\w+)'", run.stdout.split("loaded ")[1])
+    assert {"scipy", "rosbags", "mcap", "rich"} & set(loaded) == set()
+
+
+@pytest.mark.parametrize("command", [(), *((name,) for name in COMMANDS), ("simulate", "coning")])
+@pytest.mark.parametrize("flag", ["-h", "--help"])
+def test_help(sinstool, command, flag):
+    status, out, err = sinstool(*command, flag)
+    assert (status, err) == (0, "")
+    assert out.startswith("Usage: ")
+
+
+def test_help_of_process_names_every_algorithm_and_option(sinstool):
+    _, out, _ = sinstool("process", "--help")
+    told = " ".join(out.split())
+    assert all(name in told for name in names())
+    assert all("--" + name.replace("_", "-") in told for _, name in fields())
+
+
+def test_version(sinstool):
+    from sinstool import __version__
+
+    assert sinstool("--version") == (0, f"sinstool, version {__version__}\n", "")
+
+
+# -- what is printed -------------------------------------------------------------------------
+
+KEYS = {
+    "input": {"path", "size", "sha256"},
+    "imu": {"topic", "n", "rate_hz", "gaps", "dropped"},
+    "alignment": {
+        "method", "time_ns", "roll_deg", "pitch_deg", "heading_deg", "sigma_deg", "status"
+    },
+    "final": {
+        "time_ns", "q_wxyz_ned_frd", "roll_deg", "pitch_deg", "heading_deg", "lat_deg", "lon_deg",
+        "height_m",
+    },
+    "coning": {"algorithm"},
+    "output": {"path"},
+    "lost": {"parts"},
+}  # fmt: skip
+
+
+def test_json_is_one_object_with_the_keys_of_the_contract(sinstool, log, tmp_path):
+    status, out, err = sinstool("process", log, "-o", tmp_path / "out.mcap", "--json")
+    assert status == 0
+    summary = json.loads(out)
+    assert set(KEYS) | {"hse", "height", "filter", "warnings"} == set(summary)
+    for key, inside in KEYS.items():
+        assert inside <= set(summary[key]), key
+    assert summary["imu"]["n"] == 1000 and summary["imu"]["topic"] == "/imu"
+    assert summary["hse"] is summary["height"] is summary["filter"] is None
+    # times are strings of nanoseconds: JSON's numbers would lose their end
+    times = even_times(1000)
+    assert summary["alignment"]["time_ns"] == str(times[0])
+    assert summary["final"]["time_ns"] == str(times[-1])
+    assert len(summary["alignment"]["sigma_deg"]) == 3
+    assert np.linalg.norm(summary["final"]["q_wxyz_ned_frd"]) == pytest.approx(1.0)
+    assert summary["output"]["path"] == str(tmp_path / "out.mcap")
+    # warnings are in the object, and on stderr for people
+    assert summary["warnings"] and all(f"warning: {w}\n" in err for w in summary["warnings"])
+
+
+def test_summary_and_silence(sinstool, log, tmp_path):
+    status, out, _ = sinstool("process", log, "-o", tmp_path / "a.mcap")
+    assert status == 0
+    assert "1000 samples at 200.000 Hz" in out and "level (ok)" in out and "previous-3" in out
+    assert "sha256" not in out
+    status, out, _ = sinstool("process", log, "-o", tmp_path / "b.mcap", "-v")
+    assert "sha256" in out
+    status, out, err = sinstool("process", log, "-o", tmp_path / "c.mcap", "-q")
+    assert (status, out) == (0, "")
+    assert all(line.startswith("warning: ") for line in err.splitlines())
+
+
+def test_verbose_errors_have_their_traceback(tmp_path):
+    run = subprocess.run(
+        [*PROGRAM, "process", "-v", tmp_path / "no.mcap", "-o", tmp_path / "o.mcap"],
+        capture_output=True,
+        text=True,
+    )
+    assert run.returncode == 1 and "Traceback" in run.stderr and "no such file" in run.stderr
+
+
+def test_something_lost(sinstool, tmp_path):
+    """Malformed messages, and parts of a damaged log that were passed over."""
+    messages = imu_messages(even_times(1000), *resting(1000))
+    messages[500] = messages[500]._replace(message=b"\x00\x01\x00\x00")
+    path = write_log(tmp_path / "a.mcap", messages)
+    status, out, err = sinstool("process", path, "-o", tmp_path / "a.out.mcap", "--json")
+    assert status == 3
+    assert json.loads(out)["lost"]["malformed"] == 1
+    assert "1 messages do not fit" in err
+    path, _ = cut(tmp_path)
+    status, out, err = sinstool(
+        "process", path, "-o", tmp_path / "b.out.mcap", "--salvage", "--json"
+    )
+    assert status == 3
+    lost = json.loads(out)["lost"]["parts"]
+    assert lost and all(part in err for part in lost)
+    status, out, _ = sinstool("info", path, "--salvage")
+    assert status == 3 and "lost: " in out
+
+
+@pytest.mark.parametrize("path", REAL)
+def test_info_on_every_real_log(sinstool, path):
+    axes = ("--body-axes", "frd") if path.startswith("px4") else ()
+    status, out, err = sinstool("info", real(path), "--json", *axes)
+    assert (status, err) == (0, "")
+    found = json.loads(out)
+    assert found["process"]["possible"] and found["lost"] == []
+    imu = next(i for i in found["imu"] if i["topic"] == found["process"]["imu_topic"])
+    assert imu["n"] > 1000 and imu["first_ns"].isdigit()
+    assert [o for o in imu["oddities"] if o["fatal"]] == []
+    assert sum(t["n"] for t in found["topics"]) == found["input"]["messages"]
+    status, out, err = sinstool("info", real(path), *axes)
+    assert (status, err) == (0, "")
+    assert f"IMU {imu['topic']}" in out and f"process would take {imu['topic']}" in out
+    assert all(o["text"] in out for o in imu["oddities"])
+
+
+def test_info_says_what_process_would_say(sinstool, tmp_path):
+    for make in (ambiguous, deg_s, in_g, slow, no_imu, not_a_number):
+        path, expected = make(tmp_path)
+        status, out, err = sinstool("info", path)
+        assert (status, err) == (0, "")
+        assert "process would refuse this log" in out and expected in out
+        status, out, _ = sinstool("info", path, "--json")
+        verdict = json.loads(out)["process"]
+        assert status == 0 and not verdict["possible"] and expected in verdict["why"]
+
+
+@pytest.mark.parametrize("make", [missing, empty, text, cut], ids=lambda f: f.__name__)
+def test_info_refuses_what_is_no_log(sinstool, tmp_path, make):
+    path, expected = make(tmp_path)
+    status, out, err = sinstool("info", path)
+    assert status == 1 and out == "" and expected in one_line(err)
+
+
+def test_info_takes_the_input_options(sinstool, log):
+    _, out, _ = sinstool("info", log, "--start", "1", "--end", "3", "--json")
+    (imu,) = json.loads(out)["imu"]
+    assert (imu["n"], imu["covered_s"]) == (401, 2.0)
+    assert sinstool("info", log, "--imu-topic", "/x")[0] == 0  # the verdict says it
+    _, out, _ = sinstool("info", log, "--imu-topic", "/x", "--json")
+    assert json.loads(out)["imu"] == [] and "/x" in json.loads(out)["process"]["why"]
+
+
+# -- simulate --------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("scenario", "options", "expected"),
+    [
+        ("coning", ("--rate", "0"), "--rate is 0.0"),
+        ("coning", ("--rate", "nan"), "--rate is nan"),
+        ("coning", ("--rate", "inf"), "--rate is inf"),
+        ("coning", ("--duration", "-1"), "--duration is -1.0"),
+        ("coning", ("--duration", "inf"), "--duration is inf"),
+        ("coning", ("--duration", "1e-4"), "no sample interval"),
+        ("coning", ("--seed", "-1"), "--seed is -1"),
+        ("coning", ("--frequency", "nan"), "--frequency is nan"),
+        ("coning", ("--lead-in", "-1"), "--lead-in is -1.0"),
+        ("coning", ("--lead-in", "nan"), "--lead-in is nan"),
+        ("coning", ("--half-angle-deg", "90"), "--half-angle-deg is 90.0"),
+        ("coning", ("--half-angle-deg", "nan"), "--half-angle-deg is nan"),
+        ("coning", ("--grade", "best"), "'best' is not one of"),
+        ("static", ("--latitude", "91"), "--latitude is 91.0"),
+        ("static", ("--longitude", "nan"), "--longitude is nan"),
+        ("static", ("--height", "inf"), "not finite"),
+        ("static", ("--attitude", "1,2"), "'1,2' is not 3 numbers"),
+        ("static", ("--attitude", "1,2,nan"), "not finite"),
+        ("static", ("--duration", "0"), "--duration is 0.0"),
+    ],
+)
+def test_simulate_refuses_bad_values(sinstool, tmp_path, scenario, options, expected):
+    status, out, err = sinstool("simulate", scenario, "-o", tmp_path / "o.mcap", *options)
+    assert status == 2 and out == "" and expected in usage(err)
+    assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize("scenario", ["coning", "static"])
+def test_simulate_and_process(sinstool, tmp_path, scenario):
+    path, out_path = tmp_path / "in.mcap", tmp_path / "out.mcap"
+    options = ("--duration", "3", "--grade", "mems", "--seed", "5")
+    status, out, _ = sinstool("simulate", scenario, "-o", path, *options, "--json")
+    counts = json.loads(out)["topics"]
+    assert status == 0 and counts["/imu/data_raw"] == counts["/truth/odometry"] == 1201
+    status, _, err = sinstool("simulate", scenario, "-o", path, *options)
+    assert status == 1 and "exists already" in one_line(err)
+    before = path.read_bytes()
+    assert sinstool("simulate", scenario, "-o", path, *options, "--overwrite")[0] == 0
+    assert path.read_bytes() == before  # the same seed, the same file
+    assert (
+        sinstool(
+            "process", path, "-o", out_path, "--align", "level" if scenario == "static" else "auto"
+        )[0]
+        == 0
+    )
+    assert len(read_topic(out_path, "/sinstool/attitude")) == 1201
