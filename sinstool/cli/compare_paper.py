@@ -1,0 +1,312 @@
+"""`sinstool compare-coning --paper`: a published experiment run again, printed beside its paper."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import Any
+
+import click
+import numpy as np
+
+from sinstool.cli.console import print_json
+from sinstool.comparison.figures import Figure
+from sinstool.comparison.paper import Reproduction, reproduce
+from sinstool.comparison.paper_claims import low_level
+from sinstool.comparison.paper_experiment import RESPONSES, noise_rate_deg
+from sinstool.comparison.paper_sweep import Sweep
+from sinstool.errors import ConfigurationError, OutputError
+from sinstool.simulation.coning_paper import FREQUENCY_HZ, PHASES, RATE_HZ, Phase
+from sinstool.simulation.gyro_response import parse_response
+from sinstool.writers.whole import WholeFile
+
+CSV_HEADER = (
+    "noise_frequency_hz,error_x_deg,error_y_deg,error_z_deg,error_length_deg,largest_error_deg"
+)
+
+
+def run_paper(
+    phase: Phase = "consistent",
+    gyro_response: str = "cheb:6",
+    algorithms: Sequence[str] = (),
+    csv_dir: Path | None = None,
+    as_json: bool = False,
+    report: Callable[[Sequence[Figure]], None] | None = None,
+    progress: Callable[[float], None] | None = None,
+) -> Reproduction:
+    """Run the experiment, print it, and write what was asked for.
+
+    Parameters
+    ----------
+    phase : {"consistent", "literal"}, optional
+        The reading of eq. 20.
+    gyro_response : str, optional
+        See :func:`~sinstool.simulation.gyro_response.parse_response`.
+    algorithms : sequence of str, optional
+        More algorithms of the registry, beside those that the paper needs.
+    csv_dir : Path, optional
+        Folder for one CSV file a sweep; made if it does not exist, otherwise empty.
+    as_json : bool, optional
+        One JSON object on stdout instead of tables.
+    report : callable, optional
+        Takes the figures and writes the report.
+    progress : callable, optional
+        Takes the fraction done.
+
+    Returns
+    -------
+    Reproduction
+
+    Raises
+    ------
+    ConfigurationError
+        If an option is impossible.
+    OutputError
+        If the folder holds something or cannot be written.
+    """
+    if phase not in PHASES:
+        raise ConfigurationError(f"unknown phase {phase!r}", f"one of {', '.join(PHASES)}")
+    response = parse_response(gyro_response)
+    if csv_dir is not None:
+        _check_folder(csv_dir)
+    found = reproduce(phase, response, algorithms, progress=progress)
+    files = [] if csv_dir is None else write_sweeps(found, csv_dir)
+    if report is not None:
+        report(found.figures)
+    if as_json:
+        print_json(as_object(found) | {"csv": [str(path) for path in files]})
+    else:
+        _print(found)
+        if csv_dir is not None:
+            click.echo(f"\n{csv_dir}: {len(files)} sweeps as CSV")
+    return found
+
+
+def _check_folder(folder: Path) -> None:
+    try:
+        occupied = folder.exists() and (not folder.is_dir() or any(folder.iterdir()))
+    except OSError as exc:
+        raise OutputError(f"the folder {folder} cannot be read: {exc.strerror}") from exc
+    if occupied:
+        raise OutputError(f"{folder} exists and is not an empty folder", "give another one")
+
+
+def write_sweeps(found: Reproduction, folder: Path) -> list[Path]:
+    """Write every sweep as a CSV file.
+
+    Parameters
+    ----------
+    found : Reproduction
+    folder : Path
+        Made if it does not exist.
+
+    Returns
+    -------
+    list of Path
+        Named by reading of eq. 20, gyro and algorithm.
+
+    Raises
+    ------
+    OutputError
+        If the folder cannot be written.
+    """
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError as exc:
+        raise OutputError(f"cannot make the folder {folder}: {exc.strerror}") from exc
+    files = []
+    for (setting, key), sweep in found.experiment.sweeps.items():
+        gyro = setting.response.name.replace(":", "").replace(",", "-")
+        path = folder / f"{setting.phase}_{gyro}_{key}.csv"
+        columns = np.column_stack([sweep.frequency, sweep.end_deg, sweep.norm_deg, sweep.peak_deg])
+        with WholeFile(path) as whole:
+            np.savetxt(
+                whole.stream, columns, fmt="%.10g", delimiter=",", header=CSV_HEADER, comments=""
+            )
+        files.append(path)
+    return files
+
+
+def as_object(found: Reproduction) -> dict[str, Any]:
+    """Everything that is printed, as plain values.
+
+    Parameters
+    ----------
+    found : Reproduction
+
+    Returns
+    -------
+    dict
+        With keys ``settings``, ``claims``, ``algorithms``, ``table_1`` and ``gyros``.
+    """
+    experiment = found.experiment
+    agreeing = sum(claim.reproduces for claim in found.claims)
+    return {
+        "settings": {
+            "phase": experiment.setting.phase,
+            "gyro_response": experiment.setting.response.name,
+            "frequencies": len(experiment.frequency),
+            "sweeps": len(experiment.sweeps),
+        },
+        "reproduces": agreeing,
+        "does_not": len(found.claims) - agreeing,
+        "claims": [
+            {
+                "key": claim.key,
+                "source": claim.source,
+                "statement": claim.statement,
+                "paper": claim.printed,
+                "ours": claim.ours,
+                "unit": claim.unit,
+                "setting": claim.setting,
+                "tolerance": claim.tolerance,
+                "verdict": claim.verdict,
+                "why": claim.reason,
+            }
+            for claim in found.claims
+        ],
+        "algorithms": _algorithms(found),
+        "table_1": _table_1(found),
+        "gyros": _gyros(),
+    }
+
+
+def _algorithms(found: Reproduction) -> list[dict[str, Any]]:
+    experiment = found.experiment
+    rows = []
+    for case in experiment.cases:
+        sweep = experiment.sweep(case.key)
+        cost = experiment.costs[case.key]
+        rows.append(
+            {
+                "key": case.key,
+                "label": case.label,
+                "feed": case.feed,
+                "update_hz": RATE_HZ / case.algorithm.samples,
+                "mean_z_deg": sweep.mean_deg,
+                "mean_z_without_jumps_deg": experiment.mean_without_jumps(sweep),
+                "level_deg": low_level(sweep),
+                "error_deg": {f"{f:g}": _at(sweep, f) for f in _FREQUENCIES},
+                "largest_error_deg": {f"{f:g}": _at(sweep, f, True) for f in _FREQUENCIES},
+                "z_deg": {f"{f:g}": float(sweep.z_deg[sweep.row(f)]) for f in _FREQUENCIES},
+                "update_ns": 1e9 * cost.update_s,
+                "data_ns_per_s": 1e9 * cost.data_s,
+            }
+        )
+    return rows
+
+
+_FREQUENCIES = (0.0, 30.0, 100.0, 130.0, 200.0, 230.0, 399.0, 400.0, 401.0, 800.0)
+
+
+def _at(sweep: Sweep, frequency: float, largest: bool = False) -> float:
+    values = sweep.peak_deg if largest else sweep.norm_deg
+    return float(values[sweep.row(frequency)])
+
+
+_MEANS = {
+    "optimal-4": "rect-opt4",
+    "SP truncated": "sp-paper-truncated",
+    "SP printed": "sp-paper-printed",
+    "rectangle": "rect",
+    "optimal-4 inc.": "inc-optimal-4",
+}
+
+
+def _table_1(found: Reproduction) -> list[dict[str, Any]]:
+    experiment = found.experiment
+    return [
+        {
+            "phase": setting.phase,
+            "gyro_response": setting.response.name,
+            "mean_z_deg": {
+                name: experiment.sweep(key, setting).mean_deg for name, key in _MEANS.items()
+            },
+            "mean_z_without_jumps_deg": {
+                name: experiment.mean_without_jumps(experiment.sweep(key, setting))
+                for name, key in _MEANS.items()
+            },
+        }
+        for setting in experiment.settings
+    ]
+
+
+def _gyros() -> list[dict[str, Any]]:
+    return [
+        {
+            "gyro_response": one.name,
+            "gain_30_hz": float(one.gain(FREQUENCY_HZ)),
+            "noise_deg_s": {f"{f:g}": noise_rate_deg(one, f) for f in (RATE_HZ, 2.0 * RATE_HZ)},
+        }
+        for one in RESPONSES
+    ]
+
+
+def _print(found: Reproduction) -> None:
+    experiment = found.experiment
+    click.echo(
+        "Fu and Luo's experiment: a cone of 0.1 deg and 30 Hz at 400 Hz for ten seconds, noise of"
+        f"\n0.01 deg at {len(experiment.frequency)} frequencies from 0 to 1000 Hz;"
+        f" {experiment.setting.name}"
+    )
+    click.echo("\nWhat the paper prints, and ours\n")
+    source = ""
+    for claim in found.claims:
+        if claim.source != source:
+            source = claim.source
+            click.echo(source)
+        ours = f"{claim.ours:.3g} {claim.unit}".strip()
+        paper = f"paper {claim.printed}, ours {ours}"
+        click.echo(f"  {claim.statement}: {paper}")
+        verdict = f"{claim.verdict.upper()} ({claim.tolerance}): {claim.reason}"
+        click.echo(click.wrap_text(verdict, 100, " " * 6, " " * 8))
+    agreeing = sum(claim.reproduces for claim in found.claims)
+    click.echo(f"\n{agreeing} of {len(found.claims)} claims reproduce")
+    click.echo(
+        "\nAlgorithms: mean of signed z error; level: median |z|, 1 to 199 Hz; error after 10 s at"
+        "\n400 and 800 Hz; time of one update of the attitude, and of a second of data\n"
+    )
+    rows = [("algorithm", "mean deg", "level deg", "400 Hz", "800 Hz", "ns/update", "us/s")]
+    rows += [
+        (
+            row["label"],
+            f"{row['mean_z_deg']:.5f}",
+            f"{row['level_deg']:.5f}",
+            f"{row['error_deg']['400']:.5f}",
+            f"{row['error_deg']['800']:.5f}",
+            f"{row['update_ns']:.1f}",
+            f"{1e-3 * row['data_ns_per_s']:.1f}",
+        )
+        for row in _algorithms(found)
+    ]
+    _columns(rows)
+    click.echo("\nTable 1 (paper: optimal-4 -0.0038, SP -0.0024): mean of signed z error, deg\n")
+    means = [("reading, gyro", *_MEANS)]
+    means += [
+        (
+            f"{row['phase']}, {row['gyro_response']}",
+            *(f"{row['mean_z_deg'][name]:.5f}" for name in _MEANS),
+        )
+        for row in _table_1(found)
+    ]
+    _columns(means)
+    click.echo("\nGyros (paper: below 0.02 and 0.002 deg/s at 400 Hz): noise behind the filter\n")
+    gyros = [("gyro", "gain 30 Hz", "400 Hz deg/s", "800 Hz deg/s")]
+    gyros += [
+        (
+            row["gyro_response"],
+            f"{row['gain_30_hz']:.5f}",
+            *(f"{row['noise_deg_s'][f]:.5f}" for f in ("400", "800")),
+        )
+        for row in _gyros()
+    ]
+    _columns(gyros)
+
+
+def _columns(rows: Sequence[tuple[str, ...]]) -> None:
+    """Print aligned: words left, numbers right."""
+    widths = [max(len(row[i]) for row in rows) for i in range(len(rows[0]))]
+    for first, *others in rows:
+        cells = [f"{first:<{widths[0]}}"]
+        cells += [f"{cell:>{width}}" for cell, width in zip(others, widths[1:], strict=True)]
+        click.echo("  ".join(cells))

@@ -1,0 +1,89 @@
+"""What a figure shows, without how it is drawn: the report draws these, tests read them."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+FloatArray = NDArray[np.float64]
+Style = Literal["line", "dashed", "points", "bars"]
+
+
+@dataclass(frozen=True)
+class Series:
+    """One curve.
+
+    Attributes
+    ----------
+    name : str
+        For the legend.
+    y : ndarray, shape (n,)
+        In the unit of the figure's y axis; NaN leaves a hole.
+    x : ndarray, shape (n,), or sequence of str, or None
+        Where it differs from the figure's own `x`.
+    style : {"line", "dashed", "points", "bars"}
+    shown : bool
+        Whether it is drawn before the reader asks for it.
+    """
+
+    name: str
+    y: FloatArray
+    x: FloatArray | Sequence[str] | None = None
+    style: Style = "line"
+    shown: bool = True
+
+
+@dataclass(frozen=True)
+class Figure:
+    """One figure.
+
+    Attributes
+    ----------
+    key : str
+        Short name, unique within a report.
+    title : str
+    x : ndarray, shape (n,), or sequence of str
+        Common to the series; words for bars.
+    series : tuple of Series
+    xlabel, ylabel : str
+        With the unit.
+    log_x, log_y : bool
+        Logarithmic axes; series then hold positive numbers only.
+    x_range, y_range : tuple of float or None
+        What is shown at first.
+    notes : tuple of str
+        Sentences for below the figure.
+    levels : tuple of (str, float)
+        Horizontal lines: what each is, and where.
+    marks : tuple of (str, float)
+        Vertical lines.
+    """
+
+    key: str
+    title: str
+    x: FloatArray | Sequence[str]
+    series: tuple[Series, ...]
+    xlabel: str
+    ylabel: str
+    log_x: bool = False
+    log_y: bool = False
+    x_range: tuple[float, float] | None = None
+    y_range: tuple[float, float] | None = None
+    notes: tuple[str, ...] = ()
+    levels: tuple[tuple[str, float], ...] = field(default=())
+    marks: tuple[tuple[str, float], ...] = field(default=())
+
+    def __post_init__(self) -> None:
+        names = [one.name for one in self.series]
+        if len(set(names)) != len(names):
+            raise ValueError(f"{self.key}: two series have one name.")
+        for one in self.series:
+            n = len(self.x if one.x is None else one.x)
+            if one.y.shape != (n,):
+                raise ValueError(f"{self.key}, {one.name}: {one.y.shape} values for {n} places.")
+            if self.log_y and not np.all((one.y > 0.0) | np.isnan(one.y)):
+                raise ValueError(f"{self.key}, {one.name}: not all values have a logarithm.")
