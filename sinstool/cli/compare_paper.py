@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
@@ -16,8 +17,14 @@ from sinstool.comparison.paper_claims import low_level
 from sinstool.comparison.paper_experiment import RESPONSES, noise_rate_deg
 from sinstool.comparison.paper_sweep import Sweep
 from sinstool.errors import ConfigurationError, OutputError
-from sinstool.simulation.coning_paper import FREQUENCY_HZ, PHASES, RATE_HZ, Phase
-from sinstool.simulation.gyro_response import parse_response
+from sinstool.simulation.coning_paper import (
+    FREQUENCY_HZ,
+    PHASES,
+    RATE_HZ,
+    Phase,
+    paper_response,
+    response_name,
+)
 from sinstool.writers.whole import WholeFile
 
 CSV_HEADER = (
@@ -41,7 +48,7 @@ def run_paper(
     phase : {"consistent", "literal"}, optional
         The reading of eq. 20.
     gyro_response : str, optional
-        See :func:`~sinstool.simulation.gyro_response.parse_response`.
+        See :func:`~sinstool.simulation.coning_paper.paper_response`.
     algorithms : sequence of str, optional
         More algorithms of the registry, beside those that the paper needs.
     csv_dir : Path, optional
@@ -66,7 +73,7 @@ def run_paper(
     """
     if phase not in PHASES:
         raise ConfigurationError(f"unknown phase {phase!r}", f"one of {', '.join(PHASES)}")
-    response = parse_response(gyro_response)
+    response = paper_response(gyro_response)
     if csv_dir is not None:
         _check_folder(csv_dir)
     found = reproduce(phase, response, algorithms, progress=progress)
@@ -116,7 +123,7 @@ def write_sweeps(found: Reproduction, folder: Path) -> list[Path]:
         raise OutputError(f"cannot make the folder {folder}: {exc.strerror}") from exc
     files = []
     for (setting, key), sweep in found.experiment.sweeps.items():
-        gyro = setting.response.name.replace(":", "").replace(",", "-")
+        gyro = re.sub(r"[^\w.]+", "-", setting.gyro)
         path = folder / f"{setting.phase}_{gyro}_{key}.csv"
         columns = np.column_stack([sweep.frequency, sweep.end_deg, sweep.norm_deg, sweep.peak_deg])
         with WholeFile(path) as whole:
@@ -144,7 +151,7 @@ def as_object(found: Reproduction) -> dict[str, Any]:
     return {
         "settings": {
             "phase": experiment.setting.phase,
-            "gyro_response": experiment.setting.response.name,
+            "gyro_response": experiment.setting.gyro,
             "frequencies": len(experiment.frequency),
             "sweeps": len(experiment.sweeps),
         },
@@ -218,7 +225,7 @@ def _table_1(found: Reproduction) -> list[dict[str, Any]]:
     return [
         {
             "phase": setting.phase,
-            "gyro_response": setting.response.name,
+            "gyro_response": setting.gyro,
             "mean_z_deg": {
                 name: experiment.sweep(key, setting).mean_deg for name, key in _MEANS.items()
             },
@@ -234,8 +241,8 @@ def _table_1(found: Reproduction) -> list[dict[str, Any]]:
 def _gyros() -> list[dict[str, Any]]:
     return [
         {
-            "gyro_response": one.name,
-            "gain_30_hz": float(one.gain(FREQUENCY_HZ)),
+            "gyro_response": response_name(one),
+            "gain_30_hz": float(one(FREQUENCY_HZ)),
             "noise_deg_s": {f"{f:g}": noise_rate_deg(one, f) for f in (RATE_HZ, 2.0 * RATE_HZ)},
         }
         for one in RESPONSES

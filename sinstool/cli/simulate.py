@@ -128,7 +128,7 @@ def coning(
     default="cheb:6",
     show_default=True,
     metavar="RESPONSE",
-    help="none, cheb:N[,ripple dB,bandwidth Hz] or butter:N[,bandwidth Hz]",
+    help="none, cheb:N[,ripple dB,Hz], butter:N[,Hz], or a file with lines of Hz,gain",
 )
 @click.option("--half-angle-deg", type=float, default=0.1, show_default=True, help="of the cone")
 @click.option("--frequency", type=float, default=30.0, show_default=True, help="turns/s, Hz")
@@ -150,7 +150,7 @@ def coning_paper(
     import numpy as np
 
     from sinstool.simulation.coning_paper import coning_paper as experiment
-    from sinstool.simulation.gyro_response import parse_response
+    from sinstool.simulation.coning_paper import paper_response, response_name
     from sinstool.simulation.truth import sample_times
 
     _check(duration, rate, rest["seed"])
@@ -164,7 +164,7 @@ def coning_paper(
         )
     if not 0.0 <= noise_deg < 90.0:
         raise click.UsageError(f"--noise-deg is {noise_deg}, not from 0 to 90")
-    response = parse_response(gyro_response)
+    response = paper_response(gyro_response)
     truth, sensor = experiment(
         sample_times(rate, duration, START_NS),
         noise_frequency,
@@ -181,7 +181,7 @@ def coning_paper(
         "noise_frequency_hz": noise_frequency,
         "noise_deg": noise_deg,
         "phase": phase,
-        "gyro_response": response.name,
+        "gyro_response": response_name(response),
         "duration_s": duration,
         "rate_hz": rate,
     }

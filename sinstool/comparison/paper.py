@@ -16,8 +16,8 @@ from sinstool.comparison.figures import Figure
 from sinstool.comparison.paper_claims import Claim, Judge
 from sinstool.comparison.paper_experiment import Experiment, run_experiment
 from sinstool.comparison.paper_figures import figures
+from sinstool.coning.gyro_response import GyroResponse
 from sinstool.simulation.coning_paper import DEFAULT_RESPONSE, Phase
-from sinstool.simulation.gyro_response import GyroResponse
 
 
 @dataclass(frozen=True)

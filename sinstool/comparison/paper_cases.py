@@ -2,16 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
 from sinstool.coning.algorithm import ConingAlgorithm
+from sinstool.coning.gyro_response import GyroResponse
 from sinstool.coning.registry import algorithm
 from sinstool.coning.singular_perturbation import VARIANTS, SingularPerturbation
+from sinstool.simulation.coning_paper import RATE_HZ
 
 FloatArray = NDArray[np.float64]
 Feed = Literal["rates", "rate x T", "interpolated", "increments"]
@@ -136,13 +138,15 @@ def paper_cases() -> tuple[Case, ...]:
     return tuple(cases)
 
 
-def extra_cases(names: Sequence[str]) -> tuple[Case, ...]:
+def extra_cases(names: Sequence[str], response: GyroResponse) -> tuple[Case, ...]:
     """Build cases of algorithms named by the user.
 
     Parameters
     ----------
     names : sequence of str
         As in :mod:`sinstool.coning.registry`.
+    response : GyroResponse
+        Of the gyro, for an algorithm that wants to know.
 
     Returns
     -------
@@ -153,10 +157,12 @@ def extra_cases(names: Sequence[str]) -> tuple[Case, ...]:
     known = {case.key for case in paper_cases()}
     cases = []
     for name in dict.fromkeys(names):
-        feeds: tuple[Feed, ...] = ("increments", "interpolated")
-        if algorithm(name).takes == "rates":
-            feeds = ("rates",)
-        cases += [_registered(name, feed) for feed in feeds]
+        options: dict[str, Any] = {}
+        if name == "gyro-tuned":
+            options = {"gyro_response": response, "interval": 1.0 / RATE_HZ}
+        if algorithm(name, **options).takes == "increments":
+            cases.append(_registered(name, "increments", options))
+        cases.append(_registered(name, "interpolated", options))
     return tuple(case for case in cases if case.key not in known)
 
 
@@ -164,7 +170,11 @@ def _large(variant: str) -> SingularPerturbation:
     return SingularPerturbation(epsilon=LARGE_EPSILON, beta_gain=PAPER_GAIN, variant=variant)
 
 
-def _registered(name: str, feed: Feed) -> Case:
-    what = {"increments": "true increments", "interpolated": "interpolated rates"}.get(feed, feed)
-    short = {"increments": "inc", "interpolated": "int"}.get(feed, "rates")
-    return Case(f"{short}-{name}", f"{name} on {what}", algorithm(name), feed)
+def _registered(name: str, feed: Feed, options: Mapping[str, Any] | None = None) -> Case:
+    one = algorithm(name, **(options or {}))
+    one = one.for_kind("mean-rate" if feed == "increments" else "rate")
+    if one.takes == "rates":
+        return Case(f"rates-{name}", f"{name} on rates", one, "rates")
+    if feed == "increments":
+        return Case(f"inc-{name}", f"{name} on true increments", one, feed)
+    return Case(f"int-{name}", f"{name} on interpolated rates", one, feed)

@@ -27,7 +27,7 @@ from sinstool.simulation.coning_paper import DURATION_S, FREQUENCY_HZ, HALF_ANGL
 def figure_1(judge: Judge) -> None:
     """The gyro."""
     f = np.linspace(0.0, 1000.0, 20001)
-    gain = 20.0 * np.log10(judge.gyro.gain(f))
+    gain = 20.0 * np.log10(judge.gyro(f))
     judge.add(
         "gain-peak",
         "Fig. 1",
@@ -48,7 +48,7 @@ def figure_1(judge: Judge) -> None:
         float(f[lost[0]]) if len(lost) else np.nan,
         "Hz",
         near(200.0, CLOSE),
-        "by construction: 200 Hz is where the gain is 3 dB below its largest",
+        "by construction: 200 Hz is where the power is half of its largest",
         "the response that was asked for is another",
     )
 
@@ -249,7 +249,7 @@ def figures_7_and_9(judge: Judge) -> None:
 def figure_8(judge: Judge) -> None:
     """Both algorithms at low frequencies."""
     opt4, sp, rect = (judge.e.sweep(key) for key in ("rect-opt4", SP_PAPER, "rect"))
-    gain = float(judge.gyro.gain(FREQUENCY_HZ)) ** 2
+    gain = float(judge.gyro(FREQUENCY_HZ)) ** 2
     mismatch = f"G(30 Hz)^2 = {gain:.4f}"
     for key, sweep, printed, name in (
         ("opt4-level", opt4, 0.01, "optimal-4"),

@@ -14,8 +14,8 @@ from sinstool.comparison.paper_claims import (
 )
 from sinstool.comparison.paper_experiment import Experiment
 from sinstool.comparison.paper_sweep import Setting
+from sinstool.coning.gyro_response import none
 from sinstool.simulation.coning_paper import RATE_HZ
-from sinstool.simulation.gyro_response import GyroResponse
 
 # Table 1: name, printed mean in degrees, and the cases that may be meant.
 OPT4_MEAN = ("optimal-4", -0.0038, ("rect-opt4",))
@@ -138,7 +138,7 @@ def cost(judge: Judge) -> None:
 
 def conclusion(judge: Judge) -> None:
     """What section 5 says of coning itself."""
-    flat = Setting(judge.e.setting.phase, GyroResponse("none"))
+    flat = Setting(judge.e.setting.phase, none())
     left = {}
     for key in ("rect", SP_PAPER, "sp-paper-truncated", "inc-optimal-4"):
         sweep = judge.e.sweep(key, flat)

@@ -23,23 +23,25 @@ from numpy.typing import NDArray
 from sinstool.comparison.paper_cases import Case, extra_cases, paper_cases
 from sinstool.comparison.paper_sweep import Setting, Sweep, run_sweeps
 from sinstool.coning.algorithm import ConingAlgorithm
+from sinstool.coning.gyro_response import GyroResponse, butterworth, chebyshev, none
 from sinstool.simulation.coning_paper import (
+    BANDWIDTH_HZ,
     DEFAULT_RESPONSE,
     FREQUENCY_HZ,
     NOISE_ANGLE,
     PHASES,
     RATE_HZ,
+    RIPPLE_DB,
     Phase,
 )
-from sinstool.simulation.gyro_response import GyroResponse
 from sinstool.strapdown.attitude import AttitudePropagator
 
 FloatArray = NDArray[np.float64]
 
 RESPONSES = (
-    *(GyroResponse("cheb", order) for order in range(5, 10)),
-    *(GyroResponse("butter", order) for order in (8, 9, 10)),
-    GyroResponse("none"),
+    *(chebyshev(order, RIPPLE_DB, BANDWIDTH_HZ) for order in range(5, 10)),
+    *(butterworth(order, BANDWIDTH_HZ) for order in (8, 9, 10)),
+    none(),
 )
 
 # What table 1 is looked for in, with every gyro.
@@ -132,7 +134,7 @@ def noise_rate_deg(response: GyroResponse, frequency: float) -> float:
         ends in, with any algorithm that takes point rates.
     """
     turn = 2.0 * np.pi * frequency
-    return float(np.degrees(NOISE_ANGLE * turn * response.gain(frequency)))
+    return float(np.degrees(NOISE_ANGLE * turn * response(frequency)))
 
 
 def run_experiment(
@@ -169,7 +171,7 @@ def run_experiment(
         If an algorithm is unknown.
     """
     main = Setting(phase, response)
-    cases = (*paper_cases(), *extra_cases(algorithms))
+    cases = (*paper_cases(), *extra_cases(algorithms, response))
     few = tuple(case for case in cases if case.key in _TABLE_CASES)
     plan: dict[Setting, tuple[Case, ...]] = {main: cases}
     for other in PHASES:

@@ -10,7 +10,7 @@ from sinstool.comparison.paper_cases import LARGE_EPSILON, paper_cases
 from sinstool.comparison.paper_claims import SP_PAPER
 from sinstool.comparison.paper_claims_table import settings_with_means
 from sinstool.comparison.paper_experiment import RESPONSES, Experiment
-from sinstool.simulation.coning_paper import RATE_HZ
+from sinstool.simulation.coning_paper import RATE_HZ, response_name
 
 FloatArray = NDArray[np.float64]
 
@@ -79,11 +79,11 @@ def _others(experiment: Experiment) -> list[Series]:
 
 def _responses(experiment: Experiment) -> Figure:
     f = np.linspace(0.0, 1000.0, 2001)
-    chosen = experiment.setting.response
-    responses = dict.fromkeys((chosen, *RESPONSES))
+    chosen = experiment.setting.gyro
+    responses = {response_name(one): one for one in (experiment.setting.response, *RESPONSES)}
     series = tuple(
-        Series(one.name, 20.0 * np.log10(one.gain(f)), shown=one == chosen or one.order in (7, 9))
-        for one in responses
+        Series(name, 20.0 * np.log10(one(f)), shown=name in (chosen, "cheb:7", "butter:9"))
+        for name, one in responses.items()
     )
     return Figure(
         "paper-figure-1",
@@ -93,7 +93,7 @@ def _responses(experiment: Experiment) -> Figure:
         "frequency, Hz",
         "gain, dB",
         y_range=(-80.0, 3.0),
-        notes=(f"The figures below are for {chosen.name}.",),
+        notes=(f"The figures below are for {chosen}.",),
     )
 
 

@@ -10,7 +10,7 @@ from __future__ import annotations
 import os
 from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import FIRST_COMPLETED, ThreadPoolExecutor, wait
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from math import factorial
 from queue import Empty, SimpleQueue
 
@@ -19,6 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sinstool.comparison.paper_cases import Case
+from sinstool.coning.gyro_response import GyroResponse
 from sinstool.coning.increments import RateIntegrator
 from sinstool.rotation import log
 from sinstool.simulation.coning_paper import (
@@ -30,9 +31,9 @@ from sinstool.simulation.coning_paper import (
     Tone,
     cone,
     measured_rate,
+    response_name,
     tone,
 )
-from sinstool.simulation.gyro_response import GyroResponse
 from sinstool.simulation.truth import sample_times
 
 FloatArray = NDArray[np.float64]
@@ -50,15 +51,21 @@ class Setting:
         Reading of eq. 20, see :mod:`sinstool.simulation.coning_paper`.
     response : GyroResponse
         Gain of the gyro.
+    gyro : str
+        Its short name.
     """
 
     phase: Phase
-    response: GyroResponse
+    response: GyroResponse = field(compare=False)  # two of one name are one
+    gyro: str = field(init=False)
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "gyro", response_name(self.response))
 
     @property
     def name(self) -> str:
         """For tables and files."""
-        return f"{self.phase}, {self.response.name}"
+        return f"{self.phase}, {self.gyro}"
 
 
 @dataclass(frozen=True)

@@ -23,6 +23,7 @@ References
 
 from __future__ import annotations
 
+import re
 from dataclasses import dataclass, replace
 from typing import Literal
 
@@ -30,8 +31,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from sinstool import rotation
+from sinstool.coning.gyro_response import GyroResponse, chebyshev, gyro_response
 from sinstool.simulation.coning import classical_coning
-from sinstool.simulation.gyro_response import GyroResponse
 from sinstool.simulation.truth import ImuTruth, check_times
 
 FloatArray = NDArray[np.float64]
@@ -44,7 +45,11 @@ FREQUENCY_HZ = 30.0
 NOISE_ANGLE = float(np.radians(0.01))
 RATE_HZ = 400.0
 DURATION_S = 10.0
-DEFAULT_RESPONSE = GyroResponse("cheb", 6)
+RIPPLE_DB = 0.2
+BANDWIDTH_HZ = 200.0
+DEFAULT_RESPONSE = chebyshev(6, RIPPLE_DB, BANDWIDTH_HZ)
+_WIDTH = f",{BANDWIDTH_HZ:g}"
+_SHAPE = f",{RIPPLE_DB:g}{_WIDTH}"
 
 
 @dataclass(frozen=True)
@@ -66,6 +71,48 @@ class Tone:
     sin: FloatArray
     mean_cos: FloatArray
     mean_sin: FloatArray
+
+
+def paper_response(text: str) -> GyroResponse:
+    """Gyro response from the command line, with the paper's figures where it gives none.
+
+    Parameters
+    ----------
+    text : str
+        As :func:`~sinstool.coning.gyro_response.gyro_response` takes it; also ``cheb:N`` and
+        ``butter:N``, which have the 0.2 dB and 200 Hz of the paper's figure 1.
+
+    Returns
+    -------
+    GyroResponse
+
+    Raises
+    ------
+    ConfigurationError
+        If it cannot be understood.
+    """
+    if re.fullmatch(r"cheb:\d+", text):
+        text = f"{text}{_SHAPE}"
+    elif re.fullmatch(r"butter:\d+", text):
+        text = f"{text}{_WIDTH}"
+    return gyro_response(text)
+
+
+def response_name(response: GyroResponse) -> str:
+    """Short name of a gyro response: without the paper's own figures.
+
+    Parameters
+    ----------
+    response : GyroResponse
+
+    Returns
+    -------
+    str
+        :func:`paper_response` takes it.
+    """
+    if response.name.startswith("cheb:"):
+        return response.name.removesuffix(_SHAPE)
+    return response.name.removesuffix(_WIDTH)
 
 
 def tone(time_ns: IntArray, interval: FloatArray, frequency: float) -> Tone:
@@ -131,7 +178,7 @@ def measured_rate(
     """
     turn = 2.0 * np.pi * motion.frequency
     noise_turn = 2.0 * np.pi * noise.frequency
-    g, g_noise = response.gain([motion.frequency, noise.frequency]).tolist()
+    g, g_noise = response([motion.frequency, noise.frequency]).tolist()
     b = g_noise * noise_angle * noise_turn
     mc, ms = (motion.mean_cos, motion.mean_sin) if mean else (motion.cos, motion.sin)
     nc, ns = (noise.mean_cos, noise.mean_sin) if mean else (noise.cos, noise.sin)
