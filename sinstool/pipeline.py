@@ -40,7 +40,7 @@ from sinstool.readers.streams import (
 from sinstool.readers.topics import ImuTopic, choose_imu, fix_channels
 from sinstool.rotation import to_euler
 from sinstool.streams import Imu, Solution
-from sinstool.survey import BLOCK_ROWS, Survey, survey, within
+from sinstool.survey import BLOCK_ROWS, Kept, Survey, survey, within
 from sinstool.timeline import Order, ordered
 from sinstool.transforms import tf_parent
 from sinstool.units import DEGREE, STANDARD_GRAVITY
@@ -68,6 +68,8 @@ class Source:
     position : tuple
         Latitude, longitude (deg) and height (m), None where unknown.
     warnings : tuple of str
+    kept : Kept
+        What the survey read, where it is not too much to keep.
     """
 
     log: Log
@@ -77,6 +79,7 @@ class Source:
     latitude: float | None
     position: tuple[float | None, float | None, float | None]
     warnings: tuple[str, ...]
+    kept: Kept
 
 
 def process(
@@ -189,6 +192,7 @@ def prepare(
     warnings: list[str] = []
     if topic.note:
         warnings.append(f"Imu topic {topic.topic}: {topic.note}")
+    kept = Kept()
     found = survey(
         log,
         topic,
@@ -197,6 +201,7 @@ def prepare(
         max_gap_s=options.max_gap,
         increments=options.gyro_kind == "increment",
         progress=progress,
+        kept=kept,
     )
     for oddity in oddities(found, options):
         if oddity.fatal:
@@ -204,7 +209,7 @@ def prepare(
         warnings.append(str(oddity))
     position = _position(log, config, warnings)
     latitude = None if position[0] is None else position[0] * DEGREE
-    return Source(log, topic, units, found, latitude, position, tuple(warnings))
+    return Source(log, topic, units, found, latitude, position, tuple(warnings), kept)
 
 
 def imu_units(options: InputOptions) -> ImuUnits:
@@ -342,17 +347,27 @@ def imu_blocks(
 ) -> Iterator[Imu]:
     """Ordered samples of the second pass, from ``start_ns`` on, in blocks of ``rows``."""
     found = source.survey
-    raw = read_imu(
-        source.log,
-        source.topic.channels,
-        source.units,
-        Losses(),
-        path=source.topic.path,
-        log_time=found.time_source == "log",
-        progress=progress,
-    )
+    if source.kept.blocks is not None:
+        raw = _again(source.kept.blocks, source.log.size, progress)
+    else:
+        raw = read_imu(
+            source.log,
+            source.topic.channels,
+            source.units,
+            Losses(),
+            path=source.topic.path,
+            log_time=found.time_source == "log",
+            progress=progress,
+        )
     inside = within(raw, max(start_ns, found.first_ns), found.last_ns)
     return ordered(reblock(inside, rows), Order(found.horizon_ns))
+
+
+def _again(blocks: list[Imu], size: int, progress: Callable[[int], None] | None) -> Iterator[Imu]:
+    for number, block in enumerate(blocks):
+        if progress is not None:
+            progress(size * number // len(blocks))
+        yield block
 
 
 def _frames(source: Source, alignment: Alignment, config: ProcessConfig) -> Frames:

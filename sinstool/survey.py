@@ -34,6 +34,8 @@ from sinstool.timeline import (
 from sinstool.units import UnitEvidence, unit_evidence
 
 BLOCK_ROWS = 16384
+# An hour at 400 Hz; 96 MB.
+KEPT_SAMPLES = 1_500_000
 # Interval histogram: relative bin width 1/1000 from 100 ns to 10^6 s.
 _LOW, _HIGH, _STEP = np.log(100.0), np.log(1e15), 1e-3
 _BINS = int((_HIGH - _LOW) / _STEP) + 1
@@ -171,6 +173,36 @@ class Survey:
         return (self.last_ns - self.first_ns) / SECOND - self.gap_total_s
 
 
+class Kept:
+    """The samples that the first pass read, for the second: all of them, or none if too many.
+
+    Reading them a second time costs more than all that is computed from them. Memory stays
+    bounded all the same, by `KEPT_SAMPLES` and not by the log.
+
+    Attributes
+    ----------
+    blocks : list of Imu or None
+        In the order of the file, without orientation; None when there were too many.
+    """
+
+    def __init__(self) -> None:
+        self.blocks: list[Imu] | None = []
+
+    def watch(self, blocks: Iterator[Imu]) -> Iterator[Imu]:
+        """The same blocks."""
+        self.blocks = []
+        count = 0
+        for block in blocks:
+            count += len(block)
+            if count > KEPT_SAMPLES:
+                self.blocks = None
+            if self.blocks is not None:
+                # log times may be a part of something much larger, the rest is not
+                log_time_ns = block.log_time_ns.copy()
+                self.blocks.append(Imu(block.time_ns, log_time_ns, block.gyro, block.accel))
+            yield block
+
+
 @dataclass
 class _Tally:
     """Everything the pass accumulates."""
@@ -211,6 +243,7 @@ def survey(
     increments: bool = False,
     block_rows: int = BLOCK_ROWS,
     progress: Callable[[int], None] | None = None,
+    kept: Kept | None = None,
 ) -> Survey:
     """Read a log's Imu topic once and say what it holds.
 
@@ -230,6 +263,8 @@ def survey(
         Samples handled at once; the result does not depend on it.
     progress : callable, optional
         Called with the bytes read so far.
+    kept : Kept, optional
+        Gets the samples as they were read.
 
     Returns
     -------
@@ -255,7 +290,7 @@ def survey(
             orientation=tally.wants_orientation,
             progress=progress,
         )
-        source = extent.watch(blocks)
+        source = extent.watch(blocks if kept is None else kept.watch(blocks))
         if span is not None:
             source = _spanned(source, span)
         in_order = ordered(reblock(source, block_rows), order)
