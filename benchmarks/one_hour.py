@@ -291,15 +291,27 @@ def _imu_blocks(path: Path) -> Iterator[tuple[Any, ...]]:
             yield stamp, log_time, v["gyro"], v["accel"], v["orientation"]
 
 
-def read_columns_(path: Path, watch: Stopwatch) -> int:
+def read_whole(path: Path, watch: Stopwatch) -> int:
     """Every Imu column of the hour in one array."""
     import numpy as np
 
+    from sinstool.readers import open_log
+
     next(_imu_blocks(path))
     with watch:
-        blocks = list(_imu_blocks(path))
-        whole = [np.concatenate(c) for c in zip(*blocks, strict=True)]
-    return len(whole[0])
+        with open_log(path) as log:
+            (channel,) = log.channels_of("/imu/data")
+            count = log.counts[channel.id]
+        widths = ((), (), (3,), (3,), (4,))
+        kinds = ("i8", "i8", "f8", "f8", "f8")
+        whole = [np.empty((count, *w), k) for w, k in zip(widths, kinds, strict=True)]
+        filled = 0
+        for block in _imu_blocks(path):
+            end = filled + len(block[0])
+            for column, part in zip(whole, block, strict=True):
+                column[filled:end] = part
+            filled = end
+    return filled
 
 
 def read_blocks(path: Path, watch: Stopwatch) -> int:
@@ -379,7 +391,7 @@ def _payloads(path: Path) -> Iterator[tuple[list[bytes], list[bytes], list[int]]
 
 Method = Callable[[Path, Stopwatch], int]
 OURS: dict[str, Method] = {
-    "sinstool: Imu columns, one array each": read_columns_,
+    "sinstool: Imu columns, one array each": read_whole,
     "sinstool: Imu columns, in blocks": read_blocks,
 }
 PROCESS = "sinstool process (whole command)"
