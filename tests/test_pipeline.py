@@ -161,6 +161,8 @@ def test_axes_worlds_and_containers(tmp_path, container, axes, world):
         v = m.linear_acceleration
         np.testing.assert_allclose((v.x, v.y, v.z), turn.apply(truth.specific_force[k]), rtol=1e-12)
         assert m.header.frame_id == "imu_link"
+        if ros == 1:
+            assert m.header.seq == k
 
         m = read_topic(out, "/sinstool/euler")[k][1]
         angles = np.degrees([m.vector.x, m.vector.y, m.vector.z])

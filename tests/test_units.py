@@ -18,6 +18,7 @@ from sinstool.readers.topics import choose_imu
 from sinstool.survey import survey
 from sinstool.units import (
     DEGREE,
+    UnitEvidence,
     accel_looks_like_g,
     gyro_looks_like_degrees,
     turns_like_degrees,
@@ -136,6 +137,26 @@ def test_rates_beyond_any_sensor():
     gyro, accel, _ = handheld(8000, noise=1e-3, size=1.0)
     gyro[500] = 150.0
     assert not judge(gyro, accel)[0]
+
+
+@pytest.mark.parametrize(
+    ("evidence", "expected"),
+    [
+        (UnitEvidence(1.0, 0.1, 50, 0.9), True),
+        (UnitEvidence(0.4, 0.1, 10, 0.6), True),
+        (UnitEvidence(1.0, 0.1, 9, 0.9), False),  # too little to go by
+        (UnitEvidence(1.0, 0.1, 50, 0.5), False),  # rad/s fits as often
+        (UnitEvidence(1.0, 0.6, 50, 0.9), False),  # could be nothing at all
+        (UnitEvidence(6.0, 0.6, 50, 0.9), False),  # could be rad/s
+        (UnitEvidence(30.0, 1.0, 50, 0.9), False),
+        (UnitEvidence(-1.0, 0.1, 50, 0.9), False),
+    ],
+)
+def test_what_evidence_is_enough(evidence, expected):
+    assert turns_like_degrees(evidence) is expected
+    assert gyro_looks_like_degrees(evidence, np.full(3, 50.0)) is expected
+    # rates that no sensor has decide unless the data is surely in rad/s
+    assert gyro_looks_like_degrees(evidence, np.full(3, 500.0)) is (evidence.scale < 20.0)
 
 
 def test_nothing_is_said_of_nothing():
