@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
@@ -147,10 +146,10 @@ def probe_rate(log: Log, topic: ImuTopic) -> float | None:
     """Rate of a topic from its first samples; None when it has none or they are all zero."""
     times: list[np.ndarray] = []
     count, alive = 0, False
-    for block in _probe(log, topic):
-        times.append(block[0])
-        count += len(block[0])
-        alive = alive or bool(block[1])
+    for imu in read_imu(log, topic.channels, ImuUnits(), Losses(), path=topic.path):
+        times.append(imu.time_ns)
+        count += len(imu)
+        alive = alive or bool(imu.gyro.any() or imu.accel.any())
         if count >= PROBE_SAMPLES:
             break
     if not alive:
@@ -158,11 +157,6 @@ def probe_rate(log: Log, topic: ImuTopic) -> float | None:
     steps = np.diff(np.sort(np.concatenate(times)))
     steps = steps[steps > 0]
     return float(1e9 / np.median(steps)) if len(steps) else 0.0
-
-
-def _probe(log: Log, topic: ImuTopic) -> Iterator[tuple[np.ndarray, bool]]:
-    for imu in read_imu(log, topic.channels, ImuUnits(), Losses(), path=topic.path):
-        yield imu.time_ns, bool(imu.gyro.any() or imu.accel.any())
 
 
 def choose_optional(log: Log, flag: str, wanted: str | None, *types: str) -> tuple[Channel, ...]:
