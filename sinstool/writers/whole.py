@@ -76,7 +76,8 @@ class WholeFile:
         except OSError as exc:
             raise OutputError(f"cannot write in {path.parent}: {exc.strerror}") from exc
         self._part = Path(name)
-        self.stream: IO[bytes] = os.fdopen(handle, "wb", buffering=2**20)
+        # joins small records; chunks are larger and go past it, not copied once more
+        self.stream: IO[bytes] = os.fdopen(handle, "wb", buffering=2**16)
 
     def __enter__(self) -> WholeFile:
         return self
