@@ -170,7 +170,7 @@ def figure_6(judge: Judge) -> None:
             near(5.5, CLOSE),
             f"an artefact of epsilon = 12.8 intervals: {quiet:.2f} deg appear without any"
             " noise too (that the paper did this is inferred from the number)",
-            "this gyro changes the cone that the artefact grows from",
+            "this gyro changes the cone that the artefact grows from, or leaves noise beside it",
             "SP with its alpha alone, epsilon 0.032 s",
         )
 
@@ -283,7 +283,17 @@ def figure_8(judge: Judge) -> None:
         "the error of either is that of the rectangle rule and only its sign differs",
         "median |z|",
     )
-    for f in (FREQUENCY_HZ, 200.0):
+    own = (
+        "noise of the motion's own frequency adds to the cone's angle and is squared with it",
+        "no jump",
+    )
+    planar = (
+        "sampled noise alternates there, which an update sees otherwise than the beats of its"
+        " neighbours",
+        "sampled noise alternates there and gives no coning, but nor do its neighbours: the error"
+        " passes smoothly",
+    )
+    for f, reasons in ((FREQUENCY_HZ, own), (200.0, planar)):
         for key, sweep, name in (("opt4", opt4, "optimal-4"), ("sp", sp, "SP")):
             judge.add(
                 f"{key}-jump-{f:.0f}",
@@ -293,15 +303,7 @@ def figure_8(judge: Judge) -> None:
                 jump(sweep, f),
                 "deg",
                 above(JUMP_DEG),
-                "noise of the motion's own frequency adds to the cone's angle and is squared"
-                " with it"
-                if f == FREQUENCY_HZ
-                else "sampled at 400 Hz it alternates, so that four samples add up to nothing;"
-                " its neighbours beat",
-                "no jump"
-                if f == FREQUENCY_HZ
-                else "sampled noise alternates there and gives no coning, but nor do its"
-                " neighbours: the error passes smoothly",
+                *reasons,
                 "z at the end or largest error, above its neighbours",
             )
 
