@@ -146,7 +146,8 @@ TOPICS = {
         _tf,
         lambda f: {
             "transforms[0].header.frame_id": f.reference_id,
-            "transforms[0].child_frame_id": f.body,
+            # tf2 refuses the leading slash that old drivers write
+            "transforms[0].child_frame_id": f.body.lstrip("/"),
         },
         (("transforms", 1),),
     ),

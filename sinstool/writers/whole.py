@@ -37,12 +37,15 @@ def _check_output(output: Path, inputs: list[Path], overwrite: bool) -> None:
     folder = output.parent if str(output.parent) else Path(".")
     if output.is_dir():
         raise OutputError(f"{output} is a folder", "give the name of a file with -o")
+    for source in inputs:
+        # A new file in a bag's folder would become part of the bag.
+        if source.is_dir() and source.resolve() in output.resolve().parents:
+            raise OutputError(
+                f"{output} lies in the input's own folder", "choose another folder with -o"
+            )
     if output.exists():
         for source in inputs:
-            same = output.samefile(source)
-            if source.is_dir():
-                same = same or any(output.samefile(p) for p in source.iterdir() if p.is_file())
-            if same:
+            if output.samefile(source):
                 raise OutputError(f"{output} is the input itself", "choose another file with -o")
         if not overwrite:
             raise OutputError(f"{output} exists already", "choose another name or add --overwrite")
