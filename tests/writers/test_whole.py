@@ -194,13 +194,13 @@ def test_the_input_is_no_output(log, out, name, config):
     assert names(out) == listed
 
 
-def test_a_file_of_an_input_folder_is_no_output(tmp_path):
+@pytest.mark.parametrize("name", ["bag_0.db3", "new.mcap", "below/new.mcap"])
+def test_the_folder_of_a_bag_takes_no_output(tmp_path, name):
     folder = tmp_path / "bag"
-    folder.mkdir()
-    storage = folder / "bag_0.db3"
-    storage.write_bytes(b"")
-    with pytest.raises(OutputError, match="is the input itself"):
-        check_output(storage, [folder], overwrite=True)
+    (folder / "below").mkdir(parents=True)
+    (folder / "bag_0.db3").write_bytes(b"")
+    with pytest.raises(OutputError, match="in the input's own folder"):
+        check_output(folder / name, [folder], overwrite=True)
 
 
 def test_a_folder_is_no_output(log, out):
