@@ -165,7 +165,7 @@ class GyroTuned(ConingAlgorithm):
 
     def _errors(self, step: float) -> tuple[float, float]:
         def answer(low: float, high: float) -> FloatArray:
-            at = low + (high - low) * np.arange(1, 1001) / 1000
+            at = np.linspace(max(low, 1e-3 * high), high, 1001)
             matrix, constant = _rows(at, self.lags, self.response, step, self.gyro_kind)
             return matrix @ self.weights + constant
 

@@ -49,6 +49,9 @@ _Series = NDArray[np.floating[Any]]
 _MOST_ITERATIONS = 64
 _MOST_ORDER = 96
 
+# A Rodrigues vector of two radians is 3.1 long; an iterate of this length is on its way out.
+_DIVERGED = 1e3
+
 
 class QuatFIter(ConingAlgorithm):
     """Functional iteration of the quaternion in Chebyshev polynomials.
@@ -163,7 +166,7 @@ def rodrigues_iteration(increments: ArrayLike, iterations: int = 40) -> FloatArr
         before = np.pad(g, ((0, 0), (0, longest - g.shape[1])))
         change = float(np.max(np.abs(following - before)))
         g = following
-        if not change > 1e-17 or not np.all(np.isfinite(g)):
+        if not change > 1e-17 or not np.max(np.abs(g)) < _DIVERGED:
             break
     end = g.sum(axis=1)  # every T_k is 1 at tau = 1
     length = float(np.linalg.norm(end))

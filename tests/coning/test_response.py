@@ -14,7 +14,9 @@ from sinstool import rotation
 from sinstool.coning.registry import algorithm
 from sinstool.coning.response import (
     coning_drift,
+    coning_drifts,
     coning_gain,
+    coning_gains,
     coning_rate,
     coning_samples,
     drift_from_phi,
@@ -78,6 +80,22 @@ TABLE = {
         algorithm("optimal-6"), "increment", "increment", INTERVAL,
         "1.3e-5 5.4e-4 3.0e-2 .293 2.45 5.2 128",
     ),
+    "quatfiter-3": (
+        algorithm("quatfiter-3"), "increment", "increment", INTERVAL,
+        "-9.4e-4 -2.96e-2 -.903 -6.33 -61.6 -227 52",
+    ),
+    "quatfiter-4": (
+        algorithm("quatfiter-4"), "increment", "increment", INTERVAL,
+        "-4.9e-6 -6.2e-4 -7.7e-2 -1.23 -35.9 -403 -1537",
+    ),
+    "picard-4": (
+        algorithm("picard-4"), "mean-rate", "mean-rate", INTERVAL,
+        "-4.9e-6 -6.2e-4 -7.7e-2 -1.23 -35.9 -403 -1537",
+    ),
+    "picard-8": (
+        algorithm("picard-8"), "increment", "increment", INTERVAL,
+        "0 -2e-7 -3.4e-4 -2.15e-2 -1.5 102 1547",
+    ),
     "rates, none": (
         algorithm("uncompensated"), "rate", "mean-rate", INTERVAL,
         ".507 4.06 32.5 110 513 1753 4236",
@@ -135,6 +153,7 @@ NARROW = {  # half angle 0.1 degree, 30 Hz
     "optimal-5": "2.3e-5",
     "optimal-6": "3.0e-5",
     "previous-3": "2.15e-4",
+    "quatfiter-4": "-1.23e-2",
 }
 
 
@@ -227,6 +246,22 @@ def test_drift_after_interpolated_rates(points, expected):
         algorithm("optimal-4"), np.deg2rad(0.1), 30.0, INTERVAL, "rate", points=points
     )
     assert drift * PER_HOUR == pytest.approx(expected, rel=0.015)
+
+
+@pytest.mark.parametrize("kind", ["rate", "mean-rate", "increment"])
+@pytest.mark.parametrize(
+    "name", ["previous-3", "optimal-4", "savage-two-speed", "lookahead-8", "gyro-tuned"]
+)
+def test_many_frequencies_at_once_are_each_alone(name, kind):
+    chosen = algorithm(name)
+    frequencies = np.array([0.5, 30.0, 99.0, 130.0, 231.0])
+    together = coning_drifts(chosen, 0.02, frequencies, INTERVAL, kind)
+    gains = coning_gains(chosen, frequencies, INTERVAL, kind)
+    for i, frequency in enumerate(frequencies):
+        assert together[i] == coning_drift(chosen, 0.02, frequency, INTERVAL, kind)
+        assert gains[i] == coning_gain(chosen, frequency, INTERVAL, kind)
+    assert len(set(gains)) == 5
+    assert coning_gains(chosen, [0.0], INTERVAL, kind)[0] == 1.0
 
 
 def test_coning_rate_is_the_mean_of_the_z_gyro_and_a_solid_angle():
