@@ -34,6 +34,7 @@ IntArray = NDArray[np.int64]
 _STANDARD_GRAVITY_N = (0.0, 0.0, 9.80665)
 _QUADRATURE_ERROR = 1e-14
 _HARMONICS = 4.0
+_MOST_NODES = 1000  # a hundred turns of the highest frequency in one interval
 _ROWS = 4096  # at a time: the tables of sines stay small
 _MOST_DURATIONS = 8
 
@@ -271,7 +272,7 @@ def sample(
     Raises
     ------
     ValueError
-        If a shape is wrong or time does not increase.
+        If a shape is wrong, time does not increase, or an interval is of too many turns.
     """
     times, interval = check_times(time_ns)
     origin = rotation.normalise(q_nm)
@@ -281,6 +282,8 @@ def sample(
     if nodes is None:
         highest = float(np.max(np.abs(motion.frequency)))
         nodes = quadrature_nodes(2.0 * np.pi * highest * _HARMONICS * float(np.max(interval)))
+        if nodes > _MOST_NODES:
+            raise ValueError(f"{highest} Hz turns too often in {np.max(interval)} s.")
     at, weights = np.polynomial.legendre.leggauss(nodes)
     elapsed = times - times[0]
     n = len(times)

@@ -1,9 +1,11 @@
 from fractions import Fraction as F
 
 import mpmath
+import numpy as np
 import pytest
 
 from sinstool.coning.coefficients import lag_coefficients, solve
+from sinstool.coning.registry import algorithm
 
 
 def over(denominator, *numerators):
@@ -115,3 +117,28 @@ def test_impossible_requests_are_refused():
         solve([[F(1), F(2)], [F(2), F(4)]], [F(1), F(1)])
     # a zero on the diagonal needs another row first
     assert solve([[F(0), F(2)], [F(3), F(1)]], [F(4), F(5)]) == (F(1), F(2))
+
+
+@pytest.mark.parametrize("name", ["optimal-7", "optimal-9", "previous-9", "optimal-3-previous-2"])
+def test_names_of_any_size_have_these_coefficients(name):
+    chosen = algorithm(name)
+    digits = [int(part) for part in name.split("-")[1::2]]
+    key = (1, digits[0]) if name.startswith("previous") else (digits[0], *digits[1:])
+    weights = lag_coefficients(*key)
+    assert chosen.name == name
+    assert len(weights) == chosen.samples - 1 + chosen.before
+    # unit increments in two axes give the weights back
+    rows = chosen.before + chosen.samples
+    for lag, weight in enumerate(weights, start=1):
+        x = np.zeros((rows, 3))
+        x[-1, 1] = x[-1 - lag, 0] = 1.0
+        phi = chosen.rotation_vectors(x, np.full(rows, np.nan), chosen.before, 1)[0]
+        assert phi[2] == pytest.approx(float(weight), rel=1e-14)
+
+
+@pytest.mark.parametrize(("key", "order"), [((7, 0), 14), ((8, 0), 16), ((3, 2), 10), ((1, 6), 14)])
+def test_order_beyond_the_published_ones(key, order):
+    with mpmath.workdps(180):
+        coarse, fine = (drift(*key, mpmath.mpf(turn)) for turn in ("0.02", "0.01"))
+        slope = mpmath.log(coarse / fine) / mpmath.log(2)
+    assert abs(slope - order) < 1e-3

@@ -32,7 +32,7 @@ def tuned(lags, stopband, **options):
     )  # fmt: skip
 
 
-def end_error(chosen, noise_frequency, kind="increment", noise=0.01):
+def end_error(chosen, noise_frequency, kind="increment", noise=0.01, motion_gain=None):
     """Signed z error in degrees after 10 s of 0.1 deg coning at 30 Hz, seen through the gyro.
 
     The noise is planar: nothing turns about z at its frequency, so all drift from it is wrong.
@@ -42,11 +42,15 @@ def end_error(chosen, noise_frequency, kind="increment", noise=0.01):
     count = round(SECONDS * RATE)
     k = np.arange(-history, count + 40)
     rate = np.zeros((len(k), 3))
-    for frequency, size in ((30.0, np.sin(angle)), (noise_frequency, np.sin(pseudo))):
+    lines = (
+        (30.0, np.sin(angle), GYRO(30.0) if motion_gain is None else motion_gain),
+        (noise_frequency, np.sin(pseudo), GYRO(noise_frequency)),
+    )
+    for frequency, size, passed in lines:
         turn = 2 * np.pi * frequency * STEP
         at = turn * k if kind == "rate" else turn * (k - 0.5)
         mean = 1.0 if kind == "rate" else np.sinc(turn / 2 / np.pi)
-        gain = 2 * np.pi * frequency * size * mean * GYRO(frequency)
+        gain = 2 * np.pi * frequency * size * mean * passed
         rate[:, 0] += gain * np.cos(at)
         rate[:, 1] -= gain * np.sin(at)
     rate[:, 2] += 4 * np.pi * 30.0 * np.sin(0.5 * angle) ** 2
@@ -90,6 +94,21 @@ def test_pseudo_coning_of_the_table(label):
         assert end_error(chosen, frequency) == pytest.approx(
             float(text), abs=max(1e-4 if digits == 4 else 0.0, 1.5e-5)
         ), frequency
+
+
+@pytest.mark.parametrize(
+    ("frequency", "long", "every"), [(130, -0.0215, -0.0063), (230, 0.0076, 0.0001)]
+)
+def test_long_updates_fold_two_frequencies(frequency, long, every):
+    # 100 and 200 Hz from the motion's 30: multiples of the update rate; gyro flat for the motion
+    def error(name, at):
+        return end_error(algorithm(name), at, motion_gain=1.0)
+
+    assert error("optimal-4", frequency) == pytest.approx(long, abs=1e-4)
+    assert error("previous-3", frequency) == pytest.approx(every, abs=1e-4)
+    # with an update for every sample it is like its neighbours
+    assert error("previous-3", frequency - 10) == pytest.approx(every, abs=3e-4)
+    assert abs(error("optimal-4", frequency) - error("optimal-4", frequency - 10)) > 5e-3
 
 
 def test_pseudo_coning_vanishes_where_nothing_moves():
