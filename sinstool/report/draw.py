@@ -1,0 +1,275 @@
+"""Figures as plotly draws them: plain dictionaries, with the colours left to the page's theme."""
+
+from __future__ import annotations
+
+import base64
+import html
+from collections.abc import Iterator, Sequence
+from typing import Any, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sinstool.comparison.figures import Figure, Series
+from sinstool.report.decimate import thin
+from sinstool.report.palette import DASHES, LIGHT_CURVES
+
+FloatArray = NDArray[np.float64]
+
+Side = Literal["left", "right"]
+
+_LINE = {"type": "line", "line": {"dash": "dot", "width": 1.2}}
+_NAME = {"showarrow": False}
+
+POINTS_PER_CURVE = 4000  # two for each of the two thousand pixel columns of a wide screen
+
+
+def plotly_figure(figure: Figure, limit: int = POINTS_PER_CURVE) -> dict[str, Any]:
+    """Describe a figure in plotly's terms.
+
+    Colours, fonts and margins are absent: the page's script adds those of its theme.
+
+    Parameters
+    ----------
+    figure : Figure
+    limit : int, optional
+        Points of a curve at most; see :func:`~sinstool.report.decimate.thin`.
+
+    Returns
+    -------
+    dict
+        With ``data`` and ``layout``, as JSON can hold them. Each trace has its colour's number as
+        ``meta.colour``.
+    """
+    straight = [*_levels(figure), *_marks(figure)]
+    layout = {
+        "xaxis": _axis(figure.xlabel, figure.log_x, figure.x_range, _xs(figure)),
+        "yaxis": _axis(figure.ylabel, figure.log_y, figure.y_range, _ys(figure)),
+        "shapes": [line for line, _ in straight],
+        "annotations": [name for _, name in straight],
+        "barmode": "group",
+    }
+    data = [_trace(figure, k, one, limit) for k, one in enumerate(figure.series)]
+    return {"data": data, "layout": layout}
+
+
+def places(figure: Figure, series: Series) -> FloatArray | tuple[str, ...]:
+    """Where the points of a series are: its own places, or else its figure's.
+
+    Parameters
+    ----------
+    figure : Figure
+    series : Series
+
+    Returns
+    -------
+    ndarray, shape (n,), or tuple of str
+    """
+    x = figure.x if series.x is None else series.x
+    if _are_words(x):
+        return tuple(str(word) for word in x)
+    return np.asarray(x, dtype=np.float64)
+
+
+def drawn(figure: Figure, series: Series, limit: int) -> tuple[Any, FloatArray]:
+    """Return the points of a series that are drawn.
+
+    Parameters
+    ----------
+    figure : Figure
+    series : Series
+    limit : int
+        How many at most. Words are never thinned: each is there to be read.
+
+    Returns
+    -------
+    x : ndarray, shape (m,), or tuple of str
+    y : ndarray, shape (m,)
+    """
+    x = places(figure, series)
+    y = np.asarray(series.y, dtype=np.float64)
+    if isinstance(x, tuple) or y.size <= limit:
+        return x, y
+    chosen = thin(x, y, limit, figure.log_x)
+    return x[chosen], y[chosen]
+
+
+def unit(label: str) -> str:
+    """Return what follows the last comma of an axis label.
+
+    Parameters
+    ----------
+    label : str
+
+    Returns
+    -------
+    str
+        Empty where there is no comma.
+    """
+    return label.rpartition(", ")[2] if ", " in label else ""
+
+
+def _are_words(x: FloatArray | Sequence[str]) -> bool:
+    return any(isinstance(place, str) for place in x[:1])
+
+
+def _xs(figure: Figure) -> list[FloatArray | tuple[str, ...]]:
+    return [places(figure, one) for one in figure.series]
+
+
+def _ys(figure: Figure) -> list[FloatArray | tuple[str, ...]]:
+    return [np.asarray(one.y, dtype=np.float64) for one in figure.series if one.shown]
+
+
+def _text(text: str) -> str:
+    """Escape what plotly would read as markup."""
+    return html.escape(text, quote=False)
+
+
+def _axis(
+    label: str,
+    log: bool,
+    shown: tuple[float, float] | None,
+    values: Sequence[FloatArray | tuple[str, ...]],
+) -> dict[str, Any]:
+    numbers = [one for one in values if not isinstance(one, tuple)]
+    words = len(numbers) < len(values)
+    axis: dict[str, Any] = {
+        "type": "category" if words else "log" if log else "linear",
+        "title": {"text": _text(label)},
+    }
+    if shown is not None:
+        # plotly takes the ends of a logarithmic axis as exponents
+        axis["range"] = [float(v) for v in (np.log10(shown) if log else shown)]
+    if log and not words:
+        low, high = np.log10(shown) if shown is not None else _exponents(numbers)
+        # One number a decade; with fewer ticks plotly leaves decades out, with more it crowds in
+        # twos and fives
+        axis["nticks"] = int(np.clip(np.ceil(1.1 * (high - low)) + 1.0, 5.0, 10.0))
+    return axis
+
+
+def _exponents(values: Sequence[FloatArray]) -> tuple[float, float]:
+    good = [one[np.isfinite(one) & (one > 0.0)] for one in values]
+    ends = [float(end) for one in good if one.size for end in (one.min(), one.max())] or [1.0, 10.0]
+    return float(np.log10(min(ends))), float(np.log10(max(ends)))
+
+
+def _levels(figure: Figure) -> Iterator[tuple[dict[str, Any], dict[str, Any]]]:
+    """Yield the line and the name of each level."""
+    for k, (name, value) in enumerate(figure.levels):
+        place = float(value)
+        line = {"xref": "paper", "x0": 0, "x1": 1, "y0": place, "y1": place}
+        # By turns at either end: levels that lie close together do not write over each other
+        text = {"xref": "paper", "x": 1 - k % 2, "xanchor": ("right", "left")[k % 2]}
+        text |= {"y": _position(place, figure.log_y), "yanchor": "bottom"}
+        yield _LINE | line, _NAME | {"text": _text(name)} | text
+
+
+def _marks(figure: Figure) -> Iterator[tuple[dict[str, Any], dict[str, Any]]]:
+    """Yield the line and the name of each mark, the name along the line within the plot."""
+    sides = mark_sides(figure)
+    for (name, value), side in zip(figure.marks, sides, strict=True):
+        place = float(value)
+        line = {"yref": "paper", "y0": 0, "y1": 1, "x0": place, "x1": place}
+        text = {"yref": "paper", "y": 1, "yanchor": "top", "textangle": -90, "xanchor": side}
+        text |= {"x": _position(place, figure.log_x)}
+        yield _LINE | line, _NAME | {"text": _text(name)} | text
+
+
+def mark_sides(figure: Figure) -> tuple[Side, ...]:
+    """Choose which end of its name touches each mark.
+
+    Parameters
+    ----------
+    figure : Figure
+
+    Returns
+    -------
+    tuple of {"right", "left"}
+        Right, so that the name stands left of its line, except at the left end of the axis and
+        where another mark stands close by on the left.
+    """
+    if not figure.marks:
+        return ()
+    at = [float(_position(value, figure.log_x)) for _, value in figure.marks]
+    first, last = _ends(figure)
+    near = 0.035 * (max(last, *at) - first)
+    return tuple(
+        "left"
+        if any(0.0 <= place - other < near for other in (first, *at[:k], *at[k + 1 :]))
+        else "right"
+        for k, place in enumerate(at)
+    )
+
+
+def _ends(figure: Figure) -> tuple[float, float]:
+    """Return the ends of the x axis, as exponents where it is logarithmic."""
+    if figure.x_range is not None:
+        first, last = figure.x_range
+        return float(_position(first, figure.log_x)), float(_position(last, figure.log_x))
+    numbers = [one for one in _xs(figure) if not isinstance(one, tuple)]
+    if figure.log_x:
+        return _exponents(numbers)
+    good = [x[np.isfinite(x)] for x in numbers]
+    ends = [float(end) for x in good if x.size for end in (x.min(), x.max())]
+    return (min(ends), max(ends)) if ends else (0.0, 1.0)
+
+
+def _position(value: Any, log: bool) -> Any:
+    """Return where text stands: plotly wants the exponent where it takes lines by value."""
+    return np.log10(value) if log else value
+
+
+def _trace(figure: Figure, k: int, series: Series, limit: int) -> dict[str, Any]:
+    x, y = drawn(figure, series, limit)
+    trace: dict[str, Any] = {
+        "type": "bar" if series.style == "bars" else "scatter",
+        "name": _text(series.name),
+        "x": [_text(word) for word in x] if isinstance(x, tuple) else _packed(x, figure.log_x),
+        "y": _packed(y, figure.log_y),
+        "visible": series.shown,
+        "meta": {"colour": k % len(LIGHT_CURVES)},
+        "hovertemplate": _hover(figure, series, isinstance(x, tuple)),
+    }
+    again = k // len(LIGHT_CURVES)
+    if series.style == "points":
+        trace |= {"mode": "markers", "marker": {"size": 6, "symbol": again}}
+    elif series.style in ("line", "dashed"):
+        dash = "dash" if series.style == "dashed" else DASHES[again % len(DASHES)]
+        trace |= {"mode": "lines", "line": {"width": 1.6, "dash": dash}}
+    return trace
+
+
+def _hover(figure: Figure, series: Series, words: bool) -> str:
+    """Name, then both coordinates with their units."""
+    # A name is no template, whatever signs it has
+    name, x, y = (
+        _text(text).replace("%{", "%\N{ZERO WIDTH SPACE}{")
+        for text in (series.name, figure.xlabel, figure.ylabel)
+    )
+    x_unit, y_unit = unit(x), unit(y)
+    x_name = x.removesuffix(f", {x_unit}") if x_unit else x
+    y_name = y.removesuffix(f", {y_unit}") if y_unit else y
+    x_place = "%{x}" if words else "%{x:.7~g}"
+    finite = np.abs(series.y[np.isfinite(series.y)])
+    small = figure.log_y or not bool(np.any(finite >= 1e-3))
+    y_place = "%{y:.4~e}" if small else "%{y:.6~g}"
+    return (
+        f"<b>{name}</b><br>{x_name}: {x_place} {x_unit}<br>{y_name}: {y_place} {y_unit}"
+        "<extra></extra>"
+    )
+
+
+def _packed(values: FloatArray, log: bool) -> dict[str, str]:
+    """Write numbers as plotly's typed arrays, in half the bytes where nobody could see it."""
+    finite = values[np.isfinite(values)]
+    with np.errstate(over="ignore", under="ignore", invalid="ignore"):
+        off = np.abs(finite.astype(np.float32).astype(np.float64) - finite)
+        span = np.ptp(finite) if finite.size else 0.0
+        short = bool(np.all(np.isfinite(off) & (off <= 1e-7 * span)))
+        if log:
+            short = short and bool(np.all(off <= 1e-6 * np.abs(finite)))
+    kind = "<f4" if short else "<f8"
+    raw = base64.b64encode(values.astype(kind).tobytes()).decode("ascii")
+    return {"dtype": kind[1:], "bdata": raw}

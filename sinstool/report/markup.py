@@ -1,0 +1,334 @@
+"""A page as HTML."""
+
+from __future__ import annotations
+
+import json
+import math
+import re
+from collections.abc import Iterator, Mapping, Sequence
+from html import escape
+
+import numpy as np
+
+import sinstool
+from sinstool.comparison.figures import Figure, Series
+from sinstool.report.draw import POINTS_PER_CURVE, places, plotly_figure, unit
+from sinstool.report.palette import DASHES, LIGHT_CURVES
+from sinstool.report.script import SCRIPT
+from sinstool.report.sections import Cell, Column, Page, Prose, Section, Settings, Table, Warnings
+from sinstool.report.style import style_sheet
+
+# All points of a page: 16 bytes each at most, a third more as base64, so 4.7 MB beside the 4.8 MB
+# of the drawing library.
+POINTS_PER_PAGE = 220_000
+FEWEST_POINTS = 100
+
+# The page may run what stands in it and load nothing: no host is asked for anything, whatever a
+# library would like to.
+_POLICY = (
+    "default-src 'none'; script-src 'unsafe-inline'; style-src 'unsafe-inline';"
+    " img-src data: blob:; font-src data:"
+)
+_DASH_PATTERNS = {
+    "solid": "",
+    "dash": "6 4",
+    "dot": "2 3",
+    "dashdot": "6 3 2 3",
+    "longdashdot": "9 3 2 3",
+}
+
+
+def markup(page: Page, library: str) -> str:
+    """Return the page as HTML.
+
+    Parameters
+    ----------
+    page : Page
+    library : str
+        The source of plotly.js; empty where there is no figure.
+
+    Returns
+    -------
+    str
+    """
+    limit = points_per_curve(page.figures)
+    shown = [one for one in page.sections if not isinstance(one, Warnings)]
+    body = [
+        "<header>",
+        f"<h1>{escape(page.title)}</h1>",
+        f"<p>{escape(page.subtitle)}</p>" if page.subtitle else "",
+        f'<p class="made">sinstool {escape(sinstool.__version__)}</p>',
+        "</header>",
+        "<main>",
+        _warnings(page.warnings),
+        _contents(shown),
+        *(_section(one, f"section-{k}", limit) for k, one in enumerate(shown, start=1)),
+        "</main>",
+        _footer(bool(page.figures)),
+    ]
+    scripts = [f"<script>{_closed(library)}</script>", f"<script>{SCRIPT}</script>"]
+    return "\n".join(
+        part
+        for part in (
+            "<!DOCTYPE html>",
+            '<html lang="en">',
+            "<head>",
+            '<meta charset="utf-8">',
+            f'<meta http-equiv="Content-Security-Policy" content="{_POLICY}">',
+            '<meta name="viewport" content="width=device-width, initial-scale=1">',
+            '<meta name="color-scheme" content="light dark">',
+            f'<meta name="generator" content="sinstool {escape(sinstool.__version__)}">',
+            f"<title>{escape(page.title)}</title>",
+            f"<style>\n{style_sheet()}</style>",
+            "</head>",
+            "<body>",
+            *body,
+            *(scripts if page.figures else ()),
+            "</body>",
+            "</html>\n",
+        )
+        if part
+    )
+
+
+def points_per_curve(figures: Sequence[Figure]) -> int:
+    """How many points of each curve a page can hold.
+
+    Parameters
+    ----------
+    figures : sequence of Figure
+
+    Returns
+    -------
+    int
+    """
+    curves = sum(len(one.series) for one in figures)
+    return max(FEWEST_POINTS, min(POINTS_PER_CURVE, POINTS_PER_PAGE // max(curves, 1)))
+
+
+def _closed(script: str) -> str:
+    """Keep a script from ending its element early."""
+    return script.replace("</script", "<\\/script").replace("<!--", "<\\!--")
+
+
+def _warnings(messages: Sequence[str]) -> str:
+    if not messages:
+        return ""
+    heading = "Warning" if len(messages) == 1 else f"{len(messages)} warnings"
+    items = "".join(f"<li>{escape(one)}</li>" for one in messages)
+    return (
+        '<section class="warnings" aria-labelledby="warnings">'
+        f'<h2 id="warnings">{heading}</h2><ul>{items}</ul></section>'
+    )
+
+
+def _title(section: Section) -> str:
+    return "" if isinstance(section, Warnings) else section.title
+
+
+def _contents(sections: Sequence[Section]) -> str:
+    titles = [(f"section-{k}", _title(one)) for k, one in enumerate(sections, start=1)]
+    items = [f'<li><a href="#{key}">{escape(title)}</a></li>' for key, title in titles if title]
+    if len(items) < 4:
+        return ""
+    return (
+        '<nav aria-labelledby="contents"><h2 id="contents">Contents</h2>'
+        f"<ul>{''.join(items)}</ul></nav>"
+    )
+
+
+def _section(section: Section, key: str, limit: int) -> str:
+    match section:
+        case Figure():
+            inside = _figure(section, key, limit)
+        case Table():
+            inside = _table(section, key)
+        case Settings():
+            inside = _settings(section, key)
+        case Prose():
+            inside = _paragraphs(section.paragraphs)
+        case _:
+            raise TypeError(f"{section!r} is no section.")
+    title = _title(section)
+    if not title:
+        return f'<section id="{key}">{inside}</section>'
+    return (
+        f'<section id="{key}" aria-labelledby="{key}-title">'
+        f'<h2 id="{key}-title">{escape(title)}</h2>\n{inside}</section>'
+    )
+
+
+def _paragraphs(paragraphs: Sequence[str], kind: str = "") -> str:
+    mark = f' class="{kind}"' if kind else ""
+    return "".join(f"<p{mark}>{escape(one)}</p>" for one in paragraphs)
+
+
+def _table(table: Table, key: str) -> str:
+    numeric = [
+        any(_is_number(row[k]) for row in table.rows)
+        and all(_is_number(row[k]) or row[k] is None for row in table.rows)
+        for k in range(len(table.columns))
+    ]
+    head = "".join(_heading(*both) for both in zip(table.columns, numeric, strict=True))
+    rows = []
+    for row in table.rows:
+        cells = []
+        for k, (cell, column) in enumerate(zip(row, table.columns, strict=True)):
+            tag = 'th scope="row"' if k == 0 else "td"
+            kind = ' class="number"' if numeric[k] else ""
+            cells.append(f"<{tag}{kind}>{_cell(cell, column.form)}</{tag[:2]}>")
+        rows.append(f"<tr>{''.join(cells)}</tr>")
+    # It scrolls by itself where the page is narrow, and by the keyboard too
+    return (
+        f'<div class="wide" tabindex="0" role="region" aria-labelledby="{key}-title"><table>'
+        f"<thead><tr>{head}</tr></thead>\n<tbody>{''.join(rows)}</tbody></table></div>"
+        f"{_paragraphs(table.notes)}"
+    )
+
+
+def _heading(column: Column, numeric: bool) -> str:
+    kind = ' class="number"' if numeric else ""
+    of = f'<span class="unit">{escape(column.unit)}</span>' if column.unit else ""
+    return f'<th scope="col"{kind}>{escape(column.name)}{" " if of else ""}{of}</th>'
+
+
+def _is_number(value: object) -> bool:
+    return isinstance(value, int | float | np.number) and not isinstance(value, bool)
+
+
+def _cell(cell: Cell, form: str) -> str:
+    return escape(_value(cell, form))
+
+
+def _value(value: object, form: str = ".10g") -> str:
+    """Write a value for reading, and for copying into a spreadsheet; no value is a dash."""
+    if value is None or (isinstance(value, str) and not value):
+        return "–"
+    if isinstance(value, bool | np.bool_):
+        return "yes" if value else "no"
+    if isinstance(value, float | np.floating):
+        if math.isnan(value):
+            return "–"
+        # 1.2e-05 as 1.2e-5
+        return re.sub(r"e([+-])0+(?=\d)", r"e\1", format(float(value), form))
+    if isinstance(value, list | tuple | np.ndarray):
+        return ", ".join(_value(one, form) for one in value) or "–"
+    return str(value)
+
+
+def _count(n: int) -> str:
+    return f"{n:,}".replace(",", "\N{NARROW NO-BREAK SPACE}")
+
+
+def _flat(items: Mapping[str, object], before: str = "") -> Iterator[tuple[str, object]]:
+    for name, value in items.items():
+        if isinstance(value, Mapping):
+            yield from _flat(value, f"{before}{name}.")
+        else:
+            yield f"{before}{name}", value
+
+
+def _settings(settings: Settings, key: str) -> str:
+    rows = "".join(
+        f'<tr><th scope="row">{escape(name)}</th><td>{escape(_value(value))}</td></tr>'
+        for name, value in _flat(settings.items)
+    )
+    return (
+        f'<div class="wide" tabindex="0" role="region" aria-labelledby="{key}-title">'
+        '<table class="settings"><thead><tr><th scope="col">Setting</th>'
+        f'<th scope="col">Value</th></tr></thead>\n<tbody>{rows}</tbody></table></div>'
+    )
+
+
+def _figure(figure: Figure, key: str, limit: int) -> str:
+    spec = json.dumps(plotly_figure(figure, limit), ensure_ascii=False, separators=(",", ":"))
+    names = ", ".join(one.name for one in figure.series)
+    described = f"{figure.title}: {figure.ylabel} against {figure.xlabel}. Curves: {names}."
+    legend = "".join(f"<li>{_key(k, one)}</li>" for k, one in enumerate(figure.series))
+    longest = max((one.y.size for one in figure.series if not _words(figure, one)), default=0)
+    thinned = (
+        f"Drawn with at most {_count(limit)} of {_count(longest)} points a curve; the lowest and"
+        " the highest of each stretch are among them."
+    )
+    return (
+        f'<figure><div class="plot" role="img" data-key="{escape(figure.key)}"'
+        f' data-title="{escape(escape(figure.title, quote=False))}"'
+        f' aria-label="{escape(described)}"></div>\n'
+        # Within a script, < can only begin its end
+        f'<script type="application/json">{spec.replace("<", chr(92) + "u003c")}</script>\n'
+        f'<ul class="legend" aria-label="Curves of {escape(figure.title)}">{legend}</ul>\n'
+        f"<figcaption>{_paragraphs(figure.notes)}"
+        f"{_paragraphs((thinned,), 'thinned') if longest > limit else ''}</figcaption>"
+        f"{_numbers(figure, key)}</figure>"
+    )
+
+
+def _words(figure: Figure, series: Series) -> bool:
+    return isinstance(places(figure, series), tuple)
+
+
+def _key(k: int, series: Series) -> str:
+    """Return the legend's entry: a button, dead until the script gives it its meaning."""
+    colour = f"var(--curve-{k % len(LIGHT_CURVES)})"
+    if series.style == "bars":
+        sign = f'<rect x="6" y="1" width="14" height="10" style="fill:{colour}"/>'
+    elif series.style == "points":
+        sign = f'<circle cx="13" cy="6" r="4" style="fill:{colour}"/>'
+    else:
+        again = DASHES[k // len(LIGHT_CURVES) % len(DASHES)]
+        dashes = _DASH_PATTERNS["dash" if series.style == "dashed" else again]
+        sign = (
+            f'<path d="M0 6H26" style="stroke:{colour};stroke-width:2.5"'
+            f' stroke-dasharray="{dashes or "none"}"/>'
+        )
+    return (
+        f'<button type="button" disabled aria-pressed="{str(series.shown).lower()}">'
+        f'<svg width="26" height="12" aria-hidden="true">{sign}</svg>{escape(series.name)}</button>'
+    )
+
+
+def _numbers(figure: Figure, key: str) -> str:
+    """Tell what the figure shows without the eye: each curve's range, from all its points."""
+    of = unit(figure.ylabel)
+    columns = (Column("Curve"), Column("points"), *(Column(one, of) for one in _RANGE))
+    rows = tuple((one.name, one.y.size, *_range(one)) for one in figure.series)
+    lines = (
+        _places("Levels", figure.levels, of),
+        _places("Marks", figure.marks, unit(figure.xlabel)),
+    )
+    table = _table(Table(figure.title, columns, rows, tuple(filter(None, lines))), key)
+    return f"<details><summary>In numbers</summary>{table}</details>"
+
+
+def _places(kind: str, lines: Sequence[tuple[str, float]], of: str) -> str:
+    found = ", ".join(f"{name} ({_value(value)} {of})" for name, value in lines)
+    return f"{kind}: {found}." if found else ""
+
+
+_RANGE = ("lowest", "median", "highest", "last")
+
+
+def _range(series: Series) -> tuple[float | None, ...]:
+    finite = series.y[np.isfinite(series.y)]
+    if not finite.size:
+        return (None,) * len(_RANGE)
+    return (
+        float(finite.min()),
+        float(np.median(finite)),
+        float(finite.max()),
+        float(finite[-1]),
+    )
+
+
+def _footer(figures: bool) -> str:
+    hint = (
+        '<p class="hint">Drag over a figure to zoom, double-click to return. A click on a curve'
+        "’s name hides or shows it; with Shift, it shows that one alone. The camera saves"
+        " the figure.</p>"
+        "<noscript><p>The figures are drawn by a script in this page, which is switched off"
+        " here; the tables hold their numbers.</p></noscript>"
+    )
+    return (
+        f"<footer>{hint if figures else ''}<p>Made by sinstool {escape(sinstool.__version__)}."
+        " This file holds all that it shows and asks no host for anything.</p></footer>"
+    )

@@ -1,0 +1,119 @@
+"""The page that every command can write, and the figure for a paper: one file, whole."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+
+from sinstool.errors import ConfigurationError, OutputError
+from sinstool.report.extra import borrowed
+from sinstool.report.markup import markup
+from sinstool.report.sections import Cell, Column, Page, Prose, Section, Settings, Table, Warnings
+from sinstool.report.static import FORMATS, write_figure
+from sinstool.writers.whole import WholeFile, check_output
+
+__all__ = [
+    "Cell",
+    "Column",
+    "Page",
+    "Prose",
+    "Section",
+    "Settings",
+    "Table",
+    "Warnings",
+    "check_report",
+    "write_page",
+    "write_report",
+]
+
+PAGES = (".html", ".htm")
+
+
+def check_report(path: Path, *, inputs: Sequence[Path] = (), overwrite: bool = False) -> None:
+    """Refuse a report that could not be written, before the work that it is about.
+
+    Parameters
+    ----------
+    path : Path
+        Its suffix says what it is to be: a page (.html) or the main figure (.png, .pdf, .svg).
+    inputs : sequence of Path, optional
+        Files that must not be written over.
+    overwrite : bool, optional
+        Whether `path` may exist.
+
+    Raises
+    ------
+    ConfigurationError
+        If the suffix is another, or the extra ``report`` is not installed.
+    OutputError
+        If the file exists, is an input or cannot be written.
+    """
+    suffix = path.suffix.lower()
+    if suffix in PAGES:
+        borrowed("plotly.offline")
+    elif suffix in FORMATS:
+        borrowed("matplotlib.figure")
+    else:
+        raise ConfigurationError(
+            f"a report is no {suffix or 'file without suffix'}",
+            f"one of {', '.join((PAGES[0], *FORMATS))}",
+        )
+    check_output(path, list(inputs), overwrite)
+
+
+def write_report(
+    path: Path, page: Page, *, inputs: Sequence[Path] = (), overwrite: bool = False
+) -> None:
+    """Write what the suffix asks for: the page, or its first figure alone.
+
+    Parameters
+    ----------
+    path : Path
+    page : Page
+    inputs : sequence of Path, optional
+        Files that must not be written over.
+    overwrite : bool, optional
+        Whether `path` may exist.
+
+    Raises
+    ------
+    ConfigurationError
+        As by :func:`check_report`.
+    OutputError
+        As by :func:`check_report`, and if the page has no figure to write alone.
+    """
+    check_report(path, inputs=inputs, overwrite=overwrite)
+    if path.suffix.lower() in PAGES:
+        write_page(path, page, inputs=inputs, overwrite=overwrite)
+    elif page.figures:
+        write_figure(path, page.figures[0], inputs=inputs, overwrite=overwrite)
+    else:
+        raise OutputError(f"there is no figure for {path}", "ask for a page (.html)")
+
+
+def write_page(
+    path: Path, page: Page, *, inputs: Sequence[Path] = (), overwrite: bool = False
+) -> None:
+    """Write a page as one HTML file that needs nothing besides itself.
+
+    Parameters
+    ----------
+    path : Path
+    page : Page
+    inputs : sequence of Path, optional
+        Files that must not be written over.
+    overwrite : bool, optional
+        Whether `path` may exist.
+
+    Raises
+    ------
+    ConfigurationError
+        If the extra ``report`` is not installed.
+    OutputError
+        If the file exists, is an input or cannot be written.
+    """
+    library: str = borrowed("plotly.offline").get_plotlyjs() if page.figures else ""
+    check_output(path, list(inputs), overwrite)
+    text = markup(page, library)
+    with WholeFile(path) as whole:
+        whole.stream.write(text.encode("utf-8"))

@@ -1,0 +1,181 @@
+"""The page's script: draws the figures in the theme of the moment and answers the legend."""
+
+# The figures lie in the page as JSON without colours. They are drawn again, from the same
+# dictionaries, when the theme or the width changes or the page is printed; what the reader has
+# zoomed to and switched off stays.
+SCRIPT = r"""
+(function () {
+  "use strict";
+  const root = document.documentElement;
+  const NARROW = 560, PAPER_WIDTH = 660;
+  const figures = [];
+  let printing = false;
+
+  function colour(name) {
+    return getComputedStyle(root).getPropertyValue("--" + name).trim();
+  }
+
+  function axis(width, kind) {
+    const log = kind === "log";
+    return {
+      gridcolor: colour("grid"), linecolor: colour("rule"), zerolinecolor: colour("rule"),
+      tickcolor: colour("rule"), ticks: "outside", ticklen: 4, showline: true, automargin: true,
+      exponentformat: "power", showexponent: "all",
+      // plotly writes powers a quarter larger than other numbers
+      tickfont: { size: fontSize(width) * (log ? 0.88 : 1) },
+      title: { standoff: 8, font: { size: 13 } },
+    };
+  }
+
+  // A label above the axis reads without a turned head; it breaks where the figure is narrow.
+  function lines(text, width) {
+    const room = Math.max(20, Math.floor(width / 7));
+    const found = [""];
+    for (const word of text.split(" ")) {
+      const last = found[found.length - 1];
+      if (last && last.length + word.length >= room) found.push(word);
+      else found[found.length - 1] = last ? last + " " + word : word;
+    }
+    return found;
+  }
+
+  function fontSize(width) { return width < NARROW ? 11 : 12.5; }
+
+  function layout(spec, width) {
+    const size = fontSize(width);
+    const above = lines(spec.yaxis.title.text, width);
+    const fewer = width < NARROW ? { nticks: 5 } : {};
+    const yaxis = Object.assign({}, spec.yaxis, fewer);
+    delete yaxis.title;
+    return Object.assign({}, spec, {
+      xaxis: Object.assign({}, spec.xaxis, spec.xaxis.type === "category" ? {} : fewer),
+      yaxis: yaxis,
+      title: {
+        text: above.join("<br>"), x: 0, xref: "container", xanchor: "left",
+        y: 1, yref: "container", yanchor: "top", pad: { t: 8, l: 2 },
+        font: { size: 13, color: colour("ink") },
+      },
+      width: width, autosize: false, uirevision: "kept", hovermode: "closest",
+      showlegend: false, bargap: 0.25,
+      margin: { l: 48, r: 12, t: 16 + 18 * above.length, b: 44 },
+      dragmode: matchMedia("(pointer: coarse)").matches ? false : "zoom",
+      template: { layout: {
+        font: { family: getComputedStyle(document.body).fontFamily, size: size,
+                color: colour("ink") },
+        paper_bgcolor: colour("page"), plot_bgcolor: colour("page"),
+        xaxis: axis(width, spec.xaxis.type), yaxis: axis(width, spec.yaxis.type),
+        hoverlabel: { bgcolor: colour("panel"), bordercolor: colour("rule"),
+                      font: { color: colour("ink"), size: 12.5 }, align: "left" },
+        modebar: { bgcolor: colour("page"), color: colour("muted"),
+                   activecolor: colour("accent") },
+        shapedefaults: { line: { color: colour("muted") } },
+        // Pale enough that a curve is seen through it
+        annotationdefaults: { font: { color: colour("muted"), size: size - 1 },
+                              bgcolor: colour("page") + "a0", borderpad: 1 },
+      } },
+    });
+  }
+
+  function paint(trace) {
+    const shade = colour("curve-" + trace.meta.colour);
+    if (trace.line) trace.line.color = shade;
+    else trace.marker = Object.assign({}, trace.marker, { color: shade });
+  }
+
+  const saving = {
+    name: "save", title: "Save as PNG",
+    icon: window.Plotly && Plotly.Icons.camera,
+    click: function (plot) {
+      const size = { width: 1100, height: 620 };
+      const figure = figures.find(function (one) { return one.plot === plot; });
+      const look = Object.assign(layout(figure.spec.layout, size.width), {
+        showlegend: true, legend: { orientation: "h", y: -0.16, yanchor: "top" },
+      });
+      look.xaxis = Object.assign({}, look.xaxis, seen(plot.layout.xaxis));
+      look.yaxis = Object.assign({}, look.yaxis, seen(plot.layout.yaxis));
+      look.title.text = "<b>" + figure.title + "</b><br>" + look.title.text;
+      look.margin.t += 22;
+      const data = figure.spec.data.filter(function (trace) { return trace.visible; });
+      Plotly.downloadImage({ data: data, layout: look },
+        Object.assign({ format: "png", scale: 2, filename: figure.key }, size));
+    },
+  };
+
+  function seen(axis) { return { range: axis.range.slice(), autorange: false }; }
+
+  const config = {
+    displaylogo: false, responsive: false, doubleClick: "reset+autosize",
+    // All that there are, as plotly's own choice changes, and has held ways to send data away
+    modeBarButtons: [["zoom2d", "pan2d"], ["zoomIn2d", "zoomOut2d", "resetScale2d"], [saving]],
+  };
+
+  function draw(figure) {
+    const width = printing ? PAPER_WIDTH : figure.plot.clientWidth;
+    if (!width) return Promise.resolve();
+    figure.spec.data.forEach(paint);
+    const look = layout(figure.spec.layout, width);
+    look.height = figure.plot.clientHeight;
+    return Plotly.react(figure.plot, figure.spec.data, look, config);
+  }
+
+  function drawAll() { return figures.reduce(
+    function (before, figure) { return before.then(function () { return draw(figure); }); },
+    Promise.resolve()); }
+
+  function showLegend(figure) {
+    figure.buttons.forEach(function (button, k) {
+      button.setAttribute("aria-pressed", String(figure.spec.data[k].visible));
+    });
+  }
+
+  function answer(figure) {
+    figure.buttons.forEach(function (button, k) {
+      const data = figure.spec.data;
+      button.disabled = false;
+      button.addEventListener("click", function (event) {
+        if (event.shiftKey || event.altKey) {
+          const alone = data.every(function (one, j) { return one.visible === (j === k); });
+          data.forEach(function (one, j) { one.visible = alone || j === k; });
+        } else data[k].visible = !data[k].visible;
+        showLegend(figure);
+        draw(figure);
+      });
+    });
+  }
+
+  function start() {
+    document.querySelectorAll(".plot").forEach(function (plot) {
+      const holder = plot.closest("figure");
+      const figure = {
+        plot: plot, key: plot.dataset.key, title: plot.dataset.title,
+        spec: JSON.parse(holder.querySelector("script").textContent),
+        buttons: holder.querySelectorAll(".legend button"),
+      };
+      figures.push(figure);
+      answer(figure);
+    });
+    drawAll().then(function () { root.dataset.figures = "drawn"; });
+  }
+
+  let waiting = 0, width = window.innerWidth;
+  addEventListener("resize", function () {
+    // A telephone's address bar changes the height alone
+    if (window.innerWidth === width) return;
+    width = window.innerWidth;
+    clearTimeout(waiting);
+    waiting = setTimeout(drawAll, 120);
+  });
+  matchMedia("(prefers-color-scheme: dark)").addEventListener("change", drawAll);
+
+  function print(now) {
+    printing = now;
+    root.classList.toggle("printing", now);
+    // Not one after the other: the browser takes the page as it is when this returns
+    figures.forEach(draw);
+  }
+  addEventListener("beforeprint", function () { print(true); });
+  addEventListener("afterprint", function () { print(false); });
+
+  start();
+})();
+"""

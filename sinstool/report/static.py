@@ -1,0 +1,178 @@
+"""One figure as an image or a vector file, for a paper."""
+
+from __future__ import annotations
+
+import io
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from sinstool.comparison.figures import Figure, Series
+from sinstool.errors import ConfigurationError
+from sinstool.report.draw import drawn, mark_sides
+from sinstool.report.extra import borrowed
+from sinstool.report.palette import LIGHT, LIGHT_CURVES
+from sinstool.writers.whole import WholeFile, check_output
+
+FORMATS = (".png", ".pdf", ".svg")
+
+SIZE_IN = (7.0, 4.0)  # over both columns of a page
+RESOLUTION_DPI = 200
+POINTS_PER_CURVE = 6000
+_FONT_PT = 9.0
+
+_LINES = {"dashed": (0, (5, 2.5))}
+_AGAIN: tuple[Any, ...] = ("-", ":", "-.", (0, (7, 2, 1.5, 2)))
+_MARKERS = "osD^v"
+
+
+def write_figure(
+    path: Path, figure: Figure, *, inputs: Sequence[Path] = (), overwrite: bool = False
+) -> None:
+    """Write one figure by itself; series that a reader would first have to ask for are left out.
+
+    The notes are left to the paper's own caption.
+
+    Parameters
+    ----------
+    path : Path
+        Ends in .png, .pdf or .svg.
+    figure : Figure
+    inputs : sequence of Path, optional
+        Files that must not be written over.
+    overwrite : bool, optional
+        Whether `path` may exist.
+
+    Raises
+    ------
+    ConfigurationError
+        If the suffix is another, or the extra ``report`` is not installed.
+    OutputError
+        If the file exists, is an input or cannot be written.
+    """
+    suffix = path.suffix.lower()
+    if suffix not in FORMATS:
+        raise ConfigurationError(f"no figure is drawn as {path}", f"one of {', '.join(FORMATS)}")
+    canvas = borrowed("matplotlib.figure")
+    matplotlib = borrowed("matplotlib")
+    check_output(path, list(inputs), overwrite)
+    # The same figure gives the same bytes: no date, and no random names in the vector files
+    undated = {".png": {}, ".pdf": {"CreationDate": None}, ".svg": {"Date": None}}
+    settings = {
+        "font.size": _FONT_PT,
+        "pdf.fonttype": 42,
+        "svg.fonttype": "path",
+        "svg.hashsalt": "sinstool",
+        "axes.edgecolor": LIGHT["muted"],
+        "axes.spines.top": False,
+        "axes.spines.right": False,
+        "grid.color": LIGHT["grid"],
+    }
+    image = io.BytesIO()
+    with matplotlib.rc_context(settings):
+        sheet = canvas.Figure(figsize=SIZE_IN, dpi=RESOLUTION_DPI, layout="constrained")
+        _draw(sheet, figure)
+        sheet.savefig(image, format=suffix[1:], metadata=undated[suffix])
+    with WholeFile(path) as whole:
+        whole.stream.write(image.getvalue())
+
+
+def _draw(sheet: Any, figure: Figure) -> None:
+    axes = sheet.add_subplot()
+    axes.set_title(_text(figure.title), loc="left", fontsize=_FONT_PT + 1.5, pad=10)
+    axes.set_xlabel(_text(figure.xlabel))
+    axes.set_ylabel(_text(figure.ylabel))
+    axes.grid(True, linewidth=0.6)
+    axes.set_axisbelow(True)
+    shown = [(k, one) for k, one in enumerate(figure.series) if one.shown]
+    words = _all_words(figure, [one for _, one in shown])
+    bars = [k for k, one in shown if one.style == "bars"]
+    for k, series in shown:
+        _series(axes, figure, k, series, words, bars)
+    if words:
+        axes.set_xticks(range(len(words)), [_text(one) for one in words])
+        if sum(map(len, words)) > 80:
+            axes.tick_params("x", rotation=20)
+    elif figure.log_x:
+        axes.set_xscale("log")
+    if figure.log_y:
+        axes.set_yscale("log")
+    _lines(axes, figure)
+    # Curves fill the width; points and bars would be cut at its ends
+    axes.margins(x=0.0 if all(one.style in ("line", "dashed") for _, one in shown) else 0.03)
+    if figure.x_range is not None:
+        axes.set_xlim(*figure.x_range)
+    if figure.y_range is not None:
+        axes.set_ylim(*figure.y_range)
+    if len(shown) > 1:
+        columns = 3 if max(len(one.name) for _, one in shown) < 30 else 2
+        sheet.legend(loc="outside lower left", ncols=columns, frameon=False)
+
+
+def _text(text: str) -> str:
+    """Keep a dollar in a topic's name a dollar; matplotlib reads formulas between two."""
+    return text.replace("$", r"\$")
+
+
+def _all_words(figure: Figure, series: Sequence[Series]) -> tuple[str, ...]:
+    found: dict[str, None] = {}
+    for one in series:
+        x, _ = drawn(figure, one, POINTS_PER_CURVE)
+        if isinstance(x, tuple):
+            found |= dict.fromkeys(x)
+    return tuple(found)
+
+
+def _series(
+    axes: Any, figure: Figure, k: int, series: Series, words: Sequence[str], bars: Sequence[int]
+) -> None:
+    x, y = drawn(figure, series, POINTS_PER_CURVE)
+    place = np.array([words.index(one) for one in x]) if isinstance(x, tuple) else x
+    look: dict[str, Any] = {
+        "color": LIGHT_CURVES[k % len(LIGHT_CURVES)],
+        "label": _text(series.name),
+    }
+    again = k // len(LIGHT_CURVES)
+    if series.style == "bars":
+        room = 0.8 * (float(np.min(np.diff(np.unique(place)))) if np.unique(place).size > 1 else 1)
+        width = room / len(bars)
+        offset = (bars.index(k) - (len(bars) - 1) / 2) * width
+        axes.bar(place + offset, y, width, **look)
+    elif series.style == "points":
+        axes.plot(place, y, _MARKERS[again % len(_MARKERS)], markersize=3.5, **look)
+    else:
+        line = _LINES.get(series.style, _AGAIN[again % len(_AGAIN)])
+        axes.plot(place, y, linestyle=line, linewidth=1.1, **look)
+
+
+def _lines(axes: Any, figure: Figure) -> None:
+    look = {"color": LIGHT["muted"], "linewidth": 0.8, "linestyle": (0, (1, 2))}
+    text = {"color": LIGHT["muted"], "fontsize": _FONT_PT - 1.5}
+    for k, (name, value) in enumerate(figure.levels):
+        axes.axhline(value, **look)
+        # By turns at either end, as levels may lie close together
+        axes.text(
+            (0.995, 0.005)[k % 2],
+            value,
+            _text(name),
+            transform=axes.get_yaxis_transform(),
+            ha=("right", "left")[k % 2],
+            va="bottom",
+            clip_on=True,
+            **text,
+        )
+    for (name, value), side in zip(figure.marks, mark_sides(figure), strict=True):
+        axes.axvline(value, **look)
+        axes.text(
+            value,
+            0.99,
+            f" {_text(name)} ",
+            transform=axes.get_xaxis_transform(),
+            ha=side,
+            va="top",
+            rotation=90,
+            clip_on=True,
+            **text,
+        )
