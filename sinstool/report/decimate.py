@@ -50,7 +50,7 @@ def thin(x: FloatArray, y: FloatArray, limit: int, log_x: bool = False) -> Index
     usable = np.isfinite(x) & (x > 0.0) if log_x else np.isfinite(x)
     whole = usable & np.isfinite(y)
     places = x[usable]
-    path = bool(np.any(np.diff(places) < 0.0))
+    path = bool(np.any(places[1:] < places[:-1]))
     holes = not bool(np.all(whole))
 
     kept_of_each = (4 if path else 2) + holes

@@ -15,7 +15,7 @@ from sinstool.comparison.figures import Figure, Series
 from sinstool.report.draw import POINTS_PER_CURVE, places, plotly_figure, unit
 from sinstool.report.palette import DASHES, LIGHT_CURVES
 from sinstool.report.script import SCRIPT
-from sinstool.report.sections import Cell, Column, Page, Prose, Section, Settings, Table, Warnings
+from sinstool.report.sections import Body, Cell, Column, Page, Prose, Settings, Table, Warnings
 from sinstool.report.style import style_sheet
 
 # All points of a page: 16 bytes each at most, a third more as base64, so 4.7 MB beside the 4.8 MB
@@ -122,12 +122,8 @@ def _warnings(messages: Sequence[str]) -> str:
     )
 
 
-def _title(section: Section) -> str:
-    return "" if isinstance(section, Warnings) else section.title
-
-
-def _contents(sections: Sequence[Section]) -> str:
-    titles = [(f"section-{k}", _title(one)) for k, one in enumerate(sections, start=1)]
+def _contents(sections: Sequence[Body]) -> str:
+    titles = [(f"section-{k}", one.title) for k, one in enumerate(sections, start=1)]
     items = [f'<li><a href="#{key}">{escape(title)}</a></li>' for key, title in titles if title]
     if len(items) < 4:
         return ""
@@ -137,7 +133,7 @@ def _contents(sections: Sequence[Section]) -> str:
     )
 
 
-def _section(section: Section, key: str, limit: int) -> str:
+def _section(section: Body, key: str, limit: int) -> str:
     match section:
         case Figure():
             inside = _figure(section, key, limit)
@@ -147,14 +143,11 @@ def _section(section: Section, key: str, limit: int) -> str:
             inside = _settings(section, key)
         case Prose():
             inside = _paragraphs(section.paragraphs)
-        case _:
-            raise TypeError(f"{section!r} is no section.")
-    title = _title(section)
-    if not title:
+    if not section.title:
         return f'<section id="{key}">{inside}</section>'
     return (
         f'<section id="{key}" aria-labelledby="{key}-title">'
-        f'<h2 id="{key}-title">{escape(title)}</h2>\n{inside}</section>'
+        f'<h2 id="{key}-title">{escape(section.title)}</h2>\n{inside}</section>'
     )
 
 
@@ -251,7 +244,8 @@ def _figure(figure: Figure, key: str, limit: int) -> str:
         " the highest of each stretch are among them."
     )
     return (
-        f'<figure><div class="plot" role="img" data-key="{escape(figure.key)}"'
+        f'<figure><p class="ylabel">{escape(figure.ylabel)}</p>\n'
+        f'<div class="plot" role="img" data-key="{escape(figure.key)}"'
         f' data-title="{escape(escape(figure.title, quote=False))}"'
         f' aria-label="{escape(described)}"></div>\n'
         # Within a script, < can only begin its end

@@ -27,37 +27,24 @@ SCRIPT = r"""
     };
   }
 
-  // A label above the axis reads without a turned head; it breaks where the figure is narrow.
-  function lines(text, width) {
-    const room = Math.max(20, Math.floor(width / 7));
-    const found = [""];
-    for (const word of text.split(" ")) {
-      const last = found[found.length - 1];
-      if (last && last.length + word.length >= room) found.push(word);
-      else found[found.length - 1] = last ? last + " " + word : word;
-    }
-    return found;
+  function fewer(axis, width) {
+    if (width >= NARROW || axis.type === "category") return Object.assign({}, axis);
+    return Object.assign({}, axis, { nticks: axis.type === "log" ? 5 : 6 });
   }
 
   function fontSize(width) { return width < NARROW ? 11 : 12.5; }
 
   function layout(spec, width) {
     const size = fontSize(width);
-    const above = lines(spec.yaxis.title.text, width);
-    const fewer = width < NARROW ? { nticks: 5 } : {};
-    const yaxis = Object.assign({}, spec.yaxis, fewer);
+    // Its label stands above the figure in the page: read without a turned head, and it wraps
+    const yaxis = fewer(spec.yaxis, width);
     delete yaxis.title;
     return Object.assign({}, spec, {
-      xaxis: Object.assign({}, spec.xaxis, spec.xaxis.type === "category" ? {} : fewer),
+      xaxis: fewer(spec.xaxis, width),
       yaxis: yaxis,
-      title: {
-        text: above.join("<br>"), x: 0, xref: "container", xanchor: "left",
-        y: 1, yref: "container", yanchor: "top", pad: { t: 8, l: 2 },
-        font: { size: 13, color: colour("ink") },
-      },
       width: width, autosize: false, uirevision: "kept", hovermode: "closest",
       showlegend: false, bargap: 0.25,
-      margin: { l: 48, r: 12, t: 16 + 18 * above.length, b: 44 },
+      margin: { l: 48, r: 12, t: 28, b: 44 },
       dragmode: matchMedia("(pointer: coarse)").matches ? false : "zoom",
       template: { layout: {
         font: { family: getComputedStyle(document.body).fontFamily, size: size,
@@ -93,8 +80,12 @@ SCRIPT = r"""
       });
       look.xaxis = Object.assign({}, look.xaxis, seen(plot.layout.xaxis));
       look.yaxis = Object.assign({}, look.yaxis, seen(plot.layout.yaxis));
-      look.title.text = "<b>" + figure.title + "</b><br>" + look.title.text;
-      look.margin.t += 22;
+      look.margin.t = 64;
+      look.annotations = look.annotations.concat({
+        text: "<b>" + figure.title + "</b><br>" + figure.spec.layout.yaxis.title.text,
+        xref: "paper", x: 0, xanchor: "left", yref: "paper", y: 1, yanchor: "bottom", yshift: 8,
+        showarrow: false, align: "left", font: { size: 14, color: colour("ink") },
+      });
       const data = figure.spec.data.filter(function (trace) { return trace.visible; });
       Plotly.downloadImage({ data: data, layout: look },
         Object.assign({ format: "png", scale: 2, filename: figure.key }, size));

@@ -98,7 +98,8 @@ class Settings:
     title: str = "Settings"
 
 
-Section = Prose | Table | Warnings | Settings | Figure
+Body = Prose | Table | Settings | Figure
+Section = Body | Warnings
 
 
 @dataclass(frozen=True)

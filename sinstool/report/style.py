@@ -74,6 +74,9 @@ td.number { white-space: nowrap; }
 .settings tbody th { color: var(--muted); font-weight: 400; white-space: nowrap; }
 
 figure { margin: 0; }
+/* It reaches down into the plot's margin, whose right end holds the buttons */
+.ylabel { position: relative; z-index: 1; max-width: none; margin: 0 0 -0.8rem;
+  font-size: 0.82rem; pointer-events: none; }
 .plot { height: clamp(300px, 40vw, 420px); width: 100%; overflow: hidden; }
 .legend { margin: 0.3rem -0.5rem 0.5rem; padding: 0; list-style: none; display: flex;
   flex-wrap: wrap; gap: 0.15rem 0.35rem; font-size: 0.88rem; }

@@ -1,0 +1,281 @@
+from __future__ import annotations
+
+import importlib
+import json
+import re
+import subprocess
+import sys
+from html.parser import HTMLParser
+
+import numpy as np
+import pytest
+
+import sinstool
+from sinstool.comparison.figures import Figure, Series
+from sinstool.errors import ConfigurationError, OutputError
+from sinstool.report import page as page_module
+from sinstool.report.markup import markup, points_per_curve
+from sinstool.report.page import (
+    Column,
+    Page,
+    Prose,
+    Table,
+    Warnings,
+    check_report,
+    write_page,
+    write_report,
+)
+from sinstool.report.palette import DARK, LIGHT
+from sinstool.report.static import write_figure
+from sinstool.report.style import style_sheet
+from tests.report.pages import NASTY, figures, page
+
+VOID = {"meta", "link", "br", "img", "input", "hr", "rect", "circle", "path"}
+
+
+class Outline(HTMLParser):
+    """Elements with their attributes and the text in them; complains of bad nesting."""
+
+    def __init__(self, text: str) -> None:
+        super().__init__()
+        self.elements: list[tuple[str, dict[str, str | None]]] = []
+        self.texts: list[tuple[str, str]] = []
+        self.open: list[str] = []
+        self.feed(text)
+        self.close()
+        assert self.open == []
+
+    def handle_starttag(self, tag, attrs):
+        self.elements.append((tag, dict(attrs)))
+        if tag not in VOID:
+            self.open.append(tag)
+
+    def handle_startendtag(self, tag, attrs):
+        self.elements.append((tag, dict(attrs)))
+
+    def handle_endtag(self, tag):
+        assert self.open.pop() == tag
+
+    def handle_data(self, data):
+        self.texts.append((self.open[-1] if self.open else "", data))
+
+    def all(self, tag, **wanted):
+        return [
+            attrs
+            for one, attrs in self.elements
+            if one == tag and all(attrs.get(k.rstrip("_")) == v for k, v in wanted.items())
+        ]
+
+    def said(self, *tags):
+        return [text for tag, text in self.texts if tag in tags]
+
+
+@pytest.fixture(scope="module")
+def text() -> str:
+    return markup(page(), "/* </script> <!-- the library */")
+
+
+@pytest.fixture(scope="module")
+def outline(text) -> Outline:
+    return Outline(text)
+
+
+def test_nothing_from_elsewhere(outline, text):
+    for tag, attrs in outline.elements:
+        assert "src" not in attrs and tag not in ("link", "iframe", "object", "embed", "base")
+        assert all(not name.startswith("on") for name in attrs)
+        if "href" in attrs:
+            assert attrs["href"].startswith("#")
+    (policy,) = outline.all("meta", **{"http-equiv": "Content-Security-Policy"})
+    assert "default-src 'none'" in policy["content"] and "http" not in policy["content"]
+    assert not re.search(r"@import|url\((?!data:)", style_sheet())
+    assert text.count("/* <\\/script>") == 1
+
+
+def test_links_lead_somewhere(outline):
+    names = [attrs["id"] for _, attrs in outline.elements if "id" in attrs]
+    assert len(set(names)) == len(names)
+    links = outline.all("a")
+    assert len(links) == 9
+    assert {attrs["href"][1:] for attrs in links} <= set(names)
+    for _, attrs in outline.elements:
+        assert attrs.get("aria-labelledby", names[0]) in names
+
+
+def test_all_figures_with_captions_and_legends(outline):
+    plots = outline.all("div", class_="plot")
+    assert [attrs["data-key"] for attrs in plots] == [one.key for one in figures()]
+    assert len(outline.all("figure")) == len(outline.all("figcaption")) == len(figures())
+    for attrs, figure in zip(plots, figures(), strict=True):
+        assert attrs["role"] == "img"
+        assert figure.title in attrs["aria-label"] and figure.ylabel in attrs["aria-label"]
+    buttons = outline.all("button")
+    shown = [one.shown for figure in figures() for one in figure.series]
+    assert [attrs["aria-pressed"] == "true" for attrs in buttons] == shown
+    assert all(note in outline.said("p") for figure in figures() for note in figure.notes)
+
+
+def test_figure_data_can_be_read(text):
+    specs = re.findall(r'<script type="application/json">(.*?)</script>', text)
+    titles = [json.loads(one)["layout"]["yaxis"]["title"]["text"] for one in specs]
+    assert len(titles) == 6 and titles[0] == "difference, arcsec"
+
+
+def test_tables(outline):
+    # one of data, one of settings, one for the numbers of each figure
+    assert len(outline.all("table")) == 2 + len(figures())
+    assert all(attrs["scope"] in ("col", "row") for attrs in outline.all("th"))
+    cells = outline.said("td", "th")
+    assert {"1.2e-5", "1440000", "–", "coning.algorithms", "a, b"} <= set(cells)
+    assert "deg/h" in outline.said("span")
+
+
+def test_warnings_come_first_and_once(text, outline):
+    assert text.index("late warning") < text.index('id="section-1"')
+    assert outline.said("li").count("late warning") == 1
+    assert "2 warnings" in outline.said("h2")
+    assert 'class="warnings"' not in markup(Page("t", "", (Warnings(()),)), "")
+
+
+def test_escaped_everywhere(outline, text):
+    said = outline.said("h1", "h2", "p", "li", "td", "th", "button", "title", "a")
+    assert sum(NASTY in one for one in said) >= 12
+    # three scripts of ours and the six figures' data
+    assert len(outline.all("script")) == 2 + len(figures())
+    assert "alert" not in "".join(
+        one
+        for one in outline.said("script")
+        if "application/json" not in one and "u003c" not in one
+    )
+    assert "<script>alert" not in text
+
+
+def test_version_and_language(outline):
+    assert any(sinstool.__version__ in one for one in outline.said("p"))
+    assert outline.all("html", lang="en") and outline.all("meta", charset="utf-8")
+    assert outline.all("meta", name="viewport")
+    for tag in ("header", "main", "nav", "footer"):
+        assert len(outline.all(tag)) == 1
+
+
+def test_both_themes_and_print():
+    css = style_sheet()
+    assert set(LIGHT) == set(DARK)
+    dark = css.index("prefers-color-scheme: dark")
+    for name in LIGHT:
+        assert css.index(f"--{name}: {LIGHT[name]};") < dark < css.index(f"--{name}: {DARK[name]};")
+    assert set(re.findall(r"var\(--([\w-]+)\)", css)) <= set(LIGHT)
+    assert "@media print" in css and "break-inside: avoid" in css
+    assert css.count("{") == css.count("}")
+
+
+@pytest.mark.parametrize("theme", [LIGHT, DARK], ids=["light", "dark"])
+def test_contrast(theme):
+    def light(colour):
+        parts = np.array([int(colour[k : k + 2], 16) for k in (1, 3, 5)]) / 255.0
+        linear = np.where(parts <= 0.04045, parts / 12.92, ((parts + 0.055) / 1.055) ** 2.4)
+        return float(linear @ (0.2126, 0.7152, 0.0722))
+
+    def contrast(a, b):
+        low, high = sorted((light(theme[a]), light(theme[b])))
+        return (high + 0.05) / (low + 0.05)
+
+    assert contrast("ink", "page") > 10.0
+    for name in ("muted", "accent"):
+        assert contrast(name, "page") > 4.5
+    assert contrast("warning", "warning-page") > 4.5
+    assert all(contrast(f"curve-{k}", "page") > 3.0 for k in range(10))
+
+
+def test_an_hour_stays_below_ten_megabytes(tmp_path):
+    pytest.importorskip("plotly", reason="the drawing library is the largest part of a page")
+    t = np.arange(3600 * 400) / 400.0
+    # Far from zero, so that nothing can be written short; 60 curves
+    y = 1e6 + np.sin(t)
+    drawn = tuple(
+        Figure(f"f{k}", "t", t, tuple(Series(f"s{j}", y) for j in range(10)), "time, s", "y, m")
+        for k in range(6)
+    )
+    write_page(tmp_path / "hour.html", page(drawn))
+    assert (tmp_path / "hour.html").stat().st_size < 10e6
+
+
+def test_points_of_many_curves():
+    few, many = figures(10), figures(10) * 40
+    assert points_per_curve(few) == 4000
+    curves = sum(len(one.series) for one in many)
+    assert points_per_curve(many) * curves <= 220_000
+    assert points_per_curve(()) == 4000
+
+
+def test_refusals_of_the_page():
+    figure = figures()[0]
+    with pytest.raises(ValueError, match="one key"):
+        Page("t", "", (figure, figure))
+    with pytest.raises(ValueError, match="2 cells for 1"):
+        Table("t", (Column("a"),), ((1, 2),))
+
+
+def test_existing_file_and_missing_folder(tmp_path):
+    path = tmp_path / "page.html"
+    bare = Page("Bare", "", (Prose(("text",)),))
+    write_page(path, bare)
+    before = path.read_bytes()
+    with pytest.raises(OutputError, match="exists already"):
+        write_page(path, Page("Other"))
+    assert path.read_bytes() == before
+    write_page(path, bare, overwrite=True)
+    assert path.read_bytes() == before, "the same page gives other bytes"
+    with pytest.raises(OutputError, match="is the input itself"):
+        write_page(path, bare, inputs=[path], overwrite=True)
+    with pytest.raises(OutputError, match="does not exist"):
+        write_page(tmp_path / "no" / "page.html", bare)
+    assert [one.name for one in tmp_path.iterdir()] == ["page.html"]
+
+
+def test_failure_leaves_nothing(tmp_path, monkeypatch):
+    def fails(*_):
+        raise RuntimeError
+
+    monkeypatch.setattr(page_module, "markup", fails)
+    with pytest.raises(RuntimeError):
+        write_page(tmp_path / "page.html", Page("Bare"))
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_suffixes(tmp_path):
+    with pytest.raises(ConfigurationError, match=r"one of \.html, .png, .pdf, .svg"):
+        check_report(tmp_path / "page.docx")
+    with pytest.raises(ConfigurationError, match=r"one of \.png, .pdf, .svg"):
+        write_figure(tmp_path / "page.html", figures()[0])
+    pytest.importorskip("matplotlib")
+    with pytest.raises(OutputError, match="there is no figure"):
+        write_report(tmp_path / "page.png", Page("Bare"))
+
+
+@pytest.mark.parametrize(("name", "package"), [("a.html", "plotly"), ("a.pdf", "matplotlib")])
+def test_missing_extra(tmp_path, monkeypatch, name, package):
+    found = importlib.import_module
+
+    def missing(module, *args):
+        if module.startswith(package):
+            raise ModuleNotFoundError(f"No module named {package!r}", name=package)
+        return found(module, *args)
+
+    monkeypatch.setattr(importlib, "import_module", missing)
+    told = re.escape(f"the report needs {package}: pip install 'sinstool[report]'")
+    for write in (write_report, lambda path, _: check_report(path)):
+        with pytest.raises(ConfigurationError, match=f"^{told}$"):
+            write(tmp_path / name, page())
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_nothing_is_imported_before_it_draws():
+    script = (
+        "import sys, sinstool.report.page\n"
+        "print([m for m in ('plotly', 'matplotlib') if m in sys.modules])"
+    )
+    done = subprocess.run(
+        [sys.executable, "-c", script], capture_output=True, text=True, check=True
+    )
+    assert done.stdout.strip() == "[]"
