@@ -11,12 +11,12 @@ import click
 import numpy as np
 
 from sinstool.cli.console import print_json
-from sinstool.comparison.figures import Figure
 from sinstool.comparison.paper import Reproduction, reproduce
 from sinstool.comparison.paper_claims import low_level
 from sinstool.comparison.paper_experiment import RESPONSES, noise_rate_deg
 from sinstool.comparison.paper_sweep import Sweep
 from sinstool.errors import ConfigurationError, OutputError
+from sinstool.figures import Figure
 from sinstool.simulation.coning_paper import (
     FREQUENCY_HZ,
     PHASES,

@@ -14,6 +14,10 @@ from sinstool.errors import SinstoolError
 COMMANDS = {
     "process": ("process", "Recorded IMU to corrected attitude, written as MCAP."),
     "info": ("info", "What is in a log, and what is odd about it."),
+    "compare-coning": (
+        "compare_coning",
+        "Which coning algorithm, on a log, and by how much; or the published experiment.",
+    ),
     "simulate": ("simulate", "Write a log with exact truth."),
 }
 

@@ -12,11 +12,11 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 from sinstool.comparison import paper_claims_figures, paper_claims_table
-from sinstool.comparison.figures import Figure
 from sinstool.comparison.paper_claims import Claim, Judge
 from sinstool.comparison.paper_experiment import Experiment, run_experiment
 from sinstool.comparison.paper_figures import figures
 from sinstool.coning.gyro_response import GyroResponse
+from sinstool.figures import Figure
 from sinstool.simulation.coning_paper import DEFAULT_RESPONSE, Phase
 
 

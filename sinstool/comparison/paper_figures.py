@@ -5,11 +5,11 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from sinstool.comparison.figures import Figure, Series
 from sinstool.comparison.paper_cases import LARGE_EPSILON, paper_cases
 from sinstool.comparison.paper_claims import SP_PAPER
 from sinstool.comparison.paper_claims_table import settings_with_means
 from sinstool.comparison.paper_experiment import RESPONSES, Experiment
+from sinstool.figures import Figure, Series
 from sinstool.simulation.coning_paper import RATE_HZ, response_name
 
 FloatArray = NDArray[np.float64]

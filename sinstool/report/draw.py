@@ -10,7 +10,7 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from sinstool.comparison.figures import Figure, Series
+from sinstool.figures import Figure, Series
 from sinstool.report.decimate import thin
 from sinstool.report.palette import DASHES, LIGHT_CURVES
 

@@ -11,7 +11,7 @@ from html import escape
 import numpy as np
 
 import sinstool
-from sinstool.comparison.figures import Figure, Series
+from sinstool.figures import Figure, Series
 from sinstool.report.draw import POINTS_PER_CURVE, places, plotly_figure, unit
 from sinstool.report.palette import DASHES, LIGHT_CURVES
 from sinstool.report.script import SCRIPT

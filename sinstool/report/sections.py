@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 
-from sinstool.comparison.figures import Figure
+from sinstool.figures import Figure
 
 Cell = str | float | int | bool | None
 

@@ -9,8 +9,8 @@ from typing import Any
 
 import numpy as np
 
-from sinstool.comparison.figures import Figure, Series
 from sinstool.errors import ConfigurationError
+from sinstool.figures import Figure, Series
 from sinstool.report.draw import drawn, mark_sides
 from sinstool.report.extra import borrowed
 from sinstool.report.palette import LIGHT, LIGHT_CURVES

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from sinstool.comparison.figures import Figure, Series
+from sinstool.figures import Figure, Series
 from sinstool.report.page import Column, Page, Prose, Settings, Table, Warnings
 
 NASTY = """<script>alert("1")</script> & </script> <!-- %{x} $5 'b'"""

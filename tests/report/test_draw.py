@@ -6,7 +6,7 @@ import json
 import numpy as np
 import pytest
 
-from sinstool.comparison.figures import Figure, Series
+from sinstool.figures import Figure, Series
 from sinstool.report.draw import plotly_figure, unit
 from sinstool.report.page import Page, write_page, write_report
 from sinstool.report.static import FORMATS, write_figure

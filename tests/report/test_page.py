@@ -11,8 +11,8 @@ import numpy as np
 import pytest
 
 import sinstool
-from sinstool.comparison.figures import Figure, Series
 from sinstool.errors import ConfigurationError, OutputError
+from sinstool.figures import Figure, Series
 from sinstool.report import page as page_module
 from sinstool.report.markup import markup, points_per_curve
 from sinstool.report.page import (

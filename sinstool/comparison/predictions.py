@@ -1,0 +1,75 @@
+"""Drift of each candidate as the log's coning spectrum predicts it, without simulation."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sinstool.comparison.divergence import DEG_H
+from sinstool.comparison.runs import Candidate
+from sinstool.coning.increments import GyroKind
+from sinstool.coning.spectrum import ConingSpectrum, predicted_drift, pseudo_coning
+
+FloatArray = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Prediction:
+    """What the spectrum says of one candidate.
+
+    Attributes
+    ----------
+    drift : ndarray, shape (3,)
+        Predicted drift against the true attitude, deg/h.
+    pseudo : ndarray, shape (3,) or None
+        Of it, what is noise if nothing moves above the stopband, deg/h; None without one.
+    exception : str
+        Why the prediction cannot hold for this candidate; '' where it should.
+    """
+
+    drift: FloatArray
+    pseudo: FloatArray | None
+    exception: str
+
+
+def predict(
+    candidate: Candidate,
+    spectrum: ConingSpectrum,
+    passband: float | None,
+    stopband: float | None,
+) -> Prediction:
+    """Predict a candidate's drift.
+
+    Parameters
+    ----------
+    candidate : Candidate
+    spectrum : ConingSpectrum
+        Of the log as it is.
+    passband, stopband : float or None
+        Hz.
+
+    Returns
+    -------
+    Prediction
+    """
+    interval = spectrum.interval * candidate.decimate
+    kind: GyroKind | None = {"sums": "increment", "points": "rate"}.get(candidate.thinning)  # type: ignore[assignment]
+    fed = {"interval": interval, "gyro_kind": kind}
+    drift = predicted_drift(spectrum, candidate.algorithm, passband=passband, **fed)  # type: ignore[arg-type]
+    pseudo = None
+    if stopband is not None:
+        pseudo = pseudo_coning(spectrum, candidate.algorithm, stopband, **fed) * DEG_H  # type: ignore[arg-type]
+    return Prediction(drift * DEG_H, pseudo, _exception(candidate))
+
+
+def _exception(candidate: Candidate) -> str:
+    """Known reasons for which the spectrum cannot predict a run."""
+    if candidate.algorithm.takes == "rates":
+        return "takes rates: its skew in time moves the ends of a run"
+    if candidate.algorithm.samples > 1:
+        return "several samples an update: frequencies fold at the update rate"
+    if candidate.decimate > 1:
+        return "decimated: frequencies fold at the lower rate"
+    return ""
