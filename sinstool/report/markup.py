@@ -245,7 +245,7 @@ def _figure(figure: Figure, key: str, limit: int) -> str:
     )
     return (
         f'<figure><p class="ylabel">{escape(figure.ylabel)}</p>\n'
-        f'<div class="plot" role="img" data-key="{escape(figure.key)}"'
+        f'<div class="drawing" role="img" data-key="{escape(figure.key)}"'
         f' data-title="{escape(escape(figure.title, quote=False))}"'
         f' aria-label="{escape(described)}"></div>\n'
         # Within a script, < can only begin its end

@@ -135,7 +135,7 @@ SCRIPT = r"""
   }
 
   function start() {
-    document.querySelectorAll(".plot").forEach(function (plot) {
+    document.querySelectorAll(".drawing").forEach(function (plot) {
       const holder = plot.closest("figure");
       const figure = {
         plot: plot, key: plot.dataset.key, title: plot.dataset.title,

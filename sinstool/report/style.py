@@ -77,7 +77,7 @@ figure { margin: 0; }
 /* It reaches down into the plot's margin, whose right end holds the buttons */
 .ylabel { position: relative; z-index: 1; max-width: none; margin: 0 0 -0.8rem;
   font-size: 0.82rem; pointer-events: none; }
-.plot { height: clamp(300px, 40vw, 420px); width: 100%; overflow: hidden; }
+.drawing { height: clamp(300px, 40vw, 420px); width: 100%; overflow: hidden; }
 .legend { margin: 0.3rem -0.5rem 0.5rem; padding: 0; list-style: none; display: flex;
   flex-wrap: wrap; gap: 0.15rem 0.35rem; font-size: 0.88rem; }
 .legend button { display: flex; align-items: center; gap: 0.5rem; padding: 0.18rem 0.5rem;
@@ -124,8 +124,8 @@ footer p { max-width: none; margin: 0 0 0.3rem; }
   .warnings { border: 1px solid var(--warning-rule); border-left-width: 4px; }
   nav, details, .hint, .modebar-container, .legend li:has([aria-pressed="false"]) {
     display: none; }
-  .plot { height: 320px; }
+  .drawing { height: 320px; }
   a { color: inherit; text-decoration: none; }
 }
-:root.printing .plot { height: 320px; }
+:root.printing .drawing { height: 320px; }
 """

@@ -52,7 +52,7 @@ for (const kind of ["error", "warn"]) {
 EYE = """<script>
 const root = document.documentElement;
 const count = (plot, what) => plot.querySelectorAll(what).length;
-const look = () => [...document.querySelectorAll(".plot")].map(plot => ({
+const look = () => [...document.querySelectorAll(".drawing")].map(plot => ({
   key: plot.dataset.key,
   svg: count(plot, "svg.main-svg"),
   curves: count(plot, ".scatterlayer .trace, .barlayer .trace"),
@@ -106,14 +106,13 @@ def opened(folder: Path, *flags: str) -> tuple[dict, list[str]]:
     text = text.replace("</body>", f"{EYE}</body>")
     (folder / "page.html").write_text(text)
     (folder / "frames.html").write_text(FRAMES)
-    profile, net = folder / "profile", folder / "net.json"
+    profile = folder / "profile"
     done = subprocess.run(
         [
             str(BROWSER),
             *FLAGS,
             *flags,
             f"--user-data-dir={profile}",
-            f"--log-net-log={net}",
             "--dump-dom",
             (folder / "frames.html").as_uri(),
         ],

@@ -103,7 +103,7 @@ def test_links_lead_somewhere(outline):
 
 
 def test_all_figures_with_captions_and_legends(outline):
-    plots = outline.all("div", class_="plot")
+    plots = outline.all("div", class_="drawing")
     assert [attrs["data-key"] for attrs in plots] == [one.key for one in figures()]
     assert len(outline.all("figure")) == len(outline.all("figcaption")) == len(figures())
     for attrs, figure in zip(plots, figures(), strict=True):
