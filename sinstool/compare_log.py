@@ -20,8 +20,8 @@ from sinstool.coning.increments import GyroKind
 from sinstool.coning.sp_tuning import SpBounds, SpTuning, bounds, tune
 from sinstool.coning.spectrum import ConingSpectrum, coning_spectrum
 from sinstool.errors import DataError
-from sinstool.pipeline import Source, imu_blocks, prepare
 from sinstool.readers import open_log
+from sinstool.source import Source, imu_blocks, prepare
 from sinstool.timeline import SECOND, mean_rates, segments
 from sinstool.truth import at_times, read_truth
 

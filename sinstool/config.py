@@ -103,9 +103,10 @@ class ConingOptions(_Group):
         description="form of the singular-perturbation solution (default: truncated with a"
         " preset, exact with --epsilon)",
     )
-    sp_preset: Literal["best", "paper"] | None = Field(
+    sp_preset: Literal["best", "paper", "auto"] | None = Field(
         None,
-        description="best: epsilon = T/2, n = 2; paper: 2e-4 s, n = 0.001 (default: best)",
+        description="best: epsilon = T/2, n = 2; paper: 2e-4 s, n = 0.001; auto: nulls the drift"
+        " of the log's own coning below --passband (default: best)",
     )
     epsilon: float | None = Field(
         None, ge=0, description="boundary layer in seconds, with --beta-gain or --beta"
@@ -113,6 +114,17 @@ class ConingOptions(_Group):
     beta_gain: float | None = Field(None, description="n of the paper's eq. (14)")
     beta: tuple[float, float, float] | None = Field(
         None, description="a constant beta in rad/s^2, in the log's axes"
+    )
+    passband: float | None = Field(
+        None, gt=0, description="Hz, up to which coning is motion (gyro-tuned, --sp-preset auto)"
+    )
+    stopband: float | None = Field(
+        None, gt=0, description="Hz, from which on coning is noise (gyro-tuned)"
+    )
+    gyro_response: str | None = Field(
+        None,
+        description="of the gyro, for gyro-tuned: none, cheb:ORDER,RIPPLE_DB,HZ, butter:ORDER,HZ,"
+        " or a file with lines of frequency and gain",
     )
 
     @field_validator("coning")
@@ -124,14 +136,17 @@ class ConingOptions(_Group):
             raise ValueError(str(exc)) from exc
         return value
 
-    def sp_options(self) -> dict[str, Any]:
-        """Options for the singular-perturbation algorithm, by its own names."""
+    def algorithm_options(self) -> dict[str, Any]:
+        """Options of the algorithm that were given, by its own names."""
         given = {
             "variant": self.sp_variant,
             "preset": self.sp_preset,
             "epsilon": self.epsilon,
             "beta_gain": self.beta_gain,
             "beta": self.beta,
+            "passband": self.passband,
+            "stopband": self.stopband,
+            "gyro_response": self.gyro_response,
         }
         return {k: v for k, v in given.items() if v is not None}
 
@@ -278,17 +293,7 @@ def _said(error: Any) -> str:
 
 def _check(config: ProcessConfig) -> None:
     """What no single option can know."""
-    options = config.coning.sp_options()
-    if config.coning.coning != "singular-perturbation":
-        if options:
-            name = next(iter(options)).replace("_", "-")
-            raise ConfigurationError(
-                f"a singular-perturbation option ({name}) is given, but --coning is"
-                f" {config.coning.coning}",
-                "add --coning singular-perturbation or leave the option out",
-            )
-    else:
-        algorithm("singular-perturbation", **options)
+    _check_coning(config.coning)
     fixed = config.align.align == "fixed"
     if fixed and config.align.initial_attitude is None:
         raise ConfigurationError(
@@ -299,6 +304,31 @@ def _check(config: ProcessConfig) -> None:
             f"--initial-attitude is given, but --align is {config.align.align}",
             "add --align fixed or leave it out",
         )
+
+
+def _check_coning(told: ConingOptions) -> None:
+    """Whether the options given are those of the algorithm chosen, and fit each other."""
+    options = told.algorithm_options()
+    if told.coning == "gyro-tuned":
+        # The interval is the log's; any will do to see whether the rest is possible.
+        top = max(told.passband or 0.0, told.stopband or 0.0)
+        algorithm(told.coning, **options, interval=0.25 / top if top else 1e-3)
+    elif told.coning == "singular-perturbation" and told.sp_preset == "auto":
+        strange = sorted(set(options) - {"preset", "passband", "variant"})
+        if strange or told.sp_variant not in (None, "truncated"):
+            raise ConfigurationError(
+                "--sp-preset auto chooses the variant, epsilon and n itself",
+                "leave the other options of singular-perturbation out",
+            )
+        if told.passband is None:
+            raise ConfigurationError(
+                "--sp-preset auto tunes to the coning in a passband", "give --passband HZ"
+            )
+    else:
+        try:
+            algorithm(told.coning, **options)
+        except ConfigurationError as exc:
+            raise ConfigurationError(f"--coning is {told.coning}: {exc.message}", exc.hint) from exc
 
 
 def load_toml(path: Path) -> dict[str, Any]:

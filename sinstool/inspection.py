@@ -12,11 +12,11 @@ import numpy as np
 from sinstool.config import InputOptions
 from sinstool.errors import DataError, TopicError
 from sinstool.oddities import gravity_axis, oddities
-from sinstool.pipeline import imu_units, time_span
 from sinstool.readers import open_log
 from sinstool.readers.frames import turn_body
 from sinstool.readers.log import Log
 from sinstool.readers.topics import OWN_PREFIXES, ImuTopic, choose_imu, imu_candidates
+from sinstool.source import imu_units, time_span
 from sinstool.survey import Survey, survey
 
 MAX_SPANS = 20

@@ -7,10 +7,10 @@ the output beside the input's own messages, and returns what a summary needs.
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import ExitStack
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 from threading import Event
 from typing import Any
@@ -18,68 +18,33 @@ from typing import Any
 import numpy as np
 
 import sinstool
+from sinstool import summary
 from sinstool.alignment import initial
 from sinstool.alignment.initial import Alignment
 from sinstool.attitude import AttitudeRun, AttitudeSettings
-from sinstool.config import InputOptions, ProcessConfig, dump_toml, parse_time
+from sinstool.config import ProcessConfig, dump_toml
+from sinstool.coning.algorithm import ConingAlgorithm
 from sinstool.coning.registry import algorithm
+from sinstool.coning.sp_tuning import tune
 from sinstool.earth import earth_rate_n
-from sinstool.errors import AlignmentError, DataError, OutputError, TopicError
-from sinstool.oddities import oddities
+from sinstool.errors import AlignmentError, DataError, OutputError
 from sinstool.readers import open_log
 from sinstool.readers.frames import turn_body
-from sinstool.readers.log import Log
-from sinstool.readers.streams import (
-    ImuUnits,
-    Losses,
-    first_fix,
-    frame_id,
-    read_imu,
-    reblock,
-)
-from sinstool.readers.topics import ImuTopic, choose_imu, fix_channels
-from sinstool.rotation import to_euler
-from sinstool.streams import Imu, Solution
-from sinstool.survey import BLOCK_ROWS, Kept, Survey, survey, within
-from sinstool.timeline import Order, ordered
+from sinstool.readers.streams import frame_id
+from sinstool.source import Source, imu_blocks, prepare
+from sinstool.streams import Solution
+from sinstool.timeline import SECOND, mean_rates, segments
 from sinstool.transforms import tf_parent
-from sinstool.units import DEGREE, STANDARD_GRAVITY
+from sinstool.units import DEGREE
 from sinstool.writers.copy import Copier
 from sinstool.writers.mcap import McapWriter
 from sinstool.writers.solution import TOPICS, Frames, SolutionWriter
 from sinstool.writers.whole import WholeFile, check_output
 
+# Singular perturbation is tuned to the coning of the log's first part, of this length at most.
+TUNING_S = 600.0
 HASH_BYTES = 2**20
 Progress = Callable[[float], None]
-
-
-@dataclass(frozen=True)
-class Source:
-    """A log, opened and surveyed: what every later step starts from.
-
-    Attributes
-    ----------
-    log : Log
-    topic : ImuTopic
-    units : ImuUnits
-    survey : Survey
-    latitude : float or None
-        Radians; None where neither the user nor the log gives one.
-    position : tuple
-        Latitude, longitude (deg) and height (m), None where unknown.
-    warnings : tuple of str
-    kept : Kept
-        What the survey read, where it is not too much to keep.
-    """
-
-    log: Log
-    topic: ImuTopic
-    units: ImuUnits
-    survey: Survey
-    latitude: float | None
-    position: tuple[float | None, float | None, float | None]
-    warnings: tuple[str, ...]
-    kept: Kept
 
 
 def process(
@@ -153,8 +118,13 @@ def process(
         )
         writer.finish()
         assert final is not None
-        notes = [*source.warnings, *alignment.warnings, *warnings, *_run_warnings(source, run)]
-        summary = {
+        notes = [
+            *source.warnings,
+            *alignment.warnings,
+            *warnings,
+            *summary.run_warnings(source, run),
+        ]
+        told = {
             "input": {"path": str(path), "size": log.size, "sha256": identity["sha256"]},
             "output": {
                 "path": str(output),
@@ -162,104 +132,19 @@ def process(
                 "attitudes": solutions.written,
                 "frame": frames.reference_id,
             },
-            "imu": _imu_summary(source),
-            "alignment": _alignment_summary(alignment),
-            "coning": _coning_summary(settings, run),
+            "imu": summary.imu(source),
+            "alignment": summary.alignment(alignment),
+            "coning": summary.coning(settings, run),
             "hse": None,
             "height": None,
             "filter": None,
-            "final": _final_summary(final, source),
-            "lost": _lost(source),
+            "final": summary.final(final, source),
+            "lost": summary.lost(source),
             "warnings": notes,
         }
     if progress:
         progress(1.0)
-    return summary
-
-
-def prepare(
-    log: Log, config: ProcessConfig, progress: Callable[[int], None] | None = None
-) -> Source:
-    """Choose topics, survey the Imu and refuse what cannot be processed.
-
-    Raises
-    ------
-    TopicError, DataError
-    """
-    options = config.input
-    topic = choose_imu(log, options.imu_topic)
-    units = imu_units(options)
-    warnings: list[str] = []
-    if topic.note:
-        warnings.append(f"Imu topic {topic.topic}: {topic.note}")
-    kept = Kept()
-    found = survey(
-        log,
-        topic,
-        units,
-        span=time_span(log, options),
-        max_gap_s=options.max_gap,
-        increments=options.gyro_kind == "increment",
-        progress=progress,
-        kept=kept,
-    )
-    for oddity in oddities(found, options):
-        if oddity.fatal:
-            raise DataError(log.path, oddity.text, oddity.answer)
-        warnings.append(str(oddity))
-    position = _position(log, config, warnings)
-    latitude = None if position[0] is None else position[0] * DEGREE
-    return Source(log, topic, units, found, latitude, position, tuple(warnings), kept)
-
-
-def imu_units(options: InputOptions) -> ImuUnits:
-    """Scale factors and axes of the Imu topic."""
-    return ImuUnits(
-        options.body_axes,
-        DEGREE if options.gyro_unit == "deg/s" else 1.0,
-        STANDARD_GRAVITY if options.accel_unit == "g" else 1.0,
-    )
-
-
-def time_span(
-    log: Log, options: InputOptions
-) -> Callable[[int], tuple[int | None, int | None]] | None:
-    """--start and --end, as a function of the time of the first sample; None: all of the log."""
-    if options.start is None and options.end is None:
-        return None
-
-    def resolve(first_ns: int) -> tuple[int | None, int | None]:
-        start = None if options.start is None else parse_time(options.start, first_ns)
-        end = None if options.end is None else parse_time(options.end, first_ns)
-        if start is not None and end is not None and end <= start:
-            raise DataError(log.path, "--end is not after --start", "choose a longer span")
-        return start, end
-
-    return resolve
-
-
-def _position(
-    log: Log, config: ProcessConfig, warnings: list[str]
-) -> tuple[float | None, float | None, float | None]:
-    """Where the vehicle is: as told, else the log's first fix."""
-    told = config.align
-    if told.latitude is not None:
-        return told.latitude, told.longitude, told.height
-    try:
-        channels = fix_channels(log, config.input.gnss_topic)
-    except TopicError as exc:
-        if config.input.gnss_topic is not None:
-            raise
-        warnings.append(f"{exc}; no latitude is taken from them")
-        return None, None, None
-    fix = first_fix(log, channels) if channels else None
-    if fix is None:
-        return None, None, None
-    return (
-        float(fix.latitude[0] / DEGREE),
-        float(fix.longitude[0] / DEGREE),
-        float(fix.height[0]) if np.isfinite(fix.height[0]) else None,
-    )
+    return told
 
 
 def align(source: Source, config: ProcessConfig) -> Alignment:
@@ -319,55 +204,59 @@ def _earth_rate(source: Source) -> np.ndarray | None:
 
 
 def _settings(source: Source, alignment: Alignment, config: ProcessConfig) -> AttitudeSettings:
-    options = config.coning.sp_options()
-    if "beta" in options:
-        options["beta"] = tuple(turn_body(np.array(options["beta"]), config.input.body_axes))
     rate = config.input.imu_rate
-    nominal = source.survey.interval_ns if rate is None else 1e9 / rate
+    nominal = (source.survey.interval_ns if rate is None else SECOND / rate) or SECOND
+    still = source.survey.lead_in if alignment.bias_source == "still" else None
     return AttitudeSettings(
-        algorithm(config.coning.coning, **options),
+        _algorithm(source, config, nominal),
         config.input.gyro_kind,
-        nominal or 1e9,
+        nominal,
         source.survey.max_gap_ns,
         alignment.gyro_bias,
         _earth_rate(source),
         rate,
-        source.survey.lead_in.end_ns
-        if source.survey.lead_in is not None and alignment.bias_source == "still"
-        else None,
+        None if still is None else still.end_ns,
     )
 
 
-def imu_blocks(
-    source: Source,
-    config: ProcessConfig,
-    start_ns: int,
-    progress: Callable[[int], None] | None = None,
-    rows: int = BLOCK_ROWS,
-) -> Iterator[Imu]:
-    """Ordered samples of the second pass, from ``start_ns`` on, in blocks of ``rows``."""
+def _algorithm(source: Source, config: ProcessConfig, nominal_ns: float) -> ConingAlgorithm:
+    """The coning algorithm, with what its options need to know of the log."""
+    told = config.coning
+    options = told.algorithm_options()
+    if told.coning == "gyro-tuned":
+        options["interval"] = nominal_ns / SECOND
+    if told.sp_preset == "auto":
+        options = _tuned(source, config, nominal_ns)
+    if "beta" in options:
+        options["beta"] = tuple(turn_body(np.array(options["beta"]), config.input.body_axes))
+    return algorithm(told.coning, **options)
+
+
+def _tuned(source: Source, config: ProcessConfig, nominal_ns: float) -> dict[str, Any]:
+    """Options of singular perturbation that null the drift of the log's own coning."""
     found = source.survey
-    if source.kept.blocks is not None:
-        raw = _again(source.kept.blocks, source.log.size, progress)
-    else:
-        raw = read_imu(
-            source.log,
-            source.topic.channels,
-            source.units,
-            Losses(),
-            path=source.topic.path,
-            log_time=found.time_source == "log",
-            progress=progress,
+    blocks = imu_blocks(source, config, found.first_ns)
+    if config.input.gyro_kind == "increment":
+        blocks = mean_rates(blocks, nominal_ns, found.max_gap_ns)
+    longest: list[np.ndarray] = []
+    current: list[np.ndarray] = []
+    for piece in segments(blocks, found.max_gap_ns):
+        current = [piece.imu.gyro] if piece.starts else [*current, piece.imu.gyro]
+        if sum(map(len, current)) > sum(map(len, longest)):
+            longest = current
+        if piece.imu.time_ns[-1] - found.first_ns > TUNING_S * SECOND:
+            break
+    kind = "rate" if config.input.gyro_kind == "rate" else "mean-rate"
+    try:
+        chosen = tune(
+            np.concatenate(longest),
+            nominal_ns / SECOND,
+            kind,  # type: ignore[arg-type]
+            passband=config.coning.passband,
         )
-    inside = within(raw, max(start_ns, found.first_ns), found.last_ns)
-    return ordered(reblock(inside, rows), Order(found.horizon_ns))
-
-
-def _again(blocks: list[Imu], size: int, progress: Callable[[int], None] | None) -> Iterator[Imu]:
-    for number, block in enumerate(blocks):
-        if progress is not None:
-            progress(size * number // len(blocks))
-        yield block
+    except ValueError as exc:
+        raise DataError(source.log.path, f"--sp-preset auto: {exc}") from exc
+    return dict(chosen.options())
 
 
 def _frames(source: Source, alignment: Alignment, config: ProcessConfig) -> Frames:
@@ -427,94 +316,3 @@ def sha256(path: Path, stop: Event | None = None) -> str:
         while not (stop and stop.is_set()) and (part := stream.read(HASH_BYTES)):
             digest.update(part)
     return digest.hexdigest()
-
-
-# -- the summary ---------------------------------------------------------------------------
-
-
-def _imu_summary(source: Source) -> dict[str, Any]:
-    s = source.survey
-    return {
-        "topic": s.topic,
-        "n": s.count,
-        "rate_hz": s.rate_hz,
-        "first_ns": str(s.first_ns),
-        "last_ns": str(s.last_ns),
-        "time_source": s.time_source,
-        "gaps": s.gap_count,
-        "gap_total_s": s.gap_total_s,
-        "duplicates": s.order.duplicates,
-        "backward": s.order.backward,
-        "dropped": s.order.duplicates + s.order.late + s.losses.malformed + s.losses.nonfinite,
-    }
-
-
-def _alignment_summary(a: Alignment) -> dict[str, Any]:
-    roll, pitch, heading = to_euler(a.q_nb) / DEGREE
-    return {
-        "method": a.method,
-        "time_ns": str(a.time_ns),
-        "roll_deg": float(roll),
-        "pitch_deg": float(pitch),
-        "heading_deg": float(heading),
-        "sigma_deg": [None if s is None else s / DEGREE for s in a.sigma_rad],
-        "status": a.status,
-        "north_referenced": a.north_referenced,
-        "gyro_bias_rad_s": a.gyro_bias.tolist(),
-        "gyro_bias_source": a.bias_source,
-    }
-
-
-def _coning_summary(settings: AttitudeSettings, run: AttitudeRun) -> dict[str, Any]:
-    chosen = settings.algorithm
-    return {
-        "algorithm": chosen.name,
-        "samples_per_update": chosen.samples,
-        "gyro_kind": settings.gyro_kind,
-        "takes": chosen.takes,
-        "updates": run.updates,
-        "source": chosen.source,
-    }
-
-
-def _final_summary(final: Solution, source: Source) -> dict[str, Any]:
-    roll, pitch, heading = to_euler(final.q_nb[-1]) / DEGREE
-    latitude, longitude, height = source.position
-    return {
-        "time_ns": str(int(final.time_ns[-1])),
-        "q_wxyz_ned_frd": final.q_nb[-1].tolist(),
-        "roll_deg": float(roll),
-        "pitch_deg": float(pitch),
-        "heading_deg": float(heading),
-        "lat_deg": latitude,
-        "lon_deg": longitude,
-        "height_m": height,
-    }
-
-
-def _lost(source: Source) -> dict[str, Any]:
-    s = source.survey
-    return {
-        "parts": list(source.log.lost),
-        "malformed": s.losses.malformed,
-        "not_finite": s.losses.nonfinite,
-        "late": s.order.late,
-    }
-
-
-def _run_warnings(source: Source, run: AttitudeRun) -> list[str]:
-    notes = [f"lost: {part}" for part in source.log.lost]
-    if run.missed_rotation:
-        notes.append(
-            "attitude is held across gaps: at the rates on either side the vehicle turned by"
-            f" {run.missed_rotation / DEGREE:.3g} deg during them"
-        )
-    if source.latitude is None:
-        notes.append("no latitude is known, so the Earth's rate is not removed; give --latitude")
-    return notes
-
-
-def something_lost(summary: dict[str, Any]) -> bool:
-    """Whether a summary tells of lost data: exit status 3."""
-    lost = summary["lost"]
-    return bool(lost["parts"] or lost["malformed"] or lost["not_finite"] or lost["late"])

@@ -7,9 +7,9 @@ from scipy.spatial.transform import Rotation
 
 from sinstool.config import InputOptions
 from sinstool.oddities import gravity_axis, oddities
-from sinstool.pipeline import imu_units
 from sinstool.readers import open_log
 from sinstool.readers.topics import choose_imu
+from sinstool.source import imu_units
 from sinstool.survey import survey
 
 SECOND = 10**9

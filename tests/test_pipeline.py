@@ -27,18 +27,19 @@ from mcap.reader import make_reader
 from scipy.spatial.transform import Rotation
 
 import sinstool
-from sinstool import pipeline
+from sinstool import pipeline, source
 from sinstool.attitude import AttitudeRun, AttitudeSettings
 from sinstool.config import ProcessConfig, build
 from sinstool.coning.registry import algorithm, names
 from sinstool.errors import AlignmentError, DataError, OutputError
-from sinstool.pipeline import process, sha256, something_lost
+from sinstool.pipeline import process, sha256
 from sinstool.rotation import from_euler
 from sinstool.simulation.coning import classical_coning
 from sinstool.simulation.join import after_rest
 from sinstool.simulation.static import static
 from sinstool.simulation.truth import sample_times
 from sinstool.streams import Imu, concatenate
+from sinstool.summary import something_lost
 from sinstool.writers.simulated import SimulatedLog, write_simulated
 
 RATE = 200.0
@@ -556,12 +557,12 @@ def test_files_do_not_depend_on_blocks(tmp_path, monkeypatch, name, kind):
     scale = 0.005 if kind == "increment" else 1.0
     columns = times[order], gyro[order] * scale, accel[order] * scale
     path = imu_log(tmp_path / "in.mcap", *columns, log_ns=even_times(len(order)))
-    whole_survey, whole_blocks = pipeline.survey, pipeline.imu_blocks
+    whole_survey, whole_blocks = source.survey, pipeline.imu_blocks
     written = set()
     # with samples kept from the first pass for the second, and read again
     for rows, kept in ((10**9, 10**9), (4096, 0), (7, 10**9), (1, 0)):
         monkeypatch.setattr("sinstool.survey.KEPT_SAMPLES", kept)
-        monkeypatch.setattr(pipeline, "survey", partial(whole_survey, block_rows=rows))
+        monkeypatch.setattr(source, "survey", partial(whole_survey, block_rows=rows))
         monkeypatch.setattr(pipeline, "imu_blocks", partial(whole_blocks, rows=rows))
         out = tmp_path / f"{rows}.mcap"
         run(path, out, input={"gyro_kind": kind}, coning={"coning": name}, align={"latitude": 40.0})

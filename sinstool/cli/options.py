@@ -30,6 +30,9 @@ METAVARS = {
     "longitude": "DEG",
     "height": "M",
     "coning": "NAME",
+    "passband": "HZ",
+    "stopband": "HZ",
+    "gyro_response": "RESPONSE",
     "imu_topic": "TOPIC",
     "gnss_topic": "TOPIC",
 }

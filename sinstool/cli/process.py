@@ -46,7 +46,8 @@ def command(
         raise click.UsageError("give a LOG to process")
     if output is None:
         raise click.UsageError("give the output with -o FILE")
-    from sinstool.pipeline import process, something_lost
+    from sinstool.pipeline import process
+    from sinstool.summary import something_lost
 
     with progress_bar(log.name, quiet) as progress:
         summary = process(log, output, config, progress)
