@@ -324,7 +324,7 @@ def _check_coning(told: ConingOptions) -> None:
             raise ConfigurationError(
                 "--sp-preset auto tunes to the coning in a passband", "give --passband HZ"
             )
-    else:
+    elif options:
         try:
             algorithm(told.coning, **options)
         except ConfigurationError as exc:

@@ -315,7 +315,7 @@ def test_a_configuration_that_is_not_there(sinstool, tmp_path):
         (("--imu-rate", "0"), "--imu-rate 0.0: "),
         (("--start", "soon"), "--start 'soon': 'soon' is not a time"),
         (("--align", "fixed"), "give --initial-attitude"),
-        (("--sp-preset", "paper"), "add --coning singular-perturbation"),
+        (("--sp-preset", "paper"), "choose singular-perturbation"),
     ],
 )
 def test_wrong_options_are_named(sinstool, log, tmp_path, options, expected):
@@ -329,7 +329,7 @@ def test_wrong_options_are_named(sinstool, log, tmp_path, options, expected):
         (("process",), "give a LOG"),
         (("process", "a.mcap"), "-o FILE"),
         (("proces",), "did you mean process?"),
-        (("dance",), "there are process, info, simulate"),
+        (("dance",), "there are process, info, compare-coning, simulate"),
         (("process", "a", "-o", "b", "--imu-tpic", "x"), "--imu-topic"),
         (("process", "a", "-o", "b", "--align", "sideways"), "'sideways' is not one of"),
         (("process", "a", "-o", "b", "--gyro-bias", "1,2"), "'1,2' is not 3 numbers"),
