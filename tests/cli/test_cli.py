@@ -398,6 +398,10 @@ def test_the_printed_configuration_can_be_fed_back(sinstool, tmp_path):
     assert {(g, k) for g, k in fields()} - said == {
         ("coning", "sp_preset"),
         ("coning", "beta_gain"),
+        # of other algorithms than the one in FULL
+        ("coning", "passband"),
+        ("coning", "stopband"),
+        ("coning", "gyro_response"),
     }
 
 
