@@ -345,7 +345,9 @@ def within(blocks: Iterable[Imu], start_ns: int | None, end_ns: int | None) -> I
             keep &= block.time_ns >= start_ns
         if end_ns is not None:
             keep &= block.time_ns <= end_ns
-        if keep.any():
+        if keep.all():
+            yield block  # as nearly always: a mask would copy it
+        elif keep.any():
             yield block.rows(keep)
 
 
