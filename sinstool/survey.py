@@ -8,19 +8,19 @@ depend on where blocks end. Both `sinstool info` and `sinstool process` begin he
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from itertools import chain
 
 import numpy as np
-from numba import njit
 
-from sinstool.alignment.still import StillSpan, Windows, WindowStage, lead_in, still_spans
+from sinstool.alignment.still import StillSpan, Windows, lead_in, still_spans
 from sinstool.errors import DataError
 from sinstool.readers.frames import q_for_log
 from sinstool.readers.log import Log
 from sinstool.readers.streams import ImuUnits, Losses, read_imu, reblock
 from sinstool.readers.topics import ImuTopic
 from sinstool.streams import Imu
+from sinstool.tally import Tally
 from sinstool.timeline import (
     FIRST_HORIZON,
     GAP_INTERVALS,
@@ -36,12 +36,6 @@ from sinstool.units import UnitEvidence, unit_evidence
 BLOCK_ROWS = 16384
 # An hour at 400 Hz; 96 MB.
 KEPT_SAMPLES = 1_500_000
-# Interval histogram: relative bin width 1/1000 from 100 ns to 10^6 s.
-_LOW, _HIGH, _STEP = np.log(100.0), np.log(1e15), 1e-3
-_BINS = int((_HIGH - _LOW) / _STEP) + 1
-# Norm-of-specific-force histogram: 1 mm/s^2 bins up to 100 m/s^2.
-_FORCE_BINS, _FORCE_STEP = 100_000, 1e-3
-MAX_GAPS_KEPT = 1000
 BURSTY_SHARE = 0.05
 # Several samples at the largest value are a stop, unless the axis is always about there.
 SATURATION_RUN = 3
@@ -203,36 +197,6 @@ class Kept:
             yield block
 
 
-@dataclass
-class _Tally:
-    """Everything the pass accumulates."""
-
-    count: int = 0
-    first_ns: int = 0
-    last_ns: int = 0
-    histogram: np.ndarray = field(default_factory=lambda: np.zeros(_BINS, np.int64))
-    sums: np.ndarray = field(default_factory=lambda: np.zeros(_BINS, np.int64))
-    shortest: int = np.iinfo(np.int64).max
-    longest: int = 0
-    long_start: np.ndarray = field(default_factory=lambda: np.zeros(0, np.int64))
-    long_step: np.ndarray = field(default_factory=lambda: np.zeros(0, np.int64))
-    force: np.ndarray = field(default_factory=lambda: np.zeros(_FORCE_BINS, np.int64))
-    offset_low: int = np.iinfo(np.int64).max
-    offset_high: int = np.iinfo(np.int64).min
-    extremes: np.ndarray = field(default_factory=lambda: np.tile([0.0, 0.0, 0.0, np.nan], (6, 1)))
-    held: int = 0
-    windows: WindowStage = field(default_factory=WindowStage)
-    orientation: np.ndarray | None = None
-    orientation_ns: int = 0
-    orientation_varies: bool = False
-    last_log: int = np.iinfo(np.int64).min
-    log_descents: int = 0
-
-    def wants_orientation(self) -> bool:
-        """Whether more can tell anything: the first is not known, or not whether it varies."""
-        return self.orientation is None or not self.orientation_varies
-
-
 def survey(
     log: Log,
     topic: ImuTopic,
@@ -279,7 +243,7 @@ def survey(
     while True:
         losses = Losses()
         order = Order(horizon)
-        tally, extent = _Tally(), _Extent()
+        tally, extent = Tally(), _Extent()
         blocks = read_imu(
             log,
             topic.channels,
@@ -295,7 +259,7 @@ def survey(
             source = _spanned(source, span)
         in_order = ordered(reblock(source, block_rows), order)
         for block in mean_rates(in_order) if increments else in_order:
-            _add(tally, block)
+            tally.add(block)
         counts = order.counts
         if not log_time:
             note = _unusable(tally, counts, extent)
@@ -351,70 +315,7 @@ def within(blocks: Iterable[Imu], start_ns: int | None, end_ns: int | None) -> I
             yield block.rows(keep)
 
 
-def _add(tally: _Tally, block: Imu) -> None:
-    """Take a block of ordered samples into the tally."""
-    times = block.time_ns
-    if tally.count == 0:
-        tally.first_ns = int(times[0])
-    else:
-        _add_intervals(tally, np.concatenate(([tally.last_ns], times[:1])))
-    _add_intervals(tally, times)
-    tally.count += len(times)
-    tally.last_ns = int(times[-1])
-    offset = block.log_time_ns - times
-    tally.offset_low = min(tally.offset_low, int(offset.min()))
-    tally.offset_high = max(tally.offset_high, int(offset.max()))
-    log_times = np.concatenate(([tally.last_log], block.log_time_ns))
-    tally.log_descents += int(np.count_nonzero(log_times[1:] < log_times[:-1]))
-    tally.last_log = int(log_times[-1])
-    norm = np.sqrt(np.einsum("ij,ij->i", block.accel, block.accel))
-    place = np.minimum(norm / _FORCE_STEP, _FORCE_BINS - 1).astype(np.int64)
-    tally.force += np.bincount(place, minlength=_FORCE_BINS)
-    tally.held += _extremes(block.gyro, block.accel, tally.extremes)
-    tally.windows.push(times, block.gyro, block.accel)
-    _add_orientation(tally, block)
-
-
-def _add_intervals(tally: _Tally, times: np.ndarray) -> None:
-    steps = np.diff(times)
-    if not len(steps):
-        return
-    place = ((np.log(steps) - _LOW) / _STEP).astype(np.int64)
-    np.clip(place, 0, _BINS - 1, out=place)
-    tally.histogram += np.bincount(place, minlength=_BINS)
-    # Whole nanoseconds in float64 add exactly up to 2^53, so the order of blocks cannot show.
-    tally.sums += np.bincount(place, weights=steps, minlength=_BINS).astype(np.int64)
-    tally.shortest = min(tally.shortest, int(steps.min()))
-    tally.longest = max(tally.longest, int(steps.max()))
-    start, step = times[:-1], steps
-    if len(tally.long_step) == MAX_GAPS_KEPT:
-        # of equal intervals the first stays, so only longer ones can take a place
-        longer = steps > tally.long_step.min()
-        start, step = start[longer], step[longer]
-        if not len(step):
-            return
-    start = np.concatenate((tally.long_start, start))
-    step = np.concatenate((tally.long_step, step))
-    if len(step) > MAX_GAPS_KEPT:
-        keep = np.sort(np.argsort(-step, kind="stable")[:MAX_GAPS_KEPT])
-        start, step = start[keep], step[keep]
-    tally.long_start, tally.long_step = start, step
-
-
-def _add_orientation(tally: _Tally, block: Imu) -> None:
-    q = block.orientation
-    if q is None or not tally.wants_orientation():
-        return
-    rows = np.flatnonzero(np.isfinite(q[:, 0]))
-    if not len(rows):
-        return
-    if tally.orientation is None:
-        tally.orientation = q[rows[0]].copy()
-        tally.orientation_ns = int(block.time_ns[rows[0]])
-    tally.orientation_varies = bool((q[rows] != tally.orientation).any())
-
-
-def _unusable(tally: _Tally, counts: OrderCounts, extent: _Extent) -> str:
+def _unusable(tally: Tally, counts: OrderCounts, extent: _Extent) -> str:
     """Why the header stamps cannot be used; empty when they can."""
     if extent.count > 1 and extent.low == extent.high:
         return f"all header stamps are {extent.low} ns"
@@ -437,7 +338,7 @@ def _unusable(tally: _Tally, counts: OrderCounts, extent: _Extent) -> str:
 def _conclude(
     topic: ImuTopic,
     body_axes: str,
-    tally: _Tally,
+    tally: Tally,
     order: Order,
     losses: Losses,
     log_time: bool,
@@ -445,16 +346,16 @@ def _conclude(
     max_gap_s: float | None,
 ) -> Survey:
     intervals = int(tally.histogram.sum())
-    nominal, median = _nominal_interval(tally)
+    nominal, median = tally.nominal_interval()
     bursty = False
     limit = GAP_INTERVALS * nominal
     if max_gap_s is not None:
         limit = max_gap_s * SECOND
-    elif intervals and _above(tally, limit)[0] > BURSTY_SHARE * intervals:
+    elif intervals and tally.above(limit)[0] > BURSTY_SHARE * intervals:
         bursty = True
-        limit = GAP_INTERVALS * _quantile(tally, 0.99)
-    gap_count, gap_ns = _above(tally, limit)
-    missed = 0 if bursty else max(0, _above(tally, 1.5 * nominal)[0] - gap_count)
+        limit = GAP_INTERVALS * tally.quantile(0.99)
+    gap_count, gap_ns = tally.above(limit)
+    missed = 0 if bursty else max(0, tally.above(1.5 * nominal)[0] - gap_count)
     is_gap = tally.long_step > limit
     windows = tally.windows.finish()
     spans = still_spans(windows)
@@ -493,7 +394,7 @@ def _conclude(
         gyro_max=tally.extremes[:3, 0].copy(),
         accel_max=tally.extremes[3:, 0].copy(),
         saturated=saturated,
-        specific_force_median=_force_median(tally.force),
+        specific_force_median=tally.force_median(),
         windows=windows,
         spans=tuple(spans),
         lead_in=lead_in(spans, tally.first_ns),
@@ -510,85 +411,3 @@ def _is_identity(q_nb: np.ndarray | None, body_axes: str) -> bool:
         return False
     written = q_for_log(q_nb, body_axes, "enu" if body_axes == "flu" else "ned")
     return bool(np.abs(written).max() > 1.0 - 1e-12)
-
-
-def _quantile(tally: _Tally, share: float) -> float:
-    """Interval below which a share of all intervals lies: the mean of its histogram bin."""
-    total = int(tally.histogram.sum())
-    if not total:
-        return 0.0
-    k = int(np.searchsorted(np.cumsum(tally.histogram), share * total))
-    k = min(k, _BINS - 1)
-    return float(tally.sums[k]) / max(int(tally.histogram[k]), 1)
-
-
-def _nominal_interval(tally: _Tally) -> tuple[float, float]:
-    """Nominal and median interval, ns.
-
-    Where arrival jitters over decades the median says little; the mean of the shorter 99 %
-    is then the larger of the two and the one that gaps are judged by.
-    """
-    median = _quantile(tally, 0.5)
-    total = int(tally.histogram.sum())
-    if not total:
-        return 0.0, 0.0
-    upto = int(np.searchsorted(np.cumsum(tally.histogram), 0.99 * total)) + 1
-    shorter = float(tally.sums[:upto].sum()) / max(int(tally.histogram[:upto].sum()), 1)
-    return max(median, shorter), median
-
-
-def _above(tally: _Tally, limit: float) -> tuple[int, int]:
-    """How many intervals exceed a limit, and their sum, ns.
-
-    Exact among the thousand longest; beyond those, to the histogram's bin.
-    """
-    if (
-        not len(tally.long_step)
-        or tally.long_step.min() <= limit
-        or len(tally.long_step) < MAX_GAPS_KEPT
-    ):
-        longer = tally.long_step[tally.long_step > limit]
-        return len(longer), int(longer.sum())
-    k = int((np.log(max(limit, 1.0)) - _LOW) / _STEP) + 1
-    return int(tally.histogram[k:].sum()), int(tally.sums[k:].sum())
-
-
-def _force_median(force: np.ndarray) -> float:
-    total = int(force.sum())
-    if not total:
-        return 0.0
-    return (int(np.searchsorted(np.cumsum(force), 0.5 * total)) + 0.5) * _FORCE_STEP
-
-
-@njit(cache=True, nogil=True)
-def _extremes(gyro, accel, state):  # type: ignore[no-untyped-def]
-    """Largest magnitude per axis and the longest run at it; counts repeats of all six values.
-
-    A repeated sample is no measurement and makes no run longer.
-
-    Columns of ``state``: largest magnitude, longest run at it, present run, last value.
-    """
-    held = 0
-    for i in range(gyro.shape[0]):
-        same = True
-        for a in range(6):
-            value = gyro[i, a] if a < 3 else accel[i, a - 3]
-            if value != state[a, 3]:
-                same = False
-        if same:
-            held += 1
-            continue
-        for a in range(6):
-            value = gyro[i, a] if a < 3 else accel[i, a - 3]
-            size = abs(value)
-            if size > state[a, 0]:
-                state[a, 0] = size
-                state[a, 1] = 1.0
-                state[a, 2] = 1.0
-            elif size == state[a, 0]:
-                state[a, 2] += 1.0
-                state[a, 1] = max(state[a, 1], state[a, 2])
-            else:
-                state[a, 2] = 0.0
-            state[a, 3] = value
-    return held
