@@ -131,7 +131,7 @@ CURVES = (
     ("quatfiter-4", "mean-rate", ""),
     ("optimal-4", "mean-rate", ""),
     ("previous-3", "mean-rate", "previous-3 (default)"),
-    (SP, "rate", "singular-perturbation (best), point rates"),
+    (SP, "rate", "singular-perturbation (best),\npoint rates"),
     ("lookahead-12", "mean-rate", ""),
 )
 
@@ -144,8 +144,8 @@ def draw(half_angle: float, rate: float, path: str) -> None:
 
     # Fixed salt and no date: the same command makes the same file.
     matplotlib.rcParams["svg.hashsalt"] = "sinstool"
-    frequencies = np.geomspace(2.0, 0.45 * rate, 80)
-    figure, axes = plt.subplots(figsize=(7.2, 4.6), layout="constrained")
+    frequencies = np.geomspace(2.0, 0.45 * rate, 120)
+    figure, axes = plt.subplots(figsize=(8.6, 4.4), layout="constrained")
     for name, kind, label in CURVES:
         row = Row(algorithm(name), kind)
         values = [DEG_H * abs(row.drift(half_angle, f, 1.0 / rate)) for f in frequencies]
@@ -160,7 +160,10 @@ def draw(half_angle: float, rate: float, path: str) -> None:
         f" {rate:g} Hz gyro",
     )
     axes.grid(True, which="major", alpha=0.3)
-    axes.legend(fontsize=8)
+    ticks = [f for f in (2, 5, 10, 20, 50, 100, 200, 500, 1000) if f <= frequencies[-1]]
+    axes.set_xticks(ticks, labels=[str(f) for f in ticks])
+    axes.xaxis.set_minor_formatter("")
+    figure.legend(fontsize=8, loc="outside right upper")
     figure.savefig(path, metadata={"Date": None})
 
 
