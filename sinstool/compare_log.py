@@ -27,8 +27,34 @@ from sinstool.truth import at_times, read_truth
 
 # Fewer than these in every stretch, and nothing can be said of frequencies
 MIN_SPECTRUM = 256
+# Intervals of a truth longer than so many of its median ones are not interpolated across
+TRUTH_GAP = 3.5
 SP = "singular-perturbation"
 TUNED = "gyro-tuned"
+
+
+@dataclass(frozen=True)
+class Checks:
+    """What was found of the samples before anything was computed.
+
+    Attributes
+    ----------
+    interval_range_s : tuple of float
+        Shortest and longest interval.
+    gaps : int
+    gap_total_s : float
+    not_finite, repeated_stamps : int
+        Samples dropped because a value is no number, or the stamp was there already.
+    largest_rate : float
+        Largest magnitude on any axis, rad/s.
+    """
+
+    interval_range_s: tuple[float, float]
+    gaps: int
+    gap_total_s: float
+    not_finite: int
+    repeated_stamps: int
+    largest_rate: float
 
 
 @dataclass(frozen=True)
@@ -48,6 +74,7 @@ class LogComparison:
     bounds : SpBounds or None
     truth : str
         Where the truth came from, '' without one.
+    checks : Checks
     warnings : tuple of str
     lost : tuple of str
     """
@@ -61,6 +88,7 @@ class LogComparison:
     tuning: SpTuning | None
     bounds: SpBounds | None
     truth: str
+    checks: Checks
     warnings: tuple[str, ...]
     lost: tuple[str, ...]
 
@@ -104,16 +132,11 @@ def compare_log(
     ------
     SinstoolError
     """
-    with open_log(path, config.input.salvage) as log:
-        source = prepare(log, config)
-        stretches, interval = gyro_segments(source, config)
-        kind: GyroKind = "rate" if config.input.gyro_kind == "rate" else "mean-rate"
-        _check_bands(path, passband, stopband, interval)
-        true, where = None, ""
-        if truth is not None:
-            times, q_nb, where = read_truth(log, truth, config.input.body_axes)
-            true = [_truth_at(times, q_nb, stretch) for stretch in stretches]
-    longest = max(stretches, key=len).gyro
+    log = _read(path, config, truth)
+    kind: GyroKind = "rate" if config.input.gyro_kind == "rate" else "mean-rate"
+    interval = log.interval
+    _check_bands(path, passband, stopband, interval)
+    longest = max(log.stretches, key=len).gyro
     long_enough = len(longest) >= MIN_SPECTRUM
     tuning = tune(longest, interval, kind, passband=passband) if long_enough else None
     limits = bounds(longest, interval, kind) if long_enough else None
@@ -125,11 +148,29 @@ def compare_log(
         options[TUNED] = {k: v for k, v in given.items() if v is not None} | {"interval": interval}
     try:
         found = compare(
-            stretches, kind, interval, replace(settings, options=options), true, progress
+            log.stretches, kind, interval, replace(settings, options=options), log.truth, progress
         )
     except ValueError as exc:
         raise DataError(path, str(exc), "choose a longer span with --start and --end") from exc
-    warnings = [*source.warnings, *found.warnings]
+    if limits is not None and limits.status == "noise-limited":
+        told = found.verdict
+        text = f"{told.text}. Most of the log is little but noise: of motion it tells nothing"
+        found = replace(found, verdict=replace(told, text=text))
+    warnings = [*log.warnings, *found.warnings]
+    if found.duration_s < settings.window_s:
+        warnings.append(
+            f"the log holds {found.duration_s:.3g} s, less than a window of"
+            f" {settings.window_s:g} s: drift is that of its own length"
+        )
+    if not long_enough:
+        warnings.append(
+            f"no stretch holds {MIN_SPECTRUM} samples: no spectrum, and no prediction from it"
+        )
+    elif len(log.stretches) > 1:
+        warnings.append(
+            f"the spectrum, and so the prediction, is of the longest stretch"
+            f" ({len(longest) * interval:.4g} s) only"
+        )
     if stopband is None:
         warnings.append("no --stopband is given, so pseudo-coning is not told from coning")
     warnings.append(
@@ -138,17 +179,69 @@ def compare_log(
     )
     return LogComparison(
         path,
-        source.topic.topic,
+        log.topic,
         found,
         coning_spectrum(longest, interval, kind) if long_enough else None,
         passband,
         stopband,
         tuning,
         limits,
-        where,
+        log.where,
+        log.checks,
         tuple(warnings),
-        tuple(source.log.lost),
+        log.lost,
     )
+
+
+@dataclass(frozen=True)
+class _Read:
+    """What is taken from a log."""
+
+    topic: str
+    stretches: list[Segment]
+    interval: float
+    truth: list[Attitudes] | None
+    where: str
+    checks: Checks
+    warnings: tuple[str, ...]
+    lost: tuple[str, ...]
+
+
+def _read(path: Path, config: ProcessConfig, truth: str | None) -> _Read:
+    with open_log(path, config.input.salvage) as log:
+        source = prepare(log, config)
+        stretches, interval = gyro_segments(source, config)
+        true, where = None, ""
+        if truth is not None:
+            times, q_nb, where = read_truth(log, truth, config.input.body_axes)
+            true = [truth_at(times, q_nb, stretch) for stretch in stretches]
+            if max(len(t.sample) for t in true) < 2:
+                raise DataError(
+                    path,
+                    f"--truth {truth} has no two instants within the samples of"
+                    f" {source.topic.topic}",
+                    "its times have to be in the clock of the Imu's header stamps",
+                )
+        survey = source.survey
+        low, high = survey.interval_range_ns
+        checks = Checks(
+            (low / SECOND, high / SECOND),
+            survey.gap_count,
+            survey.gap_total_s,
+            survey.losses.nonfinite,
+            survey.order.duplicates,
+            float(np.max(survey.gyro_max)),
+        )
+        return _Read(
+            source.topic.topic,
+            stretches,
+            interval,
+            true,
+            where,
+            checks,
+            source.warnings,
+            tuple(log.lost),
+        )
 
 
 def gyro_segments(source: Source, config: ProcessConfig) -> tuple[list[Segment], float]:
@@ -209,7 +302,26 @@ def _sp_options(preset: str, tuning: SpTuning | None) -> dict[str, Any]:
     return {"preset": "best" if preset == "auto" else preset}
 
 
-def _truth_at(time_ns: np.ndarray, q_nb: np.ndarray, segment: Segment) -> Attitudes:
-    """True attitude at the samples of a segment that lie within the truth."""
-    inside = np.flatnonzero((segment.time_ns >= time_ns[0]) & (segment.time_ns <= time_ns[-1]))
-    return Attitudes(inside, at_times(time_ns, q_nb, segment.time_ns[inside]), 0.0, len(inside))
+def truth_at(time_ns: np.ndarray, q_nb: np.ndarray, segment: Segment) -> Attitudes:
+    """True attitude at the samples of a segment that the truth covers.
+
+    Parameters
+    ----------
+    time_ns : ndarray of int64, shape (k,)
+        Of the truth, increasing.
+    q_nb : ndarray, shape (k, 4)
+    segment : Segment
+
+    Returns
+    -------
+    Attitudes
+        Nothing is said where the truth itself has a gap of more than three of its intervals.
+    """
+    place = np.searchsorted(time_ns, segment.time_ns)
+    inside = (place > 0) & (place < len(time_ns))
+    before, after = np.clip(place - 1, 0, None), np.clip(place, None, len(time_ns) - 1)
+    widest = TRUTH_GAP * float(np.median(np.diff(time_ns)))
+    inside &= time_ns[after] - time_ns[before] <= widest
+    inside |= time_ns[after] == segment.time_ns
+    rows = np.flatnonzero(inside)
+    return Attitudes(rows, at_times(time_ns, q_nb, segment.time_ns[rows]), 0.0, len(rows))

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import csv
+import textwrap
 from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -14,7 +15,6 @@ from sinstool.cli.options import Words, config_options, effective_config
 from sinstool.errors import ConfigurationError, OutputError
 
 if TYPE_CHECKING:
-    from sinstool.compare_log import LogComparison
     from sinstool.figures import Figure
 
 
@@ -41,13 +41,15 @@ class Whole(click.ParamType):
 @click.command("compare-coning")
 @click.argument("log", type=click.Path(path_type=Path), required=False)
 @click.option("--paper", is_flag=True, help="re-run the published experiment instead of a log")
-@click.option("--algorithms", type=Words(), metavar="A,B,...", help="which [default: ten]")
+@click.option(
+    "--algorithms", type=Words(), metavar="A,B,...", help="coning algorithms [default: ten]"
+)
 @click.option(
     "--reference",
     default="auto",
     show_default=True,
     metavar="NAME",
-    help="an algorithm, auto (quatfiter-4), or none",
+    help="what the others are measured against: an algorithm, auto (quatfiter-4), or none",
 )
 @click.option(
     "--decimate",
@@ -55,16 +57,28 @@ class Whole(click.ParamType):
     default="1,2,4",
     show_default=True,
     metavar="M,...",
-    help="lower rates to try: one sample of so many",
+    help="also as if logged at lower rates: one sample of so many",
 )
-@click.option("--passband", type=float, metavar="HZ", help="coning up to here is motion")
-@click.option("--stopband", type=float, metavar="HZ", help="coning from here on is noise")
+@click.option("--passband", type=float, metavar="HZ", help="coning above this is noise")
+@click.option(
+    "--stopband",
+    type=float,
+    metavar="HZ",
+    help="above this nothing moves: what is answered there is pseudo-coning",
+)
 @click.option(
     "--gyro-response",
     metavar="none|cheb:N,DB,HZ|butter:N,HZ|FILE",
     help="of the gyro; for gyro-tuned, and for --paper",
 )
-@click.option("--window", type=float, default=10.0, show_default=True, metavar="S", help="seconds")
+@click.option(
+    "--window",
+    type=float,
+    default=10.0,
+    show_default=True,
+    metavar="S",
+    help="drift is measured in windows of this many seconds",
+)
 @click.option(
     "--tolerance",
     type=float,
@@ -78,9 +92,13 @@ class Whole(click.ParamType):
     type=click.Choice(["best", "paper", "auto"]),
     default="best",
     show_default=True,
-    help="of singular-perturbation; auto tunes it to the passband",
+    help="parameters of singular-perturbation; auto tunes them to the coning in --passband",
 )
-@click.option("--truth", metavar="TOPIC|FILE", help="true attitude, to be the reference")
+@click.option(
+    "--truth",
+    metavar="TOPIC|FILE",
+    help="true attitude as reference: Imu, QuaternionStamped, PoseStamped or Odometry, or CSV",
+)
 @click.option(
     "--phase",
     type=click.Choice(["consistent", "literal"]),
@@ -89,7 +107,7 @@ class Whole(click.ParamType):
     help="with --paper: how eq. (20) is read",
 )
 @config_options("input")
-@click.option("--csv", "csv_dir", type=click.Path(path_type=Path), help="folder for tables")
+@click.option("--csv", "csv_dir", type=click.Path(path_type=Path), help="new folder for tables")
 @click.option("--report", type=click.Path(path_type=Path), help="page (.html) or figure to write")
 @click.option("--overwrite", is_flag=True, help="replace an existing report")
 @click.option("--json", "as_json", is_flag=True, help="one JSON object on stdout")
@@ -98,9 +116,11 @@ class Whole(click.ParamType):
 def command(log: Path | None, paper: bool, **options: Any) -> int:
     """Which coning algorithm, on LOG, and by how much.
 
-    Runs the algorithms side by side on LOG, natively and as if it had been taken at lower rates,
-    against the sharpest of them or --truth. With --paper it re-runs the published experiment
-    instead, each printed figure beside ours.
+    Runs the algorithms side by side on LOG, as it is and as if it had been taken at lower rates,
+    and says how they drift from the sharpest of them, or from --truth, and what the log's own
+    coning predicts. docs/compare-coning.md says what each column means.
+
+    With --paper it re-runs the published experiment instead, each printed figure beside ours.
     """
     if paper == (log is not None):
         raise click.UsageError("give a LOG to compare on, or --paper")
@@ -148,6 +168,8 @@ def _log(log: Path, options: dict[str, Any]) -> int:
     from sinstool.comparison.summary import as_object, figures
     from sinstool.coning.registry import algorithm
 
+    if options["truth"] is not None and options["reference"] != "auto":
+        raise click.UsageError("give --truth or --reference, not both")
     names = options["algorithms"] or DEFAULT_ALGORITHMS
     for name in (*names, *({options["reference"]} - {"auto", "none"})):
         algorithm(name)
@@ -196,31 +218,45 @@ def _log(log: Path, options: dict[str, Any]) -> int:
     if options["as_json"]:
         print_json(result)
     else:
-        _print(found, result)
+        _print(result)
     return 3 if found.lost else 0
 
 
-COLUMNS: tuple[tuple[str, str, Callable[[dict[str, Any]], Any]], ...] = (
+Get = Callable[[dict[str, Any]], Any]
+
+
+def _drift(key: str, axis: int | None = None) -> Get:
+    def get(alg: dict[str, Any]) -> Any:
+        found = alg["drift_dph"] and alg["drift_dph"][key]
+        return found if axis is None or found is None else found[axis]
+
+    return get
+
+
+def _axis(key: str, axis: int) -> Get:
+    return lambda alg: alg[key] and alg[key][axis]
+
+
+def _kept(alg: dict[str, Any]) -> str:
+    return "all" if alg["decimate"] == 1 else f"1/{alg['decimate']} {alg['input']}"
+
+
+# Of the report and the CSV; what each is: docs/compare-coning.md
+COLUMNS: tuple[tuple[str, str, Get], ...] = (
     ("algorithm", "", lambda a: a["name"]),
-    ("kept", "", lambda a: "all" if a["decimate"] == 1 else f"1/{a['decimate']} {a['input']}"),
+    ("kept", "", _kept),
     ("updates", "Hz", lambda a: a["update_hz"]),
-    ("drift rms", "deg/h", lambda a: a["drift_dph"] and a["drift_dph"]["norm_rms"]),
-    *(
-        (f"mean {axis}", "deg/h", lambda a, k=k: a["drift_dph"] and a["drift_dph"]["mean"][k])
-        for k, axis in enumerate("xyz")
-    ),
-    (
-        "2 sigma",
-        "deg/h",
-        lambda a: a["drift_dph"] and max(a["drift_dph"]["confidence"]),
-    ),
-    *(
-        (f"predicted {axis}", "deg/h", lambda a, k=k: a["pred_dph"] and a["pred_dph"][k])
-        for k, axis in enumerate("xyz")
-    ),
-    ("pseudo", "deg/h", lambda a: a["pseudo_dph"] and max(a["pseudo_dph"], key=abs)),
+    ("drift", "deg/h rms", _drift("slope_rms")),
+    ("window end", "deg/h rms", _drift("norm_rms")),
+    *((f"mean {x}", "deg/h", _drift("mean", k)) for k, x in enumerate("xyz")),
+    *((f"2 sigma {x}", "deg/h", _drift("confidence", k)) for k, x in enumerate("xyz")),
+    *((f"predicted {x}", "deg/h", _axis("pred_parting_dph", k)) for k, x in enumerate("xyz")),
+    *((f"expected {x}", "deg/h", _axis("pred_dph", k)) for k, x in enumerate("xyz")),
+    *((f"pseudo {x}", "deg/h", _axis("pseudo_dph", k)) for k, x in enumerate("xyz")),
     ("largest", "deg", lambda a: a["largest_deg"]),
     ("cost", "ns/sample", lambda a: a["ns_per_sample"]),
+    ("below resolution", "", lambda a: a["drift_dph"] is not None and not a["resolved"]),
+    ("prediction does not hold", "", lambda a: a["pred_exception"]),
 )
 
 
@@ -230,13 +266,30 @@ def _size(vector: Any) -> float | None:
 
 
 # The terminal has room for sizes; components are in --json, --csv and --report.
-TERMINAL: tuple[tuple[str, str, Callable[[dict[str, Any]], Any]], ...] = (
-    *COLUMNS[:4],
-    ("mean", "deg/h", lambda a: _size(a["drift_dph"] and a["drift_dph"]["mean"])),
-    ("2 sigma", "deg/h", lambda a: a["drift_dph"] and max(a["drift_dph"]["confidence"])),
-    ("predicted", "deg/h", lambda a: _size(a["pred_dph"])),
-    *COLUMNS[-3:],
+TERMINAL: tuple[tuple[str, str, Get], ...] = (
+    ("algorithm", "", lambda a: a["name"]),
+    ("rate", "Hz", lambda a: a["update_hz"]),
+    ("drift", "deg/h", _drift("slope_rms")),
+    ("end", "deg/h", _drift("norm_rms")),
+    ("mean", "deg/h", lambda a: _size(_drift("mean")(a))),
+    ("+/-", "deg/h", lambda a: a["drift_dph"] and max(a["drift_dph"]["confidence"])),
+    ("predict", "deg/h", lambda a: _size(a["pred_parting_dph"])),
+    ("expect", "deg/h", lambda a: _size(a["pred_dph"])),
+    ("pseudo", "deg/h", lambda a: _size(a["pseudo_dph"])),
+    ("largest", "deg", lambda a: a["largest_deg"]),
+    ("cost", "ns", lambda a: a["ns_per_sample"]),
 )
+LEGEND = (
+    "drift: slope of the angle from the reference within {window:g} s windows, rms over windows;"
+    " end: angle at a window's end over its length, rms; mean: of the latter, +/- two sigma;"
+    " predict: that mean as the log's coning spectrum has it; expect: drift from the true motion"
+    " as the spectrum has it{brackets}.{pseudo}"
+)
+BRACKETS = " (in brackets where it cannot hold, see below)"
+PSEUDO = " pseudo: part of expect that is noise, if nothing moves above the stopband."
+WIDTH = 118
+# Angles that far below rounding are none
+_NOTHING = 1e-9
 
 
 def _cells(result: dict[str, Any]) -> list[tuple[Any, ...]]:
@@ -248,72 +301,166 @@ def _shown(value: Any) -> str:
         return value
     if value is None or value != value:
         return "-"
-    return f"{value:.3g}"
+    if abs(value) >= 1e3:
+        return f"{value:.0f}" if abs(value) < 1e5 else f"{value:.2g}"
+    return f"{value:.3g}" if abs(value) >= _NOTHING else "0"
 
 
-def _print(found: LogComparison, result: dict[str, Any]) -> None:
-    meta, reference = result["meta"], result["reference"]
-    click.echo(
-        f"{meta['imu_topic']}: {meta['samples']} samples in {meta['duration_s']:.1f} s at"
-        f" {result['checks']['rate_hz']:.3f} Hz, {result['checks']['segments']} stretches,"
-        f" read as {meta['gyro_kind']}"
+def _say(text: str) -> None:
+    """Print a paragraph, folded."""
+    click.echo("\n".join(textwrap.wrap(text, WIDTH, subsequent_indent="  ")))
+
+
+def _print(result: dict[str, Any]) -> None:
+    meta, reference, checks = result["meta"], result["reference"], result["checks"]
+    stretches = checks["segments"]
+    gaps = f" in {stretches} stretches between gaps" if stretches > 1 else ""
+    _say(
+        f"{meta['imu_topic']}: {meta['samples']} samples, {meta['duration_s']:.1f} s{gaps}, at"
+        f" {checks['rate_hz']:.3f} Hz, taken as {meta['gyro_kind']}"
     )
-    resolution = reference["resolution_dph"]
-    known = "" if resolution is None else f", good to about {resolution:.3g} deg/h"
-    click.echo(f"reference: {reference['name']}{known}; axes are front, right, down\n")
-    rows = [[f"{n} {u}".strip() for n, u, _ in TERMINAL]]
-    rows += [[_shown(get(a)) for _, _, get in TERMINAL] for a in result["algs"]]
-    for row, alg in zip(rows[1:], result["algs"], strict=True):
-        if alg["drift_dph"] is not None and not alg["resolved"]:
-            row[0] += " *"
-    widths = [max(len(row[k]) for row in rows) for k in range(len(TERMINAL))]
-    for row in rows:
-        first = f"{row[0]:<{widths[0]}}  {row[1]:<{widths[1]}}"
-        rest = "  ".join(f"{v:>{w}}" for v, w in zip(row[2:], widths[2:], strict=True))
-        click.echo(f"{first}  {rest}")
+    _say(_about_reference(reference, meta))
+    _print_table(result)
+    brackets = BRACKETS if any(a["pred_exception"] for a in result["algs"]) else ""
+    pseudo = PSEUDO if meta["stopband_hz"] is not None else ""
+    if reference["name"] != "none":
+        click.echo()
+        _say(LEGEND.format(window=meta["window_s"], brackets=brackets, pseudo=pseudo))
     if reference["below_resolution"]:
-        click.echo(
-            "\n* below reference resolution: its divergence is less than ten times what the"
-            " reference is good to"
-        )
+        _say("* below the reference's resolution: less than ten times what that is good to.")
     for exception in dict.fromkeys(a["pred_exception"] for a in result["algs"]):
         if exception:
             names = {a["name"] for a in result["algs"] if a["pred_exception"] == exception}
-            click.echo(f"prediction does not hold for {', '.join(sorted(names))}: {exception}")
+            _say(f"The prediction cannot hold for {', '.join(sorted(names))}: {exception}.")
     for alg in result["algs"]:
         if alg["caveat"] and alg["decimate"] == 1:
-            click.echo(alg["caveat"])
+            _say(alg["caveat"])
+    click.echo()
     _print_sp(result["sp"])
-    for alias in result["alias"]:
-        lines = ", ".join(f"{f:.4g} Hz" for f in alias["lines_hz"])
-        found_lines = f"; lines that would fold to rest: {lines}" if lines else ""
-        click.echo(
-            f"logged at {alias['rate_hz']:.4g} Hz by {alias['input']}: noise about its multiples"
-            f" adds {alias['dc_alias_deg']:.3g} deg rms in {meta['window_s']:g} s{found_lines}"
-        )
-    click.echo(f"\n{found.comparison.verdict.text}")
+    _print_slower(result)
+    _say(f"Verdict: {result['verdict']['text']}.")
+
+
+def _about_reference(reference: dict[str, Any], meta: dict[str, Any]) -> str:
+    name = reference["name"]
+    if name == "none":
+        widest = meta["widest_pair"]
+        between = ""
+        if widest is not None:
+            between = (
+                f"; the two that part most are {widest['first']} and {widest['second']}, by"
+                f" {_shown(widest['largest_deg'])} deg"
+            )
+        return f"No reference{between} (all pairs: --json, --csv)"
+    if reference["is_truth"]:
+        return f"Reference: {name}: sensor errors, which all rows share, are in every drift"
+    text = f"Reference: {name}"
+    if reference["resolution_dph"] is not None:
+        text += f", which agrees to {_shown(reference['resolution_dph'])} deg/h with its judges"
+    if reference["pred_dph"] is not None:
+        text += f" and is expected to drift by {_shown(_size(reference['pred_dph']))} deg/h itself"
+    return text
+
+
+def _print_table(result: dict[str, Any]) -> None:
+    columns = [
+        c
+        for c in TERMINAL
+        if c[0] in ("algorithm", "rate", "cost") or any(c[2](a) is not None for a in result["algs"])
+    ]
+    if result["reference"]["name"] == "none":
+        columns = [c for c in columns if c[0] != "largest"]
+    table = []
+    for alg in result["algs"]:
+        row = [_shown(get(alg)) for _, _, get in columns]
+        row[0] += " *" if alg["drift_dph"] is not None and not alg["resolved"] else ""
+        for k, (name, _, _) in enumerate(columns):
+            if name in ("predict", "expect") and alg["pred_exception"]:
+                row[k] = f"({row[k]})"
+        table.append(row)
+    heads = [[name for name, _, _ in columns], [unit for _, unit, _ in columns]]
+    widths = [max(len(r[k]) for r in [*heads, *table]) for k in range(len(columns))]
+    group = None
+    for row, alg in zip(table, result["algs"], strict=True):
+        if (alg["decimate"], alg["input"]) != group:
+            group = (alg["decimate"], alg["input"])
+            click.echo()
+            click.echo(_group(alg, result["checks"]["rate_hz"]))
+            if alg["decimate"] == 1:
+                for head in heads:
+                    click.echo(_line(head, widths))
+        click.echo(_line(row, widths))
+
+
+def _line(cells: list[str], widths: list[int]) -> str:
+    rest = (f"{v:>{w}}" for v, w in zip(cells[1:], widths[1:], strict=True))
+    return "  ".join((f"{cells[0]:<{widths[0]}}", *rest)).rstrip()
+
+
+def _group(alg: dict[str, Any], rate_hz: float) -> str:
+    m = alg["decimate"]
+    if m == 1:
+        return f"The log as it is, {rate_hz:.4g} Hz"
+    how = "increments summed" if alg["input"] == "sums" else "rates picked"
+    return f"As if logged at {rate_hz / m:.4g} Hz, {how} (one of {m})"
 
 
 def _print_sp(sp: dict[str, Any] | None) -> None:
-    if sp is None:
+    if sp is None or not sp["compared"]:
         return
     tuning, limits = sp["tuning"], sp["bounds"]
-    low, high = limits["epsilon_upper_s"][1:]
-    click.echo(
-        f"\nsingular perturbation, equivalent to {sp['equivalent']}: bound (13) on epsilon"
-        f" {limits['epsilon_upper_s'][0]:.3g} s ({low:.3g} to {high:.3g}), bound (15) on n"
-        f" {limits['gain_lower'][0]:.3g} ({limits['status']})"
-    )
+    epsilon, gain = limits["epsilon_upper_s"][0], limits["gain_lower"][0]
+    text = f"singular-perturbation is the same as {sp['equivalent']}."
+    if epsilon == epsilon:
+        noise = ", which are those of noise here" if limits["status"] == "noise-limited" else ""
+        text += (
+            f" The paper's bounds on this log{noise}: (13) epsilon at most {_shown(epsilon)} s,"
+            f" (15) n at least {_shown(gain)}."
+        )
+    _say(text)
     if tuning["status"] == "tuned":
-        before = max(map(abs, tuning["drift_best_dph"]))
-        after = max(map(abs, tuning["drift_tuned_dph"]))
-        click.echo(
-            f"tuned to the passband: epsilon {tuning['epsilon_s']:.4g} s, n"
-            f" {tuning['beta_gain']:.4f}; predicted drift {after:.3g} deg/h instead of"
-            f" {before:.3g}"
+        _say(
+            f"Tuned to the passband: epsilon {tuning['epsilon_s']:.4g} s, n"
+            f" {tuning['beta_gain']:.4f}; expected drift {_shown(_size(tuning['drift_tuned_dph']))}"
+            f" deg/h instead of {_shown(_size(tuning['drift_best_dph']))} (--sp-preset auto)."
         )
     else:
-        click.echo(f"not tuned ({tuning['status']}): best is epsilon = T/2, n = 2")
+        why = {
+            "no-passband": "without --passband nothing tells motion from noise",
+            "noise-limited": "the passband holds little but noise",
+            "no-coning": "the passband holds no coning to tune to",
+        }[tuning["status"]]
+        _say(f"Not tuned, as {why}: epsilon = T/2 and n = 2 are its best without knowledge.")
+
+
+def _print_slower(result: dict[str, Any]) -> None:
+    """What lower rates would have folded, and which algorithms would still have done."""
+    meta, limit = result["meta"], result["verdict"]["limit_dph"]
+    folded = {(a["decimate"], a["input"]): a for a in result["alias"]}
+    groups: dict[tuple[int, str], list[str]] = {}
+    for alg in result["algs"]:
+        if alg["decimate"] > 1:
+            found = groups.setdefault((alg["decimate"], alg["input"]), [])
+            drift = _drift("slope_rms")(alg)
+            if limit is not None and drift is not None and drift <= limit:
+                found.append(alg["name"])
+    for (m, how), names in groups.items():
+        text = f"Logged at {result['checks']['rate_hz'] / m:.4g} Hz,"
+        text += " increments summed:" if how == "sums" else " rates picked:"
+        alias = folded.get((m, how))
+        if alias is not None:
+            text += (
+                f" content that folds onto rest adds {_shown(alias['dc_alias_deg'])} deg rms in"
+                f" {meta['window_s']:g} s to every algorithm;"
+            )
+            if alias["lines_hz"]:
+                near = ", ".join(f"{f:.4g} Hz" for f in alias["lines_hz"])
+                text += f" lines that fold to slow motion: {near};"
+        if limit is not None:
+            text += f" within {_shown(limit)} deg/h would still be {', '.join(names) or 'none'};"
+        _say(text[:-1] + ".")
+    if groups:
+        click.echo()
 
 
 def _write_csv(folder: Path, result: dict[str, Any]) -> None:
@@ -344,7 +491,9 @@ def _write_report(
     if result is not None:
         sections.append(Prose((result["verdict"]["text"],), "Verdict"))
         columns = tuple(Column(n, u, ".3g") for n, u, _ in COLUMNS)
-        sections.append(Table("Algorithms", columns, tuple(_cells(result))))
+        about = _about_reference(result["reference"], result["meta"])
+        legend = LEGEND.format(window=result["meta"]["window_s"], brackets="", pseudo=PSEUDO)
+        sections.append(Table("Algorithms", columns, tuple(_cells(result)), (about, legend)))
     sections += [*figures, Settings(settings)]
     page = Page(title, subtitle, tuple(sections))
     write_report(options["report"], page, overwrite=options["overwrite"])

@@ -54,7 +54,8 @@ class Exposure:
     frequency : ndarray, shape (k,)
         Hz.
     lines : tuple of float
-        Frequencies of lines that fold to almost nothing, Hz.
+        Frequencies of lines that fold to slow motion, Hz: within 2 % of the lower rate of one
+        of its multiples.
     """
 
     decimate: int
@@ -66,7 +67,9 @@ class Exposure:
     lines: tuple[float, ...]
 
 
-def rate_spectrum(segments: Sequence[FloatArray], interval_s: float) -> RateSpectrum | None:
+def rate_spectrum(
+    segments: Sequence[FloatArray], interval_s: float, window_s: float = WELCH_S
+) -> RateSpectrum | None:
     """Welch spectrum of the rate, averaged over segments by their length.
 
     Parameters
@@ -74,6 +77,9 @@ def rate_spectrum(segments: Sequence[FloatArray], interval_s: float) -> RateSpec
     segments : sequence of ndarray, shape (n, 3)
         Rates, rad/s.
     interval_s : float
+    window_s : float, optional
+        Window over which angles will be judged: pieces are as long at least, so that what is
+        constant within a window is told from what is not.
 
     Returns
     -------
@@ -81,7 +87,8 @@ def rate_spectrum(segments: Sequence[FloatArray], interval_s: float) -> RateSpec
         None where no segment holds 64 samples.
     """
     rate = 1.0 / interval_s
-    length = min(int(WELCH_S * rate), max((len(s) for s in segments), default=0))
+    wanted = round(max(WELCH_S, window_s) * rate)
+    length = min(wanted, max((len(s) for s in segments), default=0))
     if length < 64:
         return None
     total, weight = np.zeros(length // 2 + 1), 0.0
@@ -142,12 +149,12 @@ def exposure(
     for k in range(decimate // 2 + 1):
         for sign in (1.0, -1.0):
             image = k * rate + sign * at
-            if k == 0 and sign < 0:
+            # Slow motion itself is there once, and so is half the log's own rate.
+            if (k == 0 and sign < 0) or (2 * k == decimate and sign > 0):
                 continue
             inside = (image >= 0) & (image <= f[-1])
             folded += np.where(inside, np.interp(image, f, s), 0.0)
-    step = f[1] - f[0]
-    half = max(0.5 / window_s, 0.5 * step)
+    half = max(0.5 / window_s, 0.5 * (f[1] - f[0]))
     power = 0.0
     found = lines(spectrum)
     near: list[float] = []
@@ -156,7 +163,8 @@ def exposure(
         band = np.abs(f - centre) <= half
         # At least the bin that holds the multiple, over the band's own width.
         level = s[band].mean() if band.any() else float(np.interp(centre, f, s))
-        power += level * 2.0 * half
+        # At half the log's own rate the band has one side only.
+        power += level * half * (1.0 if 2 * k == decimate else 2.0)
         near += [x for x in found.tolist() if abs(x - centre) <= LINE_SHARE * rate]
     return Exposure(
         decimate, thinning, rate, window_s * float(np.sqrt(power)), folded, at, tuple(near)

@@ -2,13 +2,18 @@
 
 The reference is the sharpest thing the log's own samples allow. Everything is reported as the
 rate at which a candidate leaves it, window by window, so that sensor errors, which every
-algorithm sees alike, cancel.
+algorithm sees alike, cancel. How far the reference itself can be trusted is what it parts by from
+two algorithms as sharp that err in other ways, one of another family and one that interpolates
+the samples otherwise: where those disagree, the log does not tell which is right.
 """
 
 from __future__ import annotations
 
+import math
+import os
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass, field, replace
 from itertools import combinations
 from typing import Any
 
@@ -24,7 +29,15 @@ from sinstool.comparison.divergence import (
     statistics,
     widest_gap,
 )
-from sinstool.comparison.runs import Attitudes, Candidate, Segment, candidates, run
+from sinstool.comparison.runs import (
+    Attitudes,
+    Candidate,
+    Segment,
+    candidates,
+    increments_of,
+    run,
+)
+from sinstool.comparison.verdict import Verdict, verdict
 from sinstool.coning.increments import GyroKind
 from sinstool.coning.registry import algorithm
 
@@ -43,9 +56,11 @@ DEFAULT_ALGORITHMS = (
     "singular-perturbation",
 )
 REFERENCE = "quatfiter-4"
-# Judges the reference: another algorithm of high order that errs in other ways.
-JUDGE = "previous-3"
+# Judge the reference: of another family, and of another interpolation.
+JUDGES = ("quatfiter-4", "previous-3", "lookahead-12")
 SELF_CHECK = 0.1
+# Runs that are kept to be compared in pairs have about this many instants in each segment
+_KEPT = 1 << 18
 # Two updates of the reference and the sample they begin at
 LEAST_SAMPLES = 9
 
@@ -122,7 +137,7 @@ class Comparison:
     reference : str
         Name of the algorithm, or ``none``.
     reference_resolution : float or None
-        Root mean square drift between the reference and `JUDGE`, rad/s.
+        Largest root mean square drift between the reference and one of `JUDGES`, rad/s.
     rows : tuple of Row
         Candidates as the log is, then decimated.
     pairs : dict
@@ -147,24 +162,6 @@ class Comparison:
     exposures: tuple[Exposure, ...]
     verdict: Verdict
     warnings: tuple[str, ...]
-
-
-@dataclass(frozen=True)
-class Verdict:
-    """Which algorithm to use on this log.
-
-    Attributes
-    ----------
-    algorithm : str or None
-        None where the log cannot tell.
-    text : str
-    agree : bool
-        All candidates agree to the tolerance: it does not matter.
-    """
-
-    algorithm: str | None
-    text: str
-    agree: bool
 
 
 def compare(
@@ -204,42 +201,65 @@ def compare(
     if not usable:
         raise ValueError("no stretch without gaps is long enough to compare algorithms on")
     todo = candidates(settings.algorithms, settings.decimate, kind, settings.options)
-    truths = None
-    resolution = None
+    native = [c for c in todo if c.decimate == 1]
     warnings: list[str] = []
+    truths: list[Attitudes] | None = None
+    judges: list[Candidate] = []
     if truth is not None:
         name = "truth"
         truths = [t for t, enough in zip(truth, long, strict=True) if enough]
     elif name != "none":
-        reference = _reference(name, settings)
+        reference = Candidate(name, algorithm(name, **settings.options.get(name, {})))
         truths = [run(reference, s, kind, interval_s) for s in usable]
-        resolution = _resolution(usable, truths, kind, interval_s, name, settings)
+        known = {c.name for c in native}
+        judges = [Candidate(j, algorithm(j)) for j in JUDGES if j != name and j not in known]
+    summed = any(c.thinning == "sums" for c in todo)
+    increments = [increments_of(s, kind, interval_s) if summed else None for s in usable]
+    every = math.lcm(*(c.stride for c in native))
+    kept: dict[str, list[Attitudes]] = {}
+
+    def work(candidate: Candidate) -> Row:
+        made = [
+            run(candidate, s, kind, interval_s, i) for s, i in zip(usable, increments, strict=True)
+        ]
+        if candidate.decimate == 1:
+            kept[candidate.name] = [_sparse(a, every) for a in made]
+        return _row(candidate, made, truths, usable, interval_s, settings)
+
+    rows: list[Row] = []
+    # The compiled loops let others run: two threads take half as long, and memory for two runs.
+    with ThreadPoolExecutor(min(2, os.cpu_count() or 1)) as pool:
+        for number, row in enumerate(pool.map(work, [*todo, *judges])):
+            rows.append(row)
+            if progress:
+                progress((number + 1) / (len(todo) + len(judges) + 1))
+    resolution = None
+    if truth is None and truths is not None:
+        resolution = _resolution(rows, name)
         if resolution is None:
             warnings.append("the log is too short to judge the reference")
-    rows: list[Row] = []
-    native: dict[str, list[Attitudes]] = {}
-    for number, candidate in enumerate(todo):
-        made = [run(candidate, s, kind, interval_s) for s in usable]
-        if candidate.decimate == 1:
-            native[candidate.name] = made
-        rows.append(_row(candidate, made, truths, usable, interval_s, settings, resolution))
-        if progress:
-            progress((number + 1) / (len(todo) + 1))
+    rows = [_resolved(row, resolution) for row in rows[: len(todo)]]
     pairs = {
-        (a, b): max(
-            (widest_gap(x, y) for x, y in zip(native[a], native[b], strict=True)),
-            default=float("nan"),
+        (a, b): float(
+            np.fmax.reduce(
+                [widest_gap(x, y) for x, y in zip(kept[a], kept[b], strict=True)],
+                initial=np.nan,
+            )
         )
-        for a, b in combinations(native, 2)
+        for a, b in combinations([c.name for c in native], 2)
     }
-    spectrum = rate_spectrum([s.gyro for s in usable], interval_s)
+    spectrum = rate_spectrum([s.gyro for s in usable], interval_s, settings.window_s)
     exposures = []
     if spectrum is not None:
         for m in settings.decimate:
             for thinning in ("sums", "points") if m > 1 else ():
                 exposures.append(exposure(spectrum, 1 / interval_s, m, thinning, settings.window_s))
     if len(usable) < len(segments):
-        warnings.append(f"{len(segments) - len(usable)} stretches are too short to compare on")
+        left = sum(len(s) for s in segments) - sum(len(s) for s in usable)
+        warnings.append(
+            f"{len(segments) - len(usable)} stretches between gaps, {left} samples in all, are too"
+            " short to compare on and left out"
+        )
     samples = sum(len(s) for s in usable)
     covered = sum(float(s.time_ns[-1] - s.time_ns[0]) for s in usable) / 1e9
     return Comparison(
@@ -255,34 +275,39 @@ def compare(
         pairs,
         spectrum,
         tuple(exposures),
-        _verdict(rows, resolution, settings),
+        verdict(rows, name, resolution, settings.tolerance),
         tuple(warnings),
     )
 
 
-def _reference(name: str, settings: Settings) -> Candidate:
-    return Candidate(name, algorithm(name, **settings.options.get(name, {})))
+def _sparse(made: Attitudes, every: int) -> Attitudes:
+    """Run with fewer instants, that every other thinned one has too."""
+    step = every * -(-int(made.sample[-1]) // (_KEPT * every))
+    if step <= every:
+        return made
+    few = made.sample % step == 0
+    few[-1] = True
+    return Attitudes(made.sample[few], made.q[few], made.seconds, made.samples)
 
 
-def _resolution(
-    segments: Sequence[Segment],
-    truths: list[Attitudes],
-    kind: GyroKind,
-    interval_s: float,
-    name: str,
-    settings: Settings,
-) -> float | None:
-    """How far the reference can be trusted: its drift against an algorithm of another family."""
-    judge = JUDGE if name != JUDGE else REFERENCE
-    other = Candidate(judge, algorithm(judge))
-    parts = [
-        part(run(other, s, kind, interval_s), t, s.time_ns, settings.window_s)
-        for s, t in zip(segments, truths, strict=True)
+def _resolution(rows: Sequence[Row], reference: str) -> float | None:
+    """How far the reference can be trusted: its drift against algorithms that err otherwise."""
+    found = [
+        r.drift.slope_rms / DEG_H
+        for r in rows
+        if r.candidate.decimate == 1
+        and r.candidate.name in JUDGES
+        and r.candidate.name != reference
+        and r.drift is not None
     ]
-    rates = [p.window_rate for p in parts if p is not None]
-    if not rates:
-        return None
-    return float(np.sqrt(np.mean(np.sum(np.concatenate(rates) ** 2, axis=1))))
+    return max(found, default=None)
+
+
+def _resolved(row: Row, resolution: float | None) -> Row:
+    told = row.drift is not None and (
+        resolution is None or resolution < SELF_CHECK * row.drift.slope_rms / DEG_H
+    )
+    return replace(row, resolved=told)
 
 
 def _row(
@@ -292,7 +317,6 @@ def _row(
     segments: Sequence[Segment],
     interval_s: float,
     settings: Settings,
-    resolution: float | None,
 ) -> Row:
     fed = sum(a.samples for a in made)
     cost = 1e9 * sum(a.seconds for a in made) / max(fed, 1)
@@ -303,11 +327,15 @@ def _row(
             for a, t, s in zip(made, truths, segments, strict=True)
         )
         curves = [p for p in found if p is not None]
-    drift = statistics(np.concatenate([p.window_rate for p in curves])) if curves else None
+    drift = None
+    if curves:
+        rates = np.concatenate([p.window_rate for p in curves])
+        slopes = np.concatenate([p.window_slope for p in curves])
+        # A stretch shorter than half a window says little of drift; it counts if there is no other.
+        length = np.concatenate([p.window_length_s for p in curves])
+        full = length >= 0.5 * min(settings.window_s, length.max())
+        drift = statistics(rates[full], slopes[full])
     longest = max(curves, key=lambda p: p.time_s[-1], default=None)
-    resolved = drift is not None and (
-        resolution is None or resolution < SELF_CHECK * drift.norm_rms / DEG_H
-    )
     return Row(
         candidate,
         1.0 / (interval_s * candidate.stride),
@@ -316,46 +344,6 @@ def _row(
         longest.slope if longest is not None else np.full(3, np.nan),
         max((p.largest for p in curves), default=float("nan")),
         cost,
-        resolved,
+        False,
         tuple(curves),
     )
-
-
-def _verdict(rows: Sequence[Row], resolution: float | None, settings: Settings) -> Verdict:
-    """The cheapest native algorithm that cannot be told from the reference."""
-    native = [(r, r.drift) for r in rows if r.candidate.decimate == 1 and r.drift is not None]
-    if not native:
-        return Verdict(None, "the log is too short, or without a reference, to choose by", False)
-    tolerance = settings.tolerance * DEG_H
-    names = [r.candidate.name for r, _ in native]
-    cheapest = min(native, key=lambda one: one[0].ns_per_sample)[0].candidate.name
-    if all(d.norm_rms <= tolerance for _, d in native):
-        text = (
-            f"all agree to {tolerance:g} deg/h: on this log the choice does not matter;"
-            f" {cheapest} is the cheapest"
-        )
-        return Verdict(cheapest, text, True)
-    # What the reference is good to is itself known to a factor of two at best.
-    limit = max(tolerance, 2.0 * DEG_H * (resolution or 0.0))
-    good = [r for r, d in native if d.norm_rms <= limit and _unbiased(d, limit)]
-    if not good:
-        closest, d = min(native, key=lambda one: one[1].norm_rms)
-        text = (
-            f"none agrees with the reference to {limit:.3g} deg/h; {closest.candidate.name} comes"
-            f" closest with {d.norm_rms:.3g} deg/h"
-        )
-        return Verdict(closest.candidate.name, text, False)
-    best = min(good, key=lambda r: r.ns_per_sample).candidate.name
-    same = [r.candidate.name for r in good if r.candidate.name != best]
-    worse = [name for name in names if name != best and name not in same]
-    text = f"{best} is the cheapest that cannot be told from the reference at {limit:.3g} deg/h"
-    text += f"; nor can {', '.join(same)}" if same else ""
-    text += f"; {', '.join(worse)} can" if worse else ""
-    return Verdict(best, text, False)
-
-
-def _unbiased(drift: DriftStatistics, limit: float) -> bool:
-    """Mean within two sigma of none on every axis, or below what can be told."""
-    size = np.abs(drift.mean)
-    # One window has no spread; its mean is judged by the limit alone.
-    return bool(np.all((size <= np.nan_to_num(drift.confidence)) | (size <= limit)))

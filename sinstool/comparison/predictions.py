@@ -14,6 +14,9 @@ from sinstool.coning.spectrum import ConingSpectrum, predicted_drift, pseudo_con
 
 FloatArray = NDArray[np.float64]
 
+# What a candidate is fed with, where that is not what the log holds
+KINDS: dict[str, GyroKind] = {"sums": "increment", "points": "rate"}
+
 
 @dataclass(frozen=True)
 class Prediction:
@@ -22,7 +25,8 @@ class Prediction:
     Attributes
     ----------
     drift : ndarray, shape (3,)
-        Predicted drift against the true attitude, deg/h.
+        Predicted drift against the true attitude, deg/h. The difference of two candidates is
+        how they part from each other; what is held to be motion does not enter there.
     pseudo : ndarray, shape (3,) or None
         Of it, what is noise if nothing moves above the stopband, deg/h; None without one.
     exception : str
@@ -54,14 +58,18 @@ def predict(
     -------
     Prediction
     """
+    kind = KINDS.get(candidate.thinning)
     interval = spectrum.interval * candidate.decimate
-    kind: GyroKind | None = {"sums": "increment", "points": "rate"}.get(candidate.thinning)  # type: ignore[assignment]
-    fed = {"interval": interval, "gyro_kind": kind}
-    drift = predicted_drift(spectrum, candidate.algorithm, passband=passband, **fed)  # type: ignore[arg-type]
+
+    drift = DEG_H * predicted_drift(
+        spectrum, candidate.algorithm, passband=passband, interval=interval, gyro_kind=kind
+    )
     pseudo = None
     if stopband is not None:
-        pseudo = pseudo_coning(spectrum, candidate.algorithm, stopband, **fed) * DEG_H  # type: ignore[arg-type]
-    return Prediction(drift * DEG_H, pseudo, _exception(candidate))
+        pseudo = DEG_H * pseudo_coning(
+            spectrum, candidate.algorithm, stopband, interval=interval, gyro_kind=kind
+        )
+    return Prediction(drift, pseudo, _exception(candidate))
 
 
 def _exception(candidate: Candidate) -> str:
