@@ -25,7 +25,6 @@ from sinstool.attitude import AttitudeRun, AttitudeSettings
 from sinstool.config import ProcessConfig, dump_toml
 from sinstool.coning.algorithm import ConingAlgorithm
 from sinstool.coning.registry import algorithm
-from sinstool.coning.sp_tuning import tune
 from sinstool.earth import earth_rate_n
 from sinstool.errors import AlignmentError, DataError, OutputError
 from sinstool.readers import open_log
@@ -234,6 +233,9 @@ def _algorithm(source: Source, config: ProcessConfig, nominal_ns: float) -> Coni
 
 def _tuned(source: Source, config: ProcessConfig, nominal_ns: float) -> dict[str, Any]:
     """Options of singular perturbation that null the drift of the log's own coning."""
+    # scipy.signal takes longer to import than most logs to process
+    from sinstool.coning.sp_tuning import tune
+
     found = source.survey
     blocks = imu_blocks(source, config, found.first_ns)
     if config.input.gyro_kind == "increment":

@@ -297,16 +297,16 @@ def _merge(pieces: list[tuple[int, int, int, int, int]]) -> list[tuple[int, int,
 @njit(cache=True, nogil=True)
 def _word(b, p):  # type: ignore[no-untyped-def]
     # The compiler makes one load of it, wherever p lies; a loop over bytes stays a loop.
-    return _half(b, p) | np.uint64(_half(b, p + 4)) << np.uint64(32)
+    return _half(b, p) | np.uint64(_half(b, p + np.uint64(4))) << np.uint64(32)
 
 
 @njit(cache=True, nogil=True)
 def _half(b, p):  # type: ignore[no-untyped-def]
     return (
         np.uint32(b[p])
-        | np.uint32(b[p + 1]) << np.uint32(8)
-        | np.uint32(b[p + 2]) << np.uint32(16)
-        | np.uint32(b[p + 3]) << np.uint32(24)
+        | np.uint32(b[p + np.uint64(1)]) << np.uint32(8)
+        | np.uint32(b[p + np.uint64(2)]) << np.uint32(16)
+        | np.uint32(b[p + np.uint64(3)]) << np.uint32(24)
     )
 
 
@@ -335,30 +335,33 @@ def _gather_kernel(  # type: ignore[no-untyped-def]
     for i in range(offset.shape[0]):
         if done[i] or length[i] != wanted_length:
             continue
-        start = offset[i]
+        start = np.uint64(offset[i])
         same = True
         for g in range(guard_offset.shape[0]):
-            if buffer[start + guard_offset[g]] != guard_byte[g]:
+            if buffer[start + np.uint64(guard_offset[g])] != guard_byte[g]:
                 same = False
                 break
         if not same:
             continue
         for p in range(source.shape[0]):
-            src = start + source[p]
-            dst = base[column[p]] + i * sizes[column[p]] + within[p]
+            src = start + np.uint64(source[p])
+            dst = np.uint64(base[column[p]] + i * sizes[column[p]] + within[p])
+            n = np.uint64(size[p])
             if swap:
-                width = item[p]
-                for b in range(size[p]):
+                width = np.uint64(item[p])
+                for b in range(n):
                     inside = b % width
-                    out[dst + b - inside + (width - 1 - inside)] = buffer[src + b]
-            elif (size[p] | dst) & 7 == 0:
-                for b in range(0, size[p], 8):
-                    words[(dst + b) >> 3] = _word(buffer, src + b)
-            elif (size[p] | dst) & 3 == 0:
-                for b in range(0, size[p], 4):
-                    halves[(dst + b) >> 2] = _half(buffer, src + b)
+                    out[dst + b - inside + (width - np.uint64(1) - inside)] = buffer[src + b]
+            elif (n | dst) & np.uint64(7) == 0:
+                w = dst >> np.uint64(3)
+                for b in range(n >> np.uint64(3)):
+                    words[w + b] = _word(buffer, src + (b << np.uint64(3)))
+            elif (n | dst) & np.uint64(3) == 0:
+                w = dst >> np.uint64(2)
+                for b in range(n >> np.uint64(2)):
+                    halves[w + b] = _half(buffer, src + (b << np.uint64(2)))
             else:
-                for b in range(size[p]):
+                for b in range(n):
                     out[dst + b] = buffer[src + b]
         done[i] = True
         valid[i] = True

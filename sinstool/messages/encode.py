@@ -38,6 +38,7 @@ class Encoder:
         self.layout, self._template = template(
             standard_definition(type_name, encoding), dict(strings or {}), dict(lengths or {})
         )
+        self._runs: set[tuple[str, int]] = set()  # found to fit
 
     def encode(self, columns: Mapping[str, np.ndarray], count: int) -> np.ndarray:
         """Serialise ``count`` messages.
@@ -71,8 +72,9 @@ class Encoder:
             array = np.asarray(values)
             width = array.shape[1] if array.ndim == 2 else 1
             dtype = np.dtype("<" + leaf.dtype)
-            if width > leaf.count:
+            if width > leaf.count and (path, width) not in self._runs:
                 self._check_run(path, leaf.offset, dtype, width)
+                self._runs.add((path, width))
             end = leaf.offset + dtype.itemsize * width
             # numpy's field view writes straight into the rows at any byte offset
             view = np.ndarray(

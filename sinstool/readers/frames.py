@@ -42,16 +42,23 @@ def enu_to_ned(vectors: np.ndarray) -> np.ndarray:
     return vectors[..., [1, 0, 2]] * np.array([1.0, 1.0, -1.0])
 
 
-def _swap_world(q: np.ndarray) -> np.ndarray:
+_Parts = tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]
+
+
+def _parts(q: np.ndarray) -> _Parts:
+    return q[..., 0], q[..., 1], q[..., 2], q[..., 3]
+
+
+def _swap_world(parts: _Parts) -> _Parts:
     """Left product with the half turn about (1, 1, 0)/sqrt(2) that relates ENU and NED."""
-    w, x, y, z = np.moveaxis(q, -1, 0)
-    return _SQRT_HALF * np.stack((-x - y, w + z, w - z, y - x), axis=-1)
+    w, x, y, z = (_SQRT_HALF * part for part in parts)
+    return -x - y, w + z, w - z, y - x
 
 
-def _swap_body(q: np.ndarray) -> np.ndarray:
+def _swap_body(parts: _Parts) -> _Parts:
     """Right product with the half turn about x that relates FLU and FRD."""
-    w, x, y, z = np.moveaxis(q, -1, 0)
-    return np.stack((-x, w, z, -y), axis=-1)
+    w, x, y, z = parts
+    return -x, w, z, -y
 
 
 def q_nb_from_log(q_wxyz: np.ndarray, axes: str) -> np.ndarray:
@@ -67,7 +74,9 @@ def q_nb_from_log(q_wxyz: np.ndarray, axes: str) -> np.ndarray:
     -------
     ndarray, shape (..., 4)
     """
-    return _swap_world(_swap_body(q_wxyz)) if axes == "flu" else q_wxyz
+    if axes != "flu":
+        return q_wxyz
+    return np.stack(_swap_world(_swap_body(_parts(q_wxyz))), axis=-1)
 
 
 def q_for_log(q_nb: np.ndarray, axes: str, world: str) -> np.ndarray:
@@ -84,6 +93,13 @@ def q_for_log(q_nb: np.ndarray, axes: str, world: str) -> np.ndarray:
     ndarray, shape (..., 4)
         Scalar first, scalar part not negative.
     """
-    q = _swap_body(q_nb) if axes == "flu" else q_nb
-    q = _swap_world(q) if world == "enu" else q
-    return np.where(q[..., :1] < 0, -q, q)
+    parts = _parts(np.asarray(q_nb))
+    if axes == "flu":
+        parts = _swap_body(parts)
+    if world == "enu":
+        parts = _swap_world(parts)
+    sign = np.where(parts[0] < 0, -1.0, 1.0)
+    q = np.empty(np.shape(q_nb))
+    for k in range(4):
+        np.multiply(parts[k], sign, out=q[..., k])
+    return q

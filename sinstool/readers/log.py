@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 from abc import ABC, abstractmethod
-from collections.abc import Collection, Iterator
+from collections.abc import Collection, Iterable, Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -197,7 +197,15 @@ class Log(ABC):
 
     def _selected(self, batch: RawBatch, wanted: frozenset[int] | None) -> RawBatch:
         """The wanted messages of a batch; those of channels the log never defines are noted."""
-        for number in np.unique(batch.channel).tolist():
+        numbers: Iterable[int] = ()
+        if len(batch):
+            low, high = int(batch.channel.min()), int(batch.channel.max())
+            # sorting out which there are costs more than reading; mostly all between are known
+            if high - low >= len(self.channels) or not self.channels.keys() >= {
+                *range(low, high + 1)
+            }:
+                numbers = np.unique(batch.channel).tolist()
+        for number in numbers:
             if number not in self.channels and number not in self._undefined:
                 self._undefined.add(number)
                 self.note_lost(f"messages of channel {number}, which the log does not define")

@@ -102,7 +102,7 @@ class McapLog(Log):
         # Messages by channel of each chunk that was ever walked, by the chunk's offset
         self.chunk_counts: dict[int, dict[int, int]] = {}
         self._chunk_starts: list[int] = []
-        self._verified = False
+        self._sound: set[int] = set()  # offsets of chunks whose CRC was found right
         try:
             self._open()
         except BaseException:
@@ -351,9 +351,11 @@ class McapLog(Log):
         except CompressionError as exc:
             self._damage(f"a chunk {exc}", place.offset)
             return None
-        if place.crc and not self._verified and zlib.crc32(raw) != place.crc:
-            self._damage("a chunk's CRC does not match its content", place.offset)
-            return None
+        if place.crc and place.offset not in self._sound:
+            if zlib.crc32(raw) != place.crc:
+                self._damage("a chunk's CRC does not match its content", place.offset)
+                return None
+            self._sound.add(place.offset)
         return np.frombuffer(raw, np.uint8)
 
     def chunk_batch(self, place: ChunkPlace) -> RawBatch | None:
@@ -394,9 +396,6 @@ class McapLog(Log):
         for batch in ahead(load, needed()):
             if batch is not None and len(batch := self._selected(batch, wanted)):
                 yield batch
-        # A chunk whose CRC was wrong must be passed over again in the next pass.
-        if wanted is None and not self.lost:
-            self._verified = True
 
 
 def _batch(buffer: np.ndarray, found: np.ndarray, position: int) -> RawBatch:

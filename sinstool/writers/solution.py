@@ -76,7 +76,10 @@ class _Rows:
 
     @cached_property
     def _stamp(self) -> tuple[np.ndarray, np.ndarray]:
-        return np.divmod(self.solution.time_ns, 1_000_000_000)
+        time_ns = self.solution.time_ns
+        sec = time_ns // 1_000_000_000
+        # numpy divides by a constant quickly, but takes remainders slowly
+        return sec, time_ns - sec * 1_000_000_000
 
     @cached_property
     def xyzw(self) -> np.ndarray:
