@@ -308,7 +308,9 @@ def _shown(value: Any) -> str:
 
 def _say(text: str) -> None:
     """Print a paragraph, folded."""
-    click.echo("\n".join(textwrap.wrap(text, WIDTH, subsequent_indent="  ")))
+    click.echo(
+        "\n".join(textwrap.wrap(text, WIDTH, subsequent_indent="  ", break_on_hyphens=False))
+    )
 
 
 def _print(result: dict[str, Any]) -> None:

@@ -133,7 +133,10 @@ def exposure(
     -------
     Exposure
     """
-    f, s = spectrum.frequency, spectrum.density
+    f, s = spectrum.frequency, spectrum.density.copy()
+    if 2.0 * f[-1] > native_rate * (1.0 - 1e-9):
+        # A one-sided spectrum has half the density at half the rate itself.
+        s[-1] *= 2.0
     rate = native_rate / decimate
     if thinning == "sums":
         # A sum of m samples, over m: Dirichlet's kernel.

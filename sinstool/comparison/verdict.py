@@ -6,8 +6,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-import numpy as np
-
 from sinstool.comparison.divergence import DEG_H, DriftStatistics
 
 if TYPE_CHECKING:
@@ -99,7 +97,8 @@ def _against_reference(
     if not far:
         text = (
             f"the log cannot tell them apart: none parts from {reference} by more than"
-            f" {_short(largest)} deg/h, and that is good to about {_short(resolution * DEG_H)} deg/h only"
+            f" {_short(largest)} deg/h, and that is good to about"
+            f" {_short(resolution * DEG_H)} deg/h only"
         )
         return Verdict(None, text, False, limit)
     apart = ", ".join(f"{name} by {_short(d.slope_rms)}" for name, d in _by_size(far))

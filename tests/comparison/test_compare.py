@@ -1,0 +1,315 @@
+"""Comparison on coning whose drift is known in closed form, and verdicts on made-up drifts."""
+
+import numpy as np
+import pytest
+
+from sinstool.comparison.compare import DEFAULT_ALGORITHMS, Row, Settings, compare
+from sinstool.comparison.divergence import DEG_H, DriftStatistics
+from sinstool.comparison.runs import Attitudes, Candidate, Segment
+from sinstool.comparison.verdict import MARGIN, SAME_COST, verdict
+from sinstool.coning.registry import algorithm
+from sinstool.coning.response import coning_drift, coning_samples
+from sinstool.simulation.motions import random_manoeuvre
+from sinstool.simulation.truth import sample_times
+
+STEP = 0.01
+HALF, FREQUENCY = np.radians(1.0), 5.0
+INCREMENTS = tuple(n for n in DEFAULT_ALGORITHMS if n != "singular-perturbation")
+
+
+def coning(seconds=60.0, kind="mean-rate"):
+    count = round(seconds / STEP) + 1
+    times = 10**18 + 10_000_000 * np.arange(count)
+    return Segment(times, coning_samples(HALF, FREQUENCY, STEP, count, kind))
+
+
+def truth(segment):
+    """Attitude of the cone of `coning_samples`."""
+    turn = 2 * np.pi * FREQUENCY * STEP * np.arange(len(segment))
+    zero = np.zeros_like(turn)
+    q = [zero + np.cos(HALF / 2), np.sin(HALF / 2) * np.cos(turn), np.sin(HALF / 2) * np.sin(turn)]
+    n = len(turn)
+    return Attitudes(np.arange(n), np.stack([*q, zero], -1), 0.0, n)
+
+
+def closed(name, kind="mean-rate", m=1):
+    """Drift about z in deg/h: towards the mean of the gyro's z axis, which is negative."""
+    return -coning_drift(algorithm(name), HALF, FREQUENCY, m * STEP, kind) * DEG_H
+
+
+def manoeuvre(seconds=30.0, seed=0, rate=2.0):
+    motion = random_manoeuvre(sample_times(100.0, seconds), rate, (0.3, 3.0), seed=seed)
+    n = len(motion.time_ns)
+    at = Attitudes(np.arange(n), motion.q_nb, 0.0, n)
+    return Segment(motion.time_ns, motion.gyro_mean_rate), at
+
+
+@pytest.mark.parametrize("kind", ["rate", "mean-rate"])
+def test_drift_from_the_truth_is_that_of_the_closed_form(kind):
+    segment = coning(kind=kind)
+    # windows of whole turns; the first is left to what starts without history
+    found = compare([segment], kind, STEP, Settings(INCREMENTS, decimate=(1,)), [truth(segment)])
+    assert found.reference == "truth"
+    assert found.reference_resolution is None
+    assert [r.candidate.name for r in found.rows] == list(INCREMENTS)
+    for row in found.rows:
+        drift = np.median(row.curves[0].window_slope[1:-1, 2]) * DEG_H
+        expected = closed(row.candidate.name, kind)
+        assert drift == pytest.approx(expected, rel=2e-3, abs=2e-5), row.candidate.name
+        assert row.drift.windows == 6
+
+
+def test_sums_drift_as_a_slower_log_would():
+    segment = coning()
+    names = ("uncompensated", "previous-1", "optimal-2")
+    found = compare(
+        [segment], "mean-rate", STEP, Settings(names, decimate=(1, 2, 4)), [truth(segment)]
+    )
+    assert len(found.rows) == 9
+    for row in found.rows:
+        drift = row.curves[0].window_slope[1:-1, 2] * DEG_H
+        expected = closed(row.candidate.name, "mean-rate", row.candidate.decimate)
+        np.testing.assert_allclose(drift, expected, rtol=5e-3)
+        assert row.update_hz == pytest.approx(100.0 / row.candidate.stride)
+
+
+@pytest.mark.parametrize("reference", ["auto", "previous-3", "lookahead-12"])
+def test_divergence_from_an_algorithm_is_the_difference_of_both(reference):
+    segment = coning()
+    names = ("uncompensated", "previous-1", "savage-two-speed")
+    found = compare([segment], "mean-rate", STEP, Settings(names, reference, decimate=(1,)))
+    known = "quatfiter-4" if reference == "auto" else reference
+    assert found.reference == known
+    for row in found.rows:
+        # in axes of the body at the start, which is a degree off the cone's axis
+        slopes = row.curves[0].window_slope[1:-1] @ [0.0, np.sin(HALF), np.cos(HALF)]
+        expected = closed(row.candidate.name) - closed(known)
+        assert np.median(slopes) * DEG_H == pytest.approx(expected, rel=1e-4)
+    # judges are asked though nobody named them
+    apart = [
+        abs(closed(j) - closed(known))
+        for j in ("quatfiter-4", "previous-3", "lookahead-12")
+        if j != known
+    ]
+    assert found.reference_resolution * DEG_H == pytest.approx(max(apart), rel=0.05)
+
+
+def test_reference_is_judged_by_another_interpolation_too():
+    # noise up to half the rate: two algorithms on the same six points agree, a third does not
+    rng = np.random.default_rng(1)
+    gyro = 0.3 * rng.standard_normal((6001, 3))
+    segment = Segment(5_000_000 * np.arange(6001), gyro)
+    names = ("previous-3", "quatfiter-4", "lookahead-12")
+    found = compare([segment], "rate", 0.005, Settings(names, decimate=(1,)))
+    drift = {r.candidate.name: r.drift.slope_rms for r in found.rows}
+    assert drift["quatfiter-4"] == 0.0
+    assert drift["lookahead-12"] > 2.0 * drift["previous-3"] > 0.0
+    assert found.reference_resolution * DEG_H == pytest.approx(drift["lookahead-12"])
+    assert found.verdict.algorithm is None
+    assert "cannot tell them apart" in found.verdict.text
+
+
+def test_nothing_is_compared_across_a_gap():
+    # two stretches of different motion, a second apart: as if each was alone
+    first, _ = manoeuvre(30.0, 1)
+    second, _ = manoeuvre(20.0, 2, 1.0)
+    late = Segment(second.time_ns + first.time_ns[-1] + 10**9, second.gyro)
+    settings = Settings(("uncompensated", "optimal-4"), decimate=(1, 2))
+    both = compare([first, late], "mean-rate", STEP, settings)
+    alone = [compare([s], "mean-rate", STEP, settings) for s in (first, late)]
+    assert both.segments == 2
+    assert both.duration_s == pytest.approx(50.0, abs=0.02)
+    for row, a, b in zip(both.rows, alone[0].rows, alone[1].rows, strict=True):
+        assert len(row.curves) == 2
+        apart = [*a.curves[0].window_rate, *b.curves[0].window_rate]
+        found = [*row.curves[0].window_rate, *row.curves[1].window_rate]
+        np.testing.assert_array_equal(found, apart)
+        assert row.drift.windows == 5
+        np.testing.assert_allclose(row.end, a.end + b.end, rtol=1e-12)
+        assert row.largest == max(a.largest, b.largest)
+    pair = both.pairs["uncompensated", "optimal-4"]
+    assert pair == max(a.pairs["uncompensated", "optimal-4"] for a in alone)
+
+
+def test_a_short_stretch_does_not_count_as_a_window():
+    long, _ = manoeuvre(30.0, 1)
+    rng = np.random.default_rng(0)
+    times = long.time_ns[-1] + 10**9 + 10_000_000 * np.arange(30)
+    wild = Segment(times, 5.0 * rng.standard_normal((30, 3)))
+    settings = Settings(("uncompensated", "previous-1"), decimate=(1,))
+    alone = compare([long], "mean-rate", STEP, settings)
+    both = compare([long, wild], "mean-rate", STEP, settings)
+    for row, other in zip(both.rows, alone.rows, strict=True):
+        assert row.drift.windows == 3
+        assert row.drift.slope_rms == other.drift.slope_rms
+        assert row.largest > other.largest  # it is not forgotten
+
+
+def test_stretches_too_short_for_anything_are_left_out_and_said():
+    long, _ = manoeuvre(12.0)
+    short = Segment(long.time_ns[:8] + 10**12, long.gyro[:8])
+    found = compare([short, long], "mean-rate", STEP, Settings(("uncompensated",), decimate=(1,)))
+    assert found.segments == 1
+    assert "1 stretches between gaps, 8 samples in all" in found.warnings[0]
+    with pytest.raises(ValueError, match="long enough"):
+        compare([short], "mean-rate", STEP, Settings())
+
+
+def test_without_a_reference_there_are_pairs_only():
+    segment, _ = manoeuvre()
+    names = ("uncompensated", "previous-1", "optimal-2")
+    found = compare([segment], "mean-rate", STEP, Settings(names, "none", decimate=(1, 2)))
+    assert all(r.drift is None and not r.resolved for r in found.rows)
+    assert len(found.pairs) == 3
+    assert found.pairs["uncompensated", "previous-1"] > 1e-3
+    assert found.verdict.algorithm is None
+    assert "without a reference" in found.verdict.text
+
+
+def test_pairs_of_long_runs_are_thinned_to_shared_instants(monkeypatch):
+    segment, _ = manoeuvre(60.0)
+    names = ("uncompensated", "optimal-3", "optimal-4")
+    settings = Settings(names, decimate=(1,))
+    whole = compare([segment], "mean-rate", STEP, settings)
+    monkeypatch.setattr("sinstool.comparison.compare._KEPT", 50)
+    few = compare([segment], "mean-rate", STEP, settings)
+    for pair, angle in whole.pairs.items():
+        assert 0.5 * angle < few.pairs[pair] <= angle * (1 + 1e-12)
+
+
+def test_same_answers_every_time():
+    segment, _ = manoeuvre()
+    settings = Settings(decimate=(1, 2))
+    runs = [compare([segment], "mean-rate", STEP, settings) for _ in range(2)]
+    for a, b in zip(runs[0].rows, runs[1].rows, strict=True):
+        assert a.candidate.label == b.candidate.label
+        assert a.drift.slope_rms == b.drift.slope_rms
+    assert runs[0].pairs == runs[1].pairs
+
+
+def test_progress_ends_short_of_one():
+    segment, _ = manoeuvre(12.0)
+    told = []
+    compare(
+        [segment], "mean-rate", STEP, Settings(("uncompensated",), decimate=(1,)), None, told.append
+    )
+    assert told == sorted(told)
+    assert 0.5 < told[-1] < 1.0
+
+
+# -- verdicts ---------------------------------------------------------------------------------
+
+NAN = np.full(3, np.nan)
+
+
+def row(name, drift, cost=50.0, windows=10, decimate=1):
+    """A candidate with that drift, deg/h."""
+    chosen = algorithm(name)
+    found = None
+    if drift is not None:
+        zero = np.zeros(3)
+        found = DriftStatistics(windows, zero, zero, zero, zero, zero, drift, drift)
+    candidate = Candidate(name, chosen, decimate, "none" if decimate == 1 else "sums")
+    return Row(candidate, 400.0 / candidate.stride, found, NAN, NAN, 0.0, cost, True, ())
+
+
+def judged(rows, resolution=0.002, tolerance=0.01, reference="quatfiter-4"):
+    known = None if resolution is None else resolution / DEG_H
+    return verdict(rows, reference, known, tolerance / DEG_H)
+
+
+def test_all_agree():
+    found = judged([row("uncompensated", 0.004), row("previous-1", 0.003), row("optimal-4", 0.009)])
+    assert found.agree
+    assert "choice does not matter" in found.text
+    assert found.algorithm == "previous-1"
+
+
+def test_one_clear_winner():
+    rows = [row("uncompensated", 5.0), row("previous-1", 0.3), row("previous-3", 0.006)]
+    found = judged(rows)
+    assert found.algorithm == "previous-3"
+    assert not found.agree
+    assert found.text.startswith("previous-3: cheap, and within 0.01 deg/h of quatfiter-4; ")
+    assert "uncompensated by 5, previous-1 by 0.3 deg/h" in found.text
+
+
+def test_a_poor_reference_widens_what_counts_as_the_same():
+    rows = [row("uncompensated", 5.0), row("previous-1", 0.3), row("previous-3", 0.15)]
+    found = judged(rows, resolution=0.2)
+    assert found.limit * DEG_H == pytest.approx(MARGIN * 0.2)
+    assert found.algorithm == "previous-3"
+    assert "(as does previous-1)" in found.text
+    none = judged(rows, resolution=3.0)
+    assert none.algorithm is None
+    assert not none.agree
+    assert "cannot tell them apart" in none.text
+    assert "good to about 3 deg/h only" in none.text
+
+
+def test_agreement_is_not_claimed_beyond_the_reference():
+    found = judged([row("uncompensated", 0.004), row("previous-1", 0.003)], resolution=0.02)
+    assert not found.agree
+    assert found.algorithm is None
+
+
+def test_the_reference_is_no_candidate_of_its_own():
+    rows = [row("quatfiter-4", 0.0, 10.0), row("uncompensated", 5.0), row("previous-1", 0.3)]
+    found = judged(rows)
+    assert found.algorithm == "quatfiter-4"
+    assert "none comes within 0.01 deg/h of quatfiter-4" in found.text
+    good = judged([*rows, row("previous-3", 0.005)])
+    assert good.algorithm == "previous-3"
+    assert "as do" not in good.text
+
+
+def test_cheap_then_often_then_close():
+    rows = [
+        row("optimal-4", 0.001, 30.0),
+        row("previous-1", 0.005, 60.0),
+        row("previous-3", 0.004, 70.0),
+        row("lookahead-12", 0.0001, 1000.0),
+        row("uncompensated", 1.0, 20.0),
+    ]
+    assert judged(rows).algorithm == "previous-3"
+    rows[2] = row("previous-3", 0.004, 30.0 * SAME_COST * 1.01)
+    assert judged(rows).algorithm == "previous-1"
+
+
+def test_lower_rates_do_not_vote():
+    rows = [row("previous-1", 0.3), row("previous-3", 0.004), row("uncompensated", 0.0, decimate=2)]
+    found = judged(rows)
+    assert found.algorithm == "previous-3"
+    assert "uncompensated" not in found.text
+
+
+def test_too_short():
+    assert judged([row("previous-1", None)]).algorithm is None
+    assert "too short" in judged([row("previous-1", None)]).text
+    unjudged = judged([row("previous-1", 0.1)], resolution=None)
+    assert unjudged.algorithm is None
+    assert "too short to judge" in unjudged.text
+    one = judged([row("previous-1", 0.3, windows=1), row("previous-3", 0.001, windows=1)])
+    assert one.text.endswith("(of one window: nothing is known of the spread)")
+
+
+def test_against_a_truth():
+    rows = [row("uncompensated", 16.0), row("previous-1", 0.3), row("previous-3", 0.0002)]
+    found = judged(rows, None, reference="truth")
+    assert found.algorithm == "previous-3"
+    assert "sensor" not in found.text
+    # a bias on all of them, evened out by one's own error by chance, is no merit
+    rows = [row("uncompensated", 1553.0), row("previous-1", 1556.0), row("previous-3", 1557.0)]
+    found = judged(rows, None, reference="truth")
+    assert found.algorithm is None
+    assert "cannot tell them apart: all are between 1553 and 1557 deg/h" in found.text
+    assert "errors of the sensor" in found.text
+    rows = [row("uncompensated", 90.0), row("previous-1", 1.2), row("previous-3", 1.0)]
+    found = judged(rows, None, reference="truth")
+    assert found.algorithm == "previous-3"
+    assert "these part from it: uncompensated by 90 deg/h" in found.text
+    assert "The 1 deg/h in all of them" in found.text
+    rows = [row("uncompensated", 0.005), row("previous-1", 0.001)]
+    found = judged(rows, None, reference="truth")
+    assert found.agree
+    assert "any will do" in found.text

@@ -1,0 +1,150 @@
+"""Runs side by side: what each candidate is fed, and at which instants its attitudes hold."""
+
+from math import lcm
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from sinstool.comparison.runs import Candidate, Segment, candidates, increments_of, run
+from sinstool.coning.registry import algorithm, names
+
+STEP_NS = 2_500_000
+STEP = STEP_NS * 1e-9
+N = 700
+OPTIONS = {"gyro-tuned": {"interval": STEP}}
+ALL = [n for n in names() if n != "savage-4"]
+
+
+def built(name, decimate=1, thinning="none"):
+    return Candidate(name, algorithm(name, **OPTIONS.get(name, {})), decimate, thinning)
+
+
+def one_axis(count=N):
+    """Turning to and fro about one axis: increments add up, whatever the algorithm."""
+    rng = np.random.default_rng(5)
+    axis = np.array([0.6, -0.48, 0.64])
+    rate = np.convolve(rng.standard_normal(count + 40), np.hanning(41), "valid")
+    times = 10**18 + STEP_NS * np.arange(count)
+    return Segment(times, rate[:, None] * axis), axis
+
+
+@pytest.mark.parametrize("name", ALL)
+@pytest.mark.parametrize("decimate", range(1, 9))
+@pytest.mark.parametrize("thinning", ["sums", "points"])
+def test_instants_are_shared_with_the_reference(name, decimate, thinning):
+    if decimate == 1:
+        thinning = "none"
+    segment, _ = one_axis()
+    kind = "rate" if thinning == "points" else "mean-rate"
+    reference = run(built("quatfiter-4"), segment, kind, STEP)
+    candidate = built(name, decimate, thinning)
+    made = run(candidate, segment, kind, STEP)
+    # on multiples of the update, but for a last update of what is left
+    assert np.all(made.sample[:-1] % candidate.stride == 0)
+    assert np.all(np.diff(made.sample) > 0)
+    assert N - 1 - made.sample[-1] < decimate
+    assert len(made.q) == len(made.sample)
+    common = np.intersect1d(made.sample, reference.sample)
+    every = lcm(candidate.stride, 4)
+    first = candidate.stride if thinning == "sums" else 0
+    expected = np.arange(-(-first // every) * every, N, every)
+    assert set(expected) <= set(common)
+    assert len(common) >= 2
+
+
+@pytest.mark.parametrize("name", [n for n in ALL if algorithm(n).takes == "increments"])
+@pytest.mark.parametrize("decimate", [1, 2, 3, 5, 8])
+def test_attitudes_stand_at_the_samples_they_name(name, decimate):
+    segment, axis = one_axis()
+    made = run(
+        built(name, decimate, "sums" if decimate > 1 else "none"), segment, "mean-rate", STEP
+    )
+    # a mean rate is that of the interval that ends at its sample
+    angle = np.cumsum(segment.gyro @ axis) * STEP
+    turned = angle[made.sample] - angle[made.sample[0]]
+    expected = Rotation.from_rotvec(turned[:, None] * axis)
+    apart = (Rotation.from_quat(made.q, scalar_first=True) * expected.inv()).magnitude()
+    assert np.ptp(turned) > 0.1
+    assert apart.max() < 1e-12
+
+
+@pytest.mark.parametrize("name", ["singular-perturbation", "previous-3", "lookahead-12"])
+@pytest.mark.parametrize("decimate", [1, 2, 5])
+def test_picked_points_stand_at_the_samples_they_name(name, decimate):
+    axis, rate = np.array([0.36, 0.48, 0.8]), 1.7
+    times = 10**18 + STEP_NS * np.arange(N)
+    segment = Segment(times, np.tile(rate * axis, (N, 1)))
+    made = run(built(name, decimate, "points"), segment, "rate", STEP)
+    assert made.sample[0] == 0
+    turned = rate * (times[made.sample] - times[0]) * 1e-9
+    expected = Rotation.from_rotvec(turned[:, None] * axis)
+    apart = (Rotation.from_quat(made.q, scalar_first=True) * expected.inv()).magnitude()
+    assert apart.max() < 1e-12
+
+
+def test_increments_of_rates_integrate_polynomials():
+    # six points integrate a polynomial of degree 5 exactly, at the ends too
+    t = np.arange(60) * STEP
+    poly = np.polynomial.Polynomial([1.0, -20.0, 300.0, 4e3, -5e4, 6e5])
+    segment = Segment((t * 1e9).round().astype(np.int64), np.stack([poly(t), -poly(t), 0 * t], -1))
+    found = increments_of(segment, "rate", STEP)
+    whole = poly.integ()
+    np.testing.assert_allclose(found[:, 0], np.diff(whole(t)), rtol=1e-12)
+    np.testing.assert_allclose(found[:, 1], -found[:, 0], rtol=1e-12)
+
+
+def test_sums_of_given_increments_are_the_same_to_the_bit():
+    segment, _ = one_axis()
+    c = built("previous-3", 4, "sums")
+    given = run(c, segment, "rate", STEP, increments_of(segment, "rate", STEP))
+    own = run(c, segment, "rate", STEP)
+    assert np.array_equal(given.q, own.q)
+    assert np.array_equal(given.sample, own.sample)
+
+
+def test_points_are_picked_of_rates_only():
+    both = candidates(["previous-1", "optimal-2"], (1, 2), "rate", {})
+    assert [c.label for c in both] == [
+        "previous-1",
+        "optimal-2",
+        "previous-1 /2 sums",
+        "optimal-2 /2 sums",
+        "previous-1 /2 points",
+        "optimal-2 /2 points",
+    ]
+    means = candidates(["previous-1"], (1, 2), "mean-rate", {})
+    assert [c.thinning for c in means] == ["none", "sums"]
+
+
+def test_options_reach_their_algorithm():
+    sp = candidates(
+        ["singular-perturbation"], (1,), "rate", {"singular-perturbation": {"preset": "paper"}}
+    )[0].algorithm
+    x = np.array([[0.0, 0.1, 0.0], [0.1, 0.2, 0.3]])
+    dt = np.full(2, STEP)
+    paper = algorithm("singular-perturbation", preset="paper").rotation_vectors(x, dt, 1, 1)
+    best = algorithm("singular-perturbation").rotation_vectors(x, dt, 1, 1)
+    found = sp.rotation_vectors(x, dt, 1, 1)
+    assert np.array_equal(found, paper)
+    assert not np.allclose(found, best, rtol=1e-6)
+
+
+@pytest.mark.parametrize("count", [1, 2, 3, 5, 9])
+@pytest.mark.parametrize("decimate", [1, 4])
+@pytest.mark.parametrize("name", ["optimal-4", "lookahead-12", "singular-perturbation"])
+def test_short_segments_give_what_there_is(count, decimate, name):
+    segment, _ = one_axis()
+    short = Segment(segment.time_ns[:count], segment.gyro[:count])
+    made = run(built(name, decimate, "sums" if decimate > 1 else "none"), short, "mean-rate", STEP)
+    assert len(made.q) == len(made.sample)
+    assert np.all(made.sample < count)
+    if decimate == 1:
+        assert made.sample[-1] == count - 1
+
+
+def test_time_is_that_of_the_thread():
+    segment, _ = one_axis()
+    made = run(built("previous-3"), segment, "mean-rate", STEP)
+    assert 0.0 < made.seconds < 1.0
+    assert made.samples == N
