@@ -14,7 +14,7 @@ from sinstool.comparison.runs import Attitudes
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
 
-DEG_H = np.degrees(1.0) * 3600.0
+DEG_H = float(np.degrees(1.0)) * 3600.0
 # More instants in common than this are thinned evenly: slopes and extremes gain nothing.
 _MOST = 1 << 19
 

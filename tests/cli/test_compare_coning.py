@@ -1,0 +1,334 @@
+"""`compare-coning` on logs: what is printed, written and refused."""
+
+import csv
+import json
+import re
+import sys
+from html.parser import HTMLParser
+from pathlib import Path
+
+import numpy as np
+import pytest
+from imulogs import even_times, handheld, imu_log, resting
+from readers.logs import real
+
+from sinstool.cli import main as main_module
+from sinstool.comparison.compare import DEFAULT_ALGORITHMS
+from sinstool.comparison.divergence import DEG_H
+from sinstool.coning.registry import algorithm
+from sinstool.coning.response import coning_drift
+
+SAMPLE = Path(__file__).parents[2] / "sample_data" / "coning.mcap"
+# 1 deg, 5 Hz, mean rates at 100 Hz, moving from 3 s on
+CONING = (SAMPLE, "--gyro-kind", "mean-rate", "--start", "3", "--truth", "/truth/imu")
+
+
+@pytest.fixture
+def compare(monkeypatch, capsys):
+    """Runs the command in this process: status, stdout, stderr."""
+
+    def call(*arguments):
+        monkeypatch.setattr(sys, "argv", ["sinstool", "compare-coning", *map(str, arguments)])
+        with pytest.raises(SystemExit) as info:
+            main_module.main()
+        out, err = capsys.readouterr()
+        assert "Traceback" not in err
+        return info.value.code, out, err
+
+    return call
+
+
+@pytest.fixture
+def moving(tmp_path):
+    gyro, accel, _ = handheld(3000)
+    folder = tmp_path / "logs"
+    folder.mkdir()
+    return imu_log(folder / "moving.mcap", even_times(3000), gyro, accel)
+
+
+def closed(name, decimate=1):
+    return abs(coning_drift(algorithm(name), np.radians(1.0), 5.0, 0.01 * decimate)) * DEG_H
+
+
+def row_of(out, name, group=0):
+    """Numbers of an algorithm's line in one of the groups."""
+    lines = [line for line in out.split("\n") if re.match(rf"{re.escape(name)}( \*)?  ", line)]
+    found = lines[group].replace(" *", "").split()
+    return [float(re.sub(r"[()]", "", x)) if x != "-" else None for x in found[1:]]
+
+
+def test_table_holds_the_drift_of_the_closed_form(compare):
+    status, out, _ = compare(*CONING, "--decimate", "1,2")
+    assert status == 0
+    for group, m in ((0, 1), (1, 2)):
+        for name in ("uncompensated", "previous-1", "optimal-2", "picard-4"):
+            rate, drift, end, mean, _, predicted, expected, _, cost = row_of(out, name, group)
+            samples = algorithm(name).samples
+            assert rate == pytest.approx(100 / samples / m)
+            # as printed: three digits
+            assert drift == pytest.approx(closed(name, m), rel=0.01)
+            assert mean == pytest.approx(drift, rel=0.04)
+            assert end == pytest.approx(drift, rel=0.04)
+            assert predicted == expected
+            assert expected == pytest.approx(drift, rel=0.01)
+            assert cost > 1.0
+    assert "Verdict: previous-3: cheap, and within 0.01 deg/h of the truth" in out
+
+
+def test_columns_fit_120(compare, moving):
+    for extra in ((), ("--stopband", "60", "--passband", "20"), ("--reference", "none")):
+        status, out, err = compare(moving, "--decimate", "1,2,4", *extra)
+        assert status == 0
+        assert max(map(len, out.split("\n"))) <= 120
+        assert out.count("As if logged at") == 4
+        assert err.count("warning: ") == len(err.strip().split("\n"))
+
+
+def test_json_has_all_keys(compare, moving):
+    status, out, _ = compare(moving, "--json", "--stopband", "60", "--passband", "20")
+    assert status == 0
+    found = json.loads(out)
+    keys = "meta checks reference algs pairs spectrum sp warnings verdict alias lost"
+    assert set(keys.split()) <= set(found)
+    assert len(found["algs"]) == 50
+    first = found["algs"][0]
+    assert {"name", "update_hz", "decimate", "input", "end_deg", "ns_per_sample"} <= set(first)
+    for key in ("mean", "confidence", "rms", "p95", "max"):
+        assert len(first["drift_dph"][key]) == 3
+    assert len(first["pred_dph"]) == len(first["pseudo_dph"]) == 3
+    native = [a["name"] for a in found["algs"] if a["decimate"] == 1]
+    assert native == list(DEFAULT_ALGORITHMS)
+    assert len(found["pairs"]) == 45
+    assert found["checks"]["rate_hz"] == pytest.approx(200.0)
+    assert found["verdict"]["algorithm"] == "previous-3"
+    assert len(found["warnings"]) == 1  # above half the rate
+    # what a candidate parts by is its prediction less that of the reference
+    reference = np.array(found["reference"]["pred_dph"])
+    for a in found["algs"]:
+        parting = np.array(a["pred_dph"]) - reference
+        np.testing.assert_allclose(a["pred_parting_dph"], parting, atol=1e-12)
+        beyond = np.array(a["drift_dph"]["mean"]) - parting
+        np.testing.assert_allclose(a["beyond_pred_dph"], beyond, atol=1e-9)
+
+
+def test_json_of_one_window_has_null_for_its_spread(compare, moving):
+    status, out, _ = compare(moving, "--json", "--end", "4", "--decimate", "1")
+    assert status == 0
+    found = json.loads(out)
+    assert found["algs"][0]["drift_dph"]["confidence"] == [None] * 3
+
+
+def test_csv_holds_what_json_does(compare, moving, tmp_path):
+    folder = tmp_path / "tables"
+    _, out, _ = compare(moving, "--json", "--csv", folder, "--decimate", "1,2")
+    found = json.loads(out)
+    with (folder / "algorithms.csv").open(newline="") as stream:
+        rows = list(csv.DictReader(stream))
+    assert len(rows) == len(found["algs"]) == 30
+    for row, a in zip(rows, found["algs"], strict=True):
+        assert row["algorithm"] == a["name"]
+        assert row["kept"] == ("all" if a["decimate"] == 1 else f"1/2 {a['input']}")
+        assert float(row["drift [deg/h rms]"]) == a["drift_dph"]["slope_rms"]
+        assert float(row["window end [deg/h rms]"]) == a["drift_dph"]["norm_rms"]
+        for k, axis in enumerate("xyz"):
+            assert float(row[f"mean {axis} [deg/h]"]) == a["drift_dph"]["mean"][k]
+            assert float(row[f"expected {axis} [deg/h]"]) == a["pred_dph"][k]
+        assert row["prediction does not hold"] == a["pred_exception"]
+    with (folder / "pairs.csv").open(newline="") as stream:
+        pairs = list(csv.reader(stream))[1:]
+    assert len(pairs) == 45
+    assert float(pairs[0][2]) == found["pairs"][0]["largest_deg"]
+    status, _, err = compare(moving, "--csv", folder)
+    assert status == 1
+    assert "is not an empty folder" in err
+
+
+class Words(HTMLParser):
+    def __init__(self):
+        super().__init__()
+        self.text = []
+        self.skip = 0
+
+    def handle_starttag(self, tag, attrs):
+        self.skip += tag in ("script", "style")
+
+    def handle_endtag(self, tag):
+        self.skip -= tag in ("script", "style")
+
+    def handle_data(self, data):
+        if not self.skip:
+            self.text.append(data)
+
+
+def test_report_page(compare, moving, tmp_path):
+    pytest.importorskip("plotly")
+    page = tmp_path / "page.html"
+    status, out, _ = compare(moving, "--report", page, "--passband", "20", "--stopband", "60")
+    assert status == 0
+    reader = Words()
+    reader.feed(page.read_text())
+    text = " ".join(" ".join(reader.text).split())
+    verdict = " ".join(out.split("Verdict: ")[1].split())[:-1]
+    assert verdict in text
+    for title in (
+        "Divergence from quatfiter-4",
+        "Mean drift by axis",
+        "Coning in the log up to each frequency",
+        "Fraction of the true coning",
+        "Power of the angular rate",
+        "Drift if the log had been taken at a lower rate",
+    ):
+        assert title in text
+    assert page.stat().st_size < 10_000_000
+    status, _, err = compare(moving, "--report", page)
+    assert status == 1
+    assert "--overwrite" in err
+
+
+def test_report_figure(compare, moving, tmp_path):
+    pytest.importorskip("matplotlib")
+    figure = tmp_path / "figure.png"
+    assert compare(moving, "--report", figure, "--decimate", "1,2")[0] == 0
+    assert figure.read_bytes().startswith(b"\x89PNG")
+
+
+def test_report_without_a_reference(compare, moving, tmp_path):
+    pytest.importorskip("plotly")
+    page = tmp_path / "page.html"
+    status, out, _ = compare(moving, "--reference", "none", "--report", page)
+    assert status == 0
+    assert "No reference; the two that part most are" in out
+    assert "Verdict: without a reference there is nothing to choose by." in out
+    assert page.stat().st_size > 10_000
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (("--algorithms", "previos-1"), "did you mean previous-1?"),
+        (("--algorithms", "previous-1,quatfilter-4"), "did you mean quatfiter-4?"),
+        (("--reference", "optimal4"), "did you mean optimal-4?"),
+        (("--sp-preset", "auto"), "give --passband"),
+    ],
+)
+def test_wrong_options_are_answered(compare, moving, arguments, message):
+    status, out, err = compare(moving, *arguments)
+    assert status == 2
+    assert out == ""
+    assert message in err
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        ((), "give a LOG"),
+        ((SAMPLE, "--paper"), "give a LOG"),
+        ((SAMPLE, "--decimate", "0"), "not a list of whole numbers"),
+        ((SAMPLE, "--decimate", "two"), "not a list of whole numbers"),
+        ((SAMPLE, "--window", "0"), "--window is positive"),
+        ((SAMPLE, "--tolerance", "-1"), "--tolerance not negative"),
+        ((SAMPLE, "--truth", "/truth/imu", "--reference", "optimal-4"), "not both"),
+    ],
+)
+def test_wrong_usage(compare, arguments, message):
+    status, _, err = compare(*arguments)
+    assert status == 2
+    assert message in err.strip().split("\n")[-1]
+
+
+def test_failures_of_the_log_are_one_line(compare, tmp_path):
+    gyro, accel, _ = handheld(400)
+    nothing = imu_log(tmp_path / "nan.mcap", even_times(400), gyro * np.nan, accel)
+    short = imu_log(tmp_path / "short.mcap", even_times(8), gyro[:8], accel[:8])
+    for path, message in (
+        (nothing, "400 hold NaN or infinity"),
+        (short, "long enough to compare algorithms on: choose a longer span"),
+        (tmp_path / "none.mcap", "there is no such file"),
+    ):
+        status, out, err = compare(path)
+        assert status == 1
+        assert out == ""
+        assert message in err
+        assert len(err.strip().split("\n")) == 1
+
+
+def test_two_seconds_a_gap_rest_and_nan(compare, tmp_path):
+    gyro, accel, _ = handheld(6000)
+    times = even_times(6000)
+    path = imu_log(tmp_path / "two.mcap", times[:400], gyro[:400], accel[:400])
+    _, out, err = compare(path, "--decimate", "1")
+    assert "less than a window of 10 s" in err
+    assert "nothing is known of the spread" in " ".join(out.split())
+
+    late = times.copy()
+    late[3000:] += 3_000_000_000
+    path = imu_log(tmp_path / "gap.mcap", late, gyro, accel)
+    _, out, err = compare(path, "--decimate", "1")
+    assert "30.0 s in 2 stretches between gaps" in out
+    assert "nothing is integrated across them" in err
+    assert "Verdict: previous-3: cheap" in out
+
+    holed = gyro.copy()
+    holed[100:103] = np.nan
+    holed[3000:3050, 1] = np.inf
+    path = imu_log(tmp_path / "nan.mcap", times, holed, accel)
+    _, out, err = compare(path, "--decimate", "1")
+    assert "53 samples hold NaN or infinity; left out" in err
+    assert "in 3 stretches" in out
+    assert "Verdict: previous-3: cheap" in out
+
+    still, accel = resting(6000)
+    path = imu_log(tmp_path / "still.mcap", times, still, accel)
+    _, out, _ = compare(path, "--decimate", "1")
+    verdict = " ".join(out.split("Verdict: ")[1].split())
+    assert verdict.startswith("all agree to 0.01 deg/h: on this log the choice does not matter")
+    assert verdict.endswith("little but noise: of motion it tells nothing.")
+
+    path = imu_log(tmp_path / "dead.mcap", times, still * 0.0, accel)
+    status, out, _ = compare(path, "--decimate", "1,2")
+    assert status == 0
+    assert "nan" not in out.lower()
+    assert row_of(out, "uncompensated")[1:8] == [0.0] * 7
+
+
+def test_reference_tells_what_it_is_worth(compare):
+    # at 20 samples a turn quatfiter-4 itself drifts by 0.019 deg/h; the spectrum knows
+    _, out, _ = compare(SAMPLE, "--gyro-kind", "mean-rate", "--start", "3", "--decimate", "1")
+    text = " ".join(out.split())
+    told = re.search(
+        r"agrees to (\S+) deg/h with its judges and is expected to drift by (\S+)", text
+    )
+    assert float(told[2]) == pytest.approx(closed("quatfiter-4"), rel=0.02)
+    assert float(told[1]) == pytest.approx(closed("quatfiter-4"), rel=0.05)
+    assert row_of(out, "quatfiter-4")[1] == 0.0
+
+
+def test_pseudo_coning_of_a_tuned_algorithm(compare, moving):
+    _, out, _ = compare(
+        moving,
+        "--algorithms",
+        "previous-3,gyro-tuned",
+        "--passband",
+        "30",
+        "--stopband",
+        "60",
+        "--decimate",
+        "1",
+    )
+    assert "pseudo" in out
+    caveat = algorithm("gyro-tuned", interval=0.005, passband=30.0, stopband=60.0).caveat
+    assert " ".join(caveat.split()) in " ".join(out.split())
+    assert row_of(out, "gyro-tuned")[7] < row_of(out, "previous-3")[7]
+
+
+def test_a_real_log_with_its_odd_rate(compare):
+    log = real("broad/broad_06_undisturbed_fast_rotation_A.mcap")
+    status, out, err = compare(log, "--decimate", "1,2")
+    assert status == 0
+    assert "285.714 Hz" in out
+    text = " ".join(out.split())
+    assert "these part from it: uncompensated by 5.3, optimal-4 by 1.7 deg/h." in text
+    # a line at 141.5 Hz, and noise: picking every second sample is far worse than any algorithm
+    assert "lines that fold to slow motion: 141.5 Hz" in text
+    assert row_of(out, "previous-3", 2)[1] > 100 * row_of(out, "previous-3", 1)[1]
+    assert "content above half the sampling rate (142.9 Hz) is unobservable" in err
