@@ -191,9 +191,9 @@ class Kept:
             if count > KEPT_SAMPLES:
                 self.blocks = None
             if self.blocks is not None:
-                # log times may be a part of something much larger, the rest is not
-                log_time_ns = block.log_time_ns.copy()
-                self.blocks.append(Imu(block.time_ns, log_time_ns, block.gyro, block.accel))
+                # Columns may be parts of something larger, which must not be kept with them.
+                columns = (block.time_ns, block.log_time_ns, block.gyro, block.accel)
+                self.blocks.append(Imu(*(c if c.base is None else c.copy() for c in columns)))
             yield block
 
 
@@ -254,10 +254,11 @@ def survey(
             orientation=tally.wants_orientation,
             progress=progress,
         )
-        source = extent.watch(blocks if kept is None else kept.watch(blocks))
+        source = extent.watch(blocks)
         if span is not None:
             source = _spanned(source, span)
-        in_order = ordered(reblock(source, block_rows), order)
+        source = reblock(source, block_rows)
+        in_order = ordered(source if kept is None else kept.watch(source), order)
         for block in mean_rates(in_order) if increments else in_order:
             tally.add(block)
         counts = order.counts

@@ -143,7 +143,7 @@ class Copier:
         if not indexes:
             return
         self._writer.write_chunk(
-            log.read_at(place.offset, place.length),
+            lambda: log.read_at(place.offset, place.length),
             indexes,
             times,
             place.compression,

@@ -230,7 +230,7 @@ class McapWriter:
 
     def write_chunk(
         self,
-        record: bytes,
+        read: Callable[[], bytes],
         indexes: list[tuple[int, bytes]],
         times: tuple[int, int],
         compression: str,
@@ -240,8 +240,8 @@ class McapWriter:
 
         Parameters
         ----------
-        record : bytes
-            The whole record.
+        read : callable
+            Gives the whole record, when its turn to be written comes.
         indexes : list of (int, bytes)
             Channel id and the entries of its message index (16 bytes a message).
         times : (int, int)
@@ -251,8 +251,11 @@ class McapWriter:
             Bytes of its data, compressed and not.
         """
         counts = {channel: len(entries) // 16 for channel, entries in indexes}
-        chunk = _Chunk(record, indexes, counts, *times, compression, *sizes)
-        self._enqueue(lambda: self._write_chunk(chunk), len(record))
+
+        def write() -> None:
+            self._write_chunk(_Chunk(read(), indexes, counts, *times, compression, *sizes))
+
+        self._enqueue(write, sizes[0])
 
     # -- the rest --------------------------------------------------------------------------
 
