@@ -18,6 +18,8 @@ FloatArray = NDArray[np.float64]
 WELCH_S = 10.0
 LINE_DB = 10.0
 LINE_SHARE = 0.02
+# Lines that turn the body by less than this in a window are rounding, or might as well be, rad
+LEAST_LINE = 1e-8
 
 
 @dataclass(frozen=True)
@@ -55,7 +57,7 @@ class Exposure:
         Hz.
     lines : tuple of float
         Frequencies of lines that fold to slow motion, Hz: within 2 % of the lower rate of one
-        of its multiples.
+        of its multiples, and strong enough to matter after the thinning.
     """
 
     decimate: int
@@ -160,6 +162,8 @@ def exposure(
     half = max(0.5 / window_s, 0.5 * (f[1] - f[0]))
     power = 0.0
     found = lines(spectrum)
+    turned = window_s * np.sqrt(np.interp(found, f, s) * (f[1] - f[0]))
+    told = found[turned > LEAST_LINE].tolist()
     near: list[float] = []
     for k in range(1, decimate // 2 + 1):
         centre = k * rate
@@ -168,7 +172,7 @@ def exposure(
         level = s[band].mean() if band.any() else float(np.interp(centre, f, s))
         # At half the log's own rate the band has one side only.
         power += level * half * (1.0 if 2 * k == decimate else 2.0)
-        near += [x for x in found.tolist() if abs(x - centre) <= LINE_SHARE * rate]
+        near += [x for x in told if abs(x - centre) <= LINE_SHARE * rate]
     return Exposure(
         decimate, thinning, rate, window_s * float(np.sqrt(power)), folded, at, tuple(near)
     )

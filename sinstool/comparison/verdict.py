@@ -142,7 +142,7 @@ def _against_truth(native: list[tuple[Row, DriftStatistics]], tolerance: float) 
             "the truth cannot tell them apart: all are between"
             f" {_short(least)} and {_short(max(d.slope_rms for _, d in native))} deg/h from it"
         )
-        return Verdict(None, f"{text}{rest}", False, limit / DEG_H)
+        return Verdict(None, f"{text}{rest}", False)
     same = [r.candidate.name for r, _ in good if r.candidate.name != best]
     text = f"{best}: cheap, and within {_short(limit)} deg/h of the truth"
     text += f" (as {'does' if len(same) == 1 else 'do'} {', '.join(same)})" if same else ""

@@ -291,6 +291,32 @@ def test_two_seconds_a_gap_rest_and_nan(compare, tmp_path):
     assert row_of(out, "uncompensated")[1:8] == [0.0] * 7
 
 
+def test_guide_shows_what_is_printed(compare, monkeypatch):
+    root = SAMPLE.parents[1]
+    monkeypatch.chdir(root)
+    guide = (root / "docs" / "compare-coning.md").read_text()
+    shown = re.findall(
+        r"```\nsinstool compare-coning ([^\n]*)\n```\n\n```text\n(.*?)\n```", guide, re.S
+    )
+    assert len(shown) == 2
+    for command, text in shown:
+        _, out, _ = compare(*command.split())
+        told, printed = (t.rstrip().split("\n") for t in (text, out))
+        assert len(told) == len(printed)
+        for line, other in zip(told, printed, strict=True):
+            # the cost is that of the machine; last digits may differ on another
+            parts, others = line.split(), other.split()
+            assert len(parts) == len(others)
+            row = parts and parts[0] in DEFAULT_ALGORITHMS
+            for a, b in list(zip(parts, others, strict=True))[: -1 if row else None]:
+                numbers = [re.sub(r"[()]", "", x) for x in (a, b)]
+                if row and a != b:
+                    assert float(numbers[0]) == pytest.approx(float(numbers[1]), rel=0.02, abs=1e-6)
+                else:
+                    assert a == b
+    assert "0.0194 deg/h, and the spectrum says why" in " ".join(guide.split())
+
+
 def test_reference_tells_what_it_is_worth(compare):
     # at 20 samples a turn quatfiter-4 itself drifts by 0.019 deg/h; the spectrum knows
     _, out, _ = compare(SAMPLE, "--gyro-kind", "mean-rate", "--start", "3", "--decimate", "1")

@@ -104,6 +104,16 @@ def test_only_lines_near_multiples_of_the_lower_rate_are_named():
     assert exposure(spectrum, RATE, 3, "points", 10.0).lines == ()
 
 
+def test_what_a_sum_takes_out_or_rounding_makes_is_no_line():
+    t = np.arange(round(100 * RATE)) * STEP
+    gyro = np.zeros((len(t), 3))
+    gyro[:, 0] = 1e-3 * np.sin(2 * np.pi * 100.0 * t) + 1e-15 * np.sin(2 * np.pi * 50.0 * t)
+    spectrum = rate_spectrum([gyro], STEP)
+    assert exposure(spectrum, RATE, 4, "points", 10.0).lines == pytest.approx([100.0])
+    assert exposure(spectrum, RATE, 4, "sums", 10.0).lines == ()
+    assert exposure(spectrum, RATE, 8, "points", 10.0).lines == pytest.approx([100.0])
+
+
 def test_noise_has_no_lines(spectrum):
     assert len(lines(spectrum)) == 0
 
