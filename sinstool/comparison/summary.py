@@ -219,7 +219,7 @@ def _figures(found: LogComparison) -> Iterator[Figure]:
     c = found.comparison
     native = [r for r in c.rows if r.candidate.decimate == 1 and r.curves]
     yield _parting(native, found)
-    yield _bars(native)
+    yield _bars(native, bool(found.truth))
     if found.spectrum is not None:
         yield _coning(found)
         yield _gains(native, found)
@@ -247,7 +247,7 @@ def _parting(rows: list[Row], found: LogComparison) -> Figure:
     )
 
 
-def _bars(rows: list[Row]) -> Figure:
+def _bars(rows: list[Row], truth: bool) -> Figure:
     names = tuple(r.candidate.label for r in rows)
     drifts = [r.drift for r in rows if r.drift is not None]
     series = tuple(
@@ -257,12 +257,17 @@ def _bars(rows: list[Row]) -> Figure:
     widest = max((float(np.nanmax(d.confidence)) for d in drifts if d.windows > 1), default=0.0)
     return Figure(
         "drift",
-        "Mean drift by axis (front, right, down)",
+        "Mean drift by axis",
         names,
         series,
         "algorithm",
         "drift, deg/h",
-        notes=(f"Two standard deviations of the mean are at most {widest:.3g} deg/h.",),
+        notes=(
+            f"Two standard deviations of the mean are at most {widest:.3g} deg/h.",
+            "Axes are those of the truth: north, east, down, unless its world is another."
+            if truth
+            else "Axes are front, right, down of the body where each stretch of the log begins.",
+        ),
     )
 
 
