@@ -13,8 +13,8 @@ if TYPE_CHECKING:
 
 # What the reference is good to is itself known to a factor of two at best.
 MARGIN = 2.0
-# Costs within this factor are one: timing is no better, and all are far below reading the log.
-SAME_COST = 2.5
+# Costs within this factor are one: timing is little better, and all are far below reading the log.
+SAME_COST = 4.0
 
 
 @dataclass(frozen=True)
