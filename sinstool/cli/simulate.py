@@ -240,6 +240,107 @@ def static(
     _write(truth, scenario, position, rest)
 
 
+@command.command("two-frequency")
+@_common
+@click.option(
+    "--half-angles-deg", type=Numbers(2), default="0.1,0.1", show_default=True, metavar="A,B"
+)
+@click.option(
+    "--frequencies", type=Numbers(2), default="30,130", show_default=True, metavar="HZ,HZ"
+)
+def two_frequency(
+    half_angles_deg: tuple[float, float],
+    frequencies: tuple[float, float],
+    duration: float,
+    rate: float,
+    **rest: Any,
+) -> None:
+    """Two conings at once; where their frequencies differ by an update rate, they fold."""
+    import numpy as np
+
+    from sinstool.simulation.motions import two_frequency as motion
+
+    _check(duration, rate, rest["seed"])
+    _positive(half_angles_deg=min(half_angles_deg), frequencies=min(frequencies))
+    scenario = {
+        "scenario": "two-frequency",
+        "half_angles_deg": _listed(half_angles_deg),
+        "frequencies_hz": _listed(frequencies),
+    }
+    a, b = np.radians(half_angles_deg)
+    _write_motion(lambda times: motion(times, (a, b), frequencies), scenario, duration, rate, rest)
+
+
+@command.command("broadband")
+@_common
+@click.option("--angle-deg", type=float, default=0.05, show_default=True, help="rms on x and on y")
+@click.option("--band", type=Numbers(2), default="20,150", show_default=True, metavar="HZ,HZ")
+def broadband(
+    angle_deg: float, band: tuple[float, float], duration: float, rate: float, **rest: Any
+) -> None:
+    """Vibration with coning at every frequency of a band, above half the rate too if you like."""
+    import numpy as np
+
+    from sinstool.simulation.motions import broadband as motion
+
+    _check(duration, rate, rest["seed"])
+    _positive(angle_deg=angle_deg, band=min(band))
+    scenario = {"scenario": "broadband", "angle_deg": angle_deg, "band_hz": _listed(band)}
+    angle = float(np.radians(angle_deg))
+    _write_motion(
+        lambda times: motion(times, angle, band, seed=rest["seed"]), scenario, duration, rate, rest
+    )
+
+
+@command.command("manoeuvre")
+@_common
+@click.option("--rate-rms-deg-s", type=float, default=60.0, show_default=True, help="of the motion")
+@click.option("--band", type=Numbers(2), default="0.1,1", show_default=True, metavar="HZ,HZ")
+def manoeuvre(
+    rate_rms_deg_s: float, band: tuple[float, float], duration: float, rate: float, **rest: Any
+) -> None:
+    """Random rotation about all three axes."""
+    import numpy as np
+
+    from sinstool.simulation.motions import random_manoeuvre as motion
+
+    _check(duration, rate, rest["seed"])
+    _positive(rate_rms_deg_s=rate_rms_deg_s, band=min(band))
+    scenario = {"scenario": "manoeuvre", "rate_rms_deg_s": rate_rms_deg_s, "band_hz": _listed(band)}
+    size = float(np.radians(rate_rms_deg_s))
+    _write_motion(
+        lambda times: motion(times, size, band, seed=rest["seed"]), scenario, duration, rate, rest
+    )
+
+
+def _positive(**values: float) -> None:
+    """Refuse sizes of which no motion can be made; NaN is none either."""
+    for name, value in values.items():
+        if not 0.0 < value < float("inf"):
+            raise click.UsageError(f"--{name.replace('_', '-')} is {value}, not above 0 and finite")
+
+
+def _listed(values: tuple[float, ...]) -> str:
+    return ",".join(f"{value:g}" for value in values)
+
+
+def _write_motion(
+    motion: Callable[[Any], Any],
+    scenario: dict[str, Any],
+    duration: float,
+    rate: float,
+    rest: dict[str, Any],
+) -> None:
+    """Sample a motion at the log's instants and write it; impossible motions are refused."""
+    from sinstool.simulation.truth import sample_times
+
+    try:
+        truth = motion(sample_times(rate, duration, START_NS))
+    except ValueError as exc:
+        raise click.UsageError(str(exc)) from exc
+    _write(truth, scenario | {"duration_s": duration, "rate_hz": rate}, None, rest)
+
+
 def _check(duration: float, rate: float, seed: int) -> None:
     """Refuse what no log can be made of."""
     if not 0.0 < rate <= MAX_RATE_HZ:
