@@ -193,8 +193,16 @@ class Kept:
             if self.blocks is not None:
                 # Columns may be parts of something larger, which must not be kept with them.
                 columns = (block.time_ns, block.log_time_ns, block.gyro, block.accel)
-                self.blocks.append(Imu(*(c if c.base is None else c.copy() for c in columns)))
+                self.blocks.append(Imu(*map(_alone, columns)))
             yield block
+
+
+def _alone(column: np.ndarray) -> np.ndarray:
+    """The column, copied if it would keep much more than itself alive."""
+    owner = column.base
+    if owner is None or (isinstance(owner, np.ndarray) and owner.nbytes <= 2 * column.nbytes):
+        return column
+    return column.copy()
 
 
 def survey(

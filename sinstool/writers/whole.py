@@ -3,13 +3,19 @@
 from __future__ import annotations
 
 import contextlib
+import io
 import os
 import tempfile
+from concurrent.futures import Future, ThreadPoolExecutor
 from pathlib import Path
 from types import TracebackType
-from typing import IO
+from typing import IO, Any
 
 from sinstool.errors import OutputError
+
+SYNC_BYTES = 48 * 2**20
+# Not every system has the call that leaves the file's times alone.
+_put_on_disk = getattr(os, "fdatasync", os.fsync)
 
 
 def check_output(output: Path, inputs: list[Path], overwrite: bool) -> None:
@@ -55,6 +61,34 @@ def _check_output(output: Path, inputs: list[Path], overwrite: bool) -> None:
         raise OutputError(f"the folder {folder} cannot be written to", "choose another with -o")
 
 
+class _SyncedFile(io.BufferedWriter):
+    """A file whose content goes to the disk while the rest is made, not all of it at the end.
+
+    The buffer joins small records; chunks are larger and go past it, not copied once more.
+    """
+
+    def __init__(self, handle: int) -> None:
+        super().__init__(io.FileIO(handle, "wb"), 2**16)
+        self._unsynced = 0
+        self._pool = ThreadPoolExecutor(1, thread_name_prefix="sinstool-sync")
+        self._sync: Future[None] | None = None
+
+    def write(self, data: Any, /) -> int:
+        """Write, and now and then have what was written put on the disk."""
+        count = super().write(data)
+        self._unsynced += count
+        if self._unsynced > SYNC_BYTES and (self._sync is None or self._sync.done()):
+            # Errors show again, and are told, when everything is synced in the end.
+            self._sync = self._pool.submit(_put_on_disk, self.fileno())
+            self._unsynced = 0
+        return count
+
+    def close(self) -> None:
+        """Close, when nothing is being synced any more."""
+        self._pool.shutdown(wait=True)
+        super().close()
+
+
 class WholeFile:
     """Write to a temporary file beside the target; rename it on success, remove it otherwise.
 
@@ -79,8 +113,7 @@ class WholeFile:
         except OSError as exc:
             raise OutputError(f"cannot write in {path.parent}: {exc.strerror}") from exc
         self._part = Path(name)
-        # joins small records; chunks are larger and go past it, not copied once more
-        self.stream: IO[bytes] = os.fdopen(handle, "wb", buffering=2**16)
+        self.stream: IO[bytes] = _SyncedFile(handle)
 
     def __enter__(self) -> WholeFile:
         return self
