@@ -15,7 +15,7 @@ from sinstool.cli.options import Words, config_options, effective_config
 from sinstool.errors import ConfigurationError, OutputError
 
 if TYPE_CHECKING:
-    from sinstool.figures import Figure
+    pass
 
 
 class Whole(click.ParamType):
@@ -135,7 +135,9 @@ def _paper(options: dict[str, Any]) -> int:
     from sinstool.cli.compare_paper import run_paper
 
     def report(figures: Any) -> None:
-        _write_report(
+        from sinstool.cli.coning_report import write_comparison
+
+        write_comparison(
             options,
             "The published coning experiment, re-run",
             "",
@@ -206,7 +208,9 @@ def _log(log: Path, options: dict[str, Any]) -> int:
         _write_csv(folder, result)
     if options["report"] is not None:
         settings_shown = result["meta"] | {"algorithms": ", ".join(settings.algorithms)}
-        _write_report(
+        from sinstool.cli.coning_report import write_comparison
+
+        write_comparison(
             options,
             "Coning algorithms compared",
             log.name,
@@ -321,7 +325,7 @@ def _print(result: dict[str, Any]) -> None:
         f"{meta['imu_topic']}: {meta['samples']} samples, {meta['duration_s']:.1f} s{gaps}, at"
         f" {checks['rate_hz']:.3f} Hz, taken as {meta['gyro_kind']}"
     )
-    _say(_about_reference(reference, meta))
+    _say(about_reference(reference, meta))
     _print_table(result)
     brackets = BRACKETS if any(a["pred_exception"] for a in result["algs"]) else ""
     pseudo = PSEUDO if meta["stopband_hz"] is not None else ""
@@ -343,7 +347,8 @@ def _print(result: dict[str, Any]) -> None:
     _say(f"Verdict: {result['verdict']['text']}.")
 
 
-def _about_reference(reference: dict[str, Any], meta: dict[str, Any]) -> str:
+def about_reference(reference: dict[str, Any], meta: dict[str, Any]) -> str:
+    """One line on what the candidates are held against, and how far it can be trusted."""
     name = reference["name"]
     if name == "none":
         widest = meta["widest_pair"]
@@ -475,27 +480,3 @@ def _write_csv(folder: Path, result: dict[str, Any]) -> None:
         writer = csv.writer(stream)
         writer.writerow(["first", "second", "largest angle [deg]"])
         writer.writerows([p["first"], p["second"], p["largest_deg"]] for p in result["pairs"])
-
-
-def _write_report(
-    options: dict[str, Any],
-    title: str,
-    subtitle: str,
-    figures: tuple[Figure, ...],
-    settings: dict[str, Any],
-    warnings: list[str],
-    result: dict[str, Any] | None = None,
-) -> None:
-    from sinstool.report.page import write_report
-    from sinstool.report.sections import Column, Page, Prose, Settings, Table, Warnings
-
-    sections: list[Any] = [Warnings(tuple(warnings))]
-    if result is not None:
-        sections.append(Prose((result["verdict"]["text"],), "Verdict"))
-        columns = tuple(Column(n, u, ".3g") for n, u, _ in COLUMNS)
-        about = _about_reference(result["reference"], result["meta"])
-        legend = LEGEND.format(window=result["meta"]["window_s"], brackets="", pseudo=PSEUDO)
-        sections.append(Table("Algorithms", columns, tuple(_cells(result)), (about, legend)))
-    sections += [*figures, Settings(settings)]
-    page = Page(title, subtitle, tuple(sections))
-    write_report(options["report"], page, overwrite=options["overwrite"])

@@ -1,0 +1,89 @@
+"""The page of figures of `sinstool compare-coning`."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+from sinstool.cli.compare_coning import (
+    COLUMNS,
+    LEGEND,
+    PSEUDO,
+    TERMINAL,
+    Get,
+    about_reference,
+)
+from sinstool.figures import Figure
+from sinstool.report.page import write_report
+from sinstool.report.sections import Column, Page, Prose, Settings, Table, Warnings
+
+
+def write_comparison(
+    options: dict[str, Any],
+    title: str,
+    subtitle: str,
+    figures: Sequence[Figure],
+    settings: dict[str, Any],
+    warnings: list[str],
+    result: dict[str, Any] | None = None,
+) -> None:
+    """Write the page, or its first figure, that ``--report`` asks for.
+
+    Parameters
+    ----------
+    options : dict
+        Of the command line: ``report`` and ``overwrite``.
+    title, subtitle : str
+    figures : sequence of Figure
+    settings : dict
+    warnings : list of str
+    result : dict, optional
+        A comparison on a log as plain values; None for the published experiment.
+    """
+    sections: list[Any] = [Warnings(tuple(warnings))]
+    tables: list[Table] = []
+    if result is not None:
+        sections.append(Prose((result["verdict"]["text"],), "Verdict"))
+        sizes, *tables = _tables(result)
+        sections.append(sizes)
+    page = Page(title, subtitle, (*sections, *figures, *tables, Settings(settings)))
+    write_report(options["report"], page, overwrite=options["overwrite"])
+
+
+def _tables(result: dict[str, Any]) -> list[Table]:
+    """Sizes of the log as it is, then of lower rates, then everything by axis."""
+    native = [a for a in result["algs"] if a["decimate"] == 1]
+    slower = [a for a in result["algs"] if a["decimate"] != 1]
+    about = about_reference(result["reference"], result["meta"])
+    legend = LEGEND.format(window=result["meta"]["window_s"], brackets="", pseudo=PSEUDO)
+    reasons = dict.fromkeys(a["pred_exception"] for a in result["algs"] if a["pred_exception"])
+    held = tuple(
+        f"The prediction does not hold for {_names(result, reason)}: {reason}."
+        for reason in reasons
+    )
+    tables = [_table("Algorithms on the log as it is", TERMINAL, native, (about, legend))]
+    if slower:
+        kept = (TERMINAL[0], COLUMNS[1], *TERMINAL[1:])
+        tables.append(_table("As if the log had been taken at lower rates", kept, slower, ()))
+    # The reasons would make every row as high as a sentence; they stand below.
+    tables.append(_table("By axis", COLUMNS[:-1], result["algs"], held))
+    return tables
+
+
+def _names(result: dict[str, Any], reason: str) -> str:
+    found = dict.fromkeys(a["name"] for a in result["algs"] if a["pred_exception"] == reason)
+    return ", ".join(found)
+
+
+def _table(
+    title: str,
+    columns: Sequence[tuple[str, str, Get]],
+    rows: list[dict[str, Any]],
+    notes: tuple[str, ...],
+) -> Table:
+    return Table(
+        title,
+        tuple(Column(name, unit, ".3g") for name, unit, _ in columns),
+        tuple(tuple(get(a) for _, _, get in columns) for a in rows),
+        notes,
+    )
