@@ -134,28 +134,20 @@ def command(log: Path | None, paper: bool, **options: Any) -> int:
 def _paper(options: dict[str, Any]) -> int:
     from sinstool.cli.compare_paper import run_paper
 
-    def report(figures: Any) -> None:
-        from sinstool.cli.coning_report import write_comparison
-
-        write_comparison(
-            options,
-            "The published coning experiment, re-run",
-            "",
-            figures,
-            {"phase": options["phase"], "gyro_response": options["gyro_response"] or "cheb:6"},
-            [],
-        )
-
+    response = options["gyro_response"] or "cheb:6"
     with progress_bar("the paper's experiment", options["quiet"]) as progress:
-        run_paper(
+        found = run_paper(
             options["phase"],
-            options["gyro_response"] or "cheb:6",
+            response,
             options["algorithms"] or (),
             options["csv_dir"],
             options["as_json"],
-            report if options["report"] is not None else None,
             progress,
         )
+    if options["report"] is not None:
+        from sinstool.cli.coning_report import write_reproduction
+
+        write_reproduction(options, found, {"phase": options["phase"], "gyro_response": response})
     return 0
 
 

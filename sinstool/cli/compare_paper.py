@@ -16,7 +16,6 @@ from sinstool.comparison.paper_claims import low_level
 from sinstool.comparison.paper_experiment import RESPONSES, noise_rate_deg
 from sinstool.comparison.paper_sweep import Sweep
 from sinstool.errors import ConfigurationError, OutputError
-from sinstool.figures import Figure
 from sinstool.simulation.coning_paper import (
     FREQUENCY_HZ,
     PHASES,
@@ -38,7 +37,6 @@ def run_paper(
     algorithms: Sequence[str] = (),
     csv_dir: Path | None = None,
     as_json: bool = False,
-    report: Callable[[Sequence[Figure]], None] | None = None,
     progress: Callable[[float], None] | None = None,
 ) -> Reproduction:
     """Run the experiment, print it, and write what was asked for.
@@ -55,8 +53,6 @@ def run_paper(
         Folder for one CSV file a sweep; made if it does not exist, otherwise empty.
     as_json : bool, optional
         One JSON object on stdout instead of tables.
-    report : callable, optional
-        Takes the figures and writes the report.
     progress : callable, optional
         Takes the fraction done.
 
@@ -78,8 +74,6 @@ def run_paper(
         _check_folder(csv_dir)
     found = reproduce(phase, response, algorithms, progress=progress)
     files = [] if csv_dir is None else write_sweeps(found, csv_dir)
-    if report is not None:
-        report(found.figures)
     if as_json:
         print_json(as_object(found) | {"csv": [str(path) for path in files]})
     else:

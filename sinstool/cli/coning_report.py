@@ -13,9 +13,10 @@ from sinstool.cli.compare_coning import (
     Get,
     about_reference,
 )
+from sinstool.comparison.paper import Reproduction
 from sinstool.figures import Figure
 from sinstool.report.page import write_report
-from sinstool.report.sections import Column, Page, Prose, Settings, Table, Warnings
+from sinstool.report.sections import Column, Page, Prose, Section, Settings, Table, Warnings
 
 
 def write_comparison(
@@ -25,7 +26,7 @@ def write_comparison(
     figures: Sequence[Figure],
     settings: dict[str, Any],
     warnings: list[str],
-    result: dict[str, Any] | None = None,
+    result: dict[str, Any],
 ) -> None:
     """Write the page, or its first figure, that ``--report`` asks for.
 
@@ -37,16 +38,46 @@ def write_comparison(
     figures : sequence of Figure
     settings : dict
     warnings : list of str
-    result : dict, optional
-        A comparison on a log as plain values; None for the published experiment.
+    result : dict
+        The comparison as plain values.
     """
-    sections: list[Any] = [Warnings(tuple(warnings))]
-    tables: list[Table] = []
-    if result is not None:
-        sections.append(Prose((result["verdict"]["text"],), "Verdict"))
-        sizes, *tables = _tables(result)
-        sections.append(sizes)
-    page = Page(title, subtitle, (*sections, *figures, *tables, Settings(settings)))
+    sizes, *tables = _tables(result)
+    verdict = Prose((result["verdict"]["text"],), "Verdict")
+    first = (Warnings(tuple(warnings)), verdict, sizes)
+    page = Page(title, subtitle, (*first, *figures, *tables, Settings(settings)))
+    write_report(options["report"], page, overwrite=options["overwrite"])
+
+
+def write_reproduction(
+    options: dict[str, Any], found: Reproduction, settings: dict[str, Any]
+) -> None:
+    """Write the page of the published experiment: its claims beside our numbers, and figures.
+
+    Parameters
+    ----------
+    options : dict
+        Of the command line: ``report`` and ``overwrite``.
+    found : Reproduction
+    settings : dict
+    """
+    columns = ("source", "claim", "paper", "ours", "unit", "verdict", "why")
+    rows = tuple(
+        (
+            claim.source,
+            claim.statement,
+            claim.printed,
+            claim.ours,
+            claim.unit,
+            "reproduces" if claim.reproduces else "does not",
+            claim.reason,
+        )
+        for claim in found.claims
+    )
+    agreeing = sum(claim.reproduces for claim in found.claims)
+    verdict = Prose((f"{agreeing} of {len(rows)} printed claims reproduce.",), "Verdict")
+    table = Table("The paper's claims", tuple(Column(n, "", ".3g") for n in columns), rows)
+    sections: tuple[Section, ...] = (verdict, *found.figures, table, Settings(settings))
+    page = Page("The published coning experiment, re-run", "", sections)
     write_report(options["report"], page, overwrite=options["overwrite"])
 
 

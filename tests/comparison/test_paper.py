@@ -409,16 +409,13 @@ def test_command_prints_tables_and_writes_sweeps(found, monkeypatch, capsys, tmp
         return found
 
     monkeypatch.setattr(compare_paper, "reproduce", reproduce)
-    drawn = []
-    compare_paper.run_paper(
-        "literal", "butter:9", ["previous-1"], tmp_path / "csv", report=drawn.extend
-    )
+    said = compare_paper.run_paper("literal", "butter:9", ["previous-1"], tmp_path / "csv")
+    assert said is found
     phase, response, names = asked[0]
     assert (phase, response.name, names) == ("literal", "butter:9,200", ["previous-1"])
     out = capsys.readouterr().out
     assert "paper 0.4 deg, ours 0.557 deg" in out
     assert f"{len(REPRODUCES)} of {len(REPRODUCES | DOES_NOT)} claims reproduce" in out
-    assert drawn == list(found.figures)
     files = sorted((tmp_path / "csv").iterdir())
     assert len(files) == len(found.experiment.sweeps)
     path = tmp_path / "csv" / "consistent_cheb-6_rect-opt4.csv"
@@ -462,3 +459,16 @@ def test_command_refuses_before_it_runs(monkeypatch, tmp_path):
         compare_paper.run_paper("other")
     with pytest.raises(ConfigurationError, match="gyro response"):
         compare_paper.run_paper(gyro_response="cheb:x")
+
+
+def test_the_page_holds_every_claim_and_figure(found, tmp_path):
+    pytest.importorskip("plotly")
+    from sinstool.cli.coning_report import write_reproduction
+
+    path = tmp_path / "paper.html"
+    write_reproduction({"report": path, "overwrite": False}, found, {"phase": "consistent"})
+    page = path.read_text()
+    assert page.count("does not</td>") == len(DOES_NOT)
+    assert page.count("reproduces</td>") == len(REPRODUCES)
+    for figure in found.figures:
+        assert f'data-key="{figure.key}"' in page
