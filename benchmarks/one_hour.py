@@ -233,7 +233,8 @@ def _make_stock(path: Path, compression: str, parts: dict[str, Stream]) -> None:
 def _make_fast(path: Path, compression: str, parts: dict[str, Stream]) -> None:
     import numpy as np
 
-    from sinstool.writers.mcap import McapWriter, Messages
+    from sinstool.writers.chunks import Messages
+    from sinstool.writers.mcap import McapWriter
 
     with path.open("wb") as stream:
         writer = McapWriter(stream, "ros2", "one_hour.py", compression)

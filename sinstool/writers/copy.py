@@ -12,7 +12,8 @@ from mcap.opcode import Opcode
 from sinstool.messages.definitions import normalise_type_name, schema_text
 from sinstool.readers.log import Channel, Log, RawBatch
 from sinstool.readers.mcap import ChunkPlace, McapLog, OtherPlace
-from sinstool.writers.mcap import McapWriter, Messages, message_indexes
+from sinstool.writers.chunks import Messages, message_indexes
+from sinstool.writers.mcap import McapWriter
 
 _START = np.iinfo(np.int64).min
 

@@ -12,7 +12,8 @@ from sinstool.messages.definitions import schema_text, type_hash
 from sinstool.messages.encode import Encoder
 from sinstool.readers.frames import q_for_log, turn_body
 from sinstool.simulation.truth import ImuTruth
-from sinstool.writers.mcap import McapWriter, Messages
+from sinstool.writers.chunks import Messages
+from sinstool.writers.mcap import McapWriter
 from sinstool.writers.solution import QOS
 from sinstool.writers.whole import WholeFile
 

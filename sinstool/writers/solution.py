@@ -13,7 +13,8 @@ from sinstool.messages.encode import Encoder
 from sinstool.readers.frames import q_for_log, turn_body
 from sinstool.rotation import to_euler
 from sinstool.streams import Solution, concatenate
-from sinstool.writers.mcap import McapWriter, Messages
+from sinstool.writers.chunks import Messages
+from sinstool.writers.mcap import McapWriter
 
 # Numeric, as the oldest supported rosbag2 reads nothing else: keep last 10, reliable, volatile.
 QOS = """- history: 1

@@ -19,9 +19,10 @@ from mcap.writer import CompressionType, Writer
 from readers.logs import COMPRESSIONS, T0, mcap_records, rows, write_db3, write_mcap
 
 from sinstool.readers import open_log
-from sinstool.writers import mcap as module
+from sinstool.writers import chunks as module
+from sinstool.writers.chunks import Messages
 from sinstool.writers.copy import Copier
-from sinstool.writers.mcap import McapWriter, Messages
+from sinstool.writers.mcap import McapWriter
 
 TOPICS = ("/a", "/b", "/c")
 
