@@ -1,0 +1,1 @@
+"""Heading-sensitive error of a constantly rotating system: model, calibration, correction."""
