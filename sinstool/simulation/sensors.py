@@ -1,12 +1,13 @@
-"""Errors of real sensors: white noise and a turn-on bias, by grade."""
+"""Errors of real sensors by grade: white noise, biases that wander, scale and misalignment."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
 
 import numpy as np
+from scipy.signal import lfilter
 
-from sinstool.simulation.truth import ImuTruth
+from sinstool.simulation.truth import FloatArray, ImuTruth
 
 _DEGREE = np.pi / 180.0
 _G = 9.80665
@@ -26,12 +27,28 @@ class SensorGrade:
         (m/s)/sqrt(s).
     accel_bias : float
         Standard deviation of each axis' turn-on bias, m/s^2.
+    gyro_instability, accel_instability : float
+        Standard deviation of the part of each axis' bias that wanders as a first-order Markov
+        process, rad/s and m/s^2.
+    correlation_time : float
+        Of that process, s.
+    gyro_scale, accel_scale : float
+        Standard deviation of each axis' scale-factor error, as a fraction.
+    gyro_misalignment, accel_misalignment : float
+        Standard deviation of each of the six angles between the axes, rad.
     """
 
     angle_random_walk: float
     gyro_bias: float
     velocity_random_walk: float
     accel_bias: float
+    gyro_instability: float = 0.0
+    accel_instability: float = 0.0
+    correlation_time: float = 100.0
+    gyro_scale: float = 0.0
+    accel_scale: float = 0.0
+    gyro_misalignment: float = 0.0
+    accel_misalignment: float = 0.0
 
 
 def _grade(arw: float, bias: float, noise: float, accel_bias: float) -> SensorGrade:
@@ -63,7 +80,8 @@ def with_errors(truth: ImuTruth, grade: SensorGrade, seed: int) -> ImuTruth:
     -------
     ImuTruth
         Rates, mean rates and increments carry the same noise, that of a mean over the
-        interval: random walk over the square root of the interval.
+        interval: random walk over the square root of the interval. Scale and misalignment
+        act on each of them by itself.
     """
     random = np.random.default_rng(seed)
     n = len(truth.time_ns)
@@ -72,11 +90,60 @@ def with_errors(truth: ImuTruth, grade: SensorGrade, seed: int) -> ImuTruth:
     accel_bias = grade.accel_bias * random.standard_normal(3)
     gyro = gyro_bias + grade.angle_random_walk / root * random.standard_normal((n, 3))
     accel = accel_bias + grade.velocity_random_walk / root * random.standard_normal((n, 3))
+    gyro_matrix = _matrix(grade.gyro_scale, grade.gyro_misalignment, random)
+    accel_matrix = _matrix(grade.accel_scale, grade.accel_misalignment, random)
+    step = float(np.mean(truth.interval))
+    for error, size in ((gyro, grade.gyro_instability), (accel, grade.accel_instability)):
+        if size > 0.0:
+            error += size * markov(n, step, grade.correlation_time, random, 3)
+    mean_rate = truth.gyro_mean_rate + truth.gyro_mean_rate @ gyro_matrix.T + gyro
+    force = truth.mean_specific_force + truth.mean_specific_force @ accel_matrix.T + accel
     return replace(
         truth,
-        gyro_rate=truth.gyro_rate + gyro,
-        gyro_mean_rate=truth.gyro_mean_rate + gyro,
-        gyro_increment=truth.gyro_increment + gyro * truth.interval[:, None],
-        specific_force=truth.specific_force + accel,
-        mean_specific_force=truth.mean_specific_force + accel,
+        gyro_rate=truth.gyro_rate + truth.gyro_rate @ gyro_matrix.T + gyro,
+        gyro_mean_rate=mean_rate,
+        gyro_increment=mean_rate * truth.interval[:, None],
+        specific_force=truth.specific_force + truth.specific_force @ accel_matrix.T + accel,
+        mean_specific_force=force,
     )
+
+
+def _matrix(scale: float, misalignment: float, random: np.random.Generator) -> FloatArray:
+    """Scale errors on the diagonal, misalignments beside it."""
+    drawn = random.standard_normal((3, 3))
+    return np.where(np.eye(3, dtype=bool), scale * drawn, misalignment * drawn)
+
+
+def markov(
+    n: int,
+    step: float,
+    correlation_time: float,
+    random: np.random.Generator,
+    columns: int = 1,
+) -> FloatArray:
+    """First-order Gauss-Markov processes of unit variance, stationary from the first row.
+
+    Parameters
+    ----------
+    n : int
+        Rows.
+    step : float
+        Between rows, s.
+    correlation_time : float
+        s.
+    random : numpy.random.Generator
+    columns : int, optional
+        Independent processes.
+
+    Returns
+    -------
+    ndarray, shape (n, columns)
+        ``x[k+1] = exp(-step/correlation_time) x[k] + w``.
+    """
+    decay = np.exp(-step / correlation_time)
+    drive = np.sqrt(-np.expm1(-2.0 * step / correlation_time)) * random.standard_normal(
+        (n, columns)
+    )
+    if n:
+        drive[0] /= np.sqrt(-np.expm1(-2.0 * step / correlation_time))
+    return np.asarray(lfilter([1.0], [1.0, -decay], drive, axis=0))
