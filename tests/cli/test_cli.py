@@ -364,13 +364,15 @@ epsilon = 1e-3
 beta = [1, 2.5, -3]
 
 [align]
-mode = "attitude"
 align = "fixed"
 initial_attitude = [1, 2, 3]
 gyro_bias = [0.1, 0, -1e-5]
 latitude = -33.5
 longitude = 151
 height = 12.5
+
+[navigation]
+mode = "attitude"
 
 [output]
 world = "ned"

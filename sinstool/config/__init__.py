@@ -1,0 +1,30 @@
+"""What a run is told: one model for the command line and the TOML file, validated once.
+
+Each field is an option ``--name`` (underscores become hyphens) and a key of its group's table
+in the file; the command line generates its options from these models, so the two cannot part.
+"""
+
+from sinstool.config.align import AlignOptions
+from sinstool.config.coning import ConingOptions
+from sinstool.config.group import Group
+from sinstool.config.input import InputOptions
+from sinstool.config.load import build, dump_toml, load_toml
+from sinstool.config.navigation import NavigationOptions
+from sinstool.config.output import EMITS, OutputOptions
+from sinstool.config.run import ProcessConfig
+from sinstool.config.times import parse_time
+
+__all__ = [
+    "EMITS",
+    "AlignOptions",
+    "ConingOptions",
+    "Group",
+    "InputOptions",
+    "NavigationOptions",
+    "OutputOptions",
+    "ProcessConfig",
+    "build",
+    "dump_toml",
+    "load_toml",
+    "parse_time",
+]

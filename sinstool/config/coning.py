@@ -1,0 +1,93 @@
+"""From angular rate to rotation vectors."""
+
+from __future__ import annotations
+
+from typing import Any, Literal
+
+from pydantic import Field, field_validator
+
+from sinstool.config.group import Group
+from sinstool.coning.registry import algorithm, names
+from sinstool.errors import ConfigurationError
+
+
+class ConingOptions(Group):
+    """From angular rate to rotation vectors."""
+
+    coning: str = Field("previous-3", description="algorithm: " + ", ".join(names()))
+    sp_variant: Literal["exact", "bvp", "truncated", "printed"] | None = Field(
+        None,
+        description="form of the singular-perturbation solution (default: truncated with a"
+        " preset, exact with --epsilon)",
+    )
+    sp_preset: Literal["best", "paper", "auto"] | None = Field(
+        None,
+        description="best: epsilon = T/2, n = 2; paper: 2e-4 s, n = 0.001; auto: nulls the drift"
+        " of the log's own coning below --passband (default: best)",
+    )
+    epsilon: float | None = Field(
+        None, ge=0, description="boundary layer in seconds, with --beta-gain or --beta"
+    )
+    beta_gain: float | None = Field(None, description="n of the paper's eq. (14)")
+    beta: tuple[float, float, float] | None = Field(
+        None, description="a constant beta in rad/s^2, in the log's axes"
+    )
+    passband: float | None = Field(
+        None, gt=0, description="Hz, up to which coning is motion (gyro-tuned, --sp-preset auto)"
+    )
+    stopband: float | None = Field(
+        None, gt=0, description="Hz, from which on coning is noise (gyro-tuned)"
+    )
+    gyro_response: str | None = Field(
+        None,
+        description="of the gyro, for gyro-tuned: none, cheb:ORDER,RIPPLE_DB,HZ, butter:ORDER,HZ,"
+        " or a file with lines of frequency and gain",
+    )
+
+    @field_validator("coning")
+    @classmethod
+    def _known(cls, value: str) -> str:
+        try:
+            algorithm(value)
+        except ConfigurationError as exc:
+            raise ValueError(str(exc)) from exc
+        return value
+
+    def algorithm_options(self) -> dict[str, Any]:
+        """Options of the algorithm that were given, by its own names."""
+        given = {
+            "variant": self.sp_variant,
+            "preset": self.sp_preset,
+            "epsilon": self.epsilon,
+            "beta_gain": self.beta_gain,
+            "beta": self.beta,
+            "passband": self.passband,
+            "stopband": self.stopband,
+            "gyro_response": self.gyro_response,
+        }
+        return {k: v for k, v in given.items() if v is not None}
+
+
+def check_coning(told: ConingOptions) -> None:
+    """Whether the options given are those of the algorithm chosen, and fit each other."""
+    options = told.algorithm_options()
+    if told.coning == "gyro-tuned":
+        # The interval is the log's; any will do to see whether the rest is possible.
+        top = max(told.passband or 0.0, told.stopband or 0.0)
+        algorithm(told.coning, **options, interval=0.25 / top if top else 1e-3)
+    elif told.coning == "singular-perturbation" and told.sp_preset == "auto":
+        strange = sorted(set(options) - {"preset", "passband", "variant"})
+        if strange or told.sp_variant not in (None, "truncated"):
+            raise ConfigurationError(
+                "--sp-preset auto chooses the variant, epsilon and n itself",
+                "leave the other options of singular-perturbation out",
+            )
+        if told.passband is None:
+            raise ConfigurationError(
+                "--sp-preset auto tunes to the coning in a passband", "give --passband HZ"
+            )
+    elif options:
+        try:
+            algorithm(told.coning, **options)
+        except ConfigurationError as exc:
+            raise ConfigurationError(f"--coning is {told.coning}: {exc.message}", exc.hint) from exc

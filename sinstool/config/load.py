@@ -1,0 +1,137 @@
+"""Plain data and TOML into validated configurations, with errors that name the key."""
+
+from __future__ import annotations
+
+import tomllib
+from pathlib import Path
+from typing import Any, get_args
+
+import tomli_w
+from pydantic import BaseModel, ValidationError
+
+from sinstool.config.group import Group
+from sinstool.errors import ConfigurationError
+
+
+def build(model: type[Group], data: dict[str, Any], source: str = "", check: bool = True) -> Any:
+    """Validate plain data into a configuration.
+
+    Parameters
+    ----------
+    model : type
+        ProcessConfig, or a group of it.
+    data : dict
+    source : str
+        Named in errors: a file; empty for the command line, whose options are named instead.
+    check : bool
+        Check also that options fit each other.
+
+    Returns
+    -------
+    model
+
+    Raises
+    ------
+    ConfigurationError
+        An unknown key, a wrong type or an impossible value, with the key's path.
+    """
+    try:
+        config = model.model_validate(data)
+    except ValidationError as exc:
+        raise ConfigurationError(_first_error(exc, model, source)) from exc
+    if check:
+        config.check()
+    return config
+
+
+def _first_error(exc: ValidationError, model: type[Group], source: str) -> str:
+    """One line about the first thing that is wrong, with the key's path or the option's name."""
+    errors = exc.errors()
+    depth = _depth(model, errors[0]["loc"])
+    key = errors[0]["loc"][:depth]
+    # All branches of a union complain; the one that got furthest into the value knows best.
+    same = [e for e in errors if e["loc"][:depth] == key]
+    error = max(same, key=lambda e: len(e["loc"]))
+    path = ".".join(map(str, key))
+    where = f"{source}: " if source else ""
+    if error["type"] == "extra_forbidden":
+        return f"{where}unknown key {path}"
+    if error["type"] == "missing" and len(error["loc"]) == depth:
+        return f"{where}{path} is missing"
+    if len(same) > 1 and len(error["loc"]) <= depth + 1 and error["type"] != "missing":
+        said = " or ".join(dict.fromkeys(_said(e) for e in same))
+    else:
+        said = _said(error)
+    # Branches of unions have names, elements of lists have numbers.
+    element = next((p for p in error["loc"][depth:] if isinstance(p, int)), None)
+    if error["type"] == "missing":
+        element = None
+    if element is not None:
+        path += f"[{element}]"
+    if not source and depth == 2:
+        return f"--{str(key[1]).replace('_', '-')} {_shown(error['input'])}: {said}"
+    return f"{where}{path} = {_shown(error['input'])}: {said}"
+
+
+def _depth(model: Any, place: tuple[int | str, ...]) -> int:
+    """How much of the place of an error is the path of a key: tables, and the key in the last."""
+    depth = 0
+    table = _table(model)
+    while table is not None and depth < len(place):
+        field = table.model_fields.get(str(place[depth]))
+        depth += 1
+        table = None if field is None else _table(field.annotation)
+    return depth
+
+
+def _table(annotation: Any) -> type[BaseModel] | None:
+    """The model that a field holds, if it holds one."""
+    for kind in (annotation, *get_args(annotation)):
+        if isinstance(kind, type) and issubclass(kind, BaseModel):
+            return kind
+    return None
+
+
+def _shown(value: Any) -> str:
+    """A value as TOML writes it, or nearly."""
+    if isinstance(value, bool):
+        return str(value).lower()
+    if isinstance(value, tuple):
+        return f"[{', '.join(_shown(v) for v in value)}]"
+    return repr(value)
+
+
+def _said(error: Any) -> str:
+    """What pydantic says, in the words of the file."""
+    words = {
+        "tuple_type": "must be a list",
+        "model_type": "must be a table",
+        "missing": "too few values",
+        "too_long": "too many values",
+    }
+    if error["type"] in words:
+        return words[error["type"]]
+    said = str(error["msg"]).removeprefix("Value error, ").removeprefix("Input ")
+    return said.replace("should be", "must be", 1)
+
+
+def load_toml(path: Path) -> dict[str, Any]:
+    """Read a configuration file.
+
+    Raises
+    ------
+    ConfigurationError
+        It cannot be read or is no TOML.
+    """
+    try:
+        return tomllib.loads(path.read_text(encoding="utf-8"))
+    except OSError as exc:
+        raise ConfigurationError(f"{path}: cannot be read ({exc.strerror})") from exc
+    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as exc:
+        raise ConfigurationError(f"{path}: not valid TOML ({exc})") from exc
+
+
+def dump_toml(config: Group) -> str:
+    """The effective configuration as TOML that `--config` reads back."""
+    data = config.model_dump(mode="json", exclude_none=True)
+    return tomli_w.dumps({k: v for k, v in data.items() if v not in ({}, None)})

@@ -1,0 +1,35 @@
+"""What is written, and how."""
+
+from __future__ import annotations
+
+from typing import Literal
+
+from pydantic import Field, field_validator
+
+from sinstool.config.group import Group
+
+EMITS = ("imu", "attitude", "euler", "pose", "tf")
+
+
+class OutputOptions(Group):
+    """What is written, and how."""
+
+    world: Literal["enu", "ned"] = Field("enu", description="frame of the written orientation")
+    emit: tuple[str, ...] = Field(
+        ("imu", "attitude"), description="topics to write, any of " + ",".join(EMITS)
+    )
+    only_results: bool = Field(
+        False, description="leave the input's own messages out of the output"
+    )
+    compression: Literal["zstd", "lz4", "none"] = Field("zstd", description="of the output")
+    overwrite: bool = Field(False, description="replace an existing output")
+
+    @field_validator("emit")
+    @classmethod
+    def _emits(cls, value: tuple[str, ...]) -> tuple[str, ...]:
+        unknown = [v for v in value if v not in EMITS]
+        if unknown:
+            raise ValueError(f"'{unknown[0]}' is not one of {', '.join(EMITS)}")
+        if not value:
+            raise ValueError("nothing is left to write")
+        return tuple(dict.fromkeys(value))
