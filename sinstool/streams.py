@@ -94,9 +94,12 @@ class Velocity(Stream):
     ----------
     velocity_n : ndarray, shape (n, 3)
         North, east, down in m/s.
+    covariance_n : ndarray, shape (n, 3, 3)
+        In NED, m^2/s^2; zeros where the log gives none.
     """
 
     velocity_n: np.ndarray
+    covariance_n: np.ndarray
 
 
 @dataclass(frozen=True)
@@ -113,6 +116,51 @@ class Baro(Stream):
 
     pressure: np.ndarray
     variance: np.ndarray
+
+
+@dataclass(frozen=True)
+class BaroHeight(Stream):
+    """Height that somebody made of pressure already.
+
+    Attributes
+    ----------
+    height : ndarray, shape (n,)
+        m, up.
+    """
+
+    height: np.ndarray
+
+
+@dataclass(frozen=True)
+class GnssEpochs(Stream):
+    """What a receiver gave at an instant: position, velocity, or both.
+
+    Attributes
+    ----------
+    latitude, longitude, height : ndarray, shape (n,)
+        rad, rad, m above the ellipsoid; NaN where there is none (height alone: a 2-D fix).
+    velocity_n : ndarray, shape (n, 3)
+        m/s; NaN where there is none.
+    sigma_position_n, sigma_velocity_n : ndarray, shape (n, 3)
+        Standard deviations along north, east and down, m and m/s; NaN where the log gives none.
+    """
+
+    latitude: np.ndarray
+    longitude: np.ndarray
+    height: np.ndarray
+    velocity_n: np.ndarray
+    sigma_position_n: np.ndarray
+    sigma_velocity_n: np.ndarray
+
+    @property
+    def has_position(self) -> np.ndarray:
+        """Rows with a position, shape (n,)."""
+        return np.isfinite(self.latitude)
+
+    @property
+    def has_velocity(self) -> np.ndarray:
+        """Rows with a horizontal velocity at least, shape (n,)."""
+        return np.asarray(np.isfinite(self.velocity_n[:, :2]).all(axis=1))
 
 
 @dataclass(frozen=True)

@@ -35,6 +35,9 @@ METAVARS = {
     "gyro_response": "RESPONSE",
     "imu_topic": "TOPIC",
     "gnss_topic": "TOPIC",
+    "velocity_topic": "TOPIC",
+    "baro_topic": "TOPIC",
+    "encoder_topic": "TOPIC",
 }
 
 

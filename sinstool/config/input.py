@@ -16,6 +16,24 @@ class InputOptions(Group):
 
     imu_topic: str | None = Field(None, description="topic with the Imu messages")
     gnss_topic: str | None = Field(None, description="topic with NavSatFix messages")
+    velocity_topic: str | None = Field(
+        None,
+        description="topic with velocity over ground (TwistStamped,"
+        " TwistWithCovarianceStamped or Odometry; world ENU)",
+    )
+    baro_topic: str | None = Field(None, description="topic with FluidPressure messages")
+    baro_kind: Literal["pressure", "height"] = Field(
+        "pressure", description="what the barometer's topic holds; height: PointStamped or Float64"
+    )
+    baro_unit: Literal["Pa", "hPa", "kPa", "inHg"] | None = Field(
+        None, description="unit of the pressure (default: Pa, refused where the data denies it)"
+    )
+    gnss_unit: Literal["deg", "rad"] | None = Field(
+        None,
+        description="unit of latitude and longitude (default: deg, refused where the data denies"
+        " it)",
+    )
+    encoder_topic: str | None = Field(None, description="topic with JointState messages")
     start: str | None = Field(
         None,
         description="leave out samples before this: seconds from the first sample, RFC 3339, or ns",

@@ -10,7 +10,17 @@ import numpy as np
 from sinstool.messages.decode import Columns, Decoder
 from sinstool.readers.frames import enu_to_ned, q_nb_from_log, turn_body
 from sinstool.readers.log import Channel, Log
-from sinstool.streams import Baro, Encoder, Gnss, Imu, Magnetometer, Stream, Velocity, concatenate
+from sinstool.streams import (
+    Baro,
+    BaroHeight,
+    Encoder,
+    Gnss,
+    Imu,
+    Magnetometer,
+    Stream,
+    Velocity,
+    concatenate,
+)
 
 IMU_TYPE = "sensor_msgs/msg/Imu"
 FIX_TYPE = "sensor_msgs/msg/NavSatFix"
@@ -23,6 +33,9 @@ VELOCITY_TYPES = (
     "nav_msgs/msg/Odometry",
 )
 
+HEIGHT_TYPES = ("geometry_msgs/msg/PointStamped", "std_msgs/msg/Float64")
+# From ENU to NED
+_TURN = np.array([[0.0, 1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, -1.0]])
 _XYZ = ("x", "y", "z")
 _XYZW = ("x", "y", "z", "w")
 
@@ -219,14 +232,13 @@ def read_fixes(log: Log, channels: Sequence[Channel], losses: Losses) -> Iterato
 
     def build(log_time_ns: np.ndarray, v: dict[str, np.ndarray]) -> Gnss:
         enu = v["covariance"].reshape(-1, 3, 3)
-        turn = np.array([[0.0, 1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, -1.0]])
         return Gnss(
             _stamp(v),
             log_time_ns,
             np.radians(v["latitude"]),
             np.radians(v["longitude"]),
             v["altitude"],
-            turn @ enu @ turn.T,
+            _TURN @ enu @ _TURN.T,
             v["covariance_type"].astype(np.int64),
             v["status"].astype(np.int64),
         )
@@ -245,14 +257,19 @@ def read_fixes(log: Log, channels: Sequence[Channel], losses: Losses) -> Iterato
 
 def read_velocity(log: Log, channels: Sequence[Channel], losses: Losses) -> Iterator[Velocity]:
     """Velocity over ground (TwistStamped, TwistWithCovarianceStamped, Odometry: world ENU)."""
-    path = "twist.linear" if channels[0].type == VELOCITY_TYPES[0] else "twist.twist.linear"
+    plain = channels[0].type == VELOCITY_TYPES[0]
+    path = "twist.linear" if plain else "twist.twist.linear"
+    columns = {**_header(), "linear": _vector(path)}
+    if not plain:
+        columns["covariance"] = ["twist.covariance"]
 
     def build(log_time_ns: np.ndarray, v: dict[str, np.ndarray]) -> Velocity:
-        return Velocity(_stamp(v), log_time_ns, enu_to_ned(v["linear"]))
+        enu = np.zeros((len(log_time_ns), 3, 3))
+        if not plain:
+            enu = v["covariance"].reshape(-1, 6, 6)[:, :3, :3]
+        return Velocity(_stamp(v), log_time_ns, enu_to_ned(v["linear"]), _TURN @ enu @ _TURN.T)
 
-    yield from _read(  # type: ignore[misc]
-        log, channels, {**_header(), "linear": _vector(path)}, build, losses
-    )
+    yield from _read(log, channels, columns, build, losses)  # type: ignore[misc]
 
 
 def read_pressure(log: Log, channels: Sequence[Channel], losses: Losses) -> Iterator[Baro]:
@@ -262,6 +279,17 @@ def read_pressure(log: Log, channels: Sequence[Channel], losses: Losses) -> Iter
         return Baro(_stamp(v), log_time_ns, v["pressure"], v["variance"])
 
     columns = {**_header(), "pressure": ["fluid_pressure"], "variance": ["variance"]}
+    yield from _read(log, channels, columns, build, losses)  # type: ignore[misc]
+
+
+def read_height(log: Log, channels: Sequence[Channel], losses: Losses) -> Iterator[BaroHeight]:
+    """Height as PointStamped (its z) or as a bare Float64, which has the log time only."""
+    bare = channels[0].type == HEIGHT_TYPES[1]
+
+    def build(log_time_ns: np.ndarray, v: dict[str, np.ndarray]) -> BaroHeight:
+        return BaroHeight(log_time_ns if bare else _stamp(v), log_time_ns, v["height"])
+
+    columns = {"height": ["data"]} if bare else {**_header(), "height": ["point.z"]}
     yield from _read(log, channels, columns, build, losses)  # type: ignore[misc]
 
 
