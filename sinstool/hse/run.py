@@ -52,6 +52,8 @@ class HseRun:
         Heading of each turn, rad.
     quality : dict of str to float
         Figures for the quality of the run by name, such as ``tilt_drift``.
+    log_start_ns : int, optional
+        Stamp at the start of the log; relates runs of several logs in time.
     """
 
     id: str
@@ -71,3 +73,4 @@ class HseRun:
     latitude: float
     per_turn_heading: FloatArray | None = None
     quality: dict[str, float] = field(default_factory=dict)
+    log_start_ns: int | None = None
