@@ -13,6 +13,7 @@ constant rate and keeps the angle monotone.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 from numba import njit
@@ -130,10 +131,7 @@ def time_grids(time_ns: ArrayLike) -> list[TimeGrid]:
     cuts = np.flatnonzero(steps > LONGEST_GAP * nominal) + 1
     cuts = cuts[_samples_lost(times, cuts, nominal)]
     edges = np.concatenate(([0], cuts, [len(times)]))
-    return [
-        _line(times, int(begin), int(end), round(nominal))
-        for begin, end in zip(edges[:-1], edges[1:], strict=True)
-    ]
+    return [_line(times, begin, end, round(nominal)) for begin, end in pairwise(edges.tolist())]
 
 
 def table_angle(
@@ -283,7 +281,7 @@ def _tracks(
     turn = 360.0 if model.unit == "deg" else 2.0 * np.pi
     half = round(smoothing_s / interval)
     tracks = []
-    for begin, end in zip(edges[:-1], edges[1:], strict=True):
+    for begin, end in pairwise(edges.tolist()):
         if end - begin < 2:
             continue
         angle = np.empty(end - begin)

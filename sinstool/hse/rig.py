@@ -377,7 +377,7 @@ def from_table(table: Mapping[str, Any]) -> Rig:
         raise ConfigurationError(f"rig.encoder is {encoder!r}", "write it as a table [rig.encoder]")
     _known(encoder, _ENCODER_KEYS, "rig.encoder")
     names = {"offset_rad": "offset", "delay_s": "delay"}
-    model: dict[str, Any] = {names.get(key, key): value for key, value in encoder.items()}
+    model: dict[str, Any] = {names.get(str(key), str(key)): value for key, value in encoder.items()}
     if not isinstance(model.get("joint", ""), str):
         raise ConfigurationError(f"rig.encoder.joint is {model['joint']!r}", "give a name")
     if not isinstance(model.get("harmonics", []), list | tuple):

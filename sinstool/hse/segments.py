@@ -128,8 +128,9 @@ def find_segments(pieces: Sequence[TableAngle], rules: SegmentRules | None = Non
     rates: list[FloatArray] = [np.empty(0)]
     for number, piece in enumerate(pieces):
         size = max(1, round(BLOCK_S / piece.interval_s))
-        rate = np.diff(piece.alpha[::size]) / (size * piece.interval_s)
-        times.append(piece.start_s + (np.arange(len(rate)) + 0.5) * size * piece.interval_s)
+        rate: FloatArray = np.diff(piece.alpha[::size]) / (size * piece.interval_s)
+        middles = np.arange(0.5, len(rate)) * (size * piece.interval_s)
+        times.append(np.asarray(piece.start_s + middles))
         rates.append(rate)
         for segment in _plateaus(piece, number, rate, size):
             for part in _judged(segment, piece, rules):
