@@ -172,3 +172,60 @@ def transport_rate_n(latitude: ArrayLike, height: ArrayLike, velocity_n: ArrayLi
         velocity[..., 1] / (transverse + h), -velocity[..., 0] / (meridian + h), about_down
     )
     return np.stack([north, east, down], axis=-1)
+
+
+def ecef(position: ArrayLike) -> FloatArray:
+    """Cartesian position in the Earth frame ``e``.
+
+    Parameters
+    ----------
+    position : array_like, shape (..., 3)
+        Latitude, longitude (rad) and ellipsoidal height (m).
+
+    Returns
+    -------
+    ndarray, shape (..., 3)
+        m; eq. 2.112 of [2]_ of the module.
+    """
+    p = np.asarray(position, dtype=np.float64)
+    lat, lon, h = p[..., 0], p[..., 1], p[..., 2]
+    _, transverse = radii_of_curvature(lat)
+    across = (transverse + h) * np.cos(lat)
+    up = ((1.0 - ECCENTRICITY_SQUARED) * transverse + h) * np.sin(lat)
+    return np.stack([across * np.cos(lon), across * np.sin(lon), up], axis=-1)
+
+
+def c_en(latitude: float, longitude: float) -> FloatArray:
+    """Rotation from the Earth frame to NED, ``C_e^n``.
+
+    Parameters
+    ----------
+    latitude, longitude : float
+        rad.
+
+    Returns
+    -------
+    ndarray, shape (3, 3)
+        Eq. 2.150 of [2]_ of the module.
+    """
+    sl, cl, so, co = np.sin(latitude), np.cos(latitude), np.sin(longitude), np.cos(longitude)
+    return np.array([[-sl * co, -sl * so, cl], [-so, co, 0.0], [-cl * co, -cl * so, -sl]])
+
+
+def local_position_n(origin: ArrayLike, position: ArrayLike) -> FloatArray:
+    """Position in the tangent plane of an origin: the straight line to it, along NED there.
+
+    Parameters
+    ----------
+    origin : array_like, shape (3,)
+        Latitude, longitude (rad) and ellipsoidal height (m).
+    position : array_like, shape (..., 3)
+        The same.
+
+    Returns
+    -------
+    ndarray, shape (..., 3)
+        North, east, down at the origin, m.
+    """
+    o = np.asarray(origin, dtype=np.float64)
+    return (ecef(position) - ecef(o)) @ c_en(float(o[0]), float(o[1])).T

@@ -37,7 +37,8 @@ from sinstool.transforms import tf_parent
 from sinstool.units import DEGREE
 from sinstool.writers.copy import Copier
 from sinstool.writers.mcap import McapWriter
-from sinstool.writers.solution import TOPICS, Frames, SolutionWriter
+from sinstool.writers.solution import SolutionWriter
+from sinstool.writers.topics import TOPICS, Frames
 from sinstool.writers.whole import WholeFile, check_output
 
 # Singular perturbation is tuned to the coning of the log's first part, of this length at most.

@@ -201,11 +201,44 @@ class Solution(Stream):
         Angular rate in rad/s, corrected.
     specific_force_b : ndarray, shape (n, 3)
         m/s^2, corrected.
+    position : ndarray, shape (n, 3), optional
+        Latitude, longitude (rad) and ellipsoidal height (m), where a run computes them.
+    velocity_n : ndarray, shape (n, 3), optional
+        m/s.
+    vertical : ndarray, shape (n, 3), optional
+        Of the vertical channel: height (m), velocity up (m/s), and the correction that the
+        damping takes from the accelerometer (m/s^2).
+    covariance_position_n, covariance_velocity_n : ndarray, shape (n, 3, 3), optional
+        m^2 and m^2/s^2, in NED.
+    covariance_attitude_n : ndarray, shape (n, 3, 3), optional
+        Of the small rotation in NED that takes the attitude given to the true one, rad^2.
     """
 
     q_nb: np.ndarray
     omega_ib_b: np.ndarray
     specific_force_b: np.ndarray
+    position: np.ndarray | None = None
+    velocity_n: np.ndarray | None = None
+    vertical: np.ndarray | None = None
+    covariance_position_n: np.ndarray | None = None
+    covariance_velocity_n: np.ndarray | None = None
+    covariance_attitude_n: np.ndarray | None = None
+
+
+@dataclass(frozen=True)
+class Diagnostics(Stream):
+    """What a filter says of itself at its measurements.
+
+    Attributes
+    ----------
+    level : ndarray of int, shape (n,)
+        0 where all is well, 1 where something was held back, 2 where it began anew.
+    values : ndarray, shape (n, k)
+        Named by whoever makes them.
+    """
+
+    level: np.ndarray
+    values: np.ndarray
 
 
 def concatenate(parts: Sequence[S]) -> S:
