@@ -291,8 +291,10 @@ def _from_headings(
         parameters=tuple(model.names),
         covariance=solved.covariance,
         dof=solved.dof,
-        chi2=solved.chi2,
-        s=_finite(solved.s),
+        chi2=solved.chi2 if weighted or exact else None,
+        s=float(np.sqrt(np.mean(solved.residual**2) * use.sum() / solved.dof))
+        if solved.dof
+        else None,
         r2=_r2(data, use, solved, weighted),
         F_lof=lof[0] if lof else None,
         p_lof=lof[1] if lof else None,

@@ -126,8 +126,12 @@ class HseFit:
         Mean, rad.
     axial : AxialFit
     dof : int
-    chi2, s, r2, F_lof, p_lof, condition : float or None
-        ``s`` is in rad with equal weights and relative to the given deviations otherwise.
+    chi2 : float or None
+        By the scatter of turns; None with equal weights.
+    s : float or None
+        Scatter of the headings about the fit, rad, with ``dof``.
+    r2, F_lof, p_lof, condition : float or None
+        Share of scatter explained, test for lack of fit, condition number of the design.
     distribution : str
         Behind the intervals: ``t``, ``z``, or ``turns`` when nothing but the scatter of turns
         stands behind a fit without redundancy.

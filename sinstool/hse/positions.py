@@ -33,7 +33,8 @@ def _groups(values: FloatArray, gaps: FloatArray | float) -> IntArray:
     return number
 
 
-def _by_heading(heading: FloatArray) -> IntArray:
+def by_angle(heading: FloatArray) -> IntArray:
+    """Number the groups of angles (rad, at least one) that gaps of 0.5 deg or more separate."""
     ordered = np.sort(heading % (2.0 * np.pi))
     gaps = np.diff(ordered, append=ordered[0] + 2.0 * np.pi)
     # counted from the end of the widest gap, so that no group lies across 0
@@ -57,7 +58,7 @@ def positions(runs: Sequence[HseRun]) -> IntArray:
     """
     if not runs:
         return np.zeros(0, dtype=np.int64)
-    first = _by_heading(np.array([r.heading for r in runs]))
+    first = by_angle(np.array([r.heading for r in runs]))
     lean = np.array([r.C23 for r in runs])
     noise = np.array([r.sigma_C23 for r in runs])
     noise = noise[np.isfinite(noise)]
