@@ -34,8 +34,8 @@ from sinstool.streams import (
     GnssEpochs,
     Stream,
     Velocity,
-    concatenate,
 )
+from sinstool.timeline import whole
 
 S = TypeVar("S", bound=Stream)
 
@@ -101,13 +101,13 @@ def read_gnss(log: Log, options: InputOptions, log_time: bool, into: Aiding) -> 
     channels = choose_optional(log, "--gnss-topic", options.gnss_topic, FIX_TYPE)
     if channels:
         into.fix_topic = channels[0].topic
-        fixes = _whole(read_fixes(log, channels, Losses()), log_time, into, into.fix_topic)
+        fixes = _read(read_fixes(log, channels, Losses()), log_time, into, into.fix_topic)
         if fixes is not None:
             fixes = _usable_fixes(fixes, into)
     channels = choose_optional(log, "--velocity-topic", options.velocity_topic, *VELOCITY_TYPES)
     if channels:
         into.velocity_topic = channels[0].topic
-        velocity = _whole(read_velocity(log, channels, Losses()), log_time, into, channels[0].topic)
+        velocity = _read(read_velocity(log, channels, Losses()), log_time, into, channels[0].topic)
         if velocity is not None:
             velocity = _usable_velocity(velocity, into)
     if fixes is not None and options.gnss_unit is None:
@@ -136,11 +136,13 @@ def read_baro(log: Log, options: InputOptions, log_time: bool, into: Aiding) -> 
         return
     into.baro_topic = channels[0].topic
     if heights:
-        into.baro = _whole(
-            read_height(log, channels, Losses()), log_time, into, into.baro_topic, keep=True
+        into.baro = _read(
+            read_height(log, channels, Losses()), log_time, into, into.baro_topic, repeats=True
         )
         return
-    baro = _whole(read_pressure(log, channels, Losses()), log_time, into, channels[0].topic, True)
+    baro = _read(
+        read_pressure(log, channels, Losses()), log_time, into, channels[0].topic, repeats=True
+    )
     if baro is None:
         return
     scale = {"Pa": 1.0, "hPa": 100.0, "kPa": 1000.0, "inHg": 3386.389}
@@ -152,31 +154,20 @@ def read_baro(log: Log, options: InputOptions, log_time: bool, into: Aiding) -> 
     into.baro = baro
 
 
-def _whole(
-    blocks: Iterable[S], log_time: bool, into: Aiding, topic: str, keep: bool = False
+def _read(
+    blocks: Iterable[S], log_time: bool, into: Aiding, topic: str, repeats: bool = False
 ) -> S | None:
-    """All of a stream by time; repeated stamps are left out.
-
-    A barometer keeps them (``keep``), as its own rules count them.
-    """
-    parts = [b for b in blocks if len(b)]
-    if not parts:
+    """All of a stream by time; what was out of order or repeated is told."""
+    found = whole(blocks, log_time, repeats)
+    if found is None:
         return None
-    stream = concatenate(parts)
-    if log_time:
-        stream = replace(stream, time_ns=stream.log_time_ns)
-    steps = np.diff(stream.time_ns)
-    backward = int(np.count_nonzero(steps < 0))
-    if backward:
-        into.counts[f"{topic} out of order"] = backward
-        into.warnings.append(f"topic {topic}: {backward} messages came out of order; sorted")
-        stream = stream.rows(np.argsort(stream.time_ns, kind="stable"))
-    repeated = np.flatnonzero(np.diff(stream.time_ns) == 0) + 1
-    if len(repeated) and not keep:
-        into.counts[f"{topic} repeated stamps"] = len(repeated)
-        into.warnings.append(f"topic {topic}: {len(repeated)} messages repeat a stamp; left out")
-        stream = stream.rows(np.delete(np.arange(len(stream)), repeated))
-    return stream
+    if found.backward:
+        into.counts[f"{topic} out of order"] = found.backward
+        into.warnings.append(f"topic {topic}: {found.backward} messages came out of order; sorted")
+    if found.repeated and not repeats:
+        into.counts[f"{topic} repeated stamps"] = found.repeated
+        into.warnings.append(f"topic {topic}: {found.repeated} messages repeat a stamp; left out")
+    return found.stream
 
 
 def _usable_fixes(fixes: Gnss, into: Aiding) -> Gnss | None:

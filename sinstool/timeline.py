@@ -10,10 +10,11 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, field, replace
 from itertools import pairwise
+from typing import Generic, TypeVar
 
 import numpy as np
 
-from sinstool.streams import Imu, concatenate
+from sinstool.streams import Imu, Stream, concatenate
 
 SECOND = 1_000_000_000
 # Samples are held back this long at first; a log that needs more is read again with more.
@@ -23,6 +24,7 @@ LAST_HORIZON = 64 * SECOND
 # An interval of more than this many nominal ones is a gap: two samples or more are missing, and
 # what the vehicle did meanwhile is not in the log.
 GAP_INTERVALS = 3.0
+S = TypeVar("S", bound=Stream)
 _NEVER = int(np.iinfo(np.int64).min)
 
 
@@ -271,3 +273,55 @@ def _begun(blocks: Iterable[Imu]) -> Iterator[Imu]:
     if first is not None:
         yield first
     yield from rest
+
+
+@dataclass(frozen=True)
+class Whole(Generic[S]):
+    """All of a stream that is slow enough to be held at once, by time.
+
+    Attributes
+    ----------
+    stream : Stream
+    backward : int
+        Samples that were stamped earlier than the one before them in the file.
+    repeated : int
+        Samples that repeat a stamp.
+    """
+
+    stream: S
+    backward: int
+    repeated: int
+
+
+def whole(blocks: Iterable[S], by_log_time: bool = False, repeats: bool = False) -> Whole[S] | None:
+    """A stream of one piece, sorted by stamp.
+
+    Parameters
+    ----------
+    blocks : iterable of Stream
+        In the order of the file.
+    by_log_time : bool
+        Take the recorder's times for stamps.
+    repeats : bool
+        Keep samples that repeat a stamp; by default the first in the file stays.
+
+    Returns
+    -------
+    Whole or None
+        None where there is not one sample.
+    """
+    parts = [b for b in blocks if len(b)]
+    if not parts:
+        return None
+    stream = concatenate(parts)
+    if by_log_time:
+        stream = replace(stream, time_ns=stream.log_time_ns)
+    steps = np.diff(stream.time_ns)
+    backward = int(np.count_nonzero(steps < 0))
+    if backward:
+        stream = stream.rows(np.argsort(stream.time_ns, kind="stable"))
+        steps = np.diff(stream.time_ns)
+    repeated = int(np.count_nonzero(steps == 0))
+    if repeated and not repeats:
+        stream = stream.rows(np.concatenate(([True], steps > 0)))
+    return Whole(stream, backward, repeated)

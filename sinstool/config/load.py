@@ -39,6 +39,10 @@ def build(model: type[Group], data: dict[str, Any], source: str = "", check: boo
         config = model.model_validate(data)
     except ValidationError as exc:
         raise ConfigurationError(_first_error(exc, model, source)) from exc
+    except ConfigurationError as exc:  # of a table that knows its own keys
+        raise ConfigurationError(
+            f"{source}: {exc.message}" if source else exc.message, exc.hint
+        ) from exc
     if check:
         config.check()
     return config

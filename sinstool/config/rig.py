@@ -1,50 +1,72 @@
-"""The turntable rig of a rate-biased laser-gyro system: the tables `[rig]` and `[rig.encoder]`."""
+"""A turntable rig, and how its heading-sensitive error is calibrated from its logs."""
 
 from __future__ import annotations
 
-from typing import Literal
+from typing import Annotated, Any, Literal
 
-from pydantic import Field
+from pydantic import AfterValidator, Field
 
 from sinstool.config.group import Group
-
-Vector = tuple[float, float, float]
-Matrix = tuple[Vector, Vector, Vector]
+from sinstool.hse.rig import from_table
 
 
-class EncoderOptions(Group):
-    """The table's angle, from a joint of JointState messages."""
+def _rig(table: dict[str, Any]) -> dict[str, Any]:
+    from_table(table)  # complains with the path of the key
+    return table
 
-    joint: str = Field(description="name of the joint")
-    sign: Literal[1, -1] = Field(
-        1, description="1 where the reading grows as the table turns clockwise seen from above"
+
+RigTable = Annotated[dict[str, Any], AfterValidator(_rig)]
+"""The table ``[rig]``; see :func:`sinstool.hse.rig.from_table`."""
+
+
+class CalibrationOptions(Group):
+    """How the heading-sensitive error is calibrated."""
+
+    method: Literal["joint", "heading", "axial"] = Field(
+        "joint",
+        description="joint: slope of heading over rate and the encoder's delay, from all azimuths;"
+        " heading: slope of heading alone; axial: gyro rate along the axis against the encoder",
     )
-    offset_rad: float = Field(0.0, description="reading at the zero mark, rad")
-    delay_s: float = Field(0.0, description="by which a reading is older than its stamp, s")
-    unit: Literal["rad", "deg"] = Field("rad", description="of the reading")
-    harmonics: tuple[Vector, ...] = Field(
-        (), description="known errors: order, cosine and sine amplitude in rad"
+    form: Literal["regressor", "paper"] = Field(
+        "regressor",
+        description="of --method heading; paper: the published unweighted line through the mean at"
+        " each rate",
+    )
+    weights: Literal["turns", "equal"] = Field(
+        "turns", description="of the runs: by the scatter of their turns, or all the same"
+    )
+    drift: bool = Field(False, description="estimate a drift of heading with time too")
+    settle: float = Field(
+        2.0, ge=0, description="seconds left out at both ends of a stretch at constant rate"
+    )
+    min_turns: int = Field(10, ge=1, description="whole turns that a run needs")
+    min_duration: float = Field(60.0, gt=0, description="seconds that a run needs")
+    align_duration: float = Field(
+        600.0, gt=0, description="longer stretches are split into repeats of this many seconds"
+    )
+    skip_warmup: float = Field(
+        0.0, ge=0, description="seconds left out after the start of every log"
+    )
+    exclude: tuple[str, ...] = Field((), description="runs to leave out, by their ID")
+    keep_outliers: bool = Field(
+        False, description="use repeats that do not belong too (by default they are left out, told)"
+    )
+    level_rate: Literal["off", "auto", "on"] = Field(
+        "off", description="take out the rate at which the base tilts, seen by the accelerometers"
+    )
+    gyro_bias_sigma: float = Field(
+        0.003, ge=0, description="deg/h, what is not known of each gyro's bias (axial method)"
     )
 
 
-class RigOptions(Group):
-    """Calibration matrices and conventions of the rig."""
+class HseOptions(Group):
+    """Heading-sensitive error, to be taken out."""
 
-    K_g: Matrix = Field(description="gyro triad to orthogonal axes s, lower triangular")
-    C_s_to_b: Matrix | None = Field(None, description="from s to the body b that the table turns")
-    e: Vector | None = Field(None, description="the rotation axis (z of b) in s, instead")
-    K_a: Matrix = Field(
-        ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0)),
-        description="from the accelerometers to s",
+    hse: str | None = Field(
+        None,
+        description="calibration written by calibrate-hse: the log is of its rig, whose heading is"
+        " corrected in every stretch at constant rate",
     )
-    gyro_frame: Literal["g", "s"] = Field("g", description="axes of the log's gyro: triad or s")
-    accel_frame: Literal["s", "g"] = Field(
-        "s", description="axes of the log's accelerometer: s, or its own triad (K_a applies)"
+    force: bool = Field(
+        False, description="apply a calibration of another rig, or one that is not significant"
     )
-    gyro_bias: Vector = Field((0.0, 0.0, 0.0), description="rad/s, of the log's gyro")
-    accel_bias: Vector = Field((0.0, 0.0, 0.0), description="m/s^2, of the log's accelerometer")
-    latitude_deg: float = Field(ge=-90, le=90, description="of the site")
-    imu_stamp: Literal["end", "mid", "start"] = Field(
-        "end", description="where in the interval that a gyro sample averages its stamp lies"
-    )
-    encoder: EncoderOptions

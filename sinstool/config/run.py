@@ -8,6 +8,23 @@ from sinstool.config.group import Group
 from sinstool.config.input import InputOptions
 from sinstool.config.navigation import NavigationOptions
 from sinstool.config.output import OutputOptions
+from sinstool.config.rig import CalibrationOptions, HseOptions, RigTable
+from sinstool.errors import ConfigurationError
+
+
+class CalibrateConfig(Group):
+    """Everything `sinstool calibrate-hse` is told."""
+
+    input: InputOptions = InputOptions()
+    rig: RigTable | None = None
+    calibration: CalibrationOptions = CalibrationOptions()
+
+    def check(self) -> None:
+        """There is a rig."""
+        if self.rig is None:
+            raise ConfigurationError(
+                "no rig is described", "give --config RIG.toml with a table [rig]; see the guide"
+            )
 
 
 class ProcessConfig(Group):
@@ -17,9 +34,16 @@ class ProcessConfig(Group):
     coning: ConingOptions = ConingOptions()
     align: AlignOptions = AlignOptions()
     navigation: NavigationOptions = NavigationOptions()
+    hse: HseOptions = HseOptions()
+    rig: RigTable | None = None
     output: OutputOptions = OutputOptions()
 
     def check(self) -> None:
         """Whether the options fit each other."""
         check_coning(self.coning)
         self.align.check()
+        if self.hse.hse is not None and self.rig is None:
+            raise ConfigurationError(
+                "--hse needs the rig that was calibrated",
+                "give its table [rig] with --config RIG.toml",
+            )

@@ -4,10 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from itertools import count, takewhile
 
 import numpy as np
 
 from sinstool.messages.decode import Columns, Decoder
+from sinstool.messages.layout import Layout, LayoutError, walk
 from sinstool.readers.frames import enu_to_ned, q_nb_from_log, turn_body
 from sinstool.readers.log import Channel, Log
 from sinstool.streams import (
@@ -317,6 +319,14 @@ def read_joint(
     yield from _read(log, channels, columns, build, losses)  # type: ignore[misc]
 
 
+def joint_names(log: Log, channels: Sequence[Channel]) -> list[str]:
+    """Names of the joints in a topic's first message."""
+    for layout, payload in _layouts(log, channels):
+        paths = (f"name[{k}]" for k in count())
+        return [layout.text(path, payload) for path in takewhile(layout.leaves.__contains__, paths)]
+    return []
+
+
 def first_fix(log: Log, channels: Sequence[Channel]) -> Gnss | None:
     """The first valid fix of a log, as a stream of one row; None where there is none."""
     for block in read_fixes(log, channels, Losses()):
@@ -331,22 +341,23 @@ def first_fix(log: Log, channels: Sequence[Channel]) -> Gnss | None:
 
 def frame_id(log: Log, channels: Sequence[Channel], path: str = "") -> str:
     """frame_id of a topic's first message ('' when it has none)."""
-    from sinstool.messages.layout import LayoutError, walk
+    field = f"{path}.header.frame_id" if path else "header.frame_id"
+    for layout, payload in _layouts(log, channels):
+        return layout.text(field, payload) if field in layout.leaves else ""
+    return ""
 
+
+def _layouts(log: Log, channels: Sequence[Channel]) -> Iterator[tuple[Layout, bytes]]:
+    """Messages of a topic one by one, each with where its fields lie."""
     definitions = {c.id: c.definition(log.path) for c in channels}
-    prefix = f"{path}." if path else ""
     for batch in log.batches(list(definitions)):
         for i in range(len(batch)):
             start, length = int(batch.offset[i]), int(batch.length[i])
             payload = batch.buffer[start : start + length].tobytes()
             try:
-                layout = walk(definitions[int(batch.channel[i])], payload)
+                yield walk(definitions[int(batch.channel[i])], payload), payload
             except LayoutError:
                 continue
-            if f"{prefix}header.frame_id" in layout.leaves:
-                return layout.text(f"{prefix}header.frame_id", payload)
-            return ""
-    return ""
 
 
 def reblock(blocks: Iterator[Imu], rows: int) -> Iterator[Imu]:

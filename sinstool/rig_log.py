@@ -1,0 +1,215 @@
+"""A turntable rig's log: raw gyros, accelerometers and encoder, and the turns found in it.
+
+A rig's Imu topic holds the raw triad, so nothing that `process` asks of a vehicle's log (axes,
+units by the size of gravity, stillness) applies; the stretches at constant rate are found by the
+encoder alone.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TypeVar
+
+from sinstool.config import InputOptions
+from sinstool.errors import AlignmentError, DataError, SinstoolError, TopicError
+from sinstool.hse import status
+from sinstool.hse.encoder import TableAngle, table_angle
+from sinstool.hse.rig import Rig
+from sinstool.hse.segments import Segment, Segmentation, SegmentRules, find_segments
+from sinstool.hse.turns import TurnStatistics, turn_statistics
+from sinstool.readers.log import Log
+from sinstool.readers.streams import (
+    JOINT_TYPE,
+    ImuUnits,
+    Losses,
+    joint_names,
+    read_imu,
+    read_joint,
+)
+from sinstool.readers.topics import ImuTopic, choose_imu, choose_optional
+from sinstool.source import time_span
+from sinstool.streams import Encoder, Imu, Stream
+from sinstool.survey import within
+from sinstool.timeline import whole
+from sinstool.units import DEGREE, STANDARD_GRAVITY
+
+S = TypeVar("S", bound=Stream)
+Progress = Callable[[int], None]
+
+
+@dataclass(frozen=True)
+class RigLog:
+    """Samples of a rig's log as they are in it, by time.
+
+    Attributes
+    ----------
+    log : Log
+    topic : ImuTopic
+    imu : Imu
+        Raw: axes of the log, rad/s and m/s^2.
+    encoder : Encoder
+        Readings in the unit of the log.
+    encoder_topic : str
+    counts : dict
+        What was left out, by reason.
+    """
+
+    log: Log
+    topic: ImuTopic
+    imu: Imu
+    encoder: Encoder
+    encoder_topic: str
+    counts: dict[str, int]
+
+    @property
+    def start_ns(self) -> int:
+        """Stamp of the first sample."""
+        return int(self.imu.time_ns[0])
+
+
+@dataclass(frozen=True)
+class RigTurns:
+    """Stretches at constant rate of one log.
+
+    Attributes
+    ----------
+    source : str
+        The log's name.
+    start_ns : int
+    pieces : list of TableAngle
+    segmentation : Segmentation
+        What is used and what is not, and why.
+    turns : list of TurnStatistics
+        One for each of the segments in use.
+    counts : dict
+        Of :class:`RigLog`.
+    """
+
+    source: str
+    start_ns: int
+    pieces: list[TableAngle]
+    segmentation: Segmentation
+    turns: list[TurnStatistics]
+    counts: dict[str, int]
+
+    @property
+    def segments(self) -> list[Segment]:
+        """Segments in use."""
+        return self.segmentation.used
+
+
+def read_rig_log(
+    log: Log, rig: Rig, options: InputOptions, progress: Progress | None = None
+) -> RigLog:
+    """Read gyros, accelerometers and encoder.
+
+    Parameters
+    ----------
+    log : Log
+    rig : Rig
+    options : InputOptions
+        Topics, units and span of time; axes are the rig's.
+    progress : callable, optional
+        Called with the bytes read.
+
+    Raises
+    ------
+    TopicError, DataError
+        A topic is missing or empty, or the encoder's joint is not in it.
+    """
+    counts: dict[str, int] = {}
+    topic = choose_imu(log, options.imu_topic)
+    units = ImuUnits(
+        "frd",
+        DEGREE if options.gyro_unit == "deg/s" else 1.0,
+        STANDARD_GRAVITY if options.accel_unit == "g" else 1.0,
+    )
+    losses = Losses()
+    channels = choose_optional(log, "--encoder-topic", options.encoder_topic, JOINT_TYPE)
+    if not channels:
+        raise _without_encoder(log, rig, [])
+    blocks = read_imu(log, topic.channels, units, losses, path=topic.path, progress=progress)
+    span = time_span(log, options)
+    read = list(blocks)
+    if not read:
+        raise DataError(log.path, f"topic {topic.topic} has no usable Imu message")
+    first_ns = int(read[0].time_ns[0])
+    begin, end = span(first_ns) if span else (None, None)
+    imu = _by_time(within(read, begin, end), counts, topic.topic)
+    if imu is None:
+        raise DataError(
+            log.path, f"topic {topic.topic} has no usable Imu message between --start and --end"
+        )
+    for count, name in ((losses.malformed, "malformed"), (losses.nonfinite, "not finite")):
+        if count:
+            counts[f"{topic.topic} {name}"] = count
+    joint = rig.encoder.joint
+    names = joint_names(log, channels)
+    if not joint and len(names) == 1:
+        joint = names[0]
+    if joint not in names:
+        raise _without_encoder(log, rig, names)
+    encoder = _by_time(read_joint(log, channels, joint, Losses()), counts, channels[0].topic)
+    if encoder is None:
+        raise _without_encoder(log, rig, names)
+    return RigLog(log, topic, imu, encoder, channels[0].topic, counts)
+
+
+def _without_encoder(log: Log, rig: Rig, names: list[str]) -> TopicError:
+    finding = status.no_encoder(str(log.path), rig.encoder.joint, names)
+    error = TopicError(log.path, finding.message.removeprefix(f"{log.path}: "), finding.hint)
+    error.exit_code = finding.exit_code
+    return error
+
+
+def _by_time(blocks: Iterable[S], counts: dict[str, int], topic: str) -> S | None:
+    """All of a stream by stamp, without repeated ones."""
+    found = whole(blocks)
+    if found is None:
+        return None
+    if found.backward:
+        counts[f"{topic} out of order"] = found.backward
+    if found.repeated:
+        counts[f"{topic} repeated stamps"] = found.repeated
+    return found.stream
+
+
+def find_turns(rig_log: RigLog, rig: Rig, rules: SegmentRules) -> RigTurns:
+    """Segments of a rig's log and the sums over their turns.
+
+    Raises
+    ------
+    AlignmentError
+        With the name of the log: the encoder or the stamps cannot be used.
+    """
+    path = rig_log.log.path
+    try:
+        pieces = table_angle(
+            rig_log.imu.time_ns,
+            rig_log.encoder.time_ns,
+            rig_log.encoder.position,
+            rig.encoder,
+            rig.imu_stamp,
+        )
+        found = find_segments(pieces, rules)
+        turns = [
+            turn_statistics(pieces[s.piece], s, rig_log.imu.gyro, rig_log.imu.accel)
+            for s in found.used
+        ]
+    except AlignmentError as exc:
+        raise AlignmentError(f"{path}: {exc.message}", exc.hint) from exc
+    return RigTurns(path.stem, rig_log.start_ns, pieces, found, turns, rig_log.counts)
+
+
+def nothing_to_use(turns: RigTurns, path: Path, rules: SegmentRules) -> SinstoolError:
+    """Why a log has no stretch that can be aligned on."""
+    rejected = turns.segmentation.rejected
+    longest = max((s.turns for s in rejected), default=0.0)
+    finding = status.no_whole_turn(str(path), longest, rules.min_turns)
+    reasons = [f"{s.start_s:.1f} s: {s.reason}" for s in rejected if s.turns >= 1.0][:3]
+    seen = f" ({'; '.join(reasons)})" if reasons else ""
+    error = AlignmentError(finding.message + seen, finding.hint)
+    error.exit_code = finding.exit_code
+    return error
