@@ -1,0 +1,125 @@
+"""A drive on roads with exact sensors: still at first, then stops, turns and hills."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sinstool.simulation.flight import add_sinusoids
+from sinstool.simulation.trajectory import Trajectory
+from sinstool.simulation.travel import COLUMNS, Levels, Motion, travel
+from sinstool.simulation.truth import sample_times
+
+FloatArray = NDArray[np.float64]
+
+_CRUISE = 14.0  # m/s, at which the suspension's motion has its full size
+_CORNER = 5.0
+_LEAN = np.deg2rad(0.5)  # of the body in a curve, outward, per m/s^2
+
+
+def road_drive(
+    duration_s: float,
+    rate_hz: float,
+    *,
+    latitude: float = np.deg2rad(48.1),
+    longitude: float = np.deg2rad(11.6),
+    height: float = 560.0,
+    heading: float = 0.7,
+    still_s: float = 60.0,
+    seed: int = 0,
+    start_ns: int = 0,
+) -> Trajectory:
+    """Stand, then drive through a town on hills.
+
+    Parameters
+    ----------
+    duration_s : float
+    rate_hz : float
+        Of the samples.
+    latitude, longitude : float, optional
+        Of the start, rad.
+    height : float, optional
+        Ellipsoidal, of the start, m.
+    heading : float, optional
+        At the start, rad.
+    still_s : float, optional
+        At rest before the drive, s.
+    seed : int, optional
+        Of the roads and of the suspension.
+    start_ns : int, optional
+        First instant.
+
+    Returns
+    -------
+    Trajectory
+        Up to 17 m/s along the car's own axis; turns of 45 to 150 degrees at 5 m/s, stops of 5 to
+        20 s that are stops to the last bit, slopes up to 5 degrees. On its suspension the body
+        pitches, rolls and heaves at 2 to 4 Hz, by 0.2 degrees and some millimetres, in proportion to speed,
+        and leans outward in turns.
+    """
+    times = sample_times(rate_hz, duration_s, start_ns)
+    motion = _roads(duration_s, still_s, np.random.default_rng(seed))
+    return travel(motion, times, latitude, longitude, height, heading)
+
+
+def _roads(duration_s: float, still_s: float, random: np.random.Generator) -> Motion:
+    speeds: list[tuple[float, float, float]] = []
+    turns: list[tuple[float, float, float]] = []
+    slopes: list[tuple[float, float, float]] = []
+    t, moving = still_s, False
+    while t < duration_s:
+        if not moving:
+            speeds.append((t, 9.0, float(random.uniform(11.0, 17.0))))
+            t += 9.0
+        moving = True
+        slopes.append((t, 12.0, float(np.deg2rad(random.uniform(-5.0, 5.0)))))
+        t += float(random.uniform(12.0, 40.0))
+        if random.random() < 0.6:
+            rate = float(random.choice([-1.0, 1.0]) * random.uniform(0.2, 0.35))
+            hold = float(random.uniform(np.deg2rad(45.0), np.deg2rad(150.0))) / abs(rate)
+            speeds.append((t, 6.0, _CORNER))
+            turns += [(t + 6.0, 2.0, rate), (t + 8.0 + hold, 2.0, 0.0)]
+            t += 10.0 + hold
+            speeds.append((t, 7.0, float(random.uniform(11.0, 17.0))))
+            t += 7.0
+        else:
+            speeds.append((t, 7.0, 0.0))
+            t += 7.0 + float(random.uniform(5.0, 20.0))
+            moving = False
+    speed, turn, slope = Levels(0.0, speeds), Levels(0.0, turns), Levels(0.01, slopes)
+    frequency = random.uniform(2.0, 4.0, (4, 3))
+    phase = random.uniform(0.0, 2.0 * np.pi, (4, 3))
+    angle = np.deg2rad(0.12) * random.uniform(0.5, 1.5, (2, 3))
+
+    def motion(t: FloatArray) -> FloatArray:
+        out = np.zeros((len(t), COLUMNS))
+        v, dv, ddv = speed.value(t), speed.slope(t), speed.curvature(t)
+        yaw, rate, bend = turn.integral(t), turn.value(t), turn.slope(t)
+        hill, dhill = slope.value(t), slope.slope(t)
+        c, s = np.cos(yaw), np.sin(yaw)
+        # The car goes along the road with speed v, of which cos(hill) is level
+        level, climb = np.cos(hill), np.sin(hill)
+        along, dalong = v * level, dv * level - v * climb * dhill
+        out[:, 0], out[:, 1] = along * c, along * s
+        out[:, 3] = dalong * c - along * s * rate
+        out[:, 4] = dalong * s + along * c * rate
+        size, dsize, ddsize = v / _CRUISE, dv / _CRUISE, ddv / _CRUISE
+        out[:, 2], out[:, 5] = -v * climb, -dv * climb - v * level * dhill
+        for f, p in zip(frequency[3], phase[3], strict=True):
+            w = 2.0 * np.pi * f
+            heave, dheave = 0.0015 * np.sin(w * t + p), 0.0015 * w * np.cos(w * t + p)
+            out[:, 2] -= dsize * heave + size * dheave
+            out[:, 5] -= ddsize * heave + 2.0 * dsize * dheave - size * w * w * heave
+        shake = np.zeros_like(out)
+        add_sinusoids(shake, t, frequency[:2], phase[:2], angle)
+        for axis in (0, 1):
+            out[:, 6 + axis] = size * shake[:, 6 + axis]
+            out[:, 9 + axis] = dsize * shake[:, 6 + axis] + size * shake[:, 9 + axis]
+        out[:, 6] -= _LEAN * v * rate
+        out[:, 9] -= _LEAN * (dv * rate + v * bend)
+        out[:, 7] += hill
+        out[:, 10] += dhill
+        out[:, 8], out[:, 11] = yaw, rate
+        return out
+
+    return motion
