@@ -54,8 +54,8 @@ def road_drive(
     Trajectory
         Up to 17 m/s along the car's own axis; turns of 45 to 150 degrees at 5 m/s, stops of 5 to
         20 s that are stops to the last bit, slopes up to 5 degrees. On its suspension the body
-        pitches, rolls and heaves at 2 to 4 Hz, by 0.2 degrees and some millimetres, in proportion to speed,
-        and leans outward in turns.
+        pitches and rolls by 0.2 degrees and heaves by some millimetres at 2 to 4 Hz, in
+        proportion to speed, and it leans outward in turns.
     """
     times = sample_times(rate_hz, duration_s, start_ns)
     motion = _roads(duration_s, still_s, np.random.default_rng(seed))

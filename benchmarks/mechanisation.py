@@ -1,0 +1,352 @@
+"""What an update of the mechanisation costs, and how far it is from the truth.
+
+Ours, with and without height damping, beside the same arithmetic in C (compiled here), and beside
+two published packages where they are installed (`pip install python-ins smsfusion`).
+
+python benchmarks/mechanisation.py
+python benchmarks/mechanisation.py --seconds 600 --repeats 3 --no-accuracy
+"""
+
+from __future__ import annotations
+
+import argparse
+import ctypes
+import subprocess
+import tempfile
+import time
+from collections.abc import Callable
+from pathlib import Path
+
+import numba
+import numpy as np
+
+from sinstool import earth, rotation
+from sinstool.coning.registry import algorithm
+from sinstool.coning.stage import ConingStage
+from sinstool.height.channel import baro_sample, propagate
+from sinstool.height.discrete import pole_matched_gains
+from sinstool.height.layout import ACCEPTED, new_events, new_parameters, new_state
+from sinstool.height.network import HeightNetwork, gravity_gradient
+from sinstool.simulation.flight import manoeuvring_flight, spiral_climb
+from sinstool.simulation.trajectory import Trajectory
+from sinstool.strapdown import navigation
+from sinstool.strapdown.navigation import EXACT, SIZE, Navigator, initial_state, step
+from sinstool.strapdown.velocity import Increments, IncrementStage
+
+TAU = 30.0  # s, of the height damping
+NS = 1e9
+
+
+def increments(flight: Trajectory, name: str = "previous-1") -> Increments:
+    """Compensated increments of a flight, by one of the coning algorithms."""
+    imu = flight.imu
+    stage = IncrementStage(
+        lambda: ConingStage(algorithm(name), "mean-rate", nominal_interval=float(imu.interval[0]))
+    )
+    parts = [stage.push(imu.gyro_mean_rate, imu.mean_specific_force, imu.time_ns), stage.finish()]
+    columns = [
+        np.concatenate([getattr(p, column) for p in parts])
+        for column in Increments.__dataclass_fields__
+    ]
+    return Increments(*columns)
+
+
+def start(flight: Trajectory) -> np.ndarray:
+    return initial_state(
+        float(flight.latitude[0]),
+        float(flight.longitude[0]),
+        float(flight.height[0]),
+        flight.velocity_n[0],
+        flight.imu.q_nb[0],
+    )
+
+
+@numba.njit(cache=True, nogil=True)
+def damped(state, phi, dv, dt, channel, parameters, events, every, baro, out):
+    t = 0.0
+    for k in range(out.shape[0]):
+        v = -state[5]
+        step(
+            state,
+            phi[k, 0],
+            phi[k, 1],
+            phi[k, 2],
+            dv[k, 0],
+            dv[k, 1],
+            dv[k, 2],
+            dt[k],
+            0.0,
+            EXACT,
+        )
+        t += dt[k]
+        dh, dw = propagate(
+            channel, parameters, events, t, dt[k], state[2], -state[5], -state[5] - v
+        )
+        state[2] += dh
+        state[5] -= dw
+        if (k + 1) % every == 0:
+            _, dh, dw = baro_sample(
+                channel, parameters, events, t, state[2], -state[5], t, baro[k], ACCEPTED
+            )
+            state[2] += dh
+            state[5] -= dw
+        for i in range(SIZE):
+            out[k, i] = state[i]
+
+
+def compiled() -> Callable[..., None]:
+    """Compile the C loop; give it as a function of numpy arrays."""
+    source = Path(__file__).with_name("mechanisation_plain.c")
+    with tempfile.TemporaryDirectory() as folder:
+        library = Path(folder) / "plain.so"
+        subprocess.run(
+            ["cc", "-O3", "-shared", "-fPIC", "-o", str(library), str(source), "-lm"], check=True
+        )
+        function = ctypes.CDLL(str(library)).navigate
+    double = np.ctypeslib.ndpointer(dtype=np.float64, flags="C_CONTIGUOUS")
+    function.argtypes = [double] * 4 + [ctypes.c_long] * 2 + [double] * 3
+    function.restype = None
+    return function
+
+
+def best(run: Callable[[], None], repeats: int) -> float:
+    """Shortest time of several, s: the one that other programs disturbed least."""
+    times = []
+    for _ in range(repeats):
+        begin = time.perf_counter()
+        run()
+        times.append(time.perf_counter() - begin)
+    return min(times)
+
+
+def pyins_start(flight: Trajectory):
+    import pandas as pd
+
+    values = [
+        *np.rad2deg([flight.latitude[0], flight.longitude[0]]),
+        flight.height[0],
+        *flight.velocity_n[0],
+        *np.rad2deg(rotation.to_euler(flight.imu.q_nb[0])),
+    ]
+    names = ["lat", "lon", "alt", "VN", "VE", "VD", "roll", "pitch", "heading"]
+    return pd.Series(values, index=names)
+
+
+def pyins_increments(flight: Trajectory):
+    """What python-ins makes of the same exact increments."""
+    import pandas as pd
+    from pyins.strapdown import compute_increments_from_imu
+
+    imu = flight.imu
+    data = np.hstack([imu.gyro_increment, imu.mean_specific_force * imu.interval[:, None]])
+    names = [f"{s}_{a}" for s in ("gyro", "accel") for a in "xyz"]
+    index = pd.Index(flight.time_ns * 1e-9, name="time")
+    return compute_increments_from_imu(pd.DataFrame(data, index, names), "increment")
+
+
+def pyins_run(flight: Trajectory, given) -> np.ndarray:
+    """Latitude, longitude, height and velocity of python-ins, shape (n, 6)."""
+    from pyins.strapdown import Integrator
+
+    result = Integrator(pyins_start(flight)).integrate(given)
+    found = result[["lat", "lon", "alt", "VN", "VE", "VD"]].to_numpy()[1:].copy()
+    found[:, :2] = np.deg2rad(found[:, :2])
+    return found
+
+
+def pyins_gravity(latitude: np.ndarray, height: np.ndarray) -> np.ndarray:
+    """Gravity as python-ins has it, linear in height without the ellipsoid's share."""
+    sin2 = np.sin(latitude) ** 2
+    e2 = earth.ECCENTRICITY_SQUARED
+    f = (1.0 - e2) ** 0.5 * earth.NORMAL_GRAVITY_POLE / earth.NORMAL_GRAVITY_EQUATOR - 1.0
+    g = earth.NORMAL_GRAVITY_EQUATOR * (1.0 + f * sin2) / (1.0 - e2 * sin2) ** 0.5
+    g *= 1.0 - 2.0 * height / earth.SEMI_MAJOR_AXIS
+    return np.stack([np.zeros_like(g), np.zeros_like(g), g], axis=-1)
+
+
+def apart(flight: Trajectory, a: np.ndarray, b: np.ndarray) -> tuple[float, float]:
+    """Largest distance of two runs, m: horizontal and vertical. Rows: lat, lon, height."""
+    meridian, transverse = earth.radii_of_curvature(flight.latitude[1:])
+    north = (a[:, 0] - b[:, 0]) * meridian
+    east = np.remainder(a[:, 1] - b[:, 1] + np.pi, 2.0 * np.pi) - np.pi
+    east = east * transverse * np.cos(a[:, 0])
+    return float(np.hypot(north, east).max()), float(np.abs(a[:, 2] - b[:, 2]).max())
+
+
+def truth_rows(flight: Trajectory) -> np.ndarray:
+    return np.stack([flight.latitude, flight.longitude, flight.height], axis=-1)[1:]
+
+
+def accuracy() -> None:
+    flights = {
+        "spiral climb, 3600 s at 128 Hz": spiral_climb(3600.0, 128.0),
+        "manoeuvring, still air, 1800 s at 100 Hz": manoeuvring_flight(
+            1800.0, 100.0, turbulence=0.0
+        ),
+        "manoeuvring, turbulence, 1800 s at 100 Hz": manoeuvring_flight(1800.0, 100.0),
+    }
+    print("Largest error against the truth with perfect sensors\n")
+    print("| flight | increments by | horizontal m | vertical m |\n|---|---|---|---|")
+    for title, flight in flights.items():
+        truth = truth_rows(flight)
+        ours = {}
+        for name in ("previous-1", "quatfiter-4", "lookahead-12"):
+            given = increments(flight, name)
+            out = np.empty((len(given.sample), SIZE))
+            navigation.navigate(
+                start(flight),
+                given.rotation_vector,
+                given.velocity_increment,
+                given.interval,
+                0.0,
+                EXACT,
+                out,
+            )
+            ours[name] = out
+            every = given.sample - 1
+            full = np.full_like(truth, np.nan)
+            full[every] = out[:, :3]
+            full[np.isnan(full)] = truth[np.isnan(full)]
+            print("| {} | {} | {:.2e} | {:.2e} |".format(title, name, *apart(flight, full, truth)))
+        try:
+            given = pyins_increments(flight)
+        except ImportError:
+            print(f"| {title} | python-ins: not installed | | |")
+            continue
+        theirs = pyins_run(flight, given)
+        print("| {} | python-ins | {:.2e} | {:.2e} |".format(title, *apart(flight, theirs, truth)))
+        corrected = with_our_gravity(flight, given)
+        there = pyins_run(flight, corrected)
+        print(
+            "| {} | python-ins, our gravity | {:.2e} | {:.2e} |".format(
+                title, *apart(flight, there, truth)
+            )
+        )
+        for label, run in (("python-ins", theirs), ("python-ins, our gravity", there)):
+            print(
+                "| {} | previous-1 less {} | {:.2e} | {:.2e} |".format(
+                    title, label, *apart(flight, ours["previous-1"], run)
+                )
+            )
+    print()
+
+
+def with_our_gravity(flight: Trajectory, given):
+    """Velocity increments that make up for what python-ins leaves out of gravity."""
+    middle = 0.5 * (flight.latitude[1:] + flight.latitude[:-1])
+    height = 0.5 * (flight.height[1:] + flight.height[:-1])
+    lack = earth.gravity_n(middle, height) - pyins_gravity(middle, height)
+    added = rotation.rotate(rotation.conjugate(flight.imu.q_nb[:-1]), lack)
+    corrected = given.copy()
+    corrected[["dv_x", "dv_y", "dv_z"]] += added * given[["dt"]].to_numpy()
+    return corrected
+
+
+def speed(seconds: float, repeats: int) -> None:
+    flight = spiral_climb(seconds, 128.0)
+    given = increments(flight)
+    phi, dv, dt = given.rotation_vector, given.velocity_increment, given.interval
+    n = len(dt)
+    out, plain = np.empty((n, SIZE)), np.empty((n, SIZE))
+    begin = start(flight)
+    height = flight.height[given.sample].copy()
+    rows: list[tuple[str, float]] = []
+
+    def timed(label: str, run: Callable[[], None], updates: int, times: int) -> None:
+        rows.append((label, best(run, times) / updates * NS))
+
+    c = compiled()
+    nothing = np.zeros(3)
+    state = begin.copy()
+    navigation.navigate(begin.copy(), phi[:9], dv[:9], dt[:9], 0.0, EXACT, out[:9])
+    timed(
+        "C -O3, undamped", lambda: c(begin.copy(), phi, dv, dt, n, 0, height, nothing, plain),
+        n, repeats,
+    )  # fmt: skip
+    timed(
+        "ours, undamped",
+        lambda: navigation.navigate(begin.copy(), phi, dv, dt, 0.0, EXACT, out),
+        n,
+        repeats,
+    )
+    print(f"ours and C differ by {np.abs(out - plain).max(axis=0)[:3]} rad, rad, m at the most\n")
+    navigator = Navigator(begin)
+    timed("ours, Navigator, blocks of 4096", lambda: blocks(navigator, phi, dv, dt), n, repeats)
+
+    every = 128
+    w2 = gravity_gradient(float(flight.latitude[0]))
+    gains = np.array(pole_matched_gains(every * float(dt[0]), TAU, 0.0, w2))
+    parameters = new_parameters(HeightNetwork(tau=TAU, w2=w2), "tactical")
+
+    def with_channel() -> None:
+        damped(
+            begin.copy(), phi, dv, dt, new_state(), parameters, new_events(n // every, n),
+            every, height, out,
+        )  # fmt: skip
+
+    with_channel()
+    timed(
+        "C -O3, third-order loop, 1 Hz",
+        lambda: c(begin.copy(), phi, dv, dt, n, every, height, gains, plain),
+        n,
+        repeats,
+    )
+    timed("ours, height channel with its shadow, 1 Hz", with_channel, n, repeats)
+    del state
+    timed("IncrementStage, previous-1", lambda: increments(flight), n, repeats)
+    timed("IncrementStage, lookahead-12", lambda: increments(flight, "lookahead-12"), n, repeats)
+    others(flight, timed)
+
+    costs = dict(rows)
+    base = costs["ours, undamped"]
+    print(f"{n} updates, best of {repeats}\n")
+    print("| what | ns per update | against ours undamped |\n|---|---|---|")
+    for label, cost in rows:
+        print(f"| {label} | {cost:.4g} | {cost / base:.3g} |")
+    print()
+
+
+def blocks(navigator: Navigator, phi: np.ndarray, dv: np.ndarray, dt: np.ndarray) -> None:
+    for i in range(0, len(dt), 4096):
+        rows = slice(i, i + 4096)
+        navigator.push(phi[rows], dv[rows], dt[rows])
+
+
+def others(flight: Trajectory, timed: Callable[..., None]) -> None:
+    imu = flight.imu
+    try:
+        given = pyins_increments(flight)
+    except ImportError:
+        print("python-ins is not installed")
+    else:
+        pyins_run(flight, given.iloc[:99])
+        timed("python-ins Integrator, one batch", lambda: pyins_run(flight, given), len(given), 3)
+    try:
+        from smsfusion import StrapdownINS
+    except ImportError:
+        print("smsfusion is not installed")
+        return
+    few = 5000
+    x0 = np.concatenate([np.zeros(3), flight.velocity_n[0], imu.q_nb[0], np.zeros(6)])
+
+    def run() -> None:
+        ins = StrapdownINS(128.0, x0)
+        for k in range(few):
+            ins.update(imu.mean_specific_force[k], imu.gyro_mean_rate[k])
+
+    timed("smsfusion StrapdownINS (flat Earth, Euler steps)", run, few, 2)
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=(__doc__ or "").split("\n", 1)[0])
+    parser.add_argument("--seconds", type=float, default=1800.0, help="of the flight at 128 Hz")
+    parser.add_argument("--repeats", type=int, default=7)
+    parser.add_argument("--no-accuracy", action="store_true", help="times only")
+    chosen = parser.parse_args()
+    speed(chosen.seconds, chosen.repeats)
+    if not chosen.no_accuracy:
+        accuracy()
+
+
+if __name__ == "__main__":
+    main()
