@@ -40,7 +40,7 @@ from sinstool.simulation.static import static
 from sinstool.simulation.truth import sample_times
 from sinstool.streams import Imu, concatenate
 from sinstool.summary import something_lost
-from sinstool.writers.simulated import SimulatedLog, write_simulated
+from sinstool.writers.simulated import motion_topics, resting_fixes, write_simulated
 
 RATE = 200.0
 SECOND = 10**9
@@ -71,7 +71,10 @@ def still_at(latitude_deg, seconds=10.0):
 
 
 def simulated(path, truth, kind="rate", axes="flu", position=None):
-    write_simulated(path, SimulatedLog(truth, truth, kind, axes, position), {})
+    topics = motion_topics(truth, kind, axes)
+    if position is not None:
+        topics.append(resting_fixes(truth.time_ns, position))
+    write_simulated(path, topics, {})
     return path
 
 

@@ -38,6 +38,7 @@ METAVARS = {
     "velocity_topic": "TOPIC",
     "baro_topic": "TOPIC",
     "encoder_topic": "TOPIC",
+    "hse": "FILE",
 }
 
 

@@ -364,7 +364,13 @@ def _write(
 ) -> None:
     """Write the log; `measured` is the truth with errors of the scenario's own, if it has any."""
     from sinstool.simulation.sensors import GRADES, with_errors
-    from sinstool.writers.simulated import SimulatedLog, write_simulated
+    from sinstool.writers.simulated import (
+        Axes,
+        imu_topic,
+        resting_fixes,
+        truth_topics,
+        write_simulated,
+    )
     from sinstool.writers.whole import check_output
 
     output: Path = rest["output"]
@@ -374,8 +380,11 @@ def _write(
     )
     kept = {k: rest[k] for k in ("gyro_kind", "body_axes", "grade", "seed")}
     settings = {k: str(v) for k, v in (scenario | kept).items()}
-    log = SimulatedLog(sensor, truth, rest["gyro_kind"], rest["body_axes"], position)
-    counts = write_simulated(output, log, settings)
+    axes = Axes(rest["body_axes"])
+    topics = [imu_topic(sensor, rest["gyro_kind"], axes), *truth_topics(truth, axes)]
+    if position is not None:
+        topics.append(resting_fixes(truth.time_ns, position))
+    counts = write_simulated(output, topics, settings)
     if rest["as_json"]:
         print_json({"output": str(output), "topics": counts, "settings": settings})
     else:

@@ -1,16 +1,21 @@
-"""Simulated motions as logs: the sensor's topics, and the truth beside them."""
+"""Simulated motions as logs: the sensors' topics, and the truth beside them."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
 
 import sinstool
+from sinstool import earth
 from sinstool.messages.definitions import schema_text, type_hash
 from sinstool.messages.encode import Encoder
-from sinstool.readers.frames import q_for_log, turn_body
+from sinstool.readers.frames import enu_to_ned, q_for_log, turn_body
+from sinstool.rotation import conjugate, rotate
+from sinstool.simulation.gnss import GnssSamples
+from sinstool.simulation.trajectory import Trajectory
 from sinstool.simulation.truth import ImuTruth
 from sinstool.writers.chunks import Messages
 from sinstool.writers.mcap import McapWriter
@@ -19,42 +24,51 @@ from sinstool.writers.whole import WholeFile
 
 IMU_TOPIC = "/imu/data_raw"
 FIX_TOPIC = "/gnss/fix"
-FIX_RATE_HZ = 1.0
+VELOCITY_TOPIC = "/gnss/velocity"
+BARO_TOPIC = "/baro"
+JOINT_TOPIC = "/joint_states"
+REST_FIX_HZ = 1.0
 BATCH = 16384
-_DEGREE = np.pi / 180.0
+
+Columns = dict[str, np.ndarray]
 
 
 @dataclass(frozen=True)
-class SimulatedLog:
-    """What goes into the log.
+class SimulatedTopic:
+    """One topic of a simulated log.
 
     Attributes
     ----------
-    sensor, truth : ImuTruth
-        With and without sensor errors.
-    gyro_kind : {'rate', 'mean-rate', 'increment'}
-        Which of the sensor's samples the Imu topic carries.
-    body_axes : {'flu', 'frd'}
-    position : tuple of float or None
-        Latitude, longitude (rad) and height (m) of a body that stays there: written as fixes.
+    topic, type_name : str
+    time_ns : ndarray of int64, shape (n,)
+        Stamps and log times.
+    columns : callable
+        Fields of a slice of rows, beside the stamp.
+    strings : dict
+        Text fields.
+    lengths : dict
+        Lengths of sequences.
     """
 
-    sensor: ImuTruth
-    truth: ImuTruth
-    gyro_kind: str
-    body_axes: str
-    position: tuple[float, float, float] | None = None
+    topic: str
+    type_name: str
+    time_ns: np.ndarray
+    columns: Callable[[slice], Columns]
+    strings: dict[str, str] = field(default_factory=dict)
+    lengths: dict[str, int] = field(default_factory=dict)
 
 
-def write_simulated(path: Path, log: SimulatedLog, settings: dict[str, str]) -> dict[str, int]:
-    """Write a simulated motion as an MCAP log.
+def write_simulated(
+    path: Path, topics: Sequence[SimulatedTopic], settings: dict[str, str]
+) -> dict[str, int]:
+    """Write topics as an MCAP log, in the order of time.
 
     Parameters
     ----------
     path : Path
-    log : SimulatedLog
+    topics : sequence of SimulatedTopic
     settings : dict
-        How it was made; kept in a Metadata record ``sinstool``.
+        How the log was made; kept in a Metadata record ``sinstool``.
 
     Returns
     -------
@@ -64,127 +78,285 @@ def write_simulated(path: Path, log: SimulatedLog, settings: dict[str, str]) -> 
     with WholeFile(path) as whole:
         writer = McapWriter(whole.stream, "ros2", f"sinstool/{sinstool.__version__}")
         try:
-            counts = _Topics(writer, log).write()
+            open_topics = [_Open(writer, topic) for topic in topics]
+            longest = max(topics, key=lambda t: len(t.time_ns))
+            ends = [*longest.time_ns[BATCH - 1 :: BATCH].tolist(), None]
+            for end in ends:
+                parts = [part for topic in open_topics if (part := topic.until(end)) is not None]
+                if parts:
+                    writer.write(parts)
             writer.add_metadata("sinstool", {"version": sinstool.__version__, **settings})
             writer.finish()
         finally:
             writer.abort()
-    return counts
+    return {topic.topic: len(topic.time_ns) for topic in topics}
 
 
-class _Topics:
-    """The topics of one log and how each is filled."""
+class _Open:
+    """A topic that is being written."""
 
-    def __init__(self, writer: McapWriter, log: SimulatedLog) -> None:
-        self.writer = writer
-        self.log = log
-        self.world = "enu" if log.body_axes == "flu" else "ned"
-        self.reference = "map" if self.world == "enu" else "map_ned"
-        self.body = "imu_link" if log.body_axes == "flu" else "imu_link_ned"
+    def __init__(self, writer: McapWriter, topic: SimulatedTopic) -> None:
+        name = topic.type_name
+        schema = writer.add_schema(name, "ros2msg", schema_text(name, "cdr").encode())
+        metadata = {"offered_qos_profiles": QOS, "topic_type_hash": type_hash(name)}
+        self.number = writer.add_channel(topic.topic, "cdr", schema, metadata)
+        self.encoder = Encoder(name, "cdr", topic.strings, topic.lengths)
+        self.topic = topic
+        self.done = 0
 
-    def write(self) -> dict[str, int]:
-        log = self.log
-        header = {"header.frame_id": self.body}
-        odometry = {"header.frame_id": self.reference, "child_frame_id": self.body}
-        imu = self._topic(IMU_TOPIC, "sensor_msgs/msg/Imu", header)
-        truth = self._topic("/truth/imu", "sensor_msgs/msg/Imu", header)
-        pose = self._topic("/truth/odometry", "nav_msgs/msg/Odometry", odometry)
-        counts = {IMU_TOPIC: 0, "/truth/imu": 0, "/truth/odometry": 0}
-        fix = None
-        if log.position is not None:
-            fix = self._topic(FIX_TOPIC, "sensor_msgs/msg/NavSatFix", {"header.frame_id": "gnss"})
-            counts[FIX_TOPIC] = 0
-        n = len(log.truth.time_ns)
-        next_fix = int(log.truth.time_ns[0])
-        for begin in range(0, n, BATCH):
-            rows = slice(begin, min(begin + BATCH, n))
-            times = log.truth.time_ns[rows]
-            parts = [
-                self._messages(imu, self._sensor(rows), times, begin),
-                self._messages(truth, self._truth(rows), times, begin),
-                self._messages(pose, self._pose(rows), times, begin),
-            ]
-            for name in (IMU_TOPIC, "/truth/imu", "/truth/odometry"):
-                counts[name] += len(times)
-            if fix is not None:
-                step = round(1e9 / FIX_RATE_HZ)
-                at = np.arange(next_fix, int(times[-1]) + 1, step, dtype=np.int64)
-                if len(at):
-                    parts.append(self._messages(fix, self._fix(), at, counts[FIX_TOPIC]))
-                    next_fix = int(at[-1]) + step
-                    counts[FIX_TOPIC] += len(at)
-            self.writer.write(parts)
-        return counts
-
-    def _topic(self, topic: str, type_name: str, strings: dict[str, str]) -> tuple[int, Encoder]:
-        text = schema_text(type_name, "cdr").encode()
-        schema = self.writer.add_schema(type_name, "ros2msg", text)
-        metadata = {"offered_qos_profiles": QOS, "topic_type_hash": type_hash(type_name)}
-        number = self.writer.add_channel(topic, "cdr", schema, metadata)
-        return number, Encoder(type_name, "cdr", strings)
-
-    @staticmethod
-    def _messages(
-        topic: tuple[int, Encoder], columns: dict[str, np.ndarray], times: np.ndarray, first: int
-    ) -> Messages:
-        number, encoder = topic
+    def until(self, end_ns: int | None) -> Messages | None:
+        """Messages up to a time (all of them for None) that were not given out yet."""
+        times = self.topic.time_ns
+        stop = len(times) if end_ns is None else int(np.searchsorted(times, end_ns, "right"))
+        if stop <= self.done:
+            return None
+        rows = slice(self.done, stop)
+        self.done = stop
+        at = times[rows]
         stamp = {
-            "header.stamp.sec": times // 1_000_000_000,
-            "header.stamp.nanosec": times % 1_000_000_000,
+            "header.stamp.sec": at // 1_000_000_000,
+            "header.stamp.nanosec": at % 1_000_000_000,
         }
-        payload = encoder.encode({**stamp, **columns}, len(times))
-        sequence = np.arange(first, first + len(times), dtype=np.int64)
-        return Messages.from_rows(number, payload, times, sequence)
+        payload = self.encoder.encode({**stamp, **self.topic.columns(rows)}, len(at))
+        sequence = np.arange(rows.start, rows.stop, dtype=np.int64)
+        return Messages.from_rows(self.number, payload, at, sequence)
 
-    def _sensor(self, rows: slice) -> dict[str, np.ndarray]:
-        sensor, axes = self.log.sensor, self.log.body_axes
-        gyro, accel = {
-            "rate": (sensor.gyro_rate, sensor.specific_force),
-            "mean-rate": (sensor.gyro_mean_rate, sensor.mean_specific_force),
-            "increment": (
-                sensor.gyro_increment,
-                sensor.mean_specific_force * sensor.interval[:, None],
-            ),
-        }[self.log.gyro_kind]
+
+@dataclass(frozen=True)
+class Axes:
+    """Axes of a simulated log: FLU in ENU, or FRD in NED.
+
+    Attributes
+    ----------
+    body_axes : {'flu', 'frd'}
+    """
+
+    body_axes: str
+
+    @property
+    def world(self) -> str:
+        """``enu`` or ``ned``."""
+        return "enu" if self.body_axes == "flu" else "ned"
+
+    @property
+    def reference(self) -> str:
+        """Frame id of the world."""
+        return "map" if self.world == "enu" else "map_ned"
+
+    @property
+    def body(self) -> str:
+        """Frame id of the sensor."""
+        return "imu_link" if self.body_axes == "flu" else "imu_link_ned"
+
+    def turn(self, vectors: np.ndarray) -> np.ndarray:
+        """FRD vectors in the log's body axes."""
+        return turn_body(vectors, self.body_axes)
+
+    def turn_world(self, vectors_n: np.ndarray) -> np.ndarray:
+        """NED vectors in the log's world axes."""
+        return enu_to_ned(vectors_n) if self.world == "enu" else vectors_n
+
+    def xyzw(self, q_nb: np.ndarray) -> np.ndarray:
+        """Orientation, scalar last."""
+        return q_for_log(q_nb, self.body_axes, self.world)[:, [1, 2, 3, 0]]
+
+
+def motion_topics(truth: ImuTruth, gyro_kind: str, body_axes: str) -> list[SimulatedTopic]:
+    """The Imu topic of perfect sensors and the truth beside it."""
+    axes = Axes(body_axes)
+    return [imu_topic(truth, gyro_kind, axes), *truth_topics(truth, axes)]
+
+
+def imu_topic(sensor: ImuTruth, gyro_kind: str, axes: Axes) -> SimulatedTopic:
+    """The sensor's Imu messages.
+
+    Parameters
+    ----------
+    sensor : ImuTruth
+        With sensor errors.
+    gyro_kind : {'rate', 'mean-rate', 'increment'}
+    axes : Axes
+    """
+    gyro, accel = {
+        "rate": (sensor.gyro_rate, sensor.specific_force),
+        "mean-rate": (sensor.gyro_mean_rate, sensor.mean_specific_force),
+        "increment": (
+            sensor.gyro_increment,
+            sensor.mean_specific_force * sensor.interval[:, None],
+        ),
+    }[gyro_kind]
+
+    def columns(rows: slice) -> Columns:
+        return raw_imu_columns(axes.turn(gyro[rows]), axes.turn(accel[rows]))
+
+    return SimulatedTopic(
+        IMU_TOPIC, "sensor_msgs/msg/Imu", sensor.time_ns, columns, {"header.frame_id": axes.body}
+    )
+
+
+def raw_imu_columns(gyro: np.ndarray, accel: np.ndarray) -> Columns:
+    """Fields of Imu messages of a sensor that gives no orientation (REP-145)."""
+    unknown = np.zeros((1, 9))
+    unknown[0, 0] = -1.0
+    return {
+        "orientation.w": np.array(1.0),
+        "orientation_covariance": unknown,
+        "angular_velocity.x": gyro,
+        "linear_acceleration.x": accel,
+    }
+
+
+def truth_topics(
+    truth: ImuTruth, axes: Axes, trajectory: Trajectory | None = None
+) -> list[SimulatedTopic]:
+    """``/truth/imu`` and ``/truth/odometry``.
+
+    Parameters
+    ----------
+    truth : ImuTruth
+    axes : Axes
+    trajectory : Trajectory, optional
+        Where the vehicle is; without one it stays at the origin. Positions are in the tangent
+        plane of the first one.
+    """
+
+    def imu(rows: slice) -> Columns:
         return {
-            "orientation.w": np.array(1.0),
-            # REP-145: the sensor gives no orientation
-            "orientation_covariance": _first(-1.0),
-            "angular_velocity.x": turn_body(gyro[rows], axes),
-            "linear_acceleration.x": turn_body(accel[rows], axes),
+            "orientation.x": axes.xyzw(truth.q_nb[rows]),
+            "angular_velocity.x": axes.turn(truth.gyro_rate[rows]),
+            "linear_acceleration.x": axes.turn(truth.specific_force[rows]),
         }
 
-    def _truth(self, rows: slice) -> dict[str, np.ndarray]:
-        truth, axes = self.log.truth, self.log.body_axes
+    def odometry(rows: slice) -> Columns:
+        columns = {
+            "pose.pose.orientation.x": axes.xyzw(truth.q_nb[rows]),
+            "twist.twist.angular.x": axes.turn(truth.gyro_rate[rows]),
+        }
+        if trajectory is not None:
+            position = _positions(trajectory, rows)
+            origin = _positions(trajectory, slice(0, 1))[0]
+            local = earth.local_position_n(origin, position)
+            columns["pose.pose.position.x"] = axes.turn_world(local)
+            velocity = rotate(conjugate(truth.q_nb[rows]), trajectory.velocity_n[rows])
+            columns["twist.twist.linear.x"] = axes.turn(velocity)
+        return columns
+
+    frame = {"header.frame_id": axes.body}
+    frames = {"header.frame_id": axes.reference, "child_frame_id": axes.body}
+    topics = [
+        SimulatedTopic("/truth/imu", "sensor_msgs/msg/Imu", truth.time_ns, imu, frame),
+        SimulatedTopic("/truth/odometry", "nav_msgs/msg/Odometry", truth.time_ns, odometry, frames),
+    ]
+    if trajectory is not None:
+        topics.append(_true_fixes(trajectory))
+    return topics
+
+
+def _positions(trajectory: Trajectory, rows: slice) -> np.ndarray:
+    t = trajectory
+    return np.stack([t.latitude[rows], t.longitude[rows], t.height[rows]], axis=1)
+
+
+def _true_fixes(trajectory: Trajectory) -> SimulatedTopic:
+    """``/truth/fix``: where the vehicle is on the Earth, which odometry's plane does not say."""
+
+    def columns(rows: slice) -> Columns:
         return {
-            "orientation.x": self._xyzw(rows),
-            "angular_velocity.x": turn_body(truth.gyro_rate[rows], axes),
-            "linear_acceleration.x": turn_body(truth.specific_force[rows], axes),
+            "latitude": np.degrees(trajectory.latitude[rows]),
+            "longitude": np.degrees(trajectory.longitude[rows]),
+            "altitude": trajectory.height[rows],
         }
 
-    def _pose(self, rows: slice) -> dict[str, np.ndarray]:
-        truth, axes = self.log.truth, self.log.body_axes
-        return {
-            "pose.pose.orientation.x": self._xyzw(rows),
-            "twist.twist.angular.x": turn_body(truth.gyro_rate[rows], axes),
-        }
+    return SimulatedTopic(
+        "/truth/fix",
+        "sensor_msgs/msg/NavSatFix",
+        trajectory.time_ns,
+        columns,
+        {"header.frame_id": "imu_link"},
+    )
 
-    def _xyzw(self, rows: slice) -> np.ndarray:
-        q = q_for_log(self.log.truth.q_nb[rows], self.log.body_axes, self.world)
-        return q[:, [1, 2, 3, 0]]
 
-    def _fix(self) -> dict[str, np.ndarray]:
-        assert self.log.position is not None
-        latitude, longitude, height = self.log.position
+def resting_fixes(time_ns: np.ndarray, position: tuple[float, float, float]) -> SimulatedTopic:
+    """Exact fixes of a body that stays where it is.
+
+    Parameters
+    ----------
+    time_ns : ndarray of int64
+        Of the log's samples.
+    position : tuple of float
+        Latitude, longitude (rad) and height (m).
+    """
+    step = round(1e9 / REST_FIX_HZ)
+    at = np.arange(int(time_ns[0]), int(time_ns[-1]) + 1, step, dtype=np.int64)
+    latitude, longitude, height = position
+
+    def columns(_: slice) -> Columns:
         return {
-            "latitude": np.array(latitude / _DEGREE),
-            "longitude": np.array(longitude / _DEGREE),
+            "latitude": np.array(np.degrees(latitude)),
+            "longitude": np.array(np.degrees(longitude)),
             "altitude": np.array(height),
         }
 
+    return SimulatedTopic(
+        FIX_TOPIC, "sensor_msgs/msg/NavSatFix", at, columns, {"header.frame_id": "gnss"}
+    )
 
-def _first(value: float) -> np.ndarray:
-    """A 3x3 covariance whose first element says something and the rest nothing."""
-    covariance = np.zeros((1, 9))
-    covariance[0, 0] = value
-    return covariance
+
+def gnss_topics(samples: GnssSamples, velocity: bool = True) -> list[SimulatedTopic]:
+    """NavSatFix and, if asked for, TwistWithCovarianceStamped of a simulated receiver."""
+    swap = [1, 0, 2]  # north, east, down to east, north, up
+
+    def fix(rows: slice) -> Columns:
+        variance = samples.sigma_position[rows][:, swap] ** 2
+        return {
+            "latitude": np.degrees(samples.latitude[rows]),
+            "longitude": np.degrees(samples.longitude[rows]),
+            "altitude": samples.height[rows],
+            "position_covariance": _diagonal(variance, 3),
+            "position_covariance_type": np.array(2),
+        }
+
+    def twist(rows: slice) -> Columns:
+        variance = samples.sigma_velocity[rows][:, swap] ** 2
+        return {
+            "twist.twist.linear.x": enu_to_ned(samples.velocity_n[rows]),
+            "twist.covariance": _diagonal(variance, 6),
+        }
+
+    frame = {"header.frame_id": "gnss"}
+    topics = [SimulatedTopic(FIX_TOPIC, "sensor_msgs/msg/NavSatFix", samples.time_ns, fix, frame)]
+    if velocity:
+        kind = "geometry_msgs/msg/TwistWithCovarianceStamped"
+        topics.append(SimulatedTopic(VELOCITY_TOPIC, kind, samples.time_ns, twist, frame))
+    return topics
+
+
+def _diagonal(variance: np.ndarray, size: int) -> np.ndarray:
+    """Covariances with these first elements of the diagonal, row by row."""
+    matrix = np.zeros((len(variance), size, size))
+    for k in range(variance.shape[1]):
+        matrix[:, k, k] = variance[:, k]
+    return matrix.reshape(len(variance), size * size)
+
+
+def baro_topic(time_ns: np.ndarray, pressure: np.ndarray, variance: float) -> SimulatedTopic:
+    """FluidPressure, Pa, with its variance in Pa^2."""
+    return SimulatedTopic(
+        BARO_TOPIC,
+        "sensor_msgs/msg/FluidPressure",
+        time_ns,
+        lambda rows: {"fluid_pressure": pressure[rows], "variance": np.array(variance)},
+        {"header.frame_id": "baro"},
+    )
+
+
+def joint_topic(time_ns: np.ndarray, position: np.ndarray, joint: str) -> SimulatedTopic:
+    """JointState with the position of one joint."""
+    return SimulatedTopic(
+        JOINT_TOPIC,
+        "sensor_msgs/msg/JointState",
+        time_ns,
+        lambda rows: {"position": position[rows]},
+        {"header.frame_id": "", "name[0]": joint},
+        {"name": 1, "position": 1},
+    )

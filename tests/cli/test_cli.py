@@ -206,11 +206,11 @@ def large(tmp_path_factory):
     """So large that processing it takes a while."""
     from sinstool.simulation.coning import classical_coning
     from sinstool.simulation.truth import sample_times
-    from sinstool.writers.simulated import SimulatedLog, write_simulated
+    from sinstool.writers.simulated import motion_topics, write_simulated
 
     path = tmp_path_factory.mktemp("large") / "large.mcap"
     truth = classical_coning(sample_times(1000.0, 200.0, 10**18), 0.3, 3.0)
-    write_simulated(path, SimulatedLog(truth, truth, "rate", "flu"), {})
+    write_simulated(path, motion_topics(truth, "rate", "flu"), {})
     return path
 
 
@@ -347,6 +347,12 @@ FULL = """
 [input]
 imu_topic = "/imu"
 gnss_topic = "/fix"
+velocity_topic = "/velocity"
+baro_topic = "/baro"
+baro_kind = "height"
+baro_unit = "hPa"
+gnss_unit = "rad"
+encoder_topic = "/joints"
 start = 1.5
 end = 2023-11-14T22:13:25Z
 body_axes = "frd"
@@ -373,6 +379,16 @@ height = 12.5
 
 [navigation]
 mode = "attitude"
+
+[hse]
+hse = "calibration.json"
+force = true
+
+[rig]
+e = [-0.577350269189626, -0.577350269189626, -0.577350269189626]
+K_g = [[1, 0, 0], [0, 1, 0], [0, 0, 1]]
+latitude_deg = 28.2
+encoder = { joint = "table" }
 
 [output]
 world = "ned"
@@ -420,6 +436,7 @@ def fields():
     return [
         (group, name)
         for group, field in ProcessConfig.model_fields.items()
+        if group != "rig"  # a table of its own, told by a file only
         for name in field.annotation.model_fields
     ]
 
