@@ -345,7 +345,7 @@ def hse_rig(
     K_g, K_a = np.array(setup.K_g), np.array(setup.K_a)
     C_s_to_b = _axis_matrix(setup.axis)
 
-    begins: FloatArray = np.arange(n) * dt
+    begins = np.arange(n, dtype=np.float64) * dt
     rate_b, force_b = _means(table, base, begins, dt, setup, errors)
     raw = rate_b @ np.linalg.solve(K_g, C_s_to_b.T).T
     gyro = _gyro_errors(raw, dt, errors, random)
@@ -354,7 +354,7 @@ def hse_rig(
     if errors.velocity_random_walk:
         accel += errors.velocity_random_walk / np.sqrt(dt) * random.standard_normal((n, 3))
 
-    at: FloatArray = begins + _STAMPS[setup.imu_stamp] * dt
+    at = begins + _STAMPS[setup.imu_stamp] * dt
     encoder_at, position = _encoder(table, setup, errors)
     believed_K_g = (np.eye(3) + _lambda(setup.epsilon, setup.kappa)) @ K_g
     believed_C = (np.eye(3) - _cross_matrix(setup.xi)) @ C_s_to_b
@@ -498,7 +498,7 @@ def _encoder(
 ) -> tuple[FloatArray, FloatArray]:
     """Times and readings of the encoder."""
     m = int(np.floor(table.profile.duration * setup.encoder_rate + 1e-9)) + 1
-    at: FloatArray = np.arange(m) / setup.encoder_rate
+    at = np.arange(m, dtype=np.float64) / setup.encoder_rate
     angle, _, _ = table.angle(at - errors.encoder_delay)
     reading = errors.encoder_sign * (angle - errors.encoder_offset)
     ideal = reading
