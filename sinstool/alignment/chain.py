@@ -1,0 +1,113 @@
+"""Attitude at any time of a segment, once ``C_ib0^i`` is known; eq. (1) of Qu et al."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from sinstool.alignment.accumulation import InertialRows, accumulate
+from sinstool.alignment.inflight_types import GnssFixes, ImuIncrements
+from sinstool.alignment.reference import dcm_ni
+from sinstool.alignment.refine import theta_at
+from sinstool.rotation import exp, from_dcm, to_dcm
+
+FloatArray = NDArray[np.float64]
+
+
+def position_between(fixes: GnssFixes, time_ns: NDArray[np.int64]) -> tuple[FloatArray, FloatArray]:
+    """Latitude and longitude between fixes, and those of the nearest outside them.
+
+    Interpolates the normal of the ellipsoid, which knows no date line and no pole.
+    """
+    cl = np.cos(fixes.latitude)
+    normal = np.stack(
+        [cl * np.cos(fixes.longitude), cl * np.sin(fixes.longitude), np.sin(fixes.latitude)]
+    )
+    origin = fixes.time_ns[0]
+    x = (time_ns - origin) * 1e-9
+    known = (fixes.time_ns - origin) * 1e-9
+    n0, n1, n2 = (np.interp(x, known, part) for part in normal)
+    return np.arctan2(n2, np.hypot(n0, n1)), np.arctan2(n1, n0)
+
+
+@dataclass(frozen=True)
+class AttitudeChain:
+    """All that carries an attitude through its stretch of the log.
+
+    Attributes
+    ----------
+    imu : ImuIncrements
+    origin_ns : int
+        At which ``i`` is frozen.
+    dcm : ndarray, shape (3, 3)
+        ``C_ib0^i``.
+    fixes : GnssFixes
+    refined : tuple of (ndarray, InertialRows) or None
+        State of the refinement and the one row at which it holds.
+    """
+
+    imu: ImuIncrements
+    origin_ns: int
+    dcm: FloatArray
+    fixes: GnssFixes
+    refined: tuple[FloatArray, InertialRows] | None = None
+
+    def rows_at(self, time_ns: ArrayLike) -> InertialRows:
+        """Inertial side at increasing times.
+
+        Raises
+        ------
+        ValueError
+            If a time lies outside the stretch.
+        """
+        wanted = np.atleast_1d(np.asarray(time_ns, dtype=np.int64))
+        inside = (wanted >= self.imu.time_ns[0]) & (wanted <= self.imu.time_ns[-1])
+        if not inside.all():
+            raise ValueError(
+                "Expected times within the samples of the segment,"
+                f" {self.imu.time_ns[0]} to {self.imu.time_ns[-1]} ns."
+            )
+        imu = self.imu
+        return accumulate(imu.time_ns, imu.delta_theta, imu.delta_velocity, wanted, self.origin_ns)
+
+    def attitude(self, time_ns: ArrayLike) -> FloatArray:
+        """Attitude at any times of the stretch.
+
+        Parameters
+        ----------
+        time_ns : array_like of int64, shape (n,)
+            In any order.
+
+        Returns
+        -------
+        ndarray, shape (n, 4)
+            q_nb with ``w >= 0``.
+
+        Raises
+        ------
+        ValueError
+            If a time lies outside the stretch.
+        """
+        wanted = np.atleast_1d(np.asarray(time_ns, dtype=np.int64))
+        order = np.argsort(wanted, kind="stable")
+        rows = self.rows_at(wanted[order])
+        q = np.empty((len(wanted), 4))
+        q[order] = from_dcm(self.dcm_ni(wanted[order]) @ self.dcm_ib(rows))
+        return q
+
+    def dcm_ni(self, time_ns: NDArray[np.int64]) -> FloatArray:
+        """``C_i^n`` at given times."""
+        latitude, longitude = position_between(self.fixes, time_ns)
+        return dcm_ni(
+            latitude, longitude, np.asarray((time_ns - self.origin_ns) * 1e-9, dtype=np.float64)
+        )
+
+    def dcm_ib(self, rows: InertialRows) -> FloatArray:
+        """``C_b^i`` at given rows."""
+        chain = to_dcm(rows.q)
+        if self.refined is not None:
+            state, known = self.refined
+            chain = to_dcm(exp(-theta_at(state, known, rows))) @ chain
+        return np.asarray(self.dcm @ chain)
