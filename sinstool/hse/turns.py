@@ -35,7 +35,8 @@ class TurnStatistics:
     ----------
     S : ndarray, shape (N, 3, 6)
         Integrals over each turn of cos alpha, sin alpha and 1 (rows) times the gyros' and the
-        accelerometers' samples (columns): rad and m/s.
+        accelerometers' samples (columns): rad and m/s. What turns against the body is smaller
+        in them by ``(Omega dt)**2 / 12``, as samples are means.
     circle : ndarray, shape (N, 2)
         Integrals of cos alpha and sin alpha, s; not 0 where the rate varies within a turn.
     duration : ndarray, shape (N,)
@@ -165,8 +166,12 @@ def _sum_turns(alpha, direction, gyro, accel, sums):  # type: ignore[no-untyped-
             if crosses:
                 weight = min(rest, (ends - at) * direction / step)
                 middle = 0.5 * (at + ends)
-            c = weight * np.cos(middle)
-            s = weight * np.sin(middle)
+            # mean over the part, not the value in its middle: then what is fixed to the body
+            # drops out to rounding, however many samples there are in a turn
+            h2 = (0.5 * weight * step) ** 2
+            mean = weight * (1.0 - h2 / 6.0 * (1.0 - h2 / 20.0 * (1.0 - h2 / 42.0)))
+            c = mean * np.cos(middle)
+            s = mean * np.sin(middle)
             for j in range(3):
                 g = gyro[k, j]
                 a = accel[k, j]
