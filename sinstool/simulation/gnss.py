@@ -1,0 +1,295 @@
+"""GNSS fixes of a simulated vehicle: coloured noise, latency, lever arm, and what goes wrong."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from sinstool import earth
+from sinstool.simulation.interpolation import Moments, moments
+from sinstool.simulation.sensors import markov
+from sinstool.simulation.trajectory import Trajectory
+from sinstool.simulation.truth import FloatArray, IntArray
+
+Triple = tuple[float, float, float]
+Span = tuple[float, float]
+
+
+@dataclass(frozen=True)
+class GnssErrors:
+    """Size of the errors: white noise, and a first-order Markov process beside it.
+
+    Attributes
+    ----------
+    position_white, position_markov : tuple of float
+        Standard deviations of north, east and down, m.
+    velocity_white, velocity_markov : tuple of float
+        The same, m/s.
+    position_time, velocity_time : float
+        Correlation times of the Markov processes, s.
+    """
+
+    position_white: Triple = (0.0, 0.0, 0.0)
+    position_markov: Triple = (0.0, 0.0, 0.0)
+    position_time: float = 100.0
+    velocity_white: Triple = (0.0, 0.0, 0.0)
+    velocity_markov: Triple = (0.0, 0.0, 0.0)
+    velocity_time: float = 100.0
+
+    def position_sigma(self) -> FloatArray:
+        """Of both parts together, shape (3,), m."""
+        return np.hypot(self.position_white, self.position_markov)
+
+    def velocity_sigma(self) -> FloatArray:
+        """Of both parts together, shape (3,), m/s."""
+        return np.hypot(self.velocity_white, self.velocity_markov)
+
+
+MODELS = {
+    "perfect": GnssErrors(),
+    # White velocity noise, and a position that wanders: for alignment in flight.
+    "launch": GnssErrors((1.0, 1.0, 1.0), (4.9, 4.9, 4.9), 60.0, (0.1, 0.1, 0.1)),
+    # Coloured in both: for the filters that integrate INS and GNSS.
+    "coloured": GnssErrors(
+        (2.0, 2.0, 3.0),
+        (5.0, 5.0, 8.0),
+        200.0,
+        (0.05, 0.05, 0.08),
+        (0.1, 0.1, 0.15),
+        60.0,
+    ),
+}
+
+
+@dataclass(frozen=True)
+class Jump:
+    """A step of the position for a time.
+
+    Attributes
+    ----------
+    start, end : float
+        Seconds after the trajectory's first instant.
+    offset_n : tuple of float
+        North, east, down, m.
+    """
+
+    start: float
+    end: float
+    offset_n: Triple
+
+
+@dataclass(frozen=True)
+class GnssFaults:
+    """What goes wrong. Spans are in seconds after the trajectory's first instant, [start, end).
+
+    Attributes
+    ----------
+    outages : tuple of (start, end)
+        No fixes.
+    jumps : tuple of Jump
+    outlier_fraction : float
+        Probability that a fix is one.
+    outlier_position, outlier_velocity : float
+        How far it is off, in a random direction, m and m/s.
+    flat : tuple of (start, end)
+        Fixes without height: height and vertical velocity are NaN.
+    without_velocity : tuple of (start, end)
+        Velocity is NaN.
+    """
+
+    outages: tuple[Span, ...] = ()
+    jumps: tuple[Jump, ...] = ()
+    outlier_fraction: float = 0.0
+    outlier_position: float = 0.0
+    outlier_velocity: float = 0.0
+    flat: tuple[Span, ...] = ()
+    without_velocity: tuple[Span, ...] = ()
+
+
+@dataclass(frozen=True)
+class GnssSamples:
+    """Fixes, and the truth they were made from.
+
+    Attributes
+    ----------
+    time_ns : ndarray of int64, shape (m,)
+        Stamps; a fix is valid ``latency`` before its stamp.
+    latitude, longitude : ndarray, shape (m,)
+        rad; longitude within (-pi, pi].
+    height : ndarray, shape (m,)
+        Ellipsoidal, m; NaN for fixes without it.
+    velocity_n : ndarray, shape (m, 3)
+        NED, m/s; NaN where missing.
+    sigma_position, sigma_velocity : ndarray, shape (m, 3)
+        What the receiver would say of itself: that of the error model, faults unknown; m, m/s.
+    outlier : ndarray of bool, shape (m,)
+    truth : Moments
+        Of the antenna, at the times at which the fixes are valid.
+    """
+
+    time_ns: IntArray
+    latitude: FloatArray
+    longitude: FloatArray
+    height: FloatArray
+    velocity_n: FloatArray
+    sigma_position: FloatArray
+    sigma_velocity: FloatArray
+    outlier: np.ndarray
+    truth: Moments
+
+    def __len__(self) -> int:
+        return len(self.time_ns)
+
+
+@dataclass(frozen=True)
+class Receiver:
+    """A receiver and its antenna.
+
+    Attributes
+    ----------
+    rate_hz : float
+        Fixes per second.
+    offset_s : float
+        From the trajectory's first instant to the first stamp; need not hit Imu samples.
+    latency_s : float
+        From the time at which a fix is valid to its stamp.
+    lever_arm_b : tuple of float
+        From the Imu to the antenna, FRD, m.
+    errors : GnssErrors
+    faults : GnssFaults
+    """
+
+    rate_hz: float = 10.0
+    offset_s: float = 0.0
+    latency_s: float = 0.0
+    lever_arm_b: Triple = (0.0, 0.0, 0.0)
+    errors: GnssErrors = field(default_factory=lambda: MODELS["launch"])
+    faults: GnssFaults = field(default_factory=GnssFaults)
+
+
+def gnss_samples(
+    trajectory: Trajectory, receiver: Receiver, seed: int, truth: Moments | None = None
+) -> GnssSamples:
+    """Fixes of a receiver along a trajectory.
+
+    Parameters
+    ----------
+    trajectory : Trajectory
+    receiver : Receiver
+    seed : int
+        Of the random numbers. Errors do not depend on the faults: an outage or an outlier
+        leaves the other fixes as they were.
+    truth : Moments, optional
+        :func:`true_moments` of the same trajectory and receiver, to save interpolating it for
+        each of many seeds.
+
+    Returns
+    -------
+    GnssSamples
+
+    Raises
+    ------
+    ValueError
+        If the receiver's numbers make no sense or no fix lies within the trajectory.
+    """
+    motion = true_moments(trajectory, receiver) if truth is None else truth
+    errors, faults = receiver.errors, receiver.faults
+    noise, misfortune = (np.random.default_rng(s) for s in np.random.SeedSequence(seed).spawn(2))
+    m = len(motion.time_ns)
+    step = 1.0 / receiver.rate_hz
+    position = _noise(
+        errors.position_white, errors.position_markov, errors.position_time, noise, m, step
+    )
+    velocity = _noise(
+        errors.velocity_white, errors.velocity_markov, errors.velocity_time, noise, m, step
+    )
+    stamps = motion.time_ns + round(receiver.latency_s * 1e9)
+    after = (stamps - trajectory.time_ns[0]) * 1e-9
+    outlier = misfortune.random(m) < faults.outlier_fraction
+    position[outlier] += faults.outlier_position * _directions(misfortune, m)[outlier]
+    velocity[outlier] += faults.outlier_velocity * _directions(misfortune, m)[outlier]
+    for jump in faults.jumps:
+        position[_within(after, ((jump.start, jump.end),))] += jump.offset_n
+    meridian, transverse = earth.radii_of_curvature(motion.latitude)
+    latitude = motion.latitude + position[:, 0] / (meridian + motion.height)
+    longitude = motion.longitude + position[:, 1] / (
+        (transverse + motion.height) * np.cos(motion.latitude)
+    )
+    height = motion.height - position[:, 2]
+    velocity += motion.velocity_n
+    flat = _within(after, faults.flat)
+    height[flat] = np.nan
+    velocity[flat, 2] = np.nan
+    velocity[_within(after, faults.without_velocity)] = np.nan
+    kept = ~_within(after, faults.outages)
+    rows = int(kept.sum())
+    return GnssSamples(
+        stamps[kept],
+        latitude[kept],
+        (np.pi - np.mod(np.pi - longitude, 2.0 * np.pi))[kept],
+        height[kept],
+        velocity[kept],
+        np.tile(errors.position_sigma(), (rows, 1)),
+        np.tile(errors.velocity_sigma(), (rows, 1)),
+        outlier[kept],
+        Moments(**{name: values[kept] for name, values in vars(motion).items()}),
+    )
+
+
+def true_moments(trajectory: Trajectory, receiver: Receiver) -> Moments:
+    """Motion of the antenna when the fixes are valid, outages included.
+
+    Parameters
+    ----------
+    trajectory : Trajectory
+    receiver : Receiver
+
+    Returns
+    -------
+    Moments
+
+    Raises
+    ------
+    ValueError
+        If the receiver's numbers make no sense or no fix lies within the trajectory.
+    """
+    if not receiver.rate_hz > 0.0 or receiver.latency_s < 0.0 or receiver.offset_s < 0.0:
+        raise ValueError("Expected a positive rate, and latency and offset of 0 or more.")
+    first, last = (int(trajectory.time_ns[k]) for k in (0, -1))
+    count = int(((last - first) * 1e-9 - receiver.offset_s) * receiver.rate_hz + 1e-6) + 1
+    after = receiver.offset_s + np.arange(max(count, 0)) / receiver.rate_hz
+    valid = first + np.round((after - receiver.latency_s) * 1e9).astype(np.int64)
+    valid = valid[(valid >= first) & (valid <= last)]
+    if not len(valid):
+        raise ValueError("No fix lies within the trajectory.")
+    return moments(trajectory, valid, receiver.lever_arm_b)
+
+
+def _noise(
+    white: Triple,
+    wandering: Triple,
+    correlation_time: float,
+    random: np.random.Generator,
+    n: int,
+    step: float,
+) -> FloatArray:
+    """Sum of both parts, shape (n, 3)."""
+    out = np.asarray(white) * random.standard_normal((n, 3))
+    return np.asarray(out + np.asarray(wandering) * markov(n, step, correlation_time, random, 3))
+
+
+def _directions(random: np.random.Generator, n: int) -> FloatArray:
+    """Unit vectors of every direction alike, shape (n, 3)."""
+    drawn = random.standard_normal((n, 3))
+    return np.asarray(drawn / np.linalg.norm(drawn, axis=1, keepdims=True))
+
+
+def _within(after: ArrayLike, spans: tuple[Span, ...]) -> np.ndarray:
+    """Which times lie in any of the spans."""
+    t = np.asarray(after)
+    inside = np.zeros(t.shape, dtype=bool)
+    for start, end in spans:
+        inside |= (t >= start) & (t < end)
+    return inside
