@@ -257,7 +257,6 @@ def speed(seconds: float, repeats: int) -> None:
 
     c = compiled()
     nothing = np.zeros(3)
-    state = begin.copy()
     navigation.navigate(begin.copy(), phi[:9], dv[:9], dt[:9], 0.0, EXACT, out[:9])
     timed(
         "C -O3, undamped", lambda: c(begin.copy(), phi, dv, dt, n, 0, height, nothing, plain),
@@ -292,7 +291,6 @@ def speed(seconds: float, repeats: int) -> None:
         repeats,
     )
     timed("ours, height channel with its shadow, 1 Hz", with_channel, n, repeats)
-    del state
     timed("IncrementStage, previous-1", lambda: increments(flight), n, repeats)
     timed("IncrementStage, lookahead-12", lambda: increments(flight, "lookahead-12"), n, repeats)
     others(flight, timed)
@@ -339,8 +337,8 @@ def others(flight: Trajectory, timed: Callable[..., None]) -> None:
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=(__doc__ or "").split("\n", 1)[0])
-    parser.add_argument("--seconds", type=float, default=1800.0, help="of the flight at 128 Hz")
-    parser.add_argument("--repeats", type=int, default=7)
+    parser.add_argument("--seconds", type=float, default=160.0, help="of the flight at 128 Hz")
+    parser.add_argument("--repeats", type=int, default=25)
     parser.add_argument("--no-accuracy", action="store_true", help="times only")
     chosen = parser.parse_args()
     speed(chosen.seconds, chosen.repeats)

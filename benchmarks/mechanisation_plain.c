@@ -38,10 +38,10 @@ static void step(double *state, double px, double py, double pz, double ux, doub
     double s = sin(lat), c = cos(lat), half = 0.5 * dt;
 
     double north = half * vn / A, sm = s + c * north, cm = c - s * north, hm = h - half * vd;
-    double s2 = sm * sm, root = 1.0 / sqrt(1.0 - E2 * s2);
-    double rn = 1.0 / (A * root + hm), rm = 1.0 / (A * (1.0 - E2) * (root * root * root) + hm);
+    double s2 = sm * sm, e = 1.0 - E2 * s2, root = sqrt(e);
+    double rn = root / (A + hm * root), rm = e * root / (A * (1.0 - E2) + hm * e * root);
     double rel = hm / A;
-    double gd = GAMMA * (1.0 + SOMIGLIANA * s2) * root
+    double gd = GAMMA * (1.0 + SOMIGLIANA * s2) / root
                 * (1.0 - (2.0 / A * (1.0 + F + M) - 4.0 / A * F * s2) * hm + 3.0 * rel * rel)
                 + correction;
     double gn = NORTH * hm * sm * cm;

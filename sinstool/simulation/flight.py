@@ -116,7 +116,8 @@ def manoeuvring_flight(
     Returns
     -------
     Trajectory
-        Turns are at 35 degrees of bank and coordinated, 60 to 270 degrees each to either side;
+        Turns are at 35 degrees of bank, 60 to 270 degrees each to either side, and coordinated
+        as in level flight;
         vertical velocity is between -20 and +10 m/s, speed between 55 and 80 m/s. Turbulence
         turns the body by some tenths of a degree at 0.3 to 2.5 Hz.
     """

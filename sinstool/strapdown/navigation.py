@@ -319,14 +319,16 @@ def step(
     cm = c - s * north
     hm = h - half * vd
     s2 = sm * sm
-    root = 1.0 / sqrt(1.0 - _E2 * s2)
-    rn = 1.0 / (_A * root + hm)
-    rm = 1.0 / (_A * (1.0 - _E2) * (root * root * root) + hm)
+    # The radii multiplied by the root, so that three divisions need not wait for each other
+    square = 1.0 - _E2 * s2
+    root = sqrt(square)
+    rn = root / (_A + hm * root)
+    rm = square * root / (_A * (1.0 - _E2) + hm * square * root)
     relative = hm / _A
     gd = (
         _GAMMA
         * (1.0 + _SOMIGLIANA * s2)
-        * root
+        / root
         * (1.0 - (_PER_HEIGHT - _PER_HEIGHT_SIN2 * s2) * hm + 3.0 * relative * relative)
         + correction_up
     )
