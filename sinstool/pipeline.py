@@ -6,44 +6,35 @@ the output beside the input's own messages, and returns what a summary needs.
 
 from __future__ import annotations
 
-import hashlib
 from collections.abc import Callable
-from concurrent.futures import ThreadPoolExecutor
-from contextlib import ExitStack
 from dataclasses import replace
 from pathlib import Path
-from threading import Event
 from typing import Any
 
 import numpy as np
 
-import sinstool
 from sinstool import summary
 from sinstool.alignment import initial
 from sinstool.alignment.initial import Alignment
 from sinstool.attitude import AttitudeRun, AttitudeSettings
-from sinstool.config import ProcessConfig, dump_toml
+from sinstool.config import ProcessConfig
 from sinstool.coning.algorithm import ConingAlgorithm
 from sinstool.coning.registry import algorithm
 from sinstool.earth import earth_rate_n
-from sinstool.errors import AlignmentError, DataError, OutputError
+from sinstool.errors import AlignmentError, DataError
 from sinstool.readers import open_log
 from sinstool.readers.frames import turn_body
+from sinstool.readers.log import Log
 from sinstool.readers.streams import frame_id
+from sinstool.result import Result, choose_emits
+from sinstool.rig_run import rig_run
 from sinstool.source import Source, imu_blocks, prepare
-from sinstool.streams import Solution
 from sinstool.timeline import SECOND, mean_rates, segments
-from sinstool.transforms import tf_parent
 from sinstool.units import DEGREE
-from sinstool.writers.copy import Copier
-from sinstool.writers.mcap import McapWriter
-from sinstool.writers.solution import SolutionWriter
-from sinstool.writers.topics import TOPICS, Frames
-from sinstool.writers.whole import WholeFile, check_output
+from sinstool.writers.topics import Frames
 
 # Singular perturbation is tuned to the coning of the log's first part, of this length at most.
 TUNING_S = 600.0
-HASH_BYTES = 2**20
 Progress = Callable[[float], None]
 
 
@@ -72,79 +63,50 @@ def process(
     SinstoolError
         With one line that says what was wrong and what to do; no output is left behind.
     """
-    with ExitStack() as stack:
-        log = stack.enter_context(open_log(path, config.input.salvage))
-        check_output(output, [path], config.output.overwrite)
-        pool = stack.enter_context(ThreadPoolExecutor(1, thread_name_prefix="sinstool-hash"))
-        stop = Event()
-        stack.callback(stop.set)  # a run that fails does not wait for the hash of a large log
-        digest = pool.submit(sha256, path, stop)
-        source = prepare(log, config, _share(progress, log.size, 0.0))
-        emits, warnings = _emits(source, config)
-        alignment = align(source, config)
-        settings = _settings(source, alignment, config)
-        run = AttitudeRun(alignment.q_nb, settings)
-        frames = _frames(source, alignment, config)
-        whole = stack.enter_context(WholeFile(output))
-        only = config.output.only_results
-        encoding = "cdr" if only else source.topic.channels[0].message_encoding
-        writer = McapWriter(
-            whole.stream,
-            "ros1" if encoding == "ros1" else "ros2",
-            f"sinstool/{sinstool.__version__}",
-            config.output.compression,
-        )
-        stack.callback(writer.abort)
-        copier = None if only else Copier(log, writer)
-        solutions = SolutionWriter(
-            writer, encoding, emits, frames, copier.advance if copier else lambda _: None
-        )
-        final: Solution | None = None
-        blocks = imu_blocks(source, config, alignment.time_ns, _share(progress, log.size, 0.5))
-        for solution in run.run(blocks):
-            solutions.push(solution)
-            final = solution
-        solutions.finish()
-        if copier:
-            copier.finish()
-        identity = {"name": path.name, "size": str(log.size), "sha256": digest.result()}
-        writer.add_metadata(
-            "sinstool",
-            {
-                "version": sinstool.__version__,
-                "config": dump_toml(config),
-                **{f"input_{key}": value for key, value in identity.items()},
-            },
-        )
-        writer.finish()
-        assert final is not None
-        notes = [
+    with open_log(path, config.input.salvage) as log, Result(log, output, config) as result:
+        if config.hse.hse is not None:
+            told = rig_run(log, config, result, _share(progress, log.size, 0.0, 1.0))
+        else:
+            told = _attitude(log, config, result, progress)
+    if progress:
+        progress(1.0)
+    return told
+
+
+def _attitude(
+    log: Log, config: ProcessConfig, result: Result, progress: Progress | None
+) -> dict[str, Any]:
+    """Attitude alone."""
+    source = prepare(log, config, _share(progress, log.size, 0.0))
+    body = frame_id(log, source.topic.channels, source.topic.path) or "imu_link"
+    emits, warnings = choose_emits(log, config, ("imu", "attitude"), body)
+    alignment = align(source, config)
+    settings = _settings(source, alignment, config)
+    run = AttitudeRun(alignment.q_nb, settings)
+    frames = _frames(source, alignment, config, body)
+    result.open(source.topic.channels[0].message_encoding, emits, frames)
+    blocks = imu_blocks(source, config, alignment.time_ns, _share(progress, log.size, 0.5))
+    for solution in run.run(blocks):
+        result.push(solution)
+    told = result.finish()
+    assert result.last is not None
+    return {
+        **told,
+        "imu": summary.imu(source),
+        "alignment": summary.alignment(alignment),
+        "coning": summary.coning(settings, run),
+        "hse": None,
+        "height": None,
+        "filter": None,
+        "final": summary.final(result.last, source),
+        "lost": summary.lost(source),
+        "warnings": [
             *source.warnings,
             *alignment.warnings,
             *warnings,
             *summary.run_warnings(source, run),
-        ]
-        told = {
-            "input": {"path": str(path), "size": log.size, "sha256": identity["sha256"]},
-            "output": {
-                "path": str(output),
-                "topics": [TOPICS[name].topic for name in emits],
-                "attitudes": solutions.written,
-                "frame": frames.reference_id,
-            },
-            "imu": summary.imu(source),
-            "alignment": summary.alignment(alignment),
-            "coning": summary.coning(settings, run),
-            "hse": None,
-            "height": None,
-            "filter": None,
-            "final": summary.final(final, source),
-            "lost": summary.lost(source),
-            "warnings": notes,
-        }
-    if progress:
-        progress(1.0)
-    return told
+        ],
+    }
 
 
 def align(source: Source, config: ProcessConfig) -> Alignment:
@@ -262,60 +224,20 @@ def _tuned(source: Source, config: ProcessConfig, nominal_ns: float) -> dict[str
     return dict(chosen.options())
 
 
-def _frames(source: Source, alignment: Alignment, config: ProcessConfig) -> Frames:
+def _frames(source: Source, alignment: Alignment, config: ProcessConfig, body: str) -> Frames:
     referenced = alignment.north_referenced and source.latitude is not None
-    body = frame_id(source.log, source.topic.channels, source.topic.path)
     return Frames(
         config.output.world,
         "map" if referenced else "odom",
-        body or "imu_link",
+        body,
         config.input.body_axes,
     )
 
 
-def _emits(source: Source, config: ProcessConfig) -> tuple[list[str], list[str]]:
-    """Topics to write, and what had to be left out of them."""
-    emits = list(config.output.emit)
-    warnings: list[str] = []
-    if config.output.only_results:
-        return emits, warnings
-    present = {c.topic for c in source.log.channels.values()}
-    clash = sorted(present & {TOPICS[name].topic for name in emits if name != "tf"})
-    if clash:
-        raise OutputError(
-            f"{source.log.path} holds results of sinstool already ({', '.join(clash)})",
-            "process the original log, or add --only-results",
-        )
-    if "tf" in emits:
-        body = frame_id(source.log, source.topic.channels, source.topic.path) or "imu_link"
-        parent = tf_parent(source.log, body)
-        if parent is not None:
-            emits.remove("tf")
-            warnings.append(
-                f"/tf is not written: in the log {body} has the parent {parent} already, and a"
-                " frame can have only one"
-            )
-    return emits, warnings
-
-
-def _share(progress: Progress | None, size: int, begin: float) -> Callable[[int], None] | None:
-    """Progress of one of the two passes over the log, in bytes of it."""
+def _share(
+    progress: Progress | None, size: int, begin: float, part: float = 0.5
+) -> Callable[[int], None] | None:
+    """Progress of one pass over the log, in bytes of it."""
     if progress is None:
         return None
-    return lambda position: progress(begin + 0.5 * min(1.0, position / max(size, 1)))
-
-
-def sha256(path: Path, stop: Event | None = None) -> str:
-    """SHA-256 of a log, given up when ``stop`` is set.
-
-    Of a directory: of the lines ``<sha256>  <relative name>`` of its files, sorted by name.
-    """
-    if path.is_dir():
-        names = sorted(p.relative_to(path).as_posix() for p in path.rglob("*") if p.is_file())
-        listing = "".join(f"{sha256(path / name, stop)}  {name}\n" for name in names)
-        return hashlib.sha256(listing.encode()).hexdigest()
-    digest = hashlib.sha256()
-    with path.open("rb") as stream:
-        while not (stop and stop.is_set()) and (part := stream.read(HASH_BYTES)):
-            digest.update(part)
-    return digest.hexdigest()
+    return lambda position: progress(begin + part * min(1.0, position / max(size, 1)))

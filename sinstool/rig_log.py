@@ -176,8 +176,16 @@ def _by_time(blocks: Iterable[S], counts: dict[str, int], topic: str) -> S | Non
     return found.stream
 
 
-def find_turns(rig_log: RigLog, rig: Rig, rules: SegmentRules) -> RigTurns:
+def find_turns(rig_log: RigLog, rig: Rig, rules: SegmentRules, name: str = "") -> RigTurns:
     """Segments of a rig's log and the sums over their turns.
+
+    Parameters
+    ----------
+    rig_log : RigLog
+    rig : Rig
+    rules : SegmentRules
+    name : str
+        What to call the log; by default its file's name.
 
     Raises
     ------
@@ -200,7 +208,7 @@ def find_turns(rig_log: RigLog, rig: Rig, rules: SegmentRules) -> RigTurns:
         ]
     except AlignmentError as exc:
         raise AlignmentError(f"{path}: {exc.message}", exc.hint) from exc
-    return RigTurns(path.stem, rig_log.start_ns, pieces, found, turns, rig_log.counts)
+    return RigTurns(name or path.stem, rig_log.start_ns, pieces, found, turns, rig_log.counts)
 
 
 def nothing_to_use(turns: RigTurns, path: Path, rules: SegmentRules) -> SinstoolError:

@@ -27,12 +27,13 @@ from mcap.reader import make_reader
 from scipy.spatial.transform import Rotation
 
 import sinstool
-from sinstool import pipeline, source
+from sinstool import pipeline, result, source
 from sinstool.attitude import AttitudeRun, AttitudeSettings
 from sinstool.config import ProcessConfig, build
 from sinstool.coning.registry import algorithm, names
 from sinstool.errors import AlignmentError, DataError, OutputError
-from sinstool.pipeline import process, sha256
+from sinstool.pipeline import process
+from sinstool.result import sha256
 from sinstool.rotation import from_euler
 from sinstool.simulation.coning import classical_coning
 from sinstool.simulation.join import after_rest
@@ -660,7 +661,7 @@ def test_a_failing_run_leaves_nothing(tmp_path, monkeypatch):
     def broken(self):
         raise OSError(28, "No space left on device")
 
-    monkeypatch.setattr(pipeline.Copier, "finish", broken)
+    monkeypatch.setattr(result.Copier, "finish", broken)
     with pytest.raises(OutputError, match="No space left"):
         run(path, out, align=FIXED, output={"overwrite": True})
     assert out.read_bytes() == b"older"

@@ -39,6 +39,14 @@ METAVARS = {
     "baro_topic": "TOPIC",
     "encoder_topic": "TOPIC",
     "hse": "FILE",
+    "settle": "S",
+    "min_turns": "N",
+    "min_duration": "S",
+    "align_duration": "S",
+    "skip_warmup": "S",
+    "exclude": "ID",
+    "azimuth": "LOG=DEG",
+    "gyro_bias_sigma": "DEG/H",
 }
 
 
@@ -113,13 +121,15 @@ def _option(group: str, name: str, field: FieldInfo) -> Callable[[F], F]:
     if field.annotation is bool:
         return click.option(flag, f"{group}__{name}", is_flag=True, default=None, help=help_text)
     default = field.default
-    if default is not None and not isinstance(default, bool):
+    if default not in (None, ()) and not isinstance(default, bool):
         shown = ",".join(default) if isinstance(default, tuple) else str(default)
         help_text += f" [default: {shown}]"
+    kind = _click_type(field.annotation)
     return click.option(
         flag,
         f"{group}__{name}",
-        type=_click_type(field.annotation),
+        type=kind,
+        multiple=isinstance(kind, Words),
         default=None,
         metavar=METAVARS.get(name),
         help=help_text,
@@ -138,7 +148,9 @@ def _click_type(annotation: Any) -> click.ParamType:
         return Numbers(len(tuples[0]), words)
     if words:
         return click.Choice(words)
-    return click.FLOAT if float in options else click.STRING
+    if float in options:
+        return click.FLOAT
+    return click.INT if int in options else click.STRING
 
 
 def effective_config(config_file: Path | None, given: dict[str, Any]) -> ProcessConfig:
@@ -165,12 +177,19 @@ def effective_config(config_file: Path | None, given: dict[str, Any]) -> Process
         build(ProcessConfig, data, str(config_file), check=False)
     for key, value in given.items():
         group, separator, name = key.partition("__")
-        if separator and value is not None:
-            data.setdefault(group, {})[name] = value
+        if separator and value is not None and value != ():
+            data.setdefault(group, {})[name] = _flat(value)
     config: ProcessConfig = build(ProcessConfig, data)
     return config
 
 
-def print_config(config: ProcessConfig) -> None:
-    """The effective configuration as TOML on stdout."""
-    click.echo(dump_toml(config), nl=False)
+def _flat(value: Any) -> Any:
+    """What was said in several options of one name, as one list."""
+    if isinstance(value, tuple) and value and isinstance(value[0], tuple):
+        return tuple(word for words in value for word in words)
+    return value
+
+
+def print_config(config: ProcessConfig, *without: str) -> None:
+    """The effective configuration, less groups that do not concern a command, on stdout."""
+    click.echo(dump_toml(config, *without), nl=False)

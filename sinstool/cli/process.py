@@ -40,7 +40,7 @@ def command(
     """
     config = effective_config(config_file, given)
     if show:
-        print_config(config)
+        print_config(config, "calibration")
         return 0
     if log is None:
         raise click.UsageError("give a LOG to process")
@@ -80,11 +80,18 @@ def _print(summary: dict[str, Any], verbose: bool) -> None:
             + ("" if align["north_referenced"] else "; heading is not referenced to north"),
         ),
         ("gyro bias", f"{align['gyro_bias_source']}: {bias} rad/s (FRD)"),
-        (
-            "coning",
-            f"{coning['algorithm']}, {coning['samples_per_update']} sample(s) an update, gyro"
-            f" read as {coning['gyro_kind']}",
-        ),
+    ]
+    if coning is not None:
+        rows.append(
+            (
+                "coning",
+                f"{coning['algorithm']}, {coning['samples_per_update']} sample(s) an update, gyro"
+                f" read as {coning['gyro_kind']}",
+            )
+        )
+    if summary["hse"] is not None:
+        rows += _hse(summary["hse"])
+    rows += [
         (
             "final",
             f"roll {final['roll_deg']:.3f}, pitch {final['pitch_deg']:.3f},"
@@ -97,6 +104,25 @@ def _print(summary: dict[str, Any], verbose: bool) -> None:
         ),
     ]
     if verbose:
-        rows.append(("coning source", coning["source"]))
+        if coning is not None:
+            rows.append(("coning source", coning["source"]))
         rows.append(("input sha256", summary["input"]["sha256"]))
     table(rows)
+
+
+def _hse(hse: dict[str, Any]) -> list[tuple[str, str]]:
+    """Heading before and after, stretch by stretch."""
+    return [
+        (
+            "heading" if k == 0 else "",
+            f"at {s['rate_deg_s']:+.3f} deg/s, {s['turns']} turns: {s['heading_raw_deg']:.6f} deg,"
+            f" corrected by {-s['correction_arcsec']:+.3f}"
+            f"{_sigma(s['sigma_correction_arcsec'])} arcsec: {s['heading_deg']:.6f} deg"
+            f"{_sigma(s['sigma_heading_arcsec'])} arcsec",
+        )
+        for k, s in enumerate(hse["segments"])
+    ]
+
+
+def _sigma(value: float | None) -> str:
+    return "" if value is None else f" +- {value:.3f}"

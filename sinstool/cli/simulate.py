@@ -10,6 +10,7 @@ import click
 
 from sinstool.cli.console import print_json
 from sinstool.cli.options import Numbers
+from sinstool.cli.simulate_rig import command as hse_rig
 
 F = TypeVar("F", bound=Callable[..., Any])
 START_NS = 1_700_000_000_000_000_000
@@ -390,3 +391,6 @@ def _write(
     else:
         listing = ", ".join(f"{topic} ({count})" for topic, count in counts.items())
         click.echo(f"{output}: {listing}")
+
+
+command.add_command(hse_rig)

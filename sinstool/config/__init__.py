@@ -12,13 +12,12 @@ from sinstool.config.load import build, dump_toml, load_toml
 from sinstool.config.navigation import NavigationOptions
 from sinstool.config.output import EMITS, OutputOptions
 from sinstool.config.rig import CalibrationOptions, HseOptions
-from sinstool.config.run import CalibrateConfig, ProcessConfig
+from sinstool.config.run import ProcessConfig
 from sinstool.config.times import parse_time
 
 __all__ = [
     "EMITS",
     "AlignOptions",
-    "CalibrateConfig",
     "CalibrationOptions",
     "ConingOptions",
     "Group",

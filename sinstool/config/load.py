@@ -135,7 +135,14 @@ def load_toml(path: Path) -> dict[str, Any]:
         raise ConfigurationError(f"{path}: not valid TOML ({exc})") from exc
 
 
-def dump_toml(config: Group) -> str:
-    """The effective configuration as TOML that `--config` reads back."""
-    data = config.model_dump(mode="json", exclude_none=True)
+def dump_toml(config: Group, *without: str) -> str:
+    """The effective configuration as TOML that `--config` reads back.
+
+    Parameters
+    ----------
+    config : Group
+    *without : str
+        Groups that do not concern the command.
+    """
+    data = config.model_dump(mode="json", exclude_none=True, exclude=set(without))
     return tomli_w.dumps({k: v for k, v in data.items() if v not in ({}, None)})

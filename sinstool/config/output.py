@@ -15,8 +15,11 @@ class OutputOptions(Group):
     """What is written, and how."""
 
     world: Literal["enu", "ned"] = Field("enu", description="frame of the written orientation")
-    emit: tuple[str, ...] = Field(
-        ("imu", "attitude"), description="topics to write, any of " + ",".join(EMITS)
+    emit: tuple[str, ...] | None = Field(
+        None,
+        description="topics to write, any of "
+        + ",".join(EMITS)
+        + " (default: imu,attitude and what the mode knows besides)",
     )
     only_results: bool = Field(
         False, description="leave the input's own messages out of the output"
@@ -26,7 +29,9 @@ class OutputOptions(Group):
 
     @field_validator("emit")
     @classmethod
-    def _emits(cls, value: tuple[str, ...]) -> tuple[str, ...]:
+    def _emits(cls, value: tuple[str, ...] | None) -> tuple[str, ...] | None:
+        if value is None:
+            return None
         unknown = [v for v in value if v not in EMITS]
         if unknown:
             raise ValueError(f"'{unknown[0]}' is not one of {', '.join(EMITS)}")

@@ -48,6 +48,9 @@ class CalibrationOptions(Group):
         0.0, ge=0, description="seconds left out after the start of every log"
     )
     exclude: tuple[str, ...] = Field((), description="runs to leave out, by their ID")
+    azimuth: tuple[str, ...] = Field(
+        (), description="LOG=DEG: azimuth that the stand showed, for the table of headings"
+    )
     keep_outliers: bool = Field(
         False, description="use repeats that do not belong too (by default they are left out, told)"
     )

@@ -12,23 +12,11 @@ from sinstool.config.rig import CalibrationOptions, HseOptions, RigTable
 from sinstool.errors import ConfigurationError
 
 
-class CalibrateConfig(Group):
-    """Everything `sinstool calibrate-hse` is told."""
-
-    input: InputOptions = InputOptions()
-    rig: RigTable | None = None
-    calibration: CalibrationOptions = CalibrationOptions()
-
-    def check(self) -> None:
-        """There is a rig."""
-        if self.rig is None:
-            raise ConfigurationError(
-                "no rig is described", "give --config RIG.toml with a table [rig]; see the guide"
-            )
-
-
 class ProcessConfig(Group):
-    """Everything `sinstool process` is told."""
+    """Everything a run is told; each command takes the groups that concern it.
+
+    One file can thus serve `calibrate-hse` and `process` of the same rig.
+    """
 
     input: InputOptions = InputOptions()
     coning: ConingOptions = ConingOptions()
@@ -36,6 +24,7 @@ class ProcessConfig(Group):
     navigation: NavigationOptions = NavigationOptions()
     hse: HseOptions = HseOptions()
     rig: RigTable | None = None
+    calibration: CalibrationOptions = CalibrationOptions()
     output: OutputOptions = OutputOptions()
 
     def check(self) -> None:

@@ -329,7 +329,7 @@ def test_wrong_options_are_named(sinstool, log, tmp_path, options, expected):
         (("process",), "give a LOG"),
         (("process", "a.mcap"), "-o FILE"),
         (("proces",), "did you mean process?"),
-        (("dance",), "there are process, info, compare-coning, simulate"),
+        (("dance",), "there are process, info, compare-coning, calibrate-hse, simulate"),
         (("process", "a", "-o", "b", "--imu-tpic", "x"), "--imu-topic"),
         (("process", "a", "-o", "b", "--align", "sideways"), "'sideways' is not one of"),
         (("process", "a", "-o", "b", "--gyro-bias", "1,2"), "'1,2' is not 3 numbers"),
@@ -436,7 +436,7 @@ def fields():
     return [
         (group, name)
         for group, field in ProcessConfig.model_fields.items()
-        if group != "rig"  # a table of its own, told by a file only
+        if group not in ("rig", "calibration")  # of a file only, and of another command
         for name in field.annotation.model_fields
     ]
 

@@ -1,0 +1,237 @@
+"""`sinstool calibrate-hse`: heading-sensitive error of a rate-biased system, from its logs."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import click
+
+from sinstool.cli.console import print_json, progress_bar, table, warn
+from sinstool.cli.options import Words, config_options, effective_config, print_config
+from sinstool.errors import ConfigurationError
+
+if TYPE_CHECKING:
+    from sinstool.calibrate import Calibration
+    from sinstool.config import ProcessConfig
+
+ARCSEC = 3.141592653589793 / 180.0 / 3600.0
+DEGREE = 3.141592653589793 / 180.0
+
+
+@click.command("calibrate-hse")
+@click.argument("logs", nargs=-1, type=click.Path(path_type=Path), metavar="LOG...")
+@click.option("-o", "--output", type=click.Path(path_type=Path), help="calibration to write (JSON)")
+@config_options("input", "calibration")
+@click.option("--overwrite", "output__overwrite", is_flag=True, default=None,
+              help="replace an existing output")  # fmt: skip
+@click.option(
+    "--emit-config",
+    type=click.Path(path_type=Path),
+    metavar="FILE.toml",
+    help="also write the rig with K_g scaled so that the error does not arise, by the axial value",
+)
+@click.option("--csv", "csv_file", type=click.Path(path_type=Path), metavar="FILE.csv",
+              help="also write the runs as a table")  # fmt: skip
+@click.option(
+    "--report",
+    type=click.Path(path_type=Path),
+    metavar="FILE.html",
+    help="also write a page of figures (.html), or the main one (.png, .pdf)",
+)
+@click.option("--plan", is_flag=True, help="print what a design would give; needs no log")
+@click.option("--rates", type=Words(), default="20,40,60", show_default=True, metavar="DEG/S,...",
+              help="with --plan: rates of the table, signed")  # fmt: skip
+@click.option("--repeats", type=int, default=3, show_default=True, help="with --plan: at each rate")
+@click.option("--lean", type=Words(), default="8e-4", show_default=True, metavar="RAD,...",
+              help="with --plan: lean of the axis to the east at each position")  # fmt: skip
+@click.option("--arw", type=float, default=5e-4, show_default=True, metavar="DEG/SQRT(H)",
+              help="with --plan: angular random walk of the gyros")  # fmt: skip
+@click.option("--latitude", type=float, metavar="DEG",
+              help="with --plan: of the site [default: the rig's]")  # fmt: skip
+@click.option("--print-config", "show", is_flag=True, help="print the configuration and stop")
+@click.option("--json", "as_json", is_flag=True, help="one JSON object on stdout")
+@click.option("-q", "--quiet", is_flag=True, help="no progress and no summary")
+@click.option("-v", "--verbose", is_flag=True, help="every run in the summary; tracebacks")
+def command(
+    logs: tuple[Path, ...],
+    output: Path | None,
+    config_file: Path | None,
+    emit_config: Path | None,
+    csv_file: Path | None,
+    report: Path | None,
+    plan: bool,
+    rates: Any,
+    repeats: int,
+    lean: Any,
+    arw: float,
+    latitude: float | None,
+    show: bool,
+    as_json: bool,
+    quiet: bool,
+    verbose: bool,
+    **given: Any,
+) -> int:
+    """Calibrate the heading-sensitive error of a rate-biased laser-gyro system.
+
+    LOGs are recordings on the turntable at several constant rates, at one azimuth of its base or
+    more: raw gyros and accelerometers (Imu) and the table's angle (JointState). The rig is
+    described by the table [rig] of --config.
+
+    \b
+    Example:
+      sinstool calibrate-hse north.mcap south.mcap --config rig.toml -o hse.json
+    """
+    config = effective_config(config_file, given)
+    if show:
+        print_config(config, "coning", "align", "navigation", "hse")
+        return 0
+    if plan:
+        return _plan(config, rates, repeats, lean, arw, latitude, as_json)
+    if not logs:
+        raise click.UsageError("give at least one LOG, or --plan")
+    if output is None:
+        raise click.UsageError("give the output with -o FILE.json")
+    if config.rig is None:
+        raise ConfigurationError("no rig is described", "give a table [rig] with --config RIG.toml")
+    from sinstool.calibrate import calibrate
+    from sinstool.calibrate_files import check_files, write_csv, write_rig
+
+    check_files([emit_config, csv_file, report], [output, *logs], config.output.overwrite)
+    with progress_bar(f"{len(logs)} logs", quiet) as progress:
+        found = calibrate(logs, output, config, progress)
+    if emit_config is not None:
+        write_rig(emit_config, found, config.output.overwrite)
+    if csv_file is not None:
+        write_csv(csv_file, found, config.output.overwrite)
+    if report is not None:
+        from sinstool.cli.calibrate_hse_report import write_page
+
+        write_page(report, found, config)
+    for text in (*found.warnings, *found.judgement.warnings):
+        warn(text)
+    if as_json:
+        from sinstool.calibrate_files import summary
+
+        print_json({"output": str(output), **summary(found)})
+    elif not quiet:
+        _print(found, output, verbose)
+    return found.judgement.exit_code
+
+
+def _arcsec(value: float | None, sigma: float | None = None, digits: int = 3) -> str:
+    if value is None:
+        return "not determined"
+    text = f'{value / ARCSEC:.{digits}f}"'
+    return text + (f' +- {sigma / ARCSEC:.{digits}f}"' if sigma is not None else "")
+
+
+def _print(found: Calibration, output: Path, verbose: bool) -> None:
+    kept, fit = found.kept, found.fit
+    used = [r for r in kept.runs if r.used]
+    rates = sorted({round(r.rate_rad_s / DEGREE, 2) for r in used})
+    slope = "not determined"
+    if kept.K_HSE_s is not None:
+        sigma = "" if kept.sigma_K_HSE_s is None else f" +- {kept.sigma_K_HSE_s / ARCSEC:.3f}"
+        slope = f'{kept.K_HSE_s / ARCSEC:.3f}{sigma} "/(rad/s) where the axis leans as most'
+    rows = [
+        ("runs", f"{len(used)} of {len(kept.runs)} in use, from {len(found.logs)} logs, at"
+                 f" {', '.join(f'{r:g}' for r in rates)} deg/s"),
+        ("lambda2", f"{_arcsec(kept.lambda2_rad, kept.sigma_lambda2_rad)} by {kept.method}"
+                    + (f", 95 % {_arcsec(kept.ci95_lambda2_rad[0])} to"
+                       f" {_arcsec(kept.ci95_lambda2_rad[1])}" if kept.ci95_lambda2_rad else "")),
+        ("axial", f"{_arcsec(kept.axial.lambda2_rad, kept.axial.sigma_rad, 4)} by gyro rate along"
+                  " the axis"),
+        ("slope K", slope),
+        ("lean C23", f"{kept.C23_rad:.3e} +- {kept.sigma_C23_rad:.1e} rad, latitude"
+                     f" {kept.latitude_rad / DEGREE:.4f} deg"),
+    ]  # fmt: skip
+    if kept.delay_s is not None:
+        sigma = "" if kept.sigma_delay_s is None else f" +- {kept.sigma_delay_s * 1e6:.3f}"
+        rows.append(("encoder delay", f"{kept.delay_s * 1e6:.3f}{sigma} us"))
+    if fit.s is not None:
+        chi2 = "" if fit.chi2 is None or not fit.dof else f", chi2/dof {fit.chi2 / fit.dof:.2f}"
+        lack = "" if fit.p_lof is None else f", lack of fit p = {fit.p_lof:.3f}"
+        rows.append(
+            ("fit", f"scatter {_arcsec(fit.s)} a run, {fit.dof} degrees of freedom{chi2}{lack}")
+        )
+    if found.table is not None and len(found.table.position_azimuth) > 1:
+        before, after = found.table.before.scatter, found.table.after.scatter
+        rows.append(
+            (
+                "headings",
+                f"{len(found.table.ids)} at {len(found.table.position_azimuth)} azimuths: peak to"
+                f" peak {_arcsec(before.peak_to_peak, digits=2)} before,"
+                f" {_arcsec(after.peak_to_peak, digits=2)} after",
+            )
+        )
+    if verbose:
+        for record in kept.runs:
+            note = record.reason or f"residual {_arcsec(record.resid_rad, digits=2)}"
+            rows.append(
+                (
+                    record.id,
+                    f"{record.rate_rad_s / DEGREE:+8.3f} deg/s, {record.n_turns} turns, heading"
+                    f" {record.psi_rad / DEGREE:.5f} deg, {note}",
+                )
+            )
+    rows.append(("status", kept.status))
+    rows.append(("written", str(output)))
+    table(rows)
+
+
+def _plan(
+    config: ProcessConfig,
+    rates: Any,
+    repeats: int,
+    lean: Any,
+    arw: float,
+    latitude: float | None,
+    as_json: bool,
+) -> int:
+    """What a design of runs would give."""
+    from dataclasses import asdict
+
+    from sinstool.hse.design import Design, predict
+    from sinstool.hse.rig import from_table
+
+    if latitude is None:
+        if config.rig is None:
+            raise click.UsageError("give --latitude, or a rig with --config")
+        radians = from_table(config.rig).known_latitude()
+    else:
+        radians = latitude * DEGREE
+    design = Design(
+        rates=tuple(v * DEGREE for v in _numbers("--rates", rates)),
+        repeats=repeats,
+        duration_s=config.calibration.align_duration,
+        C23=_numbers("--lean", lean),
+        angle_random_walk=arw * DEGREE / 60.0,
+        latitude=radians,
+    )
+    plan = predict(design)
+    if as_json:
+        print_json({"plan": asdict(plan)})
+        return 0
+    sigma = ", ".join(_arcsec(s, digits=1) for s in plan.sigma_run)
+    rows = [
+        ("runs", f"{plan.n_runs} of {design.duration_s:g} s, {plan.total_s / 3600.0:.2f} h in all"),
+        ("sigma of a heading", f"{sigma} at {', '.join(rates)} deg/s"),
+        ("sigma of K", f'{plan.sigma_K / ARCSEC:.2f} "/(rad/s)'),
+        ("sigma of lambda2", f"{_arcsec(plan.sigma_lambda2_heading)} by heading"),
+        ("", f"{_arcsec(plan.sigma_lambda2_joint)} by joint"),
+        ("", f"{_arcsec(plan.sigma_lambda2_axial, digits=4)} by the axial rate"),
+    ]
+    if plan.sigma_delay is not None:
+        rows.append(("sigma of a delay", f"{plan.sigma_delay * 1e6:.2f} us"))
+    rows.append(("order", ", ".join(f"{r / DEGREE:g}" for r in plan.order) + " deg/s"))
+    rows += [("advice" if k == 0 else "", text) for k, text in enumerate(plan.advice)]
+    table(rows)
+    return 0
+
+
+def _numbers(flag: str, words: Any) -> tuple[float, ...]:
+    try:
+        return tuple(float(word) for word in words)
+    except ValueError:
+        raise click.UsageError(f"{flag}: {','.join(words)} are not numbers") from None

@@ -1,0 +1,217 @@
+"""The output of a run: solutions beside the input's own messages, whole or not at all."""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Sequence
+from concurrent.futures import ThreadPoolExecutor
+from contextlib import ExitStack
+from pathlib import Path
+from threading import Event
+from types import TracebackType
+from typing import Any
+
+import sinstool
+from sinstool.config import ProcessConfig, dump_toml
+from sinstool.errors import OutputError
+from sinstool.readers.log import Log
+from sinstool.streams import Diagnostics, Solution
+from sinstool.transforms import tf_parent
+from sinstool.writers.copy import Copier
+from sinstool.writers.mcap import McapWriter
+from sinstool.writers.solution import SolutionWriter
+from sinstool.writers.topics import Frames, topic_of
+from sinstool.writers.whole import WholeFile, check_output
+
+HASH_BYTES = 2**20
+
+
+class Result:
+    """An MCAP that is being written; it appears under its name when it is complete.
+
+    Parameters
+    ----------
+    log : Log
+        The input, whose messages are copied unless the configuration says otherwise.
+    output : Path
+    config : ProcessConfig
+
+    Attributes
+    ----------
+    last : Solution or None
+        The block that was pushed last.
+
+    Raises
+    ------
+    OutputError
+        The output exists, is the input, or cannot be written.
+    """
+
+    def __init__(self, log: Log, output: Path, config: ProcessConfig) -> None:
+        check_output(output, [log.path], config.output.overwrite)
+        self.log = log
+        self.output = output
+        self.config = config
+        self.last: Solution | None = None
+        self._stack = ExitStack()
+        pool = ThreadPoolExecutor(1, thread_name_prefix="sinstool-hash")
+        self._stack.enter_context(pool)
+        stop = Event()
+        # a run that fails does not wait for the hash of a large log
+        self._stack.callback(stop.set)
+        self._digest = pool.submit(sha256, log.path, stop)
+
+    def __enter__(self) -> Result:
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        value: BaseException | None,
+        traceback: TracebackType | None,
+    ) -> None:
+        self._stack.__exit__(kind, value, traceback)
+
+    def open(
+        self,
+        encoding: str,
+        emits: Sequence[str],
+        frames: Frames,
+        diagnostic_names: Sequence[str] = (),
+    ) -> None:
+        """Begin to write.
+
+        Parameters
+        ----------
+        encoding : {'cdr', 'ros1'}
+            Of the input's Imu topic, which the output keeps unless it holds results only.
+        emits : sequence of str
+            What to write; see :data:`~sinstool.config.EMITS`.
+        frames : Frames
+        diagnostic_names : sequence of str, optional
+        """
+        told = self.config.output
+        if told.only_results:
+            encoding = "cdr"
+        self.emits = list(emits)
+        self.frames = frames
+        whole = self._stack.enter_context(WholeFile(self.output))
+        self._writer = McapWriter(
+            whole.stream,
+            "ros1" if encoding == "ros1" else "ros2",
+            f"sinstool/{sinstool.__version__}",
+            told.compression,
+        )
+        self._stack.callback(self._writer.abort)
+        self._copier = None if told.only_results else Copier(self.log, self._writer)
+        self._solutions = SolutionWriter(
+            self._writer,
+            encoding,
+            emits,
+            frames,
+            self._copier.advance if self._copier else lambda _: None,
+            diagnostic_names,
+        )
+
+    def push(self, solution: Solution) -> None:
+        """Write solutions, in the order of time."""
+        self._solutions.push(solution)
+        self.last = solution
+
+    def note(self, diagnostics: Diagnostics) -> None:
+        """Write diagnostics beside the solutions that follow."""
+        self._solutions.note(diagnostics)
+
+    def finish(self) -> dict[str, Any]:
+        """Complete the file's contents; its name comes when the context ends well.
+
+        Returns
+        -------
+        dict
+            ``input`` and ``output`` of the summary.
+        """
+        self._solutions.finish()
+        if self._copier:
+            self._copier.finish()
+        path = self.log.path
+        identity = {
+            "name": path.name,
+            "size": str(self.log.size),
+            "sha256": self._digest.result(),
+        }
+        self._writer.add_metadata(
+            "sinstool",
+            {
+                "version": sinstool.__version__,
+                "config": dump_toml(self.config, "calibration"),
+                **{f"input_{key}": value for key, value in identity.items()},
+            },
+        )
+        self._writer.finish()
+        return {
+            "input": {"path": str(path), "size": self.log.size, "sha256": identity["sha256"]},
+            "output": {
+                "path": str(self.output),
+                "topics": [topic_of(name) for name in self.emits],
+                "attitudes": self._solutions.written,
+                "frame": self.frames.reference_id,
+            },
+        }
+
+
+def choose_emits(
+    log: Log, config: ProcessConfig, known: Sequence[str], body: str
+) -> tuple[list[str], list[str]]:
+    """Topics to write, and what had to be left out of them.
+
+    Parameters
+    ----------
+    log : Log
+    config : ProcessConfig
+    known : sequence of str
+        What this kind of run writes unless it is told otherwise.
+    body : str
+        Frame id of the sensor.
+
+    Raises
+    ------
+    OutputError
+        The log holds such topics already.
+    """
+    asked = config.output.emit
+    emits = list(known if asked is None else asked)
+    warnings: list[str] = []
+    if config.output.only_results:
+        return emits, warnings
+    present = {c.topic for c in log.channels.values()}
+    clash = sorted(present & {topic_of(name) for name in emits if name != "tf"})
+    if clash:
+        raise OutputError(
+            f"{log.path} holds results of sinstool already ({', '.join(clash)})",
+            "process the original log, or add --only-results",
+        )
+    if "tf" in emits:
+        parent = tf_parent(log, body)
+        if parent is not None:
+            emits.remove("tf")
+            warnings.append(
+                f"/tf is not written: in the log {body} has the parent {parent} already, and a"
+                " frame can have only one"
+            )
+    return emits, warnings
+
+
+def sha256(path: Path, stop: Event | None = None) -> str:
+    """SHA-256 of a log, given up when ``stop`` is set.
+
+    Of a directory: of the lines ``<sha256>  <relative name>`` of its files, sorted by name.
+    """
+    if path.is_dir():
+        names = sorted(p.relative_to(path).as_posix() for p in path.rglob("*") if p.is_file())
+        listing = "".join(f"{sha256(path / name, stop)}  {name}\n" for name in names)
+        return hashlib.sha256(listing.encode()).hexdigest()
+    digest = hashlib.sha256()
+    with path.open("rb") as stream:
+        while not (stop and stop.is_set()) and (part := stream.read(HASH_BYTES)):
+            digest.update(part)
+    return digest.hexdigest()
