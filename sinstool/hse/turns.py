@@ -35,8 +35,9 @@ class TurnStatistics:
     ----------
     S : ndarray, shape (N, 3, 6)
         Integrals over each turn of cos alpha, sin alpha and 1 (rows) times the gyros' and the
-        accelerometers' samples (columns): rad and m/s. What turns against the body is smaller
-        in them by ``(Omega dt)**2 / 12``, as samples are means.
+        accelerometers' samples (columns): rad and m/s. What is fixed to ``b0`` is smaller
+        in them by ``(Omega dt)**2 / 12``, as cosines and sines are means over samples, and once
+        more, as samples are.
     circle : ndarray, shape (N, 2)
         Integrals of cos alpha and sin alpha, s; not 0 where the rate varies within a turn.
     duration : ndarray, shape (N,)

@@ -357,8 +357,11 @@ def _in_b0(
     """Integrals over the turns of a vector in ``b0``; shape (N, 3)."""
     weights = np.concatenate([turns.circle, turns.duration[:, np.newaxis]], axis=1)
     in_b = (sums - weights[:, :, np.newaxis] * bias) @ to_b.T
-    cos, sin, one = in_b[:, 0], in_b[:, 1], in_b[:, 2]
-    return np.stack([cos[:, 0] - sin[:, 1], sin[:, 0] + cos[:, 1], one[:, 2]], axis=1)
+    # samples and weights are means over intervals in which b turned on: each lessens what is
+    # fixed to b0 by the mean of the cosine
+    half = 0.5 * turns.rate * turns.interval_s
+    cos, sin = np.moveaxis(in_b[:, :2], 1, 0) * (half / np.sin(half)) ** 2
+    return np.stack([cos[:, 0] - sin[:, 1], sin[:, 0] + cos[:, 1], in_b[:, 2, 2]], axis=1)
 
 
 def _check_axial(gyro: float, encoder: float) -> None:
