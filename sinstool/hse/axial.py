@@ -23,6 +23,8 @@ FloatArray = NDArray[np.float64]
 
 # Rates must differ by this share of the largest for the gyro's bias to be told apart.
 DISTINCT_RATES = 0.1
+# The scatter of turns is soon disbelieved: it does not show how a bias wanders between runs.
+DISBELIEF = 0.5
 
 
 @dataclass(frozen=True)
@@ -98,7 +100,10 @@ def fit_axial(runs: Sequence[HseRun], bias: bool = True, weighted: bool = True) 
     distinct = np.ptp(rate) > DISTINCT_RATES * np.max(np.abs(rate))
     columns = [rate, np.ones_like(rate)] if bias and distinct else [rate]
     fit = least_squares(
-        np.stack(columns, axis=1), c * rate, sigma_c * np.abs(rate) if known else None
+        np.stack(columns, axis=1),
+        c * rate,
+        sigma_c * np.abs(rate) if known else None,
+        DISBELIEF,
     )
     sigma = np.sqrt(np.diag(fit.covariance))
     with_bias = len(columns) == 2

@@ -121,7 +121,7 @@ def _validate(design: Design) -> None:
         if wrong:
             raise ConfigurationError(message, "see calibrate-hse --plan in the guide")
     for rate in rates:
-        if abs(rate) * design.duration_s < 2.0 * np.pi:
+        if abs(rate) * design.duration_s < 2.0 * np.pi * (1.0 - 1e-9):
             raise ConfigurationError(
                 f"{design.duration_s:g} s at {np.degrees(rate):g} deg/s is no whole turn",
                 "make the runs longer",
@@ -153,7 +153,9 @@ def predict(design: Design, advise: bool = True) -> Prediction:
     """
     _validate(design)
     each = np.asarray(design.rates, dtype=np.float64)
-    used = 2.0 * np.pi * np.floor(np.abs(each) * design.duration_s / (2.0 * np.pi)) / np.abs(each)
+    # 540 s at 20 deg/s are thirty turns, whatever rounding makes of it
+    turns = np.floor(np.abs(each) * design.duration_s / (2.0 * np.pi) + 1e-9)
+    used = 2.0 * np.pi * turns / np.abs(each)
     noise = design.angle_random_walk / np.sqrt(used)  # of a mean rate, rad/s
     horizontal = EARTH_RATE * np.cos(design.latitude)
     rate = np.repeat(each, design.repeats)
@@ -242,7 +244,7 @@ def _advice(design: Design, now: Prediction) -> tuple[str, ...]:
             f" ({_arcsec(other.sigma_lambda2_joint)}, {other.n_runs} runs)"
         )
     advice.append(f"from the rate along the axis: {_arcsec(now.sigma_lambda2_axial)}")
-    few = [r for r in design.rates if abs(r) * design.duration_s < FEW_TURNS * 2.0 * np.pi]
+    few = [r for r in design.rates if abs(r) * design.duration_s < FEW_TURNS * 2.0 * np.pi - 1e-9]
     if few:
         advice.append(
             f"{design.duration_s:g} s at {np.degrees(few[0]):g} deg/s is fewer than {FEW_TURNS}"

@@ -28,7 +28,7 @@ from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy import stats
+from scipy import special
 
 from sinstool.errors import ConfigurationError
 from sinstool.hse.axial import fit_axial
@@ -342,7 +342,7 @@ def _paper(result: HseFit, model: HeadingModel, data: RunColumns, use: Mask) -> 
     else:
         variance, student = data.sigma[use] ** 2, False
     covariance = (line * variance) @ line.T
-    quantile = float(stats.t.ppf(0.975, dof) if student else stats.norm.ppf(0.975))
+    quantile = float(special.stdtrit(dof, 0.975) if student else special.ndtri(0.975))
     k, sigma_k = float(estimate[1]), float(np.sqrt(covariance[1, 1]))
     result = replace(
         result,

@@ -10,14 +10,14 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy import stats
+from scipy import special
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
 
 # Below this ratio of singular values of the normalised columns two columns are one.
 RANK_TOLERANCE = 1e-9
-# The given standard deviations are disbelieved when chi-squared is this improbable.
+# Given standard deviations are disbelieved where chi-squared is less probable than this.
 DISBELIEF = 0.01
 
 
@@ -74,7 +74,10 @@ def _weighted(
 
 
 def least_squares(
-    design: FloatArray, observed: FloatArray, sigma: FloatArray | None = None
+    design: FloatArray,
+    observed: FloatArray,
+    sigma: FloatArray | None = None,
+    disbelief: float = DISBELIEF,
 ) -> LeastSquares:
     """Fit ``observed = design @ parameters``.
 
@@ -84,6 +87,8 @@ def least_squares(
     observed : ndarray, shape (n,)
     sigma : ndarray, shape (n,), optional
         Standard deviations of the observations; equal and unknown without.
+    disbelief : float
+        The deviations are disbelieved where chi-squared is less probable than this.
 
     Returns
     -------
@@ -119,9 +124,9 @@ def least_squares(
         estimated = True
     else:
         scale = max(1.0, variance) if dof else 1.0
-        estimated = dof > 0 and bool(stats.chi2.sf(chi2, dof) < DISBELIEF)
+        estimated = dof > 0 and bool(special.chdtrc(dof, chi2) < disbelief)
     student = estimated and dof > 0
-    quantile = stats.t.ppf(0.975, dof) if student else stats.norm.ppf(0.975)
+    quantile = special.stdtrit(dof, 0.975) if student else special.ndtri(0.975)
     return LeastSquares(
         estimate=estimate,
         covariance=scale * (root @ root.T),
@@ -170,7 +175,7 @@ def outlier_limit(n: int, dof: int, alpha: float) -> float:
     """
     if dof < 2:
         return float("inf")
-    return float(stats.t.ppf(1.0 - alpha / (2.0 * n), dof - 1))
+    return float(special.stdtrit(dof - 1, 1.0 - alpha / (2.0 * n)))
 
 
 def lack_of_fit(
@@ -212,4 +217,4 @@ def lack_of_fit(
     if pure <= 1e-24 * float(values @ values):
         return None  # repeats that agree to rounding say nothing of scatter
     ratio = max(total - pure, 0.0) / more / (pure / free)
-    return float(ratio), float(stats.f.sf(ratio, more, free))
+    return float(ratio), float(special.fdtrc(more, free, ratio))

@@ -12,8 +12,11 @@ from sinstool.hse.run import HseRun
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
 
-# Gaps between headings that no error of an alignment explains: the system was turned.
-HEADING_GAP = np.radians(0.5)
+# Gaps between headings that no error of an alignment explains: the system was turned. With an
+# error of 1e-3 in the gyro's matrix and a lean of 1e-2 headings at 20 and 60 deg/s are 2 deg apart.
+HEADING_GAP = np.radians(5.0)
+# Gaps between azimuths that a stand shows.
+AZIMUTH_GAP = np.radians(0.5)
 # Gaps between tilts that no settling of a stand explains: the system was tilted.
 TILT_GAP = 1e-4
 # Rates that differ by less than this share are one rate.
@@ -33,13 +36,13 @@ def _groups(values: FloatArray, gaps: FloatArray | float) -> IntArray:
     return number
 
 
-def by_angle(heading: FloatArray) -> IntArray:
-    """Number the groups of angles (rad, at least one) that gaps of 0.5 deg or more separate."""
+def by_angle(heading: FloatArray, gap: float = AZIMUTH_GAP) -> IntArray:
+    """Number the groups of angles (rad, at least one) that gaps wider than ``gap`` separate."""
     ordered = np.sort(heading % (2.0 * np.pi))
     gaps = np.diff(ordered, append=ordered[0] + 2.0 * np.pi)
     # counted from the end of the widest gap, so that no group lies across 0
     start = ordered[(int(np.argmax(gaps)) + 1) % len(ordered)]
-    return _groups((heading - start) % (2.0 * np.pi), HEADING_GAP)
+    return _groups((heading - start) % (2.0 * np.pi), gap)
 
 
 def positions(runs: Sequence[HseRun]) -> IntArray:
@@ -52,13 +55,13 @@ def positions(runs: Sequence[HseRun]) -> IntArray:
     Returns
     -------
     ndarray of int, shape (n,)
-        Runs of one number have one heading (to 0.5 deg) and one eastward lean of the axis
+        Runs of one number have one heading (to 5 deg) and one eastward lean of the axis
         (to 1e-4 rad, or five of its standard deviations). Numbers count from 0 in the order
         of the runs.
     """
     if not runs:
         return np.zeros(0, dtype=np.int64)
-    first = by_angle(np.array([r.heading for r in runs]))
+    first = by_angle(np.array([r.heading for r in runs]), HEADING_GAP)
     lean = np.array([r.C23 for r in runs])
     noise = np.array([r.sigma_C23 for r in runs])
     noise = noise[np.isfinite(noise)]

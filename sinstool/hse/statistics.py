@@ -9,7 +9,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from scipy import stats
+from scipy import special
 
 from sinstool.hse.least_squares import least_squares
 
@@ -171,7 +171,7 @@ def fit_sinusoid(azimuth: ArrayLike, values: ArrayLike) -> Sinusoid:
     ratio, p = np.nan, np.nan
     if fit.dof and fit.chi2 > 0.0:
         ratio = max(total - fit.chi2, 0.0) / 2.0 / (fit.chi2 / fit.dof)
-        p = float(stats.f.sf(ratio, 2, fit.dof))
+        p = float(special.fdtrc(2, fit.dof, ratio))
     return Sinusoid(
         offset=offset,
         cosine=cosine,
@@ -206,8 +206,11 @@ def trend_t(values: ArrayLike) -> float:
     if n < 4:
         return 0.0
     time = np.arange(n) - 0.5 * (n - 1)
-    fit = least_squares(np.stack([np.ones(n), time], axis=1), x - x[0])
-    slope, sigma = float(fit.estimate[1]), float(np.sqrt(fit.covariance[1, 1]))
-    if fit.s > ROUNDING:
-        return slope / sigma
+    square = float(time @ time)
+    centred = x - x.mean()
+    slope = float(time @ centred) / square
+    residual = centred - slope * time
+    s = float(np.sqrt(residual @ residual / (n - 2)))
+    if s > ROUNDING:
+        return slope * float(np.sqrt(square)) / s
     return float(np.copysign(np.inf, slope)) if abs(slope) > ROUNDING else 0.0
