@@ -17,9 +17,22 @@ FloatArray = NDArray[np.float64]
 
 
 def position_between(fixes: GnssFixes, time_ns: NDArray[np.int64]) -> tuple[FloatArray, FloatArray]:
-    """Latitude and longitude between fixes, and those of the nearest outside them.
+    """Latitude and longitude between fixes, and a little beyond them.
 
-    Interpolates the normal of the ellipsoid, which knows no date line and no pole.
+    Parameters
+    ----------
+    fixes : GnssFixes
+    time_ns : ndarray of int64, shape (n,)
+
+    Returns
+    -------
+    latitude, longitude : ndarray, shape (n,)
+        rad.
+
+    Notes
+    -----
+    Interpolates the normal of the ellipsoid, which knows no date line and no pole. Beyond the
+    ends it goes on as over the outermost second, for a second; then it stays.
     """
     cl = np.cos(fixes.latitude)
     normal = np.stack(
@@ -28,6 +41,13 @@ def position_between(fixes: GnssFixes, time_ns: NDArray[np.int64]) -> tuple[Floa
     origin = fixes.time_ns[0]
     x = (time_ns - origin) * 1e-9
     known = (fixes.time_ns - origin) * 1e-9
+    if len(known) > 1:
+        near = min(int(np.searchsorted(known, 1.0)), len(known) - 1)
+        far = max(int(np.searchsorted(known, known[-1] - 1.0, side="right")) - 1, 0)
+        before = 2.0 * normal[:, :1] - normal[:, near : near + 1]
+        after = 2.0 * normal[:, -1:] - normal[:, far : far + 1]
+        normal = np.concatenate([before, normal, after], axis=1)
+        known = np.concatenate([[-known[near]], known, [2.0 * known[-1] - known[far]]])
     n0, n1, n2 = (np.interp(x, known, part) for part in normal)
     return np.arctan2(n2, np.hypot(n0, n1)), np.arctan2(n1, n0)
 
@@ -44,6 +64,7 @@ class AttitudeChain:
     dcm : ndarray, shape (3, 3)
         ``C_ib0^i``.
     fixes : GnssFixes
+        All of the stretch.
     refined : tuple of (ndarray, InertialRows) or None
         State of the refinement and the one row at which it holds.
     """

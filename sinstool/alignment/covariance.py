@@ -89,7 +89,7 @@ def geometry(second: FloatArray) -> FloatArray:
 
 def worst_sigma(covariance: FloatArray) -> FloatArray:
     """Sigma about the worst axis, rad; infinite where rounding is all there is."""
-    return _root(np.linalg.eigvalsh(covariance)[..., -1])
+    return _root(np.asarray(np.linalg.eigvalsh(covariance)[..., -1], dtype=np.float64))
 
 
 def axis_sigma(covariance: FloatArray) -> FloatArray:

@@ -157,11 +157,10 @@ def why_no_start(motion: Dynamics, limits: GateLimits, lift_off_ns: int) -> str:
     """Which limits kept eq. (12) from holding, and for how long."""
     late = (motion.time_ns - lift_off_ns) * 1e-9 >= limits.t_set1 - _TIME_SLACK
     if not late.any():
-        last = (motion.time_ns[-1] - lift_off_ns) * 1e-9 if len(motion.time_ns) else 0.0
-        return (
-            f"the log ends {max(last, 0.0):.1f} s after lift-off and the gate waits"
-            f" {limits.t_set1:g} s"
-        )
+        last = (motion.time_ns[-1] - lift_off_ns) * 1e-9
+        if last < 0.0:
+            return "lift-off comes only after it"
+        return f"it ends {last:.1f} s after lift-off and the gate waits {limits.t_set1:g} s"
     after = motion.time_ns[late]
     step = float(np.median(np.diff(after))) * 1e-9 if len(after) > 1 else 0.0
     blocked = (~motion.within(limits)[:, late]).sum(axis=1) * step

@@ -234,7 +234,7 @@ def _lift_off(imu: ImuIncrements, settings: AlignmentSettings, warnings: list[st
 def _answer(best: Candidate, settings: AlignmentSettings, warnings: list[str]) -> InFlightAlignment:
     segment, solution = best.segment, best.solution
     origin = int(best.stretch.imu.time_ns[0])
-    chain = AttitudeChain(best.stretch.imu, origin, solution.dcm, best.fixes)
+    chain = AttitudeChain(best.stretch.imu, origin, solution.dcm, best.positions)
     if settings.at == "end":
         t_ns = int(best.fixes.time_ns[-1])
         at = segment.rows.rows(slice(-1, None))
@@ -266,7 +266,7 @@ def _answer(best: Candidate, settings: AlignmentSettings, warnings: list[str]) -
     worst = float(worst_sigma(covariance))
     status = _status(covariance)
     if status == "level-only":
-        heading = float(np.sqrt(covariance[2, 2]))
+        heading = min(float(np.sqrt(covariance[2, 2])), UNIFORM_SIGMA)
         warnings.append(
             "heading is not known: it needs horizontal acceleration, a turn, or one to several"
             f" minutes; its predicted sigma is {np.rad2deg(heading):.0f} deg"

@@ -37,6 +37,8 @@ class Candidate:
     segment : Segment
     fixes : GnssFixes
         Those of the segment.
+    positions : GnssFixes
+        All of the stretch.
     start_ns, stop_ns : int
         Of the gate.
     rejected : int
@@ -51,6 +53,7 @@ class Candidate:
     stretch: Stretch
     segment: Segment
     fixes: GnssFixes
+    positions: GnssFixes
     start_ns: int
     stop_ns: int
     rejected: int
@@ -207,7 +210,7 @@ def _candidate(
     if longest > SILENT_GAP_S:
         warnings.append(f"fixes are missing for {longest:.1f} s inside the segment")
     return Candidate(
-        stretch, segment, fixes, start_ns, stop_ns, rejected, solution, path, sigma,
+        stretch, segment, fixes, inside, start_ns, stop_ns, rejected, solution, path, sigma,
         warnings,
     )  # fmt: skip
 
