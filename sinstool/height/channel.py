@@ -54,11 +54,13 @@ from sinstool.height.layout import (
     P_SHADOW_K4,
     P_SHADOW_TAU,
     P_START_SPEED,
+    P_START_TAU,
     P_TAU,
     P_W2,
     RESET,
     RESTORED,
     S_BARO_BIAS,
+    S_CHANGES,
     S_COAST_SINCE,
     S_CORRECTION,
     S_COUNTS,
@@ -72,9 +74,12 @@ from sinstool.height.layout import (
     S_L3,
     S_LAST_STAMP,
     S_LAST_USED,
+    S_LONGEST,
     S_NOMINAL,
     S_OFFSET,
     S_PHASE,
+    S_RECENT,
+    S_SAME_LAST,
     S_SAME_SINCE,
     S_SAME_VALUE,
     S_SHADOW_A,
@@ -92,6 +97,8 @@ from sinstool.height.layout import (
     S_WAITING_STAMP,
     S_WITNESS_A,
     S_WITNESS_H,
+    S_WITNESS_MOST,
+    S_WITNESS_OFFSET,
     S_WITNESS_ON,
     S_WITNESS_SINCE,
     S_WITNESS_START,
@@ -103,6 +110,7 @@ from sinstool.height.layout import (
 FloatArray = NDArray[np.float64]
 
 GATE_MEMORY = 30.0  # s, of the running RMS of accepted differences
+RECENT = 1.0  # s, of their running mean, which is no part of a jump
 JUMP_SAMPLES = 5  # rejected in a row, agreeing, before the barometer is said to have jumped
 JUMP_TIME = 0.75  # s, and over at least this long
 COAST_TIME = 2.0  # s without a good sample
@@ -111,9 +119,14 @@ COAST_INTERVALS = 5.0  # or so many usual intervals, whichever is longer
 COAST_INTERVALS_STREAK = 7.0
 VALID_COAST = 300.0  # s
 STEP_FADE = 20.0  # s
-SHADOW_GROWTH = 4.0  # the shadow's time constant is the time since the start over this, at most
+# A growing time constant is the time since the start over this. With tau = t/g the error of the
+# height goes as t^m, m the largest root of (m - 2) ((m + 3g) (m - 1) + 3g^2) + g^3: -0.8 for 6,
+# but for 4 it is positive.
+GROWTH = 6.0
 FROZEN_TIME = 30.0  # s with one and the same value
 FROZEN_SPEED = 1.0  # m/s, mean vertical speed in that time
+FROZEN_UNUSUAL = 5.0  # times as long as it ever kept a value before
+FROZEN_CHANGES = 20.0  # of its value, before that is known
 FROZEN_SETTLED = 20.0  # s after engaging, before a witness is worth hearing
 ROUNDING = 1e-9  # s
 
@@ -240,19 +253,29 @@ def baro_sample(
 
     # A sensor that hangs repeats itself while the vehicle moves.
     if height_baro != state[S_SAME_VALUE]:
+        if state[S_FROZEN] == 0.0 and state[S_CHANGES] > 0.0:
+            held = state[S_SAME_LAST] - state[S_SAME_SINCE]
+            state[S_LONGEST] = max(state[S_LONGEST], held)
+        state[S_CHANGES] += 1.0
         state[S_SAME_VALUE] = height_baro
         state[S_SAME_SINCE] = stamp
         state[S_WITNESS_ON] = 0.0
         state[S_FROZEN] = 0.0
+        state[S_SAME_LAST] = stamp
     elif state[S_FROZEN] > 0.0:
         state[S_COUNTS + FROZEN] += 1.0
         return NOTHING, 0.0, 0.0
     elif state[S_PHASE] == ENGAGED and stamp - state[S_ENGAGED_AT] >= FROZEN_SETTLED:
+        state[S_SAME_LAST] = stamp
         if state[S_WITNESS_ON] > 0.0:
             moved = abs(state[S_WITNESS_H] - state[S_WITNESS_START])
+            state[S_WITNESS_MOST] = max(state[S_WITNESS_MOST], moved)
+            # A coarse or noiseless sensor repeats itself at rest, too: it must be unusual for it.
+            held = stamp - state[S_SAME_SINCE]
             if (
-                moved > FROZEN_SPEED * FROZEN_TIME
-                and stamp - state[S_SAME_SINCE] >= FROZEN_TIME - ROUNDING
+                state[S_WITNESS_MOST] > FROZEN_SPEED * FROZEN_TIME
+                and held >= max(FROZEN_TIME, FROZEN_UNUSUAL * state[S_LONGEST]) - ROUNDING
+                and state[S_CHANGES] >= FROZEN_CHANGES
             ):
                 return _freeze(state, events, time, height, v_up, stamp)
             if time - state[S_WITNESS_SINCE] >= FROZEN_TIME:
@@ -284,8 +307,9 @@ def baro_sample(
 
     # The velocity at the start may be wrong: see the peak of the response to a step in it,
     # 0.23 tau per m/s.
-    since = (stamp - state[S_ENGAGED_AT]) / parameters[P_TAU]
-    gate += 0.25 * parameters[P_START_SPEED] * parameters[P_TAU] * math.exp(-0.5 * since)
+    since = stamp - state[S_ENGAGED_AT]
+    quick = parameters[P_START_TAU]
+    gate += 0.25 * parameters[P_START_SPEED] * quick * math.exp(-0.5 * since / quick)
     what = CORRECTED
     if abs(e) > gate:
         count = state[S_STREAK]
@@ -299,7 +323,7 @@ def baro_sample(
         if count + 1.0 < JUMP_SAMPLES or length < JUMP_TIME - ROUNDING:
             state[S_COUNTS + GATE] += 1.0
             return NOTHING, 0.0, 0.0
-        jump = state[S_STREAK_SUM] / (count + 1.0)
+        jump = state[S_STREAK_SUM] / (count + 1.0) - state[S_RECENT]
         state[S_OFFSET] += jump
         e -= jump
         used += jump
@@ -308,7 +332,8 @@ def baro_sample(
     state[S_STREAK] = 0.0
 
     interval = stamp - state[S_LAST_USED]
-    l1, l2, l3 = pole_matched_gains(interval, parameters[P_TAU], parameters[P_K4], parameters[P_W2])
+    tau = min(parameters[P_TAU], max(quick, since / GROWTH))
+    l1, l2, l3 = pole_matched_gains(interval, tau, parameters[P_K4], parameters[P_W2])
     # The correction belongs to the stamp; since then it has moved on.
     dv = -(l2 + l3 * lag) * e
     dh = -(l1 + l2 * lag + 0.5 * l3 * lag * lag) * e
@@ -317,6 +342,7 @@ def baro_sample(
     state[S_L2] = l2
     state[S_L3] = l3
     state[S_SQUARE] += -math.expm1(-interval / GATE_MEMORY) * (e * e - state[S_SQUARE])
+    state[S_RECENT] += -math.expm1(-interval / RECENT) * (e - state[S_RECENT])
     state[S_LAST_USED] = stamp
     state[S_COUNTS + ACCEPTED] += 1.0
 
@@ -325,8 +351,7 @@ def baro_sample(
         e = state[S_SHADOW_H] - (height - h_then) - (state[S_SHADOW_V] - v_up) * lag
         e += parameters[P_SHADOW_K4] * v - used
         # It begins as quick as the channel itself, or it would know nothing for minutes.
-        tau = min(parameters[P_SHADOW_TAU], (stamp - state[S_ENGAGED_AT]) / SHADOW_GROWTH)
-        tau = max(tau, parameters[P_TAU])
+        tau = max(tau, min(parameters[P_SHADOW_TAU], since / GROWTH))
         l1, l2, l3 = pole_matched_gains(interval, tau, parameters[P_SHADOW_K4], parameters[P_W2])
         state[S_SHADOW_H] -= (l1 + l2 * lag) * e
         state[S_SHADOW_V] -= (l2 + l3 * lag) * e
@@ -407,7 +432,9 @@ def _engage(
         state[S_ENGAGED_AT] = stamp
         _record(state, events, EVENT_ENGAGED, time, state[S_OFFSET], 0.0)
     else:
-        _fade(state, time, e)
+        # The output stays where it is, and what the height loses fades.
+        state[S_STEP] = smooth_height(state, time, 0.0) + e
+        state[S_STEP_TIME] = time
         _record(state, events, EVENT_REENGAGED, time, e, time - state[S_COAST_SINCE])
     state[S_L2] = 0.0
     state[S_L3] = 0.0
@@ -415,6 +442,7 @@ def _engage(
     state[S_INVALID] = 0.0
     state[S_WAITING] = 0.0
     state[S_STREAK] = 0.0
+    state[S_RECENT] = 0.0
     state[S_LAST_USED] = stamp
     state[S_SHADOW_H] = height + dh
     state[S_SHADOW_V] = v_up
@@ -424,18 +452,12 @@ def _engage(
 
 
 @njit(cache=True, nogil=True)
-def _fade(state: FloatArray, time: float, removed: float) -> None:
-    """Keep the output where it is though the height loses ``removed``."""
-    left = smooth_height(state, time, 0.0)
-    state[S_STEP] = left + removed
-    state[S_STEP_TIME] = time
-
-
-@njit(cache=True, nogil=True)
 def _call_witness(
     state: FloatArray, parameters: FloatArray, time: float, height: float, v_up: float
 ) -> None:
     state[S_WITNESS_ON] = 1.0
+    state[S_WITNESS_MOST] = 0.0
+    state[S_WITNESS_OFFSET] = state[S_OFFSET]
     state[S_WITNESS_SINCE] = time
     state[S_WITNESS_START] = height
     state[S_WITNESS_H] = height
@@ -455,8 +477,8 @@ def _freeze(
     dh = state[S_WITNESS_H] - height
     dv = state[S_WITNESS_V] - v_up
     state[S_CORRECTION] = state[S_WITNESS_A]
+    state[S_OFFSET] = state[S_WITNESS_OFFSET]
     state[S_FROZEN] = 1.0
-    _fade(state, time, -dh)
     _record(state, events, EVENT_FROZEN, time, dh, stamp - state[S_SAME_SINCE])
     _start_coast(state, time)
     state[S_COUNTS + FROZEN] += 1.0

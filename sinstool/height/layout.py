@@ -3,6 +3,9 @@
 Compiled loops want numbers in flat arrays; this module says which number lies where, makes the
 arrays and puts names back on what comes out. The kernels are in
 :mod:`~sinstool.height.channel`.
+
+numba's cache of a kernel does not notice that a number here changed, nor a kernel that it calls
+in another file: after editing, delete ``__pycache__`` of this folder.
 """
 
 from __future__ import annotations
@@ -80,9 +83,15 @@ S_L3 = 32
 S_INNOVATION = 33  # e of the sample looked at last, m
 S_NOMINAL = 34  # median interval of the samples, s; 0 before there is one
 S_EVENTS = 35  # number of events so far, recorded or not
-S_COUNTS = 36  # seven, by REASONS
-S_TIMES = 43  # three, seconds in each phase
-S_INTERVALS = 46  # number, then a ring of the latest
+S_RECENT = 36  # mean of accepted differences over the last second, m
+S_WITNESS_MOST = 37
+S_WITNESS_OFFSET = 38
+S_CHANGES = 39  # of the barometer's value, and the longest it stayed the same before one, s
+S_LONGEST = 40
+S_SAME_LAST = 41  # stamp of the latest sample with the value that repeats
+S_COUNTS = 42  # seven, by REASONS
+S_TIMES = 49  # three, seconds in each phase
+S_INTERVALS = 52  # number, then a ring of the latest
 INTERVALS = 9
 S_HISTORY = S_INTERVALS + 1 + INTERVALS  # number, then a ring of (time, height, v_up)
 HISTORY = 128
@@ -96,9 +105,10 @@ P_SHADOW_TAU = 3  # 0: no shadow channel
 P_SHADOW_K4 = 4
 P_GATE = 5
 P_GATE_SIGMAS = 6
-P_START_SPEED = 7
-P_ABSORB = 8
-PARAMETERS = 9
+P_START_TAU = 7
+P_START_SPEED = 8
+P_ABSORB = 9
+PARAMETERS = 10
 
 SHADOW_TAU: dict[str, float] = {"mems": 10.0, "tactical": 30.0, "navigation": 60.0}
 """Time constant of the shadow channel for each grade of IMU, s."""
@@ -132,7 +142,8 @@ def new_parameters(
     absorb_offset: bool = False,
     gate: float = 8.0,
     gate_sigmas: float = 5.0,
-    start_speed: float = 10.0,
+    start_tau: float | None = None,
+    start_speed: float = 1.0,
 ) -> FloatArray:
     """Parameters of a channel.
 
@@ -153,6 +164,10 @@ def new_parameters(
         Differences up to this are never rejected, m.
     gate_sigmas : float, optional
         Nor differences up to so many times their running RMS.
+    start_tau : float, optional
+        Time constant to begin with, s; it grows by a quarter of the time since, up to that of
+        the network. By default the network's own throughout: for a host that knows its vertical
+        velocity and accelerometer bias at the start.
     start_speed : float, optional
         How wrong the vertical velocity may be at the start, m/s: widens the gate until the
         channel has settled.
@@ -167,6 +182,8 @@ def new_parameters(
     p[P_SHADOW_TAU] = max(SHADOW_TAU[grade], network.tau) if shadow else 0.0
     p[P_SHADOW_K4] = -baro_lag
     p[P_GATE], p[P_GATE_SIGMAS], p[P_START_SPEED] = gate, gate_sigmas, start_speed
+    quick = network.tau if start_tau is None else max(start_tau, 2.0 * abs(network.k4))
+    p[P_START_TAU] = min(quick, network.tau)
     p[P_ABSORB] = float(absorb_offset)
     return p
 

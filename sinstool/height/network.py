@@ -31,6 +31,7 @@ from typing import Literal
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
+from scipy.linalg import solve_continuous_lyapunov
 
 from sinstool.earth import normal_gravity
 from sinstool.errors import ConfigurationError
@@ -314,7 +315,7 @@ class HeightNetwork:
         Returns
         -------
         Sigmas
-            Densities are two-sided.
+            Densities are two-sided. :meth:`sigmas_with_gravity` for long time constants.
         """
         t, x = self.tau, self.k4 / self.tau
         n, q, qa, qb = baro_white, baro_wander, accel_white, accel_bias_wander
@@ -339,6 +340,44 @@ class HeightNetwork:
             + qb * t * (33 - 16 * x + 3 * x2) / 16
         )
         return Sigmas(float(np.sqrt(height)), float(np.sqrt(velocity)), float(np.sqrt(correction)))
+
+    def sigmas_with_gravity(
+        self,
+        baro_white: float = 0.0,
+        baro_wander: float = 0.0,
+        accel_white: float = 0.0,
+        accel_bias_wander: float = 0.0,
+    ) -> Sigmas:
+        """Stationary standard deviations by the Lyapunov equation, gravity's gradient included.
+
+        The closed forms of :meth:`sigmas` are within 1 % up to tau = 30 s. At 100 s, a slow
+        barometer moves A by 9 % more and the velocity by 3 % more than they say.
+
+        Parameters
+        ----------
+        baro_white, baro_wander, accel_white, accel_bias_wander : float, optional
+            As in :meth:`sigmas`.
+
+        Returns
+        -------
+        Sigmas
+        """
+        # In h less the slow error b of the barometer and A less w2 b, the gravity that is
+        # missing there, b drives the network by its rate alone.
+        scale = np.array([1.0, self.tau, self.tau**2])  # all three of one size
+        white = scale * self.input_vector("baro")
+        wander = scale * np.array([-1.0, 0.0, -self.w2])
+        force = scale * np.array([0.0, 1.0, 0.0])
+        bias = scale * np.array([0.0, 0.0, -1.0])
+        noise = (
+            baro_white * np.outer(white, white)
+            + baro_wander * np.outer(wander, wander)
+            + accel_white * np.outer(force, force)
+            + accel_bias_wander * np.outer(bias, bias)
+        )
+        f = scale[:, None] * self.matrix / scale
+        root = np.sqrt(np.diag(solve_continuous_lyapunov(f, -noise))) / scale
+        return Sigmas(*(float(x) for x in root))
 
 
 @dataclass(frozen=True)

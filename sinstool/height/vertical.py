@@ -36,6 +36,9 @@ IntArray = NDArray[np.int64]
 MAX_HOLD = 0.5  # s between IMU samples over which the specific force can be held
 MAX_GAP = 5.0  # s, after which the velocity is worth nothing: start again
 
+START_TAU = 2.4  # s; that of the paper settles within ten seconds
+START_SPEED = 10.0  # m/s
+
 # The host's own numbers.
 _TIME, _HEIGHT, _V_UP, _F_UP, _STARTED = range(5)
 
@@ -102,6 +105,10 @@ class VerticalChannel:
         Specific force is that at the instant of each sample (trapezoidal rule); otherwise the
         mean over the interval that the sample ends.
 
+    quick_start : bool, optional
+        Begin with a short time constant that grows, for a vertical velocity and an accelerometer
+        bias that nobody knows; otherwise the gains are the network's from the first sample on.
+
     Attributes
     ----------
     events : list of Event
@@ -119,11 +126,17 @@ class VerticalChannel:
         absorb_offset: bool = False,
         baro_lag: float = 0.0,
         point_samples: bool = True,
+        quick_start: bool = True,
     ) -> None:
         self.network = network
         self.events: list[Event] = []
         self._parameters = layout.new_parameters(
-            network, grade, absorb_offset=absorb_offset, baro_lag=baro_lag
+            network,
+            grade,
+            absorb_offset=absorb_offset,
+            baro_lag=baro_lag,
+            start_tau=START_TAU if quick_start else None,
+            start_speed=START_SPEED if quick_start else 1.0,
         )
         self._state = layout.new_state()
         self._host = np.array([0.0, height, v_up, 0.0, 0.0])

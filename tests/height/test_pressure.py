@@ -1,0 +1,198 @@
+"""Heights of pressures against the printed standard atmosphere, and against made-up days."""
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from sinstool.height.layout import ACCEPTED, NOT_FINITE, OUT_OF_RANGE
+from sinstool.height.pressure import (
+    altitude_with_setting,
+    fit_scale,
+    frozen_spans,
+    geometric,
+    geopotential,
+    height_per_pascal,
+    pressure_altitude,
+    pressure_at,
+    pressure_reason,
+    reference_from_gnss,
+    reference_from_setting,
+    reference_from_start,
+    suspected_unit,
+)
+
+# Geopotential m and Pa, as printed in the standard.
+ATMOSPHERE = [
+    (-1000, 113929.0),
+    (0, 101325.0),
+    (1000, 89874.6),
+    (5000, 54019.9),
+    (10000, 26436.3),
+    (11000, 22632.06),
+    (15000, 12044.6),
+    (20000, 5474.89),
+]
+
+
+@pytest.mark.parametrize(("height", "pressure"), ATMOSPHERE)
+def test_standard_atmosphere(height, pressure):
+    assert pressure_altitude(pressure) == pytest.approx(height, abs=0.1)
+    assert pressure_at(height) == pytest.approx(pressure, rel=4e-6)
+
+
+@given(st.floats(-2000.0, 20000.0))
+def test_inverse(height):
+    assert pressure_altitude(pressure_at(height)) == pytest.approx(height, abs=1e-7)
+
+
+@given(st.floats(5500.0, 115000.0))
+def test_slope(pressure):
+    step = 0.01
+    ends = pressure_altitude(np.array([pressure - step, pressure + step]))
+    assert height_per_pascal(pressure) == pytest.approx((ends[1] - ends[0]) / (2 * step), rel=1e-5)
+
+
+def test_slope_in_metres_per_hectopascal():
+    slope = 100 * height_per_pascal([101325.0, float(pressure_at(5000.0))])
+    assert slope == pytest.approx([-8.32, -13.8], abs=0.06)
+
+
+def test_altimeter_setting():
+    assert geometric(altitude_with_setting(95000.0, 103000.0)) == pytest.approx(678.9, abs=0.05)
+    assert altitude_with_setting(103000.0, 103000.0) == 0.0
+
+
+def test_geometric_height():
+    # gravity falls off as 1/r^2: the potential of a height is g0 R h / (R + h)
+    assert geometric(11000.0) == pytest.approx(11019.07, abs=0.01)
+    assert geopotential(geometric(7321.0)) == pytest.approx(7321.0, abs=1e-9)
+
+
+def test_impossible_pressures_give_nan():
+    assert np.isnan(pressure_altitude([np.nan, 0.0, -5.0, np.inf])).all()
+
+
+def test_reasons():
+    p = [np.nan, np.inf, 0.0, -3.0, 9999.0, 1e4, 101325.0, 1.2e5, 120001.0]
+    expected = [NOT_FINITE] * 2 + [OUT_OF_RANGE] * 3 + [ACCEPTED] * 3 + [OUT_OF_RANGE]
+    assert pressure_reason(p).tolist() == expected
+
+
+@pytest.mark.parametrize(
+    ("factor", "unit"),
+    [(1.0, "Pa"), (0.01, "hPa"), (0.001, "kPa"), (1 / 3386.389, "inHg"), (10.0, "unknown")],
+)
+@pytest.mark.parametrize("pressure", [101325.0, 70000.0])
+def test_unit(factor, unit, pressure):
+    rng = np.random.default_rng(1)
+    values = (pressure + 50 * rng.standard_normal(300)) * factor
+    values[:40:2] = np.nan
+    values[1:40:8] = 0.0
+    values[200:] = 7.0  # later samples have no say
+    told = suspected_unit(values)
+    assert told.unit == unit
+    assert told.samples == 100
+    assert told.median == pytest.approx(pressure * factor, rel=1e-3)
+
+
+def test_unit_of_nothing():
+    assert suspected_unit([np.nan, 0.0, -1.0]).unit == "unknown"
+    assert suspected_unit([]).samples == 0
+
+
+def ns(seconds):
+    return np.round(np.asarray(seconds) * 1e9).astype(np.int64)
+
+
+def test_setting_gives_height_above_the_ellipsoid():
+    reference = reference_from_setting(102000.0, undulation=-28.0)
+    p = float(pressure_at(geopotential(500.0) + pressure_altitude(102000.0)))
+    assert reference.height(p) == pytest.approx(472.0, abs=0.02)
+    with pytest.raises(ValueError, match="hPa"):
+        reference_from_setting(1013.25)
+
+
+def test_start_gives_the_height_told():
+    p = np.array([np.nan, 95010.0, 95000.0, 0.0, 94990.0])
+    reference = reference_from_start(p, 612.0)
+    assert reference.height(95000.0) == pytest.approx(612.0)
+    assert np.isnan(reference.height([0.0, np.nan])).all()
+    with pytest.raises(ValueError, match="at least one"):
+        reference_from_start([np.nan, 3.0], 0.0)
+
+
+class Day:
+    """A climb on a day that is not standard, seen by a barometer and by GNSS."""
+
+    def __init__(self, scale=1.05, top=900.0, seed=3):
+        rng = np.random.default_rng(seed)
+        self.t = np.arange(0.0, 600.0, 0.05)
+        rise = np.clip((self.t - 60.0) / 300.0, 0.0, 1.0)
+        self.h = 240.0 + (top - 240.0) * rise
+        standard = (self.h - 33.0) / scale  # 33 m of offset
+        self.p = pressure_at(geopotential(standard)) + 2.0 * rng.standard_normal(len(self.t))
+        self.t_gnss = np.arange(0.3, 600.0, 1.0)
+        self.gnss = np.interp(self.t_gnss, self.t, self.h) + 2.0 * rng.standard_normal(600)
+
+    def reference(self):
+        return reference_from_gnss(ns(self.t), self.p, ns(self.t_gnss), self.gnss)
+
+
+def test_gnss_scale_is_fitted_where_the_log_climbs():
+    day = Day()
+    day.gnss[::9] += 400.0  # multipath
+    day.gnss[5::50] = np.nan
+    day.p[::70] = np.nan
+    day.p[3::70] = 0.0
+    reference = day.reference()
+    assert reference.fit.applied
+    assert reference.scale == pytest.approx(1.05, abs=0.002)
+    good = np.isfinite(day.p) & (day.p > 0)
+    assert abs(reference.height(day.p) - day.h)[good].max() < 3.0
+
+
+def test_gnss_offset_alone_where_it_does_not():
+    day = Day(top=320.0)
+    reference = day.reference()
+    assert not reference.fit.applied
+    assert reference.scale == 1.0
+    early = day.t < 30.0
+    assert np.median(reference.height(day.p)[early] - day.h[early]) == pytest.approx(0.0, abs=1.5)
+    assert reference.samples == 31
+
+
+def test_gnss_scale_that_no_day_has_is_not_applied():
+    reference = Day(scale=1.25, top=2000.0).reference()
+    assert reference.fit.scale == pytest.approx(1.25, abs=0.005)
+    assert not reference.fit.applied
+    assert reference.scale == 1.0
+
+
+def test_gnss_without_overlap():
+    with pytest.raises(ValueError, match="GNSS"):
+        reference_from_gnss(ns([0.0, 1.0]), [1e5, 1e5], ns([5.0]), [100.0])
+
+
+def test_fit_is_least_squares_without_outliers():
+    rng = np.random.default_rng(5)
+    h = rng.uniform(0.0, 800.0, 400)
+    g = 12.0 + 0.97 * h + 0.01 * rng.standard_normal(400)
+    fit = fit_scale(h, g)
+    assert (fit.scale, fit.offset) == pytest.approx(tuple(np.polyfit(h, g, 1)), rel=1e-4)
+
+
+def test_sigma_of_a_height():
+    reference = reference_from_setting(101325.0)
+    assert reference.sigma(101325.0, 9.0) == pytest.approx(3 * 0.0832, rel=1e-3)
+
+
+def test_frozen_spans():
+    t = np.arange(0.0, 200.0, 0.5)
+    p = 1e5 + np.arange(400.0)
+    p[100:161] = 99000.0  # 30 s from first to last
+    p[200:260] = 98000.0  # half a second less
+    p[350:] = 97000.0
+    assert frozen_spans(ns(t), p) == [(50 * 10**9, 80 * 10**9)]
+    assert len(frozen_spans(ns(t), p, 20.0)) == 3
+    assert frozen_spans([], []) == []
