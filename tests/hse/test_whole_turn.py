@@ -130,7 +130,8 @@ def test_everything_wrong_at_once_is_what_the_exact_formula_says():
         wanted = np.angle(np.exp(1j * (expected - truth.heading)))
         # turns end within samples; what is fixed to b0 is not constant in those
         assert error == pytest.approx(wanted, abs=0.04 * ARCSEC)
-        assert a.c_axial == pytest.approx(truth.X[2, 2], abs=1e-8)
+        # Earth rate along the axis is that of the heading found
+        assert a.c_axial == pytest.approx(truth.X[2, 2], abs=2e-7)
         near = exact.heading_error(mean, rate, truth.C_nb0, LATITUDE)
         assert error == pytest.approx(near, abs=2.0 * ARCSEC)
 
