@@ -119,6 +119,13 @@ def test_smoothing_is_exact_at_constant_rate_whatever_the_stamps():
     assert SMOOTHING_S > 0.0
 
 
+def test_smoothing_adds_up_nothing_in_an_hour():
+    gyro, at, angle = steady(rate=1.0471234, imu=1.0, encoder=500.0, seconds=3600.0)
+    (piece,) = table_angle(ns(gyro), ns(at), angle, EncoderModel(), "start")
+    away = piece.alpha - (5.9 + 1.0471234 * (piece.first + gyro[0] + np.arange(len(piece) + 1)))
+    assert np.abs(away).max() < 1e-11  # plain sums: 9e-10
+
+
 def test_gyro_jitter_is_taken_out_by_the_grid():
     random = np.random.default_rng(6)
     gyro, at, angle = steady(seconds=60.0)

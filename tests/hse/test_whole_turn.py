@@ -362,3 +362,35 @@ def test_what_cannot_be_aligned():
     few = align_whole_turns(turns.part(0, 3), rig)
     assert np.isnan([few.sigma_heading, few.sigma_c_axial, few.quality["heading_trend_t"]]).all()
     assert abs(off(few, log.truth)) < 0.01 * ARCSEC
+
+
+@pytest.mark.parametrize(
+    ("errors", "xi", "slope", "axial", "offset"),
+    [
+        # arcsec per rad/s of K, arcsec of lambda2 along the axis, arcsec of heading
+        (HseRigErrors(gyro_scale=1e-6), 0.0, -2.5647, -0.6188, 0.0),
+        (HseRigErrors(gyro_scale=20e-6), 0.0, -51.292, -12.376, 0.0),
+        (HseRigErrors(clock=1e-6), 0.0, -2.5647, -0.6188, 0.0),
+        (HseRigErrors(encoder_delay=1e-5), 0.0, 2.0626, 0.0, 0.0),
+        (HseRigErrors(accel_bias=(4.9e-4, 0.0, 0.0)), 0.0, 0.0005, 0.0, -0.0026),
+        (HseRigErrors(lever_arm=(0.1, 0.05, 0.1)), 0.0, 0.0, 0.0, 0.0),
+        # an angle wrong once a turn meets what is misaligned; twice a turn it does not
+        (HseRigErrors(encoder_harmonics=((1, 5 * ARCSEC, 0.7 + np.pi / 4),)), 1e-4, 5.49, 0.0, 0.0),
+        (HseRigErrors(encoder_harmonics=((2, 5 * ARCSEC, 0.7 + np.pi / 4),)), 1e-4, 0.0, 0.0, 0.0),
+        (HseRigErrors(ripple=1e-4), 1e-4, 0.0, 0.0, 0.0),
+        (HseRigErrors(base_drift_n=(0.0, ARCSEC / 600, 0.0)), 0.0, 0.0, 0.0, -25.904),
+    ],
+)
+def test_single_errors_make_the_published_changes(errors, xi, slope, axial, offset):
+    setup = leaning_east(xi=(xi, xi, xi)) if xi else leaning_east(epsilon=EPSILON)
+    change, along = [], []
+    for rate in RATES:
+        _, clean = aligned(rate, setup, seconds=112.5)
+        _, wrong = aligned(rate, setup, errors, seconds=112.5)
+        change.append((wrong.heading - clean.heading) / ARCSEC)
+        along.append((wrong.lambda2_axial - clean.lambda2_axial) / ARCSEC)
+    K, at_rest = np.polyfit(RATES, change, 1)
+    # smoothing takes a hundredth of what happens once a turn at the highest rate
+    np.testing.assert_allclose(K, slope, atol=0.1 if xi else 6e-4, rtol=1e-4)
+    np.testing.assert_allclose(along, axial, atol=2e-3)
+    np.testing.assert_allclose(at_rest, offset, atol=0.03 if xi else 3e-3)
