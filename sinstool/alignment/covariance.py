@@ -18,8 +18,9 @@ from sinstool.alignment.sums import PairSums
 
 FloatArray = NDArray[np.float64]
 
-# Information about the axis of parallel vectors is zero: this much of the rest stands for it.
-_NO_INFORMATION = 1e-12
+# Of parallel vectors, information about their axis and the noise there are both zero, and their
+# ratio nothing: this much of the whole is added to each, and the axis counts as unknown.
+_NO_INFORMATION = 1e-10
 
 
 def _complement(m: FloatArray) -> FloatArray:
@@ -66,7 +67,10 @@ def attitude_covariance(
     size = np.trace(information, axis1=-2, axis2=-1)[..., None, None]
     with np.errstate(divide="ignore", invalid="ignore"):
         inverse = np.linalg.inv(information / size + _NO_INFORMATION * np.eye(3)) / size
-        covariance = inverse @ _complement(sums.noise) @ inverse
+        noise = _complement(sums.noise)
+        all_noise = np.trace(noise, axis1=-2, axis2=-1)[..., None, None]
+        noise = noise + _NO_INFORMATION * all_noise * np.eye(3)
+        covariance = inverse @ noise @ inverse
         shift = inverse[..., None, :, :] @ sums.errors
     parts = (
         (shift[..., 0, :, :], grade.accel_bias),

@@ -205,8 +205,7 @@ class PairAccumulator:
 
     Notes
     -----
-    ``cen`` needs no rows: the mean is taken out of the sums at the end, after the first row
-    was subtracted from all.
+    ``cen`` keeps no rows: means and what is left of products are updated by each.
     """
 
     def __init__(
@@ -221,9 +220,7 @@ class PairAccumulator:
         self._beta = np.empty((0, 3))
         self._sigma = np.empty(0)
         self._calm = np.empty(0, dtype=np.int64)
-        self._centred = np.zeros(_CENTRED + 2)
-        self._zero = np.zeros(42)
-        self._seen = 0
+        self._centred = np.zeros(_CENTRED)
 
     def push(
         self,
@@ -283,64 +280,71 @@ class PairAccumulator:
     def _centre(self, rows: InertialRows, beta: FloatArray, sigma: FloatArray) -> PairSums:
         count = len(rows)
         values = np.concatenate([rows.alpha, beta, velocity_gains(rows).reshape(count, 36)], axis=1)
-        if self._centred[-1] == 0.0 and count:
-            self._zero = values[0].copy()
-        values = values - self._zero
-        alpha, ref, gains = values[:, :3], values[:, 3:6], values[:, 6:]
-        w = (self._usual / sigma) ** 2
-        noise = (w * sigma) ** 2
-        # Weighted sums of: 1, alpha, beta, gains, and products; then those of the noise.
-        terms = np.empty((count, _CENTRED))
-        terms[:, 0] = w
-        terms[:, 1:43] = w[:, None] * values
-        terms[:, 43:52] = (w[:, None, None] * ref[:, :, None] * alpha[:, None, :]).reshape(count, 9)
-        square = (alpha[:, :, None] * alpha[:, None, :]).reshape(count, 9)
-        terms[:, 52:61] = w[:, None] * square
-        weighted = (w[:, None] * alpha)[:, None]
-        terms[:, 61:97] = cross_columns(weighted, gains.reshape(count, 4, 3, 3)).reshape(count, 36)
-        terms[:, 97] = noise
-        terms[:, 98:101] = noise[:, None] * alpha
-        terms[:, 101:110] = noise[:, None] * square
-        out = np.empty((count, _CENTRED))
-        _fade_kernel(terms, rows.time_s, 1.0 / self._fade, 97, self._centred, out)
-        numbers = self._seen + np.arange(1.0, count + 1.0)
-        self._seen += count
-        total = out[:, 0]
-        mean = out[:, 1:43] / total[:, None]
-        mean_a, mean_b = mean[:, :3], mean[:, 3:6]
-        outer = mean_a[:, :, None] * mean_a[:, None, :]
-        size = total[:, None, None]
-        cross_noise = out[:, 98:101][:, :, None] * mean_a[:, None, :]
-        centred_gains = mean[:, 6:].reshape(count, 4, 3, 3)
-        errors = cross_columns((total[:, None] * mean_a)[:, None], centred_gains)
+        weight = (self._usual / sigma) ** 2
+        out = np.empty((count, 64))
+        _centre_kernel(
+            values, rows.time_s, weight, (weight * sigma) ** 2, 1.0 / self._fade,
+            self._centred, out,
+        )  # fmt: skip
         return PairSums(
-            out[:, 43:52].reshape(count, 3, 3) - size * mean_b[:, :, None] * mean_a[:, None, :],
-            out[:, 52:61].reshape(count, 3, 3) - size * outer,
-            out[:, 101:110].reshape(count, 3, 3)
-            - cross_noise
-            - np.swapaxes(cross_noise, -1, -2)
-            + out[:, 97][:, None, None] * outer,
-            out[:, 61:97].reshape(count, 4, 3, 3) - errors,
-            numbers,
+            out[:, :9].reshape(count, 3, 3),
+            out[:, 9:18].reshape(count, 3, 3),
+            out[:, 54:63].reshape(count, 3, 3),
+            out[:, 18:54].reshape(count, 4, 3, 3),
+            out[:, 63],
         )
 
 
-_CENTRED = 110
+# Weight, means (42), products of what is left (54); weight of the noise, its mean (3) and
+# products (9); number, last time, whether there was one.
+_CENTRED = 113
 
 
 @numba.njit(cache=True, nogil=True)
-def _fade_kernel(terms, end, rate, twice, state, out):  # type: ignore[no-untyped-def]
-    """Running sums that fade; columns from `twice` on are squares and fade twice as fast."""
-    width = terms.shape[1]
-    for j in range(terms.shape[0]):
-        if state[width + 1] == 0.0:
-            state[width + 1] = 1.0
-            state[width] = end[j]
-        decay = np.exp(-(end[j] - state[width]) * rate)
-        state[width] = end[j]
-        for i in range(width):
-            if i >= twice:
-                state[i] = state[i] * decay * decay + terms[j, i]
-            else:
-                state[i] = state[i] * decay + terms[j, i]
-            out[j, i] = state[i]
+def _centre_kernel(values, end, weight, noise, rate, state, out):  # type: ignore[no-untyped-def]
+    """Sums of products less their means, updated so that nothing large cancels."""
+    left = np.zeros(42)
+    for k in range(values.shape[0]):
+        if state[112] == 0.0:
+            state[112] = 1.0
+            state[111] = end[k]
+        decay = np.exp(-(end[k] - state[111]) * rate)
+        state[111] = end[k]
+        state[110] += 1.0
+        state[0] = state[0] * decay + weight[k]
+        share = weight[k] / state[0]
+        for i in range(42):
+            left[i] = values[k, i] - state[1 + i]
+            state[1 + i] += share * left[i]
+        new = weight[k] * (1.0 - share)
+        for i in range(3):
+            for j in range(3):
+                at = 43 + 3 * i + j
+                state[at] = state[at] * decay + new * left[3 + i] * left[j]
+                state[at + 9] = state[at + 9] * decay + new * left[i] * left[j]
+        for g in range(4):
+            for j in range(3):
+                at = 61 + 9 * g + j
+                h = 6 + 9 * g + j
+                x = left[1] * left[h + 6] - left[2] * left[h + 3]
+                y = left[2] * left[h] - left[0] * left[h + 6]
+                z = left[0] * left[h + 3] - left[1] * left[h]
+                state[at] = state[at] * decay + new * x
+                state[at + 3] = state[at + 3] * decay + new * y
+                state[at + 6] = state[at + 6] * decay + new * z
+        # The same for the noise, whose weights fade twice as fast, about its own mean.
+        state[97] = state[97] * decay * decay + noise[k]
+        share = noise[k] / state[97]
+        for i in range(3):
+            left[i] = values[k, i] - state[98 + i]
+            state[98 + i] += share * left[i]
+        new = noise[k] * (1.0 - share)
+        for i in range(3):
+            for j in range(3):
+                at = 101 + 3 * i + j
+                state[at] = state[at] * decay * decay + new * left[i] * left[j]
+                between = (state[98 + i] - state[1 + i]) * (state[98 + j] - state[1 + j])
+                out[k, 54 + 3 * i + j] = state[at] + state[97] * between
+        for i in range(54):
+            out[k, i] = state[43 + i]
+        out[k, 63] = state[110]
