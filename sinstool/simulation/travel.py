@@ -290,8 +290,8 @@ def _travel_kernel(
         for j in range(nodes):
             turn[j, 0], turn[j, 1] = _turn(p1, p2, p3, h, states[k, j, 0], states[k, j, 1])
         s0 = s1 = s2 = s3 = s4 = s5 = 0.0
-        # The turn depends on the place by 1e-6 of itself: three rounds are more than enough.
-        for rounds in range(3):
+        # The turn depends on the place by 1e-6 of itself: the second round is for long intervals.
+        for rounds in range(2):
             for j in range(nodes):
                 a1 = 0.0
                 a2 = 0.0
@@ -310,7 +310,7 @@ def _travel_kernel(
                 n2 = p2 + d2 + 0.5 * a1 * d3
                 n3 = p3 + d3 + 0.5 * (a2 * d1 - a1 * d2)
                 turn[j, 0], turn[j, 1] = _turn(n1, n2, n3, hj, states[k, j, 0], states[k, j, 1])
-                if rounds == 2:
+                if rounds == 1:
                     o1, o2, o3, f1, f2, f3 = _sense(
                         n1, n2, n3, hj, turn[j, 0], turn[j, 1], states[k, j]
                     )

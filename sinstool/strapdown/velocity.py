@@ -110,6 +110,11 @@ class IncrementStage:
     coning_stage : callable
         Gives a new coning stage for the segment; called three times. Gyro and accelerometer
         are of the same kind of sample, that of the stage.
+
+    Notes
+    -----
+    The segment, and so the navigation, starts at the instant of the first sample. Where
+    samples are integrals or means, that one lies before it and serves as history only.
     """
 
     def __init__(self, coning_stage: Callable[[], ConingStage]) -> None:
