@@ -43,8 +43,9 @@ def test_running_is_the_same_as_at_once(kind, fade_s):
         solution = solve(part, settings)
         at = int(np.searchsorted(path.rows, end))
         assert path.rows[at] == end
-        # Rounding, times how badly the turn about the mean force is known early.
-        limit = {60: 1e-10, 300: 1e-12 if kind == "win" else 5e-12}.get(end, 1e-12)
+        # Rounding, times how badly the turn about the mean force is known: early, and in
+        # vectors that all point alike, as those from the start do.
+        limit = 1e-12 if end >= 300 and kind not in ("int", "cen") else 1e-10
         assert angle_deg(path.dcm[at], solution.dcm) < limit
 
 
