@@ -35,8 +35,8 @@ RATES = np.radians([20.0, 40.0, 60.0])
 UG = 9.80665e-6
 DEG_H = np.pi / 180.0 / 3600.0
 XI = (1e-4, 1e-4, 1e-4)
-# In the phase that, with xi and the heading below, hurts most: A/2 |xi| sqrt(2) / (w_ie cos L),
-# 5.49 arcsec/(rad/s) of K.
+# In the phase that with xi and the heading of the base hurts most, A sqrt(2) xi / (2 w_ie cos L):
+# 5.49 arcsec/(rad/s) of K, less what the calibration errors and smoothing make of it.
 HARMONIC = (1, 5.0 * ARCSEC, 0.7 + np.pi / 4.0)
 TURN_S = 1.0 * ARCSEC / 600.0
 

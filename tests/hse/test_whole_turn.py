@@ -393,4 +393,4 @@ def test_single_errors_make_the_published_changes(errors, xi, slope, axial, offs
     # smoothing takes a hundredth of what happens once a turn at the highest rate
     np.testing.assert_allclose(K, slope, atol=0.1 if xi else 6e-4, rtol=1e-4)
     np.testing.assert_allclose(along, axial, atol=2e-3)
-    np.testing.assert_allclose(at_rest, offset, atol=0.03 if xi else 3e-3)
+    np.testing.assert_allclose(at_rest, offset, atol=0.05 if xi else 3e-3)
