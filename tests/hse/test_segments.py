@@ -6,7 +6,7 @@ import pytest
 from sinstool.hse.encoder import TableAngle, table_angle
 from sinstool.hse.rig import EncoderModel
 from sinstool.hse.segments import BLOCK_S, SegmentRules, find_segments
-from sinstool.simulation.hse_rig import HseRigErrors, TableProfile
+from sinstool.simulation.turntable import TableProfile
 
 ARCSEC = np.pi / 648000.0
 DT = 0.005
@@ -22,7 +22,7 @@ def measured(walk, lost=(), seed=1):
     profile = TableProfile(told(walk))
     at = np.arange(0.0, profile.duration, DT)
     angle = profile.angle(at)[0]
-    angle = angle + 1e-4 * np.sin(angle + HseRigErrors().ripple_phase)
+    angle = angle + 1e-4 * np.sin(angle)
     reading = np.mod(0.18 * ARCSEC * np.round(angle / (0.18 * ARCSEC)), 2 * np.pi)
     stamps = 1_700_000_000_000_000_000 + np.round(at * 1e9).astype(np.int64)
     kept = np.delete(np.arange(1, len(at)), lost) if len(lost) else np.arange(1, len(at))

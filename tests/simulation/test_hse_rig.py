@@ -6,7 +6,8 @@ from scipy.integrate import quad_vec
 
 from sinstool import rotation
 from sinstool.earth import earth_rate_n, gravity_n
-from sinstool.simulation.hse_rig import HseRigErrors, HseRigSetup, TableProfile, hse_rig
+from sinstool.simulation.hse_rig import HseRigErrors, HseRigSetup, hse_rig
+from sinstool.simulation.turntable import TableProfile
 
 ARCSEC = np.pi / 648000.0
 SETUP = HseRigSetup(

@@ -1,0 +1,76 @@
+"""The angle of a turntable that is told rates."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+FloatArray = NDArray[np.float64]
+
+
+class TableProfile:
+    """Angle of a table that is told rates, exact at any time.
+
+    Parameters
+    ----------
+    plateaus : sequence of (float, float)
+        ``(rate, duration)``, rad/s and s.
+    acceleration : float
+        rad/s^2 with which the table goes from one to the next. It begins and ends with the
+        first and last rate.
+
+    Raises
+    ------
+    ValueError
+        If there is no plateau, a duration is not positive or the acceleration not above 0.
+    """
+
+    def __init__(
+        self, plateaus: Sequence[tuple[float, float]], acceleration: float = np.radians(5.0)
+    ) -> None:
+        if not plateaus or min(duration for _, duration in plateaus) <= 0.0:
+            raise ValueError("Expected plateaus (rate, duration) with durations above 0.")
+        if not acceleration > 0.0:
+            raise ValueError(f"Expected an acceleration above 0, got {acceleration}.")
+        parts: list[tuple[float, float, float]] = []  # duration, rate at start, acceleration
+        before = plateaus[0][0]
+        for rate, duration in plateaus:
+            if rate != before:
+                ramp = abs(rate - before) / acceleration
+                parts.append((ramp, before, (rate - before) / ramp))
+            parts.append((duration, rate, 0.0))
+            before = rate
+        length, self._rate, self._acceleration = (
+            np.array(column) for column in zip(*parts, strict=True)
+        )
+        self._start = np.concatenate(([0.0], np.cumsum(length)))
+        turned = self._rate * length + 0.5 * self._acceleration * length**2
+        self._angle = np.concatenate(([0.0], np.cumsum(turned)))
+
+    @property
+    def duration(self) -> float:
+        """s."""
+        return float(self._start[-1])
+
+    def angle(self, t: ArrayLike) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """Angle, rate and acceleration.
+
+        Parameters
+        ----------
+        t : array_like
+            s; beyond the ends the table goes on as there.
+
+        Returns
+        -------
+        angle, rate, acceleration : ndarray
+            rad, rad/s, rad/s^2.
+        """
+        at = np.asarray(t, dtype=np.float64)
+        part = np.clip(np.searchsorted(self._start, at, side="right") - 1, 0, len(self._rate) - 1)
+        since = at - self._start[part]
+        acceleration = self._acceleration[part]
+        rate = self._rate[part] + acceleration * since
+        angle = self._angle[part] + (self._rate[part] + 0.5 * acceleration * since) * since
+        return angle, rate, acceleration
