@@ -453,3 +453,23 @@ def test_baro_bias_of_a_filter_is_taken_off():
     assert what == layout.RESET
     assert dh == pytest.approx(3.0)
     assert state[layout.S_L1 : layout.S_L3 + 1].tolist() == [1.0, 0.0, 0.0]
+
+
+def test_late_samples_leave_the_loop_as_it_was():
+    # A correction that is on its way already must not be made again by the samples before it.
+    flight = Flight(70.0)
+    flight.h_baro = flight.h_baro + 1.0 * (flight.t_baro > 30.0)
+    on_time, _ = flight.run(network(2.4), quick_start=False)
+    late, _ = flight.run(network(2.4), quick_start=False, arrival=flight.t_baro + 0.3)
+    expected = on_time["height"][:-30] + 0.3 * on_time["v_up"][:-30]
+    assert abs(late["height"][30:] - expected).max() < 0.02
+
+
+def test_jump_that_a_frozen_barometer_feigned_is_taken_back():
+    flight = noisy("mems", 1, 300.0, CLIMBS[:2])
+    stuck = (flight.t_baro >= 215.0) & (flight.t_baro < 275.0)
+    flight.h_baro[stuck] = flight.h_baro[stuck][0]
+    out, channel = flight.run(network(5.0))
+    assert kinds(channel) == ["engaged", "jump", "frozen", "re-engaged"]
+    assert channel.summary.offset == 0.0
+    assert abs(out["height"] - flight.h)[-100:].max() < 12.0
