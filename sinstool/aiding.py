@@ -14,6 +14,7 @@ import numpy as np
 
 from sinstool.config import InputOptions
 from sinstool.errors import DataError
+from sinstool.height.pressure import suspected_unit
 from sinstool.readers.log import Channel, Log
 from sinstool.readers.streams import (
     FIX_TYPE,
@@ -42,15 +43,6 @@ S = TypeVar("S", bound=Stream)
 # Position and velocity of one epoch may be stamped apart by the time between their messages.
 SAME_EPOCH_NS = 20_000_000
 PROBE = 100
-# Pascal: what the atmosphere can be, and what other units of it look like.
-PRESSURE_PA = (1e4, 1.2e5)
-PRESSURE_UNITS = {
-    "hPa": ((100.0, 1200.0), 100.0),
-    "kPa": ((10.0, 19.9), 1000.0),
-    "inHg": ((20.0, 32.0), 3386.389),
-}
-# Between these, kPa of a high flight and inHg of a low one cannot be told apart.
-KPA_HIGH = (32.0, 120.0)
 # A velocity whose down part is exactly zero, while height moves by this, has none.
 FLAT_HEIGHT_M = 5.0
 
@@ -244,30 +236,27 @@ def _check_range(log: Log, topic: str, fixes: Gnss) -> None:
 
 def _check_pressure(log: Log, channel: Channel, baro: Baro) -> None:
     """Refuse pressures that are not in pascal."""
-    values = baro.pressure[np.isfinite(baro.pressure) & (baro.pressure > 0.0)][:PROBE]
-    if not len(values):
+    judged = suspected_unit(baro.pressure)
+    if judged.unit == "Pa":
+        return
+    if not judged.samples:
         raise DataError(
             log.path,
             f"topic {channel.topic} holds no pressure that is positive",
             "name another topic with --baro-topic",
         )
-    median = float(np.median(values))
-    if PRESSURE_PA[0] <= median <= PRESSURE_PA[1]:
-        return
-    likely = [unit for unit, ((low, high), _) in PRESSURE_UNITS.items() if low <= median <= high]
-    if not likely and KPA_HIGH[0] < median <= KPA_HIGH[1]:
-        likely = ["kPa"]
-    if likely:
+    if judged.unit == "unknown":
         raise DataError(
             log.path,
-            f"topic {channel.topic}: its pressures are about {median:.5g}, not pascal but as in"
-            f" {likely[0]}",
-            f"add --baro-unit {likely[0]} (or --baro-unit Pa if the log is right)",
+            f"topic {channel.topic}: its pressures are about {judged.median:.5g}, of no atmosphere"
+            " in any usual unit",
+            "give the unit with --baro-unit, or name another topic with --baro-topic",
         )
     raise DataError(
         log.path,
-        f"topic {channel.topic}: its pressures are about {median:.5g}, of no atmosphere in pascal",
-        "give the unit with --baro-unit, or name another topic with --baro-topic",
+        f"topic {channel.topic}: its pressures are about {judged.median:.5g}, not pascal but as in"
+        f" {judged.unit}",
+        f"add --baro-unit {judged.unit} (or --baro-unit Pa if the log is right)",
     )
 
 

@@ -5,7 +5,8 @@ from __future__ import annotations
 from typing import Any
 
 from sinstool.alignment.initial import Alignment
-from sinstool.attitude import AttitudeRun, AttitudeSettings
+from sinstool.attitude import AttitudeRun
+from sinstool.coning.algorithm import ConingAlgorithm
 from sinstool.rotation import to_euler
 from sinstool.source import Source
 from sinstool.streams import Solution
@@ -47,16 +48,16 @@ def alignment(a: Alignment) -> dict[str, Any]:
     }
 
 
-def coning(settings: AttitudeSettings, run: AttitudeRun) -> dict[str, Any]:
+def coning(algorithm: ConingAlgorithm, gyro_kind: str, updates: int) -> dict[str, Any]:
     """The algorithm, in the form for the kind of sample that the log has."""
-    chosen = settings.algorithm.for_kind("rate" if settings.gyro_kind == "rate" else "mean-rate")
+    chosen = algorithm.for_kind("rate" if gyro_kind == "rate" else "mean-rate")
     return {
         "algorithm": chosen.name,
         "summary": chosen.summary,
         "samples_per_update": chosen.samples,
-        "gyro_kind": settings.gyro_kind,
+        "gyro_kind": gyro_kind,
         "takes": chosen.takes,
-        "updates": run.updates,
+        "updates": updates,
         "source": chosen.source,
     }
 
@@ -65,6 +66,9 @@ def final(last: Solution, source: Source) -> dict[str, Any]:
     """The last attitude."""
     roll, pitch, heading = to_euler(last.q_nb[-1]) / DEGREE
     latitude, longitude, height = source.position
+    if last.position is not None:
+        latitude, longitude = (float(v) for v in last.position[-1, :2] / DEGREE)
+        height = float(last.position[-1, 2])
     return {
         "time_ns": str(int(last.time_ns[-1])),
         "q_wxyz_ned_frd": last.q_nb[-1].tolist(),

@@ -27,11 +27,12 @@ from mcap.reader import make_reader
 from scipy.spatial.transform import Rotation
 
 import sinstool
-from sinstool import pipeline, result, source
+from sinstool import result, source
 from sinstool.attitude import AttitudeRun, AttitudeSettings
 from sinstool.config import ProcessConfig, build
 from sinstool.coning.registry import algorithm, names
 from sinstool.errors import AlignmentError, DataError, OutputError
+from sinstool.modes import attitude
 from sinstool.pipeline import process
 from sinstool.result import sha256
 from sinstool.rotation import from_euler
@@ -561,13 +562,13 @@ def test_files_do_not_depend_on_blocks(tmp_path, monkeypatch, name, kind):
     scale = 0.005 if kind == "increment" else 1.0
     columns = times[order], gyro[order] * scale, accel[order] * scale
     path = imu_log(tmp_path / "in.mcap", *columns, log_ns=even_times(len(order)))
-    whole_survey, whole_blocks = source.survey, pipeline.imu_blocks
+    whole_survey, whole_blocks = source.survey, attitude.imu_blocks
     written = set()
     # with samples kept from the first pass for the second, and read again
     for rows, kept in ((10**9, 10**9), (4096, 0), (7, 10**9), (1, 0)):
         monkeypatch.setattr("sinstool.survey.KEPT_SAMPLES", kept)
         monkeypatch.setattr(source, "survey", partial(whole_survey, block_rows=rows))
-        monkeypatch.setattr(pipeline, "imu_blocks", partial(whole_blocks, rows=rows))
+        monkeypatch.setattr(attitude, "imu_blocks", partial(whole_blocks, rows=rows))
         out = tmp_path / f"{rows}.mcap"
         run(path, out, input={"gyro_kind": kind}, coning={"coning": name}, align={"latitude": 40.0})
         written.add(out.read_bytes())

@@ -9,7 +9,7 @@ from sinstool.config.coning import ConingOptions
 from sinstool.config.group import Group
 from sinstool.config.input import InputOptions
 from sinstool.config.load import build, dump_toml, load_toml
-from sinstool.config.navigation import NavigationOptions
+from sinstool.config.navigation import HeightOptions, NavigationOptions
 from sinstool.config.output import EMITS, OutputOptions
 from sinstool.config.rig import CalibrationOptions, HseOptions
 from sinstool.config.run import ProcessConfig
@@ -21,6 +21,7 @@ __all__ = [
     "CalibrationOptions",
     "ConingOptions",
     "Group",
+    "HeightOptions",
     "HseOptions",
     "InputOptions",
     "NavigationOptions",

@@ -8,7 +8,7 @@ from pydantic import Field, field_validator
 
 from sinstool.config.group import Group
 
-EMITS = ("imu", "attitude", "euler", "pose", "tf")
+EMITS = ("imu", "attitude", "euler", "odometry", "pose", "fix", "tf", "height", "diagnostics")
 
 
 class OutputOptions(Group):

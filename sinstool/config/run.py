@@ -6,7 +6,7 @@ from sinstool.config.align import AlignOptions
 from sinstool.config.coning import ConingOptions, check_coning
 from sinstool.config.group import Group
 from sinstool.config.input import InputOptions
-from sinstool.config.navigation import NavigationOptions
+from sinstool.config.navigation import HeightOptions, NavigationOptions
 from sinstool.config.output import OutputOptions
 from sinstool.config.rig import CalibrationOptions, HseOptions, RigTable
 from sinstool.errors import ConfigurationError
@@ -22,6 +22,7 @@ class ProcessConfig(Group):
     coning: ConingOptions = ConingOptions()
     align: AlignOptions = AlignOptions()
     navigation: NavigationOptions = NavigationOptions()
+    vertical: HeightOptions = HeightOptions()
     hse: HseOptions = HseOptions()
     rig: RigTable | None = None
     calibration: CalibrationOptions = CalibrationOptions()
@@ -31,6 +32,7 @@ class ProcessConfig(Group):
         """Whether the options fit each other."""
         check_coning(self.coning)
         self.align.check()
+        self.vertical.check()
         if self.hse.hse is not None and self.rig is None:
             raise ConfigurationError(
                 "--hse needs the rig that was calibrated",

@@ -1,0 +1,400 @@
+"""Ordered Imu blocks in, attitude, velocity and position out: the heart of `process --mode ins`.
+
+As :mod:`sinstool.attitude`, with a mechanisation in the place of the attitude propagation and a
+vertical channel that a barometer or GNSS heights may damp.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass
+
+import numpy as np
+from numba import njit
+
+from sinstool import earth
+from sinstool.coning.algorithm import ConingAlgorithm
+from sinstool.coning.stage import ConingStage
+from sinstool.height import layout
+from sinstool.height.channel import baro_sample, propagate, smooth_height
+from sinstool.height.layout import EVENT_IMU_GAP, S_CORRECTION, S_EVENTS, ChannelSummary, Event
+from sinstool.strapdown.navigation import (
+    HEIGHT,
+    LATITUDE,
+    LONGITUDE,
+    Q_W,
+    Q_Z,
+    SIZE,
+    V_DOWN,
+    V_EAST,
+    V_NORTH,
+    step,
+)
+from sinstool.strapdown.velocity import Increments, IncrementStage
+from sinstool.streams import Imu, Solution, concatenate
+from sinstool.timeline import SECOND, mean_rates, segments
+from sinstool.vertical import HeightReference
+
+# Over a gap up to this the mean of what was measured on either side is integrated.
+MAX_HOLD_S = 0.5
+# Beyond these nothing on or near the Earth goes: an undamped channel has run away.
+MAX_HEIGHT_M = 1e6
+MAX_SPEED_M_S = 2e4
+
+
+@dataclass(frozen=True)
+class InsSettings:
+    """What an inertial navigation needs to know.
+
+    Attributes
+    ----------
+    algorithm : ConingAlgorithm
+    gyro_kind : {'rate', 'mean-rate', 'increment'}
+    nominal_ns : float
+        Nominal sample interval.
+    max_gap_ns : int
+        Longest interval that is integrated across.
+    gyro_bias : ndarray, shape (3,)
+        rad/s, subtracted.
+    accel_bias : ndarray, shape (3,)
+        m/s^2, subtracted.
+    order : int
+        Of the attitude's quaternion: 0 exact, 1 to 4 Picard's.
+    sample_rate : float or None
+        Rate in Hz to be believed instead of the stamps' intervals.
+    still_until_ns : int or None
+        The vehicle is known to be at rest until then; the state stays.
+    parameters : ndarray or None
+        Of the vertical channel; None leaves it undamped.
+    reference : HeightReference or None
+    """
+
+    algorithm: ConingAlgorithm
+    gyro_kind: str
+    nominal_ns: float
+    max_gap_ns: int
+    gyro_bias: np.ndarray
+    accel_bias: np.ndarray
+    order: int = 0
+    sample_rate: float | None = None
+    still_until_ns: int | None = None
+    parameters: np.ndarray | None = None
+    reference: HeightReference | None = None
+
+
+class InsRun:
+    """Inertial navigation from ordered samples.
+
+    Parameters
+    ----------
+    state : ndarray, shape (SIZE,)
+        At the first sample; see :func:`sinstool.strapdown.navigation.initial_state`.
+    settings : InsSettings
+
+    Attributes
+    ----------
+    samples, updates : int
+        Taken in and given out.
+    events : list of Event
+        Of the vertical channel; times in s since the first sample.
+    gaps_s : float
+        Time that was carried over without data.
+    diverged_ns : int or None
+        From when on the state was held because it had left the Earth.
+    """
+
+    def __init__(self, state: np.ndarray, settings: InsSettings) -> None:
+        self.settings = settings
+        self.samples = 0
+        self.updates = 0
+        self.events: list[Event] = []
+        self.gaps_s = 0.0
+        self.diverged_ns: int | None = None
+        self._state = state.copy()
+        self._channel = layout.new_state()
+        self._stage: IncrementStage | None = None
+        self._held: Imu | None = None
+        self._held_first = 0
+        self._segment_start = 0
+        self._segment_count = 0
+        self._time = 0.0
+        self._origin: int | None = None
+        self._last: tuple[np.ndarray, np.ndarray] | None = None
+        self._height = (np.empty(0),) * 3 + (np.empty(0, np.int64),)
+        self._next_height = 0
+
+    @property
+    def channel(self) -> ChannelSummary:
+        """How the vertical channel went."""
+        return layout.summarise(self._channel)
+
+    @property
+    def first_ns(self) -> int:
+        """Time that events count from."""
+        return self._origin or 0
+
+    def run(self, blocks: Iterable[Imu]) -> Iterator[Solution]:
+        """Navigate.
+
+        Parameters
+        ----------
+        blocks : iterable of Imu
+            Ordered, without duplicates.
+
+        Yields
+        ------
+        Solution
+            With position, velocity and, where the channel is damped, ``vertical``.
+        """
+        settings = self.settings
+        rates = blocks
+        if settings.gyro_kind == "increment":
+            believed = settings.max_gap_ns if settings.sample_rate is None else 0
+            rates = mean_rates(blocks, settings.nominal_ns, believed)
+        for piece in segments(rates, settings.max_gap_ns):
+            imu = Imu(
+                piece.imu.time_ns,
+                piece.imu.log_time_ns,
+                piece.imu.gyro - settings.gyro_bias,
+                piece.imu.accel - settings.accel_bias,
+            )
+            self.samples += len(imu)
+            if piece.starts:
+                yield from self._finish()
+                yield self._begin(imu, piece.gap_s)
+            self._held = imu if self._held is None else concatenate([self._held, imu])
+            assert self._stage is not None
+            yield from self._answer(self._stage.push(imu.gyro, imu.accel, self._times(imu)))
+            self._last = (imu.gyro[-1], imu.accel[-1])
+        yield from self._finish()
+
+    def _new_stage(self) -> ConingStage:
+        kind = "rate" if self.settings.gyro_kind == "rate" else "mean-rate"
+        return ConingStage(
+            self.settings.algorithm,
+            kind,  # type: ignore[arg-type]
+            nominal_interval=self.settings.nominal_ns / SECOND,
+        )
+
+    def _begin(self, imu: Imu, gap_s: float) -> Solution:
+        """Start a segment: at its first sample, after whatever gap."""
+        if self._origin is None:
+            self._origin = int(imu.time_ns[0])
+            self._take_reference(self._origin)
+        if gap_s > 0.0:
+            self._carry_over(imu, gap_s)
+        self._stage = IncrementStage(self._new_stage)
+        self._held, self._held_first, self._segment_count = None, 0, 0
+        self._segment_start = int(imu.time_ns[0])
+        self._time = (self._segment_start - self._origin) / SECOND
+        self.updates += 1
+        return self._solution(imu.rows(slice(0, 1)), self._row())
+
+    def _take_reference(self, origin: int) -> None:
+        reference = self.settings.reference
+        if reference is None:
+            return
+        self._height = (
+            (reference.arrival_ns - origin) / SECOND,
+            (reference.time_ns - origin) / SECOND,
+            np.ascontiguousarray(reference.height, dtype=np.float64),
+            np.ascontiguousarray(reference.reason, dtype=np.int64),
+        )
+
+    def _carry_over(self, imu: Imu, gap_s: float) -> None:
+        """Bring the state over a gap.
+
+        Over a short one the vehicle went on as on either side; over a long one it kept its
+        attitude and velocity.
+        """
+        self.gaps_s += gap_s
+        still = self.settings.still_until_ns
+        if still is not None and int(imu.time_ns[0]) <= still:
+            return
+        s = self._state
+        if gap_s <= MAX_HOLD_S and self._last is not None:
+            phi = 0.5 * (self._last[0] + imu.gyro[0]) * gap_s
+            dv = 0.5 * (self._last[1] + imu.accel[0]) * gap_s
+            correction = float(self._channel[S_CORRECTION])
+            step(  # type: ignore[call-arg]
+                s, *phi.tolist(), *dv.tolist(), gap_s, correction, self.settings.order
+            )
+        else:
+            meridian, transverse = earth.radii_of_curvature(s[LATITUDE])
+            north = float(s[V_NORTH]) * gap_s / (float(meridian) + s[HEIGHT])
+            s[LATITUDE] = np.clip(s[LATITUDE] + north, -0.5 * np.pi, 0.5 * np.pi)
+            across = (float(transverse) + s[HEIGHT]) * max(np.cos(s[LATITUDE]), 1e-9)
+            longitude = s[LONGITUDE] + s[V_EAST] * gap_s / across
+            s[LONGITUDE] = (longitude + np.pi) % (2.0 * np.pi) - np.pi
+            s[HEIGHT] -= s[V_DOWN] * gap_s
+        if self.settings.parameters is not None:
+            self.events.append(
+                Event(layout.EVENT_KINDS[EVENT_IMU_GAP], self._time + gap_s, gap_s, 0.0)
+            )
+
+    def _times(self, imu: Imu) -> np.ndarray:
+        times = imu.time_ns
+        if self.settings.sample_rate is not None:
+            number = self._segment_count + np.arange(len(imu))
+            interval = SECOND / self.settings.sample_rate
+            times = self._segment_start + np.rint(number * interval).astype(np.int64)
+        self._segment_count += len(imu)
+        return times
+
+    def _answer(self, increments: Increments) -> Iterator[Solution]:
+        """Navigate over finished updates and let go of the samples they answer for."""
+        if not len(increments.sample):
+            return
+        assert self._held is not None
+        out = np.empty((len(increments.sample), SIZE + 2))
+        until = self.settings.still_until_ns
+        still = 0 if until is None else int(np.searchsorted(increments.time_ns, until, "right"))
+        out[:still] = self._row()
+        if still:
+            # samples from before the vehicle moved say nothing about how it moved
+            at_rest = (int(increments.time_ns[still - 1]) - (self._origin or 0)) / SECOND
+            skipped = int(np.searchsorted(self._height[0], at_rest, "right"))
+            self._next_height = max(self._next_height, skipped)
+        if still < len(out):
+            self._navigate(increments, still, out)
+        rows = increments.sample - self._held_first
+        done = int(rows[-1]) + 1
+        self.updates += len(out)
+        taken = self._held.rows(rows)
+        self._held = self._held.rows(slice(done, None))
+        self._held_first += done
+        yield self._solution(taken, out)
+
+    def _navigate(self, increments: Increments, first: int, out: np.ndarray) -> None:
+        settings = self.settings
+        origin = self._origin or 0
+        end = (increments.time_ns[first:] - origin) / SECOND
+        # a rate that was believed runs ahead of the stamps; heights go by the stamps
+        damped = settings.parameters is not None
+        parameters = settings.parameters if damped else np.zeros(layout.PARAMETERS)
+        events = layout.new_events(len(self._height[0]) - self._next_height if damped else 0)
+        self._channel[S_EVENTS] = 0.0
+        self._next_height, ran_away = _navigate(
+            self._state,
+            self._channel,
+            parameters,
+            events,
+            damped,
+            increments.rotation_vector[first:],
+            increments.velocity_increment[first:],
+            increments.interval[first:],
+            end,
+            *self._height,
+            self._next_height,
+            settings.order,
+            out[first:],
+        )
+        if ran_away >= 0 and self.diverged_ns is None:
+            self.diverged_ns = int(increments.time_ns[first + ran_away])
+        self._time = float(end[-1])
+        self.events += layout.read_events(events[: int(self._channel[S_EVENTS])])
+
+    def _row(self) -> np.ndarray:
+        """The state as the kernel would write it."""
+        height = smooth_height(self._channel, self._time, self._state[HEIGHT])
+        return np.array([*self._state, height, self._channel[S_CORRECTION]])[None, :]
+
+    def _solution(self, imu: Imu, rows: np.ndarray) -> Solution:
+        position = rows[:, LATITUDE : HEIGHT + 1].copy()
+        vertical = None
+        if self.settings.parameters is not None:
+            position[:, 2] = rows[:, SIZE]
+            vertical = np.stack([rows[:, SIZE], -rows[:, V_DOWN], rows[:, SIZE + 1]], axis=1)
+        return Solution(
+            imu.time_ns,
+            imu.log_time_ns,
+            rows[:, Q_W : Q_Z + 1],
+            imu.gyro,
+            imu.accel,
+            position,
+            rows[:, V_NORTH : V_DOWN + 1],
+            vertical,
+        )
+
+    def _finish(self) -> Iterator[Solution]:
+        if self._stage is not None:
+            yield from self._answer(self._stage.finish())
+            self._stage = None
+
+
+@njit(cache=True, nogil=True)
+def _navigate(  # type: ignore[no-untyped-def]
+    state,
+    channel,
+    parameters,
+    events,
+    damped,
+    phi,
+    dv,
+    dt,
+    end,
+    arrival,
+    stamp,
+    height,
+    reason,
+    next_height,
+    order,
+    out,
+):
+    """Mechanisation and vertical channel over a block.
+
+    Returns the number of the next height sample, and the update at which the state left the
+    Earth (-1: it did not); from there on it is held.
+    """
+    ran_away = -1
+    held = state.copy()
+    for k in range(out.shape[0]):
+        if ran_away < 0:
+            held[:] = state
+            before = state[V_DOWN]
+            step(
+                state,
+                phi[k, 0],
+                phi[k, 1],
+                phi[k, 2],
+                dv[k, 0],
+                dv[k, 1],
+                dv[k, 2],
+                dt[k],
+                0.0,
+                order,
+            )
+            if damped:
+                h, v = state[HEIGHT], -state[V_DOWN]
+                dh, ddv = propagate(channel, parameters, events, end[k], dt[k], h, v, v + before)
+                h += dh
+                v += ddv
+                while next_height < arrival.shape[0] and arrival[next_height] <= end[k]:
+                    _, dh, ddv = baro_sample(
+                        channel,
+                        parameters,
+                        events,
+                        end[k],
+                        h,
+                        v,
+                        stamp[next_height],
+                        height[next_height],
+                        reason[next_height],
+                    )
+                    h += dh
+                    v += ddv
+                    next_height += 1
+                state[HEIGHT] = h
+                state[V_DOWN] = -v
+            speed = abs(state[V_NORTH]) + abs(state[V_EAST]) + abs(state[V_DOWN])
+            if not (abs(state[HEIGHT]) < MAX_HEIGHT_M and speed < MAX_SPEED_M_S):
+                ran_away = k
+                state[:] = held
+                state[V_NORTH] = 0.0
+                state[V_EAST] = 0.0
+                state[V_DOWN] = 0.0
+        for i in range(SIZE):
+            out[k, i] = state[i]
+        out[k, SIZE] = smooth_height(channel, end[k], state[HEIGHT])
+        out[k, SIZE + 1] = channel[S_CORRECTION]
+    return next_height, ran_away

@@ -1,0 +1,86 @@
+"""`--mode attitude`: recorded IMU to corrected attitude."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from sinstool import summary
+from sinstool.alignment.initial import Alignment
+from sinstool.attitude import AttitudeRun, AttitudeSettings
+from sinstool.config import ProcessConfig
+from sinstool.coning_choice import choose_algorithm
+from sinstool.initialise import align, earth_rate
+from sinstool.modes.common import Progress, nominal_interval, odometry_frames, share
+from sinstool.modes.vertical import Vertical
+from sinstool.readers.log import Log
+from sinstool.readers.streams import frame_id
+from sinstool.result import Result, choose_emits
+from sinstool.source import Source, imu_blocks, prepare
+
+
+def run_attitude(
+    log: Log, config: ProcessConfig, result: Result, progress: Progress | None
+) -> dict[str, Any]:
+    """Attitude alone, and height where it is damped.
+
+    Parameters
+    ----------
+    log : Log
+    config : ProcessConfig
+    result : Result
+    progress : callable, optional
+        Called with the fraction done.
+
+    Returns
+    -------
+    dict
+        The summary.
+    """
+    source = prepare(log, config, share(progress, log.size, 0.0))
+    body = frame_id(log, source.topic.channels, source.topic.path) or "imu_link"
+    alignment = align(source, config)
+    vertical = Vertical(source, config) if config.vertical.height_damping != "off" else None
+    known = ("imu", "attitude") if vertical is None else ("imu", "attitude", "height")
+    emits, warnings = choose_emits(log, config, known, body)
+    settings = _settings(source, alignment, config)
+    run = AttitudeRun(alignment.q_nb, settings)
+    frames = odometry_frames(source, alignment, config, body)
+    result.open(source.topic.channels[0].message_encoding, emits, frames)
+    blocks = imu_blocks(source, config, alignment.time_ns, share(progress, log.size, 0.5))
+    for solution in run.run(blocks):
+        result.push(solution if vertical is None else vertical.push(solution))
+    told = result.finish()
+    assert result.last is not None
+    return {
+        **told,
+        "imu": summary.imu(source),
+        "alignment": summary.alignment(alignment),
+        "coning": summary.coning(settings.algorithm, settings.gyro_kind, run.updates),
+        "hse": None,
+        "height": None if vertical is None else vertical.summary(),
+        "filter": None,
+        "final": summary.final(result.last, source),
+        "lost": summary.lost(source),
+        "warnings": [
+            *source.warnings,
+            *alignment.warnings,
+            *warnings,
+            *(vertical.warnings() if vertical is not None else ()),
+            *summary.run_warnings(source, run),
+        ],
+    }
+
+
+def _settings(source: Source, alignment: Alignment, config: ProcessConfig) -> AttitudeSettings:
+    nominal = nominal_interval(source, config)
+    still = source.survey.lead_in if alignment.bias_source == "still" else None
+    return AttitudeSettings(
+        choose_algorithm(source, config, nominal),
+        config.input.gyro_kind,
+        nominal,
+        source.survey.max_gap_ns,
+        alignment.gyro_bias,
+        earth_rate(source),
+        config.input.imu_rate,
+        None if still is None else still.end_ns,
+    )

@@ -1,0 +1,228 @@
+"""`--mode ins`: attitude, velocity and position from inertial data, height damped or not."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+
+from sinstool import summary
+from sinstool.aiding import Aiding, read_baro, read_gnss
+from sinstool.alignment.initial import Alignment
+from sinstool.config import ProcessConfig
+from sinstool.coning_choice import choose_algorithm
+from sinstool.errors import ConfigurationError
+from sinstool.height import layout
+from sinstool.initialise import align
+from sinstool.ins import InsRun, InsSettings
+from sinstool.modes.common import Progress, nominal_interval, odometry_frames, share
+from sinstool.readers.log import Log
+from sinstool.readers.streams import frame_id
+from sinstool.result import Result, choose_emits
+from sinstool.sensor_grade import sensor_grade
+from sinstool.source import Source, imu_blocks, prepare
+from sinstool.strapdown.navigation import initial_state
+from sinstool.timeline import SECOND
+from sinstool.units import DEGREE
+from sinstool.vertical import (
+    HeightReference,
+    height_reference,
+    height_summary,
+    height_warnings,
+    network,
+)
+
+# A velocity this near the start is that of the start.
+VELOCITY_NS = 2 * SECOND
+
+
+def run_ins(
+    log: Log, config: ProcessConfig, result: Result, progress: Progress | None
+) -> dict[str, Any]:
+    """Inertial navigation.
+
+    Parameters
+    ----------
+    log : Log
+    config : ProcessConfig
+    result : Result
+    progress : callable, optional
+        Called with the fraction done.
+
+    Returns
+    -------
+    dict
+        The summary.
+
+    Raises
+    ------
+    SinstoolError
+    """
+    source = prepare(log, config, share(progress, log.size, 0.0))
+    aiding = Aiding()
+    by_log_time = source.survey.time_source == "log"
+    read_gnss(log, config.input, by_log_time, aiding)
+    damping = config.vertical.height_damping
+    if damping == "baro":
+        read_baro(log, config.input, by_log_time, aiding)
+    alignment = align(source, config)
+    body = frame_id(log, source.topic.channels, source.topic.path) or "imu_link"
+    state, notes = start(source, aiding, alignment, config)
+    reference: HeightReference | None = None
+    parameters = None
+    grade, why = sensor_grade(source, config)
+    if damping != "off":
+        reference, more = height_reference(log, aiding, config, float(state[2]))
+        chosen, even_more = network(config, grade, float(state[0]))
+        parameters = layout.new_parameters(chosen, grade, baro_lag=config.vertical.baro_lag)
+        notes += [*more, *even_more]
+    known = ["imu", "attitude", "odometry", "fix", "tf"]
+    if damping != "off":
+        known.append("height")
+    emits, left_out = choose_emits(log, config, known, body)
+    run = InsRun(state, _settings(source, alignment, config, parameters, reference))
+    frames = replace(
+        odometry_frames(source, alignment, config, body),
+        origin=(float(state[0]), float(state[1]), float(state[2])),
+    )
+    result.open(source.topic.channels[0].message_encoding, emits, frames)
+    blocks = imu_blocks(source, config, alignment.time_ns, share(progress, log.size, 0.5))
+    for solution in run.run(blocks):
+        result.push(solution)
+    told = result.finish()
+    assert result.last is not None
+    height = None
+    if reference is not None:
+        assert result.last.vertical is not None
+        final = result.last.vertical[-1]
+        height = height_summary(
+            reference,
+            chosen,
+            run.channel,
+            run.events,
+            run.first_ns,
+            (float(final[0]), float(final[1]), float(final[2])),
+        )
+        height["imu_grade"] = {"grade": grade, "why": why}
+        notes += height_warnings(run.channel, run.events)
+    return {
+        **told,
+        "imu": summary.imu(source),
+        "alignment": summary.alignment(alignment),
+        "coning": summary.coning(run.settings.algorithm, run.settings.gyro_kind, run.updates),
+        "hse": None,
+        "height": height,
+        "filter": None,
+        "final": summary.final(result.last, source),
+        "lost": summary.lost(source),
+        "warnings": [
+            *source.warnings,
+            *aiding.warnings,
+            *alignment.warnings,
+            *left_out,
+            *notes,
+            *_run_warnings(source, run),
+        ],
+    }
+
+
+def _settings(
+    source: Source,
+    alignment: Alignment,
+    config: ProcessConfig,
+    parameters: np.ndarray | None,
+    reference: HeightReference | None,
+) -> InsSettings:
+    nominal = nominal_interval(source, config)
+    still = source.survey.lead_in if alignment.bias_source == "still" else None
+    order = config.navigation.attitude_order
+    return InsSettings(
+        choose_algorithm(source, config, nominal),
+        config.input.gyro_kind,
+        nominal,
+        source.survey.max_gap_ns,
+        alignment.gyro_bias,
+        np.zeros(3),
+        0 if order == "exact" else int(order),
+        config.input.imu_rate,
+        None if still is None else still.end_ns,
+        parameters,
+        reference,
+    )
+
+
+def start(
+    source: Source, aiding: Aiding, alignment: Alignment, config: ProcessConfig
+) -> tuple[np.ndarray, list[str]]:
+    """State at the start: position and velocity as told or by GNSS, attitude as aligned.
+
+    Raises
+    ------
+    ConfigurationError
+        The position is not known.
+    """
+    latitude, longitude, height = source.position
+    if latitude is None:
+        raise ConfigurationError(
+            f"{source.log.path}: navigation needs a position, and the log has no fix",
+            "give --latitude, --longitude and --height",
+        )
+    notes = []
+    if longitude is None:
+        longitude = 0.0
+        notes.append("no longitude is known; it is counted from 0 (give --longitude)")
+    if height is None:
+        height = 0.0
+        notes.append("no height is known at the start; 0 m is assumed (give --height)")
+    velocity, how = start_velocity(source, aiding, alignment, config)
+    notes += how
+    if not alignment.north_referenced:
+        notes.append(
+            "heading at the start is not referenced to north, so the track is turned by whatever"
+            " heading the vehicle had; use --align log, fixed or one that finds north"
+        )
+    position = (latitude * DEGREE, longitude * DEGREE, height)
+    return initial_state(*position, velocity, alignment.q_nb), notes
+
+
+def start_velocity(
+    source: Source, aiding: Aiding, alignment: Alignment, config: ProcessConfig
+) -> tuple[np.ndarray, list[str]]:
+    """Velocity at the start: as told, at rest, or by GNSS."""
+    told = config.navigation.initial_velocity
+    if told is not None:
+        return np.array(told), []
+    still = source.survey.lead_in
+    if still is not None and alignment.bias_source == "still":
+        return np.zeros(3), []
+    gnss = aiding.gnss
+    if gnss is not None and gnss.has_velocity.any():
+        rows = gnss.rows(gnss.has_velocity)
+        k = int(np.argmin(np.abs(rows.time_ns - alignment.time_ns)))
+        if abs(int(rows.time_ns[k]) - alignment.time_ns) <= VELOCITY_NS:
+            return np.nan_to_num(rows.velocity_n[k]), []
+    if still is not None:
+        return np.zeros(3), []
+    return np.zeros(3), [
+        "no velocity is known at the start and the vehicle is not seen at rest; 0 is assumed (give"
+        " --initial-velocity)"
+    ]
+
+
+def _run_warnings(source: Source, run: InsRun) -> list[str]:
+    notes = [f"lost: {part}" for part in source.log.lost]
+    if run.settings.algorithm.caveat:
+        notes.append(run.settings.algorithm.caveat)
+    if run.gaps_s:
+        notes.append(
+            f"{run.gaps_s:.3g} s without Imu data: carried over by what was measured on either side"
+            " where short, at constant velocity otherwise"
+        )
+    if run.diverged_ns is not None:
+        seconds = (run.diverged_ns - run.first_ns) / SECOND
+        notes.append(
+            f"after {seconds:.0f} s the solution had left the Earth (1000 km or 20 km/s) and is"
+            " held there: an undamped vertical channel runs away, or the start was wrong"
+        )
+    return notes
