@@ -142,6 +142,8 @@ def fit(runs: Sequence[HseRun], options: FitOptions | None = None) -> HseFit:
     warnings = _trends(runs, use)
     model = HeadingModel(data, use, options.method == "joint", options.drift and not paper)
     warnings += model.notes
+    if paper and options.drift:
+        warnings.append("the paper's line has no drift: it is not estimated")
     weighted = options.weights == "turns" and not paper
     if weighted and not np.all(np.isfinite(data.sigma[use]) & (data.sigma[use] > 0.0)):
         weighted = False

@@ -5,10 +5,21 @@ import pytest
 from scipy import stats
 
 from sinstool.errors import ConfigurationError
+from sinstool.hse.axial import earth_rate_along_axis
 from sinstool.hse.fit import fit
 from sinstool.hse.fit_result import FitOptions
 
-from .made_runs import ARCSEC, EPSILON, RATES, W, brute_runs, noisy, spread
+from .made_runs import (
+    ARCSEC,
+    EPSILON,
+    RATES,
+    W,
+    attitude,
+    brute_run,
+    brute_runs,
+    noisy,
+    spread,
+)
 
 HEADING = FitOptions(method="heading")
 TRUE = -EPSILON.sum()
@@ -325,3 +336,51 @@ def test_uncertain_lean_is_in_the_sigma():
     assert fit(runs, HEADING).sigma_K == pytest.approx(
         sure * 8e-4 / (3 * W * np.cos(0.49)), rel=1e-3
     )
+
+
+def test_the_model_to_the_last_digit():
+    """Headings by eq. (14) with leans that vary: every parameter comes back."""
+    runs, lambda2, psi0 = [], 1e-3, 1.0
+    for i, r in enumerate(brute_runs()):
+        lean = 8e-4 * (1.0 + 0.01 * i)
+        hse = (r.rate - W * np.sin(0.49)) * lambda2 * lean / (3.0 * W * np.cos(0.49))
+        runs.append(replace(r, heading=psi0 + hse, C23=lean))
+    found = fit(runs, HEADING)
+    assert found.lambda2 == pytest.approx(lambda2, rel=1e-9)
+    assert found.psi0[0] == pytest.approx(psi0, abs=1e-10)
+
+
+def test_figures_of_a_straight_line():
+    rng = np.random.default_rng(16)
+    runs = noisy(brute_runs(), rng)
+    found = fit(runs, FitOptions(method="heading", weights="equal", reject_outliers=False))
+    line = stats.linregress([r.rate for r in runs], [r.heading for r in runs])
+    assert found.r2 == pytest.approx(line.rvalue**2, rel=1e-5)
+    assert found.sigma_K == pytest.approx(line.stderr, rel=1e-5)
+    residual = np.array([f.residual for f in found.run_fits])
+    assert found.s == pytest.approx(np.sqrt(np.sum(residual**2) / 7))
+    assert found.ci95_K[1] - found.K == pytest.approx(stats.t.ppf(0.975, 7) * line.stderr, rel=1e-5)
+
+
+def test_uncertain_leans_of_two_positions():
+    runs = [replace(r, sigma_heading=0.1 * ARCSEC) for r in two_positions()]
+    sure = fit([replace(r, sigma_C23=0.0) for r in runs]).sigma_lambda2
+    found = fit([replace(r, sigma_C23=1e-5) for r in runs])
+    assert found.method == "joint"
+    share = np.sqrt(2.0) * 1e-5 / 1.6e-3
+    assert found.sigma_lambda2 == pytest.approx(np.hypot(sure, TRUE * share), rel=1e-3)
+
+
+def test_the_papers_line_is_for_the_position_that_leans_most():
+    runs = brute_runs(lean=4e-4) + brute_runs(psi=2.0, lean=-8e-4, first=9)
+    found = fit(runs, FitOptions(method="heading", form="paper"))
+    assert [f.reason for f in found.run_fits] == ["another position"] * 9 + [""] * 9
+    assert pytest.approx(-8e-4, rel=1e-3) == found.C23
+    assert found.lambda2 == pytest.approx(TRUE, rel=1e-4)
+
+
+def test_earth_rate_along_a_tilted_axis():
+    run = brute_run(0.7, 2.0, 0.2, -0.3, latitude=-0.6)
+    w_n = W * np.array([np.cos(-0.6), 0.0, -np.sin(-0.6)])
+    tilted = replace(run, heading=2.0)
+    assert earth_rate_along_axis(tilted) == pytest.approx(w_n @ attitude(2.0, 0.2, -0.3)[:, 2])

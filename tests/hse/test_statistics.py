@@ -93,6 +93,17 @@ def test_sinusoid_deviations_and_test_are_those_of_simulations():
     )
 
 
+def test_sigma_of_the_amplitude_is_along_its_own_direction():
+    """Azimuths that see the cosine far better than the sine."""
+    rng = np.random.default_rng(3)
+    azimuth = np.array([0.0, 0.3, -0.3, np.pi, np.pi + 0.3, np.pi - 0.3, 0.1, 3.0])
+    wave = 40.0 * np.cos(azimuth - 1.4)
+    found = [fit_sinusoid(azimuth, wave + rng.standard_normal(8)) for _ in range(600)]
+    formal = np.sqrt(np.mean([f.sigma_amplitude**2 for f in found]))
+    assert np.std([f.amplitude for f in found]) == pytest.approx(formal, rel=0.1)
+    assert formal > 1.0
+
+
 def test_few_values():
     alone = scatter([3.0], [0])
     assert (alone.mean, alone.peak_to_peak) == (3.0, 0.0)

@@ -1,6 +1,6 @@
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import example, given
 from hypothesis import strategies as st
 
 from sinstool.hse.statistics import fit_sinusoid, scatter
@@ -12,6 +12,8 @@ from .published_table1 import AFTER, AZIMUTH_DEG, BEFORE, POSITION
 AZIMUTH = np.radians(AZIMUTH_DEG)
 
 
+@example(np.pi, list(range(12)))  # differences either side of 180 deg
+@example(0.0, list(range(12)))
 @given(st.floats(0.0, 2.0 * np.pi), st.permutations(range(12)))
 def test_table_1_of_the_paper_from_headings(zero, order):
     """Headings that the columns stand for give them back, wherever the stand's zero points."""
