@@ -77,7 +77,7 @@ def integrated_pairs(
     kind: str,
     rows: InertialRows,
     beta: FloatArray,
-    sigma: FloatArray,
+    level: FloatArray,
     length: int,
     sigma_usual: float,
     calm_until: IndexArray | None = None,
@@ -91,8 +91,9 @@ def integrated_pairs(
     rows : InertialRows
         At the antenna.
     beta : ndarray, shape (n, 3)
-    sigma : ndarray, shape (n,)
-        Velocity noise of the fixes, m/s.
+    level : ndarray, shape (n,)
+        Velocity noise around each fix, m/s. It should vary little over a window, as the noise of
+        a fix nearly cancels between windows of equal weight.
     length : int
         Fixes in a window.
     sigma_usual : float
@@ -114,7 +115,7 @@ def integrated_pairs(
     exists = (back >= 0) & (newer > older)
     if calm_until is not None:
         exists &= calm_until[newer] == calm_until[older]
-    variance = sigma[newer] ** 2 + sigma[older] ** 2
+    variance = level[newer] ** 2 + level[older] ** 2
     return Pairs(
         rows.alpha[newer] - rows.alpha[older],
         beta[newer] - beta[older],
@@ -131,7 +132,7 @@ def differentiated_pairs(
     rows: InertialRows,
     position: tuple[FloatArray, FloatArray, FloatArray],
     velocity_n: FloatArray,
-    sigma: FloatArray,
+    level: FloatArray,
     sigma_usual: float,
     calm_until: IndexArray | None = None,
 ) -> Pairs:
@@ -145,7 +146,7 @@ def differentiated_pairs(
     position : tuple of ndarray
         Latitude, longitude, height, each of shape (n,).
     velocity_n : ndarray, shape (n, 3)
-    sigma, sigma_usual, calm_until
+    level, sigma_usual, calm_until
         As for :func:`integrated_pairs`.
 
     Returns
@@ -170,7 +171,7 @@ def differentiated_pairs(
     force = np.einsum("nij,nj->ni", c, rows.force_b[at])
     alpha[newer], beta[newer], back[newer] = force, force_i, older
     scale[newer] = 1.0 / (rows.time_s[newer] - rows.time_s[older])
-    weight[newer] = 2.0 * sigma_usual**2 / (sigma[newer] ** 2 + sigma[older] ** 2)
+    weight[newer] = 2.0 * sigma_usual**2 / (level[newer] ** 2 + level[older] ** 2)
     if calm_until is not None:
         weight[newer] *= calm_until[newer] == calm_until[older]
     gains[newer, 0] = c

@@ -6,6 +6,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.ndimage import median_filter
 
 from sinstool.alignment.gate import dynamics, saturated
 from sinstool.alignment.inflight_types import (
@@ -25,6 +26,8 @@ MIN_POSITION_SPAN_S = 60.0
 SILENT_GAP_S = 10.0
 BROKEN_GAP_S = 60.0
 MANY_MISSING = 0.2
+ROUGH_FIX = 2.0
+LEVEL_S = 5.0
 
 
 @dataclass(frozen=True)
@@ -168,6 +171,11 @@ def prepare_fixes(
     if settings.end_ns is not None:
         kept &= gnss.time_ns <= settings.end_ns
     gnss = gnss.rows(kept)
+    level = noise_level(np.asarray(gnss.sigma_v), _usual_s(gnss.time_ns))
+    rough = np.asarray(gnss.sigma_v) > ROUGH_FIX * level
+    if rough.any() and settings.vectors != "pos":
+        warnings.append(f"{int(rough.sum())} fixes much noisier than their neighbours not used")
+        gnss = gnss.rows(~rough)
     if settings.vectors == "pos":
         return gnss, settings, warnings
     moving = np.isfinite(gnss.velocity_n).all(axis=1)
@@ -187,6 +195,19 @@ def prepare_fixes(
     warnings.append("the fixes have no velocity: aligned by positions, which takes a minute")
     method = "svd" if settings.method == "triad" else settings.method
     return gnss, replace(settings, vectors="pos", method=method), warnings
+
+
+def noise_level(sigma: FloatArray, interval_s: float) -> FloatArray:
+    """Running median of the noise of fixes over 5 s to each side, shape (n,).
+
+    In differences over a window the noise of a fix nearly cancels with that of the next window,
+    unless their weights differ: weights therefore follow the level of the noise, not the noise
+    of each fix, and single rough fixes are left out altogether.
+    """
+    if not len(sigma) or not interval_s > 0.0 or np.all(sigma == sigma[0]):
+        return sigma.copy()
+    width = 2 * max(round(LEVEL_S / interval_s), 1) + 1
+    return np.asarray(median_filter(sigma, size=width, mode="nearest"))
 
 
 def _span_s(time_ns: NDArray[np.int64]) -> float:

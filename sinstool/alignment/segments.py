@@ -12,7 +12,7 @@ from sinstool.alignment.covariance import worst_sigma
 from sinstool.alignment.gate import Dynamics, dynamics, find_start, find_stop, why_no_start
 from sinstool.alignment.inflight_types import AlignmentSettings, GnssFixes
 from sinstool.alignment.pairs import window_rows
-from sinstool.alignment.preparation import MIN_SPAN_S, SILENT_GAP_S, Stretch, gap_edges
+from sinstool.alignment.preparation import MIN_SPAN_S, SILENT_GAP_S, Stretch, gap_edges, noise_level
 from sinstool.alignment.screening import plausible_fixes
 from sinstool.alignment.solution import (
     Course,
@@ -105,6 +105,7 @@ def candidates(
         inside.height,
         inside.velocity_n,
         np.asarray(inside.sigma_v),
+        noise_level(np.asarray(inside.sigma_v), float(np.median(np.diff(rows.time_s)))),
         restless[np.minimum(sample, len(restless) - 1)],
     )
     good = np.ones(len(rows), dtype=bool)

@@ -39,7 +39,9 @@ class Segment:
     ----------
     rows : InertialRows
         At the antenna.
-    latitude, longitude, height, sigma : ndarray, shape (n,)
+    latitude, longitude, height : ndarray, shape (n,)
+    sigma, level : ndarray, shape (n,)
+        Velocity noise of the fixes, and what is usual around them, m/s.
     velocity_n : ndarray, shape (n, 3)
     not_calm : ndarray of int64, shape (n,)
         Count of samples up to each fix that were not calm.
@@ -51,6 +53,7 @@ class Segment:
     height: FloatArray
     velocity_n: FloatArray
     sigma: FloatArray
+    level: FloatArray
     not_calm: IndexArray
 
     def __len__(self) -> int:
@@ -65,6 +68,7 @@ class Segment:
             self.height[which],
             self.velocity_n[which],
             self.sigma[which],
+            self.level[which],
             self.not_calm[which],
         )
 
@@ -115,7 +119,7 @@ def make_pairs(segment: Segment, settings: AlignmentSettings) -> Pairs:
     if kind in ("diff", "diffc"):
         position = (segment.latitude, segment.longitude, segment.height)
         return differentiated_pairs(
-            kind == "diffc", rows, position, segment.velocity_n, segment.sigma, usual, mask
+            kind == "diffc", rows, position, segment.velocity_n, segment.level, usual, mask
         )
     if kind in ("cen", "pos"):
         end_s = rows.time_s
@@ -126,7 +130,7 @@ def make_pairs(segment: Segment, settings: AlignmentSettings) -> Pairs:
         weight = fade * (usual / segment.sigma) ** 2
         return centred_pairs(rows, segment.beta(), weight, line=False)
     length = window_rows(rows.time_s, settings.window_s)
-    return integrated_pairs(kind, rows, segment.beta(), segment.sigma, length, usual, mask)
+    return integrated_pairs(kind, rows, segment.beta(), segment.level, length, usual, mask)
 
 
 def _sums(pairs: Pairs, segment: Segment, settings: AlignmentSettings) -> PairSums:
@@ -286,7 +290,7 @@ def running_sums(segment: Segment, settings: AlignmentSettings) -> PairSums:
             settings.vectors, length, settings.fade_s, settings.gnss_sigma_v
         )
         mask = segment.not_calm if settings.gate == "mask" else None
-        return accumulator.push(segment.rows, segment.beta(), segment.sigma, mask)
+        return accumulator.push(segment.rows, segment.beta(), segment.sigma, mask, segment.level)
     pairs = make_pairs(segment, settings)
     return RunningPairs(settings.fade_s).push(
         pairs, segment.rows.time_s, segment.sigma, slice(0, 0)

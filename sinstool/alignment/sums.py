@@ -219,6 +219,7 @@ class PairAccumulator:
         self._rows: InertialRows | None = None
         self._beta = np.empty((0, 3))
         self._sigma = np.empty(0)
+        self._level = np.empty(0)
         self._calm = np.empty(0, dtype=np.int64)
         self._centred = np.zeros(_CENTRED)
 
@@ -228,6 +229,7 @@ class PairAccumulator:
         beta: FloatArray,
         sigma: FloatArray,
         calm_until: NDArray[np.int64] | None = None,
+        level: FloatArray | None = None,
     ) -> PairSums:
         """Sums after each of the next rows.
 
@@ -239,6 +241,8 @@ class PairAccumulator:
         sigma : ndarray, shape (n,)
         calm_until : ndarray of int64, shape (n,), optional
             As for :func:`~sinstool.alignment.pairs.integrated_pairs`; not for ``cen``.
+        level : ndarray, shape (n,), optional
+            As there; by default `sigma`. Pairs of ``cen`` are weighted by `sigma` itself.
 
         Returns
         -------
@@ -252,10 +256,11 @@ class PairAccumulator:
         if self._rows is not None:
             rows = rows.append_to(self._rows)
         beta = np.concatenate([self._beta, beta])
+        level = np.concatenate([self._level, sigma if level is None else level])
         sigma = np.concatenate([self._sigma, sigma])
         calm = np.concatenate([self._calm, calm])
         pairs = integrated_pairs(
-            self._kind, rows, beta, sigma, self._length, self._usual, calm, history
+            self._kind, rows, beta, level, self._length, self._usual, calm, history
         )
         if self._kind == "win":
             keep = slice(max(len(rows) - self._length, 0), len(rows))
@@ -263,7 +268,7 @@ class PairAccumulator:
             keep = slice(0, 1)
         sums = self._pairs.push(pairs, rows.time_s[history:], sigma, keep)
         self._rows, self._beta, self._sigma = rows.rows(keep), beta[keep], sigma[keep]
-        self._calm = calm[keep]
+        self._calm, self._level = calm[keep], level[keep]
         return sums
 
     @property

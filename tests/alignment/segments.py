@@ -21,5 +21,6 @@ def segment_of(imu, gnss, start_s, end_s=np.inf, sigma=0.1):
         gnss.height,
         gnss.velocity_n,
         np.full(count, sigma),
+        np.full(count, sigma),
         np.zeros(count, dtype=np.int64),
     )
