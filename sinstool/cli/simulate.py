@@ -4,57 +4,21 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any, Literal, TypeVar
+from typing import Any, Literal
 
 import click
 
 from sinstool.cli.console import print_json
 from sinstool.cli.options import Numbers
+from sinstool.cli.simulate_motion import drive, launch, manoeuvring_flight, spiral_climb
+from sinstool.cli.simulate_options import (
+    MAX_DURATION_S,
+    MAX_RATE_HZ,
+    START_NS,
+    check,
+    common,
+)
 from sinstool.cli.simulate_rig import command as hse_rig
-
-F = TypeVar("F", bound=Callable[..., Any])
-START_NS = 1_700_000_000_000_000_000
-MAX_RATE_HZ = 1e6
-MAX_DURATION_S = 1e6
-
-
-def _common(function: F) -> F:
-    """Options of every scenario."""
-    options = [
-        click.option(
-            "-o", "--output", type=click.Path(path_type=Path), required=True, help="MCAP to write"
-        ),
-        click.option("--duration", type=float, default=60.0, show_default=True, help="seconds"),
-        click.option("--rate", type=float, default=400.0, show_default=True, help="samples/s, Hz"),
-        click.option(
-            "--gyro-kind",
-            type=click.Choice(["rate", "mean-rate", "increment"]),
-            default="rate",
-            show_default=True,
-            help="what the Imu topic carries",
-        ),
-        click.option(
-            "--body-axes",
-            type=click.Choice(["flu", "frd"]),
-            default="flu",
-            show_default=True,
-            help="axes of the Imu topic; the truth's world is ENU for flu, NED for frd",
-        ),
-        click.option(
-            "--grade",
-            type=click.Choice(["perfect", "navigation", "tactical", "mems"]),
-            default="perfect",
-            show_default=True,
-            help="sensor errors",
-        ),
-        click.option("--seed", type=int, default=0, show_default=True, help="of the errors"),
-        click.option("--overwrite", is_flag=True, help="replace an existing output"),
-        click.option("--json", "as_json", is_flag=True, help="one JSON object on stdout"),
-        click.option("-v", "--verbose", is_flag=True, help="tracebacks for errors"),
-    ]
-    for option in reversed(options):
-        function = option(function)
-    return function
 
 
 @click.group("simulate")
@@ -63,7 +27,7 @@ def command() -> None:
 
 
 @command.command("coning")
-@_common
+@common()
 @click.option("--half-angle-deg", type=float, default=1.0, show_default=True, help="of the cone")
 @click.option("--frequency", type=float, default=10.0, show_default=True, help="turns/s, Hz")
 @click.option("--lead-in", type=float, default=0.0, show_default=True, help="rest before it, s")
@@ -82,7 +46,7 @@ def coning(
     from sinstool.simulation.join import after_rest
     from sinstool.simulation.truth import sample_times
 
-    _check(duration, rate, rest["seed"])
+    check(duration, rate, rest["seed"])
     if not 0.0 < half_angle_deg < 90.0:
         raise click.UsageError(f"--half-angle-deg is {half_angle_deg}, not between 0 and 90")
     if not abs(frequency) <= MAX_RATE_HZ:
@@ -108,7 +72,7 @@ def coning(
 
 
 @command.command("coning-paper")
-@_common
+@common()
 @click.option("--noise-frequency", type=float, default=400.0, show_default=True, help="Hz")
 @click.option(
     "--noise-deg",
@@ -154,7 +118,7 @@ def coning_paper(
     from sinstool.simulation.coning_paper import paper_response, response_name
     from sinstool.simulation.truth import sample_times
 
-    _check(duration, rate, rest["seed"])
+    check(duration, rate, rest["seed"])
     if not 0.0 < half_angle_deg < 90.0:
         raise click.UsageError(f"--half-angle-deg is {half_angle_deg}, not between 0 and 90")
     if not abs(frequency) <= MAX_RATE_HZ:
@@ -190,7 +154,7 @@ def coning_paper(
 
 
 @command.command("static")
-@_common
+@common()
 @click.option("--latitude", type=float, default=45.0, show_default=True, help="degrees")
 @click.option("--longitude", type=float, default=0.0, show_default=True, help="degrees")
 @click.option("--height", type=float, default=0.0, show_default=True, help="metres, ellipsoidal")
@@ -218,7 +182,7 @@ def static(
     from sinstool.simulation.static import static as static_truth
     from sinstool.simulation.truth import sample_times
 
-    _check(duration, rate, rest["seed"])
+    check(duration, rate, rest["seed"])
     limits = {"latitude": (latitude, 90.0), "longitude": (longitude, 180.0)}
     for name, (value, limit) in limits.items():
         if not -limit <= value <= limit:
@@ -242,7 +206,7 @@ def static(
 
 
 @command.command("two-frequency")
-@_common
+@common()
 @click.option(
     "--half-angles-deg", type=Numbers(2), default="0.1,0.1", show_default=True, metavar="A,B"
 )
@@ -261,7 +225,7 @@ def two_frequency(
 
     from sinstool.simulation.motions import two_frequency as motion
 
-    _check(duration, rate, rest["seed"])
+    check(duration, rate, rest["seed"])
     _positive(half_angles_deg=min(half_angles_deg), frequencies=min(frequencies))
     scenario = {
         "scenario": "two-frequency",
@@ -273,7 +237,7 @@ def two_frequency(
 
 
 @command.command("broadband")
-@_common
+@common()
 @click.option("--angle-deg", type=float, default=0.05, show_default=True, help="rms on x and on y")
 @click.option("--band", type=Numbers(2), default="20,150", show_default=True, metavar="HZ,HZ")
 def broadband(
@@ -284,7 +248,7 @@ def broadband(
 
     from sinstool.simulation.motions import broadband as motion
 
-    _check(duration, rate, rest["seed"])
+    check(duration, rate, rest["seed"])
     _positive(angle_deg=angle_deg, band=min(band))
     scenario = {"scenario": "broadband", "angle_deg": angle_deg, "band_hz": _listed(band)}
     angle = float(np.radians(angle_deg))
@@ -294,7 +258,7 @@ def broadband(
 
 
 @command.command("manoeuvre")
-@_common
+@common()
 @click.option("--rate-rms-deg-s", type=float, default=60.0, show_default=True, help="of the motion")
 @click.option("--band", type=Numbers(2), default="0.1,1", show_default=True, metavar="HZ,HZ")
 def manoeuvre(
@@ -305,7 +269,7 @@ def manoeuvre(
 
     from sinstool.simulation.motions import random_manoeuvre as motion
 
-    _check(duration, rate, rest["seed"])
+    check(duration, rate, rest["seed"])
     _positive(rate_rms_deg_s=rate_rms_deg_s, band=min(band))
     scenario = {"scenario": "manoeuvre", "rate_rms_deg_s": rate_rms_deg_s, "band_hz": _listed(band)}
     size = float(np.radians(rate_rms_deg_s))
@@ -342,20 +306,6 @@ def _write_motion(
     _write(truth, scenario | {"duration_s": duration, "rate_hz": rate}, None, rest)
 
 
-def _check(duration: float, rate: float, seed: int) -> None:
-    """Refuse what no log can be made of."""
-    if not 0.0 < rate <= MAX_RATE_HZ:
-        raise click.UsageError(f"--rate is {rate}, not above 0 and at most {MAX_RATE_HZ:g}")
-    if not 0.0 < duration <= MAX_DURATION_S:
-        raise click.UsageError(
-            f"--duration is {duration}, not above 0 and at most {MAX_DURATION_S:g}"
-        )
-    if duration * rate < 1.0:
-        raise click.UsageError("--duration holds no sample interval")
-    if seed < 0:
-        raise click.UsageError(f"--seed is {seed}, not zero or more")
-
-
 def _write(
     truth: Any,
     scenario: dict[str, Any],
@@ -382,7 +332,9 @@ def _write(
     kept = {k: rest[k] for k in ("gyro_kind", "body_axes", "grade", "seed")}
     settings = {k: str(v) for k, v in (scenario | kept).items()}
     axes = Axes(rest["body_axes"])
-    topics = [imu_topic(sensor, rest["gyro_kind"], axes), *truth_topics(truth, axes)]
+    topics = [imu_topic(sensor, rest["gyro_kind"], axes)]
+    if rest["truth"]:
+        topics += truth_topics(truth, axes)
     if position is not None:
         topics.append(resting_fixes(truth.time_ns, position))
     counts = write_simulated(output, topics, settings)
@@ -393,4 +345,5 @@ def _write(
         click.echo(f"{output}: {listing}")
 
 
-command.add_command(hse_rig)
+for _scenario in (spiral_climb, manoeuvring_flight, drive, launch, hse_rig):
+    command.add_command(_scenario)

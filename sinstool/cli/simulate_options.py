@@ -1,0 +1,87 @@
+"""Options that all scenarios of `sinstool simulate` share."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any, TypeVar
+
+import click
+
+F = TypeVar("F", bound=Callable[..., Any])
+START_NS = 1_700_000_000_000_000_000
+MAX_RATE_HZ = 1e6
+MAX_DURATION_S = 1e6
+
+
+def common(duration: float = 60.0, rate: float = 400.0, kind: str = "rate") -> Callable[[F], F]:
+    """Options of every scenario, with its own defaults.
+
+    Parameters
+    ----------
+    duration : float
+        s.
+    rate : float
+        Hz.
+    kind : str
+        Of the gyro's samples.
+    """
+    options = [
+        click.option(
+            "-o", "--output", type=click.Path(path_type=Path), required=True, help="MCAP to write"
+        ),
+        click.option("--duration", type=float, default=duration, show_default=True, help="seconds"),
+        click.option("--rate", type=float, default=rate, show_default=True, help="samples/s, Hz"),
+        click.option(
+            "--gyro-kind",
+            type=click.Choice(["rate", "mean-rate", "increment"]),
+            default=kind,
+            show_default=True,
+            help="what the Imu topic carries",
+        ),
+        click.option(
+            "--body-axes",
+            type=click.Choice(["flu", "frd"]),
+            default="flu",
+            show_default=True,
+            help="axes of the Imu topic; the truth's world is ENU for flu, NED for frd",
+        ),
+        click.option(
+            "--grade",
+            type=click.Choice(["perfect", "navigation", "tactical", "mems"]),
+            default="perfect",
+            show_default=True,
+            help="sensor errors",
+        ),
+        click.option("--seed", type=int, default=0, show_default=True, help="of the errors"),
+        click.option(
+            "--truth/--no-truth",
+            default=True,
+            show_default=True,
+            help="write /truth/... beside the sensors",
+        ),
+        click.option("--overwrite", is_flag=True, help="replace an existing output"),
+        click.option("--json", "as_json", is_flag=True, help="one JSON object on stdout"),
+        click.option("-v", "--verbose", is_flag=True, help="tracebacks for errors"),
+    ]
+
+    def decorate(function: F) -> F:
+        for option in reversed(options):
+            function = option(function)
+        return function
+
+    return decorate
+
+
+def check(duration: float, rate: float, seed: int) -> None:
+    """Refuse what no log can be made of."""
+    if not 0.0 < rate <= MAX_RATE_HZ:
+        raise click.UsageError(f"--rate is {rate}, not above 0 and at most {MAX_RATE_HZ:g}")
+    if not 0.0 < duration <= MAX_DURATION_S:
+        raise click.UsageError(
+            f"--duration is {duration}, not above 0 and at most {MAX_DURATION_S:g}"
+        )
+    if duration * rate < 1.0:
+        raise click.UsageError("--duration holds no sample interval")
+    if seed < 0:
+        raise click.UsageError(f"--seed is {seed}, not zero or more")
