@@ -12,6 +12,7 @@ from datetime import UTC, datetime
 from pathlib import Path
 
 import numpy as np
+from numpy.typing import NDArray
 
 import sinstool
 from sinstool.config import CalibrationOptions, ProcessConfig
@@ -20,6 +21,7 @@ from sinstool.hse.calibration_file import HseCalibration, dumps, from_fit
 from sinstool.hse.correction import correct_heading
 from sinstool.hse.fit import fit
 from sinstool.hse.fit_result import FitOptions, HseFit
+from sinstool.hse.positions import wrapped
 from sinstool.hse.rig import Rig, from_table
 from sinstool.hse.run import HseRun
 from sinstool.hse.segments import SegmentRules
@@ -32,6 +34,37 @@ from sinstool.units import DEGREE
 from sinstool.writers.whole import WholeFile, check_output
 
 Progress = Callable[[float], None]
+FloatArray = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class PositionSpread:
+    """Headings of the runs in use at one position, less the mean corrected one.
+
+    This needs no azimuth from outside, and cannot show what is wrong with the position as a
+    whole.
+
+    Attributes
+    ----------
+    position : int
+        Number in the fit.
+    heading : float
+        Mean corrected heading, rad, in [0, 2 pi).
+    ids : tuple of str
+    before, after : ndarray, shape (n,)
+        rad.
+    """
+
+    position: int
+    heading: float
+    ids: tuple[str, ...]
+    before: FloatArray
+    after: FloatArray
+
+    @property
+    def peak_to_peak(self) -> tuple[float, float]:
+        """Before and after correction, rad."""
+        return float(np.ptp(self.before)), float(np.ptp(self.after))
 
 
 @dataclass(frozen=True)
@@ -49,8 +82,10 @@ class Calibration:
     kept : HseCalibration
         As written.
     table : ValidationTable or None
-        Headings before and after at the azimuths that were given, or at those found.
-    azimuths_given : bool
+        Headings before and after correction against the azimuths that were given; None where
+        none were, or there is no coefficient.
+    spread : tuple of PositionSpread
+        Headings before and after correction within each position; empty without a coefficient.
     warnings : tuple of str
         Beside those of the judgement.
     """
@@ -62,7 +97,7 @@ class Calibration:
     judgement: Judgement
     kept: HseCalibration
     table: ValidationTable | None
-    azimuths_given: bool
+    spread: tuple[PositionSpread, ...]
     warnings: tuple[str, ...]
 
 
@@ -121,9 +156,10 @@ def calibrate(
     rig = rig_of(config)
     if output is not None:
         check_output(output, list(paths), config.output.overwrite)
-    logs, warnings = read_logs(paths, rig, config, progress)
-    runs = align_runs(logs, rig, config.calibration)
     options = config.calibration
+    logs, warnings = read_logs(paths, rig, config, progress)
+    shown = azimuths(options, [log.source for log in logs])
+    runs = align_runs(logs, rig, options)
     unknown = sorted(set(options.exclude) - {run.id for run in runs})
     if unknown:
         raise ConfigurationError(
@@ -135,10 +171,10 @@ def calibrate(
     created = datetime.now(UTC).isoformat(timespec="seconds")
     tool = f"sinstool {sinstool.__version__}"
     kept = from_fit(result, judged, created, tool, rig.sha256())
+    table, spread = _headings(runs, result, kept, shown)
     if output is not None:
         with WholeFile(output) as whole:
             whole.stream.write(dumps(kept).encode())
-    table, given = _validation(runs, result, kept, options)
     return Calibration(
         rig,
         tuple(logs),
@@ -147,7 +183,7 @@ def calibrate(
         judged,
         kept,
         table,
-        given,
+        spread,
         (*rig.remarks(), *warnings),
     )
 
@@ -257,45 +293,46 @@ def azimuths(options: CalibrationOptions, sources: Sequence[str]) -> dict[str, f
     return found
 
 
-def _validation(
-    runs: Sequence[HseRun], result: HseFit, kept: HseCalibration, options: CalibrationOptions
-) -> tuple[ValidationTable | None, bool]:
-    """Headings before and after correction against azimuth."""
-    given = azimuths(options, list(dict.fromkeys(run.source for run in runs)))
+def _headings(
+    runs: Sequence[HseRun], result: HseFit, kept: HseCalibration, shown: dict[str, float]
+) -> tuple[ValidationTable | None, tuple[PositionSpread, ...]]:
+    """Headings before and after correction: against azimuths, and within positions."""
     if kept.lambda2_rad is None:
-        return None, bool(given)
+        return None, ()
     chosen = [
-        run
+        (run, fitted.position)
         for run, fitted in zip(runs, result.run_fits, strict=True)
-        if fitted.used and (not given or run.source in given)
+        if fitted.used
     ]
-    if not chosen:
-        return None, bool(given)
-    heading = np.array([run.heading for run in chosen])
+    used = [run for run, _ in chosen]
+    before = np.array([run.heading for run in used])
     after = correct_heading(
         kept,
-        heading,
-        np.array([run.sigma_heading for run in chosen]),
-        np.array([run.rate for run in chosen]),
-        np.array([run.C23 for run in chosen]),
-        np.array([run.latitude for run in chosen]),
+        before,
+        np.array([run.sigma_heading for run in used]),
+        np.array([run.rate for run in used]),
+        np.array([run.C23 for run in used]),
+        np.array([run.latitude for run in used]),
     ).heading
-    if given:
-        azimuth = np.array([given[run.source] for run in chosen])
-    else:
-        azimuth = _found_azimuths(chosen, result, after)
-    return validation_table(azimuth, heading, after, [run.id for run in chosen]), bool(given)
-
-
-def _found_azimuths(chosen: Sequence[HseRun], result: HseFit, after: np.ndarray) -> np.ndarray:
-    """Mean corrected heading of each position, for its rows."""
-    position = {
-        run.id: fitted.position for run, fitted in zip(result.runs, result.run_fits, strict=True)
-    }
-    group = np.array([position[run.id] for run in chosen])
-    azimuth = np.empty(len(chosen))
-    for k in np.unique(group):
-        mine = group == k
-        mean = np.angle(np.mean(np.exp(1j * after[mine])))
-        azimuth[mine] = mean % (2.0 * np.pi)
-    return azimuth
+    position = np.array([k for _, k in chosen])
+    spread = []
+    for k in np.unique(position).tolist():
+        here = np.flatnonzero(position == k)
+        from_first = wrapped(after[here] - after[here[0]])
+        middle = float((after[here[0]] + from_first.mean()) % (2.0 * np.pi))
+        spread.append(
+            PositionSpread(
+                k,
+                middle,
+                tuple(used[i].id for i in here),
+                wrapped(before[here] - middle),
+                wrapped(after[here] - middle),
+            )
+        )
+    known = [i for i, run in enumerate(used) if run.source in shown]
+    table = None
+    if known:
+        azimuth = np.array([shown[used[i].source] for i in known])
+        names = [used[i].id for i in known]
+        table = validation_table(azimuth, before[known], after[known], names)
+    return table, tuple(spread)

@@ -12,6 +12,7 @@ from typing import Any
 import tomli_w
 
 from sinstool.calibrate import Calibration
+from sinstool.config import ProcessConfig
 from sinstool.errors import OutputError
 from sinstool.hse.calibration_file import to_dict
 from sinstool.hse.table import Column, ValidationTable
@@ -35,16 +36,35 @@ def check_files(wanted: Sequence[Path | None], taken: list[Path], overwrite: boo
         known.append(path.resolve())
 
 
-def write_rig(path: Path, found: Calibration, overwrite: bool) -> None:
-    """Write the rig as a configuration in which the error along the axis is taken out of K_g."""
-    check_output(path, [], overwrite)
+def write_rig(path: Path, found: Calibration, config: ProcessConfig) -> None:
+    """Write the rig as a configuration in which the error along the axis is taken out of K_g.
+
+    Parameters
+    ----------
+    path : Path
+    found : Calibration
+    config : ProcessConfig
+        That of the calibration: what it says of reading and of stretches goes along, but for
+        what concerns the single logs.
+    """
+    check_output(path, [], config.output.overwrite)
     rig = found.rig.scaled(found.fit.axial.c)
+    told = config.model_dump(mode="json", exclude_defaults=True, exclude_none=True)
+    kept = {
+        "input": _without(told.get("input", {}), "start", "end"),
+        "calibration": _without(told.get("calibration", {}), "exclude", "azimuth"),
+    }
     text = (
         "# The rig of which heading-sensitive error was calibrated, with its relative rate error\n"
         f"# along the axis, {found.fit.axial.c:.6e}, taken out of K_g. A calibration that belongs\n"
         "# to the rig as it was does not belong to this one.\n\n"
     )
-    _write(path, text + tomli_w.dumps({"rig": rig.to_table()}))
+    tables = {name: table for name, table in kept.items() if table}
+    _write(path, text + tomli_w.dumps({**tables, "rig": rig.to_table()}))
+
+
+def _without(table: dict[str, Any], *keys: str) -> dict[str, Any]:
+    return {key: value for key, value in table.items() if key not in keys}
 
 
 def write_csv(path: Path, found: Calibration, overwrite: bool) -> None:
@@ -67,7 +87,17 @@ def summary(found: Calibration) -> dict[str, Any]:
     """The calibration as it was written, the table of headings, and what was not used."""
     return {
         "calibration": to_dict(found.kept),
-        "validation": None if found.table is None else _table(found.table, found.azimuths_given),
+        "validation": None if found.table is None else _table(found.table),
+        "positions": [
+            {
+                "position": one.position,
+                "heading_rad": one.heading,
+                "runs": list(one.ids),
+                "peak_to_peak_before_rad": one.peak_to_peak[0],
+                "peak_to_peak_after_rad": one.peak_to_peak[1],
+            }
+            for one in found.spread
+        ],
         "not_used": [
             {
                 "source": log.source,
@@ -84,9 +114,8 @@ def summary(found: Calibration) -> dict[str, Any]:
     }
 
 
-def _table(table: ValidationTable, given: bool) -> dict[str, Any]:
+def _table(table: ValidationTable) -> dict[str, Any]:
     return {
-        "azimuths": "given" if given else "found",
         "position_azimuth_rad": table.position_azimuth.tolist(),
         "rows": [
             {"id": name, "azimuth_rad": a, "before_rad": b, "after_rad": c}

@@ -12,13 +12,14 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from scipy import special
 
 from sinstool.calibrate import rig_of, segment_rules
 from sinstool.config import ProcessConfig
 from sinstool.errors import AlignmentError, ConfigurationError
 from sinstool.hse.calibration_file import HseCalibration, loads, require_config
 from sinstool.hse.correction import CorrectedHeading, correct_heading, require_applicable
-from sinstool.hse.encoder import TableAngle
+from sinstool.hse.encoder import TableAngle, table_angle
 from sinstool.hse.rig import Rig
 from sinstool.hse.segments import Segment
 from sinstool.hse.whole_turn import (
@@ -39,8 +40,10 @@ ARCSEC = DEGREE / 3600.0
 BLOCK = 65536
 # Where in its interval a sample's stamp lies: that edge's angle belongs to it.
 _STAMP = {"start": 0.0, "mid": 0.5, "end": 1.0}
-# Student's t of a trend of heading over the turns, beyond which something drifts.
-TREND_T = 4.0
+# Probability that the turns of a steady system show a trend as steep as one that is told.
+TREND_P = 1e-4
+# Tilts smaller than this, rad, are rounding.
+SMALLEST_TILT = 1e-4 * ARCSEC
 
 
 def rig_run(
@@ -167,11 +170,15 @@ def _write(
 ) -> int:
     """Write the attitude at every sample whose angle is known; returns how many."""
     imu = samples.imu
+    encoder = samples.encoder
+    read = table_angle(
+        imu.time_ns, encoder.time_ns, encoder.position, rig.encoder, rig.imu_stamp, smoothing_s=0.0
+    )
     count = 0
-    for piece in turns.pieces:
-        alpha = _at_stamps(piece, rig.imu_stamp)
+    for number, piece in enumerate(turns.pieces):
         seconds = piece.start_s + (np.arange(len(piece)) + 0.5) * piece.interval_s
         nearest = _nearest(seconds, turns.segments)
+        alpha = _angle(piece, read[number], rig.imu_stamp, turns, number)
         for begin in range(0, len(piece), BLOCK):
             end = min(begin + BLOCK, len(piece))
             rows = slice(piece.first + begin, piece.first + end)
@@ -192,10 +199,27 @@ def _write(
     return count
 
 
-def _at_stamps(piece: TableAngle, stamp: str) -> np.ndarray:
-    """Angle of the table at the stamps of the samples of a piece, rad."""
+def _angle(
+    smooth: TableAngle, read: TableAngle, stamp: str, turns: RigTurns, number: int
+) -> np.ndarray:
+    """Angle of the table at the stamps of the samples of a piece, rad.
+
+    Smoothed, which suits stamps that jitter, in the stretches at constant rate; as it was read
+    where the rate changes, as the mean of a quarter of a second to each side lags there by
+    minutes of arc.
+    """
+    alpha = _at_stamps(read.alpha, stamp)
+    steady = _at_stamps(smooth.alpha, stamp)
+    for segment in turns.segments:
+        if segment.piece == number:
+            rows = slice(segment.first, segment.stop)
+            alpha[rows] = steady[rows]
+    return alpha
+
+
+def _at_stamps(alpha: np.ndarray, stamp: str) -> np.ndarray:
     weight = _STAMP[stamp]
-    return np.asarray((1.0 - weight) * piece.alpha[:-1] + weight * piece.alpha[1:])
+    return np.asarray((1.0 - weight) * alpha[:-1] + weight * alpha[1:])
 
 
 def _nearest(seconds: np.ndarray, segments: list[Segment]) -> np.ndarray:
@@ -223,15 +247,24 @@ def _remarks(
                 f"{where}: its axis leans to the east by {a.C23:.2e} rad, more than in the"
                 " calibration"
             )
-        if abs(a.quality["heading_trend_t"]) > TREND_T:
+        if _has_trend(a):
             notes.append(
                 f"{where}: heading drifts over its turns (t = {a.quality['heading_trend_t']:.1f}):"
                 " warm-up, or the base moved"
             )
         drift = float(np.hypot(a.quality["tilt_drift_north"], a.quality["tilt_drift_east"]))
-        if drift > SIGNIFICANT_TILT_DRIFT * a.quality["tilt_drift_sigma"]:
+        if drift > max(SIGNIFICANT_TILT_DRIFT * a.quality["tilt_drift_sigma"], SMALLEST_TILT):
             notes.append(f"{where}: the base tilted by {drift / ARCSEC:.2f} arcsec meanwhile")
     return notes
+
+
+def _has_trend(a: WholeTurnAlignment) -> bool:
+    turns = len(a.per_turn_heading)
+    if turns < 3 or float(np.ptp(a.per_turn_heading)) < SMALLEST_TILT:
+        return False
+    t = a.quality["heading_trend_t"]
+    # few turns have a large t by chance
+    return bool(2.0 * special.stdtr(turns - 2, -abs(t)) < TREND_P)
 
 
 def _imu(samples: RigLog, turns: RigTurns) -> dict[str, Any]:

@@ -98,10 +98,14 @@ def command(
     from sinstool.calibrate_files import check_files, write_csv, write_rig
 
     check_files([emit_config, csv_file, report], [output, *logs], config.output.overwrite)
+    if report is not None:
+        from sinstool.report.page import check_report
+
+        check_report(report, overwrite=config.output.overwrite)
     with progress_bar(f"{len(logs)} logs", quiet) as progress:
         found = calibrate(logs, output, config, progress)
     if emit_config is not None:
-        write_rig(emit_config, found, config.output.overwrite)
+        write_rig(emit_config, found, config)
     if csv_file is not None:
         write_csv(csv_file, found, config.output.overwrite)
     if report is not None:
@@ -155,16 +159,7 @@ def _print(found: Calibration, output: Path, verbose: bool) -> None:
         rows.append(
             ("fit", f"scatter {_arcsec(fit.s)} a run, {fit.dof} degrees of freedom{chi2}{lack}")
         )
-    if found.table is not None and len(found.table.position_azimuth) > 1:
-        before, after = found.table.before.scatter, found.table.after.scatter
-        rows.append(
-            (
-                "headings",
-                f"{len(found.table.ids)} at {len(found.table.position_azimuth)} azimuths: peak to"
-                f" peak {_arcsec(before.peak_to_peak, digits=2)} before,"
-                f" {_arcsec(after.peak_to_peak, digits=2)} after",
-            )
-        )
+    rows += _headings(found)
     if verbose:
         for record in kept.runs:
             note = record.reason or f"residual {_arcsec(record.resid_rad, digits=2)}"
@@ -178,6 +173,27 @@ def _print(found: Calibration, output: Path, verbose: bool) -> None:
     rows.append(("status", kept.status))
     rows.append(("written", str(output)))
     table(rows)
+
+
+def _headings(found: Calibration) -> list[tuple[str, str]]:
+    """How far headings lie apart before and after correction."""
+    if found.table is not None and len(found.table.position_azimuth) > 1:
+        before, after = found.table.before.scatter, found.table.after.scatter
+        told = (
+            f"{before.n} at {len(before.means)} azimuths, less azimuth: peak to peak"
+            f" {_arcsec(before.peak_to_peak, digits=2)} before,"
+            f" {_arcsec(after.peak_to_peak, digits=2)} after"
+        )
+    elif any(len(one.ids) > 1 for one in found.spread):
+        before_p, after_p = zip(*(one.peak_to_peak for one in found.spread), strict=True)
+        told = (
+            f"within a position peak to peak {_arcsec(max(before_p), digits=2)} before,"
+            f" {_arcsec(max(after_p), digits=2)} after"
+            + (" (with --azimuth also between them)" if len(found.spread) > 1 else "")
+        )
+    else:
+        return []
+    return [("headings", told)]
 
 
 def _plan(

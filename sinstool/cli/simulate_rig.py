@@ -9,6 +9,7 @@ import click
 
 from sinstool.cli.console import print_json
 from sinstool.cli.options import Numbers, Words
+from sinstool.errors import OutputError
 
 ARCSEC = 3.141592653589793 / 180.0 / 3600.0
 DEGREE = 3.141592653589793 / 180.0
@@ -79,7 +80,9 @@ def command(output: Path, rig_out: Path | None, **told: Any) -> None:
 
     check_output(output, [], told["overwrite"])
     if rig_out is not None:
-        check_output(rig_out, [output], told["overwrite"])
+        if rig_out.resolve() == output.resolve():
+            raise OutputError(f"{output} is named twice", "choose another --rig-out")
+        check_output(rig_out, [], told["overwrite"])
     log, settings = _simulate(told)
     topics = _topics(log, told["truth"])
     counts = write_simulated(output, topics, settings)
