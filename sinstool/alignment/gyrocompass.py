@@ -23,6 +23,7 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 
 import numpy as np
+from scipy.stats import chi2
 
 from sinstool import earth, rotation
 from sinstool.alignment.gyrocompass_stretches import Record, Stretch, cut
@@ -44,7 +45,8 @@ _MAX_SHAKE = 0.5  # m/s^2
 # Of the Earth's rate is horizontal less than this part: a word about the pole.
 _NEAR_POLE = 0.15
 _ROUNDS = 5
-_MAX_CHI2 = 2.0
+# Squared innovations that consistent errors exceed once in so many records.
+_DOUBT = 1e-4
 _SETTLED = float(np.deg2rad(0.02))
 _TILT, _HEADING = 1.0, 3.0  # prior of the attitude about the first guess, rad
 
@@ -182,6 +184,7 @@ class _Run:
     x: FloatArray
     p: FloatArray
     chi2: float
+    freedom: int
     attitude_map: FloatArray
     bias_map: FloatArray
 
@@ -292,7 +295,7 @@ def _filter(
         if not s.still:
             q = rotation.multiply(rotation.exp(-where.omega_n * s.duration), q)
             q = rotation.normalise(rotation.multiply(q, s.turn))
-    return _Run(q, x, p, squares / max(count, 1), attitude_map, bias_map)
+    return _Run(q, x, p, squares / max(count, 1), max(count, 1), attitude_map, bias_map)
 
 
 def _answer(
@@ -302,7 +305,7 @@ def _answer(
     warnings = list(record.warnings)
     still_s = sum(s.duration for s in record.stretches if s.still)
     p = run.p
-    if run.chi2 > _MAX_CHI2 and not drives:
+    if run.chi2 > chi2.isf(_DOUBT, run.freedom) / run.freedom and not drives:
         warnings.append(
             "gravity and the Earth's rate do not agree with what the sensors say: squared"
             f" innovations are {run.chi2:.1f} times as large as their errors allow; the"

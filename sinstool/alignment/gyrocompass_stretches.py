@@ -16,7 +16,8 @@ _GAP_S = 0.1
 _HUBER_ROUNDS = 5
 # Median length of a vector by the standard deviation of its three components.
 _MEDIAN_TO_SIGMA = 1.5382
-# Times over which the noise of the gyros is looked at, in windows, and how many it takes.
+# Times over which the noise of the gyros is looked at, in windows, and how many it takes; a rest
+# of fewer windows is not trusted to be one, as gyros that carry the attitude on need no trust.
 _ALLAN_WINDOWS = (1, 4, 16)
 _ALLAN_LEAST = 20
 _DIFFERENCES = 4
@@ -141,7 +142,8 @@ def cut(imu: ImuIncrements) -> Record:
     member = np.full(len(first), -1)
     for k, span in enumerate(spans):
         inside = (windows.start_ns >= span.start_ns) & (windows.start_ns < span.end_ns)
-        member[inside] = k
+        if inside.sum() >= _ALLAN_LEAST:
+            member[inside] = k
     off = _unsteady(mean_inertial, np.cumsum(duration) - 0.5 * duration)
     if _rocks(total(dvelocity) / duration[:, None], mean_inertial, member):
         member[:] = -1
@@ -206,8 +208,8 @@ def _unsteady(force: FloatArray, middle: FloatArray) -> FloatArray:
 def _rocks(bodily: FloatArray, inertial: FloatArray, member: np.ndarray) -> bool:
     """Whether a rest is a rocking base: gravity sways in the body, not in the axes gyros keep."""
     lag = _ROCKING_WINDOWS
-    pairs = (member[lag:] >= 0) & (member[lag:] == member[:-lag])
-    if pairs.sum() < _ALLAN_LEAST:
+    pairs = (member[lag:] >= 0) & (member[:-lag] >= 0)
+    if not pairs.any():
         return False
     sway, left = (
         np.median(np.linalg.norm(f[lag:] - f[:-lag], axis=1)[pairs]) for f in (bodily, inertial)

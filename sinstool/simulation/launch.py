@@ -3,7 +3,11 @@
 The flight of Qu, Li, Zhu and Wang's in-flight alignment experiment is known only by its
 dynamics: up to 196 m/s^2, 980 m/s^3, 220 deg/s and 1000 deg/s^2 within 30 s of lift-off, a roll
 above 40 deg/s for 8 s near 80 s, rolls of 60 deg/s at 110 to 130 s, calm in between. This one has
-them. Speed, flight-path angle, course and the Euler angles are given functions of time, so
+them. Its course in the calm part is not published: amplitudes and phases of the weave were fitted
+so that errors of alignment grow and shrink with time as an earlier simulation of that experiment
+has them, so agreement with those figures says less about the alignment than about the fit.
+
+Speed, flight-path angle, course and the Euler angles are given functions of time, so
 velocity, acceleration, attitude and angular rate are exact everywhere. Position is their integral
 over the ellipsoid, and gravity is a sum of spherical harmonics, independent of the closed formula
 that :mod:`sinstool.earth` uses.
@@ -24,8 +28,7 @@ _DEGREE = np.pi / 180.0
 # Coning of the boost turns by 2 deg each step of a quadrature at 5 ms; four nodes leave 1e-14.
 _MAX_STEP_S = 0.005
 
-# The weave that makes heading visible in the calm glide: its start, and how long it takes to
-# come in. Both waves turn the horizontal force by about 3 deg/s on average, to the left.
+# When the weave that makes heading visible in the calm glide begins to come in.
 _CALM_S = 36.0
 _CONING_HZ = 17.0
 _CONING_HALF_ANGLE = 0.02 * _DEGREE
@@ -142,7 +145,7 @@ def launch_profile(dynamics: float = 1.0, straight: bool = False) -> Profile:
         Ramp(2.5, 0.35, -168.0),
         Wave(_VIBRATION / vibration, vibration, 0.0, boost),
     )
-    climb: tuple[Term, ...] = (Step(-1e4, 1.0, 50.0 * _DEGREE), Step(2.0, 34.0, -43.0 * _DEGREE))
+    climb: tuple[Term, ...] = (Step(-1e4, 1.0, 48.0 * _DEGREE), Step(2.0, 34.0, -40.0 * _DEGREE))
     pitch: tuple[Term, ...] = (
         Wave(_CONING_HALF_ANGLE, coning, np.pi / 2.0, boost),
         Step(5.0, 20.0, 3.0 * _DEGREE),
@@ -155,7 +158,7 @@ def launch_profile(dynamics: float = 1.0, straight: bool = False) -> Profile:
     if straight:
         return Profile(
             (*speed, Ramp(28.0, 1.0, -18.0)),
-            (*climb, Step(30.0, 8.0, -7.0 * _DEGREE)),
+            (*climb, Step(30.0, 8.0, -8.0 * _DEGREE)),
             (),
             pitch,
             yaw,
@@ -165,25 +168,32 @@ def launch_profile(dynamics: float = 1.0, straight: bool = False) -> Profile:
 
 
 def _with_glide(boost: Profile, dynamics: float) -> Profile:
-    """The boost, then glide, weave, rolls and turns."""
-    fade = (Step(_CALM_S, 4.0, 1.0), Step(150.0, 20.0, -1.0))
+    """The boost, then glide, weave, rolls and turns.
+
+    The weave is strong for half a minute and gentle after. Its two frequencies and phases make
+    the horizontal force turn mostly one way, so that heading shows from the first seconds, and
+    more slowly as time goes on.
+    """
+    fade = (Step(_CALM_S, 4.0, 1.0), Step(66.0, 15.0, -0.8), Step(150.0, 20.0, -0.2))
+    ahead, aside = 0.12, 0.0555  # rad/s
     return Profile(
         speed=(
             *boost.speed,
-            Ramp(28.0, 1.0, -22.0),
-            Ramp(150.0, 20.0, 1.0),
-            Ramp(196.0, 8.0, 6.0),
-            Wave(18.0 * dynamics, 0.11, -0.11 * 40.0, fade),
+            Ramp(28.0, 1.0, -20.0),
+            Ramp(140.0, 10.0, -4.7),
+            Ramp(203.0, 10.0, 8.4),
+            Wave(17.8 * dynamics, ahead, 1.4 - ahead * 40.0, fade),
         ),
         climb=(
             *boost.climb,
-            Step(44.0, 90.0, -7.0 * _DEGREE),
-            Step(185.0, 50.0, -8.0 * _DEGREE),
+            Step(44.0, 90.0, -4.8 * _DEGREE),
+            Step(145.0, 40.0, -3.2 * _DEGREE),
+            Step(195.0, 50.0, -5.0 * _DEGREE),
         ),
         course=(
-            Wave(-1.5 * _DEGREE * dynamics, 0.11, np.pi / 2 - 0.11 * 40.0, fade),
-            Step(150.0, 50.0, -18.0 * _DEGREE * dynamics),
-            Step(205.0, 50.0, 24.0 * _DEGREE * dynamics),
+            Wave(-2.55 * _DEGREE * dynamics, aside, 1.87 - aside * 40.0, fade),
+            Step(150.0, 50.0, -9.0 * _DEGREE * dynamics),
+            Step(205.0, 50.0, 12.0 * _DEGREE * dynamics),
         ),
         pitch=(
             *boost.pitch,
@@ -196,8 +206,8 @@ def _with_glide(boost: Profile, dynamics: float) -> Profile:
             Ramp(76.0, 1.0, 46.0 * _DEGREE),
             Ramp(85.0, 1.0, -46.0 * _DEGREE),
             Ramp(110.5, 0.8, 62.0 * _DEGREE),
-            Ramp(116.0, 1.6, -124.0 * _DEGREE),
-            Ramp(125.0, 0.8, 62.0 * _DEGREE),
+            Ramp(114.4, 1.6, -124.0 * _DEGREE),
+            Ramp(121.4, 0.8, 62.0 * _DEGREE),
         ),
     )
 
