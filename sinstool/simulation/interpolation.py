@@ -76,8 +76,8 @@ def moments(
     if len(times) and (times.min() < known[0] or times.max() > known[-1]):
         raise ValueError("Found an instant outside the trajectory in `time_ns`.")
     k = np.clip(np.searchsorted(known, times, side="right") - 1, 0, len(known) - 2)
-    step = (known[k + 1] - known[k]) * 1e-9
-    x = (times - known[k]) * 1e-9 / step
+    step: FloatArray = (known[k + 1] - known[k]).astype(np.float64) * 1e-9
+    x: FloatArray = (times - known[k]) * 1e-9 / step
     r0, v0, a0 = _earth_motion(trajectory, k)
     r1, v1, a1 = _earth_motion(trajectory, k + 1)
     moved, velocity = _quintic(x, step, v0, a0, r1 - r0, v1, a1)

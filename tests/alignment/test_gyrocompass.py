@@ -205,6 +205,17 @@ def test_rocking_base(scale):
         assert a.angle_random_walk == pytest.approx(FIBRE.angle_random_walk, rel=0.1)
 
 
+def test_rocking_too_little_to_break_stillness():
+    """A parked vehicle in the wind: taken for rest, its sway would be noise of the gyros."""
+    truth = shaken(240.0, 45.0, 0.005)
+    got = gyrocompass(increments(truth, FIBRE, 3), 45 * DEGREE, 100.0, grade_of(FIBRE))
+    assert got.moving_s > 239.0 and got.sigma_heading < 0.5 * DEGREE
+    assert abs(psi(got, truth)[2]) < 3.0 * got.sigma_heading
+    # perfect sensors: the Earth turns by 1.8e-5 rad in half of a window, which is accounted for
+    got = gyrocompass(increments(truth), 45 * DEGREE, 100.0, grade_of(FIBRE))
+    np.testing.assert_allclose(psi(got, truth)[:2], 0.0, atol=4e-6)
+
+
 def test_driving_is_refused():
     truth = launch(RATE, 60.0).imu
     got = gyrocompass(increments(truth, FIBRE), 0.72, 1000.0, grade_of(FIBRE))
