@@ -6,7 +6,7 @@ counted, and units that cannot be right are refused with the option that answers
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, field, replace
 from typing import TypeVar
 
@@ -43,6 +43,9 @@ S = TypeVar("S", bound=Stream)
 # Position and velocity of one epoch may be stamped apart by the time between their messages.
 SAME_EPOCH_NS = 20_000_000
 PROBE = 100
+# Faster than this by GNSS, or further by fixes alone, is no rest, however still the Imu seems.
+MOVING_M_S = 1.0
+MOVING_M = 30.0
 # A velocity whose down part is exactly zero, while height moves by this, has none.
 FLAT_HEIGHT_M = 5.0
 
@@ -73,7 +76,13 @@ class Aiding:
     warnings: list[str] = field(default_factory=list)
 
 
-def read_gnss(log: Log, options: InputOptions, log_time: bool, into: Aiding) -> None:
+def read_gnss(
+    log: Log,
+    options: InputOptions,
+    log_time: bool,
+    into: Aiding,
+    until_ns: int | None = None,
+) -> None:
     """Position and velocity of a log, joined by epoch.
 
     Parameters
@@ -84,6 +93,8 @@ def read_gnss(log: Log, options: InputOptions, log_time: bool, into: Aiding) -> 
         The run uses the recorder's times instead of stamps.
     into : Aiding
         Gets ``gnss``, topics, counts and warnings.
+    until_ns : int, optional
+        What comes later is not wanted; by default all of the log is read.
 
     Raises
     ------
@@ -93,13 +104,15 @@ def read_gnss(log: Log, options: InputOptions, log_time: bool, into: Aiding) -> 
     channels = choose_optional(log, "--gnss-topic", options.gnss_topic, FIX_TYPE)
     if channels:
         into.fix_topic = channels[0].topic
-        fixes = _read(read_fixes(log, channels, Losses()), log_time, into, into.fix_topic)
+        blocks = _until(read_fixes(log, channels, Losses()), until_ns)
+        fixes = _read(blocks, log_time, into, into.fix_topic)
         if fixes is not None:
             fixes = _usable_fixes(fixes, into)
     channels = choose_optional(log, "--velocity-topic", options.velocity_topic, *VELOCITY_TYPES)
     if channels:
         into.velocity_topic = channels[0].topic
-        velocity = _read(read_velocity(log, channels, Losses()), log_time, into, channels[0].topic)
+        speeds = _until(read_velocity(log, channels, Losses()), until_ns)
+        velocity = _read(speeds, log_time, into, into.velocity_topic)
         if velocity is not None:
             velocity = _usable_velocity(velocity, into)
     if fixes is not None and options.gnss_unit is None:
@@ -144,6 +157,39 @@ def read_baro(log: Log, options: InputOptions, log_time: bool, into: Aiding) -> 
         factor = scale[options.baro_unit]
         baro = replace(baro, pressure=baro.pressure * factor, variance=baro.variance * factor**2)
     into.baro = baro
+
+
+def _until(blocks: Iterable[S], until_ns: int | None) -> Iterator[S]:
+    """Blocks up to the first that lies after a time altogether."""
+    for block in blocks:
+        if until_ns is not None and len(block) and int(block.time_ns.min()) > until_ns:
+            return
+        yield block
+
+
+def moving_at(gnss: GnssEpochs | None, start_ns: int, end_ns: int) -> float | None:
+    """Speed that GNSS shows in a span of time, m/s; None where it shows none that is sure.
+
+    Parameters
+    ----------
+    gnss : GnssEpochs or None
+    start_ns, end_ns : int
+    """
+    if gnss is None:
+        return None
+    inside = gnss.rows((gnss.time_ns >= start_ns) & (gnss.time_ns <= end_ns))
+    fast = inside.rows(inside.has_velocity)
+    if len(fast):
+        speed = float(np.median(np.linalg.norm(fast.velocity_n[:, :2], axis=1)))
+        return speed if speed > MOVING_M_S else None
+    fixed = inside.rows(inside.has_position)
+    if len(fixed) < 2:
+        return None
+    seconds = float(fixed.time_ns[-1] - fixed.time_ns[0]) * 1e-9
+    north = float(fixed.latitude[-1] - fixed.latitude[0]) * 6.37e6
+    east = float(fixed.longitude[-1] - fixed.longitude[0]) * 6.37e6 * np.cos(fixed.latitude[0])
+    way = float(np.hypot(north, east))
+    return way / seconds if way > MOVING_M and way > MOVING_M_S * seconds else None
 
 
 def _read(

@@ -13,7 +13,7 @@ from typing import Any
 
 import sinstool
 from sinstool.config import ProcessConfig, dump_toml
-from sinstool.errors import OutputError
+from sinstool.errors import ConfigurationError, OutputError
 from sinstool.readers.log import Log
 from sinstool.streams import Diagnostics, Solution
 from sinstool.transforms import tf_parent
@@ -24,6 +24,8 @@ from sinstool.writers.topics import Frames, topic_of
 from sinstool.writers.whole import WholeFile, check_output
 
 HASH_BYTES = 2**20
+# Made of the attitude, which every run has
+ALWAYS = ("imu", "attitude", "euler", "pose", "tf")
 
 
 class Result:
@@ -169,17 +171,27 @@ def choose_emits(
     log : Log
     config : ProcessConfig
     known : sequence of str
-        What this kind of run writes unless it is told otherwise.
+        What this kind of run writes unless it is told otherwise; beside it there are always
+        Euler angles, poses and transforms.
     body : str
         Frame id of the sensor.
 
     Raises
     ------
+    ConfigurationError
+        This kind of run does not compute what is asked for.
     OutputError
         The log holds such topics already.
     """
     asked = config.output.emit
     emits = list(known if asked is None else asked)
+    foreign = [name for name in emits if name not in (*known, *ALWAYS)]
+    if foreign:
+        raise ConfigurationError(
+            f"--emit {foreign[0]}: this run does not compute it",
+            "odometry and fix come with --mode ins or ins-gnss, height with --height-damping,"
+            " diagnostics with --mode ins-gnss",
+        )
     warnings: list[str] = []
     if config.output.only_results:
         return emits, warnings

@@ -3,16 +3,17 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
+from sinstool.aiding import Aiding, moving_at, read_gnss
 from sinstool.config import InputOptions, ProcessConfig, parse_time
 from sinstool.errors import DataError, TopicError
 from sinstool.oddities import oddities
 from sinstool.readers.log import Log
 from sinstool.readers.streams import ImuUnits, Losses, first_fix, read_imu, reblock
-from sinstool.readers.topics import ImuTopic, choose_imu, fix_channels
+from sinstool.readers.topics import ImuTopic, choose_imu
 from sinstool.streams import Imu
 from sinstool.survey import BLOCK_ROWS, Kept, Survey, survey, within
 from sinstool.timeline import Order, ordered
@@ -36,6 +37,8 @@ class Source:
     warnings : tuple of str
     kept : Kept
         What the survey read, where it is not too much to keep.
+    aiding : Aiding
+        GNSS of the whole log, or of its beginning.
     """
 
     log: Log
@@ -46,12 +49,25 @@ class Source:
     position: tuple[float | None, float | None, float | None]
     warnings: tuple[str, ...]
     kept: Kept
+    aiding: Aiding
 
 
 def prepare(
-    log: Log, config: ProcessConfig, progress: Callable[[int], None] | None = None
+    log: Log,
+    config: ProcessConfig,
+    progress: Callable[[int], None] | None = None,
+    whole_gnss: bool = False,
 ) -> Source:
     """Choose topics, survey the Imu and refuse what cannot be processed.
+
+    Parameters
+    ----------
+    log : Log
+    config : ProcessConfig
+    progress : callable, optional
+        Called with the bytes read.
+    whole_gnss : bool
+        Read all of GNSS, not only where the log begins.
 
     Raises
     ------
@@ -78,9 +94,18 @@ def prepare(
         if oddity.fatal:
             raise DataError(log.path, oddity.text, oddity.answer)
         warnings.append(str(oddity))
-    position = _position(log, config, warnings)
+    aiding = _gnss(log, config, found, whole_gnss, warnings)
+    if found.lead_in is not None:
+        speed = moving_at(aiding.gnss, found.lead_in.start_ns, found.lead_in.end_ns)
+        if speed is not None:
+            warnings.append(
+                f"the Imu seems at rest for the first {found.lead_in.duration_s:.1f} s, but GNSS"
+                f" moves at {speed:.1f} m/s: steady motion, not taken for rest"
+            )
+            found = replace(found, lead_in=None)
+    position = _position(log, config, aiding)
     latitude = None if position[0] is None else position[0] * DEGREE
-    return Source(log, topic, units, found, latitude, position, tuple(warnings), kept)
+    return Source(log, topic, units, found, latitude, position, tuple(warnings), kept, aiding)
 
 
 def imu_units(options: InputOptions) -> ImuUnits:
@@ -109,27 +134,47 @@ def time_span(
     return resolve
 
 
+def _gnss(
+    log: Log, config: ProcessConfig, found: Survey, whole: bool, warnings: list[str]
+) -> Aiding:
+    """GNSS of a log: all of it, or what says where and how the vehicle began."""
+    aiding = Aiding()
+    begun = found.first_ns if found.lead_in is None else found.lead_in.end_ns
+    until = None if whole else begun
+    try:
+        read_gnss(log, config.input, found.time_source == "log", aiding, until)
+    except TopicError as exc:
+        named = config.input.gnss_topic or config.input.velocity_topic
+        if named is not None or whole:
+            raise
+        warnings.append(f"{exc}; no latitude is taken from them")
+        return Aiding()
+    warnings += aiding.warnings
+    return aiding
+
+
 def _position(
-    log: Log, config: ProcessConfig, warnings: list[str]
+    log: Log, config: ProcessConfig, aiding: Aiding
 ) -> tuple[float | None, float | None, float | None]:
     """Where the vehicle is: as told, else the log's first fix."""
     told = config.align
     if told.latitude is not None:
         return told.latitude, told.longitude, told.height
-    try:
-        channels = fix_channels(log, config.input.gnss_topic)
-    except TopicError as exc:
-        if config.input.gnss_topic is not None:
-            raise
-        warnings.append(f"{exc}; no latitude is taken from them")
-        return None, None, None
-    fix = first_fix(log, channels) if channels else None
-    if fix is None:
+    fixes = aiding.gnss
+    if fixes is not None and fixes.has_position.any():
+        fix = fixes.rows(np.flatnonzero(fixes.has_position)[:1])
+        latitude, longitude, height = fix.latitude[0], fix.longitude[0], fix.height[0]
+    elif aiding.fix_topic:  # none so early, but perhaps later
+        first = first_fix(log, tuple(log.channels_of(aiding.fix_topic)))
+        if first is None:
+            return None, None, None
+        latitude, longitude, height = first.latitude[0], first.longitude[0], first.height[0]
+    else:
         return None, None, None
     return (
-        float(fix.latitude[0] / DEGREE),
-        float(fix.longitude[0] / DEGREE),
-        float(fix.height[0]) if np.isfinite(fix.height[0]) else None,
+        float(latitude / DEGREE),
+        float(longitude / DEGREE),
+        float(height) if np.isfinite(height) else None,
     )
 
 

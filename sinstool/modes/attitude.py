@@ -36,10 +36,11 @@ def run_attitude(
     dict
         The summary.
     """
-    source = prepare(log, config, share(progress, log.size, 0.0))
+    damped = config.vertical.height_damping != "off"
+    source = prepare(log, config, share(progress, log.size, 0.0), damped)
     body = frame_id(log, source.topic.channels, source.topic.path) or "imu_link"
     alignment = align(source, config)
-    vertical = Vertical(source, config) if config.vertical.height_damping != "off" else None
+    vertical = Vertical(source, config) if damped else None
     known = ("imu", "attitude") if vertical is None else ("imu", "attitude", "height")
     emits, warnings = choose_emits(log, config, known, body)
     settings = _settings(source, alignment, config)

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from sinstool import summary
-from sinstool.aiding import Aiding, read_baro, read_gnss
+from sinstool.aiding import Aiding, read_baro
 from sinstool.alignment.initial import Alignment
 from sinstool.config import ProcessConfig
 from sinstool.coning_choice import choose_algorithm
@@ -59,10 +59,10 @@ def run_ins(
     ------
     SinstoolError
     """
-    source = prepare(log, config, share(progress, log.size, 0.0))
-    aiding = Aiding()
+    source = prepare(log, config, share(progress, log.size, 0.0), whole_gnss=True)
+    aiding = source.aiding
     by_log_time = source.survey.time_source == "log"
-    read_gnss(log, config.input, by_log_time, aiding)
+    told_before = len(aiding.warnings)
     damping = config.vertical.height_damping
     if damping == "baro":
         read_baro(log, config.input, by_log_time, aiding)
@@ -118,7 +118,7 @@ def run_ins(
         "lost": summary.lost(source),
         "warnings": [
             *source.warnings,
-            *aiding.warnings,
+            *aiding.warnings[told_before:],
             *alignment.warnings,
             *left_out,
             *notes,

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from sinstool.aiding import Aiding, read_baro, read_gnss
+from sinstool.aiding import read_baro
 from sinstool.config import ProcessConfig
 from sinstool.height.vertical import VerticalChannel, upward_specific_force
 from sinstool.sensor_grade import sensor_grade
@@ -38,11 +38,11 @@ class Vertical:
     def __init__(self, source: Source, config: ProcessConfig) -> None:
         log = source.log
         by_log_time = source.survey.time_source == "log"
-        aiding = Aiding()
-        read_gnss(log, config.input, by_log_time, aiding)
+        aiding = source.aiding
+        told_before = len(aiding.warnings)
         if config.vertical.height_damping == "baro":
             read_baro(log, config.input, by_log_time, aiding)
-        self._notes = list(aiding.warnings)
+        self._notes = aiding.warnings[told_before:]
         latitude = source.latitude
         if latitude is None:
             latitude = MIDDLE_LATITUDE

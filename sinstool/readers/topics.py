@@ -9,7 +9,6 @@ import numpy as np
 from sinstool.errors import TopicError, UnsupportedLogError
 from sinstool.readers.log import Channel, Log
 from sinstool.readers.streams import (
-    FIX_TYPE,
     IMU_TYPE,
     ImuUnits,
     Losses,
@@ -189,8 +188,3 @@ def choose_optional(log: Log, flag: str, wanted: str | None, *types: str) -> tup
             log.path, f"several topics fit {flag}: {', '.join(found)}", f"choose one with {flag}"
         )
     return next(iter(found.values()), ())
-
-
-def fix_channels(log: Log, wanted: str | None) -> tuple[Channel, ...]:
-    """Channels of the NavSatFix topic; empty when there is none."""
-    return choose_optional(log, "--gnss-topic", wanted, FIX_TYPE)

@@ -274,7 +274,8 @@ WRONG = {
     "[align]\ngyro_bias = [1, 2, 'x']": "align.gyro_bias[2] = 'x': must be a valid number",
     "[align]\ngyro_bias = 'rest'": "align.gyro_bias = 'rest': must be 'still' or 'none'",
     "[align]\ninitial_attitude = [1, 2, 3, 4]": "align.initial_attitude = [1, 2, 3, 4]: too many",
-    "[output]\nemit = ['imu', 'odometry']": "'odometry' is not one of",
+    "[output]\nemit = ['imu', 'odometer']": "'odometer' is not one of",
+    "[output]\nemit = ['imu', 'odometry']": "--emit odometry: this run does not compute it",
     "[output]\nemit = []": "output.emit = []: nothing is left",
     "[output]\nemit = 'imu'": "output.emit = 'imu': must be a list",
     "[output": "not valid TOML",
@@ -379,6 +380,19 @@ height = 12.5
 
 [navigation]
 mode = "attitude"
+initial_velocity = [1, 2, -3]
+imu_grade = "tactical"
+attitude_order = "4"
+
+[vertical]
+height_damping = "baro"
+height_preset = "paper"
+tau = 2.5
+k4 = -0.25
+baro_lag = 0.5
+baro_ref = "init"
+qnh = 101000
+undulation = 40.5
 
 [hse]
 hse = "calibration.json"

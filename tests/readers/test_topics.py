@@ -17,7 +17,7 @@ from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 from sinstool.errors import TopicError, UnsupportedLogError
 from sinstool.readers import open_log
 from sinstool.readers.streams import FIX_TYPE, ImuUnits, Losses, read_imu
-from sinstool.readers.topics import choose_imu, choose_optional, fix_channels, imu_candidates
+from sinstool.readers.topics import choose_imu, choose_optional, imu_candidates
 
 TIMES = even_times(50)
 NESTED = "vendor_msgs/msg/Packet"
@@ -199,14 +199,14 @@ def test_an_encoding_that_is_not_read_is_named(tmp_path):
 def test_fixes(tmp_path):
     one = write_log(tmp_path / "a.mcap", [fix("/fix", TIMES[0]), *imu("/imu")])
     with open_log(one) as log:
-        assert [c.topic for c in fix_channels(log, None)] == ["/fix"]
-        assert [c.topic for c in fix_channels(log, "/fix")] == ["/fix"]
+        assert [c.topic for c in choose_optional(log, "--gnss-topic", None, FIX_TYPE)] == ["/fix"]
+        assert [c.topic for c in choose_optional(log, "--gnss-topic", "/fix", FIX_TYPE)] == ["/fix"]
         with pytest.raises(TopicError, match="no topic /imu of type sensor_msgs/NavSatFix"):
-            fix_channels(log, "/imu")
+            choose_optional(log, "--gnss-topic", "/imu", FIX_TYPE)
         assert choose_optional(log, "--x", None, "std_msgs/msg/String") == ()
     ours = fix("/sinstool/fix", TIMES[0])
     two = write_log(tmp_path / "b.mcap", [fix("/a", TIMES[0]), fix("/b", TIMES[0]), ours])
     with open_log(two) as log:
         with pytest.raises(TopicError, match=r"/a, /b: choose one with --gnss-topic"):
-            fix_channels(log, None)
-        assert [c.topic for c in fix_channels(log, "/b")] == ["/b"]
+            choose_optional(log, "--gnss-topic", None, FIX_TYPE)
+        assert [c.topic for c in choose_optional(log, "--gnss-topic", "/b", FIX_TYPE)] == ["/b"]
