@@ -8,7 +8,8 @@ from sinstool.alignment.gyrocompass import Gyrocompass, GyrocompassSettings, gyr
 from sinstool.alignment.inflight_types import ImuIncrements, SensorGrade
 from sinstool.errors import AlignmentError
 from sinstool.simulation import sensors
-from sinstool.simulation.launch import Profile, Step, Wave, fly, launch
+from sinstool.simulation.launch import launch
+from sinstool.simulation.profile import Profile, Step, Wave, fly
 from sinstool.simulation.static import static
 from sinstool.simulation.truth import sample_times
 

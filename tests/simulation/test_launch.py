@@ -3,17 +3,9 @@ import pytest
 
 from sinstool import earth, rotation
 from sinstool.simulation.interpolation import to_ecef
-from sinstool.simulation.launch import (
-    Profile,
-    Ramp,
-    Step,
-    Wave,
-    fly,
-    harmonic_gravity_n,
-    launch,
-    launch_profile,
-)
+from sinstool.simulation.launch import launch, launch_profile
 from sinstool.simulation.launch_sensors import launch_grade, mounted, saturated
+from sinstool.simulation.profile import Profile, Ramp, Step, Wave, fly, harmonic_gravity_n
 from sinstool.simulation.sensors import with_errors
 from sinstool.simulation.truth import sample_times
 from sinstool.strapdown.attitude import AttitudePropagator
