@@ -25,7 +25,7 @@ from sinstool.hse.positions import wrapped
 from sinstool.hse.rig import Rig, from_table
 from sinstool.hse.run import HseRun
 from sinstool.hse.segments import SegmentRules
-from sinstool.hse.status import Judgement, judge
+from sinstool.hse.status import EXIT_INSUFFICIENT, Judgement, judge
 from sinstool.hse.table import ValidationTable, validation_table
 from sinstool.hse.whole_turn import run_from_turns
 from sinstool.readers import open_log
@@ -86,6 +86,8 @@ class Calibration:
         none were, or there is no coefficient.
     spread : tuple of PositionSpread
         Headings before and after correction within each position; empty without a coefficient.
+    lost : bool
+        Parts of a log or single messages could not be read.
     warnings : tuple of str
         Beside those of the judgement.
     """
@@ -98,7 +100,14 @@ class Calibration:
     kept: HseCalibration
     table: ValidationTable | None
     spread: tuple[PositionSpread, ...]
+    lost: bool
     warnings: tuple[str, ...]
+
+    @property
+    def exit_code(self) -> int:
+        """0 done; 3 done, but something was lost, or the coefficient is not to be applied."""
+        withheld = self.lost or not self.judgement.applicable
+        return self.judgement.exit_code or (EXIT_INSUFFICIENT if withheld else 0)
 
 
 def rig_of(config: ProcessConfig) -> Rig:
@@ -157,7 +166,7 @@ def calibrate(
     if output is not None:
         check_output(output, list(paths), config.output.overwrite)
     options = config.calibration
-    logs, warnings = read_logs(paths, rig, config, progress)
+    logs, warnings, lost = read_logs(paths, rig, config, progress)
     shown = azimuths(options, [log.source for log in logs])
     runs = align_runs(logs, rig, options)
     unknown = sorted(set(options.exclude) - {run.id for run in runs})
@@ -184,19 +193,37 @@ def calibrate(
         kept,
         table,
         spread,
+        lost,
         (*rig.remarks(), *warnings),
     )
 
 
 def read_logs(
     paths: Sequence[Path], rig: Rig, config: ProcessConfig, progress: Progress | None
-) -> tuple[list[RigTurns], list[str]]:
-    """Turns of every log; logs without any are told, unless all are."""
+) -> tuple[list[RigTurns], list[str], bool]:
+    """Turns of every log; logs without any are told, unless all are.
+
+    Returns
+    -------
+    logs : list of RigTurns
+    warnings : list of str
+    lost : bool
+        Something could not be read.
+
+    Raises
+    ------
+    SinstoolError
+    """
+    known = [path.resolve() for path in paths]
+    for path in paths:
+        if known.count(path.resolve()) > 1:
+            raise ConfigurationError(f"{path} is given twice", "give every log once")
     rules = segment_rules(config.calibration)
     logs: list[RigTurns] = []
     warnings: list[str] = []
     empty: list[SinstoolError] = []
     names = _names(paths)
+    lost = False
     for number, path in enumerate(paths):
         with open_log(path, config.input.salvage) as log:
             report = _part(progress, log.size, number, len(paths))
@@ -204,6 +231,7 @@ def read_logs(
                 read_rig_log(log, rig, config.input, report), rig, rules, names[path]
             )
             warnings += [f"{path}: lost: {part}" for part in log.lost]
+            lost = lost or bool(log.lost) or found.damaged
         warnings += [f"{path}: {count} messages of {what}" for what, count in found.counts.items()]
         if found.turns:
             logs.append(found)
@@ -212,7 +240,7 @@ def read_logs(
     if not logs:
         raise empty[0]
     warnings += [f"left out: {exc}" for exc in empty]
-    return logs, warnings
+    return logs, warnings, lost
 
 
 def _names(paths: Sequence[Path]) -> dict[Path, str]:
@@ -281,15 +309,16 @@ def azimuths(options: CalibrationOptions, sources: Sequence[str]) -> dict[str, f
     for text in options.azimuth:
         name, sign, value = text.rpartition("=")
         try:
-            found[name] = float(np.radians(float(value)))
+            degrees = float(value)
         except ValueError:
-            sign = ""
-        if not sign:
+            degrees = np.nan
+        if not sign or not np.isfinite(degrees):
             raise ConfigurationError(f"--azimuth {text}: not NAME=DEGREES")
         if name not in sources:
             raise ConfigurationError(
                 f"--azimuth {text}: no log is called {name}", f"logs are {', '.join(sources)}"
             )
+        found[name] = float(np.radians(degrees))
     return found
 
 

@@ -12,6 +12,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TypeVar
 
+import numpy as np
+
 from sinstool.config import InputOptions
 from sinstool.errors import AlignmentError, DataError, SinstoolError, TopicError
 from sinstool.hse import status
@@ -54,6 +56,8 @@ class RigLog:
     encoder_topic : str
     counts : dict
         What was left out, by reason.
+    damaged : bool
+        Messages were malformed or not finite.
     """
 
     log: Log
@@ -62,6 +66,7 @@ class RigLog:
     encoder: Encoder
     encoder_topic: str
     counts: dict[str, int]
+    damaged: bool = False
 
     @property
     def start_ns(self) -> int:
@@ -85,6 +90,8 @@ class RigTurns:
         One for each of the segments in use.
     counts : dict
         Of :class:`RigLog`.
+    damaged : bool
+        Messages were left out because they could not be used.
     """
 
     source: str
@@ -93,6 +100,7 @@ class RigTurns:
     segmentation: Segmentation
     turns: list[TurnStatistics]
     counts: dict[str, int]
+    damaged: bool = False
 
     @property
     def segments(self) -> list[Segment]:
@@ -142,19 +150,20 @@ def read_rig_log(
         raise DataError(
             log.path, f"topic {topic.topic} has no usable Imu message between --start and --end"
         )
-    for count, name in ((losses.malformed, "malformed"), (losses.nonfinite, "not finite")):
-        if count:
-            counts[f"{topic.topic} {name}"] = count
+    _count(losses, topic.topic, counts)
     joint = rig.encoder.joint
     names = joint_names(log, channels)
     if not joint and len(names) == 1:
         joint = names[0]
     if joint not in names:
         raise _without_encoder(log, rig, names)
-    encoder = _by_time(read_joint(log, channels, joint, Losses()), counts, channels[0].topic)
+    reading = Losses()
+    encoder = _by_time(read_joint(log, channels, joint, reading), counts, channels[0].topic)
     if encoder is None:
         raise _without_encoder(log, rig, names)
-    return RigLog(log, topic, imu, encoder, channels[0].topic, counts)
+    _count(reading, channels[0].topic, counts)
+    damaged = any(part.malformed or part.nonfinite for part in (losses, reading))
+    return RigLog(log, topic, imu, encoder, channels[0].topic, counts, damaged)
 
 
 def _without_encoder(log: Log, rig: Rig, names: list[str]) -> TopicError:
@@ -162,6 +171,12 @@ def _without_encoder(log: Log, rig: Rig, names: list[str]) -> TopicError:
     error = TopicError(log.path, finding.message.removeprefix(f"{log.path}: "), finding.hint)
     error.exit_code = finding.exit_code
     return error
+
+
+def _count(losses: Losses, topic: str, counts: dict[str, int]) -> None:
+    for count, name in ((losses.malformed, "malformed"), (losses.nonfinite, "not finite")):
+        if count:
+            counts[f"{topic} {name}"] = count
 
 
 def _by_time(blocks: Iterable[S], counts: dict[str, int], topic: str) -> S | None:
@@ -208,16 +223,28 @@ def find_turns(rig_log: RigLog, rig: Rig, rules: SegmentRules, name: str = "") -
         ]
     except AlignmentError as exc:
         raise AlignmentError(f"{path}: {exc.message}", exc.hint) from exc
-    return RigTurns(name or path.stem, rig_log.start_ns, pieces, found, turns, rig_log.counts)
+    return RigTurns(
+        name or path.stem, rig_log.start_ns, pieces, found, turns, rig_log.counts, rig_log.damaged
+    )
 
 
 def nothing_to_use(turns: RigTurns, path: Path, rules: SegmentRules) -> SinstoolError:
     """Why a log has no stretch that can be aligned on."""
     rejected = turns.segmentation.rejected
+    rates = np.abs(turns.segmentation.block_rate)
+    seen = float(np.median(rates)) if len(rates) else 0.0
+    if seen < rules.min_rate:
+        still = AlignmentError(
+            f"{path}: the encoder turns at {seen / DEGREE:.2f} deg/s (median), so that there is no"
+            " stretch to align on",
+            "record with the table turning, or look at rig.encoder.unit and rig.encoder.joint",
+        )
+        still.exit_code = status.EXIT_INSUFFICIENT
+        return still
     longest = max((s.turns for s in rejected), default=0.0)
     finding = status.no_whole_turn(str(path), longest, rules.min_turns)
     reasons = [f"{s.start_s:.1f} s: {s.reason}" for s in rejected if s.turns >= 1.0][:3]
-    seen = f" ({'; '.join(reasons)})" if reasons else ""
-    error = AlignmentError(finding.message + seen, finding.hint)
+    why = f" ({'; '.join(reasons)})" if reasons else ""
+    error = AlignmentError(finding.message + why, finding.hint)
     error.exit_code = finding.exit_code
     return error

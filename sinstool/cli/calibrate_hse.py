@@ -120,7 +120,7 @@ def command(
         print_json({"output": str(output), **summary(found)})
     elif not quiet:
         _print(found, output, verbose)
-    return found.judgement.exit_code
+    return found.exit_code
 
 
 def _arcsec(value: float | None, sigma: float | None = None, digits: int = 3) -> str:
