@@ -60,8 +60,8 @@ def attitude_covariance(
     -----
     ``J^-1 [sum sigma^2 (|d|^2 I - d d^T)] J^-1`` plus for each sensor error the square of
     ``J^-1 sum [alpha x] gain`` (and of what it turned the chain by the time wanted). The
-    angle random walk, whose mean over the pairs is taken out, adds a third of its variance
-    over the time.
+    angle random walk counts with all its variance over the time about each axis: pairs take out
+    some of it about the axes they know well, and let more gather about the one they know least.
     """
     information = _complement(sums.second)
     size = np.trace(information, axis1=-2, axis2=-1)[..., None, None]
@@ -80,7 +80,7 @@ def attitude_covariance(
     )
     for gain, sigma in parts:
         covariance = covariance + kappa * sigma**2 * gain @ np.swapaxes(gain, -1, -2)
-    walk = grade.angle_random_walk**2 * np.asarray(elapsed_s) / 3.0
+    walk = grade.angle_random_walk**2 * np.asarray(elapsed_s)
     return np.asarray(covariance + walk[..., None, None] * np.eye(3))
 
 

@@ -191,9 +191,8 @@ def align_in_flight(
     Raises
     ------
     AlignmentError
-        If the log cannot be aligned at all: no GNSS velocity, no common time.
-    ValueError
-        If a time asked for lies outside the segment.
+        If the log cannot be aligned at all: no GNSS velocity, no samples in the time given; or
+        if the attitude is wanted at a time to which it cannot be carried.
     """
     settings = settings or AlignmentSettings()
     fixes, settings, warnings = prepare_fixes(gnss, settings)
@@ -240,6 +239,12 @@ def _answer(best: Candidate, settings: AlignmentSettings, warnings: list[str]) -
         at = segment.rows.rows(slice(-1, None))
     else:
         t_ns = best.start_ns if isinstance(settings.at, str) else settings.at
+        times = chain.imu.time_ns
+        if not times[0] <= t_ns <= times[-1]:
+            raise AlignmentError(
+                f"no attitude can be given at {t_ns} ns",
+                f"the chain of attitude holds from {times[0]} to {times[-1]} ns",
+            )
         at = chain.rows_at(t_ns)
     covariance = solution_covariance(solution, segment, at, settings)
     errors = None
@@ -252,8 +257,7 @@ def _answer(best: Candidate, settings: AlignmentSettings, warnings: list[str]) -
             result, errors = _refined(best, settings)
             known = segment.rows.rows(slice(result.row, result.row + 1))
             chain = replace(chain, dcm=result.dcm, refined=(result.state, known))
-            walk = settings.grade.angle_random_walk
-            covariance = theta_covariance(result.covariance, known, at, walk)
+            covariance = theta_covariance(result.covariance, known, at, settings.grade)
     if solution.chi2 > INCONSISTENT_CHI2:
         warnings.append(
             f"inconsistent: residuals are {solution.chi2:.1f} times what the velocity noise"

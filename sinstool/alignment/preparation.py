@@ -207,7 +207,7 @@ def noise_level(sigma: FloatArray, interval_s: float) -> FloatArray:
     if not len(sigma) or not interval_s > 0.0 or np.all(sigma == sigma[0]):
         return sigma.copy()
     width = 2 * max(round(LEVEL_S / interval_s), 1) + 1
-    return np.asarray(median_filter(sigma, size=width, mode="nearest"))
+    return np.asarray(median_filter(sigma, size=width, mode="reflect"))
 
 
 def _span_s(time_ns: NDArray[np.int64]) -> float:

@@ -155,17 +155,19 @@ def theta_at(state: FloatArray, known: InertialRows, wanted: InertialRows) -> Fl
 
 
 def theta_covariance(
-    covariance: FloatArray, known: InertialRows, wanted: InertialRows, walk: float
+    covariance: FloatArray, known: InertialRows, wanted: InertialRows, grade: SensorGrade
 ) -> FloatArray:
-    """Covariance of :func:`theta_at` at one row, with an angle random walk in between.
+    """Covariance of :func:`theta_at` at one row.
+
+    Between the two rows the angle walks at random, and the gyro bias was not all the time what
+    it is at the end: as much as it can have wandered since counts for all the time.
 
     Parameters
     ----------
     covariance : ndarray, shape (22, 22)
     known, wanted : InertialRows
         One row each.
-    walk : float
-        rad/sqrt(s).
+    grade : SensorGrade
 
     Returns
     -------
@@ -177,7 +179,10 @@ def theta_covariance(
     gain[:, BG:KA] = (wanted.gyro_bias_attitude - known.gyro_bias_attitude)[0]
     gain[:, KG:LEVER] = (wanted.gyro_scale_attitude - known.gyro_scale_attitude)[0]
     between = abs(float(wanted.time_s[0] - known.time_s[0]))
-    return np.asarray(gain @ covariance @ gain.T + walk**2 * between * np.eye(3))
+    wandered = grade.gyro_bias**2 * -np.expm1(-2.0 * between / grade.bias_time_s)
+    drift = gain[:, BG:KA]
+    noise = wandered * drift @ drift.T + grade.angle_random_walk**2 * between * np.eye(3)
+    return np.asarray(gain @ covariance @ gain.T + noise)
 
 
 def _transitions(rows: InertialRows) -> FloatArray:

@@ -119,7 +119,7 @@ def triad_covariance(
     sigmas = (grade.accel_bias, grade.accel_scale, grade.gyro_bias, grade.gyro_scale)
     for i, s in enumerate(sigmas):
         covariance = covariance + kappa * s**2 * square(shift[:, i] + chain[:, i])
-    walk = grade.angle_random_walk**2 * np.maximum(rows.time_s[ends] - rows.time_s[0], 0.0) / 3.0
+    walk = grade.angle_random_walk**2 * (rows.time_s[ends] - rows.time_s[0])
     return np.asarray(covariance + walk[:, None, None] * np.eye(3))
 
 

@@ -135,7 +135,7 @@ def test_answer_at_a_time_given(refine):
     answer = align_in_flight(imu, gnss, AlignmentSettings(at="start", refine=refine))
     assert answer.t_ns == answer.t_q_ns
     assert max(sigma.values()) < np.deg2rad(0.3)
-    with pytest.raises(ValueError, match="within the samples"):
+    with pytest.raises(AlignmentError, match="no attitude can be given"):
         align_in_flight(imu, gnss, AlignmentSettings(at=10**15))
 
 
@@ -171,6 +171,12 @@ def test_what_the_answer_says():
     assert not calm[(t > 78.0) & (t < 84.0)].any() and calm[(t > 50.0) & (t < 70.0)].all()
     assert course_error_deg(answer, flight, 60.0) < 0.3
     assert align_in_flight(imu, gnss, AlignmentSettings(series=False)).series is None
+
+
+@pytest.mark.parametrize("form", ["win", "cen", "diff", "diffc"])
+def test_residuals_are_what_noise_explains(form):
+    _, imu, gnss = noisy(3)
+    assert align_in_flight(imu, gnss, with_form(form)).chi2 == pytest.approx(1.0, abs=0.1)
 
 
 def test_stop_by_sigma_and_by_the_gate():

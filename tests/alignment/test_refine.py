@@ -4,7 +4,7 @@ from sinstool import rotation
 from sinstool.alignment import refine as module
 from sinstool.alignment.inflight import AlignmentSettings, align_in_flight
 from sinstool.alignment.inflight_types import SensorGrade
-from sinstool.alignment.refine import refine, theta_at
+from sinstool.alignment.refine import refine, theta_at, theta_covariance
 from sinstool.alignment.solution import solve
 from sinstool.simulation.gnss import GnssFaults, Receiver
 
@@ -183,3 +183,39 @@ def test_theta_between_rows():
     scale = rows.gyro_scale_attitude[0] - rows.gyro_scale_attitude[-1]
     expected = result.state[:3] + gain @ result.state[9:12] + scale @ result.state[15:18]
     np.testing.assert_allclose(there[0], expected, rtol=1e-12)
+
+
+def test_noise_of_the_model():
+    # Nothing measured: biases stay as uncertain as they were, angle and velocity wander.
+    _, segment, dcm = started()
+    use = np.zeros(len(segment), dtype=bool)
+    span = segment.rows.time_s[-1] - segment.rows.time_s[0]
+    wandering = run(segment, dcm, SensorGrade(bias_time_s=30.0), use=use)
+    p = np.diag(wandering.covariance)
+    np.testing.assert_allclose(p[6:9], SensorGrade().accel_bias ** 2)
+    np.testing.assert_allclose(p[9:12], SensorGrade().gyro_bias ** 2)
+    noise = SensorGrade(0.0, 0.0, 0.0, 0.0, angle_random_walk=1e-3, velocity_random_walk=1e-2)
+    p = np.diag(run(segment, dcm, noise, use=use, start_sigma=0.01).covariance)
+    np.testing.assert_allclose(p[:3], 0.01**2 + 1e-6 * span)
+    still = SensorGrade(0.0, 0.0, 0.0, 0.0, angle_random_walk=0.0, velocity_random_walk=0.0)
+    quiet = np.diag(run(segment, dcm, still, use=use, start_sigma=0.01).covariance)
+    noise = SensorGrade(0.0, 0.0, 0.0, 0.0, angle_random_walk=0.0, velocity_random_walk=1e-2)
+    p = np.diag(run(segment, dcm, noise, use=use, start_sigma=0.01).covariance)
+    np.testing.assert_allclose(p[3:6] - quiet[3:6], 1e-4 * span, rtol=1e-6)
+
+
+def test_answer_at_the_start_comes_from_the_backward_run():
+    _, imu, gnss = noisy(4)
+    grade = SensorGrade(bias_time_s=20.0)
+    answer = align_in_flight(imu, gnss, AlignmentSettings(refine=True, at="start", grade=grade))
+    segment = segment_of(imu, gnss, (answer.t_q_ns - imu.time_ns[0]) * 1e-9)
+    dcm = solve(segment, AlignmentSettings(grade=grade)).dcm
+    back = run(segment, dcm, grade, latency_sigma=0.05, backward=True)
+    ahead = run(segment, dcm, grade, latency_sigma=0.05)
+    assert (back.row, ahead.row) == (0, len(segment) - 1)
+    ours = np.linalg.eigvalsh(answer.cov)
+    np.testing.assert_allclose(ours, np.linalg.eigvalsh(back.covariance[:3, :3]), rtol=0.01)
+    # Carried back from the end it is known less, as the biases were others then.
+    first, last = segment.rows.rows(slice(0, 1)), segment.rows.rows(slice(-1, None))
+    carried = theta_covariance(ahead.covariance, last, first, grade)
+    assert np.trace(carried) > 1.05 * np.trace(answer.cov)
