@@ -7,12 +7,19 @@ What callers use::
     answer = align_in_flight(imu, gnss, AlignmentSettings(...))
     answer.status, answer.q_nb, answer.t_ns, answer.cov, answer.warnings
     answer.series.q_nb, answer.series.sigma_worst       # one row per fix used
-    answer.attitude_at(time_ns)                          # any times of the segment
+    answer.attitude_at(time_ns)                          # any times of the unbroken stretch
+
+The way: :mod:`.preparation` splits the log where the chain of attitude breaks;
+:mod:`.accumulation` and :mod:`.reference` integrate both sides; :mod:`.screening` leaves out bad
+fixes; :mod:`.gate` finds start and stop; :mod:`.pairs`, :mod:`.sums`, :mod:`.wahba` and
+:mod:`.covariance` solve, at the end and at every fix; :mod:`.refine` sharpens; :mod:`.chain`
+carries the attitude to any time.
 
 References
 ----------
-.. [1] Qu, Li, Zhu, Wang, "In-flight alignment of a strapdown inertial navigation system by
-   singular value decomposition", China Academy of Engineering Physics.
+.. [1] Qu X., Li S., Zhu G., Wang Q., Institute of Electronic Engineering, China Academy of
+   Engineering Physics: alignment of SINS/GPS in flight by SVD with a gate on large dynamics
+   (in Chinese). Its equations are cited by number as "Qu et al.".
 .. [2] M. Wu, Y. Wu, X. Hu, D. Hu, "Optimization-based alignment for inertial navigation
    systems: Theory and algorithm", Aerospace Science and Technology 15(1), 2011.
 """

@@ -1,6 +1,6 @@
-"""What in-flight alignment takes and gives: increments, fixes, settings, answer.
+"""What in-flight alignment takes and gives: increments, fixes, settings, series.
 
-Sums of squares of sensor errors stand for one axis; all three axes are taken alike.
+Sigmas of sensors and fixes are those of one axis; all three axes are taken alike.
 """
 
 from __future__ import annotations
@@ -219,7 +219,8 @@ class AlignmentSettings:
         Time constant with which old pairs are forgotten; infinite for never.
     gate : {'paper', 'mask', 'off'}
         ``paper`` starts by eq. (12) and stops by eq. (13); ``mask`` starts at lift-off and
-        leaves out pairs that span samples which are not calm; ``off`` uses all.
+        leaves out pairs that span samples which are not calm, and is meant for ``win``, as
+        pairs from the start soon span some and ``cen`` has no span; ``off`` uses all.
     limits : GateLimits
     start_ns, end_ns : int, optional
         Use only what lies between; a given start replaces eq. (12).
@@ -297,6 +298,8 @@ class AlignmentSettings:
 @dataclass(frozen=True)
 class AlignmentSeries:
     """The solution at every fix of the segment, each from what came before it.
+
+    For ``pos`` about every two seconds.
 
     Attributes
     ----------
