@@ -42,7 +42,8 @@ IntArray = NDArray[np.int64]
 
 # The alignment uses fixes that the filter is going to use again.
 _TWICE_USED = 1.5
-# Bias of a MEMS gyro that never rested, and what a bias known from rest moves until later, rad/s.
+# Bias of a cheap gyro that never rested, where that of its grade does not fit; what a bias known
+# from rest moves until later; rad/s.
 _UNKNOWN_BIAS = float(np.deg2rad(0.5))
 _BIAS_MOVES = float(np.deg2rad(0.005))
 # Fixes further from the start than this say nothing of it, s.
@@ -58,6 +59,7 @@ _ROAD_SCALE = 3e-3
 _FIRST_NS = 300_000_000_000
 # Not carried over gaps of so many intervals, nor further than gyros keep an attitude to this, rad.
 _GAP = 5.0
+_POOR = 3.0  # chi2 of an alignment
 _FAR = float(np.deg2rad(10.0))
 
 
@@ -190,6 +192,15 @@ def find_start(imu: ImuIncrements, gnss: GnssEpochs, settings: Settings) -> Begi
         imu.time_ns, imu.delta_theta - bias * interval[:, None], imu.delta_velocity
     )
     answer = _first_alignment(freed, usable, settings, sigma)
+    if rest is None and settings.grade == "mems" and (answer is None or answer.chi2 > _POOR):
+        sigma, words = _UNKNOWN_BIAS, "gyro bias not known"
+        answer = _first_alignment(freed, usable, settings, sigma) or answer
+    if answer is None:
+        raise AlignmentError(
+            "no stretch of the log gives a heading: the velocity changes too little, or the clocks"
+            " of IMU and GNSS differ",
+            "give an initial attitude",
+        )
     if answer.errors is not None and np.max(answer.errors.sigma["gyro_bias"]) < sigma:
         bias = bias + answer.errors.gyro_bias
         sigma = float(np.max(answer.errors.sigma["gyro_bias"]))
@@ -260,8 +271,7 @@ def _bias(
     """
     grade = settings.imu.gyro_bias
     if rest is None:
-        sigma = max(grade, _UNKNOWN_BIAS) if settings.grade == "mems" else grade
-        return np.zeros(3), sigma, "gyro bias not known"
+        return np.zeros(3), grade, "gyro bias as its grade"
     if grade < 2.0 * earth.EARTH_RATE:
         return np.zeros(3), grade, "gyro bias as its grade"
     sigma = float(np.sqrt(scatter**2 + earth.EARTH_RATE**2 + _BIAS_MOVES**2))
@@ -270,7 +280,7 @@ def _bias(
 
 def _first_alignment(
     imu: ImuIncrements, gnss: GnssEpochs, settings: Settings, bias_sigma: float
-) -> InFlightAlignment:
+) -> InFlightAlignment | None:
     """The first stretch with motion that gives a heading."""
     noise = settings.imu
     grade = SensorGrade(
@@ -314,12 +324,6 @@ def _first_alignment(
             best = answer
         if np.sqrt(answer.cov[2, 2]) < _GOOD:
             return answer
-    if best is None:
-        raise AlignmentError(
-            "no stretch of the log gives a heading: the velocity changes too little, or the clocks"
-            " of IMU and GNSS differ",
-            "give an initial attitude",
-        )
     return best
 
 
