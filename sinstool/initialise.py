@@ -7,17 +7,38 @@ from dataclasses import replace
 import numpy as np
 
 from sinstool.alignment import initial
+from sinstool.alignment.gyrocompass import Gyrocompass, GyrocompassSettings, gyrocompass
+from sinstool.alignment.inflight import InFlightAlignment
 from sinstool.alignment.initial import Alignment
 from sinstool.config import ProcessConfig
+from sinstool.config.align import IN_FLIGHT
 from sinstool.earth import earth_rate_n
 from sinstool.errors import AlignmentError
+from sinstool.height.network import Grade
+from sinstool.in_flight import Moving, align_moving, increments, sensor_errors
 from sinstool.readers.frames import turn_body
+from sinstool.sensor_grade import sensor_grade
 from sinstool.source import Source
+from sinstool.timeline import SECOND
 from sinstool.units import DEGREE
+
+# An automatic gyrocompass wants a rest that can show north.
+GYROCOMPASS_S = 30.0
+
+
+def needs_gnss(config: ProcessConfig) -> bool:
+    """Whether alignment wants all of GNSS, not only where the log begins."""
+    return config.align.align in (*IN_FLIGHT, "auto")
 
 
 def align(source: Source, config: ProcessConfig) -> Alignment:
     """First attitude and gyro bias.
+
+    Parameters
+    ----------
+    source : Source
+        With all of GNSS for alignment in motion.
+    config : ProcessConfig
 
     Raises
     ------
@@ -26,6 +47,14 @@ def align(source: Source, config: ProcessConfig) -> Alignment:
     """
     options, found = config.align, source.survey
     path = source.log.path
+    if options.align in IN_FLIGHT:
+        return in_flight(source, config, options.align)
+    if options.align == "gyrocompass":
+        return at_rest(source, config)
+    if options.align == "auto":
+        seen = _north_seen(source, config)
+        if seen is not None:
+            return seen
     if options.align == "fixed":
         assert options.initial_attitude is not None
         roll, pitch, heading = (v * DEGREE for v in options.initial_attitude)
@@ -51,6 +80,146 @@ def align(source: Source, config: ProcessConfig) -> Alignment:
     return _with_bias(alignment, source, config)
 
 
+def _north_seen(source: Source, config: ProcessConfig) -> Alignment | None:
+    """An attitude whose heading counts from north, where the log shows one by itself."""
+    grade, _ = sensor_grade(source, config)
+    gnss, still = source.aiding.gnss, source.survey.lead_in
+    if (
+        still is not None
+        and grade == "navigation"
+        and still.duration_s >= GYROCOMPASS_S
+        and source.latitude is not None
+    ):
+        found = compass(source, config, grade)
+        if found.status in ("ok", "degraded"):
+            return _from_compass(found, source)
+    if gnss is None or not gnss.has_velocity.any() or not gnss.has_position.any():
+        return None
+    try:
+        moving = align_moving(source, config, grade, "svd", "start")
+    except AlignmentError:
+        return None
+    if moving.answer.status not in ("ok", "degraded"):
+        return None
+    return _from_motion(moving, source, config)
+
+
+def in_flight(source: Source, config: ProcessConfig, method: str) -> Alignment:
+    """Attitude from GNSS velocity, carried back to the log's start.
+
+    Raises
+    ------
+    AlignmentError
+        It cannot be had: with the reasons.
+    """
+    grade, _ = sensor_grade(source, config)
+    moving = align_moving(source, config, grade, method, "start")
+    answer = moving.answer
+    if answer.status in ("failed", "unobservable"):
+        reasons = "; ".join(answer.warnings) or "no reason is known"
+        raise AlignmentError(
+            f"{source.log.path}: --align {method}: {answer.status}: {reasons}",
+            "choose another span with --align-start and --align-end, or another --align",
+        )
+    return _from_motion(moving, source, config)
+
+
+def _from_motion(moving: Moving, source: Source, config: ProcessConfig) -> Alignment:
+    answer = moving.answer
+    time_ns, q_nb = _carried_back(answer, source)
+    bias, source_of_bias = moving.gyro_bias, "rest" if moving.gyro_bias.any() else "none"
+    if answer.errors is not None and config.align.gyro_bias == "still":
+        bias, source_of_bias = bias + answer.errors.gyro_bias, "alignment"
+    if not isinstance(config.align.gyro_bias, str):
+        source_of_bias = "given"
+    known = answer.status != "level-only"
+    sigma = answer.sigma_rad
+    return Alignment(
+        q_nb,
+        answer.method,
+        time_ns,
+        (float(sigma[0]), float(sigma[1]), float(sigma[2]) if known else None),
+        answer.status,
+        known,
+        gyro_bias=bias,
+        bias_source=source_of_bias,
+        warnings=answer.warnings,
+        covariance_n=answer.cov,
+        held_ns=answer.t_ns,
+    )
+
+
+def _carried_back(answer: InFlightAlignment, source: Source) -> tuple[int, np.ndarray]:
+    """Attitude at the first sample, or as near to it as the Imu was without a gap."""
+    first = source.survey.first_ns
+    try:
+        return first, answer.attitude_at(np.array([first]))[0]
+    except ValueError:
+        return answer.t_q_ns, answer.attitude_at(np.array([answer.t_q_ns]))[0]
+
+
+def at_rest(source: Source, config: ProcessConfig) -> Alignment:
+    """Attitude from the Earth's rotation.
+
+    Raises
+    ------
+    AlignmentError
+        The log does not begin still, its latitude is not known, or not even tilt shows.
+    """
+    path = source.log.path
+    if source.latitude is None:
+        raise AlignmentError(
+            f"{path}: --align gyrocompass needs the latitude, and the log has no fix",
+            "give --latitude",
+        )
+    if source.survey.lead_in is None:
+        raise AlignmentError(
+            f"{path}: --align gyrocompass: the log does not begin still",
+            "choose a still beginning with --start, or use --align svd where there is GNSS",
+        )
+    grade, _ = sensor_grade(source, config)
+    found = compass(source, config, grade)
+    if found.status == "unobservable":
+        raise AlignmentError(
+            f"{path}: --align gyrocompass: {'; '.join(found.warnings)}",
+            "record for longer at rest, or use another --align",
+        )
+    return _from_compass(found, source)
+
+
+def compass(source: Source, config: ProcessConfig, grade: Grade) -> Gyrocompass:
+    """Gyrocompass over the still lead-in."""
+    still, latitude = source.survey.lead_in, source.latitude
+    assert still is not None and latitude is not None
+    imu = increments(source, config, np.zeros(3), still.end_ns)
+    settings = GyrocompassSettings(grade=sensor_errors(config, grade, False))
+    try:
+        return gyrocompass(imu, latitude, source.position[2] or 0.0, settings)
+    except AlignmentError as exc:
+        raise AlignmentError(f"{source.log.path}: {exc.message}", exc.hint) from exc
+
+
+def _from_compass(found: Gyrocompass, source: Source) -> Alignment:
+    """The body kept its attitude while it was at rest: that at the end is that at the start."""
+    still = source.survey.lead_in
+    assert still is not None
+    known = found.status != "level-only"
+    sigma = found.sigma_rad
+    return Alignment(
+        found.q_nb,
+        "gyrocompass",
+        source.survey.first_ns,
+        (float(sigma[0]), float(sigma[1]), float(sigma[2]) if known else None),
+        found.status,
+        known,
+        gyro_bias=initial.still_bias(still, found.q_nb, earth_rate(source)),
+        bias_source="still",
+        warnings=found.warnings,
+        covariance_n=found.cov,
+        held_ns=found.t_ns,
+    )
+
+
 def _with_bias(alignment: Alignment, source: Source, config: ProcessConfig) -> Alignment:
     wanted = config.align.gyro_bias
     if wanted == "none":
@@ -71,3 +240,8 @@ def earth_rate(source: Source) -> np.ndarray | None:
     if source.latitude is None:
         return None
     return np.asarray(earth_rate_n(source.latitude))
+
+
+def seconds_from_start(time_ns: int, source: Source) -> float:
+    """Time since the first sample, s."""
+    return (time_ns - source.survey.first_ns) / SECOND

@@ -23,19 +23,23 @@ class Alignment:
     ----------
     q_nb : ndarray, shape (4,)
     method : str
-        ``level``, ``log``, ``fixed`` or ``level-moving``.
+        ``level``, ``log``, ``fixed``, ``level-moving``, ``gyrocompass``, or a solver in motion.
     time_ns : int
         When it holds.
     sigma_rad : tuple of float or None
         Of roll, pitch, heading; None where nothing is known.
-    status : {'ok', 'degraded'}
+    status : {'ok', 'degraded', 'level-only'}
     north_referenced : bool
         Heading counts from north.
     gyro_bias : ndarray, shape (3,)
         To subtract from the rates, rad/s, body axes.
     bias_source : str
-        ``still``, ``given`` or ``none``.
+        ``still`` (the lead-in), ``rest`` (another), ``alignment``, ``given`` or ``none``.
     warnings : tuple of str
+    covariance_n : ndarray or None, shape (3, 3)
+        Of a small rotation in NED, rad^2, where more is known than sigmas.
+    held_ns : int or None
+        When the attitude was found, if it was carried to ``time_ns`` from there.
     """
 
     q_nb: np.ndarray
@@ -47,6 +51,8 @@ class Alignment:
     gyro_bias: np.ndarray = field(default_factory=lambda: np.zeros(3))
     bias_source: str = "none"
     warnings: tuple[str, ...] = ()
+    covariance_n: np.ndarray | None = None
+    held_ns: int | None = None
 
 
 def from_still(span: StillSpan, time_ns: int) -> Alignment:

@@ -20,6 +20,10 @@ COMMANDS = {
         "compare_coning",
         "Which coning algorithm, on a log, and by how much; or the published experiment.",
     ),
+    "align": (
+        "align",
+        "Where the vehicle points, at rest or in flight, and how sure that is.",
+    ),
     "calibrate-hse": (
         "calibrate_hse",
         "Heading-sensitive error of a rate-biased system, from its turntable logs.",

@@ -40,6 +40,33 @@ METAVARS = {
     "encoder_topic": "TOPIC",
     "hse": "FILE",
     "initial_velocity": "N,E,D",
+    "lever_arm": "X,Y,Z",
+    "gnss_latency": "S",
+    "gnss_sigma_v": "M/S",
+    "window": "S",
+    "fade": "S",
+    "align_start": "S",
+    "align_end": "S",
+    "at": "end|start|S",
+    "lift_off": "S",
+    "f_set": "M/S^2",
+    "df_set": "M/S^3",
+    "w_set": "DEG/S",
+    "dw_set": "DEG/S^2",
+    "t_set1": "S",
+    "n_set1": "N",
+    "t_set2": "S",
+    "n_set2": "N",
+    "gate_smooth": "N",
+    "sigma_stop": "DEG",
+    "sigma_bg": "DEG/H",
+    "sigma_ba": "M/S^2",
+    "sigma_sf": "X",
+    "arw": "DEG/SQRT(H)",
+    "vrw": "UG/SQRT(HZ)",
+    "kappa": "X",
+    "gyro_range": "DEG/S",
+    "accel_range": "M/S^2",
     "tau": "S",
     "k4": "S",
     "baro_lag": "S",
@@ -128,7 +155,7 @@ def _option(group: str, name: str, field: FieldInfo) -> Callable[[F], F]:
         return click.option(flag, f"{group}__{name}", is_flag=True, default=None, help=help_text)
     default = field.default
     if default not in (None, ()) and not isinstance(default, bool):
-        shown = ",".join(default) if isinstance(default, tuple) else str(default)
+        shown = ",".join(map(str, default)) if isinstance(default, tuple) else str(default)
         help_text += f" [default: {shown}]"
     kind = _click_type(field.annotation)
     return click.option(

@@ -14,7 +14,9 @@ from sinstool.cli.options import config_options, effective_config, print_config
 @click.command("process")
 @click.argument("log", type=click.Path(path_type=Path), required=False)
 @click.option("-o", "--output", type=click.Path(path_type=Path), help="MCAP file to write")
-@config_options("input", "coning", "align", "navigation", "vertical", "hse", "output")
+@config_options(
+    "input", "coning", "align", "gnss", "in_flight", "navigation", "vertical", "hse", "output"
+)
 @click.option("--print-config", "show", is_flag=True, help="print the configuration and stop")
 @click.option("--json", "as_json", is_flag=True, help="one JSON object on stdout")
 @click.option("-q", "--quiet", is_flag=True, help="no progress and no summary")

@@ -4,7 +4,7 @@ Each field is an option ``--name`` (underscores become hyphens) and a key of its
 in the file; the command line generates its options from these models, so the two cannot part.
 """
 
-from sinstool.config.align import AlignOptions
+from sinstool.config.align import AlignOptions, GnssOptions, InFlightOptions
 from sinstool.config.coning import ConingOptions
 from sinstool.config.group import Group
 from sinstool.config.input import InputOptions
@@ -20,9 +20,11 @@ __all__ = [
     "AlignOptions",
     "CalibrationOptions",
     "ConingOptions",
+    "GnssOptions",
     "Group",
     "HeightOptions",
     "HseOptions",
+    "InFlightOptions",
     "InputOptions",
     "NavigationOptions",
     "OutputOptions",

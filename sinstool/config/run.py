@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from sinstool.config.align import AlignOptions
+from sinstool.config.align import AlignOptions, GnssOptions, InFlightOptions
 from sinstool.config.coning import ConingOptions, check_coning
 from sinstool.config.group import Group
 from sinstool.config.input import InputOptions
@@ -21,6 +21,8 @@ class ProcessConfig(Group):
     input: InputOptions = InputOptions()
     coning: ConingOptions = ConingOptions()
     align: AlignOptions = AlignOptions()
+    gnss: GnssOptions = GnssOptions()
+    in_flight: InFlightOptions = InFlightOptions()
     navigation: NavigationOptions = NavigationOptions()
     vertical: HeightOptions = HeightOptions()
     hse: HseOptions = HseOptions()
@@ -32,6 +34,7 @@ class ProcessConfig(Group):
         """Whether the options fit each other."""
         check_coning(self.coning)
         self.align.check()
+        self.in_flight.check()
         self.vertical.check()
         if self.hse.hse is not None and self.rig is None:
             raise ConfigurationError(

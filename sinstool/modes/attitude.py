@@ -9,7 +9,7 @@ from sinstool.alignment.initial import Alignment
 from sinstool.attitude import AttitudeRun, AttitudeSettings
 from sinstool.config import ProcessConfig
 from sinstool.coning_choice import choose_algorithm
-from sinstool.initialise import align, earth_rate
+from sinstool.initialise import align, earth_rate, needs_gnss
 from sinstool.modes.common import Progress, nominal_interval, odometry_frames, share
 from sinstool.modes.vertical import Vertical
 from sinstool.readers.log import Log
@@ -37,7 +37,7 @@ def run_attitude(
         The summary.
     """
     damped = config.vertical.height_damping != "off"
-    source = prepare(log, config, share(progress, log.size, 0.0), damped)
+    source = prepare(log, config, share(progress, log.size, 0.0), damped or needs_gnss(config))
     body = frame_id(log, source.topic.channels, source.topic.path) or "imu_link"
     alignment = align(source, config)
     vertical = Vertical(source, config) if damped else None

@@ -330,7 +330,7 @@ def test_wrong_options_are_named(sinstool, log, tmp_path, options, expected):
         (("process",), "give a LOG"),
         (("process", "a.mcap"), "-o FILE"),
         (("proces",), "did you mean process?"),
-        (("dance",), "there are process, info, compare-coning, calibrate-hse, simulate"),
+        (("dance",), "there are process, info, compare-coning, align, calibrate-hse, simulate"),
         (("process", "a", "-o", "b", "--imu-tpic", "x"), "--imu-topic"),
         (("process", "a", "-o", "b", "--align", "sideways"), "'sideways' is not one of"),
         (("process", "a", "-o", "b", "--gyro-bias", "1,2"), "'1,2' is not 3 numbers"),
@@ -377,6 +377,40 @@ gyro_bias = [0.1, 0, -1e-5]
 latitude = -33.5
 longitude = 151
 height = 12.5
+
+[gnss]
+lever_arm = [1, -0.5, 0.25]
+gnss_latency = -0.125
+gnss_sigma_v = 0.2
+
+[in_flight]
+vectors = "cen"
+window = 3
+fade = 60
+gate = "mask"
+refine = "none"
+align_start = 1.5
+align_end = 100
+at = "12.5"
+lift_off = 3
+f_set = 13
+df_set = 90
+w_set = 6
+dw_set = 80
+t_set1 = 30
+n_set1 = 2
+t_set2 = 100
+n_set2 = 150
+gate_smooth = 5
+sigma_stop = 0.5
+sigma_bg = 3
+sigma_ba = 0.02
+sigma_sf = 3e-4
+arw = 0.1
+vrw = 70
+kappa = 1
+gyro_range = 300
+accel_range = 200
 
 [navigation]
 mode = "attitude"

@@ -1,0 +1,280 @@
+"""`sinstool align`: one log in, its attitude with covariance out."""
+
+from __future__ import annotations
+
+import csv
+import io
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from sinstool import summary
+from sinstool.alignment.gyrocompass import Gyrocompass
+from sinstool.alignment.inflight import InFlightAlignment
+from sinstool.config import ProcessConfig
+from sinstool.config.align import IN_FLIGHT
+from sinstool.errors import AlignmentError, ConfigurationError
+from sinstool.in_flight import align_moving
+from sinstool.initialise import align, compass, seconds_from_start
+from sinstool.readers import open_log
+from sinstool.rotation import to_euler
+from sinstool.sensor_grade import sensor_grade
+from sinstool.source import Source, prepare
+from sinstool.timeline import SECOND
+from sinstool.units import DEGREE
+from sinstool.writers.whole import WholeFile, check_output
+
+Progress = Callable[[float], None]
+
+
+@dataclass(frozen=True)
+class LogAlignment:
+    """What `align` found.
+
+    Attributes
+    ----------
+    summary : dict
+        The values of ``--json``.
+    answer : InFlightAlignment or Gyrocompass or None
+        With the series, where the method has one.
+    first_ns : int
+        Time of the first sample.
+    windows : tuple of ndarray
+        Seconds from the start, specific force (m/s^2) and angular rate (rad/s) in half-second
+        means: the dynamics.
+    """
+
+    summary: dict[str, Any]
+    answer: InFlightAlignment | Gyrocompass | None
+    first_ns: int
+    windows: tuple[np.ndarray, np.ndarray, np.ndarray]
+
+
+def align_log(path: Path, config: ProcessConfig, progress: Progress | None = None) -> LogAlignment:
+    """Align the vehicle of a log.
+
+    Parameters
+    ----------
+    path : Path
+    config : ProcessConfig
+        ``auto`` is svd where the log has GNSS velocity, else gyrocompass where it begins still
+        and its latitude is known, else level.
+    progress : callable, optional
+        Called with the fraction done.
+
+    Raises
+    ------
+    SinstoolError
+    """
+    with open_log(path, config.input.salvage) as log:
+        report = None
+        if progress is not None:
+            size = max(log.size, 1)
+            told = progress
+            report = lambda position: told(min(1.0, position / size))  # noqa: E731
+        source = prepare(log, config, report, whole_gnss=True)
+        return _align(source, config)
+
+
+def _align(source: Source, config: ProcessConfig) -> LogAlignment:
+    grade, why = sensor_grade(source, config)
+    method = config.align.align
+    if method == "auto":
+        method = _method(source)
+    answer: InFlightAlignment | Gyrocompass | None = None
+    if method in IN_FLIGHT:
+        at = config.in_flight.at
+        when: str | int = at
+        if at not in ("end", "start"):
+            when = source.survey.first_ns + round(float(at) * SECOND)
+        answer = align_moving(source, config, grade, method, when).answer
+        told = _in_flight(answer, source)
+    elif method == "gyrocompass":
+        if source.survey.lead_in is None or source.latitude is None:
+            raise AlignmentError(
+                f"{source.log.path}: gyrocompassing needs a log that begins still, and a latitude",
+                "choose a still beginning with --start, give --latitude, or use --method svd",
+            )
+        answer = compass(source, config, grade)
+        told = _at_rest(answer, source)
+    elif method in ("level", "log"):
+        told = _plain(source, config)
+    else:
+        raise ConfigurationError("--align fixed: there is nothing to find", "choose a method")
+    windows = source.survey.windows
+    since = (windows.start_ns - source.survey.first_ns) / SECOND
+    return LogAlignment(
+        {
+            "input": str(source.log.path),
+            "imu": summary.imu(source),
+            "imu_grade": {"grade": grade, "why": why},
+            **told,
+            "warnings": [*source.warnings, *told["warnings"]],
+        },
+        answer,
+        source.survey.first_ns,
+        (
+            since,
+            np.linalg.norm(windows.accel, axis=1),
+            np.linalg.norm(windows.gyro, axis=1),
+        ),
+    )
+
+
+def _method(source: Source) -> str:
+    gnss = source.aiding.gnss
+    if gnss is not None and gnss.has_velocity.any() and gnss.has_position.any():
+        return "svd"
+    if source.survey.lead_in is not None and source.latitude is not None:
+        return "gyrocompass"
+    return "level"
+
+
+def _attitude(q_nb: np.ndarray, heading: bool) -> dict[str, Any]:
+    if not np.isfinite(q_nb).all():
+        return {"q_nb_wxyz": None, "euler_deg": None}
+    roll, pitch, yaw = (float(v) for v in to_euler(q_nb) / DEGREE)
+    return {
+        "q_nb_wxyz": q_nb.tolist() if heading else None,
+        "euler_deg": {"roll": roll, "pitch": pitch, "heading": yaw % 360.0 if heading else None},
+    }
+
+
+def _number(value: float | None) -> float | None:
+    return float(value) if value is not None and np.isfinite(value) else None
+
+
+def _in_flight(answer: InFlightAlignment, source: Source) -> dict[str, Any]:
+    heading = answer.status in ("ok", "degraded")
+    sigma = [_number(s / DEGREE) for s in answer.sigma_rad]
+    if answer.status == "level-only":
+        sigma[2] = None
+    errors = answer.errors
+    return {
+        "status": answer.status,
+        "method": answer.method,
+        "vectors": answer.vectors,
+        "t_ns": str(answer.t_ns),
+        "t_s": seconds_from_start(answer.t_ns, source),
+        "start_s": seconds_from_start(answer.t_q_ns, source),
+        "stop_s": seconds_from_start(answer.t_stop_ns, source),
+        **_attitude(answer.q_nb, heading),
+        "sigma_deg": sigma,
+        "sigma_worst_deg": _number(answer.sigma_worst / DEGREE),
+        "cov_deg2": (answer.cov / DEGREE**2).tolist() if heading else None,
+        "observability": _number(answer.rho),
+        "singular_values": [_number(s) for s in answer.singular_values],
+        "n_pairs": answer.n_pairs,
+        "n_rejected": answer.n_rejected,
+        "residual_rms": _number(answer.residual_rms),
+        "chi2": _number(answer.chi2),
+        "time_to_align_s": _number(answer.time_to_align_s),
+        "gyro_bias_deg_h": None
+        if errors is None
+        else (errors.gyro_bias / DEGREE * 3600.0).tolist(),
+        "accel_bias_m_s2": None if errors is None else errors.accel_bias.tolist(),
+        "latency_s": None if errors is None else errors.latency_s,
+        "warnings": list(answer.warnings),
+    }
+
+
+def _at_rest(answer: Gyrocompass, source: Source) -> dict[str, Any]:
+    heading = answer.status in ("ok", "degraded")
+    sigma = [_number(s / DEGREE) for s in answer.sigma_rad]
+    if answer.status == "level-only":
+        sigma[2] = None
+    return {
+        "status": answer.status,
+        "method": "gyrocompass",
+        "vectors": None,
+        "t_ns": str(answer.t_ns),
+        "t_s": seconds_from_start(answer.t_ns, source),
+        "start_s": seconds_from_start(answer.t_start_ns, source),
+        "stop_s": seconds_from_start(answer.t_ns, source),
+        **_attitude(answer.q_nb, heading),
+        "sigma_deg": sigma,
+        "sigma_worst_deg": _number(answer.sigma_heading / DEGREE),
+        "cov_deg2": (answer.cov / DEGREE**2).tolist() if heading else None,
+        "observability": None,
+        "singular_values": None,
+        "n_pairs": None,
+        "n_rejected": None,
+        "residual_rms": None,
+        "chi2": _number(answer.chi2),
+        "time_to_align_s": None,
+        "gyro_bias_deg_h": (answer.gyro_bias / DEGREE * 3600.0).tolist(),
+        "accel_bias_m_s2": answer.accel_bias.tolist(),
+        "latency_s": None,
+        "warnings": list(answer.warnings),
+    }
+
+
+def _plain(source: Source, config: ProcessConfig) -> dict[str, Any]:
+    """Tilt alone, or what the log says."""
+    found = align(source, config)
+    heading = found.north_referenced
+    return {
+        "status": found.status if heading else "level-only",
+        "method": found.method,
+        "vectors": None,
+        "t_ns": str(found.time_ns),
+        "t_s": seconds_from_start(found.time_ns, source),
+        "start_s": None,
+        "stop_s": None,
+        **_attitude(found.q_nb, heading),
+        "sigma_deg": [None if s is None else s / DEGREE for s in found.sigma_rad],
+        "sigma_worst_deg": None,
+        "cov_deg2": None,
+        "observability": None,
+        "singular_values": None,
+        "n_pairs": None,
+        "n_rejected": None,
+        "residual_rms": None,
+        "chi2": None,
+        "time_to_align_s": None,
+        "gyro_bias_deg_h": (found.gyro_bias / DEGREE * 3600.0).tolist(),
+        "accel_bias_m_s2": None,
+        "latency_s": None,
+        "warnings": list(found.warnings),
+    }
+
+
+def write_series(path: Path, found: LogAlignment, overwrite: bool) -> None:
+    """Write the solution at every fix as a table, angles in degrees.
+
+    Raises
+    ------
+    ConfigurationError
+        The method has none.
+    """
+    answer = found.answer
+    if not isinstance(answer, InFlightAlignment) or answer.series is None:
+        raise ConfigurationError(
+            "--series: only an alignment in motion has a solution at every fix",
+            "use --method svd, or leave it out",
+        )
+    check_output(path, [], overwrite)
+    series = answer.series
+    euler = to_euler(series.q_nb) / DEGREE
+    buffer = io.StringIO()
+    writer = csv.writer(buffer, lineterminator="\n")
+    writer.writerow(
+        ["time_s", "roll_deg", "pitch_deg", "heading_deg", "sigma_north_deg", "sigma_east_deg",
+         "sigma_down_deg", "sigma_worst_deg", "observability", "calm"]
+    )  # fmt: skip
+    for k in range(len(series.time_ns)):
+        writer.writerow(
+            [
+                f"{(int(series.time_ns[k]) - found.first_ns) / SECOND:.6f}",
+                *(f"{v:.6f}" for v in euler[k]),
+                *(f"{v:.6f}" for v in series.sigma[k] / DEGREE),
+                f"{series.sigma_worst[k] / DEGREE:.6f}",
+                f"{series.rho[k]:.6f}",
+                int(series.calm[k]),
+            ]
+        )
+    with WholeFile(path) as whole:
+        whole.stream.write(buffer.getvalue().encode())

@@ -1,0 +1,132 @@
+"""`sinstool align`: where the vehicle points, at rest or in motion."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import click
+
+from sinstool.cli.console import print_json, progress_bar, table, warn
+from sinstool.cli.options import config_options, effective_config, print_config
+
+
+@click.command("align")
+@click.argument("log", type=click.Path(path_type=Path), required=False)
+@config_options("input", "align", "gnss", "in_flight")
+@click.option(
+    "--method",
+    type=click.Choice(["svd", "quest", "davenport", "triad", "gyrocompass", "level"]),
+    help="the same as --align",
+)
+@click.option("--imu-grade", "navigation__imu_grade",
+              type=click.Choice(["auto", "mems", "tactical", "navigation"]),
+              help="of the sensors [default: auto]")  # fmt: skip
+@click.option("--series", type=click.Path(path_type=Path), metavar="FILE.csv",
+              help="also write the solution at every fix")  # fmt: skip
+@click.option("--report", type=click.Path(path_type=Path), metavar="FILE.html",
+              help="also write a page of figures")  # fmt: skip
+@click.option("--overwrite", "output__overwrite", is_flag=True, default=None,
+              help="replace existing outputs")  # fmt: skip
+@click.option("--print-config", "show", is_flag=True, help="print the configuration and stop")
+@click.option("--json", "as_json", is_flag=True, help="one JSON object on stdout")
+@click.option("-q", "--quiet", is_flag=True, help="no progress and no summary")
+@click.option("-v", "--verbose", is_flag=True, help="explain choices; tracebacks for errors")
+def command(
+    log: Path | None,
+    config_file: Path | None,
+    method: str | None,
+    series: Path | None,
+    report: Path | None,
+    show: bool,
+    as_json: bool,
+    quiet: bool,
+    verbose: bool,
+    **given: Any,
+) -> int:
+    """Attitude of the vehicle of LOG with its covariance, or why it cannot be seen.
+
+    \b
+    In motion (svd, quest, davenport, triad) GNSS position and velocity are needed, at rest
+    (gyrocompass, level) a log that begins still. Exits with 3 where heading is withheld.
+
+    \b
+    Example:
+      sinstool align flight.mcap --method svd --json
+    """
+    if method is not None:
+        if given.get("align__align") not in (None, method):
+            raise click.UsageError("--method and --align say different things")
+        given["align__align"] = method
+    config = effective_config(config_file, given)
+    if show:
+        print_config(
+            config, "calibration", "coning", "vertical", "filter", "hse", "output", "navigation"
+        )
+        return 0
+    if log is None:
+        raise click.UsageError("give a LOG to align")
+    from sinstool.align_log import align_log
+    from sinstool.writers.whole import check_output
+
+    for path in (series, report):
+        if path is not None:
+            check_output(path, [log], config.output.overwrite)
+    with progress_bar(log.name, quiet) as progress:
+        found = align_log(log, config, progress)
+    if series is not None:
+        from sinstool.align_log import write_series
+
+        write_series(series, found, config.output.overwrite)
+    if report is not None:
+        from sinstool.cli.align_report import write_page
+
+        write_page(report, found, config)
+    told = found.summary
+    for text in told["warnings"]:
+        warn(text)
+    if as_json:
+        print_json(told)
+    elif not quiet:
+        _print(told, verbose)
+    return 0 if told["status"] in ("ok", "degraded") else 3
+
+
+def _print(told: dict[str, Any], verbose: bool) -> None:
+    rows = [
+        ("log", told["input"]),
+        (
+            "IMU",
+            f"{told['imu']['topic']}: {told['imu_grade']['grade']}, {told['imu_grade']['why']}",
+        ),
+        ("status", told["status"]),
+        ("method", told["method"] + (f", vectors {told['vectors']}" if told["vectors"] else "")),
+    ]
+    euler, sigma = told["euler_deg"], told["sigma_deg"]
+    if euler is not None:
+        heading = (
+            f"{euler['heading']:.3f} deg" if euler["heading"] is not None else "not to be seen"
+        )
+        rows.append(
+            (
+                "attitude",
+                f"roll {euler['roll']:.3f}, pitch {euler['pitch']:.3f}, heading {heading}, at"
+                f" {told['t_s']:.3f} s",
+            )
+        )
+        shown = ["-" if s is None else f"{s:.3g}" for s in sigma]
+        rows.append(("sigma", f"{', '.join(shown)} deg about north, east, down"))
+    if told["n_pairs"] is not None:
+        rows.append(
+            (
+                "used",
+                f"{told['n_pairs']} pairs from {told['start_s']:.1f} to {told['stop_s']:.1f} s,"
+                f" {told['n_rejected']} fixes rejected, chi2 {told['chi2']:.2f}",
+            )
+        )
+    if verbose and told["observability"] is not None:
+        rows.append(("geometry", f"{told['observability']:.4f} (0: one direction only; 1: best)"))
+    if verbose and told["gyro_bias_deg_h"] is not None:
+        bias = ", ".join(f"{b:.4g}" for b in told["gyro_bias_deg_h"])
+        rows.append(("gyro bias", f"{bias} deg/h (FRD)"))
+    table(rows)
