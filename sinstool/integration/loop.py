@@ -1,0 +1,568 @@
+"""The compiled loop of an INS/GNSS filter over IMU updates.
+
+At each update: the mechanisation's step with sensor errors taken off; the vertical channel's
+part; barometer samples; GNSS epochs that were valid since the update before, compared with the
+navigation at their own time; the network's correction or baro differences as measurements where
+they are due; feedback; output. Estimate and covariance follow in substeps.
+"""
+
+from __future__ import annotations
+
+from math import ceil, cos, pi
+
+import numba
+import numpy as np
+from numpy.typing import NDArray
+
+from sinstool.height.channel import baro_sample, propagate, smooth_height
+from sinstool.height.channel import feedback as channel_feedback
+from sinstool.height.layout import (
+    ACCEPTED,
+    COAST,
+    CORRECTED,
+    ENGAGED,
+    JUMPED,
+    NOTHING,
+    RESTORED,
+    S_BARO_BIAS,
+    S_CORRECTION,
+    S_INNOVATION,
+    S_L1,
+    S_L2,
+    S_L3,
+    S_NOMINAL,
+    S_OFFSET,
+    S_PHASE,
+    S_SQUARE,
+    S_WITNESS_SINCE,
+)
+from sinstool.integration.epochs import (
+    JUMP_ROWS,
+    baro_difference,
+    begin_anew,
+    begin_substep,
+    close_instant,
+    close_substep,
+    collected_baro_row,
+    corrected,
+    correction_row,
+    gnss_epoch,
+    open_instant,
+    record,
+)
+from sinstool.integration.layout import (
+    E_BARO_FROZEN,
+    E_BARO_JUMP,
+    E_GAP,
+    E_GAP_RESTART,
+    N_DROPPED,
+    N_FORCE,
+    N_FROM,
+    N_GAIN,
+    N_GAINS,
+    N_GAP,
+    N_KNOWN,
+    N_NOW,
+    N_RATE,
+    N_ROW_AT,
+    N_ROW_COUNT,
+    N_ROW_STAMP,
+    N_ROW_SUM,
+    N_ROW_TIMES,
+    N_STARTED,
+    N_STEP,
+    N_STEP_SET,
+    N_UPDATES,
+    N_USED_AT,
+    O_CORRECTION,
+    O_COVARIANCE,
+    O_FORCE,
+    O_RATE,
+    P_BARO_DECAY,
+    P_BARO_ROW,
+    P_BARO_SIGMA,
+    P_BARO_WHITE,
+    P_CLOSED,
+    P_CORRECTION_ROW,
+    P_GAP_ACCELERATION,
+    P_GAP_RATE,
+    P_K4,
+    P_MAX_GAP,
+    P_NETWORK,
+    P_ROW_INTERVAL,
+    P_SUBSTEP,
+    Memory,
+    Model,
+    Stored,
+)
+from sinstool.integration.model import radii
+from sinstool.integration.propagation import baro_correction
+from sinstool.integration.states import (
+    ATTITUDE,
+    I_BARO,
+    I_CORRECTION,
+    POSITION,
+    VELOCITY,
+)
+from sinstool.strapdown.navigation import (
+    HEIGHT,
+    LATITUDE,
+    LONGITUDE,
+    Q_W,
+    V_DOWN,
+    V_NORTH,
+    step,
+)
+from sinstool.strapdown.navigation import SIZE as NAV_SIZE
+from sinstool.strapdown.velocity import remove_bias
+
+FloatArray = NDArray[np.float64]
+IntArray = NDArray[np.int64]
+
+_D = POSITION + 2
+_VD = VELOCITY + 2
+
+FAST_BARO = 0.05  # s: faster samples act on the covariance together, at the substep's end
+BRIDGE = 0.05  # s, longest step within an IMU gap
+ROUNDING = 1e-7  # s, of times and intervals: they are whole nanoseconds
+
+
+@numba.njit(cache=True, nogil=True)
+def run(
+    m: Memory,
+    model: Model,
+    stored: Stored,
+    keep: bool,
+    time: FloatArray,
+    interval: FloatArray,
+    phi: FloatArray,
+    dv: FloatArray,
+    fix_time: FloatArray,
+    fixes: FloatArray,
+    withheld: FloatArray,
+    baro_time: FloatArray,
+    baro_height: FloatArray,
+    baro_reason: IntArray,
+    channel_events: FloatArray,
+    events: FloatArray,
+    diagnoses: FloatArray,
+    out: FloatArray,
+    counts: IntArray,
+) -> None:
+    """Filter a block of IMU updates.
+
+    Parameters
+    ----------
+    m : Memory
+        Changed.
+    model : Model
+    stored : Stored
+        Rows for a smoother, set if `keep`.
+    keep : bool
+    time, interval : ndarray, shape (n,)
+        End of each update and its duration, s.
+    phi, dv : ndarray, shape (n, 3)
+        Rotation vectors, rad, and velocity increments, m/s.
+    fix_time : ndarray, shape (f,)
+        When GNSS epochs are valid, s, in order.
+    fixes : ndarray, shape (f, 12)
+        Latitude, longitude, height, velocity, and their standard deviations; NaN: not there.
+    withheld : ndarray, shape (f,)
+        Not 0: compare only.
+    baro_time, baro_height : ndarray, shape (b,)
+        s, in order of arrival, and m.
+    baro_reason : ndarray of int64, shape (b,)
+        See :func:`sinstool.height.channel.baro_sample`.
+    channel_events, events : ndarray
+        Of the vertical channel and of the filter.
+    diagnoses : ndarray, shape (f, DIAGNOSTICS)
+        A row for each epoch used up.
+    out : ndarray, shape (n, OUTPUT) or (0, OUTPUT)
+        Set, if it has rows.
+    counts : ndarray of int64, shape (5,)
+        Added to: events; set: epochs and baro samples used up, rows stored, epochs left out.
+    """
+    number = m.numbers
+    par = model.parameters
+    count = counts[:1]
+    fix_next = 0
+    baro_next = 0
+    row = 0
+    first_fix = 0
+    moved = m.moved
+    for k in range(len(time)):
+        dt = interval[k]
+        begin = time[k] - dt
+        if number[N_STARTED] == 0.0:
+            number[N_STARTED] = 1.0
+            number[N_NOW] = begin
+            number[N_ROW_AT] = begin
+            number[N_USED_AT] = -np.inf
+            number[N_ROW_STAMP] = -np.inf
+            begin_substep(m)
+            for i in range(3):
+                number[N_RATE + i] = phi[k, i] / dt
+                number[N_FORCE + i] = dv[k, i] / dt
+            while fix_next < len(fix_time) and fix_time[fix_next] < begin:
+                fix_next += 1
+                number[N_DROPPED] += 1.0
+            first_fix = fix_next
+        bridges = 0
+        gap = begin - number[N_NOW]
+        if gap > 0.5 * dt + ROUNDING:
+            if gap <= par[P_MAX_GAP]:
+                bridges = ceil(gap / BRIDGE)
+                record(events, count, E_GAP, number[N_NOW], gap)
+            else:
+                record(events, count, E_GAP_RESTART, number[N_NOW], gap)
+                _carry_over(m, model, gap, keep)
+        if bridges > 0:
+            close_substep(m, model, keep)
+            number[N_GAP] = 1.0
+        rate0, rate1, rate2 = number[N_RATE], number[N_RATE + 1], number[N_RATE + 2]
+        force0, force1, force2 = number[N_FORCE], number[N_FORCE + 1], number[N_FORCE + 2]
+
+        for bridge in range(bridges + 1):
+            # Sensor errors off
+            if bridge < bridges:
+                # the mean of the motion before and after
+                d = gap / bridges
+                ux = 0.5 * (force0 + dv[k, 0] / dt) * d
+                uy = 0.5 * (force1 + dv[k, 1] / dt) * d
+                uz = 0.5 * (force2 + dv[k, 2] / dt) * d
+                px = 0.5 * (rate0 + phi[k, 0] / dt) * d
+                py = 0.5 * (rate1 + phi[k, 1] / dt) * d
+                pz = 0.5 * (rate2 + phi[k, 2] / dt) * d
+                now = number[N_NOW] + d
+            else:
+                if bridges > 0:
+                    close_substep(m, model, keep)
+                    number[N_GAP] = 0.0
+                d = dt
+                px, py, pz = phi[k, 0], phi[k, 1], phi[k, 2]
+                ux, uy, uz = dv[k, 0], dv[k, 1], dv[k, 2]
+                now = time[k]
+            e = m.sensors
+            px, py, pz, ux, uy, uz = remove_bias(
+                px,
+                py,
+                pz,
+                ux,
+                uy,
+                uz,
+                e[0] * d,
+                e[1] * d,
+                e[2] * d,
+                e[6] * d + e[3] / (1.0 + e[3]) * ux,
+                e[7] * d + e[4] / (1.0 + e[4]) * uy,
+                e[8] * d + e[5] / (1.0 + e[5]) * uz,
+            )
+            nav = m.nav
+            w = nav[Q_W]
+            x = nav[Q_W + 1]
+            y = nav[Q_W + 2]
+            z = nav[Q_W + 3]
+            c00 = w * w + x * x - y * y - z * z
+            c01 = 2.0 * (x * y - w * z)
+            c02 = 2.0 * (x * z + w * y)
+            c10 = 2.0 * (x * y + w * z)
+            c11 = w * w - x * x + y * y - z * z
+            c12 = 2.0 * (y * z - w * x)
+            c20 = 2.0 * (x * z - w * y)
+            c21 = 2.0 * (y * z + w * x)
+            c22 = w * w - x * x - y * y + z * z
+            mc = m.mean_c
+            mf = m.mean_cf
+            mc[0, 0] += d * c00
+            mc[0, 1] += d * c01
+            mc[0, 2] += d * c02
+            mc[1, 0] += d * c10
+            mc[1, 1] += d * c11
+            mc[1, 2] += d * c12
+            mc[2, 0] += d * c20
+            mc[2, 1] += d * c21
+            mc[2, 2] += d * c22
+            mf[0, 0] += ux * c00
+            mf[0, 1] += uy * c01
+            mf[0, 2] += uz * c02
+            mf[1, 0] += ux * c10
+            mf[1, 1] += uy * c11
+            mf[1, 2] += uz * c12
+            mf[2, 0] += ux * c20
+            mf[2, 1] += uy * c21
+            mf[2, 2] += uz * c22
+
+            lat0 = nav[LATITUDE]
+            lon0 = nav[LONGITUDE]
+            h0 = nav[HEIGHT]
+            vn0 = nav[V_NORTH]
+            ve0 = nav[V_NORTH + 1]
+            vd0 = nav[V_DOWN]
+            step(nav, px, py, pz, ux, uy, uz, d, 0.0, 0)
+            number[N_NOW] = now
+            if par[P_NETWORK] > 0.0:
+                dh, dw = propagate(
+                    m.channel,
+                    model.network,
+                    channel_events,
+                    now,
+                    d,
+                    nav[HEIGHT],
+                    -nav[V_DOWN],
+                    vd0 - nav[V_DOWN],
+                )
+                nav[HEIGHT] += dh
+                nav[V_DOWN] -= dw
+            share = par[P_BARO_DECAY] * d
+            m.channel[S_BARO_BIAS] *= 1.0 - share + 0.5 * share * share
+            inverse = 1.0 / d
+            rate_x, rate_y, rate_z = px * inverse, py * inverse, pz * inverse
+
+            # Barometer
+            while baro_next < len(baro_time) and baro_time[baro_next] <= now:
+                if par[P_NETWORK] > 0.0:
+                    row = _network_sample(
+                        m,
+                        model,
+                        stored,
+                        row,
+                        keep,
+                        baro_time[baro_next],
+                        baro_height[baro_next],
+                        baro_reason[baro_next],
+                        channel_events,
+                        events,
+                        count,
+                    )
+                if par[P_BARO_ROW] > 0.0:
+                    _collect(
+                        m, baro_time[baro_next], baro_height[baro_next], baro_reason[baro_next]
+                    )
+                baro_next += 1
+
+            # GNSS, and rows that are due
+            due = now - number[N_ROW_AT] >= par[P_ROW_INTERVAL] - ROUNDING
+            if fix_next < len(fix_time) and fix_time[fix_next] <= now:
+                due = due or now - number[N_ROW_AT] >= 0.5 * par[P_ROW_INTERVAL]
+                number[N_RATE] = rate_x
+                number[N_RATE + 1] = rate_y
+                number[N_RATE + 2] = rate_z
+            if due and par[P_BARO_ROW] > 0.0 and number[N_ROW_COUNT] > 0.0:
+                open_instant(m, model, stored, row, keep)
+                collected_baro_row(m, model, events, count)
+            if fix_next < len(fix_time) and fix_time[fix_next] <= now:
+                # The way of this update, feedback of earlier instants not included
+                turn = nav[LONGITUDE] - lon0
+                if turn > pi:
+                    turn -= 2.0 * pi
+                elif turn < -pi:
+                    turn += 2.0 * pi
+                moved[0] = (nav[LATITUDE] - lat0) * inverse
+                moved[1] = turn * inverse
+                moved[2] = (nav[HEIGHT] - h0) * inverse
+                moved[3] = (nav[V_NORTH] - vn0) * inverse
+                moved[4] = (nav[V_NORTH + 1] - ve0) * inverse
+                moved[5] = (nav[V_DOWN] - vd0) * inverse
+                while fix_next < len(fix_time) and fix_time[fix_next] <= now:
+                    gnss_epoch(
+                        m,
+                        model,
+                        stored,
+                        row,
+                        keep,
+                        fixes[fix_next],
+                        now - fix_time[fix_next],
+                        moved,
+                        withheld[fix_next] != 0.0,
+                        diagnoses[fix_next],
+                        events,
+                        count,
+                    )
+                    fix_next += 1
+            if due:
+                if par[P_CORRECTION_ROW] > 0.0:
+                    open_instant(m, model, stored, row, keep)
+                    correction_row(m, model)
+                number[N_ROW_AT] = now
+            row = close_instant(m, model, stored, row, keep)
+            if now - number[N_FROM] >= par[P_SUBSTEP] - ROUNDING:
+                close_substep(m, model, keep)
+
+        for i in range(3):
+            number[N_RATE + i] = phi[k, i] / dt
+            number[N_FORCE + i] = dv[k, i] / dt
+        number[N_UPDATES] += 1.0
+
+        if len(out) > 0:
+            line = out[k]
+            if par[P_CLOSED] == 0.0 or par[P_K4] != 0.0:
+                corrected(m.nav, m.x, line)
+            else:
+                for i in range(NAV_SIZE):
+                    line[i] = m.nav[i]
+            if par[P_NETWORK] > 0.0:
+                line[HEIGHT] = smooth_height(m.channel, now, line[HEIGHT])
+            line[O_RATE] = rate_x
+            line[O_RATE + 1] = rate_y
+            line[O_RATE + 2] = rate_z
+            # The increment is in the axes of the update's start: half a turn on, to its middle
+            line[O_FORCE] = inverse * (ux - 0.5 * (py * uz - pz * uy))
+            line[O_FORCE + 1] = inverse * (uy - 0.5 * (pz * ux - px * uz))
+            line[O_FORCE + 2] = inverse * (uz - 0.5 * (px * uy - py * ux))
+            line[O_CORRECTION] = m.channel[S_CORRECTION]
+            at = O_COVARIANCE
+            for block in range(3):
+                b = 3 * block
+                line[at] = m.p[b, b]
+                line[at + 1] = m.p[b, b + 1]
+                line[at + 2] = m.p[b, b + 2]
+                line[at + 3] = m.p[b + 1, b + 1]
+                line[at + 4] = m.p[b + 1, b + 2]
+                line[at + 5] = m.p[b + 2, b + 2]
+                at += 6
+    counts[1] = fix_next
+    counts[2] = baro_next
+    counts[3] = row
+    counts[4] = first_fix
+
+
+@numba.njit(cache=True, nogil=True)
+def _collect(m: Memory, stamp: float, height: float, reason: int) -> None:
+    """Keep the difference to a barometric height for the next row."""
+    number = m.numbers
+    if reason != ACCEPTED or not np.isfinite(height) or not stamp > number[N_ROW_STAMP]:
+        return
+    number[N_ROW_STAMP] = stamp
+    then = m.nav[HEIGHT] + m.nav[V_DOWN] * (number[N_NOW] - stamp)
+    used = height + m.channel[S_OFFSET] - m.channel[S_BARO_BIAS]
+    number[N_ROW_SUM] += then - used
+    number[N_ROW_TIMES] += stamp
+    number[N_ROW_COUNT] += 1.0
+
+
+@numba.njit(cache=True, nogil=True)
+def _network_sample(
+    m: Memory,
+    model: Model,
+    stored: Stored,
+    row: int,
+    keep: bool,
+    stamp: float,
+    height: float,
+    reason: int,
+    channel_events: FloatArray,
+    events: FloatArray,
+    count: IntArray,
+) -> int:
+    """A barometer sample for the damping network, and what it does to the errors."""
+    number = m.numbers
+    par = model.parameters
+    channel = m.channel
+    nav = m.nav
+    phase = int(channel[S_PHASE])
+    before = channel[S_CORRECTION]
+    now = number[N_NOW]
+    v_up = -nav[V_DOWN]
+    what, dh, dw = baro_sample(
+        channel,
+        model.network,
+        channel_events,
+        now,
+        nav[HEIGHT],
+        v_up,
+        stamp,
+        height,
+        reason,
+    )
+    if what == NOTHING:
+        return row
+    if what == RESTORED:
+        # The witness does not know of fixes: where some were used, their navigation stays.
+        close_substep(m, model, keep)
+        off = before - channel[S_CORRECTION]
+        record(events, count, E_BARO_FROZEN, now, dh)
+        if number[N_USED_AT] > channel[S_WITNESS_SINCE]:
+            channel_feedback(channel, now, -dh, -dw, off)
+        else:
+            nav[HEIGHT] += dh
+            nav[V_DOWN] -= dw
+        a = model.where[I_CORRECTION]
+        m.p[_D, _D] += dh * dh
+        m.p[_VD, _VD] += dw * dw
+        m.p[a, a] += off * off
+        begin_substep(m)
+        return row
+    if phase != ENGAGED:
+        # The channel would set the height to the barometer. The filter knows how good both are.
+        channel_feedback(channel, now, -dh, -dw, 0.0)
+        open_instant(m, model, stored, row, keep)
+        difference = channel[S_INNOVATION] - par[P_K4] * v_up
+        used = baro_difference(m, model, events, count, difference, 0.0, par[P_BARO_WHITE], 1)
+        if phase == COAST and used:
+            number[N_STEP] = dh
+            number[N_STEP_SET] = 1.0
+        return close_instant(m, model, stored, row, keep)
+
+    nav[HEIGHT] += dh
+    nav[V_DOWN] -= dw
+    known = par[P_K4] * v_up
+    if what == CORRECTED and channel[S_NOMINAL] < FAST_BARO and now > number[N_FROM]:
+        for i in range(3):
+            gain = channel[S_L1 + i]
+            number[N_GAIN + i] += gain
+            number[N_KNOWN + i] += gain * known
+        number[N_GAINS] += 1.0
+        return row
+    close_substep(m, model, keep)
+    if what == JUMPED:
+        # The jump is known as well as the mean of the differences that showed it.
+        b = model.where[I_BARO]
+        m.p[b, b] += (channel[S_SQUARE] + par[P_BARO_WHITE]) / JUMP_ROWS
+        record(events, count, E_BARO_JUMP, now, channel[S_OFFSET])
+    baro_correction(
+        model.where,
+        channel[S_L1],
+        channel[S_L2],
+        channel[S_L3],
+        known,
+        par[P_BARO_WHITE],
+        m.p,
+        m.x,
+        m.product,
+        m.half[0],
+    )
+    return row
+
+
+@numba.njit(cache=True, nogil=True)
+def _carry_over(m: Memory, model: Model, gap: float, keep: bool) -> None:
+    """Over a gap too long to bridge: straight on, and hardly anything is known after it."""
+    close_substep(m, model, keep)
+    number = m.numbers
+    par = model.parameters
+    nav = m.nav
+    rm, rn = radii(nav[LATITUDE], nav[HEIGHT])
+    begin_anew(m, model)
+    nav[LATITUDE] += gap * nav[V_NORTH] / rm
+    nav[LONGITUDE] += gap * nav[V_NORTH + 1] / (rn * cos(nav[LATITUDE]))
+    if nav[LONGITUDE] > pi:
+        nav[LONGITUDE] -= 2.0 * pi
+    elif nav[LONGITUDE] <= -pi:
+        nav[LONGITUDE] += 2.0 * pi
+    speed2 = nav[V_NORTH] ** 2 + nav[V_NORTH + 1] ** 2 + nav[V_DOWN] ** 2
+    force = par[P_GAP_ACCELERATION] ** 2
+    turn = min(par[P_GAP_RATE] ** 2 * gap, 1.0)
+    v2 = speed2 + force * gap
+    r2 = v2 * gap * gap
+    for i in range(3):
+        m.p[POSITION + i, POSITION + i] += r2
+        m.p[VELOCITY + i, VELOCITY + i] += v2
+        m.p[ATTITUDE + i, ATTITUDE + i] += turn
+    b = model.where[I_BARO]
+    if b >= 0:
+        m.p[b, b] += par[P_BARO_SIGMA] ** 2 if m.p[b, b] == 0.0 else 0.0
+    number[N_NOW] += gap
+    begin_substep(m)
+    number[N_ROW_SUM] = 0.0
+    number[N_ROW_TIMES] = 0.0
+    number[N_ROW_COUNT] = 0.0
