@@ -253,9 +253,17 @@ def _remarks(
                 " warm-up, or the base moved"
             )
         drift = float(np.hypot(a.quality["tilt_drift_north"], a.quality["tilt_drift_east"]))
-        if drift > max(SIGNIFICANT_TILT_DRIFT * a.quality["tilt_drift_sigma"], SMALLEST_TILT):
+        if drift > max(_sigmas(a) * a.quality["tilt_drift_sigma"], SMALLEST_TILT):
             notes.append(f"{where}: the base tilted by {drift / ARCSEC:.2f} arcsec meanwhile")
     return notes
+
+
+def _sigmas(a: WholeTurnAlignment) -> float:
+    """Sigmas of a drift that are as rare with these turns as the usual ones with many."""
+    turns = len(a.per_turn_heading)
+    if turns < 3:
+        return float("inf")
+    return float(special.stdtrit(turns - 2, special.ndtr(SIGNIFICANT_TILT_DRIFT)))
 
 
 def _has_trend(a: WholeTurnAlignment) -> bool:
