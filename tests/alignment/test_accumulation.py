@@ -1,5 +1,6 @@
 import numpy as np
 import pytest
+from scipy.integrate import solve_ivp
 
 from sinstool import rotation
 from sinstool.alignment.accumulation import (
@@ -150,6 +151,34 @@ def test_coning_and_sculling():
     assert np.abs(error).max() < 0.03 * cone / 5.0  # 7e-2 rad in all without the coning term
     alpha = rotation.rotate(start, rows.alpha)
     assert np.abs(alpha - force * (asked * 1e-9)[:, None]).max() < 0.02
+
+
+def test_inside_an_interval_rate_and_force_are_linear():
+    # Rate and force linear in time: increments of parts are exact, and so is coning within.
+    a, b = np.array([0.4, -0.2, 0.3]), np.array([1.0, 4.0, -6.0])
+    f, g = np.array([3.0, -9.0, 20.0]), np.array([-50.0, 30.0, 80.0])
+
+    def equation(t, x):
+        force = rotation.rotate(x[:4], f + g * t)
+        return np.concatenate(
+            [0.5 * rotation.multiply(x[:4], np.concatenate([[0.0], a + b * t])), force]
+        )
+
+    time = np.arange(41) * 10_000_000
+    t = time[:, None] * 1e-9
+    theta = np.diff(a * t + 0.5 * b * t * t, axis=0, prepend=0.0)
+    velocity = np.diff(f * t + 0.5 * g * t * t, axis=0, prepend=0.0)
+    # Row 0 is history: over the interval before.
+    theta[0], velocity[0] = (0.01 * u - 0.5e-4 * v for u, v in ((a, b), (f, g)))
+    asked = np.arange(5, 395, 3) * 1_000_000
+    rows = accumulate(time, theta, velocity, asked, 0)
+    start = np.concatenate([[1.0, 0.0, 0.0, 0.0], np.zeros(3)])
+    true = solve_ivp(
+        equation, (0.0, 0.4), start, method="DOP853", t_eval=asked * 1e-9, rtol=1e-13, atol=1e-14
+    ).y.T
+    error = rotation.log(rotation.multiply(rotation.conjugate(true[:, :4]), rows.q))
+    assert np.abs(error).max() < 2e-8
+    assert np.abs(rows.alpha - true[:, 4:]).max() < 2e-6
 
 
 def test_antenna():
