@@ -267,8 +267,8 @@ def smooth_updates(
 
     def covariance(own: FloatArray, block: int) -> FloatArray:
         part = slice(block, block + 3)
-        c1 = smoothed.covariance[right][:, part, part]
-        c0 = smoothed.covariance[left][:, part, part]
+        blocks = smoothed.covariance[:, part, part]
+        c1, c0 = blocks[right], blocks[left]
         c0[span == 0] = smoothed.first_covariance[part, part]
         mixed = c0 + s[:, None, None] * (c1 - c0)
         return np.where(alone[:, None, None], own, mixed)
