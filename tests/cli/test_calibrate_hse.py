@@ -1,13 +1,20 @@
 """`calibrate-hse` on simulated rigs: what it finds, prints, writes and refuses."""
 
 import csv
+import importlib.util
 import json
 import re
+import tomllib
+from dataclasses import fields
+from pathlib import Path
 
 import numpy as np
 import pytest
 from hse_rigs import ARCSEC, SHORT, W, arcsec, calibrate, edited, one_line, simulate, sinstool
-from imulogs import even_times, imu_log, resting
+from imulogs import even_times, imu_log, read_topic, resting
+
+from sinstool.hse.calibration_file import HseCalibration
+from sinstool.hse.status import STATUSES
 
 LATITUDE = np.degrees(0.49)
 
@@ -487,3 +494,111 @@ def test_main_figure_alone(noisy, tmp_path):
         figure = tmp_path / f"figure{suffix}"
         calibrate([a, b], rig, tmp_path / f"{suffix}.json", "--report", figure)
         assert figure.read_bytes().startswith(begins)
+
+
+# -- documents and samples -------------------------------------------------------------------
+
+
+ROOT = Path(__file__).parents[2]
+DOCUMENT = ROOT / "docs" / "heading-sensitive-error.md"
+
+
+@pytest.fixture
+def somewhere(tmp_path, monkeypatch):
+    """A folder of its own from which the samples are found as the documents name them."""
+    (tmp_path / "sample_data").symlink_to(ROOT / "sample_data")
+    monkeypatch.chdir(tmp_path)
+    return tmp_path
+
+
+def expanded(words):
+    """Words with their patterns replaced, as a shell does."""
+    found = []
+    for word in words:
+        found += sorted(map(str, Path().glob(word))) if "*" in word else [word]
+    return found
+
+
+def number(word):
+    try:
+        return float(word.strip('",:()'))
+    except ValueError:
+        return None
+
+
+def assert_alike(told, printed):
+    """Words are the same, numbers nearly: last digits may differ on another machine."""
+    assert len(told.split("\n")) == len(printed.split("\n"))
+    for a, b in zip(told.split(), printed.split(), strict=True):
+        if number(a) is None or number(b) is None:
+            assert a == b
+        else:
+            assert number(b) == pytest.approx(number(a), rel=0.01, abs=2e-3)
+
+
+def test_guide_shows_what_is_printed(somewhere):
+    text = DOCUMENT.read_text()
+    shown = re.findall(r"```\nsinstool ([^\n]*)\n```\n\n```text\n(.*?)\n```", text, re.S)
+    assert len(shown) == 5
+    for command, told in shown:
+        status, out, _ = sinstool(*expanded(command.split()))
+        assert status == 0
+        assert_alike(told, out.rstrip())
+
+
+def test_guide_shows_what_the_paper_s_figures_come_to(capsys):
+    spec = importlib.util.spec_from_file_location("hse_paper", ROOT / "benchmarks/hse_paper.py")
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    module.main()
+    printed = capsys.readouterr().out
+    text = DOCUMENT.read_text().split("prints all of this:")[1]
+    assert_alike(text.split("```text\n")[1].split("\n```")[0], printed.rstrip())
+    for figure in ("1.6 sigma", "40.500 | 28.500", "0.033 | 0.455", "31.6 arcsec"):
+        assert figure in printed
+
+
+def test_guide_knows_every_status_and_key():
+    text = DOCUMENT.read_text()
+    for status in STATUSES:
+        assert f"| `{status}` |" in text
+    for key in [f.name for f in fields(HseCalibration)]:
+        assert f"`{key}`" in text
+
+
+def test_readme_s_command(somewhere):
+    text = (ROOT / "README.md").read_text()
+    line = text.split("<!-- hse -->\n```\n")[1].split("\n```")[0]
+    install, *commands = line.split("&& .venv/bin/sinstool ")
+    assert install.startswith("python3 -m venv .venv")
+    assert len(commands) == 2
+    for command in commands:
+        assert sinstool(*expanded(command.split()))[0] == 0
+    assert (somewhere / "b-200.attitude.mcap").stat().st_size > 100_000
+
+
+def test_samples_are_what_their_commands_make(somewhere, tmp_path):
+    text = (ROOT / "sample_data" / "README.md").read_text()
+    commands = re.findall(r"`sinstool (simulate hse-rig [^`]*)`", text)
+    assert len(commands) == 8
+    sizes = [p.stat().st_size for p in (ROOT / "sample_data" / "hse").iterdir()]
+    assert len(sizes) == 10 and sum(sizes) < 2.5e6
+    for command in (commands[1], commands[6]):
+        words = command.split()
+        kept = ROOT / words[3]
+        made, rig = tmp_path / kept.name, tmp_path / "rig.toml"
+        words[3] = str(made)
+        assert sinstool(*words, "--rig-out", rig)[0] == 0
+        for topic in ("/imu/data_raw", "/joint_states"):
+            for (t, a), (u, b) in zip(
+                read_topic(made, topic)[::50], read_topic(kept, topic)[::50], strict=True
+            ):
+                assert t == u
+                if topic == "/joint_states":
+                    assert a.position[0] == pytest.approx(b.position[0], abs=1e-12)
+                else:
+                    assert a.angular_velocity.y == pytest.approx(b.angular_velocity.y, abs=1e-12)
+                    value = b.linear_acceleration.y
+                    assert a.linear_acceleration.y == pytest.approx(value, abs=1e-12)
+        told = tomllib.loads(kept.with_name(f"rig-{kept.name[0]}.toml").read_text())["rig"]
+        assert tomllib.loads(rig.read_text())["rig"] == told
