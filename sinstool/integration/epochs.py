@@ -53,10 +53,7 @@ from sinstool.integration.layout import (
     N_RATE,
     N_REJECTED,
     N_RESTARTS,
-    N_ROW_COUNT,
     N_ROW_STREAK,
-    N_ROW_SUM,
-    N_ROW_TIMES,
     N_STEP,
     N_STEP_SET,
     N_UPDATES,
@@ -121,7 +118,9 @@ _VD = VELOCITY + 2
 _RATE = earth.EARTH_RATE
 
 LEAST_BARO_SIGMA = 0.05  # m, of a row: no barometer is free of noise
-JUMP_ROWS = 5  # rejected in a row, before the barometer's reference is said to have moved
+JUMP_ROWS = (
+    5  # baro differences rejected in a row, before the barometer's reference is said to have moved
+)
 FAR = 1000.0  # m between navigation and fixes, beyond which linear errors mean little
 FAR_ATTITUDE = pi / 180.0
 GAP_TIME = 1.0  # s, correlation time of what the motion may have been in a gap
@@ -413,27 +412,6 @@ def move_reference(m: Memory, model: Model, difference: float) -> None:
         m.p[j, b] = 0.0
     m.p[b, b] = model.parameters[P_BARO_SIGMA] ** 2 + m.p[_D, _D]
     m.numbers[N_BEGUN] = 1.0
-
-
-@numba.njit(cache=True, nogil=True)
-def collected_baro_row(m: Memory, model: Model, events: FloatArray, count: IntArray) -> None:
-    """Mean of the baro differences collected since the row before."""
-    number = m.numbers
-    many = number[N_ROW_COUNT]
-    age = number[N_NOW] - number[N_ROW_TIMES] / many
-    baro_difference(
-        m,
-        model,
-        events,
-        count,
-        number[N_ROW_SUM] / many,
-        age,
-        model.parameters[P_BARO_WHITE] / many,
-        JUMP_ROWS,
-    )
-    number[N_ROW_SUM] = 0.0
-    number[N_ROW_TIMES] = 0.0
-    number[N_ROW_COUNT] = 0.0
 
 
 @numba.njit(cache=True, nogil=True)

@@ -43,7 +43,6 @@ from sinstool.integration.epochs import (
     begin_substep,
     close_instant,
     close_substep,
-    collected_baro_row,
     corrected,
     correction_row,
     gnss_epoch,
@@ -55,6 +54,7 @@ from sinstool.integration.layout import (
     E_BARO_JUMP,
     E_GAP,
     E_GAP_RESTART,
+    N_BARO_AT,
     N_DROPPED,
     N_FORCE,
     N_FROM,
@@ -65,10 +65,10 @@ from sinstool.integration.layout import (
     N_NOW,
     N_RATE,
     N_ROW_AT,
-    N_ROW_COUNT,
-    N_ROW_STAMP,
-    N_ROW_SUM,
-    N_ROW_TIMES,
+    N_SAMPLE,
+    N_SAMPLE_AGE,
+    N_SAMPLE_DIFFERENCE,
+    N_SAMPLE_STAMP,
     N_STARTED,
     N_STEP,
     N_STEP_SET,
@@ -197,8 +197,9 @@ def run(
             number[N_STARTED] = 1.0
             number[N_NOW] = begin
             number[N_ROW_AT] = begin
+            number[N_BARO_AT] = begin
             number[N_USED_AT] = -np.inf
-            number[N_ROW_STAMP] = -np.inf
+            number[N_SAMPLE_STAMP] = -np.inf
             begin_substep(m)
             for i in range(3):
                 number[N_RATE + i] = phi[k, i] / dt
@@ -335,21 +336,33 @@ def run(
                         count,
                     )
                 if par[P_BARO_ROW] > 0.0:
-                    _collect(
+                    _difference(
                         m, baro_time[baro_next], baro_height[baro_next], baro_reason[baro_next]
                     )
                 baro_next += 1
 
-            # GNSS, and rows that are due
-            due = now - number[N_ROW_AT] >= par[P_ROW_INTERVAL] - ROUNDING
+            # GNSS, and what is measured besides where it is due: with a fix rather than alone
+            wait = par[P_ROW_INTERVAL] - ROUNDING
             if fix_next < len(fix_time) and fix_time[fix_next] <= now:
-                due = due or now - number[N_ROW_AT] >= 0.5 * par[P_ROW_INTERVAL]
+                wait *= 0.5
                 number[N_RATE] = rate_x
                 number[N_RATE + 1] = rate_y
                 number[N_RATE + 2] = rate_z
-            if due and par[P_BARO_ROW] > 0.0 and number[N_ROW_COUNT] > 0.0:
-                open_instant(m, model, stored, row, keep)
-                collected_baro_row(m, model, events, count)
+            if number[N_SAMPLE] > 0.0:
+                number[N_SAMPLE] = 0.0
+                if now - number[N_BARO_AT] >= wait:
+                    number[N_BARO_AT] = now
+                    open_instant(m, model, stored, row, keep)
+                    baro_difference(
+                        m,
+                        model,
+                        events,
+                        count,
+                        number[N_SAMPLE_DIFFERENCE],
+                        number[N_SAMPLE_AGE],
+                        par[P_BARO_WHITE],
+                        JUMP_ROWS,
+                    )
             if fix_next < len(fix_time) and fix_time[fix_next] <= now:
                 # The way of this update, feedback of earlier instants not included
                 turn = nav[LONGITUDE] - lon0
@@ -379,11 +392,10 @@ def run(
                         count,
                     )
                     fix_next += 1
-            if due:
-                if par[P_CORRECTION_ROW] > 0.0:
-                    open_instant(m, model, stored, row, keep)
-                    correction_row(m, model)
+            if par[P_CORRECTION_ROW] > 0.0 and now - number[N_ROW_AT] >= wait:
                 number[N_ROW_AT] = now
+                open_instant(m, model, stored, row, keep)
+                correction_row(m, model)
             row = close_instant(m, model, stored, row, keep)
             if now - number[N_FROM] >= par[P_SUBSTEP] - ROUNDING:
                 close_substep(m, model, keep)
@@ -427,17 +439,17 @@ def run(
 
 
 @numba.njit(cache=True, nogil=True)
-def _collect(m: Memory, stamp: float, height: float, reason: int) -> None:
-    """Keep the difference to a barometric height for the next row."""
+def _difference(m: Memory, stamp: float, height: float, reason: int) -> None:
+    """Compare height and barometric height; of several samples within an update, the last."""
     number = m.numbers
-    if reason != ACCEPTED or not np.isfinite(height) or not stamp > number[N_ROW_STAMP]:
+    if reason != ACCEPTED or not np.isfinite(height) or not stamp > number[N_SAMPLE_STAMP]:
         return
-    number[N_ROW_STAMP] = stamp
-    then = m.nav[HEIGHT] + m.nav[V_DOWN] * (number[N_NOW] - stamp)
+    age = number[N_NOW] - stamp
     used = height + m.channel[S_OFFSET] - m.channel[S_BARO_BIAS]
-    number[N_ROW_SUM] += then - used
-    number[N_ROW_TIMES] += stamp
-    number[N_ROW_COUNT] += 1.0
+    number[N_SAMPLE] = 1.0
+    number[N_SAMPLE_STAMP] = stamp
+    number[N_SAMPLE_AGE] = age
+    number[N_SAMPLE_DIFFERENCE] = m.nav[HEIGHT] + m.nav[V_DOWN] * age - used
 
 
 @numba.njit(cache=True, nogil=True)
@@ -563,6 +575,3 @@ def _carry_over(m: Memory, model: Model, gap: float, keep: bool) -> None:
         m.p[b, b] += par[P_BARO_SIGMA] ** 2 if m.p[b, b] == 0.0 else 0.0
     number[N_NOW] += gap
     begin_substep(m)
-    number[N_ROW_SUM] = 0.0
-    number[N_ROW_TIMES] = 0.0
-    number[N_ROW_COUNT] = 0.0
