@@ -10,10 +10,15 @@ from pathlib import Path
 from typing import Any
 
 from sinstool.config import ProcessConfig
+from sinstool.errors import AlignmentError, TopicError
 from sinstool.modes.attitude import run_attitude
 from sinstool.modes.common import Progress, share
 from sinstool.modes.ins import run_ins
+from sinstool.modes.ins_gnss import run_ins_gnss
 from sinstool.readers import open_log
+from sinstool.readers.log import Log
+from sinstool.readers.streams import FIX_TYPE, VELOCITY_TYPES
+from sinstool.readers.topics import choose_optional
 from sinstool.result import Result
 from sinstool.rig_run import rig_run
 
@@ -46,6 +51,10 @@ def process(
     with open_log(path, config.input.salvage) as log, Result(log, output, config) as result:
         if config.hse.hse is not None:
             told = rig_run(log, config, result, share(progress, log.size, 0.0, 1.0))
+        elif config.navigation.mode == "ins-gnss":
+            told = run_ins_gnss(log, config, result, progress)
+        elif config.navigation.mode == "auto" and has_gnss(log, config):
+            told = _best(log, config, result, progress)
         elif config.navigation.mode == "ins":
             told = run_ins(log, config, result, progress)
         else:
@@ -53,3 +62,29 @@ def process(
     if progress:
         progress(1.0)
     return told
+
+
+def has_gnss(log: Log, config: ProcessConfig) -> bool:
+    """Whether a log has one topic with fixes and one with velocity."""
+    told = config.input
+    try:
+        return bool(
+            choose_optional(log, "--gnss-topic", told.gnss_topic, FIX_TYPE)
+            and choose_optional(log, "--velocity-topic", told.velocity_topic, *VELOCITY_TYPES)
+        )
+    except TopicError:
+        return False
+
+
+def _best(
+    log: Log, config: ProcessConfig, result: Result, progress: Progress | None
+) -> dict[str, Any]:
+    """INS/GNSS where a start can be found; attitude alone, and why, where it cannot."""
+    try:
+        return run_ins_gnss(log, config, result, progress)
+    except (AlignmentError, TopicError) as exc:
+        if result.opened:
+            raise
+        told = run_attitude(log, config, result, progress)
+        told["warnings"].append(f"attitude alone, as no INS/GNSS solution can be started: {exc}")
+        return told

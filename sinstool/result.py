@@ -42,6 +42,8 @@ class Result:
     ----------
     last : Solution or None
         The block that was pushed last.
+    opened : bool
+        Writing has begun.
 
     Raises
     ------
@@ -55,6 +57,7 @@ class Result:
         self.output = output
         self.config = config
         self.last: Solution | None = None
+        self.opened = False
         self._stack = ExitStack()
         pool = ThreadPoolExecutor(1, thread_name_prefix="sinstool-hash")
         self._stack.enter_context(pool)
@@ -92,6 +95,7 @@ class Result:
         frames : Frames
         diagnostic_names : sequence of str, optional
         """
+        self.opened = True
         told = self.config.output
         if told.only_results:
             encoding = "cdr"

@@ -15,7 +15,16 @@ from sinstool.cli.options import config_options, effective_config, print_config
 @click.argument("log", type=click.Path(path_type=Path), required=False)
 @click.option("-o", "--output", type=click.Path(path_type=Path), help="MCAP file to write")
 @config_options(
-    "input", "coning", "align", "gnss", "in_flight", "navigation", "vertical", "hse", "output"
+    "input",
+    "coning",
+    "align",
+    "gnss",
+    "in_flight",
+    "navigation",
+    "filter",
+    "vertical",
+    "hse",
+    "output",
 )
 @click.option("--print-config", "show", is_flag=True, help="print the configuration and stop")
 @click.option("--json", "as_json", is_flag=True, help="one JSON object on stdout")

@@ -6,6 +6,7 @@ in the file; the command line generates its options from these models, so the tw
 
 from sinstool.config.align import AlignOptions, GnssOptions, InFlightOptions
 from sinstool.config.coning import ConingOptions
+from sinstool.config.filter import FilterOptions
 from sinstool.config.group import Group
 from sinstool.config.input import InputOptions
 from sinstool.config.load import build, dump_toml, load_toml
@@ -20,6 +21,7 @@ __all__ = [
     "AlignOptions",
     "CalibrationOptions",
     "ConingOptions",
+    "FilterOptions",
     "GnssOptions",
     "Group",
     "HeightOptions",

@@ -119,9 +119,7 @@ class InFlightOptions(Group):
     sigma_stop: float | None = Field(
         None, gt=0, description="stop as soon as the worst sigma is below this, deg"
     )
-    sigma_bg: float | None = Field(
-        None, gt=0, description="gyro bias, deg/h, instead of grade's"
-    )
+    sigma_bg: float | None = Field(None, gt=0, description="gyro bias, deg/h, instead of grade's")
     sigma_ba: float | None = Field(
         None, gt=0, description="accelerometer bias, m/s^2, instead of the grade's"
     )

@@ -13,10 +13,11 @@ from sinstool.errors import ConfigurationError
 class NavigationOptions(Group):
     """What is computed, and from where it starts."""
 
-    mode: Literal["auto", "attitude", "ins"] = Field(
+    mode: Literal["auto", "attitude", "ins", "ins-gnss"] = Field(
         "auto",
-        description="what is computed: attitude; or attitude, velocity and position from inertial"
-        " data alone (ins); auto is attitude",
+        description="what is computed: attitude; or attitude, velocity and position, from inertial"
+        " data alone (ins) or with GNSS (ins-gnss); auto is ins-gnss where the log has fixes and"
+        " velocity, else attitude",
     )
     initial_velocity: tuple[float, float, float] | None = Field(
         None,

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from sinstool.config.align import AlignOptions, GnssOptions, InFlightOptions
 from sinstool.config.coning import ConingOptions, check_coning
+from sinstool.config.filter import FilterOptions
 from sinstool.config.group import Group
 from sinstool.config.input import InputOptions
 from sinstool.config.navigation import HeightOptions, NavigationOptions
@@ -25,6 +26,7 @@ class ProcessConfig(Group):
     in_flight: InFlightOptions = InFlightOptions()
     navigation: NavigationOptions = NavigationOptions()
     vertical: HeightOptions = HeightOptions()
+    filter: FilterOptions = FilterOptions()
     hse: HseOptions = HseOptions()
     rig: RigTable | None = None
     calibration: CalibrationOptions = CalibrationOptions()

@@ -418,6 +418,18 @@ initial_velocity = [1, 2, -3]
 imu_grade = "tactical"
 attitude_order = "4"
 
+[filter]
+filter = "baro-24"
+feedback = "none"
+virtual_noise = "off"
+adaptive = "innovation"
+schmidt_epsilon = 0.05
+restart_after = 30
+smooth = true
+withhold_gnss = ["10:20", "30:40.5"]
+gnss_sigma = 3
+gnss_noise_scale = 2
+
 [vertical]
 height_damping = "baro"
 height_preset = "paper"

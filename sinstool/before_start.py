@@ -1,0 +1,116 @@
+"""What came before a filter's start: its state carried back over the samples by themselves."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from sinstool.config import ProcessConfig
+from sinstool.filter_start import Prepared
+from sinstool.segment_increments import SegmentIncrements
+from sinstool.source import Source
+from sinstool.strapdown.backward import navigate_backward
+from sinstool.strapdown.navigation import (
+    HEIGHT,
+    LATITUDE,
+    LONGITUDE,
+    Q_W,
+    Q_Z,
+    SIZE,
+    V_DOWN,
+    V_NORTH,
+)
+from sinstool.streams import Imu, Solution, concatenate
+from sinstool.timeline import SECOND
+
+# Further back nothing useful is left of position.
+MAX_NS = 300 * SECOND
+GRAVITY = 9.8
+
+
+def before_start(source: Source, config: ProcessConfig, prepared: Prepared) -> Solution | None:
+    """Solutions at the samples up to, and at, the one at which a filter starts.
+
+    Parameters
+    ----------
+    source : Source
+    config : ProcessConfig
+    prepared : Prepared
+
+    Returns
+    -------
+    Solution or None
+        None where the log has no such samples. Samples before a gap, or more than five minutes
+        before the start, are left out. Covariances are those of the start, grown by what
+        sensors of the grade do meanwhile.
+    """
+    begin = prepared.beginning
+    first = max(source.survey.first_ns, begin.time_ns - MAX_NS)
+    steps = SegmentIncrements(source, config)
+    made: list[tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]] = []
+    samples: list[Imu] = []
+    heads: list[Imu] = []
+    for increments, imu, opening in steps.from_time(first, begin.time_ns):
+        if opening is not None:  # a segment begins: what was before the gap cannot be reached
+            made, samples, heads = [], [], [opening]
+        keep = increments.time_ns <= begin.time_ns
+        made.append(
+            (
+                increments.rotation_vector[keep],
+                increments.velocity_increment[keep],
+                increments.interval[keep],
+                increments.time_ns[keep],
+            )
+        )
+        samples.append(imu.rows(keep))
+    if not heads or not made or int(heads[0].time_ns[0]) > begin.time_ns:
+        return None
+    phi, dv, dt, ends = (np.concatenate(column) for column in zip(*made, strict=True))
+    if len(ends) and int(ends[-1]) != begin.time_ns:
+        return None  # the start is no end of an update
+    start = begin.start
+    rows = np.empty((len(dt) + 1, SIZE))
+    rows[-1] = start.nav
+    state = start.nav.copy()
+    navigate_backward(
+        state,
+        np.ascontiguousarray(phi - start.gyro_bias * dt[:, None]),
+        np.ascontiguousarray(dv - start.accel_bias * dt[:, None]),
+        np.ascontiguousarray(dt),
+        rows[:-1],
+    )
+    imu = concatenate([heads[0], *samples])
+    seconds = (begin.time_ns - imu.time_ns) / SECOND
+    position, velocity, attitude = _grown(prepared, seconds)
+    vertical = None
+    if prepared.reference is not None:
+        vertical = np.stack([rows[:, HEIGHT], -rows[:, V_DOWN], np.zeros(len(rows))], axis=1)
+    return Solution(
+        imu.time_ns,
+        imu.log_time_ns,
+        rows[:, Q_W : Q_Z + 1],
+        imu.gyro - start.gyro_bias,
+        imu.accel - start.accel_bias,
+        np.stack([rows[:, LATITUDE], rows[:, LONGITUDE], rows[:, HEIGHT]], axis=1),
+        rows[:, V_NORTH : V_DOWN + 1],
+        vertical,
+        position,
+        velocity,
+        attitude,
+    )
+
+
+def _grown(prepared: Prepared, seconds: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Covariances so long before the start: biases and walks of the grade, tilt times gravity."""
+    start, noise = prepared.beginning.start, prepared.settings.imu
+    t = seconds[:, None, None]
+    eye = np.eye(3)
+    gyro = noise.gyro_bias if start.gyro_bias_sigma is None else start.gyro_bias_sigma
+    accel = noise.accel_bias if start.accel_bias_sigma is None else start.accel_bias_sigma
+    walk = noise.angle_random_walk**2 * t + (gyro * t) ** 2
+    attitude = start.covariance_attitude_n + walk * eye
+    tilt = float(np.max(np.diag(start.covariance_attitude_n)[:2]))
+    wrong = accel**2 + GRAVITY**2 * (tilt + walk)
+    velocity = start.covariance_velocity_n + wrong * t**2 * eye
+    speed = float(np.max(np.diag(start.covariance_velocity_n)))
+    position = start.covariance_position_n + (speed * t**2 + 0.25 * wrong * t**4) * eye
+    return position, velocity, attitude

@@ -1,0 +1,112 @@
+"""`--mode ins-gnss`: inertial navigation corrected by GNSS, filtered or smoothed."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from sinstool import summary
+from sinstool.config import ProcessConfig
+from sinstool.errors import AlignmentError
+from sinstool.filter_run import DIAGNOSTIC_NAMES, FilterRun
+from sinstool.filter_start import Prepared, prepare_filter
+from sinstool.modes.common import Progress, share
+from sinstool.readers.log import Log
+from sinstool.readers.streams import frame_id
+from sinstool.result import Result, choose_emits
+from sinstool.rotation import to_euler
+from sinstool.source import prepare
+from sinstool.units import DEGREE
+from sinstool.writers.topics import Frames
+
+
+def run_ins_gnss(
+    log: Log, config: ProcessConfig, result: Result, progress: Progress | None
+) -> dict[str, Any]:
+    """INS/GNSS integration.
+
+    Parameters
+    ----------
+    log : Log
+    config : ProcessConfig
+    result : Result
+    progress : callable, optional
+        Called with the fraction done.
+
+    Returns
+    -------
+    dict
+        The summary.
+
+    Raises
+    ------
+    SinstoolError
+    """
+    source = prepare(log, config, share(progress, log.size, 0.0, 0.4), whole_gnss=True)
+    prepared = prepare_filter(source, config)
+    body = frame_id(log, source.topic.channels, source.topic.path) or "imu_link"
+    known = ["imu", "attitude", "odometry", "fix", "tf", "diagnostics"]
+    if prepared.reference is not None:
+        known.append("height")
+    emits, left_out = choose_emits(log, config, known, body)
+    nav = prepared.beginning.start.nav
+    frames = Frames(
+        config.output.world,
+        "map",
+        body,
+        config.input.body_axes,
+        (float(nav[0]), float(nav[1]), float(nav[2])),
+    )
+    result.open(source.topic.channels[0].message_encoding, emits, frames, DIAGNOSTIC_NAMES)
+    run = FilterRun(source, config, prepared)
+    for solution in run.solutions(share(progress, log.size, 0.4, 0.5)):
+        result.push(solution)
+        for diagnostics in run.new_diagnostics():
+            result.note(diagnostics)
+    told = result.finish()
+    if result.last is None:
+        raise AlignmentError(
+            f"{log.path}: not one Imu sample lies after the filter's start",
+            "check --start and --end, and the clocks of Imu and GNSS",
+        )
+    if progress is not None:
+        progress(1.0)
+    return {
+        **told,
+        "imu": summary.imu(source),
+        "alignment": _alignment(prepared),
+        "coning": summary.coning(run.algorithm, config.input.gyro_kind, run.updates),
+        "hse": None,
+        "height": run.height(result.last),
+        "filter": run.summary(),
+        "final": summary.final(result.last, source),
+        "lost": summary.lost(source),
+        "warnings": [
+            *source.warnings,
+            *prepared.warnings,
+            *prepared.beginning.warnings,
+            *left_out,
+            *run.warnings(),
+        ],
+    }
+
+
+def _alignment(prepared: Prepared) -> dict[str, Any]:
+    """``alignment`` of the summary: the filter's start."""
+    start = prepared.beginning.start
+    roll, pitch, heading = (float(v) for v in to_euler(start.nav[6:10]) / DEGREE)
+    sigma = np.sqrt(np.diag(start.covariance_attitude_n)) / DEGREE
+    return {
+        "method": "filter-start",
+        "how": prepared.beginning.how,
+        "time_ns": str(prepared.beginning.time_ns),
+        "roll_deg": roll,
+        "pitch_deg": pitch,
+        "heading_deg": heading,
+        "sigma_deg": sigma.tolist(),
+        "status": "ok" if sigma[2] < 5.0 else "degraded",
+        "north_referenced": True,
+        "gyro_bias_rad_s": start.gyro_bias.tolist(),
+        "gyro_bias_source": "start",
+    }
