@@ -242,8 +242,15 @@ def nothing_to_use(turns: RigTurns, path: Path, rules: SegmentRules) -> Sinstool
         still.exit_code = status.EXIT_INSUFFICIENT
         return still
     longest = max((s.turns for s in rejected), default=0.0)
+    reasons = [f"{max(s.start_s, 0.0):.1f} s: {s.reason}" for s in rejected if s.turns >= 1.0][:3]
+    if longest >= rules.min_turns:
+        unfit = AlignmentError(
+            f"{path}: no stretch at constant rate will do ({'; '.join(reasons)})",
+            "record longer, or look at --settle, --min-duration and --skip-warmup",
+        )
+        unfit.exit_code = status.EXIT_INSUFFICIENT
+        return unfit
     finding = status.no_whole_turn(str(path), longest, rules.min_turns)
-    reasons = [f"{s.start_s:.1f} s: {s.reason}" for s in rejected if s.turns >= 1.0][:3]
     why = f" ({'; '.join(reasons)})" if reasons else ""
     error = AlignmentError(finding.message + why, finding.hint)
     error.exit_code = finding.exit_code

@@ -180,6 +180,14 @@ def test_without_a_rig(calibrated, tmp_path):
     assert "[rig]" in one_line(err)
 
 
+def test_modes_of_a_vehicle_are_refused(calibrated, tmp_path):
+    hse, _, (log, rig) = calibrated
+    status, _, err, out = process(tmp_path, log, rig, hse, "--mode", "ins")
+    assert status == 2
+    assert "--mode ins does not go with --hse" in one_line(err)
+    assert not out.exists()
+
+
 def test_nothing_to_align_on(calibrated, tmp_path):
     hse, _, (log, rig) = calibrated
     short = edited(rig, "long", calibration={"min_turns": 50})

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from math import isfinite
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -84,7 +85,8 @@ def command(
     """
     config = effective_config(config_file, given)
     if show:
-        print_config(config, "coning", "align", "navigation", "hse")
+        told = ("input", "calibration", "output", "rig")
+        print_config(config, *(name for name in type(config).model_fields if name not in told))
         return 0
     if plan:
         return _plan(config, rates, repeats, lean, arw, latitude, as_json)
@@ -211,6 +213,9 @@ def _plan(
     from sinstool.hse.design import Design, predict
     from sinstool.hse.rig import from_table
 
+    for flag, value in (("--latitude", latitude), ("--arw", arw)):
+        if value is not None and not isfinite(value):
+            raise click.UsageError(f"{flag} is {value}, not a number")
     if latitude is None:
         if config.rig is None:
             raise click.UsageError("give --latitude, or a rig with --config")
@@ -248,6 +253,9 @@ def _plan(
 
 def _numbers(flag: str, words: Any) -> tuple[float, ...]:
     try:
-        return tuple(float(word) for word in words)
+        numbers = tuple(float(word) for word in words)
     except ValueError:
-        raise click.UsageError(f"{flag}: {','.join(words)} are not numbers") from None
+        numbers = (float("nan"),)
+    if not all(map(isfinite, numbers)):
+        raise click.UsageError(f"{flag}: {','.join(words)} are not numbers")
+    return numbers

@@ -14,6 +14,8 @@ from sinstool.errors import OutputError
 ARCSEC = 3.141592653589793 / 180.0 / 3600.0
 DEGREE = 3.141592653589793 / 180.0
 JOINT = "table"
+NOISE = ("arw", "gyro_bias", "gyro_drift", "gyro_quantum", "accel_bias", "vrw", "encoder_lsb")
+LARGEST_LEAN = 0.5
 
 
 @click.command("hse-rig")
@@ -105,11 +107,7 @@ def _simulate(told: dict[str, Any]) -> tuple[Any, dict[str, str]]:
         rates = [float(word) * DEGREE for word in told["rates"]]
     except ValueError:
         raise click.UsageError(f"--rates: {','.join(told['rates'])} are not numbers") from None
-    for name in ("plateau", "rate", "encoder_rate"):
-        if not 0.0 < told[name] <= 1e6:
-            raise click.UsageError(f"--{name.replace('_', '-')} is {told[name]}, not above 0")
-    if not abs(told["latitude"]) <= 90.0:
-        raise click.UsageError(f"--latitude is {told['latitude']}, not from -90 to 90")
+    _check(told, rates)
     random = np.random.default_rng([told["seed"], 1])
     micro_g = 9.80665e-6
     degree_per_hour = DEGREE / 3600.0
@@ -141,11 +139,38 @@ def _simulate(told: dict[str, Any]) -> tuple[Any, dict[str, str]]:
         ripple=told["ripple"],
         base_drift_n=tuple(v * ARCSEC / length for v in told["base_drift"]),
     )
-    log = hse_rig([(r, told["plateau"]) for r in rates], setup, errors, seed=told["seed"])
+    try:
+        log = hse_rig([(r, told["plateau"]) for r in rates], setup, errors, seed=told["seed"])
+    except ValueError as exc:
+        raise click.UsageError(str(exc)) from exc
     kept = {k: v for k, v in told.items() if k not in ("overwrite", "as_json", "verbose")}
     settings = {"scenario": "hse-rig", **{k: str(v) for k, v in kept.items()}}
     settings["lambda2_arcsec"] = repr(log.truth.lambda2 / ARCSEC)
     return log, settings
+
+
+def _check(told: dict[str, Any], rates: list[float]) -> None:
+    """Refuse what no rig can be, before anything is computed."""
+    import numpy as np
+
+    def flag(name: str) -> str:
+        return f"--{name.replace('_', '-')} is {told[name]}"
+
+    if not rates or not np.isfinite(rates).all():
+        raise click.UsageError(f"--rates: {','.join(told['rates'])} are not numbers")
+    for name, value in told.items():
+        if isinstance(value, float | tuple) and name != "rates" and not np.isfinite(value).all():
+            raise click.UsageError(f"{flag(name)}, not a finite number")
+    for name in ("plateau", "rate", "encoder_rate"):
+        if not 0.0 < told[name] <= 1e6:
+            raise click.UsageError(f"{flag(name)}, not above 0")
+    for name in NOISE:
+        if told[name] < 0.0:
+            raise click.UsageError(f"{flag(name)}, below 0")
+    if not abs(told["latitude"]) <= 90.0:
+        raise click.UsageError(f"{flag('latitude')}, not from -90 to 90")
+    if not np.hypot(told["tilt_north"], told["tilt_east"]) < LARGEST_LEAN:
+        raise click.UsageError(f"the axis leans by more than {LARGEST_LEAN} rad")
 
 
 def lean(heading: float, north: float, east: float) -> tuple[float, float]:

@@ -238,6 +238,11 @@ def test_no_whole_turn(paper, tmp_path):
     assert not output.exists()
 
 
+def test_stretches_that_settle_for_too_long(paper, tmp_path):
+    said = refused(tmp_path, paper[0], "--config", paper[1], "--settle", "50", status=3)
+    assert "no stretch at constant rate will do (0.0 s: lasts 0.0 s after settling" in said
+
+
 def test_log_without_whole_turns_is_left_out_and_told(both, tmp_path):
     a, b, rig = both
     short, _ = simulate(tmp_path, "short", rates="20", plateau=12)
@@ -415,6 +420,8 @@ def test_plan(paper):
     for wrong, message in (
         (("--rates", "fast"), "--rates: fast are not numbers"),
         (("--lean", "much"), "--lean: much are not numbers"),
+        (("--lean", "8e-4,nan"), "--lean: 8e-4,nan are not numbers"),
+        (("--arw", "inf"), "--arw is inf"),
         (("--rates", "20"), "no slope to be had"),
         (("--repeats", "0"), "no repeats"),
         (("--arw", "0"), "random walk of the gyro is not positive"),
@@ -434,6 +441,7 @@ def test_print_config_can_be_fed_back(paper, tmp_path):
     again.write_text(out)
     assert sinstool("calibrate-hse", "--config", again, "--print-config")[1] == out
     assert 'method = "axial"' in out
+    assert set(tomllib.loads(out)) == {"input", "calibration", "output", "rig"}
 
 
 def test_summary_says_what_counts(noisy, tmp_path):
