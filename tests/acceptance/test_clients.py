@@ -100,7 +100,7 @@ def case(request, tmp_path_factory):
         if not log.exists():
             pytest.skip(f"no real logs here ({request.param} is looked for in ../shared/data)")
     output = folder / "out.mcap"
-    summary = process(log, output, ProcessConfig())
+    summary = process(log, output, ProcessConfig(navigation={"mode": "attitude"}))
     ros = 1 if log.suffix == ".bag" or "ros1" in request.param else 2
     return Case(log, output, summary, ros, request.param in MADE)
 
