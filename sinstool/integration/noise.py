@@ -80,18 +80,20 @@ class ImuNoise:
             )
 
 
-# Data sheets of the better half of each grade; biases after warming up. Instabilities of the
-# MEMS grade include what vibration and temperature add.
+# Tactical and navigation grade: data sheets; biases after warming up. MEMS: a consumer's, in a
+# vehicle that shakes it. Its random walks are ten times and more those of a data sheet, for they
+# stand in for vibration, sampling and scale factors too: with the data sheet's a filter is too sure
+# of itself after seconds without fixes, and gates the first ones that come.
 IMU_GRADES: dict[str, ImuNoise] = {
     "mems": ImuNoise(
-        0.3 * _DEG_PER_ROOT_H,
-        150.0 * _UG,
+        3.0 * _DEG_PER_ROOT_H,
+        3000.0 * _UG,
         50.0 * _DEG_PER_H,
-        5.0 * _MG,
-        10.0 * _DEG_PER_H,
-        0.5 * _MG,
+        10.0 * _MG,
+        50.0 * _DEG_PER_H,
+        1.0 * _MG,
         100.0,
-        1e-3,
+        3e-3,
     ),
     "tactical": ImuNoise(
         0.05 * _DEG_PER_ROOT_H,
