@@ -1,1 +1,1 @@
-"""Where the vehicle points: at rest now, in flight to come."""
+"""Where the vehicle points: at rest, and in flight."""
