@@ -14,6 +14,7 @@ from hse_rigs import ARCSEC, SHORT, W, arcsec, calibrate, edited, one_line, simu
 from imulogs import even_times, imu_log, read_topic, resting
 
 from sinstool.hse.calibration_file import HseCalibration
+from sinstool.hse.rig import Rig
 from sinstool.hse.status import STATUSES
 
 LATITUDE = np.degrees(0.49)
@@ -572,6 +573,9 @@ def test_guide_knows_every_status_and_key():
         assert f"| `{status}` |" in text
     for key in [f.name for f in fields(HseCalibration)]:
         assert f"`{key}`" in text
+    table = Rig(np.eye(3), np.eye(3), latitude=0.5).to_table()
+    for key in (*table, *table["encoder"]):
+        assert f"`{key}`" in text or f"`[rig.{key}]`" in text
 
 
 def test_readme_s_command(somewhere):
