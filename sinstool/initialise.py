@@ -17,8 +17,9 @@ from sinstool.errors import AlignmentError
 from sinstool.height.network import Grade
 from sinstool.in_flight import Moving, align_moving, increments, sensor_errors
 from sinstool.readers.frames import turn_body
+from sinstool.readers.log import Log
 from sinstool.sensor_grade import sensor_grade
-from sinstool.source import Source
+from sinstool.source import Source, has_gnss
 from sinstool.timeline import SECOND
 from sinstool.units import DEGREE
 
@@ -26,9 +27,11 @@ from sinstool.units import DEGREE
 GYROCOMPASS_S = 30.0
 
 
-def needs_gnss(config: ProcessConfig) -> bool:
+def needs_gnss(log: Log, config: ProcessConfig) -> bool:
     """Whether alignment wants all of GNSS, not only where the log begins."""
-    return config.align.align in (*IN_FLIGHT, "auto")
+    if config.align.align == "auto":
+        return has_gnss(log, config.input)
+    return config.align.align in IN_FLIGHT
 
 
 def align(source: Source, config: ProcessConfig) -> Alignment:

@@ -12,8 +12,16 @@ from sinstool.config import InputOptions, ProcessConfig, parse_time
 from sinstool.errors import DataError, TopicError
 from sinstool.oddities import oddities
 from sinstool.readers.log import Log
-from sinstool.readers.streams import ImuUnits, Losses, first_fix, read_imu, reblock
-from sinstool.readers.topics import ImuTopic, choose_imu
+from sinstool.readers.streams import (
+    FIX_TYPE,
+    VELOCITY_TYPES,
+    ImuUnits,
+    Losses,
+    first_fix,
+    read_imu,
+    reblock,
+)
+from sinstool.readers.topics import ImuTopic, choose_imu, choose_optional
 from sinstool.streams import Imu
 from sinstool.survey import BLOCK_ROWS, Kept, Survey, survey, within
 from sinstool.timeline import Order, ordered
@@ -106,6 +114,17 @@ def prepare(
     position = _position(log, config, aiding)
     latitude = None if position[0] is None else position[0] * DEGREE
     return Source(log, topic, units, found, latitude, position, tuple(warnings), kept, aiding)
+
+
+def has_gnss(log: Log, options: InputOptions) -> bool:
+    """Whether a log has one topic with fixes and one with velocity."""
+    try:
+        return bool(
+            choose_optional(log, "--gnss-topic", options.gnss_topic, FIX_TYPE)
+            and choose_optional(log, "--velocity-topic", options.velocity_topic, *VELOCITY_TYPES)
+        )
+    except TopicError:
+        return False
 
 
 def imu_units(options: InputOptions) -> ImuUnits:
