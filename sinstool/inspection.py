@@ -16,7 +16,7 @@ from sinstool.readers import open_log
 from sinstool.readers.frames import turn_body
 from sinstool.readers.log import Log
 from sinstool.readers.topics import OWN_PREFIXES, ImuTopic, choose_imu, imu_candidates
-from sinstool.source import imu_units, time_span
+from sinstool.source import has_gnss, imu_units, time_span
 from sinstool.survey import Survey, survey
 
 MAX_SPANS = 20
@@ -97,7 +97,7 @@ def inspect(
             },
             "topics": [_topic(name, t) for name, t in sorted(traffic.items())],
             "imu": imus,
-            "process": _verdict(log, wanted, imus),
+            "process": _verdict(log, options, imus),
             "lost": list(log.lost),
         }
 
@@ -213,8 +213,9 @@ def _align(found: Survey) -> str:
     return "rough tilt from the first second; no gyro bias removed"
 
 
-def _verdict(log: Log, wanted: str | None, imus: list[dict[str, Any]]) -> dict[str, Any]:
+def _verdict(log: Log, options: InputOptions, imus: list[dict[str, Any]]) -> dict[str, Any]:
     """What `process` would take, or why it would refuse."""
+    wanted = options.imu_topic
     try:
         chosen = choose_imu(log, wanted)
     except TopicError as exc:
@@ -229,6 +230,7 @@ def _verdict(log: Log, wanted: str | None, imus: list[dict[str, Any]]) -> dict[s
     return {
         "possible": True,
         "imu_topic": chosen.topic,
+        "mode": "ins-gnss" if has_gnss(log, options) else "attitude",
         "align": found["align"],
         "why": chosen.note,
     }

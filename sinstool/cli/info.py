@@ -78,7 +78,11 @@ def _print(found: dict[str, Any], verbose: bool) -> None:
     click.echo("")
     if verdict["possible"]:
         note = f" ({verdict['why']})" if verdict["why"] else ""
-        click.echo(f"process would take {verdict['imu_topic']}{note}; align {verdict['align']}")
+        if verdict["mode"] == "ins-gnss":
+            how = "INS/GNSS where its start can be found, else attitude alone"
+        else:
+            how = f"attitude alone; align {verdict['align']}"
+        click.echo(f"process would take {verdict['imu_topic']}{note}; {how}")
     else:
         click.echo(f"process would refuse this log: {verdict['why']}")
 
