@@ -17,7 +17,22 @@ from sinstool.coning.algorithm import ConingAlgorithm
 from sinstool.coning.stage import ConingStage
 from sinstool.height import layout
 from sinstool.height.channel import baro_sample, propagate, smooth_height
-from sinstool.height.layout import EVENT_IMU_GAP, S_CORRECTION, S_EVENTS, ChannelSummary, Event
+from sinstool.height.layout import (
+    EVENT_IMU_GAP,
+    INIT,
+    P_K4,
+    P_START_SPEED,
+    P_START_TAU,
+    P_TAU,
+    S_CORRECTION,
+    S_EVENTS,
+    S_PHASE,
+    S_WAITING,
+    S_WITNESS_ON,
+    ChannelSummary,
+    Event,
+)
+from sinstool.height.vertical import MAX_GAP, MAX_HOLD, START_SPEED, START_TAU
 from sinstool.strapdown.navigation import (
     HEIGHT,
     LATITUDE,
@@ -35,8 +50,6 @@ from sinstool.streams import Imu, Solution, concatenate
 from sinstool.timeline import SECOND, mean_rates, segments
 from sinstool.vertical import HeightReference
 
-# Over a gap up to this the mean of what was measured on either side is integrated.
-MAX_HOLD_S = 0.5
 # Beyond these nothing on or near the Earth goes: an undamped channel has run away.
 MAX_HEIGHT_M = 1e6
 MAX_SPEED_M_S = 2e4
@@ -112,6 +125,7 @@ class InsRun:
         self.diverged_ns: int | None = None
         self._state = state.copy()
         self._channel = layout.new_state()
+        self._parameters = settings.parameters
         self._stage: IncrementStage | None = None
         self._held: Imu | None = None
         self._held_first = 0
@@ -205,20 +219,22 @@ class InsRun:
         """Bring the state over a gap.
 
         Over a short one the vehicle went on as on either side; over a long one it kept its
-        attitude and velocity.
+        attitude and velocity. After a very long one the vertical velocity is worth nothing, and
+        the vertical channel begins anew.
         """
         self.gaps_s += gap_s
         still = self.settings.still_until_ns
         if still is not None and int(imu.time_ns[0]) <= still:
             return
+        if self.diverged_ns is not None:
+            return
         s = self._state
-        if gap_s <= MAX_HOLD_S and self._last is not None:
+        before = float(s[V_DOWN])
+        if gap_s <= MAX_HOLD and self._last is not None:
             phi = 0.5 * (self._last[0] + imu.gyro[0]) * gap_s
             dv = 0.5 * (self._last[1] + imu.accel[0]) * gap_s
-            correction = float(self._channel[S_CORRECTION])
-            step(  # type: ignore[call-arg]
-                s, *phi.tolist(), *dv.tolist(), gap_s, correction, self.settings.order
-            )
+            step(s, *phi.tolist(), *dv.tolist(), gap_s, 0.0, self.settings.order)  # type: ignore[call-arg]
+            gained = before - float(s[V_DOWN])
         else:
             meridian, transverse = earth.radii_of_curvature(s[LATITUDE])
             north = float(s[V_NORTH]) * gap_s / (float(meridian) + s[HEIGHT])
@@ -226,11 +242,28 @@ class InsRun:
             across = (float(transverse) + s[HEIGHT]) * max(np.cos(s[LATITUDE]), 1e-9)
             longitude = s[LONGITUDE] + s[V_EAST] * gap_s / across
             s[LONGITUDE] = (longitude + np.pi) % (2.0 * np.pi) - np.pi
-            s[HEIGHT] -= s[V_DOWN] * gap_s
-        if self.settings.parameters is not None:
-            self.events.append(
-                Event(layout.EVENT_KINDS[EVENT_IMU_GAP], self._time + gap_s, gap_s, 0.0)
-            )
+            s[HEIGHT] -= before * gap_s
+            # the correction, which the channel is about to take off, is no motion either
+            gained = float(self._channel[S_CORRECTION]) * gap_s
+            s[HEIGHT] += 0.5 * gained * gap_s
+            s[V_DOWN] -= gained
+        if self._parameters is None:
+            return
+        time = self._time + gap_s
+        self.events.append(Event(layout.EVENT_KINDS[EVENT_IMU_GAP], time, gap_s, 0.0))
+        events = layout.new_events(0)
+        self._channel[S_EVENTS] = 0.0
+        dh, dv_up = propagate(
+            self._channel, self._parameters, events, time, gap_s, s[HEIGHT], -s[V_DOWN], gained
+        )
+        s[HEIGHT] += dh
+        s[V_DOWN] -= dv_up
+        self.events += layout.read_events(events[: int(self._channel[S_EVENTS])])
+        if gap_s > MAX_GAP:
+            self._channel[S_PHASE] = INIT
+            self._channel[S_WAITING] = 0.0
+            self._channel[S_WITNESS_ON] = 0.0
+            self._parameters = beginning_quickly(self._parameters)
 
     def _times(self, imu: Imu) -> np.ndarray:
         times = imu.time_ns
@@ -246,32 +279,34 @@ class InsRun:
         if not len(increments.sample):
             return
         assert self._held is not None
+        rows = increments.sample - self._held_first
+        done = int(rows[-1]) + 1
+        taken = self._held.rows(rows)
+        # Heights go by the stamps, also where a rate is believed that runs ahead of them.
+        time_ns = taken.time_ns
         out = np.empty((len(increments.sample), SIZE + 2))
         until = self.settings.still_until_ns
-        still = 0 if until is None else int(np.searchsorted(increments.time_ns, until, "right"))
+        still = 0 if until is None else int(np.searchsorted(time_ns, until, "right"))
         out[:still] = self._row()
         if still:
             # samples from before the vehicle moved say nothing about how it moved
-            at_rest = (int(increments.time_ns[still - 1]) - (self._origin or 0)) / SECOND
+            at_rest = (int(time_ns[still - 1]) - (self._origin or 0)) / SECOND
             skipped = int(np.searchsorted(self._height[0], at_rest, "right"))
             self._next_height = max(self._next_height, skipped)
         if still < len(out):
-            self._navigate(increments, still, out)
-        rows = increments.sample - self._held_first
-        done = int(rows[-1]) + 1
+            self._navigate(increments, still, time_ns[still:], out)
         self.updates += len(out)
-        taken = self._held.rows(rows)
         self._held = self._held.rows(slice(done, None))
         self._held_first += done
         yield self._solution(taken, out)
 
-    def _navigate(self, increments: Increments, first: int, out: np.ndarray) -> None:
+    def _navigate(
+        self, increments: Increments, first: int, time_ns: np.ndarray, out: np.ndarray
+    ) -> None:
         settings = self.settings
-        origin = self._origin or 0
-        end = (increments.time_ns[first:] - origin) / SECOND
-        # a rate that was believed runs ahead of the stamps; heights go by the stamps
-        damped = settings.parameters is not None
-        parameters = settings.parameters if damped else np.zeros(layout.PARAMETERS)
+        end = (time_ns - (self._origin or 0)) / SECOND
+        damped = self._parameters is not None
+        parameters = self._parameters if damped else np.zeros(layout.PARAMETERS)
         events = layout.new_events(len(self._height[0]) - self._next_height if damped else 0)
         self._channel[S_EVENTS] = 0.0
         self._next_height, ran_away = _navigate(
@@ -287,10 +322,11 @@ class InsRun:
             *self._height,
             self._next_height,
             settings.order,
+            self.diverged_ns is not None,
             out[first:],
         )
-        if ran_away >= 0 and self.diverged_ns is None:
-            self.diverged_ns = int(increments.time_ns[first + ran_away])
+        if ran_away >= 0:
+            self.diverged_ns = int(time_ns[ran_away])
         self._time = float(end[-1])
         self.events += layout.read_events(events[: int(self._channel[S_EVENTS])])
 
@@ -322,6 +358,26 @@ class InsRun:
             self._stage = None
 
 
+def beginning_quickly(parameters: np.ndarray) -> np.ndarray:
+    """Parameters of a vertical channel whose velocity at the start nobody knows.
+
+    Its time constant begins short and grows to that of the network.
+
+    Parameters
+    ----------
+    parameters : ndarray
+        See :func:`sinstool.height.layout.new_parameters`.
+
+    Returns
+    -------
+    ndarray
+    """
+    quick = parameters.copy()
+    quick[P_START_TAU] = min(max(START_TAU, 2.0 * abs(quick[P_K4])), quick[P_TAU])
+    quick[P_START_SPEED] = START_SPEED
+    return quick
+
+
 @njit(cache=True, nogil=True)
 def _navigate(  # type: ignore[no-untyped-def]
     state,
@@ -339,17 +395,18 @@ def _navigate(  # type: ignore[no-untyped-def]
     reason,
     next_height,
     order,
+    gone,
     out,
 ):
     """Mechanisation and vertical channel over a block.
 
     Returns the number of the next height sample, and the update at which the state left the
-    Earth (-1: it did not); from there on it is held.
+    Earth (-1: it did not); from there on it is held, as it is where it was `gone` before.
     """
     ran_away = -1
     held = state.copy()
     for k in range(out.shape[0]):
-        if ran_away < 0:
+        if not gone:
             held[:] = state
             before = state[V_DOWN]
             step(
@@ -389,6 +446,7 @@ def _navigate(  # type: ignore[no-untyped-def]
             speed = abs(state[V_NORTH]) + abs(state[V_EAST]) + abs(state[V_DOWN])
             if not (abs(state[HEIGHT]) < MAX_HEIGHT_M and speed < MAX_SPEED_M_S):
                 ran_away = k
+                gone = True
                 state[:] = held
                 state[V_NORTH] = 0.0
                 state[V_EAST] = 0.0

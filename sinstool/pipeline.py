@@ -15,16 +15,20 @@ from sinstool.modes.attitude import run_attitude
 from sinstool.modes.common import Progress, share
 from sinstool.modes.ins import run_ins
 from sinstool.modes.ins_gnss import run_ins_gnss
+from sinstool.process_figures import Recorder
 from sinstool.readers import open_log
 from sinstool.readers.log import Log
-from sinstool.readers.streams import FIX_TYPE, VELOCITY_TYPES
-from sinstool.readers.topics import choose_optional
 from sinstool.result import Result
 from sinstool.rig_run import rig_run
+from sinstool.source import has_gnss
 
 
 def process(
-    path: Path, output: Path, config: ProcessConfig, progress: Progress | None = None
+    path: Path,
+    output: Path,
+    config: ProcessConfig,
+    progress: Progress | None = None,
+    recorder: Recorder | None = None,
 ) -> dict[str, Any]:
     """Recorded IMU to corrected attitude.
 
@@ -37,6 +41,8 @@ def process(
     config : ProcessConfig
     progress : callable, optional
         Called with the fraction done.
+    recorder : Recorder, optional
+        Collects what the page of figures shows.
 
     Returns
     -------
@@ -48,12 +54,15 @@ def process(
     SinstoolError
         With one line that says what was wrong and what to do; no output is left behind.
     """
-    with open_log(path, config.input.salvage) as log, Result(log, output, config) as result:
+    with (
+        open_log(path, config.input.salvage) as log,
+        Result(log, output, config, recorder) as result,
+    ):
         if config.hse.hse is not None:
             told = rig_run(log, config, result, share(progress, log.size, 0.0, 1.0))
         elif config.navigation.mode == "ins-gnss":
             told = run_ins_gnss(log, config, result, progress)
-        elif config.navigation.mode == "auto" and has_gnss(log, config):
+        elif config.navigation.mode == "auto" and has_gnss(log, config.input):
             told = _best(log, config, result, progress)
         elif config.navigation.mode == "ins":
             told = run_ins(log, config, result, progress)
@@ -62,18 +71,6 @@ def process(
     if progress:
         progress(1.0)
     return told
-
-
-def has_gnss(log: Log, config: ProcessConfig) -> bool:
-    """Whether a log has one topic with fixes and one with velocity."""
-    told = config.input
-    try:
-        return bool(
-            choose_optional(log, "--gnss-topic", told.gnss_topic, FIX_TYPE)
-            and choose_optional(log, "--velocity-topic", told.velocity_topic, *VELOCITY_TYPES)
-        )
-    except TopicError:
-        return False
 
 
 def _best(

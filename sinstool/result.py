@@ -14,6 +14,7 @@ from typing import Any
 import sinstool
 from sinstool.config import ProcessConfig, dump_toml
 from sinstool.errors import ConfigurationError, OutputError
+from sinstool.process_figures import Recorder
 from sinstool.readers.log import Log
 from sinstool.streams import Diagnostics, Solution
 from sinstool.transforms import tf_parent
@@ -37,6 +38,8 @@ class Result:
         The input, whose messages are copied unless the configuration says otherwise.
     output : Path
     config : ProcessConfig
+    recorder : Recorder, optional
+        Gets every block of solutions too, for the page of figures.
 
     Attributes
     ----------
@@ -51,11 +54,14 @@ class Result:
         The output exists, is the input, or cannot be written.
     """
 
-    def __init__(self, log: Log, output: Path, config: ProcessConfig) -> None:
+    def __init__(
+        self, log: Log, output: Path, config: ProcessConfig, recorder: Recorder | None = None
+    ) -> None:
         check_output(output, [log.path], config.output.overwrite)
         self.log = log
         self.output = output
         self.config = config
+        self.recorder = recorder
         self.last: Solution | None = None
         self.opened = False
         self._stack = ExitStack()
@@ -122,6 +128,8 @@ class Result:
     def push(self, solution: Solution) -> None:
         """Write solutions, in the order of time."""
         self._solutions.push(solution)
+        if self.recorder is not None:
+            self.recorder.push(solution)
         self.last = solution
 
     def note(self, diagnostics: Diagnostics) -> None:

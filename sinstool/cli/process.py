@@ -3,12 +3,17 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import click
 
 from sinstool.cli.console import print_json, progress_bar, table, warn
 from sinstool.cli.options import config_options, effective_config, print_config
+from sinstool.cli.process_rows import summary_rows
+
+if TYPE_CHECKING:
+    from sinstool.config import ProcessConfig
+    from sinstool.process_figures import Recorder
 
 
 @click.command("process")
@@ -57,83 +62,42 @@ def command(
         raise click.UsageError("give a LOG to process")
     if output is None:
         raise click.UsageError("give the output with -o FILE")
+    report = None if config.output.report is None else Path(config.output.report)
+    if report is not None:
+        from sinstool.report.page import check_report
+
+        check_report(report, inputs=[log, output], overwrite=config.output.overwrite)
     from sinstool.pipeline import process
     from sinstool.summary import something_lost
 
+    recorder = _recorder(log, config)
     with progress_bar(log.name, quiet) as progress:
-        summary = process(log, output, config, progress)
+        summary = process(log, output, config, progress, recorder)
+    if recorder is not None and config.output.truth:
+        summary["truth"] = recorder.errors()
+    if report is not None and recorder is not None:
+        from sinstool.cli.process_report import write_page
+
+        write_page(report, recorder, summary, config)
     for text in summary["warnings"]:
         warn(text)
     if as_json:
         print_json(summary)
     elif not quiet:
-        _print(summary, verbose)
+        table(summary_rows(summary, verbose))
     return 3 if something_lost(summary) else 0
 
 
-def _print(summary: dict[str, Any], verbose: bool) -> None:
-    imu, align, final = summary["imu"], summary["alignment"], summary["final"]
-    coning, out = summary["coning"], summary["output"]
-    sigma = align["sigma_deg"][0]
-    tilt = f", sigma {sigma:.2g} deg" if sigma is not None else ""
-    bias = ", ".join(f"{b:.3e}" for b in align["gyro_bias_rad_s"])
-    rows = [
-        ("log", f"{summary['input']['path']} ({summary['input']['size'] / 1e6:.1f} MB)"),
-        (
-            "IMU",
-            f"{imu['topic']}: {imu['n']} samples at {imu['rate_hz']:.3f} Hz,"
-            f" {imu['gaps']} gaps, {imu['dropped']} dropped",
-        ),
-        (
-            "alignment",
-            f"{align['method']} ({align['status']}): roll {align['roll_deg']:.3f}, pitch"
-            f" {align['pitch_deg']:.3f}, heading {align['heading_deg']:.3f} deg{tilt}"
-            + ("" if align["north_referenced"] else "; heading is not referenced to north"),
-        ),
-        ("gyro bias", f"{align['gyro_bias_source']}: {bias} rad/s (FRD)"),
-    ]
-    if coning is not None:
-        rows.append(
-            (
-                "coning",
-                f"{coning['algorithm']}, {coning['samples_per_update']} sample(s) an update, gyro"
-                f" read as {coning['gyro_kind']}",
-            )
-        )
-    if summary["hse"] is not None:
-        rows += _hse(summary["hse"])
-    rows += [
-        (
-            "final",
-            f"roll {final['roll_deg']:.3f}, pitch {final['pitch_deg']:.3f},"
-            f" heading {final['heading_deg']:.3f} deg",
-        ),
-        (
-            "written",
-            f"{out['path']}: {out['attitudes']} attitudes in frame {out['frame']},"
-            f" topics {', '.join(out['topics'])}",
-        ),
-    ]
-    if verbose:
-        if coning is not None:
-            rows.append(("coning source", coning["source"]))
-        rows.append(("input sha256", summary["input"]["sha256"]))
-    table(rows)
+def _recorder(log: Path, config: ProcessConfig) -> Recorder | None:
+    """What collects figures and errors, where either is asked for."""
+    told = config.output
+    if told.report is None and not told.truth:
+        return None
+    from sinstool.process_figures import Recorder
+    from sinstool.process_truth import read_references
+    from sinstool.readers import open_log
 
-
-def _hse(hse: dict[str, Any]) -> list[tuple[str, str]]:
-    """Heading before and after, stretch by stretch."""
-    return [
-        (
-            "heading" if k == 0 else "",
-            f"at {s['rate_deg_s']:+.3f} deg/s, {s['turns']} turns: {s['heading_raw_deg']:.6f} deg,"
-            f" corrected by {-s['correction_arcsec']:+.3f}"
-            f"{_sigma(s['sigma_correction_arcsec'])} arcsec: {s['heading_deg']:.6f} deg"
-            f"{_sigma(s['sigma_heading_arcsec'])} arcsec",
-        )
-        for k, s in enumerate(hse["segments"])
-    ]
-
-
-def _sigma(value: float | None) -> str:
-    return "" if value is None else f" +- {value:.3f}"
+    if not told.truth:
+        return Recorder()
+    with open_log(log, config.input.salvage) as opened:
+        return Recorder(read_references(opened, told.truth, config.input.body_axes))

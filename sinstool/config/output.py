@@ -26,6 +26,15 @@ class OutputOptions(Group):
     )
     compression: Literal["zstd", "lz4", "none"] = Field("zstd", description="of the output")
     overwrite: bool = Field(False, description="replace an existing output")
+    report: str | None = Field(
+        None,
+        description="page of figures to write too (.html), or its first figure (.png, .pdf, .svg)",
+    )
+    truth: tuple[str, ...] = Field(
+        (),
+        description="what the result is held against: a topic with orientations, NavSatFix or"
+        " TwistStamped of the log, or a CSV file with time_s or time_ns and qw,qx,qy,qz",
+    )
 
     @field_validator("emit")
     @classmethod

@@ -10,7 +10,13 @@ from sinstool.attitude import AttitudeRun, AttitudeSettings
 from sinstool.config import ProcessConfig
 from sinstool.coning_choice import choose_algorithm
 from sinstool.initialise import align, earth_rate, needs_gnss
-from sinstool.modes.common import Progress, nominal_interval, odometry_frames, share
+from sinstool.modes.common import (
+    Progress,
+    nominal_interval,
+    odometry_frames,
+    require_gravity,
+    share,
+)
 from sinstool.modes.vertical import Vertical
 from sinstool.readers.log import Log
 from sinstool.readers.streams import frame_id
@@ -37,10 +43,14 @@ def run_attitude(
         The summary.
     """
     damped = config.vertical.height_damping != "off"
-    source = prepare(log, config, share(progress, log.size, 0.0), damped or needs_gnss(config))
+    source = prepare(log, config, share(progress, log.size, 0.0), damped or needs_gnss(log, config))
+    if damped:
+        require_gravity(source, config)
     body = frame_id(log, source.topic.channels, source.topic.path) or "imu_link"
     alignment = align(source, config)
     vertical = Vertical(source, config) if damped else None
+    if vertical is not None and result.recorder is not None:
+        vertical.show(result.recorder)
     known = ("imu", "attitude") if vertical is None else ("imu", "attitude", "height")
     emits, warnings = choose_emits(log, config, known, body)
     settings = _settings(source, alignment, config)

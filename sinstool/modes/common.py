@@ -6,11 +6,45 @@ from collections.abc import Callable
 
 from sinstool.alignment.initial import Alignment
 from sinstool.config import ProcessConfig
+from sinstool.errors import DataError
+from sinstool.oddities import oddities
 from sinstool.source import Source
 from sinstool.timeline import SECOND
 from sinstool.writers.topics import Frames
 
 Progress = Callable[[float], None]
+
+
+# No vehicle's median; a specific force beyond it is in mg or cm/s^2.
+MAX_SPECIFIC_FORCE = 200.0
+
+
+def require_gravity(source: Source, config: ProcessConfig) -> None:
+    """Refuse accelerometers whose integral is no velocity: without gravity, or in a strange unit.
+
+    Raises
+    ------
+    DataError
+    """
+    if config.input.accel_unit is not None:
+        return  # whoever names the unit has looked at the numbers
+    found = source.survey
+    if any(o.kind == "no-gravity" for o in oddities(found, config.input)):
+        raise DataError(
+            source.log.path,
+            f"topic {found.topic}: the specific force is only"
+            f" {found.specific_force_median:.3f} m/s^2 in size: gravity has been taken out of it,"
+            " so that velocity and height cannot be had from it",
+            "choose the topic with raw accelerations by --imu-topic, or use --mode attitude"
+            " without --height-damping (--accel-unit m/s^2 if the vehicle falls freely)",
+        )
+    if found.specific_force_median > MAX_SPECIFIC_FORCE:
+        raise DataError(
+            source.log.path,
+            f"topic {found.topic}: the specific force is mostly"
+            f" {found.specific_force_median:.4g} in size, as in mg or cm/s^2",
+            "sensor_msgs/Imu holds m/s^2: convert it, or choose another topic with --imu-topic",
+        )
 
 
 def nominal_interval(source: Source, config: ProcessConfig) -> float:

@@ -14,9 +14,16 @@ from sinstool.config import ProcessConfig
 from sinstool.coning_choice import choose_algorithm
 from sinstool.errors import ConfigurationError
 from sinstool.height import layout
+from sinstool.height.network import gravity_gradient
 from sinstool.initialise import align
-from sinstool.ins import InsRun, InsSettings
-from sinstool.modes.common import Progress, nominal_interval, odometry_frames, share
+from sinstool.ins import InsRun, InsSettings, beginning_quickly
+from sinstool.modes.common import (
+    Progress,
+    nominal_interval,
+    odometry_frames,
+    require_gravity,
+    share,
+)
 from sinstool.readers.log import Log
 from sinstool.readers.streams import frame_id
 from sinstool.result import Result, choose_emits
@@ -35,6 +42,8 @@ from sinstool.vertical import (
 
 # A velocity this near the start is that of the start.
 VELOCITY_NS = 2 * SECOND
+# What a MEMS accelerometer may well be off by: 1 mg.
+EXAMPLE_BIAS = 1e-3 * 9.80665
 
 
 def run_ins(
@@ -60,6 +69,7 @@ def run_ins(
     SinstoolError
     """
     source = prepare(log, config, share(progress, log.size, 0.0), whole_gnss=True)
+    require_gravity(source, config)
     aiding = source.aiding
     by_log_time = source.survey.time_source == "log"
     told_before = len(aiding.warnings)
@@ -76,7 +86,14 @@ def run_ins(
         reference, more = height_reference(log, aiding, config, float(state[2]))
         chosen, even_more = network(config, grade, float(state[0]))
         parameters = layout.new_parameters(chosen, grade, baro_lag=config.vertical.baro_lag)
+        if not velocity_known(source, aiding, alignment, config):
+            parameters = beginning_quickly(parameters)
         notes += [*more, *even_more]
+        if result.recorder is not None:
+            good = reference.reason == layout.ACCEPTED
+            result.recorder.refer_height(
+                reference.topic, reference.time_ns[good], reference.height[good]
+            )
     known = ["imu", "attitude", "odometry", "fix", "tf"]
     if damping != "off":
         known.append("height")
@@ -106,6 +123,9 @@ def run_ins(
         )
         height["imu_grade"] = {"grade": grade, "why": why}
         notes += height_warnings(run.channel, run.events)
+    else:
+        seconds = (int(result.last.time_ns[-1]) - run.first_ns) / SECOND
+        notes.append(undamped_warning(float(state[0]), seconds))
     return {
         **told,
         "imu": summary.imu(source),
@@ -175,8 +195,13 @@ def start(
     if height is None:
         height = 0.0
         notes.append("no height is known at the start; 0 m is assumed (give --height)")
-    velocity, how = start_velocity(source, aiding, alignment, config)
-    notes += how
+    velocity = start_velocity(source, aiding, alignment, config)
+    if velocity is None:
+        velocity = np.zeros(3)
+        notes.append(
+            "no velocity is known at the start and the vehicle is not seen at rest; 0 is assumed"
+            " (give --initial-velocity)"
+        )
     if not alignment.north_referenced:
         notes.append(
             "heading at the start is not referenced to north, so the track is turned by whatever"
@@ -188,26 +213,49 @@ def start(
 
 def start_velocity(
     source: Source, aiding: Aiding, alignment: Alignment, config: ProcessConfig
-) -> tuple[np.ndarray, list[str]]:
-    """Velocity at the start: as told, at rest, or by GNSS."""
+) -> np.ndarray | None:
+    """Velocity at the start: as told, at rest, or by GNSS; None where nothing tells it."""
     told = config.navigation.initial_velocity
     if told is not None:
-        return np.array(told), []
+        return np.array(told)
     still = source.survey.lead_in
     if still is not None and alignment.bias_source == "still":
-        return np.zeros(3), []
+        return np.zeros(3)
     gnss = aiding.gnss
     if gnss is not None and gnss.has_velocity.any():
         rows = gnss.rows(gnss.has_velocity)
         k = int(np.argmin(np.abs(rows.time_ns - alignment.time_ns)))
         if abs(int(rows.time_ns[k]) - alignment.time_ns) <= VELOCITY_NS:
-            return np.nan_to_num(rows.velocity_n[k]), []
-    if still is not None:
-        return np.zeros(3), []
-    return np.zeros(3), [
-        "no velocity is known at the start and the vehicle is not seen at rest; 0 is assumed (give"
-        " --initial-velocity)"
-    ]
+            return np.asarray(np.nan_to_num(rows.velocity_n[k]))
+    return None if still is None else np.zeros(3)
+
+
+def velocity_known(
+    source: Source, aiding: Aiding, alignment: Alignment, config: ProcessConfig
+) -> bool:
+    """Whether the vertical velocity at the start is known, and not only assumed."""
+    return start_velocity(source, aiding, alignment, config) is not None
+
+
+def undamped_warning(latitude: float, seconds: float) -> str:
+    """What becomes of height without damping, by the gravity that falls off with it.
+
+    Parameters
+    ----------
+    latitude : float
+        rad.
+    seconds : float
+        Length of the run.
+    """
+    rate = float(np.sqrt(gravity_gradient(latitude)))
+    # at the ends of 10^4 s and more the numbers only say: very far
+    grown = float(np.cosh(min(rate * seconds, 50.0)))
+    by_bias = EXAMPLE_BIAS * (grown - 1.0) / rate**2
+    return (
+        f"height is not damped and runs away: in these {seconds:.0f} s an error of 1 m at the start"
+        f" grows to {grown:.3g} m, and 1 mg of the vertical accelerometer makes {by_bias:.3g} m;"
+        " --height-damping baro or gnss holds it"
+    )
 
 
 def _run_warnings(source: Source, run: InsRun) -> list[str]:

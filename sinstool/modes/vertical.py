@@ -9,7 +9,9 @@ import numpy as np
 
 from sinstool.aiding import read_baro
 from sinstool.config import ProcessConfig
+from sinstool.height.layout import ACCEPTED
 from sinstool.height.vertical import VerticalChannel, upward_specific_force
+from sinstool.process_figures import Recorder
 from sinstool.sensor_grade import sensor_grade
 from sinstool.source import Source
 from sinstool.streams import Solution
@@ -63,6 +65,12 @@ class Vertical:
         self._given = False
         self._first_ns = 0
         self._last = (start, 0.0, 0.0)
+
+    def show(self, recorder: Recorder) -> None:
+        """Give the page of figures the heights that this one is held to."""
+        r = self._reference
+        good = r.reason == ACCEPTED
+        recorder.refer_height(r.topic, r.time_ns[good], r.height[good])
 
     def push(self, solution: Solution) -> Solution:
         """The same solution, with its vertical columns."""
