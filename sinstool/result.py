@@ -125,6 +125,10 @@ class Result:
             diagnostic_names,
         )
 
+    def _unused(self) -> tuple[str, ...]:
+        """Groups of the configuration that say nothing of this run."""
+        return () if self.config.hse.hse is not None else ("calibration",)
+
     def push(self, solution: Solution) -> None:
         """Write solutions, in the order of time."""
         self._solutions.push(solution)
@@ -157,7 +161,7 @@ class Result:
             "sinstool",
             {
                 "version": sinstool.__version__,
-                "config": dump_toml(self.config, "calibration"),
+                "config": dump_toml(self.config, *self._unused()),
                 **{f"input_{key}": value for key, value in identity.items()},
             },
         )

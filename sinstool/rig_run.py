@@ -22,6 +22,7 @@ from sinstool.hse.correction import CorrectedHeading, correct_heading, require_a
 from sinstool.hse.encoder import TableAngle, table_angle
 from sinstool.hse.rig import Rig
 from sinstool.hse.segments import Segment
+from sinstool.hse.statistics import drifts
 from sinstool.hse.whole_turn import (
     SIGNIFICANT_TILT_DRIFT,
     WholeTurnAlignment,
@@ -40,8 +41,6 @@ ARCSEC = DEGREE / 3600.0
 BLOCK = 65536
 # Where in its interval a sample's stamp lies: that edge's angle belongs to it.
 _STAMP = {"start": 0.0, "mid": 0.5, "end": 1.0}
-# Probability that the turns of a steady system show a trend as steep as one that is told.
-TREND_P = 1e-4
 # Tilts smaller than this, rad, are rounding.
 SMALLEST_TILT = 1e-4 * ARCSEC
 
@@ -252,7 +251,7 @@ def _remarks(
                 f"{where}: its axis leans to the east by {a.C23:.2e} rad, more than in the"
                 " calibration"
             )
-        if _has_trend(a):
+        if drifts(a.per_turn_heading):
             notes.append(
                 f"{where}: heading drifts over its turns (t = {a.quality['heading_trend_t']:.1f}):"
                 " warm-up, or the base moved"
@@ -269,15 +268,6 @@ def _sigmas(a: WholeTurnAlignment) -> float:
     if turns < 3:
         return float("inf")
     return float(special.stdtrit(turns - 2, special.ndtr(SIGNIFICANT_TILT_DRIFT)))
-
-
-def _has_trend(a: WholeTurnAlignment) -> bool:
-    turns = len(a.per_turn_heading)
-    if turns < 3 or float(np.ptp(a.per_turn_heading)) < SMALLEST_TILT:
-        return False
-    t = a.quality["heading_trend_t"]
-    # few turns have a large t by chance
-    return bool(2.0 * special.stdtr(turns - 2, -abs(t)) < TREND_P)
 
 
 def _imu(samples: RigLog, turns: RigTurns) -> dict[str, Any]:

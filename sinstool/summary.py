@@ -110,6 +110,6 @@ def run_warnings(source: Source, run: AttitudeRun) -> list[str]:
 def something_lost(summary: dict[str, Any]) -> bool:
     """Whether a summary tells of lost data: exit status 3."""
     lost = summary["lost"]
-    if summary["hse"] is not None and summary["hse"]["status"] == "not_significant":
+    if summary["hse"] is not None and summary["hse"]["status"] != "ok":
         return True
     return bool(lost["parts"] or lost["malformed"] or lost["not_finite"] or lost["late"])

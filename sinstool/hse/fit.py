@@ -36,13 +36,12 @@ from sinstool.hse.fit_result import FitOptions, HseFit, RunFit
 from sinstool.hse.least_squares import LeastSquares, lack_of_fit
 from sinstool.hse.model import ROUNDING, HeadingModel, Mask, RunColumns, distinct_rates, run_columns
 from sinstool.hse.run import HseRun
-from sinstool.hse.statistics import trend_t
+from sinstool.hse.statistics import drifts, trend_t
 
 FloatArray = NDArray[np.float64]
 
 # Below this range of rates the slope against rate is not to be had, rad/s.
 MIN_RATE_SPAN = np.radians(10.0)
-TREND_LIMIT = 4.0
 
 
 def _times(runs: Sequence[HseRun], options: FitOptions) -> FloatArray:
@@ -96,8 +95,8 @@ def _trends(runs: Sequence[HseRun], use: Mask) -> list[str]:
     for one, used in zip(runs, use, strict=True):
         if not used or one.per_turn_heading is None:
             continue
-        t = trend_t(one.per_turn_heading)
-        if abs(t) > TREND_LIMIT:
+        if drifts(one.per_turn_heading):
+            t = trend_t(one.per_turn_heading)
             notes.append(
                 f"the heading of run {one.id} drifts from turn to turn (t = {t:.1f}): the system"
                 " warms up or the base tilts; leave it out, or skip the warm-up"

@@ -214,3 +214,27 @@ def trend_t(values: ArrayLike) -> float:
     if s > ROUNDING:
         return slope * float(np.sqrt(square)) / s
     return float(np.copysign(np.inf, slope)) if abs(slope) > ROUNDING else 0.0
+
+
+# By chance once in so many runs; and a scatter below this is rounding, rad.
+TREND_P = 1e-4
+SMALLEST_SPREAD = 5e-10
+
+
+def drifts(values: ArrayLike) -> bool:
+    """Whether consecutive values have a trend that chance seldom makes.
+
+    Parameters
+    ----------
+    values : array_like, shape (n,)
+        Headings turn by turn, rad.
+
+    Returns
+    -------
+    bool
+        By Student's t of the slope; few values have a large one by chance.
+    """
+    x = np.unwrap(np.asarray(values, dtype=np.float64))
+    if len(x) < 4 or float(np.ptp(x)) < SMALLEST_SPREAD:
+        return False
+    return bool(2.0 * special.stdtr(len(x) - 2, -abs(trend_t(x))) < TREND_P)

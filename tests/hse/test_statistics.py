@@ -4,7 +4,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy import stats
 
-from sinstool.hse.statistics import fit_sinusoid, scatter, trend_t
+from sinstool.hse.statistics import drifts, fit_sinusoid, scatter, trend_t
 
 from .published_table1 import (
     AFTER,
@@ -135,3 +135,13 @@ def test_trend_follows_student_and_does_not_mind_north():
     assert trend_t(turns) == pytest.approx(line.slope / line.stderr)
     assert trend_t([1.0, 2.0, 3.0]) == 0.0
     assert trend_t(np.ones(9)) == 0.0
+
+
+@pytest.mark.parametrize("turns", [4, 6, 30])
+def test_few_turns_are_no_trend_by_chance(turns):
+    rng = np.random.default_rng(turns)
+    alarms = sum(drifts(1.0 + 1e-4 * rng.standard_normal(turns)) for _ in range(3000))
+    assert alarms <= 4
+    slope = np.linspace(0.0, 1.0, turns)
+    assert drifts(slope + 1e-6 * rng.standard_normal(turns))
+    assert not drifts(1e-12 * slope)  # rounding
