@@ -175,7 +175,7 @@ def find_start(imu: ImuIncrements, gnss: GnssEpochs, settings: Settings) -> Begi
         If there is no GNSS velocity, or the vehicle never accelerates enough for heading.
     """
     latency = round(settings.gnss_latency * 1e9)
-    usable = gnss.rows(gnss.has_position & gnss.has_velocity & np.isfinite(gnss.height))
+    usable = _joined(gnss)
     if not len(usable):
         raise AlignmentError(
             "no GNSS epoch has position and velocity", "give an initial attitude, or use a position"
@@ -236,6 +236,31 @@ def find_start(imu: ImuIncrements, gnss: GnssEpochs, settings: Settings) -> Begi
         f" {words}; heading known to {np.rad2deg(np.sqrt(covariance[2, 2])):.1f} deg"
     )
     return Beginning(start, time_ns, how, answer.warnings)
+
+
+def _joined(gnss: GnssEpochs) -> GnssEpochs:
+    """Epochs with a velocity, and a position: their own, or one between those around them."""
+    rows = gnss.rows(gnss.has_velocity)
+    placed = gnss.rows(gnss.has_position & np.isfinite(gnss.height))
+    alone = ~(rows.has_position & np.isfinite(rows.height))
+    if not len(placed) or not alone.any():
+        return rows.rows(~alone)
+    t = (rows.time_ns - placed.time_ns[0]) * 1e-9
+    known = (placed.time_ns - placed.time_ns[0]) * 1e-9
+    near = np.clip(np.searchsorted(known, t), 0, len(known) - 1)
+    away = np.minimum(np.abs(known[near] - t), np.abs(known[np.maximum(near - 1, 0)] - t))
+    longitude = np.interp(t, known, np.unwrap(placed.longitude))
+    longitude = np.pi - np.mod(np.pi - longitude, 2.0 * np.pi)
+    joined = replace(
+        rows,
+        latitude=np.where(alone, np.interp(t, known, placed.latitude), rows.latitude),
+        longitude=np.where(alone, longitude, rows.longitude),
+        height=np.where(alone, np.interp(t, known, placed.height), rows.height),
+        sigma_position_n=np.where(
+            alone[:, None], placed.sigma_position_n[near], rows.sigma_position_n
+        ),
+    )
+    return joined.rows(~alone | (away < _NEAR_S))
 
 
 def _first_rest(imu: ImuIncrements, interval: FloatArray) -> tuple[StillSpan | None, float]:

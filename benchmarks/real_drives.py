@@ -1,0 +1,366 @@
+"""Filter and smoother on recorded drives, scored against fixes that they did not see.
+
+Nothing here is the truth: positions are scored against the receiver's own fixes, withheld in
+outages; attitude against the receiver's own, less the constant mount between the two, which the
+receiver does not know either. The logs are not part of the project; see `--data`.
+
+python benchmarks/real_drives.py --data ../shared/data
+python benchmarks/real_drives.py --data ../shared/data --only rtk
+"""
+
+from __future__ import annotations
+
+import argparse
+import csv
+import time
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+
+from sinstool import earth
+from sinstool.aiding import Aiding, read_gnss
+from sinstool.alignment.inflight import ImuIncrements
+from sinstool.config.input import InputOptions
+from sinstool.coning.registry import algorithm
+from sinstool.coning.stage import ConingStage
+from sinstool.integration.filter import InsGnssFilter
+from sinstool.integration.latency import (
+    Latency,
+    correlate,
+    inertial_velocity,
+    separate,
+    velocity_lag,
+)
+from sinstool.integration.noise import IMU_GRADES, GnssModel
+from sinstool.integration.results import FilterBlock, UpdateColumns
+from sinstool.integration.settings import Settings
+from sinstool.integration.smoother import Smoother
+from sinstool.integration.start import Beginning, find_start, start_at
+from sinstool.readers.open import open_log
+from sinstool.readers.streams import ImuUnits, Losses, read_imu
+from sinstool.readers.topics import choose_imu
+from sinstool.rotation import conjugate, exp, log, multiply, normalise, rotate
+from sinstool.strapdown.velocity import Increments, IncrementStage
+from sinstool.streams import GnssEpochs, Imu, concatenate
+from sinstool.timeline import Order, ordered
+
+# What receivers of these kinds do: RTK in a street, and a car's receiver with corrections.
+RTK = GnssModel(
+    (0.05, 0.05, 0.05), (0.03, 0.03, 0.05), 30.0, (0.1, 0.1, 0.15), (0.03, 0.03, 0.03), 10.0
+)
+ROAD = GnssModel((0.4, 0.4, 0.6), (1.0, 1.0, 1.5), 60.0, (0.1, 0.1, 0.15), (0.1, 0.1, 0.1), 20.0)
+DRONE = GnssModel(
+    (0.3, 0.3, 0.5), (1.0, 1.0, 1.5), 60.0, (0.1, 0.1, 0.15), (0.05, 0.05, 0.05), 20.0
+)
+
+
+@dataclass(frozen=True)
+class Drive:
+    """A log and what is known of it."""
+
+    path: str
+    axes: str
+    model: GnssModel
+    reference: str = ""
+    own_sigma: bool = True  # believe the fixes' own
+
+
+DRIVES = {
+    "turn": Drive(
+        "vehicle_gnss/yk_urban_short_turn_loop_nominal_002.mcap",
+        "flu",
+        ROAD,
+        "vehicle_gnss/yk_urban_short_turn_loop_nominal_002.ref_att.csv",
+    ),
+    "stop-go": Drive(
+        "vehicle_gnss/yk_urban_stop_go_large_mount_001.mcap",
+        "flu",
+        ROAD,
+        "vehicle_gnss/yk_urban_stop_go_large_mount_001.ref_att.csv",
+    ),
+    # Fixes that claim 1 cm, while 1 ms of an uncertain clock is 1.5 cm of way
+    "rtk": Drive("rtk_drive/rtk_drive_mems_100hz.mcap", "flu", RTK, own_sigma=False),
+    "px4": Drive(
+        "px4/px4_fmuv6c_inflight_6s.mcap",
+        "frd",
+        DRONE,
+        "px4/px4_fmuv6c_inflight_6s.ref_onboard_att.csv",
+    ),
+}
+
+
+@dataclass(frozen=True)
+class Log:
+    imu: Imu
+    increments: Increments
+    for_start: ImuIncrements
+    gnss: GnssEpochs
+
+
+@dataclass(frozen=True)
+class Run:
+    beginning: Beginning
+    block: FilterBlock
+    smooth: UpdateColumns
+    seconds: float
+    text: str
+
+    @property
+    def filter(self) -> UpdateColumns:
+        assert self.block.updates is not None
+        return self.block.updates
+
+
+def read(folder: Path, drive: Drive) -> Log:
+    with open_log(folder / drive.path) as log_file:
+        topic = choose_imu(log_file, None)
+        blocks = read_imu(log_file, topic.channels, ImuUnits(drive.axes), Losses(), path=topic.path)
+        imu = concatenate(list(ordered(blocks, Order())))
+        aiding = Aiding()
+        read_gnss(log_file, InputOptions(), False, aiding)
+    gnss = aiding.gnss
+    assert gnss is not None
+    if not drive.own_sigma:
+        gnss = replace(gnss, sigma_position_n=np.full_like(gnss.sigma_position_n, np.nan))
+    step = float(np.median(np.diff(imu.time_ns))) * 1e-9
+    stage = IncrementStage(
+        lambda: ConingStage(algorithm("previous-1"), "rate", nominal_interval=step)
+    )
+    parts = [stage.push(imu.gyro, imu.accel, imu.time_ns), stage.finish()]
+    columns = Increments.__dataclass_fields__
+    whole = Increments(*(np.concatenate([getattr(p, c) for p in parts]) for c in columns))
+    interval = np.diff(imu.time_ns, prepend=imu.time_ns[0])[:, None] * 1e-9
+    for_start = ImuIncrements(
+        imu.time_ns,
+        0.5 * (imu.gyro + np.roll(imu.gyro, 1, axis=0)) * interval,
+        0.5 * (imu.accel + np.roll(imu.accel, 1, axis=0)) * interval,
+    )
+    return Log(imu, whole, for_start, gnss)
+
+
+def settings_of(drive: Drive, latency: float) -> Settings:
+    return Settings(
+        filter="markov-21", imu=IMU_GRADES["mems"], gnss=drive.model, gnss_latency=latency
+    )
+
+
+def later(increments: Increments, time_ns: int) -> Increments:
+    rows = increments.time_ns > time_ns
+    return Increments(*(getattr(increments, c)[rows] for c in Increments.__dataclass_fields__))
+
+
+def run(
+    data: Log,
+    settings: Settings,
+    withheld: np.ndarray | None = None,
+    beginning: Beginning | None = None,
+) -> Run:
+    hidden = np.zeros(len(data.gnss), bool) if withheld is None else withheld
+    if beginning is None:
+        beginning = find_start(data.for_start, data.gnss.rows(~hidden), settings)
+    tic = time.perf_counter()
+    ran = InsGnssFilter(beginning.start, settings, with_baro=False, output=True, store=True)
+    block = ran.push(later(data.increments, beginning.time_ns), data.gnss, hidden)
+    with Smoother(ran.kind) as smoother:
+        smoother.push(block)
+        smooth = concatenate_updates(list(smoother.blocks(smoother.epochs())))
+    found = ran.summary
+    text = f"NIS/row {found.mean_nis:.2f}, {found.epochs_gated} gated, {found.restarts} restarts"
+    return Run(beginning, block, smooth, time.perf_counter() - tic, text)
+
+
+def concatenate_updates(blocks: list[UpdateColumns]) -> UpdateColumns:
+    return UpdateColumns(
+        **{name: np.concatenate([getattr(b, name) for b in blocks]) for name in vars(blocks[0])}
+    )
+
+
+def find_latency(data: Log, drive: Drive) -> tuple[Latency, float]:
+    """From a filter that does not know it; once more from one that does."""
+    latency, tic = 0.0, time.perf_counter()
+    for _ in range(2):
+        answer = run(data, settings_of(drive, latency))
+        at = answer.filter
+        increments = later(data.increments, answer.beginning.time_ns)
+        before = np.concatenate([answer.beginning.start.nav[None, 6:10], at.q_nb[:-1]])
+        velocity = inertial_velocity(
+            before,
+            increments.velocity_increment,
+            increments.interval,
+            at.latitude,
+            at.height,
+            at.velocity_n,
+        )
+        found = correlate(at.time_ns, velocity, data.gnss.time_ns, data.gnss.velocity_n)
+        latency = found.latency_s
+    return found, time.perf_counter() - tic
+
+
+def off_fixes(at: UpdateColumns, gnss: GnssEpochs, settings: Settings, rows: np.ndarray):
+    """North and east from the fixes, m, and sigma of each."""
+    t = gnss.time_ns[rows] - round(settings.gnss_latency * 1e9)
+    k = np.clip(np.searchsorted(at.time_ns, t), 1, len(at) - 1)
+    share = (t - at.time_ns[k - 1]) / (at.time_ns[k] - at.time_ns[k - 1])
+    lat = at.latitude[k - 1] + share * (at.latitude[k] - at.latitude[k - 1])
+    lon = at.longitude[k - 1] + share * (at.longitude[k] - at.longitude[k - 1])
+    meridian, transverse = earth.radii_of_curvature(lat)
+    arm = rotate(at.q_nb[k], np.asarray(settings.lever_arm_b))
+    error = np.column_stack(
+        [
+            (lat - gnss.latitude[rows]) * (meridian + at.height[k]) + arm[:, 0],
+            (lon - gnss.longitude[rows]) * (transverse + at.height[k]) * np.cos(lat) + arm[:, 1],
+        ]
+    )
+    variance = np.stack([at.covariance_position_n[k, i, i] for i in range(2)], axis=1)
+    slow = np.square(settings.gnss.position_markov[:2]) + np.square(
+        settings.gnss.position_white[:2]
+    )
+    return error, np.sqrt(variance + slow)
+
+
+def outages(data: Log, settings: Settings, first: float, length: float, period: float):
+    """Largest horizontal error of each outage, filter and smoother, and share within 3 sigma."""
+    t = (data.gnss.time_ns - data.gnss.time_ns[0]) * 1e-9
+    begins = np.arange(first, t[-1] - length - 5.0, period)
+    hidden = np.zeros(len(t), bool)
+    for begin in begins:
+        hidden |= (t >= begin) & (t < begin + length)
+    answer = run(data, settings, hidden)
+    table = []
+    for begin in begins:
+        rows = (t >= begin) & (t < begin + length) & data.gnss.has_position
+        line = [begin]
+        for at in (answer.filter, answer.smooth):
+            error, sigma = off_fixes(at, data.gnss, settings, rows)
+            line += [np.hypot(*error.T).max(), float(np.max(np.abs(error) / sigma))]
+        table.append(line)
+    return answer, np.array(table)
+
+
+def attitude_against(folder: Path, drive: Drive, at: UpdateColumns, settle_s: float):
+    """Angles to the receiver's attitude without the constant mount, deg; heading, and all."""
+    with (folder / drive.reference).open() as lines:
+        rows = list(csv.reader(line for line in lines if not line.startswith("#")))
+    times = [row[0].partition(".") for row in rows[1:]]
+    t = np.array([int(s) * 10**9 + int(f.ljust(9, "0")[:9]) for s, _, f in times])
+    q = np.array([[float(v) for v in row[1:5]] for row in rows[1:]])
+    known = (np.abs(q[:, 1:]).max(axis=1) > 0.0) & (t >= at.time_ns[0] + round(settle_s * 1e9))
+    known &= t <= at.time_ns[-1]
+    t, q = t[known], q[known]
+    k = np.searchsorted(at.time_ns, t)
+    mount = multiply(conjugate(q), at.q_nb[k])
+    middle = mount[len(mount) // 2]
+    for _ in range(5):
+        apart = log(multiply(conjugate(middle), mount))
+        near = np.linalg.norm(apart, axis=1) < np.deg2rad(10.0)
+        middle = normalise(multiply(middle, exp(np.median(apart[near], axis=0))))
+    off = log(multiply(multiply(q, middle), conjugate(at.q_nb[k])))
+    return np.rad2deg(off)
+
+
+def report(folder: Path, name: str) -> None:
+    drive = DRIVES[name]
+    data = read(folder, drive)
+    span = (data.imu.time_ns[-1] - data.imu.time_ns[0]) * 1e-9
+    print(f"\n{name}: {len(data.imu)} samples, {span:.0f} s, {len(data.gnss)} epochs")
+    if name == "px4":
+        short(folder, drive, data)
+        return
+    lag = velocity_lag(data.gnss)
+    if lag.status == "found" and abs(lag.latency_s) > 0.02:
+        print(
+            f"  velocities are stamped {1e3 * lag.latency_s:.0f} +- {1e3 * lag.sigma_s:.1f} ms"
+            " later than positions: separated"
+        )
+        together, _ = find_latency(data, drive)
+        print(f"  by velocities as stamped: {together}")
+        data = replace(data, gnss=separate(data.gnss, lag.latency_s))
+    found, seconds = find_latency(data, drive)
+    print(f"  {found}, {found.status}, in {seconds:.1f} s")
+    latency = found.latency_s if found.status == "found" else 0.0
+    settings = settings_of(drive, latency)
+    answer = run(data, settings)
+    print(f"  start: {answer.beginning.how}")
+    print(f"  all fixes: {answer.text}; filter, smoother and output {answer.seconds:.1f} s")
+    gnss = answer.block.gnss
+    ratio = np.sqrt(np.nanmean((gnss.innovation / gnss.innovation_sigma)[gnss.used] ** 2, axis=0))
+    print(f"  innovations over their sigma (N E D, v N E D): {np.round(ratio, 2)}")
+    if drive.reference:
+        for label, at in (("filter", answer.filter), ("smoother", answer.smooth)):
+            off = attitude_against(folder, drive, at, 60.0)
+            size = np.linalg.norm(off, axis=1)
+            print(
+                f"  attitude from the receiver's, {label:8s}: rms {np.sqrt(np.mean(size**2)):.2f},"
+                f" 95 % {np.percentile(size, 95):.2f}, heading rms"
+                f" {np.sqrt(np.mean(off[:, 2] ** 2)):.2f} deg"
+            )
+    plans = [(60.0, 110.0 if name == "turn" else 150.0, 30.0 if name != "turn" else 0.0)]
+    if name == "rtk":
+        plans = [(15.0, 45.0, 40.0), (60.0, 150.0, 100.0)]
+    for length, period, first in plans:
+        start = first if name == "rtk" else (60.0 if name == "turn" else 150.0)
+        answer, table = outages(data, settings, start, length, period)
+        rms = np.sqrt(np.mean(table**2, axis=0))
+        print(f"  outages of {length:.0f} s: {answer.text}")
+        print("    from s   filter m  (/sigma)  smoother m  (/sigma)")
+        for line in table:
+            print(
+                f"    {line[0]:6.0f} {line[1]:10.2f} {line[2]:9.2f} {line[3]:11.2f} {line[4]:9.2f}"
+            )
+        print(f"    rms    {rms[1]:10.2f} {'':9s} {rms[3]:11.2f}")
+        if name == "rtk" and length == 15.0:
+            print("    published: 7.4 m filter, 7.2 with zero velocity, 0.46 looking back")
+
+
+def short(folder: Path, drive: Drive, data: Log) -> None:
+    """Too short to align: started with the autopilot's attitude, as one whose log holds it."""
+    with (folder / drive.reference).open() as lines:
+        rows = [line.split(",") for line in lines if line[0].isdigit()]
+    seconds = np.array([float(row[0]) for row in rows])
+    q = np.array([[float(v) for v in row[1:5]] for row in rows])
+    first = max(int(data.gnss.time_ns[0]), int(data.imu.time_ns[0]))
+    k = int(np.searchsorted(data.imu.time_ns, first))
+    time_ns = int(data.imu.time_ns[k])
+    settings = settings_of(drive, 0.0)
+    q_nb = q[int(np.argmin(np.abs(seconds - time_ns * 1e-9)))]
+    began = start_at(
+        time_ns,
+        q_nb,
+        np.deg2rad(3.0) ** 2 * np.eye(3),
+        data.gnss,
+        settings,
+        gyro_bias_sigma=np.deg2rad(0.5),
+    )
+    answer = run(data, settings, None, Beginning(began, time_ns, "given"))
+    print(f"  all fixes: {answer.text}")
+    gnss = answer.block.gnss
+    worst = np.nanmax(np.abs(gnss.innovation / gnss.innovation_sigma), axis=0)
+    print(f"  largest innovations over their sigma: {np.round(worst, 1)}")
+    for label, at in (("filter", answer.filter), ("smoother", answer.smooth)):
+        rows_at = np.clip(
+            np.searchsorted(at.time_ns, np.round(seconds * 1e9).astype(np.int64)), 0, len(at) - 1
+        )
+        use = (seconds * 1e9 >= at.time_ns[0]) & (seconds * 1e9 <= at.time_ns[-1])
+        off = np.rad2deg(log(multiply(q[use], conjugate(at.q_nb[rows_at[use]]))))
+        size = np.linalg.norm(off, axis=1)
+        print(
+            f"  attitude from the autopilot's, {label:8s}: rms {np.sqrt(np.mean(size**2)):.2f},"
+            f" at the end {size[-1]:.2f} deg"
+        )
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--data", type=Path, required=True, help="folder with the logs")
+    parser.add_argument("--only", nargs="+", choices=list(DRIVES), default=list(DRIVES))
+    args = parser.parse_args()
+    for name in args.only:
+        if (args.data / DRIVES[name].path).exists():
+            report(args.data, name)
+        else:
+            print(f"\n{name}: {args.data / DRIVES[name].path} is not there")
+
+
+if __name__ == "__main__":
+    main()
