@@ -56,6 +56,9 @@ MEMS_IMU = ImuNoise(
     0.3 * DEGREE / 60.0, 150e-6 * G, 5.0 * DEGREE / 3600.0, 2e-3 * G, accel_scale=1e-4
 )
 MEMS_BARO = BaroModel(3.0, 300.0, 0.2)
+# of a receiver less noisy than that of the spiral: which one the numbers in brackets are of is
+# not known
+MEMS_GNSS = GNSS.scaled(0.42, 0.45)
 MEMS_ATTITUDE = np.array([0.2, 0.2, 1.0]) * DEGREE
 GAPS = ((600.0, 660.0), (1200.0, 1260.0), (1800.0, 1860.0), (2400.0, 2460.0), (3000.0, 3060.0))
 
@@ -69,6 +72,7 @@ class Scene:
     baro: BaroModel
     baro_every: int
     attitude: np.ndarray
+    receiver: GnssModel = GNSS
     gaps: tuple[tuple[float, float], ...] = ()
     bias_step: tuple[float, float, float] | None = None  # time, gyro rad/s, accelerometer m/s^2
     noise_times: tuple[float, float, float] | None = None  # from, to, factor of white noise
@@ -114,6 +118,7 @@ def simulate(scene: Scene, seed: int) -> Data:
     scale = noise.accel_scale * random.standard_normal(3)
     white_gyro = noise.angle_random_walk / np.sqrt(dt) * random.standard_normal((n, 3))
     white_accel = noise.velocity_random_walk / np.sqrt(dt) * random.standard_normal((n, 3))
+    receiver = scene.receiver
     elapsed = (imu.time_ns - imu.time_ns[0]) * 1e-9
     if scene.bias_step is not None:
         when, gyro_step, accel_step = scene.bias_step
@@ -130,11 +135,13 @@ def simulate(scene: Scene, seed: int) -> Data:
     seconds = len(at)
     slow = np.hstack(
         [
-            np.asarray(GNSS.position_markov) * markov(seconds, 1.0, GNSS.position_time, random, 3),
-            np.asarray(GNSS.velocity_markov) * markov(seconds, 1.0, GNSS.velocity_time, random, 3),
+            np.asarray(receiver.position_markov)
+            * markov(seconds, 1.0, receiver.position_time, random, 3),
+            np.asarray(receiver.velocity_markov)
+            * markov(seconds, 1.0, receiver.velocity_time, random, 3),
         ]
     )
-    white = np.array([*GNSS.position_white, *GNSS.velocity_white]) * random.standard_normal(
+    white = np.array([*receiver.position_white, *receiver.velocity_white]) * random.standard_normal(
         (seconds, 6)
     )
     after = elapsed[at]
@@ -401,6 +408,7 @@ def spiral_scene(duration: float, rate: float = 128.0, **faults: object) -> Scen
         SPIRAL_BARO,
         round(rate / 8.0),
         SPIRAL_ATTITUDE,
+        GNSS,
         gaps,
         **faults,  # type: ignore[arg-type]
     )
@@ -412,7 +420,7 @@ def spiral_settings(scene: Scene, name: str, tau: float = 2.4, k4: float = 0.0) 
     return Settings(
         filter=name,  # type: ignore[arg-type]
         imu=scene.imu,
-        gnss=GNSS,
+        gnss=scene.receiver,
         baro=scene.baro,
         network=HeightNetwork(tau, k4, w2) if filter_kind(name).network else None,
         grade="navigation" if scene.imu is SPIRAL_IMU else "mems",
@@ -690,7 +698,7 @@ def main() -> None:
         table("Spiral", scene, spiral_cases(scene), told.runs, told.processes)
     if "manoeuvres" in told.tables:
         flight = manoeuvring_flight(min(1800.0, told.duration), 100.0)
-        scene = Scene(flight, MEMS_IMU, MEMS_BARO, 10, MEMS_ATTITUDE, GAPS[:2])
+        scene = Scene(flight, MEMS_IMU, MEMS_BARO, 10, MEMS_ATTITUDE, MEMS_GNSS, GAPS[:2])
         table(
             "Manoeuvres",
             scene,

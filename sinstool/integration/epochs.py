@@ -439,8 +439,8 @@ def gnss_epoch(
         Latitude, longitude, height, velocity, and their standard deviations; NaN: not there.
     back : float
         How long ago it was valid, s.
-    moved : ndarray, shape (6,)
-        Changes of latitude, longitude, height and velocity per second since then.
+    moved : ndarray, shape (9,)
+        Changes of latitude, longitude, height, velocity and angular rate per second since then.
     withheld : bool
         Compare only.
     diagnosis : ndarray
@@ -537,22 +537,29 @@ def _compare(
     c20 = 2.0 * (x * z - w * y)
     c21 = 2.0 * (y * z + w * x)
     c22 = w * w - x * x - y * y + z * z
-    an = c00 * lx + c01 * ly + c02 * lz
-    ae = c10 * lx + c11 * ly + c12 * lz
-    ad = c20 * lx + c21 * ly + c22 * lz
+    # Rate and arm when the fix was valid, the arm in the body axes of now
+    rx = number[N_RATE] - back * moved[6]
+    ry = number[N_RATE + 1] - back * moved[7]
+    rz = number[N_RATE + 2] - back * moved[8]
+    sx = ry * lz - rz * ly
+    sy = rz * lx - rx * lz
+    sz = rx * ly - ry * lx
+    ax = lx - back * sx
+    ay = ly - back * sy
+    az = lz - back * sz
+    an = c00 * ax + c01 * ay + c02 * az
+    ae = c10 * ax + c11 * ay + c12 * az
+    ad = c20 * ax + c21 * ay + c22 * az
 
     lat = nav[LATITUDE] - back * moved[0]
     lon = nav[LONGITUDE] - back * moved[1]
     h = nav[HEIGHT] - back * moved[2]
     rm, rn = radii(lat, h)
     across = rn * cos(lat)
-    # rate against the Earth, in NED, that swings the arm
-    wn = number[N_RATE]
-    we = number[N_RATE + 1]
-    wd = number[N_RATE + 2]
-    on = c00 * wn + c01 * we + c02 * wd - _RATE * cos(lat)
-    oe = c10 * wn + c11 * we + c12 * wd
-    od = c20 * wn + c21 * we + c22 * wd + _RATE * sin(lat)
+    # The arm swings with the rate against the Earth
+    on = c00 * rx + c01 * ry + c02 * rz - _RATE * cos(lat)
+    oe = c10 * rx + c11 * ry + c12 * rz
+    od = c20 * rx + c21 * ry + c22 * rz + _RATE * sin(lat)
     bn = oe * ad - od * ae
     be = od * an - on * ad
     bd = on * ae - oe * an

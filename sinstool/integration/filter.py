@@ -49,6 +49,7 @@ BoolArray = NDArray[np.bool_]
 _ADAPTIVE = {"off": 0.0, "sage-husa": 1.0, "innovation": 2.0}
 _EVENTS_KEPT = 4096  # of a block; more are counted
 _FIX = 12
+_GATE = 8.0  # m, of the vertical channel
 
 
 @dataclass(frozen=True)
@@ -152,7 +153,7 @@ class InsGnssFilter:
         self._model = layout.Model(
             index,
             _parameters(self.kind, settings),
-            height_layout.new_parameters(damping, settings.grade, shadow=False),
+            height_layout.new_parameters(damping, settings.grade, shadow=False, gate=_GATE),
             decay_rates(self.kind, settings),
             noise_densities(self.kind, start, settings),
             p0,
@@ -506,6 +507,7 @@ def _parameters(kind: FilterKind, settings: Settings) -> FloatArray:
     p[layout.P_GNSS_WHITE : layout.P_GNSS_WHITE + 6] = white
     p[layout.P_GNSS_MARKOV : layout.P_GNSS_MARKOV + 6] = slow
     p[layout.P_GNSS_ALL : layout.P_GNSS_ALL + 6] = white + slow
+    p[layout.P_CHANNEL_GATE] = _GATE
     p[layout.P_GATES] = np.inf
     p[layout.P_GATES + 1 : layout.P_GATES + 7] = chi2.ppf(control.gate_probability, np.arange(1, 7))
     return p

@@ -54,7 +54,9 @@ N_RATE = 36  # angular rate and specific force of the latest update, three each
 N_FORCE = 39
 N_DROPPED = 42  # epochs before the start
 N_ROW_STREAK = 43  # baro differences rejected one after the other
-NUMBERS = 44
+N_JUMP_AT = 44  # time of the barometer's latest jump
+N_DISTRUST = 45  # until when samples of the barometer are turned down
+NUMBERS = 46
 
 # --- parameters ---------------------------------------------------------------------------
 P_SUBSTEP = 0
@@ -83,7 +85,8 @@ P_GNSS_WHITE = 24  # variances, six
 P_GNSS_MARKOV = 30  # variances that have states of their own, six
 P_GNSS_ALL = 36  # variances without those states, six
 P_GATES = 42  # by number of rows, 0 to 6
-PARAMETERS = 49
+P_CHANNEL_GATE = 49  # of the vertical channel at rest, m
+PARAMETERS = 50
 
 # --- a row of diagnostics -----------------------------------------------------------------
 D_INNOVATION = 0
@@ -142,7 +145,7 @@ class Memory(NamedTuple):
     gain: FloatArray  # (n, 6)
     pht: FloatArray  # (n, 6)
     old: FloatArray  # (n, n)
-    moved: FloatArray  # (6,) latitude, longitude, height, velocity per second in an update
+    moved: FloatArray  # (9,) latitude, longitude, height, velocity, rate per second in an update
 
 
 class Model(NamedTuple):
@@ -222,7 +225,7 @@ def new_memory(
         gain=np.zeros((n, ROWS)),
         pht=np.zeros((n, ROWS)),
         old=np.zeros((n, n)),
-        moved=np.zeros(6),
+        moved=np.zeros(9),
     )
 
 

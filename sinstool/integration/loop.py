@@ -8,7 +8,7 @@ they are due; feedback; output. Estimate and covariance follow in substeps.
 
 from __future__ import annotations
 
-from math import ceil, cos, pi
+from math import ceil, cos, pi, sqrt
 
 import numba
 import numpy as np
@@ -21,8 +21,12 @@ from sinstool.height.layout import (
     COAST,
     CORRECTED,
     ENGAGED,
+    GATE,
     JUMPED,
     NOTHING,
+    P_GATE,
+    P_GATE_SIGMAS,
+    P_TAU,
     RESTORED,
     S_BARO_BIAS,
     S_CORRECTION,
@@ -55,12 +59,14 @@ from sinstool.integration.layout import (
     E_GAP,
     E_GAP_RESTART,
     N_BARO_AT,
+    N_DISTRUST,
     N_DROPPED,
     N_FORCE,
     N_FROM,
     N_GAIN,
     N_GAINS,
     N_GAP,
+    N_JUMP_AT,
     N_KNOWN,
     N_NOW,
     N_RATE,
@@ -79,9 +85,11 @@ from sinstool.integration.layout import (
     O_FORCE,
     O_RATE,
     P_BARO_DECAY,
+    P_BARO_GATE,
     P_BARO_ROW,
     P_BARO_SIGMA,
     P_BARO_WHITE,
+    P_CHANNEL_GATE,
     P_CLOSED,
     P_CORRECTION_ROW,
     P_GAP_ACCELERATION,
@@ -123,6 +131,9 @@ _D = POSITION + 2
 _VD = VELOCITY + 2
 
 FAST_BARO = 0.05  # s: faster samples act on the covariance together, at the substep's end
+LEAST_BARO_GATE = 3.0  # m: samples closer than this are never unlikely
+JUMPS_APART = 30.0  # s between jumps of a barometer that is sound otherwise
+DOUBT = 0.25  # of a jump
 BRIDGE = 0.05  # s, longest step within an IMU gap
 ROUNDING = 1e-7  # s, of times and intervals: they are whole nanoseconds
 
@@ -200,6 +211,8 @@ def run(
             number[N_BARO_AT] = begin
             number[N_USED_AT] = -np.inf
             number[N_SAMPLE_STAMP] = -np.inf
+            number[N_JUMP_AT] = -np.inf
+            number[N_DISTRUST] = -np.inf
             begin_substep(m)
             for i in range(3):
                 number[N_RATE + i] = phi[k, i] / dt
@@ -345,9 +358,6 @@ def run(
             wait = par[P_ROW_INTERVAL] - ROUNDING
             if fix_next < len(fix_time) and fix_time[fix_next] <= now:
                 wait *= 0.5
-                number[N_RATE] = rate_x
-                number[N_RATE + 1] = rate_y
-                number[N_RATE + 2] = rate_z
             if number[N_SAMPLE] > 0.0:
                 number[N_SAMPLE] = 0.0
                 if now - number[N_BARO_AT] >= wait:
@@ -376,6 +386,13 @@ def run(
                 moved[3] = (nav[V_NORTH] - vn0) * inverse
                 moved[4] = (nav[V_NORTH + 1] - ve0) * inverse
                 moved[5] = (nav[V_DOWN] - vd0) * inverse
+                # The rate as it changes from the middle of the update before to that of this one
+                moved[6] = (phi[k, 0] / dt - rate0) / dt if bridges == 0 else 0.0
+                moved[7] = (phi[k, 1] / dt - rate1) / dt if bridges == 0 else 0.0
+                moved[8] = (phi[k, 2] / dt - rate2) / dt if bridges == 0 else 0.0
+                number[N_RATE] = rate_x + 0.5 * d * moved[6]
+                number[N_RATE + 1] = rate_y + 0.5 * d * moved[7]
+                number[N_RATE + 2] = rate_z + 0.5 * d * moved[8]
                 while fix_next < len(fix_time) and fix_time[fix_next] <= now:
                     gnss_epoch(
                         m,
@@ -453,6 +470,27 @@ def _difference(m: Memory, stamp: float, height: float, reason: int) -> None:
 
 
 @numba.njit(cache=True, nogil=True)
+def _unlikely(m: Memory, model: Model, stamp: float, height: float) -> bool:
+    """Whether the filter says of a sample that the channel would use: it cannot be so.
+
+    The channel's gate alone would let a sensor that hangs drag the height along while the
+    filter, sure of it, turns the fixes down.
+    """
+    channel = m.channel
+    par = model.parameters
+    b = model.where[I_BARO]
+    v_up = -m.nav[V_DOWN]
+    used = height + channel[S_OFFSET] - channel[S_BARO_BIAS]
+    e = m.nav[HEIGHT] - v_up * (m.numbers[N_NOW] - stamp) - used
+    gate = max(model.network[P_GATE], model.network[P_GATE_SIGMAS] * sqrt(channel[S_SQUARE]))
+    if abs(e + par[P_K4] * v_up) > gate:
+        return False  # the channel's own affair: a jump perhaps
+    variance = m.p[_D, _D] + 2.0 * m.p[_D, b] + m.p[b, b] + par[P_BARO_WHITE]
+    e += m.x[_D] + m.x[b]
+    return e * e > max(LEAST_BARO_GATE**2, par[P_BARO_GATE] ** 2 * variance)
+
+
+@numba.njit(cache=True, nogil=True)
 def _network_sample(
     m: Memory,
     model: Model,
@@ -473,8 +511,15 @@ def _network_sample(
     nav = m.nav
     phase = int(channel[S_PHASE])
     before = channel[S_CORRECTION]
+    offset = channel[S_OFFSET]
     now = number[N_NOW]
     v_up = -nav[V_DOWN]
+    # A filter that knows what K4 does keeps the height right, and so e at K4 v_up: no jump.
+    model.network[P_GATE] = par[P_CHANNEL_GATE] + abs(par[P_K4] * v_up)
+    if reason == ACCEPTED and (
+        now < number[N_DISTRUST] or (phase == ENGAGED and _unlikely(m, model, stamp, height))
+    ):
+        reason = GATE
     what, dh, dw = baro_sample(
         channel,
         model.network,
@@ -510,7 +555,9 @@ def _network_sample(
         open_instant(m, model, stored, row, keep)
         difference = channel[S_INNOVATION] - par[P_K4] * v_up
         used = baro_difference(m, model, events, count, difference, 0.0, par[P_BARO_WHITE], 1)
-        if phase == COAST and used:
+        if not used:
+            _after_jump(m, model)
+        if phase == COAST:
             number[N_STEP] = dh
             number[N_STEP_SET] = 1.0
         return close_instant(m, model, stored, row, keep)
@@ -527,10 +574,14 @@ def _network_sample(
         return row
     close_substep(m, model, keep)
     if what == JUMPED:
-        # The jump is known as well as the mean of the differences that showed it.
         b = model.where[I_BARO]
-        m.p[b, b] += (channel[S_SQUARE] + par[P_BARO_WHITE]) / JUMP_ROWS
-        record(events, count, E_BARO_JUMP, now, channel[S_OFFSET])
+        # It is known as well as the mean of the differences that showed it; whether the
+        # barometer is to be relied on after that, is not.
+        mean = (channel[S_SQUARE] + par[P_BARO_WHITE]) / JUMP_ROWS
+        doubt = DOUBT * (channel[S_OFFSET] - offset)
+        m.p[b, b] += mean + par[P_BARO_SIGMA] ** 2 + doubt * doubt
+        _after_jump(m, model)
+        record(events, count, E_BARO_JUMP, now, offset - channel[S_OFFSET])
     baro_correction(
         model.where,
         channel[S_L1],
@@ -544,6 +595,25 @@ def _network_sample(
         m.half[0],
     )
     return row
+
+
+@numba.njit(cache=True, nogil=True)
+def _after_jump(m: Memory, model: Model) -> None:
+    """Jumps that follow each other, as of a sensor that hangs: leave it alone for a while.
+
+    Up to the gate, navigation and network were pulled along between the jumps.
+    """
+    number = m.numbers
+    now = number[N_NOW]
+    if now - number[N_JUMP_AT] < JUMPS_APART:
+        a = model.where[I_CORRECTION]
+        gate = model.parameters[P_CHANNEL_GATE]
+        rate = 1.0 / model.network[P_TAU]
+        m.p[_D, _D] += gate**2
+        m.p[_VD, _VD] += (gate * rate) ** 2
+        m.p[a, a] += (gate * rate * rate) ** 2
+        number[N_DISTRUST] = now + JUMPS_APART
+    number[N_JUMP_AT] = now
 
 
 @numba.njit(cache=True, nogil=True)
