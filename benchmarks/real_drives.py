@@ -29,14 +29,13 @@ from sinstool.integration.latency import (
     Latency,
     correlate,
     inertial_velocity,
-    separate,
-    velocity_lag,
 )
 from sinstool.integration.noise import IMU_GRADES, GnssModel
 from sinstool.integration.results import FilterBlock, UpdateColumns
 from sinstool.integration.settings import Settings
 from sinstool.integration.smoother import Smoother
 from sinstool.integration.start import Beginning, find_start, start_at
+from sinstool.integration.velocity_lag import separate, velocity_lag
 from sinstool.readers.open import open_log
 from sinstool.readers.streams import ImuUnits, Losses, read_imu
 from sinstool.readers.topics import choose_imu

@@ -6,11 +6,11 @@ A filter that is told something wrong does not say so. Each wrong thing leaves a
 cause               trace
 ==================  ==============================================================================
 axes                another assignment of the gyro axes fits velocity changes far better
-initial attitude    velocity changes of the first minute give another attitude than the start:
+initial attitude    velocity changes of the first two minutes give another attitude than the start:
                     tilt (gravity where it cannot be: mount, body axes), or heading
 latency             the velocity of the IMU alone runs ahead of that of GNSS, or behind
 velocity lag        positions and velocities of the receiver are not of one instant
-lever arm           innovations are constant in body axes, those of velocity turn with the rate
+lever arm           velocities of GNSS swing with the vehicle's turns
 GNSS noise          innovations of a channel are larger or smaller than their sigma, and white
 IMU noise           they are larger, and follow one another
 divergence          fixes are gated, the filter begins anew; told even where no cause is found
@@ -38,9 +38,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sinstool import earth
-from sinstool.integration.latency import correlate, inertial_velocity, velocity_lag
+from sinstool.integration.latency import correlate, inertial_velocity
 from sinstool.integration.results import GnssDiagnostics, UpdateColumns
 from sinstool.integration.settings import Settings, Start
+from sinstool.integration.velocity_lag import velocity_lag
 from sinstool.rotation import from_dcm, log, multiply, normalise, rotate, to_dcm
 from sinstool.strapdown.attitude import AttitudePropagator
 from sinstool.streams import GnssEpochs
@@ -67,7 +68,7 @@ CHANNELS = {
     "vertical velocity": (5,),
 }
 
-_FIRST_S = 60.0  # of velocity changes that must fit the start
+_FIRST_S = 120.0  # of velocity changes that must fit the start
 _SETTLED_S = 30.0
 _LEAST = 20  # epochs
 _MEDIAN = 0.4549  # of the square of a unit normal
@@ -139,11 +140,9 @@ def diagnose(
     if first:
         return tuple(first)
     found = [
-        *_latency(start, updates, fixes, settings),
+        *_time_and_arm(start, updates, fixes, settings),
         *_lag(fixes),
     ]
-    if not found:
-        found += _lever_arm(updates, gnss)
     if not found:
         found += _noise(gnss)
     found += _divergence(gnss, restarts, not found)
@@ -175,10 +174,11 @@ def _first_minute(
     given, dcm = fit.squares(np.eye(3))
     best, axes = given, np.eye(3)
     if given > fit.noise(settings):
-        for candidate in _signed_permutations():
-            squares, _ = fit.squares(candidate)
-            if squares < best:
-                best, axes = squares, candidate
+        tried = [(fit.squares(c)[0], c) for c in _signed_permutations()]
+        best = min(squares for squares, _ in tried)
+        # Of those that fit alike, the one with the fewest signs turned and axes moved
+        alike = [c for squares, c in tried if squares <= 1.5 * best]
+        axes = min(alike, key=lambda c: (np.sum(c < 0.0), -np.abs(np.diag(c)).sum()))
     times = float(np.sqrt(given / max(best, 1e-9)))
     if best < _AXES_FIT * given and not np.array_equal(axes, np.eye(3)):
         names = _axes_text(axes)
@@ -186,8 +186,8 @@ def _first_minute(
             Finding(
                 "axes",
                 "gyro and accelerometer axes do not belong together: velocity changes fit"
-                f" {times:.0f} times better with the gyro's x, y, z taken as {names}; check the body"
-                " axes and the driver's signs",
+                f" {times:.0f} times better with the gyro's x, y, z taken as {names}; check the"
+                " body axes and the driver's signs",
                 times,
                 names,
             )
@@ -281,7 +281,7 @@ class _Fit:
             return [
                 Finding(
                     "initial heading",
-                    f"velocity changes of the first minute say that the initial heading is"
+                    f"velocity changes of the first two minutes say that the initial heading is"
                     f" {np.rad2deg(heading):.0f} deg off, given as known to"
                     f" {np.rad2deg(np.sqrt(start.covariance_attitude_n[2, 2])):.1f} deg; leave it"
                     " out, to be found in motion",
@@ -321,9 +321,10 @@ def _intervals(updates: UpdateColumns) -> FloatArray:
 # --- time ---------------------------------------------------------------------------------
 
 
-def _latency(
+def _time_and_arm(
     start: Start, updates: UpdateColumns, fixes: GnssEpochs, settings: Settings
 ) -> list[Finding]:
+    """Both from the velocity of the IMU alone, which no filter bends towards the fixes."""
     before = np.concatenate([start.nav[None, 6:10], updates.q_nb[:-1]])
     sign = np.sign(np.sum(before * updates.q_nb, axis=1, keepdims=True))
     interval = _intervals(updates)
@@ -335,20 +336,38 @@ def _latency(
         updates.height,
         updates.velocity_n,
     )
-    # The antenna swings about the IMU
-    velocity = velocity + rotate(updates.q_nb, np.cross(updates.omega_ib_b, settings.lever_arm_b))
-    found = correlate(updates.time_ns, velocity, fixes.time_ns, fixes.velocity_n)
+    swing = to_dcm(updates.q_nb) @ _cross(updates.omega_ib_b)
+    velocity = velocity + swing @ np.asarray(settings.lever_arm_b)
+    found = correlate(updates.time_ns, velocity, fixes.time_ns, fixes.velocity_n, swing_n=swing)
+    findings = []
     off = found.latency_s - settings.gnss_latency
-    if found.status == "not observable" or abs(off) < max(_LATENCY_S, _SIGMAS * found.sigma_s):
-        return []
-    return [
-        Finding(
-            "latency",
+    if found.status != "not observable" and abs(off) > max(_LATENCY_S, _SIGMAS * found.sigma_s):
+        text = (
             f"the latency of GNSS is {1e3 * found.latency_s:.0f} ms (+- {1e3 * found.sigma_s:.0f}),"
-            f" not {1e3 * settings.gnss_latency:.0f} ms: velocities fit the IMU's best so",
-            found.latency_s,
+            f" not {1e3 * settings.gnss_latency:.0f} ms: velocities fit the IMU's best so"
         )
-    ]
+        findings.append(Finding("latency", text, found.latency_s))
+    if found.arm_b is not None and found.arm_sigma_b is not None:
+        size = float(np.linalg.norm(found.arm_b))
+        clear = np.abs(found.arm_b) > np.maximum(_SIGMAS * found.arm_sigma_b, _ARM_M)
+        if np.any(clear):
+            x, right, down = found.arm_b
+            text = (
+                "velocities of GNSS swing with the vehicle's turns: the antenna seems to be another"
+                f" {x:.1f} m forward, {right:.1f} m right, {down:.1f} m down of where the lever arm"
+                " has it"
+            )
+            findings.append(Finding("lever arm", text, size))
+    return findings
+
+
+def _cross(v: FloatArray) -> FloatArray:
+    """Matrices [v x]."""
+    out = np.zeros((len(v), 3, 3))
+    out[:, 0, 1], out[:, 0, 2] = -v[:, 2], v[:, 1]
+    out[:, 1, 0], out[:, 1, 2] = v[:, 2], -v[:, 0]
+    out[:, 2, 0], out[:, 2, 1] = -v[:, 1], v[:, 0]
+    return out
 
 
 def _lag(fixes: GnssEpochs) -> list[Finding]:
@@ -379,47 +398,6 @@ def _rows(gnss: GnssDiagnostics) -> np.ndarray:
         & ~gnss.restarted
         & (gnss.rows > 0)
     )
-
-
-def _lever_arm(updates: UpdateColumns, gnss: GnssDiagnostics) -> list[Finding]:
-    rows = _rows(gnss)
-    if np.count_nonzero(rows) < _LEAST:
-        return []
-    k = np.clip(np.searchsorted(updates.time_ns, gnss.time_ns[rows]), 0, len(updates) - 1)
-    c = to_dcm(updates.q_nb[k])
-    w = updates.omega_ib_b[k]
-    z, sigma = gnss.innovation[rows], gnss.innovation_sigma[rows]
-    swing = np.zeros((len(k), 3, 3))
-    swing[:, 0, 1], swing[:, 0, 2] = -w[:, 2], w[:, 1]
-    swing[:, 1, 0], swing[:, 1, 2] = w[:, 2], -w[:, 0]
-    swing[:, 2, 0], swing[:, 2, 1] = -w[:, 1], w[:, 0]
-    # Navigation less fix of an antenna that is `arm` further on than it is taken to be. A filter
-    # takes what does not turn for an error of its own: only the change from fix to fix is left.
-    position = -np.diff(c, axis=0) / sigma[1:, :3, None]
-    velocity = -(c @ swing)[1:] / sigma[1:, 3:, None]
-    h = np.concatenate([position, velocity], axis=1).reshape(-1, 3)
-    y = (z / sigma)[1:].reshape(-1)
-    good = np.isfinite(y) & np.isfinite(h).all(axis=1) & (np.abs(np.nan_to_num(y)) < 10.0)
-    if np.count_nonzero(good) < 10 * _LEAST // 2:
-        return []
-    h, y = h[good], y[good]
-    normal = h.T @ h
-    arm = np.linalg.pinv(normal, rcond=1e-6) @ (h.T @ y)
-    scale = max(1.0, float(np.mean((y - h @ arm) ** 2)))
-    gain = float(arm @ normal @ arm) / scale
-    size = float(np.linalg.norm(arm))
-    if gain < _SIGMAS**2 * 3.0 or size < _ARM_M:
-        return []
-    x, right, down = arm
-    return [
-        Finding(
-            "lever arm",
-            "innovations turn with the vehicle: the antenna seems to be another"
-            f" {x:.1f} m forward, {right:.1f} m right, {down:.1f} m down of where the lever arm"
-            " has it",
-            size,
-        )
-    ]
 
 
 def _noise(gnss: GnssDiagnostics) -> list[Finding]:

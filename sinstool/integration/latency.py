@@ -13,7 +13,8 @@ Two ways, the second starting from the first:
 * :func:`refine` takes the latency at which a filter finds its innovations most likely: the
   profile likelihood, ``-2 log L = sum(NIS + log det S)``, Mehra 1970. It uses positions too.
 
-Positions and velocities of one receiver need not be of one instant: see :func:`velocity_lag`.
+Positions and velocities of one receiver need not be of one instant: see
+:mod:`sinstool.integration.velocity_lag`.
 
 References
 ----------
@@ -31,12 +32,10 @@ from typing import Literal
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from scipy.interpolate import PchipInterpolator
 from scipy.optimize import minimize_scalar
 
 from sinstool import earth
 from sinstool.rotation import rotate
-from sinstool.streams import GnssEpochs, concatenate
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
@@ -54,6 +53,7 @@ MAX_SIGMA_S = 0.05
 _CONTRAST = 25.0
 _GRID_S = 0.025
 _OUTLIER = 9.0
+_ARM_PRIOR = 10.0  # m
 _MIN_FIXES = 5  # in a window; two of them go into the line
 
 
@@ -71,12 +71,17 @@ class Latency:
         ``at the limit`` where the best one lies at an end of the range searched.
     evaluations : int
         Latencies that were tried.
+    arm_b, arm_sigma_b : ndarray or None, shape (3,)
+        How much further on the antenna seems to be, FRD, and how well that is known, m; where
+        :func:`correlate` was asked for it. A part that no turn shows is 0, its sigma 10 m.
     """
 
     latency_s: float
     sigma_s: float
     status: LatencyStatus
     evaluations: int
+    arm_b: FloatArray | None = None
+    arm_sigma_b: FloatArray | None = None
 
     def __str__(self) -> str:
         if self.status == "not observable":
@@ -129,6 +134,7 @@ def correlate(
     low_s: float = -0.6,
     high_s: float = 0.6,
     window_s: float = WINDOW_S,
+    swing_n: ArrayLike | None = None,
 ) -> Latency:
     """Latency at which velocities of IMU and GNSS run alike.
 
@@ -147,6 +153,9 @@ def correlate(
         Range searched.
     window_s : float, optional
         See `WINDOW_S`.
+    swing_n : array_like, shape (n, 3, 3), optional
+        ``C_nb [omega x]``, by which an error of the lever arm shows in the velocity. The one
+        that fits best is fitted too: in turns it looks like a latency.
 
     Returns
     -------
@@ -167,7 +176,8 @@ def correlate(
         raise ValueError(f"Expected `low_s` below `high_s`, got {low_s}, {high_s}.")
     if inertial.shape != (len(times), 3) or measured.shape != (len(stamps), 3):
         raise ValueError("Expected velocities of shape (n, 3) and (m, 3) for their times.")
-    windows = _Windows(times, inertial, stamps, measured, low_s, high_s, window_s)
+    swing = None if swing_n is None else np.asarray(swing_n, dtype=np.float64)
+    windows = _Windows(times, inertial, stamps, measured, low_s, high_s, window_s, swing)
     if windows.degrees <= 10:
         return Latency(0.0, np.inf, "not observable", 0)
     count = int(np.ceil((high_s - low_s) / _GRID_S)) + 1
@@ -186,10 +196,12 @@ def correlate(
     bend = (windows.cost(tau - h) - 2.0 * least + windows.cost(tau + h)) / (h * h)
     evaluations = count + int(found.nfev) + 2
     if noise <= 0.0:  # simulated without any noise
-        return Latency(tau, 0.0, "found", evaluations)
+        return Latency(tau, 0.0, "found", evaluations, *windows.arm(tau, 1e-12))
     sigma = float(np.sqrt(2.0 * noise / bend) * np.sqrt(2.0)) if bend > 0.0 else np.inf
     contrast = (float(total.max()) - least) / noise
-    return _judged(tau, sigma, contrast, best in (0, count - 1), evaluations)
+    judged = _judged(tau, sigma, contrast, best in (0, count - 1), evaluations)
+    arm, arm_sigma = windows.arm(tau, noise)
+    return replace(judged, arm_b=arm, arm_sigma_b=arm_sigma)
 
 
 def _sound(least: FloatArray, keep: FloatArray) -> FloatArray:
@@ -216,7 +228,9 @@ class _Windows:
         low_s: float,
         high_s: float,
         window_s: float,
+        swing: FloatArray | None,
     ) -> None:
+        self._swing = swing
         origin = int(times[0]) if len(times) else 0
         self._t = (times - origin) * 1e-9
         self._v = inertial
@@ -249,15 +263,50 @@ class _Windows:
 
     def costs(self, tau: float) -> FloatArray:
         """Sum of squares in each window."""
+        r, turned = self._rest(tau)
+        if turned is not None:
+            weight = self.keep[self._window]
+            r = r - turned @ self._solved(r, turned, weight)[0]
+        return np.asarray(self._sum(r * r).sum(axis=1))
+
+    def arm(self, tau: float, noise: float) -> tuple[FloatArray | None, FloatArray | None]:
+        """Lever arm that fits best, and its sigma."""
+        r, turned = self._rest(tau)
+        if turned is None:
+            return None, None
+        found, normal = self._solved(r, turned, self.keep[self._window])
+        prior = np.eye(3) / _ARM_PRIOR**2
+        inverse = np.linalg.inv(normal / noise + prior)
+        return inverse @ (normal / noise) @ found, np.sqrt(2.0 * np.diag(inverse))
+
+    def _solved(
+        self, r: FloatArray, turned: FloatArray, weight: FloatArray
+    ) -> tuple[FloatArray, FloatArray]:
+        normal = np.einsum("k,kij,kil->jl", weight, turned, turned)
+        right = np.einsum("k,kij,ki->j", weight, turned, r)
+        small = 1e-9 * max(float(np.trace(normal)), 1e-12)
+        return np.linalg.solve(normal + small * np.eye(3), right), normal
+
+    def _rest(self, tau: float) -> tuple[FloatArray, FloatArray | None]:
+        """What no line in a window explains: of the velocities, and of the swing."""
         at = self._stamp - tau
         r = np.empty_like(self._z)
         for axis in range(3):
             r[:, axis] = self._z[:, axis] - np.interp(at, self._t, self._v[:, axis])
-        r = self._detrended(r * self._level)
+        if self._swing is None:
+            return self._bent(r), None
+        turned = np.empty((len(at), 3, 3))
+        for j in range(3):
+            column = [np.interp(at, self._t, self._swing[:, i, j]) for i in range(3)]
+            turned[:, :, j] = self._bent(np.column_stack(column))
+        return self._bent(r), turned
+
+    def _bent(self, values: FloatArray) -> FloatArray:
+        """Less the line that fits best in each window."""
+        r = self._detrended(values * self._level)
         with np.errstate(invalid="ignore", divide="ignore"):
             b = np.where(self._slope2 > 0.0, self._sum(self._slope * r) / self._slope2, 0.0)
-        r -= b[self._window] * self._slope
-        return np.asarray(self._sum(r * r).sum(axis=1))
+        return np.asarray(r - b[self._window] * self._slope)
 
     def cost(self, tau: float) -> float:
         """Sum over the windows kept."""
@@ -271,75 +320,6 @@ class _Windows:
     def _detrended(self, values: FloatArray) -> FloatArray:
         mean = self._sum(values) / np.maximum(self._sum(self._level), 1.0)
         return (values - mean[self._window]) * self._level
-
-
-def velocity_lag(gnss: GnssEpochs) -> Latency:
-    """How much later the velocities of a receiver are stamped than its positions.
-
-    Some receivers difference positions, or average the Doppler shift over the interval that ends
-    at the fix: their velocity is that of half an interval before. Found from the fixes alone, by
-    sliding positions along the integral of the velocities.
-
-    Parameters
-    ----------
-    gnss : GnssEpochs
-
-    Returns
-    -------
-    Latency
-        Positive where velocities are late.
-    """
-    fixes = gnss.rows(gnss.has_position & gnss.has_velocity)
-    if len(fixes) < 20:
-        return Latency(0.0, np.inf, "not observable", 0)
-    t = (fixes.time_ns - fixes.time_ns[0]) * 1e-9
-    usual = float(np.median(np.diff(t)))
-    span = min(2.0 * usual, 1.0)
-    way = PchipInterpolator(t, fixes.velocity_n[:, :2]).antiderivative()
-    # Down is often known worse than it moves
-    fine = np.arange(0.0, t[-1], min(0.02, 0.1 * usual))
-    travelled = np.column_stack([way(fine), np.zeros_like(fine)])
-    meridian, transverse = earth.radii_of_curvature(fixes.latitude[0])
-    unwrapped = np.unwrap(fixes.longitude)
-    position = np.column_stack(
-        [
-            (fixes.latitude - fixes.latitude[0]) * float(meridian),
-            (unwrapped - unwrapped[0]) * float(transverse) * np.cos(fixes.latitude[0]),
-            np.full(len(fixes), np.nan),
-        ]
-    )
-    times = fixes.time_ns[0] + np.round(fine * 1e9).astype(np.int64)
-    found = correlate(times, travelled, fixes.time_ns, position, -span, span)
-    return replace(found, latency_s=-found.latency_s)
-
-
-def separate(gnss: GnssEpochs, velocity_lag_s: float) -> GnssEpochs:
-    """Epochs whose velocities have rows of their own, stamped as the positions are.
-
-    Parameters
-    ----------
-    gnss : GnssEpochs
-    velocity_lag_s : float
-        See :func:`velocity_lag`.
-
-    Returns
-    -------
-    GnssEpochs
-        By time: positions at their stamps, velocities that much earlier.
-    """
-    n = len(gnss)
-    nothing, triple = np.full(n, np.nan), np.full((n, 3), np.nan)
-    positions = replace(gnss, velocity_n=triple, sigma_velocity_n=triple)
-    velocities = replace(
-        gnss,
-        time_ns=gnss.time_ns - round(velocity_lag_s * 1e9),
-        latitude=nothing,
-        longitude=nothing,
-        height=nothing,
-        sigma_position_n=triple,
-    )
-    both = concatenate([positions.rows(gnss.has_position), velocities.rows(gnss.has_velocity)])
-    return both.rows(np.argsort(both.time_ns, kind="stable"))
 
 
 def refine(

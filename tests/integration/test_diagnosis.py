@@ -1,0 +1,267 @@
+"""Each wrong thing is named; nothing is, where all is well."""
+
+from dataclasses import replace
+from functools import cache
+
+import numpy as np
+import pytest
+
+from sinstool.coning.registry import algorithm
+from sinstool.coning.stage import ConingStage
+from sinstool.integration.diagnosis import diagnose, summary
+from sinstool.integration.filter import InsGnssFilter
+from sinstool.integration.noise import GnssModel, ImuNoise
+from sinstool.integration.settings import Settings, start
+from sinstool.integration.velocity_lag import separate
+from sinstool.rotation import exp, multiply, normalise
+from sinstool.simulation.drive import road_drive
+from sinstool.simulation.flight import manoeuvring_flight
+from sinstool.simulation.gnss import GnssErrors, Receiver, gnss_samples
+from sinstool.simulation.sensors import GRADES, with_errors
+from sinstool.strapdown.velocity import Increments, IncrementStage
+from sinstool.streams import GnssEpochs
+
+DEGREE = np.pi / 180.0
+RATE = 50.0
+GRADE = GRADES["tactical"]
+IMU = ImuNoise(
+    GRADE.angle_random_walk, GRADE.velocity_random_walk, GRADE.gyro_bias, GRADE.accel_bias
+)
+ERRORS = GnssErrors((1.0, 1.0, 1.5), (0.0,) * 3, 100.0, (0.05, 0.05, 0.08))
+MODEL = GnssModel((1.0, 1.0, 1.5), (0.05,) * 3, 100.0, (0.05, 0.05, 0.08), (5e-3,) * 3, 100.0)
+SETTINGS = Settings(filter="markov-21", imu=IMU, gnss=MODEL, grade="tactical")
+ATTITUDE = np.array([0.2, 0.2, 1.0]) * DEGREE
+
+
+@cache
+def truth(kind, seed):
+    if kind == "flight":
+        return manoeuvring_flight(200.0, RATE, latitude=-0.7, longitude=2.0, heading=2.5, seed=seed)
+    return road_drive(240.0, RATE, heading=-2.0, still_s=10.0, seed=seed)
+
+
+def increments(imu, gyro, accel):
+    stage = IncrementStage(
+        lambda: ConingStage(
+            algorithm("previous-1"), "mean-rate", nominal_interval=float(imu.interval[1])
+        )
+    )
+    parts = [stage.push(gyro, accel, imu.time_ns), stage.finish()]
+    columns = Increments.__dataclass_fields__
+    return Increments(*(np.concatenate([getattr(p, c) for p in parts]) for c in columns))
+
+
+def epochs(samples):
+    nothing = np.full_like(samples.velocity_n, np.nan)
+    return GnssEpochs(
+        samples.time_ns,
+        samples.time_ns,
+        samples.latitude,
+        samples.longitude,
+        samples.height,
+        samples.velocity_n,
+        nothing,
+        nothing,
+    )
+
+
+def examined(
+    kind="flight",
+    seed=1,
+    settings=SETTINGS,
+    errors=ERRORS,
+    grade=GRADE,
+    gyro_axes=None,
+    accel_axes=None,
+    wrong_start=(0.0, 0.0, 0.0),
+    lag=0.0,
+    **receiver,
+):
+    """What is said of a run with these sensors, settings and start."""
+    path = truth(kind, seed)
+    imu = with_errors(path.imu, grade, seed)
+    gyro, accel = imu.gyro_mean_rate, imu.mean_specific_force
+    if gyro_axes is not None:
+        gyro = gyro @ np.asarray(gyro_axes, dtype=float).T
+    if accel_axes is not None:
+        accel = accel @ np.asarray(accel_axes, dtype=float).T
+    receiver = {"rate_hz": 4.0, "offset_s": 0.13, **receiver}
+    gnss = epochs(gnss_samples(path, Receiver(errors=errors, **receiver), seed))
+    if lag:
+        both = separate(gnss, -lag)
+        place, speed = both.rows(both.has_position), both.rows(both.has_velocity)
+        # velocities as the receiver stamps them, in one row with the positions of that stamp
+        velocity = np.column_stack(
+            [np.interp(place.time_ns, speed.time_ns, speed.velocity_n[:, i]) for i in range(3)]
+        )
+        gnss = replace(place, velocity_n=velocity)
+    random = np.random.default_rng(seed)
+    psi = ATTITUDE * random.standard_normal(3) + np.asarray(wrong_start) * DEGREE
+    began = start(
+        float(path.latitude[0]),
+        float(path.longitude[0]),
+        float(path.height[0]),
+        path.velocity_n[0] + 0.05 * random.standard_normal(3),
+        normalise(multiply(exp(-psi), path.imu.q_nb[0])),
+        2.0,
+        0.1,
+        ATTITUDE,
+    )
+    run = InsGnssFilter(began, settings, with_baro=False)
+    block = run.push(increments(imu, gyro, accel), gnss)
+    restarts = run.summary.restarts
+    return diagnose(began, block.updates, block.gnss, gnss, settings, restarts)
+
+
+def causes(found):
+    return [f.cause for f in found]
+
+
+SWAPPED = [[0, 1, 0], [1, 0, 0], [0, 0, 1]]
+FLIPPED = [[1, 0, 0], [0, 1, 0], [0, 0, -1]]
+TURNED = [[0, 1, 0], [-1, 0, 0], [0, 0, 1]]  # a rotation, by 90 deg about z
+TIPPED = [[1, 0, 0], [0, -1, 0], [0, 0, -1]]  # FLU taken for FRD
+
+
+@pytest.mark.parametrize("kind", ["flight", "drive"])
+@pytest.mark.parametrize("seed", [1, 2, 3])
+def test_of_sound_data_nothing_is_said(kind, seed):
+    found = examined(kind, seed)
+    assert found == (), summary(found)
+    assert summary(found) == ""
+
+
+def test_nor_of_outages_coarse_sensors_and_coloured_fixes():
+    errors = GnssErrors((1.0, 1.0, 1.5), (2.0, 2.0, 3.0), 60.0, (0.05, 0.05, 0.08), (0.05,) * 3)
+    model = GnssModel(
+        (1.0, 1.0, 1.5), (2.0, 2.0, 3.0), 60.0, (0.05, 0.05, 0.08), (0.05,) * 3, 100.0
+    )
+    coarse = GRADES["mems"]
+    imu = ImuNoise(
+        coarse.angle_random_walk, coarse.velocity_random_walk, coarse.gyro_bias, coarse.accel_bias
+    )
+    settings = replace(SETTINGS, gnss=model, imu=imu, grade="mems")
+    found = examined("drive", 2, settings, errors, coarse)
+    assert found == (), summary(found)
+
+
+@pytest.mark.parametrize("latency", [0.06, 0.15])
+@pytest.mark.parametrize("kind", ["flight", "drive"])
+def test_a_latency(kind, latency):
+    found = examined(kind, latency_s=latency)
+    assert causes(found)[0] == "latency", summary(found)
+    assert found[0].size == pytest.approx(latency, abs=0.01)
+    told = replace(SETTINGS, gnss_latency=latency)
+    assert examined(kind, settings=told, latency_s=latency) == ()
+
+
+def test_an_imu_that_is_late():
+    told = replace(SETTINGS, gnss_latency=0.1)
+    found = examined(settings=told)
+    assert causes(found)[0] == "latency"
+    assert found[0].size == pytest.approx(0.0, abs=0.01)
+
+
+def test_velocities_that_lag_behind_positions():
+    quiet = GnssErrors((0.05,) * 3, (0.0,) * 3, 100.0, (0.03,) * 3)
+    model = replace(MODEL, position_white=(0.05,) * 3, velocity_white=(0.03,) * 3)
+    settings = replace(SETTINGS, gnss=model)
+    found = examined("drive", settings=settings, errors=quiet, lag=0.12)
+    assert "velocity lag" in causes(found), summary(found)
+    size = next(f.size for f in found if f.cause == "velocity lag")
+    assert size == pytest.approx(0.12, abs=0.015)
+    assert examined("drive", settings=settings, errors=quiet) == ()
+
+
+@pytest.mark.parametrize("kind", ["flight", "drive"])
+def test_a_lever_arm(kind):
+    found = examined(kind, lever_arm_b=(2.5, -1.5, -1.0))
+    assert causes(found)[0] == "lever arm", summary(found)
+    assert found[0].size == pytest.approx(np.linalg.norm([2.5, -1.5, -1.0]), rel=0.4)
+    told = replace(SETTINGS, lever_arm_b=(2.5, -1.5, -1.0))
+    assert examined(kind, settings=told, lever_arm_b=(2.5, -1.5, -1.0)) == ()
+
+
+@pytest.mark.parametrize(
+    ("position", "velocity", "where"),
+    [
+        (1 / 3, 1.0, {"horizontal position", "height"}),
+        (3.0, 1.0, {"horizontal position", "height"}),
+        (1.0, 1 / 3, {"horizontal velocity", "vertical velocity"}),
+        (1.0, 3.0, {"horizontal velocity", "vertical velocity"}),
+    ],
+)
+def test_noise_three_times_wrong(position, velocity, where):
+    settings = replace(SETTINGS, gnss=MODEL.scaled(position, velocity))
+    found = [f for f in examined(settings=settings) if f.cause != "divergence"]
+    assert {f.cause for f in found} == {"GNSS noise"}, summary(found)
+    assert {f.where for f in found} == where
+    factor = 1.0 / position if position != 1.0 else 1.0 / velocity
+    assert all(0.6 < f.size / factor < 1.6 for f in found)
+
+
+@pytest.mark.parametrize("kind", ["flight", "drive"])
+def test_gyro_axes_that_are_not_those_of_the_accelerometer(kind):
+    for axes, names in ((SWAPPED, "y, x, z"), (FLIPPED, "x, y, -z")):
+        found = examined(kind, gyro_axes=axes)
+        assert causes(found) == ["axes"], summary(found)
+        assert found[0].where == names
+
+
+def test_a_left_handed_imu():
+    found = examined(gyro_axes=SWAPPED, accel_axes=SWAPPED)
+    assert causes(found) == ["axes"], summary(found)
+
+
+@pytest.mark.parametrize("kind", ["flight", "drive"])
+@pytest.mark.parametrize("axes", [TIPPED, TURNED])
+def test_a_wrong_mount(kind, axes):
+    found = examined(kind, gyro_axes=axes, accel_axes=axes)
+    wanted = "initial attitude" if axes is TIPPED else "initial heading"
+    assert causes(found) == [wanted], summary(found)
+    assert np.rad2deg(found[0].size) == pytest.approx(180.0 if axes is TIPPED else 90.0, abs=10.0)
+
+
+@pytest.mark.parametrize("off", [-20.0, 60.0, 179.0])
+@pytest.mark.parametrize("kind", ["flight", "drive"])
+def test_a_wrong_initial_heading(kind, off):
+    found = examined(kind, wrong_start=(0.0, 0.0, off))
+    assert causes(found) == ["initial heading"], summary(found)
+    assert np.rad2deg(found[0].size) == pytest.approx(abs(off), abs=6.0)
+
+
+def test_an_imu_much_worse_than_its_noise_says():
+    worse = replace(
+        GRADE,
+        angle_random_walk=60.0 * GRADE.angle_random_walk,
+        velocity_random_walk=300.0 * GRADE.velocity_random_walk,
+    )
+    control = replace(SETTINGS.control, gate_probability=1.0)
+    found = examined("drive", settings=replace(SETTINGS, control=control), grade=worse)
+    assert "IMU noise" in causes(found), summary(found)
+
+
+def test_what_cannot_be_explained_is_told_all_the_same():
+    jumping = GnssErrors((40.0, 40.0, 60.0), (0.0,) * 3, 100.0, (0.05, 0.05, 0.08))
+    found = examined(errors=jumping)
+    assert causes(found)[-1] == "divergence"
+    assert "fixes" in summary(found)
+
+
+def test_too_little_to_judge():
+    path = truth("flight", 1)
+    gnss = epochs(gnss_samples(path, Receiver(0.05, errors=ERRORS), 1))
+    began = start(
+        float(path.latitude[0]),
+        float(path.longitude[0]),
+        float(path.height[0]),
+        path.velocity_n[0],
+        path.imu.q_nb[0],
+        2.0,
+        0.1,
+        ATTITUDE,
+    )
+    run = InsGnssFilter(began, SETTINGS, with_baro=False)
+    imu = path.imu
+    block = run.push(increments(imu, imu.gyro_mean_rate, imu.mean_specific_force), gnss)
+    assert diagnose(began, block.updates, block.gnss, gnss, SETTINGS) == ()

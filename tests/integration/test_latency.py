@@ -1,0 +1,268 @@
+"""Latencies that simulated receivers have, of either sign, found again."""
+
+from dataclasses import replace
+from functools import cache
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from sinstool.coning.registry import algorithm
+from sinstool.coning.stage import ConingStage
+from sinstool.integration.filter import InsGnssFilter
+from sinstool.integration.latency import correlate, inertial_velocity, likelihood_cost, refine
+from sinstool.integration.noise import GnssModel, ImuNoise
+from sinstool.integration.settings import Settings, start
+from sinstool.integration.velocity_lag import separate, velocity_lag
+from sinstool.rotation import exp, multiply
+from sinstool.simulation.drive import road_drive
+from sinstool.simulation.flight import manoeuvring_flight
+from sinstool.simulation.gnss import GnssErrors, Receiver, gnss_samples
+from sinstool.simulation.sensors import GRADES, with_errors
+from sinstool.strapdown.velocity import Increments, IncrementStage
+from sinstool.streams import GnssEpochs
+
+RATE = 50.0
+GRADE = GRADES["mems"]
+ERRORS = GnssErrors((1.0, 1.0, 1.5), (2.0, 2.0, 3.0), 100.0, (0.05, 0.05, 0.08))
+SETTINGS = Settings(
+    filter="markov-21",
+    imu=ImuNoise(
+        GRADE.angle_random_walk, GRADE.velocity_random_walk, GRADE.gyro_bias, GRADE.accel_bias
+    ),
+    gnss=GnssModel((1.0, 1.0, 1.5), (2.0, 2.0, 3.0), 100.0, (0.05, 0.05, 0.08), (5e-3,) * 3, 100.0),
+)
+
+
+def increments(imu):
+    stage = IncrementStage(
+        lambda: ConingStage(
+            algorithm("previous-1"), "mean-rate", nominal_interval=float(imu.interval[1])
+        )
+    )
+    parts = [stage.push(imu.gyro_mean_rate, imu.mean_specific_force, imu.time_ns), stage.finish()]
+    columns = Increments.__dataclass_fields__
+    return Increments(*(np.concatenate([getattr(p, c) for p in parts]) for c in columns))
+
+
+class Scene:
+    """A MEMS on the move and a receiver, whose clock is ahead of the IMU's or behind."""
+
+    def __init__(self, kind, latency, seed=1, rate=5.0):
+        if kind == "flight":
+            path = manoeuvring_flight(240.0, RATE, latitude=0.6, longitude=-1.0, seed=seed)
+        elif kind == "drive":
+            path = road_drive(240.0, RATE, heading=1.0, still_s=10.0, seed=seed)
+        else:
+            path = road_drive(120.0, RATE, heading=1.0, still_s=200.0)
+        self.path, imu = path, with_errors(path.imu, GRADE, seed)
+        self.increments = increments(imu)
+        receiver = Receiver(rate, 0.61, max(latency, 0.0), errors=ERRORS)
+        samples = gnss_samples(path, receiver, seed)
+        early = round(min(latency, 0.0) * 1e9)
+        nothing = np.full_like(samples.velocity_n, np.nan)
+        self.gnss = GnssEpochs(
+            samples.time_ns + early,
+            samples.time_ns + early,
+            samples.latitude,
+            samples.longitude,
+            samples.height,
+            samples.velocity_n,
+            nothing,
+            nothing,
+        )
+        psi = np.deg2rad([0.3, -0.3, 2.0])
+        self.start = start(
+            float(path.latitude[0]),
+            float(path.longitude[0]),
+            float(path.height[0]),
+            path.velocity_n[0],
+            multiply(exp(psi), path.imu.q_nb[0]),
+            3.0,
+            0.1,
+            np.deg2rad([0.5, 0.5, 2.0]),
+        )
+
+    def filtered(self, latency=0.0):
+        run = InsGnssFilter(
+            self.start, replace(SETTINGS, gnss_latency=latency), with_baro=False, output=True
+        )
+        return run.push(self.increments, self.gnss)
+
+    def correlated(self, **more):
+        updates = self.filtered().updates
+        before = np.concatenate([self.start.nav[None, 6:10], updates.q_nb[:-1]])
+        velocity = inertial_velocity(
+            before,
+            self.increments.velocity_increment,
+            self.increments.interval,
+            updates.latitude,
+            updates.height,
+            updates.velocity_n,
+        )
+        return correlate(updates.time_ns, velocity, self.gnss.time_ns, self.gnss.velocity_n, **more)
+
+    def cost(self, latency):
+        found = self.filtered(latency).gnss
+        sound = found.time_ns > found.time_ns[0] + 20_000_000_000
+        log_det = 2.0 * np.log(found.innovation_sigma).sum(axis=1)
+        return likelihood_cost(found.nis[sound], log_det[sound], found.used[sound], 27.86)
+
+
+@cache
+def scene(kind, latency, seed=1):
+    return Scene(kind, latency, seed)
+
+
+@pytest.mark.parametrize("kind", ["flight", "drive"])
+@pytest.mark.parametrize("latency", [0.05, 0.1, 0.2, 0.0, -0.125])
+def test_found_from_the_velocities(kind, latency):
+    found = scene(kind, latency).correlated()
+    assert found.status == "found"
+    assert found.latency_s == pytest.approx(latency, abs=0.01)
+    assert found.sigma_s < 0.01
+    assert "ms" in str(found)
+
+
+def test_its_sigma_is_its_error():
+    errors = []
+    for seed in range(2, 10):
+        found = Scene("drive", 0.08, seed).correlated()
+        errors.append((found.latency_s - 0.08) / found.sigma_s)
+    assert 0.3 < np.sqrt(np.mean(np.square(errors))) < 1.8
+
+
+@pytest.mark.parametrize("latency", [0.2, -0.125])
+def test_found_by_likelihood(latency):
+    trial = scene("flight", latency)
+    first = trial.correlated().latency_s
+    # from a start that is off, too
+    for guess in (first, latency + 0.12):
+        found = refine(trial.cost, guess, 0.05)
+        assert found.status == "found"
+        assert found.latency_s == pytest.approx(latency, abs=0.01)
+        assert found.evaluations <= 25
+        assert found.sigma_s < 0.01
+
+
+def test_nothing_is_found_at_rest():
+    found = scene("rest", 0.1).correlated()
+    assert found.status == "not observable"
+    assert not np.isfinite(found.sigma_s)
+    assert "not observable" in str(found)
+
+
+def test_at_the_end_of_the_range():
+    found = scene("drive", 0.2).correlated(low_s=-0.1, high_s=0.1)
+    assert found.status == "at the limit"
+    assert found.latency_s == pytest.approx(0.1, abs=0.01)
+
+
+def test_outliers_and_missing_velocities():
+    trial = scene("flight", 0.1)
+    updates = trial.filtered().updates
+    before = np.concatenate([trial.start.nav[None, 6:10], updates.q_nb[:-1]])
+    velocity = inertial_velocity(
+        before,
+        trial.increments.velocity_increment,
+        trial.increments.interval,
+        updates.latitude,
+        updates.height,
+        updates.velocity_n,
+    )
+    random = np.random.default_rng(3)
+    spoilt = trial.gnss.velocity_n.copy()
+    spoilt[random.random(len(spoilt)) < 0.1] = np.nan
+    spoilt[::3, 2] = np.nan
+    spoilt[100:110] += 30.0 * random.standard_normal((10, 3))
+    found = correlate(updates.time_ns, velocity, trial.gnss.time_ns, spoilt)
+    assert found.latency_s == pytest.approx(0.1, abs=0.01)
+    nothing = np.full_like(spoilt, np.nan)
+    nothing = correlate(updates.time_ns, velocity, trial.gnss.time_ns, nothing)
+    assert nothing.status == "not observable"
+
+
+def smooth_motion(t):
+    """Velocity and way of something that speeds up and slows down."""
+    w, size, phase = np.array([[0.5, 0.9, 1.3], [4.0, 3.0, 2.0], [0.0, 1.0, 2.0]])
+    angle = np.outer(t, w) + phase
+    speed = np.sin(angle) * size
+    way = (np.cos(phase) - np.cos(angle)) / w * size
+    return speed, way
+
+
+@settings(max_examples=25, deadline=None)
+@given(st.floats(-0.5, 0.5), st.integers(0, 2**31))
+def test_any_latency_of_exact_velocities(latency, seed):
+    random = np.random.default_rng(seed)
+    t = np.arange(0.0, 60.0, 0.01)
+    fix = np.sort(random.uniform(1.0, 59.0, 200))
+    drift = random.standard_normal(3)
+    found = correlate(
+        (t * 1e9).astype(np.int64),
+        smooth_motion(t)[0] + drift * t[:, None],
+        (fix * 1e9).astype(np.int64),
+        smooth_motion(fix - latency)[0] + 0.01 * random.standard_normal((200, 3)),
+    )
+    assert found.latency_s == pytest.approx(latency, abs=5e-3)
+
+
+@pytest.mark.parametrize("lag", [0.12, 0.0, -0.05])
+def test_velocities_of_another_instant_than_positions(lag):
+    random = np.random.default_rng(4)
+    t = np.arange(0.0, 200.0, 0.25)
+    _, way = smooth_motion(t)
+    speed, _ = smooth_motion(t - lag)
+    way = way + 0.03 * random.standard_normal(way.shape)
+    n = len(t)
+    gnss = GnssEpochs(
+        (t * 1e9).astype(np.int64) + 7,
+        np.zeros(n, np.int64),
+        0.8 + way[:, 0] / 6.3683e6,
+        3.1415 + way[:, 1] / (6.3893e6 * np.cos(0.8)),
+        np.full(n, 100.0),
+        speed + 0.03 * random.standard_normal(speed.shape),
+        np.full((n, 3), np.nan),
+        np.full((n, 3), np.nan),
+    )
+    found = velocity_lag(gnss)
+    assert found.status == "found"
+    assert found.latency_s == pytest.approx(lag, abs=0.01)
+    both = separate(gnss, lag)
+    assert np.all(np.diff(both.time_ns) >= 0)
+    assert not np.any(both.has_position & both.has_velocity)
+    place, moving = both.rows(both.has_position), both.rows(both.has_velocity)
+    np.testing.assert_array_equal(place.time_ns, gnss.time_ns)
+    np.testing.assert_array_equal(moving.time_ns, gnss.time_ns - round(lag * 1e9))
+    np.testing.assert_array_equal(moving.velocity_n, gnss.velocity_n)
+    assert velocity_lag(gnss.rows(slice(0, 10))).status == "not observable"
+
+
+@settings(max_examples=40, deadline=None)
+@given(st.floats(-0.3, 0.3), st.floats(-0.1, 0.1), st.floats(2e-3, 2e-2))
+def test_refinement_of_a_parabola(best, first, sigma):
+    found = refine(lambda tau: 7.0 + ((tau - best) / sigma) ** 2, first, 0.1)
+    if abs(best - first) < 0.35:
+        assert found.status == "found"
+        assert found.latency_s == pytest.approx(best, abs=2e-3)
+        # -2 log L of a normal bends by 2/sigma^2
+        assert found.sigma_s == pytest.approx(sigma, rel=1e-3)
+
+
+def test_refinement_that_sees_nothing_or_an_end():
+    assert refine(lambda tau: 5.0).status == "not observable"
+    assert refine(lambda tau: 1e3 * tau).status in ("at the limit", "not observable")
+    with pytest.raises(ValueError, match="positive"):
+        refine(lambda tau: tau * tau, span_s=0.0)
+    with pytest.raises(ValueError, match="below"):
+        correlate([0], np.zeros((1, 3)), [0], np.zeros((1, 3)), 0.1, 0.1)
+    with pytest.raises(ValueError, match="shape"):
+        correlate([0, 1], np.zeros((1, 3)), [0], np.zeros((1, 3)))
+
+
+def test_the_cost_counts_what_was_not_used_as_at_the_gate():
+    nis, det = np.array([2.0, 500.0, 3.0]), np.array([1.0, 1.0, -4.0])
+    used = np.array([True, False, True])
+    assert likelihood_cost(nis, det, used, 20.0) == pytest.approx(2 + 1 + 20 + 1 + 3 - 4)
+    assert likelihood_cost(nis, det, used) == pytest.approx(503.0)
