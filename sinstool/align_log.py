@@ -5,25 +5,27 @@ from __future__ import annotations
 import csv
 import io
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from sinstool import summary
+from sinstool.align_truth import ErrorCourse, error_course, errors, tilt_errors
 from sinstool.alignment.gyrocompass import Gyrocompass
 from sinstool.alignment.inflight import InFlightAlignment
 from sinstool.config import ProcessConfig
 from sinstool.config.align import IN_FLIGHT
 from sinstool.errors import AlignmentError, ConfigurationError
-from sinstool.in_flight import align_moving
+from sinstool.in_flight import Moving, align_moving
 from sinstool.initialise import align, compass, seconds_from_start
 from sinstool.readers import open_log
 from sinstool.rotation import to_euler
 from sinstool.sensor_grade import sensor_grade
 from sinstool.source import Source, prepare
 from sinstool.timeline import SECOND
+from sinstool.truth import at_times, read_truth
 from sinstool.units import DEGREE
 from sinstool.writers.whole import WholeFile, check_output
 
@@ -45,15 +47,26 @@ class LogAlignment:
     windows : tuple of ndarray
         Seconds from the start, specific force (m/s^2) and angular rate (rad/s) in half-second
         means: the dynamics.
+    q_nb : ndarray, shape (4,)
+        The attitude, its heading arbitrary where it is not known; NaN where there is none.
+    error : ErrorCourse or None
+        Against a truth, where one was given.
     """
 
     summary: dict[str, Any]
     answer: InFlightAlignment | Gyrocompass | None
     first_ns: int
     windows: tuple[np.ndarray, np.ndarray, np.ndarray]
+    q_nb: np.ndarray
+    error: ErrorCourse | None = None
 
 
-def align_log(path: Path, config: ProcessConfig, progress: Progress | None = None) -> LogAlignment:
+def align_log(
+    path: Path,
+    config: ProcessConfig,
+    progress: Progress | None = None,
+    truth: str | None = None,
+) -> LogAlignment:
     """Align the vehicle of a log.
 
     Parameters
@@ -64,6 +77,8 @@ def align_log(path: Path, config: ProcessConfig, progress: Progress | None = Non
         and its latitude is known, else level.
     progress : callable, optional
         Called with the fraction done.
+    truth : str, optional
+        A topic of the log or a CSV file with reference attitudes, to say how wrong the answer is.
 
     Raises
     ------
@@ -76,12 +91,42 @@ def align_log(path: Path, config: ProcessConfig, progress: Progress | None = Non
             told = progress
             report = lambda position: told(min(1.0, position / size))  # noqa: E731
         source = prepare(log, config, report, whole_gnss=True)
-        return _align(source, config)
+        found = _align(source, config)
+        if truth is None:
+            return found
+        return _with_truth(found, source, read_truth(log, truth, config.input.body_axes))
+
+
+def _with_truth(
+    found: LogAlignment, source: Source, truth: tuple[np.ndarray, np.ndarray, str]
+) -> LogAlignment:
+    """The same, with its error against a reference."""
+    time_ns, q_nb, name = truth
+    told: dict[str, Any] = {"name": name, "error_deg": None, "total_deg": None}
+    answer = found.answer
+    t_ns, q_found = int(found.summary["t_ns"]), found.q_nb
+    warnings = list(found.summary["warnings"])
+    if not time_ns[0] <= t_ns <= time_ns[-1]:
+        warnings.append(f"{name} holds no attitude at the time of the answer")
+    elif np.isfinite(q_found).all():
+        true = at_times(time_ns, q_nb, np.array([t_ns]))
+        if found.summary["status"] in ("ok", "degraded"):
+            psi = errors(q_found[None], true)[0] / DEGREE
+            told["error_deg"] = psi.tolist()
+            told["total_deg"] = float(np.linalg.norm(psi))
+        else:
+            told["error_deg"] = [*(tilt_errors(q_found[None], true)[0] / DEGREE).tolist(), None]
+    course = None
+    if isinstance(answer, InFlightAlignment) and answer.series is not None:
+        course = error_course(answer, time_ns, q_nb, source.survey.first_ns)
+    return replace(
+        found, summary={**found.summary, "truth": told, "warnings": warnings}, error=course
+    )
 
 
 def _align(source: Source, config: ProcessConfig) -> LogAlignment:
     grade, why = sensor_grade(source, config)
-    method = config.align.align
+    method: str = config.align.align
     if method == "auto":
         method = _method(source)
     answer: InFlightAlignment | Gyrocompass | None = None
@@ -90,8 +135,9 @@ def _align(source: Source, config: ProcessConfig) -> LogAlignment:
         when: str | int = at
         if at not in ("end", "start"):
             when = source.survey.first_ns + round(float(at) * SECOND)
-        answer = align_moving(source, config, grade, method, when).answer
-        told = _in_flight(answer, source)
+        moving = align_moving(source, config, grade, method, when)
+        answer = moving.answer
+        told = _in_flight(moving, source)
     elif method == "gyrocompass":
         if source.survey.lead_in is None or source.latitude is None:
             raise AlignmentError(
@@ -104,6 +150,7 @@ def _align(source: Source, config: ProcessConfig) -> LogAlignment:
         told = _plain(source, config)
     else:
         raise ConfigurationError("--align fixed: there is nothing to find", "choose a method")
+    q_nb = told.pop("q_nb")
     windows = source.survey.windows
     since = (windows.start_ns - source.survey.first_ns) / SECOND
     return LogAlignment(
@@ -121,6 +168,7 @@ def _align(source: Source, config: ProcessConfig) -> LogAlignment:
             np.linalg.norm(windows.accel, axis=1),
             np.linalg.norm(windows.gyro, axis=1),
         ),
+        q_nb,
     )
 
 
@@ -135,9 +183,10 @@ def _method(source: Source) -> str:
 
 def _attitude(q_nb: np.ndarray, heading: bool) -> dict[str, Any]:
     if not np.isfinite(q_nb).all():
-        return {"q_nb_wxyz": None, "euler_deg": None}
+        return {"q_nb": q_nb, "q_nb_wxyz": None, "euler_deg": None}
     roll, pitch, yaw = (float(v) for v in to_euler(q_nb) / DEGREE)
     return {
+        "q_nb": q_nb,
         "q_nb_wxyz": q_nb.tolist() if heading else None,
         "euler_deg": {"roll": roll, "pitch": pitch, "heading": yaw % 360.0 if heading else None},
     }
@@ -147,12 +196,13 @@ def _number(value: float | None) -> float | None:
     return float(value) if value is not None and np.isfinite(value) else None
 
 
-def _in_flight(answer: InFlightAlignment, source: Source) -> dict[str, Any]:
+def _in_flight(moving: Moving, source: Source) -> dict[str, Any]:
+    answer, assumed = moving.answer, moving.settings.grade
     heading = answer.status in ("ok", "degraded")
     sigma = [_number(s / DEGREE) for s in answer.sigma_rad]
     if answer.status == "level-only":
         sigma[2] = None
-    errors = answer.errors
+    refined = answer.errors
     return {
         "status": answer.status,
         "method": answer.method,
@@ -171,12 +221,24 @@ def _in_flight(answer: InFlightAlignment, source: Source) -> dict[str, Any]:
         "n_rejected": answer.n_rejected,
         "residual_rms": _number(answer.residual_rms),
         "chi2": _number(answer.chi2),
+        "refined_chi2": None if refined is None else refined.chi2,
         "time_to_align_s": _number(answer.time_to_align_s),
+        "gate": moving.settings.gate,
+        "assumed": {
+            "gyro_bias_deg_h": assumed.gyro_bias / DEGREE * 3600.0,
+            "accel_bias_m_s2": assumed.accel_bias,
+            "gyro_scale": assumed.gyro_scale,
+            "accel_scale": assumed.accel_scale,
+            "angle_random_walk_deg_sqrt_h": assumed.angle_random_walk / DEGREE * 60.0,
+            "velocity_random_walk_m_s_sqrt_s": assumed.velocity_random_walk,
+            "bias_time_s": assumed.bias_time_s,
+        },
+        "gyro_bias_removed_deg_h": (moving.gyro_bias / DEGREE * 3600.0).tolist(),
         "gyro_bias_deg_h": None
-        if errors is None
-        else (errors.gyro_bias / DEGREE * 3600.0).tolist(),
-        "accel_bias_m_s2": None if errors is None else errors.accel_bias.tolist(),
-        "latency_s": None if errors is None else errors.latency_s,
+        if refined is None
+        else (refined.gyro_bias / DEGREE * 3600.0).tolist(),
+        "accel_bias_m_s2": None if refined is None else refined.accel_bias.tolist(),
+        "latency_s": None if refined is None else refined.latency_s,
         "warnings": list(answer.warnings),
     }
 
@@ -204,7 +266,11 @@ def _at_rest(answer: Gyrocompass, source: Source) -> dict[str, Any]:
         "n_rejected": None,
         "residual_rms": None,
         "chi2": _number(answer.chi2),
+        "refined_chi2": None,
         "time_to_align_s": None,
+        "gate": None,
+        "assumed": None,
+        "gyro_bias_removed_deg_h": None,
         "gyro_bias_deg_h": (answer.gyro_bias / DEGREE * 3600.0).tolist(),
         "accel_bias_m_s2": answer.accel_bias.tolist(),
         "latency_s": None,
@@ -234,7 +300,11 @@ def _plain(source: Source, config: ProcessConfig) -> dict[str, Any]:
         "n_rejected": None,
         "residual_rms": None,
         "chi2": None,
+        "refined_chi2": None,
         "time_to_align_s": None,
+        "gate": None,
+        "assumed": None,
+        "gyro_bias_removed_deg_h": None,
         "gyro_bias_deg_h": (found.gyro_bias / DEGREE * 3600.0).tolist(),
         "accel_bias_m_s2": None,
         "latency_s": None,

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -32,10 +32,14 @@ BEFORE_S = 5.0
 SPANS_S = (200.0, 600.0)
 # The largest specific force below this: no lift-off to look for.
 LIFT_OFF = 2.0 * STANDARD_GRAVITY
-# A gyro bias seen at rest stays what it was within so many times its in-run instability.
-AFTER_REST = 2.0
+# A gyro bias seen at rest stays what it was within so many times its in-run instability. Between
+# rests of recorded drives of a few minutes those of two consumer grade IMUs moved by 20 to 70
+# deg/h, on a grade whose instability is 10 deg/h.
+AFTER_REST = 3.0
 # Rests shorter than this say little of a bias.
 REST_S = 2.0
+# Vertical velocity from height: over so long before and after, as heights are noisy.
+CLIMB_S = 2.0
 
 
 @dataclass(frozen=True)
@@ -80,7 +84,7 @@ def align_moving(
     AlignmentError
         The log has no GNSS to align with.
     """
-    fixes = gnss_fixes(source)
+    fixes, notes = gnss_fixes(source, config.gnss.gnss_latency or 0.0)
     bias, from_rest = known_bias(source, config, grade)
     first = source.survey.first_ns
     told = config.in_flight
@@ -91,11 +95,13 @@ def align_moving(
     start = None if told.align_start is None else first + round(told.align_start * SECOND)
     if gate == "off" and start is None:
         start = _first_motion(fixes, first)
+    errors = sensor_errors(config, grade, from_rest, walk_at_rest(source))
     moving = None
     for span in _spans(told.align_end, gate, start, first, int(fixes.time_ns[-1])):
-        settings = _settings(config, grade, method, gate, at, from_rest, start, span, first)
+        settings = _settings(config, errors, method, gate, at, start, span, first)
         imu = increments(source, config, bias, span)
         answer = align_in_flight(imu, fixes, settings)
+        answer = replace(answer, warnings=(*notes, *answer.warnings))
         if moving is None or _better(answer, moving.answer):
             moving = Moving(answer, bias, settings)
         if answer.status == "ok":
@@ -137,13 +143,25 @@ def _first_motion(fixes: GnssFixes, first: int) -> int | None:
     return max(first, int(fixes.time_ns[fast[0]]) - round(BEFORE_S * SECOND))
 
 
-def gnss_fixes(source: Source) -> GnssFixes:
+def gnss_fixes(source: Source, latency_s: float = 0.0) -> tuple[GnssFixes, tuple[str, ...]]:
     """Epochs with velocity; their positions are interpolated where they have none.
+
+    Parameters
+    ----------
+    source : Source
+        With all of GNSS.
+    latency_s : float
+        By which a fix is older than its stamp; decides which are as old as the samples.
+
+    Returns
+    -------
+    fixes : GnssFixes
+    warnings : tuple of str
 
     Raises
     ------
     AlignmentError
-        There are none.
+        There are none within the span of the samples.
     """
     aiding: Aiding = source.aiding
     gnss = aiding.gnss
@@ -152,30 +170,58 @@ def gnss_fixes(source: Source) -> GnssFixes:
             f"{source.log.path}: alignment in motion needs GNSS fixes, and the log has none",
             "use --align level, gyrocompass, log or fixed",
         )
+    valid_ns = gnss.time_ns - round(latency_s * SECOND)
+    inside = (valid_ns >= source.survey.first_ns) & (valid_ns <= source.survey.last_ns)
     known = gnss.rows(gnss.has_position)
-    rows = gnss.rows(gnss.has_velocity) if gnss.has_velocity.any() else known
+    rows = gnss.rows(inside & (gnss.has_velocity if gnss.has_velocity.any() else gnss.has_position))
+    if not len(rows):
+        raise AlignmentError(
+            f"{source.log.path}: no GNSS fix lies within the span of the Imu's samples",
+            "choose another span with --start and --end, or use --align level or log",
+        )
     seconds = (rows.time_ns - known.time_ns[0]) / SECOND
     at = (known.time_ns - known.time_ns[0]) / SECOND
-    height = np.nan_to_num(known.height, nan=float(np.nanmedian(known.height))
-                           if np.isfinite(known.height).any() else 0.0)  # fmt: skip
+    high = np.isfinite(known.height)
+    height = np.zeros(len(rows))
+    if high.any():
+        height = np.interp(seconds, at[high], known.height[high])
     sigma = rows.sigma_velocity_n
     told = np.isfinite(sigma).all(axis=1)
     usual = float(np.median(sigma[told])) if told.any() else 0.0
     sigma_v = None
     if usual > 0.0:
         sigma_v = np.where(told, np.sqrt(np.mean(sigma**2, axis=1)), usual)
-    velocity = rows.velocity_n.copy()
-    # a receiver without vertical velocity: the vehicle's is small beside the rest
-    flat = np.isfinite(velocity[:, :2]).all(axis=1) & ~np.isfinite(velocity[:, 2])
-    velocity[flat, 2] = 0.0
+    velocity, warnings = _whole_velocity(rows.velocity_n, seconds, at[high], known.height[high])
     longitude = np.interp(seconds, at, np.unwrap(known.longitude))
-    return GnssFixes(
+    fixes = GnssFixes(
         rows.time_ns,
         np.interp(seconds, at, known.latitude),
         (longitude + np.pi) % (2.0 * np.pi) - np.pi,
-        np.interp(seconds, at, height),
+        height,
         velocity,
         sigma_v,
+    )
+    return fixes, warnings
+
+
+def _whole_velocity(
+    velocity_n: np.ndarray, seconds: np.ndarray, height_s: np.ndarray, height: np.ndarray
+) -> tuple[np.ndarray, tuple[str, ...]]:
+    """Velocity with a vertical part, where most fixes have none.
+
+    Where few have none, these are better left out than guessed.
+    """
+    flat = np.isfinite(velocity_n[:, :2]).all(axis=1) & ~np.isfinite(velocity_n[:, 2])
+    if np.count_nonzero(flat) < 0.5 * len(flat):
+        return velocity_n, ()
+    filled = velocity_n.copy()
+    if len(height_s) < 2:
+        filled[flat, 2] = 0.0
+        return filled, ("the fixes have no vertical velocity and no height: taken as level",)
+    ends = [np.interp(seconds[flat] + half, height_s, height) for half in (-CLIMB_S, CLIMB_S)]
+    filled[flat, 2] = (ends[0] - ends[1]) / (2.0 * CLIMB_S)
+    return filled, (
+        f"the fixes have no vertical velocity: taken from height over {2 * CLIMB_S:g} s",
     )
 
 
@@ -247,9 +293,34 @@ def _between(samples: np.ndarray) -> np.ndarray:
     return mean
 
 
-def sensor_errors(config: ProcessConfig, grade: Grade, bias_known: bool) -> SensorGrade:
-    """Errors of the sensors: as told, else those of the grade."""
+def walk_at_rest(source: Source) -> float:
+    """Angular random walk that the longest rest shows, rad/sqrt(s); 0 without a rest."""
+    spans = [s for s in source.survey.spans if s.duration_s >= REST_S]
+    if not spans:
+        return 0.0
+    longest = max(spans, key=lambda s: s.samples)
+    return float(longest.gyro_std * np.sqrt(source.survey.interval_ns / SECOND / 3.0))
+
+
+def sensor_errors(
+    config: ProcessConfig,
+    grade: Grade,
+    bias_known: bool,
+    angle_walk: float = 0.0,
+) -> SensorGrade:
+    """Errors of the sensors: as told, else those of the grade.
+
+    Parameters
+    ----------
+    config : ProcessConfig
+    grade : {'mems', 'tactical', 'navigation'}
+    bias_known : bool
+        A rest has shown the gyro bias.
+    angle_walk : float
+        Angular random walk seen at rest, rad/sqrt(s), taken where it is more than the grade's.
+    """
     noise, told = IMU_GRADES[grade], config.in_flight
+    angle_walk = max(noise.angle_random_walk, angle_walk)
     bias = AFTER_REST * noise.gyro_instability if bias_known else noise.gyro_bias
     gyro_bias = float(np.hypot(bias, noise.gyro_instability))
     accel_bias = float(np.hypot(noise.accel_bias, noise.accel_instability))
@@ -259,7 +330,7 @@ def sensor_errors(config: ProcessConfig, grade: Grade, bias_known: bool) -> Sens
         accel_bias if told.sigma_ba is None else told.sigma_ba,
         scale,
         scale,
-        noise.angle_random_walk if told.arw is None else told.arw * DEGREE / 60.0,
+        angle_walk if told.arw is None else told.arw * DEGREE / 60.0,
         noise.velocity_random_walk if told.vrw is None else told.vrw * 1e-6 * STANDARD_GRAVITY,
         noise.instability_time,
     )
@@ -267,11 +338,10 @@ def sensor_errors(config: ProcessConfig, grade: Grade, bias_known: bool) -> Sens
 
 def _settings(
     config: ProcessConfig,
-    grade: Grade,
+    errors: SensorGrade,
     method: str,
     gate: str,
     at: str | int,
-    bias_known: bool,
     start: int | None,
     end: int | None,
     first: int,
@@ -303,7 +373,7 @@ def _settings(
         gnss_sigma_v=gnss.gnss_sigma_v,
         gnss_latency_s=gnss.gnss_latency or 0.0,
         lever_arm_b=gnss.lever_arm,
-        grade=sensor_errors(config, grade, bias_known),
+        grade=errors,
         kappa=told.kappa,
         refine=told.refine == "kf",
         at=at,

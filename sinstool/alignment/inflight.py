@@ -92,6 +92,10 @@ __all__ = [
 
 INCONSISTENT_CHI2 = 3.0
 
+REFINE_SIGMA = float(np.deg2rad(20.0))
+"""Worst-axis sigma of the solver's answer beyond which the refinement would not be linear. It
+counts what the sensors' errors may have done, which the refinement then finds."""
+
 
 @dataclass(frozen=True)
 class InFlightAlignment:
@@ -100,8 +104,9 @@ class InFlightAlignment:
     Attributes
     ----------
     status : {'ok', 'degraded', 'level-only', 'unobservable', 'failed'}
-        ``ok`` up to 1 deg about the worst axis, ``degraded`` up to 5 deg, ``level-only``
-        where only roll and pitch are known; the latter's `q_nb` holds an arbitrary heading.
+        ``ok`` up to 1 deg about the worst axis, ``degraded`` up to 5 deg or where residuals are
+        inconsistent, ``level-only`` where only roll and pitch are known; the latter's `q_nb`
+        holds an arbitrary heading.
     method, vectors : str
         As used.
     t_ns, t_q_ns, t_stop_ns : int
@@ -109,7 +114,8 @@ class InFlightAlignment:
     q_nb : ndarray, shape (4,)
         With ``w >= 0``; NaN where the status is ``unobservable`` or ``failed``.
     cov : ndarray, shape (3, 3)
-        Of psi in NED, rad^2: the attitude found is ``(I + [psi x]) C_nb``.
+        Of psi in NED, rad^2: the attitude found is ``(I + [psi x]) C_nb``. Residuals larger
+        than assumed widen it by as much.
     sigma_rad : ndarray, shape (3,)
         About north, east, down.
     sigma_worst : float
@@ -129,6 +135,10 @@ class InFlightAlignment:
     errors : RefinedErrors or None
     warnings : tuple of str
     series : AlignmentSeries or None
+    residual_ns : ndarray of int64, shape (k,)
+        When the newer vector of each pair was taken.
+    residuals : ndarray, shape (k, 3)
+        Of the solver's pairs, in the units of their vectors, in the body axes of the origin.
     """
 
     status: Status
@@ -151,6 +161,8 @@ class InFlightAlignment:
     errors: RefinedErrors | None
     warnings: tuple[str, ...]
     series: AlignmentSeries | None
+    residual_ns: TimeArray = field(default_factory=lambda: np.empty(0, np.int64))
+    residuals: FloatArray = field(default_factory=lambda: np.empty((0, 3)))
 
     _chain: AttitudeChain | None = field(default=None, repr=False, compare=False)
 
@@ -258,24 +270,32 @@ def _answer(best: Candidate, settings: AlignmentSettings, warnings: list[str]) -
     if settings.refine:
         if settings.vectors == "pos":
             warnings.append("not refined: that needs velocity")
-        elif best.sigma_worst > REFUSE_SIGMA:
+        elif best.sigma_worst > REFINE_SIGMA:
             warnings.append("not refined: the attitude to start from is not known well enough")
         else:
             result, errors = _refined(best, settings)
             known = segment.rows.rows(slice(result.row, result.row + 1))
             chain = replace(chain, dcm=result.dcm, refined=(result.state, known))
             covariance = theta_covariance(result.covariance, known, at, settings.grade)
-    if solution.chi2 > INCONSISTENT_CHI2:
+    own = solution.chi2 if errors is None else errors.chi2
+    inconsistent = own > INCONSISTENT_CHI2
+    if inconsistent:
+        # The filter's measure has an end, as it inflates what does not fit.
+        own = max(own, solution.chi2)
         warnings.append(
-            f"inconsistent: residuals are {solution.chi2:.1f} times what the velocity noise"
+            f"inconsistent: residuals are {own:.1f} times what the noise assumed"
             f" explains; {explain_residuals(solution, segment)}"
         )
+    if inconsistent or errors is not None:
+        covariance = max(own, 1.0) * covariance
     c_ni = chain.dcm_ni(np.array([t_ns]))[0]
     turn = c_ni @ chain.dcm
     covariance = turn @ covariance @ turn.T
     q_nb = from_dcm(c_ni @ chain.dcm_ib(at)[0])
     worst = float(worst_sigma(covariance))
     status = _status(covariance)
+    if status == "ok" and inconsistent:
+        status = "degraded"
     if status == "level-only":
         heading = min(float(np.sqrt(covariance[2, 2])), UNIFORM_SIGMA)
         warnings.append(
@@ -314,6 +334,8 @@ def _answer(best: Candidate, settings: AlignmentSettings, warnings: list[str]) -
         errors=errors,
         warnings=tuple(warnings),
         series=series,
+        residual_ns=best.fixes.time_ns[solution.pairs.newer],
+        residuals=solution.residuals,
         _chain=None if status == "unobservable" else chain,
     )
 
@@ -360,6 +382,7 @@ def _refined(best: Candidate, settings: AlignmentSettings) -> tuple[Refined, Ref
             "latency_s": float(sigma[TAU]),
         },
         inflated=result.inflated,
+        chi2=result.chi2,
     )
     return result, errors
 

@@ -341,6 +341,8 @@ class RefinedErrors:
         One sigma of each, by the same names.
     inflated : int
         Fixes whose noise was inflated because they did not fit.
+    chi2 : float
+        Mean squared innovation by its covariance, over 3: about 1.
     """
 
     gyro_bias: FloatArray
@@ -351,3 +353,4 @@ class RefinedErrors:
     latency_s: float
     sigma: dict[str, Any]
     inflated: int
+    chi2: float

@@ -51,6 +51,9 @@ class Refined:
         At which they hold.
     inflated : int
         Fixes that did not fit.
+    chi2 : float
+        Mean squared innovation by its covariance, over 3: about 1 where the errors are as
+        large as assumed. A fix that was inflated counts as one at the limit.
     """
 
     dcm: FloatArray
@@ -58,6 +61,7 @@ class Refined:
     covariance: FloatArray
     row: int
     inflated: int
+    chi2: float
 
 
 def refine(
@@ -123,14 +127,15 @@ def refine(
     noise = np.array([grade.angle_random_walk, grade.velocity_random_walk]) ** 2
     for repeat in range(PASSES):
         state, covariance = np.zeros(STATES), np.diag(prior)
-        inflated = _filter_kernel(
+        inflated, total = _filter_kernel(
             transition, z_beta @ dcm - alpha, force, lever, step, decay, prior, noise,
             sigma[order] ** 2, use[order], state, covariance,
         )  # fmt: skip
         if repeat < PASSES - 1:
             turned = theta_at(state, run.rows(slice(-1, None)), run.rows(slice(0, 1)))
             dcm = dcm @ to_dcm(exp(-turned[0]))
-    return Refined(dcm, state, covariance, int(order[-1]), inflated)
+    chi2 = total / (3.0 * max(int(use.sum()), 1))
+    return Refined(dcm, state, covariance, int(order[-1]), inflated, chi2)
 
 
 def theta_at(state: FloatArray, known: InertialRows, wanted: InertialRows) -> FloatArray:
@@ -219,6 +224,7 @@ def _filter_kernel(transition, z, force, lever, step, decay, prior, noise, varia
     y = np.zeros(3)
     h = np.zeros((3, 4))
     inflated = 0
+    squares = 0.0
     for k in range(z.shape[0]):
         if k > 0:
             # Only theta and s move; with R the other states, P_mm, P_mr are F P.
@@ -279,7 +285,7 @@ def _filter_kernel(transition, z, force, lever, step, decay, prior, noise, varia
         for attempt in range(2):
             r = variance[k]
             if attempt == 1:
-                r *= (nis / 25.0) ** 2 - 1.0  # on top of what is in s already
+                r *= (nis / INFLATE_FROM) ** 2 - 1.0  # on top of what is in s already
             s[0, 0] += r
             s[1, 1] += r
             s[2, 2] += r
@@ -298,7 +304,9 @@ def _filter_kernel(transition, z, force, lever, step, decay, prior, noise, varia
             w1 = (a01 * y[0] + a11 * y[1] + a12 * y[2]) / det
             w2 = (a02 * y[0] + a12 * y[1] + a22 * y[2]) / det
             nis = y[0] * w0 + y[1] * w1 + y[2] * w2
-            if attempt == 0 and nis > 25.0:
+            if attempt == 0:
+                squares += min(nis, INFLATE_FROM)
+            if attempt == 0 and nis > INFLATE_FROM:
                 inflated += 1
             else:
                 break
@@ -314,4 +322,4 @@ def _filter_kernel(transition, z, force, lever, step, decay, prior, noise, varia
                 value = p[i, j] - (k0 * gain[j, 0] + k1 * gain[j, 1] + k2 * gain[j, 2])
                 p[i, j] = value
                 p[j, i] = value
-    return inflated
+    return inflated, squares

@@ -24,6 +24,8 @@ from sinstool.cli.options import config_options, effective_config, print_config
               help="of the sensors [default: auto]")  # fmt: skip
 @click.option("--series", type=click.Path(path_type=Path), metavar="FILE.csv",
               help="also write the solution at every fix")  # fmt: skip
+@click.option("--truth", metavar="TOPIC|FILE.csv",
+              help="reference attitudes: say how wrong the answer is")  # fmt: skip
 @click.option("--report", type=click.Path(path_type=Path), metavar="FILE.html",
               help="also write a page of figures")  # fmt: skip
 @click.option("--overwrite", "output__overwrite", is_flag=True, default=None,
@@ -37,6 +39,7 @@ def command(
     config_file: Path | None,
     method: str | None,
     series: Path | None,
+    truth: str | None,
     report: Path | None,
     show: bool,
     as_json: bool,
@@ -69,11 +72,14 @@ def command(
     from sinstool.align_log import align_log
     from sinstool.writers.whole import check_output
 
-    for path in (series, report):
-        if path is not None:
-            check_output(path, [log], config.output.overwrite)
+    if series is not None:
+        check_output(series, [log], config.output.overwrite)
+    if report is not None:
+        from sinstool.report.page import check_report
+
+        check_report(report, inputs=[log], overwrite=config.output.overwrite)
     with progress_bar(log.name, quiet) as progress:
-        found = align_log(log, config, progress)
+        found = align_log(log, config, progress, truth)
     if series is not None:
         from sinstool.align_log import write_series
 
@@ -124,6 +130,13 @@ def _print(told: dict[str, Any], verbose: bool) -> None:
                 f" {told['n_rejected']} fixes rejected, chi2 {told['chi2']:.2f}",
             )
         )
+    if told.get("truth") and told["truth"]["error_deg"] is not None:
+        shown = ["-" if e is None else f"{e:.3g}" for e in told["truth"]["error_deg"]]
+        rows.append(
+            ("error", f"{', '.join(shown)} deg about north, east, down, by {told['truth']['name']}")
+        )
+    if verbose and told["refined_chi2"] is not None:
+        rows.append(("refinement", f"chi2 {told['refined_chi2']:.2f}"))
     if verbose and told["observability"] is not None:
         rows.append(("geometry", f"{told['observability']:.4f} (0: one direction only; 1: best)"))
     if verbose and told["gyro_bias_deg_h"] is not None:
