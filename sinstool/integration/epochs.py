@@ -44,6 +44,7 @@ from sinstool.integration.layout import (
     N_GAINS,
     N_GAP,
     N_HEIGHT,
+    N_INSTANT_AT,
     N_KNOWN,
     N_LATITUDE,
     N_NIS_ROWS,
@@ -236,6 +237,7 @@ def close_instant(m: Memory, model: Model, stored: Stored, row: int, keep: bool)
     if number[N_OPEN] == 0.0:
         return row
     number[N_OPEN] = 0.0
+    number[N_INSTANT_AT] = number[N_NOW]
     d_height = 0.0
     if model.parameters[P_CLOSED] > 0.0:
         d_height = m.x[_D]

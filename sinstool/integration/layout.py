@@ -56,7 +56,8 @@ N_DROPPED = 42  # epochs before the start
 N_ROW_STREAK = 43  # baro differences rejected one after the other
 N_JUMP_AT = 44  # time of the barometer's latest jump
 N_DISTRUST = 45  # until when samples of the barometer are turned down
-NUMBERS = 46
+N_INSTANT_AT = 46  # time of the latest instant
+NUMBERS = 47
 
 # --- parameters ---------------------------------------------------------------------------
 P_SUBSTEP = 0

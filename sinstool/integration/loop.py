@@ -66,6 +66,7 @@ from sinstool.integration.layout import (
     N_GAIN,
     N_GAINS,
     N_GAP,
+    N_INSTANT_AT,
     N_JUMP_AT,
     N_KNOWN,
     N_NOW,
@@ -135,6 +136,7 @@ LEAST_BARO_GATE = 3.0  # m: samples closer than this are never unlikely
 JUMPS_APART = 30.0  # s between jumps of a barometer that is sound otherwise
 DOUBT = 0.25  # of a jump
 BRIDGE = 0.05  # s, longest step within an IMU gap
+MAX_ROW_INTERVAL = 1.25  # s, longest time between rows for a smoother
 ROUNDING = 1e-7  # s, of times and intervals: they are whole nanoseconds
 
 
@@ -415,7 +417,12 @@ def run(
                 correction_row(m, model)
             row = close_instant(m, model, stored, row, keep)
             if now - number[N_FROM] >= par[P_SUBSTEP] - ROUNDING:
-                close_substep(m, model, keep)
+                if now - number[N_INSTANT_AT] >= MAX_ROW_INTERVAL - ROUNDING:
+                    # Nothing was measured; a smoother cannot see far across without a row
+                    open_instant(m, model, stored, row, keep)
+                    row = close_instant(m, model, stored, row, keep)
+                else:
+                    close_substep(m, model, keep)
 
         for i in range(3):
             number[N_RATE + i] = phi[k, i] / dt

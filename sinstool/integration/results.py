@@ -116,6 +116,8 @@ class GnssDiagnostics:
 class StoredEpochs:
     """What a smoother needs, one row for each instant with a measurement of any kind.
 
+    Where nothing is measured there is a row about every second all the same.
+
     With ``x`` the filter's estimate of the error states, of the navigation in row k:
 
     * before the measurements, ``x_minus[k] = transition[k] x_plus[k-1]`` (and known inputs),
