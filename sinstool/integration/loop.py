@@ -416,13 +416,12 @@ def run(
                 open_instant(m, model, stored, row, keep)
                 correction_row(m, model)
             row = close_instant(m, model, stored, row, keep)
-            if now - number[N_FROM] >= par[P_SUBSTEP] - ROUNDING:
-                if now - number[N_INSTANT_AT] >= MAX_ROW_INTERVAL - ROUNDING:
-                    # Nothing was measured; a smoother cannot see far across without a row
-                    open_instant(m, model, stored, row, keep)
-                    row = close_instant(m, model, stored, row, keep)
-                else:
-                    close_substep(m, model, keep)
+            if now - number[N_INSTANT_AT] >= MAX_ROW_INTERVAL - ROUNDING:
+                # Nothing was measured; a smoother cannot see far across without a row
+                open_instant(m, model, stored, row, keep)
+                row = close_instant(m, model, stored, row, keep)
+            elif now - number[N_FROM] >= par[P_SUBSTEP] - ROUNDING:
+                close_substep(m, model, keep)
 
         for i in range(3):
             number[N_RATE + i] = phi[k, i] / dt
