@@ -9,7 +9,7 @@ FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
 
 # Groups are merged in pairs at twice this number, so that at least this many are kept.
-GROUPS = 2000
+GROUPS = 1000
 # A hole is drawn where time goes on by so many usual groups.
 HOLE_GROUPS = 1.5
 

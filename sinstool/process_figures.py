@@ -154,8 +154,18 @@ class Recorder:
         seconds, values = self._motion.curves(self._origin_ns)
         curve = dict(zip(self._columns, values.T, strict=True))
         marks = self._marks(summary)
+        rows = self._motion.rows_per_group
+        note = (f"Curves go through the lowest and highest of every {rows} samples.",)
         found = [
-            _figure("tilt", "Roll and pitch", seconds, "angle, deg", curve, ("roll", "pitch")),
+            Figure(
+                "tilt",
+                "Roll and pitch",
+                seconds,
+                tuple(Series(name, curve[name]) for name in ("roll", "pitch")),
+                TIME,
+                "angle, deg",
+                notes=note if rows > 1 else (),
+            ),
             self._headings(seconds, curve["heading"]),
             *self._vertical(seconds, curve, marks),
             *self._track(),
@@ -245,8 +255,10 @@ class Recorder:
             f"From {latitude[0] / DEGREE:.6f} deg, {longitude[0] / DEGREE:.6f} deg; both axes need"
             " not have one scale.",
         )
-        track = (Series("track", north),)
-        return [Figure("track", "Track", east, track, "east, m", "north, m", notes=note)]
+        size, unit = _length(np.concatenate([north, east]))
+        track = (Series("track", north / size),)
+        labels = f"east, {unit}", f"north, {unit}"
+        return [Figure("track", "Track", east / size, track, *labels, notes=note)]
 
     def _against_truth(self) -> list[Figure]:
         found = []
@@ -260,6 +272,9 @@ class Recorder:
                 continue
             if unit == "deg" and np.abs(finite).max() < SMALL_ANGLE_DEG:
                 unit, error = "arcsec", error * 3600.0
+            if unit == "m":
+                size, unit = _length(error)
+                error = error / size
             series = tuple(Series(axis, error[:, k]) for k, axis in enumerate(AXES))
             note = "Computed less true."
             if kind == "attitude":
@@ -272,6 +287,12 @@ class Recorder:
                        f"error, {unit}", notes=(note,))
             )  # fmt: skip
         return found
+
+
+def _length(values: np.ndarray) -> tuple[float, str]:
+    """A unit in which lengths in m read well."""
+    most = np.nanmax(np.abs(values), initial=0.0)
+    return (1000.0, "km") if most > 5000.0 else (1.0, "m")
 
 
 def _figure(

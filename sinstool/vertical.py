@@ -21,6 +21,8 @@ from sinstool.height.network import (
 )
 from sinstool.height.pressure import (
     BaroReference,
+    ScaleFit,
+    frozen_spans,
     pressure_reason,
     reference_from_gnss,
     reference_from_setting,
@@ -31,6 +33,21 @@ from sinstool.streams import Baro, GnssEpochs
 
 # Samples that a height at the start is tied to, s.
 START_S = 1.0
+# Pressures further apart than this say nothing of the height between them.
+NEAR_NS = 2_000_000_000
+# A change of height, m, that is none of noise: the least gate of the vertical channel.
+MOVED_M = 8.0
+# Rows before and after a jump whose medians show it, and how unusual the change has to be.
+JUMP_ROWS = 5
+JUMP_RATIO = 10.0
+# Why samples of a height reference are left out.
+WORDS = {
+    "not_finite": "not finite",
+    "out_of_range": "that are no air pressure",
+    "stamp": "whose stamp repeats or goes back",
+    "gate": "too far off",
+    "frozen": "of a sensor that hangs",
+}
 
 
 @dataclass(frozen=True)
@@ -139,8 +156,9 @@ def height_reference(
     reason = pressure_reason(baro.pressure)
     reference, warnings = _baro_reference(log, aiding, config, start_height)
     height = reference.height(baro.pressure)
-    sigma = reference.sigma(baro.pressure, np.nan_to_num(baro.variance))
-    known = sigma[(reason == ACCEPTED) & (sigma > 0.0)]
+    good = reason == ACCEPTED
+    sigma = reference.sigma(baro.pressure[good], np.nan_to_num(baro.variance[good]))
+    known = sigma[sigma > 0.0]
     return (
         HeightReference(
             "baro",
@@ -183,10 +201,14 @@ def _baro_reference(
     try:
         if told.baro_ref != "init" and heights:
             assert gnss is not None
-            found = reference_from_gnss(baro.time_ns, baro.pressure, gnss.time_ns, gnss.height)
-            if found.fit is not None and found.fit.applied:
+            known = telling_heights(baro, gnss)
+            found = reference_from_gnss(
+                baro.time_ns, baro.pressure, gnss.time_ns[known], gnss.height[known]
+            )
+            fit = found.fit
+            if fit is not None and fit.applied and _shows(fit):
                 warnings.append(
-                    f"over {found.fit.height_range:.0f} m of GNSS heights the barometer's scale is"
+                    f"over {fit.height_range:.0f} m of GNSS heights the barometer's scale is"
                     f" {found.scale:.4f} (a warm or cold day); applied"
                 )
             return found, warnings
@@ -198,6 +220,58 @@ def _baro_reference(
             f"topic {aiding.baro_topic}: {exc}",
             "use --baro-ref init or --qnh, or choose another span with --start and --end",
         ) from exc
+
+
+def _shows(fit: ScaleFit) -> bool:
+    """Whether a scale makes a difference worth a word: 1 m."""
+    return abs(fit.scale - 1.0) * fit.height_range > 1.0
+
+
+def telling_heights(baro: Baro, gnss: GnssEpochs) -> np.ndarray:
+    """GNSS heights that a barometer can be set by.
+
+    Not those where it has a gap or hangs, and none after its reference, or the receiver's height,
+    jumped: a jump would be taken for the scale that a warm or cold day gives the barometer.
+
+    Parameters
+    ----------
+    baro : Baro
+    gnss : GnssEpochs
+
+    Returns
+    -------
+    ndarray of bool, shape (n,)
+        Rows of `gnss`.
+    """
+    good = pressure_reason(baro.pressure) == ACCEPTED
+    times, pressure = baro.time_ns[good], baro.pressure[good]
+    known = np.isfinite(gnss.height)
+    if len(times) < 2 or not known.any():
+        return known
+    after = np.clip(np.searchsorted(times, gnss.time_ns), 1, len(times) - 1)
+    known &= times[after] - times[after - 1] <= NEAR_NS
+    for start, end in frozen_spans(times, pressure):
+        inside = known & (gnss.time_ns >= start) & (gnss.time_ns <= end)
+        if inside.any() and np.ptp(gnss.height[inside]) > MOVED_M:
+            known &= ~inside
+    rows = np.flatnonzero(known)
+    standard = BaroReference("gnss", 0.0).height(pressure)
+    origin = times[0]
+    at = (gnss.time_ns[rows] - origin) * 1e-9
+    difference = gnss.height[rows] - np.interp(at, (times - origin) * 1e-9, standard)
+    known[rows[_first_jump(difference) :]] = False
+    return known
+
+
+def _first_jump(values: np.ndarray) -> int:
+    """Row from which on values are others than before; their number where there is none."""
+    if len(values) < 2 * JUMP_ROWS:
+        return len(values)
+    medians = np.median(np.lib.stride_tricks.sliding_window_view(values, JUMP_ROWS), axis=1)
+    steps = np.abs(medians[JUMP_ROWS:] - medians[:-JUMP_ROWS])
+    usual = float(np.median(steps))
+    jumps = np.flatnonzero(steps > max(MOVED_M, JUMP_RATIO * usual))
+    return int(jumps[0]) + JUMP_ROWS // 2 if len(jumps) else len(values)
 
 
 def _from_heights(log: Log, aiding: Aiding, config: ProcessConfig) -> HeightReference:
@@ -308,11 +382,13 @@ def height_warnings(channel: ChannelSummary, events: list[Event]) -> list[str]:
         if count and name not in ("accepted", "waiting")
     }
     if rejected:
-        parts = ", ".join(f"{count} {name.replace('_', ' ')}" for name, count in rejected.items())
+        parts = ", ".join(f"{count} {WORDS.get(name, name)}" for name, count in rejected.items())
         notes.append(f"height reference: of its samples were left out: {parts}")
     texts = {
         "jump": "height reference jumped by {size:+.1f} m at {time:.1f} s; absorbed",
         "coast": "no good height reference from {time:.1f} s on; coasting",
+        "re-engaged": "height reference is good again at {time:.1f} s, after {duration:.1f} s; the"
+        " height had run off by {size:+.1f} m",
         "frozen": "height reference did not change for {duration:.0f} s while the vehicle moved, at"
         " {time:.1f} s; not used",
         "invalid": "height is not valid from {time:.1f} s on: coasting for too long",

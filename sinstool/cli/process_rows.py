@@ -95,8 +95,8 @@ def _height(height: dict[str, Any]) -> list[Row]:
             f" {used}{coast}; difference {height['difference_rms_m']:.3g} m rms lately",
         ),
         (
-            "",
-            f"at the end {final['height_m']:.3f} m, {final['velocity_up_m_s']:+.3f} m/s up;"
+            "height at end",
+            f"{final['height_m']:.3f} m, {final['velocity_up_m_s']:+.3f} m/s up;"
             f" {final['accelerometer_correction_m_s2']:+.2e} m/s^2 taken off the accelerometer",
         ),
     ]

@@ -15,8 +15,9 @@ from sinstool.writers.topics import Frames
 Progress = Callable[[float], None]
 
 
-# No vehicle's median; a specific force beyond it is in mg or cm/s^2.
-MAX_SPECIFIC_FORCE = 200.0
+# m/s^2. No vehicle's median; beyond it a specific force is in mg or cm/s^2. (The survey counts
+# what is larger than 100 as 100.)
+MAX_SPECIFIC_FORCE = 90.0
 
 
 def require_gravity(source: Source, config: ProcessConfig) -> None:
@@ -42,7 +43,7 @@ def require_gravity(source: Source, config: ProcessConfig) -> None:
         raise DataError(
             source.log.path,
             f"topic {found.topic}: the specific force is mostly"
-            f" {found.specific_force_median:.4g} in size, as in mg or cm/s^2",
+            f" {found.specific_force_median:.3g} m/s^2 in size or more, as in mg or cm/s^2",
             "sensor_msgs/Imu holds m/s^2: convert it, or choose another topic with --imu-topic",
         )
 

@@ -253,7 +253,7 @@ def undamped_warning(latitude: float, seconds: float) -> str:
     by_bias = EXAMPLE_BIAS * (grown - 1.0) / rate**2
     return (
         f"height is not damped and runs away: in these {seconds:.0f} s an error of 1 m at the start"
-        f" grows to {grown:.3g} m, and 1 mg of the vertical accelerometer makes {by_bias:.3g} m;"
+        f" grows to {grown:#.3g} m, and 1 mg of the vertical accelerometer makes {by_bias:#.3g} m;"
         " --height-damping baro or gnss holds it"
     )
 
