@@ -83,14 +83,15 @@ class ImuNoise:
 # Tactical and navigation grade: data sheets; biases after warming up. MEMS: a consumer's, in a
 # vehicle that shakes it. Its random walks are ten times and more those of a data sheet, for they
 # stand in for vibration, sampling and scale factors too: with the data sheet's a filter is too sure
-# of itself after seconds without fixes, and gates the first ones that come.
+# of itself after seconds without fixes, and gates the first ones that come. Gyro biases of such
+# sensors were seen to move by 100 deg/h from one stop of a car to one minutes later.
 IMU_GRADES: dict[str, ImuNoise] = {
     "mems": ImuNoise(
         3.0 * _DEG_PER_ROOT_H,
         3000.0 * _UG,
         50.0 * _DEG_PER_H,
         10.0 * _MG,
-        50.0 * _DEG_PER_H,
+        100.0 * _DEG_PER_H,
         1.0 * _MG,
         100.0,
         3e-3,

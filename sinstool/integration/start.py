@@ -228,7 +228,7 @@ def find_start(imu: ImuIncrements, gnss: GnssEpochs, settings: Settings) -> Begi
         settings,
         omega_eb_b=rate,
         gyro_bias=bias,
-        gyro_bias_sigma=max(sigma, settings.imu.gyro_instability),
+        gyro_bias_sigma=sigma,
     )
     span = (answer.t_stop_ns - answer.t_q_ns) * 1e-9
     how = (
