@@ -5,7 +5,18 @@ from __future__ import annotations
 import numpy as np
 
 from sinstool.config import ProcessConfig
+from sinstool.earth import radii_of_curvature
 from sinstool.filter_start import Prepared
+from sinstool.integration.settings import Start
+from sinstool.integration.states import (
+    ACCEL_BIAS,
+    ATTITUDE,
+    GYRO_BIAS,
+    POSITION,
+    VELOCITY,
+    FilterKind,
+)
+from sinstool.rotation import exp, multiply, normalise
 from sinstool.segment_increments import SegmentIncrements
 from sinstool.source import Source
 from sinstool.strapdown.backward import navigate_backward
@@ -27,7 +38,53 @@ MAX_NS = 300 * SECOND
 GRAVITY = 9.8
 
 
-def before_start(source: Source, config: ProcessConfig, prepared: Prepared) -> Solution | None:
+def corrected_start(
+    start: Start, error: np.ndarray, covariance: np.ndarray, kind: FilterKind
+) -> Start:
+    """A start less the error that a smoother finds in it.
+
+    Parameters
+    ----------
+    start : Start
+    error : ndarray, shape (n,)
+        Of the filter's states at the start.
+    covariance : ndarray, shape (n, n)
+        Of what is left.
+    kind : FilterKind
+    """
+    nav = start.nav.copy()
+    rm, rn = (float(v) for v in radii_of_curvature(nav[LATITUDE]))
+    p, v, a = (slice(first, first + 3) for first in (POSITION, VELOCITY, ATTITUDE))
+    across = (rn + nav[HEIGHT]) * np.cos(nav[LATITUDE])
+    nav[LATITUDE] -= error[p][0] / (rm + nav[HEIGHT])
+    nav[LONGITUDE] = np.pi - (np.pi - nav[LONGITUDE] + error[p][1] / across) % (2.0 * np.pi)
+    nav[HEIGHT] += error[p][2]
+    nav[V_NORTH : V_DOWN + 1] -= error[v]
+    nav[Q_W : Q_Z + 1] = normalise(multiply(exp(error[a]), nav[Q_W : Q_Z + 1]))
+    gyro, accel = (
+        slice(kind.first(block), kind.first(block) + 3) for block in (GYRO_BIAS, ACCEL_BIAS)
+    )
+
+    def block(part: slice) -> np.ndarray:
+        square = 0.5 * (covariance[part, part] + covariance[part, part].T)
+        values, vectors = np.linalg.eigh(square)
+        return np.asarray((vectors * np.maximum(values, 0.0)) @ vectors.T)
+
+    return Start(
+        nav,
+        block(p),
+        block(v),
+        block(a),
+        start.gyro_bias + error[gyro],
+        start.accel_bias + error[accel],
+        float(np.sqrt(np.max(np.diag(block(gyro))))),
+        float(np.sqrt(np.max(np.diag(block(accel))))),
+    )
+
+
+def before_start(
+    source: Source, config: ProcessConfig, prepared: Prepared, start: Start
+) -> Solution | None:
     """Solutions at the samples up to, and at, the one at which a filter starts.
 
     Parameters
@@ -35,6 +92,8 @@ def before_start(source: Source, config: ProcessConfig, prepared: Prepared) -> S
     source : Source
     config : ProcessConfig
     prepared : Prepared
+    start : Start
+        That of the filter, or what a smoother makes of it.
 
     Returns
     -------
@@ -67,7 +126,6 @@ def before_start(source: Source, config: ProcessConfig, prepared: Prepared) -> S
     phi, dv, dt, ends = (np.concatenate(column) for column in zip(*made, strict=True))
     if len(ends) and int(ends[-1]) != begin.time_ns:
         return None  # the start is no end of an update
-    start = begin.start
     rows = np.empty((len(dt) + 1, SIZE))
     rows[-1] = start.nav
     state = start.nav.copy()
@@ -80,7 +138,7 @@ def before_start(source: Source, config: ProcessConfig, prepared: Prepared) -> S
     )
     imu = concatenate([heads[0], *samples])
     seconds = (begin.time_ns - imu.time_ns) / SECOND
-    position, velocity, attitude = _grown(prepared, seconds)
+    position, velocity, attitude = _grown(start, prepared, seconds)
     vertical = None
     if prepared.reference is not None:
         vertical = np.stack([rows[:, HEIGHT], -rows[:, V_DOWN], np.zeros(len(rows))], axis=1)
@@ -99,9 +157,11 @@ def before_start(source: Source, config: ProcessConfig, prepared: Prepared) -> S
     )
 
 
-def _grown(prepared: Prepared, seconds: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def _grown(
+    start: Start, prepared: Prepared, seconds: np.ndarray
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Covariances so long before the start: biases and walks of the grade, tilt times gravity."""
-    start, noise = prepared.beginning.start, prepared.settings.imu
+    noise = prepared.settings.imu
     t = seconds[:, None, None]
     eye = np.eye(3)
     gyro = noise.gyro_bias if start.gyro_bias_sigma is None else start.gyro_bias_sigma

@@ -3,21 +3,24 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 
-from sinstool.before_start import before_start
+from sinstool.before_start import before_start, corrected_start
 from sinstool.config import ProcessConfig
 from sinstool.filter_start import Prepared
 from sinstool.integration.filter import InsGnssFilter
 from sinstool.integration.results import FilterBlock, GnssDiagnostics, UpdateColumns
-from sinstool.integration.smoother import Smoother
+from sinstool.integration.settings import Start
+from sinstool.integration.smoother import SmoothedEpochs, Smoother
 from sinstool.segment_increments import SegmentIncrements
 from sinstool.source import Source
 from sinstool.streams import Diagnostics, Imu, Solution
 from sinstool.timeline import SECOND
 from sinstool.vertical import height_summary, height_warnings
+from sinstool.withheld import Withheld
 
 DIAGNOSTIC_NAMES = (
     "nis / rows",
@@ -62,6 +65,14 @@ class FilterRun:
         self._unwritten: list[GnssDiagnostics] = []
         self._offset_ns = 0
         self._smooth = config.filter.smooth
+        valid = replace(
+            prepared.gnss,
+            time_ns=prepared.gnss.time_ns - round(prepared.settings.gnss_latency * SECOND),
+        )
+        arm = prepared.settings.lever_arm_b
+        self._hidden = bool(prepared.withheld.any())
+        self._score = Withheld(valid, prepared.withheld, arm)
+        self._filtered = Withheld(valid, prepared.withheld, arm)
         self._filter = InsGnssFilter(
             prepared.beginning.start,
             prepared.settings,
@@ -71,26 +82,52 @@ class FilterRun:
 
     def solutions(self, progress: Any = None) -> Iterator[Solution]:
         """Filtered, or smoothed, at every update instant, from the log's start on."""
-        earlier = before_start(self._source, self._config, self._prepared)
-        if earlier is not None:
-            self.carried_back = len(earlier)
-            yield earlier
         if not self._smooth:
+            start = self._prepared.beginning.start
+            yield from self._scored(self._earlier(start))
             for block, imu in self._run(progress):
                 assert block.updates is not None
-                yield self._solution(block.updates, imu)
+                yield from self._scored(self._solution(block.updates, imu.log_time_ns))
             return
         log_times: list[np.ndarray] = []
         with Smoother(self._filter.kind) as smoother:
             for block, imu in self._run(progress):
+                assert block.updates is not None
+                if self._hidden:
+                    self._filtered.push(self._solution(block.updates, imu.log_time_ns))
                 smoother.push(block)
                 log_times.append(imu.log_time_ns)
-            log_time = np.concatenate(log_times) if log_times else np.empty(0, np.int64)
+            if not log_times:
+                return
+            log_time = np.concatenate(log_times)
+            smoothed = smoother.epochs()
+            yield from self._scored(self._earlier(self._smoothed_start(smoothed)))
             begin = 0
-            for updates in smoother.blocks(smoother.epochs()):
+            for updates in smoother.blocks(smoothed):
                 end = begin + len(updates)
-                yield self._solution(updates, None, log_time[begin:end])
+                yield from self._scored(self._solution(updates, log_time[begin:end]))
                 begin = end
+
+    def _scored(self, solution: Solution | None) -> Iterator[Solution]:
+        if solution is not None:
+            if self._hidden:
+                self._score.push(solution)
+            yield solution
+
+    def _earlier(self, start: Start) -> Solution | None:
+        """What lies before the start."""
+        earlier = before_start(self._source, self._config, self._prepared, start)
+        self.carried_back = 0 if earlier is None else len(earlier)
+        return earlier
+
+    def _smoothed_start(self, smoothed: SmoothedEpochs) -> Start:
+        """The start as all of the log says it was."""
+        start = self._prepared.beginning.start
+        if not np.isfinite(smoothed.first_error).all():
+            return start
+        return corrected_start(
+            start, smoothed.first_error, smoothed.first_covariance, smoothed.kind
+        )
 
     def _run(self, progress: Any) -> Iterator[tuple[FilterBlock, Imu]]:
         p = self._prepared
@@ -116,15 +153,10 @@ class FilterRun:
                 self._unwritten.append(block.gnss)
             yield block, imu
 
-    def _solution(
-        self, u: UpdateColumns, imu: Imu | None, log_time: np.ndarray | None = None
-    ) -> Solution:
+    def _solution(self, u: UpdateColumns, log_time: np.ndarray) -> Solution:
         vertical = None
         if self._prepared.reference is not None:
             vertical = np.stack([u.height, -u.velocity_n[:, 2], u.correction], axis=1)
-        if log_time is None:
-            assert imu is not None
-            log_time = imu.log_time_ns
         return Solution(
             u.time_ns,
             log_time,
@@ -176,13 +208,7 @@ class FilterRun:
             "imu_grade": {"grade": p.grade, "why": p.grade_why},
             "gnss_noise": p.gnss_why,
             "gnss_latency_s": p.settings.gnss_latency,
-            "gnss_latency": {"status": "given"}
-            if p.latency is None
-            else {
-                "status": p.latency.status,
-                "latency_s": p.latency.latency_s,
-                "sigma_s": p.latency.sigma_s,
-            },
+            "gnss_latency": self._latency(),
             "lever_arm_m": list(p.settings.lever_arm_b),
             "updates": s.updates,
             "epochs_used": s.epochs_used,
@@ -199,33 +225,27 @@ class FilterRun:
         }
         return told
 
-    def _scores(self) -> dict[str, Any] | None:
-        """How far the filter was from the fixes that it did not see, by outage."""
-        all_of = self.diagnostics()
-        if all_of is None or not all_of.withheld.any():
-            return None
-        rows = np.flatnonzero(all_of.withheld)
-        cuts = np.flatnonzero(np.diff(rows) > 1) + 1
-        outages = []
-        for part in np.split(rows, cuts):
-            error = np.linalg.norm(all_of.innovation[part, :2], axis=1)
-            sigma = np.linalg.norm(all_of.innovation_sigma[part, :2], axis=1)
-            worst = int(np.nanargmax(error)) if np.isfinite(error).any() else 0
-            outages.append(
-                {
-                    "start_ns": str(int(all_of.time_ns[part[0]])),
-                    "duration_s": float(all_of.time_ns[part[-1]] - all_of.time_ns[part[0]])
-                    / SECOND,
-                    "epochs": len(part),
-                    "largest_horizontal_m": float(error[worst]),
-                    "its_sigma_m": float(sigma[worst]),
-                }
-            )
-        largest = np.array([o["largest_horizontal_m"] for o in outages])
-        return {
-            "outages": outages,
-            "rms_of_largest_horizontal_m": float(np.sqrt(np.mean(largest**2))),
+    def _latency(self) -> dict[str, Any]:
+        """When fixes were taken to be valid, and how that is known."""
+        p = self._prepared
+        half = 0.5 * p.lag
+        told: dict[str, Any] = {"status": "given", "sigma_s": None}
+        if p.timing is not None:
+            found = p.timing.latency
+            known = np.isfinite(found.sigma_s)
+            told = {"status": found.status, "sigma_s": found.sigma_s if known else None}
+            told["estimate_s"] = found.latency_s if known else None
+        return told | {
+            "position_s": p.settings.gnss_latency - half,
+            "velocity_s": p.settings.gnss_latency + half,
         }
+
+    def _scores(self) -> dict[str, Any] | None:
+        """How far the solutions were from the fixes that the filter did not see."""
+        told = self._score.summary()
+        if told is None or not self._smooth:
+            return told
+        return told | {"filter": self._filtered.summary()}
 
     def height(self, last: Solution) -> dict[str, Any] | None:
         """``height`` of the summary."""
@@ -254,11 +274,17 @@ class FilterRun:
                 f"the log has no barometer, so {self._config.filter.filter} runs without its"
                 f" network, as {s.filter}"
             )
-        if p.latency is not None and p.settings.gnss_latency != 0.0:
+        if p.timing is not None and p.settings.gnss_latency != 0.0:
             notes.append(
                 f"fixes were found to be valid {p.settings.gnss_latency:+.3f} s before their stamps"
-                f" (sigma {p.latency.sigma_s * 1e3:.1f} ms) and are used so; give --gnss-latency to"
-                " say otherwise"
+                f" (sigma {p.timing.latency.sigma_s * 1e3:.1f} ms) and are used so; give"
+                " --gnss-latency to say otherwise"
+            )
+        if p.lag != 0.0 and self._config.filter.gnss_velocity_lag is None:
+            notes.append(
+                f"the receiver's velocities are stamped {1e3 * p.lag:+.0f} ms later than its"
+                " positions, and both are used at their own times; give --gnss-velocity-lag to say"
+                " otherwise"
             )
         before = (p.beginning.time_ns - self._source.survey.first_ns) / SECOND
         if before > 0.0 and self.carried_back:

@@ -11,32 +11,21 @@ from sinstool.aiding import Aiding, read_baro
 from sinstool.config import ProcessConfig
 from sinstool.config.filter import span
 from sinstool.errors import AlignmentError, TopicError
-from sinstool.gnss_model import gnss_model
+from sinstool.gnss_latency import Timing, find_timing, message_times, separate, velocity_lag
+from sinstool.gnss_model import believed, gnss_model
 from sinstool.height.network import Grade
 from sinstool.in_flight import increments as coarse_increments
 from sinstool.initialise import align
-from sinstool.integration import latency as latencies
-from sinstool.integration.filter import InsGnssFilter
-from sinstool.integration.latency import Latency
-from sinstool.integration.noise import BARO_GRADES, IMU_GRADES, GnssModel
+from sinstool.integration.noise import BARO_GRADES, IMU_GRADES, ImuNoise
 from sinstool.integration.settings import DivergenceControl, Settings
 from sinstool.integration.start import Beginning, find_start, start_at
-from sinstool.segment_increments import SegmentIncrements
 from sinstool.sensor_grade import sensor_grade
 from sinstool.source import Source
 from sinstool.streams import GnssEpochs
 from sinstool.timeline import SECOND
-from sinstool.units import DEGREE
+from sinstool.units import DEGREE, STANDARD_GRAVITY
 from sinstool.vertical import HeightReference, height_reference, network
 
-# A latency is looked for in the first part of a log, of this length at most, and taken where it
-# stands out of its uncertainty.
-LATENCY_NS = 600 * SECOND
-LATENCY_S = 0.01
-LATENCY_ROUNDS = 4
-LOOSE_POSITION = (5.0, 5.0, 8.0)
-LOOSE_VELOCITY = (0.3, 0.3, 0.5)
-LATENCY_SIGMAS = 3.0
 # What the start is found from.
 START_NS = 400 * SECOND
 
@@ -53,8 +42,10 @@ class Prepared:
     withheld : ndarray of bool
     reference : HeightReference or None
         Barometer heights.
-    latency : Latency or None
-        Where it was estimated.
+    timing : Timing or None
+        Where the latency was looked for.
+    lag : float
+        By which velocities are taken to be stamped later than positions, s.
     grade : str
     grade_why, gnss_why : str
     warnings : tuple of str
@@ -65,7 +56,8 @@ class Prepared:
     gnss: GnssEpochs
     withheld: np.ndarray
     reference: HeightReference | None
-    latency: Latency | None
+    timing: Timing | None
+    lag: float
     grade: Grade
     grade_why: str
     gnss_why: str
@@ -93,20 +85,31 @@ def prepare_filter(source: Source, config: ProcessConfig) -> Prepared:
     reference, notes = _barometer(source, config, grade)
     settings = _settings(source, config, grade, model, reference)
     warnings = list(notes)
-    found: Latency | None = None
+    told = config.filter.gnss_velocity_lag
+    lag = velocity_lag(gnss) if told is None else told
+    hidden = _withheld(gnss.time_ns, config, source.survey.first_ns)
+    fixes = believed(gnss, config)
+    known = separate(fixes.rows(~hidden), lag)
+
+    def begin(settings: Settings, usable: GnssEpochs) -> Beginning:
+        return _beginning(source, config, settings, usable)
+
+    timing: Timing | None = None
     if config.gnss.gnss_latency is None:
-        found, settings, beginning = _with_latency(source, config, settings, gnss)
-        if found.status == "at the limit":
-            warnings.append(f"{found}: give it with --gnss-latency")
+        timing, settings, beginning = find_timing(source, config, settings, known, lag, begin)
+        if timing.latency.status == "at the limit":
+            warnings.append(f"{timing.latency}: give it with --gnss-latency")
     else:
-        beginning = _beginning(source, config, settings, gnss)
+        beginning = begin(settings, known)
+    apart = separate(fixes, lag)
     return Prepared(
         settings,
         beginning,
-        gnss,
-        _withheld(gnss, config, source.survey.first_ns),
+        apart,
+        _withheld(message_times(apart, lag), config, source.survey.first_ns),
         reference,
-        found,
+        timing,
+        lag,
         grade,
         why,
         gnss_why,
@@ -151,7 +154,7 @@ def _settings(
         baro = replace(baro, white=reference.sigma)
     return Settings(
         filter=told.filter,
-        imu=IMU_GRADES[grade],
+        imu=_imu_noise(config, grade),
         gnss=model,
         baro=baro,
         network=damping,
@@ -168,9 +171,29 @@ def _settings(
     )
 
 
-def _withheld(gnss: GnssEpochs, config: ProcessConfig, first_ns: int) -> np.ndarray:
-    seconds = (gnss.time_ns - first_ns) / SECOND
-    mask = np.zeros(len(gnss), np.bool_)
+def _imu_noise(config: ProcessConfig, grade: Grade) -> ImuNoise:
+    """Noise of a grade, and what is told of it."""
+    told, noise = config.in_flight, IMU_GRADES[grade]
+    given: dict[str, float] = {}
+    if told.arw is not None:
+        given["angle_random_walk"] = told.arw * DEGREE / 60.0
+    if told.vrw is not None:
+        given["velocity_random_walk"] = told.vrw * 1e-6 * STANDARD_GRAVITY
+    if told.sigma_bg is not None:
+        given["gyro_bias"] = told.sigma_bg * DEGREE / 3600.0
+        given["gyro_instability"] = min(noise.gyro_instability, 0.1 * given["gyro_bias"])
+    if told.sigma_ba is not None:
+        given["accel_bias"] = told.sigma_ba
+        given["accel_instability"] = min(noise.accel_instability, 0.1 * told.sigma_ba)
+    if told.sigma_sf is not None:
+        given["accel_scale"] = told.sigma_sf
+    return replace(noise, **given)
+
+
+def _withheld(time_ns: np.ndarray, config: ProcessConfig, first_ns: int) -> np.ndarray:
+    """Which messages the user wants scored, not used."""
+    seconds = (time_ns - first_ns) / SECOND
+    mask = np.zeros(len(time_ns), np.bool_)
     for text in config.filter.withhold_gnss:
         begin, end = span(text)
         mask |= (seconds >= begin) & (seconds < end)
@@ -178,7 +201,7 @@ def _withheld(gnss: GnssEpochs, config: ProcessConfig, first_ns: int) -> np.ndar
 
 
 def _beginning(
-    source: Source, config: ProcessConfig, settings: Settings, gnss: GnssEpochs
+    source: Source, config: ProcessConfig, settings: Settings, usable: GnssEpochs
 ) -> Beginning:
     """Where the filter starts: as aligned, or found in the log.
 
@@ -187,12 +210,10 @@ def _beginning(
     AlignmentError
     """
     path = source.log.path
-    usable = gnss.rows(~_withheld(gnss, config, source.survey.first_ns))
-    first = source.survey.first_ns
     try:
         if config.align.align != "auto":
             return _from_alignment(source, config, settings, usable)
-        imu = coarse_increments(source, config, np.zeros(3), first + START_NS)
+        imu = coarse_increments(source, config, np.zeros(3), source.survey.first_ns + START_NS)
         return find_start(imu, usable, settings)
     except AlignmentError as exc:
         message = exc.message if str(path) in exc.message else f"{path}: {exc.message}"
@@ -235,82 +256,3 @@ def _from_alignment(
         gyro_bias_sigma=settings.imu.gyro_instability if found.bias_source != "none" else None,
     )
     return Beginning(start, time_ns, f"attitude by {found.method}", (*found.warnings, *notes))
-
-
-def _with_latency(
-    source: Source, config: ProcessConfig, settings: Settings, gnss: GnssEpochs
-) -> tuple[Latency, Settings, Beginning]:
-    """Look for the receiver's latency, and take it where it stands out."""
-    beginning = _beginning(source, config, settings, gnss)
-    found = _correlated(source, config, settings, beginning, gnss)
-    for _ in range(LATENCY_ROUNDS):
-        if not _stands_out(found, settings.gnss_latency):
-            break
-        settings = replace(settings, gnss_latency=found.latency_s)
-        beginning = _beginning(source, config, settings, gnss)
-        found = _correlated(source, config, settings, beginning, gnss)
-    return found, settings, beginning
-
-
-def _stands_out(found: Latency, known: float) -> bool:
-    if found.status == "not observable":
-        return False
-    return abs(found.latency_s - known) > max(LATENCY_S, LATENCY_SIGMAS * found.sigma_s)
-
-
-def _correlated(
-    source: Source,
-    config: ProcessConfig,
-    settings: Settings,
-    beginning: Beginning,
-    gnss: GnssEpochs,
-) -> Latency:
-    """Latency by which the Imu's velocity and that of GNSS run alike."""
-    if not gnss.has_velocity.any():
-        return Latency(0.0, float("inf"), "not observable", 0)
-    end = beginning.time_ns + LATENCY_NS
-    # Loosely: fixes at the wrong time must not spoil the biases that are taken off.
-    plain = replace(
-        settings,
-        filter="plain-15",
-        network=None,
-        gnss=GnssModel(position_white=LOOSE_POSITION, velocity_white=LOOSE_VELOCITY),
-        control=replace(settings.control, gate_probability=1.0),
-    )
-    loose = replace(
-        gnss,
-        sigma_position_n=np.full_like(gnss.sigma_position_n, np.nan),
-        sigma_velocity_n=np.full_like(gnss.sigma_velocity_n, np.nan),
-    )
-    run = InsGnssFilter(beginning.start, plain, with_baro=False)
-    steps = SegmentIncrements(source, config)
-    given = False
-    parts: list[tuple[np.ndarray, ...]] = []
-    last_q = beginning.start.nav[6:10]
-    for increments, _, _ in steps.from_time(beginning.time_ns, end):
-        block = run.push(increments, None if given else loose)
-        given = True
-        out = block.updates
-        if out is None or not len(out):
-            continue
-        parts.append(
-            (
-                out.time_ns,
-                np.concatenate([last_q[None, :], out.q_nb[:-1]]),
-                increments.velocity_increment
-                - run.summary.accel_bias * increments.interval[:, None],
-                increments.interval,
-                out.latitude,
-                out.height,
-                out.velocity_n,
-            )
-        )
-        last_q = out.q_nb[-1]
-    if not parts:
-        return Latency(0.0, float("inf"), "not observable", 0)
-    time_ns, q, dv, dt, latitude, height, velocity = (
-        np.concatenate(column) for column in zip(*parts, strict=True)
-    )
-    inertial = latencies.inertial_velocity(q, dv, dt, latitude, height, velocity)
-    rows = gnss.rows((gnss.time_ns >= beginning.time_ns) & (gnss.time_ns <= end))
-    return latencies.correlate(time_ns, inertial, rows.time_ns, rows.velocity_n)

@@ -49,6 +49,14 @@ class FilterOptions(Group):
         1.0, gt=0, description="factor on what receivers say of their own noise"
     )
 
+    gnss_velocity_lag: float | None = Field(
+        None,
+        ge=-1,
+        le=1,
+        description="seconds by which a receiver stamps velocities later than positions (default:"
+        " found from the fixes); --gnss-latency is then the mean of both",
+    )
+
     @field_validator("withhold_gnss")
     @classmethod
     def _spans(cls, value: tuple[str, ...]) -> tuple[str, ...]:
