@@ -252,8 +252,10 @@ def telling_heights(baro: Baro, gnss: GnssEpochs) -> np.ndarray:
     known &= times[after] - times[after - 1] <= NEAR_NS
     for start, end in frozen_spans(times, pressure):
         inside = known & (gnss.time_ns >= start) & (gnss.time_ns <= end)
-        if inside.any() and np.ptp(gnss.height[inside]) > MOVED_M:
+        if np.count_nonzero(inside) > JUMP_ROWS and np.ptp(_medians(gnss.height[inside])) > MOVED_M:
             known &= ~inside
+    if not known.any():  # a coarse sensor at rest under a receiver that wanders
+        return np.isfinite(gnss.height)
     rows = np.flatnonzero(known)
     standard = BaroReference("gnss", 0.0).height(pressure)
     origin = times[0]
@@ -267,11 +269,18 @@ def _first_jump(values: np.ndarray) -> int:
     """Row from which on values are others than before; their number where there is none."""
     if len(values) < 2 * JUMP_ROWS:
         return len(values)
-    medians = np.median(np.lib.stride_tricks.sliding_window_view(values, JUMP_ROWS), axis=1)
+    medians = _medians(values)
     steps = np.abs(medians[JUMP_ROWS:] - medians[:-JUMP_ROWS])
     usual = float(np.median(steps))
     jumps = np.flatnonzero(steps > max(MOVED_M, JUMP_RATIO * usual))
-    return int(jumps[0]) + JUMP_ROWS // 2 if len(jumps) else len(values)
+    # most of the later rows are beyond the jump when it shows
+    return int(jumps[0]) + JUMP_ROWS + JUMP_ROWS // 2 if len(jumps) else len(values)
+
+
+def _medians(values: np.ndarray) -> np.ndarray:
+    """Running medians, which noise and single outliers do not move much."""
+    windows = np.lib.stride_tricks.sliding_window_view(values, JUMP_ROWS)
+    return np.asarray(np.median(windows, axis=1))
 
 
 def _from_heights(log: Log, aiding: Aiding, config: ProcessConfig) -> HeightReference:

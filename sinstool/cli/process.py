@@ -66,7 +66,9 @@ def command(
     if report is not None:
         from sinstool.report.page import check_report
 
-        check_report(report, inputs=[log, output], overwrite=config.output.overwrite)
+        check_report(report, inputs=[log], overwrite=config.output.overwrite)
+        if report.absolute() == output.absolute():
+            raise click.UsageError("--report and -o name one file")
     from sinstool.pipeline import process
     from sinstool.summary import something_lost
 

@@ -56,6 +56,7 @@ def summary_rows(summary: dict[str, Any], verbose: bool = False) -> list[Row]:
             f" heading {final['heading_deg']:.3f} deg" + _place(summary),
         )
     )
+    rows += _gnss(summary.get("gnss_difference"))
     rows += _truth(summary.get("truth"))
     rows.append(
         (
@@ -100,6 +101,15 @@ def _height(height: dict[str, Any]) -> list[Row]:
             f" {final['accelerometer_correction_m_s2']:+.2e} m/s^2 taken off the accelerometer",
         ),
     ]
+
+
+def _gnss(off: dict[str, Any] | None) -> list[Row]:
+    """How far inertial navigation has gone from GNSS, which it does not use."""
+    if off is None:
+        return []
+    up = "" if off["up_m"] is None else f", {off['up_m']:+.1f} m up"
+    north, east = f"{off['north_m']:+.1f} m north", f"{off['east_m']:+.1f} m east"
+    return [("off last fix", f"{north}, {east}{up}")]
 
 
 def _truth(truth: dict[str, Any] | None) -> list[Row]:

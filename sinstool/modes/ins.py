@@ -12,6 +12,7 @@ from sinstool.aiding import Aiding, read_baro
 from sinstool.alignment.initial import Alignment
 from sinstool.config import ProcessConfig
 from sinstool.coning_choice import choose_algorithm
+from sinstool.earth import radii_of_curvature
 from sinstool.errors import ConfigurationError
 from sinstool.height import layout
 from sinstool.height.network import gravity_gradient
@@ -30,6 +31,7 @@ from sinstool.result import Result, choose_emits
 from sinstool.sensor_grade import sensor_grade
 from sinstool.source import Source, imu_blocks, prepare
 from sinstool.strapdown.navigation import initial_state
+from sinstool.streams import GnssEpochs, Solution
 from sinstool.timeline import SECOND
 from sinstool.units import DEGREE
 from sinstool.vertical import (
@@ -134,6 +136,7 @@ def run_ins(
         "hse": None,
         "height": height,
         "filter": None,
+        "gnss_difference": difference_to_gnss(result.last, aiding.gnss),
         "final": summary.final(result.last, source),
         "lost": summary.lost(source),
         "warnings": [
@@ -253,9 +256,54 @@ def undamped_warning(latitude: float, seconds: float) -> str:
     by_bias = EXAMPLE_BIAS * (grown - 1.0) / rate**2
     return (
         f"height is not damped and runs away: in these {seconds:.0f} s an error of 1 m at the start"
-        f" grows to {grown:#.3g} m, and 1 mg of the vertical accelerometer makes {by_bias:#.3g} m;"
+        f" grows to {_three(grown)} m, and 1 mg of the vertical accelerometer makes"
+        f" {_three(by_bias)} m;"
         " --height-damping baro or gnss holds it"
     )
+
+
+def _three(value: float) -> str:
+    """Three digits, zeros too."""
+    return f"{value:#.3g}".rstrip(".")
+
+
+def difference_to_gnss(last: Solution, gnss: GnssEpochs | None) -> dict[str, Any] | None:
+    """Position less that of the last fix, while there are solutions around it.
+
+    Parameters
+    ----------
+    last : Solution
+        The last block of a run.
+    gnss : GnssEpochs or None
+
+    Returns
+    -------
+    dict or None
+        ``time_ns``, and ``north_m``, ``east_m``, ``up_m``; ``up_m`` is None where the fix has no
+        height.
+    """
+    if gnss is None or last.position is None:
+        return None
+    inside = (gnss.time_ns >= last.time_ns[0]) & (gnss.time_ns <= last.time_ns[-1])
+    rows = np.flatnonzero(inside & gnss.has_position)
+    if not len(rows):
+        return None
+    k = int(rows[-1])
+    seconds = (last.time_ns - last.time_ns[0]) * 1e-9
+    at = float(gnss.time_ns[k] - last.time_ns[0]) * 1e-9
+    track = last.position.copy()
+    track[:, 1] = np.unwrap(track[:, 1])
+    ours = np.array([np.interp(at, seconds, column) for column in track.T])
+    fix = np.array([gnss.latitude[k], gnss.longitude[k], gnss.height[k]])
+    meridian, transverse = radii_of_curvature(ours[0])
+    off = ours - fix
+    east = (off[1] + np.pi) % (2.0 * np.pi) - np.pi
+    return {
+        "time_ns": str(int(gnss.time_ns[k])),
+        "north_m": float(off[0] * (meridian + ours[2])),
+        "east_m": float(east * (transverse + ours[2]) * np.cos(ours[0])),
+        "up_m": float(off[2]) if np.isfinite(fix[2]) else None,
+    }
 
 
 def _run_warnings(source: Source, run: InsRun) -> list[str]:

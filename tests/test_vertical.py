@@ -1,0 +1,111 @@
+"""What a run holds its height to: which GNSS heights set a barometer, and what is said of it."""
+
+import numpy as np
+import pytest
+
+from sinstool.config import ProcessConfig, build
+from sinstool.errors import ConfigurationError
+from sinstool.height.layout import ChannelSummary, Event
+from sinstool.height.pressure import geopotential, pressure_at
+from sinstool.streams import Baro, GnssEpochs
+from sinstool.vertical import height_warnings, network, telling_heights
+
+T0 = 1_700_000_000_000_000_000
+LATITUDE = np.radians(-43.5)
+
+
+def streams(seconds=200.0, jump_at=None, hangs=None, gap=None, climb=2.0):
+    t = np.arange(0.0, seconds, 0.1)
+    height = 300.0 + climb * t
+    shown = height + (0.0 if jump_at is None else 25.0 * (t >= jump_at))
+    if hangs is not None:
+        inside = (t >= hangs[0]) & (t < hangs[1])
+        shown[inside] = shown[inside][0]
+    keep = np.ones(len(t), bool) if gap is None else (t < gap[0]) | (t > gap[1])
+    times = T0 + np.round(t * 1e9).astype(np.int64)
+    pressure = pressure_at(geopotential(shown))
+    baro = Baro(times[keep], times[keep], pressure[keep], np.zeros(keep.sum()))
+    rows = slice(0, None, 10)
+    n = len(t[rows])
+    nothing = np.full((n, 3), np.nan)
+    gnss = GnssEpochs(
+        times[rows], times[rows], np.full(n, LATITUDE), np.zeros(n),
+        height[rows] + np.random.default_rng(1).normal(0.0, 2.0, n), nothing, nothing, nothing,
+    )  # fmt: skip
+    return baro, gnss, t[rows]
+
+
+def test_all_tell_where_nothing_is_wrong():
+    baro, gnss, _ = streams()
+    assert telling_heights(baro, gnss).all()
+
+
+def test_none_after_a_jump():
+    baro, gnss, t = streams(jump_at=120.0)
+    known = telling_heights(baro, gnss)
+    assert not known[t >= 121.0].any()
+    assert known[t < 117.0].all()
+
+
+def test_none_in_a_gap():
+    baro, gnss, t = streams(gap=(50.0, 90.0))
+    np.testing.assert_array_equal(telling_heights(baro, gnss), (t < 50.0) | (t > 90.0))
+
+
+def test_none_of_a_sensor_that_hangs_in_a_climb():
+    baro, gnss, t = streams(hangs=(50.0, 90.0))
+    known = telling_heights(baro, gnss)
+    assert not known[(t >= 50.0) & (t < 89.5)].any() and known[t < 49.0].all()
+    assert known[t > 91.0].all()
+
+
+def test_a_coarse_sensor_at_rest_tells():
+    baro, gnss, _ = streams(climb=0.0)
+    assert telling_heights(baro, gnss).all()
+
+
+def options(**told):
+    return build(ProcessConfig, {"vertical": {"height_damping": "baro", **told}})
+
+
+@pytest.mark.parametrize(
+    ("told", "grade", "expected"),
+    [
+        ({}, "mems", (5.0, 0.0)),
+        ({}, "tactical", (30.0, 0.0)),
+        ({}, "navigation", (100.0, 0.0)),
+        ({"height_preset": "paper"}, "mems", (2.4, 0.5)),
+        ({"tau": 12.0, "k4": -1.0}, "mems", (12.0, -1.0)),
+        ({"baro_lag": 0.8}, "tactical", (30.0, -0.8)),
+        ({"height_preset": "paper", "baro_lag": 0.5}, "mems", (2.4, 0.0)),
+    ],
+)
+def test_network_of_a_run(told, grade, expected):
+    found, _ = network(options(**told), grade, LATITUDE)
+    assert (found.tau, found.k4) == expected
+    assert found.w2 == pytest.approx(3.084e-6, rel=1e-3)
+
+
+def test_what_is_said_of_a_network():
+    assert not network(options(), "mems", LATITUDE)[1]
+    said = network(options(tau=400.0, k4=0.5), "mems", LATITUDE)[1]
+    assert "--tau 400 s is outside the sensible 0.5 to 300 s" in said[0]
+    assert "-0.5 s times the vertical velocity" in said[1]
+    with pytest.raises(ConfigurationError):
+        network(options(height_preset="paper", baro_lag=10.0), "mems", LATITUDE)
+
+
+def channel(**counts):
+    return ChannelSummary("engaged", {"accepted": 9, "waiting": 1} | counts, {}, 0.0, 0.0, 1.0, 1.0)
+
+
+def test_what_is_said_of_samples_and_events():
+    events = [Event("coast", 10.0 * k, 2.0, 0.0) for k in range(1, 6)]
+    events += [Event("engaged", 0.0, 0.0, 0.0), Event("jump", 70.0, -12.5, 0.8)]
+    said = height_warnings(channel(gate=3, stamp=2, frozen=0), events)
+    assert said[0].endswith("3 too far off, 2 whose stamp repeats or goes back")
+    assert sum("coasting" in text for text in said) == 3
+    assert "... and 2 more events of this kind (coast)" in said
+    assert any("jumped by -12.5 m at 70.0 s" in text for text in said)
+    assert not height_warnings(channel(), [])
+    assert "undamped" in height_warnings(channel(accepted=0), [])[0]
