@@ -211,12 +211,8 @@ def find_start(imu: ImuIncrements, gnss: GnssEpochs, settings: Settings) -> Begi
         row, away = found, 0.0
     time_ns = int(imu.time_ns[row])
     part = slice(row + 1, found + 1)
-    # Backward: the increments in reverse, each turned round
-    carrier = AttitudePropagator(answer.q_nb, -earth.earth_rate_n(float(usable.latitude[0])))
     theta = imu.delta_theta[part] - bias * interval[part, None]
-    q_nb = answer.q_nb
-    if row < found:
-        q_nb = carrier.push(-theta[::-1], interval[part][::-1])[-1]
+    q_nb = carried_back(answer.q_nb, theta, interval[part], float(usable.latitude[0]))
     covariance = _TWICE_USED**2 * answer.cov + (sigma * away) ** 2 * np.eye(3)
     covariance += (settings.imu.angle_random_walk**2 * away) * np.eye(3)
     rate = imu.delta_theta[row + 1] / interval[row + 1] - bias
@@ -236,6 +232,33 @@ def find_start(imu: ImuIncrements, gnss: GnssEpochs, settings: Settings) -> Begi
         f" {words}; heading known to {np.rad2deg(np.sqrt(covariance[2, 2])):.1f} deg"
     )
     return Beginning(start, time_ns, how, answer.warnings)
+
+
+def carried_back(
+    q_nb: ArrayLike, delta_theta: FloatArray, interval: FloatArray, latitude: float
+) -> FloatArray:
+    """Attitude at the start of some increments from that at their end.
+
+    Parameters
+    ----------
+    q_nb : array_like, shape (4,)
+        At the end.
+    delta_theta : ndarray, shape (n, 3)
+        Without bias, rad.
+    interval : ndarray, shape (n,)
+        s.
+    latitude : float
+        rad; the vehicle stays near it.
+
+    Returns
+    -------
+    ndarray, shape (4,)
+    """
+    end = np.asarray(q_nb, dtype=np.float64)
+    if not len(interval):
+        return end
+    carrier = AttitudePropagator(end, -earth.earth_rate_n(latitude))
+    return np.asarray(carrier.push(-delta_theta[::-1], interval[::-1])[-1])
 
 
 def _joined(gnss: GnssEpochs) -> GnssEpochs:

@@ -5,10 +5,13 @@ import pytest
 
 from sinstool import earth
 from sinstool.integration.results import SENSORS, FilterBlock, StoredEpochs, UpdateColumns
+from sinstool.integration.settings import DivergenceControl
 from sinstool.integration.smoother import Smoother, smooth_epochs, smooth_updates
 from sinstool.integration.states import FILTERS, GYRO_BIAS
 from sinstool.rotation import conjugate, exp, log, multiply
+from sinstool.simulation.gnss import GnssFaults
 from sinstool.strapdown.navigation import SIZE
+from tests.integration.flown import Flown
 
 KIND = FILTERS["plain-15"]
 N = KIND.size
@@ -275,3 +278,72 @@ def test_what_cannot_be_smoothed_is_refused():
     with Smoother(KIND) as smoother, pytest.raises(ValueError, match="outputs"):
         smoother.push(FilterBlock(None, None, stored))
     assert stored.nav.shape[1] == SIZE
+
+
+OUTAGE = (90.0, 120.0)
+
+
+def smoothed_flight(seed, name):
+    """A flight with an outage: truth, filter and smoother at every IMU update."""
+    flown = Flown(seed=seed, faults=GnssFaults(outages=(OUTAGE,)), offset_s=0.0)
+    settings = flown.told(name, control=DivergenceControl(virtual_noise=False))
+    run, blocks = flown.run(settings, store=True)
+    with Smoother(run.kind) as smoother:
+        for block in blocks:
+            smoother.push(block)
+        epochs = smoother.epochs()
+        found = list(smoother.blocks(epochs))
+    joined = {n: np.concatenate([getattr(b, n) for b in found]) for n in vars(found[0])}
+    own = {n: np.concatenate([getattr(b.updates, n) for b in blocks]) for n in joined}
+    return flown.flight, UpdateColumns(**own), UpdateColumns(**joined), epochs
+
+
+def off_truth(flight, columns):
+    """Errors of position and velocity, NED, and psi."""
+    rows = np.searchsorted(flight.time_ns, columns.time_ns)
+    meridian, transverse = earth.radii_of_curvature(flight.latitude[rows])
+    h, lat = flight.height[rows], flight.latitude[rows]
+    east = np.mod(columns.longitude - flight.longitude[rows] + np.pi, 2.0 * np.pi) - np.pi
+    return np.column_stack(
+        [
+            (columns.latitude - lat) * (meridian + h),
+            east * (transverse + h) * np.cos(lat),
+            h - columns.height,
+            columns.velocity_n - flight.velocity_n[rows],
+            log(multiply(flight.imu.q_nb[rows], conjugate(columns.q_nb))),
+        ]
+    )
+
+
+@pytest.mark.parametrize("name", ["markov-21", "network-26a"])
+def test_a_flight_is_known_better_afterwards_and_by_as_much_as_it_says(name):
+    filtered, smooth, nees = [], [], []
+    for seed in range(1, 6):
+        flight, own, columns, epochs = smoothed_flight(seed, name)
+        before, after = off_truth(flight, own), off_truth(flight, columns)
+        t = (columns.time_ns - flight.time_ns[0]) * 1e-9
+        gap = (t > OUTAGE[0] + 1.0) & (t < OUTAGE[1])
+        filtered.append(np.sqrt(np.mean(before[gap] ** 2, axis=0)))
+        smooth.append(np.sqrt(np.mean(after[gap] ** 2, axis=0)))
+        # between the rows as well as at them
+        for first, covariance in (
+            (0, columns.covariance_position_n),
+            (3, columns.covariance_velocity_n),
+            (6, columns.covariance_attitude_n),
+        ):
+            e = after[200::37, first : first + 3]
+            x = np.linalg.solve(covariance[200::37], e[:, :, None])[:, :, 0]
+            nees.append((first, np.mean(np.sum(e * x, axis=1)) / 3.0))
+        # rows in the outage too, so that no interpolation spans it
+        rows = (epochs.time_ns - flight.time_ns[0]) * 1e-9
+        assert np.diff(rows).max() < 2.0
+        # nothing but the flight's own motion between two updates: no step at any epoch
+        moved = np.diff(after[:, :3], axis=0)
+        assert np.abs(moved[t[1:] < 199.0]).max() < 0.05
+    before, after = np.mean(filtered, axis=0), np.mean(smooth, axis=0)
+    assert np.all(after[:2] < 0.5 * before[:2])
+    assert np.all(after[3:5] < 0.6 * before[3:5])
+    assert np.all(after[6:8] < 0.6 * before[6:8])
+    assert after[8] < 1.3 * before[8]
+    for first in (0, 3, 6):
+        assert 0.5 < np.mean([v for f, v in nees if f == first]) < 1.6, nees

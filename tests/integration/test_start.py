@@ -10,7 +10,7 @@ from sinstool.alignment.inflight import ImuIncrements
 from sinstool.errors import AlignmentError
 from sinstool.integration.noise import IMU_GRADES, GnssModel
 from sinstool.integration.settings import for_grade
-from sinstool.integration.start import find_start, start_at
+from sinstool.integration.start import carried_back, find_start, start_at
 from sinstool.rotation import conjugate, from_euler, log, multiply, rotate
 from sinstool.simulation.drive import road_drive
 from sinstool.simulation.flight import manoeuvring_flight
@@ -131,6 +131,21 @@ def test_a_road_start_however_the_sensor_is_mounted(mount, seed):
     assert np.abs(found.start.gyro_bias - bias).max() < 3.0 * found.start.gyro_bias_sigma
     assert found.start.gyro_bias_sigma < np.deg2rad(0.02)
     assert "rest" in found.how
+
+
+def test_carried_back_through_turns():
+    flight = manoeuvring_flight(100.0, 100.0, latitude=-0.6, heading=1.0, seed=3)
+    imu = flight.imu
+    part = slice(1001, 9001)
+    found = carried_back(
+        imu.q_nb[9000], imu.gyro_increment[part], imu.interval[part], float(flight.latitude[0])
+    )
+    # The transport rate is left out: 60 m/s over the Earth's radius for 80 s
+    assert np.abs(psi(found, imu.q_nb[1000])).max() < 80.0 * 70.0 / 6.37e6
+    assert np.abs(psi(imu.q_nb[9000], imu.q_nb[1000])).max() > 0.3
+    np.testing.assert_array_equal(
+        carried_back(imu.q_nb[5], np.empty((0, 3)), np.empty(0), 0.3), imu.q_nb[5]
+    )
 
 
 def test_without_rest_in_a_flight():
