@@ -142,7 +142,7 @@ def test_carried_back_through_turns():
     )
     # The transport rate is left out: 60 m/s over the Earth's radius for 80 s
     assert np.abs(psi(found, imu.q_nb[1000])).max() < 80.0 * 70.0 / 6.37e6
-    assert np.abs(psi(imu.q_nb[9000], imu.q_nb[1000])).max() > 0.3
+    assert np.abs(psi(imu.q_nb[9000], imu.q_nb[1000])).max() > 0.1
     np.testing.assert_array_equal(
         carried_back(imu.q_nb[5], np.empty((0, 3)), np.empty(0), 0.3), imu.q_nb[5]
     )
