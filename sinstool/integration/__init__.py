@@ -6,9 +6,13 @@ settings      all that a filter is told; where it starts
 model         transition matrix of the errors, from the motion
 propagation   covariance and estimate from measurement to measurement
 update        a measurement
+gnss, baro    measurements by GNSS and barometer, and whether they are believed
+instants      substeps, feedback, beginning anew
 loop          the compiled loop over IMU updates
+parameters    settings as numbers for the loop
 filter        :class:`~sinstool.integration.filter.InsGnssFilter`, block by block
 results       what it answers with
+layout        which number lies where
 
 In short::
 

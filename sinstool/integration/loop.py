@@ -8,54 +8,32 @@ they are due; feedback; output. Estimate and covariance follow in substeps.
 
 from __future__ import annotations
 
-from math import ceil, cos, pi, sqrt
+from math import ceil, cos, pi
 
 import numba
 import numpy as np
 from numpy.typing import NDArray
 
-from sinstool.height.channel import baro_sample, propagate, smooth_height
-from sinstool.height.channel import feedback as channel_feedback
-from sinstool.height.layout import (
-    ACCEPTED,
-    COAST,
-    CORRECTED,
-    ENGAGED,
-    GATE,
-    JUMPED,
-    NOTHING,
-    P_GATE,
-    P_GATE_SIGMAS,
-    P_TAU,
-    RESTORED,
-    S_BARO_BIAS,
-    S_CORRECTION,
-    S_INNOVATION,
-    S_L1,
-    S_L2,
-    S_L3,
-    S_NOMINAL,
-    S_OFFSET,
-    S_PHASE,
-    S_SQUARE,
-    S_WITNESS_SINCE,
-)
-from sinstool.integration.epochs import (
+from sinstool.height.channel import propagate, smooth_height
+from sinstool.height.layout import S_BARO_BIAS, S_CORRECTION
+from sinstool.integration.baro import (
     JUMP_ROWS,
     baro_difference,
+    correction_row,
+    network_sample,
+    note_difference,
+)
+from sinstool.integration.gnss import gnss_epoch
+from sinstool.integration.instants import (
     begin_anew,
     begin_substep,
     close_instant,
     close_substep,
     corrected,
-    correction_row,
-    gnss_epoch,
     open_instant,
     record,
 )
 from sinstool.integration.layout import (
-    E_BARO_FROZEN,
-    E_BARO_JUMP,
     E_GAP,
     E_GAP_RESTART,
     N_BARO_AT,
@@ -63,12 +41,9 @@ from sinstool.integration.layout import (
     N_DROPPED,
     N_FORCE,
     N_FROM,
-    N_GAIN,
-    N_GAINS,
     N_GAP,
     N_INSTANT_AT,
     N_JUMP_AT,
-    N_KNOWN,
     N_NOW,
     N_RATE,
     N_ROW_AT,
@@ -77,8 +52,6 @@ from sinstool.integration.layout import (
     N_SAMPLE_DIFFERENCE,
     N_SAMPLE_STAMP,
     N_STARTED,
-    N_STEP,
-    N_STEP_SET,
     N_UPDATES,
     N_USED_AT,
     O_CORRECTION,
@@ -86,11 +59,9 @@ from sinstool.integration.layout import (
     O_FORCE,
     O_RATE,
     P_BARO_DECAY,
-    P_BARO_GATE,
     P_BARO_ROW,
     P_BARO_SIGMA,
     P_BARO_WHITE,
-    P_CHANNEL_GATE,
     P_CLOSED,
     P_CORRECTION_ROW,
     P_GAP_ACCELERATION,
@@ -105,36 +76,14 @@ from sinstool.integration.layout import (
     Stored,
 )
 from sinstool.integration.model import radii
-from sinstool.integration.propagation import baro_correction
-from sinstool.integration.states import (
-    ATTITUDE,
-    I_BARO,
-    I_CORRECTION,
-    POSITION,
-    VELOCITY,
-)
-from sinstool.strapdown.navigation import (
-    HEIGHT,
-    LATITUDE,
-    LONGITUDE,
-    Q_W,
-    V_DOWN,
-    V_NORTH,
-    step,
-)
+from sinstool.integration.states import ATTITUDE, I_BARO, POSITION, VELOCITY
+from sinstool.strapdown.navigation import HEIGHT, LATITUDE, LONGITUDE, Q_W, V_DOWN, V_NORTH, step
 from sinstool.strapdown.navigation import SIZE as NAV_SIZE
 from sinstool.strapdown.velocity import remove_bias
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
 
-_D = POSITION + 2
-_VD = VELOCITY + 2
-
-FAST_BARO = 0.05  # s: faster samples act on the covariance together, at the substep's end
-LEAST_BARO_GATE = 3.0  # m: samples closer than this are never unlikely
-JUMPS_APART = 30.0  # s between jumps of a barometer that is sound otherwise
-DOUBT = 0.25  # of a jump
 BRIDGE = 0.05  # s, longest step within an IMU gap
 MAX_ROW_INTERVAL = 1.25  # s, longest time between rows for a smoother
 ROUNDING = 1e-7  # s, of times and intervals: they are whole nanoseconds
@@ -337,7 +286,7 @@ def run(
             # Barometer
             while baro_next < len(baro_time) and baro_time[baro_next] <= now:
                 if par[P_NETWORK] > 0.0:
-                    row = _network_sample(
+                    row = network_sample(
                         m,
                         model,
                         stored,
@@ -351,7 +300,7 @@ def run(
                         count,
                     )
                 if par[P_BARO_ROW] > 0.0:
-                    _difference(
+                    note_difference(
                         m, baro_time[baro_next], baro_height[baro_next], baro_reason[baro_next]
                     )
                 baro_next += 1
@@ -459,167 +408,6 @@ def run(
     counts[2] = baro_next
     counts[3] = row
     counts[4] = first_fix
-
-
-@numba.njit(cache=True, nogil=True)
-def _difference(m: Memory, stamp: float, height: float, reason: int) -> None:
-    """Compare height and barometric height; of several samples within an update, the last."""
-    number = m.numbers
-    if reason != ACCEPTED or not np.isfinite(height) or not stamp > number[N_SAMPLE_STAMP]:
-        return
-    age = number[N_NOW] - stamp
-    used = height + m.channel[S_OFFSET] - m.channel[S_BARO_BIAS]
-    number[N_SAMPLE] = 1.0
-    number[N_SAMPLE_STAMP] = stamp
-    number[N_SAMPLE_AGE] = age
-    number[N_SAMPLE_DIFFERENCE] = m.nav[HEIGHT] + m.nav[V_DOWN] * age - used
-
-
-@numba.njit(cache=True, nogil=True)
-def _unlikely(m: Memory, model: Model, stamp: float, height: float) -> bool:
-    """Whether the filter says of a sample that the channel would use: it cannot be so.
-
-    The channel's gate alone would let a sensor that hangs drag the height along while the
-    filter, sure of it, turns the fixes down.
-    """
-    channel = m.channel
-    par = model.parameters
-    b = model.where[I_BARO]
-    v_up = -m.nav[V_DOWN]
-    used = height + channel[S_OFFSET] - channel[S_BARO_BIAS]
-    e = m.nav[HEIGHT] - v_up * (m.numbers[N_NOW] - stamp) - used
-    gate = max(model.network[P_GATE], model.network[P_GATE_SIGMAS] * sqrt(channel[S_SQUARE]))
-    if abs(e + par[P_K4] * v_up) > gate:
-        return False  # the channel's own affair: a jump perhaps
-    variance = m.p[_D, _D] + 2.0 * m.p[_D, b] + m.p[b, b] + par[P_BARO_WHITE]
-    e += m.x[_D] + m.x[b]
-    return e * e > max(LEAST_BARO_GATE**2, par[P_BARO_GATE] ** 2 * variance)
-
-
-@numba.njit(cache=True, nogil=True)
-def _network_sample(
-    m: Memory,
-    model: Model,
-    stored: Stored,
-    row: int,
-    keep: bool,
-    stamp: float,
-    height: float,
-    reason: int,
-    channel_events: FloatArray,
-    events: FloatArray,
-    count: IntArray,
-) -> int:
-    """A barometer sample for the damping network, and what it does to the errors."""
-    number = m.numbers
-    par = model.parameters
-    channel = m.channel
-    nav = m.nav
-    phase = int(channel[S_PHASE])
-    before = channel[S_CORRECTION]
-    offset = channel[S_OFFSET]
-    now = number[N_NOW]
-    v_up = -nav[V_DOWN]
-    # A filter that knows what K4 does keeps the height right, and so e at K4 v_up: no jump.
-    model.network[P_GATE] = par[P_CHANNEL_GATE] + abs(par[P_K4] * v_up)
-    if reason == ACCEPTED and (
-        now < number[N_DISTRUST] or (phase == ENGAGED and _unlikely(m, model, stamp, height))
-    ):
-        reason = GATE
-    what, dh, dw = baro_sample(
-        channel,
-        model.network,
-        channel_events,
-        now,
-        nav[HEIGHT],
-        v_up,
-        stamp,
-        height,
-        reason,
-    )
-    if what == NOTHING:
-        return row
-    if what == RESTORED:
-        # The witness does not know of fixes: where some were used, their navigation stays.
-        close_substep(m, model, keep)
-        off = before - channel[S_CORRECTION]
-        record(events, count, E_BARO_FROZEN, now, dh)
-        if number[N_USED_AT] > channel[S_WITNESS_SINCE]:
-            channel_feedback(channel, now, -dh, -dw, off)
-        else:
-            nav[HEIGHT] += dh
-            nav[V_DOWN] -= dw
-        a = model.where[I_CORRECTION]
-        m.p[_D, _D] += dh * dh
-        m.p[_VD, _VD] += dw * dw
-        m.p[a, a] += off * off
-        begin_substep(m)
-        return row
-    if phase != ENGAGED:
-        # The channel would set the height to the barometer. The filter knows how good both are.
-        channel_feedback(channel, now, -dh, -dw, 0.0)
-        open_instant(m, model, stored, row, keep)
-        difference = channel[S_INNOVATION] - par[P_K4] * v_up
-        used = baro_difference(m, model, events, count, difference, 0.0, par[P_BARO_WHITE], 1)
-        if not used:
-            _after_jump(m, model)
-        if phase == COAST:
-            number[N_STEP] = dh
-            number[N_STEP_SET] = 1.0
-        return close_instant(m, model, stored, row, keep)
-
-    nav[HEIGHT] += dh
-    nav[V_DOWN] -= dw
-    known = par[P_K4] * v_up
-    if what == CORRECTED and channel[S_NOMINAL] < FAST_BARO and now > number[N_FROM]:
-        for i in range(3):
-            gain = channel[S_L1 + i]
-            number[N_GAIN + i] += gain
-            number[N_KNOWN + i] += gain * known
-        number[N_GAINS] += 1.0
-        return row
-    close_substep(m, model, keep)
-    if what == JUMPED:
-        b = model.where[I_BARO]
-        # It is known as well as the mean of the differences that showed it; whether the
-        # barometer is to be relied on after that, is not.
-        mean = (channel[S_SQUARE] + par[P_BARO_WHITE]) / JUMP_ROWS
-        doubt = DOUBT * (channel[S_OFFSET] - offset)
-        m.p[b, b] += mean + par[P_BARO_SIGMA] ** 2 + doubt * doubt
-        _after_jump(m, model)
-        record(events, count, E_BARO_JUMP, now, offset - channel[S_OFFSET])
-    baro_correction(
-        model.where,
-        channel[S_L1],
-        channel[S_L2],
-        channel[S_L3],
-        known,
-        par[P_BARO_WHITE],
-        m.p,
-        m.x,
-        m.product,
-        m.half[0],
-    )
-    return row
-
-
-@numba.njit(cache=True, nogil=True)
-def _after_jump(m: Memory, model: Model) -> None:
-    """Jumps that follow each other, as of a sensor that hangs: leave it alone for a while.
-
-    Up to the gate, navigation and network were pulled along between the jumps.
-    """
-    number = m.numbers
-    now = number[N_NOW]
-    if now - number[N_JUMP_AT] < JUMPS_APART:
-        a = model.where[I_CORRECTION]
-        gate = model.parameters[P_CHANNEL_GATE]
-        rate = 1.0 / model.network[P_TAU]
-        m.p[_D, _D] += gate**2
-        m.p[_VD, _VD] += (gate * rate) ** 2
-        m.p[a, a] += (gate * rate * rate) ** 2
-        number[N_DISTRUST] = now + JUMPS_APART
-    number[N_JUMP_AT] = now
 
 
 @numba.njit(cache=True, nogil=True)
