@@ -119,7 +119,7 @@ def errors(found: LogAlignment) -> Figure:
     """What the reference says is wrong."""
     course = found.error
     assert course is not None
-    usable = course.sigma_worst <= REFUSE_SIGMA
+    usable = course.sigma_worst <= OK_SIGMA
     curves = []
     for k, name in enumerate(AXES):
         final = course.final[:, k] / DEGREE
@@ -136,7 +136,7 @@ def errors(found: LogAlignment) -> Figure:
         "error, deg",
         notes=(
             "Final answer: carried from the end of the segment to each fix. So far: the solver's"
-            " answer from the fixes up to each time.",
+            " answer from the fixes up to each time, where it is known to 1 deg.",
             "A reference of another body than the Imu's shows their mounting here.",
         ),
     )

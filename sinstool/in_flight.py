@@ -32,10 +32,9 @@ BEFORE_S = 5.0
 SPANS_S = (200.0, 600.0)
 # The largest specific force below this: no lift-off to look for.
 LIFT_OFF = 2.0 * STANDARD_GRAVITY
-# A gyro bias seen at rest stays what it was within so many times its in-run instability. Between
-# rests of recorded drives of a few minutes those of two consumer grade IMUs moved by 20 to 70
-# deg/h, on a grade whose instability is 10 deg/h.
-AFTER_REST = 3.0
+# A gyro bias seen at rest stays what it was within this, rad/s (45 deg/h): between the rests of
+# recorded drives of a few minutes those of two consumer grade IMUs moved by 20 to 70 deg/h.
+AFTER_REST = 45.0 * DEGREE / 3600.0
 # Rests shorter than this say little of a bias.
 REST_S = 2.0
 # Vertical velocity from height: over so long before and after, as heights are noisy.
@@ -321,8 +320,9 @@ def sensor_errors(
     """
     noise, told = IMU_GRADES[grade], config.in_flight
     angle_walk = max(noise.angle_random_walk, angle_walk)
-    bias = AFTER_REST * noise.gyro_instability if bias_known else noise.gyro_bias
-    gyro_bias = float(np.hypot(bias, noise.gyro_instability))
+    gyro_bias = float(np.hypot(noise.gyro_bias, noise.gyro_instability))
+    if bias_known:
+        gyro_bias = min(gyro_bias, AFTER_REST)
     accel_bias = float(np.hypot(noise.accel_bias, noise.accel_instability))
     scale = noise.accel_scale if told.sigma_sf is None else told.sigma_sf
     return SensorGrade(

@@ -7,15 +7,17 @@ from dataclasses import replace
 import numpy as np
 
 from sinstool.alignment import initial
+from sinstool.alignment.chain import carried
 from sinstool.alignment.gyrocompass import Gyrocompass, GyrocompassSettings, gyrocompass
-from sinstool.alignment.inflight import InFlightAlignment
+from sinstool.alignment.inflight import ImuIncrements
 from sinstool.alignment.initial import Alignment
+from sinstool.alignment.level import tilted
 from sinstool.config import ProcessConfig
 from sinstool.config.align import IN_FLIGHT
 from sinstool.earth import earth_rate_n
 from sinstool.errors import AlignmentError
 from sinstool.height.network import Grade
-from sinstool.in_flight import Moving, align_moving, increments, sensor_errors
+from sinstool.in_flight import Moving, align_moving, gnss_fixes, increments, sensor_errors
 from sinstool.readers.frames import turn_body
 from sinstool.readers.log import Log
 from sinstool.sensor_grade import sensor_grade
@@ -129,14 +131,14 @@ def in_flight(source: Source, config: ProcessConfig, method: str) -> Alignment:
 
 def _from_motion(moving: Moving, source: Source, config: ProcessConfig) -> Alignment:
     answer = moving.answer
-    time_ns, q_nb = _carried_back(answer, source)
+    time_ns, q_nb, covariance = _carried_back(moving, source, config)
     bias, source_of_bias = moving.gyro_bias, "rest" if moving.gyro_bias.any() else "none"
     if answer.errors is not None and config.align.gyro_bias == "still":
         bias, source_of_bias = bias + answer.errors.gyro_bias, "alignment"
     if not isinstance(config.align.gyro_bias, str):
         source_of_bias = "given"
     known = answer.status != "level-only"
-    sigma = answer.sigma_rad
+    sigma = np.sqrt(np.diag(covariance))
     return Alignment(
         q_nb,
         answer.method,
@@ -147,18 +149,52 @@ def _from_motion(moving: Moving, source: Source, config: ProcessConfig) -> Align
         gyro_bias=bias,
         bias_source=source_of_bias,
         warnings=answer.warnings,
-        covariance_n=answer.cov,
+        covariance_n=covariance,
         held_ns=answer.t_ns,
     )
 
 
-def _carried_back(answer: InFlightAlignment, source: Source) -> tuple[int, np.ndarray]:
-    """Attitude at the first sample, or as near to it as the Imu was without a gap."""
-    first = source.survey.first_ns
-    try:
-        return first, answer.attitude_at(np.array([first]))[0]
-    except ValueError:
-        return answer.t_q_ns, answer.attitude_at(np.array([answer.t_q_ns]))[0]
+def _carried_back(
+    moving: Moving, source: Source, config: ProcessConfig
+) -> tuple[int, np.ndarray, np.ndarray]:
+    """Attitude and covariance at the first sample, or as near to it as the Imu was without a gap.
+
+    A vehicle that rests at first keeps its attitude; in motion gyros carry it back, with what
+    their biases may do.
+    """
+    answer, survey = moving.answer, source.survey
+    still = survey.lead_in
+    begin = survey.first_ns if still is None else still.end_ns
+    if answer.t_ns <= begin:
+        return survey.first_ns, answer.q_nb, answer.cov
+    imu = increments(source, config, moving.gyro_bias + _found_bias(moving), answer.t_ns)
+    imu = _from(imu, begin)
+    if not len(imu.time_ns) or (np.diff(imu.time_ns) > survey.max_gap_ns).any():
+        return answer.t_ns, answer.q_nb, answer.cov
+    fixes, _ = gnss_fixes(source, config.gnss.gnss_latency or 0.0)
+    q_nb, per_bias, per_scale = carried(imu, fixes, answer.t_ns, answer.q_nb)
+    seconds = float(imu.time_ns[-1] - imu.time_ns[0]) / SECOND
+    errors = moving.settings.grade
+    bias, scale = errors.gyro_bias, errors.gyro_scale
+    if answer.errors is not None:
+        bias = float(np.max(answer.errors.sigma["gyro_bias"]))
+        scale = float(np.max(answer.errors.sigma["gyro_scale"]))
+    covariance = answer.cov + errors.angle_random_walk**2 * seconds * np.eye(3)
+    for gain, sigma in ((per_bias, bias), (per_scale, scale)):
+        covariance = covariance + sigma**2 * gain @ gain.T
+    if still is not None:
+        q_nb, covariance = tilted(q_nb, covariance, still.accel, errors.accel_bias)
+    return survey.first_ns, q_nb, covariance
+
+
+def _from(imu: ImuIncrements, begin_ns: int) -> ImuIncrements:
+    later = imu.time_ns >= begin_ns
+    return ImuIncrements(imu.time_ns[later], imu.delta_theta[later], imu.delta_velocity[later])
+
+
+def _found_bias(moving: Moving) -> np.ndarray:
+    errors = moving.answer.errors
+    return np.zeros(3) if errors is None else errors.gyro_bias
 
 
 def at_rest(source: Source, config: ProcessConfig) -> Alignment:

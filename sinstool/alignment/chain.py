@@ -132,3 +132,38 @@ class AttitudeChain:
             state, known = self.refined
             chain = to_dcm(exp(-theta_at(state, known, rows))) @ chain
         return np.asarray(self.dcm @ chain)
+
+
+def carried(
+    imu: ImuIncrements, fixes: GnssFixes, time_ns: int, q_nb: FloatArray
+) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """An attitude at the last sample, carried back to the first.
+
+    Parameters
+    ----------
+    imu : ImuIncrements
+        Without gaps, gyro bias taken off.
+    fixes : GnssFixes
+        Positions around these times.
+    time_ns : int
+        At which the attitude holds: up to the last sample.
+    q_nb : ndarray, shape (4,)
+
+    Returns
+    -------
+    q_nb : ndarray, shape (4,)
+        At the first sample.
+    per_bias, per_scale : ndarray, shape (3, 3)
+        By how much gyro biases (s) and scale factors (rad) turn it, in NED, up to sign.
+    """
+    origin = int(imu.time_ns[0])
+    chain = AttitudeChain(imu, origin, np.eye(3), fixes)
+    at = np.array([origin, min(time_ns, int(imu.time_ns[-1]))])
+    rows, turn = chain.rows_at(at), chain.dcm_ni(at)
+    start = turn[1].T @ to_dcm(q_nb) @ to_dcm(rows.q[1]).T
+    c_nb = turn[0] @ start
+    return (
+        from_dcm(c_nb @ to_dcm(rows.q[0])),
+        c_nb @ (rows.gyro_bias_attitude[1] - rows.gyro_bias_attitude[0]),
+        c_nb @ (rows.gyro_scale_attitude[1] - rows.gyro_scale_attitude[0]),
+    )

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from sinstool.rotation import from_euler
+from sinstool.rotation import exp, from_euler, multiply, rotate
 
 
 def level(specific_force_b: np.ndarray, heading: float = 0.0) -> np.ndarray:
@@ -42,3 +42,40 @@ def level(specific_force_b: np.ndarray, heading: float = 0.0) -> np.ndarray:
     roll = np.arctan2(-f[1], -f[2])
     pitch = np.arctan2(f[0], np.hypot(f[1], f[2]))
     return from_euler([roll, pitch, heading])
+
+
+def tilted(
+    q_nb: np.ndarray, covariance: np.ndarray, specific_force_b: np.ndarray, accel_bias: float
+) -> tuple[np.ndarray, np.ndarray]:
+    """An attitude at rest that was found otherwise, made better by its specific force.
+
+    Parameters
+    ----------
+    q_nb : ndarray, shape (4,)
+    covariance : ndarray, shape (3, 3)
+        Of psi in NED, rad^2: `q_nb` is ``(I + [psi x])`` times the true one.
+    specific_force_b : ndarray, shape (3,)
+        Mean at rest, body axes (FRD), m/s^2.
+    accel_bias : float
+        Its uncertainty about each axis, m/s^2.
+
+    Returns
+    -------
+    q_nb : ndarray, shape (4,)
+    covariance : ndarray, shape (3, 3)
+        After one update with both horizontal components: at rest these are zero, and
+        ``f_N = g psi_E`` up to sign where an attitude is wrong.
+    """
+    size = float(np.linalg.norm(specific_force_b))
+    seen = rotate(q_nb, specific_force_b) / size
+    # -e_d turned by psi: (-psi_E, psi_N, -1).
+    measured = np.array([seen[1], -seen[0]])
+    h = np.eye(2, 3)
+    gain = (
+        covariance
+        @ h.T
+        @ np.linalg.inv(h @ covariance @ h.T + (accel_bias / size) ** 2 * np.eye(2))
+    )
+    keep = np.eye(3) - gain @ h
+    better = keep @ covariance @ keep.T + (accel_bias / size) ** 2 * gain @ gain.T
+    return multiply(exp(-(gain @ measured)), q_nb), better

@@ -122,7 +122,7 @@ def _print(told: dict[str, Any], verbose: bool) -> None:
         )
         shown = ["-" if s is None else f"{s:.3g}" for s in sigma]
         rows.append(("sigma", f"{', '.join(shown)} deg about north, east, down"))
-    if told["n_pairs"] is not None:
+    if told["n_pairs"]:
         rows.append(
             (
                 "used",

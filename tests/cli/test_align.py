@@ -1,0 +1,102 @@
+"""`sinstool align` as a user calls it: what is printed, written and refused."""
+
+import csv
+import json
+import sys
+
+import numpy as np
+import pytest
+from launch_logs import TACTICAL, launched
+from readers.logs import real
+
+from sinstool.cli import main as main_module
+
+KIND = ("--gyro-kind", "increment")
+
+
+@pytest.fixture
+def align(monkeypatch, capsys):
+    """Runs the command in this process: status, stdout, stderr."""
+
+    def call(*arguments):
+        monkeypatch.setattr(sys, "argv", ["sinstool", "align", *map(str, arguments)])
+        with pytest.raises(SystemExit) as info:
+            main_module.main()
+        out, err = capsys.readouterr()
+        assert "Traceback" not in err
+        return info.value.code, out, err
+
+    return call
+
+
+def test_json_says_all_and_nothing_else(align):
+    code, out, _ = align(launched(*TACTICAL), *KIND, "--json", "--truth", "/truth/imu")
+    told = json.loads(out)
+    assert code == 0
+    assert told["status"] == "ok" and told["method"] == "svd" and told["vectors"] == "win"
+    assert told["t_ns"].isdigit()
+    assert np.linalg.norm(told["q_nb_wxyz"]) == pytest.approx(1.0)
+    assert set(told["euler_deg"]) == {"roll", "pitch", "heading"}
+    assert 0.0 <= told["euler_deg"]["heading"] < 360.0
+    assert len(told["sigma_deg"]) == 3
+    cov = np.array(told["cov_deg2"])
+    np.testing.assert_allclose(np.sqrt(np.diag(cov)), told["sigma_deg"])
+    assert told["n_pairs"] > 400 and told["n_rejected"] == 0
+    assert told["truth"]["total_deg"] < 0.3
+
+
+def test_level_only_ends_with_3_and_without_heading(align):
+    pad = launched(*TACTICAL, "--pad", "60", duration=20)
+    code, out, err = align(pad, *KIND, "--end", "40", "--json")
+    told = json.loads(out)
+    assert code == 3
+    assert told["status"] == "level-only"
+    assert told["q_nb_wxyz"] is None and told["euler_deg"]["heading"] is None
+    assert "heading is not known" in err
+    code, out, _ = align(pad, *KIND, "--end", "40")
+    assert code == 3 and "not to be seen" in out
+
+
+def test_series_and_page_are_written(align, tmp_path):
+    table, page = tmp_path / "series.csv", tmp_path / "page.html"
+    log = launched(*TACTICAL)
+    options = ("--series", table, "--report", page, "--truth", "/truth/imu", *KIND)
+    assert align(log, *options)[0] == 0
+    rows = list(csv.DictReader(table.open()))
+    assert float(rows[-1]["time_s"]) == pytest.approx(90.0, abs=0.2)
+    assert float(rows[-1]["sigma_worst_deg"]) < 1.0
+    text = page.read_text()
+    for words in ("Status ok", "How well attitude is known", "Error against the reference",
+                  "Singular values", "Residuals of the vectors", "Angular rate"):  # fmt: skip
+        assert words in text
+    # neither is written over without being told
+    assert align(log, *options)[0] == 1
+    assert align(log, *options, "--overwrite")[0] == 0
+
+
+def test_page_of_a_failure_says_so(align, tmp_path):
+    page = tmp_path / "page.html"
+    code, _, err = align(launched(*TACTICAL), *KIND, "--gate", "paper", "--t-set1", "500",
+                         "--report", page)  # fmt: skip
+    assert code == 3
+    assert "the gate waits 500 s" in err
+    assert "Status failed" in page.read_text()
+
+
+def test_what_is_refused(align, tmp_path):
+    log = launched(*TACTICAL)
+    assert align(log, *KIND, "--method", "svd", "--align", "quest")[0] == 2
+    assert align()[0] == 2
+    assert align(log, *KIND, "--at", "noon")[0] == 2
+    assert align(log, *KIND, "--truth", "/nothing")[0] == 1
+    code, _, err = align(log, *KIND, "--method", "gyrocompass")
+    assert code == 1 and "begins still" in err
+    code, _, err = align(log, *KIND, "--report", tmp_path / "page.doc")
+    assert code != 0 and "report" in err
+
+
+def test_six_seconds_of_flight_are_too_few(align):
+    log = real("px4/px4_fmuv6c_inflight_6s.mcap")
+    code, out, err = align(log, "--body-axes", "frd", "--method", "svd")
+    assert code == 1 and not out
+    assert "needs GNSS velocity for 10 s" in err and "for 6.0 s" in err

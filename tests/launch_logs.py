@@ -1,0 +1,55 @@
+"""Logs of the simulated launch, made once a session, and alignments of them."""
+
+import functools
+import tempfile
+from pathlib import Path
+
+import numpy as np
+from click.testing import CliRunner
+
+from sinstool.align_log import align_log
+from sinstool.cli.main import cli
+from sinstool.config import ProcessConfig, build
+from sinstool.readers import open_log
+from sinstool.readers.streams import Losses, read_columns
+
+PERFECT = ("--grade", "perfect", "--gnss-model", "perfect")
+TACTICAL = ("--launch-grade", "1")
+TRUTH = "/truth/imu"
+_FOLDER = tempfile.TemporaryDirectory(prefix="launches")
+
+
+@functools.cache
+def launched(*options, duration=90):
+    """A log with increments, unless the options say otherwise."""
+    out = Path(_FOLDER.name) / f"{abs(hash((options, duration)))}.mcap"
+    arguments = ["simulate", "launch", "-o", str(out), "--duration", str(duration), *options]
+    result = CliRunner().invoke(cli, arguments, standalone_mode=False)
+    assert result.exception is None, result.output
+    return out
+
+
+def aligned(log, truth=TRUTH, method="svd", **groups):
+    """What `align` finds; the log holds increments, unless the groups say otherwise."""
+    groups["input"] = {"gyro_kind": "increment", **groups.get("input", {})}
+    groups["align"] = {"align": method, **groups.get("align", {})}
+    return align_log(log, build(ProcessConfig, groups), truth=truth)
+
+
+def total(found):
+    return found.summary["truth"]["total_deg"]
+
+
+def normalised(found):
+    """Squared error by its covariance, over 3."""
+    psi = np.array(found.summary["truth"]["error_deg"])
+    return float(psi @ np.linalg.solve(np.array(found.summary["cov_deg2"]), psi)) / 3.0
+
+
+def column(log, topic, paths):
+    """Stamps in ns and numbers of a topic."""
+    wanted = {"sec": ["header.stamp.sec"], "ns": ["header.stamp.nanosec"], "x": paths}
+    with open_log(log) as opened:
+        blocks = [v for _, v in read_columns(opened, opened.channels_of(topic), wanted, Losses())]
+    sec, ns, x = (np.concatenate([b[k] for b in blocks]) for k in wanted)
+    return sec.astype(np.int64) * 10**9 + ns.astype(np.int64), x
