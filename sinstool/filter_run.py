@@ -10,13 +10,16 @@ import numpy as np
 
 from sinstool.before_start import before_start, corrected_start
 from sinstool.config import ProcessConfig
+from sinstool.config.align import GnssOptions
 from sinstool.filter_start import Prepared
+from sinstool.integration.diagnosis import Finding, diagnose
 from sinstool.integration.filter import InsGnssFilter
-from sinstool.integration.results import FilterBlock, GnssDiagnostics, UpdateColumns
+from sinstool.integration.results import FilterBlock, FilterEvent, GnssDiagnostics, UpdateColumns
 from sinstool.integration.settings import Start
 from sinstool.integration.smoother import SmoothedEpochs, Smoother
 from sinstool.segment_increments import SegmentIncrements
 from sinstool.source import Source
+from sinstool.strapdown.velocity import Increments
 from sinstool.streams import Diagnostics, Imu, Solution
 from sinstool.timeline import SECOND
 from sinstool.vertical import height_summary, height_warnings
@@ -37,6 +40,25 @@ DIAGNOSTIC_NAMES = (
 )
 
 
+# What is wrong shows within minutes.
+DIAGNOSED_NS = 600 * SECOND
+USUAL_SIGMA_V = GnssOptions().gnss_sigma_v
+
+
+DETAIL_ROWS = 512
+
+
+def _pieces(
+    steps: Iterator[tuple[Increments, Imu, Imu | None]], rows: int | None
+) -> Iterator[tuple[Increments, Imu]]:
+    """Increments with their samples, in pieces of so many."""
+    for increments, imu, _ in steps:
+        count = len(increments.sample) if rows is None else rows
+        for first in range(0, len(increments.sample), count):
+            part = slice(first, first + count)
+            yield Increments(*(v[part] for v in vars(increments).values())), imu.rows(part)
+
+
 class FilterRun:
     """A filter over a log, its answers as solutions, smoothed if asked for.
 
@@ -45,6 +67,8 @@ class FilterRun:
     source : Source
     config : ProcessConfig
     prepared : Prepared
+    detailed : bool, optional
+        Note biases often enough to be drawn.
 
     Attributes
     ----------
@@ -55,7 +79,14 @@ class FilterRun:
         All so far.
     """
 
-    def __init__(self, source: Source, config: ProcessConfig, prepared: Prepared) -> None:
+    def __init__(
+        self,
+        source: Source,
+        config: ProcessConfig,
+        prepared: Prepared,
+        detailed: bool = False,
+    ) -> None:
+        self._detailed = detailed
         self._source, self._config, self._prepared = source, config, prepared
         self._steps = SegmentIncrements(source, config)
         self.algorithm = self._steps.algorithm
@@ -63,6 +94,9 @@ class FilterRun:
         self.carried_back = 0
         self.gnss: list[GnssDiagnostics] = []
         self._unwritten: list[GnssDiagnostics] = []
+        self._found: list[Finding] = []
+        self._biases: list[tuple[int, np.ndarray, np.ndarray]] = []
+        self._first: list[UpdateColumns] = []
         self._offset_ns = 0
         self._smooth = config.filter.smooth
         valid = replace(
@@ -132,7 +166,8 @@ class FilterRun:
     def _run(self, progress: Any) -> Iterator[tuple[FilterBlock, Imu]]:
         p = self._prepared
         given = False
-        for increments, imu, _ in self._steps.from_time(p.beginning.time_ns, progress=progress):
+        steps = self._steps.from_time(p.beginning.time_ns, progress=progress)
+        for increments, imu in _pieces(steps, DETAIL_ROWS if self._detailed else None):
             measurements: dict[str, Any] = {}
             if not given:
                 measurements = {"gnss": p.gnss, "withheld": p.withheld}
@@ -147,11 +182,52 @@ class FilterRun:
                 given = True
             block = self._filter.push(increments, **measurements)
             self.updates += len(increments.sample)
+            self._keep(block.updates)
+            known = self._filter.summary
+            self._biases.append((int(imu.time_ns[-1]), known.gyro_bias, known.accel_bias))
             self._offset_ns = int(imu.log_time_ns[-1]) - int(imu.time_ns[-1])
             if len(block.gnss):
                 self.gnss.append(block.gnss)
                 self._unwritten.append(block.gnss)
             yield block, imu
+
+    def _keep(self, updates: UpdateColumns | None) -> None:
+        """The first minutes, to tell by what is wrong if something is."""
+        if updates is None or not len(updates):
+            return
+        if self._first and int(updates.time_ns[0]) > int(self._first[0].time_ns[0]) + DIAGNOSED_NS:
+            return
+        self._first.append(updates)
+
+    def findings(self) -> list[Finding]:
+        """What seems to be wrong with settings or sensors, the likeliest cause first."""
+        p, gnss = self._prepared, self.diagnostics()
+        if gnss is None or not self._first:
+            return []
+        columns = list(vars(self._first[0]))
+        updates = UpdateColumns(
+            **{c: np.concatenate([getattr(u, c) for u in self._first]) for c in columns}
+        )
+        found = diagnose(
+            p.beginning.start,
+            updates,
+            gnss,
+            p.gnss.rows(~p.withheld),
+            p.settings,
+            self._filter.summary.restarts,
+        )
+        return [f for f in found if self._to_be_told(f)]
+
+    def _to_be_told(self, finding: Finding) -> bool:
+        """What nobody told the filter, nobody needs to put right."""
+        told = self._config
+        if finding.cause == "latency":
+            return self._prepared.timing is None
+        if finding.cause == "GNSS noise" and finding.size < 1.0:
+            # Receivers that filter their fixes claim more than the noise that is left in them
+            given = told.filter.gnss_sigma is not None or told.gnss.gnss_sigma_v != USUAL_SIGMA_V
+            return given or told.filter.gnss_noise_scale > 1.0
+        return True
 
     def _solution(self, u: UpdateColumns, log_time: np.ndarray) -> Solution:
         vertical = None
@@ -170,6 +246,23 @@ class FilterRun:
             u.covariance_velocity_n,
             u.covariance_attitude_n,
         )
+
+    @property
+    def first_ns(self) -> int:
+        """Time of the log's first sample."""
+        return self._source.survey.first_ns
+
+    @property
+    def events(self) -> list[FilterEvent]:
+        """What the filter noted."""
+        return self._filter.events
+
+    def biases(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Times, ns, and gyro (rad/s) and accelerometer (m/s^2) biases after each block."""
+        if not self._biases:
+            return np.empty(0, np.int64), np.empty((0, 3)), np.empty((0, 3))
+        times, gyro, accel = zip(*self._biases, strict=True)
+        return np.array(times, np.int64), np.array(gyro), np.array(accel)
 
     def new_diagnostics(self) -> list[Diagnostics]:
         """Diagnostics since the last call, for writing."""
@@ -195,6 +288,7 @@ class FilterRun:
     def summary(self) -> dict[str, Any]:
         """``filter`` of the summary."""
         p, s = self._prepared, self._filter.summary
+        self._found = self.findings()
         events: dict[str, int] = {}
         for event in self._filter.events:
             events[event.kind] = events.get(event.kind, 0) + 1
@@ -221,6 +315,7 @@ class FilterRun:
             "accel_scale": s.accel_scale.tolist(),
             "baro_bias_m": s.baro_bias,
             "events": events,
+            "findings": [{"cause": f.cause, "text": f.text, "size": f.size} for f in self._found],
             "withheld": self._scores(),
         }
         return told
@@ -264,7 +359,7 @@ class FilterRun:
         return told | {"imu_grade": {"grade": p.grade, "why": p.grade_why}}
 
     def warnings(self) -> list[str]:
-        """What a user has to know about the run."""
+        """What a user has to know about the run, once :meth:`summary` has looked at it."""
         p, s = self._prepared, self._filter.summary
         notes = [f"lost: {part}" for part in self._source.log.lost]
         if self.algorithm.caveat:
@@ -296,6 +391,12 @@ class FilterRun:
             notes.append(
                 f"the first {before:.2f} s lie before the filter's start and have no solution"
             )
+        if self._config.filter.filter == "plain-15":
+            notes.append(
+                "plain-15 takes errors of fixes for white: where they last, its position sigmas are"
+                " several times too small, and innovations do not show it"
+            )
+        notes += [str(finding) for finding in self._found]
         if s.restarts:
             notes.append(
                 f"the filter began anew {s.restarts} times: fixes were rejected for too long"

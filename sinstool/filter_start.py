@@ -16,16 +16,20 @@ from sinstool.gnss_model import believed, gnss_model
 from sinstool.height.network import Grade
 from sinstool.in_flight import increments as coarse_increments
 from sinstool.initialise import align
-from sinstool.integration.noise import BARO_GRADES, IMU_GRADES, ImuNoise
+from sinstool.integration.noise import BARO_GRADES, IMU_GRADES, BaroModel, GnssModel, ImuNoise
 from sinstool.integration.settings import DivergenceControl, Settings
 from sinstool.integration.start import Beginning, find_start, start_at
-from sinstool.sensor_grade import sensor_grade
+from sinstool.sensor_grade import random_walk, sensor_grade
 from sinstool.source import Source
 from sinstool.streams import GnssEpochs
 from sinstool.timeline import SECOND
 from sinstool.units import DEGREE, STANDARD_GRAVITY
 from sinstool.vertical import HeightReference, height_reference, network
 
+# Noise at rest, over what is told of it, that is worth a warning.
+NOISIER = 3.0
+# What a barometer is off by, m, and for how long: the weather, the temperature, a cabin.
+AIR_SIGMA, AIR_TIME_S = 10.0, 500.0
 # What the start is found from.
 START_NS = 400 * SECOND
 
@@ -84,7 +88,7 @@ def prepare_filter(source: Source, config: ProcessConfig) -> Prepared:
     model, gnss_why = gnss_model(gnss, config)
     reference, notes = _barometer(source, config, grade)
     settings = _settings(source, config, grade, model, reference)
-    warnings = list(notes)
+    warnings = [*_too_good(source, config, settings), *notes]
     told = config.filter.gnss_velocity_lag
     lag = velocity_lag(gnss) if told is None else told
     hidden = _withheld(gnss.time_ns, config, source.survey.first_ns)
@@ -149,9 +153,7 @@ def _settings(
     damping = None
     if reference is not None and told.filter.startswith("network"):
         damping, _ = network(config, grade, source.latitude or 0.0)
-    baro = BARO_GRADES[grade]
-    if reference is not None and reference.sigma > 0.0:
-        baro = replace(baro, white=reference.sigma)
+    baro = _baro_model(config, grade, model, reference)
     return Settings(
         filter=told.filter,
         imu=_imu_noise(config, grade),
@@ -169,6 +171,34 @@ def _settings(
         lever_arm_b=config.gnss.lever_arm,
         gnss_latency=config.gnss.gnss_latency or 0.0,
     )
+
+
+def _too_good(source: Source, config: ProcessConfig, settings: Settings) -> list[str]:
+    """A gyro that is told to be much better than its noise at rest."""
+    shown, assumed = random_walk(source), settings.imu.angle_random_walk
+    told = config.navigation.imu_grade != "auto" or config.in_flight.arw is not None
+    if not told or shown is None or shown < NOISIER * assumed:
+        return []
+    size = 60.0 / DEGREE
+    return [
+        f"the gyro's noise at rest is {size * shown:.2g} deg/sqrt(h), but the filter is told"
+        f" {size * assumed:.2g} (--imu-grade, --arw): it will believe itself too much; leave them out"
+    ]
+
+
+def _baro_model(
+    config: ProcessConfig, grade: Grade, gnss: GnssModel, reference: HeightReference | None
+) -> BaroModel:
+    """Errors of the barometric heights: of the air, and of what they were set by."""
+    told, usual = config.filter.baro_sigma, BARO_GRADES[grade]
+    sigma = AIR_SIGMA if told is None else told
+    if reference is not None and reference.baro is not None and reference.baro.mode == "gnss":
+        # The fixes of half a minute, whose slow error is one and the same
+        sigma = float(np.hypot(sigma, gnss.position_markov[2]))
+    white = usual.white
+    if reference is not None and reference.sigma > 0.0:
+        white = reference.sigma
+    return BaroModel(sigma, AIR_TIME_S, white)
 
 
 def _imu_noise(config: ProcessConfig, grade: Grade) -> ImuNoise:

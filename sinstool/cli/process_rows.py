@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from typing import Any
 
+from sinstool.cli.filter_rows import filter_rows
+
 Row = tuple[str, str]
 
 
@@ -49,6 +51,7 @@ def summary_rows(summary: dict[str, Any], verbose: bool = False) -> list[Row]:
         rows += _hse(summary["hse"])
     if summary["height"] is not None:
         rows += _height(summary["height"])
+    rows += filter_rows(summary["filter"])
     rows.append(
         (
             "final",

@@ -49,6 +49,11 @@ class FilterOptions(Group):
         1.0, gt=0, description="factor on what receivers say of their own noise"
     )
 
+    baro_sigma: float | None = Field(
+        None,
+        gt=0,
+        description="what the barometer is off by for minutes, in m (default: 10)",
+    )
     gnss_velocity_lag: float | None = Field(
         None,
         ge=-1,

@@ -9,8 +9,10 @@ import numpy as np
 from sinstool import summary
 from sinstool.config import ProcessConfig
 from sinstool.errors import AlignmentError
+from sinstool.filter_figures import filter_figures
 from sinstool.filter_run import DIAGNOSTIC_NAMES, FilterRun
 from sinstool.filter_start import Prepared, prepare_filter
+from sinstool.height.layout import ACCEPTED
 from sinstool.modes.common import Progress, share
 from sinstool.readers.log import Log
 from sinstool.readers.streams import frame_id
@@ -59,11 +61,17 @@ def run_ins_gnss(
         (float(nav[0]), float(nav[1]), float(nav[2])),
     )
     result.open(source.topic.channels[0].message_encoding, emits, frames, DIAGNOSTIC_NAMES)
-    run = FilterRun(source, config, prepared)
+    recorder, r = result.recorder, prepared.reference
+    if recorder is not None and r is not None:
+        good = r.reason == ACCEPTED
+        recorder.refer_height(r.topic, r.time_ns[good], r.height[good])
+    run = FilterRun(source, config, prepared, detailed=recorder is not None)
     for solution in run.solutions(share(progress, log.size, 0.4, 0.5)):
         result.push(solution)
         for diagnostics in run.new_diagnostics():
             result.note(diagnostics)
+    if recorder is not None:
+        recorder.extra += filter_figures(run)
     told = result.finish()
     if result.last is None:
         raise AlignmentError(
