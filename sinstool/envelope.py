@@ -101,15 +101,19 @@ class Envelope:
         """
         times, low, high, _ = self.groups()
         seconds = _seconds(times, origin_ns)
+        before, within = _holes(times)
         if self.rows_per_group == 1:
-            return with_holes(seconds[:, 0], low, _holes(times))
+            return with_holes(seconds[:, 0], low, before)
         both = np.stack([low, high], axis=1).reshape(2 * len(low), -1)
-        return with_holes(seconds.reshape(-1), both, 2 * _holes(times))
+        holes = np.sort(np.concatenate([2 * before, 2 * within + 1]))
+        return with_holes(seconds.reshape(-1), both, holes)
 
     def samples(self, origin_ns: int) -> tuple[FloatArray, FloatArray]:
         """The first row of every group; as :meth:`curves`."""
         times, _, _, first = self.groups()
-        return with_holes(_seconds(times[:, 0], origin_ns), first, _holes(times))
+        before, within = _holes(times)
+        holes = np.union1d(before, within[within + 1 < len(times)] + 1)
+        return with_holes(_seconds(times[:, 0], origin_ns), first, holes)
 
 
 def _seconds(time_ns: IntArray, origin_ns: int) -> FloatArray:
@@ -122,12 +126,14 @@ def _merged(left: FloatArray, right: FloatArray) -> FloatArray:
     return np.stack([low, high, left[:, 2]], axis=1)
 
 
-def _holes(times: IntArray) -> IntArray:
-    """Groups before which time has a hole."""
+def _holes(times: IntArray) -> tuple[IntArray, IntArray]:
+    """Groups before which, and groups within which time has a hole."""
     if len(times) < 3:
-        return np.empty(0, np.int64)
+        return np.empty(0, np.int64), np.empty(0, np.int64)
     usual = float(np.median(np.diff(times[:, 0])))
-    return np.flatnonzero(times[1:, 0] - times[:-1, 1] > HOLE_GROUPS * usual) + 1
+    before = np.flatnonzero(times[1:, 0] - times[:-1, 1] > HOLE_GROUPS * usual) + 1
+    within = np.flatnonzero(times[:, 1] - times[:, 0] > (1.0 + HOLE_GROUPS) * usual)
+    return before, within
 
 
 def with_holes(
