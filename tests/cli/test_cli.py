@@ -456,6 +456,8 @@ emit = ["euler", "imu", "euler"]
 only_results = true
 compression = "lz4"
 overwrite = true
+report = "page.html"
+truth = ["/truth/imu", "attitude.csv"]
 """
 
 
