@@ -9,8 +9,10 @@ import numpy as np
 
 from sinstool.aiding import Aiding, read_baro
 from sinstool.config import ProcessConfig
+from sinstool.config.align import IN_FLIGHT
 from sinstool.config.filter import span
 from sinstool.errors import AlignmentError, TopicError
+from sinstool.fix_velocity import with_velocities
 from sinstool.gnss_latency import Timing, find_timing, message_times, separate, velocity_lag
 from sinstool.gnss_model import believed, gnss_model
 from sinstool.height.network import Grade
@@ -26,6 +28,8 @@ from sinstool.timeline import SECOND
 from sinstool.units import DEGREE, STANDARD_GRAVITY
 from sinstool.vertical import HeightReference, height_reference, network
 
+# An alignment in motion uses fixes that the filter is going to use again.
+TWICE_USED = 1.5
 # Noise at rest, over what is told of it, that is worth a warning.
 NOISIER = 3.0
 # What a barometer is off by, m, and for how long: the weather, the temperature, a cabin.
@@ -182,7 +186,8 @@ def _too_good(source: Source, config: ProcessConfig, settings: Settings) -> list
     size = 60.0 / DEGREE
     return [
         f"the gyro's noise at rest is {size * shown:.2g} deg/sqrt(h), but the filter is told"
-        f" {size * assumed:.2g} (--imu-grade, --arw): it will believe itself too much; leave them out"
+        f" {size * assumed:.2g} (--imu-grade, --arw): it will believe itself too much; leave that"
+        " out"
     ]
 
 
@@ -240,6 +245,8 @@ def _beginning(
     AlignmentError
     """
     path = source.log.path
+    if not usable.has_velocity.any():
+        usable = with_velocities(usable, float(max(settings.gnss.position_white[:2])))
     try:
         if config.align.align != "auto":
             return _from_alignment(source, config, settings, usable)
@@ -255,6 +262,8 @@ def _from_alignment(
 ) -> Beginning:
     found = align(source, config)
     covariance = found.covariance_n
+    if covariance is not None and config.align.align in IN_FLIGHT:
+        covariance = TWICE_USED**2 * covariance
     if covariance is None:
         tilt = [s if s is not None else 2.0 * DEGREE for s in found.sigma_rad[:2]]
         heading = found.sigma_rad[2]

@@ -54,9 +54,10 @@ def _withheld(told: dict[str, Any] | None) -> list[Row]:
         return []
     outages = told["outages"]
     most = max(o["largest_in_sigmas"] for o in outages)
+    rms = told["rms_of_largest_horizontal_m"]
     text = (
-        f"{len(outages)} outages: largest horizontal errors {told['rms_of_largest_horizontal_m']:.3g}"
-        f" m rms, at most {most:.1f} sigma on an axis"
+        f"{len(outages)} outages: largest horizontal errors {rms:.3g} m rms, at most {most:.1f}"
+        " sigma on an axis"
     )
     if "filter" in told and told["filter"] is not None:
         text += f"; unsmoothed {told['filter']['rms_of_largest_horizontal_m']:.3g} m rms"

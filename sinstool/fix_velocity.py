@@ -1,0 +1,74 @@
+"""Velocity from fixes alone, good enough to start from and for nothing else.
+
+A filter takes positions as they are: differences of them would tell it the same thing twice. But an
+attitude in motion is found from changes of velocity, and a receiver may give none.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from sinstool.earth import radii_of_curvature
+from sinstool.streams import GnssEpochs
+from sinstool.timeline import SECOND
+
+# A parabola is laid through the fixes within so many seconds to either side.
+HALF_S = 3.0
+LEAST = 5
+LEAST_SIGMA = 0.02
+
+
+def with_velocities(gnss: GnssEpochs, sigma_m: float) -> GnssEpochs:
+    """Epochs with velocities made from their positions.
+
+    Parameters
+    ----------
+    gnss : GnssEpochs
+        By time.
+    sigma_m : float
+        Noise of a position from one fix to the next, m.
+
+    Returns
+    -------
+    GnssEpochs
+        Those with enough fixes around them; velocities have the sigmas that follow from
+        `sigma_m`.
+    """
+    rows = gnss.rows(gnss.has_position & np.isfinite(gnss.height))
+    n = len(rows)
+    if n < LEAST:
+        return rows.rows(slice(0, 0))
+    t = (rows.time_ns - rows.time_ns[0]) / SECOND
+    meridian, transverse = radii_of_curvature(rows.latitude[0])
+    height = float(np.median(rows.height))
+    longitude = np.unwrap(rows.longitude)
+    position = np.stack(
+        [
+            (rows.latitude - rows.latitude[0]) * (float(meridian) + height),
+            (longitude - longitude[0]) * (float(transverse) + height) * np.cos(rows.latitude[0]),
+            -(rows.height - rows.height[0]),
+        ],
+        axis=1,
+    )
+    moments, right, count = np.zeros((n, 5)), np.zeros((n, 3, 3)), np.zeros(n)
+    reach = int(np.max(np.searchsorted(t, t + HALF_S, "right") - np.arange(n)))
+    here = np.arange(n)
+    for step in range(-reach, reach + 1):
+        other = np.clip(here + step, 0, n - 1)
+        away = t[other] - t
+        inside = (here + step == other) & (np.abs(away) <= HALF_S)
+        count += inside
+        powers = np.where(inside[:, None], away[:, None] ** np.arange(5), 0.0)
+        moments += powers
+        right += powers[:, :3, None] * (position[other] - position)[:, None, :]
+    normal = moments[:, np.arange(3)[:, None] + np.arange(3)[None, :]]
+    spread = moments[:, 2] > 0.25 * HALF_S**2 * LEAST / 3.0
+    good = (count >= LEAST) & spread & (np.linalg.cond(normal + 1e-12 * np.eye(3)) < 1e8)
+    normal[~good] = np.eye(3)
+    inverse = np.linalg.inv(normal)
+    velocity = (inverse @ right)[:, 1]
+    sigma = np.maximum(sigma_m * np.sqrt(inverse[:, 1, 1]), LEAST_SIGMA)
+    made = replace(rows, velocity_n=velocity, sigma_velocity_n=np.repeat(sigma[:, None], 3, axis=1))
+    return made.rows(good)
