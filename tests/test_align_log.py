@@ -4,6 +4,8 @@ import numpy as np
 import pytest
 from launch_logs import PERFECT, TACTICAL, aligned, column, launched, normalised, total
 
+from sinstool import rotation
+from sinstool.align_truth import errors, tilt_errors
 from sinstool.alignment.inflight import InFlightAlignment
 from sinstool.errors import AlignmentError
 
@@ -132,6 +134,7 @@ def test_a_clipping_gyro_harms_only_without_the_gate():
     without = aligned(log, in_flight={"gate": "off"})
     assert total(without) > 1.0
     assert without.summary["status"] == "degraded"
+    assert without.summary["sigma_worst_deg"] > 20.0 * gated.summary["sigma_worst_deg"]
     assert any("clipped" in w for w in without.summary["warnings"])
     assert any("inconsistent" in w for w in without.summary["warnings"])
     told = aligned(log, in_flight={"gate": "off", "gyro_range": 200.0})
@@ -230,3 +233,13 @@ def test_error_course_is_that_of_the_answer():
     assert np.nanmax(np.abs(course.series[-50:])) < np.deg2rad(1.0)
     assert len(course.seconds) == len(course.sigma_worst)
     assert course.seconds[0] >= 40.0 and course.seconds[-1] == pytest.approx(90.0, abs=0.2)
+
+
+def test_tilt_errors_are_those_of_small_rotations_whatever_the_heading():
+    true = rotation.from_euler(np.deg2rad([[10.0, -20.0, 130.0]]))
+    psi = np.array([[2e-4, -3e-4, 0.0]])
+    turned = rotation.multiply(rotation.exp([[0.0, 0.0, 1.2]]), true)
+    for heading in (true, turned):
+        found = rotation.multiply(rotation.exp(psi), heading)
+        np.testing.assert_allclose(tilt_errors(found, true), psi[:, :2], atol=1e-7)
+    np.testing.assert_allclose(errors(rotation.multiply(rotation.exp(psi), true), true), psi)
