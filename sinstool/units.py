@@ -14,6 +14,9 @@ STANDARD_GRAVITY = 9.80665
 TELLING_RAD = 0.1
 TELLING_WINDOWS = 10
 TELLING_SHARE = 0.6
+# Directions within some six degrees of their mean; sizes that vary by more than a road makes them.
+HELD = 0.99
+VARIES = 0.05
 # Gravity turns 57 times what rates in rad/s, taken for deg/s, say: this lies half-way in ratio.
 RADIANS_SCALE = 7.5
 # No IMU measures 100 rad/s (5 700 deg/s); many reach 100 deg/s.
@@ -78,9 +81,30 @@ def unit_evidence(windows: Windows) -> UnitEvidence:
 
     telling = np.linalg.norm(as_radians - as_degrees, axis=1) > TELLING_RAD
     better = np.linalg.norm(after - as_degrees, axis=1) < np.linalg.norm(after - as_radians, axis=1)
+    if _held_by_lift(before[telling], size[:-1][usable]):
+        return UnitEvidence()
     count = int(np.count_nonzero(telling))
     share = float(np.mean(better[telling])) if count else 0.0
     return UnitEvidence(scale, sigma, count, share)
+
+
+def _held_by_lift(direction: np.ndarray, size: np.ndarray) -> bool:
+    """Whether the specific force stays on one axis of the body while its size changes.
+
+    So it is in an aircraft that turns in coordination, and under a rotor: what turns is the lift,
+    and gravity tells nothing of the rates. On a road the size stays too, in a hand neither does.
+
+    Parameters
+    ----------
+    direction : ndarray, shape (m, 3)
+        Of the specific force in telling windows.
+    size : ndarray, shape (n,)
+        Of all windows, m/s^2.
+    """
+    if not len(direction):
+        return False
+    held = float(np.linalg.norm(direction.mean(axis=0))) > HELD
+    return held and float(np.std(size)) > VARIES * float(np.median(size))
 
 
 def turns_like_degrees(evidence: UnitEvidence) -> bool:

@@ -152,6 +152,16 @@ def test_radians_are_refused_and_read_when_told(tmp_path):
         gnss(tmp_path, messages + velocity)
 
 
+def test_radians_across_the_date_line_are_refused(tmp_path):
+    east = np.linspace(-300.0, 300.0, N) / 6.37e6 / np.cos(0.8)
+    longitude = (east + 2 * np.pi) % (2 * np.pi) - np.pi
+    messages = [fix_message(k, TIMES[k], 0.8, longitude[k]) for k in range(N)]
+    velocity = [twist_message(TIMES[k], (20.34, 0.0, 0.0)) for k in range(N)]
+    assert np.ptp(longitude) > 6.0
+    with pytest.raises(DataError, match="radians"):
+        gnss(tmp_path, messages + velocity)
+
+
 def test_angles_and_heights_of_no_globe_are_refused(tmp_path):
     with pytest.raises(DataError, match="in no unit"):
         gnss(tmp_path, drive(scale=1e7))

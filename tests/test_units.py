@@ -190,3 +190,16 @@ def test_real_logs(path, unit):
     assert accel_looks_like_g(in_g.specific_force_median)
     # the unit of force does not matter to that of the rates
     assert gyro_looks_like_degrees(in_g.gyro_unit, in_g.gyro_max) is expected
+
+
+def test_coordinated_turns_are_no_degrees():
+    """Rolling into turns of 35 degrees the lift stays on the aircraft's own axis."""
+    from sinstool.alignment.still import WindowStage
+    from sinstool.simulation.flight import manoeuvring_flight
+
+    for seed in range(4):
+        imu = manoeuvring_flight(400.0, 50.0, latitude=-0.6, heading=2.0, seed=seed).imu
+        stage = WindowStage()
+        stage.push(imu.time_ns, imu.gyro_mean_rate, imu.mean_specific_force)
+        evidence = unit_evidence(stage.finish())
+        assert not turns_like_degrees(evidence)

@@ -429,6 +429,8 @@ smooth = true
 withhold_gnss = ["10:20", "30:40.5"]
 gnss_sigma = 3
 gnss_noise_scale = 2
+baro_sigma = 4
+gnss_velocity_lag = 0.125
 
 [vertical]
 height_damping = "baro"
