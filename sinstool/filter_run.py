@@ -216,7 +216,14 @@ class FilterRun:
             p.settings,
             self._filter.summary.restarts,
         )
-        return [f for f in found if self._to_be_told(f)]
+        return [self._completed(f) for f in found if self._to_be_told(f)]
+
+    def _completed(self, finding: Finding) -> Finding:
+        """Slow errors of fixes, taken for small ones, look like those of an IMU."""
+        if finding.cause != "IMU noise" or self._config.filter.gnss_noise_scale >= 1.0:
+            return finding
+        more = "; or --gnss-noise-scale is too small"
+        return replace(finding, text=finding.text + more)
 
     def _to_be_told(self, finding: Finding) -> bool:
         """What nobody told the filter, nobody needs to put right."""

@@ -52,6 +52,7 @@ _NEAR_S = 2.0
 _STRETCHES_S = (15.0, 25.0, 40.0, 70.0, 120.0)
 _GOOD = float(np.deg2rad(1.5))
 _MOVING = 2.0  # m/s
+_AT_REST = 1.0  # m/s: more is no rest
 _BEFORE_MOTION_S = 5.0
 _LATER_S = 60.0
 _TRIES = 10
@@ -186,7 +187,7 @@ def find_start(imu: ImuIncrements, gnss: GnssEpochs, settings: Settings) -> Begi
         raise AlignmentError("GNSS begins after the last IMU sample", "check the clocks")
     interval = np.diff(imu.time_ns, prepend=imu.time_ns[0]) * 1e-9
     interval[0] = interval[1] if len(imu) > 1 else 0.0
-    rest, scatter = _first_rest(imu, interval)
+    rest, scatter = _first_rest(imu, interval, usable, latency)
     bias, sigma, words = _bias(rest, scatter, settings)
     freed = ImuIncrements(
         imu.time_ns, imu.delta_theta - bias * interval[:, None], imu.delta_velocity
@@ -206,13 +207,19 @@ def find_start(imu: ImuIncrements, gnss: GnssEpochs, settings: Settings) -> Begi
         sigma = float(np.max(answer.errors.sigma["gyro_bias"]))
     found = int(np.searchsorted(imu.time_ns, answer.t_ns))
     usual = float(np.median(interval))
-    away = float(imu.time_ns[found] - imu.time_ns[row]) * 1e-9
-    if np.any(interval[row + 1 : found + 1] > _GAP * usual) or sigma * away > _FAR:
+    away = abs(float(imu.time_ns[found] - imu.time_ns[row])) * 1e-9
+    far = np.any(interval[row + 1 : found + 1] > _GAP * usual) or sigma * away > _FAR
+    if far and found > row:
         row, away = found, 0.0
     time_ns = int(imu.time_ns[row])
-    part = slice(row + 1, found + 1)
+    part = slice(min(row, found) + 1, max(row, found) + 1)
     theta = imu.delta_theta[part] - bias * interval[part, None]
-    q_nb = carried_back(answer.q_nb, theta, interval[part], float(usable.latitude[0]))
+    latitude = float(usable.latitude[0])
+    if found >= row:
+        q_nb = carried_back(answer.q_nb, theta, interval[part], latitude)
+    else:  # the stretch began before the first fix
+        carrier = AttitudePropagator(answer.q_nb, earth.earth_rate_n(latitude))
+        q_nb = np.asarray(carrier.push(theta, interval[part])[-1])
     covariance = _TWICE_USED**2 * answer.cov + (sigma * away) ** 2 * np.eye(3)
     covariance += (settings.imu.angle_random_walk**2 * away) * np.eye(3)
     rate = imu.delta_theta[row + 1] / interval[row + 1] - bias
@@ -286,8 +293,12 @@ def _joined(gnss: GnssEpochs) -> GnssEpochs:
     return joined.rows(~alone | (away < _NEAR_S))
 
 
-def _first_rest(imu: ImuIncrements, interval: FloatArray) -> tuple[StillSpan | None, float]:
+def _first_rest(
+    imu: ImuIncrements, interval: FloatArray, gnss: GnssEpochs, latency: int
+) -> tuple[StillSpan | None, float]:
     """The first rest of 3 s, or else the longest of the first minutes; sigma of its mean rate.
+
+    A steady turn is as still for the IMU, but not for GNSS.
 
     Half-second means say how well the mean is known: an engine that idles shakes the samples far
     more than their means.
@@ -300,6 +311,9 @@ def _first_rest(imu: ImuIncrements, interval: FloatArray) -> tuple[StillSpan | N
     windows = stage.finish()
     limit = imu.time_ns[0] + _FIRST_NS
     spans = [s for s in still_spans(windows) if s.duration_s >= 1.5 and s.start_ns < limit]
+    valid = gnss.time_ns - latency
+    fast = valid[np.linalg.norm(gnss.velocity_n[:, :2], axis=1) > _AT_REST]
+    spans = [s for s in spans if not np.any((fast >= s.start_ns) & (fast <= s.end_ns))]
     if not spans:
         return None, 0.0
     long = [s for s in spans if s.duration_s >= 3.0]

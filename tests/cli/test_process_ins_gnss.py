@@ -1,0 +1,123 @@
+"""`sinstool process --mode ins-gnss`, as a user runs it."""
+
+import json
+from pathlib import Path
+
+import pytest
+from click.testing import CliRunner
+
+from sinstool.cli.main import cli
+from sinstool.errors import ConfigurationError, TopicError
+from sinstool.readers import open_log
+from tests.filter_logs import simulated
+
+DATA = Path(__file__).parents[3] / "shared" / "data"
+
+
+def real(name):
+    path = DATA / name
+    if not path.exists():
+        pytest.skip(f"{path} is not there: real logs are no part of the project")
+    return path
+
+
+def process(log, out, *options):
+    told = CliRunner().invoke(
+        cli, ["process", str(log), "-o", str(out), "--mode", "ins-gnss", "--json", *options]
+    )
+    assert told.exit_code in (0, 3), told.output
+    return json.loads(told.stdout)
+
+
+@pytest.fixture(scope="module")
+def drive(tmp_path_factory):
+    path = tmp_path_factory.mktemp("cli") / "drive.mcap"
+    return simulated(
+        path, "drive", "--grade", "mems", "--seed", "2", "--duration", "150", "--still", "20"
+    )
+
+
+def test_log_in_log_out(drive, tmp_path):
+    out, page = tmp_path / "out.mcap", tmp_path / "page.html"
+    told = process(
+        drive, out, "--smooth", "--withhold-gnss", "100:115", "--report", str(page),
+        "--truth", "/truth/imu", "--truth", "/truth/fix",
+    )  # fmt: skip
+    assert told["output"]["attitudes"] == told["imu"]["n"] == 15001
+    assert told["filter"]["smoothed"] and told["height"] is not None
+    assert told["filter"]["withheld"]["outages"][0]["epochs"] == 60
+    assert max(told["truth"]["attitude_deg"]["rms"]) < 1.0
+    text = page.read_text()
+    for title in (
+        "Innovations of position",
+        "Gyro bias",
+        "Track",
+        "Standard deviation of attitude",
+    ):
+        assert title in text
+    with open_log(out) as written:
+        counts = {c.topic: written.counts[number] for number, c in written.channels.items()}
+    assert counts["/sinstool/odometry"] == 15001
+    assert counts["/sinstool/diagnostics"] == 601
+    assert counts["/imu/data_raw"] == 15001  # what came in is still there
+
+
+def test_no_fixes_is_said(tmp_path):
+    log = simulated(tmp_path / "none.mcap", "drive", "--duration", "60", "--gnss-rate", "0")
+    told = CliRunner().invoke(
+        cli, ["process", str(log), "-o", str(tmp_path / "out.mcap"), "--mode", "ins-gnss"]
+    )
+    assert isinstance(told.exception, TopicError)
+    assert "has no GNSS fixes" in str(told.exception)
+    assert not (tmp_path / "out.mcap").exists()
+
+
+@pytest.mark.parametrize("text", ["10", "20:10", "a:b"])
+def test_spans_that_are_none(drive, tmp_path, text):
+    told = CliRunner().invoke(
+        cli,
+        ["process", str(drive), "-o", str(tmp_path / "o.mcap"), "--withhold-gnss", text],
+    )
+    assert isinstance(told.exception, ConfigurationError)
+    assert "START:END" in str(told.exception)
+
+
+def outages(first, length, period, end):
+    told = []
+    begin = first
+    while begin + length < end:
+        told += ["--withhold-gnss", f"{begin}:{begin + length}"]
+        begin += period
+    return told
+
+
+def test_rtk_drive(tmp_path):
+    log = real("rtk_drive/rtk_drive_mems_100hz.mcap")
+    hidden = outages(40.0, 15.0, 45.0, 545.0)
+    told = process(log, tmp_path / "out.mcap", "--smooth", *hidden)
+    found = told["filter"]
+    # Stamps of the Imu are late by about 0.125 s, and velocities by half a fix's interval
+    assert found["gnss_latency_s"] == pytest.approx(-0.125, abs=0.025)
+    lag = found["gnss_latency"]["velocity_s"] - found["gnss_latency"]["position_s"]
+    assert lag == pytest.approx(0.125, abs=0.01)
+    assert found["restarts"] == 0 and found["epochs_gated"] < 50
+    scores = found["withheld"]
+    assert len(scores["outages"]) == 11
+    assert scores["rms_of_largest_horizontal_m"] < 0.46  # published, looking back
+    assert scores["filter"]["rms_of_largest_horizontal_m"] < 8.0  # published: 7.4
+
+
+@pytest.mark.parametrize(
+    ("name", "settle"),
+    [("yk_urban_short_turn_loop_nominal_002", 60.0), ("yk_urban_stop_go_large_mount_001", 150.0)],
+)
+def test_car_beside_its_receiver(tmp_path, name, settle):
+    log = real(f"vehicle_gnss/{name}.mcap")
+    out = tmp_path / "out.mcap"
+    begin = {60.0: 100.0, 150.0: 250.0}[settle]
+    told = process(log, out, "--smooth", "--withhold-gnss", f"{begin}:{begin + 60.0}")
+    scores = told["filter"]["withheld"]
+    assert told["filter"]["findings"] == [] and told["filter"]["restarts"] == 0
+    assert scores["filter"]["outages"][0]["largest_in_sigmas"] < 3.0
+    smooth, plain = (s["rms_of_largest_horizontal_m"] for s in (scores, scores["filter"]))
+    assert smooth < 0.5 * plain

@@ -1,0 +1,119 @@
+"""What is believed of a receiver: its own sigmas, no better than stamps allow."""
+
+import dataclasses
+
+import numpy as np
+import pytest
+
+from sinstool.config import ProcessConfig
+from sinstool.fix_velocity import with_velocities
+from sinstool.gnss_latency import message_times, separate, velocity_lag
+from sinstool.gnss_model import STAMP_S, believed, gnss_model
+from sinstool.streams import GnssEpochs
+
+RADIUS = 6.37e6
+
+
+def epochs(n=400, rate=5.0, sigma=0.01, sigma_v=0.05, lag=0.0, latitude=0.85, noise=0.0):
+    """A vehicle that weaves north-eastward over the date line."""
+    t = np.arange(n) / rate
+    rng = np.random.default_rng(1)
+
+    def place(t):
+        return np.stack([8.0 * t + 20.0 * np.sin(0.4 * t), 6.0 * t, 0.5 * t], axis=1)
+
+    def speed(t):
+        return np.stack([8.0 + 8.0 * np.cos(0.4 * t), 6.0 + 0 * t, 0.5 + 0 * t], axis=1)
+
+    p = place(t) + noise * rng.standard_normal((n, 3))
+    lon = np.pi - 1e-5 + p[:, 1] / (RADIUS * np.cos(latitude))
+    time_ns = 1_700_000_000_000_000_000 + np.round(t * 1e9).astype(np.int64)
+    return GnssEpochs(
+        time_ns,
+        time_ns,
+        latitude + p[:, 0] / RADIUS,
+        np.pi - np.mod(np.pi - lon, 2.0 * np.pi),
+        100.0 - p[:, 2],
+        speed(t - lag),
+        np.full((n, 3), sigma),
+        np.full((n, 3), sigma_v),
+    )
+
+
+def test_a_centimetre_at_speed_is_not_believed():
+    gnss = epochs()
+    told = believed(gnss, ProcessConfig())
+    speed = np.hypot(gnss.velocity_n[:, 0], gnss.velocity_n[:, 1])
+    assert np.allclose(told.sigma_position_n[:, 0], np.hypot(0.01, STAMP_S * speed))
+    assert np.allclose(told.sigma_position_n[:, 2], np.hypot(0.01, STAMP_S * 0.5))
+    assert np.allclose(told.sigma_velocity_n, 0.05)
+
+
+def test_scale_is_on_all_that_the_receiver_says():
+    gnss, config = epochs(sigma=3.0), ProcessConfig(filter={"gnss_noise_scale": 2.0})
+    told = believed(gnss, config)
+    assert np.allclose(told.sigma_position_n[:, 0], 6.0, rtol=1e-3)
+    assert np.allclose(told.sigma_velocity_n, 0.1)
+    model, how = gnss_model(gnss, config)
+    whole = np.hypot(model.position_white[0], model.position_markov[0])
+    assert whole == pytest.approx(6.0, rel=1e-2)
+    assert "as the receiver says" in how
+
+
+def test_silent_receivers_get_what_is_usual():
+    gnss = epochs(sigma=np.nan, sigma_v=np.nan)
+    model, how = gnss_model(gnss, ProcessConfig(filter={"gnss_sigma": 2.0}))
+    whole = np.hypot(model.position_white, model.position_markov)
+    assert whole == pytest.approx([2.0, 2.0, 3.2], rel=1e-2)
+    assert how.count("assumed") == 2
+
+
+def test_lag_of_velocities_is_found_and_taken_apart():
+    gnss = epochs(lag=0.1, noise=0.01)
+    lag = velocity_lag(gnss)
+    assert lag == pytest.approx(0.1, abs=0.005)
+    apart = separate(gnss, lag)
+    assert len(apart) == 2 * len(gnss)
+    assert np.all(np.diff(apart.time_ns) >= 0)
+    places = apart.rows(apart.has_position)
+    assert not places.has_velocity.any()
+    # half the lag to either side of the stamps, so that the latency is that of their mean
+    assert np.allclose(places.time_ns - gnss.time_ns, 0.5e9 * lag, atol=2)
+    moving = apart.rows(apart.has_velocity)
+    assert np.allclose(moving.time_ns - gnss.time_ns, -0.5e9 * lag, atol=2)
+    stamps = message_times(apart, lag)
+    assert np.abs(stamps[apart.has_velocity] - gnss.time_ns).max() <= 2
+    assert np.abs(stamps[apart.has_position] - gnss.time_ns).max() <= 2
+
+
+def test_no_lag_where_there_is_none():
+    assert velocity_lag(epochs(noise=0.3)) == 0.0
+    gnss = epochs()
+    assert separate(gnss, 0.0) is gnss
+
+
+@pytest.mark.parametrize("noise", [0.0, 0.05])
+def test_velocities_from_positions(noise):
+    gnss = epochs(noise=noise)
+    made = with_velocities(gnss, max(noise, 1e-3))
+    assert len(made) == len(gnss)
+    inner = slice(20, -20)
+    off = (made.velocity_n - gnss.velocity_n)[inner]
+    # a parabola over 2 s misses the third derivative: 3/5 of T^2/6 of it; the Earth is no
+    # sphere of RADIUS
+    bend = 0.6 * 1.2**2 / 6.0 * 8.0 * 0.4**2
+    assert np.abs(off[:, 0]).max() < bend + 0.005 * 16.0 + 2.5 * noise
+    assert np.abs(off[:, 2]).max() < 2.5 * noise + 1e-3
+    assert np.abs(off[:, 1]).max() < 0.005 * 6.0 + 2.5 * noise
+    if noise:
+        ratio = off[:, 2] / made.sigma_velocity_n[inner, 2]
+        assert 0.5 < np.sqrt(np.mean(ratio**2)) < 1.5
+
+
+def test_too_few_fixes_make_no_velocity():
+    assert len(with_velocities(epochs(n=4), 1.0)) == 0
+    gnss = epochs(n=30)
+    gaps = np.repeat(np.arange(3), 10) * 60_000_000_000  # 2 s of fixes each minute
+    sparse = dataclasses.replace(gnss, time_ns=gnss.time_ns + gaps)
+    made = with_velocities(sparse.rows(slice(None, None, 3)), 3.0)
+    assert len(made) == 0
