@@ -41,7 +41,7 @@ DIAGNOSTIC_NAMES = (
 
 
 # What is wrong shows within minutes.
-DIAGNOSED_NS = 600 * SECOND
+DIAGNOSED_NS = 300 * SECOND
 USUAL_SIGMA_V = GnssOptions().gnss_sigma_v
 
 

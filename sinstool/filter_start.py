@@ -254,7 +254,10 @@ def _beginning(
         return find_start(imu, usable, settings)
     except AlignmentError as exc:
         message = exc.message if str(path) in exc.message else f"{path}: {exc.message}"
-        raise AlignmentError(message, exc.hint) from exc
+        hint = exc.hint
+        if config.navigation.imu_grade == "auto" and random_walk(source) is None:
+            hint = f"{hint or 'give an initial attitude'}, or say how good the Imu is: --imu-grade"
+        raise AlignmentError(message, hint) from exc
 
 
 def _from_alignment(

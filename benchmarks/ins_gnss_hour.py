@@ -1,0 +1,89 @@
+"""`sinstool process --mode ins-gnss --smooth` on an hour of data: time and memory, start to end.
+
+The log is simulated once and kept where --keep says, so that a second run is warm.
+
+python benchmarks/ins_gnss_hour.py
+python benchmarks/ins_gnss_hour.py --scenario spiral-climb --repeat 5
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import resource
+import subprocess
+import sys
+import tempfile
+import time
+from pathlib import Path
+
+PROGRAM = [sys.executable, "-c", "from sinstool.cli.main import main; main()"]
+TARGET_S = 10.0
+
+
+def simulate(path: Path, scenario: str, duration: float, rate: float) -> None:
+    """A log of so many seconds."""
+    grade = "navigation" if scenario == "spiral-climb" else "mems"
+    told = ["--duration", str(duration), "--rate", str(rate), "--grade", grade, "--seed", "4"]
+    subprocess.run(
+        [*PROGRAM, "simulate", scenario, "-o", str(path), *told], check=True, capture_output=True
+    )
+
+
+def measured(log: Path, out: Path, options: list[str]) -> tuple[float, float, float, dict]:
+    """Wall and CPU seconds, MB at most, and the summary of a run."""
+    before = resource.getrusage(resource.RUSAGE_CHILDREN)
+    tic = time.perf_counter()
+    ran = subprocess.run(
+        [*PROGRAM, "process", str(log), "-o", str(out), "--mode", "ins-gnss", "--overwrite",
+         "--json", "-q", "--gyro-unit", "rad/s", *options],
+        check=True, capture_output=True, text=True,
+    )  # fmt: skip
+    wall = time.perf_counter() - tic
+    after = resource.getrusage(resource.RUSAGE_CHILDREN)
+    cpu = after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime
+    return wall, cpu, after.ru_maxrss / 1024.0, json.loads(ran.stdout)
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument(
+        "--scenario", default="drive", choices=["drive", "spiral-climb", "manoeuvring-flight"]
+    )
+    parser.add_argument("--duration", type=float, default=3600.0, help="s")
+    parser.add_argument("--rate", type=float, default=128.0, help="Hz")
+    parser.add_argument("--repeat", type=int, default=3)
+    parser.add_argument("--keep", type=Path, help="the log, made if it is not there")
+    args = parser.parse_args()
+    with tempfile.TemporaryDirectory() as folder:
+        log = args.keep or Path(folder) / "hour.mcap"
+        if not log.exists():
+            simulate(log, args.scenario, args.duration, args.rate)
+        out = Path(folder) / "out.mcap"
+        print(f"{args.scenario}, {args.duration:.0f} s at {args.rate:g} Hz, {args.repeat} runs;")
+        print("the first run of all may compile. Target: 10 s of wall time, smoothed, warm.\n")
+        columns = ("wall s", "least", "CPU s", "MB", "faster than data")
+        print(f"{'':20s}" + "".join(f"{c:>{max(8, len(c) + 1)}s}" for c in columns))
+        # A flight that never rests does not show what its gyros are worth
+        common = ["--imu-grade", "navigation"] if args.scenario == "spiral-climb" else []
+        for name, more in (("filter", []), ("filter and smoother", ["--smooth"])):
+            options = [*common, *more]
+            runs = [measured(log, out, options) for _ in range(args.repeat)]
+            walls = sorted(r[0] for r in runs)
+            wall, cpu = walls[len(walls) // 2], sorted(r[1] for r in runs)[len(runs) // 2]
+            most = max(r[2] for r in runs)
+            print(
+                f"{name:20s}{wall:8.2f}{walls[0]:8.2f}{cpu:8.2f}{most:8.0f}"
+                f"{args.duration / wall:17.0f}"
+            )
+        told = runs[-1][3]
+        print(
+            f"\n{told['imu']['n']} samples, {told['filter']['epochs_used']} fixes,"
+            f" {out.stat().st_size / 1e6:.0f} MB written; filter {told['filter']['filter']}"
+        )
+        if walls[0] > TARGET_S:
+            print("slower than the target on this machine now")
+
+
+if __name__ == "__main__":
+    main()
