@@ -338,6 +338,7 @@ def full_errors(scene, data, run, stored, rate) -> np.ndarray:  # type: ignore[n
 
 _SCENE: Scene | None = None
 _WORK: Callable[[int], list[Score]] | None = None
+_FIRST = 0  # seed of the first run
 
 
 def _one(seed: int) -> list[Score]:
@@ -351,9 +352,9 @@ def over_runs(work: Callable[[int], list[Score]], runs: int, processes: int) -> 
     _WORK = work
     if processes > 1:
         with multiprocessing.get_context("fork").Pool(processes) as pool:
-            by_run = pool.map(_one, range(runs), chunksize=1)
+            by_run = pool.map(_one, range(_FIRST, _FIRST + runs), chunksize=1)
     else:
-        by_run = [_one(seed) for seed in range(runs)]
+        by_run = [_one(seed) for seed in range(_FIRST, _FIRST + runs)]
     return [list(scores) for scores in zip(*by_run, strict=True)]
 
 
@@ -686,13 +687,16 @@ def faults(runs: int, processes: int, duration: float = 2700.0) -> None:
 
 
 def main() -> None:
+    global _FIRST
     parser = argparse.ArgumentParser(description=(__doc__ or "").split("\n", 1)[0])
     names = ("spiral", "manoeuvres", "faults")
     parser.add_argument("--tables", nargs="+", choices=names, default=names)
     parser.add_argument("--runs", type=int, default=24, help="of the spiral; others have fewer")
     parser.add_argument("--duration", type=float, default=3600.0, help="of the spiral, s")
+    parser.add_argument("--seed", type=int, default=0, help="of the first run")
     parser.add_argument("--processes", type=int, default=2)
     told = parser.parse_args()
+    _FIRST = told.seed
     if "spiral" in told.tables:
         scene = spiral_scene(told.duration)
         table("Spiral", scene, spiral_cases(scene), told.runs, told.processes)
