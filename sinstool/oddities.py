@@ -214,11 +214,12 @@ def _values(s: Survey, options: InputOptions) -> list[Oddity]:
         found.append(
             Oddity("not-finite", f"{s.losses.nonfinite} samples hold NaN or infinity; left out")
         )
-    if s.held > HELD_SHARE * s.count:
+    held = s.held - _without_noise(s)
+    if held > HELD_SHARE * s.count:
         found.append(
             Oddity(
                 "held",
-                f"{s.held / s.count:.0%} of the samples repeat the values of the one before:"
+                f"{held / s.count:.0%} of the samples repeat the values of the one before:"
                 " the topic is published faster than the sensor measures",
             )
         )
@@ -244,6 +245,14 @@ def _values(s: Survey, options: InputOptions) -> list[Oddity]:
                 )
             )
     return found
+
+
+def _without_noise(s: Survey) -> int:
+    """Samples at rest of a sensor that has no noise at all: simulated, not held."""
+    still = s.lead_in
+    if still is None or still.gyro_std > 0.0 or still.accel_std > 0.0:
+        return 0
+    return min(still.samples, s.held)
 
 
 def _orientation(s: Survey) -> list[Oddity]:

@@ -331,3 +331,11 @@ def test_an_oddity_reads_as_a_sentence_with_its_answer(tmp_path):
         surveyed = survey(log, choose_imu(log, None), imu_units(InputOptions()))
     (odd,) = oddities(surveyed, InputOptions())
     assert str(odd) == f"{odd.text}: {odd.answer}"
+
+
+def test_a_simulated_rest_is_not_held(rows, found):
+    """Three seconds without any noise, then a moving hand: nothing is published twice."""
+    rows.gyro[:600], rows.accel[:600] = 0.0, [0.0, 0.0, G]
+    assert "held" not in found(rows)
+    rows.gyro[1::2], rows.accel[1::2] = rows.gyro[::2], rows.accel[::2]
+    assert "held" in found(rows)
