@@ -3,13 +3,11 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from sinstool.alignment import initial
-from sinstool.alignment.chain import carried
-from sinstool.alignment.gyrocompass import Gyrocompass, GyrocompassSettings, gyrocompass
-from sinstool.alignment.inflight import ImuIncrements
 from sinstool.alignment.initial import Alignment
 from sinstool.alignment.level import tilted
 from sinstool.config import ProcessConfig
@@ -17,13 +15,19 @@ from sinstool.config.align import IN_FLIGHT
 from sinstool.earth import earth_rate_n
 from sinstool.errors import AlignmentError
 from sinstool.height.network import Grade
-from sinstool.in_flight import Moving, align_moving, gnss_fixes, increments, sensor_errors
 from sinstool.readers.frames import turn_body
 from sinstool.readers.log import Log
 from sinstool.sensor_grade import sensor_grade
 from sinstool.source import Source, has_gnss
 from sinstool.timeline import SECOND
 from sinstool.units import DEGREE
+
+# Alignment in motion and gyrocompassing are imported where they are used: most logs need neither,
+# and they take as long to import as an hour of attitude.
+if TYPE_CHECKING:
+    from sinstool.alignment.gyrocompass import Gyrocompass
+    from sinstool.alignment.inflight_types import ImuIncrements
+    from sinstool.in_flight import Moving
 
 # An automatic gyrocompass wants a rest that can show north.
 GYROCOMPASS_S = 30.0
@@ -101,6 +105,8 @@ def _north_seen(source: Source, config: ProcessConfig) -> Alignment | None:
     if gnss is None or not gnss.has_velocity.any() or not gnss.has_position.any():
         return None
     try:
+        from sinstool.in_flight import align_moving
+
         moving = align_moving(source, config, grade, "svd", "start")
     except AlignmentError:
         return None
@@ -118,6 +124,8 @@ def in_flight(source: Source, config: ProcessConfig, method: str) -> Alignment:
         It cannot be had: with the reasons.
     """
     grade, _ = sensor_grade(source, config)
+    from sinstool.in_flight import align_moving
+
     moving = align_moving(source, config, grade, method, "start")
     answer = moving.answer
     if answer.status in ("failed", "unobservable"):
@@ -167,6 +175,9 @@ def _carried_back(
     begin = survey.first_ns if still is None else still.end_ns
     if answer.t_ns <= begin:
         return survey.first_ns, answer.q_nb, answer.cov
+    from sinstool.alignment.chain import carried
+    from sinstool.in_flight import gnss_fixes, increments
+
     imu = increments(source, config, moving.gyro_bias + _found_bias(moving), answer.t_ns)
     imu = _from(imu, begin)
     if not len(imu.time_ns) or (np.diff(imu.time_ns) > survey.max_gap_ns).any():
@@ -189,7 +200,7 @@ def _carried_back(
 
 def _from(imu: ImuIncrements, begin_ns: int) -> ImuIncrements:
     later = imu.time_ns >= begin_ns
-    return ImuIncrements(imu.time_ns[later], imu.delta_theta[later], imu.delta_velocity[later])
+    return type(imu)(imu.time_ns[later], imu.delta_theta[later], imu.delta_velocity[later])
 
 
 def _found_bias(moving: Moving) -> np.ndarray:
@@ -230,6 +241,9 @@ def compass(source: Source, config: ProcessConfig, grade: Grade) -> Gyrocompass:
     """Gyrocompass over the still lead-in."""
     still, latitude = source.survey.lead_in, source.latitude
     assert still is not None and latitude is not None
+    from sinstool.alignment.gyrocompass import GyrocompassSettings, gyrocompass
+    from sinstool.in_flight import increments, sensor_errors
+
     imu = increments(source, config, np.zeros(3), still.end_ns)
     settings = GyrocompassSettings(grade=sensor_errors(config, grade, False))
     try:

@@ -7,20 +7,19 @@ a summary needs. The output appears when all of it is written.
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from sinstool.config import ProcessConfig
 from sinstool.errors import AlignmentError, TopicError
 from sinstool.modes.attitude import run_attitude
 from sinstool.modes.common import Progress, share
-from sinstool.modes.ins import run_ins
-from sinstool.modes.ins_gnss import run_ins_gnss
-from sinstool.process_figures import Recorder
 from sinstool.readers import open_log
 from sinstool.readers.log import Log
 from sinstool.result import Result
-from sinstool.rig_run import rig_run
 from sinstool.source import has_gnss
+
+if TYPE_CHECKING:
+    from sinstool.process_figures import Recorder
 
 
 def process(
@@ -54,17 +53,25 @@ def process(
     SinstoolError
         With one line that says what was wrong and what to do; no output is left behind.
     """
+    # What a kind of run needs is imported when it runs: together it takes longer to import than
+    # most logs to process.
     with (
         open_log(path, config.input.salvage) as log,
         Result(log, output, config, recorder) as result,
     ):
         if config.hse.hse is not None:
+            from sinstool.rig_run import rig_run
+
             told = rig_run(log, config, result, share(progress, log.size, 0.0, 1.0))
         elif config.navigation.mode == "ins-gnss":
+            from sinstool.modes.ins_gnss import run_ins_gnss
+
             told = run_ins_gnss(log, config, result, progress)
         elif config.navigation.mode == "auto" and has_gnss(log, config.input):
             told = _best(log, config, result, progress)
         elif config.navigation.mode == "ins":
+            from sinstool.modes.ins import run_ins
+
             told = run_ins(log, config, result, progress)
         else:
             told = run_attitude(log, config, result, progress)
@@ -77,6 +84,8 @@ def _best(
     log: Log, config: ProcessConfig, result: Result, progress: Progress | None
 ) -> dict[str, Any]:
     """INS/GNSS where a start can be found; attitude alone, and why, where it cannot."""
+    from sinstool.modes.ins_gnss import run_ins_gnss
+
     try:
         return run_ins_gnss(log, config, result, progress)
     except (AlignmentError, TopicError) as exc:

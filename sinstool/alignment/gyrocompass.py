@@ -23,7 +23,7 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 
 import numpy as np
-from scipy.stats import chi2
+from scipy.special import chdtri
 
 from sinstool import earth, rotation
 from sinstool.alignment.gyrocompass_stretches import Record, Stretch, cut
@@ -305,7 +305,7 @@ def _answer(
     warnings = list(record.warnings)
     still_s = sum(s.duration for s in record.stretches if s.still)
     p = run.p
-    if run.chi2 > chi2.isf(_DOUBT, run.freedom) / run.freedom and not drives:
+    if run.chi2 > chdtri(run.freedom, _DOUBT) / run.freedom and not drives:
         warnings.append(
             "gravity and the Earth's rate do not agree with what the sensors say: squared"
             f" innovations are {run.chi2:.1f} times as large as their errors allow; the"

@@ -17,7 +17,6 @@ from typing import Literal
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from scipy.optimize import least_squares
 
 from sinstool.height.layout import ACCEPTED, NOT_FINITE, OUT_OF_RANGE
 
@@ -428,6 +427,9 @@ def fit_scale(standard_height: ArrayLike, gnss_height: ArrayLike) -> ScaleFit:
     -------
     ScaleFit
     """
+    # takes longer to import than all else that reads a barometer
+    from scipy.optimize import least_squares
+
     h = np.asarray(standard_height, dtype=np.float64)
     g = np.asarray(gnss_height, dtype=np.float64)
     centre, level = float(np.median(h)), float(np.median(g))

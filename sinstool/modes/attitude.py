@@ -17,7 +17,6 @@ from sinstool.modes.common import (
     require_gravity,
     share,
 )
-from sinstool.modes.vertical import Vertical
 from sinstool.readers.log import Log
 from sinstool.readers.streams import frame_id
 from sinstool.result import Result, choose_emits
@@ -48,7 +47,11 @@ def run_attitude(
         require_gravity(source, config)
     body = frame_id(log, source.topic.channels, source.topic.path) or "imu_link"
     alignment = align(source, config)
-    vertical = Vertical(source, config) if damped else None
+    vertical = None
+    if damped:
+        from sinstool.modes.vertical import Vertical
+
+        vertical = Vertical(source, config)
     if vertical is not None and result.recorder is not None:
         vertical.show(result.recorder)
     known = ("imu", "attitude") if vertical is None else ("imu", "attitude", "height")
