@@ -16,7 +16,7 @@ from mcap.reader import NonSeekingReader, make_reader
 from mcap.records import Channel, Chunk, ChunkIndex, Message, MessageIndex
 from mcap.stream_reader import StreamReader, breakup_chunk
 from mcap.writer import IndexType
-from readers.logs import DATA, PRESSURE, TOPICS, Row, mcap_records, write_bag1, write_mcap
+from readers.logs import PRESSURE, TOPICS, Row, mcap_records, real, write_bag1, write_mcap
 from rosbags.highlevel import AnyReader
 from rosbags.rosbag2 import StoragePlugin
 from rosbags.rosbag2 import Writer as Rosbag2Writer
@@ -79,6 +79,20 @@ REAL = (
     "px4/px4_fmuv6c_inflight_6s.mcap",
     "vehicle_gnss/yk_urban_short_turn_loop_nominal_002.mcap",
 )
+EVERY = (*MADE, *REAL)
+ROS1 = (
+    "ros1 mcap",
+    "bag",
+    "imu_tools/sparkfun_razor.bag",
+    "imu_tools/phidgets_imu_upside_down.ros1profile.mcap",
+)
+ROS2 = tuple(name for name in EVERY if name not in ROS1)
+NO_MCAP = ("bag", "db3", "imu_tools/sparkfun_razor.bag", "imu_tools/ardrone_imu_ros2_db3")
+
+
+def of_logs(names):
+    """The cases that a test is about."""
+    return pytest.mark.parametrize("case", names, indirect=True, scope="session")
 
 
 @dataclass(frozen=True)
@@ -90,18 +104,13 @@ class Case:
     made: bool
 
 
-@pytest.fixture(scope="session", params=[*MADE, *REAL])
+@pytest.fixture(scope="session", params=EVERY)
 def case(request, tmp_path_factory):
     folder = tmp_path_factory.mktemp("case")
-    if request.param in MADE:
-        log = MADE[request.param](folder)
-    else:
-        log = DATA / request.param
-        if not log.exists():
-            pytest.skip(f"no real logs here ({request.param} is looked for in ../shared/data)")
+    log = MADE[request.param](folder) if request.param in MADE else real(request.param)
     output = folder / "out.mcap"
     summary = process(log, output, ProcessConfig(navigation={"mode": "attitude"}))
-    ros = 1 if log.suffix == ".bag" or "ros1" in request.param else 2
+    ros = 1 if request.param in ROS1 else 2
     return Case(log, output, summary, ros, request.param in MADE)
 
 
@@ -162,9 +171,8 @@ def test_every_message_of_the_input_is_there_unchanged(case, written):
         assert Counter(expected) == Counter(rows if has_publish_times else one_time(rows))
 
 
+@of_logs(ROS2)  # rosbags reads MCAP of profile ros2 only
 def test_rosbags_reads_it(case, written):
-    if case.ros == 1:
-        pytest.skip("rosbags reads MCAP of profile ros2 only")
     with AnyReader([case.output]) as reader:
         assert Counter(c.topic for c, _, _ in reader.messages()) == counted(written)
         assert {t: reader.topics[t].msgtype for t in OURS} == OURS
@@ -195,9 +203,8 @@ def test_rosbags_reads_it(case, written):
         assert len(times["/sinstool/imu"]) == COUNT
 
 
+@of_logs(ROS1)
 def test_ros1_in_gives_ros1_out(case, written):
-    if case.ros == 2:
-        pytest.skip("a ROS 2 log")
     names = {"/sinstool/imu": IMU, "/sinstool/attitude": OURS["/sinstool/attitude"]}
     with case.output.open("rb") as stream:
         summary = make_reader(stream).get_summary()
@@ -233,9 +240,8 @@ def chunk_bodies(path):
     ]
 
 
+@of_logs([name for name in EVERY if name not in NO_MCAP])
 def test_chunks_of_an_mcap_are_copied_as_they_are(case):
-    if case.log.suffix != ".mcap":
-        pytest.skip("not an MCAP log")
     bodies = chunk_bodies(case.log)
     there = chunk_bodies(case.output)
     assert [body for body in there if body in set(bodies)] == bodies

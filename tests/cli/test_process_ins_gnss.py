@@ -1,24 +1,15 @@
 """`sinstool process --mode ins-gnss`, as a user runs it."""
 
 import json
-from pathlib import Path
 
 import pytest
 from click.testing import CliRunner
+from readers.logs import real
 
 from sinstool.cli.main import cli
 from sinstool.errors import ConfigurationError, TopicError
 from sinstool.readers import open_log
 from tests.filter_logs import simulated
-
-DATA = Path(__file__).parents[3] / "shared" / "data"
-
-
-def real(name):
-    path = DATA / name
-    if not path.exists():
-        pytest.skip(f"{path} is not there: real logs are no part of the project")
-    return path
 
 
 def process(log, out, *options):
