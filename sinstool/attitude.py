@@ -13,9 +13,10 @@ import numpy as np
 
 from sinstool.coning.algorithm import ConingAlgorithm
 from sinstool.coning.stage import ConingStage, RotationVectors
+from sinstool.segment_samples import SegmentSamples, unbiased_segments
 from sinstool.strapdown.attitude import AttitudePropagator
-from sinstool.streams import Imu, Solution, concatenate
-from sinstool.timeline import SECOND, mean_rates, segments
+from sinstool.streams import Imu, Solution
+from sinstool.timeline import SECOND
 
 
 @dataclass(frozen=True)
@@ -76,10 +77,7 @@ class AttitudeRun:
         self.missed_rotation = 0.0
         self._propagator = AttitudePropagator(q_nb, settings.omega_ie_n)
         self._stage: ConingStage | None = None
-        self._held: Imu | None = None
-        self._held_first = 0
-        self._segment_start = 0
-        self._segment_count = 0
+        self._waiting: SegmentSamples | None = None
         self._last_rate = np.zeros(3)
 
     def run(self, blocks: Iterable[Imu]) -> Iterator[Solution]:
@@ -96,24 +94,21 @@ class AttitudeRun:
             Not empty; together in order of time.
         """
         settings = self.settings
-        rates = blocks
-        if settings.gyro_kind == "increment":
-            # A rate that was given is the interval of every increment, whatever stamps say.
-            believed = settings.max_gap_ns if settings.sample_rate is None else 0
-            rates = mean_rates(blocks, settings.nominal_ns, believed)
-        for piece in segments(rates, settings.max_gap_ns):
-            imu = Imu(
-                piece.imu.time_ns,
-                piece.imu.log_time_ns,
-                piece.imu.gyro - settings.gyro_bias,
-                piece.imu.accel,
-            )
+        for piece in unbiased_segments(
+            blocks,
+            settings.gyro_kind,
+            settings.nominal_ns,
+            settings.max_gap_ns,
+            settings.sample_rate,
+            settings.gyro_bias,
+        ):
+            imu = piece.imu
             self.samples += len(imu)
             if piece.starts:
                 yield from self._finish()
                 yield self._begin(imu, piece.gap_s)
-            self._hold(imu)
-            yield from self._answer(self._push(imu))
+            assert self._stage is not None and self._waiting is not None
+            yield from self._answer(self._stage.push(imu.gyro, self._waiting.push(imu)))
             self._last_rate = imu.gyro[-1]
         yield from self._finish()
 
@@ -128,44 +123,22 @@ class AttitudeRun:
             "rate" if self.settings.gyro_kind == "rate" else "mean-rate",
             nominal_interval=self.settings.nominal_ns / SECOND,
         )
-        self._held, self._held_first, self._segment_count = None, 0, 0
-        self._segment_start = int(imu.time_ns[0])
+        self._waiting = SegmentSamples(int(imu.time_ns[0]), self.settings.sample_rate)
         self.updates += 1
         return _solution(imu.rows(slice(0, 1)), self._propagator.q_nb[None, :])
-
-    def _hold(self, imu: Imu) -> None:
-        self._held = imu if self._held is None else concatenate([self._held, imu])
-
-    def _push(self, imu: Imu) -> RotationVectors:
-        assert self._stage is not None
-        times = imu.time_ns
-        if self.settings.sample_rate is not None:
-            number = self._segment_count + np.arange(len(imu))
-            step = SECOND / self.settings.sample_rate
-            times = self._segment_start + np.rint(number * step).astype(np.int64)
-        self._segment_count += len(imu)
-        return self._stage.push(imu.gyro, times)
 
     def _answer(self, vectors: RotationVectors) -> Iterator[Solution]:
         """Propagate over finished updates and let go of the samples they answer for."""
         if not len(vectors.sample):
             return
-        assert self._held is not None
+        assert self._waiting is not None
         q = np.empty((len(vectors.sample), 4))
         until = self.settings.still_until_ns
         still = 0 if until is None else int(np.searchsorted(vectors.time_ns, until, "right"))
         q[:still] = self._propagator.q_nb
         q[still:] = self._propagator.push(vectors.rotation_vector[still:], vectors.interval[still:])
-        rows = vectors.sample - self._held_first
-        done = int(rows[-1]) + 1
-        if done - int(rows[0]) == len(rows):  # every sample has its update: nothing to pick out
-            solution = _solution(self._held.rows(slice(done - len(rows), done)), q)
-        else:
-            solution = _solution(self._held.rows(rows), q)
         self.updates += len(q)
-        self._held = self._held.rows(slice(done, None))
-        self._held_first += done
-        yield solution
+        yield _solution(self._waiting.take(vectors.sample), q)
 
     def _finish(self) -> Iterator[Solution]:
         if self._stage is not None:

@@ -21,8 +21,8 @@ from sinstool.coning.sp_tuning import SpBounds, SpTuning, bounds, tune
 from sinstool.coning.spectrum import ConingSpectrum, coning_spectrum
 from sinstool.errors import DataError
 from sinstool.readers import open_log
-from sinstool.source import Source, imu_blocks, prepare
-from sinstool.timeline import SECOND, mean_rates, segments
+from sinstool.source import Source, prepare, rate_blocks
+from sinstool.timeline import SECOND, segments
 from sinstool.truth import at_times, read_truth
 
 # Fewer than these in every stretch, and nothing can be said of frequencies
@@ -261,9 +261,7 @@ def gyro_segments(source: Source, config: ProcessConfig) -> tuple[list[Segment],
     found = source.survey
     rate = config.input.imu_rate
     nominal = found.interval_ns if rate is None else SECOND / rate
-    blocks = imu_blocks(source, config, found.first_ns)
-    if config.input.gyro_kind == "increment":
-        blocks = mean_rates(blocks, nominal, found.max_gap_ns)
+    blocks = rate_blocks(source, config, found.first_ns, nominal)
     times: list[list[np.ndarray]] = []
     gyro: list[list[np.ndarray]] = []
     for piece in segments(blocks, found.max_gap_ns):

@@ -11,8 +11,8 @@ from sinstool.coning.algorithm import ConingAlgorithm
 from sinstool.coning.registry import algorithm
 from sinstool.errors import DataError
 from sinstool.readers.frames import turn_body
-from sinstool.source import Source, imu_blocks
-from sinstool.timeline import SECOND, mean_rates, segments
+from sinstool.source import Source, rate_blocks
+from sinstool.timeline import SECOND, segments
 
 # Singular perturbation is tuned to the coning of the log's first part, of this length at most.
 TUNING_S = 600.0
@@ -37,9 +37,7 @@ def _tuned(source: Source, config: ProcessConfig, nominal_ns: float) -> dict[str
     from sinstool.coning.sp_tuning import tune
 
     found = source.survey
-    blocks = imu_blocks(source, config, found.first_ns)
-    if config.input.gyro_kind == "increment":
-        blocks = mean_rates(blocks, nominal_ns, found.max_gap_ns)
+    blocks = rate_blocks(source, config, found.first_ns, nominal_ns)
     longest: list[np.ndarray] = []
     current: list[np.ndarray] = []
     for piece in segments(blocks, found.max_gap_ns):

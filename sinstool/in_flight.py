@@ -21,9 +21,9 @@ from sinstool.config import ProcessConfig
 from sinstool.errors import AlignmentError
 from sinstool.height.network import Grade
 from sinstool.integration.noise import IMU_GRADES
-from sinstool.source import Source, imu_blocks
+from sinstool.source import Source, rate_blocks
 from sinstool.streams import Imu, concatenate
-from sinstool.timeline import SECOND, mean_rates
+from sinstool.timeline import SECOND
 from sinstool.units import DEGREE, STANDARD_GRAVITY
 
 # Without a gate, what is used begins when the vehicle does, and is this long at first.
@@ -266,9 +266,7 @@ def increments(
     """
     kind = config.input.gyro_kind
     nominal = source.survey.interval_ns or SECOND
-    blocks = imu_blocks(source, config, source.survey.first_ns)
-    if kind == "increment":
-        blocks = mean_rates(blocks, nominal, source.survey.max_gap_ns)
+    blocks = rate_blocks(source, config, source.survey.first_ns, nominal)
     parts: list[Imu] = []
     for block in blocks:
         if end_ns is not None and int(block.time_ns[0]) > end_ns:

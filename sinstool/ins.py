@@ -33,6 +33,7 @@ from sinstool.height.layout import (
     Event,
 )
 from sinstool.height.vertical import MAX_GAP, MAX_HOLD, START_SPEED, START_TAU
+from sinstool.segment_samples import SegmentSamples, unbiased_segments
 from sinstool.strapdown.navigation import (
     HEIGHT,
     LATITUDE,
@@ -46,8 +47,8 @@ from sinstool.strapdown.navigation import (
     step,
 )
 from sinstool.strapdown.velocity import Increments, IncrementStage
-from sinstool.streams import Imu, Solution, concatenate
-from sinstool.timeline import SECOND, mean_rates, segments
+from sinstool.streams import Imu, Solution
+from sinstool.timeline import SECOND
 from sinstool.vertical import HeightReference
 
 # Beyond these nothing on or near the Earth goes: an undamped channel has run away.
@@ -127,10 +128,7 @@ class InsRun:
         self._channel = layout.new_state()
         self._parameters = settings.parameters
         self._stage: IncrementStage | None = None
-        self._held: Imu | None = None
-        self._held_first = 0
-        self._segment_start = 0
-        self._segment_count = 0
+        self._waiting: SegmentSamples | None = None
         self._time = 0.0
         self._origin: int | None = None
         self._last: tuple[np.ndarray, np.ndarray] | None = None
@@ -161,24 +159,23 @@ class InsRun:
             With position, velocity and, where the channel is damped, ``vertical``.
         """
         settings = self.settings
-        rates = blocks
-        if settings.gyro_kind == "increment":
-            believed = settings.max_gap_ns if settings.sample_rate is None else 0
-            rates = mean_rates(blocks, settings.nominal_ns, believed)
-        for piece in segments(rates, settings.max_gap_ns):
-            imu = Imu(
-                piece.imu.time_ns,
-                piece.imu.log_time_ns,
-                piece.imu.gyro - settings.gyro_bias,
-                piece.imu.accel - settings.accel_bias,
-            )
+        for piece in unbiased_segments(
+            blocks,
+            settings.gyro_kind,
+            settings.nominal_ns,
+            settings.max_gap_ns,
+            settings.sample_rate,
+            settings.gyro_bias,
+            settings.accel_bias,
+        ):
+            imu = piece.imu
             self.samples += len(imu)
             if piece.starts:
                 yield from self._finish()
                 yield self._begin(imu, piece.gap_s)
-            self._held = imu if self._held is None else concatenate([self._held, imu])
-            assert self._stage is not None
-            yield from self._answer(self._stage.push(imu.gyro, imu.accel, self._times(imu)))
+            assert self._stage is not None and self._waiting is not None
+            times = self._waiting.push(imu)
+            yield from self._answer(self._stage.push(imu.gyro, imu.accel, times))
             self._last = (imu.gyro[-1], imu.accel[-1])
         yield from self._finish()
 
@@ -198,9 +195,9 @@ class InsRun:
         if gap_s > 0.0:
             self._carry_over(imu, gap_s)
         self._stage = IncrementStage(self._new_stage)
-        self._held, self._held_first, self._segment_count = None, 0, 0
-        self._segment_start = int(imu.time_ns[0])
-        self._time = (self._segment_start - self._origin) / SECOND
+        start_ns = int(imu.time_ns[0])
+        self._waiting = SegmentSamples(start_ns, self.settings.sample_rate)
+        self._time = (start_ns - self._origin) / SECOND
         self.updates += 1
         return self._solution(imu.rows(slice(0, 1)), self._row())
 
@@ -265,23 +262,12 @@ class InsRun:
             self._channel[S_WITNESS_ON] = 0.0
             self._parameters = beginning_quickly(self._parameters)
 
-    def _times(self, imu: Imu) -> np.ndarray:
-        times = imu.time_ns
-        if self.settings.sample_rate is not None:
-            number = self._segment_count + np.arange(len(imu))
-            interval = SECOND / self.settings.sample_rate
-            times = self._segment_start + np.rint(number * interval).astype(np.int64)
-        self._segment_count += len(imu)
-        return times
-
     def _answer(self, increments: Increments) -> Iterator[Solution]:
         """Navigate over finished updates and let go of the samples they answer for."""
         if not len(increments.sample):
             return
-        assert self._held is not None
-        rows = increments.sample - self._held_first
-        done = int(rows[-1]) + 1
-        taken = self._held.rows(rows)
+        assert self._waiting is not None
+        taken = self._waiting.take(increments.sample)
         # Heights go by the stamps, also where a rate is believed that runs ahead of them.
         time_ns = taken.time_ns
         out = np.empty((len(increments.sample), SIZE + 2))
@@ -296,8 +282,6 @@ class InsRun:
         if still < len(out):
             self._navigate(increments, still, time_ns[still:], out)
         self.updates += len(out)
-        self._held = self._held.rows(slice(done, None))
-        self._held_first += done
         yield self._solution(taken, out)
 
     def _navigate(

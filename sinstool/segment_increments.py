@@ -9,10 +9,11 @@ from sinstool.config import ProcessConfig
 from sinstool.coning.stage import ConingStage
 from sinstool.coning_choice import choose_algorithm
 from sinstool.modes.common import nominal_interval
-from sinstool.source import Source, imu_blocks
+from sinstool.segment_samples import SegmentSamples
+from sinstool.source import Source, rate_blocks
 from sinstool.strapdown.velocity import Increments, IncrementStage
-from sinstool.streams import Imu, concatenate
-from sinstool.timeline import SECOND, mean_rates, segments
+from sinstool.streams import Imu
+from sinstool.timeline import SECOND, segments
 
 
 class SegmentIncrements:
@@ -51,35 +52,28 @@ class SegmentIncrements:
             sample at which it begins.
         """
         config, source = self._config, self._source
-        blocks: Any = imu_blocks(source, config, start_ns, progress)
-        kind = config.input.gyro_kind
-        if kind == "increment":
-            blocks = mean_rates(blocks, self._nominal, source.survey.max_gap_ns)
+        blocks = rate_blocks(source, config, start_ns, self._nominal, progress)
         stage: IncrementStage | None = None
-        held: Imu | None = None
-        first = 0
+        waiting: SegmentSamples | None = None
         opening: Imu | None = None
         for piece in segments(blocks, source.survey.max_gap_ns):
             if end_ns is not None and int(piece.imu.time_ns[0]) > end_ns:
                 break
             if piece.starts:
-                if stage is not None and held is not None:
-                    yield from _answer(stage.finish(), held, first, opening)
+                if stage is not None and waiting is not None:
+                    yield from _answer(stage.finish(), waiting, opening)
                 stage = IncrementStage(self._stage)
-                held, first = None, 0
+                waiting = SegmentSamples(int(piece.imu.time_ns[0]))
                 opening = piece.imu.rows(slice(0, 1))
-            assert stage is not None
+            assert stage is not None and waiting is not None
             imu = piece.imu
             self.samples += len(imu)
-            held = imu if held is None else concatenate([held, imu])
-            made = stage.push(imu.gyro, imu.accel, imu.time_ns)
-            yield from _answer(made, held, first, opening)
+            made = stage.push(imu.gyro, imu.accel, waiting.push(imu))
+            yield from _answer(made, waiting, opening)
             if len(made.sample):
                 opening = None
-                done = int(made.sample[-1]) + 1 - first
-                held, first = held.rows(slice(done, None)), first + done
-        if stage is not None and held is not None:
-            yield from _answer(stage.finish(), held, first, opening)
+        if stage is not None and waiting is not None:
+            yield from _answer(stage.finish(), waiting, opening)
 
     def _stage(self) -> ConingStage:
         kind = "rate" if self._config.input.gyro_kind == "rate" else "mean-rate"
@@ -91,8 +85,8 @@ class SegmentIncrements:
 
 
 def _answer(
-    made: Increments, held: Imu, first: int, opening: Imu | None
+    made: Increments, waiting: SegmentSamples, opening: Imu | None
 ) -> Iterator[tuple[Increments, Imu, Imu | None]]:
     """Updates with their samples, if there are any."""
     if len(made.sample):
-        yield made, held.rows(made.sample - first), opening
+        yield made, waiting.take(made.sample), opening

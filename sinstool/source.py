@@ -24,7 +24,7 @@ from sinstool.readers.streams import (
 from sinstool.readers.topics import ImuTopic, choose_imu, choose_optional
 from sinstool.streams import Imu
 from sinstool.survey import BLOCK_ROWS, Kept, Survey, survey, within
-from sinstool.timeline import Order, ordered
+from sinstool.timeline import Order, mean_rates, ordered
 from sinstool.units import DEGREE, STANDARD_GRAVITY
 
 
@@ -220,6 +220,23 @@ def imu_blocks(
         )
     inside = within(raw, max(start_ns, found.first_ns), found.last_ns)
     return ordered(reblock(inside, rows), Order(found.horizon_ns))
+
+
+def rate_blocks(
+    source: Source,
+    config: ProcessConfig,
+    start_ns: int,
+    nominal_ns: float,
+    progress: Callable[[int], None] | None = None,
+) -> Iterator[Imu]:
+    """As :func:`imu_blocks`, with increments as mean rates over their own intervals.
+
+    ``nominal_ns`` is the interval of samples that follow a gap or nothing.
+    """
+    blocks = imu_blocks(source, config, start_ns, progress)
+    if config.input.gyro_kind != "increment":
+        return blocks
+    return mean_rates(blocks, nominal_ns, source.survey.max_gap_ns)
 
 
 def _again(blocks: list[Imu], size: int, progress: Callable[[int], None] | None) -> Iterator[Imu]:
