@@ -41,12 +41,19 @@ NORMAL_GRAVITY_EQUATOR = 9.7803253359
 NORMAL_GRAVITY_POLE = 9.8321849378
 """On the ellipsoid, m/s^2; table 3.4 of [1]_."""
 
-_SOMIGLIANA_K = 0.00193185265241  # b gamma_p / (a gamma_e) - 1, table 3.4 of [1]
+SOMIGLIANA = 0.00193185265241
+"""k of Somigliana's formula, b gamma_p / (a gamma_e) - 1; table 3.4 of [1]_."""
+
 _GRAVITY_M = 0.00344978650684  # omega^2 a^2 b / GM, table 3.4 of [1]
 
-# North component of normal gravity per height, 1/s^2: the plumb line is curved; eq. 2.140
-# of [2].
-_NORTH_GRAVITY_PER_HEIGHT = -8.08e-9
+GRAVITY_PER_HEIGHT = 2.0 / SEMI_MAJOR_AXIS * (1.0 + FLATTENING + _GRAVITY_M)
+"""Relative decrease of normal gravity with height at the equator, 1/m; eq. 2.139 of [2]_."""
+
+GRAVITY_PER_HEIGHT_SIN2 = 4.0 / SEMI_MAJOR_AXIS * FLATTENING
+"""How much less it decreases, per sine squared of the latitude, 1/m; eq. 2.139 of [2]_."""
+
+NORTH_GRAVITY_PER_HEIGHT = -8.08e-9
+"""North component by height and sin(2 latitude), 1/s^2, as plumb lines curve; eq. 2.140 of [2]_."""
 
 
 def earth_rate_n(latitude: ArrayLike) -> FloatArray:
@@ -109,10 +116,10 @@ def normal_gravity(latitude: ArrayLike, height: ArrayLike = 0.0) -> FloatArray:
     sin2 = np.sin(lat) ** 2
     on_ellipsoid = (
         NORMAL_GRAVITY_EQUATOR
-        * (1.0 + _SOMIGLIANA_K * sin2)
+        * (1.0 + SOMIGLIANA * sin2)
         / np.sqrt(1.0 - ECCENTRICITY_SQUARED * sin2)
     )
-    per_height = 2.0 / SEMI_MAJOR_AXIS * (1.0 + FLATTENING + _GRAVITY_M - 2.0 * FLATTENING * sin2)
+    per_height = GRAVITY_PER_HEIGHT - GRAVITY_PER_HEIGHT_SIN2 * sin2
     return np.asarray(on_ellipsoid * (1.0 - per_height * h + 3.0 * (h / SEMI_MAJOR_AXIS) ** 2))
 
 
@@ -135,7 +142,7 @@ def gravity_n(latitude: ArrayLike, height: ArrayLike = 0.0) -> FloatArray:
     lat, h = np.broadcast_arrays(
         np.asarray(latitude, dtype=np.float64), np.asarray(height, dtype=np.float64)
     )
-    north = _NORTH_GRAVITY_PER_HEIGHT * h * np.sin(2.0 * lat)
+    north = NORTH_GRAVITY_PER_HEIGHT * h * np.sin(2.0 * lat)
     return np.stack([north, np.zeros_like(north), normal_gravity(lat, h)], axis=-1)
 
 

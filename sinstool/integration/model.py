@@ -27,7 +27,16 @@ import numba
 import numpy as np
 from numpy.typing import NDArray
 
-from sinstool import earth
+from sinstool.earth import (
+    EARTH_RATE,
+    ECCENTRICITY_SQUARED,
+    GRAVITY_PER_HEIGHT,
+    GRAVITY_PER_HEIGHT_SIN2,
+    NORMAL_GRAVITY_EQUATOR,
+    NORTH_GRAVITY_PER_HEIGHT,
+    SEMI_MAJOR_AXIS,
+    SOMIGLIANA,
+)
 from sinstool.integration.states import (
     ATTITUDE,
     I_ACCEL_BIAS,
@@ -44,15 +53,6 @@ from sinstool.integration.states import (
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
 
-_A = earth.SEMI_MAJOR_AXIS
-_E2 = earth.ECCENTRICITY_SQUARED
-_RATE = earth.EARTH_RATE
-_GAMMA = earth.NORMAL_GRAVITY_EQUATOR
-_SOMIGLIANA = earth._SOMIGLIANA_K
-_PER_HEIGHT = 2.0 / _A * (1.0 + earth.FLATTENING + earth._GRAVITY_M)
-_PER_HEIGHT_SIN2 = 4.0 / _A * earth.FLATTENING
-_NORTH = 2.0 * earth._NORTH_GRAVITY_PER_HEIGHT
-
 _N, _E, _D = POSITION, POSITION + 1, POSITION + 2
 _VN, _VE, _VD = VELOCITY, VELOCITY + 1, VELOCITY + 2
 _PN, _PE, _PD = ATTITUDE, ATTITUDE + 1, ATTITUDE + 2
@@ -62,9 +62,9 @@ _PN, _PE, _PD = ATTITUDE, ATTITUDE + 1, ATTITUDE + 2
 def radii(lat: float, h: float) -> tuple[float, float]:
     """Radii of curvature plus height, m: along the meridian and across."""
     s = sin(lat)
-    square = 1.0 - _E2 * s * s
-    transverse = _A / sqrt(square)
-    return transverse * (1.0 - _E2) / square + h, transverse + h
+    square = 1.0 - ECCENTRICITY_SQUARED * s * s
+    transverse = SEMI_MAJOR_AXIS / sqrt(square)
+    return transverse * (1.0 - ECCENTRICITY_SQUARED) / square + h, transverse + h
 
 
 @numba.njit(cache=True, nogil=True)
@@ -106,32 +106,32 @@ def error_rates(
     c = cos(lat)
     t = s / c
     sec2 = 1.0 / (c * c)
-    square = 1.0 - _E2 * s * s
+    square = 1.0 - ECCENTRICITY_SQUARED * s * s
     root = sqrt(square)
-    transverse = _A / root
-    meridian = transverse * (1.0 - _E2) / square
+    transverse = SEMI_MAJOR_AXIS / root
+    meridian = transverse * (1.0 - ECCENTRICITY_SQUARED) / square
     rm = meridian + h
     rn = transverse + h
-    bend = _E2 * s * c / square
+    bend = ECCENTRICITY_SQUARED * s * c / square
     dm = 3.0 * meridian * bend  # derivatives of the radii by latitude
     dn = transverse * bend
     im = 1.0 / rm
     i_n = 1.0 / rn
-    om = _RATE * c
-    os = _RATE * s
+    om = EARTH_RATE * c
+    os = EARTH_RATE * s
     en = ve * i_n
     nm = vn * im
 
     # gravity and its derivatives
-    fall = _PER_HEIGHT - _PER_HEIGHT_SIN2 * s * s
-    relative = h / _A
-    ground = _GAMMA * (1.0 + _SOMIGLIANA * s * s) / root
-    ground_lat = ground * (2.0 * _SOMIGLIANA * s * c / (1.0 + _SOMIGLIANA * s * s) + bend)
+    fall = GRAVITY_PER_HEIGHT - GRAVITY_PER_HEIGHT_SIN2 * s * s
+    relative = h / SEMI_MAJOR_AXIS
+    ground = NORMAL_GRAVITY_EQUATOR * (1.0 + SOMIGLIANA * s * s) / root
+    ground_lat = ground * (2.0 * SOMIGLIANA * s * c / (1.0 + SOMIGLIANA * s * s) + bend)
     aloft = 1.0 - fall * h + 3.0 * relative * relative
-    gd_lat = ground_lat * aloft + ground * 2.0 * _PER_HEIGHT_SIN2 * s * c * h
-    gd_h = ground * (-fall + 6.0 * relative / _A)
-    gn_lat = _NORTH * h * (c * c - s * s)
-    gn_h = _NORTH * s * c
+    gd_lat = ground_lat * aloft + ground * 2.0 * GRAVITY_PER_HEIGHT_SIN2 * s * c * h
+    gd_h = ground * (-fall + 6.0 * relative / SEMI_MAJOR_AXIS)
+    gn_lat = 2.0 * NORTH_GRAVITY_PER_HEIGHT * h * (c * c - s * s)
+    gn_h = 2.0 * NORTH_GRAVITY_PER_HEIGHT * s * c
 
     fn = scale * (mean_cf[0, 0] + mean_cf[0, 1] + mean_cf[0, 2])
     fe = scale * (mean_cf[1, 0] + mean_cf[1, 1] + mean_cf[1, 2])

@@ -26,7 +26,17 @@ import numba
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from sinstool import earth, rotation
+from sinstool import rotation
+from sinstool.earth import (
+    EARTH_RATE,
+    ECCENTRICITY_SQUARED,
+    GRAVITY_PER_HEIGHT,
+    GRAVITY_PER_HEIGHT_SIN2,
+    NORMAL_GRAVITY_EQUATOR,
+    NORTH_GRAVITY_PER_HEIGHT,
+    SEMI_MAJOR_AXIS,
+    SOMIGLIANA,
+)
 from sinstool.simulation.trajectory import Trajectory
 from sinstool.simulation.truth import ImuTruth, check_times
 
@@ -41,15 +51,6 @@ east, down; m/s), acceleration (m/s^2), roll, pitch and yaw (rad) and their rate
 
 _NODES = 5
 _ROWS = 8192  # intervals at a time
-
-_A = earth.SEMI_MAJOR_AXIS
-_E2 = earth.ECCENTRICITY_SQUARED
-_RATE = earth.EARTH_RATE
-_GAMMA = earth.NORMAL_GRAVITY_EQUATOR
-_SOMIGLIANA = earth._SOMIGLIANA_K
-_PER_HEIGHT = 2.0 / _A * (1.0 + earth.FLATTENING + earth._GRAVITY_M)
-_PER_HEIGHT_SIN2 = 4.0 / _A * earth.FLATTENING
-_NORTH = 2.0 * earth._NORTH_GRAVITY_PER_HEIGHT
 
 
 class Levels:
@@ -205,12 +206,12 @@ def _collocation(node: FloatArray) -> FloatArray:
 @numba.njit(cache=True, nogil=True)
 def _turn(p1: float, p2: float, p3: float, h: float, v1: float, v2: float) -> tuple[float, float]:
     """Rate of ``w`` against the Earth about its first two axes; `p` is the Earth's axis in it."""
-    square = 1.0 - _E2 * p3 * p3
-    transverse = _A / sqrt(square)
+    square = 1.0 - ECCENTRICITY_SQUARED * p3 * p3
+    transverse = SEMI_MAJOR_AXIS / sqrt(square)
     rn = transverse + h
-    rm = transverse * (1.0 - _E2) / square + h
+    rm = transverse * (1.0 - ECCENTRICITY_SQUARED) / square + h
     # 1/rm - 1/rn over the squared cosine of latitude: no direction of north is needed
-    more = transverse * _E2 / square / (rn * rm) * (v1 * p1 + v2 * p2)
+    more = transverse * ECCENTRICITY_SQUARED / square / (rn * rm) * (v1 * p1 + v2 * p2)
     return v2 / rn + more * p2, -(v1 / rn + more * p1)
 
 
@@ -220,17 +221,22 @@ def _sense(
 ) -> tuple[float, float, float, float, float, float]:
     """Angular rate and specific force in ``b``."""
     sin2 = p3 * p3
-    relative = h / _A
+    relative = h / SEMI_MAJOR_AXIS
     g3 = (
-        _GAMMA
-        * (1.0 + _SOMIGLIANA * sin2)
-        / sqrt(1.0 - _E2 * sin2)
-        * (1.0 - (_PER_HEIGHT - _PER_HEIGHT_SIN2 * sin2) * h + 3.0 * relative * relative)
+        NORMAL_GRAVITY_EQUATOR
+        * (1.0 + SOMIGLIANA * sin2)
+        / sqrt(1.0 - ECCENTRICITY_SQUARED * sin2)
+        * (
+            1.0
+            - (GRAVITY_PER_HEIGHT - GRAVITY_PER_HEIGHT_SIN2 * sin2) * h
+            + 3.0 * relative * relative
+        )
     )
-    north = -_NORTH * h * p3  # over the cosine of latitude; p3 is minus its sine
-    o1 = _RATE * p1
-    o2 = _RATE * p2
-    o3 = _RATE * p3
+    # over the cosine of latitude; p3 is minus its sine
+    north = -2.0 * NORTH_GRAVITY_PER_HEIGHT * h * p3
+    o1 = EARTH_RATE * p1
+    o2 = EARTH_RATE * p2
+    o3 = EARTH_RATE * p3
     c1 = 2.0 * o1 + r1
     c2 = 2.0 * o2 + r2
     c3 = 2.0 * o3

@@ -34,7 +34,16 @@ import numba
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from sinstool import earth
+from sinstool.earth import (
+    EARTH_RATE,
+    ECCENTRICITY_SQUARED,
+    GRAVITY_PER_HEIGHT,
+    GRAVITY_PER_HEIGHT_SIN2,
+    NORMAL_GRAVITY_EQUATOR,
+    NORTH_GRAVITY_PER_HEIGHT,
+    SEMI_MAJOR_AXIS,
+    SOMIGLIANA,
+)
 from sinstool.rotation import normalise
 from sinstool.strapdown.increment_quaternion import EXACT, HIGHEST_ORDER, increment_quaternion
 
@@ -46,15 +55,6 @@ V_NORTH, V_EAST, V_DOWN = 3, 4, 5
 Q_W, Q_X, Q_Y, Q_Z = 6, 7, 8, 9
 SIZE = 10
 
-_A = earth.SEMI_MAJOR_AXIS
-_E2 = earth.ECCENTRICITY_SQUARED
-_RATE = earth.EARTH_RATE
-_GAMMA = earth.NORMAL_GRAVITY_EQUATOR
-# The same digits as in earth.gravity_n, which is what a truth is made with.
-_SOMIGLIANA = earth._SOMIGLIANA_K
-_PER_HEIGHT = 2.0 / _A * (1.0 + earth.FLATTENING + earth._GRAVITY_M)
-_PER_HEIGHT_SIN2 = 4.0 / _A * earth.FLATTENING
-_NORTH = 2.0 * earth._NORTH_GRAVITY_PER_HEIGHT
 
 # Largest change of longitude, and square of the turn over the Earth, of one update for which the
 # short series are exact in float64: 640 m, and as near a pole as 10 000 times the way of an update.
@@ -314,29 +314,33 @@ def step(
     half = 0.5 * dt
 
     # Earth and gravity at the middle of the update
-    north = half * vn / _A
+    north = half * vn / SEMI_MAJOR_AXIS
     sm = s + c * north
     cm = c - s * north
     hm = h - half * vd
     s2 = sm * sm
     # The radii multiplied by the root, so that three divisions need not wait for each other
-    square = 1.0 - _E2 * s2
+    square = 1.0 - ECCENTRICITY_SQUARED * s2
     root = sqrt(square)
-    rn = root / (_A + hm * root)
-    rm = square * root / (_A * (1.0 - _E2) + hm * square * root)
-    relative = hm / _A
+    rn = root / (SEMI_MAJOR_AXIS + hm * root)
+    rm = square * root / (SEMI_MAJOR_AXIS * (1.0 - ECCENTRICITY_SQUARED) + hm * square * root)
+    relative = hm / SEMI_MAJOR_AXIS
     gd = (
-        _GAMMA
-        * (1.0 + _SOMIGLIANA * s2)
+        NORMAL_GRAVITY_EQUATOR
+        * (1.0 + SOMIGLIANA * s2)
         / root
-        * (1.0 - (_PER_HEIGHT - _PER_HEIGHT_SIN2 * s2) * hm + 3.0 * relative * relative)
+        * (
+            1.0
+            - (GRAVITY_PER_HEIGHT - GRAVITY_PER_HEIGHT_SIN2 * s2) * hm
+            + 3.0 * relative * relative
+        )
         + correction_up
     )
-    gn = _NORTH * hm * sm * cm
+    gn = 2.0 * NORTH_GRAVITY_PER_HEIGHT * hm * sm * cm
     # East as the axes keep their azimuth: they turn about up against those of the meridian.
-    on = _RATE * cm
-    oe = -_RATE * s * (half * ve * rn)
-    od = -_RATE * sm
+    on = EARTH_RATE * cm
+    oe = -EARTH_RATE * s * (half * ve * rn)
+    od = -EARTH_RATE * sm
 
     # C_nb dv as u + 2 w (q x u) + 2 q x (q x u)
     tx = 2.0 * (y * uz - z * uy)
