@@ -70,7 +70,7 @@ def command(
     if log is None:
         raise click.UsageError("give a LOG to align")
     from sinstool.align_log import align_log
-    from sinstool.writers.whole import check_output
+    from sinstool.writers.whole import check_output, together
 
     if series is not None:
         check_output(series, [log], config.output.overwrite)
@@ -78,16 +78,16 @@ def command(
         from sinstool.report.page import check_report
 
         check_report(report, inputs=[log], overwrite=config.output.overwrite)
-    with progress_bar(log.name, quiet) as progress:
+    with together(), progress_bar(log.name, quiet) as progress:
         found = align_log(log, config, progress, truth)
-    if series is not None:
-        from sinstool.align_log import write_series
+        if series is not None:
+            from sinstool.align_log import write_series
 
-        write_series(series, found, config.output.overwrite)
-    if report is not None:
-        from sinstool.cli.align_report import write_page
+            write_series(series, found, config.output.overwrite)
+        if report is not None:
+            from sinstool.cli.align_report import write_page
 
-        write_page(report, found, config)
+            write_page(report, found, config)
     told = found.summary
     for text in told["warnings"]:
         warn(text)

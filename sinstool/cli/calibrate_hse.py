@@ -104,16 +104,18 @@ def command(
         from sinstool.report.page import check_report
 
         check_report(report, overwrite=config.output.overwrite)
-    with progress_bar(f"{len(logs)} logs", quiet) as progress:
-        found = calibrate(logs, output, config, progress)
-    if emit_config is not None:
-        write_rig(emit_config, found, config)
-    if csv_file is not None:
-        write_csv(csv_file, found, config.output.overwrite)
-    if report is not None:
-        from sinstool.cli.calibrate_hse_report import write_page
+    from sinstool.writers.whole import together
 
-        write_page(report, found, config)
+    with together(), progress_bar(f"{len(logs)} logs", quiet) as progress:
+        found = calibrate(logs, output, config, progress)
+        if emit_config is not None:
+            write_rig(emit_config, found, config)
+        if csv_file is not None:
+            write_csv(csv_file, found, config.output.overwrite)
+        if report is not None:
+            from sinstool.cli.calibrate_hse_report import write_page
+
+            write_page(report, found, config)
     for text in (*found.warnings, *found.judgement.warnings):
         warn(text)
     if as_json:

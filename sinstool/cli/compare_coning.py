@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import csv
+import io
 import textwrap
 from collections.abc import Callable
 from pathlib import Path
@@ -12,10 +13,10 @@ import click
 
 from sinstool.cli.console import print_json, progress_bar, warn
 from sinstool.cli.options import Words, config_options, effective_config
-from sinstool.errors import ConfigurationError, OutputError
+from sinstool.errors import ConfigurationError
 
 if TYPE_CHECKING:
-    pass
+    from sinstool.comparison.paper import Reproduction
 
 
 class Whole(click.ParamType):
@@ -135,19 +136,24 @@ def _paper(options: dict[str, Any]) -> int:
     from sinstool.cli.compare_paper import run_paper
 
     response = options["gyro_response"] or "cheb:6"
+
+    def report(found: Reproduction) -> None:
+        if options["report"] is not None:
+            from sinstool.cli.coning_report import write_reproduction
+
+            settings = {"phase": options["phase"], "gyro_response": response}
+            write_reproduction(options, found, settings)
+
     with progress_bar("the paper's experiment", options["quiet"]) as progress:
-        found = run_paper(
+        run_paper(
             options["phase"],
             response,
             options["algorithms"] or (),
             options["csv_dir"],
             options["as_json"],
             progress,
+            report,
         )
-    if options["report"] is not None:
-        from sinstool.cli.coning_report import write_reproduction
-
-        write_reproduction(options, found, {"phase": options["phase"], "gyro_response": response})
     return 0
 
 
@@ -161,6 +167,7 @@ def _log(log: Path, options: dict[str, Any]) -> int:
     from sinstool.comparison.divergence import DEG_H
     from sinstool.comparison.summary import as_object, figures
     from sinstool.coning.registry import algorithm
+    from sinstool.writers.whole import check_new_folder, together
 
     if options["truth"] is not None and options["reference"] != "auto":
         raise click.UsageError("give --truth or --reference, not both")
@@ -175,8 +182,8 @@ def _log(log: Path, options: dict[str, Any]) -> int:
         options["tolerance"] / DEG_H,
     )
     folder = options["csv_dir"]
-    if folder is not None and folder.exists() and (not folder.is_dir() or any(folder.iterdir())):
-        raise OutputError(f"{folder} exists and is not an empty folder", "give another --csv")
+    if folder is not None:
+        check_new_folder(folder, "--csv")
     if options["sp_preset"] == "auto" and options["passband"] is None:
         raise ConfigurationError(
             "--sp-preset auto tunes to the coning in a passband", "give --passband HZ"
@@ -196,21 +203,22 @@ def _log(log: Path, options: dict[str, Any]) -> int:
     result = as_object(found)
     for text in found.warnings:
         warn(text)
-    if folder is not None:
-        _write_csv(folder, result)
-    if options["report"] is not None:
-        settings_shown = result["meta"] | {"algorithms": ", ".join(settings.algorithms)}
-        from sinstool.cli.coning_report import write_comparison
+    with together():
+        if folder is not None:
+            _write_csv(folder, result)
+        if options["report"] is not None:
+            settings_shown = result["meta"] | {"algorithms": ", ".join(settings.algorithms)}
+            from sinstool.cli.coning_report import write_comparison
 
-        write_comparison(
-            options,
-            "Coning algorithms compared",
-            log.name,
-            figures(found),
-            settings_shown,
-            list(found.warnings),
-            result,
-        )
+            write_comparison(
+                options,
+                "Coning algorithms compared",
+                log.name,
+                figures(found),
+                settings_shown,
+                list(found.warnings),
+                result,
+            )
     if options["as_json"]:
         print_json(result)
     else:
@@ -463,12 +471,17 @@ def _print_slower(result: dict[str, Any]) -> None:
 
 
 def _write_csv(folder: Path, result: dict[str, Any]) -> None:
-    folder.mkdir(parents=True, exist_ok=True)
-    with (folder / "algorithms.csv").open("w", newline="", encoding="utf-8") as stream:
-        writer = csv.writer(stream)
-        writer.writerow([f"{n} [{u}]" if u else n for n, u, _ in COLUMNS])
-        writer.writerows(_cells(result))
-    with (folder / "pairs.csv").open("w", newline="", encoding="utf-8") as stream:
-        writer = csv.writer(stream)
-        writer.writerow(["first", "second", "largest angle [deg]"])
-        writer.writerows([p["first"], p["second"], p["largest_deg"]] for p in result["pairs"])
+    from sinstool.writers.whole import WholeFile, make_folder
+
+    heads = tuple(f"{n} [{u}]" if u else n for n, u, _ in COLUMNS)
+    pairs = ((p["first"], p["second"], p["largest_deg"]) for p in result["pairs"])
+    tables = {
+        "algorithms.csv": (heads, *_cells(result)),
+        "pairs.csv": (("first", "second", "largest angle [deg]"), *pairs),
+    }
+    make_folder(folder)
+    for name, rows in tables.items():
+        text = io.StringIO()
+        csv.writer(text).writerows(rows)
+        with WholeFile(folder / name) as whole:
+            whole.stream.write(text.getvalue().encode())

@@ -15,7 +15,7 @@ from sinstool.comparison.paper import Reproduction, reproduce
 from sinstool.comparison.paper_claims import low_level
 from sinstool.comparison.paper_experiment import RESPONSES, noise_rate_deg
 from sinstool.comparison.paper_sweep import Sweep
-from sinstool.errors import ConfigurationError, OutputError
+from sinstool.errors import ConfigurationError
 from sinstool.simulation.coning_paper import (
     FREQUENCY_HZ,
     PHASES,
@@ -24,7 +24,7 @@ from sinstool.simulation.coning_paper import (
     paper_response,
     response_name,
 )
-from sinstool.writers.whole import WholeFile
+from sinstool.writers.whole import WholeFile, check_new_folder, make_folder, together
 
 CSV_HEADER = (
     "noise_frequency_hz,error_x_deg,error_y_deg,error_z_deg,error_length_deg,largest_error_deg"
@@ -38,8 +38,9 @@ def run_paper(
     csv_dir: Path | None = None,
     as_json: bool = False,
     progress: Callable[[float], None] | None = None,
+    write_more: Callable[[Reproduction], None] | None = None,
 ) -> Reproduction:
-    """Run the experiment, print it, and write what was asked for.
+    """Run the experiment, write what was asked for, and print it.
 
     Parameters
     ----------
@@ -55,6 +56,8 @@ def run_paper(
         One JSON object on stdout instead of tables.
     progress : callable, optional
         Takes the fraction done.
+    write_more : callable, optional
+        Writes other files, which appear together with those of the folder.
 
     Returns
     -------
@@ -71,9 +74,12 @@ def run_paper(
         raise ConfigurationError(f"unknown phase {phase!r}", f"one of {', '.join(PHASES)}")
     response = paper_response(gyro_response)
     if csv_dir is not None:
-        _check_folder(csv_dir)
+        check_new_folder(csv_dir, "--csv")
     found = reproduce(phase, response, algorithms, progress=progress)
-    files = [] if csv_dir is None else write_sweeps(found, csv_dir)
+    with together():
+        files = [] if csv_dir is None else write_sweeps(found, csv_dir)
+        if write_more is not None:
+            write_more(found)
     if as_json:
         print_json(as_object(found) | {"csv": [str(path) for path in files]})
     else:
@@ -81,15 +87,6 @@ def run_paper(
         if csv_dir is not None:
             click.echo(f"\n{csv_dir}: {len(files)} sweeps as CSV")
     return found
-
-
-def _check_folder(folder: Path) -> None:
-    try:
-        occupied = folder.exists() and (not folder.is_dir() or any(folder.iterdir()))
-    except OSError as exc:
-        raise OutputError(f"the folder {folder} cannot be read: {exc.strerror}") from exc
-    if occupied:
-        raise OutputError(f"{folder} exists and is not an empty folder", "give another one")
 
 
 def write_sweeps(found: Reproduction, folder: Path) -> list[Path]:
@@ -111,10 +108,7 @@ def write_sweeps(found: Reproduction, folder: Path) -> list[Path]:
     OutputError
         If the folder cannot be written.
     """
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-    except OSError as exc:
-        raise OutputError(f"cannot make the folder {folder}: {exc.strerror}") from exc
+    make_folder(folder)
     files = []
     for (setting, key), sweep in found.experiment.sweeps.items():
         gyro = re.sub(r"[^\w.]+", "-", setting.gyro)

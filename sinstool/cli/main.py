@@ -3,9 +3,16 @@
 from __future__ import annotations
 
 import gc
+import io
 import os
+import signal
 import sys
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
 from importlib import import_module
+from types import FrameType
+from typing import Any, TextIO, cast
 
 import click
 
@@ -81,12 +88,73 @@ def main() -> None:
     gc.set_threshold(100_000, 50, 50)
     # Our loops are compiled and our matrices small: threads of BLAS would only wait, spinning.
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+    _end_well_on_signals()
+    if type(sys.stdout) is io.TextIOWrapper:
+        sys.stdout = cast(TextIO, _StandardOutput(sys.stdout))
     try:
         _run()
     finally:
         # What lives now is given back by the operating system at once; taken apart object by
         # object it would take as long as a second of a log.
         gc.freeze()
+
+
+class _StandardOutput:
+    """Standard output that may fail without ending the command: its files are what it is for."""
+
+    def __init__(self, stream: TextIO) -> None:
+        self._stream = stream
+
+    def __getattr__(self, name: str) -> Any:
+        return getattr(self._stream, name)
+
+    def write(self, text: str) -> int:
+        with self._nobody_listens():
+            self._stream.write(text)
+        return len(text)
+
+    def flush(self) -> None:
+        with self._nobody_listens():
+            self._stream.flush()
+
+    @contextmanager
+    def _nobody_listens(self) -> Iterator[None]:
+        try:
+            yield
+        except OSError as exc:
+            # What follows, and what is still in the buffers, goes nowhere.
+            nowhere = os.open(os.devnull, os.O_WRONLY)
+            os.dup2(nowhere, self._stream.fileno())
+            os.close(nowhere)
+            # `head` closes the pipe when it has enough, which nobody needs to be told.
+            if not isinstance(exc, BrokenPipeError):
+                raise OSError(exc.errno, exc.strerror, "standard output") from exc
+
+
+def _end_well_on_signals() -> None:
+    """Make a request to end, and the end of the terminal, what Ctrl-C is: outputs go, then we."""
+    last = -1.0
+
+    def interrupt(number: int, frame: FrameType | None) -> None:
+        nonlocal last
+        now = time.monotonic()
+        # Terminals and what runs us often both send one; the second must not stop the tidying up.
+        if last < 0.0 or now - last > 1.0:
+            last = now
+            raise KeyboardInterrupt
+
+    for name in ("SIGINT", "SIGTERM", "SIGHUP"):
+        number = getattr(signal, name, None)
+        # What was ignored when we were started (nohup, a job in the background) stays ignored.
+        if number is not None and signal.getsignal(number) is not signal.SIG_IGN:
+            signal.signal(number, interrupt)
+
+
+def _written() -> str:
+    """What is complete by now."""
+    whole = sys.modules.get("sinstool.writers.whole")
+    names = ", ".join(str(path) for path in whole.appeared) if whole is not None else ""
+    return f"{names} was complete by then" if names else "nothing was written"
 
 
 def _run() -> None:
@@ -105,13 +173,15 @@ def _run() -> None:
         exc.show()
         sys.exit(exc.exit_code)
     except (KeyboardInterrupt, click.Abort):
-        click.echo("sinstool: interrupted; nothing was written", err=True)
+        click.echo(f"sinstool: interrupted; {_written()}", err=True)
         sys.exit(130)
-    except BrokenPipeError:
-        # The reader of our output went away (as `head` does); nobody is left to tell.
-        sys.stderr.close()
-        sys.exit(1)
     except MemoryError:
-        click.echo("sinstool: out of memory", err=True)
+        click.echo(f"sinstool: out of memory; {_written()}", err=True)
+        sys.exit(1)
+    except OSError as exc:
+        if verbose:
+            raise
+        where = f"{exc.filename}: " if exc.filename else ""
+        click.echo(f"sinstool: {where}{exc.strerror}; {_written()}", err=True)
         sys.exit(1)
     sys.exit(status if isinstance(status, int) else 0)

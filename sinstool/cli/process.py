@@ -71,16 +71,17 @@ def command(
             raise click.UsageError("--report and -o name one file")
     from sinstool.pipeline import process
     from sinstool.summary import something_lost
+    from sinstool.writers.whole import together
 
     recorder = _recorder(log, config)
-    with progress_bar(log.name, quiet) as progress:
+    with together(), progress_bar(log.name, quiet) as progress:
         summary = process(log, output, config, progress, recorder)
-    if recorder is not None and config.output.truth:
-        summary["truth"] = recorder.errors()
-    if report is not None and recorder is not None:
-        from sinstool.cli.process_report import write_page
+        if recorder is not None and config.output.truth:
+            summary["truth"] = recorder.errors()
+        if report is not None and recorder is not None:
+            from sinstool.cli.process_report import write_page
 
-        write_page(report, recorder, summary, config)
+            write_page(report, recorder, summary, config)
     for text in summary["warnings"]:
         warn(text)
     if as_json:

@@ -78,7 +78,7 @@ def command(output: Path, rig_out: Path | None, **told: Any) -> None:
     import tomli_w
 
     from sinstool.writers.simulated import write_simulated
-    from sinstool.writers.whole import WholeFile, check_output
+    from sinstool.writers.whole import WholeFile, check_output, together
 
     check_output(output, [], told["overwrite"])
     if rig_out is not None:
@@ -87,10 +87,11 @@ def command(output: Path, rig_out: Path | None, **told: Any) -> None:
         check_output(rig_out, [], told["overwrite"])
     log, settings = _simulate(told)
     topics = _topics(log, told["truth"])
-    counts = write_simulated(output, topics, settings)
-    if rig_out is not None:
-        with WholeFile(rig_out) as whole:
-            whole.stream.write(tomli_w.dumps({"rig": _rig(log, told)}).encode())
+    with together():
+        counts = write_simulated(output, topics, settings)
+        if rig_out is not None:
+            with WholeFile(rig_out) as whole:
+                whole.stream.write(tomli_w.dumps({"rig": _rig(log, told)}).encode())
     if told["as_json"]:
         print_json({"output": str(output), "topics": counts, "settings": settings})
     else:

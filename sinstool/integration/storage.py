@@ -8,13 +8,16 @@ the process ends, however it ends (on systems that cannot do so, when it is clos
 from __future__ import annotations
 
 import tempfile
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from types import TracebackType
 from typing import Any, BinaryIO
 
 import numpy as np
 from numpy.typing import ArrayLike, DTypeLike, NDArray
+
+from sinstool.errors import OutputError
 
 MEGABYTE = 1 << 20
 DEFAULT_LIMIT = 256 * MEGABYTE
@@ -63,7 +66,7 @@ class Column:
         self._storage._check_open()
         self._rows += len(values)
         if self._file is not None:
-            self._file.write(np.ascontiguousarray(values).data)
+            self._write(values)
             return
         self._parts.append(np.array(values))
         self._storage._added(values.nbytes)
@@ -80,7 +83,8 @@ class Column:
         self._storage._check_open()
         shape = (self._rows, *self._row_shape)
         if self._file is not None:
-            self._file.flush()
+            with _told():
+                self._file.flush()
             if not self._rows:
                 return np.empty(shape, self._dtype)
             return np.memmap(self._file, self._dtype, "r+", 0, shape)
@@ -90,17 +94,35 @@ class Column:
         return self._parts[0]
 
     def _spill(self, folder: Path | None) -> None:
-        self._file = tempfile.TemporaryFile(dir=folder, prefix="sinstool-")  # noqa: SIM115
-        assert self._file is not None
+        with _told():
+            self._file = tempfile.TemporaryFile(dir=folder, prefix="sinstool-")  # noqa: SIM115
         for part in self._parts:
-            self._file.write(np.ascontiguousarray(part).data)
+            self._write(part)
         self._parts = []
+
+    def _write(self, values: NDArray[Any]) -> None:
+        assert self._file is not None
+        with _told():
+            self._file.write(np.ascontiguousarray(values).data)
 
     def _close(self) -> None:
         self._parts = []
         if self._file is not None:
-            self._file.close()
+            # What is still in its buffer goes with it, also where there was no room for it.
+            with suppress(OSError):
+                self._file.close()
             self._file = None
+
+
+@contextmanager
+def _told() -> Iterator[None]:
+    try:
+        yield
+    except OSError as exc:
+        raise OutputError(
+            f"a temporary file in {tempfile.gettempdir()} cannot be written: {exc.strerror}",
+            "make room there, or name another folder in the variable TMPDIR",
+        ) from exc
 
 
 class Storage:
@@ -115,7 +137,7 @@ class Storage:
 
     Raises
     ------
-    OSError
+    OutputError
         On appending, if the folder cannot be written or is full.
     """
 
