@@ -69,7 +69,7 @@ def new_file(folder: Path, name: str) -> tuple[int, Path]:
         flags |= getattr(os, "O_CLOEXEC", 0) | getattr(os, "O_BINARY", 0)
         try:
             handle = os.open(path, flags, 0o600)
-        except BaseException:
+        except OSError:  # not of an interruption: the file may be there already
             _made.discard(path)
             raise
         if _locked_for_good(handle):
@@ -109,14 +109,14 @@ class TemporaryFolder:
             _made.add(self.path)
             try:
                 self.path.mkdir(0o700)
-                with contextlib.suppress(FileNotFoundError):  # where a sweep came between
-                    self._handle = _open_folder(self.path)
-                    if self._handle is None or _locked_for_good(self._handle):
-                        return
-                    os.close(self._handle)
-            except BaseException:
+            except OSError:
                 _made.discard(self.path)
                 raise
+            with contextlib.suppress(FileNotFoundError):  # where a sweep came between
+                self._handle = _open_folder(self.path)
+                if self._handle is None or _locked_for_good(self._handle):
+                    return
+                os.close(self._handle)
 
     def cleanup(self) -> None:
         """Remove the folder and all that is in it."""

@@ -94,13 +94,16 @@ def main() -> None:
     try:
         _run()
     finally:
+        # The status is settled; one more signal would replace it.
+        for number in _ENDING:
+            signal.signal(number, signal.SIG_IGN)
         # What lives now is given back by the operating system at once; taken apart object by
         # object it would take as long as a second of a log.
         gc.freeze()
 
 
 class _StandardOutput:
-    """Standard output that may fail without ending the command: its files are what it is for."""
+    """Standard output that ends no command when nobody reads it any more."""
 
     def __init__(self, stream: TextIO) -> None:
         self._stream = stream
@@ -109,26 +112,32 @@ class _StandardOutput:
         return getattr(self._stream, name)
 
     def write(self, text: str) -> int:
-        with self._nobody_listens():
+        with self._told():
             self._stream.write(text)
         return len(text)
 
     def flush(self) -> None:
-        with self._nobody_listens():
+        with self._told():
             self._stream.flush()
 
     @contextmanager
-    def _nobody_listens(self) -> Iterator[None]:
+    def _told(self) -> Iterator[None]:
         try:
             yield
+        except BrokenPipeError:
+            # `head` has enough, which nobody needs to be told.
+            self.end()
         except OSError as exc:
-            # What follows, and what is still in the buffers, goes nowhere.
-            nowhere = os.open(os.devnull, os.O_WRONLY)
-            os.dup2(nowhere, self._stream.fileno())
-            os.close(nowhere)
-            # `head` closes the pipe when it has enough, which nobody needs to be told.
-            if not isinstance(exc, BrokenPipeError):
-                raise OSError(exc.errno, exc.strerror, "standard output") from exc
+            raise OSError(exc.errno, exc.strerror, "standard output") from exc
+
+    def end(self) -> None:
+        """Let what follows, and what is still in the buffers, go nowhere."""
+        nowhere = os.open(os.devnull, os.O_WRONLY)
+        os.dup2(nowhere, self._stream.fileno())
+        os.close(nowhere)
+
+
+_ENDING = tuple(getattr(signal, n) for n in ("SIGINT", "SIGTERM", "SIGHUP") if hasattr(signal, n))
 
 
 def _end_well_on_signals() -> None:
@@ -143,10 +152,9 @@ def _end_well_on_signals() -> None:
             last = now
             raise KeyboardInterrupt
 
-    for name in ("SIGINT", "SIGTERM", "SIGHUP"):
-        number = getattr(signal, name, None)
+    for number in _ENDING:
         # What was ignored when we were started (nohup, a job in the background) stays ignored.
-        if number is not None and signal.getsignal(number) is not signal.SIG_IGN:
+        if signal.getsignal(number) is not signal.SIG_IGN:
             signal.signal(number, interrupt)
 
 
@@ -183,5 +191,7 @@ def _run() -> None:
             raise
         where = f"{exc.filename}: " if exc.filename else ""
         click.echo(f"sinstool: {where}{exc.strerror}; {_written()}", err=True)
+        if isinstance(sys.stdout, _StandardOutput):
+            sys.stdout.end()
         sys.exit(1)
     sys.exit(status if isinstance(status, int) else 0)

@@ -1,0 +1,187 @@
+"""Kill commands without warning while they write, and look at what they leave.
+
+    python benchmarks/killed_runs.py --kills 200 --seed 1
+
+Every kill is a new process of the whole command, ended with SIGKILL at a random moment between its
+first temporary file and a little after its end. After each, every target must hold the old file or
+the complete new one; after the next run of the command, nothing may lie beside the targets that
+the run before has left. Exits with 1 where that does not hold.
+"""
+
+from __future__ import annotations
+
+import argparse
+import hashlib
+import random
+import signal
+import subprocess
+import sys
+import tempfile
+import time
+from collections import Counter
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+
+PROGRAM = (sys.executable, "-c", "from sinstool.cli.main import main; main()")
+OLD = b"what was there before"
+
+
+@dataclass(frozen=True)
+class Command:
+    """A command that writes files.
+
+    Attributes
+    ----------
+    name : str
+    arguments : tuple of str
+        ``--overwrite`` among them.
+    targets : tuple of Path
+        All in one folder that holds nothing else.
+    """
+
+    name: str
+    arguments: tuple[str, ...]
+    targets: tuple[Path, ...]
+
+    @property
+    def folder(self) -> Path:
+        return self.targets[0].parent
+
+    def start(self) -> subprocess.Popen[bytes]:
+        return subprocess.Popen(
+            [*PROGRAM, *self.arguments], stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL
+        )
+
+    def strays(self) -> set[str]:
+        """Names in the folder that are no targets."""
+        return {p.name for p in self.folder.iterdir()} - {p.name for p in self.targets}
+
+
+@dataclass
+class Tally:
+    """What was seen.
+
+    Attributes
+    ----------
+    counts : Counter
+    faults : list of str
+        What must not be.
+    """
+
+    counts: Counter[str] = field(default_factory=Counter)
+    faults: list[str] = field(default_factory=list)
+
+
+def commands(folder: Path, seconds: int) -> list[Command]:
+    """`process` with a report, and `simulate`, on a log of so many seconds."""
+    log = folder / "log.mcap"
+    made = (*PROGRAM, "simulate", "static", "-o", str(log), "--duration", str(seconds))
+    subprocess.run(made, check=True, stdout=subprocess.DEVNULL)
+    out, made_again = folder / "process", folder / "simulate"
+    out.mkdir()
+    made_again.mkdir()
+    targets = (out / "out.mcap", out / "page.html")
+    told = ("-o", str(targets[0]), "--report", str(targets[1]), "--overwrite")
+    again = made_again / "static.mcap"
+    return [
+        Command("process", ("process", str(log), "--mode", "attitude", *told), targets),
+        Command("simulate", (*made[len(PROGRAM) : 3 + len(PROGRAM)], str(again), "--duration",
+                             str(seconds), "--overwrite"), (again,)),
+    ]  # fmt: skip
+
+
+def digest(path: Path) -> str:
+    """SHA-256 of a file; of nothing where there is none."""
+    return hashlib.sha256(path.read_bytes()).hexdigest() if path.exists() else "none"
+
+
+def first_stray(run: subprocess.Popen[bytes], command: Command, before: set[str]) -> bool:
+    """Wait until a run has a temporary file of its own; false where it ended without."""
+    while run.poll() is None:
+        if command.strays() - before:
+            return True
+        time.sleep(0.0005)
+    return False
+
+
+def kill_at_random(command: Command, kills: int, rng: random.Random) -> Tally:
+    """Kill a command again and again, and look.
+
+    Parameters
+    ----------
+    command : Command
+    kills : int
+    rng : random.Random
+
+    Returns
+    -------
+    Tally
+    """
+    tally = Tally()
+    # Twice: compiled loops are there the second time, and the same input gives the same bytes.
+    for _ in range(2):
+        run = command.start()
+        writes = time.monotonic() if first_stray(run, command, set()) else None
+        run.wait()
+        assert run.returncode in (0, 3) and writes is not None, f"{command.name} does not run"
+        lasts = time.monotonic() - writes
+    complete = {path: digest(path) for path in command.targets}
+    old = hashlib.sha256(OLD).hexdigest()
+    left: set[str] = set()
+    for number in range(kills):
+        for path in command.targets:
+            # by turns: something there to be replaced, nothing there
+            path.write_bytes(OLD) if number % 2 == 0 else path.unlink(missing_ok=True)
+        run = command.start()
+        written = first_stray(run, command, left)
+        time.sleep(rng.uniform(0.0, 1.2 * lasts))
+        run.send_signal(signal.SIGKILL)
+        run.wait()
+        tally.counts["killed" if run.returncode == -signal.SIGKILL else "ended before"] += 1
+        if written and left & command.strays():
+            tally.faults.append(f"kill {number}: strays of the run before are still there")
+        left = command.strays()
+        tally.counts["left a temporary file"] += bool(left)
+        expected_old = old if number % 2 == 0 else "none"
+        for path in command.targets:
+            found = digest(path)
+            if found == complete[path]:
+                tally.counts["targets new"] += 1
+            elif found == expected_old:
+                tally.counts["targets old" if found != "none" else "targets absent"] += 1
+            else:
+                tally.faults.append(f"kill {number}: {path.name} is neither old nor complete")
+    run = command.start()
+    run.wait()
+    if run.returncode not in (0, 3) or command.strays():
+        tally.faults.append(f"after the last run there are {command.strays()}")
+    if {path: digest(path) for path in command.targets} != complete:
+        tally.faults.append("the last run wrote something else")
+    return tally
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
+    parser.add_argument("--kills", type=int, default=200, help="in all")
+    parser.add_argument("--seed", type=int, default=1)
+    parser.add_argument("--seconds", type=int, default=300, help="length of the log")
+    options = parser.parse_args(arguments)
+    rng = random.Random(options.seed)
+    faults: list[str] = []
+    with tempfile.TemporaryDirectory() as folder:
+        made = commands(Path(folder), options.seconds)
+        for k, command in enumerate(made):
+            kills = (options.kills + k) // len(made)
+            tally = kill_at_random(command, kills, rng)
+            faults += tally.faults
+            told = ", ".join(f"{name} {count}" for name, count in sorted(tally.counts.items()))
+            print(f"{command.name}: {kills} kills: {told}; faults {len(tally.faults)}", flush=True)
+    for fault in faults:
+        print(fault)
+    print(f"seed {options.seed}: {options.kills} kills, {len(faults)} faults")
+    return 1 if faults else 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

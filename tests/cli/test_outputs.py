@@ -1,0 +1,382 @@
+"""Outputs of commands: whole or not at all, whatever happens to the process, the disk, the folder.
+
+`python benchmarks/killed_runs.py` kills far more often than the test here.
+"""
+
+import os
+import random
+import resource
+import shutil
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import pytest
+
+from sinstool.writers import whole
+
+PROJECT = Path(__file__).parents[2]
+SAMPLES = PROJECT / "sample_data"
+PROGRAM = [sys.executable, "-c", "from sinstool.cli.main import main; main()"]
+REST = SAMPLES / "static.mcap"
+CONING = SAMPLES / "coning.mcap"
+RIG = ("--config", SAMPLES / "hse" / "rig-a.toml")
+TURNS = [SAMPLES / "hse" / f"a-{n}.mcap" for n in ("020", "110")]
+
+
+def run(*arguments, **options):
+    command = [*PROGRAM, *map(str, arguments)]
+    return subprocess.run(command, capture_output=True, text=True, timeout=300, **options)
+
+
+def one_line(stderr):
+    assert "Traceback" not in stderr, stderr
+    told = [line for line in stderr.strip().split("\n") if not line.startswith("warning: ")]
+    assert len(told) == 1, stderr
+    return told[0]
+
+
+# Arguments for a folder to write to, and the names that appear there
+COMMANDS = {
+    "process": lambda f: (("process", CONING, "-o", f / "out.mcap"), ["out.mcap"]),
+    "process --report": lambda f: (
+        ("process", CONING, "-o", f / "out.mcap", "--report", f / "page.html"),
+        ["out.mcap", "page.html"],
+    ),
+    "simulate": lambda f: (
+        ("simulate", "static", "-o", f / "out.mcap", "--duration", 30),
+        ["out.mcap"],
+    ),
+    "simulate hse-rig": lambda f: (
+        (
+            *("simulate", "hse-rig", "-o", f / "out.mcap", "--rig-out", f / "rig.toml"),
+            *("--rates", "90,120", "--plateau", 10, "--rate", 100, "--encoder-rate", 50),
+        ),
+        ["out.mcap", "rig.toml"],
+    ),
+    "calibrate-hse": lambda f: (
+        (
+            *("calibrate-hse", *TURNS, *RIG, "-o", f / "hse.json", "--csv", f / "runs.csv"),
+            *("--emit-config", f / "rig.toml", "--report", f / "page.html"),
+        ),
+        ["hse.json", "page.html", "rig.toml", "runs.csv"],
+    ),
+    "compare-coning": lambda f: (
+        (
+            *("compare-coning", CONING, "--csv", f / "tables", "--report", f / "page.html"),
+            *("--gyro-kind", "mean-rate", "--algorithms", "optimal-2,optimal-3", "--window", 2),
+        ),
+        ["page.html", "tables", "tables/algorithms.csv", "tables/pairs.csv"],
+    ),
+    "align": lambda f: (
+        ("align", REST, "--method", "level", "--report", f / "page.html"),
+        ["page.html"],
+    ),
+    "align figure": lambda f: (
+        ("align", REST, "--method", "level", "--report", f / "figure.png"),
+        ["figure.png"],
+    ),
+}
+
+
+def names(folder):
+    return sorted(p.relative_to(folder).as_posix() for p in folder.rglob("*"))
+
+
+@pytest.fixture(params=COMMANDS)
+def command(request):
+    return COMMANDS[request.param]
+
+
+# -- full disks ----------------------------------------------------------------------------------
+
+
+@pytest.fixture
+def small_disk(tmp_path):
+    """A file system of 5 MB."""
+    folder = tmp_path / "disk"
+    folder.mkdir()
+    mount = ["mount", "-t", "tmpfs", "-o", "size=5m", "tmpfs", str(folder)]
+    if os.name != "posix" or shutil.which("mount") is None:
+        pytest.skip("no file system can be mounted here")
+    done = subprocess.run(mount, capture_output=True, text=True)
+    if done.returncode:
+        pytest.skip(f"mounting needs more rights: {done.stderr.strip()}")
+    yield folder
+    subprocess.run(["umount", str(folder)], check=True)
+
+
+# Of 5 MB; a page is 4.7 MB, most of it plotly's
+ROOM = {
+    "process": 100_000,
+    "process --report": 1_000_000,
+    "simulate": 100_000,
+    "simulate hse-rig": 100_000,
+    "calibrate-hse": 1_000_000,
+    "compare-coning": 1_000_000,
+    "align": 1_000_000,
+    "align figure": 8192,
+}
+
+
+@pytest.mark.parametrize("name", COMMANDS)
+def test_a_full_disk_takes_one_line_and_leaves_nothing(small_disk, name):
+    arguments, _ = COMMANDS[name](small_disk)
+    filler = small_disk / "filler"
+    filler.write_bytes(bytes(5 * 2**20 - ROOM[name]))
+    done = run(*arguments)
+    told = one_line(done.stderr)
+    assert done.returncode == 1
+    assert told.startswith("sinstool: ")
+    assert told.endswith(
+        ("No space left on device", "No space left on device; nothing was written")
+    )
+    assert names(small_disk) == ["filler"]
+    assert done.stdout == ""
+
+
+def test_a_disk_that_is_large_enough(small_disk):
+    arguments, expected = COMMANDS["process"](small_disk)
+    assert run(*arguments).returncode == 0
+    assert names(small_disk) == expected
+
+
+def small_files():
+    resource.setrlimit(resource.RLIMIT_FSIZE, (20_000, 20_000))
+
+
+@pytest.mark.skipif(os.name != "posix", reason="no limit on the size of files here")
+@pytest.mark.parametrize("name", ["process", "simulate", "compare-coning"])
+def test_files_that_may_not_grow(tmp_path, name):
+    """As a full disk, without the rights to make one."""
+    arguments, _ = COMMANDS[name](tmp_path)
+    # compiled loops keep files of their own; those are there already, or this run makes none
+    done = run(*arguments, preexec_fn=small_files)
+    assert done.returncode == 1
+    assert one_line(done.stderr).endswith("failed: File too large")
+    assert names(tmp_path) == []
+
+
+def test_a_full_standard_output(tmp_path):
+    if not Path("/dev/full").exists():
+        pytest.skip("no /dev/full here")
+    out = tmp_path / "out.mcap"
+    with open("/dev/full", "w") as full:
+        done = subprocess.run(
+            [*PROGRAM, "process", CONING, "-o", out], stdout=full, stderr=subprocess.PIPE, text=True
+        )
+    assert done.returncode == 1
+    expected = f"standard output: No space left on device; {out} was complete by then"
+    assert one_line(done.stderr) == f"sinstool: {expected}"
+    assert names(tmp_path) == ["out.mcap"]
+
+
+# -- a reader of our words that goes away ---------------------------------------------------------
+
+
+@pytest.mark.parametrize("name", ["process", "compare-coning", "calibrate-hse"])
+def test_a_closed_pipe_costs_no_output(tmp_path, name):
+    arguments, expected = COMMANDS[name](tmp_path)
+    reader, writer = os.pipe()
+    os.close(reader)
+    done = subprocess.run(
+        [*PROGRAM, *map(str, arguments)], stdout=writer, stderr=subprocess.PIPE, text=True
+    )
+    os.close(writer)
+    assert "Traceback" not in done.stderr and "sinstool:" not in done.stderr
+    assert done.returncode in (0, 3)
+    assert names(tmp_path) == expected
+
+
+@pytest.mark.parametrize("arguments", [("info", CONING), ("--help",)], ids=["info", "help"])
+def test_a_closed_pipe_is_no_failure(arguments):
+    reader, writer = os.pipe()
+    os.close(reader)
+    done = subprocess.run(
+        [*PROGRAM, *map(str, arguments)], stdout=writer, stderr=subprocess.PIPE, text=True
+    )
+    os.close(writer)
+    assert (done.returncode, done.stderr) == (0, "")
+
+
+# -- what is asked for is written together --------------------------------------------------------
+
+
+def test_everything_appears(tmp_path, command):
+    arguments, expected = command(tmp_path)
+    done = run(*arguments)
+    assert done.returncode in (0, 3), done.stderr
+    assert names(tmp_path) == expected
+
+
+def test_without_its_report_there_is_no_output(tmp_path):
+    """The folder of the report takes no file any more when the log has been processed."""
+    pages = tmp_path / "pages"
+    pages.mkdir()
+    code = (
+        "import os, sys, sinstool.cli.process_report as report\n"
+        "write = report.write_page\n"
+        f"report.write_page = lambda *a: (os.rmdir({str(pages)!r}), write(*a))\n"
+        "from sinstool.cli.main import main\n"
+        "main()\n"
+    )
+    told = ("process", CONING, "-o", tmp_path / "out.mcap", "--report", pages / "page.html")
+    done = subprocess.run(
+        [sys.executable, "-c", code, *map(str, told)], capture_output=True, text=True
+    )
+    assert done.returncode == 1
+    assert f"the folder {pages} does not exist" in one_line(done.stderr)
+    assert names(tmp_path) == []
+
+
+def test_the_folder_that_vanishes_meanwhile(tmp_path):
+    folder = tmp_path / "gone"
+    folder.mkdir()
+    with pytest.raises(whole.OutputError, match=r"writing .*out\.mcap failed: No such file"):  # noqa: SIM117
+        with whole.WholeFile(folder / "out.mcap") as file:
+            file.stream.write(b"x")
+            shutil.rmtree(folder)
+    assert names(tmp_path) == []
+
+
+def test_of_two_files_of_one_name_there_is_none(tmp_path):
+    link = tmp_path / "link"
+    link.symlink_to(tmp_path / "a")
+    with pytest.raises(whole.OutputError, match="named twice"), whole.together():
+        for path in (tmp_path / "a", link):
+            with whole.WholeFile(path) as file:
+                file.stream.write(b"x")
+    assert names(tmp_path) == ["link"]
+
+
+@pytest.mark.parametrize("error", [ValueError, KeyboardInterrupt, SystemExit])
+def test_together_or_not_at_all(tmp_path, error):
+    (tmp_path / "kept").write_bytes(b"old")
+    with pytest.raises(error), whole.together():
+        whole.make_folder(tmp_path / "new" / "below")
+        for path in (tmp_path / "kept", tmp_path / "new" / "below" / "a"):
+            with whole.WholeFile(path) as file:
+                file.stream.write(b"new")
+        assert (tmp_path / "kept").read_bytes() == b"old"
+        raise error
+    assert names(tmp_path) == ["kept"]
+    assert (tmp_path / "kept").read_bytes() == b"old"
+
+
+# -- places ---------------------------------------------------------------------------------------
+
+
+def test_a_link_stays_one_and_what_it_leads_to_is_written(tmp_path):
+    (tmp_path / "disk").mkdir()
+    out, real = tmp_path / "out.mcap", tmp_path / "disk" / "real.mcap"
+    out.symlink_to(real)
+    assert run("process", CONING, "-o", out).returncode == 0
+    assert out.is_symlink() and real.stat().st_size > 1000
+    refused = run("process", CONING, "-o", out)
+    assert refused.returncode == 1 and "exists already" in one_line(refused.stderr)
+    assert run("process", CONING, "-o", out, "--overwrite").returncode == 0
+    assert names(tmp_path) == ["disk", "disk/real.mcap", "out.mcap"]
+    assert out.is_symlink()
+
+
+def test_a_device_is_no_output():
+    done = run("process", CONING, "-o", "/dev/null", "--overwrite")
+    assert done.returncode == 1
+    assert "is a device or a pipe" in one_line(done.stderr)
+    assert not Path("/dev/null").is_file()
+
+
+def test_a_folder_that_may_only_be_read(small_disk):
+    remount = ["mount", "-o", "remount,ro", str(small_disk)]
+    subprocess.run(remount, check=True)
+    for arguments, _ in (make(small_disk) for make in COMMANDS.values()):
+        done = run(*arguments)
+        assert done.returncode == 1
+        told = one_line(done.stderr)
+        assert "cannot be written to" in told or "Read-only file system" in told
+    assert names(small_disk) == []
+
+
+@pytest.mark.parametrize("length", [255, 256, 5000])
+def test_long_names(tmp_path, length):
+    out = tmp_path / ("x" * (length - 5) + ".mcap")
+    done = run("process", CONING, "-o", out)
+    if length > 255:
+        assert done.returncode == 1
+        assert one_line(done.stderr).endswith("File name too long: choose another -o")
+    assert [p.name for p in tmp_path.iterdir()] == ([out.name] if length <= 255 else [])
+
+
+def test_a_log_is_not_overwritten_by_its_report(tmp_path):
+    log = tmp_path / "log.html"
+    shutil.copy(CONING, log)
+    link = tmp_path / "link.html"
+    link.hardlink_to(log)
+    for told in (("process", log, "-o", tmp_path / "o.mcap"), ("align", log, "--method", "level")):
+        done = run(*told, "--report", link, "--overwrite")
+        assert done.returncode == 1
+        assert "is the input itself" in one_line(done.stderr)
+    assert log.read_bytes() == CONING.read_bytes()
+
+
+# -- signals --------------------------------------------------------------------------------------
+
+
+@pytest.fixture(scope="module")
+def killed_runs():
+    with pytest.MonkeyPatch.context() as patch:
+        patch.syspath_prepend(PROJECT / "benchmarks")
+        import killed_runs
+
+        yield killed_runs
+
+
+@pytest.fixture(scope="module")
+def writing(tmp_path_factory, killed_runs):
+    """Commands that take a while to write."""
+    return killed_runs.commands(tmp_path_factory.mktemp("writing"), 60)
+
+
+def test_killed_without_warning(writing, killed_runs):
+    for command in writing:
+        tally = killed_runs.kill_at_random(command, 3, random.Random(7))
+        assert tally.faults == []
+        for path in command.targets:
+            path.unlink()
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM, signal.SIGHUP])
+@pytest.mark.parametrize("twice", [False, True], ids=["once", "twice"])
+def test_ended_by_a_signal(writing, number, twice):
+    command = writing[0]
+    run = subprocess.Popen(
+        [*PROGRAM, *command.arguments], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
+    )
+    while run.poll() is None and not command.strays():
+        time.sleep(0.001)
+    run.send_signal(number)
+    if twice:
+        time.sleep(0.01)
+        run.send_signal(number)
+    stdout, stderr = run.communicate(timeout=60)
+    assert run.returncode == 130, stderr
+    assert one_line(stderr) == "sinstool: interrupted; nothing was written"
+    assert stdout == ""
+    assert names(command.folder) == []
+
+
+def test_an_ignored_signal_stays_ignored(tmp_path):
+    """As `nohup` has it."""
+    arguments, expected = COMMANDS["process"](tmp_path)
+    run = subprocess.Popen(
+        [*PROGRAM, *map(str, arguments)],
+        stdout=subprocess.DEVNULL,
+        preexec_fn=lambda: signal.signal(signal.SIGHUP, signal.SIG_IGN),
+    )
+    while run.poll() is None and not names(tmp_path):
+        time.sleep(0.001)
+    run.send_signal(signal.SIGHUP)
+    assert run.wait(timeout=60) == 0
+    assert names(tmp_path) == expected
