@@ -22,6 +22,11 @@ Angles
     Roll, pitch, heading are the 3-2-1 Euler angles of FRD in NED: heading positive from
     North to East, pitch positive nose up, roll positive right wing down.
 
+Gravity
+    An accelerometer shows specific force, acceleration less gravity: at rest 9.8 m/s^2 upward,
+    so +9.8 on z of a Forward-Left-Up log and -9.8 on z of a Forward-Right-Down one. Logs from
+    which gravity has been taken out serve for attitude only.
+
 Units
     SI and radians inside. Degrees, deg/h and arc seconds appear only at the command line
     and in reports, and there the unit is part of the name.
@@ -36,7 +41,8 @@ Time
 Samples
     ``increment``: sample k is the integral of angular rate (or specific force) over
     (t[k-1], t[k]]. ``mean-rate``: that integral divided by the interval. ``rate``: the
-    value at the instant t[k]. They are different things; nothing here confuses them.
+    value at the instant t[k]. They are different things; nothing here confuses them. An
+    attitude at t[k] is that of the end of the interval.
 """
 
 __version__ = "0.1.0"

@@ -36,6 +36,8 @@ COMMANDS = {
         "Heading-sensitive error of a rate-biased system, from its turntable logs.",
     ),
     "simulate": ("simulate", "Write a log with exact truth."),
+    "conventions": ("conventions", "Frames, axes, quaternions, units, gravity and time."),
+    "completion": ("completion", "Completion of commands and options for bash, zsh or fish."),
 }
 
 

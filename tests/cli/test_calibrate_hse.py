@@ -547,7 +547,7 @@ def assert_alike(told, printed):
 
 def test_guide_shows_what_is_printed(somewhere):
     text = DOCUMENT.read_text()
-    shown = re.findall(r"```\nsinstool ([^\n]*)\n```\n\n```text\n(.*?)\n```", text, re.S)
+    shown = re.findall(r"```sh\nsinstool ([^\n]*)\n```\n\n```text\n(.*?)\n```", text, re.S)
     assert len(shown) == 5
     for command, told in shown:
         status, out, _ = sinstool(*expanded(command.split()))

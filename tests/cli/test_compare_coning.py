@@ -313,9 +313,8 @@ def test_guide_shows_what_is_printed(compare, monkeypatch):
     root = SAMPLE.parents[1]
     monkeypatch.chdir(root)
     guide = (root / "docs" / "compare-coning.md").read_text()
-    shown = re.findall(
-        r"```\nsinstool compare-coning ([^\n]*)\n```\n\n```text\n(.*?)\n```", guide, re.S
-    )
+    block = r"```sh\nsinstool compare-coning ([^\n]*)\n```\n\n"
+    shown = re.findall(block + r"<!-- output: [^\n]*\n```text\n(.*?)\n```", guide, re.S)
     assert len(shown) == 2
     for command, text in shown:
         _as_costly_as(monkeypatch, text)

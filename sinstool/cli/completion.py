@@ -1,0 +1,26 @@
+"""`sinstool completion`: the script that makes a shell complete commands, options and values."""
+
+from __future__ import annotations
+
+import click
+
+VARIABLE = "_SINSTOOL_COMPLETE"
+
+
+@click.command("completion")
+@click.argument("shell", type=click.Choice(["bash", "zsh", "fish"]))
+def command(shell: str) -> None:
+    """Print the completion script of SHELL.
+
+    \b
+    bash: add to ~/.bashrc   eval "$(sinstool completion bash)"
+    zsh:  add to ~/.zshrc    eval "$(sinstool completion zsh)"
+    fish: run once           sinstool completion fish > ~/.config/fish/completions/sinstool.fish
+    """
+    from click.shell_completion import get_completion_class
+
+    from sinstool.cli.main import cli
+
+    kind = get_completion_class(shell)
+    assert kind is not None
+    click.echo(kind(cli, {}, "sinstool", VARIABLE).source())

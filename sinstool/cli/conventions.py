@@ -1,0 +1,35 @@
+"""`sinstool conventions`: frames, axes, quaternions, units, time; the package's own statement."""
+
+from __future__ import annotations
+
+import inspect
+import re
+
+import click
+
+import sinstool
+
+
+def sections() -> list[tuple[str, str]]:
+    """The conventions as titles and texts.
+
+    Returns
+    -------
+    list of tuple
+        In the order of the package's docstring; texts are paragraphs with ``names`` in double
+        backticks.
+    """
+    text = inspect.cleandoc(sinstool.__doc__ or "") + "\n"
+    found = re.findall(r"^(\S.*)\n((?:    .*\n|\n)+)", text, re.MULTILINE)
+    # A title stands right above its text; prose has a line of none between.
+    return [(title, inspect.cleandoc(body)) for title, body in found if body.startswith("    ")]
+
+
+@click.command("conventions")
+def command() -> None:
+    """Frames, axes, quaternions, units, gravity and time, as they are everywhere in sinstool."""
+    for title, text in sections():
+        click.echo(title)
+        for line in text.replace("``", "").split("\n"):
+            click.echo(f"    {line}".rstrip())
+        click.echo("")

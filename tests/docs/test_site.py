@@ -1,0 +1,116 @@
+"""The site builds without a warning, its pages ask no other host, and equations are MathML."""
+
+from __future__ import annotations
+
+import os
+import re
+import subprocess
+import sys
+from html.parser import HTMLParser
+
+import pytest
+
+from tests.docs.examples import ROOT, scratch
+
+pytest.importorskip("mkdocs", reason="the site is built by the extra 'docs'")
+sys.path.insert(0, str(ROOT / "docsite"))
+
+from mathml import equations
+from reference import options
+
+REMOTE = re.compile(r"^(?:https?:)?//")
+
+
+def build(folder):
+    # --quiet would keep warnings from being counted as errors
+    return subprocess.run(
+        [sys.executable, "-m", "mkdocs", "build", "--strict"],
+        cwd=folder,
+        env=os.environ | {"NO_MKDOCS_2_WARNING": "1"},
+        capture_output=True,
+        text=True,
+    )
+
+
+@pytest.fixture(scope="module")
+def site(tmp_path_factory):
+    folder = scratch(tmp_path_factory.mktemp("site"))
+    done = build(folder)
+    assert done.returncode == 0, done.stderr
+    assert "WARNING" not in done.stderr
+    return folder / "site"
+
+
+class Loaded(HTMLParser):
+    """What a browser fetches of itself to show a page; links that a reader may follow are none."""
+
+    def __init__(self):
+        super().__init__()
+        self.urls = []
+
+    def handle_starttag(self, tag, attrs):
+        told = dict(attrs)
+        if tag == "link" and told.get("rel") not in ("canonical", "next", "prev"):
+            self.urls.append(told.get("href"))
+        self.urls += [told[key] for key in ("src", "srcset", "data", "poster") if key in told]
+
+
+def test_pages_ask_no_other_host(site):
+    pages = list(site.rglob("*.html"))
+    assert len(pages) > 20
+    for page in pages:
+        loaded = Loaded()
+        loaded.feed(page.read_text())
+        assert loaded.urls
+        assert not [url for url in loaded.urls if url and REMOTE.match(url)], page
+    for style in site.rglob("*.css"):
+        found = re.findall(r"url\(([^)]*)\)", style.read_text())
+        assert not [url for url in found if REMOTE.match(url.strip("'\""))], style
+
+
+def test_every_option_of_every_command_is_there(site):
+    import click
+
+    from sinstool.cli.main import COMMANDS, cli
+
+    context = click.Context(cli)
+    for name in COMMANDS:
+        command = cli.get_command(context, name)
+        page = site / "commands" / f"{name}.html"
+        members = list(command.commands.items()) if isinstance(command, click.Group) else []
+        for path, one in [(name, command), *((f"{name} {k}", v) for k, v in members)]:
+            text = page.read_text() if page.exists() else ""
+            for option in [p for p in one.params if isinstance(p, click.Option)]:
+                anchor = f'id="{path.replace(" ", "-")}{option.opts[-1]}"'
+                assert anchor in text, f"{path} {option.opts}"
+
+
+def test_equations_are_mathml(site):
+    text = (site / "coning.html").read_text()
+    assert text.count("<math") >= 0
+    for page in site.rglob("*.html"):
+        assert 'class="arithmatex"' not in page.read_text(), page
+
+
+def test_equation_with_its_number():
+    made = equations(r'<div class="arithmatex">\[ a &lt; \frac{b}{2} \tag{14} \]</div>')
+    assert "<mfrac>" in made and '<span class="number">(14)</span>' in made
+    assert "tag" not in made
+    with pytest.raises(ValueError, match="not understood"):
+        equations(r'<span class="arithmatex">\(\nosuchthing{b}\)</span>')
+
+
+def test_unknown_parts_are_refused():
+    with pytest.raises(ValueError, match="no command"):
+        options("process nothing")
+    assert "--gyro-kind" in options("process")
+
+
+@pytest.mark.parametrize(
+    "wrong", ["[x](nowhere.md)", "[x](coning.md#nowhere)", "<!-- options: nothing -->"]
+)
+def test_what_is_wrong_with_a_page_fails_the_build(wrong, tmp_path):
+    folder = scratch(tmp_path)
+    with (folder / "docs" / "formats.md").open("a") as page:
+        page.write(f"\n{wrong}\n")
+    assert build(folder).returncode != 0
