@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import atexit
 import gc
 import io
 import os
@@ -96,9 +97,6 @@ def main() -> None:
     try:
         _run()
     finally:
-        # The status is settled; one more signal would replace it.
-        for number in _ENDING:
-            signal.signal(number, signal.SIG_IGN)
         # What lives now is given back by the operating system at once; taken apart object by
         # object it would take as long as a second of a log.
         gc.freeze()
@@ -158,6 +156,8 @@ def _end_well_on_signals() -> None:
         # What was ignored when we were started (nohup, a job in the background) stays ignored.
         if signal.getsignal(number) is not signal.SIG_IGN:
             signal.signal(number, interrupt)
+            # At the end the status is settled; one more signal would replace it.
+            atexit.register(signal.signal, number, signal.SIG_IGN)
 
 
 def _written() -> str:
