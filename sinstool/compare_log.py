@@ -240,7 +240,7 @@ def _read(path: Path, config: ProcessConfig, truth: str | None) -> _Read:
             where,
             checks,
             source.warnings,
-            tuple(log.lost),
+            tuple(map(str, log.lost)),
         )
 
 

@@ -9,6 +9,10 @@ from __future__ import annotations
 
 from pathlib import Path
 
+# What to do about a damaged log; the command line puts its own words in place of the first ones.
+AGAIN = "run again with --salvage"
+SALVAGE_HINT = f"{AGAIN} to use what is whole"
+
 
 class SinstoolError(Exception):
     """Root of all errors a user can cause.

@@ -66,7 +66,7 @@ def inspect(
     -------
     dict
         ``input``, ``topics``, ``imu`` (one entry for each Imu topic), ``process`` (what it would
-        take, or why it would refuse) and ``lost``.
+        take, or why it would refuse) and ``lost`` (see `Log.account`).
 
     Raises
     ------
@@ -98,7 +98,7 @@ def inspect(
             "topics": [_topic(name, t) for name, t in sorted(traffic.items())],
             "imu": imus,
             "process": _verdict(log, options, imus),
-            "lost": list(log.lost),
+            "lost": log.account(),
         }
 
 

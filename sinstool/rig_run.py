@@ -378,7 +378,7 @@ def _final(result: Result, rig: Rig) -> dict[str, Any]:
 def _lost(log: Log, samples: RigLog) -> dict[str, Any]:
     topic = samples.topic.topic
     return {
-        "parts": list(log.lost),
+        **log.account(),
         "malformed": samples.counts.get(f"{topic} malformed", 0),
         "not_finite": samples.counts.get(f"{topic} not finite", 0),
         "late": 0,

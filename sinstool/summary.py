@@ -85,7 +85,7 @@ def lost(source: Source) -> dict[str, Any]:
     """What of the log could not be used."""
     s = source.survey
     return {
-        "parts": list(source.log.lost),
+        **source.log.account(),
         "malformed": s.losses.malformed,
         "not_finite": s.losses.nonfinite,
         "late": s.order.late,

@@ -636,7 +636,8 @@ def test_what_is_lost_is_told(tmp_path):
     messages[600] = messages[600]._replace(message=b"\x00\x01\x00\x00")
     summary = run(write_log(tmp_path / "in.mcap", messages), tmp_path / "out.mcap")
     assert something_lost(summary)
-    assert summary["lost"] == {"parts": [], "malformed": 1, "not_finite": 1, "late": 0}
+    counts = {name: summary["lost"][name] for name in ("parts", "malformed", "not_finite", "late")}
+    assert counts == {"parts": [], "malformed": 1, "not_finite": 1, "late": 0}
     assert summary["imu"]["dropped"] == 2
     assert len(read_topic(tmp_path / "out.mcap", "/sinstool/attitude")) == 998
     clean = imu_log(tmp_path / "b.mcap", even_times(1000), *resting(1000))

@@ -36,7 +36,7 @@ def command(
         print_json(found)
     else:
         _print(found, verbose)
-    return 3 if found["lost"] else 0
+    return 3 if found["lost"]["parts"] else 0
 
 
 def _time(ns: str) -> str:
@@ -72,8 +72,7 @@ def _print(found: dict[str, Any], verbose: bool) -> None:
         )
     for imu in found["imu"]:
         _print_imu(imu, verbose)
-    for part in found["lost"]:
-        click.echo(f"\nlost: {part}")
+    _print_lost(found["lost"])
     verdict = found["process"]
     click.echo("")
     if verdict["possible"]:
@@ -85,6 +84,19 @@ def _print(found: dict[str, Any], verbose: bool) -> None:
         click.echo(f"process would take {verdict['imu_topic']}{note}; {how}")
     else:
         click.echo(f"process would refuse this log: {verdict['why']}")
+
+
+def _print_lost(lost: dict[str, Any]) -> None:
+    if not lost["parts"]:
+        return
+    click.echo("")
+    for part in lost["parts"]:
+        click.echo(f"lost: {part}")
+    if lost["messages_declared"] is not None:
+        click.echo(
+            f"recovered: {lost['messages_read']} of {lost['messages_declared']} messages;"
+            f" {lost['chunks']} chunks damaged"
+        )
 
 
 def _print_imu(imu: dict[str, Any], verbose: bool) -> None:

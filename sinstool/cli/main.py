@@ -18,7 +18,7 @@ from typing import Any, TextIO, cast
 import click
 
 from sinstool import __version__
-from sinstool.errors import SinstoolError
+from sinstool.errors import AGAIN, SinstoolError
 
 # name -> (module under sinstool.cli, one line for the list of commands)
 COMMANDS = {
@@ -167,6 +167,13 @@ def _written() -> str:
     return f"{names} was complete by then" if names else "nothing was written"
 
 
+def _with_salvage() -> str:
+    """The command that was given, passing over damage."""
+    import shlex
+
+    return shlex.join(["sinstool", *sys.argv[1:], "--salvage"])
+
+
 def _run() -> None:
     """Run a command and exit with its status."""
     verbose = any(a in ("-v", "--verbose") for a in sys.argv[1:])
@@ -175,6 +182,7 @@ def _run() -> None:
     except SinstoolError as exc:
         if verbose:
             raise
+        exc.hint = exc.hint.replace(AGAIN, f"run `{_with_salvage()}`")
         click.echo(f"sinstool: {exc}", err=True)
         sys.exit(exc.exit_code)
     except click.exceptions.Exit as exc:

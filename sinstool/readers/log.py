@@ -7,6 +7,7 @@ from abc import ABC, abstractmethod
 from collections.abc import Collection, Iterable, Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -17,6 +18,7 @@ from sinstool.messages.definitions import (
     normalise_type_name,
     parse_definition,
 )
+from sinstool.readers.lost import Lost, LostParts
 
 
 @dataclass(frozen=True)
@@ -145,10 +147,12 @@ class Log(ABC):
         Bytes on disk.
     salvage : bool
         Whether damaged parts are passed over (and noted in `lost`) instead of refused.
-    lost : list of str
-        What was passed over, in words.
+    lost : list of Lost
+        What was passed over, or recovered without proof.
     counts : dict of int to int
         Messages by channel as the log itself declares them, where it does; not checked.
+    recovered : dict of int to int
+        Messages by channel that the last whole pass gave; counted when `salvage` is on.
     """
 
     format: str
@@ -158,12 +162,20 @@ class Log(ABC):
         self.path = path
         self.salvage = salvage
         self.channels: dict[int, Channel] = {}
-        self.lost: list[str] = []
         self.counts: dict[int, int] = {}
-        self._undefined: set[int] = set()
+        self.recovered: dict[int, int] = {}
+        self._lost = LostParts()
         self.size = path_size(path)
 
+    @property
+    def lost(self) -> list[Lost]:
+        """What was passed over so far, or recovered without proof."""
+        return self._lost.all()
+
     @abstractmethod
+    def _read(self, wanted: frozenset[int] | None) -> Iterator[RawBatch]:
+        """Batches that hold the wanted messages, and maybe others, in the order of the file."""
+
     def batches(self, channels: Collection[int] | None = None) -> Iterator[RawBatch]:
         """Raw messages, a bounded number at a time.
 
@@ -181,6 +193,28 @@ class Log(ABC):
         DamagedLogError
             A part is corrupt or missing and `salvage` is off.
         """
+        wanted = None if channels is None else frozenset(int(c) for c in channels)
+        undefined: dict[int, int] = {}
+        counts: dict[int, int] = {}
+        latest: int | None = None
+        for batch in self._read(wanted):
+            if not len(batch):
+                continue
+            if self.salvage:
+                if self._lost.waiting:
+                    self._lost.between(batch.position, latest, int(batch.log_time.min()))
+                latest = int(batch.log_time.max())
+                for number, count in zip(
+                    *np.unique(batch.channel, return_counts=True), strict=True
+                ):
+                    counts[int(number)] = counts.get(int(number), 0) + int(count)
+            chosen = self._selected(batch, wanted, undefined)
+            if len(chosen):
+                yield chosen
+        if self.salvage:
+            self._lost.between(self.size + 1, latest, None)
+            through = self.channels if wanted is None else wanted
+            self.recovered.update({number: counts.get(number, 0) for number in through})
 
     def channels_of(self, topic: str) -> list[Channel]:
         """All channels that carry a topic, by id."""
@@ -195,28 +229,51 @@ class Log(ABC):
     def __exit__(self, *_: object) -> None:
         self.close()
 
-    def _selected(self, batch: RawBatch, wanted: frozenset[int] | None) -> RawBatch:
+    def _selected(
+        self, batch: RawBatch, wanted: frozenset[int] | None, undefined: dict[int, int]
+    ) -> RawBatch:
         """The wanted messages of a batch; those of channels the log never defines are noted."""
         numbers: Iterable[int] = ()
-        if len(batch):
-            low, high = int(batch.channel.min()), int(batch.channel.max())
-            # sorting out which there are costs more than reading; mostly all between are known
-            if high - low >= len(self.channels) or not self.channels.keys() >= {
-                *range(low, high + 1)
-            }:
-                numbers = np.unique(batch.channel).tolist()
-        for number in numbers:
-            if number not in self.channels and number not in self._undefined:
-                self._undefined.add(number)
-                self.note_lost(f"messages of channel {number}, which the log does not define")
-        if self._undefined:
+        low, high = int(batch.channel.min()), int(batch.channel.max())
+        # sorting out which there are costs more than reading; mostly all between are known
+        if high - low >= len(self.channels) or not self.channels.keys() >= {*range(low, high + 1)}:
+            numbers = np.unique(batch.channel).tolist()
+        strange = [number for number in numbers if number not in self.channels]
+        for number in strange:
+            undefined[number] = undefined.get(number, 0) + int((batch.channel == number).sum())
+            what = f"messages of channel {number}, which the log does not define"
+            part = self.note_lost(Lost(what, "channel", kept=0))
+            part.declared = max(part.declared or 0, undefined[number])
+        if strange:
             batch = batch.select(self.channels.keys())
         return batch if wanted is None else batch.select(wanted)
 
-    def note_lost(self, what: str) -> None:
+    def note_lost(self, part: Lost) -> Lost:
         """Remember a passed-over part, once."""
-        if what not in self.lost:
-            self.lost.append(what)
+        return self._lost.note(part)
+
+    def account(self) -> dict[str, Any]:
+        """What was lost, for a summary.
+
+        Returns
+        -------
+        dict
+            ``parts`` in words, ``places`` (see `Lost.as_json`), ``chunks`` (how many of them are
+            chunks), and for the channels that were read ``messages_read`` and
+            ``messages_declared``: None where nothing was lost, or where the log does not say.
+        """
+        parts = self.lost
+        read = sum(self.recovered.values()) if parts and self.recovered else None
+        declared = None
+        if read is not None and self.counts:
+            declared = sum(self.counts.get(number, 0) for number in self.recovered)
+        return {
+            "parts": [str(part) for part in parts],
+            "places": [part.as_json() for part in parts],
+            "chunks": sum(part.kind == "chunk" for part in parts),
+            "messages_read": read,
+            "messages_declared": declared,
+        }
 
 
 def path_size(path: Path) -> int:

@@ -7,11 +7,9 @@ only the discovery of channels and the decompression of chunks nobody asked for.
 
 from __future__ import annotations
 
-import os
 import struct
 import zlib
-from collections.abc import Collection, Generator, Iterator
-from dataclasses import dataclass
+from collections.abc import Iterator
 from io import BytesIO
 from pathlib import Path
 
@@ -20,7 +18,7 @@ import numpy as np
 from mcap.data_stream import ReadDataStream
 from mcap.opcode import Opcode
 
-from sinstool.errors import DamagedLogError, NotALogError, UnsupportedLogError
+from sinstool.errors import SALVAGE_HINT, DamagedLogError, NotALogError, UnsupportedLogError
 from sinstool.readers.ahead import ahead
 from sinstool.readers.compression import (
     MAX_BLOCK,
@@ -28,55 +26,32 @@ from sinstool.readers.compression import (
     UnknownCompressionError,
     decompress,
 )
-from sinstool.readers.log import Channel, Log, RawBatch
-from sinstool.readers.scan import END, FOREIGN, foreign_mcap, scan_mcap
+from sinstool.readers.log import Channel, RawBatch
+from sinstool.readers.lost import Lost
+from sinstool.readers.mcap_file import (
+    MAGIC,
+    MIN_MESSAGE,
+    ROWS,
+    ChunkPlace,
+    McapFile,
+    OtherPlace,
+    batch_of,
+    record_length,
+)
+from sinstool.readers.resync import next_mcap_inside, run_mcap
+from sinstool.readers.salvage import inside, known_mask, unpack, whole_parts
+from sinstool.readers.scan import END, FULL, definitions_mcap, scan_mcap
 
-MAGIC = b"\x89MCAP0\r\n"
-WINDOW = 4 * 2**20
-SALVAGE_HINT = "run again with --salvage to use what is whole"
 # A record other than a chunk or an attachment that claims more than this is damage.
 MAX_RECORD = 64 * 2**20
-_MIN_MESSAGE = 31
+MAX_SUMMARY = 256 * 2**20
+# Identifiers have 16 bits; a log that defines more than all of them over and over is no log.
+MAX_DEFINITIONS = 2**18
+# Chunks of this size are not read ahead.
+LARGE = 32 * 2**20
 
 
-@dataclass(frozen=True)
-class ChunkPlace:
-    """A chunk as its record header describes it.
-
-    Attributes
-    ----------
-    offset, length : int
-        Of the whole record, its 9-byte head included.
-    start_time, end_time : int
-        Log times it declares, ns.
-    size, crc : int
-        Uncompressed bytes and their CRC-32 (0: none).
-    compression : str
-    data_offset, data_length : int
-        Of the compressed records.
-    """
-
-    offset: int
-    length: int
-    start_time: int
-    end_time: int
-    size: int
-    crc: int
-    compression: str
-    data_offset: int
-    data_length: int
-
-
-@dataclass(frozen=True)
-class OtherPlace:
-    """A top-level record that is neither chunk nor message."""
-
-    opcode: int
-    offset: int
-    length: int
-
-
-class McapLog(Log):
+class McapLog(McapFile):
     """An MCAP file, profile ``ros2`` or ``ros1`` or none.
 
     Parameters
@@ -94,30 +69,21 @@ class McapLog(Log):
 
     def __init__(self, path: Path, salvage: bool = False) -> None:
         super().__init__(path, salvage)
-        self._fd = os.open(path, os.O_RDONLY)
         self.profile = ""
         self.chunk_channels: dict[int, frozenset[int]] = {}
         self.schemas: dict[int, records.Schema] = {}
         self.schema_ids: dict[int, int] = {}
         # Messages by channel of each chunk that was ever walked, by the chunk's offset
         self.chunk_counts: dict[int, dict[int, int]] = {}
-        self._chunk_starts: list[int] = []
-        self._sound: set[int] = set()  # offsets of chunks whose CRC was found right
+        # Offsets of chunks whose CRC was found right, and of those that are not whole
+        self._sound: set[int] = set()
+        self.broken: set[int] = set()
+        self._defined = 0
         try:
             self._open()
         except BaseException:
-            os.close(self._fd)
+            self.close()
             raise
-
-    def close(self) -> None:
-        """Close the file."""
-        if self._fd >= 0:
-            os.close(self._fd)
-            self._fd = -1
-
-    def read_at(self, offset: int, length: int) -> bytes:
-        """Bytes of the file; fewer where it ends."""
-        return os.pread(self._fd, length, offset)
 
     # -- opening ---------------------------------------------------------------------------
 
@@ -129,22 +95,18 @@ class McapLog(Log):
             and self.read_at(self.size - len(MAGIC), len(MAGIC)) == MAGIC
         )
         if not self.complete:
-            self._damage("cut short: the end of an MCAP file is missing", self.size)
+            self._damage("cut short: the end of an MCAP file is missing", self.size, "end")
         head = self.read_at(len(MAGIC), 9)
         if len(head) < 9 or head[0] != Opcode.HEADER:
             self._damage("no header record after the magic", len(MAGIC))
         else:
-            length = self._record_length(head)
+            length = record_length(head)
             if length <= MAX_RECORD:
                 body = self.read_at(len(MAGIC), 9 + length)
                 header = self._parse(records.Header, body[9:], len(MAGIC))
                 self.profile = header.profile if header else ""
         if not (self.complete and self._read_summary()):
             self._discover()
-
-    @staticmethod
-    def _record_length(head: bytes) -> int:
-        return int.from_bytes(head[1:9], "little")
 
     def _parse(self, kind: type, body: bytes, offset: int):  # type: ignore[no-untyped-def]
         """A record by mcap's own class; None (or an error) where it does not parse."""
@@ -154,39 +116,39 @@ class McapLog(Log):
             self._damage(f"a {kind.__name__} record cannot be read ({exc!r})", offset)
             return None
 
-    def _damage(self, what: str, offset: int) -> None:
-        if not self.salvage:
-            raise DamagedLogError(self.path, what, SALVAGE_HINT, offset)
-        self.note_lost(f"{what} (at byte {offset})")
-
     def _read_summary(self) -> bool:
         """Channels, counts and chunk contents from the summary; False if it does not give them."""
         end = self.size - len(MAGIC)
         foot = self.read_at(end - 29, 29)
-        if foot[0] != Opcode.FOOTER or self._record_length(foot) != 20:
-            self._damage("the footer record is missing", end - 29)
+        if foot[0] != Opcode.FOOTER or record_length(foot) != 20:
+            self._damage("the footer record is missing", end - 29, "index")
             return False
         start, _, crc = struct.unpack("<QQI", foot[9:])
+        self.data_end = start or end - 29
         if start == 0:
             return False
         if start < len(MAGIC) or start > end - 29:
-            self._damage(f"the footer points to a summary at {start}, outside the file", end - 29)
+            self.data_end = -1
+            what = f"the footer points to a summary at {start}, outside the file"
+            self._damage(what, end - 29, "index")
             return False
-        if end - 29 - start > 2**30:
+        if end - 29 - start > MAX_SUMMARY:
             return False
         summary = self.read_at(start, end - 29 - start)
         # The CRC covers the summary and the footer up to the CRC itself.
         if crc and zlib.crc32(summary + foot[:25]) != crc:
-            self._damage("the summary's CRC does not match", start)
+            self.data_end = -1
+            self._damage("the summary's CRC does not match", start, "index")
             return False
         statistics = None
         pos = 0
         channels: list[records.Channel] = []
+        chunk_starts: list[int] = []
         while pos + 9 <= len(summary):
             op, length = summary[pos], int.from_bytes(summary[pos + 1 : pos + 9], "little")
             body = summary[pos + 9 : pos + 9 + length]
             if len(body) < length:
-                self._damage("the summary ends inside a record", start + pos)
+                self._damage("the summary ends inside a record", start + pos, "index")
                 return False
             if op == Opcode.SCHEMA and (schema := self._parse(records.Schema, body, start + pos)):
                 self.schemas[schema.id] = schema
@@ -197,12 +159,14 @@ class McapLog(Log):
             elif op == Opcode.CHUNK_INDEX:
                 index = self._parse(records.ChunkIndex, body, start + pos)
                 if index:
-                    self._chunk_starts.append(index.chunk_start_offset)
-                if index and index.message_index_offsets:
+                    chunk_starts.append(index.chunk_start_offset)
+                # What is not proved does not decide what is left out.
+                if index and index.message_index_offsets and crc:
                     self.chunk_channels[index.chunk_start_offset] = frozenset(
                         index.message_index_offsets
                     )
             pos += 9 + length
+        self.chunk_starts = frozenset(chunk_starts)
         if statistics is None or len({c.id for c in channels}) < statistics.channel_count:
             return False
         if any(c.schema_id and c.schema_id not in self.schemas for c in channels):
@@ -223,19 +187,32 @@ class McapLog(Log):
                     body = self.read_at(place.offset + 9, place.length - 9)
                     self._define(place.opcode, body, place.offset)
             elif isinstance(place, ChunkPlace):
-                chunk = self._load(place)
-                if chunk is None:
-                    continue
-                found = np.empty((3, 1024), np.int64)
-                count = foreign_mcap(chunk, found)
-                if count > found.shape[1]:
-                    found = np.empty((3, count), np.int64)
-                    foreign_mcap(chunk, found)
-                for op, offset, length in found[:, :count].T.tolist():
-                    if op in (Opcode.SCHEMA, Opcode.CHANNEL):
-                        self._define(op, chunk[offset : offset + length].tobytes(), place.offset)
+                for part in self._whole_parts(place):
+                    self._define_all(part, place.offset)
+
+    def _define_all(self, records_: np.ndarray, offset: int) -> None:
+        """Schemas and channels out of a run of whole records."""
+        pos, count, found = 0, 1, np.empty((3, 1024), np.int64)
+        while count and self._defined <= MAX_DEFINITIONS:
+            count, pos = definitions_mcap(records_, pos, found)
+            for op, at, length in found[:, :count].T.tolist():
+                self._define(op, records_[at : at + length].tobytes(), offset)
+
+    def _whole_parts(self, place: ChunkPlace) -> list[np.ndarray]:
+        """The records of a chunk, without the damaged ones where they are passed over."""
+        chunk = None if place.problem else self._load(place)
+        if isinstance(chunk, np.ndarray):
+            _, stop = run_mcap(chunk, 0)
+            if stop == len(chunk):
+                return [chunk]
+        content, parts, _ = self._salvaged(place)
+        return [content[begin:end] for begin, end in parts]
 
     def _define(self, op: int, body: bytes, offset: int) -> None:
+        self._defined += 1
+        if self._defined > MAX_DEFINITIONS:
+            self._damage(f"more than {MAX_DEFINITIONS} schemas and channels", offset)
+            return
         if op == Opcode.SCHEMA:
             schema = self._parse(records.Schema, body, offset)
             if schema:
@@ -261,125 +238,123 @@ class McapLog(Log):
 
     # -- walking ---------------------------------------------------------------------------
 
-    def places(self) -> Iterator[ChunkPlace | OtherPlace | RawBatch]:
-        """Top level of the data section in file order; runs of messages come as batches.
-
-        Yields
-        ------
-        ChunkPlace, OtherPlace or RawBatch
-        """
-        pos = len(MAGIC)
-        end = self.size - len(MAGIC) if self.complete else self.size
-        while pos < end:
-            head = self.read_at(pos, 9)
-            if len(head) < 9:
-                self._damage("the file ends inside a record", pos)
-                return
-            op, length = head[0], self._record_length(head)
-            if op == Opcode.MESSAGE:
-                stop = yield from self._run(pos, end)
-                pos = stop if stop >= 0 else self._next_chunk(pos, end)
-                continue
-            if op == 0 or length > end - pos - 9:
-                self._damage(f"a record (opcode {op}) declares {length} bytes, more than left", pos)
-                pos = self._next_chunk(pos, end)
-                continue
-            if op in (Opcode.DATA_END, Opcode.FOOTER):
-                return
-            if op == Opcode.CHUNK:
-                place = self._chunk_place(pos, length)
-                if place is not None:
-                    yield place
-            else:
-                yield OtherPlace(op, pos, 9 + length)
-            pos += 9 + length
-
-    def _next_chunk(self, pos: int, end: int) -> int:
-        """Where to go on behind damage: the next chunk that the summary lists, or the end."""
-        return min((start for start in self._chunk_starts if start > pos), default=end)
-
-    def _run(self, pos: int, end: int) -> Generator[RawBatch, None, int]:
-        """Messages at top level from `pos` on; returns where another begins, or -1."""
-        while pos < end:
-            window = np.frombuffer(self.read_at(pos, min(WINDOW, end - pos)), np.uint8)
-            out = np.empty((6, len(window) // _MIN_MESSAGE + 1), np.int64)
-            count, stop, why = scan_mcap(window, 0, out, True)
-            if count:
-                yield _batch(window, out[:, :count], pos + stop)
-            pos += stop
-            if why == FOREIGN:
-                return pos
-            if why == END:
-                continue
-            if count == 0:
-                head = self.read_at(pos, 9)
-                length = self._record_length(head) if len(head) == 9 else 0
-                if not 22 <= length <= end - pos - 9 or length > MAX_RECORD * 4:
-                    self._damage("a message record runs over the end of the file", pos)
-                    return -1
-                window = np.frombuffer(self.read_at(pos, 9 + length), np.uint8)
-                count, stop, _ = scan_mcap(window, 0, out, True)
-                yield _batch(window, out[:, :count], pos + stop)
-                pos += stop
-        return pos
-
-    def _chunk_place(self, pos: int, length: int) -> ChunkPlace | None:
-        head = self.read_at(pos + 9, min(length, 32 + 256))
-        try:
-            start, end, size, crc, name_length = struct.unpack_from("<QQQII", head)
-            name = head[32 : 32 + name_length].decode("ascii")
-            (data_length,) = struct.unpack_from("<Q", head, 32 + name_length)
-        except (struct.error, UnicodeDecodeError):
-            self._damage("a chunk's header cannot be read", pos)
-            return None
-        data_offset = pos + 9 + 40 + name_length
-        if data_offset + data_length > pos + 9 + length:
-            self._damage(f"a chunk declares {data_length} bytes of data, more than it has", pos)
-            return None
-        return ChunkPlace(pos, 9 + length, start, end, size, crc, name, data_offset, data_length)
-
-    def _load(self, place: ChunkPlace) -> np.ndarray | None:
-        """A chunk's records, decompressed and checked; None where damage is passed over."""
+    def _load(self, place: ChunkPlace) -> np.ndarray | str:
+        """A chunk's records, decompressed and checked; in words what is wrong with them."""
+        what = ""
         if place.data_length > MAX_BLOCK:
-            self._damage(f"a chunk of {place.data_length} bytes is more than we take", place.offset)
-            return None
-        data = self.read_at(place.data_offset, place.data_length)
-        try:
-            raw = decompress(place.compression, data, place.size)
-        except UnknownCompressionError as exc:
-            raise UnsupportedLogError(self.path, f"a chunk's {exc}", "", place.offset) from exc
-        except CompressionError as exc:
-            self._damage(f"a chunk {exc}", place.offset)
-            return None
-        if place.crc and place.offset not in self._sound:
-            if zlib.crc32(raw) != place.crc:
-                self._damage("a chunk's CRC does not match its content", place.offset)
-                return None
-            self._sound.add(place.offset)
-        return np.frombuffer(raw, np.uint8)
+            what = f"a chunk of {place.data_length} bytes is more than we take"
+        else:
+            data = self.read_at(place.data_offset, place.data_length)
+            try:
+                raw = decompress(place.compression, data, place.size)
+                if not place.crc or place.offset in self._sound:
+                    return np.frombuffer(raw, np.uint8)
+                if zlib.crc32(raw) == place.crc:
+                    self._sound.add(place.offset)
+                    return np.frombuffer(raw, np.uint8)
+                what = "a chunk's CRC does not match its content"
+            except UnknownCompressionError as exc:
+                if not self.salvage:
+                    raise UnsupportedLogError(
+                        self.path, f"a chunk's {exc}", "", place.offset
+                    ) from exc
+                what = f"a chunk's {exc}"
+            except CompressionError as exc:
+                what = f"a chunk {exc}"
+        if not self.salvage:
+            raise DamagedLogError(self.path, what, SALVAGE_HINT, place.offset)
+        return what
 
-    def chunk_batch(self, place: ChunkPlace) -> RawBatch | None:
-        """All messages of one chunk; None where damage is passed over.
+    def _salvaged(self, place: ChunkPlace) -> tuple[np.ndarray, list[tuple[int, int]], bool]:
+        """What a damaged chunk still gives: its bytes, its runs of whole records, and whether
+        its CRC proves them."""
+        length = min(MAX_BLOCK, place.offset + place.length - place.data_offset)
+        data = self.read_at(place.data_offset, length)
+        content, proved = unpack(place.compression, data, place.size, place.crc)
+        known = known_mask(self.channels)
+        parts = whole_parts(content, run_mcap, lambda b, at: next_mcap_inside(b, at, known))
+        return content, parts, proved
+
+    def _salvaged_batch(self, place: ChunkPlace, what: str) -> RawBatch:
+        """The messages of a damaged chunk that are whole; what is lost is noted."""
+        content, parts, proved = self._salvaged(place)
+        found = np.concatenate(
+            [np.empty((6, 0), np.int64), *(_rows(content, part) for part in parts)], axis=1
+        )
+        start, end = place.start_time, place.end_time
+        if not proved:
+            known = np.isin(found[0], list(self.channels))
+            found = found[:, known & inside(found[3], start, end)]
+        sensible = 0 <= start <= end < 2**63
+        self.note_lost(
+            Lost(
+                what,
+                "chunk",
+                place.offset,
+                place.offset + place.length,
+                start if sensible else None,
+                end if sensible else None,
+                found.shape[1],
+                self._indexed(place),
+                proved,
+            )
+        )
+        # as if it ended where it begins, so that what is missing lies between it and the next
+        return batch_of(content, found, place.offset)
+
+    def _indexed(self, place: ChunkPlace) -> int | None:
+        """How many messages the index behind a chunk says that it has; None without an index."""
+        pos, count = place.offset + place.length, 0
+        while (head := self.read_at(pos, 15)) and len(head) == 15:
+            length = record_length(head)
+            size = int.from_bytes(head[11:15], "little")
+            if head[0] != Opcode.MESSAGE_INDEX or length != size + 6 or size % 16:
+                break
+            count += size // 16
+            pos += 9 + length
+        return count or None
+
+    def chunk_batch(self, place: ChunkPlace) -> RawBatch:
+        """All messages of one chunk that can be had.
 
         Raises
         ------
         DamagedLogError
             The chunk is corrupt and `salvage` is off.
         """
-        chunk = self._load(place)
-        if chunk is None:
-            return None
-        out = np.empty((6, len(chunk) // _MIN_MESSAGE + 1), np.int64)
-        count, stop, why = scan_mcap(chunk, 0, out, False)
-        if why != END:
-            self._damage(f"a record inside a chunk runs over its end (at {stop})", place.offset)
-        numbers = np.bincount(out[0, :count])
-        self.chunk_counts[place.offset] = {int(c): int(numbers[c]) for c in np.flatnonzero(numbers)}
-        return _batch(chunk, out[:, :count], place.offset + place.length)
+        batches = list(self._chunk_batches(place))
+        if len(batches) > 1:
+            found = [[getattr(b, name) for b in batches] for name in _COLUMNS]
+            return batch_of(
+                batches[0].buffer, [np.concatenate(f) for f in found], batches[0].position
+            )
+        return batches[0]
 
-    def batches(self, channels: Collection[int] | None = None) -> Iterator[RawBatch]:
+    def _chunk_batches(self, place: ChunkPlace) -> Iterator[RawBatch]:
+        """The messages of one chunk, so many at a time."""
+        chunk = place.problem or self._load(place)
+        counts: dict[int, int] = {}
+        if self.salvage and not isinstance(chunk, str) and run_mcap(chunk, 0)[1] < len(chunk):
+            chunk = "a record inside a chunk runs over its end"
+        if not isinstance(chunk, str):
+            pos, why = 0, FULL
+            while why == FULL:
+                out = np.empty((6, min(ROWS, (len(chunk) - pos) // MIN_MESSAGE + 1)), np.int64)
+                count, pos, why = scan_mcap(chunk, pos, out, False)
+                if why not in (END, FULL):
+                    what = f"a record inside a chunk runs over its end (at {pos})"
+                    self._damage(what, place.offset, "chunk")
+                numbers = np.bincount(out[0, :count])
+                for channel in np.flatnonzero(numbers).tolist():
+                    counts[channel] = counts.get(channel, 0) + int(numbers[channel])
+                yield batch_of(chunk, out[:, :count], place.offset + place.length)
+            self.chunk_counts[place.offset] = counts
+        else:
+            self.broken.add(place.offset)
+            yield self._salvaged_batch(place, chunk)
+
+    def _read(self, wanted: frozenset[int] | None) -> Iterator[RawBatch]:
         """Raw messages, chunk by chunk (see `Log.batches`)."""
-        wanted = None if channels is None else frozenset(channels)
 
         def needed() -> Iterator[ChunkPlace | RawBatch]:
             for place in self.places():
@@ -390,14 +365,23 @@ class McapLog(Log):
                     if wanted is None or holds is None or holds & wanted:
                         yield place
 
-        def load(place: ChunkPlace | RawBatch) -> RawBatch | None:
-            return place if isinstance(place, RawBatch) else self.chunk_batch(place)
+        def load(place: ChunkPlace | RawBatch) -> ChunkPlace | list[RawBatch]:
+            if isinstance(place, RawBatch):
+                return [place]
+            if max(place.size, place.data_length) > LARGE:
+                return place
+            return list(self._chunk_batches(place))
 
-        for batch in ahead(load, needed()):
-            if batch is not None and len(batch := self._selected(batch, wanted)):
-                yield batch
+        for loaded in ahead(load, needed()):
+            yield from self._chunk_batches(loaded) if isinstance(loaded, ChunkPlace) else loaded
 
 
-def _batch(buffer: np.ndarray, found: np.ndarray, position: int) -> RawBatch:
-    channel, offset, length, log_time, publish_time, sequence = found
-    return RawBatch(buffer, channel, offset, length, log_time, publish_time, sequence, position)
+_COLUMNS = ("channel", "offset", "length", "log_time", "publish_time", "sequence")
+
+
+def _rows(buffer: np.ndarray, part: tuple[int, int]) -> np.ndarray:
+    """Where the messages in a run of whole records lie."""
+    begin, end = part
+    out = np.empty((6, (end - begin) // MIN_MESSAGE + 1), np.int64)
+    count, _, _ = scan_mcap(buffer[:end], begin, out, False)
+    return out[:, :count]

@@ -2,37 +2,45 @@
 
 The walk over the records is all that is needed for messages, so a bag that was never indexed, or
 whose index is wrong, reads like any other. The index section only saves a second walk: it names
-the connections before the first message, and in salvage the chunks behind a damaged one.
+the connections before the first message.
 """
 
 from __future__ import annotations
 
 import os
 import struct
-from collections.abc import Collection, Generator, Iterator
+from collections.abc import Generator, Iterator
 from contextlib import suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
 
-from sinstool.errors import DamagedLogError, NotALogError, UnsupportedLogError
+from sinstool.errors import SALVAGE_HINT, DamagedLogError, NotALogError, UnsupportedLogError
 from sinstool.readers.ahead import ahead
 from sinstool.readers.compression import (
     MAX_BLOCK,
     CompressionError,
     UnknownCompressionError,
     decompress,
+    packed_at,
 )
 from sinstool.readers.log import Channel, Log, RawBatch
-from sinstool.readers.mcap import SALVAGE_HINT
-from sinstool.readers.scan import END, FOREIGN, foreign_rosbag1, scan_rosbag1
+from sinstool.readers.lost import Lost
+from sinstool.readers.resync import next_rosbag1, run_rosbag1
+from sinstool.readers.salvage import search, unpack, whole_parts
+from sinstool.readers.scan import END, FOREIGN, FULL, definitions_rosbag1, scan_rosbag1
 
 MAGIC = b"#ROSBAG V2.0\n"
 BAG_HEADER_SIZE = 4096
 WINDOW = 4 * 2**20
 MAX_HEADER = 2**20
 MAX_INDEX = 256 * 2**20
+# Connections beyond this number are not looked at: a log that has so many is none.
+MAX_DEFINITIONS = 2**18
+# Chunks of this size are not read ahead, and so many messages make a batch at most.
+LARGE = 32 * 2**20
+ROWS = 2**18
 # Record lengths, and the op, conn and time fields of a message's header.
 _MIN_MESSAGE = 46
 
@@ -46,13 +54,17 @@ class _BadRecordError(ValueError):
 
 @dataclass(frozen=True)
 class _Record:
-    """A record as its header describes it; ``end`` is where the next one begins."""
+    """A record as its header describes it; ``end`` is where the next one begins.
+
+    ``problem`` is what is wrong with a chunk that is given in part only.
+    """
 
     op: int
     fields: dict[str, bytes]
     offset: int
     data_offset: int
     data_length: int
+    problem: str = ""
 
     @property
     def end(self) -> int:
@@ -85,7 +97,8 @@ class Rosbag1Log(Log):
 
     def __init__(self, path: Path, salvage: bool = False) -> None:
         super().__init__(path, salvage)
-        self._chunk_starts: list[int] = []
+        self._defined = 0
+        self._packed = False  # a compressed chunk was seen
         self._fd = os.open(path, os.O_RDONLY)
         try:
             self._open()
@@ -102,10 +115,10 @@ class Rosbag1Log(Log):
     def _read_at(self, offset: int, length: int) -> bytes:
         return os.pread(self._fd, length, offset)
 
-    def _damage(self, what: str, offset: int) -> None:
+    def _damage(self, what: str, offset: int, kind: str = "record") -> None:
         if not self.salvage:
             raise DamagedLogError(self.path, what, SALVAGE_HINT, offset)
-        self.note_lost(f"{what} (at byte {offset})")
+        self.note_lost(Lost(what, kind, offset))
 
     # -- opening ---------------------------------------------------------------------------
 
@@ -136,9 +149,8 @@ class Rosbag1Log(Log):
                 self.path, f"encrypted by {name}", "`rosbag decrypt` makes it readable"
             )
         if index > self.size:
-            self._damage(
-                f"cut short: its index is at byte {index}, behind the end of the file", self.size
-            )
+            what = f"cut short: its index is at byte {index}, behind the end of the file"
+            self._damage(what, self.size, "end")
         if not (self._first <= index < self.size and self._read_index(index, *counts)):
             self._discover()
 
@@ -165,7 +177,7 @@ class Rosbag1Log(Log):
             return False
         section = self._read_at(start, self.size - start)
         counts: dict[int, int] = {}
-        chunk_starts: list[int] = []
+        chunk_infos = 0
         found: dict[int, Channel] = {}
         pos = 0
         try:
@@ -178,15 +190,15 @@ class Rosbag1Log(Log):
                     channel = _channel(record, data)
                     found[channel.id] = channel
                 elif record.op == _CHUNK_INFO:
-                    chunk_starts.append(record.number("chunk_pos"))
+                    chunk_infos += 1
                     for number, count in struct.iter_unpack("<II", data):
                         counts[number] = counts.get(number, 0) + count
                 pos = record.end
         except (_BadRecordError, struct.error):
             return False
-        if (len(found), len(chunk_starts)) != (connections, chunks) or counts.keys() - found.keys():
+        if (len(found), chunk_infos) != (connections, chunks) or counts.keys() - found.keys():
             return False
-        self.channels, self.counts, self._chunk_starts = found, counts, sorted(chunk_starts)
+        self.channels, self.counts = found, counts
         return True
 
     def _discover(self) -> None:
@@ -197,13 +209,18 @@ class Rosbag1Log(Log):
             if place.op == _CONNECTION:
                 data = self._read_at(place.data_offset, place.data_length)
                 self._define(place, data, place.offset)
-            elif place.op == _CHUNK and (chunk := self._load(place)) is not None:
-                found = np.empty(1024, np.int64)
-                if (count := foreign_rosbag1(chunk, found)) > len(found):
-                    found = np.empty(count, np.int64)
-                    foreign_rosbag1(chunk, found)
-                for pos in found[:count].tolist():
-                    self._define_from(chunk, pos, place.offset)
+            elif place.op == _CHUNK:
+                content, parts = self._content(place)
+                for begin, end in parts:
+                    self._define_all(content[begin:end], place.offset)
+
+    def _define_all(self, records: np.ndarray, offset: int) -> None:
+        """Connections out of a run of whole records."""
+        pos, count, found = 0, 1, np.empty(1024, np.int64)
+        while count and self._defined <= MAX_DEFINITIONS:
+            count, pos = definitions_rosbag1(records, pos, found)
+            for at in found[:count].tolist():
+                self._define_from(records, at, offset)
 
     def _define_from(self, chunk: np.ndarray, pos: int, offset: int) -> None:
         try:
@@ -215,6 +232,10 @@ class Rosbag1Log(Log):
             self._define(record, chunk[record.data_offset : record.end].tobytes(), offset)
 
     def _define(self, record: _Record, data: bytes, offset: int) -> None:
+        self._defined += 1
+        if self._defined > MAX_DEFINITIONS:
+            self._damage(f"more than {MAX_DEFINITIONS} connections", offset)
+            return
         try:
             channel = _channel(record, data)
         except _BadRecordError as exc:
@@ -227,27 +248,79 @@ class Rosbag1Log(Log):
     def _places(self) -> Iterator[_Record | RawBatch]:
         """Records at the top level, in file order; runs of messages come as batches."""
         pos = self._first
+        # Where a search begins if what follows turns out damaged: the record before may have
+        # told a wrong length.
+        doubt = pos
         while pos < self.size:
             try:
                 record = self._record(pos)
                 if record.op == _INDEX:
+                    doubt = pos + 1
                     pos = self._behind_index(record)
                     continue
+                if record.op in (_MESSAGE, _CONNECTION) and record.data_length > MAX_BLOCK:
+                    raise _BadRecordError(f"{record.data_length} bytes are more than we take")
+                if record.op == _CHUNK:
+                    self._check_sizes(record)
             except _BadRecordError as exc:
-                self._damage(f"a record cannot be read: {exc}", pos)
-                pos = min((s for s in self._chunk_starts if s > pos), default=self.size)
+                what = f"a record cannot be read: {exc}"
+                pos = yield from self._behind_damage(what, pos, doubt)
+                doubt = pos + 1
                 continue
-            if record.op in (_MESSAGE, _CONNECTION) and record.data_length > MAX_BLOCK:
-                self._damage(f"a record of {record.data_length} bytes is more than we take", pos)
-            elif record.op == _MESSAGE:
-                stop = yield from self._run(record)
+            if record.op == _MESSAGE:
+                stop, last = yield from self._run(record)
                 if stop > pos:
-                    pos = stop
+                    pos, doubt = stop, last + 1
                     continue
                 self._damage("a message lacks its connection or its time", pos)
             elif record.op in (_CHUNK, _CONNECTION):
+                self._packed = self._packed or (
+                    record.op == _CHUNK and record.fields.get("compression") != b"none"
+                )
                 yield record
             pos = record.end
+            doubt = record.data_offset if record.op != _CHUNK else pos
+
+    def _check_sizes(self, chunk: _Record) -> None:
+        """An uncompressed chunk tells its size twice."""
+        plain = chunk.fields.get("compression") == b"none"
+        if plain and chunk.data_length != chunk.number("size"):
+            raise _BadRecordError(
+                f"a chunk holds {chunk.data_length} bytes where {chunk.number('size')} are declared"
+            )
+
+    def _behind_damage(self, what: str, pos: int, doubt: int) -> Generator[_Record, None, int]:
+        """Where to go on behind a record that is none; gives what there is of a chunk."""
+        if not self.salvage:
+            raise DamagedLogError(self.path, what, SALVAGE_HINT, pos)
+        chunk = None
+        with suppress(_BadRecordError):
+            chunk = _parse(self._read_at(pos, MAX_HEADER), 0, pos)
+        at = packed_at(self._read_at(pos, 512))
+        if (chunk is None or chunk.op != _CHUNK) and at >= 0:
+            # A killed recorder leaves a chunk's record empty, and what belongs in it behind it;
+            # or the chunk's header is gone.
+            chunk = _Record(_CHUNK, {}, pos, pos + at, 0)
+        if chunk is None or chunk.op != _CHUNK:
+            again = self._next(min(pos + 1, doubt))
+            self.note_lost(Lost(what, "record", min(pos, again), max(pos, again)))
+            return again
+        if chunk.fields.get("compression") == b"none":
+            # What lies in it are records like any other.
+            self.note_lost(Lost(what, "chunk", pos, chunk.data_offset))
+            return chunk.data_offset
+        self._packed = True
+        again = self._next(chunk.data_offset + 1)
+        yield replace(chunk, data_length=again - chunk.data_offset, problem=what)
+        return again
+
+    def _next(self, start: int) -> int:
+        """The next record that can be one."""
+
+        def following(buffer: np.ndarray, left: int) -> int:
+            return int(next_rosbag1(buffer, 0, left, False, self._packed))
+
+        return search(self._read_at, start, self.size, following)
 
     def _behind_index(self, record: _Record) -> int:
         """End of a message index, whose own size is not to be relied on where it lies."""
@@ -261,59 +334,116 @@ class Rosbag1Log(Log):
             raise _BadRecordError("a message index runs over the end of the file")
         return record.end
 
-    def _run(self, record: _Record) -> Generator[RawBatch, None, int]:
-        """Messages at the top level; returns where the next other record begins."""
-        pos = record.offset
+    def _run(self, record: _Record) -> Generator[RawBatch, None, tuple[int, int]]:
+        """Messages at the top level; returns where they end, and where the last of them begins."""
+        pos = last = record.offset
         need = record.end - record.offset
         while True:
             window = np.frombuffer(self._read_at(pos, max(WINDOW, need)), np.uint8)
-            found, stop, why = _scan(window, True)
+            found, stop, why = _scan(window, 0, True)
             if found.shape[1]:
+                # no later than its data, and no earlier than the record itself
+                last = pos + int(found[1, -1]) - 1
                 yield _batch(window, found, pos + stop)
             pos += stop
             if why == FOREIGN or not stop:
-                return pos
+                return pos, last
             need = 0
 
-    def _load(self, place: _Record) -> np.ndarray | None:
-        """A chunk's records, decompressed; None where damage is passed over."""
+    def _load(self, place: _Record) -> np.ndarray | str:
+        """A chunk's records, decompressed; in words what is wrong with them."""
         try:
             name = place.fields.get("compression", b"").decode("ascii")
             size = place.number("size")
             if place.data_length > MAX_BLOCK:
                 raise _BadRecordError(f"{place.data_length} bytes are more than we take")
             data = self._read_at(place.data_offset, place.data_length)
-            raw = decompress(name, data, size)
+            return np.frombuffer(decompress(name, data, size), np.uint8)
         except UnknownCompressionError as exc:
-            raise UnsupportedLogError(self.path, f"a chunk's {exc}", "", place.offset) from exc
+            if not self.salvage:
+                raise UnsupportedLogError(self.path, f"a chunk's {exc}", "", place.offset) from exc
+            what = f"a chunk's {exc}"
         except CompressionError as exc:
-            self._damage(f"a chunk {exc}", place.offset)
-            return None
+            what = f"a chunk {exc}"
         except (_BadRecordError, UnicodeDecodeError) as exc:
-            self._damage(f"a chunk's header cannot be used ({exc})", place.offset)
-            return None
-        return np.frombuffer(raw, np.uint8)
+            what = f"a chunk's header cannot be used ({exc})"
+        self._damage_strict(what, place.offset)
+        return what
 
-    def _chunk_batch(self, place: _Record) -> RawBatch | None:
-        chunk = self._load(place)
-        if chunk is None:
-            return None
-        found, stop, why = _scan(chunk, False)
-        if why != END:
-            self._damage(f"a record inside a chunk is not whole (at {stop})", place.offset)
-        return _batch(chunk, found, place.end)
+    def _damage_strict(self, what: str, offset: int) -> None:
+        if not self.salvage:
+            raise DamagedLogError(self.path, what, SALVAGE_HINT, offset)
 
-    def batches(self, channels: Collection[int] | None = None) -> Iterator[RawBatch]:
+    def _content(self, place: _Record) -> tuple[np.ndarray, list[tuple[int, int]]]:
+        """A chunk's bytes and its runs of whole records: one of all, where it is sound."""
+        chunk = place.problem or self._load(place)
+        if not isinstance(chunk, str):
+            if run_rosbag1(chunk, 0)[1] == len(chunk):
+                return chunk, [(0, len(chunk))]
+            content = chunk
+        else:
+            # Up to what can be a record again: the chunk's own length may be what is wrong.
+            end = min(self._next(place.data_offset + 1), place.data_offset + MAX_BLOCK)
+            data = self._read_at(place.data_offset, end - place.data_offset)
+            name = place.fields.get("compression", b"").decode("ascii", "replace")
+            content, _ = unpack(name, data, 0, 0)
+        return content, whole_parts(
+            content, run_rosbag1, lambda b, at: next_rosbag1(b, at, len(b), True, False)
+        )
+
+    def _salvaged_batch(self, place: _Record, what: str) -> RawBatch:
+        """The messages of a damaged chunk that are whole; what is lost is noted."""
+        content, parts = self._content(place)
+        found = [_scan(content[:end], begin, False)[0] for begin, end in parts]
+        rows = np.concatenate([np.empty((4, 0), np.int64), *found], axis=1)
+        rows = rows[:, np.isin(rows[0], list(self.channels))]
+        part = Lost(what, "chunk", place.offset, place.end, kept=rows.shape[1])
+        part.declared = self._indexed(place)
+        if len(parts) > 1 and found[0].shape[1] and found[-1].shape[1]:
+            part.start_ns, part.end_ns = sorted((int(found[0][3, -1]), int(found[-1][3, 0])))
+        self.note_lost(part)
+        # as if it ended where it begins, so that what is missing lies between it and the next
+        return _batch(content, rows, place.offset)
+
+    def _indexed(self, place: _Record) -> int | None:
+        """How many messages the index behind a chunk says that it has; None without an index."""
+        pos, count = place.end, 0
+        with suppress(_BadRecordError):
+            while pos < self.size and (record := self._record(pos)).op == _INDEX:
+                count += record.number("count")
+                pos = self._behind_index(record)
+        return count or None
+
+    def _chunk_batches(self, place: _Record) -> Iterator[RawBatch]:
+        """The messages of one chunk, so many at a time."""
+        chunk = place.problem or self._load(place)
+        if self.salvage and not isinstance(chunk, str) and run_rosbag1(chunk, 0)[1] < len(chunk):
+            chunk = "a record inside a chunk is not whole"
+        if isinstance(chunk, str):
+            yield self._salvaged_batch(place, chunk)
+            return
+        pos, why = 0, FULL
+        while why == FULL:
+            found, pos, why = _scan(chunk, pos, False)
+            if why not in (END, FULL):
+                what = f"a record inside a chunk is not whole (at {pos})"
+                self._damage_strict(what, place.offset)
+            yield _batch(chunk, found, place.end)
+
+    def _read(self, wanted: frozenset[int] | None) -> Iterator[RawBatch]:
         """Raw messages, chunk by chunk (see `Log.batches`)."""
-        wanted = None if channels is None else frozenset(channels)
 
-        def load(place: _Record | RawBatch) -> RawBatch | None:
-            return place if isinstance(place, RawBatch) else self._chunk_batch(place)
+        def load(place: _Record | RawBatch) -> _Record | list[RawBatch]:
+            if isinstance(place, RawBatch):
+                return [place]
+            declared = int.from_bytes(place.fields.get("size", b""), "little")
+            if max(declared, place.data_length) > LARGE:
+                return place
+            return list(self._chunk_batches(place))
 
         needed = (p for p in self._places() if isinstance(p, RawBatch) or p.op == _CHUNK)
-        for batch in ahead(load, needed):
-            if batch is not None and len(batch := self._selected(batch, wanted)):
-                yield batch
+        for loaded in ahead(load, needed):
+            yield from self._chunk_batches(loaded) if isinstance(loaded, _Record) else loaded
 
 
 def _parse(data: bytes | memoryview, at: int, base: int) -> _Record:
@@ -363,9 +493,10 @@ def _channel(record: _Record, data: bytes) -> Channel:
     )
 
 
-def _scan(buffer: np.ndarray, stop_at_foreign: bool) -> tuple[np.ndarray, int, int]:
-    out = np.empty((4, len(buffer) // _MIN_MESSAGE + 1), np.int64)
-    count, stop, why = scan_rosbag1(buffer, 0, out, stop_at_foreign)
+def _scan(buffer: np.ndarray, start: int, stop_at_foreign: bool) -> tuple[np.ndarray, int, int]:
+    """Messages from a place on, a batch of them at most (see `scan_rosbag1`)."""
+    out = np.empty((4, min(ROWS, (len(buffer) - start) // _MIN_MESSAGE + 1)), np.int64)
+    count, stop, why = scan_rosbag1(buffer, start, out, stop_at_foreign)
     return out[:, :count], stop, why
 
 

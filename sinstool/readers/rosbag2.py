@@ -9,7 +9,8 @@ from __future__ import annotations
 import re
 import tempfile
 from collections import Counter
-from collections.abc import Collection, Iterator
+from collections.abc import Iterator
+from contextlib import suppress
 from dataclasses import replace
 from io import BytesIO
 from pathlib import Path, PurePosixPath
@@ -20,16 +21,23 @@ import zstandard
 from ruamel.yaml import YAML
 from ruamel.yaml.error import YAMLError
 
-from sinstool.errors import DamagedLogError, LogError, NotALogError, UnsupportedLogError
+from sinstool.errors import (
+    SALVAGE_HINT,
+    DamagedLogError,
+    LogError,
+    NotALogError,
+    UnsupportedLogError,
+)
 from sinstool.messages.layout import ZSTD_MAGIC
 from sinstool.readers.compression import MAX_BLOCK, CompressionError, decompress
 from sinstool.readers.log import Log, RawBatch
-from sinstool.readers.mcap import MAGIC as MCAP_MAGIC
-from sinstool.readers.mcap import SALVAGE_HINT, McapLog
+from sinstool.readers.lost import Lost
+from sinstool.readers.mcap import McapLog
+from sinstool.readers.mcap_file import MAGIC as MCAP_MAGIC
 from sinstool.readers.sqlite import SqliteLog
 
 METADATA = "metadata.yaml"
-MAX_METADATA = 16 * 2**20
+MAX_METADATA = 4 * 2**20
 # Decompressed messages are handed on in portions of about this many bytes.
 PORTION = 32 * 2**20
 _PIECE = 8192
@@ -84,12 +92,13 @@ class Rosbag2Log(Log):
         self._numbers: list[dict[int, int]] = []
         self._unpacked: tempfile.TemporaryDirectory[str] | None = None
         self._compressed_messages = False
+        self._declared: dict[str, int] = {}  # messages by topic, as the metadata has them
         try:
             for file in self._files():
                 self._add_part(file)
             if not self.parts:
                 what = "none of the bag's files could be opened"
-                raise DamagedLogError(path, what, "; ".join(self.lost))
+                raise DamagedLogError(path, what, "; ".join(map(str, self.lost)))
         except OSError as exc:
             self.close()
             raise NotALogError(path, f"cannot be read ({exc.strerror}: {exc.filename})") from exc
@@ -106,10 +115,16 @@ class Rosbag2Log(Log):
             self._unpacked.cleanup()
             self._unpacked = None
 
+    @property
+    def lost(self) -> list[Lost]:
+        """What was passed over so far, in all files."""
+        theirs = [replace(n, file=part.path.name) for part in self.parts for n in part.lost]
+        return [*self._lost.all(), *theirs]
+
     def _damage(self, what: str, cause: Exception | None = None) -> None:
         if not self.salvage:
             raise DamagedLogError(self.path, what, SALVAGE_HINT) from cause
-        self.note_lost(what)
+        self.note_lost(Lost(what, "file"))
 
     # -- opening ---------------------------------------------------------------------------
 
@@ -132,6 +147,7 @@ class Rosbag2Log(Log):
                 self.path, f"it is compressed by '{kind}'", "sinstool reads zstd"
             )
         self._compressed_messages = mode == "message"
+        self._declared = _declared_counts(information.get("topics_with_message_count"))
         found = []
         for listed in information.get("relative_file_paths") or []:
             # Early versions wrote the folder's own name too; nothing outside it is ever meant.
@@ -188,7 +204,7 @@ class Rosbag2Log(Log):
         except LogError as exc:
             if not self.salvage or isinstance(exc, UnsupportedLogError):
                 raise
-            self.note_lost(str(exc))
+            self.note_lost(Lost(str(exc), "file"))
             return
         self.parts.append(part)
         self._disk_sizes.append(file.stat().st_size)
@@ -248,23 +264,21 @@ class Rosbag2Log(Log):
                     self.channels[here] = replace(channel, id=here)
                 numbers[number] = here
             self._numbers.append(numbers)
-            self._gather_notes(part)
-        if all(part.counts for part in self.parts):
+        if self._declared and (self._lost.all() or not all(p.counts for p in self.parts)):
+            for topic, count in self._declared.items():
+                if channels := self.channels_of(topic):
+                    self.counts[channels[0].id] = count
+        elif all(part.counts for part in self.parts):
             for part, numbers in zip(self.parts, self._numbers, strict=True):
                 for number, count in part.counts.items():
                     if number in numbers:
                         here = numbers[number]
                         self.counts[here] = self.counts.get(here, 0) + count
 
-    def _gather_notes(self, part: Log) -> None:
-        for note in part.lost:
-            self.note_lost(f"{part.path.name}: {note}")
-
     # -- reading ---------------------------------------------------------------------------
 
-    def batches(self, channels: Collection[int] | None = None) -> Iterator[RawBatch]:
+    def _read(self, wanted: frozenset[int] | None) -> Iterator[RawBatch]:
         """Raw messages, file after file (see `Log.batches`)."""
-        wanted = None if channels is None else frozenset(channels)
         before = 0
         for part, numbers, size in zip(self.parts, self._numbers, self._disk_sizes, strict=True):
             chosen = [n for n, here in numbers.items() if wanted is None or here in wanted]
@@ -278,7 +292,6 @@ class Rosbag2Log(Log):
                     yield from self._decompress_messages(batch, part)
                 else:
                     yield batch
-            self._gather_notes(part)
             before += size
 
     def _decompress_messages(self, batch: RawBatch, part: Log) -> Iterator[RawBatch]:
@@ -303,6 +316,17 @@ class Rosbag2Log(Log):
                 payloads, rows, held = [], [], 0
         if rows:
             yield _repacked(batch, rows, payloads)
+
+
+def _declared_counts(listed: object) -> dict[str, int]:
+    """Messages by topic out of the metadata, as far as they can be read."""
+    counts: dict[str, int] = {}
+    for entry in listed if isinstance(listed, list) else ():
+        with suppress(TypeError, ValueError, KeyError):
+            topic, count = str(entry["topic_metadata"]["name"]), int(entry["message_count"])
+            if 0 <= count < 2**63:
+                counts[topic] = counts.get(topic, 0) + count
+    return counts
 
 
 def _repacked(batch: RawBatch, rows: list[int], payloads: list[bytes]) -> RawBatch:

@@ -10,26 +10,31 @@ import numpy as np
 from numba import njit
 
 # What stopped a walk
-END, PARTIAL, FOREIGN = 0, 1, 2
+END, PARTIAL, FOREIGN, FULL = 0, 1, 2, 3
 
-_MESSAGE = 0x05
+_SCHEMA, _CHANNEL, _MESSAGE = 0x03, 0x04, 0x05
 _MESSAGE_HEADER = 22
 _RECORD_HEADER = 9
+# Of ROS 1 bags
+_CONNECTION = 7
 
 
 @njit(cache=True, nogil=True)
-def _u16(b, p):  # type: ignore[no-untyped-def]
+def u16(b, p):  # type: ignore[no-untyped-def]
+    """Two bytes, little-endian."""
     return np.int64(b[p]) | np.int64(b[p + 1]) << 8
 
 
 @njit(cache=True, nogil=True)
-def _u32(b, p):  # type: ignore[no-untyped-def]
-    return _u16(b, p) | _u16(b, p + 2) << 16
+def u32(b, p):  # type: ignore[no-untyped-def]
+    """Four bytes, little-endian."""
+    return u16(b, p) | u16(b, p + 2) << 16
 
 
 @njit(cache=True, nogil=True)
-def _u64(b, p):  # type: ignore[no-untyped-def]
-    return _u32(b, p) | _u32(b, p + 4) << 32
+def u64(b, p):  # type: ignore[no-untyped-def]
+    """Eight bytes, little-endian; negative from 2^63 on."""
+    return u32(b, p) | u32(b, p + 4) << 32
 
 
 @njit(cache=True, nogil=True)
@@ -54,7 +59,8 @@ def scan_mcap(buffer, start, out, stop_at_foreign):  # type: ignore[no-untyped-d
         Where the walk stopped.
     why : int
         END at the buffer's end, PARTIAL at a record that runs over it (or declares a negative
-        or too small length), FOREIGN at a record that is no message.
+        or too small length, or is of the kind 0, which there is not), FOREIGN at a record that
+        is no message, FULL at a message for which there is no room.
     """
     size = buffer.shape[0]
     pos = start
@@ -63,23 +69,23 @@ def scan_mcap(buffer, start, out, stop_at_foreign):  # type: ignore[no-untyped-d
     while pos < size:
         if pos + _RECORD_HEADER > size:
             return count, pos, PARTIAL
-        length = _u64(buffer, pos + 1)
+        length = u64(buffer, pos + 1)
         if buffer[pos] != _MESSAGE:
             if stop_at_foreign:
                 return count, pos, FOREIGN
-            if length < 0 or length > size - pos - _RECORD_HEADER:
+            if length < 0 or length > size - pos - _RECORD_HEADER or buffer[pos] == 0:
                 return count, pos, PARTIAL
             pos += _RECORD_HEADER + length
             continue
         if length < _MESSAGE_HEADER or length > size - pos - _RECORD_HEADER:
             return count, pos, PARTIAL
         if count == room:
-            return count, pos, PARTIAL
+            return count, pos, FULL
         body = pos + _RECORD_HEADER
-        out[0, count] = _u16(buffer, body)
-        out[5, count] = _u32(buffer, body + 2)
-        out[3, count] = _u64(buffer, body + 6)
-        out[4, count] = _u64(buffer, body + 14)
+        out[0, count] = u16(buffer, body)
+        out[5, count] = u32(buffer, body + 2)
+        out[3, count] = u64(buffer, body + 6)
+        out[4, count] = u64(buffer, body + 14)
         out[1, count] = body + _MESSAGE_HEADER
         out[2, count] = length - _MESSAGE_HEADER
         count += 1
@@ -88,45 +94,48 @@ def scan_mcap(buffer, start, out, stop_at_foreign):  # type: ignore[no-untyped-d
 
 
 @njit(cache=True, nogil=True)
-def foreign_mcap(buffer, out):  # type: ignore[no-untyped-def]
-    """Places of the records in a chunk that are no messages.
+def definitions_mcap(buffer, start, out):  # type: ignore[no-untyped-def]
+    """Places of the schemas and channels in a chunk.
 
     Parameters
     ----------
     buffer : ndarray, uint8
+    start : int
+        Where the first record begins.
     out : ndarray of int64, shape (3, m)
         Receives opcode, offset of the body, length.
 
     Returns
     -------
-    int
-        How many there are (at most m are written).
+    count : int
+        How many were found.
+    end : int
+        Where the walk stopped: to go on from there where `out` is full.
     """
     size = buffer.shape[0]
-    pos = 0
+    pos = start
     count = 0
-    while pos + _RECORD_HEADER <= size:
-        length = _u64(buffer, pos + 1)
+    while pos + _RECORD_HEADER <= size and count < out.shape[1]:
+        length = u64(buffer, pos + 1)
         if length < 0 or length > size - pos - _RECORD_HEADER:
             break
-        if buffer[pos] != _MESSAGE:
-            if count < out.shape[1]:
-                out[0, count] = buffer[pos]
-                out[1, count] = pos + _RECORD_HEADER
-                out[2, count] = length
+        if buffer[pos] == _SCHEMA or buffer[pos] == _CHANNEL:
+            out[0, count] = buffer[pos]
+            out[1, count] = pos + _RECORD_HEADER
+            out[2, count] = length
             count += 1
         pos += _RECORD_HEADER + length
-    return count
+    return count, pos
 
 
 @njit(cache=True, nogil=True)
-def _rosbag1_record(buffer, pos):  # type: ignore[no-untyped-def]
+def rosbag1_record(buffer, pos):  # type: ignore[no-untyped-def]
     """Op (-1: no whole record), connection, time, offset and length of the data of a record."""
     size = buffer.shape[0]
     nothing = (np.int64(-1), np.int64(-1), np.int64(-1), np.int64(0), np.int64(0))
     if pos + 8 > size:
         return nothing
-    header = _u32(buffer, pos)
+    header = u32(buffer, pos)
     if header > size - pos - 8:
         return nothing
     field = pos + 4
@@ -137,7 +146,7 @@ def _rosbag1_record(buffer, pos):  # type: ignore[no-untyped-def]
     while field < header_end:
         if field + 4 > header_end:
             return nothing
-        width = _u32(buffer, field)
+        width = u32(buffer, field)
         name = field + 4
         field = name + width
         if field > header_end:
@@ -146,10 +155,10 @@ def _rosbag1_record(buffer, pos):  # type: ignore[no-untyped-def]
         if width == 4 and buffer[name] == 111 and buffer[name + 2] == 61:
             op = np.int64(buffer[name + 3])
         elif width == 9 and buffer[name] == 99 and buffer[name + 4] == 61:
-            connection = _u32(buffer, name + 5)
+            connection = u32(buffer, name + 5)
         elif width == 13 and buffer[name] == 116 and buffer[name + 4] == 61:
-            time = _u32(buffer, name + 5) * 1_000_000_000 + _u32(buffer, name + 9)
-    length = _u32(buffer, header_end)
+            time = u32(buffer, name + 5) * 1_000_000_000 + u32(buffer, name + 9)
+    length = u32(buffer, header_end)
     if length > size - header_end - 4 or (op == 2 and (connection < 0 or time < 0)):
         return nothing
     return op, connection, time, header_end + 4, length
@@ -178,15 +187,17 @@ def scan_rosbag1(buffer, start, out, stop_at_foreign):  # type: ignore[no-untype
         Where the walk stopped.
     why : int
         END at the buffer's end, PARTIAL at a record that runs over it or is none, FOREIGN at a
-        record that is no message.
+        record that is no message, FULL at a message for which there is no room.
     """
     size = buffer.shape[0]
     pos = start
     count = 0
     while pos < size:
-        op, connection, time, offset, length = _rosbag1_record(buffer, pos)
-        if op < 0 or (op == 2 and count == out.shape[1]):
+        op, connection, time, offset, length = rosbag1_record(buffer, pos)
+        if op < 0:
             return count, pos, PARTIAL
+        if op == 2 and count == out.shape[1]:
+            return count, pos, FULL
         if op == 2:
             out[0, count] = connection
             out[1, count] = offset
@@ -200,29 +211,32 @@ def scan_rosbag1(buffer, start, out, stop_at_foreign):  # type: ignore[no-untype
 
 
 @njit(cache=True, nogil=True)
-def foreign_rosbag1(buffer, out):  # type: ignore[no-untyped-def]
-    """Places of the records in a ROS 1 bag chunk that are no messages.
+def definitions_rosbag1(buffer, start, out):  # type: ignore[no-untyped-def]
+    """Places of the connection records in a ROS 1 bag chunk.
 
     Parameters
     ----------
     buffer : ndarray, uint8
+    start : int
+        Where the first record begins.
     out : ndarray of int64, shape (m,)
         Receives where each begins.
 
     Returns
     -------
-    int
-        How many there are (at most m are written).
+    count : int
+        How many were found.
+    end : int
+        Where the walk stopped: to go on from there where `out` is full.
     """
-    pos = 0
+    pos = start
     count = 0
-    while pos < buffer.shape[0]:
-        op, _, _, offset, length = _rosbag1_record(buffer, pos)
+    while pos < buffer.shape[0] and count < out.shape[0]:
+        op, _, _, offset, length = rosbag1_record(buffer, pos)
         if op < 0:
             break
-        if op != 2:
-            if count < out.shape[0]:
-                out[count] = pos
+        if op == _CONNECTION:
+            out[count] = pos
             count += 1
         pos = offset + length
-    return count
+    return count, pos

@@ -4,22 +4,27 @@ from __future__ import annotations
 
 import shutil
 import sqlite3
+import struct
 import tempfile
 from array import array
-from collections.abc import Collection, Iterator
+from collections.abc import Iterator
 from contextlib import suppress
 from pathlib import Path
 from urllib.parse import quote
 
 import numpy as np
 
-from sinstool.errors import DamagedLogError, NotALogError
+from sinstool.errors import SALVAGE_HINT, DamagedLogError, NotALogError
+from sinstool.readers.compression import MAX_BLOCK
 from sinstool.readers.log import Channel, Log, RawBatch
+from sinstool.readers.lost import Lost
+from sinstool.readers.salvage import MAX_PLACES
 
 # Small enough to stay in the processor's cache, which is worth a third of the time.
 BATCH = 4096
 # A batch ends here too, so that images do not make it large.
 BATCH_BYTES = 32 * 2**20
+_FIRST_ROW = -(2**63)
 
 
 class SqliteLog(Log):
@@ -32,7 +37,7 @@ class SqliteLog(Log):
     ----------
     path : Path
     salvage : bool
-        Stop quietly where the database is damaged, and note it in `lost`.
+        Pass over rows that the database does not give, and note them in `lost`.
 
     Raises
     ------
@@ -48,7 +53,6 @@ class SqliteLog(Log):
     def __init__(self, path: Path, salvage: bool = False) -> None:
         super().__init__(path, salvage)
         self._beside: tempfile.TemporaryDirectory[str] | None = None
-        self._shared_memory: Path | None = None
         self._database: sqlite3.Connection | None = None
         try:
             self._database = self._connect()
@@ -61,20 +65,27 @@ class SqliteLog(Log):
             raise
 
     def close(self) -> None:
-        """Close the database, and remove what SQLite or we put beside it."""
+        """Close the database, and remove the copy that was read instead of it."""
         if self._database is not None:
             self._database.close()
             self._database = None
-        if self._shared_memory is not None:
-            self._shared_memory.unlink(missing_ok=True)
-            self._shared_memory = None
         if self._beside is not None:
             self._beside.cleanup()
             self._beside = None
 
     def _damaged(self, exc: Exception) -> DamagedLogError:
-        hint = f"`sqlite3 '{self.path}' .recover | sqlite3 recovered.db3` saves what can be saved"
-        return DamagedLogError(self.path, f"SQLite cannot read it ({exc})", hint)
+        recover = f"`sqlite3 '{self.path}' .recover | sqlite3 recovered.db3` may save more"
+        hint = f"{SALVAGE_HINT}; {recover}"
+        what = f"SQLite cannot read it ({exc})"
+        with suppress(OSError, struct.error), self.path.open("rb") as stream:
+            head = stream.read(100)
+            (page,) = struct.unpack_from(">H", head, 16)
+            (pages,) = struct.unpack_from(">I", head, 28)
+            declared = pages * (page if page > 1 else 65536)
+            if declared > self.size:
+                what = f"cut short: {self.size} of {declared} bytes; {what}"
+                return DamagedLogError(self.path, what, hint, self.size)
+        return DamagedLogError(self.path, what, hint)
 
     # -- opening ---------------------------------------------------------------------------
 
@@ -87,11 +98,13 @@ class SqliteLog(Log):
             # Nothing pending: SQLite needs neither locks nor a writable folder.
             return _open(self.path, "immutable=1")
         if not _filled(journal):
-            ours = not shared.exists()
+            # Rows may still be in the log of writes. Beside a recorder that lives, its own index
+            # of them is used; without one SQLite makes its own in memory, where nobody can be
+            # writing: neither way puts anything beside the bag.
+            live = shared.exists()
             with suppress(sqlite3.Error):
-                database = _open(self.path, "mode=ro")
-                self._shared_memory = shared if ours else None
-                return database
+                mode = "readonly_shm=1" if live else "vfs=unix-none"
+                return _open(self.path, f"mode=ro&{mode}", exclusive=not live)
         # A transaction to roll back, or a folder in which SQLite may not even make its lock
         # file: let it work on a copy.
         self._beside = tempfile.TemporaryDirectory(prefix="sinstool-")
@@ -130,46 +143,91 @@ class SqliteLog(Log):
             self.channels[int(number)] = Channel(
                 int(number), str(topic), str(kind), encoding, schema_encoding, text, more
             )
-        (last,) = database.execute("SELECT max(rowid) FROM messages").fetchone()
-        self._last_row = int(last or 0)
+        self._last_row = 0
+        try:
+            (last,) = database.execute("SELECT max(rowid) FROM messages").fetchone()
+            self._last_row = int(last or 0)
+        except sqlite3.Error as exc:
+            if not self.salvage:
+                raise self._damaged(exc) from exc
 
     # -- reading ---------------------------------------------------------------------------
 
-    def batches(self, channels: Collection[int] | None = None) -> Iterator[RawBatch]:
+    def _read(self, wanted: frozenset[int] | None) -> Iterator[RawBatch]:
         """Raw messages in the order they were inserted (see `Log.batches`)."""
-        wanted = None if channels is None else frozenset(int(c) for c in channels)
-        query = "SELECT rowid, topic_id, timestamp, data FROM messages"
+        chosen = ""
         if wanted is not None:
-            query += f" WHERE topic_id IN ({', '.join(map(str, sorted(wanted)))})"
+            chosen = f" AND topic_id IN ({', '.join(map(str, sorted(wanted)))})"
+        query = f"SELECT rowid, topic_id, timestamp, data FROM messages WHERE rowid > ?{chosen}"
         assert self._database is not None, "the log is closed"
         # Flat arrays, and all in one loop: whatever is done here is done for every message.
         topics, times, lengths, data = array("q"), array("q"), array("q"), bytearray()
-        row = 0
-        try:
-            for row, topic, time, blob in self._database.execute(query + " ORDER BY rowid"):
-                try:
-                    topics.append(topic)
-                    times.append(time)
-                    data += blob
-                except TypeError as exc:
-                    # SQLite stores any type in any column; a bag does not.
-                    del topics[len(lengths) :], times[len(lengths) :]
-                    if not self.salvage:
-                        raise self._damaged(exc) from exc
-                    self.note_lost(f"message {row}: {exc}")
-                    continue
-                lengths.append(len(blob))
-                if len(lengths) == BATCH or len(data) >= BATCH_BYTES:
-                    batch = _batch(topics, times, lengths, data, self._position(row))
-                    topics, times, lengths, data = array("q"), array("q"), array("q"), bytearray()
-                    yield self._selected(batch, wanted)
-        except (sqlite3.Error, OverflowError) as exc:
-            if not self.salvage:
-                raise self._damaged(exc) from exc
-            self.note_lost(f"what follows message {row}: {exc}")
+        row = _FIRST_ROW
+        for _ in range(MAX_PLACES):
+            last = times[-1] if times else None
+            try:
+                found = self._database.execute(f"{query} ORDER BY rowid", (row,))
+                for row, topic, time, blob in found:
+                    try:
+                        topics.append(topic)
+                        times.append(time)
+                        data += blob
+                    except TypeError as exc:
+                        # SQLite stores any type in any column; a bag does not.
+                        del topics[len(lengths) :], times[len(lengths) :]
+                        if not self.salvage:
+                            raise self._damaged(exc) from exc
+                        self.note_lost(Lost(f"message {row}: {exc}", "row", start_ns=last))
+                        continue
+                    last = time
+                    lengths.append(len(blob))
+                    if len(lengths) == BATCH or len(data) >= BATCH_BYTES:
+                        batch = _batch(topics, times, lengths, data, self._position(row))
+                        topics, times, lengths = array("q"), array("q"), array("q")
+                        data = bytearray()
+                        yield batch
+                break
+            except (sqlite3.Error, OverflowError) as exc:
+                if not self.salvage:
+                    raise self._damaged(exc) from exc
+                again, time = self._next_readable(row)
+                to = f" to {again - 1}" if again else " and those behind it"
+                what = f"message {max(row, 0) + 1}{to} cannot be read: {exc}"
+                self.note_lost(Lost(what, "row", start_ns=last, end_ns=time))
+                if not again:
+                    break
+                row = again - 1
         if lengths:
-            batch = _batch(topics, times, lengths, data, self._position(row))
-            yield self._selected(batch, wanted)
+            yield _batch(topics, times, lengths, data, self._position(row))
+
+    def _next_readable(self, row: int) -> tuple[int, int | None]:
+        """The next row behind a damaged page that can be read, and its time; 0 without one."""
+
+        def probe(behind: int) -> tuple[int, int | None] | None:
+            assert self._database is not None
+            query = "SELECT rowid, timestamp, data FROM messages WHERE rowid > ? ORDER BY rowid"
+            try:
+                found = self._database.execute(f"{query} LIMIT 1", (behind,)).fetchone()
+            except (sqlite3.Error, OverflowError):
+                return None
+            return (0, None) if found is None else (found[0], found[1])
+
+        # Ever longer steps until there is something, then back to where it begins.
+        step = 1
+        while (good := probe(row + step)) is None:
+            step *= 2
+            if row + step >= 2**62:
+                return 0, None
+        bad, readable = step // 2, step
+        while readable - bad > 1:
+            middle = (bad + readable) // 2
+            there = probe(row + middle)
+            if there is None:
+                bad = middle
+            else:
+                readable, good = middle, there
+        number, time = good
+        return number, time if isinstance(time, int) else None
 
     def _position(self, row: int) -> int:
         return int(self.size * min(1.0, max(0, row) / max(1, self._last_row)))
@@ -190,13 +248,16 @@ def _filled(path: Path) -> bool:
     return path.exists() and path.stat().st_size > 0
 
 
-def _open(path: Path, mode: str) -> sqlite3.Connection:
+def _open(path: Path, mode: str, exclusive: bool = False) -> sqlite3.Connection:
     # Batches may be asked for in another thread than the one that opened the log.
     database = sqlite3.connect(
         f"file:{quote(str(path.absolute()))}?{mode}", uri=True, check_same_thread=False
     )
     database.text_factory = _text
+    database.setlimit(sqlite3.SQLITE_LIMIT_LENGTH, MAX_BLOCK)
     try:
+        if exclusive:
+            database.execute("PRAGMA locking_mode=EXCLUSIVE")
         database.execute("SELECT count(*) FROM sqlite_master").fetchone()
     except sqlite3.Error:
         database.close()

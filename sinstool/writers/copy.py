@@ -11,7 +11,8 @@ from mcap.opcode import Opcode
 
 from sinstool.messages.definitions import normalise_type_name, schema_text
 from sinstool.readers.log import Channel, Log, RawBatch
-from sinstool.readers.mcap import ChunkPlace, McapLog, OtherPlace
+from sinstool.readers.mcap import McapLog
+from sinstool.readers.mcap_file import ChunkPlace, OtherPlace
 from sinstool.writers.chunks import Messages, message_indexes
 from sinstool.writers.mcap import McapWriter
 
@@ -130,10 +131,10 @@ class Copier:
         indexes = self._own_indexes(chunk)
         if indexes is None or log.salvage:
             batch = log.chunk_batch(place)
-            if batch is None or not len(batch):
+            if not len(batch):
                 return
             known = batch.select(log.channels.keys())
-            if len(known) < len(batch):
+            if place.offset in log.broken or len(known) < len(batch):
                 self._writer.write([_messages(known)])
                 return
             # 31 bytes of record head and fixed fields stand before each payload

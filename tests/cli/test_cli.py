@@ -654,14 +654,22 @@ def test_something_lost(sinstool, tmp_path):
     assert json.loads(out)["lost"]["malformed"] == 1
     assert "1 messages do not fit" in err
     path, _ = cut(tmp_path)
+    status, out, err = sinstool("process", path, "-o", tmp_path / "b.out.mcap")
+    assert status == 1 and err.count("\n") == 1
+    assert f"`sinstool process {path} -o {tmp_path / 'b.out.mcap'} --salvage`" in err
     status, out, err = sinstool(
         "process", path, "-o", tmp_path / "b.out.mcap", "--salvage", "--json"
     )
     assert status == 3
-    lost = json.loads(out)["lost"]["parts"]
-    assert lost and all(part in err for part in lost)
+    lost = json.loads(out)["lost"]
+    assert lost["parts"] and all(part in err for part in lost["parts"])
+    places = lost["places"]
+    assert [place["text"] for place in places] == lost["parts"]
+    assert all(place["offset"] > 0 and place["start_ns"].isdigit() for place in places)
     status, out, _ = sinstool("info", path, "--salvage")
     assert status == 3 and "lost: " in out
+    status, out, _ = sinstool("info", path, "--salvage", "--json")
+    assert status == 3 and json.loads(out)["lost"]["parts"] == lost["parts"]
 
 
 @pytest.mark.parametrize("path", REAL)
@@ -670,7 +678,7 @@ def test_info_on_every_real_log(sinstool, path):
     status, out, err = sinstool("info", real(path), "--json", *axes)
     assert (status, err) == (0, "")
     found = json.loads(out)
-    assert found["process"]["possible"] and found["lost"] == []
+    assert found["process"]["possible"] and found["lost"]["parts"] == []
     imu = next(i for i in found["imu"] if i["topic"] == found["process"]["imu_topic"])
     assert imu["n"] > 1000 and imu["first_ns"].isdigit()
     assert [o for o in imu["oddities"] if o["fatal"]] == []

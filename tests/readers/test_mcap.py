@@ -161,12 +161,24 @@ def test_a_damaged_chunk_is_refused_or_passed_over(tmp_path, compression, what):
     assert f"at byte {at}" in str(caught.value)
     with open_log(path, salvage=True) as log:
         before, missing = sum(counts[:2]), counts[2]
-        wanted = rows()[:before] + rows()[before + missing :]
-        assert read_back(log) == wanted
-        assert len(log.lost) == 1
-        assert f"at byte {at}" in log.lost[0]
-        assert read_back(log) == wanted  # not taken on trust in the second pass either
-        assert len(log.lost) == 1
+        found = read_back(log)
+        (part,) = log.lost
+        kept = len(found) - (len(rows()) - missing)
+        assert found[:before] == rows()[:before]
+        assert found[before + kept :] == rows()[before + missing :]
+        if what == "crc":  # a CRC that is wrong itself: all is there, and nothing proves it
+            assert found == rows()
+        else:  # one place of a chunk is damaged, so at most all behind it is lost
+            times = [row.log_time for row in found[before : before + kept]]
+            assert set(times) <= {row.log_time for row in rows()[before : before + missing]}
+            assert times == sorted(set(times))
+        assert (part.kind, part.offset, part.kept, part.declared) == ("chunk", at, kept, missing)
+        times = [row.log_time for row in rows()[before : before + missing]]
+        assert (part.start_ns, part.end_ns, part.proved) == (min(times), max(times), False)
+        assert f"at byte {at} to" in str(part)
+        assert f"{kept} of {missing} messages kept" in str(part)
+        assert read_back(log) == found  # not taken on trust in the second pass either
+        assert log.lost == [part]
 
 
 @pytest.mark.parametrize("shape", ["zstd", "none", "unchunked"])
@@ -179,10 +191,15 @@ def test_a_file_cut_short_gives_what_is_whole(tmp_path, shape):
         open_log(path)
     with open_log(path, salvage=True) as log:
         found = read_back(log)
-        assert found == stream_rows(path)
-        assert 0 < len(found) < len(rows())
+        assert len(stream_rows(path)) <= len(found) < len(rows())
         assert found == rows()[: len(found)]
-        assert any("cut short" in note for note in log.lost)
+        assert "cut short" in str(log.lost[0])
+        # what follows the last message is lost, to an unknown end or to that of its chunk
+        gone = rows()[len(found)].log_time
+        assert any(
+            part.start_ns <= gone and (part.end_ns is None or gone <= part.end_ns)
+            for part in log.lost
+        )
 
 
 def test_zeros_behind_the_end_and_an_end_without_summary(tmp_path):
@@ -203,8 +220,9 @@ def test_salvage_goes_on_behind_a_record_that_lies(tmp_path):
     with open_log(path) as log, pytest.raises(DamagedLogError, match="declares 46116860184"):
         read_back(log)
     with open_log(path, salvage=True) as log:
-        before = sum(counts[:2])
-        assert read_back(log) == rows()[:before] + rows()[before + counts[2] :]
+        assert read_back(log) == rows()  # where the chunk ends is seen from what follows it
+        (part,) = log.lost
+        assert part.proved and (part.kept, part.declared) == (counts[2], counts[2])
 
 
 @pytest.mark.parametrize("compression", ["zstd", "lz4", "none"])
@@ -221,7 +239,8 @@ def test_sizes_that_lie_cost_no_memory(tmp_path, compression, size):
             with open_log(path) as log, pytest.raises(DamagedLogError):
                 read_back(log)
             with open_log(path, salvage=True) as log:
-                assert 0 < len(read_back(log)) < len(rows())
+                assert read_back(log) == rows()
+                assert log.lost[0].proved
 
 
 def test_a_zstd_frame_that_swells_is_stopped(tmp_path):
@@ -235,15 +254,23 @@ def test_a_zstd_frame_that_swells_is_stopped(tmp_path):
     path.write_bytes(data[:at] + chunk + data[at + 9 + length :])
     with memory_below(64 * 2**20), open_log(path, salvage=True) as log:
         assert read_back(log) == []
-        assert "corrupt" in log.lost[-1]
+        assert "corrupt" in str(log.lost[-1])
 
 
 def test_an_unknown_compression_is_named(tmp_path):
     path = write_mcap(tmp_path / "a.mcap", rows(), compression="lz4")
-    patched(path, nth_chunk(path, 0) + 9 + 32, b"xyz")
-    for salvage in (False, True):
-        with open_log(path, salvage) as log, pytest.raises(UnsupportedLogError, match="'xyz'"):
-            read_back(log)
+    counts = chunk_rows(path)
+    at = nth_chunk(path, 0) + 9 + 32
+    patched(path, at, b"xyz")
+    with open_log(path) as log, pytest.raises(UnsupportedLogError, match="'xyz'"):
+        read_back(log)
+    with open_log(path, salvage=True) as log:  # the data say themselves what they are
+        assert read_back(log) == rows()
+        assert "'xyz'" in str(log.lost[0]) and log.lost[0].proved
+    patched(path, at + 11, b"\xff\xff\xff\xff")
+    with open_log(path, salvage=True) as log:
+        assert read_back(log) == rows()[counts[0] :]
+        assert (log.lost[0].kept, log.lost[0].declared) == (0, counts[0])
 
 
 def test_messages_of_an_undefined_channel_are_noted(tmp_path):
@@ -254,7 +281,9 @@ def test_messages_of_an_undefined_channel_are_noted(tmp_path):
     patched(path, at + 9, struct.pack("<H", 999))
     with open_log(path) as log:
         assert read_back(log) == rows()[:5] + rows()[6:]
-        assert log.lost == ["messages of channel 999, which the log does not define"]
+        assert [str(part) for part in log.lost] == [
+            "messages of channel 999, which the log does not define (0 of 1 messages kept)"
+        ]
 
 
 def test_other_encodings_are_listed_and_refused_only_when_asked_for(tmp_path):

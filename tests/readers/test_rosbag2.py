@@ -137,7 +137,7 @@ def test_a_file_that_is_missing(tmp_path):
         open_log(folder)
     with open_log(folder, salvage=True) as log:
         assert read_back(log) == in_order(folder, names[:3] + names[4:])
-        assert log.lost == ["metadata.yaml lists bag_3.db3, which is not there"]
+        assert [str(p) for p in log.lost] == ["metadata.yaml lists bag_3.db3, which is not there"]
 
 
 def test_a_damaged_file_is_named(tmp_path):
@@ -151,7 +151,8 @@ def test_a_damaged_file_is_named(tmp_path):
         open_log(folder)
     with open_log(folder, salvage=True) as log:
         assert read_back(log) == wanted
-        assert log.lost[0].startswith("bag_1.mcap: cut short")
+        assert log.lost[0].file == "bag_1.mcap"
+        assert str(log.lost[0]).startswith("bag_1.mcap: cut short")
 
 
 @pytest.mark.parametrize(

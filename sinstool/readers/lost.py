@@ -1,0 +1,143 @@
+"""What of a log could not be read, or not be proved right: where, when, and how much."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import Any
+
+# A log damaged in more places than this is not described place by place.
+MAX_PARTS = 1000
+
+
+@dataclass(eq=False)
+class Lost:
+    """A part of a log that was lost or recovered only in part.
+
+    Attributes
+    ----------
+    what : str
+        What was wrong with it.
+    kind : str
+        ``chunk``, ``record``, ``end`` (of the file), ``index``, ``channel``, ``file`` or ``row``.
+    offset, end : int or None
+        Bytes of the file between which it lies.
+    start_ns, end_ns : int or None
+        Log times between which nothing, or only part, was recovered. None where nothing was
+        read before it, or behind it.
+    declared : int or None
+        Messages that were there, where the log itself still says so.
+    kept : int or None
+        Messages recovered from the part itself.
+    proved : bool
+        A CRC says that what was kept is right.
+    file : str
+        Which file, in a bag of several.
+    """
+
+    what: str
+    kind: str = "record"
+    offset: int | None = None
+    end: int | None = None
+    start_ns: int | None = None
+    end_ns: int | None = None
+    kept: int | None = None
+    declared: int | None = None
+    proved: bool = False
+    file: str = ""
+
+    def __str__(self) -> str:
+        where = []
+        if self.offset is not None:
+            to = f" to {self.end}" if self.end is not None and self.end > self.offset else ""
+            where.append(f"at byte {self.offset}{to}")
+        if self.kept is not None:
+            of = f" of {self.declared}" if self.declared is not None else ""
+            proof = "" if not self.kept else ", as their CRC says" if self.proved else ", unproved"
+            where.append(f"{self.kept}{of} messages kept{proof}")
+        elif self.declared is not None:
+            where.append(f"{self.declared} messages")
+        if self.start_ns is not None and self.end_ns is not None:
+            where.append(f"log time {_seconds(self.start_ns)} to {_seconds(self.end_ns)} s")
+        elif self.start_ns is not None:
+            where.append(f"log time {_seconds(self.start_ns)} s and later")
+        elif self.end_ns is not None:
+            where.append(f"log time before {_seconds(self.end_ns)} s")
+        name = f"{self.file}: " if self.file else ""
+        return f"{name}{self.what}" + (f" ({'; '.join(where)})" if where else "")
+
+    def as_json(self) -> dict[str, Any]:
+        """For machines; times as strings of nanoseconds."""
+        return {
+            "kind": self.kind,
+            "text": str(self),
+            "file": self.file or None,
+            "offset": self.offset,
+            "end_offset": self.end,
+            "start_ns": None if self.start_ns is None else str(self.start_ns),
+            "end_ns": None if self.end_ns is None else str(self.end_ns),
+            "messages_kept": self.kept,
+            "messages_declared": self.declared,
+            "proved": self.proved,
+        }
+
+
+@dataclass
+class LostParts:
+    """All that was lost of a log, each part once however often the log is read.
+
+    Attributes
+    ----------
+    parts : dict
+        By what makes them one part.
+    more : bool
+        There are more than are described.
+    """
+
+    parts: dict[tuple[str, int | None], Lost] = field(default_factory=dict)
+    more: bool = False
+    _open: list[Lost] = field(default_factory=list)
+
+    def note(self, part: Lost) -> Lost:
+        """Remember a part; the one that was noted before, where it is the same."""
+        key = part.what, part.offset
+        known = self.parts.get(key)
+        if known is not None:
+            return known
+        if len(self.parts) >= MAX_PARTS:
+            self.more = True
+            return part
+        self.parts[key] = part
+        if part.offset is not None and part.start_ns is None and part.end_ns is None:
+            self._open.append(part)
+        return part
+
+    def between(self, position: int, before_ns: int | None, after_ns: int | None) -> None:
+        """Give the parts that lie before a place of the file their log times.
+
+        Parameters
+        ----------
+        position : int
+            Byte at which what was read last ends.
+        before_ns, after_ns : int or None
+            Log times of the messages on either side of it.
+        """
+        for part in [p for p in self._open if p.offset is not None and p.offset < position]:
+            self._open.remove(part)
+            span = [before_ns, after_ns]
+            if before_ns is not None and after_ns is not None:
+                span.sort()  # chunks may overlap, and then the log goes on before it stopped
+            part.start_ns, part.end_ns = span
+
+    @property
+    def waiting(self) -> bool:
+        """Whether parts lack their log times."""
+        return bool(self._open)
+
+    def all(self) -> list[Lost]:
+        """The parts, in the order in which they were found."""
+        last = [Lost(f"and more than these {MAX_PARTS} places")] if self.more else []
+        return [*self.parts.values(), *last]
+
+
+def _seconds(ns: int) -> str:
+    return f"{ns // 10**9}.{ns % 10**9:09d}"
