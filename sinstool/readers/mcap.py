@@ -308,7 +308,7 @@ class McapLog(McapFile):
         while (head := self.read_at(pos, 15)) and len(head) == 15:
             length = record_length(head)
             size = int.from_bytes(head[11:15], "little")
-            if head[0] != Opcode.MESSAGE_INDEX or length != size + 6 or size % 16:
+            if head[0] != Opcode.MESSAGE_INDEX or length < size + 6 or size % 16:
                 break
             count += size // 16
             pos += 9 + length

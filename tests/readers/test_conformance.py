@@ -1,0 +1,82 @@
+"""Every file of the MCAP format's conformance set, and what must be read from it."""
+
+import pytest
+from mcap.opcode import Opcode
+
+from sinstool.readers import open_log
+from sinstool.readers.mcap_file import OtherPlace
+
+from .conformance import built, variants
+
+VARIANTS = {variant["name"]: variant for variant in variants()}
+
+
+def test_there_are_all_of_them():
+    assert len(VARIANTS) == 416
+
+
+def read(log):
+    """Topic, times, sequence and payload of every message, in the order of the file."""
+    out = []
+    for batch in log.batches():
+        data = batch.buffer.tobytes()
+        for row in zip(
+            batch.channel.tolist(),
+            batch.log_time.tolist(),
+            batch.publish_time.tolist(),
+            batch.sequence.tolist(),
+            batch.offset.tolist(),
+            batch.length.tolist(),
+            strict=True,
+        ):
+            channel, log_time, publish_time, sequence, at, length = row
+            topic = log.channels[channel].topic
+            out.append((topic, log_time, publish_time, sequence, data[at : at + length]))
+    return out
+
+
+@pytest.mark.parametrize("salvage", [False, True], ids=["strict", "salvage"])
+@pytest.mark.parametrize("name", VARIANTS)
+def test_every_record_is_read(tmp_path, name, salvage):
+    features, records = VARIANTS[name]["features"], VARIANTS[name]["records"]
+    path = tmp_path / "a.mcap"
+    path.write_bytes(built(features, records))
+    by_kind = {
+        kind: [r for r in records if r["type"] == kind]
+        for kind in ("Schema", "Channel", "Message", "Attachment", "Metadata")
+    }
+    messages = [
+        ("example", int(r["logTime"]), int(r["publishTime"]), r["sequence"], bytes(r["data"]))
+        for r in by_kind["Message"]
+    ]
+    with open_log(path, salvage) as log:
+        assert read(log) == messages
+        assert not log.lost
+        schema = by_kind["Schema"][0] if by_kind["Schema"] else None
+        assert [
+            (c.id, c.topic, c.message_encoding, c.type_name, c.schema_encoding, c.schema_text)
+            for c in log.channels.values()
+        ] == [
+            (
+                r["id"],
+                r["topic"],
+                r["messageEncoding"],
+                *(
+                    (schema["name"], schema["encoding"], bytes(schema["data"]).decode())
+                    if schema
+                    else ("", "", "")
+                ),
+            )
+            for r in by_kind["Channel"]
+        ]
+        assert [c.metadata for c in log.channels.values()] == [
+            r["metadata"] for r in by_kind["Channel"]
+        ]
+        if log.counts:
+            assert log.counts == {1: len(messages)}
+        others = [p for p in log.places() if isinstance(p, OtherPlace)]
+        for opcode, kind in ((Opcode.ATTACHMENT, "Attachment"), (Opcode.METADATA, "Metadata")):
+            places = [p for p in others if p.opcode == opcode]
+            assert len(places) == len(by_kind[kind])
+            for place, record in zip(places, by_kind[kind], strict=True):
+                assert record["name"].encode() in log.read_at(place.offset, place.length)
