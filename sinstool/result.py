@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import hashlib
-from collections.abc import Sequence
-from concurrent.futures import ThreadPoolExecutor
+from collections.abc import Callable, Sequence
 from contextlib import ExitStack
 from pathlib import Path
 from threading import Event
@@ -12,11 +10,13 @@ from types import TracebackType
 from typing import Any
 
 import sinstool
-from sinstool.config import ProcessConfig, dump_toml
+from sinstool.config import ProcessConfig
 from sinstool.errors import ConfigurationError, OutputError
 from sinstool.process_figures import Recorder
 from sinstool.readers.log import Log
+from sinstool.record import RECORD, identity, sha256
 from sinstool.streams import Diagnostics, Solution
+from sinstool.threads import executor
 from sinstool.transforms import tf_parent
 from sinstool.writers.copy import Copier
 from sinstool.writers.mcap import McapWriter
@@ -24,7 +24,6 @@ from sinstool.writers.solution import SolutionWriter
 from sinstool.writers.topics import Frames, topic_of
 from sinstool.writers.whole import WholeFile, check_output
 
-HASH_BYTES = 2**20
 # Made of the attitude, which every run has
 ALWAYS = ("imu", "attitude", "euler", "pose", "tf")
 
@@ -65,7 +64,7 @@ class Result:
         self.last: Solution | None = None
         self.opened = False
         self._stack = ExitStack()
-        pool = ThreadPoolExecutor(1, thread_name_prefix="sinstool-hash")
+        pool = executor(1, "sinstool-hash")
         self._stack.enter_context(pool)
         stop = Event()
         # a run that fails does not wait for the hash of a large log
@@ -125,10 +124,6 @@ class Result:
             diagnostic_names,
         )
 
-    def _unused(self) -> tuple[str, ...]:
-        """Groups of the configuration that say nothing of this run."""
-        return () if self.config.hse.hse is not None else ("calibration",)
-
     def push(self, solution: Solution) -> None:
         """Write solutions, in the order of time."""
         self._solutions.push(solution)
@@ -140,8 +135,14 @@ class Result:
         """Write diagnostics beside the solutions that follow."""
         self._solutions.note(diagnostics)
 
-    def finish(self) -> dict[str, Any]:
+    def finish(self, lost: Callable[[], bool]) -> dict[str, Any]:
         """Complete the file's contents; its name comes when the context ends well.
+
+        Parameters
+        ----------
+        lost : callable
+            Whether something was lost or withheld, so that the command ends with status 3;
+            asked when all of the log has been read.
 
         Returns
         -------
@@ -152,22 +153,20 @@ class Result:
         if self._copier:
             self._copier.finish()
         path = self.log.path
-        identity = {
-            "name": path.name,
-            "size": str(self.log.size),
-            "sha256": self._digest.result(),
-        }
+        digest = self._digest.result()
         self._writer.add_metadata(
-            "sinstool",
+            RECORD,
             {
-                "version": sinstool.__version__,
-                "config": dump_toml(self.config, *self._unused()),
-                **{f"input_{key}": value for key, value in identity.items()},
+                **identity(self.config),
+                "input_name": path.name,
+                "input_size": str(self.log.size),
+                "input_sha256": digest,
+                "status": "lost" if lost() else "done",
             },
         )
         self._writer.finish()
         return {
-            "input": {"path": str(path), "size": self.log.size, "sha256": identity["sha256"]},
+            "input": {"path": str(path), "size": self.log.size, "sha256": digest},
             "output": {
                 "path": str(self.output),
                 "topics": [topic_of(name) for name in self.emits],
@@ -227,19 +226,3 @@ def choose_emits(
                 " frame can have only one"
             )
     return emits, warnings
-
-
-def sha256(path: Path, stop: Event | None = None) -> str:
-    """SHA-256 of a log, given up when ``stop`` is set.
-
-    Of a directory: of the lines ``<sha256>  <relative name>`` of its files, sorted by name.
-    """
-    if path.is_dir():
-        names = sorted(p.relative_to(path).as_posix() for p in path.rglob("*") if p.is_file())
-        listing = "".join(f"{sha256(path / name, stop)}  {name}\n" for name in names)
-        return hashlib.sha256(listing.encode()).hexdigest()
-    digest = hashlib.sha256()
-    with path.open("rb") as stream:
-        while not (stop and stop.is_set()) and (part := stream.read(HASH_BYTES)):
-            digest.update(part)
-    return digest.hexdigest()

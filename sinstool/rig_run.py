@@ -34,6 +34,7 @@ from sinstool.result import Result, choose_emits
 from sinstool.rig_log import RigLog, RigTurns, find_turns, nothing_to_use, read_rig_log
 from sinstool.rotation import to_euler
 from sinstool.streams import Solution
+from sinstool.summary import something_lost
 from sinstool.units import DEGREE
 from sinstool.writers.topics import Frames
 
@@ -89,7 +90,8 @@ def rig_run(
     frames = Frames(config.output.world, "map", body, "frd")
     result.open(samples.topic.channels[0].message_encoding, emits, frames)
     written = _write(result, samples, turns, rig, alignments, corrected)
-    told = result.finish()
+    hse = _hse(config, calibration, turns, alignments, corrected)
+    told = result.finish(lambda: something_lost({"lost": _lost(log, samples), "hse": hse}))
     warnings += [*notes, *rig.remarks(), *_remarks(turns, alignments, corrected)]
     warnings += [f"{count} messages of {what}" for what, count in samples.counts.items()]
     warnings += [f"lost: {part}" for part in log.lost]
@@ -103,7 +105,7 @@ def rig_run(
         "imu": _imu(samples, turns),
         "alignment": _alignment(turns, alignments[-1], corrected, len(alignments) - 1),
         "coning": None,
-        "hse": _hse(config, calibration, turns, alignments, corrected),
+        "hse": hse,
         "height": None,
         "filter": None,
         "final": _final(result, rig),

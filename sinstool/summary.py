@@ -109,7 +109,11 @@ def run_warnings(source: Source, run: AttitudeRun) -> list[str]:
 
 def something_lost(summary: dict[str, Any]) -> bool:
     """Whether a summary tells of lost data: exit status 3."""
-    lost = summary["lost"]
     if summary["hse"] is not None and summary["hse"]["status"] != "ok":
         return True
+    return incomplete(summary["lost"])
+
+
+def incomplete(lost: dict[str, Any]) -> bool:
+    """Whether something of a log could not be used; of the values of `lost`."""
     return bool(lost["parts"] or lost["malformed"] or lost["not_finite"] or lost["late"])

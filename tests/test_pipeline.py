@@ -34,7 +34,7 @@ from sinstool.coning.registry import algorithm, names
 from sinstool.errors import AlignmentError, DataError, OutputError
 from sinstool.modes import attitude
 from sinstool.pipeline import process
-from sinstool.result import sha256
+from sinstool.record import sha256
 from sinstool.rotation import from_euler
 from sinstool.simulation.coning import classical_coning
 from sinstool.simulation.join import after_rest

@@ -12,7 +12,6 @@ from __future__ import annotations
 import math
 import os
 from collections.abc import Callable, Sequence
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field, replace
 from itertools import combinations
 from typing import Any
@@ -40,6 +39,7 @@ from sinstool.comparison.runs import (
 from sinstool.comparison.verdict import Verdict, verdict
 from sinstool.coning.increments import GyroKind
 from sinstool.coning.registry import algorithm
+from sinstool.threads import executor
 
 FloatArray = NDArray[np.float64]
 
@@ -228,7 +228,7 @@ def compare(
 
     rows: list[Row] = []
     # The compiled loops let others run: two threads take half as long, and memory for two runs.
-    with ThreadPoolExecutor(min(2, os.cpu_count() or 1)) as pool:
+    with executor(min(2, os.cpu_count() or 1), "sinstool-compare") as pool:
         for number, row in enumerate(pool.map(work, [*todo, *judges])):
             rows.append(row)
             if progress:

@@ -109,7 +109,7 @@ def run_ins(
     blocks = imu_blocks(source, config, alignment.time_ns, share(progress, log.size, 0.5))
     for solution in run.run(blocks):
         result.push(solution)
-    told = result.finish()
+    told = result.finish(lambda: summary.incomplete(summary.lost(source)))
     assert result.last is not None
     height = None
     if reference is not None:

@@ -72,7 +72,7 @@ def run_ins_gnss(
             result.note(diagnostics)
     if recorder is not None:
         recorder.extra += filter_figures(run)
-    told = result.finish()
+    told = result.finish(lambda: summary.incomplete(summary.lost(source)))
     if result.last is None:
         raise AlignmentError(
             f"{log.path}: not one Imu sample lies after the filter's start",

@@ -4,8 +4,10 @@ from __future__ import annotations
 
 from collections import deque
 from collections.abc import Callable, Iterable, Iterator
-from concurrent.futures import Future, ThreadPoolExecutor
+from concurrent.futures import Future
 from typing import TypeVar
+
+from sinstool.threads import executor, one_core
 
 Item = TypeVar("Item")
 Result = TypeVar("Result")
@@ -31,7 +33,10 @@ def ahead(
     Result
         In the order of ``items``; an exception of ``work`` is raised in its turn.
     """
-    with ThreadPoolExecutor(max_workers=1, thread_name_prefix="sinstool-read") as pool:
+    if one_core():
+        yield from map(work, items)
+        return
+    with executor(1, "sinstool-read") as pool:
         waiting: deque[Future[Result]] = deque()
         try:
             for item in items:

@@ -11,7 +11,7 @@ import struct
 import zlib
 from collections import deque
 from collections.abc import Callable, Collection, Sequence
-from concurrent.futures import Future, ThreadPoolExecutor
+from concurrent.futures import Future
 from io import BytesIO
 from typing import IO
 
@@ -19,6 +19,7 @@ import mcap.records as records
 from mcap.data_stream import ReadDataStream, RecordBuilder
 from mcap.opcode import Opcode
 
+from sinstool.threads import executor
 from sinstool.writers.chunks import Chunk, Messages, pack
 
 MAGIC = b"\x89MCAP0\r\n"
@@ -59,8 +60,8 @@ class McapWriter:
         self._attachment_indexes: list[records.AttachmentIndex] = []
         self._metadata_indexes: list[records.MetadataIndex] = []
         self._span: tuple[int, int] | None = None
-        self._packers = ThreadPoolExecutor(2, thread_name_prefix="sinstool-pack")
-        self._file = ThreadPoolExecutor(1, thread_name_prefix="sinstool-write")
+        self._packers = executor(2, "sinstool-pack")
+        self._file = executor(1, "sinstool-write")
         self._queue: deque[tuple[Future[None], int]] = deque()
         self._waiting = 0  # bytes in the queue
         self._write(MAGIC)

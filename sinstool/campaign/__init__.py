@@ -1,0 +1,1 @@
+"""Many logs: local processes or a Dask cluster, through one seam (see `jobs`)."""

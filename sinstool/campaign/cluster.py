@@ -1,0 +1,232 @@
+"""Jobs on an existing Dask cluster, whose workers see the same files as we do."""
+
+from __future__ import annotations
+
+import contextlib
+import importlib
+import queue
+import time
+from collections.abc import Callable, Generator, Iterator, Sequence
+from pathlib import Path
+from typing import Any
+
+import sinstool
+from sinstool.campaign.jobs import (
+    Event,
+    Outcome,
+    Task,
+    Workers,
+    largest_first,
+    perform,
+    remove_parts,
+)
+from sinstool.campaign.visible import not_seen, sight, tokens, what_differs
+from sinstool.errors import ConfigurationError, SinstoolError
+from sinstool.threads import keep_to_one_core
+from sinstool.writers.whole import parts
+
+# Waiting for the scheduler, for a first worker, and for cancelled jobs to let go of their files, s.
+CONNECT = 10.0
+LET_GO = 10.0
+START = "dask worker --nworkers 2 --nthreads 1 {address}"
+
+
+def run_on_cluster(tasks: Sequence[Task], workers: Workers) -> Generator[Event]:
+    """Do tasks on a Dask cluster; see :func:`sinstool.campaign.jobs.run_jobs`.
+
+    Parameters
+    ----------
+    tasks : sequence of Task
+    workers : Workers
+
+    Yields
+    ------
+    Event
+
+    Raises
+    ------
+    ConfigurationError
+        The extra ``cluster`` is missing, or a worker cannot be used.
+    SinstoolError
+        The scheduler does not answer, or has no worker.
+    """
+    address = workers.scheduler or ""
+    folders = list(dict.fromkeys(f for task in tasks for f in task.job.folders))
+    with _client(address) as client, tokens(folders) as wanted:
+        _require_version(client, address)
+        seen = [(path, sight(path)) for path in workers.reads]
+        _require_same_files(client, seen, wanted)
+        yield from _run(client, tasks)
+
+
+def require_distributed() -> Any:
+    """Import dask.distributed.
+
+    Raises
+    ------
+    ConfigurationError
+        It is not installed.
+    """
+    try:
+        return importlib.import_module("distributed")
+    except ModuleNotFoundError as exc:
+        if (exc.name or "").partition(".")[0] not in ("distributed", "dask"):
+            raise
+        raise ConfigurationError(
+            "--scheduler needs dask.distributed", "pip install 'sinstool[cluster]'"
+        ) from exc
+
+
+@contextlib.contextmanager
+def _client(address: str) -> Iterator[Any]:
+    distributed = require_distributed()
+    import logging
+
+    # What goes wrong is told by us, in one line.
+    for name in ("distributed.client", "distributed.comm", "distributed.core"):
+        logging.getLogger(name).setLevel(logging.CRITICAL)
+    try:
+        client = distributed.Client(address, timeout=CONNECT, set_as_default=False)
+    except (OSError, TimeoutError, ValueError) as exc:
+        raise SinstoolError(
+            f"no Dask scheduler answers at {address} ({' '.join(str(exc).split())[:120]})",
+            "start one with: dask scheduler",
+        ) from exc
+    try:
+        try:
+            client.wait_for_workers(1, timeout=CONNECT)
+        except TimeoutError as exc:
+            raise SinstoolError(
+                f"the scheduler at {address} has no worker",
+                f"start some with: {START.format(address=address)}",
+            ) from exc
+        yield client
+    finally:
+        with contextlib.suppress(OSError, TimeoutError):
+            client.close(timeout=CONNECT)
+
+
+def _require_version(client: Any, address: str) -> None:
+    # A function within a function travels with its code, so that a worker with another sinstool,
+    # or none, can be asked too.
+    def version() -> str:
+        import importlib
+
+        return str(importlib.import_module("sinstool").__version__)
+
+    ours = sinstool.__version__
+    for worker, said in sorted(client.run(version, on_error="return").items()):
+        if said != ours:
+            what = f"has sinstool {said}" if isinstance(said, str) else f"has no sinstool ({said})"
+            raise ConfigurationError(
+                f"the worker {worker} of {address} {what}, this is {ours}",
+                f"pip install 'sinstool[cluster]=={ours}' in its environment",
+            )
+
+
+def _require_same_files(client: Any, seen: Sequence[Any], wanted: Sequence[Any]) -> None:
+    """Refuse a cluster of which a worker does not see what we see, before anything starts."""
+    hint = "inputs and outputs must lie where all workers see them under the same path"
+    told = client.run(what_differs, seen, wanted, on_error="return")
+    differing: list[str] = []
+    for worker, found in sorted(told.items()):
+        if isinstance(found, BaseException):
+            differing.append(f"the worker {worker} failed ({type(found).__name__}: {found})")
+            continue
+        said, answers = found
+        missing = not_seen(answers)
+        if said:
+            differing.append(f"the worker {worker} {said}")
+        elif missing is not None:
+            differing.append(f"the worker {worker} writes to another {missing}")
+    if differing:
+        more = f" ({len(differing)} workers in all)" if len(differing) > 1 else ""
+        raise ConfigurationError(differing[0] + more, hint)
+
+
+def _run(client: Any, tasks: Sequence[Task]) -> Iterator[Event]:
+    """Submit everything, and pass on what comes back."""
+    topic = f"sinstool-{tasks[0].token}" if tasks else ""
+    news: queue.SimpleQueue[Event | tuple[int, Any]] = queue.SimpleQueue()
+    client.subscribe_topic(topic, lambda event: news.put(Event(*event[1])))
+    futures: dict[int, Any] = {}
+    for rank, task in enumerate(largest_first(tasks)):
+        key = f"sinstool-{task.token}"
+        future = client.submit(_work, task, key, topic, key=key, pure=False, priority=-rank)
+        futures[task.number] = future
+        future.add_done_callback(_done(news, task.number))
+    left = dict(futures)
+    try:
+        while left:
+            told = news.get()
+            if isinstance(told, Event):
+                if told.number in left:
+                    yield told
+                continue
+            number, future = told
+            if left.pop(number, None) is None:
+                continue
+            # Of a worker that died before another did the job
+            remove_parts(tasks[number])
+            yield Event(number, outcome=_outcome(tasks[number], future))
+    finally:
+        if left:
+            _give_up(client, [tasks[number] for number in left], list(left.values()))
+
+
+def _done(news: queue.SimpleQueue[Any], number: int) -> Callable[[Any], None]:
+    return lambda future: news.put((number, future))
+
+
+def _outcome(task: Task, future: Any) -> Outcome:
+    """What a future holds, or why it holds nothing."""
+    name = task.job.name
+    if future.status == "finished":
+        outcome: Outcome = future.result()
+        return outcome
+    if future.status != "error":
+        return Outcome(None, f"{name}: the scheduler gave it up ({future.status})", 1, died=True)
+    exc = future.exception()
+    if type(exc).__name__ == "KilledWorker":
+        deaths = f"{exc.allowed_failures + 1} times"
+        return Outcome(None, f"{name}: its worker died, {deaths}", 1, died=True)
+    said = f"{name}: {type(exc).__name__}: {' '.join(str(exc).split())}"
+    return Outcome(error=said, exit_code=1)
+
+
+def _give_up(client: Any, tasks: Sequence[Task], futures: Sequence[Any]) -> None:
+    """Cancel jobs, and wait until those that were begun have let go of their files."""
+    with contextlib.suppress(Exception):
+        client.cancel(list(futures), force=True)
+    until = time.monotonic() + LET_GO
+    begun = list(tasks)
+    while begun and time.monotonic() < until:
+        begun = [t for t in begun if any(parts(f, t.token) for f in t.job.folders)]
+        if begun:
+            time.sleep(0.05)
+
+
+class _Cancelled(BaseException):
+    """Nobody wants this job any more."""
+
+
+def _work(task: Task, key: str, topic: str) -> Outcome:
+    """Do a task, on a worker."""
+    from distributed import get_worker
+
+    keep_to_one_core()
+    worker: Any = get_worker()
+
+    def tell(fraction: float) -> None:
+        state = worker.state.tasks.get(key)
+        if state is None or state.state == "cancelled":
+            raise _Cancelled
+        worker.log_event(topic, (task.number, fraction))
+
+    if not all(Path(folder).is_dir() for folder in task.job.folders):
+        # A worker that came later than the check
+        return Outcome(error=f"{task.job.name}: a worker does not see the output", exit_code=1)
+    try:
+        return perform(task, tell)
+    except _Cancelled:
+        return Outcome(error="cancelled", exit_code=130)

@@ -1,0 +1,217 @@
+"""Which logs are meant by files, folders and patterns, and how their outputs are called.
+
+A ROS 2 bag is a folder and one log; any other folder holds many. What a file is, is decided by
+its first bytes, as when it is opened.
+"""
+
+from __future__ import annotations
+
+import glob
+import re
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path, PurePath
+
+from sinstool.errors import ConfigurationError, NotALogError, SinstoolError
+
+# What files of logs begin with: MCAP, ROS 1 bags, SQLite
+MAGICS = (b"\x89MCAP0\r\n", b"#ROSBAG V", b"SQLite format 3")
+METADATA = "metadata.yaml"
+OUTPUT_SUFFIX = ".mcap"
+_PART = re.compile(r"(?P<stem>.+)_(?P<number>\d+)\.(db3|mcap)(\.zstd)?")
+_MAGIC = re.compile(r"[*?[]")
+
+
+@dataclass(frozen=True)
+class LogInput:
+    """A log, and what it is called among the others.
+
+    Attributes
+    ----------
+    path : Path
+        As it was given.
+    name : PurePath
+        Relative: its file's name, or its place in the folder or pattern that was given.
+    """
+
+    path: Path
+    name: PurePath
+
+    @property
+    def output(self) -> PurePath:
+        """Where its result goes, in the folder of outputs."""
+        if self.name.suffix == OUTPUT_SUFFIX:
+            return self.name
+        return self.name.with_name(self.name.name + OUTPUT_SUFFIX)
+
+
+def is_bag(path: Path) -> bool:
+    """Whether a folder is a ROS 2 bag: one log.
+
+    It has ``metadata.yaml``; or, where that is lost, its files are called as rosbag2 calls them,
+    after the folder, and numbered.
+    """
+    if (path / METADATA).is_file():
+        return True
+    numbers = []
+    for file in _files(path):
+        found = _PART.fullmatch(file.name)
+        if found is None or found["stem"] != path.resolve().name:
+            return False
+        numbers.append(int(found["number"]))
+    return bool(numbers) and sorted(numbers) == list(range(len(numbers)))
+
+
+def are_many(given: Sequence[Path]) -> bool:
+    """Whether inputs are (or may be) several logs: more than one, a folder of logs, a pattern."""
+    if len(given) != 1:
+        return len(given) > 1
+    path = given[0]
+    if path.is_dir():
+        return not is_bag(path) and not _single(path)
+    return not path.exists() and _is_pattern(path)
+
+
+def _single(path: Path) -> bool:
+    """Whether a folder is nothing but one file, which is then read as a bag of one part."""
+    files = _files(path)
+    if len(files) == 1 and all(p.is_file() or p.name.startswith(".") for p in path.iterdir()):
+        return files[0].suffix in (".db3", ".mcap")
+    return not files and not any(p.is_dir() for p in path.iterdir())
+
+
+def find_logs(given: Sequence[Path], without: Path | None = None) -> list[LogInput]:
+    """All logs that are meant, in the order in which they were given.
+
+    Parameters
+    ----------
+    given : sequence of Path
+        Files, ROS 2 bag folders, folders that hold logs (at any depth), and patterns with ``*``,
+        ``?``, ``[...]`` or ``**``, as a shell leaves them when they are quoted.
+    without : Path, optional
+        A folder that is not looked into: that of the outputs.
+
+    Returns
+    -------
+    list of LogInput
+        Each log once.
+
+    Raises
+    ------
+    NotALogError
+        A path does not exist, or a folder or pattern holds no log.
+    """
+    hidden = None if without is None else without.resolve()
+    found: dict[Path, LogInput] = {}
+    for path in given:
+        logs = _logs_of(path, hidden)
+        for log in logs:
+            found.setdefault(log.path.resolve(), log)
+    return list(found.values())
+
+
+def _logs_of(path: Path, hidden: Path | None) -> list[LogInput]:
+    if path.is_dir() and not is_bag(path):
+        logs = [LogInput(p, p.relative_to(path)) for p in _below(path, hidden)]
+        if not logs:
+            raise NotALogError(path, "the folder holds no log", "name a folder with logs")
+        return logs
+    if path.exists():
+        return [LogInput(path, PurePath(path.resolve().name))]
+    if not _is_pattern(path):
+        raise NotALogError(path, "there is no such file or folder")
+    root = Path(*_fixed(path))
+    logs = []
+    for text in sorted(glob.glob(str(path), recursive=True)):
+        match = Path(text)
+        if hidden is not None and _inside(match, hidden):
+            continue
+        paths = _below(match, hidden) if match.is_dir() and not is_bag(match) else [match]
+        logs += [LogInput(p, p.relative_to(root)) for p in paths if p.is_dir() or _is_log(p)]
+    if not logs:
+        raise NotALogError(path, "the pattern matches no log", "check it, and its quotes")
+    return logs
+
+
+def _below(folder: Path, hidden: Path | None) -> list[Path]:
+    """Logs in a folder and below it, by name."""
+    found: list[Path] = []
+    for path in sorted(folder.iterdir()):
+        if path.name.startswith(".") or (hidden is not None and _inside(path, hidden)):
+            continue
+        if path.is_dir():
+            found += [path] if is_bag(path) else _below(path, hidden)
+        elif _is_log(path):
+            found.append(path)
+    return found
+
+
+def _inside(path: Path, folder: Path) -> bool:
+    resolved = path.resolve()
+    return resolved == folder or folder in resolved.parents
+
+
+def _files(path: Path) -> list[Path]:
+    try:
+        return [p for p in path.iterdir() if p.is_file() and not p.name.startswith(".")]
+    except OSError as exc:
+        raise NotALogError(path, f"cannot be read ({exc.strerror})") from exc
+
+
+def _is_log(path: Path) -> bool:
+    try:
+        with path.open("rb") as stream:
+            return stream.read(16).startswith(MAGICS)
+    except OSError:
+        # Listed all the same: whoever opens it says what is wrong.
+        return True
+
+
+def _is_pattern(path: Path) -> bool:
+    return _MAGIC.search(str(path)) is not None
+
+
+def _fixed(path: Path) -> list[str]:
+    """The leading parts of a pattern that are no pattern; its last part never is one."""
+    fixed: list[str] = []
+    for part in path.parts[:-1]:
+        if _MAGIC.search(part):
+            break
+        fixed.append(part)
+    return fixed or ["."]
+
+
+def output_paths(logs: Sequence[LogInput], folder: Path, suffix: str = "") -> list[Path]:
+    """One output for each log, in a folder.
+
+    Parameters
+    ----------
+    logs : sequence of LogInput
+    folder : Path
+    suffix : str
+        Put in place of ``.mcap``, for what lies beside the outputs.
+
+    Raises
+    ------
+    ConfigurationError
+        Two logs would have one output.
+    SinstoolError
+        An output would lie within an input.
+    """
+    taken: dict[PurePath, LogInput] = {}
+    paths = []
+    for log in logs:
+        other = taken.setdefault(log.output, log)
+        if other is not log:
+            raise ConfigurationError(
+                f"{other.path} and {log.path} would both become {folder / log.output}",
+                "give the folder that holds both, or a pattern in quotes: outputs are then laid"
+                " out as the inputs are",
+            )
+        output = folder / log.output
+        if log.path.is_dir() and log.path.resolve() in output.resolve().parents:
+            raise SinstoolError(
+                f"{output} lies in the input's own folder", "choose another folder with -o"
+            )
+        paths.append(output.with_suffix(suffix) if suffix else output)
+    return paths

@@ -1,0 +1,243 @@
+"""The seam: jobs that know nothing of each other, done by whoever there is.
+
+A job is a function of plain values, so that it does not matter where it runs: in a process of
+this machine (`local`) or of a Dask cluster (`cluster`). What comes back is a stream of events.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import secrets
+import time
+import traceback
+from collections.abc import Callable, Generator, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import sinstool
+from sinstool.errors import ConfigurationError, SinstoolError
+from sinstool.writers.whole import parts, parts_named
+
+Report = Callable[[float], None]
+# Progress is told that often at most, s.
+TELL_EVERY = 0.2
+
+
+@dataclass(frozen=True)
+class Job:
+    """Something to do, apart from everything else.
+
+    Attributes
+    ----------
+    name : str
+        For people.
+    function : callable
+        Of a module, found by name on the other side: ``function(*arguments, progress)``, where
+        ``progress`` takes the fraction done. What it returns travels back, so: plain values.
+    arguments : tuple
+    size : int
+        Bytes of its input; the largest are begun first.
+    folders : tuple of Path
+        Where it writes.
+    """
+
+    name: str
+    function: Callable[..., Any]
+    arguments: tuple[Any, ...]
+    size: int = 0
+    folders: tuple[Path, ...] = ()
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """What became of a job.
+
+    Attributes
+    ----------
+    value : object
+        What its function returned; None unless it did.
+    error : str
+        One line, empty if there was none.
+    exit_code : int
+        That of the error.
+    died : bool
+        Its worker died, again and again.
+    trace : str
+        The traceback, for who wants to see it.
+    """
+
+    value: Any = None
+    error: str = ""
+    exit_code: int = 0
+    died: bool = False
+    trace: str = ""
+
+
+@dataclass(frozen=True)
+class Event:
+    """News of a job: the fraction done, or its outcome.
+
+    Attributes
+    ----------
+    number : int
+        Of the job.
+    fraction : float or None
+        None where it was given back because its worker died.
+    outcome : Outcome or None
+    """
+
+    number: int
+    fraction: float | None = None
+    outcome: Outcome | None = None
+
+
+@dataclass(frozen=True)
+class Workers:
+    """Who does the jobs.
+
+    Attributes
+    ----------
+    processes : int
+        Of this machine.
+    scheduler : str or None
+        Address of a Dask scheduler, whose workers do them instead.
+    modules : tuple of str
+        What jobs need, imported once before workers start.
+    reads : tuple of Path
+        Inputs, which workers elsewhere must see as we do.
+    """
+
+    processes: int = 1
+    scheduler: str | None = None
+    modules: tuple[str, ...] = ()
+    reads: tuple[Path, ...] = ()
+
+
+@dataclass(frozen=True)
+class Task:
+    """A job on its way: with what a worker needs beside it.
+
+    Attributes
+    ----------
+    number : int
+    job : Job
+    token : str
+        In the names of its unfinished files.
+    version : str
+        Of the sinstool that asks.
+    """
+
+    number: int
+    job: Job
+    token: str = field(default_factory=lambda: secrets.token_hex(8))
+    version: str = sinstool.__version__
+
+
+def run_jobs(jobs: Sequence[Job], workers: Workers) -> Generator[Event]:
+    """Do jobs, and tell how it goes; each ends with one event that has an outcome.
+
+    Parameters
+    ----------
+    jobs : sequence of Job
+    workers : Workers
+
+    Yields
+    ------
+    Event
+        In the order in which they happen. A generator that is closed, or interrupted, ends its
+        workers and removes what they left unfinished.
+
+    Raises
+    ------
+    ConfigurationError
+        The scheduler cannot be used, or a worker does not see the same files.
+    """
+    tasks = [Task(number, job) for number, job in enumerate(jobs)]
+    if workers.scheduler is None:
+        from sinstool.campaign.local import run_local
+
+        events = run_local(tasks, workers)
+    else:
+        from sinstool.campaign.cluster import run_on_cluster
+
+        events = run_on_cluster(tasks, workers)
+    with contextlib.closing(events):
+        yield from events
+
+
+def results(jobs: Sequence[Job], workers: Workers) -> list[Any]:
+    """What all jobs return, in their order.
+
+    Raises
+    ------
+    SinstoolError
+        Of the first job, by their order, that failed.
+    """
+    outcomes: dict[int, Outcome] = {}
+    for event in run_jobs(jobs, workers):
+        if event.outcome is not None:
+            outcomes[event.number] = event.outcome
+    ordered = [outcomes[number] for number in range(len(jobs))]
+    for job, outcome in zip(jobs, ordered, strict=True):
+        raise_failed(job, outcome)
+    return [outcome.value for outcome in ordered]
+
+
+def raise_failed(job: Job, outcome: Outcome) -> None:
+    """Raise what a job failed with, if it did."""
+    if outcome.error:
+        error = SinstoolError(outcome.error)
+        error.exit_code = outcome.exit_code
+        raise error
+
+
+def perform(task: Task, tell: Report) -> Outcome:
+    """Do a job, here and now; what goes wrong is part of the outcome.
+
+    Parameters
+    ----------
+    task : Task
+    tell : callable
+        Gets the fraction done, now and then. What it raises ends the job.
+    """
+    if task.version != sinstool.__version__:
+        said = f"this worker has sinstool {sinstool.__version__}, the client {task.version}"
+        return Outcome(error=f"{task.job.name}: {said}", exit_code=ConfigurationError.exit_code)
+    job = task.job
+    try:
+        with parts_named(task.token):
+            return Outcome(value=job.function(*job.arguments, _seldom(tell)))
+    except SinstoolError as exc:
+        return Outcome(error=str(exc), exit_code=exc.exit_code, trace=traceback.format_exc())
+    except MemoryError:
+        return Outcome(error=f"{job.name}: out of memory", exit_code=1)
+    except Exception as exc:
+        said = f"{job.name}: {type(exc).__name__}: {' '.join(str(exc).split())}"
+        return Outcome(error=said, exit_code=1, trace=traceback.format_exc())
+
+
+def _seldom(tell: Report) -> Report:
+    """Pass on what is told, now and then."""
+    last = time.monotonic() - TELL_EVERY
+
+    def report(fraction: float) -> None:
+        nonlocal last
+        now = time.monotonic()
+        if now - last >= TELL_EVERY:
+            last = now
+            tell(fraction)
+
+    return report
+
+
+def remove_parts(task: Task) -> None:
+    """Remove what a dead worker left unfinished."""
+    for folder in task.job.folders:
+        for part in parts(folder, task.token):
+            part.unlink(missing_ok=True)
+
+
+def largest_first(tasks: Sequence[Task]) -> list[Task]:
+    """Tasks in the order in which they are begun, so that no long one is left to the end."""
+    return sorted(tasks, key=lambda task: (-task.job.size, task.number))

@@ -1,0 +1,202 @@
+"""Jobs in processes of this machine.
+
+Workers are forked from a server that has imported what they need and has no threads (where the
+system knows it; else they are started afresh), and keep to one core each. Each has a pipe of its
+own, so that it is known which job was lost with which worker.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import gc
+import multiprocessing
+import os
+import signal
+import threading
+import time
+from collections import Counter, deque
+from collections.abc import Generator, Iterator, Sequence
+from multiprocessing.connection import Connection, wait
+from multiprocessing.context import BaseContext
+from multiprocessing.process import BaseProcess
+from types import FrameType
+
+from sinstool.campaign.jobs import (
+    Event,
+    Outcome,
+    Task,
+    Workers,
+    largest_first,
+    perform,
+    remove_parts,
+)
+from sinstool.threads import keep_to_one_core
+
+# A job whose worker dies is tried once more.
+ATTEMPTS = 2
+# Time to remove unfinished files before a worker is killed, s.
+GRACE = 2.0
+
+
+class _Worker:
+    """A process, its pipe, and what it is doing."""
+
+    def __init__(self, context: BaseContext, task: Task) -> None:
+        self.pipe, theirs = context.Pipe()
+        self.process: BaseProcess = context.Process(  # type: ignore[attr-defined]
+            target=_serve, args=(theirs,), name="sinstool-worker", daemon=True
+        )
+        self.process.start()
+        theirs.close()
+        self.task: Task | None = None
+        self.give(task)
+
+    def give(self, task: Task) -> None:
+        """Have something done."""
+        self.task = task
+        # One that died meanwhile is found out by its pipe.
+        with contextlib.suppress(OSError):
+            self.pipe.send(task)
+
+    def died(self) -> str:
+        """Of what it died."""
+        self.process.join(GRACE)
+        code = self.process.exitcode
+        if code is not None and code < 0:
+            with contextlib.suppress(ValueError):
+                return f"was killed by {signal.Signals(-code).name}"
+        return f"ended with status {code}"
+
+
+def run_local(tasks: Sequence[Task], workers: Workers) -> Generator[Event]:
+    """Do tasks in processes of this machine; see :func:`sinstool.campaign.jobs.run_jobs`.
+
+    Parameters
+    ----------
+    tasks : sequence of Task
+    workers : Workers
+
+    Yields
+    ------
+    Event
+    """
+    context = _context(workers)
+    queue = _Queue(tasks)
+    crew: list[_Worker] = []
+    try:
+        while queue.waiting or crew:
+            while queue.waiting and len(crew) < workers.processes:
+                crew.append(_Worker(context, queue.next()))
+            wait([worker.pipe for worker in crew])
+            for worker in list(crew):
+                yield from _listen(worker, queue)
+                if worker.task is None:
+                    crew.remove(worker)
+    finally:
+        _stop(crew)
+
+
+class _Queue:
+    """Tasks that wait, and how often each was begun."""
+
+    def __init__(self, tasks: Sequence[Task]) -> None:
+        self.waiting = deque(largest_first(tasks))
+        self._begun: Counter[int] = Counter()
+
+    def next(self) -> Task:
+        """Take the next task."""
+        task = self.waiting.popleft()
+        self._begun[task.number] += 1
+        return task
+
+    def again(self, task: Task) -> bool:
+        """Put a task back whose worker died, unless that happened too often."""
+        if self._begun[task.number] >= ATTEMPTS:
+            return False
+        self.waiting.appendleft(task)
+        return True
+
+
+def _listen(worker: _Worker, queue: _Queue) -> Iterator[Event]:
+    """What a worker has to tell; it goes on with the next task, or without one is dismissed."""
+    task = worker.task
+    assert task is not None
+    try:
+        while worker.pipe.poll():
+            told = worker.pipe.recv()
+            if isinstance(told, float):
+                yield Event(task.number, told)
+                continue
+            worker.task = None
+            yield Event(task.number, outcome=told)
+            if not queue.waiting:
+                # It ends when its pipe does.
+                worker.pipe.close()
+                return
+            task = queue.next()
+            worker.give(task)
+    except (EOFError, OSError):
+        worker.task = None
+        said = worker.died()
+        remove_parts(task)
+        if queue.again(task):
+            yield Event(task.number)
+        else:
+            lost = f"{task.job.name}: its worker {said}, {ATTEMPTS} times"
+            yield Event(task.number, outcome=Outcome(None, lost, 1, died=True))
+
+
+def _stop(crew: Sequence[_Worker]) -> None:
+    """End workers at once, and leave nothing unfinished behind."""
+    for worker in crew:
+        worker.process.terminate()
+    until = time.monotonic() + GRACE
+    for worker in crew:
+        worker.process.join(max(0.0, until - time.monotonic()))
+        if worker.process.is_alive():
+            worker.process.kill()
+            worker.process.join()
+        if worker.task is not None:
+            remove_parts(worker.task)
+
+
+def _context(workers: Workers) -> BaseContext:
+    # A plain fork would copy the locks of threads that hold them (of a progress bar, say).
+    if "forkserver" not in multiprocessing.get_all_start_methods():
+        return multiprocessing.get_context("spawn")
+    context = multiprocessing.get_context("forkserver")
+    context.set_forkserver_preload([__name__, *workers.modules])
+    # The server hands its environment on: a worker has one core.
+    os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+    return context
+
+
+def _serve(pipe: Connection) -> None:
+    """Do what comes through the pipe until it ends; a process of its own."""
+    # Ctrl-C at a terminal reaches all; whoever started the workers ends them.
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    signal.signal(signal.SIGTERM, _terminated)
+    threading.Thread(target=_with_parent, daemon=True).start()
+    gc.set_threshold(100_000, 50, 50)
+    keep_to_one_core()
+    with contextlib.suppress(EOFError, OSError):
+        while True:
+            task = pipe.recv()
+            pipe.send(perform(task, pipe.send))
+    # What is left of the interpreter is given back faster by the system.
+    os._exit(0)
+
+
+def _terminated(number: int, frame: FrameType | None) -> None:
+    del number, frame
+    # Once: what is being removed now must not be interrupted in its turn.
+    signal.signal(signal.SIGTERM, signal.SIG_IGN)
+    raise SystemExit(1)
+
+
+def _with_parent() -> None:
+    """Do not outlive the process that wants the results."""
+    parent = multiprocessing.parent_process()
+    if parent is not None:
+        wait([parent.sentinel])
+        os.kill(os.getpid(), signal.SIGTERM)

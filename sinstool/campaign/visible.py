@@ -1,0 +1,145 @@
+"""Whether workers elsewhere see the same files as we do.
+
+A worker that is given a path must find the same bytes behind it, and what it writes must appear
+here. Both are tried before anything starts: inputs by their size and their first bytes, folders
+by a file that each side writes and the other reads.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import os
+import secrets
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+
+from sinstool.readers.log import path_size
+
+HEAD_BYTES = 65536
+
+
+@dataclass(frozen=True)
+class Sight:
+    """What is seen of an input.
+
+    Attributes
+    ----------
+    size : int
+        Bytes; of a folder, those of its files.
+    head : str
+        Hash of its first bytes; of a folder, of the names of its files and their heads.
+    """
+
+    size: int
+    head: str
+
+
+def sight(path: Path) -> Sight:
+    """Look at an input.
+
+    Raises
+    ------
+    OSError
+    """
+    if not path.is_dir():
+        with path.open("rb") as stream:
+            return Sight(path_size(path), hashlib.sha256(stream.read(HEAD_BYTES)).hexdigest())
+    files = sorted(p for p in path.rglob("*") if p.is_file())
+    listing = "".join(f"{p.relative_to(path).as_posix()} {sight(p).head}\n" for p in files)
+    return Sight(path_size(path), hashlib.sha256(listing.encode()).hexdigest())
+
+
+@dataclass(frozen=True)
+class Token:
+    """A file by which a folder is known to be the same one.
+
+    Attributes
+    ----------
+    path : Path
+    text : str
+        What it holds.
+    """
+
+    path: Path
+    text: str
+
+
+@contextmanager
+def tokens(folders: Sequence[Path]) -> Iterator[list[Token]]:
+    """Put a token into each folder, and take it away again.
+
+    Raises
+    ------
+    OSError
+    """
+    made: list[Token] = []
+    try:
+        for folder in folders:
+            token = Token(folder / f".sinstool-{secrets.token_hex(8)}.token", secrets.token_hex(16))
+            made.append(token)
+            token.path.write_text(token.text)
+        yield made
+    finally:
+        for token in made:
+            token.path.unlink(missing_ok=True)
+
+
+def what_differs(
+    seen: Sequence[tuple[Path, Sight]], wanted: Sequence[Token]
+) -> tuple[str, list[Token]]:
+    """Look at the same files from elsewhere, and answer each token by another one.
+
+    Parameters
+    ----------
+    seen : sequence of (Path, Sight)
+        Inputs, as the client sees them.
+    wanted : sequence of Token
+        Of the client, one in each folder that is written to.
+
+    Returns
+    -------
+    str
+        What is seen differently; empty for nothing.
+    list of Token
+        Answers; the client must see, and remove, them.
+    """
+    for path, known in seen:
+        try:
+            found = sight(path)
+        except OSError as exc:
+            return f"does not see {path} ({exc.strerror})", []
+        if found != known:
+            return f"sees another {path} ({found.size} bytes there, {known.size} here)", []
+    answers: list[Token] = []
+    for token in wanted:
+        try:
+            if token.path.read_text() != token.text:
+                return f"sees another folder {token.path.parent}", answers
+        except OSError:
+            return f"does not see the folder {token.path.parent}", answers
+        answer = Token(
+            token.path.with_name(f".sinstool-{os.getpid()}-{secrets.token_hex(8)}.token"),
+            secrets.token_hex(16),
+        )
+        try:
+            answer.path.write_text(answer.text)
+        except OSError as exc:
+            return f"cannot write in {token.path.parent} ({exc.strerror})", answers
+        answers.append(answer)
+    return "", answers
+
+
+def not_seen(answers: Sequence[Token]) -> Path | None:
+    """The first answer that is not here; all are removed."""
+    missing = None
+    for answer in answers:
+        try:
+            same = answer.path.read_text() == answer.text
+        except OSError:
+            same = False
+        answer.path.unlink(missing_ok=True)
+        if not same and missing is None:
+            missing = answer.path.parent
+    return missing

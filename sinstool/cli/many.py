@@ -1,0 +1,298 @@
+"""What commands on many logs share: who works, bars, lines of JSON, the table, exit status."""
+
+from __future__ import annotations
+
+import contextlib
+import json
+import os
+import sys
+from collections.abc import Callable, Iterator, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, TypeVar
+
+import click
+
+from sinstool.cli.console import plain, warn
+from sinstool.config import ProcessConfig
+
+if TYPE_CHECKING:
+    from sinstool.campaign.jobs import Job, Outcome, Workers
+
+F = TypeVar("F", bound=Callable[..., Any])
+INTERRUPTED = 130
+# So many names of logs behind a warning
+NAMED = 3
+EXIT_HELP = (
+    "Exit status with many logs: 1 if a log failed, else 3 if something was lost or withheld in"
+    " one, else 0; the table, and each line of --json, have the status of the single log."
+)
+
+
+def workers_options(default: str) -> Callable[[F], F]:
+    """Decorator: the options that say who works.
+
+    Parameters
+    ----------
+    default : str
+        Of ``--jobs``, in words.
+    """
+
+    def decorate(function: F) -> F:
+        function = click.option(
+            "--scheduler",
+            metavar="tcp://HOST:PORT",
+            help="workers of this Dask cluster instead, which see the same files",
+        )(function)
+        return click.option(
+            "-j",
+            "--jobs",
+            type=click.IntRange(min=1),
+            metavar="N",
+            help=f"processes of this machine, a core each, for many logs [default: {default}]",
+        )(function)
+
+    return decorate
+
+
+def cores() -> int:
+    """Processors that this process may use."""
+    if hasattr(os, "sched_getaffinity"):
+        return len(os.sched_getaffinity(0))
+    return os.cpu_count() or 1
+
+
+def workers_of(
+    jobs: int | None,
+    scheduler: str | None,
+    modules: Sequence[str],
+    reads: Sequence[Path],
+    most: int,
+    default: int | None = None,
+) -> Workers:
+    """Who works.
+
+    Parameters
+    ----------
+    jobs, scheduler : optional
+        As asked for.
+    modules : sequence of str
+        What jobs need.
+    reads : sequence of Path
+    most : int
+        Jobs that there are.
+    default : int, optional
+        Processes, where nothing is said; by default one for each core.
+
+    Raises
+    ------
+    UsageError
+        Both are asked for.
+    """
+    from sinstool.campaign.jobs import Workers
+
+    if jobs is not None and scheduler is not None:
+        raise click.UsageError(
+            "--jobs is of this machine and --scheduler of another: give one of them"
+        )
+    if scheduler is not None:
+        from sinstool.campaign.cluster import require_distributed
+
+        require_distributed()
+    wanted = jobs or default or cores()
+    return Workers(max(1, min(wanted, most)), scheduler, tuple(modules), tuple(reads))
+
+
+def absolute(config: ProcessConfig) -> ProcessConfig:
+    """The configuration with full names of files, as workers may stand elsewhere."""
+    hse, coning, output = config.hse, config.coning, config.output
+
+    def full(name: str | None) -> str | None:
+        return str(Path(name).absolute()) if name is not None and Path(name).is_file() else name
+
+    truth = tuple(full(name) or name for name in output.truth)
+    return config.model_copy(
+        update={
+            "hse": hse.model_copy(update={"hse": full(hse.hse)}),
+            "coning": coning.model_copy(update={"gyro_response": full(coning.gyro_response)}),
+            "output": output.model_copy(update={"truth": truth}),
+        }
+    )
+
+
+def carry_out(
+    jobs: Sequence[Job],
+    workers: Workers,
+    quiet: bool,
+    verbose: bool,
+    tell: Callable[[int, Outcome], None] = lambda number, outcome: None,
+) -> list[Outcome]:
+    """Do all jobs; errors are told on stderr as they come.
+
+    Parameters
+    ----------
+    jobs : sequence of Job
+    workers : Workers
+    quiet : bool
+        No bars.
+    verbose : bool
+        Tracebacks.
+    tell : callable, optional
+        Gets each outcome, in the order of the jobs.
+
+    Returns
+    -------
+    list of Outcome
+
+    Raises
+    ------
+    click.exceptions.Exit
+        With 130 when interrupted, after saying what is done.
+    """
+    from sinstool.campaign.jobs import run_jobs
+
+    ended: dict[int, Outcome] = {}
+    told = 0
+    try:
+        with (
+            _bars(jobs, quiet) as show,
+            contextlib.closing(run_jobs(jobs, workers)) as events,
+        ):
+            for event in events:
+                show(event.number, event.fraction, event.outcome is not None)
+                if event.outcome is None:
+                    continue
+                ended[event.number] = event.outcome
+                if event.outcome.error:
+                    trace = f"{event.outcome.trace}\n" if verbose else ""
+                    click.echo(f"{trace}sinstool: {event.outcome.error}", err=True)
+                while told in ended:
+                    tell(told, ended[told])
+                    told += 1
+    except KeyboardInterrupt:
+        click.echo(
+            f"sinstool: interrupted; {len(ended)} of {len(jobs)} are done, and whole", err=True
+        )
+        raise click.exceptions.Exit(INTERRUPTED) from None
+    return [ended[number] for number in range(len(jobs))]
+
+
+@contextlib.contextmanager
+def _bars(jobs: Sequence[Job], quiet: bool) -> Iterator[Callable[[int, float | None, bool], None]]:
+    """A bar for all bytes, and one for each log that is being worked on; on a terminal only."""
+    if quiet or not sys.stderr.isatty():
+        yield lambda number, fraction, ended: None
+        return
+    from rich.console import Console
+    from rich.progress import (
+        BarColumn,
+        DownloadColumn,
+        Progress,
+        TaskID,
+        TextColumn,
+        TimeRemainingColumn,
+    )
+
+    with Progress(
+        TextColumn("{task.description}"),
+        BarColumn(),
+        DownloadColumn(),
+        TimeRemainingColumn(),
+        console=Console(stderr=True),
+        transient=True,
+        # else lines of JSON would be written to stderr
+        redirect_stdout=sys.stdout.isatty(),
+    ) as bar:
+        every = bar.add_task(f"0 of {len(jobs)}", total=sum(job.size for job in jobs) or len(jobs))
+        running: dict[int, TaskID] = {}
+        done: dict[int, float] = {}
+        ends: set[int] = set()
+
+        def show(number: int, fraction: float | None, ended: bool) -> None:
+            job = jobs[number]
+            if number not in running and not ended:
+                running[number] = bar.add_task(Path(job.name).name, total=job.size or 1)
+            done[number] = (1.0 if ended else fraction or 0.0) * (job.size or 1)
+            if ended:
+                ends.add(number)
+                if number in running:
+                    bar.remove_task(running.pop(number))
+            else:
+                bar.update(running[number], completed=done[number])
+            name = f"{len(ends)} of {len(jobs)}"
+            bar.update(every, completed=sum(done.values()), description=name)
+
+        yield show
+
+
+def print_line(value: dict[str, Any]) -> None:
+    """One JSON object on one line of stdout."""
+    click.echo(json.dumps(plain(value), allow_nan=False))
+
+
+def row_of(outcome: Outcome, log: Path, output: Path | None = None) -> dict[str, Any]:
+    """What there is to say of a log: what its job returned, or why there is nothing."""
+    if not outcome.error:
+        row: dict[str, Any] = outcome.value
+        return row
+    row = {"input": {"path": str(log)}}
+    if output is not None:
+        row["output"] = {"path": str(output)}
+    status = "missing" if outcome.died else "failed"
+    return {**row, "status": status, "exit": outcome.exit_code, "error": outcome.error}
+
+
+def exit_status(rows: Sequence[dict[str, Any]]) -> int:
+    """Of a run on many logs: 1 if one failed, else 3 if something was lost, else 0."""
+    codes = {row["exit"] for row in rows}
+    if codes - {0, 3}:
+        return 1
+    return 3 if 3 in codes else 0
+
+
+def tally(rows: Sequence[dict[str, Any]]) -> str:
+    """How many logs ended how."""
+    words = [row["status"] for row in rows]
+    counted = [f"{words.count(word)} {word}" for word in dict.fromkeys(sorted(words))]
+    return f"{len(rows)} logs: {', '.join(counted)}"
+
+
+def columns(names: Sequence[str], rows: Sequence[Sequence[str]]) -> None:
+    """A table on stdout, numbers to the right."""
+    cells = [tuple(names), *(tuple(row) for row in rows)]
+    widths = [max(len(row[k]) for row in cells) for k in range(len(names))]
+    numeric = [
+        all(row[k] in ("", "-") or _is_number(row[k]) for row in cells[1:])
+        for k in range(len(names))
+    ]
+    for row in cells:
+        parts = [
+            f"{cell:>{width}}" if right else f"{cell:<{width}}"
+            for cell, width, right in zip(row, widths, numeric, strict=True)
+        ]
+        click.echo("  ".join(parts).rstrip())
+
+
+def _is_number(text: str) -> bool:
+    try:
+        float(text)
+    except ValueError:
+        return False
+    return True
+
+
+def warn_together(found: Sequence[tuple[str, Sequence[str]]]) -> None:
+    """Warnings of many logs on stderr, each once, with the logs that it is about.
+
+    Parameters
+    ----------
+    found : sequence of (str, sequence of str)
+        A log's name, and its warnings.
+    """
+    about: dict[str, list[str]] = {}
+    for name, texts in found:
+        for text in texts:
+            about.setdefault(text, []).append(name)
+    for text, names in about.items():
+        shown = ", ".join(names[:NAMED])
+        more = f" and {len(names) - NAMED} more" if len(names) > NAMED else ""
+        warn(f"{shown}{more}: {text}")

@@ -1,0 +1,163 @@
+"""`sinstool process` on many logs."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import click
+
+from sinstool.campaign.inputs import find_logs, output_paths
+from sinstool.campaign.jobs import Job, Outcome
+from sinstool.cli.many import (
+    absolute,
+    carry_out,
+    columns,
+    exit_status,
+    print_line,
+    row_of,
+    tally,
+    warn_together,
+    workers_of,
+)
+from sinstool.cli.process_one import process_unless_done
+from sinstool.config import ProcessConfig
+from sinstool.errors import OutputError
+from sinstool.readers.log import path_size
+from sinstool.record import files
+
+
+def process_many(
+    given: Sequence[Path],
+    folder: Path,
+    config: ProcessConfig,
+    jobs: int | None,
+    scheduler: str | None,
+    as_json: bool,
+    quiet: bool,
+    verbose: bool,
+) -> int:
+    """Process logs, each to an output of its own.
+
+    Parameters
+    ----------
+    given : sequence of Path
+        Files, folders, patterns.
+    folder : Path
+        Of the outputs.
+    config : ProcessConfig
+        ``output.report`` is a folder too.
+    jobs, scheduler : optional
+        Who works.
+    as_json, quiet, verbose : bool
+
+    Returns
+    -------
+    int
+        Exit status.
+    """
+    logs = find_logs(given, without=folder)
+    outputs = [path.absolute() for path in output_paths(logs, folder)]
+    pages: list[Path | None] = [None] * len(logs)
+    if config.output.report is not None:
+        pages = _pages(Path(config.output.report), [log.output for log in logs])
+    config = absolute(config)
+    for output, page in zip(outputs, pages, strict=True):
+        make_folder(output.parent)
+        if page is not None:
+            make_folder(page.parent)
+    paths = [log.path.absolute() for log in logs]
+    tasks = [
+        Job(
+            str(log.path),
+            process_unless_done,
+            (path, output, page, config),
+            path_size(path),
+            (output.parent, *((page.parent,) if page is not None else ())),
+        )
+        for log, path, output, page in zip(logs, paths, outputs, pages, strict=True)
+    ]
+    reads = [*paths, *files(config).values(), *_truth_files(config)]
+    workers = workers_of(jobs, scheduler, _modules(config), reads, len(tasks))
+
+    def tell(number: int, outcome: Outcome) -> None:
+        if as_json:
+            print_line(row_of(outcome, paths[number], outputs[number]))
+
+    outcomes = carry_out(tasks, workers, quiet, verbose, tell)
+    rows = [row_of(o, p, q) for o, p, q in zip(outcomes, paths, outputs, strict=True)]
+    names = [str(log.path) for log in logs]
+    warn_together([(name, row.get("warnings", ())) for name, row in zip(names, rows, strict=True)])
+    if not as_json and not quiet:
+        columns(*_table(names, rows))
+    if not quiet:
+        click.echo(f"{tally(rows)}, in {folder}", err=as_json)
+    return exit_status(rows)
+
+
+def make_folder(folder: Path) -> None:
+    """Make a folder for outputs, and those above it.
+
+    Raises
+    ------
+    OutputError
+    """
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except FileExistsError as exc:
+        raise OutputError(
+            f"{folder} is no folder", "with many logs each has an output in a folder"
+        ) from exc
+    except OSError as exc:
+        raise OutputError(f"cannot make the folder {folder}: {exc.strerror}") from exc
+
+
+def _pages(folder: Path, names: Sequence[Any]) -> list[Path | None]:
+    """A page for each log, in a folder."""
+    from sinstool.report.extra import borrowed
+
+    if folder.suffix.lower() in (".html", ".htm", ".png", ".pdf", ".svg"):
+        raise click.UsageError(
+            f"--report {folder}: with many logs give a folder, which gets a page for each"
+        )
+    borrowed("plotly.offline")
+    return [(folder / name).with_suffix(".html").absolute() for name in names]
+
+
+def _truth_files(config: ProcessConfig) -> list[Path]:
+    return [Path(name) for name in config.output.truth if Path(name).is_file()]
+
+
+def _modules(config: ProcessConfig) -> list[str]:
+    """What a run of this kind imports."""
+    modules = ["sinstool.cli.process_one", "sinstool.pipeline", "sinstool.readers.mcap"]
+    if config.hse.hse is not None:
+        return [*modules, "sinstool.rig_run"]
+    if config.navigation.mode in ("auto", "ins-gnss"):
+        modules.append("sinstool.modes.ins_gnss")
+    if config.navigation.mode == "ins":
+        modules.append("sinstool.modes.ins")
+    return modules
+
+
+def _table(
+    names: Sequence[str], rows: Sequence[dict[str, Any]]
+) -> tuple[tuple[str, ...], list[tuple[str, ...]]]:
+    header = ("status", "log", "samples", "Hz", "gaps", "roll", "pitch", "heading deg", "warnings")
+    return header, [
+        (row["status"], name, *_cells(row)) for name, row in zip(names, rows, strict=True)
+    ]
+
+
+def _cells(row: dict[str, Any]) -> tuple[str, ...]:
+    if "imu" not in row:
+        return ("-",) * 7
+    imu, final = row["imu"], row["final"]
+    return (
+        str(imu["n"]),
+        f"{imu['rate_hz']:.2f}",
+        str(imu["gaps"]),
+        *(f"{final[name]:.3f}" for name in ("roll_deg", "pitch_deg", "heading_deg")),
+        str(len(row["warnings"])),
+    )

@@ -1,0 +1,114 @@
+"""One log of `sinstool process`: the run and its page, alone or among many."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from sinstool.config import ProcessConfig
+
+if TYPE_CHECKING:
+    from sinstool.modes.common import Progress
+    from sinstool.process_figures import Recorder
+
+
+def process_one(
+    log: Path,
+    output: Path,
+    report: Path | None,
+    config: ProcessConfig,
+    progress: Progress | None,
+) -> dict[str, Any]:
+    """Process a log, and write its page where one is asked for.
+
+    Parameters
+    ----------
+    log, output : Path
+    report : Path or None
+        The page.
+    config : ProcessConfig
+    progress : callable, optional
+        Called with the fraction done.
+
+    Returns
+    -------
+    dict
+        The summary: the values of ``--json``.
+
+    Raises
+    ------
+    SinstoolError
+    """
+    from sinstool.pipeline import process
+    from sinstool.writers.whole import together
+
+    recorder = _recorder(log, report, config)
+    with together():
+        summary = process(log, output, config, progress, recorder)
+        if recorder is not None and config.output.truth:
+            summary["truth"] = recorder.errors()
+        if report is not None and recorder is not None:
+            from sinstool.cli.process_report import write_page
+
+            write_page(report, recorder, summary, config)
+    return summary
+
+
+def process_unless_done(
+    log: Path,
+    output: Path,
+    report: Path | None,
+    config: ProcessConfig,
+    progress: Progress | None,
+) -> dict[str, Any]:
+    """One of many: as :func:`process_one`, unless its output is there and would be the same.
+
+    Returns
+    -------
+    dict
+        The summary with ``status`` and ``exit``; of an output that is there already only
+        ``input`` and ``output``.
+
+    Raises
+    ------
+    SinstoolError
+        Also where another file has the output's name.
+    """
+    if output.exists() and not config.output.overwrite:
+        from sinstool.record import require_same
+
+        record = require_same(output, log, config)
+        if report is None or report.exists():
+            size, digest = int(record["input_size"]), record["input_sha256"]
+            return {
+                "input": {"path": str(log), "size": size, "sha256": digest},
+                "output": {"path": str(output)},
+                "status": "complete",
+                "exit": 3 if record.get("status") == "lost" else 0,
+            }
+        # Only the page is missing: the output is made again with it, as it was.
+        again = config.output.model_copy(update={"overwrite": True})
+        config = config.model_copy(update={"output": again})
+    if report is not None:
+        from sinstool.report.page import check_report
+
+        check_report(report, inputs=[log], overwrite=config.output.overwrite)
+    summary = process_one(log, output, report, config, progress)
+    from sinstool.summary import something_lost
+
+    lost = something_lost(summary)
+    return {**summary, "status": "lost" if lost else "done", "exit": 3 if lost else 0}
+
+
+def _recorder(log: Path, report: Path | None, config: ProcessConfig) -> Recorder | None:
+    """What collects figures and errors, where either is asked for."""
+    if report is None and not config.output.truth:
+        return None
+    from sinstool.process_figures import Recorder
+    from sinstool.process_truth import read_references
+    from sinstool.readers import open_log
+
+    if not config.output.truth:
+        return Recorder()
+    with open_log(log, config.input.salvage) as opened:
+        return Recorder(read_references(opened, config.output.truth, config.input.body_axes))
