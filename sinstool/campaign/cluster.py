@@ -5,6 +5,7 @@ from __future__ import annotations
 import contextlib
 import importlib
 import queue
+import secrets
 import time
 from collections.abc import Callable, Generator, Iterator, Sequence
 from pathlib import Path
@@ -18,12 +19,11 @@ from sinstool.campaign.jobs import (
     Workers,
     largest_first,
     perform,
-    remove_parts,
+    remove_left,
 )
 from sinstool.campaign.visible import not_seen, sight, tokens, what_differs
 from sinstool.errors import ConfigurationError, SinstoolError
 from sinstool.threads import keep_to_one_core
-from sinstool.writers.whole import parts
 
 # Waiting for the scheduler, for a first worker, and for cancelled jobs to let go of their files, s.
 CONNECT = 10.0
@@ -146,12 +146,12 @@ def _require_same_files(client: Any, seen: Sequence[Any], wanted: Sequence[Any])
 
 def _run(client: Any, tasks: Sequence[Task]) -> Iterator[Event]:
     """Submit everything, and pass on what comes back."""
-    topic = f"sinstool-{tasks[0].token}" if tasks else ""
+    topic = f"sinstool-{secrets.token_hex(8)}"
     news: queue.SimpleQueue[Event | tuple[int, Any]] = queue.SimpleQueue()
     client.subscribe_topic(topic, lambda event: news.put(Event(*event[1])))
     futures: dict[int, Any] = {}
     for rank, task in enumerate(largest_first(tasks)):
-        key = f"sinstool-{task.token}"
+        key = f"{topic}-{task.number}"
         future = client.submit(_work, task, key, topic, key=key, pure=False, priority=-rank)
         futures[task.number] = future
         future.add_done_callback(_done(news, task.number))
@@ -167,11 +167,11 @@ def _run(client: Any, tasks: Sequence[Task]) -> Iterator[Event]:
             if left.pop(number, None) is None:
                 continue
             # Of a worker that died before another did the job
-            remove_parts(tasks[number])
+            remove_left(tasks[number])
             yield Event(number, outcome=_outcome(tasks[number], future))
     finally:
         if left:
-            _give_up(client, [tasks[number] for number in left], list(left.values()))
+            _give_up(client, topic, list(left.values()))
 
 
 def _done(news: queue.SimpleQueue[Any], number: int) -> Callable[[Any], None]:
@@ -194,16 +194,18 @@ def _outcome(task: Task, future: Any) -> Outcome:
     return Outcome(error=said, exit_code=1)
 
 
-def _give_up(client: Any, tasks: Sequence[Task], futures: Sequence[Any]) -> None:
+def _give_up(client: Any, topic: str, futures: Sequence[Any]) -> None:
     """Cancel jobs, and wait until those that were begun have let go of their files."""
     with contextlib.suppress(Exception):
         client.cancel(list(futures), force=True)
-    until = time.monotonic() + LET_GO
-    begun = list(tasks)
-    while begun and time.monotonic() < until:
-        begun = [t for t in begun if any(parts(f, t.token) for f in t.job.folders)]
-        if begun:
+        until = time.monotonic() + LET_GO
+        while time.monotonic() < until and any(client.run(_busy, topic).values()):
             time.sleep(0.05)
+
+
+def _busy(topic: str, dask_worker: Any) -> bool:
+    """Whether a worker still works on a job of ours."""
+    return any(str(key).startswith(topic) for key in dask_worker.state.tasks)
 
 
 class _Cancelled(BaseException):

@@ -7,17 +7,16 @@ this machine (`local`) or of a Dask cluster (`cluster`). What comes back is a st
 from __future__ import annotations
 
 import contextlib
-import secrets
 import time
 import traceback
 from collections.abc import Callable, Generator, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import sinstool
 from sinstool.errors import ConfigurationError, SinstoolError
-from sinstool.writers.whole import parts, parts_named
+from sinstool.temporary import sweep
 
 Report = Callable[[float], None]
 # Progress is told that often at most, s.
@@ -122,15 +121,12 @@ class Task:
     ----------
     number : int
     job : Job
-    token : str
-        In the names of its unfinished files.
     version : str
         Of the sinstool that asks.
     """
 
     number: int
     job: Job
-    token: str = field(default_factory=lambda: secrets.token_hex(8))
     version: str = sinstool.__version__
 
 
@@ -206,8 +202,7 @@ def perform(task: Task, tell: Report) -> Outcome:
         return Outcome(error=f"{task.job.name}: {said}", exit_code=ConfigurationError.exit_code)
     job = task.job
     try:
-        with parts_named(task.token):
-            return Outcome(value=job.function(*job.arguments, _seldom(tell)))
+        return Outcome(value=job.function(*job.arguments, _seldom(tell)))
     except SinstoolError as exc:
         return Outcome(error=str(exc), exit_code=exc.exit_code, trace=traceback.format_exc())
     except MemoryError:
@@ -231,11 +226,10 @@ def _seldom(tell: Report) -> Report:
     return report
 
 
-def remove_parts(task: Task) -> None:
+def remove_left(task: Task) -> None:
     """Remove what a dead worker left unfinished."""
     for folder in task.job.folders:
-        for part in parts(folder, task.token):
-            part.unlink(missing_ok=True)
+        sweep(folder)
 
 
 def largest_first(tasks: Sequence[Task]) -> list[Task]:

@@ -28,7 +28,7 @@ from sinstool.campaign.jobs import (
     Workers,
     largest_first,
     perform,
-    remove_parts,
+    remove_left,
 )
 from sinstool.threads import keep_to_one_core
 
@@ -138,7 +138,7 @@ def _listen(worker: _Worker, queue: _Queue) -> Iterator[Event]:
     except (EOFError, OSError):
         worker.task = None
         said = worker.died()
-        remove_parts(task)
+        remove_left(task)
         if queue.again(task):
             yield Event(task.number)
         else:
@@ -157,7 +157,7 @@ def _stop(crew: Sequence[_Worker]) -> None:
             worker.process.kill()
             worker.process.join()
         if worker.task is not None:
-            remove_parts(worker.task)
+            remove_left(worker.task)
 
 
 def _context(workers: Workers) -> BaseContext:
@@ -173,8 +173,10 @@ def _context(workers: Workers) -> BaseContext:
 
 def _serve(pipe: Connection) -> None:
     """Do what comes through the pipe until it ends; a process of its own."""
-    # Ctrl-C at a terminal reaches all; whoever started the workers ends them.
-    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    # Ctrl-C at a terminal, and its end, reach all; whoever started the workers ends them.
+    for number in ("SIGINT", "SIGHUP"):
+        if hasattr(signal, number):
+            signal.signal(getattr(signal, number), signal.SIG_IGN)
     signal.signal(signal.SIGTERM, _terminated)
     threading.Thread(target=_with_parent, daemon=True).start()
     gc.set_threshold(100_000, 50, 50)

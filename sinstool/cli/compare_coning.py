@@ -2,21 +2,22 @@
 
 from __future__ import annotations
 
-import csv
-import io
-import textwrap
 from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import click
 
+from sinstool.cli.coning_rows import print_comparison, write_csv
 from sinstool.cli.console import print_json, progress_bar, warn
+from sinstool.cli.many import EXIT_HELP, workers_options
 from sinstool.cli.options import Words, config_options, effective_config
 from sinstool.errors import ConfigurationError
 
 if TYPE_CHECKING:
+    from sinstool.comparison.compare import Settings
     from sinstool.comparison.paper import Reproduction
+    from sinstool.config import ProcessConfig
 
 
 class Whole(click.ParamType):
@@ -39,8 +40,9 @@ class Whole(click.ParamType):
         return tuple(dict.fromkeys((1, *numbers)))
 
 
-@click.command("compare-coning")
-@click.argument("log", type=click.Path(path_type=Path), required=False)
+@click.command("compare-coning", epilog=EXIT_HELP)
+@click.argument("logs", nargs=-1, type=click.Path(path_type=Path), metavar="[LOG]...")
+@workers_options("one for each core")
 @click.option("--paper", is_flag=True, help="re-run the published experiment instead of a log")
 @click.option(
     "--algorithms", type=Words(), metavar="A,B,...", help="coning algorithms [default: ten]"
@@ -111,25 +113,38 @@ class Whole(click.ParamType):
 @click.option("--csv", "csv_dir", type=click.Path(path_type=Path), help="new folder for tables")
 @click.option("--report", type=click.Path(path_type=Path), help="page (.html) or figure to write")
 @click.option("--overwrite", is_flag=True, help="replace an existing report")
-@click.option("--json", "as_json", is_flag=True, help="one JSON object on stdout")
+@click.option(
+    "--json", "as_json", is_flag=True, help="one JSON object on stdout, or one line for each log"
+)
 @click.option("-q", "--quiet", is_flag=True, help="no progress")
 @click.option("-v", "--verbose", is_flag=True, help="tracebacks for errors")
-def command(log: Path | None, paper: bool, **options: Any) -> int:
+def command(logs: tuple[Path, ...], paper: bool, **options: Any) -> int:
     """Which coning algorithm, on LOG, and by how much.
 
     Runs the algorithms side by side on LOG, as it is and as if it had been taken at lower rates,
     and says how they drift from the sharpest of them, or from --truth, and what the log's own
     coning predicts. docs/compare-coning.md says what each column means.
 
+    Many LOGs, a folder of them or a pattern in quotes: a line for each, and what every algorithm
+    does over all. --csv and --report are then folders, with a folder or page for each log.
+
     With --paper it re-runs the published experiment instead, each printed figure beside ours.
     """
-    if paper == (log is not None):
+    if paper == bool(logs):
         raise click.UsageError("give a LOG to compare on, or --paper")
+    from sinstool.campaign.inputs import are_many
+
+    if are_many(logs):
+        from sinstool.cli.compare_many import compare_many
+
+        return compare_many(logs, options)
+    if options["scheduler"] is not None:
+        raise click.UsageError("--scheduler is for many logs")
     if options["report"] is not None:
         from sinstool.report.page import check_report
 
-        check_report(options["report"], inputs=[log] if log else [], overwrite=options["overwrite"])
-    return _paper(options) if log is None else _log(log, options)
+        check_report(options["report"], inputs=logs, overwrite=options["overwrite"])
+    return _log(logs[0], options) if logs else _paper(options)
 
 
 def _paper(options: dict[str, Any]) -> int:
@@ -158,22 +173,47 @@ def _paper(options: dict[str, Any]) -> int:
 
 
 def _log(log: Path, options: dict[str, Any]) -> int:
+    config, settings = told(options)
+    from sinstool.writers.whole import check_new_folder
+
+    if options["csv_dir"] is not None:
+        check_new_folder(options["csv_dir"], "--csv")
+    with progress_bar(log.name, options["quiet"]) as progress:
+        result = compare_one(log, config, settings, options, progress)
+    for text in result["warnings"]:
+        warn(text)
+    if options["as_json"]:
+        print_json(result)
+    else:
+        print_comparison(result)
+    return 3 if result["lost"] else 0
+
+
+def told(options: dict[str, Any]) -> tuple[ProcessConfig, Settings]:
+    """Configuration and settings of a comparison, from the options of the command line.
+
+    Raises
+    ------
+    UsageError, ConfigurationError
+        They do not fit each other, or there is no such algorithm.
+    """
     given = {k: v for k, v in options.items() if "__" in k}
     config = effective_config(options["config_file"], given)
     if not options["window"] > 0.0 or not options["tolerance"] >= 0.0:
         raise click.UsageError("--window is positive and --tolerance not negative")
-    from sinstool.compare_log import compare_log
     from sinstool.comparison.compare import DEFAULT_ALGORITHMS, Settings
     from sinstool.comparison.divergence import DEG_H
-    from sinstool.comparison.summary import as_object, figures
     from sinstool.coning.registry import algorithm
-    from sinstool.writers.whole import check_new_folder, together
 
     if options["truth"] is not None and options["reference"] != "auto":
         raise click.UsageError("give --truth or --reference, not both")
     names = options["algorithms"] or DEFAULT_ALGORITHMS
     for name in (*names, *({options["reference"]} - {"auto", "none"})):
         algorithm(name)
+    if options["sp_preset"] == "auto" and options["passband"] is None:
+        raise ConfigurationError(
+            "--sp-preset auto tunes to the coning in a passband", "give --passband HZ"
+        )
     settings = Settings(
         tuple(dict.fromkeys(names)),
         options["reference"],
@@ -181,31 +221,49 @@ def _log(log: Path, options: dict[str, Any]) -> int:
         options["window"],
         options["tolerance"] / DEG_H,
     )
-    folder = options["csv_dir"]
-    if folder is not None:
-        check_new_folder(folder, "--csv")
-    if options["sp_preset"] == "auto" and options["passband"] is None:
-        raise ConfigurationError(
-            "--sp-preset auto tunes to the coning in a passband", "give --passband HZ"
-        )
-    with progress_bar(log.name, options["quiet"]) as progress:
-        found = compare_log(
-            log,
-            config,
-            settings,
-            passband=options["passband"],
-            stopband=options["stopband"],
-            gyro_response=options["gyro_response"],
-            sp_preset=options["sp_preset"],
-            truth=options["truth"],
-            progress=progress,
-        )
+    return config, settings
+
+
+def compare_one(
+    log: Path,
+    config: ProcessConfig,
+    settings: Settings,
+    options: dict[str, Any],
+    progress: Callable[[float], None] | None,
+) -> dict[str, Any]:
+    """Compare on a log, and write what is asked for beside.
+
+    Parameters
+    ----------
+    log : Path
+    config : ProcessConfig
+    settings : Settings
+    options : dict
+        Of the command line.
+    progress : callable, optional
+        Called with the fraction done.
+
+    Returns
+    -------
+    dict
+        The comparison as plain values.
+
+    Raises
+    ------
+    SinstoolError
+    """
+    from sinstool.compare_log import compare_log
+    from sinstool.comparison.summary import as_object, figures
+    from sinstool.writers.whole import together
+
+    taken = ("passband", "stopband", "gyro_response", "sp_preset", "truth")
+    found = compare_log(
+        log, config, settings, progress=progress, **{name: options[name] for name in taken}
+    )
     result = as_object(found)
-    for text in found.warnings:
-        warn(text)
     with together():
-        if folder is not None:
-            _write_csv(folder, result)
+        if options["csv_dir"] is not None:
+            write_csv(options["csv_dir"], result)
         if options["report"] is not None:
             settings_shown = result["meta"] | {"algorithms": ", ".join(settings.algorithms)}
             from sinstool.cli.coning_report import write_comparison
@@ -219,269 +277,4 @@ def _log(log: Path, options: dict[str, Any]) -> int:
                 list(found.warnings),
                 result,
             )
-    if options["as_json"]:
-        print_json(result)
-    else:
-        _print(result)
-    return 3 if found.lost else 0
-
-
-Get = Callable[[dict[str, Any]], Any]
-
-
-def _drift(key: str, axis: int | None = None) -> Get:
-    def get(alg: dict[str, Any]) -> Any:
-        found = alg["drift_dph"] and alg["drift_dph"][key]
-        return found if axis is None or found is None else found[axis]
-
-    return get
-
-
-def _axis(key: str, axis: int) -> Get:
-    return lambda alg: alg[key] and alg[key][axis]
-
-
-def _kept(alg: dict[str, Any]) -> str:
-    return "all" if alg["decimate"] == 1 else f"1/{alg['decimate']} {alg['input']}"
-
-
-# Of the report and the CSV; what each is: docs/compare-coning.md
-COLUMNS: tuple[tuple[str, str, Get], ...] = (
-    ("algorithm", "", lambda a: a["name"]),
-    ("kept", "", _kept),
-    ("updates", "Hz", lambda a: a["update_hz"]),
-    ("drift", "deg/h rms", _drift("slope_rms")),
-    ("window end", "deg/h rms", _drift("norm_rms")),
-    *((f"mean {x}", "deg/h", _drift("mean", k)) for k, x in enumerate("xyz")),
-    *((f"2 sigma {x}", "deg/h", _drift("confidence", k)) for k, x in enumerate("xyz")),
-    *((f"predicted {x}", "deg/h", _axis("pred_parting_dph", k)) for k, x in enumerate("xyz")),
-    *((f"expected {x}", "deg/h", _axis("pred_dph", k)) for k, x in enumerate("xyz")),
-    *((f"pseudo {x}", "deg/h", _axis("pseudo_dph", k)) for k, x in enumerate("xyz")),
-    ("largest", "deg", lambda a: a["largest_deg"]),
-    ("cost", "ns/sample", lambda a: a["ns_per_sample"]),
-    ("below resolution", "", lambda a: a["drift_dph"] is not None and not a["resolved"]),
-    ("prediction does not hold", "", lambda a: a["pred_exception"]),
-)
-
-
-def _size(vector: Any) -> float | None:
-    """Length of a vector that may be missing."""
-    return None if not vector else float(sum(v * v for v in vector) ** 0.5)
-
-
-# The terminal has room for sizes; components are in --json, --csv and --report.
-TERMINAL: tuple[tuple[str, str, Get], ...] = (
-    ("algorithm", "", lambda a: a["name"]),
-    ("rate", "Hz", lambda a: a["update_hz"]),
-    ("drift", "deg/h", _drift("slope_rms")),
-    ("end", "deg/h", _drift("norm_rms")),
-    ("mean", "deg/h", lambda a: _size(_drift("mean")(a))),
-    ("+/-", "deg/h", lambda a: a["drift_dph"] and max(a["drift_dph"]["confidence"])),
-    ("predict", "deg/h", lambda a: _size(a["pred_parting_dph"])),
-    ("expect", "deg/h", lambda a: _size(a["pred_dph"])),
-    ("pseudo", "deg/h", lambda a: _size(a["pseudo_dph"])),
-    ("largest", "deg", lambda a: a["largest_deg"]),
-    ("cost", "ns", lambda a: a["ns_per_sample"]),
-)
-LEGEND = (
-    "drift: slope of the angle from the reference within {window:g} s windows, rms over windows;"
-    " end: angle at a window's end over its length, rms; mean: of the latter, +/- two sigma;"
-    " predict: that mean as the log's coning spectrum has it; expect: drift from the true motion"
-    " as the spectrum has it{brackets}.{pseudo}"
-)
-BRACKETS = " (in brackets where it cannot hold, see below)"
-PSEUDO = " pseudo: part of expect that is noise, if nothing moves above the stopband."
-WIDTH = 118
-# Angles that far below rounding are none
-_NOTHING = 1e-9
-
-
-def _cells(result: dict[str, Any]) -> list[tuple[Any, ...]]:
-    return [tuple(get(a) for _, _, get in COLUMNS) for a in result["algs"]]
-
-
-def _shown(value: Any) -> str:
-    if isinstance(value, str):
-        return value
-    if value is None or value != value:
-        return "-"
-    if abs(value) >= 1e3:
-        return f"{value:.0f}" if abs(value) < 1e5 else f"{value:.2g}"
-    return f"{value:.3g}" if abs(value) >= _NOTHING else "0"
-
-
-def _say(text: str) -> None:
-    """Print a paragraph, folded."""
-    click.echo(
-        "\n".join(textwrap.wrap(text, WIDTH, subsequent_indent="  ", break_on_hyphens=False))
-    )
-
-
-def _print(result: dict[str, Any]) -> None:
-    meta, reference, checks = result["meta"], result["reference"], result["checks"]
-    stretches = checks["segments"]
-    gaps = f" in {stretches} stretches between gaps" if stretches > 1 else ""
-    _say(
-        f"{meta['imu_topic']}: {meta['samples']} samples, {meta['duration_s']:.1f} s{gaps}, at"
-        f" {checks['rate_hz']:.3f} Hz, taken as {meta['gyro_kind']}"
-    )
-    _say(about_reference(reference, meta))
-    _print_table(result)
-    brackets = BRACKETS if any(a["pred_exception"] for a in result["algs"]) else ""
-    pseudo = PSEUDO if meta["stopband_hz"] is not None else ""
-    if reference["name"] != "none":
-        click.echo()
-        _say(LEGEND.format(window=meta["window_s"], brackets=brackets, pseudo=pseudo))
-    if reference["below_resolution"]:
-        _say("* below the reference's resolution: less than ten times what that is good to.")
-    for exception in dict.fromkeys(a["pred_exception"] for a in result["algs"]):
-        if exception:
-            names = {a["name"] for a in result["algs"] if a["pred_exception"] == exception}
-            _say(f"The prediction cannot hold for {', '.join(sorted(names))}: {exception}.")
-    for alg in result["algs"]:
-        if alg["caveat"] and alg["decimate"] == 1:
-            _say(alg["caveat"])
-    click.echo()
-    _print_sp(result["sp"])
-    _print_slower(result)
-    _say(f"Verdict: {result['verdict']['text']}.")
-
-
-def about_reference(reference: dict[str, Any], meta: dict[str, Any]) -> str:
-    """One line on what the candidates are held against, and how far it can be trusted."""
-    name = reference["name"]
-    if name == "none":
-        widest = meta["widest_pair"]
-        between = ""
-        if widest is not None:
-            between = (
-                f"; the two that part most are {widest['first']} and {widest['second']}, by"
-                f" {_shown(widest['largest_deg'])} deg"
-            )
-        return f"No reference{between} (all pairs: --json, --csv)"
-    if reference["is_truth"]:
-        return f"Reference: {name}: sensor errors, which all rows share, are in every drift"
-    text = f"Reference: {name}"
-    if reference["resolution_dph"] is not None:
-        text += f", which agrees to {_shown(reference['resolution_dph'])} deg/h with its judges"
-    if reference["pred_dph"] is not None:
-        text += f" and is expected to drift by {_shown(_size(reference['pred_dph']))} deg/h itself"
-    return text
-
-
-def _print_table(result: dict[str, Any]) -> None:
-    columns = [
-        c
-        for c in TERMINAL
-        if c[0] in ("algorithm", "rate", "cost") or any(c[2](a) is not None for a in result["algs"])
-    ]
-    if result["reference"]["name"] == "none":
-        columns = [c for c in columns if c[0] != "largest"]
-    table = []
-    for alg in result["algs"]:
-        row = [_shown(get(alg)) for _, _, get in columns]
-        row[0] += " *" if alg["drift_dph"] is not None and not alg["resolved"] else ""
-        for k, (name, _, _) in enumerate(columns):
-            if name in ("predict", "expect") and alg["pred_exception"]:
-                row[k] = f"({row[k]})"
-        table.append(row)
-    heads = [[name for name, _, _ in columns], [unit for _, unit, _ in columns]]
-    widths = [max(len(r[k]) for r in [*heads, *table]) for k in range(len(columns))]
-    group = None
-    for row, alg in zip(table, result["algs"], strict=True):
-        if (alg["decimate"], alg["input"]) != group:
-            group = (alg["decimate"], alg["input"])
-            click.echo()
-            click.echo(_group(alg, result["checks"]["rate_hz"]))
-            if alg["decimate"] == 1:
-                for head in heads:
-                    click.echo(_line(head, widths))
-        click.echo(_line(row, widths))
-
-
-def _line(cells: list[str], widths: list[int]) -> str:
-    rest = (f"{v:>{w}}" for v, w in zip(cells[1:], widths[1:], strict=True))
-    return "  ".join((f"{cells[0]:<{widths[0]}}", *rest)).rstrip()
-
-
-def _group(alg: dict[str, Any], rate_hz: float) -> str:
-    m = alg["decimate"]
-    if m == 1:
-        return f"The log as it is, {rate_hz:.4g} Hz"
-    how = "increments summed" if alg["input"] == "sums" else "rates picked"
-    return f"As if logged at {rate_hz / m:.4g} Hz, {how} (one of {m})"
-
-
-def _print_sp(sp: dict[str, Any] | None) -> None:
-    if sp is None or not sp["compared"]:
-        return
-    tuning, limits = sp["tuning"], sp["bounds"]
-    epsilon, gain = limits["epsilon_upper_s"][0], limits["gain_lower"][0]
-    text = f"singular-perturbation is the same as {sp['equivalent']}."
-    if epsilon == epsilon:
-        noise = ", which are those of noise here" if limits["status"] == "noise-limited" else ""
-        text += (
-            f" The paper's bounds on this log{noise}: (13) epsilon at most {_shown(epsilon)} s,"
-            f" (15) n at least {_shown(gain)}."
-        )
-    _say(text)
-    if tuning["status"] == "tuned":
-        _say(
-            f"Tuned to the passband: epsilon {tuning['epsilon_s']:.4g} s, n"
-            f" {tuning['beta_gain']:.4f}; expected drift {_shown(_size(tuning['drift_tuned_dph']))}"
-            f" deg/h instead of {_shown(_size(tuning['drift_best_dph']))} (--sp-preset auto)."
-        )
-    else:
-        why = {
-            "no-passband": "without --passband nothing tells motion from noise",
-            "noise-limited": "the passband holds little but noise",
-            "no-coning": "the passband holds no coning to tune to",
-        }[tuning["status"]]
-        _say(f"Not tuned, as {why}: epsilon = T/2 and n = 2 are its best without knowledge.")
-
-
-def _print_slower(result: dict[str, Any]) -> None:
-    """What lower rates would have folded, and which algorithms would still have done."""
-    meta, limit = result["meta"], result["verdict"]["limit_dph"]
-    folded = {(a["decimate"], a["input"]): a for a in result["alias"]}
-    groups: dict[tuple[int, str], list[str]] = {}
-    for alg in result["algs"]:
-        if alg["decimate"] > 1:
-            found = groups.setdefault((alg["decimate"], alg["input"]), [])
-            drift = _drift("slope_rms")(alg)
-            if limit is not None and drift is not None and drift <= limit:
-                found.append(alg["name"])
-    for (m, how), names in groups.items():
-        text = f"Logged at {result['checks']['rate_hz'] / m:.4g} Hz,"
-        text += " increments summed:" if how == "sums" else " rates picked:"
-        alias = folded.get((m, how))
-        if alias is not None:
-            text += (
-                f" content that folds onto rest adds {_shown(alias['dc_alias_deg'])} deg rms in"
-                f" {meta['window_s']:g} s to every algorithm;"
-            )
-            if alias["lines_hz"]:
-                near = ", ".join(f"{f:.4g} Hz" for f in alias["lines_hz"])
-                text += f" lines that fold to slow motion: {near};"
-        if limit is not None:
-            text += f" within {_shown(limit)} deg/h would still be {', '.join(names) or 'none'};"
-        _say(text[:-1] + ".")
-    if groups:
-        click.echo()
-
-
-def _write_csv(folder: Path, result: dict[str, Any]) -> None:
-    from sinstool.writers.whole import WholeFile, make_folder
-
-    heads = tuple(f"{n} [{u}]" if u else n for n, u, _ in COLUMNS)
-    pairs = ((p["first"], p["second"], p["largest_deg"]) for p in result["pairs"])
-    tables = {
-        "algorithms.csv": (heads, *_cells(result)),
-        "pairs.csv": (("first", "second", "largest angle [deg]"), *pairs),
-    }
-    make_folder(folder)
-    for name, rows in tables.items():
-        text = io.StringIO()
-        csv.writer(text).writerows(rows)
-        with WholeFile(folder / name) as whole:
-            whole.stream.write(text.getvalue().encode())
+    return result

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Any
 
-from sinstool.cli.compare_coning import (
+from sinstool.cli.coning_rows import (
     COLUMNS,
     LEGEND,
     PSEUDO,

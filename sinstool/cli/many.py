@@ -16,6 +16,7 @@ from sinstool.cli.console import plain, warn
 from sinstool.config import ProcessConfig
 
 if TYPE_CHECKING:
+    from sinstool.campaign.inputs import LogInput
     from sinstool.campaign.jobs import Job, Outcome, Workers
 
 F = TypeVar("F", bound=Callable[..., Any])
@@ -117,6 +118,29 @@ def absolute(config: ProcessConfig) -> ProcessConfig:
             "output": output.model_copy(update={"truth": truth}),
         }
     )
+
+
+def page_paths(folder: Path | None, logs: Sequence[LogInput]) -> list[Path | None]:
+    """A page for each log, in the folder that ``--report`` names.
+
+    Raises
+    ------
+    UsageError
+        It is the name of a file.
+    ConfigurationError
+        The extra ``report`` is not installed.
+    """
+    if folder is None:
+        return [None] * len(logs)
+    from sinstool.campaign.inputs import output_paths
+    from sinstool.report.extra import borrowed
+
+    if folder.suffix.lower() in (".html", ".htm", ".png", ".pdf", ".svg"):
+        raise click.UsageError(
+            f"--report {folder}: with many logs give a folder, which gets a page for each"
+        )
+    borrowed("plotly.offline")
+    return [path.absolute() for path in output_paths(logs, folder, ".html")]
 
 
 def carry_out(

@@ -88,7 +88,6 @@ def command(
             raise click.UsageError("--report and -o name one file")
     from sinstool.cli.process_one import process_one
     from sinstool.summary import something_lost
-    from sinstool.writers.whole import together
 
     with progress_bar(log.name, quiet) as progress:
         summary = process_one(log, output, report, config, progress)

@@ -15,6 +15,7 @@ from sinstool.cli.many import (
     carry_out,
     columns,
     exit_status,
+    page_paths,
     print_line,
     row_of,
     tally,
@@ -23,9 +24,9 @@ from sinstool.cli.many import (
 )
 from sinstool.cli.process_one import process_unless_done
 from sinstool.config import ProcessConfig
-from sinstool.errors import OutputError
 from sinstool.readers.log import path_size
 from sinstool.record import files
+from sinstool.writers.whole import make_folder
 
 
 def process_many(
@@ -59,9 +60,8 @@ def process_many(
     """
     logs = find_logs(given, without=folder)
     outputs = [path.absolute() for path in output_paths(logs, folder)]
-    pages: list[Path | None] = [None] * len(logs)
-    if config.output.report is not None:
-        pages = _pages(Path(config.output.report), [log.output for log in logs])
+    report = config.output.report
+    pages = page_paths(None if report is None else Path(report), logs)
     config = absolute(config)
     for output, page in zip(outputs, pages, strict=True):
         make_folder(output.parent)
@@ -94,35 +94,6 @@ def process_many(
     if not quiet:
         click.echo(f"{tally(rows)}, in {folder}", err=as_json)
     return exit_status(rows)
-
-
-def make_folder(folder: Path) -> None:
-    """Make a folder for outputs, and those above it.
-
-    Raises
-    ------
-    OutputError
-    """
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-    except FileExistsError as exc:
-        raise OutputError(
-            f"{folder} is no folder", "with many logs each has an output in a folder"
-        ) from exc
-    except OSError as exc:
-        raise OutputError(f"cannot make the folder {folder}: {exc.strerror}") from exc
-
-
-def _pages(folder: Path, names: Sequence[Any]) -> list[Path | None]:
-    """A page for each log, in a folder."""
-    from sinstool.report.extra import borrowed
-
-    if folder.suffix.lower() in (".html", ".htm", ".png", ".pdf", ".svg"):
-        raise click.UsageError(
-            f"--report {folder}: with many logs give a folder, which gets a page for each"
-        )
-    borrowed("plotly.offline")
-    return [(folder / name).with_suffix(".html").absolute() for name in names]
 
 
 def _truth_files(config: ProcessConfig) -> list[Path]:

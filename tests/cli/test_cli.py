@@ -514,7 +514,7 @@ def test_every_field_is_an_option_and_the_reverse():
         assert option.opts == ["--" + name.replace("_", "-")]
         assert option.help, option
     own = {p.name for p in command.params} - set(options)
-    assert own == {"log", "output", "config_file", "show", "as_json", "quiet", "verbose"}
+    assert own == {"logs", "jobs", "scheduler", "output", "config_file", "show", "as_json", "quiet", "verbose"}
     # names are unique over the groups, as flags must be
     assert len({name for _, name in fields()}) == len(fields())
 

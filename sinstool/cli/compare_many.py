@@ -1,0 +1,170 @@
+"""`sinstool compare-coning` on many logs."""
+
+from __future__ import annotations
+
+import statistics
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import click
+
+from sinstool.campaign.inputs import find_logs, output_paths
+from sinstool.campaign.jobs import Job, Outcome
+from sinstool.cli.compare_coning import compare_one, told
+from sinstool.cli.coning_rows import drift, shown, write_table
+from sinstool.cli.many import (
+    absolute,
+    carry_out,
+    columns,
+    exit_status,
+    page_paths,
+    print_line,
+    row_of,
+    tally,
+    warn_together,
+    workers_of,
+)
+from sinstool.readers.log import path_size
+from sinstool.record import files
+from sinstool.writers.whole import check_new_folder, check_output, make_folder
+
+if TYPE_CHECKING:
+    from sinstool.comparison.compare import Settings
+    from sinstool.config import ProcessConfig
+
+SUMMARY = "summary.csv"
+SUMMARY_COLUMNS = ("log", "status", "algorithm", "kept 1 of", "input", "drift [deg/h rms]")
+MODULES = ("sinstool.cli.compare_coning", "sinstool.compare_log", "sinstool.readers.mcap")
+
+
+def compare_many(given: Sequence[Path], options: dict[str, Any]) -> int:
+    """Compare on every log, and over all.
+
+    Parameters
+    ----------
+    given : sequence of Path
+        Files, folders, patterns.
+    options : dict
+        Of the command line; ``csv_dir`` and ``report`` are folders.
+
+    Returns
+    -------
+    int
+        Exit status.
+    """
+    config, settings = told(options)
+    config = absolute(config)
+    folder, quiet = options["csv_dir"], options["quiet"]
+    logs = find_logs(given, without=folder)
+    paths = [log.path.absolute() for log in logs]
+    tables: list[Path | None] = [None] * len(logs)
+    if folder is not None:
+        check_new_folder(folder, "--csv")
+        tables = [path.with_suffix("").absolute() for path in output_paths(logs, folder)]
+    pages = page_paths(options["report"], logs)
+    kept = {k: v for k, v in options.items() if "__" not in k}
+    for name in ("truth", "gyro_response"):
+        if kept[name] is not None and Path(kept[name]).is_file():
+            kept[name] = str(Path(kept[name]).absolute())
+    jobs = []
+    for log, path, table, page in zip(logs, paths, tables, pages, strict=True):
+        folders = [p.parent for p in (table, page) if p is not None]
+        for wanted in folders:
+            make_folder(wanted)
+        own = {**kept, "csv_dir": table, "report": page}
+        arguments = (path, config, settings, own)
+        jobs.append(Job(str(log.path), compare_log, arguments, path_size(path), tuple(folders)))
+    named = [Path(kept[k]) for k in ("truth", "gyro_response") if kept[k] is not None]
+    reads = [*paths, *files(config).values(), *(p for p in named if p.is_file())]
+    workers = workers_of(options["jobs"], options["scheduler"], MODULES, reads, len(jobs))
+
+    def tell(number: int, outcome: Outcome) -> None:
+        if options["as_json"]:
+            print_line(row_of(outcome, paths[number]))
+
+    outcomes = carry_out(jobs, workers, quiet, options["verbose"], tell)
+    rows = [row_of(outcome, path) for outcome, path in zip(outcomes, paths, strict=True)]
+    names = [str(log.path) for log in logs]
+    warn_together([(n, row.get("warnings", ())) for n, row in zip(names, rows, strict=True)])
+    over_all = summary(names, rows)
+    if folder is not None:
+        _write_summary(folder / SUMMARY, names, rows)
+    if not options["as_json"]:
+        columns(*_table(names, rows))
+        if over_all:
+            click.echo()
+            columns(ALGORITHM, over_all)
+    if not quiet:
+        click.echo(tally(rows), err=options["as_json"])
+    return exit_status(rows)
+
+
+def compare_log(
+    path: Path, config: ProcessConfig, settings: Settings, options: dict[str, Any], progress: Any
+) -> dict[str, Any]:
+    """One of many: the comparison on a log with ``input``, ``status`` and ``exit``.
+
+    Raises
+    ------
+    SinstoolError
+    """
+    if options["report"] is not None:
+        check_output(options["report"], [path], options["overwrite"])
+    result = compare_one(path, config, settings, options, progress)
+    status = {"status": "lost", "exit": 3} if result["lost"] else {"status": "done", "exit": 0}
+    return {"input": {"path": str(path)}, **result, **status}
+
+
+ALGORITHM = ("algorithm", "logs", "median deg/h rms", "worst", "of the log")
+
+
+def summary(names: Sequence[str], rows: Sequence[dict[str, Any]]) -> list[tuple[str, ...]]:
+    """What each algorithm does over all logs, as they are: the drift's median and its worst."""
+    drifts: dict[str, list[tuple[float, str]]] = {}
+    for name, row in zip(names, rows, strict=True):
+        for alg in row.get("algs", ()):
+            value = drift("slope_rms")(alg)
+            if alg["decimate"] == 1 and value is not None and value == value:
+                drifts.setdefault(alg["name"], []).append((value, name))
+    found: list[tuple[str, ...]] = []
+    for algorithm, values in drifts.items():
+        worst, log = max(values)
+        middle = statistics.median(value for value, _ in values)
+        found.append((algorithm, str(len(values)), shown(middle), shown(worst), log))
+    return found
+
+
+HEADER = ("status", "log", "samples", "Hz", "gaps", "reference", "take")
+
+
+def _table(
+    names: Sequence[str], rows: Sequence[dict[str, Any]]
+) -> tuple[tuple[str, ...], list[tuple[str, ...]]]:
+    return HEADER, [
+        (row["status"], name, *_cells(row)) for name, row in zip(names, rows, strict=True)
+    ]
+
+
+def _cells(row: dict[str, Any]) -> tuple[str, ...]:
+    if "meta" not in row:
+        return ("-",) * 5
+    checks = row["checks"]
+    return (
+        str(row["meta"]["samples"]),
+        f"{checks['rate_hz']:.2f}",
+        str(checks["gaps"]),
+        row["reference"]["name"],
+        row["verdict"]["algorithm"] or "-",
+    )
+
+
+def _write_summary(path: Path, names: Sequence[str], rows: Sequence[dict[str, Any]]) -> None:
+    """Every algorithm on every log in one table."""
+    cells: list[Sequence[Any]] = []
+    for name, row in zip(names, rows, strict=True):
+        for alg in row.get("algs", ({},)):
+            value = drift("slope_rms")(alg) if alg else None
+            said = [alg.get(k, "") for k in ("name", "decimate", "input")]
+            cells.append((name, row["status"], *said, "" if value is None else value))
+    write_table(path, SUMMARY_COLUMNS, cells)
