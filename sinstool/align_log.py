@@ -18,6 +18,7 @@ from sinstool.alignment.inflight import InFlightAlignment
 from sinstool.config import ProcessConfig
 from sinstool.config.align import IN_FLIGHT
 from sinstool.errors import AlignmentError, ConfigurationError
+from sinstool.explain import explain
 from sinstool.in_flight import Moving, align_moving
 from sinstool.initialise import align, compass, seconds_from_start
 from sinstool.readers import open_log
@@ -90,6 +91,7 @@ def align_log(
             size = max(log.size, 1)
             told = progress
             report = lambda position: told(min(1.0, position / size))  # noqa: E731
+        explain("log", f"{path}, {log.format}, {log.size / 1e6:.1f} MB")
         source = prepare(log, config, report, whole_gnss=True)
         found = _align(source, config)
         if truth is None:
@@ -127,8 +129,10 @@ def _with_truth(
 def _align(source: Source, config: ProcessConfig) -> LogAlignment:
     grade, why = sensor_grade(source, config)
     method: str = config.align.align
-    if method == "auto":
+    told_so = method != "auto"
+    if not told_so:
         method = _method(source)
+    explain("method", f"{method}, {'as told' if told_so else _METHOD_WHY[method]}")
     answer: InFlightAlignment | Gyrocompass | None = None
     if method in IN_FLIGHT:
         at = config.in_flight.at
@@ -170,6 +174,13 @@ def _align(source: Source, config: ProcessConfig) -> LogAlignment:
         ),
         q_nb,
     )
+
+
+_METHOD_WHY = {
+    "svd": "as the log has GNSS position and velocity",
+    "gyrocompass": "as the log begins at rest, its latitude is known, and there is no velocity",
+    "level": "as there is neither GNSS velocity nor a rest at a known latitude",
+}
 
 
 def _method(source: Source) -> str:

@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 import sinstool
 from sinstool.config import CalibrationOptions, ProcessConfig
 from sinstool.errors import AlignmentError, ConfigurationError, SinstoolError
+from sinstool.explain import explain
 from sinstool.hse.calibration_file import HseCalibration, dumps, from_fit
 from sinstool.hse.correction import correct_heading
 from sinstool.hse.fit import fit
@@ -176,6 +177,8 @@ def calibrate(
             f"runs are {', '.join(run.id for run in runs[:12])}{' ...' * (len(runs) > 12)}",
         )
     result = fit(runs, fit_options(options))
+    explain("runs", f"{len(runs)} stretches with whole turns, from {len(logs)} logs")
+    explain("method", _method_why(options.method, result.method, len(runs)))
     judged = judge(result)
     created = datetime.now(UTC).isoformat(timespec="seconds")
     tool = f"sinstool {sinstool.__version__}"
@@ -196,6 +199,13 @@ def calibrate(
         lost,
         (*rig.remarks(), *warnings),
     )
+
+
+def _method_why(wanted: str, used: str, runs: int) -> str:
+    """Which method the coefficient came from."""
+    if wanted == used:
+        return f"{used}, as told" if wanted != "joint" else f"{used}, over {runs} runs"
+    return f"{used}, as the runs do not determine {wanted}"
 
 
 def read_logs(

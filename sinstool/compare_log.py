@@ -13,13 +13,14 @@ from typing import Any
 
 import numpy as np
 
-from sinstool.comparison.compare import Comparison, Settings, compare
+from sinstool.comparison.compare import JUDGES, REFERENCE, Comparison, Settings, compare
 from sinstool.comparison.runs import Attitudes, Segment
 from sinstool.config import ProcessConfig
 from sinstool.coning.increments import GyroKind
 from sinstool.coning.sp_tuning import SpBounds, SpTuning, bounds, tune
 from sinstool.coning.spectrum import ConingSpectrum, coning_spectrum
 from sinstool.errors import DataError
+from sinstool.explain import explain
 from sinstool.readers import open_log
 from sinstool.source import Source, prepare, rate_blocks
 from sinstool.timeline import SECOND, segments
@@ -135,6 +136,12 @@ def compare_log(
     log = _read(path, config, truth)
     kind: GyroKind = "rate" if config.input.gyro_kind == "rate" else "mean-rate"
     interval = log.interval
+    explain("algorithms", ", ".join(settings.algorithms))
+    explain("reference", _reference(settings, truth))
+    explain(
+        "stretches",
+        f"{len(log.stretches)} without a gap, gyro samples taken as {config.input.gyro_kind}",
+    )
     _check_bands(path, passband, stopband, interval)
     longest = max(log.stretches, key=len).gyro
     long_enough = len(longest) >= MIN_SPECTRUM
@@ -191,6 +198,15 @@ def compare_log(
         tuple(warnings),
         log.lost,
     )
+
+
+def _reference(settings: Settings, truth: str | None) -> str:
+    """What drift is measured from, and why."""
+    if truth is not None:
+        return f"{truth}, as told"
+    if settings.reference == "auto":
+        return f"{REFERENCE}, as there is no --truth; {' and '.join(JUDGES)} judge it"
+    return f"{settings.reference}, as told"
 
 
 @dataclass(frozen=True)

@@ -10,6 +10,7 @@ from sinstool.config import ProcessConfig
 from sinstool.coning.algorithm import ConingAlgorithm
 from sinstool.coning.registry import algorithm
 from sinstool.errors import DataError
+from sinstool.explain import explain
 from sinstool.readers.frames import turn_body
 from sinstool.source import Source, rate_blocks
 from sinstool.timeline import SECOND, segments
@@ -22,13 +23,33 @@ def choose_algorithm(source: Source, config: ProcessConfig, nominal_ns: float) -
     """The coning algorithm, with what its options need to know of the log."""
     told = config.coning
     options = told.algorithm_options()
+    default = type(told).model_fields["coning"].default
+    chosen = "the default" if told.coning == default else "as told"
     if told.coning == "gyro-tuned":
         options["interval"] = nominal_ns / SECOND
     if told.sp_preset == "auto":
         options = _tuned(source, config, nominal_ns)
     if "beta" in options:
         options["beta"] = tuple(turn_body(np.array(options["beta"]), config.input.body_axes))
-    return algorithm(told.coning, **options)
+    found = algorithm(told.coning, **options)
+    explain(
+        "coning",
+        f"{told.coning}, {chosen}: {found.summary}; gyro samples are {config.input.gyro_kind}"
+        f"{_way(config.input.gyro_kind, found)}",
+    )
+    if options:
+        explain("coning", ", ".join(f"{name} {value}" for name, value in options.items()))
+    return found
+
+
+def _way(kind: str, chosen: ConingAlgorithm) -> str:
+    """How samples become what an algorithm takes."""
+    taken = chosen.for_kind("rate" if kind == "rate" else "mean-rate")
+    if kind != "rate":
+        return ", taken as increments"
+    if taken.takes == "rates":
+        return ", which it takes as they are"
+    return ", which become increments by the polynomial through six of them"
 
 
 def _tuned(source: Source, config: ProcessConfig, nominal_ns: float) -> dict[str, Any]:

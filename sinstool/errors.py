@@ -2,7 +2,7 @@
 
 Every message says what was wrong, where (file, topic, time) and what to do. The command
 line prints that line alone and exits with ``exit_code``; a traceback appears only with
-``-v``. Code outside :mod:`sinstool.cli` raises these and never prints.
+``-vv``. Code outside :mod:`sinstool.cli` raises these and never prints.
 """
 
 from __future__ import annotations

@@ -12,6 +12,7 @@ from sinstool.config import ProcessConfig
 from sinstool.config.align import IN_FLIGHT
 from sinstool.config.filter import span
 from sinstool.errors import AlignmentError, TopicError
+from sinstool.explain import explain
 from sinstool.fix_velocity import with_velocities
 from sinstool.gnss_latency import Timing, find_timing, message_times, separate, velocity_lag
 from sinstool.gnss_model import believed, gnss_model
@@ -109,6 +110,9 @@ def prepare_filter(source: Source, config: ProcessConfig) -> Prepared:
             warnings.append(f"{timing.latency}: give it with --gnss-latency")
     else:
         beginning = begin(settings, known)
+    explain("filter", f"{settings.filter}: {len(fixes.time_ns)} epochs, noise {gnss_why}")
+    explain("start", beginning.how)
+    explain("GNSS latency", _latency_why(timing, settings, lag))
     apart = separate(fixes, lag)
     return Prepared(
         settings,
@@ -123,6 +127,14 @@ def prepare_filter(source: Source, config: ProcessConfig) -> Prepared:
         gnss_why,
         tuple(warnings),
     )
+
+
+def _latency_why(timing: Timing | None, settings: Settings, lag: float) -> str:
+    """The latency that is used, and how it was found."""
+    velocity = f", velocities {lag:+.3f} s later than positions" if lag else ""
+    if timing is None:
+        return f"{settings.gnss_latency:+.3f} s, as told{velocity}"
+    return f"{settings.gnss_latency:+.3f} s; found in the log: {timing.latency}{velocity}"
 
 
 def _barometer(

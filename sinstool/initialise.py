@@ -14,6 +14,7 @@ from sinstool.config import ProcessConfig
 from sinstool.config.align import IN_FLIGHT
 from sinstool.earth import earth_rate_n
 from sinstool.errors import AlignmentError
+from sinstool.explain import explain
 from sinstool.height.network import Grade
 from sinstool.readers.frames import turn_body
 from sinstool.readers.log import Log
@@ -54,6 +55,37 @@ def align(source: Source, config: ProcessConfig) -> Alignment:
     AlignmentError
         What was asked for cannot be had from this log.
     """
+    found = _aligned(source, config)
+    why = "as told" if config.align.align != "auto" else _why(found, source)
+    explain("alignment", f"{found.method} ({found.status}), {why}")
+    explain("gyro bias", _BIAS_FROM.get(found.bias_source, found.bias_source))
+    return found
+
+
+_BIAS_FROM = {
+    "still": "the mean rate of the rest at the beginning, less the Earth's where that is known",
+    "rest": "the mean rate of the longest rest",
+    "alignment": "what the alignment found",
+    "given": "as told",
+    "none": "none known, none removed",
+}
+
+
+def _why(found: Alignment, source: Source) -> str:
+    """What of a log made `auto` take what it took."""
+    still = source.survey.lead_in
+    if found.method == "gyrocompass":
+        return "as a navigation grade IMU rests at first and the latitude is known"
+    if found.method in IN_FLIGHT:
+        return "as motion and GNSS velocity show heading"
+    if still is not None:
+        return f"as nothing shows north and the first {still.duration_s:.1f} s are at rest"
+    if found.method == "log":
+        return "as the log does not begin at rest and its Imu topic holds orientations"
+    return "as the log neither begins at rest nor holds orientations"
+
+
+def _aligned(source: Source, config: ProcessConfig) -> Alignment:
     options, found = config.align, source.survey
     path = source.log.path
     if options.align in IN_FLIGHT:
@@ -108,9 +140,11 @@ def _north_seen(source: Source, config: ProcessConfig) -> Alignment | None:
         from sinstool.in_flight import align_moving
 
         moving = align_moving(source, config, grade, "svd", "start")
-    except AlignmentError:
+    except AlignmentError as exc:
+        explain("alignment", f"not by GNSS velocity: {exc.message}")
         return None
     if moving.answer.status not in ("ok", "degraded"):
+        explain("alignment", f"not by GNSS velocity, which is {moving.answer.status}")
         return None
     return _from_motion(moving, source, config)
 

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 from sinstool.config import ProcessConfig
 from sinstool.errors import AlignmentError, TopicError
+from sinstool.explain import explain
 from sinstool.modes.attitude import run_attitude
 from sinstool.modes.common import Progress, share
 from sinstool.readers import open_log
@@ -59,21 +60,33 @@ def process(
         open_log(path, config.input.salvage) as log,
         Result(log, output, config, recorder) as result,
     ):
+        explain("log", f"{path}, {log.format}, {log.size / 1e6:.1f} MB")
         if config.hse.hse is not None:
+            explain("mode", "turntable, as --hse is given: whole turns are aligned on")
             from sinstool.rig_run import rig_run
 
             told = rig_run(log, config, result, share(progress, log.size, 0.0, 1.0))
         elif config.navigation.mode == "ins-gnss":
+            explain("mode", "ins-gnss, as told")
             from sinstool.modes.ins_gnss import run_ins_gnss
 
             told = run_ins_gnss(log, config, result, progress)
         elif config.navigation.mode == "auto" and has_gnss(log, config.input):
+            explain("mode", "auto, and the log has fixes and GNSS velocity: ins-gnss is tried")
             told = _best(log, config, result, progress)
         elif config.navigation.mode == "ins":
+            explain("mode", "ins, as told")
             from sinstool.modes.ins import run_ins
 
             told = run_ins(log, config, result, progress)
         else:
+            told_so = config.navigation.mode == "attitude"
+            explain(
+                "mode",
+                "attitude, as told"
+                if told_so
+                else "attitude, as the log has not both fixes and GNSS velocity on one topic each",
+            )
             told = run_attitude(log, config, result, progress)
     if progress:
         progress(1.0)
@@ -91,6 +104,7 @@ def _best(
     except (AlignmentError, TopicError) as exc:
         if result.opened:
             raise
+        explain("mode", f"attitude after all: {exc}")
         told = run_attitude(log, config, result, progress)
         told["warnings"].append(f"attitude alone, as no INS/GNSS solution can be started: {exc}")
         return told

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from sinstool.config import ProcessConfig
+from sinstool.explain import explain
 from sinstool.height.network import Grade
 from sinstool.source import Source
 from sinstool.timeline import SECOND
@@ -33,6 +34,12 @@ def sensor_grade(source: Source, config: ProcessConfig) -> tuple[Grade, str]:
     Without a rest to judge by the sensors are taken for MEMS: too much caution costs accuracy,
     too little the truth of every sigma.
     """
+    grade, why = _judged(source, config)
+    explain("IMU grade", f"{grade}, {why}")
+    return grade, why
+
+
+def _judged(source: Source, config: ProcessConfig) -> tuple[Grade, str]:
     told = config.navigation.imu_grade
     if told != "auto":
         return told, "as told"

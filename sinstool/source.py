@@ -10,6 +10,7 @@ import numpy as np
 from sinstool.aiding import Aiding, moving_at, read_gnss
 from sinstool.config import InputOptions, ProcessConfig, parse_time
 from sinstool.errors import DataError, TopicError
+from sinstool.explain import explain
 from sinstool.oddities import oddities
 from sinstool.readers.log import Log
 from sinstool.readers.streams import (
@@ -111,7 +112,24 @@ def prepare(
                 f" moves at {speed:.1f} m/s: steady motion, not taken for rest"
             )
             found = replace(found, lead_in=None)
+    explain(
+        "time",
+        f"{'header stamps' if found.time_source == 'stamp' else 'log times'}, a sample each"
+        f" {found.interval_ns / 1e6:.6g} ms; longer than {found.max_gap_ns / 1e6:.6g} ms is a gap",
+    )
+    still = found.lead_in
+    explain(
+        "rest", "none at the beginning" if still is None else f"the first {still.duration_s:.1f} s"
+    )
     position = _position(log, config, aiding)
+    told = config.align.latitude is not None
+    where = "--latitude" if told else f"first fix of {aiding.fix_topic}"
+    explain(
+        "latitude",
+        "not known: the Earth's rate stays in"
+        if position[0] is None
+        else f"{position[0]:.6f} deg, by {where}",
+    )
     latitude = None if position[0] is None else position[0] * DEGREE
     return Source(log, topic, units, found, latitude, position, tuple(warnings), kept, aiding)
 

@@ -10,6 +10,7 @@ import numpy as np
 from sinstool.aiding import Aiding
 from sinstool.config import ProcessConfig
 from sinstool.errors import DataError, TopicError
+from sinstool.explain import explain
 from sinstool.height.layout import ACCEPTED, REASONS, ChannelSummary, Event
 from sinstool.height.network import (
     SENSIBLE_TAU,
@@ -118,6 +119,11 @@ def network(
             f"K4 = {k4:g} s: in a steady climb the height is off by {-k4:+g} s times the vertical"
             " velocity; --k4 0 has no such error"
         )
+    explain(
+        "height",
+        f"network of tau {tau:g} s, K4 {k4 - told.baro_lag:g} s, by"
+        + (" --tau" if told.tau is not None else f" preset {told.height_preset} of grade {grade}"),
+    )
     return HeightNetwork(tau, k4 - told.baro_lag, w2), warnings
 
 

@@ -7,8 +7,10 @@ from typing import Any
 
 import click
 
+from sinstool.cli.choice import Choice
 from sinstool.cli.console import print_json, progress_bar, table, warn
 from sinstool.cli.options import config_options, effective_config, print_config
+from sinstool.cli.verbose import verbose_option
 
 
 @click.command("align")
@@ -16,11 +18,11 @@ from sinstool.cli.options import config_options, effective_config, print_config
 @config_options("input", "align", "gnss", "in_flight")
 @click.option(
     "--method",
-    type=click.Choice(["svd", "quest", "davenport", "triad", "gyrocompass", "level"]),
+    type=Choice(["svd", "quest", "davenport", "triad", "gyrocompass", "level"]),
     help="the same as --align",
 )
 @click.option("--imu-grade", "navigation__imu_grade",
-              type=click.Choice(["auto", "mems", "tactical", "navigation"]),
+              type=Choice(["auto", "mems", "tactical", "navigation"]),
               help="of the sensors [default: auto]")  # fmt: skip
 @click.option("--series", type=click.Path(path_type=Path), metavar="FILE.csv",
               help="also write the solution at every fix")  # fmt: skip
@@ -33,7 +35,7 @@ from sinstool.cli.options import config_options, effective_config, print_config
 @click.option("--print-config", "show", is_flag=True, help="print the configuration and stop")
 @click.option("--json", "as_json", is_flag=True, help="one JSON object on stdout")
 @click.option("-q", "--quiet", is_flag=True, help="no progress and no summary")
-@click.option("-v", "--verbose", is_flag=True, help="explain choices; tracebacks for errors")
+@verbose_option()
 def command(
     log: Path | None,
     config_file: Path | None,

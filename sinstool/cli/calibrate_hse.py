@@ -10,6 +10,7 @@ import click
 
 from sinstool.cli.console import print_json, progress_bar, table, warn
 from sinstool.cli.options import Words, config_options, effective_config, print_config
+from sinstool.cli.verbose import verbose_option
 from sinstool.errors import ConfigurationError
 
 if TYPE_CHECKING:
@@ -53,7 +54,7 @@ DEGREE = 3.141592653589793 / 180.0
 @click.option("--print-config", "show", is_flag=True, help="print the configuration and stop")
 @click.option("--json", "as_json", is_flag=True, help="one JSON object on stdout")
 @click.option("-q", "--quiet", is_flag=True, help="no progress and no summary")
-@click.option("-v", "--verbose", is_flag=True, help="every run in the summary; tracebacks")
+@verbose_option("every run in the summary")
 def command(
     logs: tuple[Path, ...],
     output: Path | None,

@@ -8,10 +8,13 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
+from sinstool.cli.choice import Choice
+from sinstool.cli.complete import coning_list, coning_names
 from sinstool.cli.coning_rows import print_comparison, write_csv
 from sinstool.cli.console import print_json, progress_bar, warn
 from sinstool.cli.many import EXIT_HELP, workers_options
 from sinstool.cli.options import Words, config_options, effective_config
+from sinstool.cli.verbose import verbose_option
 from sinstool.errors import ConfigurationError
 
 if TYPE_CHECKING:
@@ -45,13 +48,18 @@ class Whole(click.ParamType):
 @workers_options("one for each core")
 @click.option("--paper", is_flag=True, help="re-run the published experiment instead of a log")
 @click.option(
-    "--algorithms", type=Words(), metavar="A,B,...", help="coning algorithms [default: ten]"
+    "--algorithms",
+    type=Words(),
+    metavar="A,B,...",
+    help="coning algorithms [default: ten]",
+    shell_complete=coning_list,
 )
 @click.option(
     "--reference",
     default="auto",
     show_default=True,
     metavar="NAME",
+    shell_complete=coning_names,
     help="what the others are measured against: an algorithm, auto (quatfiter-4), or none",
 )
 @click.option(
@@ -92,7 +100,7 @@ class Whole(click.ParamType):
 )
 @click.option(
     "--sp-preset",
-    type=click.Choice(["best", "paper", "auto"]),
+    type=Choice(["best", "paper", "auto"]),
     default="best",
     show_default=True,
     help="parameters of singular-perturbation; auto tunes them to the coning in --passband",
@@ -104,7 +112,7 @@ class Whole(click.ParamType):
 )
 @click.option(
     "--phase",
-    type=click.Choice(["consistent", "literal"]),
+    type=Choice(["consistent", "literal"]),
     default="consistent",
     show_default=True,
     help="with --paper: how eq. (20) is read",
@@ -117,7 +125,7 @@ class Whole(click.ParamType):
     "--json", "as_json", is_flag=True, help="one JSON object on stdout, or one line for each log"
 )
 @click.option("-q", "--quiet", is_flag=True, help="no progress")
-@click.option("-v", "--verbose", is_flag=True, help="tracebacks for errors")
+@verbose_option()
 def command(logs: tuple[Path, ...], paper: bool, **options: Any) -> int:
     """Which coning algorithm, on LOG, and by how much.
 

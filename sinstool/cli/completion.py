@@ -4,11 +4,13 @@ from __future__ import annotations
 
 import click
 
+from sinstool.cli.choice import Choice
+
 VARIABLE = "_SINSTOOL_COMPLETE"
 
 
 @click.command("completion")
-@click.argument("shell", type=click.Choice(["bash", "zsh", "fish"]))
+@click.argument("shell", type=Choice(["bash", "zsh", "fish"]))
 def command(shell: str) -> None:
     """Print the completion script of SHELL.
 

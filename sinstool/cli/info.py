@@ -10,6 +10,7 @@ import click
 
 from sinstool.cli.console import print_json, progress_bar, table
 from sinstool.cli.options import config_options, effective_config
+from sinstool.cli.verbose import verbose_option
 
 
 @click.command("info")
@@ -17,7 +18,7 @@ from sinstool.cli.options import config_options, effective_config
 @config_options("input")
 @click.option("--json", "as_json", is_flag=True, help="one JSON object on stdout")
 @click.option("-q", "--quiet", is_flag=True, help="no progress")
-@click.option("-v", "--verbose", is_flag=True, help="all still spans; tracebacks for errors")
+@verbose_option("all still spans")
 def command(
     log: Path,
     config_file: Path | None,

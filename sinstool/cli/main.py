@@ -6,6 +6,7 @@ import atexit
 import gc
 import io
 import os
+import re
 import signal
 import sys
 import time
@@ -13,12 +14,16 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from importlib import import_module
 from types import FrameType
-from typing import Any, TextIO, cast
+from typing import TYPE_CHECKING, Any, TextIO, cast
 
 import click
 
 from sinstool import __version__
+from sinstool.cli.choice import Group
 from sinstool.errors import AGAIN, SinstoolError
+
+if TYPE_CHECKING:
+    from click.shell_completion import CompletionItem
 
 # name -> (module under sinstool.cli, one line for the list of commands)
 COMMANDS = {
@@ -42,7 +47,7 @@ COMMANDS = {
 }
 
 
-class LazyGroup(click.Group):
+class LazyGroup(Group):
     """A group that knows its commands' names and imports only the one that is run."""
 
     def list_commands(self, ctx: click.Context) -> list[str]:
@@ -62,17 +67,16 @@ class LazyGroup(click.Group):
         with formatter.section("Commands"):
             formatter.write_dl([(name, line) for name, (_, line) in COMMANDS.items()])
 
-    def resolve_command(
-        self, ctx: click.Context, args: list[str]
-    ) -> tuple[str | None, click.Command | None, list[str]]:
-        """Suggest the nearest command when there is no such one."""
-        if args and args[0] not in COMMANDS and not args[0].startswith("-"):
-            import difflib
+    def shell_complete(self, ctx: click.Context, incomplete: str) -> list[CompletionItem]:
+        """Offer the commands without importing them."""
+        from click.shell_completion import CompletionItem
 
-            near = difflib.get_close_matches(args[0], COMMANDS, n=1)
-            hint = f"did you mean {near[0]}?" if near else f"there are {', '.join(COMMANDS)}"
-            raise click.UsageError(f"there is no command '{args[0]}': {hint}", ctx)
-        return super().resolve_command(ctx, args)
+        offered = [
+            CompletionItem(name, help=line)
+            for name, (_, line) in COMMANDS.items()
+            if name.startswith(incomplete)
+        ]
+        return offered + click.Command.shell_complete(self, ctx, incomplete)
 
 
 @click.group(cls=LazyGroup, context_settings={"help_option_names": ["-h", "--help"]})
@@ -176,11 +180,13 @@ def _with_salvage() -> str:
 
 def _run() -> None:
     """Run a command and exit with its status."""
-    verbose = any(a in ("-v", "--verbose") for a in sys.argv[1:])
+    # -v explains choices; only -vv wants to see where in the program an error was found.
+    told = [a for a in sys.argv[1:] if re.fullmatch(r"--verbose|-v+", a)]
+    traceback = sum(1 if a == "--verbose" else len(a) - 1 for a in told) > 1
     try:
         status = cli.main(standalone_mode=False)
     except SinstoolError as exc:
-        if verbose:
+        if traceback:
             raise
         exc.hint = exc.hint.replace(AGAIN, f"run `{_with_salvage()}`")
         click.echo(f"sinstool: {exc}", err=True)
@@ -197,7 +203,7 @@ def _run() -> None:
         click.echo(f"sinstool: out of memory; {_written()}", err=True)
         sys.exit(1)
     except OSError as exc:
-        if verbose:
+        if traceback:
             raise
         where = f"{exc.filename}: " if exc.filename else ""
         click.echo(f"sinstool: {where}{exc.strerror}; {_written()}", err=True)

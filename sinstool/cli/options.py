@@ -11,6 +11,8 @@ import click
 from pydantic import BaseModel
 from pydantic.fields import FieldInfo
 
+from sinstool.cli.choice import Choice
+from sinstool.cli.complete import completion
 from sinstool.config import ProcessConfig, build, dump_toml, load_toml
 
 F = TypeVar("F", bound=Callable[..., Any])
@@ -171,6 +173,7 @@ def _option(group: str, name: str, field: FieldInfo) -> Callable[[F], F]:
         default=None,
         metavar=METAVARS.get(name),
         help=help_text,
+        shell_complete=completion(name),
     )
 
 
@@ -185,7 +188,7 @@ def _click_type(annotation: Any) -> click.ParamType:
     if tuples:
         return Numbers(len(tuples[0]), words)
     if words:
-        return click.Choice(words)
+        return Choice(words)
     if float in options:
         return click.FLOAT
     return click.INT if int in options else click.STRING

@@ -11,6 +11,7 @@ from sinstool.cli.console import print_json, progress_bar, table, warn
 from sinstool.cli.many import EXIT_HELP, workers_options
 from sinstool.cli.options import config_options, effective_config, print_config
 from sinstool.cli.process_rows import summary_rows
+from sinstool.cli.verbose import verbose_option
 
 
 @click.command("process", epilog=EXIT_HELP)
@@ -35,7 +36,7 @@ from sinstool.cli.process_rows import summary_rows
     "--json", "as_json", is_flag=True, help="one JSON object on stdout, or one line for each log"
 )
 @click.option("-q", "--quiet", is_flag=True, help="no progress and no summary")
-@click.option("-v", "--verbose", is_flag=True, help="explain choices; tracebacks for errors")
+@verbose_option()
 def command(
     logs: tuple[Path, ...],
     output: Path | None,

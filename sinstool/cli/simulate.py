@@ -8,6 +8,7 @@ from typing import Any, Literal
 
 import click
 
+from sinstool.cli.choice import Choice, Group
 from sinstool.cli.console import print_json
 from sinstool.cli.options import Numbers
 from sinstool.cli.simulate_motion import drive, launch, manoeuvring_flight, spiral_climb
@@ -21,7 +22,13 @@ from sinstool.cli.simulate_options import (
 from sinstool.cli.simulate_rig import command as hse_rig
 
 
-@click.group("simulate")
+class Scenarios(Group):
+    """The kinds of log."""
+
+    what = "scenario"
+
+
+@click.group("simulate", cls=Scenarios)
 def command() -> None:
     """Write a log with exact truth: /imu/data_raw, and /truth/imu and /truth/odometry beside it."""
 
@@ -83,7 +90,7 @@ def coning(
 )
 @click.option(
     "--phase",
-    type=click.Choice(["consistent", "literal"]),
+    type=Choice(["consistent", "literal"]),
     default="consistent",
     show_default=True,
     help="the paper's eq. 20 as its motion demands, or to the letter",

@@ -7,6 +7,7 @@ from typing import Any, TypeVar
 
 import click
 
+from sinstool.cli.choice import Choice
 from sinstool.cli.console import print_json
 from sinstool.cli.options import Numbers
 from sinstool.cli.simulate_options import START_NS, check, common
@@ -43,7 +44,7 @@ def aids(gnss_model: str, gnss_rate: float, baro_rate: float) -> Callable[[F], F
         options = [
             click.option("--gnss-rate", type=float, default=gnss_rate, show_default=True,
                          help="fixes/s, Hz; 0 for none"),
-            click.option("--gnss-model", type=click.Choice(["perfect", "launch", "coloured"]),
+            click.option("--gnss-model", type=Choice(["perfect", "launch", "coloured"]),
                          default=gnss_model, show_default=True,
                          help="errors; launch: 0.1 m/s and 1 m white, 4.9 m Markov of 60 s;"
                          " coloured: Markov in position (5/5/8 m, 200 s) and velocity (0.1/0.1/0.15"
@@ -151,9 +152,9 @@ def drive(duration: float, rate: float, still: float, **told: Any) -> None:
 @click.option("--straight", is_flag=True, help="straight and level after the boost")
 @click.option("--pad", type=click.FloatRange(min=0.0), default=0.0, show_default=True,
               help="at rest before lift-off, s")  # fmt: skip
-@click.option("--launch-grade", type=click.Choice(["0.01", "1", "10"]), metavar="DEG/H",
+@click.option("--launch-grade", type=Choice(["0.01", "1", "10"]), metavar="DEG/H",
               help="sensors of the alignment paper instead of --grade")  # fmt: skip
-@click.option("--accel-unit-reading", type=click.Choice(["m/s^2", "g"]), default="g",
+@click.option("--accel-unit-reading", type=Choice(["m/s^2", "g"]), default="g",
               show_default=True, help="how the paper's accelerometer biases are read")  # fmt: skip
 @click.option("--gyro-range", type=click.FloatRange(min=0.0, min_open=True), metavar="DEG/S",
               help="the gyro clips there")  # fmt: skip

@@ -8,6 +8,9 @@ from typing import Any, TypeVar
 
 import click
 
+from sinstool.cli.choice import Choice
+from sinstool.cli.verbose import verbose_option
+
 F = TypeVar("F", bound=Callable[..., Any])
 START_NS = 1_700_000_000_000_000_000
 MAX_RATE_HZ = 1e6
@@ -34,21 +37,21 @@ def common(duration: float = 60.0, rate: float = 400.0, kind: str = "rate") -> C
         click.option("--rate", type=float, default=rate, show_default=True, help="samples/s, Hz"),
         click.option(
             "--gyro-kind",
-            type=click.Choice(["rate", "mean-rate", "increment"]),
+            type=Choice(["rate", "mean-rate", "increment"]),
             default=kind,
             show_default=True,
             help="what the Imu topic carries",
         ),
         click.option(
             "--body-axes",
-            type=click.Choice(["flu", "frd"]),
+            type=Choice(["flu", "frd"]),
             default="flu",
             show_default=True,
             help="axes of the Imu topic; the truth's world is ENU for flu, NED for frd",
         ),
         click.option(
             "--grade",
-            type=click.Choice(["perfect", "navigation", "tactical", "mems"]),
+            type=Choice(["perfect", "navigation", "tactical", "mems"]),
             default="perfect",
             show_default=True,
             help="sensor errors",
@@ -62,7 +65,7 @@ def common(duration: float = 60.0, rate: float = 400.0, kind: str = "rate") -> C
         ),
         click.option("--overwrite", is_flag=True, help="replace an existing output"),
         click.option("--json", "as_json", is_flag=True, help="one JSON object on stdout"),
-        click.option("-v", "--verbose", is_flag=True, help="tracebacks for errors"),
+        verbose_option(),
     ]
 
     def decorate(function: F) -> F:

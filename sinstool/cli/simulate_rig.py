@@ -7,8 +7,10 @@ from typing import Any
 
 import click
 
+from sinstool.cli.choice import Choice
 from sinstool.cli.console import print_json
 from sinstool.cli.options import Numbers, Words
+from sinstool.cli.verbose import verbose_option
 from sinstool.errors import OutputError
 
 ARCSEC = 3.141592653589793 / 180.0 / 3600.0
@@ -58,7 +60,7 @@ LARGEST_LEAN = 0.5
 @click.option("--encoder-lsb", type=float, default=0.0, show_default=True, help="arcsec")
 @click.option("--encoder-delay", type=float, default=0.0, show_default=True,
               help="by which readings are older than their stamps, microseconds")  # fmt: skip
-@click.option("--encoder-sign", type=click.Choice(["1", "-1"]), default="1", show_default=True)
+@click.option("--encoder-sign", type=Choice(["1", "-1"]), default="1", show_default=True)
 @click.option("--ripple", type=float, default=0.0, show_default=True,
               help="of the table's rate, relative, once a turn")  # fmt: skip
 @click.option("--base-drift", type=Numbers(3), default="0,0,0", show_default=True,
@@ -68,7 +70,7 @@ LARGEST_LEAN = 0.5
               help="of the errors")  # fmt: skip
 @click.option("--overwrite", is_flag=True, help="replace existing outputs")
 @click.option("--json", "as_json", is_flag=True, help="one JSON object on stdout")
-@click.option("-v", "--verbose", is_flag=True, help="tracebacks for errors")
+@verbose_option()
 def command(output: Path, rig_out: Path | None, **told: Any) -> None:
     """Raw gyros, accelerometers and encoder of a skewed triad that turns at constant rates.
 

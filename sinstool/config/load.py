@@ -11,6 +11,7 @@ from pydantic import BaseModel, ValidationError
 
 from sinstool.config.group import Group
 from sinstool.errors import ConfigurationError
+from sinstool.suggest import nearest
 
 
 def build(model: type[Group], data: dict[str, Any], source: str = "", check: bool = True) -> Any:
@@ -59,7 +60,8 @@ def _first_error(exc: ValidationError, model: type[Group], source: str) -> str:
     path = ".".join(map(str, key))
     where = f"{source}: " if source else ""
     if error["type"] == "extra_forbidden":
-        return f"{where}unknown key {path}"
+        near = nearest(str(key[-1]), _keys(model, key[:-1]))
+        return f"{where}unknown key {path}" + (f": {near}" if near else "")
     if error["type"] == "missing" and len(error["loc"]) == depth:
         return f"{where}{path} is missing"
     if len(same) > 1 and len(error["loc"]) <= depth + 1 and error["type"] != "missing":
@@ -86,6 +88,15 @@ def _depth(model: Any, place: tuple[int | str, ...]) -> int:
         depth += 1
         table = None if field is None else _table(field.annotation)
     return depth
+
+
+def _keys(model: Any, tables: tuple[int | str, ...]) -> list[str]:
+    """The keys that a table knows."""
+    table = _table(model)
+    for name in tables:
+        field = table.model_fields.get(str(name)) if table is not None else None
+        table = None if field is None else _table(field.annotation)
+    return [] if table is None else list(table.model_fields)
 
 
 def _table(annotation: Any) -> type[BaseModel] | None:

@@ -7,6 +7,7 @@ from typing import Literal
 from pydantic import Field, field_validator
 
 from sinstool.config.group import Group
+from sinstool.suggest import nearest
 
 EMITS = ("imu", "attitude", "euler", "odometry", "pose", "fix", "tf", "height", "diagnostics")
 
@@ -43,7 +44,10 @@ class OutputOptions(Group):
             return None
         unknown = [v for v in value if v not in EMITS]
         if unknown:
-            raise ValueError(f"'{unknown[0]}' is not one of {', '.join(EMITS)}")
+            near = nearest(unknown[0], EMITS)
+            raise ValueError(
+                f"'{unknown[0]}' is not one of {', '.join(EMITS)}" + (f"; {near}" if near else "")
+            )
         if not value:
             raise ValueError("nothing is left to write")
         return tuple(dict.fromkeys(value))

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from sinstool.errors import TopicError, UnsupportedLogError
+from sinstool.explain import explain
 from sinstool.readers.log import Channel, Log
 from sinstool.readers.streams import (
     IMU_TYPE,
@@ -14,6 +15,7 @@ from sinstool.readers.streams import (
     Losses,
     read_imu,
 )
+from sinstool.suggest import nearest
 
 # What sinstool itself writes is never taken for a sensor, unless it is asked for by name.
 OWN_PREFIXES = ("/sinstool/", "/truth/")
@@ -102,17 +104,21 @@ def choose_imu(log: Log, wanted: str | None) -> ImuTopic:
     if wanted is not None:
         for candidate in candidates:
             if candidate.topic == wanted:
+                explain("Imu topic", f"{wanted}, as told")
                 return candidate
         if log.channels_of(wanted):
             kind = log.channels_of(wanted)[0].type_name or "unknown type"
             raise TopicError(log.path, f"topic {wanted} is {kind}, not sensor_msgs/Imu")
-        raise TopicError(log.path, f"there is no topic {wanted}", _listing(candidates))
+        near = nearest(wanted, [c.topic for c in candidates])
+        hint = f"{near} {_listing(candidates)}" if near else _listing(candidates)
+        raise TopicError(log.path, f"there is no topic {wanted}", hint)
     candidates = [c for c in candidates if not c.topic.startswith(OWN_PREFIXES)]
     if not candidates:
         types = sorted({c.type_name for c in log.channels.values() if c.type_name})
         hint = f"it has {', '.join(types[:8])}" if types else "it has no typed topic at all"
         raise TopicError(log.path, "the log has no sensor_msgs/Imu topic", hint)
     if len(candidates) == 1:
+        explain("Imu topic", f"{candidates[0].topic}, the only one with an Imu")
         return candidates[0]
     plain = [c for c in candidates if not c.path]
     if len(plain) == 1:
@@ -128,6 +134,7 @@ def choose_imu(log: Log, wanted: str | None) -> ImuTopic:
 
 
 def _noted(topic: ImuTopic, why: str) -> ImuTopic:
+    explain("Imu topic", f"{topic.topic}, {why}")
     return ImuTopic(topic.topic, topic.channels, topic.path, why)
 
 
@@ -179,12 +186,16 @@ def choose_optional(log: Log, flag: str, wanted: str | None, *types: str) -> tup
     found = topics_of_type(log, *types)
     if wanted is not None:
         if wanted in found:
+            explain(flag.removeprefix("--").replace("-", " "), f"{wanted}, as told")
             return found[wanted]
         kinds = ", ".join(t.replace("/msg/", "/") for t in types)
-        raise TopicError(log.path, f"there is no topic {wanted} of type {kinds}")
+        hint = nearest(wanted, found) or (f"there are {', '.join(found)}" if found else "")
+        raise TopicError(log.path, f"there is no topic {wanted} of type {kinds}", hint)
     found = {t: c for t, c in found.items() if not t.startswith(OWN_PREFIXES)}
     if len(found) > 1:
         raise TopicError(
             log.path, f"several topics fit {flag}: {', '.join(found)}", f"choose one with {flag}"
         )
+    for topic in found:
+        explain(flag.removeprefix("--").replace("-", " "), f"{topic}, the only one of its type")
     return next(iter(found.values()), ())

@@ -10,6 +10,7 @@ import numpy as np
 
 import sinstool
 from sinstool import earth
+from sinstool.explain import explain
 from sinstool.messages.definitions import schema_text, type_hash
 from sinstool.messages.encode import Encoder
 from sinstool.readers.frames import enu_to_ned, q_for_log, turn_body
@@ -75,6 +76,9 @@ def write_simulated(
     dict
         Messages by topic.
     """
+    told = dict(settings)
+    named = told.pop("scenario", "a log")
+    explain("scenario", ", ".join([named, *(f"{k} {v}" for k, v in told.items())]))
     with WholeFile(path) as whole:
         writer = McapWriter(whole.stream, "ros2", f"sinstool/{sinstool.__version__}")
         try:

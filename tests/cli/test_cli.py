@@ -336,7 +336,7 @@ def test_wrong_options_are_named(sinstool, log, tmp_path, options, expected):
         (("process", "a", "-o", "b", "--gyro-bias", "1,2"), "'1,2' is not 3 numbers"),
         (("process", "a", "-o", "b", "--latitude", "north"), "'north' is not a valid float"),
         (("info",), "LOG"),
-        (("simulate", "dance", "-o", "x"), "No such command"),
+        (("simulate", "dance", "-o", "x"), "there is no scenario 'dance': there are"),
     ],
 )
 def test_usage(sinstool, arguments, expected):
@@ -514,7 +514,17 @@ def test_every_field_is_an_option_and_the_reverse():
         assert option.opts == ["--" + name.replace("_", "-")]
         assert option.help, option
     own = {p.name for p in command.params} - set(options)
-    assert own == {"logs", "jobs", "scheduler", "output", "config_file", "show", "as_json", "quiet", "verbose"}
+    assert own == {
+        "logs",
+        "jobs",
+        "scheduler",
+        "output",
+        "config_file",
+        "show",
+        "as_json",
+        "quiet",
+        "verbose",
+    }
     # names are unique over the groups, as flags must be
     assert len({name for _, name in fields()}) == len(fields())
 
@@ -637,7 +647,7 @@ def test_summary_and_silence(sinstool, log, tmp_path):
 
 def test_verbose_errors_have_their_traceback(tmp_path):
     run = subprocess.run(
-        [*PROGRAM, "process", "-v", tmp_path / "no.mcap", "-o", tmp_path / "o.mcap"],
+        [*PROGRAM, "process", "-vv", tmp_path / "no.mcap", "-o", tmp_path / "o.mcap"],
         capture_output=True,
         text=True,
     )

@@ -1,0 +1,133 @@
+"""What a shell is offered for the value of an option; nothing rather than an error."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+
+import click
+from click.shell_completion import CompletionItem
+
+from sinstool.config import EMITS
+
+Complete = Callable[[click.Context, click.Parameter, str], list[CompletionItem]]
+
+# Types of the messages that an option's topic may have
+TOPIC_TYPES = {
+    "imu_topic": ("sensor_msgs/msg/Imu",),
+    "gnss_topic": ("sensor_msgs/msg/NavSatFix",),
+    "velocity_topic": (
+        "geometry_msgs/msg/TwistStamped",
+        "geometry_msgs/msg/TwistWithCovarianceStamped",
+        "nav_msgs/msg/Odometry",
+    ),
+    "baro_topic": (
+        "sensor_msgs/msg/FluidPressure",
+        "geometry_msgs/msg/PointStamped",
+        "std_msgs/msg/Float64",
+    ),
+    "encoder_topic": ("sensor_msgs/msg/JointState",),
+}
+FILES = ("hse", "report", "gyro_response")
+
+
+def completion(name: str) -> Complete | None:
+    """How the value of an option is completed, where its type alone does not know.
+
+    Parameters
+    ----------
+    name : str
+        Of the option's field.
+    """
+    if name == "coning":
+        return coning_names
+    if name == "emit":
+        return word_list(*EMITS)
+    if name in TOPIC_TYPES:
+        return _topics(TOPIC_TYPES[name])
+    return files if name in FILES else None
+
+
+def coning_names(_: click.Context, __: click.Parameter, begun: str) -> list[CompletionItem]:
+    """Names of coning algorithms."""
+    from sinstool.coning.registry import names
+
+    return [CompletionItem(name) for name in names() if name.startswith(begun)]
+
+
+def files(_: click.Context, __: click.Parameter, begun: str) -> list[CompletionItem]:
+    """Files, which the shell knows."""
+    return [CompletionItem(begun, type="file")]
+
+
+def coning_list(
+    context: click.Context, option: click.Parameter, begun: str
+) -> list[CompletionItem]:
+    """Names of coning algorithms with commas between."""
+    from sinstool.coning.registry import names
+
+    return word_list(*names())(context, option, begun)
+
+
+def word_list(*words: str) -> Complete:
+    """Words with commas between: what stands before the last comma stays."""
+
+    def complete(_: click.Context, __: click.Parameter, begun: str) -> list[CompletionItem]:
+        head, comma, last = begun.rpartition(",")
+        return [
+            CompletionItem(f"{head}{comma}{word}")
+            for word in words
+            if word.startswith(last) and word not in head.split(",")
+        ]
+
+    return complete
+
+
+def _topics(types: tuple[str, ...]) -> Complete:
+    def complete(context: click.Context, _: click.Parameter, begun: str) -> list[CompletionItem]:
+        given = context.params.get("log") or context.params.get("logs") or ()
+        logs = given if isinstance(given, tuple) else (given,)
+        # An option without its value yet ends click's parsing before it knows what LOG is.
+        paths = [path for word in (*logs, *context.args) if (path := Path(word)).is_file()]
+        if not paths:
+            return []
+        try:
+            found = topics(paths[0], types)
+        except Exception:  # a log that cannot be read: the command itself will say so
+            return []
+        return [CompletionItem(topic) for topic in found if topic.startswith(begun)]
+
+    return complete
+
+
+def topics(log: Path, types: tuple[str, ...]) -> list[str]:
+    """Topics of some types in an MCAP's summary; none where a search would take long.
+
+    Parameters
+    ----------
+    log : Path
+    types : tuple of str
+        As ROS 2 names them.
+    """
+    from mcap.reader import make_reader
+
+    with log.open("rb") as stream:
+        if stream.read(5) != b"\x89MCAP":
+            return []
+        stream.seek(0)
+        summary = make_reader(stream).get_summary()
+    if summary is None:
+        return []
+    kinds = {key: schema.name for key, schema in summary.schemas.items()}
+    return sorted(
+        {
+            channel.topic
+            for channel in summary.channels.values()
+            if _ros2(kinds.get(channel.schema_id, "")) in types
+        }
+    )
+
+
+def _ros2(kind: str) -> str:
+    package, slash, name = kind.rpartition("/")
+    return f"{package.removesuffix('/msg')}/msg/{name}" if slash else kind

@@ -1,0 +1,26 @@
+"""The nearest of the words that would have been right."""
+
+from __future__ import annotations
+
+import difflib
+from collections.abc import Iterable
+
+
+def nearest(word: str, known: Iterable[str]) -> str:
+    """What somebody may have meant.
+
+    Parameters
+    ----------
+    word : str
+    known : iterable of str
+
+    Returns
+    -------
+    str
+        ``did you mean X?``; '' where nothing is near.
+    """
+    words = list(known)
+    near = difflib.get_close_matches(word, words, n=1)
+    # Names of topics differ in their end, and /imu is near to no /sensors/imu/data by letters.
+    near = near or [k for k in words if len(word.strip("/")) > 2 and word.strip("/") in k][:1]
+    return f"did you mean {near[0]}?" if near else ""
