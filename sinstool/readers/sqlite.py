@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import shutil
 import sqlite3
 import struct
@@ -14,7 +15,7 @@ from urllib.parse import quote
 
 import numpy as np
 
-from sinstool.errors import SALVAGE_HINT, DamagedLogError, NotALogError
+from sinstool.errors import SALVAGE_HINT, DamagedLogError, NotALogError, UnsupportedLogError
 from sinstool.readers.compression import MAX_BLOCK
 from sinstool.readers.log import Channel, Log, RawBatch
 from sinstool.readers.lost import Lost
@@ -77,15 +78,20 @@ class SqliteLog(Log):
         recover = f"`sqlite3 '{self.path}' .recover | sqlite3 recovered.db3` may save more"
         hint = f"{SALVAGE_HINT}; {recover}"
         what = f"SQLite cannot read it ({exc})"
+        page, pages = self._pages()
+        if page * pages > self.size or self.size % page:
+            what = f"cut short: {self.size} of {max(page * pages, self.size)} bytes; {what}"
+            return DamagedLogError(self.path, what, hint, self.size)
+        return DamagedLogError(self.path, what, hint)
+
+    def _pages(self) -> tuple[int, int]:
+        """Size of a page and how many there are, as the file's own header has it."""
         with suppress(OSError, struct.error), self.path.open("rb") as stream:
             head = stream.read(100)
             (page,) = struct.unpack_from(">H", head, 16)
             (pages,) = struct.unpack_from(">I", head, 28)
-            declared = pages * (page if page > 1 else 65536)
-            if declared > self.size:
-                what = f"cut short: {self.size} of {declared} bytes; {what}"
-                return DamagedLogError(self.path, what, hint, self.size)
-        return DamagedLogError(self.path, what, hint)
+            return (65536 if page == 1 else max(512, page)), pages
+        return 512, 0
 
     # -- opening ---------------------------------------------------------------------------
 
@@ -94,25 +100,38 @@ class SqliteLog(Log):
         journal, wal, shared = (
             self.path.with_name(self.path.name + tail) for tail in ("-journal", "-wal", "-shm")
         )
-        if not _filled(wal) and not _filled(journal):
+        page, _ = self._pages()
+        torn = self.size % page
+        if torn and not self.salvage:
+            raise sqlite3.DatabaseError("it ends inside a page")
+        if not _filled(wal) and not _filled(journal) and not torn:
             # Nothing pending: SQLite needs neither locks nor a writable folder.
-            return _open(self.path, "immutable=1")
-        if not _filled(journal):
+            return _open(self.path, "immutable=1", damaged=self.salvage)
+        if not _filled(journal) and not torn:
             # Rows may still be in the log of writes. Beside a recorder that lives, its own index
             # of them is used; without one SQLite makes its own in memory, where nobody can be
             # writing: neither way puts anything beside the bag.
             live = shared.exists()
             with suppress(sqlite3.Error):
                 mode = "readonly_shm=1" if live else "vfs=unix-none"
-                return _open(self.path, f"mode=ro&{mode}", exclusive=not live)
-        # A transaction to roll back, or a folder in which SQLite may not even make its lock
-        # file: let it work on a copy.
+                return _open(self.path, f"mode=ro&{mode}", exclusive=not live, damaged=self.salvage)
+        # A transaction to roll back, a folder in which SQLite may not even make its lock file, or
+        # half a page at the end, which it would read as if zeros followed: work on a copy.
         self._beside = tempfile.TemporaryDirectory(prefix="sinstool-")
         copy = Path(self._beside.name) / self.path.name
-        for source in (self.path, wal, journal):
-            if source.exists():
-                shutil.copyfile(source, copy.with_name(source.name))
-        return _open(copy, "mode=rw")
+        try:
+            for source in (self.path, wal, journal):
+                if source.exists():
+                    shutil.copyfile(source, copy.with_name(source.name))
+            if torn:
+                os.truncate(copy, self.size - torn)
+        except OSError as exc:
+            raise UnsupportedLogError(
+                self.path,
+                f"cannot be copied into {self._beside.name} ({exc.strerror})",
+                "set TMPDIR to a folder with room for it",
+            ) from exc
+        return _open(copy, "mode=rw", damaged=self.salvage)
 
     def _read_topics(self, database: sqlite3.Connection) -> None:
         tables = {
@@ -248,7 +267,9 @@ def _filled(path: Path) -> bool:
     return path.exists() and path.stat().st_size > 0
 
 
-def _open(path: Path, mode: str, exclusive: bool = False) -> sqlite3.Connection:
+def _open(
+    path: Path, mode: str, *, exclusive: bool = False, damaged: bool = False
+) -> sqlite3.Connection:
     # Batches may be asked for in another thread than the one that opened the log.
     database = sqlite3.connect(
         f"file:{quote(str(path.absolute()))}?{mode}", uri=True, check_same_thread=False
@@ -258,6 +279,9 @@ def _open(path: Path, mode: str, exclusive: bool = False) -> sqlite3.Connection:
     try:
         if exclusive:
             database.execute("PRAGMA locking_mode=EXCLUSIVE")
+        if damaged:
+            # Otherwise SQLite refuses a file that is shorter than it was, all of it.
+            database.execute("PRAGMA writable_schema=ON")
         database.execute("SELECT count(*) FROM sqlite_master").fetchone()
     except sqlite3.Error:
         database.close()

@@ -271,6 +271,19 @@ def patched(path, at, new):
     return path
 
 
+def unindexed(path):
+    """Take the index off a bag, as a recorder that was killed leaves it."""
+    data = path.read_bytes()
+    kept = b"".join(
+        data[at : begin + length]
+        for op, at, begin, length in bag_records(data)
+        if op in (3, 5)  # the bag header, and chunks
+    )
+    path.write_bytes(data[:13] + kept)
+    at = data.index(b"index_pos=") + 10
+    return patched(path, at, bytes(8))
+
+
 @contextmanager
 def memory_below(limit):
     """Fails where Python and numpy take more memory than that at any time."""

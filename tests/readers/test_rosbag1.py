@@ -23,6 +23,7 @@ from .logs import (
     real,
     rows,
     same_time,
+    unindexed,
     write_bag1,
 )
 
@@ -49,19 +50,6 @@ def message_record(connection, row):
     time = struct.pack("<II", *divmod(row.log_time, 10**9))
     number = struct.pack("<I", connection)
     return record(row.payload, op=b"\x02", conn=number, time=time)
-
-
-def unindexed(path):
-    """Take the index off a bag, as a recorder that was killed leaves it."""
-    data = path.read_bytes()
-    kept = b"".join(
-        data[at : begin + length]
-        for op, at, begin, length in bag_records(data)
-        if op in (HEADER, CHUNK)
-    )
-    path.write_bytes(data[:13] + kept)
-    at = data.index(b"index_pos=") + 10
-    return patched(path, at, bytes(8))
 
 
 def nth_chunk(path, n):

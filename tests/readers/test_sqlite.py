@@ -95,10 +95,10 @@ def test_wal_where_no_lock_file_can_be_made(tmp_path, monkeypatch):
     database.close()
     plain = sqlite_module._open
 
-    def refuse(file, mode, exclusive=False):
+    def refuse(file, mode, **options):
         if mode.startswith("mode=ro"):  # as where SQLite has no such way to lock
             raise sqlite3.OperationalError("unable to open database file")
-        return plain(file, mode, exclusive)
+        return plain(file, mode, **options)
 
     monkeypatch.setattr(sqlite_module, "_open", refuse)
     before = snapshot(folder)
