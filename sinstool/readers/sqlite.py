@@ -57,6 +57,8 @@ class SqliteLog(Log):
         self._database: sqlite3.Connection | None = None
         try:
             self._database = self._connect()
+            if self.salvage and (short := self._cut_short()):
+                self.note_lost(Lost(short, "end", self.size))
             self._read_topics(self._database)
         except (sqlite3.Error, OverflowError, TypeError, ValueError) as exc:
             self.close()
@@ -78,11 +80,16 @@ class SqliteLog(Log):
         recover = f"`sqlite3 '{self.path}' .recover | sqlite3 recovered.db3` may save more"
         hint = f"{SALVAGE_HINT}; {recover}"
         what = f"SQLite cannot read it ({exc})"
+        if short := self._cut_short():
+            return DamagedLogError(self.path, f"{short}; {what}", hint, self.size)
+        return DamagedLogError(self.path, what, hint)
+
+    def _cut_short(self) -> str:
+        """How much of the file is missing, in words; '' where it is all there."""
         page, pages = self._pages()
         if page * pages > self.size or self.size % page:
-            what = f"cut short: {self.size} of {max(page * pages, self.size)} bytes; {what}"
-            return DamagedLogError(self.path, what, hint, self.size)
-        return DamagedLogError(self.path, what, hint)
+            return f"cut short: {self.size} of {max(page * pages, self.size)} bytes"
+        return ""
 
     def _pages(self) -> tuple[int, int]:
         """Size of a page and how many there are, as the file's own header has it."""

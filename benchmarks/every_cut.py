@@ -1,0 +1,65 @@
+"""Logs of 20 kB cut at every byte: what --salvage still reads, and how long the slowest cut takes.
+
+For each format and compression one log is written, cut behind every byte, and read with
+--salvage. Recovered messages must be the first of the log and must never become fewer as the
+cut moves right; nothing but errors of ours may come out. Status 1 where that fails.
+
+    python benchmarks/every_cut.py
+"""
+
+from __future__ import annotations
+
+import argparse
+import sys
+import tempfile
+import time
+from pathlib import Path
+
+sys.path.insert(0, str(Path(__file__).parents[1] / "tests"))
+
+from readers.cuts import LOGS, expected
+from readers.logs import read_back
+
+from sinstool.errors import SinstoolError
+from sinstool.readers import open_log
+
+
+def main() -> int:
+    """Cut, read, and print."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--step", type=int, default=1, help="bytes between cuts")
+    step = parser.parse_args().step
+    failed = False
+    print("log                bytes    cuts  messages  falls  wrong  slowest, ms")
+    for name, make in LOGS.items():
+        with tempfile.TemporaryDirectory() as folder:
+            path = make(Path(folder))
+            data = path.read_bytes()
+            cut_path = path.with_name(f"cut{path.suffix}")
+            most = falls = wrong = cuts = 0
+            slowest = 0.0
+            for cut in range(0, len(data) + 1, step):
+                cut_path.write_bytes(data[:cut])
+                begin = time.perf_counter()
+                found = []
+                try:
+                    with open_log(cut_path, salvage=True) as log:
+                        found = read_back(log)
+                except SinstoolError:
+                    pass
+                slowest = max(slowest, time.perf_counter() - begin)
+                wrong += found != expected(name)[: len(found)]
+                falls += len(found) < most
+                most = max(most, len(found))
+                cuts += 1
+            failed |= bool(falls or wrong)
+            print(
+                f"{name:<16} {len(data):>7} {cuts:>7} {most:>9} {falls:>6} {wrong:>6}"
+                f" {slowest * 1e3:>12.1f}",
+                flush=True,
+            )
+    return int(failed)
+
+
+if __name__ == "__main__":
+    sys.exit(main())
