@@ -28,6 +28,9 @@ class Series:
     style : {"line", "dashed", "points", "bars"}
     shown : bool
         Whether it is drawn before the reader asks for it.
+    colour : int or None
+        The number of the series whose colour it has, as a bound has that of its curve; its own
+        for None.
     """
 
     name: str
@@ -35,6 +38,7 @@ class Series:
     x: FloatArray | Sequence[str] | None = None
     style: Style = "line"
     shown: bool = True
+    colour: int | None = None
 
 
 @dataclass(frozen=True)
@@ -61,6 +65,8 @@ class Figure:
         Horizontal lines: what each is, and where.
     marks : tuple of (str, float)
         Vertical lines.
+    equal : bool
+        Both axes have one scale, as a map has.
     """
 
     key: str
@@ -76,6 +82,7 @@ class Figure:
     notes: tuple[str, ...] = ()
     levels: tuple[tuple[str, float], ...] = field(default=())
     marks: tuple[tuple[str, float], ...] = field(default=())
+    equal: bool = False
 
     def __post_init__(self) -> None:
         names = [one.name for one in self.series]

@@ -7,16 +7,14 @@ import numpy as np
 from sinstool.figures import Figure, Series
 from sinstool.filter_run import FilterRun
 from sinstool.integration.results import GnssDiagnostics
+from sinstool.process_drawings import BOUND, TIME, both_sides
 from sinstool.timeline import SECOND
 from sinstool.units import DEGREE
 
 AXES = ("north", "east", "down")
 # Epochs drawn; of more, every so many.
 MOST = 3000
-# Of a standard normal: 99.7 % lie within.
-BOUND = 3.0
 MARKS = 50
-TIME = "time, s"
 
 
 def filter_figures(run: FilterRun) -> list[Figure]:
@@ -57,13 +55,10 @@ def _innovations(
         values = gnss.innovation[rows, columns]
         bound = BOUND * np.nanmax(gnss.innovation_sigma[rows, columns], axis=1)
         series = [Series(axis, values[:, k], style="points") for k, axis in enumerate(AXES)]
-        series += [
-            Series("3 sigma of the worst axis", bound, style="dashed"),
-            Series("and below", -bound, style="dashed"),
-        ]
+        series.append(both_sides("3 sigma of the worst axis", seconds, bound, colour=None))
         notes = [
-            "Navigation less fix, the estimated errors of both taken off. Withheld and rejected"
-            " fixes are shown too."
+            "Navigation less fix, the estimated errors of both taken off; all but 0.3 % belong"
+            " within the dashed bounds. Withheld and rejected fixes are shown too."
         ]
         found.append(
             Figure(
@@ -96,14 +91,15 @@ def _squares(gnss: GnssDiagnostics, first: int, marks: tuple[tuple[str, float], 
             series.append(Series(name, value[rows], x=seconds[rows], style="points"))
     return Figure(
         "nis",
-        "Size of innovations over what was expected",
+        "Innovations over what was expected",
         seconds[:1],
         tuple(series),
         TIME,
-        "root of NIS / rows",
+        "size over expected size",
         levels=(("expected", 1.0),),
         notes=(
-            "About 1 where noise is as assumed. It does not tell of errors of the fixes that last:"
+            "The root of the normalised innovation squared (NIS) over its number of rows: about 1"
+            " where noise is as assumed. It does not tell of errors of the fixes that last:"
             " a filter that takes those for white shows less than 1 and is too sure of itself.",
         ),
         marks=marks,
@@ -121,10 +117,11 @@ def _biases(run: FilterRun, first: int) -> list[Figure]:
     found = []
     for key, title, values, size, unit in (
         ("gyro-bias", "Gyro bias", gyro, DEGREE / 3600.0, "deg/h"),
-        ("accel-bias", "Accelerometer bias", accel, 1.0, "m/s^2"),
+        ("accel-bias", "Accelerometer bias", accel, 1.0, "m/s²"),
     ):
         series = tuple(Series(n, values[rows, k] / size) for k, n in enumerate(names))
-        found.append(Figure(key, title, seconds, series, TIME, f"bias, {unit}"))
+        note = "As the filter knew it, along the vehicle's axes."
+        found.append(Figure(key, title, seconds, series, TIME, f"bias, {unit}", notes=(note,)))
     return found
 
 

@@ -11,6 +11,7 @@ import numpy as np
 
 from sinstool.config import InputOptions
 from sinstool.errors import DataError, TopicError
+from sinstool.inspection_figures import Sampling, Traffic
 from sinstool.oddities import gravity_axis, oddities
 from sinstool.readers import open_log
 from sinstool.readers.frames import turn_body
@@ -20,6 +21,26 @@ from sinstool.source import has_gnss, imu_units, time_span
 from sinstool.survey import Survey, survey
 
 MAX_SPANS = 20
+
+
+@dataclass
+class Shown:
+    """What figures show of an inspection.
+
+    Attributes
+    ----------
+    traffic : Traffic
+    samplings : list of Sampling
+        One of each Imu topic.
+    """
+
+    traffic: Traffic = field(default_factory=Traffic)
+    samplings: list[Sampling] = field(default_factory=list)
+
+    def sampling(self, topic: str, body_axes: str) -> Sampling:
+        """One more topic's."""
+        self.samplings.append(Sampling(topic, body_axes))
+        return self.samplings[-1]
 
 
 @dataclass
@@ -50,7 +71,10 @@ class _Traffic:
 
 
 def inspect(
-    path: Path, options: InputOptions, progress: Callable[[float], None] | None = None
+    path: Path,
+    options: InputOptions,
+    progress: Callable[[float], None] | None = None,
+    shown: Shown | None = None,
 ) -> dict[str, Any]:
     """Describe a log.
 
@@ -61,6 +85,8 @@ def inspect(
         Topic, axes and units, as for `process`.
     progress : callable, optional
         Called with the fraction done.
+    shown : Shown, optional
+        Gets what figures show.
 
     Returns
     -------
@@ -80,11 +106,12 @@ def inspect(
             if (c.topic == wanted if wanted else not c.topic.startswith(OWN_PREFIXES))
         ]
         passes = 1 + len(candidates)
-        traffic = _traffic(log, _part(progress, log.size, 0, passes))
+        traffic = _traffic(log, _part(progress, log.size, 0, passes), shown)
         imus = []
         for number, candidate in enumerate(candidates):
             report = _part(progress, log.size, 1 + number, passes)
-            imus.append(_describe(log, candidate, options, report))
+            kept = None if shown is None else shown.sampling(candidate.topic, options.body_axes)
+            imus.append(_describe(log, candidate, options, report, kept))
         return {
             "input": {
                 "path": str(path),
@@ -110,7 +137,9 @@ def _part(
     return lambda position: progress((number + min(1.0, position / max(size, 1))) / passes)
 
 
-def _traffic(log: Log, progress: Callable[[int], None] | None) -> dict[str, _Traffic]:
+def _traffic(
+    log: Log, progress: Callable[[int], None] | None, shown: Shown | None
+) -> dict[str, _Traffic]:
     found: dict[str, _Traffic] = {}
     for channel in log.channels.values():
         traffic = found.setdefault(channel.topic, _Traffic())
@@ -121,7 +150,10 @@ def _traffic(log: Log, progress: Callable[[int], None] | None) -> dict[str, _Tra
         for number in np.unique(batch.channel).tolist():
             mine = batch.channel == number
             size = int(batch.length[mine].sum())
-            found[log.channels[number].topic].add(batch.log_time[mine], size)
+            topic = log.channels[number].topic
+            found[topic].add(batch.log_time[mine], size)
+            if shown is not None:
+                shown.traffic.add(topic, batch.log_time[mine])
     return found
 
 
@@ -143,6 +175,7 @@ def _describe(
     topic: ImuTopic,
     options: InputOptions,
     progress: Callable[[int], None] | None,
+    kept: Sampling | None,
 ) -> dict[str, Any]:
     try:
         found = survey(
@@ -153,6 +186,7 @@ def _describe(
             max_gap_s=options.max_gap,
             increments=options.gyro_kind == "increment",
             progress=progress,
+            kept=kept,
         )
     except DataError as exc:
         return {"topic": topic.topic, "n": 0, "problem": exc.message, "oddities": []}

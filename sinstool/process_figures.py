@@ -10,20 +10,19 @@ from typing import Any
 
 import numpy as np
 
-from sinstool.earth import radii_of_curvature
+from sinstool import process_drawings as draw
 from sinstool.envelope import Envelope
-from sinstool.figures import Figure, Series
+from sinstool.figures import Figure
 from sinstool.process_truth import AXES, KINDS, Errors, Truth
 from sinstool.rotation import to_euler
 from sinstool.streams import Solution
 from sinstool.timeline import SECOND
 from sinstool.units import DEGREE
 
-TIME = "time since the first sample, s"
 # Events shown as lines in a figure; more would be a wall.
 MARKS = 12
-# Smaller errors of attitude than this, deg, are shown in arc seconds.
-SMALL_ANGLE_DEG = 0.1
+# Fixes drawn on the track; of more, every so many.
+FIXES = 4000
 
 
 class Recorder:
@@ -48,6 +47,7 @@ class Recorder:
         self._motion: Envelope | None = None
         self._heading = 0.0
         self._off: dict[str, Envelope] = {}
+        self._fixes: np.ndarray | None = None
         self._reference: tuple[str, np.ndarray, np.ndarray] | None = None
         self._difference = Envelope(2)
         self._compared = 0
@@ -65,6 +65,23 @@ class Recorder:
         """
         order = np.argsort(time_ns, kind="stable")
         self._reference = (name, time_ns[order], height[order])
+
+    def refer_track(self, latitude: np.ndarray, longitude: np.ndarray) -> None:
+        """Fixes, to be shown beside the computed track.
+
+        Parameters
+        ----------
+        latitude, longitude : ndarray, shape (m,)
+            rad; NaN where a fix has no position.
+        """
+        known = np.flatnonzero(np.isfinite(latitude) & np.isfinite(longitude))
+        rows = known[:: max(1, -(-len(known) // FIXES))]
+        self._fixes = np.stack([latitude[rows], longitude[rows]], axis=1)
+
+    @property
+    def navigated(self) -> bool:
+        """Whether the run computed where the vehicle was."""
+        return "latitude" in self._columns
 
     def push(self, solution: Solution) -> None:
         """Take the next solutions, in the order of time."""
@@ -142,7 +159,7 @@ class Recorder:
         return None if self._errors is None else self._errors.summary()
 
     def figures(self, summary: dict[str, Any]) -> tuple[Figure, ...]:
-        """The figures of the run.
+        """The figures of the run, the main one first.
 
         Parameters
         ----------
@@ -152,39 +169,40 @@ class Recorder:
         if self._motion is None:
             return ()
         seconds, values = self._motion.curves(self._origin_ns)
-        curve = dict(zip(self._columns, values.T, strict=True))
-        marks = self._marks(summary)
-        rows = self._motion.rows_per_group
-        note = (f"Curves go through the lowest and highest of every {rows} samples.",)
-        found = [
-            Figure(
-                "tilt",
-                "Roll and pitch",
-                seconds,
-                tuple(Series(name, curve[name]) for name in ("roll", "pitch")),
-                TIME,
-                "angle, deg",
-                notes=note if rows > 1 else (),
-            ),
-            self._headings(seconds, curve["heading"]),
-            *self._vertical(seconds, curve, marks),
-            *self._track(),
-        ]
-        if "north" in curve:
-            names = ("north", "east", "down")
-            found.append(_figure("velocity", "Velocity", seconds, "velocity, m/s", curve, names))
-        found += [*self._against_truth(), *_sigmas(seconds, curve)]
-        found += self.extra
-        found += [
-            _figure("rate", "Angular rate", seconds, "size, deg/s", curve, ("rate",)),
-            _figure("force", "Specific force", seconds, "size, m/s^2", curve, ("force",)),
-        ]
+        curves = draw.Curves(seconds, dict(zip(self._columns, values.T, strict=True)))
+        tilt = curves.figure(
+            "tilt", "Roll and pitch", "angle, deg", ("roll", "pitch"), self._about_curves()
+        )
+        attitude = [tilt, draw.heading(curves)]
+        held = draw.vertical(curves, self._held(), self._marks(summary))
+        errors = draw.errors(self._error_curves(), curves)
+        sizes = [
+            curves.figure("rate", "Angular rate", "norm, deg/s", ("rate",),
+                          "As used, with the gyros' known bias taken off."),
+            curves.figure("force", "Specific force", "norm, m/s²", ("force",), "At rest it is"
+                          " gravity, about 9.8 m/s²."),
+        ]  # fmt: skip
+        if "latitude" not in curves.of:
+            found = [*attitude, *errors, *held, *self.extra, *sizes]
+        else:
+            velocity = curves.figure("velocity", "Velocity", "velocity, m/s",
+                                     ("north", "east", "down"), "Over ground.")  # fmt: skip
+            shown = [figure.key.removeprefix("error-") for figure in errors]
+            found = [self._track(), *errors, *draw.sigmas(curves, shown)]
+            found += [*self.extra, *held, *attitude, velocity, *sizes]
         hse = summary.get("hse")
         if hse is not None:
-            found.insert(0, _stretches(hse))
+            found.insert(0, draw.stretches(hse))
         return tuple(found)
 
-    def _marks(self, summary: dict[str, Any]) -> tuple[tuple[str, float], ...]:
+    def _about_curves(self) -> str:
+        assert self._motion is not None
+        rows = self._motion.rows_per_group
+        if rows == 1:
+            return ""
+        return f"Curves go through the lowest and the highest of every {rows} samples."
+
+    def _marks(self, summary: dict[str, Any]) -> draw.Marks:
         height = summary.get("height")
         if not height:
             return ()
@@ -194,154 +212,17 @@ class Recorder:
             if e["kind"] != "engaged"
         )[:MARKS]
 
-    def _headings(self, seconds: np.ndarray, turned: np.ndarray) -> Figure:
-        """Heading within a turn, with holes where it goes over north."""
-        turns = np.floor(turned / 360.0)
-        within = turned - 360.0 * turns
-        steps = np.diff(turns)
-        over = np.flatnonzero((steps != 0.0) & np.isfinite(steps)) + 1
-        seconds, within = np.insert(seconds, over, seconds[over]), np.insert(within, over, np.nan)
-        return Figure(
-            "heading", "Heading", seconds, (Series("heading", within),), TIME, "heading, deg"
-        )
+    def _held(self) -> tuple[str, np.ndarray, np.ndarray] | None:
+        """What the height was held to: its name, seconds, height and difference."""
+        if self._reference is None or not self._compared:
+            return None
+        return (self._reference[0], *self._difference.curves(self._origin_ns))
 
-    def _vertical(
-        self,
-        seconds: np.ndarray,
-        curve: dict[str, np.ndarray],
-        marks: tuple[tuple[str, float], ...],
-    ) -> list[Figure]:
-        if "height" not in curve:
-            return []
-        series = [Series("computed", curve["height"])]
-        held = self._reference is not None and self._compared > 0
-        if held:
-            assert self._reference is not None
-            at, values = self._difference.curves(self._origin_ns)
-            name = self._reference[0]
-            series.append(Series(name, values[:, 0], x=at, style="dashed"))
-        found = [Figure("height", "Height", seconds, tuple(series), TIME, "height, m", marks=marks)]
-        if held:
-            off = (Series("computed less reference", values[:, 1], x=at),)
-            found.append(
-                Figure("difference", f"Height less that of {name}", at, off, TIME, "difference, m",
-                       marks=marks)
-            )  # fmt: skip
-        if "up" in curve:
-            up = (Series("up", curve["up"]),)
-            found.append(
-                Figure("up", "Vertical velocity", seconds, up, TIME, "up, m/s", marks=marks)
-            )
-            taken = (Series("correction", curve["correction"]),)
-            found.append(
-                Figure("correction", "Taken off the vertical accelerometer", seconds, taken, TIME,
-                       "correction, m/s^2", marks=marks)
-            )  # fmt: skip
-        return found
+    def _error_curves(self) -> dict[str, tuple[np.ndarray, np.ndarray]]:
+        return {kind: off.curves(self._origin_ns) for kind, off in self._off.items()}
 
-    def _track(self) -> list[Figure]:
-        if "latitude" not in self._columns:
-            return []
+    def _track(self) -> Figure:
         assert self._motion is not None
         _, values = self._motion.samples(self._origin_ns)
         k = self._columns.index("latitude")
-        latitude, longitude = values[:, k], values[:, k + 1].copy()
-        good = np.isfinite(longitude)
-        longitude[good] = np.unwrap(longitude[good])
-        meridian, transverse = radii_of_curvature(latitude[0])
-        north = (latitude - latitude[0]) * float(meridian)
-        east = (longitude - longitude[0]) * float(transverse) * np.cos(latitude)
-        note = (
-            f"From {latitude[0] / DEGREE:.6f} deg, {longitude[0] / DEGREE:.6f} deg; both axes need"
-            " not have one scale.",
-        )
-        size, unit = _length(np.concatenate([north, east]))
-        track = (Series("track", north / size),)
-        labels = f"east, {unit}", f"north, {unit}"
-        return [Figure("track", "Track", east / size, track, *labels, notes=note)]
-
-    def _against_truth(self) -> list[Figure]:
-        found = []
-        for kind, unit, size in KINDS:
-            if kind not in self._off:
-                continue
-            seconds, error = self._off[kind].curves(self._origin_ns)
-            error = error / size
-            finite = error[np.isfinite(error)]
-            if not len(finite):
-                continue
-            if unit == "deg" and np.abs(finite).max() < SMALL_ANGLE_DEG:
-                unit, error = "arcsec", error * 3600.0
-            if unit == "m":
-                size, unit = _length(error)
-                error = error / size
-            series = tuple(Series(axis, error[:, k]) for k, axis in enumerate(AXES))
-            note = "Computed less true."
-            if kind == "attitude":
-                note = (
-                    "The small rotation, about these axes, from the true attitude to the one"
-                    " computed: about down it is an error of heading."
-                )
-            found.append(
-                Figure(f"error-{kind}", f"Error of {kind}", seconds, series, TIME,
-                       f"error, {unit}", notes=(note,))
-            )  # fmt: skip
-        return found
-
-
-def _length(values: np.ndarray) -> tuple[float, str]:
-    """A unit in which lengths in m read well."""
-    most = np.nanmax(np.abs(values), initial=0.0)
-    return (1000.0, "km") if most > 5000.0 else (1.0, "m")
-
-
-def _figure(
-    key: str,
-    title: str,
-    seconds: np.ndarray,
-    label: str,
-    curve: dict[str, np.ndarray],
-    names: tuple[str, ...],
-) -> Figure:
-    series = tuple(Series(name, curve[name]) for name in names)
-    return Figure(key, title, seconds, series, TIME, label)
-
-
-def _sigmas(seconds: np.ndarray, curve: dict[str, np.ndarray]) -> list[Figure]:
-    """Standard deviations, where a run has covariances."""
-    return [
-        Figure(
-            f"sigma-{kind}",
-            f"Standard deviation of {kind}",
-            seconds,
-            tuple(Series(axis, curve[f"{kind} {axis}"]) for axis in AXES),
-            TIME,
-            f"sigma, {unit}",
-        )
-        for kind, unit, _ in KINDS
-        if f"{kind} {AXES[0]}" in curve
-    ]
-
-
-def _stretches(hse: dict[str, Any]) -> Figure:
-    """Heading of every stretch at constant rate, before and after its correction."""
-    rates = np.array([s["rate_deg_s"] for s in hse["segments"]])
-    raw = np.array([s["heading_raw_deg"] for s in hse["segments"]])
-    corrected = np.array([s["heading_deg"] for s in hse["segments"]])
-    middle = float(np.median(corrected))
-
-    def shown(heading: np.ndarray) -> np.ndarray:
-        return ((heading - middle + 180.0) % 360.0 - 180.0) * 3600.0
-
-    return Figure(
-        "stretches",
-        "Heading of each stretch at constant rate",
-        rates,
-        (
-            Series("as aligned", shown(raw), style="points"),
-            Series("corrected", shown(corrected), style="points"),
-        ),
-        "rate, deg/s",
-        "heading, arcsec",
-        notes=(f"Less {middle:.6f} deg, the median of the corrected ones.",),
-    )
+        return draw.track((values[:, k], values[:, k + 1]), self._fixes)

@@ -10,6 +10,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
 from itertools import chain
+from typing import Protocol
 
 import numpy as np
 
@@ -167,6 +168,13 @@ class Survey:
         return (self.last_ns - self.first_ns) / SECOND - self.gap_total_s
 
 
+class Watcher(Protocol):
+    """Looks at the samples as the first pass reads them, anew each time that it begins again."""
+
+    def watch(self, blocks: Iterator[Imu]) -> Iterator[Imu]:
+        """The same blocks."""
+
+
 class Kept:
     """The samples that the first pass read, for the second: all of them, or none if too many.
 
@@ -215,7 +223,7 @@ def survey(
     increments: bool = False,
     block_rows: int = BLOCK_ROWS,
     progress: Callable[[int], None] | None = None,
-    kept: Kept | None = None,
+    kept: Watcher | None = None,
 ) -> Survey:
     """Read a log's Imu topic once and say what it holds.
 
@@ -235,7 +243,7 @@ def survey(
         Samples handled at once; the result does not depend on it.
     progress : callable, optional
         Called with the bytes read so far.
-    kept : Kept, optional
+    kept : Watcher, optional
         Gets the samples as they were read.
 
     Returns

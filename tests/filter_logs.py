@@ -25,6 +25,9 @@ class Capture:
     def refer_height(self, *_):
         pass
 
+    def refer_track(self, *_):
+        pass
+
 
 def simulated(path, scenario, *options):
     """A log by `sinstool simulate`."""

@@ -89,7 +89,7 @@ def command(
         if report is not None:
             from sinstool.cli.align_report import write_page
 
-            write_page(report, found, config)
+            write_page(report, found, config, log)
     told = found.summary
     for text in told["warnings"]:
         warn(text)

@@ -7,9 +7,20 @@ from typing import Any
 
 from sinstool.align_figures import AXES, figures
 from sinstool.align_log import LogAlignment
+from sinstool.cli.report_settings import Read, config_settings, input_rows
 from sinstool.config import ProcessConfig
 from sinstool.report.page import write_report
-from sinstool.report.sections import Cell, Column, Page, Prose, Section, Settings, Table, Warnings
+from sinstool.report.sections import (
+    Cell,
+    Column,
+    Fact,
+    Page,
+    Prose,
+    Section,
+    Settings,
+    Table,
+    Warnings,
+)
 
 # What each status means for whoever wants to go on from this attitude.
 VERDICTS = {
@@ -22,9 +33,10 @@ VERDICTS = {
     "unobservable": "Not even roll and pitch are known. The warnings say why.",
     "failed": "Nothing could be aligned with. The warnings say why.",
 }
+GROUPS = ("input", "align", "gnss", "in_flight", "navigation")
 
 
-def write_page(report: Path, found: LogAlignment, config: ProcessConfig) -> None:
+def write_page(report: Path, found: LogAlignment, config: ProcessConfig, log: Path) -> None:
     """Write the page, or its first figure, that ``--report`` asks for.
 
     Parameters
@@ -33,11 +45,12 @@ def write_page(report: Path, found: LogAlignment, config: ProcessConfig) -> None
     found : LogAlignment
     config : ProcessConfig
         Effective.
+    log : Path
     """
     told = found.summary
     sections: list[Section] = [
         Warnings(tuple(told["warnings"])),
-        Prose(_verdict(told), "Verdict"),
+        Prose(_verdict(told), "Result", _facts(told)),
     ]
     if told["euler_deg"] is not None:
         sections.append(_result(told))
@@ -45,7 +58,7 @@ def write_page(report: Path, found: LogAlignment, config: ProcessConfig) -> None
     sections += [main, *others]
     if told["assumed"] is not None:
         sections.append(_sensors(told))
-    sections.append(Settings(_settings(config)))
+    sections += [Settings(config_settings(config, *GROUPS)), input_rows([Read.of(log)])]
     subtitle = f"{told['input']}, {told['imu']['topic']}"
     page = Page("Where the vehicle points", subtitle, tuple(sections))
     write_report(report, page, overwrite=config.output.overwrite)
@@ -76,6 +89,24 @@ def _verdict(told: dict[str, Any]) -> tuple[str, ...]:
             f"Against {truth['name']} the answer is wrong by {shown} deg about north, east, down."
         )
     return tuple(paragraphs)
+
+
+def _facts(told: dict[str, Any]) -> tuple[Fact, ...]:
+    """Each angle with the sigma about the axis that matters most to it, and its error."""
+    euler, sigma = told["euler_deg"], told["sigma_deg"]
+    if euler is None:
+        return ()
+    facts = []
+    for name in ("roll", "pitch", "heading"):
+        value = "not known" if euler[name] is None else f"{euler[name]:.3f} deg"
+        facts.append(Fact(name.capitalize(), value))
+    named = ", ".join("–" if one is None else f"{one:.2g}" for one in sigma)
+    facts.append(Fact("Sigma", f"{named} deg", "about north, east, down"))
+    truth = told.get("truth")
+    if truth is not None and truth["error_deg"] is not None:
+        named = ", ".join("–" if one is None else f"{one:.2g}" for one in truth["error_deg"])
+        facts.append(Fact("Error", f"{named} deg", f"about these, by {truth['name']}"))
+    return tuple(facts)
 
 
 def _result(told: dict[str, Any]) -> Table:
@@ -130,8 +161,3 @@ def _sensors(told: dict[str, Any]) -> Table:
 
 def _row(name: str, unit: str, values: list[float] | None, sigma: float | None) -> tuple[Cell, ...]:
     return (name, unit, *(values if values is not None else (None,) * 3), sigma)
-
-
-def _settings(config: ProcessConfig) -> dict[str, Any]:
-    told = config.model_dump(mode="json", exclude_none=True)
-    return {name: told[name] for name in ("input", "align", "gnss", "in_flight")}

@@ -116,7 +116,7 @@ def command(
         if report is not None:
             from sinstool.cli.calibrate_hse_report import write_page
 
-            write_page(report, found, config)
+            write_page(report, found, config, logs)
     for text in (*found.warnings, *found.judgement.warnings):
         warn(text)
     if as_json:

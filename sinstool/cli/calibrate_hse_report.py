@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
-
-import numpy as np
 
 from sinstool.calibrate import Calibration
+from sinstool.cli.report_settings import Read, config_settings, input_rows
 from sinstool.config import ProcessConfig
 from sinstool.hse.table import Column as Headings
 from sinstool.hse_figures import ARCSEC, figures
@@ -15,6 +14,7 @@ from sinstool.report.page import write_report
 from sinstool.report.sections import (
     Cell,
     Column,
+    Fact,
     Page,
     Prose,
     Section,
@@ -40,7 +40,9 @@ VERDICTS = {
 }
 
 
-def write_page(report: Path, found: Calibration, config: ProcessConfig) -> None:
+def write_page(
+    report: Path, found: Calibration, config: ProcessConfig, logs: Sequence[Path]
+) -> None:
     """Write the page, or its first figure, that ``--report`` asks for.
 
     Parameters
@@ -49,18 +51,20 @@ def write_page(report: Path, found: Calibration, config: ProcessConfig) -> None:
     found : Calibration
     config : ProcessConfig
         Effective, with its rig.
+    logs : sequence of Path
     """
     first: tuple[Section, ...] = (
         Warnings((*found.warnings, *found.judgement.warnings)),
-        Prose(_verdict(found), "Verdict"),
+        Prose(_verdict(found), "Result", _facts(found)),
         _coefficients(found),
     )
     main, *others = figures(found)
     tables = [t for t in (_headings(found), _runs(found), _stretches(found)) if t is not None]
-    settings = Settings(_settings(config))
-    sections = (*first, main, *others, *tables, settings)
-    logs = f"{len(found.logs)} logs" if len(found.logs) > 1 else found.logs[0].source
-    subtitle = f"{logs}, {found.kept.created}"
+    settings = Settings(config_settings(config, "calibration", "rig", "input"))
+    read = input_rows([Read.of(path) for path in logs])
+    sections = (*first, main, *others, *tables, settings, read)
+    source = f"{len(found.logs)} logs" if len(found.logs) > 1 else found.logs[0].source
+    subtitle = f"{source}, {found.kept.created}"
     page = Page("Heading-sensitive error of a rate-biased system", subtitle, sections)
     write_report(report, page, overwrite=config.output.overwrite)
 
@@ -94,6 +98,23 @@ def _verdict(found: Calibration) -> tuple[str, ...]:
             " later are the better test."
         )
     return tuple(paragraphs)
+
+
+def _facts(found: Calibration) -> tuple[Fact, ...]:
+    kept = found.kept
+    facts = []
+    if kept.lambda2_rad is not None:
+        sigma = kept.sigma_lambda2_rad
+        note = f"by {kept.method}" if sigma is None else f"± {_number(sigma)}, by {kept.method}"
+        facts.append(Fact("lambda2", f'{_number(kept.lambda2_rad)}"', note))
+    facts.append(Fact("lambda2, axial", f'{_number(kept.axial.lambda2_rad)}"', "rate on the axis"))
+    runs = f"{kept.fit.n_runs} runs, {kept.fit.n_rates} rates"
+    facts.append(Fact("Status", kept.status.replace("_", " "), runs))
+    if found.table is not None:
+        before, after = found.table.before.scatter, found.table.after.scatter
+        spread = f'{_number(before.peak_to_peak, 2)}" → {_number(after.peak_to_peak, 2)}"'
+        facts.append(Fact("Peak to peak of headings", spread, "before → after correction"))
+    return tuple(facts)
 
 
 def _number(value: float, digits: int = 3) -> str:
@@ -268,12 +289,3 @@ def _stretches(found: Calibration) -> Table | None:
         for s in log.segmentation.rejected
     )
     return Table("Stretches not used", columns, rows) if rows else None
-
-
-def _settings(config: ProcessConfig) -> dict[str, Any]:
-    told = config.model_dump(mode="json", exclude_none=True)
-    rig = {
-        name: str(np.array(value).tolist()) if isinstance(value, list) else value
-        for name, value in told["rig"].items()
-    }
-    return {"calibration": told["calibration"], "rig": rig, "input": told["input"]}

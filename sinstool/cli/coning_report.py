@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from pathlib import Path
 from typing import Any
 
 from sinstool.cli.coning_rows import (
@@ -12,11 +13,14 @@ from sinstool.cli.coning_rows import (
     TERMINAL,
     Get,
     about_reference,
+    command,
 )
+from sinstool.cli.options import effective_config
+from sinstool.cli.report_settings import Read, config_settings, input_rows, option_settings
 from sinstool.comparison.paper import Reproduction
 from sinstool.figures import Figure
 from sinstool.report.page import write_report
-from sinstool.report.sections import Column, Page, Prose, Section, Settings, Table, Warnings
+from sinstool.report.sections import Column, Fact, Page, Prose, Section, Settings, Table, Warnings
 
 
 def write_comparison(
@@ -42,9 +46,17 @@ def write_comparison(
         The comparison as plain values.
     """
     sizes, *tables = _tables(result)
-    verdict = Prose((result["verdict"]["text"],), "Verdict")
-    first = (Warnings(tuple(warnings)), verdict, sizes)
-    page = Page(title, subtitle, (*first, *figures, *tables, Settings(settings)))
+    text = result["verdict"]["text"]
+    verdict = Prose((f"{text[:1].upper()}{text[1:]}.",), "Result", _facts(result))
+    first = (Warnings((*warnings, *result["lost"])), verdict, sizes)
+    given = {name: value for name, value in options.items() if "__" in name}
+    config = effective_config(options["config_file"], given)
+    own = option_settings(command, options, {"algorithms": settings["algorithms"]})
+    last = (
+        Settings((*own, *config_settings(config, "input"))),
+        input_rows([Read.of(Path(result["meta"]["log"]))]),
+    )
+    page = Page(title, subtitle, (*first, *figures, *tables, *last))
     write_report(options["report"], page, overwrite=options["overwrite"])
 
 
@@ -74,11 +86,34 @@ def write_reproduction(
         for claim in found.claims
     )
     agreeing = sum(claim.reproduces for claim in found.claims)
-    verdict = Prose((f"{agreeing} of {len(rows)} printed claims reproduce.",), "Verdict")
+    text = f"{agreeing} of {len(rows)} printed claims reproduce; the table below says why."
+    verdict = Prose((text,), "Result")
     table = Table("The paper's claims", tuple(Column(n, "", ".3g") for n in columns), rows)
-    sections: tuple[Section, ...] = (verdict, *found.figures, table, Settings(settings))
+    sections: tuple[Section, ...] = (
+        verdict,
+        *found.figures,
+        table,
+        Settings(option_settings(command, options, settings)),
+        input_rows(()),
+    )
     page = Page("The published coning experiment, re-run", "", sections)
     write_report(options["report"], page, overwrite=options["overwrite"])
+
+
+def _facts(result: dict[str, Any]) -> tuple[Fact, ...]:
+    meta, checks = result["meta"], result["checks"]
+    best = result["verdict"]["algorithm"]
+    facts = [Fact("Choice", best)] if best else []
+    resolution = result["reference"]["resolution_dph"]
+    note = "" if resolution is None else f"good to {resolution:.2g} deg/h"
+    facts += [
+        Fact("Reference", result["reference"]["name"], note),
+        Fact("Drift that does not matter", f"{meta['tolerance_dph']:g} deg/h", "--tolerance"),
+        Fact("Log", f"{meta['duration_s']:.4g} s at {checks['rate_hz']:.4g} Hz",
+             f"{checks['gaps']} gaps, read as {meta['gyro_kind']}"),
+        Fact("Fastest rotation", f"{checks['largest_rate_deg_s']:.3g} deg/s"),
+    ]  # fmt: skip
+    return tuple(facts)
 
 
 def _tables(result: dict[str, Any]) -> list[Table]:
@@ -95,9 +130,11 @@ def _tables(result: dict[str, Any]) -> list[Table]:
     tables = [_table("Algorithms on the log as it is", TERMINAL, native, (about, legend))]
     if slower:
         kept = (TERMINAL[0], COLUMNS[1], *TERMINAL[1:])
-        tables.append(_table("As if the log had been taken at lower rates", kept, slower, ()))
+        tables.append(
+            _table("As if the log had been taken at lower rates", kept, slower, (), folded=True)
+        )
     # The reasons would make every row as high as a sentence; they stand below.
-    tables.append(_table("By axis", COLUMNS[:-1], result["algs"], held))
+    tables.append(_table("By axis", COLUMNS[:-1], result["algs"], held, folded=True))
     return tables
 
 
@@ -111,10 +148,12 @@ def _table(
     columns: Sequence[tuple[str, str, Get]],
     rows: list[dict[str, Any]],
     notes: tuple[str, ...],
+    folded: bool = False,
 ) -> Table:
     return Table(
         title,
         tuple(Column(name, unit, ".3g") for name, unit, _ in columns),
         tuple(tuple(get(a) for _, _, get in columns) for a in rows),
         notes,
+        folded,
     )

@@ -16,12 +16,17 @@ from sinstool.cli.verbose import verbose_option
 @click.command("info")
 @click.argument("log", type=click.Path(path_type=Path))
 @config_options("input")
+@click.option("--report", type=click.Path(path_type=Path), metavar="FILE.html",
+              help="also write a page of figures, or its first one (.png, .pdf, .svg)")  # fmt: skip
+@click.option("--overwrite", is_flag=True, help="replace an existing report")
 @click.option("--json", "as_json", is_flag=True, help="one JSON object on stdout")
 @click.option("-q", "--quiet", is_flag=True, help="no progress")
 @verbose_option("all still spans")
 def command(
     log: Path,
     config_file: Path | None,
+    report: Path | None,
+    overwrite: bool,
     as_json: bool,
     quiet: bool,
     verbose: bool,
@@ -29,10 +34,20 @@ def command(
 ) -> int:
     """What is in LOG, what is odd about it, and what process would do with it."""
     config = effective_config(config_file, given)
-    from sinstool.inspection import inspect
+    from sinstool.inspection import Shown, inspect
 
+    shown = None
+    if report is not None:
+        from sinstool.report.page import check_report
+
+        check_report(report, inputs=[log], overwrite=overwrite)
+        shown = Shown()
     with progress_bar(log.name, quiet) as progress:
-        found = inspect(log, config.input, progress)
+        found = inspect(log, config.input, progress, shown)
+    if report is not None and shown is not None:
+        from sinstool.cli.info_report import write_page
+
+        write_page(report, found, _verdict(found), shown, config, overwrite)
     if as_json:
         print_json(found)
     else:
@@ -74,17 +89,20 @@ def _print(found: dict[str, Any], verbose: bool) -> None:
     for imu in found["imu"]:
         _print_imu(imu, verbose)
     _print_lost(found["lost"])
+    click.echo(f"\n{_verdict(found)}")
+
+
+def _verdict(found: dict[str, Any]) -> str:
+    """What process would do with the log."""
     verdict = found["process"]
-    click.echo("")
-    if verdict["possible"]:
-        note = f" ({verdict['why']})" if verdict["why"] else ""
-        if verdict["mode"] == "ins-gnss":
-            how = "INS/GNSS where its start can be found, else attitude alone"
-        else:
-            how = f"attitude alone; align {verdict['align']}"
-        click.echo(f"process would take {verdict['imu_topic']}{note}; {how}")
+    if not verdict["possible"]:
+        return f"process would refuse this log: {verdict['why']}"
+    note = f" ({verdict['why']})" if verdict["why"] else ""
+    if verdict["mode"] == "ins-gnss":
+        how = "INS/GNSS where its start can be found, else attitude alone"
     else:
-        click.echo(f"process would refuse this log: {verdict['why']}")
+        how = f"attitude alone; align {verdict['align']}"
+    return f"process would take {verdict['imu_topic']}{note}; {how}"
 
 
 def _print_lost(lost: dict[str, Any]) -> None:

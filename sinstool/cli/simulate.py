@@ -2,14 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from pathlib import Path
+from collections.abc import Callable, Mapping
 from typing import Any, Literal
 
 import click
 
 from sinstool.cli.choice import Choice, Group
-from sinstool.cli.console import print_json
 from sinstool.cli.options import Numbers
 from sinstool.cli.simulate_motion import drive, launch, manoeuvring_flight, spiral_climb
 from sinstool.cli.simulate_options import (
@@ -17,7 +15,9 @@ from sinstool.cli.simulate_options import (
     MAX_RATE_HZ,
     START_NS,
     check,
+    check_outputs,
     common,
+    write_log,
 )
 from sinstool.cli.simulate_rig import command as hse_rig
 
@@ -327,12 +327,9 @@ def _write(
         imu_topic,
         resting_fixes,
         truth_topics,
-        write_simulated,
     )
-    from sinstool.writers.whole import check_output
 
-    output: Path = rest["output"]
-    check_output(output, [], rest["overwrite"])
+    check_outputs(rest)
     sensor = with_errors(
         truth if measured is None else measured, GRADES[rest["grade"]], rest["seed"]
     )
@@ -344,12 +341,13 @@ def _write(
         topics += truth_topics(truth, axes)
     if position is not None:
         topics.append(resting_fixes(truth.time_ns, position))
-    counts = write_simulated(output, topics, settings)
-    if rest["as_json"]:
-        print_json({"output": str(output), "topics": counts, "settings": settings})
-    else:
-        listing = ", ".join(f"{topic} ({count})" for topic, count in counts.items())
-        click.echo(f"{output}: {listing}")
+
+    def write_page(params: Mapping[str, Any]) -> None:
+        from sinstool.cli.simulate_report import write_motion
+
+        write_motion(params, truth, sensor, topics)
+
+    write_log(rest, topics, settings, write_page)
 
 
 for _scenario in (spiral_climb, manoeuvring_flight, drive, launch, hse_rig):

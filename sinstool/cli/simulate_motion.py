@@ -2,15 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from typing import Any, TypeVar
 
 import click
 
 from sinstool.cli.choice import Choice
-from sinstool.cli.console import print_json
 from sinstool.cli.options import Numbers
-from sinstool.cli.simulate_options import START_NS, check, common
+from sinstool.cli.simulate_options import START_NS, check, check_outputs, common, write_log
 
 F = TypeVar("F", bound=Callable[..., Any])
 DEGREE = 3.141592653589793 / 180.0
@@ -220,10 +219,9 @@ def _write(
 ) -> None:
     from sinstool.simulation.launch_sensors import saturated
     from sinstool.simulation.sensors import GRADES, with_errors
-    from sinstool.writers.simulated import Axes, imu_topic, truth_topics, write_simulated
-    from sinstool.writers.whole import check_output
+    from sinstool.writers.simulated import Axes, imu_topic, truth_topics
 
-    check_output(told["output"], [], told["overwrite"])
+    check_outputs(told)
     sensor = with_errors(trajectory.imu, grade or GRADES[told["grade"]], told["seed"])
     if gyro_range is not None:
         sensor = saturated(sensor, gyro_range, float("inf"))
@@ -232,19 +230,20 @@ def _write(
     if told["truth"]:
         topics += truth_topics(trajectory.imu, axes, trajectory)
     topics += _gnss(trajectory, told) + _baro(trajectory, told)
-    hidden = ("output", "overwrite", "as_json", "verbose")
+    hidden = ("output", "report", "overwrite", "as_json", "verbose")
     settings = {
         "scenario": scenario,
         "duration_s": str(duration),
         "rate_hz": str(rate),
         **{k: str(v) for k, v in told.items() if k not in hidden},
     }
-    counts = write_simulated(told["output"], topics, settings)
-    if told["as_json"]:
-        print_json({"output": str(told["output"]), "topics": counts, "settings": settings})
-    else:
-        listing = ", ".join(f"{topic} ({count})" for topic, count in counts.items())
-        click.echo(f"{told['output']}: {listing}")
+
+    def write_page(params: Mapping[str, Any]) -> None:
+        from sinstool.cli.simulate_report import write_motion
+
+        write_motion(params, trajectory.imu, sensor, topics, trajectory)
+
+    write_log(told, topics, settings, write_page)
 
 
 def _gnss(trajectory: Any, told: dict[str, Any]) -> list[Any]:

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any, TypeVar
 
 import click
 
 from sinstool.cli.choice import Choice
+from sinstool.cli.console import print_json
 from sinstool.cli.verbose import verbose_option
 
 F = TypeVar("F", bound=Callable[..., Any])
@@ -63,7 +64,13 @@ def common(duration: float = 60.0, rate: float = 400.0, kind: str = "rate") -> C
             show_default=True,
             help="write /truth/... beside the sensors",
         ),
-        click.option("--overwrite", is_flag=True, help="replace an existing output"),
+        click.option(
+            "--report",
+            type=click.Path(path_type=Path),
+            metavar="FILE.html",
+            help="also write a page of figures, or its first one (.png, .pdf, .svg)",
+        ),
+        click.option("--overwrite", is_flag=True, help="replace existing outputs"),
         click.option("--json", "as_json", is_flag=True, help="one JSON object on stdout"),
         verbose_option(),
     ]
@@ -74,6 +81,56 @@ def common(duration: float = 60.0, rate: float = 400.0, kind: str = "rate") -> C
         return function
 
     return decorate
+
+
+def check_outputs(told: Mapping[str, Any]) -> None:
+    """Refuse a log or a report that could not be written, before anything is computed.
+
+    Parameters
+    ----------
+    told : mapping
+        Options ``output``, ``report`` and ``overwrite``.
+    """
+    from sinstool.writers.whole import check_output
+
+    check_output(told["output"], [], told["overwrite"])
+    if told["report"] is not None:
+        from sinstool.report.page import check_report
+
+        check_report(told["report"], inputs=[told["output"]], overwrite=told["overwrite"])
+
+
+def write_log(
+    told: Mapping[str, Any],
+    topics: Sequence[Any],
+    settings: dict[str, str],
+    write_page: Callable[[Mapping[str, Any]], None],
+) -> None:
+    """Write a log and its page, both or neither, and say what was written.
+
+    Parameters
+    ----------
+    told : mapping
+        Options ``output``, ``report`` and ``as_json``.
+    topics : sequence of SimulatedTopic
+    settings : dict
+        How the log was made.
+    write_page : callable
+        Takes all options of the command; called where a page is wanted.
+    """
+    from sinstool.writers.simulated import write_simulated
+    from sinstool.writers.whole import together
+
+    output = told["output"]
+    with together():
+        counts = write_simulated(output, topics, settings)
+        if told["report"] is not None:
+            write_page(click.get_current_context().params)
+    if told["as_json"]:
+        print_json({"output": str(output), "topics": counts, "settings": settings})
+    else:
+        listing = ", ".join(f"{topic} ({count})" for topic, count in counts.items())
+        click.echo(f"{output}: {listing}")
 
 
 def check(duration: float, rate: float, seed: int) -> None:

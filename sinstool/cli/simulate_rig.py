@@ -10,6 +10,7 @@ import click
 from sinstool.cli.choice import Choice
 from sinstool.cli.console import print_json
 from sinstool.cli.options import Numbers, Words
+from sinstool.cli.simulate_options import check_outputs
 from sinstool.cli.verbose import verbose_option
 from sinstool.errors import OutputError
 
@@ -18,6 +19,7 @@ DEGREE = 3.141592653589793 / 180.0
 JOINT = "table"
 NOISE = ("arw", "gyro_bias", "gyro_drift", "gyro_quantum", "accel_bias", "vrw", "encoder_lsb")
 LARGEST_LEAN = 0.5
+SILENT = ("report", "overwrite", "as_json", "verbose")
 
 
 @click.command("hse-rig")
@@ -68,6 +70,8 @@ LARGEST_LEAN = 0.5
 @click.option("--truth/--no-truth", default=True, show_default=True, help="write /truth/imu")
 @click.option("--seed", type=click.IntRange(min=0), default=0, show_default=True,
               help="of the errors")  # fmt: skip
+@click.option("--report", type=click.Path(path_type=Path), metavar="FILE.html",
+              help="also write a page of figures, or its first one (.png, .pdf, .svg)")  # fmt: skip
 @click.option("--overwrite", is_flag=True, help="replace existing outputs")
 @click.option("--json", "as_json", is_flag=True, help="one JSON object on stdout")
 @verbose_option()
@@ -82,7 +86,7 @@ def command(output: Path, rig_out: Path | None, **told: Any) -> None:
     from sinstool.writers.simulated import write_simulated
     from sinstool.writers.whole import WholeFile, check_output, together
 
-    check_output(output, [], told["overwrite"])
+    check_outputs({"output": output, **told})
     if rig_out is not None:
         if rig_out.resolve() == output.resolve():
             raise OutputError(f"{output} is named twice", "choose another --rig-out")
@@ -94,6 +98,10 @@ def command(output: Path, rig_out: Path | None, **told: Any) -> None:
         if rig_out is not None:
             with WholeFile(rig_out) as whole:
                 whole.stream.write(tomli_w.dumps({"rig": _rig(log, told)}).encode())
+        if told["report"] is not None:
+            from sinstool.cli.simulate_report import write_rig
+
+            write_rig(click.get_current_context().params, log, topics)
     if told["as_json"]:
         print_json({"output": str(output), "topics": counts, "settings": settings})
     else:
@@ -146,7 +154,7 @@ def _simulate(told: dict[str, Any]) -> tuple[Any, dict[str, str]]:
         log = hse_rig([(r, told["plateau"]) for r in rates], setup, errors, seed=told["seed"])
     except ValueError as exc:
         raise click.UsageError(str(exc)) from exc
-    kept = {k: v for k, v in told.items() if k not in ("overwrite", "as_json", "verbose")}
+    kept = {k: v for k, v in told.items() if k not in SILENT}
     settings = {"scenario": "hse-rig", **{k: str(v) for k, v in kept.items()}}
     settings["lambda2_arcsec"] = repr(log.truth.lambda2 / ARCSEC)
     return log, settings

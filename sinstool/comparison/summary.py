@@ -235,6 +235,14 @@ def _parting(rows: list[Row], found: LogComparison) -> Figure:
         curve = max(row.curves, key=lambda p: p.time_s[-1])
         norm = np.degrees(np.maximum(curve.norm, 1e-16))
         series.append(Series(row.candidate.label, norm, curve.time_s))
+    # Attitudes are equal where they start; from the smallest that lasts on, there is a curve
+    usual = [float(np.nanpercentile(one.y, 5.0)) for one in series]
+    most = max((float(np.nanmax(one.y)) for one in series), default=1.0)
+    shared = (
+        "The truth has no sensor errors, so that these are in every curve."
+        if found.truth
+        else "Sensor errors cancel, as all see the same."
+    )
     return Figure(
         "divergence",
         f"Divergence from {found.truth or found.comparison.reference}",
@@ -243,7 +251,8 @@ def _parting(rows: list[Row], found: LogComparison) -> Figure:
         "time, s",
         "angle between attitudes, deg",
         log_y=True,
-        notes=("The longest stretch without gaps; sensor errors cancel, as all see the same.",),
+        y_range=(min(*usual, 0.1 * most) / 2.0, 2.0 * most) if usual else None,
+        notes=(f"The longest stretch without gaps. {shared}",),
     )
 
 
@@ -307,6 +316,10 @@ def _gains(rows: list[Row], found: LogComparison) -> Figure:
         "fraction of the coning rate",
         log_x=True,
         marks=_bands(found),
+        notes=(
+            "1 is right. Where it falls below, coning is missed; what is answered to above the"
+            " motion's own frequencies is noise taken for coning.",
+        ),
     )
 
 
@@ -327,7 +340,7 @@ def _density(found: LogComparison) -> Figure:
         s.frequency[keep],
         tuple(series),
         "frequency, Hz",
-        "density, (deg/s)^2/Hz",
+        "density, (deg/s)²/Hz",
         log_x=True,
         log_y=True,
         marks=_bands(found),
@@ -348,8 +361,18 @@ def _decimation(found: LogComparison) -> Figure:
             x, y = curves.setdefault(f"{row.candidate.name}, {thinning}", ([], []))
             x.append(row.candidate.decimate)
             y.append(row.drift.norm_rms)
+    colours = {
+        name: k for k, name in enumerate(dict.fromkeys(n.rpartition(",")[0] for n in curves))
+    }
     series = tuple(
-        Series(name, np.array(y), np.array(x, dtype=np.float64), shown=name.endswith("sums"))
+        Series(
+            name,
+            np.array(y),
+            np.array(x, dtype=np.float64),
+            style="line" if name.endswith("sums") else "dashed",
+            shown=name.endswith("sums"),
+            colour=colours[name.rpartition(",")[0]],
+        )
         for name, (x, y) in curves.items()
     )
     return Figure(
@@ -357,7 +380,7 @@ def _decimation(found: LogComparison) -> Figure:
         "Drift if the log had been taken at a lower rate",
         np.array(c.settings.decimate, dtype=np.float64),
         series,
-        "one sample kept of",
+        "one sample kept of so many",
         "rms drift, deg/h",
         log_x=True,
         log_y=True,

@@ -99,6 +99,8 @@ def run_ins(
     known = ["imu", "attitude", "odometry", "fix", "tf"]
     if damping != "off":
         known.append("height")
+    if result.recorder is not None and aiding.gnss is not None:
+        result.recorder.refer_track(aiding.gnss.latitude, aiding.gnss.longitude)
     emits, left_out = choose_emits(log, config, known, body)
     run = InsRun(state, _settings(source, alignment, config, parameters, reference))
     frames = replace(

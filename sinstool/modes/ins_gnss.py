@@ -65,6 +65,9 @@ def run_ins_gnss(
     if recorder is not None and r is not None:
         good = r.reason == ACCEPTED
         recorder.refer_height(r.topic, r.time_ns[good], r.height[good])
+    gnss = source.aiding.gnss
+    if recorder is not None and gnss is not None:
+        recorder.refer_track(gnss.latitude, gnss.longitude)
     run = FilterRun(source, config, prepared, detailed=recorder is not None)
     for solution in run.solutions(share(progress, log.size, 0.4, 0.5)):
         result.push(solution)

@@ -21,6 +21,8 @@ Side = Literal["left", "right"]
 _LINE = {"type": "line", "line": {"dash": "dot", "width": 1.2}}
 _NAME = {"showarrow": False}
 
+CROWD = 400  # from so many on, points of a series are drawn smaller
+_BESIDE = 0.012  # room beside the outermost points, of the axis
 POINTS_PER_CURVE = 4000  # two for each of the two thousand pixel columns of a wide screen
 
 
@@ -42,13 +44,15 @@ def plotly_figure(figure: Figure, limit: int = POINTS_PER_CURVE) -> dict[str, An
         ``meta.colour``.
     """
     straight = [*_levels(figure), *_marks(figure)]
-    layout = {
-        "xaxis": _axis(figure.xlabel, figure.log_x, figure.x_range, _xs(figure)),
+    layout: dict[str, Any] = {
+        "xaxis": _axis(figure.xlabel, figure.log_x, _shown_x(figure), _xs(figure)),
         "yaxis": _axis(figure.ylabel, figure.log_y, figure.y_range, _ys(figure)),
         "shapes": [line for line, _ in straight],
         "annotations": [name for _, name in straight],
         "barmode": "group",
     }
+    if figure.equal:
+        layout["yaxis"] |= {"scaleanchor": "x", "scaleratio": 1}
     data = [_trace(figure, k, one, limit) for k, one in enumerate(figure.series)]
     return {"data": data, "layout": layout}
 
@@ -94,6 +98,41 @@ def drawn(figure: Figure, series: Series, limit: int) -> tuple[Any, FloatArray]:
     return x[chosen], y[chosen]
 
 
+def colour_of(figure: Figure, k: int) -> int:
+    """Number of a series' colour.
+
+    Parameters
+    ----------
+    figure : Figure
+    k : int
+        Number of the series.
+
+    Returns
+    -------
+    int
+    """
+    own = figure.series[k].colour
+    return (k if own is None else own) % len(LIGHT_CURVES)
+
+
+def dash_of(figure: Figure, k: int) -> str:
+    """How the line of a series is dashed; as :func:`colour_of`.
+
+    Parameters
+    ----------
+    figure : Figure
+    k : int
+
+    Returns
+    -------
+    str
+    """
+    series = figure.series[k]
+    if series.style == "dashed":
+        return "dash"
+    return DASHES[k // len(LIGHT_CURVES) % len(DASHES)]
+
+
 def unit(label: str) -> str:
     """Return what follows the last comma of an axis label.
 
@@ -115,6 +154,21 @@ def _are_words(x: FloatArray | Sequence[str]) -> bool:
 
 def _xs(figure: Figure) -> list[FloatArray | tuple[str, ...]]:
     return [places(figure, one) for one in figure.series]
+
+
+def _shown_x(figure: Figure) -> tuple[float, float] | None:
+    """Return what of the x axis is shown; plotly leaves much room beside points."""
+    styles = {one.style for one in figure.series}
+    xs = [x for x in _xs(figure) if not isinstance(x, tuple)]
+    plain = not (figure.log_x or figure.equal or "bars" in styles) and len(xs) == len(figure.series)
+    if figure.x_range is not None or not plain or "points" not in styles:
+        return figure.x_range
+    good = [x[np.isfinite(x)] for x in xs]
+    ends = [float(end) for x in good if x.size for end in (x.min(), x.max())]
+    if not ends or max(ends) == min(ends):
+        return None
+    beside = _BESIDE * (max(ends) - min(ends))
+    return min(ends) - beside, max(ends) + beside
 
 
 def _ys(figure: Figure) -> list[FloatArray | tuple[str, ...]]:
@@ -229,15 +283,16 @@ def _trace(figure: Figure, k: int, series: Series, limit: int) -> dict[str, Any]
         "x": [_text(word) for word in x] if isinstance(x, tuple) else _packed(x, figure.log_x),
         "y": _packed(y, figure.log_y),
         "visible": series.shown,
-        "meta": {"colour": k % len(LIGHT_CURVES)},
+        "meta": {"colour": colour_of(figure, k)},
         "hovertemplate": _hover(figure, series, isinstance(x, tuple)),
     }
-    again = k // len(LIGHT_CURVES)
     if series.style == "points":
-        trace |= {"mode": "markers", "marker": {"size": 6, "symbol": again}}
+        crowd = len(y) > CROWD
+        marker = {"size": 3.5 if crowd else 6, "opacity": 0.6 if crowd else 1.0}
+        trace |= {"mode": "markers", "marker": marker | {"symbol": k // len(LIGHT_CURVES)}}
     elif series.style in ("line", "dashed"):
-        dash = "dash" if series.style == "dashed" else DASHES[again % len(DASHES)]
-        trace |= {"mode": "lines", "line": {"width": 1.6, "dash": dash}}
+        width = 1.2 if series.style == "dashed" else 1.6
+        trace |= {"mode": "lines", "line": {"width": width, "dash": dash_of(figure, k)}}
     return trace
 
 

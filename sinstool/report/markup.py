@@ -5,17 +5,28 @@ from __future__ import annotations
 import json
 import math
 import re
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Sequence
 from html import escape
 
 import numpy as np
 
 import sinstool
 from sinstool.figures import Figure, Series
-from sinstool.report.draw import POINTS_PER_CURVE, places, plotly_figure, unit
-from sinstool.report.palette import DASHES, LIGHT_CURVES
+from sinstool.report.draw import POINTS_PER_CURVE, colour_of, dash_of, places, plotly_figure, unit
 from sinstool.report.script import SCRIPT
-from sinstool.report.sections import Body, Cell, Column, Page, Prose, Settings, Table, Warnings
+from sinstool.report.sections import (
+    Body,
+    Cell,
+    Column,
+    Fact,
+    Page,
+    Prose,
+    Rows,
+    Setting,
+    Settings,
+    Table,
+    Warnings,
+)
 from sinstool.report.style import style_sheet
 
 # All points of a page: 16 bytes each at most, a third more as base64, so 4.7 MB beside the 4.8 MB
@@ -140,9 +151,11 @@ def _section(section: Body, key: str, limit: int) -> str:
         case Table():
             inside = _table(section, key)
         case Settings():
-            inside = _settings(section, key)
+            inside = _settings(section)
+        case Rows():
+            inside = _rows(section)
         case Prose():
-            inside = _paragraphs(section.paragraphs)
+            inside = _paragraphs(section.paragraphs) + _facts(section.facts)
     if not section.title:
         return f'<section id="{key}">{inside}</section>'
     return (
@@ -154,6 +167,27 @@ def _section(section: Body, key: str, limit: int) -> str:
 def _paragraphs(paragraphs: Sequence[str], kind: str = "") -> str:
     mark = f' class="{kind}"' if kind else ""
     return "".join(f"<p{mark}>{escape(one)}</p>" for one in paragraphs)
+
+
+def _facts(facts: Sequence[Fact]) -> str:
+    if not facts:
+        return ""
+    items = "".join(
+        f"<div><dt>{escape(one.name)}</dt><dd>{escape(one.value)}"
+        + (f'<span class="note">{escape(one.note)}</span>' if one.note else "")
+        + "</dd></div>"
+        for one in facts
+    )
+    return f'<dl class="facts">{items}</dl>'
+
+
+def _rows(rows: Rows) -> str:
+    """Return a table without a head, which wraps where the page is narrow."""
+    items = "".join(
+        f'<tr><th scope="row">{escape(what)}</th><td>{escape(how)}</td></tr>'
+        for what, how in rows.pairs
+    )
+    return f'<table class="rows"><tbody>{items}</tbody></table>'
 
 
 def _table(table: Table, key: str) -> str:
@@ -172,11 +206,14 @@ def _table(table: Table, key: str) -> str:
             cells.append(f"<{tag}{kind}>{_cell(cell, column.form)}</{tag[:2]}>")
         rows.append(f"<tr>{''.join(cells)}</tr>")
     # It scrolls by itself where the page is narrow, and by the keyboard too
-    return (
+    made = (
         f'<div class="wide" tabindex="0" role="region" aria-labelledby="{key}-title"><table>'
         f"<thead><tr>{head}</tr></thead>\n<tbody>{''.join(rows)}</tbody></table></div>"
         f"{_paragraphs(table.notes)}"
     )
+    if not table.folded:
+        return made
+    return f'<details class="kept"><summary>{len(rows)} rows</summary>{made}</details>'
 
 
 def _heading(column: Column, numeric: bool) -> str:
@@ -213,31 +250,39 @@ def _count(n: int) -> str:
     return f"{n:,}".replace(",", "\N{NARROW NO-BREAK SPACE}")
 
 
-def _flat(items: Mapping[str, object], before: str = "") -> Iterator[tuple[str, object]]:
-    for name, value in items.items():
-        if isinstance(value, Mapping):
-            yield from _flat(value, f"{before}{name}.")
-        else:
-            yield f"{before}{name}", value
-
-
-def _settings(settings: Settings, key: str) -> str:
-    rows = "".join(
-        f'<tr><th scope="row">{escape(name)}</th><td>{escape(_value(value))}</td></tr>'
-        for name, value in _flat(settings.items)
-    )
+def _settings(settings: Settings) -> str:
+    """Return the settings that were given, and the defaults to be unfolded."""
+    given = [one for one in settings.items if one.given]
+    defaults = [one for one in settings.items if not one.given]
+    shown = _setting_table(given) if given else "<p>All settings are the defaults.</p>"
+    if not defaults:
+        return shown
+    count = f"{len(defaults)} settings" if len(defaults) > 1 else "1 setting"
+    # The printed page has them too: the script unfolds it
     return (
-        f'<div class="wide" tabindex="0" role="region" aria-labelledby="{key}-title">'
-        '<table class="settings"><thead><tr><th scope="col">Setting</th>'
-        f'<th scope="col">Value</th></tr></thead>\n<tbody>{rows}</tbody></table></div>'
+        f'{shown}<details class="kept"><summary>{count} at the default</summary>'
+        f"{_setting_table(defaults)}</details>"
     )
+
+
+def _setting_table(items: Sequence[Setting]) -> str:
+    meant = any(one.meaning for one in items)
+    rows = "".join(
+        f'<tr><th scope="row">{escape(one.name)}</th><td>{escape(_value(one.value))}</td>'
+        + (f'<td class="meaning">{escape(one.meaning)}</td>' if meant else "")
+        + "</tr>"
+        for one in items
+    )
+    head = '<th scope="col">Setting</th><th scope="col">Value</th>'
+    if meant:
+        head += '<th scope="col">Meaning</th>'
+    return f'<table class="settings"><thead><tr>{head}</tr></thead>\n<tbody>{rows}</tbody></table>'
 
 
 def _figure(figure: Figure, key: str, limit: int) -> str:
     spec = json.dumps(plotly_figure(figure, limit), ensure_ascii=False, separators=(",", ":"))
     names = ", ".join(one.name for one in figure.series)
     described = f"{figure.title}: {figure.ylabel} against {figure.xlabel}. Curves: {names}."
-    legend = "".join(f"<li>{_key(k, one)}</li>" for k, one in enumerate(figure.series))
     longest = max((one.y.size for one in figure.series if not _words(figure, one)), default=0)
     thinned = (
         f"Drawn with at most {_count(limit)} of {_count(longest)} points a curve; the lowest and"
@@ -250,7 +295,7 @@ def _figure(figure: Figure, key: str, limit: int) -> str:
         f' aria-label="{escape(described)}"></div>\n'
         # Within a script, < can only begin its end
         f'<script type="application/json">{spec.replace("<", chr(92) + "u003c")}</script>\n'
-        f'<ul class="legend" aria-label="Curves of {escape(figure.title)}">{legend}</ul>\n'
+        f"{_legend(figure)}"
         f"<figcaption>{_paragraphs(figure.notes)}"
         f"{_paragraphs((thinned,), 'thinned') if longest > limit else ''}</figcaption>"
         f"{_numbers(figure, key)}</figure>"
@@ -261,16 +306,25 @@ def _words(figure: Figure, series: Series) -> bool:
     return isinstance(places(figure, series), tuple)
 
 
-def _key(k: int, series: Series) -> str:
+def _legend(figure: Figure) -> str:
+    """Return the keys of the curves; a single one that stands for the title needs none."""
+    if len(figure.series) == 1:
+        return ""
+    keys = "".join(f"<li>{_key(figure, k)}</li>" for k in range(len(figure.series)))
+    return f'<ul class="legend" aria-label="Curves of {escape(figure.title)}">{keys}</ul>\n'
+
+
+def _key(figure: Figure, k: int) -> str:
     """Return the legend's entry: a button, dead until the script gives it its meaning."""
-    colour = f"var(--curve-{k % len(LIGHT_CURVES)})"
+    series = figure.series[k]
+    colour = f"var(--curve-{colour_of(figure, k)})"
     if series.style == "bars":
         sign = f'<rect x="6" y="1" width="14" height="10" style="fill:{colour}"/>'
     elif series.style == "points":
         sign = f'<circle cx="13" cy="6" r="4" style="fill:{colour}"/>'
     else:
-        again = DASHES[k // len(LIGHT_CURVES) % len(DASHES)]
-        dashes = _DASH_PATTERNS["dash" if series.style == "dashed" else again]
+        again = dash_of(figure, k)
+        dashes = _DASH_PATTERNS[again]
         sign = (
             f'<path d="M0 6H26" style="stroke:{colour};stroke-width:2.5"'
             f' stroke-dasharray="{dashes or "none"}"/>'

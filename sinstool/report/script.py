@@ -161,6 +161,11 @@ SCRIPT = r"""
   function print(now) {
     printing = now;
     root.classList.toggle("printing", now);
+    // Paper has nothing to click on: settings at their defaults are printed too
+    document.querySelectorAll("details.kept").forEach(function (one) {
+      if (now) { one.dataset.was = one.open; one.open = true; }
+      else one.open = one.dataset.was === "true";
+    });
     // Not one after the other: the browser takes the page as it is when this returns
     figures.forEach(draw);
   }

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from typing import Any
 
 from sinstool.figures import Figure
 
@@ -11,18 +12,38 @@ Cell = str | float | int | bool | None
 
 
 @dataclass(frozen=True)
+class Fact:
+    """One number of those that answer the reader's question, or a word.
+
+    Attributes
+    ----------
+    name : str
+    value : str
+        With its unit.
+    note : str
+        What qualifies it, such as its sigma; empty for none.
+    """
+
+    name: str
+    value: str
+    note: str = ""
+
+
+@dataclass(frozen=True)
 class Prose:
-    """Paragraphs.
+    """Paragraphs, and the key figures below them.
 
     Attributes
     ----------
     paragraphs : tuple of str
     title : str
         Heading; empty for none.
+    facts : tuple of Fact
     """
 
     paragraphs: tuple[str, ...]
     title: str = ""
+    facts: tuple[Fact, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -55,12 +76,15 @@ class Table:
         Each as long as `columns`. None and NaN are shown as a dash.
     notes : tuple of str
         Sentences for below the table.
+    folded : bool
+        The reader has to unfold it, as it is long.
     """
 
     title: str
     columns: tuple[Column, ...]
     rows: tuple[tuple[Cell, ...], ...]
     notes: tuple[str, ...] = ()
+    folded: bool = False
 
     def __post_init__(self) -> None:
         for row in self.rows:
@@ -84,21 +108,79 @@ class Warnings:
 
 
 @dataclass(frozen=True)
-class Settings:
-    """What was done, and with which settings.
+class Rows:
+    """What was done, as pairs of what and how.
 
     Attributes
     ----------
-    items : mapping
-        Name to value. A mapping in it is taken apart, its names joined by dots.
+    title : str
+    pairs : tuple of (str, str)
+    """
+
+    title: str
+    pairs: tuple[tuple[str, str], ...]
+
+
+@dataclass(frozen=True)
+class Setting:
+    """One setting of a run.
+
+    Attributes
+    ----------
+    name : str
+        As the configuration file or the command line has it.
+    value : object
+        None where the run chooses for itself.
+    given : bool
+        It is not the default.
+    meaning : str
+        What it is, with its unit.
+    """
+
+    name: str
+    value: object
+    given: bool = True
+    meaning: str = ""
+
+
+@dataclass(frozen=True)
+class Settings:
+    """With which settings it was done: those that were given first, defaults to be unfolded.
+
+    Attributes
+    ----------
+    items : tuple of Setting
     title : str
     """
 
-    items: Mapping[str, object]
+    items: tuple[Setting, ...]
     title: str = "Settings"
 
 
-Body = Prose | Table | Settings | Figure
+def flat(items: Mapping[str, Any], before: str = "") -> tuple[Setting, ...]:
+    """Settings from names and values.
+
+    Parameters
+    ----------
+    items : mapping
+        A mapping in it is taken apart, its names joined by dots.
+    before : str, optional
+        What all names begin with.
+
+    Returns
+    -------
+    tuple of Setting
+    """
+    found: list[Setting] = []
+    for name, value in items.items():
+        if isinstance(value, Mapping):
+            found += flat(value, f"{before}{name}.")
+        else:
+            found.append(Setting(f"{before}{name}", value))
+    return tuple(found)
+
+
+Body = Prose | Table | Rows | Settings | Figure
 Section = Body | Warnings
 
 

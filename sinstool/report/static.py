@@ -11,7 +11,7 @@ import numpy as np
 
 from sinstool.errors import ConfigurationError
 from sinstool.figures import Figure, Series
-from sinstool.report.draw import drawn, mark_sides
+from sinstool.report.draw import CROWD, colour_of, drawn, mark_sides
 from sinstool.report.extra import borrowed
 from sinstool.report.palette import LIGHT, LIGHT_CURVES
 from sinstool.writers.whole import WholeFile, check_output
@@ -19,7 +19,7 @@ from sinstool.writers.whole import WholeFile, check_output
 FORMATS = (".png", ".pdf", ".svg")
 
 SIZE_IN = (7.0, 4.0)  # over both columns of a page
-RESOLUTION_DPI = 200
+RESOLUTION_DPI = 300
 POINTS_PER_CURVE = 6000
 _FONT_PT = 9.0
 
@@ -102,6 +102,8 @@ def _draw(sheet: Any, figure: Figure) -> None:
     _lines(axes, figure)
     # Curves fill the width; points and bars would be cut at its ends
     axes.margins(x=0.0 if all(one.style in ("line", "dashed") for _, one in shown) else 0.03)
+    if figure.equal:
+        axes.set_aspect("equal", "datalim")
     if figure.x_range is not None:
         axes.set_xlim(*figure.x_range)
     if figure.y_range is not None:
@@ -131,7 +133,7 @@ def _series(
     x, y = drawn(figure, series, POINTS_PER_CURVE)
     place = np.array([words.index(one) for one in x]) if isinstance(x, tuple) else x
     look: dict[str, Any] = {
-        "color": LIGHT_CURVES[k % len(LIGHT_CURVES)],
+        "color": LIGHT_CURVES[colour_of(figure, k)],
         "label": _text(series.name),
     }
     again = k // len(LIGHT_CURVES)
@@ -141,7 +143,8 @@ def _series(
         offset = (bars.index(k) - (len(bars) - 1) / 2) * width
         axes.bar(place + offset, y, width, **look)
     elif series.style == "points":
-        axes.plot(place, y, _MARKERS[again % len(_MARKERS)], markersize=3.5, **look)
+        size = 1.2 if len(y) > CROWD else 3.5
+        axes.plot(place, y, _MARKERS[again % len(_MARKERS)], markersize=size, **look)
     else:
         line = _LINES.get(series.style, _AGAIN[again % len(_AGAIN)])
         axes.plot(place, y, linestyle=line, linewidth=1.1, **look)

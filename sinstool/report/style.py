@@ -48,6 +48,14 @@ main > section, main > nav { margin: 0 0 2.4rem; }
 .warnings ul { margin: 0; padding-left: 1.1rem; }
 .warnings li { margin: 0.2rem 0; }
 
+.facts { display: grid; grid-template-columns: repeat(auto-fill, minmax(10.5rem, 1fr));
+  gap: 1rem 1.5rem; margin: 1rem 0 0; }
+.facts > div { border-top: 2px solid var(--accent); padding-top: 0.4rem; }
+.facts dt { color: var(--muted); font-size: 0.85rem; line-height: 1.3; }
+.facts dd { margin: 0.1rem 0 0; font-size: 1.15rem; font-weight: 600; line-height: 1.3;
+  font-variant-numeric: tabular-nums; }
+.facts .note { display: block; color: var(--muted); font-size: 0.82rem; font-weight: 400; }
+
 nav h2 { position: absolute; width: 1px; height: 1px; overflow: hidden; clip-path: inset(50%); }
 nav ul { margin: 0; padding: 0; list-style: none; display: flex; flex-wrap: wrap;
   gap: 0.25rem 1.25rem; font-size: 0.92rem; }
@@ -71,7 +79,11 @@ th:last-child, td:last-child { padding-right: 0.25rem; }
 th.number, td.number { text-align: right; }
 td.number { white-space: nowrap; }
 .unit { display: block; color: var(--muted); font-weight: 400; font-size: 0.85em; }
-.settings tbody th { color: var(--muted); font-weight: 400; white-space: nowrap; }
+.settings tbody th, .rows th { color: var(--muted); font-weight: 400; white-space: nowrap; }
+.settings td, .rows td { overflow-wrap: anywhere; }
+.settings td { min-width: 4.5rem; }
+.settings .meaning { color: var(--muted); max-width: 34rem; overflow-wrap: break-word; }
+.rows tr:first-child > * { border-top: 1px solid var(--rule); }
 
 figure { margin: 0; }
 /* It reaches down into the plot's margin, whose right end holds the buttons */
@@ -105,7 +117,15 @@ footer p { max-width: none; margin: 0 0 0.3rem; }
   h2 { font-size: 1.1rem; }
   table { font-size: 0.86rem; }
   th, td { padding-right: 1rem; }
-  .settings tbody th { white-space: normal; }
+  .settings tbody th { white-space: normal; overflow-wrap: anywhere; min-width: 7rem; }
+  .settings .meaning { min-width: 9rem; }
+  .settings table, .rows { width: 100%; }
+  .rows th { white-space: normal; }
+  .facts { grid-template-columns: repeat(2, minmax(0, 1fr)); gap: 0.9rem 1rem; }
+  .facts dd { font-size: 1.02rem; }
+  /* One line to be pushed along: a list of twenty would stand between a reader and the answer */
+  nav ul { flex-wrap: nowrap; overflow-x: auto; white-space: nowrap; margin: 0 -0.9rem;
+    padding: 0 0.9rem 0.35rem; }
 }
 @media (pointer: coarse) {
   .legend button { padding: 0.45rem 0.6rem; }
@@ -118,11 +138,11 @@ footer p { max-width: none; margin: 0 0 0.3rem; }
   body { max-width: none; padding: 0; font-size: 10.5pt; }
   main > section { margin-bottom: 1.4rem; }
   h2 { break-after: avoid; }
-  figure, tr, .warnings { break-inside: avoid; }
+  figure, tr, .warnings, .facts > div { break-inside: avoid; }
   thead { display: table-header-group; }
   .wide { overflow: visible; background: none; }
   .warnings { border: 1px solid var(--warning-rule); border-left-width: 4px; }
-  nav, details, .hint, .modebar-container, .legend li:has([aria-pressed="false"]) {
+  nav, details:not(.kept), .hint, .modebar-container, .legend li:has([aria-pressed="false"]) {
     display: none; }
   .drawing { height: 320px; }
   a { color: inherit; text-decoration: none; }

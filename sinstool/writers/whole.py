@@ -135,6 +135,24 @@ def together() -> Iterator[None]:
         _group.reset(token)
 
 
+def held_back(path: Path) -> Path:
+    """Where the content of a file is for now, that waits inside :func:`together`.
+
+    Parameters
+    ----------
+    path : Path
+
+    Returns
+    -------
+    Path
+        The file itself where it does not wait.
+    """
+    group = _group.get()
+    waiting = () if group is None else group.files
+    target = _real(path)
+    return next((one._part for one in waiting if one._target == target), path)
+
+
 def make_folder(path: Path) -> None:
     """Make a folder and those above it; inside :func:`together` they go again if it fails.
 
