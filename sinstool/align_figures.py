@@ -15,6 +15,10 @@ from sinstool.units import DEGREE
 
 TIME = "time since the log's start, s"
 AXES = ("north", "east", "down")
+_DYNAMICS = {
+    "force": "Norm of each half second's mean. Heading shows where its horizontal part changes.",
+    "rate": "Norm of each half second's mean: where the vehicle turned.",
+}
 # What is less than nothing on a logarithmic axis.
 _TINY = 1e-9
 
@@ -205,6 +209,7 @@ def dynamics(found: LogAlignment, config: ProcessConfig) -> tuple[Figure, Figure
                 tuple(curves),
                 TIME,
                 f"{title.lower()}, {unit}",
+                notes=(_DYNAMICS[key],),
                 levels=((f"limit, {limit:g} {unit}", limit),) if gated else (),
                 marks=_marks(found),
             )

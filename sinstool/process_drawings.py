@@ -148,7 +148,9 @@ def vertical(
         )  # fmt: skip
     if "up" in curves.of:
         found.append(
-            curves.figure("up", "Vertical velocity", "velocity up, m/s", ("up",), "", marks)
+            curves.figure(
+                "up", "Vertical velocity", "velocity up, m/s", ("up",), "Positive is up.", marks
+            )
         )
         text = (
             "What the damping takes off. A steady value is the accelerometer's bias along the"

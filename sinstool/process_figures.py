@@ -198,9 +198,10 @@ class Recorder:
     def _about_curves(self) -> str:
         assert self._motion is not None
         rows = self._motion.rows_per_group
+        axes = "Of the vehicle's Forward-Right-Down axes."
         if rows == 1:
-            return ""
-        return f"Curves go through the lowest and the highest of every {rows} samples."
+            return axes
+        return f"{axes} Curves go through the lowest and the highest of every {rows} samples."
 
     def _marks(self, summary: dict[str, Any]) -> draw.Marks:
         height = summary.get("height")

@@ -39,18 +39,23 @@ SCRIPT = r"""
     // Its label stands above the figure in the page: read without a turned head, and it wraps
     const yaxis = fewer(spec.yaxis, width);
     delete yaxis.title;
+    // Room that ticks ask for changes the scale, the scale of a map its ticks, and so on
+    const map = Boolean(yaxis.scaleanchor);
+    const shown = function (kind) {
+      return Object.assign(axis(width, kind), { automargin: !map });
+    };
     return Object.assign({}, spec, {
       xaxis: fewer(spec.xaxis, width),
       yaxis: yaxis,
       width: width, autosize: false, uirevision: "kept", hovermode: "closest",
       showlegend: false, bargap: 0.25,
-      margin: { l: 48, r: 12, t: 28, b: 44 },
+      margin: { l: map ? 58 : 48, r: 18, t: 28, b: map ? 50 : 44 },
       dragmode: matchMedia("(pointer: coarse)").matches ? false : "zoom",
       template: { layout: {
         font: { family: getComputedStyle(document.body).fontFamily, size: size,
                 color: colour("ink") },
         paper_bgcolor: colour("page"), plot_bgcolor: colour("page"),
-        xaxis: axis(width, spec.xaxis.type), yaxis: axis(width, spec.yaxis.type),
+        xaxis: shown(spec.xaxis.type), yaxis: shown(spec.yaxis.type),
         hoverlabel: { bgcolor: colour("panel"), bordercolor: colour("rule"),
                       font: { color: colour("ink"), size: 12.5 }, align: "left" },
         modebar: { bgcolor: colour("page"), color: colour("muted"),

@@ -117,9 +117,13 @@ footer p { max-width: none; margin: 0 0 0.3rem; }
   h2 { font-size: 1.1rem; }
   table { font-size: 0.86rem; }
   th, td { padding-right: 1rem; }
-  .settings tbody th { white-space: normal; overflow-wrap: anywhere; min-width: 7rem; }
-  .settings .meaning { min-width: 9rem; }
-  .settings table, .rows { width: 100%; }
+  .settings, .settings tbody { display: block; }
+  .settings thead { display: none; }
+  .settings tr { display: grid; grid-template-columns: minmax(0, 3fr) minmax(0, 2fr);
+    border-bottom: 1px solid var(--rule); }
+  .settings tr > * { border: 0; min-width: 0; white-space: normal; overflow-wrap: anywhere; }
+  .settings .meaning { grid-column: 1 / -1; padding-top: 0; }
+  .rows { width: 100%; }
   .rows th { white-space: normal; }
   .facts { grid-template-columns: repeat(2, minmax(0, 1fr)); gap: 0.9rem 1rem; }
   .facts dd { font-size: 1.02rem; }

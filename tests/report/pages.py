@@ -8,6 +8,7 @@ import numpy as np
 
 from sinstool.figures import Figure, Series
 from sinstool.report.page import Column, Page, Prose, Settings, Table, Warnings
+from sinstool.report.sections import Fact, Rows, Setting, flat
 
 NASTY = """<script>alert("1")</script> & </script> <!-- %{x} $5 'b'"""
 
@@ -104,7 +105,11 @@ def page(drawn: Sequence[Figure] | None = None) -> Page:
         f"Coning on a log {NASTY}",
         f"subtitle {NASTY}",
         (
-            Prose(("First.", f"second {NASTY}"), "Verdict"),
+            Prose(
+                ("First.", f"second {NASTY}"),
+                "Verdict",
+                (Fact("Drift", "1.2 deg/h", f"note {NASTY}"), Fact(f"fact {NASTY}", NASTY)),
+            ),
             Table(
                 f"Drift {NASTY}",
                 (Column("Algorithm"), Column("Drift", "deg/h", ".3g"), Column("Samples")),
@@ -112,7 +117,20 @@ def page(drawn: Sequence[Figure] | None = None) -> Page:
                 (f"table note {NASTY}",),
             ),
             *(figures() if drawn is None else drawn),
-            Settings({"input": NASTY, "coning": {"algorithms": ["a", "b"], "n": 2}, "none": None}),
+            Table("Long", (Column("k"),), tuple((k,) for k in range(30)), folded=True),
+            Rows("What was done", (("log", NASTY), (f"what {NASTY}", "how" * 60))),
+            Settings(
+                (
+                    *flat(
+                        {
+                            "input": NASTY,
+                            "coning": {"algorithms": ["a", "b"], "n": 2},
+                            "none": None,
+                        }
+                    ),
+                    Setting("kept", 0.5, False, f"meaning {NASTY}, s"),
+                )
+            ),
             Warnings(("late warning", f"warning {NASTY}")),
             Warnings(("late warning",)),
         ),

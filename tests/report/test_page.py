@@ -19,6 +19,7 @@ from sinstool.report.page import (
     Column,
     Page,
     Prose,
+    Settings,
     Table,
     Warnings,
     check_report,
@@ -26,6 +27,7 @@ from sinstool.report.page import (
     write_report,
 )
 from sinstool.report.palette import DARK, LIGHT
+from sinstool.report.sections import Setting
 from sinstool.report.static import write_figure
 from sinstool.report.style import style_sheet
 from tests.report.pages import NASTY, figures, page
@@ -96,7 +98,7 @@ def test_links_lead_somewhere(outline):
     names = [attrs["id"] for _, attrs in outline.elements if "id" in attrs]
     assert len(set(names)) == len(names)
     links = outline.all("a")
-    assert len(links) == 9
+    assert len(links) == 11
     assert {attrs["href"][1:] for attrs in links} <= set(names)
     for _, attrs in outline.elements:
         assert attrs.get("aria-labelledby", names[0]) in names
@@ -110,7 +112,9 @@ def test_all_figures_with_captions_and_legends(outline):
         assert attrs["role"] == "img"
         assert figure.title in attrs["aria-label"] and figure.ylabel in attrs["aria-label"]
     buttons = outline.all("button")
-    shown = [one.shown for figure in figures() for one in figure.series]
+    # A single curve needs no key
+    keyed = [figure for figure in figures() if len(figure.series) > 1]
+    shown = [one.shown for figure in keyed for one in figure.series]
     assert [attrs["aria-pressed"] == "true" for attrs in buttons] == shown
     assert all(note in outline.said("p") for figure in figures() for note in figure.notes)
 
@@ -122,12 +126,27 @@ def test_figure_data_can_be_read(text):
 
 
 def test_tables(outline):
-    # one of data, one of settings, one for the numbers of each figure
-    assert len(outline.all("table")) == 2 + len(figures())
+    # two of data, one of rows, two of settings, one for the numbers of each figure
+    assert len(outline.all("table")) == 5 + len(figures())
     assert all(attrs["scope"] in ("col", "row") for attrs in outline.all("th"))
     cells = outline.said("td", "th")
     assert {"1.2e-5", "1440000", "–", "coning.algorithms", "a, b"} <= set(cells)
     assert "deg/h" in outline.said("span")
+
+
+def test_defaults_are_marked_and_printed(text, outline):
+    given, defaults = text.index(">coning.algorithms<"), text.index(">kept<")
+    assert given < text.index("1 setting at the default") < defaults
+    folded = outline.all("details", class_="kept")
+    assert len(folded) == 2, "the long table and the defaults"
+    assert "details:not(.kept)" in style_sheet()
+    bare = markup(Page("t", "", (Settings((Setting("a", 1, False),)),)), "")
+    assert "All settings are the defaults." in bare
+
+
+def test_key_figures(outline):
+    assert outline.said("dt")[0] == "Drift" and outline.said("dd")[0] == "1.2 deg/h"
+    assert f"note {NASTY}" in outline.said("span")
 
 
 def test_warnings_come_first_and_once(text, outline):
