@@ -47,7 +47,10 @@ def write_comparison(
     """
     sizes, *tables = _tables(result)
     text = result["verdict"]["text"]
-    verdict = Prose((f"{text[:1].upper()}{text[1:]}.",), "Result", _facts(result))
+    # A name stays as it is written
+    if not text.startswith(tuple(row["name"] for row in result["algs"])):
+        text = f"{text[:1].upper()}{text[1:]}"
+    verdict = Prose((f"{text}.",), "Result", _facts(result))
     first = (Warnings((*warnings, *result["lost"])), verdict, sizes)
     given = {name: value for name, value in options.items() if "__" in name}
     config = effective_config(options["config_file"], given)
