@@ -324,6 +324,9 @@ def _rates(traffic: Traffic) -> Figure | None:
     series = tuple(Series(topic, rate, x=seconds) for topic, seconds, rate in traffic.rates())
     if not series:
         return None
+    found = np.concatenate([one.y[np.isfinite(one.y)] for one in series])
+    # Whole decades: within one, ticks would crowd
+    low, high = np.floor(np.log10(0.9 * found.min())), np.ceil(np.log10(1.1 * found.max()))
     return Figure(
         "traffic",
         "Messages of each topic",
@@ -332,6 +335,7 @@ def _rates(traffic: Traffic) -> Figure | None:
         TIME,
         "rate, Hz",
         log_y=True,
+        y_range=(float(10.0**low), float(10.0**high)),
         notes=(
             "By log time. Where a topic is silent its curve has a hole; topics of one rate lie on"
             " one another.",

@@ -273,7 +273,6 @@ def compare_one(
         if options["csv_dir"] is not None:
             write_csv(options["csv_dir"], result)
         if options["report"] is not None:
-            settings_shown = result["meta"] | {"algorithms": ", ".join(settings.algorithms)}
             from sinstool.cli.coning_report import write_comparison
 
             write_comparison(
@@ -281,7 +280,8 @@ def compare_one(
                 "Coning algorithms compared",
                 log.name,
                 figures(found),
-                settings_shown,
+                config,
+                settings.algorithms,
                 list(found.warnings),
                 result,
             )

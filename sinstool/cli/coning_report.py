@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
+from sinstool.cli.compare_coning import command
 from sinstool.cli.coning_rows import (
     COLUMNS,
     LEGEND,
@@ -13,11 +14,10 @@ from sinstool.cli.coning_rows import (
     TERMINAL,
     Get,
     about_reference,
-    command,
 )
-from sinstool.cli.options import effective_config
 from sinstool.cli.report_settings import Read, config_settings, input_rows, option_settings
 from sinstool.comparison.paper import Reproduction
+from sinstool.config import ProcessConfig
 from sinstool.figures import Figure
 from sinstool.report.page import write_report
 from sinstool.report.sections import Column, Fact, Page, Prose, Section, Settings, Table, Warnings
@@ -28,7 +28,8 @@ def write_comparison(
     title: str,
     subtitle: str,
     figures: Sequence[Figure],
-    settings: dict[str, Any],
+    config: ProcessConfig,
+    algorithms: Sequence[str],
     warnings: list[str],
     result: dict[str, Any],
 ) -> None:
@@ -37,10 +38,13 @@ def write_comparison(
     Parameters
     ----------
     options : dict
-        Of the command line: ``report`` and ``overwrite``.
+        Of the command line.
     title, subtitle : str
     figures : sequence of Figure
-    settings : dict
+    config : ProcessConfig
+        Effective.
+    algorithms : sequence of str
+        Those that were run.
     warnings : list of str
     result : dict
         The comparison as plain values.
@@ -52,9 +56,7 @@ def write_comparison(
         text = f"{text[:1].upper()}{text[1:]}"
     verdict = Prose((f"{text}.",), "Result", _facts(result))
     first = (Warnings((*warnings, *result["lost"])), verdict, sizes)
-    given = {name: value for name, value in options.items() if "__" in name}
-    config = effective_config(options["config_file"], given)
-    own = option_settings(command, options, {"algorithms": settings["algorithms"]})
+    own = option_settings(command, options, {"algorithms": ", ".join(algorithms)})
     last = (
         Settings((*own, *config_settings(config, "input"))),
         input_rows([Read.of(Path(result["meta"]["log"]))]),
