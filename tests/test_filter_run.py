@@ -117,7 +117,7 @@ def test_outages_are_bridged_and_scored(flight):
     [
         ({"gnss": {"gnss_latency": 0.1}}, "latency", "not 100 ms"),
         ({"gnss": {"lever_arm": (1.2, 0.0, 0.0)}}, "lever arm", "m forward, -0.1 m right"),
-        ({"filter": {"gnss_noise_scale": 0.33}}, "IMU noise", "--gnss-noise-scale is too small"),
+        ({"filter": {"gnss_noise_scale": 0.33}}, "GNSS noise", "too small"),
         ({"filter": {"gnss_noise_scale": 3.0}}, "GNSS noise", "too large"),
     ],
 )

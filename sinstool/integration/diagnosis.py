@@ -402,7 +402,10 @@ def _rows(gnss: GnssDiagnostics) -> np.ndarray:
 
 def _noise(gnss: GnssDiagnostics) -> list[Finding]:
     rows = _rows(gnss)
-    ratio = gnss.innovation[rows] / gnss.innovation_sigma[rows]
+    # Against the noise that was given, whatever the gate or an adapted filter made of it
+    own = gnss.measurement_sigma[rows] ** 2
+    given = gnss.innovation_sigma[rows] ** 2 - own * (1.0 - 1.0 / gnss.noise_ratio[rows])
+    ratio = gnss.innovation[rows] / np.sqrt(given)
     found = []
     for name, columns in CHANNELS.items():
         values = ratio[:, columns]

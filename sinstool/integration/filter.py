@@ -153,6 +153,7 @@ class InsGnssFilter:
             height_layout.new_state(),
             int(index[7]),
             settings.control.window,
+            settings.control.measured_epochs,
         )
         self._origin: int | None = None
         self._fixes = np.empty((0, _FIX))
@@ -409,6 +410,7 @@ def _diagnostics(time_ns: IntArray, rows: FloatArray) -> GnssDiagnostics:
         rows[:, layout.D_INNOVATION : layout.D_INNOVATION + 6],
         rows[:, layout.D_SIGMA : layout.D_SIGMA + 6],
         rows[:, layout.D_MEASUREMENT : layout.D_MEASUREMENT + 6],
+        rows[:, layout.D_RATIO : layout.D_RATIO + 6],
         rows[:, layout.D_NIS],
         rows[:, layout.D_ROWS].astype(np.int64),
         rows[:, layout.D_USED] > 0.0,

@@ -21,6 +21,7 @@ from sinstool.integration.layout import (
     D_INNOVATION,
     D_MEASUREMENT,
     D_NIS,
+    D_RATIO,
     D_RESTARTED,
     D_ROWS,
     D_SIGMA,
@@ -39,23 +40,26 @@ from sinstool.integration.layout import (
     N_RATE,
     N_REJECTED,
     N_USED_AT,
-    N_WINDOW,
     P_ADAPTIVE,
     P_CLOSED,
     P_EPSILON,
-    P_FADING,
     P_GATES,
     P_GNSS_ALL,
     P_GNSS_MARKOV,
     P_GNSS_WHITE,
-    P_LEAST,
     P_LEVER,
-    P_MOST,
     P_RESTART_AFTER,
     ROWS,
     Memory,
     Model,
     Stored,
+)
+from sinstool.integration.measurement_noise import (
+    adapt,
+    note_changes,
+    often_far,
+    row_of,
+    use_measured,
 )
 from sinstool.integration.model import radii
 from sinstool.integration.states import ATTITUDE, I_GNSS_POSITION, I_GYRO_BIAS, POSITION, VELOCITY
@@ -123,12 +127,20 @@ def gnss_epoch(
     if rows == 0:
         return
     project(m, rows)
+    measured = m.changes.shape[0] > 0 and not withheld
     if par[P_ADAPTIVE] > 0.0 and not withheld:
-        _adapt(m, model, rows)
-    _spread(m, rows, diagnosis)
+        adapt(m, model, rows)
+    if measured:
+        note_changes(m, rows)
     if not factor(m.s, m.r, rows, m.root):
         return
     nis = normalised_square(m.root, m.nu, rows, m.gain[:, 0])
+    if measured and often_far(m, nis > par[P_GATES + rows]):
+        use_measured(m, rows)
+        if not factor(m.s, m.r, rows, m.root):
+            return
+        nis = normalised_square(m.root, m.nu, rows, m.gain[:, 0])
+    _spread(m, rows, diagnosis)
     diagnosis[D_NIS] = nis
     if withheld:
         return
@@ -223,11 +235,15 @@ def _compare(
     bd = on * ae - oe * an
 
     clear_rows(m, ROWS)
+    if m.changes.shape[0] > 0:
+        for i in range(ROWS):
+            m.ratio[i] = 1.0
     rows = 0
     for i in range(6):
         diagnosis[D_INNOVATION + i] = np.nan
         diagnosis[D_SIGMA + i] = np.nan
         diagnosis[D_MEASUREMENT + i] = np.nan
+        diagnosis[D_RATIO + i] = np.nan
         if not np.isfinite(fix[i]):
             continue
         if i < 2 and not (np.isfinite(fix[0]) and np.isfinite(fix[1])):
@@ -307,46 +323,13 @@ def _white_variance(par: FloatArray, i: int, sigma: float, slow_states: bool) ->
 
 
 @numba.njit(cache=True, nogil=True)
-def _adapt(m: Memory, model: Model, rows: int) -> None:
-    """Measurement variances from innovations; see DivergenceControl."""
-    par = model.parameters
-    number = m.numbers
-    slot = int(number[N_WINDOW]) % m.window.shape[0]
-    for i in range(ROWS):
-        m.window[slot, i] = -1.0
-    for k in range(rows):
-        i = 0
-        while m.h[k, i] != 1.0:
-            i += 1
-        given = m.r[k] / m.ratio[i]
-        square = m.nu[k] * m.nu[k]
-        m.window[slot, i] = square
-        if par[P_ADAPTIVE] == 1.0:
-            found = (square - m.s[k, k]) / given
-            found = min(max(found, par[P_LEAST]), par[P_MOST])
-            m.ratio[i] += (1.0 - par[P_FADING]) * (found - m.ratio[i])
-        elif number[N_WINDOW] + 1.0 >= m.window.shape[0]:
-            total = 0.0
-            many = 0
-            for j in range(m.window.shape[0]):
-                if m.window[j, i] >= 0.0:
-                    total += m.window[j, i]
-                    many += 1
-            found = (total / many - m.s[k, k]) / given
-            m.ratio[i] = min(max(found, par[P_LEAST]), par[P_MOST])
-        m.r[k] = given * m.ratio[i]
-    number[N_WINDOW] += 1.0
-
-
-@numba.njit(cache=True, nogil=True)
 def _spread(m: Memory, rows: int, diagnosis: FloatArray) -> None:
     """Note what the innovations should be."""
     for k in range(rows):
-        i = 0
-        while m.h[k, i] != 1.0:
-            i += 1
+        i = row_of(m, k)
         diagnosis[D_SIGMA + i] = sqrt(m.s[k, k] + m.r[k])
         diagnosis[D_MEASUREMENT + i] = sqrt(m.r[k])
+        diagnosis[D_RATIO + i] = m.ratio[i]
 
 
 @numba.njit(cache=True, nogil=True)

@@ -285,6 +285,7 @@ def begin_anew(m: Memory, model: Model) -> None:
             m.x[i] = 0.0
     for i in range(ROWS):
         m.ratio[i] = 1.0
+        m.latest[i] = np.nan
     m.numbers[N_WINDOW] = 0.0
     m.numbers[N_REJECTED] = 0.0
     m.numbers[N_RESTARTS] += 1.0

@@ -57,7 +57,8 @@ N_ROW_STREAK = 43  # baro differences rejected one after the other
 N_JUMP_AT = 44  # time of the barometer's latest jump
 N_DISTRUST = 45  # until when samples of the barometer are turned down
 N_INSTANT_AT = 46  # time of the latest instant
-NUMBERS = 47
+N_FAR_SHARE = 47  # of the latest GNSS epochs, too far off for the noise given
+NUMBERS = 48
 
 # --- parameters ---------------------------------------------------------------------------
 P_SUBSTEP = 0
@@ -99,7 +100,8 @@ D_USED = 20
 D_GATED = 21
 D_RESTARTED = 22
 D_WITHHELD = 23
-DIAGNOSTICS = 24
+D_RATIO = 24
+DIAGNOSTICS = 30
 
 # --- a row of output ----------------------------------------------------------------------
 O_NAV = 0
@@ -132,6 +134,9 @@ class Memory(NamedTuple):
     product: FloatArray  # (n, n) transition since the latest stored row
     ratio: FloatArray  # (6,) adapted over given measurement variance
     window: FloatArray  # (N, 6) squares of innovations
+    changes: FloatArray  # (N or 0, 6) of innovations over their sigma, squared and halved
+    changes_seen: FloatArray  # (6,)
+    latest: FloatArray  # (6,) innovations over their sigma; NaN where there was none
     rates: FloatArray  # (m, n) F of the moving states
     phi: FloatArray  # (m, n)
     half: FloatArray  # (m, n)
@@ -182,6 +187,7 @@ def new_memory(
     channel: FloatArray,
     moving: int,
     window: int,
+    changes: int,
 ) -> Memory:
     """Memory at the start of a run.
 
@@ -196,6 +202,8 @@ def new_memory(
         m, of the n states.
     window : int
         Epochs of the innovation window.
+    changes : int
+        Epochs whose noise is measured by the gate; 0: it is not.
     """
     n = len(p0)
     assert channel.shape == (STATE_SIZE,)
@@ -212,6 +220,9 @@ def new_memory(
         product=np.eye(n),
         ratio=np.ones(ROWS),
         window=np.zeros((window, ROWS)),
+        changes=np.zeros((changes, ROWS)),
+        changes_seen=np.zeros(ROWS),
+        latest=np.full(ROWS, np.nan),
         rates=np.zeros((moving, n)),
         phi=np.zeros((moving, n)),
         half=np.zeros((moving, n)),

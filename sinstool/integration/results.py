@@ -88,7 +88,9 @@ class GnssDiagnostics:
     innovation_sigma : ndarray, shape (m, 6)
         What it should be.
     measurement_sigma : ndarray, shape (m, 6)
-        Of the white noise that was assumed, adapted or given.
+        Of the white noise that was assumed: adapted, measured by the gate, or given.
+    noise_ratio : ndarray, shape (m, 6)
+        Its variance over the given one.
     nis : ndarray, shape (m,)
         Normalised innovation squared.
     rows : ndarray of int64, shape (m,)
@@ -101,6 +103,7 @@ class GnssDiagnostics:
     innovation: FloatArray
     innovation_sigma: FloatArray
     measurement_sigma: FloatArray
+    noise_ratio: FloatArray
     nis: FloatArray
     rows: IntArray
     used: BoolArray

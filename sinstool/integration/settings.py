@@ -52,7 +52,8 @@ class DivergenceControl:
     window : int
         Epochs of ``innovation``.
     least, most : float
-        Bounds of the adapted variance, as multiples of the given one.
+        Bounds of the adapted variance, as multiples of the given one. Of ``sage-husa``, an
+        innovation beyond the upper one sets the variance to it at once.
     schmidt_epsilon : float
         Weight of the newest measurement beyond its due, 0 to 1 (Schmidt 1967; Jazwinski 1970,
         ch. 8).
@@ -62,6 +63,10 @@ class DivergenceControl:
     restart_after : int
         So many such epochs in a row: the filter begins anew. A gate without a restart would
         lock a wrong filter away from its measurements for ever. 0: no restart, for tests.
+    gate_noise_epochs : int
+        Before it turns a fix down the gate measures the noise of the fixes over so many epochs,
+        and where that is more than it was told, the filter believes them that much less
+        instead. Not with `adaptive`. 0: never.
     """
 
     virtual_noise: bool = True
@@ -77,6 +82,13 @@ class DivergenceControl:
     schmidt_epsilon: float = 0.0
     gate_probability: float = 0.9999
     restart_after: int = 60
+    gate_noise_epochs: int = 60
+
+    @property
+    def measured_epochs(self) -> int:
+        """Epochs whose noise is measured; 0 where there is no gate, or R is adapted."""
+        gate = self.gate_probability < 1.0 and self.adaptive == "off"
+        return self.gate_noise_epochs if gate else 0
 
     def __post_init__(self) -> None:
         if self.adaptive not in ("off", "sage-husa", "innovation"):
@@ -98,10 +110,11 @@ class DivergenceControl:
                 f"adapted variances are bounded by {self.least:g} and {self.most:g}",
                 "the bounds must hold 1 between them",
             )
-        if self.window < 2 or self.restart_after < 0:
+        if self.window < 2 or self.restart_after < 0 or self.gate_noise_epochs < 0:
             raise ConfigurationError(
-                f"window is {self.window}, restart_after is {self.restart_after}",
-                "at least 2 and 0 epochs",
+                f"window is {self.window}, restart_after is {self.restart_after},"
+                f" gate_noise_epochs is {self.gate_noise_epochs}",
+                "at least 2, 0 and 0 epochs",
             )
         not_negative(
             "virtual noise",

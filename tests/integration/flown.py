@@ -177,3 +177,8 @@ def epochs(fixes, sigmas=False):
         fixes.sigma_position if sigmas else nothing,
         fixes.sigma_velocity if sigmas else nothing,
     )
+
+
+def joined(blocks, name):
+    """A column of the diagnostics of all blocks."""
+    return np.concatenate([getattr(b.gnss, name) for b in blocks])

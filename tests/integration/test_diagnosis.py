@@ -16,7 +16,7 @@ from sinstool.integration.velocity_lag import separate
 from sinstool.rotation import exp, multiply, normalise
 from sinstool.simulation.drive import road_drive
 from sinstool.simulation.flight import manoeuvring_flight
-from sinstool.simulation.gnss import GnssErrors, Receiver, gnss_samples
+from sinstool.simulation.gnss import GnssErrors, GnssFaults, Jump, Receiver, gnss_samples
 from sinstool.simulation.sensors import GRADES, with_errors
 from sinstool.strapdown.velocity import Increments, IncrementStage
 from sinstool.streams import GnssEpochs
@@ -159,7 +159,7 @@ def test_an_imu_that_is_late():
     told = replace(SETTINGS, gnss_latency=0.1)
     found = examined(settings=told)
     assert causes(found)[0] == "latency"
-    assert found[0].size == pytest.approx(0.0, abs=0.01)
+    assert found[0].size == pytest.approx(0.0, abs=0.015)
 
 
 def test_velocities_that_lag_behind_positions():
@@ -242,10 +242,20 @@ def test_an_imu_much_worse_than_its_noise_says():
 
 
 def test_what_cannot_be_explained_is_told_all_the_same():
-    jumping = GnssErrors((40.0, 40.0, 60.0), (0.0,) * 3, 100.0, (0.05, 0.05, 0.08))
-    found = examined(errors=jumping)
+    jumps = tuple(Jump(t, t + 10.0, (80.0, -50.0, 0.0)) for t in range(40, 190, 30))
+    found = examined(faults=GnssFaults(jumps=jumps))
     assert causes(found)[-1] == "divergence"
     assert "fixes" in summary(found)
+
+
+def test_noise_that_the_gate_measured_is_told():
+    noisy = GnssErrors((40.0, 40.0, 60.0), (0.0,) * 3, 100.0, (0.05, 0.05, 0.08))
+    found = examined(errors=noisy)
+    assert {(f.cause, f.where) for f in found} == {
+        ("GNSS noise", "horizontal position"),
+        ("GNSS noise", "height"),
+    }
+    assert all(20.0 < f.size < 60.0 for f in found)
 
 
 def test_too_little_to_judge():

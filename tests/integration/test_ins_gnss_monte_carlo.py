@@ -99,3 +99,9 @@ def test_what_helps_against_which_fault(monte_carlo):
     assert horizontal(jump, "innovation") < 0.9 * plain
     # a restart within the burst believes it
     assert horizontal(jump, "gate, restart 20") > plain
+    assert horizontal(jump, "Sage-Husa .99") < 0.9 * plain
+    # a gate that turns down what is merely noisy is worse than none
+    noise = samples({"noise_times": (1200.0, 1800.0, 6.0, 6.0)})
+    plain = horizontal(noise, "none")
+    assert horizontal(noise, "gate only") > 1.1 * plain
+    assert horizontal(noise, "default") < 1.02 * plain

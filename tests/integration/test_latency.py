@@ -13,7 +13,7 @@ from sinstool.coning.stage import ConingStage
 from sinstool.integration.filter import InsGnssFilter
 from sinstool.integration.latency import correlate, inertial_velocity, likelihood_cost, refine
 from sinstool.integration.noise import GnssModel, ImuNoise
-from sinstool.integration.settings import Settings, start
+from sinstool.integration.settings import DivergenceControl, Settings, start
 from sinstool.integration.velocity_lag import separate, velocity_lag
 from sinstool.rotation import exp, multiply
 from sinstool.simulation.drive import road_drive
@@ -26,7 +26,9 @@ from sinstool.streams import GnssEpochs
 RATE = 50.0
 GRADE = GRADES["mems"]
 ERRORS = GnssErrors((1.0, 1.0, 1.5), (2.0, 2.0, 3.0), 100.0, (0.05, 0.05, 0.08))
+# No gate: fixes at a wrong time are not bad ones
 SETTINGS = Settings(
+    control=DivergenceControl(gate_probability=1.0),
     filter="markov-21",
     imu=ImuNoise(
         GRADE.angle_random_walk, GRADE.velocity_random_walk, GRADE.gyro_bias, GRADE.accel_bias
