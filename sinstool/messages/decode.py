@@ -15,6 +15,8 @@ from sinstool.messages.layout import NUMPY, Layout, LayoutError, Leaf, walk
 # Layouts kept per topic; a topic with more (JointState of ever-changing size) still decodes,
 # one message at a time.
 MAX_LAYOUTS = 64
+# Bytes in one row of a column: a covariance of 6 x 6 takes 288.
+MAX_ROW = 65536
 _BY_NAME = re.compile(r"^(?P<array>[^\[\]]+)\[(?P<names>[^=\[\]]+)=(?P<name>.*)\]$")
 
 
@@ -68,7 +70,7 @@ class Decoder:
     Raises
     ------
     LayoutError
-        While decoding: a column's path is of no type that can be read.
+        A column has too many elements; or, while decoding, its paths are of several types.
     """
 
     def __init__(self, definition: Definition, columns: Mapping[str, Sequence[str]]) -> None:
@@ -79,7 +81,10 @@ class Decoder:
         for name, paths in self.columns.items():
             shapes = [_declared(definition, path) for path in paths]
             if None not in shapes and len({s[0] for s in shapes if s}) == 1:
-                self._dtypes[name] = shapes[0][0], sum(s[1] for s in shapes if s)  # type: ignore[index]
+                width = sum(s[1] for s in shapes if s)
+                if width > MAX_ROW // 8:
+                    raise LayoutError(f"{paths[0]} has {width} elements")
+                self._dtypes[name] = shapes[0][0], width  # type: ignore[index]
         self.problem = ""
 
     def decode(self, buffer: np.ndarray, offset: np.ndarray, length: np.ndarray) -> Columns:
@@ -177,6 +182,9 @@ class Decoder:
                 pieces.append((leaf.offset, k, within, item * leaf.count, item))
                 within += item * leaf.count
                 kinds.add(leaf.dtype)
+            if within > MAX_ROW:
+                self.problem = self.problem or f"{paths[0]} takes {within} bytes"
+                return None
             if len(kinds) != 1:
                 raise LayoutError(f"column {name} mixes the types {sorted(kinds)}")
             dtype = kinds.pop()

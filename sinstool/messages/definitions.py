@@ -9,12 +9,20 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import lru_cache
+from itertools import islice
 from typing import Any
 
 from rosbags.interfaces import Nodetype
 from rosbags.typesys import Stores, get_types_from_idl, get_types_from_msg, get_typestore
 
 ENCODINGS = ("cdr", "ros1")
+# The largest standard schema has 12 kB; a hostile one must not cost the time to parse it.
+MAX_SCHEMA = 2**20
+SCHEMA_ENCODINGS = ("ros2msg", "ros1msg", "ros2idl", "")
+# How deep types may nest, and how many may hang on one another before that is known
+MAX_DEPTH, MAX_CHAIN = 32, 256
+# Paths of one type in another that are looked for at most
+MAX_PATHS = 64
 
 
 class DefinitionError(ValueError):
@@ -69,19 +77,29 @@ class Definition:
             raise DefinitionError(f"type {name} is not defined in the schema") from None
 
     def paths_of(self, type_name: str) -> Iterator[str]:
-        """Dotted paths at which a type is nested ('' for the message itself)."""
-        yield from self._paths_of(self.name, type_name, "", 0)
+        """Dotted paths at which a type is nested ('' for the message itself), 64 at most."""
+        holding: dict[str, bool] = {type_name: True}
+        self._holds(self.name, holding)
+        yield from islice(self._paths_of(self.name, type_name, "", holding), MAX_PATHS)
 
-    def _paths_of(self, here: str, wanted: str, prefix: str, depth: int) -> Iterator[str]:
+    def _holds(self, here: str, holding: dict[str, bool]) -> bool:
+        """Whether a type nests the wanted one; each type is looked into once."""
+        if here not in holding:
+            nested = [f.name for _, f in self.types.get(here, ()) if f.kind == "message"]
+            inside = [self._holds(name, holding) for name in nested]  # all of them, not the first
+            holding[here] = any(inside)
+        return holding[here]
+
+    def _paths_of(
+        self, here: str, wanted: str, prefix: str, holding: dict[str, bool]
+    ) -> Iterator[str]:
         if here == wanted:
             yield prefix
             return
-        if depth > 8 or here not in self.types:
-            return
         for field, ftype in self.types[here]:
-            if ftype.kind == "message":
+            if ftype.kind == "message" and holding[ftype.name]:
                 path = f"{prefix}.{field}" if prefix else field
-                yield from self._paths_of(ftype.name, wanted, path, depth + 1)
+                yield from self._paths_of(ftype.name, wanted, path, holding)
 
 
 def normalise_type_name(name: str) -> str:
@@ -124,6 +142,10 @@ def parse_definition(type_name: str, schema_encoding: str, text: str, encoding: 
         The text cannot be parsed, or the type is neither in it nor a standard one.
     """
     name = normalise_type_name(type_name)
+    if text.strip() and schema_encoding not in SCHEMA_ENCODINGS:
+        raise DefinitionError(f"unsupported schema encoding '{schema_encoding}'")
+    if len(text) > MAX_SCHEMA:
+        raise DefinitionError(f"schema of {type_name} has {len(text)} characters")
     found: dict[str, Any] = {}
     if text.strip():
         # The grammar knows neither \r\n nor blanks at the end of a line; recorders write both.
@@ -147,7 +169,7 @@ def parse_definition(type_name: str, schema_encoding: str, text: str, encoding: 
         )
     types: dict[str, tuple[tuple[str, FieldType], ...]] = {}
     _collect(name, found, types, encoding)
-    _refuse_recursion(name, types, ())
+    _refuse_recursion(name, types, (), set())
     return Definition(name, encoding, types)
 
 
@@ -202,10 +224,13 @@ def _collect(
     found: dict[str, Any],
     types: dict[str, tuple[tuple[str, FieldType], ...]],
     encoding: str,
+    depth: int = 0,
 ) -> None:
     """Copy a type and all it nests from rosbags' form into ours."""
     if name in types:
         return
+    if depth > MAX_CHAIN:
+        raise DefinitionError(f"its types nest more than {MAX_CHAIN} deep")
     if name in ("builtin_interfaces/msg/Time", "builtin_interfaces/msg/Duration"):
         # ROS 1 has these as primitives and no schema spells them out.
         second = "uint32" if encoding == "ros1" and name.endswith("Time") else "int32"
@@ -229,18 +254,26 @@ def _collect(
     types[name] = tuple(fields)
     for _, ftype in fields:
         if ftype.kind == "message" or ftype.element == "message":
-            _collect(ftype.name, found, types, encoding)
+            _collect(ftype.name, found, types, encoding, depth + 1)
 
 
 def _refuse_recursion(
-    name: str, types: dict[str, tuple[tuple[str, FieldType], ...]], above: tuple[str, ...]
+    name: str,
+    types: dict[str, tuple[tuple[str, FieldType], ...]],
+    above: tuple[str, ...],
+    sound: set[str],
 ) -> None:
     """A type inside itself has no layout, and no depth at which a walk would end."""
     if name in above:
         raise DefinitionError(f"type {name} contains itself")
+    if len(above) > MAX_DEPTH:
+        raise DefinitionError(f"type {above[0]} nests {len(above)} deep")
+    if name in sound:
+        return
     for _, ftype in types[name]:
         if ftype.kind == "message" or ftype.element == "message":
-            _refuse_recursion(ftype.name, types, (*above, name))
+            _refuse_recursion(ftype.name, types, (*above, name), sound)
+    sound.add(name)
 
 
 def _field_type(descriptor: Any) -> FieldType:

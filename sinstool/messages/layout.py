@@ -49,6 +49,8 @@ NUMPY = {
 # Beyond this a sequence of messages is not laid out element by element: nothing we read needs it
 # and a hostile length must not cost memory.
 MAX_ELEMENTS = 4096
+# Fields of one message that are laid out at most: types of nothing else than types take no bytes.
+MAX_FIELDS = 2**17
 
 
 class LayoutError(ValueError):
@@ -136,6 +138,7 @@ class _Walker:
         self.cdr = definition.encoding == "cdr"
         self.layout = Layout()
         self.pos = 0
+        self.fields = 0
 
     def run(self) -> Layout:
         if self.cdr:
@@ -189,6 +192,9 @@ class _Walker:
             self._field(ftype, f"{prefix}.{field_name}" if prefix else field_name)
 
     def _field(self, ftype: FieldType, path: str) -> None:
+        self.fields += 1
+        if self.fields > MAX_FIELDS:
+            raise LayoutError(f"{self.definition.name} has more than {MAX_FIELDS} fields")
         if ftype.kind == "base":
             self._primitives(ftype.name, path, 1)
         elif ftype.kind == "message":

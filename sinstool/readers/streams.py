@@ -4,10 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from functools import partial
 from itertools import count, takewhile
+from types import MappingProxyType
+from typing import TypeVar
 
 import numpy as np
 
+from sinstool.errors import UnsupportedLogError
 from sinstool.messages.decode import Columns, Decoder
 from sinstool.messages.layout import Layout, LayoutError, walk
 from sinstool.readers.frames import enu_to_ned, q_nb_from_log, turn_body
@@ -23,6 +27,8 @@ from sinstool.streams import (
     Velocity,
     concatenate,
 )
+
+Made = TypeVar("Made")
 
 IMU_TYPE = "sensor_msgs/msg/Imu"
 FIX_TYPE = "sensor_msgs/msg/NavSatFix"
@@ -98,6 +104,7 @@ def read_columns(
     columns: Mapping[str, Sequence[str]],
     losses: Losses,
     progress: Callable[[int], None] | None = None,
+    widths: Mapping[str, int] = MappingProxyType({}),
 ) -> Iterator[tuple[np.ndarray, dict[str, np.ndarray]]]:
     """Decoded columns of one topic, batch by batch, in file order.
 
@@ -112,14 +119,31 @@ def read_columns(
         Counts the messages left out.
     progress : callable, optional
         Called with the bytes of the log read so far.
+    widths : mapping of str to int
+        Elements of columns whose paths are arrays; of all others there is one for each path.
 
     Yields
     ------
     log_time_ns : ndarray of int64, shape (n,)
     values : dict of str to ndarray
         Valid rows only.
+
+    Raises
+    ------
+    UnsupportedLogError
+        The log's own definition of the type makes something else of a column.
     """
-    decoders = {c.id: Decoder(c.definition(log.path), columns) for c in channels}
+    topics = {c.id: c.topic for c in channels}
+
+    def checked(number: int, work: Callable[[], Made]) -> Made:
+        try:
+            return work()
+        except LayoutError as exc:
+            raise UnsupportedLogError(log.path, f"topic {topics[number]}: {exc}") from exc
+
+    decoders = {
+        c.id: checked(c.id, partial(Decoder, c.definition(log.path), columns)) for c in channels
+    }
     for batch in log.batches(list(decoders)):
         if progress is not None:
             progress(batch.position)
@@ -127,7 +151,14 @@ def read_columns(
         parts: list[tuple[np.ndarray, Columns]] = []
         for number in present:
             one = batch.select([number])
-            decoded = decoders[number].decode(one.buffer, one.offset, one.length)
+            decode = partial(decoders[number].decode, one.buffer, one.offset, one.length)
+            decoded = checked(number, decode)
+            for name, paths in columns.items():
+                width = decoded.values[name].size // len(one)
+                if width != widths.get(name, len(paths)) and decoded.valid.any():
+                    raise UnsupportedLogError(
+                        log.path, f"topic {topics[number]}: {paths[0]} has {width} elements"
+                    )
             parts.append((one.log_time, decoded))
             bad = len(one) - int(np.count_nonzero(decoded.valid))
             if bad:
@@ -185,7 +216,8 @@ def read_imu(
         columns["q_covariance"] = [f"{prefix}orientation_covariance"]
     axes = turn_body(np.ones(3), units.body_axes)
     gyro_scale, accel_scale = units.gyro_scale * axes, units.accel_scale * axes
-    for log_time_ns, values in read_columns(log, channels, columns, losses, progress):
+    widths = {"q_covariance": 9}
+    for log_time_ns, values in read_columns(log, channels, columns, losses, progress, widths):
         gyro, accel = values["gyro"], values["accel"]
         q = None
         if orientation:
@@ -224,8 +256,9 @@ def _read(
     columns: Mapping[str, Sequence[str]],
     build: Callable[[np.ndarray, dict[str, np.ndarray]], Stream],
     losses: Losses,
+    widths: Mapping[str, int] = MappingProxyType({}),
 ) -> Iterator[Stream]:
-    for log_time_ns, values in read_columns(log, channels, columns, losses):
+    for log_time_ns, values in read_columns(log, channels, columns, losses, widths=widths):
         yield build(log_time_ns, values)
 
 
@@ -254,7 +287,8 @@ def read_fixes(log: Log, channels: Sequence[Channel], losses: Losses) -> Iterato
         "covariance_type": ["position_covariance_type"],
         "status": ["status.status"],
     }
-    yield from _read(log, channels, columns, build, losses)  # type: ignore[misc]
+    widths = {"covariance": 9}
+    yield from _read(log, channels, columns, build, losses, widths)  # type: ignore[misc]
 
 
 def read_velocity(log: Log, channels: Sequence[Channel], losses: Losses) -> Iterator[Velocity]:
@@ -271,7 +305,8 @@ def read_velocity(log: Log, channels: Sequence[Channel], losses: Losses) -> Iter
             enu = v["covariance"].reshape(-1, 6, 6)[:, :3, :3]
         return Velocity(_stamp(v), log_time_ns, enu_to_ned(v["linear"]), _TURN @ enu @ _TURN.T)
 
-    yield from _read(log, channels, columns, build, losses)  # type: ignore[misc]
+    widths = {"covariance": 36}
+    yield from _read(log, channels, columns, build, losses, widths)  # type: ignore[misc]
 
 
 def read_pressure(log: Log, channels: Sequence[Channel], losses: Losses) -> Iterator[Baro]:
