@@ -40,6 +40,6 @@ def _math(tex: str, display: str) -> str:
     tex = html.unescape(tex).strip()
     made: str = convert(tex, display=display)
     # What it does not know it passes on as text.
-    if "\\" in html.unescape(made):
+    if "\\" in html.unescape(made) or ">&<" in made:
         raise ValueError(f"TeX that is not understood: {tex}")
     return made
