@@ -94,3 +94,30 @@ class Figure:
                 raise ValueError(f"{self.key}, {one.name}: {one.y.shape} values for {n} places.")
             if self.log_y and not np.all((one.y > 0.0) | np.isnan(one.y)):
                 raise ValueError(f"{self.key}, {one.name}: not all values have a logarithm.")
+
+
+def heading_curve(seconds: FloatArray, heading: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Heading within one turn, with a hole where it goes over the turn's end.
+
+    Parameters
+    ----------
+    seconds : ndarray, shape (n,)
+    heading : ndarray, shape (n,)
+        deg, of any turn; NaN makes holes.
+
+    Returns
+    -------
+    seconds : ndarray, shape (m,)
+    heading : ndarray, shape (m,)
+        From 0 to 360 deg, or from -180 to 180 where that cuts the curve less often.
+    """
+    chosen, over = min(
+        (_within(heading, first) for first in (0.0, -180.0)), key=lambda one: len(one[1])
+    )
+    return np.insert(seconds, over, seconds[over]), np.insert(chosen, over, np.nan)
+
+
+def _within(heading: FloatArray, first: float) -> tuple[FloatArray, NDArray[np.intp]]:
+    """Heading in the turn that begins at `first`, and the rows before which it was cut."""
+    within = (heading - first) % 360.0 + first
+    return within, np.flatnonzero(np.abs(np.diff(within)) > 180.0) + 1

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sinstool.earth import radii_of_curvature
-from sinstool.figures import Figure, Series
+from sinstool.figures import Figure, Series, heading_curve
 from sinstool.process_truth import AXES, KINDS
 from sinstool.units import DEGREE
 
@@ -56,15 +56,9 @@ class Curves:
 
 
 def heading(curves: Curves) -> Figure:
-    """Heading within a turn, with holes where it goes over north."""
-    turned = curves.of["heading"]
-    turns = np.floor(turned / 360.0)
-    within = turned - 360.0 * turns
-    steps = np.diff(turns)
-    over = np.flatnonzero((steps != 0.0) & np.isfinite(steps)) + 1
-    seconds = np.insert(curves.seconds, over, curves.seconds[over])
-    within = np.insert(within, over, np.nan)
-    note = "From 0 to 360 deg, clockwise from north where the alignment knows it."
+    """Heading within a turn, with holes where it goes over its end."""
+    seconds, within = heading_curve(curves.seconds, curves.of["heading"])
+    note = "Clockwise from above, from north where the alignment knows it."
     line = (Series("heading", within),)
     return Figure("heading", "Heading", seconds, line, TIME, "heading, deg", notes=(note,))
 

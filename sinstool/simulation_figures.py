@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sinstool.earth import local_position_n, radii_of_curvature
-from sinstool.figures import Figure, Series
+from sinstool.figures import Figure, Series, heading_curve
 from sinstool.height.pressure import geometric, pressure_altitude
 from sinstool.rotation import to_euler
 from sinstool.simulation.hse_rig import HseRigLog
@@ -76,15 +76,12 @@ def attitude_figures(seconds: FloatArray, q_nb: FloatArray) -> list[Figure]:
     q_nb : ndarray, shape (n, 4)
     """
     roll, pitch, heading = (to_euler(q_nb) / DEGREE).T
-    heading = heading % 360.0
-    # A jump over north is no motion
-    over = np.flatnonzero(np.abs(np.diff(heading)) > 180.0) + 1
+    turned, within = heading_curve(seconds, heading)
     tilt = (Series("roll", roll), Series("pitch", pitch))
     return [
         Figure("tilt", "Roll and pitch", seconds, tilt, TIME, "angle, deg",
                notes=("True attitude of the Forward-Right-Down axes in North-East-Down.",)),
-        Figure("heading", "Heading", np.insert(seconds, over, seconds[over]),
-               (Series("heading", np.insert(heading, over, np.nan)),), TIME, "heading, deg",
+        Figure("heading", "Heading", turned, (Series("heading", within),), TIME, "heading, deg",
                notes=("True, from north over east.",)),
     ]  # fmt: skip
 

@@ -71,7 +71,7 @@ def write_page(
 
 def _verdict(found: Calibration) -> tuple[str, ...]:
     kept = found.kept
-    paragraphs = [f"Status {kept.status}. {VERDICTS[kept.status]}"]
+    paragraphs = [f"Status {kept.status.replace('_', ' ')}. {VERDICTS[kept.status]}"]
     if kept.lambda2_rad is not None:
         by = "" if kept.sigma_lambda2_rad is None else f" ± {_number(kept.sigma_lambda2_rad)}"
         text = f'lambda2 is {_number(kept.lambda2_rad)}{by}" by the method {kept.method}'

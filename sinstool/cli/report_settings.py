@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -40,7 +40,7 @@ def config_settings(config: ProcessConfig, *groups: str) -> tuple[Setting, ...]:
         if isinstance(told, BaseModel):
             found += _of_model(told, group)
         elif told is not None:
-            found += flat(told, f"{group}.")
+            found += [replace(one, value=_plain(one.value)) for one in flat(told, f"{group}.")]
     return tuple(found)
 
 
@@ -60,7 +60,7 @@ def _meaning(field: FieldInfo) -> str:
 
 def _plain(value: Any) -> Any:
     """Matrices as they are written, row by row."""
-    if isinstance(value, tuple) and value and isinstance(value[0], tuple):
+    if isinstance(value, list | tuple) and value and isinstance(value[0], list | tuple):
         return "; ".join(", ".join(f"{v:.10g}" for v in row) for row in value)
     return value
 

@@ -21,6 +21,7 @@ FORMATS = (".png", ".pdf", ".svg")
 SIZE_IN = (7.0, 4.0)  # over both columns of a page
 RESOLUTION_DPI = 300
 POINTS_PER_CURVE = 6000
+SHORT_DECADES = 2.2
 _FONT_PT = 9.0
 
 _LINES = {"dashed": (0, (5, 2.5))}
@@ -108,9 +109,24 @@ def _draw(sheet: Any, figure: Figure) -> None:
         axes.set_xlim(*figure.x_range)
     if figure.y_range is not None:
         axes.set_ylim(*figure.y_range)
+    if figure.log_x and not words:
+        _plain_numbers(axes.xaxis, axes.get_xlim())
+    if figure.log_y:
+        _plain_numbers(axes.yaxis, axes.get_ylim())
     if len(shown) > 1:
         columns = 3 if max(len(one.name) for _, one in shown) < 30 else 2
         sheet.legend(loc="outside lower left", ncols=columns, frameon=False)
+
+
+def _plain_numbers(axis: Any, ends: tuple[float, float]) -> None:
+    """Write 6 and 20 on a short logarithmic axis, where matplotlib has 6 x 10^0 and 2 x 10^1."""
+    low, high = np.log10(ends)
+    if high - low > SHORT_DECADES:
+        return
+    ticker = borrowed("matplotlib.ticker")
+    axis.set_major_locator(ticker.LogLocator(subs=(1.0, 2.0, 5.0)))
+    axis.set_major_formatter(ticker.FuncFormatter(lambda value, _: f"{value:.4g}"))
+    axis.set_minor_formatter(ticker.NullFormatter())
 
 
 def _text(text: str) -> str:
@@ -152,7 +168,8 @@ def _series(
 
 def _lines(axes: Any, figure: Figure) -> None:
     look = {"color": LIGHT["muted"], "linewidth": 0.8, "linestyle": (0, (1, 2))}
-    text = {"color": LIGHT["muted"], "fontsize": _FONT_PT - 1.5}
+    behind = {"facecolor": LIGHT["page"], "alpha": 0.7, "edgecolor": "none", "pad": 0.6}
+    text = {"color": LIGHT["muted"], "fontsize": _FONT_PT - 1.5, "bbox": behind}
     for k, (name, value) in enumerate(figure.levels):
         axes.axhline(value, **look)
         # By turns at either end, as levels may lie close together

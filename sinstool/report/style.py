@@ -81,6 +81,7 @@ td.number { white-space: nowrap; }
 .unit { display: block; color: var(--muted); font-weight: 400; font-size: 0.85em; }
 .settings tbody th, .rows th { color: var(--muted); font-weight: 400; white-space: nowrap; }
 .settings td, .rows td { overflow-wrap: anywhere; }
+.rows th { min-width: 9rem; max-width: 24rem; white-space: normal; overflow-wrap: anywhere; }
 .settings td { min-width: 4.5rem; }
 .settings .meaning { color: var(--muted); max-width: 34rem; overflow-wrap: break-word; }
 .rows tr:first-child > * { border-top: 1px solid var(--rule); }
@@ -124,7 +125,7 @@ footer p { max-width: none; margin: 0 0 0.3rem; }
   .settings tr > * { border: 0; min-width: 0; white-space: normal; overflow-wrap: anywhere; }
   .settings .meaning { grid-column: 1 / -1; padding-top: 0; }
   .rows { width: 100%; }
-  .rows th { white-space: normal; }
+  .rows th { min-width: 5.5rem; width: 30%; }
   .facts { grid-template-columns: repeat(2, minmax(0, 1fr)); gap: 0.9rem 1rem; }
   .facts dd { font-size: 1.02rem; }
   /* One line to be pushed along: a list of twenty would stand between a reader and the answer */

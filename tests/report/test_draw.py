@@ -2,11 +2,12 @@ from __future__ import annotations
 
 import base64
 import json
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
-from sinstool.figures import Figure, Series
+from sinstool.figures import Figure, Series, heading_curve
 from sinstool.report.draw import plotly_figure, unit
 from sinstool.report.page import Page, write_page, write_report
 from sinstool.report.static import FORMATS, write_figure
@@ -112,3 +113,30 @@ def test_report_by_suffix(tmp_path):
 def test_page_needs_plotly_only_for_figures(tmp_path):
     write_page(tmp_path / "bare.html", Page("Bare"))
     assert "<script" not in (tmp_path / "bare.html").read_text()
+
+
+def test_heading_is_cut_where_it_is_cut_least():
+    t = np.arange(6.0)
+    # about north: cut at 180 deg, where it never comes
+    at, curve = heading_curve(t, np.array([350.0, 355.0, 0.0, 5.0, 725.0, -3.0]))
+    assert list(curve) == [-10.0, -5.0, 0.0, 5.0, 5.0, -3.0] and list(at) == list(t)
+    # about south: cut at 0 deg
+    _, curve = heading_curve(t, np.array([170.0, 190.0, -170.0, 175.0, 185.0, np.nan]))
+    np.testing.assert_array_equal(curve, [170.0, 190.0, 190.0, 175.0, 185.0, np.nan])
+    # a whole turn has one hole
+    at, curve = heading_curve(t, np.array([10.0, 100.0, 190.0, 280.0, 370.0, 460.0]))
+    assert np.isnan(curve).sum() == 1 and len(at) == 7 and at[np.isnan(curve)][0] in t
+
+
+def test_bound_has_the_colour_of_its_curve():
+    y = np.ones(3)
+    both = (Series("a", y), Series("b", y), Series("bound", y, style="dashed", colour=1))
+    drawn = plotly_figure(Figure("k", "t", np.arange(3.0), both, "x", "y"))["data"]
+    assert [trace["meta"]["colour"] for trace in drawn] == [0, 1, 1]
+    assert drawn[2]["line"]["dash"] == "dash"
+
+
+def test_map_has_one_scale():
+    line = Figure("k", "t", np.arange(3.0), (Series("a", np.ones(3)),), "x", "y", equal=True)
+    assert plotly_figure(line)["layout"]["yaxis"]["scaleanchor"] == "x"
+    assert "scaleanchor" not in plotly_figure(replace(line, equal=False))["layout"]["yaxis"]
