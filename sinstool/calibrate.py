@@ -6,7 +6,7 @@ and writes the calibration; what it returns is what a summary and a page need.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from pathlib import Path
@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 import sinstool
+from sinstool.campaign.jobs import Job, Workers, results
 from sinstool.config import CalibrationOptions, ProcessConfig
 from sinstool.errors import AlignmentError, ConfigurationError, SinstoolError
 from sinstool.explain import explain
@@ -29,7 +30,10 @@ from sinstool.hse.segments import SegmentRules
 from sinstool.hse.status import EXIT_INSUFFICIENT, Judgement, judge
 from sinstool.hse.table import ValidationTable, validation_table
 from sinstool.hse.whole_turn import run_from_turns
+from sinstool.modes.common import share
 from sinstool.readers import open_log
+from sinstool.readers.log import path_size
+from sinstool.readers.lost import Lost
 from sinstool.rig_log import RigTurns, find_turns, nothing_to_use, read_rig_log
 from sinstool.units import DEGREE
 from sinstool.writers.whole import WholeFile, check_output
@@ -140,6 +144,7 @@ def calibrate(
     output: Path | None,
     config: ProcessConfig,
     progress: Progress | None = None,
+    workers: Workers | None = None,
 ) -> Calibration:
     """Calibrate a rig's heading-sensitive error from its logs.
 
@@ -152,6 +157,8 @@ def calibrate(
         With a rig.
     progress : callable, optional
         Called with the fraction done.
+    workers : Workers, optional
+        Who reads the logs; by default this process, one after the other.
 
     Returns
     -------
@@ -167,7 +174,7 @@ def calibrate(
     if output is not None:
         check_output(output, list(paths), config.output.overwrite)
     options = config.calibration
-    logs, warnings, lost = read_logs(paths, rig, config, progress)
+    logs, warnings, lost = read_logs(paths, rig, config, progress, workers)
     shown = azimuths(options, [log.source for log in logs])
     runs = align_runs(logs, rig, options)
     unknown = sorted(set(options.exclude) - {run.id for run in runs})
@@ -209,7 +216,11 @@ def _method_why(wanted: str, used: str, runs: int) -> str:
 
 
 def read_logs(
-    paths: Sequence[Path], rig: Rig, config: ProcessConfig, progress: Progress | None
+    paths: Sequence[Path],
+    rig: Rig,
+    config: ProcessConfig,
+    progress: Progress | None,
+    workers: Workers | None = None,
 ) -> tuple[list[RigTurns], list[str], bool]:
     """Turns of every log; logs without any are told, unless all are.
 
@@ -234,14 +245,10 @@ def read_logs(
     empty: list[SinstoolError] = []
     names = _names(paths)
     lost = False
-    for number, path in enumerate(paths):
-        with open_log(path, config.input.salvage) as log:
-            report = _part(progress, log.size, number, len(paths))
-            found = find_turns(
-                read_rig_log(log, rig, config.input, report), rig, rules, names[path]
-            )
-            warnings += [f"{path}: lost: {part}" for part in log.lost]
-            lost = lost or bool(log.lost) or found.damaged
+    arguments = [(path, names[path], rig, config) for path in paths]
+    for path, (found, parts) in zip(paths, _each(arguments, progress, workers), strict=True):
+        warnings += [f"{path}: lost: {part}" for part in parts]
+        lost = lost or bool(parts) or found.damaged
         warnings += [f"{path}: {count} messages of {what}" for what, count in found.counts.items()]
         if found.turns:
             logs.append(found)
@@ -259,12 +266,45 @@ def _names(paths: Sequence[Path]) -> dict[Path, str]:
     return {p: p.stem if stems.count(p.stem) == 1 else str(p.with_suffix("")) for p in paths}
 
 
-def _part(
-    progress: Progress | None, size: int, number: int, count: int
-) -> Callable[[int], None] | None:
+def _each(
+    arguments: Sequence[tuple[Path, str, Rig, ProcessConfig]],
+    progress: Progress | None,
+    workers: Workers | None,
+) -> Iterator[tuple[RigTurns, list[Lost]]]:
+    """What :func:`read_turns` finds in each log, here or by workers, in the order of the logs."""
+    count = len(arguments)
+    if workers is None:
+        for number, told in enumerate(arguments):
+            yield read_turns(*told, _part(progress, number, count))
+        return
+    jobs = [
+        # workers may stand elsewhere
+        Job(
+            str(path), read_turns, (path.absolute(), *told), path_size(path) if path.exists() else 0
+        )
+        for path, *told in arguments
+    ]
+    yield from results(jobs, workers, progress)
+
+
+def read_turns(
+    path: Path, name: str, rig: Rig, config: ProcessConfig, progress: Progress | None
+) -> tuple[RigTurns, list[Lost]]:
+    """Turns of one log, and what of it was lost.
+
+    Raises
+    ------
+    SinstoolError
+    """
+    with open_log(path, config.input.salvage) as log:
+        samples = read_rig_log(log, rig, config.input, share(progress, log.size, 0.0, 1.0))
+        return find_turns(samples, rig, segment_rules(config.calibration), name), list(log.lost)
+
+
+def _part(progress: Progress | None, number: int, count: int) -> Progress | None:
     if progress is None:
         return None
-    return lambda position: progress((number + min(1.0, position / max(size, 1))) / count)
+    return lambda fraction: progress((number + fraction) / count)
 
 
 def align_runs(logs: Sequence[RigTurns], rig: Rig, options: CalibrationOptions) -> list[HseRun]:

@@ -110,6 +110,20 @@ def find_logs(given: Sequence[Path], without: Path | None = None) -> list[LogInp
     return list(found.values())
 
 
+def expand(given: Sequence[Path]) -> list[Path]:
+    """Inputs as they were given, but for folders of logs and patterns, which become their logs.
+
+    Raises
+    ------
+    NotALogError
+        A folder or pattern holds no log.
+    """
+    paths: list[Path] = []
+    for path in given:
+        paths += [log.path for log in find_logs([path])] if are_many([path]) else [path]
+    return paths
+
+
 def _logs_of(path: Path, hidden: Path | None) -> list[LogInput]:
     if path.is_dir() and not is_bag(path):
         logs = [LogInput(p, p.relative_to(path)) for p in _below(path, hidden)]

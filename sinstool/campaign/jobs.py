@@ -162,8 +162,15 @@ def run_jobs(jobs: Sequence[Job], workers: Workers) -> Generator[Event]:
         yield from events
 
 
-def results(jobs: Sequence[Job], workers: Workers) -> list[Any]:
+def results(jobs: Sequence[Job], workers: Workers, progress: Report | None = None) -> list[Any]:
     """What all jobs return, in their order.
+
+    Parameters
+    ----------
+    jobs : sequence of Job
+    workers : Workers
+    progress : callable, optional
+        Called with the fraction done of all.
 
     Raises
     ------
@@ -171,9 +178,14 @@ def results(jobs: Sequence[Job], workers: Workers) -> list[Any]:
         Of the first job, by their order, that failed.
     """
     outcomes: dict[int, Outcome] = {}
-    for event in run_jobs(jobs, workers):
-        if event.outcome is not None:
-            outcomes[event.number] = event.outcome
+    done: dict[int, float] = {}
+    with contextlib.closing(run_jobs(jobs, workers)) as events:
+        for event in events:
+            if event.outcome is not None:
+                outcomes[event.number] = event.outcome
+            done[event.number] = 1.0 if event.outcome is not None else event.fraction or 0.0
+            if progress is not None:
+                progress(sum(done.values()) / len(jobs))
     ordered = [outcomes[number] for number in range(len(jobs))]
     for job, outcome in zip(jobs, ordered, strict=True):
         raise_failed(job, outcome)

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from sinstool.cli.console import print_json, progress_bar, table, warn
+from sinstool.cli.many import workers_of, workers_options
 from sinstool.cli.options import Words, config_options, effective_config, print_config
 from sinstool.cli.verbose import verbose_option
 from sinstool.errors import ConfigurationError
@@ -24,6 +25,7 @@ DEGREE = 3.141592653589793 / 180.0
 @click.command("calibrate-hse")
 @click.argument("logs", nargs=-1, type=click.Path(path_type=Path), metavar="LOG...")
 @click.option("-o", "--output", type=click.Path(path_type=Path), help="calibration to write (JSON)")
+@workers_options("1")
 @config_options("input", "calibration")
 @click.option("--overwrite", "output__overwrite", is_flag=True, default=None,
               help="replace an existing output")  # fmt: skip
@@ -59,6 +61,8 @@ def command(
     logs: tuple[Path, ...],
     output: Path | None,
     config_file: Path | None,
+    jobs: int | None,
+    scheduler: str | None,
     emit_config: Path | None,
     csv_file: Path | None,
     report: Path | None,
@@ -77,8 +81,8 @@ def command(
     """Calibrate the heading-sensitive error of a rate-biased laser-gyro system.
 
     LOGs are recordings on the turntable at several constant rates, at one azimuth of its base or
-    more: raw gyros and accelerometers (Imu) and the table's angle (JointState). The rig is
-    described by the table [rig] of --config.
+    more: raw gyros and accelerometers (Imu) and the table's angle (JointState). A LOG may be a
+    folder of logs, or a pattern in quotes. The rig is described by the table [rig] of --config.
 
     \b
     Example:
@@ -99,16 +103,22 @@ def command(
         raise ConfigurationError("no rig is described", "give a table [rig] with --config RIG.toml")
     from sinstool.calibrate import calibrate
     from sinstool.calibrate_files import check_files, write_csv, write_rig
+    from sinstool.campaign.inputs import expand
 
-    check_files([emit_config, csv_file, report], [output, *logs], config.output.overwrite)
+    paths = expand(logs)
+    check_files([emit_config, csv_file, report], [output, *paths], config.output.overwrite)
     if report is not None:
         from sinstool.report.page import check_report
 
         check_report(report, overwrite=config.output.overwrite)
     from sinstool.writers.whole import together
 
-    with together(), progress_bar(f"{len(logs)} logs", quiet) as progress:
-        found = calibrate(logs, output, config, progress)
+    workers = None
+    if scheduler is not None or (jobs or 1) > 1:
+        full = [path.absolute() for path in paths]
+        workers = workers_of(jobs, scheduler, ("sinstool.calibrate",), full, len(paths))
+    with together(), progress_bar(f"{len(paths)} logs", quiet) as progress:
+        found = calibrate(paths, output, config, progress, workers)
         if emit_config is not None:
             write_rig(emit_config, found, config)
         if csv_file is not None:
