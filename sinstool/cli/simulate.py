@@ -9,6 +9,7 @@ import click
 
 from sinstool.cli.choice import Choice, Group
 from sinstool.cli.options import Numbers
+from sinstool.cli.simulate_many import with_monte_carlo
 from sinstool.cli.simulate_motion import drive, launch, manoeuvring_flight, spiral_climb
 from sinstool.cli.simulate_options import (
     MAX_DURATION_S,
@@ -45,7 +46,7 @@ def coning(
     duration: float,
     rate: float,
     **rest: Any,
-) -> None:
+) -> dict[str, Any]:
     """Classical coning, exact for any angle, after an optional rest; the Earth does not turn."""
     import numpy as np
 
@@ -75,7 +76,7 @@ def coning(
         "frequency_hz": frequency,
         "lead_in_s": lead_in,
     }
-    _write(truth, scenario | {"duration_s": duration, "rate_hz": rate}, None, rest)
+    return _write(truth, scenario | {"duration_s": duration, "rate_hz": rate}, None, rest)
 
 
 @command.command("coning-paper")
@@ -114,7 +115,7 @@ def coning_paper(
     duration: float,
     rate: float,
     **rest: Any,
-) -> None:
+) -> dict[str, Any]:
     """Fu and Luo's experiment: a cone, and noise of one frequency through the gyro's filter.
 
     The truth is the cone. The gyro has the noise; further errors come with --grade.
@@ -157,7 +158,7 @@ def coning_paper(
         "duration_s": duration,
         "rate_hz": rate,
     }
-    _write(truth, scenario, None, rest, measured=sensor)
+    return _write(truth, scenario, None, rest, measured=sensor)
 
 
 @command.command("static")
@@ -181,7 +182,7 @@ def static(
     duration: float,
     rate: float,
     **rest: Any,
-) -> None:
+) -> dict[str, Any]:
     """A body at rest on the turning Earth, with fixes of where it is."""
     import numpy as np
 
@@ -209,7 +210,7 @@ def static(
         "rate_hz": rate,
     }
     position = (float(np.radians(latitude)), float(np.radians(longitude)), height)
-    _write(truth, scenario, position, rest)
+    return _write(truth, scenario, position, rest)
 
 
 @command.command("two-frequency")
@@ -226,7 +227,7 @@ def two_frequency(
     duration: float,
     rate: float,
     **rest: Any,
-) -> None:
+) -> dict[str, Any]:
     """Two conings at once; where their frequencies differ by an update rate, they fold."""
     import numpy as np
 
@@ -240,7 +241,9 @@ def two_frequency(
         "frequencies_hz": _listed(frequencies),
     }
     a, b = np.radians(half_angles_deg)
-    _write_motion(lambda times: motion(times, (a, b), frequencies), scenario, duration, rate, rest)
+    return _write_motion(
+        lambda times: motion(times, (a, b), frequencies), scenario, duration, rate, rest
+    )
 
 
 @command.command("broadband")
@@ -249,7 +252,7 @@ def two_frequency(
 @click.option("--band", type=Numbers(2), default="20,150", show_default=True, metavar="HZ,HZ")
 def broadband(
     angle_deg: float, band: tuple[float, float], duration: float, rate: float, **rest: Any
-) -> None:
+) -> dict[str, Any]:
     """Vibration with coning at every frequency of a band, above half the rate too if you like."""
     import numpy as np
 
@@ -259,7 +262,7 @@ def broadband(
     _positive(angle_deg=angle_deg, band=min(band))
     scenario = {"scenario": "broadband", "angle_deg": angle_deg, "band_hz": _listed(band)}
     angle = float(np.radians(angle_deg))
-    _write_motion(
+    return _write_motion(
         lambda times: motion(times, angle, band, seed=rest["seed"]), scenario, duration, rate, rest
     )
 
@@ -270,7 +273,7 @@ def broadband(
 @click.option("--band", type=Numbers(2), default="0.1,1", show_default=True, metavar="HZ,HZ")
 def manoeuvre(
     rate_rms_deg_s: float, band: tuple[float, float], duration: float, rate: float, **rest: Any
-) -> None:
+) -> dict[str, Any]:
     """Random rotation about all three axes."""
     import numpy as np
 
@@ -280,7 +283,7 @@ def manoeuvre(
     _positive(rate_rms_deg_s=rate_rms_deg_s, band=min(band))
     scenario = {"scenario": "manoeuvre", "rate_rms_deg_s": rate_rms_deg_s, "band_hz": _listed(band)}
     size = float(np.radians(rate_rms_deg_s))
-    _write_motion(
+    return _write_motion(
         lambda times: motion(times, size, band, seed=rest["seed"]), scenario, duration, rate, rest
     )
 
@@ -302,7 +305,7 @@ def _write_motion(
     duration: float,
     rate: float,
     rest: dict[str, Any],
-) -> None:
+) -> dict[str, Any]:
     """Sample a motion at the log's instants and write it; impossible motions are refused."""
     from sinstool.simulation.truth import sample_times
 
@@ -310,7 +313,7 @@ def _write_motion(
         truth = motion(sample_times(rate, duration, START_NS))
     except ValueError as exc:
         raise click.UsageError(str(exc)) from exc
-    _write(truth, scenario | {"duration_s": duration, "rate_hz": rate}, None, rest)
+    return _write(truth, scenario | {"duration_s": duration, "rate_hz": rate}, None, rest)
 
 
 def _write(
@@ -319,7 +322,7 @@ def _write(
     position: tuple[float, float, float] | None,
     rest: Any,
     measured: Any = None,
-) -> None:
+) -> dict[str, Any]:
     """Write the log; `measured` is the truth with errors of the scenario's own, if it has any."""
     from sinstool.simulation.sensors import GRADES, with_errors
     from sinstool.writers.simulated import (
@@ -347,8 +350,10 @@ def _write(
 
         write_motion(params, truth, sensor, topics)
 
-    write_log(rest, topics, settings, write_page)
+    return write_log(rest, topics, settings, write_page)
 
 
 for _scenario in (spiral_climb, manoeuvring_flight, drive, launch, hse_rig):
     command.add_command(_scenario)
+for _scenario in command.commands.values():
+    with_monte_carlo(_scenario)

@@ -105,12 +105,12 @@ def place(latitude: float, longitude: float, height: float, heading: float) -> C
 @common(duration=3600.0, rate=128.0)
 @place(34.25, 108.9, 400.0, 0.0)
 @aids("coloured", 1.0, 50.0)
-def spiral_climb(duration: float, rate: float, **told: Any) -> None:
+def spiral_climb(duration: float, rate: float, **told: Any) -> dict[str, Any]:
     """The flight of the height-damping paper: wide circles at 2 degrees of bank, 20 m a turn."""
     from sinstool.simulation.flight import spiral_climb as motion
 
     check(duration, rate, told["seed"])
-    _write("spiral-climb", motion(duration, rate, **_place(told)), duration, rate, told)
+    return _write("spiral-climb", motion(duration, rate, **_place(told)), duration, rate, told)
 
 
 @click.command("manoeuvring-flight")
@@ -119,13 +119,17 @@ def spiral_climb(duration: float, rate: float, **told: Any) -> None:
 @click.option("--turbulence", type=click.FloatRange(min=0.0), default=1.0, show_default=True,
               help="factor of its angles")  # fmt: skip
 @aids("coloured", 1.0, 10.0)
-def manoeuvring_flight(duration: float, rate: float, turbulence: float, **told: Any) -> None:
+def manoeuvring_flight(
+    duration: float, rate: float, turbulence: float, **told: Any
+) -> dict[str, Any]:
     """Turns of 35 degrees of bank to either side, climbs and dives, in turbulence."""
     from sinstool.simulation.flight import manoeuvring_flight as motion
 
     check(duration, rate, told["seed"])
     trajectory = motion(duration, rate, turbulence=turbulence, seed=told["seed"], **_place(told))
-    _write("manoeuvring-flight", trajectory, duration, rate, told | {"turbulence": turbulence})
+    return _write(
+        "manoeuvring-flight", trajectory, duration, rate, told | {"turbulence": turbulence}
+    )
 
 
 @click.command("drive")
@@ -134,13 +138,13 @@ def manoeuvring_flight(duration: float, rate: float, turbulence: float, **told: 
 @click.option("--still", type=click.FloatRange(min=0.0), default=60.0, show_default=True,
               help="at rest before the drive, s")  # fmt: skip
 @aids("coloured", 4.0, 10.0)
-def drive(duration: float, rate: float, still: float, **told: Any) -> None:
+def drive(duration: float, rate: float, still: float, **told: Any) -> dict[str, Any]:
     """Stand, then drive through a town on hills, with stops and turns."""
     from sinstool.simulation.drive import road_drive as motion
 
     check(duration, rate, told["seed"])
     trajectory = motion(duration, rate, still_s=still, seed=told["seed"], **_place(told))
-    _write("drive", trajectory, duration, rate, told | {"still": still})
+    return _write("drive", trajectory, duration, rate, told | {"still": still})
 
 
 @click.command("launch")
@@ -168,7 +172,7 @@ def launch(
     accel_unit_reading: Any,
     gyro_range: float | None,
     **told: Any,
-) -> None:
+) -> dict[str, Any]:
     """The flight of the alignment paper: boost, calm, glide with turns; 260 s."""
     from sinstool.simulation import launch_sensors
     from sinstool.simulation.launch import launch as motion
@@ -191,7 +195,7 @@ def launch(
         "gyro_range": gyro_range,
     }
     limit = None if gyro_range is None else gyro_range * DEGREE
-    _write("launch", trajectory, duration, rate, told | settings, grade, limit)
+    return _write("launch", trajectory, duration, rate, told | settings, grade, limit)
 
 
 def _place(told: dict[str, Any]) -> dict[str, Any]:
@@ -216,7 +220,7 @@ def _write(
     told: dict[str, Any],
     grade: Any = None,
     gyro_range: float | None = None,
-) -> None:
+) -> dict[str, Any]:
     from sinstool.simulation.launch_sensors import saturated
     from sinstool.simulation.sensors import GRADES, with_errors
     from sinstool.writers.simulated import Axes, imu_topic, truth_topics
@@ -243,7 +247,7 @@ def _write(
 
         write_motion(params, trajectory.imu, sensor, topics, trajectory)
 
-    write_log(told, topics, settings, write_page)
+    return write_log(told, topics, settings, write_page)
 
 
 def _gnss(trajectory: Any, told: dict[str, Any]) -> list[Any]:

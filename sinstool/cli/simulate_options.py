@@ -9,7 +9,6 @@ from typing import Any, TypeVar
 import click
 
 from sinstool.cli.choice import Choice
-from sinstool.cli.console import print_json
 from sinstool.cli.verbose import verbose_option
 
 F = TypeVar("F", bound=Callable[..., Any])
@@ -105,18 +104,23 @@ def write_log(
     topics: Sequence[Any],
     settings: dict[str, str],
     write_page: Callable[[Mapping[str, Any]], None],
-) -> None:
-    """Write a log and its page, both or neither, and say what was written.
+) -> dict[str, Any]:
+    """Write a log and its page, both or neither.
 
     Parameters
     ----------
     told : mapping
-        Options ``output``, ``report`` and ``as_json``.
+        Options ``output`` and ``report``.
     topics : sequence of SimulatedTopic
     settings : dict
         How the log was made.
     write_page : callable
         Takes all options of the command; called where a page is wanted.
+
+    Returns
+    -------
+    dict
+        What was written, as ``--json`` says it.
     """
     from sinstool.writers.simulated import write_simulated
     from sinstool.writers.whole import together
@@ -126,11 +130,7 @@ def write_log(
         counts = write_simulated(output, topics, settings)
         if told["report"] is not None:
             write_page(click.get_current_context().params)
-    if told["as_json"]:
-        print_json({"output": str(output), "topics": counts, "settings": settings})
-    else:
-        listing = ", ".join(f"{topic} ({count})" for topic, count in counts.items())
-        click.echo(f"{output}: {listing}")
+    return {"output": str(output), "topics": counts, "settings": settings}
 
 
 def check(duration: float, rate: float, seed: int) -> None:

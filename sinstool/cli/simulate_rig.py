@@ -8,7 +8,6 @@ from typing import Any
 import click
 
 from sinstool.cli.choice import Choice
-from sinstool.cli.console import print_json
 from sinstool.cli.options import Numbers, Words
 from sinstool.cli.simulate_options import check_outputs
 from sinstool.cli.verbose import verbose_option
@@ -75,7 +74,7 @@ SILENT = ("report", "overwrite", "as_json", "verbose")
 @click.option("--overwrite", is_flag=True, help="replace existing outputs")
 @click.option("--json", "as_json", is_flag=True, help="one JSON object on stdout")
 @verbose_option()
-def command(output: Path, rig_out: Path | None, **told: Any) -> None:
+def command(output: Path, rig_out: Path | None, **told: Any) -> dict[str, Any]:
     """Raw gyros, accelerometers and encoder of a skewed triad that turns at constant rates.
 
     The Imu topic holds the raw triad (mean rates over the interval that ends at the stamp), the
@@ -102,11 +101,7 @@ def command(output: Path, rig_out: Path | None, **told: Any) -> None:
             from sinstool.cli.simulate_report import write_rig
 
             write_rig(click.get_current_context().params, log, topics)
-    if told["as_json"]:
-        print_json({"output": str(output), "topics": counts, "settings": settings})
-    else:
-        listing = ", ".join(f"{topic} ({count})" for topic, count in counts.items())
-        click.echo(f"{output}: {listing}")
+    return {"output": str(output), "topics": counts, "settings": settings}
 
 
 def _simulate(told: dict[str, Any]) -> tuple[Any, dict[str, str]]:

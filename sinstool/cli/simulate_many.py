@@ -1,0 +1,139 @@
+"""`sinstool simulate SCENARIO --monte-carlo N`: the same motion with other errors, many times."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import click
+
+from sinstool.cli.console import print_json
+from sinstool.cli.many import (
+    carry_out,
+    columns,
+    exit_status,
+    print_line,
+    row_of,
+    tally,
+    workers_of,
+    workers_options,
+)
+from sinstool.errors import ConfigurationError
+
+# Digits of the seed in a name, so that names are in the order of seeds
+DIGITS = 4
+MODULES = ("sinstool.cli.simulate", "sinstool.writers.simulated", "sinstool.simulation.sensors")
+
+
+def with_monte_carlo(command: click.Command) -> None:
+    """Let a scenario be made many times, and print what it makes.
+
+    Parameters
+    ----------
+    command : click.Command
+        Its function makes one log and returns what is said of it.
+    """
+    make = command.callback
+    assert make is not None
+
+    def run(monte_carlo: int | None, jobs: int | None, scheduler: str | None, **told: Any) -> int:
+        if monte_carlo is not None and told["report"] is not None:
+            raise click.UsageError("--report is about one log, --monte-carlo makes many")
+        if monte_carlo is not None:
+            return _many(str(command.name), told, monte_carlo, jobs, scheduler)
+        if jobs is not None or scheduler is not None:
+            raise click.UsageError("--jobs and --scheduler go with --monte-carlo")
+        made = make(**told)
+        if told["as_json"]:
+            print_json(made)
+        else:
+            click.echo(f"{made['output']}: {_topics(made)}")
+        return 0
+
+    run = click.option(
+        "--monte-carlo",
+        type=click.IntRange(min=1),
+        metavar="N",
+        help="write N logs into the folder OUTPUT, with the seeds from --seed on",
+    )(workers_options("one for each core")(run))
+    # what click keeps of options until a command is made of a function
+    command.params += reversed(run.__click_params__)  # type: ignore[attr-defined]
+    command.callback = run
+    _makers[str(command.name)] = make
+
+
+_makers: dict[str, Any] = {}
+
+
+def simulate_one(scenario: str, told: dict[str, Any], progress: Any) -> dict[str, Any]:
+    """One of many logs.
+
+    Parameters
+    ----------
+    scenario : str
+    told : dict
+        Options of the command line.
+    progress : callable
+        Not called: a log is made at once.
+
+    Raises
+    ------
+    SinstoolError
+    """
+    # A worker has imported no more than it was told to.
+    import sinstool.cli.simulate  # noqa: F401
+
+    del progress
+    try:
+        made: dict[str, Any] = _makers[scenario](**told)
+    except click.ClickException as exc:
+        raise ConfigurationError(exc.format_message()) from exc
+    return {**made, "seed": told["seed"], "status": "done", "exit": 0}
+
+
+def _many(
+    scenario: str, told: dict[str, Any], count: int, jobs: int | None, scheduler: str | None
+) -> int:
+    from sinstool.campaign.jobs import Job, Outcome
+    from sinstool.writers.whole import make_folder
+
+    folder: Path = told["output"].absolute()
+    seeds = range(told["seed"], told["seed"] + count)
+    width = max(DIGITS, len(str(seeds[-1])))
+    outputs = [folder / f"{scenario}-{seed:0{width}d}.mcap" for seed in seeds]
+    make_folder(folder)
+    tasks = []
+    for seed, output in zip(seeds, outputs, strict=True):
+        own = {**told, "seed": seed, "output": output}
+        if own.get("rig_out") is not None:
+            # the same for all seeds
+            own["rig_out"] = own["rig_out"].absolute() if seed == seeds[0] else None
+        tasks.append(Job(output.name, simulate_one, (scenario, own), folders=(folder,)))
+    workers = workers_of(jobs, scheduler, MODULES, (), count)
+
+    def tell(number: int, outcome: Outcome) -> None:
+        if told["as_json"]:
+            print_line(_row(outcome, seeds[number], outputs[number]))
+
+    outcomes = carry_out(tasks, workers, False, told["verbose"], tell)
+    rows = [_row(*ended) for ended in zip(outcomes, seeds, outputs, strict=True)]
+    if not told["as_json"]:
+        cells = [
+            (row["status"], str(row["seed"]), output.name, _topics(row))
+            for row, output in zip(rows, outputs, strict=True)
+        ]
+        columns(("status", "seed", "log", "topics"), cells)
+    click.echo(f"{tally(rows)}, in {told['output']}", err=told["as_json"])
+    return exit_status(rows)
+
+
+def _row(outcome: Any, seed: int, output: Path) -> dict[str, Any]:
+    row = row_of(outcome, output)
+    if outcome.error:
+        row["output"] = row.pop("input")["path"]
+        row["seed"] = seed
+    return row
+
+
+def _topics(made: dict[str, Any]) -> str:
+    return ", ".join(f"{topic} ({count})" for topic, count in made.get("topics", {}).items())
