@@ -1,0 +1,168 @@
+"""Jobs on a Dask cluster of separate processes, and clusters that are refused."""
+
+import json
+import sys
+import time
+
+import pytest
+from imulogs import even_times, handheld, imu_log
+
+import sinstool
+from sinstool.campaign import cluster as cluster_module
+from sinstool.campaign.jobs import Job, Workers, results, run_jobs
+from sinstool.campaign.visible import Token, not_seen, sight, tokens, what_differs
+from sinstool.cli import main as main_module
+from sinstool.errors import ConfigurationError, SinstoolError
+from tests.campaign import work
+from tests.campaign.clusters import cluster, free_port
+from tests.campaign.test_local import gone, job, left
+
+pytest.importorskip("distributed")
+
+
+@pytest.fixture(scope="module")
+def address(tmp_path_factory):
+    with cluster(tmp_path_factory.mktemp("cluster")) as found:
+        yield found
+
+
+def outcomes(jobs, address, **options):
+    events = list(run_jobs(jobs, Workers(scheduler=address, **options)))
+    return {e.number: e.outcome for e in events if e.outcome is not None}
+
+
+def test_jobs_run_there(address, tmp_path):
+    found = results([job(work.square, n) for n in range(8)], Workers(scheduler=address))
+    assert [value for value, _ in found] == [n * n for n in range(8)]
+    assert len({pid for _, pid in found}) <= 2
+    # what fails there is told here, and the others go on
+    told = outcomes([job(work.fails, "user"), job(work.fails, "bug"), job(work.square, 2)], address)
+    assert told[0].error == "rocks: it does not rest: wait" and told[0].exit_code == 3
+    assert told[1].error == "fails: ZeroDivisionError: half of nothing"
+    assert told[2].value[0] == 4
+
+
+def test_a_killed_worker(address, tmp_path):
+    """Its job is done by another; one that kills every worker is missing."""
+    (tmp_path / "once").mkdir()
+    (tmp_path / "always").mkdir()
+    # One after the other: Dask blames all jobs that were on their way to a worker that dies.
+    [once] = outcomes(
+        [job(work.dies, tmp_path / "once", 1, folders=(tmp_path / "once",))], address
+    ).values()
+    assert once.value == 1
+    assert (tmp_path / "once" / "out").read_bytes() == b"first half, second half"
+    [always] = outcomes(
+        [job(work.dies, tmp_path / "always", 99, folders=(tmp_path / "always",))], address
+    ).values()
+    assert always.died and "dies: its worker died, 2 times" in always.error
+    assert outcomes([job(work.square, 5)], address)[0].value[0] == 25
+    assert left(tmp_path / "once") == [] and left(tmp_path / "always") == []
+
+
+def test_who_gives_up_leaves_nothing(address, tmp_path):
+    jobs = [job(work.waits, tmp_path, n, folders=(tmp_path,)) for n in range(4)]
+    events = run_jobs(jobs, Workers(scheduler=address))
+    until = time.monotonic() + 60.0
+    while len(list(tmp_path.glob("pid-*"))) < 2 and time.monotonic() < until:
+        next(events)
+    events.close()
+    assert left(tmp_path) == [] and not list(tmp_path.glob("out-*"))
+    # the workers are not ours to end
+    assert not any(gone(int(p.read_text())) for p in tmp_path.glob("pid-*"))
+
+
+def run(monkeypatch, capsys, *arguments):
+    monkeypatch.setattr(sys, "argv", ["sinstool", *map(str, arguments)])
+    with pytest.raises(SystemExit) as info:
+        main_module.main()
+    out, err = capsys.readouterr()
+    return info.value.code, out, err
+
+
+def test_the_command(address, tmp_path, monkeypatch, capsys):
+    """The same bytes as by one process and by two, and lines of JSON that differ by folder only."""
+    logs = tmp_path / "logs"
+    logs.mkdir()
+    for seed in range(3):
+        gyro, accel, _ = handheld(600, seed=seed, rest_s=1.0)
+        imu_log(logs / f"{seed}.mcap", even_times(600), gyro, accel)
+    told, made = [], []
+    for name, who in {"one": ["-j", 1], "two": ["-j", 2], "dask": ["--scheduler", address]}.items():
+        out = tmp_path / name
+        status, lines, _ = run(monkeypatch, capsys, "process", logs, "-o", out, "--json", *who)
+        assert status == 0
+        told.append([json.loads(line.replace(str(out), "OUT")) for line in lines.splitlines()])
+        made.append({p.name: p.read_bytes() for p in out.iterdir()})
+    assert len(told[0]) == len(made[0]) == 3
+    assert told[0] == told[1] == told[2]
+    assert made[0] == made[1] == made[2]
+
+
+def test_a_worker_that_sees_other_files_is_refused(address, tmp_path):
+    """What a worker on another machine sees is what this one saw before the file was changed."""
+    log = tmp_path / "log"
+    log.write_bytes(b"one")
+    with cluster_module._client(address) as client:
+        before = [(log, sight(log))]
+        log.write_bytes(b"two")
+        with pytest.raises(ConfigurationError, match=r"sees another .*log"):
+            cluster_module._require_same_files(client, before, [])
+        log.unlink()
+        with pytest.raises(ConfigurationError, match=r"does not see .*log.*\(2 workers in all\)"):
+            cluster_module._require_same_files(client, before, [])
+        absent = Token(tmp_path / "absent" / "token", "text")
+        with pytest.raises(ConfigurationError, match=r"does not see the folder .*absent"):
+            cluster_module._require_same_files(client, [], [absent])
+        with tokens([tmp_path]) as wanted:
+            cluster_module._require_same_files(client, [], wanted)
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_another_version_is_refused(address, monkeypatch):
+    monkeypatch.setattr(sinstool, "__version__", "99.0")
+    with pytest.raises(ConfigurationError, match=r"has sinstool .*this is 99.0: pip install"):
+        outcomes([job(work.square, 2)], address)
+
+
+def test_a_worker_that_came_later_is_refused_too():
+    from sinstool.campaign.jobs import Task, perform
+
+    late = Task(0, Job("rocks.mcap", work.square, (2,)), version="0.0.1")
+    assert "the client 0.0.1" in perform(late, lambda fraction: None).error
+
+
+def test_nobody_there(monkeypatch, tmp_path):
+    monkeypatch.setattr(cluster_module, "CONNECT", 0.5)
+    with pytest.raises(SinstoolError, match="no Dask scheduler answers at tcp"):
+        outcomes([job(work.square, 2)], f"tcp://127.0.0.1:{free_port()}")
+    with (
+        cluster(tmp_path, workers=0) as lonely,
+        pytest.raises(SinstoolError, match="has no worker: start some with: dask worker"),
+    ):
+        outcomes([job(work.square, 2)], lonely)
+
+
+def test_without_the_extra(monkeypatch, tmp_path, capsys):
+    """As where distributed is not installed."""
+    monkeypatch.setitem(sys.modules, "distributed", None)
+    log = imu_log(tmp_path / "a.mcap", even_times(50), *handheld(50)[:2])
+    arguments = ["process", log, log, "-o", tmp_path / "out", "--scheduler", "tcp://h:1"]
+    status, _, err = run(monkeypatch, capsys, *arguments)
+    assert status == 2
+    assert err == (
+        "sinstool: --scheduler needs dask.distributed: pip install 'sinstool[cluster]'\n"
+    )
+
+
+def test_what_a_folder_looks_like(tmp_path):
+    bag = tmp_path / "bag"
+    bag.mkdir()
+    (bag / "bag_0.db3").write_bytes(b"abc")
+    before = sight(bag)
+    assert before.size == 3
+    (bag / "bag_0.db3").rename(bag / "bag_1.db3")
+    assert sight(bag) != before
+    said, answers = what_differs([(bag, before)], [])
+    assert "sees another" in said and answers == []
+    assert not_seen([Token(tmp_path / "never", "x")]) == tmp_path

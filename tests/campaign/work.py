@@ -1,0 +1,45 @@
+"""What workers of the tests do; they find it by its name."""
+
+import os
+import signal
+import time
+
+from sinstool.errors import AlignmentError
+from sinstool.writers.whole import WholeFile
+
+
+def square(number, progress):
+    progress(0.5)
+    return number * number, os.getpid()
+
+
+def fails(kind, progress):
+    if kind == "user":
+        error = AlignmentError("rocks: it does not rest", "wait")
+        error.exit_code = 3
+        raise error
+    raise ZeroDivisionError("half\nof nothing")
+
+
+def dies(folder, times, progress):
+    """Die in the middle of writing, as often as is asked for; then finish."""
+    with WholeFile(folder / "out") as whole:
+        whole.stream.write(b"first half, ")
+        whole.stream.flush()
+        begun = len(list(folder.glob("begun-*")))
+        (folder / f"begun-{begun}").touch()
+        if begun < times:
+            os.kill(os.getpid(), signal.SIGKILL)
+        whole.stream.write(b"second half")
+    return begun
+
+
+def waits(folder, number, progress):
+    """Write, without end."""
+    with WholeFile(folder / f"out-{number}") as whole:
+        whole.stream.write(b"some")
+        whole.stream.flush()
+        (folder / f"pid-{number}").write_text(str(os.getpid()))
+        while True:
+            time.sleep(0.02)
+            progress(0.5)
