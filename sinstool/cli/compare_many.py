@@ -67,6 +67,9 @@ def compare_many(given: Sequence[Path], options: dict[str, Any]) -> int:
     for name in ("truth", "gyro_response"):
         if kept[name] is not None and Path(kept[name]).is_file():
             kept[name] = str(Path(kept[name]).absolute())
+    named = [Path(kept[k]) for k in ("truth", "gyro_response") if kept[k] is not None]
+    reads = [*paths, *files(config).values(), *(p for p in named if p.is_file())]
+    workers = workers_of(options["jobs"], options["scheduler"], MODULES, reads, len(logs))
     jobs = []
     for log, path, table, page in zip(logs, paths, tables, pages, strict=True):
         folders = [p.parent for p in (table, page) if p is not None]
@@ -75,9 +78,6 @@ def compare_many(given: Sequence[Path], options: dict[str, Any]) -> int:
         own = {**kept, "csv_dir": table, "report": page}
         arguments = (path, config, settings, own)
         jobs.append(Job(str(log.path), compare_log, arguments, path_size(path), tuple(folders)))
-    named = [Path(kept[k]) for k in ("truth", "gyro_response") if kept[k] is not None]
-    reads = [*paths, *files(config).values(), *(p for p in named if p.is_file())]
-    workers = workers_of(options["jobs"], options["scheduler"], MODULES, reads, len(jobs))
 
     def tell(number: int, outcome: Outcome) -> None:
         if options["as_json"]:

@@ -63,11 +63,13 @@ def process_many(
     report = config.output.report
     pages = page_paths(None if report is None else Path(report), logs)
     config = absolute(config)
+    paths = [log.path.absolute() for log in logs]
+    reads = [*paths, *files(config).values(), *_truth_files(config)]
+    workers = workers_of(jobs, scheduler, _modules(config), reads, len(logs))
     for output, page in zip(outputs, pages, strict=True):
         make_folder(output.parent)
         if page is not None:
             make_folder(page.parent)
-    paths = [log.path.absolute() for log in logs]
     tasks = [
         Job(
             str(log.path),
@@ -78,8 +80,6 @@ def process_many(
         )
         for log, path, output, page in zip(logs, paths, outputs, pages, strict=True)
     ]
-    reads = [*paths, *files(config).values(), *_truth_files(config)]
-    workers = workers_of(jobs, scheduler, _modules(config), reads, len(tasks))
 
     def tell(number: int, outcome: Outcome) -> None:
         if as_json:

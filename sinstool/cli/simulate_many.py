@@ -101,6 +101,7 @@ def _many(
     seeds = range(told["seed"], told["seed"] + count)
     width = max(DIGITS, len(str(seeds[-1])))
     outputs = [folder / f"{scenario}-{seed:0{width}d}.mcap" for seed in seeds]
+    workers = workers_of(jobs, scheduler, MODULES, (), count)
     make_folder(folder)
     tasks = []
     for seed, output in zip(seeds, outputs, strict=True):
@@ -109,7 +110,6 @@ def _many(
             # the same for all seeds
             own["rig_out"] = own["rig_out"].absolute() if seed == seeds[0] else None
         tasks.append(Job(output.name, simulate_one, (scenario, own), folders=(folder,)))
-    workers = workers_of(jobs, scheduler, MODULES, (), count)
 
     def tell(number: int, outcome: Outcome) -> None:
         if told["as_json"]:

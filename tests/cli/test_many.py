@@ -1,0 +1,362 @@
+"""Commands on many logs: rows, reruns, exit status, and what is left when they are ended."""
+
+import contextlib
+import json
+import os
+import re
+import signal
+import subprocess
+import sys
+import time
+from importlib import metadata
+from pathlib import Path
+
+import pytest
+from imulogs import even_times, handheld, imu_log
+
+from sinstool.cli import main as main_module
+from sinstool.record import read_record
+
+PROGRAM = [sys.executable, "-c", "from sinstool.cli.main import main; main()"]
+HSE = Path(__file__).parents[2] / "sample_data" / "hse"
+
+
+@pytest.fixture
+def sinstool(monkeypatch, capsys):
+    """Runs the command line in this process: status, stdout, stderr."""
+
+    def call(*arguments):
+        monkeypatch.setattr(sys, "argv", ["sinstool", *map(str, arguments)])
+        with pytest.raises(SystemExit) as info:
+            main_module.main()
+        out, err = capsys.readouterr()
+        return info.value.code, out, err
+
+    return call
+
+
+@pytest.fixture(scope="module")
+def logs(tmp_path_factory):
+    """Two good logs and one that is cut short, in folders."""
+    top = tmp_path_factory.mktemp("campaign") / "logs"
+    for name, seed in {"a/run.mcap": 1, "b/run.mcap": 2, "b/cut.mcap": 3}.items():
+        (top / name).parent.mkdir(parents=True, exist_ok=True)
+        gyro, accel, _ = handheld(1000, seed=seed, rest_s=1.0)
+        imu_log(top / name, even_times(1000), gyro, accel)
+    cut = top / "b" / "cut.mcap"
+    cut.write_bytes(cut.read_bytes()[: cut.stat().st_size // 2])
+    return top
+
+
+def files(folder):
+    return sorted(p.relative_to(folder).as_posix() for p in folder.rglob("*") if p.is_file())
+
+
+def rows(out):
+    return [json.loads(line) for line in out.splitlines()]
+
+
+def test_one_bad_log_among_good(sinstool, logs, tmp_path):
+    out = tmp_path / "new" / "out"
+    status, told, err = sinstool("process", logs, "-o", out, "-j", 2, "--json")
+    assert status == 1
+    assert files(out) == ["a/run.mcap", "b/run.mcap"]
+    found = rows(told)
+    names = ["a/run.mcap", "b/cut.mcap", "b/run.mcap"]
+    assert [row["input"]["path"] for row in found] == [str(logs / name) for name in names]
+    assert [row["output"]["path"] for row in found] == [str(out / name) for name in names]
+    assert [(row["status"], row["exit"]) for row in found] == [
+        ("done", 0),
+        ("failed", 1),
+        ("done", 0),
+    ]
+    assert "--salvage" in found[1]["error"]
+    assert f"sinstool: {found[1]['error']}\n" in err
+    assert "3 logs: 2 done, 1 failed" in err and "Traceback" not in err
+    # the rest of a row is what one log says
+    alone = tmp_path / "alone.mcap"
+    _, single, _ = sinstool("process", logs / "a" / "run.mcap", "-o", alone, "--json")
+    expected = json.loads(single)
+    row = {k: v for k, v in found[0].items() if k not in ("status", "exit")}
+    row["output"]["path"] = str(alone)
+    assert row == expected
+    assert alone.read_bytes() == (out / "a" / "run.mcap").read_bytes()
+
+
+def test_salvaged_is_lost(sinstool, logs, tmp_path):
+    arguments = ("process", logs / "b", "-o", tmp_path / "out", "--salvage", "-j", 2)
+    status, told, _ = sinstool(*arguments, "--json")
+    assert status == 3
+    assert [(row["status"], row["exit"]) for row in rows(told)] == [("lost", 3), ("done", 0)]
+    # and stays so when nothing is left to do
+    status, told, _ = sinstool(*arguments, "--json")
+    assert status == 3
+    assert [(row["status"], row["exit"]) for row in rows(told)] == [
+        ("complete", 3),
+        ("complete", 0),
+    ]
+
+
+def test_a_rerun_makes_only_what_is_not_there(sinstool, logs, tmp_path):
+    out = tmp_path / "out"
+    arguments = ["process", logs / "*" / "run.mcap", "-o", out, "-j", 1]
+    assert sinstool(*arguments)[0] == 0
+    before = {name: (out / name).stat().st_mtime_ns for name in files(out)}
+    one = (out / "b" / "run.mcap").read_bytes()
+    (out / "b" / "run.mcap").unlink()
+    status, told, _ = sinstool(*arguments)
+    assert status == 0
+    assert [line.split()[0] for line in told.splitlines()[1:3]] == ["complete", "done"]
+    assert (out / "b" / "run.mcap").read_bytes() == one
+    assert (out / "a" / "run.mcap").stat().st_mtime_ns == before["a/run.mcap"]
+    # whether outputs may be replaced is no part of what they are
+    assert sinstool(*arguments, "--overwrite")[0] == 0
+    assert (out / "b" / "run.mcap").read_bytes() == one
+    assert (out / "a" / "run.mcap").stat().st_mtime_ns != before["a/run.mcap"]
+
+
+@pytest.mark.parametrize("what", ["configuration", "foreign", "cut", "log", "version"])
+def test_another_output_is_refused_for_that_log_only(sinstool, logs, tmp_path, what, monkeypatch):
+    folder, out = tmp_path / "in", tmp_path / "out"
+    folder.mkdir()
+    for name in ("a", "b"):
+        (folder / f"{name}.mcap").write_bytes((logs / name / "run.mcap").read_bytes())
+    arguments = ["process", folder, "-o", out, "-j", 1]
+    assert sinstool(*arguments)[0] == 0
+    changed = out / "a.mcap"
+    if what == "configuration":
+        single = ["process", folder / "a.mcap", "-o", changed, "--overwrite"]
+        assert sinstool(*single, "--coning", "optimal-2")[0] == 0
+    elif what == "foreign":
+        changed.write_bytes((folder / "b.mcap").read_bytes())
+    elif what == "cut":
+        changed.write_bytes(changed.read_bytes()[:-100])
+    elif what == "log":
+        (folder / "a.mcap").write_bytes((logs / "b" / "run.mcap").read_bytes())
+    else:
+        import sinstool as package
+
+        with monkeypatch.context() as patched:
+            patched.setattr(package, "__version__", "0.0.1")
+            assert sinstool("process", folder / "a.mcap", "-o", changed, "--overwrite")[0] == 0
+    kept = changed.read_bytes()
+    status, told, err = sinstool(*arguments, "--json")
+    assert status == 1
+    assert [row["status"] for row in rows(told)] == ["failed", "complete"]
+    said = {
+        "configuration": 'another configuration (now coning = "previous-3")',
+        "foreign": "no complete output of sinstool",
+        "cut": "no complete output of sinstool",
+        "log": "made of another log",
+        "version": "made by sinstool 0.0.1",
+    }[what]
+    assert said in err and "--overwrite" in err
+    assert changed.read_bytes() == kept
+    assert sinstool(*arguments, "--overwrite")[0] == 0
+    assert read_record(changed)["input_name"] == "a.mcap"
+
+
+def test_a_page_for_each(sinstool, logs, tmp_path):
+    out, pages = tmp_path / "out", tmp_path / "pages"
+    arguments = ["process", logs / "*" / "run.mcap", "-o", out, "--report", pages, "-j", 2]
+    assert sinstool(*arguments)[0] == 0
+    assert files(pages) == ["a/run.html", "b/run.html"]
+    # without its page a log is not complete
+    (pages / "b" / "run.html").unlink()
+    _, told, _ = sinstool(*arguments)
+    assert [line.split()[0] for line in told.splitlines()[1:3]] == ["complete", "done"]
+    assert files(pages) == ["a/run.html", "b/run.html"]
+    status, _, err = sinstool(*arguments[:-3], tmp_path / "page.html")
+    assert status == 2 and "give a folder" in err
+
+
+def test_wrong_usage(sinstool, logs, tmp_path):
+    a, b = logs / "a" / "run.mcap", logs / "b" / "run.mcap"
+    for arguments, said in (
+        ((a, b, "-o", tmp_path / "out"), "would both become"),
+        ((logs, "-o", tmp_path / "out", "-j", 2, "--scheduler", "tcp://h:1"), "give one of them"),
+        ((a, "-o", tmp_path / "out.mcap", "--scheduler", "tcp://h:1"), "for many logs"),
+        ((logs, "-o", tmp_path / "out", "-j", 0), "'-j'"),
+    ):
+        status, _, err = sinstool("process", *arguments)
+        assert status == 2 and said in err, err
+    (tmp_path / "file").write_text("x")
+    status, _, err = sinstool("process", logs, "-o", tmp_path / "file")
+    assert status == 1 and err.startswith("sinstool: ") and "file" in err
+    status, _, err = sinstool("process", a, tmp_path / "none.mcap", "-o", tmp_path / "out")
+    assert status == 1 and "there is no such file" in err
+    assert not (tmp_path / "out").exists()
+
+
+def test_compare_coning(sinstool, logs, tmp_path):
+    tables = tmp_path / "tables"
+    chosen = ("--algorithms", "previous-3,optimal-2", "--decimate", "1", "-j", 2)
+    status, told, err = sinstool("compare-coning", logs, "--csv", tables, *chosen)
+    assert status == 1
+    assert files(tables) == [
+        "a/run/algorithms.csv", "a/run/pairs.csv",
+        "b/run/algorithms.csv", "b/run/pairs.csv", "summary.csv",
+    ]  # fmt: skip
+    assert re.search(r"^optimal-2 +2 ", told, re.MULTILINE)
+    assert "3 logs: 2 done, 1 failed" in told
+    # warnings of several logs are told once
+    assert err.count("no --stopband is given") == 1
+    status, told, _ = sinstool("compare-coning", logs, *chosen, "--json")
+    found = rows(told)
+    assert [row["status"] for row in found] == ["done", "failed", "done"]
+    _, single, _ = sinstool("compare-coning", logs / "a" / "run.mcap", *chosen[:4], "--json")
+    expected = json.loads(single)
+    drifts = [[alg["drift_dph"] for alg in one["algs"]] for one in (found[0], expected)]
+    assert drifts[0] == drifts[1]
+    lines = (tables / "summary.csv").read_text().splitlines()
+    assert len(lines) == 1 + 2 + 1 + 2
+    assert float(lines[1].split(",")[-1]) == pytest.approx(drifts[0][0]["slope_rms"], rel=1e-12)
+
+
+def test_calibrate_hse_is_the_same_by_two(sinstool, tmp_path):
+    chosen = ("--config", HSE / "rig-a.toml", "-q")
+    made = []
+    for name, inputs in {
+        "one": (*sorted(HSE.glob("a-*.mcap")), "-j", 1),
+        "two": (HSE / "a-*.mcap", "-j", 2),
+    }.items():
+        path = tmp_path / f"{name}.json"
+        assert sinstool("calibrate-hse", *inputs, "-o", path, *chosen)[0] == 0
+        made.append({k: v for k, v in json.loads(path.read_text()).items() if k != "created"})
+    assert made[0] == made[1]
+
+
+def test_monte_carlo(sinstool, tmp_path):
+    scenario = ("simulate", "static", "--duration", 2, "--grade", "mems", "--seed", 7)
+    assert sinstool(*scenario, "-o", tmp_path / "two", "--monte-carlo", 3, "-j", 2)[0] == 0
+    status, told, _ = sinstool(*scenario, "-o", tmp_path / "one", "--monte-carlo", 3, "-j", 1,
+                               "--json")  # fmt: skip
+    assert status == 0
+    names = ["static-0007.mcap", "static-0008.mcap", "static-0009.mcap"]
+    assert [(row["seed"], row["status"]) for row in rows(told)] == [
+        (7, "done"),
+        (8, "done"),
+        (9, "done"),
+    ]
+    assert files(tmp_path / "one") == files(tmp_path / "two") == names
+    made = [(tmp_path / "one" / name).read_bytes() for name in names]
+    assert made == [(tmp_path / "two" / name).read_bytes() for name in names]
+    assert len(set(made)) == 3
+    # each is what its seed alone makes
+    alone = tmp_path / "alone.mcap"
+    assert sinstool(*scenario[:-1], 8, "-o", alone)[0] == 0
+    assert alone.read_bytes() == made[1]
+    # and is not replaced by itself
+    status, told, err = sinstool(*scenario, "-o", tmp_path / "one", "--monte-carlo", 4, "-j", 1)
+    assert status == 1 and err.count("exists already") == 3
+    assert [line.split()[0] for line in told.splitlines()[1:5]] == ["failed"] * 3 + ["done"]
+    status, _, err = sinstool(*scenario, "-o", alone, "-j", 2)
+    assert status == 2 and "--monte-carlo" in err
+
+
+def test_the_base_needs_neither_dask_nor_plotly():
+    needed = [r for r in metadata.requires("sinstool") if "extra ==" not in r]
+    assert needed
+    assert not [r for r in needed if re.match(r"(dask|distributed|plotly|matplotlib)\b", r)]
+    extras = [r for r in metadata.requires("sinstool") if "cluster" in r]
+    assert any(r.startswith("distributed") for r in extras)
+
+
+# -- ended ------------------------------------------------------------------------------------
+
+
+@pytest.fixture(scope="module")
+def large(tmp_path_factory):
+    """Logs that take a while."""
+    from sinstool.simulation.coning import classical_coning
+    from sinstool.simulation.truth import sample_times
+    from sinstool.writers.simulated import motion_topics, write_simulated
+
+    folder = tmp_path_factory.mktemp("large")
+    for number in range(4):
+        truth = classical_coning(sample_times(1000.0, 50.0 + number, 10**18), 0.3, 3.0)
+        write_simulated(folder / f"{number}.mcap", motion_topics(truth, "rate", "flu"), {})
+    return folder
+
+
+def writers(folder):
+    """Processes that have an unfinished file of a folder open."""
+    found = {}
+    for process in Path("/proc").glob("[0-9]*"):
+        with contextlib.suppress(OSError):
+            for handle in (process / "fd").iterdir():
+                with contextlib.suppress(OSError):
+                    if os.readlink(handle).startswith(f"{folder}/."):
+                        found[int(process.name)] = os.readlink(handle)
+    return found
+
+
+def begun(large, out):
+    """A run on two workers, both in the middle of writing."""
+    run = subprocess.Popen(
+        [*PROGRAM, "process", large, "-o", out, "-j", "2", "--json"],
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+    )
+    until = time.monotonic() + 120.0
+    while time.monotonic() < until and run.poll() is None:
+        if any(p.name.startswith(".") for p in out.iterdir()) and (found := writers(out)):
+            return run, found
+    raise AssertionError(run.communicate())
+
+
+needs_proc = pytest.mark.skipif(not Path("/proc/self/fd").is_dir(), reason="looks into /proc")
+
+
+@pytest.fixture(scope="module")
+def expected(large, tmp_path_factory):
+    out = tmp_path_factory.mktemp("expected")
+    subprocess.run([*PROGRAM, "process", large, "-o", out, "-j", "2", "-q"], check=True)
+    return {p.name: p.read_bytes() for p in out.iterdir()}
+
+
+@needs_proc
+def test_a_worker_is_killed(large, expected, tmp_path):
+    run, found = begun(large, tmp_path)
+    os.kill(next(iter(found)), signal.SIGKILL)
+    stdout, stderr = run.communicate(timeout=300)
+    assert run.returncode == 0, stderr
+    assert [row["status"] for row in rows(stdout)] == ["done"] * 4
+    assert {p.name: p.read_bytes() for p in tmp_path.iterdir()} == expected
+
+
+@needs_proc
+def test_ctrl_c(large, expected, tmp_path):
+    run, found = begun(large, tmp_path)
+    run.send_signal(signal.SIGINT)
+    _, stderr = run.communicate(timeout=60)
+    assert run.returncode == 130, stderr
+    said = re.findall(r"sinstool: interrupted; (\d) of 4 are done, and whole\n", stderr)
+    assert len(said) == 1 and "Traceback" not in stderr
+    assert not any(Path(f"/proc/{pid}").exists() for pid in found)
+    # whole files only, and a rerun makes the others
+    done = {p.name: p.read_bytes() for p in tmp_path.iterdir()}
+    assert len(done) >= int(said[0])
+    assert all(expected[name] == content for name, content in done.items())
+    again = subprocess.run(
+        [*PROGRAM, "process", large, "-o", tmp_path, "-j", "2", "--json"],
+        capture_output=True,
+        text=True,
+        check=True,
+    )
+    told = {Path(row["output"]["path"]).name: row["status"] for row in rows(again.stdout)}
+    assert told == {name: "complete" if name in done else "done" for name in expected}
+    assert {p.name: p.read_bytes() for p in tmp_path.iterdir()} == expected
+
+
+@needs_proc
+def test_workers_do_not_outlive_a_killed_run(large, expected, tmp_path):
+    run, _ = begun(large, tmp_path)
+    run.kill()
+    run.communicate(timeout=60)
+    until = time.monotonic() + 30.0
+    while writers(tmp_path) and time.monotonic() < until:
+        time.sleep(0.02)
+    assert not writers(tmp_path)
+    assert all(not p.name.startswith(".") for p in tmp_path.iterdir())
