@@ -83,7 +83,7 @@ def compare_many(given: Sequence[Path], options: dict[str, Any]) -> int:
         if options["as_json"]:
             print_line(row_of(outcome, paths[number]))
 
-    outcomes = carry_out(jobs, workers, quiet, options["verbose"], tell)
+    outcomes = carry_out(jobs, workers, quiet, options["verbose"] > 1, tell)
     rows = [row_of(outcome, path) for outcome, path in zip(outcomes, paths, strict=True)]
     names = [str(log.path) for log in logs]
     warn_together([(n, row.get("warnings", ())) for n, row in zip(names, rows, strict=True)])

@@ -37,7 +37,7 @@ def process_many(
     scheduler: str | None,
     as_json: bool,
     quiet: bool,
-    verbose: bool,
+    verbose: int,
 ) -> int:
     """Process logs, each to an output of its own.
 
@@ -51,7 +51,9 @@ def process_many(
         ``output.report`` is a folder too.
     jobs, scheduler : optional
         Who works.
-    as_json, quiet, verbose : bool
+    as_json, quiet : bool
+    verbose : int
+        How often it was asked for: twice for tracebacks.
 
     Returns
     -------
@@ -85,7 +87,7 @@ def process_many(
         if as_json:
             print_line(row_of(outcome, paths[number], outputs[number]))
 
-    outcomes = carry_out(tasks, workers, quiet, verbose, tell)
+    outcomes = carry_out(tasks, workers, quiet, verbose > 1, tell)
     rows = [row_of(o, p, q) for o, p, q in zip(outcomes, paths, outputs, strict=True)]
     names = [str(log.path) for log in logs]
     warn_together([(name, row.get("warnings", ())) for name, row in zip(names, rows, strict=True)])

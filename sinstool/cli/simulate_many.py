@@ -115,7 +115,7 @@ def _many(
         if told["as_json"]:
             print_line(_row(outcome, seeds[number], outputs[number]))
 
-    outcomes = carry_out(tasks, workers, False, told["verbose"], tell)
+    outcomes = carry_out(tasks, workers, False, told["verbose"] > 1, tell)
     rows = [_row(*ended) for ended in zip(outcomes, seeds, outputs, strict=True)]
     if not told["as_json"]:
         cells = [

@@ -1,0 +1,128 @@
+"""Many logs through `sinstool process`: one worker, two, and two of a Dask cluster.
+
+    python benchmarks/many_logs.py
+
+simulates 40 drives of ten minutes at 400 Hz with GNSS (or fewer: ``--logs``, ``--seconds``) into a
+temporary folder, processes them as a user would, with ``-j 1``, ``-j 2`` and ``--scheduler``, and
+prints the wall times from the start of the command to its end, their ratios, and whether all
+outputs are the same bytes. Outputs of a run are removed before the next one begins, so that disks
+have the same to do; ``--mode attitude`` is a shorter way through the same logs. Two workers should
+take 1/1.8 of the time of one, or less, where there are two idle cores.
+"""
+
+from __future__ import annotations
+
+import argparse
+import hashlib
+import os
+import signal
+import socket
+import subprocess
+import sys
+import tempfile
+import time
+from collections.abc import Iterator
+from contextlib import ExitStack, contextmanager
+from pathlib import Path
+
+PROGRAM = [sys.executable, "-c", "from sinstool.cli.main import main; main()"]
+DASK = [sys.executable, "-m", "dask"]
+WANTED = 1.8
+
+
+def simulate(folder: Path, count: int, seconds: float) -> None:
+    """The logs, each with sensor errors of its own."""
+    told = ["--monte-carlo", str(count), "--duration", str(seconds), "--rate", "400"]
+    command = ["simulate", "drive", "-o", str(folder), "--grade", "mems", "--no-truth", *told]
+    subprocess.run([*PROGRAM, *command], check=True, stdout=subprocess.DEVNULL)
+
+
+@contextmanager
+def started(command: list[str], folder: Path) -> Iterator[None]:
+    """A program that runs meanwhile."""
+    with (folder / "dask.log").open("ab") as log:
+        process = subprocess.Popen(
+            command, stdout=log, stderr=log, cwd=folder, start_new_session=True
+        )
+        try:
+            yield
+        finally:
+            os.killpg(process.pid, signal.SIGKILL)
+            process.wait()
+
+
+@contextmanager
+def cluster(folder: Path, workers: int) -> Iterator[str]:
+    """A scheduler and so many workers, which talk over TCP."""
+    import distributed
+
+    with socket.socket() as probe:
+        probe.bind(("127.0.0.1", 0))
+        port = str(probe.getsockname()[1])
+    address = f"tcp://127.0.0.1:{port}"
+    local = ["--host", "127.0.0.1", "--no-dashboard"]
+    crew = ["--nworkers", str(workers), "--nthreads", "1", "--no-dashboard"]
+    with ExitStack() as stack:
+        stack.enter_context(started([*DASK, "scheduler", *local, "--port", port], folder))
+        stack.enter_context(started([*DASK, "worker", *crew, address], folder))
+        with distributed.Client(address, timeout=60, set_as_default=False) as client:
+            client.wait_for_workers(workers, timeout=120)
+        yield address
+
+
+def timed(logs: Path, out: Path, mode: str, who: list[str]) -> tuple[float, dict[str, str]]:
+    """Wall time of the command, and the hashes of what it wrote."""
+    command = [*PROGRAM, "process", str(logs), "-o", str(out), "-q", "--mode", mode, *who]
+    os.sync()
+    begin = time.perf_counter()
+    done = subprocess.run(command, capture_output=True, text=True)
+    wall = time.perf_counter() - begin
+    if done.returncode != 0:
+        raise SystemExit(f"{' '.join(command)} ended with {done.returncode}\n{done.stderr}")
+    hashes = {}
+    for path in sorted(out.iterdir()):
+        with path.open("rb") as stream:
+            hashes[path.name] = hashlib.file_digest(stream, "sha256").hexdigest()
+        path.unlink()
+    return wall, hashes
+
+
+def main() -> None:
+    """Print the table."""
+    parser = argparse.ArgumentParser(description=__doc__.split("\n\n")[0])
+    parser.add_argument("--logs", type=int, default=40)
+    parser.add_argument("--seconds", type=float, default=600.0, help="length of a log")
+    parser.add_argument("--mode", choices=["auto", "attitude"], default="auto")
+    parser.add_argument("--dir", type=Path, help="instead of the system's temporary folder")
+    options = parser.parse_args()
+    with tempfile.TemporaryDirectory(dir=options.dir) as name, ExitStack() as stack:
+        folder = Path(name)
+        logs = folder / "logs"
+        begin = time.perf_counter()
+        simulate(logs, options.logs, options.seconds)
+        size = sum(p.stat().st_size for p in logs.iterdir())
+        print(
+            f"{options.logs} logs of {options.seconds:g} s at 400 Hz, {size / 1e6:.0f} MB,"
+            f" simulated in {time.perf_counter() - begin:.1f} s; {len(os.sched_getaffinity(0))}"
+            " cores"
+        )
+        # Compiles what is not in numba's cache, and reads the logs into memory, for all alike.
+        timed(logs, folder / "warm", options.mode, ["-j", "2"])
+        runs = {"1 worker": ["-j", "1"], "2 workers": ["-j", "2"]}
+        found = {k: timed(logs, folder / "out", options.mode, who) for k, who in runs.items()}
+        address = stack.enter_context(cluster(folder, 2))
+        dask = ["--scheduler", address]
+        found["2 Dask workers"] = timed(logs, folder / "out", options.mode, dask)
+    alone, expected = found["1 worker"]
+    for what, (wall, hashes) in found.items():
+        same = "the same bytes" if hashes == expected else "OTHER BYTES"
+        print(
+            f"{what:>15}: {wall:7.1f} s, {wall / options.logs:6.2f} s a log,"
+            f" {alone / wall:5.2f} times one worker; {len(hashes)} outputs, {same}"
+        )
+    ratio = alone / found["2 workers"][0]
+    print(f"two workers: {ratio:.2f}, wanted {WANTED}: {'PASS' if ratio >= WANTED else 'short'}")
+
+
+if __name__ == "__main__":
+    main()
