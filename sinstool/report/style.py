@@ -82,7 +82,7 @@ td.number { white-space: nowrap; }
 .settings tbody th, .rows th { color: var(--muted); font-weight: 400; white-space: nowrap; }
 .settings td, .rows td { overflow-wrap: anywhere; }
 .rows th { min-width: 9rem; max-width: 24rem; white-space: normal; overflow-wrap: anywhere; }
-.settings td { min-width: 4.5rem; }
+.settings td { min-width: 5.5rem; }
 .settings .meaning { color: var(--muted); max-width: 34rem; overflow-wrap: break-word; }
 .rows tr:first-child > * { border-top: 1px solid var(--rule); }
 
