@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 from abc import ABC, abstractmethod
 from collections.abc import Collection, Iterable, Iterator
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -197,9 +197,14 @@ class Log(ABC):
         undefined: dict[int, int] = {}
         counts: dict[int, int] = {}
         latest: int | None = None
+        reached = 0
         for batch in self._read(wanted):
             if not len(batch):
                 continue
+            # Behind a record whose length was a lie the walk takes a step back.
+            reached = max(reached, batch.position)
+            if batch.position < reached:
+                batch = replace(batch, position=reached)
             if self.salvage:
                 if self._lost.waiting:
                     self._lost.between(batch.position, latest, int(batch.log_time.min()))

@@ -79,6 +79,7 @@ class McapLog(McapFile):
         self._sound: set[int] = set()
         self.broken: set[int] = set()
         self._defined = 0
+        self._counts_proved = False
         try:
             self._open()
         except BaseException:
@@ -174,6 +175,8 @@ class McapLog(McapFile):
         for channel in channels:
             self._add_channel(channel)
         self.counts = dict(statistics.channel_message_counts)
+        # What a CRC covers was written so; some writers leave the counts out.
+        self._counts_proved = bool(crc and self.counts)
         return True
 
     def _discover(self) -> None:
@@ -372,8 +375,26 @@ class McapLog(McapFile):
                 return place
             return list(self._chunk_batches(place))
 
+        totals: dict[int, int] = {}
         for loaded in ahead(load, needed()):
-            yield from self._chunk_batches(loaded) if isinstance(loaded, ChunkPlace) else loaded
+            for batch in self._chunk_batches(loaded) if isinstance(loaded, ChunkPlace) else loaded:
+                numbers = np.bincount(batch.channel)
+                for channel in np.flatnonzero(numbers).tolist():
+                    totals[channel] = totals.get(channel, 0) + int(numbers[channel])
+                yield batch
+        if self._counts_proved and not self.lost:
+            for channel in self.channels if wanted is None else wanted & self.channels.keys():
+                self._check_count(channel, totals.get(channel, 0))
+
+    def _check_count(self, channel: int, found: int) -> None:
+        """Records whose kind was changed are seen by nothing else than the log's own count."""
+        declared = self.counts.get(channel, 0)
+        if found != declared:
+            what = (
+                f"topic {self.channels[channel].topic} has {found} messages, and"
+                f" {declared} by the log's own count"
+            )
+            self.note_lost(Lost(what, "count"))
 
 
 _COLUMNS = ("channel", "offset", "length", "log_time", "publish_time", "sequence")

@@ -142,7 +142,7 @@ class McapFile(Log):
         while pos < end:
             head = self.read_at(pos, 9)
             op, length = (head[0], record_length(head)) if len(head) == 9 else (0, 0)
-            if op == Opcode.MESSAGE:
+            if op == Opcode.MESSAGE and pos not in self.chunk_starts:
                 stop, last = yield from self._run(pos, end)
                 if stop > pos:
                     pos, doubt = stop, last + 1
@@ -156,7 +156,7 @@ class McapFile(Log):
                 if self._ends_data(pos + 9 + length):
                     return
                 what = "the data end here, but not the file"
-            elif op > Opcode.DATA_END and pos in self.chunk_starts:
+            elif op != Opcode.CHUNK and pos in self.chunk_starts:
                 what = f"the index lists a chunk where there is a record of opcode {op}"
             else:
                 what = ""
@@ -169,9 +169,10 @@ class McapFile(Log):
                     else:
                         doubt = pos + 1
                 else:
-                    # These are small; an attachment may hold anything, even another log.
-                    small = op in (Opcode.SCHEMA, Opcode.CHANNEL, Opcode.MESSAGE_INDEX)
-                    doubt = pos + 1 if small else pos + 9 + length
+                    if op == Opcode.ATTACHMENT:  # which may hold anything, even another log
+                        doubt = pos + 9 + length
+                    elif op <= Opcode.DATA_END:
+                        doubt = pos + 1
                     if op not in _INSIDE_SUMMARY:
                         yield OtherPlace(op, pos, 9 + length)
                 pos += 9 + length
@@ -266,15 +267,25 @@ class McapFile(Log):
     def _chunk_place(self, pos: int, length: int) -> ChunkPlace | None:
         end = pos + 9 + length
         place = self._parse_chunk(pos, end)
-        if place is None:
-            self._damage("a chunk's header cannot be read", pos, "chunk", end)
-            return None
-        if place.data_offset + place.data_length > end:
+        what = "a chunk's header cannot be read"
+        if place is not None:
+            if place.data_offset + place.data_length <= end:
+                return place
             what = f"a chunk declares {place.data_length} bytes of data, more than it has"
-            if not self.salvage:
-                self._damage(what, pos)
+        if not self.salvage:
+            raise DamagedLogError(self.path, what, SALVAGE_HINT, pos)
+        if place is not None and place.compression in ("", "lz4", "zstd"):
             return replace(place, data_length=end - place.data_offset, problem=what)
-        return place
+        # Its compression cannot be read: the data tell, or else are records as they are.
+        head = self.read_at(pos, min(512, end - pos))
+        if len(head) < 37:
+            self.note_lost(Lost(what, "chunk", pos, end))
+            return None
+        start, stop, size, crc = struct.unpack_from("<QQQI", head, 9)
+        at = packed_at(head)
+        name = compression_of(head[at:]) if at >= 0 else ""
+        data = pos + at if at >= 0 else pos + 37
+        return ChunkPlace(pos, 9 + length, start, stop, size, crc, name, data, end - data, what)
 
 
 def record_length(head: bytes) -> int:
