@@ -26,9 +26,9 @@ figure is uncertain by 10 %.
 from __future__ import annotations
 
 import argparse
-import multiprocessing
 import os
 import time
+from collections.abc import Callable
 from dataclasses import dataclass, fields, replace
 from functools import cache
 
@@ -40,6 +40,7 @@ import numpy as np
 from sinstool import rotation
 from sinstool.alignment import inflight
 from sinstool.alignment.accumulation import accumulate
+from sinstool.campaign.jobs import Job, Workers, results
 from sinstool.simulation.gnss import MODELS, Receiver, gnss_samples, true_moments
 from sinstool.simulation.interpolation import Moments
 from sinstool.simulation.launch import launch, launch_profile
@@ -227,8 +228,9 @@ def settings_of(form: str, task: Task, span_s: int) -> inflight.AlignmentSetting
     )
 
 
-def work(task: Task) -> dict[tuple[str, int], Outcome]:
+def work(task: Task, progress: Callable[[float], None]) -> dict[tuple[str, int], Outcome]:
     """All alignments of one run."""
+    del progress
     part, antenna = flight(START_S + max(task.spans_s), task.dynamics, task.pitch_step)
     grade = task.grade
     if task.constant:
@@ -470,16 +472,17 @@ def main() -> None:
     parser.add_argument("tables", nargs="*", choices=[[], *TABLES], help="all by default")
     parser.add_argument("--runs", type=int, default=50)
     parser.add_argument("--processes", type=int, default=2)
+    parser.add_argument("--scheduler", help="workers of this Dask cluster instead")
     options = parser.parse_args()
     begin = time.perf_counter()
     marks = Marks()
-    with multiprocessing.Pool(options.processes) as pool:
+    workers = Workers(options.processes, options.scheduler)
 
-        def run(tasks: list[Task]) -> list[dict[tuple[str, int], Outcome]]:
-            return list(pool.imap(work, tasks))
+    def run(tasks: list[Task]) -> list[dict[tuple[str, int], Outcome]]:
+        return results([Job(f"run {t.seed}", work, (t,)) for t in tasks], workers)
 
-        for name in options.tables or TABLES:
-            TABLES[name](run, options.runs, marks)
+    for name in options.tables or TABLES:
+        TABLES[name](run, options.runs, marks)
     print(
         f"\n{marks.passed} figures within {FACTOR} of what was expected, {len(marks.short)} short;"
         f" {time.perf_counter() - begin:.0f} s"

@@ -9,12 +9,14 @@ import click
 
 from sinstool.cli.choice import Choice
 from sinstool.cli.console import print_json, progress_bar, table, warn
+from sinstool.cli.many import EXIT_HELP, workers_options
 from sinstool.cli.options import config_options, effective_config, print_config
 from sinstool.cli.verbose import verbose_option
 
 
-@click.command("align")
-@click.argument("log", type=click.Path(path_type=Path), required=False)
+@click.command("align", epilog=EXIT_HELP)
+@click.argument("logs", nargs=-1, type=click.Path(path_type=Path), metavar="LOG...")
+@workers_options("one for each core")
 @config_options("input", "align", "gnss", "in_flight")
 @click.option(
     "--method",
@@ -33,11 +35,15 @@ from sinstool.cli.verbose import verbose_option
 @click.option("--overwrite", "output__overwrite", is_flag=True, default=None,
               help="replace existing outputs")  # fmt: skip
 @click.option("--print-config", "show", is_flag=True, help="print the configuration and stop")
-@click.option("--json", "as_json", is_flag=True, help="one JSON object on stdout")
+@click.option(
+    "--json", "as_json", is_flag=True, help="one JSON object on stdout, or one line for each log"
+)
 @click.option("-q", "--quiet", is_flag=True, help="no progress and no summary")
 @verbose_option()
 def command(
-    log: Path | None,
+    logs: tuple[Path, ...],
+    jobs: int | None,
+    scheduler: str | None,
     config_file: Path | None,
     method: str | None,
     series: Path | None,
@@ -46,7 +52,7 @@ def command(
     show: bool,
     as_json: bool,
     quiet: bool,
-    verbose: bool,
+    verbose: int,
     **given: Any,
 ) -> int:
     """Attitude of the vehicle of LOG with its covariance, or why it cannot be seen.
@@ -54,6 +60,9 @@ def command(
     \b
     In motion (svd, quest, davenport, triad) GNSS position and velocity are needed, at rest
     (gyrocompass, level) a log that begins still. Exits with 3 where heading is withheld.
+
+    Many LOGs, a folder of them or a pattern in quotes: a row for each, and with --truth the root
+    mean square of the errors, as of a Monte Carlo that `simulate --monte-carlo` made.
 
     \b
     Example:
@@ -69,8 +78,19 @@ def command(
             config, "calibration", "coning", "vertical", "filter", "hse", "output", "navigation"
         )
         return 0
-    if log is None:
+    if not logs:
         raise click.UsageError("give a LOG to align")
+    from sinstool.campaign.inputs import are_many
+
+    if are_many(logs):
+        if series is not None or report is not None:
+            raise click.UsageError("--series and --report are about one log")
+        from sinstool.cli.align_many import align_many
+
+        return align_many(logs, config, truth, jobs, scheduler, as_json, quiet, verbose)
+    if scheduler is not None:
+        raise click.UsageError("--scheduler is for many logs")
+    log = logs[0]
     from sinstool.align_log import align_log
     from sinstool.writers.whole import check_output, together
 
@@ -96,7 +116,7 @@ def command(
     if as_json:
         print_json(told)
     elif not quiet:
-        _print(told, verbose)
+        _print(told, verbose > 0)
     return 0 if told["status"] in ("ok", "degraded") else 3
 
 

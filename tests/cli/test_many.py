@@ -360,3 +360,24 @@ def test_workers_do_not_outlive_a_killed_run(large, expected, tmp_path):
         time.sleep(0.02)
     assert not writers(tmp_path)
     assert all(not p.name.startswith(".") for p in tmp_path.iterdir())
+
+
+def test_align_over_realisations(sinstool, tmp_path):
+    """With errors as large as the accelerometers' biases make them, and the answers of one log."""
+    made = ("--monte-carlo", 3, "-j", 1, "--grade", "tactical", "--duration", 40)
+    assert sinstool("simulate", "static", "-o", tmp_path / "mc", *made)[0] == 0
+    chosen = ("--method", "level", "--truth", "/truth/imu", "--json")
+    status, told, _ = sinstool("align", tmp_path / "mc", *chosen, "-j", 2)
+    assert status == 3  # tilt shows no heading
+    found = rows(told)
+    for row in found:
+        alone, single, _ = sinstool("align", row["input"], *chosen)
+        assert row["exit"] == alone
+        assert {k: v for k, v in row.items() if k != "exit"} == json.loads(single)
+    errors = [row["truth"]["error_deg"][:2] for row in found]
+    assert len({tuple(error) for error in errors}) == 3
+    status, told, _ = sinstool("align", tmp_path / "mc", *chosen[:-1], "-j", 1)
+    north, east = ((sum(error[k] ** 2 for error in errors) / 3) ** 0.5 for k in (0, 1))
+    assert f"rms error (logs): north {north:.4f} (3), east {east:.4f} (3)" in told
+    status, _, err = sinstool("align", tmp_path / "mc", "--report", tmp_path / "page.html")
+    assert status == 2 and "one log" in err

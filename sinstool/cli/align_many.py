@@ -1,0 +1,138 @@
+"""`sinstool align` on many logs: each answer, and with a truth how wrong they are over all."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from math import sqrt
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import click
+
+from sinstool.campaign.inputs import find_logs
+from sinstool.campaign.jobs import Job, Outcome
+from sinstool.cli.many import (
+    carry_out,
+    columns,
+    exit_status,
+    print_line,
+    row_of,
+    tally,
+    warn_together,
+    workers_of,
+)
+from sinstool.readers.log import path_size
+
+if TYPE_CHECKING:
+    from sinstool.config import ProcessConfig
+
+MODULES = ("sinstool.align_log", "sinstool.readers.mcap")
+ANSWERED = ("ok", "degraded")
+AXES = ("north", "east", "down")
+
+
+def align_many(
+    given: Sequence[Path],
+    config: ProcessConfig,
+    truth: str | None,
+    jobs: int | None,
+    scheduler: str | None,
+    as_json: bool,
+    quiet: bool,
+    verbose: int,
+) -> int:
+    """Align on every log.
+
+    Parameters
+    ----------
+    given : sequence of Path
+        Files, folders, patterns.
+    config : ProcessConfig
+    truth : str or None
+        A topic of the logs, or a file.
+    jobs, scheduler : optional
+        Who works.
+    as_json, quiet : bool
+    verbose : int
+
+    Returns
+    -------
+    int
+        Exit status.
+    """
+    logs = find_logs(given)
+    paths = [log.path.absolute() for log in logs]
+    reads = list(paths)
+    if truth is not None and Path(truth).is_file():
+        truth = str(Path(truth).absolute())
+        reads.append(Path(truth))
+    workers = workers_of(jobs, scheduler, MODULES, reads, len(logs))
+    tasks = [
+        Job(str(log.path), align_one, (path, config, truth), path_size(path))
+        for log, path in zip(logs, paths, strict=True)
+    ]
+
+    def tell(number: int, outcome: Outcome) -> None:
+        if as_json:
+            print_line(_row(outcome, paths[number]))
+
+    outcomes = carry_out(tasks, workers, quiet, verbose > 1, tell)
+    rows = [_row(outcome, path) for outcome, path in zip(outcomes, paths, strict=True)]
+    names = [str(log.path) for log in logs]
+    warn_together([(name, row.get("warnings", ())) for name, row in zip(names, rows, strict=True)])
+    if not as_json and not quiet:
+        header = ("status", "log", "method", "roll", "pitch", "heading", *AXES)
+        columns(header, [(r["status"], n, *_cells(r)) for n, r in zip(names, rows, strict=True)])
+        what = "errors about" if truth is not None else "sigmas about"
+        click.echo(f"degrees; {what} north, east and down")
+        for line in _errors(rows):
+            click.echo(line)
+    if not quiet:
+        click.echo(tally(rows), err=as_json)
+    return exit_status(rows)
+
+
+def align_one(path: Path, config: ProcessConfig, truth: str | None, progress: Any) -> Any:
+    """One of many: the values of ``--json`` with ``exit``.
+
+    Raises
+    ------
+    SinstoolError
+    """
+    from sinstool.align_log import align_log
+
+    told = align_log(path, config, progress, truth).summary
+    return {**told, "exit": 0 if told["status"] in ANSWERED else 3}
+
+
+def _row(outcome: Outcome, path: Path) -> dict[str, Any]:
+    row = row_of(outcome, path)
+    return {**row, "input": str(path)}
+
+
+def _cells(row: dict[str, Any]) -> tuple[str, ...]:
+    if "euler_deg" not in row:
+        return ("-",) * 7
+    euler = row["euler_deg"] or {}
+    shown = row["truth"]["error_deg"] if row.get("truth") else row["sigma_deg"]
+    angles = [euler.get(name) for name in ("roll", "pitch", "heading")]
+    about = [_number(v, 4) for v in shown or (None,) * 3]
+    return (row["method"] or "-", *(_number(v, 3) for v in angles), *about)
+
+
+def _number(value: float | None, digits: int) -> str:
+    return "-" if value is None else f"{value:.{digits}f}"
+
+
+def _errors(rows: Sequence[dict[str, Any]]) -> list[str]:
+    """Root mean square of the errors over the logs that have one."""
+    found = [row["truth"]["error_deg"] for row in rows if (row.get("truth") or {}).get("error_deg")]
+    if not found:
+        return []
+    parts = []
+    for k, axis in enumerate(AXES):
+        values = [error[k] for error in found if error[k] is not None]
+        if values:
+            rms = sqrt(sum(v * v for v in values) / len(values))
+            parts.append(f"{axis} {rms:.4f} ({len(values)})")
+    return [f"rms error (logs): {', '.join(parts)}"]
