@@ -381,3 +381,27 @@ def test_align_over_realisations(sinstool, tmp_path):
     assert f"rms error (logs): north {north:.4f} (3), east {east:.4f} (3)" in told
     status, _, err = sinstool("align", tmp_path / "mc", "--report", tmp_path / "page.html")
     assert status == 2 and "one log" in err
+
+
+def test_bars_are_for_a_terminal(logs, tmp_path):
+    """On stderr, where it is one; lines of JSON stay on stdout."""
+    pty = pytest.importorskip("pty")
+    ours, theirs = pty.openpty()
+    arguments = ["process", logs / "*" / "run.mcap", "-o", tmp_path / "out", "--json", "-j", "1"]
+    run = subprocess.Popen(
+        [*PROGRAM, *arguments],
+        stdout=subprocess.PIPE,
+        stderr=theirs,
+        env={**os.environ, "TERM": "xterm", "COLUMNS": "100"},
+    )
+    os.close(theirs)
+    shown = b""
+    with contextlib.suppress(OSError):  # Linux's way of saying that the other end is closed
+        while part := os.read(ours, 65536):
+            shown += part
+    stdout, _ = run.communicate(timeout=120)
+    os.close(ours)
+    assert [row["status"] for row in rows(stdout.decode())] == ["done", "done"]
+    text = shown.decode()
+    assert "0 of 2" in text and "2 of 2" in text and "kB" in text
+    assert '{"input"' not in text
