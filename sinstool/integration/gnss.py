@@ -39,6 +39,7 @@ from sinstool.integration.layout import (
     N_OPEN,
     N_RATE,
     N_REJECTED,
+    N_REJECTED_VELOCITIES,
     N_USED_AT,
     P_ADAPTIVE,
     P_CLOSED,
@@ -146,9 +147,13 @@ def gnss_epoch(
         return
     if par[P_CLOSED] == 0.0 and number[N_FAR] == 0.0:
         _warn_if_far(m, events, count)
+    # Receivers give positions and velocities apart from each other: either may be rejected alone
+    streak = N_REJECTED if row_of(m, 0) < 3 else N_REJECTED_VELOCITIES
     if nis > par[P_GATES + rows]:
-        number[N_REJECTED] += 1.0
-        if par[P_RESTART_AFTER] == 0.0 or number[N_REJECTED] < par[P_RESTART_AFTER]:
+        number[streak] += 1.0
+        for k in range(rows):
+            m.rejected[row_of(m, k)] = m.nu[k]
+        if par[P_RESTART_AFTER] == 0.0 or number[streak] < par[P_RESTART_AFTER]:
             diagnosis[D_GATED] = 1.0
             number[N_EPOCHS_GATED] += 1.0
             record(events, count, E_GATED, number[N_NOW], nis)
@@ -159,12 +164,12 @@ def gnss_epoch(
         rows = _compare(m, model, fix, back, moved, diagnosis)
         for i in range(6):
             # so far off, at least, is the navigation
-            if diagnosis[D_INNOVATION + i] == diagnosis[D_INNOVATION + i]:
-                off = diagnosis[D_INNOVATION + i] ** 2
-                m.p[i, i] = max(m.p[i, i], off)
+            m.p[i, i] = max(m.p[i, i], m.rejected[i] ** 2)
         project(m, rows)
         _spread(m, rows, diagnosis)
-    number[N_REJECTED] = 0.0
+    number[streak] = 0.0
+    for k in range(rows):
+        m.rejected[row_of(m, k)] = 0.0
     if apply_measurement(m, rows, par[P_EPSILON]):
         diagnosis[D_USED] = 1.0
         number[N_EPOCHS_USED] += 1.0

@@ -7,7 +7,7 @@ network, and a row is stored for a smoother.
 
 from __future__ import annotations
 
-from math import cos, pi
+from math import cos, pi, sqrt
 
 import numba
 import numpy as np
@@ -28,9 +28,11 @@ from sinstool.integration.layout import (
     N_NOW,
     N_OPEN,
     N_REJECTED,
+    N_REJECTED_VELOCITIES,
     N_RESTARTS,
     N_STEP,
     N_STEP_SET,
+    N_TURN,
     N_UPDATES,
     N_VELOCITY,
     N_WINDOW,
@@ -39,6 +41,7 @@ from sinstool.integration.layout import (
     P_GAP_ACCELERATION,
     P_GAP_RATE,
     P_NETWORK,
+    P_TURN,
     ROWS,
     Memory,
     Model,
@@ -117,6 +120,10 @@ def close_substep(m: Memory, model: Model, keep: bool) -> None:
             propagate_product(model.where, m.phi, m.decay, m.product, m.half)
         if counted:
             _white_of_many(m, model)
+        if model.parameters[P_TURN] > 0.0:
+            turned = sqrt(number[N_TURN] ** 2 + number[N_TURN + 1] ** 2 + number[N_TURN + 2] ** 2)
+            for i in range(3):
+                m.p[ATTITUDE + i, ATTITUDE + i] += model.parameters[P_TURN] * turned
         if number[N_GAP] > 0.0:
             # A force and a turn that last for GAP_TIME at a time
             for i in range(3):
@@ -154,6 +161,7 @@ def begin_substep(m: Memory) -> None:
         number[N_VELOCITY + i] = m.nav[V_NORTH + i]
         number[N_GAIN + i] = 0.0
         number[N_KNOWN + i] = 0.0
+        number[N_TURN + i] = 0.0
         for j in range(3):
             m.mean_c[i, j] = 0.0
             m.mean_cf[i, j] = 0.0
@@ -288,6 +296,7 @@ def begin_anew(m: Memory, model: Model) -> None:
         m.latest[i] = np.nan
     m.numbers[N_WINDOW] = 0.0
     m.numbers[N_REJECTED] = 0.0
+    m.numbers[N_REJECTED_VELOCITIES] = 0.0
     m.numbers[N_RESTARTS] += 1.0
     m.numbers[N_BEGUN] = 1.0
 

@@ -38,7 +38,7 @@ N_SAMPLE = 20  # 1 where a baro sample came with this update; its difference, m,
 N_SAMPLE_DIFFERENCE = 21
 N_SAMPLE_AGE = 22
 N_SAMPLE_STAMP = 23
-N_REJECTED = 24  # epochs rejected one after the other
+N_REJECTED = 24  # epochs with a position rejected one after the other
 N_USED_AT = 25  # time of the latest epoch used
 N_BEGUN = 26  # 1 if the filter began anew since the latest stored row
 N_GAP = 27  # 1 within an IMU gap
@@ -58,7 +58,9 @@ N_JUMP_AT = 44  # time of the barometer's latest jump
 N_DISTRUST = 45  # until when samples of the barometer are turned down
 N_INSTANT_AT = 46  # time of the latest instant
 N_FAR_SHARE = 47  # of the latest GNSS epochs, too far off for the noise given
-NUMBERS = 48
+N_TURN = 48  # rotation within the substep, body axes, three
+N_REJECTED_VELOCITIES = 51  # epochs with velocity only rejected one after the other
+NUMBERS = 52
 
 # --- parameters ---------------------------------------------------------------------------
 P_SUBSTEP = 0
@@ -88,7 +90,8 @@ P_GNSS_MARKOV = 30  # variances that have states of their own, six
 P_GNSS_ALL = 36  # variances without those states, six
 P_GATES = 42  # by number of rows, 0 to 6
 P_CHANNEL_GATE = 49  # of the vertical channel at rest, m
-PARAMETERS = 50
+P_TURN = 50  # variance of attitude per angle turned, rad
+PARAMETERS = 51
 
 # --- a row of diagnostics -----------------------------------------------------------------
 D_INNOVATION = 0
@@ -137,6 +140,7 @@ class Memory(NamedTuple):
     changes: FloatArray  # (N or 0, 6) of innovations over their sigma, squared and halved
     changes_seen: FloatArray  # (6,)
     latest: FloatArray  # (6,) innovations over their sigma; NaN where there was none
+    rejected: FloatArray  # (6,) innovations of epochs rejected since the row was used last, or 0
     rates: FloatArray  # (m, n) F of the moving states
     phi: FloatArray  # (m, n)
     half: FloatArray  # (m, n)
@@ -223,6 +227,7 @@ def new_memory(
         changes=np.zeros((changes, ROWS)),
         changes_seen=np.zeros(ROWS),
         latest=np.full(ROWS, np.nan),
+        rejected=np.zeros(ROWS),
         rates=np.zeros((moving, n)),
         phi=np.zeros((moving, n)),
         half=np.zeros((moving, n)),

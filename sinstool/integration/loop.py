@@ -52,6 +52,7 @@ from sinstool.integration.layout import (
     N_SAMPLE_DIFFERENCE,
     N_SAMPLE_STAMP,
     N_STARTED,
+    N_TURN,
     N_UPDATES,
     N_USED_AT,
     O_CORRECTION,
@@ -236,6 +237,9 @@ def run(
             c20 = 2.0 * (x * z - w * y)
             c21 = 2.0 * (y * z + w * x)
             c22 = w * w - x * x - y * y + z * z
+            number[N_TURN] += px
+            number[N_TURN + 1] += py
+            number[N_TURN + 2] += pz
             mc = m.mean_c
             mf = m.mean_cf
             mc[0, 0] += d * c00

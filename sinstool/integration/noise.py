@@ -61,6 +61,10 @@ class ImuNoise:
         moves, over times shorter than this one, as the wandering part does.
     accel_scale : float
         Standard deviation of scale factors, as a fraction.
+    gyro_scale : float
+        Standard deviation of scale factors and misalignments, as a fraction. They have no states:
+        attitude gets less certain with each angle turned, by this fraction of a right angle
+        in a turn by one.
     """
 
     angle_random_walk: float
@@ -71,6 +75,7 @@ class ImuNoise:
     accel_instability: float = 0.0
     instability_time: float = 100.0
     accel_scale: float = 0.0
+    gyro_scale: float = 0.0
 
     def __post_init__(self) -> None:
         not_negative("noise of the IMU", **vars(self))
@@ -83,7 +88,8 @@ class ImuNoise:
 # Tactical and navigation grade: data sheets; biases after warming up. MEMS: a consumer's, in a
 # vehicle that shakes it. Its random walks are ten times and more those of a data sheet, for they
 # stand in for vibration, sampling and scale factors too: with the data sheet's a filter is too sure
-# of itself after seconds without fixes, and gates the first ones that come. Gyro biases of such
+# of itself after seconds without fixes, and gates the first ones that come. Scale factors and
+# cross-axis sensitivity of their gyros are 0.5 to 2 % on data sheets. Gyro biases of such
 # sensors were seen to move by 100 deg/h from one stop of a car to one minutes later.
 IMU_GRADES: dict[str, ImuNoise] = {
     "mems": ImuNoise(
@@ -95,6 +101,7 @@ IMU_GRADES: dict[str, ImuNoise] = {
         1.0 * _MG,
         100.0,
         3e-3,
+        5e-3,
     ),
     "tactical": ImuNoise(
         0.05 * _DEG_PER_ROOT_H,

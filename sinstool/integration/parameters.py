@@ -27,6 +27,7 @@ FloatArray = NDArray[np.float64]
 
 _ADAPTIVE = {"off": 0.0, "sage-husa": 1.0, "innovation": 2.0}
 CHANNEL_GATE = 8.0  # m, of the vertical channel
+TURN = np.pi / 2.0  # rad: after such a turn, gyro scale errors have done what their sigma says
 
 
 def initial_covariance(kind: FilterKind, start: Start, settings: Settings) -> FloatArray:
@@ -138,6 +139,7 @@ def loop_parameters(kind: FilterKind, settings: Settings) -> FloatArray:
     p[layout.P_GAP_ACCELERATION] = settings.gap_acceleration
     p[layout.P_GAP_RATE] = settings.gap_rate
     p[layout.P_BARO_GATE] = settings.baro_gate
+    p[layout.P_TURN] = settings.imu.gyro_scale**2 * TURN
     white = np.square([*gnss.position_white, *gnss.velocity_white])
     slow = np.square([*gnss.position_markov, *gnss.velocity_markov])
     p[layout.P_GNSS_WHITE : layout.P_GNSS_WHITE + 6] = white

@@ -335,6 +335,50 @@ def test_gate_and_restart():
     assert locked.summary.epochs_gated == (after > 100.0).sum()
 
 
+@pytest.mark.parametrize("wrong", ["both", "position"])
+def test_restart_where_positions_and_velocities_are_epochs_of_their_own(wrong):
+    flown = Flown()
+    fixes = flown.gnss
+    seconds = (fixes.time_ns - flown.flight.time_ns[0]) * 1e-9
+    nothing = np.full_like(fixes.latitude, np.nan)
+    order = np.argsort(np.concatenate([fixes.time_ns, fixes.time_ns + 1]))
+
+    def both(position, velocity):
+        return np.concatenate([position, velocity])[order]
+
+    stamps = both(fixes.time_ns, fixes.time_ns + 100_000_000)
+    apart = replace(
+        fixes,
+        time_ns=stamps,
+        log_time_ns=stamps,
+        latitude=both(fixes.latitude, nothing),
+        longitude=both(fixes.longitude, nothing),
+        height=both(fixes.height, nothing),
+        velocity_n=both(np.full((len(fixes), 3), np.nan), fixes.velocity_n),
+        sigma_position_n=np.full((len(stamps), 3), np.nan),
+        sigma_velocity_n=np.full((len(stamps), 3), np.nan),
+    )
+    # In an outage something happens that the noise of the IMU does not explain
+    given = flown.increments
+    t = (given.time_ns - flown.flight.time_ns[0]) * 1e-9
+    kick = np.zeros((len(t), 3))
+    kick[np.searchsorted(t, 100.0)] = (8.0, 0.0, 0.0)
+    if wrong == "position":
+        # and goes by again: positions are off alone
+        kick[np.searchsorted(t, 109.0)] = (-8.0, 0.0, 0.0)
+    run, blocks = flown.run(
+        flown.told(control=DivergenceControl(restart_after=20)),
+        gnss=apart,
+        increments=replace(given, velocity_increment=given.velocity_increment + kick),
+        withheld=both((seconds > 98.0) & (seconds < 110.0), (seconds > 98.0) & (seconds < 110.0)),
+    )
+    updates = blocks[0].updates
+    assert np.abs(flown.errors(updates, 109.0, 109.9)[:, :2]).max() > 40.0
+    assert 1 <= run.summary.restarts <= 3
+    end = np.sqrt(np.mean(flown.errors(updates, 160.0) ** 2, axis=0))
+    assert end[:3].max() < 2.0 and end[3:6].max() < 0.2
+
+
 def test_imu_gaps():
     flown = Flown()
     begin = 5000
