@@ -341,12 +341,12 @@ def test_restart_where_positions_and_velocities_are_epochs_of_their_own(wrong):
     fixes = flown.gnss
     seconds = (fixes.time_ns - flown.flight.time_ns[0]) * 1e-9
     nothing = np.full_like(fixes.latitude, np.nan)
-    order = np.argsort(np.concatenate([fixes.time_ns, fixes.time_ns + 1]))
+    order = np.argsort(np.concatenate([fixes.time_ns, fixes.time_ns + 1_000_000]))
 
     def both(position, velocity):
         return np.concatenate([position, velocity])[order]
 
-    stamps = both(fixes.time_ns, fixes.time_ns + 100_000_000)
+    stamps = both(fixes.time_ns, fixes.time_ns + 1_000_000)
     apart = replace(
         fixes,
         time_ns=stamps,
@@ -374,7 +374,7 @@ def test_restart_where_positions_and_velocities_are_epochs_of_their_own(wrong):
     )
     updates = blocks[0].updates
     assert np.abs(flown.errors(updates, 109.0, 109.9)[:, :2]).max() > 40.0
-    assert 1 <= run.summary.restarts <= 3
+    assert run.summary.restarts == 1
     end = np.sqrt(np.mean(flown.errors(updates, 160.0) ** 2, axis=0))
     assert end[:3].max() < 2.0 and end[3:6].max() < 0.2
 
