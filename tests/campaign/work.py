@@ -39,7 +39,9 @@ def waits(folder, number, progress):
     with WholeFile(folder / f"out-{number}") as whole:
         whole.stream.write(b"some")
         whole.stream.flush()
-        (folder / f"pid-{number}").write_text(str(os.getpid()))
+        named = folder / f"unnamed-{number}"
+        named.write_text(str(os.getpid()))
+        named.rename(folder / f"pid-{number}")
         while True:
             time.sleep(0.02)
             progress(0.5)

@@ -11,6 +11,7 @@ import time
 from importlib import metadata
 from pathlib import Path
 
+import psutil  # which comes with distributed
 import pytest
 from imulogs import even_times, handheld, imu_log
 
@@ -274,25 +275,23 @@ def large(tmp_path_factory):
 
     folder = tmp_path_factory.mktemp("large")
     for number in range(4):
-        truth = classical_coning(sample_times(1000.0, 50.0 + number, 10**18), 0.3, 3.0)
+        truth = classical_coning(sample_times(1000.0, 80.0 + number, 10**18), 0.3, 3.0)
         write_simulated(folder / f"{number}.mcap", motion_topics(truth, "rate", "flu"), {})
     return folder
 
 
-def writers(folder):
-    """Processes that have an unfinished file of a folder open."""
-    found = {}
-    for process in Path("/proc").glob("[0-9]*"):
-        with contextlib.suppress(OSError):
-            for handle in (process / "fd").iterdir():
-                with contextlib.suppress(OSError):
-                    if os.readlink(handle).startswith(f"{folder}/."):
-                        found[int(process.name)] = os.readlink(handle)
+def writers(processes, folder):
+    """Those of some processes that have an unfinished file of a folder open."""
+    found = []
+    for process in processes:
+        with contextlib.suppress(psutil.Error):
+            if any(file.path.startswith(f"{folder}/.") for file in process.open_files()):
+                found.append(process)
     return found
 
 
 def begun(large, out):
-    """A run on two workers, both in the middle of writing."""
+    """A run on two workers in the middle of writing, and its processes."""
     run = subprocess.Popen(
         [*PROGRAM, "process", large, "-o", out, "-j", "2", "--json"],
         stdout=subprocess.PIPE,
@@ -301,12 +300,14 @@ def begun(large, out):
     )
     until = time.monotonic() + 120.0
     while time.monotonic() < until and run.poll() is None:
-        if any(p.name.startswith(".") for p in out.iterdir()) and (found := writers(out)):
-            return run, found
+        if any(p.name.startswith(".") for p in out.iterdir()):
+            return run, psutil.Process(run.pid).children(recursive=True)
     raise AssertionError(run.communicate())
 
 
-needs_proc = pytest.mark.skipif(not Path("/proc/self/fd").is_dir(), reason="looks into /proc")
+def ended(processes):
+    _, alive = psutil.wait_procs(processes, timeout=30)
+    return not alive
 
 
 @pytest.fixture(scope="module")
@@ -316,17 +317,17 @@ def expected(large, tmp_path_factory):
     return {p.name: p.read_bytes() for p in out.iterdir()}
 
 
-@needs_proc
 def test_a_worker_is_killed(large, expected, tmp_path):
     run, found = begun(large, tmp_path)
-    os.kill(next(iter(found)), signal.SIGKILL)
+    while not (writing := writers(found, tmp_path)):
+        assert run.poll() is None
+    writing[0].kill()
     stdout, stderr = run.communicate(timeout=300)
     assert run.returncode == 0, stderr
     assert [row["status"] for row in rows(stdout)] == ["done"] * 4
     assert {p.name: p.read_bytes() for p in tmp_path.iterdir()} == expected
 
 
-@needs_proc
 def test_ctrl_c(large, expected, tmp_path):
     run, found = begun(large, tmp_path)
     run.send_signal(signal.SIGINT)
@@ -334,7 +335,7 @@ def test_ctrl_c(large, expected, tmp_path):
     assert run.returncode == 130, stderr
     said = re.findall(r"sinstool: interrupted; (\d) of 4 are done, and whole\n", stderr)
     assert len(said) == 1 and "Traceback" not in stderr
-    assert not any(Path(f"/proc/{pid}").exists() for pid in found)
+    assert ended(found)
     # whole files only, and a rerun makes the others
     done = {p.name: p.read_bytes() for p in tmp_path.iterdir()}
     assert len(done) >= int(said[0])
@@ -350,15 +351,11 @@ def test_ctrl_c(large, expected, tmp_path):
     assert {p.name: p.read_bytes() for p in tmp_path.iterdir()} == expected
 
 
-@needs_proc
 def test_workers_do_not_outlive_a_killed_run(large, expected, tmp_path):
-    run, _ = begun(large, tmp_path)
+    run, found = begun(large, tmp_path)
     run.kill()
     run.communicate(timeout=60)
-    until = time.monotonic() + 30.0
-    while writers(tmp_path) and time.monotonic() < until:
-        time.sleep(0.02)
-    assert not writers(tmp_path)
+    assert ended(found)
     assert all(not p.name.startswith(".") for p in tmp_path.iterdir())
 
 
