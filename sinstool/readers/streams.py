@@ -218,7 +218,10 @@ def read_imu(
     gyro_scale, accel_scale = units.gyro_scale * axes, units.accel_scale * axes
     widths = {"q_covariance": 9}
     for log_time_ns, values in read_columns(log, channels, columns, losses, progress, widths):
-        gyro, accel = values["gyro"], values["accel"]
+        # Damaged values may overflow, or be NaN that signals: what is not finite then is left out.
+        with np.errstate(over="ignore", invalid="ignore"):
+            gyro: np.ndarray = values["gyro"] * gyro_scale
+            accel: np.ndarray = values["accel"] * accel_scale
         q = None
         if orientation:
             if orientation is True or orientation():
@@ -228,8 +231,8 @@ def read_imu(
         block = Imu(
             log_time_ns if log_time else _stamp(values),
             log_time_ns,
-            gyro * gyro_scale,
-            accel * accel_scale,
+            gyro,
+            accel,
             q,
         )
         if not (np.isfinite(gyro).all() and np.isfinite(accel).all()):
