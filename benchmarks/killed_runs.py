@@ -129,7 +129,9 @@ def kill_at_random(command: Command, kills: int, rng: random.Random) -> Tally:
     complete = {path: digest(path) for path in command.targets}
     old = hashlib.sha256(OLD).hexdigest()
     left: set[str] = set()
-    for number in range(kills):
+    number = -1
+    while tally.counts["killed"] < kills:
+        number += 1
         for path in command.targets:
             # by turns: something there to be replaced, nothing there
             path.write_bytes(OLD) if number % 2 == 0 else path.unlink(missing_ok=True)
@@ -176,7 +178,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
             tally = kill_at_random(command, kills, rng)
             faults += tally.faults
             told = ", ".join(f"{name} {count}" for name, count in sorted(tally.counts.items()))
-            print(f"{command.name}: {kills} kills: {told}; faults {len(tally.faults)}", flush=True)
+            print(f"{command.name}: {told}; faults {len(tally.faults)}", flush=True)
     for fault in faults:
         print(fault)
     print(f"seed {options.seed}: {options.kills} kills, {len(faults)} faults")

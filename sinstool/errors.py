@@ -14,6 +14,23 @@ AGAIN = "run again with --salvage"
 SALVAGE_HINT = f"{AGAIN} to use what is whole"
 
 
+def one_line(text: str) -> str:
+    """Text without what a terminal would obey: names in a log may hold anything.
+
+    Parameters
+    ----------
+    text : str
+
+    Returns
+    -------
+    str
+        Line ends are spaces, other control characters the sign for what cannot be shown.
+    """
+    if text.isprintable():
+        return text
+    return "".join(c if c.isprintable() else " " if c.isspace() else "\ufffd" for c in text)
+
+
 class SinstoolError(Exception):
     """Root of all errors a user can cause.
 
@@ -28,9 +45,9 @@ class SinstoolError(Exception):
     exit_code = 1
 
     def __init__(self, message: str, hint: str = "") -> None:
-        self.message = message
-        self.hint = hint
-        super().__init__(message)
+        self.message = one_line(message)
+        self.hint = one_line(hint)
+        super().__init__(self.message)
 
     def __str__(self) -> str:
         return f"{self.message}: {self.hint}" if self.hint else self.message

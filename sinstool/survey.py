@@ -377,7 +377,9 @@ def _conclude(
     windows = tally.windows.finish()
     spans = still_spans(windows)
     names = [f"{sensor} {axis}" for sensor in ("gyro", "accelerometer") for axis in "xyz"]
-    usual = np.sqrt(np.mean(np.hstack((windows.gyro, windows.accel)) ** 2, axis=0))
+    # Values that are no measurements at all may be too large to be squared.
+    with np.errstate(over="ignore"):
+        usual = np.sqrt(np.mean(np.hstack((windows.gyro, windows.accel)) ** 2, axis=0))
     saturated = tuple(
         name
         for name, row, size in zip(names, tally.extremes, usual, strict=True)

@@ -10,6 +10,8 @@ from typing import Any
 
 import click
 
+from sinstool.errors import one_line
+
 
 @contextmanager
 def progress_bar(label: str, quiet: bool) -> Iterator[Callable[[float], None] | None]:
@@ -68,14 +70,14 @@ def plain(value: Any) -> Any:
 
 def warn(text: str) -> None:
     """A warning on stderr."""
-    click.echo(f"warning: {text}", err=True)
+    click.echo(f"warning: {one_line(text)}", err=True)
 
 
 def table(rows: list[tuple[str, str]]) -> None:
     """Two columns on stdout: what, and how much."""
     width = max((len(name) for name, _ in rows), default=0)
     for name, value in rows:
-        first, *rest = value.split("\n")
-        click.echo(f"{name:<{width}}  {first}")
+        first, *rest = map(one_line, value.split("\n"))
+        click.echo(f"{one_line(name):<{width}}  {first}")
         for line in rest:
             click.echo(f"{'':<{width}}  {line}")

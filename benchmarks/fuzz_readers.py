@@ -1,0 +1,310 @@
+"""Read damaged logs, very many, and look for what must not be.
+
+    python benchmarks/fuzz_readers.py --count 100000 --seed 1 --jobs 2
+
+Logs of each format (MCAP; ROS 1 bag; ROS 2 .db3 and folder) are damaged by flipped bits, cuts,
+splices, hostile sizes, and by changes behind compression and checksums; half are opened with
+salvage. Each input must be read, or refused by an error of sinstool's own, in less than 5 s and
+500 MB (peak of the whole process, libraries included). A tenth is read with bounds checks in
+compiled loops. Inputs are read in processes of their own, so that a crash is seen and attributed;
+what fails is kept in --keep, and `--replay KIND:NUMBER` reads one again. Needs the extra `test`.
+"""
+
+from __future__ import annotations
+
+import argparse
+import multiprocessing
+import os
+import resource
+import shutil
+import sys
+import tempfile
+import time
+import traceback
+import warnings
+from collections import Counter
+from collections.abc import Iterator, Sequence
+from multiprocessing.connection import wait
+from pathlib import Path
+from typing import Any, NamedTuple
+
+SECONDS = 5.0
+MEGABYTES = 500
+BATCH = 5000
+FINE = ("read", "refused")
+
+
+def read_everything(path: Path, salvage: bool, info: bool) -> int:
+    """Read all of a log: raw, by topic as streams, and as `info` does.
+
+    Parameters
+    ----------
+    path : Path
+    salvage, info : bool
+
+    Returns
+    -------
+    int
+        Messages.
+
+    Raises
+    ------
+    SinstoolError
+    AssertionError
+        A batch points outside its buffer.
+    """
+    import numpy as np
+
+    from sinstool.config import InputOptions
+    from sinstool.inspection import inspect
+    from sinstool.readers import open_log
+    from sinstool.readers.streams import PRESSURE_TYPE, ImuUnits, Losses, read_imu, read_pressure
+    from sinstool.readers.topics import imu_candidates, topics_of_type
+
+    count = 0
+    with open_log(path, salvage) as log:
+        for batch in log.batches():
+            count += len(batch)
+            ends = batch.offset + batch.length
+            assert (batch.offset >= 0).all() and (batch.length >= 0).all()
+            assert (ends <= len(batch.buffer)).all(), "a message beyond its buffer"
+            assert len(batch.channel) == len(batch.log_time) == len(batch.sequence)
+            assert np.isin(batch.channel, list(log.channels)).all(), "a message of no channel"
+        for topic in imu_candidates(log):
+            for block in read_imu(log, topic.channels, ImuUnits(), Losses(), path=topic.path):
+                assert np.isfinite(block.gyro).all() and np.isfinite(block.accel).all()
+        for channels in topics_of_type(log, PRESSURE_TYPE).values():
+            for _ in read_pressure(log, channels, Losses()):
+                pass
+    if info:
+        inspect(path, InputOptions(salvage=salvage))
+    return count
+
+
+def try_input(path: Path, salvage: bool, info: bool = True) -> tuple[str, str]:
+    """Read an input; what came of it, and for a failure how.
+
+    Parameters
+    ----------
+    path : Path
+    salvage, info : bool
+
+    Returns
+    -------
+    outcome, details : str
+        ``read``, ``refused`` or a failure.
+    """
+    from sinstool.errors import SinstoolError
+
+    try:
+        with warnings.catch_warnings():
+            # Whoever runs a command would see them, and not know what to do.
+            warnings.simplefilter("error")
+            read_everything(path, salvage, info)
+    except SinstoolError as exc:
+        if "\n" in str(exc).strip():
+            return "told in several lines", str(exc)
+        return "refused", ""
+    except BaseException as exc:
+        return f"{type(exc).__name__}", traceback.format_exc()
+    return "read", ""
+
+
+def _work(logs: Path, kind: str, seed: int, numbers: range, report: Any, place: Path) -> None:
+    """Read inputs one after the other, telling the parent before and after each."""
+    from fuzz_inputs import make_input
+
+    # Compiled loops and imports first, with a whole log
+    try_input(sorted((logs / kind).iterdir())[0], False)
+    resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
+    for number in numbers:
+        folder = place / "input"
+        shutil.rmtree(folder, ignore_errors=True)
+        folder.mkdir(parents=True)
+        made = make_input(logs, kind, seed, number, folder)
+        report.send((number, "started", made.base, time.monotonic()))
+        outcome, details = try_input(made.path, made.salvage, info=number % 5 == 0)
+        peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss >> 10
+        if outcome in FINE and peak > MEGABYTES:
+            outcome, details = "memory", f"{peak} MB"
+        report.send((number, outcome, details, peak))
+        if outcome == "memory":
+            return
+
+
+class Worker:
+    """A process that reads inputs, and what it says of them."""
+
+    def __init__(self, logs: Path, kind: str, seed: int, place: Path) -> None:
+        self.told = (logs, kind, seed)
+        self.place = place
+        place.mkdir()
+
+    def start(self, numbers: range, checked: bool) -> None:
+        """Begin with a range of inputs, with bounds checks or without."""
+        self.left = numbers
+        self.checked = checked
+        context = multiprocessing.get_context("spawn")
+        self.pipe, theirs = context.Pipe(duplex=False)
+        # What compiled code knows of bounds, it knows from when it was compiled.
+        os.environ["NUMBA_BOUNDSCHECK"] = "1" if checked else "0"
+        os.environ.pop("NUMBA_CACHE_DIR", None)
+        if checked:
+            os.environ["NUMBA_CACHE_DIR"] = str(self.place.parent / "checked")
+        self.process = context.Process(
+            target=_work, args=(*self.told, numbers, theirs, self.place), daemon=True
+        )
+        self.process.start()
+        theirs.close()
+        self.since: float | None = None
+        self.current = numbers.start
+
+    def listen(self) -> Result | None:
+        """What came of an input, once the process says so or cannot any more."""
+        try:
+            number, outcome, details, value = self.pipe.recv()
+        except (EOFError, OSError):
+            self.process.join()
+            return self._ended(f"crash, status {self.process.exitcode}", "")
+        if outcome == "started":
+            self.current, self.since = number, value
+            return None
+        self.since = None
+        self.left = range(number + 1, self.left.stop)
+        if outcome == "memory" and self.left:
+            self._again()
+        return Result(number, outcome, details, value, self.checked)
+
+    def overdue(self) -> Result | None:
+        """An input that takes too long, given up."""
+        if self.since is None or time.monotonic() - self.since < SECONDS:
+            return None
+        return self._ended("time", f"more than {SECONDS:g} s")
+
+    def _ended(self, outcome: str, details: str) -> Result:
+        result = Result(self.current, outcome, details, 0, self.checked)
+        self.left = range(self.current + 1, self.left.stop)
+        self.process.kill()
+        self.process.join()
+        if self.left:
+            self._again()
+        return result
+
+    def _again(self) -> None:
+        self.process.kill()
+        self.process.join()
+        self.start(self.left, self.checked)
+
+
+class Result(NamedTuple):
+    """What came of an input."""
+
+    number: int
+    outcome: str
+    details: str
+    peak: int
+    checked: bool
+
+
+def fuzz(kind: str, seed: int, numbers: range, jobs: int, place: Path) -> Iterator[Result]:
+    """Read many inputs of a format.
+
+    Parameters
+    ----------
+    kind : str
+    seed : int
+    numbers : range
+        Of the inputs.
+    jobs : int
+        Processes.
+    place : Path
+        With the logs in it.
+
+    Yields
+    ------
+    Result
+    """
+    size = max(1, min(BATCH, len(numbers) // 10))
+    parts = [numbers[n : n + size] for n in range(0, len(numbers), size)]
+    # Those with bounds checks first: they take longest to begin
+    waiting = [(part, True) for part in parts[::10]]
+    waiting += [(part, False) for k, part in enumerate(parts) if k % 10]
+    workers = [Worker(place / "logs", kind, seed, place / f"{kind}-{j}") for j in range(jobs)]
+    busy: dict[Any, Worker] = {}
+    for worker in workers[: len(waiting)]:
+        worker.start(*waiting.pop(0))
+        busy[worker.pipe] = worker
+    while busy:
+        ready = wait(list(busy), 0.2)
+        for pipe, worker in tuple(busy.items()):
+            found = worker.listen() if pipe in ready else worker.overdue()
+            if found is not None:
+                yield found
+                if not worker.left and waiting:
+                    worker.process.join()
+                    worker.start(*waiting.pop(0))
+                del busy[pipe]
+                if worker.left:
+                    busy[worker.pipe] = worker
+
+
+def _keep(folder: Path, logs: Path, kind: str, seed: int, found: Result) -> None:
+    from fuzz_inputs import make_input
+
+    shutil.rmtree(folder, ignore_errors=True)
+    folder.mkdir(parents=True)
+    made = make_input(logs, kind, seed, found.number, folder)
+    told = f"salvage {made.salvage}, bounds checks {found.checked}: {found.outcome}"
+    (folder / "why.txt").write_text(f"{told}\n{found.details}")
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    from fuzz_inputs import FORMATS, make_input, make_logs
+
+    parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
+    parser.add_argument("--count", type=int, default=100_000, help="of inputs, for each format")
+    parser.add_argument("--seed", type=int, default=1)
+    parser.add_argument("--first", type=int, default=0, help="number of the first input")
+    parser.add_argument("--jobs", type=int, default=os.cpu_count() or 1)
+    parser.add_argument("--formats", nargs="+", choices=FORMATS, default=list(FORMATS))
+    parser.add_argument("--keep", type=Path, default=Path("fuzz_failures"))
+    parser.add_argument("--replay", metavar="KIND:NUMBER", help="read one input, here")
+    options = parser.parse_args(arguments)
+    wrong = 0
+    with tempfile.TemporaryDirectory() as name:
+        place = Path(name)
+        make_logs(place / "logs")
+        if options.replay:
+            kind, number = options.replay.split(":")
+            made = make_input(place / "logs", kind, options.seed, int(number), place)
+            print(made)
+            print(*try_input(made.path, made.salvage), sep="\n")
+            return 0
+        for kind in options.formats:
+            begun = time.monotonic()
+            numbers = range(options.first, options.first + options.count)
+            outcomes: Counter[str] = Counter()
+            peak = failures = checked = 0
+            for found in fuzz(kind, options.seed, numbers, options.jobs, place):
+                outcomes[found.outcome] += 1
+                peak = max(peak, found.peak)
+                checked += found.checked
+                if found.outcome not in FINE:
+                    failures += 1
+                    kept = options.keep / f"seed{options.seed}-{kind}-{found.number}"
+                    _keep(kept, place / "logs", kind, options.seed, found)
+                    last = found.details.strip().split("\n")[-1]
+                    print(f"  {kind}:{found.number}: {found.outcome} {last}", flush=True)
+            wrong += failures
+            told = ", ".join(f"{name} {n}" for name, n in sorted(outcomes.items()))
+            print(
+                f"{kind}: seed {options.seed}, {outcomes.total()} inputs ({checked} with bounds"
+                f" checks): {told}; failures {failures}; peak {peak} MB;"
+                f" {time.monotonic() - begun:.0f} s",
+                flush=True,
+            )
+    return 1 if wrong else 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())
