@@ -61,8 +61,11 @@ def unit_evidence(windows: Windows) -> UnitEvidence:
     -------
     UnitEvidence
     """
-    size = np.linalg.norm(windows.accel, axis=1)
-    usable = (np.diff(windows.start_ns) == WINDOW_NS) & (size[:-1] > 0) & (size[1:] > 0)
+    # Values that are no measurements at all may be too large to be squared; they prove nothing.
+    with np.errstate(over="ignore"):
+        size = np.linalg.norm(windows.accel, axis=1)
+    known = (size > 0) & np.isfinite(size)
+    usable = (np.diff(windows.start_ns) == WINDOW_NS) & known[:-1] & known[1:]
     if not usable.any():
         return UnitEvidence()
     direction = windows.accel / np.where(size > 0, size, 1.0)[:, None]

@@ -10,6 +10,7 @@ import re
 import signal
 import sys
 import time
+import warnings
 from collections.abc import Iterator
 from contextlib import contextmanager
 from importlib import import_module
@@ -95,6 +96,9 @@ def main() -> None:
     gc.set_threshold(100_000, 50, 50)
     # Our loops are compiled and our matrices small: threads of BLAS would only wait, spinning.
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+    # Of numbers that are none; where they matter they are counted and told in our own words.
+    if not sys.warnoptions:
+        warnings.simplefilter("ignore", RuntimeWarning)
     _end_well_on_signals()
     if type(sys.stdout) is io.TextIOWrapper:
         sys.stdout = cast(TextIO, _StandardOutput(sys.stdout))

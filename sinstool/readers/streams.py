@@ -228,13 +228,7 @@ def read_imu(
                 q = _orientation(values["q"], values["q_covariance"], units.body_axes)
             else:
                 q = np.broadcast_to(np.nan, (len(gyro), 4))
-        block = Imu(
-            log_time_ns if log_time else _stamp(values),
-            log_time_ns,
-            gyro,
-            accel,
-            q,
-        )
+        block = Imu(log_time_ns if log_time else _stamp(values), log_time_ns, gyro, accel, q)
         if not (np.isfinite(gyro).all() and np.isfinite(accel).all()):
             finite = np.isfinite(gyro).all(axis=1) & np.isfinite(accel).all(axis=1)
             losses.nonfinite += int(len(finite) - np.count_nonzero(finite))
