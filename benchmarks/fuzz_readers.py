@@ -312,6 +312,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
                 outcomes[found.outcome] += 1
                 peak = max(peak, found.peak)
                 checked += found.checked
+                if outcomes.total() % 10_000 == 0:
+                    print(f"  {kind}: {outcomes.total()} inputs", file=sys.stderr, flush=True)
                 if found.outcome not in FINE:
                     failures += 1
                     kept = options.keep / f"seed{options.seed}-{kind}-{found.number}"
