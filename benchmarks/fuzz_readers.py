@@ -4,11 +4,12 @@
 
 Logs of each format (MCAP; ROS 1 bag; ROS 2 .db3 and folder) are damaged by flipped bits, cuts,
 splices, hostile sizes, and by changes behind compression and checksums; half are opened with
-salvage. Each input must be read, or refused by an error of sinstool's own, in less than 5 s of
-CPU and 500 MB (peak of the whole process, libraries included). A tenth is read with bounds checks
-in compiled loops. Inputs are read in processes of their own, so that a crash is seen and
-attributed; what fails is kept in --keep, and `--replay KIND:NUMBER` reads one again. Needs the
-extra `test`.
+salvage. Imu topics are decoded; of every tenth input all is done that `info` does. Each must be
+read, or refused by an error of sinstool's own, in less than 5 s of CPU and 500 MB (peak of the
+whole process, libraries included). A tenth is read with bounds checks in compiled loops and with
+the threads that a command has. Inputs are read in processes of their own, so that a crash is seen
+and attributed; what fails is kept in --keep, and `--replay KIND:NUMBER` reads one again. Needs
+the extra `test`.
 """
 
 from __future__ import annotations
@@ -38,7 +39,7 @@ FINE = ("read", "refused")
 
 
 def read_everything(path: Path, salvage: bool, info: bool) -> int:
-    """Read all of a log: raw, by topic as streams, and as `info` does.
+    """Read all of a log: raw, its Imu topics as streams; if told, all else as `info` does.
 
     Parameters
     ----------
@@ -76,11 +77,12 @@ def read_everything(path: Path, salvage: bool, info: bool) -> int:
         for topic in imu_candidates(log):
             for block in read_imu(log, topic.channels, ImuUnits(), Losses(), path=topic.path):
                 assert np.isfinite(block.gyro).all() and np.isfinite(block.accel).all()
+        if not info:
+            return count
         for channels in topics_of_type(log, PRESSURE_TYPE).values():
             for _ in read_pressure(log, channels, Losses()):
                 pass
-    if info:
-        inspect(path, InputOptions(salvage=salvage))
+    inspect(path, InputOptions(salvage=salvage))
     return count
 
 
@@ -113,9 +115,16 @@ def try_input(path: Path, salvage: bool, info: bool = True) -> tuple[str, str]:
     return "read", ""
 
 
-def _work(logs: Path, kind: str, seed: int, numbers: range, report: Any, place: Path) -> None:
+def _work(
+    logs: Path, kind: str, seed: int, numbers: range, threads: bool, report: Any, place: Path
+) -> None:
     """Read inputs one after the other, telling the parent before and after each."""
     from fuzz_inputs import make_input
+
+    from sinstool.threads import keep_to_one_core
+
+    if not threads:
+        keep_to_one_core()
 
     # Imports and compiled loops first: they take longer than an input may
     for base in sorted((logs / kind).iterdir()):
@@ -133,7 +142,7 @@ def _work(logs: Path, kind: str, seed: int, numbers: range, report: Any, place: 
         folder.mkdir(parents=True)
         made = make_input(logs, kind, seed, number, folder)
         report.send((number, "started", made.base, time.process_time()))
-        outcome, details = try_input(made.path, made.salvage, info=number % 5 == 0)
+        outcome, details = try_input(made.path, made.salvage, info=number % 10 == 0)
         peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss >> 10
         if outcome in FINE and peak > MEGABYTES:
             outcome, details = "memory", f"{peak} MB"
@@ -162,7 +171,7 @@ class Worker:
         if checked:
             os.environ["NUMBA_CACHE_DIR"] = str(self.place.parent / "checked")
         self.process = context.Process(
-            target=_work, args=(*self.told, numbers, theirs, self.place), daemon=True
+            target=_work, args=(*self.told, numbers, checked, theirs, self.place), daemon=True
         )
         self.process.start()
         theirs.close()
