@@ -119,8 +119,11 @@ class McapFile(Log):
             self._fd = -1
 
     def read_at(self, offset: int, length: int) -> bytes:
-        """Bytes of the file; fewer where it ends."""
-        return os.pread(self._fd, length, offset)
+        """Bytes of the file; fewer where it ends, none beyond."""
+        # Places and lengths are what the file says; it can say more than a system call takes.
+        if not 0 <= offset < self.size:
+            return b""
+        return os.pread(self._fd, min(length, self.size - offset), offset)
 
     def _damage(self, what: str, offset: int, kind: str = "record", end: int | None = None) -> None:
         if not self.salvage:

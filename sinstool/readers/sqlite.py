@@ -27,6 +27,9 @@ BATCH = 4096
 BATCH_BYTES = 32 * 2**20
 _FIRST_ROW = -(2**63)
 
+# What Python raises of a damaged database; memory, where a size says more than there is.
+_UNREADABLE = (sqlite3.Error, OverflowError, MemoryError)
+
 
 class SqliteLog(Log):
     """A single ``.db3`` file of a ROS 2 bag.
@@ -60,7 +63,7 @@ class SqliteLog(Log):
             if self.salvage and (short := self._cut_short()):
                 self.note_lost(Lost(short, "end", self.size))
             self._read_topics(self._database)
-        except (sqlite3.Error, OverflowError, TypeError, ValueError) as exc:
+        except (*_UNREADABLE, TypeError, ValueError) as exc:
             self.close()
             raise self._damaged(exc) from exc
         except BaseException:
@@ -188,11 +191,12 @@ class SqliteLog(Log):
         assert self._database is not None, "the log is closed"
         # Flat arrays, and all in one loop: whatever is done here is done for every message.
         topics, times, lengths, data = array("q"), array("q"), array("q"), bytearray()
-        row = _FIRST_ROW
+        row, limit = _FIRST_ROW, ""
         for _ in range(MAX_PLACES):
             last = times[-1] if times else None
+            begun = row
             try:
-                found = self._database.execute(f"{query} ORDER BY rowid", (row,))
+                found = self._database.execute(f"{query} ORDER BY rowid{limit}", (row,))
                 for row, topic, time, blob in found:
                     try:
                         topics.append(topic)
@@ -212,17 +216,26 @@ class SqliteLog(Log):
                         topics, times, lengths = array("q"), array("q"), array("q")
                         data = bytearray()
                         yield batch
-                break
-            except (sqlite3.Error, OverflowError) as exc:
+                if not limit or row == begun:
+                    break
+                limit = ""
+            except _UNREADABLE as exc:
                 if not self.salvage:
                     raise self._damaged(exc) from exc
+                if not limit:
+                    # Python looks one row ahead, and gives none where the next cannot be read.
+                    limit = " LIMIT 1"
+                    continue
+                limit = ""
                 again, time = self._next_readable(row)
+                if again <= row:  # damaged pages may lead back
+                    again = 0
                 to = f" to {again - 1}" if again else " and those behind it"
                 what = f"message {max(row, 0) + 1}{to} cannot be read: {exc}"
                 self.note_lost(Lost(what, "row", start_ns=last, end_ns=time))
                 if not again:
                     break
-                row = again - 1
+                row = max(again - 1, row + 1)
         if lengths:
             yield _batch(topics, times, lengths, data, self._position(row))
 
@@ -234,7 +247,7 @@ class SqliteLog(Log):
             query = "SELECT rowid, timestamp, data FROM messages WHERE rowid > ? ORDER BY rowid"
             try:
                 found = self._database.execute(f"{query} LIMIT 1", (behind,)).fetchone()
-            except (sqlite3.Error, OverflowError):
+            except _UNREADABLE:
                 return None
             return (0, None) if found is None else (found[0], found[1])
 
