@@ -184,6 +184,8 @@ def correlate(
     grid = np.linspace(low_s, high_s, count)
     costs = np.array([windows.costs(tau) for tau in grid])
     windows.keep = _sound(costs.min(axis=0), windows.keep)
+    if windows.degrees <= 10:
+        return Latency(0.0, np.inf, "not observable", count)
     total = costs @ windows.keep
     best = int(np.argmin(total))
     left, right = grid[max(best - 1, 0)], grid[min(best + 1, count - 1)]

@@ -102,9 +102,9 @@ def by_pybag(path):
         topics = {number: channel.topic for number, channel in reader.get_channels().items()}
         counts = Counter(topics[message.channel_id] for message in reader.get_messages())
     with McapFileReader.from_file(path, enable_crc_check=True) as reader:
-        # It stumbles over empty frame names (0.13), which only other people's topics have.
         for topic in sorted(counts):
-            if topic.startswith("/sinstool/"):
+            # It pads NavSatFix wrongly behind frame names of some lengths (0.13, whoever wrote it).
+            if topic.startswith("/sinstool/") and topic != "/sinstool/fix":
                 assert sum(1 for _ in reader.messages(topic)) == counts[topic], topic
     return counts
 
