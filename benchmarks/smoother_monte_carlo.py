@@ -6,8 +6,7 @@ minute (mean over the outages); and whether the covariances are true: sigma as t
 says, which is the RMS of very many runs, and the error of position and velocity, normalised by its
 covariance and squared, by 6, which should be 1. Within an hour barometer and heading have few
 independent errors: RMS of height and heading differ much from run to run. Beside them the figures
-of an independent simulation of 8 runs; at the end, how often 8 of the runs made here, drawn at
-random, have an RMS as small as those.
+of an independent simulation of 8 runs, whose standard errors are 1.7 times those of 24.
 
 python benchmarks/smoother_monte_carlo.py
 python benchmarks/smoother_monte_carlo.py --runs 2 --minutes 20 --filters baro-24
@@ -225,13 +224,6 @@ def table(name: str, found: Errors) -> None:
         error = spread / np.sqrt(len(parts)) / (2.0 * np.sqrt(squares.mean(axis=0)))
         return error[0], error[1], error[2], error[5], error[8] / ARC_SECOND
 
-    def as_small(parts, wanted):
-        """Share of draws of 8 runs whose RMS is at most the one wanted, height and heading."""
-        squares = np.array([np.mean(e**2, axis=0) for e in parts])[:, [2, 8]]
-        drawn = np.random.default_rng(0).integers(len(squares), size=(20000, 8))
-        rms = np.sqrt(squares[drawn].mean(axis=1)) / [1.0, ARC_SECOND]
-        return np.mean(rms <= [wanted[2], wanted[4]], axis=0)
-
     before, after, outage = EXPECTED[name]
     print(f"\n{name}" + " " * (22 - len(name)) + "    N m      E m      U m   V_U m/s   heading ''")
     row("filter", figures(found.filter), before)
@@ -243,16 +235,6 @@ def table(name: str, found: Errors) -> None:
     row("in outages, filter", np.mean(found.outage_filter, axis=0)[:3])
     row("in outages, smoother", np.mean(found.outage_smooth, axis=0)[:3], outage)
     row("NEES/6 filter, smooth", (np.mean(found.nees_filter), np.mean(found.nees_smooth)))
-    if len(found.smooth) >= 8:
-        for label, parts, wanted in (
-            ("filter", found.filter, before),
-            ("smoother", found.smooth, after),
-        ):
-            height, heading = as_small(parts, wanted)
-            print(
-                f"8 runs are as good as expected, {label}: height {height:.1%}, heading"
-                f" {heading:.1%} of draws"
-            )
     print(f"filter {found.filter_s:.2f} s, smoother {found.smooth_s:.2f} s, all runs together")
 
 
