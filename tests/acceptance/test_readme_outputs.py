@@ -3,20 +3,19 @@
 from __future__ import annotations
 
 import json
-import re
 import shutil
 import subprocess
 from pathlib import Path
 
 import pytest
 
+from sinstool.cli.simulate import command
 from tests.acceptance import clients
 from tests.docs import examples as found
 
 README = found.ROOT / "README.md"
-BLOCKS = [e for e in found.examples(README) if not e.needs]
-# What stands in the table of commands for any log, and options that make the command short; a
-# scenario that is not here has no output that was looked at.
+BLOCKS = [e for e in found.examples(README) if not e.needs and "sinstool process" in e.text]
+# Scenarios of `simulate`, and options that make each short
 SHORT = {
     "coning": "--duration 5 --rate 200",
     "coning-paper": "--duration 2",
@@ -32,8 +31,9 @@ SHORT = {
 }
 DRIVE = "sinstool simulate drive -o LOG --duration 60 --still 20 --rate 50 --grade mems"
 EVERYTHING = "--emit imu,attitude,euler,odometry,pose,fix,tf,height,diagnostics"
-# More of `process`, which the table has in two lines
-MORE = [
+# Modes of `process` that the README names
+PROCESSED = [
+    f"{DRIVE} && sinstool process LOG -o OUT.mcap --mode ins --height-damping baro",
     f"{DRIVE} && sinstool process LOG -o OUT.mcap {EVERYTHING}",
     f"{DRIVE} && sinstool process LOG -o OUT.mcap {EVERYTHING} --smooth --only-results"
     " --world ned --compression lz4",
@@ -41,21 +41,16 @@ MORE = [
 ]
 
 
-def of_the_table():
-    """Commands of the README's table that write an MCAP, each with a log to work on."""
-    rows = re.findall(r"^\| `(sinstool [^`]*)` \|", README.read_text(), re.MULTILINE)
-    wanted = []
-    for row in rows:
-        if row.startswith("sinstool simulate "):
-            for name in re.search(r"simulate (\S+)", row)[1].replace("\\|", "|").split("|"):
-                wanted.append(f"sinstool simulate {name} -o LOG {SHORT[name]}")
-        elif "OUT.mcap" in row:
-            wanted.append(f"{DRIVE} && {row}")
-    assert len(wanted) > 10
-    return wanted
+SIMULATED = [f"sinstool simulate {name} -o LOG {more}" for name, more in SHORT.items()]
+COMMANDS = [*PROCESSED, *SIMULATED]
 
 
-COMMANDS = [*of_the_table(), *MORE]
+def test_every_scenario_is_here():
+    assert set(command.commands) == set(SHORT)
+
+
+def test_the_readme_has_blocks_that_write():
+    assert len(BLOCKS) >= 3
 
 
 @pytest.fixture
@@ -74,20 +69,20 @@ def in_node(packages, paths):
     return [json.loads(line) for line in done.stdout.splitlines()]
 
 
-def run(command, folder):
-    """MCAP files that a command writes, in a folder that has what the README's reader has."""
+def run(text, folder):
+    """MCAP files that commands write, in a folder that has what the README's reader has."""
     found.scratch(folder)
     before = set(folder.rglob("*.mcap"))
-    command = command.replace("LOG", "log.mcap").replace("OUT.mcap", "out.mcap")
-    status, _, err = found.run(found.Example(README, 0, command), folder)
+    text = text.replace("LOG", "log.mcap").replace("OUT.mcap", "out.mcap")
+    status, _, err = found.run(found.Example(README, 0, text), folder)
     assert status in (0, 3), err
     made = sorted(set(folder.rglob("*.mcap")) - before)
     assert made
     return made
 
 
-def short(command):
-    return command.split("&& ")[-1].removeprefix("sinstool ")[:60]
+def short(text):
+    return text.split("&& ")[-1].removeprefix("sinstool ")[:60]
 
 
 @pytest.fixture(
@@ -103,8 +98,7 @@ def written(request, tmp_path_factory):
 
 def test_python_clients(written, home):
     for path in written:
-        counts = clients.check_everywhere(path, home)
-        assert counts.total() > 0
+        assert clients.check_everywhere(path, home).total() > 0
 
 
 def test_mcap_core(written, npm_packages):
