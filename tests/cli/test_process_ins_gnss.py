@@ -43,7 +43,8 @@ def test_log_in_log_out(drive, tmp_path):
         "Innovations of position",
         "Gyro bias",
         "Track",
-        "Standard deviation of attitude",
+        "Error of attitude",
+        "3 sigma, north",
     ):
         assert title in text
     with open_log(out) as written:
