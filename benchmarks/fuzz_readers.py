@@ -157,6 +157,7 @@ class Worker:
     def __init__(self, logs: Path, kind: str, seed: int, place: Path) -> None:
         self.told = (logs, kind, seed)
         self.place = place
+        self.tried_again = -1
         place.mkdir()
 
     def start(self, numbers: range, checked: bool) -> None:
@@ -198,10 +199,16 @@ class Worker:
         """An input that takes too long, given up."""
         if self.since is None:
             return None
-        # What else the machine does is no fault of ours; a process that waits for ever is.
+        # What else the machine does is no fault of ours; an input that waits for ever, twice, is.
         used = _cpu_seconds(self.process.pid) - self.since
-        if used < SECONDS and time.monotonic() - self.begun < PATIENCE:
-            return None
+        if used < SECONDS:
+            if time.monotonic() - self.begun < PATIENCE:
+                return None
+            if self.tried_again != self.current:
+                self.tried_again = self.current
+                self.left = range(self.current, self.left.stop)
+                self._again()
+                return None
         return self._ended("time", f"{used:.1f} s of CPU")
 
     def _ended(self, outcome: str, details: str) -> Result:
@@ -270,6 +277,9 @@ def fuzz(kind: str, seed: int, numbers: range, jobs: int, place: Path) -> Iterat
         ready = wait(list(busy), 0.2)
         for pipe, worker in tuple(busy.items()):
             found = worker.listen() if pipe in ready else worker.overdue()
+            if found is None and worker.pipe is not pipe:  # begun anew
+                del busy[pipe]
+                busy[worker.pipe] = worker
             if found is not None:
                 yield found
                 if not worker.left and waiting:
