@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from sinstool.rotation import normalise
+from sinstool.strapdown.increment_quaternion import unit_factor
 
 FloatArray = NDArray[np.float64]
 
@@ -169,8 +170,7 @@ def _propagate_kernel(
             x = nx
             y = ny
             z = nz
-        # One Newton step towards 1/|q|: the length is 1 but for the rounding of one update.
-        scale = 1.5 - 0.5 * (w * w + x * x + y * y + z * z)
+        scale = unit_factor(w * w + x * x + y * y + z * z)
         w *= scale
         x *= scale
         y *= scale

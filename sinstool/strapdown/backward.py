@@ -11,6 +11,7 @@ import numba
 import numpy as np
 from numpy.typing import NDArray
 
+from sinstool.strapdown.increment_quaternion import unit_factor
 from sinstool.strapdown.navigation import (
     LATITUDE,
     LONGITUDE,
@@ -80,7 +81,7 @@ def navigate_backward(
             bx = ew * x + ex * w + ey * z - ez * y
             by = ew * y - ex * z + ey * w + ez * x
             bz = ew * z + ex * y - ey * x + ez * w
-            f = 1.5 - 0.5 * (bw * bw + bx * bx + by * by + bz * bz)
+            f = unit_factor(bw * bw + bx * bx + by * by + bz * bz)
             before[Q_W], before[Q_X], before[Q_Y], before[Q_Z] = bw * f, bx * f, by * f, bz * f
         state[:] = before
         for i in range(SIZE):

@@ -33,6 +33,7 @@ EXACT = 0
 """The order that stands for the exact quaternion."""
 
 HIGHEST_ORDER = 4
+_NEAR = 1e-7  # of the squared length to 1: a Newton step leaves 3/8 of its square
 
 
 @numba.njit(cache=True, nogil=True)
@@ -77,3 +78,22 @@ def increment_quaternion(
     scale = 1.0 / sqrt(w * w + f * f * square)
     f *= scale
     return w * scale, f * px, f * py, f * pz
+
+
+@numba.njit(cache=True, nogil=True)
+def unit_factor(square: float) -> float:
+    """Factor that makes a quaternion of this squared length one of length 1.
+
+    Parameters
+    ----------
+    square : float
+
+    Returns
+    -------
+    float
+    """
+    # After an update the length is 1 but for its rounding: one Newton step towards 1/|q|. Only a
+    # motion that no vehicle makes, as of a filter led astray, is worth a root.
+    if abs(square - 1.0) < _NEAR:
+        return 1.5 - 0.5 * square
+    return 1.0 / sqrt(square)

@@ -45,7 +45,12 @@ from sinstool.earth import (
     SOMIGLIANA,
 )
 from sinstool.rotation import normalise
-from sinstool.strapdown.increment_quaternion import EXACT, HIGHEST_ORDER, increment_quaternion
+from sinstool.strapdown.increment_quaternion import (
+    EXACT,
+    HIGHEST_ORDER,
+    increment_quaternion,
+    unit_factor,
+)
 
 FloatArray = NDArray[np.float64]
 
@@ -424,8 +429,7 @@ def step(
     x = ew * bx + ex * bw + ey * bz - ez * by
     y = ew * by - ex * bz + ey * bw + ez * bx
     z = ew * bz + ex * by - ey * bx + ez * bw
-    # One Newton step towards 1/|q|: the length is 1 but for the rounding of one update.
-    f = 1.5 - 0.5 * (w * w + x * x + y * y + z * z)
+    f = unit_factor(w * w + x * x + y * y + z * z)
     state[Q_W] = w * f
     state[Q_X] = x * f
     state[Q_Y] = y * f

@@ -5,6 +5,7 @@ from scipy.integrate import solve_ivp
 
 from sinstool import earth, rotation
 from sinstool.strapdown.attitude import AttitudePropagator
+from sinstool.strapdown.increment_quaternion import unit_factor
 
 START = rotation.from_euler([0.4, -1.1, 2.5])
 
@@ -132,3 +133,9 @@ def test_bad_arguments_are_refused():
         AttitudePropagator(START).push(np.zeros((3, 3)), np.zeros(2))
     with pytest.raises(ValueError, match="shapes"):
         AttitudePropagator(START).push(np.zeros((3, 4)), np.zeros(3))
+
+
+@pytest.mark.parametrize("square", [1.0, 1.0 + 4e-16, 1.0 - 9e-8, 1.0 + 9e-8, 1.0 + 1e-4, 0.3, 7.0])
+def test_a_quaternion_becomes_one_of_unit_length(square):
+    factor = unit_factor(square)
+    assert abs(factor * factor * square - 1.0) < 1e-13
