@@ -91,6 +91,9 @@ class Collected:
     def refer_height(self, *_):
         pass
 
+    def refer_track(self, *_):
+        pass
+
     def push(self, solution):
         self.parts.append(solution)
 
