@@ -7,7 +7,6 @@ the metadata decides is their order and whether each message is compressed.
 from __future__ import annotations
 
 import re
-import tempfile
 from collections import Counter
 from collections.abc import Iterator
 from contextlib import suppress
@@ -35,6 +34,7 @@ from sinstool.readers.lost import Lost
 from sinstool.readers.mcap import McapLog
 from sinstool.readers.mcap_file import MAGIC as MCAP_MAGIC
 from sinstool.readers.sqlite import SqliteLog
+from sinstool.temporary import TemporaryFolder
 
 METADATA = "metadata.yaml"
 MAX_METADATA = 4 * 2**20
@@ -90,7 +90,7 @@ class Rosbag2Log(Log):
         self.parts: list[Log] = []
         self._disk_sizes: list[int] = []
         self._numbers: list[dict[int, int]] = []
-        self._unpacked: tempfile.TemporaryDirectory[str] | None = None
+        self._unpacked: TemporaryFolder | None = None
         self._compressed_messages = False
         self._declared: dict[str, int] = {}  # messages by topic, as the metadata has them
         try:
@@ -225,8 +225,8 @@ class Rosbag2Log(Log):
     def _decompressed(self, file: Path) -> Path:
         """Decompress a file of the bag into a temporary folder, which `close` removes."""
         if self._unpacked is None:
-            self._unpacked = tempfile.TemporaryDirectory(prefix="sinstool-")
-        target = Path(self._unpacked.name) / file.name.removesuffix(".zstd")
+            self._unpacked = TemporaryFolder()
+        target = self._unpacked.path / file.name.removesuffix(".zstd")
         try:
             with file.open("rb") as source, target.open("wb") as sink:
                 whole = _unzstd(source, sink)
@@ -235,7 +235,7 @@ class Rosbag2Log(Log):
         except OSError as exc:
             raise UnsupportedLogError(
                 file,
-                f"cannot be decompressed into {self._unpacked.name} ({exc.strerror})",
+                f"cannot be decompressed into {self._unpacked.path} ({exc.strerror})",
                 "set TMPDIR to a folder with room for it",
             ) from exc
         else:

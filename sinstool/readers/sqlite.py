@@ -6,7 +6,6 @@ import os
 import shutil
 import sqlite3
 import struct
-import tempfile
 from array import array
 from collections.abc import Iterator
 from contextlib import suppress
@@ -20,6 +19,7 @@ from sinstool.readers.compression import MAX_BLOCK
 from sinstool.readers.log import Channel, Log, RawBatch
 from sinstool.readers.lost import Lost
 from sinstool.readers.salvage import MAX_PLACES
+from sinstool.temporary import TemporaryFolder
 
 # Small enough to stay in the processor's cache, which is worth a third of the time.
 BATCH = 4096
@@ -56,7 +56,7 @@ class SqliteLog(Log):
 
     def __init__(self, path: Path, salvage: bool = False) -> None:
         super().__init__(path, salvage)
-        self._beside: tempfile.TemporaryDirectory[str] | None = None
+        self._beside: TemporaryFolder | None = None
         self._database: sqlite3.Connection | None = None
         try:
             self._database = self._connect()
@@ -127,8 +127,8 @@ class SqliteLog(Log):
                 return _open(self.path, f"mode=ro&{mode}", exclusive=not live, damaged=self.salvage)
         # A transaction to roll back, a folder in which SQLite may not even make its lock file, or
         # half a page at the end, which it would read as if zeros followed: work on a copy.
-        self._beside = tempfile.TemporaryDirectory(prefix="sinstool-")
-        copy = Path(self._beside.name) / self.path.name
+        self._beside = TemporaryFolder()
+        copy = self._beside.path / self.path.name
         try:
             for source in (self.path, wal, journal):
                 if source.exists():
@@ -138,7 +138,7 @@ class SqliteLog(Log):
         except OSError as exc:
             raise UnsupportedLogError(
                 self.path,
-                f"cannot be copied into {self._beside.name} ({exc.strerror})",
+                f"cannot be copied into {self._beside.path} ({exc.strerror})",
                 "set TMPDIR to a folder with room for it",
             ) from exc
         return _open(copy, "mode=rw", damaged=self.salvage)

@@ -62,7 +62,7 @@ def test_bags_of_rosbags_writer(tmp_path, storage, mode):
             row for row in content() if row.topic == "/baro"
         ]
         assert log.channels_of("/imu")[0].schema_text == definition(IMU)[0]
-        unpacked = log._unpacked.name if log._unpacked else ""
+        unpacked = log._unpacked.path if log._unpacked else ""
         assert bool(unpacked) == (mode == "file")
         assert not log.lost
     assert not (unpacked and os.path.exists(unpacked))

@@ -103,7 +103,7 @@ def test_wal_where_no_lock_file_can_be_made(tmp_path, monkeypatch):
     monkeypatch.setattr(sqlite_module, "_open", refuse)
     before = snapshot(folder)
     with open_log(folder / "live.db3") as log:
-        beside = log._beside.name
+        beside = log._beside.path
         assert read_back(log) == content()
     assert snapshot(folder) == before
     assert not os.path.exists(beside)
