@@ -151,12 +151,15 @@ def small_files():
 @pytest.mark.parametrize("name", ["process", "simulate", "compare-coning"])
 def test_files_that_may_not_grow(tmp_path, name):
     """As a full disk, without the rights to make one."""
-    arguments, _ = COMMANDS[name](tmp_path)
-    # compiled loops keep files of their own; those are there already, or this run makes none
-    done = run(*arguments, preexec_fn=small_files)
+    first, second = tmp_path / "first", tmp_path / "second"
+    first.mkdir()
+    second.mkdir()
+    # compiled loops keep files of their own, which this run makes, where they are not there yet
+    assert run(*COMMANDS[name](first)[0]).returncode == 0
+    done = run(*COMMANDS[name](second)[0], preexec_fn=small_files)
     assert done.returncode == 1
     assert one_line(done.stderr).endswith("failed: File too large")
-    assert names(tmp_path) == []
+    assert names(second) == []
 
 
 def test_a_full_standard_output(tmp_path):

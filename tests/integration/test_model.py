@@ -33,7 +33,7 @@ from sinstool.integration.states import (
     VELOCITY,
 )
 from sinstool.strapdown import navigation
-from sinstool.strapdown.increment_quaternion import increment_quaternion
+from sinstool.strapdown.increment_quaternion import increment_quaternion, unit_factor
 
 FULL = FILTERS["network-26a"]
 
@@ -56,6 +56,7 @@ def many_digits(function, **names):
 EXACT_STEP = many_digits(
     navigation.step,
     increment_quaternion=many_digits(increment_quaternion),
+    unit_factor=many_digits(unit_factor),
     _wrapped=many_digits(navigation._wrapped),
 )
 
