@@ -3,8 +3,8 @@
 import csv
 import json
 import re
-import threading
 import sys
+import threading
 from html.parser import HTMLParser
 from pathlib import Path
 
