@@ -12,13 +12,11 @@ import click
 from sinstool.campaign.inputs import find_logs
 from sinstool.campaign.jobs import Job, Outcome
 from sinstool.cli.many import (
-    carry_out,
     columns,
     exit_status,
-    print_line,
     row_of,
     tally,
-    warn_together,
+    work_through,
     workers_of,
 )
 from sinstool.readers.log import path_size
@@ -72,14 +70,11 @@ def align_many(
         for log, path in zip(logs, paths, strict=True)
     ]
 
-    def tell(number: int, outcome: Outcome) -> None:
-        if as_json:
-            print_line(_row(outcome, paths[number]))
+    def row(number: int, outcome: Outcome) -> dict[str, Any]:
+        return {**row_of(outcome, paths[number]), "input": str(paths[number])}
 
-    outcomes = carry_out(tasks, workers, quiet, verbose > 1, tell)
-    rows = [_row(outcome, path) for outcome, path in zip(outcomes, paths, strict=True)]
+    rows = work_through(tasks, workers, row, as_json=as_json, quiet=quiet, verbose=verbose)
     names = [str(log.path) for log in logs]
-    warn_together([(name, row.get("warnings", ())) for name, row in zip(names, rows, strict=True)])
     if not as_json and not quiet:
         header = ("status", "log", "method", "roll", "pitch", "heading", *AXES)
         columns(header, [(r["status"], n, *_cells(r)) for n, r in zip(names, rows, strict=True)])
@@ -103,11 +98,6 @@ def align_one(path: Path, config: ProcessConfig, truth: str | None, progress: An
 
     told = align_log(path, config, progress, truth).summary
     return {**told, "exit": 0 if told["status"] in ANSWERED else 3}
-
-
-def _row(outcome: Outcome, path: Path) -> dict[str, Any]:
-    row = row_of(outcome, path)
-    return {**row, "input": str(path)}
 
 
 def _cells(row: dict[str, Any]) -> tuple[str, ...]:

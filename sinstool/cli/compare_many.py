@@ -15,14 +15,12 @@ from sinstool.cli.compare_coning import compare_one, told
 from sinstool.cli.coning_rows import drift, shown, write_table
 from sinstool.cli.many import (
     absolute,
-    carry_out,
     columns,
     exit_status,
     page_paths,
-    print_line,
     row_of,
     tally,
-    warn_together,
+    work_through,
     workers_of,
 )
 from sinstool.readers.log import path_size
@@ -79,14 +77,12 @@ def compare_many(given: Sequence[Path], options: dict[str, Any]) -> int:
         arguments = (path, config, settings, own)
         jobs.append(Job(str(log.path), compare_log, arguments, path_size(path), tuple(folders)))
 
-    def tell(number: int, outcome: Outcome) -> None:
-        if options["as_json"]:
-            print_line(row_of(outcome, paths[number]))
+    def row(number: int, outcome: Outcome) -> dict[str, Any]:
+        return row_of(outcome, paths[number])
 
-    outcomes = carry_out(jobs, workers, quiet, options["verbose"] > 1, tell)
-    rows = [row_of(outcome, path) for outcome, path in zip(outcomes, paths, strict=True)]
+    shown = {name: options[name] for name in ("as_json", "quiet", "verbose")}
+    rows = work_through(jobs, workers, row, **shown)
     names = [str(log.path) for log in logs]
-    warn_together([(n, row.get("warnings", ())) for n, row in zip(names, rows, strict=True)])
     over_all = summary(names, rows)
     if folder is not None:
         _write_summary(folder / SUMMARY, names, rows)

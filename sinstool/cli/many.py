@@ -143,29 +143,35 @@ def page_paths(folder: Path | None, logs: Sequence[LogInput]) -> list[Path | Non
     return [path.absolute() for path in output_paths(logs, folder, ".html")]
 
 
-def carry_out(
+def work_through(
     jobs: Sequence[Job],
     workers: Workers,
+    row: Callable[[int, Outcome], dict[str, Any]],
+    *,
+    as_json: bool,
     quiet: bool,
-    verbose: bool,
-    tell: Callable[[int, Outcome], None] = lambda number, outcome: None,
-) -> list[Outcome]:
-    """Do all jobs; errors are told on stderr as they come.
+    verbose: int,
+) -> list[dict[str, Any]]:
+    """Do all jobs; errors are told on stderr as they come, warnings at the end.
 
     Parameters
     ----------
     jobs : sequence of Job
     workers : Workers
+    row : callable
+        Makes of a job's number and outcome what there is to say of it, with ``status`` and
+        ``exit``; `row_of` is the most of it.
+    as_json : bool
+        Print a line for each row, in the order of the jobs.
     quiet : bool
         No bars.
-    verbose : bool
-        Tracebacks.
-    tell : callable, optional
-        Gets each outcome, in the order of the jobs.
+    verbose : int
+        How often it was asked for: twice for tracebacks.
 
     Returns
     -------
-    list of Outcome
+    list of dict
+        The rows.
 
     Raises
     ------
@@ -174,7 +180,7 @@ def carry_out(
     """
     from sinstool.campaign.jobs import run_jobs
 
-    ended: dict[int, Outcome] = {}
+    ended: dict[int, dict[str, Any]] = {}
     told = 0
     try:
         with (
@@ -185,19 +191,33 @@ def carry_out(
                 show(event.number, event.fraction, event.outcome is not None)
                 if event.outcome is None:
                     continue
-                ended[event.number] = event.outcome
+                ended[event.number] = row(event.number, event.outcome)
                 if event.outcome.error:
-                    trace = f"{event.outcome.trace}\n" if verbose else ""
+                    trace = f"{event.outcome.trace}\n" if verbose > 1 else ""
                     click.echo(f"{trace}sinstool: {event.outcome.error}", err=True)
-                while told in ended:
-                    tell(told, ended[told])
+                while as_json and told in ended:
+                    click.echo(json.dumps(plain(ended[told]), allow_nan=False))
                     told += 1
     except KeyboardInterrupt:
         click.echo(
             f"sinstool: interrupted; {len(ended)} of {len(jobs)} are done, and whole", err=True
         )
         raise click.exceptions.Exit(INTERRUPTED) from None
-    return [ended[number] for number in range(len(jobs))]
+    rows = [ended[number] for number in range(len(jobs))]
+    _warn_together(jobs, rows)
+    return rows
+
+
+def _warn_together(jobs: Sequence[Job], rows: Sequence[dict[str, Any]]) -> None:
+    """Warnings of many logs on stderr, each once, with the logs that it is about."""
+    about: dict[str, list[str]] = {}
+    for job, row in zip(jobs, rows, strict=True):
+        for text in row.get("warnings", ()):
+            about.setdefault(text, []).append(job.name)
+    for text, names in about.items():
+        shown = ", ".join(names[:NAMED])
+        more = f" and {len(names) - NAMED} more" if len(names) > NAMED else ""
+        warn(f"{shown}{more}: {text}")
 
 
 @contextlib.contextmanager
@@ -246,11 +266,6 @@ def _bars(jobs: Sequence[Job], quiet: bool) -> Iterator[Callable[[int, float | N
             bar.update(every, completed=sum(done.values()), description=name)
 
         yield show
-
-
-def print_line(value: dict[str, Any]) -> None:
-    """One JSON object on one line of stdout."""
-    click.echo(json.dumps(plain(value), allow_nan=False))
 
 
 def row_of(outcome: Outcome, log: Path, output: Path | None = None) -> dict[str, Any]:
@@ -302,21 +317,3 @@ def _is_number(text: str) -> bool:
     except ValueError:
         return False
     return True
-
-
-def warn_together(found: Sequence[tuple[str, Sequence[str]]]) -> None:
-    """Warnings of many logs on stderr, each once, with the logs that it is about.
-
-    Parameters
-    ----------
-    found : sequence of (str, sequence of str)
-        A log's name, and its warnings.
-    """
-    about: dict[str, list[str]] = {}
-    for name, texts in found:
-        for text in texts:
-            about.setdefault(text, []).append(name)
-    for text, names in about.items():
-        shown = ", ".join(names[:NAMED])
-        more = f" and {len(names) - NAMED} more" if len(names) > NAMED else ""
-        warn(f"{shown}{more}: {text}")

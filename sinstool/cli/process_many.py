@@ -12,14 +12,12 @@ from sinstool.campaign.inputs import find_logs, output_paths
 from sinstool.campaign.jobs import Job, Outcome
 from sinstool.cli.many import (
     absolute,
-    carry_out,
     columns,
     exit_status,
     page_paths,
-    print_line,
     row_of,
     tally,
-    warn_together,
+    work_through,
     workers_of,
 )
 from sinstool.cli.process_one import process_unless_done
@@ -83,16 +81,12 @@ def process_many(
         for log, path, output, page in zip(logs, paths, outputs, pages, strict=True)
     ]
 
-    def tell(number: int, outcome: Outcome) -> None:
-        if as_json:
-            print_line(row_of(outcome, paths[number], outputs[number]))
+    def row(number: int, outcome: Outcome) -> dict[str, Any]:
+        return row_of(outcome, paths[number], outputs[number])
 
-    outcomes = carry_out(tasks, workers, quiet, verbose > 1, tell)
-    rows = [row_of(o, p, q) for o, p, q in zip(outcomes, paths, outputs, strict=True)]
-    names = [str(log.path) for log in logs]
-    warn_together([(name, row.get("warnings", ())) for name, row in zip(names, rows, strict=True)])
+    rows = work_through(tasks, workers, row, as_json=as_json, quiet=quiet, verbose=verbose)
     if not as_json and not quiet:
-        columns(*_table(names, rows))
+        columns(*_table([str(log.path) for log in logs], rows))
     if not quiet:
         click.echo(f"{tally(rows)}, in {folder}", err=as_json)
     return exit_status(rows)

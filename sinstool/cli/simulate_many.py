@@ -9,12 +9,11 @@ import click
 
 from sinstool.cli.console import print_json
 from sinstool.cli.many import (
-    carry_out,
     columns,
     exit_status,
-    print_line,
     row_of,
     tally,
+    work_through,
     workers_of,
     workers_options,
 )
@@ -111,12 +110,14 @@ def _many(
             own["rig_out"] = own["rig_out"].absolute() if seed == seeds[0] else None
         tasks.append(Job(output.name, simulate_one, (scenario, own), folders=(folder,)))
 
-    def tell(number: int, outcome: Outcome) -> None:
-        if told["as_json"]:
-            print_line(_row(outcome, seeds[number], outputs[number]))
+    def row(number: int, outcome: Outcome) -> dict[str, Any]:
+        made = row_of(outcome, outputs[number])
+        if outcome.error:
+            return {"output": made.pop("input")["path"], "seed": seeds[number], **made}
+        return made
 
-    outcomes = carry_out(tasks, workers, False, told["verbose"] > 1, tell)
-    rows = [_row(*ended) for ended in zip(outcomes, seeds, outputs, strict=True)]
+    shown = {"as_json": told["as_json"], "quiet": False, "verbose": told["verbose"]}
+    rows = work_through(tasks, workers, row, **shown)
     if not told["as_json"]:
         cells = [
             (row["status"], str(row["seed"]), output.name, _topics(row))
@@ -125,14 +126,6 @@ def _many(
         columns(("status", "seed", "log", "topics"), cells)
     click.echo(f"{tally(rows)}, in {told['output']}", err=told["as_json"])
     return exit_status(rows)
-
-
-def _row(outcome: Any, seed: int, output: Path) -> dict[str, Any]:
-    row = row_of(outcome, output)
-    if outcome.error:
-        row["output"] = row.pop("input")["path"]
-        row["seed"] = seed
-    return row
 
 
 def _topics(made: dict[str, Any]) -> str:

@@ -11,7 +11,7 @@ import os
 import struct
 from collections.abc import Generator, Iterator
 from contextlib import suppress
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -28,6 +28,18 @@ from sinstool.readers.compression import (
 from sinstool.readers.log import Channel, Log, RawBatch
 from sinstool.readers.lost import Lost
 from sinstool.readers.resync import next_rosbag1, run_rosbag1
+from sinstool.readers.rosbag1_records import (
+    BAG,
+    CHUNK,
+    CHUNK_INFO,
+    CONNECTION,
+    INDEX,
+    MESSAGE,
+    BadRecordError,
+    Record,
+    read_channel,
+    record_at,
+)
 from sinstool.readers.salvage import search, unpack, whole_parts
 from sinstool.readers.scan import END, FOREIGN, FULL, definitions_rosbag1, scan_rosbag1
 
@@ -43,39 +55,6 @@ LARGE = 32 * 2**20
 ROWS = 2**18
 # Record lengths, and the op, conn and time fields of a message's header.
 _MIN_MESSAGE = 46
-
-_MESSAGE, _BAG, _INDEX, _CHUNK, _CHUNK_INFO, _CONNECTION = 2, 3, 4, 5, 6, 7
-_METADATA = ("md5sum", "callerid", "latching")
-
-
-class _BadRecordError(ValueError):
-    """Bytes that are no bag record."""
-
-
-@dataclass(frozen=True)
-class _Record:
-    """A record as its header describes it; ``end`` is where the next one begins.
-
-    ``problem`` is what is wrong with a chunk that is given in part only.
-    """
-
-    op: int
-    fields: dict[str, bytes]
-    offset: int
-    data_offset: int
-    data_length: int
-    problem: str = ""
-
-    @property
-    def end(self) -> int:
-        return self.data_offset + self.data_length
-
-    def number(self, name: str) -> int:
-        """An unsigned field of 4 or 8 bytes."""
-        raw = self.fields.get(name, b"")
-        if len(raw) not in (4, 8):
-            raise _BadRecordError(f"it has no field {name}")
-        return int.from_bytes(raw, "little")
 
 
 class Rosbag1Log(Log):
@@ -133,11 +112,11 @@ class Rosbag1Log(Log):
             raise NotALogError(self.path, "not a ROS 1 bag: its first bytes are not a bag's")
         try:
             head = self._record(len(MAGIC))
-            if head.op != _BAG:
-                raise _BadRecordError("it is another record")
+            if head.op != BAG:
+                raise BadRecordError("it is another record")
             index = head.number("index_pos")
             counts = head.number("conn_count"), head.number("chunk_count")
-        except _BadRecordError as exc:
+        except BadRecordError as exc:
             self._damage(f"the bag header record cannot be read ({exc})", len(MAGIC))
             self._first = len(MAGIC) + BAG_HEADER_SIZE
             self._discover()
@@ -154,19 +133,19 @@ class Rosbag1Log(Log):
         if not (self._first <= index < self.size and self._read_index(index, *counts)):
             self._discover()
 
-    def _record(self, pos: int) -> _Record:
-        """The record at a place of the file; `_BadRecordError` where there is no whole one."""
+    def _record(self, pos: int) -> Record:
+        """The record at a place of the file; `BadRecordError` where there is no whole one."""
         head = self._read_at(pos, 512)
         if len(head) >= 4:
             width = int.from_bytes(head[:4], "little")
             if width > MAX_HEADER:
-                raise _BadRecordError(f"its header declares {width} bytes")
+                raise BadRecordError(f"its header declares {width} bytes")
             if width + 8 > len(head):
                 head = self._read_at(pos, width + 8)
-        record = _parse(head, 0, pos)
+        record = record_at(head, 0, pos)
         # the size of a message index is looked at by the walk itself
-        if record.end > self.size and record.op != _INDEX:
-            raise _BadRecordError(
+        if record.end > self.size and record.op != INDEX:
+            raise BadRecordError(
                 f"it declares {record.data_length} bytes where {self.size - record.data_offset} are"
             )
         return record
@@ -182,19 +161,19 @@ class Rosbag1Log(Log):
         pos = 0
         try:
             while pos < len(section):
-                record = _parse(section, pos, 0)
+                record = record_at(section, pos, 0)
                 if record.end > len(section):
-                    raise _BadRecordError("it is cut short")
+                    raise BadRecordError("it is cut short")
                 data = section[record.data_offset : record.end]
-                if record.op == _CONNECTION:
-                    channel = _channel(record, data)
+                if record.op == CONNECTION:
+                    channel = read_channel(record, data)
                     found[channel.id] = channel
-                elif record.op == _CHUNK_INFO:
+                elif record.op == CHUNK_INFO:
                     chunk_infos += 1
                     for number, count in struct.iter_unpack("<II", data):
                         counts[number] = counts.get(number, 0) + count
                 pos = record.end
-        except (_BadRecordError, struct.error):
+        except (BadRecordError, struct.error):
             return False
         if (len(found), chunk_infos) != (connections, chunks) or counts.keys() - found.keys():
             return False
@@ -206,10 +185,10 @@ class Rosbag1Log(Log):
         for place in self._places():
             if isinstance(place, RawBatch):
                 continue
-            if place.op == _CONNECTION:
+            if place.op == CONNECTION:
                 data = self._read_at(place.data_offset, place.data_length)
                 self._define(place, data, place.offset)
-            elif place.op == _CHUNK:
+            elif place.op == CHUNK:
                 content, parts = self._content(place)
                 for begin, end in parts:
                     self._define_all(content[begin:end], place.offset)
@@ -224,28 +203,28 @@ class Rosbag1Log(Log):
 
     def _define_from(self, chunk: np.ndarray, pos: int, offset: int) -> None:
         try:
-            record = _parse(chunk.data, pos, 0)
-        except _BadRecordError as exc:
+            record = record_at(chunk.data, pos, 0)
+        except BadRecordError as exc:
             self._damage(f"a record inside a chunk cannot be read: {exc}", offset)
             return
-        if record.op == _CONNECTION:
+        if record.op == CONNECTION:
             self._define(record, chunk[record.data_offset : record.end].tobytes(), offset)
 
-    def _define(self, record: _Record, data: bytes, offset: int) -> None:
+    def _define(self, record: Record, data: bytes, offset: int) -> None:
         self._defined += 1
         if self._defined > MAX_DEFINITIONS:
             self._damage(f"more than {MAX_DEFINITIONS} connections", offset)
             return
         try:
-            channel = _channel(record, data)
-        except _BadRecordError as exc:
+            channel = read_channel(record, data)
+        except BadRecordError as exc:
             self._damage(f"a connection record cannot be read: {exc}", offset)
         else:
             self.channels.setdefault(channel.id, channel)
 
     # -- walking ---------------------------------------------------------------------------
 
-    def _places(self) -> Iterator[_Record | RawBatch]:
+    def _places(self) -> Iterator[Record | RawBatch]:
         """Records at the top level, in file order; runs of messages come as batches."""
         pos = self._first
         # Where a search begins if what follows turns out damaged: the record before may have
@@ -254,54 +233,54 @@ class Rosbag1Log(Log):
         while pos < self.size:
             try:
                 record = self._record(pos)
-                if record.op == _INDEX:
+                if record.op == INDEX:
                     doubt = pos + 1
                     pos = self._behind_index(record)
                     continue
-                if record.op in (_MESSAGE, _CONNECTION) and record.data_length > MAX_BLOCK:
-                    raise _BadRecordError(f"{record.data_length} bytes are more than we take")
-                if record.op == _CHUNK:
+                if record.op in (MESSAGE, CONNECTION) and record.data_length > MAX_BLOCK:
+                    raise BadRecordError(f"{record.data_length} bytes are more than we take")
+                if record.op == CHUNK:
                     self._check_sizes(record)
-            except _BadRecordError as exc:
+            except BadRecordError as exc:
                 what = f"a record cannot be read: {exc}"
                 pos = yield from self._behind_damage(what, pos, doubt)
                 doubt = pos + 1
                 continue
-            if record.op == _MESSAGE:
+            if record.op == MESSAGE:
                 stop, last = yield from self._run(record)
                 if stop > pos:
                     pos, doubt = stop, last + 1
                     continue
                 self._damage("a message lacks its connection or its time", pos)
-            elif record.op in (_CHUNK, _CONNECTION):
+            elif record.op in (CHUNK, CONNECTION):
                 self._packed = self._packed or (
-                    record.op == _CHUNK and record.fields.get("compression") != b"none"
+                    record.op == CHUNK and record.fields.get("compression") != b"none"
                 )
                 yield record
             pos = record.end
-            doubt = record.data_offset if record.op != _CHUNK else pos
+            doubt = record.data_offset if record.op != CHUNK else pos
 
-    def _check_sizes(self, chunk: _Record) -> None:
+    def _check_sizes(self, chunk: Record) -> None:
         """An uncompressed chunk tells its size twice."""
         plain = chunk.fields.get("compression") == b"none"
         if plain and chunk.data_length != chunk.number("size"):
-            raise _BadRecordError(
+            raise BadRecordError(
                 f"a chunk holds {chunk.data_length} bytes where {chunk.number('size')} are declared"
             )
 
-    def _behind_damage(self, what: str, pos: int, doubt: int) -> Generator[_Record, None, int]:
+    def _behind_damage(self, what: str, pos: int, doubt: int) -> Generator[Record, None, int]:
         """Where to go on behind a record that is none; gives what there is of a chunk."""
         if not self.salvage:
             raise DamagedLogError(self.path, what, SALVAGE_HINT, pos)
         chunk = None
-        with suppress(_BadRecordError):
-            chunk = _parse(self._read_at(pos, MAX_HEADER), 0, pos)
+        with suppress(BadRecordError):
+            chunk = record_at(self._read_at(pos, MAX_HEADER), 0, pos)
         at = packed_at(self._read_at(pos, 512))
-        if (chunk is None or chunk.op != _CHUNK) and at >= 0:
+        if (chunk is None or chunk.op != CHUNK) and at >= 0:
             # A killed recorder leaves a chunk's record empty, and what belongs in it behind it;
             # or the chunk's header is gone.
-            chunk = _Record(_CHUNK, {}, pos, pos + at, 0)
-        if chunk is None or chunk.op != _CHUNK:
+            chunk = Record(CHUNK, {}, pos, pos + at, 0)
+        if chunk is None or chunk.op != CHUNK:
             again = self._next(min(pos + 1, doubt))
             self.note_lost(Lost(what, "record", min(pos, again), max(pos, again)))
             return again
@@ -322,19 +301,19 @@ class Rosbag1Log(Log):
 
         return search(self._read_at, start, self.size, following)
 
-    def _behind_index(self, record: _Record) -> int:
+    def _behind_index(self, record: Record) -> int:
         """End of a message index, whose own size is not to be relied on where it lies."""
         for end in (record.end, record.data_offset + 12 * record.number("count")):
             if end == self.size:
                 return end
-            with suppress(_BadRecordError):
+            with suppress(BadRecordError):
                 self._record(end)
                 return end
         if record.end > self.size:
-            raise _BadRecordError("a message index runs over the end of the file")
+            raise BadRecordError("a message index runs over the end of the file")
         return record.end
 
-    def _run(self, record: _Record) -> Generator[RawBatch, None, tuple[int, int]]:
+    def _run(self, record: Record) -> Generator[RawBatch, None, tuple[int, int]]:
         """Messages at the top level; returns where they end, and where the last of them begins."""
         pos = last = record.offset
         need = record.end - record.offset
@@ -350,13 +329,13 @@ class Rosbag1Log(Log):
                 return pos, last
             need = 0
 
-    def _load(self, place: _Record) -> np.ndarray | str:
+    def _load(self, place: Record) -> np.ndarray | str:
         """A chunk's records, decompressed; in words what is wrong with them."""
         try:
             name = place.fields.get("compression", b"").decode("ascii")
             size = place.number("size")
             if place.data_length > MAX_BLOCK:
-                raise _BadRecordError(f"{place.data_length} bytes are more than we take")
+                raise BadRecordError(f"{place.data_length} bytes are more than we take")
             data = self._read_at(place.data_offset, place.data_length)
             return np.frombuffer(decompress(name, data, size), np.uint8)
         except UnknownCompressionError as exc:
@@ -365,7 +344,7 @@ class Rosbag1Log(Log):
             what = f"a chunk's {exc}"
         except CompressionError as exc:
             what = f"a chunk {exc}"
-        except (_BadRecordError, UnicodeDecodeError) as exc:
+        except (BadRecordError, UnicodeDecodeError) as exc:
             what = f"a chunk's header cannot be used ({exc})"
         self._damage_strict(what, place.offset)
         return what
@@ -374,7 +353,7 @@ class Rosbag1Log(Log):
         if not self.salvage:
             raise DamagedLogError(self.path, what, SALVAGE_HINT, offset)
 
-    def _content(self, place: _Record) -> tuple[np.ndarray, list[tuple[int, int]]]:
+    def _content(self, place: Record) -> tuple[np.ndarray, list[tuple[int, int]]]:
         """A chunk's bytes and its runs of whole records: one of all, where it is sound."""
         chunk = place.problem or self._load(place)
         if not isinstance(chunk, str):
@@ -391,7 +370,7 @@ class Rosbag1Log(Log):
             content, run_rosbag1, lambda b, at: next_rosbag1(b, at, len(b), True, False)
         )
 
-    def _salvaged_batch(self, place: _Record, what: str) -> RawBatch:
+    def _salvaged_batch(self, place: Record, what: str) -> RawBatch:
         """The messages of a damaged chunk that are whole; what is lost is noted."""
         content, parts = self._content(place)
         found = [_scan(content[:end], begin, False)[0] for begin, end in parts]
@@ -405,16 +384,16 @@ class Rosbag1Log(Log):
         # as if it ended where it begins, so that what is missing lies between it and the next
         return _batch(content, rows, place.offset)
 
-    def _indexed(self, place: _Record) -> int | None:
+    def _indexed(self, place: Record) -> int | None:
         """How many messages the index behind a chunk says that it has; None without an index."""
         pos, count = place.end, 0
-        with suppress(_BadRecordError):
-            while pos < self.size and (record := self._record(pos)).op == _INDEX:
+        with suppress(BadRecordError):
+            while pos < self.size and (record := self._record(pos)).op == INDEX:
                 count += record.number("count")
                 pos = self._behind_index(record)
         return count or None
 
-    def _chunk_batches(self, place: _Record) -> Iterator[RawBatch]:
+    def _chunk_batches(self, place: Record) -> Iterator[RawBatch]:
         """The messages of one chunk, so many at a time."""
         chunk = place.problem or self._load(place)
         if self.salvage and not isinstance(chunk, str) and run_rosbag1(chunk, 0)[1] < len(chunk):
@@ -433,7 +412,7 @@ class Rosbag1Log(Log):
     def _read(self, wanted: frozenset[int] | None) -> Iterator[RawBatch]:
         """Raw messages, chunk by chunk (see `Log.batches`)."""
 
-        def load(place: _Record | RawBatch) -> _Record | list[RawBatch]:
+        def load(place: Record | RawBatch) -> Record | list[RawBatch]:
             if isinstance(place, RawBatch):
                 return [place]
             declared = int.from_bytes(place.fields.get("size", b""), "little")
@@ -441,56 +420,9 @@ class Rosbag1Log(Log):
                 return place
             return list(self._chunk_batches(place))
 
-        needed = (p for p in self._places() if isinstance(p, RawBatch) or p.op == _CHUNK)
+        needed = (p for p in self._places() if isinstance(p, RawBatch) or p.op == CHUNK)
         for loaded in ahead(load, needed):
-            yield from self._chunk_batches(loaded) if isinstance(loaded, _Record) else loaded
-
-
-def _parse(data: bytes | memoryview, at: int, base: int) -> _Record:
-    """A record that begins at ``data[at]``; its places count from ``base``."""
-    if at + 8 > len(data):
-        raise _BadRecordError("the file ends inside it")
-    (width,) = struct.unpack_from("<I", data, at)
-    end = at + 4 + width
-    if end + 4 > len(data):
-        raise _BadRecordError("the file ends inside its header")
-    fields = _fields(bytes(data[at + 4 : end]))
-    op = fields.get("op", b"")
-    if len(op) != 1 or not _MESSAGE <= op[0] <= _CONNECTION:
-        raise _BadRecordError("it is of no known kind")
-    (length,) = struct.unpack_from("<I", data, end)
-    return _Record(op[0], fields, base + at, base + end + 4, length)
-
-
-def _fields(header: bytes) -> dict[str, bytes]:
-    """Named fields of a record's header, or of a connection's data."""
-    fields: dict[str, bytes] = {}
-    pos = 0
-    while pos < len(header):
-        width = int.from_bytes(header[pos : pos + 4], "little")
-        name, equals, value = header[pos + 4 : pos + 4 + width].partition(b"=")
-        pos += 4 + width
-        if pos > len(header) or not equals:
-            raise _BadRecordError("its fields cannot be read")
-        fields[name.decode("ascii", "replace")] = value
-    return fields
-
-
-def _channel(record: _Record, data: bytes) -> Channel:
-    """The channel a connection record defines."""
-    text = {name: raw.decode("utf-8", "replace") for name, raw in _fields(data).items()}
-    topic = record.fields.get("topic", b"").decode("utf-8", "replace") or text.get("topic", "")
-    if not topic or not text.get("type"):
-        raise _BadRecordError("it lacks a topic or a type")
-    return Channel(
-        record.number("conn"),
-        topic,
-        text["type"],
-        "ros1",
-        "ros1msg",
-        text.get("message_definition", ""),
-        {name: text[name] for name in _METADATA if name in text},
-    )
+            yield from self._chunk_batches(loaded) if isinstance(loaded, Record) else loaded
 
 
 def _scan(buffer: np.ndarray, start: int, stop_at_foreign: bool) -> tuple[np.ndarray, int, int]:

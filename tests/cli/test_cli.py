@@ -23,26 +23,11 @@ from imulogs import (
 )
 from readers.logs import PRESSURE, Row, payload_of, real, write_mcap
 
-from sinstool.cli import main as main_module
 from sinstool.cli.main import COMMANDS, cli
 from sinstool.config import ProcessConfig, build
 from sinstool.coning.registry import names
 
 PROGRAM = [sys.executable, "-c", "from sinstool.cli.main import main; main()"]
-
-
-@pytest.fixture
-def sinstool(monkeypatch, capsys):
-    """Runs the command line in this process: status, stdout, stderr."""
-
-    def call(*arguments):
-        monkeypatch.setattr(sys, "argv", ["sinstool", *map(str, arguments)])
-        with pytest.raises(SystemExit) as info:
-            main_module.main()
-        out, err = capsys.readouterr()
-        return info.value.code, out, err
-
-    return call
 
 
 @pytest.fixture

@@ -15,25 +15,10 @@ import psutil  # which comes with distributed
 import pytest
 from imulogs import even_times, handheld, imu_log
 
-from sinstool.cli import main as main_module
 from sinstool.record import read_record
 
 PROGRAM = [sys.executable, "-c", "from sinstool.cli.main import main; main()"]
 HSE = Path(__file__).parents[2] / "sample_data" / "hse"
-
-
-@pytest.fixture
-def sinstool(monkeypatch, capsys):
-    """Runs the command line in this process: status, stdout, stderr."""
-
-    def call(*arguments):
-        monkeypatch.setattr(sys, "argv", ["sinstool", *map(str, arguments)])
-        with pytest.raises(SystemExit) as info:
-            main_module.main()
-        out, err = capsys.readouterr()
-        return info.value.code, out, err
-
-    return call
 
 
 @pytest.fixture(scope="module")
