@@ -1,7 +1,11 @@
 import signal
+import sys
 import threading
 
+import pytest
 from hypothesis import settings
+
+from sinstool.cli import main as main_module
 
 # The first call of a compiled loop takes seconds; a deadline would call that a failure.
 settings.register_profile("compiled", deadline=None)
@@ -14,3 +18,18 @@ if threading.current_thread() is threading.main_thread():
         number = getattr(signal, name, None)
         if number is not None and signal.getsignal(number) is signal.SIG_IGN:
             signal.signal(number, usual)
+
+
+@pytest.fixture
+def sinstool(monkeypatch, capsys):
+    """Runs the command line in this process: status, stdout, stderr."""
+
+    def call(*arguments):
+        monkeypatch.setattr(sys, "argv", ["sinstool", *map(str, arguments)])
+        with pytest.raises(SystemExit) as info:
+            main_module.main()
+        out, err = capsys.readouterr()
+        assert "Traceback" not in err
+        return info.value.code, out, err
+
+    return call

@@ -27,8 +27,9 @@ BATCH = 4096
 BATCH_BYTES = 32 * 2**20
 _FIRST_ROW = -(2**63)
 
-# What Python raises of a damaged database; memory, where a size says more than there is.
-_UNREADABLE = (sqlite3.Error, OverflowError, MemoryError)
+# What Python raises of a damaged database; memory, where a size says more than there is, and of
+# Unicode where SQLite's message quotes a name that is none any more.
+_UNREADABLE = (sqlite3.Error, OverflowError, MemoryError, UnicodeDecodeError)
 
 
 class SqliteLog(Log):
@@ -122,7 +123,7 @@ class SqliteLog(Log):
             # of them is used; without one SQLite makes its own in memory, where nobody can be
             # writing: neither way puts anything beside the bag.
             live = shared.exists()
-            with suppress(sqlite3.Error):
+            with suppress(*_UNREADABLE):
                 mode = "readonly_shm=1" if live else "vfs=unix-none"
                 return _open(self.path, f"mode=ro&{mode}", exclusive=not live, damaged=self.salvage)
         # A transaction to roll back, a folder in which SQLite may not even make its lock file, or
@@ -176,7 +177,7 @@ class SqliteLog(Log):
         try:
             (last,) = database.execute("SELECT max(rowid) FROM messages").fetchone()
             self._last_row = int(last or 0)
-        except sqlite3.Error as exc:
+        except _UNREADABLE as exc:
             if not self.salvage:
                 raise self._damaged(exc) from exc
 
@@ -187,7 +188,9 @@ class SqliteLog(Log):
         chosen = ""
         if wanted is not None:
             chosen = f" AND topic_id IN ({', '.join(map(str, sorted(wanted)))})"
-        query = f"SELECT rowid, topic_id, timestamp, data FROM messages WHERE rowid > ?{chosen}"
+        # An alias: what the schema calls the row may be damaged, and Python wants it as text.
+        columns = "rowid AS row, topic_id, timestamp, data"
+        query = f"SELECT {columns} FROM messages WHERE rowid > ?{chosen}"
         assert self._database is not None, "the log is closed"
         # Flat arrays, and all in one loop: whatever is done here is done for every message.
         topics, times, lengths, data = array("q"), array("q"), array("q"), bytearray()
@@ -244,7 +247,8 @@ class SqliteLog(Log):
 
         def probe(behind: int) -> tuple[int, int | None] | None:
             assert self._database is not None
-            query = "SELECT rowid, timestamp, data FROM messages WHERE rowid > ? ORDER BY rowid"
+            columns = "rowid AS row, timestamp, data"
+            query = f"SELECT {columns} FROM messages WHERE rowid > ? ORDER BY rowid"
             try:
                 found = self._database.execute(f"{query} LIMIT 1", (behind,)).fetchone()
             except _UNREADABLE:
@@ -303,7 +307,7 @@ def _open(
             # Otherwise SQLite refuses a file that is shorter than it was, all of it.
             database.execute("PRAGMA writable_schema=ON")
         database.execute("SELECT count(*) FROM sqlite_master").fetchone()
-    except sqlite3.Error:
+    except _UNREADABLE:
         database.close()
         raise
     return database

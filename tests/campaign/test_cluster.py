@@ -11,13 +11,10 @@ import sinstool
 from sinstool.campaign import cluster as cluster_module
 from sinstool.campaign.jobs import Job, Workers, results, run_jobs
 from sinstool.campaign.visible import Token, not_seen, sight, tokens, what_differs
-from sinstool.cli import main as main_module
 from sinstool.errors import ConfigurationError, SinstoolError
 from tests.campaign import work
 from tests.campaign.clusters import cluster, free_port
 from tests.campaign.test_local import gone, job, left
-
-pytest.importorskip("distributed")
 
 
 @pytest.fixture(scope="module")
@@ -72,15 +69,7 @@ def test_who_gives_up_leaves_nothing(address, tmp_path):
     assert not any(gone(int(p.read_text())) for p in tmp_path.glob("pid-*"))
 
 
-def run(monkeypatch, capsys, *arguments):
-    monkeypatch.setattr(sys, "argv", ["sinstool", *map(str, arguments)])
-    with pytest.raises(SystemExit) as info:
-        main_module.main()
-    out, err = capsys.readouterr()
-    return info.value.code, out, err
-
-
-def test_the_command(address, tmp_path, monkeypatch, capsys):
+def test_the_command(address, tmp_path, sinstool):
     """The same bytes as by one process and by two, and lines of JSON that differ by folder only."""
     logs = tmp_path / "logs"
     logs.mkdir()
@@ -90,7 +79,7 @@ def test_the_command(address, tmp_path, monkeypatch, capsys):
     told, made = [], []
     for name, who in {"one": ["-j", 1], "two": ["-j", 2], "dask": ["--scheduler", address]}.items():
         out = tmp_path / name
-        status, lines, _ = run(monkeypatch, capsys, "process", logs, "-o", out, "--json", *who)
+        status, lines, _ = sinstool("process", logs, "-o", out, "--json", *who)
         assert status == 0
         told.append([json.loads(line.replace(str(out), "OUT")) for line in lines.splitlines()])
         made.append({p.name: p.read_bytes() for p in out.iterdir()})
@@ -143,12 +132,12 @@ def test_nobody_there(monkeypatch, tmp_path):
         outcomes([job(work.square, 2)], lonely)
 
 
-def test_without_the_extra(monkeypatch, tmp_path, capsys):
+def test_without_the_extra(monkeypatch, tmp_path, sinstool):
     """As where distributed is not installed."""
     monkeypatch.setitem(sys.modules, "distributed", None)
     log = imu_log(tmp_path / "a.mcap", even_times(50), *handheld(50)[:2])
     arguments = ["process", log, log, "-o", tmp_path / "out", "--scheduler", "tcp://h:1"]
-    status, _, err = run(monkeypatch, capsys, *arguments)
+    status, _, err = sinstool(*arguments)
     assert status == 2
     assert err == (
         "sinstool: --scheduler needs dask.distributed: pip install 'sinstool[cluster]'\n"

@@ -2,31 +2,20 @@
 
 import csv
 import json
-import sys
+from functools import partial
 
 import numpy as np
 import pytest
 from launch_logs import TACTICAL, launched
 from readers.logs import real
 
-from sinstool.cli import main as main_module
-
 KIND = ("--gyro-kind", "increment")
 
 
 @pytest.fixture
-def align(monkeypatch, capsys):
+def align(sinstool):
     """Runs the command in this process: status, stdout, stderr."""
-
-    def call(*arguments):
-        monkeypatch.setattr(sys, "argv", ["sinstool", "align", *map(str, arguments)])
-        with pytest.raises(SystemExit) as info:
-            main_module.main()
-        out, err = capsys.readouterr()
-        assert "Traceback" not in err
-        return info.value.code, out, err
-
-    return call
+    return partial(sinstool, "align")
 
 
 def test_json_says_all_and_nothing_else(align):

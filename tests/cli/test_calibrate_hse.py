@@ -459,7 +459,6 @@ def test_summary_says_what_counts(noisy, tmp_path):
 
 
 def test_page(noisy, tmp_path):
-    pytest.importorskip("plotly")
     a, b, rig = noisy
     page = tmp_path / "page.html"
     given = ("--azimuth", "a=30,b=210", "--report", page)
@@ -484,7 +483,6 @@ def test_page(noisy, tmp_path):
 
 
 def test_page_of_runs_that_tell_nothing(tmp_path):
-    pytest.importorskip("plotly")
     log, rig = simulate(tmp_path, "one", rates="60", plateau=40)
     page = tmp_path / "page.html"
     status, _, _ = sinstool(
@@ -497,7 +495,6 @@ def test_page_of_runs_that_tell_nothing(tmp_path):
 
 
 def test_main_figure_alone(noisy, tmp_path):
-    pytest.importorskip("matplotlib")
     a, b, rig = noisy
     for suffix, begins in ((".png", b"\x89PNG"), (".pdf", b"%PDF")):
         figure = tmp_path / f"figure{suffix}"

@@ -3,9 +3,9 @@
 import csv
 import json
 import re
-import sys
 import threading
 from html.parser import HTMLParser
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -13,7 +13,6 @@ import pytest
 from imulogs import even_times, handheld, imu_log, resting
 from readers.logs import real
 
-from sinstool.cli import main as main_module
 from sinstool.comparison import runs
 from sinstool.comparison.compare import DEFAULT_ALGORITHMS
 from sinstool.comparison.divergence import DEG_H
@@ -26,18 +25,9 @@ CONING = (SAMPLE, "--gyro-kind", "mean-rate", "--start", "3", "--truth", "/truth
 
 
 @pytest.fixture
-def compare(monkeypatch, capsys):
+def compare(sinstool):
     """Runs the command in this process: status, stdout, stderr."""
-
-    def call(*arguments):
-        monkeypatch.setattr(sys, "argv", ["sinstool", "compare-coning", *map(str, arguments)])
-        with pytest.raises(SystemExit) as info:
-            main_module.main()
-        out, err = capsys.readouterr()
-        assert "Traceback" not in err
-        return info.value.code, out, err
-
-    return call
+    return partial(sinstool, "compare-coning")
 
 
 @pytest.fixture
@@ -163,7 +153,6 @@ class Words(HTMLParser):
 
 
 def test_report_page(compare, moving, tmp_path):
-    pytest.importorskip("plotly")
     page = tmp_path / "page.html"
     status, out, _ = compare(moving, "--report", page, "--passband", "20", "--stopband", "60")
     assert status == 0
@@ -188,14 +177,12 @@ def test_report_page(compare, moving, tmp_path):
 
 
 def test_report_figure(compare, moving, tmp_path):
-    pytest.importorskip("matplotlib")
     figure = tmp_path / "figure.png"
     assert compare(moving, "--report", figure, "--decimate", "1,2")[0] == 0
     assert figure.read_bytes().startswith(b"\x89PNG")
 
 
 def test_report_without_a_reference(compare, moving, tmp_path):
-    pytest.importorskip("plotly")
     page = tmp_path / "page.html"
     status, out, _ = compare(moving, "--reference", "none", "--report", page)
     assert status == 0

@@ -367,7 +367,8 @@ def test_align_over_realisations(sinstool, tmp_path):
 
 def test_bars_are_for_a_terminal(logs, tmp_path):
     """On stderr, where it is one; lines of JSON stay on stdout."""
-    pty = pytest.importorskip("pty")
+    import pty
+
     ours, theirs = pty.openpty()
     arguments = ["process", logs / "*" / "run.mcap", "-o", tmp_path / "out", "--json", "-j", "1"]
     run = subprocess.Popen(

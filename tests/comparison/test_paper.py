@@ -462,7 +462,6 @@ def test_command_refuses_before_it_runs(monkeypatch, tmp_path):
 
 
 def test_the_page_holds_every_claim_and_figure(found, tmp_path):
-    pytest.importorskip("plotly")
     from sinstool.cli.coning_report import write_reproduction
 
     path = tmp_path / "paper.html"

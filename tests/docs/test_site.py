@@ -12,7 +12,6 @@ import pytest
 
 from tests.docs.examples import ROOT, scratch
 
-pytest.importorskip("mkdocs", reason="the site is built by the extra 'docs'")
 sys.path.insert(0, str(ROOT / "docsite"))
 
 from mathml import equations

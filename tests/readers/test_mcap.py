@@ -244,7 +244,8 @@ def test_sizes_that_lie_cost_no_memory(tmp_path, compression, size):
 
 
 def test_a_zstd_frame_that_swells_is_stopped(tmp_path):
-    zstandard = pytest.importorskip("zstandard")
+    import zstandard
+
     path = write_mcap(tmp_path / "a.mcap", rows(10))
     data = path.read_bytes()
     op, at, length = next(r for r in mcap_records(data) if r[0] == CHUNK)

@@ -147,6 +147,36 @@ def test_salvage_passes_over_a_damaged_page(tmp_path):
         )
 
 
+@pytest.mark.parametrize(
+    ("name", "damaged"),
+    [
+        (b"messages(id INTEGER", b"messages(i\xe4 INTEGER"),
+        (b"timestamp_idx", b"timestamp_\xe4\xf6x"),
+    ],
+)
+def test_damaged_names_that_do_not_matter(tmp_path, name, damaged):
+    """Python decodes the names of columns before anything else."""
+    path = write_db3(tmp_path / "a.db3", content())
+    data = path.read_bytes()
+    assert name in data and len(name) == len(damaged)
+    path.write_bytes(data.replace(name, damaged))
+    with open_log(path) as log:
+        assert read_back(log) == content()
+
+
+def test_errors_of_sqlite_in_no_known_alphabet(tmp_path):
+    """Its message quotes a name that is no text, which Python raises of instead."""
+    path = write_db3(tmp_path / "a.db3", content())
+    data = path.read_bytes()
+    whole = b"topic_id INTEGER NOT NULL"
+    assert data.count(whole) == 1
+    path.write_bytes(data.replace(whole, b"topic_id INT COLLATE \xe4\xe4\xe4\xe4"))
+    with pytest.raises(DamagedLogError), open_log(path) as log:
+        read_back(log, [1])
+    with open_log(path, salvage=True) as log:
+        assert read_back(log, [1]) == [] and log.lost
+
+
 def test_cells_of_any_type(tmp_path):
     path = write_db3(tmp_path / "a.db3", content(30))
     database = sqlite3.connect(path)

@@ -13,7 +13,6 @@ pytestmark = needs_browser
 
 @pytest.fixture(scope="module", params=["light", "dark"])
 def seen(request, tmp_path_factory):
-    pytest.importorskip("plotly", reason="the page's figures are drawn by plotly")
     path = tmp_path_factory.mktemp(request.param) / "page.html"
     write_page(path, page())
     told, console = opened(path, *([DARK] if request.param == "dark" else []))

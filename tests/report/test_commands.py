@@ -11,8 +11,6 @@ from hse_rigs import SHORT, edited, sinstool
 from sinstool.cli.main import cli
 from tests.report.browser import DARK, WIDTHS, needs_browser, opened
 
-pytest.importorskip("plotly", reason="pages are drawn by plotly")
-
 TRUTH = ("--truth", "/truth/imu,/truth/fix")
 
 
@@ -212,7 +210,6 @@ def assert_complete(text):
 
 @pytest.mark.parametrize("command", MAIN_FIGURES, ids=lambda one: one.__name__)
 def test_main_figure_for_a_paper(tmp_path, command):
-    pytest.importorskip("matplotlib")
     figure = written(tmp_path, command, "figure.pdf")
     assert figure.read_bytes().startswith(b"%PDF")
 

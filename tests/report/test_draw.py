@@ -27,9 +27,9 @@ def one(key: str) -> Figure:
 
 @pytest.mark.parametrize("figure", figures(), ids=lambda figure: figure.key)
 def test_plotly_accepts_each_figure(figure):
-    # Packed numbers are as old as version 5.20 in the browser, in Python as 6
-    pytest.importorskip("plotly", minversion="6")
-    graph_objects = pytest.importorskip("plotly.graph_objects")
+    # in Python packed numbers are as old as version 6, in the browser as 5.20
+    from plotly import graph_objects
+
     graph_objects.Figure(json.loads(json.dumps(plotly_figure(figure))))
 
 
@@ -95,7 +95,6 @@ def test_unit():
 @pytest.mark.parametrize("suffix", FORMATS)
 @pytest.mark.parametrize("figure", figures(), ids=lambda figure: figure.key)
 def test_figure_for_a_paper(tmp_path, figure, suffix):
-    pytest.importorskip("matplotlib")
     path = tmp_path / f"figure{suffix}"
     write_figure(path, figure)
     head = path.read_bytes()
@@ -105,7 +104,6 @@ def test_figure_for_a_paper(tmp_path, figure, suffix):
 
 
 def test_report_by_suffix(tmp_path):
-    pytest.importorskip("matplotlib")
     write_report(tmp_path / "a.PNG", page())
     assert (tmp_path / "a.PNG").read_bytes().startswith(b"\x89PNG")
 

@@ -207,7 +207,6 @@ def test_contrast(theme):
 
 
 def test_an_hour_stays_below_ten_megabytes(tmp_path):
-    pytest.importorskip("plotly", reason="the drawing library is the largest part of a page")
     t = np.arange(3600 * 400) / 400.0
     # Far from zero, so that nothing can be written short; 60 curves
     y = 1e6 + np.sin(t)
@@ -267,7 +266,6 @@ def test_suffixes(tmp_path):
         check_report(tmp_path / "page.docx")
     with pytest.raises(ConfigurationError, match=r"one of \.png, .pdf, .svg"):
         write_figure(tmp_path / "page.html", figures()[0])
-    pytest.importorskip("matplotlib")
     with pytest.raises(OutputError, match="there is no figure"):
         write_report(tmp_path / "page.png", Page("Bare"))
 
