@@ -4,8 +4,8 @@ import csv
 import json
 import re
 import threading
-from html.parser import HTMLParser
 from functools import partial
+from html.parser import HTMLParser
 from pathlib import Path
 
 import numpy as np

@@ -20,6 +20,11 @@ from sinstool.writers import whole
 PROJECT = Path(__file__).parents[2]
 SAMPLES = PROJECT / "sample_data"
 PROGRAM = [sys.executable, "-c", "from sinstool.cli.main import main; main()"]
+# Root writes anywhere, unless it gives that right away.
+RIGHTS = "-dac_override,-dac_read_search"
+UNPRIVILEGED = (
+    ["setpriv", "--bounding-set", RIGHTS, "--inh-caps", RIGHTS] if os.geteuid() == 0 else []
+)
 REST = SAMPLES / "static.mcap"
 CONING = SAMPLES / "coning.mcap"
 RIG = ("--config", SAMPLES / "hse" / "rig-a.toml")
@@ -300,6 +305,17 @@ def test_a_folder_that_may_only_be_read(small_disk):
         told = one_line(done.stderr)
         assert "cannot be written to" in told or "Read-only file system" in told
     assert names(small_disk) == []
+
+
+def test_a_folder_without_permission(tmp_path, command):
+    arguments, _ = command(tmp_path / "locked")
+    (tmp_path / "locked").mkdir(mode=0o555)
+    done = subprocess.run(
+        [*UNPRIVILEGED, *PROGRAM, *map(str, arguments)], capture_output=True, text=True, timeout=300
+    )
+    assert done.returncode == 1
+    assert "cannot be written to" in one_line(done.stderr)
+    assert names(tmp_path / "locked") == []
 
 
 @pytest.mark.parametrize("length", [255, 256, 5000])
