@@ -7,6 +7,7 @@ three, so that a later run can tell whether an output is the one it would make i
 from __future__ import annotations
 
 import hashlib
+import struct
 from pathlib import Path
 from threading import Event
 
@@ -57,7 +58,7 @@ def read_record(path: Path) -> dict[str, str] | None:
                 if record.name == RECORD:
                     found = dict(record.metadata)
             return found
-    except (OSError, McapError, ValueError, KeyError, EOFError, MemoryError):
+    except (OSError, McapError, struct.error, ValueError, KeyError, EOFError, MemoryError):
         return None
 
 

@@ -253,9 +253,9 @@ class Log(ABC):
             batch = batch.select(self.channels.keys())
         return batch if wanted is None else batch.select(wanted)
 
-    def note_lost(self, part: Lost) -> Lost:
-        """Remember a passed-over part, once."""
-        return self._lost.note(part)
+    def note_lost(self, part: Lost, always: bool = False) -> Lost:
+        """Remember a passed-over part, once (see `LostParts.note`)."""
+        return self._lost.note(part, always)
 
     def account(self) -> dict[str, Any]:
         """What was lost, for a summary.

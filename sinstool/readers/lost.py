@@ -98,13 +98,20 @@ class LostParts:
     more: bool = False
     _open: list[Lost] = field(default_factory=list)
 
-    def note(self, part: Lost) -> Lost:
-        """Remember a part; the one that was noted before, where it is the same."""
+    def note(self, part: Lost, always: bool = False) -> Lost:
+        """Remember a part; the one that was noted before, where it is the same.
+
+        Parameters
+        ----------
+        part : Lost
+        always : bool
+            However many there are already: it says that reading was given up.
+        """
         key = part.what, part.offset
         known = self.parts.get(key)
         if known is not None:
             return known
-        if len(self.parts) >= MAX_PARTS:
+        if len(self.parts) >= MAX_PARTS and not always:
             self.more = True
             return part
         self.parts[key] = part

@@ -121,7 +121,7 @@ class McapLog(McapFile):
         """Channels, counts and chunk contents from the summary; False if it does not give them."""
         end = self.size - len(MAGIC)
         foot = self.read_at(end - 29, 29)
-        if foot[0] != Opcode.FOOTER or record_length(foot) != 20:
+        if len(foot) < 29 or foot[0] != Opcode.FOOTER or record_length(foot) != 20:
             self._damage("the footer record is missing", end - 29, "index")
             return False
         start, _, crc = struct.unpack("<QQI", foot[9:])

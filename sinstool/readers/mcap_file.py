@@ -192,7 +192,7 @@ class McapFile(Log):
             raise DamagedLogError(self.path, what, SALVAGE_HINT, pos)
         head = self.read_at(pos, 512)
         chunk = None
-        if head[0] == Opcode.CHUNK or pos in self.chunk_starts:
+        if head[:1] == bytes([Opcode.CHUNK]) or pos in self.chunk_starts:
             chunk = self._parse_chunk(pos, end)
         if chunk is None and (at := packed_at(head)) >= 0:
             # A chunk whose header is gone; what it is compressed by is told by its data.
@@ -234,6 +234,8 @@ class McapFile(Log):
         need = 0
         while pos < end:
             window = np.frombuffer(self.read_at(pos, min(max(WINDOW, need), end - pos)), np.uint8)
+            if not len(window):  # the file has become shorter
+                break
             out = np.empty((6, min(ROWS, len(window) // MIN_MESSAGE + 1)), np.int64)
             count, stop, why = scan_mcap(window, 0, out, True)
             if count:

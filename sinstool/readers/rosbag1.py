@@ -92,7 +92,10 @@ class Rosbag1Log(Log):
             self._fd = -1
 
     def _read_at(self, offset: int, length: int) -> bytes:
-        return os.pread(self._fd, length, offset)
+        """Bytes of the file; fewer where it ends, none beyond."""
+        if not 0 <= offset < self.size:
+            return b""
+        return os.pread(self._fd, min(length, self.size - offset), offset)
 
     def _damage(self, what: str, offset: int, kind: str = "record") -> None:
         if not self.salvage:

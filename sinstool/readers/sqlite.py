@@ -82,7 +82,7 @@ class SqliteLog(Log):
 
     def _damaged(self, exc: Exception) -> DamagedLogError:
         recover = f"`sqlite3 '{self.path}' .recover | sqlite3 recovered.db3` may save more"
-        hint = f"{SALVAGE_HINT}; {recover}"
+        hint = recover if self.salvage else f"{SALVAGE_HINT}; {recover}"
         what = f"SQLite cannot read it ({exc})"
         if short := self._cut_short():
             return DamagedLogError(self.path, f"{short}; {what}", hint, self.size)
@@ -194,9 +194,11 @@ class SqliteLog(Log):
         assert self._database is not None, "the log is closed"
         # Flat arrays, and all in one loop: whatever is done here is done for every message.
         topics, times, lengths, data = array("q"), array("q"), array("q"), bytearray()
-        row, limit = _FIRST_ROW, ""
-        for _ in range(MAX_PLACES):
-            last = times[-1] if times else None
+        row = begun = _FIRST_ROW
+        places, limit = 0, ""
+        last: int | None = None
+        while places < MAX_PLACES:
+            places += row < begun  # damaged pages may lead back, and again and again
             begun = row
             try:
                 found = self._database.execute(f"{query} ORDER BY rowid{limit}", (row,))
@@ -230,7 +232,8 @@ class SqliteLog(Log):
                     limit = " LIMIT 1"
                     continue
                 limit = ""
-                again, time = self._next_readable(row)
+                places += 1
+                again, time = self._next_readable(max(row, 0))  # ids of a bag begin with 1
                 if again <= row:  # damaged pages may lead back
                     again = 0
                 to = f" to {again - 1}" if again else " and those behind it"
@@ -239,6 +242,9 @@ class SqliteLog(Log):
                 if not again:
                     break
                 row = max(again - 1, row + 1)
+        else:
+            what = f"messages behind {row} were not looked at: {places} damaged places before them"
+            self.note_lost(Lost(what, "row", start_ns=last), always=True)
         if lengths:
             yield _batch(topics, times, lengths, data, self._position(row))
 

@@ -101,7 +101,7 @@ def test_a_rerun_makes_only_what_is_not_there(sinstool, logs, tmp_path):
     assert (out / "a" / "run.mcap").stat().st_mtime_ns != before["a/run.mcap"]
 
 
-@pytest.mark.parametrize("what", ["configuration", "foreign", "cut", "log", "version"])
+@pytest.mark.parametrize("what", ["configuration", "foreign", "cut", "3 bytes", "log", "version"])
 def test_another_output_is_refused_for_that_log_only(sinstool, logs, tmp_path, what, monkeypatch):
     folder, out = tmp_path / "in", tmp_path / "out"
     folder.mkdir()
@@ -117,6 +117,8 @@ def test_another_output_is_refused_for_that_log_only(sinstool, logs, tmp_path, w
         changed.write_bytes((folder / "b.mcap").read_bytes())
     elif what == "cut":
         changed.write_bytes(changed.read_bytes()[:-100])
+    elif what == "3 bytes":
+        changed.write_bytes(changed.read_bytes()[:3])
     elif what == "log":
         (folder / "a.mcap").write_bytes((logs / "b" / "run.mcap").read_bytes())
     else:
@@ -133,6 +135,7 @@ def test_another_output_is_refused_for_that_log_only(sinstool, logs, tmp_path, w
         "configuration": 'another configuration (now coning = "previous-3")',
         "foreign": "no complete output of sinstool",
         "cut": "no complete output of sinstool",
+        "3 bytes": "no complete output of sinstool",
         "log": "made of another log",
         "version": "made by sinstool 0.0.1",
     }[what]

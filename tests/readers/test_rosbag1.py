@@ -155,6 +155,22 @@ def test_a_bag_header_that_lies(tmp_path, field):
         assert log.counts == {}
 
 
+def test_an_index_that_claims_more_than_a_file_can_have(tmp_path):
+    """A count of 8 bytes, and behind it nothing that can be a record."""
+    path = write_bag1(tmp_path / "a.bag", content())
+    data = path.read_bytes()
+    op, at, begin, length = next(r for r in bag_records(data) if r[0] == INDEX)
+    assert op == INDEX
+    wide = header(op=b"\x04", ver=bytes(4), conn=bytes(4), count=b"\xff" * 8)
+    wide += struct.pack("<I", length)
+    path.write_bytes(data[:at] + wide + data[begin : begin + length - 3] + b"\xff" * 40)
+    with pytest.raises(DamagedLogError), open_log(path) as log:
+        read_back(log)
+    with open_log(path, salvage=True) as log:
+        found = read_back(log)
+        assert found and found == content()[: len(found)]
+
+
 def test_an_index_position_in_the_middle_of_something(tmp_path):
     path = write_bag1(tmp_path / "a.bag", content(), "lz4")
     at = path.read_bytes().index(b"index_pos=") + 10

@@ -1,11 +1,13 @@
 import os
 import shutil
 import sqlite3
+import struct
 
 import numpy as np
 import pytest
 
 from sinstool.errors import DamagedLogError, NotALogError, SinstoolError
+from sinstool.readers import lost as lost_module
 from sinstool.readers import open_log
 from sinstool.readers import sqlite as sqlite_module
 
@@ -125,26 +127,91 @@ def test_a_damaged_database_says_how_to_recover(tmp_path):
     ):
         read_back(log)
     path.write_bytes(data[:100] + bytes(5000))
-    with pytest.raises(DamagedLogError, match="recover"):
+    with pytest.raises(DamagedLogError, match="recover") as strict:
         open_log(path)
+    assert "--salvage" in str(strict.value)
+    with pytest.raises(DamagedLogError, match="recover") as salvaging:  # no use to say it again
+        open_log(path, salvage=True)
+    assert "--salvage" not in str(salvaging.value)
 
 
-def test_salvage_passes_over_a_damaged_page(tmp_path):
-    path = write_db3(tmp_path / "a.db3", content())
+def damage_pages(path, *numbers):
+    """Overwrite the heads of the pages that hold these rows, counted from 0."""
     data = bytearray(path.read_bytes())
-    at = data.index(content()[250].payload) // 4096 * 4096
-    data[at : at + 8] = b"\xa5" * 8
+    for number in numbers:
+        at = data.index(content()[number].payload) // 4096 * 4096
+        data[at : at + 8] = b"\xa5" * 8
     path.write_bytes(data)
+    return path
+
+
+@pytest.mark.parametrize("row", [0, 250, 399])
+def test_salvage_passes_over_a_damaged_page(tmp_path, row):
+    path = damage_pages(write_db3(tmp_path / "a.db3", content()), row)
     with open_log(path, salvage=True) as log:
         found = read_back(log)
         (part,) = log.lost
-        first, last = (int(word) for word in str(part).split() if word.isdigit())
-        assert first <= 251 <= last
+        first, *last = (int(word) for word in str(part).split() if word.isdigit())
+        last = last[0] if last else len(content())
+        assert first <= row + 1 <= last
+        assert last - first < 30
+        assert (first == 1) == (row == 0)
         assert found == content()[: first - 1] + content()[last:]
-        assert (part.start_ns, part.end_ns) == (
-            content()[first - 2].log_time,
-            content()[last].log_time,
-        )
+        assert part.start_ns == (content()[first - 2].log_time if first > 1 else None)
+        assert part.end_ns == (content()[last].log_time if last < len(content()) else None)
+
+
+def test_many_damaged_pages(tmp_path, monkeypatch):
+    """Each counts once; where they are too many, what is left out is said, come what may."""
+    damaged = (30, 90, 150, 210, 270, 330)
+    path = damage_pages(write_db3(tmp_path / "a.db3", content()), *damaged)
+    monkeypatch.setattr(sqlite_module, "MAX_PLACES", len(damaged) + 1)
+    with open_log(path, salvage=True) as log:
+        every = read_back(log)
+        assert len(log.lost) == len(damaged)
+        assert every[-1] == content()[-1]
+    monkeypatch.setattr(sqlite_module, "MAX_PLACES", 4)
+    monkeypatch.setattr(lost_module, "MAX_PARTS", 2)
+    with open_log(path, salvage=True) as log:
+        found = read_back(log)
+        assert found == every[: len(found)] and len(found) > 150
+        *_, told, more = map(str, log.lost)
+        assert len(log.lost) == 2 + 2
+        assert told.startswith("messages behind ") and "not looked at" in told
+        (behind, *_) = (int(word) for word in told.split() if word.isdigit())
+        assert content()[behind - 1] not in found
+        assert content()[behind] not in found and content()[behind] in every
+        assert more == "and more than these 2 places"
+        before = len(log.lost)
+        read_back(log)
+        assert len(log.lost) == before
+
+
+def test_pages_that_lead_back_again_and_again(tmp_path, monkeypatch):
+    """An inner page names one leaf over and over, and then one that cannot be read."""
+    path = write_db3(tmp_path / "a.db3", content())
+    database = sqlite3.connect(path)
+    (root,) = database.execute(
+        "SELECT rootpage FROM sqlite_master WHERE name = 'messages'"
+    ).fetchone()
+    database.close()
+    data = bytearray(path.read_bytes())
+    page = (root - 1) * 4096
+    kind, _, count, _, _, last = struct.unpack_from(">BHHHBI", data, page)
+    assert kind == 5  # an inner page: cells with the number of a leaf, and the last behind them
+    cells = [page + at for at in struct.unpack_from(f">{count}H", data, page + 12)]
+    leaf = data[cells[1] : cells[1] + 4]
+    for cell in cells[3:]:
+        data[cell : cell + 4] = leaf
+    data[(last - 1) * 4096 : (last - 1) * 4096 + 8] = b"\xa5" * 8
+    path.write_bytes(data)
+    monkeypatch.setattr(sqlite_module, "MAX_PLACES", 20)
+    with open_log(path, salvage=True) as log:
+        count = 0
+        for batch in log.batches():
+            count += len(batch)
+            assert count < 20_000, "an endless loop"
+        assert count and "not looked at" in str(log.lost[-1])
 
 
 @pytest.mark.parametrize(

@@ -1,0 +1,58 @@
+"""Files that become shorter while they are read."""
+
+import os
+
+import pytest
+
+from sinstool.errors import DamagedLogError
+from sinstool.readers import open_log
+
+from .logs import bag_records, content, mcap_records, read_back, write_bag1, write_mcap
+
+MESSAGE, CHUNK, BAG_CHUNK = 0x05, 0x06, 5
+LOGS = {
+    "unchunked": lambda p: write_mcap(p / "a.mcap", content(), use_chunking=False),
+    "zstd": lambda p: write_mcap(p / "a.mcap", content()),
+    "none": lambda p: write_mcap(p / "a.mcap", content(), compression="none"),
+    "bag": lambda p: write_bag1(p / "a.bag", content(300, 1)),
+    "bag of lz4": lambda p: write_bag1(p / "a.bag", content(300, 1), "lz4"),
+}
+
+
+def places(path):
+    """Where messages or chunks lie, and one place inside of one."""
+    data = path.read_bytes()
+    if path.suffix == ".bag":
+        found = [at for op, at, *_ in bag_records(data) if op == BAG_CHUNK]
+    else:
+        found = [at for op, at, _ in mcap_records(data) if op in (MESSAGE, CHUNK)]
+    middle = found[len(found) // 2]
+    return [found[0], middle, middle + 5, middle + 30, middle + 100]
+
+
+@pytest.mark.parametrize("salvage", [False, True], ids=["strict", "salvage"])
+@pytest.mark.parametrize("place", range(5))
+@pytest.mark.parametrize("name", LOGS)
+def test_a_file_that_becomes_shorter_is_cut_there(tmp_path, monkeypatch, name, place, salvage):
+    path = LOGS[name](tmp_path)
+    wanted = content(300, 1) if path.suffix == ".bag" else content()
+    cut = places(path)[place]
+    plain, calls = os.pread, []
+
+    def counted(*arguments):
+        calls.append(arguments)
+        assert len(calls) < 20_000, "an endless loop"
+        return plain(*arguments)
+
+    with open_log(path, salvage) as log:
+        monkeypatch.setattr(os, "pread", counted)
+        os.truncate(path, cut)
+        if not salvage:
+            with pytest.raises(DamagedLogError):
+                read_back(log)
+            return
+        found = read_back(log)
+        assert log.lost
+    assert found == wanted[: len(found)]
+    share = 0.3 if place else 0.0
+    assert share * len(wanted) <= len(found) < len(wanted)
