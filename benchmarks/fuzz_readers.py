@@ -62,7 +62,8 @@ def read_everything(path: Path, salvage: bool, info: bool) -> int:
     from sinstool.config import InputOptions
     from sinstool.inspection import inspect
     from sinstool.readers import open_log
-    from sinstool.readers.streams import PRESSURE_TYPE, ImuUnits, Losses, read_imu, read_pressure
+    from sinstool.readers.message_types import PRESSURE_TYPE
+    from sinstool.readers.streams import ImuUnits, Losses, read_imu, read_pressure
     from sinstool.readers.topics import imu_candidates, topics_of_type
 
     count = 0

@@ -16,17 +16,8 @@ from sinstool.config import InputOptions
 from sinstool.errors import DataError
 from sinstool.height.pressure import suspected_unit
 from sinstool.readers.log import Channel, Log
-from sinstool.readers.streams import (
-    FIX_TYPE,
-    HEIGHT_TYPES,
-    PRESSURE_TYPE,
-    VELOCITY_TYPES,
-    Losses,
-    read_fixes,
-    read_height,
-    read_pressure,
-    read_velocity,
-)
+from sinstool.readers.message_types import FIX_TYPE, HEIGHT_TYPES, PRESSURE_TYPE, VELOCITY_TYPES
+from sinstool.readers.streams import Losses, read_fixes, read_height, read_pressure, read_velocity
 from sinstool.readers.topics import choose_optional
 from sinstool.streams import (
     Baro,

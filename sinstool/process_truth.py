@@ -10,7 +10,8 @@ import numpy as np
 from sinstool.earth import radii_of_curvature
 from sinstool.errors import TopicError
 from sinstool.readers.log import Channel, Log
-from sinstool.readers.streams import FIX_TYPE, VELOCITY_TYPES, Losses, read_fixes, read_velocity
+from sinstool.readers.message_types import FIX_TYPE, VELOCITY_TYPES
+from sinstool.readers.streams import Losses, read_fixes, read_velocity
 from sinstool.rotation import conjugate, log, multiply
 from sinstool.streams import Solution
 from sinstool.timeline import SECOND, whole

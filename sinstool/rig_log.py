@@ -22,14 +22,8 @@ from sinstool.hse.rig import Rig
 from sinstool.hse.segments import Segment, Segmentation, SegmentRules, find_segments
 from sinstool.hse.turns import TurnStatistics, turn_statistics
 from sinstool.readers.log import Log
-from sinstool.readers.streams import (
-    JOINT_TYPE,
-    ImuUnits,
-    Losses,
-    joint_names,
-    read_imu,
-    read_joint,
-)
+from sinstool.readers.message_types import JOINT_TYPE
+from sinstool.readers.streams import ImuUnits, Losses, joint_names, read_imu, read_joint
 from sinstool.readers.topics import ImuTopic, choose_imu, choose_optional
 from sinstool.source import time_span
 from sinstool.streams import Encoder, Imu, Stream

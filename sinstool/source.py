@@ -13,15 +13,8 @@ from sinstool.errors import DataError, TopicError
 from sinstool.explain import explain
 from sinstool.oddities import oddities
 from sinstool.readers.log import Log
-from sinstool.readers.streams import (
-    FIX_TYPE,
-    VELOCITY_TYPES,
-    ImuUnits,
-    Losses,
-    first_fix,
-    read_imu,
-    reblock,
-)
+from sinstool.readers.message_types import FIX_TYPE, VELOCITY_TYPES
+from sinstool.readers.streams import ImuUnits, Losses, first_fix, read_imu, reblock
 from sinstool.readers.topics import ImuTopic, choose_imu, choose_optional
 from sinstool.streams import Imu
 from sinstool.survey import BLOCK_ROWS, Kept, Survey, survey, within

@@ -13,10 +13,8 @@ from dataclasses import dataclass
 from pathlib import Path, PurePath
 
 from sinstool.errors import ConfigurationError, NotALogError, SinstoolError
+from sinstool.readers.formats import METADATA, kind_of
 
-# What files of logs begin with: MCAP, ROS 1 bags, SQLite
-MAGICS = (b"\x89MCAP0\r\n", b"#ROSBAG V", b"SQLite format 3")
-METADATA = "metadata.yaml"
 OUTPUT_SUFFIX = ".mcap"
 _PART = re.compile(r"(?P<stem>.+)_(?P<number>\d+)\.(db3|mcap)(\.zstd)?")
 _MAGIC = re.compile(r"[*?[]")
@@ -175,7 +173,7 @@ def _files(path: Path) -> list[Path]:
 def _is_log(path: Path) -> bool:
     try:
         with path.open("rb") as stream:
-            return stream.read(16).startswith(MAGICS)
+            return kind_of(stream)[0] != ""
     except OSError:
         # Listed all the same: whoever opens it says what is wrong.
         return True

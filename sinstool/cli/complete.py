@@ -9,24 +9,24 @@ import click
 from click.shell_completion import CompletionItem
 
 from sinstool.config import EMITS
+from sinstool.readers.message_types import (
+    FIX_TYPE,
+    HEIGHT_TYPES,
+    IMU_TYPE,
+    JOINT_TYPE,
+    PRESSURE_TYPE,
+    VELOCITY_TYPES,
+)
 
 Complete = Callable[[click.Context, click.Parameter, str], list[CompletionItem]]
 
 # Types of the messages that an option's topic may have
 TOPIC_TYPES = {
-    "imu_topic": ("sensor_msgs/msg/Imu",),
-    "gnss_topic": ("sensor_msgs/msg/NavSatFix",),
-    "velocity_topic": (
-        "geometry_msgs/msg/TwistStamped",
-        "geometry_msgs/msg/TwistWithCovarianceStamped",
-        "nav_msgs/msg/Odometry",
-    ),
-    "baro_topic": (
-        "sensor_msgs/msg/FluidPressure",
-        "geometry_msgs/msg/PointStamped",
-        "std_msgs/msg/Float64",
-    ),
-    "encoder_topic": ("sensor_msgs/msg/JointState",),
+    "imu_topic": (IMU_TYPE,),
+    "gnss_topic": (FIX_TYPE,),
+    "velocity_topic": VELOCITY_TYPES,
+    "baro_topic": (PRESSURE_TYPE, *HEIGHT_TYPES),
+    "encoder_topic": (JOINT_TYPE,),
 }
 FILES = ("hse", "report", "gyro_response")
 
@@ -111,8 +111,11 @@ def topics(log: Path, types: tuple[str, ...]) -> list[str]:
     """
     from mcap.reader import make_reader
 
+    from sinstool.messages.definitions import normalise_type_name
+    from sinstool.readers.formats import kind_of
+
     with log.open("rb") as stream:
-        if stream.read(5) != b"\x89MCAP":
+        if kind_of(stream)[0] != "mcap":
             return []
         stream.seek(0)
         summary = make_reader(stream).get_summary()
@@ -123,11 +126,6 @@ def topics(log: Path, types: tuple[str, ...]) -> list[str]:
         {
             channel.topic
             for channel in summary.channels.values()
-            if _ros2(kinds.get(channel.schema_id, "")) in types
+            if normalise_type_name(kinds.get(channel.schema_id, "")) in types
         }
     )
-
-
-def _ros2(kind: str) -> str:
-    package, slash, name = kind.rpartition("/")
-    return f"{package.removesuffix('/msg')}/msg/{name}" if slash else kind

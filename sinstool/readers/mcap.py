@@ -26,10 +26,10 @@ from sinstool.readers.compression import (
     UnknownCompressionError,
     decompress,
 )
+from sinstool.readers.formats import MCAP_MAGIC as MAGIC
 from sinstool.readers.log import Channel, RawBatch
 from sinstool.readers.lost import Lost
 from sinstool.readers.mcap_file import (
-    MAGIC,
     MIN_MESSAGE,
     ROWS,
     ChunkPlace,

@@ -18,13 +18,13 @@ from mcap.opcode import Opcode
 
 from sinstool.errors import SALVAGE_HINT, DamagedLogError
 from sinstool.readers.compression import MAX_BLOCK, compression_of, packed_at
+from sinstool.readers.formats import MCAP_MAGIC as MAGIC
 from sinstool.readers.log import Log, RawBatch
 from sinstool.readers.lost import Lost
 from sinstool.readers.resync import next_mcap
 from sinstool.readers.salvage import known_mask, search
 from sinstool.readers.scan import END, FOREIGN, FULL, scan_mcap
 
-MAGIC = b"\x89MCAP0\r\n"
 WINDOW = 4 * 2**20
 # So many messages make a batch at most.
 ROWS = 2**18

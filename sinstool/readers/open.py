@@ -3,9 +3,13 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from sinstool.errors import NotALogError
-from sinstool.readers.log import Log
+from sinstool.readers.formats import kind_of
+
+if TYPE_CHECKING:
+    from sinstool.readers.log import Log
 
 KNOWN = "sinstool reads MCAP, ROS 1 .bag, and ROS 2 bags (a directory or a single .db3)"
 
@@ -43,20 +47,20 @@ def open_log(path: Path | str, salvage: bool = False) -> Log:
         return open_directory(path, salvage)
     try:
         with path.open("rb") as stream:
-            head = stream.read(16)
+            kind, head = kind_of(stream)
     except OSError as exc:
         raise NotALogError(path, f"cannot be read ({exc.strerror})") from exc
     if not head:
         raise NotALogError(path, "the file is empty")
-    if head.startswith(b"\x89MCAP0\r\n"):
+    if kind == "mcap":
         from sinstool.readers.mcap import McapLog
 
         return McapLog(path, salvage)
-    if head.startswith(b"#ROSBAG V"):
+    if kind == "rosbag1":
         from sinstool.readers.rosbag1 import Rosbag1Log
 
         return Rosbag1Log(path, salvage)
-    if head.startswith(b"SQLite format 3"):
+    if kind == "sqlite":
         from sinstool.readers.sqlite import SqliteLog
 
         return SqliteLog(path, salvage)

@@ -25,6 +25,7 @@ from sinstool.readers.compression import (
     decompress,
     packed_at,
 )
+from sinstool.readers.formats import ROSBAG1_MAGIC
 from sinstool.readers.log import Channel, Log, RawBatch
 from sinstool.readers.lost import Lost
 from sinstool.readers.resync import next_rosbag1, run_rosbag1
@@ -43,7 +44,7 @@ from sinstool.readers.rosbag1_records import (
 from sinstool.readers.salvage import search, unpack, whole_parts
 from sinstool.readers.scan import END, FOREIGN, FULL, definitions_rosbag1, scan_rosbag1
 
-MAGIC = b"#ROSBAG V2.0\n"
+MAGIC = ROSBAG1_MAGIC + b"2.0\n"
 BAG_HEADER_SIZE = 4096
 WINDOW = 4 * 2**20
 MAX_HEADER = 2**20
@@ -107,8 +108,8 @@ class Rosbag1Log(Log):
     def _open(self) -> None:
         magic = self._read_at(0, len(MAGIC))
         if magic != MAGIC:
-            if magic.startswith(b"#ROSBAG V") and not MAGIC.startswith(magic):
-                version = magic[9:].split(b"\n")[0].decode("ascii", "replace")
+            if magic.startswith(ROSBAG1_MAGIC) and not MAGIC.startswith(magic):
+                version = magic[len(ROSBAG1_MAGIC) :].split(b"\n")[0].decode("ascii", "replace")
                 raise UnsupportedLogError(
                     self.path, f"a bag of version {version}", "`rosbag fix` makes it version 2.0"
                 )

@@ -29,14 +29,13 @@ from sinstool.errors import (
 )
 from sinstool.messages.layout import ZSTD_MAGIC
 from sinstool.readers.compression import MAX_BLOCK, CompressionError, decompress
+from sinstool.readers.formats import METADATA, kind_of
 from sinstool.readers.log import Log, RawBatch
 from sinstool.readers.lost import Lost
 from sinstool.readers.mcap import McapLog
-from sinstool.readers.mcap_file import MAGIC as MCAP_MAGIC
 from sinstool.readers.sqlite import SqliteLog
 from sinstool.temporary import TemporaryFolder
 
-METADATA = "metadata.yaml"
 MAX_METADATA = 4 * 2**20
 # Decompressed messages are handed on in portions of about this many bytes.
 PORTION = 32 * 2**20
@@ -211,14 +210,14 @@ class Rosbag2Log(Log):
 
     def _open_part(self, file: Path) -> Log:
         with file.open("rb") as stream:
-            head = stream.read(16)
+            kind, head = kind_of(stream)
         if head.startswith(ZSTD_MAGIC):
             file = self._decompressed(file)
             with file.open("rb") as stream:
-                head = stream.read(16)
-        if head.startswith(MCAP_MAGIC):
+                kind, head = kind_of(stream)
+        if kind == "mcap":
             return McapLog(file, self.salvage)
-        if head.startswith(b"SQLite format 3"):
+        if kind == "sqlite":
             return SqliteLog(file, self.salvage)
         raise NotALogError(file, f"neither SQLite nor MCAP: it begins with {head[:8]!r}")
 

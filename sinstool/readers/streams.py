@@ -16,6 +16,7 @@ from sinstool.messages.decode import Columns, Decoder
 from sinstool.messages.layout import Layout, LayoutError, walk
 from sinstool.readers.frames import enu_to_ned, q_nb_from_log, turn_body
 from sinstool.readers.log import Channel, Log
+from sinstool.readers.message_types import HEIGHT_TYPES, VELOCITY_TYPES
 from sinstool.streams import (
     Baro,
     BaroHeight,
@@ -30,18 +31,6 @@ from sinstool.streams import (
 
 Made = TypeVar("Made")
 
-IMU_TYPE = "sensor_msgs/msg/Imu"
-FIX_TYPE = "sensor_msgs/msg/NavSatFix"
-PRESSURE_TYPE = "sensor_msgs/msg/FluidPressure"
-JOINT_TYPE = "sensor_msgs/msg/JointState"
-MAGNETIC_TYPE = "sensor_msgs/msg/MagneticField"
-VELOCITY_TYPES = (
-    "geometry_msgs/msg/TwistStamped",
-    "geometry_msgs/msg/TwistWithCovarianceStamped",
-    "nav_msgs/msg/Odometry",
-)
-
-HEIGHT_TYPES = ("geometry_msgs/msg/PointStamped", "std_msgs/msg/Float64")
 # From ENU to NED
 _TURN = np.array([[0.0, 1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, -1.0]])
 _XYZ = ("x", "y", "z")

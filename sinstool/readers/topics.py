@@ -9,12 +9,8 @@ import numpy as np
 from sinstool.errors import TopicError, UnsupportedLogError
 from sinstool.explain import explain
 from sinstool.readers.log import Channel, Log
-from sinstool.readers.streams import (
-    IMU_TYPE,
-    ImuUnits,
-    Losses,
-    read_imu,
-)
+from sinstool.readers.message_types import IMU_TYPE
+from sinstool.readers.streams import ImuUnits, Losses, read_imu
 from sinstool.suggest import nearest
 
 # What sinstool itself writes is never taken for a sensor, unless it is asked for by name.

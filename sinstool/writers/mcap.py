@@ -19,10 +19,10 @@ import mcap.records as records
 from mcap.data_stream import ReadDataStream, RecordBuilder
 from mcap.opcode import Opcode
 
+from sinstool.readers.formats import MCAP_MAGIC as MAGIC
 from sinstool.threads import executor
 from sinstool.writers.chunks import Chunk, Messages, pack
 
-MAGIC = b"\x89MCAP0\r\n"
 _AHEAD = 16 * 2**20  # bytes taken in but not yet in the file at most
 _U64 = 2**64 - 1  # times are kept as int64; the bits are what the file holds
 

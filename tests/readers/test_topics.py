@@ -16,7 +16,8 @@ from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
 from sinstool.errors import TopicError, UnsupportedLogError
 from sinstool.readers import open_log
-from sinstool.readers.streams import FIX_TYPE, ImuUnits, Losses, read_imu
+from sinstool.readers.message_types import FIX_TYPE
+from sinstool.readers.streams import ImuUnits, Losses, read_imu
 from sinstool.readers.topics import choose_imu, choose_optional, imu_candidates
 
 TIMES = even_times(50)

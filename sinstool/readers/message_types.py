@@ -1,0 +1,14 @@
+"""Types of the messages that are read, as ROS 2 names them, by what they are read for."""
+
+from __future__ import annotations
+
+IMU_TYPE = "sensor_msgs/msg/Imu"
+FIX_TYPE = "sensor_msgs/msg/NavSatFix"
+PRESSURE_TYPE = "sensor_msgs/msg/FluidPressure"
+JOINT_TYPE = "sensor_msgs/msg/JointState"
+VELOCITY_TYPES = (
+    "geometry_msgs/msg/TwistStamped",
+    "geometry_msgs/msg/TwistWithCovarianceStamped",
+    "nav_msgs/msg/Odometry",
+)
+HEIGHT_TYPES = ("geometry_msgs/msg/PointStamped", "std_msgs/msg/Float64")
