@@ -8,13 +8,12 @@ from sinstool.align_log import LogAlignment
 from sinstool.alignment.inflight import AlignmentSeries, InFlightAlignment
 from sinstool.alignment.inflight_types import OK_SIGMA, REFUSE_SIGMA
 from sinstool.config import ProcessConfig
+from sinstool.figure_parts import AXES, LOG_TIME
 from sinstool.figures import Figure, FloatArray, Series
 from sinstool.rotation import to_euler
 from sinstool.timeline import SECOND
 from sinstool.units import DEGREE
 
-TIME = "time since the log's start, s"
-AXES = ("north", "east", "down")
 _DYNAMICS = {
     "force": "Norm of each half second's mean. Heading shows where its horizontal part changes.",
     "rate": "Norm of each half second's mean: where the vehicle turned.",
@@ -79,7 +78,7 @@ def sigmas(found: LogAlignment, series: AlignmentSeries) -> Figure:
         "How well attitude is known",
         _seconds(found, series.time_ns),
         (*shown, worst),
-        TIME,
+        LOG_TIME,
         "sigma, deg",
         log_y=True,
         y_range=_sigma_range(series),
@@ -113,7 +112,7 @@ def attitude(found: LogAlignment, series: AlignmentSeries) -> Figure:
         "Attitude at each fix",
         _seconds(found, series.time_ns),
         tuple(curves),
-        TIME,
+        LOG_TIME,
         "angle, deg",
         notes=("Where the sigma about the worst axis is above 5 deg nothing is shown.",),
     )
@@ -136,7 +135,7 @@ def errors(found: LogAlignment) -> Figure:
         "Error against the reference",
         course.seconds,
         tuple(curves),
-        TIME,
+        LOG_TIME,
         "error, deg",
         notes=(
             "Final answer: carried from the end of the segment to each fix. So far: the solver's"
@@ -155,7 +154,7 @@ def singular_values(found: LogAlignment, series: AlignmentSeries) -> Figure:
         "Singular values of the attitude profile matrix",
         _seconds(found, series.time_ns),
         curves,
-        TIME,
+        LOG_TIME,
         "singular value, (m/s)²",
         log_y=True,
         notes=(
@@ -173,7 +172,7 @@ def residuals(found: LogAlignment, answer: InFlightAlignment) -> Figure:
         "Residuals of the vectors",
         _seconds(found, answer.residual_ns),
         tuple(Series(n, answer.residuals[:, k]) for k, n in enumerate(("x", "y", "z"))),
-        TIME,
+        LOG_TIME,
         f"residual, {unit}",
         notes=(
             "In the body axes where the chain of attitude begins. They grow with specific force"
@@ -207,7 +206,7 @@ def dynamics(found: LogAlignment, config: ProcessConfig) -> tuple[Figure, Figure
                 title,
                 seconds,
                 tuple(curves),
-                TIME,
+                LOG_TIME,
                 f"{title.lower()}, {unit}",
                 notes=(_DYNAMICS[key],),
                 levels=((f"limit, {limit:g} {unit}", limit),) if gated else (),

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from sinstool.figure_parts import AXES, BODY
 from sinstool.figures import Figure, Series
 from sinstool.filter_run import FilterRun
 from sinstool.integration.results import GnssDiagnostics
@@ -11,7 +12,6 @@ from sinstool.process_drawings import BOUND, TIME, both_sides
 from sinstool.timeline import SECOND
 from sinstool.units import DEGREE
 
-AXES = ("north", "east", "down")
 # Epochs drawn; of more, every so many.
 MOST = 3000
 MARKS = 50
@@ -113,13 +113,12 @@ def _biases(run: FilterRun, first: int) -> list[Figure]:
         return []
     rows = _thinned(np.arange(len(time_ns)))
     seconds = (time_ns[rows] - first) / SECOND
-    names = ("forward", "right", "down")
     found = []
     for key, title, values, size, unit in (
         ("gyro-bias", "Gyro bias", gyro, DEGREE / 3600.0, "deg/h"),
         ("accel-bias", "Accelerometer bias", accel, 1.0, "m/s²"),
     ):
-        series = tuple(Series(n, values[rows, k] / size) for k, n in enumerate(names))
+        series = tuple(Series(n, values[rows, k] / size) for k, n in enumerate(BODY))
         note = "As the filter knew it, along the vehicle's axes."
         found.append(Figure(key, title, seconds, series, TIME, f"bias, {unit}", notes=(note,)))
     return found

@@ -11,7 +11,7 @@ import numpy as np
 
 from sinstool.config import InputOptions
 from sinstool.errors import DataError, TopicError
-from sinstool.inspection_figures import Sampling, Traffic
+from sinstool.inspection_figures import Sampling, Traffic, Values
 from sinstool.oddities import gravity_axis, oddities
 from sinstool.readers import open_log
 from sinstool.readers.frames import turn_body
@@ -37,9 +37,10 @@ class Shown:
     traffic: Traffic = field(default_factory=Traffic)
     samplings: list[Sampling] = field(default_factory=list)
 
-    def sampling(self, topic: str, body_axes: str) -> Sampling:
+    def sampling(self, topic: str, options: InputOptions) -> Sampling:
         """One more topic's."""
-        self.samplings.append(Sampling(topic, body_axes))
+        values = Values(options.body_axes, _increments(options))
+        self.samplings.append(Sampling(topic, values))
         return self.samplings[-1]
 
 
@@ -110,7 +111,7 @@ def inspect(
         imus = []
         for number, candidate in enumerate(candidates):
             report = _part(progress, log.size, 1 + number, passes)
-            kept = None if shown is None else shown.sampling(candidate.topic, options.body_axes)
+            kept = None if shown is None else shown.sampling(candidate.topic, options)
             imus.append(_describe(log, candidate, options, report, kept))
         return {
             "input": {
@@ -127,6 +128,10 @@ def inspect(
             "process": _verdict(log, options, imus),
             "lost": log.account(),
         }
+
+
+def _increments(options: InputOptions) -> bool:
+    return options.gyro_kind == "increment"
 
 
 def _part(
@@ -184,9 +189,10 @@ def _describe(
             imu_units(options),
             span=time_span(log, options),
             max_gap_s=options.max_gap,
-            increments=options.gyro_kind == "increment",
+            increments=_increments(options),
             progress=progress,
             kept=kept,
+            judged=None if kept is None else kept.values,
         )
     except DataError as exc:
         return {"topic": topic.topic, "n": 0, "problem": exc.message, "oddities": []}

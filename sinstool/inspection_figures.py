@@ -9,16 +9,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sinstool.envelope import Envelope
+from sinstool.figure_parts import LOG_TIME
 from sinstool.figures import Figure, Series
 from sinstool.readers.frames import turn_body
 from sinstool.streams import Imu
-from sinstool.timeline import SECOND
+from sinstool.timeline import GAP_INTERVALS, SECOND
 from sinstool.units import DEGREE
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
 
-TIME = "time since the log's start, s"
 # Bins of messages over time; they merge in pairs at twice this number.
 BINS = 2000
 FIRST_BIN_NS = 10_000_000
@@ -33,26 +33,81 @@ FINE, SHORTEST_NS = 1e-3, 100.0
 FINE_BINS = int(np.log(1e15 / SHORTEST_NS) / FINE) + 1
 BARS = 50
 AXES = ("x", "y", "z")
+INCREMENTS = (
+    "Increments, each divided by the time since the sample before; those after a gap are left out."
+)
+
+
+class Values:
+    """What the sensors of one Imu topic measured, in the order of time and along the log's axes.
+
+    Parameters
+    ----------
+    body_axes : {'flu', 'frd'}
+        Of the log.
+    increments : bool
+        What comes were increments, each divided by the time since the sample before. After a
+        gap, that is not the time in which it grew, and it is left out.
+    """
+
+    def __init__(self, body_axes: str, increments: bool = False) -> None:
+        self._body_axes = body_axes
+        self.increments = increments
+        self._clear()
+
+    def _clear(self) -> None:
+        # rate, deg/s; force and its norm, m/s²
+        self._kept = Envelope(7)
+        self._last: int | None = None
+        self._longest = np.inf
+
+    def watch(self, blocks: Iterator[Imu]) -> Iterator[Imu]:
+        """The same blocks."""
+        self._clear()
+        for block in blocks:
+            self._add(block)
+            yield block
+
+    def _add(self, block: Imu) -> None:
+        accel = turn_body(block.accel, self._body_axes)
+        norm = np.linalg.norm(accel, axis=1)
+        gyro = turn_body(block.gyro, self._body_axes) / DEGREE
+        values = np.column_stack([gyro, accel, norm])
+        if self.increments:
+            values[self._after_gap(block.time_ns)] = np.nan
+        self._kept.push(block.time_ns, values)
+
+    def _after_gap(self, time_ns: IntArray) -> NDArray[np.bool_]:
+        """Which samples come later after the one before than is usual at the log's beginning."""
+        steps = np.diff(time_ns, prepend=time_ns[0] if self._last is None else self._last)
+        if np.isinf(self._longest) and len(time_ns) > 1:
+            self._longest = GAP_INTERVALS * float(np.median(steps[1:]))
+        self._last = int(time_ns[-1])
+        return np.asarray(steps > self._longest)
+
+    def curves(self, origin_ns: int) -> tuple[FloatArray, FloatArray]:
+        """Seconds, and rate, force and its norm, through the extremes of each group."""
+        return self._kept.curves(origin_ns)
 
 
 class Sampling:
-    """Intervals, clocks and values of one Imu topic, in the order of the file.
+    """Intervals and clocks of one Imu topic, in the order of the file.
 
     Parameters
     ----------
     topic : str
-    body_axes : {'flu', 'frd'}
-        Of the log, whose values are shown.
+    values : Values
+        Of the same topic.
     """
 
-    def __init__(self, topic: str, body_axes: str) -> None:
+    def __init__(self, topic: str, values: Values) -> None:
         self.topic = topic
-        self._body_axes = body_axes
+        self.values = values
         self._clear()
 
     def _clear(self) -> None:
-        # interval and delay, ms; rate, deg/s; force and its norm, m/s²
-        self._kept = Envelope(9)
+        # interval and delay, ms
+        self._kept = Envelope(2)
         self._newest: int | None = None
         self._before: int | None = None
         self._intervals = np.zeros(FINE_BINS, np.int64)
@@ -86,17 +141,8 @@ class Sampling:
         if self.least_delay_ns is None:
             self.least_delay_ns = least
         self.least_delay_ns = min(self.least_delay_ns, least)
-        accel = turn_body(block.accel, self._body_axes)
-        values = np.column_stack(
-            [
-                np.where(steps > 0.0, steps, np.nan) / 1e6,
-                delay / 1e6,
-                turn_body(block.gyro, self._body_axes) / DEGREE,
-                accel,
-                np.linalg.norm(accel, axis=1),
-            ]
-        )
-        self._kept.push(newest, values)
+        shown = np.column_stack([np.where(steps > 0.0, steps, np.nan) / 1e6, delay / 1e6])
+        self._kept.push(newest, shown)
 
     def curves(self, origin_ns: int) -> tuple[FloatArray, FloatArray]:
         """Seconds and columns, through the lowest and the highest of each group."""
@@ -228,7 +274,7 @@ def _intervals(good: list[Sampling], told: dict[str, Any], origin: int) -> Figur
         "Interval between samples",
         np.zeros(0),
         tuple(series),
-        TIME,
+        LOG_TIME,
         "interval, ms",
         log_y=True,
         y_range=(0.5 * float(low), 2.0 * float(high)),
@@ -279,7 +325,7 @@ def _delays(good: list[Sampling], told: dict[str, Any], origin: int) -> Figure |
         "Recorded later than stamped",
         np.zeros(0),
         tuple(series),
-        TIME,
+        LOG_TIME,
         "delay, ms",
         notes=(
             f"Log time less stamp, above the least of it ({'; '.join(notes)}). Steps and peaks are"
@@ -291,30 +337,32 @@ def _delays(good: list[Sampling], told: dict[str, Any], origin: int) -> Figure |
 def _values(
     one: Sampling, number: int, of: str, origin: int, found: dict[str, Any]
 ) -> list[Figure | None]:
-    seconds, values = one.curves(origin)
-    gyro = tuple(Series(axis, values[:, 2 + k]) for k, axis in enumerate(AXES))
-    force = [Series(axis, values[:, 5 + k]) for k, axis in enumerate(AXES)]
-    force.append(Series("norm", values[:, 8], style="dashed"))
+    seconds, values = one.values.curves(origin)
+    gyro = tuple(Series(axis, values[:, k]) for k, axis in enumerate(AXES))
+    force = [Series(axis, values[:, 3 + k]) for k, axis in enumerate(AXES)]
+    force.append(Series("norm", values[:, 6], style="dashed"))
+    divided = (INCREMENTS,) if one.values.increments else ()
     return [
         Figure(
             f"gyro-{number}",
             f"Angular rate{of}",
             seconds,
             gyro,
-            TIME,
+            LOG_TIME,
             "rate, deg/s",
-            notes=("About the log's own axes, as read with the units below.",),
+            notes=("About the log's own axes, as read with the units below.", *divided),
         ),
         Figure(
             f"force-{number}",
             f"Specific force{of}",
             seconds,
             tuple(force),
-            TIME,
+            LOG_TIME,
             "specific force, m/s²",
             notes=(
                 "Along the log's own axes. At rest the norm is gravity, about 9.8 m/s², and the"
                 " axis that has it points up.",
+                *divided,
             ),
         ),
     ]
@@ -332,12 +380,14 @@ def _rates(traffic: Traffic) -> Figure | None:
         "Messages of each topic",
         np.zeros(0),
         series,
-        TIME,
+        LOG_TIME,
         "rate, Hz",
         log_y=True,
         y_range=(float(10.0**low), float(10.0**high)),
         notes=(
-            "By log time. Where a topic is silent its curve has a hole; topics of one rate lie on"
-            " one another.",
+            f"By log time. A point is the mean over the time of {MESSAGES:g} messages at least,"
+            f" or over 1/{POINTS} of the log. A topic that is silent all that time has a hole"
+            " there, a shorter silence only lowers its rate. Topics of one rate lie on one"
+            " another.",
         ),
     )

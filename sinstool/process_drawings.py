@@ -9,10 +9,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from sinstool.earth import radii_of_curvature
+from sinstool.figure_parts import AXES, length
 from sinstool.figures import Figure, Series, heading_curve
-from sinstool.process_truth import AXES, KINDS
-from sinstool.units import DEGREE
+from sinstool.process_truth import KINDS
 
 FloatArray = NDArray[np.float64]
 Marks = tuple[tuple[str, float], ...]
@@ -20,8 +19,6 @@ Marks = tuple[tuple[str, float], ...]
 TIME = "time since the first sample, s"
 # Smaller errors of attitude than this, deg, are shown in arc seconds.
 SMALL_ANGLE_DEG = 0.1
-# Number of the grey among the colours of curves.
-_GREY = 9
 # Of a normal distribution: 99.7 % lie within.
 BOUND = 3.0
 
@@ -61,49 +58,6 @@ def heading(curves: Curves) -> Figure:
     note = "Clockwise from above, from north where the alignment knows it."
     line = (Series("heading", within),)
     return Figure("heading", "Heading", seconds, line, TIME, "heading, deg", notes=(note,))
-
-
-def track(computed: tuple[FloatArray, FloatArray], fixes: FloatArray | None) -> Figure:
-    """Where the vehicle went, on a plane about its first place.
-
-    Parameters
-    ----------
-    computed : tuple of ndarray, shape (n,)
-        Latitude and longitude, rad; NaN makes holes.
-    fixes : ndarray, shape (k, 2), or None
-        Those of GNSS, rad.
-    """
-    latitude, longitude = computed
-    origin = latitude[0], longitude[0]
-    east, north = _on_plane(latitude, longitude, origin)
-    size, unit = length(np.concatenate([north, east]))
-    series = [Series("computed", north / size, colour=0)]
-    if fixes is not None and len(fixes):
-        east_f, north_f = _on_plane(fixes[:, 0], fixes[:, 1], origin)
-        dots = Series("GNSS fixes", north_f / size, x=east_f / size, style="points", colour=_GREY)
-        series.insert(0, dots)
-    last = np.flatnonzero(np.isfinite(north))[-1]
-    for name, k, colour in (("start", 0, 2), ("end", last, 1)):
-        at = east[[k]] / size
-        series.append(Series(name, north[[k]] / size, x=at, style="points", colour=colour))
-    note = (
-        f"On the plane at the first place, {origin[0] / DEGREE:.6f} deg north,"
-        f" {origin[1] / DEGREE:.6f} deg east; one scale on both axes."
-    )
-    labels = f"east, {unit}", f"north, {unit}"
-    shown = tuple(series)
-    return Figure("track", "Track", east / size, shown, *labels, notes=(note,), equal=True)
-
-
-def _on_plane(
-    latitude: FloatArray, longitude: FloatArray, origin: tuple[float, float]
-) -> tuple[FloatArray, FloatArray]:
-    """East and north of a place, m."""
-    meridian, transverse = radii_of_curvature(origin[0])
-    # The short way round, also across 180 deg
-    turned = (longitude - origin[1] + np.pi) % (2.0 * np.pi) - np.pi
-    north = (latitude - origin[0]) * float(meridian)
-    return turned * float(transverse) * np.cos(latitude), north
 
 
 def vertical(
@@ -264,9 +218,3 @@ def stretches(hse: dict[str, Any]) -> Figure:
             " is a slope over rate; what is corrected should have none.",
         ),
     )
-
-
-def length(values: FloatArray) -> tuple[float, str]:
-    """A unit in which lengths in m read well."""
-    most = np.nanmax(np.abs(values), initial=0.0)
-    return (1000.0, "km") if most > 5000.0 else (1.0, "m")

@@ -12,8 +12,9 @@ import numpy as np
 
 from sinstool import process_drawings as draw
 from sinstool.envelope import Envelope
+from sinstool.figure_parts import AXES, track
 from sinstool.figures import Figure
-from sinstool.process_truth import AXES, KINDS, Errors, Truth
+from sinstool.process_truth import KINDS, Errors, Truth
 from sinstool.rotation import to_euler
 from sinstool.streams import Solution
 from sinstool.timeline import SECOND
@@ -36,7 +37,8 @@ class Recorder:
     Attributes
     ----------
     extra : list of Figure
-        Of a kind of run, shown after the common ones.
+        Of a kind of run. Where it navigates they follow the track, errors and sigmas, and stand
+        before height, attitude and velocity; otherwise they follow attitude, errors and height.
     """
 
     def __init__(self, truth: Truth | None = None) -> None:
@@ -118,7 +120,7 @@ class Recorder:
                 zip(("latitude", "longitude", "height"), solution.position.T, strict=True)
             )
         if solution.velocity_n is not None:
-            values |= dict(zip(("north", "east", "down"), solution.velocity_n.T, strict=True))
+            values |= dict(zip(AXES, solution.velocity_n.T, strict=True))
         if solution.vertical is not None:
             names = ("height", "up", "correction")
             values |= dict(zip(names, solution.vertical.T, strict=True))
@@ -185,8 +187,7 @@ class Recorder:
         if "latitude" not in curves.of:
             found = [*attitude, *errors, *held, *self.extra, *sizes]
         else:
-            velocity = curves.figure("velocity", "Velocity", "velocity, m/s",
-                                     ("north", "east", "down"), "Over ground.")  # fmt: skip
+            velocity = curves.figure("velocity", "Velocity", "velocity, m/s", AXES, "Over ground.")
             shown = [figure.key.removeprefix("error-") for figure in errors]
             found = [self._track(), *errors, *draw.sigmas(curves, shown)]
             found += [*self.extra, *held, *attitude, velocity, *sizes]
@@ -226,4 +227,4 @@ class Recorder:
         assert self._motion is not None
         _, values = self._motion.samples(self._origin_ns)
         k = self._columns.index("latitude")
-        return draw.track((values[:, k], values[:, k + 1]), self._fixes)
+        return track("computed", values[:, k], values[:, k + 1], self._fixes)

@@ -20,7 +20,6 @@ from sinstool.units import DEGREE
 
 # Instants further apart tell nothing of what was between them.
 LONGEST_NS = 2 * SECOND
-AXES = ("north", "east", "down")
 # Key, unit, and what of an error in SI is one of that unit.
 KINDS = (
     ("attitude", "deg", DEGREE),

@@ -7,7 +7,8 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from sinstool.earth import local_position_n, radii_of_curvature
+from sinstool.earth import radii_of_curvature
+from sinstool.figure_parts import AXES, BODY, track
 from sinstool.figures import Figure, Series, heading_curve
 from sinstool.height.pressure import geometric, pressure_altitude
 from sinstool.rotation import to_euler
@@ -21,8 +22,6 @@ FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
 
 TIME = "time, s"
-BODY = ("forward", "right", "down")
-WORLD = ("north", "east", "down")
 # What a sensor measures that is off by less is exact but for rounding.
 EXACT = 1e-12
 # A closer look is drawn where the rate about an axis changes sign more often than this, Hz, and
@@ -119,30 +118,13 @@ def _closer(seconds: FloatArray, rate: FloatArray) -> Figure | None:
 
 
 def _travel(seconds: FloatArray, trajectory: Trajectory) -> list[Figure]:
-    north, east, _ = _local(trajectory).T
-    size, unit = (1000.0, "km") if np.ptp(north) + np.ptp(east) > 5000.0 else (1.0, "m")
-    origin = trajectory.latitude[0] / DEGREE, trajectory.longitude[0] / DEGREE
-    series = [Series("true", north / size)]
-    for name, k, colour in (("start", 0, 2), ("end", -1, 1)):
-        at = east[[k]] / size
-        series.append(Series(name, north[[k]] / size, x=at, style="points", colour=colour))
-    note = (
-        f"On the plane at {origin[0]:.6f} deg north, {origin[1]:.6f} deg east; one scale on both"
-        " axes."
-    )
     return [
-        Figure("track", "Track", east / size, tuple(series), f"east, {unit}", f"north, {unit}",
-               notes=(note,), equal=True),
+        track("true", trajectory.latitude, trajectory.longitude),
         Figure("height", "Height", seconds, (Series("true", trajectory.height),), TIME,
                "height, m", notes=("True, above the ellipsoid.",)),
-        _three("velocity", "Velocity", seconds, trajectory.velocity_n, WORLD, "velocity, m/s",
+        _three("velocity", "Velocity", seconds, trajectory.velocity_n, AXES, "velocity, m/s",
                "True, over ground."),
     ]  # fmt: skip
-
-
-def _local(trajectory: Trajectory) -> FloatArray:
-    place = np.stack([trajectory.latitude, trajectory.longitude, trajectory.height], axis=1)
-    return np.asarray(local_position_n(place[0], place))
 
 
 def _errors(seconds: FloatArray, truth: ImuTruth, sensor: ImuTruth) -> list[Figure]:
@@ -197,7 +179,7 @@ def fix_figures(
         ],
         axis=1,
     )
-    series = tuple(Series(name, off[:, k], style="points") for k, name in enumerate(WORLD))
+    series = tuple(Series(name, off[:, k], style="points") for k, name in enumerate(AXES))
     notes = (
         "Fix less true place of the Imu at the fix's stamp: a lever arm and a latency are in it.",
     )

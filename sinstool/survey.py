@@ -224,6 +224,7 @@ def survey(
     block_rows: int = BLOCK_ROWS,
     progress: Callable[[int], None] | None = None,
     kept: Watcher | None = None,
+    judged: Watcher | None = None,
 ) -> Survey:
     """Read a log's Imu topic once and say what it holds.
 
@@ -245,6 +246,8 @@ def survey(
         Called with the bytes read so far.
     kept : Watcher, optional
         Gets the samples as they were read.
+    judged : Watcher, optional
+        Gets them as they are judged: in the order of time, increments as mean rates.
 
     Returns
     -------
@@ -275,7 +278,8 @@ def survey(
             source = _spanned(source, span)
         source = reblock(source, block_rows)
         in_order = ordered(source if kept is None else kept.watch(source), order)
-        for block in mean_rates(in_order) if increments else in_order:
+        measured = mean_rates(in_order) if increments else in_order
+        for block in measured if judged is None else judged.watch(measured):
             tally.add(block)
         counts = order.counts
         if not log_time:

@@ -5,10 +5,11 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
-from sinstool.align_figures import AXES, figures
+from sinstool.align_figures import figures
 from sinstool.align_log import LogAlignment
 from sinstool.cli.report_settings import Read, config_settings, input_rows
 from sinstool.config import ProcessConfig
+from sinstool.figure_parts import AXES
 from sinstool.report.page import write_report
 from sinstool.report.sections import (
     Cell,
