@@ -83,7 +83,7 @@ class Column:
         self._storage._check_open()
         shape = (self._rows, *self._row_shape)
         if self._file is not None:
-            with _told():
+            with self._storage._told():
                 self._file.flush()
             if not self._rows:
                 return np.empty(shape, self._dtype)
@@ -93,8 +93,9 @@ class Column:
             self._parts = [np.concatenate([none, *self._parts])]
         return self._parts[0]
 
-    def _spill(self, folder: Path | None) -> None:
-        with _told():
+    def _spill(self) -> None:
+        folder = self._storage._folder
+        with self._storage._told():
             self._file = tempfile.TemporaryFile(dir=folder, prefix="sinstool-")  # noqa: SIM115
         for part in self._parts:
             self._write(part)
@@ -102,7 +103,7 @@ class Column:
 
     def _write(self, values: NDArray[Any]) -> None:
         assert self._file is not None
-        with _told():
+        with self._storage._told():
             self._file.write(np.ascontiguousarray(values).data)
 
     def _close(self) -> None:
@@ -112,17 +113,6 @@ class Column:
             with suppress(OSError):
                 self._file.close()
             self._file = None
-
-
-@contextmanager
-def _told() -> Iterator[None]:
-    try:
-        yield
-    except OSError as exc:
-        raise OutputError(
-            f"a temporary file in {tempfile.gettempdir()} cannot be written: {exc.strerror}",
-            "make room there, or name another folder in the variable TMPDIR",
-        ) from exc
 
 
 class Storage:
@@ -170,7 +160,7 @@ class Storage:
         column = Column(self, tuple(row_shape), dtype)
         self._columns.append(column)
         if self._bytes > self._limit:
-            column._spill(self._folder)
+            column._spill()
         return column
 
     def close(self) -> None:
@@ -195,7 +185,24 @@ class Storage:
         if self._bytes > self._limit:
             for column in self._columns:
                 if not column.spilled:
-                    column._spill(self._folder)
+                    column._spill()
+
+    @contextmanager
+    def _told(self) -> Iterator[None]:
+        """What the system says of a file, told in terms of the folder that it is in."""
+        try:
+            yield
+        except OSError as exc:
+            room = "make room there"
+            if self._folder is not None:
+                where, hint = f" in {self._folder}", f"{room}, or choose another folder"
+            else:
+                # No file, nor a name, where none of the system's folders can be written
+                where = f" in {tempfile.tempdir}" if tempfile.tempdir is not None else ""
+                hint = f"{room}, or name another folder in the variable TMPDIR"
+            raise OutputError(
+                f"a temporary file{where} cannot be written: {exc.strerror or exc}", hint
+            ) from exc
 
     def _check_open(self) -> None:
         if self._closed:

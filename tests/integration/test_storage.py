@@ -1,10 +1,12 @@
 import os
+import tempfile
 
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from sinstool.errors import OutputError
 from sinstool.integration.storage import Storage
 
 
@@ -84,3 +86,45 @@ def test_wrong_rows_and_a_closed_storage_are_refused():
         column.append(np.zeros((2, 3)))
     with pytest.raises(ValueError, match="closed"):
         column.array()
+
+
+def filled(folder=None, limit=0):
+    with Storage(limit, folder) as storage:
+        storage.column((2,)).append(np.ones((1, 2)))
+
+
+def test_a_folder_that_is_not_there_is_named(tmp_path):
+    folder = tmp_path / "nowhere"
+    with pytest.raises(OutputError) as told:
+        filled(folder)
+    assert told.value.message == (
+        f"a temporary file in {folder} cannot be written: No such file or directory"
+    )
+    assert "another folder" in told.value.hint and "TMPDIR" not in told.value.hint
+
+
+def test_the_system_s_folder_is_named_with_what_chooses_it(tmp_path, monkeypatch):
+    monkeypatch.setattr(tempfile, "tempdir", str(tmp_path / "gone"))
+    with pytest.raises(OutputError) as told:
+        filled()
+    assert f"in {tmp_path / 'gone'} cannot be written: No such file" in told.value.message
+    assert "TMPDIR" in told.value.hint
+
+
+def test_a_system_without_any_usable_folder_is_told_of(monkeypatch):
+    """As where all disks are full: Python then finds no place for temporary files at all."""
+    monkeypatch.setattr(tempfile, "tempdir", None)
+    monkeypatch.setattr(tempfile, "_candidate_tempdir_list", lambda: ["/nowhere/at/all"])
+    with pytest.raises(OutputError) as told:
+        filled()
+    assert "cannot be written: No usable temporary directory found" in told.value.message
+    assert "TMPDIR" in told.value.hint
+
+
+@pytest.mark.skipif(not os.path.exists("/dev/full"), reason="needs the file that is always full")
+def test_a_full_folder_is_told_of(tmp_path, monkeypatch):
+    with open("/dev/full", "w+b", 0) as full:
+        monkeypatch.setattr(tempfile, "TemporaryFile", lambda **_: full)
+        with pytest.raises(OutputError) as told:
+            filled(tmp_path)
+    assert f"in {tmp_path} cannot be written: No space left on device" in told.value.message
