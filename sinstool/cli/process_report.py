@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from math import hypot
 from pathlib import Path
 from typing import Any
@@ -174,28 +175,27 @@ def _withheld(summary: dict[str, Any]) -> Table | None:
     told = summary["filter"] and summary["filter"]["withheld"]
     if not told:
         return None
-    first = int(summary["imu"]["first_ns"])
-    rows = tuple(
-        (
-            f"from {(int(o['start_ns']) - first) / SECOND:.1f} s",
-            o["duration_s"],
-            o["epochs"],
-            o["largest_horizontal_m"],
-            o["largest_vertical_m"],
-            o["largest_in_sigmas"],
-        )
-        for o in told["outages"]
-    )
-    columns = (
-        Column("Outage"),
-        Column("for", "s", ".1f"),
-        Column("fixes"),
-        Column("largest horizontal", "m", ".3g"),
-        Column("largest vertical", "m", ".3g"),
-        Column("largest on an axis", "sigma", ".2f"),
-    )
+    columns = {
+        "duration_s": Column("for", "s", ".1f"),
+        "epochs": Column("fixes"),
+        "largest_horizontal_m": Column("largest horizontal", "m", ".3g"),
+        "largest_vertical_m": Column("largest vertical", "m", ".3g"),
+        "largest_in_sigmas": Column("largest on an axis", "sigma", ".2f"),
+    }
     note = "Navigation less the fixes that it was not given; their own noise is in it."
-    return Table("Withheld fixes", columns, rows, (note,))
+    rows = _by_start(summary, told["outages"], columns)
+    return Table("Withheld fixes", (Column("Outage"), *columns.values()), rows, (note,))
+
+
+def _by_start(
+    summary: dict[str, Any], spans: list[dict[str, Any]], columns: Iterable[str]
+) -> tuple[tuple[Cell, ...], ...]:
+    """A row for each span of a log: from when, and these values of it."""
+    first = int(summary["imu"]["first_ns"])
+    return tuple(
+        (f"from {(int(span['start_ns']) - first) / SECOND:.1f} s", *(span[key] for key in columns))
+        for span in spans
+    )
 
 
 def _truth(summary: dict[str, Any]) -> Table | None:
@@ -244,21 +244,14 @@ def _stretches(summary: dict[str, Any]) -> Table | None:
     hse = summary["hse"]
     if not hse:
         return None
-    first = int(summary["imu"]["first_ns"])
-    names = ("rate_deg_s", "turns", "heading_raw_deg", "correction_arcsec",
-             "sigma_correction_arcsec", "heading_deg", "sigma_heading_arcsec")  # fmt: skip
-    rows = tuple(
-        (f"from {(int(s['start_ns']) - first) / SECOND:.1f} s", *(s[name] for name in names))
-        for s in hse["segments"]
-    )
-    columns = (
-        Column("Stretch"),
-        Column("rate", "deg/s", "+.3f"),
-        Column("turns"),
-        Column("heading as aligned", "deg", ".6f"),
-        Column("its error", "arcsec", "+.3f"),
-        Column("sigma", "arcsec", ".3f"),
-        Column("heading", "deg", ".6f"),
-        Column("sigma", "arcsec", ".3f"),
-    )
-    return Table("Stretches at constant rate", columns, rows)
+    columns = {
+        "rate_deg_s": Column("rate", "deg/s", "+.3f"),
+        "turns": Column("turns"),
+        "heading_raw_deg": Column("heading as aligned", "deg", ".6f"),
+        "correction_arcsec": Column("its error", "arcsec", "+.3f"),
+        "sigma_correction_arcsec": Column("sigma", "arcsec", ".3f"),
+        "heading_deg": Column("heading", "deg", ".6f"),
+        "sigma_heading_arcsec": Column("sigma", "arcsec", ".3f"),
+    }
+    rows = _by_start(summary, hse["segments"], columns)
+    return Table("Stretches at constant rate", (Column("Stretch"), *columns.values()), rows)
