@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from abc import ABC, abstractmethod
 from collections.abc import Iterator
 from typing import Any
 
@@ -38,7 +39,24 @@ INCREMENTS = (
 )
 
 
-class Values:
+class _Watcher(ABC):
+    """Looks at every block, anew each time that reading begins again."""
+
+    def watch(self, blocks: Iterator[Imu]) -> Iterator[Imu]:
+        """The same blocks."""
+        self._clear()
+        for block in blocks:
+            self._add(block)
+            yield block
+
+    @abstractmethod
+    def _clear(self) -> None: ...
+
+    @abstractmethod
+    def _add(self, block: Imu) -> None: ...
+
+
+class Values(_Watcher):
     """What the sensors of one Imu topic measured, in the order of time and along the log's axes.
 
     Parameters
@@ -60,13 +78,6 @@ class Values:
         self._kept = Envelope(7)
         self._last: int | None = None
         self._longest = np.inf
-
-    def watch(self, blocks: Iterator[Imu]) -> Iterator[Imu]:
-        """The same blocks."""
-        self._clear()
-        for block in blocks:
-            self._add(block)
-            yield block
 
     def _add(self, block: Imu) -> None:
         accel = turn_body(block.accel, self._body_axes)
@@ -90,7 +101,7 @@ class Values:
         return self._kept.curves(origin_ns)
 
 
-class Sampling:
+class Sampling(_Watcher):
     """Intervals and clocks of one Imu topic, in the order of the file.
 
     Parameters
@@ -113,13 +124,6 @@ class Sampling:
         self._intervals = np.zeros(FINE_BINS, np.int64)
         self.back: list[tuple[int, float]] = []
         self.least_delay_ns: int | None = None
-
-    def watch(self, blocks: Iterator[Imu]) -> Iterator[Imu]:
-        """The same blocks."""
-        self._clear()
-        for block in blocks:
-            self._add(block)
-            yield block
 
     def _add(self, block: Imu) -> None:
         times = block.time_ns
