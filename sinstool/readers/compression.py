@@ -9,9 +9,7 @@ from typing import Any
 import lz4.frame
 import zstandard
 
-# A declared size beyond this is refused: recorders use chunks of about 1 MiB, and a hostile or
-# damaged size must not cost memory.
-MAX_BLOCK = 256 * 2**20
+from sinstool.readers.limits import MAX_BLOCK
 
 _MAGICS = {"zstd": b"\x28\xb5\x2f\xfd", "lz4": b"\x04\x22\x4d\x18", "bz2": b"BZh91AY&SY"}
 _PIECE = 256

@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from sinstool.errors import UnsupportedLogError
+from sinstool.errors import SALVAGE_HINT, DamagedLogError, UnsupportedLogError
 from sinstool.messages.definitions import (
     Definition,
     DefinitionError,
@@ -252,6 +252,16 @@ class Log(ABC):
         if strange:
             batch = batch.select(self.channels.keys())
         return batch if wanted is None else batch.select(wanted)
+
+    def refuse(self, what: str, offset: int | None = None) -> None:
+        """Raise `DamagedLogError` of damage, unless it is to be passed over."""
+        if not self.salvage:
+            raise DamagedLogError(self.path, what, SALVAGE_HINT, offset)
+
+    def damage(self, what: str, offset: int | None = None, kind: str = "record") -> None:
+        """Refuse damage, or note it as a part that is lost (see `Lost`)."""
+        self.refuse(what, offset)
+        self.note_lost(Lost(what, kind, offset))
 
     def note_lost(self, part: Lost, always: bool = False) -> Lost:
         """Remember a passed-over part, once (see `LostParts.note`)."""

@@ -1,8 +1,7 @@
-"""MCAP logs, by their own records: summary when it can be trusted, a walk otherwise.
+"""MCAP logs: their channels, and their messages in the order of the file.
 
-The data section is always walked record by record at its top level (a handful of reads per
-chunk), so chunked and unchunked files, with or without indexes, take one path. The summary saves
-only the discovery of channels and the decompression of chunks nobody asked for.
+The summary, where it can be trusted, saves the discovery of channels and the decompression of
+chunks nobody asked for, and no more: messages always come from the walk over the records.
 """
 
 from __future__ import annotations
@@ -18,20 +17,14 @@ import numpy as np
 from mcap.data_stream import ReadDataStream
 from mcap.opcode import Opcode
 
-from sinstool.errors import SALVAGE_HINT, DamagedLogError, NotALogError, UnsupportedLogError
-from sinstool.readers.ahead import ahead
-from sinstool.readers.compression import (
-    MAX_BLOCK,
-    CompressionError,
-    UnknownCompressionError,
-    decompress,
-)
+from sinstool.errors import NotALogError
+from sinstool.readers.file import read_ahead
 from sinstool.readers.formats import MCAP_MAGIC as MAGIC
+from sinstool.readers.limits import MAX_BLOCK, MAX_DEFINITIONS, MAX_INDEX, MAX_RECORD, ROWS
 from sinstool.readers.log import Channel, RawBatch
 from sinstool.readers.lost import Lost
 from sinstool.readers.mcap_file import (
     MIN_MESSAGE,
-    ROWS,
     ChunkPlace,
     McapFile,
     OtherPlace,
@@ -41,14 +34,6 @@ from sinstool.readers.mcap_file import (
 from sinstool.readers.resync import next_mcap_inside, run_mcap
 from sinstool.readers.salvage import inside, known_mask, unpack, whole_parts
 from sinstool.readers.scan import END, FULL, definitions_mcap, scan_mcap
-
-# A record other than a chunk or an attachment that claims more than this is damage.
-MAX_RECORD = 64 * 2**20
-MAX_SUMMARY = 256 * 2**20
-# Identifiers have 16 bits; a log that defines more than all of them over and over is no log.
-MAX_DEFINITIONS = 2**18
-# Chunks of this size are not read ahead.
-LARGE = 32 * 2**20
 
 
 class McapLog(McapFile):
@@ -96,10 +81,10 @@ class McapLog(McapFile):
             and self.read_at(self.size - len(MAGIC), len(MAGIC)) == MAGIC
         )
         if not self.complete:
-            self._damage("cut short: the end of an MCAP file is missing", self.size, "end")
+            self.damage("cut short: the end of an MCAP file is missing", self.size, "end")
         head = self.read_at(len(MAGIC), 9)
         if len(head) < 9 or head[0] != Opcode.HEADER:
-            self._damage("no header record after the magic", len(MAGIC))
+            self.damage("no header record after the magic", len(MAGIC))
         else:
             length = record_length(head)
             if length <= MAX_RECORD:
@@ -114,7 +99,7 @@ class McapLog(McapFile):
         try:
             return kind.read(ReadDataStream(BytesIO(body)))  # type: ignore[attr-defined]
         except Exception as exc:  # mcap raises struct.error, EndOfFile, UnicodeDecodeError ...
-            self._damage(f"a {kind.__name__} record cannot be read ({exc!r})", offset)
+            self.damage(f"a {kind.__name__} record cannot be read ({exc!r})", offset)
             return None
 
     def _read_summary(self) -> bool:
@@ -122,7 +107,7 @@ class McapLog(McapFile):
         end = self.size - len(MAGIC)
         foot = self.read_at(end - 29, 29)
         if len(foot) < 29 or foot[0] != Opcode.FOOTER or record_length(foot) != 20:
-            self._damage("the footer record is missing", end - 29, "index")
+            self.damage("the footer record is missing", end - 29, "index")
             return False
         start, _, crc = struct.unpack("<QQI", foot[9:])
         self.data_end = start or end - 29
@@ -131,15 +116,15 @@ class McapLog(McapFile):
         if start < len(MAGIC) or start > end - 29:
             self.data_end = -1
             what = f"the footer points to a summary at {start}, outside the file"
-            self._damage(what, end - 29, "index")
+            self.damage(what, end - 29, "index")
             return False
-        if end - 29 - start > MAX_SUMMARY:
+        if end - 29 - start > MAX_INDEX:
             return False
         summary = self.read_at(start, end - 29 - start)
         # The CRC covers the summary and the footer up to the CRC itself.
         if crc and zlib.crc32(summary + foot[:25]) != crc:
             self.data_end = -1
-            self._damage("the summary's CRC does not match", start, "index")
+            self.damage("the summary's CRC does not match", start, "index")
             return False
         statistics = None
         pos = 0
@@ -149,7 +134,7 @@ class McapLog(McapFile):
             op, length = summary[pos], int.from_bytes(summary[pos + 1 : pos + 9], "little")
             body = summary[pos + 9 : pos + 9 + length]
             if len(body) < length:
-                self._damage("the summary ends inside a record", start + pos, "index")
+                self.damage("the summary ends inside a record", start + pos, "index")
                 return False
             if op == Opcode.SCHEMA and (schema := self._parse(records.Schema, body, start + pos)):
                 self.schemas[schema.id] = schema
@@ -185,7 +170,7 @@ class McapLog(McapFile):
             if isinstance(place, OtherPlace):
                 if place.opcode in (Opcode.SCHEMA, Opcode.CHANNEL):
                     if place.length > MAX_RECORD:
-                        self._damage(f"a record declares {place.length} bytes", place.offset)
+                        self.damage(f"a record declares {place.length} bytes", place.offset)
                         continue
                     body = self.read_at(place.offset + 9, place.length - 9)
                     self._define(place.opcode, body, place.offset)
@@ -214,7 +199,7 @@ class McapLog(McapFile):
     def _define(self, op: int, body: bytes, offset: int) -> None:
         self._defined += 1
         if self._defined > MAX_DEFINITIONS:
-            self._damage(f"more than {MAX_DEFINITIONS} schemas and channels", offset)
+            self.damage(f"more than {MAX_DEFINITIONS} schemas and channels", offset)
             return
         if op == Opcode.SCHEMA:
             schema = self._parse(records.Schema, body, offset)
@@ -243,29 +228,19 @@ class McapLog(McapFile):
 
     def _load(self, place: ChunkPlace) -> np.ndarray | str:
         """A chunk's records, decompressed and checked; in words what is wrong with them."""
-        what = ""
-        if place.data_length > MAX_BLOCK:
-            what = f"a chunk of {place.data_length} bytes is more than we take"
+        raw = self.unpacked(
+            place.compression, place.size, place.offset, place.data_offset, place.data_length
+        )
+        if isinstance(raw, str):
+            what = raw
+        elif not place.crc or place.offset in self._sound:
+            return np.frombuffer(raw, np.uint8)
+        elif zlib.crc32(raw) == place.crc:
+            self._sound.add(place.offset)
+            return np.frombuffer(raw, np.uint8)
         else:
-            data = self.read_at(place.data_offset, place.data_length)
-            try:
-                raw = decompress(place.compression, data, place.size)
-                if not place.crc or place.offset in self._sound:
-                    return np.frombuffer(raw, np.uint8)
-                if zlib.crc32(raw) == place.crc:
-                    self._sound.add(place.offset)
-                    return np.frombuffer(raw, np.uint8)
-                what = "a chunk's CRC does not match its content"
-            except UnknownCompressionError as exc:
-                if not self.salvage:
-                    raise UnsupportedLogError(
-                        self.path, f"a chunk's {exc}", "", place.offset
-                    ) from exc
-                what = f"a chunk's {exc}"
-            except CompressionError as exc:
-                what = f"a chunk {exc}"
-        if not self.salvage:
-            raise DamagedLogError(self.path, what, SALVAGE_HINT, place.offset)
+            what = "a chunk's CRC does not match its content"
+        self.refuse(what, place.offset)
         return what
 
     def _salvaged(self, place: ChunkPlace) -> tuple[np.ndarray, list[tuple[int, int]], bool]:
@@ -346,10 +321,8 @@ class McapLog(McapFile):
                 count, pos, why = scan_mcap(chunk, pos, out, False)
                 if why not in (END, FULL):
                     what = f"a record inside a chunk runs over its end (at {pos})"
-                    self._damage(what, place.offset, "chunk")
-                numbers = np.bincount(out[0, :count])
-                for channel in np.flatnonzero(numbers).tolist():
-                    counts[channel] = counts.get(channel, 0) + int(numbers[channel])
+                    self.damage(what, place.offset, "chunk")
+                _add(counts, out[0, :count])
                 yield batch_of(chunk, out[:, :count], place.offset + place.length)
             self.chunk_counts[place.offset] = counts
         else:
@@ -368,20 +341,13 @@ class McapLog(McapFile):
                     if wanted is None or holds is None or holds & wanted:
                         yield place
 
-        def load(place: ChunkPlace | RawBatch) -> ChunkPlace | list[RawBatch]:
-            if isinstance(place, RawBatch):
-                return [place]
-            if max(place.size, place.data_length) > LARGE:
-                return place
-            return list(self._chunk_batches(place))
+        def size(place: ChunkPlace) -> int:
+            return max(place.size, place.data_length)
 
         totals: dict[int, int] = {}
-        for loaded in ahead(load, needed()):
-            for batch in self._chunk_batches(loaded) if isinstance(loaded, ChunkPlace) else loaded:
-                numbers = np.bincount(batch.channel)
-                for channel in np.flatnonzero(numbers).tolist():
-                    totals[channel] = totals.get(channel, 0) + int(numbers[channel])
-                yield batch
+        for batch in read_ahead(needed(), size, self._chunk_batches):
+            _add(totals, batch.channel)
+            yield batch
         if self._counts_proved and not self.lost:
             for channel in self.channels if wanted is None else wanted & self.channels.keys():
                 self._check_count(channel, totals.get(channel, 0))
@@ -398,6 +364,13 @@ class McapLog(McapFile):
 
 
 _COLUMNS = ("channel", "offset", "length", "log_time", "publish_time", "sequence")
+
+
+def _add(counts: dict[int, int], channels: np.ndarray) -> None:
+    """Add so many messages to those of each channel."""
+    numbers = np.bincount(channels)
+    for channel in np.flatnonzero(numbers).tolist():
+        counts[channel] = counts.get(channel, 0) + int(numbers[channel])
 
 
 def _rows(buffer: np.ndarray, part: tuple[int, int]) -> np.ndarray:

@@ -7,7 +7,6 @@ over, the walk goes on at the next place that can be a record.
 
 from __future__ import annotations
 
-import os
 import struct
 from collections.abc import Generator, Iterator
 from dataclasses import dataclass, replace
@@ -16,18 +15,16 @@ from pathlib import Path
 import numpy as np
 from mcap.opcode import Opcode
 
-from sinstool.errors import SALVAGE_HINT, DamagedLogError
-from sinstool.readers.compression import MAX_BLOCK, compression_of, packed_at
+from sinstool.readers.compression import compression_of, packed_at
+from sinstool.readers.file import FileLog
 from sinstool.readers.formats import MCAP_MAGIC as MAGIC
-from sinstool.readers.log import Log, RawBatch
+from sinstool.readers.limits import MAX_BLOCK, ROWS, WINDOW
+from sinstool.readers.log import RawBatch
 from sinstool.readers.lost import Lost
 from sinstool.readers.resync import next_mcap
 from sinstool.readers.salvage import known_mask, search
 from sinstool.readers.scan import END, FOREIGN, FULL, scan_mcap
 
-WINDOW = 4 * 2**20
-# So many messages make a batch at most.
-ROWS = 2**18
 MIN_MESSAGE = 31
 _INSIDE_SUMMARY = {
     Opcode.CHUNK_INDEX,
@@ -85,7 +82,7 @@ class OtherPlace:
     length: int
 
 
-class McapFile(Log):
+class McapFile(FileLog):
     """The records of an MCAP file.
 
     Parameters
@@ -109,26 +106,6 @@ class McapFile(Log):
         self.complete = False
         self.data_end = -1
         self.chunk_starts: frozenset[int] = frozenset()
-        self._packed = False  # a compressed chunk was seen
-        self._fd = os.open(path, os.O_RDONLY)
-
-    def close(self) -> None:
-        """Close the file."""
-        if self._fd >= 0:
-            os.close(self._fd)
-            self._fd = -1
-
-    def read_at(self, offset: int, length: int) -> bytes:
-        """Bytes of the file; fewer where it ends, none beyond."""
-        # Places and lengths are what the file says; it can say more than a system call takes.
-        if not 0 <= offset < self.size:
-            return b""
-        return os.pread(self._fd, min(length, self.size - offset), offset)
-
-    def _damage(self, what: str, offset: int, kind: str = "record", end: int | None = None) -> None:
-        if not self.salvage:
-            raise DamagedLogError(self.path, what, SALVAGE_HINT, offset)
-        self.note_lost(Lost(what, kind, offset, end))
 
     def places(self) -> Iterator[ChunkPlace | OtherPlace | RawBatch]:
         """Top level of the data section in file order; runs of messages come as batches.
@@ -188,8 +165,7 @@ class McapFile(Log):
         self, what: str, pos: int, doubt: int, end: int
     ) -> Generator[ChunkPlace, None, int]:
         """Where to go on behind a record that is none; gives what there is of a chunk."""
-        if not self.salvage:
-            raise DamagedLogError(self.path, what, SALVAGE_HINT, pos)
+        self.refuse(what, pos)
         head = self.read_at(pos, 512)
         chunk = None
         if head[:1] == bytes([Opcode.CHUNK]) or pos in self.chunk_starts:
@@ -277,8 +253,7 @@ class McapFile(Log):
             if place.data_offset + place.data_length <= end:
                 return place
             what = f"a chunk declares {place.data_length} bytes of data, more than it has"
-        if not self.salvage:
-            raise DamagedLogError(self.path, what, SALVAGE_HINT, pos)
+        self.refuse(what, pos)
         if place is not None and place.compression in ("", "lz4", "zstd"):
             return replace(place, data_length=end - place.data_offset, problem=what)
         # Its compression cannot be read: the data tell, or else are records as they are.

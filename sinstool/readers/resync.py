@@ -9,12 +9,11 @@ from __future__ import annotations
 import numpy as np
 from numba import njit
 
+from sinstool.readers.limits import MAX_BLOCK, MAX_RECORD
 from sinstool.readers.scan import rosbag1_record, u16, u32, u64
 
 _SCHEMA, _CHANNEL, _MESSAGE, _CHUNK, _INDEX, _DATA_END = 0x03, 0x04, 0x05, 0x06, 0x07, 0x0F
 _HEAD = 9
-_MAX_RECORD = 64 * 2**20
-_MAX_BLOCK = 256 * 2**20
 _MAX_ROSBAG1_HEADER = 4096
 # Ops of ROS 1 bags
 _ROSBAG1_MESSAGE, _ROSBAG1_INDEX, _ROSBAG1_CHUNK, _ROSBAG1_CONNECTION = 2, 4, 5, 7
@@ -40,7 +39,7 @@ def _plain_record(b, p, left, known):  # type: ignore[no-untyped-def]
         return False
     op = b[p]
     length = u64(b, p + 1)
-    if length < 0 or length > left - _HEAD or length > _MAX_RECORD:
+    if length < 0 or length > left - _HEAD or length > MAX_RECORD:
         return False
     body = p + _HEAD
     end = body + length
@@ -80,7 +79,7 @@ def next_mcap_inside(buffer, start, known):  # type: ignore[no-untyped-def]
             continue
         after = p + _HEAD + u64(buffer, p + 1)
         if after + _HEAD > size or (
-            _SCHEMA <= buffer[after] <= _MESSAGE and 0 <= u64(buffer, after + 1) <= _MAX_RECORD
+            _SCHEMA <= buffer[after] <= _MESSAGE and 0 <= u64(buffer, after + 1) <= MAX_RECORD
         ):
             return p
     return -1
@@ -95,7 +94,7 @@ def _chunk(b, p, left):  # type: ignore[no-untyped-def]
     length = u64(b, p + 1)
     start, end, size = u64(b, body), u64(b, body + 8), u64(b, body + 16)
     name = u32(b, body + 28)
-    if not (0 <= start <= end and 0 <= size <= _MAX_BLOCK and (name == 0 or 3 <= name <= 4)):
+    if not (0 <= start <= end and 0 <= size <= MAX_BLOCK and (name == 0 or 3 <= name <= 4)):
         return False
     at = body + 32
     if name == 3 and not (b[at] == 108 and b[at + 1] == 122 and b[at + 2] == 52):  # lz4
@@ -141,7 +140,7 @@ def next_mcap(buffer, start, left, known, packed):  # type: ignore[no-untyped-de
                 return p
             continue
         length = u64(buffer, p + 1)
-        if length < 0 or length > left - p - _HEAD or length > _MAX_RECORD:
+        if length < 0 or length > left - p - _HEAD or length > MAX_RECORD:
             continue
         after = p + _HEAD + length
         if after + _HEAD <= size:

@@ -7,7 +7,6 @@ the connections before the first message.
 
 from __future__ import annotations
 
-import os
 import struct
 from collections.abc import Generator, Iterator
 from contextlib import suppress
@@ -16,17 +15,12 @@ from pathlib import Path
 
 import numpy as np
 
-from sinstool.errors import SALVAGE_HINT, DamagedLogError, NotALogError, UnsupportedLogError
-from sinstool.readers.ahead import ahead
-from sinstool.readers.compression import (
-    MAX_BLOCK,
-    CompressionError,
-    UnknownCompressionError,
-    decompress,
-    packed_at,
-)
+from sinstool.errors import NotALogError, UnsupportedLogError
+from sinstool.readers.compression import packed_at
+from sinstool.readers.file import FileLog, read_ahead
 from sinstool.readers.formats import ROSBAG1_MAGIC
-from sinstool.readers.log import Channel, Log, RawBatch
+from sinstool.readers.limits import MAX_BLOCK, MAX_DEFINITIONS, MAX_INDEX, ROWS, WINDOW
+from sinstool.readers.log import Channel, RawBatch
 from sinstool.readers.lost import Lost
 from sinstool.readers.resync import next_rosbag1, run_rosbag1
 from sinstool.readers.rosbag1_records import (
@@ -46,19 +40,12 @@ from sinstool.readers.scan import END, FOREIGN, FULL, definitions_rosbag1, scan_
 
 MAGIC = ROSBAG1_MAGIC + b"2.0\n"
 BAG_HEADER_SIZE = 4096
-WINDOW = 4 * 2**20
 MAX_HEADER = 2**20
-MAX_INDEX = 256 * 2**20
-# Connections beyond this number are not looked at: a log that has so many is none.
-MAX_DEFINITIONS = 2**18
-# Chunks of this size are not read ahead, and so many messages make a batch at most.
-LARGE = 32 * 2**20
-ROWS = 2**18
 # Record lengths, and the op, conn and time fields of a message's header.
 _MIN_MESSAGE = 46
 
 
-class Rosbag1Log(Log):
+class Rosbag1Log(FileLog):
     """A ROS 1 bag.
 
     Parameters
@@ -78,35 +65,16 @@ class Rosbag1Log(Log):
     def __init__(self, path: Path, salvage: bool = False) -> None:
         super().__init__(path, salvage)
         self._defined = 0
-        self._packed = False  # a compressed chunk was seen
-        self._fd = os.open(path, os.O_RDONLY)
         try:
             self._open()
         except BaseException:
-            os.close(self._fd)
+            self.close()
             raise
-
-    def close(self) -> None:
-        """Close the file."""
-        if self._fd >= 0:
-            os.close(self._fd)
-            self._fd = -1
-
-    def _read_at(self, offset: int, length: int) -> bytes:
-        """Bytes of the file; fewer where it ends, none beyond."""
-        if not 0 <= offset < self.size:
-            return b""
-        return os.pread(self._fd, min(length, self.size - offset), offset)
-
-    def _damage(self, what: str, offset: int, kind: str = "record") -> None:
-        if not self.salvage:
-            raise DamagedLogError(self.path, what, SALVAGE_HINT, offset)
-        self.note_lost(Lost(what, kind, offset))
 
     # -- opening ---------------------------------------------------------------------------
 
     def _open(self) -> None:
-        magic = self._read_at(0, len(MAGIC))
+        magic = self.read_at(0, len(MAGIC))
         if magic != MAGIC:
             if magic.startswith(ROSBAG1_MAGIC) and not MAGIC.startswith(magic):
                 version = magic[len(ROSBAG1_MAGIC) :].split(b"\n")[0].decode("ascii", "replace")
@@ -121,7 +89,7 @@ class Rosbag1Log(Log):
             index = head.number("index_pos")
             counts = head.number("conn_count"), head.number("chunk_count")
         except BadRecordError as exc:
-            self._damage(f"the bag header record cannot be read ({exc})", len(MAGIC))
+            self.damage(f"the bag header record cannot be read ({exc})", len(MAGIC))
             self._first = len(MAGIC) + BAG_HEADER_SIZE
             self._discover()
             return
@@ -133,19 +101,19 @@ class Rosbag1Log(Log):
             )
         if index > self.size:
             what = f"cut short: its index is at byte {index}, behind the end of the file"
-            self._damage(what, self.size, "end")
+            self.damage(what, self.size, "end")
         if not (self._first <= index < self.size and self._read_index(index, *counts)):
             self._discover()
 
     def _record(self, pos: int) -> Record:
         """The record at a place of the file; `BadRecordError` where there is no whole one."""
-        head = self._read_at(pos, 512)
+        head = self.read_at(pos, 512)
         if len(head) >= 4:
             width = int.from_bytes(head[:4], "little")
             if width > MAX_HEADER:
                 raise BadRecordError(f"its header declares {width} bytes")
             if width + 8 > len(head):
-                head = self._read_at(pos, width + 8)
+                head = self.read_at(pos, width + 8)
         record = record_at(head, 0, pos)
         # the size of a message index is looked at by the walk itself
         if record.end > self.size and record.op != INDEX:
@@ -158,7 +126,7 @@ class Rosbag1Log(Log):
         """Connections and counts from the index section; False if it is not what it should be."""
         if self.size - start > MAX_INDEX:
             return False
-        section = self._read_at(start, self.size - start)
+        section = self.read_at(start, self.size - start)
         counts: dict[int, int] = {}
         chunk_infos = 0
         found: dict[int, Channel] = {}
@@ -190,7 +158,7 @@ class Rosbag1Log(Log):
             if isinstance(place, RawBatch):
                 continue
             if place.op == CONNECTION:
-                data = self._read_at(place.data_offset, place.data_length)
+                data = self.read_at(place.data_offset, place.data_length)
                 self._define(place, data, place.offset)
             elif place.op == CHUNK:
                 content, parts = self._content(place)
@@ -209,7 +177,7 @@ class Rosbag1Log(Log):
         try:
             record = record_at(chunk.data, pos, 0)
         except BadRecordError as exc:
-            self._damage(f"a record inside a chunk cannot be read: {exc}", offset)
+            self.damage(f"a record inside a chunk cannot be read: {exc}", offset)
             return
         if record.op == CONNECTION:
             self._define(record, chunk[record.data_offset : record.end].tobytes(), offset)
@@ -217,12 +185,12 @@ class Rosbag1Log(Log):
     def _define(self, record: Record, data: bytes, offset: int) -> None:
         self._defined += 1
         if self._defined > MAX_DEFINITIONS:
-            self._damage(f"more than {MAX_DEFINITIONS} connections", offset)
+            self.damage(f"more than {MAX_DEFINITIONS} connections", offset)
             return
         try:
             channel = read_channel(record, data)
         except BadRecordError as exc:
-            self._damage(f"a connection record cannot be read: {exc}", offset)
+            self.damage(f"a connection record cannot be read: {exc}", offset)
         else:
             self.channels.setdefault(channel.id, channel)
 
@@ -255,7 +223,7 @@ class Rosbag1Log(Log):
                 if stop > pos:
                     pos, doubt = stop, last + 1
                     continue
-                self._damage("a message lacks its connection or its time", pos)
+                self.damage("a message lacks its connection or its time", pos)
             elif record.op in (CHUNK, CONNECTION):
                 self._packed = self._packed or (
                     record.op == CHUNK and record.fields.get("compression") != b"none"
@@ -274,12 +242,11 @@ class Rosbag1Log(Log):
 
     def _behind_damage(self, what: str, pos: int, doubt: int) -> Generator[Record, None, int]:
         """Where to go on behind a record that is none; gives what there is of a chunk."""
-        if not self.salvage:
-            raise DamagedLogError(self.path, what, SALVAGE_HINT, pos)
+        self.refuse(what, pos)
         chunk = None
         with suppress(BadRecordError):
-            chunk = record_at(self._read_at(pos, MAX_HEADER), 0, pos)
-        at = packed_at(self._read_at(pos, 512))
+            chunk = record_at(self.read_at(pos, MAX_HEADER), 0, pos)
+        at = packed_at(self.read_at(pos, 512))
         if (chunk is None or chunk.op != CHUNK) and at >= 0:
             # A killed recorder leaves a chunk's record empty, and what belongs in it behind it;
             # or the chunk's header is gone.
@@ -303,7 +270,7 @@ class Rosbag1Log(Log):
         def following(buffer: np.ndarray, left: int) -> int:
             return int(next_rosbag1(buffer, 0, left, False, self._packed))
 
-        return search(self._read_at, start, self.size, following)
+        return search(self.read_at, start, self.size, following)
 
     def _behind_index(self, record: Record) -> int:
         """End of a message index, whose own size is not to be relied on where it lies."""
@@ -322,7 +289,7 @@ class Rosbag1Log(Log):
         pos = last = record.offset
         need = record.end - record.offset
         while True:
-            window = np.frombuffer(self._read_at(pos, max(WINDOW, need)), np.uint8)
+            window = np.frombuffer(self.read_at(pos, max(WINDOW, need)), np.uint8)
             found, stop, why = _scan(window, 0, True)
             if found.shape[1]:
                 # no later than its data, and no earlier than the record itself
@@ -338,24 +305,14 @@ class Rosbag1Log(Log):
         try:
             name = place.fields.get("compression", b"").decode("ascii")
             size = place.number("size")
-            if place.data_length > MAX_BLOCK:
-                raise BadRecordError(f"{place.data_length} bytes are more than we take")
-            data = self._read_at(place.data_offset, place.data_length)
-            return np.frombuffer(decompress(name, data, size), np.uint8)
-        except UnknownCompressionError as exc:
-            if not self.salvage:
-                raise UnsupportedLogError(self.path, f"a chunk's {exc}", "", place.offset) from exc
-            what = f"a chunk's {exc}"
-        except CompressionError as exc:
-            what = f"a chunk {exc}"
         except (BadRecordError, UnicodeDecodeError) as exc:
-            what = f"a chunk's header cannot be used ({exc})"
-        self._damage_strict(what, place.offset)
-        return what
-
-    def _damage_strict(self, what: str, offset: int) -> None:
-        if not self.salvage:
-            raise DamagedLogError(self.path, what, SALVAGE_HINT, offset)
+            raw: bytes | memoryview | str = f"a chunk's header cannot be used ({exc})"
+        else:
+            raw = self.unpacked(name, size, place.offset, place.data_offset, place.data_length)
+        if not isinstance(raw, str):
+            return np.frombuffer(raw, np.uint8)
+        self.refuse(raw, place.offset)
+        return raw
 
     def _content(self, place: Record) -> tuple[np.ndarray, list[tuple[int, int]]]:
         """A chunk's bytes and its runs of whole records: one of all, where it is sound."""
@@ -367,7 +324,7 @@ class Rosbag1Log(Log):
         else:
             # Up to what can be a record again: the chunk's own length may be what is wrong.
             end = min(self._next(place.data_offset + 1), place.data_offset + MAX_BLOCK)
-            data = self._read_at(place.data_offset, end - place.data_offset)
+            data = self.read_at(place.data_offset, end - place.data_offset)
             name = place.fields.get("compression", b"").decode("ascii", "replace")
             content, _ = unpack(name, data, 0, 0)
         return content, whole_parts(
@@ -410,23 +367,18 @@ class Rosbag1Log(Log):
             found, pos, why = _scan(chunk, pos, False)
             if why not in (END, FULL):
                 what = f"a record inside a chunk is not whole (at {pos})"
-                self._damage_strict(what, place.offset)
+                self.refuse(what, place.offset)
             yield _batch(chunk, found, place.end)
 
     def _read(self, wanted: frozenset[int] | None) -> Iterator[RawBatch]:
         """Raw messages, chunk by chunk (see `Log.batches`)."""
 
-        def load(place: Record | RawBatch) -> Record | list[RawBatch]:
-            if isinstance(place, RawBatch):
-                return [place]
-            declared = int.from_bytes(place.fields.get("size", b""), "little")
-            if max(declared, place.data_length) > LARGE:
-                return place
-            return list(self._chunk_batches(place))
+        def size(chunk: Record) -> int:
+            declared = int.from_bytes(chunk.fields.get("size", b""), "little")
+            return max(declared, chunk.data_length)
 
         needed = (p for p in self._places() if isinstance(p, RawBatch) or p.op == CHUNK)
-        for loaded in ahead(load, needed):
-            yield from self._chunk_batches(loaded) if isinstance(loaded, Record) else loaded
+        yield from read_ahead(needed, size, self._chunk_batches)
 
 
 def _scan(buffer: np.ndarray, start: int, stop_at_foreign: bool) -> tuple[np.ndarray, int, int]:

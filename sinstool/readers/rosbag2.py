@@ -21,15 +21,15 @@ from ruamel.yaml import YAML
 from ruamel.yaml.error import YAMLError
 
 from sinstool.errors import (
-    SALVAGE_HINT,
     DamagedLogError,
     LogError,
     NotALogError,
     UnsupportedLogError,
 )
 from sinstool.messages.layout import ZSTD_MAGIC
-from sinstool.readers.compression import MAX_BLOCK, CompressionError, decompress
+from sinstool.readers.compression import CompressionError, decompress
 from sinstool.readers.formats import METADATA, kind_of
+from sinstool.readers.limits import MAX_BLOCK
 from sinstool.readers.log import Log, RawBatch
 from sinstool.readers.lost import Lost
 from sinstool.readers.mcap import McapLog
@@ -120,11 +120,6 @@ class Rosbag2Log(Log):
         theirs = [replace(n, file=part.path.name) for part in self.parts for n in part.lost]
         return [*self._lost.all(), *theirs]
 
-    def _damage(self, what: str, cause: Exception | None = None) -> None:
-        if not self.salvage:
-            raise DamagedLogError(self.path, what, SALVAGE_HINT) from cause
-        self.note_lost(Lost(what, "file"))
-
     # -- opening ---------------------------------------------------------------------------
 
     def _files(self) -> list[Path]:
@@ -154,11 +149,11 @@ class Rosbag2Log(Log):
             candidates = [self.path / name, self.path / f"{name}.zstd"]
             file = next((c for c in candidates if c.is_file()), None)
             if file is None:
-                self._damage(f"{METADATA} lists {name}, which is not there")
+                self.damage(f"{METADATA} lists {name}, which is not there", kind="file")
             else:
                 found.append(file)
         if not found:
-            self._damage(f"{METADATA} lists no file that is there")
+            self.damage(f"{METADATA} lists no file that is there", kind="file")
             return self._files_without_metadata()
         return found
 
@@ -174,7 +169,7 @@ class Rosbag2Log(Log):
                 raise TypeError("it describes no bag")
         except (YAMLError, OSError, ValueError, TypeError, KeyError, RecursionError) as exc:
             reason = " ".join(str(exc).split())[:200]
-            self._damage(f"{METADATA} cannot be used ({reason or type(exc).__name__})", exc)
+            self.damage(f"{METADATA} cannot be used ({reason or type(exc).__name__})", kind="file")
             return None
         return information
 
@@ -230,7 +225,7 @@ class Rosbag2Log(Log):
             with file.open("rb") as source, target.open("wb") as sink:
                 whole = _unzstd(source, sink)
         except zstandard.ZstdError as exc:
-            self._damage(f"{file.name}: zstd data is corrupt ({exc})", exc)
+            self.damage(f"{file.name}: zstd data is corrupt ({exc})", kind="file")
         except OSError as exc:
             raise UnsupportedLogError(
                 file,
@@ -239,7 +234,7 @@ class Rosbag2Log(Log):
             ) from exc
         else:
             if not whole:
-                self._damage(f"{file.name}: the zstd data ends too early")
+                self.damage(f"{file.name}: the zstd data ends too early", kind="file")
         return target
 
     def _unify(self) -> None:
@@ -305,7 +300,7 @@ class Rosbag2Log(Log):
             try:
                 payload = _unzstd_message(data[offset : offset + length])
             except CompressionError as exc:
-                self._damage(f"{part.path.name}: a message's {exc}", exc)
+                self.damage(f"{part.path.name}: a message's {exc}", kind="file")
                 continue
             payloads.append(payload)
             rows.append(row)

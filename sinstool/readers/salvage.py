@@ -7,11 +7,9 @@ from collections.abc import Callable
 
 import numpy as np
 
-from sinstool.readers.compression import MAX_BLOCK, decompress_prefix
+from sinstool.readers.compression import decompress_prefix
+from sinstool.readers.limits import MAX_BLOCK, MAX_PLACES, WINDOW
 
-# More damaged places in one chunk than this are not worked through.
-MAX_PLACES = 4096
-_WINDOW = 4 * 2**20
 # A record of this size that begins in one window is whole in the next.
 _OVERLAP = 2**20
 
@@ -99,11 +97,11 @@ def search(
     """
     pos = start
     while pos < end:
-        window = np.frombuffer(read_at(pos, min(_WINDOW, end - pos)), np.uint8)
+        window = np.frombuffer(read_at(pos, min(WINDOW, end - pos)), np.uint8)
         found = following(window, end - pos)
         if found >= 0:
             return pos + found
-        if len(window) < _WINDOW:
+        if len(window) < WINDOW:
             break
         pos += len(window) - _OVERLAP
     return end

@@ -15,10 +15,9 @@ from urllib.parse import quote
 import numpy as np
 
 from sinstool.errors import SALVAGE_HINT, DamagedLogError, NotALogError, UnsupportedLogError
-from sinstool.readers.compression import MAX_BLOCK
+from sinstool.readers.limits import MAX_BLOCK, MAX_PLACES
 from sinstool.readers.log import Channel, Log, RawBatch
 from sinstool.readers.lost import Lost
-from sinstool.readers.salvage import MAX_PLACES
 from sinstool.temporary import TemporaryFolder
 
 # Small enough to stay in the processor's cache, which is worth a third of the time.

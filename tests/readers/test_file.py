@@ -1,11 +1,13 @@
-"""Files that become shorter while they are read."""
+"""Files under a log: closed once, and read right where they become shorter meanwhile."""
 
 import os
 
 import pytest
 
-from sinstool.errors import DamagedLogError
+from sinstool.errors import DamagedLogError, NotALogError
 from sinstool.readers import open_log
+from sinstool.readers.mcap import McapLog
+from sinstool.readers.rosbag1 import Rosbag1Log
 
 from .logs import bag_records, content, mcap_records, read_back, write_bag1, write_mcap
 
@@ -56,3 +58,28 @@ def test_a_file_that_becomes_shorter_is_cut_there(tmp_path, monkeypatch, name, p
     assert found == wanted[: len(found)]
     share = 0.3 if place else 0.0
     assert share * len(wanted) <= len(found) < len(wanted)
+
+
+@pytest.mark.parametrize("kind", [McapLog, Rosbag1Log])
+def test_a_file_that_is_refused_is_closed_once(tmp_path, kind):
+    """Its number is another file's soon, which nobody else may close."""
+    path = tmp_path / "log"
+    path.write_bytes(b"text")
+    log = kind.__new__(kind)
+    with pytest.raises(NotALogError):
+        log.__init__(path)
+    with path.open("rb") as other:
+        log.close()
+        assert other.read() == b"text"
+
+
+@pytest.mark.parametrize("name", ["zstd", "bag"])
+def test_bytes_at_any_place(tmp_path, name):
+    path = LOGS[name](tmp_path)
+    data = path.read_bytes()
+    with open_log(path) as log:
+        assert log.read_at(5, 2**70) == data[5:]
+        assert log.read_at(0, 7) == data[:7]
+        assert log.read_at(len(data) - 3, 9) == data[-3:]
+        for beyond in (-1, -(2**70), len(data), 2**63, 2**70):
+            assert log.read_at(beyond, 4) == b""
