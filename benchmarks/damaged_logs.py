@@ -100,9 +100,16 @@ def run(name: str, path: Path) -> tuple[int, str, float, float]:
     """Messages, error, seconds, MB."""
     here, there = multiprocessing.Pipe()
     process = multiprocessing.Process(target=child, args=(name, path, there))
+    begin = time.perf_counter()
     process.start()
-    answered = here.poll(LIMIT_S)
-    result = here.recv() if answered else (0, f"> {LIMIT_S} s", float(LIMIT_S), 0.0)
+    # Held by the child alone, the pipe ends with it.
+    there.close()
+    result = (0, f"> {LIMIT_S} s", float(LIMIT_S), 0.0)
+    if here.poll(LIMIT_S):
+        try:
+            result = here.recv()
+        except EOFError:
+            result = (0, "crash", time.perf_counter() - begin, 0.0)
     process.kill()
     process.join()
     return result

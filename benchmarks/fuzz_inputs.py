@@ -23,8 +23,7 @@ if str(ROOT / "tests") not in sys.path:
     sys.path.append(str(ROOT / "tests"))
 
 from mcap.writer import IndexType  # noqa: E402
-from readers.logs import TOPICS, rows, store, write_bag1, write_db3, write_mcap  # noqa: E402
-from rosbags.rosbag2 import CompressionFormat, CompressionMode, StoragePlugin, Writer  # noqa: E402
+from readers.logs import rows, write_bag1, write_bag2, write_db3, write_mcap  # noqa: E402
 
 MESSAGES = 20
 FORMATS = ("mcap", "bag", "db3")
@@ -63,20 +62,10 @@ def _bags(folder: Path) -> None:
 def _databases(folder: Path) -> None:
     for version in (1, 2, 3, 4):
         write_db3(folder / f"v{version}.db3", rows(MESSAGES, 2), version)
-    kinds = {
-        "plain": (None, None, StoragePlugin.SQLITE3),
-        "file": (CompressionMode.FILE, CompressionFormat.ZSTD, StoragePlugin.SQLITE3),
-        "message": (CompressionMode.MESSAGE, CompressionFormat.ZSTD, StoragePlugin.SQLITE3),
-        "mcap": (None, None, StoragePlugin.MCAP),
-    }
-    for name, (mode, kind, plugin) in kinds.items():
-        with_writer = Writer(folder / f"{name}-folder", version=9, storage_plugin=plugin)
-        if mode is not None:
-            with_writer.set_compression(mode, kind)
-        with with_writer as writer:
-            ids = {t: writer.add_connection(t, n, typestore=store(2)) for t, n in TOPICS.items()}
-            for row in rows(MESSAGES, 2):
-                writer.write(ids[row.topic], row.log_time, row.payload)
+    for name in ("plain", "file", "message", "mcap"):
+        storage = "mcap" if name == "mcap" else "db3"
+        mode = name if name in ("file", "message") else None
+        write_bag2(folder / f"{name}-folder", rows(MESSAGES, 2), storage, mode)
 
 
 def make_logs(folder: Path) -> None:

@@ -36,8 +36,7 @@ from imulogs import IMU, Message, imu_messages, read_topic, serialised, stamp_ns
 from imulogs import write_bag as write_bag1  # noqa: E402
 from mcap.reader import make_reader  # noqa: E402
 from mcap.writer import CompressionType, Writer  # noqa: E402
-from rosbags.rosbag2 import StoragePlugin  # noqa: E402
-from rosbags.rosbag2 import Writer as FolderWriter  # noqa: E402
+from readers.logs import Row, write_bag2  # noqa: E402
 
 SCENARIO = (
     "drive", "--grade", "mems", "--still", "15", "--duration", "60", "--rate", "50",
@@ -248,13 +247,10 @@ def _mcap(path: Path, messages: list[Message], ros: int, rng: Rng) -> Path:
 
 
 def _folder(path: Path, messages: list[Message]) -> Path:
-    with FolderWriter(path, version=9, storage_plugin=StoragePlugin.SQLITE3) as writer:
-        ids: dict[str, Any] = {}
-        for m in messages:
-            if m.topic not in ids:
-                ids[m.topic] = writer.add_connection(m.topic, m.type_name, typestore=store(2))
-            writer.write(ids[m.topic], m.log_ns, serialised(m.message, m.type_name, 2))
-    return path
+    content = [
+        Row(m.topic, m.log_ns, m.log_ns, serialised(m.message, m.type_name, 2)) for m in messages
+    ]
+    return write_bag2(path, content, types={m.topic: m.type_name for m in messages})
 
 
 ENCODINGS = ("mcap", "ros1 mcap", "bag", "db3 folder", "db3")

@@ -5,8 +5,7 @@ import shutil
 import numpy as np
 import pytest
 from hse_rigs import ARCSEC, calibrate, edited, simulate, sinstool, wrapped
-from rosbags.rosbag2 import Writer
-from rosbags.typesys import Stores, get_typestore
+from readers.logs import Row, write_bag2
 
 from sinstool.calibrate import azimuths
 from sinstool.calibrate import calibrate as calibrate_logs
@@ -123,16 +122,12 @@ def test_a_ros_2_bag(log, tmp_path):
     from mcap.reader import make_reader
 
     path, rig = log
-    store = get_typestore(Stores.ROS2_HUMBLE)
-    bag = tmp_path / "bag"
-    with Writer(bag, version=8) as writer, path.open("rb") as stream:
-        connections = {}
+    rows, types = [], {}
+    with path.open("rb") as stream:
         for schema, channel, m in make_reader(stream).iter_messages():
-            if channel.topic not in connections:
-                connections[channel.topic] = writer.add_connection(
-                    channel.topic, schema.name, typestore=store
-                )
-            writer.write(connections[channel.topic], m.log_time, m.data)
+            types[channel.topic] = schema.name
+            rows.append(Row(channel.topic, m.log_time, m.publish_time, m.data))
+    bag = write_bag2(tmp_path / "bag", rows, types=types)
     _, there, _, _ = calibrate([bag], rig, tmp_path / "bag.json")
     _, here, _, _ = calibrate([path], rig, tmp_path / "log.json")
     assert there["lambda2_rad"] == here["lambda2_rad"]

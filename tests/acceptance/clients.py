@@ -9,7 +9,6 @@ import re
 import subprocess
 import sys
 from collections import Counter
-from pathlib import Path
 
 import pytest
 from mcap.reader import NonSeekingReader, make_reader
@@ -158,10 +157,3 @@ def poses(path):
     """Topics that evo reads, and how many poses each has."""
     counts, types = declared(path)
     return {t: n for t, n in counts.items() if n and types[t] in POSES}
-
-
-def scratch_home(tmp_path: Path) -> Path:
-    """A home folder for clients."""
-    home = tmp_path / "home"
-    home.mkdir(exist_ok=True)
-    return home

@@ -16,10 +16,8 @@ from mcap.reader import NonSeekingReader, make_reader
 from mcap.records import Channel, Chunk, ChunkIndex, Message, MessageIndex
 from mcap.stream_reader import StreamReader, breakup_chunk
 from mcap.writer import IndexType
-from readers.logs import PRESSURE, TOPICS, Row, mcap_records, real, write_bag1, write_mcap
+from readers.logs import PRESSURE, Row, mcap_records, real, write_bag1, write_bag2, write_mcap
 from rosbags.highlevel import AnyReader
-from rosbags.rosbag2 import StoragePlugin
-from rosbags.rosbag2 import Writer as Rosbag2Writer
 
 from sinstool.config import ProcessConfig
 from sinstool.pipeline import process
@@ -46,18 +44,6 @@ def small(ros):
 
 def one_time(rows):
     return [row._replace(publish_time=row.log_time) for row in rows]
-
-
-def write_bag2(path, rows):
-    """A ROS 2 bag folder with SQLite storage."""
-    with Rosbag2Writer(path, version=9, storage_plugin=StoragePlugin.SQLITE3) as writer:
-        connections = {
-            topic: writer.add_connection(topic, name, typestore=store(2))
-            for topic, name in TOPICS.items()
-        }
-        for row in rows:
-            writer.write(connections[row.topic], row.log_time, row.payload)
-    return path
 
 
 NO_INDEX = {"index_types": IndexType.NONE, "use_statistics": False}

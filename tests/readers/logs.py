@@ -15,6 +15,8 @@ from mcap.records import Message as McapMessage
 from mcap.stream_reader import StreamReader
 from mcap.writer import CompressionType, Writer
 from rosbags.rosbag1 import Writer as BagWriter
+from rosbags.rosbag2 import CompressionFormat, CompressionMode, StoragePlugin
+from rosbags.rosbag2 import Writer as FolderWriter
 from rosbags.typesys import Stores, get_typestore
 
 DATA = Path(__file__).parents[2] / ".." / "shared" / "data"
@@ -25,6 +27,7 @@ COMPRESSIONS = {
     "lz4": CompressionType.LZ4,
     "none": CompressionType.NONE,
 }
+STORAGES = {"db3": StoragePlugin.SQLITE3, "mcap": StoragePlugin.MCAP}
 T0 = 1_700_000_000_000_000_000
 
 
@@ -141,6 +144,22 @@ def write_bag1(path, content, compression=None, chunk=16384, connections=1):
         for k, row in enumerate(content):
             choice = ids[row.topic]
             writer.write(choice[k % len(choice)], row.log_time, row.payload)
+    return path
+
+
+def write_bag2(path, content, storage="db3", mode=None, types=None):
+    """A ROS 2 bag folder by rosbags' writer; `mode` is what zstd packs, 'file' or 'message'."""
+    types = types or TOPICS
+    writer = FolderWriter(path, version=9, storage_plugin=STORAGES[storage])
+    if mode:
+        writer.set_compression(CompressionMode[mode.upper()], CompressionFormat.ZSTD)
+    with writer:
+        ids = {
+            topic: writer.add_connection(topic, types[topic], typestore=store())
+            for topic in dict.fromkeys(row.topic for row in content)
+        }
+        for row in content:
+            writer.write(ids[row.topic], row.log_time, row.payload)
     return path
 
 

@@ -7,32 +7,13 @@ from sinstool.readers import open_log
 from sinstool.readers.mcap_file import OtherPlace
 
 from .conformance import built, variants
+from .logs import Row, read_back
 
 VARIANTS = {variant["name"]: variant for variant in variants()}
 
 
 def test_there_are_all_of_them():
     assert len(VARIANTS) == 416
-
-
-def read(log):
-    """Topic, times, sequence and payload of every message, in the order of the file."""
-    out = []
-    for batch in log.batches():
-        data = batch.buffer.tobytes()
-        for row in zip(
-            batch.channel.tolist(),
-            batch.log_time.tolist(),
-            batch.publish_time.tolist(),
-            batch.sequence.tolist(),
-            batch.offset.tolist(),
-            batch.length.tolist(),
-            strict=True,
-        ):
-            channel, log_time, publish_time, sequence, at, length = row
-            topic = log.channels[channel].topic
-            out.append((topic, log_time, publish_time, sequence, data[at : at + length]))
-    return out
 
 
 @pytest.mark.parametrize("salvage", [False, True], ids=["strict", "salvage"])
@@ -46,11 +27,14 @@ def test_every_record_is_read(tmp_path, name, salvage):
         for kind in ("Schema", "Channel", "Message", "Attachment", "Metadata")
     }
     messages = [
-        ("example", int(r["logTime"]), int(r["publishTime"]), r["sequence"], bytes(r["data"]))
+        Row("example", int(r["logTime"]), int(r["publishTime"]), bytes(r["data"]))
         for r in by_kind["Message"]
     ]
     with open_log(path, salvage) as log:
-        assert read(log) == messages
+        assert read_back(log) == messages
+        assert [number for batch in log.batches() for number in batch.sequence.tolist()] == [
+            r["sequence"] for r in by_kind["Message"]
+        ]
         assert not log.lost
         schema = by_kind["Schema"][0] if by_kind["Schema"] else None
         assert [

@@ -4,7 +4,7 @@ import sqlite3
 import numpy as np
 import pytest
 import zstandard
-from rosbags.rosbag2 import CompressionFormat, CompressionMode, Reader, StoragePlugin, Writer
+from rosbags.rosbag2 import Reader
 
 from sinstool.errors import DamagedLogError, NotALogError, UnsupportedLogError
 from sinstool.readers import open_log
@@ -18,27 +18,10 @@ from .logs import (
     read_back,
     real,
     snapshot,
-    store,
+    write_bag2,
     write_db3,
     write_mcap,
 )
-
-STORAGES = {"db3": StoragePlugin.SQLITE3, "mcap": StoragePlugin.MCAP}
-
-
-def write_bag2(path, messages, storage="db3", mode=None):
-    """A bag folder by rosbags' writer."""
-    writer = Writer(path, version=9, storage_plugin=STORAGES[storage])
-    if mode:
-        writer.set_compression(CompressionMode[mode.upper()], CompressionFormat.ZSTD)
-    with writer:
-        ids = {
-            topic: writer.add_connection(topic, TOPICS[topic], typestore=store())
-            for topic in dict.fromkeys(row.topic for row in messages)
-        }
-        for row in messages:
-            writer.write(ids[row.topic], row.log_time, row.payload)
-    return path
 
 
 def metadata(folder, files, storage="sqlite3", extra=""):
