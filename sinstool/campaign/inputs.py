@@ -1,18 +1,18 @@
 """Which logs are meant by files, folders and patterns, and how their outputs are called.
 
-A ROS 2 bag is a folder and one log; any other folder holds many. What a file is, is decided by
-its first bytes, as when it is opened.
+A ROS 2 bag is a folder and one log; any other folder stands for those in it, be it one.
+What a file is, is decided by its first bytes, as when it is opened.
 """
 
 from __future__ import annotations
 
 import glob
 import re
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path, PurePath
 
-from sinstool.errors import ConfigurationError, NotALogError, SinstoolError
+from sinstool.errors import ConfigurationError, NotALogError, OutputError
 from sinstool.readers.formats import METADATA, kind_of
 
 OUTPUT_SUFFIX = ".mcap"
@@ -61,21 +61,16 @@ def is_bag(path: Path) -> bool:
 
 
 def are_many(given: Sequence[Path]) -> bool:
-    """Whether inputs are (or may be) several logs: more than one, a folder of logs, a pattern."""
+    """Whether inputs are (or may be) several logs: more than one, a folder of logs, a pattern.
+
+    How many logs a folder happens to hold makes no difference.
+    """
     if len(given) != 1:
         return len(given) > 1
     path = given[0]
     if path.is_dir():
-        return not is_bag(path) and not _single(path)
+        return not is_bag(path)
     return not path.exists() and _is_pattern(path)
-
-
-def _single(path: Path) -> bool:
-    """Whether a folder is nothing but one file, which is then read as a bag of one part."""
-    files = _files(path)
-    if len(files) == 1 and all(p.is_file() or p.name.startswith(".") for p in path.iterdir()):
-        return files[0].suffix in (".db3", ".mcap")
-    return not files and not any(p.is_dir() for p in path.iterdir())
 
 
 def find_logs(given: Sequence[Path], without: Path | None = None) -> list[LogInput]:
@@ -87,7 +82,7 @@ def find_logs(given: Sequence[Path], without: Path | None = None) -> list[LogInp
         Files, ROS 2 bag folders, folders that hold logs (at any depth), and patterns with ``*``,
         ``?``, ``[...]`` or ``**``, as a shell leaves them when they are quoted.
     without : Path, optional
-        A folder that is not looked into: that of the outputs.
+        A folder that is not looked into: that of the outputs, ``-o``.
 
     Returns
     -------
@@ -98,6 +93,8 @@ def find_logs(given: Sequence[Path], without: Path | None = None) -> list[LogInp
     ------
     NotALogError
         A path does not exist, or a folder or pattern holds no log.
+    OutputError
+        It holds none because it lies in that of the outputs.
     """
     hidden = None if without is None else without.resolve()
     found: dict[Path, LogInput] = {}
@@ -124,6 +121,8 @@ def expand(given: Sequence[Path]) -> list[Path]:
 
 def _logs_of(path: Path, hidden: Path | None) -> list[LogInput]:
     if path.is_dir() and not is_bag(path):
+        if hidden is not None and _inside(path, hidden):
+            raise _among_outputs(path)
         logs = [LogInput(p, p.relative_to(path)) for p in _below(path, hidden)]
         if not logs:
             raise NotALogError(path, "the folder holds no log", "name a folder with logs")
@@ -133,29 +132,82 @@ def _logs_of(path: Path, hidden: Path | None) -> list[LogInput]:
     if not _is_pattern(path):
         raise NotALogError(path, "there is no such file or folder")
     root = Path(*_fixed(path))
+    parts = path.parts[len(root.parts) :]
+    ways = [(p, _passed(p, root)) for p in sorted(_matches(root, parts))]
+    # but those that a link leads through one folder twice
+    matches = [p for p, passed in ways if len(set(passed)) == len(passed)]
+    free = [p for p in matches if hidden is None or not _inside(p, hidden)]
+    bags = {p for p in free if p.is_dir() and is_bag(p)}
     logs = []
-    for text in sorted(glob.glob(str(path), recursive=True)):
-        match = Path(text)
-        if hidden is not None and _inside(match, hidden):
-            continue
-        paths = _below(match, hidden) if match.is_dir() and not is_bag(match) else [match]
-        logs += [LogInput(p, p.relative_to(root)) for p in paths if p.is_dir() or _is_log(p)]
+    for match in free:
+        if not bags.isdisjoint(match.parents):
+            continue  # a part of a log that is there itself
+        if match.is_dir():
+            paths = (
+                [match]
+                if match in bags
+                else _below(match, hidden, set(_passed(match.parent, root)))
+            )
+        else:
+            paths = [match] if _is_log(match) else []
+        logs += [LogInput(p, p.relative_to(root)) for p in paths]
+    if not logs and len(free) < len(matches):
+        raise _among_outputs(path)
     if not logs:
         raise NotALogError(path, "the pattern matches no log", "check it, and its quotes")
     return logs
 
 
-def _below(folder: Path, hidden: Path | None) -> list[Path]:
-    """Logs in a folder and below it, by name."""
+def _among_outputs(path: Path) -> OutputError:
+    return OutputError(
+        f"{path}: these inputs lie in the folder of the outputs", "choose another folder with -o"
+    )
+
+
+def _below(folder: Path, hidden: Path | None, seen: set[Path] | None = None) -> list[Path]:
+    """Logs in a folder and below it, by name; a folder that links lead to again counts once."""
+    seen = set() if seen is None else seen
+    seen.add(folder.resolve())
     found: list[Path] = []
     for path in sorted(folder.iterdir()):
         if path.name.startswith(".") or (hidden is not None and _inside(path, hidden)):
             continue
         if path.is_dir():
-            found += [path] if is_bag(path) else _below(path, hidden)
+            if is_bag(path):
+                found.append(path)
+            elif path.resolve() not in seen:
+                found += _below(path, hidden, seen)
         elif _is_log(path):
             found.append(path)
     return found
+
+
+def _matches(root: Path, parts: Sequence[str]) -> Iterator[Path]:
+    """What the parts of a pattern match below a folder."""
+    # The standard library follows links that lead back in `**`, for ever if there are two.
+    if "**" not in parts:
+        yield from map(Path, glob.glob(str(Path(glob.escape(str(root)), *parts))))
+        return
+    k = parts.index("**")
+    for top in _matches(root, parts[:k]) if k else (root,):
+        for folder in _folders(top, set()) if top.is_dir() else ():
+            yield from _matches(folder, parts[k + 1 :]) if parts[k + 1 :] else (folder,)
+
+
+def _folders(top: Path, seen: set[Path]) -> Iterator[Path]:
+    """A folder and those below it, each once."""
+    if top.resolve() in seen:
+        return
+    seen.add(top.resolve())
+    yield top
+    for path in sorted(top.iterdir()):
+        if path.is_dir() and not path.name.startswith("."):
+            yield from _folders(path, seen)
+
+
+def _passed(path: Path, root: Path) -> list[Path]:
+    """Folders on the way from one to a path, with both, as they are without links."""
+    return [p.resolve() for p in (path, *path.parents) if p == root or root in p.parents]
 
 
 def _inside(path: Path, folder: Path) -> bool:
@@ -171,6 +223,9 @@ def _files(path: Path) -> list[Path]:
 
 
 def _is_log(path: Path) -> bool:
+    # A link that leads nowhere is none, and a pipe would be waited for.
+    if not path.is_file():
+        return False
     try:
         with path.open("rb") as stream:
             return kind_of(stream)[0] != ""
@@ -207,8 +262,8 @@ def output_paths(logs: Sequence[LogInput], folder: Path, suffix: str = "") -> li
     ------
     ConfigurationError
         Two logs would have one output.
-    SinstoolError
-        An output would lie within an input.
+    OutputError
+        An output would be an input, or lie within one.
     """
     taken: dict[PurePath, LogInput] = {}
     paths = []
@@ -221,9 +276,14 @@ def output_paths(logs: Sequence[LogInput], folder: Path, suffix: str = "") -> li
                 " out as the inputs are",
             )
         output = folder / log.output
-        if log.path.is_dir() and log.path.resolve() in output.resolve().parents:
-            raise SinstoolError(
+        if suffix:
+            output = output.with_suffix(suffix)
+        source, target = log.path.resolve(), output.resolve()
+        if source == target:
+            raise OutputError(f"{output} is the input itself", "choose another folder with -o")
+        if log.path.is_dir() and source in target.parents:
+            raise OutputError(
                 f"{output} lies in the input's own folder", "choose another folder with -o"
             )
-        paths.append(output.with_suffix(suffix) if suffix else output)
+        paths.append(output)
     return paths

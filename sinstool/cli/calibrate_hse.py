@@ -126,7 +126,7 @@ def command(
         if report is not None:
             from sinstool.cli.calibrate_hse_report import write_page
 
-            write_page(report, found, config, logs)
+            write_page(report, found, config, paths)
     for text in (*found.warnings, *found.judgement.warnings):
         warn(text)
     if as_json:

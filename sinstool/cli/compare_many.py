@@ -54,11 +54,12 @@ def compare_many(given: Sequence[Path], options: dict[str, Any]) -> int:
     config, settings = told(options)
     config = absolute(config)
     folder, quiet = options["csv_dir"], options["quiet"]
-    logs = find_logs(given, without=folder)
+    if folder is not None:
+        check_new_folder(folder, "--csv")
+    logs = find_logs(given)
     paths = [log.path.absolute() for log in logs]
     tables: list[Path | None] = [None] * len(logs)
     if folder is not None:
-        check_new_folder(folder, "--csv")
         tables = [path.with_suffix("").absolute() for path in output_paths(logs, folder)]
     pages = page_paths(options["report"], logs)
     kept = {k: v for k, v in options.items() if "__" not in k}

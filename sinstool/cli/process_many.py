@@ -58,6 +58,10 @@ def process_many(
     int
         Exit status.
     """
+    if folder.suffix.lower() == ".mcap" and not folder.is_dir():
+        raise click.UsageError(
+            f"-o {folder}: with many logs give a folder, which gets an output for each"
+        )
     logs = find_logs(given, without=folder)
     outputs = [path.absolute() for path in output_paths(logs, folder)]
     report = config.output.report

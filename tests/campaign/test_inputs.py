@@ -1,12 +1,13 @@
 """Which logs are meant, and what their outputs are called."""
 
+import os
 from pathlib import Path, PurePath
 
 import pytest
 from readers.logs import content, write_bag1, write_db3, write_mcap
 
 from sinstool.campaign.inputs import are_many, expand, find_logs, is_bag, output_paths
-from sinstool.errors import ConfigurationError, NotALogError, SinstoolError
+from sinstool.errors import ConfigurationError, NotALogError, OutputError, SinstoolError
 
 ROWS = content(20)
 
@@ -70,6 +71,44 @@ def test_one_log_is_not_many(tree, tmp_path):
     assert not are_many([odd])
 
 
+def test_a_folder_with_one_log_is_as_one_with_several(tmp_path):
+    for name, write in {
+        "run.mcap": write_mcap,
+        "run.db3": write_db3,
+        "run.bag": write_bag1,
+    }.items():
+        folder = tmp_path / name.replace(".", "-")
+        folder.mkdir()
+        write(folder / name, content(20, ros=1) if name == "run.bag" else ROWS)
+        assert are_many([folder])
+        assert named(find_logs([folder])) == [name]
+
+
+def test_what_is_no_file_is_passed_over(tree):
+    (tree / "gone").symlink_to("nowhere")
+    os.mkfifo(tree / "day1" / "pipe")
+    assert named(find_logs([tree])) == NAMES
+    assert named(find_logs([tree / "*"])) == NAMES
+    assert named(find_logs([tree / "**"])) == NAMES
+
+
+def test_links_that_lead_back(tree):
+    (tree / "0loop").symlink_to(".")
+    (tree / "day1" / "0up").symlink_to("..")
+    assert named(find_logs([tree])) == NAMES
+    assert named(find_logs([tree / "**"])) == NAMES
+    assert named(find_logs([tree / "*"])) == NAMES
+    assert named(find_logs([tree / "**" / "*.mcap"])) == ["day1/run.mcap", "day2/run.mcap"]
+
+
+def test_links_that_lead_elsewhere_are_followed(tree, tmp_path):
+    (tmp_path / "disk").mkdir()
+    write_mcap(tmp_path / "disk" / "run.mcap", ROWS)
+    (tree / "day3").symlink_to(tmp_path / "disk")
+    assert "day3/run.mcap" in named(find_logs([tree]))
+    assert "day3/run.mcap" in named(find_logs([tree / "**" / "*.mcap"]))
+
+
 def test_patterns(tree):
     assert are_many([tree / "*" / "run.mcap"])
     assert named(find_logs([tree / "*" / "run.mcap"])) == ["day1/run.mcap", "day2/run.mcap"]
@@ -87,6 +126,19 @@ def test_a_log_counts_once(tree):
 def test_outputs_are_not_inputs(tree):
     folder = tree / "day2"
     assert named(find_logs([tree], without=folder)) == NAMES[:2] + NAMES[-1:]
+
+
+def test_inputs_among_the_outputs(tree):
+    for given in (tree, tree / "day1", tree / "day1" / "*.mcap", tree / "**" / "*.mcap"):
+        with pytest.raises(
+            OutputError, match="in the folder of the outputs: choose another"
+        ) as info:
+            find_logs([given], without=tree)
+        assert str(given) in str(info.value)
+    with pytest.raises(OutputError, match=r"run\.mcap is the input itself"):
+        output_paths(find_logs([tree / "day1" / "run.mcap"]), tree / "day1")
+    # a page beside its log has another name
+    assert output_paths(find_logs([tree / "day1" / "run.mcap"]), tree / "day1", ".html")
 
 
 def test_what_is_not_there(tree, tmp_path):

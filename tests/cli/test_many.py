@@ -172,9 +172,52 @@ def test_wrong_usage(sinstool, logs, tmp_path):
     (tmp_path / "file").write_text("x")
     status, _, err = sinstool("process", logs, "-o", tmp_path / "file")
     assert status == 1 and err.startswith("sinstool: ") and "file" in err
+    status, _, err = sinstool("process", logs, "-o", tmp_path / "out.mcap")
+    assert status == 2 and "give a folder, which gets an output for each" in err
     status, _, err = sinstool("process", a, tmp_path / "none.mcap", "-o", tmp_path / "out")
     assert status == 1 and "there is no such file" in err
     assert not (tmp_path / "out").exists()
+
+
+def test_one_log_in_a_folder_goes_into_a_folder_too(sinstool, logs, tmp_path):
+    """What -o means does not turn on how many logs there are today."""
+    for folder in ("new", "there"):
+        out = tmp_path / folder
+        if folder == "there":
+            out.mkdir()
+        assert sinstool("process", logs / "a", "-o", out, "-j", 1, "-q")[0] == 0
+        assert files(out) == ["run.mcap"]
+
+
+def test_outputs_among_the_inputs_are_refused(sinstool, logs, tmp_path):
+    folder = tmp_path / "in"
+    (folder / "day").mkdir(parents=True)
+    for name in ("x.mcap", "day/y.mcap"):
+        (folder / name).write_bytes((logs / "a" / "run.mcap").read_bytes())
+    for given in ([folder], [folder / "day"], [folder / "*.mcap"], [folder / "**" / "*.mcap"]):
+        status, _, err = sinstool("process", *given, "-o", folder)
+        assert status == 1
+        assert err == (
+            f"sinstool: {given[0]}: these inputs lie in the folder of the outputs: choose another"
+            " folder with -o\n"
+        )
+    status, _, err = sinstool("process", folder / "x.mcap", logs / "a" / "run.mcap", "-o", folder)
+    assert status == 1
+    assert err == f"sinstool: {folder}/x.mcap is the input itself: choose another folder with -o\n"
+    assert files(folder) == ["day/y.mcap", "x.mcap"]
+
+
+def test_odd_entries_of_a_folder_stop_nothing(sinstool, logs, tmp_path):
+    folder = tmp_path / "in"
+    folder.mkdir()
+    (folder / "x.mcap").write_bytes((logs / "a" / "run.mcap").read_bytes())
+    (folder / "notes").symlink_to("nowhere")
+    (folder / "0loop").symlink_to(".")
+    os.mkfifo(folder / "pipe")
+    for name, given in {"one": folder, "two": folder / "*"}.items():
+        out = tmp_path / name
+        assert sinstool("process", given, "-o", out, "-j", 1, "-q")[0] == 0
+        assert len(files(out)) == 1
 
 
 def test_compare_coning(sinstool, logs, tmp_path):
@@ -205,14 +248,19 @@ def test_compare_coning(sinstool, logs, tmp_path):
 def test_calibrate_hse_is_the_same_by_two(sinstool, tmp_path):
     chosen = ("--config", HSE / "rig-a.toml", "-q")
     made = []
+    page, logs = tmp_path / "page.html", sorted(HSE.glob("a-*.mcap"))
     for name, inputs in {
-        "one": (*sorted(HSE.glob("a-*.mcap")), "-j", 1),
-        "two": (HSE / "a-*.mcap", "-j", 2),
+        "one": (*logs, "-j", 1),
+        "two": (HSE / "a-*.mcap", "-j", 2, "--report", page),
     }.items():
         path = tmp_path / f"{name}.json"
         assert sinstool("calibrate-hse", *inputs, "-o", path, *chosen)[0] == 0
         made.append({k: v for k, v in json.loads(path.read_text()).items() if k != "created"})
     assert made[0] == made[1]
+    # the page names the logs, not the pattern
+    told = page.read_text()
+    assert len(logs) > 1 and all(f"{log}</" in told for log in logs)
+    assert "a-*.mcap" not in told
 
 
 def test_monte_carlo(sinstool, tmp_path):
