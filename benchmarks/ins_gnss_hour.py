@@ -10,12 +10,12 @@ from __future__ import annotations
 
 import argparse
 import json
-import resource
 import subprocess
 import sys
 import tempfile
-import time
 from pathlib import Path
+
+from one_hour import run_child
 
 PROGRAM = [sys.executable, "-c", "from sinstool.cli.main import main; main()"]
 TARGET_S = 10.0
@@ -32,17 +32,10 @@ def simulate(path: Path, scenario: str, duration: float, rate: float) -> None:
 
 def measured(log: Path, out: Path, options: list[str]) -> tuple[float, float, float, dict]:
     """Wall and CPU seconds, MB at most, and the summary of a run."""
-    before = resource.getrusage(resource.RUSAGE_CHILDREN)
-    tic = time.perf_counter()
-    ran = subprocess.run(
-        [*PROGRAM, "process", str(log), "-o", str(out), "--mode", "ins-gnss", "--overwrite",
-         "--json", "-q", "--gyro-unit", "rad/s", *options],
-        check=True, capture_output=True, text=True,
-    )  # fmt: skip
-    wall = time.perf_counter() - tic
-    after = resource.getrusage(resource.RUSAGE_CHILDREN)
-    cpu = after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime
-    return wall, cpu, after.ru_maxrss / 1024.0, json.loads(ran.stdout)
+    command = [*PROGRAM, "process", str(log), "-o", str(out), "--mode", "ins-gnss", "--overwrite",
+               "--json", "-q", "--gyro-unit", "rad/s", *options]  # fmt: skip
+    text, wall, cpu, peak = run_child(command)
+    return wall, cpu, peak, json.loads(text)
 
 
 def main() -> None:

@@ -5,8 +5,9 @@ it at every epoch. Otherwise a gate measures it before it turns a fix down: told
 it would turn down nearly all of them and believe those few that happen to be near, which is worse
 than no gate. What tells noise from a bad fix, a jump of the fixes or a filter that has gone astray
 is how innovations change from one epoch to the next: a bad fix makes two changes large, a jump one
-and a stray filter none, while noise makes most of them so. Their median is taken. A fix that is too
-far off for the noise given and for the noise measured is turned down.
+and a stray filter none, while noise makes most of them so. A low quantile of them is taken, which
+many bad fixes leave small, over that of noise as given. A fix that is too far off for the noise
+given and for the noise measured is turned down.
 
 References
 ----------
@@ -37,11 +38,25 @@ from sinstool.integration.layout import (
     Model,
 )
 
+# A share p of bad fixes makes 1 - (1 - p)^2 of the changes large, so that a quantile q stays one of
+# the others up to p = 1 - sqrt(q): 41 % here, 29 % for the median. Lower ones scatter more.
 QUANTILE = 0.35
-OF_NORMAL = 0.2059  # this quantile of the square of a unit normal
-NOISY = 3.0  # quantile of changes over that of noise as given: there is more for some time
-SHORT = 8  # changes that show noise that has begun just now
-FAR_EPOCHS = 20.0  # over which the share of epochs that are too far off is a mean
+# This quantile of chi-square with one degree of freedom, (Phi^-1(0.675))^2: halved, the square of
+# the difference of two independent unit normals is so distributed.
+OF_NORMAL = 0.2059
+# Changes that show noise that has begun just now. The third least of them is taken, whose mean
+# rank, 3 in 9, is near the quantile; two bad fixes make four changes large and leave it alone. With
+# noise as given nine in ten of what they say are between 0.09 and 3.9, hence NOISY.
+SHORT = 8
+# Where the changes of all epochs kept (60) say so many times the variance given, these are believed
+# alone: with noise as given two in a thousand are beyond that, and the larger of theirs and of the
+# few changes', which scatter, would mostly be too large.
+NOISY = 3.0
+# Epochs over which the share of those too far off is a mean that fades: three in a row give 0.14,
+# four 0.19.
+FAR_EPOCHS = 20.0
+# With NOISY times the variance given this share of epochs with six rows is beyond the gate of
+# 99.99 %: the chance of chi-square above 27.86 / 3 is 0.158. With noise as given it is 0.0001.
 FAR_SHARE = 0.15
 
 

@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-import numba
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from sinstool.simulation.truth import check_times
+from sinstool.simulation.wander import carry_over
 
 FloatArray = NDArray[np.float64]
 
@@ -62,11 +62,5 @@ def barometer(
     drive = sigma * np.sqrt(-np.expm1(-2.0 * share))
     drive[0] = sigma
     error *= drive
-    _markov_kernel(np.exp(-share), error)
+    carry_over(np.exp(-share), error[:, None])
     return truth + error + white * noise, error
-
-
-@numba.njit(cache=True, nogil=True)
-def _markov_kernel(decay: FloatArray, error: FloatArray) -> None:
-    for k in range(1, error.shape[0]):
-        error[k] += decay[k] * error[k - 1]

@@ -20,11 +20,11 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.signal import lfilter
 
 from sinstool import rotation
 from sinstool.earth import earth_rate_n, gravity_n
 from sinstool.simulation.turntable import TableProfile
+from sinstool.simulation.wander import carry_over
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
@@ -419,7 +419,8 @@ def _gyro_errors(
         step = errors.gyro_drift * np.sqrt(1.0 - decay**2)
         driven = step * random.standard_normal((n, 3))
         driven[0] = errors.gyro_drift * random.standard_normal(3)
-        rate += lfilter([1.0], [1.0, -decay], driven, axis=0)
+        carry_over(np.full(n, decay), driven)
+        rate += driven
     if errors.angle_random_walk:
         rate += errors.angle_random_walk / np.sqrt(dt) * random.standard_normal((n, 3))
     if errors.gyro_quantum:

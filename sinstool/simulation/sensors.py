@@ -5,9 +5,9 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.signal import lfilter
 
 from sinstool.simulation.truth import FloatArray, ImuTruth
+from sinstool.simulation.wander import carry_over
 
 _DEGREE = np.pi / 180.0
 _G = 9.80665
@@ -146,4 +146,5 @@ def markov(
     )
     if n:
         drive[0] /= np.sqrt(-np.expm1(-2.0 * step / correlation_time))
-    return np.asarray(lfilter([1.0], [1.0, -decay], drive, axis=0))
+    carry_over(np.full(n, decay), drive)
+    return np.asarray(drive)
