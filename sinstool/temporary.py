@@ -31,6 +31,8 @@ DAY = 86400.0
 NAME_LENGTH = 40
 _FILE = re.compile(r"\..*\.([0-9a-f]{8})-[0-9a-f]{16}\.sinstool-part", re.DOTALL)
 _FOLDER = re.compile(r"sinstool-([0-9a-f]{8})-[0-9a-f]{16}")
+# In place of a host: what another one stands for is left alone for a day
+_NOWHERE = "00000000"
 # Of this process: removed at its end, should a second interruption have broken off tidying up
 _made: set[Path] = set()
 
@@ -75,6 +77,18 @@ def new_file(folder: Path, name: str) -> tuple[int, Path]:
         if _locked_for_good(handle):
             return handle, path
         os.close(handle)
+
+
+def unheld(folder: Path, name: str) -> Path:
+    """Name of a file that nobody holds a lock on; it is removed when it is a day old.
+
+    Parameters
+    ----------
+    folder : Path
+    name : str
+        What it is for.
+    """
+    return folder / f".{name[:NAME_LENGTH]}.{_NOWHERE}-{os.urandom(8).hex()}.sinstool-part"
 
 
 def remove_file(path: Path) -> None:

@@ -21,7 +21,7 @@ from sinstool.campaign.jobs import (
     perform,
     remove_left,
 )
-from sinstool.campaign.visible import not_seen, sight, tokens, what_differs
+from sinstool.campaign.visible import not_seen, sights, tokens, what_differs
 from sinstool.errors import ConfigurationError, SinstoolError
 from sinstool.threads import keep_to_one_core
 
@@ -54,8 +54,7 @@ def run_on_cluster(tasks: Sequence[Task], workers: Workers) -> Generator[Event]:
     folders = list(dict.fromkeys(f for task in tasks for f in task.job.folders))
     with _client(address) as client, tokens(folders) as wanted:
         _require_version(client, address)
-        seen = [(path, sight(path)) for path in workers.reads]
-        _require_same_files(client, seen, wanted)
+        _require_same_files(client, sights(workers.reads), wanted)
         yield from _run(client, tasks)
 
 

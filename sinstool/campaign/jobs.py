@@ -10,13 +10,15 @@ import contextlib
 import time
 import traceback
 from collections.abc import Callable, Generator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
 import sinstool
 from sinstool.errors import ConfigurationError, SinstoolError
+from sinstool.explain import asked_for, explained, say_again
 from sinstool.temporary import sweep
+from sinstool.writers.whole import appeared
 
 Report = Callable[[float], None]
 # Progress is told that often at most, s.
@@ -64,6 +66,10 @@ class Outcome:
         Its worker died, again and again.
     trace : str
         The traceback, for who wants to see it.
+    written : tuple of Path
+        Files that it completed.
+    choices : tuple of str
+        What was chosen, and why, if that was asked for.
     """
 
     value: Any = None
@@ -71,6 +77,8 @@ class Outcome:
     exit_code: int = 0
     died: bool = False
     trace: str = ""
+    written: tuple[Path, ...] = ()
+    choices: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -123,11 +131,14 @@ class Task:
     job : Job
     version : str
         Of the sinstool that asks.
+    explain : bool
+        Whether somebody wants to know what is chosen, and why.
     """
 
     number: int
     job: Job
     version: str = sinstool.__version__
+    explain: bool = False
 
 
 def run_jobs(jobs: Sequence[Job], workers: Workers) -> Generator[Event]:
@@ -149,7 +160,7 @@ def run_jobs(jobs: Sequence[Job], workers: Workers) -> Generator[Event]:
     ConfigurationError
         The scheduler cannot be used, or a worker does not see the same files.
     """
-    tasks = [Task(number, job) for number, job in enumerate(jobs)]
+    tasks = [Task(number, job, explain=asked_for()) for number, job in enumerate(jobs)]
     if workers.scheduler is None:
         from sinstool.campaign.local import run_local
 
@@ -159,7 +170,12 @@ def run_jobs(jobs: Sequence[Job], workers: Workers) -> Generator[Event]:
 
         events = run_on_cluster(tasks, workers)
     with contextlib.closing(events):
-        yield from events
+        for event in events:
+            if event.outcome is not None:
+                # as if it had been done here
+                appeared.extend(event.outcome.written)
+                say_again(jobs[event.number].name, event.outcome.choices)
+            yield event
 
 
 def results(jobs: Sequence[Job], workers: Workers, progress: Report | None = None) -> list[Any]:
@@ -187,17 +203,12 @@ def results(jobs: Sequence[Job], workers: Workers, progress: Report | None = Non
             if progress is not None:
                 progress(sum(done.values()) / len(jobs))
     ordered = [outcomes[number] for number in range(len(jobs))]
-    for job, outcome in zip(jobs, ordered, strict=True):
-        raise_failed(job, outcome)
+    for outcome in ordered:
+        if outcome.error:
+            error = SinstoolError(outcome.error)
+            error.exit_code = outcome.exit_code
+            raise error
     return [outcome.value for outcome in ordered]
-
-
-def raise_failed(job: Job, outcome: Outcome) -> None:
-    """Raise what a job failed with, if it did."""
-    if outcome.error:
-        error = SinstoolError(outcome.error)
-        error.exit_code = outcome.exit_code
-        raise error
 
 
 def perform(task: Task, tell: Report) -> Outcome:
@@ -212,7 +223,13 @@ def perform(task: Task, tell: Report) -> Outcome:
     if task.version != sinstool.__version__:
         said = f"this worker has sinstool {sinstool.__version__}, the client {task.version}"
         return Outcome(error=f"{task.job.name}: {said}", exit_code=ConfigurationError.exit_code)
-    job = task.job
+    before = len(appeared)
+    with explained(task.explain) as choices:
+        outcome = _perform(task.job, tell)
+    return replace(outcome, written=tuple(appeared[before:]), choices=tuple(choices))
+
+
+def _perform(job: Job, tell: Report) -> Outcome:
     try:
         return Outcome(value=job.function(*job.arguments, _seldom(tell)))
     except SinstoolError as exc:

@@ -7,6 +7,7 @@ by a file that each side writes and the other reads.
 
 from __future__ import annotations
 
+import contextlib
 import hashlib
 import os
 import secrets
@@ -16,6 +17,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from sinstool.readers.log import path_size
+from sinstool.temporary import new_file, remove_file, unheld
 
 HEAD_BYTES = 65536
 
@@ -51,6 +53,15 @@ def sight(path: Path) -> Sight:
     return Sight(path_size(path), hashlib.sha256(listing.encode()).hexdigest())
 
 
+def sights(paths: Sequence[Path]) -> list[tuple[Path, Sight]]:
+    """Look at inputs, as far as they can be read; of others, whoever works on them says it."""
+    found = []
+    for path in paths:
+        with contextlib.suppress(OSError):
+            found.append((path, sight(path)))
+    return found
+
+
 @dataclass(frozen=True)
 class Token:
     """A file by which a folder is known to be the same one.
@@ -75,15 +86,18 @@ def tokens(folders: Sequence[Path]) -> Iterator[list[Token]]:
     OSError
     """
     made: list[Token] = []
-    try:
+    with contextlib.ExitStack() as stack:
         for folder in folders:
-            token = Token(folder / f".sinstool-{secrets.token_hex(8)}.token", secrets.token_hex(16))
+            handle, path = new_file(folder, "token")
+            stack.callback(remove_file, path)
+            stack.callback(os.close, handle)
+            token = Token(path, secrets.token_hex(16))
+            os.write(handle, token.text.encode())
+            # Others read it while it is open, and may be other users.
+            os.fsync(handle)
+            os.chmod(path, 0o644)
             made.append(token)
-            token.path.write_text(token.text)
         yield made
-    finally:
-        for token in made:
-            token.path.unlink(missing_ok=True)
 
 
 def what_differs(
@@ -119,10 +133,7 @@ def what_differs(
                 return f"sees another folder {token.path.parent}", answers
         except OSError:
             return f"does not see the folder {token.path.parent}", answers
-        answer = Token(
-            token.path.with_name(f".sinstool-{os.getpid()}-{secrets.token_hex(8)}.token"),
-            secrets.token_hex(16),
-        )
+        answer = Token(unheld(token.path.parent, "token"), secrets.token_hex(16))
         try:
             answer.path.write_text(answer.text)
         except OSError as exc:

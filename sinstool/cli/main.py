@@ -46,6 +46,8 @@ COMMANDS = {
     "conventions": ("conventions", "Frames, axes, quaternions, units, gravity and time."),
     "completion": ("completion", "Completion of commands and options for bash, zsh or fish."),
 }
+# So many names of files that are complete; of more it is told how many
+NAMED = 3
 
 
 class LazyGroup(Group):
@@ -171,8 +173,13 @@ def _end_well_on_signals() -> None:
 def _written() -> str:
     """What is complete by now."""
     whole = sys.modules.get("sinstool.writers.whole")
-    names = ", ".join(str(path) for path in whole.appeared) if whole is not None else ""
-    return f"{names} was complete by then" if names else "nothing was written"
+    paths = [] if whole is None else [str(path) for path in dict.fromkeys(whole.appeared)]
+    if not paths:
+        return "nothing was written"
+    if len(paths) == 1:
+        return f"{paths[0]} was complete by then"
+    names = ", ".join(paths) if len(paths) <= NAMED else f"{len(paths)} files"
+    return f"{names} were complete by then"
 
 
 def _with_salvage() -> str:

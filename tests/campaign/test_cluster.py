@@ -1,8 +1,11 @@
 """Jobs on a Dask cluster of separate processes, and clusters that are refused."""
 
 import json
+import os
+import subprocess
 import sys
 import time
+from pathlib import Path
 
 import pytest
 from imulogs import even_times, handheld, imu_log
@@ -12,6 +15,7 @@ from sinstool.campaign import cluster as cluster_module
 from sinstool.campaign.jobs import Job, Workers, results, run_jobs
 from sinstool.campaign.visible import Token, not_seen, sight, tokens, what_differs
 from sinstool.errors import ConfigurationError, SinstoolError
+from sinstool.temporary import sweep
 from tests.campaign import work
 from tests.campaign.clusters import cluster, free_port
 from tests.campaign.test_local import gone, job, left
@@ -86,6 +90,46 @@ def test_the_command(address, tmp_path, sinstool):
     assert len(told[0]) == len(made[0]) == 3
     assert told[0] == told[1] == told[2]
     assert made[0] == made[1] == made[2]
+
+
+def test_a_log_that_cannot_be_read_is_its_own_row(address, tmp_path, sinstool):
+    """As with workers of this machine."""
+    unreadable = Path("/proc/self/mem")  # for root too
+    if not unreadable.exists():
+        pytest.skip("no /proc here")
+    logs = tmp_path / "logs"
+    logs.mkdir()
+    imu_log(logs / "good.mcap", even_times(600), *handheld(600, rest_s=1.0)[:2])
+    (logs / "bad.mcap").symlink_to(unreadable)
+    told = []
+    for name, who in {"local": ["-j", 1], "dask": ["--scheduler", address]}.items():
+        status, lines, _ = sinstool("process", logs, "-o", tmp_path / name, "--json", *who)
+        assert status == 1
+        rows = [json.loads(line) for line in lines.splitlines()]
+        assert [row["status"] for row in rows] == ["failed", "done"]
+        told.append(rows[0]["error"])
+    assert told[0] == told[1] and "bad.mcap: cannot be read" in told[0]
+
+
+def test_tokens_do_not_stay(tmp_path):
+    """Those of a killed run go with the next one; answers to it, which nobody holds, in a day."""
+    dies = (
+        "import os, pathlib, sys\n"
+        "from sinstool.campaign.visible import tokens, what_differs\n"
+        "with tokens([pathlib.Path(sys.argv[1])]) as wanted:\n"
+        "    what_differs([], wanted)\n"
+        "    os._exit(0)\n"
+    )
+    subprocess.run([sys.executable, "-c", dies, tmp_path], check=True)
+    [_, answer] = sorted(tmp_path.iterdir(), key=lambda p: p.stat().st_mtime_ns)
+    with tokens([tmp_path]) as [mine]:
+        sweep(tmp_path)
+        assert set(tmp_path.iterdir()) == {answer, mine.path}
+    assert list(tmp_path.iterdir()) == [answer]
+    a_day_ago = answer.stat().st_mtime - 86401.0
+    os.utime(answer, (a_day_ago, a_day_ago))
+    sweep(tmp_path)
+    assert list(tmp_path.iterdir()) == []
 
 
 def test_a_worker_that_sees_other_files_is_refused(address, tmp_path):

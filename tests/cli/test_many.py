@@ -159,6 +159,29 @@ def test_a_page_for_each(sinstool, logs, tmp_path):
     assert status == 2 and "give a folder" in err
 
 
+def test_what_is_chosen_is_told_log_by_log(sinstool, logs, tmp_path):
+    given = logs / "*" / "run.mcap"
+    status, _, err = sinstool("process", given, "-o", tmp_path / "out", "-j", 2, "-v")
+    assert status == 0
+    told = [line for line in err.splitlines() if line.startswith("- ")]
+    begins = [k for k, line in enumerate(told) if line.startswith("- log: ")]
+    assert [0, len(told) // 2] == begins
+    names = [told[k].split(": ")[1].split(",")[0] for k in begins]
+    assert sorted(names) == [str(logs / name / "run.mcap") for name in ("a", "b")]
+    # as of each alone
+    for name, k in zip(names, begins, strict=True):
+        alone = tmp_path / f"{k}.mcap"
+        _, _, err = sinstool("process", name, "-o", alone, "-v")
+        assert told[k : k + begins[1]] == [x for x in err.splitlines() if x.startswith("- ")]
+    # where the choices do not begin with the log, its name goes before them
+    made = ("--monte-carlo", 1, "-j", 1, "--duration", 1, "-o", tmp_path / "mc")
+    _, _, err = sinstool("simulate", "static", *made, "-v")
+    assert err.splitlines()[0] == "- log: static-0000.mcap"
+    assert err.splitlines()[1].startswith("- scenario: static")
+    _, _, err = sinstool("process", given, "-o", tmp_path / "quiet", "-j", 2)
+    assert "- log" not in err
+
+
 def test_wrong_usage(sinstool, logs, tmp_path):
     a, b = logs / "a" / "run.mcap", logs / "b" / "run.mcap"
     for arguments, said in (

@@ -168,17 +168,40 @@ def test_files_that_may_not_grow(tmp_path, name):
 
 
 def test_a_full_standard_output(tmp_path):
+    out = tmp_path / "out.mcap"
+    expected = f"standard output: No space left on device; {out} was complete by then"
+    assert full_output("process", CONING, "-o", out) == f"sinstool: {expected}"
+    assert names(tmp_path) == ["out.mcap"]
+
+
+def full_output(*arguments):
+    """The line that a command ends with when its own words find no room."""
     if not Path("/dev/full").exists():
         pytest.skip("no /dev/full here")
-    out = tmp_path / "out.mcap"
     with open("/dev/full", "w") as full:
         done = subprocess.run(
-            [*PROGRAM, "process", CONING, "-o", out], stdout=full, stderr=subprocess.PIPE, text=True
+            [*PROGRAM, *map(str, arguments)], stdout=full, stderr=subprocess.PIPE, text=True
         )
     assert done.returncode == 1
-    expected = f"standard output: No space left on device; {out} was complete by then"
-    assert one_line(done.stderr) == f"sinstool: {expected}"
-    assert names(tmp_path) == ["out.mcap"]
+    return one_line(done.stderr)
+
+
+def test_a_full_standard_output_of_many_logs(tmp_path):
+    """What workers have completed counts too."""
+    logs, out = tmp_path / "in", tmp_path / "out"
+    logs.mkdir()
+    for name in ("a", "b"):
+        shutil.copy(CONING, logs / f"{name}.mcap")
+    said = "sinstool: standard output: No space left on device"
+    told = full_output("process", logs, "-o", out, "-j", 1)
+    assert told == f"{said}; {out}/a.mcap, {out}/b.mcap were complete by then"
+    # nothing is made a second time
+    assert full_output("process", logs, "-o", out, "-j", 1) == f"{said}; nothing was written"
+    assert names(out) == ["a.mcap", "b.mcap"]
+    # where there are many they are counted
+    many = ("simulate", "static", "--duration", 1, "-o", tmp_path / "mc", "--monte-carlo", 5)
+    assert full_output(*many, "-j", 1) == f"{said}; 5 files were complete by then"
+    assert len(names(tmp_path / "mc")) == 5
 
 
 # -- a reader of our words that goes away ---------------------------------------------------------
