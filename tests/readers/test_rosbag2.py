@@ -138,6 +138,19 @@ def test_a_damaged_file_is_named(tmp_path):
         assert str(log.lost[0]).startswith("bag_1.mcap: cut short")
 
 
+def test_salvaging_a_folder_does_not_say_how_to_salvage(tmp_path):
+    folder = tmp_path / "bag"
+    names = split(folder, "db3", 3)
+    wanted = in_order(folder, names[:2])
+    (folder / names[2]).write_bytes((folder / names[2]).read_bytes()[:100] + bytes(5000))
+    with pytest.raises(DamagedLogError, match="--salvage"):
+        open_log(folder)
+    with open_log(folder, salvage=True) as log:
+        assert read_back(log) == wanted
+        (part,) = map(str, log.lost)
+        assert names[2] in part and ".recover" in part and "--salvage" not in part
+
+
 @pytest.mark.parametrize(
     "text", ["", "just text", "a: [", "rosbag2_bagfile_information: 3", "\x00"]
 )
