@@ -9,7 +9,7 @@ import click
 
 from sinstool.cli.choice import Choice
 from sinstool.cli.console import print_json, progress_bar, table, warn
-from sinstool.cli.many import EXIT_HELP, workers_options
+from sinstool.cli.many import EXIT_HELP, Asked, workers_options
 from sinstool.cli.options import config_options, effective_config, print_config
 from sinstool.cli.verbose import verbose_option
 
@@ -87,7 +87,8 @@ def command(
             raise click.UsageError("--series and --report are about one log")
         from sinstool.cli.align_many import align_many
 
-        return align_many(logs, config, truth, jobs, scheduler, as_json, quiet, verbose)
+        asked = Asked(jobs, scheduler, as_json, quiet, verbose)
+        return align_many(logs, config, truth, asked)
     if scheduler is not None:
         raise click.UsageError("--scheduler is for many logs")
     log = logs[0]

@@ -11,11 +11,11 @@ import click
 
 from sinstool.campaign.inputs import find_logs
 from sinstool.campaign.jobs import Job, Outcome
+from sinstool.cli.console import columns
 from sinstool.cli.many import (
-    columns,
-    exit_status,
+    Asked,
+    finish,
     row_of,
-    tally,
     work_through,
     workers_of,
 )
@@ -30,14 +30,7 @@ AXES = ("north", "east", "down")
 
 
 def align_many(
-    given: Sequence[Path],
-    config: ProcessConfig,
-    truth: str | None,
-    jobs: int | None,
-    scheduler: str | None,
-    as_json: bool,
-    quiet: bool,
-    verbose: int,
+    given: Sequence[Path], config: ProcessConfig, truth: str | None, asked: Asked
 ) -> int:
     """Align on every log.
 
@@ -48,10 +41,7 @@ def align_many(
     config : ProcessConfig
     truth : str or None
         A topic of the logs, or a file.
-    jobs, scheduler : optional
-        Who works.
-    as_json, quiet : bool
-    verbose : int
+    asked : Asked
 
     Returns
     -------
@@ -64,7 +54,7 @@ def align_many(
     if truth is not None and Path(truth).is_file():
         truth = str(Path(truth).absolute())
         reads.append(Path(truth))
-    workers = workers_of(jobs, scheduler, MODULES, reads, len(logs))
+    workers = workers_of(asked, MODULES, reads, len(logs))
     tasks = [
         Job(str(log.path), align_one, (path, config, truth), path_size(path))
         for log, path in zip(logs, paths, strict=True)
@@ -73,18 +63,18 @@ def align_many(
     def row(number: int, outcome: Outcome) -> dict[str, Any]:
         return {**row_of(outcome, paths[number]), "input": str(paths[number])}
 
-    rows = work_through(tasks, workers, row, as_json=as_json, quiet=quiet, verbose=verbose)
+    rows = work_through(tasks, workers, row, asked)
     names = [str(log.path) for log in logs]
-    if not as_json and not quiet:
+
+    def table() -> None:
         header = ("status", "log", "method", "roll", "pitch", "heading", *AXES)
         columns(header, [(r["status"], n, *_cells(r)) for n, r in zip(names, rows, strict=True)])
         what = "errors about" if truth is not None else "sigmas about"
         click.echo(f"degrees; {what} north, east and down")
         for line in _errors(rows):
             click.echo(line)
-    if not quiet:
-        click.echo(tally(rows), err=as_json)
-    return exit_status(rows)
+
+    return finish(rows, asked, table)
 
 
 def align_one(path: Path, config: ProcessConfig, truth: str | None, progress: Any) -> Any:

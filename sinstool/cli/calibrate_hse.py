@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from sinstool.cli.console import print_json, progress_bar, table, warn
-from sinstool.cli.many import workers_of, workers_options
+from sinstool.cli.many import Asked, workers_of, workers_options
 from sinstool.cli.options import Words, config_options, effective_config, print_config
 from sinstool.cli.verbose import verbose_option
 from sinstool.errors import ConfigurationError
@@ -75,7 +75,7 @@ def command(
     show: bool,
     as_json: bool,
     quiet: bool,
-    verbose: bool,
+    verbose: int,
     **given: Any,
 ) -> int:
     """Calibrate the heading-sensitive error of a rate-biased laser-gyro system.
@@ -116,7 +116,7 @@ def command(
     workers = None
     if scheduler is not None or (jobs or 1) > 1:
         full = [path.absolute() for path in paths]
-        workers = workers_of(jobs, scheduler, ("sinstool.calibrate",), full, len(paths))
+        workers = workers_of(Asked(jobs, scheduler), ("sinstool.calibrate",), full, len(paths))
     with together(), progress_bar(f"{len(paths)} logs", quiet) as progress:
         found = calibrate(paths, output, config, progress, workers)
         if emit_config is not None:
@@ -134,7 +134,7 @@ def command(
 
         print_json({"output": str(output), **summary(found)})
     elif not quiet:
-        _print(found, output, verbose)
+        _print(found, output, verbose > 0)
     return found.exit_code
 
 

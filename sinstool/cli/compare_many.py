@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import statistics
 from collections.abc import Sequence
+from dataclasses import fields
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -13,19 +14,19 @@ from sinstool.campaign.inputs import find_logs, output_paths
 from sinstool.campaign.jobs import Job, Outcome
 from sinstool.cli.compare_coning import compare_one, told
 from sinstool.cli.coning_rows import drift, shown, write_table
+from sinstool.cli.console import columns
 from sinstool.cli.many import (
+    Asked,
     absolute,
-    columns,
-    exit_status,
+    finish,
     page_paths,
     row_of,
-    tally,
     work_through,
     workers_of,
 )
 from sinstool.readers.log import path_size
 from sinstool.record import files
-from sinstool.writers.whole import check_new_folder, check_output, make_folder
+from sinstool.writers.whole import check_new_folder, make_folder
 
 if TYPE_CHECKING:
     from sinstool.comparison.compare import Settings
@@ -53,7 +54,8 @@ def compare_many(given: Sequence[Path], options: dict[str, Any]) -> int:
     """
     config, settings = told(options)
     config = absolute(config)
-    folder, quiet = options["csv_dir"], options["quiet"]
+    folder = options["csv_dir"]
+    asked = Asked(**{one.name: options[one.name] for one in fields(Asked)})
     if folder is not None:
         check_new_folder(folder, "--csv")
     logs = find_logs(given)
@@ -68,7 +70,7 @@ def compare_many(given: Sequence[Path], options: dict[str, Any]) -> int:
             kept[name] = str(Path(kept[name]).absolute())
     named = [Path(kept[k]) for k in ("truth", "gyro_response") if kept[k] is not None]
     reads = [*paths, *files(config).values(), *(p for p in named if p.is_file())]
-    workers = workers_of(options["jobs"], options["scheduler"], MODULES, reads, len(logs))
+    workers = workers_of(asked, MODULES, reads, len(logs))
     jobs = []
     for log, path, table, page in zip(logs, paths, tables, pages, strict=True):
         folders = [p.parent for p in (table, page) if p is not None]
@@ -76,28 +78,27 @@ def compare_many(given: Sequence[Path], options: dict[str, Any]) -> int:
             make_folder(wanted)
         own = {**kept, "csv_dir": table, "report": page}
         arguments = (path, config, settings, own)
-        jobs.append(Job(str(log.path), compare_log, arguments, path_size(path), tuple(folders)))
+        jobs.append(
+            Job(str(log.path), compare_one_of_many, arguments, path_size(path), tuple(folders))
+        )
 
     def row(number: int, outcome: Outcome) -> dict[str, Any]:
         return row_of(outcome, paths[number])
 
-    shown = {name: options[name] for name in ("as_json", "quiet", "verbose")}
-    rows = work_through(jobs, workers, row, **shown)
+    rows = work_through(jobs, workers, row, asked)
     names = [str(log.path) for log in logs]
     over_all = summary(names, rows)
     if folder is not None:
         _write_summary(folder / SUMMARY, names, rows)
-    if not options["as_json"]:
+    if not asked.as_json:  # with -q too, which is about progress here
         columns(*_table(names, rows))
         if over_all:
             click.echo()
             columns(ALGORITHM, over_all)
-    if not quiet:
-        click.echo(tally(rows), err=options["as_json"])
-    return exit_status(rows)
+    return finish(rows, asked)
 
 
-def compare_log(
+def compare_one_of_many(
     path: Path, config: ProcessConfig, settings: Settings, options: dict[str, Any], progress: Any
 ) -> dict[str, Any]:
     """One of many: the comparison on a log with ``input``, ``status`` and ``exit``.
@@ -107,7 +108,9 @@ def compare_log(
     SinstoolError
     """
     if options["report"] is not None:
-        check_output(options["report"], [path], options["overwrite"])
+        from sinstool.report.page import check_report
+
+        check_report(options["report"], inputs=[path], overwrite=options["overwrite"])
     result = compare_one(path, config, settings, options, progress)
     status = {"status": "lost", "exit": 3} if result["lost"] else {"status": "done", "exit": 0}
     return {"input": {"path": str(path)}, **result, **status}

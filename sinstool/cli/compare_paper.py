@@ -10,7 +10,7 @@ from typing import Any
 import click
 import numpy as np
 
-from sinstool.cli.console import print_json
+from sinstool.cli.console import columns, print_json
 from sinstool.comparison.paper import Reproduction, reproduce
 from sinstool.comparison.paper_claims import low_level
 from sinstool.comparison.paper_experiment import RESPONSES, noise_rate_deg
@@ -261,8 +261,8 @@ def _print(found: Reproduction) -> None:
         "\nAlgorithms: mean of signed z error; level: median |z|, 1 to 199 Hz; error after 10 s at"
         "\n400 and 800 Hz; time of one update of the attitude, and of a second of data\n"
     )
-    rows = [("algorithm", "mean deg", "level deg", "400 Hz", "800 Hz", "ns/update", "us/s")]
-    rows += [
+    header = ("algorithm", "mean deg", "level deg", "400 Hz", "800 Hz", "ns/update", "us/s")
+    rows = [
         (
             row["label"],
             f"{row['mean_z_deg']:.5f}",
@@ -274,20 +274,18 @@ def _print(found: Reproduction) -> None:
         )
         for row in _algorithms(found)
     ]
-    _columns(rows)
+    columns(header, rows)
     click.echo("\nTable 1 (paper: optimal-4 -0.0038, SP -0.0024): mean of signed z error, deg\n")
-    means = [("reading, gyro", *_MEANS)]
-    means += [
+    means = [
         (
             f"{row['phase']}, {row['gyro_response']}",
             *(f"{row['mean_z_deg'][name]:.5f}" for name in _MEANS),
         )
         for row in _table_1(found)
     ]
-    _columns(means)
+    columns(("reading, gyro", *_MEANS), means)
     click.echo("\nGyros (paper: below 0.02 and 0.002 deg/s at 400 Hz): noise behind the filter\n")
-    gyros = [("gyro", "gain 30 Hz", "400 Hz deg/s", "800 Hz deg/s")]
-    gyros += [
+    gyros = [
         (
             row["gyro_response"],
             f"{row['gain_30_hz']:.5f}",
@@ -295,13 +293,4 @@ def _print(found: Reproduction) -> None:
         )
         for row in _gyros()
     ]
-    _columns(gyros)
-
-
-def _columns(rows: Sequence[tuple[str, ...]]) -> None:
-    """Print aligned: words left, numbers right."""
-    widths = [max(len(row[i]) for row in rows) for i in range(len(rows[0]))]
-    for first, *others in rows:
-        cells = [f"{first:<{widths[0]}}"]
-        cells += [f"{cell:>{width}}" for cell, width in zip(others, widths[1:], strict=True)]
-        click.echo("  ".join(cells))
+    columns(("gyro", "gain 30 Hz", "400 Hz deg/s", "800 Hz deg/s"), gyros)

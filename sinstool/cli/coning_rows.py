@@ -11,6 +11,7 @@ from typing import Any
 
 import click
 
+from sinstool.cli.console import aligned
 from sinstool.writers.whole import WholeFile, make_folder
 
 Get = Callable[[dict[str, Any]], Any]
@@ -177,22 +178,16 @@ def _print_table(result: dict[str, Any]) -> None:
                 row[k] = f"({row[k]})"
         table.append(row)
     heads = [[name for name, _, _ in columns], [unit for _, unit, _ in columns]]
-    widths = [max(len(r[k]) for r in [*heads, *table]) for k in range(len(columns))]
+    first, second, *lines = aligned([*heads, *table])
     group = None
-    for row, alg in zip(table, result["algs"], strict=True):
+    for line, alg in zip(lines, result["algs"], strict=True):
         if (alg["decimate"], alg["input"]) != group:
             group = (alg["decimate"], alg["input"])
             click.echo()
             click.echo(_group(alg, result["checks"]["rate_hz"]))
             if alg["decimate"] == 1:
-                for head in heads:
-                    click.echo(_line(head, widths))
-        click.echo(_line(row, widths))
-
-
-def _line(cells: list[str], widths: list[int]) -> str:
-    rest = (f"{v:>{w}}" for v, w in zip(cells[1:], widths[1:], strict=True))
-    return "  ".join((f"{cells[0]:<{widths[0]}}", *rest)).rstrip()
+                click.echo(f"{first}\n{second}")
+        click.echo(line)
 
 
 def _group(alg: dict[str, Any], rate_hz: float) -> str:

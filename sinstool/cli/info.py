@@ -29,7 +29,7 @@ def command(
     overwrite: bool,
     as_json: bool,
     quiet: bool,
-    verbose: bool,
+    verbose: int,
     **given: Any,
 ) -> int:
     """What is in LOG, what is odd about it, and what process would do with it."""
@@ -51,7 +51,7 @@ def command(
     if as_json:
         print_json(found)
     else:
-        _print(found, verbose)
+        _print(found, verbose > 0)
     return 3 if found["lost"]["parts"] else 0
 
 

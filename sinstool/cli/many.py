@@ -1,4 +1,4 @@
-"""What commands on many logs share: who works, bars, lines of JSON, the table, exit status."""
+"""What commands on many logs share: who works, bars, lines of JSON, the end, exit status."""
 
 from __future__ import annotations
 
@@ -7,6 +7,7 @@ import json
 import os
 import sys
 from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
 
@@ -55,6 +56,31 @@ def workers_options(default: str) -> Callable[[F], F]:
     return decorate
 
 
+@dataclass(frozen=True)
+class Asked:
+    """How a command is to go about many logs.
+
+    Attributes
+    ----------
+    jobs : int or None
+        Processes of this machine.
+    scheduler : str or None
+        Address of that of a Dask cluster.
+    as_json : bool
+        A line of JSON for each log instead of a table.
+    quiet : bool
+        No bars and no summary.
+    verbose : int
+        How often it was asked for: twice for tracebacks.
+    """
+
+    jobs: int | None = None
+    scheduler: str | None = None
+    as_json: bool = False
+    quiet: bool = False
+    verbose: int = 0
+
+
 def cores() -> int:
     """Processors that this process may use."""
     if hasattr(os, "sched_getaffinity"):
@@ -62,27 +88,17 @@ def cores() -> int:
     return os.cpu_count() or 1
 
 
-def workers_of(
-    jobs: int | None,
-    scheduler: str | None,
-    modules: Sequence[str],
-    reads: Sequence[Path],
-    most: int,
-    default: int | None = None,
-) -> Workers:
-    """Who works.
+def workers_of(asked: Asked, modules: Sequence[str], reads: Sequence[Path], most: int) -> Workers:
+    """Who works; on this machine, where nothing is said, a process for each core.
 
     Parameters
     ----------
-    jobs, scheduler : optional
-        As asked for.
+    asked : Asked
     modules : sequence of str
         What jobs need.
     reads : sequence of Path
     most : int
         Jobs that there are.
-    default : int, optional
-        Processes, where nothing is said; by default one for each core.
 
     Raises
     ------
@@ -91,16 +107,16 @@ def workers_of(
     """
     from sinstool.campaign.jobs import Workers
 
-    if jobs is not None and scheduler is not None:
+    if asked.jobs is not None and asked.scheduler is not None:
         raise click.UsageError(
             "--jobs is of this machine and --scheduler of another: give one of them"
         )
-    if scheduler is not None:
+    if asked.scheduler is not None:
         from sinstool.campaign.cluster import require_distributed
 
         require_distributed()
-    wanted = jobs or default or cores()
-    return Workers(max(1, min(wanted, most)), scheduler, tuple(modules), tuple(reads))
+    processes = max(1, min(asked.jobs or cores(), most))
+    return Workers(processes, asked.scheduler, tuple(modules), tuple(reads))
 
 
 def absolute(config: ProcessConfig) -> ProcessConfig:
@@ -147,10 +163,7 @@ def work_through(
     jobs: Sequence[Job],
     workers: Workers,
     row: Callable[[int, Outcome], dict[str, Any]],
-    *,
-    as_json: bool,
-    quiet: bool,
-    verbose: int,
+    asked: Asked,
 ) -> list[dict[str, Any]]:
     """Do all jobs; errors are told on stderr as they come, warnings at the end.
 
@@ -161,12 +174,8 @@ def work_through(
     row : callable
         Makes of a job's number and outcome what there is to say of it, with ``status`` and
         ``exit``; `row_of` is the most of it.
-    as_json : bool
-        Print a line for each row, in the order of the jobs.
-    quiet : bool
-        No bars.
-    verbose : int
-        How often it was asked for: twice for tracebacks.
+    asked : Asked
+        With ``as_json`` a line is printed for each row, in the order of the jobs.
 
     Returns
     -------
@@ -184,7 +193,7 @@ def work_through(
     told = 0
     try:
         with (
-            _bars(jobs, quiet) as show,
+            _bars(jobs, asked.quiet) as show,
             contextlib.closing(run_jobs(jobs, workers)) as events,
         ):
             for event in events:
@@ -193,9 +202,9 @@ def work_through(
                     continue
                 ended[event.number] = row(event.number, event.outcome)
                 if event.outcome.error:
-                    trace = f"{event.outcome.trace}\n" if verbose > 1 else ""
+                    trace = f"{event.outcome.trace}\n" if asked.verbose > 1 else ""
                     click.echo(f"{trace}sinstool: {event.outcome.error}", err=True)
-                while as_json and told in ended:
+                while asked.as_json and told in ended:
                     click.echo(json.dumps(plain(ended[told]), allow_nan=False))
                     told += 1
     except KeyboardInterrupt:
@@ -206,6 +215,36 @@ def work_through(
     rows = [ended[number] for number in range(len(jobs))]
     _warn_together(jobs, rows)
     return rows
+
+
+def finish(
+    rows: Sequence[dict[str, Any]],
+    asked: Asked,
+    table: Callable[[], None] | None = None,
+    where: str = "",
+) -> int:
+    """Say how it went: a table, unless there were lines of JSON, and how many ended how.
+
+    Parameters
+    ----------
+    rows : sequence of dict
+        Of :func:`work_through`.
+    asked : Asked
+    table : callable, optional
+        Prints it.
+    where : str
+        To be said of the outputs.
+
+    Returns
+    -------
+    int
+        Exit status.
+    """
+    if table is not None and not asked.as_json and not asked.quiet:
+        table()
+    if not asked.quiet:
+        click.echo(tally(rows) + where, err=asked.as_json)
+    return exit_status(rows)
 
 
 def _warn_together(jobs: Sequence[Job], rows: Sequence[dict[str, Any]]) -> None:
@@ -222,7 +261,7 @@ def _warn_together(jobs: Sequence[Job], rows: Sequence[dict[str, Any]]) -> None:
 
 @contextlib.contextmanager
 def _bars(jobs: Sequence[Job], quiet: bool) -> Iterator[Callable[[int, float | None, bool], None]]:
-    """A bar for all bytes, and one for each log that is being worked on; on a terminal only."""
+    """A bar for all, and one for each log that is being worked on; on a terminal only."""
     if quiet or not sys.stderr.isatty():
         yield lambda number, fraction, ended: None
         return
@@ -230,16 +269,19 @@ def _bars(jobs: Sequence[Job], quiet: bool) -> Iterator[Callable[[int, float | N
     from rich.progress import (
         BarColumn,
         DownloadColumn,
+        MofNCompleteColumn,
         Progress,
         TaskID,
         TextColumn,
         TimeRemainingColumn,
     )
 
+    # What has no input has no bytes.
+    counted = DownloadColumn() if any(job.size for job in jobs) else MofNCompleteColumn()
     with Progress(
         TextColumn("{task.description}"),
         BarColumn(),
-        DownloadColumn(),
+        counted,
         TimeRemainingColumn(),
         console=Console(stderr=True),
         transient=True,
@@ -293,27 +335,3 @@ def tally(rows: Sequence[dict[str, Any]]) -> str:
     words = [row["status"] for row in rows]
     counted = [f"{words.count(word)} {word}" for word in dict.fromkeys(sorted(words))]
     return f"{len(rows)} logs: {', '.join(counted)}"
-
-
-def columns(names: Sequence[str], rows: Sequence[Sequence[str]]) -> None:
-    """A table on stdout, numbers to the right."""
-    cells = [tuple(names), *(tuple(row) for row in rows)]
-    widths = [max(len(row[k]) for row in cells) for k in range(len(names))]
-    numeric = [
-        all(row[k] in ("", "-") or _is_number(row[k]) for row in cells[1:])
-        for k in range(len(names))
-    ]
-    for row in cells:
-        parts = [
-            f"{cell:>{width}}" if right else f"{cell:<{width}}"
-            for cell, width, right in zip(row, widths, numeric, strict=True)
-        ]
-        click.echo("  ".join(parts).rstrip())
-
-
-def _is_number(text: str) -> bool:
-    try:
-        float(text)
-    except ValueError:
-        return False
-    return True

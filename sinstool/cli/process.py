@@ -8,7 +8,7 @@ from typing import Any
 import click
 
 from sinstool.cli.console import print_json, progress_bar, table, warn
-from sinstool.cli.many import EXIT_HELP, workers_options
+from sinstool.cli.many import EXIT_HELP, Asked, workers_options
 from sinstool.cli.options import config_options, effective_config, print_config
 from sinstool.cli.process_rows import summary_rows
 from sinstool.cli.verbose import verbose_option
@@ -46,7 +46,7 @@ def command(
     show: bool,
     as_json: bool,
     quiet: bool,
-    verbose: bool,
+    verbose: int,
     **given: Any,
 ) -> int:
     """Recorded IMU of LOG to corrected attitude, written to OUTPUT as MCAP.
@@ -76,7 +76,8 @@ def command(
     if are_many(logs):
         from sinstool.cli.process_many import process_many
 
-        return process_many(logs, output, config, jobs, scheduler, as_json, quiet, verbose)
+        asked = Asked(jobs, scheduler, as_json, quiet, verbose)
+        return process_many(logs, output, config, asked)
     if scheduler is not None:
         raise click.UsageError("--scheduler is for many logs; one is processed here")
     log = logs[0]
@@ -97,5 +98,5 @@ def command(
     if as_json:
         print_json(summary)
     elif not quiet:
-        table(summary_rows(summary, verbose))
+        table(summary_rows(summary, verbose > 0))
     return 3 if something_lost(summary) else 0

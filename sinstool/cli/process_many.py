@@ -10,13 +10,13 @@ import click
 
 from sinstool.campaign.inputs import find_logs, output_paths
 from sinstool.campaign.jobs import Job, Outcome
+from sinstool.cli.console import columns
 from sinstool.cli.many import (
+    Asked,
     absolute,
-    columns,
-    exit_status,
+    finish,
     page_paths,
     row_of,
-    tally,
     work_through,
     workers_of,
 )
@@ -27,16 +27,7 @@ from sinstool.record import files
 from sinstool.writers.whole import make_folder
 
 
-def process_many(
-    given: Sequence[Path],
-    folder: Path,
-    config: ProcessConfig,
-    jobs: int | None,
-    scheduler: str | None,
-    as_json: bool,
-    quiet: bool,
-    verbose: int,
-) -> int:
+def process_many(given: Sequence[Path], folder: Path, config: ProcessConfig, asked: Asked) -> int:
     """Process logs, each to an output of its own.
 
     Parameters
@@ -47,11 +38,7 @@ def process_many(
         Of the outputs.
     config : ProcessConfig
         ``output.report`` is a folder too.
-    jobs, scheduler : optional
-        Who works.
-    as_json, quiet : bool
-    verbose : int
-        How often it was asked for: twice for tracebacks.
+    asked : Asked
 
     Returns
     -------
@@ -69,7 +56,7 @@ def process_many(
     config = absolute(config)
     paths = [log.path.absolute() for log in logs]
     reads = [*paths, *files(config).values(), *_truth_files(config)]
-    workers = workers_of(jobs, scheduler, _modules(config), reads, len(logs))
+    workers = workers_of(asked, _modules(config), reads, len(logs))
     for output, page in zip(outputs, pages, strict=True):
         make_folder(output.parent)
         if page is not None:
@@ -88,12 +75,9 @@ def process_many(
     def row(number: int, outcome: Outcome) -> dict[str, Any]:
         return row_of(outcome, paths[number], outputs[number])
 
-    rows = work_through(tasks, workers, row, as_json=as_json, quiet=quiet, verbose=verbose)
-    if not as_json and not quiet:
-        columns(*_table([str(log.path) for log in logs], rows))
-    if not quiet:
-        click.echo(f"{tally(rows)}, in {folder}", err=as_json)
-    return exit_status(rows)
+    rows = work_through(tasks, workers, row, asked)
+    names = [str(log.path) for log in logs]
+    return finish(rows, asked, lambda: columns(*_table(names, rows)), f", in {folder}")
 
 
 def _truth_files(config: ProcessConfig) -> list[Path]:

@@ -7,12 +7,11 @@ from typing import Any
 
 import click
 
-from sinstool.cli.console import print_json
+from sinstool.cli.console import columns, print_json
 from sinstool.cli.many import (
-    columns,
-    exit_status,
+    Asked,
+    finish,
     row_of,
-    tally,
     work_through,
     workers_of,
     workers_options,
@@ -39,7 +38,8 @@ def with_monte_carlo(command: click.Command) -> None:
         if monte_carlo is not None and told["report"] is not None:
             raise click.UsageError("--report is about one log, --monte-carlo makes many")
         if monte_carlo is not None:
-            return _many(str(command.name), told, monte_carlo, jobs, scheduler)
+            asked = Asked(jobs, scheduler, told["as_json"], verbose=told["verbose"])
+            return _many(str(command.name), told, monte_carlo, asked)
         if jobs is not None or scheduler is not None:
             raise click.UsageError("--jobs and --scheduler go with --monte-carlo")
         made = make(**told)
@@ -90,9 +90,7 @@ def simulate_one(scenario: str, told: dict[str, Any], progress: Any) -> dict[str
     return {**made, "seed": told["seed"], "status": "done", "exit": 0}
 
 
-def _many(
-    scenario: str, told: dict[str, Any], count: int, jobs: int | None, scheduler: str | None
-) -> int:
+def _many(scenario: str, told: dict[str, Any], count: int, asked: Asked) -> int:
     from sinstool.campaign.jobs import Job, Outcome
     from sinstool.writers.whole import make_folder
 
@@ -100,7 +98,7 @@ def _many(
     seeds = range(told["seed"], told["seed"] + count)
     width = max(DIGITS, len(str(seeds[-1])))
     outputs = [folder / f"{scenario}-{seed:0{width}d}.mcap" for seed in seeds]
-    workers = workers_of(jobs, scheduler, MODULES, (), count)
+    workers = workers_of(asked, MODULES, (), count)
     make_folder(folder)
     tasks = []
     for seed, output in zip(seeds, outputs, strict=True):
@@ -116,16 +114,13 @@ def _many(
             return {"output": made.pop("input")["path"], "seed": seeds[number], **made}
         return made
 
-    shown = {"as_json": told["as_json"], "quiet": False, "verbose": told["verbose"]}
-    rows = work_through(tasks, workers, row, **shown)
-    if not told["as_json"]:
-        cells = [
-            (row["status"], str(row["seed"]), output.name, _topics(row))
-            for row, output in zip(rows, outputs, strict=True)
-        ]
-        columns(("status", "seed", "log", "topics"), cells)
-    click.echo(f"{tally(rows)}, in {told['output']}", err=told["as_json"])
-    return exit_status(rows)
+    rows = work_through(tasks, workers, row, asked)
+    cells = [
+        (row["status"], str(row["seed"]), output.name, _topics(row))
+        for row, output in zip(rows, outputs, strict=True)
+    ]
+    header = ("status", "seed", "log", "topics")
+    return finish(rows, asked, lambda: columns(header, cells), f", in {told['output']}")
 
 
 def _topics(made: dict[str, Any]) -> str:

@@ -439,26 +439,38 @@ def test_align_over_realisations(sinstool, tmp_path):
     assert status == 2 and "one log" in err
 
 
-def test_bars_are_for_a_terminal(logs, tmp_path):
-    """On stderr, where it is one; lines of JSON stay on stdout."""
+def shown(*arguments):
+    """What a command writes to a terminal on stderr, and to stdout."""
     import pty
 
     ours, theirs = pty.openpty()
-    arguments = ["process", logs / "*" / "run.mcap", "-o", tmp_path / "out", "--json", "-j", "1"]
     run = subprocess.Popen(
-        [*PROGRAM, *arguments],
+        [*PROGRAM, *map(str, arguments)],
         stdout=subprocess.PIPE,
         stderr=theirs,
         env={**os.environ, "TERM": "xterm", "COLUMNS": "100"},
     )
     os.close(theirs)
-    shown = b""
+    told = b""
     with contextlib.suppress(OSError):  # Linux's way of saying that the other end is closed
         while part := os.read(ours, 65536):
-            shown += part
+            told += part
     stdout, _ = run.communicate(timeout=120)
     os.close(ours)
-    assert [row["status"] for row in rows(stdout.decode())] == ["done", "done"]
-    text = shown.decode()
+    return told.decode(), stdout.decode()
+
+
+def test_bars_are_for_a_terminal(logs, tmp_path):
+    """On stderr, where it is one; lines of JSON stay on stdout."""
+    given = logs / "*" / "run.mcap"
+    text, stdout = shown("process", given, "-o", tmp_path / "out", "--json", "-j", 1)
+    assert [row["status"] for row in rows(stdout)] == ["done", "done"]
     assert "0 of 2" in text and "2 of 2" in text and "kB" in text
     assert '{"input"' not in text
+
+
+def test_bars_of_what_has_no_input_count_no_bytes(tmp_path):
+    made = ("--monte-carlo", 3, "-j", 1, "--duration", 1, "-o", tmp_path / "mc")
+    text, _ = shown("simulate", "static", *made)
+    assert "3 of 3" in text and "3/3" in text
+    assert "byte" not in text
