@@ -54,6 +54,9 @@ DRONE = GnssModel(
 )
 
 
+TURN_S = 10.0
+
+
 @dataclass(frozen=True)
 class Drive:
     """A log and what is known of it."""
@@ -239,16 +242,20 @@ def outages(data: Log, settings: Settings, first: float, length: float, period: 
     return answer, np.array(table)
 
 
-def attitude_against(folder: Path, drive: Drive, at: UpdateColumns, settle_s: float):
-    """Angles to the receiver's attitude without the constant mount, deg; heading, and all."""
+def receiver_attitude(folder: Path, drive: Drive, at: UpdateColumns):
+    """Stamps and attitudes of the receiver from when they are sound."""
     with (folder / drive.reference).open() as lines:
         rows = list(csv.reader(line for line in lines if not line.startswith("#")))
     times = [row[0].partition(".") for row in rows[1:]]
     t = np.array([int(s) * 10**9 + int(f.ljust(9, "0")[:9]) for s, _, f in times])
     q = np.array([[float(v) for v in row[1:5]] for row in rows[1:]])
-    known = (np.abs(q[:, 1:]).max(axis=1) > 0.0) & (t >= at.time_ns[0] + round(settle_s * 1e9))
-    known &= t <= at.time_ns[-1]
-    t, q = t[known], q[known]
+    known = (np.abs(q[:, 1:]).max(axis=1) > 0.0) & (t <= at.time_ns[-1])
+    known &= t >= at.time_ns[0] + round(drive.settle_s * 1e9)
+    return t[known], q[known]
+
+
+def attitude_against(t: np.ndarray, q: np.ndarray, at: UpdateColumns):
+    """Angles to the receiver's attitude without the constant mount, deg; and the mount."""
     k = np.searchsorted(at.time_ns, t)
     mount = multiply(conjugate(q), at.q_nb[k])
     middle = mount[len(mount) // 2]
@@ -257,7 +264,42 @@ def attitude_against(folder: Path, drive: Drive, at: UpdateColumns, settle_s: fl
         near = np.linalg.norm(apart, axis=1) < np.deg2rad(10.0)
         middle = normalise(multiply(middle, exp(np.median(apart[near], axis=0))))
     off = log(multiply(multiply(q, middle), conjugate(at.q_nb[k])))
-    return np.rad2deg(off)
+    return np.rad2deg(off), middle
+
+
+def turned(imu: Imu, bias: np.ndarray, t: np.ndarray, later: np.ndarray) -> np.ndarray:
+    """Rotations from instants to later ones, by the gyros alone."""
+    interval = np.diff(imu.time_ns, prepend=imu.time_ns[0])[:, None] * 1e-9
+    attitude = exp((imu.gyro - bias) * interval)
+    for k in range(1, len(attitude)):
+        attitude[k] = multiply(attitude[k - 1], attitude[k])
+    last = len(attitude) - 1
+    first, then = (np.minimum(np.searchsorted(imu.time_ns, at), last) for at in (t, later))
+    return normalise(multiply(conjugate(attitude[first]), attitude[then]))
+
+
+def against_gyros(
+    data: Log, t: np.ndarray, q: np.ndarray, mount: np.ndarray, at: UpdateColumns
+) -> tuple[np.ndarray, np.ndarray]:
+    """Angles by which the receiver's and our turning is off the gyros' over TURN_S, deg.
+
+    The gyros, less the filter's bias, err by a hundredth of a degree in that time: what is more is
+    of the receiver, which is no truth.
+    """
+    later = np.searchsorted(t, t + round(TURN_S * 1e9))
+    rows = np.nonzero(later < len(t))[0]
+    later = later[rows]
+    raw = np.searchsorted(data.imu.time_ns, at.time_ns)
+    bias = np.median(data.imu.gyro[raw] - at.omega_ib_b, axis=0)
+    gyros = turned(data.imu, bias, t[rows], t[later])
+    theirs = multiply(conjugate(multiply(q[rows], mount)), multiply(q[later], mount))
+    k, k_later = np.searchsorted(at.time_ns, t[rows]), np.searchsorted(at.time_ns, t[later])
+    ours = multiply(conjugate(at.q_nb[k]), at.q_nb[k_later])
+    sizes = (
+        np.rad2deg(np.linalg.norm(log(multiply(conjugate(gyros), way)), axis=1))
+        for way in (theirs, ours)
+    )
+    return tuple(sizes)
 
 
 def report(folder: Path, name: str) -> None:
@@ -288,13 +330,20 @@ def report(folder: Path, name: str) -> None:
     ratio = np.sqrt(np.nanmean((gnss.innovation / gnss.innovation_sigma)[gnss.used] ** 2, axis=0))
     print(f"  innovations over their sigma (N E D, v N E D): {np.round(ratio, 2)}")
     if drive.reference:
+        t, q = receiver_attitude(folder, drive, answer.filter)
         for label, at in (("filter", answer.filter), ("smoother", answer.smooth)):
-            off = attitude_against(folder, drive, at, drive.settle_s)
+            off, mount = attitude_against(t, q, at)
             size = np.linalg.norm(off, axis=1)
             print(
                 f"  attitude from the receiver's, {label:8s}: rms {np.sqrt(np.mean(size**2)):.2f},"
                 f" 95 % {np.percentile(size, 95):.2f}, heading rms"
                 f" {np.sqrt(np.mean(off[:, 2] ** 2)):.2f} deg"
+            )
+        theirs, ours = against_gyros(data, t, q, mount, answer.smooth)
+        for label, size in (("receiver", theirs), ("smoother", ours)):
+            print(
+                f"  off the gyros' own turning over {TURN_S:.0f} s, {label}: rms"
+                f" {np.sqrt(np.mean(size**2)):.2f}, 95 % {np.percentile(size, 95):.2f} deg"
             )
     plans = [(60.0, 120.0, 60.0)] if name == "turn" else [(60.0, 150.0, 150.0)]
     if name == "rtk":
