@@ -11,7 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from sinstool.coning.algorithm import ConingAlgorithm
+from sinstool.coning.algorithm import ConingAlgorithm, of_rates
 from sinstool.coning.stage import ConingStage, RotationVectors
 from sinstool.segment_samples import SegmentSamples, unbiased_segments
 from sinstool.strapdown.attitude import AttitudePropagator
@@ -119,8 +119,7 @@ class AttitudeRun:
             self.missed_rotation += float(np.linalg.norm(mean)) * gap_s
         self._stage = ConingStage(
             self.settings.algorithm,
-            # increments were divided by their intervals at the door
-            "rate" if self.settings.gyro_kind == "rate" else "mean-rate",
+            of_rates(self.settings.gyro_kind),
             nominal_interval=self.settings.nominal_ns / SECOND,
         )
         self._waiting = SegmentSamples(int(imu.time_ns[0]), self.settings.sample_rate)

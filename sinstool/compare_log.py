@@ -16,7 +16,7 @@ import numpy as np
 from sinstool.comparison.compare import JUDGES, REFERENCE, Comparison, Settings, compare
 from sinstool.comparison.runs import Attitudes, Segment
 from sinstool.config import ProcessConfig
-from sinstool.coning.increments import GyroKind
+from sinstool.coning.algorithm import of_rates
 from sinstool.coning.sp_tuning import SpBounds, SpTuning, bounds, tune
 from sinstool.coning.spectrum import ConingSpectrum, coning_spectrum
 from sinstool.errors import DataError
@@ -134,7 +134,7 @@ def compare_log(
     SinstoolError
     """
     log = _read(path, config, truth)
-    kind: GyroKind = "rate" if config.input.gyro_kind == "rate" else "mean-rate"
+    kind = of_rates(config.input.gyro_kind)
     interval = log.interval
     explain("algorithms", ", ".join(settings.algorithms))
     explain("reference", _reference(settings, truth))

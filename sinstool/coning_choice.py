@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from sinstool.config import ProcessConfig
-from sinstool.coning.algorithm import ConingAlgorithm
+from sinstool.coning.algorithm import ConingAlgorithm, of_rates
 from sinstool.coning.registry import algorithm
 from sinstool.errors import DataError
 from sinstool.explain import explain
@@ -44,7 +44,7 @@ def choose_algorithm(source: Source, config: ProcessConfig, nominal_ns: float) -
 
 def _way(kind: str, chosen: ConingAlgorithm) -> str:
     """How samples become what an algorithm takes."""
-    taken = chosen.for_kind("rate" if kind == "rate" else "mean-rate")
+    taken = chosen.for_kind(of_rates(kind))
     if kind != "rate":
         return ", taken as increments"
     if taken.takes == "rates":
@@ -67,12 +67,11 @@ def _tuned(source: Source, config: ProcessConfig, nominal_ns: float) -> dict[str
             longest = current
         if piece.imu.time_ns[-1] - found.first_ns > TUNING_S * SECOND:
             break
-    kind = "rate" if config.input.gyro_kind == "rate" else "mean-rate"
     try:
         chosen = tune(
             np.concatenate(longest),
             nominal_ns / SECOND,
-            kind,  # type: ignore[arg-type]
+            of_rates(config.input.gyro_kind),
             passband=config.coning.passband,
         )
     except ValueError as exc:

@@ -11,7 +11,7 @@ from sinstool.aiding import Aiding, read_baro
 from sinstool.config import ProcessConfig
 from sinstool.config.align import IN_FLIGHT
 from sinstool.config.filter import span
-from sinstool.errors import AlignmentError, TopicError
+from sinstool.errors import AlignmentError, ConfigurationError, TopicError
 from sinstool.explain import explain
 from sinstool.fix_velocity import with_velocities
 from sinstool.gnss_latency import Timing, find_timing, message_times, separate, velocity_lag
@@ -78,10 +78,18 @@ def prepare_filter(source: Source, config: ProcessConfig) -> Prepared:
 
     Raises
     ------
+    ConfigurationError
+        Another rate than the stamps' is to be believed.
     TopicError, AlignmentError
         The log has no GNSS, or no start can be found in it.
     """
     log = source.log
+    if config.input.imu_rate is not None:
+        raise ConfigurationError(
+            f"{log.path}: --imu-rate with --mode ins-gnss: only stamps tell which fix belongs to"
+            " which sample",
+            "leave --imu-rate out, or give --mode ins or attitude",
+        )
     gnss = source.aiding.gnss
     if gnss is None or not gnss.has_position.any():
         raise TopicError(

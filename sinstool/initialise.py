@@ -234,7 +234,12 @@ def _carried_back(
 
 def _from(imu: ImuIncrements, begin_ns: int) -> ImuIncrements:
     later = imu.time_ns >= begin_ns
-    return type(imu)(imu.time_ns[later], imu.delta_theta[later], imu.delta_velocity[later])
+    return replace(
+        imu,
+        time_ns=imu.time_ns[later],
+        delta_theta=imu.delta_theta[later],
+        delta_velocity=imu.delta_velocity[later],
+    )
 
 
 def _found_bias(moving: Moving) -> np.ndarray:

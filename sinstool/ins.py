@@ -13,7 +13,7 @@ import numpy as np
 from numba import njit
 
 from sinstool import earth
-from sinstool.coning.algorithm import ConingAlgorithm
+from sinstool.coning.algorithm import ConingAlgorithm, of_rates
 from sinstool.coning.stage import ConingStage
 from sinstool.height import layout
 from sinstool.height.channel import baro_sample, propagate, smooth_height
@@ -180,10 +180,9 @@ class InsRun:
         yield from self._finish()
 
     def _new_stage(self) -> ConingStage:
-        kind = "rate" if self.settings.gyro_kind == "rate" else "mean-rate"
         return ConingStage(
             self.settings.algorithm,
-            kind,  # type: ignore[arg-type]
+            of_rates(self.settings.gyro_kind),
             nominal_interval=self.settings.nominal_ns / SECOND,
         )
 

@@ -99,12 +99,15 @@ def _best(
     """INS/GNSS where a start can be found; attitude alone, and why, where it cannot."""
     from sinstool.modes.ins_gnss import run_ins_gnss
 
-    try:
-        return run_ins_gnss(log, config, result, progress)
-    except (AlignmentError, TopicError) as exc:
-        if result.opened:
-            raise
-        explain("mode", f"attitude after all: {exc}")
-        told = run_attitude(log, config, result, progress)
-        told["warnings"].append(f"attitude alone, as no INS/GNSS solution can be started: {exc}")
-        return told
+    why: Exception | str = "only stamps tell which fix belongs to which sample, not --imu-rate"
+    if config.input.imu_rate is None:
+        try:
+            return run_ins_gnss(log, config, result, progress)
+        except (AlignmentError, TopicError) as exc:
+            if result.opened:
+                raise
+            why = exc
+    explain("mode", f"attitude after all: {why}")
+    told = run_attitude(log, config, result, progress)
+    told["warnings"].append(f"attitude alone, as no INS/GNSS solution can be started: {why}")
+    return told

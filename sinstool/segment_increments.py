@@ -6,6 +6,7 @@ from collections.abc import Iterator
 from typing import Any
 
 from sinstool.config import ProcessConfig
+from sinstool.coning.algorithm import of_rates
 from sinstool.coning.stage import ConingStage
 from sinstool.coning_choice import choose_algorithm
 from sinstool.modes.common import nominal_interval
@@ -76,10 +77,9 @@ class SegmentIncrements:
             yield from _answer(stage.finish(), waiting, opening)
 
     def _stage(self) -> ConingStage:
-        kind = "rate" if self._config.input.gyro_kind == "rate" else "mean-rate"
         return ConingStage(
             self.algorithm,
-            kind,  # type: ignore[arg-type]
+            of_rates(self._config.input.gyro_kind),
             nominal_interval=self._nominal / SECOND,
         )
 

@@ -47,8 +47,7 @@ def unbiased_segments(
     Piece
     """
     if gyro_kind == "increment":
-        # A rate that was given is the interval of every increment, whatever stamps say.
-        blocks = mean_rates(blocks, nominal_ns, max_gap_ns if sample_rate is None else 0)
+        blocks = mean_rates(blocks, nominal_ns, max_gap_ns, sample_rate)
     for piece in segments(blocks, max_gap_ns):
         imu = piece.imu
         accel = imu.accel if accel_bias is None else imu.accel - accel_bias

@@ -247,7 +247,7 @@ def rate_blocks(
     blocks = imu_blocks(source, config, start_ns, progress)
     if config.input.gyro_kind != "increment":
         return blocks
-    return mean_rates(blocks, nominal_ns, source.survey.max_gap_ns)
+    return mean_rates(blocks, nominal_ns, source.survey.max_gap_ns, config.input.imu_rate)
 
 
 def _again(blocks: list[Imu], size: int, progress: Callable[[int], None] | None) -> Iterator[Imu]:

@@ -6,7 +6,7 @@ from typing import Any
 
 from sinstool.alignment.initial import Alignment
 from sinstool.attitude import AttitudeRun
-from sinstool.coning.algorithm import ConingAlgorithm
+from sinstool.coning.algorithm import ConingAlgorithm, of_rates
 from sinstool.rotation import to_euler
 from sinstool.source import Source
 from sinstool.streams import Solution
@@ -50,7 +50,7 @@ def alignment(a: Alignment) -> dict[str, Any]:
 
 def coning(algorithm: ConingAlgorithm, gyro_kind: str, updates: int) -> dict[str, Any]:
     """The algorithm, in the form for the kind of sample that the log has."""
-    chosen = algorithm.for_kind("rate" if gyro_kind == "rate" else "mean-rate")
+    chosen = algorithm.for_kind(of_rates(gyro_kind))
     return {
         "algorithm": chosen.name,
         "summary": chosen.summary,

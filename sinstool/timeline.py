@@ -223,7 +223,10 @@ def segments(blocks: Iterable[Imu], max_gap_ns: int) -> Iterator[Piece]:
 
 
 def mean_rates(
-    blocks: Iterable[Imu], nominal_ns: float | None = None, max_gap_ns: int | None = None
+    blocks: Iterable[Imu],
+    nominal_ns: float | None = None,
+    max_gap_ns: int | None = None,
+    sample_rate: float | None = None,
 ) -> Iterator[Imu]:
     """Increments as mean rates over their own intervals.
 
@@ -236,6 +239,8 @@ def mean_rates(
         for the first sample the interval after it (a second when it is the only one).
     max_gap_ns : int, optional
         What counts as a gap.
+    sample_rate : float, optional
+        Of every increment, Hz, whatever stamps say.
 
     Yields
     ------
@@ -250,6 +255,8 @@ def mean_rates(
             step[0] = nominal_ns or (step[1] if len(step) > 1 else SECOND)
         if nominal_ns is not None and max_gap_ns is not None:
             step[step > max_gap_ns] = nominal_ns
+        if sample_rate is not None:
+            step[:] = SECOND / sample_rate
         seconds = (step / SECOND)[:, None]
         yield Imu(
             times,

@@ -24,6 +24,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from sinstool.rotation import to_dcm
+from sinstool.strapdown.quaternion_kernels import dcm, product, unit_factor
 
 FloatArray = NDArray[np.float64]
 
@@ -261,15 +262,7 @@ def _advance(src, dst, tx, ty, tz, vx, vy, vz, ox, oy, oz, ux, uy, uz, step, sen
     x = src[2]
     y = src[3]
     z = src[4]
-    c00 = w * w + x * x - y * y - z * z
-    c01 = 2.0 * (x * y - w * z)
-    c02 = 2.0 * (x * z + w * y)
-    c10 = 2.0 * (x * y + w * z)
-    c11 = w * w - x * x + y * y - z * z
-    c12 = 2.0 * (y * z - w * x)
-    c20 = 2.0 * (x * z - w * y)
-    c21 = 2.0 * (y * z + w * x)
-    c22 = w * w - x * x - y * y + z * z
+    c00, c01, c02, c10, c11, c12, c20, c21, c22 = dcm(w, x, y, z)
 
     # Velocity turned within the interval: exact for constant rate and force.
     turn = tx * tx + ty * ty + tz * tz
@@ -302,16 +295,12 @@ def _advance(src, dst, tx, ty, tz, vx, vy, vz, ox, oy, oz, ux, uy, uz, step, sen
     px *= scale
     py *= scale
     pz *= scale
-    nw = w * cosine - x * px - y * py - z * pz
-    nx = w * px + x * cosine + y * pz - z * py
-    ny = w * py - x * pz + y * cosine + z * px
-    nz = w * pz + x * py - y * px + z * cosine
-    # One Newton step towards 1/|q|.
-    scale = 1.5 - 0.5 * (nw * nw + nx * nx + ny * ny + nz * nz)
-    w = nw * scale
-    x = nx * scale
-    y = ny * scale
-    z = nz * scale
+    w, x, y, z = product(w, x, y, z, cosine, px, py, pz)
+    scale = unit_factor(w * w + x * x + y * y + z * z)
+    w *= scale
+    x *= scale
+    y *= scale
+    z *= scale
     dst[1] = w
     dst[2] = x
     dst[3] = y
@@ -327,15 +316,10 @@ def _advance(src, dst, tx, ty, tz, vx, vy, vz, ox, oy, oz, ux, uy, uz, step, sen
         return
 
     # The mean of C over the interval.
-    c00 = 0.5 * (c00 + w * w + x * x - y * y - z * z)
-    c01 = 0.5 * c01 + (x * y - w * z)
-    c02 = 0.5 * c02 + (x * z + w * y)
-    c10 = 0.5 * c10 + (x * y + w * z)
-    c11 = 0.5 * (c11 + w * w - x * x + y * y - z * z)
-    c12 = 0.5 * c12 + (y * z - w * x)
-    c20 = 0.5 * c20 + (x * z - w * y)
-    c21 = 0.5 * c21 + (y * z + w * x)
-    c22 = 0.5 * (c22 + w * w - x * x - y * y + z * z)
+    d00, d01, d02, d10, d11, d12, d20, d21, d22 = dcm(w, x, y, z)
+    c00, c01, c02 = 0.5 * (c00 + d00), 0.5 * (c01 + d01), 0.5 * (c02 + d02)
+    c10, c11, c12 = 0.5 * (c10 + d10), 0.5 * (c11 + d11), 0.5 * (c12 + d12)
+    c20, c21, c22 = 0.5 * (c20 + d20), 0.5 * (c21 + d21), 0.5 * (c22 + d22)
     for j in range(3):
         if j == 0:
             m0, m1, m2, rate, force = c00, c10, c20, tx, vx

@@ -18,6 +18,11 @@ Takes = Literal["increments", "rates"]
 GyroKind = Literal["rate", "mean-rate", "increment"]
 
 
+def of_rates(gyro_kind: str) -> GyroKind:
+    """What samples of a kind are once increments are divided by their intervals."""
+    return "rate" if gyro_kind == "rate" else "mean-rate"
+
+
 class ConingAlgorithm(ABC):
     """Rotation vectors of the body over consecutive updates, from gyro samples.
 

@@ -66,6 +66,7 @@ from sinstool.integration.model import radii
 from sinstool.integration.states import ATTITUDE, I_GNSS_POSITION, I_GYRO_BIAS, POSITION, VELOCITY
 from sinstool.integration.update import apply_measurement, factor, normalised_square, project
 from sinstool.strapdown.navigation import HEIGHT, LATITUDE, LONGITUDE, Q_W, V_NORTH
+from sinstool.strapdown.quaternion_kernels import dcm
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
@@ -203,15 +204,7 @@ def _compare(
     x = nav[Q_W + 1]
     y = nav[Q_W + 2]
     z = nav[Q_W + 3]
-    c00 = w * w + x * x - y * y - z * z
-    c01 = 2.0 * (x * y - w * z)
-    c02 = 2.0 * (x * z + w * y)
-    c10 = 2.0 * (x * y + w * z)
-    c11 = w * w - x * x + y * y - z * z
-    c12 = 2.0 * (y * z - w * x)
-    c20 = 2.0 * (x * z - w * y)
-    c21 = 2.0 * (y * z + w * x)
-    c22 = w * w - x * x - y * y + z * z
+    c00, c01, c02, c10, c11, c12, c20, c21, c22 = dcm(w, x, y, z)
     # Rate and arm when the fix was valid, the arm in the body axes of now
     rx = number[N_RATE] - back * moved[6]
     ry = number[N_RATE + 1] - back * moved[7]

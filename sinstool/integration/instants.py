@@ -17,6 +17,8 @@ from sinstool.height.channel import feedback as channel_feedback
 from sinstool.height.layout import S_BARO_BIAS, S_CORRECTION, S_STEP
 from sinstool.integration.layout import (
     N_BEGUN,
+    N_FAR_SHARE,
+    N_FAR_SHARE_VELOCITIES,
     N_FROM,
     N_GAIN,
     N_GAINS,
@@ -64,8 +66,8 @@ from sinstool.integration.states import (
     POSITION,
     VELOCITY,
 )
-from sinstool.strapdown.increment_quaternion import increment_quaternion
 from sinstool.strapdown.navigation import HEIGHT, LATITUDE, LONGITUDE, Q_W, V_NORTH
+from sinstool.strapdown.quaternion_kernels import increment_quaternion, product
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
@@ -239,14 +241,9 @@ def corrected(nav: FloatArray, x: FloatArray, out: FloatArray) -> None:
     for i in range(3):
         out[V_NORTH + i] = nav[V_NORTH + i] - x[VELOCITY + i]
     pw, px, py, pz = increment_quaternion(x[ATTITUDE], x[ATTITUDE + 1], x[ATTITUDE + 2], 0)
-    w = nav[Q_W]
-    a = nav[Q_W + 1]
-    b = nav[Q_W + 2]
-    c = nav[Q_W + 3]
-    out[Q_W] = pw * w - px * a - py * b - pz * c
-    out[Q_W + 1] = pw * a + px * w + py * c - pz * b
-    out[Q_W + 2] = pw * b - px * c + py * w + pz * a
-    out[Q_W + 3] = pw * c + px * b - py * a + pz * w
+    out[Q_W], out[Q_W + 1], out[Q_W + 2], out[Q_W + 3] = product(
+        pw, px, py, pz, nav[Q_W], nav[Q_W + 1], nav[Q_W + 2], nav[Q_W + 3]
+    )
 
 
 @numba.njit(cache=True, nogil=True)
@@ -294,6 +291,8 @@ def begin_anew(m: Memory, model: Model) -> None:
     for i in range(ROWS):
         m.ratio[i] = 1.0
         m.latest[i] = np.nan
+    m.numbers[N_FAR_SHARE] = 0.0
+    m.numbers[N_FAR_SHARE_VELOCITIES] = 0.0
     m.numbers[N_WINDOW] = 0.0
     m.numbers[N_REJECTED] = 0.0
     m.numbers[N_REJECTED_VELOCITIES] = 0.0

@@ -57,10 +57,11 @@ N_ROW_STREAK = 43  # baro differences rejected one after the other
 N_JUMP_AT = 44  # time of the barometer's latest jump
 N_DISTRUST = 45  # until when samples of the barometer are turned down
 N_INSTANT_AT = 46  # time of the latest instant
-N_FAR_SHARE = 47  # of the latest GNSS epochs, too far off for the noise given
+N_FAR_SHARE = 47  # of the latest epochs with a position, too far off for the noise given
 N_TURN = 48  # rotation within the substep, body axes, three
 N_REJECTED_VELOCITIES = 51  # epochs with velocity only rejected one after the other
-NUMBERS = 52
+N_FAR_SHARE_VELOCITIES = 52  # of those with velocity only
+NUMBERS = 53
 
 # --- parameters ---------------------------------------------------------------------------
 P_SUBSTEP = 0

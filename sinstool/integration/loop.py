@@ -80,6 +80,7 @@ from sinstool.integration.model import radii
 from sinstool.integration.states import ATTITUDE, I_BARO, POSITION, VELOCITY
 from sinstool.strapdown.navigation import HEIGHT, LATITUDE, LONGITUDE, Q_W, V_DOWN, V_NORTH, step
 from sinstool.strapdown.navigation import SIZE as NAV_SIZE
+from sinstool.strapdown.quaternion_kernels import dcm
 from sinstool.strapdown.velocity import remove_bias
 
 FloatArray = NDArray[np.float64]
@@ -228,15 +229,7 @@ def run(
             x = nav[Q_W + 1]
             y = nav[Q_W + 2]
             z = nav[Q_W + 3]
-            c00 = w * w + x * x - y * y - z * z
-            c01 = 2.0 * (x * y - w * z)
-            c02 = 2.0 * (x * z + w * y)
-            c10 = 2.0 * (x * y + w * z)
-            c11 = w * w - x * x + y * y - z * z
-            c12 = 2.0 * (y * z - w * x)
-            c20 = 2.0 * (x * z - w * y)
-            c21 = 2.0 * (y * z + w * x)
-            c22 = w * w - x * x - y * y + z * z
+            c00, c01, c02, c10, c11, c12, c20, c21, c22 = dcm(w, x, y, z)
             number[N_TURN] += px
             number[N_TURN + 1] += py
             number[N_TURN + 2] += pz

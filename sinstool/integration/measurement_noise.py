@@ -28,6 +28,7 @@ import numpy as np
 
 from sinstool.integration.layout import (
     N_FAR_SHARE,
+    N_FAR_SHARE_VELOCITIES,
     N_WINDOW,
     P_ADAPTIVE,
     P_FADING,
@@ -127,10 +128,12 @@ def often_far(m: Memory, far: bool) -> bool:
     """Whether the measured noise is to be used: for an epoch that is too far off as given.
 
     And for those between many such epochs, which are as noisy though they happen to be near.
+    Epochs with velocity only are counted apart: their noise is another.
     """
     number = m.numbers
-    number[N_FAR_SHARE] += ((1.0 if far else 0.0) - number[N_FAR_SHARE]) / FAR_EPOCHS
-    return far or number[N_FAR_SHARE] > FAR_SHARE
+    share = N_FAR_SHARE if row_of(m, 0) < 3 else N_FAR_SHARE_VELOCITIES
+    number[share] += ((1.0 if far else 0.0) - number[share]) / FAR_EPOCHS
+    return far or number[share] > FAR_SHARE
 
 
 @numba.njit(cache=True, nogil=True)

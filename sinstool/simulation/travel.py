@@ -30,15 +30,12 @@ from sinstool import rotation
 from sinstool.earth import (
     EARTH_RATE,
     ECCENTRICITY_SQUARED,
-    GRAVITY_PER_HEIGHT,
-    GRAVITY_PER_HEIGHT_SIN2,
-    NORMAL_GRAVITY_EQUATOR,
     NORTH_GRAVITY_PER_HEIGHT,
     SEMI_MAJOR_AXIS,
-    SOMIGLIANA,
 )
 from sinstool.simulation.trajectory import Trajectory
 from sinstool.simulation.truth import ImuTruth, check_times
+from sinstool.strapdown.gravity import normal_gravity
 
 FloatArray = NDArray[np.float64]
 
@@ -221,17 +218,7 @@ def _sense(
 ) -> tuple[float, float, float, float, float, float]:
     """Angular rate and specific force in ``b``."""
     sin2 = p3 * p3
-    relative = h / SEMI_MAJOR_AXIS
-    g3 = (
-        NORMAL_GRAVITY_EQUATOR
-        * (1.0 + SOMIGLIANA * sin2)
-        / sqrt(1.0 - ECCENTRICITY_SQUARED * sin2)
-        * (
-            1.0
-            - (GRAVITY_PER_HEIGHT - GRAVITY_PER_HEIGHT_SIN2 * sin2) * h
-            + 3.0 * relative * relative
-        )
-    )
+    g3 = normal_gravity(sin2, sqrt(1.0 - ECCENTRICITY_SQUARED * sin2), h)
     # over the cosine of latitude; p3 is minus its sine
     north = -2.0 * NORTH_GRAVITY_PER_HEIGHT * h * p3
     o1 = EARTH_RATE * p1

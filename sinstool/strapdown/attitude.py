@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from sinstool.rotation import normalise
-from sinstool.strapdown.increment_quaternion import unit_factor
+from sinstool.strapdown.quaternion_kernels import product, unit_factor
 
 FloatArray = NDArray[np.float64]
 
@@ -149,10 +149,7 @@ def _propagate_kernel(
         px *= s
         py *= s
         pz *= s
-        nw = w * c - x * px - y * py - z * pz
-        nx = w * px + x * c + y * pz - z * py
-        ny = w * py - x * pz + y * c + z * px
-        nz = w * pz + x * py - y * px + z * c
+        w, x, y, z = product(w, x, y, z, c, px, py, pz)
         if rotating:
             t = dt[k]
             if t != known:
@@ -161,15 +158,7 @@ def _propagate_kernel(
                 ey = -oy * t * s
                 ez = -oz * t * s
                 known = t
-            w = ec * nw - ex * nx - ey * ny - ez * nz
-            x = ec * nx + ex * nw + ey * nz - ez * ny
-            y = ec * ny - ex * nz + ey * nw + ez * nx
-            z = ec * nz + ex * ny - ey * nx + ez * nw
-        else:
-            w = nw
-            x = nx
-            y = ny
-            z = nz
+            w, x, y, z = product(ec, ex, ey, ez, w, x, y, z)
         scale = unit_factor(w * w + x * x + y * y + z * z)
         w *= scale
         x *= scale

@@ -11,7 +11,6 @@ import numba
 import numpy as np
 from numpy.typing import NDArray
 
-from sinstool.strapdown.increment_quaternion import unit_factor
 from sinstool.strapdown.navigation import (
     LATITUDE,
     LONGITUDE,
@@ -23,6 +22,7 @@ from sinstool.strapdown.navigation import (
     V_DOWN,
     step,
 )
+from sinstool.strapdown.quaternion_kernels import product, unit_factor
 
 FloatArray = NDArray[np.float64]
 
@@ -71,16 +71,9 @@ def navigate_backward(
             before[LATITUDE] = min(max(before[LATITUDE], -0.5 * np.pi), 0.5 * np.pi)
             # the turn of n that is left, from the left
             w, x, y, z = state[Q_W], state[Q_X], state[Q_Y], state[Q_Z]
-            tw, tx, ty, tz = trial[Q_W], -trial[Q_X], -trial[Q_Y], -trial[Q_Z]
-            ew = w * tw - x * tx - y * ty - z * tz
-            ex = w * tx + x * tw + y * tz - z * ty
-            ey = w * ty - x * tz + y * tw + z * tx
-            ez = w * tz + x * ty - y * tx + z * tw
+            ew, ex, ey, ez = product(w, x, y, z, trial[Q_W], -trial[Q_X], -trial[Q_Y], -trial[Q_Z])
             w, x, y, z = before[Q_W], before[Q_X], before[Q_Y], before[Q_Z]
-            bw = ew * w - ex * x - ey * y - ez * z
-            bx = ew * x + ex * w + ey * z - ez * y
-            by = ew * y - ex * z + ey * w + ez * x
-            bz = ew * z + ex * y - ey * x + ez * w
+            bw, bx, by, bz = product(ew, ex, ey, ez, w, x, y, z)
             f = unit_factor(bw * bw + bx * bx + by * by + bz * bz)
             before[Q_W], before[Q_X], before[Q_Y], before[Q_Z] = bw * f, bx * f, by * f, bz * f
         state[:] = before

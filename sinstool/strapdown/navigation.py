@@ -37,18 +37,16 @@ from numpy.typing import ArrayLike, NDArray
 from sinstool.earth import (
     EARTH_RATE,
     ECCENTRICITY_SQUARED,
-    GRAVITY_PER_HEIGHT,
-    GRAVITY_PER_HEIGHT_SIN2,
-    NORMAL_GRAVITY_EQUATOR,
     NORTH_GRAVITY_PER_HEIGHT,
     SEMI_MAJOR_AXIS,
-    SOMIGLIANA,
 )
 from sinstool.rotation import normalise
-from sinstool.strapdown.increment_quaternion import (
+from sinstool.strapdown.gravity import normal_gravity
+from sinstool.strapdown.quaternion_kernels import (
     EXACT,
     HIGHEST_ORDER,
     increment_quaternion,
+    product,
     unit_factor,
 )
 
@@ -329,18 +327,7 @@ def step(
     root = sqrt(square)
     rn = root / (SEMI_MAJOR_AXIS + hm * root)
     rm = square * root / (SEMI_MAJOR_AXIS * (1.0 - ECCENTRICITY_SQUARED) + hm * square * root)
-    relative = hm / SEMI_MAJOR_AXIS
-    gd = (
-        NORMAL_GRAVITY_EQUATOR
-        * (1.0 + SOMIGLIANA * s2)
-        / root
-        * (
-            1.0
-            - (GRAVITY_PER_HEIGHT - GRAVITY_PER_HEIGHT_SIN2 * s2) * hm
-            + 3.0 * relative * relative
-        )
-        + correction_up
-    )
+    gd = normal_gravity(s2, root, hm) + correction_up
     gn = 2.0 * NORTH_GRAVITY_PER_HEIGHT * hm * sm * cm
     # East as the axes keep their azimuth: they turn about up against those of the meridian.
     on = EARTH_RATE * cm
@@ -408,10 +395,7 @@ def step(
 
     # Attitude in axes that keep their azimuth, then about down to NED
     qw, qx, qy, qz = increment_quaternion(px, py, pz, order)
-    bw = w * qw - x * qx - y * qy - z * qz
-    bx = w * qx + x * qw + y * qz - z * qy
-    by = w * qy - x * qz + y * qw + z * qx
-    bz = w * qz + x * qy - y * qx + z * qw
+    bw, bx, by, bz = product(w, x, y, z, qw, qx, qy, qz)
     zn = -0.5 * (dt * on + tn)
     ze = -0.5 * (dt * oe + te)
     zd = -0.5 * dt * od
@@ -425,10 +409,7 @@ def step(
     ex = half_w * zn - half_z * ze
     ey = half_w * ze + half_z * zn
     ez = half_w * zd + half_z * zw
-    w = ew * bw - ex * bx - ey * by - ez * bz
-    x = ew * bx + ex * bw + ey * bz - ez * by
-    y = ew * by - ex * bz + ey * bw + ez * bx
-    z = ew * bz + ex * by - ey * bx + ez * bw
+    w, x, y, z = product(ew, ex, ey, ez, bw, bx, by, bz)
     f = unit_factor(w * w + x * x + y * y + z * z)
     state[Q_W] = w * f
     state[Q_X] = x * f

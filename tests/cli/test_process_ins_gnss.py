@@ -64,6 +64,18 @@ def test_no_fixes_is_said(tmp_path):
     assert not (tmp_path / "out.mcap").exists()
 
 
+def test_a_rate_in_place_of_stamps_leaves_fixes_without_samples(drive, tmp_path):
+    out = tmp_path / "out.mcap"
+    asked = ["process", str(drive), "-o", str(out), "--imu-rate", "100", "--json"]
+    told = CliRunner().invoke(cli, [*asked, "--mode", "ins-gnss"])
+    assert isinstance(told.exception, ConfigurationError)
+    assert "leave --imu-rate out" in str(told.exception)
+    assert not out.exists()
+    alone = json.loads(CliRunner().invoke(cli, asked).stdout)
+    assert alone["filter"] is None
+    assert any("attitude alone" in text and "--imu-rate" in text for text in alone["warnings"])
+
+
 @pytest.mark.parametrize("text", ["10", "20:10", "a:b"])
 def test_spans_that_are_none(drive, tmp_path, text):
     told = CliRunner().invoke(

@@ -81,6 +81,15 @@ def test_given_rate_replaces_intervals(moving):
     np.testing.assert_allclose(np.diff(found[0].time_ns), 1e9 / 210.0, atol=1.0)
 
 
+def test_given_rate_is_the_interval_of_increments_too(moving):
+    """Four samples at a time, a millisecond apart, as a busy computer stamps them."""
+    gyro, accel, path = moving
+    burst = even_times(2000)[3::4].repeat(4) + np.tile([-3, -2, -1, 0], 500) * 1_000_000
+    imu_log(path, burst, gyro * 0.005, accel * 0.005)
+    found, _ = stretches(path, gyro_kind="increment", imu_rate=200.0)
+    np.testing.assert_allclose(found[0].gyro, gyro * [1.0, -1.0, -1.0], rtol=1e-9, atol=1e-12)
+
+
 def test_truth_with_a_hole_says_nothing_there():
     times = 10_000_000 * np.arange(100)
     hole = np.concatenate([times[:40], times[60:]])

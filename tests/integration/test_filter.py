@@ -11,6 +11,7 @@ from sinstool.integration.noise import GnssModel, ImuNoise
 from sinstool.integration.settings import DivergenceControl, Settings, for_grade
 from sinstool.integration.states import FILTERS
 from sinstool.simulation.gnss import GnssErrors, GnssFaults
+from sinstool.strapdown.velocity import Increments
 from tests.integration.flown import IMU, Flown, joined
 
 PRECISE = GnssErrors((0.01,) * 3, velocity_white=(0.003,) * 3)
@@ -401,6 +402,31 @@ def test_imu_gaps():
         end = flown.errors(u, 190.0)
         assert np.sqrt(np.mean(end[:, :3] ** 2)) < 2.0
         assert abs(end[:, 6:]).max() < (0.02 if length < 5 else 0.2)
+
+
+@pytest.mark.parametrize("rate", [4.0, 20.0, 200.0])
+@pytest.mark.parametrize("turned", [0.0, np.pi / 2, np.pi])
+def test_turning_costs_certainty_as_scale_factors_do(rate, turned):
+    """The same however many samples a substep of 0.25 s has; at rest nothing."""
+    flown = Flown()
+    n, step = round(4.0 * rate), 1.0 / rate
+    first = int(flown.flight.time_ns[0])
+    turning = Increments(
+        np.arange(1, n + 1),
+        first + np.round(np.arange(1, n + 1) * step * 1e9).astype(np.int64),
+        np.full(n, step),
+        np.tile([0.0, 0.0, turned / n], (n, 1)),
+        np.tile([0.0, 0.0, -9.8 * step], (n, 1)),
+    )
+    none = flown.gnss.rows(np.zeros(len(flown.gnss), bool))
+    variance = []
+    for scale in (0.0, 1e-2):
+        told = flown.told("markov-21", imu=replace(IMU, gyro_scale=scale))
+        _, blocks = flown.run(told, increments=turning, gnss=none, with_baro=False)
+        variance.append(np.diag(blocks[-1].updates.covariance_attitude_n[-1]))
+    # a right angle's worth after a right angle, and then with the root of the angle
+    expected = 1e-4 * (np.pi / 2) * turned
+    assert variance[1] - variance[0] == pytest.approx(np.full(3, expected), rel=2e-3, abs=1e-15)
 
 
 # --- for a smoother -----------------------------------------------------------------------

@@ -82,6 +82,21 @@ def test_a_jump_is_no_noise_to_the_gate():
     assert flown.rms(blocks, 60.0) == pytest.approx(flown.rms(blind, 60.0), rel=0.02)
 
 
+def test_a_filter_begun_anew_believes_the_noise_it_was_told():
+    flown = Flown(duration=300.0)
+    given = flown.increments
+    kick = np.zeros((len(given.interval), 3))
+    kick[5000] = (60.0, 0.0, 0.0)
+    run, blocks = flown.run(
+        flown.told(control=DivergenceControl(restart_after=20)),
+        increments=replace(given, velocity_increment=given.velocity_increment + kick),
+    )
+    assert run.summary.restarts == 1
+    after = np.flatnonzero(joined(blocks, "restarted"))[0] + 1
+    assert np.all(joined(blocks, "noise_ratio")[after - 10 : after - 1].max(axis=1) > 1.0)
+    assert joined(blocks, "noise_ratio")[after:] == pytest.approx(1.0)
+
+
 @pytest.mark.parametrize(("adaptive", "least"), [("sage-husa", 2.2), ("innovation", 4.0)])
 def test_adaptive_noise_finds_a_bad_receiver(adaptive, least):
     flown = Flown()

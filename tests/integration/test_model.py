@@ -33,7 +33,8 @@ from sinstool.integration.states import (
     VELOCITY,
 )
 from sinstool.strapdown import navigation
-from sinstool.strapdown.increment_quaternion import increment_quaternion, unit_factor
+from sinstool.strapdown.gravity import normal_gravity
+from sinstool.strapdown.quaternion_kernels import increment_quaternion, product, unit_factor
 
 FULL = FILTERS["network-26a"]
 
@@ -57,6 +58,8 @@ EXACT_STEP = many_digits(
     navigation.step,
     increment_quaternion=many_digits(increment_quaternion),
     unit_factor=many_digits(unit_factor),
+    product=many_digits(product),
+    normal_gravity=many_digits(normal_gravity),
     _wrapped=many_digits(navigation._wrapped),
 )
 

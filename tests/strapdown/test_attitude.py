@@ -1,11 +1,14 @@
 import mpmath
 import numpy as np
 import pytest
+from hypothesis import assume, given
+from hypothesis import strategies as st
+from hypothesis.extra.numpy import arrays
 from scipy.integrate import solve_ivp
 
 from sinstool import earth, rotation
 from sinstool.strapdown.attitude import AttitudePropagator
-from sinstool.strapdown.increment_quaternion import unit_factor
+from sinstool.strapdown.quaternion_kernels import dcm, product, unit_factor
 
 START = rotation.from_euler([0.4, -1.1, 2.5])
 
@@ -139,3 +142,12 @@ def test_bad_arguments_are_refused():
 def test_a_quaternion_becomes_one_of_unit_length(square):
     factor = unit_factor(square)
     assert abs(factor * factor * square - 1.0) < 1e-13
+
+
+@given(arrays(np.float64, (2, 4), elements=st.floats(-1.0, 1.0)))
+def test_scalars_of_the_loops_are_those_of_rotation(q):
+    assert product(*q[0], *q[1]) == pytest.approx(rotation.multiply(*q), abs=1e-15)
+    size = np.linalg.norm(q[0])
+    assume(size > 1e-3)
+    unit = q[0] / size
+    assert dcm(*unit) == pytest.approx(rotation.to_dcm(unit).ravel(), abs=1e-15)

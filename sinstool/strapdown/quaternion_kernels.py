@@ -1,8 +1,11 @@
-"""The quaternion of one attitude update: exact, or by Picard iterations of fixed order.
+"""Quaternions within compiled loops: of one attitude update, products, matrices, length.
 
-The exact quaternion of a rotation vector ``phi`` of length ``a`` is
-``[cos(a/2), sin(a/2)/a phi]``. Picard's iteration of [1]_, stopped after one to four integrals
-and normalised, leaves these terms of its series (``a`` for the length of ``phi``):
+All in scalars, so that nothing is allocated; `sinstool.rotation` has them for arrays.
+
+The quaternion of an update is exact, or by Picard iterations of fixed order. The exact quaternion
+of a rotation vector ``phi`` of length ``a`` is ``[cos(a/2), sin(a/2)/a phi]``. Picard's iteration
+of [1]_, stopped after one to four integrals and normalised, leaves these terms of its series
+(``a`` for the length of ``phi``):
 
 ===== ============================ ======================= ==========================
 order scalar                       factor of ``phi``       error of the angle per step
@@ -97,3 +100,53 @@ def unit_factor(square: float) -> float:
     if abs(square - 1.0) < _NEAR:
         return 1.5 - 0.5 * square
     return 1.0 / sqrt(square)
+
+
+@numba.njit(cache=True, nogil=True)
+def product(
+    pw: float, px: float, py: float, pz: float, qw: float, qx: float, qy: float, qz: float
+) -> tuple[float, float, float, float]:
+    """Hamilton product p q.
+
+    Parameters
+    ----------
+    pw, px, py, pz, qw, qx, qy, qz : float
+
+    Returns
+    -------
+    w, x, y, z : float
+    """
+    return (
+        pw * qw - px * qx - py * qy - pz * qz,
+        pw * qx + px * qw + py * qz - pz * qy,
+        pw * qy - px * qz + py * qw + pz * qx,
+        pw * qz + px * qy - py * qx + pz * qw,
+    )
+
+
+@numba.njit(cache=True, nogil=True)
+def dcm(
+    w: float, x: float, y: float, z: float
+) -> tuple[float, float, float, float, float, float, float, float, float]:
+    """Direction cosine matrix of a unit quaternion.
+
+    Parameters
+    ----------
+    w, x, y, z : float
+
+    Returns
+    -------
+    c00, c01, c02, c10, c11, c12, c20, c21, c22 : float
+        Row by row.
+    """
+    return (
+        w * w + x * x - y * y - z * z,
+        2.0 * (x * y - w * z),
+        2.0 * (x * z + w * y),
+        2.0 * (x * y + w * z),
+        w * w - x * x + y * y - z * z,
+        2.0 * (y * z - w * x),
+        2.0 * (x * z - w * y),
+        2.0 * (y * z + w * x),
+        w * w - x * x - y * y + z * z,
+    )
