@@ -15,18 +15,20 @@ from __future__ import annotations
 import argparse
 import hashlib
 import os
-import signal
-import socket
 import subprocess
 import sys
 import tempfile
 import time
-from collections.abc import Iterator
-from contextlib import ExitStack, contextmanager
+from contextlib import ExitStack
 from pathlib import Path
 
+ROOT = Path(__file__).resolve().parents[1]
+if str(ROOT / "tests") not in sys.path:
+    sys.path.append(str(ROOT / "tests"))
+
+from campaign.clusters import cluster  # noqa: E402
+
 PROGRAM = [sys.executable, "-c", "from sinstool.cli.main import main; main()"]
-DASK = [sys.executable, "-m", "dask"]
 WANTED = 1.8
 
 
@@ -35,39 +37,6 @@ def simulate(folder: Path, count: int, seconds: float) -> None:
     told = ["--monte-carlo", str(count), "--duration", str(seconds), "--rate", "400"]
     command = ["simulate", "drive", "-o", str(folder), "--grade", "mems", "--no-truth", *told]
     subprocess.run([*PROGRAM, *command], check=True, stdout=subprocess.DEVNULL)
-
-
-@contextmanager
-def started(command: list[str], folder: Path) -> Iterator[None]:
-    """A program that runs meanwhile."""
-    with (folder / "dask.log").open("ab") as log:
-        process = subprocess.Popen(
-            command, stdout=log, stderr=log, cwd=folder, start_new_session=True
-        )
-        try:
-            yield
-        finally:
-            os.killpg(process.pid, signal.SIGKILL)
-            process.wait()
-
-
-@contextmanager
-def cluster(folder: Path, workers: int) -> Iterator[str]:
-    """A scheduler and so many workers, which talk over TCP."""
-    import distributed
-
-    with socket.socket() as probe:
-        probe.bind(("127.0.0.1", 0))
-        port = str(probe.getsockname()[1])
-    address = f"tcp://127.0.0.1:{port}"
-    local = ["--host", "127.0.0.1", "--no-dashboard"]
-    crew = ["--nworkers", str(workers), "--nthreads", "1", "--no-dashboard"]
-    with ExitStack() as stack:
-        stack.enter_context(started([*DASK, "scheduler", *local, "--port", port], folder))
-        stack.enter_context(started([*DASK, "worker", *crew, address], folder))
-        with distributed.Client(address, timeout=60, set_as_default=False) as client:
-            client.wait_for_workers(workers, timeout=120)
-        yield address
 
 
 def timed(logs: Path, out: Path, mode: str, who: list[str]) -> tuple[float, dict[str, str]]:

@@ -32,16 +32,7 @@ START = "dask worker --nworkers 2 --nthreads 1 {address}"
 
 
 def run_on_cluster(tasks: Sequence[Task], workers: Workers) -> Generator[Event]:
-    """Do tasks on a Dask cluster; see :func:`sinstool.campaign.jobs.run_jobs`.
-
-    Parameters
-    ----------
-    tasks : sequence of Task
-    workers : Workers
-
-    Yields
-    ------
-    Event
+    """Do tasks on a Dask cluster, as :func:`sinstool.campaign.jobs.run_jobs` says.
 
     Raises
     ------

@@ -275,14 +275,5 @@ def compare_one(
         if options["report"] is not None:
             from sinstool.cli.coning_report import write_comparison
 
-            write_comparison(
-                options,
-                "Coning algorithms compared",
-                log.name,
-                figures(found),
-                config,
-                settings.algorithms,
-                list(found.warnings),
-                result,
-            )
+            write_comparison(options, log.name, figures(found), config, settings.algorithms, result)
     return result

@@ -25,12 +25,10 @@ from sinstool.report.sections import Column, Fact, Page, Prose, Section, Setting
 
 def write_comparison(
     options: dict[str, Any],
-    title: str,
     subtitle: str,
     figures: Sequence[Figure],
     config: ProcessConfig,
     algorithms: Sequence[str],
-    warnings: list[str],
     result: dict[str, Any],
 ) -> None:
     """Write the page, or its first figure, that ``--report`` asks for.
@@ -39,13 +37,12 @@ def write_comparison(
     ----------
     options : dict
         Of the command line.
-    title, subtitle : str
+    subtitle : str
     figures : sequence of Figure
     config : ProcessConfig
         Effective.
     algorithms : sequence of str
         Those that were run.
-    warnings : list of str
     result : dict
         The comparison as plain values.
     """
@@ -55,13 +52,13 @@ def write_comparison(
     if not text.startswith(tuple(row["name"] for row in result["algs"])):
         text = f"{text[:1].upper()}{text[1:]}"
     verdict = Prose((f"{text}.",), "Result", _facts(result))
-    first = (Warnings((*warnings, *result["lost"])), verdict, sizes)
+    first = (Warnings((*result["warnings"], *result["lost"])), verdict, sizes)
     own = option_settings(command, options, {"algorithms": ", ".join(algorithms)})
     last = (
         Settings((*own, *config_settings(config, "input"))),
         input_rows([Read.of(Path(result["meta"]["log"]))]),
     )
-    page = Page(title, subtitle, (*first, *figures, *tables, *last))
+    page = Page("Coning algorithms compared", subtitle, (*first, *figures, *tables, *last))
     write_report(options["report"], page, overwrite=options["overwrite"])
 
 

@@ -13,6 +13,8 @@ from pydantic.fields import FieldInfo
 
 import sinstool
 from sinstool.config import ProcessConfig
+from sinstool.readers.log import path_size
+from sinstool.record import sha256
 from sinstool.report.sections import Rows, Setting, flat
 from sinstool.writers.whole import held_back
 
@@ -120,11 +122,8 @@ class Read:
     @classmethod
     def of(cls, path: Path) -> Read:
         """Look at a file, or at all files of a directory."""
-        from sinstool.result import sha256
-
         there = held_back(path)
-        files = [there] if there.is_file() else [one for one in there.rglob("*") if one.is_file()]
-        return cls(str(path), sum(one.stat().st_size for one in files), sha256(there))
+        return cls(str(path), path_size(there), sha256(there))
 
 
 def input_rows(read: Sequence[Read], title: str = "Input") -> Rows:

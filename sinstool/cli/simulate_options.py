@@ -104,8 +104,9 @@ def write_log(
     topics: Sequence[Any],
     settings: dict[str, str],
     write_page: Callable[[Mapping[str, Any]], None],
+    beside: Callable[[], None] | None = None,
 ) -> dict[str, Any]:
-    """Write a log and its page, both or neither.
+    """Write a log, its page and what else there is beside it, all or nothing.
 
     Parameters
     ----------
@@ -116,6 +117,8 @@ def write_log(
         How the log was made.
     write_page : callable
         Takes all options of the command; called where a page is wanted.
+    beside : callable, optional
+        Writes another file.
 
     Returns
     -------
@@ -128,6 +131,8 @@ def write_log(
     output = told["output"]
     with together():
         counts = write_simulated(output, topics, settings)
+        if beside is not None:
+            beside()
         if told["report"] is not None:
             write_page(click.get_current_context().params)
     return {"output": str(output), "topics": counts, "settings": settings}

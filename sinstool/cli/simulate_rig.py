@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
@@ -9,7 +10,7 @@ import click
 
 from sinstool.cli.choice import Choice
 from sinstool.cli.options import Numbers, Words
-from sinstool.cli.simulate_options import check_outputs
+from sinstool.cli.simulate_options import check_outputs, write_log
 from sinstool.cli.verbose import verbose_option
 from sinstool.errors import OutputError
 
@@ -80,28 +81,31 @@ def command(output: Path, rig_out: Path | None, **told: Any) -> dict[str, Any]:
     The Imu topic holds the raw triad (mean rates over the interval that ends at the stamp), the
     JointState topic the table's angle, /truth/imu the true attitude of the turning body.
     """
-    import tomli_w
-
-    from sinstool.writers.simulated import write_simulated
-    from sinstool.writers.whole import WholeFile, check_output, together
-
     check_outputs({"output": output, **told})
     if rig_out is not None:
+        from sinstool.writers.whole import check_output
+
         if rig_out.resolve() == output.resolve():
             raise OutputError(f"{output} is named twice", "choose another --rig-out")
         check_output(rig_out, [], told["overwrite"])
     log, settings = _simulate(told)
     topics = _topics(log, told["truth"])
-    with together():
-        counts = write_simulated(output, topics, settings)
+
+    def write_page(options: Mapping[str, Any]) -> None:
+        from sinstool.cli.simulate_report import write_rig
+
+        write_rig(options, log, topics)
+
+    def write_rig_file() -> None:
         if rig_out is not None:
+            import tomli_w
+
+            from sinstool.writers.whole import WholeFile
+
             with WholeFile(rig_out) as whole:
                 whole.stream.write(tomli_w.dumps({"rig": _rig(log, told)}).encode())
-        if told["report"] is not None:
-            from sinstool.cli.simulate_report import write_rig
 
-            write_rig(click.get_current_context().params, log, topics)
-    return {"output": str(output), "topics": counts, "settings": settings}
+    return write_log({"output": output, **told}, topics, settings, write_page, write_rig_file)
 
 
 def _simulate(told: dict[str, Any]) -> tuple[Any, dict[str, str]]:
