@@ -58,7 +58,8 @@ def sights(paths: Sequence[Path]) -> list[tuple[Path, Sight]]:
     found = []
     for path in paths:
         with contextlib.suppress(OSError):
-            found.append((path, sight(path)))
+            if path.is_file() or path.is_dir():
+                found.append((path, sight(path)))
     return found
 
 

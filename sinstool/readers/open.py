@@ -45,6 +45,9 @@ def open_log(path: Path | str, salvage: bool = False) -> Log:
         from sinstool.readers.rosbag2 import open_directory
 
         return open_directory(path, salvage)
+    if not path.is_file():
+        # It would be waited for, and cannot be read twice.
+        raise NotALogError(path, "is a device or a pipe", "write what comes through it to a file")
     try:
         with path.open("rb") as stream:
             kind, head = kind_of(stream)

@@ -101,14 +101,18 @@ def test_a_log_that_cannot_be_read_is_its_own_row(address, tmp_path, sinstool):
     logs.mkdir()
     imu_log(logs / "good.mcap", even_times(600), *handheld(600, rest_s=1.0)[:2])
     (logs / "bad.mcap").symlink_to(unreadable)
+    pipe = tmp_path / "pipe"
+    os.mkfifo(pipe)
     told = []
     for name, who in {"local": ["-j", 1], "dask": ["--scheduler", address]}.items():
-        status, lines, _ = sinstool("process", logs, "-o", tmp_path / name, "--json", *who)
+        out = tmp_path / name
+        status, lines, _ = sinstool("process", logs, pipe, "-o", out, "--json", *who)
         assert status == 1
         rows = [json.loads(line) for line in lines.splitlines()]
-        assert [row["status"] for row in rows] == ["failed", "done"]
-        told.append(rows[0]["error"])
-    assert told[0] == told[1] and "bad.mcap: cannot be read" in told[0]
+        assert [row["status"] for row in rows] == ["failed", "done", "failed"]
+        told.append([row.get("error") for row in rows])
+    assert told[0] == told[1]
+    assert "bad.mcap: cannot be read" in told[0][0] and "pipe: is a device" in told[0][2]
 
 
 def test_tokens_do_not_stay(tmp_path):
