@@ -125,7 +125,9 @@ def _logs_of(path: Path, hidden: Path | None) -> list[LogInput]:
             raise _among_outputs(path)
         logs = [LogInput(p, p.relative_to(path)) for p in _below(path, hidden)]
         if not logs:
-            raise NotALogError(path, "the folder holds no log", "name a folder with logs")
+            raise NotALogError(
+                path, "the folder holds no log", f"name one with logs, or a bag with its {METADATA}"
+            )
         return logs
     if path.exists():
         return [LogInput(path, PurePath(path.resolve().name))]

@@ -45,11 +45,11 @@ def process_many(given: Sequence[Path], folder: Path, config: ProcessConfig, ask
     int
         Exit status.
     """
+    logs = find_logs(given, without=folder)
     if folder.suffix.lower() == ".mcap" and not folder.is_dir():
         raise click.UsageError(
             f"-o {folder}: with many logs give a folder, which gets an output for each"
         )
-    logs = find_logs(given, without=folder)
     outputs = [path.absolute() for path in output_paths(logs, folder)]
     report = config.output.report
     pages = page_paths(None if report is None else Path(report), logs)

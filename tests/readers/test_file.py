@@ -83,3 +83,11 @@ def test_bytes_at_any_place(tmp_path, name):
         assert log.read_at(len(data) - 3, 9) == data[-3:]
         for beyond in (-1, -(2**70), len(data), 2**63, 2**70):
             assert log.read_at(beyond, 4) == b""
+
+
+@pytest.mark.skipif(not hasattr(os, "mkfifo"), reason="no pipes with names here")
+def test_a_pipe_or_a_device_is_no_log_and_not_waited_for(tmp_path):
+    os.mkfifo(tmp_path / "pipe")
+    for path in (tmp_path / "pipe", os.devnull):
+        with pytest.raises(NotALogError, match="is a device or a pipe: write what comes"):
+            open_log(path)
