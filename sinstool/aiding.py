@@ -18,7 +18,7 @@ from sinstool.height.pressure import suspected_unit
 from sinstool.readers.log import Channel, Log
 from sinstool.readers.message_types import FIX_TYPE, HEIGHT_TYPES, PRESSURE_TYPE, VELOCITY_TYPES
 from sinstool.readers.streams import Losses, read_fixes, read_height, read_pressure, read_velocity
-from sinstool.readers.topics import choose_optional
+from sinstool.readers.topics import OWN_PREFIXES, choose_optional
 from sinstool.streams import (
     Baro,
     BaroHeight,
@@ -65,6 +65,16 @@ class Aiding:
     baro: Baro | BaroHeight | None = None
     counts: dict[str, int] = field(default_factory=dict)
     warnings: list[str] = field(default_factory=list)
+
+
+def aiding_channels(log: Log) -> list[int]:
+    """Channels that GNSS and a barometer may be read from, but for outputs of ours."""
+    types = {FIX_TYPE, PRESSURE_TYPE, *VELOCITY_TYPES, *HEIGHT_TYPES}
+    return [
+        number
+        for number, channel in log.channels.items()
+        if channel.type in types and not channel.topic.startswith(OWN_PREFIXES)
+    ]
 
 
 def read_gnss(

@@ -13,7 +13,7 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.stats import chi2
+from scipy.special import chdtri
 
 from sinstool.config import ProcessConfig
 from sinstool.integration import latency as latencies
@@ -47,7 +47,7 @@ TOLERANCE_S = 5e-3
 # Assumed while positions at wrong times must not spoil the biases.
 LOOSE_POSITION = (5.0, 5.0, 8.0)
 LOOSE_VELOCITY = (0.3, 0.3, 0.5)
-GATE = float(chi2.ppf(0.9999, 6))
+GATE = float(chdtri(6, 1e-4))
 
 Begin = Callable[[Settings, GnssEpochs], Beginning]
 

@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from sinstool.aiding import Aiding, moving_at, read_gnss
+from sinstool.aiding import Aiding, aiding_channels, moving_at, read_gnss
 from sinstool.config import InputOptions, ProcessConfig, parse_time
 from sinstool.errors import DataError, TopicError
 from sinstool.explain import explain
@@ -81,6 +81,8 @@ def prepare(
     warnings: list[str] = []
     if topic.note:
         warnings.append(f"Imu topic {topic.topic}: {topic.note}")
+    if whole_gnss:
+        log.hold(aiding_channels(log))
     kept = Kept()
     found = survey(
         log,

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.stats import chi2
+from scipy.special import chdtri
 
 from sinstool.integration import layout
 from sinstool.integration.settings import Settings, Start
@@ -147,5 +147,7 @@ def loop_parameters(kind: FilterKind, settings: Settings) -> FloatArray:
     p[layout.P_GNSS_ALL : layout.P_GNSS_ALL + 6] = white + slow
     p[layout.P_CHANNEL_GATE] = CHANNEL_GATE
     p[layout.P_GATES] = np.inf
-    p[layout.P_GATES + 1 : layout.P_GATES + 7] = chi2.ppf(control.gate_probability, np.arange(1, 7))
+    p[layout.P_GATES + 1 : layout.P_GATES + 7] = chdtri(
+        np.arange(1, 7), 1.0 - control.gate_probability
+    )
     return p

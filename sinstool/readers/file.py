@@ -9,9 +9,10 @@ from typing import TypeVar
 
 from sinstool.errors import UnsupportedLogError
 from sinstool.readers.ahead import ahead
+from sinstool.readers.batch import RawBatch
 from sinstool.readers.compression import CompressionError, UnknownCompressionError, decompress
 from sinstool.readers.limits import LARGE, MAX_BLOCK
-from sinstool.readers.log import Log, RawBatch
+from sinstool.readers.log import Log
 
 Place = TypeVar("Place")
 

@@ -18,6 +18,8 @@ from sinstool.messages.definitions import (
     normalise_type_name,
     parse_definition,
 )
+from sinstool.readers.batch import RawBatch
+from sinstool.readers.held import Held
 from sinstool.readers.lost import Lost, LostParts
 
 
@@ -80,58 +82,6 @@ class Channel:
             raise UnsupportedLogError(path, f"topic {self.topic}: {exc}") from exc
 
 
-@dataclass(frozen=True)
-class RawBatch:
-    """Consecutive undecoded messages, in the order of the file.
-
-    Attributes
-    ----------
-    buffer : ndarray, uint8
-        Holds the payloads.
-    channel : ndarray of int64, shape (n,)
-        Channel id of each message.
-    offset, length : ndarray of int64, shape (n,)
-        Where each payload lies in the buffer.
-    log_time, publish_time : ndarray of int64, shape (n,)
-        Nanoseconds; the same where the container keeps one only.
-    sequence : ndarray of int64, shape (n,)
-        The container's own count, 0 where it keeps none.
-    position : int
-        Bytes of the log read so far, for progress.
-    """
-
-    buffer: np.ndarray
-    channel: np.ndarray
-    offset: np.ndarray
-    length: np.ndarray
-    log_time: np.ndarray
-    publish_time: np.ndarray
-    sequence: np.ndarray
-    position: int
-
-    def __len__(self) -> int:
-        return len(self.channel)
-
-    def select(self, channels: Collection[int]) -> RawBatch:
-        """The messages of the given channels."""
-        if len(channels) == 1:
-            keep = self.channel == next(iter(channels))
-        else:
-            keep = np.isin(self.channel, np.fromiter(channels, np.int64, len(channels)))
-        if keep.all():
-            return self
-        return RawBatch(
-            self.buffer,
-            self.channel[keep],
-            self.offset[keep],
-            self.length[keep],
-            self.log_time[keep],
-            self.publish_time[keep],
-            self.sequence[keep],
-            self.position,
-        )
-
-
 class Log(ABC):
     """A recorded log, opened.
 
@@ -165,6 +115,7 @@ class Log(ABC):
         self.counts: dict[int, int] = {}
         self.recovered: dict[int, int] = {}
         self._lost = LostParts()
+        self._held = Held()
         self.size = path_size(path)
 
     @property
@@ -194,11 +145,39 @@ class Log(ABC):
             A part is corrupt or missing and `salvage` is off.
         """
         wanted = None if channels is None else frozenset(int(c) for c in channels)
+        if wanted is not None and self._held.holds(wanted):
+            yield from self._held.batches(wanted)
+            return
+        if not self._held.channels or self._held.taking or self._held.complete:
+            yield from self._pass(wanted, wanted, None)
+            return
+        complete = False
+        self._held.begin()
+        try:
+            through = None if wanted is None else wanted | self._held.channels
+            yield from self._pass(wanted, through, self._held)
+            complete = True
+        finally:
+            self._held.end(complete)
+
+    def hold(self, channels: Collection[int]) -> None:
+        """Keep what the next pass meets of small channels, which will be wanted too.
+
+        Parameters
+        ----------
+        channels : collection of int
+        """
+        self._held = Held(channels)
+
+    def _pass(
+        self, wanted: frozenset[int] | None, through: frozenset[int] | None, held: Held | None
+    ) -> Iterator[RawBatch]:
+        """The wanted messages, from a pass over the log that reads others too, to be held."""
         undefined: dict[int, int] = {}
         counts: dict[int, int] = {}
         latest: int | None = None
         reached = 0
-        for batch in self._read(wanted):
+        for batch in self._read(through):
             if not len(batch):
                 continue
             # Behind a record whose length was a lie the walk takes a step back.
@@ -213,13 +192,17 @@ class Log(ABC):
                     *np.unique(batch.channel, return_counts=True), strict=True
                 ):
                     counts[int(number)] = counts.get(int(number), 0) + int(count)
-            chosen = self._selected(batch, wanted, undefined)
+            chosen = self._without_undefined(batch, undefined)
+            if held is not None:
+                held.take(chosen)
+            if wanted is not None:
+                chosen = chosen.select(wanted)
             if len(chosen):
                 yield chosen
         if self.salvage:
             self._lost.between(self.size + 1, latest, None)
-            through = self.channels if wanted is None else wanted
-            self.recovered.update({number: counts.get(number, 0) for number in through})
+            met = self.channels if through is None else through
+            self.recovered.update({number: counts.get(number, 0) for number in met})
 
     def channels_of(self, topic: str) -> list[Channel]:
         """All channels that carry a topic, by id."""
@@ -234,10 +217,8 @@ class Log(ABC):
     def __exit__(self, *_: object) -> None:
         self.close()
 
-    def _selected(
-        self, batch: RawBatch, wanted: frozenset[int] | None, undefined: dict[int, int]
-    ) -> RawBatch:
-        """The wanted messages of a batch; those of channels the log never defines are noted."""
+    def _without_undefined(self, batch: RawBatch, undefined: dict[int, int]) -> RawBatch:
+        """A batch without messages of channels the log never defines, which are noted."""
         numbers: Iterable[int] = ()
         low, high = int(batch.channel.min()), int(batch.channel.max())
         # sorting out which there are costs more than reading; mostly all between are known
@@ -249,9 +230,7 @@ class Log(ABC):
             what = f"messages of channel {number}, which the log does not define"
             part = self.note_lost(Lost(what, "channel", kept=0))
             part.declared = max(part.declared or 0, undefined[number])
-        if strange:
-            batch = batch.select(self.channels.keys())
-        return batch if wanted is None else batch.select(wanted)
+        return batch.select(self.channels.keys()) if strange else batch
 
     def refuse(self, what: str, offset: int | None = None) -> None:
         """Raise `DamagedLogError` of damage, unless it is to be passed over."""

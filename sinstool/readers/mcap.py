@@ -18,10 +18,11 @@ from mcap.data_stream import ReadDataStream
 from mcap.opcode import Opcode
 
 from sinstool.errors import NotALogError
+from sinstool.readers.batch import RawBatch
 from sinstool.readers.file import read_ahead
 from sinstool.readers.formats import MCAP_MAGIC as MAGIC
 from sinstool.readers.limits import MAX_BLOCK, MAX_DEFINITIONS, MAX_INDEX, MAX_RECORD, ROWS
-from sinstool.readers.log import Channel, RawBatch
+from sinstool.readers.log import Channel
 from sinstool.readers.lost import Lost
 from sinstool.readers.mcap_file import (
     MIN_MESSAGE,

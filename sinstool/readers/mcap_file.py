@@ -15,11 +15,11 @@ from pathlib import Path
 import numpy as np
 from mcap.opcode import Opcode
 
+from sinstool.readers.batch import RawBatch
 from sinstool.readers.compression import compression_of, packed_at
 from sinstool.readers.file import FileLog
 from sinstool.readers.formats import MCAP_MAGIC as MAGIC
 from sinstool.readers.limits import MAX_BLOCK, ROWS, WINDOW
-from sinstool.readers.log import RawBatch
 from sinstool.readers.lost import Lost
 from sinstool.readers.resync import next_mcap
 from sinstool.readers.salvage import known_mask, search

@@ -16,11 +16,12 @@ from pathlib import Path
 import numpy as np
 
 from sinstool.errors import NotALogError, UnsupportedLogError
+from sinstool.readers.batch import RawBatch
 from sinstool.readers.compression import packed_at
 from sinstool.readers.file import FileLog, read_ahead
 from sinstool.readers.formats import ROSBAG1_MAGIC
 from sinstool.readers.limits import MAX_BLOCK, MAX_DEFINITIONS, MAX_INDEX, ROWS, WINDOW
-from sinstool.readers.log import Channel, RawBatch
+from sinstool.readers.log import Channel
 from sinstool.readers.lost import Lost
 from sinstool.readers.resync import next_rosbag1, run_rosbag1
 from sinstool.readers.rosbag1_records import (

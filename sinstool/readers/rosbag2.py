@@ -27,10 +27,11 @@ from sinstool.errors import (
     UnsupportedLogError,
 )
 from sinstool.messages.layout import ZSTD_MAGIC
+from sinstool.readers.batch import RawBatch
 from sinstool.readers.compression import CompressionError, decompress
 from sinstool.readers.formats import METADATA, kind_of
 from sinstool.readers.limits import MAX_BLOCK
-from sinstool.readers.log import Log, RawBatch
+from sinstool.readers.log import Log
 from sinstool.readers.lost import Lost
 from sinstool.readers.mcap import McapLog
 from sinstool.readers.sqlite import SqliteLog

@@ -15,8 +15,9 @@ from urllib.parse import quote
 import numpy as np
 
 from sinstool.errors import SALVAGE_HINT, DamagedLogError, NotALogError, UnsupportedLogError
+from sinstool.readers.batch import RawBatch
 from sinstool.readers.limits import MAX_BLOCK, MAX_PLACES
-from sinstool.readers.log import Channel, Log, RawBatch
+from sinstool.readers.log import Channel, Log
 from sinstool.readers.lost import Lost
 from sinstool.temporary import TemporaryFolder
 

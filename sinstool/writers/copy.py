@@ -10,7 +10,8 @@ import numpy as np
 from mcap.opcode import Opcode
 
 from sinstool.messages.definitions import normalise_type_name, schema_text
-from sinstool.readers.log import Channel, Log, RawBatch
+from sinstool.readers.batch import RawBatch
+from sinstool.readers.log import Channel, Log
 from sinstool.readers.mcap import McapLog
 from sinstool.readers.mcap_file import ChunkPlace, OtherPlace
 from sinstool.writers.chunks import Messages, message_indexes
