@@ -89,12 +89,10 @@ def fly(
             "baro", "", heights[0], heights[0], heights[1], none, 0.0, None, True
         )
     settings = InsSettings(
-        algorithm("previous-3"),
-        "mean-rate",
-        1e9 / RATE,
-        10**9,
-        np.zeros(3),
-        np.zeros(3),
+        algorithm=algorithm("previous-3"),
+        gyro_kind="mean-rate",
+        nominal_ns=1e9 / RATE,
+        max_gap_ns=10**9,
         parameters=parameters,
         reference=reference,
     )

@@ -11,46 +11,23 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from sinstool.coning.algorithm import ConingAlgorithm, of_rates
 from sinstool.coning.stage import ConingStage, RotationVectors
-from sinstool.segment_samples import SegmentSamples, unbiased_segments
+from sinstool.segment_samples import SampleSettings, SegmentSamples, unbiased_segments
 from sinstool.strapdown.attitude import AttitudePropagator
 from sinstool.streams import Imu, Solution
-from sinstool.timeline import SECOND
 
 
-@dataclass(frozen=True)
-class AttitudeSettings:
+@dataclass(frozen=True, kw_only=True)
+class AttitudeSettings(SampleSettings):
     """What an attitude run needs to know.
 
     Attributes
     ----------
-    algorithm : ConingAlgorithm
-    gyro_kind : {'rate', 'mean-rate', 'increment'}
-        For ``increment`` the blocks hold integrals, in rad and m/s.
-    nominal_ns : float
-        Nominal sample interval.
-    max_gap_ns : int
-        Longest interval that is integrated across.
-    gyro_bias : ndarray, shape (3,)
-        rad/s, subtracted.
     omega_ie_n : ndarray, shape (3,) or None
         Earth rate to remove, rad/s in NED.
-    sample_rate : float or None
-        Rate in Hz to be believed instead of the stamps' intervals.
-    still_until_ns : int or None
-        The vehicle is known to be at rest until then: what the gyro seems to turn is the
-        wandering of its bias, and the attitude stays.
     """
 
-    algorithm: ConingAlgorithm
-    gyro_kind: str
-    nominal_ns: float
-    max_gap_ns: int
-    gyro_bias: np.ndarray
     omega_ie_n: np.ndarray | None = None
-    sample_rate: float | None = None
-    still_until_ns: int | None = None
 
 
 class AttitudeRun:
@@ -93,15 +70,7 @@ class AttitudeRun:
         Solution
             Not empty; together in order of time.
         """
-        settings = self.settings
-        for piece in unbiased_segments(
-            blocks,
-            settings.gyro_kind,
-            settings.nominal_ns,
-            settings.max_gap_ns,
-            settings.sample_rate,
-            settings.gyro_bias,
-        ):
+        for piece in unbiased_segments(blocks, self.settings):
             imu = piece.imu
             self.samples += len(imu)
             if piece.starts:
@@ -117,11 +86,7 @@ class AttitudeRun:
         if gap_s > 0.0:
             mean = 0.5 * (self._last_rate + imu.gyro[0])
             self.missed_rotation += float(np.linalg.norm(mean)) * gap_s
-        self._stage = ConingStage(
-            self.settings.algorithm,
-            of_rates(self.settings.gyro_kind),
-            nominal_interval=self.settings.nominal_ns / SECOND,
-        )
+        self._stage = self.settings.stage()
         self._waiting = SegmentSamples(int(imu.time_ns[0]), self.settings.sample_rate)
         self.updates += 1
         return _solution(imu.rows(slice(0, 1)), self._propagator.q_nb[None, :])

@@ -13,8 +13,6 @@ import numpy as np
 from numba import njit
 
 from sinstool import earth
-from sinstool.coning.algorithm import ConingAlgorithm, of_rates
-from sinstool.coning.stage import ConingStage
 from sinstool.height import layout
 from sinstool.height.channel import baro_sample, propagate, smooth_height
 from sinstool.height.layout import (
@@ -33,7 +31,7 @@ from sinstool.height.layout import (
     Event,
 )
 from sinstool.height.vertical import MAX_GAP, MAX_HOLD, START_SPEED, START_TAU
-from sinstool.segment_samples import SegmentSamples, unbiased_segments
+from sinstool.segment_samples import SampleSettings, SegmentSamples, unbiased_segments
 from sinstool.strapdown.navigation import (
     HEIGHT,
     LATITUDE,
@@ -56,42 +54,20 @@ MAX_HEIGHT_M = 1e6
 MAX_SPEED_M_S = 2e4
 
 
-@dataclass(frozen=True)
-class InsSettings:
+@dataclass(frozen=True, kw_only=True)
+class InsSettings(SampleSettings):
     """What an inertial navigation needs to know.
 
     Attributes
     ----------
-    algorithm : ConingAlgorithm
-    gyro_kind : {'rate', 'mean-rate', 'increment'}
-    nominal_ns : float
-        Nominal sample interval.
-    max_gap_ns : int
-        Longest interval that is integrated across.
-    gyro_bias : ndarray, shape (3,)
-        rad/s, subtracted.
-    accel_bias : ndarray, shape (3,)
-        m/s^2, subtracted.
     order : int
         Of the attitude's quaternion: 0 exact, 1 to 4 Picard's.
-    sample_rate : float or None
-        Rate in Hz to be believed instead of the stamps' intervals.
-    still_until_ns : int or None
-        The vehicle is known to be at rest until then; the state stays.
     parameters : ndarray or None
         Of the vertical channel; None leaves it undamped.
     reference : HeightReference or None
     """
 
-    algorithm: ConingAlgorithm
-    gyro_kind: str
-    nominal_ns: float
-    max_gap_ns: int
-    gyro_bias: np.ndarray
-    accel_bias: np.ndarray
     order: int = 0
-    sample_rate: float | None = None
-    still_until_ns: int | None = None
     parameters: np.ndarray | None = None
     reference: HeightReference | None = None
 
@@ -158,16 +134,7 @@ class InsRun:
         Solution
             With position, velocity and, where the channel is damped, ``vertical``.
         """
-        settings = self.settings
-        for piece in unbiased_segments(
-            blocks,
-            settings.gyro_kind,
-            settings.nominal_ns,
-            settings.max_gap_ns,
-            settings.sample_rate,
-            settings.gyro_bias,
-            settings.accel_bias,
-        ):
+        for piece in unbiased_segments(blocks, self.settings):
             imu = piece.imu
             self.samples += len(imu)
             if piece.starts:
@@ -179,13 +146,6 @@ class InsRun:
             self._last = (imu.gyro[-1], imu.accel[-1])
         yield from self._finish()
 
-    def _new_stage(self) -> ConingStage:
-        return ConingStage(
-            self.settings.algorithm,
-            of_rates(self.settings.gyro_kind),
-            nominal_interval=self.settings.nominal_ns / SECOND,
-        )
-
     def _begin(self, imu: Imu, gap_s: float) -> Solution:
         """Start a segment: at its first sample, after whatever gap."""
         if self._origin is None:
@@ -193,7 +153,7 @@ class InsRun:
             self._take_reference(self._origin)
         if gap_s > 0.0:
             self._carry_over(imu, gap_s)
-        self._stage = IncrementStage(self._new_stage)
+        self._stage = IncrementStage(self.settings.stage)
         start_ns = int(imu.time_ns[0])
         self._waiting = SegmentSamples(start_ns, self.settings.sample_rate)
         self._time = (start_ns - self._origin) / SECOND

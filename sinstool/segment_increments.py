@@ -6,15 +6,13 @@ from collections.abc import Iterator
 from typing import Any
 
 from sinstool.config import ProcessConfig
-from sinstool.coning.algorithm import of_rates
-from sinstool.coning.stage import ConingStage
 from sinstool.coning_choice import choose_algorithm
 from sinstool.modes.common import nominal_interval
-from sinstool.segment_samples import SegmentSamples
+from sinstool.segment_samples import SampleSettings, SegmentSamples
 from sinstool.source import Source, rate_blocks
 from sinstool.strapdown.velocity import Increments, IncrementStage
 from sinstool.streams import Imu
-from sinstool.timeline import SECOND, segments
+from sinstool.timeline import segments
 
 
 class SegmentIncrements:
@@ -31,6 +29,12 @@ class SegmentIncrements:
         self._config = config
         self._nominal = nominal_interval(source, config)
         self.algorithm = choose_algorithm(source, config, self._nominal)
+        self._settings = SampleSettings(
+            algorithm=self.algorithm,
+            gyro_kind=config.input.gyro_kind,
+            nominal_ns=self._nominal,
+            max_gap_ns=source.survey.max_gap_ns,
+        )
         self.samples = 0
 
     def from_time(
@@ -63,7 +67,7 @@ class SegmentIncrements:
             if piece.starts:
                 if stage is not None and waiting is not None:
                     yield from _answer(stage.finish(), waiting, opening)
-                stage = IncrementStage(self._stage)
+                stage = IncrementStage(self._settings.stage)
                 waiting = SegmentSamples(int(piece.imu.time_ns[0]))
                 opening = piece.imu.rows(slice(0, 1))
             assert stage is not None and waiting is not None
@@ -75,13 +79,6 @@ class SegmentIncrements:
                 opening = None
         if stage is not None and waiting is not None:
             yield from _answer(stage.finish(), waiting, opening)
-
-    def _stage(self) -> ConingStage:
-        return ConingStage(
-            self.algorithm,
-            of_rates(self._config.input.gyro_kind),
-            nominal_interval=self._nominal / SECOND,
-        )
 
 
 def _answer(

@@ -7,51 +7,74 @@ samples, or a block, later. Until then the samples are held here.
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
+from dataclasses import dataclass, field
 
 import numpy as np
 
+from sinstool.coning.algorithm import ConingAlgorithm, of_rates
+from sinstool.coning.stage import ConingStage
 from sinstool.streams import Imu, concatenate
 from sinstool.timeline import SECOND, Piece, mean_rates, segments
 
 
-def unbiased_segments(
-    blocks: Iterable[Imu],
-    gyro_kind: str,
-    nominal_ns: float,
-    max_gap_ns: int,
-    sample_rate: float | None,
-    gyro_bias: np.ndarray,
-    accel_bias: np.ndarray | None = None,
-) -> Iterator[Piece]:
-    """Rates of a log, cut at gaps, with their biases taken off.
+@dataclass(frozen=True, kw_only=True)
+class SampleSettings:
+    """What has to be known of samples to integrate them.
+
+    Attributes
+    ----------
+    algorithm : ConingAlgorithm
+    gyro_kind : {'rate', 'mean-rate', 'increment'}
+        For ``increment`` the blocks hold integrals, in rad and m/s.
+    nominal_ns : float
+        Nominal sample interval; that of samples that follow a gap or nothing.
+    max_gap_ns : int
+        Longest interval that is integrated across.
+    gyro_bias : ndarray, shape (3,)
+        rad/s, subtracted.
+    sample_rate : float or None
+        Rate in Hz to be believed instead of the stamps' intervals.
+    still_until_ns : int or None
+        The vehicle is known to be at rest until then: what the gyro seems to turn is the
+        wandering of its bias, and the state stays.
+    """
+
+    algorithm: ConingAlgorithm
+    gyro_kind: str
+    nominal_ns: float
+    max_gap_ns: int
+    gyro_bias: np.ndarray = field(default_factory=lambda: np.zeros(3))
+    sample_rate: float | None = None
+    still_until_ns: int | None = None
+
+    def stage(self) -> ConingStage:
+        """The coning stage of a new segment."""
+        return ConingStage(
+            self.algorithm,
+            of_rates(self.gyro_kind),
+            nominal_interval=self.nominal_ns / SECOND,
+        )
+
+
+def unbiased_segments(blocks: Iterable[Imu], settings: SampleSettings) -> Iterator[Piece]:
+    """Rates of a log, cut at gaps, with the bias of the gyros taken off.
 
     Parameters
     ----------
     blocks : iterable of Imu
         Ordered, without duplicates.
-    gyro_kind : {'rate', 'mean-rate', 'increment'}
-        For ``increment`` the blocks hold integrals, in rad and m/s.
-    nominal_ns : float
-        Interval of samples that follow a gap or nothing.
-    max_gap_ns : int
-        Longest interval that is no gap.
-    sample_rate : float or None
-        Believed in place of the stamps, Hz.
-    gyro_bias : ndarray, shape (3,)
-        rad/s.
-    accel_bias : ndarray, shape (3,), optional
-        m/s^2.
+    settings : SampleSettings
 
     Yields
     ------
     Piece
     """
-    if gyro_kind == "increment":
-        blocks = mean_rates(blocks, nominal_ns, max_gap_ns, sample_rate)
-    for piece in segments(blocks, max_gap_ns):
+    s = settings
+    if s.gyro_kind == "increment":
+        blocks = mean_rates(blocks, s.nominal_ns, s.max_gap_ns, s.sample_rate)
+    for piece in segments(blocks, s.max_gap_ns):
         imu = piece.imu
-        accel = imu.accel if accel_bias is None else imu.accel - accel_bias
-        unbiased = Imu(imu.time_ns, imu.log_time_ns, imu.gyro - gyro_bias, accel)
+        unbiased = Imu(imu.time_ns, imu.log_time_ns, imu.gyro - s.gyro_bias, imu.accel)
         yield Piece(unbiased, piece.starts, piece.gap_s)
 
 

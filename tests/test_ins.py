@@ -58,7 +58,7 @@ def settings(kind="mean-rate", coning="previous-3", heights=None, tau=5.0, **tol
     network = HeightNetwork(tau, 0.0, gravity_gradient(LATITUDE))
     parameters = None if heights is None else layout.new_parameters(network, "mems")
     return InsSettings(
-        algorithm(coning), kind, 1e7, round(3.5e7), np.zeros(3), np.zeros(3),
+        algorithm=algorithm(coning), gyro_kind=kind, nominal_ns=1e7, max_gap_ns=round(3.5e7),
         parameters=parameters, reference=heights, **told,
     )  # fmt: skip
 

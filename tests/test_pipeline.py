@@ -594,14 +594,14 @@ def test_runs_do_not_depend_on_blocks(name, kind, sizes, gaps, earth, still_s, r
 
     def out(blocks):
         chosen = AttitudeSettings(
-            algorithm(name),
-            kind,
-            5e6,
-            15_000_000,
-            np.array([0.1, -0.2, 0.3]),
-            np.array([1e-3, 0.0, 1e-3]) if earth else None,
-            rate,
-            None if still_s is None else T0 + int(still_s * SECOND),
+            algorithm=algorithm(name),
+            gyro_kind=kind,
+            nominal_ns=5e6,
+            max_gap_ns=15_000_000,
+            gyro_bias=np.array([0.1, -0.2, 0.3]),
+            sample_rate=rate,
+            still_until_ns=None if still_s is None else T0 + int(still_s * SECOND),
+            omega_ie_n=np.array([1e-3, 0.0, 1e-3]) if earth else None,
         )
         attitude = AttitudeRun(START, chosen)
         solution = concatenate(list(attitude.run(blocks)))

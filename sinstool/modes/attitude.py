@@ -89,12 +89,12 @@ def _settings(source: Source, alignment: Alignment, config: ProcessConfig) -> At
     nominal = nominal_interval(source, config)
     still = source.survey.lead_in if alignment.bias_source == "still" else None
     return AttitudeSettings(
-        choose_algorithm(source, config, nominal),
-        config.input.gyro_kind,
-        nominal,
-        source.survey.max_gap_ns,
-        alignment.gyro_bias,
-        earth_rate(source),
-        config.input.imu_rate,
-        None if still is None else still.end_ns,
+        algorithm=choose_algorithm(source, config, nominal),
+        gyro_kind=config.input.gyro_kind,
+        nominal_ns=nominal,
+        max_gap_ns=source.survey.max_gap_ns,
+        gyro_bias=alignment.gyro_bias,
+        sample_rate=config.input.imu_rate,
+        still_until_ns=None if still is None else still.end_ns,
+        omega_ie_n=earth_rate(source),
     )

@@ -163,17 +163,16 @@ def _settings(
     still = source.survey.lead_in if alignment.bias_source == "still" else None
     order = config.navigation.attitude_order
     return InsSettings(
-        choose_algorithm(source, config, nominal),
-        config.input.gyro_kind,
-        nominal,
-        source.survey.max_gap_ns,
-        alignment.gyro_bias,
-        np.zeros(3),
-        0 if order == "exact" else int(order),
-        config.input.imu_rate,
-        None if still is None else still.end_ns,
-        parameters,
-        reference,
+        algorithm=choose_algorithm(source, config, nominal),
+        gyro_kind=config.input.gyro_kind,
+        nominal_ns=nominal,
+        max_gap_ns=source.survey.max_gap_ns,
+        gyro_bias=alignment.gyro_bias,
+        sample_rate=config.input.imu_rate,
+        still_until_ns=None if still is None else still.end_ns,
+        order=0 if order == "exact" else int(order),
+        parameters=parameters,
+        reference=reference,
     )
 
 
