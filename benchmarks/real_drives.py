@@ -360,6 +360,23 @@ def report(folder: Path, name: str) -> None:
         print(f"    rms    {rms[1]:10.2f} {'':9s} {rms[3]:11.2f}")
         if name == "rtk" and length == 15.0:
             print("    published: 7.4 m filter, 7.2 with zero velocity, 0.46 looking back")
+            phases(data, settings, length, period)
+
+
+def phases(data: Log, settings: Settings, length: float, period: float) -> None:
+    """The same outages beginning elsewhere: how much of the figures is where they happen to lie."""
+    firsts = np.arange(30.0, 30.0 + period, 3.0)
+    tables = [outages(data, settings, first, length, period)[1] for first in firsts]
+    rms = np.array([np.sqrt(np.mean(table[:, [1, 3]] ** 2, axis=0)) for table in tables])
+    every = np.concatenate(tables)
+    print(
+        f"    beginning at {firsts[0]:.0f}, {firsts[1]:.0f} ... {firsts[-1]:.0f} s, rms of"
+        f" {len(every)} outages: filter {np.sqrt(np.mean(every[:, 1] ** 2)):.2f} m (each beginning"
+        f" {rms[:, 0].min():.2f} to {rms[:, 0].max():.2f}), smoother"
+        f" {np.sqrt(np.mean(every[:, 3] ** 2)):.2f} m ({rms[:, 1].min():.2f} to"
+        f" {rms[:, 1].max():.2f}); beyond 3 sigma {100 * np.mean(every[:, 2] > 3):.0f} % and"
+        f" {100 * np.mean(every[:, 4] > 3):.0f} %"
+    )
 
 
 def short(folder: Path, drive: Drive, data: Log) -> None:

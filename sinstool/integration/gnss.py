@@ -30,6 +30,7 @@ from sinstool.integration.layout import (
     E_FAR,
     E_GATED,
     E_RESTART,
+    N_AFTER_OUTAGE,
     N_EPOCHS_GATED,
     N_EPOCHS_USED,
     N_FAR,
@@ -40,6 +41,7 @@ from sinstool.integration.layout import (
     N_RATE,
     N_REJECTED,
     N_REJECTED_VELOCITIES,
+    N_SEEN_AT,
     N_USED_AT,
     P_ADAPTIVE,
     P_CLOSED,
@@ -76,6 +78,15 @@ _D = POSITION + 2
 _RATE = earth.EARTH_RATE
 FAR = 1000.0  # m between navigation and fixes, beyond which linear errors mean little
 FAR_ATTITUDE = pi / 180.0
+
+# After so long without epochs, s, it is the navigation that is uncertain, and not the fix: what an
+# IMU does in an outage is more than the noise it is told to have (vibration, the squat of a car
+# that pulls away). Until they agree again, innovations may be larger, squared by this factor,
+# before they are turned down: a good fix turned down costs the way to the restart, and a smoother
+# the outage.
+OUTAGE = 5.0
+AFTER_OUTAGE = 16.0
+AGREE = 10.0  # epochs in succession
 
 
 @numba.njit(cache=True, nogil=True)
@@ -149,8 +160,18 @@ def gnss_epoch(
     if par[P_CLOSED] == 0.0 and number[N_FAR] == 0.0:
         _warn_if_far(m, events, count)
     # Receivers give positions and velocities apart from each other: either may be rejected alone
-    streak = N_REJECTED if row_of(m, 0) < 3 else N_REJECTED_VELOCITIES
-    if nis > par[P_GATES + rows]:
+    alone = 0 if row_of(m, 0) < 3 else 1
+    streak = N_REJECTED if alone == 0 else N_REJECTED_VELOCITIES
+    if number[N_NOW] - number[N_SEEN_AT + alone] > OUTAGE:
+        number[N_AFTER_OUTAGE + alone] = AGREE
+    number[N_SEEN_AT + alone] = number[N_NOW]
+    gate = par[P_GATES + rows]
+    if number[N_AFTER_OUTAGE + alone] > 0.0:
+        number[N_AFTER_OUTAGE + alone] = (
+            number[N_AFTER_OUTAGE + alone] - 1.0 if nis <= gate else AGREE
+        )
+        gate *= AFTER_OUTAGE
+    if nis > gate:
         number[streak] += 1.0
         for k in range(rows):
             m.rejected[row_of(m, k)] = m.nu[k]
@@ -162,6 +183,7 @@ def gnss_epoch(
         record(events, count, E_RESTART, number[N_NOW], nis)
         diagnosis[D_RESTARTED] = 1.0
         begin_anew(m, model)
+        number[N_AFTER_OUTAGE + alone] = 0.0
         rows = _compare(m, model, fix, back, moved, diagnosis)
         for i in range(6):
             # so far off, at least, is the navigation

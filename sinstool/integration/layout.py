@@ -61,7 +61,9 @@ N_FAR_SHARE = 47  # of the latest epochs with a position, too far off for the no
 N_TURN = 48  # rotation within the substep, body axes, three
 N_REJECTED_VELOCITIES = 51  # epochs with velocity only rejected one after the other
 N_FAR_SHARE_VELOCITIES = 52  # of those with velocity only
-NUMBERS = 53
+N_SEEN_AT = 53  # time of the latest epoch with a position, used or not, s; with velocity only
+N_AFTER_OUTAGE = 55  # epochs that have yet to agree after an outage; with velocity only
+NUMBERS = 57
 
 # --- parameters ---------------------------------------------------------------------------
 P_SUBSTEP = 0

@@ -51,6 +51,7 @@ from sinstool.integration.layout import (
     N_SAMPLE_AGE,
     N_SAMPLE_DIFFERENCE,
     N_SAMPLE_STAMP,
+    N_SEEN_AT,
     N_STARTED,
     N_TURN,
     N_UPDATES,
@@ -163,6 +164,8 @@ def run(
             number[N_ROW_AT] = begin
             number[N_BARO_AT] = begin
             number[N_USED_AT] = -np.inf
+            number[N_SEEN_AT] = np.inf
+            number[N_SEEN_AT + 1] = np.inf
             number[N_SAMPLE_STAMP] = -np.inf
             number[N_JUMP_AT] = -np.inf
             number[N_DISTRUST] = -np.inf

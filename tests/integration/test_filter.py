@@ -380,6 +380,29 @@ def test_restart_where_positions_and_velocities_are_epochs_of_their_own(wrong):
     assert end[:3].max() < 2.0 and end[3:6].max() < 0.2
 
 
+@pytest.mark.parametrize(("off", "used"), [(0.0, True), (500.0, False)])
+def test_after_an_outage_fixes_are_believed_rather_than_the_imu(off, used):
+    """But for fixes that no IMU of this grade can be so far off."""
+    flown = Flown()
+    seconds = (flown.gnss.time_ns - flown.flight.time_ns[0]) * 1e-9
+    kept = (seconds < 100.0) | (seconds > 115.0)
+    gnss, seconds = flown.gnss.rows(kept), seconds[kept]
+    first = np.searchsorted(seconds, 115.0)
+    gnss.latitude[first] += off / 6.37e6
+    given = flown.increments
+    t = (given.time_ns - flown.flight.time_ns[0]) * 1e-9
+    pull = np.zeros((len(t), 3))
+    pull[(t > 100.0) & (t < 115.0), 0] = 0.1 * given.interval[0]  # 0.1 m/s^2 that are not noise
+    _, blocks = flown.run(
+        gnss=gnss,
+        increments=replace(given, velocity_increment=given.velocity_increment + pull),
+    )
+    assert joined(blocks, "used")[first : first + 15].tolist() == [used] + [True] * 14
+    # those that agree are turned down by the usual gate elsewhere
+    assert joined(blocks, "nis")[first + 1 : first + 9].max() > 2.0 * 27.86
+    assert np.abs(flown.errors(blocks[0].updates, 125.0, 130.0)[:, :2]).max() < 4.0
+
+
 def test_imu_gaps():
     flown = Flown()
     begin = 5000
