@@ -12,6 +12,7 @@ import numpy as np
 
 from sinstool.config import InputOptions
 from sinstool.readers.frames import turn_body
+from sinstool.readers.streams import LARGEST
 from sinstool.rotation import conjugate, rotate
 from sinstool.survey import Survey
 from sinstool.units import accel_looks_like_g, gyro_looks_like_degrees, turns_like_degrees
@@ -212,7 +213,11 @@ def _values(s: Survey, options: InputOptions) -> list[Oddity]:
         )
     if s.losses.nonfinite:
         found.append(
-            Oddity("not-finite", f"{s.losses.nonfinite} samples hold NaN or infinity; left out")
+            Oddity(
+                "not-finite",
+                f"{s.losses.nonfinite} samples hold NaN, infinity or more than {LARGEST:.0e};"
+                " left out",
+            )
         )
     held = s.held - _without_noise(s)
     if held > HELD_SHARE * s.count:

@@ -18,7 +18,7 @@ from sinstool.alignment.still import StillSpan, Windows, lead_in, still_spans
 from sinstool.errors import DataError
 from sinstool.readers.frames import q_for_log
 from sinstool.readers.log import Log
-from sinstool.readers.streams import ImuUnits, Losses, read_imu, reblock
+from sinstool.readers.streams import LARGEST, ImuUnits, Losses, read_imu, reblock
 from sinstool.readers.topics import ImuTopic
 from sinstool.streams import Imu
 from sinstool.tally import Tally
@@ -306,7 +306,7 @@ def _nothing(log: Log, topic: ImuTopic, losses: Losses, extent: _Extent) -> Data
         )
     detail = f" ({losses.problem})" if losses.problem else ""
     if losses.nonfinite:
-        detail = f" ({losses.nonfinite} hold NaN or infinity)"
+        detail = f" ({losses.nonfinite} hold NaN, infinity or more than {LARGEST:.0e})"
     return DataError(log.path, f"topic {topic.topic} has no usable Imu message{detail}")
 
 

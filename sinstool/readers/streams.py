@@ -31,6 +31,8 @@ from sinstool.streams import (
 
 Made = TypeVar("Made")
 
+# rad/s and m/s^2: no sensor measures so much, in no unit that anybody writes, but damage does.
+LARGEST = 1e9
 # From ENU to NED
 _TURN = np.array([[0.0, 1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, -1.0]])
 _XYZ = ("x", "y", "z")
@@ -62,7 +64,7 @@ class Losses:
     malformed : int
         Did not fit their definition.
     nonfinite : int
-        Held NaN or infinity.
+        Held NaN, infinity or numbers that no sensor measures.
     problem : str
         What was wrong with the first malformed one.
     """
@@ -207,7 +209,7 @@ def read_imu(
     gyro_scale, accel_scale = units.gyro_scale * axes, units.accel_scale * axes
     widths = {"q_covariance": 9}
     for log_time_ns, values in read_columns(log, channels, columns, losses, progress, widths):
-        # Damaged values may overflow, or be NaN that signals: what is not finite then is left out.
+        # Damaged values may overflow, or be NaN that signals: they are left out.
         with np.errstate(over="ignore", invalid="ignore"):
             gyro: np.ndarray = values["gyro"] * gyro_scale
             accel: np.ndarray = values["accel"] * accel_scale
@@ -218,10 +220,11 @@ def read_imu(
             else:
                 q = np.broadcast_to(np.nan, (len(gyro), 4))
         block = Imu(log_time_ns if log_time else _stamp(values), log_time_ns, gyro, accel, q)
-        if not (np.isfinite(gyro).all() and np.isfinite(accel).all()):
-            finite = np.isfinite(gyro).all(axis=1) & np.isfinite(accel).all(axis=1)
-            losses.nonfinite += int(len(finite) - np.count_nonzero(finite))
-            block = block.rows(finite)
+        # NaN is not smaller either
+        usable = ((np.abs(gyro) < LARGEST) & (np.abs(accel) < LARGEST)).all(axis=1)
+        if not usable.all():
+            losses.nonfinite += int(len(usable) - np.count_nonzero(usable))
+            block = block.rows(usable)
         if len(block):
             yield block
 
