@@ -39,6 +39,10 @@ MOVING_M_S = 1.0
 MOVING_M = 30.0
 # A velocity whose down part is exactly zero, while height moves by this, has none.
 FLAT_HEIGHT_M = 5.0
+# Beyond what any vehicle with an IMU on Earth does, though not beyond what damaged bytes say.
+HIGHEST_M, FASTEST_M_S = 1e6, 2e4
+# A standard deviation above this says "unknown", however much larger it is.
+UNKNOWN_SIGMA = 1e6
 
 
 @dataclass
@@ -116,13 +120,14 @@ def read_gnss(
         velocity = _read(speeds, log_time, into, into.velocity_topic)
         if velocity is not None:
             velocity = _usable_velocity(velocity, into)
-    if fixes is not None and options.gnss_unit is None:
-        _check_degrees(log, into.fix_topic, fixes, velocity)
     if fixes is not None and options.gnss_unit == "rad":
         degree = np.pi / 180.0
         fixes = replace(fixes, latitude=fixes.latitude / degree, longitude=fixes.longitude / degree)
     if fixes is not None:
         _check_range(log, into.fix_topic, fixes)
+        fixes = _on_earth(fixes, into)
+    if fixes is not None and options.gnss_unit is None:
+        _check_degrees(log, into.fix_topic, fixes, velocity)
     if fixes is not None and velocity is not None:
         velocity = _flat(fixes, velocity, into)
     into.gnss = join(fixes, velocity)
@@ -223,11 +228,29 @@ def _usable_fixes(fixes: Gnss, into: Aiding) -> Gnss | None:
     return fixes.rows(good)
 
 
+def _on_earth(fixes: Gnss, into: Aiding) -> Gnss | None:
+    """Fixes without the damaged ones, which a filter that starts there would have to believe."""
+    good = (np.abs(fixes.latitude) <= 0.5 * np.pi) & (np.abs(fixes.longitude) <= 2.0 * np.pi)
+    good &= ~(np.abs(fixes.height) >= HIGHEST_M)  # no height is none that is wrong
+    bad = int(len(fixes) - np.count_nonzero(good))
+    if bad:
+        into.counts[f"{into.fix_topic} not on Earth"] = bad
+        into.warnings.append(f"topic {into.fix_topic}: {bad} fixes are not on Earth; left out")
+    return fixes.rows(good) if good.any() else None
+
+
 def _usable_velocity(velocity: Velocity, into: Aiding) -> Velocity | None:
-    good = np.isfinite(velocity.velocity_n[:, :2]).all(axis=1)
+    """Velocities that a vehicle can have."""
+    down = velocity.velocity_n[:, 2]
+    good = (np.abs(velocity.velocity_n[:, :2]) < FASTEST_M_S).all(axis=1)
+    good &= ~(np.abs(down) >= FASTEST_M_S)  # without a vertical part the other two are of use
     bad = int(len(velocity) - np.count_nonzero(good))
     if bad:
-        into.counts[f"{into.velocity_topic} not finite"] = bad
+        into.counts[f"{into.velocity_topic} of no vehicle"] = bad
+        into.warnings.append(
+            f"topic {into.velocity_topic}: {bad} velocities are not finite or beyond"
+            f" {FASTEST_M_S:.0f} m/s; left out"
+        )
     return velocity.rows(good) if good.any() else None
 
 
@@ -398,4 +421,4 @@ def _sigma(covariance: np.ndarray, known: np.ndarray | bool) -> np.ndarray:
     """Roots of the diagonal; NaN where it says nothing."""
     variance = np.einsum("nii->ni", covariance)
     good = known & np.isfinite(variance) & (variance > 0.0)
-    return np.sqrt(np.where(good, variance, np.nan))
+    return np.minimum(np.sqrt(np.where(good, variance, np.nan)), UNKNOWN_SIGMA)

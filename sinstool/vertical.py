@@ -21,6 +21,7 @@ from sinstool.height.network import (
     recommended,
 )
 from sinstool.height.pressure import (
+    STANDARD_PRESSURE,
     BaroReference,
     ScaleFit,
     frozen_spans,
@@ -163,7 +164,9 @@ def height_reference(
     reference, warnings = _baro_reference(log, aiding, config, start_height)
     height = reference.height(baro.pressure)
     good = reason == ACCEPTED
-    sigma = reference.sigma(baro.pressure[good], np.nan_to_num(baro.variance[good]))
+    variance = baro.variance[good]
+    variance = np.where(variance < STANDARD_PRESSURE**2, variance, 0.0)  # NaN is not smaller either
+    sigma = reference.sigma(baro.pressure[good], variance)
     known = sigma[sigma > 0.0]
     return (
         HeightReference(

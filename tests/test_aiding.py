@@ -121,6 +121,38 @@ def test_what_is_no_fix_is_counted(tmp_path):
     assert np.isnan(into.gnss.height).sum() == 1 and into.gnss.has_position.all()
 
 
+@pytest.mark.parametrize(
+    "place", [(1e6, 11.0, 50.0), (48.0, -1e4, 50.0), (48.0, 11.0, 1e6), (48.0, 11.0, -np.inf)]
+)
+def test_single_fixes_that_are_not_on_earth_are_left_out(tmp_path, place):
+    messages = drive()
+    messages[0] = fix_message(0, TIMES[0], *place)
+    into = gnss(tmp_path, messages)
+    assert into.counts == {"/fix not on Earth": 1}
+    assert into.warnings == ["topic /fix: 1 fixes are not on Earth; left out"]
+    np.testing.assert_array_equal(into.gnss.time_ns, TIMES[1:])
+    # nor do they hide that the others are radians
+    messages = drive(scale=np.pi / 180.0)
+    messages[0] = fix_message(0, TIMES[0], *place)
+    with pytest.raises(DataError, match="as in radians"):
+        gnss(tmp_path, messages)
+
+
+@pytest.mark.parametrize("enu", [(1e5, 0.0, 0.0), (0.0, np.nan, 0.0), (0.0, 0.0, -1e30)])
+def test_single_velocities_of_no_vehicle_are_left_out(tmp_path, enu):
+    velocity = [twist_message(TIMES[k], (1.0, 13.8, 0.2), 0.01) for k in range(N)]
+    velocity[7] = twist_message(TIMES[7], enu, 0.01)
+    into = gnss(tmp_path, drive() + velocity)
+    assert into.counts == {"/vel of no vehicle": 1}
+    assert into.warnings[0].startswith("topic /vel: 1 velocities are not finite or beyond 20000")
+    np.testing.assert_array_equal(np.flatnonzero(~into.gnss.has_velocity), [7])
+
+
+def test_a_receiver_that_knows_nothing_is_not_believed_and_overflows_nothing(tmp_path):
+    epochs = gnss(tmp_path, drive(sigma=1e150)).gnss
+    np.testing.assert_array_equal(epochs.sigma_position_n, 1e6)
+
+
 def test_order_and_repetition_are_told(tmp_path):
     into = Aiding()
     messages = drive()

@@ -325,7 +325,8 @@ def test_a_span_leaves_out_a_clock_that_is_set_later(tmp_path):
 
 def test_nothing_usable_is_refused_with_the_reason(tmp_path):
     gyro, accel = resting(10)
-    with pytest.raises(DataError, match=r"no usable Imu message \(10 hold NaN, infinity or more than 1e\+09\)"):
+    what = r"no usable Imu message \(10 hold NaN, infinity or more than 1e\+09\)"
+    with pytest.raises(DataError, match=what):
         look(imu_log(tmp_path / "a.mcap", even_times(10), gyro * np.nan, accel))
     rows = [m._replace(message=b"\x00\x01\x00\x00") for m in imu_messages(even_times(3), 0, 0)]
     with pytest.raises(DataError, match=r"no usable Imu message \(.+\)"):

@@ -1,14 +1,17 @@
 """What a run holds its height to: which GNSS heights set a barometer, and what is said of it."""
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 
+from sinstool.aiding import Aiding
 from sinstool.config import ProcessConfig, build
 from sinstool.errors import ConfigurationError
 from sinstool.height.layout import ChannelSummary, Event
 from sinstool.height.pressure import geopotential, pressure_at
 from sinstool.streams import Baro, GnssEpochs
-from sinstool.vertical import height_warnings, network, telling_heights
+from sinstool.vertical import height_reference, height_warnings, network, telling_heights
 
 T0 = 1_700_000_000_000_000_000
 LATITUDE = np.radians(-43.5)
@@ -84,6 +87,20 @@ def test_network_of_a_run(told, grade, expected):
     found, _ = network(options(**told), grade, LATITUDE)
     assert (found.tau, found.k4) == expected
     assert found.w2 == pytest.approx(3.084e-6, rel=1e-3)
+
+
+@pytest.mark.parametrize(
+    ("variance", "sigma"), [(16.0, 0.35), (0.0, 0.0), (np.nan, 0.0), (np.inf, 0.0), (1e300, 0.0)]
+)
+def test_what_a_barometer_says_of_its_noise(variance, sigma):
+    """16 Pa^2 are 4 Pa, or 0.35 m at 700 m; what is no noise of any sensor is not told."""
+    baro, gnss, _ = streams()
+    baro.variance[:] = variance
+    aiding = Aiding(gnss=gnss, fix_topic="/fix", baro=baro, baro_topic="/baro")
+    log = SimpleNamespace(path="a.mcap")
+    reference, warnings = height_reference(log, aiding, options(), 300.0)
+    assert reference.sigma == pytest.approx(sigma, rel=0.1)
+    assert not warnings
 
 
 def test_what_is_said_of_a_network():
