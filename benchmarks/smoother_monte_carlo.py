@@ -232,8 +232,9 @@ def table(name: str, found: Errors) -> None:
     row("smoother", figures(found.smooth), after)
     row("  standard error", scatter(found.smooth))
     row("  its sigma", figures(found.variance_smooth, 1))
-    row("in outages, filter", np.mean(found.outage_filter, axis=0)[:3])
-    row("in outages, smoother", np.mean(found.outage_smooth, axis=0)[:3], outage)
+    if found.outage_filter:
+        row("in outages, filter", np.mean(found.outage_filter, axis=0)[:3])
+        row("in outages, smoother", np.mean(found.outage_smooth, axis=0)[:3], outage)
     row("NEES/6 filter, smooth", (np.mean(found.nees_filter), np.mean(found.nees_smooth)))
     print(f"filter {found.filter_s:.2f} s, smoother {found.smooth_s:.2f} s, all runs together")
 
