@@ -141,23 +141,31 @@ class TemporaryFolder:
             self._handle = None
 
 
-def sweep(folder: Path) -> None:
+def sweep(folder: Path) -> int:
     """Remove the temporary files and folders that ended runs have left in a folder.
 
     Parameters
     ----------
     folder : Path
         Nothing happens where it cannot be read, or what lies in it cannot be removed.
+
+    Returns
+    -------
+    int
+        How many others hold.
     """
+    held = 0
     with contextlib.suppress(OSError), os.scandir(folder) as entries:
         for entry in entries:
             found = _FILE.fullmatch(entry.name) or _FOLDER.fullmatch(entry.name)
             if found and Path(entry.path) not in _made:
                 with contextlib.suppress(OSError):
-                    _remove_dead(Path(entry.path), found[1])
+                    held += _held_or_removed(Path(entry.path), found[1])
+    return held
 
 
-def _remove_dead(path: Path, host: str) -> None:
+def _held_or_removed(path: Path, host: str) -> bool:
+    """Whether somebody holds it; if nobody does and it is ours or old, it is removed."""
     kind = path.lstat().st_mode
     if stat.S_ISREG(kind):
         # for writing, as locks of a network's file system want it
@@ -165,21 +173,22 @@ def _remove_dead(path: Path, host: str) -> None:
     elif stat.S_ISDIR(kind):
         handle = _open_folder(path)
     else:
-        return
+        return False
     try:
         free = None if handle is None else _lock(handle, wait=False)
         if free is False:
-            return
+            return True
         ours = host == f"{zlib.crc32(platform.node().encode()):08x}"
         if not (free and ours) and time.time() - path.lstat().st_mtime < DAY:
-            return
+            return False
         if stat.S_ISDIR(kind):
             shutil.rmtree(path)
-            return
+            return False
         if fcntl is None and handle is not None:
             os.close(handle)
             handle = None
         path.unlink()
+        return False
     finally:
         if handle is not None:
             os.close(handle)

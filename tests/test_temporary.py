@@ -115,10 +115,11 @@ def test_a_locked_one_stays_however_old(place):
     run, path = held("file", place)
     try:
         aged(path)
-        sweep(place)
+        assert sweep(place) == 1
         assert path.exists()
     finally:
         kill(run)
+    assert sweep(place) == 0 and not path.exists()
 
 
 def test_files_can_be_made_where_there_are_no_locks(place, monkeypatch):

@@ -28,6 +28,8 @@ from sinstool.threads import keep_to_one_core
 # Waiting for the scheduler, for a first worker, and for cancelled jobs to let go of their files, s.
 CONNECT = 10.0
 LET_GO = 10.0
+# A worker's death is told by its connection, which the system closes before its files, s.
+DYING = 1.0
 START = "dask worker --nworkers 2 --nthreads 1 {address}"
 
 
@@ -146,6 +148,7 @@ def _run(client: Any, tasks: Sequence[Task]) -> Iterator[Event]:
         futures[task.number] = future
         future.add_done_callback(_done(news, task.number))
     left = dict(futures)
+    lost: list[Task] = []
     try:
         while left:
             told = news.get()
@@ -158,7 +161,13 @@ def _run(client: Any, tasks: Sequence[Task]) -> Iterator[Event]:
                 continue
             # Of a worker that died before another did the job
             remove_left(tasks[number])
-            yield Event(number, outcome=_outcome(tasks[number], future))
+            outcome = _outcome(tasks[number], future)
+            if outcome.died:
+                lost.append(tasks[number])
+            yield Event(number, outcome=outcome)
+        until = time.monotonic() + DYING
+        while sum(remove_left(task) for task in lost) and time.monotonic() < until:
+            time.sleep(0.02)
     finally:
         if left:
             _give_up(client, topic, list(left.values()))

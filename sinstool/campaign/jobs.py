@@ -255,10 +255,15 @@ def _seldom(tell: Report) -> Report:
     return report
 
 
-def remove_left(task: Task) -> None:
-    """Remove what a dead worker left unfinished."""
-    for folder in task.job.folders:
-        sweep(folder)
+def remove_left(task: Task) -> int:
+    """Remove what a dead worker left unfinished.
+
+    Returns
+    -------
+    int
+        How many unfinished files beside it are in somebody's hands.
+    """
+    return sum(sweep(folder) for folder in task.job.folders)
 
 
 def largest_first(tasks: Sequence[Task]) -> list[Task]:

@@ -19,6 +19,7 @@ from sinstool.temporary import sweep
 from tests.campaign import work
 from tests.campaign.clusters import cluster, free_port
 from tests.campaign.test_local import gone, job, left
+from tests.test_temporary import held, kill
 
 
 @pytest.fixture(scope="module")
@@ -59,6 +60,18 @@ def test_a_killed_worker(address, tmp_path):
     assert always.died and "dies: its worker died, 2 times" in always.error
     assert outcomes([job(work.square, 5)], address)[0].value[0] == 25
     assert left(tmp_path / "once") == [] and left(tmp_path / "always") == []
+
+
+def test_what_a_dying_worker_still_holds_goes_too(address, tmp_path):
+    """Its connection, by which its death is known, closes before its files."""
+    dying, path = held("file", tmp_path)
+    for event in run_jobs(
+        [job(work.dies, tmp_path, 99, folders=(tmp_path,))], Workers(scheduler=address)
+    ):
+        if event.outcome is not None:
+            assert event.outcome.died and path.exists()
+            kill(dying)
+    assert left(tmp_path) == []
 
 
 def test_who_gives_up_leaves_nothing(address, tmp_path):
