@@ -15,13 +15,21 @@ from sinstool.readers.frames import turn_body
 from sinstool.readers.streams import LARGEST
 from sinstool.rotation import conjugate, rotate
 from sinstool.survey import Survey
-from sinstool.units import accel_looks_like_g, gyro_looks_like_degrees, turns_like_degrees
+from sinstool.units import (
+    STANDARD_GRAVITY,
+    accel_looks_like_g,
+    gyro_looks_like_degrees,
+    turns_like_degrees,
+)
 
 MIN_RATE_HZ = 10.0
 CLOCK_OFFSET_S = 1.0
 CLOCK_WANDER_S = 0.5
 HELD_SHARE = 0.05
 ORIENTATION_TILT_DEG = 20.0
+# m/s^2: less is no gravity, read as it is; and how near to gravity increments come by it.
+WEIGHTLESS = 0.8
+INCREMENT = 0.05
 
 
 @dataclass(frozen=True)
@@ -100,7 +108,17 @@ def _units(s: Survey, options: InputOptions) -> list[Oddity]:
             )
         elif options.accel_unit == "m/s^2":
             found.append(Oddity("accel-unit", f"{text}, read as m/s^2 as told"))
-    elif force < 0.8:
+    elif _looks_like_increments(s, options):
+        found.append(
+            Oddity(
+                "increments",
+                f"topic {s.topic}: the specific force is {force:.3g} m/s^2 in size, or"
+                f" {force * _rate(s, options):.2f} if samples are increments over their intervals",
+                "add --gyro-kind increment (or --accel-unit m/s^2 if the log is right)",
+                fatal=True,
+            )
+        )
+    elif force < WEIGHTLESS:
         found.append(
             Oddity(
                 "no-gravity",
@@ -118,6 +136,19 @@ def _units(s: Survey, options: InputOptions) -> list[Oddity]:
             )
         )
     return found
+
+
+def _rate(s: Survey, options: InputOptions) -> float:
+    return s.rate_hz if options.imu_rate is None else options.imu_rate
+
+
+def _looks_like_increments(s: Survey, options: InputOptions) -> bool:
+    """Whether the specific force read as such must be velocity gained from sample to sample."""
+    if options.gyro_kind == "increment" or options.accel_unit is not None:
+        return False
+    if s.specific_force_median >= WEIGHTLESS:
+        return False
+    return abs(s.specific_force_median * _rate(s, options) / STANDARD_GRAVITY - 1.0) < INCREMENT
 
 
 def _time(s: Survey, options: InputOptions) -> list[Oddity]:

@@ -321,7 +321,14 @@ def test_orientation_in_another_order(rows, found):
 def test_other_kinds_of_gyro(rows, found, kind):
     if kind == "increment":
         rows.gyro, rows.accel = rows.gyro * 0.005, rows.accel * 0.005
-        assert found(rows)["no-gravity"]  # read as what they are not
+        odd = found(rows)["increments"]  # read as what they are not
+        assert (
+            odd.fatal
+            and "or 9.90 if samples are increments" in odd.text
+            and "--gyro-kind increment" in odd.answer
+        )
+        assert found(rows, accel_unit="m/s^2")["no-gravity"]
+        assert "increments" not in found(rows, imu_rate=100.0)
     assert found(rows, gyro_kind=kind) == {}
 
 

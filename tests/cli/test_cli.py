@@ -570,6 +570,10 @@ def test_version(sinstool):
     from sinstool import __version__
 
     assert sinstool("--version") == (0, f"sinstool, version {__version__}\n", "")
+    module = subprocess.run(
+        [sys.executable, "-m", "sinstool", "--version"], capture_output=True, text=True, check=True
+    )
+    assert module.stdout.endswith(f", version {__version__}\n") and not module.stderr
 
 
 # -- what is printed -------------------------------------------------------------------------

@@ -1,0 +1,6 @@
+"""`python -m sinstool`, where scripts are not on the PATH."""
+
+from sinstool.cli.main import main
+
+if __name__ == "__main__":
+    main()
