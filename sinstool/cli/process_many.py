@@ -21,6 +21,7 @@ from sinstool.cli.many import (
     workers_of,
 )
 from sinstool.cli.process_one import process_unless_done
+from sinstool.cli.process_rows import compass
 from sinstool.config import ProcessConfig
 from sinstool.readers.log import path_size
 from sinstool.record import files
@@ -113,6 +114,7 @@ def _cells(row: dict[str, Any]) -> tuple[str, ...]:
         str(imu["n"]),
         f"{imu['rate_hz']:.2f}",
         str(imu["gaps"]),
-        *(f"{final[name]:.3f}" for name in ("roll_deg", "pitch_deg", "heading_deg")),
+        *(f"{final[name]:.3f}" for name in ("roll_deg", "pitch_deg")),
+        compass(final["heading_deg"], 3),
         str(len(row["warnings"])),
     )

@@ -7,7 +7,7 @@ from math import hypot
 from pathlib import Path
 from typing import Any
 
-from sinstool.cli.process_rows import summary_rows
+from sinstool.cli.process_rows import compass, summary_rows
 from sinstool.cli.report_settings import Read, config_settings, input_rows
 from sinstool.config import ProcessConfig
 from sinstool.process_figures import Recorder
@@ -112,7 +112,7 @@ def _duration(seconds: float) -> str:
 
 def _heading(name: str, told: dict[str, Any], more: str = "") -> Fact:
     tilt = f"roll {told['roll_deg']:.2f}, pitch {told['pitch_deg']:.2f} deg"
-    return Fact(name, f"{told['heading_deg'] % 360.0:.2f} deg", tilt + more)
+    return Fact(name, f"{compass(told['heading_deg'], 2)} deg", tilt + more)
 
 
 def _error_facts(truth: dict[str, Any] | None) -> list[Fact]:

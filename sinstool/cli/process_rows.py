@@ -9,6 +9,11 @@ from sinstool.cli.filter_rows import filter_rows
 Row = tuple[str, str]
 
 
+def compass(heading_deg: float, digits: int) -> str:
+    """A heading as `align` and every page give it: from 0 up to 360 deg, clockwise from north."""
+    return f"{round(heading_deg, digits) % 360.0:.{digits}f}"
+
+
 def summary_rows(summary: dict[str, Any], verbose: bool = False) -> list[Row]:
     """A summary as pairs of what and how.
 
@@ -34,7 +39,7 @@ def summary_rows(summary: dict[str, Any], verbose: bool = False) -> list[Row]:
         (
             "alignment",
             f"{align['method']} ({align['status']}): roll {align['roll_deg']:.3f}, pitch"
-            f" {align['pitch_deg']:.3f}, heading {align['heading_deg']:.3f} deg{tilt}"
+            f" {align['pitch_deg']:.3f}, heading {compass(align['heading_deg'], 3)} deg{tilt}"
             + ("" if align["north_referenced"] else "; heading is not referenced to north"),
         ),
         ("gyro bias", f"{align['gyro_bias_source']}: {bias} rad/s (FRD)"),
@@ -56,7 +61,7 @@ def summary_rows(summary: dict[str, Any], verbose: bool = False) -> list[Row]:
         (
             "final",
             f"roll {final['roll_deg']:.3f}, pitch {final['pitch_deg']:.3f},"
-            f" heading {final['heading_deg']:.3f} deg" + _place(summary),
+            f" heading {compass(final['heading_deg'], 3)} deg" + _place(summary),
         )
     )
     rows += _gnss(summary.get("gnss_difference"))

@@ -24,6 +24,7 @@ from imulogs import (
 from readers.logs import PRESSURE, Row, payload_of, real, write_mcap
 
 from sinstool.cli.main import COMMANDS, cli
+from sinstool.cli.process_rows import compass
 from sinstool.config import ProcessConfig, build
 from sinstool.coning.registry import names
 
@@ -577,6 +578,16 @@ def test_version(sinstool):
 
 
 # -- what is printed -------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("heading", "text"),
+    [(0.0, "0.000"), (-0.0, "0.000"), (-1e-7, "0.000"), (359.9997, "0.000"), (-107.3944, "252.606"),
+     (180.0, "180.000"), (-180.0, "180.000")],
+)  # fmt: skip
+def test_headings_go_round_the_compass(heading, text):
+    assert compass(heading, 3) == text
+
 
 KEYS = {
     "input": {"path", "size", "sha256"},
