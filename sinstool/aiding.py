@@ -17,7 +17,15 @@ from sinstool.errors import DataError
 from sinstool.height.pressure import suspected_unit
 from sinstool.readers.log import Channel, Log
 from sinstool.readers.message_types import FIX_TYPE, HEIGHT_TYPES, PRESSURE_TYPE, VELOCITY_TYPES
-from sinstool.readers.streams import Losses, read_fixes, read_height, read_pressure, read_velocity
+from sinstool.readers.streams import (
+    Losses,
+    fixed,
+    on_earth,
+    read_fixes,
+    read_height,
+    read_pressure,
+    read_velocity,
+)
 from sinstool.readers.topics import OWN_PREFIXES, choose_optional
 from sinstool.streams import (
     Baro,
@@ -40,7 +48,7 @@ MOVING_M = 30.0
 # A velocity whose down part is exactly zero, while height moves by this, has none.
 FLAT_HEIGHT_M = 5.0
 # Beyond what any vehicle with an IMU on Earth does, though not beyond what damaged bytes say.
-HIGHEST_M, FASTEST_M_S = 1e6, 2e4
+FASTEST_M_S = 2e4
 # A standard deviation above this says "unknown", however much larger it is.
 UNKNOWN_SIGMA = 1e6
 
@@ -216,9 +224,7 @@ def _read(
 
 def _usable_fixes(fixes: Gnss, into: Aiding) -> Gnss | None:
     """Fixes that are fixes."""
-    finite = np.isfinite(fixes.latitude) & np.isfinite(fixes.longitude)
-    # Receivers without a fix write exact zeros and call them valid.
-    good = (fixes.status >= 0) & finite & ((fixes.latitude != 0.0) | (fixes.longitude != 0.0))
+    good = fixed(fixes)
     bad = int(len(fixes) - np.count_nonzero(good))
     if bad:
         into.counts[f"{into.fix_topic} without a fix"] = bad
@@ -230,8 +236,7 @@ def _usable_fixes(fixes: Gnss, into: Aiding) -> Gnss | None:
 
 def _on_earth(fixes: Gnss, into: Aiding) -> Gnss | None:
     """Fixes without the damaged ones, which a filter that starts there would have to believe."""
-    good = (np.abs(fixes.latitude) <= 0.5 * np.pi) & (np.abs(fixes.longitude) <= 2.0 * np.pi)
-    good &= ~(np.abs(fixes.height) >= HIGHEST_M)  # no height is none that is wrong
+    good = on_earth(fixes)
     bad = int(len(fixes) - np.count_nonzero(good))
     if bad:
         into.counts[f"{into.fix_topic} not on Earth"] = bad

@@ -200,7 +200,9 @@ def _position(
         first = first_fix(log, tuple(log.channels_of(aiding.fix_topic)))
         if first is None:
             return None, None, None
-        latitude, longitude, height = first.latitude[0], first.longitude[0], first.height[0]
+        degree = DEGREE if config.input.gnss_unit == "rad" else 1.0
+        latitude, longitude = first.latitude[0] / degree, first.longitude[0] / degree
+        height = first.height[0]
     else:
         return None, None, None
     return (

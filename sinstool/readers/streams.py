@@ -33,6 +33,8 @@ Made = TypeVar("Made")
 
 # rad/s and m/s^2: no sensor measures so much, in no unit that anybody writes, but damage does.
 LARGEST = 1e9
+# m: no vehicle that navigates with an IMU on Earth is so far up or down.
+HIGHEST = 1e6
 # From ENU to NED
 _TURN = np.array([[0.0, 1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, -1.0]])
 _XYZ = ("x", "y", "z")
@@ -351,13 +353,22 @@ def joint_names(log: Log, channels: Sequence[Channel]) -> list[str]:
     return []
 
 
+def fixed(fixes: Gnss) -> np.ndarray:
+    """Which rows hold a fix, wherever that is; receivers without one write exact zeros too."""
+    finite = np.isfinite(fixes.latitude) & np.isfinite(fixes.longitude)
+    return (fixes.status >= 0) & finite & ((fixes.latitude != 0.0) | (fixes.longitude != 0.0))
+
+
+def on_earth(fixes: Gnss) -> np.ndarray:
+    """Which rows are where a vehicle can be; those without a height are."""
+    level = (np.abs(fixes.latitude) <= 0.5 * np.pi) & (np.abs(fixes.longitude) <= 2.0 * np.pi)
+    return np.asarray(level & ~(np.abs(fixes.height) >= HIGHEST))
+
+
 def first_fix(log: Log, channels: Sequence[Channel]) -> Gnss | None:
     """The first valid fix of a log, as a stream of one row; None where there is none."""
     for block in read_fixes(log, channels, Losses()):
-        good = (block.status >= 0) & np.isfinite(block.latitude) & np.isfinite(block.longitude)
-        good &= np.abs(block.latitude) <= 0.5 * np.pi
-        # Receivers without a fix write exact zeros and call them valid.
-        good &= (block.latitude != 0.0) | (block.longitude != 0.0)
+        good = fixed(block) & on_earth(block)
         if good.any():
             return block.rows(np.flatnonzero(good)[:1])
     return None

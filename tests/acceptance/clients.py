@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import importlib.util
 import logging
 import os
 import re
@@ -10,10 +9,8 @@ import subprocess
 import sys
 from collections import Counter
 
-import pytest
 from mcap.reader import NonSeekingReader, make_reader
 
-HOW = "is not installed: pip install '.[test,clients]'"
 # Types that evo makes a trajectory of, of those that are written
 POSES = {"geometry_msgs/msg/PoseStamped", "nav_msgs/msg/Odometry"}
 # What pip installs as programs, wherever it puts them
@@ -27,12 +24,6 @@ next(found).load()()
 """
 
 
-def needs(module):
-    """Skip where a package is missing."""
-    if importlib.util.find_spec(module) is None:
-        pytest.skip(f"{module} {HOW}")
-
-
 def program(package, name, *arguments, home):
     """Run a package's program, which may keep settings in a home of its own."""
     command = [sys.executable, "-c", START, package, name, *map(str, arguments)]
@@ -42,8 +33,6 @@ def program(package, name, *arguments, home):
 
 def by_mcap(path):
     """Messages decoded by the packages of MCAP's makers, checksums checked."""
-    needs("mcap_ros1")
-    needs("mcap_ros2")
     from mcap_ros1.decoder import DecoderFactory as Ros1
     from mcap_ros2.decoder import DecoderFactory as Ros2
 
@@ -92,7 +81,6 @@ def by_rosbags(path):
 
 def by_pybag(path):
     """Messages by pybag, checksums checked; ours decoded too."""
-    needs("pybag")
     from pybag.mcap.record_reader import McapRecordReaderFactory
     from pybag.mcap_reader import McapFileReader
 
@@ -110,7 +98,6 @@ def by_pybag(path):
 
 def by_rerun(path, home):
     """Topics that `rerun mcap check --full` finds nothing wrong with."""
-    needs("rerun_cli")
     done = program("rerun-sdk", "rerun", "mcap", "check", "--full", path, home=home)
     assert done.returncode == 0, done.stdout + done.stderr
     rows = re.findall(r"^(\w+) +\d+ +\d+ +(/\S+)", done.stdout, re.MULTILINE)
@@ -120,7 +107,6 @@ def by_rerun(path, home):
 
 def by_evo(path, topic, home):
     """Poses of a topic as evo reads them."""
-    needs("evo")
     done = program("evo", "evo_traj", "bag2", path, topic, home=home)
     assert done.returncode == 0, done.stdout + done.stderr
     (poses,) = re.findall(r"infos:\t(\d+) poses", done.stdout)

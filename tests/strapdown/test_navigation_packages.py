@@ -2,14 +2,13 @@
 
 import flying
 import numpy as np
+import pandas as pd
 import pytest
+from pyins import strapdown
 
 from sinstool import earth, rotation
 from sinstool.simulation.flight import spiral_climb
 from sinstool.strapdown.navigation import Navigator
-
-pd = pytest.importorskip("pandas", reason="python-ins is not installed")
-strapdown = pytest.importorskip("pyins.strapdown", reason="python-ins is not installed")
 
 DV = ["dv_x", "dv_y", "dv_z"]
 
