@@ -2,11 +2,12 @@
 
 import numpy as np
 import pytest
-from imulogs import Message, even_times, header, store, write_log
+from imulogs import Message, even_times, handheld, header, imu_messages, store, write_log
 
 from sinstool.aiding import Aiding, join, read_baro, read_gnss
-from sinstool.config import InputOptions
+from sinstool.config import InputOptions, ProcessConfig, build
 from sinstool.errors import DataError, TopicError
+from sinstool.pipeline import process
 from sinstool.readers import open_log
 from sinstool.streams import Gnss, Velocity
 
@@ -182,6 +183,18 @@ def test_radians_are_refused_and_read_when_told(tmp_path):
     assert np.degrees(into.gnss.latitude[0]) == pytest.approx(0.5)
     with pytest.raises(DataError, match="radians"):
         gnss(tmp_path, messages + velocity)
+
+
+def test_a_first_fix_after_the_start_is_read_in_its_unit(tmp_path):
+    times = even_times(600)
+    gyro, accel = handheld(600, rest_s=1.0)[:2]
+    place = np.radians([48.0, 11.0])
+    late = [fix_message(k, times[400 + 20 * k], *place) for k in range(5)]
+    messages = sorted([*imu_messages(times, gyro, accel), *late], key=lambda m: m.log_ns)
+    log = write_log(tmp_path / "a.mcap", messages)
+    told = {"input": {"gnss_unit": "rad"}, "navigation": {"mode": "attitude"}}
+    final = process(log, tmp_path / "out.mcap", build(ProcessConfig, told))["final"]
+    assert (final["lat_deg"], final["lon_deg"]) == pytest.approx((48.0, 11.0))
 
 
 def test_radians_across_the_date_line_are_refused(tmp_path):

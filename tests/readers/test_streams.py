@@ -338,12 +338,13 @@ def test_the_first_fix_that_is_one(tmp_path):
         (np.nan, 8.0, 400.0, 0),
         (0.0, 0.0, 0.0, 0),  # how receivers say that they know nothing
         (473_000_000.0, 80_000_000.0, 400.0, 0),  # 1e-7 degrees, as receivers send them
+        (47.0, 8.0, 4e6, 0),  # damaged
     ]
     assert fixes(tmp_path, bad) is None
     found = fixes(tmp_path, [*bad, (48.5, 9.0, np.nan, 2), (1.0, 1.0, 1.0, 2)])
     assert len(found) == 1
     assert np.degrees(found.latitude[0]) == pytest.approx(48.5, abs=1e-12)
-    assert found.time_ns[0] == TIMES[4]
+    assert found.time_ns[0] == TIMES[5]
     # one axis of zero is a place on the equator
     assert fixes(tmp_path, [(0.0, 9.0, 1.0, 0)]) is not None
 
