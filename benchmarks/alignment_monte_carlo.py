@@ -37,10 +37,10 @@ os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
 import numpy as np
 
-from sinstool import rotation
-from sinstool.alignment import inflight
-from sinstool.alignment.accumulation import accumulate
 from sinstool.campaign.jobs import Job, Workers, results
+from sinstool.core import rotation
+from sinstool.methods.alignment import inflight
+from sinstool.methods.alignment.accumulation import accumulate
 from sinstool.simulation.gnss import MODELS, Receiver, gnss_samples, true_moments
 from sinstool.simulation.interpolation import Moments
 from sinstool.simulation.launch import launch, launch_profile

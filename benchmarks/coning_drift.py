@@ -16,10 +16,15 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from sinstool.coning.algorithm import ConingAlgorithm, GyroKind
-from sinstool.coning.increments import DEFAULT_POINTS
-from sinstool.coning.registry import algorithm, names
-from sinstool.coning.response import coning_drift, coning_rate, coning_samples, drift_from_phi
+from sinstool.methods.coning.algorithm import ConingAlgorithm, GyroKind
+from sinstool.methods.coning.increments import DEFAULT_POINTS
+from sinstool.methods.coning.registry import algorithm, names
+from sinstool.methods.coning.response import (
+    coning_drift,
+    coning_rate,
+    coning_samples,
+    drift_from_phi,
+)
 
 DEG_H = np.degrees(1.0) * 3600.0
 FREQUENCIES = (5.0, 10.0, 20.0, 30.0, 50.0, 75.0, 100.0)

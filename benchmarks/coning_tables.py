@@ -20,16 +20,17 @@ from coning_drift import DEG_H, PAPER, SP, Row, Table
 from numpy.typing import NDArray
 from scipy import signal
 
-from sinstool import rotation
-from sinstool.coning.algorithm import ConingAlgorithm, GyroKind
-from sinstool.coning.gyro_response import GyroResponse
-from sinstool.coning.increments import DEFAULT_POINTS, RateIntegrator
-from sinstool.coning.picard import Picard
-from sinstool.coning.registry import algorithm
-from sinstool.coning.response import coning_gains, coning_rate
-from sinstool.coning.sp_tuning import best_q, coning_answer, tune
-from sinstool.coning.spectrum import coning_spectrum, predicted_drift
-from sinstool.coning.stage import ConingStage
+from sinstool.core import rotation
+from sinstool.methods.coning.algorithm import ConingAlgorithm, GyroKind
+from sinstool.methods.coning.gyro_response import GyroResponse
+from sinstool.methods.coning.increments import DEFAULT_POINTS, RateIntegrator
+from sinstool.methods.coning.picard import Picard
+from sinstool.methods.coning.registry import algorithm
+from sinstool.methods.coning.response import coning_gains, coning_rate
+from sinstool.methods.coning.sp_tuning import best_q, coning_answer, tune
+from sinstool.methods.coning.spectrum import coning_spectrum, predicted_drift
+from sinstool.methods.coning.stage import ConingStage
+from sinstool.methods.strapdown.attitude import AttitudePropagator
 from sinstool.simulation.coning import classical_coning
 from sinstool.simulation.coning_paper import (
     DEFAULT_RESPONSE,
@@ -39,7 +40,6 @@ from sinstool.simulation.coning_paper import (
 )
 from sinstool.simulation.motions import broadband, random_manoeuvre, thin
 from sinstool.simulation.truth import ImuTruth, sample_times
-from sinstool.strapdown.attitude import AttitudePropagator
 
 FloatArray = NDArray[np.float64]
 RATE = 400.0

@@ -29,8 +29,8 @@ from mcap.stream_reader import StreamReader
 from readers.damaged import CASES
 from rosbags.highlevel import AnyReader
 
-from sinstool.errors import SinstoolError
-from sinstool.readers import open_log
+from sinstool.core.errors import SinstoolError
+from sinstool.io.readers import open_log
 
 LIMIT_S = 20
 

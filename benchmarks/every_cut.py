@@ -20,8 +20,8 @@ sys.path.insert(0, str(Path(__file__).parents[1] / "tests"))
 from readers.cuts import LOGS, expected
 from readers.logs import read_back
 
-from sinstool.errors import SinstoolError
-from sinstool.readers import open_log
+from sinstool.core.errors import SinstoolError
+from sinstool.io.readers import open_log
 
 
 def main() -> int:

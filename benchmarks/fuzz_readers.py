@@ -60,11 +60,11 @@ def read_everything(path: Path, salvage: bool, info: bool) -> int:
     import numpy as np
 
     from sinstool.config import InputOptions
-    from sinstool.inspection import inspect
-    from sinstool.readers import open_log
-    from sinstool.readers.message_types import PRESSURE_TYPE
-    from sinstool.readers.streams import ImuUnits, Losses, read_imu, read_pressure
-    from sinstool.readers.topics import imu_candidates, topics_of_type
+    from sinstool.io.readers import open_log
+    from sinstool.io.readers.message_types import PRESSURE_TYPE
+    from sinstool.io.readers.streams import ImuUnits, Losses, read_imu, read_pressure
+    from sinstool.io.readers.topics import imu_candidates, topics_of_type
+    from sinstool.pipelines.info.run import inspect
 
     count = 0
     with open_log(path, salvage) as log:
@@ -100,7 +100,7 @@ def try_input(path: Path, salvage: bool, info: bool = True) -> tuple[str, str]:
     outcome, details : str
         ``read``, ``refused`` or a failure.
     """
-    from sinstool.errors import SinstoolError
+    from sinstool.core.errors import SinstoolError
 
     try:
         with warnings.catch_warnings():
@@ -122,7 +122,7 @@ def _work(
     """Read inputs one after the other, telling the parent before and after each."""
     from fuzz_inputs import make_input
 
-    from sinstool.threads import keep_to_one_core
+    from sinstool.core.threads import keep_to_one_core
 
     if not threads:
         keep_to_one_core()

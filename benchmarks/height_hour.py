@@ -22,18 +22,18 @@ import time
 
 import numpy as np
 
-from sinstool.coning.registry import algorithm
-from sinstool.height import layout
-from sinstool.height.network import HeightNetwork, gravity_gradient
-from sinstool.ins import InsRun, InsSettings
-from sinstool.rotation import exp, multiply
+from sinstool.core.rotation import exp, multiply
+from sinstool.core.streams import Imu
+from sinstool.methods.coning.registry import algorithm
+from sinstool.methods.height import layout
+from sinstool.methods.height.network import HeightNetwork, gravity_gradient
+from sinstool.methods.strapdown.free_inertial import InsRun, InsSettings
+from sinstool.methods.strapdown.navigation import initial_state
+from sinstool.pipelines.process.height import HeightReference
 from sinstool.simulation.barometer import barometer
 from sinstool.simulation.flight import spiral_climb
 from sinstool.simulation.sensors import SensorGrade, with_errors
 from sinstool.simulation.trajectory import Trajectory
-from sinstool.strapdown.navigation import initial_state
-from sinstool.streams import Imu
-from sinstool.vertical import HeightReference
 
 DEGREE = np.pi / 180.0
 G = 9.80665

@@ -20,10 +20,10 @@ import numpy as np
 from numba import njit
 from scipy.signal import lfilter
 
-from sinstool.earth import normal_gravity
-from sinstool.height.discrete import pole_matched_gains
-from sinstool.height.network import HeightNetwork, gravity_gradient
-from sinstool.height.vertical import VerticalChannel
+from sinstool.core.earth import normal_gravity
+from sinstool.methods.height.discrete import pole_matched_gains
+from sinstool.methods.height.network import HeightNetwork, gravity_gradient
+from sinstool.methods.height.vertical import VerticalChannel
 
 LATITUDE = np.radians(34.0 + 14.0 / 60.0 + 12.645 / 3600.0)
 START = 388.0

@@ -86,12 +86,17 @@ def end_to_end(logs: list[Path], rig: Path) -> tuple[float, float, dict[str, Any
 
 def computing(files: list[Path], count: int, rig_file: Path) -> tuple[float, float, float]:
     """Wall and CPU seconds for finding the turns of `count` logs from memory; wall of the rest."""
-    from sinstool.calibrate import align_runs, fit_options, rig_of, segment_rules
     from sinstool.cli.options import effective_config
-    from sinstool.hse.fit import fit
-    from sinstool.hse.status import judge
-    from sinstool.readers import open_log
-    from sinstool.rig_log import find_turns, read_rig_log
+    from sinstool.io.readers import open_log
+    from sinstool.methods.hse.fit import fit
+    from sinstool.methods.hse.status import judge
+    from sinstool.pipelines.calibrate_hse.run import (
+        align_runs,
+        fit_options,
+        rig_of,
+        segment_rules,
+    )
+    from sinstool.survey.rig import find_turns, read_rig_log
 
     config = effective_config(rig_file, {})
     rig, rules = rig_of(config), segment_rules(config.calibration)

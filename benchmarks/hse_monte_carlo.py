@@ -22,16 +22,16 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from sinstool.earth import EARTH_RATE
-from sinstool.hse.design import Design, predict, slope_gain
-from sinstool.hse.encoder import table_angle
-from sinstool.hse.fit import fit
-from sinstool.hse.fit_result import FitOptions, HseFit
-from sinstool.hse.rig import EncoderModel, Rig
-from sinstool.hse.run import HseRun
-from sinstool.hse.segments import SegmentRules, find_segments
-from sinstool.hse.turns import turn_statistics
-from sinstool.hse.whole_turn import run_from_turns
+from sinstool.core.earth import EARTH_RATE
+from sinstool.methods.hse.design import Design, predict, slope_gain
+from sinstool.methods.hse.encoder import table_angle
+from sinstool.methods.hse.fit import fit
+from sinstool.methods.hse.fit_result import FitOptions, HseFit
+from sinstool.methods.hse.rig import EncoderModel, Rig
+from sinstool.methods.hse.run import HseRun
+from sinstool.methods.hse.segments import SegmentRules, find_segments
+from sinstool.methods.hse.turns import turn_statistics
+from sinstool.methods.hse.whole_turn import run_from_turns
 from sinstool.simulation.hse_rig import HseRigErrors, HseRigSetup, hse_rig
 
 FloatArray = NDArray[np.float64]

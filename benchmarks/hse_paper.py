@@ -11,11 +11,11 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from sinstool import rotation
-from sinstool.earth import EARTH_RATE, earth_rate_n
-from sinstool.hse.design import slope_gain
-from sinstool.hse.exact import lambda2_from_slope, linear_heading_error, slope
-from sinstool.hse.statistics import fit_sinusoid, scatter
+from sinstool.core import rotation
+from sinstool.core.earth import EARTH_RATE, earth_rate_n
+from sinstool.methods.hse.design import slope_gain
+from sinstool.methods.hse.exact import lambda2_from_slope, linear_heading_error, slope
+from sinstool.methods.hse.statistics import fit_sinusoid, scatter
 
 FloatArray = NDArray[np.float64]
 

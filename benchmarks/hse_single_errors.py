@@ -20,12 +20,12 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from sinstool.hse import exact
-from sinstool.hse.encoder import TableAngle, table_angle
-from sinstool.hse.rig import Rig
-from sinstool.hse.segments import SegmentRules, find_segments
-from sinstool.hse.turns import turn_statistics
-from sinstool.hse.whole_turn import align_whole_turns
+from sinstool.methods.hse import exact
+from sinstool.methods.hse.encoder import TableAngle, table_angle
+from sinstool.methods.hse.rig import Rig
+from sinstool.methods.hse.segments import SegmentRules, find_segments
+from sinstool.methods.hse.turns import turn_statistics
+from sinstool.methods.hse.whole_turn import align_whole_turns
 from sinstool.simulation.hse_rig import HseRigErrors, HseRigLog, HseRigSetup, hse_rig
 
 ARCSEC = np.pi / 180.0 / 3600.0

@@ -26,21 +26,21 @@ from itertools import zip_longest
 
 import numpy as np
 
-from sinstool import earth, rotation
-from sinstool.coning.registry import algorithm
-from sinstool.coning.stage import ConingStage
-from sinstool.height.network import HeightNetwork, gravity_gradient
-from sinstool.integration.filter import InsGnssFilter
-from sinstool.integration.layout import P_K4
-from sinstool.integration.noise import BaroModel, GnssModel, ImuNoise
-from sinstool.integration.settings import DivergenceControl, Settings, Start, start
-from sinstool.integration.states import ACCEL_SCALE, filter_kind
+from sinstool.core import earth, rotation
+from sinstool.core.streams import GnssEpochs
+from sinstool.methods.coning.registry import algorithm
+from sinstool.methods.coning.stage import ConingStage
+from sinstool.methods.height.network import HeightNetwork, gravity_gradient
+from sinstool.methods.ins_gnss.filter import InsGnssFilter
+from sinstool.methods.ins_gnss.layout import P_K4
+from sinstool.methods.ins_gnss.noise import BaroModel, GnssModel, ImuNoise
+from sinstool.methods.ins_gnss.settings import DivergenceControl, Settings, Start, start
+from sinstool.methods.ins_gnss.states import ACCEL_SCALE, filter_kind
+from sinstool.methods.strapdown.velocity import Increments, IncrementStage
 from sinstool.simulation.barometer import barometer
 from sinstool.simulation.flight import manoeuvring_flight, spiral_climb
 from sinstool.simulation.sensors import markov
 from sinstool.simulation.trajectory import Trajectory
-from sinstool.strapdown.velocity import Increments, IncrementStage
-from sinstool.streams import GnssEpochs
 
 DEGREE = np.pi / 180.0
 G = 9.80665

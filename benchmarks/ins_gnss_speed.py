@@ -26,9 +26,9 @@ from ins_gnss_monte_carlo import (
     state_errors,
 )
 
-from sinstool import rotation
-from sinstool.integration.filter import InsGnssFilter
-from sinstool.strapdown.velocity import Increments
+from sinstool.core import rotation
+from sinstool.methods.ins_gnss.filter import InsGnssFilter
+from sinstool.methods.strapdown.velocity import Increments
 
 BLOCK = 4096
 

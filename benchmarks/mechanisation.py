@@ -20,18 +20,18 @@ from pathlib import Path
 import numba
 import numpy as np
 
-from sinstool import earth, rotation
-from sinstool.coning.registry import algorithm
-from sinstool.coning.stage import ConingStage
-from sinstool.height.channel import baro_sample, propagate
-from sinstool.height.discrete import pole_matched_gains
-from sinstool.height.layout import ACCEPTED, new_events, new_parameters, new_state
-from sinstool.height.network import HeightNetwork, gravity_gradient
+from sinstool.core import earth, rotation
+from sinstool.methods.coning.registry import algorithm
+from sinstool.methods.coning.stage import ConingStage
+from sinstool.methods.height.channel import baro_sample, propagate
+from sinstool.methods.height.discrete import pole_matched_gains
+from sinstool.methods.height.layout import ACCEPTED, new_events, new_parameters, new_state
+from sinstool.methods.height.network import HeightNetwork, gravity_gradient
+from sinstool.methods.strapdown import navigation
+from sinstool.methods.strapdown.navigation import EXACT, SIZE, Navigator, initial_state, step
+from sinstool.methods.strapdown.velocity import Increments, IncrementStage
 from sinstool.simulation.flight import manoeuvring_flight, spiral_climb
 from sinstool.simulation.trajectory import Trajectory
-from sinstool.strapdown import navigation
-from sinstool.strapdown.navigation import EXACT, SIZE, Navigator, initial_state, step
-from sinstool.strapdown.velocity import Increments, IncrementStage
 
 TAU = 30.0  # s, of the height damping
 NS = 1e9

@@ -1,4 +1,4 @@
-/* The arithmetic of sinstool.strapdown.navigation.step in plain C: what it costs at the least.
+/* The arithmetic of sinstool.methods.strapdown.navigation.step in plain C: what it costs at the least.
  *
  * state: latitude, longitude, height, v_n (3), q_nb (4); one update per row of phi and dv.
  * With baro_every > 0 a third-order loop holds the height: the correction A acts at every update,

@@ -233,8 +233,8 @@ def _make_stock(path: Path, compression: str, parts: dict[str, Stream]) -> None:
 def _make_fast(path: Path, compression: str, parts: dict[str, Stream]) -> None:
     import numpy as np
 
-    from sinstool.writers.chunks import Messages
-    from sinstool.writers.mcap import McapWriter
+    from sinstool.io.writers.chunks import Messages
+    from sinstool.io.writers.mcap import McapWriter
 
     with path.open("wb") as stream:
         writer = McapWriter(stream, "ros2", "one_hour.py", compression)
@@ -275,8 +275,8 @@ class Stopwatch:
 
 
 def _imu_blocks(path: Path) -> Iterator[tuple[Any, ...]]:
-    from sinstool.readers import open_log
-    from sinstool.readers.streams import Losses, read_columns
+    from sinstool.io.readers import open_log
+    from sinstool.io.readers.streams import Losses, read_columns
 
     axes = ("x", "y", "z", "w")
     columns = {
@@ -296,7 +296,7 @@ def read_whole(path: Path, watch: Stopwatch) -> int:
     """Every Imu column of the hour in one array."""
     import numpy as np
 
-    from sinstool.readers import open_log
+    from sinstool.io.readers import open_log
 
     next(_imu_blocks(path))
     with watch:
@@ -380,7 +380,7 @@ def mcap_writer(path: Path, watch: Stopwatch) -> int:
 
 def _payloads(path: Path) -> Iterator[tuple[list[bytes], list[bytes], list[int]]]:
     """Imu payloads of the log, and with the same header and orientation QuaternionStamped."""
-    from sinstool.readers import open_log
+    from sinstool.io.readers import open_log
 
     with open_log(path) as log:
         for batch in log.batches([c.id for c in log.channels_of("/imu/data")]):

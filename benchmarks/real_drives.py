@@ -18,31 +18,27 @@ from pathlib import Path
 
 import numpy as np
 
-from sinstool import earth
-from sinstool.aiding import Aiding, read_gnss
-from sinstool.alignment.inflight import ImuIncrements
 from sinstool.config.input import InputOptions
-from sinstool.coning.registry import algorithm
-from sinstool.coning.stage import ConingStage
-from sinstool.integration.filter import InsGnssFilter
-from sinstool.integration.latency import (
-    Latency,
-    correlate,
-    inertial_velocity,
-)
-from sinstool.integration.noise import IMU_GRADES, GnssModel
-from sinstool.integration.results import FilterBlock, UpdateColumns
-from sinstool.integration.settings import Settings
-from sinstool.integration.smoother import Smoother
-from sinstool.integration.start import Beginning, find_start, start_at
-from sinstool.integration.velocity_lag import separate, velocity_lag
-from sinstool.readers.open import open_log
-from sinstool.readers.streams import ImuUnits, Losses, read_imu
-from sinstool.readers.topics import choose_imu
-from sinstool.rotation import conjugate, exp, log, multiply, normalise, rotate
-from sinstool.strapdown.velocity import Increments, IncrementStage
-from sinstool.streams import GnssEpochs, Imu, concatenate
-from sinstool.timeline import Order, ordered
+from sinstool.core import earth
+from sinstool.core.rotation import conjugate, exp, log, multiply, normalise, rotate
+from sinstool.core.streams import GnssEpochs, Imu, concatenate
+from sinstool.core.timeline import Order, ordered
+from sinstool.io.readers.open import open_log
+from sinstool.io.readers.streams import ImuUnits, Losses, read_imu
+from sinstool.io.readers.topics import choose_imu
+from sinstool.methods.alignment.inflight import ImuIncrements
+from sinstool.methods.coning.registry import algorithm
+from sinstool.methods.coning.stage import ConingStage
+from sinstool.methods.ins_gnss.filter import InsGnssFilter
+from sinstool.methods.ins_gnss.latency import Latency, correlate, inertial_velocity
+from sinstool.methods.ins_gnss.noise import IMU_GRADES, GnssModel
+from sinstool.methods.ins_gnss.results import FilterBlock, UpdateColumns
+from sinstool.methods.ins_gnss.settings import Settings
+from sinstool.methods.ins_gnss.smoother import Smoother
+from sinstool.methods.ins_gnss.start import Beginning, find_start, start_at
+from sinstool.methods.ins_gnss.velocity_lag import separate, velocity_lag
+from sinstool.methods.strapdown.velocity import Increments, IncrementStage
+from sinstool.survey.aiding import Aiding, read_gnss
 
 # What receivers of these kinds do: RTK in a street, and a car's receiver with corrections.
 RTK = GnssModel(

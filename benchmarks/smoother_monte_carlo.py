@@ -21,22 +21,22 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from sinstool import earth
-from sinstool.coning.registry import algorithm
-from sinstool.coning.stage import ConingStage
-from sinstool.height.network import HeightNetwork
-from sinstool.integration.filter import InsGnssFilter
-from sinstool.integration.noise import BaroModel, GnssModel, ImuNoise
-from sinstool.integration.settings import DivergenceControl, Settings, start
-from sinstool.integration.smoother import Smoother
-from sinstool.rotation import conjugate, exp, log, multiply
+from sinstool.core import earth
+from sinstool.core.rotation import conjugate, exp, log, multiply
+from sinstool.core.streams import GnssEpochs
+from sinstool.methods.coning.registry import algorithm
+from sinstool.methods.coning.stage import ConingStage
+from sinstool.methods.height.network import HeightNetwork
+from sinstool.methods.ins_gnss.filter import InsGnssFilter
+from sinstool.methods.ins_gnss.noise import BaroModel, GnssModel, ImuNoise
+from sinstool.methods.ins_gnss.settings import DivergenceControl, Settings, start
+from sinstool.methods.ins_gnss.smoother import Smoother
+from sinstool.methods.strapdown.velocity import Increments, IncrementStage
 from sinstool.simulation.barometer import barometer
 from sinstool.simulation.flight import spiral_climb
 from sinstool.simulation.gnss import MODELS, GnssFaults, Receiver, gnss_samples, true_moments
 from sinstool.simulation.sensors import SensorGrade, with_errors
 from sinstool.simulation.trajectory import Trajectory
-from sinstool.strapdown.velocity import Increments, IncrementStage
-from sinstool.streams import GnssEpochs
 
 DEG_PER_H = np.deg2rad(1.0) / 3600.0
 ARC_SECOND = np.deg2rad(1.0) / 3600.0

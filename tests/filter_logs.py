@@ -7,10 +7,10 @@ from click.testing import CliRunner
 
 from sinstool.cli.main import cli
 from sinstool.config import ProcessConfig
-from sinstool.pipeline import process
-from sinstool.process_truth import Errors, read_references
-from sinstool.readers import open_log
-from sinstool.streams import concatenate
+from sinstool.core.streams import concatenate
+from sinstool.io.readers import open_log
+from sinstool.pipelines.process.errors_against_truth import Errors, read_references
+from sinstool.pipelines.process.run import process
 
 
 class Capture:

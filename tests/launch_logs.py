@@ -7,11 +7,11 @@ from pathlib import Path
 import numpy as np
 from click.testing import CliRunner
 
-from sinstool.align_log import align_log
 from sinstool.cli.main import cli
 from sinstool.config import ProcessConfig, build
-from sinstool.readers import open_log
-from sinstool.readers.streams import Losses, read_columns
+from sinstool.io.readers import open_log
+from sinstool.io.readers.streams import Losses, read_columns
+from sinstool.pipelines.align.log import align_log
 
 PERFECT = ("--grade", "perfect", "--gnss-model", "perfect")
 TACTICAL = ("--launch-grade", "1")

@@ -4,12 +4,12 @@ import numpy as np
 import pytest
 from imulogs import Message, even_times, handheld, header, imu_messages, store, write_log
 
-from sinstool.aiding import Aiding, join, read_baro, read_gnss
 from sinstool.config import InputOptions, ProcessConfig, build
-from sinstool.errors import DataError, TopicError
-from sinstool.pipeline import process
-from sinstool.readers import open_log
-from sinstool.streams import Gnss, Velocity
+from sinstool.core.errors import DataError, TopicError
+from sinstool.core.streams import Gnss, Velocity
+from sinstool.io.readers import open_log
+from sinstool.pipelines.process.run import process
+from sinstool.survey.aiding import Aiding, join, read_baro, read_gnss
 
 N = 60
 TIMES = even_times(N, rate=2.0)

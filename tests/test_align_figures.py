@@ -3,8 +3,8 @@
 import numpy as np
 from launch_logs import TACTICAL, aligned, launched
 
-from sinstool.align_figures import figures
 from sinstool.config import ProcessConfig
+from sinstool.report.figures.alignment import figures
 
 
 def by_key(found):

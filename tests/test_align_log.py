@@ -4,10 +4,10 @@ import numpy as np
 import pytest
 from launch_logs import PERFECT, TACTICAL, aligned, column, launched, normalised, total
 
-from sinstool import rotation
-from sinstool.align_truth import errors, tilt_errors
-from sinstool.alignment.inflight import InFlightAlignment
-from sinstool.errors import AlignmentError
+from sinstool.core import rotation
+from sinstool.core.errors import AlignmentError
+from sinstool.methods.alignment.inflight import InFlightAlignment
+from sinstool.pipelines.align.errors_against_truth import errors, tilt_errors
 
 # Where the dynamics are, 40 m/s^2 and a roll of 220 deg/s among them.
 BOOST = {"gate": "off", "align_start": 0.0, "align_end": 25.0, "refine": "none"}

@@ -3,10 +3,10 @@
 import numpy as np
 import pytest
 
-from sinstool.before_start import corrected_start
-from sinstool.integration.settings import start
-from sinstool.integration.states import filter_kind
-from sinstool.rotation import from_euler, rotate
+from sinstool.core.rotation import from_euler, rotate
+from sinstool.methods.ins_gnss.settings import start
+from sinstool.methods.ins_gnss.states import filter_kind
+from sinstool.pipelines.process.ins_gnss.before_start import corrected_start
 from tests.filter_logs import errors, nees, run, simulated
 
 

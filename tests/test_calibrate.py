@@ -7,11 +7,11 @@ import pytest
 from hse_rigs import ARCSEC, calibrate, edited, simulate, sinstool, wrapped
 from readers.logs import Row, write_bag2
 
-from sinstool.calibrate import azimuths
-from sinstool.calibrate import calibrate as calibrate_logs
 from sinstool.cli.options import effective_config
 from sinstool.config import CalibrationOptions
-from sinstool.errors import ConfigurationError, OutputError
+from sinstool.core.errors import ConfigurationError, OutputError
+from sinstool.pipelines.calibrate_hse.run import azimuths
+from sinstool.pipelines.calibrate_hse.run import calibrate as calibrate_logs
 
 TOLD = {
     "rates": "120,60",
@@ -84,7 +84,7 @@ def test_output_appears_whole_or_not_at_all(log, tmp_path, monkeypatch):
     def full(*_):
         raise OSError(28, "No space left on device")
 
-    monkeypatch.setattr("sinstool.calibrate.dumps", full)
+    monkeypatch.setattr("sinstool.pipelines.calibrate_hse.run.dumps", full)
     config = effective_config(rig, {"output__overwrite": True})
     with pytest.raises(OutputError, match="No space left"):
         calibrate_logs([path], output, config)

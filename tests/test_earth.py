@@ -3,7 +3,7 @@ import numpy as np
 import pytest
 from scipy.integrate import quad
 
-from sinstool import earth
+from sinstool.core import earth
 
 LATITUDES = np.deg2rad([-89.9, -67.3, -45.0, -12.1, 0.0, 3.4, 28.2, 51.5, 78.0, 90.0])
 

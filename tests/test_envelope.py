@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from sinstool.envelope import Envelope
+from sinstool.core.envelope import Envelope
 
 T0 = 1_700_000_000_000_000_000
 

@@ -34,7 +34,7 @@ def test_what_is_written_is_attitude_of_the_input(faulty, drive, tmp_path, numbe
 
 def test_the_drive_itself_is_processed_in_every_mode(faulty, drive, tmp_path):
     from sinstool.config import ProcessConfig
-    from sinstool.pipeline import process
+    from sinstool.pipelines.process.run import process
 
     for mode in faulty.MODES:
         folder = tmp_path / mode
@@ -51,7 +51,7 @@ def test_the_drive_itself_is_processed_in_every_mode(faulty, drive, tmp_path):
 def test_a_check_that_sees(faulty, drive, tmp_path):
     """Stamps that are none of the input's are found."""
     from sinstool.config import ProcessConfig
-    from sinstool.pipeline import process
+    from sinstool.pipelines.process.run import process
 
     log = faulty.write(drive, "mcap", tmp_path, np.random.default_rng(1))
     summary = process(log, tmp_path / "out.mcap", ProcessConfig(navigation={"mode": "attitude"}))

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from sinstool.figure_parts import length, track
+from sinstool.report.figures.parts import length, track
 
 # WGS-84, by its definition
 EQUATOR_M = 6_378_137.0

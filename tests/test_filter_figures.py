@@ -5,8 +5,8 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from sinstool.filter_figures import MARKS, MOST, filter_figures
-from sinstool.integration.results import FilterEvent, GnssDiagnostics
+from sinstool.methods.ins_gnss.results import FilterEvent, GnssDiagnostics
+from sinstool.report.figures.filter import MARKS, MOST, filter_figures
 
 T0 = 1_700_000_000_000_000_000
 SECOND = 10**9

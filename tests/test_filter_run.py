@@ -3,8 +3,9 @@
 import numpy as np
 import pytest
 
-from sinstool import filter_run, source
-from sinstool.errors import AlignmentError
+from sinstool.core.errors import AlignmentError
+from sinstool.pipelines.process.ins_gnss import run as filter_run
+from sinstool.survey import source
 from tests.filter_logs import errors, nees, rms, run, simulated
 
 PLACE = ("--latitude", "-43.5", "--longitude", "179.996")

@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 
 from sinstool.config import ProcessConfig
-from sinstool.fix_velocity import with_velocities
-from sinstool.gnss_latency import message_times, separate, velocity_lag
-from sinstool.gnss_model import STAMP_S, believed, gnss_model
-from sinstool.streams import GnssEpochs
+from sinstool.core.streams import GnssEpochs
+from sinstool.methods.ins_gnss.fix_velocity import with_velocities
+from sinstool.pipelines.process.ins_gnss.receiver import STAMP_S, believed, gnss_model
+from sinstool.pipelines.process.ins_gnss.timing import message_times, separate, velocity_lag
 
 RADIUS = 6.37e6
 

@@ -7,10 +7,10 @@ import pytest
 from hse_rigs import ARCSEC, edited, simulate
 from scipy import stats
 
-from sinstool.calibrate import calibrate
 from sinstool.cli.options import effective_config
-from sinstool.hse_figures import figures, heading_against_rate
-from sinstool.hse_turn_figures import allan_deviation
+from sinstool.pipelines.calibrate_hse.run import calibrate
+from sinstool.report.figures.hse import figures, heading_against_rate
+from sinstool.report.figures.hse_turns import allan_deviation
 
 W = 7.292115e-5
 

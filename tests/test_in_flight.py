@@ -4,9 +4,14 @@ import numpy as np
 import pytest
 
 from sinstool.config import ProcessConfig, build
-from sinstool.in_flight import AFTER_REST, _spans, _whole_velocity, sensor_errors
-from sinstool.integration.noise import IMU_GRADES
-from sinstool.timeline import SECOND
+from sinstool.core.timeline import SECOND
+from sinstool.methods.ins_gnss.noise import IMU_GRADES
+from sinstool.pipelines.align.in_motion import (
+    AFTER_REST,
+    _spans,
+    _whole_velocity,
+    sensor_errors,
+)
 
 HOUR = 3600.0
 

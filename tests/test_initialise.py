@@ -7,14 +7,14 @@ import pytest
 from launch_logs import TACTICAL, TRUTH, launched
 from readers.logs import real
 
-from sinstool import rotation
-from sinstool.align_log import align_log
-from sinstool.alignment.level import level, tilted
 from sinstool.config import ProcessConfig, build
-from sinstool.initialise import align
-from sinstool.readers import open_log
-from sinstool.source import prepare
-from sinstool.truth import at_times, read_truth
+from sinstool.core import rotation
+from sinstool.io.readers import open_log
+from sinstool.io.readers.truth import at_times, read_truth
+from sinstool.methods.alignment.level import level, tilted
+from sinstool.pipelines.align.first_attitude import align
+from sinstool.pipelines.align.log import align_log
+from sinstool.survey.source import prepare
 
 SHORT = "vehicle_gnss/yk_urban_short_turn_loop_nominal_002"
 STOP = "vehicle_gnss/yk_urban_stop_go_large_mount_001"

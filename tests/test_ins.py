@@ -5,15 +5,15 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from sinstool.coning.registry import algorithm
-from sinstool.height import layout
-from sinstool.height.network import HeightNetwork, gravity_gradient
-from sinstool.ins import InsRun, InsSettings
+from sinstool.core.streams import Imu
+from sinstool.core.timeline import SECOND
+from sinstool.methods.coning.registry import algorithm
+from sinstool.methods.height import layout
+from sinstool.methods.height.network import HeightNetwork, gravity_gradient
+from sinstool.methods.strapdown.free_inertial import InsRun, InsSettings
+from sinstool.methods.strapdown.navigation import initial_state
+from sinstool.pipelines.process.height import HeightReference
 from sinstool.simulation.flight import manoeuvring_flight
-from sinstool.strapdown.navigation import initial_state
-from sinstool.streams import Imu
-from sinstool.timeline import SECOND
-from sinstool.vertical import HeightReference
 
 T0 = 1_700_000_000_000_000_000
 LATITUDE = np.radians(-43.5)

@@ -9,8 +9,9 @@ from hypothesis import strategies as st
 from imulogs import even_times, imu_log, resting
 
 from sinstool.config import InputOptions
-from sinstool.inspection import Shown, inspect
-from sinstool.inspection_figures import (
+from sinstool.core.streams import Imu
+from sinstool.pipelines.info.run import Shown, inspect
+from sinstool.report.figures.inspection import (
     BINS,
     FIRST_BIN_NS,
     INCREMENTS,
@@ -20,7 +21,6 @@ from sinstool.inspection_figures import (
     Values,
     figures,
 )
-from sinstool.streams import Imu
 
 START = 1_700_000_000_000_000_000
 

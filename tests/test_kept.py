@@ -4,13 +4,13 @@ import numpy as np
 import pytest
 from imulogs import even_times, handheld, imu_log
 
-from sinstool import survey
 from sinstool.config import InputOptions, ProcessConfig
-from sinstool.pipeline import process
-from sinstool.readers import open_log
-from sinstool.readers.streams import ImuUnits
-from sinstool.readers.topics import choose_imu
-from sinstool.survey import Kept
+from sinstool.io.readers import open_log
+from sinstool.io.readers.streams import ImuUnits
+from sinstool.io.readers.topics import choose_imu
+from sinstool.pipelines.process.run import process
+from sinstool.survey import imu as survey
+from sinstool.survey.imu import Kept
 
 
 @pytest.fixture(scope="module")

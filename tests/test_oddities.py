@@ -6,11 +6,11 @@ from imulogs import T0, G, even_times, handheld, imu_log, imu_messages, resting,
 from scipy.spatial.transform import Rotation
 
 from sinstool.config import InputOptions
-from sinstool.oddities import gravity_axis, oddities
-from sinstool.readers import open_log
-from sinstool.readers.topics import choose_imu
-from sinstool.source import imu_units
-from sinstool.survey import survey
+from sinstool.io.readers import open_log
+from sinstool.io.readers.topics import choose_imu
+from sinstool.survey.imu import survey
+from sinstool.survey.oddities import gravity_axis, oddities
+from sinstool.survey.source import imu_units
 
 SECOND = 10**9
 N = 2400

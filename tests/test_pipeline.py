@@ -27,22 +27,23 @@ from mcap.reader import make_reader
 from scipy.spatial.transform import Rotation
 
 import sinstool
-from sinstool import result, source
-from sinstool.attitude import AttitudeRun, AttitudeSettings
 from sinstool.config import ProcessConfig, build
-from sinstool.coning.registry import algorithm, names
-from sinstool.errors import AlignmentError, DataError, OutputError
-from sinstool.modes import attitude
-from sinstool.pipeline import process
-from sinstool.record import sha256
-from sinstool.rotation import from_euler
+from sinstool.core.errors import AlignmentError, DataError, OutputError
+from sinstool.core.rotation import from_euler
+from sinstool.core.streams import Imu, concatenate
+from sinstool.methods.coning.registry import algorithm, names
+from sinstool.methods.strapdown.attitude_run import AttitudeRun, AttitudeSettings
+from sinstool.pipelines.process import attitude
+from sinstool.pipelines.process import output as result
+from sinstool.pipelines.process.run import process
+from sinstool.pipelines.provenance import sha256
+from sinstool.pipelines.summary import something_lost
 from sinstool.simulation.coning import classical_coning
 from sinstool.simulation.join import after_rest
+from sinstool.simulation.log import motion_topics, resting_fixes, write_simulated
 from sinstool.simulation.static import static
 from sinstool.simulation.truth import sample_times
-from sinstool.streams import Imu, concatenate
-from sinstool.summary import something_lost
-from sinstool.writers.simulated import motion_topics, resting_fixes, write_simulated
+from sinstool.survey import source
 
 RATE = 200.0
 SECOND = 10**9
@@ -566,7 +567,7 @@ def test_files_do_not_depend_on_blocks(tmp_path, monkeypatch, name, kind):
     written = set()
     # with samples kept from the first pass for the second, and read again
     for rows, kept in ((10**9, 10**9), (4096, 0), (7, 10**9), (1, 0)):
-        monkeypatch.setattr("sinstool.survey.KEPT_SAMPLES", kept)
+        monkeypatch.setattr("sinstool.survey.imu.KEPT_SAMPLES", kept)
         monkeypatch.setattr(source, "survey", partial(whole_survey, block_rows=rows))
         monkeypatch.setattr(attitude, "imu_blocks", partial(whole_blocks, rows=rows))
         out = tmp_path / f"{rows}.mcap"

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from sinstool import process_drawings as draw
+from sinstool.report.figures import process as draw
 
 ARCSEC = np.pi / 180.0 / 3600.0
 AXES = ("north", "east", "down")

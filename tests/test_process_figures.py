@@ -3,11 +3,11 @@
 import numpy as np
 import pytest
 
-from sinstool.figures import Figure, Series
-from sinstool.process_figures import FIXES, MARKS, Recorder
-from sinstool.process_truth import Truth
-from sinstool.rotation import from_euler
-from sinstool.streams import Solution
+from sinstool.core.rotation import from_euler
+from sinstool.core.streams import Solution
+from sinstool.pipelines.process.errors_against_truth import Truth
+from sinstool.report.figure import Figure, Series
+from sinstool.report.recorder import FIXES, MARKS, Recorder
 
 T0 = 1_700_000_000_000_000_000
 SECOND = 10**9

@@ -9,15 +9,15 @@ from readers.logs import real
 from scipy.spatial.transform import Rotation, Slerp
 
 from sinstool.config import EMITS, ProcessConfig, build
-from sinstool.coning.registry import algorithm
-from sinstool.coning.stage import ConingStage
-from sinstool.pipeline import process
-from sinstool.readers import open_log
-from sinstool.readers.streams import ImuUnits, Losses, read_columns, read_imu
-from sinstool.readers.topics import choose_imu
-from sinstool.strapdown.attitude import AttitudePropagator
-from sinstool.streams import concatenate
-from sinstool.writers.topics import topic_of
+from sinstool.core.streams import concatenate
+from sinstool.io.readers import open_log
+from sinstool.io.readers.streams import ImuUnits, Losses, read_columns, read_imu
+from sinstool.io.readers.topics import choose_imu
+from sinstool.io.writers.topics import topic_of
+from sinstool.methods.coning.registry import algorithm
+from sinstool.methods.coning.stage import ConingStage
+from sinstool.methods.strapdown.attitude import AttitudePropagator
+from sinstool.pipelines.process.run import process
 
 BROAD_06 = "broad/broad_06_undisturbed_fast_rotation_A.mcap"
 BROAD_02 = "broad/broad_02_undisturbed_slow_rotation_B.mcap"

@@ -18,7 +18,7 @@ from imulogs import read_attitude, read_topic
 from mcap.reader import make_reader
 from scipy.spatial.transform import Rotation
 
-from sinstool.rotation import to_euler
+from sinstool.core.rotation import to_euler
 
 CALIBRATION = {"min_turns": 4, "min_duration": 15.0}
 # e1 - e2 + e3 is not 0: a constant heading that is no heading-sensitive error stays

@@ -5,7 +5,7 @@ from hypothesis import assume, example, given
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
-from sinstool import rotation
+from sinstool.core import rotation
 
 component = st.floats(-1.0, 1.0, allow_nan=False)
 

@@ -5,11 +5,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from sinstool.process_figures import Recorder
+from sinstool.core.streams import Solution
+from sinstool.report.figures.simulation import baro_figures, fix_figures, motion_figures
+from sinstool.report.recorder import Recorder
 from sinstool.simulation.trajectory import Trajectory
 from sinstool.simulation.truth import ImuTruth
-from sinstool.simulation_figures import baro_figures, fix_figures, motion_figures
-from sinstool.streams import Solution
 
 T0 = 1_700_000_000_000_000_000
 # WGS-84, by its definition

@@ -5,11 +5,11 @@ import pytest
 from imulogs import T0, G, even_times, handheld, imu_log, imu_messages, resting, write_log
 from scipy.spatial.transform import Rotation
 
-from sinstool.errors import DataError
-from sinstool.readers import open_log
-from sinstool.readers.streams import ImuUnits
-from sinstool.readers.topics import choose_imu
-from sinstool.survey import survey
+from sinstool.core.errors import DataError
+from sinstool.io.readers import open_log
+from sinstool.io.readers.streams import ImuUnits
+from sinstool.io.readers.topics import choose_imu
+from sinstool.survey.imu import survey
 
 SECOND = 10**9
 

@@ -8,13 +8,13 @@ import time
 
 import pytest
 
-from sinstool import temporary
-from sinstool.temporary import TemporaryFolder, new_file, remove_file, sweep
+from sinstool.core import temporary
+from sinstool.core.temporary import TemporaryFolder, new_file, remove_file, sweep
 
 HOLD = """
 import sys, time
 from pathlib import Path
-from sinstool.temporary import TemporaryFolder, new_file
+from sinstool.core.temporary import TemporaryFolder, new_file
 if sys.argv[1] == "file":
     print(new_file(Path(sys.argv[2]), "out.mcap")[1], flush=True)
 else:

@@ -6,8 +6,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from sinstool.streams import Imu, concatenate
-from sinstool.timeline import SECOND, Order, OrderCounts, mean_rates, ordered, segments
+from sinstool.core.streams import Imu, concatenate
+from sinstool.core.timeline import SECOND, Order, OrderCounts, mean_rates, ordered, segments
 
 BASES = [0, -50, 1_700_000_000_000_000_000]
 

@@ -16,9 +16,9 @@ from imulogs import (
 )
 from scipy.spatial.transform import Rotation
 
-from sinstool.errors import LogError, TopicError
-from sinstool.readers import open_log
-from sinstool.truth import at_times, read_truth
+from sinstool.core.errors import LogError, TopicError
+from sinstool.io.readers import open_log
+from sinstool.io.readers.truth import at_times, read_truth
 
 N = 50
 TIMES = even_times(N, 100.0, T0 + 123_456_789)

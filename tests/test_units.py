@@ -11,12 +11,12 @@ from imulogs import REAL, G, even_times, handheld, resting
 from readers.logs import real
 from scipy.spatial.transform import Rotation
 
-from sinstool.alignment.still import WindowStage
-from sinstool.readers import open_log
-from sinstool.readers.streams import ImuUnits
-from sinstool.readers.topics import choose_imu
-from sinstool.survey import survey
-from sinstool.units import (
+from sinstool.io.readers import open_log
+from sinstool.io.readers.streams import ImuUnits
+from sinstool.io.readers.topics import choose_imu
+from sinstool.methods.alignment.still import WindowStage
+from sinstool.survey.imu import survey
+from sinstool.survey.unit_evidence import (
     DEGREE,
     UnitEvidence,
     accel_looks_like_g,
@@ -194,7 +194,7 @@ def test_real_logs(path, unit):
 
 def test_coordinated_turns_are_no_degrees():
     """Rolling into turns of 35 degrees the lift stays on the aircraft's own axis."""
-    from sinstool.alignment.still import WindowStage
+    from sinstool.methods.alignment.still import WindowStage
     from sinstool.simulation.flight import manoeuvring_flight
 
     for seed in range(4):

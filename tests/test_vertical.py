@@ -5,13 +5,18 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from sinstool.aiding import Aiding
 from sinstool.config import ProcessConfig, build
-from sinstool.errors import ConfigurationError
-from sinstool.height.layout import ChannelSummary, Event
-from sinstool.height.pressure import geopotential, pressure_at
-from sinstool.streams import Baro, GnssEpochs
-from sinstool.vertical import height_reference, height_warnings, network, telling_heights
+from sinstool.core.errors import ConfigurationError
+from sinstool.core.streams import Baro, GnssEpochs
+from sinstool.methods.height.layout import ChannelSummary, Event
+from sinstool.methods.height.pressure import geopotential, pressure_at
+from sinstool.pipelines.process.height import (
+    height_reference,
+    height_warnings,
+    network,
+    telling_heights,
+)
+from sinstool.survey.aiding import Aiding
 
 T0 = 1_700_000_000_000_000_000
 LATITUDE = np.radians(-43.5)

@@ -22,8 +22,8 @@ from sinstool.campaign.jobs import (
     remove_left,
 )
 from sinstool.campaign.visible import not_seen, sights, tokens, what_differs
-from sinstool.errors import ConfigurationError, SinstoolError
-from sinstool.threads import keep_to_one_core
+from sinstool.core.errors import ConfigurationError, SinstoolError
+from sinstool.core.threads import keep_to_one_core
 
 # Waiting for the scheduler, for a first worker, and for cancelled jobs to let go of their files, s.
 CONNECT = 10.0

@@ -12,8 +12,8 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path, PurePath
 
-from sinstool.errors import ConfigurationError, NotALogError, OutputError
-from sinstool.readers.formats import METADATA, kind_of
+from sinstool.core.errors import ConfigurationError, NotALogError, OutputError
+from sinstool.io.readers.formats import METADATA, kind_of
 
 OUTPUT_SUFFIX = ".mcap"
 _PART = re.compile(r"(?P<stem>.+)_(?P<number>\d+)\.(db3|mcap)(\.zstd)?")

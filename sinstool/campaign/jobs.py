@@ -15,10 +15,10 @@ from pathlib import Path
 from typing import Any
 
 import sinstool
-from sinstool.errors import ConfigurationError, SinstoolError
-from sinstool.explain import asked_for, explained, say_again
-from sinstool.temporary import sweep
-from sinstool.writers.whole import appeared
+from sinstool.core.errors import ConfigurationError, SinstoolError
+from sinstool.core.explain import asked_for, explained, say_again
+from sinstool.core.temporary import sweep
+from sinstool.core.whole_file import appeared
 
 Report = Callable[[float], None]
 # Progress is told that often at most, s.

@@ -30,7 +30,7 @@ from sinstool.campaign.jobs import (
     perform,
     remove_left,
 )
-from sinstool.threads import keep_to_one_core
+from sinstool.core.threads import keep_to_one_core
 
 # A job whose worker dies is tried once more.
 ATTEMPTS = 2

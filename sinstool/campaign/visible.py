@@ -16,8 +16,8 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 
-from sinstool.readers.log import path_size
-from sinstool.temporary import new_file, remove_file, unheld
+from sinstool.core.temporary import new_file, remove_file, unheld
+from sinstool.io.readers.log import path_size
 
 HEAD_BYTES = 65536
 

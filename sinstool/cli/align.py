@@ -92,8 +92,8 @@ def command(
     if scheduler is not None:
         raise click.UsageError("--scheduler is for many logs")
     log = logs[0]
-    from sinstool.align_log import align_log
-    from sinstool.writers.whole import check_output, together
+    from sinstool.core.whole_file import check_output, together
+    from sinstool.pipelines.align.log import align_log
 
     if series is not None:
         check_output(series, [log], config.output.overwrite)
@@ -104,11 +104,11 @@ def command(
     with together(), progress_bar(log.name, quiet) as progress:
         found = align_log(log, config, progress, truth)
         if series is not None:
-            from sinstool.align_log import write_series
+            from sinstool.pipelines.align.log import write_series
 
             write_series(series, found, config.output.overwrite)
         if report is not None:
-            from sinstool.cli.align_report import write_page
+            from sinstool.report.pages.align import write_page
 
             write_page(report, found, config, log)
     told = found.summary

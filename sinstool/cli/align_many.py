@@ -19,12 +19,12 @@ from sinstool.cli.many import (
     work_through,
     workers_of,
 )
-from sinstool.readers.log import path_size
+from sinstool.io.readers.log import path_size
 
 if TYPE_CHECKING:
     from sinstool.config import ProcessConfig
 
-MODULES = ("sinstool.align_log", "sinstool.readers.mcap")
+MODULES = ("sinstool.pipelines.align.log", "sinstool.io.readers.mcap")
 ANSWERED = ("ok", "degraded")
 AXES = ("north", "east", "down")
 
@@ -84,7 +84,7 @@ def align_one(path: Path, config: ProcessConfig, truth: str | None, progress: An
     ------
     SinstoolError
     """
-    from sinstool.align_log import align_log
+    from sinstool.pipelines.align.log import align_log
 
     told = align_log(path, config, progress, truth).summary
     return {**told, "exit": 0 if told["status"] in ANSWERED else 3}

@@ -12,11 +12,11 @@ from sinstool.cli.console import print_json, progress_bar, table, warn
 from sinstool.cli.many import Asked, workers_of, workers_options
 from sinstool.cli.options import Words, config_options, effective_config, print_config
 from sinstool.cli.verbose import verbose_option
-from sinstool.errors import ConfigurationError
+from sinstool.core.errors import ConfigurationError
 
 if TYPE_CHECKING:
-    from sinstool.calibrate import Calibration
     from sinstool.config import ProcessConfig
+    from sinstool.pipelines.calibrate_hse.run import Calibration
 
 ARCSEC = 3.141592653589793 / 180.0 / 3600.0
 DEGREE = 3.141592653589793 / 180.0
@@ -101,9 +101,9 @@ def command(
         raise click.UsageError("give the output with -o FILE.json")
     if config.rig is None:
         raise ConfigurationError("no rig is described", "give a table [rig] with --config RIG.toml")
-    from sinstool.calibrate import calibrate
-    from sinstool.calibrate_files import check_files, write_csv, write_rig
     from sinstool.campaign.inputs import expand
+    from sinstool.pipelines.calibrate_hse.files import check_files, write_csv, write_rig
+    from sinstool.pipelines.calibrate_hse.run import calibrate
 
     paths = expand(logs)
     check_files([emit_config, csv_file, report], [output, *paths], config.output.overwrite)
@@ -111,12 +111,14 @@ def command(
         from sinstool.report.page import check_report
 
         check_report(report, overwrite=config.output.overwrite)
-    from sinstool.writers.whole import together
+    from sinstool.core.whole_file import together
 
     workers = None
     if scheduler is not None or (jobs or 1) > 1:
         full = [path.absolute() for path in paths]
-        workers = workers_of(Asked(jobs, scheduler), ("sinstool.calibrate",), full, len(paths))
+        workers = workers_of(
+            Asked(jobs, scheduler), ("sinstool.pipelines.calibrate_hse.run",), full, len(paths)
+        )
     with together(), progress_bar(f"{len(paths)} logs", quiet) as progress:
         found = calibrate(paths, output, config, progress, workers)
         if emit_config is not None:
@@ -124,13 +126,13 @@ def command(
         if csv_file is not None:
             write_csv(csv_file, found, config.output.overwrite)
         if report is not None:
-            from sinstool.cli.calibrate_hse_report import write_page
+            from sinstool.report.pages.calibrate_hse import write_page
 
             write_page(report, found, config, paths)
     for text in (*found.warnings, *found.judgement.warnings):
         warn(text)
     if as_json:
-        from sinstool.calibrate_files import summary
+        from sinstool.pipelines.calibrate_hse.files import summary
 
         print_json({"output": str(output), **summary(found)})
     elif not quiet:
@@ -223,8 +225,8 @@ def _plan(
     """What a design of runs would give."""
     from dataclasses import asdict
 
-    from sinstool.hse.design import Design, predict
-    from sinstool.hse.rig import from_table
+    from sinstool.methods.hse.design import Design, predict
+    from sinstool.methods.hse.rig import from_table
 
     for flag, value in (("--latitude", latitude), ("--arw", arw)):
         if value is not None and not isfinite(value):

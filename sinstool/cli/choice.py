@@ -13,7 +13,7 @@ class Choice(click.Choice):
 
     def get_invalid_choice_message(self, value: Any, *_: Any, **__: Any) -> str:
         """Say what there is, and what may have been meant."""
-        from sinstool.suggest import nearest
+        from sinstool.core.suggest import nearest
 
         told = f"'{value}' is not one of {', '.join(map(str, self.choices))}"
         near = nearest(str(value), map(str, self.choices))
@@ -37,6 +37,6 @@ class Group(click.Group):
 
 
 def _hint(word: str, names: Iterable[str]) -> str:
-    from sinstool.suggest import nearest
+    from sinstool.core.suggest import nearest
 
     return nearest(word, names) or f"there are {', '.join(names)}"

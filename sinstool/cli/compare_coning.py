@@ -10,17 +10,17 @@ import click
 
 from sinstool.cli.choice import Choice
 from sinstool.cli.complete import coning_list, coning_names
-from sinstool.cli.coning_rows import print_comparison, write_csv
 from sinstool.cli.console import print_json, progress_bar, warn
 from sinstool.cli.many import EXIT_HELP, workers_options
 from sinstool.cli.options import Words, config_options, effective_config
 from sinstool.cli.verbose import verbose_option
-from sinstool.errors import ConfigurationError
+from sinstool.core.errors import ConfigurationError
+from sinstool.report.text.coning import print_comparison, write_csv
 
 if TYPE_CHECKING:
-    from sinstool.comparison.compare import Settings
-    from sinstool.comparison.paper import Reproduction
     from sinstool.config import ProcessConfig
+    from sinstool.pipelines.compare_coning.compare import Settings
+    from sinstool.pipelines.compare_coning.paper import Reproduction
 
 
 class Whole(click.ParamType):
@@ -162,7 +162,7 @@ def _paper(options: dict[str, Any]) -> int:
 
     def report(found: Reproduction) -> None:
         if options["report"] is not None:
-            from sinstool.cli.coning_report import write_reproduction
+            from sinstool.report.pages.compare_coning import write_reproduction
 
             settings = {"phase": options["phase"], "gyro_response": response}
             write_reproduction(options, found, settings)
@@ -182,7 +182,7 @@ def _paper(options: dict[str, Any]) -> int:
 
 def _log(log: Path, options: dict[str, Any]) -> int:
     config, settings = told(options)
-    from sinstool.writers.whole import check_new_folder
+    from sinstool.core.whole_file import check_new_folder
 
     if options["csv_dir"] is not None:
         check_new_folder(options["csv_dir"], "--csv")
@@ -209,9 +209,9 @@ def told(options: dict[str, Any]) -> tuple[ProcessConfig, Settings]:
     config = effective_config(options["config_file"], given)
     if not options["window"] > 0.0 or not options["tolerance"] >= 0.0:
         raise click.UsageError("--window is positive and --tolerance not negative")
-    from sinstool.comparison.compare import DEFAULT_ALGORITHMS, Settings
-    from sinstool.comparison.divergence import DEG_H
-    from sinstool.coning.registry import algorithm
+    from sinstool.methods.coning.registry import algorithm
+    from sinstool.pipelines.compare_coning.compare import DEFAULT_ALGORITHMS, Settings
+    from sinstool.pipelines.compare_coning.divergence import DEG_H
 
     if options["truth"] is not None and options["reference"] != "auto":
         raise click.UsageError("give --truth or --reference, not both")
@@ -260,9 +260,9 @@ def compare_one(
     ------
     SinstoolError
     """
-    from sinstool.compare_log import compare_log
-    from sinstool.comparison.summary import as_object, figures
-    from sinstool.writers.whole import together
+    from sinstool.core.whole_file import together
+    from sinstool.pipelines.compare_coning.log import compare_log
+    from sinstool.pipelines.compare_coning.summary import as_object, figures
 
     taken = ("passband", "stopband", "gyro_response", "sp_preset", "truth")
     found = compare_log(
@@ -273,7 +273,7 @@ def compare_one(
         if options["csv_dir"] is not None:
             write_csv(options["csv_dir"], result)
         if options["report"] is not None:
-            from sinstool.cli.coning_report import write_comparison
+            from sinstool.report.pages.compare_coning import write_comparison
 
             write_comparison(options, log.name, figures(found), config, settings.algorithms, result)
     return result

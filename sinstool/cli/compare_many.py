@@ -13,7 +13,6 @@ import click
 from sinstool.campaign.inputs import find_logs, output_paths
 from sinstool.campaign.jobs import Job, Outcome
 from sinstool.cli.compare_coning import compare_one, told
-from sinstool.cli.coning_rows import drift, shown, write_table
 from sinstool.cli.console import columns
 from sinstool.cli.many import (
     Asked,
@@ -24,17 +23,22 @@ from sinstool.cli.many import (
     work_through,
     workers_of,
 )
-from sinstool.readers.log import path_size
-from sinstool.record import files
-from sinstool.writers.whole import check_new_folder, make_folder
+from sinstool.core.whole_file import check_new_folder, make_folder
+from sinstool.io.readers.log import path_size
+from sinstool.pipelines.provenance import files
+from sinstool.report.text.coning import drift, shown, write_table
 
 if TYPE_CHECKING:
-    from sinstool.comparison.compare import Settings
     from sinstool.config import ProcessConfig
+    from sinstool.pipelines.compare_coning.compare import Settings
 
 SUMMARY = "summary.csv"
 SUMMARY_COLUMNS = ("log", "status", "algorithm", "kept 1 of", "input", "drift [deg/h rms]")
-MODULES = ("sinstool.cli.compare_coning", "sinstool.compare_log", "sinstool.readers.mcap")
+MODULES = (
+    "sinstool.cli.compare_coning",
+    "sinstool.pipelines.compare_coning.log",
+    "sinstool.io.readers.mcap",
+)
 
 
 def compare_many(given: Sequence[Path], options: dict[str, Any]) -> int:

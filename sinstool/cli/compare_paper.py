@@ -11,11 +11,12 @@ import click
 import numpy as np
 
 from sinstool.cli.console import columns, print_json
-from sinstool.comparison.paper import Reproduction, reproduce
-from sinstool.comparison.paper_claims import low_level
-from sinstool.comparison.paper_experiment import RESPONSES, noise_rate_deg
-from sinstool.comparison.paper_sweep import Sweep
-from sinstool.errors import ConfigurationError
+from sinstool.core.errors import ConfigurationError
+from sinstool.core.whole_file import WholeFile, check_new_folder, make_folder, together
+from sinstool.pipelines.compare_coning.paper import Reproduction, reproduce
+from sinstool.pipelines.compare_coning.paper_claims import low_level
+from sinstool.pipelines.compare_coning.paper_experiment import RESPONSES, noise_rate_deg
+from sinstool.pipelines.compare_coning.paper_sweep import Sweep
 from sinstool.simulation.coning_paper import (
     FREQUENCY_HZ,
     PHASES,
@@ -24,7 +25,6 @@ from sinstool.simulation.coning_paper import (
     paper_response,
     response_name,
 )
-from sinstool.writers.whole import WholeFile, check_new_folder, make_folder, together
 
 CSV_HEADER = (
     "noise_frequency_hz,error_x_deg,error_y_deg,error_z_deg,error_length_deg,largest_error_deg"

@@ -9,7 +9,7 @@ import click
 from click.shell_completion import CompletionItem
 
 from sinstool.config import EMITS
-from sinstool.readers.message_types import (
+from sinstool.io.readers.message_types import (
     FIX_TYPE,
     HEIGHT_TYPES,
     IMU_TYPE,
@@ -50,7 +50,7 @@ def completion(name: str) -> Complete | None:
 
 def coning_names(_: click.Context, __: click.Parameter, begun: str) -> list[CompletionItem]:
     """Names of coning algorithms."""
-    from sinstool.coning.registry import names
+    from sinstool.methods.coning.registry import names
 
     return [CompletionItem(name) for name in names() if name.startswith(begun)]
 
@@ -64,7 +64,7 @@ def coning_list(
     context: click.Context, option: click.Parameter, begun: str
 ) -> list[CompletionItem]:
     """Names of coning algorithms with commas between."""
-    from sinstool.coning.registry import names
+    from sinstool.methods.coning.registry import names
 
     return word_list(*names())(context, option, begun)
 
@@ -111,8 +111,8 @@ def topics(log: Path, types: tuple[str, ...]) -> list[str]:
     """
     from mcap.reader import make_reader
 
-    from sinstool.messages.definitions import normalise_type_name
-    from sinstool.readers.formats import kind_of
+    from sinstool.io.messages.definitions import normalise_type_name
+    from sinstool.io.readers.formats import kind_of
 
     with log.open("rb") as stream:
         if kind_of(stream)[0] != "mcap":

@@ -10,7 +10,7 @@ from typing import Any
 
 import click
 
-from sinstool.errors import one_line
+from sinstool.core.errors import one_line
 
 
 @contextmanager

@@ -34,7 +34,7 @@ def command(
 ) -> int:
     """What is in LOG, what is odd about it, and what process would do with it."""
     config = effective_config(config_file, given)
-    from sinstool.inspection import Shown, inspect
+    from sinstool.pipelines.info.run import Shown, inspect
 
     shown = None
     if report is not None:
@@ -45,7 +45,7 @@ def command(
     with progress_bar(log.name, quiet) as progress:
         found = inspect(log, config.input, progress, shown)
     if report is not None and shown is not None:
-        from sinstool.cli.info_report import write_page
+        from sinstool.report.pages.info import write_page
 
         write_page(report, found, _verdict(found), shown, config, overwrite)
     if as_json:

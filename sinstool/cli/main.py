@@ -21,7 +21,7 @@ import click
 
 from sinstool import __version__
 from sinstool.cli.choice import Group
-from sinstool.errors import AGAIN, SinstoolError
+from sinstool.core.errors import AGAIN, SinstoolError
 
 if TYPE_CHECKING:
     from click.shell_completion import CompletionItem
@@ -172,7 +172,7 @@ def _end_well_on_signals() -> None:
 
 def _written() -> str:
     """What is complete by now."""
-    whole = sys.modules.get("sinstool.writers.whole")
+    whole = sys.modules.get("sinstool.core.whole_file")
     paths = [] if whole is None else [str(path) for path in dict.fromkeys(whole.appeared)]
     if not paths:
         return "nothing was written"

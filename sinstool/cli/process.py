@@ -10,8 +10,8 @@ import click
 from sinstool.cli.console import print_json, progress_bar, table, warn
 from sinstool.cli.many import EXIT_HELP, Asked, workers_options
 from sinstool.cli.options import config_options, effective_config, print_config
-from sinstool.cli.process_rows import summary_rows
 from sinstool.cli.verbose import verbose_option
+from sinstool.report.text.process import summary_rows
 
 
 @click.command("process", epilog=EXIT_HELP)
@@ -89,7 +89,7 @@ def command(
         if report.absolute() == output.absolute():
             raise click.UsageError("--report and -o name one file")
     from sinstool.cli.process_one import process_one
-    from sinstool.summary import something_lost
+    from sinstool.pipelines.summary import something_lost
 
     with progress_bar(log.name, quiet) as progress:
         summary = process_one(log, output, report, config, progress)

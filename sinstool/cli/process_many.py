@@ -21,11 +21,11 @@ from sinstool.cli.many import (
     workers_of,
 )
 from sinstool.cli.process_one import process_unless_done
-from sinstool.cli.process_rows import compass
 from sinstool.config import ProcessConfig
-from sinstool.readers.log import path_size
-from sinstool.record import files
-from sinstool.writers.whole import make_folder
+from sinstool.core.whole_file import make_folder
+from sinstool.io.readers.log import path_size
+from sinstool.pipelines.provenance import files
+from sinstool.report.text.process import compass
 
 
 def process_many(given: Sequence[Path], folder: Path, config: ProcessConfig, asked: Asked) -> int:
@@ -87,13 +87,17 @@ def _truth_files(config: ProcessConfig) -> list[Path]:
 
 def _modules(config: ProcessConfig) -> list[str]:
     """What a run of this kind imports."""
-    modules = ["sinstool.cli.process_one", "sinstool.pipeline", "sinstool.readers.mcap"]
+    modules = [
+        "sinstool.cli.process_one",
+        "sinstool.pipelines.process.run",
+        "sinstool.io.readers.mcap",
+    ]
     if config.hse.hse is not None:
-        return [*modules, "sinstool.rig_run"]
+        return [*modules, "sinstool.pipelines.process.turntable"]
     if config.navigation.mode in ("auto", "ins-gnss"):
-        modules.append("sinstool.modes.ins_gnss")
+        modules.append("sinstool.pipelines.process.ins_gnss.mode")
     if config.navigation.mode == "ins":
-        modules.append("sinstool.modes.ins")
+        modules.append("sinstool.pipelines.process.ins")
     return modules
 
 

@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING, Any
 from sinstool.config import ProcessConfig
 
 if TYPE_CHECKING:
-    from sinstool.modes.common import Progress
-    from sinstool.process_figures import Recorder
+    from sinstool.pipelines.process.common import Progress
+    from sinstool.report.recorder import Recorder
 
 
 def process_one(
@@ -39,8 +39,8 @@ def process_one(
     ------
     SinstoolError
     """
-    from sinstool.pipeline import process
-    from sinstool.writers.whole import together
+    from sinstool.core.whole_file import together
+    from sinstool.pipelines.process.run import process
 
     recorder = _recorder(log, report, config)
     with together():
@@ -48,7 +48,7 @@ def process_one(
         if recorder is not None and config.output.truth:
             summary["truth"] = recorder.errors()
         if report is not None and recorder is not None:
-            from sinstool.cli.process_report import write_page
+            from sinstool.report.pages.process import write_page
 
             write_page(report, recorder, summary, config)
     return summary
@@ -75,7 +75,7 @@ def process_unless_done(
         Also where another file has the output's name.
     """
     if output.exists() and not config.output.overwrite:
-        from sinstool.record import require_same
+        from sinstool.pipelines.provenance import require_same
 
         record = require_same(output, log, config)
         if report is None or report.exists():
@@ -94,7 +94,7 @@ def process_unless_done(
 
         check_report(report, inputs=[log], overwrite=config.output.overwrite)
     summary = process_one(log, output, report, config, progress)
-    from sinstool.summary import something_lost
+    from sinstool.pipelines.summary import something_lost
 
     lost = something_lost(summary)
     return {**summary, "status": "lost" if lost else "done", "exit": 3 if lost else 0}
@@ -104,9 +104,9 @@ def _recorder(log: Path, report: Path | None, config: ProcessConfig) -> Recorder
     """What collects figures and errors, where either is asked for."""
     if report is None and not config.output.truth:
         return None
-    from sinstool.process_figures import Recorder
-    from sinstool.process_truth import read_references
-    from sinstool.readers import open_log
+    from sinstool.io.readers import open_log
+    from sinstool.pipelines.process.errors_against_truth import read_references
+    from sinstool.report.recorder import Recorder
 
     if not config.output.truth:
         return Recorder()

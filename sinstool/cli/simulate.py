@@ -186,7 +186,7 @@ def static(
     """A body at rest on the turning Earth, with fixes of where it is."""
     import numpy as np
 
-    from sinstool.rotation import from_euler
+    from sinstool.core.rotation import from_euler
     from sinstool.simulation.static import static as static_truth
     from sinstool.simulation.truth import sample_times
 
@@ -324,13 +324,8 @@ def _write(
     measured: Any = None,
 ) -> dict[str, Any]:
     """Write the log; `measured` is the truth with errors of the scenario's own, if it has any."""
+    from sinstool.simulation.log import Axes, imu_topic, resting_fixes, truth_topics
     from sinstool.simulation.sensors import GRADES, with_errors
-    from sinstool.writers.simulated import (
-        Axes,
-        imu_topic,
-        resting_fixes,
-        truth_topics,
-    )
 
     check_outputs(rest)
     sensor = with_errors(
@@ -346,7 +341,7 @@ def _write(
         topics.append(resting_fixes(truth.time_ns, position))
 
     def write_page(params: Mapping[str, Any]) -> None:
-        from sinstool.cli.simulate_report import write_motion
+        from sinstool.report.pages.simulate import write_motion
 
         write_motion(params, truth, sensor, topics)
 

@@ -16,11 +16,11 @@ from sinstool.cli.many import (
     workers_of,
     workers_options,
 )
-from sinstool.errors import ConfigurationError
+from sinstool.core.errors import ConfigurationError
 
 # Digits of the seed in a name, so that names are in the order of seeds
 DIGITS = 4
-MODULES = ("sinstool.cli.simulate", "sinstool.writers.simulated", "sinstool.simulation.sensors")
+MODULES = ("sinstool.cli.simulate", "sinstool.simulation.log", "sinstool.simulation.sensors")
 
 
 def with_monte_carlo(command: click.Command) -> None:
@@ -92,7 +92,7 @@ def simulate_one(scenario: str, told: dict[str, Any], progress: Any) -> dict[str
 
 def _many(scenario: str, told: dict[str, Any], count: int, asked: Asked) -> int:
     from sinstool.campaign.jobs import Job, Outcome
-    from sinstool.writers.whole import make_folder
+    from sinstool.core.whole_file import make_folder
 
     folder: Path = told["output"].absolute()
     seeds = range(told["seed"], told["seed"] + count)

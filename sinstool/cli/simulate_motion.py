@@ -222,8 +222,8 @@ def _write(
     gyro_range: float | None = None,
 ) -> dict[str, Any]:
     from sinstool.simulation.launch_sensors import saturated
+    from sinstool.simulation.log import Axes, imu_topic, truth_topics
     from sinstool.simulation.sensors import GRADES, with_errors
-    from sinstool.writers.simulated import Axes, imu_topic, truth_topics
 
     check_outputs(told)
     sensor = with_errors(trajectory.imu, grade or GRADES[told["grade"]], told["seed"])
@@ -243,7 +243,7 @@ def _write(
     }
 
     def write_page(params: Mapping[str, Any]) -> None:
-        from sinstool.cli.simulate_report import write_motion
+        from sinstool.report.pages.simulate import write_motion
 
         write_motion(params, trajectory.imu, sensor, topics, trajectory)
 
@@ -254,7 +254,7 @@ def _gnss(trajectory: Any, told: dict[str, Any]) -> list[Any]:
     if told["gnss_rate"] == 0.0:
         return []
     from sinstool.simulation.gnss import MODELS, GnssFaults, Jump, Receiver, gnss_samples
-    from sinstool.writers.simulated import gnss_topics
+    from sinstool.simulation.log import gnss_topics
 
     faults = GnssFaults(
         outages=tuple(told["gnss_outage"]),
@@ -286,9 +286,9 @@ def _baro(trajectory: Any, told: dict[str, Any]) -> list[Any]:
         raise click.UsageError("--baro-rate and --baro-time must be above 0")
     import numpy as np
 
-    from sinstool.height.pressure import geopotential, height_per_pascal, pressure_at
+    from sinstool.methods.height.pressure import geopotential, height_per_pascal, pressure_at
     from sinstool.simulation.barometer import barometer
-    from sinstool.writers.simulated import baro_topic
+    from sinstool.simulation.log import baro_topic
 
     first, last = (int(trajectory.time_ns[k]) for k in (0, -1))
     count = int((last - first) * 1e-9 * told["baro_rate"]) + 1

@@ -90,7 +90,7 @@ def check_outputs(told: Mapping[str, Any]) -> None:
     told : mapping
         Options ``output``, ``report`` and ``overwrite``.
     """
-    from sinstool.writers.whole import check_output
+    from sinstool.core.whole_file import check_output
 
     check_output(told["output"], [], told["overwrite"])
     if told["report"] is not None:
@@ -125,8 +125,8 @@ def write_log(
     dict
         What was written, as ``--json`` says it.
     """
-    from sinstool.writers.simulated import write_simulated
-    from sinstool.writers.whole import together
+    from sinstool.core.whole_file import together
+    from sinstool.simulation.log import write_simulated
 
     output = told["output"]
     with together():

@@ -12,7 +12,7 @@ from sinstool.cli.choice import Choice
 from sinstool.cli.options import Numbers, Words
 from sinstool.cli.simulate_options import check_outputs, write_log
 from sinstool.cli.verbose import verbose_option
-from sinstool.errors import OutputError
+from sinstool.core.errors import OutputError
 
 ARCSEC = 3.141592653589793 / 180.0 / 3600.0
 DEGREE = 3.141592653589793 / 180.0
@@ -83,7 +83,7 @@ def command(output: Path, rig_out: Path | None, **told: Any) -> dict[str, Any]:
     """
     check_outputs({"output": output, **told})
     if rig_out is not None:
-        from sinstool.writers.whole import check_output
+        from sinstool.core.whole_file import check_output
 
         if rig_out.resolve() == output.resolve():
             raise OutputError(f"{output} is named twice", "choose another --rig-out")
@@ -92,7 +92,7 @@ def command(output: Path, rig_out: Path | None, **told: Any) -> dict[str, Any]:
     topics = _topics(log, told["truth"])
 
     def write_page(options: Mapping[str, Any]) -> None:
-        from sinstool.cli.simulate_report import write_rig
+        from sinstool.report.pages.simulate import write_rig
 
         write_rig(options, log, topics)
 
@@ -100,7 +100,7 @@ def command(output: Path, rig_out: Path | None, **told: Any) -> dict[str, Any]:
         if rig_out is not None:
             import tomli_w
 
-            from sinstool.writers.whole import WholeFile
+            from sinstool.core.whole_file import WholeFile
 
             with WholeFile(rig_out) as whole:
                 whole.stream.write(tomli_w.dumps({"rig": _rig(log, told)}).encode())
@@ -210,7 +210,7 @@ def lean(heading: float, north: float, east: float) -> tuple[float, float]:
 
 
 def _topics(log: Any, truth: bool) -> list[Any]:
-    from sinstool.writers.simulated import (
+    from sinstool.simulation.log import (
         IMU_TOPIC,
         Axes,
         SimulatedTopic,

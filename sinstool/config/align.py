@@ -7,7 +7,7 @@ from typing import Literal
 from pydantic import Field
 
 from sinstool.config.group import Group
-from sinstool.errors import ConfigurationError
+from sinstool.core.errors import ConfigurationError
 
 IN_FLIGHT = ("svd", "quest", "davenport", "triad")
 

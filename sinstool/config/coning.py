@@ -7,8 +7,8 @@ from typing import Any, Literal
 from pydantic import Field, field_validator
 
 from sinstool.config.group import Group
-from sinstool.coning.registry import algorithm, names
-from sinstool.errors import ConfigurationError
+from sinstool.core.errors import ConfigurationError
+from sinstool.methods.coning.registry import algorithm, names
 
 
 class ConingOptions(Group):

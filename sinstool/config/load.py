@@ -10,8 +10,8 @@ import tomli_w
 from pydantic import BaseModel, ValidationError
 
 from sinstool.config.group import Group
-from sinstool.errors import ConfigurationError
-from sinstool.suggest import nearest
+from sinstool.core.errors import ConfigurationError
+from sinstool.core.suggest import nearest
 
 
 def build(model: type[Group], data: dict[str, Any], source: str = "", check: bool = True) -> Any:

@@ -7,7 +7,7 @@ from typing import Literal
 from pydantic import Field, field_validator
 
 from sinstool.config.group import Group
-from sinstool.suggest import nearest
+from sinstool.core.suggest import nearest
 
 EMITS = ("imu", "attitude", "euler", "odometry", "pose", "fix", "tf", "height", "diagnostics")
 

@@ -7,7 +7,7 @@ from typing import Annotated, Any, Literal
 from pydantic import AfterValidator, Field
 
 from sinstool.config.group import Group
-from sinstool.hse.rig import from_table
+from sinstool.methods.hse.rig import from_table
 
 
 def _rig(table: dict[str, Any]) -> dict[str, Any]:
@@ -16,7 +16,7 @@ def _rig(table: dict[str, Any]) -> dict[str, Any]:
 
 
 RigTable = Annotated[dict[str, Any], AfterValidator(_rig)]
-"""The table ``[rig]``; see :func:`sinstool.hse.rig.from_table`."""
+"""The table ``[rig]``; see :func:`sinstool.methods.hse.rig.from_table`."""
 
 
 class CalibrationOptions(Group):

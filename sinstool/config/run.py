@@ -10,7 +10,7 @@ from sinstool.config.input import InputOptions
 from sinstool.config.navigation import HeightOptions, NavigationOptions
 from sinstool.config.output import OutputOptions
 from sinstool.config.rig import CalibrationOptions, HseOptions, RigTable
-from sinstool.errors import ConfigurationError
+from sinstool.core.errors import ConfigurationError
 
 
 class ProcessConfig(Group):

@@ -10,8 +10,8 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from sinstool.figures import Figure, Series
 from sinstool.report.decimate import thin
+from sinstool.report.figure import Figure, Series
 from sinstool.report.palette import DASHES, LIGHT_CURVES
 
 FloatArray = NDArray[np.float64]

@@ -5,7 +5,7 @@ from __future__ import annotations
 import importlib
 from typing import Any
 
-from sinstool.errors import ConfigurationError
+from sinstool.core.errors import ConfigurationError
 
 
 def borrowed(module: str) -> Any:

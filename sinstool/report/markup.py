@@ -11,8 +11,8 @@ from html import escape
 import numpy as np
 
 import sinstool
-from sinstool.figures import Figure, Series
 from sinstool.report.draw import POINTS_PER_CURVE, colour_of, dash_of, places, plotly_figure, unit
+from sinstool.report.figure import Figure, Series
 from sinstool.report.script import SCRIPT
 from sinstool.report.sections import (
     Body,

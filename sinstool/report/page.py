@@ -5,12 +5,12 @@ from __future__ import annotations
 from collections.abc import Sequence
 from pathlib import Path
 
-from sinstool.errors import ConfigurationError, OutputError
+from sinstool.core.errors import ConfigurationError, OutputError
+from sinstool.core.whole_file import WholeFile, check_output
 from sinstool.report.extra import borrowed
 from sinstool.report.markup import markup
 from sinstool.report.sections import Cell, Column, Page, Prose, Section, Settings, Table, Warnings
 from sinstool.report.static import FORMATS, write_figure
-from sinstool.writers.whole import WholeFile, check_output
 
 __all__ = [
     "Cell",

@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
-from sinstool.figures import Figure
+from sinstool.report.figure import Figure
 
 Cell = str | float | int | bool | None
 

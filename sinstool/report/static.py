@@ -9,12 +9,12 @@ from typing import Any
 
 import numpy as np
 
-from sinstool.errors import ConfigurationError
-from sinstool.figures import Figure, Series
+from sinstool.core.errors import ConfigurationError
+from sinstool.core.whole_file import WholeFile, check_output
 from sinstool.report.draw import CROWD, colour_of, drawn, mark_sides
 from sinstool.report.extra import borrowed
+from sinstool.report.figure import Figure, Series
 from sinstool.report.palette import LIGHT, LIGHT_CURVES
-from sinstool.writers.whole import WholeFile, check_output
 
 FORMATS = (".png", ".pdf", ".svg")
 

@@ -18,7 +18,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from sinstool import rotation
+from sinstool.core import rotation
 from sinstool.simulation.truth import ImuTruth, check_times
 
 FloatArray = NDArray[np.float64]

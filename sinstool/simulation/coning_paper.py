@@ -30,8 +30,8 @@ from typing import Literal
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from sinstool import rotation
-from sinstool.coning.gyro_response import GyroResponse, chebyshev, gyro_response
+from sinstool.core import rotation
+from sinstool.methods.coning.gyro_response import GyroResponse, chebyshev, gyro_response
 from sinstool.simulation.coning import classical_coning
 from sinstool.simulation.truth import ImuTruth, check_times
 
@@ -79,7 +79,7 @@ def paper_response(text: str) -> GyroResponse:
     Parameters
     ----------
     text : str
-        As :func:`~sinstool.coning.gyro_response.gyro_response` takes it; also ``cheb:N`` and
+        As :func:`~sinstool.methods.coning.gyro_response.gyro_response` takes it; also ``cheb:N`` and
         ``butter:N``, which have the 0.2 dB and 200 Hz of the paper's figure 1.
 
     Returns

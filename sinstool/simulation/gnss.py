@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import ArrayLike
 
-from sinstool import earth
+from sinstool.core import earth
 from sinstool.simulation.interpolation import Moments, moments
 from sinstool.simulation.sensors import markov
 from sinstool.simulation.trajectory import Trajectory

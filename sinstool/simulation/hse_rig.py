@@ -21,8 +21,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from sinstool import rotation
-from sinstool.earth import earth_rate_n, gravity_n
+from sinstool.core import rotation
+from sinstool.core.earth import earth_rate_n, gravity_n
 from sinstool.simulation.turntable import TableProfile
 from sinstool.simulation.wander import carry_over
 

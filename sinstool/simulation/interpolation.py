@@ -14,7 +14,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
-from sinstool import earth, rotation
+from sinstool.core import earth, rotation
 from sinstool.simulation.trajectory import Trajectory
 from sinstool.simulation.truth import FloatArray, IntArray
 

@@ -8,10 +8,10 @@ from typing import Literal
 import numpy as np
 from numpy.typing import ArrayLike
 
-from sinstool import rotation
+from sinstool.core import rotation
 from sinstool.simulation.sensors import SensorGrade
 from sinstool.simulation.truth import ImuTruth
-from sinstool.units import STANDARD_GRAVITY
+from sinstool.survey.unit_evidence import STANDARD_GRAVITY
 
 _DEGREE = np.pi / 180.0
 

@@ -25,7 +25,7 @@ from math import lgamma, log
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from sinstool import rotation
+from sinstool.core import rotation
 from sinstool.simulation.truth import ImuTruth, check_times
 
 FloatArray = NDArray[np.float64]

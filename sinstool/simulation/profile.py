@@ -2,7 +2,7 @@
 
 Velocity, acceleration, attitude and angular rate are exact everywhere. Position is their integral
 over the ellipsoid, and gravity is a sum of spherical harmonics, independent of the closed formula
-that :mod:`sinstool.earth` uses.
+that :mod:`sinstool.core.earth` uses.
 """
 
 from __future__ import annotations
@@ -11,7 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from sinstool import earth, rotation
+from sinstool.core import earth, rotation
 from sinstool.simulation.trajectory import Trajectory
 from sinstool.simulation.truth import FloatArray, ImuTruth
 
@@ -266,7 +266,7 @@ def harmonic_gravity_n(latitude: FloatArray, height: FloatArray) -> FloatArray:
     Returns
     -------
     ndarray, shape (n, 3)
-        m/s^2. Within 1e-6 of :func:`sinstool.earth.gravity_n` up to 20 km, which gets there
+        m/s^2. Within 1e-6 of :func:`sinstool.core.earth.gravity_n` up to 20 km, which gets there
         another way.
 
     References

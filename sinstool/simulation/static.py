@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import ArrayLike
 
-from sinstool import earth, rotation
+from sinstool.core import earth, rotation
 from sinstool.simulation.truth import ImuTruth, check_times
 
 

@@ -26,16 +26,16 @@ import numba
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from sinstool import rotation
-from sinstool.earth import (
+from sinstool.core import rotation
+from sinstool.core.earth import (
     EARTH_RATE,
     ECCENTRICITY_SQUARED,
     NORTH_GRAVITY_PER_HEIGHT,
     SEMI_MAJOR_AXIS,
 )
+from sinstool.core.gravity import normal_gravity
 from sinstool.simulation.trajectory import Trajectory
 from sinstool.simulation.truth import ImuTruth, check_times
-from sinstool.strapdown.gravity import normal_gravity
 
 FloatArray = NDArray[np.float64]
 

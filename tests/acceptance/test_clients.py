@@ -20,7 +20,7 @@ from readers.logs import PRESSURE, Row, mcap_records, real, write_bag1, write_ba
 from rosbags.highlevel import AnyReader
 
 from sinstool.config import ProcessConfig
-from sinstool.pipeline import process
+from sinstool.pipelines.process.run import process
 
 OURS = {"/sinstool/imu": IMU, "/sinstool/attitude": "geometry_msgs/msg/QuaternionStamped"}
 COUNT = 600

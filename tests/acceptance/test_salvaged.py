@@ -10,7 +10,7 @@ from mcap.stream_reader import StreamReader
 from readers.logs import Row, mcap_records, patched, write_mcap
 
 from sinstool.config import ProcessConfig
-from sinstool.pipeline import process
+from sinstool.pipelines.process.run import process
 
 COUNT = 600
 CHUNK = 0x06

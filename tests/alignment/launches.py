@@ -4,8 +4,8 @@ from functools import cache
 
 import numpy as np
 
-from sinstool import rotation
-from sinstool.alignment.inflight_types import GnssFixes, ImuIncrements
+from sinstool.core import rotation
+from sinstool.methods.alignment.inflight_types import GnssFixes, ImuIncrements
 from sinstool.simulation.gnss import MODELS, Receiver, gnss_samples, true_moments
 from sinstool.simulation.interpolation import moments
 from sinstool.simulation.launch import launch

@@ -2,8 +2,8 @@
 
 import numpy as np
 
-from sinstool.alignment.accumulation import accumulate
-from sinstool.alignment.solution import Segment
+from sinstool.methods.alignment.accumulation import accumulate
+from sinstool.methods.alignment.solution import Segment
 
 
 def segment_of(imu, gnss, start_s, end_s=np.inf, sigma=0.1):

@@ -2,14 +2,14 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
-from sinstool import rotation
-from sinstool.alignment.accumulation import (
+from sinstool.core import rotation
+from sinstool.methods.alignment.accumulation import (
     InertialAccumulator,
     InertialRows,
     accumulate,
 )
-from sinstool.alignment.pairs import velocity_gains
-from sinstool.alignment.reference import VelocityReference, dcm_ni
+from sinstool.methods.alignment.pairs import velocity_gains
+from sinstool.methods.alignment.reference import VelocityReference, dcm_ni
 from sinstool.simulation.gnss import Receiver
 
 from .launches import PERFECT, exact, true_attitude

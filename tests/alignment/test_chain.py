@@ -1,7 +1,7 @@
 import numpy as np
 
-from sinstool.alignment.chain import position_between
-from sinstool.alignment.inflight_types import GnssFixes
+from sinstool.methods.alignment.chain import position_between
+from sinstool.methods.alignment.inflight_types import GnssFixes
 
 from .launches import exact, trajectory
 

@@ -1,15 +1,15 @@
 import numpy as np
 import pytest
 
-from sinstool import rotation
-from sinstool.alignment.covariance import (
+from sinstool.core import rotation
+from sinstool.methods.alignment.covariance import (
     attitude_covariance,
     drifting_noise,
     geometry,
     worst_sigma,
 )
-from sinstool.alignment.inflight_types import AlignmentSettings, SensorGrade
-from sinstool.alignment.solution import (
+from sinstool.methods.alignment.inflight_types import AlignmentSettings, SensorGrade
+from sinstool.methods.alignment.solution import (
     Segment,
     make_pairs,
     running_sums,

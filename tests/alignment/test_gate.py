@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from sinstool.alignment.gate import (
+from sinstool.methods.alignment.gate import (
     dynamics,
     find_start,
     find_stop,
@@ -11,7 +11,7 @@ from sinstool.alignment.gate import (
     saturated,
     why_no_start,
 )
-from sinstool.alignment.inflight_types import GateLimits, ImuIncrements
+from sinstool.methods.alignment.inflight_types import GateLimits, ImuIncrements
 
 from .launches import DEGREE, exact, increments, noisy, trajectory
 

@@ -3,10 +3,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from sinstool import rotation
-from sinstool.alignment.gyrocompass import Gyrocompass, GyrocompassSettings, gyrocompass
-from sinstool.alignment.inflight_types import ImuIncrements, SensorGrade
-from sinstool.errors import AlignmentError
+from sinstool.core import rotation
+from sinstool.core.errors import AlignmentError
+from sinstool.methods.alignment.gyrocompass import Gyrocompass, GyrocompassSettings, gyrocompass
+from sinstool.methods.alignment.inflight_types import ImuIncrements, SensorGrade
 from sinstool.simulation import sensors
 from sinstool.simulation.launch import launch
 from sinstool.simulation.profile import Profile, Step, Wave, fly

@@ -3,8 +3,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from sinstool import rotation
-from sinstool.alignment.inflight import (
+from sinstool.core import rotation
+from sinstool.core.errors import AlignmentError
+from sinstool.methods.alignment.inflight import (
     AlignmentSettings,
     GateLimits,
     GnssFixes,
@@ -12,7 +13,6 @@ from sinstool.alignment.inflight import (
     SensorGrade,
     align_in_flight,
 )
-from sinstool.errors import AlignmentError
 from sinstool.simulation.gnss import GnssFaults, Receiver
 
 from .launches import (

@@ -5,10 +5,16 @@ from hypothesis import strategies as st
 from imulogs import G, even_times, handheld, resting
 from scipy.spatial.transform import Rotation
 
-from sinstool.alignment.initial import from_given, from_log, from_motion, from_still, still_bias
-from sinstool.alignment.still import WindowStage, still_spans
-from sinstool.earth import earth_rate_n
-from sinstool.errors import AlignmentError
+from sinstool.core.earth import earth_rate_n
+from sinstool.core.errors import AlignmentError
+from sinstool.methods.alignment.initial import (
+    from_given,
+    from_log,
+    from_motion,
+    from_still,
+    still_bias,
+)
+from sinstool.methods.alignment.still import WindowStage, still_spans
 
 EARTH_RATE = 7.292115e-5
 

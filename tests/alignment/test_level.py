@@ -4,7 +4,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
-from sinstool.alignment.level import level
+from sinstool.methods.alignment.level import level
 
 # NED: at rest the specific force is one g upwards
 UP = np.array([0.0, 0.0, -9.8])

@@ -1,9 +1,18 @@
 import numpy as np
 import pytest
 
-from sinstool.alignment.inflight_types import AlignmentSettings, GnssFixes, ImuIncrements
-from sinstool.alignment.preparation import gap_edges, noise_level, prepare_fixes, stretches
-from sinstool.errors import AlignmentError
+from sinstool.core.errors import AlignmentError
+from sinstool.methods.alignment.inflight_types import (
+    AlignmentSettings,
+    GnssFixes,
+    ImuIncrements,
+)
+from sinstool.methods.alignment.preparation import (
+    gap_edges,
+    noise_level,
+    prepare_fixes,
+    stretches,
+)
 
 MS = 1_000_000
 

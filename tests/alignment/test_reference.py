@@ -1,8 +1,8 @@
 import numpy as np
 import pytest
 
-from sinstool import earth
-from sinstool.alignment.reference import (
+from sinstool.core import earth
+from sinstool.methods.alignment.reference import (
     VelocityReference,
     acceleration_reference,
     dcm_ne,

@@ -1,11 +1,11 @@
 import numpy as np
 
-from sinstool import rotation
-from sinstool.alignment import refine as module
-from sinstool.alignment.inflight import AlignmentSettings, align_in_flight
-from sinstool.alignment.inflight_types import SensorGrade
-from sinstool.alignment.refine import refine, theta_at, theta_covariance
-from sinstool.alignment.solution import solve
+from sinstool.core import rotation
+from sinstool.methods.alignment import refine as module
+from sinstool.methods.alignment.inflight import AlignmentSettings, align_in_flight
+from sinstool.methods.alignment.inflight_types import SensorGrade
+from sinstool.methods.alignment.refine import refine, theta_at, theta_covariance
+from sinstool.methods.alignment.solution import solve
 from sinstool.simulation.gnss import GnssFaults, Receiver
 
 from .launches import NOISY, noisy, psi, true_attitude

@@ -1,9 +1,9 @@
 import numpy as np
 import pytest
 
-from sinstool.alignment.accumulation import accumulate
-from sinstool.alignment.reference import VelocityReference
-from sinstool.alignment.screening import plausible_fixes
+from sinstool.methods.alignment.accumulation import accumulate
+from sinstool.methods.alignment.reference import VelocityReference
+from sinstool.methods.alignment.screening import plausible_fixes
 from sinstool.simulation.gnss import GnssFaults, Receiver, gnss_samples
 
 from .launches import NOISY, antenna_truth, fixes, noisy, trajectory

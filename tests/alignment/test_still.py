@@ -5,7 +5,13 @@ from hypothesis import strategies as st
 from imulogs import G, even_times, handheld, resting
 from scipy.spatial.transform import Rotation
 
-from sinstool.alignment.still import WINDOW_NS, Windows, WindowStage, lead_in, still_spans
+from sinstool.methods.alignment.still import (
+    WINDOW_NS,
+    Windows,
+    WindowStage,
+    lead_in,
+    still_spans,
+)
 
 RATE = 200.0
 

@@ -1,10 +1,10 @@
 import numpy as np
 import pytest
 
-from sinstool import rotation
-from sinstool.alignment.inflight_types import AlignmentSettings
-from sinstool.alignment.solution import Segment, course, make_pairs, running_sums, solve
-from sinstool.alignment.sums import PairAccumulator, total_sums
+from sinstool.core import rotation
+from sinstool.methods.alignment.inflight_types import AlignmentSettings
+from sinstool.methods.alignment.solution import Segment, course, make_pairs, running_sums, solve
+from sinstool.methods.alignment.sums import PairAccumulator, total_sums
 from sinstool.simulation.gnss import Receiver
 
 from .launches import NOISY, noisy

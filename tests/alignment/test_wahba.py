@@ -4,8 +4,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
-from sinstool import rotation
-from sinstool.alignment.wahba import (
+from sinstool.core import rotation
+from sinstool.methods.alignment.wahba import (
     SOLVERS,
     singular_values,
     solve_davenport,

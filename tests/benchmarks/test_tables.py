@@ -13,7 +13,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from sinstool.coning.registry import FAMILIES, algorithm
+from sinstool.methods.coning.registry import FAMILIES, algorithm
 
 PROJECT = Path(__file__).parents[2]
 BENCHMARKS = PROJECT / "benchmarks"

@@ -14,8 +14,8 @@ import sinstool
 from sinstool.campaign import cluster as cluster_module
 from sinstool.campaign.jobs import Job, Workers, results, run_jobs
 from sinstool.campaign.visible import Token, not_seen, sight, tokens, what_differs
-from sinstool.errors import ConfigurationError, SinstoolError
-from sinstool.temporary import sweep
+from sinstool.core.errors import ConfigurationError, SinstoolError
+from sinstool.core.temporary import sweep
 from tests.campaign import work
 from tests.campaign.clusters import cluster, free_port
 from tests.campaign.test_local import gone, job, left

@@ -7,7 +7,7 @@ import pytest
 from readers.logs import content, write_bag1, write_db3, write_mcap
 
 from sinstool.campaign.inputs import are_many, expand, find_logs, is_bag, output_paths
-from sinstool.errors import ConfigurationError, NotALogError, OutputError, SinstoolError
+from sinstool.core.errors import ConfigurationError, NotALogError, OutputError, SinstoolError
 
 ROWS = content(20)
 

@@ -8,7 +8,7 @@ import time
 import pytest
 
 from sinstool.campaign.jobs import Job, Workers, results, run_jobs
-from sinstool.errors import SinstoolError
+from sinstool.core.errors import SinstoolError
 from tests.campaign import work
 
 
@@ -103,8 +103,8 @@ def test_workers_keep_to_one_core(tmp_path):
 
 
 def threads_while_writing(folder, progress):
-    from sinstool.readers.ahead import ahead
-    from sinstool.writers.mcap import McapWriter
+    from sinstool.io.readers.ahead import ahead
+    from sinstool.io.writers.mcap import McapWriter
 
     seen = []
     for _ in ahead(lambda n: n, range(3)):

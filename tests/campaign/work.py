@@ -4,8 +4,8 @@ import os
 import signal
 import time
 
-from sinstool.errors import AlignmentError
-from sinstool.writers.whole import WholeFile
+from sinstool.core.errors import AlignmentError
+from sinstool.core.whole_file import WholeFile
 
 
 def square(number, progress):

@@ -13,9 +13,9 @@ import pytest
 from hse_rigs import ARCSEC, SHORT, W, arcsec, calibrate, edited, one_line, simulate, sinstool
 from imulogs import even_times, imu_log, read_topic, resting
 
-from sinstool.hse.calibration_file import HseCalibration
-from sinstool.hse.rig import Rig
-from sinstool.hse.status import STATUSES
+from sinstool.methods.hse.calibration_file import HseCalibration
+from sinstool.methods.hse.rig import Rig
+from sinstool.methods.hse.status import STATUSES
 
 LATITUDE = np.degrees(0.49)
 

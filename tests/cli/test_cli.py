@@ -24,9 +24,9 @@ from imulogs import (
 from readers.logs import PRESSURE, Row, payload_of, real, write_mcap
 
 from sinstool.cli.main import COMMANDS, cli
-from sinstool.cli.process_rows import compass
 from sinstool.config import ProcessConfig, build
-from sinstool.coning.registry import names
+from sinstool.methods.coning.registry import names
+from sinstool.report.text.process import compass
 
 PROGRAM = [sys.executable, "-c", "from sinstool.cli.main import main; main()"]
 
@@ -183,8 +183,8 @@ def test_unwritable_places(sinstool, log, tmp_path, monkeypatch, out, expected):
 def large(tmp_path_factory):
     """So large that processing it takes a while."""
     from sinstool.simulation.coning import classical_coning
+    from sinstool.simulation.log import motion_topics, write_simulated
     from sinstool.simulation.truth import sample_times
-    from sinstool.writers.simulated import motion_topics, write_simulated
 
     path = tmp_path_factory.mktemp("large") / "large.mcap"
     truth = classical_coning(sample_times(1000.0, 200.0, 10**18), 0.3, 3.0)

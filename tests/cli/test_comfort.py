@@ -11,7 +11,7 @@ import pytest
 
 import sinstool
 from sinstool.cli.conventions import sections
-from sinstool.suggest import nearest
+from sinstool.core.suggest import nearest
 
 ROOT = Path(__file__).parents[2]
 SAMPLES = ROOT / "sample_data"

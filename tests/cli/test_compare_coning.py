@@ -13,11 +13,11 @@ import pytest
 from imulogs import even_times, handheld, imu_log, resting
 from readers.logs import real
 
-from sinstool.comparison import runs
-from sinstool.comparison.compare import DEFAULT_ALGORITHMS
-from sinstool.comparison.divergence import DEG_H
-from sinstool.coning.registry import algorithm
-from sinstool.coning.response import coning_drift
+from sinstool.methods.coning.registry import algorithm
+from sinstool.methods.coning.response import coning_drift
+from sinstool.pipelines.compare_coning import runs
+from sinstool.pipelines.compare_coning.compare import DEFAULT_ALGORITHMS
+from sinstool.pipelines.compare_coning.divergence import DEG_H
 
 SAMPLE = Path(__file__).parents[2] / "sample_data" / "coning.mcap"
 # 1 deg, 5 Hz, mean rates at 100 Hz, moving from 3 s on

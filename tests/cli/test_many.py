@@ -15,7 +15,7 @@ import psutil  # which comes with distributed
 import pytest
 from imulogs import even_times, handheld, imu_log
 
-from sinstool.record import read_record
+from sinstool.pipelines.provenance import read_record
 
 PROGRAM = [sys.executable, "-c", "from sinstool.cli.main import main; main()"]
 HSE = Path(__file__).parents[2] / "sample_data" / "hse"
@@ -329,8 +329,8 @@ def test_the_base_needs_neither_dask_nor_plotly():
 def large(tmp_path_factory):
     """Logs that take a while."""
     from sinstool.simulation.coning import classical_coning
+    from sinstool.simulation.log import motion_topics, write_simulated
     from sinstool.simulation.truth import sample_times
-    from sinstool.writers.simulated import motion_topics, write_simulated
 
     folder = tmp_path_factory.mktemp("large")
     for number in range(4):

@@ -15,7 +15,7 @@ from pathlib import Path
 
 import pytest
 
-from sinstool.writers import whole
+from sinstool.core import whole_file as whole
 
 PROJECT = Path(__file__).parents[2]
 SAMPLES = PROJECT / "sample_data"
@@ -247,7 +247,7 @@ def test_without_its_report_there_is_no_output(tmp_path):
     pages = tmp_path / "pages"
     pages.mkdir()
     code = (
-        "import os, sys, sinstool.cli.process_report as report\n"
+        "import os, sys, sinstool.report.pages.process as report\n"
         "write = report.write_page\n"
         f"report.write_page = lambda *a: (os.rmdir({str(pages)!r}), write(*a))\n"
         "from sinstool.cli.main import main\n"

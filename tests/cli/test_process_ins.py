@@ -10,9 +10,9 @@ from modes.flights import flight_log, read
 from readers.logs import real
 from scipy.spatial.transform import Rotation
 
-from sinstool import earth
 from sinstool.cli.main import cli
-from sinstool.rotation import to_euler
+from sinstool.core import earth
+from sinstool.core.rotation import to_euler
 
 
 def process(*arguments):

@@ -7,8 +7,8 @@ from click.testing import CliRunner
 from readers.logs import real
 
 from sinstool.cli.main import cli
-from sinstool.errors import ConfigurationError, TopicError
-from sinstool.readers import open_log
+from sinstool.core.errors import ConfigurationError, TopicError
+from sinstool.io.readers import open_log
 from tests.filter_logs import simulated
 
 

@@ -1,6 +1,6 @@
 """Tables of the page of a run: each number stands in the column that names it."""
 
-from sinstool.cli import process_report
+from sinstool.report.pages import process as process_report
 
 T0 = 1_700_000_000_000_000_000
 SUMMARY = {

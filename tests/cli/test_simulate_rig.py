@@ -9,7 +9,7 @@ from imulogs import read_attitude, read_topic
 from scipy.spatial.transform import Rotation
 
 from sinstool.cli.simulate_rig import lean
-from sinstool.hse.rig import from_table
+from sinstool.methods.hse.rig import from_table
 
 SHORT = {"rates": "60,-30", "plateau": 6, "rate": 20, "encoder_rate": 10}
 

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy import signal
 
-from sinstool.comparison.alias import exposure, lines, rate_spectrum
+from sinstool.pipelines.compare_coning.alias import exposure, lines, rate_spectrum
 
 RATE = 400.0
 STEP = 1.0 / RATE

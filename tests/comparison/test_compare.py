@@ -3,12 +3,12 @@
 import numpy as np
 import pytest
 
-from sinstool.comparison.compare import DEFAULT_ALGORITHMS, Row, Settings, compare
-from sinstool.comparison.divergence import DEG_H, DriftStatistics
-from sinstool.comparison.runs import Attitudes, Candidate, Segment
-from sinstool.comparison.verdict import MARGIN, SAME_COST, verdict
-from sinstool.coning.registry import algorithm
-from sinstool.coning.response import coning_drift, coning_samples
+from sinstool.methods.coning.registry import algorithm
+from sinstool.methods.coning.response import coning_drift, coning_samples
+from sinstool.pipelines.compare_coning.compare import DEFAULT_ALGORITHMS, Row, Settings, compare
+from sinstool.pipelines.compare_coning.divergence import DEG_H, DriftStatistics
+from sinstool.pipelines.compare_coning.runs import Attitudes, Candidate, Segment
+from sinstool.pipelines.compare_coning.verdict import MARGIN, SAME_COST, verdict
 from sinstool.simulation.motions import random_manoeuvre
 from sinstool.simulation.truth import sample_times
 
@@ -171,7 +171,7 @@ def test_pairs_of_long_runs_are_thinned_to_shared_instants(monkeypatch):
     names = ("uncompensated", "optimal-3", "optimal-4")
     settings = Settings(names, decimate=(1,))
     whole = compare([segment], "mean-rate", STEP, settings)
-    monkeypatch.setattr("sinstool.comparison.compare._KEPT", 50)
+    monkeypatch.setattr("sinstool.pipelines.compare_coning.compare._KEPT", 50)
     few = compare([segment], "mean-rate", STEP, settings)
     for pair, angle in whole.pairs.items():
         assert 0.5 * angle < few.pairs[pair] <= angle * (1 + 1e-12)

@@ -7,15 +7,15 @@ import pytest
 from imulogs import even_times, handheld, imu_log, resting
 from readers.logs import real
 
-from sinstool.compare_log import compare_log, gyro_segments, truth_at
-from sinstool.comparison.compare import Settings
-from sinstool.comparison.divergence import DEG_H
-from sinstool.comparison.runs import Segment
-from sinstool.comparison.summary import as_object, figures
 from sinstool.config import ProcessConfig, build
-from sinstool.errors import DataError
-from sinstool.readers import open_log
-from sinstool.source import prepare
+from sinstool.core.errors import DataError
+from sinstool.io.readers import open_log
+from sinstool.pipelines.compare_coning.compare import Settings
+from sinstool.pipelines.compare_coning.divergence import DEG_H
+from sinstool.pipelines.compare_coning.log import compare_log, gyro_segments, truth_at
+from sinstool.pipelines.compare_coning.runs import Segment
+from sinstool.pipelines.compare_coning.summary import as_object, figures
+from sinstool.survey.source import prepare
 
 FEW = Settings(("uncompensated", "previous-1", "previous-3"), decimate=(1,))
 

@@ -4,11 +4,11 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from sinstool.comparison import divergence
-from sinstool.comparison.divergence import DEG_H, part, statistics, widest_gap
-from sinstool.comparison.runs import Attitudes, Candidate, Segment, run
-from sinstool.coning.registry import algorithm
-from sinstool.coning.stage import ConingStage
+from sinstool.methods.coning.registry import algorithm
+from sinstool.methods.coning.stage import ConingStage
+from sinstool.pipelines.compare_coning import divergence
+from sinstool.pipelines.compare_coning.divergence import DEG_H, part, statistics, widest_gap
+from sinstool.pipelines.compare_coning.runs import Attitudes, Candidate, Segment, run
 from sinstool.simulation.motions import random_manoeuvre
 from sinstool.simulation.truth import sample_times
 

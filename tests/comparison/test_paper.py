@@ -6,19 +6,23 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from sinstool import rotation
 from sinstool.cli import compare_paper
-from sinstool.comparison import paper_sweep
-from sinstool.comparison.paper import Reproduction, judge
-from sinstool.comparison.paper_cases import WithoutConingTerm, extra_cases, paper_cases
-from sinstool.comparison.paper_experiment import RESPONSES, run_experiment
-from sinstool.comparison.paper_figures import as_the_paper_switches, figures
-from sinstool.comparison.paper_sweep import Setting, run_sweeps
-from sinstool.coning.gyro_response import butterworth, chebyshev, none
-from sinstool.coning.registry import algorithm
-from sinstool.coning.response import coning_drift
-from sinstool.coning.singular_perturbation import VARIANTS, SingularPerturbation
-from sinstool.errors import ConfigurationError, OutputError
+from sinstool.core import rotation
+from sinstool.core.errors import ConfigurationError, OutputError
+from sinstool.methods.coning.gyro_response import butterworth, chebyshev, none
+from sinstool.methods.coning.registry import algorithm
+from sinstool.methods.coning.response import coning_drift
+from sinstool.methods.coning.singular_perturbation import VARIANTS, SingularPerturbation
+from sinstool.pipelines.compare_coning import paper_sweep
+from sinstool.pipelines.compare_coning.paper import Reproduction, judge
+from sinstool.pipelines.compare_coning.paper_cases import (
+    WithoutConingTerm,
+    extra_cases,
+    paper_cases,
+)
+from sinstool.pipelines.compare_coning.paper_experiment import RESPONSES, run_experiment
+from sinstool.pipelines.compare_coning.paper_sweep import Setting, run_sweeps
+from sinstool.report.figures.paper import as_the_paper_switches, figures
 from sinstool.simulation.coning_paper import coning_paper, paper_response
 from sinstool.simulation.truth import sample_times
 
@@ -462,7 +466,7 @@ def test_command_refuses_before_it_runs(monkeypatch, tmp_path):
 
 
 def test_the_page_holds_every_claim_and_figure(found, tmp_path):
-    from sinstool.cli.coning_report import write_reproduction
+    from sinstool.report.pages.compare_coning import write_reproduction
 
     path = tmp_path / "paper.html"
     write_reproduction({"report": path, "overwrite": False}, found, {"phase": "consistent"})

@@ -5,13 +5,13 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from sinstool.comparison.compare import Settings, compare
-from sinstool.comparison.divergence import DEG_H
-from sinstool.comparison.predictions import predict
-from sinstool.comparison.runs import Attitudes, Candidate, Segment
-from sinstool.coning.registry import algorithm
-from sinstool.coning.response import coning_gain, coning_rate, coning_samples
-from sinstool.coning.spectrum import coning_spectrum
+from sinstool.methods.coning.registry import algorithm
+from sinstool.methods.coning.response import coning_gain, coning_rate, coning_samples
+from sinstool.methods.coning.spectrum import coning_spectrum
+from sinstool.pipelines.compare_coning.compare import Settings, compare
+from sinstool.pipelines.compare_coning.divergence import DEG_H
+from sinstool.pipelines.compare_coning.predictions import predict
+from sinstool.pipelines.compare_coning.runs import Attitudes, Candidate, Segment
 from sinstool.simulation.motions import broadband
 from sinstool.simulation.truth import sample_times
 

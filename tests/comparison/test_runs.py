@@ -6,8 +6,14 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from sinstool.comparison.runs import Candidate, Segment, candidates, increments_of, run
-from sinstool.coning.registry import algorithm, names
+from sinstool.methods.coning.registry import algorithm, names
+from sinstool.pipelines.compare_coning.runs import (
+    Candidate,
+    Segment,
+    candidates,
+    increments_of,
+    run,
+)
 
 STEP_NS = 2_500_000
 STEP = STEP_NS * 1e-9

@@ -1,12 +1,12 @@
 import numpy as np
 import pytest
 
-from sinstool import rotation
-from sinstool.coning.coefficients import lag_coefficients
-from sinstool.coning.lags import optimal, previous, uncompensated
-from sinstool.coning.registry import algorithm, names
-from sinstool.coning.savage import SavageTwoSpeed
-from sinstool.errors import ConfigurationError
+from sinstool.core import rotation
+from sinstool.core.errors import ConfigurationError
+from sinstool.methods.coning.coefficients import lag_coefficients
+from sinstool.methods.coning.lags import optimal, previous, uncompensated
+from sinstool.methods.coning.registry import algorithm, names
+from sinstool.methods.coning.savage import SavageTwoSpeed
 
 EVERY = [
     *names(),

@@ -4,8 +4,8 @@ import mpmath
 import numpy as np
 import pytest
 
-from sinstool.coning.coefficients import lag_coefficients, solve
-from sinstool.coning.registry import algorithm
+from sinstool.methods.coning.coefficients import lag_coefficients, solve
+from sinstool.methods.coning.registry import algorithm
 
 
 def over(denominator, *numerators):

@@ -3,20 +3,20 @@
 import numpy as np
 import pytest
 
-from sinstool import rotation
-from sinstool.coning.gyro_response import (
+from sinstool.core import rotation
+from sinstool.core.errors import ConfigurationError
+from sinstool.methods.coning.gyro_response import (
     butterworth,
     chebyshev,
     gyro_response,
     measured,
     none,
 )
-from sinstool.coning.gyro_tuned import design
-from sinstool.coning.increments import RateIntegrator
-from sinstool.coning.registry import algorithm
-from sinstool.coning.response import coning_gains
-from sinstool.errors import ConfigurationError
-from sinstool.strapdown.attitude import AttitudePropagator
+from sinstool.methods.coning.gyro_tuned import design
+from sinstool.methods.coning.increments import RateIntegrator
+from sinstool.methods.coning.registry import algorithm
+from sinstool.methods.coning.response import coning_gains
+from sinstool.methods.strapdown.attitude import AttitudePropagator
 
 RATE = 400.0
 STEP = 1.0 / RATE

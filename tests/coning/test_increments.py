@@ -3,7 +3,12 @@ from fractions import Fraction as F
 import numpy as np
 import pytest
 
-from sinstool.coning.increments import POINTS, RateIntegrator, convert, integration_stencils
+from sinstool.methods.coning.increments import (
+    POINTS,
+    RateIntegrator,
+    convert,
+    integration_stencils,
+)
 
 
 def test_published_centred_stencils():

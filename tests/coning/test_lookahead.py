@@ -3,16 +3,16 @@
 import numpy as np
 import pytest
 
-from sinstool import rotation
-from sinstool.coning.increments import RateIntegrator, integration_stencils
-from sinstool.coning.lookahead import Lookahead
-from sinstool.coning.picard import Picard
-from sinstool.coning.registry import algorithm
-from sinstool.coning.stage import ConingStage
-from sinstool.errors import ConfigurationError
+from sinstool.core import rotation
+from sinstool.core.errors import ConfigurationError
+from sinstool.methods.coning.increments import RateIntegrator, integration_stencils
+from sinstool.methods.coning.lookahead import Lookahead
+from sinstool.methods.coning.picard import Picard
+from sinstool.methods.coning.registry import algorithm
+from sinstool.methods.coning.stage import ConingStage
+from sinstool.methods.strapdown.attitude import AttitudePropagator
 from sinstool.simulation.coning import classical_coning
 from sinstool.simulation.truth import sample_times
-from sinstool.strapdown.attitude import AttitudePropagator
 
 PER_HOUR = np.rad2deg(1.0) * 3600.0
 SECONDS = 60.0

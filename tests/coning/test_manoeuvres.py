@@ -7,13 +7,13 @@ motion of the same speed must give, and comparisons that hold on any.
 import numpy as np
 import pytest
 
-from sinstool import rotation
-from sinstool.coning.picard import Picard
-from sinstool.coning.registry import algorithm
-from sinstool.coning.stage import ConingStage
+from sinstool.core import rotation
+from sinstool.methods.coning.picard import Picard
+from sinstool.methods.coning.registry import algorithm
+from sinstool.methods.coning.stage import ConingStage
+from sinstool.methods.strapdown.attitude import AttitudePropagator
 from sinstool.simulation.motions import random_manoeuvre
 from sinstool.simulation.truth import sample_times
-from sinstool.strapdown.attitude import AttitudePropagator
 
 MOTIONS = {"slow": (3.0, (0.3, 2.5)), "fast": (6.5, (1.0, 8.0))}  # rad/s, Hz
 COLUMNS = [("slow", 100), ("slow", 400), ("fast", 100), ("fast", 400)]

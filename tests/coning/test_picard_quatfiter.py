@@ -7,12 +7,17 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
-from sinstool import rotation
-from sinstool.coning.picard import Picard
-from sinstool.coning.polynomial import chebyshev, reduction, through_increments, through_rates
-from sinstool.coning.quatfiter import QuatFIter, rodrigues_iteration
-from sinstool.coning.registry import algorithm
-from sinstool.errors import ConfigurationError
+from sinstool.core import rotation
+from sinstool.core.errors import ConfigurationError
+from sinstool.methods.coning.picard import Picard
+from sinstool.methods.coning.polynomial import (
+    chebyshev,
+    reduction,
+    through_increments,
+    through_rates,
+)
+from sinstool.methods.coning.quatfiter import QuatFIter, rodrigues_iteration
+from sinstool.methods.coning.registry import algorithm
 
 SIZES = (2, 3, 4, 6, 8)
 

@@ -10,9 +10,9 @@ import mpmath
 import numpy as np
 import pytest
 
-from sinstool import rotation
-from sinstool.coning.registry import algorithm
-from sinstool.coning.response import (
+from sinstool.core import rotation
+from sinstool.methods.coning.registry import algorithm
+from sinstool.methods.coning.response import (
     coning_drift,
     coning_drifts,
     coning_gain,
@@ -21,10 +21,10 @@ from sinstool.coning.response import (
     coning_samples,
     drift_from_phi,
 )
-from sinstool.coning.stage import ConingStage
+from sinstool.methods.coning.stage import ConingStage
+from sinstool.methods.strapdown.attitude import AttitudePropagator
 from sinstool.simulation.coning import classical_coning
 from sinstool.simulation.truth import sample_times
-from sinstool.strapdown.attitude import AttitudePropagator
 
 PER_HOUR = np.rad2deg(1.0) * 3600.0
 FREQUENCIES = (5, 10, 20, 30, 50, 75, 100)

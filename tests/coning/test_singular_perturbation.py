@@ -3,10 +3,10 @@ import numpy as np
 import pytest
 from scipy.integrate import quad
 
-from sinstool.coning import singular_perturbation_kernels as kernels
-from sinstool.coning.registry import algorithm
-from sinstool.coning.singular_perturbation import VARIANTS
-from sinstool.errors import ConfigurationError
+from sinstool.core.errors import ConfigurationError
+from sinstool.methods.coning import singular_perturbation_kernels as kernels
+from sinstool.methods.coning.registry import algorithm
+from sinstool.methods.coning.singular_perturbation import VARIANTS
 
 T = 0.0025
 W1 = np.array([0.9, -0.4, 0.25])

@@ -3,15 +3,15 @@
 import numpy as np
 import pytest
 
-from sinstool.coning.registry import algorithm
-from sinstool.coning.response import coning_gain, coning_samples
-from sinstool.coning.sp_tuning import best_q, bounds, coning_answer, tune
-from sinstool.coning.spectrum import coning_spectrum, predicted_drift
-from sinstool.coning.stage import ConingStage
-from sinstool.rotation import conjugate, log, multiply
+from sinstool.core.rotation import conjugate, log, multiply
+from sinstool.methods.coning.registry import algorithm
+from sinstool.methods.coning.response import coning_gain, coning_samples
+from sinstool.methods.coning.sp_tuning import best_q, bounds, coning_answer, tune
+from sinstool.methods.coning.spectrum import coning_spectrum, predicted_drift
+from sinstool.methods.coning.stage import ConingStage
+from sinstool.methods.strapdown.attitude import AttitudePropagator
 from sinstool.simulation.motions import broadband
 from sinstool.simulation.truth import sample_times
-from sinstool.strapdown.attitude import AttitudePropagator
 
 STEP = 0.0025
 PER_HOUR = np.rad2deg(1.0) * 3600.0

@@ -1,11 +1,11 @@
 import numpy as np
 import pytest
 
-from sinstool import rotation
-from sinstool.coning.algorithm import ConingAlgorithm
-from sinstool.coning.increments import GYRO_KINDS, RateIntegrator
-from sinstool.coning.registry import algorithm, names
-from sinstool.coning.stage import ConingStage
+from sinstool.core import rotation
+from sinstool.methods.coning.algorithm import ConingAlgorithm
+from sinstool.methods.coning.increments import GYRO_KINDS, RateIntegrator
+from sinstool.methods.coning.registry import algorithm, names
+from sinstool.methods.coning.stage import ConingStage
 from sinstool.simulation.coning import classical_coning
 from sinstool.simulation.truth import sample_times
 

@@ -3,9 +3,9 @@
 import numpy as np
 from scipy.signal import lfilter
 
-from sinstool.earth import normal_gravity
-from sinstool.height.network import gravity_gradient
-from sinstool.height.vertical import VerticalChannel
+from sinstool.core.earth import normal_gravity
+from sinstool.methods.height.network import gravity_gradient
+from sinstool.methods.height.vertical import VerticalChannel
 
 LATITUDE = np.radians(34.2368)
 START = 388.0  # m

@@ -4,11 +4,11 @@ import numpy as np
 import pytest
 from scipy.signal import lfilter
 
-from sinstool.height import layout
-from sinstool.height.channel import baro_sample, feedback, propagate
-from sinstool.height.network import HeightNetwork
-from sinstool.height.vertical import upward_specific_force
-from sinstool.rotation import from_euler
+from sinstool.core.rotation import from_euler
+from sinstool.methods.height import layout
+from sinstool.methods.height.channel import baro_sample, feedback, propagate
+from sinstool.methods.height.network import HeightNetwork
+from sinstool.methods.height.vertical import upward_specific_force
 from tests.height.flights import (
     CLIMBS,
     START,

@@ -5,8 +5,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from sinstool.height.discrete import pole_matched_gains
-from sinstool.height.network import HeightNetwork
+from sinstool.methods.height.discrete import pole_matched_gains
+from sinstool.methods.height.network import HeightNetwork
 
 W2 = 3.0858e-6
 TAUS = (2.4, 10.0, 100.0)

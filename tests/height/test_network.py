@@ -6,9 +6,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.linalg import expm, solve_continuous_lyapunov
 
-from sinstool.earth import normal_gravity
-from sinstool.errors import ConfigurationError
-from sinstool.height.network import (
+from sinstool.core.earth import normal_gravity
+from sinstool.core.errors import ConfigurationError
+from sinstool.methods.height.network import (
     HeightNetwork,
     best_tau,
     gravity_gradient,

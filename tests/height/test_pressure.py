@@ -5,8 +5,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from sinstool.height.layout import ACCEPTED, NOT_FINITE, OUT_OF_RANGE
-from sinstool.height.pressure import (
+from sinstool.methods.height.layout import ACCEPTED, NOT_FINITE, OUT_OF_RANGE
+from sinstool.methods.height.pressure import (
     altitude_with_setting,
     fit_scale,
     frozen_spans,

@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from sinstool.hse.run import HseRun
+from sinstool.methods.hse.run import HseRun
 
 W = 7.292115e-5
 ARCSEC = np.pi / 180.0 / 3600.0

@@ -8,9 +8,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from sinstool.earth import EARTH_RATE
-from sinstool.errors import ConfigurationError
-from sinstool.hse.calibration_file import (
+from sinstool.core.earth import EARTH_RATE
+from sinstool.core.errors import ConfigurationError
+from sinstool.methods.hse.calibration_file import (
     HseCalibration,
     RunRecord,
     dumps,
@@ -20,9 +20,9 @@ from sinstool.hse.calibration_file import (
     require_config,
     to_dict,
 )
-from sinstool.hse.fit import fit
-from sinstool.hse.fit_result import METHODS, FitOptions
-from sinstool.hse.status import STATUSES, judge
+from sinstool.methods.hse.fit import fit
+from sinstool.methods.hse.fit_result import METHODS, FitOptions
+from sinstool.methods.hse.status import STATUSES, judge
 
 from .made_runs import ARCSEC, EPSILON, RATES, brute_runs, noisy
 

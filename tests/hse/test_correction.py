@@ -3,12 +3,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from sinstool.errors import ConfigurationError
-from sinstool.hse.calibration_file import from_fit
-from sinstool.hse.correction import correct_heading, correction, require_applicable
-from sinstool.hse.fit import fit
-from sinstool.hse.fit_result import FitOptions
-from sinstool.hse.status import judge
+from sinstool.core.errors import ConfigurationError
+from sinstool.methods.hse.calibration_file import from_fit
+from sinstool.methods.hse.correction import correct_heading, correction, require_applicable
+from sinstool.methods.hse.fit import fit
+from sinstool.methods.hse.fit_result import FitOptions
+from sinstool.methods.hse.status import judge
 
 from .made_runs import ARCSEC, EPSILON, RATES, W, brute_run, brute_runs
 

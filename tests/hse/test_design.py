@@ -3,10 +3,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from sinstool.errors import ConfigurationError
-from sinstool.hse.design import Design, predict, run_order, slope_gain
-from sinstool.hse.fit import fit
-from sinstool.hse.fit_result import FitOptions
+from sinstool.core.errors import ConfigurationError
+from sinstool.methods.hse.design import Design, predict, run_order, slope_gain
+from sinstool.methods.hse.fit import fit
+from sinstool.methods.hse.fit_result import FitOptions
 
 from .made_runs import ARCSEC, RATES, W, brute_runs
 

@@ -5,9 +5,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from sinstool.errors import AlignmentError, ConfigurationError
-from sinstool.hse.encoder import SMOOTHING_S, table_angle, time_grids
-from sinstool.hse.rig import EncoderModel
+from sinstool.core.errors import AlignmentError, ConfigurationError
+from sinstool.methods.hse.encoder import SMOOTHING_S, table_angle, time_grids
+from sinstool.methods.hse.rig import EncoderModel
 
 EPOCH = 1_700_000_000_123_456_789
 RATE = 0.7

@@ -2,10 +2,10 @@ import numpy as np
 import pytest
 from scipy.integrate import quad_vec
 
-from sinstool import rotation
-from sinstool.earth import EARTH_RATE, earth_rate_n
-from sinstool.hse import exact
-from sinstool.hse.rig import axis_to_matrix
+from sinstool.core import rotation
+from sinstool.core.earth import EARTH_RATE, earth_rate_n
+from sinstool.methods.hse import exact
+from sinstool.methods.hse.rig import axis_to_matrix
 
 ARCSEC = np.pi / 648000.0
 LATITUDE = 0.49

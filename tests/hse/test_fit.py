@@ -4,10 +4,10 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from sinstool.errors import ConfigurationError
-from sinstool.hse.axial import earth_rate_along_axis
-from sinstool.hse.fit import fit
-from sinstool.hse.fit_result import FitOptions
+from sinstool.core.errors import ConfigurationError
+from sinstool.methods.hse.axial import earth_rate_along_axis
+from sinstool.methods.hse.fit import fit
+from sinstool.methods.hse.fit_result import FitOptions
 
 from .made_runs import (
     ARCSEC,

@@ -4,7 +4,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy import stats
 
-from sinstool.hse.least_squares import lack_of_fit, least_squares, outlier_limit
+from sinstool.methods.hse.least_squares import lack_of_fit, least_squares, outlier_limit
 
 
 def problem(rng, n=9, p=3):

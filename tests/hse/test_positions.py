@@ -4,7 +4,7 @@ import numpy as np
 from hypothesis import given
 from hypothesis import strategies as st
 
-from sinstool.hse.positions import by_angle, positions, rate_groups, wrapped
+from sinstool.methods.hse.positions import by_angle, positions, rate_groups, wrapped
 
 from .made_runs import RATES, brute_run, brute_runs
 

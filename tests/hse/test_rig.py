@@ -6,8 +6,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from sinstool.errors import ConfigurationError
-from sinstool.hse.rig import EncoderModel, Rig, axis_to_matrix, from_table
+from sinstool.core.errors import ConfigurationError
+from sinstool.methods.hse.rig import EncoderModel, Rig, axis_to_matrix, from_table
 
 IDEAL = axis_to_matrix(-np.ones(3) / np.sqrt(3.0))
 K_G = [[1.001, 0.0, 0.0], [0.02, 0.998, 0.0], [-0.01, 0.03, 1.002]]

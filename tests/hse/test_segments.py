@@ -3,9 +3,9 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
-from sinstool.hse.encoder import TableAngle, table_angle
-from sinstool.hse.rig import EncoderModel
-from sinstool.hse.segments import BLOCK_S, SegmentRules, find_segments
+from sinstool.methods.hse.encoder import TableAngle, table_angle
+from sinstool.methods.hse.rig import EncoderModel
+from sinstool.methods.hse.segments import BLOCK_S, SegmentRules, find_segments
 from sinstool.simulation.turntable import TableProfile
 
 ARCSEC = np.pi / 648000.0

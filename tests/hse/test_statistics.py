@@ -4,7 +4,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy import stats
 
-from sinstool.hse.statistics import drifts, fit_sinusoid, scatter, trend_t
+from sinstool.methods.hse.statistics import drifts, fit_sinusoid, scatter, trend_t
 
 from .published_table1 import (
     AFTER,

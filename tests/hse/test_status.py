@@ -3,9 +3,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from sinstool.hse.fit import fit
-from sinstool.hse.fit_result import FitOptions
-from sinstool.hse.status import (
+from sinstool.methods.hse.fit import fit
+from sinstool.methods.hse.fit_result import FitOptions
+from sinstool.methods.hse.status import (
     STATUSES,
     Finding,
     implied_delay,

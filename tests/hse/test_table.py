@@ -3,8 +3,8 @@ import pytest
 from hypothesis import example, given
 from hypothesis import strategies as st
 
-from sinstool.hse.statistics import fit_sinusoid, scatter
-from sinstool.hse.table import validation_table
+from sinstool.methods.hse.statistics import fit_sinusoid, scatter
+from sinstool.methods.hse.table import validation_table
 
 from .made_runs import ARCSEC
 from .published_table1 import AFTER, AZIMUTH_DEG, BEFORE, POSITION

@@ -3,10 +3,10 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from sinstool.errors import AlignmentError
-from sinstool.hse.encoder import TableAngle
-from sinstool.hse.segments import Segment
-from sinstool.hse.turns import turn_statistics
+from sinstool.core.errors import AlignmentError
+from sinstool.methods.hse.encoder import TableAngle
+from sinstool.methods.hse.segments import Segment
+from sinstool.methods.hse.turns import turn_statistics
 
 DT = 0.01
 

@@ -3,15 +3,15 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from sinstool import rotation
-from sinstool.earth import EARTH_RATE, earth_rate_n
-from sinstool.errors import AlignmentError, ConfigurationError
-from sinstool.hse import exact
-from sinstool.hse.encoder import table_angle
-from sinstool.hse.rig import EncoderModel, Rig
-from sinstool.hse.segments import SegmentRules, find_segments
-from sinstool.hse.turns import turn_statistics
-from sinstool.hse.whole_turn import (
+from sinstool.core import rotation
+from sinstool.core.earth import EARTH_RATE, earth_rate_n
+from sinstool.core.errors import AlignmentError, ConfigurationError
+from sinstool.methods.hse import exact
+from sinstool.methods.hse.encoder import table_angle
+from sinstool.methods.hse.rig import EncoderModel, Rig
+from sinstool.methods.hse.segments import SegmentRules, find_segments
+from sinstool.methods.hse.turns import turn_statistics
+from sinstool.methods.hse.whole_turn import (
     align_whole_turns,
     predicted_sigma_heading,
     run_from_turns,

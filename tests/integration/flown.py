@@ -5,18 +5,18 @@ from functools import cache
 
 import numpy as np
 
-from sinstool import earth, rotation
-from sinstool.coning.registry import algorithm
-from sinstool.coning.stage import ConingStage
-from sinstool.height.network import HeightNetwork
-from sinstool.integration.filter import InsGnssFilter
-from sinstool.integration.noise import BaroModel, GnssModel, ImuNoise
-from sinstool.integration.settings import Settings, start
+from sinstool.core import earth, rotation
+from sinstool.core.streams import GnssEpochs
+from sinstool.methods.coning.registry import algorithm
+from sinstool.methods.coning.stage import ConingStage
+from sinstool.methods.height.network import HeightNetwork
+from sinstool.methods.ins_gnss.filter import InsGnssFilter
+from sinstool.methods.ins_gnss.noise import BaroModel, GnssModel, ImuNoise
+from sinstool.methods.ins_gnss.settings import Settings, start
+from sinstool.methods.strapdown.velocity import Increments, IncrementStage
 from sinstool.simulation.barometer import barometer
 from sinstool.simulation.flight import manoeuvring_flight
 from sinstool.simulation.gnss import GnssErrors, Receiver, gnss_samples
-from sinstool.strapdown.velocity import Increments, IncrementStage
-from sinstool.streams import GnssEpochs
 
 DEGREE = np.pi / 180.0
 G = 9.80665

@@ -6,20 +6,20 @@ from functools import cache
 import numpy as np
 import pytest
 
-from sinstool.coning.registry import algorithm
-from sinstool.coning.stage import ConingStage
-from sinstool.integration.diagnosis import diagnose, summary
-from sinstool.integration.filter import InsGnssFilter
-from sinstool.integration.noise import GnssModel, ImuNoise
-from sinstool.integration.settings import Settings, start
-from sinstool.integration.velocity_lag import separate
-from sinstool.rotation import exp, multiply, normalise
+from sinstool.core.rotation import exp, multiply, normalise
+from sinstool.core.streams import GnssEpochs
+from sinstool.methods.coning.registry import algorithm
+from sinstool.methods.coning.stage import ConingStage
+from sinstool.methods.ins_gnss.diagnosis import diagnose, summary
+from sinstool.methods.ins_gnss.filter import InsGnssFilter
+from sinstool.methods.ins_gnss.noise import GnssModel, ImuNoise
+from sinstool.methods.ins_gnss.settings import Settings, start
+from sinstool.methods.ins_gnss.velocity_lag import separate
+from sinstool.methods.strapdown.velocity import Increments, IncrementStage
 from sinstool.simulation.drive import road_drive
 from sinstool.simulation.flight import manoeuvring_flight
 from sinstool.simulation.gnss import GnssErrors, GnssFaults, Jump, Receiver, gnss_samples
 from sinstool.simulation.sensors import GRADES, with_errors
-from sinstool.strapdown.velocity import Increments, IncrementStage
-from sinstool.streams import GnssEpochs
 
 DEGREE = np.pi / 180.0
 RATE = 50.0

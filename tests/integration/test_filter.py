@@ -5,13 +5,13 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from sinstool.errors import ConfigurationError
-from sinstool.height.network import HeightNetwork
-from sinstool.integration.noise import GnssModel, ImuNoise
-from sinstool.integration.settings import DivergenceControl, Settings, for_grade
-from sinstool.integration.states import FILTERS
+from sinstool.core.errors import ConfigurationError
+from sinstool.methods.height.network import HeightNetwork
+from sinstool.methods.ins_gnss.noise import GnssModel, ImuNoise
+from sinstool.methods.ins_gnss.settings import DivergenceControl, Settings, for_grade
+from sinstool.methods.ins_gnss.states import FILTERS
+from sinstool.methods.strapdown.velocity import Increments
 from sinstool.simulation.gnss import GnssErrors, GnssFaults
-from sinstool.strapdown.velocity import Increments
 from tests.integration.flown import IMU, Flown, joined
 
 PRECISE = GnssErrors((0.01,) * 3, velocity_white=(0.003,) * 3)

@@ -8,20 +8,25 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from sinstool.coning.registry import algorithm
-from sinstool.coning.stage import ConingStage
-from sinstool.integration.filter import InsGnssFilter
-from sinstool.integration.latency import correlate, inertial_velocity, likelihood_cost, refine
-from sinstool.integration.noise import GnssModel, ImuNoise
-from sinstool.integration.settings import DivergenceControl, Settings, start
-from sinstool.integration.velocity_lag import separate, velocity_lag
-from sinstool.rotation import exp, multiply
+from sinstool.core.rotation import exp, multiply
+from sinstool.core.streams import GnssEpochs
+from sinstool.methods.coning.registry import algorithm
+from sinstool.methods.coning.stage import ConingStage
+from sinstool.methods.ins_gnss.filter import InsGnssFilter
+from sinstool.methods.ins_gnss.latency import (
+    correlate,
+    inertial_velocity,
+    likelihood_cost,
+    refine,
+)
+from sinstool.methods.ins_gnss.noise import GnssModel, ImuNoise
+from sinstool.methods.ins_gnss.settings import DivergenceControl, Settings, start
+from sinstool.methods.ins_gnss.velocity_lag import separate, velocity_lag
+from sinstool.methods.strapdown.velocity import Increments, IncrementStage
 from sinstool.simulation.drive import road_drive
 from sinstool.simulation.flight import manoeuvring_flight
 from sinstool.simulation.gnss import GnssErrors, Receiver, gnss_samples
 from sinstool.simulation.sensors import GRADES, with_errors
-from sinstool.strapdown.velocity import Increments, IncrementStage
-from sinstool.streams import GnssEpochs
 
 RATE = 50.0
 GRADE = GRADES["mems"]

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from sinstool.integration.settings import DivergenceControl
+from sinstool.methods.ins_gnss.settings import DivergenceControl
 from sinstool.simulation.gnss import GnssErrors, GnssFaults, Jump
 from tests.integration.flown import Flown, joined
 

@@ -7,9 +7,11 @@ import numpy as np
 import pytest
 from mpmath import mp, mpf
 
-from sinstool import earth, rotation
-from sinstool.height.channel import baro_sample
-from sinstool.height.layout import (
+from sinstool.core import earth, rotation
+from sinstool.core.gravity import normal_gravity
+from sinstool.core.quaternion_kernels import increment_quaternion, product, unit_factor
+from sinstool.methods.height.channel import baro_sample
+from sinstool.methods.height.layout import (
     ACCEPTED,
     CORRECTED,
     S_CORRECTION,
@@ -20,10 +22,10 @@ from sinstool.height.layout import (
     new_parameters,
     new_state,
 )
-from sinstool.height.network import HeightNetwork
-from sinstool.integration.model import error_rates, radii, transition
-from sinstool.integration.propagation import baro_correction
-from sinstool.integration.states import (
+from sinstool.methods.height.network import HeightNetwork
+from sinstool.methods.ins_gnss.model import error_rates, radii, transition
+from sinstool.methods.ins_gnss.propagation import baro_correction
+from sinstool.methods.ins_gnss.states import (
     ACCEL_BIAS,
     ACCEL_SCALE,
     BARO,
@@ -32,9 +34,7 @@ from sinstool.integration.states import (
     GYRO_BIAS,
     VELOCITY,
 )
-from sinstool.strapdown import navigation
-from sinstool.strapdown.gravity import normal_gravity
-from sinstool.strapdown.quaternion_kernels import increment_quaternion, product, unit_factor
+from sinstool.methods.strapdown import navigation
 
 FULL = FILTERS["network-26a"]
 

@@ -3,14 +3,14 @@
 import numpy as np
 import pytest
 
-from sinstool import earth
-from sinstool.integration.results import SENSORS, FilterBlock, StoredEpochs, UpdateColumns
-from sinstool.integration.settings import DivergenceControl
-from sinstool.integration.smoother import Smoother, smooth_epochs, smooth_updates
-from sinstool.integration.states import FILTERS, GYRO_BIAS
-from sinstool.rotation import conjugate, exp, log, multiply
+from sinstool.core import earth
+from sinstool.core.rotation import conjugate, exp, log, multiply
+from sinstool.methods.ins_gnss.results import SENSORS, FilterBlock, StoredEpochs, UpdateColumns
+from sinstool.methods.ins_gnss.settings import DivergenceControl
+from sinstool.methods.ins_gnss.smoother import Smoother, smooth_epochs, smooth_updates
+from sinstool.methods.ins_gnss.states import FILTERS, GYRO_BIAS
+from sinstool.methods.strapdown.navigation import SIZE
 from sinstool.simulation.gnss import GnssFaults
-from sinstool.strapdown.navigation import SIZE
 from tests.integration.flown import Flown
 
 KIND = FILTERS["plain-15"]

@@ -6,18 +6,18 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from sinstool.alignment.inflight import ImuIncrements
-from sinstool.errors import AlignmentError
-from sinstool.integration.noise import IMU_GRADES, GnssModel
-from sinstool.integration.settings import for_grade
-from sinstool.integration.start import carried_back, find_start, start_at
-from sinstool.rotation import conjugate, from_euler, log, multiply, rotate
+from sinstool.core.errors import AlignmentError
+from sinstool.core.rotation import conjugate, from_euler, log, multiply, rotate
+from sinstool.core.streams import GnssEpochs
+from sinstool.methods.alignment.inflight import ImuIncrements
+from sinstool.methods.ins_gnss.noise import IMU_GRADES, GnssModel
+from sinstool.methods.ins_gnss.settings import for_grade
+from sinstool.methods.ins_gnss.start import carried_back, find_start, start_at
 from sinstool.simulation.drive import road_drive
 from sinstool.simulation.flight import manoeuvring_flight
 from sinstool.simulation.gnss import GnssErrors, Receiver, gnss_samples
 from sinstool.simulation.interpolation import moments
 from sinstool.simulation.sensors import GRADES, with_errors
-from sinstool.streams import GnssEpochs
 
 LEVER = (0.8, -0.4, -1.1)
 SHARP = GnssErrors((0.5, 0.5, 0.8), (0.0,) * 3, 100.0, (0.05, 0.05, 0.08))

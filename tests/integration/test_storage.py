@@ -6,8 +6,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from sinstool.errors import OutputError
-from sinstool.integration.storage import Storage
+from sinstool.core.errors import OutputError
+from sinstool.methods.ins_gnss.storage import Storage
 
 
 @settings(max_examples=50, deadline=None)

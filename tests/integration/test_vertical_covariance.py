@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 from scipy.linalg import expm
 
-from sinstool.integration.filter import InsGnssFilter
-from sinstool.integration.smoother import Smoother
+from sinstool.methods.ins_gnss.filter import InsGnssFilter
+from sinstool.methods.ins_gnss.smoother import Smoother
 
 BENCHMARKS = Path(__file__).parents[2] / "benchmarks"
 SECONDS = 900

@@ -6,7 +6,7 @@ import numpy as np
 from rosbags.interfaces import Nodetype
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
-from sinstool.messages.encode import standard_definition
+from sinstool.io.messages.encode import standard_definition
 
 TYPES = [
     "sensor_msgs/msg/Imu",

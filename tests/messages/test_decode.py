@@ -3,10 +3,10 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from sinstool.messages.decode import MAX_LAYOUTS, Decoder
-from sinstool.messages.definitions import DefinitionError, parse_definition, schema_text
-from sinstool.messages.encode import Encoder, standard_definition
-from sinstool.messages.layout import LayoutError
+from sinstool.io.messages.decode import MAX_LAYOUTS, Decoder
+from sinstool.io.messages.definitions import DefinitionError, parse_definition, schema_text
+from sinstool.io.messages.encode import Encoder, standard_definition
+from sinstool.io.messages.layout import LayoutError
 
 from .samples import (
     FLAVOURS,

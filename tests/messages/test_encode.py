@@ -5,9 +5,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from sinstool.messages.decode import Decoder
-from sinstool.messages.encode import Encoder, standard_definition
-from sinstool.messages.layout import LayoutError, walk
+from sinstool.io.messages.decode import Decoder
+from sinstool.io.messages.encode import Encoder, standard_definition
+from sinstool.io.messages.layout import LayoutError, walk
 
 from .samples import (
     TYPES,

@@ -4,12 +4,12 @@ import numpy as np
 import pytest
 from readers.logs import IMU, definition, payload_of, write_mcap
 
-from sinstool.errors import UnsupportedLogError
-from sinstool.messages.decode import Decoder
-from sinstool.messages.definitions import DefinitionError, parse_definition
-from sinstool.messages.layout import LayoutError, walk
-from sinstool.readers import open_log
-from sinstool.readers.streams import ImuUnits, Losses, read_fixes, read_imu
+from sinstool.core.errors import UnsupportedLogError
+from sinstool.io.messages.decode import Decoder
+from sinstool.io.messages.definitions import DefinitionError, parse_definition
+from sinstool.io.messages.layout import LayoutError, walk
+from sinstool.io.readers import open_log
+from sinstool.io.readers.streams import ImuUnits, Losses, read_fixes, read_imu
 
 SEAM = "=" * 80 + "\nMSG: "
 FIX = "sensor_msgs/msg/NavSatFix"

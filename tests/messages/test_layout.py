@@ -3,9 +3,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from sinstool.messages.definitions import DefinitionError, parse_definition
-from sinstool.messages.encode import standard_definition
-from sinstool.messages.layout import LayoutError, walk
+from sinstool.io.messages.definitions import DefinitionError, parse_definition
+from sinstool.io.messages.encode import standard_definition
+from sinstool.io.messages.layout import LayoutError, walk
 
 from .samples import (
     FLAVOURS,

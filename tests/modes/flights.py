@@ -5,16 +5,15 @@ from dataclasses import dataclass
 import numpy as np
 
 from sinstool.config import ProcessConfig, build
-from sinstool.height.pressure import geopotential, pressure_at
-from sinstool.pipeline import process
-from sinstool.readers import open_log
-from sinstool.readers.streams import Losses, read_columns
-from sinstool.rotation import to_euler
+from sinstool.core.rotation import to_euler
+from sinstool.core.streams import Solution
+from sinstool.io.readers import open_log
+from sinstool.io.readers.streams import Losses, read_columns
+from sinstool.methods.height.pressure import geopotential, pressure_at
+from sinstool.pipelines.process.run import process
 from sinstool.simulation.flight import manoeuvring_flight
 from sinstool.simulation.gnss import MODELS, Receiver, gnss_samples
-from sinstool.simulation.sensors import GRADES, with_errors
-from sinstool.streams import Solution
-from sinstool.writers.simulated import (
+from sinstool.simulation.log import (
     Axes,
     baro_topic,
     gnss_topics,
@@ -22,6 +21,7 @@ from sinstool.writers.simulated import (
     truth_topics,
     write_simulated,
 )
+from sinstool.simulation.sensors import GRADES, with_errors
 
 AXES = Axes("flu")
 T0 = 1_700_000_000_000_000_000

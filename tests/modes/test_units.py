@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 from modes.flights import flight_log, run
-from sinstool.earth import gravity_n
-from sinstool.errors import DataError
-from sinstool.rotation import conjugate, rotate
+from sinstool.core.earth import gravity_n
+from sinstool.core.errors import DataError
+from sinstool.core.rotation import conjugate, rotate
 
 DAMPED = {"height_damping": "baro"}
 

@@ -3,8 +3,8 @@
 import pytest
 from mcap.opcode import Opcode
 
-from sinstool.readers import open_log
-from sinstool.readers.mcap_file import OtherPlace
+from sinstool.io.readers import open_log
+from sinstool.io.readers.mcap_file import OtherPlace
 
 from .conformance import built, variants
 from .logs import Row, read_back

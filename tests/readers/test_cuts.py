@@ -2,8 +2,8 @@
 
 import pytest
 
-from sinstool.errors import SinstoolError
-from sinstool.readers import open_log
+from sinstool.core.errors import SinstoolError
+from sinstool.io.readers import open_log
 
 from .cuts import LOGS, expected
 from .logs import read_back

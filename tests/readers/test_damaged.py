@@ -8,8 +8,8 @@ from pathlib import Path
 
 import pytest
 
-from sinstool.errors import NotALogError, SinstoolError
-from sinstool.readers import open_log
+from sinstool.core.errors import NotALogError, SinstoolError
+from sinstool.io.readers import open_log
 
 from .damaged import CASES
 from .logs import read_back, rows, same_time
@@ -73,8 +73,8 @@ def test_all_that_is_there_is_read(tmp_path, name):
 READ_ALL = """
 import json, sys
 from pathlib import Path
-from sinstool.errors import SinstoolError
-from sinstool.readers import open_log
+from sinstool.core.errors import SinstoolError
+from sinstool.io.readers import open_log
 
 def peak():
     for line in open("/proc/self/status"):

@@ -4,10 +4,10 @@ import os
 
 import pytest
 
-from sinstool.errors import DamagedLogError, NotALogError
-from sinstool.readers import open_log
-from sinstool.readers.mcap import McapLog
-from sinstool.readers.rosbag1 import Rosbag1Log
+from sinstool.core.errors import DamagedLogError, NotALogError
+from sinstool.io.readers import open_log
+from sinstool.io.readers.mcap import McapLog
+from sinstool.io.readers.rosbag1 import Rosbag1Log
 
 from .logs import bag_records, content, mcap_records, read_back, write_bag1, write_mcap
 

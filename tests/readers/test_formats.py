@@ -5,7 +5,7 @@ import sys
 
 import pytest
 
-from sinstool.readers.formats import kind_of
+from sinstool.io.readers.formats import kind_of
 
 from .logs import content, write_bag1, write_db3, write_mcap
 
@@ -29,7 +29,9 @@ def test_logs_are_told_by_their_first_bytes(tmp_path, kind, make):
 
 def test_asking_imports_nothing_heavy():
     """A folder of logs is listed, and a shell's completion answered, before numpy is there."""
-    modules = "sinstool.readers.formats, sinstool.readers.message_types, sinstool.campaign.inputs"
+    modules = (
+        "sinstool.io.readers.formats, sinstool.io.readers.message_types, sinstool.campaign.inputs"
+    )
     heavy = ("numpy", "numba", "scipy", "pydantic", "mcap", "rosbags")
     code = f"import sys, {modules}; print([m for m in {heavy} if m in sys.modules])"
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True)

@@ -5,7 +5,7 @@ from hypothesis import strategies as st
 from imulogs import ENU_NED, FLU_FRD
 from scipy.spatial.transform import Rotation
 
-from sinstool.readers.frames import enu_to_ned, q_for_log, q_nb_from_log, turn_body
+from sinstool.io.readers.frames import enu_to_ned, q_for_log, q_nb_from_log, turn_body
 
 number = st.floats(-100.0, 100.0)
 vectors = st.tuples(number, number, number).map(np.array)

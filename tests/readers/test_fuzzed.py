@@ -10,8 +10,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from sinstool.errors import SinstoolError
-from sinstool.readers import open_log
+from sinstool.core.errors import SinstoolError
+from sinstool.io.readers import open_log
 
 BENCHMARKS = Path(__file__).parents[2] / "benchmarks"
 # Inputs of seed 1 that were read wrong once: an index that points beyond any file, pages of a

@@ -4,8 +4,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from sinstool.readers import held as held_module
-from sinstool.readers import open_log
+from sinstool.io.readers import held as held_module
+from sinstool.io.readers import open_log
 
 from .logs import content, read_back, write_bag1, write_db3, write_mcap
 

@@ -6,9 +6,14 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from mcap.writer import IndexType
 
-from sinstool.errors import DamagedLogError, NotALogError, SinstoolError, UnsupportedLogError
-from sinstool.readers import open_log
-from sinstool.readers.mcap import ChunkPlace, McapLog
+from sinstool.core.errors import (
+    DamagedLogError,
+    NotALogError,
+    SinstoolError,
+    UnsupportedLogError,
+)
+from sinstool.io.readers import open_log
+from sinstool.io.readers.mcap import ChunkPlace, McapLog
 
 from .logs import (
     IMU,

@@ -7,8 +7,13 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from rosbags.rosbag1 import Reader
 
-from sinstool.errors import DamagedLogError, NotALogError, SinstoolError, UnsupportedLogError
-from sinstool.readers import open_log
+from sinstool.core.errors import (
+    DamagedLogError,
+    NotALogError,
+    SinstoolError,
+    UnsupportedLogError,
+)
+from sinstool.io.readers import open_log
 
 from .logs import (
     IMU,

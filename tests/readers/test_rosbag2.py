@@ -6,8 +6,8 @@ import pytest
 import zstandard
 from rosbags.rosbag2 import Reader
 
-from sinstool.errors import DamagedLogError, NotALogError, UnsupportedLogError
-from sinstool.readers import open_log
+from sinstool.core.errors import DamagedLogError, NotALogError, UnsupportedLogError
+from sinstool.io.readers import open_log
 
 from .logs import (
     IMU,
@@ -212,7 +212,7 @@ def test_compressed_files_of_several_frames(tmp_path):
 
 
 def test_compressed_messages_that_are_damaged_or_swell(tmp_path, monkeypatch):
-    monkeypatch.setattr("sinstool.readers.rosbag2.MAX_BLOCK", 2**22)
+    monkeypatch.setattr("sinstool.io.readers.rosbag2.MAX_BLOCK", 2**22)
     path = write_bag2(tmp_path / "bag", content(30), "db3", "message")
     file = next(path.glob("*.db3"))
     unsized = zstandard.ZstdCompressor(write_content_size=False)
@@ -234,7 +234,7 @@ def test_compressed_messages_that_are_damaged_or_swell(tmp_path, monkeypatch):
 
 
 def test_a_file_of_compressed_messages_alone_says_so(tmp_path):
-    from sinstool.messages.decode import Decoder
+    from sinstool.io.messages.decode import Decoder
 
     path = write_bag2(tmp_path / "bag", content(3), "db3", "message")
     file = next(path.glob("*.db3"))
@@ -261,7 +261,7 @@ def test_real_bag_reads_as_rosbags_reads_it(inside):
 
 
 def test_a_ros1_bag_and_its_ros2_conversion_hold_the_same_numbers():
-    from sinstool.messages.decode import Decoder
+    from sinstool.io.messages.decode import Decoder
 
     columns = {
         "gyro": [f"angular_velocity.{axis}" for axis in "xyz"],

@@ -6,10 +6,10 @@ import struct
 import numpy as np
 import pytest
 
-from sinstool.errors import DamagedLogError, NotALogError, SinstoolError
-from sinstool.readers import lost as lost_module
-from sinstool.readers import open_log
-from sinstool.readers import sqlite as sqlite_module
+from sinstool.core.errors import DamagedLogError, NotALogError, SinstoolError
+from sinstool.io.readers import lost as lost_module
+from sinstool.io.readers import open_log
+from sinstool.io.readers import sqlite as sqlite_module
 
 from .logs import (
     IMU,

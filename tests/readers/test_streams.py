@@ -18,8 +18,9 @@ from imulogs import (
 )
 from scipy.spatial.transform import Rotation
 
-from sinstool.readers import open_log
-from sinstool.readers.streams import (
+from sinstool.core.streams import Imu, concatenate
+from sinstool.io.readers import open_log
+from sinstool.io.readers.streams import (
     ImuUnits,
     Losses,
     first_fix,
@@ -32,7 +33,6 @@ from sinstool.readers.streams import (
     read_velocity,
     reblock,
 )
-from sinstool.streams import Imu, concatenate
 
 N = 40
 TIMES = even_times(N)

@@ -14,11 +14,11 @@ from imulogs import (
 )
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
-from sinstool.errors import TopicError, UnsupportedLogError
-from sinstool.readers import open_log
-from sinstool.readers.message_types import FIX_TYPE
-from sinstool.readers.streams import ImuUnits, Losses, read_imu
-from sinstool.readers.topics import choose_imu, choose_optional, imu_candidates
+from sinstool.core.errors import TopicError, UnsupportedLogError
+from sinstool.io.readers import open_log
+from sinstool.io.readers.message_types import FIX_TYPE
+from sinstool.io.readers.streams import ImuUnits, Losses, read_imu
+from sinstool.io.readers.topics import choose_imu, choose_optional, imu_candidates
 
 TIMES = even_times(50)
 NESTED = "vendor_msgs/msg/Packet"

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from sinstool.figures import Figure, Series
+from sinstool.report.figure import Figure, Series
 from sinstool.report.page import Column, Page, Prose, Settings, Table, Warnings
 from sinstool.report.sections import Fact, Rows, Setting, flat
 

@@ -7,8 +7,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from sinstool.figures import Figure, Series, heading_curve
 from sinstool.report.draw import plotly_figure, unit
+from sinstool.report.figure import Figure, Series, heading_curve
 from sinstool.report.page import Page, write_page, write_report
 from sinstool.report.static import FORMATS, write_figure
 from tests.report.pages import figures, page

@@ -11,9 +11,9 @@ import numpy as np
 import pytest
 
 import sinstool
-from sinstool.errors import ConfigurationError, OutputError
-from sinstool.figures import Figure, Series
+from sinstool.core.errors import ConfigurationError, OutputError
 from sinstool.report import page as page_module
+from sinstool.report.figure import Figure, Series
 from sinstool.report.markup import markup, points_per_curve
 from sinstool.report.page import (
     Column,

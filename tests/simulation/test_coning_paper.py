@@ -5,13 +5,13 @@ import pytest
 from click.testing import CliRunner
 from scipy.integrate import quad_vec
 
-from sinstool import rotation
 from sinstool.cli.simulate import command
-from sinstool.comparison.paper_experiment import noise_rate_deg
 from sinstool.config import InputOptions
-from sinstool.coning.gyro_response import butterworth, chebyshev, none
-from sinstool.errors import ConfigurationError
-from sinstool.inspection import inspect
+from sinstool.core import rotation
+from sinstool.core.errors import ConfigurationError
+from sinstool.methods.coning.gyro_response import butterworth, chebyshev, none
+from sinstool.pipelines.compare_coning.paper_experiment import noise_rate_deg
+from sinstool.pipelines.info.run import inspect
 from sinstool.simulation.coning_paper import (
     cone,
     coning_paper,

@@ -3,9 +3,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from sinstool import earth, rotation
-from sinstool.coning.registry import algorithm
-from sinstool.coning.stage import ConingStage
+from sinstool.core import earth, rotation
+from sinstool.methods.coning.registry import algorithm
+from sinstool.methods.coning.stage import ConingStage
 from sinstool.simulation.barometer import barometer
 from sinstool.simulation.drive import road_drive
 from sinstool.simulation.flight import SPIRAL_SPEED, manoeuvring_flight, spiral_climb

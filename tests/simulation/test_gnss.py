@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from sinstool import earth, rotation
+from sinstool.core import earth, rotation
 from sinstool.simulation.gnss import (
     MODELS,
     GnssErrors,

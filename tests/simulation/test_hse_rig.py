@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 from scipy.integrate import quad_vec
 
-from sinstool import rotation
-from sinstool.earth import earth_rate_n, gravity_n
+from sinstool.core import rotation
+from sinstool.core.earth import earth_rate_n, gravity_n
 from sinstool.simulation.hse_rig import HseRigErrors, HseRigSetup, hse_rig
 from sinstool.simulation.turntable import TableProfile
 

@@ -1,14 +1,14 @@
 import numpy as np
 import pytest
 
-from sinstool import earth, rotation
+from sinstool.core import earth, rotation
+from sinstool.methods.strapdown.attitude import AttitudePropagator
 from sinstool.simulation.interpolation import to_ecef
 from sinstool.simulation.launch import launch, launch_profile
 from sinstool.simulation.launch_sensors import launch_grade, mounted, saturated
 from sinstool.simulation.profile import Profile, Ramp, Step, Wave, fly, harmonic_gravity_n
 from sinstool.simulation.sensors import with_errors
 from sinstool.simulation.truth import sample_times
-from sinstool.strapdown.attitude import AttitudePropagator
 
 DEGREE = np.pi / 180.0
 RATE = 7.292115e-5

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from sinstool.rotation import from_euler
+from sinstool.core.rotation import from_euler
 from sinstool.simulation.sensors import GRADES, SensorGrade, markov, with_errors
 from sinstool.simulation.static import static
 from sinstool.simulation.truth import sample_times

@@ -3,7 +3,7 @@ import numpy as np
 import pytest
 from scipy.integrate import quad_vec
 
-from sinstool import rotation
+from sinstool.core import rotation
 from sinstool.simulation.coning import classical_coning
 from sinstool.simulation.truth import check_times, sample_times
 

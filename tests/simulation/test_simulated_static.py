@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from sinstool import earth, rotation
+from sinstool.core import earth, rotation
 from sinstool.simulation.static import static
 from sinstool.simulation.truth import sample_times
 

@@ -3,11 +3,11 @@
 import numpy as np
 from scipy.integrate import solve_ivp
 
-from sinstool import earth, rotation
-from sinstool.coning.registry import algorithm
-from sinstool.coning.stage import ConingStage
-from sinstool.strapdown.navigation import Navigator, initial_state
-from sinstool.strapdown.velocity import Increments, IncrementStage
+from sinstool.core import earth, rotation
+from sinstool.methods.coning.registry import algorithm
+from sinstool.methods.coning.stage import ConingStage
+from sinstool.methods.strapdown.navigation import Navigator, initial_state
+from sinstool.methods.strapdown.velocity import Increments, IncrementStage
 
 EARTH_RATE_E = np.array([0.0, 0.0, earth.EARTH_RATE])
 

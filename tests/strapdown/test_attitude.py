@@ -6,9 +6,9 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 from scipy.integrate import solve_ivp
 
-from sinstool import earth, rotation
-from sinstool.strapdown.attitude import AttitudePropagator
-from sinstool.strapdown.quaternion_kernels import dcm, product, unit_factor
+from sinstool.core import earth, rotation
+from sinstool.core.quaternion_kernels import dcm, product, unit_factor
+from sinstool.methods.strapdown.attitude import AttitudePropagator
 
 START = rotation.from_euler([0.4, -1.1, 2.5])
 

@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
+from sinstool.methods.strapdown.backward import navigate_backward
+from sinstool.methods.strapdown.navigation import SIZE, initial_state, navigate
 from sinstool.simulation.flight import manoeuvring_flight
-from sinstool.strapdown.backward import navigate_backward
-from sinstool.strapdown.navigation import SIZE, initial_state, navigate
 
 
 @pytest.mark.parametrize(

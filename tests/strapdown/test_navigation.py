@@ -2,11 +2,11 @@ import flying
 import numpy as np
 import pytest
 
-from sinstool import earth, rotation
+from sinstool.core import earth, rotation
+from sinstool.methods.strapdown.navigation import SIZE, Navigator, initial_state
 from sinstool.simulation.flight import manoeuvring_flight, spiral_climb
 from sinstool.simulation.travel import COLUMNS, travel
 from sinstool.simulation.truth import sample_times
-from sinstool.strapdown.navigation import SIZE, Navigator, initial_state
 
 ATTITUDE = rotation.from_euler([0.4, -0.3, 2.5])
 

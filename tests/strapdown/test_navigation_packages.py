@@ -6,9 +6,9 @@ import pandas as pd
 import pytest
 from pyins import strapdown
 
-from sinstool import earth, rotation
+from sinstool.core import earth, rotation
+from sinstool.methods.strapdown.navigation import Navigator
 from sinstool.simulation.flight import spiral_climb
-from sinstool.strapdown.navigation import Navigator
 
 DV = ["dv_x", "dv_y", "dv_z"]
 

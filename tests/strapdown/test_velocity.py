@@ -3,9 +3,9 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
-from sinstool import rotation
+from sinstool.core import rotation
+from sinstool.methods.strapdown.velocity import compensate, remove_bias
 from sinstool.simulation.truth import sample_times
-from sinstool.strapdown.velocity import compensate, remove_bias
 
 
 class Motion:

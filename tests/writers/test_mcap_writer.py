@@ -18,11 +18,11 @@ from mcap.stream_reader import StreamReader, get_chunk_data_stream
 from mcap.writer import CompressionType, Writer
 from readers.logs import COMPRESSIONS, T0, mcap_records, rows, write_db3, write_mcap
 
-from sinstool.readers import open_log
-from sinstool.writers import chunks as module
-from sinstool.writers.chunks import Messages
-from sinstool.writers.copy import Copier
-from sinstool.writers.mcap import McapWriter
+from sinstool.io.readers import open_log
+from sinstool.io.writers import chunks as module
+from sinstool.io.writers.chunks import Messages
+from sinstool.io.writers.copy import Copier
+from sinstool.io.writers.mcap import McapWriter
 
 TOPICS = ("/a", "/b", "/c")
 

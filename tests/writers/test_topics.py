@@ -5,11 +5,11 @@ import pytest
 from imulogs import ENU_NED, FLU_FRD, T0, read_topic
 from scipy.spatial.transform import Rotation
 
-from sinstool import earth
-from sinstool.streams import Diagnostics, Solution
-from sinstool.writers.mcap import McapWriter
-from sinstool.writers.solution import SolutionWriter
-from sinstool.writers.topics import Frames, topic_of
+from sinstool.core import earth
+from sinstool.core.streams import Diagnostics, Solution
+from sinstool.io.writers.mcap import McapWriter
+from sinstool.io.writers.solution import SolutionWriter
+from sinstool.io.writers.topics import Frames, topic_of
 
 N = 50
 ORIGIN = (np.radians(-33.4), np.radians(151.2), 80.0)

@@ -8,12 +8,12 @@ import pytest
 from imulogs import even_times, imu_log, resting
 from mcap.reader import make_reader
 
-from sinstool.attitude import AttitudeRun
 from sinstool.config import OutputOptions, ProcessConfig
-from sinstool.errors import OutputError
-from sinstool.pipeline import process
-from sinstool.writers.mcap import McapWriter
-from sinstool.writers.whole import WholeFile, check_output
+from sinstool.core.errors import OutputError
+from sinstool.core.whole_file import WholeFile, check_output
+from sinstool.io.writers.mcap import McapWriter
+from sinstool.methods.strapdown.attitude_run import AttitudeRun
+from sinstool.pipelines.process.run import process
 
 OVERWRITE = ProcessConfig(output=OutputOptions(overwrite=True))
 

@@ -1,0 +1,44 @@
+"""Normal gravity within compiled loops, to the same digits as `sinstool.core.earth` has it."""
+
+from __future__ import annotations
+
+import numba
+
+from sinstool.core.earth import (
+    GRAVITY_PER_HEIGHT,
+    GRAVITY_PER_HEIGHT_SIN2,
+    NORMAL_GRAVITY_EQUATOR,
+    SEMI_MAJOR_AXIS,
+    SOMIGLIANA,
+)
+
+
+@numba.njit(cache=True, nogil=True)
+def normal_gravity(sin2: float, root: float, height: float) -> float:
+    """Normal gravity, see :func:`sinstool.core.earth.normal_gravity`.
+
+    Parameters
+    ----------
+    sin2 : float
+        Squared sine of latitude.
+    root : float
+        Square root of 1 - e^2 sin2, which the radii of curvature need too.
+    height : float
+        m.
+
+    Returns
+    -------
+    float
+        m/s^2.
+    """
+    relative = height / SEMI_MAJOR_AXIS
+    return (
+        NORMAL_GRAVITY_EQUATOR
+        * (1.0 + SOMIGLIANA * sin2)
+        / root
+        * (
+            1.0
+            - (GRAVITY_PER_HEIGHT - GRAVITY_PER_HEIGHT_SIN2 * sin2) * height
+            + 3.0 * relative * relative
+        )
+    )

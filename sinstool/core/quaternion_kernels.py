@@ -1,0 +1,152 @@
+"""Quaternions within compiled loops: of one attitude update, products, matrices, length.
+
+All in scalars, so that nothing is allocated; `sinstool.core.rotation` has them for arrays.
+
+The quaternion of an update is exact, or by Picard iterations of fixed order. The exact quaternion
+of a rotation vector ``phi`` of length ``a`` is ``[cos(a/2), sin(a/2)/a phi]``. Picard's iteration
+of [1]_, stopped after one to four integrals and normalised, leaves these terms of its series
+(``a`` for the length of ``phi``):
+
+===== ============================ ======================= ==========================
+order scalar                       factor of ``phi``       error of the angle per step
+===== ============================ ======================= ==========================
+1     1                            1/2                     -a**3/12
+2     1 - a**2/8                   1/2                     +a**3/24
+3     1 - a**2/8                   1/2 - a**2/48           +a**5/480
+4     1 - a**2/8 + a**4/384        1/2 - a**2/48           -a**5/1920
+===== ============================ ======================= ==========================
+
+The cross products of increments that the published form carries are in the rotation vector
+already: it comes with its coning correction. At 128 Hz and 100 deg/s the orders drift by 5.6,
+2.8, 2.6e-5 and 6.5e-6 deg/h, so orders 1 and 2 are for comparisons only.
+
+References
+----------
+.. [1] G. Yan, J. Weng, X. Yang, Y. Qin, "An accurate numerical solution for strapdown attitude
+   algorithm based on Picard iteration", J. Astronautics 38(12), 2017, 1307-1313 (in Chinese).
+"""
+
+from __future__ import annotations
+
+from math import cos, sin, sqrt
+
+import numba
+
+EXACT = 0
+"""The order that stands for the exact quaternion."""
+
+HIGHEST_ORDER = 4
+_NEAR = 1e-7  # of the squared length to 1: a Newton step leaves 3/8 of its square
+
+
+@numba.njit(cache=True, nogil=True)
+def increment_quaternion(
+    px: float, py: float, pz: float, order: int
+) -> tuple[float, float, float, float]:
+    """Quaternion of a rotation vector, rad.
+
+    Parameters
+    ----------
+    px, py, pz : float
+        Rotation vector, rad.
+    order : int
+        0 for the exact one, 1 to 4 for Picard's; see the module.
+
+    Returns
+    -------
+    w, x, y, z : float
+        Of unit length.
+    """
+    square = px * px + py * py + pz * pz
+    if order == 0:
+        if square < 1e-2:
+            # Taylor in the squared half angle (< 2.5e-3): what follows is below 1e-19.
+            u = 0.25 * square
+            w = 1.0 - u * (0.5 - u * (1.0 / 24.0 - u * (1.0 / 720.0 - u * (1.0 / 40320.0))))
+            f = 0.5 - u * (
+                1.0 / 12.0 - u * (1.0 / 240.0 - u * (1.0 / 10080.0 - u * (1.0 / 725760.0)))
+            )
+            return w, f * px, f * py, f * pz
+        angle = sqrt(square)
+        f = sin(0.5 * angle) / angle
+        return cos(0.5 * angle), f * px, f * py, f * pz
+    w = 1.0
+    f = 0.5
+    if order >= 2:
+        w -= square / 8.0
+    if order >= 3:
+        f -= square / 48.0
+    if order >= 4:
+        w += square * square / 384.0
+    scale = 1.0 / sqrt(w * w + f * f * square)
+    f *= scale
+    return w * scale, f * px, f * py, f * pz
+
+
+@numba.njit(cache=True, nogil=True)
+def unit_factor(square: float) -> float:
+    """Factor that makes a quaternion of this squared length one of length 1.
+
+    Parameters
+    ----------
+    square : float
+
+    Returns
+    -------
+    float
+    """
+    # After an update the length is 1 but for its rounding: one Newton step towards 1/|q|. Only a
+    # motion that no vehicle makes, as of a filter led astray, is worth a root.
+    if abs(square - 1.0) < _NEAR:
+        return 1.5 - 0.5 * square
+    return 1.0 / sqrt(square)
+
+
+@numba.njit(cache=True, nogil=True)
+def product(
+    pw: float, px: float, py: float, pz: float, qw: float, qx: float, qy: float, qz: float
+) -> tuple[float, float, float, float]:
+    """Hamilton product p q.
+
+    Parameters
+    ----------
+    pw, px, py, pz, qw, qx, qy, qz : float
+
+    Returns
+    -------
+    w, x, y, z : float
+    """
+    return (
+        pw * qw - px * qx - py * qy - pz * qz,
+        pw * qx + px * qw + py * qz - pz * qy,
+        pw * qy - px * qz + py * qw + pz * qx,
+        pw * qz + px * qy - py * qx + pz * qw,
+    )
+
+
+@numba.njit(cache=True, nogil=True)
+def dcm(
+    w: float, x: float, y: float, z: float
+) -> tuple[float, float, float, float, float, float, float, float, float]:
+    """Direction cosine matrix of a unit quaternion.
+
+    Parameters
+    ----------
+    w, x, y, z : float
+
+    Returns
+    -------
+    c00, c01, c02, c10, c11, c12, c20, c21, c22 : float
+        Row by row.
+    """
+    return (
+        w * w + x * x - y * y - z * z,
+        2.0 * (x * y - w * z),
+        2.0 * (x * z + w * y),
+        2.0 * (x * y + w * z),
+        w * w - x * x + y * y - z * z,
+        2.0 * (y * z - w * x),
+        2.0 * (x * z - w * y),
+        2.0 * (y * z + w * x),
+        w * w - x * x - y * y + z * z,
+    )

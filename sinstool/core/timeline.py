@@ -1,0 +1,334 @@
+"""Time made sane: samples in the order they were measured, without duplicates, split at gaps.
+
+Logs are written in the order in which messages arrive. `Order` puts them in the order of their
+stamps with a bounded look-ahead, drops repeated stamps, and counts what it met; `segments` then
+cuts the ordered samples wherever more time passed than can be integrated across.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass, field, replace
+from itertools import pairwise
+from typing import Generic, TypeVar
+
+import numpy as np
+
+from sinstool.core.streams import Imu, Stream, concatenate
+
+SECOND = 1_000_000_000
+# Samples are held back this long at first; a log that needs more is read again with more.
+FIRST_HORIZON = SECOND
+# Stamps that run back further than this are a clock that was set, not late messages.
+LAST_HORIZON = 64 * SECOND
+# An interval of more than this many nominal ones is a gap: two samples or more are missing, and
+# what the vehicle did meanwhile is not in the log.
+GAP_INTERVALS = 3.0
+S = TypeVar("S", bound=Stream)
+_NEVER = int(np.iinfo(np.int64).min)
+
+
+@dataclass(frozen=True)
+class OrderState:
+    """What `Order` carries from block to block.
+
+    Attributes
+    ----------
+    held : Imu or None
+        Samples that later ones may still precede, in order.
+    newest, last_seen : int
+        Largest time seen, and the time of the sample seen last.
+    last_out : int
+        Time of the last sample given out.
+    last_gyro : ndarray, shape (3,)
+        Its angular rate.
+    """
+
+    held: Imu | None = None
+    newest: int = _NEVER
+    last_seen: int = _NEVER
+    last_out: int = _NEVER
+    last_gyro: np.ndarray = field(default_factory=lambda: np.zeros(3))
+
+
+@dataclass
+class OrderCounts:
+    """What `Order` met.
+
+    Attributes
+    ----------
+    backward : int
+        Samples stamped earlier than the one before them in the file.
+    lateness_ns : int
+        How far the latest of them lay behind the newest sample then seen.
+    duplicates : int
+        Samples dropped because their time had been given out already.
+    differing_duplicates : int
+        Those of them that held other values than the sample kept.
+    late : int
+        Samples dropped because they lay further behind the newest than the horizon.
+    """
+
+    backward: int = 0
+    lateness_ns: int = 0
+    duplicates: int = 0
+    differing_duplicates: int = 0
+    late: int = 0
+
+
+class Order:
+    """Samples by time, from blocks in the order of the file.
+
+    Parameters
+    ----------
+    horizon_ns : int
+        How far behind the newest sample a late one may lie and still be put in its place.
+    """
+
+    def __init__(self, horizon_ns: int = FIRST_HORIZON) -> None:
+        self.horizon_ns = horizon_ns
+        self.state = OrderState()
+        self.counts = OrderCounts()
+
+    def push(self, block: Imu) -> Imu:
+        """Take a block in; give out what can no longer be preceded by anything."""
+        block = self._punctual(block)
+        if not len(block):
+            return block
+        state = self.state
+        held = block if state.held is None else concatenate([state.held, block])
+        newest = max(state.newest, int(block.time_ns.max()))
+        ordered = held
+        if (held.time_ns[1:] < held.time_ns[:-1]).any():
+            ordered = held.rows(np.argsort(held.time_ns, kind="stable"))
+        ready = int(np.searchsorted(ordered.time_ns, newest - self.horizon_ns, side="right"))
+        self.state = replace(
+            state,
+            held=ordered.rows(slice(ready, None)),
+            newest=newest,
+        )
+        return self._give(ordered.rows(slice(0, ready)))
+
+    def finish(self) -> Imu | None:
+        """The samples still held; None when nothing was ever pushed."""
+        held = self.state.held
+        if held is None:
+            return None
+        self.state = replace(self.state, held=held.rows(slice(0, 0)))
+        return self._give(held)
+
+    def _punctual(self, block: Imu) -> Imu:
+        """Count what is out of order; drop what lies further back than the horizon.
+
+        By this rule, and not by what happens to have been given out, no sample depends on
+        where blocks end.
+        """
+        times = block.time_ns
+        before = np.concatenate(([self.state.last_seen], times[:-1]))
+        newest = np.maximum.accumulate(np.concatenate(([self.state.newest], times)))[:-1]
+        self.state = replace(self.state, last_seen=int(times[-1]))
+        self.counts.backward += int(np.count_nonzero(times < before))
+        behind = np.where(newest > times, newest - times, 0)
+        lateness = int(behind.max())
+        if not lateness:
+            return block
+        self.counts.lateness_ns = max(self.counts.lateness_ns, lateness)
+        if lateness <= self.horizon_ns:
+            return block
+        late = behind > self.horizon_ns
+        self.counts.late += int(np.count_nonzero(late))
+        return block.rows(~late)
+
+    def _give(self, block: Imu) -> Imu:
+        """Drop repeated times, of which the first in the file stays; remember the last time."""
+        if not len(block):
+            return block
+        times = block.time_ns
+        fresh = np.diff(times, prepend=self.state.last_out) > 0
+        if self.state.last_out == _NEVER:
+            fresh[0] = True
+        if not fresh.all():
+            repeated = np.flatnonzero(~fresh)
+            self.counts.duplicates += len(repeated)
+            # row of the sample kept: 0 is that given out last
+            kept = np.maximum.accumulate(np.where(fresh, np.arange(1, len(times) + 1), 0))
+            known = np.vstack((self.state.last_gyro, block.gyro))[kept[repeated]]
+            differs = (block.gyro[repeated] != known).any(axis=1)
+            self.counts.differing_duplicates += int(np.count_nonzero(differs))
+            block = block.rows(fresh)
+        if len(block):
+            self.state = replace(
+                self.state, last_out=int(block.time_ns[-1]), last_gyro=block.gyro[-1].copy()
+            )
+        return block
+
+
+def ordered(blocks: Iterable[Imu], order: Order) -> Iterator[Imu]:
+    """All samples of a stream by time, through an `Order`."""
+    for block in blocks:
+        if len(out := order.push(block)):
+            yield out
+    rest = order.finish()
+    if rest is not None and len(rest):
+        yield rest
+
+
+@dataclass(frozen=True)
+class Piece:
+    """A block's part that lies in one segment.
+
+    Attributes
+    ----------
+    imu : Imu
+    starts : bool
+        The segment begins with it.
+    gap_s : float
+        Length of the gap before it, 0 at the log's start.
+    """
+
+    imu: Imu
+    starts: bool
+    gap_s: float
+
+
+def segments(blocks: Iterable[Imu], max_gap_ns: int) -> Iterator[Piece]:
+    """Cut ordered samples at gaps.
+
+    Parameters
+    ----------
+    blocks : iterable of Imu
+        Ordered, without duplicates.
+    max_gap_ns : int
+        Longest interval that is no gap.
+
+    Yields
+    ------
+    Piece
+        In order; a segment may come in several pieces, of which the first has ``starts``.
+    """
+    last: int | None = None
+    for block in blocks:
+        times = block.time_ns
+        steps = np.diff(times, prepend=times[0] if last is None else last)
+        cuts = np.flatnonzero(steps > max_gap_ns)
+        edges = [0, *cuts.tolist(), len(times)]
+        for begin, end in pairwise(edges):
+            if begin == end:
+                continue
+            is_cut = bool(steps[begin] > max_gap_ns)
+            first = last is None and begin == 0
+            gap = float(steps[begin]) / SECOND if is_cut else 0.0
+            yield Piece(block.rows(slice(begin, end)), first or is_cut, gap)
+        last = int(times[-1])
+
+
+def mean_rates(
+    blocks: Iterable[Imu],
+    nominal_ns: float | None = None,
+    max_gap_ns: int | None = None,
+    sample_rate: float | None = None,
+) -> Iterator[Imu]:
+    """Increments as mean rates over their own intervals.
+
+    Parameters
+    ----------
+    blocks : iterable of Imu
+        Ordered; gyro in rad and accel in m/s over the interval that ends at each stamp.
+    nominal_ns : float, optional
+        Interval of samples that follow a gap or nothing; by default what the stamps say, and
+        for the first sample the interval after it (a second when it is the only one).
+    max_gap_ns : int, optional
+        What counts as a gap.
+    sample_rate : float, optional
+        Of every increment, Hz, whatever stamps say.
+
+    Yields
+    ------
+    Imu
+        gyro in rad/s and accel in m/s^2.
+    """
+    last: int | None = None
+    for block in _begun(blocks):
+        times = block.time_ns
+        step = np.diff(times, prepend=times[0] if last is None else last).astype(np.float64)
+        if last is None:
+            step[0] = nominal_ns or (step[1] if len(step) > 1 else SECOND)
+        if nominal_ns is not None and max_gap_ns is not None:
+            step[step > max_gap_ns] = nominal_ns
+        if sample_rate is not None:
+            step[:] = SECOND / sample_rate
+        seconds = (step / SECOND)[:, None]
+        yield Imu(
+            times,
+            block.log_time_ns,
+            block.gyro / seconds,
+            block.accel / seconds,
+            block.orientation,
+        )
+        last = int(times[-1])
+
+
+def _begun(blocks: Iterable[Imu]) -> Iterator[Imu]:
+    """The same samples, the first two of them in one block."""
+    rest = iter(blocks)
+    first = next(rest, None)
+    while first is not None and len(first) < 2:
+        second = next(rest, None)
+        if second is None:
+            break
+        first = concatenate([first, second])
+    if first is not None:
+        yield first
+    yield from rest
+
+
+@dataclass(frozen=True)
+class Whole(Generic[S]):
+    """All of a stream that is slow enough to be held at once, by time.
+
+    Attributes
+    ----------
+    stream : Stream
+    backward : int
+        Samples that were stamped earlier than the one before them in the file.
+    repeated : int
+        Samples that repeat a stamp.
+    """
+
+    stream: S
+    backward: int
+    repeated: int
+
+
+def whole(blocks: Iterable[S], by_log_time: bool = False, repeats: bool = False) -> Whole[S] | None:
+    """A stream of one piece, sorted by stamp.
+
+    Parameters
+    ----------
+    blocks : iterable of Stream
+        In the order of the file.
+    by_log_time : bool
+        Take the recorder's times for stamps.
+    repeats : bool
+        Keep samples that repeat a stamp; by default the first in the file stays.
+
+    Returns
+    -------
+    Whole or None
+        None where there is not one sample.
+    """
+    parts = [b for b in blocks if len(b)]
+    if not parts:
+        return None
+    stream = concatenate(parts)
+    if by_log_time:
+        stream = replace(stream, time_ns=stream.log_time_ns)
+    steps = np.diff(stream.time_ns)
+    backward = int(np.count_nonzero(steps < 0))
+    if backward:
+        stream = stream.rows(np.argsort(stream.time_ns, kind="stable"))
+        steps = np.diff(stream.time_ns)
+    repeated = int(np.count_nonzero(steps == 0))
+    if repeated and not repeats:
+        stream = stream.rows(np.concatenate(([True], steps > 0)))
+    return Whole(stream, backward, repeated)

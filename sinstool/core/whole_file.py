@@ -1,0 +1,315 @@
+"""Files that appear under their names only when they are complete."""
+
+from __future__ import annotations
+
+import contextlib
+import io
+import os
+from collections.abc import Iterator
+from concurrent.futures import Future, ThreadPoolExecutor
+from contextvars import ContextVar
+from pathlib import Path
+from types import TracebackType
+from typing import IO, Any
+
+from sinstool.core.errors import OutputError
+from sinstool.core.temporary import forget, new_file, remove_file, sweep
+
+SYNC_BYTES = 48 * 2**20
+# Not every system has the call that leaves the file's times alone.
+_put_on_disk = getattr(os, "fdatasync", os.fsync)
+appeared: list[Path] = []
+"""Files that this process has completed."""
+
+
+def check_output(output: Path, inputs: list[Path], overwrite: bool) -> None:
+    """Refuse an output that exists, is an input, or lies in a folder that cannot be written.
+
+    Parameters
+    ----------
+    output : Path
+    inputs : list of Path
+    overwrite : bool
+        An existing file may be replaced; an input never.
+
+    Raises
+    ------
+    OutputError
+    """
+    try:
+        _check_output(output, inputs, overwrite)
+    except OSError as exc:
+        # A folder that may not be looked into, a name too long for the file system
+        raise OutputError(f"cannot write {output}: {exc.strerror}", "choose another -o") from exc
+
+
+def _check_output(output: Path, inputs: list[Path], overwrite: bool) -> None:
+    # A link stays one: what it leads to is written.
+    folder = _real(output).parent
+    if output.is_dir():
+        raise OutputError(f"{output} is a folder", "give the name of a file with -o")
+    if output.exists() and not output.is_file():
+        raise OutputError(f"{output} is a device or a pipe", "give the name of a file with -o")
+    for source in inputs:
+        # A new file in a bag's folder would become part of the bag.
+        if source.is_dir() and source.resolve() in output.resolve().parents:
+            raise OutputError(
+                f"{output} lies in the input's own folder", "choose another folder with -o"
+            )
+    if output.exists():
+        for source in inputs:
+            if output.samefile(source):
+                raise OutputError(f"{output} is the input itself", "choose another file with -o")
+        if not overwrite:
+            raise OutputError(f"{output} exists already", "choose another name or add --overwrite")
+    if not folder.is_dir():
+        raise OutputError(f"the folder {folder} does not exist", "make it, or choose another")
+    if not os.access(folder, os.W_OK | os.X_OK):
+        raise OutputError(f"the folder {folder} cannot be written to", "choose another with -o")
+
+
+def check_new_folder(folder: Path, option: str) -> None:
+    """Refuse a folder for tables that holds something.
+
+    Parameters
+    ----------
+    folder : Path
+    option : str
+        By which another one can be given.
+
+    Raises
+    ------
+    OutputError
+    """
+    sweep(folder)
+    try:
+        occupied = folder.exists() and (not folder.is_dir() or any(folder.iterdir()))
+    except OSError as exc:
+        raise OutputError(f"the folder {folder} cannot be read: {exc.strerror}") from exc
+    if occupied:
+        raise OutputError(f"{folder} exists and is not an empty folder", f"give another {option}")
+
+
+def _real(path: Path) -> Path:
+    return Path(os.path.realpath(path))
+
+
+class _Group:
+    """What is held back until all of it is complete."""
+
+    def __init__(self) -> None:
+        self.files: list[WholeFile] = []
+        self.folders: list[Path] = []
+
+
+_group: ContextVar[_Group | None] = ContextVar("_group", default=None)
+
+
+@contextlib.contextmanager
+def together() -> Iterator[None]:
+    """Files that are completed inside appear when the context ends well: all of them or none.
+
+    Raises
+    ------
+    OutputError
+        A file was written twice, or its folder is gone by now.
+    """
+    if _group.get() is not None:
+        yield
+        return
+    group = _Group()
+    token = _group.set(group)
+    try:
+        yield
+        for whole in group.files:
+            whole.appear()
+    except BaseException:
+        for whole in group.files:
+            whole.discard()
+        for folder in reversed(group.folders):
+            # not one into which somebody else has put something
+            with contextlib.suppress(OSError):
+                folder.rmdir()
+        raise
+    finally:
+        _group.reset(token)
+
+
+def held_back(path: Path) -> Path:
+    """Where the content of a file is for now, that waits inside :func:`together`.
+
+    Parameters
+    ----------
+    path : Path
+
+    Returns
+    -------
+    Path
+        The file itself where it does not wait.
+    """
+    group = _group.get()
+    waiting = () if group is None else group.files
+    target = _real(path)
+    return next((one._part for one in waiting if one._target == target), path)
+
+
+def make_folder(path: Path) -> None:
+    """Make a folder and those above it; inside :func:`together` they go again if it fails.
+
+    Parameters
+    ----------
+    path : Path
+        May be there already.
+
+    Raises
+    ------
+    OutputError
+    """
+    missing = [one for one in (path, *path.parents) if not one.exists()]
+    group = _group.get()
+    try:
+        for one in reversed(missing):
+            one.mkdir()
+            if group is not None:
+                group.folders.append(one)
+    except OSError as exc:
+        raise OutputError(f"cannot make the folder {path}: {exc.strerror}") from exc
+
+
+class _SyncedFile(io.BufferedWriter):
+    """A file whose content goes to the disk while the rest is made, not all of it at the end.
+
+    The buffer joins small records; chunks are larger and go past it, not copied once more.
+    """
+
+    def __init__(self, handle: int) -> None:
+        super().__init__(io.FileIO(handle, "wb"), 2**16)
+        self._unsynced = 0
+        self._pool = ThreadPoolExecutor(1, thread_name_prefix="sinstool-sync")
+        self._sync: Future[None] | None = None
+
+    def write(self, data: Any, /) -> int:
+        """Write, and now and then have what was written put on the disk."""
+        count = super().write(data)
+        self._unsynced += count
+        if self._unsynced > SYNC_BYTES and (self._sync is None or self._sync.done()):
+            # Errors show again, and are told, when everything is synced in the end.
+            self._sync = self._pool.submit(_put_on_disk, self.fileno())
+            self._unsynced = 0
+        return count
+
+    def close(self) -> None:
+        """Close, when nothing is being synced any more."""
+        self._pool.shutdown(wait=True)
+        super().close()
+
+
+class WholeFile:
+    """Write to a temporary file beside the target; rename it on success, remove it otherwise.
+
+    Inside :func:`together` the renaming waits for the end of that context.
+
+    Parameters
+    ----------
+    path : Path
+        The target; of a link, what it leads to.
+
+    Raises
+    ------
+    OutputError
+        The folder refuses a new file.
+    """
+
+    def __init__(self, path: Path) -> None:
+        self.path = path
+        self._target = _real(path)
+        group = _group.get()
+        if group is not None and any(self._target == one._target for one in group.files):
+            raise OutputError(f"{path} is named twice", "choose another name")
+        try:
+            handle, self._part = new_file(self._target.parent, path.name)
+        except OSError as exc:
+            raise OutputError(f"cannot write in {path.parent}: {exc.strerror}") from exc
+        self.stream: IO[bytes] = _SyncedFile(handle)
+
+    def __enter__(self) -> WholeFile:
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        exc: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        if kind is None:
+            self._complete()
+        else:
+            self.discard()
+            if isinstance(exc, OSError) and exc.errno is not None:
+                raise OutputError(f"writing {self.path} failed: {exc.strerror}") from exc
+
+    def _complete(self) -> None:
+        try:
+            self.stream.flush()
+            # Temporary files are private; the user's own mask decides who may read the result.
+            mask = os.umask(0)
+            os.umask(mask)
+            os.chmod(self._part, 0o666 & ~mask)
+            os.fsync(self.stream.fileno())
+        except BaseException as exc:
+            self.discard()
+            if isinstance(exc, OSError):
+                raise OutputError(f"writing {self.path} failed: {exc.strerror}") from exc
+            raise
+        group = _group.get()
+        if group is None:
+            self.appear()
+        else:
+            group.files.append(self)
+
+    def appear(self) -> None:
+        """Give the complete file its name.
+
+        Raises
+        ------
+        OutputError
+            The folder is gone by now, or a folder has taken the name.
+        """
+        try:
+            if not _RENAMES_OPEN_FILES:
+                self.stream.close()
+            # Open, and so locked: no other run takes it for a dead one's before it has its name.
+            os.replace(self._part, self._target)
+            appeared.append(self.path)
+            forget(self._part)
+            self.stream.close()
+            _sync_folder(self._target.parent)
+        except BaseException as exc:
+            self.discard()
+            if isinstance(exc, OSError):
+                raise OutputError(f"writing {self.path} failed: {exc.strerror}") from exc
+            raise
+
+    def discard(self) -> None:
+        """Remove what was written, unless it has its name already."""
+        # A full disk refuses the last flush too; the file goes anyway.
+        with contextlib.suppress(OSError):
+            self.stream.close()
+        with contextlib.suppress(OSError):
+            remove_file(self._part)
+
+
+_RENAMES_OPEN_FILES = os.name == "posix"
+
+
+def _sync_folder(folder: Path) -> None:
+    """Have the new name on the disk too, where the system can say so of a folder."""
+    if not hasattr(os, "O_DIRECTORY"):
+        return
+    # Some file systems cannot, and what they hold is whole all the same.
+    with contextlib.suppress(OSError):
+        handle = os.open(folder, os.O_RDONLY | os.O_DIRECTORY)
+        try:
+            os.fsync(handle)
+        finally:
+            os.close(handle)

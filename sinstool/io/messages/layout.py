@@ -1,0 +1,323 @@
+"""Where each field of a message lies, derived from the definition and the bytes themselves.
+
+A message's layout depends on its definition and on the lengths of its strings and sequences.
+`walk` reads those lengths from one message and notes them as *guards*: any other message in
+which every guard holds has the same layout, whatever its total length says (two frame names of
+7 and 8 characters can pad to the same size).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from sinstool.io.messages.definitions import Definition, FieldType
+
+CDR_HEADER = 4
+ZSTD_MAGIC = b"\x28\xb5\x2f\xfd"
+SIZES = {
+    "bool": 1,
+    "byte": 1,
+    "char": 1,
+    "int8": 1,
+    "uint8": 1,
+    "int16": 2,
+    "uint16": 2,
+    "int32": 4,
+    "uint32": 4,
+    "float32": 4,
+    "int64": 8,
+    "uint64": 8,
+    "float64": 8,
+}
+NUMPY = {
+    "bool": "u1",
+    "byte": "u1",
+    "char": "u1",
+    "int8": "i1",
+    "uint8": "u1",
+    "int16": "i2",
+    "uint16": "u2",
+    "int32": "i4",
+    "uint32": "u4",
+    "float32": "f4",
+    "int64": "i8",
+    "uint64": "u8",
+    "float64": "f8",
+}
+# Beyond this a sequence of messages is not laid out element by element: nothing we read needs it
+# and a hostile length must not cost memory.
+MAX_ELEMENTS = 4096
+# Fields of one message that are laid out at most: types of nothing else than types take no bytes.
+MAX_FIELDS = 2**17
+
+
+class LayoutError(ValueError):
+    """A message does not fit its definition."""
+
+
+@dataclass(frozen=True)
+class Leaf:
+    """A primitive, or a run of equal primitives without gaps.
+
+    Attributes
+    ----------
+    offset : int
+        Bytes from the start of the payload (for CDR the encapsulation header included).
+    dtype : str
+        numpy code without byte order, such as ``f8``.
+    count : int
+        How many; 1 for a plain field, 0 for an empty sequence.
+    """
+
+    offset: int
+    dtype: str
+    count: int
+
+
+@dataclass
+class Layout:
+    """Where the fields of one message lie.
+
+    Attributes
+    ----------
+    leaves : dict
+        Dotted path to Leaf. Elements of sequences of messages are ``path[i].field``; a string
+        is a Leaf of bytes without its terminator.
+    guards : list of (int, bytes)
+        What must stand at which offset for this layout to hold.
+    size : int
+        Bytes the fields take, in all.
+    big_endian : bool
+        Byte order of the payload.
+    """
+
+    leaves: dict[str, Leaf] = field(default_factory=dict)
+    guards: list[tuple[int, bytes]] = field(default_factory=list)
+    size: int = 0
+    big_endian: bool = False
+
+    def text(self, path: str, payload: bytes) -> str:
+        """Text of a string field in a message with this layout."""
+        leaf = self.leaves[path]
+        raw = bytes(payload[leaf.offset : leaf.offset + leaf.count])
+        return raw.decode("utf-8", errors="replace")
+
+
+def walk(definition: Definition, payload: bytes) -> Layout:
+    """Lay out one message.
+
+    Parameters
+    ----------
+    definition : Definition
+        Its type, with the encoding it is serialised in.
+    payload : bytes
+        The serialised message.
+
+    Returns
+    -------
+    Layout
+
+    Raises
+    ------
+    LayoutError
+        The payload is too short for its type, declares impossible lengths, or uses an
+        encapsulation other than plain CDR.
+    """
+    walker = _Walker(definition, bytes(payload))
+    return walker.run()
+
+
+class _Walker:
+    """The recursive descent behind `walk`, with its position."""
+
+    def __init__(self, definition: Definition, payload: bytes) -> None:
+        self.definition = definition
+        self.payload = payload
+        self.cdr = definition.encoding == "cdr"
+        self.layout = Layout()
+        self.pos = 0
+        self.fields = 0
+
+    def run(self) -> Layout:
+        if self.cdr:
+            self._encapsulation()
+        self._message(self.definition.name, "")
+        self.layout.size = self.pos
+        surplus = len(self.payload) - self.pos
+        # Middlewares pad CDR payloads to 4 or 8 bytes; ROS 1 never pads.
+        if surplus < 0 or surplus > (7 if self.cdr else 0):
+            raise LayoutError(
+                f"payload has {len(self.payload)} bytes, {self.definition.name} takes {self.pos}"
+            )
+        return self.layout
+
+    def _encapsulation(self) -> None:
+        head = self.payload[:CDR_HEADER]
+        if len(head) < CDR_HEADER:
+            raise LayoutError(f"payload of {len(head)} bytes is too short for CDR")
+        if head == ZSTD_MAGIC:
+            raise LayoutError("payload is compressed by zstd: open the bag's folder, not one file")
+        if head[0] != 0 or head[1] not in (0, 1):
+            kind = {6: "XCDR2", 7: "XCDR2", 2: "PL_CDR", 3: "PL_CDR"}.get(head[1], "unknown")
+            raise LayoutError(
+                f"CDR encapsulation 0x{head[:2].hex()} ({kind}); plain CDR (0x0000, 0x0001) is read"
+            )
+        self.layout.big_endian = head[1] == 0
+        self.layout.guards.append((0, head[:2]))
+        self.pos = CDR_HEADER
+
+    def _align(self, size: int) -> None:
+        if self.cdr:
+            self.pos = CDR_HEADER + (self.pos - CDR_HEADER + size - 1) // size * size
+
+    def _length(self) -> int:
+        self._align(4)
+        raw = self.payload[self.pos : self.pos + 4]
+        if len(raw) < 4:
+            raise LayoutError(f"payload ends at byte {len(self.payload)} inside a length")
+        self.layout.guards.append((self.pos, raw))
+        self.pos += 4
+        return int.from_bytes(raw, "big" if self.layout.big_endian else "little")
+
+    def _need(self, size: int) -> None:
+        if self.pos + size > len(self.payload):
+            raise LayoutError(
+                f"payload ends at byte {len(self.payload)}, {self.definition.name} goes on"
+            )
+
+    def _message(self, name: str, prefix: str) -> None:
+        for field_name, ftype in self.definition.fields(name):
+            self._field(ftype, f"{prefix}.{field_name}" if prefix else field_name)
+
+    def _field(self, ftype: FieldType, path: str) -> None:
+        self.fields += 1
+        if self.fields > MAX_FIELDS:
+            raise LayoutError(f"{self.definition.name} has more than {MAX_FIELDS} fields")
+        if ftype.kind == "base":
+            self._primitives(ftype.name, path, 1)
+        elif ftype.kind == "message":
+            self._message(ftype.name, path)
+        else:
+            count = ftype.count if ftype.kind == "array" else self._length()
+            if ftype.element == "base" and ftype.name != "string":
+                self._primitives(ftype.name, path, count)
+                return
+            # Every element takes at least a byte (a string four), so a longer claim is a lie.
+            if count > len(self.payload) - self.pos:
+                raise LayoutError(f"{path} declares {count} elements in {len(self.payload)} bytes")
+            if count > MAX_ELEMENTS:
+                raise LayoutError(f"{path} has {count} elements; at most {MAX_ELEMENTS} are read")
+            for index in range(count):
+                element = f"{path}[{index}]"
+                if ftype.element == "base":
+                    self._primitives(ftype.name, element, 1)
+                else:
+                    self._message(ftype.name, element)
+
+    def _primitives(self, name: str, path: str, count: int) -> None:
+        if name == "string":
+            self._string(path)
+            return
+        if name not in SIZES:
+            raise LayoutError(f"{path} is of type {name}, which is not read")
+        size = SIZES[name]
+        if count:
+            self._align(size)
+        self._need(size * count)
+        self.layout.leaves[path] = Leaf(self.pos, NUMPY[name], count)
+        self.pos += size * count
+
+    def _string(self, path: str) -> None:
+        length = self._length()
+        self._need(length)
+        # CDR counts the terminating NUL; some writers leave it out of empty strings.
+        text = length - 1 if self.cdr and length else length
+        self.layout.leaves[path] = Leaf(self.pos, "u1", text)
+        self.pos += length
+
+
+def template(
+    definition: Definition, strings: dict[str, str], lengths: dict[str, int]
+) -> tuple[Layout, np.ndarray]:
+    """Layout and zero-filled payload of a message that is to be written.
+
+    Parameters
+    ----------
+    definition : Definition
+        Type and encoding.
+    strings : dict
+        Text of string fields by path; others are empty.
+    lengths : dict
+        Length of sequences by path; others are empty.
+
+    Returns
+    -------
+    layout : Layout
+    payload : ndarray, shape (size,), uint8
+        Little-endian, lengths and strings in place.
+    """
+    builder = _Builder(definition, strings, lengths)
+    return builder.run()
+
+
+class _Builder:
+    """Writes the payload that `walk` would read back into the wanted layout."""
+
+    def __init__(
+        self, definition: Definition, strings: dict[str, str], lengths: dict[str, int]
+    ) -> None:
+        self.definition = definition
+        self.strings = strings
+        self.lengths = lengths
+        self.cdr = definition.encoding == "cdr"
+        self.out = bytearray(b"\x00\x01\x00\x00" if self.cdr else b"")
+
+    def run(self) -> tuple[Layout, np.ndarray]:
+        self._message(self.definition.name, "")
+        layout = walk(self.definition, bytes(self.out))
+        return layout, np.frombuffer(bytes(self.out), np.uint8)
+
+    def _align(self, size: int) -> None:
+        if self.cdr:
+            self.out += bytes(-(len(self.out) - CDR_HEADER) % size)
+
+    def _length(self, value: int) -> None:
+        self._align(4)
+        self.out += value.to_bytes(4, "little")
+
+    def _message(self, name: str, prefix: str) -> None:
+        for field_name, ftype in self.definition.fields(name):
+            self._field(ftype, f"{prefix}.{field_name}" if prefix else field_name)
+
+    def _field(self, ftype: FieldType, path: str) -> None:
+        if ftype.kind == "message":
+            self._message(ftype.name, path)
+            return
+        if ftype.kind == "base":
+            self._primitives(ftype.name, path, 1)
+            return
+        count = ftype.count
+        if ftype.kind == "sequence":
+            count = self.lengths.get(path, 0)
+            self._length(count)
+        if ftype.element == "base" and ftype.name != "string":
+            self._primitives(ftype.name, path, count)
+            return
+        for index in range(count):
+            element = f"{path}[{index}]"
+            if ftype.element == "base":
+                self._primitives(ftype.name, element, 1)
+            else:
+                self._message(ftype.name, element)
+
+    def _primitives(self, name: str, path: str, count: int) -> None:
+        if name == "string":
+            raw = self.strings.get(path, "").encode() + (b"\0" if self.cdr else b"")
+            self._length(len(raw))
+            self.out += raw
+            return
+        if count:
+            self._align(SIZES[name])
+        self.out += bytes(SIZES[name] * count)

@@ -1,0 +1,159 @@
+"""Decompression of one block whose decompressed size is declared beside it, and checked."""
+
+from __future__ import annotations
+
+import bz2
+import threading
+from typing import Any
+
+import lz4.frame
+import zstandard
+
+from sinstool.io.readers.limits import MAX_BLOCK
+
+_MAGICS = {"zstd": b"\x28\xb5\x2f\xfd", "lz4": b"\x04\x22\x4d\x18", "bz2": b"BZh91AY&SY"}
+_PIECE = 256
+# No measurement swells more; what does is a bomb, and in a damaged block it is left alone.
+_MOST_SWELLING = 1024
+
+_local = threading.local()
+
+
+class CompressionError(ValueError):
+    """A block does not decompress to what it declares."""
+
+
+class UnknownCompressionError(CompressionError):
+    """The name of the compression is none we know."""
+
+
+def decompress(name: str, data: bytes | memoryview, size: int) -> bytes | memoryview:
+    """Decompress one block.
+
+    Parameters
+    ----------
+    name : {'', 'none', 'zstd', 'lz4', 'bz2'}
+        As the container spells it.
+    data : bytes-like
+    size : int
+        Decompressed size that the container declares.
+
+    Returns
+    -------
+    bytes-like
+        Exactly ``size`` bytes.
+
+    Raises
+    ------
+    CompressionError
+        The data is corrupt, declares more than 256 MiB, or has another size when decompressed.
+    """
+    if size > MAX_BLOCK:
+        raise CompressionError(
+            f"declares {size} bytes, more than the {MAX_BLOCK // 2**20} MiB that are accepted"
+        )
+    try:
+        out = _decompress(name, data, size)
+    except UnknownCompressionError:
+        raise
+    except (zstandard.ZstdError, RuntimeError, OSError, EOFError, ValueError) as exc:
+        raise CompressionError(f"{name} data is corrupt ({exc})") from exc
+    if len(out) != size:
+        raise CompressionError(f"holds {len(out)} bytes where {size} are declared")
+    return out
+
+
+def _decompress(name: str, data: bytes | memoryview, size: int) -> bytes | memoryview:
+    if name in ("", "none"):
+        return data
+    if name not in ("zstd", "lz4", "bz2"):
+        raise UnknownCompressionError(f"compression '{name}' is not one of zstd, lz4, bz2, none")
+    if not len(data) and size == 0:
+        return b""
+    if name == "zstd":
+        declared = zstandard.frame_content_size(data)
+        if declared not in (-1, size):
+            raise CompressionError(f"its zstd frame declares {declared} bytes, not {size}")
+        return _zstd().decompress(data, max_output_size=max(size, 1))
+    if name == "lz4":
+        unpacked = lz4.frame.LZ4FrameDecompressor().decompress(data, max_length=size + 1)
+        return bytes(unpacked)
+    return bz2.BZ2Decompressor().decompress(data, max_length=size + 1)
+
+
+def decompress_prefix(name: str, data: bytes | memoryview, limit: int) -> bytes | bytearray:
+    """As much of a damaged block as can be had, from its beginning on.
+
+    Parameters
+    ----------
+    name : str
+        As for `decompress`. Where the data itself begins as zstd, lz4 or bz2 does, that decides.
+    data : bytes-like
+    limit : int
+        Bytes beyond which nothing is taken.
+
+    Returns
+    -------
+    bytes-like
+        What comes before the first place that does not decompress. Nothing proves it right: a
+        changed byte may decompress to something else.
+    """
+    name = compression_of(data) or name
+    if name in ("", "none"):
+        return bytes(data[:limit])
+    if name not in ("zstd", "lz4", "bz2"):
+        return b""
+    limit = min(limit, MAX_BLOCK, _MOST_SWELLING * len(data) + _PIECE)
+    out, good = _feed(name, data, 0, _PIECE, limit)
+    if good < len(data) and len(out) < limit:
+        # Somewhere in the next piece: all that comes before that byte is still to be had.
+        out, _ = _feed(name, data[: good + _PIECE], good, 1, limit)
+    return out
+
+
+def compression_of(data: bytes | memoryview) -> str:
+    """What data is compressed by, told by its first bytes; '' where it is nothing we know."""
+    head = bytes(data[:10])
+    return next((name for name, magic in _MAGICS.items() if head.startswith(magic)), "")
+
+
+def packed_at(data: bytes) -> int:
+    """Where compressed data begins in the first bytes of something; -1 where none does."""
+    places = [data.find(magic) for magic in _MAGICS.values()]
+    return min((place for place in places if place >= 0), default=-1)
+
+
+def _feed(
+    name: str, data: bytes | memoryview, whole: int, piece: int, limit: int
+) -> tuple[bytearray, int]:
+    """Decompress the first `whole` bytes by large pieces and the rest by given ones.
+
+    Returns what came out, and how many bytes went in before the first that would not.
+    """
+    out = bytearray()
+    step: Any = {
+        "zstd": lambda: zstandard.ZstdDecompressor().decompressobj(),
+        "lz4": lz4.frame.LZ4FrameDecompressor,
+        "bz2": bz2.BZ2Decompressor,
+    }[name]()
+    pos = 0
+    while pos < len(data) and len(out) < limit and not step.eof:
+        size = min(_PIECE, whole - pos) if pos < whole else piece
+        try:
+            if name == "zstd":
+                out += step.decompress(data[pos : pos + size])
+            else:
+                out += step.decompress(data[pos : pos + size], limit - len(out))
+                while not step.needs_input and not step.eof and len(out) < limit:
+                    out += step.decompress(b"", limit - len(out))
+        except (zstandard.ZstdError, RuntimeError, OSError, EOFError, ValueError):
+            return out[:limit], pos
+        pos += size
+    return out[:limit], len(data)
+
+
+def _zstd() -> zstandard.ZstdDecompressor:
+    """This thread's decompressor: they are not safe to share."""
+    if not hasattr(_local, "zstd"):
+        _local.zstd = zstandard.ZstdDecompressor()
+    return _local.zstd

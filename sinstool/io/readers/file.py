@@ -1,0 +1,110 @@
+"""A log that is one file: bytes at places of it, its blocks unpacked, its batches read ahead."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable, Iterable, Iterator
+from pathlib import Path
+from typing import TypeVar
+
+from sinstool.core.errors import UnsupportedLogError
+from sinstool.io.readers.ahead import ahead
+from sinstool.io.readers.batch import RawBatch
+from sinstool.io.readers.compression import (
+    CompressionError,
+    UnknownCompressionError,
+    decompress,
+)
+from sinstool.io.readers.limits import LARGE, MAX_BLOCK
+from sinstool.io.readers.log import Log
+
+Place = TypeVar("Place")
+
+
+class FileLog(Log):
+    """A file that is open as long as the log is.
+
+    Parameters
+    ----------
+    path : Path
+    salvage : bool
+        Pass over damage and note it in `lost`.
+    """
+
+    def __init__(self, path: Path, salvage: bool) -> None:
+        super().__init__(path, salvage)
+        self._packed = False  # a compressed chunk was seen
+        self._fd = os.open(path, os.O_RDONLY)
+
+    def close(self) -> None:
+        """Close the file."""
+        if self._fd >= 0:
+            os.close(self._fd)
+            self._fd = -1
+
+    def read_at(self, offset: int, length: int) -> bytes:
+        """Bytes of the file; fewer where it ends, none beyond."""
+        # Places and lengths are what the file says; it can say more than a system call takes.
+        if not 0 <= offset < self.size:
+            return b""
+        return os.pread(self._fd, min(length, self.size - offset), offset)
+
+    def unpacked(
+        self, name: str, size: int, offset: int, data_offset: int, data_length: int
+    ) -> bytes | memoryview | str:
+        """Content of a chunk; in words what is wrong with it.
+
+        Parameters
+        ----------
+        name : str
+            Compression, as the chunk has it.
+        size : int
+            Bytes of the content that it declares.
+        offset, data_offset, data_length : int
+            Where the chunk begins, and where its compressed content lies.
+
+        Raises
+        ------
+        UnsupportedLogError
+            The compression is none we know, and `salvage` is off.
+        """
+        if data_length > MAX_BLOCK:
+            return f"a chunk of {data_length} bytes is more than we take"
+        try:
+            return decompress(name, self.read_at(data_offset, data_length), size)
+        except UnknownCompressionError as exc:
+            if not self.salvage:
+                raise UnsupportedLogError(self.path, f"a chunk's {exc}", "", offset) from exc
+            return f"a chunk's {exc}"
+        except CompressionError as exc:
+            return f"a chunk {exc}"
+
+
+def read_ahead(
+    places: Iterable[Place | RawBatch],
+    size: Callable[[Place], int],
+    batches: Callable[[Place], Iterator[RawBatch]],
+) -> Iterator[RawBatch]:
+    """The batches of a log's places in their order, the next few unpacked meanwhile.
+
+    Parameters
+    ----------
+    places : iterable
+        Chunks, and batches of messages that lie in none.
+    size : callable
+        Bytes of a chunk; a large one is not read ahead.
+    batches : callable
+        Unpacks a chunk.
+
+    Yields
+    ------
+    RawBatch
+    """
+
+    def load(place: Place | RawBatch) -> Place | list[RawBatch]:
+        if isinstance(place, RawBatch):
+            return [place]
+        return place if size(place) > LARGE else list(batches(place))
+
+    for loaded in ahead(load, places):
+        yield from loaded if isinstance(loaded, list) else batches(loaded)

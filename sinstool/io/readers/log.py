@@ -1,0 +1,277 @@
+"""What every recorded log looks like to the rest: channels, and raw messages in batches."""
+
+from __future__ import annotations
+
+import os
+from abc import ABC, abstractmethod
+from collections.abc import Collection, Iterable, Iterator
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from sinstool.core.errors import SALVAGE_HINT, DamagedLogError, UnsupportedLogError
+from sinstool.io.messages.definitions import (
+    Definition,
+    DefinitionError,
+    normalise_type_name,
+    parse_definition,
+)
+from sinstool.io.readers.batch import RawBatch
+from sinstool.io.readers.held import Held
+from sinstool.io.readers.lost import Lost, LostParts
+
+
+@dataclass(frozen=True)
+class Channel:
+    """One stream of messages in a log.
+
+    Attributes
+    ----------
+    id : int
+        The reader's number for it, unique in the log.
+    topic : str
+    type_name : str
+        As the log spells it.
+    message_encoding : str
+        ``cdr`` or ``ros1``; others are listed but not decoded.
+    schema_encoding, schema_text : str
+        The definition carried by the log; the text may be empty.
+    metadata : dict
+        Whatever the container keeps (QoS profiles, MD5 sums).
+    """
+
+    id: int
+    topic: str
+    type_name: str
+    message_encoding: str
+    schema_encoding: str
+    schema_text: str
+    metadata: dict[str, str] = field(default_factory=dict)
+
+    @property
+    def type(self) -> str:
+        """Type in ROS 2 spelling, ``package/msg/Type``."""
+        return normalise_type_name(self.type_name)
+
+    def definition(self, path: Path) -> Definition:
+        """Parsed definition.
+
+        Parameters
+        ----------
+        path : Path
+            The log, for the error message.
+
+        Raises
+        ------
+        UnsupportedLogError
+            The encoding is not read, or the definition cannot be had.
+        """
+        if self.message_encoding not in ("cdr", "ros1"):
+            raise UnsupportedLogError(
+                path,
+                f"topic {self.topic} is encoded as '{self.message_encoding or 'unknown'}'",
+                "sinstool reads ROS messages, encoded as cdr or ros1",
+            )
+        try:
+            return parse_definition(
+                self.type_name, self.schema_encoding, self.schema_text, self.message_encoding
+            )
+        except DefinitionError as exc:
+            raise UnsupportedLogError(path, f"topic {self.topic}: {exc}") from exc
+
+
+class Log(ABC):
+    """A recorded log, opened.
+
+    Attributes
+    ----------
+    path : Path
+    format : str
+        ``mcap``, ``rosbag1`` or ``rosbag2``.
+    profile : str
+        ``ros1`` or ``ros2`` or what an MCAP header says.
+    channels : dict of int to Channel
+    size : int
+        Bytes on disk.
+    salvage : bool
+        Whether damaged parts are passed over (and noted in `lost`) instead of refused.
+    lost : list of Lost
+        What was passed over, or recovered without proof.
+    counts : dict of int to int
+        Messages by channel as the log itself declares them, where it does; not checked.
+    recovered : dict of int to int
+        Messages by channel that the last whole pass gave; counted when `salvage` is on.
+    """
+
+    format: str
+    profile: str
+
+    def __init__(self, path: Path, salvage: bool) -> None:
+        self.path = path
+        self.salvage = salvage
+        self.channels: dict[int, Channel] = {}
+        self.counts: dict[int, int] = {}
+        self.recovered: dict[int, int] = {}
+        self._lost = LostParts()
+        self._held = Held()
+        self.size = path_size(path)
+
+    @property
+    def lost(self) -> list[Lost]:
+        """What was passed over so far, or recovered without proof."""
+        return self._lost.all()
+
+    @abstractmethod
+    def _read(self, wanted: frozenset[int] | None) -> Iterator[RawBatch]:
+        """Batches that hold the wanted messages, and maybe others, in the order of the file."""
+
+    def batches(self, channels: Collection[int] | None = None) -> Iterator[RawBatch]:
+        """Raw messages, a bounded number at a time.
+
+        Parameters
+        ----------
+        channels : collection of int, optional
+            Only these; by default all.
+
+        Yields
+        ------
+        RawBatch
+
+        Raises
+        ------
+        DamagedLogError
+            A part is corrupt or missing and `salvage` is off.
+        """
+        wanted = None if channels is None else frozenset(int(c) for c in channels)
+        if wanted is not None and self._held.holds(wanted):
+            yield from self._held.batches(wanted)
+            return
+        if not self._held.channels or self._held.taking or self._held.complete:
+            yield from self._pass(wanted, wanted, None)
+            return
+        complete = False
+        self._held.begin()
+        try:
+            through = None if wanted is None else wanted | self._held.channels
+            yield from self._pass(wanted, through, self._held)
+            complete = True
+        finally:
+            self._held.end(complete)
+
+    def hold(self, channels: Collection[int]) -> None:
+        """Keep what the next pass meets of small channels, which will be wanted too.
+
+        Parameters
+        ----------
+        channels : collection of int
+        """
+        self._held = Held(channels)
+
+    def _pass(
+        self, wanted: frozenset[int] | None, through: frozenset[int] | None, held: Held | None
+    ) -> Iterator[RawBatch]:
+        """The wanted messages, from a pass over the log that reads others too, to be held."""
+        undefined: dict[int, int] = {}
+        counts: dict[int, int] = {}
+        latest: int | None = None
+        reached = 0
+        for batch in self._read(through):
+            if not len(batch):
+                continue
+            # Behind a record whose length was a lie the walk takes a step back.
+            reached = max(reached, batch.position)
+            if batch.position < reached:
+                batch = replace(batch, position=reached)
+            if self.salvage:
+                if self._lost.waiting:
+                    self._lost.between(batch.position, latest, int(batch.log_time.min()))
+                latest = int(batch.log_time.max())
+                for number, count in zip(
+                    *np.unique(batch.channel, return_counts=True), strict=True
+                ):
+                    counts[int(number)] = counts.get(int(number), 0) + int(count)
+            chosen = self._without_undefined(batch, undefined)
+            if held is not None:
+                held.take(chosen)
+            if wanted is not None:
+                chosen = chosen.select(wanted)
+            if len(chosen):
+                yield chosen
+        if self.salvage:
+            self._lost.between(self.size + 1, latest, None)
+            met = self.channels if through is None else through
+            self.recovered.update({number: counts.get(number, 0) for number in met})
+
+    def channels_of(self, topic: str) -> list[Channel]:
+        """All channels that carry a topic, by id."""
+        return [c for _, c in sorted(self.channels.items()) if c.topic == topic]
+
+    def close(self) -> None:  # noqa: B027 - not every log holds something
+        """Give back what the reader holds."""
+
+    def __enter__(self) -> Log:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()
+
+    def _without_undefined(self, batch: RawBatch, undefined: dict[int, int]) -> RawBatch:
+        """A batch without messages of channels the log never defines, which are noted."""
+        numbers: Iterable[int] = ()
+        low, high = int(batch.channel.min()), int(batch.channel.max())
+        # sorting out which there are costs more than reading; mostly all between are known
+        if high - low >= len(self.channels) or not self.channels.keys() >= {*range(low, high + 1)}:
+            numbers = np.unique(batch.channel).tolist()
+        strange = [number for number in numbers if number not in self.channels]
+        for number in strange:
+            undefined[number] = undefined.get(number, 0) + int((batch.channel == number).sum())
+            what = f"messages of channel {number}, which the log does not define"
+            part = self.note_lost(Lost(what, "channel", kept=0))
+            part.declared = max(part.declared or 0, undefined[number])
+        return batch.select(self.channels.keys()) if strange else batch
+
+    def refuse(self, what: str, offset: int | None = None) -> None:
+        """Raise `DamagedLogError` of damage, unless it is to be passed over."""
+        if not self.salvage:
+            raise DamagedLogError(self.path, what, SALVAGE_HINT, offset)
+
+    def damage(self, what: str, offset: int | None = None, kind: str = "record") -> None:
+        """Refuse damage, or note it as a part that is lost (see `Lost`)."""
+        self.refuse(what, offset)
+        self.note_lost(Lost(what, kind, offset))
+
+    def note_lost(self, part: Lost, always: bool = False) -> Lost:
+        """Remember a passed-over part, once (see `LostParts.note`)."""
+        return self._lost.note(part, always)
+
+    def account(self) -> dict[str, Any]:
+        """What was lost, for a summary.
+
+        Returns
+        -------
+        dict
+            ``parts`` in words, ``places`` (see `Lost.as_json`), ``chunks`` (how many of them are
+            chunks), and for the channels that were read ``messages_read`` and
+            ``messages_declared``: None where nothing was lost, or where the log does not say.
+        """
+        parts = self.lost
+        read = sum(self.recovered.values()) if parts and self.recovered else None
+        declared = None
+        if read is not None and self.counts:
+            declared = sum(self.counts.get(number, 0) for number in self.recovered)
+        return {
+            "parts": [str(part) for part in parts],
+            "places": [part.as_json() for part in parts],
+            "chunks": sum(part.kind == "chunk" for part in parts),
+            "messages_read": read,
+            "messages_declared": declared,
+        }
+
+
+def path_size(path: Path) -> int:
+    """Bytes of a file, or of all files in a folder."""
+    if path.is_dir():
+        return sum(p.stat().st_size for p in path.rglob("*") if p.is_file())
+    return os.stat(path).st_size

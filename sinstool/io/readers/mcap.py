@@ -1,0 +1,382 @@
+"""MCAP logs: their channels, and their messages in the order of the file.
+
+The summary, where it can be trusted, saves the discovery of channels and the decompression of
+chunks nobody asked for, and no more: messages always come from the walk over the records.
+"""
+
+from __future__ import annotations
+
+import struct
+import zlib
+from collections.abc import Iterator
+from io import BytesIO
+from pathlib import Path
+
+import mcap.records as records
+import numpy as np
+from mcap.data_stream import ReadDataStream
+from mcap.opcode import Opcode
+
+from sinstool.core.errors import NotALogError
+from sinstool.io.readers.batch import RawBatch
+from sinstool.io.readers.file import read_ahead
+from sinstool.io.readers.formats import MCAP_MAGIC as MAGIC
+from sinstool.io.readers.limits import MAX_BLOCK, MAX_DEFINITIONS, MAX_INDEX, MAX_RECORD, ROWS
+from sinstool.io.readers.log import Channel
+from sinstool.io.readers.lost import Lost
+from sinstool.io.readers.mcap_file import (
+    MIN_MESSAGE,
+    ChunkPlace,
+    McapFile,
+    OtherPlace,
+    batch_of,
+    record_length,
+)
+from sinstool.io.readers.resync import next_mcap_inside, run_mcap
+from sinstool.io.readers.salvage import inside, known_mask, unpack, whole_parts
+from sinstool.io.readers.scan import END, FULL, definitions_mcap, scan_mcap
+
+
+class McapLog(McapFile):
+    """An MCAP file, profile ``ros2`` or ``ros1`` or none.
+
+    Parameters
+    ----------
+    path : Path
+    salvage : bool
+        Pass over damaged chunks and a missing end, and note them in `lost`.
+
+    Raises
+    ------
+    NotALogError, DamagedLogError, UnsupportedLogError
+    """
+
+    format = "mcap"
+
+    def __init__(self, path: Path, salvage: bool = False) -> None:
+        super().__init__(path, salvage)
+        self.profile = ""
+        self.chunk_channels: dict[int, frozenset[int]] = {}
+        self.schemas: dict[int, records.Schema] = {}
+        self.schema_ids: dict[int, int] = {}
+        # Messages by channel of each chunk that was ever walked, by the chunk's offset
+        self.chunk_counts: dict[int, dict[int, int]] = {}
+        # Offsets of chunks whose CRC was found right, and of those that are not whole
+        self._sound: set[int] = set()
+        self.broken: set[int] = set()
+        self._defined = 0
+        self._counts_proved = False
+        try:
+            self._open()
+        except BaseException:
+            self.close()
+            raise
+
+    # -- opening ---------------------------------------------------------------------------
+
+    def _open(self) -> None:
+        if self.size < len(MAGIC) or self.read_at(0, len(MAGIC)) != MAGIC:
+            raise NotALogError(self.path, "not an MCAP file: its first bytes are not MCAP's")
+        self.complete = (
+            self.size >= 2 * len(MAGIC) + 29
+            and self.read_at(self.size - len(MAGIC), len(MAGIC)) == MAGIC
+        )
+        if not self.complete:
+            self.damage("cut short: the end of an MCAP file is missing", self.size, "end")
+        head = self.read_at(len(MAGIC), 9)
+        if len(head) < 9 or head[0] != Opcode.HEADER:
+            self.damage("no header record after the magic", len(MAGIC))
+        else:
+            length = record_length(head)
+            if length <= MAX_RECORD:
+                body = self.read_at(len(MAGIC), 9 + length)
+                header = self._parse(records.Header, body[9:], len(MAGIC))
+                self.profile = header.profile if header else ""
+        if not (self.complete and self._read_summary()):
+            self._discover()
+
+    def _parse(self, kind: type, body: bytes, offset: int):  # type: ignore[no-untyped-def]
+        """A record by mcap's own class; None (or an error) where it does not parse."""
+        try:
+            return kind.read(ReadDataStream(BytesIO(body)))  # type: ignore[attr-defined]
+        except Exception as exc:  # mcap raises struct.error, EndOfFile, UnicodeDecodeError ...
+            self.damage(f"a {kind.__name__} record cannot be read ({exc!r})", offset)
+            return None
+
+    def _read_summary(self) -> bool:
+        """Channels, counts and chunk contents from the summary; False if it does not give them."""
+        end = self.size - len(MAGIC)
+        foot = self.read_at(end - 29, 29)
+        if len(foot) < 29 or foot[0] != Opcode.FOOTER or record_length(foot) != 20:
+            self.damage("the footer record is missing", end - 29, "index")
+            return False
+        start, _, crc = struct.unpack("<QQI", foot[9:])
+        self.data_end = start or end - 29
+        if start == 0:
+            return False
+        if start < len(MAGIC) or start > end - 29:
+            self.data_end = -1
+            what = f"the footer points to a summary at {start}, outside the file"
+            self.damage(what, end - 29, "index")
+            return False
+        if end - 29 - start > MAX_INDEX:
+            return False
+        summary = self.read_at(start, end - 29 - start)
+        # The CRC covers the summary and the footer up to the CRC itself.
+        if crc and zlib.crc32(summary + foot[:25]) != crc:
+            self.data_end = -1
+            self.damage("the summary's CRC does not match", start, "index")
+            return False
+        statistics = None
+        pos = 0
+        channels: list[records.Channel] = []
+        chunk_starts: list[int] = []
+        while pos + 9 <= len(summary):
+            op, length = summary[pos], int.from_bytes(summary[pos + 1 : pos + 9], "little")
+            body = summary[pos + 9 : pos + 9 + length]
+            if len(body) < length:
+                self.damage("the summary ends inside a record", start + pos, "index")
+                return False
+            if op == Opcode.SCHEMA and (schema := self._parse(records.Schema, body, start + pos)):
+                self.schemas[schema.id] = schema
+            elif op == Opcode.CHANNEL and (ch := self._parse(records.Channel, body, start + pos)):
+                channels.append(ch)
+            elif op == Opcode.STATISTICS:
+                statistics = self._parse(records.Statistics, body, start + pos)
+            elif op == Opcode.CHUNK_INDEX:
+                index = self._parse(records.ChunkIndex, body, start + pos)
+                if index:
+                    chunk_starts.append(index.chunk_start_offset)
+                # What is not proved does not decide what is left out.
+                if index and index.message_index_offsets and crc:
+                    self.chunk_channels[index.chunk_start_offset] = frozenset(
+                        index.message_index_offsets
+                    )
+            pos += 9 + length
+        self.chunk_starts = frozenset(chunk_starts)
+        if statistics is None or len({c.id for c in channels}) < statistics.channel_count:
+            return False
+        if any(c.schema_id and c.schema_id not in self.schemas for c in channels):
+            return False
+        for channel in channels:
+            self._add_channel(channel)
+        self.counts = dict(statistics.channel_message_counts)
+        # What a CRC covers was written so; some writers leave the counts out.
+        self._counts_proved = bool(crc and self.counts)
+        return True
+
+    def _discover(self) -> None:
+        """Channels from the data section itself, chunks included."""
+        for place in self.places():
+            if isinstance(place, OtherPlace):
+                if place.opcode in (Opcode.SCHEMA, Opcode.CHANNEL):
+                    if place.length > MAX_RECORD:
+                        self.damage(f"a record declares {place.length} bytes", place.offset)
+                        continue
+                    body = self.read_at(place.offset + 9, place.length - 9)
+                    self._define(place.opcode, body, place.offset)
+            elif isinstance(place, ChunkPlace):
+                for part in self._whole_parts(place):
+                    self._define_all(part, place.offset)
+
+    def _define_all(self, records_: np.ndarray, offset: int) -> None:
+        """Schemas and channels out of a run of whole records."""
+        pos, count, found = 0, 1, np.empty((3, 1024), np.int64)
+        while count and self._defined <= MAX_DEFINITIONS:
+            count, pos = definitions_mcap(records_, pos, found)
+            for op, at, length in found[:, :count].T.tolist():
+                self._define(op, records_[at : at + length].tobytes(), offset)
+
+    def _whole_parts(self, place: ChunkPlace) -> list[np.ndarray]:
+        """The records of a chunk, without the damaged ones where they are passed over."""
+        chunk = None if place.problem else self._load(place)
+        if isinstance(chunk, np.ndarray):
+            _, stop = run_mcap(chunk, 0)
+            if stop == len(chunk):
+                return [chunk]
+        content, parts, _ = self._salvaged(place)
+        return [content[begin:end] for begin, end in parts]
+
+    def _define(self, op: int, body: bytes, offset: int) -> None:
+        self._defined += 1
+        if self._defined > MAX_DEFINITIONS:
+            self.damage(f"more than {MAX_DEFINITIONS} schemas and channels", offset)
+            return
+        if op == Opcode.SCHEMA:
+            schema = self._parse(records.Schema, body, offset)
+            if schema:
+                self.schemas.setdefault(schema.id, schema)
+        else:
+            channel = self._parse(records.Channel, body, offset)
+            if channel and channel.id not in self.channels:
+                self._add_channel(channel)
+
+    def _add_channel(self, channel: records.Channel) -> None:
+        schema = self.schemas.get(channel.schema_id)
+        self.schema_ids[channel.id] = channel.schema_id
+        encoding = channel.message_encoding
+        self.channels[channel.id] = Channel(
+            channel.id,
+            channel.topic,
+            schema.name if schema else "",
+            encoding,
+            schema.encoding if schema else "",
+            schema.data.decode("utf-8", "replace") if schema else "",
+            dict(channel.metadata),
+        )
+
+    # -- walking ---------------------------------------------------------------------------
+
+    def _load(self, place: ChunkPlace) -> np.ndarray | str:
+        """A chunk's records, decompressed and checked; in words what is wrong with them."""
+        raw = self.unpacked(
+            place.compression, place.size, place.offset, place.data_offset, place.data_length
+        )
+        if isinstance(raw, str):
+            what = raw
+        elif not place.crc or place.offset in self._sound:
+            return np.frombuffer(raw, np.uint8)
+        elif zlib.crc32(raw) == place.crc:
+            self._sound.add(place.offset)
+            return np.frombuffer(raw, np.uint8)
+        else:
+            what = "a chunk's CRC does not match its content"
+        self.refuse(what, place.offset)
+        return what
+
+    def _salvaged(self, place: ChunkPlace) -> tuple[np.ndarray, list[tuple[int, int]], bool]:
+        """What a damaged chunk still gives: its bytes, its runs of whole records, and whether
+        its CRC proves them."""
+        length = min(MAX_BLOCK, place.offset + place.length - place.data_offset)
+        data = self.read_at(place.data_offset, length)
+        content, proved = unpack(place.compression, data, place.size, place.crc)
+        known = known_mask(self.channels)
+        parts = whole_parts(content, run_mcap, lambda b, at: next_mcap_inside(b, at, known))
+        return content, parts, proved
+
+    def _salvaged_batch(self, place: ChunkPlace, what: str) -> RawBatch:
+        """The messages of a damaged chunk that are whole; what is lost is noted."""
+        content, parts, proved = self._salvaged(place)
+        found = np.concatenate(
+            [np.empty((6, 0), np.int64), *(_rows(content, part) for part in parts)], axis=1
+        )
+        start, end = place.start_time, place.end_time
+        if not proved:
+            known = np.isin(found[0], list(self.channels))
+            found = found[:, known & inside(found[3], start, end)]
+        sensible = 0 <= start <= end < 2**63
+        self.note_lost(
+            Lost(
+                what,
+                "chunk",
+                place.offset,
+                place.offset + place.length,
+                start if sensible else None,
+                end if sensible else None,
+                found.shape[1],
+                self._indexed(place),
+                proved,
+            )
+        )
+        # as if it ended where it begins, so that what is missing lies between it and the next
+        return batch_of(content, found, place.offset)
+
+    def _indexed(self, place: ChunkPlace) -> int | None:
+        """How many messages the index behind a chunk says that it has; None without an index."""
+        pos, count = place.offset + place.length, 0
+        while (head := self.read_at(pos, 15)) and len(head) == 15:
+            length = record_length(head)
+            size = int.from_bytes(head[11:15], "little")
+            if head[0] != Opcode.MESSAGE_INDEX or length < size + 6 or size % 16:
+                break
+            count += size // 16
+            pos += 9 + length
+        return count or None
+
+    def chunk_batch(self, place: ChunkPlace) -> RawBatch:
+        """All messages of one chunk that can be had.
+
+        Raises
+        ------
+        DamagedLogError
+            The chunk is corrupt and `salvage` is off.
+        """
+        batches = list(self._chunk_batches(place))
+        if len(batches) > 1:
+            found = [[getattr(b, name) for b in batches] for name in _COLUMNS]
+            return batch_of(
+                batches[0].buffer, [np.concatenate(f) for f in found], batches[0].position
+            )
+        return batches[0]
+
+    def _chunk_batches(self, place: ChunkPlace) -> Iterator[RawBatch]:
+        """The messages of one chunk, so many at a time."""
+        chunk = place.problem or self._load(place)
+        counts: dict[int, int] = {}
+        if self.salvage and not isinstance(chunk, str) and run_mcap(chunk, 0)[1] < len(chunk):
+            chunk = "a record inside a chunk runs over its end"
+        if not isinstance(chunk, str):
+            pos, why = 0, FULL
+            while why == FULL:
+                out = np.empty((6, min(ROWS, (len(chunk) - pos) // MIN_MESSAGE + 1)), np.int64)
+                count, pos, why = scan_mcap(chunk, pos, out, False)
+                if why not in (END, FULL):
+                    what = f"a record inside a chunk runs over its end (at {pos})"
+                    self.damage(what, place.offset, "chunk")
+                _add(counts, out[0, :count])
+                yield batch_of(chunk, out[:, :count], place.offset + place.length)
+            self.chunk_counts[place.offset] = counts
+        else:
+            self.broken.add(place.offset)
+            yield self._salvaged_batch(place, chunk)
+
+    def _read(self, wanted: frozenset[int] | None) -> Iterator[RawBatch]:
+        """Raw messages, chunk by chunk (see `Log.batches`)."""
+
+        def needed() -> Iterator[ChunkPlace | RawBatch]:
+            for place in self.places():
+                if isinstance(place, RawBatch):
+                    yield place
+                elif isinstance(place, ChunkPlace):
+                    holds = self.chunk_channels.get(place.offset)
+                    if wanted is None or holds is None or holds & wanted:
+                        yield place
+
+        def size(place: ChunkPlace) -> int:
+            return max(place.size, place.data_length)
+
+        totals: dict[int, int] = {}
+        for batch in read_ahead(needed(), size, self._chunk_batches):
+            _add(totals, batch.channel)
+            yield batch
+        if self._counts_proved and not self.lost:
+            for channel in self.channels if wanted is None else wanted & self.channels.keys():
+                self._check_count(channel, totals.get(channel, 0))
+
+    def _check_count(self, channel: int, found: int) -> None:
+        """Records whose kind was changed are seen by nothing else than the log's own count."""
+        declared = self.counts.get(channel, 0)
+        if found != declared:
+            what = (
+                f"topic {self.channels[channel].topic} has {found} messages, and"
+                f" {declared} by the log's own count"
+            )
+            self.note_lost(Lost(what, "count"))
+
+
+_COLUMNS = ("channel", "offset", "length", "log_time", "publish_time", "sequence")
+
+
+def _add(counts: dict[int, int], channels: np.ndarray) -> None:
+    """Add so many messages to those of each channel."""
+    numbers = np.bincount(channels)
+    for channel in np.flatnonzero(numbers).tolist():
+        counts[channel] = counts.get(channel, 0) + int(numbers[channel])
+
+
+def _rows(buffer: np.ndarray, part: tuple[int, int]) -> np.ndarray:
+    """Where the messages in a run of whole records lie."""
+    begin, end = part
+    out = np.empty((6, (end - begin) // MIN_MESSAGE + 1), np.int64)
+    count, _, _ = scan_mcap(buffer[:end], begin, out, False)
+    return out[:, :count]

@@ -1,0 +1,70 @@
+"""Open a log, whatever it is, by what its first bytes say."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from sinstool.core.errors import NotALogError
+from sinstool.io.readers.formats import kind_of
+
+if TYPE_CHECKING:
+    from sinstool.io.readers.log import Log
+
+KNOWN = "sinstool reads MCAP, ROS 1 .bag, and ROS 2 bags (a directory or a single .db3)"
+
+
+def open_log(path: Path | str, salvage: bool = False) -> Log:
+    """Open a recorded log.
+
+    Parameters
+    ----------
+    path : path-like
+        An MCAP file, a ROS 1 bag, a ROS 2 bag directory or a single ``.db3``; recognised by
+        content, not by suffix.
+    salvage : bool
+        Pass over damaged parts and note them in ``lost``.
+
+    Returns
+    -------
+    Log
+
+    Raises
+    ------
+    NotALogError
+        The path does not exist, cannot be read, is empty or is none of these.
+    DamagedLogError
+        The log is damaged and `salvage` is off.
+    UnsupportedLogError
+        It uses something we do not read.
+    """
+    path = Path(path)
+    if not path.exists():
+        raise NotALogError(path, "there is no such file or folder")
+    if path.is_dir():
+        from sinstool.io.readers.rosbag2 import open_directory
+
+        return open_directory(path, salvage)
+    if not path.is_file():
+        # It would be waited for, and cannot be read twice.
+        raise NotALogError(path, "is a device or a pipe", "write what comes through it to a file")
+    try:
+        with path.open("rb") as stream:
+            kind, head = kind_of(stream)
+    except OSError as exc:
+        raise NotALogError(path, f"cannot be read ({exc.strerror})") from exc
+    if not head:
+        raise NotALogError(path, "the file is empty")
+    if kind == "mcap":
+        from sinstool.io.readers.mcap import McapLog
+
+        return McapLog(path, salvage)
+    if kind == "rosbag1":
+        from sinstool.io.readers.rosbag1 import Rosbag1Log
+
+        return Rosbag1Log(path, salvage)
+    if kind == "sqlite":
+        from sinstool.io.readers.sqlite import SqliteLog
+
+        return SqliteLog(path, salvage)
+    raise NotALogError(path, f"not a log: it begins with {head[:8]!r}", KNOWN)

@@ -1,0 +1,394 @@
+"""ROS 1 bags (version 2.0), read from front to back.
+
+The walk over the records is all that is needed for messages, so a bag that was never indexed, or
+whose index is wrong, reads like any other. The index section only saves a second walk: it names
+the connections before the first message.
+"""
+
+from __future__ import annotations
+
+import struct
+from collections.abc import Generator, Iterator
+from contextlib import suppress
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+
+from sinstool.core.errors import NotALogError, UnsupportedLogError
+from sinstool.io.readers.batch import RawBatch
+from sinstool.io.readers.compression import packed_at
+from sinstool.io.readers.file import FileLog, read_ahead
+from sinstool.io.readers.formats import ROSBAG1_MAGIC
+from sinstool.io.readers.limits import MAX_BLOCK, MAX_DEFINITIONS, MAX_INDEX, ROWS, WINDOW
+from sinstool.io.readers.log import Channel
+from sinstool.io.readers.lost import Lost
+from sinstool.io.readers.resync import next_rosbag1, run_rosbag1
+from sinstool.io.readers.rosbag1_records import (
+    BAG,
+    CHUNK,
+    CHUNK_INFO,
+    CONNECTION,
+    INDEX,
+    MESSAGE,
+    BadRecordError,
+    Record,
+    read_channel,
+    record_at,
+)
+from sinstool.io.readers.salvage import search, unpack, whole_parts
+from sinstool.io.readers.scan import END, FOREIGN, FULL, definitions_rosbag1, scan_rosbag1
+
+MAGIC = ROSBAG1_MAGIC + b"2.0\n"
+BAG_HEADER_SIZE = 4096
+MAX_HEADER = 2**20
+# Record lengths, and the op, conn and time fields of a message's header.
+_MIN_MESSAGE = 46
+
+
+class Rosbag1Log(FileLog):
+    """A ROS 1 bag.
+
+    Parameters
+    ----------
+    path : Path
+    salvage : bool
+        Pass over damaged chunks and a missing end, and note them in `lost`.
+
+    Raises
+    ------
+    NotALogError, DamagedLogError, UnsupportedLogError
+    """
+
+    format = "rosbag1"
+    profile = "ros1"
+
+    def __init__(self, path: Path, salvage: bool = False) -> None:
+        super().__init__(path, salvage)
+        self._defined = 0
+        try:
+            self._open()
+        except BaseException:
+            self.close()
+            raise
+
+    # -- opening ---------------------------------------------------------------------------
+
+    def _open(self) -> None:
+        magic = self.read_at(0, len(MAGIC))
+        if magic != MAGIC:
+            if magic.startswith(ROSBAG1_MAGIC) and not MAGIC.startswith(magic):
+                version = magic[len(ROSBAG1_MAGIC) :].split(b"\n")[0].decode("ascii", "replace")
+                raise UnsupportedLogError(
+                    self.path, f"a bag of version {version}", "`rosbag fix` makes it version 2.0"
+                )
+            raise NotALogError(self.path, "not a ROS 1 bag: its first bytes are not a bag's")
+        try:
+            head = self._record(len(MAGIC))
+            if head.op != BAG:
+                raise BadRecordError("it is another record")
+            index = head.number("index_pos")
+            counts = head.number("conn_count"), head.number("chunk_count")
+        except BadRecordError as exc:
+            self.damage(f"the bag header record cannot be read ({exc})", len(MAGIC))
+            self._first = len(MAGIC) + BAG_HEADER_SIZE
+            self._discover()
+            return
+        self._first = head.end
+        if encryptor := head.fields.get("encryptor"):
+            name = encryptor.decode("ascii", "replace")
+            raise UnsupportedLogError(
+                self.path, f"encrypted by {name}", "`rosbag decrypt` makes it readable"
+            )
+        if index > self.size:
+            what = f"cut short: its index is at byte {index}, behind the end of the file"
+            self.damage(what, self.size, "end")
+        if not (self._first <= index < self.size and self._read_index(index, *counts)):
+            self._discover()
+
+    def _record(self, pos: int) -> Record:
+        """The record at a place of the file; `BadRecordError` where there is no whole one."""
+        head = self.read_at(pos, 512)
+        if len(head) >= 4:
+            width = int.from_bytes(head[:4], "little")
+            if width > MAX_HEADER:
+                raise BadRecordError(f"its header declares {width} bytes")
+            if width + 8 > len(head):
+                head = self.read_at(pos, width + 8)
+        record = record_at(head, 0, pos)
+        # the size of a message index is looked at by the walk itself
+        if record.end > self.size and record.op != INDEX:
+            raise BadRecordError(
+                f"it declares {record.data_length} bytes where {self.size - record.data_offset} are"
+            )
+        return record
+
+    def _read_index(self, start: int, connections: int, chunks: int) -> bool:
+        """Connections and counts from the index section; False if it is not what it should be."""
+        if self.size - start > MAX_INDEX:
+            return False
+        section = self.read_at(start, self.size - start)
+        counts: dict[int, int] = {}
+        chunk_infos = 0
+        found: dict[int, Channel] = {}
+        pos = 0
+        try:
+            while pos < len(section):
+                record = record_at(section, pos, 0)
+                if record.end > len(section):
+                    raise BadRecordError("it is cut short")
+                data = section[record.data_offset : record.end]
+                if record.op == CONNECTION:
+                    channel = read_channel(record, data)
+                    found[channel.id] = channel
+                elif record.op == CHUNK_INFO:
+                    chunk_infos += 1
+                    for number, count in struct.iter_unpack("<II", data):
+                        counts[number] = counts.get(number, 0) + count
+                pos = record.end
+        except (BadRecordError, struct.error):
+            return False
+        if (len(found), chunk_infos) != (connections, chunks) or counts.keys() - found.keys():
+            return False
+        self.channels, self.counts = found, counts
+        return True
+
+    def _discover(self) -> None:
+        """Connections from the records themselves, chunks included."""
+        for place in self._places():
+            if isinstance(place, RawBatch):
+                continue
+            if place.op == CONNECTION:
+                data = self.read_at(place.data_offset, place.data_length)
+                self._define(place, data, place.offset)
+            elif place.op == CHUNK:
+                content, parts = self._content(place)
+                for begin, end in parts:
+                    self._define_all(content[begin:end], place.offset)
+
+    def _define_all(self, records: np.ndarray, offset: int) -> None:
+        """Connections out of a run of whole records."""
+        pos, count, found = 0, 1, np.empty(1024, np.int64)
+        while count and self._defined <= MAX_DEFINITIONS:
+            count, pos = definitions_rosbag1(records, pos, found)
+            for at in found[:count].tolist():
+                self._define_from(records, at, offset)
+
+    def _define_from(self, chunk: np.ndarray, pos: int, offset: int) -> None:
+        try:
+            record = record_at(chunk.data, pos, 0)
+        except BadRecordError as exc:
+            self.damage(f"a record inside a chunk cannot be read: {exc}", offset)
+            return
+        if record.op == CONNECTION:
+            self._define(record, chunk[record.data_offset : record.end].tobytes(), offset)
+
+    def _define(self, record: Record, data: bytes, offset: int) -> None:
+        self._defined += 1
+        if self._defined > MAX_DEFINITIONS:
+            self.damage(f"more than {MAX_DEFINITIONS} connections", offset)
+            return
+        try:
+            channel = read_channel(record, data)
+        except BadRecordError as exc:
+            self.damage(f"a connection record cannot be read: {exc}", offset)
+        else:
+            self.channels.setdefault(channel.id, channel)
+
+    # -- walking ---------------------------------------------------------------------------
+
+    def _places(self) -> Iterator[Record | RawBatch]:
+        """Records at the top level, in file order; runs of messages come as batches."""
+        pos = self._first
+        # Where a search begins if what follows turns out damaged: the record before may have
+        # told a wrong length.
+        doubt = pos
+        while pos < self.size:
+            try:
+                record = self._record(pos)
+                if record.op == INDEX:
+                    doubt = pos + 1
+                    pos = self._behind_index(record)
+                    continue
+                if record.op in (MESSAGE, CONNECTION) and record.data_length > MAX_BLOCK:
+                    raise BadRecordError(f"{record.data_length} bytes are more than we take")
+                if record.op == CHUNK:
+                    self._check_sizes(record)
+            except BadRecordError as exc:
+                what = f"a record cannot be read: {exc}"
+                pos = yield from self._behind_damage(what, pos, doubt)
+                doubt = pos + 1
+                continue
+            if record.op == MESSAGE:
+                stop, last = yield from self._run(record)
+                if stop > pos:
+                    pos, doubt = stop, last + 1
+                    continue
+                self.damage("a message lacks its connection or its time", pos)
+            elif record.op in (CHUNK, CONNECTION):
+                self._packed = self._packed or (
+                    record.op == CHUNK and record.fields.get("compression") != b"none"
+                )
+                yield record
+            pos = record.end
+            doubt = record.data_offset if record.op != CHUNK else pos
+
+    def _check_sizes(self, chunk: Record) -> None:
+        """An uncompressed chunk tells its size twice."""
+        plain = chunk.fields.get("compression") == b"none"
+        if plain and chunk.data_length != chunk.number("size"):
+            raise BadRecordError(
+                f"a chunk holds {chunk.data_length} bytes where {chunk.number('size')} are declared"
+            )
+
+    def _behind_damage(self, what: str, pos: int, doubt: int) -> Generator[Record, None, int]:
+        """Where to go on behind a record that is none; gives what there is of a chunk."""
+        self.refuse(what, pos)
+        chunk = None
+        with suppress(BadRecordError):
+            chunk = record_at(self.read_at(pos, MAX_HEADER), 0, pos)
+        at = packed_at(self.read_at(pos, 512))
+        if (chunk is None or chunk.op != CHUNK) and at >= 0:
+            # A killed recorder leaves a chunk's record empty, and what belongs in it behind it;
+            # or the chunk's header is gone.
+            chunk = Record(CHUNK, {}, pos, pos + at, 0)
+        if chunk is None or chunk.op != CHUNK:
+            again = self._next(min(pos + 1, doubt))
+            self.note_lost(Lost(what, "record", min(pos, again), max(pos, again)))
+            return again
+        if chunk.fields.get("compression") == b"none":
+            # What lies in it are records like any other.
+            self.note_lost(Lost(what, "chunk", pos, chunk.data_offset))
+            return chunk.data_offset
+        self._packed = True
+        again = self._next(chunk.data_offset + 1)
+        yield replace(chunk, data_length=again - chunk.data_offset, problem=what)
+        return again
+
+    def _next(self, start: int) -> int:
+        """The next record that can be one."""
+
+        def following(buffer: np.ndarray, left: int) -> int:
+            return int(next_rosbag1(buffer, 0, left, False, self._packed))
+
+        return search(self.read_at, start, self.size, following)
+
+    def _behind_index(self, record: Record) -> int:
+        """End of a message index, whose own size is not to be relied on where it lies."""
+        for end in (record.end, record.data_offset + 12 * record.number("count")):
+            if end == self.size:
+                return end
+            with suppress(BadRecordError):
+                self._record(end)
+                return end
+        if record.end > self.size:
+            raise BadRecordError("a message index runs over the end of the file")
+        return record.end
+
+    def _run(self, record: Record) -> Generator[RawBatch, None, tuple[int, int]]:
+        """Messages at the top level; returns where they end, and where the last of them begins."""
+        pos = last = record.offset
+        need = record.end - record.offset
+        while True:
+            window = np.frombuffer(self.read_at(pos, max(WINDOW, need)), np.uint8)
+            found, stop, why = _scan(window, 0, True)
+            if found.shape[1]:
+                # no later than its data, and no earlier than the record itself
+                last = pos + int(found[1, -1]) - 1
+                yield _batch(window, found, pos + stop)
+            pos += stop
+            if why == FOREIGN or not stop:
+                return pos, last
+            need = 0
+
+    def _load(self, place: Record) -> np.ndarray | str:
+        """A chunk's records, decompressed; in words what is wrong with them."""
+        try:
+            name = place.fields.get("compression", b"").decode("ascii")
+            size = place.number("size")
+        except (BadRecordError, UnicodeDecodeError) as exc:
+            raw: bytes | memoryview | str = f"a chunk's header cannot be used ({exc})"
+        else:
+            raw = self.unpacked(name, size, place.offset, place.data_offset, place.data_length)
+        if not isinstance(raw, str):
+            return np.frombuffer(raw, np.uint8)
+        self.refuse(raw, place.offset)
+        return raw
+
+    def _content(self, place: Record) -> tuple[np.ndarray, list[tuple[int, int]]]:
+        """A chunk's bytes and its runs of whole records: one of all, where it is sound."""
+        chunk = place.problem or self._load(place)
+        if not isinstance(chunk, str):
+            if run_rosbag1(chunk, 0)[1] == len(chunk):
+                return chunk, [(0, len(chunk))]
+            content = chunk
+        else:
+            # Up to what can be a record again: the chunk's own length may be what is wrong.
+            end = min(self._next(place.data_offset + 1), place.data_offset + MAX_BLOCK)
+            data = self.read_at(place.data_offset, end - place.data_offset)
+            name = place.fields.get("compression", b"").decode("ascii", "replace")
+            content, _ = unpack(name, data, 0, 0)
+        return content, whole_parts(
+            content, run_rosbag1, lambda b, at: next_rosbag1(b, at, len(b), True, False)
+        )
+
+    def _salvaged_batch(self, place: Record, what: str) -> RawBatch:
+        """The messages of a damaged chunk that are whole; what is lost is noted."""
+        content, parts = self._content(place)
+        found = [_scan(content[:end], begin, False)[0] for begin, end in parts]
+        rows = np.concatenate([np.empty((4, 0), np.int64), *found], axis=1)
+        rows = rows[:, np.isin(rows[0], list(self.channels))]
+        part = Lost(what, "chunk", place.offset, place.end, kept=rows.shape[1])
+        part.declared = self._indexed(place)
+        if len(parts) > 1 and found[0].shape[1] and found[-1].shape[1]:
+            part.start_ns, part.end_ns = sorted((int(found[0][3, -1]), int(found[-1][3, 0])))
+        self.note_lost(part)
+        # as if it ended where it begins, so that what is missing lies between it and the next
+        return _batch(content, rows, place.offset)
+
+    def _indexed(self, place: Record) -> int | None:
+        """How many messages the index behind a chunk says that it has; None without an index."""
+        pos, count = place.end, 0
+        with suppress(BadRecordError):
+            while pos < self.size and (record := self._record(pos)).op == INDEX:
+                count += record.number("count")
+                pos = self._behind_index(record)
+        return count or None
+
+    def _chunk_batches(self, place: Record) -> Iterator[RawBatch]:
+        """The messages of one chunk, so many at a time."""
+        chunk = place.problem or self._load(place)
+        if self.salvage and not isinstance(chunk, str) and run_rosbag1(chunk, 0)[1] < len(chunk):
+            chunk = "a record inside a chunk is not whole"
+        if isinstance(chunk, str):
+            yield self._salvaged_batch(place, chunk)
+            return
+        pos, why = 0, FULL
+        while why == FULL:
+            found, pos, why = _scan(chunk, pos, False)
+            if why not in (END, FULL):
+                what = f"a record inside a chunk is not whole (at {pos})"
+                self.refuse(what, place.offset)
+            yield _batch(chunk, found, place.end)
+
+    def _read(self, wanted: frozenset[int] | None) -> Iterator[RawBatch]:
+        """Raw messages, chunk by chunk (see `Log.batches`)."""
+
+        def size(chunk: Record) -> int:
+            declared = int.from_bytes(chunk.fields.get("size", b""), "little")
+            return max(declared, chunk.data_length)
+
+        needed = (p for p in self._places() if isinstance(p, RawBatch) or p.op == CHUNK)
+        yield from read_ahead(needed, size, self._chunk_batches)
+
+
+def _scan(buffer: np.ndarray, start: int, stop_at_foreign: bool) -> tuple[np.ndarray, int, int]:
+    """Messages from a place on, a batch of them at most (see `scan_rosbag1`)."""
+    out = np.empty((4, min(ROWS, (len(buffer) - start) // _MIN_MESSAGE + 1)), np.int64)
+    count, stop, why = scan_rosbag1(buffer, start, out, stop_at_foreign)
+    return out[:, :count], stop, why
+
+
+def _batch(buffer: np.ndarray, found: np.ndarray, position: int) -> RawBatch:
+    channel, offset, length, time = found
+    return RawBatch(buffer, channel, offset, length, time, time, np.zeros_like(time), position)

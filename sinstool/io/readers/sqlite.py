@@ -1,0 +1,328 @@
+"""The SQLite storage of ROS 2 bags: one ``.db3`` file, schema versions 1 to 4."""
+
+from __future__ import annotations
+
+import os
+import shutil
+import sqlite3
+import struct
+from array import array
+from collections.abc import Iterator
+from contextlib import suppress
+from pathlib import Path
+from urllib.parse import quote
+
+import numpy as np
+
+from sinstool.core.errors import (
+    SALVAGE_HINT,
+    DamagedLogError,
+    NotALogError,
+    UnsupportedLogError,
+)
+from sinstool.core.temporary import TemporaryFolder
+from sinstool.io.readers.batch import RawBatch
+from sinstool.io.readers.limits import MAX_BLOCK, MAX_PLACES
+from sinstool.io.readers.log import Channel, Log
+from sinstool.io.readers.lost import Lost
+
+# Small enough to stay in the processor's cache, which is worth a third of the time.
+BATCH = 4096
+# A batch ends here too, so that images do not make it large.
+BATCH_BYTES = 32 * 2**20
+_FIRST_ROW = -(2**63)
+
+# What Python raises of a damaged database; memory, where a size says more than there is, and of
+# Unicode where SQLite's message quotes a name that is none any more.
+_UNREADABLE = (sqlite3.Error, OverflowError, MemoryError, UnicodeDecodeError)
+
+
+class SqliteLog(Log):
+    """A single ``.db3`` file of a ROS 2 bag.
+
+    Messages come in the order they were inserted. Their payloads are given as they are stored:
+    a bag that compresses each message is decompressed by its folder's reader.
+
+    Parameters
+    ----------
+    path : Path
+    salvage : bool
+        Pass over rows that the database does not give, and note them in `lost`.
+
+    Raises
+    ------
+    NotALogError
+        The database has no tables of a ROS 2 bag.
+    DamagedLogError
+        SQLite cannot read it.
+    """
+
+    format = "rosbag2"
+    profile = "ros2"
+
+    def __init__(self, path: Path, salvage: bool = False) -> None:
+        super().__init__(path, salvage)
+        self._beside: TemporaryFolder | None = None
+        self._database: sqlite3.Connection | None = None
+        try:
+            self._database = self._connect()
+            if self.salvage and (short := self._cut_short()):
+                self.note_lost(Lost(short, "end", self.size))
+            self._read_topics(self._database)
+        except (*_UNREADABLE, TypeError, ValueError) as exc:
+            self.close()
+            raise self._damaged(exc) from exc
+        except BaseException:
+            self.close()
+            raise
+
+    def close(self) -> None:
+        """Close the database, and remove the copy that was read instead of it."""
+        if self._database is not None:
+            self._database.close()
+            self._database = None
+        if self._beside is not None:
+            self._beside.cleanup()
+            self._beside = None
+
+    def _damaged(self, exc: Exception) -> DamagedLogError:
+        recover = f"`sqlite3 '{self.path}' .recover | sqlite3 recovered.db3` may save more"
+        hint = recover if self.salvage else f"{SALVAGE_HINT}; {recover}"
+        what = f"SQLite cannot read it ({exc})"
+        if short := self._cut_short():
+            return DamagedLogError(self.path, f"{short}; {what}", hint, self.size)
+        return DamagedLogError(self.path, what, hint)
+
+    def _cut_short(self) -> str:
+        """How much of the file is missing, in words; '' where it is all there."""
+        page, pages = self._pages()
+        if page * pages > self.size or self.size % page:
+            return f"cut short: {self.size} of {max(page * pages, self.size)} bytes"
+        return ""
+
+    def _pages(self) -> tuple[int, int]:
+        """Size of a page and how many there are, as the file's own header has it."""
+        with suppress(OSError, struct.error), self.path.open("rb") as stream:
+            head = stream.read(100)
+            (page,) = struct.unpack_from(">H", head, 16)
+            (pages,) = struct.unpack_from(">I", head, 28)
+            return (65536 if page == 1 else max(512, page)), pages
+        return 512, 0
+
+    # -- opening ---------------------------------------------------------------------------
+
+    def _connect(self) -> sqlite3.Connection:
+        """Open without changing anything, and without missing what is not yet in the main file."""
+        journal, wal, shared = (
+            self.path.with_name(self.path.name + tail) for tail in ("-journal", "-wal", "-shm")
+        )
+        page, _ = self._pages()
+        torn = self.size % page
+        if torn and not self.salvage:
+            raise sqlite3.DatabaseError("it ends inside a page")
+        if not _filled(wal) and not _filled(journal) and not torn:
+            # Nothing pending: SQLite needs neither locks nor a writable folder.
+            return _open(self.path, "immutable=1", damaged=self.salvage)
+        if not _filled(journal) and not torn:
+            # Rows may still be in the log of writes. Beside a recorder that lives, its own index
+            # of them is used; without one SQLite makes its own in memory, where nobody can be
+            # writing: neither way puts anything beside the bag.
+            live = shared.exists()
+            with suppress(*_UNREADABLE):
+                mode = "readonly_shm=1" if live else "vfs=unix-none"
+                return _open(self.path, f"mode=ro&{mode}", exclusive=not live, damaged=self.salvage)
+        # A transaction to roll back, a folder in which SQLite may not even make its lock file, or
+        # half a page at the end, which it would read as if zeros followed: work on a copy.
+        self._beside = TemporaryFolder()
+        copy = self._beside.path / self.path.name
+        try:
+            for source in (self.path, wal, journal):
+                if source.exists():
+                    shutil.copyfile(source, copy.with_name(source.name))
+            if torn:
+                os.truncate(copy, self.size - torn)
+        except OSError as exc:
+            raise UnsupportedLogError(
+                self.path,
+                f"cannot be copied into {self._beside.path} ({exc.strerror})",
+                "set TMPDIR to a folder with room for it",
+            ) from exc
+        return _open(copy, "mode=rw", damaged=self.salvage)
+
+    def _read_topics(self, database: sqlite3.Connection) -> None:
+        tables = {
+            name: [row[1] for row in database.execute(f"PRAGMA table_info({name})")]
+            for name in ("topics", "messages", "message_definitions")
+        }
+        if not {"id", "name", "type"} <= set(tables["topics"]) or not (
+            {"topic_id", "timestamp", "data"} <= set(tables["messages"])
+        ):
+            raise NotALogError(self.path, "an SQLite database, but not of a ROS 2 bag")
+        definitions: dict[str, tuple[str, str]] = {}
+        if tables["message_definitions"]:
+            rows = database.execute(
+                "SELECT topic_type, encoding, encoded_message_definition FROM message_definitions"
+            )
+            definitions = {str(name): (str(kind), str(text)) for name, kind, text in rows}
+        # Columns came with the versions of the schema: 2 brought QoS, 4 the type hashes.
+        optional = [
+            name
+            for name in ("serialization_format", "offered_qos_profiles", "type_description_hash")
+            if name in tables["topics"]
+        ]
+        wanted = ", ".join(["id", "name", "type", *optional])
+        for number, topic, kind, *rest in database.execute(f"SELECT {wanted} FROM topics"):
+            more = {name: str(value) for name, value in zip(optional, rest, strict=True) if value}
+            encoding = more.pop("serialization_format", "cdr")
+            schema_encoding, text = definitions.get(str(kind), ("ros2msg", ""))
+            self.channels[int(number)] = Channel(
+                int(number), str(topic), str(kind), encoding, schema_encoding, text, more
+            )
+        self._last_row = 0
+        try:
+            (last,) = database.execute("SELECT max(rowid) FROM messages").fetchone()
+            self._last_row = int(last or 0)
+        except _UNREADABLE as exc:
+            if not self.salvage:
+                raise self._damaged(exc) from exc
+
+    # -- reading ---------------------------------------------------------------------------
+
+    def _read(self, wanted: frozenset[int] | None) -> Iterator[RawBatch]:
+        """Raw messages in the order they were inserted (see `Log.batches`)."""
+        chosen = ""
+        if wanted is not None:
+            chosen = f" AND topic_id IN ({', '.join(map(str, sorted(wanted)))})"
+        # An alias: what the schema calls the row may be damaged, and Python wants it as text.
+        columns = "rowid AS row, topic_id, timestamp, data"
+        query = f"SELECT {columns} FROM messages WHERE rowid > ?{chosen}"
+        assert self._database is not None, "the log is closed"
+        # Flat arrays, and all in one loop: whatever is done here is done for every message.
+        topics, times, lengths, data = array("q"), array("q"), array("q"), bytearray()
+        row = begun = _FIRST_ROW
+        places, limit = 0, ""
+        last: int | None = None
+        while places < MAX_PLACES:
+            places += row < begun  # damaged pages may lead back, and again and again
+            begun = row
+            try:
+                found = self._database.execute(f"{query} ORDER BY rowid{limit}", (row,))
+                for row, topic, time, blob in found:
+                    try:
+                        topics.append(topic)
+                        times.append(time)
+                        data += blob
+                    except TypeError as exc:
+                        # SQLite stores any type in any column; a bag does not.
+                        del topics[len(lengths) :], times[len(lengths) :]
+                        if not self.salvage:
+                            raise self._damaged(exc) from exc
+                        self.note_lost(Lost(f"message {row}: {exc}", "row", start_ns=last))
+                        continue
+                    last = time
+                    lengths.append(len(blob))
+                    if len(lengths) == BATCH or len(data) >= BATCH_BYTES:
+                        batch = _batch(topics, times, lengths, data, self._position(row))
+                        topics, times, lengths = array("q"), array("q"), array("q")
+                        data = bytearray()
+                        yield batch
+                if not limit or row == begun:
+                    break
+                limit = ""
+            except _UNREADABLE as exc:
+                if not self.salvage:
+                    raise self._damaged(exc) from exc
+                if not limit:
+                    # Python looks one row ahead, and gives none where the next cannot be read.
+                    limit = " LIMIT 1"
+                    continue
+                limit = ""
+                places += 1
+                again, time = self._next_readable(max(row, 0))  # ids of a bag begin with 1
+                if again <= row:  # damaged pages may lead back
+                    again = 0
+                to = f" to {again - 1}" if again else " and those behind it"
+                what = f"message {max(row, 0) + 1}{to} cannot be read: {exc}"
+                self.note_lost(Lost(what, "row", start_ns=last, end_ns=time))
+                if not again:
+                    break
+                row = max(again - 1, row + 1)
+        else:
+            what = f"messages behind {row} were not looked at: {places} damaged places before them"
+            self.note_lost(Lost(what, "row", start_ns=last), always=True)
+        if lengths:
+            yield _batch(topics, times, lengths, data, self._position(row))
+
+    def _next_readable(self, row: int) -> tuple[int, int | None]:
+        """The next row behind a damaged page that can be read, and its time; 0 without one."""
+
+        def probe(behind: int) -> tuple[int, int | None] | None:
+            assert self._database is not None
+            columns = "rowid AS row, timestamp, data"
+            query = f"SELECT {columns} FROM messages WHERE rowid > ? ORDER BY rowid"
+            try:
+                found = self._database.execute(f"{query} LIMIT 1", (behind,)).fetchone()
+            except _UNREADABLE:
+                return None
+            return (0, None) if found is None else (found[0], found[1])
+
+        # Ever longer steps until there is something, then back to where it begins.
+        step = 1
+        while (good := probe(row + step)) is None:
+            step *= 2
+            if row + step >= 2**62:
+                return 0, None
+        bad, readable = step // 2, step
+        while readable - bad > 1:
+            middle = (bad + readable) // 2
+            there = probe(row + middle)
+            if there is None:
+                bad = middle
+            else:
+                readable, good = middle, there
+        number, time = good
+        return number, time if isinstance(time, int) else None
+
+    def _position(self, row: int) -> int:
+        return int(self.size * min(1.0, max(0, row) / max(1, self._last_row)))
+
+
+def _batch(topics: array, times: array, lengths: array, data: bytearray, position: int) -> RawBatch:
+    buffer = np.frombuffer(data, np.uint8)
+    # as all other readers give it, so that compiled loops need no second version
+    buffer.flags.writeable = False
+    topic, time, length = (np.frombuffer(a, np.int64) for a in (topics, times, lengths))
+    sequence = np.zeros(len(length), np.int64)
+    return RawBatch(
+        buffer, topic, np.cumsum(length) - length, length, time, time, sequence, position
+    )
+
+
+def _filled(path: Path) -> bool:
+    return path.exists() and path.stat().st_size > 0
+
+
+def _open(
+    path: Path, mode: str, *, exclusive: bool = False, damaged: bool = False
+) -> sqlite3.Connection:
+    # Batches may be asked for in another thread than the one that opened the log.
+    database = sqlite3.connect(
+        f"file:{quote(str(path.absolute()))}?{mode}", uri=True, check_same_thread=False
+    )
+    database.text_factory = _text
+    database.setlimit(sqlite3.SQLITE_LIMIT_LENGTH, MAX_BLOCK)
+    try:
+        if exclusive:
+            database.execute("PRAGMA locking_mode=EXCLUSIVE")
+        if damaged:
+            # Otherwise SQLite refuses a file that is shorter than it was, all of it.
+            database.execute("PRAGMA writable_schema=ON")
+        database.execute("SELECT count(*) FROM sqlite_master").fetchone()
+    except _UNREADABLE:
+        database.close()
+        raise
+    return database
+
+
+def _text(raw: bytes) -> str:
+    return raw.decode("utf-8", "replace")

@@ -1,0 +1,411 @@
+"""Streams out of a log: which columns each message type gives, turned into our frames and units."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from functools import partial
+from itertools import count, takewhile
+from types import MappingProxyType
+from typing import TypeVar
+
+import numpy as np
+
+from sinstool.core.errors import UnsupportedLogError
+from sinstool.core.streams import (
+    Baro,
+    BaroHeight,
+    Encoder,
+    Gnss,
+    Imu,
+    Magnetometer,
+    Stream,
+    Velocity,
+    concatenate,
+)
+from sinstool.io.messages.decode import Columns, Decoder
+from sinstool.io.messages.layout import Layout, LayoutError, walk
+from sinstool.io.readers.frames import enu_to_ned, q_nb_from_log, turn_body
+from sinstool.io.readers.log import Channel, Log
+from sinstool.io.readers.message_types import HEIGHT_TYPES, VELOCITY_TYPES
+
+Made = TypeVar("Made")
+
+# rad/s and m/s^2: no sensor measures so much, in no unit that anybody writes, but damage does.
+LARGEST = 1e9
+# m: no vehicle that navigates with an IMU on Earth is so far up or down.
+HIGHEST = 1e6
+# From ENU to NED
+_TURN = np.array([[0.0, 1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, -1.0]])
+_XYZ = ("x", "y", "z")
+_XYZW = ("x", "y", "z", "w")
+
+
+@dataclass(frozen=True)
+class ImuUnits:
+    """How a log's Imu topic is to be read.
+
+    Attributes
+    ----------
+    body_axes : {'flu', 'frd'}
+    gyro_scale, accel_scale : float
+        Factors to rad/s and m/s^2 (or to rad and m/s for increments).
+    """
+
+    body_axes: str = "flu"
+    gyro_scale: float = 1.0
+    accel_scale: float = 1.0
+
+
+@dataclass
+class Losses:
+    """Messages left out while a stream was read.
+
+    Attributes
+    ----------
+    malformed : int
+        Did not fit their definition.
+    nonfinite : int
+        Held NaN, infinity or numbers that no sensor measures.
+    problem : str
+        What was wrong with the first malformed one.
+    """
+
+    malformed: int = 0
+    nonfinite: int = 0
+    problem: str = ""
+
+
+def _vector(path: str) -> list[str]:
+    return [f"{path}.{axis}" for axis in _XYZ]
+
+
+def _stamp(columns: Mapping[str, np.ndarray]) -> np.ndarray:
+    return columns["sec"].astype(np.int64) * 1_000_000_000 + columns["nanosec"].astype(np.int64)
+
+
+def _header(prefix: str = "") -> dict[str, list[str]]:
+    return {
+        "sec": [f"{prefix}header.stamp.sec"],
+        "nanosec": [f"{prefix}header.stamp.nanosec"],
+    }
+
+
+def read_columns(
+    log: Log,
+    channels: Sequence[Channel],
+    columns: Mapping[str, Sequence[str]],
+    losses: Losses,
+    progress: Callable[[int], None] | None = None,
+    widths: Mapping[str, int] = MappingProxyType({}),
+) -> Iterator[tuple[np.ndarray, dict[str, np.ndarray]]]:
+    """Decoded columns of one topic, batch by batch, in file order.
+
+    Parameters
+    ----------
+    log : Log
+    channels : sequence of Channel
+        All channels that carry the topic (a topic may have several).
+    columns : mapping
+        As for `Decoder`.
+    losses : Losses
+        Counts the messages left out.
+    progress : callable, optional
+        Called with the bytes of the log read so far.
+    widths : mapping of str to int
+        Elements of columns whose paths are arrays; of all others there is one for each path.
+
+    Yields
+    ------
+    log_time_ns : ndarray of int64, shape (n,)
+    values : dict of str to ndarray
+        Valid rows only.
+
+    Raises
+    ------
+    UnsupportedLogError
+        The log's own definition of the type makes something else of a column.
+    """
+    topics = {c.id: c.topic for c in channels}
+
+    def checked(number: int, work: Callable[[], Made]) -> Made:
+        try:
+            return work()
+        except LayoutError as exc:
+            raise UnsupportedLogError(log.path, f"topic {topics[number]}: {exc}") from exc
+
+    decoders = {
+        c.id: checked(c.id, partial(Decoder, c.definition(log.path), columns)) for c in channels
+    }
+    for batch in log.batches(list(decoders)):
+        if progress is not None:
+            progress(batch.position)
+        present = list(decoders) if len(decoders) == 1 else np.unique(batch.channel).tolist()
+        parts: list[tuple[np.ndarray, Columns]] = []
+        for number in present:
+            one = batch.select([number])
+            decode = partial(decoders[number].decode, one.buffer, one.offset, one.length)
+            decoded = checked(number, decode)
+            for name, paths in columns.items():
+                width = decoded.values[name].size // len(one)
+                if width != widths.get(name, len(paths)) and decoded.valid.any():
+                    raise UnsupportedLogError(
+                        log.path, f"topic {topics[number]}: {paths[0]} has {width} elements"
+                    )
+            parts.append((one.log_time, decoded))
+            bad = len(one) - int(np.count_nonzero(decoded.valid))
+            if bad:
+                losses.malformed += bad
+                losses.problem = losses.problem or decoders[number].problem
+        for log_time, decoded in parts:
+            if decoded.valid.all():
+                yield log_time, decoded.values
+            elif decoded.valid.any():
+                keep = decoded.valid
+                yield log_time[keep], {k: v[keep] for k, v in decoded.values.items()}
+
+
+def read_imu(
+    log: Log,
+    channels: Sequence[Channel],
+    units: ImuUnits,
+    losses: Losses,
+    *,
+    path: str = "",
+    log_time: bool = False,
+    orientation: bool | Callable[[], bool] = False,
+    progress: Callable[[int], None] | None = None,
+) -> Iterator[Imu]:
+    """Imu samples of a topic, in file order, in FRD and SI units.
+
+    Parameters
+    ----------
+    log : Log
+    channels : sequence of Channel
+    units : ImuUnits
+    losses : Losses
+    path : str
+        Where the Imu lies inside the message, for types that nest one ('' for plain Imu).
+    log_time : bool
+        Use the recorder's time instead of the header stamp.
+    orientation : bool or callable
+        Read the orientation too. A callable is asked for every batch; where it says False the
+        rows are NaN, which spares turning what nobody looks at any more.
+    progress : callable, optional
+        Called with the bytes of the log read so far.
+
+    Yields
+    ------
+    Imu
+    """
+    prefix = f"{path}." if path else ""
+    columns: dict[str, Sequence[str]] = {
+        **_header(prefix),
+        "gyro": _vector(f"{prefix}angular_velocity"),
+        "accel": _vector(f"{prefix}linear_acceleration"),
+    }
+    if orientation:
+        columns["q"] = [f"{prefix}orientation.{axis}" for axis in _XYZW]
+        columns["q_covariance"] = [f"{prefix}orientation_covariance"]
+    axes = turn_body(np.ones(3), units.body_axes)
+    gyro_scale, accel_scale = units.gyro_scale * axes, units.accel_scale * axes
+    widths = {"q_covariance": 9}
+    for log_time_ns, values in read_columns(log, channels, columns, losses, progress, widths):
+        # Damaged values may overflow, or be NaN that signals: they are left out.
+        with np.errstate(over="ignore", invalid="ignore"):
+            gyro: np.ndarray = values["gyro"] * gyro_scale
+            accel: np.ndarray = values["accel"] * accel_scale
+        q = None
+        if orientation:
+            if orientation is True or orientation():
+                q = _orientation(values["q"], values["q_covariance"], units.body_axes)
+            else:
+                q = np.broadcast_to(np.nan, (len(gyro), 4))
+        block = Imu(log_time_ns if log_time else _stamp(values), log_time_ns, gyro, accel, q)
+        # NaN is not smaller either
+        usable = ((np.abs(gyro) < LARGEST) & (np.abs(accel) < LARGEST)).all(axis=1)
+        if not usable.all():
+            losses.nonfinite += int(len(usable) - np.count_nonzero(usable))
+            block = block.rows(usable)
+        if len(block):
+            yield block
+
+
+def _orientation(q_xyzw: np.ndarray, covariance: np.ndarray, axes: str) -> np.ndarray:
+    """q_nb of Imu messages; NaN where the message says it has none or it is no rotation."""
+    norm = np.sqrt(np.einsum("ij,ij->i", q_xyzw, q_xyzw))
+    good = (covariance[:, 0] != -1.0) & (np.abs(norm - 1.0) < 0.05)
+    q = np.full((len(q_xyzw), 4), np.nan)
+    wxyz = q_xyzw[good][:, [3, 0, 1, 2]] / norm[good, None]
+    q[good] = q_nb_from_log(wxyz, axes)
+    return q
+
+
+def _read(
+    log: Log,
+    channels: Sequence[Channel],
+    columns: Mapping[str, Sequence[str]],
+    build: Callable[[np.ndarray, dict[str, np.ndarray]], Stream],
+    losses: Losses,
+    widths: Mapping[str, int] = MappingProxyType({}),
+) -> Iterator[Stream]:
+    for log_time_ns, values in read_columns(log, channels, columns, losses, widths=widths):
+        yield build(log_time_ns, values)
+
+
+def read_fixes(log: Log, channels: Sequence[Channel], losses: Losses) -> Iterator[Gnss]:
+    """NavSatFix messages, covariance turned from ENU to NED."""
+
+    def build(log_time_ns: np.ndarray, v: dict[str, np.ndarray]) -> Gnss:
+        enu = v["covariance"].reshape(-1, 3, 3)
+        return Gnss(
+            _stamp(v),
+            log_time_ns,
+            np.radians(v["latitude"]),
+            np.radians(v["longitude"]),
+            v["altitude"],
+            _TURN @ enu @ _TURN.T,
+            v["covariance_type"].astype(np.int64),
+            v["status"].astype(np.int64),
+        )
+
+    columns = {
+        **_header(),
+        "latitude": ["latitude"],
+        "longitude": ["longitude"],
+        "altitude": ["altitude"],
+        "covariance": ["position_covariance"],
+        "covariance_type": ["position_covariance_type"],
+        "status": ["status.status"],
+    }
+    widths = {"covariance": 9}
+    yield from _read(log, channels, columns, build, losses, widths)  # type: ignore[misc]
+
+
+def read_velocity(log: Log, channels: Sequence[Channel], losses: Losses) -> Iterator[Velocity]:
+    """Velocity over ground (TwistStamped, TwistWithCovarianceStamped, Odometry: world ENU)."""
+    plain = channels[0].type == VELOCITY_TYPES[0]
+    path = "twist.linear" if plain else "twist.twist.linear"
+    columns = {**_header(), "linear": _vector(path)}
+    if not plain:
+        columns["covariance"] = ["twist.covariance"]
+
+    def build(log_time_ns: np.ndarray, v: dict[str, np.ndarray]) -> Velocity:
+        enu = np.zeros((len(log_time_ns), 3, 3))
+        if not plain:
+            enu = v["covariance"].reshape(-1, 6, 6)[:, :3, :3]
+        return Velocity(_stamp(v), log_time_ns, enu_to_ned(v["linear"]), _TURN @ enu @ _TURN.T)
+
+    widths = {"covariance": 36}
+    yield from _read(log, channels, columns, build, losses, widths)  # type: ignore[misc]
+
+
+def read_pressure(log: Log, channels: Sequence[Channel], losses: Losses) -> Iterator[Baro]:
+    """FluidPressure messages."""
+
+    def build(log_time_ns: np.ndarray, v: dict[str, np.ndarray]) -> Baro:
+        return Baro(_stamp(v), log_time_ns, v["pressure"], v["variance"])
+
+    columns = {**_header(), "pressure": ["fluid_pressure"], "variance": ["variance"]}
+    yield from _read(log, channels, columns, build, losses)  # type: ignore[misc]
+
+
+def read_height(log: Log, channels: Sequence[Channel], losses: Losses) -> Iterator[BaroHeight]:
+    """Height as PointStamped (its z) or as a bare Float64, which has the log time only."""
+    bare = channels[0].type == HEIGHT_TYPES[1]
+
+    def build(log_time_ns: np.ndarray, v: dict[str, np.ndarray]) -> BaroHeight:
+        return BaroHeight(log_time_ns if bare else _stamp(v), log_time_ns, v["height"])
+
+    columns = {"height": ["data"]} if bare else {**_header(), "height": ["point.z"]}
+    yield from _read(log, channels, columns, build, losses)  # type: ignore[misc]
+
+
+def read_magnetic_field(
+    log: Log, channels: Sequence[Channel], axes: str, losses: Losses
+) -> Iterator[Magnetometer]:
+    """MagneticField messages, turned to FRD."""
+
+    def build(log_time_ns: np.ndarray, v: dict[str, np.ndarray]) -> Magnetometer:
+        return Magnetometer(_stamp(v), log_time_ns, turn_body(v["field"], axes))
+
+    columns = {**_header(), "field": _vector("magnetic_field")}
+    yield from _read(log, channels, columns, build, losses)  # type: ignore[misc]
+
+
+def read_joint(
+    log: Log, channels: Sequence[Channel], joint: str, losses: Losses
+) -> Iterator[Encoder]:
+    """Position of one joint of JointState messages; those that lack it are left out."""
+
+    def build(log_time_ns: np.ndarray, v: dict[str, np.ndarray]) -> Encoder:
+        return Encoder(_stamp(v), log_time_ns, v["position"])
+
+    columns = {**_header(), "position": [f"position[name={joint}]"]}
+    yield from _read(log, channels, columns, build, losses)  # type: ignore[misc]
+
+
+def joint_names(log: Log, channels: Sequence[Channel]) -> list[str]:
+    """Names of the joints in a topic's first message."""
+    for layout, payload in _layouts(log, channels):
+        paths = (f"name[{k}]" for k in count())
+        return [layout.text(path, payload) for path in takewhile(layout.leaves.__contains__, paths)]
+    return []
+
+
+def fixed(fixes: Gnss) -> np.ndarray:
+    """Which rows hold a fix, wherever that is; receivers without one write exact zeros too."""
+    finite = np.isfinite(fixes.latitude) & np.isfinite(fixes.longitude)
+    return (fixes.status >= 0) & finite & ((fixes.latitude != 0.0) | (fixes.longitude != 0.0))
+
+
+def on_earth(fixes: Gnss) -> np.ndarray:
+    """Which rows are where a vehicle can be; those without a height are."""
+    level = (np.abs(fixes.latitude) <= 0.5 * np.pi) & (np.abs(fixes.longitude) <= 2.0 * np.pi)
+    return np.asarray(level & ~(np.abs(fixes.height) >= HIGHEST))
+
+
+def first_fix(log: Log, channels: Sequence[Channel]) -> Gnss | None:
+    """The first valid fix of a log, as a stream of one row; None where there is none."""
+    for block in read_fixes(log, channels, Losses()):
+        good = fixed(block) & on_earth(block)
+        if good.any():
+            return block.rows(np.flatnonzero(good)[:1])
+    return None
+
+
+def frame_id(log: Log, channels: Sequence[Channel], path: str = "") -> str:
+    """frame_id of a topic's first message ('' when it has none)."""
+    field = f"{path}.header.frame_id" if path else "header.frame_id"
+    for layout, payload in _layouts(log, channels):
+        return layout.text(field, payload) if field in layout.leaves else ""
+    return ""
+
+
+def _layouts(log: Log, channels: Sequence[Channel]) -> Iterator[tuple[Layout, bytes]]:
+    """Messages of a topic one by one, each with where its fields lie."""
+    definitions = {c.id: c.definition(log.path) for c in channels}
+    for batch in log.batches(list(definitions)):
+        for i in range(len(batch)):
+            start, length = int(batch.offset[i]), int(batch.length[i])
+            payload = batch.buffer[start : start + length].tobytes()
+            try:
+                yield walk(definitions[int(batch.channel[i])], payload), payload
+            except LayoutError:
+                continue
+
+
+def reblock(blocks: Iterator[Imu], rows: int) -> Iterator[Imu]:
+    """The same samples in blocks of a given number of rows (the last may be shorter)."""
+    held: list[Imu] = []
+    count = 0
+    for block in blocks:
+        held.append(block)
+        count += len(block)
+        while count >= rows:
+            whole = concatenate(held)
+            yield whole.rows(slice(0, rows))
+            held = [whole.rows(slice(rows, None))]
+            count -= rows
+    if count:
+        yield concatenate(held)

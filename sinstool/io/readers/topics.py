@@ -1,0 +1,197 @@
+"""Which topic of a log is meant: named by the user, or the only one that can be."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from sinstool.core.errors import TopicError, UnsupportedLogError
+from sinstool.core.explain import explain
+from sinstool.core.suggest import nearest
+from sinstool.io.readers.log import Channel, Log
+from sinstool.io.readers.message_types import IMU_TYPE
+from sinstool.io.readers.streams import ImuUnits, Losses, read_imu
+
+# What sinstool itself writes is never taken for a sensor, unless it is asked for by name.
+OWN_PREFIXES = ("/sinstool/", "/truth/")
+PROBE_SAMPLES = 2000
+
+
+@dataclass(frozen=True)
+class ImuTopic:
+    """A topic that carries Imu data.
+
+    Attributes
+    ----------
+    topic : str
+    channels : tuple of Channel
+    path : str
+        Where the Imu lies in the message; '' for a plain Imu topic.
+    note : str
+        Why it was chosen, when that was not obvious.
+    """
+
+    topic: str
+    channels: tuple[Channel, ...]
+    path: str = ""
+    note: str = ""
+
+
+def topics_of_type(log: Log, *types: str) -> dict[str, tuple[Channel, ...]]:
+    """Topics whose channels all have one of the given types."""
+    found: dict[str, list[Channel]] = {}
+    for _, channel in sorted(log.channels.items()):
+        found.setdefault(channel.topic, []).append(channel)
+    return {
+        topic: tuple(channels)
+        for topic, channels in found.items()
+        if all(c.type in types for c in channels)
+    }
+
+
+def imu_candidates(log: Log) -> list[ImuTopic]:
+    """Every topic that carries an Imu, plain ones first, then those that nest one."""
+    plain = [ImuTopic(t, c) for t, c in topics_of_type(log, IMU_TYPE).items()]
+    nested = []
+    for topic in dict.fromkeys(c.topic for _, c in sorted(log.channels.items())):
+        channels = tuple(log.channels_of(topic))
+        if any(c.type == IMU_TYPE for c in channels):
+            continue
+        path = _nested_path(log, channels)
+        if path:
+            nested.append(ImuTopic(topic, channels, path))
+    return plain + nested
+
+
+def _nested_path(log: Log, channels: tuple[Channel, ...]) -> str:
+    """Path of the only Imu inside a topic's type; '' where there is none or several."""
+    found = set()
+    for channel in channels:
+        try:
+            paths = list(channel.definition(log.path).paths_of(IMU_TYPE))
+        except UnsupportedLogError:
+            return ""
+        if len(paths) != 1:
+            return ""
+        found.add(paths[0])
+    return found.pop() if len(found) == 1 else ""
+
+
+def choose_imu(log: Log, wanted: str | None) -> ImuTopic:
+    """The Imu topic of a run.
+
+    Parameters
+    ----------
+    log : Log
+    wanted : str, optional
+        ``--imu-topic``.
+
+    Returns
+    -------
+    ImuTopic
+
+    Raises
+    ------
+    TopicError
+        The topic is missing or carries no Imu; there is none; there are several with data.
+    """
+    candidates = imu_candidates(log)
+    if wanted is not None:
+        for candidate in candidates:
+            if candidate.topic == wanted:
+                explain("Imu topic", f"{wanted}, as told")
+                return candidate
+        if log.channels_of(wanted):
+            kind = log.channels_of(wanted)[0].type_name or "unknown type"
+            raise TopicError(log.path, f"topic {wanted} is {kind}, not sensor_msgs/Imu")
+        near = nearest(wanted, [c.topic for c in candidates])
+        hint = f"{near} {_listing(candidates)}" if near else _listing(candidates)
+        raise TopicError(log.path, f"there is no topic {wanted}", hint)
+    candidates = [c for c in candidates if not c.topic.startswith(OWN_PREFIXES)]
+    if not candidates:
+        types = sorted({c.type_name for c in log.channels.values() if c.type_name})
+        hint = f"it has {', '.join(types[:8])}" if types else "it has no typed topic at all"
+        raise TopicError(log.path, "the log has no sensor_msgs/Imu topic", hint)
+    if len(candidates) == 1:
+        explain("Imu topic", f"{candidates[0].topic}, the only one with an Imu")
+        return candidates[0]
+    plain = [c for c in candidates if not c.path]
+    if len(plain) == 1:
+        return _noted(plain[0], "the only plain Imu topic")
+    rates = {c.topic: probe_rate(log, c) for c in plain or candidates}
+    alive = [c for c in plain or candidates if rates[c.topic] is not None]
+    if len(alive) == 1:
+        return _noted(alive[0], "the only Imu topic whose data is not all zeros")
+    shown = ", ".join(f"{c.topic} ({_hertz(rates[c.topic])})" for c in plain or candidates)
+    raise TopicError(
+        log.path, f"several topics carry an Imu: {shown}", "choose one with --imu-topic"
+    )
+
+
+def _noted(topic: ImuTopic, why: str) -> ImuTopic:
+    explain("Imu topic", f"{topic.topic}, {why}")
+    return ImuTopic(topic.topic, topic.channels, topic.path, why)
+
+
+def _hertz(rate: float | None) -> str:
+    return "no data" if rate is None else f"{rate:.4g} Hz"
+
+
+def _listing(candidates: list[ImuTopic]) -> str:
+    if not candidates:
+        return "no topic of this log carries an Imu"
+    return "Imu topics are " + ", ".join(c.topic for c in candidates)
+
+
+def probe_rate(log: Log, topic: ImuTopic) -> float | None:
+    """Rate of a topic from its first samples; None when it has none or they are all zero."""
+    times: list[np.ndarray] = []
+    count, alive = 0, False
+    for imu in read_imu(log, topic.channels, ImuUnits(), Losses(), path=topic.path):
+        times.append(imu.time_ns)
+        count += len(imu)
+        alive = alive or bool(imu.gyro.any() or imu.accel.any())
+        if count >= PROBE_SAMPLES:
+            break
+    if not alive:
+        return None
+    steps = np.diff(np.sort(np.concatenate(times)))
+    steps = steps[steps > 0]
+    return float(1e9 / np.median(steps)) if len(steps) else 0.0
+
+
+def choose_optional(log: Log, flag: str, wanted: str | None, *types: str) -> tuple[Channel, ...]:
+    """Channels of a topic that a run can do without; empty when the log has none.
+
+    Parameters
+    ----------
+    log : Log
+    flag : str
+        The option that names it, for the message.
+    wanted : str, optional
+        What the user asked for.
+    *types : str
+        Accepted types.
+
+    Raises
+    ------
+    TopicError
+        The topic asked for is missing or of another type, or there are several.
+    """
+    found = topics_of_type(log, *types)
+    if wanted is not None:
+        if wanted in found:
+            explain(flag.removeprefix("--").replace("-", " "), f"{wanted}, as told")
+            return found[wanted]
+        kinds = ", ".join(t.replace("/msg/", "/") for t in types)
+        hint = nearest(wanted, found) or (f"there are {', '.join(found)}" if found else "")
+        raise TopicError(log.path, f"there is no topic {wanted} of type {kinds}", hint)
+    found = {t: c for t, c in found.items() if not t.startswith(OWN_PREFIXES)}
+    if len(found) > 1:
+        raise TopicError(
+            log.path, f"several topics fit {flag}: {', '.join(found)}", f"choose one with {flag}"
+        )
+    for topic in found:
+        explain(flag.removeprefix("--").replace("-", " "), f"{topic}, the only one of its type")
+    return next(iter(found.values()), ())

@@ -1,0 +1,145 @@
+"""Reference attitudes: from a topic of the log, or from a CSV file."""
+
+from __future__ import annotations
+
+import csv
+from decimal import Decimal, InvalidOperation
+from pathlib import Path
+
+import numpy as np
+from scipy.spatial.transform import Rotation, Slerp
+
+from sinstool.core.errors import LogError, TopicError
+from sinstool.io.readers.frames import q_nb_from_log
+from sinstool.io.readers.log import Log
+from sinstool.io.readers.streams import Losses, read_columns
+
+# Where each type that holds an orientation has it
+PATHS = {
+    "sensor_msgs/msg/Imu": "orientation",
+    "geometry_msgs/msg/QuaternionStamped": "quaternion",
+    "geometry_msgs/msg/PoseStamped": "pose.orientation",
+    "nav_msgs/msg/Odometry": "pose.pose.orientation",
+}
+CSV_COLUMNS = ("qw", "qx", "qy", "qz")
+
+
+def read_truth(log: Log, truth: str, body_axes: str) -> tuple[np.ndarray, np.ndarray, str]:
+    """Times and attitudes of a reference.
+
+    Parameters
+    ----------
+    log : Log
+        In which a topic is looked for.
+    truth : str
+        A topic of the log (Imu, QuaternionStamped, PoseStamped, Odometry), or a CSV file with
+        the columns ``time_s`` or ``time_ns`` and ``qw, qx, qy, qz``: body to world, Hamilton.
+    body_axes : {'flu', 'frd'}
+        Of the reference: FLU in ENU, or FRD in NED.
+
+    Returns
+    -------
+    time_ns : ndarray of int64, shape (k,)
+        Increasing.
+    q_nb : ndarray, shape (k, 4)
+    where : str
+        The topic or file.
+
+    Raises
+    ------
+    TopicError, LogError
+        There is no such topic or file, or it holds no attitudes.
+    """
+    channels = log.channels_of(truth)
+    if channels:
+        time_ns, q = _from_topic(log, truth)
+    elif Path(truth).is_file():
+        time_ns, q = _from_csv(Path(truth))
+    else:
+        raise TopicError(
+            log.path, f"--truth {truth} is neither a topic of the log nor a file", "give either"
+        )
+    good = np.isfinite(q).all(axis=1) & (np.abs(np.linalg.norm(q, axis=1) - 1.0) < 0.05)
+    time_ns, first = np.unique(time_ns[good], return_index=True)
+    if len(time_ns) < 2:
+        raise LogError(log.path, f"--truth {truth} holds fewer than two attitudes")
+    q = q[good][first]
+    return time_ns, q_nb_from_log(q / np.linalg.norm(q, axis=1)[:, None], body_axes), truth
+
+
+def _from_topic(log: Log, topic: str) -> tuple[np.ndarray, np.ndarray]:
+    channels = log.channels_of(topic)
+    path = PATHS.get(channels[0].type)
+    if path is None:
+        kinds = ", ".join(t.replace("/msg/", "/") for t in PATHS)
+        raise TopicError(
+            log.path, f"--truth {topic} is {channels[0].type_name}", f"it has to be one of {kinds}"
+        )
+    columns = {
+        "sec": ["header.stamp.sec"],
+        "nanosec": ["header.stamp.nanosec"],
+        "q": [f"{path}.{axis}" for axis in "wxyz"],
+    }
+    times, q = [], []
+    for _, values in read_columns(log, channels, columns, Losses()):
+        times.append(
+            values["sec"].astype(np.int64) * 1_000_000_000 + values["nanosec"].astype(np.int64)
+        )
+        q.append(values["q"])
+    if not times:
+        return np.empty(0, np.int64), np.empty((0, 4))
+    return np.concatenate(times), np.concatenate(q)
+
+
+def _from_csv(path: Path) -> tuple[np.ndarray, np.ndarray]:
+    times: list[int] = []
+    rows: list[list[float]] = []
+    with path.open(newline="", encoding="utf-8") as stream:
+        lines = (line for line in stream if line.strip() and not line.startswith("#"))
+        reader = csv.DictReader(lines, skipinitialspace=True)
+        names = reader.fieldnames or []
+        missing = [c for c in CSV_COLUMNS if c not in names]
+        clock = next((c for c in ("time_ns", "time_s") if c in names), None)
+        if missing or clock is None:
+            raise LogError(
+                path,
+                f"the file has no column {missing[0] if missing else 'time_s or time_ns'}",
+                "it needs time_s or time_ns, and qw, qx, qy, qz",
+            )
+        for row in reader:
+            try:
+                # Exact: seconds since 1970 do not fit a float64 to the nanosecond
+                scale = 1 if clock == "time_ns" else 1_000_000_000
+                times.append(int(Decimal(row[clock]) * scale))
+                rows.append([float(row[c] or "nan") for c in CSV_COLUMNS])
+            except (InvalidOperation, ValueError, TypeError) as exc:
+                raise LogError(path, f"line {reader.line_num} holds no numbers") from exc
+    return np.array(times, np.int64), np.array(rows, np.float64).reshape(-1, 4)
+
+
+def at_times(time_ns: np.ndarray, q_nb: np.ndarray, wanted_ns: np.ndarray) -> np.ndarray:
+    """Attitude between the instants of a reference, along the shortest way.
+
+    Parameters
+    ----------
+    time_ns : ndarray of int64, shape (k,)
+        Increasing.
+    q_nb : ndarray, shape (k, 4)
+    wanted_ns : ndarray of int64, shape (n,)
+        Within the reference's times.
+
+    Returns
+    -------
+    ndarray, shape (n, 4)
+    """
+    if not len(wanted_ns):
+        return np.empty((0, 4))
+    origin = int(time_ns[0])
+    course = Slerp((time_ns - origin) / 1e9, Rotation.from_quat(q_nb, scalar_first=True))
+    found = course((wanted_ns - origin) / 1e9).as_quat(scalar_first=True)
+    # An instant that the reference has is given as it is, not to Slerp's rounding.
+    place = np.searchsorted(time_ns, wanted_ns)
+    place = np.minimum(place, len(time_ns) - 1)
+    exact = time_ns[place] == wanted_ns
+    found[exact] = q_nb[place[exact]]
+    return np.asarray(found)

@@ -1,0 +1,202 @@
+"""The input's own messages into the output, byte for byte, interleaved with ours by time."""
+
+from __future__ import annotations
+
+import struct
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+
+import numpy as np
+from mcap.opcode import Opcode
+
+from sinstool.io.messages.definitions import normalise_type_name, schema_text
+from sinstool.io.readers.batch import RawBatch
+from sinstool.io.readers.log import Channel, Log
+from sinstool.io.readers.mcap import McapLog
+from sinstool.io.readers.mcap_file import ChunkPlace, OtherPlace
+from sinstool.io.writers.chunks import Messages, message_indexes
+from sinstool.io.writers.mcap import McapWriter
+
+_START = np.iinfo(np.int64).min
+
+
+@dataclass(frozen=True)
+class _Chunk:
+    """A chunk of the input and the records of its own message index."""
+
+    place: ChunkPlace
+    indexes: list[OtherPlace]
+
+
+class Copier:
+    """Feeds a log into a writer, as far as asked.
+
+    MCAP chunks are copied without decompression where their message index is there; everything
+    else is written anew, the payloads untouched.
+
+    Parameters
+    ----------
+    log : Log
+    writer : McapWriter
+        Gets the log's schemas and channels, under their own ids where it is MCAP.
+    """
+
+    def __init__(self, log: Log, writer: McapWriter) -> None:
+        self._log = log
+        self._writer = writer
+        self._wide: np.ndarray | None = None
+        self._define()
+        self._items = self._mcap_items(log) if isinstance(log, McapLog) else log.batches()
+        self._next = next(self._items, None)
+
+    def advance(self, until_ns: int) -> None:
+        """Copy all that begins at or before a log time."""
+        while self._next is not None and self._begins(self._next) <= until_ns:
+            self._copy(self._next)
+            self._next = next(self._items, None)
+
+    def finish(self) -> None:
+        """Copy the rest."""
+        self.advance(np.iinfo(np.int64).max)
+
+    def _define(self) -> None:
+        if isinstance(self._log, McapLog):
+            for number, schema in self._log.schemas.items():
+                self._writer.add_schema(schema.name, schema.encoding, schema.data, number)
+            for number, channel in self._log.channels.items():
+                self._writer.add_channel(
+                    channel.topic,
+                    channel.message_encoding,
+                    self._log.schema_ids[number],
+                    channel.metadata,
+                    number,
+                )
+            return
+        numbers = sorted(self._log.channels)
+        if numbers and numbers[-1] >= 2**16:  # bags have room for more than MCAP
+            self._wide = np.array(numbers)
+        for place, number in enumerate(numbers):
+            channel = self._log.channels[number]
+            self._writer.add_channel(
+                channel.topic,
+                channel.message_encoding,
+                self._writer.add_schema(*_schema(channel)),
+                channel.metadata,
+                number if self._wide is None else place,
+            )
+
+    @staticmethod
+    def _mcap_items(log: McapLog) -> Iterator[_Chunk | RawBatch | OtherPlace]:
+        """Top level of an MCAP file with each chunk's index records joined to it."""
+        chunk: _Chunk | None = None
+        for place in log.places():
+            if isinstance(place, OtherPlace) and place.opcode == Opcode.MESSAGE_INDEX:
+                if chunk is not None:
+                    chunk.indexes.append(place)
+                continue
+            if chunk is not None:
+                yield chunk
+                chunk = None
+            if isinstance(place, ChunkPlace):
+                chunk = _Chunk(place, [])
+            else:
+                yield place
+        if chunk is not None:
+            yield chunk
+
+    @staticmethod
+    def _begins(item: _Chunk | RawBatch | OtherPlace) -> int:
+        if isinstance(item, _Chunk):
+            return item.place.start_time
+        if isinstance(item, RawBatch) and len(item):
+            return int(item.log_time[0])
+        return _START
+
+    def _copy(self, item: _Chunk | RawBatch | OtherPlace) -> None:
+        if isinstance(item, RawBatch):
+            # A message of a channel that is defined nowhere would make the output unreadable.
+            messages = _messages(item.select(self._log.channels.keys()))
+            if self._wide is not None:
+                messages = replace(messages, channel=np.searchsorted(self._wide, messages.channel))
+            self._writer.write([messages])
+        elif isinstance(item, _Chunk):
+            self._copy_chunk(item)
+        elif item.opcode not in (Opcode.HEADER, Opcode.SCHEMA, Opcode.CHANNEL):
+            assert isinstance(self._log, McapLog)
+            record = self._log.read_at(item.offset, item.length)
+            self._writer.write_record_bytes(item.opcode, record)
+
+    def _copy_chunk(self, chunk: _Chunk) -> None:
+        log, place = self._log, chunk.place
+        assert isinstance(log, McapLog)
+        indexes = self._own_indexes(chunk)
+        if indexes is None or log.salvage:
+            batch = log.chunk_batch(place)
+            if not len(batch):
+                return
+            known = batch.select(log.channels.keys())
+            if place.offset in log.broken or len(known) < len(batch):
+                self._writer.write([_messages(known)])
+                return
+            # 31 bytes of record head and fixed fields stand before each payload
+            indexes = message_indexes(batch.channel, batch.log_time, batch.offset - 31)
+            times = int(batch.log_time.min()), int(batch.log_time.max())
+        else:
+            times = place.start_time, place.end_time
+        if not indexes:
+            return
+        self._writer.write_chunk(
+            lambda: log.read_at(place.offset, place.length),
+            indexes,
+            times,
+            place.compression,
+            (place.data_length, place.size),
+        )
+
+    def _own_indexes(self, chunk: _Chunk) -> list[tuple[int, bytes]] | None:
+        """The chunk's message index as the log has it; None where it cannot be relied on."""
+        log = self._log
+        assert isinstance(log, McapLog)
+        found: list[tuple[int, bytes]] = []
+        for place in chunk.indexes:
+            record = log.read_at(place.offset, place.length)
+            if len(record) < 15:
+                return None
+            channel, size = struct.unpack_from("<HI", record, 9)
+            entries = record[15:]
+            if size != len(entries) or size % 16 or channel not in log.channels:
+                return None
+            if entries:
+                found.append((channel, entries))
+        counts = {channel: len(entries) // 16 for channel, entries in found}
+        known = log.chunk_counts.get(chunk.place.offset)
+        if known is None or known != counts:
+            return None
+        return found
+
+
+def _messages(batch: RawBatch) -> Messages:
+    return Messages(
+        batch.channel,
+        batch.log_time,
+        batch.publish_time,
+        batch.sequence,
+        batch.buffer,
+        batch.offset,
+        batch.length,
+    )
+
+
+def _schema(channel: Channel) -> tuple[str, str, bytes]:
+    """Name, encoding and text of the schema of a channel that comes from a bag."""
+    text = channel.schema_text
+    encoding = channel.schema_encoding or (
+        "ros1msg" if channel.message_encoding == "ros1" else "ros2msg"
+    )
+    if not text:
+        # Old ROS 2 bags carry no definitions; the standard ones are the best there is.
+        try:
+            text = schema_text(normalise_type_name(channel.type_name), channel.message_encoding)
+        except KeyError:
+            text = ""
+    return channel.type_name, encoding, text.encode()

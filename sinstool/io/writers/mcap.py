@@ -1,0 +1,355 @@
+"""MCAP out, in bulk: the order of the file, its summary and its indexes.
+
+What exists per message is made in `chunks`; every other record goes through mcap's own classes.
+All rules that readers in the field rely on are kept: an index for every channel of every chunk,
+no chunk without messages, statistics, repeated schemas and channels, summary offsets.
+"""
+
+from __future__ import annotations
+
+import struct
+import zlib
+from collections import deque
+from collections.abc import Callable, Collection, Sequence
+from concurrent.futures import Future
+from io import BytesIO
+from typing import IO
+
+import mcap.records as records
+from mcap.data_stream import ReadDataStream, RecordBuilder
+from mcap.opcode import Opcode
+
+from sinstool.core.threads import executor
+from sinstool.io.readers.formats import MCAP_MAGIC as MAGIC
+from sinstool.io.writers.chunks import Chunk, Messages, pack
+
+_AHEAD = 16 * 2**20  # bytes taken in but not yet in the file at most
+_U64 = 2**64 - 1  # times are kept as int64; the bits are what the file holds
+
+
+class McapWriter:
+    """Writes one MCAP file.
+
+    Parameters
+    ----------
+    stream : binary file
+        Open for writing; the writer counts what it writes from its first byte.
+    profile : str
+        ``ros2`` or ``ros1``.
+    library : str
+        Named in the header.
+    compression : {'zstd', 'lz4', 'none'}
+
+    Notes
+    -----
+    Calls return before the file holds what they write: chunks are packed by two threads, and a
+    third puts everything into the file in the order of the calls. What goes wrong there is
+    raised by a later call, by `finish` at the latest.
+    """
+
+    def __init__(
+        self, stream: IO[bytes], profile: str, library: str, compression: str = "zstd"
+    ) -> None:
+        self._stream = stream
+        self._position = 0
+        self.compression = "" if compression == "none" else compression
+        self.schemas: dict[int, records.Schema] = {}
+        self.channels: dict[int, records.Channel] = {}
+        self.counts: dict[int, int] = {}
+        self._chunk_indexes: list[records.ChunkIndex] = []
+        self._attachment_indexes: list[records.AttachmentIndex] = []
+        self._metadata_indexes: list[records.MetadataIndex] = []
+        self._span: tuple[int, int] | None = None
+        self._packers = executor(2, "sinstool-pack")
+        self._file = executor(1, "sinstool-write")
+        self._queue: deque[tuple[Future[None], int]] = deque()
+        self._waiting = 0  # bytes in the queue
+        self._write(MAGIC)
+        self._write_record(records.Header(profile, library))
+
+    # -- definitions -----------------------------------------------------------------------
+
+    def add_schema(self, name: str, encoding: str, data: bytes, number: int | None = None) -> int:
+        """Define a schema, or find the equal one that is there.
+
+        Parameters
+        ----------
+        name, encoding : str
+        data : bytes
+        number : int, optional
+            Id to give it; by default the next free one.
+
+        Returns
+        -------
+        int
+        """
+        if number is None:
+            for known in self.schemas.values():
+                if (known.name, known.encoding, known.data) == (name, encoding, data):
+                    return known.id
+            number = _free(self.schemas)
+        schema = records.Schema(id=number, name=name, encoding=encoding, data=data)
+        self.schemas[number] = schema
+        self._enqueue(lambda: self._write_record(schema), len(data))
+        return number
+
+    def add_channel(
+        self,
+        topic: str,
+        encoding: str,
+        schema: int,
+        metadata: dict[str, str],
+        number: int | None = None,
+    ) -> int:
+        """Define a channel.
+
+        Parameters
+        ----------
+        topic, encoding : str
+        schema : int
+            Its schema's id; 0 for none.
+        metadata : dict
+        number : int, optional
+            Id to give it; by default the next free one.
+
+        Returns
+        -------
+        int
+        """
+        if number is None:
+            number = _free(self.channels)
+        channel = records.Channel(
+            id=number,
+            topic=topic,
+            message_encoding=encoding,
+            metadata=metadata,
+            schema_id=schema,
+        )
+        self.channels[number] = channel
+        self._enqueue(lambda: self._write_record(channel), 0)
+        return number
+
+    # -- messages --------------------------------------------------------------------------
+
+    def write(self, parts: Sequence[Messages]) -> None:
+        """Write messages, merged by log time, in chunks of about 1 MiB.
+
+        Parameters
+        ----------
+        parts : sequence of Messages
+            All that belongs to one stretch of time; calls come in the order of time.
+        """
+        self.write_made(lambda: parts, sum(int(p.length.sum()) for p in parts))
+
+    def write_made(self, make: Callable[[], Sequence[Messages]], size: int) -> None:
+        """Write messages as `write` does, but have them made by one of the packing threads.
+
+        Parameters
+        ----------
+        make : callable
+            Returns what `write` takes.
+        size : int
+            Bytes of their payloads.
+        """
+        packed = self._packers.submit(pack, make, self.compression)
+
+        def write() -> None:
+            for chunk in packed.result():
+                self._write_chunk(chunk)
+
+        self._enqueue(write, size)
+
+    def write_chunk(
+        self,
+        read: Callable[[], bytes],
+        indexes: list[tuple[int, bytes]],
+        times: tuple[int, int],
+        compression: str,
+        sizes: tuple[int, int],
+    ) -> None:
+        """Write a chunk record of another file as it is.
+
+        Parameters
+        ----------
+        read : callable
+            Gives the whole record, when its turn to be written comes.
+        indexes : list of (int, bytes)
+            Channel id and the entries of its message index (16 bytes a message).
+        times : (int, int)
+            First and last log time.
+        compression : str
+        sizes : (int, int)
+            Bytes of its data, compressed and not.
+        """
+        counts = {channel: len(entries) // 16 for channel, entries in indexes}
+
+        def write() -> None:
+            self._write_chunk(Chunk(read(), indexes, counts, *times, compression, *sizes))
+
+        self._enqueue(write, sizes[0])
+
+    # -- the rest --------------------------------------------------------------------------
+
+    def write_record_bytes(self, opcode: int, record: bytes) -> None:
+        """Write a top-level record as it is; metadata and attachments are indexed.
+
+        Parameters
+        ----------
+        opcode : int
+        record : bytes
+            The whole record, its 9-byte head included.
+        """
+
+        def write() -> None:
+            start = self._position
+            self._write(record)
+            if opcode == Opcode.METADATA:
+                name = records.Metadata.read(ReadDataStream(BytesIO(record[9:]))).name
+                self._metadata_indexes.append(records.MetadataIndex(start, len(record), name))
+            elif opcode == Opcode.ATTACHMENT:
+                log_time, create_time = struct.unpack_from("<QQ", record, 9)
+                name, pos = _string(record, 25)
+                media, pos = _string(record, pos)
+                (data_size,) = struct.unpack_from("<Q", record, pos)
+                self._attachment_indexes.append(
+                    records.AttachmentIndex(
+                        offset=start,
+                        length=len(record),
+                        log_time=log_time,
+                        create_time=create_time,
+                        data_size=data_size,
+                        name=name,
+                        media_type=media,
+                    )
+                )
+
+        self._enqueue(write, len(record))
+
+    def add_metadata(self, name: str, values: dict[str, str]) -> None:
+        """Write a Metadata record."""
+        builder = RecordBuilder()
+        records.Metadata(name=name, metadata=values).write(builder)
+        self.write_record_bytes(Opcode.METADATA, builder.end())
+
+    def finish(self) -> None:
+        """Write everything that is queued, the summary and the footer."""
+        while self._queue:
+            self._await_first()
+        self._packers.shutdown()
+        self._file.shutdown()
+        self._write_record(records.DataEnd(data_section_crc=0))
+        self._write_summary()
+        self._write(MAGIC)
+
+    def abort(self) -> None:
+        """Drop what is queued; the file is of no use afterwards."""
+        self._queue.clear()
+        self._packers.shutdown(wait=True, cancel_futures=True)
+        self._file.shutdown(wait=True, cancel_futures=True)
+
+    # -- inside ----------------------------------------------------------------------------
+
+    def _enqueue(self, write: Callable[[], None], size: int) -> None:
+        """Have something written after all that was asked for before it."""
+        self._queue.append((self._file.submit(write), size))
+        self._waiting += size
+        while self._queue and (self._waiting > _AHEAD or self._queue[0][0].done()):
+            self._await_first()
+
+    def _await_first(self) -> None:
+        written, size = self._queue.popleft()
+        self._waiting -= size
+        written.result()
+
+    def _write(self, data: bytes | memoryview) -> None:
+        self._stream.write(data)
+        self._position += len(data)
+
+    def _write_record(self, record: records.McapRecord) -> None:
+        builder = RecordBuilder()
+        record.write(builder)
+        self._write(builder.end())
+
+    def _write_chunk(self, chunk: Chunk) -> None:
+        start = self._position
+        self._write(chunk.record)
+        index_start = self._position
+        offsets = {}
+        for channel, entries in chunk.indexes:
+            offsets[channel] = self._position
+            head = struct.pack(
+                "<BQHI", Opcode.MESSAGE_INDEX, 6 + len(entries), channel, len(entries)
+            )
+            self._write(head)
+            self._write(entries)
+        self._chunk_indexes.append(
+            records.ChunkIndex(
+                chunk_length=len(chunk.record),
+                chunk_start_offset=start,
+                compression=chunk.compression,
+                compressed_size=chunk.compressed_size,
+                message_end_time=chunk.end_time & _U64,
+                message_index_length=self._position - index_start,
+                message_index_offsets=offsets,
+                message_start_time=chunk.start_time & _U64,
+                uncompressed_size=chunk.size,
+            )
+        )
+        for channel, count in chunk.counts.items():
+            self.counts[channel] = self.counts.get(channel, 0) + count
+        low, high = self._span or (chunk.start_time, chunk.end_time)
+        self._span = (min(low, chunk.start_time), max(high, chunk.end_time))
+
+    def _write_summary(self) -> None:
+        start = self._position
+        low, high = self._span or (0, 0)
+        statistics = records.Statistics(
+            attachment_count=len(self._attachment_indexes),
+            channel_count=len(self.channels),
+            channel_message_counts={c: self.counts.get(c, 0) for c in self.channels},
+            chunk_count=len(self._chunk_indexes),
+            message_count=sum(self.counts.values()),
+            message_end_time=high & _U64,
+            message_start_time=low & _U64,
+            metadata_count=len(self._metadata_indexes),
+            schema_count=len(self.schemas),
+        )
+        groups: list[tuple[int, list[records.McapRecord]]] = [
+            (Opcode.SCHEMA, list(self.schemas.values())),
+            (Opcode.CHANNEL, list(self.channels.values())),
+            (Opcode.STATISTICS, [statistics]),
+            (Opcode.CHUNK_INDEX, list(self._chunk_indexes)),
+            (Opcode.ATTACHMENT_INDEX, list(self._attachment_indexes)),
+            (Opcode.METADATA_INDEX, list(self._metadata_indexes)),
+        ]
+        summary = bytearray()
+        offsets = bytearray()
+        for opcode, members in groups:
+            if not members:
+                continue
+            begin = len(summary)
+            for member in members:
+                builder = RecordBuilder()
+                member.write(builder)
+                summary += builder.end()
+            builder = RecordBuilder()
+            records.SummaryOffset(opcode, start + begin, len(summary) - begin).write(builder)
+            offsets += builder.end()
+        offset_start = start + len(summary)
+        footer = struct.pack("<BQQQ", Opcode.FOOTER, 20, start, offset_start)
+        crc = zlib.crc32(bytes(summary) + bytes(offsets) + footer)
+        self._write(bytes(summary) + bytes(offsets) + footer + struct.pack("<I", crc))
+
+
+def _free(taken: Collection[int]) -> int:
+    """An id that nothing has: behind the largest, as long as 16 bits hold it."""
+    behind = max(taken, default=0) + 1
+    if behind < 2**16:
+        return behind
+    return next(number for number in range(1, 2**16) if number not in taken)
+
+
+def _string(record: bytes, pos: int) -> tuple[str, int]:
+    """A length-prefixed string in a record, and where it ends."""
+    (length,) = struct.unpack_from("<I", record, pos)
+    return record[pos + 4 : pos + 4 + length].decode("utf-8", "replace"), pos + 4 + length

@@ -1,0 +1,1 @@
+"""Arrays in, arrays out: coning < height < strapdown < alignment < ins_gnss; hse apart."""

@@ -1,0 +1,450 @@
+"""The inertial side: attitude, velocity and their sensitivities in frozen body axes.
+
+``ib0`` is the body frame frozen against inertial space at the first sample. One loop over the
+samples integrates there the attitude ``C = C_b^ib0``, the specific force ``alpha``, and how
+both answer to errors of the sensors; every form of in-flight alignment is made from the rows
+that it leaves at the times asked for. Differences of rows do not depend on where the frame
+was frozen, so that one pass serves every start of an alignment.
+
+References
+----------
+.. [1] P. G. Savage, "Strapdown inertial navigation integration algorithm design", J.
+   Guidance, Control, and Dynamics 21(1) and 21(2), 1998: coning and sculling with the
+   previous interval.
+.. [2] Y. Wu, X. Pan, "Velocity/position integration formula part I: application to in-flight
+   coarse alignment", IEEE Trans. Aerospace and Electronic Systems 49(2), 2013.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, fields
+
+import numba
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from sinstool.core.quaternion_kernels import dcm, product, unit_factor
+from sinstool.core.rotation import to_dcm
+
+FloatArray = NDArray[np.float64]
+
+# A row, and the head of the state, is: time, attitude, alpha, its integral, sensitivities.
+_Q, _ALPHA, _XI = 1, 5, 8
+_A, _G, _AG, _GG, _KA = 11, 20, 29, 38, 47
+_FORCE, _RATE = 56, 59
+_SHARE, _MIDDLE = 62, 63  # of the fix in its interval; whether force and rate are settled
+ROW = 64
+# The state goes on from 56 with the previous increments, their interval, and whether there is
+# a sample at all.
+STATE = 64
+
+
+@dataclass(frozen=True)
+class InertialRows:
+    """The inertial side at given times; all in ``ib0`` unless said otherwise.
+
+    Attributes
+    ----------
+    time_s : ndarray, shape (n,)
+        Seconds from the origin.
+    q : ndarray, shape (n, 4)
+        Takes a vector from ``b`` to ``ib0``.
+    alpha : ndarray, shape (n, 3)
+        Integral of ``C f``, m/s: eq. (4) of Qu et al. in its integrated form.
+    xi : ndarray, shape (n, 3)
+        Integral of alpha, m.
+    gyro_bias_attitude : ndarray, shape (n, 3, 3)
+        A, integral of ``C``: attitude error per gyro bias, s.
+    gyro_bias_velocity : ndarray, shape (n, 3, 3)
+        G, integral of ``[C f x] A``, m/s per rad/s; also minus what alpha gains per gyro bias.
+        The integral of C is also what alpha gains per accelerometer bias.
+    gyro_scale_attitude : ndarray, shape (n, 3, 3)
+        Integral of ``C diag(omega)``, rad.
+    gyro_scale_velocity : ndarray, shape (n, 3, 3)
+        Integral of ``[C f x]`` times the previous one, m/s.
+    accel_scale_velocity : ndarray, shape (n, 3, 3)
+        Integral of ``C diag(f)``, m/s.
+    force_b, rate_b : ndarray, shape (n, 3)
+        Specific force and angular rate, body axes, between the middles of the intervals.
+    """
+
+    time_s: FloatArray
+    q: FloatArray
+    alpha: FloatArray
+    xi: FloatArray
+    gyro_bias_attitude: FloatArray
+    gyro_bias_velocity: FloatArray
+    gyro_scale_attitude: FloatArray
+    gyro_scale_velocity: FloatArray
+    accel_scale_velocity: FloatArray
+    force_b: FloatArray
+    rate_b: FloatArray
+
+    def __len__(self) -> int:
+        return len(self.time_s)
+
+    def rows(self, which: slice | NDArray[np.bool_] | NDArray[np.int64]) -> InertialRows:
+        """Rows by slice, mask or index array."""
+        return InertialRows(*(column[which] for column in self.columns()))
+
+    def append_to(self, rows: InertialRows) -> InertialRows:
+        """These rows after others of the same frame."""
+        joined = zip(rows.columns(), self.columns(), strict=True)
+        return InertialRows(*(np.concatenate([before, after]) for before, after in joined))
+
+    def columns(self) -> tuple[FloatArray, ...]:
+        """All arrays, in the order of the attributes."""
+        return tuple(getattr(self, f.name) for f in fields(self))
+
+    def at_antenna(self, lever_arm_b: ArrayLike) -> InertialRows:
+        """Integrals of the specific force that the antenna feels.
+
+        Parameters
+        ----------
+        lever_arm_b : array_like, shape (3,)
+            From the IMU to the antenna, FRD, m.
+
+        Returns
+        -------
+        InertialRows
+            With ``alpha + C (omega x l)`` and ``xi + C l``; what they are at the first row
+            cancels in differences.
+        """
+        lever = np.asarray(lever_arm_b, dtype=np.float64)
+        if not np.any(lever):
+            return self
+        c = to_dcm(self.q)
+        alpha = self.alpha + _apply(c, np.cross(self.rate_b, lever))
+        values = {f.name: getattr(self, f.name) for f in fields(self)}
+        return InertialRows(**{**values, "alpha": alpha, "xi": self.xi + c @ lever})
+
+    @staticmethod
+    def from_table(table: FloatArray) -> InertialRows:
+        """Rows as the accumulator writes them, shape (n, 64)."""
+
+        def matrix(start: int) -> FloatArray:
+            return table[:, start : start + 9].reshape(-1, 3, 3)
+
+        return InertialRows(
+            table[:, 0] * 1e-9,
+            table[:, _Q:_ALPHA],
+            table[:, _ALPHA:_XI],
+            table[:, _XI:_A],
+            matrix(_A),
+            matrix(_G),
+            matrix(_AG),
+            matrix(_GG),
+            matrix(_KA),
+            table[:, _FORCE:_RATE],
+            table[:, _RATE:_SHARE],
+        )
+
+
+def _apply(matrices: FloatArray, vectors: FloatArray) -> FloatArray:
+    return np.asarray(np.einsum("nij,nj->ni", matrices, vectors))
+
+
+class InertialAccumulator:
+    """Integrates increments and answers at given times; blocks may end anywhere.
+
+    Parameters
+    ----------
+    origin_ns : int
+        From which `time_s` of the rows counts.
+    epochs_ns : array_like of int64, shape (m,)
+        When rows are wanted, not decreasing. Those before the first sample get none.
+    sensitivities : bool
+        Integrate them; without, they stay zero and a sample costs a third.
+
+    Attributes
+    ----------
+    state : ndarray, shape (64,)
+        All that is carried besides the rows that wait for the sample after theirs.
+    """
+
+    def __init__(self, origin_ns: int, epochs_ns: ArrayLike, sensitivities: bool = True) -> None:
+        self._origin = int(origin_ns)
+        self._epochs = np.asarray(epochs_ns, dtype=np.int64) - self._origin
+        if self._epochs.ndim != 1 or np.any(np.diff(self._epochs) < 0):
+            raise ValueError("Expected `epochs_ns` to be one increasing column.")
+        self._sensitivities = sensitivities
+        self._next = 0
+        self._waiting = np.empty((0, ROW))
+        self.state = np.zeros(STATE)
+        self.state[_Q] = 1.0
+
+    def push(
+        self, time_ns: ArrayLike, delta_theta: ArrayLike, delta_velocity: ArrayLike
+    ) -> FloatArray:
+        """Integrate the next samples.
+
+        Parameters
+        ----------
+        time_ns : array_like of int64, shape (n,)
+            Ends of the intervals, increasing; a row that does not advance time is passed over.
+        delta_theta, delta_velocity : array_like, shape (n, 3)
+            Increments in body axes, rad and m/s. The very first sample only serves as the
+            history of the second.
+
+        Returns
+        -------
+        ndarray, shape (k, 64)
+            For :meth:`InertialRows.from_table`: rows that are complete. A row in the second
+            half of its interval waits for the sample after, for its force and rate.
+
+        Raises
+        ------
+        ValueError
+            If shapes do not fit.
+        """
+        time = np.ascontiguousarray(time_ns, dtype=np.int64) - self._origin
+        theta = np.ascontiguousarray(delta_theta, dtype=np.float64)
+        velocity = np.ascontiguousarray(delta_velocity, dtype=np.float64)
+        if theta.shape != (len(time), 3) or velocity.shape != (len(time), 3):
+            raise ValueError(
+                f"Expected increments of shape ({len(time)}, 3),"
+                f" got {theta.shape} and {velocity.shape}."
+            )
+        if not len(time):
+            return np.empty((0, ROW))
+        reached = int(np.searchsorted(self._epochs, time[-1], side="right"))
+        waiting = len(self._waiting)
+        out = np.zeros((waiting + max(reached - self._next, 0), ROW))
+        out[:waiting] = self._waiting
+        rows, complete, self._next = _accumulate_kernel(
+            time, theta, velocity, self._epochs, self._next, self._sensitivities,
+            self.state, out, waiting,
+        )  # fmt: skip
+        self._waiting = out[complete:rows].copy()
+        return out[:complete]
+
+    def finish(self) -> FloatArray:
+        """Rows that still wait, their force and rate extrapolated from before them."""
+        out, self._waiting = self._waiting, np.empty((0, ROW))
+        return out
+
+
+def accumulate(
+    time_ns: ArrayLike,
+    delta_theta: ArrayLike,
+    delta_velocity: ArrayLike,
+    epochs_ns: ArrayLike,
+    origin_ns: int,
+    sensitivities: bool = True,
+) -> InertialRows:
+    """Rows of a whole stretch at once.
+
+    Parameters
+    ----------
+    time_ns, delta_theta, delta_velocity
+        As :meth:`InertialAccumulator.push` takes them.
+    epochs_ns : array_like of int64, shape (m,)
+        When rows are wanted, not decreasing; those outside the samples get none.
+    origin_ns : int
+    sensitivities : bool
+
+    Returns
+    -------
+    InertialRows
+    """
+    run = InertialAccumulator(origin_ns, epochs_ns, sensitivities)
+    parts = [run.push(time_ns, delta_theta, delta_velocity), run.finish()]
+    return InertialRows.from_table(np.concatenate(parts))
+
+
+@numba.njit(cache=True, nogil=True)
+def _advance(src, dst, tx, ty, tz, vx, vy, vz, ox, oy, oz, ux, uy, uz, step, sensitivities):  # type: ignore[no-untyped-def]
+    """State `src` over `step` seconds into `dst` (which may be `src`).
+
+    t and v are the increments; o and u what coning and sculling with the previous interval add.
+    """
+    w = src[1]
+    x = src[2]
+    y = src[3]
+    z = src[4]
+    c00, c01, c02, c10, c11, c12, c20, c21, c22 = dcm(w, x, y, z)
+
+    # Velocity turned within the interval: exact for constant rate and force.
+    turn = tx * tx + ty * ty + tz * tz
+    once = 0.5 - turn / 24.0
+    twice = 1.0 / 6.0 - turn / 120.0
+    ax = ty * vz - tz * vy
+    ay = tz * vx - tx * vz
+    az = tx * vy - ty * vx
+    bx = vx + once * ax + twice * (ty * az - tz * ay) + ux
+    by = vy + once * ay + twice * (tz * ax - tx * az) + uy
+    bz = vz + once * az + twice * (tx * ay - ty * ax) + uz
+    dx = c00 * bx + c01 * by + c02 * bz
+    dy = c10 * bx + c11 * by + c12 * bz
+    dz = c20 * bx + c21 * by + c22 * bz
+
+    px = tx + ox
+    py = ty + oy
+    pz = tz + oz
+    square = px * px + py * py + pz * pz
+    if square < 0.05:
+        u = 0.25 * square  # Taylor in the squared half angle: what follows is below 1e-16
+        cosine = 1.0 + u * (-0.5 + u * (1.0 / 24.0 + u * (-1.0 / 720.0 + u / 40320.0)))
+        scale = 0.5 * (
+            1.0 + u * (-1.0 / 6.0 + u * (1.0 / 120.0 + u * (-1.0 / 5040.0 + u / 362880.0)))
+        )
+    else:
+        angle = np.sqrt(square)
+        cosine = np.cos(0.5 * angle)
+        scale = np.sin(0.5 * angle) / angle
+    px *= scale
+    py *= scale
+    pz *= scale
+    w, x, y, z = product(w, x, y, z, cosine, px, py, pz)
+    scale = unit_factor(w * w + x * x + y * y + z * z)
+    w *= scale
+    x *= scale
+    y *= scale
+    z *= scale
+    dst[1] = w
+    dst[2] = x
+    dst[3] = y
+    dst[4] = z
+
+    dst[8] = src[8] + step * (src[5] + 0.5 * dx)
+    dst[9] = src[9] + step * (src[6] + 0.5 * dy)
+    dst[10] = src[10] + step * (src[7] + 0.5 * dz)
+    dst[5] = src[5] + dx
+    dst[6] = src[6] + dy
+    dst[7] = src[7] + dz
+    if not sensitivities:
+        return
+
+    # The mean of C over the interval.
+    d00, d01, d02, d10, d11, d12, d20, d21, d22 = dcm(w, x, y, z)
+    c00, c01, c02 = 0.5 * (c00 + d00), 0.5 * (c01 + d01), 0.5 * (c02 + d02)
+    c10, c11, c12 = 0.5 * (c10 + d10), 0.5 * (c11 + d11), 0.5 * (c12 + d12)
+    c20, c21, c22 = 0.5 * (c20 + d20), 0.5 * (c21 + d21), 0.5 * (c22 + d22)
+    for j in range(3):
+        if j == 0:
+            m0, m1, m2, rate, force = c00, c10, c20, tx, vx
+        elif j == 1:
+            m0, m1, m2, rate, force = c01, c11, c21, ty, vy
+        else:
+            m0, m1, m2, rate, force = c02, c12, c22, tz, vz
+        # Attitude per gyro bias, then per gyro scale; velocity follows from the middle of each.
+        h0 = src[11 + j] + 0.5 * m0 * step
+        h1 = src[14 + j] + 0.5 * m1 * step
+        h2 = src[17 + j] + 0.5 * m2 * step
+        dst[20 + j] = src[20 + j] + dy * h2 - dz * h1
+        dst[23 + j] = src[23 + j] + dz * h0 - dx * h2
+        dst[26 + j] = src[26 + j] + dx * h1 - dy * h0
+        dst[11 + j] = src[11 + j] + m0 * step
+        dst[14 + j] = src[14 + j] + m1 * step
+        dst[17 + j] = src[17 + j] + m2 * step
+        h0 = src[29 + j] + 0.5 * m0 * rate
+        h1 = src[32 + j] + 0.5 * m1 * rate
+        h2 = src[35 + j] + 0.5 * m2 * rate
+        dst[38 + j] = src[38 + j] + dy * h2 - dz * h1
+        dst[41 + j] = src[41 + j] + dz * h0 - dx * h2
+        dst[44 + j] = src[44 + j] + dx * h1 - dy * h0
+        dst[29 + j] = src[29 + j] + m0 * rate
+        dst[32 + j] = src[32 + j] + m1 * rate
+        dst[35 + j] = src[35 + j] + m2 * rate
+        dst[47 + j] = src[47 + j] + m0 * force
+        dst[50 + j] = src[50 + j] + m1 * force
+        dst[53 + j] = src[53 + j] + m2 * force
+
+
+@numba.njit(cache=True, nogil=True)
+def _accumulate_kernel(time, theta, velocity, epochs, upcoming, sensitivities, state, out, rows):  # type: ignore[no-untyped-def]
+    """All samples of a block; returns rows written, rows complete, the next epoch."""
+    complete = 0
+    count = epochs.shape[0]
+    for k in range(time.shape[0]):
+        now = float(time[k])
+        if state[63] == 0.0:
+            while upcoming < count and epochs[upcoming] < time[k]:
+                upcoming += 1
+            while upcoming < count and epochs[upcoming] == time[k]:
+                out[rows, :] = 0.0
+                out[rows, 0] = now
+                out[rows, 1] = 1.0
+                out[rows, 62] = 1.0
+                upcoming += 1
+                rows += 1
+            state[63] = 1.0
+            state[0] = now
+            for i in range(3):
+                state[56 + i] = theta[k, i]
+                state[59 + i] = velocity[k, i]
+            continue
+        step = (now - state[0]) * 1e-9
+        if step <= 0.0:
+            continue
+        before = state[62]
+        if before == 0.0:
+            before = step
+        # With unequal intervals the previous increments stand for the same duration.
+        even = step / before
+        tx = theta[k, 0]
+        ty = theta[k, 1]
+        tz = theta[k, 2]
+        vx = velocity[k, 0]
+        vy = velocity[k, 1]
+        vz = velocity[k, 2]
+        qx = state[56] * even
+        qy = state[57] * even
+        qz = state[58] * even
+        rx = state[59] * even
+        ry = state[60] * even
+        rz = state[61] * even
+        # Distance between the middles of both intervals, and thus rates of change.
+        apart = 0.5 * (before + step)
+
+        while complete < rows:
+            share = (out[complete, 62] - 0.5) * before / apart
+            for i in range(3):
+                old = state[59 + i] / before
+                out[complete, 56 + i] = old + share * (velocity[k, i] / step - old)
+                old = state[56 + i] / before
+                out[complete, 59 + i] = old + share * (theta[k, i] / step - old)
+            out[complete, 63] = 1.0
+            complete += 1
+
+        # Rate and force linear in time through both increments: coning, sculling, and parts.
+        ratio = step / apart
+        ox = (qy * tz - qz * ty) * ratio / 12.0
+        oy = (qz * tx - qx * tz) * ratio / 12.0
+        oz = (qx * ty - qy * tx) * ratio / 12.0
+        ux = (qy * vz - qz * vy + ry * tz - rz * ty) * ratio / 12.0
+        uy = (qz * vx - qx * vz + rz * tx - rx * tz) * ratio / 12.0
+        uz = (qx * vy - qy * vx + rx * ty - ry * tx) * ratio / 12.0
+        while upcoming < count and epochs[upcoming] <= time[k]:
+            s = (float(epochs[upcoming]) - state[0]) * 1e-9 / step
+            bend = 0.5 * (s * s - s) * ratio
+            cube = s * s * s
+            target = out[rows]
+            _advance(
+                state, target,
+                s * tx + bend * (tx - qx), s * ty + bend * (ty - qy), s * tz + bend * (tz - qz),
+                s * vx + bend * (vx - rx), s * vy + bend * (vy - ry), s * vz + bend * (vz - rz),
+                cube * ox, cube * oy, cube * oz, cube * ux, cube * uy, cube * uz,
+                s * step, sensitivities,
+            )  # fmt: skip
+            target[0] = float(epochs[upcoming])
+            target[62] = s
+            share = (s - 0.5) * ratio
+            for i in range(3):
+                new = velocity[k, i] / step
+                target[56 + i] = new + share * (new - state[59 + i] / before)
+                new = theta[k, i] / step
+                target[59 + i] = new + share * (new - state[56 + i] / before)
+            target[63] = 0.0
+            if s <= 0.5:
+                target[63] = 1.0
+                complete += 1
+            upcoming += 1
+            rows += 1
+        _advance(state, state, tx, ty, tz, vx, vy, vz, ox, oy, oz, ux, uy, uz, step, sensitivities)
+        state[0] = now
+        state[62] = step
+        for i in range(3):
+            state[56 + i] = theta[k, i]
+            state[59 + i] = velocity[k, i]
+    return rows, complete, upcoming

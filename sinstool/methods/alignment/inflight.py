@@ -1,0 +1,429 @@
+"""Attitude found in flight from inertial increments and GNSS velocity.
+
+What callers use::
+
+    imu = ImuIncrements(time_ns, delta_theta, delta_velocity)
+    gnss = GnssFixes(time_ns, latitude, longitude, height, velocity_n, sigma_v=None)
+    answer = align_in_flight(imu, gnss, AlignmentSettings(...))
+    answer.status, answer.q_nb, answer.t_ns, answer.cov, answer.warnings
+    answer.series.q_nb, answer.series.sigma_worst       # one row per fix used
+    answer.attitude_at(time_ns)                          # any times of the unbroken stretch
+
+The way: :mod:`.preparation` splits the log where the chain of attitude breaks;
+:mod:`.accumulation` and :mod:`.reference` integrate both sides; :mod:`.screening` leaves out bad
+fixes; :mod:`.gate` finds start and stop; :mod:`.pairs`, :mod:`.sums`, :mod:`.wahba` and
+:mod:`.covariance` solve, at the end and at every fix; :mod:`.refine` sharpens; :mod:`.chain`
+carries the attitude to any time.
+
+References
+----------
+.. [1] Qu X., Li S., Zhu G., Wang Q., Institute of Electronic Engineering, China Academy of
+   Engineering Physics: alignment of SINS/GPS in flight by SVD with a gate on large dynamics
+   (in Chinese). Its equations are cited by number as "Qu et al.".
+.. [2] M. Wu, Y. Wu, X. Hu, D. Hu, "Optimization-based alignment for inertial navigation
+   systems: Theory and algorithm", Aerospace Science and Technology 15(1), 2011.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+
+from sinstool.core.errors import AlignmentError
+from sinstool.core.rotation import from_dcm, to_dcm
+from sinstool.methods.alignment.chain import AttitudeChain
+from sinstool.methods.alignment.covariance import axis_sigma, geometry, worst_sigma
+from sinstool.methods.alignment.gate import dynamics, lift_off, looks_clipped
+from sinstool.methods.alignment.inflight_types import (
+    OK_SIGMA,
+    REFUSE_SIGMA,
+    UNIFORM_SIGMA,
+    AlignmentSeries,
+    AlignmentSettings,
+    FloatArray,
+    GateLimits,
+    GnssFixes,
+    ImuIncrements,
+    RefinedErrors,
+    SensorGrade,
+    Status,
+    TimeArray,
+)
+from sinstool.methods.alignment.preparation import prepare_fixes, stretches
+from sinstool.methods.alignment.refine import (
+    BA,
+    BG,
+    KA,
+    KG,
+    LEVER,
+    START_SIGMA,
+    TAU,
+    Refined,
+    refine,
+    theta_covariance,
+)
+from sinstool.methods.alignment.segments import Candidate, candidates
+from sinstool.methods.alignment.solution import Course, explain_residuals, solution_covariance
+from sinstool.methods.alignment.wahba import singular_values
+
+__all__ = [
+    "AlignmentSeries",
+    "AlignmentSettings",
+    "GateLimits",
+    "GnssFixes",
+    "ImuIncrements",
+    "InFlightAlignment",
+    "RefinedErrors",
+    "SensorGrade",
+    "align_in_flight",
+]
+
+INCONSISTENT_CHI2 = 3.0
+
+REFINE_SIGMA = float(np.deg2rad(20.0))
+"""Worst-axis sigma of the solver's answer beyond which the refinement would not be linear. It
+counts what the sensors' errors may have done, which the refinement then finds."""
+
+
+@dataclass(frozen=True)
+class InFlightAlignment:
+    """The answer.
+
+    Attributes
+    ----------
+    status : {'ok', 'degraded', 'level-only', 'unobservable', 'failed'}
+        ``ok`` up to 1 deg about the worst axis, ``degraded`` up to 5 deg or where residuals are
+        inconsistent, ``level-only`` where only roll and pitch are known; the latter's `q_nb`
+        holds an arbitrary heading.
+    method, vectors : str
+        As used.
+    t_ns, t_q_ns, t_stop_ns : int
+        When the attitude holds; start and end of the segment used.
+    q_nb : ndarray, shape (4,)
+        With ``w >= 0``; NaN where the status is ``unobservable`` or ``failed``.
+    cov : ndarray, shape (3, 3)
+        Of psi in NED, rad^2: the attitude found is ``(I + [psi x]) C_nb``. Residuals larger
+        than assumed widen it by as much.
+    sigma_rad : ndarray, shape (3,)
+        About north, east, down.
+    sigma_worst : float
+        About the worst axis, before an unknown heading is declared so, rad.
+    rho : float
+        Geometry of the vectors, 0 to 1.
+    singular_values : ndarray, shape (3,)
+        Of the attitude profile matrix, the last one with its sign.
+    n_pairs, n_rejected : int
+        Pairs with weight; fixes that the screen rejected.
+    residual_rms : float
+        Of the pairs, in the units of their vectors.
+    chi2 : float
+        Mean squared residual by what GNSS noise alone explains: about 1.
+    time_to_align_s : float or None
+        From the start to the first fix after which the worst-axis sigma stays below 1 deg.
+    errors : RefinedErrors or None
+    warnings : tuple of str
+    series : AlignmentSeries or None
+    residual_ns : ndarray of int64, shape (k,)
+        When the newer vector of each pair was taken.
+    residuals : ndarray, shape (k, 3)
+        Of the solver's pairs, in the units of their vectors, in the body axes of the origin.
+    """
+
+    status: Status
+    method: str
+    vectors: str
+    t_ns: int
+    t_q_ns: int
+    t_stop_ns: int
+    q_nb: FloatArray
+    cov: FloatArray
+    sigma_rad: FloatArray
+    sigma_worst: float
+    rho: float
+    singular_values: FloatArray
+    n_pairs: int
+    n_rejected: int
+    residual_rms: float
+    chi2: float
+    time_to_align_s: float | None
+    errors: RefinedErrors | None
+    warnings: tuple[str, ...]
+    series: AlignmentSeries | None
+    residual_ns: TimeArray = field(default_factory=lambda: np.empty(0, np.int64))
+    residuals: FloatArray = field(default_factory=lambda: np.empty((0, 3)))
+
+    _chain: AttitudeChain | None = field(default=None, repr=False, compare=False)
+
+    def attitude_at(self, time_ns: TimeArray) -> FloatArray:
+        """Attitude at any times of the unbroken stretch of the log that holds the segment.
+
+        Parameters
+        ----------
+        time_ns : array_like of int64, shape (n,)
+            In any order; also before the start and after the stop of the segment.
+
+        Returns
+        -------
+        ndarray, shape (n, 4)
+            q_nb with ``w >= 0``.
+
+        Raises
+        ------
+        AlignmentError
+            If there is no alignment.
+        ValueError
+            If a time lies outside the stretch.
+        """
+        if self._chain is None:
+            raise AlignmentError("there is no attitude", "the alignment is " + self.status)
+        return self._chain.attitude(time_ns)
+
+
+def align_in_flight(
+    imu: ImuIncrements, gnss: GnssFixes, settings: AlignmentSettings | None = None
+) -> InFlightAlignment:
+    """Align in flight.
+
+    Parameters
+    ----------
+    imu : ImuIncrements
+    gnss : GnssFixes
+    settings : AlignmentSettings, optional
+
+    Returns
+    -------
+    InFlightAlignment
+        Status ``failed`` where no segment could be used; its warnings say why.
+
+    Raises
+    ------
+    AlignmentError
+        If the log cannot be aligned at all: no GNSS velocity, no samples in the time given; or
+        if the attitude is wanted at a time to which it cannot be carried.
+    """
+    settings = settings or AlignmentSettings()
+    fixes, settings, warnings = prepare_fixes(gnss, settings)
+    parts, notes = stretches(imu, settings)
+    warnings += notes
+    clipped = looks_clipped(imu)
+    if clipped and settings.gyro_limit is None and settings.accel_limit is None:
+        warnings.append(
+            f"{clipped} seems to be clipped: its largest value comes many times in a row; give"
+            " the ranges of the sensors, so that alignment starts after it"
+        )
+    lift_off_ns = _lift_off(imu, settings, warnings)
+    reasons: list[str] = []
+    found = [
+        candidate
+        for part in parts
+        for candidate in candidates(part, fixes, settings, lift_off_ns, reasons)
+    ]
+    if not found:
+        return _failed(settings, imu, [*warnings, *(reasons or ["there is nothing to align with"])])
+    best = min(found, key=lambda c: c.sigma_worst)
+    if len(found) > 1:
+        warnings.append(f"{len(found)} segments could be aligned; the best is given")
+    return _answer(best, settings, warnings + best.warnings)
+
+
+def _lift_off(imu: ImuIncrements, settings: AlignmentSettings, warnings: list[str]) -> int:
+    if settings.t0_ns is not None:
+        return settings.t0_ns
+    index = lift_off(dynamics(imu))
+    if index is None:
+        if settings.gate != "off" and settings.start_ns is None:
+            warnings.append("no lift-off found (2 g for 0.1 s): counted from the first sample")
+        index = 0
+    return int(imu.time_ns[index])
+
+
+def _answer(best: Candidate, settings: AlignmentSettings, warnings: list[str]) -> InFlightAlignment:
+    segment, solution = best.segment, best.solution
+    origin = int(best.stretch.imu.time_ns[0])
+    chain = AttitudeChain(best.stretch.imu, origin, solution.dcm, best.positions)
+    if settings.at == "end":
+        t_ns = int(best.fixes.time_ns[-1])
+        at = segment.rows.rows(slice(-1, None))
+    else:
+        t_ns = best.start_ns if isinstance(settings.at, str) else settings.at
+        times = chain.imu.time_ns
+        if not times[0] <= t_ns <= times[-1]:
+            raise AlignmentError(
+                f"no attitude can be given at {t_ns} ns",
+                f"the chain of attitude holds from {times[0]} to {times[-1]} ns",
+            )
+        at = chain.rows_at(t_ns)
+    covariance = solution_covariance(solution, segment, at, settings)
+    errors = None
+    if settings.refine:
+        if settings.vectors == "pos":
+            warnings.append("not refined: that needs velocity")
+        elif best.sigma_worst > REFINE_SIGMA:
+            warnings.append("not refined: the attitude to start from is not known well enough")
+        else:
+            result, errors = _refined(best, settings)
+            known = segment.rows.rows(slice(result.row, result.row + 1))
+            chain = replace(chain, dcm=result.dcm, refined=(result.state, known))
+            covariance = theta_covariance(result.covariance, known, at, settings.grade)
+    own = solution.chi2 if errors is None else errors.chi2
+    inconsistent = own > INCONSISTENT_CHI2
+    if inconsistent:
+        # The filter's measure has an end, as it inflates what does not fit.
+        own = max(own, solution.chi2)
+        warnings.append(
+            f"inconsistent: residuals are {own:.1f} times what the noise assumed"
+            f" explains; {explain_residuals(solution, segment)}"
+        )
+    if inconsistent or errors is not None:
+        covariance = max(own, 1.0) * covariance
+    c_ni = chain.dcm_ni(np.array([t_ns]))[0]
+    turn = c_ni @ chain.dcm
+    covariance = turn @ covariance @ turn.T
+    q_nb = from_dcm(c_ni @ chain.dcm_ib(at)[0])
+    worst = float(worst_sigma(covariance))
+    status = _status(covariance)
+    if status == "ok" and inconsistent:
+        status = "degraded"
+    if status == "level-only":
+        heading = min(float(np.sqrt(covariance[2, 2])), UNIFORM_SIGMA)
+        warnings.append(
+            "heading is not known: it needs horizontal acceleration, a turn, or one to several"
+            f" minutes; its predicted sigma is {np.rad2deg(heading):.0f} deg"
+        )
+        covariance = covariance.copy()
+        covariance[2, :] = covariance[:, 2] = 0.0
+        covariance[2, 2] = UNIFORM_SIGMA**2
+    elif status == "unobservable":
+        warnings.append(
+            f"attitude is not known: the sigma about its worst axis is {np.rad2deg(worst):.0f} deg"
+        )
+        q_nb = np.full(4, np.nan)
+    elif status == "degraded":
+        warnings.append(f"the sigma about the worst axis is {np.rad2deg(worst):.1f} deg")
+    series = None if best.course is None else _series(best, best.course)
+    return InFlightAlignment(
+        status=status,
+        method=settings.method,
+        vectors="int" if settings.method == "triad" else settings.vectors,
+        t_ns=t_ns,
+        t_q_ns=best.start_ns,
+        t_stop_ns=best.stop_ns,
+        q_nb=q_nb,
+        cov=covariance,
+        sigma_rad=axis_sigma(covariance),
+        sigma_worst=worst,
+        rho=float(geometry(solution.sums.second)),
+        singular_values=singular_values(solution.sums.profile),
+        n_pairs=solution.n_pairs,
+        n_rejected=best.rejected,
+        residual_rms=solution.residual_rms,
+        chi2=solution.chi2,
+        time_to_align_s=None if series is None else _time_to_align(series, best.start_ns),
+        errors=errors,
+        warnings=tuple(warnings),
+        series=series,
+        residual_ns=best.fixes.time_ns[solution.pairs.newer],
+        residuals=solution.residuals,
+        _chain=None if status == "unobservable" else chain,
+    )
+
+
+def _status(covariance: FloatArray) -> Status:
+    worst = float(worst_sigma(covariance))
+    if worst <= OK_SIGMA:
+        return "ok"
+    if worst <= REFUSE_SIGMA:
+        return "degraded"
+    return "level-only" if worst_sigma(covariance[:2, :2]) <= OK_SIGMA else "unobservable"
+
+
+def _refined(best: Candidate, settings: AlignmentSettings) -> tuple[Refined, RefinedErrors]:
+    segment = best.segment
+    use = np.ones(len(segment), dtype=bool)
+    if settings.gate == "mask":
+        use[1:] = np.diff(segment.not_calm) == 0
+    result = refine(
+        segment.rows,
+        segment.beta(),
+        segment.sigma,
+        use,
+        best.solution.dcm,
+        settings.grade,
+        max(START_SIGMA, 3.0 * best.sigma_worst),
+        settings.refine_lever_sigma,
+        settings.refine_latency_sigma,
+        backward=settings.at == "start",
+    )
+    x, sigma = result.state, np.sqrt(np.diag(result.covariance))
+    parts = {
+        "gyro_bias": slice(BG, BG + 3),
+        "accel_bias": slice(BA, BA + 3),
+        "gyro_scale": slice(KG, KG + 3),
+        "accel_scale": slice(KA, KA + 3),
+        "lever_arm_b": slice(LEVER, LEVER + 3),
+    }
+    errors = RefinedErrors(
+        **{name: x[part] for name, part in parts.items()},
+        latency_s=float(x[TAU]),
+        sigma={
+            **{name: sigma[part] for name, part in parts.items()},
+            "latency_s": float(sigma[TAU]),
+        },
+        inflated=result.inflated,
+        chi2=result.chi2,
+    )
+    return result, errors
+
+
+def _series(best: Candidate, path: Course) -> AlignmentSeries:
+    segment = best.segment.take(path.rows)
+    turn = segment.dcm_ni() @ path.dcm
+    covariance = turn @ path.covariance @ np.swapaxes(turn, -1, -2)
+    calm = np.diff(best.segment.not_calm, prepend=best.segment.not_calm[0]) == 0
+    return AlignmentSeries(
+        best.fixes.time_ns[path.rows],
+        from_dcm(turn @ to_dcm(segment.rows.q)),
+        axis_sigma(covariance),
+        worst_sigma(covariance),
+        geometry(path.second),
+        path.singular,
+        calm[path.rows],
+    )
+
+
+def _time_to_align(series: AlignmentSeries, start_ns: int) -> float | None:
+    above = np.flatnonzero(series.sigma_worst > OK_SIGMA)
+    first = int(above[-1]) + 1 if len(above) else 0
+    if first >= len(series.time_ns):
+        return None
+    return float(series.time_ns[first] - start_ns) * 1e-9
+
+
+def _failed(
+    settings: AlignmentSettings, imu: ImuIncrements, warnings: list[str]
+) -> InFlightAlignment:
+    nothing = float("nan")
+    begin, end = int(imu.time_ns[0]), int(imu.time_ns[-1])
+    return InFlightAlignment(
+        status="failed",
+        method=settings.method,
+        vectors=settings.vectors,
+        t_ns=end,
+        t_q_ns=begin,
+        t_stop_ns=end,
+        q_nb=np.full(4, nothing),
+        cov=np.full((3, 3), nothing),
+        sigma_rad=np.full(3, nothing),
+        sigma_worst=nothing,
+        rho=nothing,
+        singular_values=np.full(3, nothing),
+        n_pairs=0,
+        n_rejected=0,
+        residual_rms=nothing,
+        chi2=nothing,
+        time_to_align_s=None,
+        errors=None,
+        warnings=tuple(warnings),
+        series=None,
+    )

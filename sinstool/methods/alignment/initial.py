@@ -1,0 +1,123 @@
+"""The attitude a run starts from, and the gyro bias that is taken out."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from sinstool.core.errors import AlignmentError
+from sinstool.core.rotation import conjugate, from_euler, rotate
+from sinstool.methods.alignment.level import level
+from sinstool.methods.alignment.still import StillSpan, Windows
+from sinstool.survey.unit_evidence import STANDARD_GRAVITY
+
+ROUGH_S = 1.0
+
+
+@dataclass(frozen=True)
+class Alignment:
+    """A first attitude.
+
+    Attributes
+    ----------
+    q_nb : ndarray, shape (4,)
+    method : str
+        ``level``, ``log``, ``fixed``, ``level-moving``, ``gyrocompass``, or a solver in motion.
+    time_ns : int
+        When it holds.
+    sigma_rad : tuple of float or None
+        Of roll, pitch, heading; None where nothing is known.
+    status : {'ok', 'degraded', 'level-only'}
+    north_referenced : bool
+        Heading counts from north.
+    gyro_bias : ndarray, shape (3,)
+        To subtract from the rates, rad/s, body axes.
+    bias_source : str
+        ``still`` (the lead-in), ``rest`` (another), ``alignment``, ``given`` or ``none``.
+    warnings : tuple of str
+    covariance_n : ndarray or None, shape (3, 3)
+        Of a small rotation in NED, rad^2, where more is known than sigmas.
+    held_ns : int or None
+        When the attitude was found, if it was carried to ``time_ns`` from there.
+    """
+
+    q_nb: np.ndarray
+    method: str
+    time_ns: int
+    sigma_rad: tuple[float | None, float | None, float | None]
+    status: str
+    north_referenced: bool
+    gyro_bias: np.ndarray = field(default_factory=lambda: np.zeros(3))
+    bias_source: str = "none"
+    warnings: tuple[str, ...] = ()
+    covariance_n: np.ndarray | None = None
+    held_ns: int | None = None
+
+
+def from_still(span: StillSpan, time_ns: int) -> Alignment:
+    """Tilt from a still span, heading 0.
+
+    The tilt's sigma is the larger of the accelerometer's noise over the span and what its
+    disagreement with gravity shows of its bias.
+    """
+    size = float(np.linalg.norm(span.accel))
+    noise = span.accel_std / np.sqrt(span.samples)
+    sigma = float(max(noise, abs(size - STANDARD_GRAVITY)) / STANDARD_GRAVITY)
+    return Alignment(level(span.accel), "level", time_ns, (sigma, sigma, None), "ok", False)
+
+
+def from_motion(windows: Windows, time_ns: int) -> Alignment:
+    """Tilt from the mean specific force of the first second of a log that does not begin still."""
+    first = windows.start_ns < windows.start_ns[0] + int(ROUGH_S * 1e9)
+    count = windows.count[first].astype(float)
+    accel = count @ windows.accel[first] / count.sum()
+    if not np.linalg.norm(accel) > 0.1 * STANDARD_GRAVITY:
+        raise AlignmentError(
+            "the log does not begin still and its specific force holds no gravity",
+            "give the first attitude with --align log or --align fixed",
+        )
+    return Alignment(
+        level(accel),
+        "level-moving",
+        time_ns,
+        (None, None, None),
+        "degraded",
+        False,
+        warnings=(
+            "the log does not begin still: tilt is from the mean specific force of its first"
+            " second and may be several degrees off",
+        ),
+    )
+
+
+def from_log(q_nb: np.ndarray, time_ns: int) -> Alignment:
+    """The orientation that the Imu topic itself gives."""
+    return Alignment(q_nb, "log", time_ns, (None, None, None), "ok", True)
+
+
+def from_given(roll_pitch_heading: tuple[float, float, float], time_ns: int) -> Alignment:
+    """An attitude given by the user, in radians."""
+    q = from_euler(np.asarray(roll_pitch_heading))
+    return Alignment(q, "fixed", time_ns, (None, None, None), "ok", True)
+
+
+def still_bias(span: StillSpan, q_nb: np.ndarray, omega_ie_n: np.ndarray | None) -> np.ndarray:
+    """Gyro bias of a still span: its mean rate less the Earth's, where that is known.
+
+    Parameters
+    ----------
+    span : StillSpan
+    q_nb : ndarray, shape (4,)
+        Attitude during the span.
+    omega_ie_n : ndarray, shape (3,), optional
+        Earth rate in NED, rad/s.
+
+    Returns
+    -------
+    ndarray, shape (3,)
+        rad/s in body axes. Without a latitude the Earth's rate is part of it.
+    """
+    if omega_ie_n is None:
+        return span.gyro.copy()
+    return span.gyro - rotate(conjugate(q_nb), omega_ie_n)

@@ -1,0 +1,238 @@
+"""Both streams made fit for alignment: repeats, gaps, missing values, broken chains."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.ndimage import median_filter
+
+from sinstool.core.errors import AlignmentError
+from sinstool.methods.alignment.gate import dynamics, saturated
+from sinstool.methods.alignment.inflight_types import (
+    AlignmentSettings,
+    FloatArray,
+    GnssFixes,
+    ImuIncrements,
+)
+
+GAP = 1.5
+"""Of the usual interval: beyond, samples are missing."""
+
+BRIDGED_SAMPLES = 3
+MIN_SPAN_S = 10.0
+MIN_POSITION_SPAN_S = 60.0
+SILENT_GAP_S = 10.0
+BROKEN_GAP_S = 60.0
+MANY_MISSING = 0.2
+ROUGH_FIX = 2.0
+LEVEL_S = 5.0
+
+
+@dataclass(frozen=True)
+class Stretch:
+    """Samples over which the chain of attitude holds.
+
+    Attributes
+    ----------
+    imu : ImuIncrements
+    after : str
+        What broke the chain before it; empty at the start of the log.
+    """
+
+    imu: ImuIncrements
+    after: str
+
+
+def stretches(imu: ImuIncrements, settings: AlignmentSettings) -> tuple[list[Stretch], list[str]]:
+    """Split at gaps and at saturated samples.
+
+    Parameters
+    ----------
+    imu : ImuIncrements
+    settings : AlignmentSettings
+
+    Returns
+    -------
+    parts : list of Stretch
+        Those with at least two samples.
+    warnings : list of str
+
+    Notes
+    -----
+    Up to three missing samples in calm flight are bridged: increments that cover only their
+    usual interval are stretched to the whole gap, the mean of f telling which it is.
+    """
+    warnings = []
+    new = np.diff(imu.time_ns, prepend=imu.time_ns[:1] - 1) > 0
+    if not new.all():
+        warnings.append(f"{int((~new).sum())} IMU samples of repeated time dropped")
+        imu = _rows(imu, new)
+    if settings.start_ns is not None or settings.end_ns is not None:
+        first = imu.time_ns[0] if settings.start_ns is None else settings.start_ns
+        last = imu.time_ns[-1] if settings.end_ns is None else settings.end_ns
+        imu = _rows(imu, (imu.time_ns >= first) & (imu.time_ns <= last))
+    if len(imu) < 2:
+        raise AlignmentError("there are no IMU samples to align with", "widen start and end")
+    step = np.diff(imu.time_ns)
+    usual = float(np.median(step))
+    missing = np.rint(step / usual) - 1
+    gaps = np.flatnonzero(step > GAP * usual)
+    within = dynamics(imu, settings.limits.smooth).within(settings.limits)
+    calm = within[0] & within[2]
+    broken = np.zeros(len(imu), dtype=bool)
+    reason = {}
+    bridged = 0
+    theta, velocity = imu.delta_theta, imu.delta_velocity
+    for k in gaps:  # of which a log has few
+        if missing[k] <= BRIDGED_SAMPLES and calm[k] and calm[min(k + 2, len(calm) - 1)]:
+            bridged += 1
+            before = np.linalg.norm(velocity[k]) / (step[k - 1] if k else usual)
+            if np.linalg.norm(velocity[k + 1]) < 0.5 * before * (step[k] + usual):
+                if theta is imu.delta_theta:
+                    theta, velocity = theta.copy(), velocity.copy()
+                theta[k + 1] *= step[k] / usual
+                velocity[k + 1] *= step[k] / usual
+        else:
+            broken[k + 1] = True
+            reason[int(k + 1)] = f"a gap of {step[k] * 1e-9:.3f} s in the IMU"
+    if bridged:
+        warnings.append(f"{bridged} gaps of up to {BRIDGED_SAMPLES} IMU samples bridged")
+    if broken.any():
+        warnings.append(
+            f"{int(broken.sum())} gaps in the IMU break the chain of attitude; the longest is"
+            f" {step[np.flatnonzero(broken) - 1].max() * 1e-9:.3f} s"
+        )
+    imu = ImuIncrements(imu.time_ns, theta, velocity)
+    lost = saturated(imu, settings.gyro_limit, settings.accel_limit)
+    if lost.any():
+        last_s = (imu.time_ns[np.flatnonzero(lost)[-1]] - imu.time_ns[0]) * 1e-9
+        warnings.append(
+            f"{int(lost.sum())} saturated IMU samples, the last {last_s:.2f} s after the first"
+            " sample: alignment starts after them"
+        )
+    edges = np.flatnonzero(broken | _changes(lost))
+    begins = np.concatenate([[0], edges])
+    ends = np.concatenate([edges, [len(imu)]])
+    parts = []
+    for begin, end in zip(begins, ends, strict=True):
+        if end - begin >= 2 and not lost[begin]:
+            why = reason.get(int(begin), "saturated samples" if begin else "")
+            parts.append(Stretch(_rows(imu, slice(int(begin), int(end))), why))
+    return parts, warnings
+
+
+def _changes(flags: NDArray[np.bool_]) -> NDArray[np.bool_]:
+    return np.concatenate([[False], flags[1:] != flags[:-1]])
+
+
+def _rows(imu: ImuIncrements, which: slice | NDArray[np.bool_]) -> ImuIncrements:
+    return ImuIncrements(imu.time_ns[which], imu.delta_theta[which], imu.delta_velocity[which])
+
+
+def prepare_fixes(
+    gnss: GnssFixes, settings: AlignmentSettings
+) -> tuple[GnssFixes, AlignmentSettings, list[str]]:
+    """Fixes that can be used, stamped when they were valid, with a noise each.
+
+    Parameters
+    ----------
+    gnss : GnssFixes
+    settings : AlignmentSettings
+
+    Returns
+    -------
+    gnss : GnssFixes
+    settings : AlignmentSettings
+        With ``vectors='pos'`` where there is no velocity.
+    warnings : list of str
+
+    Raises
+    ------
+    AlignmentError
+        If there is neither velocity nor position for a minute.
+    """
+    warnings = []
+    new = np.diff(gnss.time_ns, prepend=gnss.time_ns[:1] - 1) > 0
+    if not new.all():
+        warnings.append(f"{int((~new).sum())} fixes of repeated time dropped")
+    placed = np.isfinite(gnss.latitude) & np.isfinite(gnss.longitude) & np.isfinite(gnss.height)
+    gnss = gnss.rows(new & placed)
+    sigma = np.full(len(gnss), settings.gnss_sigma_v)
+    if gnss.sigma_v is not None:
+        known = np.isfinite(gnss.sigma_v) & (gnss.sigma_v > 0.0)
+        sigma = np.where(known, gnss.sigma_v, sigma)
+    latency = round(settings.gnss_latency_s * 1e9)
+    gnss = replace(gnss, time_ns=gnss.time_ns - latency, sigma_v=sigma)
+    kept = np.ones(len(gnss), dtype=bool)
+    if settings.start_ns is not None:
+        kept &= gnss.time_ns >= settings.start_ns
+    if settings.end_ns is not None:
+        kept &= gnss.time_ns <= settings.end_ns
+    gnss = gnss.rows(kept)
+    level = noise_level(np.asarray(gnss.sigma_v), _usual_s(gnss.time_ns))
+    rough = np.asarray(gnss.sigma_v) > ROUGH_FIX * level
+    if rough.any() and settings.vectors != "pos":
+        warnings.append(f"{int(rough.sum())} fixes much noisier than their neighbours not used")
+        gnss = gnss.rows(~rough)
+    if settings.vectors == "pos":
+        return gnss, settings, warnings
+    moving = np.isfinite(gnss.velocity_n).all(axis=1)
+    if _span_s(gnss.time_ns[moving]) >= MIN_SPAN_S - 2.0 * _usual_s(gnss.time_ns):
+        missing = 1.0 - moving.mean()
+        if missing >= MANY_MISSING:
+            warnings.append(f"{missing:.0%} of the fixes have no velocity and are not used")
+        return gnss.rows(moving), settings, warnings
+    span = _span_s(gnss.time_ns)
+    if span < MIN_POSITION_SPAN_S:
+        raise AlignmentError(
+            f"alignment in flight needs GNSS velocity for {MIN_SPAN_S:g} s, or positions for"
+            f" {MIN_POSITION_SPAN_S:g} s",
+            f"there are velocities for {_span_s(gnss.time_ns[moving]):.1f} s and positions for"
+            f" {span:.1f} s",
+        )
+    warnings.append("the fixes have no velocity: aligned by positions, which takes a minute")
+    method = "svd" if settings.method == "triad" else settings.method
+    return gnss, replace(settings, vectors="pos", method=method), warnings
+
+
+def noise_level(sigma: FloatArray, interval_s: float) -> FloatArray:
+    """Running median of the noise of fixes over 5 s to each side, shape (n,).
+
+    In differences over a window the noise of a fix nearly cancels with that of the next window,
+    unless their weights differ: weights therefore follow the level of the noise, not the noise
+    of each fix, and single rough fixes are left out altogether.
+    """
+    if not len(sigma) or not interval_s > 0.0 or np.all(sigma == sigma[0]):
+        return sigma.copy()
+    width = 2 * max(round(LEVEL_S / interval_s), 1) + 1
+    return np.asarray(median_filter(sigma, size=width, mode="reflect"))
+
+
+def _span_s(time_ns: NDArray[np.int64]) -> float:
+    return float(time_ns[-1] - time_ns[0]) * 1e-9 if len(time_ns) else 0.0
+
+
+def _usual_s(time_ns: NDArray[np.int64]) -> float:
+    return float(np.median(np.diff(time_ns))) * 1e-9 if len(time_ns) > 1 else 0.0
+
+
+def gap_edges(time_s: FloatArray) -> tuple[NDArray[np.int64], float]:
+    """Where fixes are missing for so long that integrals from before are worth nothing.
+
+    Parameters
+    ----------
+    time_s : ndarray, shape (n,)
+
+    Returns
+    -------
+    edges : ndarray of int64
+        Rows after a gap of more than 60 s.
+    longest : float
+        Longest of the other gaps, s.
+    """
+    step = np.diff(time_s)
+    broken = step > BROKEN_GAP_S
+    longest = float(step[~broken].max()) if (~broken).any() else 0.0
+    return np.flatnonzero(broken) + 1, longest

@@ -1,0 +1,235 @@
+"""Segments of a log that can be aligned with: found, screened, bounded by the gate, solved."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sinstool.methods.alignment.accumulation import accumulate
+from sinstool.methods.alignment.covariance import worst_sigma
+from sinstool.methods.alignment.gate import (
+    Dynamics,
+    dynamics,
+    find_start,
+    find_stop,
+    why_no_start,
+)
+from sinstool.methods.alignment.inflight_types import AlignmentSettings, GnssFixes
+from sinstool.methods.alignment.pairs import window_rows
+from sinstool.methods.alignment.preparation import (
+    MIN_SPAN_S,
+    SILENT_GAP_S,
+    Stretch,
+    gap_edges,
+    noise_level,
+)
+from sinstool.methods.alignment.screening import plausible_fixes
+from sinstool.methods.alignment.solution import (
+    Course,
+    Segment,
+    Solution,
+    course,
+    solution_covariance,
+    solve,
+)
+
+MANY_REJECTED = 0.2
+
+
+@dataclass(frozen=True)
+class Candidate:
+    """A segment that was solved.
+
+    Attributes
+    ----------
+    stretch : Stretch
+        In which it lies.
+    segment : Segment
+    fixes : GnssFixes
+        Those of the segment.
+    positions : GnssFixes
+        All of the stretch.
+    start_ns, stop_ns : int
+        Of the gate.
+    rejected : int
+        Fixes that the screen left out.
+    solution : Solution
+    course : Course or None
+    sigma_worst : float
+        At the last fix, rad.
+    warnings : list of str
+    """
+
+    stretch: Stretch
+    segment: Segment
+    fixes: GnssFixes
+    positions: GnssFixes
+    start_ns: int
+    stop_ns: int
+    rejected: int
+    solution: Solution
+    course: Course | None
+    sigma_worst: float
+    warnings: list[str]
+
+
+def candidates(
+    stretch: Stretch,
+    fixes: GnssFixes,
+    settings: AlignmentSettings,
+    lift_off_ns: int,
+    reasons: list[str],
+) -> list[Candidate]:
+    """Segments of one stretch that can be solved.
+
+    Parameters
+    ----------
+    stretch : Stretch
+    fixes : GnssFixes
+        Of the whole log.
+    settings : AlignmentSettings
+    lift_off_ns : int
+    reasons : list of str
+        Gains why others could not.
+
+    Returns
+    -------
+    list of Candidate
+    """
+    imu = stretch.imu
+    origin = int(imu.time_ns[0])
+    inside = fixes.rows((fixes.time_ns >= origin) & (fixes.time_ns <= imu.time_ns[-1]))
+    where = f"{(imu.time_ns[-1] - origin) * 1e-9:.1f} s from {origin} ns"
+    if (imu.time_ns[-1] - origin) * 1e-9 < MIN_SPAN_S - 1.0 or len(inside) < 3:
+        reasons.append(f"{where}: too short, or without fixes")
+        return []
+    rows = accumulate(imu.time_ns, imu.delta_theta, imu.delta_velocity, inside.time_ns, origin)
+    rows = rows.at_antenna(settings.lever_arm_b)
+    motion = dynamics(imu, settings.limits.smooth)
+    restless = np.cumsum(~motion.within(settings.limits).all(axis=0), dtype=np.int64)
+    sample = np.searchsorted(imu.time_ns, inside.time_ns)
+    everything = Segment(
+        rows,
+        inside.latitude,
+        inside.longitude,
+        inside.height,
+        inside.velocity_n,
+        np.asarray(inside.sigma_v),
+        noise_level(np.asarray(inside.sigma_v), float(np.median(np.diff(rows.time_s)))),
+        restless[np.minimum(sample, len(restless) - 1)],
+    )
+    good = np.ones(len(rows), dtype=bool)
+    if settings.screen and settings.vectors != "pos":
+        good = plausible_fixes(rows.alpha, everything.beta(), everything.sigma)
+    edges, _ = gap_edges(rows.time_s[good])
+    borders = rows.time_s[good][edges]
+    begin_s = np.concatenate([[-np.inf], borders])
+    end_s = np.concatenate([borders, [np.inf]])
+    found = []
+    for begin, end in zip(begin_s, end_s, strict=True):
+        part = (rows.time_s >= begin) & (rows.time_s < end)
+        candidate = _candidate(
+            stretch, everything, inside, motion, part, good, settings, lift_off_ns, reasons
+        )
+        if candidate is not None:
+            found.append(candidate)
+    return found
+
+
+def _bounds(
+    motion: Dynamics, first: int, last: int, settings: AlignmentSettings, lift_off_ns: int
+) -> tuple[int, int] | str:
+    """Samples of start and stop between two samples, or why there are none."""
+    view = Dynamics(
+        motion.time_ns[first : last + 1],
+        motion.force[first : last + 1],
+        motion.force_step[first : last + 1],
+        motion.rate[first : last + 1],
+        motion.rate_step[first : last + 1],
+    )
+    limits = settings.limits
+    start: int | None = 0
+    if settings.gate != "off" and settings.start_ns is None:
+        if settings.gate == "paper":
+            start = find_start(view, limits, lift_off_ns)
+        else:
+            start = int(np.searchsorted(view.time_ns, lift_off_ns))
+    if start is None or start >= len(view.time_ns):
+        return "no start found; " + why_no_start(view, limits, lift_off_ns)
+    stop = None if settings.gate == "off" else find_stop(view, limits, start)
+    return first + start, first + (len(view.time_ns) - 1 if stop is None else stop)
+
+
+def _candidate(
+    stretch: Stretch,
+    everything: Segment,
+    inside: GnssFixes,
+    motion: Dynamics,
+    part: NDArray[np.bool_],
+    good: NDArray[np.bool_],
+    settings: AlignmentSettings,
+    lift_off_ns: int,
+    reasons: list[str],
+) -> Candidate | None:
+    time_ns = inside.time_ns
+    first_fix, last_fix = np.flatnonzero(part)[[0, -1]]
+    first = 0 if first_fix == 0 else int(np.searchsorted(motion.time_ns, time_ns[first_fix]))
+    last = len(motion.time_ns) - 1
+    if last_fix < len(time_ns) - 1:
+        last = int(np.searchsorted(motion.time_ns, time_ns[last_fix]))
+    bounds = _bounds(motion, first, last, settings, lift_off_ns)
+    if isinstance(bounds, str):
+        reasons.append(bounds)
+        return None
+    start_ns, stop_ns = int(motion.time_ns[bounds[0]]), int(motion.time_ns[bounds[1]])
+    chosen = part & (time_ns >= start_ns) & (time_ns <= stop_ns)
+    usable = chosen & good
+    segment, fixes = everything.take(usable), inside.rows(usable)
+    if settings.gate == "mask" and len(segment) > 1:
+        # Before the first pair over calm flight nothing counts.
+        length = window_rows(segment.rows.time_s, settings.window_s)
+        length = min(length if settings.vectors == "win" else 1, len(segment) - 1)
+        calm = segment.not_calm[length:] == segment.not_calm[:-length]
+        begin = int(np.argmax(calm)) if calm.any() else 0
+        segment, fixes = segment.take(slice(begin, None)), fixes.rows(slice(begin, None))
+    slack = 2.0 * float(np.median(np.diff(time_ns))) * 1e-9
+    span = float(segment.rows.time_s[-1] - segment.rows.time_s[0]) if len(segment) else 0.0
+    if span < MIN_SPAN_S - slack:
+        reasons.append(f"only {span:.1f} s with fixes after the start: {MIN_SPAN_S:g} s are needed")
+        return None
+    path = course(segment, settings) if settings.series or settings.sigma_stop else None
+    if settings.sigma_stop is not None and path is not None:
+        count = _enough(segment, path, settings.sigma_stop)
+        if count is not None:
+            segment, fixes = segment.take(slice(0, count)), fixes.rows(slice(0, count))
+            path = path.until(count)
+            stop_ns = int(fixes.time_ns[-1])
+    solution = solve(segment, settings)
+    if solution is None:
+        reasons.append("no pair of vectors: no calm window, or fixes too far apart")
+        return None
+    at_end = segment.rows.rows(slice(-1, None))
+    sigma = float(worst_sigma(solution_covariance(solution, segment, at_end, settings)))
+    rejected = int((chosen & ~good).sum())
+    warnings = []
+    if rejected > MANY_REJECTED * chosen.sum():
+        warnings.append(
+            f"{rejected} of {int(chosen.sum())} fixes rejected as outliers: check latency, lever"
+            " arm, units, and the velocity noise given"
+        )
+    longest = gap_edges(segment.rows.time_s)[1]
+    if longest > SILENT_GAP_S:
+        warnings.append(f"fixes are missing for {longest:.1f} s inside the segment")
+    return Candidate(
+        stretch, segment, fixes, inside, start_ns, stop_ns, rejected, solution, path, sigma,
+        warnings,
+    )  # fmt: skip
+
+
+def _enough(segment: Segment, path: Course, sigma: float) -> int | None:
+    """Fixes up to the first at which the sigma is small enough and the vehicle calm."""
+    calm = np.diff(segment.not_calm, prepend=segment.not_calm[0] - 1)[path.rows] == 0
+    done = np.flatnonzero((worst_sigma(path.covariance) < sigma) & calm)
+    return int(path.rows[done[0]]) + 1 if len(done) else None

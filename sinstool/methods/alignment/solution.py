@@ -1,0 +1,360 @@
+"""One segment solved: pairs, attitude, covariance, at its end and at every fix."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sinstool.core.rotation import to_dcm
+from sinstool.methods.alignment.accumulation import InertialRows
+from sinstool.methods.alignment.covariance import attitude_covariance, drifting_noise
+from sinstool.methods.alignment.inflight_types import AlignmentSettings
+from sinstool.methods.alignment.pairs import (
+    Pairs,
+    centred_pairs,
+    cross_columns,
+    differentiated_pairs,
+    integrated_pairs,
+    window_rows,
+)
+from sinstool.methods.alignment.reference import VelocityReference, dcm_ni, position_reference
+from sinstool.methods.alignment.sums import PairAccumulator, PairSums, RunningPairs, total_sums
+from sinstool.methods.alignment.triad import triad_attitude, triad_covariance
+from sinstool.methods.alignment.wahba import SOLVERS, singular_values
+
+FloatArray = NDArray[np.float64]
+IndexArray = NDArray[np.int64]
+
+POSITION_SERIES_S = 2.0
+MIN_POSITION_COURSE_S = 5.0
+
+
+@dataclass(frozen=True)
+class Segment:
+    """Both sides at the fixes of a segment.
+
+    Attributes
+    ----------
+    rows : InertialRows
+        At the antenna.
+    latitude, longitude, height : ndarray, shape (n,)
+    sigma, level : ndarray, shape (n,)
+        Velocity noise of the fixes, and what is usual around them, m/s.
+    velocity_n : ndarray, shape (n, 3)
+    not_calm : ndarray of int64, shape (n,)
+        Count of samples up to each fix that were not calm.
+    """
+
+    rows: InertialRows
+    latitude: FloatArray
+    longitude: FloatArray
+    height: FloatArray
+    velocity_n: FloatArray
+    sigma: FloatArray
+    level: FloatArray
+    not_calm: IndexArray
+
+    def __len__(self) -> int:
+        return len(self.rows)
+
+    def take(self, which: slice | NDArray[np.bool_] | IndexArray) -> Segment:
+        """Rows by slice or mask."""
+        return Segment(
+            self.rows.rows(which),
+            self.latitude[which],
+            self.longitude[which],
+            self.height[which],
+            self.velocity_n[which],
+            self.sigma[which],
+            self.level[which],
+            self.not_calm[which],
+        )
+
+    def beta(self) -> FloatArray:
+        """Integrated GNSS side from the first fix, m/s."""
+        return VelocityReference().push(
+            self.rows.time_s, self.latitude, self.longitude, self.height, self.velocity_n
+        )
+
+    def dcm_ni(self) -> FloatArray:
+        """``C_i^n`` at the fixes, shape (n, 3, 3)."""
+        return dcm_ni(self.latitude, self.longitude, self.rows.time_s)
+
+
+@dataclass(frozen=True)
+class Solution:
+    """``C_ib0^i`` of a segment.
+
+    Attributes
+    ----------
+    dcm : ndarray, shape (3, 3)
+    sums : PairSums
+        For ``triad`` those of its two vectors.
+    elapsed_s : float
+    n_pairs : int
+    residual_rms, chi2 : float
+    residuals : ndarray, shape (k, 3)
+        Of the pairs with weight, in ``ib0``.
+    pairs : Pairs
+        Those with weight.
+    """
+
+    dcm: FloatArray
+    sums: PairSums
+    elapsed_s: float
+    n_pairs: int
+    residual_rms: float
+    chi2: float
+    residuals: FloatArray
+    pairs: Pairs
+
+
+def make_pairs(segment: Segment, settings: AlignmentSettings) -> Pairs:
+    """Pairs of a segment, one for each fix; those without weight included."""
+    rows, usual = segment.rows, settings.gnss_sigma_v
+    mask = segment.not_calm if settings.gate == "mask" else None
+    kind = settings.vectors
+    if kind in ("diff", "diffc"):
+        position = (segment.latitude, segment.longitude, segment.height)
+        return differentiated_pairs(
+            kind == "diffc", rows, position, segment.velocity_n, segment.level, usual, mask
+        )
+    if kind in ("cen", "pos"):
+        end_s = rows.time_s
+        fade = np.exp((end_s - end_s[-1]) / settings.fade_s)
+        if kind == "pos":
+            beta = position_reference(end_s, segment.latitude, segment.longitude, segment.height)
+            return centred_pairs(rows, beta, fade, line=True)
+        weight = fade * (usual / segment.sigma) ** 2
+        return centred_pairs(rows, segment.beta(), weight, line=False)
+    length = window_rows(rows.time_s, settings.window_s)
+    return integrated_pairs(kind, rows, segment.beta(), segment.level, length, usual, mask)
+
+
+def _sums(pairs: Pairs, segment: Segment, settings: AlignmentSettings) -> PairSums:
+    # Centred pairs hold their fading already, as it decides about the mean.
+    fade = np.inf if settings.vectors in ("cen", "pos") else settings.fade_s
+    sums = total_sums(pairs, segment.rows.time_s, segment.sigma, fade)
+    if settings.vectors == "pos":
+        noise = drifting_noise(
+            pairs,
+            segment.rows.time_s,
+            settings.gnss_sigma_p,
+            settings.gnss_drift_p,
+            settings.gnss_drift_s,
+        )
+        sums = replace(sums, noise=noise)
+    return sums
+
+
+def solve(segment: Segment, settings: AlignmentSettings) -> Solution | None:
+    """Attitude of a whole segment; None where there is no pair."""
+    if len(segment) < 3:
+        return None
+    pairs = make_pairs(segment, settings)
+    kept = pairs.weight > 0.0
+    if not kept.any():
+        return None
+    sums = _sums(pairs, segment, settings)
+    if settings.method == "triad":
+        last = np.array([len(segment) - 1])
+        dcm = triad_attitude(segment.rows, segment.beta(), last)[0][0]
+        if not np.isfinite(dcm).all():
+            return None
+    elif not np.any(sums.profile):
+        return None
+    else:
+        dcm = SOLVERS[settings.method](sums.profile)
+    pairs = pairs.rows(kept)
+    residuals = pairs.beta @ dcm - pairs.alpha
+    if settings.vectors == "pos":
+        variance = np.full(len(pairs), settings.gnss_sigma_p**2 + settings.gnss_drift_p**2)
+    else:
+        variance = segment.sigma[pairs.newer] ** 2
+        variance = variance + np.where(pairs.older >= 0, segment.sigma[pairs.older] ** 2, 0.0)
+        variance = variance * pairs.scale**2
+    square = np.sum(residuals**2, axis=1)
+    time = segment.rows.time_s
+    return Solution(
+        dcm,
+        sums,
+        float(time[-1] - time[0]),
+        len(pairs),
+        float(np.sqrt(square.mean())),
+        float(np.mean(square / (3.0 * variance))),
+        residuals,
+        pairs,
+    )
+
+
+def solution_covariance(
+    solution: Solution, segment: Segment, at: InertialRows, settings: AlignmentSettings
+) -> FloatArray:
+    """Covariance in ``ib0`` of the attitude at the one row `at`, shape (3, 3)."""
+    if settings.method == "triad":
+        last = np.array([len(segment) - 1])
+        joined = at.append_to(segment.rows)
+        middle = triad_attitude(segment.rows, segment.beta(), last)[1]
+        sigma = np.append(segment.sigma, segment.sigma[-1])
+        return triad_covariance(
+            joined, sigma, middle, last, last + 1, settings.grade, settings.kappa
+        )[0]
+    return attitude_covariance(
+        solution.sums,
+        at.gyro_bias_attitude[0],
+        at.gyro_scale_attitude[0],
+        np.asarray(solution.elapsed_s),
+        settings.grade,
+        settings.kappa,
+    )
+
+
+@dataclass(frozen=True)
+class Course:
+    """The solution at each fix from what came before it.
+
+    Attributes
+    ----------
+    rows : ndarray of int64, shape (k,)
+        Rows of the segment at which there is one.
+    dcm : ndarray, shape (k, 3, 3)
+        ``C_ib0^i``.
+    covariance : ndarray, shape (k, 3, 3)
+        In ``ib0``.
+    second, singular : ndarray, shapes (k, 3, 3) and (k, 3)
+    """
+
+    rows: IndexArray
+    dcm: FloatArray
+    covariance: FloatArray
+    second: FloatArray
+    singular: FloatArray
+
+    def until(self, count: int) -> Course:
+        """What lies in the first rows of the segment."""
+        k = int(np.searchsorted(self.rows, count))
+        return Course(
+            self.rows[:k], self.dcm[:k], self.covariance[:k], self.second[:k], self.singular[:k]
+        )
+
+
+def course(segment: Segment, settings: AlignmentSettings) -> Course:
+    """Solve at every fix (for ``pos``, every two seconds)."""
+    rows = segment.rows
+    if settings.vectors == "pos":
+        return _position_course(segment, settings)
+    sums = running_sums(segment, settings)
+    found = np.flatnonzero(sums.count > 1.0)
+    found = found[np.any(sums.profile[found] != 0.0, axis=(-2, -1))]
+    sums = _take(sums, found)
+    elapsed = rows.time_s[found] - rows.time_s[0]
+    if settings.method == "triad":
+        good = found >= 2
+        found, sums = found[good], _take(sums, good)
+        dcm, middle = triad_attitude(rows, segment.beta(), found)
+        covariance = triad_covariance(
+            rows, segment.sigma, middle, found, found, settings.grade, settings.kappa
+        )
+        good = np.asarray(np.isfinite(dcm).all(axis=(-2, -1)))
+        found, dcm, covariance, sums = found[good], dcm[good], covariance[good], _take(sums, good)
+    else:
+        dcm = SOLVERS[settings.method](sums.profile)
+        covariance = attitude_covariance(
+            sums,
+            rows.gyro_bias_attitude[found],
+            rows.gyro_scale_attitude[found],
+            elapsed,
+            settings.grade,
+            settings.kappa,
+        )
+    return Course(found, dcm, covariance, sums.second, singular_values(sums.profile))
+
+
+def _take(sums: PairSums, which: NDArray[np.bool_] | IndexArray) -> PairSums:
+    return PairSums(
+        sums.profile[which],
+        sums.second[which],
+        sums.noise[which],
+        sums.errors[which],
+        sums.count[which],
+    )
+
+
+def running_sums(segment: Segment, settings: AlignmentSettings) -> PairSums:
+    """Sums after each fix, by the accumulators that a stream would use."""
+    if settings.vectors in ("win", "int", "cen"):
+        length = window_rows(segment.rows.time_s, settings.window_s)
+        accumulator = PairAccumulator(
+            settings.vectors, length, settings.fade_s, settings.gnss_sigma_v
+        )
+        mask = segment.not_calm if settings.gate == "mask" else None
+        return accumulator.push(segment.rows, segment.beta(), segment.sigma, mask, segment.level)
+    pairs = make_pairs(segment, settings)
+    return RunningPairs(settings.fade_s).push(
+        pairs, segment.rows.time_s, segment.sigma, slice(0, 0)
+    )
+
+
+def _position_course(segment: Segment, settings: AlignmentSettings) -> Course:
+    time = segment.rows.time_s
+    marks = np.arange(time[0] + MIN_POSITION_COURSE_S, time[-1], POSITION_SERIES_S)
+    ends = np.unique(np.append(np.searchsorted(time, marks), len(time) - 1))
+    parts = []
+    for end in ends:
+        part = segment.take(slice(0, int(end) + 1))
+        solution = solve(part, settings)
+        if solution is None:
+            continue
+        at = part.rows.rows(slice(int(end), None))
+        parts.append((end, solution, solution_covariance(solution, part, at, settings)))
+    if not parts:
+        empty = np.empty((0, 3, 3))
+        return Course(np.empty(0, dtype=np.int64), empty, empty, empty, np.empty((0, 3)))
+    profile = np.stack([s.sums.profile for _, s, _ in parts])
+    return Course(
+        np.array([end for end, _, _ in parts]),
+        np.stack([s.dcm for _, s, _ in parts]),
+        np.stack([c for _, _, c in parts]),
+        np.stack([s.sums.second for _, s, _ in parts]),
+        singular_values(profile),
+    )
+
+
+def explain_residuals(solution: Solution, segment: Segment) -> str:
+    """What residuals look like: late fixes, or a lever arm that was not given.
+
+    Parameters
+    ----------
+    solution : Solution
+    segment : Segment
+
+    Returns
+    -------
+    str
+        For a warning. A fix that is late lacks force times latency; one at a lever arm has rate
+        times lever arm too much.
+    """
+    rows, pairs = segment.rows, solution.pairs
+    c = to_dcm(rows.q)
+    late = -np.einsum("nij,nj->ni", c, rows.force_b)[:, :, None]
+    apart = c @ cross_columns(rows.rate_b, np.broadcast_to(np.eye(3), c.shape))
+    effects = np.concatenate([late, apart], axis=2)
+    difference = effects[pairs.newer] - np.where(
+        (pairs.older >= 0)[:, None, None], effects[pairs.older], effects.mean(axis=0)
+    )
+    difference = difference * pairs.scale[:, None, None]
+    target = solution.residuals.reshape(-1)
+    best, text = 0.5 * float(target @ target), "check latency, lever arm, units and outliers"
+    for part in (slice(0, 1), slice(1, 4)):
+        columns = difference[:, :, part].reshape(len(target), -1)
+        fit = np.linalg.lstsq(columns, target, rcond=None)[0]
+        left = float(np.sum((target - columns @ fit) ** 2))
+        if left < best:
+            best = left
+            if len(fit) == 1:
+                text = f"they look like fixes {fit[0] * 1e3:.0f} ms late"
+            else:
+                text = "they look like an antenna at " + ", ".join(f"{x:.2f}" for x in fit) + " m"
+    return text

@@ -1,0 +1,161 @@
+"""What a coning algorithm is: samples of one update in, its rotation vector out.
+
+Everything that feeds an algorithm (streams, comparisons, the closed-form response) knows
+only :class:`ConingAlgorithm`; everything that is one lives in a file of its own family and
+is named in :mod:`sinstool.methods.coning.registry`.
+"""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from typing import Literal
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+FloatArray = NDArray[np.float64]
+Takes = Literal["increments", "rates"]
+GyroKind = Literal["rate", "mean-rate", "increment"]
+
+
+def of_rates(gyro_kind: str) -> GyroKind:
+    """What samples of a kind are once increments are divided by their intervals."""
+    return "rate" if gyro_kind == "rate" else "mean-rate"
+
+
+class ConingAlgorithm(ABC):
+    """Rotation vectors of the body over consecutive updates, from gyro samples.
+
+    An algorithm has no memory. The answer for one update that starts at row ``s`` depends
+    on nothing but rows ``s - before`` to ``s + samples + after - 1``, bit for bit, so it
+    cannot matter how a log was cut into blocks.
+
+    Attributes
+    ----------
+    name : str
+        As on the command line.
+    summary : str
+        One line for a user.
+    source : str
+        Paper and equation it comes from.
+    takes : {"increments", "rates"}
+        Integrated angular increments (rad, row k over (t[k-1], t[k]]) or angular rates at
+        the instants (rad/s, row k at t[k]).
+    samples : int
+        Intervals per update.
+    before : int
+        Earlier rows used where they exist. With rates the row before the first interval is
+        its starting point and always needed.
+    after : int
+        Later rows used where they exist.
+    caveat : str
+        What a user who chooses it has to be told; mostly nothing.
+    """
+
+    name: str
+    summary: str
+    source: str
+    takes: Takes = "increments"
+    samples: int = 1
+    before: int = 0
+    after: int = 0
+    caveat: str = ""
+
+    def rotation_vectors(self, x: ArrayLike, dt: ArrayLike, first: int, count: int) -> FloatArray:
+        """Rotation vectors of `count` consecutive updates.
+
+        Parameters
+        ----------
+        x : array_like, shape (m, 3)
+            Increments, rad, or rates, rad/s, in the body frame; see :attr:`takes`.
+        dt : array_like, shape (m,)
+            Interval that ends at each row, s.
+        first : int
+            Row of the first interval of the first update. The rows before it are history.
+            Fewer than :attr:`before` mean that the segment starts here: the algorithm then
+            uses the sharpest form that the history it has allows.
+        count : int
+            Number of updates. The rows after them are look-ahead; fewer than :attr:`after`
+            mean that the segment ends here.
+
+        Returns
+        -------
+        ndarray, shape (count, 3)
+            Rotation vector of each update, rad: ``q_nb(end) = q_nb(start) exp(phi)`` for
+            an ``n`` that does not rotate.
+
+        Raises
+        ------
+        ValueError
+            If shapes do not fit or rows are missing.
+        """
+        rows = np.ascontiguousarray(x, dtype=np.float64)
+        intervals = np.ascontiguousarray(dt, dtype=np.float64)
+        if rows.ndim != 2 or rows.shape[1] != 3:
+            raise ValueError(f"Expected `x` to have shape (m, 3), got {rows.shape}.")
+        if intervals.shape != rows.shape[:1]:
+            raise ValueError(
+                f"Expected `dt` to have shape {rows.shape[:1]}, got {intervals.shape}."
+            )
+        earliest = 1 if self.takes == "rates" else 0
+        if first < earliest or count < 0 or first + count * self.samples > len(rows):
+            raise ValueError(
+                f"{count} updates of {self.samples} intervals from row {first} do not fit "
+                f"into {len(rows)} rows."
+            )
+        out = np.empty((count, 3))
+        if count:
+            self._fill(rows, intervals, first, out)
+        return out
+
+    def for_kind(self, gyro_kind: GyroKind) -> ConingAlgorithm:
+        """Form of this algorithm for the kind of sample that a log has.
+
+        Whoever feeds an algorithm asks for this form first. Most have one only, and samples
+        are turned into what it takes; one that gains from knowing gives another here.
+
+        Parameters
+        ----------
+        gyro_kind : {"rate", "mean-rate", "increment"}
+            What the samples are; see the conventions in :mod:`sinstool`.
+
+        Returns
+        -------
+        ConingAlgorithm
+            This one, unless it has a form of its own for the kind; of the same name and with
+            as many samples per update.
+        """
+        return self
+
+    @abstractmethod
+    def _fill(self, x: FloatArray, dt: FloatArray, first: int, out: FloatArray) -> None:
+        """Write the rotation vectors of ``len(out)`` updates; arguments are checked."""
+
+    @abstractmethod
+    def shorter(self, samples: int) -> ConingAlgorithm:
+        """Algorithm of the same family and order for what is left at a segment's end.
+
+        Parameters
+        ----------
+        samples : int
+            Intervals of the one shorter update, 1 to ``self.samples``.
+
+        Returns
+        -------
+        ConingAlgorithm
+            Of that many samples per update.
+
+        Raises
+        ------
+        ValueError
+            If `samples` is not in that range.
+        """
+
+    def _check_shorter(self, samples: int) -> None:
+        if not 1 <= samples <= self.samples:
+            raise ValueError(
+                f"{self.name} has {self.samples} samples per update, so not {samples} are left."
+            )
+
+    def __repr__(self) -> str:
+        return f"<{type(self).__name__} {self.name}>"

@@ -1,0 +1,126 @@
+"""Names of the coning algorithms, and how each is built.
+
+One line per family: a pattern for its names, the function that builds one (imported only
+when asked for, so that naming algorithms costs nothing), the names shown to users, and the
+options that it takes.
+"""
+
+from __future__ import annotations
+
+import difflib
+import re
+from importlib import import_module
+from typing import Any, NamedTuple, cast
+
+from sinstool.core.errors import ConfigurationError
+from sinstool.methods.coning.algorithm import ConingAlgorithm
+
+
+class Family(NamedTuple):
+    """Algorithms that one function builds, from the numbers in their names.
+
+    Attributes
+    ----------
+    pattern : str
+        Regular expression of a whole name; its groups are numbers and the arguments.
+    builder : str
+        ``module:function`` inside :mod:`sinstool.methods.coning`.
+    names : tuple of str
+        Shown to users; the pattern may allow more.
+    options : tuple of str
+        Keyword options of the function.
+    """
+
+    pattern: str
+    builder: str
+    names: tuple[str, ...]
+    options: tuple[str, ...] = ()
+
+
+FAMILIES = (
+    Family(r"uncompensated", "lags:uncompensated", ("uncompensated",)),
+    Family(r"previous-([1-9])", "lags:previous", ("previous-1", "previous-2", "previous-3")),
+    Family(
+        r"optimal-([2-9])(?:-previous-([1-9]))?",
+        "lags:optimal",
+        tuple(f"optimal-{n}" for n in range(2, 7)),
+    ),
+    Family(r"savage-(4)", "lags:optimal", ("savage-4",)),
+    Family(r"savage-two-speed(?:-(\d+))?", "savage:two_speed", ("savage-two-speed",)),
+    Family(
+        r"singular-perturbation",
+        "singular_perturbation:SingularPerturbation",
+        ("singular-perturbation",),
+        options=("variant", "preset", "epsilon", "beta_gain", "beta"),
+    ),
+    Family(r"picard-(\d+)", "picard:picard", ("picard-4", "picard-8")),
+    Family(r"quatfiter-(\d+)", "quatfiter:quatfiter", ("quatfiter-4", "quatfiter-8")),
+    Family(r"lookahead-(\d+)", "lookahead:lookahead", ("lookahead-8", "lookahead-12")),
+    Family(
+        r"gyro-tuned",
+        "gyro_tuned:GyroTuned",
+        ("gyro-tuned",),
+        options=("passband", "stopband", "gyro_response", "interval", "lags"),
+    ),
+)
+
+
+def names() -> tuple[str, ...]:
+    """Names of all coning algorithms, as on the command line.
+
+    Returns
+    -------
+    tuple of str
+        In the order of the registry.
+    """
+    return tuple(name for family in FAMILIES for name in family.names)
+
+
+def algorithm(name: str, **options: Any) -> ConingAlgorithm:
+    """Build a coning algorithm by name.
+
+    Parameters
+    ----------
+    name : str
+        One of :func:`names`, or another member of a numbered family.
+    **options
+        Options of the algorithm; ``singular-perturbation`` and ``gyro-tuned`` have some, see
+        :class:`~sinstool.methods.coning.singular_perturbation.SingularPerturbation` and
+        :class:`~sinstool.methods.coning.gyro_tuned.GyroTuned`.
+
+    Returns
+    -------
+    ConingAlgorithm
+        Ready for :meth:`~sinstool.methods.coning.algorithm.ConingAlgorithm.rotation_vectors`.
+
+    Raises
+    ------
+    ConfigurationError
+        If the name is unknown, an option is none of its own, or a value is impossible.
+    """
+    for family in FAMILIES:
+        match = re.fullmatch(family.pattern, name)
+        if match is None:
+            continue
+        strange = sorted(set(options) - set(family.options))
+        if strange:
+            raise ConfigurationError(
+                f"coning algorithm {name} has no option {', '.join(strange)}", _whose(strange)
+            )
+        module, _, function = family.builder.partition(":")
+        build = getattr(import_module(f"sinstool.methods.coning.{module}"), function)
+        numbers = [int(group) for group in match.groups() if group is not None]
+        return cast(ConingAlgorithm, build(*numbers, **options))
+    near = difflib.get_close_matches(name, names(), n=1, cutoff=0.0)
+    raise ConfigurationError(
+        f"unknown coning algorithm {name!r}",
+        f"did you mean {near[0]}? There are {', '.join(names())}",
+    )
+
+
+def _whose(options: list[str]) -> str:
+    """Say which algorithms have these options."""
+    owners = [f.names[0] for f in FAMILIES if set(options) <= set(f.options)]
+    if not owners:
+        return "leave it out"
+    return f"leave it out, or choose {' or '.join(owners)}"

@@ -1,0 +1,292 @@
+"""How any coning algorithm answers classical coning, in closed form.
+
+In classical coning every update is the one before it, turned about the cone's axis. The
+product of any number of them is therefore known from one: no simulation, no accumulated
+rounding, valid for large cone angles and beyond half the sample rate.
+
+References
+----------
+.. [1] L. E. Goodman, A. R. Robinson, "Effect of finite rotations on gyroscopic sensing
+   devices", J. Applied Mechanics 25, 1958, 210-213 (the solid angle of a cone).
+"""
+
+from __future__ import annotations
+
+from math import pi, sin
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from sinstool.methods.coning.algorithm import ConingAlgorithm, GyroKind
+from sinstool.methods.coning.increments import DEFAULT_POINTS, RateIntegrator, convert
+
+FloatArray = NDArray[np.float64]
+
+# A cone this narrow has no terms beyond theta**2 left in float64's relative 1e-8.
+_NARROW = 1e-4
+
+
+def drift_from_phi(rotation_vector: ArrayLike, duration: float, frequency: float) -> float:
+    """Long-term drift of an algorithm from its answer for one update of classical coning.
+
+    Parameters
+    ----------
+    rotation_vector : array_like, shape (3,)
+        Answer for any one update, rad, of coning about the body's z axis whose rate vector
+        turns about +z (as in :func:`coning_samples`).
+    duration : float
+        Of the update, s.
+    frequency : float
+        Of the coning, Hz.
+
+    Returns
+    -------
+    float
+        rad/s, positive where the computed attitude drifts the way the mean of the gyro's z
+        axis points, as it does with too little compensation.
+
+    Raises
+    ------
+    ValueError
+        If the rotation vector is not of length 3.
+
+    Notes
+    -----
+    With ``e = exp(phi)`` of the first update and ``r`` the turn of the pattern about z over
+    one update, the product of K updates is ``(e r)**K r**-K``. True updates give an ``e r``
+    that turns by exactly as much as ``r``; the drift is the difference of the two angles
+    per update. The difference is formed from ``cos(A) - cos(h)`` of the half angles, which
+    does not cancel, so the result is good to about 1e-13 of the coning rate.
+    """
+    phi = np.asarray(rotation_vector, dtype=np.float64)
+    if phi.shape != (3,):
+        raise ValueError(f"Expected `rotation_vector` to have shape (3,), got {phi.shape}.")
+    return float(_drifts(phi[np.newaxis], duration, np.array([frequency]))[0])
+
+
+def _drifts(phi: FloatArray, duration: float, frequency: FloatArray) -> FloatArray:
+    angle = np.linalg.norm(phi, axis=1)
+    e_z = 0.5 * phi[:, 2] * np.sinc(angle / (2.0 * pi))
+    e_w = np.cos(0.5 * angle)
+    h = pi * frequency * duration
+    cos_h, sin_h = np.cos(h), np.sin(h)
+    # cos A = cos h + delta, with e_w - 1 = -2 sin(angle/4)**2
+    delta = -2.0 * np.sin(0.25 * angle) ** 2 * cos_h - e_z * sin_h
+    square = sin_h * sin_h - 2.0 * delta * cos_h - delta * delta
+    sin_a = np.copysign(np.sqrt(np.maximum(square, 0.0)), e_w * sin_h + e_z * cos_h)
+    cos_a = cos_h + delta
+    alike = sin_a * sin_h > 0.0
+    total = np.where(alike, sin_a + sin_h, 1.0)
+    sine = np.where(
+        alike,
+        cos_h * (-2.0 * delta * cos_h - delta * delta) / total - sin_h * delta,
+        sin_a * cos_h - cos_a * sin_h,
+    )
+    difference = np.arctan2(sine, cos_a * cos_h + sin_a * sin_h)
+    return np.asarray(-2.0 * difference / duration)
+
+
+def coning_rate(half_angle: float, frequency: float) -> float:
+    """Rate that classical coning feigns on the gyro of the cone's axis.
+
+    Parameters
+    ----------
+    half_angle : float
+        Of the cone, rad.
+    frequency : float
+        Of the coning, Hz.
+
+    Returns
+    -------
+    float
+        Magnitude of the mean z rate, rad/s: the solid angle per time,
+        ``2 pi f * 2 sin(half_angle / 2)**2``.
+    """
+    return 4.0 * pi * frequency * sin(0.5 * half_angle) ** 2
+
+
+def coning_samples(
+    half_angle: float, frequency: float, interval: float, count: int, gyro_kind: GyroKind
+) -> FloatArray:
+    """Exact gyro samples of classical coning about the body's z axis.
+
+    Parameters
+    ----------
+    half_angle : float
+        Of the cone, rad.
+    frequency : float
+        Of the coning, Hz.
+    interval : float
+        Between samples, s.
+    count : int
+        Number of samples; the first is at time 0.
+    gyro_kind : {"rate", "mean-rate", "increment"}
+        See the conventions in :mod:`sinstool`.
+
+    Returns
+    -------
+    ndarray, shape (count, 3)
+        rad/s or rad. Attitude ``q = [cos(a/2), sin(a/2) cos Wt, sin(a/2) sin Wt, 0]``
+        has the rate ``W [-sin a sin Wt, sin a cos Wt, -2 sin(a/2)**2]``.
+    """
+    return _samples(half_angle, np.array([frequency]), interval, count, gyro_kind)[0]
+
+
+def _samples(
+    half_angle: float, frequency: FloatArray, interval: float, count: int, gyro_kind: GyroKind
+) -> FloatArray:
+    turn = 2.0 * pi * frequency[:, np.newaxis]
+    k = np.arange(count)
+    # Whole turns are taken off in units of turns: beyond half the sample rate too.
+    late = 2.0 * pi * np.mod(frequency[:, np.newaxis] * interval * k, 1.0)
+    z = -2.0 * turn * sin(0.5 * half_angle) ** 2
+    if gyro_kind == "rate":
+        scale, gain, phase = 1.0, turn * sin(half_angle), late
+    else:
+        # Over an interval: the rate at its middle times sin(lambda/2) / (lambda/2).
+        scale = interval if gyro_kind == "increment" else 1.0
+        gain = 2.0 * sin(half_angle) * np.sin(0.5 * turn * interval) / interval
+        phase = late - 0.5 * turn * interval
+    z = np.broadcast_to(z, phase.shape)
+    return np.asarray(scale * np.stack([-gain * np.sin(phase), gain * np.cos(phase), z], axis=-1))
+
+
+def coning_drift(
+    algorithm: ConingAlgorithm,
+    half_angle: float,
+    frequency: float,
+    interval: float,
+    gyro_kind: GyroKind = "mean-rate",
+    *,
+    points: int = DEFAULT_POINTS,
+) -> float:
+    """Long-term drift of an algorithm in classical coning.
+
+    Parameters
+    ----------
+    algorithm : ConingAlgorithm
+        With all the history and look-ahead it wants.
+    half_angle : float
+        Of the cone, rad.
+    frequency : float
+        Of the coning, Hz.
+    interval : float
+        Between gyro samples, s.
+    gyro_kind : {"rate", "mean-rate", "increment"}, optional
+        What the samples are; turned into what the algorithm takes as a log would be.
+    points : int, optional
+        Samples of the rate interpolation.
+
+    Returns
+    -------
+    float
+        rad/s; positive for too little compensation.
+    """
+    one = np.array([float(frequency)])
+    return float(coning_drifts(algorithm, half_angle, one, interval, gyro_kind, points=points)[0])
+
+
+def coning_drifts(
+    algorithm: ConingAlgorithm,
+    half_angle: float,
+    frequency: ArrayLike,
+    interval: float,
+    gyro_kind: GyroKind = "mean-rate",
+    *,
+    points: int = DEFAULT_POINTS,
+) -> FloatArray:
+    """Long-term drift of an algorithm at many frequencies at once.
+
+    Parameters
+    ----------
+    algorithm, half_angle, interval, gyro_kind, points
+        See :func:`coning_drift`.
+    frequency : array_like, shape (n,)
+        Of the coning, Hz.
+
+    Returns
+    -------
+    ndarray, shape (n,)
+        rad/s.
+    """
+    algorithm = algorithm.for_kind(gyro_kind)
+    at = np.atleast_1d(np.asarray(frequency, dtype=np.float64))
+    # one row of history at least: increments from rates begin at row 1
+    before = max(algorithm.before, 1)
+    rows = before + algorithm.samples + algorithm.after
+    integrate = gyro_kind == "rate" and algorithm.takes == "increments"
+    pad = points if integrate else 0  # so that no stencil is off its centre
+    gyro = _samples(half_angle, at, interval, rows + 2 * pad, gyro_kind)
+    dt = np.full(gyro.shape[:2], interval)
+    if integrate:
+        # all frequencies one behind the other: only what is near the seams is wrong
+        x = np.zeros_like(gyro)
+        flat = RateIntegrator(points).increments(gyro.reshape(-1, 3), dt.ravel(), 1, dt.size - 1)
+        x.reshape(-1, 3)[1:] = flat
+    else:
+        x = convert(gyro.reshape(-1, 3), dt.ravel(), gyro_kind, algorithm.takes).reshape(gyro.shape)
+    windows = np.ascontiguousarray(x[:, pad : pad + rows])
+    phi = [algorithm.rotation_vectors(one, dt[0, :rows], before, 1)[0] for one in windows]
+    return _drifts(np.array(phi).reshape(-1, 3), algorithm.samples * interval, at)
+
+
+def coning_gain(
+    algorithm: ConingAlgorithm,
+    frequency: float,
+    interval: float,
+    gyro_kind: GyroKind = "mean-rate",
+    *,
+    points: int = DEFAULT_POINTS,
+) -> float:
+    """Fraction of the true coning rate that an algorithm reproduces, for narrow cones.
+
+    Parameters
+    ----------
+    algorithm : ConingAlgorithm
+        With all the history and look-ahead it wants.
+    frequency : float
+        Of the coning, Hz; not a multiple of the update rate, where the sampled motion is
+        a constant rate and the fraction unbounded.
+    interval : float
+        Between gyro samples, s.
+    gyro_kind : {"rate", "mean-rate", "increment"}, optional
+        What the samples are.
+    points : int, optional
+        Samples of the rate interpolation.
+
+    Returns
+    -------
+    float
+        1 for a perfect algorithm, 0 for one that sees no coning at all.
+    """
+    one = np.array([float(frequency)])
+    return float(coning_gains(algorithm, one, interval, gyro_kind, points=points)[0])
+
+
+def coning_gains(
+    algorithm: ConingAlgorithm,
+    frequency: ArrayLike,
+    interval: float,
+    gyro_kind: GyroKind = "mean-rate",
+    *,
+    points: int = DEFAULT_POINTS,
+) -> FloatArray:
+    """Fraction of the true coning rate that an algorithm reproduces, at many frequencies.
+
+    Parameters
+    ----------
+    algorithm, interval, gyro_kind, points
+        See :func:`coning_gain`.
+    frequency : array_like, shape (n,)
+        Of the coning, Hz; 1 is returned for frequency 0.
+
+    Returns
+    -------
+    ndarray, shape (n,)
+        One gain a frequency.
+    """
+    at = np.atleast_1d(np.asarray(frequency, dtype=np.float64))
+    still = at == 0.0
+    safe = np.where(still, 1.0, at)
+    drift = coning_drifts(algorithm, _NARROW, safe, interval, gyro_kind, points=points)
+    return np.where(still, 1.0, 1.0 - drift / (2.0 * pi * safe * 2.0 * sin(0.5 * _NARROW) ** 2))

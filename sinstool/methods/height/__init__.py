@@ -1,0 +1,8 @@
+"""Height: from air pressure, and the damping network that holds the vertical channel to it.
+
+Start at :mod:`~sinstool.methods.height.network` for the network and its gains,
+:mod:`~sinstool.methods.height.vertical` to run a vertical channel over a log,
+:mod:`~sinstool.methods.height.channel` to put one into a mechanisation, and
+:mod:`~sinstool.methods.height.pressure` to make heights of pressures. This package imports none of
+them itself, as some need the compiler.
+"""

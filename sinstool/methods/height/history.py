@@ -1,0 +1,110 @@
+"""What a vertical channel remembers of the last second: where it was, how often samples come.
+
+A barometer sample that comes late is compared with height and velocity at its own stamp, found
+in a ring of past states. Compiled; the arrays are those of :mod:`~sinstool.methods.height.layout`.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+from sinstool.methods.height.layout import (
+    HISTORY,
+    INTERVALS,
+    S_HISTORY,
+    S_INTERVALS,
+    S_LAST_STAMP,
+    S_NOMINAL,
+)
+
+FloatArray = NDArray[np.float64]
+
+MAX_AGE = 0.5  # s, up to which a late sample is used at its own time
+HISTORY_SPACING = 0.005  # s: the ring reaches back further than MAX_AGE
+
+
+@njit(cache=True, nogil=True)
+def note_interval(state: FloatArray, stamp: float) -> None:
+    """Median of the latest intervals between samples, by insertion into a sorted ring."""
+    interval = stamp - state[S_LAST_STAMP]
+    state[S_LAST_STAMP] = stamp
+    if not math.isfinite(interval):
+        return
+    number = int(state[S_INTERVALS])
+    state[S_INTERVALS + 1 + number % INTERVALS] = interval
+    state[S_INTERVALS] += 1.0
+    known = min(number + 1, INTERVALS)
+    # The value with half of the others below it, found without moving any.
+    for i in range(known):
+        value = state[S_INTERVALS + 1 + i]
+        rank = 0
+        for j in range(known):
+            other = state[S_INTERVALS + 1 + j]
+            if other < value or (other == value and j < i):
+                rank += 1
+        if rank == known // 2:
+            state[S_NOMINAL] = value
+            return
+
+
+@njit(cache=True, nogil=True)
+def remember(state: FloatArray, time: float, height: float, v_up: float) -> None:
+    """Keep height and velocity at a time, unless that of a moment ago is kept."""
+    number = int(state[S_HISTORY])
+    if number > 0:
+        latest = S_HISTORY + 1 + 3 * ((number - 1) % HISTORY)
+        if time - state[latest] < HISTORY_SPACING:
+            return
+    slot = S_HISTORY + 1 + 3 * (number % HISTORY)
+    state[slot] = time
+    state[slot + 1] = height
+    state[slot + 2] = v_up
+    state[S_HISTORY] += 1.0
+
+
+@njit(cache=True, nogil=True)
+def shift_history(state: FloatArray, time: float, dh: float, dv: float) -> None:
+    """Move the past along a line that meets a correction made at a time."""
+    known = min(int(state[S_HISTORY]), HISTORY)
+    for i in range(known):
+        slot = S_HISTORY + 1 + 3 * i
+        state[slot + 1] += dh + dv * (state[slot] - time)
+        state[slot + 2] += dv
+
+
+@njit(cache=True, nogil=True)
+def at_stamp(
+    state: FloatArray, time: float, height: float, v_up: float, stamp: float
+) -> tuple[float, float, float]:
+    """Height and velocity at a stamp, and the age over which a correction has to move on."""
+    age = time - stamp
+    number = int(state[S_HISTORY])
+    known = min(number, HISTORY)
+    if age <= 0.0 or age > MAX_AGE or known == 0:
+        return height - v_up * age, v_up, 0.0
+    t1 = time
+    h1 = height
+    v1 = v_up
+    for i in range(1, known + 1):
+        slot = S_HISTORY + 1 + 3 * ((number - i) % HISTORY)
+        t0 = state[slot]
+        h0 = state[slot + 1]
+        v0 = state[slot + 2]
+        if t0 <= stamp:
+            span = t1 - t0
+            if span <= 0.0:
+                return h0, v0, age
+            # cubic through both ends with their velocities
+            s = (stamp - t0) / span
+            rise = h1 - h0
+            b = 3.0 * rise - span * (2.0 * v0 + v1)
+            c = span * (v0 + v1) - 2.0 * rise
+            return h0 + s * (span * v0 + s * (b + s * c)), v0 + s * (v1 - v0), age
+        t1 = t0
+        h1 = h0
+        v1 = v0
+    return height - v_up * age, v_up, age

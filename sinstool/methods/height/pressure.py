@@ -1,0 +1,478 @@
+"""Height from static air pressure: the standard atmosphere, and what the pressure was of.
+
+Pressure altitude is geopotential and belongs to a standard day. What makes it a height above
+the ellipsoid is a :class:`BaroReference`: an altimeter setting, GNSS heights or a known height
+at the start, and where the log climbs enough under GNSS, the scale that a warmer or colder day
+gives it (3.5 % for each 10 K).
+
+References
+----------
+.. [1] ICAO Doc 7488, "Manual of the ICAO Standard Atmosphere", 3rd ed., 1993.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import Literal
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from sinstool.methods.height.layout import ACCEPTED, NOT_FINITE, OUT_OF_RANGE
+
+FloatArray = NDArray[np.float64]
+IntArray = NDArray[np.int64]
+
+STANDARD_PRESSURE = 101325.0
+"""At mean sea level, Pa; [1]_ of the module."""
+
+STANDARD_TEMPERATURE = 288.15
+"""At mean sea level, K; [1]_ of the module."""
+
+LAPSE_RATE = 0.0065
+"""Up to the tropopause, K/m of geopotential height; [1]_ of the module."""
+
+GAS_CONSTANT = 287.05287
+"""Of dry air, J/(kg K); [1]_ of the module."""
+
+STANDARD_GRAVITY = 9.80665
+"""m/s^2; [1]_ of the module."""
+
+EARTH_RADIUS = 6356766.0
+"""That geopotential heights are reckoned with, m; [1]_ of the module."""
+
+TROPOPAUSE = 11000.0
+"""Geopotential height, m; [1]_ of the module."""
+
+PRESSURE_RANGE = (1e4, 1.2e5)
+"""Pa: from 16 km above to 1.4 km below the sea."""
+
+UNIT_SAMPLES = 100
+"""Valid samples that the unit is judged by."""
+
+GNSS_WINDOW = 30.0
+"""s of GNSS heights that the barometer is set by."""
+
+MIN_SCALE_RANGE = 100.0
+"""m of GNSS height, without which no scale is fitted."""
+
+SCALE_BOUNDS = (0.85, 1.15)
+"""Of what a day's temperature can do."""
+
+FROZEN_TIME = 30.0
+"""s with one and the same value."""
+
+_EXPONENT = GAS_CONSTANT * LAPSE_RATE / STANDARD_GRAVITY  # 0.190263
+_SCALE = STANDARD_TEMPERATURE / LAPSE_RATE  # 44330.769 m
+_TOP_TEMPERATURE = STANDARD_TEMPERATURE - LAPSE_RATE * TROPOPAUSE
+_TOP_PRESSURE = STANDARD_PRESSURE * (_TOP_TEMPERATURE / STANDARD_TEMPERATURE) ** (1 / _EXPONENT)
+_TOP_SCALE = GAS_CONSTANT * _TOP_TEMPERATURE / STANDARD_GRAVITY  # 6341.62 m
+
+Unit = Literal["Pa", "hPa", "kPa", "inHg", "unknown"]
+
+
+def pressure_altitude(pressure: ArrayLike) -> FloatArray:
+    """Geopotential height at which a standard atmosphere has a pressure.
+
+    Parameters
+    ----------
+    pressure : array_like, shape (...)
+        Pa. NaN where it is not positive and finite.
+
+    Returns
+    -------
+    ndarray, shape (...)
+        Geopotential m; [1]_ of the module, both layers up to 20 km.
+    """
+    p = np.asarray(pressure, dtype=np.float64)
+    p = np.where(np.isfinite(p) & (p > 0.0), p, np.nan)
+    below = _SCALE * (1.0 - (p / STANDARD_PRESSURE) ** _EXPONENT)
+    above = TROPOPAUSE - _TOP_SCALE * np.log(p / _TOP_PRESSURE)
+    return np.asarray(np.where(p >= _TOP_PRESSURE, below, above))
+
+
+def pressure_at(altitude: ArrayLike) -> FloatArray:
+    """Pressure of a standard atmosphere; the inverse of :func:`pressure_altitude`.
+
+    Parameters
+    ----------
+    altitude : array_like, shape (...)
+        Geopotential m.
+
+    Returns
+    -------
+    ndarray, shape (...)
+        Pa.
+    """
+    h = np.asarray(altitude, dtype=np.float64)
+    warm = np.maximum(1.0 - h / _SCALE, _TOP_TEMPERATURE / STANDARD_TEMPERATURE)
+    below = STANDARD_PRESSURE * warm ** (1.0 / _EXPONENT)
+    above = _TOP_PRESSURE * np.exp((TROPOPAUSE - h) / _TOP_SCALE)
+    return np.asarray(np.where(h <= TROPOPAUSE, below, above))
+
+
+def height_per_pascal(pressure: ArrayLike) -> FloatArray:
+    """Slope dH/dp of :func:`pressure_altitude`, m/Pa: negative; -8.32 m/hPa at sea level."""
+    p = np.asarray(pressure, dtype=np.float64)
+    temperature = STANDARD_TEMPERATURE * (p / STANDARD_PRESSURE) ** _EXPONENT
+    return np.asarray(
+        -GAS_CONSTANT * np.maximum(temperature, _TOP_TEMPERATURE) / (STANDARD_GRAVITY * p)
+    )
+
+
+def geometric(geopotential: ArrayLike) -> FloatArray:
+    """Geometric height above mean sea level of a geopotential height, both in m."""
+    h = np.asarray(geopotential, dtype=np.float64)
+    return np.asarray(EARTH_RADIUS * h / (EARTH_RADIUS - h))
+
+
+def geopotential(height: ArrayLike) -> FloatArray:
+    """Geopotential height of a geometric height above mean sea level, both in m."""
+    h = np.asarray(height, dtype=np.float64)
+    return np.asarray(EARTH_RADIUS * h / (EARTH_RADIUS + h))
+
+
+def altitude_with_setting(pressure: ArrayLike, qnh: float) -> FloatArray:
+    """What an altimeter shows with a setting (QNH): a shift of the pressure altitude.
+
+    Not a standard atmosphere that starts at the setting: at 950 hPa with 1030 hPa set that
+    would be 2 m too low.
+
+    Parameters
+    ----------
+    pressure : array_like, shape (...)
+        Pa.
+    qnh : float
+        Pa.
+
+    Returns
+    -------
+    ndarray, shape (...)
+        Geopotential m above mean sea level.
+    """
+    return np.asarray(pressure_altitude(pressure) - pressure_altitude(qnh))
+
+
+def pressure_reason(pressure: ArrayLike) -> IntArray:
+    """Why pressures are not to be used.
+
+    Parameters
+    ----------
+    pressure : array_like, shape (n,)
+        Pa.
+
+    Returns
+    -------
+    ndarray of int, shape (n,)
+        ``ACCEPTED`` (0), ``NOT_FINITE`` or ``OUT_OF_RANGE`` of
+        :mod:`~sinstool.methods.height.layout`; zero and negative pressures are out of range.
+    """
+    p = np.asarray(pressure, dtype=np.float64)
+    inside = (p >= PRESSURE_RANGE[0]) & (p <= PRESSURE_RANGE[1])
+    reason = np.where(inside, ACCEPTED, OUT_OF_RANGE)
+    return np.where(np.isfinite(p), reason, NOT_FINITE).astype(np.int64)
+
+
+@dataclass(frozen=True)
+class UnitSuspicion:
+    """What the size of the pressures says about their unit.
+
+    Attributes
+    ----------
+    unit : {"Pa", "hPa", "kPa", "inHg", "unknown"}
+    median : float
+        Of the first valid samples, as logged; NaN where there are none.
+    samples : int
+        Number of those.
+    """
+
+    unit: Unit
+    median: float
+    samples: int
+
+
+def suspected_unit(pressure: ArrayLike) -> UnitSuspicion:
+    """Judge the unit of pressures by the median of the first 100 valid samples.
+
+    Parameters
+    ----------
+    pressure : array_like, shape (n,)
+        As logged. Valid are finite positive ones.
+
+    Returns
+    -------
+    UnitSuspicion
+        ``inHg`` for 20 to 32, as that many kPa would be 9 to 12 km up; ``kPa`` for 100 to 120,
+        as that many hPa would be 15 to 16 km up.
+    """
+    p = np.asarray(pressure, dtype=np.float64)
+    p = p[np.isfinite(p) & (p > 0.0)][:UNIT_SAMPLES]
+    if not len(p):
+        return UnitSuspicion("unknown", float("nan"), 0)
+    median = float(np.median(p))
+    unit: Unit = "unknown"
+    if PRESSURE_RANGE[0] <= median <= PRESSURE_RANGE[1]:
+        unit = "Pa"
+    elif 20.0 <= median <= 32.0:
+        unit = "inHg"
+    elif 10.0 <= median <= 120.0:
+        unit = "kPa"
+    elif 120.0 < median <= 1200.0:
+        unit = "hPa"
+    return UnitSuspicion(unit, median, len(p))
+
+
+def frozen_spans(
+    time_ns: ArrayLike, pressure: ArrayLike, longest: float = FROZEN_TIME
+) -> list[tuple[int, int]]:
+    """Spans in which a sensor gave one and the same value for too long.
+
+    A coarse sensor at rest does so rightly: whether it hangs, only motion tells, and the
+    vertical channel looks at that.
+
+    Parameters
+    ----------
+    time_ns : array_like of int, shape (n,)
+        Increasing.
+    pressure : array_like, shape (n,)
+        Pa.
+    longest : float, optional
+        s.
+
+    Returns
+    -------
+    list of tuple of int
+        First and last stamp of each, ns.
+    """
+    stamps = np.asarray(time_ns, dtype=np.int64)
+    p = np.asarray(pressure, dtype=np.float64)
+    if not len(p):
+        return []
+    first = np.flatnonzero(np.concatenate([[True], p[1:] != p[:-1]]))
+    last = np.concatenate([first[1:], [len(p)]]) - 1
+    long = stamps[last] - stamps[first] >= round(longest * 1e9)
+    return [(int(stamps[a]), int(stamps[b])) for a, b in zip(first[long], last[long], strict=True)]
+
+
+@dataclass(frozen=True)
+class BaroReference:
+    """How pressure becomes height above the ellipsoid: ``offset + scale * geometric height``.
+
+    Attributes
+    ----------
+    mode : {"qnh", "gnss", "init"}
+    offset : float
+        m.
+    scale : float
+        1 unless fitted.
+    samples : int
+        Heights that it rests on; 0 for an altimeter setting.
+    fit : ScaleFit, optional
+        The fit of the scale, also where it was not applied.
+    """
+
+    mode: Literal["qnh", "gnss", "init"]
+    offset: float
+    scale: float = 1.0
+    samples: int = 0
+    fit: ScaleFit | None = None
+
+    def height(self, pressure: ArrayLike) -> FloatArray:
+        """Height above the ellipsoid, m, NaN for impossible pressures.
+
+        Parameters
+        ----------
+        pressure : array_like, shape (...)
+            Pa.
+        """
+        return np.asarray(self.offset + self.scale * _standard_height(pressure))
+
+    def sigma(self, pressure: ArrayLike, variance: ArrayLike) -> FloatArray:
+        """Standard deviation of the height, m.
+
+        Parameters
+        ----------
+        pressure : array_like, shape (...)
+            Pa.
+        variance : array_like, shape (...)
+            Pa^2; 0 for unknown gives 0.
+        """
+        slope = self.scale * np.abs(height_per_pascal(pressure))
+        return np.asarray(slope * np.sqrt(np.asarray(variance, dtype=np.float64)))
+
+
+@dataclass(frozen=True)
+class ScaleFit:
+    """GNSS heights as ``offset + scale * standard height``, by robust least squares.
+
+    Attributes
+    ----------
+    offset : float
+        m.
+    scale : float
+    height_range : float
+        Of the GNSS heights used, 1st to 99th percentile, m.
+    samples : int
+    applied : bool
+        Whether there was height enough for it, and the scale is one that a day can have.
+    """
+
+    offset: float
+    scale: float
+    height_range: float
+    samples: int
+    applied: bool
+
+
+def reference_from_setting(qnh: float, undulation: float = 0.0) -> BaroReference:
+    """Heights by an altimeter setting.
+
+    Parameters
+    ----------
+    qnh : float
+        Pa.
+    undulation : float, optional
+        Height of mean sea level above the ellipsoid, m: -107 to 86 over the Earth. With 0, the
+        heights are above mean sea level.
+
+    Raises
+    ------
+    ValueError
+        If the setting is no air pressure at sea level.
+    """
+    if not 8e4 <= qnh <= 1.1e5:
+        raise ValueError(f"Expected an altimeter setting between 800 and 1100 hPa, got {qnh} Pa.")
+    # A shift in geopotential height is one in geometric height, but for 0.3 % of it at 10 km.
+    return BaroReference("qnh", undulation - float(pressure_altitude(qnh)))
+
+
+def reference_from_start(pressure: ArrayLike, height: float) -> BaroReference:
+    """Heights that begin at a known one.
+
+    Parameters
+    ----------
+    pressure : array_like, shape (n,)
+        The first samples, Pa; say, those of the first second.
+    height : float
+        Above the ellipsoid, m.
+
+    Raises
+    ------
+    ValueError
+        If none of the pressures is one.
+    """
+    p = np.asarray(pressure, dtype=np.float64)
+    p = p[pressure_reason(p) == ACCEPTED]
+    if not len(p):
+        raise ValueError("Expected at least one pressure between 100 and 1200 hPa.")
+    return BaroReference("init", height - float(np.median(_standard_height(p))), samples=len(p))
+
+
+def reference_from_gnss(
+    time_ns: ArrayLike,
+    pressure: ArrayLike,
+    gnss_time_ns: ArrayLike,
+    gnss_height: ArrayLike,
+) -> BaroReference:
+    """Heights set by GNSS: its median over the first 30 s, and the day's scale where it shows.
+
+    Parameters
+    ----------
+    time_ns : array_like of int, shape (n,)
+        Increasing.
+    pressure : array_like, shape (n,)
+        Pa.
+    gnss_time_ns : array_like of int, shape (m,)
+        Of valid 3-D fixes, increasing.
+    gnss_height : array_like, shape (m,)
+        Above the ellipsoid, m; NaN rows are left out.
+
+    Returns
+    -------
+    BaroReference
+        With ``fit`` set wherever a fit was possible; its scale and offset are used where
+        ``fit.applied``.
+
+    Raises
+    ------
+    ValueError
+        If no fix falls between two pressures.
+    """
+    standard, heights, times = _paired(time_ns, pressure, gnss_time_ns, gnss_height)
+    if not len(times):
+        raise ValueError("Expected GNSS heights while there are pressures.")
+    early = times - times[0] <= round(GNSS_WINDOW * 1e9)
+    offset = float(np.median(heights[early] - standard[early]))
+    reference = BaroReference("gnss", offset, samples=int(np.count_nonzero(early)))
+    if len(times) < 10:
+        return reference
+    fit = fit_scale(standard, heights)
+    reference = replace(reference, fit=fit)
+    if fit.applied:
+        reference = replace(reference, offset=fit.offset, scale=fit.scale, samples=fit.samples)
+    return reference
+
+
+def fit_scale(standard_height: ArrayLike, gnss_height: ArrayLike) -> ScaleFit:
+    """Fit ``h_GNSS = offset + scale * h`` with Huber's loss.
+
+    Parameters
+    ----------
+    standard_height : array_like, shape (n,)
+        Geometric height of a standard day, m.
+    gnss_height : array_like, shape (n,)
+        m.
+
+    Returns
+    -------
+    ScaleFit
+    """
+    # takes longer to import than all else that reads a barometer
+    from scipy.optimize import least_squares
+
+    h = np.asarray(standard_height, dtype=np.float64)
+    g = np.asarray(gnss_height, dtype=np.float64)
+    centre, level = float(np.median(h)), float(np.median(g))
+    low, high = np.percentile(g, [1.0, 99.0])
+    # The scale is searched per 100 m, so that both unknowns are of one size.
+    x = (h - centre) / 100.0
+    spread = 1.4826 * float(np.median(np.abs(g - level - (h - centre))))
+    solution = least_squares(
+        lambda u: g - level - u[0] - u[1] * x,
+        x0=[0.0, 100.0],
+        jac=lambda _: np.stack([-np.ones_like(x), -x], axis=1),
+        loss="huber",
+        f_scale=max(1.345 * min(spread, 10.0), 0.1),
+    )
+    scale = float(solution.x[1]) / 100.0
+    applied = high - low > MIN_SCALE_RANGE and SCALE_BOUNDS[0] <= scale <= SCALE_BOUNDS[1]
+    return ScaleFit(
+        offset=level + float(solution.x[0]) - scale * centre,
+        scale=scale,
+        height_range=float(high - low),
+        samples=len(h),
+        applied=bool(applied),
+    )
+
+
+def _standard_height(pressure: ArrayLike) -> FloatArray:
+    p = np.asarray(pressure, dtype=np.float64)
+    return geometric(pressure_altitude(np.where(pressure_reason(p) == ACCEPTED, p, np.nan)))
+
+
+def _paired(
+    time_ns: ArrayLike, pressure: ArrayLike, gnss_time_ns: ArrayLike, gnss_height: ArrayLike
+) -> tuple[FloatArray, FloatArray, IntArray]:
+    """Standard heights at the times of GNSS heights, those heights, and the times."""
+    stamps = np.asarray(time_ns, dtype=np.int64)
+    p = np.asarray(pressure, dtype=np.float64)
+    good = pressure_reason(p) == ACCEPTED
+    stamps, h = stamps[good], _standard_height(p[good])
+    times = np.asarray(gnss_time_ns, dtype=np.int64)
+    heights = np.asarray(gnss_height, dtype=np.float64)
+    if not len(stamps):
+        return np.empty(0), np.empty(0), np.empty(0, np.int64)
+    keep = np.isfinite(heights) & (times >= stamps[0]) & (times <= stamps[-1])
+    times, heights = times[keep], heights[keep]
+    seconds = (stamps - stamps[0]) * 1e-9
+    return np.interp((times - stamps[0]) * 1e-9, seconds, h), heights, times

@@ -1,0 +1,26 @@
+"""Heading-sensitive error of a system on a turntable that turns at a constant rate.
+
+Three gyros stand askew on a table that turns about a nearly vertical axis, so that each of them
+sees a large rate and none locks in. The heading found from them at rest has an error that grows
+with the table's rate and with the lean of its axis towards the East: the heading-sensitive
+error (HSE). One coefficient describes it, and it can be measured without any reference.
+
+The data's way through the room: :mod:`~sinstool.methods.hse.rig` is what is known of the rig,
+:mod:`~sinstool.methods.hse.encoder` gives the table's angle at the edges of the gyro intervals,
+:mod:`~sinstool.methods.hse.segments` finds where the table turns steadily, :mod:`~sinstool.methods.hse.turns`
+sums each whole turn, :mod:`~sinstool.methods.hse.whole_turn` makes heading, tilt and axial rate error
+of these sums. :mod:`~sinstool.methods.hse.exact` is the model of the error.
+
+Frames, beside those of :mod:`sinstool`
+    ``b`` body: z along the table's axis, downward; turns with the table.
+    ``b0`` base: as ``b`` when the encoder angle is 0; ``C_b0b = Rz(alpha)``, so alpha grows
+    clockwise seen from above.
+    ``s`` sensor: orthogonal; x along the x gyro, y in the plane of the x and y gyros.
+    ``g`` the raw, skewed triad of gyros: ``omega_s = K_g omega_g``.
+
+References
+----------
+H. Yu, W. Wu, J. Cao, B. Zhao, W. Liu, "On-line calibration and compensation of heading-sensitive
+error for triad constant-rate biased RLG system", Journal of National University of Defense
+Technology 35(4), 2013, 161-165.
+"""

@@ -1,0 +1,119 @@
+"""The coefficient of heading-sensitive error from the rate along the turntable's axis.
+
+Averaged over whole turns, all errors of the gyro's matrices leave X33 alone along the axis:
+the gyro shows (1 + X33) (Omega + u), u the Earth rate along the axis. The coefficient of
+Yu, Wu, Cao, Zhao and Liu, "Calibration and compensation of the heading sensitive error",
+J. NUDT 35(4), 2013, 161-165, eq. (14), is lambda2 = -3 X33: the same three numbers that
+turn into heading also turn into rate, where they are far easier to see.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sinstool.core.earth import EARTH_RATE
+from sinstool.methods.hse.least_squares import least_squares
+from sinstool.methods.hse.run import HseRun
+
+FloatArray = NDArray[np.float64]
+
+# Rates must differ by this share of the largest for the gyro's bias to be told apart.
+DISTINCT_RATES = 0.1
+# The scatter of turns is soon disbelieved: it does not show how a bias wanders between runs.
+DISBELIEF = 0.5
+
+
+@dataclass(frozen=True)
+class AxialFit:
+    """Error of the rate along the axis over several runs.
+
+    Attributes
+    ----------
+    c : float
+        X33, relative.
+    sigma_c : float
+        NaN when neither the turns nor the runs tell.
+    bias : float or None
+        Of the gyro along the axis, rad/s; None when it was not estimated and is therefore in
+        ``c``.
+    sigma_bias : float or None
+    chi2 : float
+    dof : int
+    n_runs : int
+    quantile : float
+        Standard deviations in half of a 95 % interval.
+    """
+
+    c: float
+    sigma_c: float
+    bias: float | None
+    sigma_bias: float | None
+    chi2: float
+    dof: int
+    n_runs: int
+    quantile: float
+
+    @property
+    def lambda2(self) -> float:
+        """Coefficient of heading-sensitive error, rad."""
+        return -3.0 * self.c
+
+    @property
+    def sigma_lambda2(self) -> float:
+        """Of ``lambda2``, rad."""
+        return 3.0 * self.sigma_c
+
+
+def earth_rate_along_axis(run: HseRun) -> float:
+    """Earth rate along the (down) axis of the table, rad/s."""
+    down = np.cos(run.theta) * np.cos(run.gamma)
+    north = np.cos(run.heading) * np.sin(run.theta) * np.cos(run.gamma)
+    north += np.sin(run.heading) * np.sin(run.gamma)
+    return float(EARTH_RATE * (north * np.cos(run.latitude) - down * np.sin(run.latitude)))
+
+
+def fit_axial(runs: Sequence[HseRun], bias: bool = True, weighted: bool = True) -> AxialFit:
+    """Fit the error of the rate along the axis as ``c (Omega + u) + bias``.
+
+    Parameters
+    ----------
+    runs : sequence of HseRun
+        At least one.
+    bias : bool
+        Estimate the gyro's bias along the axis where the rates allow; a bias left in is seen
+        as a scale error of ``bias/Omega``.
+    weighted : bool
+        By the scatter of the turns of each run, where all runs have it.
+
+    Returns
+    -------
+    AxialFit
+    """
+    rate = np.array([r.rate + earth_rate_along_axis(r) for r in runs])
+    c = np.array([r.c_axial for r in runs])
+    sigma_c = np.array([r.sigma_c_axial for r in runs])
+    known = weighted and bool(np.all(np.isfinite(sigma_c) & (sigma_c > 0.0)))
+    distinct = np.ptp(rate) > DISTINCT_RATES * np.max(np.abs(rate))
+    columns = [rate, np.ones_like(rate)] if bias and distinct else [rate]
+    fit = least_squares(
+        np.stack(columns, axis=1),
+        c * rate,
+        sigma_c * np.abs(rate) if known else None,
+        DISBELIEF,
+    )
+    sigma = np.sqrt(np.diag(fit.covariance))
+    with_bias = len(columns) == 2
+    return AxialFit(
+        c=float(fit.estimate[0]),
+        sigma_c=float(sigma[0]),
+        bias=float(fit.estimate[1]) if with_bias else None,
+        sigma_bias=float(sigma[1]) if with_bias else None,
+        chi2=fit.chi2,
+        dof=fit.dof,
+        n_runs=len(runs),
+        quantile=fit.quantile,
+    )

@@ -1,0 +1,253 @@
+"""What a calibration of heading-sensitive error would be worth, before the table turns.
+
+White noise of the gyro (angular random walk) is all that is assumed; the covariance is that of
+the fits in :mod:`sinstool.methods.hse.fit` and :mod:`sinstool.methods.hse.axial`.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from sinstool.core.earth import EARTH_RATE
+from sinstool.core.errors import ConfigurationError
+from sinstool.methods.hse.fit import MIN_RATE_SPAN
+from sinstool.methods.hse.model import DISTINCT_LEAN, MIN_C23
+from sinstool.methods.hse.status import MAX_LATITUDE, SIGNIFICANT
+
+FloatArray = NDArray[np.float64]
+
+# A lean of the axis that is easily made and still small for the linear model.
+GOOD_LEAN = 8e-3
+FEW_TURNS = 10
+_ARCSEC = np.pi / 180.0 / 3600.0
+
+
+@dataclass(frozen=True)
+class Design:
+    """Runs to be made.
+
+    Attributes
+    ----------
+    rates : tuple of float
+        Rates of the table, signed, rad/s.
+    repeats : int
+        Runs at each rate and position.
+    duration_s : float
+        Of each run, s; whole turns of it are used.
+    C23 : tuple of float
+        Lean of the axis to the east at each position.
+    angle_random_walk : float
+        Of the gyro, rad/sqrt(s).
+    latitude : float
+        rad.
+    """
+
+    rates: tuple[float, ...]
+    repeats: int
+    duration_s: float
+    C23: tuple[float, ...]
+    angle_random_walk: float
+    latitude: float
+
+
+@dataclass(frozen=True)
+class Prediction:
+    """What a design would give.
+
+    Attributes
+    ----------
+    n_runs : int
+    total_s : float
+        Turning time, s.
+    sigma_run : tuple of float
+        Of one heading at each rate, rad.
+    sigma_K : float
+        Of the slope of heading against rate at one position, s.
+    sigma_lambda2_heading : float or None
+        rad; None where the axis leans too little.
+    sigma_lambda2_joint, sigma_delay : float or None
+        rad and s; None where the positions lean alike.
+    sigma_lambda2_axial : float
+        rad, with the gyro's bias estimated.
+    order : tuple of float
+        Rates in the order to run them at each position: up and down in turn, so that a drift
+        with time is not taken for a slope.
+    advice : tuple of str
+    """
+
+    n_runs: int
+    total_s: float
+    sigma_run: tuple[float, ...]
+    sigma_K: float
+    sigma_lambda2_heading: float | None
+    sigma_lambda2_joint: float | None
+    sigma_delay: float | None
+    sigma_lambda2_axial: float
+    order: tuple[float, ...]
+    advice: tuple[str, ...]
+
+
+def slope_gain(rates: ArrayLike) -> float:
+    """Deviation of a slope against rate over that of one run, 1/(rad/s).
+
+    Parameters
+    ----------
+    rates : array_like, shape (n,)
+        One for each run, rad/s.
+    """
+    x = np.asarray(rates, dtype=np.float64)
+    return float(1.0 / np.sqrt(np.sum((x - x.mean()) ** 2)))
+
+
+def run_order(rates: ArrayLike, repeats: int) -> tuple[float, ...]:
+    """Rates in the order to run them: ascending and descending in turn."""
+    up = sorted(float(r) for r in np.asarray(rates, dtype=np.float64))
+    return tuple(r for k in range(repeats) for r in (up if k % 2 == 0 else up[::-1]))
+
+
+def _validate(design: Design) -> None:
+    rates = np.asarray(design.rates, dtype=np.float64)
+    problems = {
+        "no rate is given": len(rates) == 0,
+        "there are no repeats": design.repeats < 1,
+        "no position is given": len(design.C23) == 0,
+        "the random walk of the gyro is not positive": not design.angle_random_walk > 0.0,
+        "the latitude is beyond 85 deg": abs(design.latitude) > MAX_LATITUDE,
+    }
+    for message, wrong in problems.items():
+        if wrong:
+            raise ConfigurationError(message, "see calibrate-hse --plan in the guide")
+    for rate in rates:
+        if abs(rate) * design.duration_s < 2.0 * np.pi * (1.0 - 1e-9):
+            raise ConfigurationError(
+                f"{design.duration_s:g} s at {np.degrees(rate):g} deg/s is no whole turn",
+                "make the runs longer",
+            )
+    if np.ptp(rates) < MIN_RATE_SPAN:
+        raise ConfigurationError(
+            "the rates differ by less than 10 deg/s: there is no slope to be had",
+            "take 20, 40 and 60 deg/s, better in both directions",
+        )
+
+
+def predict(design: Design, advise: bool = True) -> Prediction:
+    """Predict the standard deviations that a design leads to.
+
+    Parameters
+    ----------
+    design : Design
+    advise : bool
+        Compare with what a little more effort would give.
+
+    Returns
+    -------
+    Prediction
+
+    Raises
+    ------
+    ConfigurationError
+        If the design cannot give a slope.
+    """
+    _validate(design)
+    each = np.asarray(design.rates, dtype=np.float64)
+    # 540 s at 20 deg/s are thirty turns, whatever rounding makes of it
+    turns = np.floor(np.abs(each) * design.duration_s / (2.0 * np.pi) + 1e-9)
+    used = 2.0 * np.pi * turns / np.abs(each)
+    noise = design.angle_random_walk / np.sqrt(used)  # of a mean rate, rad/s
+    horizontal = EARTH_RATE * np.cos(design.latitude)
+    rate = np.repeat(each, design.repeats)
+    sigma = np.repeat(noise, design.repeats)
+    lean = np.asarray(design.C23, dtype=np.float64)
+    k, n = len(lean), len(rate)
+    rates, sigmas = np.tile(rate, k), np.tile(sigma, k)
+    offsets = np.kron(np.eye(k), np.ones((n, 1)))
+    lambda1 = rates - EARTH_RATE * np.sin(design.latitude)
+    x = lambda1 * np.repeat(lean, n) / (3.0 * horizontal)
+
+    one = _deviations(np.stack([np.ones(n), rate], axis=1), sigma / horizontal)
+    by_heading = by_joint = delay = None
+    if np.max(np.abs(lean)) >= MIN_C23:
+        columns = np.column_stack([offsets, x])
+        by_heading = float(_deviations(columns, sigmas / horizontal)[k])
+    if np.ptp(lean) > max(MIN_C23, DISTINCT_LEAN * np.max(np.abs(lean))):
+        both = _deviations(np.column_stack([offsets, x, rates]), sigmas / horizontal)
+        by_joint, delay = float(both[k]), float(both[k + 1])
+    along = rates - EARTH_RATE * np.sin(design.latitude)
+    axial = _deviations(np.column_stack([along, np.ones_like(along)]), sigmas)
+    result = Prediction(
+        n_runs=n * k,
+        total_s=float(n * k * design.duration_s),
+        sigma_run=tuple(float(s) for s in noise / horizontal),
+        sigma_K=float(one[1]),
+        sigma_lambda2_heading=by_heading,
+        sigma_lambda2_joint=by_joint,
+        sigma_delay=delay,
+        sigma_lambda2_axial=3.0 * float(axial[0]),
+        order=run_order(each, design.repeats),
+        advice=(),
+    )
+    return replace(result, advice=_advice(design, result)) if advise else result
+
+
+def _deviations(columns: FloatArray, sigma: FloatArray) -> FloatArray:
+    rows = columns / sigma[:, None]
+    length = np.linalg.norm(rows, axis=0)
+    root = np.linalg.pinv(rows / length)
+    return np.asarray(np.sqrt(np.sum(root * root, axis=1)) / length)
+
+
+def _arcsec(value: float | None) -> str:
+    return "nothing" if value is None else f'{value / _ARCSEC:.3g}"'
+
+
+def _advice(design: Design, now: Prediction) -> tuple[str, ...]:
+    advice = []
+    heading = now.sigma_lambda2_heading
+    if heading is None:
+        advice.append(
+            "the axis leans too little: headings show nothing of lambda2; tilt the base to the"
+            f" east or west by {GOOD_LEAN:g} rad"
+        )
+    else:
+        advice.append(
+            f"lambda2 from headings stands out if it is {_arcsec(SIGNIFICANT * heading)} or more"
+        )
+    rates = np.asarray(design.rates, dtype=np.float64)
+    if np.all(rates > 0.0) or np.all(rates < 0.0):
+        turned = replace(
+            design,
+            rates=tuple(design.rates) + tuple(-r for r in design.rates),
+            repeats=max(1, design.repeats // 2),
+        )
+        other = predict(turned, advise=False)
+        advice.append(
+            f"both directions, {other.n_runs} runs: {_arcsec(other.sigma_lambda2_heading)} instead"
+            f" of {_arcsec(heading)}"
+        )
+    lean = float(np.max(np.abs(design.C23)))
+    if 0.0 < lean < 0.5 * GOOD_LEAN:
+        tilted = replace(design, C23=tuple(c * GOOD_LEAN / lean for c in design.C23))
+        other = predict(tilted, advise=False)
+        advice.append(
+            f"a lean of {GOOD_LEAN:g} rad: {_arcsec(other.sigma_lambda2_heading)} instead of"
+            f" {_arcsec(heading)}"
+        )
+    if now.sigma_lambda2_joint is None and lean > 0.0:
+        turned = replace(design, C23=(lean, -lean), repeats=max(1, design.repeats // 2))
+        other = predict(turned, advise=False)
+        advice.append(
+            "with the base turned by 180 deg too a delay of the encoder is found to"
+            f" {(other.sigma_delay or np.nan) * 1e6:.2g} us and no longer taken for lambda2"
+            f" ({_arcsec(other.sigma_lambda2_joint)}, {other.n_runs} runs)"
+        )
+    advice.append(f"from the rate along the axis: {_arcsec(now.sigma_lambda2_axial)}")
+    few = [r for r in design.rates if abs(r) * design.duration_s < FEW_TURNS * 2.0 * np.pi - 1e-9]
+    if few:
+        advice.append(
+            f"{design.duration_s:g} s at {np.degrees(few[0]):g} deg/s is fewer than {FEW_TURNS}"
+            " turns: such runs are left out unless --min-turns is lowered"
+        )
+    return tuple(advice)

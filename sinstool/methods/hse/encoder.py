@@ -1,0 +1,350 @@
+"""The angle of the table at the edges of the gyro intervals.
+
+A gyro sample is a mean over an interval; whoever takes it for the value at its stamp errs by
+half an interval, and a time error tau looks exactly like a heading-sensitive error of slope tau
+(1 ms is 206 arcsec of heading for each rad/s). So everything here is about time. Stamps are
+subtracted as int64, since seconds since 1970 as float64 have a grain of 0.24 us. The stamps of
+the gyros carry the jitter of whatever stamped them, their intervals do not: a line through the
+stamps of each stretch without lost samples gives the edges. The encoder's jitter is averaged
+over a quarter of a second to each side, stamps together with readings, which is exact at
+constant rate and keeps the angle monotone.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from itertools import pairwise
+
+import numpy as np
+from numba import njit
+from numpy.typing import ArrayLike, NDArray
+
+from sinstool.core.errors import AlignmentError, ConfigurationError
+from sinstool.methods.hse.rig import STAMPS, EncoderModel
+
+FloatArray = NDArray[np.float64]
+IntArray = NDArray[np.int64]
+
+SMOOTHING_S = 0.25
+"""To each side, s."""
+
+LONGEST_GAP = 1.5
+"""Of nominal gyro intervals; beyond it samples are lost."""
+
+# Stamps before and after a long interval that decide whether samples are lost there or one
+# stamp was late: the late one is followed by stamps that are where they should be.
+_NEIGHBOURS = 20
+_ENCODER_GAP_INTERVALS = 5.0
+_ENCODER_GAP_S = 0.25
+_EDGE_OF_STAMP = {"end": -1.0, "mid": -0.5, "start": 0.0}
+_GRAINS = 1e-9  # s, of stamps
+
+
+@dataclass(frozen=True)
+class TimeGrid:
+    """Gyro samples one after the other with none lost, and the line through their stamps.
+
+    Attributes
+    ----------
+    first : int
+        Row of the first sample.
+    count : int
+        Number of samples.
+    start_s : float
+        Time of the first sample on the line, s after the origin.
+    interval_s : float
+        Interval of samples, s.
+    jitter_s : float
+        Root mean square of the stamps about the line.
+    wander_s : float
+        Largest distance of a second's mean of stamps from the line: not jitter, but a clock
+        that did not run evenly.
+    """
+
+    first: int
+    count: int
+    start_s: float
+    interval_s: float
+    jitter_s: float
+    wander_s: float
+
+
+@dataclass(frozen=True)
+class TableAngle:
+    """The table's angle over gyro samples of which none is lost.
+
+    Attributes
+    ----------
+    first : int
+        Row of the first gyro sample.
+    start_s : float
+        Time at which its interval begins, s after the first gyro stamp of the log.
+    interval_s : float
+        Interval of samples, s.
+    alpha : ndarray, shape (n + 1,)
+        Angle about the downward axis, rad, not wrapped, where the intervals of the n samples
+        begin and end.
+    jitter_s, wander_s : float
+        Of the gyro stamps; see :class:`TimeGrid`.
+    """
+
+    first: int
+    start_s: float
+    interval_s: float
+    alpha: FloatArray
+    jitter_s: float = 0.0
+    wander_s: float = 0.0
+
+    def __len__(self) -> int:
+        return len(self.alpha) - 1
+
+
+def time_grids(time_ns: ArrayLike) -> list[TimeGrid]:
+    """Stretches of gyro samples without a gap.
+
+    Parameters
+    ----------
+    time_ns : array_like of int64, shape (n,)
+        Stamps, increasing; the first is the origin.
+
+    Returns
+    -------
+    list of TimeGrid
+        In order.
+
+    Raises
+    ------
+    AlignmentError
+        If stamps do not increase.
+    """
+    times = _stamps(time_ns, "gyro")
+    if len(times) < 2:
+        return []
+    steps = np.diff(times)
+    if steps.min() <= 0:
+        at = int(np.argmin(steps > 0))
+        raise AlignmentError(
+            f"gyro stamps do not increase (sample {at + 1} of {len(times)})",
+            "sort them and drop repeated ones",
+        )
+    nominal = float(np.median(steps))
+    cuts = np.flatnonzero(steps > LONGEST_GAP * nominal) + 1
+    cuts = cuts[_samples_lost(times, cuts, nominal)]
+    edges = np.concatenate(([0], cuts, [len(times)]))
+    return [_line(times, begin, end, round(nominal)) for begin, end in pairwise(edges.tolist())]
+
+
+def table_angle(
+    gyro_time_ns: ArrayLike,
+    encoder_time_ns: ArrayLike,
+    reading: ArrayLike,
+    model: EncoderModel,
+    imu_stamp: str = "end",
+    smoothing_s: float = SMOOTHING_S,
+) -> list[TableAngle]:
+    """Angle of the table at the edges of the gyro intervals.
+
+    Parameters
+    ----------
+    gyro_time_ns : array_like of int64, shape (n,)
+        Increasing.
+    encoder_time_ns : array_like of int64, shape (m,)
+        On the same clock, not decreasing; of readings with one stamp the first counts.
+    reading : array_like, shape (m,)
+        In the unit of the model, wrapped at a whole turn or not. Half a turn or more from one
+        reading to the next cannot be told from the other direction.
+    model : EncoderModel
+    imu_stamp : {'end', 'mid', 'start'}
+        Where the stamp lies in the interval over which a gyro sample is the mean.
+    smoothing_s : float
+        Readings are averaged over this much to each side; 0 for none.
+
+    Returns
+    -------
+    list of TableAngle
+        In order: stretches without lost gyro samples that the encoder covers without a gap.
+
+    Raises
+    ------
+    AlignmentError
+        If stamps run backwards, readings are not finite, or there are fewer than two.
+    """
+    if imu_stamp not in STAMPS:
+        raise ConfigurationError(
+            f"rig.imu_stamp is {imu_stamp!r}", f"give one of {', '.join(STAMPS)}"
+        )
+    gyro_times = _stamps(gyro_time_ns, "gyro")
+    if not len(gyro_times):
+        return []
+    tracks = _tracks(encoder_time_ns, reading, model, int(gyro_times[0]), smoothing_s)
+    pieces = []
+    for grid in time_grids(gyro_times):
+        dt = grid.interval_s
+        begins = grid.start_s + _EDGE_OF_STAMP[imu_stamp] * dt
+        for seconds, alpha in tracks:
+            # edges k with track start <= begins + k dt + delay <= track end
+            late = begins + model.delay
+            low = max(0, int(np.ceil((seconds[0] - late - _GRAINS) / dt)))
+            high = min(grid.count, int(np.floor((seconds[-1] - late + _GRAINS) / dt)))
+            if high - low < 1:
+                continue
+            at = late + np.arange(low, high + 1) * dt
+            pieces.append(
+                TableAngle(
+                    grid.first + low,
+                    begins + low * dt,
+                    dt,
+                    np.interp(at, seconds, alpha),
+                    grid.jitter_s,
+                    grid.wander_s,
+                )
+            )
+    return pieces
+
+
+def _stamps(time_ns: ArrayLike, whose: str) -> IntArray:
+    times = np.asarray(time_ns)
+    if times.ndim != 1 or not np.issubdtype(times.dtype, np.integer):
+        raise ValueError(f"{whose} times must be a column of int64 ns, got {times.dtype}")
+    return times.astype(np.int64)
+
+
+def _samples_lost(times: IntArray, cuts: IntArray, nominal: float) -> NDArray[np.bool_]:
+    """Of long intervals, those where time went on by more than the samples there are."""
+    window = np.arange(_NEIGHBOURS)
+    after = cuts[:, None] + window
+    before = cuts[:, None] - 1 - window
+
+    def offset(rows: IntArray) -> FloatArray:
+        inside = np.clip(rows, 0, len(times) - 1)
+        since = (times[inside] - times[cuts - 1][:, None]) - (inside - cuts[:, None] + 1) * nominal
+        return np.asarray(np.median(since, axis=1))
+
+    return np.asarray(offset(after) - offset(before) > (LONGEST_GAP - 1.0) * nominal)
+
+
+def _line(times: IntArray, begin: int, end: int, nominal: int) -> TimeGrid:
+    """Least-squares line through the stamps of rows [begin, end)."""
+    n = end - begin
+    k = np.arange(n)
+    # small integers, exact in float64; stamps themselves are not
+    late = (times[begin:end] - times[begin] - k * nominal).astype(np.float64)
+    x = k - (n - 1) / 2.0
+    slope = float(x @ late / (x @ x)) if n > 1 else 0.0
+    rest = late - late.mean() - slope * x
+    start = late.mean() - slope * (n - 1) / 2.0
+    per_second = max(1, round(1e9 / nominal))
+    whole = n // per_second * per_second
+    means = rest[:whole].reshape(-1, per_second).mean(axis=1) if whole else rest[:0]
+    return TimeGrid(
+        first=begin,
+        count=n,
+        start_s=(float(times[begin] - times[0]) + float(start)) * 1e-9,
+        interval_s=(nominal + slope) * 1e-9,
+        jitter_s=float(np.sqrt(np.mean(rest**2))) * 1e-9,
+        wander_s=float(np.abs(means).max()) * 1e-9 if len(means) else 0.0,
+    )
+
+
+def _tracks(
+    time_ns: ArrayLike, reading: ArrayLike, model: EncoderModel, origin_ns: int, smoothing_s: float
+) -> list[tuple[FloatArray, FloatArray]]:
+    """Seconds after the origin and alpha, smoothed, for each stretch of readings."""
+    times = _stamps(time_ns, "encoder")
+    position = np.asarray(reading, dtype=np.float64)
+    if position.shape != times.shape:
+        raise ValueError(f"{len(times)} encoder stamps, but readings of shape {position.shape}")
+    if len(times) < 2:
+        raise AlignmentError(
+            f"the encoder has {len(times)} readings", "give the topic of the table's angle"
+        )
+    bad = int(np.count_nonzero(~np.isfinite(position)))
+    if bad:
+        raise AlignmentError(f"{bad} encoder readings are not finite", "drop them from the log")
+    steps = np.diff(times)
+    if steps.min() < 0:
+        raise AlignmentError(
+            f"encoder stamps run backwards at reading {int(np.argmin(steps >= 0)) + 1}",
+            "sort them by stamp",
+        )
+    if steps.min() == 0:
+        fresh = np.concatenate(([True], steps > 0))
+        times, position = times[fresh], position[fresh]
+        steps = np.diff(times)
+    if not len(steps):
+        raise AlignmentError("all encoder readings have one stamp", "look at their topic")
+    interval = float(np.median(steps)) * 1e-9
+    longest = max(_ENCODER_GAP_INTERVALS * interval, _ENCODER_GAP_S)
+    cuts = np.flatnonzero(steps > longest * 1e9) + 1
+    edges = np.concatenate(([0], cuts, [len(times)]))
+    seconds = (times - origin_ns) * 1e-9
+    turn = 360.0 if model.unit == "deg" else 2.0 * np.pi
+    half = round(smoothing_s / interval)
+    tracks = []
+    for begin, end in pairwise(edges.tolist()):
+        if end - begin < 2:
+            continue
+        angle = np.empty(end - begin)
+        _unwrap(position[begin:end], turn, angle)
+        if model.unit == "deg":
+            angle = np.radians(angle)
+        alpha = model.sign * _corrected(angle, model) + model.offset
+        at, smooth = np.empty_like(alpha), np.empty_like(alpha)
+        _smooth(seconds[begin:end], alpha, half, at, smooth)
+        tracks.append((at, smooth))
+    return tracks
+
+
+def _corrected(angle: FloatArray, model: EncoderModel) -> FloatArray:
+    """Readings in rad without their known harmonics."""
+    corrected = angle
+    for order, cosine, sine in model.harmonics:
+        phase = order * angle
+        corrected = corrected - cosine * np.cos(phase) - sine * np.sin(phase)
+    return corrected
+
+
+@njit(cache=True, nogil=True)
+def _unwrap(position, turn, out):  # type: ignore[no-untyped-def]
+    """The turns that go with each reading, so that no step is more than half a turn."""
+    turns = 0.0
+    out[0] = position[0]
+    for i in range(1, len(position)):
+        turns -= np.round((position[i] - position[i - 1]) / turn)
+        out[i] = position[i] + turns * turn
+
+
+@njit(cache=True, nogil=True)
+def _smooth(seconds, alpha, half, at, smooth):  # type: ignore[no-untyped-def]
+    """Means of times and angles over ``half`` readings to each side, fewer near the ends.
+
+    Fewer on both sides, so that the ends stay where they are. Sums slide along; what each
+    addition rounds off is carried on (Kahan), as there are very many.
+    """
+    n = len(alpha)
+    low, high = 0, 0  # readings [low, high) are summed, less those of the first
+    sum_t, sum_a, lost_t, lost_a = 0.0, 0.0, 0.0, 0.0
+    for i in range(n):
+        wide = min(half, i, n - 1 - i)
+        while high < i + wide + 1:
+            y = seconds[high] - seconds[0] - lost_t
+            total = sum_t + y
+            lost_t = (total - sum_t) - y
+            sum_t = total
+            y = alpha[high] - alpha[0] - lost_a
+            total = sum_a + y
+            lost_a = (total - sum_a) - y
+            sum_a = total
+            high += 1
+        while low < i - wide:
+            y = seconds[0] - seconds[low] - lost_t
+            total = sum_t + y
+            lost_t = (total - sum_t) - y
+            sum_t = total
+            y = alpha[0] - alpha[low] - lost_a
+            total = sum_a + y
+            lost_a = (total - sum_a) - y
+            sum_a = total
+            low += 1
+        at[i] = seconds[0] + sum_t / (high - low)
+        smooth[i] = alpha[0] + sum_a / (high - low)

@@ -1,0 +1,405 @@
+"""Whether a calibration of heading-sensitive error may be used, and what to do if not.
+
+A finding is one thing that is wrong or doubtful. The status of a calibration is that of its
+gravest finding. The guards follow from the model of Yu et al., J. NUDT 35(4), 2013, 161-165,
+eqs. (14) to (16): the slope of heading against rate has to stand out of its own scatter, the
+lean of the axis to the east out of its own, and the straight line has to hold.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from sinstool.core.earth import EARTH_RATE
+from sinstool.methods.hse.fit import MIN_RATE_SPAN
+from sinstool.methods.hse.fit_result import HseFit
+from sinstool.methods.hse.model import MIN_C23, MIN_C23_SIGMAS
+
+STATUSES = ("error", "unobservable", "inconsistent_axial", "not_significant", "nonlinear", "ok")
+"""From the gravest to the best."""
+
+APPLICABLE = ("nonlinear", "ok")
+"""Statuses whose coefficient may be applied without being forced."""
+
+EXIT_OK = 0
+EXIT_USAGE = 2
+EXIT_INSUFFICIENT = 3
+
+MAX_LATITUDE = np.radians(85.0)
+WARN_LATITUDE = np.radians(75.0)
+SIGNIFICANT = 2.0
+CONSISTENT = 3.0
+P_LACK_OF_FIT = 0.01
+SECOND_ORDER = 1e-2
+C23_SPREAD = 0.05
+
+_ARCSEC = np.pi / 180.0 / 3600.0
+
+
+@dataclass(frozen=True)
+class Finding:
+    """One thing that is wrong or doubtful.
+
+    Attributes
+    ----------
+    status : str
+        One of :data:`STATUSES`; ``ok`` for a remark that changes nothing.
+    message : str
+        What is the matter.
+    hint : str
+        What to do.
+    exit_code : int
+        Of a command that ends with this finding as its gravest.
+    """
+
+    status: str
+    message: str
+    hint: str = ""
+    exit_code: int = EXIT_OK
+
+    def __str__(self) -> str:
+        return f"{self.message}: {self.hint}" if self.hint else self.message
+
+
+@dataclass(frozen=True)
+class Judgement:
+    """What is to be thought of a calibration.
+
+    Attributes
+    ----------
+    findings : tuple of Finding
+        The gravest first.
+    """
+
+    findings: tuple[Finding, ...] = ()
+
+    @property
+    def status(self) -> str:
+        """One of :data:`STATUSES`."""
+        return self.findings[0].status if self.findings else "ok"
+
+    @property
+    def exit_code(self) -> int:
+        """0 usable, perhaps by force; 2 told wrongly; 3 the runs are not enough."""
+        return self.findings[0].exit_code if self.findings else EXIT_OK
+
+    @property
+    def applicable(self) -> bool:
+        """The coefficient may be applied without being forced."""
+        return self.status in APPLICABLE
+
+    @property
+    def warnings(self) -> tuple[str, ...]:
+        """Every finding as a line."""
+        return tuple(str(one) for one in self.findings)
+
+
+def judgement(findings: Sequence[Finding]) -> Judgement:
+    """Order findings, the gravest first."""
+    return Judgement(tuple(sorted(findings, key=lambda one: STATUSES.index(one.status))))
+
+
+def no_whole_turn(source: str, turns: float, least: int) -> Finding:
+    """Finding for a log without a stretch of enough whole turns at constant rate.
+
+    Parameters
+    ----------
+    source : str
+        The log.
+    turns : float
+        In its longest stretch.
+    least : int
+        Wanted.
+    """
+    return Finding(
+        "error",
+        f"{source}: the longest stretch at constant rate has {turns:.1f} turns, {least} whole"
+        " ones are needed",
+        "record longer at one rate, or lower --min-turns or --settle",
+        EXIT_INSUFFICIENT,
+    )
+
+
+def no_encoder(source: str, joint: str, found: Sequence[str]) -> Finding:
+    """Finding for a log that lacks the encoder's joint.
+
+    Parameters
+    ----------
+    source : str
+        The log.
+    joint : str
+        Name looked for.
+    found : sequence of str
+        Names that are there.
+    """
+    there = f"it has {', '.join(found)}" if found else "it has no JointState messages"
+    return Finding(
+        "error",
+        f"{source}: no encoder, joint {joint!r} is missing",
+        f"{there}; set [rig.encoder] joint",
+        EXIT_USAGE,
+    )
+
+
+def not_monotone(source: str, time_s: float) -> Finding:
+    """Finding for an encoder that turns back within a stretch at constant rate.
+
+    Parameters
+    ----------
+    source : str
+        The log.
+    time_s : float
+        Where, s since its start.
+    """
+    return Finding(
+        "error",
+        f"{source}: the encoder's angle turns back at {time_s:.3f} s while the table turns",
+        "check its wiring, unit and the order of its stamps",
+        EXIT_USAGE,
+    )
+
+
+def _extent(result: HseFit) -> list[Finding]:
+    """Are there the rates and the latitude to see a slope?"""
+    found = []
+    if abs(result.latitude) > MAX_LATITUDE:
+        found.append(
+            Finding(
+                "error",
+                f"at latitude {np.degrees(result.latitude):.1f} deg the Earth's rate has next to"
+                " no horizontal part: heading cannot be had",
+                "calibrate below 85 deg, or take lambda2 from the rate along the axis"
+                f" ({_lambda2(result.axial.lambda2, result.axial.sigma_lambda2)})",
+                EXIT_INSUFFICIENT,
+            )
+        )
+    elif abs(result.latitude) > WARN_LATITUDE:
+        found.append(
+            Finding(
+                "ok",
+                f"at latitude {np.degrees(result.latitude):.1f} deg every error of heading is"
+                f" {1.0 / np.cos(result.latitude):.1f} times that at the equator",
+            )
+        )
+    if len(result.rates) < 2 or result.rate_span < MIN_RATE_SPAN:
+        rates = ", ".join(f"{np.degrees(r):.2f}" for r in result.rates)
+        found.append(
+            Finding(
+                "error",
+                f"the rates ({rates} deg/s) do not differ enough to tell a slope",
+                "record at two rates or more, 10 deg/s apart at least; 20, 40 and 60 deg/s in"
+                " both directions are good",
+                EXIT_INSUFFICIENT,
+            )
+        )
+    elif result.K is None:
+        found.append(
+            Finding(
+                "error",
+                "the runs do not determine the parameters of the fit",
+                "add runs, or leave out the drift",
+                EXIT_INSUFFICIENT,
+            )
+        )
+    return found
+
+
+def _lambda2(value: float, sigma: float | None) -> str:
+    if sigma is None or not np.isfinite(sigma):
+        return f'{value / _ARCSEC:.3f}"'
+    return f'{value / _ARCSEC:.3f}" +- {sigma / _ARCSEC:.3f}"'
+
+
+def _slope(result: HseFit) -> str:
+    sigma = f" +- {result.sigma_K / _ARCSEC:.1f}" if result.sigma_K is not None else ""
+    return f'{(result.K or 0.0) / _ARCSEC:.1f}{sigma} "/(rad/s)'
+
+
+def _unobservable(result: HseFit) -> list[Finding]:
+    if result.observable or result.K is None or result.method == "axial":
+        return []
+    return [
+        Finding(
+            "unobservable",
+            f"the axis leans to the east by {result.C23:.1e} rad only, less than"
+            f" {max(MIN_C23, MIN_C23_SIGMAS * result.sigma_C23):.1e}: lambda2 does not show in"
+            f" heading (slope {_slope(result)})",
+            "tilt the base to the east or west by 5e-3 rad or more and repeat; by the rate along"
+            f" the axis it is {_lambda2(result.axial.lambda2, result.axial.sigma_lambda2)}",
+            EXIT_INSUFFICIENT,
+        )
+    ]
+
+
+def implied_delay(result: HseFit) -> float | None:
+    """Delay of the encoder that would explain the slope beside the axial lambda2, s.
+
+    Parameters
+    ----------
+    result : HseFit
+        At one position, or with positions fitted without a delay.
+
+    Returns
+    -------
+    float or None
+        ``K - lambda2_axial C23 / (3 w cos L)``; None without a slope from headings and where a
+        delay was fitted.
+    """
+    if result.delay is not None or result.lambda2_heading is None:
+        return None
+    gain = result.C23 / (3.0 * EARTH_RATE * np.cos(result.latitude))
+    return float((result.lambda2_heading - result.axial.lambda2) * gain)
+
+
+def _inconsistent(result: HseFit) -> list[Finding]:
+    z = result.z_consistency
+    if z is None or not abs(z) > CONSISTENT or result.lambda2_heading is None:
+        return []
+    # what the linear model leaves out is in headings only, and is told of by itself
+    difference = abs(result.lambda2_heading - result.axial.lambda2)
+    if difference * (1.0 - CONSISTENT / abs(z)) < (second_order(result) or 0.0) * abs(
+        result.axial.lambda2
+    ):
+        return []
+    message = (
+        "lambda2 from headings,"
+        f" {_lambda2(result.lambda2_heading, result.sigma_lambda2_heading)}, is not that from the"
+        f" rate along the axis, {_lambda2(result.axial.lambda2, result.axial.sigma_lambda2)}"
+        f" ({abs(z):.1f} sigma)"
+    )
+    delay = implied_delay(result)
+    if delay is None:
+        hint = (
+            "a delay of the encoder is accounted for already; check that the base did not move,"
+            " and encoder errors once a turn"
+        )
+    else:
+        hint = (
+            f"an encoder that is stale by {delay * 1e6:.1f} us would explain it: check"
+            " [rig.encoder] delay_s and imu_stamp, or repeat with the base turned by 180 deg"
+        )
+    # the axial value itself is free of delays
+    return [Finding("ok" if result.method == "axial" else "inconsistent_axial", message, hint)]
+
+
+def _insignificant(result: HseFit) -> list[Finding]:
+    if result.lambda2 is None or result.K is None:
+        return []
+    if result.sigma_K is None:
+        return [
+            Finding(
+                "not_significant",
+                "nothing tells the scatter of these few runs, so nothing is known of how good"
+                " lambda2 is",
+                "add repeats; applying it needs --force",
+            )
+        ]
+    if abs(result.K) >= SIGNIFICANT * result.sigma_K:
+        return []
+    interval = ""
+    if result.ci95_lambda2 is not None:
+        low, high = (v / _ARCSEC for v in result.ci95_lambda2)
+        interval = f', 95 % interval {low:.3f}" to {high:.3f}"'
+    return [
+        Finding(
+            "not_significant",
+            f"lambda2 {_lambda2(result.lambda2, result.sigma_lambda2)}{interval} does not stand"
+            " out of its scatter: correcting with it may make headings worse",
+            "add repeats, both directions of rotation, or more tilt, or use --method axial;"
+            " applying it needs --force",
+        )
+    ]
+
+
+def second_order(result: HseFit) -> float | None:
+    """Relative error of the linear model by what it leaves out: c Omega tilt / (2 w cos L)."""
+    if result.lambda2 is None:
+        return None
+    c = abs(result.lambda2) / 3.0
+    return float(0.5 * c * result.max_rate * result.tilt / (EARTH_RATE * np.cos(result.latitude)))
+
+
+def _nonlinear(result: HseFit) -> list[Finding]:
+    found = []
+    if result.p_lof is not None and result.p_lof < P_LACK_OF_FIT:
+        found.append(
+            Finding(
+                "nonlinear",
+                f"heading is not linear in the rate (lack of fit: F = {result.F_lof:.1f},"
+                f" p = {result.p_lof:.4f})",
+                "look at the residuals for warming up or a rate that stands apart; interleave the"
+                " rates in time",
+            )
+        )
+    beyond = second_order(result)
+    if beyond is not None and beyond > SECOND_ORDER:
+        found.append(
+            Finding(
+                "nonlinear",
+                f"with this lambda2, rate and tilt the linear model errs by {100 * beyond:.1f} %",
+                "calibrate the gyro's matrix again, or level the base better",
+            )
+        )
+    return found
+
+
+def _remarks(result: HseFit) -> list[Finding]:
+    found = []
+    if result.C23_spread > C23_SPREAD and result.observable:
+        found.append(
+            Finding(
+                "ok",
+                f"at one position the lean of the axis varies by {100 * result.C23_spread:.0f} %",
+                "the base moves; each run is fitted with its own lean"
+                if result.form == "regressor"
+                else "the base moves; use the form that fits each run with its own lean",
+            )
+        )
+    tau, sigma = result.delay, result.sigma_delay
+    if tau is not None and sigma is not None and abs(tau) > CONSISTENT * sigma:
+        found.append(
+            Finding(
+                "ok",
+                f"the encoder is stale by {tau * 1e6:.1f} +- {sigma * 1e6:.1f} us",
+                "lambda2 is free of it, headings are not: add it to [rig.encoder] delay_s",
+            )
+        )
+    if result.distribution == "turns":
+        found.append(
+            Finding(
+                "ok",
+                "as many runs as parameters: the deviations are from the scatter of turns alone",
+                "add repeats",
+            )
+        )
+    return found
+
+
+def judge(result: HseFit) -> Judgement:
+    """Judge a calibration.
+
+    Parameters
+    ----------
+    result : HseFit
+
+    Returns
+    -------
+    Judgement
+        Remarks of the fit itself are among its findings as ``ok``.
+    """
+    found = _extent(result)
+    if result.method == "axial" and found:
+        # the rate along the axis needs neither slope nor horizontal Earth rate
+        found = [
+            Finding("ok", one.message, "this concerns the headings, not the axial value")
+            for one in found
+        ]
+    if not any(one.status == "error" for one in found):
+        found += _unobservable(result) + _inconsistent(result) + _insignificant(result)
+        found += _nonlinear(result)
+    found += _remarks(result)
+    found += [Finding("ok", text) for text in result.warnings]
+    return judgement(found)

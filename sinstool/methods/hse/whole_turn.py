@@ -1,0 +1,419 @@
+"""Heading, tilt and axial rate error from sums over whole turns.
+
+Gravity gives the vertical in ``b0``, the mean rate less that of the table gives north; for a
+base at rest and white noise of the gyros nothing does better. What the calibration gets wrong
+along the axis stays along the axis in ``b0`` and leans into the East only by the tilt: that is
+the heading-sensitive error of :mod:`sinstool.methods.hse.exact`, which is wanted here. (Estimators that
+let a base turn freely, or that carry a bias along z, spoil or remove it.)
+
+The same error is seen directly: gyros and encoder disagree about the rate along the axis by
+``c = X33``, and ``lambda2 = -3 c``.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from sinstool.core import rotation
+from sinstool.core.earth import EARTH_RATE, earth_rate_n, normal_gravity
+from sinstool.core.errors import AlignmentError, ConfigurationError
+from sinstool.methods.hse.rig import Rig
+from sinstool.methods.hse.run import HseRun
+from sinstool.methods.hse.turns import TurnStatistics
+
+FloatArray = NDArray[np.float64]
+
+HIGHEST_LATITUDE = np.radians(85.0)
+FEWEST_TURNS_FOR_SCATTER = 4
+SIGNIFICANT_TILT_DRIFT = 3.0
+"""Sigmas of the tilt's drift beyond which ``level_rate='auto'`` takes it out."""
+
+LEVEL_RATES = ("off", "auto", "on")
+# Gyros and encoder that differ by more than this disagree about sign, unit or axis.
+_LARGEST_AXIAL_ERROR = 0.05
+
+
+@dataclass(frozen=True, eq=False)
+class WholeTurnAlignment:
+    """Attitude of the base and what the turns say of it.
+
+    Attributes
+    ----------
+    C_nb0 : ndarray, shape (3, 3)
+        Attitude of the base, as a mean over the turns; rows are :attr:`r1` to :attr:`r3`.
+    omega_b0 : ndarray, shape (3,)
+        Mean rate in ``b0`` less that of the table, rad/s: Earth rate and errors.
+    force_b0 : ndarray, shape (3,)
+        Mean specific force in ``b0``, m/s^2.
+    rate : float
+        Omega, mean rate of the table, rad/s.
+    latitude : float
+        rad.
+    c_axial : float
+        Relative rate error along the axis, X33.
+    sigma_c_axial : float
+        From the scatter of the turns and the bias that was allowed for; NaN without either.
+    sigma_heading : float
+        From the scatter of the turns, rad; NaN with fewer than four.
+    sigma_C23 : float
+        Likewise.
+    per_turn_heading : ndarray, shape (N,)
+        Heading of each turn by itself on the common vertical, rad, near :attr:`heading`.
+    per_turn_east_rate : ndarray, shape (N,)
+        East rate of each turn, rad/s; its mean is 0.
+    level_rate_b0 : ndarray, shape (3,)
+        Rate at which the base tilted, rad/s, where it was taken out; else zeros.
+    quality : dict of str to float
+        See :func:`align_whole_turns`.
+    """
+
+    C_nb0: FloatArray
+    omega_b0: FloatArray
+    force_b0: FloatArray
+    rate: float
+    latitude: float
+    c_axial: float
+    sigma_c_axial: float
+    sigma_heading: float
+    sigma_C23: float
+    per_turn_heading: FloatArray
+    per_turn_east_rate: FloatArray
+    level_rate_b0: FloatArray
+    quality: dict[str, float]
+
+    @property
+    def r1(self) -> FloatArray:
+        """North in ``b0``."""
+        return self.C_nb0[0]
+
+    @property
+    def r2(self) -> FloatArray:
+        """East in ``b0``."""
+        return self.C_nb0[1]
+
+    @property
+    def r3(self) -> FloatArray:
+        """Down in ``b0``."""
+        return self.C_nb0[2]
+
+    @property
+    def heading(self) -> float:
+        """Heading psi of the base, rad, in [0, 2 pi)."""
+        return float(np.arctan2(self.C_nb0[1, 0], self.C_nb0[0, 0]) % (2.0 * np.pi))
+
+    @property
+    def theta(self) -> float:
+        """Pitch of the base, rad."""
+        return float(-np.arcsin(np.clip(self.C_nb0[2, 0], -1.0, 1.0)))
+
+    @property
+    def gamma(self) -> float:
+        """Roll of the base, rad."""
+        return float(np.arctan2(self.C_nb0[2, 1], self.C_nb0[2, 2]))
+
+    @property
+    def C23(self) -> float:
+        """East component of the axis of rotation."""
+        return float(self.C_nb0[1, 2])
+
+    @property
+    def tilt(self) -> float:
+        """Angle of the axis against the vertical, rad."""
+        return float(np.hypot(self.C_nb0[2, 0], self.C_nb0[2, 1]))
+
+    @property
+    def lambda2_axial(self) -> float:
+        """Coefficient from gyros and encoder along the axis, rad."""
+        return -3.0 * self.c_axial
+
+    @property
+    def sigma_lambda2_axial(self) -> float:
+        """Of it, rad."""
+        return 3.0 * self.sigma_c_axial
+
+    def q_nb(self, alpha: ArrayLike, heading_correction: float = 0.0) -> FloatArray:
+        """Attitude of the turning body, ``C_nb = C_nb0 Rz(alpha)``.
+
+        Parameters
+        ----------
+        alpha : array_like, shape (...)
+            Angle of the table, rad.
+        heading_correction : float
+            Heading error to be subtracted, rad.
+
+        Returns
+        -------
+        ndarray, shape (..., 4)
+        """
+        half = 0.5 * np.asarray(alpha, dtype=np.float64)
+        turned = np.zeros((*half.shape, 4))
+        turned[..., 0], turned[..., 3] = np.cos(half), np.sin(half)
+        corrected = rotation.multiply(
+            rotation.exp([0.0, 0.0, -heading_correction]), rotation.from_dcm(self.C_nb0)
+        )
+        return rotation.multiply(corrected, turned)
+
+
+def align_whole_turns(
+    turns: TurnStatistics,
+    rig: Rig,
+    level_rate: str = "off",
+    gyro_bias_sigma: float = 0.0,
+) -> WholeTurnAlignment:
+    """Align on whole turns.
+
+    Parameters
+    ----------
+    turns : TurnStatistics
+    rig : Rig
+        With latitude.
+    level_rate : {'off', 'auto', 'on'}
+        Whether to take out the rate at which the base tilts, as seen by the accelerometers. It
+        costs noise (``sqrt(12) VRW / T**1.5`` of the North axis), so ``'auto'`` does it only
+        where the tilt drifts by more than three sigmas.
+    gyro_bias_sigma : float
+        What is not known of each gyro's bias, rad/s: goes into the sigma of ``c_axial``, which
+        no scatter of turns shows.
+
+    Returns
+    -------
+    WholeTurnAlignment
+        In its ``quality``: ``rate_north_residual``, ``rate_down_residual`` (rad/s; the latter
+        holds the axial error), ``force_residual`` (m/s^2, against normal gravity at height 0),
+        ``heading_trend_t`` (Student's t of a line through the headings of the turns),
+        ``lag1_correlation`` of these headings, ``tilt_drift_north``, ``tilt_drift_east`` (rad
+        over the turns, of the axis) with ``tilt_drift_sigma``, ``level_rate_used`` (0 or 1),
+        ``stamp_jitter_s``, ``stamp_wander_s``. NaN where there are too few turns.
+
+    Raises
+    ------
+    ConfigurationError
+        If the latitude is missing, or gyros and encoder disagree about direction or size of
+        the rate; says what to set.
+    AlignmentError
+        If there is no turn, no force, or the latitude is beyond 85 degrees.
+    """
+    if level_rate not in LEVEL_RATES:
+        raise ConfigurationError(
+            f"level-rate correction is {level_rate!r}", f"give one of {', '.join(LEVEL_RATES)}"
+        )
+    latitude = rig.known_latitude()
+    if abs(latitude) > HIGHEST_LATITUDE:
+        raise AlignmentError(
+            f"latitude {np.degrees(latitude):.2f} degrees: Earth rate is nearly vertical",
+            "heading can be had below 85 degrees only",
+        )
+    if not len(turns):
+        raise AlignmentError("no whole turn of the table", "record for longer")
+    duration = turns.duration[:, np.newaxis]
+    total = float(turns.duration.sum())
+    omega = _in_b0(turns, turns.S[:, :, :3], rig.gyro_to_b, rig.gyro_bias)
+    force = _in_b0(turns, turns.S[:, :, 3:], rig.accel_to_b, rig.accel_bias)
+    _check_axial(float(omega[:, 2].sum()) / total, turns.rate)
+    table = np.zeros((len(turns), 3))
+    table[:, 2] = turns.direction * 2.0 * np.pi
+    w_turn = (omega - table) / duration
+    f_turn = force / duration
+    w = (omega - table).sum(axis=0) / total
+    f = force.sum(axis=0) / total
+    size = float(np.linalg.norm(f))
+    if not size > 0.0:
+        raise AlignmentError("the mean specific force is zero", "it has no direction")
+
+    middles = np.cumsum(turns.duration) - turns.duration / 2.0
+    drift, drift_sigma = _slope(middles, f_turn)
+    tilting = np.cross(f, drift) / -(size**2)
+    tilting_sigma = float(np.linalg.norm(drift_sigma)) / size / np.sqrt(3.0)
+    significant = np.linalg.norm(tilting) > SIGNIFICANT_TILT_DRIFT * tilting_sigma
+    used = level_rate == "on" or (level_rate == "auto" and bool(significant))
+    if used and np.isfinite(tilting).all():
+        w = w - tilting
+        w_turn = w_turn - tilting
+    else:
+        used = False
+
+    r3 = -f / size
+    east = np.cross(r3, w)
+    if not np.linalg.norm(east) > 0.0:
+        raise AlignmentError("the mean rate has no horizontal part", "nothing points north")
+    r2 = east / np.linalg.norm(east)
+    r1 = np.cross(r2, r3)
+    C_nb0 = np.stack([r1, r2, r3])
+    C_nb0.flags.writeable = False
+
+    north_rate = EARTH_RATE * np.cos(latitude)
+    earth = earth_rate_n(latitude)
+    u_z = float(C_nb0[:, 2] @ earth)
+    c_axial = float((w[2] - u_z) / (turns.rate + u_z))
+    east_rate = w_turn @ r2
+    heading = float(np.arctan2(C_nb0[1, 0], C_nb0[0, 0]) % (2.0 * np.pi))
+    per_turn = heading - east_rate / north_rate
+    sigma_heading = _scatter(east_rate) / north_rate
+    sigma_c = np.array([_scatter(w_turn[:, 2]), gyro_bias_sigma]) / abs(turns.rate + u_z)
+    white = float(sigma_c[0])
+    sigma_c_axial = float(np.hypot(*sigma_c)) if np.isfinite(white) else _or_nan(sigma_c[1])
+    level = _scatter(f_turn @ r2) / size
+    sigma_C23 = float(np.hypot(level, C_nb0[0, 2] * sigma_heading))
+    in_n = C_nb0 @ tilting
+    quality = {
+        "rate_north_residual": float(r1 @ w - earth[0]),
+        "rate_down_residual": float(r3 @ w - earth[2]),
+        "force_residual": size - float(normal_gravity(latitude)),
+        "heading_trend_t": _trend(middles, per_turn),
+        "lag1_correlation": _lag1(per_turn),
+        # the axis leans to where a turn of the base about East (North) takes it
+        "tilt_drift_north": float(in_n[1]) * total,
+        "tilt_drift_east": -float(in_n[0]) * total,
+        "tilt_drift_sigma": tilting_sigma * total,
+        "level_rate_used": float(used),
+        "stamp_jitter_s": turns.jitter_s,
+        "stamp_wander_s": turns.wander_s,
+    }
+    return WholeTurnAlignment(
+        C_nb0=C_nb0,
+        omega_b0=w,
+        force_b0=f,
+        rate=turns.rate,
+        latitude=latitude,
+        c_axial=c_axial,
+        sigma_c_axial=sigma_c_axial,
+        sigma_heading=sigma_heading,
+        sigma_C23=sigma_C23,
+        per_turn_heading=per_turn,
+        per_turn_east_rate=east_rate,
+        level_rate_b0=tilting if used else np.zeros(3),
+        quality=quality,
+    )
+
+
+def run_from_turns(
+    turns: TurnStatistics,
+    rig: Rig,
+    *,
+    id: str,
+    source: str,
+    log_start_ns: int | None = None,
+    level_rate: str = "off",
+    gyro_bias_sigma: float = 0.0,
+) -> HseRun:
+    """What the calibration is fed: one alignment as a run.
+
+    Parameters
+    ----------
+    turns, rig, level_rate, gyro_bias_sigma
+        See :func:`align_whole_turns`.
+    id : str
+        Unique in a calibration.
+    source : str
+        The log.
+    log_start_ns : int, optional
+        Stamp at the start of the log.
+    """
+    a = align_whole_turns(turns, rig, level_rate, gyro_bias_sigma)
+    return HseRun(
+        id=id,
+        source=source,
+        t_start_s=turns.start_s,
+        duration_s=float(turns.duration.sum()),
+        n_turns=len(turns),
+        rate=a.rate,
+        heading=a.heading,
+        sigma_heading=a.sigma_heading,
+        theta=a.theta,
+        gamma=a.gamma,
+        C23=a.C23,
+        sigma_C23=a.sigma_C23,
+        c_axial=a.c_axial,
+        sigma_c_axial=a.sigma_c_axial,
+        latitude=a.latitude,
+        per_turn_heading=a.per_turn_heading,
+        quality=a.quality,
+        log_start_ns=log_start_ns,
+    )
+
+
+def predicted_sigma_heading(angle_random_walk: float, duration_s: float, latitude: float) -> float:
+    """Sigma of heading, rad, that white noise of the gyros leaves.
+
+    Parameters
+    ----------
+    angle_random_walk : float
+        rad/sqrt(s).
+    duration_s : float
+        Of the whole turns.
+    latitude : float
+        rad.
+    """
+    north = EARTH_RATE * float(np.cos(latitude))
+    return angle_random_walk / float(np.sqrt(duration_s)) / north
+
+
+def _in_b0(
+    turns: TurnStatistics, sums: FloatArray, to_b: FloatArray, bias: FloatArray
+) -> FloatArray:
+    """Integrals over the turns of a vector in ``b0``; shape (N, 3)."""
+    weights = np.concatenate([turns.circle, turns.duration[:, np.newaxis]], axis=1)
+    in_b = (sums - weights[:, :, np.newaxis] * bias) @ to_b.T
+    # samples and weights are means over intervals in which b turned on: each lessens what is
+    # fixed to b0 by the mean of the cosine
+    half = 0.5 * turns.rate * turns.interval_s
+    cos, sin = np.moveaxis(in_b[:, :2], 1, 0) * (half / np.sin(half)) ** 2
+    return np.stack([cos[:, 0] - sin[:, 1], sin[:, 0] + cos[:, 1], in_b[:, 2, 2]], axis=1)
+
+
+def _check_axial(gyro: float, encoder: float) -> None:
+    both = (
+        f"the gyros turn at {np.degrees(gyro):+.3f} deg/s about the axis, "
+        f"the encoder at {np.degrees(encoder):+.3f} deg/s"
+    )
+    if not np.isfinite(gyro) or abs(gyro / encoder - 1.0) > _LARGEST_AXIAL_ERROR:
+        if abs(gyro / encoder + 1.0) < _LARGEST_AXIAL_ERROR:
+            raise ConfigurationError(
+                both,
+                "change the sign of rig.encoder.sign, or turn rig.e (rig.C_s_to_b) round if its "
+                "z axis does not point down",
+            )
+        raise ConfigurationError(
+            both,
+            "look at the unit of the gyros, rig.encoder.unit, rig.gyro_frame and rig.C_s_to_b, "
+            "and whether this joint is the table",
+        )
+
+
+def _or_nan(value: float) -> float:
+    return float(value) if value > 0.0 else float("nan")
+
+
+def _scatter(values: FloatArray) -> float:
+    """Sigma of the mean; NaN if there are too few values to tell."""
+    if len(values) < FEWEST_TURNS_FOR_SCATTER:
+        return float("nan")
+    return float(values.std(ddof=1) / np.sqrt(len(values)))
+
+
+def _slope(x: FloatArray, y: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Slope of a line through columns of y (n, k), and its sigma; NaN for fewer than four."""
+    if len(x) < FEWEST_TURNS_FOR_SCATTER:
+        return np.full(y.shape[1], np.nan), np.full(y.shape[1], np.nan)
+    u = x - x.mean()
+    slope = u @ y / (u @ u)
+    rest = y - y.mean(axis=0) - np.outer(u, slope)
+    return slope, np.sqrt((rest**2).sum(axis=0) / (len(x) - 2) / (u @ u))
+
+
+def _trend(x: FloatArray, y: FloatArray) -> float:
+    """Student's t of a slope."""
+    slope, sigma = _slope(x, y[:, np.newaxis])
+    return float(slope[0] / sigma[0]) if sigma[0] > 0.0 else float("nan")
+
+
+def _lag1(values: FloatArray) -> float:
+    """Correlation of each value with the next."""
+    if len(values) < FEWEST_TURNS_FOR_SCATTER:
+        return float("nan")
+    d = values - values.mean()
+    power = float(d @ d)
+    return float(d[1:] @ d[:-1]) / power if power > 0.0 else float("nan")

@@ -1,0 +1,471 @@
+"""Why a filter does badly: the likely cause, by name, from what it did.
+
+A filter that is told something wrong does not say so. Each wrong thing leaves a trace of its own:
+
+==================  ==============================================================================
+cause               trace
+==================  ==============================================================================
+axes                another assignment of the gyro axes fits velocity changes far better
+initial attitude    velocity changes of the first two minutes give another attitude than the start:
+                    tilt (gravity where it cannot be: mount, body axes), or heading
+latency             the velocity of the IMU alone runs ahead of that of GNSS, or behind
+velocity lag        positions and velocities of the receiver are not of one instant
+lever arm           velocities of GNSS swing with the vehicle's turns
+GNSS noise          innovations of a channel are larger or smaller than their sigma, and white
+IMU noise           they are larger, and follow one another
+divergence          fixes are gated, the filter begins anew; told even where no cause is found
+==================  ==============================================================================
+
+Causes are judged in this order, as one wrong thing disturbs what comes after it: with wrong axes
+or a wrong start nothing else is looked at.
+
+References
+----------
+.. [1] P. D. Groves, "Principles of GNSS, Inertial, and Multisensor Integrated Navigation
+   Systems", 2nd ed., 2013, sections 14.3 and 17.3.
+.. [2] Y. Bar-Shalom, X. R. Li, T. Kirubarajan, "Estimation with Applications to Tracking and
+   Navigation", 2001, section 5.4: consistency of filters.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from itertools import permutations, product
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sinstool.core import earth
+from sinstool.core.rotation import from_dcm, log, multiply, normalise, rotate, to_dcm
+from sinstool.core.streams import GnssEpochs
+from sinstool.methods.ins_gnss.latency import correlate, inertial_velocity
+from sinstool.methods.ins_gnss.results import GnssDiagnostics, UpdateColumns
+from sinstool.methods.ins_gnss.settings import Settings, Start
+from sinstool.methods.ins_gnss.velocity_lag import velocity_lag
+from sinstool.methods.strapdown.attitude import AttitudePropagator
+
+FloatArray = NDArray[np.float64]
+
+Cause = Literal[
+    "axes",
+    "initial attitude",
+    "initial heading",
+    "latency",
+    "velocity lag",
+    "lever arm",
+    "GNSS noise",
+    "IMU noise",
+    "divergence",
+]
+
+# Columns of an innovation by channel
+CHANNELS = {
+    "horizontal position": (0, 1),
+    "height": (2,),
+    "horizontal velocity": (3, 4),
+    "vertical velocity": (5,),
+}
+
+_FIRST_S = 120.0  # of velocity changes that must fit the start
+_SETTLED_S = 30.0
+_LEAST = 20  # epochs
+_MEDIAN = 0.4549  # of the square of a unit normal
+_TOO_LARGE, _TOO_SMALL = 4.0, 0.25  # of innovations squared over their variance
+_FOLLOWING = 0.4  # correlation of successive innovations
+_LATENCY_S = 0.015
+_LAG_S = 0.03
+_ARM_M = 0.3
+_SIGMAS = 5.0
+_TURNED = float(np.deg2rad(5.0))
+_AXES_FIT = 0.2  # of the squares that the given axes leave
+_GATED = 0.2
+
+
+@dataclass(frozen=True)
+class Finding:
+    """A likely cause of trouble.
+
+    Attributes
+    ----------
+    cause : str
+    text : str
+        What was seen and what to do, for the user.
+    size : float
+        s of a latency or lag, m of a lever arm, rad of an attitude, ratio of sigmas of a noise,
+        share of fixes of a divergence.
+    where : str
+        Channel of a noise, assignment of axes; else ''.
+    """
+
+    cause: Cause
+    text: str
+    size: float
+    where: str = ""
+
+    def __str__(self) -> str:
+        return self.text
+
+
+def diagnose(
+    start: Start,
+    updates: UpdateColumns,
+    gnss: GnssDiagnostics,
+    fixes: GnssEpochs,
+    settings: Settings,
+    restarts: int = 0,
+) -> tuple[Finding, ...]:
+    """Look for what is wrong with a run.
+
+    Parameters
+    ----------
+    start : Start
+    updates : UpdateColumns
+        Of the filter, from the start on; a whole run, or enough minutes of one.
+    gnss : GnssDiagnostics
+    fixes : GnssEpochs
+        As they were given to the filter, all of them.
+    settings : Settings
+    restarts : int, optional
+
+    Returns
+    -------
+    tuple of Finding
+        The most fundamental one first; none where all is well.
+    """
+    if len(updates) < 10 or len(gnss) < _LEAST:
+        return ()
+    first = _first_minute(start, updates, fixes, settings)
+    if first:
+        return tuple(first)
+    found = [
+        *_time_and_arm(start, updates, fixes, settings),
+        *_lag(fixes),
+    ]
+    if not found:
+        found += _noise(gnss)
+    found += _divergence(gnss, restarts, not found)
+    return tuple(found)
+
+
+# --- the first minute: axes and attitude --------------------------------------------------
+
+
+def _first_minute(
+    start: Start, updates: UpdateColumns, fixes: GnssEpochs, settings: Settings
+) -> list[Finding]:
+    """Does the start's attitude, carried on by the gyros, turn forces into velocity changes?"""
+    began = _begin(updates)
+    end = began + round(_FIRST_S * 1e9)
+    valid = fixes.time_ns - round(settings.gnss_latency * 1e9)
+    rows = (valid >= began) & (valid <= min(end, int(updates.time_ns[-1])))
+    rows &= np.isfinite(fixes.velocity_n).all(axis=1)
+    if np.count_nonzero(rows) < 10:
+        return []
+    valid, velocity = valid[rows], fixes.velocity_n[rows]
+    part = updates.time_ns <= end
+    interval = _intervals(updates)[part]
+    theta = updates.omega_ib_b[part] * interval[:, None]
+    dv = updates.specific_force_b[part] * interval[:, None]
+    ends: FloatArray = (updates.time_ns[part] - began).astype(np.float64) * 1e-9
+    at: FloatArray = (valid - began).astype(np.float64) * 1e-9
+    fit = _Fit(ends, interval, theta, dv, at, velocity, start)
+    given, dcm = fit.squares(np.eye(3))
+    best, axes = given, np.eye(3)
+    if given > fit.noise(settings):
+        tried = [(fit.squares(c)[0], c) for c in _signed_permutations()]
+        best = min(squares for squares, _ in tried)
+        # Of those that fit alike, the one with the fewest signs turned and axes moved
+        alike = [c for squares, c in tried if squares <= 1.5 * best]
+        axes = min(alike, key=lambda c: (np.sum(c < 0.0), -np.abs(np.diag(c)).sum()))
+    times = float(np.sqrt(given / max(best, 1e-9)))
+    if best < _AXES_FIT * given and not np.array_equal(axes, np.eye(3)):
+        names = _axes_text(axes)
+        return [
+            Finding(
+                "axes",
+                "gyro and accelerometer axes do not belong together: velocity changes fit"
+                f" {times:.0f} times better with the gyro's x, y, z taken as {names}; check the"
+                " body axes and the driver's signs",
+                times,
+                names,
+            )
+        ]
+    return fit.against(start, dcm, given)
+
+
+class _Fit:
+    """Wahba's problem with the velocity changes between fixes.
+
+    Forces are integrated in the body axes of the start, velocity changes less gravity in NED;
+    over a minute the Earth's turn of NED, 0.25 deg, is far below what is looked for.
+    """
+
+    def __init__(
+        self,
+        ends: FloatArray,
+        interval: FloatArray,
+        theta: FloatArray,
+        dv: FloatArray,
+        at: FloatArray,
+        velocity: FloatArray,
+        start: Start,
+    ) -> None:
+        self._ends, self._interval, self._theta, self._dv, self._at = (
+            ends,
+            interval,
+            theta,
+            dv,
+            at,
+        )
+        gravity = earth.gravity_n(start.nav[0], start.nav[2])
+        span = np.diff(at)
+        self._beta = np.diff(velocity, axis=0) - gravity * span[:, None]
+        self._span = span
+        # Five fixes at a time: noise of single ones counts less
+        many = max(1, round(2.0 / float(np.median(span))))
+        self._many = many
+
+    def _windows(self, values: FloatArray) -> FloatArray:
+        total = np.concatenate([np.zeros((1, 3)), np.cumsum(values, axis=0)])
+        return np.asarray(total[self._many :] - total[: -self._many])
+
+    def squares(self, axes: FloatArray) -> tuple[float, FloatArray]:
+        """Mean square that is left, (m/s)^2, and C_nb of the start."""
+        turn = self._theta @ axes.T
+        q = AttitudePropagator(np.array([1.0, 0.0, 0.0, 0.0])).push(turn, self._interval)
+        before = np.concatenate([[[1.0, 0.0, 0.0, 0.0]], q[:-1]])
+        moved = np.cumsum(rotate(normalise(before + q), self._dv), axis=0)
+        u = np.column_stack([np.interp(self._at, self._ends, moved[:, i]) for i in range(3)])
+        alpha, beta = self._windows(np.diff(u, axis=0)), self._windows(self._beta)
+        left, _, right = np.linalg.svd(beta.T @ alpha)
+        middle = np.diag([1.0, 1.0, np.linalg.det(left @ right)])
+        dcm = left @ middle @ right
+        rest = beta - alpha @ dcm.T
+        self._alpha, self._rest = alpha, rest
+        return float(np.mean(rest**2)), dcm
+
+    def noise(self, settings: Settings) -> float:
+        """Mean square that noise explains, generously."""
+        white = np.max(settings.gnss.velocity_white) + np.max(settings.gnss.velocity_markov)
+        span = self._many * float(np.median(self._span))
+        return float(9.0 * (2.0 * white**2 + (settings.imu.accel_bias * span) ** 2) + 0.01)
+
+    def against(self, start: Start, dcm: FloatArray, squares: float) -> list[Finding]:
+        """The attitude found beside that of the start."""
+        q_found, q_given = from_dcm(dcm), start.nav[6:10]
+        conjugate = q_given * np.array([1.0, -1.0, -1.0, -1.0])
+        off = log(multiply(q_found, conjugate))
+        # Sigma of the solution: each window counts, though neighbours share all but one fix
+        n_beta = self._alpha @ dcm.T
+        information = np.einsum("ni,ni->n", n_beta, n_beta)[:, None, None] * np.eye(3)
+        information = (information - n_beta[:, :, None] * n_beta[:, None, :]).sum(axis=0)
+        own = max(squares, 1e-4) * self._many * np.linalg.pinv(information)
+        covariance = own + start.covariance_attitude_n
+        sigma = np.sqrt(np.diag(covariance))
+        tilt, heading = float(np.hypot(off[0], off[1])), float(abs(off[2]))
+        # A large turn mixes its components; the angle of "up" between the two does not
+        up = to_dcm(q_found).T[:, 2] @ to_dcm(q_given).T[:, 2]
+        tilt = float(np.arccos(np.clip(up, -1.0, 1.0)))
+        if tilt > _TURNED + _SIGMAS * float(max(sigma[:2])):
+            return [
+                Finding(
+                    "initial attitude",
+                    f"gravity is {np.rad2deg(tilt):.0f} deg from where the initial attitude has it:"
+                    " the body axes, the mount or the initial attitude are wrong",
+                    tilt,
+                )
+            ]
+        if heading > _TURNED + _SIGMAS * float(sigma[2]):
+            return [
+                Finding(
+                    "initial heading",
+                    f"velocity changes of the first two minutes say that the initial heading is"
+                    f" {np.rad2deg(heading):.0f} deg off, given as known to"
+                    f" {np.rad2deg(np.sqrt(start.covariance_attitude_n[2, 2])):.1f} deg; leave it"
+                    " out, to be found in motion",
+                    heading,
+                )
+            ]
+        return []
+
+
+def _signed_permutations() -> list[FloatArray]:
+    """All 48 ways to take three axes for others."""
+    eye = np.eye(3)
+    return [
+        np.diag(signs) @ eye[list(order)]
+        for order in permutations(range(3))
+        for signs in product((1.0, -1.0), repeat=3)
+    ]
+
+
+def _axes_text(axes: FloatArray) -> str:
+    names = []
+    for row in axes:
+        column = int(np.argmax(np.abs(row)))
+        names.append(("-" if row[column] < 0.0 else "") + "xyz"[column])
+    return ", ".join(names)
+
+
+def _begin(updates: UpdateColumns) -> int:
+    return int(updates.time_ns[0]) - int(updates.time_ns[1] - updates.time_ns[0])
+
+
+def _intervals(updates: UpdateColumns) -> FloatArray:
+    step = np.diff(updates.time_ns, prepend=_begin(updates)).astype(np.float64) * 1e-9
+    return np.minimum(step, 5.0 * float(np.median(step)))
+
+
+# --- time ---------------------------------------------------------------------------------
+
+
+def _time_and_arm(
+    start: Start, updates: UpdateColumns, fixes: GnssEpochs, settings: Settings
+) -> list[Finding]:
+    """Both from the velocity of the IMU alone, which no filter bends towards the fixes."""
+    before = np.concatenate([start.nav[None, 6:10], updates.q_nb[:-1]])
+    sign = np.sign(np.sum(before * updates.q_nb, axis=1, keepdims=True))
+    interval = _intervals(updates)
+    velocity = inertial_velocity(
+        normalise(before * sign + updates.q_nb),
+        updates.specific_force_b * interval[:, None],
+        interval,
+        updates.latitude,
+        updates.height,
+        updates.velocity_n,
+    )
+    swing = to_dcm(updates.q_nb) @ _cross(updates.omega_ib_b)
+    velocity = velocity + swing @ np.asarray(settings.lever_arm_b)
+    found = correlate(updates.time_ns, velocity, fixes.time_ns, fixes.velocity_n, swing_n=swing)
+    findings = []
+    off = found.latency_s - settings.gnss_latency
+    if found.status != "not observable" and abs(off) > max(_LATENCY_S, _SIGMAS * found.sigma_s):
+        text = (
+            f"the latency of GNSS is {1e3 * found.latency_s:.0f} ms (+- {1e3 * found.sigma_s:.0f}),"
+            f" not {1e3 * settings.gnss_latency:.0f} ms: velocities fit the IMU's best so"
+        )
+        findings.append(Finding("latency", text, found.latency_s))
+    if found.arm_b is not None and found.arm_sigma_b is not None:
+        size = float(np.linalg.norm(found.arm_b))
+        clear = np.abs(found.arm_b) > np.maximum(_SIGMAS * found.arm_sigma_b, _ARM_M)
+        if np.any(clear):
+            x, right, down = found.arm_b
+            text = (
+                "velocities of GNSS swing with the vehicle's turns: the antenna seems to be another"
+                f" {x:.1f} m forward, {right:.1f} m right, {down:.1f} m down of where the lever arm"
+                " has it"
+            )
+            findings.append(Finding("lever arm", text, size))
+    return findings
+
+
+def _cross(v: FloatArray) -> FloatArray:
+    """Matrices [v x]."""
+    out = np.zeros((len(v), 3, 3))
+    out[:, 0, 1], out[:, 0, 2] = -v[:, 2], v[:, 1]
+    out[:, 1, 0], out[:, 1, 2] = v[:, 2], -v[:, 0]
+    out[:, 2, 0], out[:, 2, 1] = -v[:, 1], v[:, 0]
+    return out
+
+
+def _lag(fixes: GnssEpochs) -> list[Finding]:
+    found = velocity_lag(fixes)
+    if found.status == "not observable" or abs(found.latency_s) < max(
+        _LAG_S, _SIGMAS * found.sigma_s
+    ):
+        return []
+    when = "later" if found.latency_s > 0.0 else "earlier"
+    return [
+        Finding(
+            "velocity lag",
+            f"the receiver's velocities are stamped {1e3 * abs(found.latency_s):.0f} ms {when} than"
+            " its positions: they are means over the time before; their stamps are to be shifted",
+            found.latency_s,
+        )
+    ]
+
+
+# --- innovations --------------------------------------------------------------------------
+
+
+def _rows(gnss: GnssDiagnostics) -> np.ndarray:
+    """Epochs that were compared, the filter having settled."""
+    return np.asarray(
+        (gnss.time_ns >= gnss.time_ns[0] + round(_SETTLED_S * 1e9))
+        & ~gnss.withheld
+        & ~gnss.restarted
+        & (gnss.rows > 0)
+    )
+
+
+def _noise(gnss: GnssDiagnostics) -> list[Finding]:
+    rows = _rows(gnss)
+    # Against the noise that was given, whatever the gate or an adapted filter made of it
+    own = gnss.measurement_sigma[rows] ** 2
+    given = gnss.innovation_sigma[rows] ** 2 - own * (1.0 - 1.0 / gnss.noise_ratio[rows])
+    ratio = gnss.innovation[rows] / np.sqrt(given)
+    found = []
+    for name, columns in CHANNELS.items():
+        values = ratio[:, columns]
+        values = values[np.isfinite(values).all(axis=1)]
+        if len(values) < _LEAST:
+            continue
+        level = float(np.median(values**2)) / _MEDIAN
+        if _TOO_SMALL < level < _TOO_LARGE:
+            continue
+        follow = float(np.sum(values[1:] * values[:-1]) / np.sum(values * values))
+        times = float(np.sqrt(level))
+        if level >= _TOO_LARGE and follow > _FOLLOWING:
+            found.append(
+                Finding(
+                    "IMU noise",
+                    f"innovations of {name} are {times:.1f} times their sigma and follow one"
+                    " another: the IMU is worse than its noise says (grade)",
+                    times,
+                    name,
+                )
+            )
+        elif level >= _TOO_LARGE:
+            found.append(
+                Finding(
+                    "GNSS noise",
+                    f"innovations of {name} are {times:.1f} times their sigma: the noise of GNSS"
+                    " is given too small",
+                    times,
+                    name,
+                )
+            )
+        else:
+            found.append(
+                Finding(
+                    "GNSS noise",
+                    f"innovations of {name} are {times:.2f} of their sigma: the noise of GNSS is"
+                    " given too large",
+                    times,
+                    name,
+                )
+            )
+    return found
+
+
+def _divergence(gnss: GnssDiagnostics, restarts: int, alone: bool) -> list[Finding]:
+    compared = ~gnss.withheld & (gnss.rows > 0)
+    share = float(np.mean(gnss.gated[compared])) if np.any(compared) else 0.0
+    if share < _GATED and restarts == 0:
+        return []
+    why = "; no cause was found: noise, a bad receiver or sensor" if alone else ""
+    return [
+        Finding(
+            "divergence",
+            f"filter and fixes do not agree: {share:.0%} of the fixes were too far off to be used,"
+            f" {restarts} restarts{why}",
+            share,
+        )
+    ]
+
+
+def summary(findings: Sequence[Finding]) -> str:
+    """All findings, a line each; '' for none."""
+    return "\n".join(str(f) for f in findings)

@@ -1,0 +1,435 @@
+"""An INS/GNSS filter, block by block of IMU updates."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from sinstool.core.errors import ConfigurationError
+from sinstool.core.streams import GnssEpochs
+from sinstool.methods.height import layout as height_layout
+from sinstool.methods.ins_gnss import layout
+from sinstool.methods.ins_gnss.loop import run
+from sinstool.methods.ins_gnss.parameters import (
+    CHANNEL_GATE,
+    decay_rates,
+    initial_covariance,
+    loop_parameters,
+    noise_densities,
+)
+from sinstool.methods.ins_gnss.results import (
+    EVENT_NAMES,
+    SENSORS,
+    FilterBlock,
+    FilterEvent,
+    GnssDiagnostics,
+    StoredEpochs,
+    UpdateColumns,
+)
+from sinstool.methods.ins_gnss.settings import Settings, Start
+from sinstool.methods.ins_gnss.states import WITHOUT_BARO, FilterKind, filter_kind
+from sinstool.methods.strapdown.navigation import SIZE as NAV_SIZE
+from sinstool.methods.strapdown.velocity import Increments
+
+FloatArray = NDArray[np.float64]
+IntArray = NDArray[np.int64]
+
+_EVENTS_KEPT = 4096  # of a block; more are counted
+_FIX = 12
+
+
+@dataclass(frozen=True)
+class FilterSummary:
+    """How a run went so far.
+
+    Attributes
+    ----------
+    filter : str
+        The one that ran.
+    fell_back : bool
+        The one asked for needs a barometer, and there is none.
+    updates, epochs_used, epochs_gated, epochs_before_start, restarts : int
+    mean_nis : float
+        Normalised innovation squared over the number of rows, of the epochs used; NaN before
+        the first. Should be 1, but does not tell of errors of the fixes that last.
+    gyro_bias, accel_scale, accel_bias : ndarray, shape (3,)
+        Taken off, rad/s, 1, m/s^2.
+    baro_bias : float
+        Taken off the barometric height, m.
+    channel : ChannelSummary
+        Of the damping network; without one, of a channel that has seen nothing.
+    gains : tuple of float or None
+        Of the network: continuous K1, K2, K3.
+    """
+
+    filter: str
+    fell_back: bool
+    updates: int
+    epochs_used: int
+    epochs_gated: int
+    epochs_before_start: int
+    restarts: int
+    mean_nis: float
+    gyro_bias: FloatArray
+    accel_scale: FloatArray
+    accel_bias: FloatArray
+    baro_bias: float
+    channel: height_layout.ChannelSummary
+    gains: tuple[float, float, float] | None
+
+
+class InsGnssFilter:
+    """Navigation with GNSS, and with a barometer where there is one.
+
+    Parameters
+    ----------
+    start : Start
+        At the start of the first IMU update.
+    settings : Settings
+    with_baro : bool
+        Whether baro heights will come. Without, a filter that needs them is replaced by
+        ``markov-21``; see :attr:`fell_back`.
+    output : bool, optional
+        Answer with columns at the IMU updates.
+    store : bool, optional
+        Answer with what a smoother needs: 3 n^2 numbers for each instant with a measurement,
+        16 kB for 26 states.
+
+    Attributes
+    ----------
+    kind : FilterKind
+        Of the filter that runs.
+    fell_back : bool
+    events, channel_events : list
+        All so far: FilterEvent, and Event of the vertical channel (times in s since the start).
+
+    Notes
+    -----
+    The answers do not depend, to the last bit, on where blocks end, as long as fixes and baro
+    samples are pushed no later than the IMU updates at or after the time at which they are
+    valid. What is newer waits for the next block.
+    """
+
+    def __init__(
+        self,
+        start: Start,
+        settings: Settings,
+        *,
+        with_baro: bool,
+        output: bool = True,
+        store: bool = False,
+    ) -> None:
+        self.settings = settings
+        wanted = settings.kind
+        self.fell_back = wanted.needs_baro and not with_baro
+        self.kind: FilterKind = filter_kind(WITHOUT_BARO) if self.fell_back else wanted
+        self.events: list[FilterEvent] = []
+        self.channel_events: list[height_layout.Event] = []
+        self._start_nav = start.nav.copy()
+        self._output = output
+        self._store = store
+        damping = settings.damping
+        if not self.kind.network and settings.network is not None and damping.k4 != 0.0:
+            raise ConfigurationError(
+                f"filter {self.kind.name} has no damping network, but K4 is {damping.k4:g} s",
+                "K4 = 0, or one of the network filters",
+            )
+        index = self.kind.index
+        p0 = initial_covariance(self.kind, start, settings)
+        self._model = layout.Model(
+            index,
+            loop_parameters(self.kind, settings),
+            height_layout.new_parameters(damping, settings.grade, shadow=False, gate=CHANNEL_GATE),
+            decay_rates(self.kind, settings),
+            noise_densities(self.kind, start, settings),
+            p0,
+        )
+        self._memory = layout.new_memory(
+            start.nav,
+            np.concatenate([start.gyro_bias, np.zeros(3), start.accel_bias]),
+            p0,
+            height_layout.new_state(),
+            int(index[7]),
+            settings.control.window,
+            settings.control.measured_epochs,
+        )
+        self._origin: int | None = None
+        self._fixes = np.empty((0, _FIX))
+        self._fix_ns = np.empty(0, dtype=np.int64)
+        self._withheld = np.empty(0)
+        self._baro_ns = np.empty(0, dtype=np.int64)
+        self._baro = np.empty(0)
+        self._reason = np.empty(0, dtype=np.int64)
+
+    # --- what it knows --------------------------------------------------------------------
+
+    @property
+    def nav(self) -> FloatArray:
+        """Navigation state now, shape (10,); without feedback, uncorrected."""
+        return self._memory.nav.copy()
+
+    @property
+    def estimate(self) -> FloatArray:
+        """Estimate of the errors that is not fed back yet, shape (n,)."""
+        return self._memory.x.copy()
+
+    @property
+    def covariance(self) -> FloatArray:
+        """Of the errors, at the latest substep, shape (n, n)."""
+        return self._memory.p.copy()
+
+    @property
+    def summary(self) -> FilterSummary:
+        """How it went so far."""
+        number = self._memory.numbers
+        rows = number[layout.N_NIS_ROWS]
+        sensors = self._memory.sensors
+        return FilterSummary(
+            filter=self.kind.name,
+            fell_back=self.fell_back,
+            updates=int(number[layout.N_UPDATES]),
+            epochs_used=int(number[layout.N_EPOCHS_USED]),
+            epochs_gated=int(number[layout.N_EPOCHS_GATED]),
+            epochs_before_start=int(number[layout.N_DROPPED]),
+            restarts=int(number[layout.N_RESTARTS]),
+            mean_nis=float(number[layout.N_NIS_SUM] / rows) if rows else float("nan"),
+            gyro_bias=sensors[:3].copy(),
+            accel_scale=sensors[3:6].copy(),
+            accel_bias=sensors[6:].copy(),
+            baro_bias=float(self._memory.channel[height_layout.S_BARO_BIAS]),
+            channel=height_layout.summarise(self._memory.channel),
+            gains=self.settings.damping.gains if self.kind.network else None,
+        )
+
+    # --- data -----------------------------------------------------------------------------
+
+    def push(
+        self,
+        increments: Increments,
+        gnss: GnssEpochs | None = None,
+        withheld: ArrayLike | None = None,
+        baro_time_ns: ArrayLike = (),
+        baro_height: ArrayLike = (),
+        baro_reason: ArrayLike | None = None,
+    ) -> FilterBlock:
+        """Go on over the next IMU updates.
+
+        Parameters
+        ----------
+        increments : Increments
+            Compensated, biases not taken off. Updates follow each other, or leave gaps: see
+            ``Settings.max_gap``.
+        gnss : GnssEpochs, optional
+            In order of their stamps. Position, velocity or both; a height or a vertical
+            velocity may be missing alone. Standard deviations where the receiver gives them.
+        withheld : array_like of bool, shape (f,), optional
+            Epochs that are compared with the navigation but not used.
+        baro_time_ns : array_like of int64, shape (b,), optional
+        baro_height : array_like, shape (b,), optional
+            m; see :mod:`sinstool.methods.height.pressure`.
+        baro_reason : array_like of int, shape (b,), optional
+            0 for samples to be used; see :mod:`sinstool.methods.height.layout`.
+
+        Returns
+        -------
+        FilterBlock
+
+        Raises
+        ------
+        ValueError
+            If shapes do not fit, times of updates or fixes do not increase, or an increment is
+            not finite.
+        """
+        time_ns = np.asarray(increments.time_ns, dtype=np.int64)
+        interval = np.ascontiguousarray(increments.interval, dtype=np.float64)
+        phi = np.ascontiguousarray(increments.rotation_vector, dtype=np.float64)
+        dv = np.ascontiguousarray(increments.velocity_increment, dtype=np.float64)
+        if phi.shape != (len(time_ns), 3) or dv.shape != phi.shape or interval.ndim != 1:
+            raise ValueError(f"Expected shapes (n, 3), got {phi.shape} and {dv.shape}.")
+        if np.any(np.diff(time_ns) <= 0) or not np.all(interval > 0.0):
+            raise ValueError("Expected times of updates to increase.")
+        if not (np.all(np.isfinite(phi)) and np.all(np.isfinite(dv))):
+            raise ValueError("Found an increment that is not finite.")
+        self._take(gnss, withheld, baro_time_ns, baro_height, baro_reason)
+        if self._origin is None and len(time_ns):
+            self._origin = int(time_ns[0]) - round(float(interval[0]) * 1e9)
+        origin = self._origin or 0
+        last = int(time_ns[-1]) if len(time_ns) else None
+        fixes = self._fix_ns <= last if last is not None else np.zeros(len(self._fix_ns), bool)
+        samples = self._arrived(last)
+
+        n = self.kind.size
+        spent = float(interval.sum() + 1.0) if len(time_ns) else 0.0
+        if len(time_ns):
+            spent = max(spent, (int(time_ns[-1]) - int(time_ns[0])) * 1e-9 + 2.0)
+        room = int(fixes.sum() + 2.0 * spent / min(self.settings.row_interval, 1.0)) + 8
+        stored = layout.new_stored(room if self._store else 1, n, SENSORS)
+        channel_events = height_layout.new_events(samples)
+        events = np.empty((_EVENTS_KEPT, layout.EVENT_WIDTH))
+        diagnoses = np.full((int(fixes.sum()), layout.DIAGNOSTICS), np.nan)
+        out = np.empty((len(time_ns) if self._output else 0, layout.OUTPUT))
+        counts = np.zeros(5, dtype=np.int64)
+        known = self._memory.channel[height_layout.S_EVENTS]
+        self._memory.channel[height_layout.S_EVENTS] = 0.0
+        run(
+            self._memory,
+            self._model,
+            stored,
+            self._store,
+            _seconds(time_ns, origin),
+            interval,
+            phi,
+            dv,
+            _seconds(self._fix_ns[fixes], origin),
+            self._fixes[fixes],
+            self._withheld[fixes],
+            _seconds(self._baro_ns[:samples], origin),
+            self._baro[:samples],
+            self._reason[:samples],
+            channel_events,
+            events,
+            diagnoses,
+            out,
+            counts,
+        )
+        self._note(events[: counts[0]], channel_events, origin, known)
+        gnss_out = _diagnostics(
+            self._fix_ns[fixes][counts[4] : counts[1]], diagnoses[counts[4] : counts[1]]
+        )
+        self._forget(int(counts[1]), int(counts[2]))
+        return FilterBlock(
+            _columns(time_ns, out) if self._output else None,
+            gnss_out,
+            _stored(stored, int(counts[3]), origin) if self._store else None,
+        )
+
+    def _take(
+        self,
+        gnss: GnssEpochs | None,
+        withheld: ArrayLike | None,
+        baro_time_ns: ArrayLike,
+        baro_height: ArrayLike,
+        baro_reason: ArrayLike | None,
+    ) -> None:
+        """Queue what was given."""
+        if gnss is not None and len(gnss):
+            stamps = np.asarray(gnss.time_ns, dtype=np.int64)
+            valid = stamps - round(self.settings.gnss_latency * 1e9)
+            before = self._fix_ns[-1:]
+            if np.any(np.diff(np.concatenate([before, valid])) < 0):
+                raise ValueError("Expected GNSS epochs in the order of their stamps.")
+            mask = (
+                np.zeros(len(gnss)) if withheld is None else np.asarray(withheld, dtype=np.float64)
+            )
+            if mask.shape != (len(gnss),):
+                raise ValueError(f"Expected `withheld` to have shape ({len(gnss)},).")
+            fixes = np.column_stack(
+                [
+                    gnss.latitude,
+                    gnss.longitude,
+                    gnss.height,
+                    gnss.velocity_n,
+                    gnss.sigma_position_n,
+                    gnss.sigma_velocity_n,
+                ]
+            ).astype(np.float64)
+            self._fix_ns = np.concatenate([self._fix_ns, valid])
+            self._fixes = np.concatenate([self._fixes, fixes])
+            self._withheld = np.concatenate([self._withheld, mask])
+        stamps = np.asarray(baro_time_ns, dtype=np.int64)
+        heights = np.asarray(baro_height, dtype=np.float64)
+        reasons = (
+            np.zeros(len(stamps), dtype=np.int64)
+            if baro_reason is None
+            else np.asarray(baro_reason, dtype=np.int64)
+        )
+        if heights.shape != stamps.shape or reasons.shape != stamps.shape:
+            raise ValueError("Expected baro times, heights and reasons of one shape (b,).")
+        if len(stamps) and self.kind.needs_baro:
+            self._baro_ns = np.concatenate([self._baro_ns, stamps])
+            self._baro = np.concatenate([self._baro, heights])
+            self._reason = np.concatenate([self._reason, reasons])
+
+    def _arrived(self, last: int | None) -> int:
+        """Number of baro samples, in order of arrival, before the first one from later."""
+        if last is None:
+            return 0
+        later = np.flatnonzero(self._baro_ns > last)
+        return int(later[0]) if len(later) else len(self._baro_ns)
+
+    def _forget(self, fixes: int, samples: int) -> None:
+        self._fix_ns = self._fix_ns[fixes:]
+        self._fixes = self._fixes[fixes:]
+        self._withheld = self._withheld[fixes:]
+        self._baro_ns = self._baro_ns[samples:]
+        self._baro = self._baro[samples:]
+        self._reason = self._reason[samples:]
+
+    def _note(
+        self, events: FloatArray, channel_events: FloatArray, origin: int, known: float
+    ) -> None:
+        for kind, time, size in events.tolist():
+            self.events.append(
+                FilterEvent(EVENT_NAMES[int(kind)], origin + round(time * 1e9), size)
+            )
+        new = int(self._memory.channel[height_layout.S_EVENTS])
+        self.channel_events += height_layout.read_events(channel_events[:new])
+        self._memory.channel[height_layout.S_EVENTS] = known + new
+
+
+def _seconds(time_ns: IntArray, origin: int) -> FloatArray:
+    return np.asarray((time_ns - origin) * 1e-9, dtype=np.float64)
+
+
+def _columns(time_ns: IntArray, out: FloatArray) -> UpdateColumns:
+    def block(number: int) -> FloatArray:
+        first = layout.O_COVARIANCE + 6 * number
+        return out[:, first : first + 6][:, [0, 1, 2, 1, 3, 4, 2, 4, 5]].reshape(-1, 3, 3)
+
+    return UpdateColumns(
+        time_ns,
+        out[:, 0],
+        out[:, 1],
+        out[:, 2],
+        out[:, 3:6],
+        out[:, 6:NAV_SIZE],
+        out[:, layout.O_RATE : layout.O_RATE + 3],
+        out[:, layout.O_FORCE : layout.O_FORCE + 3],
+        out[:, layout.O_CORRECTION],
+        block(0),
+        block(1),
+        block(2),
+    )
+
+
+def _diagnostics(time_ns: IntArray, rows: FloatArray) -> GnssDiagnostics:
+    return GnssDiagnostics(
+        time_ns,
+        rows[:, layout.D_INNOVATION : layout.D_INNOVATION + 6],
+        rows[:, layout.D_SIGMA : layout.D_SIGMA + 6],
+        rows[:, layout.D_MEASUREMENT : layout.D_MEASUREMENT + 6],
+        rows[:, layout.D_RATIO : layout.D_RATIO + 6],
+        rows[:, layout.D_NIS],
+        rows[:, layout.D_ROWS].astype(np.int64),
+        rows[:, layout.D_USED] > 0.0,
+        rows[:, layout.D_GATED] > 0.0,
+        rows[:, layout.D_RESTARTED] > 0.0,
+        rows[:, layout.D_WITHHELD] > 0.0,
+    )
+
+
+def _stored(stored: layout.Stored, rows: int, origin: int) -> StoredEpochs:
+    return StoredEpochs(
+        origin + np.round(stored.time[:rows] * 1e9).astype(np.int64),
+        stored.update[:rows],
+        stored.transition[:rows],
+        stored.before[:rows],
+        stored.after[:rows],
+        stored.correction[:rows],
+        stored.estimate[:rows],
+        stored.nav[:rows],
+        stored.sensors[:rows],
+        stored.restart[:rows] > 0.0,
+    )

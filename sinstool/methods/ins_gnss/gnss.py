@@ -1,0 +1,374 @@
+"""A GNSS epoch in an INS/GNSS filter: compared, believed or not, used."""
+
+from __future__ import annotations
+
+from math import cos, pi, sin, sqrt
+
+import numba
+import numpy as np
+from numpy.typing import NDArray
+
+from sinstool.core import earth
+from sinstool.core.quaternion_kernels import dcm
+from sinstool.methods.ins_gnss.instants import (
+    begin_anew,
+    clear_rows,
+    close_substep,
+    open_instant,
+    record,
+)
+from sinstool.methods.ins_gnss.layout import (
+    D_GATED,
+    D_INNOVATION,
+    D_MEASUREMENT,
+    D_NIS,
+    D_RATIO,
+    D_RESTARTED,
+    D_ROWS,
+    D_SIGMA,
+    D_USED,
+    D_WITHHELD,
+    E_FAR,
+    E_GATED,
+    E_RESTART,
+    N_AFTER_OUTAGE,
+    N_EPOCHS_GATED,
+    N_EPOCHS_USED,
+    N_FAR,
+    N_NIS_ROWS,
+    N_NIS_SUM,
+    N_NOW,
+    N_OPEN,
+    N_RATE,
+    N_REJECTED,
+    N_REJECTED_VELOCITIES,
+    N_SEEN_AT,
+    N_USED_AT,
+    P_ADAPTIVE,
+    P_CLOSED,
+    P_EPSILON,
+    P_GATES,
+    P_GNSS_ALL,
+    P_GNSS_MARKOV,
+    P_GNSS_WHITE,
+    P_LEVER,
+    P_RESTART_AFTER,
+    ROWS,
+    Memory,
+    Model,
+    Stored,
+)
+from sinstool.methods.ins_gnss.measurement_noise import (
+    adapt,
+    note_changes,
+    often_far,
+    row_of,
+    use_measured,
+)
+from sinstool.methods.ins_gnss.model import radii
+from sinstool.methods.ins_gnss.states import (
+    ATTITUDE,
+    I_GNSS_POSITION,
+    I_GYRO_BIAS,
+    POSITION,
+    VELOCITY,
+)
+from sinstool.methods.ins_gnss.update import (
+    apply_measurement,
+    factor,
+    normalised_square,
+    project,
+)
+from sinstool.methods.strapdown.navigation import HEIGHT, LATITUDE, LONGITUDE, Q_W, V_NORTH
+
+FloatArray = NDArray[np.float64]
+IntArray = NDArray[np.int64]
+
+_D = POSITION + 2
+
+_RATE = earth.EARTH_RATE
+FAR = 1000.0  # m between navigation and fixes, beyond which linear errors mean little
+FAR_ATTITUDE = pi / 180.0
+
+# After so long without epochs, s, it is the navigation that is uncertain, and not the fix: what an
+# IMU does in an outage is more than the noise it is told to have (vibration, the squat of a car
+# that pulls away). Until they agree again, innovations may be larger, squared by this factor,
+# before they are turned down: a good fix turned down costs the way to the restart, and a smoother
+# the outage.
+OUTAGE = 5.0
+AFTER_OUTAGE = 16.0
+AGREE = 10.0  # epochs in succession
+
+
+@numba.njit(cache=True, nogil=True)
+def gnss_epoch(
+    m: Memory,
+    model: Model,
+    stored: Stored,
+    stored_row: int,
+    keep: bool,
+    fix: FloatArray,
+    back: float,
+    moved: FloatArray,
+    withheld: bool,
+    diagnosis: FloatArray,
+    events: FloatArray,
+    count: IntArray,
+) -> None:
+    """A GNSS epoch: used, rejected, or only compared.
+
+    Parameters
+    ----------
+    m, model, stored, stored_row, keep
+        See :func:`open_instant`.
+    fix : ndarray, shape (12,)
+        Latitude, longitude, height, velocity, and their standard deviations; NaN: not there.
+    back : float
+        How long ago it was valid, s.
+    moved : ndarray, shape (9,)
+        Changes of latitude, longitude, height, velocity and angular rate per second since then.
+    withheld : bool
+        Compare only.
+    diagnosis : ndarray
+        A row, set.
+    events, count : ndarray
+    """
+    number = m.numbers
+    par = model.parameters
+    if withheld:
+        if number[N_OPEN] == 0.0:
+            close_substep(m, model, keep)
+    else:
+        open_instant(m, model, stored, stored_row, keep)
+
+    rows = _compare(m, model, fix, back, moved, diagnosis)
+    diagnosis[D_ROWS] = rows
+    diagnosis[D_WITHHELD] = 1.0 if withheld else 0.0
+    diagnosis[D_USED] = 0.0
+    diagnosis[D_GATED] = 0.0
+    diagnosis[D_RESTARTED] = 0.0
+    diagnosis[D_NIS] = np.nan
+    if rows == 0:
+        return
+    project(m, rows)
+    measured = m.changes.shape[0] > 0 and not withheld
+    if par[P_ADAPTIVE] > 0.0 and not withheld:
+        adapt(m, model, rows)
+    if measured:
+        note_changes(m, rows)
+    if not factor(m.s, m.r, rows, m.root):
+        return
+    nis = normalised_square(m.root, m.nu, rows, m.gain[:, 0])
+    if measured and often_far(m, nis > par[P_GATES + rows]):
+        use_measured(m, rows)
+        if not factor(m.s, m.r, rows, m.root):
+            return
+        nis = normalised_square(m.root, m.nu, rows, m.gain[:, 0])
+    _spread(m, rows, diagnosis)
+    diagnosis[D_NIS] = nis
+    if withheld:
+        return
+    if par[P_CLOSED] == 0.0 and number[N_FAR] == 0.0:
+        _warn_if_far(m, events, count)
+    # Receivers give positions and velocities apart from each other: either may be rejected alone
+    alone = 0 if row_of(m, 0) < 3 else 1
+    streak = N_REJECTED if alone == 0 else N_REJECTED_VELOCITIES
+    if number[N_NOW] - number[N_SEEN_AT + alone] > OUTAGE:
+        number[N_AFTER_OUTAGE + alone] = AGREE
+    number[N_SEEN_AT + alone] = number[N_NOW]
+    gate = par[P_GATES + rows]
+    if number[N_AFTER_OUTAGE + alone] > 0.0:
+        number[N_AFTER_OUTAGE + alone] = (
+            number[N_AFTER_OUTAGE + alone] - 1.0 if nis <= gate else AGREE
+        )
+        gate *= AFTER_OUTAGE
+    if nis > gate:
+        number[streak] += 1.0
+        for k in range(rows):
+            m.rejected[row_of(m, k)] = m.nu[k]
+        if par[P_RESTART_AFTER] == 0.0 or number[streak] < par[P_RESTART_AFTER]:
+            diagnosis[D_GATED] = 1.0
+            number[N_EPOCHS_GATED] += 1.0
+            record(events, count, E_GATED, number[N_NOW], nis)
+            return
+        record(events, count, E_RESTART, number[N_NOW], nis)
+        diagnosis[D_RESTARTED] = 1.0
+        begin_anew(m, model)
+        number[N_AFTER_OUTAGE + alone] = 0.0
+        rows = _compare(m, model, fix, back, moved, diagnosis)
+        for i in range(6):
+            # so far off, at least, is the navigation
+            m.p[i, i] = max(m.p[i, i], m.rejected[i] ** 2)
+        project(m, rows)
+        _spread(m, rows, diagnosis)
+    number[streak] = 0.0
+    for k in range(rows):
+        m.rejected[row_of(m, k)] = 0.0
+    if apply_measurement(m, rows, par[P_EPSILON]):
+        diagnosis[D_USED] = 1.0
+        number[N_EPOCHS_USED] += 1.0
+        number[N_USED_AT] = number[N_NOW]
+        if diagnosis[D_RESTARTED] == 0.0:
+            number[N_NIS_SUM] += nis
+            number[N_NIS_ROWS] += rows
+
+
+@numba.njit(cache=True, nogil=True)
+def _compare(
+    m: Memory,
+    model: Model,
+    fix: FloatArray,
+    back: float,
+    moved: FloatArray,
+    diagnosis: FloatArray,
+) -> int:
+    """Innovation and H of a fix; how many rows it has."""
+    par = model.parameters
+    index = model.where
+    number = m.numbers
+    nav = m.nav
+    gyro = index[I_GYRO_BIAS]
+    eta = index[I_GNSS_POSITION]
+    lx = par[P_LEVER]
+    ly = par[P_LEVER + 1]
+    lz = par[P_LEVER + 2]
+
+    w = nav[Q_W]
+    x = nav[Q_W + 1]
+    y = nav[Q_W + 2]
+    z = nav[Q_W + 3]
+    c00, c01, c02, c10, c11, c12, c20, c21, c22 = dcm(w, x, y, z)
+    # Rate and arm when the fix was valid, the arm in the body axes of now
+    rx = number[N_RATE] - back * moved[6]
+    ry = number[N_RATE + 1] - back * moved[7]
+    rz = number[N_RATE + 2] - back * moved[8]
+    sx = ry * lz - rz * ly
+    sy = rz * lx - rx * lz
+    sz = rx * ly - ry * lx
+    ax = lx - back * sx
+    ay = ly - back * sy
+    az = lz - back * sz
+    an = c00 * ax + c01 * ay + c02 * az
+    ae = c10 * ax + c11 * ay + c12 * az
+    ad = c20 * ax + c21 * ay + c22 * az
+
+    lat = nav[LATITUDE] - back * moved[0]
+    lon = nav[LONGITUDE] - back * moved[1]
+    h = nav[HEIGHT] - back * moved[2]
+    rm, rn = radii(lat, h)
+    across = rn * cos(lat)
+    # The arm swings with the rate against the Earth
+    on = c00 * rx + c01 * ry + c02 * rz - _RATE * cos(lat)
+    oe = c10 * rx + c11 * ry + c12 * rz
+    od = c20 * rx + c21 * ry + c22 * rz + _RATE * sin(lat)
+    bn = oe * ad - od * ae
+    be = od * an - on * ad
+    bd = on * ae - oe * an
+
+    clear_rows(m, ROWS)
+    if m.changes.shape[0] > 0:
+        for i in range(ROWS):
+            m.ratio[i] = 1.0
+    rows = 0
+    for i in range(6):
+        diagnosis[D_INNOVATION + i] = np.nan
+        diagnosis[D_SIGMA + i] = np.nan
+        diagnosis[D_MEASUREMENT + i] = np.nan
+        diagnosis[D_RATIO + i] = np.nan
+        if not np.isfinite(fix[i]):
+            continue
+        if i < 2 and not (np.isfinite(fix[0]) and np.isfinite(fix[1])):
+            continue
+        if i == 2 and not np.isfinite(fix[0]):
+            continue
+        if i == 0:
+            value = (lat - fix[0]) * rm + an
+            p0, p1, p2 = 0.0, -ad, ae
+        elif i == 1:
+            turn = lon - fix[1]
+            if turn > pi:
+                turn -= 2.0 * pi
+            elif turn < -pi:
+                turn += 2.0 * pi
+            value = turn * across + ae
+            p0, p1, p2 = ad, 0.0, -an
+        elif i == 2:
+            value = fix[2] - h + ad
+            p0, p1, p2 = -ae, an, 0.0
+        elif i == 3:
+            value = nav[V_NORTH] - back * moved[3] + bn - fix[3]
+            p0, p1, p2 = 0.0, -bd, be
+        elif i == 4:
+            value = nav[V_NORTH + 1] - back * moved[4] + be - fix[4]
+            p0, p1, p2 = bd, 0.0, -bn
+        else:
+            value = nav[V_NORTH + 2] - back * moved[5] + bd - fix[5]
+            p0, p1, p2 = -be, bn, 0.0
+        m.h[rows, i] = 1.0
+        m.h[rows, ATTITUDE] = p0
+        m.h[rows, ATTITUDE + 1] = p1
+        m.h[rows, ATTITUDE + 2] = p2
+        if i < 3:
+            m.h[rows, VELOCITY + i] = -back
+        else:
+            # -C [l x]
+            if i == 3:
+                r0, r1, r2 = c00, c01, c02
+            elif i == 4:
+                r0, r1, r2 = c10, c11, c12
+            else:
+                r0, r1, r2 = c20, c21, c22
+            m.h[rows, gyro] = -(r1 * lz - r2 * ly)
+            m.h[rows, gyro + 1] = -(r2 * lx - r0 * lz)
+            m.h[rows, gyro + 2] = -(r0 * ly - r1 * lx)
+        if eta >= 0:
+            m.h[rows, eta + i] = -1.0
+        for j in range(m.h.shape[1]):
+            if m.h[rows, j] != 0.0:
+                value -= m.h[rows, j] * m.x[j]
+        m.nu[rows] = value
+        m.r[rows] = m.ratio[i] * _white_variance(par, i, fix[6 + i], eta >= 0)
+        diagnosis[D_INNOVATION + i] = value
+        diagnosis[D_MEASUREMENT + i] = sqrt(m.r[rows])
+        rows += 1
+    return rows
+
+
+@numba.njit(cache=True, nogil=True)
+def _white_variance(par: FloatArray, i: int, sigma: float, slow_states: bool) -> float:
+    """Variance of a row's white noise, from what the receiver says, if it does.
+
+    A receiver speaks of all of its error. Where the slow part has states of its own, the rest
+    is left for the white one; a receiver that claims less than the model has the model's share.
+    """
+    white = par[P_GNSS_WHITE + i]
+    if not (np.isfinite(sigma) and sigma > 0.0):
+        return white if slow_states else par[P_GNSS_ALL + i]
+    square = sigma * sigma
+    if not slow_states:
+        return square
+    slow = par[P_GNSS_MARKOV + i]
+    if square >= white + slow:
+        return square - slow
+    return square * white / (white + slow)
+
+
+@numba.njit(cache=True, nogil=True)
+def _spread(m: Memory, rows: int, diagnosis: FloatArray) -> None:
+    """Note what the innovations should be."""
+    for k in range(rows):
+        i = row_of(m, k)
+        diagnosis[D_SIGMA + i] = sqrt(m.s[k, k] + m.r[k])
+        diagnosis[D_MEASUREMENT + i] = sqrt(m.r[k])
+        diagnosis[D_RATIO + i] = m.ratio[i]
+
+
+@numba.njit(cache=True, nogil=True)
+def _warn_if_far(m: Memory, events: FloatArray, count: IntArray) -> None:
+    """Without feedback: is the navigation still where a linear filter can correct it?"""
+    x = m.x
+    far = sqrt(x[POSITION] ** 2 + x[POSITION + 1] ** 2 + x[_D] ** 2)
+    turned = sqrt(x[ATTITUDE] ** 2 + x[ATTITUDE + 1] ** 2 + x[ATTITUDE + 2] ** 2)
+    if far > FAR or turned > FAR_ATTITUDE:
+        m.numbers[N_FAR] = 1.0
+        record(events, count, E_FAR, m.numbers[N_NOW], far)

@@ -1,0 +1,308 @@
+"""Substeps and instants of an INS/GNSS filter: to the present, feedback, beginning anew.
+
+An *instant* is the end of an IMU update with measurements. They change the estimate one after
+the other; at the end of the instant what was estimated is fed back to navigation, sensors and
+network, and a row is stored for a smoother.
+"""
+
+from __future__ import annotations
+
+from math import cos, pi, sqrt
+
+import numba
+import numpy as np
+from numpy.typing import NDArray
+
+from sinstool.core.quaternion_kernels import increment_quaternion, product
+from sinstool.methods.height.channel import feedback as channel_feedback
+from sinstool.methods.height.layout import S_BARO_BIAS, S_CORRECTION, S_STEP
+from sinstool.methods.ins_gnss.layout import (
+    N_BEGUN,
+    N_FAR_SHARE,
+    N_FAR_SHARE_VELOCITIES,
+    N_FROM,
+    N_GAIN,
+    N_GAINS,
+    N_GAP,
+    N_HEIGHT,
+    N_INSTANT_AT,
+    N_KNOWN,
+    N_LATITUDE,
+    N_NOW,
+    N_OPEN,
+    N_REJECTED,
+    N_REJECTED_VELOCITIES,
+    N_RESTARTS,
+    N_STEP,
+    N_STEP_SET,
+    N_TURN,
+    N_UPDATES,
+    N_VELOCITY,
+    N_WINDOW,
+    P_BARO_WHITE,
+    P_CLOSED,
+    P_GAP_ACCELERATION,
+    P_GAP_RATE,
+    P_NETWORK,
+    P_TURN,
+    ROWS,
+    Memory,
+    Model,
+    Stored,
+)
+from sinstool.methods.ins_gnss.model import error_rates, radii, transition
+from sinstool.methods.ins_gnss.propagation import (
+    propagate_covariance,
+    propagate_estimate,
+    propagate_product,
+)
+from sinstool.methods.ins_gnss.states import (
+    ATTITUDE,
+    I_ACCEL_BIAS,
+    I_ACCEL_SCALE,
+    I_BARO,
+    I_CORRECTION,
+    I_GNSS_POSITION,
+    I_GYRO_BIAS,
+    POSITION,
+    VELOCITY,
+)
+from sinstool.methods.strapdown.navigation import HEIGHT, LATITUDE, LONGITUDE, Q_W, V_NORTH
+
+FloatArray = NDArray[np.float64]
+IntArray = NDArray[np.int64]
+
+_D = POSITION + 2
+_VD = VELOCITY + 2
+
+GAP_TIME = 1.0  # s, correlation time of what the motion may have been in a gap
+
+
+@numba.njit(cache=True, nogil=True)
+def record(events: FloatArray, count: IntArray, kind: int, time: float, size: float) -> None:
+    """Note an event; only counted once there is no room."""
+    if count[0] < events.shape[0]:
+        events[count[0], 0] = kind
+        events[count[0], 1] = time
+        events[count[0], 2] = size
+    count[0] += 1
+
+
+@numba.njit(cache=True, nogil=True)
+def close_substep(m: Memory, model: Model, keep: bool) -> None:
+    """Bring estimate and covariance to the present; begin a new substep."""
+    number = m.numbers
+    delta = number[N_NOW] - number[N_FROM]
+    nav = m.nav
+    if delta > 0.0:
+        scale = 1.0 / delta
+        counted = number[N_GAINS] > 0.0
+        k1 = scale * number[N_GAIN] if counted else 0.0
+        k2 = scale * number[N_GAIN + 1] if counted else 0.0
+        k3 = scale * number[N_GAIN + 2] if counted else 0.0
+        error_rates(
+            model.where,
+            0.5 * (number[N_LATITUDE] + nav[LATITUDE]),
+            0.5 * (number[N_HEIGHT] + nav[HEIGHT]),
+            0.5 * (number[N_VELOCITY] + nav[V_NORTH]),
+            0.5 * (number[N_VELOCITY + 1] + nav[V_NORTH + 1]),
+            0.5 * (number[N_VELOCITY + 2] + nav[V_NORTH + 2]),
+            m.mean_c,
+            m.mean_cf,
+            scale,
+            k1,
+            k2,
+            k3,
+            m.rates,
+        )
+        transition(model.where, m.rates, model.decay_rate, delta, m.phi, m.decay)
+        propagate_covariance(model.where, m.phi, m.decay, model.noise, delta, m.p, m.half)
+        propagate_estimate(model.where, m.phi, m.decay, m.x, m.half)
+        if keep:
+            propagate_product(model.where, m.phi, m.decay, m.product, m.half)
+        if counted:
+            _white_of_many(m, model)
+        if model.parameters[P_TURN] > 0.0:
+            turned = sqrt(number[N_TURN] ** 2 + number[N_TURN + 1] ** 2 + number[N_TURN + 2] ** 2)
+            for i in range(3):
+                m.p[ATTITUDE + i, ATTITUDE + i] += model.parameters[P_TURN] * turned
+        if number[N_GAP] > 0.0:
+            # A force and a turn that last for GAP_TIME at a time
+            for i in range(3):
+                m.p[VELOCITY + i, VELOCITY + i] += (
+                    model.parameters[P_GAP_ACCELERATION] ** 2 * GAP_TIME * delta
+                )
+                m.p[ATTITUDE + i, ATTITUDE + i] += (
+                    model.parameters[P_GAP_RATE] ** 2 * GAP_TIME * delta
+                )
+    begin_substep(m)
+
+
+@numba.njit(cache=True, nogil=True)
+def _white_of_many(m: Memory, model: Model) -> None:
+    """White noise and known input of samples that were counted within the substep."""
+    number = m.numbers
+    a = model.where[I_CORRECTION]
+    white = model.parameters[P_BARO_WHITE] / number[N_GAINS]
+    where = (_D, _VD, a)
+    for i in range(3):
+        m.x[where[i]] += number[N_KNOWN + i]
+        for j in range(3):
+            m.p[where[i], where[j]] += number[N_GAIN + i] * number[N_GAIN + j] * white
+
+
+@numba.njit(cache=True, nogil=True)
+def begin_substep(m: Memory) -> None:
+    """Forget the averages, and note where the substep begins."""
+    number = m.numbers
+    number[N_FROM] = number[N_NOW]
+    number[N_LATITUDE] = m.nav[LATITUDE]
+    number[N_HEIGHT] = m.nav[HEIGHT]
+    number[N_GAINS] = 0.0
+    for i in range(3):
+        number[N_VELOCITY + i] = m.nav[V_NORTH + i]
+        number[N_GAIN + i] = 0.0
+        number[N_KNOWN + i] = 0.0
+        number[N_TURN + i] = 0.0
+        for j in range(3):
+            m.mean_c[i, j] = 0.0
+            m.mean_cf[i, j] = 0.0
+
+
+@numba.njit(cache=True, nogil=True)
+def open_instant(m: Memory, model: Model, stored: Stored, row: int, keep: bool) -> None:
+    """Bring the filter to the present for a measurement, if that is not done yet."""
+    if m.numbers[N_OPEN] > 0.0:
+        return
+    close_substep(m, model, keep)
+    n = m.p.shape[0]
+    for i in range(n):
+        m.dx[i] = 0.0
+    if keep:
+        for i in range(n):
+            for j in range(n):
+                stored.transition[row, i, j] = m.product[i, j]
+                stored.before[row, i, j] = m.p[i, j]
+    m.numbers[N_OPEN] = 1.0
+
+
+@numba.njit(cache=True, nogil=True)
+def close_instant(m: Memory, model: Model, stored: Stored, row: int, keep: bool) -> int:
+    """Feed back, store a row; return the number of rows then."""
+    number = m.numbers
+    if number[N_OPEN] == 0.0:
+        return row
+    number[N_OPEN] = 0.0
+    number[N_INSTANT_AT] = number[N_NOW]
+    d_height = 0.0
+    if model.parameters[P_CLOSED] > 0.0:
+        d_height = m.x[_D]
+        _feed_back(m, model)
+    if number[N_STEP_SET] > 0.0:
+        # The channel thought that all of the difference would go out of the height.
+        m.channel[S_STEP] += number[N_STEP] - d_height
+        number[N_STEP_SET] = 0.0
+    begin_substep(m)
+    if not keep:
+        return row
+    n = m.p.shape[0]
+    for i in range(n):
+        stored.correction[row, i] = m.dx[i]
+        stored.estimate[row, i] = m.x[i]
+        for j in range(n):
+            stored.after[row, i, j] = m.p[i, j]
+            m.product[i, j] = 1.0 if i == j else 0.0
+    for i in range(m.nav.shape[0]):
+        stored.nav[row, i] = m.nav[i]
+    for i in range(9):
+        stored.sensors[row, i] = m.sensors[i]
+    stored.sensors[row, 9] = m.channel[S_CORRECTION]
+    stored.sensors[row, 10] = m.channel[S_BARO_BIAS]
+    stored.time[row] = number[N_NOW]
+    stored.update[row] = int(number[N_UPDATES])
+    stored.restart[row] = number[N_BEGUN]
+    number[N_BEGUN] = 0.0
+    return row + 1
+
+
+@numba.njit(cache=True, nogil=True)
+def corrected(nav: FloatArray, x: FloatArray, out: FloatArray) -> None:
+    """A navigation with the estimated errors taken off, into another."""
+    rm, rn = radii(nav[LATITUDE], nav[HEIGHT])
+    across = rn * cos(nav[LATITUDE])
+    lon = nav[LONGITUDE] - x[POSITION + 1] / across
+    if lon > pi:
+        lon -= 2.0 * pi
+    elif lon <= -pi:
+        lon += 2.0 * pi
+    out[LATITUDE] = nav[LATITUDE] - x[POSITION] / rm
+    out[LONGITUDE] = lon
+    out[HEIGHT] = nav[HEIGHT] + x[_D]
+    for i in range(3):
+        out[V_NORTH + i] = nav[V_NORTH + i] - x[VELOCITY + i]
+    pw, px, py, pz = increment_quaternion(x[ATTITUDE], x[ATTITUDE + 1], x[ATTITUDE + 2], 0)
+    out[Q_W], out[Q_W + 1], out[Q_W + 2], out[Q_W + 3] = product(
+        pw, px, py, pz, nav[Q_W], nav[Q_W + 1], nav[Q_W + 2], nav[Q_W + 3]
+    )
+
+
+@numba.njit(cache=True, nogil=True)
+def _feed_back(m: Memory, model: Model) -> None:
+    """Navigation, sensors and network by what was estimated, which then is 0."""
+    index = model.where
+    x = m.x
+    corrected(m.nav, x, m.nav)
+    gyro = index[I_GYRO_BIAS]
+    factor_at = index[I_ACCEL_SCALE]
+    bias = index[I_ACCEL_BIAS]
+    for i in range(3):
+        m.sensors[i] += x[gyro + i]
+        m.sensors[6 + i] += x[bias + i]
+        x[gyro + i] = 0.0
+        x[bias + i] = 0.0
+        if factor_at >= 0:
+            m.sensors[3 + i] += x[factor_at + i]
+            x[factor_at + i] = 0.0
+    b = index[I_BARO]
+    if b >= 0:
+        m.channel[S_BARO_BIAS] += x[b]
+        x[b] = 0.0
+    a = index[I_CORRECTION]
+    if model.parameters[P_NETWORK] > 0.0:
+        d_a = -x[a] if a >= 0 else 0.0
+        channel_feedback(m.channel, m.numbers[N_NOW], x[_D], x[_VD], d_a)
+        if a >= 0:
+            x[a] = 0.0
+    for i in range(9):
+        x[i] = 0.0
+
+
+@numba.njit(cache=True, nogil=True)
+def begin_anew(m: Memory, model: Model) -> None:
+    """Covariance as at the start; navigation and sensors stay, GNSS errors are forgotten."""
+    n = m.p.shape[0]
+    for i in range(n):
+        for j in range(n):
+            m.p[i, j] = model.p0[i, j]
+    first = model.where[I_GNSS_POSITION]
+    if first >= 0:
+        for i in range(first, n):
+            m.x[i] = 0.0
+    for i in range(ROWS):
+        m.ratio[i] = 1.0
+        m.latest[i] = np.nan
+    m.numbers[N_FAR_SHARE] = 0.0
+    m.numbers[N_FAR_SHARE_VELOCITIES] = 0.0
+    m.numbers[N_WINDOW] = 0.0
+    m.numbers[N_REJECTED] = 0.0
+    m.numbers[N_REJECTED_VELOCITIES] = 0.0
+    m.numbers[N_RESTARTS] += 1.0
+    m.numbers[N_BEGUN] = 1.0
+
+
+@numba.njit(cache=True, nogil=True)
+def clear_rows(m: Memory, rows: int) -> None:
+    """H of no entries."""
+    for i in range(rows):
+        for j in range(m.h.shape[1]):
+            m.h[i, j] = 0.0

@@ -1,0 +1,449 @@
+"""The compiled loop of an INS/GNSS filter over IMU updates.
+
+At each update: the mechanisation's step with sensor errors taken off; the vertical channel's
+part; barometer samples; GNSS epochs that were valid since the update before, compared with the
+navigation at their own time; the network's correction or baro differences as measurements where
+they are due; feedback; output. Estimate and covariance follow in substeps.
+"""
+
+from __future__ import annotations
+
+from math import ceil, cos, pi
+
+import numba
+import numpy as np
+from numpy.typing import NDArray
+
+from sinstool.core.quaternion_kernels import dcm
+from sinstool.methods.height.channel import propagate, smooth_height
+from sinstool.methods.height.layout import S_BARO_BIAS, S_CORRECTION
+from sinstool.methods.ins_gnss.baro import (
+    JUMP_ROWS,
+    baro_difference,
+    correction_row,
+    network_sample,
+    note_difference,
+)
+from sinstool.methods.ins_gnss.gnss import gnss_epoch
+from sinstool.methods.ins_gnss.instants import (
+    begin_anew,
+    begin_substep,
+    close_instant,
+    close_substep,
+    corrected,
+    open_instant,
+    record,
+)
+from sinstool.methods.ins_gnss.layout import (
+    E_GAP,
+    E_GAP_RESTART,
+    N_BARO_AT,
+    N_DISTRUST,
+    N_DROPPED,
+    N_FORCE,
+    N_FROM,
+    N_GAP,
+    N_INSTANT_AT,
+    N_JUMP_AT,
+    N_NOW,
+    N_RATE,
+    N_ROW_AT,
+    N_SAMPLE,
+    N_SAMPLE_AGE,
+    N_SAMPLE_DIFFERENCE,
+    N_SAMPLE_STAMP,
+    N_SEEN_AT,
+    N_STARTED,
+    N_TURN,
+    N_UPDATES,
+    N_USED_AT,
+    O_CORRECTION,
+    O_COVARIANCE,
+    O_FORCE,
+    O_RATE,
+    P_BARO_DECAY,
+    P_BARO_ROW,
+    P_BARO_SIGMA,
+    P_BARO_WHITE,
+    P_CLOSED,
+    P_CORRECTION_ROW,
+    P_GAP_ACCELERATION,
+    P_GAP_RATE,
+    P_K4,
+    P_MAX_GAP,
+    P_NETWORK,
+    P_ROW_INTERVAL,
+    P_SUBSTEP,
+    Memory,
+    Model,
+    Stored,
+)
+from sinstool.methods.ins_gnss.model import radii
+from sinstool.methods.ins_gnss.states import ATTITUDE, I_BARO, POSITION, VELOCITY
+from sinstool.methods.strapdown.navigation import (
+    HEIGHT,
+    LATITUDE,
+    LONGITUDE,
+    Q_W,
+    V_DOWN,
+    V_NORTH,
+    step,
+)
+from sinstool.methods.strapdown.navigation import SIZE as NAV_SIZE
+from sinstool.methods.strapdown.velocity import remove_bias
+
+FloatArray = NDArray[np.float64]
+IntArray = NDArray[np.int64]
+
+BRIDGE = 0.05  # s, longest step within an IMU gap
+MAX_ROW_INTERVAL = 1.25  # s, longest time between rows for a smoother
+ROUNDING = 1e-7  # s, of times and intervals: they are whole nanoseconds
+
+
+@numba.njit(cache=True, nogil=True)
+def run(
+    m: Memory,
+    model: Model,
+    stored: Stored,
+    keep: bool,
+    time: FloatArray,
+    interval: FloatArray,
+    phi: FloatArray,
+    dv: FloatArray,
+    fix_time: FloatArray,
+    fixes: FloatArray,
+    withheld: FloatArray,
+    baro_time: FloatArray,
+    baro_height: FloatArray,
+    baro_reason: IntArray,
+    channel_events: FloatArray,
+    events: FloatArray,
+    diagnoses: FloatArray,
+    out: FloatArray,
+    counts: IntArray,
+) -> None:
+    """Filter a block of IMU updates.
+
+    Parameters
+    ----------
+    m : Memory
+        Changed.
+    model : Model
+    stored : Stored
+        Rows for a smoother, set if `keep`.
+    keep : bool
+    time, interval : ndarray, shape (n,)
+        End of each update and its duration, s.
+    phi, dv : ndarray, shape (n, 3)
+        Rotation vectors, rad, and velocity increments, m/s.
+    fix_time : ndarray, shape (f,)
+        When GNSS epochs are valid, s, in order.
+    fixes : ndarray, shape (f, 12)
+        Latitude, longitude, height, velocity, and their standard deviations; NaN: not there.
+    withheld : ndarray, shape (f,)
+        Not 0: compare only.
+    baro_time, baro_height : ndarray, shape (b,)
+        s, in order of arrival, and m.
+    baro_reason : ndarray of int64, shape (b,)
+        See :func:`sinstool.methods.height.channel.baro_sample`.
+    channel_events, events : ndarray
+        Of the vertical channel and of the filter.
+    diagnoses : ndarray, shape (f, DIAGNOSTICS)
+        A row for each epoch used up.
+    out : ndarray, shape (n, OUTPUT) or (0, OUTPUT)
+        Set, if it has rows.
+    counts : ndarray of int64, shape (5,)
+        Added to: events; set: epochs and baro samples used up, rows stored, epochs left out.
+    """
+    number = m.numbers
+    par = model.parameters
+    count = counts[:1]
+    fix_next = 0
+    baro_next = 0
+    row = 0
+    first_fix = 0
+    moved = m.moved
+    for k in range(len(time)):
+        dt = interval[k]
+        begin = time[k] - dt
+        if number[N_STARTED] == 0.0:
+            number[N_STARTED] = 1.0
+            number[N_NOW] = begin
+            number[N_ROW_AT] = begin
+            number[N_BARO_AT] = begin
+            number[N_USED_AT] = -np.inf
+            number[N_SEEN_AT] = np.inf
+            number[N_SEEN_AT + 1] = np.inf
+            number[N_SAMPLE_STAMP] = -np.inf
+            number[N_JUMP_AT] = -np.inf
+            number[N_DISTRUST] = -np.inf
+            begin_substep(m)
+            for i in range(3):
+                number[N_RATE + i] = phi[k, i] / dt
+                number[N_FORCE + i] = dv[k, i] / dt
+            while fix_next < len(fix_time) and fix_time[fix_next] < begin:
+                fix_next += 1
+                number[N_DROPPED] += 1.0
+            first_fix = fix_next
+        bridges = 0
+        gap = begin - number[N_NOW]
+        if gap > 0.5 * dt + ROUNDING:
+            if gap <= par[P_MAX_GAP]:
+                bridges = ceil(gap / BRIDGE)
+                record(events, count, E_GAP, number[N_NOW], gap)
+            else:
+                record(events, count, E_GAP_RESTART, number[N_NOW], gap)
+                _carry_over(m, model, gap, keep)
+        if bridges > 0:
+            close_substep(m, model, keep)
+            number[N_GAP] = 1.0
+        rate0, rate1, rate2 = number[N_RATE], number[N_RATE + 1], number[N_RATE + 2]
+        force0, force1, force2 = number[N_FORCE], number[N_FORCE + 1], number[N_FORCE + 2]
+
+        for bridge in range(bridges + 1):
+            # Sensor errors off
+            if bridge < bridges:
+                # the mean of the motion before and after
+                d = gap / bridges
+                ux = 0.5 * (force0 + dv[k, 0] / dt) * d
+                uy = 0.5 * (force1 + dv[k, 1] / dt) * d
+                uz = 0.5 * (force2 + dv[k, 2] / dt) * d
+                px = 0.5 * (rate0 + phi[k, 0] / dt) * d
+                py = 0.5 * (rate1 + phi[k, 1] / dt) * d
+                pz = 0.5 * (rate2 + phi[k, 2] / dt) * d
+                now = number[N_NOW] + d
+            else:
+                if bridges > 0:
+                    close_substep(m, model, keep)
+                    number[N_GAP] = 0.0
+                d = dt
+                px, py, pz = phi[k, 0], phi[k, 1], phi[k, 2]
+                ux, uy, uz = dv[k, 0], dv[k, 1], dv[k, 2]
+                now = time[k]
+            e = m.sensors
+            px, py, pz, ux, uy, uz = remove_bias(
+                px,
+                py,
+                pz,
+                ux,
+                uy,
+                uz,
+                e[0] * d,
+                e[1] * d,
+                e[2] * d,
+                e[6] * d + e[3] / (1.0 + e[3]) * ux,
+                e[7] * d + e[4] / (1.0 + e[4]) * uy,
+                e[8] * d + e[5] / (1.0 + e[5]) * uz,
+            )
+            nav = m.nav
+            w = nav[Q_W]
+            x = nav[Q_W + 1]
+            y = nav[Q_W + 2]
+            z = nav[Q_W + 3]
+            c00, c01, c02, c10, c11, c12, c20, c21, c22 = dcm(w, x, y, z)
+            number[N_TURN] += px
+            number[N_TURN + 1] += py
+            number[N_TURN + 2] += pz
+            mc = m.mean_c
+            mf = m.mean_cf
+            mc[0, 0] += d * c00
+            mc[0, 1] += d * c01
+            mc[0, 2] += d * c02
+            mc[1, 0] += d * c10
+            mc[1, 1] += d * c11
+            mc[1, 2] += d * c12
+            mc[2, 0] += d * c20
+            mc[2, 1] += d * c21
+            mc[2, 2] += d * c22
+            mf[0, 0] += ux * c00
+            mf[0, 1] += uy * c01
+            mf[0, 2] += uz * c02
+            mf[1, 0] += ux * c10
+            mf[1, 1] += uy * c11
+            mf[1, 2] += uz * c12
+            mf[2, 0] += ux * c20
+            mf[2, 1] += uy * c21
+            mf[2, 2] += uz * c22
+
+            lat0 = nav[LATITUDE]
+            lon0 = nav[LONGITUDE]
+            h0 = nav[HEIGHT]
+            vn0 = nav[V_NORTH]
+            ve0 = nav[V_NORTH + 1]
+            vd0 = nav[V_DOWN]
+            step(nav, px, py, pz, ux, uy, uz, d, 0.0, 0)
+            number[N_NOW] = now
+            if par[P_NETWORK] > 0.0:
+                dh, dw = propagate(
+                    m.channel,
+                    model.network,
+                    channel_events,
+                    now,
+                    d,
+                    nav[HEIGHT],
+                    -nav[V_DOWN],
+                    vd0 - nav[V_DOWN],
+                )
+                nav[HEIGHT] += dh
+                nav[V_DOWN] -= dw
+            share = par[P_BARO_DECAY] * d
+            m.channel[S_BARO_BIAS] *= 1.0 - share + 0.5 * share * share
+            inverse = 1.0 / d
+            rate_x, rate_y, rate_z = px * inverse, py * inverse, pz * inverse
+
+            # Barometer
+            while baro_next < len(baro_time) and baro_time[baro_next] <= now:
+                if par[P_NETWORK] > 0.0:
+                    row = network_sample(
+                        m,
+                        model,
+                        stored,
+                        row,
+                        keep,
+                        baro_time[baro_next],
+                        baro_height[baro_next],
+                        baro_reason[baro_next],
+                        channel_events,
+                        events,
+                        count,
+                    )
+                if par[P_BARO_ROW] > 0.0:
+                    note_difference(
+                        m, baro_time[baro_next], baro_height[baro_next], baro_reason[baro_next]
+                    )
+                baro_next += 1
+
+            # GNSS, and what is measured besides where it is due: with a fix rather than alone
+            wait = par[P_ROW_INTERVAL] - ROUNDING
+            if fix_next < len(fix_time) and fix_time[fix_next] <= now:
+                wait *= 0.5
+            if number[N_SAMPLE] > 0.0:
+                number[N_SAMPLE] = 0.0
+                if now - number[N_BARO_AT] >= wait:
+                    number[N_BARO_AT] = now
+                    open_instant(m, model, stored, row, keep)
+                    baro_difference(
+                        m,
+                        model,
+                        events,
+                        count,
+                        number[N_SAMPLE_DIFFERENCE],
+                        number[N_SAMPLE_AGE],
+                        par[P_BARO_WHITE],
+                        JUMP_ROWS,
+                    )
+            if fix_next < len(fix_time) and fix_time[fix_next] <= now:
+                # The way of this update, feedback of earlier instants not included
+                turn = nav[LONGITUDE] - lon0
+                if turn > pi:
+                    turn -= 2.0 * pi
+                elif turn < -pi:
+                    turn += 2.0 * pi
+                moved[0] = (nav[LATITUDE] - lat0) * inverse
+                moved[1] = turn * inverse
+                moved[2] = (nav[HEIGHT] - h0) * inverse
+                moved[3] = (nav[V_NORTH] - vn0) * inverse
+                moved[4] = (nav[V_NORTH + 1] - ve0) * inverse
+                moved[5] = (nav[V_DOWN] - vd0) * inverse
+                # The rate as it changes from the middle of the update before to that of this one
+                moved[6] = (phi[k, 0] / dt - rate0) / dt if bridges == 0 else 0.0
+                moved[7] = (phi[k, 1] / dt - rate1) / dt if bridges == 0 else 0.0
+                moved[8] = (phi[k, 2] / dt - rate2) / dt if bridges == 0 else 0.0
+                number[N_RATE] = rate_x + 0.5 * d * moved[6]
+                number[N_RATE + 1] = rate_y + 0.5 * d * moved[7]
+                number[N_RATE + 2] = rate_z + 0.5 * d * moved[8]
+                while fix_next < len(fix_time) and fix_time[fix_next] <= now:
+                    gnss_epoch(
+                        m,
+                        model,
+                        stored,
+                        row,
+                        keep,
+                        fixes[fix_next],
+                        now - fix_time[fix_next],
+                        moved,
+                        withheld[fix_next] != 0.0,
+                        diagnoses[fix_next],
+                        events,
+                        count,
+                    )
+                    fix_next += 1
+            if par[P_CORRECTION_ROW] > 0.0 and now - number[N_ROW_AT] >= wait:
+                number[N_ROW_AT] = now
+                open_instant(m, model, stored, row, keep)
+                correction_row(m, model)
+            row = close_instant(m, model, stored, row, keep)
+            if now - number[N_INSTANT_AT] >= MAX_ROW_INTERVAL - ROUNDING:
+                # Nothing was measured; a smoother cannot see far across without a row
+                open_instant(m, model, stored, row, keep)
+                row = close_instant(m, model, stored, row, keep)
+            elif now - number[N_FROM] >= par[P_SUBSTEP] - ROUNDING:
+                close_substep(m, model, keep)
+
+        for i in range(3):
+            number[N_RATE + i] = phi[k, i] / dt
+            number[N_FORCE + i] = dv[k, i] / dt
+        number[N_UPDATES] += 1.0
+
+        if len(out) > 0:
+            line = out[k]
+            if par[P_CLOSED] == 0.0 or par[P_K4] != 0.0:
+                corrected(m.nav, m.x, line)
+            else:
+                for i in range(NAV_SIZE):
+                    line[i] = m.nav[i]
+            if par[P_NETWORK] > 0.0:
+                line[HEIGHT] = smooth_height(m.channel, now, line[HEIGHT])
+            line[O_RATE] = rate_x
+            line[O_RATE + 1] = rate_y
+            line[O_RATE + 2] = rate_z
+            # The increment is in the axes of the update's start: half a turn on, to its middle
+            line[O_FORCE] = inverse * (ux - 0.5 * (py * uz - pz * uy))
+            line[O_FORCE + 1] = inverse * (uy - 0.5 * (pz * ux - px * uz))
+            line[O_FORCE + 2] = inverse * (uz - 0.5 * (px * uy - py * ux))
+            line[O_CORRECTION] = m.channel[S_CORRECTION]
+            at = O_COVARIANCE
+            for block in range(3):
+                b = 3 * block
+                line[at] = m.p[b, b]
+                line[at + 1] = m.p[b, b + 1]
+                line[at + 2] = m.p[b, b + 2]
+                line[at + 3] = m.p[b + 1, b + 1]
+                line[at + 4] = m.p[b + 1, b + 2]
+                line[at + 5] = m.p[b + 2, b + 2]
+                at += 6
+    counts[1] = fix_next
+    counts[2] = baro_next
+    counts[3] = row
+    counts[4] = first_fix
+
+
+@numba.njit(cache=True, nogil=True)
+def _carry_over(m: Memory, model: Model, gap: float, keep: bool) -> None:
+    """Over a gap too long to bridge: straight on, and hardly anything is known after it."""
+    close_substep(m, model, keep)
+    number = m.numbers
+    par = model.parameters
+    nav = m.nav
+    rm, rn = radii(nav[LATITUDE], nav[HEIGHT])
+    begin_anew(m, model)
+    nav[LATITUDE] += gap * nav[V_NORTH] / rm
+    nav[LONGITUDE] += gap * nav[V_NORTH + 1] / (rn * cos(nav[LATITUDE]))
+    if nav[LONGITUDE] > pi:
+        nav[LONGITUDE] -= 2.0 * pi
+    elif nav[LONGITUDE] <= -pi:
+        nav[LONGITUDE] += 2.0 * pi
+    speed2 = nav[V_NORTH] ** 2 + nav[V_NORTH + 1] ** 2 + nav[V_DOWN] ** 2
+    force = par[P_GAP_ACCELERATION] ** 2
+    turn = min(par[P_GAP_RATE] ** 2 * gap, 1.0)
+    v2 = speed2 + force * gap
+    r2 = v2 * gap * gap
+    for i in range(3):
+        m.p[POSITION + i, POSITION + i] += r2
+        m.p[VELOCITY + i, VELOCITY + i] += v2
+        m.p[ATTITUDE + i, ATTITUDE + i] += turn
+    b = model.where[I_BARO]
+    if b >= 0:
+        m.p[b, b] += par[P_BARO_SIGMA] ** 2 if m.p[b, b] == 0.0 else 0.0
+    number[N_NOW] += gap
+    begin_substep(m)

@@ -1,0 +1,165 @@
+"""White noise of fixes from their innovations: adapted filters, and what the gate measures.
+
+A ratio of each row multiplies the variance that was given. ``sage-husa`` and ``innovation`` adapt
+it at every epoch. Otherwise a gate measures it before it turns a fix down: told of too little noise
+it would turn down nearly all of them and believe those few that happen to be near, which is worse
+than no gate. What tells noise from a bad fix, a jump of the fixes or a filter that has gone astray
+is how innovations change from one epoch to the next: a bad fix makes two changes large, a jump one
+and a stray filter none, while noise makes most of them so. A low quantile of them is taken, which
+many bad fixes leave small, over that of noise as given. A fix that is too far off for the noise
+given and for the noise measured is turned down.
+
+References
+----------
+.. [1] A. P. Sage, G. W. Husa, "Adaptive filtering with unknown prior statistics", Joint Automatic
+   Control Conference, 1969, 760-769.
+.. [2] A. H. Mohamed, K. P. Schwarz, "Adaptive Kalman filtering for INS/GPS", Journal of Geodesy
+   73, 1999, 193-203.
+.. [3] J. von Neumann et al., "The mean square successive difference", Annals of Mathematical
+   Statistics 12, 1941, 153-162.
+"""
+
+from __future__ import annotations
+
+from math import sqrt
+
+import numba
+import numpy as np
+
+from sinstool.methods.ins_gnss.layout import (
+    N_FAR_SHARE,
+    N_FAR_SHARE_VELOCITIES,
+    N_WINDOW,
+    P_ADAPTIVE,
+    P_FADING,
+    P_LEAST,
+    P_MOST,
+    ROWS,
+    Memory,
+    Model,
+)
+
+# A share p of bad fixes makes 1 - (1 - p)^2 of the changes large, so that a quantile q stays one of
+# the others up to p = 1 - sqrt(q): 41 % here, 29 % for the median. Lower ones scatter more.
+QUANTILE = 0.35
+# This quantile of chi-square with one degree of freedom, (Phi^-1(0.675))^2: halved, the square of
+# the difference of two independent unit normals is so distributed.
+OF_NORMAL = 0.2059
+# Changes that show noise that has begun just now. The third least of them is taken, whose mean
+# rank, 3 in 9, is near the quantile; two bad fixes make four changes large and leave it alone. With
+# noise as given nine in ten of what they say are between 0.09 and 3.9, hence NOISY.
+SHORT = 8
+# Where the changes of all epochs kept (60) say so many times the variance given, these are believed
+# alone: with noise as given two in a thousand are beyond that, and the larger of theirs and of the
+# few changes', which scatter, would mostly be too large.
+NOISY = 3.0
+# Epochs over which the share of those too far off is a mean that fades: three in a row give 0.14,
+# four 0.19.
+FAR_EPOCHS = 20.0
+# With NOISY times the variance given this share of epochs with six rows is beyond the gate of
+# 99.99 %: the chance of chi-square above 27.86 / 3 is 0.158. With noise as given it is 0.0001.
+FAR_SHARE = 0.15
+
+
+@numba.njit(cache=True, nogil=True)
+def row_of(m: Memory, k: int) -> int:
+    """Which of position and velocity, N E D, row k of a fix is."""
+    i = 0
+    while m.h[k, i] != 1.0:
+        i += 1
+    return i
+
+
+@numba.njit(cache=True, nogil=True)
+def adapt(m: Memory, model: Model, rows: int) -> None:
+    """Measurement variances from innovations; see DivergenceControl."""
+    par = model.parameters
+    number = m.numbers
+    slot = int(number[N_WINDOW]) % m.window.shape[0]
+    # 1, 1/2, 1/3, ... to 1 - b: the first epochs count as much as those after them
+    b = par[P_FADING]
+    share = (1.0 - b) / (1.0 - b ** (number[N_WINDOW] + 1.0))
+    for i in range(ROWS):
+        m.window[slot, i] = -1.0
+    for k in range(rows):
+        i = row_of(m, k)
+        given = m.r[k] / m.ratio[i]
+        square = m.nu[k] * m.nu[k]
+        m.window[slot, i] = square
+        if par[P_ADAPTIVE] == 1.0:
+            found = (square - m.s[k, k]) / given
+            if found > par[P_MOST]:
+                m.ratio[i] = par[P_MOST]
+            else:
+                m.ratio[i] += share * (max(found, par[P_LEAST]) - m.ratio[i])
+        elif number[N_WINDOW] + 1.0 >= m.window.shape[0]:
+            total = 0.0
+            many = 0
+            for j in range(m.window.shape[0]):
+                if m.window[j, i] >= 0.0:
+                    total += m.window[j, i]
+                    many += 1
+            found = (total / many - m.s[k, k]) / given
+            m.ratio[i] = min(max(found, par[P_LEAST]), par[P_MOST])
+        m.r[k] = given * m.ratio[i]
+    number[N_WINDOW] += 1.0
+
+
+@numba.njit(cache=True, nogil=True)
+def note_changes(m: Memory, rows: int) -> None:
+    """How innovations changed since the epoch before, over their sigma as given.
+
+    After :func:`~sinstool.methods.ins_gnss.update.project`, of every epoch, believed or not. Squared and
+    halved, changes are 1 in the mean where the noise is as given.
+    """
+    length = m.changes.shape[0]
+    for k in range(rows):
+        i = row_of(m, k)
+        now = m.nu[k] / sqrt(m.s[k, k] + m.r[k])
+        before = m.latest[i]
+        m.latest[i] = now
+        if before == before:
+            m.changes[int(m.changes_seen[i]) % length, i] = 0.5 * (now - before) ** 2
+            m.changes_seen[i] += 1.0
+
+
+@numba.njit(cache=True, nogil=True)
+def often_far(m: Memory, far: bool) -> bool:
+    """Whether the measured noise is to be used: for an epoch that is too far off as given.
+
+    And for those between many such epochs, which are as noisy though they happen to be near.
+    Epochs with velocity only are counted apart: their noise is another.
+    """
+    number = m.numbers
+    share = N_FAR_SHARE if row_of(m, 0) < 3 else N_FAR_SHARE_VELOCITIES
+    number[share] += ((1.0 if far else 0.0) - number[share]) / FAR_EPOCHS
+    return far or number[share] > FAR_SHARE
+
+
+@numba.njit(cache=True, nogil=True)
+def use_measured(m: Memory, rows: int) -> None:
+    """Measurement variances as changes of the innovations say, if that is more than was given."""
+    for k in range(rows):
+        i = row_of(m, k)
+        times = _low_change(m, i, m.changes.shape[0])
+        if times < NOISY:
+            # Noise that has begun just now
+            times = max(times, _low_change(m, i, SHORT))
+        if times > 1.0:
+            more = (times - 1.0) * (m.s[k, k] + m.r[k])
+            m.ratio[i] = 1.0 + more / m.r[k]
+            m.r[k] += more
+
+
+@numba.njit(cache=True, nogil=True)
+def _low_change(m: Memory, i: int, many: int) -> float:
+    """Of the latest so many of a row, over that of noise as given; 1 if there are not so many."""
+    length = m.changes.shape[0]
+    seen = int(m.changes_seen[i])
+    if seen < many or many > length:
+        return 1.0
+    latest = np.empty(many)
+    for j in range(many):
+        latest[j] = m.changes[(seen - 1 - j) % length, i]
+    latest.sort()
+    return latest[int(QUANTILE * many)] / OF_NORMAL

@@ -1,0 +1,261 @@
+"""How the errors drive each other: F of the moving states, from the motion.
+
+With ``R_M``, ``R_N`` the radii of curvature plus the height, the mechanisation is
+
+    lat' = v_N/R_M    lon' = v_E/(R_N cos lat)    h' = -v_D
+    v'   = C f + g(lat, h) + (0, 0, A) - (2 omega_ie + omega_en) x v
+    C'   = C [omega_ib x] - [(omega_ie + omega_en) x] C
+
+and F its derivative, gravity's north component and the change of the radii with latitude
+included: nothing is left out, so that F is held against differences of the mechanisation itself.
+Errors of the sensors enter as ``dv' = C (K f + bias)`` and ``psi' = -C gyro bias``.
+
+References
+----------
+.. [1] Zhang J., Ren S., Tan M., "A study of altitude damping in INS/GNSS integrated navigation
+   system", J. Air Force Engineering University 4(6), 2003, 37-39 (in Chinese), eq. (4).
+.. [2] P. D. Groves, "Principles of GNSS, Inertial, and Multisensor Integrated Navigation
+   Systems", 2nd ed., 2013, section 14.2.4: the local-navigation-frame error model, approximate
+   where this one is not.
+"""
+
+from __future__ import annotations
+
+from math import cos, exp, sin, sqrt
+
+import numba
+import numpy as np
+from numpy.typing import NDArray
+
+from sinstool.core.earth import (
+    EARTH_RATE,
+    ECCENTRICITY_SQUARED,
+    GRAVITY_PER_HEIGHT,
+    GRAVITY_PER_HEIGHT_SIN2,
+    NORMAL_GRAVITY_EQUATOR,
+    NORTH_GRAVITY_PER_HEIGHT,
+    SEMI_MAJOR_AXIS,
+    SOMIGLIANA,
+)
+from sinstool.methods.ins_gnss.states import (
+    ATTITUDE,
+    I_ACCEL_BIAS,
+    I_ACCEL_SCALE,
+    I_BARO,
+    I_CORRECTION,
+    I_GYRO_BIAS,
+    I_MOVING,
+    I_STATES,
+    POSITION,
+    VELOCITY,
+)
+
+FloatArray = NDArray[np.float64]
+IntArray = NDArray[np.int64]
+
+_N, _E, _D = POSITION, POSITION + 1, POSITION + 2
+_VN, _VE, _VD = VELOCITY, VELOCITY + 1, VELOCITY + 2
+_PN, _PE, _PD = ATTITUDE, ATTITUDE + 1, ATTITUDE + 2
+
+
+@numba.njit(cache=True, nogil=True)
+def radii(lat: float, h: float) -> tuple[float, float]:
+    """Radii of curvature plus height, m: along the meridian and across."""
+    s = sin(lat)
+    square = 1.0 - ECCENTRICITY_SQUARED * s * s
+    transverse = SEMI_MAJOR_AXIS / sqrt(square)
+    return transverse * (1.0 - ECCENTRICITY_SQUARED) / square + h, transverse + h
+
+
+@numba.njit(cache=True, nogil=True)
+def error_rates(
+    index: IntArray,
+    lat: float,
+    h: float,
+    vn: float,
+    ve: float,
+    vd: float,
+    mean_c: FloatArray,
+    mean_cf: FloatArray,
+    scale: float,
+    k1: float,
+    k2: float,
+    k3: float,
+    out: FloatArray,
+) -> None:
+    """F of the moving states.
+
+    Parameters
+    ----------
+    index : ndarray of int64
+        :attr:`sinstool.methods.ins_gnss.states.FilterKind.index`.
+    lat, h : float
+        rad, m.
+    vn, ve, vd : float
+        m/s.
+    mean_c, mean_cf : ndarray, shape (3, 3)
+        ``C_nb[i, j]`` and ``C_nb[i, j] f_b[j]``, integrated over a time.
+    scale : float
+        One over that time, 1/s.
+    k1, k2, k3 : float
+        Gains of a damping network that acts all the time; 0 where it acts at samples.
+    out : ndarray, shape (m, n)
+        Set: row i is the derivative of moving state i.
+    """
+    s = sin(lat)
+    c = cos(lat)
+    t = s / c
+    sec2 = 1.0 / (c * c)
+    square = 1.0 - ECCENTRICITY_SQUARED * s * s
+    root = sqrt(square)
+    transverse = SEMI_MAJOR_AXIS / root
+    meridian = transverse * (1.0 - ECCENTRICITY_SQUARED) / square
+    rm = meridian + h
+    rn = transverse + h
+    bend = ECCENTRICITY_SQUARED * s * c / square
+    dm = 3.0 * meridian * bend  # derivatives of the radii by latitude
+    dn = transverse * bend
+    im = 1.0 / rm
+    i_n = 1.0 / rn
+    om = EARTH_RATE * c
+    os = EARTH_RATE * s
+    en = ve * i_n
+    nm = vn * im
+
+    # gravity and its derivatives
+    fall = GRAVITY_PER_HEIGHT - GRAVITY_PER_HEIGHT_SIN2 * s * s
+    relative = h / SEMI_MAJOR_AXIS
+    ground = NORMAL_GRAVITY_EQUATOR * (1.0 + SOMIGLIANA * s * s) / root
+    ground_lat = ground * (2.0 * SOMIGLIANA * s * c / (1.0 + SOMIGLIANA * s * s) + bend)
+    aloft = 1.0 - fall * h + 3.0 * relative * relative
+    gd_lat = ground_lat * aloft + ground * 2.0 * GRAVITY_PER_HEIGHT_SIN2 * s * c * h
+    gd_h = ground * (-fall + 6.0 * relative / SEMI_MAJOR_AXIS)
+    gn_lat = 2.0 * NORTH_GRAVITY_PER_HEIGHT * h * (c * c - s * s)
+    gn_h = 2.0 * NORTH_GRAVITY_PER_HEIGHT * s * c
+
+    fn = scale * (mean_cf[0, 0] + mean_cf[0, 1] + mean_cf[0, 2])
+    fe = scale * (mean_cf[1, 0] + mean_cf[1, 1] + mean_cf[1, 2])
+    fd = scale * (mean_cf[2, 0] + mean_cf[2, 1] + mean_cf[2, 2])
+
+    moving = index[I_MOVING]
+    for i in range(moving):
+        for j in range(index[I_STATES]):
+            out[i, j] = 0.0
+
+    # Lengths: the radii that they are made with change as the vehicle moves.
+    out[_N, _N] = -vd * im
+    out[_N, _D] = nm
+    out[_N, _VN] = 1.0
+    lean = (dn - rn * t) * i_n
+    out[_E, _N] = -en * lean * rn * im
+    out[_E, _E] = lean * nm - vd * i_n
+    out[_E, _D] = en
+    out[_E, _VE] = 1.0
+    out[_D, _VD] = 1.0
+
+    tan_lat = sec2 * i_n - t * dn * i_n * i_n  # of tan(lat)/R_N
+    out[_VN, _N] = im * (gn_lat - nm * vd * dm * im - 2.0 * om * ve - ve * ve * tan_lat)
+    out[_VN, _D] = -(gn_h - nm * vd * im + en * en * t)
+    out[_VN, _VN] = vd * im
+    out[_VN, _VE] = -2.0 * (os + en * t)
+    out[_VN, _VD] = nm
+    out[_VN, _PE] = -fd
+    out[_VN, _PD] = fe
+
+    out[_VE, _N] = im * (2.0 * om * vn - 2.0 * os * vd + ve * vn * tan_lat - en * vd * dn * i_n)
+    out[_VE, _D] = en * i_n * (vn * t + vd)
+    out[_VE, _VN] = 2.0 * os + en * t
+    out[_VE, _VE] = i_n * (vn * t + vd)
+    out[_VE, _VD] = 2.0 * om + en
+    out[_VE, _PN] = fd
+    out[_VE, _PD] = -fn
+
+    out[_VD, _N] = im * (gd_lat + 2.0 * os * ve + en * en * dn + nm * nm * dm)
+    out[_VD, _D] = -(gd_h + en * en + nm * nm)
+    out[_VD, _VN] = -2.0 * nm
+    out[_VD, _VE] = -2.0 * (om + en)
+    out[_VD, _PN] = -fe
+    out[_VD, _PE] = fn
+
+    wn = om + en
+    we = -nm
+    wd = -os - en * t
+    out[_PN, _N] = im * (-os - en * dn * i_n)
+    out[_PN, _D] = en * i_n
+    out[_PN, _VE] = i_n
+    out[_PN, _PE] = wd
+    out[_PN, _PD] = -we
+    out[_PE, _N] = im * nm * dm * im
+    out[_PE, _D] = -nm * im
+    out[_PE, _VN] = -im
+    out[_PE, _PN] = -wd
+    out[_PE, _PD] = wn
+    out[_PD, _N] = im * (-om - ve * tan_lat)
+    out[_PD, _D] = -en * t * i_n
+    out[_PD, _VE] = -t * i_n
+    out[_PD, _PN] = we
+    out[_PD, _PE] = -wn
+
+    gyro = index[I_GYRO_BIAS]
+    factor = index[I_ACCEL_SCALE]
+    bias = index[I_ACCEL_BIAS]
+    for i in range(3):
+        for j in range(3):
+            out[_PN + i, gyro + j] = -scale * mean_c[i, j]
+            out[_VN + i, bias + j] = scale * mean_c[i, j]
+            if factor >= 0:
+                out[_VN + i, factor + j] = scale * mean_cf[i, j]
+
+    a = index[I_CORRECTION]
+    if a >= 0:
+        # e = dh - dh_B, and dh = -dD
+        b = index[I_BARO]
+        out[_VD, a] = 1.0
+        out[_D, _D] -= k1
+        out[_D, b] -= k1
+        out[_VD, _D] -= k2
+        out[_VD, b] -= k2
+        out[a, _D] -= k3
+        out[a, b] -= k3
+
+
+@numba.njit(cache=True, nogil=True)
+def transition(
+    index: IntArray,
+    rates: FloatArray,
+    decay_rate: FloatArray,
+    delta: float,
+    phi: FloatArray,
+    decay: FloatArray,
+) -> None:
+    """``I + F delta + (F delta)^2/2`` of the moving states, and the decay of the others.
+
+    Parameters
+    ----------
+    index : ndarray of int64
+        See :func:`error_rates`.
+    rates : ndarray, shape (m, n)
+        F.
+    decay_rate : ndarray, shape (n,)
+        1/s, of the states that do not move.
+    delta : float
+        s.
+    phi : ndarray, shape (m, n)
+        Set.
+    decay : ndarray, shape (n,)
+        Set, but for the moving states, to ``exp(-decay_rate delta)``.
+    """
+    m = index[I_MOVING]
+    n = index[I_STATES]
+    second = 0.5 * delta * delta
+    for i in range(m):
+        for j in range(n):
+            phi[i, j] = (delta - second * decay_rate[j]) * rates[i, j]
+        for k in range(m):
+            f = second * rates[i, k]
+            if f != 0.0:
+                for j in range(n):
+                    phi[i, j] += f * rates[k, j]
+        phi[i, i] += 1.0
+    for j in range(m, n):
+        decay[j] = 1.0 if decay_rate[j] == 0.0 else exp(-decay_rate[j] * delta)

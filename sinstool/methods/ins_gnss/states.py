@@ -1,0 +1,194 @@
+"""The 26 error states: their order, their signs, and the filters that leave some out.
+
+========  ==============  ========================================================  ==========
+index     name            error                                                     unit
+========  ==============  ========================================================  ==========
+0 - 2     position        computed - true, north, east, down                        m
+3 - 5     velocity        computed - true, NED                                      m/s
+6 - 8     attitude        psi, NED: ``C_nb = (I + [psi x]) C_nb computed``          rad
+9         correction      A of the damping network less what it ought to be, 0      m/s^2
+10        baro            barometric height as used less the true height            m
+11 - 13   gyro bias       true less the one taken off already, body axes            rad/s
+14 - 16   accel scale     the same, as a fraction, body axes                        1
+17 - 19   accel bias      the same, body axes                                       m/s^2
+20 - 22   GNSS position   slow (Markov) error of the fixes, NED                     m
+23 - 25   GNSS velocity   the same, NED                                             m/s
+========  ==============  ========================================================  ==========
+
+A navigation is corrected by taking its errors off; a sensor's bias by adding. ``psi`` is the
+small rotation in NED that takes the attitude computed to the true one. An error of the height is
+the negative of one of "down". Position errors are lengths, ``(R_M + h) dlat`` and
+``(R_N + h) cos(lat) dlon``: so all numbers in a covariance are of reasonable size, at any
+latitude.
+
+States 0 to 9 drive each other ("moving"); all others only decay, and those up to the
+accelerometer bias drive the moving ones. A filter with fewer states keeps this order and closes
+the gaps; everything computed works with its numbers of states.
+
+References
+----------
+.. [1] Zhang J., Ren S., Tan M., "A study of altitude damping in INS/GNSS integrated navigation
+   system", J. Air Force Engineering University 4(6), 2003, 37-39 (in Chinese): the states, there
+   in ENU.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sinstool.core.errors import ConfigurationError
+
+FloatArray = NDArray[np.float64]
+IntArray = NDArray[np.int64]
+
+POSITION = 0
+VELOCITY = 3
+ATTITUDE = 6
+CORRECTION = 9
+BARO = 10
+GYRO_BIAS = 11
+ACCEL_SCALE = 14
+ACCEL_BIAS = 17
+GNSS_POSITION = 20
+GNSS_VELOCITY = 23
+SIZE = 26
+
+_BLOCKS = {
+    POSITION: 3,
+    VELOCITY: 3,
+    ATTITUDE: 3,
+    CORRECTION: 1,
+    BARO: 1,
+    GYRO_BIAS: 3,
+    ACCEL_SCALE: 3,
+    ACCEL_BIAS: 3,
+    GNSS_POSITION: 3,
+    GNSS_VELOCITY: 3,
+}
+
+FilterName = Literal["network-26a", "network-26", "baro-24", "plain-15", "markov-21", "markov-24"]
+
+# Where the numbers of an index array are: see FilterKind.index.
+I_CORRECTION, I_BARO, I_GYRO_BIAS, I_ACCEL_SCALE, I_ACCEL_BIAS = 0, 1, 2, 3, 4
+I_GNSS_POSITION, I_GNSS_VELOCITY = 5, 6
+I_MOVING, I_COUPLED, I_STATES = 7, 8, 9
+
+
+@dataclass(frozen=True)
+class FilterKind:
+    """Which states a filter has, and what it does with a barometer.
+
+    Attributes
+    ----------
+    name : str
+    blocks : tuple of int
+        First index, among the 26, of each block of states that it has.
+    network : bool
+        The barometer damps the vertical channel of the mechanisation.
+    correction_row : bool
+        The network's own correction A, a number the filter can look up, is a measurement.
+    baro_row : bool
+        The difference of the heights is a measurement.
+    """
+
+    name: str
+    blocks: tuple[int, ...]
+    network: bool = False
+    correction_row: bool = False
+    baro_row: bool = False
+
+    @property
+    def states(self) -> IntArray:
+        """Indices, among the 26, of its states in its own order; shape (n,)."""
+        return np.concatenate([np.arange(b, b + _BLOCKS[b]) for b in self.blocks])
+
+    @property
+    def size(self) -> int:
+        """Number of states n."""
+        return len(self.states)
+
+    @property
+    def needs_baro(self) -> bool:
+        """Whether it means anything without a barometer."""
+        return BARO in self.blocks
+
+    def first(self, block: int) -> int:
+        """Own index of a block's first state; -1 if it has none.
+
+        Parameters
+        ----------
+        block : int
+            POSITION, ..., GNSS_VELOCITY.
+        """
+        found = np.flatnonzero(self.states == block)
+        return int(found[0]) if len(found) else -1
+
+    @property
+    def index(self) -> IntArray:
+        """What compiled code asks for; see the numbers ``I_...`` of this module.
+
+        Own indices of the blocks from the correction on (-1: not there), then how many states
+        move, how many are coupled to those, how many there are.
+        """
+        first = [
+            self.first(block)
+            for block in (
+                CORRECTION,
+                BARO,
+                GYRO_BIAS,
+                ACCEL_SCALE,
+                ACCEL_BIAS,
+                GNSS_POSITION,
+                GNSS_VELOCITY,
+            )
+        ]
+        moving = int(np.sum(self.states < BARO))
+        coupled = int(np.sum(self.states < GNSS_POSITION))
+        return np.array([*first, moving, coupled, self.size], dtype=np.int64)
+
+
+_VEHICLE = (POSITION, VELOCITY, ATTITUDE)
+_GNSS = (GNSS_POSITION, GNSS_VELOCITY)
+_ALL = tuple(_BLOCKS)
+
+FILTERS: dict[str, FilterKind] = {
+    kind.name: kind
+    for kind in (
+        FilterKind("network-26a", _ALL, network=True, correction_row=True),
+        FilterKind("network-26", _ALL, network=True),
+        # 24 states of vehicle, sensors and GNSS, and the barometer's own error beside them
+        FilterKind("baro-24", tuple(b for b in _ALL if b != CORRECTION), baro_row=True),
+        FilterKind("markov-24", tuple(b for b in _ALL if b not in (CORRECTION, BARO))),
+        FilterKind("markov-21", (*_VEHICLE, GYRO_BIAS, ACCEL_BIAS, *_GNSS)),
+        FilterKind("plain-15", (*_VEHICLE, GYRO_BIAS, ACCEL_BIAS)),
+    )
+}
+"""The filters by name. ``network-26`` is that of [1]_; the others leave parts of it out or tell
+it more."""
+
+WITHOUT_BARO = "markov-21"
+"""What takes the place of a filter that needs a barometer where there is none."""
+
+
+def filter_kind(name: str) -> FilterKind:
+    """Look a filter up.
+
+    Parameters
+    ----------
+    name : str
+
+    Raises
+    ------
+    ConfigurationError
+        If there is none of that name.
+    """
+    try:
+        return FILTERS[name]
+    except KeyError:
+        raise ConfigurationError(
+            f"filter {name!r} is not known", "one of " + ", ".join(FILTERS)
+        ) from None

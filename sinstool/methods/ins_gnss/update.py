@@ -1,0 +1,163 @@
+"""A measurement: innovation, gain, estimate, covariance in Joseph's form.
+
+A measurement is ``nu = z - H x`` of up to six rows with white noise of variances r. All arrays
+are those of :class:`~sinstool.methods.ins_gnss.layout.Memory`.
+"""
+
+from __future__ import annotations
+
+from math import sqrt
+
+import numba
+import numpy as np
+from numpy.typing import NDArray
+
+from sinstool.methods.ins_gnss.layout import Memory
+
+FloatArray = NDArray[np.float64]
+
+
+@numba.njit(cache=True, nogil=True, error_model="numpy")
+def project(m: Memory, rows: int) -> None:
+    """``hp = H P`` and ``s = H P H^T``, without the measurement's own noise."""
+    n = m.p.shape[0]
+    for i in range(rows):
+        for j in range(n):
+            m.hp[i, j] = 0.0
+        for k in range(n):
+            f = m.h[i, k]
+            if f != 0.0:
+                for j in range(n):
+                    m.hp[i, j] += f * m.p[k, j]
+    for i in range(rows):
+        for j in range(i + 1):
+            total = 0.0
+            for k in range(n):
+                total += m.hp[i, k] * m.h[j, k]
+            m.s[i, j] = total
+            m.s[j, i] = total
+
+
+@numba.njit(cache=True, nogil=True, error_model="numpy")
+def factor(s: FloatArray, add: FloatArray, rows: int, root: FloatArray) -> bool:
+    """Cholesky's root of ``s + diag(add)``; False where it is not positive definite."""
+    for i in range(rows):
+        for j in range(i + 1):
+            total = s[i, j]
+            if i == j:
+                total += add[i]
+            for k in range(j):
+                total -= root[i, k] * root[j, k]
+            if i == j:
+                if not total > 0.0:
+                    return False
+                root[i, i] = sqrt(total)
+            else:
+                root[i, j] = total / root[j, j]
+    return True
+
+
+@numba.njit(cache=True, nogil=True, error_model="numpy")
+def normalised_square(root: FloatArray, nu: FloatArray, rows: int, work: FloatArray) -> float:
+    """``nu^T S^-1 nu`` by the root of S."""
+    nis = 0.0
+    for i in range(rows):
+        total = nu[i]
+        for k in range(i):
+            total -= root[i, k] * work[k]
+        total /= root[i, i]
+        work[i] = total
+        nis += total * total
+    return nis
+
+
+@numba.njit(cache=True, nogil=True, error_model="numpy")
+def apply_measurement(m: Memory, rows: int, epsilon: float) -> bool:
+    """Update estimate and covariance with the measurement in `h`, `nu` and `r`.
+
+    After :func:`project`. With `epsilon` the gain is Schmidt's,
+
+        K = P H^T (I + epsilon (H P H^T)^-1 R) S^-1,
+
+    between Kalman's (0) and the one that fits the newest measurement (1).
+
+    Parameters
+    ----------
+    m : Memory
+        `x`, `dx` and `p` are changed.
+    rows : int
+    epsilon : float
+
+    Returns
+    -------
+    bool
+        False, and nothing changed, where S is not positive definite.
+    """
+    n = m.p.shape[0]
+    if not factor(m.s, m.r, rows, m.root):
+        return False
+    for c in range(rows):
+        for i in range(rows):
+            m.weight[i, c] = 1.0 if i == c else 0.0
+        _solve(m.root, m.weight, c, rows)
+    if epsilon > 0.0:
+        for i in range(rows):
+            m.gain[i, 0] = 0.0
+        if factor(m.s, m.gain[:, 0], rows, m.root):
+            for c in range(rows):
+                for i in range(rows):
+                    m.pht[i, c] = m.r[i] * m.weight[i, c]
+                _solve(m.root, m.pht, c, rows)
+                for i in range(rows):
+                    m.weight[i, c] += epsilon * m.pht[i, c]
+    for i in range(n):
+        for c in range(rows):
+            total = 0.0
+            for k in range(rows):
+                total += m.hp[k, i] * m.weight[k, c]
+            m.gain[i, c] = total
+    for i in range(n):
+        total = 0.0
+        for c in range(rows):
+            total += m.gain[i, c] * m.nu[c]
+        m.x[i] += total
+        m.dx[i] += total
+    # (I - K H) P, then times (I - K H)^T, and K R K^T
+    for i in range(n):
+        for j in range(n):
+            m.old[i, j] = m.p[i, j]
+        for c in range(rows):
+            f = m.gain[i, c]
+            for j in range(n):
+                m.old[i, j] -= f * m.hp[c, j]
+    for i in range(n):
+        for c in range(rows):
+            total = 0.0
+            for k in range(n):
+                total += m.old[i, k] * m.h[c, k]
+            m.pht[i, c] = total - m.gain[i, c] * m.r[c]
+    for i in range(n):
+        for j in range(i + 1):
+            below = m.old[i, j]
+            above = m.old[j, i]
+            for c in range(rows):
+                below -= m.pht[i, c] * m.gain[j, c]
+                above -= m.pht[j, c] * m.gain[i, c]
+            m.p[i, j] = 0.5 * (below + above)
+            m.p[j, i] = m.p[i, j]
+    return True
+
+
+@numba.njit(cache=True, nogil=True, error_model="numpy")
+def _solve(root: FloatArray, columns: FloatArray, c: int, rows: int) -> None:
+    """Solve with a root of Cholesky's, column c in place."""
+    for i in range(rows):
+        total = columns[i, c]
+        for k in range(i):
+            total -= root[i, k] * columns[k, c]
+        columns[i, c] = total / root[i, i]
+    for i in range(rows - 1, -1, -1):
+        total = columns[i, c]
+        for k in range(i + 1, rows):
+            total -= root[k, i] * columns[k, c]
+        columns[i, c] = total / root[i, i]

@@ -1,0 +1,122 @@
+"""How far a solution is from fixes that its filter did not see, outage by outage."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from sinstool.core.earth import radii_of_curvature
+from sinstool.core.rotation import rotate
+from sinstool.core.streams import GnssEpochs, Solution
+from sinstool.core.timeline import SECOND
+
+# Withheld fixes further apart than this many usual intervals are two outages.
+APART = 3.0
+
+
+class Withheld:
+    """Scores of solutions against withheld fixes, collected as they stream by.
+
+    Parameters
+    ----------
+    gnss : GnssEpochs
+        All epochs, at the times at which they are valid.
+    withheld : ndarray of bool
+    lever_arm_b : array_like, shape (3,)
+        From the Imu to the antenna, m.
+    """
+
+    def __init__(
+        self, gnss: GnssEpochs, withheld: np.ndarray, lever_arm_b: tuple[float, float, float]
+    ) -> None:
+        rows = np.asarray(withheld) & gnss.has_position
+        self._fixes = gnss.rows(rows)
+        self._arm = np.asarray(lever_arm_b)
+        placed = np.flatnonzero(gnss.has_position)
+        steps = np.diff(gnss.time_ns[placed])
+        usual = float(np.median(steps)) if len(steps) else float(SECOND)
+        order = np.flatnonzero(rows[placed])
+        between = np.diff(order) > 1
+        between |= np.diff(self._fixes.time_ns) > APART * max(usual, 0.5 * SECOND)
+        self._first = np.concatenate([[0], np.flatnonzero(between) + 1]).astype(np.int64)
+        shape = (len(self._fixes), 3)
+        self._error, self._sigma = np.full(shape, np.nan), np.full(shape, np.nan)
+        self._last: Solution | None = None
+
+    def push(self, solution: Solution) -> None:
+        """Take the next solutions, in the order of time."""
+        if not len(self._fixes) or not len(solution):
+            return
+        times, position, q, covariance = self._joined(solution)
+        self._last = solution.rows(slice(-1, None))
+        inside = (self._fixes.time_ns >= times[0]) & (self._fixes.time_ns <= times[-1])
+        rows = np.flatnonzero(inside)
+        if not len(rows) or len(times) < 2:
+            return
+        fixes = self._fixes.rows(rows)
+        k = np.clip(np.searchsorted(times, fixes.time_ns), 1, len(times) - 1)
+        near = times[k] - times[k - 1] < SECOND  # not within a gap of the Imu
+        share = ((fixes.time_ns - times[k - 1]) / (times[k] - times[k - 1]))[:, None]
+        step = position[k] - position[k - 1]
+        step[:, 1] = (step[:, 1] + np.pi) % (2.0 * np.pi) - np.pi
+        at = position[k - 1] + share * step
+        arm = rotate(q[k], self._arm)
+        meridian, transverse = radii_of_curvature(at[:, 0])
+        east = (at[:, 1] - fixes.longitude + np.pi) % (2.0 * np.pi) - np.pi
+        error = np.stack(
+            [
+                (at[:, 0] - fixes.latitude) * (meridian + at[:, 2]) + arm[:, 0],
+                east * (transverse + at[:, 2]) * np.cos(at[:, 0]) + arm[:, 1],
+                fixes.height - at[:, 2] + arm[:, 2],
+            ],
+            axis=1,
+        )
+        said = np.nan_to_num(fixes.sigma_position_n)
+        sigma = np.sqrt(np.einsum("nii->ni", covariance[k]) + said**2)
+        self._error[rows[near]], self._sigma[rows[near]] = error[near], sigma[near]
+
+    def _joined(self, solution: Solution) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+        parts = [solution] if self._last is None else [self._last, solution]
+        found = []
+        for name in ("time_ns", "position", "q_nb", "covariance_position_n"):
+            found.append(np.concatenate([getattr(part, name) for part in parts]))
+        return found[0], found[1], found[2], found[3]
+
+    def outages(self) -> list[dict[str, Any]]:
+        """By outage: when, how long, the largest errors, and how many sigmas they were.
+
+        Sigmas are those of the solution and of the fix together.
+        """
+        found = []
+        for part in np.split(np.arange(len(self._fixes)), self._first[1:]):
+            error, sigma = self._error[part], self._sigma[part]
+            if not np.isfinite(error).any():
+                continue
+            horizontal = np.hypot(error[:, 0], error[:, 1])
+            times = self._fixes.time_ns[part]
+            vertical = np.abs(error[:, 2])
+            found.append(
+                {
+                    "start_ns": str(int(times[0])),
+                    "duration_s": float(times[-1] - times[0]) / SECOND,
+                    "epochs": len(part),
+                    "largest_horizontal_m": float(np.nanmax(horizontal)),
+                    "largest_vertical_m": float(np.nanmax(vertical))
+                    if np.isfinite(vertical).any()
+                    else None,
+                    "largest_in_sigmas": float(np.nanmax(np.abs(error) / sigma)),
+                }
+            )
+        return found
+
+    def summary(self) -> dict[str, Any] | None:
+        """``withheld`` of the summary; None where no outage was seen."""
+        outages = self.outages()
+        if not outages:
+            return None
+        largest = np.array([o["largest_horizontal_m"] for o in outages])
+        return {
+            "outages": outages,
+            "rms_of_largest_horizontal_m": float(np.sqrt(np.mean(largest**2))),
+        }

@@ -1,0 +1,170 @@
+"""Attitude from rotation vectors.
+
+References
+----------
+.. [1] P. G. Savage, "Strapdown inertial navigation integration algorithm design part 1:
+   attitude algorithms", J. Guidance, Control, and Dynamics 21(1), 1998, 19-28.
+"""
+
+from __future__ import annotations
+
+from math import factorial
+
+import numba
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from sinstool.core.quaternion_kernels import product, unit_factor
+from sinstool.core.rotation import normalise
+
+FloatArray = NDArray[np.float64]
+
+# cos(h) and sin(h)/h in powers of h**2; named, as a compiled loop wants them.
+_C2, _C3, _C4, _C5, _C6, _C7, _C8 = ((-1) ** k / factorial(2 * k) for k in range(2, 9))
+_S1, _S2, _S3, _S4, _S5, _S6, _S7, _S8 = ((-1) ** k / factorial(2 * k + 1) for k in range(1, 9))
+
+
+class AttitudePropagator:
+    """State of the attitude of a body against navigation axes.
+
+    Every update is ``q_nb <- exp(-omega_in_n dt) q_nb exp(phi)``, exact for the rotation
+    vector ``phi`` of the body against inertial space and navigation axes that turn at a
+    constant rate; eqs. 4 and 5 of [1]_ of the module in quaternions.
+
+    Parameters
+    ----------
+    q_nb : array_like, shape (4,)
+        Attitude at the start; normalised here.
+    omega_in_n : array_like, shape (3,), optional
+        Angular rate of ``n`` against inertial space in ``n``, rad/s: the Earth rate
+        :func:`sinstool.core.earth.earth_rate_n` for a vehicle that stays near one latitude.
+        By default ``n`` does not rotate.
+
+    Attributes
+    ----------
+    q_nb : ndarray, shape (4,)
+        Attitude after the updates so far: all that is carried from block to block, and
+        the answers do not depend, to the last bit, on where blocks end.
+
+    Raises
+    ------
+    ValueError
+        If a shape is wrong or the quaternion is zero.
+    """
+
+    def __init__(self, q_nb: ArrayLike, omega_in_n: ArrayLike | None = None) -> None:
+        self.q_nb = normalise(q_nb)
+        if self.q_nb.shape != (4,):
+            raise ValueError(f"Expected `q_nb` to have shape (4,), got {self.q_nb.shape}.")
+        rate = np.zeros(3) if omega_in_n is None else np.array(omega_in_n, dtype=np.float64)
+        if rate.shape != (3,):
+            raise ValueError(f"Expected `omega_in_n` to have shape (3,), got {rate.shape}.")
+        self._omega_in_n = rate
+
+    def push(self, rotation_vector: ArrayLike, interval: ArrayLike) -> FloatArray:
+        """Propagate over the next updates.
+
+        Parameters
+        ----------
+        rotation_vector : array_like, shape (n, 3)
+            Of the body over each update against inertial space, in ``b``, rad.
+        interval : array_like, shape (n,)
+            Duration of each update, s.
+
+        Returns
+        -------
+        ndarray, shape (n, 4)
+            ``q_nb`` at the end of each update, of unit length to 1e-15.
+
+        Raises
+        ------
+        ValueError
+            If shapes do not fit.
+        """
+        phi = np.ascontiguousarray(rotation_vector, dtype=np.float64)
+        dt = np.ascontiguousarray(interval, dtype=np.float64)
+        if phi.ndim != 2 or phi.shape[1] != 3 or dt.shape != phi.shape[:1]:
+            raise ValueError(f"Expected shapes (n, 3) and (n,), got {phi.shape} and {dt.shape}.")
+        out = np.empty((len(phi), 4))
+        if len(phi):
+            rotating = bool(np.any(self._omega_in_n))
+            _propagate_kernel(self.q_nb, phi, dt, self._omega_in_n, rotating, out)
+            self.q_nb = out[-1].copy()
+        return out
+
+
+@numba.njit(cache=True, nogil=True)
+def _half_angle_terms(square: float) -> tuple[float, float]:
+    """Return cos(a/2) and sin(a/2)/a of a squared angle a, rad^2."""
+    if square < 1.0:
+        # Taylor in the squared half angle (< 0.25): what follows is below 1e-20.
+        u = 0.25 * square
+        c = _C8
+        c = c * u + _C7
+        c = c * u + _C6
+        c = c * u + _C5
+        c = c * u + _C4
+        c = c * u + _C3
+        c = c * u + _C2
+        c = (c * u - 0.5) * u + 1.0
+        s = _S8
+        s = s * u + _S7
+        s = s * u + _S6
+        s = s * u + _S5
+        s = s * u + _S4
+        s = s * u + _S3
+        s = s * u + _S2
+        s = (s * u + _S1) * u + 1.0
+        return c, 0.5 * s
+    angle = np.sqrt(square)
+    return np.cos(0.5 * angle), np.sin(0.5 * angle) / angle
+
+
+@numba.njit(cache=True, nogil=True)
+def _propagate_kernel(
+    q_start: FloatArray,
+    phi: FloatArray,
+    dt: FloatArray,
+    omega: FloatArray,
+    rotating: bool,
+    out: FloatArray,
+) -> None:
+    w = q_start[0]
+    x = q_start[1]
+    y = q_start[2]
+    z = q_start[3]
+    ox = omega[0]
+    oy = omega[1]
+    oz = omega[2]
+    known = -1.0  # the interval that exp(-omega_in_n dt) belongs to: most are equal
+    ec = 1.0
+    ex = 0.0
+    ey = 0.0
+    ez = 0.0
+    for k in range(out.shape[0]):
+        px = phi[k, 0]
+        py = phi[k, 1]
+        pz = phi[k, 2]
+        c, s = _half_angle_terms(px * px + py * py + pz * pz)
+        px *= s
+        py *= s
+        pz *= s
+        w, x, y, z = product(w, x, y, z, c, px, py, pz)
+        if rotating:
+            t = dt[k]
+            if t != known:
+                ec, s = _half_angle_terms((ox * ox + oy * oy + oz * oz) * (t * t))
+                ex = -ox * t * s
+                ey = -oy * t * s
+                ez = -oz * t * s
+                known = t
+            w, x, y, z = product(ec, ex, ey, ez, w, x, y, z)
+        scale = unit_factor(w * w + x * x + y * y + z * z)
+        w *= scale
+        x *= scale
+        y *= scale
+        z *= scale
+        out[k, 0] = w
+        out[k, 1] = x
+        out[k, 2] = y
+        out[k, 3] = z

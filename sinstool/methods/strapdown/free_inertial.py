@@ -1,0 +1,405 @@
+"""Ordered Imu blocks in, attitude, velocity and position out: the heart of `process --mode ins`.
+
+As :mod:`sinstool.methods.strapdown.attitude_run`, with a mechanisation in the place of the attitude propagation and a
+vertical channel that a barometer or GNSS heights may damp.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass
+
+import numpy as np
+from numba import njit
+
+from sinstool.core import earth
+from sinstool.core.streams import Imu, Solution
+from sinstool.core.timeline import SECOND
+from sinstool.methods.height import layout
+from sinstool.methods.height.channel import baro_sample, propagate, smooth_height
+from sinstool.methods.height.layout import (
+    EVENT_IMU_GAP,
+    INIT,
+    P_K4,
+    P_START_SPEED,
+    P_START_TAU,
+    P_TAU,
+    S_CORRECTION,
+    S_EVENTS,
+    S_PHASE,
+    S_WAITING,
+    S_WITNESS_ON,
+    ChannelSummary,
+    Event,
+)
+from sinstool.methods.height.vertical import MAX_GAP, MAX_HOLD, START_SPEED, START_TAU
+from sinstool.methods.strapdown.navigation import (
+    HEIGHT,
+    LATITUDE,
+    LONGITUDE,
+    Q_W,
+    Q_Z,
+    SIZE,
+    V_DOWN,
+    V_EAST,
+    V_NORTH,
+    step,
+)
+from sinstool.methods.strapdown.segment_samples import (
+    SampleSettings,
+    SegmentSamples,
+    unbiased_segments,
+)
+from sinstool.methods.strapdown.velocity import Increments, IncrementStage
+from sinstool.pipelines.process.height import HeightReference
+
+# Beyond these nothing on or near the Earth goes: an undamped channel has run away.
+MAX_HEIGHT_M = 1e6
+MAX_SPEED_M_S = 2e4
+
+
+@dataclass(frozen=True, kw_only=True)
+class InsSettings(SampleSettings):
+    """What an inertial navigation needs to know.
+
+    Attributes
+    ----------
+    order : int
+        Of the attitude's quaternion: 0 exact, 1 to 4 Picard's.
+    parameters : ndarray or None
+        Of the vertical channel; None leaves it undamped.
+    reference : HeightReference or None
+    """
+
+    order: int = 0
+    parameters: np.ndarray | None = None
+    reference: HeightReference | None = None
+
+
+class InsRun:
+    """Inertial navigation from ordered samples.
+
+    Parameters
+    ----------
+    state : ndarray, shape (SIZE,)
+        At the first sample; see :func:`sinstool.methods.strapdown.navigation.initial_state`.
+    settings : InsSettings
+
+    Attributes
+    ----------
+    samples, updates : int
+        Taken in and given out.
+    events : list of Event
+        Of the vertical channel; times in s since the first sample.
+    gaps_s : float
+        Time that was carried over without data.
+    diverged_ns : int or None
+        From when on the state was held because it had left the Earth.
+    """
+
+    def __init__(self, state: np.ndarray, settings: InsSettings) -> None:
+        self.settings = settings
+        self.samples = 0
+        self.updates = 0
+        self.events: list[Event] = []
+        self.gaps_s = 0.0
+        self.diverged_ns: int | None = None
+        self._state = state.copy()
+        self._channel = layout.new_state()
+        self._parameters = settings.parameters
+        self._stage: IncrementStage | None = None
+        self._waiting: SegmentSamples | None = None
+        self._time = 0.0
+        self._origin: int | None = None
+        self._last: tuple[np.ndarray, np.ndarray] | None = None
+        self._height = (np.empty(0),) * 3 + (np.empty(0, np.int64),)
+        self._next_height = 0
+
+    @property
+    def channel(self) -> ChannelSummary:
+        """How the vertical channel went."""
+        return layout.summarise(self._channel)
+
+    @property
+    def first_ns(self) -> int:
+        """Time that events count from."""
+        return self._origin or 0
+
+    def run(self, blocks: Iterable[Imu]) -> Iterator[Solution]:
+        """Navigate.
+
+        Parameters
+        ----------
+        blocks : iterable of Imu
+            Ordered, without duplicates.
+
+        Yields
+        ------
+        Solution
+            With position, velocity and, where the channel is damped, ``vertical``.
+        """
+        for piece in unbiased_segments(blocks, self.settings):
+            imu = piece.imu
+            self.samples += len(imu)
+            if piece.starts:
+                yield from self._finish()
+                yield self._begin(imu, piece.gap_s)
+            assert self._stage is not None and self._waiting is not None
+            times = self._waiting.push(imu)
+            yield from self._answer(self._stage.push(imu.gyro, imu.accel, times))
+            self._last = (imu.gyro[-1], imu.accel[-1])
+        yield from self._finish()
+
+    def _begin(self, imu: Imu, gap_s: float) -> Solution:
+        """Start a segment: at its first sample, after whatever gap."""
+        if self._origin is None:
+            self._origin = int(imu.time_ns[0])
+            self._take_reference(self._origin)
+        if gap_s > 0.0:
+            self._carry_over(imu, gap_s)
+        self._stage = IncrementStage(self.settings.stage)
+        start_ns = int(imu.time_ns[0])
+        self._waiting = SegmentSamples(start_ns, self.settings.sample_rate)
+        self._time = (start_ns - self._origin) / SECOND
+        self.updates += 1
+        return self._solution(imu.rows(slice(0, 1)), self._row())
+
+    def _take_reference(self, origin: int) -> None:
+        reference = self.settings.reference
+        if reference is None:
+            return
+        self._height = (
+            (reference.arrival_ns - origin) / SECOND,
+            (reference.time_ns - origin) / SECOND,
+            np.ascontiguousarray(reference.height, dtype=np.float64),
+            np.ascontiguousarray(reference.reason, dtype=np.int64),
+        )
+
+    def _carry_over(self, imu: Imu, gap_s: float) -> None:
+        """Bring the state over a gap.
+
+        Over a short one the vehicle went on as on either side; over a long one it kept its
+        attitude and velocity. After a very long one the vertical velocity is worth nothing, and
+        the vertical channel begins anew.
+        """
+        self.gaps_s += gap_s
+        still = self.settings.still_until_ns
+        if still is not None and int(imu.time_ns[0]) <= still:
+            return
+        if self.diverged_ns is not None:
+            return
+        s = self._state
+        before = float(s[V_DOWN])
+        if gap_s <= MAX_HOLD and self._last is not None:
+            phi = 0.5 * (self._last[0] + imu.gyro[0]) * gap_s
+            dv = 0.5 * (self._last[1] + imu.accel[0]) * gap_s
+            step(s, *phi.tolist(), *dv.tolist(), gap_s, 0.0, self.settings.order)  # type: ignore[call-arg]
+            gained = before - float(s[V_DOWN])
+        else:
+            meridian, transverse = earth.radii_of_curvature(s[LATITUDE])
+            north = float(s[V_NORTH]) * gap_s / (float(meridian) + s[HEIGHT])
+            s[LATITUDE] = np.clip(s[LATITUDE] + north, -0.5 * np.pi, 0.5 * np.pi)
+            across = (float(transverse) + s[HEIGHT]) * max(np.cos(s[LATITUDE]), 1e-9)
+            longitude = s[LONGITUDE] + s[V_EAST] * gap_s / across
+            s[LONGITUDE] = (longitude + np.pi) % (2.0 * np.pi) - np.pi
+            s[HEIGHT] -= before * gap_s
+            # the correction, which the channel is about to take off, is no motion either
+            gained = float(self._channel[S_CORRECTION]) * gap_s
+            s[HEIGHT] += 0.5 * gained * gap_s
+            s[V_DOWN] -= gained
+        if self._parameters is None:
+            return
+        time = self._time + gap_s
+        self.events.append(Event(layout.EVENT_KINDS[EVENT_IMU_GAP], time, gap_s, 0.0))
+        events = layout.new_events(0)
+        self._channel[S_EVENTS] = 0.0
+        dh, dv_up = propagate(
+            self._channel, self._parameters, events, time, gap_s, s[HEIGHT], -s[V_DOWN], gained
+        )
+        s[HEIGHT] += dh
+        s[V_DOWN] -= dv_up
+        self.events += layout.read_events(events[: int(self._channel[S_EVENTS])])
+        if gap_s > MAX_GAP:
+            self._channel[S_PHASE] = INIT
+            self._channel[S_WAITING] = 0.0
+            self._channel[S_WITNESS_ON] = 0.0
+            self._parameters = beginning_quickly(self._parameters)
+
+    def _answer(self, increments: Increments) -> Iterator[Solution]:
+        """Navigate over finished updates and let go of the samples they answer for."""
+        if not len(increments.sample):
+            return
+        assert self._waiting is not None
+        taken = self._waiting.take(increments.sample)
+        # Heights go by the stamps, also where a rate is believed that runs ahead of them.
+        time_ns = taken.time_ns
+        out = np.empty((len(increments.sample), SIZE + 2))
+        until = self.settings.still_until_ns
+        still = 0 if until is None else int(np.searchsorted(time_ns, until, "right"))
+        out[:still] = self._row()
+        if still:
+            # samples from before the vehicle moved say nothing about how it moved
+            at_rest = (int(time_ns[still - 1]) - (self._origin or 0)) / SECOND
+            skipped = int(np.searchsorted(self._height[0], at_rest, "right"))
+            self._next_height = max(self._next_height, skipped)
+        if still < len(out):
+            self._navigate(increments, still, time_ns[still:], out)
+        self.updates += len(out)
+        yield self._solution(taken, out)
+
+    def _navigate(
+        self, increments: Increments, first: int, time_ns: np.ndarray, out: np.ndarray
+    ) -> None:
+        settings = self.settings
+        end = (time_ns - (self._origin or 0)) / SECOND
+        damped = self._parameters is not None
+        parameters = self._parameters if damped else np.zeros(layout.PARAMETERS)
+        events = layout.new_events(len(self._height[0]) - self._next_height if damped else 0)
+        self._channel[S_EVENTS] = 0.0
+        self._next_height, ran_away = _navigate(
+            self._state,
+            self._channel,
+            parameters,
+            events,
+            damped,
+            increments.rotation_vector[first:],
+            increments.velocity_increment[first:],
+            increments.interval[first:],
+            end,
+            *self._height,
+            self._next_height,
+            settings.order,
+            self.diverged_ns is not None,
+            out[first:],
+        )
+        if ran_away >= 0:
+            self.diverged_ns = int(time_ns[ran_away])
+        self._time = float(end[-1])
+        self.events += layout.read_events(events[: int(self._channel[S_EVENTS])])
+
+    def _row(self) -> np.ndarray:
+        """The state as the kernel would write it."""
+        height = smooth_height(self._channel, self._time, self._state[HEIGHT])
+        return np.array([*self._state, height, self._channel[S_CORRECTION]])[None, :]
+
+    def _solution(self, imu: Imu, rows: np.ndarray) -> Solution:
+        position = rows[:, LATITUDE : HEIGHT + 1].copy()
+        vertical = None
+        if self.settings.parameters is not None:
+            position[:, 2] = rows[:, SIZE]
+            vertical = np.stack([rows[:, SIZE], -rows[:, V_DOWN], rows[:, SIZE + 1]], axis=1)
+        return Solution(
+            imu.time_ns,
+            imu.log_time_ns,
+            rows[:, Q_W : Q_Z + 1],
+            imu.gyro,
+            imu.accel,
+            position,
+            rows[:, V_NORTH : V_DOWN + 1],
+            vertical,
+        )
+
+    def _finish(self) -> Iterator[Solution]:
+        if self._stage is not None:
+            yield from self._answer(self._stage.finish())
+            self._stage = None
+
+
+def beginning_quickly(parameters: np.ndarray) -> np.ndarray:
+    """Parameters of a vertical channel whose velocity at the start nobody knows.
+
+    Its time constant begins short and grows to that of the network.
+
+    Parameters
+    ----------
+    parameters : ndarray
+        See :func:`sinstool.methods.height.layout.new_parameters`.
+
+    Returns
+    -------
+    ndarray
+    """
+    quick = parameters.copy()
+    quick[P_START_TAU] = min(max(START_TAU, 2.0 * abs(quick[P_K4])), quick[P_TAU])
+    quick[P_START_SPEED] = START_SPEED
+    return quick
+
+
+@njit(cache=True, nogil=True)
+def _navigate(  # type: ignore[no-untyped-def]
+    state,
+    channel,
+    parameters,
+    events,
+    damped,
+    phi,
+    dv,
+    dt,
+    end,
+    arrival,
+    stamp,
+    height,
+    reason,
+    next_height,
+    order,
+    gone,
+    out,
+):
+    """Mechanisation and vertical channel over a block.
+
+    Returns the number of the next height sample, and the update at which the state left the
+    Earth (-1: it did not); from there on it is held, as it is where it was `gone` before.
+    """
+    ran_away = -1
+    held = state.copy()
+    for k in range(out.shape[0]):
+        if not gone:
+            held[:] = state
+            before = state[V_DOWN]
+            step(
+                state,
+                phi[k, 0],
+                phi[k, 1],
+                phi[k, 2],
+                dv[k, 0],
+                dv[k, 1],
+                dv[k, 2],
+                dt[k],
+                0.0,
+                order,
+            )
+            if damped:
+                h, v = state[HEIGHT], -state[V_DOWN]
+                dh, ddv = propagate(channel, parameters, events, end[k], dt[k], h, v, v + before)
+                h += dh
+                v += ddv
+                while next_height < arrival.shape[0] and arrival[next_height] <= end[k]:
+                    _, dh, ddv = baro_sample(
+                        channel,
+                        parameters,
+                        events,
+                        end[k],
+                        h,
+                        v,
+                        stamp[next_height],
+                        height[next_height],
+                        reason[next_height],
+                    )
+                    h += dh
+                    v += ddv
+                    next_height += 1
+                state[HEIGHT] = h
+                state[V_DOWN] = -v
+            speed = abs(state[V_NORTH]) + abs(state[V_EAST]) + abs(state[V_DOWN])
+            if not (abs(state[HEIGHT]) < MAX_HEIGHT_M and speed < MAX_SPEED_M_S):
+                ran_away = k
+                gone = True
+                state[:] = held
+                state[V_NORTH] = 0.0
+                state[V_EAST] = 0.0
+                state[V_DOWN] = 0.0
+        for i in range(SIZE):
+            out[k, i] = state[i]
+        out[k, SIZE] = smooth_height(channel, end[k], state[HEIGHT])
+        out[k, SIZE + 1] = channel[S_CORRECTION]
+    return next_height, ran_away

@@ -1,0 +1,459 @@
+"""Attitude, velocity and position over the Earth from rotation vectors and velocity increments.
+
+Local-level mechanisation in NED on the WGS-84 ellipsoid with Earth rate, transport rate and
+normal gravity with its change with height; [1]_ and [2]_. One update works in axes that start
+as NED and then keep their azimuth: their transport rate has no component about down, so nothing
+becomes singular at a pole. At its end the position is turned out of the up vector, and velocity
+and attitude by the angle between those axes and NED there. That angle is finite everywhere, and
+so a flight over a pole comes out right. Only exactly at a pole north is what the longitude says.
+
+Order of an update, all rates at its middle:
+
+1. specific force into ``n``: ``(I - 1/2 zeta x) C_nb dv_b``, ``zeta`` the turn of ``n``;
+2. velocity with gravity and Coriolis terms at half the update, extrapolated from its start;
+3. position and ``zeta`` by the trapezoid of velocities;
+4. attitude ``q_nb <- exp(-zeta) q_nb exp(phi)``.
+
+The vertical channel is as it is in nature: an error in height grows as
+``cosh(sqrt(2 g / R) t)``. `correction_up` is where a damping network acts.
+
+References
+----------
+.. [1] P. G. Savage, "Strapdown inertial navigation integration algorithm design part 2:
+   velocity and position algorithms", J. Guidance, Control, and Dynamics 21(2), 1998, 208-221.
+.. [2] P. D. Groves, "Principles of GNSS, Inertial, and Multisensor Integrated Navigation
+   Systems", 2nd ed., 2013, section 5.4.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from math import atan2, cos, hypot, pi, sin, sqrt
+
+import numba
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from sinstool.core.earth import (
+    EARTH_RATE,
+    ECCENTRICITY_SQUARED,
+    NORTH_GRAVITY_PER_HEIGHT,
+    SEMI_MAJOR_AXIS,
+)
+from sinstool.core.gravity import normal_gravity
+from sinstool.core.quaternion_kernels import (
+    EXACT,
+    HIGHEST_ORDER,
+    increment_quaternion,
+    product,
+    unit_factor,
+)
+from sinstool.core.rotation import normalise
+
+FloatArray = NDArray[np.float64]
+
+# Where things are in a state, a float64 array of SIZE numbers.
+LATITUDE, LONGITUDE, HEIGHT = 0, 1, 2
+V_NORTH, V_EAST, V_DOWN = 3, 4, 5
+Q_W, Q_X, Q_Y, Q_Z = 6, 7, 8, 9
+SIZE = 10
+
+
+# Largest change of longitude, and square of the turn over the Earth, of one update for which the
+# short series are exact in float64: 640 m, and as near a pole as 10 000 times the way of an update.
+_SMALL_TURN = 1e-4
+_SMALL_WAY = 1e-8
+
+
+def initial_state(
+    latitude: float, longitude: float, height: float, velocity_n: ArrayLike, q_nb: ArrayLike
+) -> FloatArray:
+    """State at the start of a navigation.
+
+    Parameters
+    ----------
+    latitude, longitude : float
+        WGS-84, rad.
+    height : float
+        Ellipsoidal, m.
+    velocity_n : array_like, shape (3,)
+        Against the Earth in NED, m/s.
+    q_nb : array_like, shape (4,)
+        Attitude; normalised here.
+
+    Returns
+    -------
+    ndarray, shape (SIZE,)
+        For :func:`step` and :func:`navigate`.
+
+    Raises
+    ------
+    ValueError
+        If a shape is wrong, a number is not finite, the latitude is beyond a pole or the
+        quaternion is zero.
+    """
+    velocity = np.asarray(velocity_n, dtype=np.float64)
+    attitude = normalise(q_nb)
+    if velocity.shape != (3,) or attitude.shape != (4,):
+        raise ValueError(f"Expected shapes (3,) and (4,), got {velocity.shape}, {attitude.shape}.")
+    state = np.concatenate([[latitude, longitude, height], velocity, attitude])
+    if not np.all(np.isfinite(state)):
+        raise ValueError("Found a number that is not finite in the initial state.")
+    if abs(latitude) > 0.5 * pi:
+        raise ValueError(f"Expected `latitude` within a quarter turn, got {latitude} rad.")
+    state[LONGITUDE] = _wrapped(float(longitude))
+    return state
+
+
+@dataclass(frozen=True)
+class NavigationColumns:
+    """Where the vehicle was at the end of each update.
+
+    Attributes
+    ----------
+    latitude, longitude : ndarray, shape (n,)
+        WGS-84, rad. Longitude is within (-pi, pi].
+    height : ndarray, shape (n,)
+        Ellipsoidal, m.
+    velocity_n : ndarray, shape (n, 3)
+        Against the Earth in NED, m/s.
+    q_nb : ndarray, shape (n, 4)
+        Attitude.
+    """
+
+    latitude: FloatArray
+    longitude: FloatArray
+    height: FloatArray
+    velocity_n: FloatArray
+    q_nb: FloatArray
+
+    def __len__(self) -> int:
+        return len(self.latitude)
+
+
+class Navigator:
+    """State of an unaided inertial navigation.
+
+    Parameters
+    ----------
+    state : array_like, shape (SIZE,)
+        See :func:`initial_state`; copied.
+    order : int, optional
+        Of the attitude's quaternion: 0 exact, 1 to 4 Picard's; see
+        :mod:`sinstool.methods.strapdown.increment_quaternion`.
+
+    Attributes
+    ----------
+    state : ndarray, shape (SIZE,)
+        After the updates so far: all that is carried from block to block, and the answers do
+        not depend, to the last bit, on where blocks end. It may be corrected between blocks.
+
+    Raises
+    ------
+    ValueError
+        If the shape is wrong or the order unknown.
+    """
+
+    def __init__(self, state: ArrayLike, order: int = EXACT) -> None:
+        self.state = np.array(state, dtype=np.float64)
+        if self.state.shape != (SIZE,):
+            raise ValueError(f"Expected `state` to have shape ({SIZE},), got {self.state.shape}.")
+        if not 0 <= order <= HIGHEST_ORDER:
+            raise ValueError(f"Expected `order` to be 0 to {HIGHEST_ORDER}, got {order}.")
+        self._order = order
+
+    def push(
+        self,
+        rotation_vector: ArrayLike,
+        velocity_increment: ArrayLike,
+        interval: ArrayLike,
+        correction_up: float = 0.0,
+    ) -> NavigationColumns:
+        """Navigate over the next updates.
+
+        Parameters
+        ----------
+        rotation_vector : array_like, shape (n, 3)
+            Of the body over each update against inertial space, in ``b``, rad.
+        velocity_increment : array_like, shape (n, 3)
+            Integral of the specific force over each update in the body axes **of its start**,
+            m/s: with rotation compensation and sculling; see
+            :mod:`sinstool.methods.strapdown.velocity`.
+        interval : array_like, shape (n,)
+            Duration of each update, s.
+        correction_up : float, optional
+            Acceleration taken from the upward one, m/s^2.
+
+        Returns
+        -------
+        NavigationColumns
+            At the end of each update.
+
+        Raises
+        ------
+        ValueError
+            If shapes do not fit.
+        """
+        phi = np.ascontiguousarray(rotation_vector, dtype=np.float64)
+        dv = np.ascontiguousarray(velocity_increment, dtype=np.float64)
+        dt = np.ascontiguousarray(interval, dtype=np.float64)
+        if phi.ndim != 2 or phi.shape[1] != 3 or dv.shape != phi.shape or dt.shape != phi.shape[:1]:
+            raise ValueError(
+                f"Expected shapes (n, 3), (n, 3) and (n,), got {phi.shape}, {dv.shape}, {dt.shape}."
+            )
+        out = np.empty((len(phi), SIZE))
+        navigate(self.state, phi, dv, dt, float(correction_up), self._order, out)
+        return columns(out)
+
+
+def columns(states: FloatArray) -> NavigationColumns:
+    """Name the columns of states.
+
+    Parameters
+    ----------
+    states : ndarray, shape (n, SIZE)
+        As :func:`navigate` writes them.
+
+    Returns
+    -------
+    NavigationColumns
+        Views.
+    """
+    return NavigationColumns(
+        states[:, LATITUDE],
+        states[:, LONGITUDE],
+        states[:, HEIGHT],
+        states[:, V_NORTH : V_DOWN + 1],
+        states[:, Q_W : Q_Z + 1],
+    )
+
+
+@numba.njit(cache=True, nogil=True)
+def navigate(
+    state: FloatArray,
+    phi: FloatArray,
+    dv: FloatArray,
+    dt: FloatArray,
+    correction_up: float,
+    order: int,
+    out: FloatArray,
+) -> None:
+    """Advance a state over the updates of a block; see :func:`step`.
+
+    Parameters
+    ----------
+    state : ndarray, shape (SIZE,)
+        Advanced in place.
+    phi, dv : ndarray, shape (n, 3)
+        Rotation vectors, rad, and velocity increments, m/s.
+    dt : ndarray, shape (n,)
+        s.
+    correction_up : float
+        m/s^2.
+    order : int
+        See :func:`~sinstool.methods.strapdown.increment_quaternion.increment_quaternion`.
+    out : ndarray, shape (n, SIZE)
+        Gets the state at the end of every update.
+    """
+    for k in range(out.shape[0]):
+        step(
+            state,
+            phi[k, 0],
+            phi[k, 1],
+            phi[k, 2],
+            dv[k, 0],
+            dv[k, 1],
+            dv[k, 2],
+            dt[k],
+            correction_up,
+            order,
+        )
+        for i in range(SIZE):
+            out[k, i] = state[i]
+
+
+@numba.njit(cache=True, nogil=True)
+def step(
+    state: FloatArray,
+    px: float,
+    py: float,
+    pz: float,
+    ux: float,
+    uy: float,
+    uz: float,
+    dt: float,
+    correction_up: float,
+    order: int,
+) -> None:
+    """Advance a state by one update; scalars only, to be called from larger kernels.
+
+    Parameters
+    ----------
+    state : ndarray, shape (SIZE,)
+        Advanced in place. It holds no history: a filter may correct it between updates.
+    px, py, pz : float
+        Rotation vector of the body against inertial space, in ``b``, rad.
+    ux, uy, uz : float
+        Integral of the specific force in the body axes of the update's start, m/s; see
+        :func:`sinstool.methods.strapdown.velocity.compensate`.
+    dt : float
+        Duration, s.
+    correction_up : float
+        Acceleration that is taken from the upward one, m/s^2: the `A` of a damping network.
+    order : int
+        0 for the exact quaternion, 1 to 4 for Picard's.
+    """
+    lat = state[LATITUDE]
+    h = state[HEIGHT]
+    vn = state[V_NORTH]
+    ve = state[V_EAST]
+    vd = state[V_DOWN]
+    w = state[Q_W]
+    x = state[Q_X]
+    y = state[Q_Y]
+    z = state[Q_Z]
+    s = sin(lat)
+    c = cos(lat)
+    half = 0.5 * dt
+
+    # Earth and gravity at the middle of the update
+    north = half * vn / SEMI_MAJOR_AXIS
+    sm = s + c * north
+    cm = c - s * north
+    hm = h - half * vd
+    s2 = sm * sm
+    # The radii multiplied by the root, so that three divisions need not wait for each other
+    square = 1.0 - ECCENTRICITY_SQUARED * s2
+    root = sqrt(square)
+    rn = root / (SEMI_MAJOR_AXIS + hm * root)
+    rm = square * root / (SEMI_MAJOR_AXIS * (1.0 - ECCENTRICITY_SQUARED) + hm * square * root)
+    gd = normal_gravity(s2, root, hm) + correction_up
+    gn = 2.0 * NORTH_GRAVITY_PER_HEIGHT * hm * sm * cm
+    # East as the axes keep their azimuth: they turn about up against those of the meridian.
+    on = EARTH_RATE * cm
+    oe = -EARTH_RATE * s * (half * ve * rn)
+    od = -EARTH_RATE * sm
+
+    # C_nb dv as u + 2 w (q x u) + 2 q x (q x u)
+    tx = 2.0 * (y * uz - z * uy)
+    ty = 2.0 * (z * ux - x * uz)
+    tz = 2.0 * (x * uy - y * ux)
+    fn = ux + w * tx + (y * tz - z * ty)
+    fe = uy + w * ty + (z * tx - x * tz)
+    fd = uz + w * tz + (x * ty - y * tx)
+
+    # Velocity halfway, by the rates at the start ...
+    an = 2.0 * on + ve * rn
+    ae = 2.0 * oe - vn * rm
+    ad = 2.0 * od
+    mn = vn + 0.5 * fn + half * (gn - (ae * vd - ad * ve))
+    me = ve + 0.5 * fe - half * (ad * vn - an * vd)
+    md = vd + 0.5 * fd + half * (gd - (an * ve - ae * vn))
+    # ... and at the end, by the rates halfway
+    tn = me * rn
+    te = -mn * rm
+    an = 2.0 * on + tn
+    ae = 2.0 * oe + te
+    zn = half * (on + tn)
+    ze = half * (oe + te)
+    zd = half * od
+    new_vn = vn + fn - (ze * fd - zd * fe) + dt * (gn - (ae * md - ad * me))
+    new_ve = ve + fe - (zd * fn - zn * fd) - dt * (ad * mn - an * md)
+    new_vd = vd + fd - (zn * fe - ze * fn) + dt * (gd - (an * me - ae * mn))
+
+    # Position: the turn over the Earth of axes that keep their azimuth
+    tn = half * (ve + new_ve) * rn
+    te = -half * (vn + new_vn) * rm
+    way = tn * tn + te * te
+    up_x = c * (1.0 - 0.5 * way) + s * te
+    if abs(tn) < _SMALL_TURN * up_x and way < _SMALL_WAY:
+        f = 1.0 - way / 6.0
+        up_n = -te * f
+        up_e = tn * f
+        up_x = c * (1.0 - 0.5 * way) - s * up_n
+        t = up_e / up_x
+        t2 = t * t
+        turn = t - t * t2 / 3.0
+        sin_lat = up_n - 0.5 * s * up_e * t * (1.0 - 0.25 * t2)
+        new_lat = lat + sin_lat + sin_lat * sin_lat * sin_lat / 6.0
+        # Heading that the north axis has got, from its east component
+        sin_a = (s * (1.0 - 0.5 * te * te) + up_n * c) * t * (1.0 - 0.5 * t2) + 0.5 * tn * te
+        cos_a = 1.0 - 0.5 * sin_a * sin_a
+        half_w = 1.0 - 0.125 * sin_a * sin_a
+        half_z = 0.5 * sin_a * (1.0 + 0.125 * sin_a * sin_a)
+    else:
+        new_lat, turn, sin_a, cos_a = _far_turn(s, c, tn, te, way)
+        a = 0.5 * atan2(sin_a, cos_a)
+        half_w = cos(a)
+        half_z = sin(a)
+    state[LATITUDE] = new_lat
+    state[LONGITUDE] = _wrapped(state[LONGITUDE] + turn)
+    state[HEIGHT] = h - half * (vd + new_vd)
+    state[V_NORTH] = cos_a * new_vn - sin_a * new_ve
+    state[V_EAST] = sin_a * new_vn + cos_a * new_ve
+    state[V_DOWN] = new_vd
+
+    # Attitude in axes that keep their azimuth, then about down to NED
+    qw, qx, qy, qz = increment_quaternion(px, py, pz, order)
+    bw, bx, by, bz = product(w, x, y, z, qw, qx, qy, qz)
+    zn = -0.5 * (dt * on + tn)
+    ze = -0.5 * (dt * oe + te)
+    zd = -0.5 * dt * od
+    square = zn * zn + ze * ze + zd * zd  # of half the angle
+    f = 1.0 - square / 6.0 * (1.0 - 0.05 * square)
+    zw = 1.0 - 0.5 * square * (1.0 - square / 12.0)
+    zn *= f
+    ze *= f
+    zd *= f
+    ew = half_w * zw - half_z * zd
+    ex = half_w * zn - half_z * ze
+    ey = half_w * ze + half_z * zn
+    ez = half_w * zd + half_z * zw
+    w, x, y, z = product(ew, ex, ey, ez, bw, bx, by, bz)
+    f = unit_factor(w * w + x * x + y * y + z * z)
+    state[Q_W] = w * f
+    state[Q_X] = x * f
+    state[Q_Y] = y * f
+    state[Q_Z] = z * f
+
+
+@numba.njit(cache=True, nogil=True)
+def _far_turn(
+    s: float, c: float, tn: float, te: float, way: float
+) -> tuple[float, float, float, float]:
+    """Position after a turn of any size, and the heading of the axes that were NED.
+
+    `s`, `c` are of the latitude before, `tn`, `te` the turn and `way` its square. Returned are
+    the latitude after, the change of longitude, and sine and cosine of the heading of the axis
+    that was north.
+    """
+    angle = sqrt(way)
+    if angle < 1e-4:
+        f = 1.0 - way / 6.0
+        k = 0.5 - way / 24.0
+    else:
+        f = sin(angle) / angle
+        k = 2.0 * (sin(0.5 * angle) / angle) ** 2
+    up_n = -te * f
+    up_e = tn * f
+    # Up in the axes of the meridian before: outward in the equator's plane, east, polar
+    ca = 1.0 - k * way
+    up_x = ca * c - up_n * s
+    up_z = ca * s + up_n * c
+    turn = atan2(up_e, up_x)
+    sin_turn = sin(turn)
+    cos_turn = cos(turn)
+    mixed = k * tn * te
+    sin_a = (s * (1.0 - k * te * te) + c * up_n) * sin_turn + mixed * cos_turn
+    cos_a = (s * mixed + c * up_e) * sin_turn + (1.0 - k * tn * tn) * cos_turn
+    return atan2(up_z, hypot(up_x, up_e)), turn, sin_a, cos_a
+
+
+@numba.njit(cache=True, nogil=True)
+def _wrapped(angle: float) -> float:
+    """Angle within a turn of it brought into (-pi, pi]."""
+    while angle > pi:
+        angle -= 2.0 * pi
+    while angle <= -pi:
+        angle += 2.0 * pi
+    return angle

@@ -1,0 +1,140 @@
+"""Samples of one segment on their way through an integration.
+
+A coning stage answers for a sample only when the update that ends there is done, which may be some
+samples, or a block, later. Until then the samples are held here.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from sinstool.core.streams import Imu, concatenate
+from sinstool.core.timeline import SECOND, Piece, mean_rates, segments
+from sinstool.methods.coning.algorithm import ConingAlgorithm, of_rates
+from sinstool.methods.coning.stage import ConingStage
+
+
+@dataclass(frozen=True, kw_only=True)
+class SampleSettings:
+    """What has to be known of samples to integrate them.
+
+    Attributes
+    ----------
+    algorithm : ConingAlgorithm
+    gyro_kind : {'rate', 'mean-rate', 'increment'}
+        For ``increment`` the blocks hold integrals, in rad and m/s.
+    nominal_ns : float
+        Nominal sample interval; that of samples that follow a gap or nothing.
+    max_gap_ns : int
+        Longest interval that is integrated across.
+    gyro_bias : ndarray, shape (3,)
+        rad/s, subtracted.
+    sample_rate : float or None
+        Rate in Hz to be believed instead of the stamps' intervals.
+    still_until_ns : int or None
+        The vehicle is known to be at rest until then: what the gyro seems to turn is the
+        wandering of its bias, and the state stays.
+    """
+
+    algorithm: ConingAlgorithm
+    gyro_kind: str
+    nominal_ns: float
+    max_gap_ns: int
+    gyro_bias: np.ndarray = field(default_factory=lambda: np.zeros(3))
+    sample_rate: float | None = None
+    still_until_ns: int | None = None
+
+    def stage(self) -> ConingStage:
+        """The coning stage of a new segment."""
+        return ConingStage(
+            self.algorithm,
+            of_rates(self.gyro_kind),
+            nominal_interval=self.nominal_ns / SECOND,
+        )
+
+
+def unbiased_segments(blocks: Iterable[Imu], settings: SampleSettings) -> Iterator[Piece]:
+    """Rates of a log, cut at gaps, with the bias of the gyros taken off.
+
+    Parameters
+    ----------
+    blocks : iterable of Imu
+        Ordered, without duplicates.
+    settings : SampleSettings
+
+    Yields
+    ------
+    Piece
+    """
+    s = settings
+    if s.gyro_kind == "increment":
+        blocks = mean_rates(blocks, s.nominal_ns, s.max_gap_ns, s.sample_rate)
+    for piece in segments(blocks, s.max_gap_ns):
+        imu = piece.imu
+        unbiased = Imu(imu.time_ns, imu.log_time_ns, imu.gyro - s.gyro_bias, imu.accel)
+        yield Piece(unbiased, piece.starts, piece.gap_s)
+
+
+class SegmentSamples:
+    """Samples of a segment that no update has answered for yet.
+
+    Parameters
+    ----------
+    start_ns : int
+        Time of the segment's first sample.
+    sample_rate : float, optional
+        Believed in place of the stamps, Hz.
+    """
+
+    def __init__(self, start_ns: int, sample_rate: float | None = None) -> None:
+        self._start_ns = start_ns
+        self._sample_rate = sample_rate
+        self._held: Imu | None = None
+        self._first = 0
+        self._count = 0
+
+    def push(self, imu: Imu) -> np.ndarray:
+        """Hold the next samples.
+
+        Parameters
+        ----------
+        imu : Imu
+
+        Returns
+        -------
+        ndarray of int64, shape (n,)
+            Their times: the stamps, or what the believed rate makes of them, ns.
+        """
+        self._held = imu if self._held is None else concatenate([self._held, imu])
+        times = imu.time_ns
+        if self._sample_rate is not None:
+            number = self._count + np.arange(len(imu))
+            times = self._start_ns + np.rint(number * (SECOND / self._sample_rate)).astype(np.int64)
+        self._count += len(imu)
+        return times
+
+    def take(self, sample: np.ndarray) -> Imu:
+        """Samples at the ends of finished updates; they and all before them are let go.
+
+        Parameters
+        ----------
+        sample : ndarray of int, shape (m,)
+            Ascending, counted from the segment's first; not empty.
+
+        Returns
+        -------
+        Imu
+        """
+        assert self._held is not None
+        rows = sample - self._first
+        done = int(rows[-1]) + 1
+        if done - int(rows[0]) == len(rows):  # every sample has its update: nothing to pick out
+            taken = self._held.rows(slice(done - len(rows), done))
+        else:
+            taken = self._held.rows(rows)
+        self._held = self._held.rows(slice(done, None))
+        self._first += done
+        return taken

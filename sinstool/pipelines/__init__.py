@@ -1,0 +1,1 @@
+"""From a log to an answer: one folder for each command."""

@@ -1,0 +1,1 @@
+"""From logs of a turntable to a calibration of its heading-sensitive error."""

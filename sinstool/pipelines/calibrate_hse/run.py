@@ -1,0 +1,417 @@
+"""Heading-sensitive error calibrated: from a rig's logs to the file that `process --hse` takes.
+
+`calibrate` reads every log, finds its stretches at constant rate, aligns on each, fits, judges,
+and writes the calibration; what it returns is what a summary and a page need.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
+from datetime import UTC, datetime
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+import sinstool
+from sinstool.campaign.jobs import Job, Workers, results
+from sinstool.config import CalibrationOptions, ProcessConfig
+from sinstool.core.errors import AlignmentError, ConfigurationError, SinstoolError
+from sinstool.core.explain import explain
+from sinstool.core.whole_file import WholeFile, check_output
+from sinstool.io.readers import open_log
+from sinstool.io.readers.log import path_size
+from sinstool.io.readers.lost import Lost
+from sinstool.methods.hse.calibration_file import HseCalibration, dumps, from_fit
+from sinstool.methods.hse.correction import correct_heading
+from sinstool.methods.hse.fit import fit
+from sinstool.methods.hse.fit_result import FitOptions, HseFit
+from sinstool.methods.hse.positions import wrapped
+from sinstool.methods.hse.rig import Rig, from_table
+from sinstool.methods.hse.run import HseRun
+from sinstool.methods.hse.segments import SegmentRules
+from sinstool.methods.hse.status import EXIT_INSUFFICIENT, Judgement, judge
+from sinstool.methods.hse.table import ValidationTable, validation_table
+from sinstool.methods.hse.whole_turn import run_from_turns
+from sinstool.pipelines.process.common import share
+from sinstool.survey.rig import RigTurns, find_turns, nothing_to_use, read_rig_log
+from sinstool.survey.unit_evidence import DEGREE
+
+Progress = Callable[[float], None]
+FloatArray = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class PositionSpread:
+    """Headings of the runs in use at one position, less the mean corrected one.
+
+    This needs no azimuth from outside, and cannot show what is wrong with the position as a
+    whole.
+
+    Attributes
+    ----------
+    position : int
+        Number in the fit.
+    heading : float
+        Mean corrected heading, rad, in [0, 2 pi).
+    ids : tuple of str
+    before, after : ndarray, shape (n,)
+        rad.
+    """
+
+    position: int
+    heading: float
+    ids: tuple[str, ...]
+    before: FloatArray
+    after: FloatArray
+
+    @property
+    def peak_to_peak(self) -> tuple[float, float]:
+        """Before and after correction, rad."""
+        return float(np.ptp(self.before)), float(np.ptp(self.after))
+
+
+@dataclass(frozen=True)
+class Calibration:
+    """What a calibration found.
+
+    Attributes
+    ----------
+    rig : Rig
+    logs : tuple of RigTurns
+        Of each log that could be used.
+    runs : tuple of HseRun
+    fit : HseFit
+    judgement : Judgement
+    kept : HseCalibration
+        As written.
+    table : ValidationTable or None
+        Headings before and after correction against the azimuths that were given; None where
+        none were, or there is no coefficient.
+    spread : tuple of PositionSpread
+        Headings before and after correction within each position; empty without a coefficient.
+    lost : bool
+        Parts of a log or single messages could not be read.
+    warnings : tuple of str
+        Beside those of the judgement.
+    """
+
+    rig: Rig
+    logs: tuple[RigTurns, ...]
+    runs: tuple[HseRun, ...]
+    fit: HseFit
+    judgement: Judgement
+    kept: HseCalibration
+    table: ValidationTable | None
+    spread: tuple[PositionSpread, ...]
+    lost: bool
+    warnings: tuple[str, ...]
+
+    @property
+    def exit_code(self) -> int:
+        """0 done; 3 done, but something was lost, or the coefficient is not to be applied."""
+        withheld = self.lost or not self.judgement.applicable
+        return self.judgement.exit_code or (EXIT_INSUFFICIENT if withheld else 0)
+
+
+def rig_of(config: ProcessConfig) -> Rig:
+    """The rig that a configuration describes.
+
+    Raises
+    ------
+    ConfigurationError
+        It describes none.
+    """
+    if config.rig is None:
+        raise ConfigurationError("no rig is described", "give a table [rig] with --config RIG.toml")
+    return from_table(config.rig)
+
+
+def segment_rules(options: CalibrationOptions) -> SegmentRules:
+    """What makes a stretch good enough to align on."""
+    return SegmentRules(
+        settle_s=options.settle,
+        min_turns=options.min_turns,
+        min_duration_s=options.min_duration,
+        align_duration_s=options.align_duration,
+        skip_warmup_s=options.skip_warmup,
+    )
+
+
+def calibrate(
+    paths: Sequence[Path],
+    output: Path | None,
+    config: ProcessConfig,
+    progress: Progress | None = None,
+    workers: Workers | None = None,
+) -> Calibration:
+    """Calibrate a rig's heading-sensitive error from its logs.
+
+    Parameters
+    ----------
+    paths : sequence of Path
+    output : Path or None
+        JSON file to write; None to write none.
+    config : ProcessConfig
+        With a rig.
+    progress : callable, optional
+        Called with the fraction done.
+    workers : Workers, optional
+        Who reads the logs; by default this process, one after the other.
+
+    Returns
+    -------
+    Calibration
+        Whatever its status is: one that must not be applied says so itself.
+
+    Raises
+    ------
+    SinstoolError
+        A log cannot be read, or not one of them has a stretch to align on.
+    """
+    rig = rig_of(config)
+    if output is not None:
+        check_output(output, list(paths), config.output.overwrite)
+    options = config.calibration
+    logs, warnings, lost = read_logs(paths, rig, config, progress, workers)
+    shown = azimuths(options, [log.source for log in logs])
+    runs = align_runs(logs, rig, options)
+    unknown = sorted(set(options.exclude) - {run.id for run in runs})
+    if unknown:
+        raise ConfigurationError(
+            f"--exclude {unknown[0]}: there is no such run",
+            f"runs are {', '.join(run.id for run in runs[:12])}{' ...' * (len(runs) > 12)}",
+        )
+    result = fit(runs, fit_options(options))
+    explain("runs", f"{len(runs)} stretches with whole turns, from {len(logs)} logs")
+    explain("method", _method_why(options.method, result.method, len(runs)))
+    judged = judge(result)
+    created = datetime.now(UTC).isoformat(timespec="seconds")
+    tool = f"sinstool {sinstool.__version__}"
+    kept = from_fit(result, judged, created, tool, rig.sha256())
+    table, spread = _headings(runs, result, kept, shown)
+    if output is not None:
+        with WholeFile(output) as whole:
+            whole.stream.write(dumps(kept).encode())
+    return Calibration(
+        rig,
+        tuple(logs),
+        tuple(runs),
+        result,
+        judged,
+        kept,
+        table,
+        spread,
+        lost,
+        (*rig.remarks(), *warnings),
+    )
+
+
+def _method_why(wanted: str, used: str, runs: int) -> str:
+    """Which method the coefficient came from."""
+    if wanted == used:
+        return f"{used}, as told" if wanted != "joint" else f"{used}, over {runs} runs"
+    return f"{used}, as the runs do not determine {wanted}"
+
+
+def read_logs(
+    paths: Sequence[Path],
+    rig: Rig,
+    config: ProcessConfig,
+    progress: Progress | None,
+    workers: Workers | None = None,
+) -> tuple[list[RigTurns], list[str], bool]:
+    """Turns of every log; logs without any are told, unless all are.
+
+    Returns
+    -------
+    logs : list of RigTurns
+    warnings : list of str
+    lost : bool
+        Something could not be read.
+
+    Raises
+    ------
+    SinstoolError
+    """
+    known = [path.resolve() for path in paths]
+    for path in paths:
+        if known.count(path.resolve()) > 1:
+            raise ConfigurationError(f"{path} is given twice", "give every log once")
+    rules = segment_rules(config.calibration)
+    logs: list[RigTurns] = []
+    warnings: list[str] = []
+    empty: list[SinstoolError] = []
+    names = _names(paths)
+    lost = False
+    arguments = [(path, names[path], rig, config) for path in paths]
+    for path, (found, parts) in zip(paths, _each(arguments, progress, workers), strict=True):
+        warnings += [f"{path}: lost: {part}" for part in parts]
+        lost = lost or bool(parts) or found.damaged
+        warnings += [f"{path}: {count} messages of {what}" for what, count in found.counts.items()]
+        if found.turns:
+            logs.append(found)
+        else:
+            empty.append(nothing_to_use(found, path, rules))
+    if not logs:
+        raise empty[0]
+    warnings += [f"left out: {exc}" for exc in empty]
+    return logs, warnings, lost
+
+
+def _names(paths: Sequence[Path]) -> dict[Path, str]:
+    """Short names of the logs, with their folders where several are called the same."""
+    stems = [p.stem for p in paths]
+    return {p: p.stem if stems.count(p.stem) == 1 else str(p.with_suffix("")) for p in paths}
+
+
+def _each(
+    arguments: Sequence[tuple[Path, str, Rig, ProcessConfig]],
+    progress: Progress | None,
+    workers: Workers | None,
+) -> Iterator[tuple[RigTurns, list[Lost]]]:
+    """What :func:`read_turns` finds in each log, here or by workers, in the order of the logs."""
+    count = len(arguments)
+    if workers is None:
+        for number, told in enumerate(arguments):
+            yield read_turns(*told, _part(progress, number, count))
+        return
+    jobs = [
+        # workers may stand elsewhere
+        Job(
+            str(path), read_turns, (path.absolute(), *told), path_size(path) if path.exists() else 0
+        )
+        for path, *told in arguments
+    ]
+    yield from results(jobs, workers, progress)
+
+
+def read_turns(
+    path: Path, name: str, rig: Rig, config: ProcessConfig, progress: Progress | None
+) -> tuple[RigTurns, list[Lost]]:
+    """Turns of one log, and what of it was lost.
+
+    Raises
+    ------
+    SinstoolError
+    """
+    with open_log(path, config.input.salvage) as log:
+        samples = read_rig_log(log, rig, config.input, share(progress, log.size, 0.0, 1.0))
+        return find_turns(samples, rig, segment_rules(config.calibration), name), list(log.lost)
+
+
+def _part(progress: Progress | None, number: int, count: int) -> Progress | None:
+    if progress is None:
+        return None
+    return lambda fraction: progress((number + fraction) / count)
+
+
+def align_runs(logs: Sequence[RigTurns], rig: Rig, options: CalibrationOptions) -> list[HseRun]:
+    """Every stretch of every log, aligned.
+
+    Raises
+    ------
+    AlignmentError, ConfigurationError
+        With the name of the log.
+    """
+    runs = []
+    for log in logs:
+        for number, turns in enumerate(log.turns, 1):
+            name = f"{log.source}#{number}"
+            try:
+                run = run_from_turns(
+                    turns,
+                    rig,
+                    id=name,
+                    source=log.source,
+                    log_start_ns=log.start_ns,
+                    level_rate=options.level_rate,
+                    gyro_bias_sigma=options.gyro_bias_sigma * DEGREE / 3600.0,
+                )
+            except (AlignmentError, ConfigurationError) as exc:
+                raise type(exc)(f"{name}: {exc.message}", exc.hint) from exc
+            runs.append(run)
+    return runs
+
+
+def fit_options(options: CalibrationOptions) -> FitOptions:
+    """Options as the fit takes them."""
+    return FitOptions(
+        method=options.method,
+        form=options.form,
+        weights=options.weights,
+        drift=options.drift,
+        exclude=options.exclude,
+        reject_outliers=not options.keep_outliers,
+    )
+
+
+def azimuths(options: CalibrationOptions, sources: Sequence[str]) -> dict[str, float]:
+    """Azimuths that were given, rad, by log.
+
+    Raises
+    ------
+    ConfigurationError
+        One is not NAME=DEGREES, or of no log.
+    """
+    found: dict[str, float] = {}
+    for text in options.azimuth:
+        name, sign, value = text.rpartition("=")
+        try:
+            degrees = float(value)
+        except ValueError:
+            degrees = np.nan
+        if not sign or not np.isfinite(degrees):
+            raise ConfigurationError(f"--azimuth {text}: not NAME=DEGREES")
+        if name not in sources:
+            raise ConfigurationError(
+                f"--azimuth {text}: no log is called {name}", f"logs are {', '.join(sources)}"
+            )
+        found[name] = float(np.radians(degrees))
+    return found
+
+
+def _headings(
+    runs: Sequence[HseRun], result: HseFit, kept: HseCalibration, shown: dict[str, float]
+) -> tuple[ValidationTable | None, tuple[PositionSpread, ...]]:
+    """Headings before and after correction: against azimuths, and within positions."""
+    if kept.lambda2_rad is None:
+        return None, ()
+    chosen = [
+        (run, fitted.position)
+        for run, fitted in zip(runs, result.run_fits, strict=True)
+        if fitted.used
+    ]
+    used = [run for run, _ in chosen]
+    before = np.array([run.heading for run in used])
+    after = correct_heading(
+        kept,
+        before,
+        np.array([run.sigma_heading for run in used]),
+        np.array([run.rate for run in used]),
+        np.array([run.C23 for run in used]),
+        np.array([run.latitude for run in used]),
+    ).heading
+    position = np.array([k for _, k in chosen])
+    spread = []
+    for k in np.unique(position).tolist():
+        here = np.flatnonzero(position == k)
+        from_first = wrapped(after[here] - after[here[0]])
+        middle = float((after[here[0]] + from_first.mean()) % (2.0 * np.pi))
+        spread.append(
+            PositionSpread(
+                k,
+                middle,
+                tuple(used[i].id for i in here),
+                wrapped(before[here] - middle),
+                wrapped(after[here] - middle),
+            )
+        )
+    known = [i for i, run in enumerate(used) if run.source in shown]
+    table = None
+    if known:
+        azimuth = np.array([shown[used[i].source] for i in known])
+        names = [used[i].id for i in known]
+        table = validation_table(azimuth, before[known], after[known], names)
+    return table, tuple(spread)

@@ -1,0 +1,354 @@
+"""Coning algorithms side by side on one log: what each would have made of it.
+
+The reference is the sharpest thing the log's own samples allow. Everything is reported as the
+rate at which a candidate leaves it, window by window, so that sensor errors, which every
+algorithm sees alike, cancel. How far the reference itself can be trusted is what it parts by from
+two algorithms as sharp that err in other ways, one of another family and one that interpolates
+the samples otherwise: where those disagree, the log does not tell which is right.
+"""
+
+from __future__ import annotations
+
+import math
+import os
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field, replace
+from itertools import combinations
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sinstool.core.threads import executor
+from sinstool.methods.coning.increments import GyroKind
+from sinstool.methods.coning.registry import algorithm
+from sinstool.pipelines.compare_coning.alias import (
+    Exposure,
+    RateSpectrum,
+    exposure,
+    rate_spectrum,
+)
+from sinstool.pipelines.compare_coning.divergence import (
+    DEG_H,
+    DriftStatistics,
+    Parting,
+    part,
+    statistics,
+    widest_gap,
+)
+from sinstool.pipelines.compare_coning.runs import (
+    Attitudes,
+    Candidate,
+    Segment,
+    candidates,
+    increments_of,
+    run,
+)
+from sinstool.pipelines.compare_coning.verdict import Verdict, verdict
+
+FloatArray = NDArray[np.float64]
+
+DEFAULT_ALGORITHMS = (
+    "uncompensated",
+    "previous-1",
+    "previous-3",
+    "optimal-2",
+    "optimal-4",
+    "savage-two-speed",
+    "picard-4",
+    "quatfiter-4",
+    "lookahead-12",
+    "singular-perturbation",
+)
+REFERENCE = "quatfiter-4"
+# Judge the reference: of another family, and of another interpolation.
+JUDGES = ("quatfiter-4", "previous-3", "lookahead-12")
+SELF_CHECK = 0.1
+# Runs that are kept to be compared in pairs have about this many instants in each segment
+_KEPT = 1 << 18
+# Two updates of the reference and the sample they begin at
+LEAST_SAMPLES = 9
+
+
+@dataclass(frozen=True)
+class Settings:
+    """What is compared, and how.
+
+    Attributes
+    ----------
+    algorithms : tuple of str
+    reference : str
+        An algorithm, ``auto`` (quatfiter-4) or ``none`` (candidates against each other only).
+    decimate : tuple of int
+    window_s : float
+    tolerance : float
+        Drift that does not matter, rad/s.
+    options : dict
+        Options of algorithms that take any, by name.
+    """
+
+    algorithms: tuple[str, ...] = DEFAULT_ALGORITHMS
+    reference: str = "auto"
+    decimate: tuple[int, ...] = (1, 2, 4)
+    window_s: float = 10.0
+    tolerance: float = 0.01 / DEG_H
+    options: dict[str, dict[str, Any]] = field(default_factory=dict)
+
+
+@dataclass(frozen=True)
+class Row:
+    """One candidate's result.
+
+    Attributes
+    ----------
+    candidate : Candidate
+    update_hz : float
+    drift : DriftStatistics or None
+        None where it has no instants in common with the reference.
+    end, slope : ndarray, shape (3,)
+        psi at the run's end (all segments added), rad, and its slope, rad/s.
+    largest : float
+        Largest norm of psi in any segment, rad.
+    ns_per_sample : float
+        Processor time for each sample it was fed.
+    resolved : bool
+        Its divergence is well above what the reference itself can be trusted to.
+    curves : tuple of Parting
+        Per segment, for figures.
+    """
+
+    candidate: Candidate
+    update_hz: float
+    drift: DriftStatistics | None
+    end: FloatArray
+    slope: FloatArray
+    largest: float
+    ns_per_sample: float
+    resolved: bool
+    curves: tuple[Parting, ...]
+
+
+@dataclass(frozen=True)
+class Comparison:
+    """All that a comparison found.
+
+    Attributes
+    ----------
+    settings : Settings
+    kind : str
+        What the log's samples are.
+    rate_hz, duration_s : float
+    samples, segments : int
+    reference : str
+        Name of the algorithm, or ``none``.
+    reference_resolution : float or None
+        Largest root mean square drift between the reference and one of `JUDGES`, rad/s.
+    rows : tuple of Row
+        Candidates as the log is, then decimated.
+    pairs : dict
+        Largest angle between native candidates, rad, by pair of names.
+    spectrum : RateSpectrum or None
+    exposures : tuple of Exposure
+    verdict : Verdict
+    warnings : tuple of str
+    """
+
+    settings: Settings
+    kind: GyroKind
+    rate_hz: float
+    duration_s: float
+    samples: int
+    segments: int
+    reference: str
+    reference_resolution: float | None
+    rows: tuple[Row, ...]
+    pairs: dict[tuple[str, str], float]
+    spectrum: RateSpectrum | None
+    exposures: tuple[Exposure, ...]
+    verdict: Verdict
+    warnings: tuple[str, ...]
+
+
+def compare(
+    segments: Sequence[Segment],
+    kind: GyroKind,
+    interval_s: float,
+    settings: Settings,
+    truth: list[Attitudes] | None = None,
+    progress: Callable[[float], None] | None = None,
+) -> Comparison:
+    """Run all candidates over a log and compare them.
+
+    Parameters
+    ----------
+    segments : sequence of Segment
+    kind : {'rate', 'mean-rate'}
+    interval_s : float
+        Nominal sample interval, s.
+    settings : Settings
+    truth : list of Attitudes, optional
+        True attitude of each segment, to be the reference.
+    progress : callable, optional
+        Called with the fraction done.
+
+    Returns
+    -------
+    Comparison
+
+    Raises
+    ------
+    ValueError
+        No segment holds enough samples for the reference to take one update.
+    """
+    name = REFERENCE if settings.reference == "auto" else settings.reference
+    long = [len(s) >= LEAST_SAMPLES for s in segments]
+    usable = [s for s, enough in zip(segments, long, strict=True) if enough]
+    if not usable:
+        raise ValueError("no stretch without gaps is long enough to compare algorithms on")
+    todo = candidates(settings.algorithms, settings.decimate, kind, settings.options)
+    native = [c for c in todo if c.decimate == 1]
+    warnings: list[str] = []
+    truths: list[Attitudes] | None = None
+    judges: list[Candidate] = []
+    if truth is not None:
+        name = "truth"
+        truths = [t for t, enough in zip(truth, long, strict=True) if enough]
+    elif name != "none":
+        reference = Candidate(name, algorithm(name, **settings.options.get(name, {})))
+        truths = [run(reference, s, kind, interval_s) for s in usable]
+        known = {c.name for c in native}
+        judges = [Candidate(j, algorithm(j)) for j in JUDGES if j != name and j not in known]
+    summed = any(c.thinning == "sums" for c in todo)
+    increments = [increments_of(s, kind, interval_s) if summed else None for s in usable]
+    every = math.lcm(*(c.stride for c in native))
+    kept: dict[str, list[Attitudes]] = {}
+
+    def work(candidate: Candidate) -> Row:
+        made = [
+            run(candidate, s, kind, interval_s, i) for s, i in zip(usable, increments, strict=True)
+        ]
+        if candidate.decimate == 1:
+            kept[candidate.name] = [_sparse(a, every) for a in made]
+        return _row(candidate, made, truths, usable, interval_s, settings)
+
+    rows: list[Row] = []
+    # The compiled loops let others run: two threads take half as long, and memory for two runs.
+    with executor(min(2, os.cpu_count() or 1), "sinstool-compare") as pool:
+        for number, row in enumerate(pool.map(work, [*todo, *judges])):
+            rows.append(row)
+            if progress:
+                progress((number + 1) / (len(todo) + len(judges) + 1))
+    resolution = None
+    if truth is None and truths is not None:
+        resolution = _resolution(rows, name)
+        if resolution is None:
+            warnings.append("the log is too short to judge the reference")
+    rows = [_resolved(row, resolution) for row in rows[: len(todo)]]
+    pairs = {
+        (a, b): float(
+            np.fmax.reduce(
+                [widest_gap(x, y) for x, y in zip(kept[a], kept[b], strict=True)],
+                initial=np.nan,
+            )
+        )
+        for a, b in combinations([c.name for c in native], 2)
+    }
+    spectrum = rate_spectrum([s.gyro for s in usable], interval_s, settings.window_s)
+    exposures = []
+    if spectrum is not None:
+        for m in settings.decimate:
+            for thinning in ("sums", "points") if m > 1 else ():
+                exposures.append(exposure(spectrum, 1 / interval_s, m, thinning, settings.window_s))
+    if len(usable) < len(segments):
+        left = sum(len(s) for s in segments) - sum(len(s) for s in usable)
+        warnings.append(
+            f"{len(segments) - len(usable)} stretches between gaps, {left} samples in all, are too"
+            " short to compare on and left out"
+        )
+    samples = sum(len(s) for s in usable)
+    covered = sum(float(s.time_ns[-1] - s.time_ns[0]) for s in usable) / 1e9
+    return Comparison(
+        settings,
+        kind,
+        1.0 / interval_s,
+        covered,
+        samples,
+        len(usable),
+        name,
+        resolution,
+        tuple(rows),
+        pairs,
+        spectrum,
+        tuple(exposures),
+        verdict(rows, name, resolution, settings.tolerance),
+        tuple(warnings),
+    )
+
+
+def _sparse(made: Attitudes, every: int) -> Attitudes:
+    """Run with fewer instants, that every other thinned one has too."""
+    step = every * -(-int(made.sample[-1]) // (_KEPT * every))
+    if step <= every:
+        return made
+    few = made.sample % step == 0
+    few[-1] = True
+    return Attitudes(made.sample[few], made.q[few], made.seconds, made.samples)
+
+
+def _resolution(rows: Sequence[Row], reference: str) -> float | None:
+    """How far the reference can be trusted: its drift against algorithms that err otherwise."""
+    found = [
+        r.drift.slope_rms / DEG_H
+        for r in rows
+        if r.candidate.decimate == 1
+        and r.candidate.name in JUDGES
+        and r.candidate.name != reference
+        and r.drift is not None
+    ]
+    return max(found, default=None)
+
+
+def _resolved(row: Row, resolution: float | None) -> Row:
+    told = row.drift is not None and (
+        resolution is None or resolution < SELF_CHECK * row.drift.slope_rms / DEG_H
+    )
+    return replace(row, resolved=told)
+
+
+def _row(
+    candidate: Candidate,
+    made: list[Attitudes],
+    truths: list[Attitudes] | None,
+    segments: Sequence[Segment],
+    interval_s: float,
+    settings: Settings,
+) -> Row:
+    fed = sum(a.samples for a in made)
+    cost = 1e9 * sum(a.seconds for a in made) / max(fed, 1)
+    curves: list[Parting] = []
+    if truths is not None:
+        found = (
+            part(a, t, s.time_ns, settings.window_s)
+            for a, t, s in zip(made, truths, segments, strict=True)
+        )
+        curves = [p for p in found if p is not None]
+    drift = None
+    if curves:
+        rates = np.concatenate([p.window_rate for p in curves])
+        slopes = np.concatenate([p.window_slope for p in curves])
+        # A stretch shorter than half a window says little of drift; it counts if there is no other.
+        length = np.concatenate([p.window_length_s for p in curves])
+        full = length >= 0.5 * min(settings.window_s, length.max())
+        drift = statistics(rates[full], slopes[full])
+    longest = max(curves, key=lambda p: p.time_s[-1], default=None)
+    return Row(
+        candidate,
+        1.0 / (interval_s * candidate.stride),
+        drift,
+        np.sum([p.end for p in curves], axis=0) if curves else np.full(3, np.nan),
+        longest.slope if longest is not None else np.full(3, np.nan),
+        max((p.largest for p in curves), default=float("nan")),
+        cost,
+        False,
+        tuple(curves),
+    )

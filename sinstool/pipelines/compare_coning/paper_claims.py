@@ -1,0 +1,187 @@
+"""What the paper prints, what this experiment gives, and whether the two agree.
+
+Every verdict is computed: from our number, the printed one and a tolerance that is stated.
+A printed figure was read off a curve and the gyro is known from a curve alone, so agreement
+is meant to a factor where the figure depends on that gyro, and closely where it does not.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sinstool.pipelines.compare_coning.paper_experiment import Experiment
+from sinstool.pipelines.compare_coning.paper_sweep import Sweep
+
+LEVEL_FACTOR = 1.5  # figures that were read off a curve
+MEAN_FACTOR = 1.25  # table 1, which is printed with two digits
+CLOSE = 0.05  # figures that the gyro hardly matters for
+JUMP_DEG = 0.0025  # half of the smaller level of figure 8
+SEVERE_DEG = 0.1  # the paper calls an error within this very good
+LOW_BAND = (1.0, 199.0)
+SP_PAPER = "sp-paper-printed"  # the paper's own equations and parameters
+
+
+@dataclass(frozen=True)
+class Claim:
+    """One printed claim beside our number.
+
+    Attributes
+    ----------
+    key : str
+    source : str
+        Figure, table or section of the paper.
+    statement : str
+        What is claimed, in a few words.
+    printed : str
+        The paper's figure as text, with unit.
+    ours : float
+    unit : str
+    setting : str
+        What our number was computed with.
+    tolerance : str
+        What counts as agreement.
+    reproduces : bool
+    reason : str
+        Why, in one sentence.
+    """
+
+    key: str
+    source: str
+    statement: str
+    printed: str
+    ours: float
+    unit: str
+    setting: str
+    tolerance: str
+    reproduces: bool
+    reason: str
+
+    @property
+    def verdict(self) -> str:
+        """In words."""
+        return "reproduces" if self.reproduces else "does not"
+
+
+@dataclass(frozen=True)
+class Tolerance:
+    """When a number counts as agreeing."""
+
+    text: str
+    holds: Callable[[float], bool]
+
+
+def within(printed: float, factor: float) -> Tolerance:
+    """Same sign, and equal up to a factor."""
+    sign = "same sign, " if printed < 0.0 else ""
+    return Tolerance(
+        f"{sign}within a factor of {factor:g}",
+        lambda ours: bool(1.0 / factor <= ours / printed <= factor),
+    )
+
+
+def near(printed: float, relative: float) -> Tolerance:
+    """Equal up to a part."""
+    return Tolerance(
+        f"within {100 * relative:g} %",
+        lambda ours: bool(abs(ours - printed) <= relative * abs(printed)),
+    )
+
+
+def below(limit: float) -> Tolerance:
+    """Not more than a limit."""
+    return Tolerance(f"at most {limit:g}", lambda ours: bool(ours <= limit))
+
+
+def above(limit: float) -> Tolerance:
+    """Not less than a limit."""
+    return Tolerance(f"at least {limit:g}", lambda ours: bool(ours >= limit))
+
+
+def low_level(sweep: Sweep) -> float:
+    """Level about which the error varies below the bandwidth.
+
+    Parameters
+    ----------
+    sweep : Sweep
+
+    Returns
+    -------
+    float
+        Median of the absolute z component from 1 to 199 Hz, degrees.
+    """
+    return float(np.median(np.abs(sweep.z_deg[low_band(sweep)])))
+
+
+def jump(sweep: Sweep, frequency: float) -> float:
+    """Height of a spike of one frequency above its neighbours.
+
+    Parameters
+    ----------
+    sweep : Sweep
+    frequency : float
+        Hz.
+
+    Returns
+    -------
+    float
+        Degrees; of the z component at the end or of the largest error, where it is higher.
+    """
+    row = sweep.row(frequency)
+    return max(
+        abs(float(v[row] - 0.5 * (v[row - 1] + v[row + 1]))) for v in (sweep.z_deg, sweep.peak_deg)
+    )
+
+
+def low_band(sweep: Sweep) -> NDArray[np.bool_]:
+    """Rows of a sweep below the bandwidth."""
+    return (sweep.frequency >= LOW_BAND[0]) & (sweep.frequency <= LOW_BAND[1])
+
+
+class Judge:
+    """Collects claims about one experiment.
+
+    Parameters
+    ----------
+    experiment : Experiment
+
+    Attributes
+    ----------
+    found : list of Claim
+    gyro : GyroResponse
+        That the figures are for.
+    """
+
+    def __init__(self, experiment: Experiment) -> None:
+        self.e = experiment
+        self.found: list[Claim] = []
+        self.gyro = experiment.setting.response
+
+    def add(
+        self,
+        key: str,
+        source: str,
+        statement: str,
+        printed: str,
+        ours: float,
+        unit: str,
+        test: Tolerance,
+        yes: str,
+        no: str,
+        setting: str = "",
+    ) -> None:
+        """Hold a number against a printed one; `yes` and `no` are the reasons for either."""
+        agrees = test.holds(ours)
+        where = self.e.setting.name + (f"; {setting}" if setting else "")
+        reason = yes if agrees else no
+        self.found.append(
+            Claim(key, source, statement, printed, ours, unit, where, test.text, agrees, reason)
+        )
+
+    def norm(self, key: str, frequency: float) -> float:
+        """Length of the error of a case at one frequency of noise, degrees."""
+        sweep = self.e.sweep(key)
+        return float(sweep.norm_deg[sweep.row(frequency)])

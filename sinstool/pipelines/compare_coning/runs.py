@@ -1,0 +1,246 @@
+"""Coning algorithms run over the same samples, natively and as a slower log would have them."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sinstool.methods.coning.algorithm import ConingAlgorithm
+from sinstool.methods.coning.increments import GyroKind
+from sinstool.methods.coning.registry import algorithm
+from sinstool.methods.coning.stage import ConingStage
+from sinstool.methods.strapdown.attitude import AttitudePropagator
+
+FloatArray = NDArray[np.float64]
+IntArray = NDArray[np.int64]
+
+_IDENTITY = (1.0, 0.0, 0.0, 0.0)
+_WARM = 64
+_BLOCK = 16384
+# Of one candidate over one segment
+_MOST_RUNS = 5
+_ENOUGH_S = 0.02
+
+
+@dataclass(frozen=True)
+class Segment:
+    """Gyro samples of a stretch without gaps.
+
+    Attributes
+    ----------
+    time_ns : ndarray of int64, shape (n,)
+    gyro : ndarray, shape (n, 3)
+        Rates or mean rates, rad/s, in body axes.
+    """
+
+    time_ns: IntArray
+    gyro: FloatArray
+
+    def __len__(self) -> int:
+        return len(self.time_ns)
+
+
+@dataclass(frozen=True)
+class Candidate:
+    """An algorithm and what it is fed.
+
+    Attributes
+    ----------
+    name : str
+        Of the algorithm.
+    algorithm : ConingAlgorithm
+    decimate : int
+        Only every so many samples are kept.
+    thinning : {'none', 'sums', 'points'}
+        How: increments summed, as a slower integrating gyro gives them, or rates picked, as a
+        slower sampling gyro does.
+    """
+
+    name: str
+    algorithm: ConingAlgorithm
+    decimate: int = 1
+    thinning: str = "none"
+
+    @property
+    def label(self) -> str:
+        """Name with what it is fed."""
+        return self.name if self.decimate == 1 else f"{self.name} /{self.decimate} {self.thinning}"
+
+    @property
+    def stride(self) -> int:
+        """Native samples to an update."""
+        return self.algorithm.samples * self.decimate
+
+
+@dataclass(frozen=True)
+class Attitudes:
+    """What a candidate made of a segment.
+
+    Attributes
+    ----------
+    sample : ndarray of int64, shape (k,)
+        Native sample at which each attitude holds, increasing; the first is the start.
+    q : ndarray, shape (k, 4)
+        Body against the attitude at the start.
+    seconds : float
+        Processor time it took, the least of a few runs where one is short.
+    samples : int
+        Samples it was fed.
+    """
+
+    sample: IntArray
+    q: FloatArray
+    seconds: float
+    samples: int
+
+
+def run(
+    candidate: Candidate,
+    segment: Segment,
+    kind: GyroKind,
+    nominal_s: float,
+    increments: FloatArray | None = None,
+) -> Attitudes:
+    """Attitude of one segment by one candidate.
+
+    Parameters
+    ----------
+    candidate : Candidate
+    segment : Segment
+    kind : {'rate', 'mean-rate'}
+        What the segment's samples are.
+    nominal_s : float
+        Native sample interval, s.
+    increments : ndarray, shape (n - 1, 3), optional
+        What :func:`increments_of` gives for the segment, where it is at hand.
+
+    Returns
+    -------
+    Attitudes
+        A single row where the segment holds no update.
+    """
+    gyro, times, rows, fed = _feed(candidate, segment, kind, nominal_s, increments)
+    if len(times) < 2:
+        return Attitudes(rows[:1], np.tile(_IDENTITY, (len(rows[:1]), 1)), 0.0, len(times))
+    interval = nominal_s * candidate.decimate
+    # Compiled loops are loaded outside of the time that is reported.
+    _integrate(candidate.algorithm, fed, interval, gyro[:_WARM], times[:_WARM])
+    least, spent = float("inf"), 0.0
+    for _ in range(_MOST_RUNS):
+        begin = time.thread_time()
+        sample, q = _integrate(candidate.algorithm, fed, interval, gyro, times)
+        seconds = time.thread_time() - begin
+        least, spent = min(least, seconds), spent + seconds
+        # A short run is timed again: caches and the scheduler are most of it.
+        if spent >= _ENOUGH_S:
+            break
+    return Attitudes(rows[sample], q, least, len(times))
+
+
+def _integrate(
+    chosen: ConingAlgorithm, kind: GyroKind, interval: float, gyro: FloatArray, times: IntArray
+) -> tuple[IntArray, FloatArray]:
+    """Attitude at the start and after each update, and the samples at which they hold."""
+    stage = ConingStage(chosen, kind, nominal_interval=interval)
+    propagator = AttitudePropagator(_IDENTITY)
+    count = 1 - (1 - len(times)) // chosen.samples
+    sample, q = np.zeros(count, np.int64), np.empty((count, 4))
+    q[0] = _IDENTITY
+    done = 1
+    # In blocks, as a log is processed: what fits into the cache is what is timed.
+    for begin in range(0, len(times) + _BLOCK, _BLOCK):
+        rows = slice(begin, begin + _BLOCK)
+        last = begin >= len(times)
+        part = stage.finish() if last else stage.push(gyro[rows], times[rows])
+        end = done + len(part.sample)
+        sample[done:end] = part.sample
+        q[done:end] = propagator.push(part.rotation_vector, part.interval)
+        done = end
+    return sample, q
+
+
+def _feed(
+    candidate: Candidate,
+    segment: Segment,
+    kind: GyroKind,
+    nominal_s: float,
+    increments: FloatArray | None,
+) -> tuple[FloatArray, IntArray, IntArray, GyroKind]:
+    """Samples for a candidate, their times, the native samples they stand at, and their kind."""
+    m = candidate.decimate
+    native = np.arange(len(segment), dtype=np.int64)
+    if m == 1:
+        return segment.gyro, segment.time_ns, native, kind
+    if candidate.thinning == "points":
+        return segment.gyro[::m], segment.time_ns[::m], native[::m], kind
+    # The first sum is history only. It ends one update into the segment, so that updates stay
+    # on multiples of their length and share instants with the reference.
+    skip = candidate.stride - m
+    if increments is None:
+        increments = increments_of(segment, kind, nominal_s)
+    increments = increments[skip:]
+    blocks = len(increments) // m
+    whole = increments[: blocks * m]
+    sums = whole[::m].copy()
+    for k in range(1, m):
+        sums += whole[k::m]
+    # Interval k of the native samples ends at sample k + 1.
+    rows = native[candidate.stride :: m][:blocks]
+    return sums, segment.time_ns[rows], rows, "increment"
+
+
+def increments_of(segment: Segment, kind: GyroKind, nominal_s: float) -> FloatArray:
+    """Native increments of a segment.
+
+    Parameters
+    ----------
+    segment : Segment
+    kind : {'rate', 'mean-rate'}
+    nominal_s : float
+
+    Returns
+    -------
+    ndarray, shape (n - 1, 3)
+        rad over each interval between samples.
+    """
+    stage = ConingStage(algorithm("uncompensated"), kind, nominal_interval=nominal_s)
+    parts = [stage.push(segment.gyro, segment.time_ns), stage.finish()]
+    return np.concatenate([p.rotation_vector for p in parts])
+
+
+def candidates(
+    names: Sequence[str],
+    decimate: Sequence[int],
+    kind: GyroKind,
+    options: dict[str, dict[str, Any]],
+) -> list[Candidate]:
+    """All that is to be compared.
+
+    Parameters
+    ----------
+    names : sequence of str
+        Algorithms.
+    decimate : sequence of int
+        1 is the log as it is.
+    kind : {'rate', 'mean-rate'}
+        Picking points makes sense for point rates only.
+    options : dict
+        Options of algorithms that take any, by name.
+
+    Returns
+    -------
+    list of Candidate
+    """
+    found = []
+    for m in decimate:
+        ways = ["none"] if m == 1 else ["sums", "points"] if kind == "rate" else ["sums"]
+        for thinning in ways:
+            for name in names:
+                built = algorithm(name, **options.get(name, {}))
+                found.append(Candidate(name, built, m, thinning))
+    return found

@@ -1,0 +1,425 @@
+"""What a run holds its height to: barometer or GNSS heights, and the network that does it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any, Literal, cast
+
+import numpy as np
+
+from sinstool.config import ProcessConfig
+from sinstool.core.errors import DataError, TopicError
+from sinstool.core.explain import explain
+from sinstool.core.streams import Baro, GnssEpochs
+from sinstool.io.readers.log import Log
+from sinstool.methods.height.layout import ACCEPTED, REASONS, ChannelSummary, Event
+from sinstool.methods.height.network import (
+    SENSIBLE_TAU,
+    Grade,
+    HeightNetwork,
+    gravity_gradient,
+    paper,
+    recommended,
+)
+from sinstool.methods.height.pressure import (
+    STANDARD_PRESSURE,
+    BaroReference,
+    ScaleFit,
+    frozen_spans,
+    pressure_reason,
+    reference_from_gnss,
+    reference_from_setting,
+    reference_from_start,
+)
+from sinstool.survey.aiding import Aiding
+
+# Samples that a height at the start is tied to, s.
+START_S = 1.0
+# Pressures further apart than this say nothing of the height between them.
+NEAR_NS = 2_000_000_000
+# A change of height, m, that is none of noise: the least gate of the vertical channel.
+MOVED_M = 8.0
+# Rows before and after a jump whose medians show it, and how unusual the change has to be.
+JUMP_ROWS = 5
+JUMP_RATIO = 10.0
+# Why samples of a height reference are left out.
+WORDS = {
+    "not_finite": "not finite",
+    "out_of_range": "that are no air pressure",
+    "stamp": "whose stamp repeats or goes back",
+    "gate": "too far off",
+    "frozen": "of a sensor that hangs",
+}
+
+
+@dataclass(frozen=True)
+class HeightReference:
+    """Heights that damp the vertical channel.
+
+    Attributes
+    ----------
+    kind : {'baro', 'gnss'}
+    topic : str
+    time_ns : ndarray of int64, shape (m,)
+        When measured, in the order of arrival.
+    arrival_ns : ndarray of int64, shape (m,)
+        When known, on the same clock.
+    height : ndarray, shape (m,)
+        Above the ellipsoid as far as the reference says, m.
+    reason : ndarray of int64, shape (m,)
+        Why a sample is not to be used; 0 where it is.
+    sigma : float
+        Median of what the sensor says of its own noise, m; 0 where it says nothing.
+    baro : BaroReference or None
+    absolute : bool
+        The heights are above the ellipsoid; otherwise they begin at the run's own.
+    """
+
+    kind: Literal["baro", "gnss"]
+    topic: str
+    time_ns: np.ndarray
+    arrival_ns: np.ndarray
+    height: np.ndarray
+    reason: np.ndarray
+    sigma: float
+    baro: BaroReference | None
+    absolute: bool
+
+
+def network(
+    config: ProcessConfig, grade: Grade, latitude: float
+) -> tuple[HeightNetwork, list[str]]:
+    """The damping network of a run.
+
+    Parameters
+    ----------
+    config : ProcessConfig
+    grade : str
+        Of the IMU.
+    latitude : float
+        rad.
+
+    Returns
+    -------
+    HeightNetwork
+        The barometer's lag is taken off its K4.
+    warnings : list of str
+    """
+    told = config.vertical
+    w2 = gravity_gradient(latitude)
+    chosen = recommended(grade, w2) if told.height_preset == "recommended" else paper(w2)
+    tau = chosen.tau if told.tau is None else told.tau
+    k4 = chosen.k4 if told.k4 is None else told.k4
+    warnings = []
+    if not SENSIBLE_TAU[0] <= tau <= SENSIBLE_TAU[1]:
+        warnings.append(
+            f"--tau {tau:g} s is outside the sensible {SENSIBLE_TAU[0]:g} to {SENSIBLE_TAU[1]:g} s"
+        )
+    if k4 != 0.0 and told.baro_lag == 0.0:
+        warnings.append(
+            f"K4 = {k4:g} s: in a steady climb the height is off by {-k4:+g} s times the vertical"
+            " velocity; --k4 0 has no such error"
+        )
+    explain(
+        "height",
+        f"network of tau {tau:g} s, K4 {k4 - told.baro_lag:g} s, by"
+        + (" --tau" if told.tau is not None else f" preset {told.height_preset} of grade {grade}"),
+    )
+    return HeightNetwork(tau, k4 - told.baro_lag, w2), warnings
+
+
+def height_reference(
+    log: Log, aiding: Aiding, config: ProcessConfig, start_height: float
+) -> tuple[HeightReference, list[str]]:
+    """Heights that damp the vertical channel of a run.
+
+    Parameters
+    ----------
+    log : Log
+    aiding : Aiding
+    config : ProcessConfig
+        With damping.
+    start_height : float
+        Of the run, m.
+
+    Raises
+    ------
+    TopicError, DataError
+        The log has no such heights, or none that can be used.
+    """
+    told = config.vertical
+    if told.height_damping == "gnss":
+        return _from_gnss(log, aiding), []
+    if aiding.baro is None:
+        raise TopicError(
+            log.path,
+            "--height-damping baro: the log has no barometer (sensor_msgs/FluidPressure)",
+            "name a topic with --baro-topic (--baro-kind height for heights), use --height-damping"
+            " gnss, or off: height then runs away, its error doubling every 400 s",
+        )
+    if not isinstance(aiding.baro, Baro):
+        return _from_heights(log, aiding, config), []
+    baro = aiding.baro
+    reason = pressure_reason(baro.pressure)
+    reference, warnings = _baro_reference(log, aiding, config, start_height)
+    height = reference.height(baro.pressure)
+    good = reason == ACCEPTED
+    variance = baro.variance[good]
+    variance = np.where(variance < STANDARD_PRESSURE**2, variance, 0.0)  # NaN is not smaller either
+    sigma = reference.sigma(baro.pressure[good], variance)
+    known = sigma[sigma > 0.0]
+    return (
+        HeightReference(
+            "baro",
+            aiding.baro_topic,
+            baro.time_ns,
+            _arrival(baro.time_ns),
+            height,
+            reason,
+            float(np.median(known)) if len(known) else 0.0,
+            reference,
+            reference.mode != "qnh" or told.undulation != 0.0,
+        ),
+        warnings,
+    )
+
+
+def _arrival(time_ns: np.ndarray) -> np.ndarray:
+    """When samples are used: in the order of the stamps that the stream was sorted by."""
+    return np.asarray(np.maximum.accumulate(time_ns))
+
+
+def _baro_reference(
+    log: Log, aiding: Aiding, config: ProcessConfig, start_height: float
+) -> tuple[BaroReference, list[str]]:
+    told = config.vertical
+    baro = cast(Baro, aiding.baro)
+    warnings: list[str] = []
+    if told.qnh is not None:
+        if told.undulation == 0.0:
+            warnings.append(
+                "heights by --qnh are above mean sea level; give --undulation for the ellipsoid"
+            )
+        return reference_from_setting(told.qnh, told.undulation), warnings
+    gnss = aiding.gnss
+    heights = gnss is not None and bool(np.isfinite(gnss.height).any())
+    if told.baro_ref == "gnss" and not heights:
+        raise DataError(
+            log.path, "--baro-ref gnss: the log has no GNSS heights", "use --baro-ref init or --qnh"
+        )
+    try:
+        if told.baro_ref != "init" and heights:
+            assert gnss is not None
+            known = telling_heights(baro, gnss)
+            found = reference_from_gnss(
+                baro.time_ns, baro.pressure, gnss.time_ns[known], gnss.height[known]
+            )
+            fit = found.fit
+            if fit is not None and fit.applied and _shows(fit):
+                warnings.append(
+                    f"over {fit.height_range:.0f} m of GNSS heights the barometer's scale is"
+                    f" {found.scale:.4f} (a warm or cold day); applied"
+                )
+            return found, warnings
+        early = baro.time_ns - baro.time_ns[0] <= int(START_S * 1e9)
+        return reference_from_start(baro.pressure[early], start_height), warnings
+    except ValueError as exc:
+        raise DataError(
+            log.path,
+            f"topic {aiding.baro_topic}: {exc}",
+            "use --baro-ref init or --qnh, or choose another span with --start and --end",
+        ) from exc
+
+
+def _shows(fit: ScaleFit) -> bool:
+    """Whether a scale makes a difference worth a word: 1 m."""
+    return abs(fit.scale - 1.0) * fit.height_range > 1.0
+
+
+def telling_heights(baro: Baro, gnss: GnssEpochs) -> np.ndarray:
+    """GNSS heights that a barometer can be set by.
+
+    Not those where it has a gap or hangs, and none after its reference, or the receiver's height,
+    jumped: a jump would be taken for the scale that a warm or cold day gives the barometer.
+
+    Parameters
+    ----------
+    baro : Baro
+    gnss : GnssEpochs
+
+    Returns
+    -------
+    ndarray of bool, shape (n,)
+        Rows of `gnss`.
+    """
+    good = pressure_reason(baro.pressure) == ACCEPTED
+    times, pressure = baro.time_ns[good], baro.pressure[good]
+    known = np.isfinite(gnss.height)
+    if len(times) < 2 or not known.any():
+        return known
+    after = np.clip(np.searchsorted(times, gnss.time_ns), 1, len(times) - 1)
+    known &= times[after] - times[after - 1] <= NEAR_NS
+    for start, end in frozen_spans(times, pressure):
+        inside = known & (gnss.time_ns >= start) & (gnss.time_ns <= end)
+        if np.count_nonzero(inside) > JUMP_ROWS and np.ptp(_medians(gnss.height[inside])) > MOVED_M:
+            known &= ~inside
+    if not known.any():  # a coarse sensor at rest under a receiver that wanders
+        return np.isfinite(gnss.height)
+    rows = np.flatnonzero(known)
+    standard = BaroReference("gnss", 0.0).height(pressure)
+    origin = times[0]
+    at = (gnss.time_ns[rows] - origin) * 1e-9
+    difference = gnss.height[rows] - np.interp(at, (times - origin) * 1e-9, standard)
+    known[rows[_first_jump(difference) :]] = False
+    return known
+
+
+def _first_jump(values: np.ndarray) -> int:
+    """Row from which on values are others than before; their number where there is none."""
+    if len(values) < 2 * JUMP_ROWS:
+        return len(values)
+    medians = _medians(values)
+    steps = np.abs(medians[JUMP_ROWS:] - medians[:-JUMP_ROWS])
+    usual = float(np.median(steps))
+    jumps = np.flatnonzero(steps > max(MOVED_M, JUMP_RATIO * usual))
+    # most of the later rows are beyond the jump when it shows
+    return int(jumps[0]) + JUMP_ROWS + JUMP_ROWS // 2 if len(jumps) else len(values)
+
+
+def _medians(values: np.ndarray) -> np.ndarray:
+    """Running medians, which noise and single outliers do not move much."""
+    windows = np.lib.stride_tricks.sliding_window_view(values, JUMP_ROWS)
+    return np.asarray(np.median(windows, axis=1))
+
+
+def _from_heights(log: Log, aiding: Aiding, config: ProcessConfig) -> HeightReference:
+    """A topic that holds heights already."""
+    assert aiding.baro is not None and not isinstance(aiding.baro, Baro)
+    stream = aiding.baro
+    finite = np.isfinite(stream.height)
+    if not finite.any():
+        raise DataError(log.path, f"topic {aiding.baro_topic} holds no finite height")
+    reason = np.where(finite, ACCEPTED, REASONS.index("not_finite")).astype(np.int64)
+    return HeightReference(
+        "baro",
+        aiding.baro_topic,
+        stream.time_ns,
+        _arrival(stream.time_ns),
+        stream.height,
+        reason,
+        0.0,
+        None,
+        True,
+    )
+
+
+def _from_gnss(log: Log, aiding: Aiding) -> HeightReference:
+    gnss: GnssEpochs | None = aiding.gnss
+    good = None if gnss is None else np.isfinite(gnss.height)
+    if gnss is None or good is None or not good.any():
+        raise TopicError(
+            log.path,
+            "--height-damping gnss: the log has no GNSS heights",
+            "use --height-damping baro, or off",
+        )
+    rows = gnss.rows(good)
+    sigma = rows.sigma_position_n[:, 2]
+    known = sigma[np.isfinite(sigma)]
+    return HeightReference(
+        "gnss",
+        aiding.fix_topic,
+        rows.time_ns,
+        _arrival(rows.time_ns),
+        rows.height,
+        np.zeros(len(rows), np.int64),
+        float(np.median(known)) if len(known) else 0.0,
+        None,
+        True,
+    )
+
+
+def height_summary(
+    reference: HeightReference,
+    damping: HeightNetwork,
+    channel: ChannelSummary,
+    events: list[Event],
+    first_ns: int,
+    final: tuple[float, float, float],
+) -> dict[str, Any]:
+    """``height`` of the summary: what damped it, how, and what happened.
+
+    Parameters
+    ----------
+    reference : HeightReference
+    damping : HeightNetwork
+    channel : ChannelSummary
+    events : list of Event
+        Times in s since ``first_ns``.
+    first_ns : int
+    final : tuple of float
+        Height (m), vertical velocity (m/s) and correction (m/s^2) at the end.
+    """
+    baro = reference.baro
+    return {
+        "damping": reference.kind,
+        "topic": reference.topic,
+        "tau_s": damping.tau,
+        "k4_s": damping.k4,
+        "gains": list(damping.gains),
+        "reference": None
+        if baro is None
+        else {"mode": baro.mode, "offset_m": baro.offset, "scale": baro.scale},
+        "samples": channel.samples,
+        "seconds": channel.seconds,
+        "phase": channel.phase,
+        "difference_rms_m": channel.difference_rms,
+        "offset_m": channel.offset,
+        "final": {
+            "height_m": final[0],
+            "velocity_up_m_s": final[1],
+            "accelerometer_correction_m_s2": final[2],
+        },
+        "events": [
+            {
+                "kind": e.kind,
+                "time_ns": str(first_ns + round(e.time * 1e9)),
+                "size": e.size,
+                "duration_s": e.duration,
+            }
+            for e in events
+        ],
+    }
+
+
+def height_warnings(channel: ChannelSummary, events: list[Event]) -> list[str]:
+    """What a user has to know about the vertical channel."""
+    notes = []
+    rejected = {
+        name: count
+        for name, count in channel.samples.items()
+        if count and name not in ("accepted", "waiting")
+    }
+    if rejected:
+        parts = ", ".join(f"{count} {WORDS.get(name, name)}" for name, count in rejected.items())
+        notes.append(f"height reference: of its samples were left out: {parts}")
+    texts = {
+        "jump": "height reference jumped by {size:+.1f} m at {time:.1f} s; absorbed",
+        "coast": "no good height reference from {time:.1f} s on; coasting",
+        "re-engaged": "height reference is good again at {time:.1f} s, after {duration:.1f} s; the"
+        " height had run off by {size:+.1f} m",
+        "frozen": "height reference did not change for {duration:.0f} s while the vehicle moved, at"
+        " {time:.1f} s; not used",
+        "invalid": "height is not valid from {time:.1f} s on: coasting for too long",
+        "imu-gap": "the IMU has a gap of {size:.2f} s at {time:.1f} s; height is carried over it",
+    }
+    counted: dict[str, int] = {}
+    for e in events:
+        counted[e.kind] = counted.get(e.kind, 0) + 1
+        if e.kind in texts and counted[e.kind] <= 3:
+            notes.append(texts[e.kind].format(size=e.size, time=e.time, duration=e.duration))
+    for kind, count in counted.items():
+        if kind in texts and count > 3:
+            notes.append(f"... and {count - 3} more events of this kind ({kind})")
+    if not channel.samples.get("accepted"):
+        notes.append("not one sample of the height reference could be used: height is undamped")
+    return notes

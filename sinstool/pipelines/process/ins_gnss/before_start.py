@@ -1,0 +1,176 @@
+"""What came before a filter's start: its state carried back over the samples by themselves."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from sinstool.config import ProcessConfig
+from sinstool.core.earth import radii_of_curvature
+from sinstool.core.rotation import exp, multiply, normalise
+from sinstool.core.streams import Imu, Solution, concatenate
+from sinstool.core.timeline import SECOND
+from sinstool.methods.ins_gnss.settings import Start
+from sinstool.methods.ins_gnss.states import (
+    ACCEL_BIAS,
+    ATTITUDE,
+    GYRO_BIAS,
+    POSITION,
+    VELOCITY,
+    FilterKind,
+)
+from sinstool.methods.strapdown.backward import navigate_backward
+from sinstool.methods.strapdown.navigation import (
+    HEIGHT,
+    LATITUDE,
+    LONGITUDE,
+    Q_W,
+    Q_Z,
+    SIZE,
+    V_DOWN,
+    V_NORTH,
+)
+from sinstool.pipelines.process.ins_gnss.start import Prepared
+from sinstool.survey.increments import SegmentIncrements
+from sinstool.survey.source import Source
+
+# Further back nothing useful is left of position.
+MAX_NS = 300 * SECOND
+GRAVITY = 9.8
+
+
+def corrected_start(
+    start: Start, error: np.ndarray, covariance: np.ndarray, kind: FilterKind
+) -> Start:
+    """A start less the error that a smoother finds in it.
+
+    Parameters
+    ----------
+    start : Start
+    error : ndarray, shape (n,)
+        Of the filter's states at the start.
+    covariance : ndarray, shape (n, n)
+        Of what is left.
+    kind : FilterKind
+    """
+    nav = start.nav.copy()
+    rm, rn = (float(v) for v in radii_of_curvature(nav[LATITUDE]))
+    p, v, a = (slice(first, first + 3) for first in (POSITION, VELOCITY, ATTITUDE))
+    across = (rn + nav[HEIGHT]) * np.cos(nav[LATITUDE])
+    nav[LATITUDE] -= error[p][0] / (rm + nav[HEIGHT])
+    nav[LONGITUDE] = np.pi - (np.pi - nav[LONGITUDE] + error[p][1] / across) % (2.0 * np.pi)
+    nav[HEIGHT] += error[p][2]
+    nav[V_NORTH : V_DOWN + 1] -= error[v]
+    nav[Q_W : Q_Z + 1] = normalise(multiply(exp(error[a]), nav[Q_W : Q_Z + 1]))
+    gyro, accel = (
+        slice(kind.first(block), kind.first(block) + 3) for block in (GYRO_BIAS, ACCEL_BIAS)
+    )
+
+    def block(part: slice) -> np.ndarray:
+        square = 0.5 * (covariance[part, part] + covariance[part, part].T)
+        values, vectors = np.linalg.eigh(square)
+        return np.asarray((vectors * np.maximum(values, 0.0)) @ vectors.T)
+
+    return Start(
+        nav,
+        block(p),
+        block(v),
+        block(a),
+        start.gyro_bias + error[gyro],
+        start.accel_bias + error[accel],
+        float(np.sqrt(np.max(np.diag(block(gyro))))),
+        float(np.sqrt(np.max(np.diag(block(accel))))),
+    )
+
+
+def before_start(
+    source: Source, config: ProcessConfig, prepared: Prepared, start: Start
+) -> Solution | None:
+    """Solutions at the samples up to, and at, the one at which a filter starts.
+
+    Parameters
+    ----------
+    source : Source
+    config : ProcessConfig
+    prepared : Prepared
+    start : Start
+        That of the filter, or what a smoother makes of it.
+
+    Returns
+    -------
+    Solution or None
+        None where the log has no such samples. Samples before a gap, or more than five minutes
+        before the start, are left out. Covariances are those of the start, grown by what
+        sensors of the grade do meanwhile.
+    """
+    begin = prepared.beginning
+    first = max(source.survey.first_ns, begin.time_ns - MAX_NS)
+    steps = SegmentIncrements(source, config)
+    made: list[tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]] = []
+    samples: list[Imu] = []
+    heads: list[Imu] = []
+    for increments, imu, opening in steps.from_time(first, begin.time_ns):
+        if opening is not None:  # a segment begins: what was before the gap cannot be reached
+            made, samples, heads = [], [], [opening]
+        keep = increments.time_ns <= begin.time_ns
+        made.append(
+            (
+                increments.rotation_vector[keep],
+                increments.velocity_increment[keep],
+                increments.interval[keep],
+                increments.time_ns[keep],
+            )
+        )
+        samples.append(imu.rows(keep))
+    if not heads or not made or int(heads[0].time_ns[0]) > begin.time_ns:
+        return None
+    phi, dv, dt, ends = (np.concatenate(column) for column in zip(*made, strict=True))
+    if len(ends) and int(ends[-1]) != begin.time_ns:
+        return None  # the start is no end of an update
+    rows = np.empty((len(dt) + 1, SIZE))
+    rows[-1] = start.nav
+    state = start.nav.copy()
+    navigate_backward(
+        state,
+        np.ascontiguousarray(phi - start.gyro_bias * dt[:, None]),
+        np.ascontiguousarray(dv - start.accel_bias * dt[:, None]),
+        np.ascontiguousarray(dt),
+        rows[:-1],
+    )
+    imu = concatenate([heads[0], *samples])
+    seconds = (begin.time_ns - imu.time_ns) / SECOND
+    position, velocity, attitude = _grown(start, prepared, seconds)
+    vertical = None
+    if prepared.reference is not None:
+        vertical = np.stack([rows[:, HEIGHT], -rows[:, V_DOWN], np.zeros(len(rows))], axis=1)
+    return Solution(
+        imu.time_ns,
+        imu.log_time_ns,
+        rows[:, Q_W : Q_Z + 1],
+        imu.gyro - start.gyro_bias,
+        imu.accel - start.accel_bias,
+        np.stack([rows[:, LATITUDE], rows[:, LONGITUDE], rows[:, HEIGHT]], axis=1),
+        rows[:, V_NORTH : V_DOWN + 1],
+        vertical,
+        position,
+        velocity,
+        attitude,
+    )
+
+
+def _grown(
+    start: Start, prepared: Prepared, seconds: np.ndarray
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Covariances so long before the start: biases and walks of the grade, tilt times gravity."""
+    noise = prepared.settings.imu
+    t = seconds[:, None, None]
+    eye = np.eye(3)
+    gyro = noise.gyro_bias if start.gyro_bias_sigma is None else start.gyro_bias_sigma
+    accel = noise.accel_bias if start.accel_bias_sigma is None else start.accel_bias_sigma
+    walk = noise.angle_random_walk**2 * t + (gyro * t) ** 2
+    attitude = start.covariance_attitude_n + walk * eye
+    tilt = float(np.max(np.diag(start.covariance_attitude_n)[:2]))
+    wrong = accel**2 + GRAVITY**2 * (tilt + walk)
+    velocity = start.covariance_velocity_n + wrong * t**2 * eye
+    speed = float(np.max(np.diag(start.covariance_velocity_n)))
+    position = start.covariance_position_n + (speed * t**2 + 0.25 * wrong * t**4) * eye
+    return position, velocity, attitude

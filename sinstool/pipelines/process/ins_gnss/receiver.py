@@ -1,0 +1,111 @@
+"""What a filter assumes of a receiver: from what it says of itself, or from what is usual."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from sinstool.config import ProcessConfig
+from sinstool.core.streams import GnssEpochs
+from sinstool.methods.ins_gnss.noise import GnssModel
+
+# Of the whole error of a fix, what is white and what lasts: of the usual model, 2 of 5.4 m and
+# 0.05 of 0.11 m/s.
+POSITION_WHITE, POSITION_SLOW = 0.371, 0.928
+VELOCITY_WHITE, VELOCITY_SLOW = 0.447, 0.894
+USUAL_POSITION = (5.4, 5.4, 8.5)
+USUAL_VELOCITY = (0.11, 0.11, 0.17)
+# A receiver that claims less than this speaks of its own resolution.
+LEAST_POSITION, LEAST_VELOCITY = 0.005, 0.005
+# Stamps of receiver and Imu are no better than this, s: what a vehicle moves meanwhile is white
+# noise of a position.
+STAMP_S = 0.003
+
+
+def believed(gnss: GnssEpochs, config: ProcessConfig) -> GnssEpochs:
+    """Fixes with the standard deviations that a filter is to believe.
+
+    What the receiver says, times ``gnss_noise_scale``; of positions also what the vehicle moves
+    while stamps are uncertain. A fix that claims a centimetre at 15 m/s claims to know its time to
+    0.7 ms, which no log holds.
+    """
+    factor = config.filter.gnss_noise_scale
+    square = np.square(gnss.velocity_n)
+    moving = np.where(np.isfinite(square), square, 0.0)
+    level = moving[:, 0] + moving[:, 1]
+    stamp = STAMP_S * np.sqrt(np.stack([level, level, moving[:, 2]], axis=1))
+    if not gnss.has_velocity.all():
+        stamp = np.where(gnss.has_velocity[:, None], stamp, STAMP_S * _speed(gnss))
+    position = factor * np.maximum(gnss.sigma_position_n, LEAST_POSITION)
+    velocity = factor * np.maximum(gnss.sigma_velocity_n, LEAST_VELOCITY)
+    return replace(gnss, sigma_position_n=np.hypot(position, stamp), sigma_velocity_n=velocity)
+
+
+def gnss_model(gnss: GnssEpochs, config: ProcessConfig) -> tuple[GnssModel, str]:
+    """Noise of a receiver's fixes, and where it is from.
+
+    Parameters
+    ----------
+    gnss : GnssEpochs
+    config : ProcessConfig
+
+    Returns
+    -------
+    GnssModel
+        Position errors last 200 s, velocity errors 60 s.
+    str
+        In words.
+    """
+    told = config.filter
+    factor = told.gnss_noise_scale
+    said = gnss.sigma_position_n
+    position, from_fixes = _usual(said, USUAL_POSITION, LEAST_POSITION, factor)
+    if not from_fixes and told.gnss_sigma is not None:
+        position = np.array([1.0, 1.0, 1.6]) * told.gnss_sigma * factor
+    velocity, from_velocities = _usual(
+        gnss.sigma_velocity_n, USUAL_VELOCITY, LEAST_VELOCITY, factor
+    )
+    if not from_velocities:
+        ratio = config.gnss.gnss_sigma_v / 0.1 if config.gnss.gnss_sigma_v != 0.1 else 1.0
+        velocity = velocity * ratio
+    white = np.hypot(POSITION_WHITE * position, STAMP_S * _speed(gnss))
+    how = (
+        f"position {'as the receiver says' if from_fixes else 'assumed'}, about"
+        f" {position[0]:.3g} m; velocity"
+        f" {'as the receiver says' if from_velocities else 'assumed'}, about {velocity[0]:.3g} m/s"
+    )
+    return (
+        GnssModel(
+            position_white=_triple(white),
+            position_markov=_triple(POSITION_SLOW * position),
+            velocity_white=_triple(VELOCITY_WHITE * velocity),
+            velocity_markov=_triple(VELOCITY_SLOW * velocity),
+        ),
+        how,
+    )
+
+
+def _usual(
+    sigma: np.ndarray, assumed: tuple[float, float, float], least: float, factor: float
+) -> tuple[np.ndarray, bool]:
+    """Median of what the fixes say by axis, or what is usual."""
+    known = np.isfinite(sigma).any(axis=0)
+    if not known[:2].all():
+        return factor * np.array(assumed), False
+    median = np.array([np.nanmedian(sigma[:, k]) if known[k] else np.nan for k in range(3)])
+    median[2] = median[2] if known[2] else 1.6 * median[0]
+    return factor * np.maximum(median, least), True
+
+
+def _speed(gnss: GnssEpochs) -> np.ndarray:
+    """Root mean square of horizontal and of vertical velocity, m/s by axis; 0 where unknown."""
+    square = np.square(gnss.velocity_n)
+    good = np.isfinite(square)
+    mean = np.where(good, square, 0.0).sum(axis=0) / np.maximum(good.sum(axis=0), 1)
+    level = np.sqrt(mean[0] + mean[1])
+    return np.array([level, level, np.sqrt(mean[2])])
+
+
+def _triple(values: np.ndarray) -> tuple[float, float, float]:
+    return float(values[0]), float(values[1]), float(values[2])

@@ -1,0 +1,332 @@
+"""What an INS/GNSS filter starts from: settings, attitude, measurements, and their latency."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from sinstool.config import ProcessConfig
+from sinstool.config.align import IN_FLIGHT
+from sinstool.config.filter import span
+from sinstool.core.errors import AlignmentError, ConfigurationError, TopicError
+from sinstool.core.explain import explain
+from sinstool.core.streams import GnssEpochs
+from sinstool.core.timeline import SECOND
+from sinstool.methods.height.network import Grade
+from sinstool.methods.ins_gnss.fix_velocity import with_velocities
+from sinstool.methods.ins_gnss.noise import (
+    BARO_GRADES,
+    IMU_GRADES,
+    BaroModel,
+    GnssModel,
+    ImuNoise,
+)
+from sinstool.methods.ins_gnss.settings import DivergenceControl, Settings
+from sinstool.methods.ins_gnss.start import Beginning, find_start, start_at
+from sinstool.pipelines.align.first_attitude import align
+from sinstool.pipelines.align.in_motion import increments as coarse_increments
+from sinstool.pipelines.process.height import HeightReference, height_reference, network
+from sinstool.pipelines.process.ins_gnss.receiver import believed, gnss_model
+from sinstool.pipelines.process.ins_gnss.timing import (
+    Timing,
+    find_timing,
+    message_times,
+    separate,
+    velocity_lag,
+)
+from sinstool.survey.aiding import Aiding, read_baro
+from sinstool.survey.grade import random_walk, sensor_grade
+from sinstool.survey.source import Source
+from sinstool.survey.unit_evidence import DEGREE, STANDARD_GRAVITY
+
+# An alignment in motion uses fixes that the filter is going to use again.
+TWICE_USED = 1.5
+# Noise at rest, over what is told of it, that is worth a warning.
+NOISIER = 3.0
+# What a barometer is off by, m, and for how long: the weather, the temperature, a cabin.
+AIR_SIGMA, AIR_TIME_S = 10.0, 500.0
+# What the start is found from.
+START_NS = 400 * SECOND
+
+
+@dataclass(frozen=True)
+class Prepared:
+    """All that a filter run needs beside the samples.
+
+    Attributes
+    ----------
+    settings : Settings
+    beginning : Beginning
+    gnss : GnssEpochs
+    withheld : ndarray of bool
+    reference : HeightReference or None
+        Barometer heights.
+    timing : Timing or None
+        Where the latency was looked for.
+    lag : float
+        By which velocities are taken to be stamped later than positions, s.
+    grade : str
+    grade_why, gnss_why : str
+    warnings : tuple of str
+    """
+
+    settings: Settings
+    beginning: Beginning
+    gnss: GnssEpochs
+    withheld: np.ndarray
+    reference: HeightReference | None
+    timing: Timing | None
+    lag: float
+    grade: Grade
+    grade_why: str
+    gnss_why: str
+    warnings: tuple[str, ...]
+
+
+def prepare_filter(source: Source, config: ProcessConfig) -> Prepared:
+    """Settings, start and measurements of a filter run.
+
+    Raises
+    ------
+    ConfigurationError
+        Another rate than the stamps' is to be believed.
+    TopicError, AlignmentError
+        The log has no GNSS, or no start can be found in it.
+    """
+    log = source.log
+    if config.input.imu_rate is not None:
+        raise ConfigurationError(
+            f"{log.path}: --imu-rate with --mode ins-gnss: only stamps tell which fix belongs to"
+            " which sample",
+            "leave --imu-rate out, or give --mode ins or attitude",
+        )
+    gnss = source.aiding.gnss
+    if gnss is None or not gnss.has_position.any():
+        raise TopicError(
+            log.path,
+            "--mode ins-gnss: the log has no GNSS fixes",
+            "use --mode ins (with --height-damping), or attitude",
+        )
+    grade, why = sensor_grade(source, config)
+    model, gnss_why = gnss_model(gnss, config)
+    reference, notes = _barometer(source, config, grade)
+    settings = _settings(source, config, grade, model, reference)
+    warnings = [*_too_good(source, config, settings), *notes]
+    told = config.filter.gnss_velocity_lag
+    lag = velocity_lag(gnss) if told is None else told
+    hidden = _withheld(gnss.time_ns, config, source.survey.first_ns)
+    fixes = believed(gnss, config)
+    known = separate(fixes.rows(~hidden), lag)
+
+    def begin(settings: Settings, usable: GnssEpochs) -> Beginning:
+        return _beginning(source, config, settings, usable)
+
+    timing: Timing | None = None
+    if config.gnss.gnss_latency is None:
+        timing, settings, beginning = find_timing(source, config, settings, known, lag, begin)
+        if timing.latency.status == "at the limit":
+            warnings.append(f"{timing.latency}: give it with --gnss-latency")
+    else:
+        beginning = begin(settings, known)
+    explain("filter", f"{settings.filter}: {len(fixes.time_ns)} epochs, noise {gnss_why}")
+    explain("start", beginning.how)
+    explain("GNSS latency", _latency_why(timing, settings, lag))
+    apart = separate(fixes, lag)
+    return Prepared(
+        settings,
+        beginning,
+        apart,
+        _withheld(message_times(apart, lag), config, source.survey.first_ns),
+        reference,
+        timing,
+        lag,
+        grade,
+        why,
+        gnss_why,
+        tuple(warnings),
+    )
+
+
+def _latency_why(timing: Timing | None, settings: Settings, lag: float) -> str:
+    """The latency that is used, and how it was found."""
+    velocity = f", velocities {lag:+.3f} s later than positions" if lag else ""
+    if timing is None:
+        return f"{settings.gnss_latency:+.3f} s, as told{velocity}"
+    return f"{settings.gnss_latency:+.3f} s; found in the log: {timing.latency}{velocity}"
+
+
+def _barometer(
+    source: Source, config: ProcessConfig, grade: Grade
+) -> tuple[HeightReference | None, list[str]]:
+    """Barometer heights, where the log has a barometer and the filter takes one."""
+    if config.filter.filter == "plain-15" or config.vertical.height_damping == "gnss":
+        return None, []
+    aiding: Aiding = source.aiding
+    before = len(aiding.warnings)
+    read_baro(source.log, config.input, source.survey.time_source == "log", aiding)
+    notes = aiding.warnings[before:]
+    if aiding.baro is None:
+        if config.vertical.height_damping == "baro":
+            height_reference(source.log, aiding, config, 0.0)  # says what is missing
+        return None, notes
+    vertical = config.vertical.model_copy(update={"height_damping": "baro"})
+    damped = config.model_copy(update={"vertical": vertical})
+    start = source.position[2] or 0.0
+    reference, more = height_reference(source.log, aiding, damped, start)
+    return reference, [*notes, *more]
+
+
+def _settings(
+    source: Source,
+    config: ProcessConfig,
+    grade: Grade,
+    model: Any,
+    reference: HeightReference | None,
+) -> Settings:
+    told = config.filter
+    damping = None
+    if reference is not None and told.filter.startswith("network"):
+        damping, _ = network(config, grade, source.latitude or 0.0)
+    baro = _baro_model(config, grade, model, reference)
+    return Settings(
+        filter=told.filter,
+        imu=_imu_noise(config, grade),
+        gnss=model,
+        baro=baro,
+        network=damping,
+        grade=grade,
+        feedback=told.feedback,
+        control=DivergenceControl(
+            virtual_noise=told.virtual_noise == "on",
+            adaptive=told.adaptive,
+            schmidt_epsilon=told.schmidt_epsilon,
+            restart_after=told.restart_after,
+        ),
+        lever_arm_b=config.gnss.lever_arm,
+        gnss_latency=config.gnss.gnss_latency or 0.0,
+    )
+
+
+def _too_good(source: Source, config: ProcessConfig, settings: Settings) -> list[str]:
+    """A gyro that is told to be much better than its noise at rest."""
+    shown, assumed = random_walk(source), settings.imu.angle_random_walk
+    told = config.navigation.imu_grade != "auto" or config.in_flight.arw is not None
+    if not told or shown is None or shown < NOISIER * assumed:
+        return []
+    size = 60.0 / DEGREE
+    return [
+        f"the gyro's noise at rest is {size * shown:.2g} deg/sqrt(h), but the filter is told"
+        f" {size * assumed:.2g} (--imu-grade, --arw): it will believe itself too much; leave that"
+        " out"
+    ]
+
+
+def _baro_model(
+    config: ProcessConfig, grade: Grade, gnss: GnssModel, reference: HeightReference | None
+) -> BaroModel:
+    """Errors of the barometric heights: of the air, and of what they were set by."""
+    told, usual = config.filter.baro_sigma, BARO_GRADES[grade]
+    sigma = AIR_SIGMA if told is None else told
+    if reference is not None and reference.baro is not None and reference.baro.mode == "gnss":
+        # The fixes of half a minute, whose slow error is one and the same
+        sigma = float(np.hypot(sigma, gnss.position_markov[2]))
+    white = usual.white
+    if reference is not None and reference.sigma > 0.0:
+        white = reference.sigma
+    return BaroModel(sigma, AIR_TIME_S, white)
+
+
+def _imu_noise(config: ProcessConfig, grade: Grade) -> ImuNoise:
+    """Noise of a grade, and what is told of it."""
+    told, noise = config.in_flight, IMU_GRADES[grade]
+    given: dict[str, float] = {}
+    if told.arw is not None:
+        given["angle_random_walk"] = told.arw * DEGREE / 60.0
+    if told.vrw is not None:
+        given["velocity_random_walk"] = told.vrw * 1e-6 * STANDARD_GRAVITY
+    if told.sigma_bg is not None:
+        given["gyro_bias"] = told.sigma_bg * DEGREE / 3600.0
+        given["gyro_instability"] = min(noise.gyro_instability, 0.1 * given["gyro_bias"])
+    if told.sigma_ba is not None:
+        given["accel_bias"] = told.sigma_ba
+        given["accel_instability"] = min(noise.accel_instability, 0.1 * told.sigma_ba)
+    if told.sigma_sf is not None:
+        given["accel_scale"] = told.sigma_sf
+    return replace(noise, **given)
+
+
+def _withheld(time_ns: np.ndarray, config: ProcessConfig, first_ns: int) -> np.ndarray:
+    """Which messages the user wants scored, not used."""
+    seconds = (time_ns - first_ns) / SECOND
+    mask = np.zeros(len(time_ns), np.bool_)
+    for text in config.filter.withhold_gnss:
+        begin, end = span(text)
+        mask |= (seconds >= begin) & (seconds < end)
+    return mask
+
+
+def _beginning(
+    source: Source, config: ProcessConfig, settings: Settings, usable: GnssEpochs
+) -> Beginning:
+    """Where the filter starts: as aligned, or found in the log.
+
+    Raises
+    ------
+    AlignmentError
+    """
+    path = source.log.path
+    if not usable.has_velocity.any():
+        usable = with_velocities(usable, float(max(settings.gnss.position_white[:2])))
+    try:
+        if config.align.align != "auto":
+            return _from_alignment(source, config, settings, usable)
+        imu = coarse_increments(source, config, np.zeros(3), source.survey.first_ns + START_NS)
+        return find_start(imu, usable, settings)
+    except AlignmentError as exc:
+        message = exc.message if str(path) in exc.message else f"{path}: {exc.message}"
+        hint = exc.hint
+        if config.navigation.imu_grade == "auto" and random_walk(source) is None:
+            hint = f"{hint or 'give an initial attitude'}, or say how good the Imu is: --imu-grade"
+        raise AlignmentError(message, hint) from exc
+
+
+def _from_alignment(
+    source: Source, config: ProcessConfig, settings: Settings, gnss: GnssEpochs
+) -> Beginning:
+    found = align(source, config)
+    covariance = found.covariance_n
+    if covariance is not None and config.align.align in IN_FLIGHT:
+        covariance = TWICE_USED**2 * covariance
+    if covariance is None:
+        tilt = [s if s is not None else 2.0 * DEGREE for s in found.sigma_rad[:2]]
+        heading = found.sigma_rad[2]
+        if heading is None:
+            heading = (2.0 if found.north_referenced else 104.0) * DEGREE
+        covariance = np.diag(np.square([*tilt, heading]))
+    if not found.north_referenced:
+        raise AlignmentError(
+            f"{source.log.path}: --align {found.method} gives no heading, and the filter needs one",
+            "leave --align out, or use svd, gyrocompass, log or fixed",
+        )
+    time_ns = found.time_ns
+    valid = gnss.time_ns - round(settings.gnss_latency * SECOND)
+    first_fix = int(valid[gnss.has_position][0])
+    notes: tuple[str, ...] = ()
+    if first_fix - time_ns > 2 * SECOND:
+        raise AlignmentError(
+            f"{source.log.path}: the first fix comes {(first_fix - time_ns) / SECOND:.1f} s after"
+            " the attitude that was given",
+            "begin later with --start, or leave --align out",
+        )
+    start = start_at(
+        time_ns,
+        found.q_nb,
+        covariance,
+        gnss,
+        settings,
+        gyro_bias=found.gyro_bias,
+        gyro_bias_sigma=settings.imu.gyro_instability if found.bias_source != "none" else None,
+    )
+    return Beginning(start, time_ns, f"attitude by {found.method}", (*found.warnings, *notes))

@@ -1,0 +1,391 @@
+"""`process --hse`: the attitude of a system on its turntable, heading-sensitive error taken out.
+
+Every stretch at constant rate is aligned on its whole turns, its heading corrected by the
+calibration. The base does not move, so that between stretches the attitude is that of the
+nearest one in time, turned by the encoder: no gyro is integrated.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from scipy import special
+
+from sinstool.config import ProcessConfig
+from sinstool.core.errors import AlignmentError, ConfigurationError
+from sinstool.core.rotation import to_euler
+from sinstool.core.streams import Solution
+from sinstool.io.readers.log import Log
+from sinstool.io.readers.streams import frame_id
+from sinstool.io.writers.topics import Frames
+from sinstool.methods.hse.calibration_file import HseCalibration, loads, require_config
+from sinstool.methods.hse.correction import (
+    CorrectedHeading,
+    correct_heading,
+    require_applicable,
+)
+from sinstool.methods.hse.encoder import TableAngle, table_angle
+from sinstool.methods.hse.rig import Rig
+from sinstool.methods.hse.segments import Segment
+from sinstool.methods.hse.statistics import drifts
+from sinstool.methods.hse.whole_turn import (
+    SIGNIFICANT_TILT_DRIFT,
+    WholeTurnAlignment,
+    align_whole_turns,
+)
+from sinstool.pipelines.calibrate_hse.run import rig_of, segment_rules
+from sinstool.pipelines.process.output import Result, choose_emits
+from sinstool.pipelines.summary import something_lost
+from sinstool.survey.rig import RigLog, RigTurns, find_turns, nothing_to_use, read_rig_log
+from sinstool.survey.unit_evidence import DEGREE
+
+ARCSEC = DEGREE / 3600.0
+BLOCK = 65536
+# Where in its interval a sample's stamp lies: that edge's angle belongs to it.
+_STAMP = {"start": 0.0, "mid": 0.5, "end": 1.0}
+# Tilts smaller than this, rad, are rounding.
+SMALLEST_TILT = 1e-4 * ARCSEC
+
+
+def rig_run(
+    log: Log, config: ProcessConfig, result: Result, progress: Callable[[int], None] | None
+) -> dict[str, Any]:
+    """Process a rig's log.
+
+    Parameters
+    ----------
+    log : Log
+    config : ProcessConfig
+        With a rig and a calibration.
+    result : Result
+    progress : callable, optional
+        Called with the bytes read.
+
+    Returns
+    -------
+    dict
+        The summary.
+
+    Raises
+    ------
+    SinstoolError
+    """
+    if config.navigation.mode not in ("auto", "attitude"):
+        raise ConfigurationError(
+            f"--mode {config.navigation.mode} does not go with --hse",
+            "a system that turns on its table gets attitude alone; leave out one of them",
+        )
+    rig = rig_of(config)
+    calibration, warnings = load_calibration(Path(config.hse.hse or ""), rig, config.hse.force)
+    rules = segment_rules(config.calibration)
+    samples = read_rig_log(log, rig, config.input, progress)
+    turns = find_turns(samples, rig, rules)
+    if not turns.turns:
+        error = nothing_to_use(turns, log.path, rules)
+        raise AlignmentError(error.message, error.hint)
+    alignments = _align(turns, rig, config)
+    corrected = _correct(alignments, calibration)
+    body = frame_id(log, samples.topic.channels, samples.topic.path) or "imu_link"
+    emits, notes = choose_emits(log, config, ("imu", "attitude"), body)
+    # b has its z axis down, whatever the axes of the triad
+    frames = Frames(config.output.world, "map", body, "frd")
+    result.open(samples.topic.channels[0].message_encoding, emits, frames)
+    written = _write(result, samples, turns, rig, alignments, corrected)
+    hse = _hse(config, calibration, turns, alignments, corrected)
+    told = result.finish(lambda: something_lost({"lost": _lost(log, samples), "hse": hse}))
+    warnings += [*notes, *rig.remarks(), *_remarks(turns, alignments, corrected)]
+    warnings += [f"{count} messages of {what}" for what, count in samples.counts.items()]
+    warnings += [f"lost: {part}" for part in log.lost]
+    if written < len(samples.imu):
+        warnings.append(
+            f"{len(samples.imu) - written} samples lie where the encoder or the gyro has a gap;"
+            " they get no attitude"
+        )
+    return {
+        **told,
+        "imu": _imu(samples, turns),
+        "alignment": _alignment(turns, alignments[-1], corrected, len(alignments) - 1),
+        "coning": None,
+        "hse": hse,
+        "height": None,
+        "filter": None,
+        "final": _final(result, rig),
+        "lost": _lost(log, samples),
+        "warnings": warnings,
+    }
+
+
+def load_calibration(path: Path, rig: Rig, force: bool) -> tuple[HseCalibration, list[str]]:
+    """A calibration file, if it belongs to a rig and may be applied.
+
+    Raises
+    ------
+    ConfigurationError
+        It cannot be read, is of another rig or is not significant, and was not forced.
+    """
+    try:
+        text = path.read_text(encoding="utf-8")
+    except (OSError, UnicodeDecodeError) as exc:
+        reason = exc.strerror if isinstance(exc, OSError) else "it is no text"
+        raise ConfigurationError(
+            f"--hse {path}: cannot be read ({reason})", "give the file that calibrate-hse wrote"
+        ) from exc
+    try:
+        calibration = loads(text)
+        forced = (
+            require_config(calibration, rig.sha256(), force),
+            require_applicable(calibration, force),
+        )
+    except ConfigurationError as exc:
+        raise ConfigurationError(f"--hse {path}: {exc.message}", exc.hint) from exc
+    return calibration, [f"--force: {text}" for text in forced if text is not None]
+
+
+def _align(turns: RigTurns, rig: Rig, config: ProcessConfig) -> list[WholeTurnAlignment]:
+    options = config.calibration
+    try:
+        return [
+            align_whole_turns(t, rig, options.level_rate, options.gyro_bias_sigma * DEGREE / 3600.0)
+            for t in turns.turns
+        ]
+    except (AlignmentError, ConfigurationError) as exc:
+        raise type(exc)(f"{turns.source}: {exc.message}", exc.hint) from exc
+
+
+def _correct(alignments: list[WholeTurnAlignment], calibration: HseCalibration) -> CorrectedHeading:
+    def column(name: str) -> np.ndarray:
+        return np.array([getattr(a, name) for a in alignments])
+
+    return correct_heading(
+        calibration,
+        column("heading"),
+        column("sigma_heading"),
+        column("rate"),
+        column("C23"),
+        column("latitude"),
+        np.nan_to_num(column("sigma_C23")),
+    )
+
+
+def _write(
+    result: Result,
+    samples: RigLog,
+    turns: RigTurns,
+    rig: Rig,
+    alignments: list[WholeTurnAlignment],
+    corrected: CorrectedHeading,
+) -> int:
+    """Write the attitude at every sample whose angle is known; returns how many."""
+    imu = samples.imu
+    encoder = samples.encoder
+    read = table_angle(
+        imu.time_ns, encoder.time_ns, encoder.position, rig.encoder, rig.imu_stamp, smoothing_s=0.0
+    )
+    count = 0
+    for number, piece in enumerate(turns.pieces):
+        seconds = piece.start_s + (np.arange(len(piece)) + 0.5) * piece.interval_s
+        nearest = _nearest(seconds, turns.segments)
+        alpha = _angle(piece, read[number], rig.imu_stamp, turns, number)
+        for begin in range(0, len(piece), BLOCK):
+            end = min(begin + BLOCK, len(piece))
+            rows = slice(piece.first + begin, piece.first + end)
+            q_nb = np.empty((end - begin, 4))
+            for k in np.unique(nearest[begin:end]).tolist():
+                mine = nearest[begin:end] == k
+                q_nb[mine] = alignments[k].q_nb(alpha[begin:end][mine], float(corrected.dpsi[k]))
+            result.push(
+                Solution(
+                    imu.time_ns[rows],
+                    imu.log_time_ns[rows],
+                    q_nb,
+                    (imu.gyro[rows] - rig.gyro_bias) @ rig.gyro_to_b.T,
+                    (imu.accel[rows] - rig.accel_bias) @ rig.accel_to_b.T,
+                )
+            )
+        count += len(piece)
+    return count
+
+
+def _angle(
+    smooth: TableAngle, read: TableAngle, stamp: str, turns: RigTurns, number: int
+) -> np.ndarray:
+    """Angle of the table at the stamps of the samples of a piece, rad.
+
+    Smoothed, which suits stamps that jitter, in the stretches at constant rate; as it was read
+    where the rate changes, as the mean of a quarter of a second to each side lags there by
+    minutes of arc.
+    """
+    alpha = _at_stamps(read.alpha, stamp)
+    steady = _at_stamps(smooth.alpha, stamp)
+    for segment in turns.segments:
+        if segment.piece == number:
+            rows = slice(segment.first, segment.stop)
+            alpha[rows] = steady[rows]
+    return alpha
+
+
+def _at_stamps(alpha: np.ndarray, stamp: str) -> np.ndarray:
+    weight = _STAMP[stamp]
+    return np.asarray((1.0 - weight) * alpha[:-1] + weight * alpha[1:])
+
+
+def _nearest(seconds: np.ndarray, segments: list[Segment]) -> np.ndarray:
+    """Number of the stretch that each time lies in, or is nearest to."""
+    begins = np.array([s.start_s for s in segments])
+    ends = np.array([s.start_s + s.duration_s for s in segments])
+    # half-way between the end of one and the beginning of the next
+    edges = 0.5 * (ends[:-1] + begins[1:])
+    return np.searchsorted(edges, seconds)
+
+
+def _remarks(
+    turns: RigTurns, alignments: list[WholeTurnAlignment], corrected: CorrectedHeading
+) -> list[str]:
+    """What is doubtful about single stretches."""
+    notes = []
+    for number, (segment, a) in enumerate(zip(turns.segments, alignments, strict=True)):
+        where = f"stretch {number + 1} (from {segment.start_s:.1f} s)"
+        if corrected.outside_rate[number]:
+            notes.append(
+                f"{where}: its rate, {a.rate / DEGREE:.2f} deg/s, is outside what was calibrated"
+            )
+        if corrected.outside_C23[number]:
+            notes.append(
+                f"{where}: its axis leans to the east by {a.C23:.2e} rad, more than in the"
+                " calibration"
+            )
+        if drifts(a.per_turn_heading):
+            notes.append(
+                f"{where}: heading drifts over its turns (t = {a.quality['heading_trend_t']:.1f}):"
+                " warm-up, or the base moved"
+            )
+        drift = float(np.hypot(a.quality["tilt_drift_north"], a.quality["tilt_drift_east"]))
+        if drift > max(_sigmas(a) * a.quality["tilt_drift_sigma"], SMALLEST_TILT):
+            notes.append(f"{where}: the base tilted by {drift / ARCSEC:.2f} arcsec meanwhile")
+    return notes
+
+
+def _sigmas(a: WholeTurnAlignment) -> float:
+    """Sigmas of a drift that are as rare with these turns as the usual ones with many."""
+    turns = len(a.per_turn_heading)
+    if turns < 3:
+        return float("inf")
+    return float(special.stdtrit(turns - 2, special.ndtr(SIGNIFICANT_TILT_DRIFT)))
+
+
+def _imu(samples: RigLog, turns: RigTurns) -> dict[str, Any]:
+    steps = np.diff(samples.imu.time_ns)
+    interval = float(np.median(steps)) if len(steps) else 0.0
+    gaps = steps[steps > 3.0 * interval]
+    counts = samples.counts
+    topic = samples.topic.topic
+    return {
+        "topic": topic,
+        "n": len(samples.imu),
+        "rate_hz": 1e9 / interval if interval else 0.0,
+        "first_ns": str(samples.start_ns),
+        "last_ns": str(int(samples.imu.time_ns[-1])),
+        "time_source": "stamp",
+        "gaps": len(gaps),
+        "gap_total_s": float(gaps.sum()) * 1e-9,
+        "duplicates": counts.get(f"{topic} repeated stamps", 0),
+        "backward": counts.get(f"{topic} out of order", 0),
+        "dropped": counts.get(f"{topic} repeated stamps", 0)
+        + counts.get(f"{topic} malformed", 0)
+        + counts.get(f"{topic} not finite", 0),
+    }
+
+
+def _alignment(
+    turns: RigTurns, a: WholeTurnAlignment, corrected: CorrectedHeading, k: int
+) -> dict[str, Any]:
+    sigma = float(corrected.sigma[k])
+    return {
+        "method": "whole-turn",
+        "time_ns": str(turns.start_ns + round(turns.turns[k].start_s * 1e9)),
+        "roll_deg": a.gamma / DEGREE,
+        "pitch_deg": a.theta / DEGREE,
+        "heading_deg": float(corrected.heading[k]) / DEGREE,
+        "sigma_deg": [None, None, sigma / DEGREE if np.isfinite(sigma) else None],
+        "status": "ok",
+        "north_referenced": True,
+        "gyro_bias_rad_s": [0.0, 0.0, 0.0],
+        "gyro_bias_source": "rig",
+    }
+
+
+def _hse(
+    config: ProcessConfig,
+    calibration: HseCalibration,
+    turns: RigTurns,
+    alignments: list[WholeTurnAlignment],
+    corrected: CorrectedHeading,
+) -> dict[str, Any]:
+    sigma_lambda2 = calibration.sigma_lambda2_rad
+    return {
+        "file": config.hse.hse,
+        "status": calibration.status,
+        "lambda2_arcsec": None
+        if calibration.lambda2_rad is None
+        else calibration.lambda2_rad / ARCSEC,
+        "sigma_lambda2_arcsec": None if sigma_lambda2 is None else sigma_lambda2 / ARCSEC,
+        "segments": [
+            {
+                "start_ns": str(turns.start_ns + round(t.start_s * 1e9)),
+                "duration_s": float(t.duration.sum()),
+                "turns": len(t),
+                "rate_deg_s": a.rate / DEGREE,
+                "C23_rad": a.C23,
+                "heading_raw_deg": a.heading / DEGREE,
+                "correction_arcsec": float(corrected.dpsi[k]) / ARCSEC,
+                "sigma_correction_arcsec": _finite(corrected.sigma_dpsi[k] / ARCSEC),
+                "heading_deg": float(corrected.heading[k]) / DEGREE,
+                "sigma_heading_arcsec": _finite(corrected.sigma[k] / ARCSEC),
+                "outside_rate": bool(corrected.outside_rate[k]),
+                "outside_C23": bool(corrected.outside_C23[k]),
+            }
+            for k, (t, a) in enumerate(zip(turns.turns, alignments, strict=True))
+        ],
+        "not_used": [
+            {
+                "start_s": s.start_s,
+                "duration_s": s.duration_s,
+                "rate_deg_s": s.rate / DEGREE,
+                "reason": s.reason,
+            }
+            for s in turns.segmentation.rejected
+        ],
+    }
+
+
+def _finite(value: float) -> float | None:
+    return float(value) if np.isfinite(value) else None
+
+
+def _final(result: Result, rig: Rig) -> dict[str, Any]:
+    last = result.last
+    assert last is not None and rig.latitude is not None
+    roll, pitch, heading = to_euler(last.q_nb[-1]) / DEGREE
+    return {
+        "time_ns": str(int(last.time_ns[-1])),
+        "q_wxyz_ned_frd": last.q_nb[-1].tolist(),
+        "roll_deg": float(roll),
+        "pitch_deg": float(pitch),
+        "heading_deg": float(heading),
+        "lat_deg": rig.latitude / DEGREE,
+        "lon_deg": None,
+        "height_m": None,
+    }
+
+
+def _lost(log: Log, samples: RigLog) -> dict[str, Any]:
+    topic = samples.topic.topic
+    return {
+        **log.account(),
+        "malformed": samples.counts.get(f"{topic} malformed", 0),
+        "not_finite": samples.counts.get(f"{topic} not finite", 0),
+        "late": 0,
+    }

@@ -1,0 +1,124 @@
+"""What an output says of how it was made: the MCAP Metadata record ``sinstool``.
+
+A log's result is a function of the log, the configuration and the version; the record holds all
+three, so that a later run can tell whether an output is the one it would make itself.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import struct
+from pathlib import Path
+from threading import Event
+
+import mcap.reader
+from mcap.exceptions import McapError
+
+import sinstool
+from sinstool.config import ProcessConfig, dump_toml
+from sinstool.core.errors import OutputError
+from sinstool.io.readers.log import path_size
+
+RECORD = "sinstool"
+HASH_BYTES = 2**20
+
+
+def identity(config: ProcessConfig) -> dict[str, str]:
+    """Version and configuration as an output records them.
+
+    Files that the configuration names are in it with their SHA-256, as the same name may hold
+    something else tomorrow. What does not bear on the content is left out: whether an output may
+    be replaced, and the page of figures.
+
+    Parameters
+    ----------
+    config : ProcessConfig
+    """
+    output = config.output.model_copy(update={"overwrite": False, "report": None})
+    kept = config.model_copy(update={"output": output})
+    unused = () if config.hse.hse is not None else ("calibration",)
+    told = {"version": sinstool.__version__, "config": dump_toml(kept, *unused)}
+    for name, path in files(config).items():
+        told[f"{name}_sha256"] = sha256(path)
+    return told
+
+
+def files(config: ProcessConfig) -> dict[str, Path]:
+    """Files on whose content a result depends, as far as they are there, by option."""
+    named = {"hse": config.hse.hse, "gyro_response": config.coning.gyro_response}
+    return {k: Path(v) for k, v in named.items() if v is not None and Path(v).is_file()}
+
+
+def read_record(path: Path) -> dict[str, str] | None:
+    """The record of an MCAP, None for a file that has none or is no whole MCAP."""
+    try:
+        with path.open("rb") as stream:
+            found = None
+            for record in mcap.reader.SeekingReader(stream).iter_metadata():
+                if record.name == RECORD:
+                    found = dict(record.metadata)
+            return found
+    except (OSError, McapError, struct.error, ValueError, KeyError, EOFError, MemoryError):
+        return None
+
+
+def require_same(path: Path, log: Path, config: ProcessConfig) -> dict[str, str]:
+    """The record of an output that this version would make of a log in the same way.
+
+    Parameters
+    ----------
+    path : Path
+        The output.
+    log : Path
+    config : ProcessConfig
+
+    Raises
+    ------
+    OutputError
+        It says in what the output is another.
+    """
+    record = read_record(path)
+    hint = "choose another -o, or replace it with --overwrite"
+    if record is None or "input_sha256" not in record:
+        raise OutputError(f"{path} exists and is no complete output of sinstool process", hint)
+    wanted = identity(config)
+    if record.get("version") != wanted["version"]:
+        raise OutputError(
+            f"{path} was made by sinstool {record.get('version')}, this is {wanted['version']}",
+            hint,
+        )
+    for key, value in wanted.items():
+        if record.get(key) != value:
+            what = _difference(record.get("config", ""), value) if key == "config" else key
+            raise OutputError(f"{path} was made with another configuration ({what})", hint)
+    if record.get("input_size") != str(path_size(log)) or record["input_sha256"] != sha256(log):
+        raise OutputError(f"{path} was made of another log than {log} is now", hint)
+    return record
+
+
+def _difference(there: str, here: str) -> str:
+    """The first line of a configuration that only one of them has."""
+    old, new = set(there.splitlines()), set(here.splitlines())
+    for line in here.splitlines():
+        if line not in old and "=" in line:
+            return f"now {line}"
+    for line in there.splitlines():
+        if line not in new and "=" in line:
+            return f"there {line}"
+    return "config"
+
+
+def sha256(path: Path, stop: Event | None = None) -> str:
+    """SHA-256 of a log, given up when ``stop`` is set.
+
+    Of a directory: of the lines ``<sha256>  <relative name>`` of its files, sorted by name.
+    """
+    if path.is_dir():
+        names = sorted(p.relative_to(path).as_posix() for p in path.rglob("*") if p.is_file())
+        listing = "".join(f"{sha256(path / name, stop)}  {name}\n" for name in names)
+        return hashlib.sha256(listing.encode()).hexdigest()
+    digest = hashlib.sha256()
+    with path.open("rb") as stream:
+        while not (stop and stop.is_set()) and (part := stream.read(HASH_BYTES)):
+            digest.update(part)
+    return digest.hexdigest()

@@ -1,0 +1,216 @@
+"""Figures of an alignment, without how they are drawn."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from sinstool.config import ProcessConfig
+from sinstool.core.rotation import to_euler
+from sinstool.core.timeline import SECOND
+from sinstool.methods.alignment.inflight import AlignmentSeries, InFlightAlignment
+from sinstool.methods.alignment.inflight_types import OK_SIGMA, REFUSE_SIGMA
+from sinstool.pipelines.align.log import LogAlignment
+from sinstool.report.figure import Figure, FloatArray, Series
+from sinstool.report.figures.parts import AXES, LOG_TIME
+from sinstool.survey.unit_evidence import DEGREE
+
+_DYNAMICS = {
+    "force": "Norm of each half second's mean. Heading shows where its horizontal part changes.",
+    "rate": "Norm of each half second's mean: where the vehicle turned.",
+}
+# What is less than nothing on a logarithmic axis.
+_TINY = 1e-9
+
+
+def figures(found: LogAlignment, config: ProcessConfig) -> tuple[Figure, ...]:
+    """All figures of an alignment, the main one first.
+
+    Parameters
+    ----------
+    found : LogAlignment
+    config : ProcessConfig
+        For the limits of the gate.
+
+    Returns
+    -------
+    tuple of Figure
+        Those for which there is something to show; of an alignment at rest only the dynamics.
+    """
+    made: list[Figure] = []
+    answer = found.answer
+    if isinstance(answer, InFlightAlignment):
+        if answer.series is not None and len(answer.series.time_ns):
+            made += [sigmas(found, answer.series), attitude(found, answer.series)]
+            if found.error is not None:
+                made.append(errors(found))
+            made.append(singular_values(found, answer.series))
+        if len(answer.residuals):
+            made.append(residuals(found, answer))
+    return (*made, *dynamics(found, config))
+
+
+def _marks(found: LogAlignment) -> tuple[tuple[str, float], ...]:
+    """Start and stop of what was used."""
+    told = found.summary
+    named = (("start", told["start_s"]), ("stop", told["stop_s"]))
+    return tuple((name, float(at)) for name, at in named if at is not None)
+
+
+def _seconds(found: LogAlignment, time_ns: np.ndarray) -> FloatArray:
+    return np.asarray((time_ns - found.first_ns) / SECOND, dtype=np.float64)
+
+
+def _positive(values: FloatArray) -> FloatArray:
+    return np.where(np.isfinite(values) & (values > _TINY), values, np.nan)
+
+
+def sigmas(found: LogAlignment, series: AlignmentSeries) -> Figure:
+    """How well attitude is known, from what came before each fix."""
+    columns = [(f"about {a}", series.sigma[:, k]) for k, a in enumerate(AXES)]
+    shown = tuple(Series(n, _positive(v / DEGREE)) for n, v in columns)
+    worst = Series("worst axis", _positive(series.sigma_worst / DEGREE), style="dashed")
+    refined = getattr(found.answer, "errors", None) is not None
+    notes = ["Of the solver's answer from the fixes up to each time, sensor errors considered."]
+    if refined:
+        notes.append("The answer given is the refined one at the end, which is known better.")
+    return Figure(
+        "sigma",
+        "How well attitude is known",
+        _seconds(found, series.time_ns),
+        (*shown, worst),
+        LOG_TIME,
+        "sigma, deg",
+        log_y=True,
+        y_range=_sigma_range(series),
+        notes=tuple(notes),
+        levels=(("ok", OK_SIGMA / DEGREE), ("no heading above", REFUSE_SIGMA / DEGREE)),
+    )
+
+
+def _sigma_range(series: AlignmentSeries) -> tuple[float, float]:
+    """From a little below the best to 200 deg at most: the first seconds are no information."""
+    values = series.sigma[np.isfinite(series.sigma) & (series.sigma > 0.0)] / DEGREE
+    low = 0.5 * float(values.min()) if len(values) else 0.1
+    high = 2.0 * float(values.max()) if len(values) else 10.0
+    return min(low, 0.5), float(np.clip(high, 10.0, 200.0))
+
+
+def attitude(found: LogAlignment, series: AlignmentSeries) -> Figure:
+    """Roll, pitch and heading at each fix, where the worst sigma lets them be told."""
+    euler = to_euler(series.q_nb) / DEGREE
+    euler[:, 2] %= 360.0
+    known = series.sigma_worst <= REFUSE_SIGMA
+    curves = []
+    for k, name in enumerate(("roll", "pitch", "heading")):
+        values = euler[:, k].copy()
+        # A jump over the end of the circle is no motion.
+        values[1:][np.abs(np.diff(euler[:, k])) > 180.0] = np.nan
+        values[~known] = np.nan
+        curves.append(Series(name, values))
+    return Figure(
+        "attitude",
+        "Attitude at each fix",
+        _seconds(found, series.time_ns),
+        tuple(curves),
+        LOG_TIME,
+        "angle, deg",
+        notes=("Where the sigma about the worst axis is above 5 deg nothing is shown.",),
+    )
+
+
+def errors(found: LogAlignment) -> Figure:
+    """What the reference says is wrong."""
+    course = found.error
+    assert course is not None
+    usable = course.sigma_worst <= OK_SIGMA
+    curves = []
+    for k, name in enumerate(AXES):
+        final = course.final[:, k] / DEGREE
+        curves.append(Series(f"final answer, {name}", np.where(np.isfinite(final), final, np.nan)))
+    for k, name in enumerate(AXES):
+        step = np.where(usable, course.series[:, k] / DEGREE, np.nan)
+        curves.append(Series(f"so far, {name}", step, style="dashed", shown=k == 2))
+    return Figure(
+        "error",
+        "Error against the reference",
+        course.seconds,
+        tuple(curves),
+        LOG_TIME,
+        "error, deg",
+        notes=(
+            "Final answer: carried from the end of the segment to each fix. So far: the solver's"
+            " answer from the fixes up to each time, where it is known to 1 deg.",
+            "A reference of another body than the Imu's shows their mounting here.",
+        ),
+    )
+
+
+def singular_values(found: LogAlignment, series: AlignmentSeries) -> Figure:
+    """Of the attitude profile matrix: the sum of the second and third is what shows attitude."""
+    s = series.singular_values
+    curves = tuple(Series(f"s{k + 1}", _positive(np.abs(s[:, k]))) for k in range(3))
+    return Figure(
+        "singular-values",
+        "Singular values of the attitude profile matrix",
+        _seconds(found, series.time_ns),
+        curves,
+        LOG_TIME,
+        "singular value, (m/s)²",
+        log_y=True,
+        notes=(
+            "Vectors of one direction only leave s2 and s3 small, and the rotation about it"
+            " unknown. Units are those of the vectors squared.",
+        ),
+    )
+
+
+def residuals(found: LogAlignment, answer: InFlightAlignment) -> Figure:
+    """Of the solver's pairs."""
+    unit = {"diff": "m/s²", "diffc": "m/s²", "pos": "m"}.get(answer.vectors, "m/s")
+    return Figure(
+        "residuals",
+        "Residuals of the vectors",
+        _seconds(found, answer.residual_ns),
+        tuple(Series(n, answer.residuals[:, k]) for k, n in enumerate(("x", "y", "z"))),
+        LOG_TIME,
+        f"residual, {unit}",
+        notes=(
+            "In the body axes where the chain of attitude begins. They grow with specific force"
+            " where fixes are late, with angular rate where the lever arm is wrong, and with time"
+            " where a gyro drifts, which only the refinement finds.",
+        ),
+    )
+
+
+def dynamics(found: LogAlignment, config: ProcessConfig) -> tuple[Figure, Figure]:
+    """Specific force and angular rate of the whole log, and where the gate held it calm."""
+    seconds, force, rate = found.windows
+    told = config.in_flight
+    gated = found.summary["gate"] in ("paper", "mask")
+    calm_at, calm = None, None
+    answer = found.answer
+    if isinstance(answer, InFlightAlignment) and answer.series is not None:
+        calm_at, calm = _seconds(found, answer.series.time_ns), answer.series.calm
+    made = []
+    for key, title, values, unit, limit in (
+        ("force", "Specific force", force, "m/s²", told.f_set),
+        ("rate", "Angular rate", rate / DEGREE, "deg/s", told.w_set),
+    ):
+        curves = [Series("half-second means", values)]
+        if calm_at is not None and calm is not None and calm.any():
+            at = np.interp(calm_at, seconds, values)
+            curves.append(Series("calm fixes used", np.where(calm, at, np.nan), calm_at))
+        made.append(
+            Figure(
+                key,
+                title,
+                seconds,
+                tuple(curves),
+                LOG_TIME,
+                f"{title.lower()}, {unit}",
+                notes=(_DYNAMICS[key],),
+                levels=((f"limit, {limit:g} {unit}", limit),) if gated else (),
+                marks=_marks(found),
+            )
+        )
+    return made[0], made[1]

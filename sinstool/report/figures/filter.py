@@ -1,0 +1,133 @@
+"""What a page shows of an INS/GNSS filter: innovations within bounds, biases, what happened."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from sinstool.core.timeline import SECOND
+from sinstool.methods.ins_gnss.results import GnssDiagnostics
+from sinstool.pipelines.process.ins_gnss.run import FilterRun
+from sinstool.report.figure import Figure, Series
+from sinstool.report.figures.parts import AXES, BODY
+from sinstool.report.figures.process import BOUND, TIME, both_sides
+from sinstool.survey.unit_evidence import DEGREE
+
+# Epochs drawn; of more, every so many.
+MOST = 3000
+MARKS = 50
+
+
+def filter_figures(run: FilterRun) -> list[Figure]:
+    """Figures of a run that has come to its end.
+
+    Parameters
+    ----------
+    run : FilterRun
+    """
+    gnss = run.diagnostics()
+    if gnss is None or not len(gnss):
+        return []
+    first = run.first_ns
+    marks = _events(run, first)
+    return [
+        *_innovations(gnss, first, marks),
+        _squares(gnss, first, marks),
+        *_biases(run, first),
+    ]
+
+
+def _thinned(rows: np.ndarray) -> np.ndarray:
+    """So many of them that they can be drawn."""
+    step = max(1, -(-len(rows) // MOST))
+    return np.asarray(rows[::step])
+
+
+def _innovations(
+    gnss: GnssDiagnostics, first: int, marks: tuple[tuple[str, float], ...]
+) -> list[Figure]:
+    found = []
+    for start, what, unit in ((0, "position", "m"), (3, "velocity", "m/s")):
+        rows = _thinned(np.flatnonzero(np.isfinite(gnss.innovation[:, start])))
+        if not len(rows):
+            continue
+        seconds = (gnss.time_ns[rows] - first) / SECOND
+        columns = slice(start, start + 3)
+        values = gnss.innovation[rows, columns]
+        bound = BOUND * np.nanmax(gnss.innovation_sigma[rows, columns], axis=1)
+        series = [Series(axis, values[:, k], style="points") for k, axis in enumerate(AXES)]
+        series.append(both_sides("3 sigma of the worst axis", seconds, bound, colour=None))
+        notes = [
+            "Navigation less fix, the estimated errors of both taken off; all but 0.3 % belong"
+            " within the dashed bounds. Withheld and rejected fixes are shown too."
+        ]
+        found.append(
+            Figure(
+                f"innovation-{what}",
+                f"Innovations of {what}",
+                seconds,
+                tuple(series),
+                TIME,
+                f"innovation, {unit}",
+                notes=tuple(notes),
+                marks=marks,
+            )
+        )
+    return found
+
+
+def _squares(gnss: GnssDiagnostics, first: int, marks: tuple[tuple[str, float], ...]) -> Figure:
+    """Normalised innovation squared over its number of rows, by what became of the fix."""
+    seconds = (gnss.time_ns - first) / SECOND
+    value = np.sqrt(gnss.nis / np.maximum(gnss.rows, 1))
+    series = []
+    for name, mask in (
+        ("used", gnss.used),
+        ("rejected", gnss.gated),
+        ("began anew", gnss.restarted),
+        ("withheld", gnss.withheld),
+    ):
+        rows = _thinned(np.flatnonzero(mask & np.isfinite(value)))
+        if len(rows):
+            series.append(Series(name, value[rows], x=seconds[rows], style="points"))
+    return Figure(
+        "nis",
+        "Innovations over what was expected",
+        seconds[:1],
+        tuple(series),
+        TIME,
+        "size over expected size",
+        levels=(("expected", 1.0),),
+        notes=(
+            "The root of the normalised innovation squared (NIS) over its number of rows: about 1"
+            " where noise is as assumed. It does not tell of errors of the fixes that last:"
+            " a filter that takes those for white shows less than 1 and is too sure of itself.",
+        ),
+        marks=marks,
+    )
+
+
+def _biases(run: FilterRun, first: int) -> list[Figure]:
+    """Biases as the filter knew them."""
+    time_ns, gyro, accel = run.biases()
+    if not len(time_ns):
+        return []
+    rows = _thinned(np.arange(len(time_ns)))
+    seconds = (time_ns[rows] - first) / SECOND
+    found = []
+    for key, title, values, size, unit in (
+        ("gyro-bias", "Gyro bias", gyro, DEGREE / 3600.0, "deg/h"),
+        ("accel-bias", "Accelerometer bias", accel, 1.0, "m/s²"),
+    ):
+        series = tuple(Series(n, values[rows, k] / size) for k, n in enumerate(BODY))
+        note = "As the filter knew it, along the vehicle's axes."
+        found.append(Figure(key, title, seconds, series, TIME, f"bias, {unit}", notes=(note,)))
+    return found
+
+
+def _events(run: FilterRun, first: int) -> tuple[tuple[str, float], ...]:
+    """Restarts, gaps and what else a filter notes, but for single rejected fixes."""
+    return tuple(
+        (event.kind, (event.time_ns - first) / SECOND)
+        for event in run.events
+        if event.kind != "gated"
+    )[:MARKS]

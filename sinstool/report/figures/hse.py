@@ -1,0 +1,347 @@
+"""Figures of a calibration of heading-sensitive error, without how they are drawn.
+
+The first is the calibration itself: heading against rate, eq. (15) of Yu et al., J. NUDT 35(4),
+2013, 161-165, with what the fit allows. The others are what an operator looks at when it is bad.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import special
+
+from sinstool.core.earth import EARTH_RATE
+from sinstool.methods.hse.axial import earth_rate_along_axis
+from sinstool.methods.hse.fit_result import HseFit
+from sinstool.methods.hse.positions import wrapped
+from sinstool.methods.hse.table import Column
+from sinstool.pipelines.calibrate_hse.run import Calibration
+from sinstool.report.figure import Figure, Series, Style
+from sinstool.report.figures.hse_turns import east_rate_allan, heading_by_turn, rates_over_time
+from sinstool.survey.unit_evidence import DEGREE
+
+FloatArray = NDArray[np.float64]
+
+ARCSEC = DEGREE / 3600.0
+DEGREE_PER_HOUR = ARCSEC  # rad/s in one deg/h: an hour has as many seconds as a degree
+_GRID = 101
+_OUTSTANDING = 2.0
+
+
+def figures(found: Calibration) -> tuple[Figure, ...]:
+    """All figures of a calibration, the main one first.
+
+    Parameters
+    ----------
+    found : Calibration
+
+    Returns
+    -------
+    tuple of Figure
+        Those for which there is something to show.
+    """
+    turning = [run for run in found.runs if run.per_turn_heading is not None]
+    made = [
+        heading_against_rate(found.fit),
+        residuals_against_rate(found.fit),
+        residuals_by_run(found.fit),
+        azimuth_figure(found),
+        axial_rate(found.fit),
+        heading_by_turn(turning) if turning else None,
+        rates_over_time(found.logs),
+        east_rate_allan(turning),
+    ]
+    return tuple(one for one in made if one is not None)
+
+
+def heading_against_rate(result: HseFit) -> Figure:
+    """Heading of each run against rate, the fit at each position, and its 95 % band.
+
+    Headings are those less the heading free of heading-sensitive error of their position. The
+    band is that of the fitted mean, at the position that leans most to the east.
+    """
+    rate = np.array([run.rate for run in result.runs])
+    offset = _headings_at_rest(result)
+    used = np.array([one.used for one in result.run_fits])
+    series = []
+    notes = ["Headings are shown less that which the fit has at each position for no error."]
+    if result.K is not None:
+        grid = _grid(rate)
+        lines = _Lines(result)
+        for k in lines.positions:
+            series.append(
+                Series(f"fit, {lines.name(k)}", lines.at(k, grid) / ARCSEC, grid / DEGREE)
+            )
+        band = lines.band(lines.lead, grid)
+        if band is not None:
+            middle = lines.at(lines.lead, grid)
+            series.append(_band(f"95 % band, {lines.name(lines.lead)}", grid, middle, band))
+        axial = lines.by_axial(grid, rate, offset, used)
+        if axial is not None:
+            series.append(
+                Series("slope by the axial rate", axial / ARCSEC, grid / DEGREE, "dashed")
+            )
+    series.append(_points("runs in use", rate, offset, used))
+    if not used.all():
+        series.append(_points("runs left out", rate, offset, ~used))
+    return Figure(
+        "heading",
+        "Heading against rate of the table",
+        np.sort(rate) / DEGREE,
+        tuple(series),
+        "Rate of the table, deg/s",
+        "Heading, arcsec",
+        notes=tuple(notes),
+    )
+
+
+def _grid(rate: FloatArray) -> FloatArray:
+    span = 0.04 * max(float(np.ptp(rate)), 0.1)
+    return np.linspace(rate.min() - span, rate.max() + span, _GRID)
+
+
+def _band(name: str, rate: FloatArray, middle: FloatArray, half: FloatArray) -> Series:
+    """Both edges of a band as one curve with a hole in it."""
+    both = np.concatenate([middle - half, [np.nan], middle + half]) / ARCSEC
+    x = np.concatenate([rate, rate[-1:], rate]) / DEGREE
+    return Series(name, both, x, "dashed")
+
+
+def _points(name: str, x: FloatArray, y: FloatArray, which: NDArray[np.bool_]) -> Series:
+    return Series(name, y[which] / ARCSEC, x[which] / DEGREE, "points")
+
+
+def _headings_at_rest(result: HseFit) -> FloatArray:
+    """Headings less psi0 of their position, or less the position's mean where there is no fit."""
+    heading = np.array([run.heading for run in result.runs])
+    position = np.array([one.position for one in result.run_fits])
+    offset = np.empty(len(heading))
+    psi0 = _psi0(result)
+    for k in np.unique(position):
+        here = position == k
+        from_first = wrapped(heading[here] - heading[here][0])
+        if k in psi0:
+            offset[here] = wrapped(heading[here] - psi0[k])
+        else:
+            offset[here] = from_first - from_first.mean()
+    return offset
+
+
+def _psi0(result: HseFit) -> dict[int, float]:
+    """Fitted heading free of error, rad, by position."""
+    fitted = sorted({one.position for one in result.run_fits if one.used})
+    return dict(zip(fitted, result.psi0, strict=True)) if result.psi0 else {}
+
+
+class _Lines:
+    """The fitted headings as functions of rate, position by position.
+
+    A position's line is drawn with the mean lean of its runs: psi0, which is the origin here,
+    plus ``lambda2 (Omega - w sin L) C23 / (3 w cos L)`` plus ``tau Omega``.
+    """
+
+    def __init__(self, result: HseFit) -> None:
+        self.result = result
+        self.psi0 = _psi0(result)
+        self.positions = sorted(self.psi0)
+        self.lean = {k: self._mean_lean(k) for k in self.positions}
+        self.lead = max(self.positions, key=lambda k: abs(self.lean[k]))
+        self.north = 3.0 * EARTH_RATE * np.cos(result.latitude)
+        self.down = EARTH_RATE * np.sin(result.latitude)
+        names = result.parameters
+        self.slope = next((n for n in ("lambda2", "K") if n in names), None)
+
+    def _mean_lean(self, k: int) -> float:
+        mine = zip(self.result.runs, self.result.run_fits, strict=True)
+        return float(np.mean([run.C23 for run, one in mine if one.used and one.position == k]))
+
+    def name(self, k: int) -> str:
+        return f"base at {self.psi0[k] / DEGREE:.2f} deg"
+
+    def _columns(self, k: int, rate: FloatArray) -> dict[str, FloatArray]:
+        """Derivatives of heading by the parameters but for headings themselves."""
+        lambda1 = rate - self.down
+        columns = {
+            "lambda2": lambda1 * self.lean[k] / self.north,
+            "tau": rate,
+        }
+        # the published line goes through Omega itself
+        columns["K"] = rate if self.result.form == "paper" else lambda1
+        return columns
+
+    def at(self, k: int, rate: FloatArray) -> FloatArray:
+        columns = self._columns(k, rate)
+        lambda2, K = self.result.lambda2_heading, self.result.K or 0.0
+        if self.slope == "lambda2" and lambda2 is not None:
+            line = lambda2 * columns["lambda2"]
+        else:
+            line = K * columns["K"]
+        return np.asarray(line + (self.result.delay or 0.0) * columns["tau"])
+
+    def band(self, k: int, rate: FloatArray) -> FloatArray | None:
+        """Half of the 95 % interval of the line, rad; None where nothing tells it."""
+        covariance = self.result.covariance
+        if not covariance.size or not np.isfinite(covariance).all():
+            return None
+        columns = self._columns(k, rate)
+        nothing = np.zeros_like(rate)
+        rows = np.stack([columns.get(n, nothing) for n in self.result.parameters], axis=1)
+        # headings come first among the parameters, in the order of the positions
+        rows[:, self.positions.index(k)] = 1.0
+        variance = np.einsum("ij,jk,ik->i", rows, covariance, rows)
+        student = self.result.distribution == "t" and self.result.dof > 0
+        quantile = special.stdtrit(self.result.dof, 0.975) if student else special.ndtri(0.975)
+        return np.asarray(quantile * np.sqrt(np.maximum(variance, 0.0)))
+
+    def by_axial(
+        self, grid: FloatArray, rate: FloatArray, offset: FloatArray, used: NDArray[np.bool_]
+    ) -> FloatArray | None:
+        """The line that the axial coefficient has, through the middle of the runs in use."""
+        position = np.array([one.position for one in self.result.run_fits])
+        here = used & (position == self.lead)
+        if not here.any():
+            return None
+        slope = self.result.axial.lambda2 * self.lean[self.lead] / self.north
+        slope += self.result.delay or 0.0
+        middle = offset[here].mean() - slope * rate[here].mean()
+        return np.asarray(middle + slope * grid)
+
+
+def residuals_against_rate(result: HseFit) -> Figure | None:
+    """What the fit leaves of each heading, in the band of the position that leans most."""
+    if result.K is None:
+        return None
+    rate = np.array([run.rate for run in result.runs])
+    left = np.array([np.nan if one.residual is None else one.residual for one in result.run_fits])
+    used = np.array([one.used for one in result.run_fits])
+    grid = _grid(rate)
+    lines = _Lines(result)
+    series = []
+    band = lines.band(lines.lead, grid)
+    if band is not None:
+        series.append(_band(f"95 % band, {lines.name(lines.lead)}", grid, 0.0 * band, band))
+    series.append(_points("runs in use", rate, left, used))
+    if not used.all():
+        series.append(_points("runs left out", rate, left, ~used))
+    return Figure(
+        "residuals",
+        "Residuals against rate",
+        np.sort(rate) / DEGREE,
+        tuple(series),
+        "Rate of the table, deg/s",
+        "Residual of heading, arcsec",
+        notes=(
+            "The band is what the fitted line itself is good to, not where runs lie. Residuals that"
+            " bend with rate are no heading-sensitive error.",
+        ),
+    )
+
+
+def residuals_by_run(result: HseFit) -> Figure | None:
+    """Residual of each run over its own standard deviation."""
+    if result.K is None:
+        return None
+    rows = [
+        (run.id, one.studentised)
+        for run, one in zip(result.runs, result.run_fits, strict=True)
+        if one.used and one.studentised is not None
+    ]
+    if not rows:
+        return None
+    return Figure(
+        "studentised",
+        "Residuals by run, studentised",
+        tuple(name for name, _ in rows),
+        (Series("residual", np.array([value for _, value in rows]), style="bars"),),
+        "Run",
+        "Residual, standard deviations",
+        levels=(("2 sigma", _OUTSTANDING), ("-2 sigma", -_OUTSTANDING)),
+        notes=(
+            "Each residual over the deviation that the other runs give it. One of twenty sound"
+            " runs is beyond 2.",
+        ),
+    )
+
+
+def azimuth_figure(found: Calibration) -> Figure | None:
+    """Headings before and after correction against azimuth, with sinusoids through them."""
+    table = found.table
+    if table is not None:
+        azimuth = table.azimuth
+        before, after = table.before, table.after
+        grid = np.linspace(0.0, 2.0 * np.pi, 4 * 90 + 1)
+        series = [_headings("before", azimuth, before.values)]
+        series.append(_headings("after", azimuth, after.values))
+        for name, column in (("before", before), ("after", after)):
+            if column.sinusoid is not None:
+                y = _sinusoid(column, grid) / ARCSEC
+                series.append(Series(f"sinusoid, {name}", y, grid / DEGREE, _line(name)))
+        title = "Heading less azimuth, before and after correction"
+        label = "Azimuth shown by the stand, deg"
+        notes = ("Less its mean. Sinusoids are fitted where there are three azimuths or more.",)
+    elif found.spread:
+        azimuth = np.array([a for one in found.spread for a in [one.heading] * len(one.before)])
+        series = [
+            _headings("before", azimuth, np.concatenate([one.before for one in found.spread])),
+            _headings("after", azimuth, np.concatenate([one.after for one in found.spread])),
+        ]
+        title = "Heading at each position, before and after correction"
+        label = "Mean corrected heading of the position, deg"
+        notes = (
+            "No azimuths were given (--azimuth LOG=DEG): headings are shown less the mean corrected"
+            " heading of their own position. What is wrong with a position as a whole does not"
+            " show.",
+        )
+    else:
+        return None
+    return Figure(
+        "azimuth",
+        title,
+        np.sort(azimuth % (2.0 * np.pi)) / DEGREE,
+        tuple(series),
+        label,
+        "Heading, arcsec",
+        x_range=(-5.0, 365.0),
+        notes=notes,
+    )
+
+
+def _headings(name: str, azimuth: FloatArray, values: FloatArray) -> Series:
+    return Series(name, values / ARCSEC, azimuth % (2.0 * np.pi) / DEGREE, "points")
+
+
+def _line(name: str) -> Style:
+    return "dashed" if name == "after" else "line"
+
+
+def _sinusoid(column: Column, azimuth: FloatArray) -> FloatArray:
+    s = column.sinusoid
+    assert s is not None
+    return np.asarray(s.offset + s.cosine * np.cos(azimuth) + s.sine * np.sin(azimuth))
+
+
+def axial_rate(result: HseFit) -> Figure:
+    """What gyros and encoder disagree by along the axis, and the line whose slope is lambda2."""
+    total = np.array([run.rate + earth_rate_along_axis(run) for run in result.runs])
+    error = np.array([run.c_axial for run in result.runs]) * total
+    used = np.array([one.used for one in result.run_fits])
+    axial = result.axial
+    grid = np.linspace(min(0.0, total.min()), max(0.0, total.max()), _GRID)
+    line = axial.c * grid + (axial.bias or 0.0)
+    series = [Series("fit", line / DEGREE_PER_HOUR, grid / DEGREE)]
+    for name, which in (("runs in use", used), ("runs left out", ~used)):
+        if which.any():
+            y, x = error[which] / DEGREE_PER_HOUR, total[which] / DEGREE
+            series.append(Series(name, y, x, "points"))
+    return Figure(
+        "axial",
+        "Gyro rate less encoder rate along the axis",
+        np.sort(total) / DEGREE,
+        tuple(series),
+        "Rate about the axis, Earth rate included, deg/s",
+        "Rate error along the axis, deg/h",
+        notes=(
+            "The slope is c = -lambda2/3; an intercept is the gyros' bias along the axis. Headings"
+            " are not in this figure: it is an independent measurement of the same coefficient.",
+        ),
+    )

@@ -1,0 +1,220 @@
+"""Figures of a run of `process`, from the curves that its recorder kept."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sinstool.pipelines.process.errors_against_truth import KINDS
+from sinstool.report.figure import Figure, Series, heading_curve
+from sinstool.report.figures.parts import AXES, length
+
+FloatArray = NDArray[np.float64]
+Marks = tuple[tuple[str, float], ...]
+
+TIME = "time since the first sample, s"
+# Smaller errors of attitude than this, deg, are shown in arc seconds.
+SMALL_ANGLE_DEG = 0.1
+# Of a normal distribution: 99.7 % lie within.
+BOUND = 3.0
+
+
+@dataclass(frozen=True)
+class Curves:
+    """Columns over time.
+
+    Attributes
+    ----------
+    seconds : ndarray, shape (n,)
+    of : mapping
+        Name to values, shape (n,).
+    """
+
+    seconds: FloatArray
+    of: Mapping[str, FloatArray]
+
+    def figure(
+        self,
+        key: str,
+        title: str,
+        ylabel: str,
+        names: Sequence[str],
+        note: str,
+        marks: Marks = (),
+    ) -> Figure:
+        """Some of the columns against time."""
+        series = tuple(Series(name, self.of[name]) for name in names)
+        notes = (note,) if note else ()
+        return Figure(key, title, self.seconds, series, TIME, ylabel, notes=notes, marks=marks)
+
+
+def heading(curves: Curves) -> Figure:
+    """Heading within a turn, with holes where it goes over its end."""
+    seconds, within = heading_curve(curves.seconds, curves.of["heading"])
+    note = "Clockwise from above, from north where the alignment knows it."
+    line = (Series("heading", within),)
+    return Figure("heading", "Heading", seconds, line, TIME, "heading, deg", notes=(note,))
+
+
+def vertical(
+    curves: Curves, reference: tuple[str, FloatArray, FloatArray] | None, marks: Marks
+) -> list[Figure]:
+    """Height, its difference to the reference, and what held it.
+
+    Parameters
+    ----------
+    curves : Curves
+    reference : tuple or None
+        Name, seconds, and its height and the computed one less that, shape (m, 2).
+    marks : tuple
+        Events.
+    """
+    if "height" not in curves.of:
+        return []
+    series = [Series("computed", curves.of["height"])]
+    if reference is not None:
+        name, at, values = reference
+        series.append(Series(name, values[:, 0], x=at, style="dashed"))
+    note = ("Above the ellipsoid.",)
+    found = [
+        Figure("height", "Height", curves.seconds, tuple(series), TIME, "height, m", notes=note,
+               marks=marks)
+    ]  # fmt: skip
+    if reference is not None:
+        off = (Series("computed less reference", values[:, 1], x=at),)
+        notes = (
+            "The reference's own slow error is in it: with a barometer it is not what the height"
+            " is wrong by.",
+        )
+        found.append(
+            Figure("difference", f"Height less that of {name}", at, off, TIME, "difference, m",
+                   notes=notes, marks=marks)
+        )  # fmt: skip
+    if "up" in curves.of:
+        found.append(
+            curves.figure(
+                "up", "Vertical velocity", "velocity up, m/s", ("up",), "Positive is up.", marks
+            )
+        )
+        text = (
+            "What the damping takes off. A steady value is the accelerometer's bias along the"
+            " vertical, and what gravity is wrong by."
+        )
+        title = "Correction of the vertical accelerometer"
+        found.append(
+            curves.figure("correction", title, "correction, m/s²", ("correction",), text, marks)
+        )
+    return found
+
+
+def errors(off: Mapping[str, tuple[FloatArray, FloatArray]], curves: Curves) -> list[Figure]:
+    """Errors against the truth, within the bounds that a filter gives.
+
+    Parameters
+    ----------
+    off : mapping
+        Kind to seconds, shape (n,), and errors, shape (n, 3).
+    curves : Curves
+        With the sigmas, where there are any.
+    """
+    found = []
+    for kind, unit, size in KINDS:
+        if kind not in off:
+            continue
+        seconds, error = off[kind]
+        finite = error[np.isfinite(error)] / size
+        if not len(finite):
+            continue
+        scale = 1.0 / size
+        if unit == "deg" and np.abs(finite).max() < SMALL_ANGLE_DEG:
+            unit, scale = "arcsec", scale * 3600.0
+        if unit == "m":
+            least, unit = length(finite)
+            scale /= least
+        notes = ["Computed less true."]
+        if kind == "attitude":
+            notes = [
+                "The small rotation, about these axes, from the true attitude to the one"
+                " computed: about down it is an error of heading."
+            ]
+        series = [Series(axis, error[:, k] * scale) for k, axis in enumerate(AXES)]
+        if f"{kind} {AXES[0]}" in curves.of:
+            series += bounds(kind, curves, size * scale)
+            notes.append(
+                "Dashed: three of the filter's own standard deviations to either side; all but"
+                " 0.3 % of the errors belong within."
+            )
+        found.append(
+            Figure(f"error-{kind}", f"Error of {kind}", seconds, tuple(series), TIME,
+                   f"error, {unit}", notes=tuple(notes))
+        )  # fmt: skip
+    return found
+
+
+def bounds(kind: str, curves: Curves, scale: float = 1.0) -> list[Series]:
+    """Three sigma to either side, in the colour of each axis."""
+    return [
+        both_sides(f"3 sigma, {axis}", curves.seconds, BOUND * scale * curves.of[f"{kind} {axis}"],
+                   colour=k)
+        for k, axis in enumerate(AXES)
+    ]  # fmt: skip
+
+
+def both_sides(name: str, seconds: FloatArray, size: FloatArray, colour: int | None) -> Series:
+    """A bound above and below zero, as one curve with a hole in it."""
+    x = np.concatenate([seconds, seconds[-1:], seconds])
+    y = np.concatenate([size, [np.nan], -size])
+    return Series(name, y, x=x, style="dashed", colour=colour)
+
+
+def sigmas(curves: Curves, without: Sequence[str]) -> list[Figure]:
+    """Standard deviations, where a run has covariances and no errors to draw them about.
+
+    Parameters
+    ----------
+    curves : Curves
+    without : sequence of str
+        Kinds whose errors are drawn.
+    """
+    found = []
+    for kind, unit, _ in KINDS:
+        if f"{kind} {AXES[0]}" not in curves.of or kind in without:
+            continue
+        series = tuple(Series(axis, curves.of[f"{kind} {axis}"]) for axis in AXES)
+        note = "What the filter believes of itself: with --truth the page shows errors beside it."
+        found.append(
+            Figure(f"sigma-{kind}", f"Standard deviation of {kind}", curves.seconds, series, TIME,
+                   f"sigma, {unit}", notes=(note,))
+        )  # fmt: skip
+    return found
+
+
+def stretches(hse: dict[str, Any]) -> Figure:
+    """Heading of every stretch at constant rate, before and after its correction."""
+    rates = np.array([s["rate_deg_s"] for s in hse["segments"]])
+    raw = np.array([s["heading_raw_deg"] for s in hse["segments"]])
+    corrected = np.array([s["heading_deg"] for s in hse["segments"]])
+    middle = float(np.median(corrected))
+
+    def shown(values: FloatArray) -> FloatArray:
+        return np.asarray(((values - middle + 180.0) % 360.0 - 180.0) * 3600.0)
+
+    return Figure(
+        "stretches",
+        "Heading of each stretch at constant rate",
+        rates,
+        (
+            Series("as aligned", shown(raw), style="points"),
+            Series("corrected", shown(corrected), style="points"),
+        ),
+        "rate, deg/s",
+        "heading, arcsec",
+        notes=(
+            f"Less {middle:.6f} deg, the median of the corrected ones. Heading-sensitive error"
+            " is a slope over rate; what is corrected should have none.",
+        ),
+    )

@@ -1,0 +1,164 @@
+"""The page of figures of `sinstool align`."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+from sinstool.config import ProcessConfig
+from sinstool.pipelines.align.log import LogAlignment
+from sinstool.report.figures.alignment import figures
+from sinstool.report.figures.parts import AXES
+from sinstool.report.page import write_report
+from sinstool.report.pages.settings import Read, config_settings, input_rows
+from sinstool.report.sections import (
+    Cell,
+    Column,
+    Fact,
+    Page,
+    Prose,
+    Section,
+    Settings,
+    Table,
+    Warnings,
+)
+
+# What each status means for whoever wants to go on from this attitude.
+VERDICTS = {
+    "ok": "Attitude is known about every axis to a degree or better.",
+    "degraded": "Attitude is known, but its worst axis is no better than the sigma below says, or"
+    " the data contradict each other: see the warnings.",
+    "level-only": "Roll and pitch are known, heading is not: nothing in the log showed where north"
+    " is. Heading needs horizontal acceleration or turns seen by GNSS, or gyros that feel the"
+    " Earth's rotation.",
+    "unobservable": "Not even roll and pitch are known. The warnings say why.",
+    "failed": "Nothing could be aligned with. The warnings say why.",
+}
+GROUPS = ("input", "align", "gnss", "in_flight", "navigation")
+
+
+def write_page(report: Path, found: LogAlignment, config: ProcessConfig, log: Path) -> None:
+    """Write the page, or its first figure, that ``--report`` asks for.
+
+    Parameters
+    ----------
+    report : Path
+    found : LogAlignment
+    config : ProcessConfig
+        Effective.
+    log : Path
+    """
+    told = found.summary
+    sections: list[Section] = [
+        Warnings(tuple(told["warnings"])),
+        Prose(_verdict(told), "Result", _facts(told)),
+    ]
+    if told["euler_deg"] is not None:
+        sections.append(_result(told))
+    main, *others = figures(found, config)
+    sections += [main, *others]
+    if told["assumed"] is not None:
+        sections.append(_sensors(told))
+    sections += [Settings(config_settings(config, *GROUPS)), input_rows([Read.of(log)])]
+    subtitle = f"{told['input']}, {told['imu']['topic']}"
+    page = Page("Where the vehicle points", subtitle, tuple(sections))
+    write_report(report, page, overwrite=config.output.overwrite)
+
+
+def _verdict(told: dict[str, Any]) -> tuple[str, ...]:
+    method = told["method"] + (f", vectors {told['vectors']}" if told["vectors"] else "")
+    paragraphs = [f"Status {told['status']}, by {method}. {VERDICTS[told['status']]}"]
+    if told["n_pairs"]:
+        used = (
+            f"{told['n_pairs']} pairs of vectors from {told['start_s']:.1f} to"
+            f" {told['stop_s']:.1f} s were used; {told['n_rejected']} fixes were rejected as"
+            f" outliers. Residuals of the pairs are {told['chi2']:.2f} times what the noise of"
+            " GNSS alone explains"
+        )
+        if told["refined_chi2"] is not None:
+            used += f", those of the refinement {told['refined_chi2']:.2f} times what it assumes"
+        paragraphs.append(used + ".")
+        if told["time_to_align_s"] is not None:
+            paragraphs.append(
+                f"The solver alone was within 1 deg about every axis {told['time_to_align_s']:.1f}"
+                " s after the start."
+            )
+    truth = told.get("truth")
+    if truth is not None and truth["error_deg"] is not None:
+        shown = ", ".join("–" if e is None else f"{e:.3g}" for e in truth["error_deg"])
+        paragraphs.append(
+            f"Against {truth['name']} the answer is wrong by {shown} deg about north, east, down."
+        )
+    return tuple(paragraphs)
+
+
+def _facts(told: dict[str, Any]) -> tuple[Fact, ...]:
+    """Each angle with the sigma about the axis that matters most to it, and its error."""
+    euler, sigma = told["euler_deg"], told["sigma_deg"]
+    if euler is None:
+        return ()
+    facts = []
+    for name in ("roll", "pitch", "heading"):
+        value = "not known" if euler[name] is None else f"{euler[name]:.3f} deg"
+        facts.append(Fact(name.capitalize(), value))
+    named = ", ".join("–" if one is None else f"{one:.2g}" for one in sigma)
+    facts.append(Fact("Sigma", f"{named} deg", "about north, east, down"))
+    truth = told.get("truth")
+    if truth is not None and truth["error_deg"] is not None:
+        named = ", ".join("–" if one is None else f"{one:.2g}" for one in truth["error_deg"])
+        facts.append(Fact("Error", f"{named} deg", f"about these, by {truth['name']}"))
+    return tuple(facts)
+
+
+def _result(told: dict[str, Any]) -> Table:
+    euler, truth = told["euler_deg"], told.get("truth") or {"error_deg": None}
+    rows: list[tuple[Cell, ...]] = [
+        (name, euler[name], None, None) for name in ("roll", "pitch", "heading")
+    ]
+    wrong = truth["error_deg"] or (None, None, None)
+    for axis, sigma, off in zip(AXES, told["sigma_deg"], wrong, strict=True):
+        rows.append((f"rotation about {axis}", None, sigma, off))
+    columns = (
+        Column("Quantity"),
+        Column("angle", "deg", ".4f"),
+        Column("sigma", "deg", ".3g"),
+        Column("error", "deg", ".3g"),
+    )
+    notes = (
+        f"At {told['t_s']:.3f} s after the log's start. Angles are those of the"
+        " Forward-Right-Down axes in North-East-Down; sigmas are of small rotations about these.",
+    )
+    return Table("Attitude", columns, tuple(rows), notes)
+
+
+def _sensors(told: dict[str, Any]) -> Table:
+    assumed = told["assumed"]
+    removed, found = told["gyro_bias_removed_deg_h"], told["gyro_bias_deg_h"]
+    accel = told["accel_bias_m_s2"]
+    rows: list[tuple[Cell, ...]] = [
+        _row("gyro bias removed before", "deg/h", removed, None),
+        _row("gyro bias found besides", "deg/h", found, assumed["gyro_bias_deg_h"]),
+        _row("accelerometer bias found", "m/s²", accel, assumed["accel_bias_m_s2"]),
+    ]
+    none: tuple[Cell, ...] = (None, None, None)
+    rows += [
+        ("gyro scale", "", *none, assumed["gyro_scale"]),
+        ("accelerometer scale", "", *none, assumed["accel_scale"]),
+        ("angular random walk", "deg/√h", *none, assumed["angle_random_walk_deg_sqrt_h"]),
+        ("velocity random walk", "m/s/√s", *none, assumed["velocity_random_walk_m_s_sqrt_s"]),
+    ]
+    columns = (
+        Column("Quantity"),
+        Column("unit"),
+        *(Column(axis, "", ".4g") for axis in "xyz"),
+        Column("assumed sigma", "", ".3g"),
+    )
+    notes = (
+        f"Body axes FRD. Biases wander with a correlation time of {assumed['bias_time_s']:g} s."
+        f" The IMU counts as {told['imu_grade']['grade']}, {told['imu_grade']['why']}.",
+    )
+    return Table("Sensors", columns, tuple(rows), notes)
+
+
+def _row(name: str, unit: str, values: list[float] | None, sigma: float | None) -> tuple[Cell, ...]:
+    return (name, unit, *(values if values is not None else (None,) * 3), sigma)

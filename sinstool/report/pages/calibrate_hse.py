@@ -1,0 +1,291 @@
+"""The page of figures of `sinstool calibrate-hse`."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+
+from sinstool.config import ProcessConfig
+from sinstool.methods.hse.table import Column as Headings
+from sinstool.pipelines.calibrate_hse.run import Calibration
+from sinstool.report.figures.hse import ARCSEC, figures
+from sinstool.report.page import write_report
+from sinstool.report.pages.settings import Read, config_settings, input_rows
+from sinstool.report.sections import (
+    Cell,
+    Column,
+    Fact,
+    Page,
+    Prose,
+    Section,
+    Settings,
+    Table,
+    Warnings,
+)
+from sinstool.survey.unit_evidence import DEGREE
+
+# What each status means for whoever wants to correct headings.
+VERDICTS = {
+    "ok": "The calibration may be applied.",
+    "nonlinear": "The calibration may be applied, but heading is not quite linear in the rate: see"
+    " the warnings.",
+    "not_significant": "The coefficient does not stand out of its own scatter. Correcting with it"
+    " may make headings worse, so that it is applied only with --force.",
+    "inconsistent_axial": "Headings and the rate along the axis give different coefficients."
+    " Something else than heading-sensitive error is in the headings, so that the calibration is"
+    " applied only with --force.",
+    "unobservable": "The axis leans too little to the east: heading-sensitive error does not show"
+    " in heading, and there is no coefficient to apply.",
+    "error": "The runs do not tell the coefficient. There is nothing to apply.",
+}
+
+
+def write_page(
+    report: Path, found: Calibration, config: ProcessConfig, logs: Sequence[Path]
+) -> None:
+    """Write the page, or its first figure, that ``--report`` asks for.
+
+    Parameters
+    ----------
+    report : Path
+    found : Calibration
+    config : ProcessConfig
+        Effective, with its rig.
+    logs : sequence of Path
+    """
+    first: tuple[Section, ...] = (
+        Warnings((*found.warnings, *found.judgement.warnings)),
+        Prose(_verdict(found), "Result", _facts(found)),
+        _coefficients(found),
+    )
+    main, *others = figures(found)
+    tables = [t for t in (_headings(found), _runs(found), _stretches(found)) if t is not None]
+    settings = Settings(config_settings(config, "calibration", "rig", "input"))
+    read = input_rows([Read.of(path) for path in logs])
+    sections = (*first, main, *others, *tables, settings, read)
+    source = f"{len(found.logs)} logs" if len(found.logs) > 1 else found.logs[0].source
+    subtitle = f"{source}, {found.kept.created}"
+    page = Page("Heading-sensitive error of a rate-biased system", subtitle, sections)
+    write_report(report, page, overwrite=config.output.overwrite)
+
+
+def _verdict(found: Calibration) -> tuple[str, ...]:
+    kept = found.kept
+    paragraphs = [f"Status {kept.status.replace('_', ' ')}. {VERDICTS[kept.status]}"]
+    if kept.lambda2_rad is not None:
+        by = "" if kept.sigma_lambda2_rad is None else f" ± {_number(kept.sigma_lambda2_rad)}"
+        text = f'lambda2 is {_number(kept.lambda2_rad)}{by}" by the method {kept.method}'
+        paragraphs.append(f"{text}; the rate along the axis alone gives {_axial(found)}.")
+    else:
+        paragraphs.append(f"The rate along the axis gives lambda2 as {_axial(found)}.")
+    spread = [one for one in found.spread if len(one.ids) > 1]
+    if found.table is not None:
+        before, after = found.table.before.scatter, found.table.after.scatter
+        paragraphs.append(
+            f'Headings less azimuth lie within {_number(before.peak_to_peak, 2)}" of each other'
+            f' before and {_number(after.peak_to_peak, 2)}" after correction.'
+        )
+    elif spread:
+        before_p, after_p = zip(*(one.peak_to_peak for one in spread), strict=True)
+        paragraphs.append(
+            f'At one position headings lie within {_number(max(before_p), 2)}" of each other'
+            f' before and {_number(max(after_p), 2)}" after correction. No azimuths were given, so'
+            " that nothing is said of differences between positions."
+        )
+    if found.spread:
+        paragraphs.append(
+            "The correction is applied here to the runs it was found with; headings recorded"
+            " later are the better test."
+        )
+    return tuple(paragraphs)
+
+
+def _facts(found: Calibration) -> tuple[Fact, ...]:
+    kept = found.kept
+    facts = []
+    if kept.lambda2_rad is not None:
+        sigma = kept.sigma_lambda2_rad
+        note = f"by {kept.method}" if sigma is None else f"± {_number(sigma)}, by {kept.method}"
+        facts.append(Fact("lambda2", f'{_number(kept.lambda2_rad)}"', note))
+    facts.append(Fact("lambda2, axial", f'{_number(kept.axial.lambda2_rad)}"', "rate on the axis"))
+    runs = f"{kept.fit.n_runs} runs, {kept.fit.n_rates} rates"
+    facts.append(Fact("Status", kept.status.replace("_", " "), runs))
+    if found.table is not None:
+        before, after = found.table.before.scatter, found.table.after.scatter
+        spread = f'{_number(before.peak_to_peak, 2)}" → {_number(after.peak_to_peak, 2)}"'
+        facts.append(Fact("Peak to peak of headings", spread, "before → after correction"))
+    return tuple(facts)
+
+
+def _number(value: float, digits: int = 3) -> str:
+    return f"{value / ARCSEC:.{digits}f}"
+
+
+def _axial(found: Calibration) -> str:
+    axial = found.kept.axial
+    by = "" if axial.sigma_rad is None else f" ± {_number(axial.sigma_rad)}"
+    return f'{_number(axial.lambda2_rad)}{by}"'
+
+
+def _coefficients(found: Calibration) -> Table:
+    kept = found.kept
+    rows: list[tuple[Cell, ...]] = [
+        _row(f"lambda2, by {kept.method}", "arcsec", kept.lambda2_rad, kept.sigma_lambda2_rad,
+             kept.ci95_lambda2_rad, ARCSEC),
+        _row("lambda2, by the axial rate", "arcsec", kept.axial.lambda2_rad, kept.axial.sigma_rad,
+             None, ARCSEC),
+        _row("sum of matrix errors (-lambda2)", "arcsec",
+             None if kept.lambda2_rad is None else -kept.lambda2_rad, kept.sigma_lambda2_rad,
+             None, ARCSEC),
+        _row("K, slope of heading", "arcsec/(rad/s)", kept.K_HSE_s, kept.sigma_K_HSE_s,
+             kept.ci95_K_HSE_s, ARCSEC),
+        _row("C23, lean of the axis to the east", "rad", kept.C23_rad, kept.sigma_C23_rad),
+        _row("encoder delay", "us", kept.delay_s, kept.sigma_delay_s, None, 1e-6),
+        _row("gyro bias along the axis", "deg/h", kept.axial.bias_rad_s, None, None, ARCSEC),
+        _row("scatter of a run", "arcsec", kept.fit.s_rad, None, None, ARCSEC),
+        _row("lack of fit, p", "", kept.fit.p_lof, None),
+    ]  # fmt: skip
+    columns = (
+        Column("Quantity"),
+        Column("unit"),
+        Column("value", "", ".6g"),
+        Column("sigma", "", ".2g"),
+        Column("95 % from", "", ".6g"),
+        Column("to", "", ".6g"),
+    )
+    notes = (
+        f"{kept.fit.n_runs} runs at {kept.fit.n_rates} rates, {kept.fit.dof} degrees of freedom,"
+        f" latitude {kept.latitude_rad / DEGREE:.4f} deg. Heading is corrected by psi = psi_hat -"
+        " (Omega - w sin L) lambda2 C23 / (3 w cos L).",
+    )
+    return Table("Coefficients", columns, tuple(rows), notes)
+
+
+def _row(
+    name: str,
+    unit: str,
+    value: float | None,
+    sigma: float | None,
+    interval: tuple[float, float] | None = None,
+    size: float = 1.0,
+) -> tuple[Cell, ...]:
+    low, high = interval or (None, None)
+    return (name, unit, *(None if v is None else v / size for v in (value, sigma, low, high)))
+
+
+def _headings(found: Calibration) -> Table | None:
+    """Headings before and after, as table 1 of the paper has them."""
+    table = found.table
+    if table is None:
+        return _spread(found)
+    rows: list[tuple[Cell, ...]] = [
+        (name, azimuth / DEGREE, before / ARCSEC, after / ARCSEC)
+        for name, azimuth, before, after in zip(
+            table.ids,
+            table.azimuth.tolist(),
+            table.before.values.tolist(),
+            table.after.values.tolist(),
+            strict=True,
+        )
+    ]
+    both = (_figures_of(table.before), _figures_of(table.after))
+    for name, before, after in zip(both[0], both[0].values(), both[1].values(), strict=True):
+        rows.append((name, None, before, after))
+    columns = (
+        Column("Run"),
+        Column("azimuth", "deg", ".4f"),
+        Column("before", "arcsec", ".3f"),
+        Column("after", "arcsec", ".3f"),
+    )
+    notes = (
+        "Heading less azimuth, less its mean. The F test asks whether the sinusoid of azimuth is"
+        " none: a small p says that it is there.",
+    )
+    return Table("Headings before and after correction", columns, tuple(rows), notes)
+
+
+def _figures_of(column: Headings) -> dict[str, Cell]:
+    s = column.scatter
+    found: dict[str, Cell] = {
+        "peak to peak": s.peak_to_peak / ARCSEC,
+        "standard deviation": s.std / ARCSEC,
+        "peak to peak of means": s.peak_to_peak_of_means / ARCSEC,
+        "within azimuths, pooled": s.within_std / ARCSEC,
+    }
+    if column.sinusoid is not None:
+        found["amplitude of the sinusoid"] = column.sinusoid.amplitude / ARCSEC
+        found["its sigma"] = column.sinusoid.sigma_amplitude / ARCSEC
+        found["F (no unit)"] = column.sinusoid.F
+        found["p (no unit)"] = column.sinusoid.p
+    return found
+
+
+def _spread(found: Calibration) -> Table | None:
+    if not found.spread:
+        return None
+    columns = (
+        Column("Mean corrected heading", "deg", ".5f"),
+        Column("runs"),
+        Column("peak to peak before", "arcsec", ".3f"),
+        Column("after", "arcsec", ".3f"),
+    )
+    rows = tuple(
+        (one.heading / DEGREE, len(one.ids), *(v / ARCSEC for v in one.peak_to_peak))
+        for one in found.spread
+    )
+    notes = (
+        "Within each position. Give the azimuths that the stand showed (--azimuth LOG=DEG) for"
+        " what differs between positions.",
+    )
+    return Table("Headings within positions", columns, rows, notes)
+
+
+def _runs(found: Calibration) -> Table:
+    columns = (
+        Column("Run"),
+        Column("from", "s", ".1f"),
+        Column("turns"),
+        Column("rate", "deg/s", "+.4f"),
+        Column("heading", "deg", ".6f"),
+        Column("sigma", "arcsec", ".3g"),
+        Column("C23", "rad", ".3e"),
+        Column("axial lambda2", "arcsec", ".4f"),
+        Column("residual", "arcsec", ".3f"),
+        Column("used"),
+        Column("why not"),
+    )
+    rows = tuple(
+        (
+            run.id,
+            run.t_start_s,
+            run.n_turns,
+            run.rate_rad_s / DEGREE,
+            run.psi_rad / DEGREE,
+            None if run.sigma_psi_rad is None else run.sigma_psi_rad / ARCSEC,
+            run.C23,
+            -3.0 * run.c_axial / ARCSEC,
+            None if run.resid_rad is None else run.resid_rad / ARCSEC,
+            run.used,
+            run.reason,
+        )
+        for run in found.kept.runs
+    )
+    notes = ("The axial lambda2 of one run holds the gyros' bias along the axis.",)
+    return Table("Runs", columns, rows, notes)
+
+
+def _stretches(found: Calibration) -> Table | None:
+    """What of the logs was not used, and why."""
+    columns = (
+        Column("Log"),
+        Column("from", "s", ".1f"),
+        Column("for", "s", ".1f"),
+        Column("rate", "deg/s", "+.3f"),
+        Column("why"),
+    )
+    rows = tuple(
+        (log.source, s.start_s, s.duration_s, s.rate / DEGREE, s.reason)
+        for log in found.logs
+        for s in log.segmentation.rejected
+    )
+    return Table("Stretches not used", columns, rows) if rows else None

@@ -1,0 +1,257 @@
+"""The page of figures of `sinstool process`."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from math import hypot
+from pathlib import Path
+from typing import Any
+
+from sinstool.config import ProcessConfig
+from sinstool.core.timeline import SECOND
+from sinstool.report.page import write_report
+from sinstool.report.pages.settings import Read, config_settings, input_rows
+from sinstool.report.recorder import Recorder
+from sinstool.report.sections import (
+    Cell,
+    Column,
+    Fact,
+    Page,
+    Prose,
+    Rows,
+    Section,
+    Settings,
+    Table,
+    Warnings,
+)
+from sinstool.report.text.process import compass, summary_rows
+
+# Rows of the table of events; all of them are in --json.
+EVENTS = 50
+GROUPS = (
+    "input", "coning", "align", "gnss", "in_flight", "navigation", "filter", "vertical", "hse",
+    "output",
+)  # fmt: skip
+TITLES = {
+    "attitude": "Attitude from recorded inertial data",
+    "ins": "Inertial navigation from recorded data",
+    "ins-gnss": "INS/GNSS navigation from recorded data",
+}
+
+
+def write_page(
+    report: Path, recorder: Recorder, summary: dict[str, Any], config: ProcessConfig
+) -> None:
+    """Write the page, or its first figure, that ``--report`` asks for.
+
+    Parameters
+    ----------
+    report : Path
+    recorder : Recorder
+        Through which the run went.
+    summary : dict
+        The values of ``--json``.
+    config : ProcessConfig
+        Effective.
+    """
+    rows = summary_rows(summary, verbose=True)
+    told = summary["input"]
+    mode = _mode(recorder, summary)
+    sections: tuple[Section | None, ...] = (
+        Warnings(tuple(summary["warnings"])),
+        _answer(mode, summary),
+        *recorder.figures(summary),
+        _truth(summary),
+        _withheld(summary),
+        _events(summary),
+        _stretches(summary),
+        Rows("What was done", tuple((what, how) for what, how in rows if what != "input sha256")),
+        Settings(config_settings(config, *GROUPS)),
+        input_rows([Read(told["path"], told["size"], told["sha256"])]),
+    )
+    page = Page(TITLES[mode], Path(told["path"]).name, tuple(one for one in sections if one))
+    write_report(report, page, overwrite=config.output.overwrite)
+
+
+def _mode(recorder: Recorder, summary: dict[str, Any]) -> str:
+    if summary["filter"] is not None:
+        return "ins-gnss"
+    return "ins" if recorder.navigated else "attitude"
+
+
+def _answer(mode: str, summary: dict[str, Any]) -> Prose:
+    """What came out, in a few sentences and numbers."""
+    imu, align, final = summary["imu"], summary["alignment"], summary["final"]
+    seconds = (int(imu["last_ns"]) - int(imu["first_ns"])) / SECOND
+    spent = _duration(seconds)
+    north = "" if align["north_referenced"] else " Heading is not referenced to north."
+    what = {
+        "attitude": "Attitude alone was computed",
+        "ins": "Attitude, velocity and position were computed from inertial data alone",
+        "ins-gnss": "Attitude, velocity and position were computed from inertial data and GNSS",
+    }[mode]
+    text = f"{what}: {spent} of {imu['topic']}, {summary['output']['attitudes']} attitudes.{north}"
+    facts = [
+        *_error_facts(summary.get("truth")),
+        *_filter_facts(summary["filter"]),
+        *_height_facts(summary["height"]),
+        _heading("First heading", align, f"; {align['method']}, {align['status']}"),
+        _heading("Last heading", final),
+        Fact("IMU", f"{imu['rate_hz']:.4g} Hz", f"{imu['gaps']} gaps, {imu['dropped']} dropped"),
+    ]
+    if summary["hse"] is not None:
+        facts[:0] = _hse_facts(summary["hse"])
+    return Prose((text,), "Result", tuple(facts))
+
+
+def _duration(seconds: float) -> str:
+    if seconds < 600.0:
+        return f"{seconds:.4g} s"
+    return f"{seconds / 60.0:.1f} min" if seconds < 7200.0 else f"{seconds / 3600.0:.2f} h"
+
+
+def _heading(name: str, told: dict[str, Any], more: str = "") -> Fact:
+    tilt = f"roll {told['roll_deg']:.2f}, pitch {told['pitch_deg']:.2f} deg"
+    return Fact(name, f"{compass(told['heading_deg'], 2)} deg", tilt + more)
+
+
+def _error_facts(truth: dict[str, Any] | None) -> list[Fact]:
+    if truth is None:
+        return []
+    found = []
+    if "position_m" in truth:
+        north, east, down = truth["position_m"]["rms"]
+        most = truth["position_m"]["largest"]
+        found.append(
+            Fact(
+                "Position error, rms",
+                f"{hypot(north, east):.3g} m",
+                f"horizontal; {down:.3g} m in height; at most {max(most):.3g} m on an axis",
+            )
+        )
+    if "attitude_deg" in truth:
+        north, east, down = truth["attitude_deg"]["rms"]
+        found += [
+            Fact("Heading error, rms", f"{down:.3g} deg",
+                 f"at most {truth['attitude_deg']['largest'][2]:.3g} deg"),
+            Fact("Tilt error, rms", f"{hypot(north, east):.3g} deg", "about north and east"),
+        ]  # fmt: skip
+    return found
+
+
+def _filter_facts(told: dict[str, Any] | None) -> list[Fact]:
+    if told is None:
+        return []
+    found = [
+        Fact("Fixes used", f"{told['epochs_used']}",
+             f"{told['epochs_gated']} rejected, {told['restarts']} restarts"),
+        Fact("Innovations squared", f"{told['mean_nis']:.2f}", "of what was expected: 1 is right"),
+    ]  # fmt: skip
+    if told["withheld"] is not None:
+        count = len(told["withheld"]["outages"])
+        drift = told["withheld"]["rms_of_largest_horizontal_m"]
+        note = f"largest horizontal error, {count} outage{'s' * (count > 1)}"
+        found.append(Fact("Withheld fixes", f"{drift:.3g} m", note))
+    return found
+
+
+def _height_facts(height: dict[str, Any] | None) -> list[Fact]:
+    if height is None:
+        return []
+    value = f"{height['difference_rms_m']:.3g} m"
+    return [Fact("Height less reference", value, f"rms lately, {height['topic']}")]
+
+
+def _hse_facts(hse: dict[str, Any]) -> list[Fact]:
+    most = max(hse["segments"], key=lambda s: abs(s["correction_arcsec"]), default=None)
+    if most is None:
+        return []
+    value = f"{-most['correction_arcsec']:+.2f} arcsec"
+    return [Fact("Largest correction", value, f"of heading, at {most['rate_deg_s']:+.2f} deg/s")]
+
+
+def _withheld(summary: dict[str, Any]) -> Table | None:
+    """What navigation did where fixes were kept from it."""
+    told = summary["filter"] and summary["filter"]["withheld"]
+    if not told:
+        return None
+    columns = {
+        "duration_s": Column("for", "s", ".1f"),
+        "epochs": Column("fixes"),
+        "largest_horizontal_m": Column("largest horizontal", "m", ".3g"),
+        "largest_vertical_m": Column("largest vertical", "m", ".3g"),
+        "largest_in_sigmas": Column("largest on an axis", "sigma", ".2f"),
+    }
+    note = "Navigation less the fixes that it was not given; their own noise is in it."
+    rows = _by_start(summary, told["outages"], columns)
+    return Table("Withheld fixes", (Column("Outage"), *columns.values()), rows, (note,))
+
+
+def _by_start(
+    summary: dict[str, Any], spans: list[dict[str, Any]], columns: Iterable[str]
+) -> tuple[tuple[Cell, ...], ...]:
+    """A row for each span of a log: from when, and these values of it."""
+    first = int(summary["imu"]["first_ns"])
+    return tuple(
+        (f"from {(int(span['start_ns']) - first) / SECOND:.1f} s", *(span[key] for key in columns))
+        for span in spans
+    )
+
+
+def _truth(summary: dict[str, Any]) -> Table | None:
+    truth = summary.get("truth")
+    if not truth:
+        return None
+    rows: list[tuple[Cell, ...]] = []
+    for key, unit in (("attitude_deg", "deg"), ("position_m", "m"), ("velocity_m_s", "m/s")):
+        if key not in truth:
+            continue
+        for name in ("rms", "largest", "last"):
+            rows.append((f"{key.partition('_')[0]}, {name}", unit, *truth[key][name]))
+    if not rows:
+        return None
+    axes = (Column("north"), Column("east"), Column("down"))
+    note = f"Computed less true, by {', '.join(truth['names'])}."
+    return Table("Errors", (Column("Error"), Column("unit"), *axes), tuple(rows), (note,))
+
+
+def _events(summary: dict[str, Any]) -> Table | None:
+    height = summary["height"]
+    if not height or not height.get("events"):
+        return None
+    first = int(summary["imu"]["first_ns"])
+    rows = tuple(
+        (e["kind"], (int(e["time_ns"]) - first) / SECOND, e["size"], e["duration_s"])
+        for e in height["events"][:EVENTS]
+    )
+    notes = [
+        "Size: engaged: offset of the reference, m; coast: s since its last good sample;"
+        " re-engaged: m taken out of the height; jump: m by which the reference jumped; frozen: m"
+        " given back; invalid: s of coasting; imu-gap: s."
+    ]
+    if len(height["events"]) > EVENTS:
+        notes.append(f"The first {EVENTS} of {len(height['events'])}.")
+    columns = (
+        Column("Event of the height"),
+        Column("at", "s", ".3f"),
+        Column("size"),
+        Column("duration", "s"),
+    )
+    return Table("Events of the vertical channel", columns, rows, tuple(notes))
+
+
+def _stretches(summary: dict[str, Any]) -> Table | None:
+    hse = summary["hse"]
+    if not hse:
+        return None
+    columns = {
+        "rate_deg_s": Column("rate", "deg/s", "+.3f"),
+        "turns": Column("turns"),
+        "heading_raw_deg": Column("heading as aligned", "deg", ".6f"),
+        "correction_arcsec": Column("its error", "arcsec", "+.3f"),
+        "sigma_correction_arcsec": Column("sigma", "arcsec", ".3f"),
+        "heading_deg": Column("heading", "deg", ".6f"),
+        "sigma_heading_arcsec": Column("sigma", "arcsec", ".3f"),
+    }
+    rows = _by_start(summary, hse["segments"], columns)
+    return Table("Stretches at constant rate", (Column("Stretch"), *columns.values()), rows)

@@ -1,0 +1,230 @@
+"""Figures of a run of `process`, collected while its solutions stream by.
+
+A run pushes every block of solutions; what is kept does not grow with the log. What a kind of run
+knows besides, such as a filter's innovations, it adds as figures of its own.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from sinstool.core.envelope import Envelope
+from sinstool.core.rotation import to_euler
+from sinstool.core.streams import Solution
+from sinstool.core.timeline import SECOND
+from sinstool.pipelines.process.errors_against_truth import KINDS, Errors, Truth
+from sinstool.report.figure import Figure
+from sinstool.report.figures import process as draw
+from sinstool.report.figures.parts import AXES, track
+from sinstool.survey.unit_evidence import DEGREE
+
+# Events shown as lines in a figure; more would be a wall.
+MARKS = 12
+# Fixes drawn on the track; of more, every so many.
+FIXES = 4000
+
+
+class Recorder:
+    """What the page of a run shows, collected while it runs.
+
+    Parameters
+    ----------
+    truth : Truth, optional
+        What the run is held against.
+
+    Attributes
+    ----------
+    extra : list of Figure
+        Of a kind of run. Where it navigates they follow the track, errors and sigmas, and stand
+        before height, attitude and velocity; otherwise they follow attitude, errors and height.
+    """
+
+    def __init__(self, truth: Truth | None = None) -> None:
+        self.extra: list[Figure] = []
+        self._errors = None if truth is None else Errors(truth)
+        self._origin_ns = 0
+        self._columns: list[str] = []
+        self._motion: Envelope | None = None
+        self._heading = 0.0
+        self._off: dict[str, Envelope] = {}
+        self._fixes: np.ndarray | None = None
+        self._reference: tuple[str, np.ndarray, np.ndarray] | None = None
+        self._difference = Envelope(2)
+        self._compared = 0
+        self._last: tuple[int, float] | None = None
+
+    def refer_height(self, name: str, time_ns: np.ndarray, height: np.ndarray) -> None:
+        """Heights that the run is held to, to be shown beside its own.
+
+        Parameters
+        ----------
+        name : str
+        time_ns : ndarray of int64, shape (m,)
+        height : ndarray, shape (m,)
+            Those that could be used, m.
+        """
+        order = np.argsort(time_ns, kind="stable")
+        self._reference = (name, time_ns[order], height[order])
+
+    def refer_track(self, latitude: np.ndarray, longitude: np.ndarray) -> None:
+        """Fixes, to be shown beside the computed track.
+
+        Parameters
+        ----------
+        latitude, longitude : ndarray, shape (m,)
+            rad; NaN where a fix has no position.
+        """
+        known = np.flatnonzero(np.isfinite(latitude) & np.isfinite(longitude))
+        rows = known[:: max(1, -(-len(known) // FIXES))]
+        self._fixes = np.stack([latitude[rows], longitude[rows]], axis=1)
+
+    @property
+    def navigated(self) -> bool:
+        """Whether the run computed where the vehicle was."""
+        return "latitude" in self._columns
+
+    def push(self, solution: Solution) -> None:
+        """Take the next solutions, in the order of time."""
+        if not len(solution):
+            return
+        values = self._values(solution)
+        if self._motion is None:
+            self._origin_ns = int(solution.time_ns[0])
+            self._columns = list(values)
+            self._motion = Envelope(len(values))
+        self._motion.push(solution.time_ns, np.stack(list(values.values()), axis=1))
+        if self._errors is not None:
+            for kind in self._errors.kinds(solution):
+                error = self._errors.push(kind, solution)
+                self._off.setdefault(kind, Envelope(3)).push(solution.time_ns, error)
+        height = values.get("height")
+        if height is not None and self._reference is not None:
+            self._compare(solution.time_ns, height)
+
+    def _values(self, solution: Solution) -> dict[str, np.ndarray]:
+        roll, pitch, heading = (to_euler(solution.q_nb) / DEGREE).T
+        # without steps, so that extremes of a group make sense
+        turned = np.unwrap(np.concatenate([[self._heading], heading]), period=360.0)[1:]
+        self._heading = float(turned[-1])
+        values = {
+            "roll": roll,
+            "pitch": pitch,
+            "heading": turned,
+            "rate": np.linalg.norm(solution.omega_ib_b, axis=1) / DEGREE,
+            "force": np.linalg.norm(solution.specific_force_b, axis=1),
+        }
+        if solution.position is not None:
+            values |= dict(
+                zip(("latitude", "longitude", "height"), solution.position.T, strict=True)
+            )
+        if solution.velocity_n is not None:
+            values |= dict(zip(AXES, solution.velocity_n.T, strict=True))
+        if solution.vertical is not None:
+            names = ("height", "up", "correction")
+            values |= dict(zip(names, solution.vertical.T, strict=True))
+        sigmas = {
+            "position": solution.covariance_position_n,
+            "velocity": solution.covariance_velocity_n,
+            "attitude": solution.covariance_attitude_n,
+        }
+        for kind, _, size in KINDS:
+            covariance = sigmas[kind]
+            if covariance is not None:
+                sigma = np.sqrt(np.einsum("nii->ni", covariance)) / size
+                values |= {f"{kind} {axis}": sigma[:, k] for k, axis in enumerate(AXES)}
+        return values
+
+    def _compare(self, time_ns: np.ndarray, height: np.ndarray) -> None:
+        """Difference to the height reference, at its instants."""
+        assert self._reference is not None
+        _, stamps, heights = self._reference
+        if self._last is None:
+            self._compared = int(np.searchsorted(stamps, time_ns[0]))
+        else:
+            time_ns = np.concatenate([[self._last[0]], time_ns])
+            height = np.concatenate([[self._last[1]], height])
+        self._last = (int(time_ns[-1]), float(height[-1]))
+        end = int(np.searchsorted(stamps, time_ns[-1], "right"))
+        rows = slice(self._compared, end)
+        if end <= self._compared:
+            return
+        self._compared = end
+        origin = self._origin_ns
+        ours = np.interp((stamps[rows] - origin) * 1e-9, (time_ns - origin) * 1e-9, height)
+        both = np.stack([heights[rows], ours - heights[rows]], axis=1)
+        self._difference.push(stamps[rows], both)
+
+    def errors(self) -> dict[str, Any] | None:
+        """``truth`` of the summary; None where there is nothing to be held against."""
+        return None if self._errors is None else self._errors.summary()
+
+    def figures(self, summary: dict[str, Any]) -> tuple[Figure, ...]:
+        """The figures of the run, the main one first.
+
+        Parameters
+        ----------
+        summary : dict
+            Of the run: the values of ``--json``.
+        """
+        if self._motion is None:
+            return ()
+        seconds, values = self._motion.curves(self._origin_ns)
+        curves = draw.Curves(seconds, dict(zip(self._columns, values.T, strict=True)))
+        tilt = curves.figure(
+            "tilt", "Roll and pitch", "angle, deg", ("roll", "pitch"), self._about_curves()
+        )
+        attitude = [tilt, draw.heading(curves)]
+        held = draw.vertical(curves, self._held(), self._marks(summary))
+        errors = draw.errors(self._error_curves(), curves)
+        sizes = [
+            curves.figure("rate", "Angular rate", "norm, deg/s", ("rate",),
+                          "As used, with the gyros' known bias taken off."),
+            curves.figure("force", "Specific force", "norm, m/s²", ("force",), "At rest it is"
+                          " gravity, about 9.8 m/s²."),
+        ]  # fmt: skip
+        if "latitude" not in curves.of:
+            found = [*attitude, *errors, *held, *self.extra, *sizes]
+        else:
+            velocity = curves.figure("velocity", "Velocity", "velocity, m/s", AXES, "Over ground.")
+            shown = [figure.key.removeprefix("error-") for figure in errors]
+            found = [self._track(), *errors, *draw.sigmas(curves, shown)]
+            found += [*self.extra, *held, *attitude, velocity, *sizes]
+        hse = summary.get("hse")
+        if hse is not None:
+            found.insert(0, draw.stretches(hse))
+        return tuple(found)
+
+    def _about_curves(self) -> str:
+        assert self._motion is not None
+        rows = self._motion.rows_per_group
+        axes = "Of the vehicle's Forward-Right-Down axes."
+        if rows == 1:
+            return axes
+        return f"{axes} Curves go through the lowest and the highest of every {rows} samples."
+
+    def _marks(self, summary: dict[str, Any]) -> draw.Marks:
+        height = summary.get("height")
+        if not height:
+            return ()
+        return tuple(
+            (e["kind"], (int(e["time_ns"]) - self._origin_ns) / SECOND)
+            for e in height.get("events", ())
+            if e["kind"] != "engaged"
+        )[:MARKS]
+
+    def _held(self) -> tuple[str, np.ndarray, np.ndarray] | None:
+        """What the height was held to: its name, seconds, height and difference."""
+        if self._reference is None or not self._compared:
+            return None
+        return (self._reference[0], *self._difference.curves(self._origin_ns))
+
+    def _error_curves(self) -> dict[str, tuple[np.ndarray, np.ndarray]]:
+        return {kind: off.curves(self._origin_ns) for kind, off in self._off.items()}
+
+    def _track(self) -> Figure:
+        assert self._motion is not None
+        _, values = self._motion.samples(self._origin_ns)
+        k = self._columns.index("latitude")
+        return track("computed", values[:, k], values[:, k + 1], self._fixes)

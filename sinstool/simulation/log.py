@@ -1,0 +1,366 @@
+"""Simulated motions as logs: the sensors' topics, and the truth beside them."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+
+import sinstool
+from sinstool.core import earth
+from sinstool.core.explain import explain
+from sinstool.core.rotation import conjugate, rotate
+from sinstool.core.whole_file import WholeFile
+from sinstool.io.messages.definitions import schema_text, type_hash
+from sinstool.io.messages.encode import Encoder
+from sinstool.io.readers.frames import enu_to_ned, q_for_log, turn_body
+from sinstool.io.writers.chunks import Messages
+from sinstool.io.writers.mcap import McapWriter
+from sinstool.io.writers.solution import QOS
+from sinstool.simulation.gnss import GnssSamples
+from sinstool.simulation.trajectory import Trajectory
+from sinstool.simulation.truth import ImuTruth
+
+IMU_TOPIC = "/imu/data_raw"
+FIX_TOPIC = "/gnss/fix"
+VELOCITY_TOPIC = "/gnss/velocity"
+BARO_TOPIC = "/baro"
+JOINT_TOPIC = "/joint_states"
+REST_FIX_HZ = 1.0
+BATCH = 16384
+
+Columns = dict[str, np.ndarray]
+
+
+@dataclass(frozen=True)
+class SimulatedTopic:
+    """One topic of a simulated log.
+
+    Attributes
+    ----------
+    topic, type_name : str
+    time_ns : ndarray of int64, shape (n,)
+        Stamps and log times.
+    columns : callable
+        Fields of a slice of rows, beside the stamp.
+    strings : dict
+        Text fields.
+    lengths : dict
+        Lengths of sequences.
+    """
+
+    topic: str
+    type_name: str
+    time_ns: np.ndarray
+    columns: Callable[[slice], Columns]
+    strings: dict[str, str] = field(default_factory=dict)
+    lengths: dict[str, int] = field(default_factory=dict)
+
+
+def write_simulated(
+    path: Path, topics: Sequence[SimulatedTopic], settings: dict[str, str]
+) -> dict[str, int]:
+    """Write topics as an MCAP log, in the order of time.
+
+    Parameters
+    ----------
+    path : Path
+    topics : sequence of SimulatedTopic
+    settings : dict
+        How the log was made; kept in a Metadata record ``sinstool``.
+
+    Returns
+    -------
+    dict
+        Messages by topic.
+    """
+    told = dict(settings)
+    named = told.pop("scenario", "a log")
+    explain("scenario", ", ".join([named, *(f"{k} {v}" for k, v in told.items())]))
+    with WholeFile(path) as whole:
+        writer = McapWriter(whole.stream, "ros2", f"sinstool/{sinstool.__version__}")
+        try:
+            open_topics = [_Open(writer, topic) for topic in topics]
+            longest = max(topics, key=lambda t: len(t.time_ns))
+            ends = [*longest.time_ns[BATCH - 1 :: BATCH].tolist(), None]
+            for end in ends:
+                parts = [part for topic in open_topics if (part := topic.until(end)) is not None]
+                if parts:
+                    writer.write(parts)
+            writer.add_metadata("sinstool", {"version": sinstool.__version__, **settings})
+            writer.finish()
+        finally:
+            writer.abort()
+    return {topic.topic: len(topic.time_ns) for topic in topics}
+
+
+class _Open:
+    """A topic that is being written."""
+
+    def __init__(self, writer: McapWriter, topic: SimulatedTopic) -> None:
+        name = topic.type_name
+        schema = writer.add_schema(name, "ros2msg", schema_text(name, "cdr").encode())
+        metadata = {"offered_qos_profiles": QOS, "topic_type_hash": type_hash(name)}
+        self.number = writer.add_channel(topic.topic, "cdr", schema, metadata)
+        self.encoder = Encoder(name, "cdr", topic.strings, topic.lengths)
+        self.topic = topic
+        self.done = 0
+
+    def until(self, end_ns: int | None) -> Messages | None:
+        """Messages up to a time (all of them for None) that were not given out yet."""
+        times = self.topic.time_ns
+        stop = len(times) if end_ns is None else int(np.searchsorted(times, end_ns, "right"))
+        if stop <= self.done:
+            return None
+        rows = slice(self.done, stop)
+        self.done = stop
+        at = times[rows]
+        stamp = {
+            "header.stamp.sec": at // 1_000_000_000,
+            "header.stamp.nanosec": at % 1_000_000_000,
+        }
+        payload = self.encoder.encode({**stamp, **self.topic.columns(rows)}, len(at))
+        sequence = np.arange(rows.start, rows.stop, dtype=np.int64)
+        return Messages.from_rows(self.number, payload, at, sequence)
+
+
+@dataclass(frozen=True)
+class Axes:
+    """Axes of a simulated log: FLU in ENU, or FRD in NED.
+
+    Attributes
+    ----------
+    body_axes : {'flu', 'frd'}
+    """
+
+    body_axes: str
+
+    @property
+    def world(self) -> str:
+        """``enu`` or ``ned``."""
+        return "enu" if self.body_axes == "flu" else "ned"
+
+    @property
+    def reference(self) -> str:
+        """Frame id of the world."""
+        return "map" if self.world == "enu" else "map_ned"
+
+    @property
+    def body(self) -> str:
+        """Frame id of the sensor."""
+        return "imu_link" if self.body_axes == "flu" else "imu_link_ned"
+
+    def turn(self, vectors: np.ndarray) -> np.ndarray:
+        """FRD vectors in the log's body axes."""
+        return turn_body(vectors, self.body_axes)
+
+    def turn_world(self, vectors_n: np.ndarray) -> np.ndarray:
+        """NED vectors in the log's world axes."""
+        return enu_to_ned(vectors_n) if self.world == "enu" else vectors_n
+
+    def xyzw(self, q_nb: np.ndarray) -> np.ndarray:
+        """Orientation, scalar last."""
+        return q_for_log(q_nb, self.body_axes, self.world)[:, [1, 2, 3, 0]]
+
+
+def motion_topics(truth: ImuTruth, gyro_kind: str, body_axes: str) -> list[SimulatedTopic]:
+    """The Imu topic of perfect sensors and the truth beside it."""
+    axes = Axes(body_axes)
+    return [imu_topic(truth, gyro_kind, axes), *truth_topics(truth, axes)]
+
+
+def imu_topic(sensor: ImuTruth, gyro_kind: str, axes: Axes) -> SimulatedTopic:
+    """The sensor's Imu messages.
+
+    Parameters
+    ----------
+    sensor : ImuTruth
+        With sensor errors.
+    gyro_kind : {'rate', 'mean-rate', 'increment'}
+    axes : Axes
+    """
+    gyro, accel = {
+        "rate": (sensor.gyro_rate, sensor.specific_force),
+        "mean-rate": (sensor.gyro_mean_rate, sensor.mean_specific_force),
+        "increment": (
+            sensor.gyro_increment,
+            sensor.mean_specific_force * sensor.interval[:, None],
+        ),
+    }[gyro_kind]
+
+    def columns(rows: slice) -> Columns:
+        return raw_imu_columns(axes.turn(gyro[rows]), axes.turn(accel[rows]))
+
+    return SimulatedTopic(
+        IMU_TOPIC, "sensor_msgs/msg/Imu", sensor.time_ns, columns, {"header.frame_id": axes.body}
+    )
+
+
+def raw_imu_columns(gyro: np.ndarray, accel: np.ndarray) -> Columns:
+    """Fields of Imu messages of a sensor that gives no orientation (REP-145)."""
+    unknown = np.zeros((1, 9))
+    unknown[0, 0] = -1.0
+    return {
+        "orientation.w": np.array(1.0),
+        "orientation_covariance": unknown,
+        "angular_velocity.x": gyro,
+        "linear_acceleration.x": accel,
+    }
+
+
+def truth_topics(
+    truth: ImuTruth, axes: Axes, trajectory: Trajectory | None = None
+) -> list[SimulatedTopic]:
+    """``/truth/imu`` and ``/truth/odometry``.
+
+    Parameters
+    ----------
+    truth : ImuTruth
+    axes : Axes
+    trajectory : Trajectory, optional
+        Where the vehicle is; without one it stays at the origin. Positions are in the tangent
+        plane of the first one.
+    """
+
+    def imu(rows: slice) -> Columns:
+        return {
+            "orientation.x": axes.xyzw(truth.q_nb[rows]),
+            "angular_velocity.x": axes.turn(truth.gyro_rate[rows]),
+            "linear_acceleration.x": axes.turn(truth.specific_force[rows]),
+        }
+
+    def odometry(rows: slice) -> Columns:
+        columns = {
+            "pose.pose.orientation.x": axes.xyzw(truth.q_nb[rows]),
+            "twist.twist.angular.x": axes.turn(truth.gyro_rate[rows]),
+        }
+        if trajectory is not None:
+            position = _positions(trajectory, rows)
+            origin = _positions(trajectory, slice(0, 1))[0]
+            local = earth.local_position_n(origin, position)
+            columns["pose.pose.position.x"] = axes.turn_world(local)
+            velocity = rotate(conjugate(truth.q_nb[rows]), trajectory.velocity_n[rows])
+            columns["twist.twist.linear.x"] = axes.turn(velocity)
+        return columns
+
+    frame = {"header.frame_id": axes.body}
+    frames = {"header.frame_id": axes.reference, "child_frame_id": axes.body}
+    topics = [
+        SimulatedTopic("/truth/imu", "sensor_msgs/msg/Imu", truth.time_ns, imu, frame),
+        SimulatedTopic("/truth/odometry", "nav_msgs/msg/Odometry", truth.time_ns, odometry, frames),
+    ]
+    if trajectory is not None:
+        topics.append(_true_fixes(trajectory))
+    return topics
+
+
+def _positions(trajectory: Trajectory, rows: slice) -> np.ndarray:
+    t = trajectory
+    return np.stack([t.latitude[rows], t.longitude[rows], t.height[rows]], axis=1)
+
+
+def _true_fixes(trajectory: Trajectory) -> SimulatedTopic:
+    """``/truth/fix``: where the vehicle is on the Earth, which odometry's plane does not say."""
+
+    def columns(rows: slice) -> Columns:
+        return {
+            "latitude": np.degrees(trajectory.latitude[rows]),
+            "longitude": np.degrees(trajectory.longitude[rows]),
+            "altitude": trajectory.height[rows],
+        }
+
+    return SimulatedTopic(
+        "/truth/fix",
+        "sensor_msgs/msg/NavSatFix",
+        trajectory.time_ns,
+        columns,
+        {"header.frame_id": "imu_link"},
+    )
+
+
+def resting_fixes(time_ns: np.ndarray, position: tuple[float, float, float]) -> SimulatedTopic:
+    """Exact fixes of a body that stays where it is.
+
+    Parameters
+    ----------
+    time_ns : ndarray of int64
+        Of the log's samples.
+    position : tuple of float
+        Latitude, longitude (rad) and height (m).
+    """
+    step = round(1e9 / REST_FIX_HZ)
+    at = np.arange(int(time_ns[0]), int(time_ns[-1]) + 1, step, dtype=np.int64)
+    latitude, longitude, height = position
+
+    def columns(_: slice) -> Columns:
+        return {
+            "latitude": np.array(np.degrees(latitude)),
+            "longitude": np.array(np.degrees(longitude)),
+            "altitude": np.array(height),
+        }
+
+    return SimulatedTopic(
+        FIX_TOPIC, "sensor_msgs/msg/NavSatFix", at, columns, {"header.frame_id": "gnss"}
+    )
+
+
+def gnss_topics(samples: GnssSamples, velocity: bool = True) -> list[SimulatedTopic]:
+    """NavSatFix and, if asked for, TwistWithCovarianceStamped of a simulated receiver."""
+    swap = [1, 0, 2]  # north, east, down to east, north, up
+
+    def fix(rows: slice) -> Columns:
+        variance = samples.sigma_position[rows][:, swap] ** 2
+        return {
+            "latitude": np.degrees(samples.latitude[rows]),
+            "longitude": np.degrees(samples.longitude[rows]),
+            "altitude": samples.height[rows],
+            "position_covariance": _diagonal(variance, 3),
+            "position_covariance_type": np.array(2),
+        }
+
+    def twist(rows: slice) -> Columns:
+        variance = samples.sigma_velocity[rows][:, swap] ** 2
+        return {
+            "twist.twist.linear.x": enu_to_ned(samples.velocity_n[rows]),
+            "twist.covariance": _diagonal(variance, 6),
+        }
+
+    frame = {"header.frame_id": "gnss"}
+    topics = [SimulatedTopic(FIX_TOPIC, "sensor_msgs/msg/NavSatFix", samples.time_ns, fix, frame)]
+    if velocity:
+        kind = "geometry_msgs/msg/TwistWithCovarianceStamped"
+        topics.append(SimulatedTopic(VELOCITY_TOPIC, kind, samples.time_ns, twist, frame))
+    return topics
+
+
+def _diagonal(variance: np.ndarray, size: int) -> np.ndarray:
+    """Covariances with these first elements of the diagonal, row by row."""
+    matrix = np.zeros((len(variance), size, size))
+    for k in range(variance.shape[1]):
+        matrix[:, k, k] = variance[:, k]
+    return matrix.reshape(len(variance), size * size)
+
+
+def baro_topic(time_ns: np.ndarray, pressure: np.ndarray, variance: float) -> SimulatedTopic:
+    """FluidPressure, Pa, with its variance in Pa^2."""
+    return SimulatedTopic(
+        BARO_TOPIC,
+        "sensor_msgs/msg/FluidPressure",
+        time_ns,
+        lambda rows: {"fluid_pressure": pressure[rows], "variance": np.array(variance)},
+        {"header.frame_id": "baro"},
+    )
+
+
+def joint_topic(time_ns: np.ndarray, position: np.ndarray, joint: str) -> SimulatedTopic:
+    """JointState with the position of one joint."""
+    return SimulatedTopic(
+        JOINT_TOPIC,
+        "sensor_msgs/msg/JointState",
+        time_ns,
+        lambda rows: {"position": position[rows]},
+        {"header.frame_id": "", "name[0]": joint},
+        {"name": 1, "position": 1},
+    )

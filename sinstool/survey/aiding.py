@@ -1,0 +1,427 @@
+"""What helps an IMU along: GNSS position and velocity, barometer, of one log, in order.
+
+These streams are slow beside the Imu's, so they are read whole. Every message is either used or
+counted, and units that cannot be right are refused with the option that answers them.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass, field, replace
+from typing import TypeVar
+
+import numpy as np
+
+from sinstool.config import InputOptions
+from sinstool.core.errors import DataError
+from sinstool.core.streams import Baro, BaroHeight, Gnss, GnssEpochs, Stream, Velocity
+from sinstool.core.timeline import whole
+from sinstool.io.readers.log import Channel, Log
+from sinstool.io.readers.message_types import (
+    FIX_TYPE,
+    HEIGHT_TYPES,
+    PRESSURE_TYPE,
+    VELOCITY_TYPES,
+)
+from sinstool.io.readers.streams import (
+    Losses,
+    fixed,
+    on_earth,
+    read_fixes,
+    read_height,
+    read_pressure,
+    read_velocity,
+)
+from sinstool.io.readers.topics import OWN_PREFIXES, choose_optional
+from sinstool.methods.height.pressure import suspected_unit
+
+S = TypeVar("S", bound=Stream)
+
+# Position and velocity of one epoch may be stamped apart by the time between their messages.
+SAME_EPOCH_NS = 20_000_000
+PROBE = 100
+# Faster than this by GNSS, or further by fixes alone, is no rest, however still the Imu seems.
+MOVING_M_S = 1.0
+MOVING_M = 30.0
+# A velocity whose down part is exactly zero, while height moves by this, has none.
+FLAT_HEIGHT_M = 5.0
+# Beyond what any vehicle with an IMU on Earth does, though not beyond what damaged bytes say.
+FASTEST_M_S = 2e4
+# A standard deviation above this says "unknown", however much larger it is.
+UNKNOWN_SIGMA = 1e6
+
+
+@dataclass
+class Aiding:
+    """GNSS and barometer of a run.
+
+    Attributes
+    ----------
+    gnss : GnssEpochs or None
+        Epochs with a position or a velocity at least, by time.
+    fix_topic, velocity_topic, baro_topic : str
+        Where they come from; '' where the log has none.
+    baro : Baro or BaroHeight or None
+        By time; values that no atmosphere has are still in it.
+    counts : dict
+        What was left out, by reason.
+    warnings : list of str
+    """
+
+    gnss: GnssEpochs | None = None
+    fix_topic: str = ""
+    velocity_topic: str = ""
+    baro_topic: str = ""
+    baro: Baro | BaroHeight | None = None
+    counts: dict[str, int] = field(default_factory=dict)
+    warnings: list[str] = field(default_factory=list)
+
+
+def aiding_channels(log: Log) -> list[int]:
+    """Channels that GNSS and a barometer may be read from, but for outputs of ours."""
+    types = {FIX_TYPE, PRESSURE_TYPE, *VELOCITY_TYPES, *HEIGHT_TYPES}
+    return [
+        number
+        for number, channel in log.channels.items()
+        if channel.type in types and not channel.topic.startswith(OWN_PREFIXES)
+    ]
+
+
+def read_gnss(
+    log: Log,
+    options: InputOptions,
+    log_time: bool,
+    into: Aiding,
+    until_ns: int | None = None,
+) -> None:
+    """Position and velocity of a log, joined by epoch.
+
+    Parameters
+    ----------
+    log : Log
+    options : InputOptions
+    log_time : bool
+        The run uses the recorder's times instead of stamps.
+    into : Aiding
+        Gets ``gnss``, topics, counts and warnings.
+    until_ns : int, optional
+        What comes later is not wanted; by default all of the log is read.
+
+    Raises
+    ------
+    TopicError, DataError
+    """
+    fixes, velocity = None, None
+    channels = choose_optional(log, "--gnss-topic", options.gnss_topic, FIX_TYPE)
+    if channels:
+        into.fix_topic = channels[0].topic
+        blocks = _until(read_fixes(log, channels, Losses()), until_ns)
+        fixes = _read(blocks, log_time, into, into.fix_topic)
+        if fixes is not None:
+            fixes = _usable_fixes(fixes, into)
+    channels = choose_optional(log, "--velocity-topic", options.velocity_topic, *VELOCITY_TYPES)
+    if channels:
+        into.velocity_topic = channels[0].topic
+        speeds = _until(read_velocity(log, channels, Losses()), until_ns)
+        velocity = _read(speeds, log_time, into, into.velocity_topic)
+        if velocity is not None:
+            velocity = _usable_velocity(velocity, into)
+    if fixes is not None and options.gnss_unit == "rad":
+        degree = np.pi / 180.0
+        fixes = replace(fixes, latitude=fixes.latitude / degree, longitude=fixes.longitude / degree)
+    if fixes is not None:
+        _check_range(log, into.fix_topic, fixes)
+        fixes = _on_earth(fixes, into)
+    if fixes is not None and options.gnss_unit is None:
+        _check_degrees(log, into.fix_topic, fixes, velocity)
+    if fixes is not None and velocity is not None:
+        velocity = _flat(fixes, velocity, into)
+    into.gnss = join(fixes, velocity)
+
+
+def read_baro(log: Log, options: InputOptions, log_time: bool, into: Aiding) -> None:
+    """Pressure or height of a log.
+
+    Raises
+    ------
+    TopicError, DataError
+    """
+    heights = options.baro_kind == "height"
+    types = HEIGHT_TYPES if heights else (PRESSURE_TYPE,)
+    channels = choose_optional(log, "--baro-topic", options.baro_topic, *types)
+    if not channels:
+        return
+    into.baro_topic = channels[0].topic
+    if heights:
+        into.baro = _read(
+            read_height(log, channels, Losses()), log_time, into, into.baro_topic, repeats=True
+        )
+        return
+    baro = _read(
+        read_pressure(log, channels, Losses()), log_time, into, channels[0].topic, repeats=True
+    )
+    if baro is None:
+        return
+    scale = {"Pa": 1.0, "hPa": 100.0, "kPa": 1000.0, "inHg": 3386.389}
+    if options.baro_unit is None:
+        _check_pressure(log, channels[0], baro)
+    else:
+        factor = scale[options.baro_unit]
+        baro = replace(baro, pressure=baro.pressure * factor, variance=baro.variance * factor**2)
+    into.baro = baro
+
+
+def _until(blocks: Iterable[S], until_ns: int | None) -> Iterator[S]:
+    """Blocks up to the first that lies after a time altogether."""
+    for block in blocks:
+        if until_ns is not None and len(block) and int(block.time_ns.min()) > until_ns:
+            return
+        yield block
+
+
+def moving_at(gnss: GnssEpochs | None, start_ns: int, end_ns: int) -> float | None:
+    """Speed that GNSS shows in a span of time, m/s; None where it shows none that is sure.
+
+    Parameters
+    ----------
+    gnss : GnssEpochs or None
+    start_ns, end_ns : int
+    """
+    if gnss is None:
+        return None
+    inside = gnss.rows((gnss.time_ns >= start_ns) & (gnss.time_ns <= end_ns))
+    fast = inside.rows(inside.has_velocity)
+    if len(fast):
+        speed = float(np.median(np.linalg.norm(fast.velocity_n[:, :2], axis=1)))
+        return speed if speed > MOVING_M_S else None
+    fixed = inside.rows(inside.has_position)
+    if len(fixed) < 2:
+        return None
+    seconds = float(fixed.time_ns[-1] - fixed.time_ns[0]) * 1e-9
+    north = float(fixed.latitude[-1] - fixed.latitude[0]) * 6.37e6
+    east = float(fixed.longitude[-1] - fixed.longitude[0]) * 6.37e6 * np.cos(fixed.latitude[0])
+    way = float(np.hypot(north, east))
+    return way / seconds if way > MOVING_M and way > MOVING_M_S * seconds else None
+
+
+def _read(
+    blocks: Iterable[S], log_time: bool, into: Aiding, topic: str, repeats: bool = False
+) -> S | None:
+    """All of a stream by time; what was out of order or repeated is told."""
+    found = whole(blocks, log_time, repeats)
+    if found is None:
+        return None
+    if found.backward:
+        into.counts[f"{topic} out of order"] = found.backward
+        into.warnings.append(f"topic {topic}: {found.backward} messages came out of order; sorted")
+    if found.repeated and not repeats:
+        into.counts[f"{topic} repeated stamps"] = found.repeated
+        into.warnings.append(f"topic {topic}: {found.repeated} messages repeat a stamp; left out")
+    return found.stream
+
+
+def _usable_fixes(fixes: Gnss, into: Aiding) -> Gnss | None:
+    """Fixes that are fixes."""
+    good = fixed(fixes)
+    bad = int(len(fixes) - np.count_nonzero(good))
+    if bad:
+        into.counts[f"{into.fix_topic} without a fix"] = bad
+    if not good.any():
+        into.warnings.append(f"topic {into.fix_topic} holds no valid fix")
+        return None
+    return fixes.rows(good)
+
+
+def _on_earth(fixes: Gnss, into: Aiding) -> Gnss | None:
+    """Fixes without the damaged ones, which a filter that starts there would have to believe."""
+    good = on_earth(fixes)
+    bad = int(len(fixes) - np.count_nonzero(good))
+    if bad:
+        into.counts[f"{into.fix_topic} not on Earth"] = bad
+        into.warnings.append(f"topic {into.fix_topic}: {bad} fixes are not on Earth; left out")
+    return fixes.rows(good) if good.any() else None
+
+
+def _usable_velocity(velocity: Velocity, into: Aiding) -> Velocity | None:
+    """Velocities that a vehicle can have."""
+    down = velocity.velocity_n[:, 2]
+    good = (np.abs(velocity.velocity_n[:, :2]) < FASTEST_M_S).all(axis=1)
+    good &= ~(np.abs(down) >= FASTEST_M_S)  # without a vertical part the other two are of use
+    bad = int(len(velocity) - np.count_nonzero(good))
+    if bad:
+        into.counts[f"{into.velocity_topic} of no vehicle"] = bad
+        into.warnings.append(
+            f"topic {into.velocity_topic}: {bad} velocities are not finite or beyond"
+            f" {FASTEST_M_S:.0f} m/s; left out"
+        )
+    return velocity.rows(good) if good.any() else None
+
+
+def _check_degrees(log: Log, topic: str, fixes: Gnss, velocity: Velocity | None) -> None:
+    """Refuse latitude and longitude that are radians.
+
+    Small numbers alone are no proof: there are places near 0 N, 0 E. Where velocity is known,
+    the distance covered decides.
+    """
+    degree = np.pi / 180.0
+    latitude, longitude = fixes.latitude / degree, fixes.longitude / degree
+    if np.abs(latitude).max() > np.pi / 2 or np.abs(longitude).max() > np.pi:
+        return
+    if velocity is not None and len(velocity) > 1:
+        seconds = np.diff(velocity.time_ns) * 1e-9
+        speed = np.linalg.norm(velocity.velocity_n[:, :2], axis=1)
+        told = float(np.sum(0.5 * (speed[1:] + speed[:-1]) * np.minimum(seconds, 5.0)))
+        north = np.diff(fixes.latitude) * 6.37e6
+        east = np.diff(fixes.longitude) * 6.37e6 * np.cos(fixes.latitude[1:])
+        # one leap, at the date line or of a bad fix, is no way that was covered
+        way = np.hypot(north, east)
+        covered = float(np.sum(np.minimum(way, 10.0 * max(told / len(way), 1.0))))
+        if told > 20.0 and covered > 0.25 * told:
+            return
+    raise DataError(
+        log.path,
+        f"topic {topic}: latitudes are about {np.median(latitude):.4g} and longitudes"
+        f" {np.median(longitude):.4g}, as in radians",
+        "add --gnss-unit rad (or --gnss-unit deg if the log is right)",
+    )
+
+
+def _check_range(log: Log, topic: str, fixes: Gnss) -> None:
+    """Refuse angles that are on no globe, and heights that no vehicle has."""
+    degree = np.pi / 180.0
+    latitude = float(np.median(np.abs(fixes.latitude[:PROBE])) / degree)
+    longitude = float(np.median(np.abs(fixes.longitude[:PROBE])) / degree)
+    if latitude > 90.0 or longitude > 360.0:
+        raise DataError(
+            log.path,
+            f"topic {topic}: its latitudes are about {latitude:.6g} and longitudes"
+            f" {longitude:.6g}, in no unit of NavSatFix",
+            "sensor_msgs/NavSatFix holds degrees (some drivers write 1e-7 degrees): convert it,"
+            " or name another topic with --gnss-topic",
+        )
+    heights = fixes.height[np.isfinite(fixes.height)][:PROBE]
+    if len(heights) and not -500.0 <= float(np.median(heights)) <= 60000.0:
+        raise DataError(
+            log.path,
+            f"topic {topic}: its altitudes are about {np.median(heights):.6g} m",
+            "sensor_msgs/NavSatFix holds metres (some drivers write millimetres): convert it, or"
+            " name another topic with --gnss-topic",
+        )
+
+
+def _check_pressure(log: Log, channel: Channel, baro: Baro) -> None:
+    """Refuse pressures that are not in pascal."""
+    judged = suspected_unit(baro.pressure)
+    if judged.unit == "Pa":
+        return
+    if not judged.samples:
+        raise DataError(
+            log.path,
+            f"topic {channel.topic} holds no pressure that is positive",
+            "name another topic with --baro-topic",
+        )
+    if judged.unit == "unknown":
+        raise DataError(
+            log.path,
+            f"topic {channel.topic}: its pressures are about {judged.median:.5g}, of no atmosphere"
+            " in any usual unit",
+            "give the unit with --baro-unit, or name another topic with --baro-topic",
+        )
+    raise DataError(
+        log.path,
+        f"topic {channel.topic}: its pressures are about {judged.median:.5g}, not pascal but as in"
+        f" {judged.unit}",
+        f"add --baro-unit {judged.unit} (or --baro-unit Pa if the log is right)",
+    )
+
+
+def _flat(fixes: Gnss, velocity: Velocity, into: Aiding) -> Velocity:
+    """Take out down velocities that are all exactly zero although height moves."""
+    heights = fixes.height[np.isfinite(fixes.height)]
+    down = velocity.velocity_n[:, 2]
+    if len(heights) < 2 or np.any(down != 0.0) or np.ptp(heights) <= FLAT_HEIGHT_M:
+        return velocity
+    into.warnings.append(
+        f"topic {into.velocity_topic}: its vertical velocity is always zero while height moves by"
+        f" {np.ptp(heights):.0f} m; only the horizontal part is used"
+    )
+    columns = velocity.velocity_n.copy()
+    columns[:, 2] = np.nan
+    return replace(velocity, velocity_n=columns)
+
+
+def join(fixes: Gnss | None, velocity: Velocity | None) -> GnssEpochs | None:
+    """Fixes and velocities by epoch: those stamped together share a row.
+
+    Parameters
+    ----------
+    fixes : Gnss or None
+    velocity : Velocity or None
+        Both by time, without repeated stamps.
+
+    Returns
+    -------
+    GnssEpochs or None
+        By time. A row takes the stamp of the fix.
+    """
+    if fixes is None and velocity is None:
+        return None
+    none = np.empty(0, np.int64)
+    if fixes is None:
+        assert velocity is not None
+        return _epochs(
+            velocity.time_ns, velocity.log_time_ns, None, none, velocity, np.arange(len(velocity))
+        )
+    if velocity is None:
+        return _epochs(fixes.time_ns, fixes.log_time_ns, fixes, np.arange(len(fixes)), None, none)
+    right = np.searchsorted(velocity.time_ns, fixes.time_ns)
+    left = np.clip(right - 1, 0, len(velocity) - 1)
+    right = np.clip(right, 0, len(velocity) - 1)
+    to_left = np.abs(velocity.time_ns[left] - fixes.time_ns)
+    to_right = np.abs(velocity.time_ns[right] - fixes.time_ns)
+    partner = np.where(to_left <= to_right, left, right)
+    together = np.minimum(to_left, to_right) <= SAME_EPOCH_NS
+    # a velocity belongs to one fix only
+    first = np.zeros(len(fixes), np.bool_)
+    first[np.unique(partner, return_index=True)[1]] = True
+    together &= first
+    alone = np.setdiff1d(np.arange(len(velocity)), partner[together])
+    times = np.concatenate([fixes.time_ns, velocity.time_ns[alone]])
+    logged = np.concatenate([fixes.log_time_ns, velocity.log_time_ns[alone]])
+    n = len(fixes)
+    rows_f = np.arange(n)
+    rows_v = np.concatenate([np.flatnonzero(together), n + np.arange(len(alone))])
+    picked = velocity.rows(np.concatenate([partner[together], alone]))
+    whole = _epochs(times, logged, fixes, rows_f, picked, rows_v)
+    return whole.rows(np.argsort(whole.time_ns, kind="stable"))
+
+
+def _epochs(
+    time_ns: np.ndarray,
+    log_time_ns: np.ndarray,
+    fixes: Gnss | None,
+    fix_rows: np.ndarray,
+    velocity: Velocity | None,
+    velocity_rows: np.ndarray,
+) -> GnssEpochs:
+    n = len(time_ns)
+    nothing = np.full(n, np.nan)
+    latitude, longitude, height = nothing.copy(), nothing.copy(), nothing.copy()
+    v, sigma_p, sigma_v = (np.full((n, 3), np.nan) for _ in range(3))
+    if fixes is not None:
+        latitude[fix_rows] = fixes.latitude
+        longitude[fix_rows] = fixes.longitude
+        height[fix_rows] = fixes.height
+        known = (fixes.covariance_type > 0)[:, None]
+        sigma_p[fix_rows] = _sigma(fixes.covariance_n, known)
+    if velocity is not None:
+        v[velocity_rows] = velocity.velocity_n
+        sigma_v[velocity_rows] = _sigma(velocity.covariance_n, True)
+    return GnssEpochs(time_ns, log_time_ns, latitude, longitude, height, v, sigma_p, sigma_v)
+
+
+def _sigma(covariance: np.ndarray, known: np.ndarray | bool) -> np.ndarray:
+    """Roots of the diagonal; NaN where it says nothing."""
+    variance = np.einsum("nii->ni", covariance)
+    good = known & np.isfinite(variance) & (variance > 0.0)
+    return np.minimum(np.sqrt(np.where(good, variance, np.nan)), UNKNOWN_SIGMA)

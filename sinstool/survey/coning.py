@@ -1,0 +1,79 @@
+"""The coning algorithm of a run, with what its options need to know of the log."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from sinstool.config import ProcessConfig
+from sinstool.core.errors import DataError
+from sinstool.core.explain import explain
+from sinstool.core.timeline import SECOND, segments
+from sinstool.io.readers.frames import turn_body
+from sinstool.methods.coning.algorithm import ConingAlgorithm, of_rates
+from sinstool.methods.coning.registry import algorithm
+from sinstool.survey.source import Source, rate_blocks
+
+# Singular perturbation is tuned to the coning of the log's first part, of this length at most.
+TUNING_S = 600.0
+
+
+def choose_algorithm(source: Source, config: ProcessConfig, nominal_ns: float) -> ConingAlgorithm:
+    """The coning algorithm, with what its options need to know of the log."""
+    told = config.coning
+    options = told.algorithm_options()
+    default = type(told).model_fields["coning"].default
+    chosen = "the default" if told.coning == default else "as told"
+    if told.coning == "gyro-tuned":
+        options["interval"] = nominal_ns / SECOND
+    if told.sp_preset == "auto":
+        options = _tuned(source, config, nominal_ns)
+    if "beta" in options:
+        options["beta"] = tuple(turn_body(np.array(options["beta"]), config.input.body_axes))
+    found = algorithm(told.coning, **options)
+    explain(
+        "coning",
+        f"{told.coning}, {chosen}: {found.summary}; gyro samples are {config.input.gyro_kind}"
+        f"{_way(config.input.gyro_kind, found)}",
+    )
+    if options:
+        explain("coning", ", ".join(f"{name} {value}" for name, value in options.items()))
+    return found
+
+
+def _way(kind: str, chosen: ConingAlgorithm) -> str:
+    """How samples become what an algorithm takes."""
+    taken = chosen.for_kind(of_rates(kind))
+    if kind != "rate":
+        return ", taken as increments"
+    if taken.takes == "rates":
+        return ", which it takes as they are"
+    return ", which become increments by the polynomial through six of them"
+
+
+def _tuned(source: Source, config: ProcessConfig, nominal_ns: float) -> dict[str, Any]:
+    """Options of singular perturbation that null the drift of the log's own coning."""
+    # scipy.signal takes longer to import than most logs to process
+    from sinstool.methods.coning.sp_tuning import tune
+
+    found = source.survey
+    blocks = rate_blocks(source, config, found.first_ns, nominal_ns)
+    longest: list[np.ndarray] = []
+    current: list[np.ndarray] = []
+    for piece in segments(blocks, found.max_gap_ns):
+        current = [piece.imu.gyro] if piece.starts else [*current, piece.imu.gyro]
+        if sum(map(len, current)) > sum(map(len, longest)):
+            longest = current
+        if piece.imu.time_ns[-1] - found.first_ns > TUNING_S * SECOND:
+            break
+    try:
+        chosen = tune(
+            np.concatenate(longest),
+            nominal_ns / SECOND,
+            of_rates(config.input.gyro_kind),
+            passband=config.coning.passband,
+        )
+    except ValueError as exc:
+        raise DataError(source.log.path, f"--sp-preset auto: {exc}") from exc
+    return dict(chosen.options())

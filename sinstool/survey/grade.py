@@ -1,0 +1,55 @@
+"""What grade the IMU of a log is: as told, or as its noise at rest says."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from sinstool.config import ProcessConfig
+from sinstool.core.explain import explain
+from sinstool.core.timeline import SECOND
+from sinstool.methods.height.network import Grade
+from sinstool.survey.source import Source
+from sinstool.survey.unit_evidence import DEGREE
+
+# Angular random walk up to which a gyro is of a grade, deg/sqrt(h). Laser and fibre gyros of
+# navigation grade have 0.001 to 0.005, tactical ones 0.02 to 0.1, MEMS 0.15 and more.
+NAVIGATION_ARW = 0.01
+TACTICAL_ARW = 0.12
+
+
+def random_walk(source: Source) -> float | None:
+    """Angular random walk at rest, rad/sqrt(s) an axis; None where the log has no rest."""
+    # a stretch of steady flight will do: it is the scatter that counts, not the mean
+    spans = [s for s in source.survey.spans if s.samples > 50]
+    if not spans:
+        return None
+    longest = max(spans, key=lambda s: s.samples)
+    step = source.survey.interval_ns / SECOND
+    return float(longest.gyro_std / np.sqrt(3.0) * np.sqrt(step))
+
+
+def sensor_grade(source: Source, config: ProcessConfig) -> tuple[Grade, str]:
+    """Grade of the IMU, and why.
+
+    Without a rest to judge by the sensors are taken for MEMS: too much caution costs accuracy,
+    too little the truth of every sigma.
+    """
+    grade, why = _judged(source, config)
+    explain("IMU grade", f"{grade}, {why}")
+    return grade, why
+
+
+def _judged(source: Source, config: ProcessConfig) -> tuple[Grade, str]:
+    told = config.navigation.imu_grade
+    if told != "auto":
+        return told, "as told"
+    walk = random_walk(source)
+    if walk is None:
+        return "mems", "assumed, as the log shows no rest"
+    shown = walk * 60.0 / DEGREE
+    grade: Grade = "mems"
+    if shown <= NAVIGATION_ARW:
+        grade = "navigation"
+    elif shown <= TACTICAL_ARW:
+        grade = "tactical"
+    return grade, f"by its gyro noise at rest, {shown:.2g} deg/sqrt(h)"

@@ -1,0 +1,436 @@
+"""The first pass over a log: what its Imu data is, before anything is computed from it.
+
+Rates, gaps, clocks, units, stillness, saturation: found in one pass with state that does not
+depend on where blocks end. Both `sinstool info` and `sinstool process` begin here, so that what
+`info` says is what `process` acts on.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Iterator
+from dataclasses import dataclass
+from itertools import chain
+from typing import Protocol
+
+import numpy as np
+
+from sinstool.core.errors import DataError
+from sinstool.core.streams import Imu
+from sinstool.core.timeline import (
+    FIRST_HORIZON,
+    GAP_INTERVALS,
+    LAST_HORIZON,
+    SECOND,
+    Order,
+    OrderCounts,
+    mean_rates,
+    ordered,
+)
+from sinstool.io.readers.frames import q_for_log
+from sinstool.io.readers.log import Log
+from sinstool.io.readers.streams import LARGEST, ImuUnits, Losses, read_imu, reblock
+from sinstool.io.readers.topics import ImuTopic
+from sinstool.methods.alignment.still import StillSpan, Windows, lead_in, still_spans
+from sinstool.survey.tally import Tally
+from sinstool.survey.unit_evidence import UnitEvidence, unit_evidence
+
+BLOCK_ROWS = 16384
+# An hour at 400 Hz; 96 MB.
+KEPT_SAMPLES = 1_500_000
+BURSTY_SHARE = 0.05
+# Several samples at the largest value are a stop, unless the axis is always about there.
+SATURATION_RUN = 3
+SATURATION_RATIO = 2.0
+# A clock was set back where samples alternate between two times this often for each step back.
+SET_BACK_RATIO = 10
+
+
+@dataclass
+class _Extent:
+    """What is seen of all samples in the order of the file, be they in the span or not."""
+
+    count: int = 0
+    low: int = 0
+    high: int = 0
+    last_log: int = 0
+    log_backward: int = 0
+
+    def watch(self, blocks: Iterator[Imu]) -> Iterator[Imu]:
+        """The same blocks."""
+        for block in blocks:
+            low, high = int(block.time_ns.min()), int(block.time_ns.max())
+            log_times = block.log_time_ns
+            if self.count:
+                low, high = min(low, self.low), max(high, self.high)
+                log_times = np.concatenate(([self.last_log], log_times))
+            self.low, self.high = low, high
+            self.last_log = int(log_times[-1])
+            self.log_backward += int(np.count_nonzero(log_times[1:] < log_times[:-1]))
+            self.count += len(block)
+            yield block
+
+
+@dataclass(frozen=True)
+class Survey:
+    """What the first pass found.
+
+    Attributes
+    ----------
+    topic : str
+    count : int
+        Usable samples, in order, without duplicates.
+    first_ns, last_ns : int
+    time_source : {'stamp', 'log'}
+        Header stamps, or the recorder's times where stamps are unusable.
+    time_note : str
+        Why stamps are unusable.
+    interval_ns : float
+        Median interval.
+    interval_range_ns : tuple of int
+        Smallest and largest interval.
+    max_gap_ns : int
+        Longest interval that is still no gap.
+    bursty : bool
+        Stamps come in bursts.
+    gaps : tuple of (int, float)
+        Start (ns) and length (s), in order of time: the thousand longest.
+    gap_count, gap_total_s
+        Of all of them.
+    missed : int
+        Intervals of more than 1.5 nominal ones that are no gap: samples are missing there.
+    order : OrderCounts
+    horizon_ns : int
+        Look-ahead that puts every late sample in its place.
+    losses : Losses
+    clock_offset_s : tuple of float
+        Log time minus stamp: smallest and largest.
+    held : int
+        Samples that repeat the values of the one before.
+    gyro_max, accel_max : ndarray, shape (3,)
+        Largest magnitude by axis.
+    saturated : tuple of str
+        Axes that stay at their largest value for several samples.
+    specific_force_median : float
+        Median norm, m/s^2.
+    windows : Windows
+    spans : tuple of StillSpan
+    lead_in : StillSpan or None
+        The still span that the log begins with.
+    orientation : ndarray or None, shape (4,)
+        First valid q_nb the log gives; None also where it is the identity in every message.
+    orientation_ns : int
+        Its time.
+    orientation_constant : bool
+        It is the same in every message.
+    gyro_unit : UnitEvidence
+        What the turning of gravity says about the unit of the rates.
+    """
+
+    topic: str
+    count: int
+    first_ns: int
+    last_ns: int
+    time_source: str
+    time_note: str
+    interval_ns: float
+    interval_range_ns: tuple[int, int]
+    max_gap_ns: int
+    bursty: bool
+    gaps: tuple[tuple[int, float], ...]
+    gap_count: int
+    gap_total_s: float
+    missed: int
+    order: OrderCounts
+    horizon_ns: int
+    losses: Losses
+    clock_offset_s: tuple[float, float]
+    held: int
+    gyro_max: np.ndarray
+    accel_max: np.ndarray
+    saturated: tuple[str, ...]
+    specific_force_median: float
+    windows: Windows
+    spans: tuple[StillSpan, ...]
+    lead_in: StillSpan | None
+    orientation: np.ndarray | None
+    orientation_ns: int
+    orientation_constant: bool
+    gyro_unit: UnitEvidence
+
+    @property
+    def rate_hz(self) -> float:
+        """Rate from the median interval."""
+        return 1e9 / self.interval_ns if self.interval_ns else 0.0
+
+    @property
+    def duration_s(self) -> float:
+        """Time covered by samples, gaps left out."""
+        return (self.last_ns - self.first_ns) / SECOND - self.gap_total_s
+
+
+class Watcher(Protocol):
+    """Looks at the samples as the first pass reads them, anew each time that it begins again."""
+
+    def watch(self, blocks: Iterator[Imu]) -> Iterator[Imu]:
+        """The same blocks."""
+
+
+class Kept:
+    """The samples that the first pass read, for the second: all of them, or none if too many.
+
+    Reading them a second time costs more than all that is computed from them. Memory stays
+    bounded all the same, by `KEPT_SAMPLES` and not by the log.
+
+    Attributes
+    ----------
+    blocks : list of Imu or None
+        In the order of the file, without orientation; None when there were too many.
+    """
+
+    def __init__(self) -> None:
+        self.blocks: list[Imu] | None = []
+
+    def watch(self, blocks: Iterator[Imu]) -> Iterator[Imu]:
+        """The same blocks."""
+        self.blocks = []
+        count = 0
+        for block in blocks:
+            count += len(block)
+            if count > KEPT_SAMPLES:
+                self.blocks = None
+            if self.blocks is not None:
+                # Columns may be parts of something larger, which must not be kept with them.
+                columns = (block.time_ns, block.log_time_ns, block.gyro, block.accel)
+                self.blocks.append(Imu(*map(_alone, columns)))
+            yield block
+
+
+def _alone(column: np.ndarray) -> np.ndarray:
+    """The column, copied if it would keep much more than itself alive."""
+    owner = column.base
+    if owner is None or (isinstance(owner, np.ndarray) and owner.nbytes <= 2 * column.nbytes):
+        return column
+    return column.copy()
+
+
+def survey(
+    log: Log,
+    topic: ImuTopic,
+    units: ImuUnits,
+    *,
+    span: Callable[[int], tuple[int | None, int | None]] | None = None,
+    max_gap_s: float | None = None,
+    increments: bool = False,
+    block_rows: int = BLOCK_ROWS,
+    progress: Callable[[int], None] | None = None,
+    kept: Watcher | None = None,
+    judged: Watcher | None = None,
+) -> Survey:
+    """Read a log's Imu topic once and say what it holds.
+
+    Parameters
+    ----------
+    log : Log
+    topic : ImuTopic
+    units : ImuUnits
+    span : callable, optional
+        First and last time (None: open) of the samples that count, from the time of the first
+        sample, on whichever clock that is.
+    max_gap_s : float, optional
+        Longest interval that is no gap; by default three nominal intervals.
+    increments : bool
+        Samples are increments; they are judged as mean rates over their intervals.
+    block_rows : int
+        Samples handled at once; the result does not depend on it.
+    progress : callable, optional
+        Called with the bytes read so far.
+    kept : Watcher, optional
+        Gets the samples as they were read.
+    judged : Watcher, optional
+        Gets them as they are judged: in the order of time, increments as mean rates.
+
+    Returns
+    -------
+    Survey
+
+    Raises
+    ------
+    DataError
+        The topic has no usable sample in the span.
+    """
+    log_time, note, horizon = False, "", FIRST_HORIZON
+    while True:
+        losses = Losses()
+        order = Order(horizon)
+        tally, extent = Tally(), _Extent()
+        blocks = read_imu(
+            log,
+            topic.channels,
+            units,
+            losses,
+            path=topic.path,
+            log_time=log_time,
+            orientation=tally.wants_orientation,
+            progress=progress,
+        )
+        source = extent.watch(blocks)
+        if span is not None:
+            source = _spanned(source, span)
+        source = reblock(source, block_rows)
+        in_order = ordered(source if kept is None else kept.watch(source), order)
+        measured = mean_rates(in_order) if increments else in_order
+        for block in measured if judged is None else judged.watch(measured):
+            tally.add(block)
+        counts = order.counts
+        if not log_time:
+            note = _unusable(tally, counts, extent)
+            if note:
+                log_time, horizon = True, FIRST_HORIZON
+                continue
+        if tally.count == 0:
+            raise _nothing(log, topic, losses, extent)
+        if counts.lateness_ns > horizon and horizon < LAST_HORIZON:
+            horizon = min(LAST_HORIZON, 1 << int(counts.lateness_ns).bit_length())
+            continue
+        break
+    return _conclude(topic, units.body_axes, tally, order, losses, log_time, note, max_gap_s)
+
+
+def _nothing(log: Log, topic: ImuTopic, losses: Losses, extent: _Extent) -> DataError:
+    """Why there is not a single sample."""
+    if extent.count:
+        return DataError(
+            log.path,
+            f"topic {topic.topic} has no usable Imu message between --start and --end",
+            f"its samples span {(extent.high - extent.low) / SECOND:.3f} s, from {extent.low} ns",
+        )
+    detail = f" ({losses.problem})" if losses.problem else ""
+    if losses.nonfinite:
+        detail = f" ({losses.nonfinite} hold NaN, infinity or more than {LARGEST:.0e})"
+    return DataError(log.path, f"topic {topic.topic} has no usable Imu message{detail}")
+
+
+def _spanned(
+    blocks: Iterator[Imu], span: Callable[[int], tuple[int | None, int | None]]
+) -> Iterator[Imu]:
+    """Only the samples in a span that the first sample's time settles."""
+    first = next(blocks, None)
+    if first is not None:
+        yield from within(chain([first], blocks), *span(int(first.time_ns[0])))
+
+
+def within(blocks: Iterable[Imu], start_ns: int | None, end_ns: int | None) -> Iterator[Imu]:
+    """Only the samples in a span of time (both ends included)."""
+    for block in blocks:
+        if start_ns is None and end_ns is None:
+            yield block
+            continue
+        keep = np.ones(len(block), np.bool_)
+        if start_ns is not None:
+            keep &= block.time_ns >= start_ns
+        if end_ns is not None:
+            keep &= block.time_ns <= end_ns
+        if keep.all():
+            yield block  # as nearly always: a mask would copy it
+        elif keep.any():
+            yield block.rows(keep)
+
+
+def _unusable(tally: Tally, counts: OrderCounts, extent: _Extent) -> str:
+    """Why the header stamps cannot be used; empty when they can."""
+    if extent.count > 1 and extent.low == extent.high:
+        return f"all header stamps are {extent.low} ns"
+    total = tally.count + counts.duplicates + counts.late
+    if counts.differing_duplicates > 0.5 * total:
+        return f"{counts.differing_duplicates} of {total} samples repeat the stamp before them"
+    if counts.lateness_ns > LAST_HORIZON:
+        return f"header stamps jump back by {counts.lateness_ns / SECOND:.1f} s"
+    # Late messages fill a hole when put in their place. A clock that was set back counts the
+    # same seconds twice: by stamp, samples from before and after then alternate.
+    disorder = counts.backward + extent.log_backward
+    if counts.backward and tally.log_descents > SET_BACK_RATIO * disorder:
+        return (
+            f"header stamps run back by {counts.lateness_ns / SECOND:.3g} s and over the same time"
+            " again"
+        )
+    return ""
+
+
+def _conclude(
+    topic: ImuTopic,
+    body_axes: str,
+    tally: Tally,
+    order: Order,
+    losses: Losses,
+    log_time: bool,
+    note: str,
+    max_gap_s: float | None,
+) -> Survey:
+    intervals = int(tally.histogram.sum())
+    nominal, median = tally.nominal_interval()
+    bursty = False
+    limit = GAP_INTERVALS * nominal
+    if max_gap_s is not None:
+        limit = max_gap_s * SECOND
+    elif intervals and tally.above(limit)[0] > BURSTY_SHARE * intervals:
+        bursty = True
+        limit = GAP_INTERVALS * tally.quantile(0.99)
+    gap_count, gap_ns = tally.above(limit)
+    missed = 0 if bursty else max(0, tally.above(1.5 * nominal)[0] - gap_count)
+    is_gap = tally.long_step > limit
+    windows = tally.windows.finish()
+    spans = still_spans(windows)
+    names = [f"{sensor} {axis}" for sensor in ("gyro", "accelerometer") for axis in "xyz"]
+    # Values that are no measurements at all may be too large to be squared.
+    with np.errstate(over="ignore"):
+        usual = np.sqrt(np.mean(np.hstack((windows.gyro, windows.accel)) ** 2, axis=0))
+    saturated = tuple(
+        name
+        for name, row, size in zip(names, tally.extremes, usual, strict=True)
+        if row[1] >= SATURATION_RUN and row[0] > SATURATION_RATIO * size
+    )
+    constant = tally.orientation is not None and not tally.orientation_varies and tally.count > 1
+    placeholder = constant and _is_identity(tally.orientation, body_axes)
+    return Survey(
+        topic=topic.topic,
+        count=tally.count,
+        first_ns=tally.first_ns,
+        last_ns=tally.last_ns,
+        time_source="log" if log_time else "stamp",
+        time_note=note,
+        interval_ns=median,
+        interval_range_ns=(tally.shortest if intervals else 0, tally.longest),
+        max_gap_ns=int(limit),
+        bursty=bursty,
+        gaps=tuple(
+            (int(s), int(d) / SECOND)
+            for s, d in zip(tally.long_start[is_gap], tally.long_step[is_gap], strict=True)
+        ),
+        gap_count=gap_count,
+        gap_total_s=gap_ns / SECOND,
+        missed=missed,
+        order=order.counts,
+        horizon_ns=order.horizon_ns,
+        losses=losses,
+        clock_offset_s=(tally.offset_low / SECOND, tally.offset_high / SECOND),
+        held=tally.held,
+        gyro_max=tally.extremes[:3, 0].copy(),
+        accel_max=tally.extremes[3:, 0].copy(),
+        saturated=saturated,
+        specific_force_median=tally.force_median(),
+        windows=windows,
+        spans=tuple(spans),
+        lead_in=lead_in(spans, tally.first_ns),
+        orientation=None if placeholder else tally.orientation,
+        orientation_ns=tally.orientation_ns,
+        orientation_constant=constant,
+        gyro_unit=unit_evidence(windows),
+    )
+
+
+def _is_identity(q_nb: np.ndarray | None, body_axes: str) -> bool:
+    """Whether a log wrote 1 and three zeros, in whichever order it keeps a quaternion."""
+    if q_nb is None:
+        return False
+    written = q_for_log(q_nb, body_axes, "enu" if body_axes == "flu" else "ned")
+    return bool(np.abs(written).max() > 1.0 - 1e-12)

@@ -1,0 +1,334 @@
+"""What is odd about a log, in words, each with the option that answers it.
+
+`info` lists all of it; `process` refuses what would make its result wrong and repeats the
+rest as warnings.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from sinstool.config import InputOptions
+from sinstool.core.rotation import conjugate, rotate
+from sinstool.io.readers.frames import turn_body
+from sinstool.io.readers.streams import LARGEST
+from sinstool.survey.imu import Survey
+from sinstool.survey.unit_evidence import (
+    STANDARD_GRAVITY,
+    accel_looks_like_g,
+    gyro_looks_like_degrees,
+    turns_like_degrees,
+)
+
+MIN_RATE_HZ = 10.0
+CLOCK_OFFSET_S = 1.0
+CLOCK_WANDER_S = 0.5
+HELD_SHARE = 0.05
+ORIENTATION_TILT_DEG = 20.0
+# m/s^2: less is no gravity, read as it is; and how near to gravity increments come by it.
+WEIGHTLESS = 0.8
+INCREMENT = 0.05
+
+
+@dataclass(frozen=True)
+class Oddity:
+    """One thing about a log that a user should know.
+
+    Attributes
+    ----------
+    kind : str
+        Short name, stable, for programs.
+    text : str
+        What is so.
+    answer : str
+        What to do; '' where nothing needs doing.
+    fatal : bool
+        `process` refuses the log while it stands.
+    """
+
+    kind: str
+    text: str
+    answer: str = ""
+    fatal: bool = False
+
+    def __str__(self) -> str:
+        return f"{self.text}: {self.answer}" if self.answer else self.text
+
+
+def oddities(survey: Survey, options: InputOptions) -> list[Oddity]:
+    """Everything odd that a survey found, the fatal first.
+
+    Parameters
+    ----------
+    survey : Survey
+    options : InputOptions
+        What the user said about units and axes: a unit that was given is believed.
+
+    Returns
+    -------
+    list of Oddity
+    """
+    found = _units(survey, options) + _time(survey, options) + _values(survey, options)
+    return sorted(found, key=lambda o: not o.fatal)
+
+
+def _units(s: Survey, options: InputOptions) -> list[Oddity]:
+    found = []
+    if gyro_looks_like_degrees(s.gyro_unit, s.gyro_max):
+        reason = (
+            "gravity turns in the body as if its rates were in deg/s"
+            f" ({s.gyro_unit.scale:.2f} of what they then say; it would be 57 for rad/s)"
+            if turns_like_degrees(s.gyro_unit)
+            else f"its rates reach {s.gyro_max.max():.0f}, too much for rad/s"
+        )
+        if options.gyro_unit is None:
+            found.append(
+                Oddity(
+                    "gyro-unit",
+                    f"topic {s.topic}: {reason}",
+                    "add --gyro-unit deg/s (or --gyro-unit rad/s if the log is right)",
+                    fatal=True,
+                )
+            )
+        elif options.gyro_unit == "rad/s":
+            found.append(Oddity("gyro-unit", f"topic {s.topic}: {reason}, read as rad/s as told"))
+    force = s.specific_force_median
+    if accel_looks_like_g(force):
+        text = f"topic {s.topic}: the specific force is {force:.3f} in size, as in units of g"
+        if options.accel_unit is None:
+            found.append(
+                Oddity(
+                    "accel-unit",
+                    text,
+                    "add --accel-unit g (or --accel-unit m/s^2 if the log is right)",
+                    fatal=True,
+                )
+            )
+        elif options.accel_unit == "m/s^2":
+            found.append(Oddity("accel-unit", f"{text}, read as m/s^2 as told"))
+    elif _looks_like_increments(s, options):
+        found.append(
+            Oddity(
+                "increments",
+                f"topic {s.topic}: the specific force is {force:.3g} m/s^2 in size, or"
+                f" {force * _rate(s, options):.2f} if samples are increments over their intervals",
+                "add --gyro-kind increment (or --accel-unit m/s^2 if the log is right)",
+                fatal=True,
+            )
+        )
+    elif force < WEIGHTLESS:
+        found.append(
+            Oddity(
+                "no-gravity",
+                f"topic {s.topic}: the specific force is only {force:.3f} m/s^2 in size, so gravity"
+                " has been taken out of it or it is empty",
+                "tilt cannot be had from it; use --align log or --align fixed",
+            )
+        )
+    elif not 7.0 < force < 13.0:
+        found.append(
+            Oddity(
+                "gravity-size",
+                f"topic {s.topic}: the specific force is mostly {force:.2f} m/s^2 in size, not 9.8",
+                "check its unit with --accel-unit",
+            )
+        )
+    return found
+
+
+def _rate(s: Survey, options: InputOptions) -> float:
+    return s.rate_hz if options.imu_rate is None else options.imu_rate
+
+
+def _looks_like_increments(s: Survey, options: InputOptions) -> bool:
+    """Whether the specific force read as such must be velocity gained from sample to sample."""
+    if options.gyro_kind == "increment" or options.accel_unit is not None:
+        return False
+    if s.specific_force_median >= WEIGHTLESS:
+        return False
+    return abs(s.specific_force_median * _rate(s, options) / STANDARD_GRAVITY - 1.0) < INCREMENT
+
+
+def _time(s: Survey, options: InputOptions) -> list[Oddity]:
+    found = []
+    if s.count > 1 and s.rate_hz < MIN_RATE_HZ and options.imu_rate is None:
+        found.append(
+            Oddity(
+                "slow-imu",
+                f"topic {s.topic} has {s.rate_hz:.3g} samples a second, too few to integrate"
+                f" (at least {MIN_RATE_HZ:.0f} are needed)",
+                "choose the raw topic with --imu-topic, or give the true rate with --imu-rate",
+                fatal=True,
+            )
+        )
+    if s.count == 1:
+        found.append(Oddity("one-sample", f"topic {s.topic} has one usable sample only"))
+    if s.time_source == "log":
+        found.append(
+            Oddity("time-source", f"{s.time_note}, so the recorder's log times are used instead")
+        )
+    if s.bursty:
+        found.append(
+            Oddity(
+                "bursts",
+                "stamps come in bursts (intervals from"
+                f" {s.interval_range_ns[0] / 1e6:.3g} to {s.interval_range_ns[1] / 1e6:.3g} ms)",
+                "if the sensor samples evenly, give its rate with --imu-rate",
+            )
+        )
+    o = s.order
+    if o.backward:
+        found.append(
+            Oddity(
+                "backward-stamps",
+                f"{o.backward} samples are stamped earlier than the one before them, by up to"
+                f" {o.lateness_ns / 1e9:.3g} s; they were put in order",
+            )
+        )
+    if o.duplicates:
+        found.append(
+            Oddity(
+                "duplicate-stamps",
+                f"{o.duplicates} samples repeat a stamp ({o.differing_duplicates} with other"
+                " values) and were left out",
+            )
+        )
+    if o.late:
+        found.append(Oddity("late-samples", f"{o.late} samples came too late and were left out"))
+    if s.gap_count:
+        longest = max(length for _, length in s.gaps)
+        found.append(
+            Oddity(
+                "gaps",
+                f"{s.gap_count} gaps longer than {s.max_gap_ns / 1e6:.4g} ms, {s.gap_total_s:.4g} s"
+                f" in all, the longest {longest:.4g} s; nothing is integrated across them",
+            )
+        )
+    if s.missed:
+        found.append(
+            Oddity(
+                "missed-samples",
+                f"at {s.missed} places samples are missing; they are integrated across",
+            )
+        )
+    low, high = s.clock_offset_s
+    if max(abs(low), abs(high)) > CLOCK_OFFSET_S:
+        found.append(
+            Oddity(
+                "clock-offset",
+                f"log time is {low:+.3f} to {high:+.3f} s from the header stamps: two clocks;"
+                " stamps are used",
+            )
+        )
+    elif high - low > CLOCK_WANDER_S:
+        found.append(
+            Oddity(
+                "clock-wander",
+                f"log time less header stamp varies from {low:+.3f} to {high:+.3f} s",
+            )
+        )
+    return found
+
+
+def _values(s: Survey, options: InputOptions) -> list[Oddity]:
+    found = []
+    if s.losses.malformed:
+        found.append(
+            Oddity(
+                "malformed",
+                f"{s.losses.malformed} messages do not fit their definition"
+                f" ({s.losses.problem}) and were left out",
+            )
+        )
+    if s.losses.nonfinite:
+        found.append(
+            Oddity(
+                "not-finite",
+                f"{s.losses.nonfinite} samples hold NaN, infinity or more than {LARGEST:.0e};"
+                " left out",
+            )
+        )
+    held = s.held - _without_noise(s)
+    if held > HELD_SHARE * s.count:
+        found.append(
+            Oddity(
+                "held",
+                f"{held / s.count:.0%} of the samples repeat the values of the one before:"
+                " the topic is published faster than the sensor measures",
+            )
+        )
+    if s.saturated:
+        found.append(
+            Oddity(
+                "saturation",
+                f"{', '.join(s.saturated)} stays at its largest value for several samples:"
+                " the sensor's range is too small there",
+            )
+        )
+    found += _orientation(s)
+    still = s.lead_in
+    if still is not None:
+        axis = gravity_axis(still.accel, options.body_axes)
+        if axis not in ("", "+z" if options.body_axes == "flu" else "-z"):
+            found.append(
+                Oddity(
+                    "gravity-axis",
+                    f"at rest the accelerometer reads gravity on {axis} of the sensor, not on"
+                    f" {'+z' if options.body_axes == 'flu' else '-z'}",
+                    "a matter of mounting, or of --body-axes",
+                )
+            )
+    return found
+
+
+def _without_noise(s: Survey) -> int:
+    """Samples at rest of a sensor that has no noise at all: simulated, not held."""
+    still = s.lead_in
+    if still is None or still.gyro_std > 0.0 or still.accel_std > 0.0:
+        return 0
+    return min(still.samples, s.held)
+
+
+def _orientation(s: Survey) -> list[Oddity]:
+    found = []
+    if s.orientation_constant:
+        placeholder = " and the identity, a placeholder" if s.orientation is None else ""
+        found.append(
+            Oddity(
+                "constant-orientation",
+                f"the orientation in topic {s.topic} is the same in every message{placeholder}",
+            )
+        )
+    still = s.lead_in
+    if s.orientation is not None and still is not None and s.orientation_ns < still.end_ns:
+        down = rotate(conjugate(s.orientation), np.array([0.0, 0.0, 1.0]))
+        cosine = float(down @ -still.accel) / float(np.linalg.norm(still.accel))
+        angle = float(np.degrees(np.arccos(np.clip(cosine, -1.0, 1.0))))
+        if angle > ORIENTATION_TILT_DEG:
+            found.append(
+                Oddity(
+                    "orientation-tilt",
+                    f"the orientation in topic {s.topic} is tilted by {angle:.0f} deg from what the"
+                    " accelerometer says at rest: other axes, or its numbers are in another order",
+                    "do not use --align log",
+                )
+            )
+    return found
+
+
+def gravity_axis(accel_frd: np.ndarray, body_axes: str) -> str:
+    """Axis of the log's sensor that reads gravity at rest, as '+z'; '' when it is oblique.
+
+    Parameters
+    ----------
+    accel_frd : ndarray, shape (3,)
+    body_axes : {'flu', 'frd'}
+    """
+    accel = turn_body(accel_frd, body_axes)
+    size = float(np.linalg.norm(accel))
+    k = int(np.argmax(np.abs(accel)))
+    if size == 0.0 or abs(accel[k]) < 0.9 * size:
+        return ""
+    return f"{'+' if accel[k] > 0 else '-'}{'xyz'[k]}"

@@ -1,0 +1,191 @@
+"""What the first pass over a log counts: histograms and extremes of ordered samples.
+
+All state is of bounded size (but for 112 bytes each half second) and does not depend on where
+blocks end.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+from numba import njit
+
+from sinstool.core.streams import Imu
+from sinstool.methods.alignment.still import WindowStage
+
+# Interval histogram: relative bin width 1/1000 from 100 ns to 10^6 s.
+_LOW, _HIGH, _STEP = np.log(100.0), np.log(1e15), 1e-3
+_BINS = int((_HIGH - _LOW) / _STEP) + 1
+# Norm-of-specific-force histogram: 1 mm/s^2 bins up to 100 m/s^2.
+_FORCE_BINS, _FORCE_STEP = 100_000, 1e-3
+MAX_GAPS_KEPT = 1000
+
+
+@dataclass
+class Tally:
+    """Everything the pass accumulates."""
+
+    count: int = 0
+    first_ns: int = 0
+    last_ns: int = 0
+    histogram: np.ndarray = field(default_factory=lambda: np.zeros(_BINS, np.int64))
+    sums: np.ndarray = field(default_factory=lambda: np.zeros(_BINS, np.int64))
+    shortest: int = np.iinfo(np.int64).max
+    longest: int = 0
+    long_start: np.ndarray = field(default_factory=lambda: np.zeros(0, np.int64))
+    long_step: np.ndarray = field(default_factory=lambda: np.zeros(0, np.int64))
+    force: np.ndarray = field(default_factory=lambda: np.zeros(_FORCE_BINS, np.int64))
+    offset_low: int = np.iinfo(np.int64).max
+    offset_high: int = np.iinfo(np.int64).min
+    extremes: np.ndarray = field(default_factory=lambda: np.tile([0.0, 0.0, 0.0, np.nan], (6, 1)))
+    held: int = 0
+    windows: WindowStage = field(default_factory=WindowStage)
+    orientation: np.ndarray | None = None
+    orientation_ns: int = 0
+    orientation_varies: bool = False
+    last_log: int = np.iinfo(np.int64).min
+    log_descents: int = 0
+
+    def wants_orientation(self) -> bool:
+        """Whether more can tell anything: the first is not known, or not whether it varies."""
+        return self.orientation is None or not self.orientation_varies
+
+    def add(self, block: Imu) -> None:
+        """Take a block of ordered samples into the self."""
+        times = block.time_ns
+        if self.count == 0:
+            self.first_ns = int(times[0])
+        else:
+            self._add_intervals(np.concatenate(([self.last_ns], times[:1])))
+        self._add_intervals(times)
+        self.count += len(times)
+        self.last_ns = int(times[-1])
+        offset = block.log_time_ns - times
+        self.offset_low = min(self.offset_low, int(offset.min()))
+        self.offset_high = max(self.offset_high, int(offset.max()))
+        log_times = np.concatenate(([self.last_log], block.log_time_ns))
+        self.log_descents += int(np.count_nonzero(log_times[1:] < log_times[:-1]))
+        self.last_log = int(log_times[-1])
+        norm = np.sqrt(np.einsum("ij,ij->i", block.accel, block.accel))
+        place = np.minimum(norm / _FORCE_STEP, _FORCE_BINS - 1).astype(np.int64)
+        self.force += np.bincount(place, minlength=_FORCE_BINS)
+        self.held += _extremes(block.gyro, block.accel, self.extremes)
+        self.windows.push(times, block.gyro, block.accel)
+        self._add_orientation(block)
+
+    def _add_intervals(self, times: np.ndarray) -> None:
+        steps = np.diff(times)
+        if not len(steps):
+            return
+        place = ((np.log(steps) - _LOW) / _STEP).astype(np.int64)
+        np.clip(place, 0, _BINS - 1, out=place)
+        self.histogram += np.bincount(place, minlength=_BINS)
+        # Whole nanoseconds in float64 add exactly up to 2^53, so the order of blocks cannot show.
+        self.sums += np.bincount(place, weights=steps, minlength=_BINS).astype(np.int64)
+        self.shortest = min(self.shortest, int(steps.min()))
+        self.longest = max(self.longest, int(steps.max()))
+        start, step = times[:-1], steps
+        if len(self.long_step) == MAX_GAPS_KEPT:
+            # of equal intervals the first stays, so only longer ones can take a place
+            longer = steps > self.long_step.min()
+            start, step = start[longer], step[longer]
+            if not len(step):
+                return
+        start = np.concatenate((self.long_start, start))
+        step = np.concatenate((self.long_step, step))
+        if len(step) > MAX_GAPS_KEPT:
+            keep = np.sort(np.argsort(-step, kind="stable")[:MAX_GAPS_KEPT])
+            start, step = start[keep], step[keep]
+        self.long_start, self.long_step = start, step
+
+    def _add_orientation(self, block: Imu) -> None:
+        q = block.orientation
+        if q is None or not self.wants_orientation():
+            return
+        rows = np.flatnonzero(np.isfinite(q[:, 0]))
+        if not len(rows):
+            return
+        if self.orientation is None:
+            self.orientation = q[rows[0]].copy()
+            self.orientation_ns = int(block.time_ns[rows[0]])
+        self.orientation_varies = bool((q[rows] != self.orientation).any())
+
+    def quantile(self, share: float) -> float:
+        """Interval below which a share of all intervals lies: the mean of its histogram bin."""
+        total = int(self.histogram.sum())
+        if not total:
+            return 0.0
+        k = int(np.searchsorted(np.cumsum(self.histogram), share * total))
+        k = min(k, _BINS - 1)
+        return float(self.sums[k]) / max(int(self.histogram[k]), 1)
+
+    def nominal_interval(self) -> tuple[float, float]:
+        """Nominal and median interval, ns.
+
+        Where arrival jitters over decades the median says little; the mean of the shorter 99 %
+        is then the larger of the two and the one that gaps are judged by.
+        """
+        median = self.quantile(0.5)
+        total = int(self.histogram.sum())
+        if not total:
+            return 0.0, 0.0
+        upto = int(np.searchsorted(np.cumsum(self.histogram), 0.99 * total)) + 1
+        shorter = float(self.sums[:upto].sum()) / max(int(self.histogram[:upto].sum()), 1)
+        return max(median, shorter), median
+
+    def above(self, limit: float) -> tuple[int, int]:
+        """How many intervals exceed a limit, and their sum, ns.
+
+        Exact among the thousand longest; beyond those, to the histogram's bin.
+        """
+        if (
+            not len(self.long_step)
+            or self.long_step.min() <= limit
+            or len(self.long_step) < MAX_GAPS_KEPT
+        ):
+            longer = self.long_step[self.long_step > limit]
+            return len(longer), int(longer.sum())
+        k = int((np.log(max(limit, 1.0)) - _LOW) / _STEP) + 1
+        return int(self.histogram[k:].sum()), int(self.sums[k:].sum())
+
+    def force_median(self) -> float:
+        """Median norm of the specific force, m/s^2."""
+        total = int(self.force.sum())
+        if not total:
+            return 0.0
+        return (int(np.searchsorted(np.cumsum(self.force), 0.5 * total)) + 0.5) * _FORCE_STEP
+
+
+@njit(cache=True, nogil=True)
+def _extremes(gyro, accel, state):  # type: ignore[no-untyped-def]
+    """Largest magnitude per axis and the longest run at it; counts repeats of all six values.
+
+    A repeated sample is no measurement and makes no run longer.
+
+    Columns of ``state``: largest magnitude, longest run at it, present run, last value.
+    """
+    held = 0
+    for i in range(gyro.shape[0]):
+        same = True
+        for a in range(6):
+            value = gyro[i, a] if a < 3 else accel[i, a - 3]
+            if value != state[a, 3]:
+                same = False
+        if same:
+            held += 1
+            continue
+        for a in range(6):
+            value = gyro[i, a] if a < 3 else accel[i, a - 3]
+            size = abs(value)
+            if size > state[a, 0]:
+                state[a, 0] = size
+                state[a, 1] = 1.0
+                state[a, 2] = 1.0
+            elif size == state[a, 0]:
+                state[a, 2] += 1.0
+                state[a, 1] = max(state[a, 1], state[a, 2])
+            else:
+                state[a, 2] = 0.0
+            state[a, 3] = value
+    return held

@@ -1,0 +1,154 @@
+"""Is a gyro in deg/s? Is an accelerometer in g? What the data itself says."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from sinstool.methods.alignment.still import WINDOW_NS, Windows
+
+DEGREE = np.pi / 180.0
+STANDARD_GRAVITY = 9.80665
+# Two readings of the gyro are told apart where they predict tilts that differ by this much.
+TELLING_RAD = 0.1
+TELLING_WINDOWS = 10
+TELLING_SHARE = 0.6
+# Directions within some six degrees of their mean; sizes that vary by more than a road makes them.
+HELD = 0.99
+VARIES = 0.05
+# Gravity turns 57 times what rates in rad/s, taken for deg/s, say: this lies half-way in ratio.
+RADIANS_SCALE = 7.5
+# No IMU measures 100 rad/s (5 700 deg/s); many reach 100 deg/s.
+MAX_RATE_RAD_S = 100.0
+
+
+@dataclass(frozen=True)
+class UnitEvidence:
+    """What the turning of gravity in the body says about the unit of the rates.
+
+    Attributes
+    ----------
+    scale : float
+        How far gravity turned for each unit of what the rates say in deg/s, by least squares:
+        1 for deg/s, up to 57.3 for rad/s, 0 where nothing tilts or thrust hides it.
+    sigma : float
+        Its standard deviation; infinite where nothing is known.
+    windows : int
+        Telling pairs of windows: the two readings predict clearly different directions.
+    share : float
+        Of those, the ones that deg/s explains better.
+    """
+
+    scale: float = 0.0
+    sigma: float = np.inf
+    windows: int = 0
+    share: float = 0.0
+
+
+def unit_evidence(windows: Windows) -> UnitEvidence:
+    """Compare how gravity turns in the body with what the gyro says, in rad/s and in deg/s.
+
+    In windows half a second apart the direction of the mean specific force turns by what the
+    gyro measured, as far as the vehicle does not accelerate.
+
+    Parameters
+    ----------
+    windows : Windows
+        With rates read as rad/s.
+
+    Returns
+    -------
+    UnitEvidence
+    """
+    size = np.linalg.norm(windows.accel, axis=1)
+    known = size > 0
+    usable = (np.diff(windows.start_ns) == WINDOW_NS) & known[:-1] & known[1:]
+    if not usable.any():
+        return UnitEvidence()
+    direction = windows.accel / np.where(size > 0, size, 1.0)[:, None]
+    turn = 0.5 * (windows.gyro[:-1] + windows.gyro[1:])[usable] * (WINDOW_NS / 1e9)
+    before, after = direction[:-1][usable], direction[1:][usable]
+    as_radians = _turned(before, turn)
+    as_degrees = _turned(before, turn * DEGREE)
+
+    said, done = as_degrees - before, after - before
+    power = float(np.sum(said**2))
+    scale, sigma = 0.0, np.inf
+    if power > 0.0:
+        scale = float(np.sum(said * done)) / power
+        # a direction moves in two dimensions
+        sigma = float(np.sqrt(np.sum((done - scale * said) ** 2) / (2 * len(said)) / power))
+
+    telling = np.linalg.norm(as_radians - as_degrees, axis=1) > TELLING_RAD
+    better = np.linalg.norm(after - as_degrees, axis=1) < np.linalg.norm(after - as_radians, axis=1)
+    if _held_by_lift(before[telling], size[:-1][usable]):
+        return UnitEvidence()
+    count = int(np.count_nonzero(telling))
+    share = float(np.mean(better[telling])) if count else 0.0
+    return UnitEvidence(scale, sigma, count, share)
+
+
+def _held_by_lift(direction: np.ndarray, size: np.ndarray) -> bool:
+    """Whether the specific force stays on one axis of the body while its size changes.
+
+    So it is in an aircraft that turns in coordination, and under a rotor: what turns is the lift,
+    and gravity tells nothing of the rates. On a road the size stays too, in a hand neither does.
+
+    Parameters
+    ----------
+    direction : ndarray, shape (m, 3)
+        Of the specific force in telling windows.
+    size : ndarray, shape (n,)
+        Of all windows, m/s^2.
+    """
+    if not len(direction):
+        return False
+    held = float(np.linalg.norm(direction.mean(axis=0))) > HELD
+    return held and float(np.std(size)) > VARIES * float(np.median(size))
+
+
+def turns_like_degrees(evidence: UnitEvidence) -> bool:
+    """Whether gravity turns in the body as rates in deg/s say.
+
+    The scale alone would be fooled by a spin that is faster than the windows resolve; the share
+    alone by a multirotor, whose specific force stays on its own z axis however it tilts.
+
+    Parameters
+    ----------
+    evidence : UnitEvidence
+    """
+    e = evidence
+    return (
+        e.windows >= TELLING_WINDOWS
+        and e.share >= TELLING_SHARE
+        and e.scale > 2.0 * e.sigma
+        and e.scale + 3.0 * e.sigma < RADIANS_SCALE
+    )
+
+
+def gyro_looks_like_degrees(evidence: UnitEvidence, gyro_max: np.ndarray) -> bool:
+    """Whether rates read as rad/s must be deg/s.
+
+    Parameters
+    ----------
+    evidence : UnitEvidence
+    gyro_max : ndarray, shape (3,)
+        Largest magnitudes.
+    """
+    surely_radians = evidence.scale - 3.0 * evidence.sigma > RADIANS_SCALE
+    too_fast = bool(gyro_max.max() > MAX_RATE_RAD_S)
+    return turns_like_degrees(evidence) or (too_fast and not surely_radians)
+
+
+def _turned(direction: np.ndarray, turn: np.ndarray) -> np.ndarray:
+    """A direction fixed in space, seen from a body that has turned: Rodrigues by -turn."""
+    angle = np.linalg.norm(turn, axis=1, keepdims=True)
+    axis = turn / np.where(angle > 0, angle, 1.0)
+    along = np.einsum("ij,ij->i", axis, direction)[:, None] * axis
+    return along + (direction - along) * np.cos(angle) - np.cross(axis, direction) * np.sin(angle)
+
+
+def accel_looks_like_g(specific_force_median: float) -> bool:
+    """Whether a specific force read as m/s^2 must be in g: its usual size is about one."""
+    return 0.8 < specific_force_median < 1.25
