@@ -37,7 +37,8 @@ os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
 import numpy as np
 
-from sinstool.campaign.jobs import Job, Workers, results
+from sinstool.campaign.jobs import Job, Workers
+from sinstool.campaign.run import results
 from sinstool.core import rotation
 from sinstool.methods.alignment import inflight
 from sinstool.methods.alignment.accumulation import accumulate

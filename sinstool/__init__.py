@@ -45,4 +45,6 @@ Samples
     attitude at t[k] is that of the end of the interval.
 """
 
-__version__ = "0.1.0"
+from sinstool.core.version import VERSION as __version__
+
+__all__ = ["__version__"]

@@ -10,8 +10,7 @@ from imulogs import even_times, imu_log, resting
 
 from sinstool.config import InputOptions
 from sinstool.core.streams import Imu
-from sinstool.pipelines.info.run import Shown, inspect
-from sinstool.report.figures.inspection import (
+from sinstool.pipelines.info.collect import (
     BINS,
     FIRST_BIN_NS,
     INCREMENTS,
@@ -19,8 +18,9 @@ from sinstool.report.figures.inspection import (
     Sampling,
     Traffic,
     Values,
-    figures,
 )
+from sinstool.pipelines.info.run import Shown, inspect
+from sinstool.report.figures.inspection import figures
 
 START = 1_700_000_000_000_000_000
 

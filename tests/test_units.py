@@ -11,13 +11,13 @@ from imulogs import REAL, G, even_times, handheld, resting
 from readers.logs import real
 from scipy.spatial.transform import Rotation
 
+from sinstool.core.units import DEGREE
 from sinstool.io.readers import open_log
 from sinstool.io.readers.streams import ImuUnits
 from sinstool.io.readers.topics import choose_imu
 from sinstool.methods.alignment.still import WindowStage
 from sinstool.survey.imu import survey
 from sinstool.survey.unit_evidence import (
-    DEGREE,
     UnitEvidence,
     accel_looks_like_g,
     gyro_looks_like_degrees,

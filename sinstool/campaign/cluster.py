@@ -11,7 +11,6 @@ from collections.abc import Callable, Generator, Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
-import sinstool
 from sinstool.campaign.jobs import (
     Event,
     Outcome,
@@ -24,6 +23,7 @@ from sinstool.campaign.jobs import (
 from sinstool.campaign.visible import not_seen, sights, tokens, what_differs
 from sinstool.core.errors import ConfigurationError, SinstoolError
 from sinstool.core.threads import keep_to_one_core
+from sinstool.core.version import VERSION
 
 # Waiting for the scheduler, for a first worker, and for cancelled jobs to let go of their files, s.
 CONNECT = 10.0
@@ -34,7 +34,7 @@ START = "dask worker --nworkers 2 --nthreads 1 {address}"
 
 
 def run_on_cluster(tasks: Sequence[Task], workers: Workers) -> Generator[Event]:
-    """Do tasks on a Dask cluster, as :func:`sinstool.campaign.jobs.run_jobs` says.
+    """Do tasks on a Dask cluster, as :func:`sinstool.campaign.run.run_jobs` says.
 
     Raises
     ------
@@ -101,13 +101,13 @@ def _client(address: str) -> Iterator[Any]:
 def _require_version(client: Any, address: str) -> None:
     # A function within a function travels with its code, so that a worker with another sinstool,
     # or none, can be asked too.
-    def version() -> str:
+    def theirs() -> str:
         import importlib
 
-        return str(importlib.import_module("sinstool").__version__)
+        return str(importlib.import_module("sinstool.core.version").VERSION)
 
-    ours = sinstool.__version__
-    for worker, said in sorted(client.run(version, on_error="return").items()):
+    ours = VERSION
+    for worker, said in sorted(client.run(theirs, on_error="return").items()):
         if said != ours:
             what = f"has sinstool {said}" if isinstance(said, str) else f"has no sinstool ({said})"
             raise ConfigurationError(

@@ -69,7 +69,7 @@ class _Worker:
 
 
 def run_local(tasks: Sequence[Task], workers: Workers) -> Generator[Event]:
-    """Do tasks in processes of this machine, as :func:`sinstool.campaign.jobs.run_jobs` says."""
+    """Do tasks in processes of this machine, as :func:`sinstool.campaign.run.run_jobs` says."""
     context = _context(workers)
     queue = _Queue(tasks)
     crew: list[_Worker] = []

@@ -8,10 +8,11 @@ from typing import Any
 import click
 
 from sinstool.cli.choice import Choice
-from sinstool.cli.console import print_json, progress_bar, table, warn
+from sinstool.cli.console import print_json, progress_bar, warn
 from sinstool.cli.many import EXIT_HELP, Asked, workers_options
 from sinstool.cli.options import config_options, effective_config, print_config
 from sinstool.cli.verbose import verbose_option
+from sinstool.report.text.table import table
 
 
 @click.command("align", epilog=EXIT_HELP)

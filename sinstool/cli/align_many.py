@@ -11,7 +11,6 @@ import click
 
 from sinstool.campaign.inputs import find_logs
 from sinstool.campaign.jobs import Job, Outcome
-from sinstool.cli.console import columns
 from sinstool.cli.many import (
     Asked,
     finish,
@@ -20,6 +19,7 @@ from sinstool.cli.many import (
     workers_of,
 )
 from sinstool.io.readers.log import path_size
+from sinstool.report.text.table import columns
 
 if TYPE_CHECKING:
     from sinstool.config import ProcessConfig

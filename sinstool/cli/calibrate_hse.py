@@ -8,11 +8,12 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from sinstool.cli.console import print_json, progress_bar, table, warn
+from sinstool.cli.console import print_json, progress_bar, warn
 from sinstool.cli.many import Asked, workers_of, workers_options
 from sinstool.cli.options import Words, config_options, effective_config, print_config
 from sinstool.cli.verbose import verbose_option
 from sinstool.core.errors import ConfigurationError
+from sinstool.report.text.table import table
 
 if TYPE_CHECKING:
     from sinstool.config import ProcessConfig

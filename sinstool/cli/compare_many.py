@@ -12,8 +12,7 @@ import click
 
 from sinstool.campaign.inputs import find_logs, output_paths
 from sinstool.campaign.jobs import Job, Outcome
-from sinstool.cli.compare_coning import compare_one, told
-from sinstool.cli.console import columns
+from sinstool.cli.compare_one import compare_one, told
 from sinstool.cli.many import (
     Asked,
     absolute,
@@ -27,6 +26,7 @@ from sinstool.core.whole_file import check_new_folder, make_folder
 from sinstool.io.readers.log import path_size
 from sinstool.pipelines.provenance import files
 from sinstool.report.text.coning import drift, shown, write_table
+from sinstool.report.text.table import columns
 
 if TYPE_CHECKING:
     from sinstool.config import ProcessConfig

@@ -10,13 +10,14 @@ from typing import Any
 import click
 import numpy as np
 
-from sinstool.cli.console import columns, print_json
+from sinstool.cli.console import print_json
 from sinstool.core.errors import ConfigurationError
 from sinstool.core.whole_file import WholeFile, check_new_folder, make_folder, together
 from sinstool.pipelines.compare_coning.paper import Reproduction, reproduce
 from sinstool.pipelines.compare_coning.paper_claims import low_level
 from sinstool.pipelines.compare_coning.paper_experiment import RESPONSES, noise_rate_deg
 from sinstool.pipelines.compare_coning.paper_sweep import Sweep
+from sinstool.report.text.table import columns
 from sinstool.simulation.coning_paper import (
     FREQUENCY_HZ,
     PHASES,

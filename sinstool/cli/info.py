@@ -8,9 +8,10 @@ from typing import Any
 
 import click
 
-from sinstool.cli.console import print_json, progress_bar, table
+from sinstool.cli.console import print_json, progress_bar
 from sinstool.cli.options import config_options, effective_config
 from sinstool.cli.verbose import verbose_option
+from sinstool.report.text.table import table
 
 
 @click.command("info")

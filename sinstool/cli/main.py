@@ -19,9 +19,9 @@ from typing import TYPE_CHECKING, Any, TextIO, cast
 
 import click
 
-from sinstool import __version__
 from sinstool.cli.choice import Group
 from sinstool.core.errors import AGAIN, SinstoolError
+from sinstool.core.version import VERSION
 
 if TYPE_CHECKING:
     from click.shell_completion import CompletionItem
@@ -83,7 +83,7 @@ class LazyGroup(Group):
 
 
 @click.group(cls=LazyGroup, context_settings={"help_option_names": ["-h", "--help"]})
-@click.version_option(__version__, prog_name="sinstool")
+@click.version_option(VERSION, prog_name="sinstool")
 def cli() -> None:
     """Recorded IMU logs in, corrected attitude out.
 

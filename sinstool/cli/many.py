@@ -187,7 +187,7 @@ def work_through(
     click.exceptions.Exit
         With 130 when interrupted, after saying what is done.
     """
-    from sinstool.campaign.jobs import run_jobs
+    from sinstool.campaign.run import run_jobs
 
     ended: dict[int, dict[str, Any]] = {}
     told = 0

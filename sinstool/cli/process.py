@@ -7,11 +7,12 @@ from typing import Any
 
 import click
 
-from sinstool.cli.console import print_json, progress_bar, table, warn
+from sinstool.cli.console import print_json, progress_bar, warn
 from sinstool.cli.many import EXIT_HELP, Asked, workers_options
 from sinstool.cli.options import config_options, effective_config, print_config
 from sinstool.cli.verbose import verbose_option
 from sinstool.report.text.process import summary_rows
+from sinstool.report.text.table import table
 
 
 @click.command("process", epilog=EXIT_HELP)

@@ -10,7 +10,6 @@ import click
 
 from sinstool.campaign.inputs import find_logs, output_paths
 from sinstool.campaign.jobs import Job, Outcome
-from sinstool.cli.console import columns
 from sinstool.cli.many import (
     Asked,
     absolute,
@@ -26,6 +25,7 @@ from sinstool.core.whole_file import make_folder
 from sinstool.io.readers.log import path_size
 from sinstool.pipelines.provenance import files
 from sinstool.report.text.process import compass
+from sinstool.report.text.table import columns
 
 
 def process_many(given: Sequence[Path], folder: Path, config: ProcessConfig, asked: Asked) -> int:

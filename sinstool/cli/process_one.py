@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 from sinstool.config import ProcessConfig
 
 if TYPE_CHECKING:
-    from sinstool.pipelines.process.common import Progress
+    from sinstool.core.progress import Progress
     from sinstool.report.recorder import Recorder
 
 

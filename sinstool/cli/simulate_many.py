@@ -7,7 +7,7 @@ from typing import Any
 
 import click
 
-from sinstool.cli.console import columns, print_json
+from sinstool.cli.console import print_json
 from sinstool.cli.many import (
     Asked,
     finish,
@@ -17,6 +17,7 @@ from sinstool.cli.many import (
     workers_options,
 )
 from sinstool.core.errors import ConfigurationError
+from sinstool.report.text.table import columns
 
 # Digits of the seed in a name, so that names are in the order of seeds
 DIGITS = 4

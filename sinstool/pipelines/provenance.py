@@ -14,8 +14,8 @@ from threading import Event
 import mcap.reader
 from mcap.exceptions import McapError
 
-import sinstool
 from sinstool.config import ProcessConfig, dump_toml
+from sinstool.core import version
 from sinstool.core.errors import OutputError
 from sinstool.io.readers.log import path_size
 
@@ -37,7 +37,7 @@ def identity(config: ProcessConfig) -> dict[str, str]:
     output = config.output.model_copy(update={"overwrite": False, "report": None})
     kept = config.model_copy(update={"output": output})
     unused = () if config.hse.hse is not None else ("calibration",)
-    told = {"version": sinstool.__version__, "config": dump_toml(kept, *unused)}
+    told = {"version": version.VERSION, "config": dump_toml(kept, *unused)}
     for name, path in files(config).items():
         told[f"{name}_sha256"] = sha256(path)
     return told

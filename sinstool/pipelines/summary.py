@@ -6,11 +6,11 @@ from typing import Any
 
 from sinstool.core.rotation import to_euler
 from sinstool.core.streams import Solution
+from sinstool.core.units import DEGREE
 from sinstool.methods.alignment.initial import Alignment
 from sinstool.methods.coning.algorithm import ConingAlgorithm, of_rates
 from sinstool.methods.strapdown.attitude_run import AttitudeRun
 from sinstool.survey.source import Source
-from sinstool.survey.unit_evidence import DEGREE
 
 
 def imu(source: Source) -> dict[str, Any]:

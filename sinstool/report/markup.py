@@ -10,7 +10,7 @@ from html import escape
 
 import numpy as np
 
-import sinstool
+from sinstool.core import version
 from sinstool.report.draw import POINTS_PER_CURVE, colour_of, dash_of, places, plotly_figure, unit
 from sinstool.report.figure import Figure, Series
 from sinstool.report.script import SCRIPT
@@ -68,7 +68,7 @@ def markup(page: Page, library: str) -> str:
         "<header>",
         f"<h1>{escape(page.title)}</h1>",
         f"<p>{escape(page.subtitle)}</p>" if page.subtitle else "",
-        f'<p class="made">sinstool {escape(sinstool.__version__)}</p>',
+        f'<p class="made">sinstool {escape(version.VERSION)}</p>',
         "</header>",
         "<main>",
         _warnings(page.warnings),
@@ -88,7 +88,7 @@ def markup(page: Page, library: str) -> str:
             f'<meta http-equiv="Content-Security-Policy" content="{_POLICY}">',
             '<meta name="viewport" content="width=device-width, initial-scale=1">',
             '<meta name="color-scheme" content="light dark">',
-            f'<meta name="generator" content="sinstool {escape(sinstool.__version__)}">',
+            f'<meta name="generator" content="sinstool {escape(version.VERSION)}">',
             f"<title>{escape(page.title)}</title>",
             f"<style>\n{style_sheet()}</style>",
             "</head>",
@@ -377,6 +377,6 @@ def _footer(figures: bool) -> str:
         " here; the tables hold their numbers.</p></noscript>"
     )
     return (
-        f"<footer>{hint if figures else ''}<p>Made by sinstool {escape(sinstool.__version__)}."
+        f"<footer>{hint if figures else ''}<p>Made by sinstool {escape(version.VERSION)}."
         " This file holds all that it shows and asks no host for anything.</p></footer>"
     )

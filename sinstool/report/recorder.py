@@ -6,7 +6,7 @@ knows besides, such as a filter's innovations, it adds as figures of its own.
 
 from __future__ import annotations
 
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -14,11 +14,14 @@ from sinstool.core.envelope import Envelope
 from sinstool.core.rotation import to_euler
 from sinstool.core.streams import Solution
 from sinstool.core.timeline import SECOND
+from sinstool.core.units import DEGREE
 from sinstool.pipelines.process.errors_against_truth import KINDS, Errors, Truth
 from sinstool.report.figure import Figure
 from sinstool.report.figures import process as draw
 from sinstool.report.figures.parts import AXES, track
-from sinstool.survey.unit_evidence import DEGREE
+
+if TYPE_CHECKING:
+    from sinstool.pipelines.process.ins_gnss.run import FilterRun
 
 # Events shown as lines in a figure; more would be a wall.
 MARKS = 12
@@ -33,16 +36,12 @@ class Recorder:
     ----------
     truth : Truth, optional
         What the run is held against.
-
-    Attributes
-    ----------
-    extra : list of Figure
-        Of a kind of run. Where it navigates they follow the track, errors and sigmas, and stand
-        before height, attitude and velocity; otherwise they follow attitude, errors and height.
     """
 
     def __init__(self, truth: Truth | None = None) -> None:
-        self.extra: list[Figure] = []
+        # Of a kind of run. Where it navigates they follow the track, errors and sigmas, and stand
+        # before height, attitude and velocity; otherwise they follow attitude, errors and height.
+        self._extra: list[Figure] = []
         self._errors = None if truth is None else Errors(truth)
         self._origin_ns = 0
         self._columns: list[str] = []
@@ -79,6 +78,12 @@ class Recorder:
         known = np.flatnonzero(np.isfinite(latitude) & np.isfinite(longitude))
         rows = known[:: max(1, -(-len(known) // FIXES))]
         self._fixes = np.stack([latitude[rows], longitude[rows]], axis=1)
+
+    def refer_filter(self, run: FilterRun) -> None:
+        """Innovations, their squares and biases of a filter that has come to its end."""
+        from sinstool.report.figures.filter import filter_figures
+
+        self._extra += filter_figures(run)
 
     @property
     def navigated(self) -> bool:
@@ -185,12 +190,12 @@ class Recorder:
                           " gravity, about 9.8 m/s²."),
         ]  # fmt: skip
         if "latitude" not in curves.of:
-            found = [*attitude, *errors, *held, *self.extra, *sizes]
+            found = [*attitude, *errors, *held, *self._extra, *sizes]
         else:
             velocity = curves.figure("velocity", "Velocity", "velocity, m/s", AXES, "Over ground.")
             shown = [figure.key.removeprefix("error-") for figure in errors]
             found = [self._track(), *errors, *draw.sigmas(curves, shown)]
-            found += [*self.extra, *held, *attitude, velocity, *sizes]
+            found += [*self._extra, *held, *attitude, velocity, *sizes]
         hse = summary.get("hse")
         if hse is not None:
             found.insert(0, draw.stretches(hse))

@@ -79,8 +79,8 @@ def paper_response(text: str) -> GyroResponse:
     Parameters
     ----------
     text : str
-        As :func:`~sinstool.methods.coning.gyro_response.gyro_response` takes it; also ``cheb:N`` and
-        ``butter:N``, which have the 0.2 dB and 200 Hz of the paper's figure 1.
+        As :func:`~sinstool.methods.coning.gyro_response.gyro_response` takes it; also ``cheb:N``
+        and ``butter:N``, which have the 0.2 dB and 200 Hz of the paper's figure 1.
 
     Returns
     -------

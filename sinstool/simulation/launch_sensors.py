@@ -9,9 +9,9 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from sinstool.core import rotation
+from sinstool.core.units import STANDARD_GRAVITY
 from sinstool.simulation.sensors import SensorGrade
 from sinstool.simulation.truth import ImuTruth
-from sinstool.survey.unit_evidence import STANDARD_GRAVITY
 
 _DEGREE = np.pi / 180.0
 

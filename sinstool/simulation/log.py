@@ -8,8 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
-import sinstool
-from sinstool.core import earth
+from sinstool.core import earth, version
 from sinstool.core.explain import explain
 from sinstool.core.rotation import conjugate, rotate
 from sinstool.core.whole_file import WholeFile
@@ -80,7 +79,7 @@ def write_simulated(
     named = told.pop("scenario", "a log")
     explain("scenario", ", ".join([named, *(f"{k} {v}" for k, v in told.items())]))
     with WholeFile(path) as whole:
-        writer = McapWriter(whole.stream, "ros2", f"sinstool/{sinstool.__version__}")
+        writer = McapWriter(whole.stream, "ros2", f"sinstool/{version.VERSION}")
         try:
             open_topics = [_Open(writer, topic) for topic in topics]
             longest = max(topics, key=lambda t: len(t.time_ns))
@@ -89,7 +88,7 @@ def write_simulated(
                 parts = [part for topic in open_topics if (part := topic.until(end)) is not None]
                 if parts:
                     writer.write(parts)
-            writer.add_metadata("sinstool", {"version": sinstool.__version__, **settings})
+            writer.add_metadata("sinstool", {"version": version.VERSION, **settings})
             writer.finish()
         finally:
             writer.abort()

@@ -7,9 +7,9 @@ import numpy as np
 from sinstool.config import ProcessConfig
 from sinstool.core.explain import explain
 from sinstool.core.timeline import SECOND
+from sinstool.core.units import DEGREE
 from sinstool.methods.height.network import Grade
 from sinstool.survey.source import Source
-from sinstool.survey.unit_evidence import DEGREE
 
 # Angular random walk up to which a gyro is of a grade, deg/sqrt(h). Laser and fibre gyros of
 # navigation grade have 0.001 to 0.005, tactical ones 0.02 to 0.1, MEMS 0.15 and more.

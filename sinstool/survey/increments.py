@@ -10,8 +10,8 @@ from sinstool.core.streams import Imu
 from sinstool.core.timeline import segments
 from sinstool.methods.strapdown.segment_samples import SampleSettings, SegmentSamples
 from sinstool.methods.strapdown.velocity import Increments, IncrementStage
-from sinstool.pipelines.process.common import nominal_interval
 from sinstool.survey.coning import choose_algorithm
+from sinstool.survey.interval import nominal_interval
 from sinstool.survey.source import Source, rate_blocks
 
 

@@ -12,11 +12,11 @@ import numpy as np
 
 from sinstool.config import InputOptions
 from sinstool.core.rotation import conjugate, rotate
+from sinstool.core.units import STANDARD_GRAVITY
 from sinstool.io.readers.frames import turn_body
 from sinstool.io.readers.streams import LARGEST
 from sinstool.survey.imu import Survey
 from sinstool.survey.unit_evidence import (
-    STANDARD_GRAVITY,
     accel_looks_like_g,
     gyro_looks_like_degrees,
     turns_like_degrees,

@@ -18,6 +18,7 @@ from sinstool.config import InputOptions
 from sinstool.core.errors import AlignmentError, DataError, SinstoolError, TopicError
 from sinstool.core.streams import Encoder, Imu, Stream
 from sinstool.core.timeline import whole
+from sinstool.core.units import DEGREE, STANDARD_GRAVITY
 from sinstool.io.readers.log import Log
 from sinstool.io.readers.message_types import JOINT_TYPE
 from sinstool.io.readers.streams import ImuUnits, Losses, joint_names, read_imu, read_joint
@@ -29,7 +30,6 @@ from sinstool.methods.hse.segments import Segment, Segmentation, SegmentRules, f
 from sinstool.methods.hse.turns import TurnStatistics, turn_statistics
 from sinstool.survey.imu import within
 from sinstool.survey.source import time_span
-from sinstool.survey.unit_evidence import DEGREE, STANDARD_GRAVITY
 
 S = TypeVar("S", bound=Stream)
 Progress = Callable[[int], None]

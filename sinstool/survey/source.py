@@ -12,6 +12,7 @@ from sinstool.core.errors import DataError, TopicError
 from sinstool.core.explain import explain
 from sinstool.core.streams import Imu
 from sinstool.core.timeline import Order, mean_rates, ordered
+from sinstool.core.units import DEGREE, STANDARD_GRAVITY
 from sinstool.io.readers.log import Log
 from sinstool.io.readers.message_types import FIX_TYPE, VELOCITY_TYPES
 from sinstool.io.readers.streams import ImuUnits, Losses, first_fix, read_imu, reblock
@@ -19,7 +20,6 @@ from sinstool.io.readers.topics import ImuTopic, choose_imu, choose_optional
 from sinstool.survey.aiding import Aiding, aiding_channels, moving_at, read_gnss
 from sinstool.survey.imu import BLOCK_ROWS, Kept, Survey, survey, within
 from sinstool.survey.oddities import oddities
-from sinstool.survey.unit_evidence import DEGREE, STANDARD_GRAVITY
 
 
 @dataclass(frozen=True)

@@ -6,10 +6,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from sinstool.core.units import DEGREE
 from sinstool.methods.alignment.still import WINDOW_NS, Windows
 
-DEGREE = np.pi / 180.0
-STANDARD_GRAVITY = 9.80665
 # Two readings of the gyro are told apart where they predict tilts that differ by this much.
 TELLING_RAD = 0.1
 TELLING_WINDOWS = 10

@@ -10,10 +10,11 @@ from pathlib import Path
 import pytest
 from imulogs import even_times, handheld, imu_log
 
-import sinstool
 from sinstool.campaign import cluster as cluster_module
-from sinstool.campaign.jobs import Job, Workers, results, run_jobs
+from sinstool.campaign.jobs import Job, Workers
+from sinstool.campaign.run import results, run_jobs
 from sinstool.campaign.visible import Token, not_seen, sight, tokens, what_differs
+from sinstool.core import version
 from sinstool.core.errors import ConfigurationError, SinstoolError
 from sinstool.core.temporary import sweep
 from tests.campaign import work
@@ -170,7 +171,7 @@ def test_a_worker_that_sees_other_files_is_refused(address, tmp_path):
 
 
 def test_another_version_is_refused(address, monkeypatch):
-    monkeypatch.setattr(sinstool, "__version__", "99.0")
+    monkeypatch.setattr(version, "VERSION", "99.0")
     with pytest.raises(ConfigurationError, match=r"has sinstool .*this is 99.0: pip install"):
         outcomes([job(work.square, 2)], address)
 

@@ -7,7 +7,8 @@ import time
 
 import pytest
 
-from sinstool.campaign.jobs import Job, Workers, results, run_jobs
+from sinstool.campaign.jobs import Job, Workers
+from sinstool.campaign.run import results, run_jobs
 from sinstool.core.errors import SinstoolError
 from tests.campaign import work
 

@@ -122,10 +122,10 @@ def test_another_output_is_refused_for_that_log_only(sinstool, logs, tmp_path, w
     elif what == "log":
         (folder / "a.mcap").write_bytes((logs / "b" / "run.mcap").read_bytes())
     else:
-        import sinstool as package
+        from sinstool.core import version
 
         with monkeypatch.context() as patched:
-            patched.setattr(package, "__version__", "0.0.1")
+            patched.setattr(version, "VERSION", "0.0.1")
             assert sinstool("process", folder / "a.mcap", "-o", changed, "--overwrite")[0] == 0
     kept = changed.read_bytes()
     status, told, err = sinstool(*arguments, "--json")

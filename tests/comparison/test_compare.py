@@ -5,8 +5,9 @@ import pytest
 
 from sinstool.methods.coning.registry import algorithm
 from sinstool.methods.coning.response import coning_drift, coning_samples
-from sinstool.pipelines.compare_coning.compare import DEFAULT_ALGORITHMS, Row, Settings, compare
+from sinstool.pipelines.compare_coning.compare import DEFAULT_ALGORITHMS, Settings, compare
 from sinstool.pipelines.compare_coning.divergence import DEG_H, DriftStatistics
+from sinstool.pipelines.compare_coning.row import Row
 from sinstool.pipelines.compare_coning.runs import Attitudes, Candidate, Segment
 from sinstool.pipelines.compare_coning.verdict import MARGIN, SAME_COST, verdict
 from sinstool.simulation.motions import random_manoeuvre

@@ -14,7 +14,8 @@ from sinstool.pipelines.compare_coning.compare import Settings
 from sinstool.pipelines.compare_coning.divergence import DEG_H
 from sinstool.pipelines.compare_coning.log import compare_log, gyro_segments, truth_at
 from sinstool.pipelines.compare_coning.runs import Segment
-from sinstool.pipelines.compare_coning.summary import as_object, figures
+from sinstool.pipelines.compare_coning.summary import as_object
+from sinstool.report.figures.coning import figures
 from sinstool.survey.source import prepare
 
 FEW = Settings(("uncompensated", "previous-1", "previous-3"), decimate=(1,))

@@ -43,7 +43,7 @@ def experiment():
 
 @pytest.fixture(scope="module")
 def found(experiment):
-    return Reproduction(experiment, judge(experiment), figures(experiment))
+    return Reproduction(experiment, judge(experiment))
 
 
 def case(key):
@@ -377,14 +377,14 @@ def test_verdicts_of_the_gyro(experiment):
 
 
 def test_figures(found):
-    keys = [figure.key for figure in found.figures]
+    keys = [figure.key for figure in figures(found.experiment)]
     expected = [f"paper-figure-{n}" for n in (1, 4, 6, 7, 8, 9)]
     assert keys == [*expected, "paper-table-1"]
-    for figure in found.figures:
+    for figure in figures(found.experiment):
         assert figure.xlabel
         assert "," in figure.ylabel  # the unit
         assert any(series.shown for series in figure.series)
-    by_key = dict(zip(keys, found.figures, strict=True))
+    by_key = dict(zip(keys, figures(found.experiment), strict=True))
     opt4 = by_key["paper-figure-4"].series[0]
     assert round(opt4.y[400], 3) == 0.557
     assert len(by_key["paper-figure-1"].series) == len(RESPONSES)
@@ -466,12 +466,14 @@ def test_command_refuses_before_it_runs(monkeypatch, tmp_path):
 
 
 def test_the_page_holds_every_claim_and_figure(found, tmp_path):
+    from sinstool.cli.compare_coning import command
     from sinstool.report.pages.compare_coning import write_reproduction
 
     path = tmp_path / "paper.html"
-    write_reproduction({"report": path, "overwrite": False}, found, {"phase": "consistent"})
+    given = {"report": path, "overwrite": False}
+    write_reproduction(command, given, found, {"phase": "consistent"})
     page = path.read_text()
     assert page.count("does not</td>") == len(DOES_NOT)
     assert page.count("reproduces</td>") == len(REPRODUCES)
-    for figure in found.figures:
+    for figure in figures(found.experiment):
         assert f'data-key="{figure.key}"' in page

@@ -12,8 +12,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from sinstool.core.units import STANDARD_GRAVITY
 from sinstool.methods.alignment.inflight_types import GateLimits, ImuIncrements
-from sinstool.survey.unit_evidence import STANDARD_GRAVITY
 
 FloatArray = NDArray[np.float64]
 BoolArray = NDArray[np.bool_]

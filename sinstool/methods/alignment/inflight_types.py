@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sinstool.core.errors import AlignmentError
-from sinstool.survey.unit_evidence import STANDARD_GRAVITY
+from sinstool.core.units import STANDARD_GRAVITY
 
 FloatArray = NDArray[np.float64]
 TimeArray = NDArray[np.int64]

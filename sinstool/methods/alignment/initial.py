@@ -8,9 +8,9 @@ import numpy as np
 
 from sinstool.core.errors import AlignmentError
 from sinstool.core.rotation import conjugate, from_euler, rotate
+from sinstool.core.units import STANDARD_GRAVITY
 from sinstool.methods.alignment.level import level
 from sinstool.methods.alignment.still import StillSpan, Windows
-from sinstool.survey.unit_evidence import STANDARD_GRAVITY
 
 ROUGH_S = 1.0
 

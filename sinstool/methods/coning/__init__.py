@@ -1,6 +1,7 @@
 """Gyro samples into rotation vectors: one file for each family of coning algorithms.
 
-Start at :mod:`~sinstool.methods.coning.registry` for the names, :mod:`~sinstool.methods.coning.stage` to run
-one over a log, :mod:`~sinstool.methods.coning.response` for what one does in coning. This package
-imports none of them itself, as most need the compiler.
+Start at :mod:`~sinstool.methods.coning.registry` for the names,
+:mod:`~sinstool.methods.coning.stage` to run one over a log,
+:mod:`~sinstool.methods.coning.response` for what one does in coning. This package imports none of
+them itself, as most need the compiler.
 """

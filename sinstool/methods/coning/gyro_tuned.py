@@ -199,7 +199,8 @@ def design(
         Between samples, s.
     gyro_kind : {"rate", "mean-rate", "increment"}, optional
         Point rates are meant to go through the usual interpolation
-        (:class:`~sinstool.methods.coning.increments.RateIntegrator`), whose response is compensated.
+        (:class:`~sinstool.methods.coning.increments.RateIntegrator`), whose response is
+        compensated.
 
     Returns
     -------

@@ -53,8 +53,8 @@ class ConingStage:
     Parameters
     ----------
     algorithm : ConingAlgorithm
-        See :func:`sinstool.methods.coning.registry.algorithm`; of several forms that for the kind of
-        sample is taken.
+        See :func:`sinstool.methods.coning.registry.algorithm`; of several forms that for the kind
+        of sample is taken.
     gyro_kind : {"rate", "mean-rate", "increment"}
         What the samples are; see the conventions in :mod:`sinstool`. Rates for an algorithm
         that takes increments are integrated by

@@ -7,9 +7,10 @@ error (HSE). One coefficient describes it, and it can be measured without any re
 
 The data's way through the room: :mod:`~sinstool.methods.hse.rig` is what is known of the rig,
 :mod:`~sinstool.methods.hse.encoder` gives the table's angle at the edges of the gyro intervals,
-:mod:`~sinstool.methods.hse.segments` finds where the table turns steadily, :mod:`~sinstool.methods.hse.turns`
-sums each whole turn, :mod:`~sinstool.methods.hse.whole_turn` makes heading, tilt and axial rate error
-of these sums. :mod:`~sinstool.methods.hse.exact` is the model of the error.
+:mod:`~sinstool.methods.hse.segments` finds where the table turns steadily,
+:mod:`~sinstool.methods.hse.turns` sums each whole turn, :mod:`~sinstool.methods.hse.whole_turn`
+makes heading, tilt and axial rate error of these sums. :mod:`~sinstool.methods.hse.exact` is the
+model of the error.
 
 Frames, beside those of :mod:`sinstool`
     ``b`` body: z along the table's axis, downward; turns with the table.

@@ -92,8 +92,8 @@ class RunRecord:
 class HseCalibration:
     """A calibration as it is kept.
 
-    The names and units are those of the text; see :class:`sinstool.methods.hse.fit_result.HseFit` for
-    their meaning. ``cov`` belongs to ``parameters``; both are empty where nothing is known of
+    The names and units are those of the text; see :class:`sinstool.methods.hse.fit_result.HseFit`
+    for their meaning. ``cov`` belongs to ``parameters``; both are empty where nothing is known of
     the scatter. ``created`` is a time by RFC 3339, ``tool`` the version that wrote it.
     """
 

@@ -1,9 +1,9 @@
 """Heading, tilt and axial rate error from sums over whole turns.
 
-Gravity gives the vertical in ``b0``, the mean rate less that of the table gives north; for a
-base at rest and white noise of the gyros nothing does better. What the calibration gets wrong
-along the axis stays along the axis in ``b0`` and leans into the East only by the tilt: that is
-the heading-sensitive error of :mod:`sinstool.methods.hse.exact`, which is wanted here. (Estimators that
+Gravity gives the vertical in ``b0``, the mean rate less that of the table gives north; for a base
+at rest and white noise of the gyros nothing does better. What the calibration gets wrong along the
+axis stays along the axis in ``b0`` and leans into the East only by the tilt: that is the
+heading-sensitive error of :mod:`sinstool.methods.hse.exact`, which is wanted here. (Estimators that
 let a base turn freely, or that carry a bias along z, spoil or remove it.)
 
 The same error is seen directly: gyros and encoder disagree about the rate along the axis by

@@ -109,8 +109,8 @@ def adapt(m: Memory, model: Model, rows: int) -> None:
 def note_changes(m: Memory, rows: int) -> None:
     """How innovations changed since the epoch before, over their sigma as given.
 
-    After :func:`~sinstool.methods.ins_gnss.update.project`, of every epoch, believed or not. Squared and
-    halved, changes are 1 in the mean where the noise is as given.
+    After :func:`~sinstool.methods.ins_gnss.update.project`, of every epoch, believed or not.
+    Squared and halved, changes are 1 in the mean where the noise is as given.
     """
     length = m.changes.shape[0]
     for k in range(rows):

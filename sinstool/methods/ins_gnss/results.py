@@ -148,8 +148,8 @@ class StoredEpochs:
         Sum of all updates of the estimate at the instant.
     estimate : ndarray, shape (m, n)
     nav : ndarray, shape (m, 10)
-        State of :mod:`sinstool.methods.strapdown.navigation` after feedback, in closed loop; without
-        feedback, uncorrected.
+        State of :mod:`sinstool.methods.strapdown.navigation` after feedback, in closed loop;
+        without feedback, uncorrected.
     sensors : ndarray, shape (m, 11)
         Estimates fed back so far: gyro bias, accelerometer scale and bias, A, baro bias.
     restart : ndarray of bool, shape (m,)

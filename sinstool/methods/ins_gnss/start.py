@@ -2,9 +2,9 @@
 
 Heading is what is hard. A sensor may be mounted anyhow, so that the course says nothing of it, and
 gyros of a cheap one do not feel the Earth. What is left is the change of velocity: as soon as the
-vehicle accelerates, `sinstool.methods.alignment.inflight` gives the attitude of that stretch, and the
-gyros carry it back to the first fix, where the filter begins. Rest, where there is any, gives the
-gyro bias first, without which that would not work over more than seconds.
+vehicle accelerates, `sinstool.methods.alignment.inflight` gives the attitude of that stretch, and
+the gyros carry it back to the first fix, where the filter begins. Rest, where there is any, gives
+the gyro bias first, without which that would not work over more than seconds.
 
 References
 ----------

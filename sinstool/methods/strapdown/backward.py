@@ -1,7 +1,7 @@
 """Navigation backwards in time: what came before a state that is known.
 
-One update of :func:`sinstool.methods.strapdown.navigation.step` is undone by finding the state that it
-takes to the one known. The step is the identity but for terms of first order in its duration, so
+One update of :func:`sinstool.methods.strapdown.navigation.step` is undone by finding the state that
+it takes to the one known. The step is the identity but for terms of first order in its duration, so
 that the fixed point converges by that factor at each round.
 """
 

@@ -1,7 +1,7 @@
 """Ordered Imu blocks in, attitude, velocity and position out: the heart of `process --mode ins`.
 
-As :mod:`sinstool.methods.strapdown.attitude_run`, with a mechanisation in the place of the attitude propagation and a
-vertical channel that a barometer or GNSS heights may damp.
+As :mod:`sinstool.methods.strapdown.attitude_run`, with a mechanisation in the place of the attitude
+propagation and a vertical channel that a barometer or GNSS heights may damp.
 """
 
 from __future__ import annotations
@@ -32,6 +32,7 @@ from sinstool.methods.height.layout import (
     ChannelSummary,
     Event,
 )
+from sinstool.methods.height.reference import HeightReference
 from sinstool.methods.height.vertical import MAX_GAP, MAX_HOLD, START_SPEED, START_TAU
 from sinstool.methods.strapdown.navigation import (
     HEIGHT,
@@ -51,7 +52,6 @@ from sinstool.methods.strapdown.segment_samples import (
     unbiased_segments,
 )
 from sinstool.methods.strapdown.velocity import Increments, IncrementStage
-from sinstool.pipelines.process.height import HeightReference
 
 # Beyond these nothing on or near the Earth goes: an undamped channel has run away.
 MAX_HEIGHT_M = 1e6

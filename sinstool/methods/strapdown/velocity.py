@@ -48,7 +48,8 @@ _DUAL = 1e-4
 
 
 class RotationVectors(Protocol):
-    """What a coning stage answers with; see :class:`sinstool.methods.coning.stage.RotationVectors`."""
+    """What a coning stage answers with; see
+    :class:`sinstool.methods.coning.stage.RotationVectors`."""
 
     @property
     def sample(self) -> IntArray:

@@ -13,6 +13,7 @@ from sinstool.core.earth import earth_rate_n
 from sinstool.core.errors import AlignmentError
 from sinstool.core.explain import explain
 from sinstool.core.timeline import SECOND
+from sinstool.core.units import DEGREE
 from sinstool.io.readers.frames import turn_body
 from sinstool.io.readers.log import Log
 from sinstool.methods.alignment import initial
@@ -21,7 +22,6 @@ from sinstool.methods.alignment.level import tilted
 from sinstool.methods.height.network import Grade
 from sinstool.survey.grade import sensor_grade
 from sinstool.survey.source import Source, has_gnss
-from sinstool.survey.unit_evidence import DEGREE
 
 # Alignment in motion and gyrocompassing are imported where they are used: most logs need neither,
 # and they take as long to import as an hour of attitude.

@@ -11,6 +11,7 @@ from sinstool.config import ProcessConfig
 from sinstool.core.errors import AlignmentError
 from sinstool.core.streams import Imu, concatenate
 from sinstool.core.timeline import SECOND
+from sinstool.core.units import DEGREE, STANDARD_GRAVITY
 from sinstool.methods.alignment.inflight import (
     AlignmentSettings,
     GateLimits,
@@ -24,7 +25,6 @@ from sinstool.methods.height.network import Grade
 from sinstool.methods.ins_gnss.noise import IMU_GRADES
 from sinstool.survey.aiding import Aiding
 from sinstool.survey.source import Source, rate_blocks
-from sinstool.survey.unit_evidence import DEGREE, STANDARD_GRAVITY
 
 # Without a gate, what is used begins when the vehicle does, and is this long at first.
 MOVING_M_S = 2.0

@@ -17,6 +17,7 @@ from sinstool.core.errors import AlignmentError, ConfigurationError
 from sinstool.core.explain import explain
 from sinstool.core.rotation import to_euler
 from sinstool.core.timeline import SECOND
+from sinstool.core.units import DEGREE
 from sinstool.core.whole_file import WholeFile, check_output
 from sinstool.io.readers import open_log
 from sinstool.io.readers.truth import at_times, read_truth
@@ -33,7 +34,6 @@ from sinstool.pipelines.align.first_attitude import align, compass, seconds_from
 from sinstool.pipelines.align.in_motion import Moving, align_moving
 from sinstool.survey.grade import sensor_grade
 from sinstool.survey.source import Source, prepare
-from sinstool.survey.unit_evidence import DEGREE
 
 Progress = Callable[[float], None]
 

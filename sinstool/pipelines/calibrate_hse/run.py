@@ -14,11 +14,14 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-import sinstool
-from sinstool.campaign.jobs import Job, Workers, results
+from sinstool.campaign.jobs import Job, Workers
+from sinstool.campaign.run import results
 from sinstool.config import CalibrationOptions, ProcessConfig
+from sinstool.core import version
 from sinstool.core.errors import AlignmentError, ConfigurationError, SinstoolError
 from sinstool.core.explain import explain
+from sinstool.core.progress import share
+from sinstool.core.units import DEGREE
 from sinstool.core.whole_file import WholeFile, check_output
 from sinstool.io.readers import open_log
 from sinstool.io.readers.log import path_size
@@ -34,9 +37,7 @@ from sinstool.methods.hse.segments import SegmentRules
 from sinstool.methods.hse.status import EXIT_INSUFFICIENT, Judgement, judge
 from sinstool.methods.hse.table import ValidationTable, validation_table
 from sinstool.methods.hse.whole_turn import run_from_turns
-from sinstool.pipelines.process.common import share
 from sinstool.survey.rig import RigTurns, find_turns, nothing_to_use, read_rig_log
-from sinstool.survey.unit_evidence import DEGREE
 
 Progress = Callable[[float], None]
 FloatArray = NDArray[np.float64]
@@ -188,7 +189,7 @@ def calibrate(
     explain("method", _method_why(options.method, result.method, len(runs)))
     judged = judge(result)
     created = datetime.now(UTC).isoformat(timespec="seconds")
-    tool = f"sinstool {sinstool.__version__}"
+    tool = f"sinstool {version.VERSION}"
     kept = from_fit(result, judged, created, tool, rig.sha256())
     table, spread = _headings(runs, result, kept, shown)
     if output is not None:

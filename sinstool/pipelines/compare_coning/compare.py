@@ -17,7 +17,6 @@ from itertools import combinations
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from sinstool.core.threads import executor
 from sinstool.methods.coning.increments import GyroKind
@@ -30,12 +29,12 @@ from sinstool.pipelines.compare_coning.alias import (
 )
 from sinstool.pipelines.compare_coning.divergence import (
     DEG_H,
-    DriftStatistics,
     Parting,
     part,
     statistics,
     widest_gap,
 )
+from sinstool.pipelines.compare_coning.row import Row
 from sinstool.pipelines.compare_coning.runs import (
     Attitudes,
     Candidate,
@@ -45,8 +44,6 @@ from sinstool.pipelines.compare_coning.runs import (
     run,
 )
 from sinstool.pipelines.compare_coning.verdict import Verdict, verdict
-
-FloatArray = NDArray[np.float64]
 
 DEFAULT_ALGORITHMS = (
     "uncompensated",
@@ -93,39 +90,6 @@ class Settings:
     window_s: float = 10.0
     tolerance: float = 0.01 / DEG_H
     options: dict[str, dict[str, Any]] = field(default_factory=dict)
-
-
-@dataclass(frozen=True)
-class Row:
-    """One candidate's result.
-
-    Attributes
-    ----------
-    candidate : Candidate
-    update_hz : float
-    drift : DriftStatistics or None
-        None where it has no instants in common with the reference.
-    end, slope : ndarray, shape (3,)
-        psi at the run's end (all segments added), rad, and its slope, rad/s.
-    largest : float
-        Largest norm of psi in any segment, rad.
-    ns_per_sample : float
-        Processor time for each sample it was fed.
-    resolved : bool
-        Its divergence is well above what the reference itself can be trusted to.
-    curves : tuple of Parting
-        Per segment, for figures.
-    """
-
-    candidate: Candidate
-    update_hz: float
-    drift: DriftStatistics | None
-    end: FloatArray
-    slope: FloatArray
-    largest: float
-    ns_per_sample: float
-    resolved: bool
-    curves: tuple[Parting, ...]
 
 
 @dataclass(frozen=True)

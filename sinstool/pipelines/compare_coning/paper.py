@@ -15,8 +15,6 @@ from sinstool.methods.coning.gyro_response import GyroResponse
 from sinstool.pipelines.compare_coning import paper_claims_figures, paper_claims_table
 from sinstool.pipelines.compare_coning.paper_claims import Claim, Judge
 from sinstool.pipelines.compare_coning.paper_experiment import Experiment, run_experiment
-from sinstool.report.figure import Figure
-from sinstool.report.figures.paper import figures
 from sinstool.simulation.coning_paper import DEFAULT_RESPONSE, Phase
 
 
@@ -29,13 +27,10 @@ class Reproduction:
     experiment : Experiment
     claims : tuple of Claim
         In the order of the paper.
-    figures : tuple of Figure
-        For a report.
     """
 
     experiment: Experiment
     claims: tuple[Claim, ...]
-    figures: tuple[Figure, ...]
 
 
 def reproduce(
@@ -57,7 +52,7 @@ def reproduce(
     Reproduction
     """
     experiment = run_experiment(phase, response, algorithms, progress=progress)
-    return Reproduction(experiment, judge(experiment), figures(experiment))
+    return Reproduction(experiment, judge(experiment))
 
 
 def judge(experiment: Experiment) -> tuple[Claim, ...]:

@@ -1,8 +1,8 @@
 """The published experiment run over frequencies of noise, for many settings and algorithms.
 
-Samples of one frequency are made once for each gyro and shared by all algorithms, which are
-the ones of :mod:`sinstool.methods.coning`, as ``sinstool process`` runs them. Their rotation vectors are
-propagated for several frequencies side by side.
+Samples of one frequency are made once for each gyro and shared by all algorithms, which are the
+ones of :mod:`sinstool.methods.coning`, as ``sinstool process`` runs them. Their rotation vectors
+are propagated for several frequencies side by side.
 """
 
 from __future__ import annotations

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 from sinstool.pipelines.compare_coning.divergence import DEG_H, DriftStatistics
 
 if TYPE_CHECKING:
-    from sinstool.pipelines.compare_coning.compare import Row
+    from sinstool.pipelines.compare_coning.row import Row
 
 # What the reference is good to is itself known to a factor of two at best.
 MARGIN = 2.0

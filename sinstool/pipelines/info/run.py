@@ -15,7 +15,7 @@ from sinstool.io.readers import open_log
 from sinstool.io.readers.frames import turn_body
 from sinstool.io.readers.log import Log
 from sinstool.io.readers.topics import OWN_PREFIXES, ImuTopic, choose_imu, imu_candidates
-from sinstool.report.figures.inspection import Sampling, Traffic, Values
+from sinstool.pipelines.info.collect import Sampling, Traffic, Values
 from sinstool.survey.imu import Survey, survey
 from sinstool.survey.oddities import gravity_axis, oddities
 from sinstool.survey.source import has_gnss, imu_units, time_span

@@ -5,21 +5,17 @@ from __future__ import annotations
 from typing import Any
 
 from sinstool.config import ProcessConfig
+from sinstool.core.progress import Progress, share
 from sinstool.io.readers.log import Log
 from sinstool.io.readers.streams import frame_id
 from sinstool.methods.alignment.initial import Alignment
 from sinstool.methods.strapdown.attitude_run import AttitudeRun, AttitudeSettings
 from sinstool.pipelines import summary
 from sinstool.pipelines.align.first_attitude import align, earth_rate, needs_gnss
-from sinstool.pipelines.process.common import (
-    Progress,
-    nominal_interval,
-    odometry_frames,
-    require_gravity,
-    share,
-)
+from sinstool.pipelines.process.common import odometry_frames, require_gravity
 from sinstool.pipelines.process.output import Result, choose_emits
 from sinstool.survey.coning import choose_algorithm
+from sinstool.survey.interval import nominal_interval
 from sinstool.survey.source import Source, imu_blocks, prepare
 
 

@@ -2,18 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-
 from sinstool.config import ProcessConfig
 from sinstool.core.errors import DataError
-from sinstool.core.timeline import SECOND
 from sinstool.io.writers.topics import Frames
 from sinstool.methods.alignment.initial import Alignment
 from sinstool.survey.oddities import oddities
 from sinstool.survey.source import Source
-
-Progress = Callable[[float], None]
-
 
 # m/s^2. No vehicle's median; beyond it a specific force is in mg or cm/s^2. (The survey counts
 # what is larger than 100 as 100.)
@@ -48,12 +42,6 @@ def require_gravity(source: Source, config: ProcessConfig) -> None:
         )
 
 
-def nominal_interval(source: Source, config: ProcessConfig) -> float:
-    """Interval of the Imu's samples, ns: as told, else the median of the log."""
-    rate = config.input.imu_rate
-    return (source.survey.interval_ns if rate is None else SECOND / rate) or SECOND
-
-
 def odometry_frames(
     source: Source, alignment: Alignment, config: ProcessConfig, body: str
 ) -> Frames:
@@ -65,12 +53,3 @@ def odometry_frames(
         body,
         config.input.body_axes,
     )
-
-
-def share(
-    progress: Progress | None, size: int, begin: float, part: float = 0.5
-) -> Callable[[int], None] | None:
-    """Progress of one pass over the log, in bytes of it."""
-    if progress is None:
-        return None
-    return lambda position: progress(begin + part * min(1.0, position / max(size, 1)))

@@ -12,11 +12,11 @@ from sinstool.core.errors import TopicError
 from sinstool.core.rotation import conjugate, log, multiply
 from sinstool.core.streams import Solution
 from sinstool.core.timeline import SECOND, whole
+from sinstool.core.units import DEGREE
 from sinstool.io.readers.log import Channel, Log
 from sinstool.io.readers.message_types import FIX_TYPE, VELOCITY_TYPES
 from sinstool.io.readers.streams import Losses, read_fixes, read_velocity
 from sinstool.io.readers.truth import at_times, read_truth
-from sinstool.survey.unit_evidence import DEGREE
 
 # Instants further apart tell nothing of what was between them.
 LONGEST_NS = 2 * SECOND
@@ -57,8 +57,8 @@ def read_references(log_: Log, names: tuple[str, ...], body_axes: str) -> Truth:
     ----------
     log_ : Log
     names : tuple of str
-        Topics of the log: with orientations (see :func:`sinstool.io.readers.truth.read_truth`), NavSatFix,
-        TwistStamped or TwistWithCovarianceStamped; or CSV files with orientations.
+        Topics of the log: with orientations (see :func:`sinstool.io.readers.truth.read_truth`),
+        NavSatFix, TwistStamped or TwistWithCovarianceStamped; or CSV files with orientations.
     body_axes : {'flu', 'frd'}
 
     Raises

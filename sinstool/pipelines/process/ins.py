@@ -10,26 +10,22 @@ import numpy as np
 from sinstool.config import ProcessConfig
 from sinstool.core.earth import radii_of_curvature
 from sinstool.core.errors import ConfigurationError
+from sinstool.core.progress import Progress, share
 from sinstool.core.streams import GnssEpochs, Solution
 from sinstool.core.timeline import SECOND
+from sinstool.core.units import DEGREE
 from sinstool.io.readers.log import Log
 from sinstool.io.readers.streams import frame_id
 from sinstool.methods.alignment.initial import Alignment
 from sinstool.methods.height import layout
 from sinstool.methods.height.network import gravity_gradient
+from sinstool.methods.height.reference import HeightReference
 from sinstool.methods.strapdown.free_inertial import InsRun, InsSettings, beginning_quickly
 from sinstool.methods.strapdown.navigation import initial_state
 from sinstool.pipelines import summary
 from sinstool.pipelines.align.first_attitude import align
-from sinstool.pipelines.process.common import (
-    Progress,
-    nominal_interval,
-    odometry_frames,
-    require_gravity,
-    share,
-)
+from sinstool.pipelines.process.common import odometry_frames, require_gravity
 from sinstool.pipelines.process.height import (
-    HeightReference,
     height_reference,
     height_summary,
     height_warnings,
@@ -39,8 +35,8 @@ from sinstool.pipelines.process.output import Result, choose_emits
 from sinstool.survey.aiding import Aiding, read_baro
 from sinstool.survey.coning import choose_algorithm
 from sinstool.survey.grade import sensor_grade
+from sinstool.survey.interval import nominal_interval
 from sinstool.survey.source import Source, imu_blocks, prepare
-from sinstool.survey.unit_evidence import DEGREE
 
 # A velocity this near the start is that of the start.
 VELOCITY_NS = 2 * SECOND

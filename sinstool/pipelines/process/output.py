@@ -9,8 +9,8 @@ from threading import Event
 from types import TracebackType
 from typing import Any
 
-import sinstool
 from sinstool.config import ProcessConfig
+from sinstool.core import version
 from sinstool.core.errors import ConfigurationError, OutputError
 from sinstool.core.streams import Diagnostics, Solution
 from sinstool.core.threads import executor
@@ -21,8 +21,8 @@ from sinstool.io.writers.copy import Copier
 from sinstool.io.writers.mcap import McapWriter
 from sinstool.io.writers.solution import SolutionWriter
 from sinstool.io.writers.topics import Frames, topic_of
+from sinstool.pipelines.process.sink import Sink
 from sinstool.pipelines.provenance import RECORD, identity, sha256
-from sinstool.report.recorder import Recorder
 
 # Made of the attitude, which every run has
 ALWAYS = ("imu", "attitude", "euler", "pose", "tf")
@@ -37,7 +37,7 @@ class Result:
         The input, whose messages are copied unless the configuration says otherwise.
     output : Path
     config : ProcessConfig
-    recorder : Recorder, optional
+    recorder : Sink, optional
         Gets every block of solutions too, for the page of figures.
 
     Attributes
@@ -54,7 +54,7 @@ class Result:
     """
 
     def __init__(
-        self, log: Log, output: Path, config: ProcessConfig, recorder: Recorder | None = None
+        self, log: Log, output: Path, config: ProcessConfig, recorder: Sink | None = None
     ) -> None:
         check_output(output, [log.path], config.output.overwrite)
         self.log = log
@@ -110,7 +110,7 @@ class Result:
         self._writer = McapWriter(
             whole.stream,
             "ros1" if encoding == "ros1" else "ros2",
-            f"sinstool/{sinstool.__version__}",
+            f"sinstool/{version.VERSION}",
             told.compression,
         )
         self._stack.callback(self._writer.abort)

@@ -12,15 +12,15 @@ from typing import TYPE_CHECKING, Any
 from sinstool.config import ProcessConfig
 from sinstool.core.errors import AlignmentError, TopicError
 from sinstool.core.explain import explain
+from sinstool.core.progress import Progress, share
 from sinstool.io.readers import open_log
 from sinstool.io.readers.log import Log
 from sinstool.pipelines.process.attitude import run_attitude
-from sinstool.pipelines.process.common import Progress, share
 from sinstool.pipelines.process.output import Result
 from sinstool.survey.source import has_gnss
 
 if TYPE_CHECKING:
-    from sinstool.report.recorder import Recorder
+    from sinstool.pipelines.process.sink import Sink
 
 
 def process(
@@ -28,7 +28,7 @@ def process(
     output: Path,
     config: ProcessConfig,
     progress: Progress | None = None,
-    recorder: Recorder | None = None,
+    recorder: Sink | None = None,
 ) -> dict[str, Any]:
     """Recorded IMU to corrected attitude.
 
@@ -41,7 +41,7 @@ def process(
     config : ProcessConfig
     progress : callable, optional
         Called with the fraction done.
-    recorder : Recorder, optional
+    recorder : Sink, optional
         Collects what the page of figures shows.
 
     Returns

@@ -18,6 +18,7 @@ from sinstool.config import ProcessConfig
 from sinstool.core.errors import AlignmentError, ConfigurationError
 from sinstool.core.rotation import to_euler
 from sinstool.core.streams import Solution
+from sinstool.core.units import DEGREE
 from sinstool.io.readers.log import Log
 from sinstool.io.readers.streams import frame_id
 from sinstool.io.writers.topics import Frames
@@ -40,7 +41,6 @@ from sinstool.pipelines.calibrate_hse.run import rig_of, segment_rules
 from sinstool.pipelines.process.output import Result, choose_emits
 from sinstool.pipelines.summary import something_lost
 from sinstool.survey.rig import RigLog, RigTurns, find_turns, nothing_to_use, read_rig_log
-from sinstool.survey.unit_evidence import DEGREE
 
 ARCSEC = DEGREE / 3600.0
 BLOCK = 65536

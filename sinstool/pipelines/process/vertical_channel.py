@@ -9,6 +9,7 @@ import numpy as np
 
 from sinstool.config import ProcessConfig
 from sinstool.core.streams import Solution
+from sinstool.core.units import DEGREE
 from sinstool.methods.height.layout import ACCEPTED
 from sinstool.methods.height.vertical import VerticalChannel, upward_specific_force
 from sinstool.pipelines.process.height import (
@@ -17,11 +18,10 @@ from sinstool.pipelines.process.height import (
     height_warnings,
     network,
 )
-from sinstool.report.recorder import Recorder
+from sinstool.pipelines.process.sink import Sink
 from sinstool.survey.aiding import read_baro
 from sinstool.survey.grade import sensor_grade
 from sinstool.survey.source import Source
-from sinstool.survey.unit_evidence import DEGREE
 
 # Gravity there is half-way between that of the equator and the poles.
 MIDDLE_LATITUDE = 45.0 * DEGREE
@@ -71,7 +71,7 @@ class Vertical:
         self._first_ns = 0
         self._last = (start, 0.0, 0.0)
 
-    def show(self, recorder: Recorder) -> None:
+    def show(self, recorder: Sink) -> None:
         """Give the page of figures the heights that this one is held to."""
         r = self._reference
         good = r.reason == ACCEPTED

@@ -7,12 +7,12 @@ import numpy as np
 from sinstool.config import ProcessConfig
 from sinstool.core.rotation import to_euler
 from sinstool.core.timeline import SECOND
+from sinstool.core.units import DEGREE
 from sinstool.methods.alignment.inflight import AlignmentSeries, InFlightAlignment
 from sinstool.methods.alignment.inflight_types import OK_SIGMA, REFUSE_SIGMA
 from sinstool.pipelines.align.log import LogAlignment
 from sinstool.report.figure import Figure, FloatArray, Series
 from sinstool.report.figures.parts import AXES, LOG_TIME
-from sinstool.survey.unit_evidence import DEGREE
 
 _DYNAMICS = {
     "force": "Norm of each half second's mean. Heading shows where its horizontal part changes.",

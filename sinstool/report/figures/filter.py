@@ -5,12 +5,12 @@ from __future__ import annotations
 import numpy as np
 
 from sinstool.core.timeline import SECOND
+from sinstool.core.units import DEGREE
 from sinstool.methods.ins_gnss.results import GnssDiagnostics
 from sinstool.pipelines.process.ins_gnss.run import FilterRun
 from sinstool.report.figure import Figure, Series
 from sinstool.report.figures.parts import AXES, BODY
 from sinstool.report.figures.process import BOUND, TIME, both_sides
-from sinstool.survey.unit_evidence import DEGREE
 
 # Epochs drawn; of more, every so many.
 MOST = 3000

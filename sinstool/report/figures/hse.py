@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from scipy import special
 
 from sinstool.core.earth import EARTH_RATE
+from sinstool.core.units import DEGREE
 from sinstool.methods.hse.axial import earth_rate_along_axis
 from sinstool.methods.hse.fit_result import HseFit
 from sinstool.methods.hse.positions import wrapped
@@ -18,7 +19,6 @@ from sinstool.methods.hse.table import Column
 from sinstool.pipelines.calibrate_hse.run import Calibration
 from sinstool.report.figure import Figure, Series, Style
 from sinstool.report.figures.hse_turns import east_rate_allan, heading_by_turn, rates_over_time
-from sinstool.survey.unit_evidence import DEGREE
 
 FloatArray = NDArray[np.float64]
 

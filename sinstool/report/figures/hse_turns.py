@@ -8,12 +8,12 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from sinstool.core.earth import EARTH_RATE
+from sinstool.core.units import DEGREE
 from sinstool.methods.hse.positions import rate_groups, wrapped
 from sinstool.methods.hse.run import HseRun
 from sinstool.methods.hse.segments import Segment
 from sinstool.report.figure import Figure, Series, Style
 from sinstool.survey.rig import RigTurns
-from sinstool.survey.unit_evidence import DEGREE
 
 FloatArray = NDArray[np.float64]
 

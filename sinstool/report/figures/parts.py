@@ -6,8 +6,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sinstool.core.earth import local_position_n
+from sinstool.core.units import DEGREE
 from sinstool.report.figure import Figure, Series
-from sinstool.survey.unit_evidence import DEGREE
 
 FloatArray = NDArray[np.float64]
 

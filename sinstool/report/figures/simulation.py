@@ -10,13 +10,13 @@ from numpy.typing import NDArray
 from sinstool.core.earth import radii_of_curvature
 from sinstool.core.rotation import to_euler
 from sinstool.core.timeline import SECOND
+from sinstool.core.units import DEGREE
 from sinstool.methods.height.pressure import geometric, pressure_altitude
 from sinstool.report.figure import Figure, Series, heading_curve
 from sinstool.report.figures.parts import AXES, BODY, track
 from sinstool.simulation.hse_rig import HseRigLog
 from sinstool.simulation.trajectory import Trajectory
 from sinstool.simulation.truth import ImuTruth
-from sinstool.survey.unit_evidence import DEGREE
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]

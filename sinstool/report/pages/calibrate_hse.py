@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from sinstool.config import ProcessConfig
+from sinstool.core.units import DEGREE
 from sinstool.methods.hse.table import Column as Headings
 from sinstool.pipelines.calibrate_hse.run import Calibration
 from sinstool.report.figures.hse import ARCSEC, figures
@@ -22,7 +23,6 @@ from sinstool.report.sections import (
     Table,
     Warnings,
 )
-from sinstool.survey.unit_evidence import DEGREE
 
 # What each status means for whoever wants to correct headings.
 VERDICTS = {

@@ -6,10 +6,12 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-from sinstool.cli.compare_coning import command
+import click
+
 from sinstool.config import ProcessConfig
 from sinstool.pipelines.compare_coning.paper import Reproduction
 from sinstool.report.figure import Figure
+from sinstool.report.figures.paper import figures
 from sinstool.report.page import write_report
 from sinstool.report.pages.settings import Read, config_settings, input_rows, option_settings
 from sinstool.report.sections import Column, Fact, Page, Prose, Section, Settings, Table, Warnings
@@ -17,6 +19,7 @@ from sinstool.report.text.coning import COLUMNS, LEGEND, PSEUDO, TERMINAL, Get, 
 
 
 def write_comparison(
+    command: click.Command,
     options: dict[str, Any],
     subtitle: str,
     figures: Sequence[Figure],
@@ -28,6 +31,8 @@ def write_comparison(
 
     Parameters
     ----------
+    command : click.Command
+        Whose options are shown.
     options : dict
         Of the command line.
     subtitle : str
@@ -56,12 +61,14 @@ def write_comparison(
 
 
 def write_reproduction(
-    options: dict[str, Any], found: Reproduction, settings: dict[str, Any]
+    command: click.Command, options: dict[str, Any], found: Reproduction, settings: dict[str, Any]
 ) -> None:
     """Write the page of the published experiment: its claims beside our numbers, and figures.
 
     Parameters
     ----------
+    command : click.Command
+        Whose options are shown.
     options : dict
         Of the command line: ``report`` and ``overwrite``.
     found : Reproduction
@@ -86,7 +93,7 @@ def write_reproduction(
     table = Table("The paper's claims", tuple(Column(n, "", ".3g") for n in columns), rows)
     sections: tuple[Section, ...] = (
         verdict,
-        *found.figures,
+        *figures(found.experiment),
         table,
         Settings(option_settings(command, options, settings)),
         input_rows(()),

@@ -11,8 +11,8 @@ import click
 from pydantic import BaseModel
 from pydantic.fields import FieldInfo
 
-import sinstool
 from sinstool.config import ProcessConfig
+from sinstool.core import version
 from sinstool.core.whole_file import held_back
 from sinstool.io.readers.log import path_size
 from sinstool.pipelines.provenance import sha256
@@ -139,4 +139,4 @@ def input_rows(read: Sequence[Read], title: str = "Input") -> Rows:
     Rows
     """
     pairs = [(one.path, f"{one.size} bytes, SHA-256 {one.sha256}") for one in read]
-    return Rows(title, (*pairs, ("made by", f"sinstool {sinstool.__version__}")))
+    return Rows(title, (*pairs, ("made by", f"sinstool {version.VERSION}")))

@@ -10,6 +10,7 @@ import click
 import numpy as np
 
 from sinstool.core.timeline import SECOND
+from sinstool.core.units import DEGREE
 from sinstool.report.figure import Figure
 from sinstool.report.figures.simulation import (
     baro_figures,
@@ -29,7 +30,6 @@ from sinstool.report.sections import (
     Table,
 )
 from sinstool.simulation.log import BARO_TOPIC, FIX_TOPIC, SimulatedTopic
-from sinstool.survey.unit_evidence import DEGREE
 
 if TYPE_CHECKING:
     from sinstool.simulation.hse_rig import HseRigLog

@@ -11,8 +11,8 @@ from typing import Any
 
 import click
 
-from sinstool.cli.console import aligned
 from sinstool.core.whole_file import WholeFile, make_folder
+from sinstool.report.text.table import aligned
 
 Get = Callable[[dict[str, Any]], Any]
 

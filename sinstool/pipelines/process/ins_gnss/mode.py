@@ -8,19 +8,18 @@ import numpy as np
 
 from sinstool.config import ProcessConfig
 from sinstool.core.errors import AlignmentError
+from sinstool.core.progress import Progress, share
 from sinstool.core.rotation import to_euler
+from sinstool.core.units import DEGREE
 from sinstool.io.readers.log import Log
 from sinstool.io.readers.streams import frame_id
 from sinstool.io.writers.topics import Frames
 from sinstool.methods.height.layout import ACCEPTED
 from sinstool.pipelines import summary
-from sinstool.pipelines.process.common import Progress, share
 from sinstool.pipelines.process.ins_gnss.run import DIAGNOSTIC_NAMES, FilterRun
 from sinstool.pipelines.process.ins_gnss.start import Prepared, prepare_filter
 from sinstool.pipelines.process.output import Result, choose_emits
-from sinstool.report.figures.filter import filter_figures
 from sinstool.survey.source import prepare
-from sinstool.survey.unit_evidence import DEGREE
 
 
 def run_ins_gnss(
@@ -74,7 +73,7 @@ def run_ins_gnss(
         for diagnostics in run.new_diagnostics():
             result.note(diagnostics)
     if recorder is not None:
-        recorder.extra += filter_figures(run)
+        recorder.refer_filter(run)
     told = result.finish(lambda: summary.incomplete(summary.lost(source)))
     if result.last is None:
         raise AlignmentError(

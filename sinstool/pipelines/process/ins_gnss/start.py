@@ -14,7 +14,9 @@ from sinstool.core.errors import AlignmentError, ConfigurationError, TopicError
 from sinstool.core.explain import explain
 from sinstool.core.streams import GnssEpochs
 from sinstool.core.timeline import SECOND
+from sinstool.core.units import DEGREE, STANDARD_GRAVITY
 from sinstool.methods.height.network import Grade
+from sinstool.methods.height.reference import HeightReference
 from sinstool.methods.ins_gnss.fix_velocity import with_velocities
 from sinstool.methods.ins_gnss.noise import (
     BARO_GRADES,
@@ -27,7 +29,7 @@ from sinstool.methods.ins_gnss.settings import DivergenceControl, Settings
 from sinstool.methods.ins_gnss.start import Beginning, find_start, start_at
 from sinstool.pipelines.align.first_attitude import align
 from sinstool.pipelines.align.in_motion import increments as coarse_increments
-from sinstool.pipelines.process.height import HeightReference, height_reference, network
+from sinstool.pipelines.process.height import height_reference, network
 from sinstool.pipelines.process.ins_gnss.receiver import believed, gnss_model
 from sinstool.pipelines.process.ins_gnss.timing import (
     Timing,
@@ -39,7 +41,6 @@ from sinstool.pipelines.process.ins_gnss.timing import (
 from sinstool.survey.aiding import Aiding, read_baro
 from sinstool.survey.grade import random_walk, sensor_grade
 from sinstool.survey.source import Source
-from sinstool.survey.unit_evidence import DEGREE, STANDARD_GRAVITY
 
 # An alignment in motion uses fixes that the filter is going to use again.
 TWICE_USED = 1.5

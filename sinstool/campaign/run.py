@@ -1,0 +1,82 @@
+"""Jobs carried out: here, in processes of this machine, or on a cluster."""
+
+from __future__ import annotations
+
+import contextlib
+from collections.abc import Generator, Sequence
+from typing import Any
+
+from sinstool.campaign.jobs import Event, Job, Outcome, Report, Task, Workers
+from sinstool.core.errors import SinstoolError
+from sinstool.core.explain import asked_for, say_again
+from sinstool.core.whole_file import appeared
+
+
+def run_jobs(jobs: Sequence[Job], workers: Workers) -> Generator[Event]:
+    """Do jobs, and tell how it goes; each ends with one event that has an outcome.
+
+    Parameters
+    ----------
+    jobs : sequence of Job
+    workers : Workers
+
+    Yields
+    ------
+    Event
+        In the order in which they happen. A generator that is closed, or interrupted, ends its
+        workers and removes what they left unfinished.
+
+    Raises
+    ------
+    ConfigurationError
+        The scheduler cannot be used, or a worker does not see the same files.
+    """
+    tasks = [Task(number, job, explain=asked_for()) for number, job in enumerate(jobs)]
+    if workers.scheduler is None:
+        from sinstool.campaign.local import run_local
+
+        events = run_local(tasks, workers)
+    else:
+        from sinstool.campaign.cluster import run_on_cluster
+
+        events = run_on_cluster(tasks, workers)
+    with contextlib.closing(events):
+        for event in events:
+            if event.outcome is not None:
+                # as if it had been done here
+                appeared.extend(event.outcome.written)
+                say_again(jobs[event.number].name, event.outcome.choices)
+            yield event
+
+
+def results(jobs: Sequence[Job], workers: Workers, progress: Report | None = None) -> list[Any]:
+    """What all jobs return, in their order.
+
+    Parameters
+    ----------
+    jobs : sequence of Job
+    workers : Workers
+    progress : callable, optional
+        Called with the fraction done of all.
+
+    Raises
+    ------
+    SinstoolError
+        Of the first job, by their order, that failed.
+    """
+    outcomes: dict[int, Outcome] = {}
+    done: dict[int, float] = {}
+    with contextlib.closing(run_jobs(jobs, workers)) as events:
+        for event in events:
+            if event.outcome is not None:
+                outcomes[event.number] = event.outcome
+            done[event.number] = 1.0 if event.outcome is not None else event.fraction or 0.0
+            if progress is not None:
+                progress(sum(done.values()) / len(jobs))
+    ordered = [outcomes[number] for number in range(len(jobs))]
+    for outcome in ordered:
+        if outcome.error:
+            error = SinstoolError(outcome.error)
+            error.exit_code = outcome.exit_code
+            raise error
+    return [outcome.value for outcome in ordered]

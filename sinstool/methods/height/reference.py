@@ -1,0 +1,44 @@
+"""Heights that a vertical channel is held to."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+
+from sinstool.methods.height.pressure import BaroReference
+
+
+@dataclass(frozen=True)
+class HeightReference:
+    """Heights that damp the vertical channel.
+
+    Attributes
+    ----------
+    kind : {'baro', 'gnss'}
+    topic : str
+    time_ns : ndarray of int64, shape (m,)
+        When measured, in the order of arrival.
+    arrival_ns : ndarray of int64, shape (m,)
+        When known, on the same clock.
+    height : ndarray, shape (m,)
+        Above the ellipsoid as far as the reference says, m.
+    reason : ndarray of int64, shape (m,)
+        Why a sample is not to be used; 0 where it is.
+    sigma : float
+        Median of what the sensor says of its own noise, m; 0 where it says nothing.
+    baro : BaroReference or None
+    absolute : bool
+        The heights are above the ellipsoid; otherwise they begin at the run's own.
+    """
+
+    kind: Literal["baro", "gnss"]
+    topic: str
+    time_ns: np.ndarray
+    arrival_ns: np.ndarray
+    height: np.ndarray
+    reason: np.ndarray
+    sigma: float
+    baro: BaroReference | None
+    absolute: bool

@@ -1,0 +1,212 @@
+"""Figures of a comparison of coning algorithms on a log."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import numpy as np
+
+from sinstool.methods.coning.response import coning_gains
+from sinstool.pipelines.compare_coning.compare import SELF_CHECK
+from sinstool.pipelines.compare_coning.divergence import DEG_H
+from sinstool.pipelines.compare_coning.log import LogComparison
+from sinstool.pipelines.compare_coning.row import Row
+from sinstool.pipelines.compare_coning.summary import AXES, HIGHEST_SHARE
+from sinstool.report.figure import Figure, Series
+
+
+def figures(found: LogComparison) -> tuple[Figure, ...]:
+    """The figures of a comparison on a log.
+
+    Parameters
+    ----------
+    found : LogComparison
+
+    Returns
+    -------
+    tuple of Figure
+        Six where the log is long enough for a spectrum and decimation was asked for.
+    """
+    return tuple(_figures(found))
+
+
+def _figures(found: LogComparison) -> Iterator[Figure]:
+    c = found.comparison
+    native = [r for r in c.rows if r.candidate.decimate == 1 and r.curves]
+    yield _parting(native, found)
+    yield _bars(native, bool(found.truth))
+    if found.spectrum is not None:
+        yield _coning(found)
+        yield _gains(native, found)
+    if c.spectrum is not None:
+        yield _density(found)
+    if len(c.settings.decimate) > 1:
+        yield _decimation(found)
+
+
+def _parting(rows: list[Row], found: LogComparison) -> Figure:
+    series = []
+    for row in rows:
+        curve = max(row.curves, key=lambda p: p.time_s[-1])
+        norm = np.degrees(np.maximum(curve.norm, 1e-16))
+        series.append(Series(row.candidate.label, norm, curve.time_s))
+    # Attitudes are equal where they start; from the smallest that lasts on, there is a curve
+    usual = [float(np.nanpercentile(one.y, 5.0)) for one in series]
+    most = max((float(np.nanmax(one.y)) for one in series), default=1.0)
+    shared = (
+        "The truth has no sensor errors, so that these are in every curve."
+        if found.truth
+        else "Sensor errors cancel, as all see the same."
+    )
+    return Figure(
+        "divergence",
+        f"Divergence from {found.truth or found.comparison.reference}",
+        series[0].x if series and series[0].x is not None else np.zeros(1),
+        tuple(series),
+        "time, s",
+        "angle between attitudes, deg",
+        log_y=True,
+        y_range=(min(*usual, 0.1 * most) / 2.0, 2.0 * most) if usual else None,
+        notes=(f"The longest stretch without gaps. {shared}",),
+    )
+
+
+def _bars(rows: list[Row], truth: bool) -> Figure:
+    names = tuple(r.candidate.label for r in rows)
+    drifts = [r.drift for r in rows if r.drift is not None]
+    series = tuple(
+        Series(f"{axis}", np.array([d.mean[k] for d in drifts]), names, "bars")
+        for k, axis in enumerate(AXES)
+    )
+    widest = max((float(np.nanmax(d.confidence)) for d in drifts if d.windows > 1), default=0.0)
+    return Figure(
+        "drift",
+        "Mean drift by axis",
+        names,
+        series,
+        "algorithm",
+        "drift, deg/h",
+        notes=(
+            f"Two standard deviations of the mean are at most {widest:.3g} deg/h.",
+            "Axes are those of the truth: north, east, down, unless its world is another."
+            if truth
+            else "Axes are front, right, down of the body where each stretch of the log begins.",
+        ),
+    )
+
+
+def _coning(found: LogComparison) -> Figure:
+    s = found.spectrum
+    assert s is not None
+    cumulative = s.cumulative() * DEG_H
+    return Figure(
+        "coning",
+        "Coning in the log up to each frequency",
+        s.frequency,
+        tuple(Series(f"about {axis}", cumulative[:, k]) for k, axis in enumerate(AXES)),
+        "frequency, Hz",
+        "rate of coning up to there, deg/h",
+        marks=_bands(found),
+        notes=("What an algorithm without compensation misses, and a perfect one answers to.",),
+    )
+
+
+def _gains(rows: list[Row], found: LogComparison) -> Figure:
+    s = found.spectrum
+    assert s is not None
+    f = np.geomspace(0.01, HIGHEST_SHARE, 200) / s.interval
+    series = []
+    for row in rows:
+        # With several samples an update the answer has no meaning at multiples of their rate.
+        highest = HIGHEST_SHARE / (s.interval * row.candidate.algorithm.samples)
+        at = f[f <= highest]
+        gain = coning_gains(row.candidate.algorithm, at, s.interval, found.comparison.kind)
+        series.append(Series(row.candidate.label, gain, at))
+    return Figure(
+        "gain",
+        "Fraction of the true coning that each algorithm answers to",
+        f,
+        tuple(series),
+        "frequency, Hz",
+        "fraction of the coning rate",
+        log_x=True,
+        marks=_bands(found),
+        notes=(
+            "1 is right. Where it falls below, coning is missed; what is answered to above the"
+            " motion's own frequencies is noise taken for coning.",
+        ),
+    )
+
+
+def _density(found: LogComparison) -> Figure:
+    s = found.comparison.spectrum
+    assert s is not None
+    keep = s.frequency > 0
+    unit = np.degrees(1.0) ** 2
+    series = [Series("the log as it is", np.maximum(s.density[keep] * unit, 1e-30))]
+    for e in found.comparison.exposures:
+        inside = e.frequency > 0
+        label = f"at {e.rate_hz:.4g} Hz, {e.thinning}, folded"
+        folded = np.maximum(e.folded[inside] * unit, 1e-30)
+        series.append(Series(label, folded, e.frequency[inside], "dashed"))
+    return Figure(
+        "density",
+        "Power of the angular rate, and what a slower log would fold",
+        s.frequency[keep],
+        tuple(series),
+        "frequency, Hz",
+        "density, (deg/s)²/Hz",
+        log_x=True,
+        log_y=True,
+        marks=_bands(found),
+        notes=("Content above half the log's own rate is folded into it and cannot be seen.",),
+    )
+
+
+def _decimation(found: LogComparison) -> Figure:
+    c = found.comparison
+    curves: dict[str, tuple[list[float], list[float]]] = {}
+    for row in c.rows:
+        if row.drift is None or row.drift.norm_rms <= 0.0:
+            continue
+        thinnings = [row.candidate.thinning]
+        if row.candidate.decimate == 1:
+            thinnings = ["sums", "points"] if c.kind == "rate" else ["sums"]
+        for thinning in thinnings:
+            x, y = curves.setdefault(f"{row.candidate.name}, {thinning}", ([], []))
+            x.append(row.candidate.decimate)
+            y.append(row.drift.norm_rms)
+    colours = {
+        name: k for k, name in enumerate(dict.fromkeys(n.rpartition(",")[0] for n in curves))
+    }
+    series = tuple(
+        Series(
+            name,
+            np.array(y),
+            np.array(x, dtype=np.float64),
+            style="line" if name.endswith("sums") else "dashed",
+            shown=name.endswith("sums"),
+            colour=colours[name.rpartition(",")[0]],
+        )
+        for name, (x, y) in curves.items()
+    )
+    return Figure(
+        "decimation",
+        "Drift if the log had been taken at a lower rate",
+        np.array(c.settings.decimate, dtype=np.float64),
+        series,
+        "one sample kept of so many",
+        "rms drift, deg/h",
+        log_x=True,
+        log_y=True,
+        notes=(
+            "On coning alone a scheme of order 2N climbs by 2N decades in a decade.",
+            f"Below {1 / SELF_CHECK:.0f} times the reference's own resolution the curves tell"
+            " of the reference.",
+        ),
+    )
+
+
+def _bands(found: LogComparison) -> tuple[tuple[str, float], ...]:
+    marks = (("passband", found.passband), ("stopband", found.stopband))
+    return tuple((name, at) for name, at in marks if at is not None)
