@@ -21,16 +21,16 @@ from collections.abc import Callable
 from multiprocessing.connection import Connection
 from pathlib import Path
 
-sys.path.insert(0, str(Path(__file__).parents[1] / "tests"))
+sys.path.insert(0, str(Path(__file__).parents[1]))
 
 from mcap.reader import make_reader
 from mcap.records import Message
 from mcap.stream_reader import StreamReader
-from readers.damaged import CASES
 from rosbags.highlevel import AnyReader
 
 from sinstool.core.errors import SinstoolError
 from sinstool.io.readers import open_log
+from tests.io.readers.damaged import CASES
 
 LIMIT_S = 20
 

@@ -15,13 +15,12 @@ import tempfile
 import time
 from pathlib import Path
 
-sys.path.insert(0, str(Path(__file__).parents[1] / "tests"))
-
-from readers.cuts import LOGS, expected
-from readers.logs import read_back
+sys.path.insert(0, str(Path(__file__).parents[1]))
 
 from sinstool.core.errors import SinstoolError
 from sinstool.io.readers import open_log
+from tests.helpers.logs import read_back
+from tests.io.readers.cuts import LOGS, expected
 
 
 def main() -> int:

@@ -19,11 +19,12 @@ import zstandard
 from mcap.opcode import Opcode
 
 ROOT = Path(__file__).resolve().parents[1]
-if str(ROOT / "tests") not in sys.path:
-    sys.path.append(str(ROOT / "tests"))
+if str(ROOT) not in sys.path:
+    sys.path.append(str(ROOT))
 
 from mcap.writer import IndexType  # noqa: E402
-from readers.logs import rows, write_bag1, write_bag2, write_db3, write_mcap  # noqa: E402
+
+from tests.helpers.logs import rows, write_bag1, write_bag2, write_db3, write_mcap  # noqa: E402
 
 MESSAGES = 20
 FORMATS = ("mcap", "bag", "db3")

@@ -23,10 +23,10 @@ from contextlib import ExitStack
 from pathlib import Path
 
 ROOT = Path(__file__).resolve().parents[1]
-if str(ROOT / "tests") not in sys.path:
-    sys.path.append(str(ROOT / "tests"))
+if str(ROOT) not in sys.path:
+    sys.path.append(str(ROOT))
 
-from campaign.clusters import cluster  # noqa: E402
+from tests.campaign.clusters import cluster  # noqa: E402
 
 PROGRAM = [sys.executable, "-c", "from sinstool.cli.main import main; main()"]
 WANTED = 1.8

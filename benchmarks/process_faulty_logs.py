@@ -29,14 +29,23 @@ from typing import Any
 import numpy as np
 
 ROOT = Path(__file__).resolve().parents[1]
-if str(ROOT / "tests") not in sys.path:
-    sys.path.append(str(ROOT / "tests"))
+if str(ROOT) not in sys.path:
+    sys.path.append(str(ROOT))
 
-from imulogs import IMU, Message, imu_messages, read_topic, serialised, stamp_ns, store  # noqa: E402
-from imulogs import write_bag as write_bag1  # noqa: E402
 from mcap.reader import make_reader  # noqa: E402
 from mcap.writer import CompressionType, Writer  # noqa: E402
-from readers.logs import Row, write_bag2  # noqa: E402
+
+from tests.helpers.imulogs import (  # noqa: E402
+    IMU,
+    Message,
+    imu_messages,
+    read_topic,
+    serialised,
+    stamp_ns,
+    store,
+)
+from tests.helpers.imulogs import write_bag as write_bag1  # noqa: E402
+from tests.helpers.logs import Row, write_bag2  # noqa: E402
 
 SCENARIO = (
     "drive", "--grade", "mems", "--still", "15", "--duration", "60", "--rate", "50",

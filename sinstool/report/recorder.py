@@ -41,7 +41,7 @@ class Recorder:
     def __init__(self, truth: Truth | None = None) -> None:
         # Of a kind of run. Where it navigates they follow the track, errors and sigmas, and stand
         # before height, attitude and velocity; otherwise they follow attitude, errors and height.
-        self._extra: list[Figure] = []
+        self.extra: list[Figure] = []
         self._errors = None if truth is None else Errors(truth)
         self._origin_ns = 0
         self._columns: list[str] = []
@@ -83,7 +83,7 @@ class Recorder:
         """Innovations, their squares and biases of a filter that has come to its end."""
         from sinstool.report.figures.filter import filter_figures
 
-        self._extra += filter_figures(run)
+        self.extra += filter_figures(run)
 
     @property
     def navigated(self) -> bool:
@@ -190,12 +190,12 @@ class Recorder:
                           " gravity, about 9.8 m/s²."),
         ]  # fmt: skip
         if "latitude" not in curves.of:
-            found = [*attitude, *errors, *held, *self._extra, *sizes]
+            found = [*attitude, *errors, *held, *self.extra, *sizes]
         else:
             velocity = curves.figure("velocity", "Velocity", "velocity, m/s", AXES, "Over ground.")
             shown = [figure.key.removeprefix("error-") for figure in errors]
             found = [self._track(), *errors, *draw.sigmas(curves, shown)]
-            found += [*self._extra, *held, *attitude, velocity, *sizes]
+            found += [*self.extra, *held, *attitude, velocity, *sizes]
         hse = summary.get("hse")
         if hse is not None:
             found.insert(0, draw.stretches(hse))

@@ -10,17 +10,25 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from imulogs import IMU, even_times, handheld, imu_messages, serialised, stamp_ns, store
 from mcap.opcode import Opcode
 from mcap.reader import NonSeekingReader, make_reader
 from mcap.records import Channel, Chunk, ChunkIndex, Message, MessageIndex
 from mcap.stream_reader import StreamReader, breakup_chunk
 from mcap.writer import IndexType
-from readers.logs import PRESSURE, Row, mcap_records, real, write_bag1, write_bag2, write_mcap
 from rosbags.highlevel import AnyReader
 
 from sinstool.config import ProcessConfig
 from sinstool.pipelines.process.run import process
+from tests.helpers.imulogs import (
+    IMU,
+    even_times,
+    handheld,
+    imu_messages,
+    serialised,
+    stamp_ns,
+    store,
+)
+from tests.helpers.logs import PRESSURE, Row, mcap_records, real, write_bag1, write_bag2, write_mcap
 
 OURS = {"/sinstool/imu": IMU, "/sinstool/attitude": "geometry_msgs/msg/QuaternionStamped"}
 COUNT = 600

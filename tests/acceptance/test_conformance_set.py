@@ -5,7 +5,7 @@ import shutil
 import subprocess
 from pathlib import Path
 
-from readers.conformance import built, variants
+from tests.io.readers.conformance import built, variants
 
 
 def test_the_set_is_byte_for_byte_what_mcap_core_writes(npm_packages, tmp_path):

@@ -4,13 +4,13 @@ from collections import Counter
 
 import numpy as np
 import pytest
-from imulogs import even_times, handheld, imu_messages, serialised
 from mcap.reader import make_reader
 from mcap.stream_reader import StreamReader
-from readers.logs import Row, mcap_records, patched, write_mcap
 
 from sinstool.config import ProcessConfig
 from sinstool.pipelines.process.run import process
+from tests.helpers.imulogs import even_times, handheld, imu_messages, serialised
+from tests.helpers.logs import Row, mcap_records, patched, write_mcap
 
 COUNT = 600
 CHUNK = 0x06

@@ -8,16 +8,14 @@ import re
 import subprocess
 import sys
 from decimal import Decimal
-from pathlib import Path
 
 import numpy as np
 import pytest
 
 from sinstool.methods.coning.registry import FAMILIES, algorithm
+from tests.helpers.paths import BENCHMARKS, ROOT
 
-PROJECT = Path(__file__).parents[2]
-BENCHMARKS = PROJECT / "benchmarks"
-DOCS = PROJECT / "docs"
+DOCS = ROOT / "docs"
 
 
 @pytest.fixture(scope="module")
@@ -253,7 +251,7 @@ def test_look_ahead(tables):
 def test_commands_print_their_tables():
     def printed(*command):
         done = subprocess.run(
-            [sys.executable, *command], capture_output=True, text=True, cwd=PROJECT, check=True
+            [sys.executable, *command], capture_output=True, text=True, cwd=ROOT, check=True
         )
         return done.stdout
 

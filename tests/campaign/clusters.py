@@ -7,9 +7,9 @@ import subprocess
 import sys
 import time
 from contextlib import contextmanager
-from pathlib import Path
 
-ROOT = Path(__file__).parents[2]
+from tests.helpers.paths import ROOT
+
 # `dask` of the guide, whatever PATH is
 DASK = [sys.executable, "-m", "dask"]
 

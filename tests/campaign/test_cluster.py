@@ -8,7 +8,6 @@ import time
 from pathlib import Path
 
 import pytest
-from imulogs import even_times, handheld, imu_log
 
 from sinstool.campaign import cluster as cluster_module
 from sinstool.campaign.jobs import Job, Workers
@@ -20,7 +19,8 @@ from sinstool.core.temporary import sweep
 from tests.campaign import work
 from tests.campaign.clusters import cluster, free_port
 from tests.campaign.test_local import gone, job, left
-from tests.test_temporary import held, kill
+from tests.core.test_temporary import held, kill
+from tests.helpers.imulogs import even_times, handheld, imu_log
 
 
 @pytest.fixture(scope="module")

@@ -4,10 +4,10 @@ import os
 from pathlib import Path, PurePath
 
 import pytest
-from readers.logs import content, write_bag1, write_db3, write_mcap
 
 from sinstool.campaign.inputs import are_many, expand, find_logs, is_bag, output_paths
 from sinstool.core.errors import ConfigurationError, NotALogError, OutputError, SinstoolError
+from tests.helpers.logs import content, write_bag1, write_db3, write_mcap
 
 ROWS = content(20)
 

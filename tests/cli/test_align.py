@@ -6,8 +6,9 @@ from functools import partial
 
 import numpy as np
 import pytest
-from launch_logs import TACTICAL, launched
-from readers.logs import real
+
+from tests.helpers.launch_logs import TACTICAL, launched
+from tests.helpers.logs import real
 
 KIND = ("--gyro-kind", "increment")
 

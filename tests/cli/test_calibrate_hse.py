@@ -10,12 +10,23 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from hse_rigs import ARCSEC, SHORT, W, arcsec, calibrate, edited, one_line, simulate, sinstool
-from imulogs import even_times, imu_log, read_topic, resting
 
 from sinstool.methods.hse.calibration_file import HseCalibration
 from sinstool.methods.hse.rig import Rig
 from sinstool.methods.hse.status import STATUSES
+from tests.helpers.hse_rigs import (
+    ARCSEC,
+    SHORT,
+    W,
+    arcsec,
+    calibrate,
+    edited,
+    one_line,
+    simulate,
+    sinstool,
+)
+from tests.helpers.imulogs import even_times, imu_log, read_topic, resting
+from tests.helpers.paths import ROOT
 
 LATITUDE = np.degrees(0.49)
 
@@ -505,7 +516,6 @@ def test_main_figure_alone(noisy, tmp_path):
 # -- documents and samples -------------------------------------------------------------------
 
 
-ROOT = Path(__file__).parents[2]
 DOCUMENT = ROOT / "docs" / "heading-sensitive-error.md"
 
 

@@ -11,7 +11,12 @@ from pathlib import Path
 import click
 import numpy as np
 import pytest
-from imulogs import (
+
+from sinstool.cli.main import COMMANDS, cli
+from sinstool.config import ProcessConfig, build
+from sinstool.methods.coning.registry import names
+from sinstool.report.text.process import compass
+from tests.helpers.imulogs import (
     REAL,
     even_times,
     handheld,
@@ -21,12 +26,7 @@ from imulogs import (
     resting,
     write_log,
 )
-from readers.logs import PRESSURE, Row, payload_of, real, write_mcap
-
-from sinstool.cli.main import COMMANDS, cli
-from sinstool.config import ProcessConfig, build
-from sinstool.methods.coning.registry import names
-from sinstool.report.text.process import compass
+from tests.helpers.logs import PRESSURE, Row, payload_of, real, write_mcap
 
 PROGRAM = [sys.executable, "-c", "from sinstool.cli.main import main; main()"]
 

@@ -5,15 +5,14 @@ from __future__ import annotations
 import re
 import subprocess
 import sys
-from pathlib import Path
 
 import pytest
 
 import sinstool
 from sinstool.cli.conventions import sections
 from sinstool.core.suggest import nearest
+from tests.helpers.paths import ROOT
 
-ROOT = Path(__file__).parents[2]
 SAMPLES = ROOT / "sample_data"
 PROGRAM = [sys.executable, "-c", "from sinstool.cli.main import main; main()"]
 

@@ -6,20 +6,20 @@ import re
 import threading
 from functools import partial
 from html.parser import HTMLParser
-from pathlib import Path
 
 import numpy as np
 import pytest
-from imulogs import even_times, handheld, imu_log, resting
-from readers.logs import real
 
 from sinstool.methods.coning.registry import algorithm
 from sinstool.methods.coning.response import coning_drift
 from sinstool.pipelines.compare_coning import runs
 from sinstool.pipelines.compare_coning.compare import DEFAULT_ALGORITHMS
 from sinstool.pipelines.compare_coning.divergence import DEG_H
+from tests.helpers.imulogs import even_times, handheld, imu_log, resting
+from tests.helpers.logs import real
+from tests.helpers.paths import ROOT
 
-SAMPLE = Path(__file__).parents[2] / "sample_data" / "coning.mcap"
+SAMPLE = ROOT / "sample_data" / "coning.mcap"
 # 1 deg, 5 Hz, mean rates at 100 Hz, moving from 3 s on
 CONING = (SAMPLE, "--gyro-kind", "mean-rate", "--start", "3", "--truth", "/truth/imu")
 

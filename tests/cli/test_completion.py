@@ -11,8 +11,9 @@ import pytest
 from click.testing import CliRunner
 
 from sinstool.cli.main import COMMANDS, cli
+from tests.helpers.paths import ROOT
 
-SAMPLE = Path(__file__).parents[2] / "sample_data" / "coning.mcap"
+SAMPLE = ROOT / "sample_data" / "coning.mcap"
 SHELLS = ("bash", "zsh", "fish")
 
 

@@ -13,12 +13,13 @@ from pathlib import Path
 
 import psutil  # which comes with distributed
 import pytest
-from imulogs import even_times, handheld, imu_log
 
 from sinstool.pipelines.provenance import read_record
+from tests.helpers.imulogs import even_times, handheld, imu_log
+from tests.helpers.paths import ROOT
 
 PROGRAM = [sys.executable, "-c", "from sinstool.cli.main import main; main()"]
-HSE = Path(__file__).parents[2] / "sample_data" / "hse"
+HSE = ROOT / "sample_data" / "hse"
 
 
 @pytest.fixture(scope="module")

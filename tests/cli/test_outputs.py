@@ -16,9 +16,9 @@ from pathlib import Path
 import pytest
 
 from sinstool.core import whole_file as whole
+from tests.helpers.paths import ROOT
 
-PROJECT = Path(__file__).parents[2]
-SAMPLES = PROJECT / "sample_data"
+SAMPLES = ROOT / "sample_data"
 PROGRAM = [sys.executable, "-c", "from sinstool.cli.main import main; main()"]
 # Root writes anywhere, unless it gives that right away.
 RIGHTS = "-dac_override,-dac_read_search"
@@ -369,7 +369,7 @@ def test_a_log_is_not_overwritten_by_its_report(tmp_path):
 @pytest.fixture(scope="module")
 def killed_runs():
     with pytest.MonkeyPatch.context() as patch:
-        patch.syspath_prepend(PROJECT / "benchmarks")
+        patch.syspath_prepend(ROOT / "benchmarks")
         import killed_runs
 
         yield killed_runs

@@ -5,14 +5,14 @@ import json
 import numpy as np
 import pytest
 from click.testing import CliRunner
-from imulogs import angles_between, in_log_axes, read_topic, stamp_ns
-from modes.flights import flight_log, read
-from readers.logs import real
 from scipy.spatial.transform import Rotation
 
 from sinstool.cli.main import cli
 from sinstool.core import earth
 from sinstool.core.rotation import to_euler
+from tests.helpers.imulogs import angles_between, in_log_axes, read_topic, stamp_ns
+from tests.helpers.logs import real
+from tests.pipelines.process.flights import flight_log, read
 
 
 def process(*arguments):

@@ -4,12 +4,12 @@ import json
 
 import pytest
 from click.testing import CliRunner
-from readers.logs import real
 
 from sinstool.cli.main import cli
 from sinstool.core.errors import ConfigurationError, TopicError
 from sinstool.io.readers import open_log
-from tests.filter_logs import simulated
+from tests.helpers.filter_logs import simulated
+from tests.helpers.logs import real
 
 
 def process(log, out, *options):

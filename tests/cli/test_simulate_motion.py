@@ -5,9 +5,9 @@ import json
 import numpy as np
 import pytest
 from click.testing import CliRunner
-from modes.flights import read
 
 from sinstool.cli.main import cli
+from tests.pipelines.process.flights import read
 
 SCENARIOS = {
     "spiral-climb": (["--duration", "60", "--rate", "64"], 3841, 61, 3001),

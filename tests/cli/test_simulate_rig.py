@@ -4,12 +4,12 @@ import tomllib
 
 import numpy as np
 import pytest
-from hse_rigs import ARCSEC, simulate, sinstool
-from imulogs import read_attitude, read_topic
 from scipy.spatial.transform import Rotation
 
 from sinstool.cli.simulate_rig import lean
 from sinstool.methods.hse.rig import from_table
+from tests.helpers.hse_rigs import ARCSEC, simulate, sinstool
+from tests.helpers.imulogs import read_attitude, read_topic
 
 SHORT = {"rates": "60,-30", "plateau": 6, "rate": 20, "encoder_rate": 10}
 

@@ -6,9 +6,9 @@ import re
 
 import click
 import pytest
-from hse_rigs import SHORT, edited, sinstool
 
 from sinstool.cli.main import cli
+from tests.helpers.hse_rigs import SHORT, edited, sinstool
 from tests.report.browser import DARK, WIDTHS, needs_browser, opened
 
 TRUTH = ("--truth", "/truth/imu,/truth/fix")

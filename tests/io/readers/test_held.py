@@ -1,0 +1,84 @@
+"""What a pass holds of small topics is what another pass over the log would give."""
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from sinstool.io.readers import held as held_module
+from sinstool.io.readers import open_log
+from tests.helpers.logs import content, read_back, write_bag1, write_db3, write_mcap
+
+TWICE = {"channels": {"/imu": 2, "/baro": 2}}
+LOGS = {
+    "zstd": lambda p: write_mcap(p / "a.mcap", content(), **TWICE),
+    "none": lambda p: write_mcap(p / "a.mcap", content(), compression="none", **TWICE),
+    "db3": lambda p: write_db3(p / "a.db3", content()),
+    "bag": lambda p: write_bag1(p / "a.bag", content(300, 1), connections=2),
+}
+
+
+@pytest.fixture(scope="module", params=LOGS)
+def path(request, tmp_path_factory):
+    return LOGS[request.param](tmp_path_factory.mktemp("held"))
+
+
+def alone(path, channels):
+    """What a log gives that was never told to hold anything."""
+    with open_log(path) as log:
+        return read_back(log, channels)
+
+
+def passes(log):
+    """The passes over a log from now on."""
+    walk, seen = log._read, []
+
+    def counted(wanted):
+        seen.append(wanted)
+        return walk(wanted)
+
+    log._read = counted
+    return seen
+
+
+def test_one_pass_serves_all_who_want_small_topics(path):
+    with open_log(path) as log:
+        first, *others = sorted(log.channels)
+        seen = passes(log)
+        log.hold(others)
+        assert read_back(log, [first]) == alone(path, [first])
+        for wanted in (others, others[-1:], []):
+            assert read_back(log, wanted) == alone(path, wanted)
+        assert len(seen) == 1
+        assert read_back(log) == alone(path, None)  # for all topics there has to be another
+        assert len(seen) == 2
+
+
+@given(st.data())
+def test_any_channels_in_any_order(path, data):
+    with open_log(path) as log:
+        some = st.lists(st.sampled_from(sorted(log.channels)), unique=True)
+        log.hold(data.draw(some))
+        for wanted in data.draw(st.lists(st.none() | some, max_size=4)):
+            assert read_back(log, wanted) == alone(path, wanted)
+
+
+def test_a_pass_that_is_broken_off_holds_nothing(path):
+    with open_log(path) as log:
+        first, *others = sorted(log.channels)
+        log.hold(others)
+        begun = log.batches([first])
+        next(begun)
+        assert read_back(log, others) == alone(path, others)  # meanwhile, and holds nothing
+        begun.close()
+        assert read_back(log, others) == alone(path, others)
+
+
+def test_what_is_too_large_is_read_again(path, monkeypatch):
+    monkeypatch.setattr(held_module, "MAX_HELD", 1000)
+    with open_log(path) as log:
+        first, *others = sorted(log.channels)
+        log.hold(others)
+        seen = passes(log)
+        for wanted in ([first], others, others):
+            assert read_back(log, wanted) == alone(path, wanted)
+        assert len(seen) == 3

@@ -1,0 +1,213 @@
+import numpy as np
+import pytest
+from rosbags.typesys import Stores, get_types_from_msg, get_typestore
+
+from sinstool.core.errors import TopicError, UnsupportedLogError
+from sinstool.io.readers import open_log
+from sinstool.io.readers.message_types import FIX_TYPE
+from sinstool.io.readers.streams import ImuUnits, Losses, read_imu
+from sinstool.io.readers.topics import choose_imu, choose_optional, imu_candidates
+from tests.helpers.imulogs import (
+    IMU,
+    G,
+    Message,
+    even_times,
+    header,
+    imu_messages,
+    resting,
+    store,
+    write_bag,
+    write_log,
+)
+
+TIMES = even_times(50)
+NESTED = "vendor_msgs/msg/Packet"
+
+
+def imu(topic, gyro=0.1, times=TIMES, ros=2):
+    return imu_messages(
+        times, [gyro, 0.0, 0.0], [0.0, 0.0, G if gyro else 0.0], topic=topic, ros=ros
+    )
+
+
+def nested_types():
+    types = get_typestore(Stores.ROS2_HUMBLE)
+    text = "uint8 kind\nstring name\nsensor_msgs/Imu first\nfloat32 temperature"
+    types.register(get_types_from_msg(text, NESTED))
+    text = "sensor_msgs/Imu left\nsensor_msgs/Imu right"
+    types.register(get_types_from_msg(text, "vendor_msgs/msg/Pair"))
+    return types
+
+
+def nested(topic):
+    types = nested_types()
+    gyro, accel = resting(len(TIMES))
+    return [
+        Message(
+            topic,
+            NESTED,
+            m.log_ns,
+            types.types[NESTED](kind=3, name="x" * (k % 5), first=m.message, temperature=20.0),
+        )
+        for k, m in enumerate(imu_messages(TIMES, gyro, accel))
+    ]
+
+
+def fix(topic, time_ns, latitude=48.0):
+    types = store().types
+    status = types["sensor_msgs/msg/NavSatStatus"](status=0, service=1)
+    return Message(
+        topic,
+        FIX_TYPE,
+        int(time_ns),
+        types[FIX_TYPE](
+            header=header(time_ns),
+            status=status,
+            latitude=latitude,
+            longitude=11.0,
+            altitude=500.0,
+            position_covariance=np.zeros(9),
+            position_covariance_type=0,
+        ),
+    )
+
+
+def chosen(path, wanted=None):
+    with open_log(path) as log:
+        return choose_imu(log, wanted)
+
+
+def refused(path, wanted=None):
+    with pytest.raises(TopicError) as info:
+        chosen(path, wanted)
+    return str(info.value)
+
+
+def test_the_only_one(tmp_path):
+    got = chosen(write_log(tmp_path / "a.mcap", [*imu("/imu"), fix("/fix", TIMES[0])]))
+    assert (got.topic, got.path, got.note) == ("/imu", "", "")
+    assert len(got.channels) == 1
+
+
+@pytest.mark.parametrize("bag", [False, True])
+def test_several_with_data_are_refused_with_their_rates(tmp_path, bag):
+    slow = imu("/slow", times=even_times(30, 50.0), ros=1 if bag else 2)
+    messages = [*imu("/a/imu", ros=1 if bag else 2), *slow]
+    if bag:
+        path = write_bag(tmp_path / "a.bag", messages)
+    else:
+        path = write_log(tmp_path / "a.mcap", messages)
+    text = refused(path)
+    assert "/a/imu (200 Hz)" in text and "/slow (50 Hz)" in text and "--imu-topic" in text
+    assert str(path) in text
+    assert chosen(path, "/slow").topic == "/slow"
+
+
+def test_the_one_that_is_not_all_zeros(tmp_path):
+    path = write_log(tmp_path / "a.mcap", [*imu("/dead", 0.0), *imu("/alive")])
+    got = chosen(path)
+    assert got.topic == "/alive"
+    assert "not all zeros" in got.note
+    assert chosen(path, "/dead").topic == "/dead"
+
+
+def test_a_topic_without_messages_is_no_rival(tmp_path):
+    path = write_log(tmp_path / "a.mcap", imu("/alive"), channels=[("/declared", IMU)])
+    assert chosen(path).topic == "/alive"
+
+
+def test_all_zeros_in_both(tmp_path):
+    text = refused(write_log(tmp_path / "a.mcap", [*imu("/a", 0.0), *imu("/b", 0.0)]))
+    assert "/a (no data)" in text and "/b (no data)" in text
+
+
+def test_accelerations_alone_are_data(tmp_path):
+    still = imu_messages(TIMES, [0.0, 0.0, 0.0], [0.0, 0.0, G], topic="/still")
+    assert chosen(write_log(tmp_path / "a.mcap", [*imu("/dead", 0.0), *still])).topic == "/still"
+
+
+def test_nested(tmp_path):
+    messages = nested("/packet")
+    path = write_log(tmp_path / "a.mcap", messages, types=nested_types())
+    with open_log(path) as log:
+        got = choose_imu(log, None)
+        assert (got.topic, got.path) == ("/packet", "first")
+        blocks = list(read_imu(log, got.channels, ImuUnits("frd"), Losses(), path=got.path))
+    gyro, accel = resting(len(TIMES))
+    np.testing.assert_array_equal(np.concatenate([b.gyro for b in blocks]), gyro)
+    np.testing.assert_array_equal(np.concatenate([b.accel for b in blocks]), accel)
+    np.testing.assert_array_equal(np.concatenate([b.time_ns for b in blocks]), TIMES)
+
+
+def test_a_plain_topic_goes_before_a_nested_one(tmp_path):
+    path = write_log(tmp_path / "a.mcap", [*nested("/packet"), *imu("/imu")], types=nested_types())
+    got = chosen(path)
+    assert (got.topic, got.path) == ("/imu", "")
+    assert "plain" in got.note
+    assert chosen(path, "/packet").path == "first"
+
+
+def test_two_in_one_message_are_no_topic(tmp_path):
+    types = nested_types()
+    pair = types.types["vendor_msgs/msg/Pair"]
+    m = imu("/x")[0].message
+    message = Message("/pair", "vendor_msgs/msg/Pair", int(TIMES[0]), pair(left=m, right=m))
+    path = write_log(tmp_path / "a.mcap", [message], types=types)
+    assert "no sensor_msgs/Imu topic" in refused(path)
+
+
+def test_our_own_topics_are_not_taken_for_sensors(tmp_path):
+    ours = [*imu("/sinstool/imu"), *imu("/truth/imu")]
+    path = write_log(tmp_path / "a.mcap", [*ours, *imu("/imu")])
+    got = chosen(path)
+    assert (got.topic, got.note) == ("/imu", "")
+    assert chosen(path, "/truth/imu").topic == "/truth/imu"
+    assert "no sensor_msgs/Imu topic" in refused(write_log(tmp_path / "b.mcap", ours))
+
+
+def test_no_imu_says_what_there_is(tmp_path):
+    text = refused(write_log(tmp_path / "a.mcap", [fix("/fix", TIMES[0])]))
+    assert "no sensor_msgs/Imu topic" in text and FIX_TYPE in text
+    assert "no typed topic" in refused(write_log(tmp_path / "b.mcap", []))
+
+
+def test_a_wanted_topic_that_is_not_there_or_is_something_else(tmp_path):
+    path = write_log(tmp_path / "a.mcap", [fix("/fix", TIMES[0]), *imu("/imu")])
+    text = refused(path, "/imu2")
+    assert "no topic /imu2" in text and "Imu topics are /imu" in text
+    assert f"topic /fix is {FIX_TYPE}, not sensor_msgs/Imu" in refused(path, "/fix")
+    none = write_log(tmp_path / "b.mcap", [fix("/fix", TIMES[0])])
+    assert "no topic of this log carries an Imu" in refused(none, "/imu")
+
+
+def test_an_encoding_that_is_not_read_is_named(tmp_path):
+    from mcap.writer import Writer
+
+    path = tmp_path / "a.mcap"
+    with path.open("wb") as stream:
+        writer = Writer(stream)
+        writer.start()
+        schema = writer.register_schema(IMU, "jsonschema", b"{}")
+        channel = writer.register_channel("/imu", "json", schema)
+        writer.add_message(channel, 1, b"{}", 1)
+        writer.finish()
+    with open_log(path) as log:
+        (only,) = imu_candidates(log)
+        with pytest.raises(UnsupportedLogError, match="encoded as 'json'"):
+            list(read_imu(log, only.channels, ImuUnits(), Losses()))
+
+
+def test_fixes(tmp_path):
+    one = write_log(tmp_path / "a.mcap", [fix("/fix", TIMES[0]), *imu("/imu")])
+    with open_log(one) as log:
+        assert [c.topic for c in choose_optional(log, "--gnss-topic", None, FIX_TYPE)] == ["/fix"]
+        assert [c.topic for c in choose_optional(log, "--gnss-topic", "/fix", FIX_TYPE)] == ["/fix"]
+        with pytest.raises(TopicError, match="no topic /imu of type sensor_msgs/NavSatFix"):
+            choose_optional(log, "--gnss-topic", "/imu", FIX_TYPE)
+        assert choose_optional(log, "--x", None, "std_msgs/msg/String") == ()
+    ours = fix("/sinstool/fix", TIMES[0])
+    two = write_log(tmp_path / "b.mcap", [fix("/a", TIMES[0]), fix("/b", TIMES[0]), ours])
+    with open_log(two) as log:
+        with pytest.raises(TopicError, match=r"/a, /b: choose one with --gnss-topic"):
+            choose_optional(log, "--gnss-topic", None, FIX_TYPE)
+        assert [c.topic for c in choose_optional(log, "--gnss-topic", "/b", FIX_TYPE)] == ["/b"]

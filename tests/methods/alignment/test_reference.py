@@ -1,0 +1,129 @@
+import numpy as np
+import pytest
+
+from sinstool.core import earth
+from sinstool.methods.alignment.reference import (
+    VelocityReference,
+    acceleration_reference,
+    dcm_ne,
+    dcm_ni,
+    ecef,
+    position_reference,
+    to_inertial,
+)
+from sinstool.simulation.interpolation import to_ecef
+from tests.methods.alignment.launches import exact, trajectory
+
+
+def test_frames():
+    lat, lon = np.array([0.7, -1.2, 1.5]), np.array([3.1, -2.0, 0.4])
+    c = dcm_ne(lat, lon)
+    np.testing.assert_allclose(c @ np.swapaxes(c, 1, 2) - np.eye(3), 0.0, atol=1e-15)
+    # North and east are where latitude and longitude grow, down where height falls.
+    e = 1e-3
+    r = ecef(lat, lon, 100.0 + 0.0 * lat)
+    m, t = earth.radii_of_curvature(lat)
+    north = (ecef(lat + e / m, lon, 100.0 + 0.0 * lat) - r) / e
+    east = (ecef(lat, lon + e / (t * np.cos(lat)), 100.0 + 0.0 * lat) - r) / e
+    np.testing.assert_allclose(c[:, 0], north, atol=2e-5)
+    np.testing.assert_allclose(c[:, 1], east, atol=2e-5)
+    np.testing.assert_allclose(c[:, 2], r - ecef(lat, lon, 101.0 + 0.0 * lat), atol=1e-8)
+    np.testing.assert_allclose(r, to_ecef(lat, lon, 100.0), rtol=1e-14)
+
+
+def test_inertial_frame_stays_where_the_earth_was():
+    time = np.array([0.0, 100.0, 21541.0])
+    lat, lon = np.full(3, 0.8), np.full(3, -2.0)
+    v = np.array([[1.0, 2.0, 3.0]] * 3)
+    c_en = np.swapaxes(dcm_ne(lat, lon), 1, 2)
+    there = to_inertial(np.einsum("nij,nj->ni", c_en, v), time)
+    back = np.einsum("nij,nj->ni", dcm_ni(lat, lon, time), there)
+    np.testing.assert_allclose(back, v, atol=1e-14)
+    np.testing.assert_allclose(there[0], c_en[0] @ v[0], atol=1e-15)
+    # A quarter of a turn takes the x axis to the y axis.
+    quarter = np.array([np.pi / 2 / earth.EARTH_RATE])
+    np.testing.assert_allclose(
+        to_inertial(np.array([[1.0, 0.0, 0.0]]), quarter), [[0, 1, 0]], atol=1e-15
+    )
+
+
+def test_at_rest_the_integral_is_that_of_gravity():
+    # A constant vector of the Earth turned at the Earth's rate: closed form.
+    time = np.linspace(0.0, 3600.0, 36001)
+    lat, lon, h = (np.full_like(time, x) for x in (-0.9, 2.9, 4000.0))
+    beta = VelocityReference().push(time, lat, lon, h, np.zeros((len(time), 3)))
+    f = -(dcm_ne(lat[0], lon[0]).T @ earth.gravity_n(lat[0], h[0]))
+    a = earth.EARTH_RATE * time
+    s, c = np.sin(a) / earth.EARTH_RATE, (1.0 - np.cos(a)) / earth.EARTH_RATE
+    expected = np.stack([f[0] * s - f[1] * c, f[1] * s + f[0] * c, f[2] * time], axis=1)
+    assert np.abs(beta - expected).max() < 1e-6
+    assert np.abs(beta).max() > 2e4
+
+
+def test_flight_three_ways():
+    # Velocities, their derivative, and positions alone say the same of the same force.
+    _, _, gnss = exact(duration_s=110.0)
+    late = gnss.rows(gnss.time_ns > int(37e9))
+    time = late.time_ns * 1e-9
+    where = (late.latitude, late.longitude, late.height)
+    beta = VelocityReference().push(time, *where, late.velocity_n)
+    force, at, newer, older = acceleration_reference(time, *where, late.velocity_n, central=True)
+    np.testing.assert_array_equal(newer - older, 2)
+    np.testing.assert_array_equal(at, newer - 1)
+    slope = (beta[newer] - beta[older]) / 0.2
+    assert np.abs(slope - force).max() < 0.02  # m/s^2 of 10, where the rolls are weaved
+    twice = position_reference(time, *where)
+    # Less its start velocity, position's integral is the integral of beta.
+    step = np.diff(time)[:, None]
+    integral = np.zeros_like(beta)
+    integral[1:] = np.cumsum(0.5 * step * (beta[1:] + beta[:-1]), axis=0)
+    left = twice - integral
+    line = np.polynomial.polynomial.polyfit(time - time[0], left, 1)
+    fitted = np.polynomial.polynomial.polyval(time - time[0], line).T
+    assert np.abs(left - fitted).max() < 2e-2
+    assert np.abs(twice).max() > 1e4
+
+
+def test_backward_difference_and_gaps():
+    _, _, gnss = exact(duration_s=110.0)
+    late = gnss.rows(gnss.time_ns > int(40e9))
+    kept = np.ones(len(late), dtype=bool)
+    kept[100:140] = False
+    late = late.rows(kept)
+    time = late.time_ns * 1e-9
+    where = (late.latitude, late.longitude, late.height)
+    _, at, newer, older = acceleration_reference(time, *where, late.velocity_n, central=False)
+    np.testing.assert_array_equal(at, newer)
+    assert len(newer) == len(late) - 2  # no derivative over the gap
+    assert (time[newer] - time[older]).max() < 0.11
+
+
+@pytest.mark.parametrize("block", [1, 7, 100])
+def test_blocks_do_not_matter(block):
+    _, _, gnss = exact(duration_s=60.0)
+    columns = (
+        gnss.time_ns * 1e-9, gnss.latitude, gnss.longitude, gnss.height, gnss.velocity_n
+    )  # fmt: skip
+    whole = VelocityReference().push(*columns)
+    reference = VelocityReference()
+    parts = [
+        reference.push(*(c[i : i + block] for c in columns)) for i in range(0, len(gnss), block)
+    ]
+    np.testing.assert_array_equal(np.concatenate(parts), whole)
+    assert reference.push(*(c[:0] for c in columns)).shape == (0, 3)
+
+
+def test_date_line_does_not_show():
+    options = {
+        "latitude": np.radians(78.0),
+        "longitude": np.pi - 0.001,
+        "azimuth": 1.2,
+        "duration_s": 60.0,
+    }
+    flight = trajectory(**options)
+    assert flight.longitude.min() < -3.0 and flight.longitude.max() > 3.0
+    _, _, gnss = exact(**options)
+    beta = VelocityReference().push(
+        gnss.time_ns * 1e-9, gnss.latitude, gnss.longitude, gnss.height, gnss.velocity_n
+    )
+    assert np.linalg.norm(np.diff(beta, axis=0), axis=1).max() < 25.0

@@ -1,0 +1,201 @@
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from sinstool.methods.hse.fit import fit
+from sinstool.methods.hse.fit_result import FitOptions
+from sinstool.methods.hse.status import (
+    STATUSES,
+    Finding,
+    implied_delay,
+    judge,
+    judgement,
+    no_encoder,
+    no_whole_turn,
+    not_monotone,
+    second_order,
+)
+from tests.methods.hse.made_runs import ARCSEC, RATES, W, brute_run, brute_runs, noisy
+
+HEADING = FitOptions(method="heading")
+BOTH = np.concatenate([RATES, -RATES])
+
+
+def judged(runs, options=HEADING):
+    return judge(fit(runs, options))
+
+
+def sharp(runs, sigma=0.5 * ARCSEC):
+    """Runs that scatter little, so that what is there is significant."""
+    return [replace(r, sigma_heading=sigma) for r in runs]
+
+
+def test_a_good_calibration_is_ok():
+    found = judged(sharp(brute_runs()))
+    assert (found.status, found.exit_code, found.applicable) == ("ok", 0, True)
+    assert found.findings == ()
+    assert found.warnings == ()
+
+
+def test_scatter_as_in_the_paper_is_not_significant():
+    """Yu et al. 2013: 17.4 "/(rad/s) of which a single run's 9.5" leave 11."""
+    runs = [replace(r, sigma_heading=9.5 * ARCSEC) for r in brute_runs()]
+    result = fit(runs, HEADING)
+    assert result.sigma_K / ARCSEC == pytest.approx(11.1, abs=0.1)
+    found = judge(result)
+    assert (found.status, found.exit_code, found.applicable) == ("not_significant", 0, False)
+    assert "--force" in found.warnings[0]
+    assert '-4.200" +- 2.6' in found.warnings[0] and "95 % interval" in found.warnings[0]
+    # just above two sigma it stands out
+    limit = 9.5 * abs(result.K) / result.sigma_K / 2.0
+    assert judged(sharp(runs, 0.99 * limit * ARCSEC)).status == "ok"
+    assert judged(sharp(runs, 1.01 * limit * ARCSEC)).status == "not_significant"
+
+
+def test_one_rate_is_an_error():
+    runs = brute_runs(rates=np.array([0.5, 0.5, 0.5003]))
+    found = judged(runs)
+    assert (found.status, found.exit_code) == ("error", 3)
+    assert "28.65" in found.warnings[0] and "10 deg/s apart" in found.warnings[0]
+    # 5 deg/s apart is too little, 10 is enough
+    assert judged(brute_runs(rates=np.radians([40.0, 45.0, 40.0, 45.0]))).status == "error"
+    near = judged(sharp(brute_runs(rates=np.radians([40.0, 50.01, 40.0, 50.01])), 0.01 * ARCSEC))
+    assert near.status == "ok"
+    axial = judged(runs, FitOptions(method="axial"))
+    assert axial.status == "ok"
+    assert "not the axial value" in axial.warnings[0]
+
+
+def test_near_the_pole_is_an_error_and_high_latitude_a_remark():
+    found = judged(sharp(brute_runs(latitude=np.radians(85.5))))
+    assert (found.status, found.exit_code) == ("error", 3)
+    assert "rate along the axis" in found.warnings[0]
+    high = judged(sharp(brute_runs(latitude=np.radians(-80.0)), 0.1 * ARCSEC))
+    assert high.status == "ok"
+    assert "5.8 times" in high.warnings[0]
+    assert judged(sharp(brute_runs(latitude=np.radians(74.0)), 0.1 * ARCSEC)).warnings == ()
+
+
+def test_a_level_axis_is_unobservable():
+    found = judged(sharp(brute_runs(lean=5e-5)))
+    assert (found.status, found.exit_code, found.applicable) == ("unobservable", 3, False)
+    message = found.warnings[0]
+    assert "5e-3 rad" in message and "slope" in message and "-4.2" in message
+    blurred = [replace(r, sigma_C23=2e-4) for r in sharp(brute_runs())]
+    assert judged(blurred).status == "unobservable"
+    axial = judged(sharp(brute_runs(lean=5e-5)), FitOptions(method="axial"))
+    assert axial.applicable
+
+
+def test_a_stale_encoder_is_told_from_the_axial_value():
+    delay = 84e-6
+    runs = sharp(brute_runs(delay=delay), 2.0 * ARCSEC)
+    result = fit(runs, HEADING)
+    found = judge(result)
+    assert (found.status, found.exit_code, found.applicable) == ("inconsistent_axial", 0, False)
+    assert implied_delay(result) == pytest.approx(delay, rel=1e-3)
+    assert "84.0 us" in found.warnings[0]
+    # with two positions it is estimated, and lambda2 may be used
+    more = sharp(brute_runs(psi=0.7 + np.pi, lean=-8e-4, first=9, delay=delay), 2.0 * ARCSEC)
+    joint = fit(runs + more)
+    found = judge(joint)
+    assert found.status == "ok" and found.applicable
+    assert implied_delay(joint) is None
+    assert any("stale by 84.0" in w for w in found.warnings)
+    # the axial value is free of delays
+    assert judge(fit(runs, FitOptions(method="axial"))).applicable
+
+
+def test_consistency_is_three_sigmas_of_both():
+    runs = sharp(brute_runs(delay=84e-6), 2.0 * ARCSEC)
+    z = fit(runs, HEADING).z_consistency
+    for share, status in ((0.99, "inconsistent_axial"), (1.01, "ok")):
+        sigma = 2.0 * abs(z) / 3.0 * share * ARCSEC
+        blurred = judged(sharp(runs, sigma))
+        assert (blurred.status == "inconsistent_axial") == (status == "inconsistent_axial")
+
+
+def test_a_bend_is_nonlinear_and_may_be_applied():
+    rng = np.random.default_rng(1)
+    bent = [
+        replace(r, heading=r.heading + 40 * ARCSEC * (r.rate - RATES[1]) ** 2)
+        for r in sharp(brute_runs())
+    ]
+    found = judged(noisy(bent, rng, 0.3 * ARCSEC))
+    assert (found.status, found.applicable) == ("nonlinear", True)
+    assert "lack of fit" in found.warnings[0]
+
+
+@pytest.mark.parametrize(
+    ("lambda2", "tilt", "expected"),
+    [(1e-4, 1e-2, 2.7e-3), (1e-3, 1e-2, 2.7e-2), (1e-4, 5e-2, 1.4e-2)],
+)
+def test_second_order_of_the_model(lambda2, tilt, expected):
+    """The bound against what the linear model leaves out at 60 deg/s, by brute force."""
+    epsilon = np.array([lambda2, 0.0, 0.0])
+    runs = sharp(brute_runs(rates=RATES[[0, 2]], lean=tilt, epsilon=epsilon))
+    result = fit(runs, HEADING)
+    assert second_order(result) == pytest.approx(expected, rel=0.05)
+    assert (judge(result).status == "nonlinear") == (expected > 1e-2)
+    # the worst azimuth errs by this much of the error at 60 deg/s
+    worst = 0.0
+    for psi in np.arange(0.0, 2.0 * np.pi, np.pi / 8.0):
+        run = brute_run(RATES[2], psi, tilt, 0.0, epsilon=epsilon)
+        lean = tilt * np.sin(psi)
+        linear = -(RATES[2] - 1.5 * W * np.sin(0.49)) * lambda2 * lean / (3.0 * W * np.cos(0.49))
+        d = -lambda2 / (2.0 * np.sqrt(3.0))
+        linear -= d * (1.0 + tilt * np.cos(psi) * np.tan(0.49))
+        error = (run.heading - psi - linear + np.pi) % (2.0 * np.pi) - np.pi
+        worst = max(worst, abs(error))
+    largest = RATES[2] * lambda2 * tilt / (3.0 * W * np.cos(0.49))
+    assert worst / largest == pytest.approx(expected, rel=0.25)
+
+
+def test_a_base_that_moves_is_remarked():
+    runs = [replace(r, C23=r.C23 * (1.0 + 0.01 * i)) for i, r in enumerate(sharp(brute_runs()))]
+    found = judged(runs)
+    assert any("varies by 8 %" in w for w in found.warnings)
+    assert not any("varies" in w for w in judged(sharp(brute_runs())).warnings)
+
+
+def test_few_runs():
+    two = judged(sharp(brute_runs(rates=RATES[[0, 2]])))
+    assert any("scatter of turns alone" in w for w in two.warnings)
+    assert two.status == "ok"
+    bare = judged([replace(r, sigma_heading=np.nan) for r in brute_runs(rates=RATES[[0, 2]])])
+    assert bare.status == "not_significant"
+    assert "nothing tells the scatter" in bare.warnings[0] or any(
+        "nothing tells" in w for w in bare.warnings
+    )
+
+
+def test_runs_that_do_not_determine_the_drift():
+    runs = brute_runs(rates=RATES[[0, 2]])
+    found = judged(runs, replace(HEADING, drift=True))
+    assert (found.status, found.exit_code) == ("error", 3)
+
+
+def test_gravest_first_and_exit_codes():
+    some = [Finding("ok", "a"), Finding("nonlinear", "b"), Finding("unobservable", "c", "", 3)]
+    found = judgement(some)
+    assert [f.status for f in found.findings] == ["unobservable", "nonlinear", "ok"]
+    assert (found.status, found.exit_code) == ("unobservable", 3)
+    assert STATUSES[0] == "error" and STATUSES[-1] == "ok"
+    assert no_whole_turn("a.mcap", 6.4, 10).exit_code == 3
+    assert no_encoder("a.mcap", "table", ["wheel"]).exit_code == 2
+    assert "wheel" in str(no_encoder("a.mcap", "table", ["wheel"]))
+    assert "no JointState" in str(no_encoder("a.mcap", "table", []))
+    assert "12.500 s" in str(not_monotone("a.mcap", 12.5))
+
+
+def test_warnings_of_the_fit_are_kept():
+    found = judge(fit(sharp(brute_runs())))
+    assert found.status == "ok"
+    assert any("one position" in w for w in found.warnings)
+
+
+def test_constants_are_the_earths():
+    result = fit(brute_runs(delay=84e-6), HEADING)
+    gain = result.C23 / (3 * W * np.cos(0.49))
+    assert implied_delay(result) == pytest.approx(result.K - result.axial.lambda2 * gain, rel=1e-6)

@@ -1,0 +1,164 @@
+"""Where a run begins: automatic choice, carried back to the first sample; real logs."""
+
+import json
+
+import numpy as np
+import pytest
+
+from sinstool.config import ProcessConfig, build
+from sinstool.core import rotation
+from sinstool.io.readers import open_log
+from sinstool.io.readers.truth import at_times, read_truth
+from sinstool.methods.alignment.level import level, tilted
+from sinstool.pipelines.align.first_attitude import align
+from sinstool.pipelines.align.log import align_log
+from sinstool.survey.source import prepare
+from tests.helpers.launch_logs import TACTICAL, TRUTH, launched
+from tests.helpers.logs import real
+
+SHORT = "vehicle_gnss/yk_urban_short_turn_loop_nominal_002"
+STOP = "vehicle_gnss/yk_urban_stop_go_large_mount_001"
+REFERENCE_LATE_NS = 20_000_000
+
+
+def started(path, **groups):
+    config = build(ProcessConfig, groups)
+    with open_log(path) as log:
+        source = prepare(log, config, whole_gnss=True)
+        return source, align(source, config)
+
+
+def test_a_flight_from_rest_is_carried_back_to_the_pad():
+    log = launched(*TACTICAL, "--pad", "30")
+    source, found = started(log, input={"gyro_kind": "increment"}, align={"align": "auto"})
+    assert found.method == "svd" and found.north_referenced
+    assert found.time_ns == source.survey.first_ns
+    assert found.held_ns > found.time_ns
+    with open_log(log) as opened:
+        time_ns, q_nb, _ = read_truth(opened, TRUTH, "flu")
+    psi = rotation.log(rotation.multiply(found.q_nb, rotation.conjugate(q_nb[0])))
+    assert time_ns[0] == found.time_ns
+    assert np.rad2deg(np.linalg.norm(psi)) < 0.5
+    assert psi @ np.linalg.solve(found.covariance_n, psi) / 3.0 < 5.0
+
+
+def test_tilt_at_rest_makes_a_carried_attitude_better():
+    true = rotation.from_euler(np.deg2rad([12.0, -35.0, 130.0]))
+    force = rotation.rotate(rotation.conjugate(true), np.array([0.0, 0.0, -9.8]))
+    wrong = rotation.multiply(rotation.exp(np.deg2rad([1.0, -2.0, 3.0])), true)
+    spread = np.diag(np.deg2rad([2.0, 2.0, 1.0]) ** 2)
+    better, covariance = tilted(wrong, spread, force, 1e-6)
+    np.testing.assert_allclose(
+        rotation.to_euler(better)[:2], rotation.to_euler(level(force))[:2], atol=1e-3
+    )
+    off = rotation.log(rotation.multiply(better, rotation.conjugate(true)))
+    assert abs(np.rad2deg(off[2])) == pytest.approx(3.0, abs=0.1)
+    assert np.sqrt(np.diag(covariance))[:2].max() < 1e-5
+    # with as much doubt in the accelerometer as in the attitude, half of it
+    half, both = tilted(wrong, spread, force, 9.8 * np.deg2rad(2.0))
+    off = np.rad2deg(rotation.log(rotation.multiply(half, rotation.conjugate(true))))
+    np.testing.assert_allclose(off[:2], [0.5, -1.0], atol=0.06)
+    np.testing.assert_allclose(np.diag(both)[:2], 0.5 * np.diag(spread)[:2])
+
+
+@pytest.mark.parametrize(
+    ("path", "method", "groups"),
+    [
+        ("broad/broad_02_undisturbed_slow_rotation_B.mcap", "level", {}),
+        ("imu_tools/phidgets_imu_upside_down.bag", "level", {}),
+        ("imu_tools/sparkfun_razor.bag", "level-moving", {}),
+        ("px4/px4_fmuv6c_inflight_6s.mcap", "level-moving", {"input": {"body_axes": "frd"}}),
+    ],
+)
+def test_without_enough_gnss_auto_is_what_it_was(path, method, groups):
+    source, found = started(real(path), **groups)
+    assert found.method == method and not found.north_referenced
+    assert found.time_ns == source.survey.first_ns
+
+
+@pytest.mark.parametrize(
+    "path", [SHORT + ".mcap", STOP + ".mcap", "rtk_drive/rtk_drive_mems_100hz.mcap"]
+)
+def test_vehicles_are_north_referenced_from_their_first_sample(path):
+    source, found = started(real(path))
+    assert found.method == "svd" and found.north_referenced
+    assert found.time_ns == source.survey.first_ns
+    assert max(np.rad2deg(found.sigma_rad)) < 2.0
+    still = source.survey.lead_in
+    # two ways to the same tilt: motion, carried back, and gravity
+    tilt = rotation.rotate(found.q_nb, still.accel / np.linalg.norm(still.accel))
+    assert np.rad2deg(np.arccos(-tilt[2])) < 1.5
+
+
+# -- a receiver's own attitude beside ours -----------------------------------------------------
+
+
+def mounted(path, spans):
+    """Attitudes of the vehicle by the reference in the Imu's axes, at the ends of alignments."""
+    log, csv = real(path + ".mcap"), real(path + ".ref_att.csv")
+    turns, answers = [], []
+    for span in spans:
+        told = {"align_start": float(span[0]), "align_end": float(span[1])}
+        config = build(ProcessConfig, {"align": {"align": "svd"}, "in_flight": told})
+        answer = align_log(log, config).answer
+        with open_log(log) as opened:
+            time_ns, q_nv, _ = read_truth(opened, str(csv), "frd")
+        at = np.arange(answer.t_ns - 30 * 10**9, answer.t_ns, 2 * 10**8)
+        true = at_times(time_ns, q_nv, at + REFERENCE_LATE_NS)
+        turns.append(rotation.multiply(rotation.conjugate(answer.attitude_at(at)), true))
+        answers.append((answer, at, true))
+    return turns, answers
+
+
+def mean_turn(turns):
+    """Of quaternions, their outliers left out."""
+    kept = np.concatenate(turns)
+    for _ in range(4):
+        mean = np.linalg.eigh(kept.T @ kept)[1][:, -1]
+        off = np.linalg.norm(
+            rotation.log(rotation.multiply(rotation.conjugate(mean), kept)), axis=1
+        )
+        kept = kept[off <= 2.0 * np.median(off)]
+    return mean
+
+
+@pytest.mark.parametrize(
+    ("path", "spans"),
+    [
+        (SHORT, [(0, 60), (60, 120), (120, 180), (0, 190)]),
+        (STOP, [(150, 250), (250, 350), (300, 400), (150, 350)]),
+    ],
+)
+def test_receivers_attitude_agrees(path, spans):
+    # The Imu's mounting is not known: one rotation for all spans, of which each knows its own
+    # heading. The receiver's attitude is no truth either: its tilt is 1 to 2 deg off at first.
+    turns, answers = mounted(path, spans)
+    mount = mean_turn(turns)
+    for answer, at, true in answers:
+        found = rotation.multiply(answer.attitude_at(at), mount)
+        psi = np.median(rotation.log(rotation.multiply(found, rotation.conjugate(true))), axis=0)
+        assert answer.status in ("ok", "degraded")
+        assert np.abs(np.rad2deg(psi)).max() < 2.0
+        assert abs(psi[2]) < 3.0 * answer.sigma_rad[2]
+    # and that mounting is, to what is known of it, the one fitted from rates
+    fitted = np.array(
+        json.loads(real(path + ".json").read_text())["R_sensor_to_vehicleFRD_fit"]
+    ) @ np.diag([1.0, -1.0, -1.0])
+    off = rotation.log(rotation.multiply(mount, rotation.from_dcm(fitted)))
+    assert np.rad2deg(np.linalg.norm(off)) < 5.0
+
+
+def test_late_stamps_show_in_the_filters_residuals():
+    # Imu stamps are late by 0.125 s there: with fixes moved by as much residuals fall.
+    log = real("rtk_drive/rtk_drive_mems_100hz.mcap")
+    span = {"align_start": 232.0, "align_end": 432.0}
+    found = {}
+    for latency in (0.125, 0.0, -0.125):
+        config = build(
+            ProcessConfig,
+            {"align": {"align": "svd"}, "in_flight": span, "gnss": {"gnss_latency": latency}},
+        )
+        found[latency] = align_log(log, config).summary
+    assert found[-0.125]["refined_chi2"] < 0.85 * found[0.0]["refined_chi2"]
+    assert found[0.0]["refined_chi2"] < 0.6 * found[0.125]["refined_chi2"]
+    assert found[0.0]["latency_s"] < -0.02

@@ -1,0 +1,204 @@
+"""From a file to a comparison: stretches, kinds, truth with holes, real logs."""
+
+import json
+
+import numpy as np
+import pytest
+
+from sinstool.config import ProcessConfig, build
+from sinstool.core.errors import DataError
+from sinstool.io.readers import open_log
+from sinstool.pipelines.compare_coning.compare import Settings
+from sinstool.pipelines.compare_coning.divergence import DEG_H
+from sinstool.pipelines.compare_coning.log import compare_log, gyro_segments, truth_at
+from sinstool.pipelines.compare_coning.runs import Segment
+from sinstool.pipelines.compare_coning.summary import as_object
+from sinstool.report.figures.coning import figures
+from sinstool.survey.source import prepare
+from tests.helpers.imulogs import even_times, handheld, imu_log, resting
+from tests.helpers.logs import real
+
+FEW = Settings(("uncompensated", "previous-1", "previous-3"), decimate=(1,))
+
+
+def config(**options):
+    return build(ProcessConfig, {"input": options})
+
+
+def stretches(path, **options):
+    chosen = config(**options)
+    with open_log(path) as log:
+        return gyro_segments(prepare(log, chosen), chosen)
+
+
+@pytest.fixture
+def moving(tmp_path):
+    gyro, accel, _ = handheld(2000)
+    return gyro, accel, tmp_path / "log.mcap"
+
+
+def test_whole_record_in_body_axes(moving):
+    gyro, accel, path = moving
+    imu_log(path, even_times(2000), gyro, accel)
+    found, interval = stretches(path)
+    assert interval == pytest.approx(0.005)
+    assert len(found) == 1
+    assert np.array_equal(found[0].time_ns, even_times(2000))
+    # forward, left, up to forward, right, down
+    np.testing.assert_array_equal(found[0].gyro, gyro * [1.0, -1.0, -1.0])
+
+
+def test_gaps_and_lost_samples_cut(moving):
+    gyro, accel, path = moving
+    times = even_times(2000)
+    times[700:] += 50_000_000
+    gyro[1500:1510] = np.nan
+    imu_log(path, times, gyro, accel)
+    found, _ = stretches(path)
+    assert [len(s) for s in found] == [700, 800, 490]
+    assert found[2].time_ns[0] == times[1510]
+    result = compare_log(path, config(), FEW)
+    assert result.comparison.segments == 3
+    assert result.checks.gaps == 2
+    assert result.checks.not_finite == 10
+    assert any("longest stretch (4 s)" in w for w in result.warnings)
+
+
+def test_increments_become_mean_rates(moving):
+    gyro, accel, path = moving
+    imu_log(path, even_times(2000), gyro * 0.005, accel * 0.005)
+    found, _ = stretches(path, gyro_kind="increment")
+    np.testing.assert_allclose(
+        found[0].gyro[1:], gyro[1 : len(found[0])] * [1.0, -1.0, -1.0], rtol=1e-9
+    )
+    assert compare_log(path, config(gyro_kind="increment"), FEW).comparison.kind == "mean-rate"
+
+
+def test_given_rate_replaces_intervals(moving):
+    gyro, accel, path = moving
+    imu_log(path, even_times(2000), gyro, accel)
+    found, interval = stretches(path, imu_rate=210.0)
+    assert interval == pytest.approx(1 / 210.0)
+    np.testing.assert_allclose(np.diff(found[0].time_ns), 1e9 / 210.0, atol=1.0)
+
+
+def test_given_rate_is_the_interval_of_increments_too(moving):
+    """Four samples at a time, a millisecond apart, as a busy computer stamps them."""
+    gyro, accel, path = moving
+    burst = even_times(2000)[3::4].repeat(4) + np.tile([-3, -2, -1, 0], 500) * 1_000_000
+    imu_log(path, burst, gyro * 0.005, accel * 0.005)
+    found, _ = stretches(path, gyro_kind="increment", imu_rate=200.0)
+    np.testing.assert_allclose(found[0].gyro, gyro * [1.0, -1.0, -1.0], rtol=1e-9, atol=1e-12)
+
+
+def test_truth_with_a_hole_says_nothing_there():
+    times = 10_000_000 * np.arange(100)
+    hole = np.concatenate([times[:40], times[60:]])
+    q = np.tile([1.0, 0.0, 0.0, 0.0], (len(hole), 1))
+    native = Segment(2_500_000 * np.arange(-10, 410), np.zeros((420, 3)))
+    found = truth_at(hole, q, native)
+    at = native.time_ns[found.sample]
+    assert at.min() == 0
+    assert at.max() == times[-1]
+    assert not np.any((at > times[39]) & (at < times[60]))
+    assert {times[39], times[60]} <= set(at.tolist())
+    assert len(at) == 39 * 4 + 1 + 39 * 4 + 1
+
+
+def test_truth_in_another_clock_is_refused(moving, tmp_path):
+    gyro, accel, path = moving
+    imu_log(path, even_times(2000), gyro, accel)
+    other = tmp_path / "truth.csv"
+    other.write_text("time_s,qw,qx,qy,qz\n0,1,0,0,0\n1,1,0,0,0\n2,1,0,0,0\n")
+    with pytest.raises(DataError, match="no two instants within the samples of /imu"):
+        compare_log(path, config(), FEW, truth=str(other))
+
+
+def test_bands_have_to_be_within_the_log(moving):
+    gyro, accel, path = moving
+    imu_log(path, even_times(2000), gyro, accel)
+    for bands in ({"passband": 100.0}, {"stopband": 0.0}, {"passband": 40.0, "stopband": 30.0}):
+        with pytest.raises(DataError, match="band"):
+            compare_log(path, config(), FEW, **bands)
+    within = compare_log(path, config(), FEW, passband=20.0, stopband=40.0)
+    assert not any("--stopband" in w for w in within.warnings)
+
+
+def test_tuned_options_reach_the_candidates(moving):
+    gyro, accel, path = moving
+    imu_log(path, even_times(2000), gyro, accel)
+    settings = Settings(("singular-perturbation", "gyro-tuned"), decimate=(1,))
+    paper = compare_log(path, config(), settings, sp_preset="paper", passband=20.0, stopband=60.0)
+    best = compare_log(path, config(), settings, sp_preset="best", passband=20.0, stopband=60.0)
+    drift = [c.comparison.rows[0].drift.norm_rms for c in (paper, best)]
+    assert abs(drift[0] - drift[1]) > 1e-3
+    wider = compare_log(path, config(), settings, passband=20.0, stopband=80.0)
+    tuned = [c.comparison.rows[1].drift.norm_rms for c in (best, wider)]
+    assert tuned[0] != tuned[1]
+
+
+def test_still_log_says_so(tmp_path):
+    gyro, accel = resting(6000)
+    path = imu_log(tmp_path / "still.mcap", even_times(6000), gyro, accel)
+    found = compare_log(path, config(), Settings(decimate=(1,)))
+    assert found.comparison.verdict.agree
+    assert found.comparison.verdict.text.endswith(
+        "Most of the log is little but noise: of motion it tells nothing"
+    )
+    moving, accel, _ = handheld(6000)
+    path = imu_log(tmp_path / "moving.mcap", even_times(6000), moving, accel)
+    told = compare_log(path, config(), Settings(decimate=(1,))).comparison.verdict
+    assert "noise" not in told.text
+    assert "uncompensated by" in told.text
+
+
+def test_two_seconds_and_less(tmp_path):
+    gyro, accel, _ = handheld(400)
+    path = imu_log(tmp_path / "two.mcap", even_times(400), gyro, accel)
+    found = compare_log(path, config(), Settings(decimate=(1,)))
+    assert found.comparison.verdict.text.endswith("(of one window: nothing is known of the spread)")
+    assert any("less than a window of 10 s" in w for w in found.warnings)
+    path = imu_log(tmp_path / "less.mcap", even_times(60), gyro[:60], accel[:60])
+    found = compare_log(path, config(), Settings())
+    assert found.spectrum is None
+    assert any("no prediction" in w for w in found.warnings)
+    json.dumps(as_object(found))
+    assert [f.key for f in figures(found)] == ["divergence", "drift", "decimation"]
+    path = imu_log(tmp_path / "none.mcap", even_times(8), gyro[:8], accel[:8])
+    with pytest.raises(DataError, match="long enough to compare"):
+        compare_log(path, config(), Settings())
+
+
+@pytest.mark.parametrize(
+    ("path", "apart", "resolution"),
+    [
+        ("broad/broad_06_undisturbed_fast_rotation_A.mcap", {"uncompensated", "optimal-4"}, 0.065),
+        # of which only what manoeuvres do to long updates is beyond what the log can tell
+        ("euroc/euroc_V1_01_easy.mcap", {"optimal-4"}, 0.031),
+    ],
+)
+def test_real_logs_are_not_told_more_than_they_hold(path, apart, resolution):
+    found = compare_log(real(path), config(), Settings(decimate=(1,)))
+    c = found.comparison
+    assert c.reference_resolution * DEG_H == pytest.approx(resolution, rel=0.1)
+    assert c.verdict.algorithm == "previous-3"
+    limit = c.verdict.limit * DEG_H
+    assert limit == pytest.approx(2 * resolution, rel=0.1)
+    over = {r.candidate.name for r in c.rows if r.drift.slope_rms > limit}
+    assert over == apart
+    told = c.verdict.text.partition("these part from it: ")[2]
+    assert {part.split(" by ")[0] for part in told.split(", ")} == apart
+    # nothing above half the rate is spoken of
+    assert found.spectrum.frequency[-1] <= 0.5 * c.rate_hz * (1 + 1e-9)
+    assert any("unobservable" in w for w in found.warnings)
+    unresolved = {r.candidate.name for r in c.rows if not r.resolved}
+    assert {"previous-3", "quatfiter-4", "picard-4", "lookahead-12"} <= unresolved
+
+
+def test_truth_of_a_real_log_does_not_rank_by_its_bias():
+    path = real("broad/broad_06_undisturbed_fast_rotation_A.mcap")
+    truth = real("broad/broad_06_undisturbed_fast_rotation_A.ref.csv")
+    found = compare_log(path, config(), FEW, truth=str(truth))
+    assert found.comparison.verdict.algorithm is None
+    assert "the truth cannot tell them apart" in found.comparison.verdict.text
+    assert "bias" in found.comparison.verdict.text

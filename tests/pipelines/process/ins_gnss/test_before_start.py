@@ -1,0 +1,49 @@
+"""Before a filter's start: a smoother's errors taken off it, and samples carried back."""
+
+import numpy as np
+import pytest
+
+from sinstool.core.rotation import from_euler, rotate
+from sinstool.methods.ins_gnss.settings import start
+from sinstool.methods.ins_gnss.states import filter_kind
+from sinstool.pipelines.process.ins_gnss.before_start import corrected_start
+from tests.helpers.filter_logs import errors, nees, run, simulated
+
+
+@pytest.mark.parametrize("name", ["plain-15", "network-26a"])
+def test_a_start_less_its_error(name):
+    kind = filter_kind(name)
+    q = from_euler([0.1, -0.2, 2.0])
+    given = start(-0.8, np.pi - 1e-7, 300.0, [3.0, -4.0, 0.5], q, 5.0, 0.2, 0.05)
+    error, covariance = np.zeros(kind.size), np.eye(kind.size)
+    error[:9] = [10.0, -20.0, 3.0, 0.1, 0.2, -0.3, 0.0, 0.0, 0.02]
+    found = corrected_start(given, error, covariance, kind)
+    assert (found.nav[0] + 0.8) * 6.37e6 == pytest.approx(-10.0, rel=0.01)
+    # eastward over the date line, and still within half a turn
+    assert -np.pi < found.nav[1] < -np.pi + 1e-4
+    assert found.nav[2] == pytest.approx(303.0)
+    assert np.allclose(found.nav[3:6], [2.9, -4.2, 0.8])
+    # the true attitude is the one computed, turned about down
+    forward = rotate(q, [1.0, 0.0, 0.0])
+    turned = rotate(found.nav[6:10], [1.0, 0.0, 0.0])
+    off = np.arctan2(turned[1], turned[0]) - np.arctan2(forward[1], forward[0])
+    assert off == pytest.approx(0.02, abs=1e-9)
+    assert np.allclose(found.covariance_attitude_n, np.eye(3))
+
+
+def test_fixes_that_begin_late(tmp_path):
+    log = simulated(
+        tmp_path / "late.mcap", "drive", "--grade", "tactical", "--seed", "4", "--duration", "180",
+        "--gnss-offset", "25", "--still", "10",
+    )  # fmt: skip
+    for smooth in (False, True):
+        told, solution = run(log, filter={"smooth": smooth})
+        assert int(told["filter"]["start"]["time_ns"]) - solution.time_ns[0] > 20_000_000_000
+        assert len(solution) == told["imu"]["n"]
+        assert np.all(np.diff(solution.time_ns) > 0)
+        early = solution.rows(slice(0, 2400))
+        mean, most = nees(*errors(log, early)["attitude"])
+        assert most < 4.5 and mean < 3.0
+        mean, most = nees(*errors(log, early)["position"])
+        assert most < 4.5
+        assert any("carried back by the Imu alone" in w for w in told["warnings"])

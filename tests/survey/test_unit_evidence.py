@@ -1,0 +1,205 @@
+"""deg/s and g are detected, and never where they are not.
+
+Of the real logs, read in deg/s, all but one hold enough tilt motion for gravity to tell, or
+rates beyond any sensor's. The exception is euroc V1_01, a multirotor that flies gently: the
+thrust keeps its specific force on one axis however it tilts, so nothing can be said of it.
+"""
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from sinstool.core.units import DEGREE
+from sinstool.io.readers import open_log
+from sinstool.io.readers.streams import ImuUnits
+from sinstool.io.readers.topics import choose_imu
+from sinstool.methods.alignment.still import WindowStage
+from sinstool.survey.imu import survey
+from sinstool.survey.unit_evidence import (
+    UnitEvidence,
+    accel_looks_like_g,
+    gyro_looks_like_degrees,
+    turns_like_degrees,
+    unit_evidence,
+)
+from tests.helpers.imulogs import REAL, G, even_times, handheld, resting
+from tests.helpers.logs import real
+
+RATE = 200.0
+UNKNOWABLE = {"euroc/euroc_V1_01_easy.mcap"}
+
+
+def judge(gyro, accel, rate=RATE):
+    stage = WindowStage()
+    stage.push(even_times(len(gyro), rate), gyro, accel)
+    evidence = unit_evidence(stage.finish())
+    return gyro_looks_like_degrees(evidence, np.abs(gyro).max(axis=0)), evidence
+
+
+def spinning(rate_rad_s, axis, count=8000):
+    """A steady spin about an axis of the body."""
+    rate = rate_rad_s * np.asarray(axis) / np.linalg.norm(axis)
+    turned = Rotation.from_rotvec(np.arange(count)[:, None] / RATE * rate)
+    gyro, accel = resting(count)
+    return gyro + rate, turned.inv().apply([0.0, 0.0, G]) + accel - [0.0, 0.0, G]
+
+
+def vehicle(seed, count=40_000):
+    """Turns about the vertical, small pitch and roll, and accelerations as strong as those."""
+    rng = np.random.default_rng(seed)
+    t = np.arange(count) / RATE
+    window = np.hanning(801) / np.hanning(801).sum()
+    drift = np.array(
+        [np.convolve(rng.standard_normal(count + 800), window, "valid") for _ in "abc"]
+    )
+    tilt = np.radians(60.0) * drift[:2]
+    heading_rate = 0.5 * np.sin(2 * np.pi * t / 30.0) ** 3
+    roll_rate, pitch_rate = np.gradient(tilt, 1 / RATE, axis=1)
+    gyro = np.stack((roll_rate, pitch_rate, heading_rate), axis=1)
+    accel = np.stack((-np.sin(tilt[1]), np.sin(tilt[0]), np.ones(count)), axis=1) * G
+    accel[:, :2] += 5.0 * drift[:2].T[::-1]
+    noise = rng.standard_normal((count, 6))
+    return gyro + 0.005 * noise[:, :3], accel + 0.5 * noise[:, 3:]
+
+
+def multirotor(seed, count=20_000):
+    """Tilts as it likes; thrust is all that the accelerometer feels, and a little drag."""
+    gyro, accel, _ = handheld(count, seed=seed, size=1.5, noise=0.01)
+    rng = np.random.default_rng(seed)
+    thrust = 0.3 * rng.standard_normal(accel.shape)
+    thrust[:, 2] += G
+    return gyro, thrust
+
+
+MOTIONS = {
+    **{f"hand {s}": lambda s=s: handheld(8000, seed=s)[:2] for s in range(6)},
+    **{f"quick hand {s}": lambda s=s: handheld(8000, seed=s, size=6.0)[:2] for s in range(3)},
+    **{
+        f"shaken {s}": lambda s=s: handheld(8000, seed=s, size=12.0, slowness_s=0.15)[:2]
+        for s in range(3)
+    },
+    "tumbling": lambda: handheld(8000, seed=9, size=15.0, slowness_s=2.0)[:2],
+    **{f"vehicle {s}": lambda s=s: vehicle(s) for s in range(3)},
+}
+# Motions of which gravity does not show the unit; rates beyond any sensor's still may.
+MUTE = {
+    **{
+        f"spin of {w:g} rad/s about {axis}": lambda w=w, axis=axis: spinning(w, axis)
+        for w in (0.5, 3.0, 12.0, 35.0, 40.0)
+        for axis in ((1, 0, 0), (0, 0, 1), (1, 2, 3))
+    },
+    **{f"multirotor {s}": lambda s=s: multirotor(s) for s in range(6)},
+    "rest": lambda: resting(720_000),
+    "rest of a coarse gyro": lambda: resting(72_000, gyro_noise=0.05, accel_noise=0.3),
+}
+
+
+def saturated(gyro):
+    """At 250 deg/s, half of what the motion has."""
+    limit = np.abs(gyro).max() / 2
+    return np.clip(gyro, -limit, limit)
+
+
+@pytest.mark.parametrize("name", [*MOTIONS, *MUTE])
+def test_rates_in_rad_s_are_left_alone(name):
+    gyro, accel = {**MOTIONS, **MUTE}[name]()
+    assert not judge(gyro, accel)[0]
+    if "spin" not in name:  # at half its rate a steady spin is another motion altogether
+        assert not judge(saturated(gyro), accel)[0]
+    bias = np.array([0.077, -0.05, 0.03])  # 4.4 deg/s
+    assert not judge(gyro + bias, accel)[0]
+
+
+@pytest.mark.parametrize("name", MOTIONS)
+def test_rates_in_deg_s_are_found(name):
+    gyro, accel = MOTIONS[name]()
+    found, evidence = judge(gyro / DEGREE, accel)
+    assert found
+    # a vehicle also accelerates; in the hand, gravity turns as said
+    assert 0.2 < evidence.scale < 1.5
+    if "vehicle" not in name:
+        assert judge(saturated(gyro / DEGREE), accel)[0]
+
+
+def test_scale_is_one_for_degrees_and_57_for_radians():
+    gyro, accel, _ = handheld(8000, size=0.3, slowness_s=3.0, noise=1e-5)
+    assert judge(gyro / DEGREE, accel)[1].scale == pytest.approx(1.0, abs=0.02)
+    assert judge(gyro, accel)[1].scale == pytest.approx(1 / DEGREE, rel=0.02)
+
+
+def test_rates_beyond_any_sensor():
+    gyro, accel = multirotor(0)
+    assert judge(gyro / DEGREE, accel)[0]  # gravity says nothing, the rates reach 200
+    gyro, accel = resting(2000)
+    gyro[500] = 150.0
+    assert judge(gyro, accel)[0]
+    # a spike amid motion that is surely in rad/s is a spike
+    gyro, accel, _ = handheld(8000, noise=1e-3, size=1.0)
+    gyro[500] = 150.0
+    assert not judge(gyro, accel)[0]
+
+
+@pytest.mark.parametrize(
+    ("evidence", "expected"),
+    [
+        (UnitEvidence(1.0, 0.1, 50, 0.9), True),
+        (UnitEvidence(0.4, 0.1, 10, 0.6), True),
+        (UnitEvidence(1.0, 0.1, 9, 0.9), False),  # too little to go by
+        (UnitEvidence(1.0, 0.1, 50, 0.5), False),  # rad/s fits as often
+        (UnitEvidence(1.0, 0.6, 50, 0.9), False),  # could be nothing at all
+        (UnitEvidence(6.0, 0.6, 50, 0.9), False),  # could be rad/s
+        (UnitEvidence(30.0, 1.0, 50, 0.9), False),
+        (UnitEvidence(-1.0, 0.1, 50, 0.9), False),
+    ],
+)
+def test_what_evidence_is_enough(evidence, expected):
+    assert turns_like_degrees(evidence) is expected
+    assert gyro_looks_like_degrees(evidence, np.full(3, 50.0)) is expected
+    # rates that no sensor has decide unless the data is surely in rad/s
+    assert gyro_looks_like_degrees(evidence, np.full(3, 500.0)) is (evidence.scale < 20.0)
+
+
+def test_nothing_is_said_of_nothing():
+    stage = WindowStage()
+    for gyro, accel in (np.zeros((2, 0, 3)), np.zeros((2, 50, 3)), np.zeros((2, 1000, 3))):
+        stage = WindowStage()
+        stage.push(even_times(len(gyro)), gyro, accel)
+        evidence = unit_evidence(stage.finish())
+        assert (evidence.scale, evidence.sigma, evidence.windows) == (0.0, np.inf, 0)
+        assert not turns_like_degrees(evidence)
+
+
+@pytest.mark.parametrize("size", [0.9, 0.97, 1.0, 1.02, 1.1])
+def test_g(size):
+    assert accel_looks_like_g(size)
+    assert not accel_looks_like_g(size * G)
+
+
+@pytest.mark.parametrize("path", REAL)
+@pytest.mark.parametrize("unit", ["rad/s", "deg/s"])
+def test_real_logs(path, unit):
+    axes = "frd" if path.startswith("px4") else "flu"
+    scale = 1.0 if unit == "rad/s" else 1.0 / DEGREE
+    with open_log(real(path)) as log:
+        topic = choose_imu(log, None)
+        found = survey(log, topic, ImuUnits(axes, scale))
+        in_g = survey(log, topic, ImuUnits(axes, scale, 1.0 / G))
+    expected = unit == "deg/s" and path not in UNKNOWABLE
+    assert gyro_looks_like_degrees(found.gyro_unit, found.gyro_max) is expected
+    assert not accel_looks_like_g(found.specific_force_median)
+    assert accel_looks_like_g(in_g.specific_force_median)
+    # the unit of force does not matter to that of the rates
+    assert gyro_looks_like_degrees(in_g.gyro_unit, in_g.gyro_max) is expected
+
+
+def test_coordinated_turns_are_no_degrees():
+    """Rolling into turns of 35 degrees the lift stays on the aircraft's own axis."""
+    from sinstool.methods.alignment.still import WindowStage
+    from sinstool.simulation.flight import manoeuvring_flight
+
+    for seed in range(4):
+        imu = manoeuvring_flight(400.0, 50.0, latitude=-0.6, heading=2.0, seed=seed).imu
+        stage = WindowStage()
+        stage.push(imu.time_ns, imu.gyro_mean_rate, imu.mean_specific_force)
+        evidence = unit_evidence(stage.finish())
+        assert not turns_like_degrees(evidence)
