@@ -255,8 +255,6 @@ def output_paths(logs: Sequence[LogInput], folder: Path, suffix: str = "") -> li
 
     Parameters
     ----------
-    logs : sequence of LogInput
-    folder : Path
     suffix : str
         Put in place of ``.mcap``, for what lies beside the outputs.
 

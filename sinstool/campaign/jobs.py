@@ -35,7 +35,6 @@ class Job:
     function : callable
         Of a module, found by name on the other side: ``function(*arguments, progress)``, where
         ``progress`` takes the fraction done. What it returns travels back, so: plain values.
-    arguments : tuple
     size : int
         Bytes of its input; the largest are begun first.
     folders : tuple of Path
@@ -126,8 +125,6 @@ class Task:
 
     Attributes
     ----------
-    number : int
-    job : Job
     version : str
         Of the sinstool that asks.
     explain : bool
@@ -145,7 +142,6 @@ def perform(task: Task, tell: Report) -> Outcome:
 
     Parameters
     ----------
-    task : Task
     tell : callable
         Gets the fraction done, now and then. What it raises ends the job.
     """

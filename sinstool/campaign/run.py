@@ -15,11 +15,6 @@ from sinstool.core.whole_file import appeared
 def run_jobs(jobs: Sequence[Job], workers: Workers) -> Generator[Event]:
     """Do jobs, and tell how it goes; each ends with one event that has an outcome.
 
-    Parameters
-    ----------
-    jobs : sequence of Job
-    workers : Workers
-
     Yields
     ------
     Event
@@ -54,8 +49,6 @@ def results(jobs: Sequence[Job], workers: Workers, progress: Report | None = Non
 
     Parameters
     ----------
-    jobs : sequence of Job
-    workers : Workers
     progress : callable, optional
         Called with the fraction done of all.
 

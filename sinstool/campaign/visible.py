@@ -69,7 +69,6 @@ class Token:
 
     Attributes
     ----------
-    path : Path
     text : str
         What it holds.
     """

@@ -38,10 +38,8 @@ def align_many(
     ----------
     given : sequence of Path
         Files, folders, patterns.
-    config : ProcessConfig
     truth : str or None
         A topic of the logs, or a file.
-    asked : Asked
 
     Returns
     -------

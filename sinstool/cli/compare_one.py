@@ -61,9 +61,6 @@ def compare_one(
 
     Parameters
     ----------
-    log : Path
-    config : ProcessConfig
-    settings : Settings
     options : dict
         Of the command line.
     progress : callable, optional

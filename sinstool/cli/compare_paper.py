@@ -95,7 +95,6 @@ def write_sweeps(found: Reproduction, folder: Path) -> list[Path]:
 
     Parameters
     ----------
-    found : Reproduction
     folder : Path
         Made if it does not exist.
 
@@ -125,10 +124,6 @@ def write_sweeps(found: Reproduction, folder: Path) -> list[Path]:
 
 def as_object(found: Reproduction) -> dict[str, Any]:
     """Everything that is printed, as plain values.
-
-    Parameters
-    ----------
-    found : Reproduction
 
     Returns
     -------

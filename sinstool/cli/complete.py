@@ -105,7 +105,6 @@ def topics(log: Path, types: tuple[str, ...]) -> list[str]:
 
     Parameters
     ----------
-    log : Path
     types : tuple of str
         As ROS 2 names them.
     """

@@ -19,7 +19,6 @@ def progress_bar(label: str, quiet: bool) -> Iterator[Callable[[float], None] | 
 
     Parameters
     ----------
-    label : str
     quiet : bool
         None at all.
 

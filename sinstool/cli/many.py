@@ -93,10 +93,8 @@ def workers_of(asked: Asked, modules: Sequence[str], reads: Sequence[Path], most
 
     Parameters
     ----------
-    asked : Asked
     modules : sequence of str
         What jobs need.
-    reads : sequence of Path
     most : int
         Jobs that there are.
 
@@ -169,8 +167,6 @@ def work_through(
 
     Parameters
     ----------
-    jobs : sequence of Job
-    workers : Workers
     row : callable
         Makes of a job's number and outcome what there is to say of it, with ``status`` and
         ``exit``; `row_of` is the most of it.
@@ -229,7 +225,6 @@ def finish(
     ----------
     rows : sequence of dict
         Of :func:`work_through`.
-    asked : Asked
     table : callable, optional
         Prints it.
     where : str

@@ -39,7 +39,6 @@ def process_many(given: Sequence[Path], folder: Path, config: ProcessConfig, ask
         Of the outputs.
     config : ProcessConfig
         ``output.report`` is a folder too.
-    asked : Asked
 
     Returns
     -------

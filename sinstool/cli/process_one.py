@@ -23,10 +23,8 @@ def process_one(
 
     Parameters
     ----------
-    log, output : Path
     report : Path or None
         The page.
-    config : ProcessConfig
     progress : callable, optional
         Called with the fraction done.
 

@@ -70,7 +70,6 @@ def simulate_one(scenario: str, told: dict[str, Any], progress: Any) -> dict[str
 
     Parameters
     ----------
-    scenario : str
     told : dict
         Options of the command line.
     progress : callable

@@ -112,7 +112,6 @@ def write_log(
     ----------
     told : mapping
         Options ``output`` and ``report``.
-    topics : sequence of SimulatedTopic
     settings : dict
         How the log was made.
     write_page : callable

@@ -21,7 +21,6 @@ def build(model: type[Group], data: dict[str, Any], source: str = "", check: boo
     ----------
     model : type
         ProcessConfig, or a group of it.
-    data : dict
     source : str
         Named in errors: a file; empty for the command line, whose options are named instead.
     check : bool
@@ -151,7 +150,6 @@ def dump_toml(config: Group, *without: str) -> str:
 
     Parameters
     ----------
-    config : Group
     *without : str
         Groups that do not concern the command.
     """

@@ -22,7 +22,6 @@ class Envelope:
 
     Parameters
     ----------
-    columns : int
     groups : int, optional
         How many groups to keep at least, where there are so many rows.
     """

@@ -17,10 +17,6 @@ SALVAGE_HINT = f"{AGAIN} to use what is whole"
 def one_line(text: str) -> str:
     """Text without what a terminal would obey: names in a log may hold anything.
 
-    Parameters
-    ----------
-    text : str
-
     Returns
     -------
     str

@@ -77,7 +77,6 @@ def say_again(name: str, choices: Sequence[str]) -> None:
     ----------
     name : str
         Of the log, where the choices do not begin with it.
-    choices : sequence of str
     """
     if choices and not choices[0].startswith(f"{_LOG}: "):
         explain(_LOG, name)

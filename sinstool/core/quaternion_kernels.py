@@ -87,10 +87,6 @@ def increment_quaternion(
 def unit_factor(square: float) -> float:
     """Factor that makes a quaternion of this squared length one of length 1.
 
-    Parameters
-    ----------
-    square : float
-
     Returns
     -------
     float
@@ -107,10 +103,6 @@ def product(
     pw: float, px: float, py: float, pz: float, qw: float, qx: float, qy: float, qz: float
 ) -> tuple[float, float, float, float]:
     """Hamilton product p q.
-
-    Parameters
-    ----------
-    pw, px, py, pz, qw, qx, qy, qz : float
 
     Returns
     -------
@@ -129,10 +121,6 @@ def dcm(
     w: float, x: float, y: float, z: float
 ) -> tuple[float, float, float, float, float, float, float, float, float]:
     """Direction cosine matrix of a unit quaternion.
-
-    Parameters
-    ----------
-    w, x, y, z : float
 
     Returns
     -------

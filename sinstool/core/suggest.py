@@ -9,11 +9,6 @@ from collections.abc import Iterable
 def nearest(word: str, known: Iterable[str]) -> str:
     """What somebody may have meant.
 
-    Parameters
-    ----------
-    word : str
-    known : iterable of str
-
     Returns
     -------
     str

@@ -47,7 +47,6 @@ def new_file(folder: Path, name: str) -> tuple[int, Path]:
 
     Parameters
     ----------
-    folder : Path
     name : str
         What it is for; the beginning of it becomes part of the file's hidden name.
 
@@ -84,7 +83,6 @@ def unheld(folder: Path, name: str) -> Path:
 
     Parameters
     ----------
-    folder : Path
     name : str
         What it is for.
     """
@@ -104,10 +102,6 @@ def forget(path: Path) -> None:
 
 class TemporaryFolder:
     """A folder in the system's place for temporary files.
-
-    Attributes
-    ----------
-    path : Path
 
     Raises
     ------

@@ -32,7 +32,6 @@ def executor(threads: int, name: str) -> Executor:
 
     Parameters
     ----------
-    threads : int
     name : str
         Of the threads, for who looks at the process.
     """

@@ -179,7 +179,6 @@ class Piece:
 
     Attributes
     ----------
-    imu : Imu
     starts : bool
         The segment begins with it.
     gap_s : float
@@ -288,7 +287,6 @@ class Whole(Generic[S]):
 
     Attributes
     ----------
-    stream : Stream
     backward : int
         Samples that were stamped earlier than the one before them in the file.
     repeated : int

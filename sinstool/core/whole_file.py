@@ -27,8 +27,6 @@ def check_output(output: Path, inputs: list[Path], overwrite: bool) -> None:
 
     Parameters
     ----------
-    output : Path
-    inputs : list of Path
     overwrite : bool
         An existing file may be replaced; an input never.
 
@@ -73,7 +71,6 @@ def check_new_folder(folder: Path, option: str) -> None:
 
     Parameters
     ----------
-    folder : Path
     option : str
         By which another one can be given.
 
@@ -137,10 +134,6 @@ def together() -> Iterator[None]:
 
 def held_back(path: Path) -> Path:
     """Where the content of a file is for now, that waits inside :func:`together`.
-
-    Parameters
-    ----------
-    path : Path
 
     Returns
     -------

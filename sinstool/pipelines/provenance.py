@@ -29,10 +29,6 @@ def identity(config: ProcessConfig) -> dict[str, str]:
     Files that the configuration names are in it with their SHA-256, as the same name may hold
     something else tomorrow. What does not bear on the content is left out: whether an output may
     be replaced, and the page of figures.
-
-    Parameters
-    ----------
-    config : ProcessConfig
     """
     output = config.output.model_copy(update={"overwrite": False, "report": None})
     kept = config.model_copy(update={"output": output})
@@ -69,8 +65,6 @@ def require_same(path: Path, log: Path, config: ProcessConfig) -> dict[str, str]
     ----------
     path : Path
         The output.
-    log : Path
-    config : ProcessConfig
 
     Raises
     ------

@@ -33,7 +33,6 @@ def plotly_figure(figure: Figure, limit: int = POINTS_PER_CURVE) -> dict[str, An
 
     Parameters
     ----------
-    figure : Figure
     limit : int, optional
         Points of a curve at most; see :func:`~sinstool.report.decimate.thin`.
 
@@ -60,11 +59,6 @@ def plotly_figure(figure: Figure, limit: int = POINTS_PER_CURVE) -> dict[str, An
 def places(figure: Figure, series: Series) -> FloatArray | tuple[str, ...]:
     """Where the points of a series are: its own places, or else its figure's.
 
-    Parameters
-    ----------
-    figure : Figure
-    series : Series
-
     Returns
     -------
     ndarray, shape (n,), or tuple of str
@@ -80,8 +74,6 @@ def drawn(figure: Figure, series: Series, limit: int) -> tuple[Any, FloatArray]:
 
     Parameters
     ----------
-    figure : Figure
-    series : Series
     limit : int
         How many at most. Words are never thinned: each is there to be read.
 
@@ -103,7 +95,6 @@ def colour_of(figure: Figure, k: int) -> int:
 
     Parameters
     ----------
-    figure : Figure
     k : int
         Number of the series.
 
@@ -118,11 +109,6 @@ def colour_of(figure: Figure, k: int) -> int:
 def dash_of(figure: Figure, k: int) -> str:
     """How the line of a series is dashed; as :func:`colour_of`.
 
-    Parameters
-    ----------
-    figure : Figure
-    k : int
-
     Returns
     -------
     str
@@ -135,10 +121,6 @@ def dash_of(figure: Figure, k: int) -> str:
 
 def unit(label: str) -> str:
     """Return what follows the last comma of an axis label.
-
-    Parameters
-    ----------
-    label : str
 
     Returns
     -------
@@ -233,10 +215,6 @@ def _marks(figure: Figure) -> Iterator[tuple[dict[str, Any], dict[str, Any]]]:
 
 def mark_sides(figure: Figure) -> tuple[Side, ...]:
     """Choose which end of its name touches each mark.
-
-    Parameters
-    ----------
-    figure : Figure
 
     Returns
     -------

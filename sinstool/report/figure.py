@@ -49,10 +49,8 @@ class Figure:
     ----------
     key : str
         Short name, unique within a report.
-    title : str
     x : ndarray, shape (n,), or sequence of str
         Common to the series; words for bars.
-    series : tuple of Series
     xlabel, ylabel : str
         With the unit.
     log_x, log_y : bool

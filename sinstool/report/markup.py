@@ -54,7 +54,6 @@ def markup(page: Page, library: str) -> str:
 
     Parameters
     ----------
-    page : Page
     library : str
         The source of plotly.js; empty where there is no figure.
 
@@ -104,10 +103,6 @@ def markup(page: Page, library: str) -> str:
 
 def points_per_curve(figures: Sequence[Figure]) -> int:
     """How many points of each curve a page can hold.
-
-    Parameters
-    ----------
-    figures : sequence of Figure
 
     Returns
     -------

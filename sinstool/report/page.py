@@ -68,8 +68,6 @@ def write_report(
 
     Parameters
     ----------
-    path : Path
-    page : Page
     inputs : sequence of Path, optional
         Files that must not be written over.
     overwrite : bool, optional
@@ -98,8 +96,6 @@ def write_page(
 
     Parameters
     ----------
-    path : Path
-    page : Page
     inputs : sequence of Path, optional
         Files that must not be written over.
     overwrite : bool, optional

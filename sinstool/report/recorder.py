@@ -59,7 +59,6 @@ class Recorder:
 
         Parameters
         ----------
-        name : str
         time_ns : ndarray of int64, shape (m,)
         height : ndarray, shape (m,)
             Those that could be used, m.

@@ -17,7 +17,6 @@ class Fact:
 
     Attributes
     ----------
-    name : str
     value : str
         With its unit.
     note : str
@@ -35,10 +34,8 @@ class Prose:
 
     Attributes
     ----------
-    paragraphs : tuple of str
     title : str
         Heading; empty for none.
-    facts : tuple of Fact
     """
 
     paragraphs: tuple[str, ...]
@@ -52,7 +49,6 @@ class Column:
 
     Attributes
     ----------
-    name : str
     unit : str
         Empty for none.
     form : str
@@ -70,8 +66,6 @@ class Table:
 
     Attributes
     ----------
-    title : str
-    columns : tuple of Column
     rows : tuple of tuples
         Each as long as `columns`. None and NaN are shown as a dash.
     notes : tuple of str
@@ -113,7 +107,6 @@ class Rows:
 
     Attributes
     ----------
-    title : str
     pairs : tuple of (str, str)
     """
 
@@ -145,13 +138,7 @@ class Setting:
 
 @dataclass(frozen=True)
 class Settings:
-    """With which settings it was done: those that were given first, defaults to be unfolded.
-
-    Attributes
-    ----------
-    items : tuple of Setting
-    title : str
-    """
+    """With which settings it was done: those that were given first, defaults to be unfolded."""
 
     items: tuple[Setting, ...]
     title: str = "Settings"
@@ -190,7 +177,6 @@ class Page:
 
     Attributes
     ----------
-    title : str
     subtitle : str
         What it is about, such as the log's name; empty for none.
     sections : tuple of sections

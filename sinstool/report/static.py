@@ -40,7 +40,6 @@ def write_figure(
     ----------
     path : Path
         Ends in .png, .pdf or .svg.
-    figure : Figure
     inputs : sequence of Path, optional
         Files that must not be written over.
     overwrite : bool, optional

@@ -101,10 +101,6 @@ def paper_response(text: str) -> GyroResponse:
 def response_name(response: GyroResponse) -> str:
     """Short name of a gyro response: without the paper's own figures.
 
-    Parameters
-    ----------
-    response : GyroResponse
-
     Returns
     -------
     str

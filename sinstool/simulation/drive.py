@@ -33,7 +33,6 @@ def road_drive(
 
     Parameters
     ----------
-    duration_s : float
     rate_hz : float
         Of the samples.
     latitude, longitude : float, optional

@@ -49,7 +49,6 @@ def spiral_climb(
 
     Parameters
     ----------
-    duration_s : float
     rate_hz : float
         Of the samples.
     latitude, longitude : float, optional
@@ -97,7 +96,6 @@ def manoeuvring_flight(
 
     Parameters
     ----------
-    duration_s : float
     rate_hz : float
         Of the samples.
     latitude, longitude : float, optional

@@ -88,7 +88,6 @@ class GnssFaults:
     ----------
     outages : tuple of (start, end)
         No fixes.
-    jumps : tuple of Jump
     outlier_fraction : float
         Probability that a fix is one.
     outlier_position, outlier_velocity : float
@@ -157,8 +156,6 @@ class Receiver:
         From the time at which a fix is valid to its stamp.
     lever_arm_b : tuple of float
         From the Imu to the antenna, FRD, m.
-    errors : GnssErrors
-    faults : GnssFaults
     """
 
     rate_hz: float = 10.0
@@ -176,8 +173,6 @@ def gnss_samples(
 
     Parameters
     ----------
-    trajectory : Trajectory
-    receiver : Receiver
     seed : int
         Of the random numbers. Errors do not depend on the faults: an outage or an outlier
         leaves the other fixes as they were.
@@ -240,11 +235,6 @@ def gnss_samples(
 
 def true_moments(trajectory: Trajectory, receiver: Receiver) -> Moments:
     """Motion of the antenna when the fixes are valid, outages included.
-
-    Parameters
-    ----------
-    trajectory : Trajectory
-    receiver : Receiver
 
     Returns
     -------

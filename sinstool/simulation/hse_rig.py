@@ -211,7 +211,6 @@ class HseRigLog:
         rad, or degrees if so set up.
     believed_K_g, believed_C_s_to_b : ndarray, shape (3, 3)
         The calibration that the user has.
-    truth : HseRigTruth
     """
 
     time_ns: IntArray

@@ -53,7 +53,6 @@ def moments(
 
     Parameters
     ----------
-    trajectory : Trajectory
     time_ns : array_like of int64, shape (m,)
         Within those of the trajectory, in any order.
     lever_arm_b : array_like, shape (3,), optional

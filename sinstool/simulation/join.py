@@ -14,7 +14,6 @@ def after_rest(motion: ImuTruth, rest: ImuTruth) -> ImuTruth:
 
     Parameters
     ----------
-    motion : ImuTruth
     rest : ImuTruth
         Its last instant is the motion's first; of the motion's first row nothing is used but
         the rate at the instant, since the interval before it belongs to the rest.

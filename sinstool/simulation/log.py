@@ -39,7 +39,6 @@ class SimulatedTopic:
 
     Attributes
     ----------
-    topic, type_name : str
     time_ns : ndarray of int64, shape (n,)
         Stamps and log times.
     columns : callable
@@ -65,8 +64,6 @@ def write_simulated(
 
     Parameters
     ----------
-    path : Path
-    topics : sequence of SimulatedTopic
     settings : dict
         How the log was made; kept in a Metadata record ``sinstool``.
 
@@ -178,7 +175,6 @@ def imu_topic(sensor: ImuTruth, gyro_kind: str, axes: Axes) -> SimulatedTopic:
     sensor : ImuTruth
         With sensor errors.
     gyro_kind : {'rate', 'mean-rate', 'increment'}
-    axes : Axes
     """
     gyro, accel = {
         "rate": (sensor.gyro_rate, sensor.specific_force),
@@ -216,8 +212,6 @@ def truth_topics(
 
     Parameters
     ----------
-    truth : ImuTruth
-    axes : Axes
     trajectory : Trajectory, optional
         Where the vehicle is; without one it stays at the origin. Positions are in the tangent
         plane of the first one.

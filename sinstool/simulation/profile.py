@@ -95,7 +95,6 @@ class Profile:
         Of the velocity against the Earth: size, angle above the horizon, angle from the azimuth.
     pitch, yaw : tuple of terms
         Of the body beyond those of the velocity (angles of attack and sideslip, coning).
-    roll : tuple of terms
     """
 
     speed: tuple[Term, ...]
@@ -117,7 +116,6 @@ def fly(
 
     Parameters
     ----------
-    profile : Profile
     time_ns : ndarray of int64, shape (n,)
         Instants of the samples, of equal spacing up to rounding.
     lift_off_ns : int

@@ -71,7 +71,6 @@ def with_errors(truth: ImuTruth, grade: SensorGrade, seed: int) -> ImuTruth:
 
     Parameters
     ----------
-    truth : ImuTruth
     grade : SensorGrade
     seed : int
         Of the random numbers: the same seed gives the same errors.
@@ -131,7 +130,6 @@ def markov(
         Between rows, s.
     correlation_time : float
         s.
-    random : numpy.random.Generator
     columns : int, optional
         Independent processes.
 

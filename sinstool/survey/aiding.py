@@ -65,7 +65,6 @@ class Aiding:
         By time; values that no atmosphere has are still in it.
     counts : dict
         What was left out, by reason.
-    warnings : list of str
     """
 
     gnss: GnssEpochs | None = None
@@ -98,8 +97,6 @@ def read_gnss(
 
     Parameters
     ----------
-    log : Log
-    options : InputOptions
     log_time : bool
         The run uses the recorder's times instead of stamps.
     into : Aiding
@@ -185,7 +182,6 @@ def moving_at(gnss: GnssEpochs | None, start_ns: int, end_ns: int) -> float | No
     Parameters
     ----------
     gnss : GnssEpochs or None
-    start_ns, end_ns : int
     """
     if gnss is None:
         return None

@@ -76,10 +76,8 @@ class Survey:
 
     Attributes
     ----------
-    topic : str
     count : int
         Usable samples, in order, without duplicates.
-    first_ns, last_ns : int
     time_source : {'stamp', 'log'}
         Header stamps, or the recorder's times where stamps are unusable.
     time_note : str
@@ -98,10 +96,8 @@ class Survey:
         Of all of them.
     missed : int
         Intervals of more than 1.5 nominal ones that are no gap: samples are missing there.
-    order : OrderCounts
     horizon_ns : int
         Look-ahead that puts every late sample in its place.
-    losses : Losses
     clock_offset_s : tuple of float
         Log time minus stamp: smallest and largest.
     held : int
@@ -112,8 +108,6 @@ class Survey:
         Axes that stay at their largest value for several samples.
     specific_force_median : float
         Median norm, m/s^2.
-    windows : Windows
-    spans : tuple of StillSpan
     lead_in : StillSpan or None
         The still span that the log begins with.
     orientation : ndarray or None, shape (4,)
@@ -230,9 +224,6 @@ def survey(
 
     Parameters
     ----------
-    log : Log
-    topic : ImuTopic
-    units : ImuUnits
     span : callable, optional
         First and last time (None: open) of the samples that count, from the time of the first
         sample, on whichever clock that is.

@@ -16,13 +16,7 @@ from sinstool.survey.source import Source, rate_blocks
 
 
 class SegmentIncrements:
-    """Increments of a log's segments, with the samples they answer for.
-
-    Parameters
-    ----------
-    source : Source
-    config : ProcessConfig
-    """
+    """Increments of a log's segments, with the samples they answer for."""
 
     def __init__(self, source: Source, config: ProcessConfig) -> None:
         self._source = source

@@ -62,7 +62,6 @@ def oddities(survey: Survey, options: InputOptions) -> list[Oddity]:
 
     Parameters
     ----------
-    survey : Survey
     options : InputOptions
         What the user said about units and axes: a unit that was given is believed.
 

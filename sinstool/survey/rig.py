@@ -41,13 +41,10 @@ class RigLog:
 
     Attributes
     ----------
-    log : Log
-    topic : ImuTopic
     imu : Imu
         Raw: axes of the log, rad/s and m/s^2.
     encoder : Encoder
         Readings in the unit of the log.
-    encoder_topic : str
     counts : dict
         What was left out, by reason.
     damaged : bool
@@ -76,8 +73,6 @@ class RigTurns:
     ----------
     source : str
         The log's name.
-    start_ns : int
-    pieces : list of TableAngle
     segmentation : Segmentation
         What is used and what is not, and why.
     turns : list of TurnStatistics
@@ -109,8 +104,6 @@ def read_rig_log(
 
     Parameters
     ----------
-    log : Log
-    rig : Rig
     options : InputOptions
         Topics, units and span of time; axes are the rig's.
     progress : callable, optional
@@ -190,9 +183,6 @@ def find_turns(rig_log: RigLog, rig: Rig, rules: SegmentRules, name: str = "") -
 
     Parameters
     ----------
-    rig_log : RigLog
-    rig : Rig
-    rules : SegmentRules
     name : str
         What to call the log; by default its file's name.
 

@@ -28,15 +28,10 @@ class Source:
 
     Attributes
     ----------
-    log : Log
-    topic : ImuTopic
-    units : ImuUnits
-    survey : Survey
     latitude : float or None
         Radians; None where neither the user nor the log gives one.
     position : tuple
         Latitude, longitude (deg) and height (m), None where unknown.
-    warnings : tuple of str
     kept : Kept
         What the survey read, where it is not too much to keep.
     aiding : Aiding
@@ -64,8 +59,6 @@ def prepare(
 
     Parameters
     ----------
-    log : Log
-    config : ProcessConfig
     progress : callable, optional
         Called with the bytes read.
     whole_gnss : bool

@@ -112,10 +112,6 @@ def turns_like_degrees(evidence: UnitEvidence) -> bool:
 
     The scale alone would be fooled by a spin that is faster than the windows resolve; the share
     alone by a multirotor, whose specific force stays on its own z axis however it tilts.
-
-    Parameters
-    ----------
-    evidence : UnitEvidence
     """
     e = evidence
     return (
@@ -131,7 +127,6 @@ def gyro_looks_like_degrees(evidence: UnitEvidence, gyro_max: np.ndarray) -> boo
 
     Parameters
     ----------
-    evidence : UnitEvidence
     gyro_max : ndarray, shape (3,)
         Largest magnitudes.
     """

@@ -24,7 +24,6 @@ def ahead(
     Parameters
     ----------
     work : callable
-    items : iterable
     depth : int
         Results held at most.
 

@@ -34,7 +34,6 @@ def decompress(name: str, data: bytes | memoryview, size: int) -> bytes | memory
     ----------
     name : {'', 'none', 'zstd', 'lz4', 'bz2'}
         As the container spells it.
-    data : bytes-like
     size : int
         Decompressed size that the container declares.
 
@@ -88,7 +87,6 @@ def decompress_prefix(name: str, data: bytes | memoryview, limit: int) -> bytes 
     ----------
     name : str
         As for `decompress`. Where the data itself begins as zstd, lz4 or bz2 does, that decides.
-    data : bytes-like
     limit : int
         Bytes beyond which nothing is taken.
 

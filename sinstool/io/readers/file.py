@@ -26,7 +26,6 @@ class FileLog(Log):
 
     Parameters
     ----------
-    path : Path
     salvage : bool
         Pass over damage and note it in `lost`.
     """

@@ -16,10 +16,6 @@ MAX_HELD = 32 * 2**20
 class Held:
     """What a pass over a log met of some channels.
 
-    Parameters
-    ----------
-    channels : collection of int
-
     Attributes
     ----------
     channels : frozenset of int

@@ -31,7 +31,6 @@ class Channel:
     ----------
     id : int
         The reader's number for it, unique in the log.
-    topic : str
     type_name : str
         As the log spells it.
     message_encoding : str
@@ -87,12 +86,10 @@ class Log(ABC):
 
     Attributes
     ----------
-    path : Path
     format : str
         ``mcap``, ``rosbag1`` or ``rosbag2``.
     profile : str
         ``ros1`` or ``ros2`` or what an MCAP header says.
-    channels : dict of int to Channel
     size : int
         Bytes on disk.
     salvage : bool
@@ -161,12 +158,7 @@ class Log(ABC):
             self._held.end(complete)
 
     def hold(self, channels: Collection[int]) -> None:
-        """Keep what the next pass meets of small channels, which will be wanted too.
-
-        Parameters
-        ----------
-        channels : collection of int
-        """
+        """Keep what the next pass meets of small channels, which will be wanted too."""
         self._held = Held(channels)
 
     def _pass(

@@ -103,7 +103,6 @@ class LostParts:
 
         Parameters
         ----------
-        part : Lost
         always : bool
             However many there are already: it says that reading was given up.
         """

@@ -42,7 +42,6 @@ class McapLog(McapFile):
 
     Parameters
     ----------
-    path : Path
     salvage : bool
         Pass over damaged chunks and a missing end, and note them in `lost`.
 

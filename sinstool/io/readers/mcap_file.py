@@ -48,7 +48,6 @@ class ChunkPlace:
         Log times it declares, ns.
     size, crc : int
         Uncompressed bytes and their CRC-32 (0: none).
-    compression : str
     data_offset, data_length : int
         Of the compressed records.
     problem : str
@@ -87,7 +86,6 @@ class McapFile(FileLog):
 
     Parameters
     ----------
-    path : Path
     salvage : bool
         Pass over damage and note it in `lost`.
 

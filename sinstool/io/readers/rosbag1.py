@@ -51,7 +51,6 @@ class Rosbag1Log(FileLog):
 
     Parameters
     ----------
-    path : Path
     salvage : bool
         Pass over damaged chunks and a missing end, and note them in `lost`.
 

@@ -66,11 +66,6 @@ class Rosbag2Log(Log):
 
     A channel is one topic of one type and encoding, with the same number in all files.
 
-    Parameters
-    ----------
-    path : Path
-    salvage : bool
-
     Attributes
     ----------
     parts : list of Log

@@ -24,7 +24,6 @@ def unpack(name: str, data: bytes, size: int, crc: int) -> tuple[np.ndarray, boo
     ----------
     name : str
         Compression, as the chunk has it.
-    data : bytes
     size, crc : int
         What the chunk declares of its content (CRC 0: nothing); neither is relied on.
 

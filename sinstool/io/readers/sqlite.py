@@ -45,7 +45,6 @@ class SqliteLog(Log):
 
     Parameters
     ----------
-    path : Path
     salvage : bool
         Pass over rows that the database does not give, and note them in `lost`.
 

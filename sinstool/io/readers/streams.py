@@ -103,7 +103,6 @@ def read_columns(
 
     Parameters
     ----------
-    log : Log
     channels : sequence of Channel
         All channels that carry the topic (a topic may have several).
     columns : mapping
@@ -180,10 +179,6 @@ def read_imu(
 
     Parameters
     ----------
-    log : Log
-    channels : sequence of Channel
-    units : ImuUnits
-    losses : Losses
     path : str
         Where the Imu lies inside the message, for types that nest one ('' for plain Imu).
     log_time : bool

@@ -24,8 +24,6 @@ class ImuTopic:
 
     Attributes
     ----------
-    topic : str
-    channels : tuple of Channel
     path : str
         Where the Imu lies in the message; '' for a plain Imu topic.
     note : str
@@ -83,7 +81,6 @@ def choose_imu(log: Log, wanted: str | None) -> ImuTopic:
 
     Parameters
     ----------
-    log : Log
     wanted : str, optional
         ``--imu-topic``.
 
@@ -166,7 +163,6 @@ def choose_optional(log: Log, flag: str, wanted: str | None, *types: str) -> tup
 
     Parameters
     ----------
-    log : Log
     flag : str
         The option that names it, for the message.
     wanted : str, optional

@@ -18,7 +18,6 @@ def tf_parent(log: Log, child: str) -> str | None:
 
     Parameters
     ----------
-    log : Log
     child : str
         Frame id.
 

@@ -51,7 +51,6 @@ class Messages:
 
         Parameters
         ----------
-        channel : int
         payload : ndarray of uint8, shape (n, size)
         log_time, sequence : ndarray of int64, shape (n,)
         """

@@ -36,7 +36,6 @@ class Copier:
 
     Parameters
     ----------
-    log : Log
     writer : McapWriter
         Gets the log's schemas and channels, under their own ids where it is MCAP.
     """

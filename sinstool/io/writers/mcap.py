@@ -74,8 +74,6 @@ class McapWriter:
 
         Parameters
         ----------
-        name, encoding : str
-        data : bytes
         number : int, optional
             Id to give it; by default the next free one.
 
@@ -105,10 +103,8 @@ class McapWriter:
 
         Parameters
         ----------
-        topic, encoding : str
         schema : int
             Its schema's id; 0 for none.
-        metadata : dict
         number : int, optional
             Id to give it; by default the next free one.
 
@@ -177,7 +173,6 @@ class McapWriter:
             Channel id and the entries of its message index (16 bytes a message).
         times : (int, int)
             First and last log time.
-        compression : str
         sizes : (int, int)
             Bytes of its data, compressed and not.
         """
@@ -195,7 +190,6 @@ class McapWriter:
 
         Parameters
         ----------
-        opcode : int
         record : bytes
             The whole record, its 9-byte head included.
         """

@@ -46,11 +46,9 @@ class SolutionWriter:
 
     Parameters
     ----------
-    writer : McapWriter
     encoding : {'cdr', 'ros1'}
     emits : sequence of str
         Keys of TOPICS, and ``diagnostics``.
-    frames : Frames
     before_batch : callable
         Called with the last log time of a batch before it is written, so that what belongs
         before it can be.

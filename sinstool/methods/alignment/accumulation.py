@@ -240,8 +240,6 @@ def accumulate(
         As :meth:`InertialAccumulator.push` takes them.
     epochs_ns : array_like of int64, shape (m,)
         When rows are wanted, not decreasing; those outside the samples get none.
-    origin_ns : int
-    sensitivities : bool
 
     Returns
     -------

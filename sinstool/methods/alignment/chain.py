@@ -21,7 +21,6 @@ def position_between(fixes: GnssFixes, time_ns: NDArray[np.int64]) -> tuple[Floa
 
     Parameters
     ----------
-    fixes : GnssFixes
     time_ns : ndarray of int64, shape (n,)
 
     Returns
@@ -58,7 +57,6 @@ class AttitudeChain:
 
     Attributes
     ----------
-    imu : ImuIncrements
     origin_ns : int
         At which ``i`` is frozen.
     dcm : ndarray, shape (3, 3)

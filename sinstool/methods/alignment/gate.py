@@ -58,7 +58,6 @@ def dynamics(imu: ImuIncrements, smooth: int = 1) -> Dynamics:
 
     Parameters
     ----------
-    imu : ImuIncrements
     smooth : int
         Samples up to each whose mean stands for it, before anything else.
 
@@ -115,12 +114,6 @@ def lift_off(motion: Dynamics) -> int | None:
 def find_start(motion: Dynamics, limits: GateLimits, lift_off_ns: int) -> int | None:
     """First sample at which alignment may start, eq. (12).
 
-    Parameters
-    ----------
-    motion : Dynamics
-    limits : GateLimits
-    lift_off_ns : int
-
     Returns
     -------
     int or None
@@ -137,8 +130,6 @@ def find_stop(motion: Dynamics, limits: GateLimits, start: int) -> int | None:
 
     Parameters
     ----------
-    motion : Dynamics
-    limits : GateLimits
     start : int
         Index of the start.
 
@@ -174,7 +165,6 @@ def saturated(imu: ImuIncrements, gyro_limit: float | None, accel_limit: float |
 
     Parameters
     ----------
-    imu : ImuIncrements
     gyro_limit, accel_limit : float, optional
         Ranges, rad/s and m/s^2; unknown ones are not tested.
 

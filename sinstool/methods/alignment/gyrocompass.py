@@ -96,7 +96,6 @@ class Gyrocompass:
         Time at rest and time in motion.
     chi2 : float
         Squared innovations by their prediction; about 1.
-    warnings : tuple of str
     """
 
     status: Status

@@ -33,7 +33,6 @@ class Stretch:
 
     Attributes
     ----------
-    still : bool
     duration : float
         s.
     rate : ndarray, shape (3,)
@@ -60,9 +59,6 @@ class Record:
 
     Attributes
     ----------
-    stretches : list of Stretch
-    start_ns, end_ns : int
-    duration_s : float
     angle_random_walk : float
         White noise of one gyro, rad/sqrt(s).
     walk_at_rest : bool
@@ -71,7 +67,6 @@ class Record:
         White noise of one accelerometer, (m/s)/sqrt(s).
     shake : float
         Robust standard deviation of a window's mean specific force in motion, m/s^2.
-    warnings : tuple of str
     """
 
     stretches: list[Stretch]

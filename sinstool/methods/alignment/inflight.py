@@ -122,7 +122,6 @@ class InFlightAlignment:
     time_to_align_s : float or None
         From the start to the first fix after which the worst-axis sigma stays below 1 deg.
     errors : RefinedErrors or None
-    warnings : tuple of str
     series : AlignmentSeries or None
     residual_ns : ndarray of int64, shape (k,)
         When the newer vector of each pair was taken.
@@ -187,8 +186,6 @@ def align_in_flight(
 
     Parameters
     ----------
-    imu : ImuIncrements
-    gnss : GnssFixes
     settings : AlignmentSettings, optional
 
     Returns

@@ -221,7 +221,6 @@ class AlignmentSettings:
         ``paper`` starts by eq. (12) and stops by eq. (13); ``mask`` starts at lift-off and
         leaves out pairs that span samples which are not calm, and is meant for ``win``, as
         pairs from the start soon span some and ``cen`` has no span; ``off`` uses all.
-    limits : GateLimits
     start_ns, end_ns : int, optional
         Use only what lies between; a given start replaces eq. (12).
     t0_ns : int, optional

@@ -35,7 +35,6 @@ class Alignment:
         To subtract from the rates, rad/s, body axes.
     bias_source : str
         ``still`` (the lead-in), ``rest`` (another), ``alignment``, ``given`` or ``none``.
-    warnings : tuple of str
     covariance_n : ndarray or None, shape (3, 3)
         Of a small rotation in NED, rad^2, where more is known than sigmas.
     held_ns : int or None
@@ -107,7 +106,6 @@ def still_bias(span: StillSpan, q_nb: np.ndarray, omega_ie_n: np.ndarray | None)
 
     Parameters
     ----------
-    span : StillSpan
     q_nb : ndarray, shape (4,)
         Attitude during the span.
     omega_ie_n : ndarray, shape (3,), optional

@@ -140,7 +140,6 @@ def differentiated_pairs(
 
     Parameters
     ----------
-    central : bool
     rows : InertialRows
         At the antenna; whose own acceleration against the IMU is left out.
     position : tuple of ndarray

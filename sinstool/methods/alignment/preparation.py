@@ -36,7 +36,6 @@ class Stretch:
 
     Attributes
     ----------
-    imu : ImuIncrements
     after : str
         What broke the chain before it; empty at the start of the log.
     """
@@ -47,11 +46,6 @@ class Stretch:
 
 def stretches(imu: ImuIncrements, settings: AlignmentSettings) -> tuple[list[Stretch], list[str]]:
     """Split at gaps and at saturated samples.
-
-    Parameters
-    ----------
-    imu : ImuIncrements
-    settings : AlignmentSettings
 
     Returns
     -------
@@ -135,11 +129,6 @@ def prepare_fixes(
     gnss: GnssFixes, settings: AlignmentSettings
 ) -> tuple[GnssFixes, AlignmentSettings, list[str]]:
     """Fixes that can be used, stamped when they were valid, with a noise each.
-
-    Parameters
-    ----------
-    gnss : GnssFixes
-    settings : AlignmentSettings
 
     Returns
     -------

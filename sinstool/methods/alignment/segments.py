@@ -46,7 +46,6 @@ class Candidate:
     ----------
     stretch : Stretch
         In which it lies.
-    segment : Segment
     fixes : GnssFixes
         Those of the segment.
     positions : GnssFixes
@@ -55,11 +54,9 @@ class Candidate:
         Of the gate.
     rejected : int
         Fixes that the screen left out.
-    solution : Solution
     course : Course or None
     sigma_worst : float
         At the last fix, rad.
-    warnings : list of str
     """
 
     stretch: Stretch
@@ -86,11 +83,8 @@ def candidates(
 
     Parameters
     ----------
-    stretch : Stretch
     fixes : GnssFixes
         Of the whole log.
-    settings : AlignmentSettings
-    lift_off_ns : int
     reasons : list of str
         Gains why others could not.
 

@@ -92,9 +92,6 @@ class Solution:
     dcm : ndarray, shape (3, 3)
     sums : PairSums
         For ``triad`` those of its two vectors.
-    elapsed_s : float
-    n_pairs : int
-    residual_rms, chi2 : float
     residuals : ndarray, shape (k, 3)
         Of the pairs with weight, in ``ib0``.
     pairs : Pairs
@@ -324,11 +321,6 @@ def _position_course(segment: Segment, settings: AlignmentSettings) -> Course:
 
 def explain_residuals(solution: Solution, segment: Segment) -> str:
     """What residuals look like: late fixes, or a lever arm that was not given.
-
-    Parameters
-    ----------
-    solution : Solution
-    segment : Segment
 
     Returns
     -------

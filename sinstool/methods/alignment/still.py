@@ -105,8 +105,6 @@ class StillSpan:
 
     Attributes
     ----------
-    start_ns, end_ns : int
-    samples : int
     gyro, accel : ndarray, shape (3,)
         Means over it, rad/s and m/s^2.
     gyro_std, accel_std : float
@@ -129,10 +127,6 @@ class StillSpan:
 
 def still_spans(windows: Windows) -> list[StillSpan]:
     """Spans of at least a second in which nothing moved.
-
-    Parameters
-    ----------
-    windows : Windows
 
     Returns
     -------

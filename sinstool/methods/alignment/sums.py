@@ -89,10 +89,6 @@ def total_sums(pairs: Pairs, end_s: FloatArray, sigma: FloatArray, fade_s: float
 class RunningPairs:
     """Sums over pairs, kept from row to row; blocks may end anywhere.
 
-    Parameters
-    ----------
-    fade_s : float
-
     Attributes
     ----------
     state : ndarray, shape (64,)

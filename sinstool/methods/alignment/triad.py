@@ -66,7 +66,6 @@ def triad_covariance(
 
     Parameters
     ----------
-    rows : InertialRows
     sigma : ndarray, shape (n,)
         Velocity noise of the fixes.
     middle, ends, at : ndarray of int64, shape (k,)

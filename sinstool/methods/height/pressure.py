@@ -309,10 +309,8 @@ class ScaleFit:
     ----------
     offset : float
         m.
-    scale : float
     height_range : float
         Of the GNSS heights used, 1st to 99th percentile, m.
-    samples : int
     applied : bool
         Whether there was height enough for it, and the scale is one that a day can have.
     """

@@ -17,7 +17,6 @@ class HeightReference:
     Attributes
     ----------
     kind : {'baro', 'gnss'}
-    topic : str
     time_ns : ndarray of int64, shape (m,)
         When measured, in the order of arrival.
     arrival_ns : ndarray of int64, shape (m,)

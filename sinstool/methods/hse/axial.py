@@ -41,9 +41,6 @@ class AxialFit:
         Of the gyro along the axis, rad/s; None when it was not estimated and is therefore in
         ``c``.
     sigma_bias : float or None
-    chi2 : float
-    dof : int
-    n_runs : int
     quantile : float
         Standard deviations in half of a 95 % interval.
     """

@@ -152,8 +152,6 @@ def from_fit(
 
     Parameters
     ----------
-    result : HseFit
-    judged : Judgement
     created : str
         Time by RFC 3339.
     tool : str
@@ -260,10 +258,6 @@ def to_dict(cal: HseCalibration) -> dict[str, Any]:
 def from_dict(data: Mapping[str, Any]) -> HseCalibration:
     """Calibration of what :func:`to_dict` gave.
 
-    Parameters
-    ----------
-    data : mapping
-
     Returns
     -------
     HseCalibration
@@ -327,7 +321,6 @@ def require_config(cal: HseCalibration, config_sha256: str, force: bool = False)
 
     Parameters
     ----------
-    cal : HseCalibration
     config_sha256 : str
         Hash of the configuration in use.
     force : bool

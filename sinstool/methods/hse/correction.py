@@ -24,7 +24,6 @@ def require_applicable(cal: HseCalibration, force: bool = False) -> str | None:
 
     Parameters
     ----------
-    cal : HseCalibration
     force : bool
         Accept one whose coefficient is doubtful; one without a coefficient never is.
 
@@ -62,7 +61,6 @@ def correction(
 
     Parameters
     ----------
-    cal : HseCalibration
     rate : array_like, shape (...)
         Of the table about its (down) axis, rad/s.
     C23 : array_like, shape (...)
@@ -144,7 +142,6 @@ def correct_heading(
 
     Parameters
     ----------
-    cal : HseCalibration
     heading, sigma_heading : array_like, shape (...)
         Estimated, rad.
     rate, C23, latitude, sigma_C23 : array_like, shape (...)

@@ -59,7 +59,6 @@ class Prediction:
 
     Attributes
     ----------
-    n_runs : int
     total_s : float
         Turning time, s.
     sigma_run : tuple of float
@@ -75,7 +74,6 @@ class Prediction:
     order : tuple of float
         Rates in the order to run them at each position: up and down in turn, so that a drift
         with time is not taken for a slope.
-    advice : tuple of str
     """
 
     n_runs: int
@@ -138,7 +136,6 @@ def predict(design: Design, advise: bool = True) -> Prediction:
 
     Parameters
     ----------
-    design : Design
     advise : bool
         Compare with what a little more effort would give.
 

@@ -153,7 +153,6 @@ def table_angle(
     reading : array_like, shape (m,)
         In the unit of the model, wrapped at a whole turn or not. Half a turn or more from one
         reading to the next cannot be told from the other direction.
-    model : EncoderModel
     imu_stamp : {'end', 'mid', 'start'}
         Where the stamp lies in the interval over which a gyro sample is the mean.
     smoothing_s : float

@@ -113,7 +113,6 @@ def east_rate_error(mean: RotationMean, rate: float, C_nb0: ArrayLike, latitude:
 
     Parameters
     ----------
-    mean : RotationMean
     rate : float
         Omega, rad/s.
     C_nb0 : array_like, shape (3, 3)
@@ -142,7 +141,6 @@ def heading_error(mean: RotationMean, rate: float, C_nb0: ArrayLike, latitude: f
 
     Parameters
     ----------
-    mean : RotationMean
     rate : float
         Omega, rad/s.
     C_nb0 : array_like, shape (3, 3)

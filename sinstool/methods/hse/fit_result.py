@@ -73,7 +73,6 @@ class RunFit:
 
     Attributes
     ----------
-    used : bool
     reason : str
         Why it was not used; empty if it was.
     position : int
@@ -124,8 +123,6 @@ class HseFit:
         Widest range within a position over the largest lean.
     latitude : float
         Mean, rad.
-    axial : AxialFit
-    dof : int
     chi2 : float or None
         By the scatter of turns; None with equal weights.
     s : float or None
@@ -143,10 +140,8 @@ class HseFit:
         Largest tilt of a run in use, rad.
     max_rate : float
         Largest magnitude in use, rad/s.
-    runs : tuple of HseRun
     run_fits : tuple of RunFit
         In the order of ``runs``.
-    warnings : tuple of str
     """
 
     method: str

@@ -104,7 +104,6 @@ class HeadingModel:
 
     Parameters
     ----------
-    data : RunColumns
     use : ndarray of bool, shape (n,)
         Runs to be fitted; at least one.
     joint : bool
@@ -120,7 +119,6 @@ class HeadingModel:
         Of the parameters.
     slope : int
         Index of ``lambda2`` (``observable``) or ``K``.
-    joint, observable : bool
     positions : ndarray of int
         Those fitted, in the order of their parameters.
     C23, sigma_C23 : float
@@ -186,7 +184,6 @@ class HeadingModel:
 
         Parameters
         ----------
-        data : RunColumns
         use : ndarray of bool, shape (n,)
         weighted : bool
             By ``data.sigma``; without, all the same. A fit without redundancy is weighted in
@@ -214,10 +211,8 @@ class HeadingModel:
 
         Parameters
         ----------
-        data : RunColumns
         use : ndarray of bool, shape (n,)
             Cleared where a run is left out. At least two repeats of a cell remain.
-        weighted : bool
         alpha : float
             Probability to leave out any run where all are sound.
 

@@ -48,10 +48,6 @@ def by_angle(heading: FloatArray, gap: float = AZIMUTH_GAP) -> IntArray:
 def positions(runs: Sequence[HseRun]) -> IntArray:
     """Number the positions of the system.
 
-    Parameters
-    ----------
-    runs : sequence of HseRun
-
     Returns
     -------
     ndarray of int, shape (n,)

@@ -126,7 +126,6 @@ class Rig:
         Where in the interval over which a gyro sample is the mean its stamp lies.
     latitude : float or None
         Geodetic, rad.
-    encoder : EncoderModel
 
     Raises
     ------

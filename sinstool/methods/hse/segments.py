@@ -40,7 +40,6 @@ class SegmentRules:
         Cut off at either side of a plateau.
     min_turns : int
         Whole turns.
-    min_duration_s : float
     min_rate : float
         rad/s.
     align_duration_s : float
@@ -69,7 +68,6 @@ class Segment:
         Its samples [first, stop), counted from the first of the piece.
     start_s : float
         Where the first interval begins, s after the first gyro stamp of the log.
-    duration_s : float
     rate : float
         Mean, rad/s.
     reason : str

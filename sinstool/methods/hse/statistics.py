@@ -27,15 +27,12 @@ class Scatter:
     ----------
     n : int
         Number of values.
-    mean : float
-    peak_to_peak : float
     std : float
         Of all values, with n - 1.
     rms : float
         About zero, with n.
     means : ndarray, shape (m,)
         Of each position, in ascending order of its number.
-    peak_to_peak_of_means : float
     within_std : float
         Pooled, about the mean of each position, with n - m.
     within_dof : int
@@ -104,7 +101,6 @@ class Sinusoid:
 
     Attributes
     ----------
-    offset, cosine, sine : float
     amplitude : float
         The fit is ``offset + amplitude cos(azimuth - phase)``.
     phase : float

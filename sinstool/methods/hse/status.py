@@ -381,10 +381,6 @@ def _remarks(result: HseFit) -> list[Finding]:
 def judge(result: HseFit) -> Judgement:
     """Judge a calibration.
 
-    Parameters
-    ----------
-    result : HseFit
-
     Returns
     -------
     Judgement

@@ -31,7 +31,6 @@ class Column:
     mean : float
         What was subtracted: the azimuth of ``b0`` where the stand shows zero, rad, in
         [-pi, pi).
-    scatter : Scatter
     sinusoid : Sinusoid or None
         None with fewer than three azimuths.
     """
@@ -56,7 +55,6 @@ class ValidationTable:
         Number of the azimuth of each row, ascending with it.
     position_azimuth : ndarray, shape (m,)
         Mean of the rows of each position, rad, in [0, 2 pi).
-    before, after : Column
     """
 
     ids: tuple[str, ...]

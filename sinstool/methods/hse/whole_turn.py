@@ -167,7 +167,6 @@ def align_whole_turns(
 
     Parameters
     ----------
-    turns : TurnStatistics
     rig : Rig
         With latitude.
     level_rate : {'off', 'auto', 'on'}

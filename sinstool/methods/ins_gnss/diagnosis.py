@@ -89,7 +89,6 @@ class Finding:
 
     Attributes
     ----------
-    cause : str
     text : str
         What was seen and what to do, for the user.
     size : float
@@ -120,13 +119,10 @@ def diagnose(
 
     Parameters
     ----------
-    start : Start
     updates : UpdateColumns
         Of the filter, from the start on; a whole run, or enough minutes of one.
-    gnss : GnssDiagnostics
     fixes : GnssEpochs
         As they were given to the filter, all of them.
-    settings : Settings
     restarts : int, optional
 
     Returns

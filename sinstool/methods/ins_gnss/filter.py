@@ -50,7 +50,6 @@ class FilterSummary:
         The one that ran.
     fell_back : bool
         The one asked for needs a barometer, and there is none.
-    updates, epochs_used, epochs_gated, epochs_before_start, restarts : int
     mean_nis : float
         Normalised innovation squared over the number of rows, of the epochs used; NaN before
         the first. Should be 1, but does not tell of errors of the fixes that last.
@@ -87,7 +86,6 @@ class InsGnssFilter:
     ----------
     start : Start
         At the start of the first IMU update.
-    settings : Settings
     with_baro : bool
         Whether baro heights will come. Without, a filter that needs them is replaced by
         ``markov-21``; see :attr:`fell_back`.
@@ -101,7 +99,6 @@ class InsGnssFilter:
     ----------
     kind : FilterKind
         Of the filter that runs.
-    fell_back : bool
     events, channel_events : list
         All so far: FilterEvent, and Event of the vertical channel (times in s since the start).
 

@@ -254,7 +254,6 @@ def new_stored(rows: int, n: int, correction_size: int) -> Stored:
 
     Parameters
     ----------
-    rows, n : int
     correction_size : int
         Width of the sensors' estimates.
     """

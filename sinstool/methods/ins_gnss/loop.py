@@ -128,10 +128,8 @@ def run(
     ----------
     m : Memory
         Changed.
-    model : Model
     stored : Stored
         Rows for a smoother, set if `keep`.
-    keep : bool
     time, interval : ndarray, shape (n,)
         End of each update and its duration, s.
     phi, dv : ndarray, shape (n, 3)

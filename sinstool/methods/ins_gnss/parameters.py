@@ -33,12 +33,6 @@ TURN = np.pi / 2.0  # rad: after such a turn, gyro scale errors have done what t
 def initial_covariance(kind: FilterKind, start: Start, settings: Settings) -> FloatArray:
     """Covariance at the start.
 
-    Parameters
-    ----------
-    kind : FilterKind
-    start : Start
-    settings : Settings
-
     Returns
     -------
     ndarray, shape (n, n)

@@ -180,7 +180,6 @@ class FilterEvent:
     ----------
     kind : str
         One of ``EVENT_NAMES``.
-    time_ns : int
     size : float
         gated, restart: normalised innovation squared; gaps: their length, s; baro: metres;
         far-from-gnss: metres.
@@ -199,7 +198,6 @@ class FilterBlock:
     ----------
     updates : UpdateColumns or None
         None if no output was asked for.
-    gnss : GnssDiagnostics
     stored : StoredEpochs or None
         None unless asked for.
     """

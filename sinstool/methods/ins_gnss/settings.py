@@ -136,9 +136,6 @@ class Settings:
     ----------
     filter : str
         See :data:`~sinstool.methods.ins_gnss.states.FILTERS`.
-    imu : ImuNoise
-    gnss : GnssModel
-    baro : BaroModel
     network : HeightNetwork, optional
         Of filters with one; by default the recommended one of the grade.
     grade : {"mems", "tactical", "navigation"}
@@ -146,7 +143,6 @@ class Settings:
     feedback : {"closed", "none"}
         Whether mechanisation, sensors and network are corrected by the filter (closed loop),
         or only what comes out.
-    control : DivergenceControl
     lever_arm_b : tuple of float
         From the IMU to the antenna, FRD, m.
     gnss_latency : float

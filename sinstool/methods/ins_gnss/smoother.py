@@ -98,7 +98,6 @@ class SmoothedEpochs:
         At the start of the run, carried back from row 0 without process noise.
     start_ns : int
         Of the run.
-    kind : FilterKind
     """
 
     time_ns: IntArray
@@ -344,10 +343,6 @@ class Smoother:
 
     def push(self, block: FilterBlock) -> None:
         """Take the filter's next block.
-
-        Parameters
-        ----------
-        block : FilterBlock
 
         Raises
         ------

@@ -70,12 +70,10 @@ class Beginning:
 
     Attributes
     ----------
-    start : Start
     time_ns : int
         An IMU sample's: the first update of the filter begins there.
     how : str
         In words.
-    warnings : tuple of str
     """
 
     start: Start
@@ -108,7 +106,6 @@ def start_at(
     gnss : GnssEpochs
         As stamped; latency, lever arm and noise where the fixes give none are those of
         `settings`.
-    settings : Settings
     omega_eb_b : array_like, shape (3,), optional
         Angular rate then, for the velocity of the antenna against the IMU, rad/s.
     gyro_bias : array_like, shape (3,), optional

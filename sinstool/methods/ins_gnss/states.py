@@ -84,7 +84,6 @@ class FilterKind:
 
     Attributes
     ----------
-    name : str
     blocks : tuple of int
         First index, among the 26, of each block of states that it has.
     network : bool
@@ -176,10 +175,6 @@ WITHOUT_BARO = "markov-21"
 
 def filter_kind(name: str) -> FilterKind:
     """Look a filter up.
-
-    Parameters
-    ----------
-    name : str
 
     Raises
     ------

@@ -85,8 +85,6 @@ def apply_measurement(m: Memory, rows: int, epsilon: float) -> bool:
     ----------
     m : Memory
         `x`, `dx` and `p` are changed.
-    rows : int
-    epsilon : float
 
     Returns
     -------

@@ -19,10 +19,6 @@ def velocity_lag(gnss: GnssEpochs) -> Latency:
     at the fix: their velocity is that of half an interval before. Found from the fixes alone, by
     sliding positions along the integral of the velocities.
 
-    Parameters
-    ----------
-    gnss : GnssEpochs
-
     Returns
     -------
     Latency
@@ -57,7 +53,6 @@ def separate(gnss: GnssEpochs, velocity_lag_s: float) -> GnssEpochs:
 
     Parameters
     ----------
-    gnss : GnssEpochs
     velocity_lag_s : float
         See :func:`velocity_lag`.
 

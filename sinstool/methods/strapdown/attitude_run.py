@@ -41,7 +41,6 @@ class AttitudeRun:
     ----------
     q_nb : ndarray, shape (4,)
         Attitude at the first sample.
-    settings : AttitudeSettings
 
     Attributes
     ----------

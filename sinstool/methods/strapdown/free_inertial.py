@@ -83,7 +83,6 @@ class InsRun:
     ----------
     state : ndarray, shape (SIZE,)
         At the first sample; see :func:`sinstool.methods.strapdown.navigation.initial_state`.
-    settings : InsSettings
 
     Attributes
     ----------

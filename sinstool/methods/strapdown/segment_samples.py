@@ -23,7 +23,6 @@ class SampleSettings:
 
     Attributes
     ----------
-    algorithm : ConingAlgorithm
     gyro_kind : {'rate', 'mean-rate', 'increment'}
         For ``increment`` the blocks hold integrals, in rad and m/s.
     nominal_ns : float
@@ -63,7 +62,6 @@ def unbiased_segments(blocks: Iterable[Imu], settings: SampleSettings) -> Iterat
     ----------
     blocks : iterable of Imu
         Ordered, without duplicates.
-    settings : SampleSettings
 
     Yields
     ------
@@ -98,10 +96,6 @@ class SegmentSamples:
 
     def push(self, imu: Imu) -> np.ndarray:
         """Hold the next samples.
-
-        Parameters
-        ----------
-        imu : Imu
 
         Returns
         -------

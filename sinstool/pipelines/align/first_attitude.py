@@ -48,7 +48,6 @@ def align(source: Source, config: ProcessConfig) -> Alignment:
     ----------
     source : Source
         With all of GNSS for alignment in motion.
-    config : ProcessConfig
 
     Raises
     ------

@@ -47,10 +47,8 @@ class Moving:
 
     Attributes
     ----------
-    answer : InFlightAlignment
     gyro_bias : ndarray, shape (3,)
         Taken off the samples before, rad/s.
-    settings : AlignmentSettings
     """
 
     answer: InFlightAlignment
@@ -67,7 +65,6 @@ def align_moving(
     ----------
     source : Source
         With all of GNSS.
-    config : ProcessConfig
     grade : {'mems', 'tactical', 'navigation'}
     method : {'svd', 'quest', 'davenport', 'triad'}
     at : {'end', 'start'} or int
@@ -258,8 +255,6 @@ def increments(
 
     Parameters
     ----------
-    source : Source
-    config : ProcessConfig
     gyro_bias : ndarray, shape (3,)
         Taken off, rad/s.
     end_ns : int, optional
@@ -309,7 +304,6 @@ def sensor_errors(
 
     Parameters
     ----------
-    config : ProcessConfig
     grade : {'mems', 'tactical', 'navigation'}
     bias_known : bool
         A rest has shown the gyro bias.

@@ -77,7 +77,6 @@ def align_log(
 
     Parameters
     ----------
-    path : Path
     config : ProcessConfig
         ``auto`` is svd where the log has GNSS velocity, else gyrocompass where it begins still
         and its latitude is known, else level.

@@ -41,8 +41,6 @@ def write_rig(path: Path, found: Calibration, config: ProcessConfig) -> None:
 
     Parameters
     ----------
-    path : Path
-    found : Calibration
     config : ProcessConfig
         That of the calibration: what it says of reading and of stretches goes along, but for
         what concerns the single logs.

@@ -56,7 +56,6 @@ class PositionSpread:
         Number in the fit.
     heading : float
         Mean corrected heading, rad, in [0, 2 pi).
-    ids : tuple of str
     before, after : ndarray, shape (n,)
         rad.
     """
@@ -79,12 +78,8 @@ class Calibration:
 
     Attributes
     ----------
-    rig : Rig
     logs : tuple of RigTurns
         Of each log that could be used.
-    runs : tuple of HseRun
-    fit : HseFit
-    judgement : Judgement
     kept : HseCalibration
         As written.
     table : ValidationTable or None
@@ -151,7 +146,6 @@ def calibrate(
 
     Parameters
     ----------
-    paths : sequence of Path
     output : Path or None
         JSON file to write; None to write none.
     config : ProcessConfig

@@ -44,7 +44,6 @@ class Exposure:
 
     Attributes
     ----------
-    decimate : int
     thinning : {'sums', 'points'}
     rate_hz : float
         The lower rate.
@@ -78,7 +77,6 @@ def rate_spectrum(
     ----------
     segments : sequence of ndarray, shape (n, 3)
         Rates, rad/s.
-    interval_s : float
     window_s : float, optional
         Window over which angles will be judged: pieces are as long at least, so that what is
         constant within a window is told from what is not.
@@ -129,7 +127,6 @@ def exposure(
         At least 2.
     thinning : {'sums', 'points'}
         Sums weaken content at f by sinc^2(f / rate) before it folds.
-    window_s : float
 
     Returns
     -------

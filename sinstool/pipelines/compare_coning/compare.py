@@ -73,11 +73,8 @@ class Settings:
 
     Attributes
     ----------
-    algorithms : tuple of str
     reference : str
         An algorithm, ``auto`` (quatfiter-4) or ``none`` (candidates against each other only).
-    decimate : tuple of int
-    window_s : float
     tolerance : float
         Drift that does not matter, rad/s.
     options : dict
@@ -98,11 +95,8 @@ class Comparison:
 
     Attributes
     ----------
-    settings : Settings
     kind : str
         What the log's samples are.
-    rate_hz, duration_s : float
-    samples, segments : int
     reference : str
         Name of the algorithm, or ``none``.
     reference_resolution : float or None
@@ -112,9 +106,6 @@ class Comparison:
     pairs : dict
         Largest angle between native candidates, rad, by pair of names.
     spectrum : RateSpectrum or None
-    exposures : tuple of Exposure
-    verdict : Verdict
-    warnings : tuple of str
     """
 
     settings: Settings
@@ -145,11 +136,9 @@ def compare(
 
     Parameters
     ----------
-    segments : sequence of Segment
     kind : {'rate', 'mean-rate'}
     interval_s : float
         Nominal sample interval, s.
-    settings : Settings
     truth : list of Attitudes, optional
         True attitude of each segment, to be the reference.
     progress : callable, optional

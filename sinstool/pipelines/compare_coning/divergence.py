@@ -236,7 +236,6 @@ class DriftStatistics:
 
     Attributes
     ----------
-    windows : int
     mean, confidence, rms, p95, largest : ndarray, shape (3,)
         Per axis, of the window-end rate; the confidence is two standard deviations of the mean.
     norm_rms : float

@@ -48,8 +48,6 @@ class Checks:
     ----------
     interval_range_s : tuple of float
         Shortest and longest interval.
-    gaps : int
-    gap_total_s : float
     not_finite, repeated_stamps : int
         Samples dropped because a value is no number, or the stamp was there already.
     largest_rate : float
@@ -70,9 +68,6 @@ class LogComparison:
 
     Attributes
     ----------
-    path : Path
-    topic : str
-    comparison : Comparison
     spectrum : ConingSpectrum or None
         Of the longest stretch.
     passband, stopband : float or None
@@ -81,9 +76,6 @@ class LogComparison:
     bounds : SpBounds or None
     truth : str
         Where the truth came from, '' without one.
-    checks : Checks
-    warnings : tuple of str
-    lost : tuple of str
     """
 
     path: Path
@@ -116,10 +108,8 @@ def compare_log(
 
     Parameters
     ----------
-    path : Path
     config : ProcessConfig
         Topic, axes and units, as for `process`.
-    settings : Settings
     passband, stopband : float, optional
         Hz; up to which coning is motion, and from which it is noise.
     gyro_response : str, optional
@@ -269,11 +259,6 @@ def _read(path: Path, config: ProcessConfig, truth: str | None) -> _Read:
 def gyro_segments(source: Source, config: ProcessConfig) -> tuple[list[Segment], float]:
     """The whole gyro record, cut at gaps, and its nominal interval in seconds.
 
-    Parameters
-    ----------
-    source : Source
-    config : ProcessConfig
-
     Returns
     -------
     list of Segment
@@ -330,7 +315,6 @@ def truth_at(time_ns: np.ndarray, q_nb: np.ndarray, segment: Segment) -> Attitud
     time_ns : ndarray of int64, shape (k,)
         Of the truth, increasing.
     q_nb : ndarray, shape (k, 4)
-    segment : Segment
 
     Returns
     -------

@@ -24,7 +24,6 @@ class Reproduction:
 
     Attributes
     ----------
-    experiment : Experiment
     claims : tuple of Claim
         In the order of the paper.
     """
@@ -57,10 +56,6 @@ def reproduce(
 
 def judge(experiment: Experiment) -> tuple[Claim, ...]:
     """Hold every claim of the paper against an experiment.
-
-    Parameters
-    ----------
-    experiment : Experiment
 
     Returns
     -------

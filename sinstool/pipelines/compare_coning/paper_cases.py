@@ -33,7 +33,6 @@ class Case:
         Short name, for tables and files.
     label : str
         Long name, for people.
-    algorithm : ConingAlgorithm
     feed : {"rates", "rate x T", "interpolated", "increments"}
         Point rates as they are; point rates times the interval in place of increments, as
         the paper has it; point rates integrated through a polynomial of neighbours, as

@@ -31,20 +31,16 @@ class Claim:
 
     Attributes
     ----------
-    key : str
     source : str
         Figure, table or section of the paper.
     statement : str
         What is claimed, in a few words.
     printed : str
         The paper's figure as text, with unit.
-    ours : float
-    unit : str
     setting : str
         What our number was computed with.
     tolerance : str
         What counts as agreement.
-    reproduces : bool
     reason : str
         Why, in one sentence.
     """
@@ -104,10 +100,6 @@ def above(limit: float) -> Tolerance:
 def low_level(sweep: Sweep) -> float:
     """Level about which the error varies below the bandwidth.
 
-    Parameters
-    ----------
-    sweep : Sweep
-
     Returns
     -------
     float
@@ -121,7 +113,6 @@ def jump(sweep: Sweep, frequency: float) -> float:
 
     Parameters
     ----------
-    sweep : Sweep
     frequency : float
         Hz.
 
@@ -144,13 +135,8 @@ def low_band(sweep: Sweep) -> NDArray[np.bool_]:
 class Judge:
     """Collects claims about one experiment.
 
-    Parameters
-    ----------
-    experiment : Experiment
-
     Attributes
     ----------
-    found : list of Claim
     gyro : GyroResponse
         That the figures are for.
     """

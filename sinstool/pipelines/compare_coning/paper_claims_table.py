@@ -25,10 +25,6 @@ SP_MEAN = ("SP", -0.0024, (SP_PAPER, "sp-paper-truncated"))
 def settings_with_means(experiment: Experiment) -> tuple[set[Setting], set[Setting]]:
     """Gyros and readings of eq. 20 that give a printed mean.
 
-    Parameters
-    ----------
-    experiment : Experiment
-
     Returns
     -------
     opt4, sp : set of Setting

@@ -103,10 +103,6 @@ class Experiment:
     def mean_without_jumps(self, sweep: Sweep) -> float:
         """Mean of the signed z component without the frequencies that beat with the motion.
 
-        Parameters
-        ----------
-        sweep : Sweep
-
         Returns
         -------
         float
@@ -123,7 +119,6 @@ def noise_rate_deg(response: GyroResponse, frequency: float) -> float:
 
     Parameters
     ----------
-    response : GyroResponse
     frequency : float
         Hz.
 
@@ -189,7 +184,6 @@ def measure_cost(algorithm: ConingAlgorithm, rate_hz: float = RATE_HZ) -> Cost:
 
     Parameters
     ----------
-    algorithm : ConingAlgorithm
     rate_hz : float, optional
         Samples per second of data.
 

@@ -74,8 +74,6 @@ class Sweep:
 
     Attributes
     ----------
-    setting : Setting
-    case : Case
     frequency : ndarray, shape (m,)
         Of the noise, Hz.
     end : ndarray, shape (m, 3)
@@ -313,7 +311,6 @@ def _propagate_differences(
         Room for those of one update.
     truth : ndarray, shape (n * step + 1, 4)
         True attitude; update k ends at row ``(k + 1) * step``.
-    step : int
     q : ndarray, shape (4, m)
         Attitudes at the start; at the end on return.
     e : ndarray, shape (4, m)

@@ -48,7 +48,6 @@ def predict(
 
     Parameters
     ----------
-    candidate : Candidate
     spectrum : ConingSpectrum
         Of the log as it is.
     passband, stopband : float or None

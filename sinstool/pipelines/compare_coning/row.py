@@ -19,8 +19,6 @@ class Row:
 
     Attributes
     ----------
-    candidate : Candidate
-    update_hz : float
     drift : DriftStatistics or None
         None where it has no instants in common with the reference.
     end, slope : ndarray, shape (3,)

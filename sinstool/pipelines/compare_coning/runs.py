@@ -53,7 +53,6 @@ class Candidate:
     ----------
     name : str
         Of the algorithm.
-    algorithm : ConingAlgorithm
     decimate : int
         Only every so many samples are kept.
     thinning : {'none', 'sums', 'points'}
@@ -110,8 +109,6 @@ def run(
 
     Parameters
     ----------
-    candidate : Candidate
-    segment : Segment
     kind : {'rate', 'mean-rate'}
         What the segment's samples are.
     nominal_s : float
@@ -199,9 +196,7 @@ def increments_of(segment: Segment, kind: GyroKind, nominal_s: float) -> FloatAr
 
     Parameters
     ----------
-    segment : Segment
     kind : {'rate', 'mean-rate'}
-    nominal_s : float
 
     Returns
     -------

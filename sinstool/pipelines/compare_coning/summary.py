@@ -44,10 +44,6 @@ def predictions(found: LogComparison) -> list[Prediction | None]:
 def as_object(found: LogComparison) -> dict[str, Any]:
     """Everything that is printed, as plain values.
 
-    Parameters
-    ----------
-    found : LogComparison
-
     Returns
     -------
     dict

@@ -25,7 +25,6 @@ class Verdict:
     ----------
     algorithm : str or None
         None where the log cannot tell.
-    text : str
     agree : bool
         All candidates agree to the tolerance: it does not matter.
     limit : float or None
@@ -45,7 +44,6 @@ def verdict(
 
     Parameters
     ----------
-    rows : sequence of Row
     reference : str
         Name of the algorithm, ``truth`` or ``none``.
     resolution : float or None

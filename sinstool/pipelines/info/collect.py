@@ -124,7 +124,6 @@ class Sampling(_Watcher):
 
     Parameters
     ----------
-    topic : str
     values : Values
         Of the same topic.
     """

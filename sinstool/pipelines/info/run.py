@@ -29,7 +29,6 @@ class Shown:
 
     Attributes
     ----------
-    traffic : Traffic
     samplings : list of Sampling
         One of each Imu topic.
     """
@@ -81,7 +80,6 @@ def inspect(
 
     Parameters
     ----------
-    path : Path
     options : InputOptions
         Topic, axes and units, as for `process`.
     progress : callable, optional

@@ -26,9 +26,6 @@ def run_attitude(
 
     Parameters
     ----------
-    log : Log
-    config : ProcessConfig
-    result : Result
     progress : callable, optional
         Called with the fraction done.
 

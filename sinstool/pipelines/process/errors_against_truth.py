@@ -55,7 +55,6 @@ def read_references(log_: Log, names: tuple[str, ...], body_axes: str) -> Truth:
 
     Parameters
     ----------
-    log_ : Log
     names : tuple of str
         Topics of the log: with orientations (see :func:`sinstool.io.readers.truth.read_truth`),
         NavSatFix, TwistStamped or TwistWithCovarianceStamped; or CSV files with orientations.
@@ -110,7 +109,6 @@ class Errors:
 
     Attributes
     ----------
-    truth : Truth
     count, square, largest, last : dict
         By kind: instants compared; sums of squares, largest sizes and latest values of the
         three components.
@@ -137,7 +135,6 @@ class Errors:
         Parameters
         ----------
         kind : {'attitude', 'position', 'velocity'}
-        solution : Solution
 
         Returns
         -------

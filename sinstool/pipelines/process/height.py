@@ -59,7 +59,6 @@ def network(
 
     Parameters
     ----------
-    config : ProcessConfig
     grade : str
         Of the IMU.
     latitude : float
@@ -101,8 +100,6 @@ def height_reference(
 
     Parameters
     ----------
-    log : Log
-    aiding : Aiding
     config : ProcessConfig
         With damping.
     start_height : float
@@ -208,11 +205,6 @@ def telling_heights(baro: Baro, gnss: GnssEpochs) -> np.ndarray:
     Not those where it has a gap or hangs, and none after its reference, or the receiver's height,
     jumped: a jump would be taken for the scale that a warm or cold day gives the barometer.
 
-    Parameters
-    ----------
-    baro : Baro
-    gnss : GnssEpochs
-
     Returns
     -------
     ndarray of bool, shape (n,)
@@ -316,12 +308,8 @@ def height_summary(
 
     Parameters
     ----------
-    reference : HeightReference
-    damping : HeightNetwork
-    channel : ChannelSummary
     events : list of Event
         Times in s since ``first_ns``.
-    first_ns : int
     final : tuple of float
         Height (m), vertical velocity (m/s) and correction (m/s^2) at the end.
     """

@@ -51,9 +51,6 @@ def run_ins(
 
     Parameters
     ----------
-    log : Log
-    config : ProcessConfig
-    result : Result
     progress : callable, optional
         Called with the fraction done.
 

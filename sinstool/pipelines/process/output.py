@@ -35,8 +35,6 @@ class Result:
     ----------
     log : Log
         The input, whose messages are copied unless the configuration says otherwise.
-    output : Path
-    config : ProcessConfig
     recorder : Sink, optional
         Gets every block of solutions too, for the page of figures.
 
@@ -97,7 +95,6 @@ class Result:
             Of the input's Imu topic, which the output keeps unless it holds results only.
         emits : sequence of str
             What to write; see :data:`~sinstool.config.EMITS`.
-        frames : Frames
         diagnostic_names : sequence of str, optional
         """
         self.opened = True
@@ -183,8 +180,6 @@ def choose_emits(
 
     Parameters
     ----------
-    log : Log
-    config : ProcessConfig
     known : sequence of str
         What this kind of run writes unless it is told otherwise; beside it there are always
         Euler angles, poses and transforms.

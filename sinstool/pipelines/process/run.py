@@ -38,7 +38,6 @@ def process(
         The log.
     output : Path
         MCAP to write; appears when complete.
-    config : ProcessConfig
     progress : callable, optional
         Called with the fraction done.
     recorder : Sink, optional

@@ -57,10 +57,8 @@ def rig_run(
 
     Parameters
     ----------
-    log : Log
     config : ProcessConfig
         With a rig and a calibration.
-    result : Result
     progress : callable, optional
         Called with the bytes read.
 

@@ -32,7 +32,6 @@ class Vertical:
 
     Parameters
     ----------
-    source : Source
     config : ProcessConfig
         With damping.
 

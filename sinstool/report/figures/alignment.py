@@ -27,7 +27,6 @@ def figures(found: LogAlignment, config: ProcessConfig) -> tuple[Figure, ...]:
 
     Parameters
     ----------
-    found : LogAlignment
     config : ProcessConfig
         For the limits of the gate.
 

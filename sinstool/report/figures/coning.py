@@ -18,10 +18,6 @@ from sinstool.report.figure import Figure, Series
 def figures(found: LogComparison) -> tuple[Figure, ...]:
     """The figures of a comparison on a log.
 
-    Parameters
-    ----------
-    found : LogComparison
-
     Returns
     -------
     tuple of Figure

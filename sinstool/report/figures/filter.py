@@ -18,12 +18,7 @@ MARKS = 50
 
 
 def filter_figures(run: FilterRun) -> list[Figure]:
-    """Figures of a run that has come to its end.
-
-    Parameters
-    ----------
-    run : FilterRun
-    """
+    """Figures of a run that has come to its end."""
     gnss = run.diagnostics()
     if gnss is None or not len(gnss):
         return []

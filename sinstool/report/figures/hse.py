@@ -31,10 +31,6 @@ _OUTSTANDING = 2.0
 def figures(found: Calibration) -> tuple[Figure, ...]:
     """All figures of a calibration, the main one first.
 
-    Parameters
-    ----------
-    found : Calibration
-
     Returns
     -------
     tuple of Figure

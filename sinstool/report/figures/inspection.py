@@ -32,7 +32,6 @@ def figures(
         By :func:`sinstool.pipelines.info.run.inspect`.
     samplings : list of Sampling
         Of the Imu topics.
-    traffic : Traffic
     """
     told = {imu["topic"]: imu for imu in found["imu"] if "problem" not in imu}
     good = [one for one in samplings if one.topic in told]

@@ -24,10 +24,6 @@ _MULTIPLES = (("400 Hz", RATE_HZ), ("800 Hz", 2.0 * RATE_HZ))
 def figures(experiment: Experiment) -> tuple[Figure, ...]:
     """Figures 1, 4, 6, 7, 8, 9 and table 1 of the paper, ours with the printed levels.
 
-    Parameters
-    ----------
-    experiment : Experiment
-
     Returns
     -------
     tuple of Figure
@@ -45,10 +41,6 @@ def figures(experiment: Experiment) -> tuple[Figure, ...]:
 
 def as_the_paper_switches(experiment: Experiment) -> FloatArray:
     """Error of the SP algorithm as printed, with epsilon 0.032 s near the sampling rate.
-
-    Parameters
-    ----------
-    experiment : Experiment
 
     Returns
     -------

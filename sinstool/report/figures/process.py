@@ -67,7 +67,6 @@ def vertical(
 
     Parameters
     ----------
-    curves : Curves
     reference : tuple or None
         Name, seconds, and its height and the computed one less that, shape (m, 2).
     marks : tuple
@@ -176,7 +175,6 @@ def sigmas(curves: Curves, without: Sequence[str]) -> list[Figure]:
 
     Parameters
     ----------
-    curves : Curves
     without : sequence of str
         Kinds whose errors are drawn.
     """

@@ -162,7 +162,6 @@ def fix_figures(
         Of the fixes.
     columns : mapping
         ``latitude``, ``longitude`` (deg) and ``altitude`` (m), shape (m,).
-    trajectory : Trajectory
     """
     seconds = _seconds(trajectory.time_ns, trajectory.time_ns)
     at = _seconds(time_ns, trajectory.time_ns)
@@ -196,7 +195,6 @@ def baro_figures(time_ns: IntArray, pressure: FloatArray, trajectory: Trajectory
     time_ns : ndarray of int64, shape (m,)
     pressure : ndarray, shape (m,)
         Pa.
-    trajectory : Trajectory
     """
     seconds = _seconds(trajectory.time_ns, trajectory.time_ns)
     at = _seconds(time_ns, trajectory.time_ns)
@@ -209,12 +207,7 @@ def baro_figures(time_ns: IntArray, pressure: FloatArray, trajectory: Trajectory
 
 
 def rig_figures(log: HseRigLog) -> tuple[Figure, ...]:
-    """What a turntable did, and what its sensors measured.
-
-    Parameters
-    ----------
-    log : HseRigLog
-    """
+    """What a turntable did, and what its sensors measured."""
     seconds = _seconds(log.time_ns, log.time_ns)
     axes = ("x", "y", "z")
     tilt, heading = attitude_figures(seconds, log.truth.q_nb)

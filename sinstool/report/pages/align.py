@@ -42,11 +42,8 @@ def write_page(report: Path, found: LogAlignment, config: ProcessConfig, log: Pa
 
     Parameters
     ----------
-    report : Path
-    found : LogAlignment
     config : ProcessConfig
         Effective.
-    log : Path
     """
     told = found.summary
     sections: list[Section] = [

@@ -47,11 +47,8 @@ def write_page(
 
     Parameters
     ----------
-    report : Path
-    found : Calibration
     config : ProcessConfig
         Effective, with its rig.
-    logs : sequence of Path
     """
     first: tuple[Section, ...] = (
         Warnings((*found.warnings, *found.judgement.warnings)),

@@ -35,8 +35,6 @@ def write_comparison(
         Whose options are shown.
     options : dict
         Of the command line.
-    subtitle : str
-    figures : sequence of Figure
     config : ProcessConfig
         Effective.
     algorithms : sequence of str
@@ -71,8 +69,6 @@ def write_reproduction(
         Whose options are shown.
     options : dict
         Of the command line: ``report`` and ``overwrite``.
-    found : Reproduction
-    settings : dict
     """
     columns = ("source", "claim", "paper", "ours", "unit", "verdict", "why")
     rows = tuple(

@@ -39,15 +39,12 @@ def write_page(
 
     Parameters
     ----------
-    report : Path
     found : dict
         The values of ``--json``.
     verdict : str
         What process would do.
-    shown : Shown
     config : ProcessConfig
         Effective.
-    overwrite : bool
     """
     source = found["input"]
     good = [imu for imu in found["imu"] if "problem" not in imu]

@@ -46,7 +46,6 @@ def write_page(
 
     Parameters
     ----------
-    report : Path
     recorder : Recorder
         Through which the run went.
     summary : dict

@@ -27,7 +27,6 @@ def config_settings(config: ProcessConfig, *groups: str) -> tuple[Setting, ...]:
 
     Parameters
     ----------
-    config : ProcessConfig
     *groups : str
         Names of its fields; those that are None are left out.
 
@@ -74,7 +73,6 @@ def option_settings(
 
     Parameters
     ----------
-    command : click.Command
     values : mapping
         By the option's name, as the command was called with.
     chosen : mapping, optional
@@ -109,10 +107,8 @@ class Read:
 
     Attributes
     ----------
-    path : str
     size : int
         Bytes.
-    sha256 : str
     """
 
     path: str
@@ -131,7 +127,6 @@ def input_rows(read: Sequence[Read], title: str = "Input") -> Rows:
 
     Parameters
     ----------
-    read : sequence of Read
     title : str, optional
 
     Returns

@@ -104,7 +104,6 @@ def write_rig(told: Mapping[str, Any], log: HseRigLog, topics: Sequence[Simulate
     ----------
     told : mapping
         Options of the command line.
-    log : HseRigLog
     topics : sequence of SimulatedTopic
         As written.
     """

@@ -24,7 +24,6 @@ def aligned(rows: Sequence[Sequence[str]], right: Sequence[bool] | None = None) 
 
     Parameters
     ----------
-    rows : sequence of sequence of str
     right : sequence of bool, optional
         Of each column; by default all but the first.
     """

@@ -45,12 +45,10 @@ def corrected_start(
 
     Parameters
     ----------
-    start : Start
     error : ndarray, shape (n,)
         Of the filter's states at the start.
     covariance : ndarray, shape (n, n)
         Of what is left.
-    kind : FilterKind
     """
     nav = start.nav.copy()
     rm, rn = (float(v) for v in radii_of_curvature(nav[LATITUDE]))
@@ -89,9 +87,6 @@ def before_start(
 
     Parameters
     ----------
-    source : Source
-    config : ProcessConfig
-    prepared : Prepared
     start : Start
         That of the filter, or what a smoother makes of it.
 

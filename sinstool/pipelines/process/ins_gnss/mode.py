@@ -29,9 +29,6 @@ def run_ins_gnss(
 
     Parameters
     ----------
-    log : Log
-    config : ProcessConfig
-    result : Result
     progress : callable, optional
         Called with the fraction done.
 

@@ -45,11 +45,6 @@ def believed(gnss: GnssEpochs, config: ProcessConfig) -> GnssEpochs:
 def gnss_model(gnss: GnssEpochs, config: ProcessConfig) -> tuple[GnssModel, str]:
     """Noise of a receiver's fixes, and where it is from.
 
-    Parameters
-    ----------
-    gnss : GnssEpochs
-    config : ProcessConfig
-
     Returns
     -------
     GnssModel

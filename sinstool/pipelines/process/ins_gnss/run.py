@@ -69,15 +69,11 @@ class FilterRun:
 
     Parameters
     ----------
-    source : Source
-    config : ProcessConfig
-    prepared : Prepared
     detailed : bool, optional
         Note biases often enough to be drawn.
 
     Attributes
     ----------
-    updates : int
     carried_back : int
         Samples up to the start that got its state carried back.
     gnss : list of GnssDiagnostics

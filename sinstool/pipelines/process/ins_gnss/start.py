@@ -58,9 +58,6 @@ class Prepared:
 
     Attributes
     ----------
-    settings : Settings
-    beginning : Beginning
-    gnss : GnssEpochs
     withheld : ndarray of bool
     reference : HeightReference or None
         Barometer heights.
@@ -68,9 +65,6 @@ class Prepared:
         Where the latency was looked for.
     lag : float
         By which velocities are taken to be stamped later than positions, s.
-    grade : str
-    grade_why, gnss_why : str
-    warnings : tuple of str
     """
 
     settings: Settings

@@ -73,12 +73,7 @@ class Timing:
 
 
 def velocity_lag(gnss: GnssEpochs) -> float:
-    """How much later velocities are stamped than positions, where that stands out, s.
-
-    Parameters
-    ----------
-    gnss : GnssEpochs
-    """
+    """How much later velocities are stamped than positions, where that stands out, s."""
     part = gnss.rows(gnss.time_ns <= gnss.time_ns[0] + VELOCITY_NS)
     found = lags.velocity_lag(part)
     if found.status != "found":
@@ -92,7 +87,6 @@ def separate(gnss: GnssEpochs, lag: float) -> GnssEpochs:
 
     Parameters
     ----------
-    gnss : GnssEpochs
     lag : float
         s; with 0 the epochs stay as they are.
 
@@ -130,8 +124,6 @@ def find_timing(
 
     Parameters
     ----------
-    source : Source
-    config : ProcessConfig
     settings : Settings
         Of the filter; its latency is where the search begins.
     gnss : GnssEpochs
