@@ -1,0 +1,54 @@
+"""Results of commands as plain values: what ``--json`` prints, in one dialect.
+
+The name of a field is its key, with the unit in it. Times, whose names end in ``_ns``, are strings,
+as JSON's numbers do not hold them; what is not finite is null; headings count from 0 to 360.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import fields, is_dataclass
+from math import isfinite
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from sinstool.core.finding import Finding
+
+
+def as_json(value: Any, name: str = "") -> Any:
+    """A value as JSON can hold it.
+
+    Parameters
+    ----------
+    value : object
+        Dataclasses become objects by the names of their fields; those that begin with an underscore
+        are left out. Arrays become lists.
+    name : str, optional
+        Its key, which says what it is.
+    """
+    if value is None or isinstance(value, (bool, np.bool_)):
+        return None if value is None else bool(value)
+    if isinstance(value, (int, np.integer)):
+        return str(int(value)) if name.endswith("_ns") else int(value)
+    if isinstance(value, (float, np.floating)):
+        return float(value) if isfinite(value) else None
+    if isinstance(value, Finding):
+        return value.to_json()
+    if is_dataclass(value):
+        own = {field.name: getattr(value, field.name) for field in fields(value)}
+        return as_json({key: part for key, part in own.items() if not key.startswith("_")})
+    if isinstance(value, Mapping):
+        return {str(key): as_json(part, str(key)) for key, part in value.items()}
+    if isinstance(value, np.ndarray):
+        return as_json(value.tolist(), name)
+    if isinstance(value, (list, tuple)):
+        return [as_json(part, name) for part in value]
+    return str(value) if isinstance(value, Path) else value
+
+
+def compass(heading_deg: float) -> float:
+    """A heading from 0 up to 360 deg, clockwise from north."""
+    turned = heading_deg % 360.0
+    return 0.0 if turned == 360.0 else turned
