@@ -13,14 +13,12 @@ from sinstool.cli.many import Asked, workers_of, workers_options
 from sinstool.cli.options import Words, config_options, effective_config, print_config
 from sinstool.cli.verbose import verbose_option
 from sinstool.core.errors import ConfigurationError
+from sinstool.core.units import ARCSEC, DEGREE
 from sinstool.report.text.table import table
 
 if TYPE_CHECKING:
     from sinstool.config import ProcessConfig
     from sinstool.pipelines.calibrate_hse.run import Calibration
-
-ARCSEC = 3.141592653589793 / 180.0 / 3600.0
-DEGREE = 3.141592653589793 / 180.0
 
 
 @click.command("calibrate-hse")

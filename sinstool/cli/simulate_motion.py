@@ -10,9 +10,9 @@ import click
 from sinstool.cli.choice import Choice
 from sinstool.cli.options import Numbers
 from sinstool.cli.simulate_options import START_NS, check, check_outputs, common, write_log
+from sinstool.core.units import DEGREE
 
 F = TypeVar("F", bound=Callable[..., Any])
-DEGREE = 3.141592653589793 / 180.0
 
 
 class Span(click.ParamType):

@@ -13,9 +13,8 @@ from sinstool.cli.options import Numbers, Words
 from sinstool.cli.simulate_options import check_outputs, write_log
 from sinstool.cli.verbose import verbose_option
 from sinstool.core.errors import OutputError
+from sinstool.core.units import ARCSEC, DEGREE
 
-ARCSEC = 3.141592653589793 / 180.0 / 3600.0
-DEGREE = 3.141592653589793 / 180.0
 JOINT = "table"
 NOISE = ("arw", "gyro_bias", "gyro_drift", "gyro_quantum", "accel_bias", "vrw", "encoder_lsb")
 LARGEST_LEAN = 0.5

@@ -181,42 +181,98 @@ def transport_rate_n(latitude: ArrayLike, height: ArrayLike, velocity_n: ArrayLi
     return np.stack([north, east, down], axis=-1)
 
 
-def ecef(position: ArrayLike) -> FloatArray:
+def horizontal_metres(
+    d_latitude: ArrayLike, d_longitude: ArrayLike, latitude: ArrayLike, height: ArrayLike = 0.0
+) -> tuple[FloatArray, FloatArray]:
+    """Lengths to the north and to the east of small differences of position.
+
+    Parameters
+    ----------
+    d_latitude, d_longitude : array_like, shape (...)
+        rad.
+    latitude, height : array_like, shape (...)
+        Of the place, rad and m.
+
+    Returns
+    -------
+    north, east : ndarray, shape (...)
+        m; from eq. 2.111 of [2]_ of the module.
+    """
+    lat, h = np.asarray(latitude, dtype=np.float64), np.asarray(height, dtype=np.float64)
+    meridian, transverse = radii_of_curvature(lat)
+    north = np.asarray(d_latitude) * (meridian + h)
+    return north, np.asarray(d_longitude) * (transverse + h) * np.cos(lat)
+
+
+def displaced(
+    latitude: ArrayLike, longitude: ArrayLike, height: ArrayLike, north: ArrayLike, east: ArrayLike
+) -> tuple[FloatArray, FloatArray]:
+    """Latitude and longitude a small way from a place: the inverse of :func:`horizontal_metres`.
+
+    Parameters
+    ----------
+    latitude, longitude, height : array_like, shape (...)
+        Of the place, rad and m.
+    north, east : array_like, shape (...)
+        m.
+
+    Returns
+    -------
+    latitude, longitude : ndarray, shape (...)
+        rad; the longitude may be beyond the date line.
+    """
+    lat, h = np.asarray(latitude, dtype=np.float64), np.asarray(height, dtype=np.float64)
+    meridian, transverse = radii_of_curvature(lat)
+    return (
+        np.asarray(lat + np.asarray(north) / (meridian + h)),
+        np.asarray(np.asarray(longitude) + np.asarray(east) / ((transverse + h) * np.cos(lat))),
+    )
+
+
+def ecef(latitude: ArrayLike, longitude: ArrayLike, height: ArrayLike) -> FloatArray:
     """Cartesian position in the Earth frame ``e``.
 
     Parameters
     ----------
-    position : array_like, shape (..., 3)
-        Latitude, longitude (rad) and ellipsoidal height (m).
+    latitude, longitude, height : array_like, shape (...)
+        rad and m.
 
     Returns
     -------
     ndarray, shape (..., 3)
         m; eq. 2.112 of [2]_ of the module.
     """
-    p = np.asarray(position, dtype=np.float64)
-    lat, lon, h = p[..., 0], p[..., 1], p[..., 2]
+    lat, lon, h = np.broadcast_arrays(
+        *(np.asarray(value, dtype=np.float64) for value in (latitude, longitude, height))
+    )
     _, transverse = radii_of_curvature(lat)
     across = (transverse + h) * np.cos(lat)
     up = ((1.0 - ECCENTRICITY_SQUARED) * transverse + h) * np.sin(lat)
     return np.stack([across * np.cos(lon), across * np.sin(lon), up], axis=-1)
 
 
-def c_en(latitude: float, longitude: float) -> FloatArray:
-    """Rotation from the Earth frame to NED, ``C_e^n``.
+def dcm_ne(latitude: ArrayLike, longitude: ArrayLike) -> FloatArray:
+    """Rotation from the Earth frame to NED, ``C_ne``.
 
     Parameters
     ----------
-    latitude, longitude : float
+    latitude, longitude : array_like, shape (...)
         rad.
 
     Returns
     -------
-    ndarray, shape (3, 3)
+    ndarray, shape (..., 3, 3)
         Eq. 2.150 of [2]_ of the module.
     """
-    sl, cl, so, co = np.sin(latitude), np.cos(latitude), np.sin(longitude), np.cos(longitude)
-    return np.array([[-sl * co, -sl * so, cl], [-so, co, 0.0], [-cl * co, -cl * so, -sl]])
+    lat, lon = np.broadcast_arrays(
+        np.asarray(latitude, dtype=np.float64), np.asarray(longitude, dtype=np.float64)
+    )
+    sl, cl, so, co = np.sin(lat), np.cos(lat), np.sin(lon), np.cos(lon)
+    out = np.empty((*lat.shape, 3, 3))
+    out[..., 0, 0], out[..., 0, 1], out[..., 0, 2] = -sl * co, -sl * so, cl
+    out[..., 1, 0], out[..., 1, 1], out[..., 1, 2] = -so, co, 0.0
+    out[..., 2, 0], out[..., 2, 1], out[..., 2, 2] = -cl * co, -cl * so, -sl
+    return out
 
 
 def local_position_n(origin: ArrayLike, position: ArrayLike) -> FloatArray:
@@ -234,5 +290,6 @@ def local_position_n(origin: ArrayLike, position: ArrayLike) -> FloatArray:
     ndarray, shape (..., 3)
         North, east, down at the origin, m.
     """
-    o = np.asarray(origin, dtype=np.float64)
-    return (ecef(position) - ecef(o)) @ c_en(float(o[0]), float(o[1])).T
+    o, p = np.asarray(origin, dtype=np.float64), np.asarray(position, dtype=np.float64)
+    away = ecef(p[..., 0], p[..., 1], p[..., 2]) - ecef(o[0], o[1], o[2])
+    return np.asarray(away @ dcm_ne(o[0], o[1]).T)

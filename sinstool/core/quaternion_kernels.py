@@ -1,4 +1,4 @@
-"""Quaternions within compiled loops: of one attitude update, products, matrices, length.
+"""Quaternions and angles within compiled loops: of one attitude update, products, matrices.
 
 All in scalars, so that nothing is allocated; `sinstool.core.rotation` has them for arrays.
 
@@ -28,7 +28,7 @@ References
 
 from __future__ import annotations
 
-from math import cos, sin, sqrt
+from math import cos, pi, sin, sqrt
 
 import numba
 
@@ -138,3 +138,13 @@ def dcm(
         2.0 * (y * z + w * x),
         w * w - x * x - y * y + z * z,
     )
+
+
+@numba.njit(cache=True, nogil=True)
+def wrapped_angle(angle: float) -> float:
+    """Angle, no more than a few turns, brought into (-pi, pi]; one inside keeps its last bit."""
+    while angle > pi:
+        angle -= 2.0 * pi
+    while angle <= -pi:
+        angle += 2.0 * pi
+    return angle

@@ -367,10 +367,50 @@ def to_euler(quaternion: ArrayLike) -> FloatArray:
     half_difference = np.where(down, half_sum, half_difference)
     roll = half_sum - half_difference
     heading = half_sum + half_difference
-    return np.stack([_wrapped(roll), pitch, _wrapped(heading)], axis=-1)
+    return np.stack([_less_a_turn(roll), pitch, _less_a_turn(heading)], axis=-1)
 
 
-def _wrapped(angle: FloatArray) -> FloatArray:
-    """Angle in [-2 pi, 2 pi] brought into [-pi, pi]; one inside is left as it is."""
+def _less_a_turn(angle: FloatArray) -> FloatArray:
+    """Angle in [-2 pi, 2 pi] brought into [-pi, pi]; one inside keeps its last bit."""
     angle = np.where(angle > np.pi, angle - 2.0 * np.pi, angle)
     return np.where(angle < -np.pi, angle + 2.0 * np.pi, angle)
+
+
+def wrapped(angle: ArrayLike) -> FloatArray:
+    """Angles less whole turns.
+
+    Parameters
+    ----------
+    angle : array_like, shape (...)
+        rad.
+
+    Returns
+    -------
+    ndarray, shape (...)
+        In (-pi, pi], rad. The date line is a longitude of +180 degrees.
+    """
+    return np.asarray(np.pi - np.mod(np.pi - np.asarray(angle), 2.0 * np.pi))
+
+
+def skew(vector: ArrayLike) -> FloatArray:
+    """Matrix of the cross product, ``[v x]``.
+
+    Parameters
+    ----------
+    vector : array_like, shape (..., 3)
+
+    Returns
+    -------
+    ndarray, shape (..., 3, 3)
+        ``skew(v) @ w`` is ``cross(v, w)``.
+
+    Raises
+    ------
+    ValueError
+        If the last axis is not of length 3.
+    """
+    v = _last_axis(vector, 3, "vector")
+    out = np.zeros((*v.shape, 3))
+    out[..., 0, 1], out[..., 0, 2], out[..., 1, 2] = -v[..., 2], v[..., 1], -v[..., 0]
+    out[..., 1, 0], out[..., 2, 0], out[..., 2, 1] = v[..., 2], -v[..., 1], v[..., 0]
+    return out

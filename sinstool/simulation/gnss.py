@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from sinstool.core import earth
+from sinstool.core.rotation import wrapped
 from sinstool.simulation.interpolation import Moments, moments
 from sinstool.simulation.sensors import markov
 from sinstool.simulation.trajectory import Trajectory
@@ -207,10 +208,8 @@ def gnss_samples(
     velocity[outlier] += faults.outlier_velocity * _directions(misfortune, m)[outlier]
     for jump in faults.jumps:
         position[_within(after, ((jump.start, jump.end),))] += jump.offset_n
-    meridian, transverse = earth.radii_of_curvature(motion.latitude)
-    latitude = motion.latitude + position[:, 0] / (meridian + motion.height)
-    longitude = motion.longitude + position[:, 1] / (
-        (transverse + motion.height) * np.cos(motion.latitude)
+    latitude, longitude = earth.displaced(
+        motion.latitude, motion.longitude, motion.height, position[:, 0], position[:, 1]
     )
     height = motion.height - position[:, 2]
     velocity += motion.velocity_n
@@ -223,7 +222,7 @@ def gnss_samples(
     return GnssSamples(
         stamps[kept],
         latitude[kept],
-        (np.pi - np.mod(np.pi - longitude, 2.0 * np.pi))[kept],
+        wrapped(longitude)[kept],
         height[kept],
         velocity[kept],
         np.tile(errors.position_sigma(), (rows, 1)),

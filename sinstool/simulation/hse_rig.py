@@ -23,6 +23,7 @@ from numpy.typing import NDArray
 
 from sinstool.core import rotation
 from sinstool.core.earth import earth_rate_n, gravity_n
+from sinstool.core.rotation import skew
 from sinstool.simulation.turntable import TableProfile
 from sinstool.simulation.wander import carry_over
 
@@ -291,7 +292,7 @@ def hse_rig(
     at = begins + _STAMPS[setup.imu_stamp] * dt
     encoder_at, position = _encoder(table, setup, errors)
     believed_K_g = (np.eye(3) + _lambda(setup.epsilon, setup.kappa)) @ K_g
-    believed_C = (np.eye(3) - _cross_matrix(setup.xi)) @ C_s_to_b
+    believed_C = (np.eye(3) - skew(setup.xi)) @ C_s_to_b
     scale = (1.0 + errors.gyro_scale) * (1.0 + errors.clock)
     X = scale * (believed_C @ believed_K_g @ np.linalg.solve(K_g, C_s_to_b.T)) - np.eye(3)
     alpha, rate, _ = table.angle(at)
@@ -475,8 +476,3 @@ def _axis_matrix(axis: Sequence[float]) -> FloatArray:
 def _lambda(epsilon: Sequence[float], kappa: Sequence[float]) -> FloatArray:
     (e1, e2, e3), (k1, k2, k3) = epsilon, kappa
     return np.array([[k1, 0.0, 0.0], [e1, k2, 0.0], [e2, e3, k3]])
-
-
-def _cross_matrix(v: Sequence[float]) -> FloatArray:
-    x, y, z = v
-    return np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])

@@ -100,17 +100,6 @@ def moments(
 _EARTH_RATE_E = np.array([0.0, 0.0, earth.EARTH_RATE])
 
 
-def to_ecef(latitude: ArrayLike, longitude: ArrayLike, height: ArrayLike) -> FloatArray:
-    """Geodetic position in Earth axes, m, shape (..., 3); Groves eq. (2.112)."""
-    lat = np.asarray(latitude, dtype=np.float64)
-    lon = np.asarray(longitude, dtype=np.float64)
-    h = np.asarray(height, dtype=np.float64)
-    _, transverse = earth.radii_of_curvature(lat)
-    out = (transverse + h) * np.cos(lat)
-    up = (transverse * (1.0 - earth.ECCENTRICITY_SQUARED) + h) * np.sin(lat)
-    return np.stack([out * np.cos(lon), out * np.sin(lon), up], axis=-1)
-
-
 def from_ecef(position: ArrayLike) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Latitude, longitude (rad) and height (m) of positions in Earth axes, shape (..., 3).
 
@@ -151,7 +140,7 @@ def _earth_motion(trajectory: Trajectory, k: IntArray) -> tuple[FloatArray, Floa
     q_nb, f_b = trajectory.imu.q_nb[k], trajectory.imu.specific_force[k]
     pull = rotation.rotate(q_nb, f_b) + earth.gravity_n(lat, h)
     coriolis = np.cross(2.0 * _EARTH_RATE_E, velocity)
-    return to_ecef(lat, lon, h), velocity, rotation.rotate(q_en, pull) - coriolis
+    return earth.ecef(lat, lon, h), velocity, rotation.rotate(q_en, pull) - coriolis
 
 
 def _quintic(

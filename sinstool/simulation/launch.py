@@ -12,16 +12,15 @@ from __future__ import annotations
 
 import numpy as np
 
+from sinstool.core.units import DEGREE
 from sinstool.simulation.profile import Profile, Ramp, Step, Term, Wave, fly
 from sinstool.simulation.trajectory import Trajectory
 from sinstool.simulation.truth import sample_times
 
-_DEGREE = np.pi / 180.0
-
 # When the weave that makes heading visible in the calm glide begins to come in.
 _CALM_S = 36.0
 _CONING_HZ = 17.0
-_CONING_HALF_ANGLE = 0.02 * _DEGREE
+_CONING_HALF_ANGLE = 0.02 * DEGREE
 _VIBRATION_HZ = 43.0
 _VIBRATION = 5.0  # m/s^2
 
@@ -48,20 +47,20 @@ def launch_profile(dynamics: float = 1.0, straight: bool = False) -> Profile:
         Ramp(2.5, 0.35, -168.0),
         Wave(_VIBRATION / vibration, vibration, 0.0, boost),
     )
-    climb: tuple[Term, ...] = (Step(-1e4, 1.0, 48.0 * _DEGREE), Step(2.0, 34.0, -40.0 * _DEGREE))
+    climb: tuple[Term, ...] = (Step(-1e4, 1.0, 48.0 * DEGREE), Step(2.0, 34.0, -40.0 * DEGREE))
     pitch: tuple[Term, ...] = (
         Wave(_CONING_HALF_ANGLE, coning, np.pi / 2.0, boost),
-        Step(5.0, 20.0, 3.0 * _DEGREE),
+        Step(5.0, 20.0, 3.0 * DEGREE),
     )
     yaw: tuple[Term, ...] = (Wave(1.3 * _CONING_HALF_ANGLE, coning, 0.0, boost),)
     roll: tuple[Term, ...] = (
-        Ramp(3.0, 0.4, 220.0 * _DEGREE),
-        Ramp(11.0, 0.4, -220.0 * _DEGREE),
+        Ramp(3.0, 0.4, 220.0 * DEGREE),
+        Ramp(11.0, 0.4, -220.0 * DEGREE),
     )
     if straight:
         return Profile(
             (*speed, Ramp(28.0, 1.0, -18.0)),
-            (*climb, Step(30.0, 8.0, -8.0 * _DEGREE)),
+            (*climb, Step(30.0, 8.0, -8.0 * DEGREE)),
             (),
             pitch,
             yaw,
@@ -89,28 +88,28 @@ def _with_glide(boost: Profile, dynamics: float) -> Profile:
         ),
         climb=(
             *boost.climb,
-            Step(44.0, 90.0, -4.8 * _DEGREE),
-            Step(145.0, 40.0, -3.2 * _DEGREE),
-            Step(195.0, 50.0, -5.0 * _DEGREE),
+            Step(44.0, 90.0, -4.8 * DEGREE),
+            Step(145.0, 40.0, -3.2 * DEGREE),
+            Step(195.0, 50.0, -5.0 * DEGREE),
         ),
         course=(
-            Wave(-2.55 * _DEGREE * dynamics, aside, 1.87 - aside * 40.0, fade),
-            Step(150.0, 50.0, -9.0 * _DEGREE * dynamics),
-            Step(205.0, 50.0, 12.0 * _DEGREE * dynamics),
+            Wave(-2.55 * DEGREE * dynamics, aside, 1.87 - aside * 40.0, fade),
+            Step(150.0, 50.0, -9.0 * DEGREE * dynamics),
+            Step(205.0, 50.0, 12.0 * DEGREE * dynamics),
         ),
         pitch=(
             *boost.pitch,
-            Wave(2.0 * _DEGREE * dynamics, 0.17, 0.0, fade),
+            Wave(2.0 * DEGREE * dynamics, 0.17, 0.0, fade),
         ),
         yaw=boost.yaw,
         roll=(
             *boost.roll,
-            Wave(5.0 * _DEGREE * dynamics, 0.11, 0.0, fade),
-            Ramp(76.0, 1.0, 46.0 * _DEGREE),
-            Ramp(85.0, 1.0, -46.0 * _DEGREE),
-            Ramp(110.5, 0.8, 62.0 * _DEGREE),
-            Ramp(114.4, 1.6, -124.0 * _DEGREE),
-            Ramp(121.4, 0.8, 62.0 * _DEGREE),
+            Wave(5.0 * DEGREE * dynamics, 0.11, 0.0, fade),
+            Ramp(76.0, 1.0, 46.0 * DEGREE),
+            Ramp(85.0, 1.0, -46.0 * DEGREE),
+            Ramp(110.5, 0.8, 62.0 * DEGREE),
+            Ramp(114.4, 1.6, -124.0 * DEGREE),
+            Ramp(121.4, 0.8, 62.0 * DEGREE),
         ),
     )
 

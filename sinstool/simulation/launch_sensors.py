@@ -9,11 +9,9 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from sinstool.core import rotation
-from sinstool.core.units import STANDARD_GRAVITY
+from sinstool.core.units import DEGREE, STANDARD_GRAVITY
 from sinstool.simulation.sensors import SensorGrade
 from sinstool.simulation.truth import ImuTruth
-
-_DEGREE = np.pi / 180.0
 
 # Gyro bias deg/h, accelerometer bias in the unit that is in doubt, scale, deg/sqrt(h), ug/sqrt(Hz)
 _GRADES = {
@@ -50,10 +48,10 @@ def launch_grade(gyro_bias_deg_h: str, accelerometer_unit: Literal["m/s^2", "g"]
     if gyro_bias_deg_h not in _GRADES or accelerometer_unit not in ("m/s^2", "g"):
         raise ValueError(f"Found no grade {gyro_bias_deg_h!r} in {accelerometer_unit!r}.")
     gyro, accel, scale, walk, noise = _GRADES[gyro_bias_deg_h]
-    gyro *= _DEGREE / 3600.0
+    gyro *= DEGREE / 3600.0
     accel *= STANDARD_GRAVITY if accelerometer_unit == "g" else 1.0
     return SensorGrade(
-        angle_random_walk=walk * _DEGREE / 60.0,
+        angle_random_walk=walk * DEGREE / 60.0,
         gyro_bias=gyro,
         velocity_random_walk=noise * 1e-6 * STANDARD_GRAVITY,
         accel_bias=accel,

@@ -26,12 +26,13 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from sinstool.core import rotation
+from sinstool.core.units import STANDARD_GRAVITY
 from sinstool.simulation.truth import ImuTruth, check_times
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
 
-_STANDARD_GRAVITY_N = (0.0, 0.0, 9.80665)
+_STANDARD_GRAVITY_N = (0.0, 0.0, STANDARD_GRAVITY)
 _QUADRATURE_ERROR = 1e-14
 _HARMONICS = 4.0
 _MOST_NODES = 1000  # a hundred turns of the highest frequency in one interval

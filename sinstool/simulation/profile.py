@@ -158,8 +158,7 @@ def fly(
         mean_specific_force=velocity_increment / interval[:, None],
         q_nb=rotation.normalise(rotation.from_euler(now.euler)),
     )
-    longitude = np.pi - np.mod(np.pi - ends[1], 2.0 * np.pi)
-    return Trajectory(imu, ends[0], longitude, ends[2], now.velocity)
+    return Trajectory(imu, ends[0], rotation.wrapped(ends[1]), ends[2], now.velocity)
 
 
 class _Motion:

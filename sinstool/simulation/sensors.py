@@ -6,11 +6,9 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from sinstool.core.units import DEGREE, STANDARD_GRAVITY
 from sinstool.simulation.truth import FloatArray, ImuTruth
 from sinstool.simulation.wander import carry_over
-
-_DEGREE = np.pi / 180.0
-_G = 9.80665
 
 
 @dataclass(frozen=True)
@@ -54,7 +52,10 @@ class SensorGrade:
 def _grade(arw: float, bias: float, noise: float, accel_bias: float) -> SensorGrade:
     """From data-sheet units: deg/sqrt(h), deg/h, ug/sqrt(Hz), mg."""
     return SensorGrade(
-        arw * _DEGREE / 60.0, bias * _DEGREE / 3600.0, noise * 1e-6 * _G, accel_bias * 1e-3 * _G
+        arw * DEGREE / 60.0,
+        bias * DEGREE / 3600.0,
+        noise * 1e-6 * STANDARD_GRAVITY,
+        accel_bias * 1e-3 * STANDARD_GRAVITY,
     )
 
 

@@ -13,9 +13,12 @@ from typing import TypeVar
 import numpy as np
 
 from sinstool.config import InputOptions
+from sinstool.core.earth import horizontal_metres
 from sinstool.core.errors import DataError
+from sinstool.core.rotation import wrapped
 from sinstool.core.streams import Baro, BaroHeight, Gnss, GnssEpochs, Stream, Velocity
 from sinstool.core.timeline import whole
+from sinstool.core.units import DEGREE
 from sinstool.io.readers.log import Channel, Log
 from sinstool.io.readers.message_types import (
     FIX_TYPE,
@@ -194,8 +197,11 @@ def moving_at(gnss: GnssEpochs | None, start_ns: int, end_ns: int) -> float | No
     if len(fixed) < 2:
         return None
     seconds = float(fixed.time_ns[-1] - fixed.time_ns[0]) * 1e-9
-    north = float(fixed.latitude[-1] - fixed.latitude[0]) * 6.37e6
-    east = float(fixed.longitude[-1] - fixed.longitude[0]) * 6.37e6 * np.cos(fixed.latitude[0])
+    north, east = horizontal_metres(
+        fixed.latitude[-1] - fixed.latitude[0],
+        wrapped(fixed.longitude[-1] - fixed.longitude[0]),
+        fixed.latitude[0],
+    )
     way = float(np.hypot(north, east))
     return way / seconds if way > MOVING_M and way > MOVING_M_S * seconds else None
 
@@ -259,17 +265,17 @@ def _check_degrees(log: Log, topic: str, fixes: Gnss, velocity: Velocity | None)
     Small numbers alone are no proof: there are places near 0 N, 0 E. Where velocity is known,
     the distance covered decides.
     """
-    degree = np.pi / 180.0
-    latitude, longitude = fixes.latitude / degree, fixes.longitude / degree
+    latitude, longitude = fixes.latitude / DEGREE, fixes.longitude / DEGREE
     if np.abs(latitude).max() > np.pi / 2 or np.abs(longitude).max() > np.pi:
         return
     if velocity is not None and len(velocity) > 1:
         seconds = np.diff(velocity.time_ns) * 1e-9
         speed = np.linalg.norm(velocity.velocity_n[:, :2], axis=1)
         told = float(np.sum(0.5 * (speed[1:] + speed[:-1]) * np.minimum(seconds, 5.0)))
-        north = np.diff(fixes.latitude) * 6.37e6
-        east = np.diff(fixes.longitude) * 6.37e6 * np.cos(fixes.latitude[1:])
-        # one leap, at the date line or of a bad fix, is no way that was covered
+        north, east = horizontal_metres(
+            np.diff(fixes.latitude), wrapped(np.diff(fixes.longitude)), fixes.latitude[1:]
+        )
+        # the leap of one bad fix is no way that was covered
         way = np.hypot(north, east)
         covered = float(np.sum(np.minimum(way, 10.0 * max(told / len(way), 1.0))))
         if told > 20.0 and covered > 0.25 * told:

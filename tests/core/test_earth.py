@@ -4,6 +4,14 @@ import pytest
 from scipy.integrate import quad
 
 from sinstool.core import earth
+from sinstool.core.earth import (
+    dcm_ne,
+    displaced,
+    ecef,
+    horizontal_metres,
+    local_position_n,
+    radii_of_curvature,
+)
 
 LATITUDES = np.deg2rad([-89.9, -67.3, -45.0, -12.1, 0.0, 3.4, 28.2, 51.5, 78.0, 90.0])
 
@@ -124,3 +132,28 @@ def test_transport_rate_broadcasts_and_checks():
     )
     with pytest.raises(ValueError, match="velocity_n"):
         earth.transport_rate_n(0.1, 0.0, [1.0, 2.0])
+
+
+def test_axes_of_ned_are_the_ways_that_latitude_longitude_and_height_go():
+    lat, lon = np.array([0.7, -1.2, 1.5]), np.array([3.1, -2.0, 0.4])
+    c = dcm_ne(lat, lon)
+    np.testing.assert_allclose(c @ np.swapaxes(c, 1, 2) - np.eye(3), 0.0, atol=1e-15)
+    # North and east are where latitude and longitude grow, down where height falls.
+    e = 1e-3
+    r = ecef(lat, lon, 100.0 + 0.0 * lat)
+    m, t = radii_of_curvature(lat)
+    north = (ecef(lat + e / m, lon, 100.0 + 0.0 * lat) - r) / e
+    east = (ecef(lat, lon + e / (t * np.cos(lat)), 100.0 + 0.0 * lat) - r) / e
+    np.testing.assert_allclose(c[:, 0], north, atol=2e-5)
+    np.testing.assert_allclose(c[:, 1], east, atol=2e-5)
+    np.testing.assert_allclose(c[:, 2], r - ecef(lat, lon, 101.0 + 0.0 * lat), atol=1e-8)
+
+
+def test_displaced_goes_the_way_that_horizontal_metres_measures():
+    lat, lon, height = np.array([0.7, -1.2]), np.array([3.1, -2.0]), np.array([100.0, 9000.0])
+    there = displaced(lat, lon, height, 30.0, [-4.0, 5.0])
+    north, east, _ = local_position_n((lat[0], lon[0], 100.0), (there[0][0], there[1][0], 100.0))
+    assert (north, east) == pytest.approx((30.0, -4.0), abs=1e-3)
+    north, east = horizontal_metres(there[0] - lat, there[1] - lon, lat, height)
+    np.testing.assert_allclose(north, 30.0, atol=1e-6)
+    np.testing.assert_allclose(east, [-4.0, 5.0], atol=1e-6)

@@ -6,6 +6,7 @@ from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
 from sinstool.core import rotation
+from sinstool.core.quaternion_kernels import wrapped_angle
 
 component = st.floats(-1.0, 1.0, allow_nan=False)
 
@@ -210,3 +211,18 @@ def test_impossible_values_are_refused():
         rotation.normalise([np.nan, 0, 0, 0])
     with pytest.raises(ValueError, match="determinant"):
         rotation.from_dcm(np.diag([1.0, 1.0, -1.0]))
+
+
+def test_wrapped():
+    angles = np.array([4.0, -4.0, 0.5, np.pi, -np.pi, 30.0])
+    expected = [4 - 2 * np.pi, 2 * np.pi - 4, 0.5, np.pi, np.pi, 30.0 - 10 * np.pi]
+    np.testing.assert_allclose(rotation.wrapped(angles), expected, atol=1e-14)
+    np.testing.assert_allclose([wrapped_angle(a) for a in angles], expected, atol=1e-14)
+
+
+def test_skew_is_the_cross_product():
+    v, w = np.random.default_rng(1).standard_normal((2, 4, 3))
+    product = np.einsum("...ij,...j->...i", rotation.skew(v), w)
+    np.testing.assert_allclose(product, np.cross(v, w), atol=1e-15)
+    with pytest.raises(ValueError, match="shape"):
+        rotation.skew([1.0, 2.0])

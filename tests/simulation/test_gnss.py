@@ -6,6 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from sinstool.core import earth, rotation
+from sinstool.core.earth import ecef
 from sinstool.simulation.gnss import (
     MODELS,
     GnssErrors,
@@ -15,7 +16,7 @@ from sinstool.simulation.gnss import (
     gnss_samples,
     true_moments,
 )
-from sinstool.simulation.interpolation import from_ecef, moments, to_ecef
+from sinstool.simulation.interpolation import from_ecef, moments
 from sinstool.simulation.launch import launch
 from sinstool.simulation.static import static
 from sinstool.simulation.trajectory import Trajectory
@@ -59,14 +60,14 @@ def correlation(x, lag):
 
 @given(st.floats(-np.pi / 2, np.pi / 2), st.floats(-np.pi, np.pi), st.floats(-1e4, 1e6))
 def test_earth_axes_there_and_back(latitude, longitude, height):
-    lat, lon, h = from_ecef(to_ecef(latitude, longitude, height))
+    lat, lon, h = from_ecef(ecef(latitude, longitude, height))
     assert lat == pytest.approx(latitude, abs=1e-14) and h == pytest.approx(height, abs=4e-9)
     across = (lon - longitude) * np.cos(latitude)
     assert min(abs(across), abs(abs(across) - 2.0 * np.pi * np.cos(latitude))) < 1e-14
 
 
 def test_points_in_earth_axes():
-    got = to_ecef([0.0, np.pi / 2], [np.pi / 2, 0.3], [100.0, -5.0])
+    got = ecef([0.0, np.pi / 2], [np.pi / 2, 0.3], [100.0, -5.0])
     wanted = [[0.0, 6378237.0, 0.0], [0.0, 0.0, 6356752.314245 - 5.0]]
     np.testing.assert_allclose(got, wanted, atol=1e-6)
 
@@ -78,8 +79,8 @@ def test_a_finer_simulation_lies_between_the_samples(where):
     coarse, fine = launch(200.0, 60.0, **where), launch(1000.0, 60.0, **where)
     rows = slice(3, None, 7)  # in every fifth of a sample interval
     got = moments(coarse, fine.time_ns[rows])
-    r = to_ecef(fine.latitude, fine.longitude, fine.height)[rows]
-    off = np.linalg.norm(to_ecef(got.latitude, got.longitude, got.height) - r, axis=1)
+    r = ecef(fine.latitude, fine.longitude, fine.height)[rows]
+    off = np.linalg.norm(ecef(got.latitude, got.longitude, got.height) - r, axis=1)
     speed = np.linalg.norm(got.velocity_n - fine.velocity_n[rows], axis=1)
     turn = rotation.multiply(rotation.conjugate(got.q_nb), fine.imu.q_nb[rows])
     turn = np.linalg.norm(rotation.log(turn), axis=1)

@@ -2,8 +2,8 @@ import numpy as np
 import pytest
 
 from sinstool.core import earth, rotation
+from sinstool.core.earth import ecef
 from sinstool.methods.strapdown.attitude import AttitudePropagator
-from sinstool.simulation.interpolation import to_ecef
 from sinstool.simulation.launch import launch, launch_profile
 from sinstool.simulation.launch_sensors import launch_grade, mounted, saturated
 from sinstool.simulation.profile import Profile, Ramp, Step, Wave, fly, harmonic_gravity_n
@@ -108,7 +108,7 @@ def test_attitude_and_velocity_agree_with_the_increments(where):
 @pytest.mark.parametrize("where", [{}, DATE_LINE, SOUTH], ids=["default", "date line", "south"])
 def test_position_is_the_integral_of_velocity(where):
     flight = launch(100.0, 120.0, **where)
-    r = to_ecef(flight.latitude, flight.longitude, flight.height)
+    r = ecef(flight.latitude, flight.longitude, flight.height)
     v = rotation.rotate(q_en(flight.latitude, flight.longitude), flight.velocity_n)
     dt = 0.01
     # Simpson's rule over pairs of steps once the vibration is over
@@ -207,7 +207,7 @@ def test_any_profile_flies():
     begin, end = circle.imu.q_nb[0], circle.imu.q_nb[-1]
     turned = np.mod(rotation.to_euler(end)[2] - rotation.to_euler(begin)[2], 2.0 * np.pi)
     assert turned == pytest.approx(6.2, abs=1e-9)
-    r = to_ecef(circle.latitude, circle.longitude, circle.height)
+    r = ecef(circle.latitude, circle.longitude, circle.height)
     assert np.linalg.norm(r - r[0], axis=1).max() == pytest.approx(1000.0, rel=1e-3)
 
 

@@ -27,6 +27,7 @@ from scipy.special import chdtri
 
 from sinstool.core import earth, rotation
 from sinstool.core.errors import AlignmentError
+from sinstool.core.rotation import skew
 from sinstool.methods.alignment.gyrocompass_stretches import Record, Stretch, cut
 from sinstool.methods.alignment.inflight_types import (
     OK_SIGMA,
@@ -257,7 +258,7 @@ def _filter(
     p = np.diag(bias_variance)
     x = np.zeros(9)
     q = q_start
-    skew_g, skew_omega = _skew(where.g_n), _skew(where.omega_n)
+    skew_g, skew_omega = skew(where.g_n), skew(where.omega_n)
     attitude_map, bias_map = np.eye(3), np.zeros((3, 3))
     squares, count = 0.0, -3
     for s in stretches:
@@ -368,8 +369,3 @@ def _answer(
         run.chi2,
         tuple(warnings),
     )
-
-
-def _skew(v: FloatArray) -> FloatArray:
-    """Matrix of the cross product."""
-    return np.array([[0.0, -v[2], v[1]], [v[2], 0.0, -v[0]], [-v[1], v[0], 0.0]])

@@ -8,42 +8,18 @@ and no pole and no date line is special.
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
 from sinstool.core.earth import (
     EARTH_RATE,
-    ECCENTRICITY_SQUARED,
+    dcm_ne,
     earth_rate_n,
+    ecef,
     gravity_n,
-    radii_of_curvature,
     transport_rate_n,
 )
 
 FloatArray = NDArray[np.float64]
-
-
-def dcm_ne(latitude: ArrayLike, longitude: ArrayLike) -> FloatArray:
-    """ECEF to NED, ``C_e^n``.
-
-    Parameters
-    ----------
-    latitude, longitude : array_like, shape (...)
-        rad.
-
-    Returns
-    -------
-    ndarray, shape (..., 3, 3)
-        Groves, 2nd ed., eq. (2.150).
-    """
-    lat, lon = np.broadcast_arrays(
-        np.asarray(latitude, dtype=np.float64), np.asarray(longitude, dtype=np.float64)
-    )
-    sl, cl, so, co = np.sin(lat), np.cos(lat), np.sin(lon), np.cos(lon)
-    out = np.empty((*lat.shape, 3, 3))
-    out[..., 0, 0], out[..., 0, 1], out[..., 0, 2] = -sl * co, -sl * so, cl
-    out[..., 1, 0], out[..., 1, 1], out[..., 1, 2] = -so, co, 0.0
-    out[..., 2, 0], out[..., 2, 1], out[..., 2, 2] = -cl * co, -cl * so, -sl
-    return out
 
 
 def to_inertial(vectors_e: FloatArray, time_s: FloatArray) -> FloatArray:
@@ -75,20 +51,6 @@ def dcm_ni(latitude: FloatArray, longitude: FloatArray, time_s: FloatArray) -> F
     ndarray, shape (n, 3, 3)
     """
     return dcm_ne(latitude, np.asarray(longitude) + EARTH_RATE * np.asarray(time_s))
-
-
-def ecef(latitude: FloatArray, longitude: FloatArray, height: FloatArray) -> FloatArray:
-    """Position in ECEF, shape (n, 3), m; Groves, 2nd ed., eq. (2.112)."""
-    transverse = radii_of_curvature(latitude)[1]
-    cl = np.cos(latitude)
-    return np.stack(
-        [
-            (transverse + height) * cl * np.cos(longitude),
-            (transverse + height) * cl * np.sin(longitude),
-            ((1.0 - ECCENTRICITY_SQUARED) * transverse + height) * np.sin(latitude),
-        ],
-        axis=-1,
-    )
 
 
 class VelocityReference:

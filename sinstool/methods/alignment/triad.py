@@ -9,6 +9,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from sinstool.core.rotation import skew
 from sinstool.methods.alignment.accumulation import InertialRows
 from sinstool.methods.alignment.inflight_types import SensorGrade
 from sinstool.methods.alignment.pairs import cross_columns, velocity_gains
@@ -91,8 +92,8 @@ def triad_covariance(
     across = np.maximum(np.linalg.norm(normal, axis=-1), 1e-9 * np.linalg.norm(v2, axis=-1))
     normal = normal / across[:, None]
     about = u[:, :, None] * normal[:, None, :] / across[:, None, None]
-    tilt = _skew(u) / length[:, None, None]
-    first = tilt + about @ _skew(v2) @ tilt
+    tilt = skew(u) / length[:, None, None]
+    first = tilt + about @ skew(v2) @ tilt
     second = about
     both = first + second
 
@@ -120,10 +121,3 @@ def triad_covariance(
         covariance = covariance + kappa * s**2 * square(shift[:, i] + chain[:, i])
     walk = grade.angle_random_walk**2 * (rows.time_s[ends] - rows.time_s[0])
     return np.asarray(covariance + walk[:, None, None] * np.eye(3))
-
-
-def _skew(v: FloatArray) -> FloatArray:
-    out = np.zeros((*v.shape, 3))
-    out[..., 0, 1], out[..., 0, 2], out[..., 1, 2] = -v[..., 2], v[..., 1], -v[..., 0]
-    out[..., 1, 0], out[..., 2, 0], out[..., 2, 1] = v[..., 2], -v[..., 1], v[..., 0]
-    return out

@@ -18,6 +18,7 @@ from typing import Literal
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from sinstool.core.units import STANDARD_GRAVITY
 from sinstool.methods.height.layout import ACCEPTED, NOT_FINITE, OUT_OF_RANGE
 
 FloatArray = NDArray[np.float64]
@@ -34,9 +35,6 @@ LAPSE_RATE = 0.0065
 
 GAS_CONSTANT = 287.05287
 """Of dry air, J/(kg K); [1]_ of the module."""
-
-STANDARD_GRAVITY = 9.80665
-"""m/s^2; [1]_ of the module."""
 
 EARTH_RADIUS = 6356766.0
 """That geopotential heights are reckoned with, m; [1]_ of the module."""

@@ -21,6 +21,7 @@ import numpy as np
 
 from sinstool.core.earth import EARTH_RATE
 from sinstool.core.errors import ConfigurationError
+from sinstool.core.units import ARCSEC
 from sinstool.methods.hse.fit_result import METHODS, HseFit
 from sinstool.methods.hse.status import APPLICABLE, STATUSES, Judgement
 
@@ -30,7 +31,6 @@ SIGN = {
     "C23": "C_b0^n[1][2], NED, z_b0 down",
     "apply": "psi=psi_hat-dpsi",
 }
-_ARCSEC = math.pi / 180.0 / 3600.0
 _REMAKE = "write the file again with calibrate-hse"
 
 
@@ -244,9 +244,9 @@ def _derived(cal: HseCalibration) -> dict[str, Any]:
     """What is written beside the quantities and must agree with them."""
     lambda2, k = cal.lambda2_rad, cal.K_HSE_s
     return {
-        "lambda2_arcsec": None if lambda2 is None else lambda2 / _ARCSEC,
+        "lambda2_arcsec": None if lambda2 is None else lambda2 / ARCSEC,
         "eps_sum_rad": None if lambda2 is None else -lambda2,
-        "K_HSE_arcsec_per_rad_s": None if k is None else k / _ARCSEC,
+        "K_HSE_arcsec_per_rad_s": None if k is None else k / ARCSEC,
     }
 
 

@@ -13,6 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from sinstool.core.earth import EARTH_RATE
 from sinstool.core.errors import ConfigurationError
+from sinstool.core.units import ARCSEC
 from sinstool.methods.hse.fit import MIN_RATE_SPAN
 from sinstool.methods.hse.model import DISTINCT_LEAN, MIN_C23
 from sinstool.methods.hse.status import MAX_LATITUDE, SIGNIFICANT
@@ -22,7 +23,6 @@ FloatArray = NDArray[np.float64]
 # A lean of the axis that is easily made and still small for the linear model.
 GOOD_LEAN = 8e-3
 FEW_TURNS = 10
-_ARCSEC = np.pi / 180.0 / 3600.0
 
 
 @dataclass(frozen=True)
@@ -197,7 +197,7 @@ def _deviations(columns: FloatArray, sigma: FloatArray) -> FloatArray:
 
 
 def _arcsec(value: float | None) -> str:
-    return "nothing" if value is None else f'{value / _ARCSEC:.3g}"'
+    return "nothing" if value is None else f'{value / ARCSEC:.3g}"'
 
 
 def _advice(design: Design, now: Prediction) -> tuple[str, ...]:

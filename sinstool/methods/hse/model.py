@@ -9,8 +9,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sinstool.core.earth import EARTH_RATE
+from sinstool.core.rotation import wrapped
 from sinstool.methods.hse.least_squares import LeastSquares, least_squares, outlier_limit
-from sinstool.methods.hse.positions import positions, rate_groups, wrapped
+from sinstool.methods.hse.positions import positions, rate_groups
 from sinstool.methods.hse.run import HseRun
 
 FloatArray = NDArray[np.float64]

@@ -23,11 +23,6 @@ TILT_GAP = 1e-4
 RATE_GAP = 0.01
 
 
-def wrapped(angle: FloatArray) -> FloatArray:
-    """Angles in [-pi, pi), rad."""
-    return np.asarray((angle + np.pi) % (2.0 * np.pi) - np.pi)
-
-
 def _groups(values: FloatArray, gaps: FloatArray | float) -> IntArray:
     """Number the groups that gaps larger than ``gaps`` separate, by value."""
     order = np.argsort(values, kind="stable")

@@ -23,6 +23,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from sinstool.core.errors import ConfigurationError
+from sinstool.core.units import ARCSEC
 
 FloatArray = NDArray[np.float64]
 
@@ -33,8 +34,7 @@ ORTHONORMAL = 1e-3
 """Largest element of ``C C^T - I``, and largest ``| |e| - 1 |``, that pass."""
 LARGEST_CONDITION = 10.0
 
-_ARCSEC = np.pi / 180.0 / 3600.0
-_REMARKABLE = 0.1 * _ARCSEC
+_REMARKABLE = 0.1 * ARCSEC
 _RIG_KEYS = (
     *("K_g", "C_s_to_b", "e", "K_a", "gyro_bias", "accel_bias", "gyro_frame", "accel_frame"),
     *("gyro_scale", "imu_stamp", "latitude_deg", "encoder"),
@@ -271,7 +271,7 @@ class Rig:
             return []
         return [
             f"rig.C_s_to_b is orthonormal to {self.orthonormality_error:.1g} only; it is used as "
-            f'it is, and {share / _ARCSEC:+.2f}" of lambda2 come from that'
+            f'it is, and {share / ARCSEC:+.2f}" of lambda2 come from that'
         ]
 
     def to_table(self) -> dict[str, Any]:

@@ -14,6 +14,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from sinstool.core.earth import EARTH_RATE
+from sinstool.core.units import ARCSEC
 from sinstool.methods.hse.fit import MIN_RATE_SPAN
 from sinstool.methods.hse.fit_result import HseFit
 from sinstool.methods.hse.model import MIN_C23, MIN_C23_SIGMAS
@@ -35,8 +36,6 @@ CONSISTENT = 3.0
 P_LACK_OF_FIT = 0.01
 SECOND_ORDER = 1e-2
 C23_SPREAD = 0.05
-
-_ARCSEC = np.pi / 180.0 / 3600.0
 
 
 @dataclass(frozen=True)
@@ -209,13 +208,13 @@ def _extent(result: HseFit) -> list[Finding]:
 
 def _lambda2(value: float, sigma: float | None) -> str:
     if sigma is None or not np.isfinite(sigma):
-        return f'{value / _ARCSEC:.3f}"'
-    return f'{value / _ARCSEC:.3f}" +- {sigma / _ARCSEC:.3f}"'
+        return f'{value / ARCSEC:.3f}"'
+    return f'{value / ARCSEC:.3f}" +- {sigma / ARCSEC:.3f}"'
 
 
 def _slope(result: HseFit) -> str:
-    sigma = f" +- {result.sigma_K / _ARCSEC:.1f}" if result.sigma_K is not None else ""
-    return f'{(result.K or 0.0) / _ARCSEC:.1f}{sigma} "/(rad/s)'
+    sigma = f" +- {result.sigma_K / ARCSEC:.1f}" if result.sigma_K is not None else ""
+    return f'{(result.K or 0.0) / ARCSEC:.1f}{sigma} "/(rad/s)'
 
 
 def _unobservable(result: HseFit) -> list[Finding]:
@@ -301,7 +300,7 @@ def _insignificant(result: HseFit) -> list[Finding]:
         return []
     interval = ""
     if result.ci95_lambda2 is not None:
-        low, high = (v / _ARCSEC for v in result.ci95_lambda2)
+        low, high = (v / ARCSEC for v in result.ci95_lambda2)
         interval = f', 95 % interval {low:.3f}" to {high:.3f}"'
     return [
         Finding(

@@ -13,7 +13,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from sinstool.methods.hse.positions import by_angle, wrapped
+from sinstool.core.rotation import wrapped
+from sinstool.methods.hse.positions import by_angle
 from sinstool.methods.hse.statistics import Scatter, Sinusoid, fit_sinusoid, scatter
 
 FloatArray = NDArray[np.float64]

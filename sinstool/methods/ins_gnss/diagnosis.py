@@ -38,7 +38,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sinstool.core import earth
-from sinstool.core.rotation import from_dcm, log, multiply, normalise, rotate, to_dcm
+from sinstool.core.rotation import from_dcm, log, multiply, normalise, rotate, skew, to_dcm
 from sinstool.core.streams import GnssEpochs
 from sinstool.methods.ins_gnss.latency import correlate, inertial_velocity
 from sinstool.methods.ins_gnss.results import GnssDiagnostics, UpdateColumns
@@ -332,7 +332,7 @@ def _time_and_arm(
         updates.height,
         updates.velocity_n,
     )
-    swing = to_dcm(updates.q_nb) @ _cross(updates.omega_ib_b)
+    swing = to_dcm(updates.q_nb) @ skew(updates.omega_ib_b)
     velocity = velocity + swing @ np.asarray(settings.lever_arm_b)
     found = correlate(updates.time_ns, velocity, fixes.time_ns, fixes.velocity_n, swing_n=swing)
     findings = []
@@ -355,15 +355,6 @@ def _time_and_arm(
             )
             findings.append(Finding("lever arm", text, size))
     return findings
-
-
-def _cross(v: FloatArray) -> FloatArray:
-    """Matrices [v x]."""
-    out = np.zeros((len(v), 3, 3))
-    out[:, 0, 1], out[:, 0, 2] = -v[:, 2], v[:, 1]
-    out[:, 1, 0], out[:, 1, 2] = v[:, 2], -v[:, 0]
-    out[:, 2, 0], out[:, 2, 1] = -v[:, 1], v[:, 0]
-    return out
 
 
 def _lag(fixes: GnssEpochs) -> list[Finding]:

@@ -10,7 +10,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from sinstool.core.earth import radii_of_curvature
+from sinstool.core.earth import horizontal_metres
 from sinstool.core.streams import GnssEpochs
 from sinstool.core.timeline import SECOND
 
@@ -43,17 +43,12 @@ def with_velocities(gnss: GnssEpochs, sigma_m: float) -> GnssEpochs:
     if n < LEAST:
         return rows.rows(slice(0, 0))
     t = (rows.time_ns - rows.time_ns[0]) / SECOND
-    meridian, transverse = radii_of_curvature(rows.latitude[0])
     height = float(np.median(rows.height))
     longitude = np.unwrap(rows.longitude)
-    position = np.stack(
-        [
-            (rows.latitude - rows.latitude[0]) * (float(meridian) + height),
-            (longitude - longitude[0]) * (float(transverse) + height) * np.cos(rows.latitude[0]),
-            -(rows.height - rows.height[0]),
-        ],
-        axis=1,
+    north, east = horizontal_metres(
+        rows.latitude - rows.latitude[0], longitude - longitude[0], rows.latitude[0], height
     )
+    position = np.stack([north, east, -(rows.height - rows.height[0])], axis=1)
     half = _half(t, sigma_m)
     moments, right, count = np.zeros((n, 5)), np.zeros((n, 3, 3)), np.zeros(n)
     reach = int(np.max(np.searchsorted(t, t + half, "right") - np.arange(n)))

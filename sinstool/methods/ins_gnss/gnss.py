@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sinstool.core import earth
-from sinstool.core.quaternion_kernels import dcm
+from sinstool.core.quaternion_kernels import dcm, wrapped_angle
 from sinstool.methods.ins_gnss.instants import (
     begin_anew,
     clear_rows,
@@ -285,12 +285,7 @@ def _compare(
             value = (lat - fix[0]) * rm + an
             p0, p1, p2 = 0.0, -ad, ae
         elif i == 1:
-            turn = lon - fix[1]
-            if turn > pi:
-                turn -= 2.0 * pi
-            elif turn < -pi:
-                turn += 2.0 * pi
-            value = turn * across + ae
+            value = wrapped_angle(lon - fix[1]) * across + ae
             p0, p1, p2 = ad, 0.0, -an
         elif i == 2:
             value = fix[2] - h + ad

@@ -7,13 +7,13 @@ network, and a row is stored for a smoother.
 
 from __future__ import annotations
 
-from math import cos, pi, sqrt
+from math import cos, sqrt
 
 import numba
 import numpy as np
 from numpy.typing import NDArray
 
-from sinstool.core.quaternion_kernels import increment_quaternion, product
+from sinstool.core.quaternion_kernels import increment_quaternion, product, wrapped_angle
 from sinstool.methods.height.channel import feedback as channel_feedback
 from sinstool.methods.height.layout import S_BARO_BIAS, S_CORRECTION, S_STEP
 from sinstool.methods.ins_gnss.layout import (
@@ -230,13 +230,8 @@ def corrected(nav: FloatArray, x: FloatArray, out: FloatArray) -> None:
     """A navigation with the estimated errors taken off, into another."""
     rm, rn = radii(nav[LATITUDE], nav[HEIGHT])
     across = rn * cos(nav[LATITUDE])
-    lon = nav[LONGITUDE] - x[POSITION + 1] / across
-    if lon > pi:
-        lon -= 2.0 * pi
-    elif lon <= -pi:
-        lon += 2.0 * pi
     out[LATITUDE] = nav[LATITUDE] - x[POSITION] / rm
-    out[LONGITUDE] = lon
+    out[LONGITUDE] = wrapped_angle(nav[LONGITUDE] - x[POSITION + 1] / across)
     out[HEIGHT] = nav[HEIGHT] + x[_D]
     for i in range(3):
         out[V_NORTH + i] = nav[V_NORTH + i] - x[VELOCITY + i]

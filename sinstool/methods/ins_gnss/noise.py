@@ -3,22 +3,16 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from math import inf, pi
+from math import inf
 
 import numpy as np
 from numpy.typing import NDArray
 
 from sinstool.core.errors import ConfigurationError
+from sinstool.core.units import DEGREE_PER_HOUR, DEGREE_PER_ROOT_HOUR, MICRO_G, MILLI_G
 
 FloatArray = NDArray[np.float64]
 Triple = tuple[float, float, float]
-
-_G = 9.80665
-_DEGREE = pi / 180.0
-_DEG_PER_H = _DEGREE / 3600.0
-_DEG_PER_ROOT_H = _DEGREE / 60.0
-_MG = 1e-3 * _G
-_UG = 1e-6 * _G
 
 
 def not_negative(owner: str, **values: float | Triple) -> None:
@@ -93,33 +87,33 @@ class ImuNoise:
 # sensors were seen to move by 100 deg/h from one stop of a car to one minutes later.
 IMU_GRADES: dict[str, ImuNoise] = {
     "mems": ImuNoise(
-        3.0 * _DEG_PER_ROOT_H,
-        3000.0 * _UG,
-        50.0 * _DEG_PER_H,
-        10.0 * _MG,
-        100.0 * _DEG_PER_H,
-        1.0 * _MG,
+        3.0 * DEGREE_PER_ROOT_HOUR,
+        3000.0 * MICRO_G,
+        50.0 * DEGREE_PER_HOUR,
+        10.0 * MILLI_G,
+        100.0 * DEGREE_PER_HOUR,
+        1.0 * MILLI_G,
         100.0,
         3e-3,
         5e-3,
     ),
     "tactical": ImuNoise(
-        0.05 * _DEG_PER_ROOT_H,
-        50.0 * _UG,
-        1.0 * _DEG_PER_H,
-        1.0 * _MG,
-        0.3 * _DEG_PER_H,
-        0.05 * _MG,
+        0.05 * DEGREE_PER_ROOT_HOUR,
+        50.0 * MICRO_G,
+        1.0 * DEGREE_PER_HOUR,
+        1.0 * MILLI_G,
+        0.3 * DEGREE_PER_HOUR,
+        0.05 * MILLI_G,
         300.0,
         3e-4,
     ),
     "navigation": ImuNoise(
-        0.002 * _DEG_PER_ROOT_H,
-        10.0 * _UG,
-        0.01 * _DEG_PER_H,
-        0.05 * _MG,
-        0.002 * _DEG_PER_H,
-        0.005 * _MG,
+        0.002 * DEGREE_PER_ROOT_HOUR,
+        10.0 * MICRO_G,
+        0.01 * DEGREE_PER_HOUR,
+        0.05 * MILLI_G,
+        0.002 * DEGREE_PER_HOUR,
+        0.005 * MILLI_G,
         1000.0,
         5e-5,
     ),

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from sinstool.core.errors import ConfigurationError
+from sinstool.core.units import ARCSEC
 from sinstool.methods.height.network import Grade, HeightNetwork
 from sinstool.methods.ins_gnss.noise import (
     BARO_GRADES,
@@ -27,8 +28,6 @@ FloatArray = NDArray[np.float64]
 
 Adaptive = Literal["off", "sage-husa", "innovation"]
 Feedback = Literal["closed", "none"]
-
-_ARC_SECOND = np.pi / 648000.0
 
 
 @dataclass(frozen=True)
@@ -72,7 +71,7 @@ class DivergenceControl:
     virtual_noise: bool = True
     virtual_position: float = 0.01
     virtual_velocity: float = 1e-3
-    virtual_attitude: float = 0.1 * _ARC_SECOND
+    virtual_attitude: float = 0.1 * ARCSEC
     virtual_bias_time: float = 600.0
     adaptive: Adaptive = "off"
     fading: float = 0.99

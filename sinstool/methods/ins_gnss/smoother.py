@@ -36,8 +36,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from sinstool.core import earth
-from sinstool.core.rotation import exp, multiply, normalise
+from sinstool.core.earth import displaced
+from sinstool.core.rotation import exp, multiply, normalise, wrapped
 from sinstool.methods.ins_gnss.results import (
     SENSOR_ACCEL_BIAS,
     SENSOR_ACCEL_SCALE,
@@ -177,7 +177,7 @@ def smooth_epochs(
         before,
         smooth,
         starts,
-        _corrected_nav(np.asarray(stored.nav), whole),
+        corrected_navigation(np.asarray(stored.nav), whole),
         _corrected_sensors(np.asarray(stored.sensors), whole, kind),
         first,
         first_covariance,
@@ -186,7 +186,16 @@ def smooth_epochs(
     )
 
 
-def _corrected_nav(nav: FloatArray, error: FloatArray) -> FloatArray:
+def corrected_navigation(nav: FloatArray, error: FloatArray) -> FloatArray:
+    """Navigations less the errors that were estimated in them.
+
+    Parameters
+    ----------
+    nav : ndarray, shape (n, 10)
+        As :func:`sinstool.methods.strapdown.navigation.initial_state` has it.
+    error : ndarray, shape (n, states)
+        Of the filter's states.
+    """
     out = nav.copy()
     lat, lon, height = _moved(nav[:, LATITUDE], nav[:, LONGITUDE], nav[:, HEIGHT], error)
     out[:, LATITUDE], out[:, LONGITUDE], out[:, HEIGHT] = lat, lon, height
@@ -199,11 +208,9 @@ def _moved(
     latitude: FloatArray, longitude: FloatArray, height: FloatArray, error: FloatArray
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Positions less their errors."""
-    meridian, transverse = earth.radii_of_curvature(latitude)
     north, east, down = error[:, POSITION], error[:, POSITION + 1], error[:, POSITION + 2]
-    lat = latitude - north / (meridian + height)
-    lon = longitude - east / ((transverse + height) * np.cos(latitude))
-    return lat, np.pi - np.mod(np.pi - lon, 2.0 * np.pi), height + down
+    lat, lon = displaced(latitude, longitude, height, -north, -east)
+    return lat, wrapped(lon), height + down
 
 
 def _turned(q_nb: FloatArray, error: FloatArray) -> FloatArray:

@@ -21,8 +21,9 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from sinstool.core import earth
+from sinstool.core.earth import displaced
 from sinstool.core.errors import AlignmentError
-from sinstool.core.rotation import rotate
+from sinstool.core.rotation import rotate, skew, wrapped
 from sinstool.core.streams import GnssEpochs
 from sinstool.methods.alignment.inflight import (
     AlignmentSettings,
@@ -40,8 +41,9 @@ from sinstool.methods.strapdown.navigation import initial_state
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
 
-# The alignment uses fixes that the filter is going to use again.
-_TWICE_USED = 1.5
+TWICE_USED = 1.5
+"""Factor on sigmas of an alignment in motion: its fixes are used again by the filter."""
+
 # Bias of a cheap gyro that never rested, where that of its grade does not fit; what a bias known
 # from rest moves until later; rad/s.
 _UNKNOWN_BIAS = float(np.deg2rad(0.5))
@@ -135,10 +137,8 @@ def start_at(
     swing = rotate(attitude, np.cross(np.asarray(omega_eb_b, dtype=np.float64), lever))
     velocity = velocity - swing
     lat, lon, height = position
-    meridian, transverse = earth.radii_of_curvature(lat)
-    lat = lat - arm[0] / (float(meridian) + height)
-    lon = lon - arm[1] / ((float(transverse) + height) * np.cos(lat))
-    turn_arm, turn_swing = _skew(arm), _skew(swing)
+    lat, lon = displaced(lat, lon, height, -arm[0], -arm[1])
+    turn_arm, turn_swing = skew(arm), skew(swing)
     return Start(
         initial_state(float(lat), float(lon), float(height + arm[2]), velocity, attitude),
         p_position + turn_arm @ psi @ turn_arm.T,
@@ -217,7 +217,7 @@ def find_start(imu: ImuIncrements, gnss: GnssEpochs, settings: Settings) -> Begi
     else:  # the stretch began before the first fix
         carrier = AttitudePropagator(answer.q_nb, earth.earth_rate_n(latitude))
         q_nb = np.asarray(carrier.push(theta, interval[part])[-1])
-    covariance = _TWICE_USED**2 * answer.cov + (sigma * away) ** 2 * np.eye(3)
+    covariance = TWICE_USED**2 * answer.cov + (sigma * away) ** 2 * np.eye(3)
     covariance += (settings.imu.angle_random_walk**2 * away) * np.eye(3)
     rate = imu.delta_theta[row + 1] / interval[row + 1] - bias
     start = start_at(
@@ -277,7 +277,7 @@ def _joined(gnss: GnssEpochs) -> GnssEpochs:
     near = np.clip(np.searchsorted(known, t), 0, len(known) - 1)
     away = np.minimum(np.abs(known[near] - t), np.abs(known[np.maximum(near - 1, 0)] - t))
     longitude = np.interp(t, known, np.unwrap(placed.longitude))
-    longitude = np.pi - np.mod(np.pi - longitude, 2.0 * np.pi)
+    longitude = wrapped(longitude)
     joined = replace(
         rows,
         latitude=np.where(alone, np.interp(t, known, placed.latitude), rows.latitude),
@@ -435,15 +435,9 @@ def _position(
         gnss.sigma_position_n[left], settings.gnss.position_white, settings.gnss.position_markov
     )
     lat, lon, height = gnss.latitude[left], gnss.longitude[left], gnss.height[left]
-    meridian, transverse = earth.radii_of_curvature(lat)
-    moved = velocity * away
-    return np.array(
-        [
-            lat + moved[0] / (meridian + height),
-            lon + moved[1] / ((transverse + height) * np.cos(lat)),
-            height - moved[2],
-        ]
-    ), np.diag(sigma**2) + away**2 * p_velocity
+    north, east, down = velocity * away
+    place = np.array([*displaced(lat, lon, height, north, east), height - down])
+    return place, np.diag(sigma**2) + away**2 * p_velocity
 
 
 def _around(
@@ -473,7 +467,3 @@ def _sigma(own: FloatArray, white: ArrayLike, markov: ArrayLike) -> FloatArray:
     """Noise of a fix: its own where it gives one, else that of the model."""
     model = np.hypot(np.asarray(white, dtype=np.float64), np.asarray(markov, dtype=np.float64))
     return np.where(np.isfinite(own) & (own > 0.0), np.maximum(own, white), model)
-
-
-def _skew(v: FloatArray) -> FloatArray:
-    return np.array([[0.0, -v[2], v[1]], [v[2], 0.0, -v[0]], [-v[1], v[0], 0.0]])

@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 from scipy.interpolate import PchipInterpolator
 
-from sinstool.core import earth
+from sinstool.core.earth import horizontal_metres
 from sinstool.core.streams import GnssEpochs, concatenate
 from sinstool.methods.ins_gnss.latency import Latency, correlate
 
@@ -34,15 +34,11 @@ def velocity_lag(gnss: GnssEpochs) -> Latency:
     # Down is often known worse than it moves
     fine = np.arange(0.0, t[-1], min(0.02, 0.1 * usual))
     travelled = np.column_stack([way(fine), np.zeros_like(fine)])
-    meridian, transverse = earth.radii_of_curvature(fixes.latitude[0])
-    unwrapped = np.unwrap(fixes.longitude)
-    position = np.column_stack(
-        [
-            (fixes.latitude - fixes.latitude[0]) * float(meridian),
-            (unwrapped - unwrapped[0]) * float(transverse) * np.cos(fixes.latitude[0]),
-            np.full(len(fixes), np.nan),
-        ]
+    longitude = np.unwrap(fixes.longitude)
+    north, east = horizontal_metres(
+        fixes.latitude - fixes.latitude[0], longitude - longitude[0], fixes.latitude[0]
     )
+    position = np.column_stack([north, east, np.full(len(fixes), np.nan)])
     times = fixes.time_ns[0] + np.round(fine * 1e9).astype(np.int64)
     found = correlate(times, travelled, fixes.time_ns, position, -span, span)
     return replace(found, latency_s=-found.latency_s)

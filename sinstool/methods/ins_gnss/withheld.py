@@ -6,8 +6,8 @@ from typing import Any
 
 import numpy as np
 
-from sinstool.core.earth import radii_of_curvature
-from sinstool.core.rotation import rotate
+from sinstool.core.earth import horizontal_metres
+from sinstool.core.rotation import rotate, wrapped
 from sinstool.core.streams import GnssEpochs, Solution
 from sinstool.core.timeline import SECOND
 
@@ -59,19 +59,13 @@ class Withheld:
         near = times[k] - times[k - 1] < SECOND  # not within a gap of the Imu
         share = ((fixes.time_ns - times[k - 1]) / (times[k] - times[k - 1]))[:, None]
         step = position[k] - position[k - 1]
-        step[:, 1] = (step[:, 1] + np.pi) % (2.0 * np.pi) - np.pi
+        step[:, 1] = wrapped(step[:, 1])
         at = position[k - 1] + share * step
         arm = rotate(q[k], self._arm)
-        meridian, transverse = radii_of_curvature(at[:, 0])
-        east = (at[:, 1] - fixes.longitude + np.pi) % (2.0 * np.pi) - np.pi
-        error = np.stack(
-            [
-                (at[:, 0] - fixes.latitude) * (meridian + at[:, 2]) + arm[:, 0],
-                east * (transverse + at[:, 2]) * np.cos(at[:, 0]) + arm[:, 1],
-                fixes.height - at[:, 2] + arm[:, 2],
-            ],
-            axis=1,
+        north, east = horizontal_metres(
+            at[:, 0] - fixes.latitude, wrapped(at[:, 1] - fixes.longitude), at[:, 0], at[:, 2]
         )
+        error = np.stack([north, east, fixes.height - at[:, 2]], axis=1) + arm
         said = np.nan_to_num(fixes.sigma_position_n)
         sigma = np.sqrt(np.einsum("nii->ni", covariance[k]) + said**2)
         self._error[rows[near]], self._sigma[rows[near]] = error[near], sigma[near]

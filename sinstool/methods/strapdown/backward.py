@@ -11,7 +11,7 @@ import numba
 import numpy as np
 from numpy.typing import NDArray
 
-from sinstool.core.quaternion_kernels import product, unit_factor
+from sinstool.core.quaternion_kernels import product, unit_factor, wrapped_angle
 from sinstool.methods.strapdown.navigation import (
     LATITUDE,
     LONGITUDE,
@@ -67,7 +67,7 @@ def navigate_backward(
             )
             for i in range(V_DOWN + 1):
                 before[i] += state[i] - trial[i]
-            before[LONGITUDE] = (before[LONGITUDE] + np.pi) % (2.0 * np.pi) - np.pi
+            before[LONGITUDE] = wrapped_angle(before[LONGITUDE])
             before[LATITUDE] = min(max(before[LATITUDE], -0.5 * np.pi), 0.5 * np.pi)
             # the turn of n that is left, from the left
             w, x, y, z = state[Q_W], state[Q_X], state[Q_Y], state[Q_Z]

@@ -13,6 +13,7 @@ import numpy as np
 from numba import njit
 
 from sinstool.core import earth
+from sinstool.core.rotation import wrapped
 from sinstool.core.streams import Imu, Solution
 from sinstool.core.timeline import SECOND
 from sinstool.methods.height import layout
@@ -200,7 +201,7 @@ class InsRun:
             s[LATITUDE] = np.clip(s[LATITUDE] + north, -0.5 * np.pi, 0.5 * np.pi)
             across = (float(transverse) + s[HEIGHT]) * max(np.cos(s[LATITUDE]), 1e-9)
             longitude = s[LONGITUDE] + s[V_EAST] * gap_s / across
-            s[LONGITUDE] = (longitude + np.pi) % (2.0 * np.pi) - np.pi
+            s[LONGITUDE] = wrapped(longitude)
             s[HEIGHT] -= before * gap_s
             # the correction, which the channel is about to take off, is no motion either
             gained = float(self._channel[S_CORRECTION]) * gap_s

@@ -47,6 +47,7 @@ from sinstool.core.quaternion_kernels import (
     increment_quaternion,
     product,
     unit_factor,
+    wrapped_angle,
 )
 from sinstool.core.rotation import normalise
 
@@ -101,7 +102,7 @@ def initial_state(
         raise ValueError("Found a number that is not finite in the initial state.")
     if abs(latitude) > 0.5 * pi:
         raise ValueError(f"Expected `latitude` within a quarter turn, got {latitude} rad.")
-    state[LONGITUDE] = _wrapped(float(longitude))
+    state[LONGITUDE] = wrapped_angle(float(longitude))
     return state
 
 
@@ -387,7 +388,7 @@ def step(
         half_w = cos(a)
         half_z = sin(a)
     state[LATITUDE] = new_lat
-    state[LONGITUDE] = _wrapped(state[LONGITUDE] + turn)
+    state[LONGITUDE] = wrapped_angle(state[LONGITUDE] + turn)
     state[HEIGHT] = h - half * (vd + new_vd)
     state[V_NORTH] = cos_a * new_vn - sin_a * new_ve
     state[V_EAST] = sin_a * new_vn + cos_a * new_ve
@@ -447,13 +448,3 @@ def _far_turn(
     sin_a = (s * (1.0 - k * te * te) + c * up_n) * sin_turn + mixed * cos_turn
     cos_a = (s * mixed + c * up_e) * sin_turn + (1.0 - k * tn * tn) * cos_turn
     return atan2(up_z, hypot(up_x, up_e)), turn, sin_a, cos_a
-
-
-@numba.njit(cache=True, nogil=True)
-def _wrapped(angle: float) -> float:
-    """Angle within a turn of it brought into (-pi, pi]."""
-    while angle > pi:
-        angle -= 2.0 * pi
-    while angle <= -pi:
-        angle += 2.0 * pi
-    return angle

@@ -21,6 +21,7 @@ from sinstool.core import version
 from sinstool.core.errors import AlignmentError, ConfigurationError, SinstoolError
 from sinstool.core.explain import explain
 from sinstool.core.progress import share
+from sinstool.core.rotation import wrapped
 from sinstool.core.units import DEGREE
 from sinstool.core.whole_file import WholeFile, check_output
 from sinstool.io.readers import open_log
@@ -30,7 +31,6 @@ from sinstool.methods.hse.calibration_file import HseCalibration, dumps, from_fi
 from sinstool.methods.hse.correction import correct_heading
 from sinstool.methods.hse.fit import fit
 from sinstool.methods.hse.fit_result import FitOptions, HseFit
-from sinstool.methods.hse.positions import wrapped
 from sinstool.methods.hse.rig import Rig, from_table
 from sinstool.methods.hse.run import HseRun
 from sinstool.methods.hse.segments import SegmentRules

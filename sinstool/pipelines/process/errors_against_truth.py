@@ -7,9 +7,9 @@ from typing import Any
 
 import numpy as np
 
-from sinstool.core.earth import radii_of_curvature
+from sinstool.core.earth import horizontal_metres
 from sinstool.core.errors import TopicError
-from sinstool.core.rotation import conjugate, log, multiply
+from sinstool.core.rotation import conjugate, log, multiply, wrapped
 from sinstool.core.streams import Solution
 from sinstool.core.timeline import SECOND, whole
 from sinstool.core.units import DEGREE
@@ -210,14 +210,6 @@ def _error(
     values = values.copy()
     values[:, 1] = np.unwrap(values[:, 1])
     true = np.stack([np.interp(at, seconds, column) for column in values.T], axis=1)
-    meridian, transverse = radii_of_curvature(true[:, 0])
     off = solution.position - true
-    east = (off[:, 1] + np.pi) % (2.0 * np.pi) - np.pi
-    return np.stack(
-        [
-            off[:, 0] * (meridian + true[:, 2]),
-            east * (transverse + true[:, 2]) * np.cos(true[:, 0]),
-            -off[:, 2],
-        ],
-        axis=1,
-    )
+    north, east = horizontal_metres(off[:, 0], wrapped(off[:, 1]), true[:, 0], true[:, 2])
+    return np.stack([north, east, -off[:, 2]], axis=1)

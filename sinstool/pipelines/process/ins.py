@@ -8,12 +8,13 @@ from typing import Any
 import numpy as np
 
 from sinstool.config import ProcessConfig
-from sinstool.core.earth import radii_of_curvature
+from sinstool.core.earth import horizontal_metres
 from sinstool.core.errors import ConfigurationError
 from sinstool.core.progress import Progress, share
+from sinstool.core.rotation import wrapped
 from sinstool.core.streams import GnssEpochs, Solution
 from sinstool.core.timeline import SECOND
-from sinstool.core.units import DEGREE
+from sinstool.core.units import DEGREE, MILLI_G
 from sinstool.io.readers.log import Log
 from sinstool.io.readers.streams import frame_id
 from sinstool.methods.alignment.initial import Alignment
@@ -41,7 +42,7 @@ from sinstool.survey.source import Source, imu_blocks, prepare
 # A velocity this near the start is that of the start.
 VELOCITY_NS = 2 * SECOND
 # What a MEMS accelerometer may well be off by: 1 mg.
-EXAMPLE_BIAS = 1e-3 * 9.80665
+EXAMPLE_BIAS = MILLI_G
 
 
 def run_ins(
@@ -289,13 +290,12 @@ def difference_to_gnss(last: Solution, gnss: GnssEpochs | None) -> dict[str, Any
     track[:, 1] = np.unwrap(track[:, 1])
     ours = np.array([np.interp(at, seconds, column) for column in track.T])
     fix = np.array([gnss.latitude[k], gnss.longitude[k], gnss.height[k]])
-    meridian, transverse = radii_of_curvature(ours[0])
     off = ours - fix
-    east = (off[1] + np.pi) % (2.0 * np.pi) - np.pi
+    north, east = horizontal_metres(off[0], wrapped(off[1]), ours[0], ours[2])
     return {
         "time_ns": str(int(gnss.time_ns[k])),
-        "north_m": float(off[0] * (meridian + ours[2])),
-        "east_m": float(east * (transverse + ours[2]) * np.cos(ours[0])),
+        "north_m": float(north),
+        "east_m": float(east),
         "up_m": float(off[2]) if np.isfinite(fix[2]) else None,
     }
 

@@ -18,7 +18,7 @@ from sinstool.config import ProcessConfig
 from sinstool.core.errors import AlignmentError, ConfigurationError
 from sinstool.core.rotation import to_euler
 from sinstool.core.streams import Solution
-from sinstool.core.units import DEGREE
+from sinstool.core.units import ARCSEC, DEGREE
 from sinstool.io.readers.log import Log
 from sinstool.io.readers.streams import frame_id
 from sinstool.io.writers.topics import Frames
@@ -42,7 +42,6 @@ from sinstool.pipelines.process.output import Result, choose_emits
 from sinstool.pipelines.summary import something_lost
 from sinstool.survey.rig import RigLog, RigTurns, find_turns, nothing_to_use, read_rig_log
 
-ARCSEC = DEGREE / 3600.0
 BLOCK = 65536
 # Where in its interval a sample's stamp lies: that edge's angle belongs to it.
 _STAMP = {"start": 0.0, "mid": 0.5, "end": 1.0}

@@ -11,10 +11,10 @@ from numpy.typing import NDArray
 from scipy import special
 
 from sinstool.core.earth import EARTH_RATE
-from sinstool.core.units import DEGREE
+from sinstool.core.rotation import wrapped
+from sinstool.core.units import ARCSEC, DEGREE, DEGREE_PER_HOUR
 from sinstool.methods.hse.axial import earth_rate_along_axis
 from sinstool.methods.hse.fit_result import HseFit
-from sinstool.methods.hse.positions import wrapped
 from sinstool.methods.hse.table import Column
 from sinstool.pipelines.calibrate_hse.run import Calibration
 from sinstool.report.figure import Figure, Series, Style
@@ -22,8 +22,6 @@ from sinstool.report.figures.hse_turns import east_rate_allan, heading_by_turn, 
 
 FloatArray = NDArray[np.float64]
 
-ARCSEC = DEGREE / 3600.0
-DEGREE_PER_HOUR = ARCSEC  # rad/s in one deg/h: an hour has as many seconds as a degree
 _GRID = 101
 _OUTSTANDING = 2.0
 

@@ -8,8 +8,9 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from sinstool.core.earth import EARTH_RATE
-from sinstool.core.units import DEGREE
-from sinstool.methods.hse.positions import rate_groups, wrapped
+from sinstool.core.rotation import wrapped
+from sinstool.core.units import ARCSEC, DEGREE, DEGREE_PER_HOUR
+from sinstool.methods.hse.positions import rate_groups
 from sinstool.methods.hse.run import HseRun
 from sinstool.methods.hse.segments import Segment
 from sinstool.report.figure import Figure, Series, Style
@@ -17,8 +18,6 @@ from sinstool.survey.rig import RigTurns
 
 FloatArray = NDArray[np.float64]
 
-ARCSEC = DEGREE / 3600.0
-DEGREE_PER_HOUR = ARCSEC  # rad/s in one deg/h: an hour has as many seconds as a degree
 # Marks with the names of more logs than this would cover each other.
 _NAMED_LOGS = 12
 # Allan deviations of fewer differences than this say nothing.

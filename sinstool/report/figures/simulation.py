@@ -7,8 +7,8 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from sinstool.core.earth import radii_of_curvature
-from sinstool.core.rotation import to_euler
+from sinstool.core.earth import horizontal_metres
+from sinstool.core.rotation import to_euler, wrapped
 from sinstool.core.timeline import SECOND
 from sinstool.core.units import DEGREE
 from sinstool.methods.height.pressure import geometric, pressure_altitude
@@ -167,17 +167,14 @@ def fix_figures(
     at = _seconds(time_ns, trajectory.time_ns)
     latitude = np.interp(at, seconds, trajectory.latitude)
     longitude = np.interp(at, seconds, np.unwrap(trajectory.longitude))
-    meridian, transverse = radii_of_curvature(latitude)
     height = np.interp(at, seconds, trajectory.height)
-    east = (columns["longitude"] * DEGREE - longitude + np.pi) % (2.0 * np.pi) - np.pi
-    off = np.stack(
-        [
-            (columns["latitude"] * DEGREE - latitude) * (meridian + height),
-            east * (transverse + height) * np.cos(latitude),
-            height - columns["altitude"],
-        ],
-        axis=1,
+    north, east = horizontal_metres(
+        columns["latitude"] * DEGREE - latitude,
+        wrapped(columns["longitude"] * DEGREE - longitude),
+        latitude,
+        height,
     )
+    off = np.stack([north, east, height - columns["altitude"]], axis=1)
     series = tuple(Series(name, off[:, k], style="points") for k, name in enumerate(AXES))
     notes = (
         "Fix less true place of the Imu at the fix's stamp: a lever arm and a latency are in it.",

@@ -7,28 +7,10 @@ from sinstool.methods.alignment.reference import (
     acceleration_reference,
     dcm_ne,
     dcm_ni,
-    ecef,
     position_reference,
     to_inertial,
 )
-from sinstool.simulation.interpolation import to_ecef
 from tests.methods.alignment.launches import exact, trajectory
-
-
-def test_frames():
-    lat, lon = np.array([0.7, -1.2, 1.5]), np.array([3.1, -2.0, 0.4])
-    c = dcm_ne(lat, lon)
-    np.testing.assert_allclose(c @ np.swapaxes(c, 1, 2) - np.eye(3), 0.0, atol=1e-15)
-    # North and east are where latitude and longitude grow, down where height falls.
-    e = 1e-3
-    r = ecef(lat, lon, 100.0 + 0.0 * lat)
-    m, t = earth.radii_of_curvature(lat)
-    north = (ecef(lat + e / m, lon, 100.0 + 0.0 * lat) - r) / e
-    east = (ecef(lat, lon + e / (t * np.cos(lat)), 100.0 + 0.0 * lat) - r) / e
-    np.testing.assert_allclose(c[:, 0], north, atol=2e-5)
-    np.testing.assert_allclose(c[:, 1], east, atol=2e-5)
-    np.testing.assert_allclose(c[:, 2], r - ecef(lat, lon, 101.0 + 0.0 * lat), atol=1e-8)
-    np.testing.assert_allclose(r, to_ecef(lat, lon, 100.0), rtol=1e-14)
 
 
 def test_inertial_frame_stays_where_the_earth_was():

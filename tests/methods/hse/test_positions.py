@@ -4,7 +4,7 @@ import numpy as np
 from hypothesis import given
 from hypothesis import strategies as st
 
-from sinstool.methods.hse.positions import by_angle, positions, rate_groups, wrapped
+from sinstool.methods.hse.positions import by_angle, positions, rate_groups
 from tests.methods.hse.made_runs import RATES, brute_run, brute_runs
 
 
@@ -53,9 +53,3 @@ def test_rates_part_by_one_percent_and_direction():
     found = rate_groups(rates)
     assert list(found) == [1, 0, 1, 2, 0, 3, 4, 4]
     assert len(rate_groups(np.array([]))) == 0
-
-
-def test_wrapped():
-    np.testing.assert_allclose(
-        wrapped(np.array([4.0, -4.0, 0.5])), [4 - 2 * np.pi, 2 * np.pi - 4, 0.5]
-    )

@@ -4,6 +4,7 @@ import numpy as np
 from scipy.integrate import solve_ivp
 
 from sinstool.core import earth, rotation
+from sinstool.core.earth import ecef
 from sinstool.methods.coning.registry import algorithm
 from sinstool.methods.coning.stage import ConingStage
 from sinstool.methods.strapdown.navigation import Navigator, initial_state
@@ -45,13 +46,6 @@ def start(flight):
     )
 
 
-def to_ecef(latitude, longitude, height):
-    _, transverse = earth.radii_of_curvature(latitude)
-    out = (transverse + height) * np.cos(latitude)
-    polar = (transverse * (1.0 - earth.ECCENTRICITY_SQUARED) + height) * np.sin(latitude)
-    return np.stack([out * np.cos(longitude), out * np.sin(longitude), polar], axis=-1)
-
-
 def q_en(latitude, longitude):
     latitude, longitude = np.broadcast_arrays(latitude, longitude)
     zero = np.zeros_like(latitude)
@@ -66,7 +60,7 @@ class Errors:
     def __init__(self, found, flight, rows):
         there = (flight.latitude[rows], flight.longitude[rows])
         turn = q_en(*there)
-        apart = to_ecef(found.latitude, found.longitude, found.height) - to_ecef(
+        apart = ecef(found.latitude, found.longitude, found.height) - ecef(
             *there, flight.height[rows]
         )
         self.position = rotation.rotate(rotation.conjugate(turn), apart)
@@ -117,7 +111,7 @@ def integrate_in_earth_axes(state, rate_b, force_b, time):
     turn = q_en(state[0], state[1])
     first = np.concatenate(
         [
-            to_ecef(state[0], state[1], state[2]),
+            ecef(state[0], state[1], state[2]),
             rotation.rotate(turn, state[3:6]),
             rotation.multiply(turn, state[6:10]),
         ]

@@ -2,6 +2,7 @@ import numpy as np
 import pytest
 
 from sinstool.core import earth, rotation
+from sinstool.core.earth import ecef
 from sinstool.methods.strapdown.navigation import SIZE, Navigator, initial_state
 from sinstool.simulation.flight import manoeuvring_flight, spiral_climb
 from sinstool.simulation.travel import COLUMNS, travel
@@ -146,7 +147,7 @@ def test_integration_in_earth_axes(latitude, longitude):
     found = Navigator(state).push(given.rotation_vector, given.velocity_increment, given.interval)
     wanted = flying.integrate_in_earth_axes(state, rate_b, force_b, t[::500])
     rows = np.arange(499, 6_000, 500)
-    place = flying.to_ecef(found.latitude[rows], found.longitude[rows], found.height[rows])
+    place = ecef(found.latitude[rows], found.longitude[rows], found.height[rows])
     turn = flying.q_en(found.latitude[rows], found.longitude[rows])
     assert np.abs(wanted[-1, :3] - wanted[0, :3]).max() > 10e3
     assert np.abs(place - wanted[1:, :3]).max() < 1e-3
@@ -184,7 +185,7 @@ def test_schuler_oscillation():
         state, lambda t: rate, lambda t: force, np.array([0.0, 1300.0, 2700.0])
     )
     rows = np.array([1300, 2700]) * 20 - 1
-    place = flying.to_ecef(found.latitude[rows], found.longitude[rows], found.height[rows])
+    place = ecef(found.latitude[rows], found.longitude[rows], found.height[rows])
     assert np.abs(place - wanted[1:, :3]).max() < 1e-3
 
 

@@ -6,6 +6,7 @@ import pytest
 from pyins import strapdown
 
 from sinstool.core import earth, rotation
+from sinstool.core.earth import ecef
 from sinstool.methods.strapdown.navigation import Navigator
 from sinstool.simulation.flight import spiral_climb
 from tests.methods.strapdown import flying
@@ -37,7 +38,7 @@ def their_run(flight, given):
     ]
     names = ["lat", "lon", "alt", "VN", "VE", "VD", "roll", "pitch", "heading"]
     found = strapdown.Integrator(pd.Series(first, index=names)).integrate(given)[1:]
-    return flying.to_ecef(
+    return ecef(
         np.deg2rad(found.lat.to_numpy()), np.deg2rad(found.lon.to_numpy()), found.alt.to_numpy()
     )
 
@@ -52,12 +53,12 @@ def lacking_gravity(latitude, height):
 
 @pytest.mark.filterwarnings("ignore:The copy keyword")
 def test_difference_is_their_gravity(flight):
-    truth = flying.to_ecef(flight.latitude, flight.longitude, flight.height)[1:]
+    truth = ecef(flight.latitude, flight.longitude, flight.height)[1:]
     given = flying.increments(flight.imu)
     found = Navigator(flying.start(flight)).push(
         given.rotation_vector, given.velocity_increment, given.interval
     )
-    ours = flying.to_ecef(found.latitude, found.longitude, found.height)
+    ours = ecef(found.latitude, found.longitude, found.height)
     theirs = their_increments(flight)
     np.testing.assert_allclose(
         theirs[["theta_x", "theta_y", "theta_z"]], given.rotation_vector[:], atol=1e-12

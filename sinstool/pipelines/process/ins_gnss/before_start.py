@@ -5,11 +5,11 @@ from __future__ import annotations
 import numpy as np
 
 from sinstool.config import ProcessConfig
-from sinstool.core.earth import radii_of_curvature
-from sinstool.core.rotation import exp, multiply, normalise
 from sinstool.core.streams import Imu, Solution, concatenate
 from sinstool.core.timeline import SECOND
+from sinstool.core.units import STANDARD_GRAVITY
 from sinstool.methods.ins_gnss.settings import Start
+from sinstool.methods.ins_gnss.smoother import corrected_navigation
 from sinstool.methods.ins_gnss.states import (
     ACCEL_BIAS,
     ATTITUDE,
@@ -35,7 +35,6 @@ from sinstool.survey.source import Source
 
 # Further back nothing useful is left of position.
 MAX_NS = 300 * SECOND
-GRAVITY = 9.8
 
 
 def corrected_start(
@@ -50,15 +49,8 @@ def corrected_start(
     covariance : ndarray, shape (n, n)
         Of what is left.
     """
-    nav = start.nav.copy()
-    rm, rn = (float(v) for v in radii_of_curvature(nav[LATITUDE]))
+    nav = corrected_navigation(start.nav[np.newaxis], error[np.newaxis])[0]
     p, v, a = (slice(first, first + 3) for first in (POSITION, VELOCITY, ATTITUDE))
-    across = (rn + nav[HEIGHT]) * np.cos(nav[LATITUDE])
-    nav[LATITUDE] -= error[p][0] / (rm + nav[HEIGHT])
-    nav[LONGITUDE] = np.pi - (np.pi - nav[LONGITUDE] + error[p][1] / across) % (2.0 * np.pi)
-    nav[HEIGHT] += error[p][2]
-    nav[V_NORTH : V_DOWN + 1] -= error[v]
-    nav[Q_W : Q_Z + 1] = normalise(multiply(exp(error[a]), nav[Q_W : Q_Z + 1]))
     gyro, accel = (
         slice(kind.first(block), kind.first(block) + 3) for block in (GYRO_BIAS, ACCEL_BIAS)
     )
@@ -164,7 +156,7 @@ def _grown(
     walk = noise.angle_random_walk**2 * t + (gyro * t) ** 2
     attitude = start.covariance_attitude_n + walk * eye
     tilt = float(np.max(np.diag(start.covariance_attitude_n)[:2]))
-    wrong = accel**2 + GRAVITY**2 * (tilt + walk)
+    wrong = accel**2 + STANDARD_GRAVITY**2 * (tilt + walk)
     velocity = start.covariance_velocity_n + wrong * t**2 * eye
     speed = float(np.max(np.diag(start.covariance_velocity_n)))
     position = start.covariance_position_n + (speed * t**2 + 0.25 * wrong * t**4) * eye

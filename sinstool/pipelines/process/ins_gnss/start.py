@@ -26,7 +26,7 @@ from sinstool.methods.ins_gnss.noise import (
     ImuNoise,
 )
 from sinstool.methods.ins_gnss.settings import DivergenceControl, Settings
-from sinstool.methods.ins_gnss.start import Beginning, find_start, start_at
+from sinstool.methods.ins_gnss.start import TWICE_USED, Beginning, find_start, start_at
 from sinstool.pipelines.align.first_attitude import align
 from sinstool.pipelines.align.in_motion import increments as coarse_increments
 from sinstool.pipelines.process.height import height_reference, network
@@ -42,8 +42,6 @@ from sinstool.survey.aiding import Aiding, read_baro
 from sinstool.survey.grade import random_walk, sensor_grade
 from sinstool.survey.source import Source
 
-# An alignment in motion uses fixes that the filter is going to use again.
-TWICE_USED = 1.5
 # Noise at rest, over what is told of it, that is worth a warning.
 NOISIER = 3.0
 # What a barometer is off by, m, and for how long: the weather, the temperature, a cabin.

@@ -16,7 +16,7 @@ import numpy as np
 from scipy.special import chdtri
 
 from sinstool.config import ProcessConfig
-from sinstool.core.rotation import to_dcm
+from sinstool.core.rotation import skew, to_dcm
 from sinstool.core.streams import GnssEpochs
 from sinstool.core.timeline import SECOND
 from sinstool.methods.ins_gnss import latency as latencies
@@ -243,7 +243,7 @@ def _correlated(
                 out.latitude,
                 out.height,
                 out.velocity_n,
-                to_dcm(out.q_nb) @ _skew(out.omega_ib_b),
+                to_dcm(out.q_nb) @ skew(out.omega_ib_b),
             )
         )
         last_q = out.q_nb[-1]
@@ -255,15 +255,6 @@ def _correlated(
     rows = gnss.rows((gnss.time_ns >= beginning.time_ns) & (gnss.time_ns <= end))
     # A lever arm that is not known looks like a latency in turns
     return latencies.correlate(time_ns, inertial, rows.time_ns, rows.velocity_n, swing_n=swing)
-
-
-def _skew(v: np.ndarray) -> np.ndarray:
-    """Matrices [v x]."""
-    out = np.zeros((len(v), 3, 3))
-    out[:, 0, 1], out[:, 0, 2] = -v[:, 2], v[:, 1]
-    out[:, 1, 0], out[:, 1, 2] = v[:, 2], -v[:, 0]
-    out[:, 2, 0], out[:, 2, 1] = -v[:, 1], v[:, 0]
-    return out
 
 
 def _likeliest(
