@@ -14,7 +14,8 @@ import numpy as np
 
 from sinstool.config import InputOptions
 from sinstool.core.earth import horizontal_metres
-from sinstool.core.errors import DataError
+from sinstool.core.errors import DataError, SinstoolError, TopicError
+from sinstool.core.finding import Finding, Severity
 from sinstool.core.rotation import wrapped
 from sinstool.core.streams import Baro, BaroHeight, Gnss, GnssEpochs, Stream, Velocity
 from sinstool.core.timeline import whole
@@ -39,10 +40,12 @@ from sinstool.io.readers.topics import OWN_PREFIXES, choose_optional
 from sinstool.methods.height.pressure import suspected_unit
 
 S = TypeVar("S", bound=Stream)
+WARNING = Severity.WARNING
 
 # Position and velocity of one epoch may be stamped apart by the time between their messages.
 SAME_EPOCH_NS = 20_000_000
 PROBE = 100
+PASCALS = {"Pa": 1.0, "hPa": 100.0, "kPa": 1000.0, "inHg": 3386.389}
 # Faster than this by GNSS, or further by fixes alone, is no rest, however still the Imu seems.
 MOVING_M_S = 1.0
 MOVING_M = 30.0
@@ -54,29 +57,46 @@ FASTEST_M_S = 2e4
 UNKNOWN_SIGMA = 1e6
 
 
-@dataclass
-class Aiding:
+@dataclass(frozen=True)
+class Barometer:
+    """A barometer, or heights, of a log.
+
+    Attributes
+    ----------
+    stream : Baro or BaroHeight or None
+        By time; values that no atmosphere has are still in it. None where the log has none.
+    topic : str
+    findings : tuple of Finding
+    problem : SinstoolError or None
+        Why it cannot be read, to be raised by whoever needs it.
+    """
+
+    stream: Baro | BaroHeight | None = None
+    topic: str = ""
+    findings: tuple[Finding, ...] = ()
+    problem: SinstoolError | None = None
+
+
+@dataclass(frozen=True)
+class AidingData:
     """GNSS and barometer of a run.
 
     Attributes
     ----------
     gnss : GnssEpochs or None
         Epochs with a position or a velocity at least, by time.
-    fix_topic, velocity_topic, baro_topic : str
+    fix_topic, velocity_topic : str
         Where they come from; '' where the log has none.
-    baro : Baro or BaroHeight or None
-        By time; values that no atmosphere has are still in it.
-    counts : dict
-        What was left out, by reason.
+    findings : tuple of Finding
+        What was odd about them, or left out.
+    barometer : Barometer
     """
 
     gnss: GnssEpochs | None = None
     fix_topic: str = ""
     velocity_topic: str = ""
-    baro_topic: str = ""
-    baro: Baro | BaroHeight | None = None
-    counts: dict[str, int] = field(default_factory=dict)
-    warnings: list[str] = field(default_factory=list)
+    findings: tuple[Finding, ...] = ()
+    barometer: Barometer = field(default_factory=Barometer)
 
 
 def aiding_channels(log: Log) -> list[int]:
@@ -90,85 +110,82 @@ def aiding_channels(log: Log) -> list[int]:
 
 
 def read_gnss(
-    log: Log,
-    options: InputOptions,
-    log_time: bool,
-    into: Aiding,
-    until_ns: int | None = None,
-) -> None:
+    log: Log, options: InputOptions, log_time: bool, until_ns: int | None = None
+) -> AidingData:
     """Position and velocity of a log, joined by epoch.
 
     Parameters
     ----------
     log_time : bool
         The run uses the recorder's times instead of stamps.
-    into : Aiding
-        Gets ``gnss``, topics, counts and warnings.
     until_ns : int, optional
-        What comes later is not wanted; by default all of the log is read.
+        What comes later is not read; by default all of the log is.
 
     Raises
     ------
     TopicError, DataError
     """
     fixes, velocity = None, None
+    fix_topic, velocity_topic = "", ""
+    findings: list[Finding] = []
     channels = choose_optional(log, "--gnss-topic", options.gnss_topic, FIX_TYPE)
     if channels:
-        into.fix_topic = channels[0].topic
+        fix_topic = channels[0].topic
         blocks = _until(read_fixes(log, channels, Losses()), until_ns)
-        fixes = _read(blocks, log_time, into, into.fix_topic)
+        fixes, findings = _in_order(blocks, log_time, fix_topic)
         if fixes is not None:
-            fixes = _usable_fixes(fixes, into)
+            fixes, more = _usable_fixes(fixes, fix_topic)
+            findings += more
     channels = choose_optional(log, "--velocity-topic", options.velocity_topic, *VELOCITY_TYPES)
     if channels:
-        into.velocity_topic = channels[0].topic
+        velocity_topic = channels[0].topic
         speeds = _until(read_velocity(log, channels, Losses()), until_ns)
-        velocity = _read(speeds, log_time, into, into.velocity_topic)
+        velocity, more = _in_order(speeds, log_time, velocity_topic)
+        findings += more
         if velocity is not None:
-            velocity = _usable_velocity(velocity, into)
+            velocity, more = _usable_velocity(velocity, velocity_topic)
+            findings += more
     if fixes is not None and options.gnss_unit == "rad":
-        degree = np.pi / 180.0
-        fixes = replace(fixes, latitude=fixes.latitude / degree, longitude=fixes.longitude / degree)
+        fixes = replace(fixes, latitude=fixes.latitude / DEGREE, longitude=fixes.longitude / DEGREE)
     if fixes is not None:
-        _check_range(log, into.fix_topic, fixes)
-        fixes = _on_earth(fixes, into)
+        _check_range(log, fix_topic, fixes)
+        fixes, more = _on_earth(fixes, fix_topic)
+        findings += more
     if fixes is not None and options.gnss_unit is None:
-        _check_degrees(log, into.fix_topic, fixes, velocity)
+        _check_degrees(log, fix_topic, fixes, velocity)
     if fixes is not None and velocity is not None:
-        velocity = _flat(fixes, velocity, into)
-    into.gnss = join(fixes, velocity)
+        velocity, more = _without_flat(fixes, velocity, velocity_topic)
+        findings += more
+    return AidingData(join(fixes, velocity), fix_topic, velocity_topic, tuple(findings))
 
 
-def read_baro(log: Log, options: InputOptions, log_time: bool, into: Aiding) -> None:
-    """Pressure or height of a log.
+def read_barometer(log: Log, options: InputOptions, log_time: bool) -> Barometer:
+    """Pressure or height of a log; what is wrong with it is kept for whoever needs it."""
+    try:
+        return _barometer(log, options, log_time)
+    except (TopicError, DataError) as exc:
+        return Barometer(problem=exc)
 
-    Raises
-    ------
-    TopicError, DataError
-    """
+
+def _barometer(log: Log, options: InputOptions, log_time: bool) -> Barometer:
     heights = options.baro_kind == "height"
     types = HEIGHT_TYPES if heights else (PRESSURE_TYPE,)
     channels = choose_optional(log, "--baro-topic", options.baro_topic, *types)
     if not channels:
-        return
-    into.baro_topic = channels[0].topic
+        return Barometer()
+    topic = channels[0].topic
     if heights:
-        into.baro = _read(
-            read_height(log, channels, Losses()), log_time, into, into.baro_topic, repeats=True
-        )
-        return
-    baro = _read(
-        read_pressure(log, channels, Losses()), log_time, into, channels[0].topic, repeats=True
-    )
-    if baro is None:
-        return
-    scale = {"Pa": 1.0, "hPa": 100.0, "kPa": 1000.0, "inHg": 3386.389}
-    if options.baro_unit is None:
+        levels = read_height(log, channels, Losses())
+        stream, findings = _in_order(levels, log_time, topic, repeats=True)
+        return Barometer(stream, topic, tuple(findings))
+    pressures = read_pressure(log, channels, Losses())
+    baro, findings = _in_order(pressures, log_time, topic, repeats=True)
+    if baro is not None and options.baro_unit is None:
         _check_pressure(log, channels[0], baro)
-    else:
-        factor = scale[options.baro_unit]
-        baro = replace(baro, pressure=baro.pressure * factor, variance=baro.variance * factor**2)
-    into.baro = baro
+    elif baro is not None and options.baro_unit is not None:
+        scale = PASCALS[options.baro_unit]
+        baro = replace(baro, pressure=baro.pressure * scale, variance=baro.variance * scale**2)
+    return Barometer(baro, topic, tuple(findings))
 
 
 def _until(blocks: Iterable[S], until_ns: int | None) -> Iterator[S]:
@@ -206,57 +223,69 @@ def moving_at(gnss: GnssEpochs | None, start_ns: int, end_ns: int) -> float | No
     return way / seconds if way > MOVING_M and way > MOVING_M_S * seconds else None
 
 
-def _read(
-    blocks: Iterable[S], log_time: bool, into: Aiding, topic: str, repeats: bool = False
-) -> S | None:
-    """All of a stream by time; what was out of order or repeated is told."""
-    found = whole(blocks, log_time, repeats)
-    if found is None:
-        return None
-    if found.backward:
-        into.counts[f"{topic} out of order"] = found.backward
-        into.warnings.append(f"topic {topic}: {found.backward} messages came out of order; sorted")
-    if found.repeated and not repeats:
-        into.counts[f"{topic} repeated stamps"] = found.repeated
-        into.warnings.append(f"topic {topic}: {found.repeated} messages repeat a stamp; left out")
-    return found.stream
+def _in_order(
+    blocks: Iterable[S], log_time: bool, topic: str, repeats: bool = False
+) -> tuple[S | None, list[Finding]]:
+    """All of a stream by time, and what was out of order or repeated."""
+    stream = whole(blocks, log_time, repeats)
+    if stream is None:
+        return None, []
+    findings = []
+    if stream.backward:
+        text = f"topic {topic}: {stream.backward} messages came out of order; sorted"
+        findings.append(_counted("out-of-order", text, topic, stream.backward))
+    if stream.repeated and not repeats:
+        text = f"topic {topic}: {stream.repeated} messages repeat a stamp; left out"
+        findings.append(_counted("repeated-stamps", text, topic, stream.repeated))
+    return stream.stream, findings
 
 
-def _usable_fixes(fixes: Gnss, into: Aiding) -> Gnss | None:
+def _counted(kind: str, text: str, topic: str, count: int, severity: Severity = WARNING) -> Finding:
+    return Finding(kind, text, severity, topic=topic, numbers={"messages": count})
+
+
+def _usable_fixes(fixes: Gnss, topic: str) -> tuple[Gnss | None, list[Finding]]:
     """Fixes that are fixes."""
     good = fixed(fixes)
     bad = int(len(fixes) - np.count_nonzero(good))
+    findings = []
     if bad:
-        into.counts[f"{into.fix_topic} without a fix"] = bad
+        text = f"topic {topic}: {bad} messages hold no fix"
+        findings.append(_counted("no-fix", text, topic, bad, Severity.NOTE))
     if not good.any():
-        into.warnings.append(f"topic {into.fix_topic} holds no valid fix")
-        return None
-    return fixes.rows(good)
+        findings.append(Finding("no-fixes", f"topic {topic} holds no valid fix", topic=topic))
+        return None, findings
+    return fixes.rows(good), findings
 
 
-def _on_earth(fixes: Gnss, into: Aiding) -> Gnss | None:
+def _on_earth(fixes: Gnss, topic: str) -> tuple[Gnss | None, list[Finding]]:
     """Fixes without the damaged ones, which a filter that starts there would have to believe."""
     good = on_earth(fixes)
     bad = int(len(fixes) - np.count_nonzero(good))
-    if bad:
-        into.counts[f"{into.fix_topic} not on Earth"] = bad
-        into.warnings.append(f"topic {into.fix_topic}: {bad} fixes are not on Earth; left out")
-    return fixes.rows(good) if good.any() else None
+    if not bad:
+        return fixes, []
+    text = f"topic {topic}: {bad} fixes are not on Earth; left out"
+    return (
+        fixes.rows(good) if good.any() else None,
+        [_counted("not-on-earth", text, topic, bad)],
+    )
 
 
-def _usable_velocity(velocity: Velocity, into: Aiding) -> Velocity | None:
+def _usable_velocity(velocity: Velocity, topic: str) -> tuple[Velocity | None, list[Finding]]:
     """Velocities that a vehicle can have."""
     down = velocity.velocity_n[:, 2]
     good = (np.abs(velocity.velocity_n[:, :2]) < FASTEST_M_S).all(axis=1)
     good &= ~(np.abs(down) >= FASTEST_M_S)  # without a vertical part the other two are of use
     bad = int(len(velocity) - np.count_nonzero(good))
-    if bad:
-        into.counts[f"{into.velocity_topic} of no vehicle"] = bad
-        into.warnings.append(
-            f"topic {into.velocity_topic}: {bad} velocities are not finite or beyond"
-            f" {FASTEST_M_S:.0f} m/s; left out"
-        )
-    return velocity.rows(good) if good.any() else None
+    if not bad:
+        return velocity, []
+    text = (
+        f"topic {topic}: {bad} velocities are not finite or beyond {FASTEST_M_S:.0f} m/s; left out"
+    )
+    return (
+        velocity.rows(good) if good.any() else None,
+        [_counted("no-vehicle-velocity", text, topic, bad)],
+    )
 
 
 def _check_degrees(log: Log, topic: str, fixes: Gnss, velocity: Velocity | None) -> None:
@@ -337,19 +366,21 @@ def _check_pressure(log: Log, channel: Channel, baro: Baro) -> None:
     )
 
 
-def _flat(fixes: Gnss, velocity: Velocity, into: Aiding) -> Velocity:
+def _without_flat(fixes: Gnss, velocity: Velocity, topic: str) -> tuple[Velocity, list[Finding]]:
     """Take out down velocities that are all exactly zero although height moves."""
     heights = fixes.height[np.isfinite(fixes.height)]
     down = velocity.velocity_n[:, 2]
     if len(heights) < 2 or np.any(down != 0.0) or np.ptp(heights) <= FLAT_HEIGHT_M:
-        return velocity
-    into.warnings.append(
-        f"topic {into.velocity_topic}: its vertical velocity is always zero while height moves by"
+        return velocity, []
+    text = (
+        f"topic {topic}: its vertical velocity is always zero while height moves by"
         f" {np.ptp(heights):.0f} m; only the horizontal part is used"
     )
     columns = velocity.velocity_n.copy()
     columns[:, 2] = np.nan
-    return replace(velocity, velocity_n=columns)
+    return replace(velocity, velocity_n=columns), [
+        Finding("flat-velocity", text, topic=topic, numbers={"height_m": float(np.ptp(heights))})
+    ]
 
 
 def join(fixes: Gnss | None, velocity: Velocity | None) -> GnssEpochs | None:

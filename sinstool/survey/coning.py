@@ -23,23 +23,24 @@ def choose_algorithm(source: Source, config: ProcessConfig, nominal_ns: float) -
     """The coning algorithm, with what its options need to know of the log."""
     told = config.coning
     options = told.algorithm_options()
-    default = type(told).model_fields["coning"].default
-    chosen = "the default" if told.coning == default else "as told"
     if told.coning == "gyro-tuned":
         options["interval"] = nominal_ns / SECOND
     if told.sp_preset == "auto":
         options = _tuned(source, config, nominal_ns)
     if "beta" in options:
         options["beta"] = tuple(turn_body(np.array(options["beta"]), config.input.body_axes))
-    found = algorithm(told.coning, **options)
-    explain(
-        "coning",
-        f"{told.coning}, {chosen}: {found.summary}; gyro samples are {config.input.gyro_kind}"
-        f"{_way(config.input.gyro_kind, found)}",
-    )
+    chosen = algorithm(told.coning, **options)
     if options:
         explain("coning", ", ".join(f"{name} {value}" for name, value in options.items()))
-    return found
+    return chosen
+
+
+def coning_reason(chosen: ConingAlgorithm, config: ProcessConfig) -> str:
+    """Why an algorithm is run, and what it makes of the samples."""
+    kind = config.input.gyro_kind
+    default = type(config.coning).model_fields["coning"].default
+    why = "the default" if config.coning.coning == default else "as configured"
+    return f"{why}: {chosen.summary}; gyro samples are {kind}{_way(kind, chosen)}"
 
 
 def _way(kind: str, chosen: ConingAlgorithm) -> str:

@@ -5,7 +5,6 @@ from __future__ import annotations
 import numpy as np
 
 from sinstool.config import ProcessConfig
-from sinstool.core.explain import explain
 from sinstool.core.timeline import SECOND
 from sinstool.core.units import DEGREE
 from sinstool.methods.height.network import Grade
@@ -34,15 +33,9 @@ def sensor_grade(source: Source, config: ProcessConfig) -> tuple[Grade, str]:
     Without a rest to judge by the sensors are taken for MEMS: too much caution costs accuracy,
     too little the truth of every sigma.
     """
-    grade, why = _judged(source, config)
-    explain("IMU grade", f"{grade}, {why}")
-    return grade, why
-
-
-def _judged(source: Source, config: ProcessConfig) -> tuple[Grade, str]:
-    told = config.navigation.imu_grade
-    if told != "auto":
-        return told, "as told"
+    configured = config.navigation.imu_grade
+    if configured != "auto":
+        return configured, "as configured"
     walk = random_walk(source)
     if walk is None:
         return "mems", "assumed, as the log shows no rest"

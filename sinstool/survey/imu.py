@@ -36,7 +36,7 @@ from sinstool.survey.unit_evidence import UnitEvidence, unit_evidence
 
 BLOCK_ROWS = 16384
 # An hour at 400 Hz; 96 MB.
-KEPT_SAMPLES = 1_500_000
+CACHED_SAMPLES = 1_500_000
 BURSTY_SHARE = 0.05
 # Several samples at the largest value are a stop, unless the axis is always about there.
 SATURATION_RUN = 3
@@ -169,11 +169,16 @@ class Watcher(Protocol):
         """The same blocks."""
 
 
-class Kept:
+class SampleCache:
     """The samples that the first pass read, for the second: all of them, or none if too many.
 
     Reading them a second time costs more than all that is computed from them. Memory stays
-    bounded all the same, by `KEPT_SAMPLES` and not by the log.
+    bounded all the same, by `CACHED_SAMPLES` and not by the log.
+
+    Parameters
+    ----------
+    beside : Watcher, optional
+        Looks at the same samples.
 
     Attributes
     ----------
@@ -181,19 +186,20 @@ class Kept:
         In the order of the file, without orientation; None when there were too many.
     """
 
-    def __init__(self) -> None:
+    def __init__(self, beside: Watcher | None = None) -> None:
         self.blocks: list[Imu] | None = []
+        self._beside = beside
 
     def watch(self, blocks: Iterator[Imu]) -> Iterator[Imu]:
         """The same blocks."""
         self.blocks = []
         count = 0
-        for block in blocks:
+        for block in blocks if self._beside is None else self._beside.watch(blocks):
             count += len(block)
-            if count > KEPT_SAMPLES:
+            if count > CACHED_SAMPLES:
                 self.blocks = None
             if self.blocks is not None:
-                # Columns may be parts of something larger, which must not be kept with them.
+                # Columns may be parts of something larger, which must not stay alive with them.
                 columns = (block.time_ns, block.log_time_ns, block.gyro, block.accel)
                 self.blocks.append(Imu(*map(_alone, columns)))
             yield block
@@ -217,7 +223,7 @@ def survey(
     increments: bool = False,
     block_rows: int = BLOCK_ROWS,
     progress: Callable[[int], None] | None = None,
-    kept: Watcher | None = None,
+    read: Watcher | None = None,
     judged: Watcher | None = None,
 ) -> Survey:
     """Read a log's Imu topic once and say what it holds.
@@ -235,7 +241,7 @@ def survey(
         Samples handled at once; the result does not depend on it.
     progress : callable, optional
         Called with the bytes read so far.
-    kept : Watcher, optional
+    read : Watcher, optional
         Gets the samples as they were read.
     judged : Watcher, optional
         Gets them as they are judged: in the order of time, increments as mean rates.
@@ -268,7 +274,7 @@ def survey(
         if span is not None:
             source = _spanned(source, span)
         source = reblock(source, block_rows)
-        in_order = ordered(source if kept is None else kept.watch(source), order)
+        in_order = ordered(source if read is None else read.watch(source), order)
         measured = mean_rates(in_order) if increments else in_order
         for block in measured if judged is None else judged.watch(measured):
             tally.add(block)

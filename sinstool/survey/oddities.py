@@ -6,11 +6,12 @@ rest as warnings.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import replace
 
 import numpy as np
 
 from sinstool.config import InputOptions
+from sinstool.core.finding import Finding, Severity
 from sinstool.core.rotation import conjugate, rotate
 from sinstool.core.units import STANDARD_GRAVITY
 from sinstool.io.readers.frames import turn_body
@@ -32,32 +33,7 @@ WEIGHTLESS = 0.8
 INCREMENT = 0.05
 
 
-@dataclass(frozen=True)
-class Oddity:
-    """One thing about a log that a user should know.
-
-    Attributes
-    ----------
-    kind : str
-        Short name, stable, for programs.
-    text : str
-        What is so.
-    answer : str
-        What to do; '' where nothing needs doing.
-    fatal : bool
-        `process` refuses the log while it stands.
-    """
-
-    kind: str
-    text: str
-    answer: str = ""
-    fatal: bool = False
-
-    def __str__(self) -> str:
-        return f"{self.text}: {self.answer}" if self.answer else self.text
-
-
-def oddities(survey: Survey, options: InputOptions) -> list[Oddity]:
+def oddities(survey: Survey, options: InputOptions) -> list[Finding]:
     """Everything odd that a survey found, the fatal first.
 
     Parameters
@@ -67,13 +43,14 @@ def oddities(survey: Survey, options: InputOptions) -> list[Oddity]:
 
     Returns
     -------
-    list of Oddity
+    list of Finding
     """
-    found = _units(survey, options) + _time(survey, options) + _values(survey, options)
-    return sorted(found, key=lambda o: not o.fatal)
+    odd = _units(survey, options) + _time(survey, options) + _values(survey, options)
+    odd = [replace(one, topic=survey.topic) for one in odd]
+    return sorted(odd, key=lambda one: one.severity != Severity.FAILED)
 
 
-def _units(s: Survey, options: InputOptions) -> list[Oddity]:
+def _units(s: Survey, options: InputOptions) -> list[Finding]:
     found = []
     if gyro_looks_like_degrees(s.gyro_unit, s.gyro_max):
         reason = (
@@ -84,54 +61,54 @@ def _units(s: Survey, options: InputOptions) -> list[Oddity]:
         )
         if options.gyro_unit is None:
             found.append(
-                Oddity(
+                Finding(
                     "gyro-unit",
                     f"topic {s.topic}: {reason}",
-                    "add --gyro-unit deg/s (or --gyro-unit rad/s if the log is right)",
-                    fatal=True,
+                    answer="add --gyro-unit deg/s (or --gyro-unit rad/s if the log is right)",
+                    severity=Severity.FAILED,
                 )
             )
         elif options.gyro_unit == "rad/s":
-            found.append(Oddity("gyro-unit", f"topic {s.topic}: {reason}, read as rad/s as told"))
+            found.append(Finding("gyro-unit", f"topic {s.topic}: {reason}, read as rad/s as told"))
     force = s.specific_force_median
     if accel_looks_like_g(force):
         text = f"topic {s.topic}: the specific force is {force:.3f} in size, as in units of g"
         if options.accel_unit is None:
             found.append(
-                Oddity(
+                Finding(
                     "accel-unit",
                     text,
-                    "add --accel-unit g (or --accel-unit m/s^2 if the log is right)",
-                    fatal=True,
+                    answer="add --accel-unit g (or --accel-unit m/s^2 if the log is right)",
+                    severity=Severity.FAILED,
                 )
             )
         elif options.accel_unit == "m/s^2":
-            found.append(Oddity("accel-unit", f"{text}, read as m/s^2 as told"))
+            found.append(Finding("accel-unit", f"{text}, read as m/s^2 as told"))
     elif _looks_like_increments(s, options):
         found.append(
-            Oddity(
+            Finding(
                 "increments",
                 f"topic {s.topic}: the specific force is {force:.3g} m/s^2 in size, or"
                 f" {force * _rate(s, options):.2f} if samples are increments over their intervals",
-                "add --gyro-kind increment (or --accel-unit m/s^2 if the log is right)",
-                fatal=True,
+                answer="add --gyro-kind increment (or --accel-unit m/s^2 if the log is right)",
+                severity=Severity.FAILED,
             )
         )
     elif force < WEIGHTLESS:
         found.append(
-            Oddity(
+            Finding(
                 "no-gravity",
                 f"topic {s.topic}: the specific force is only {force:.3f} m/s^2 in size, so gravity"
                 " has been taken out of it or it is empty",
-                "tilt cannot be had from it; use --align log or --align fixed",
+                answer="tilt cannot be had from it; use --align log or --align fixed",
             )
         )
     elif not 7.0 < force < 13.0:
         found.append(
-            Oddity(
+            Finding(
                 "gravity-size",
                 f"topic {s.topic}: the specific force is mostly {force:.2f} m/s^2 in size, not 9.8",
-                "check its unit with --accel-unit",
+                answer="check its unit with --accel-unit",
             )
         )
     return found
@@ -150,37 +127,38 @@ def _looks_like_increments(s: Survey, options: InputOptions) -> bool:
     return abs(s.specific_force_median * _rate(s, options) / STANDARD_GRAVITY - 1.0) < INCREMENT
 
 
-def _time(s: Survey, options: InputOptions) -> list[Oddity]:
+def _time(s: Survey, options: InputOptions) -> list[Finding]:
     found = []
     if s.count > 1 and s.rate_hz < MIN_RATE_HZ and options.imu_rate is None:
         found.append(
-            Oddity(
+            Finding(
                 "slow-imu",
                 f"topic {s.topic} has {s.rate_hz:.3g} samples a second, too few to integrate"
                 f" (at least {MIN_RATE_HZ:.0f} are needed)",
-                "choose the raw topic with --imu-topic, or give the true rate with --imu-rate",
-                fatal=True,
+                answer="choose the raw topic with --imu-topic, or give the true rate with"
+                " --imu-rate",
+                severity=Severity.FAILED,
             )
         )
     if s.count == 1:
-        found.append(Oddity("one-sample", f"topic {s.topic} has one usable sample only"))
+        found.append(Finding("one-sample", f"topic {s.topic} has one usable sample only"))
     if s.time_source == "log":
         found.append(
-            Oddity("time-source", f"{s.time_note}, so the recorder's log times are used instead")
+            Finding("time-source", f"{s.time_note}, so the recorder's log times are used instead")
         )
     if s.bursty:
         found.append(
-            Oddity(
+            Finding(
                 "bursts",
                 "stamps come in bursts (intervals from"
                 f" {s.interval_range_ns[0] / 1e6:.3g} to {s.interval_range_ns[1] / 1e6:.3g} ms)",
-                "if the sensor samples evenly, give its rate with --imu-rate",
+                answer="if the sensor samples evenly, give its rate with --imu-rate",
             )
         )
     o = s.order
     if o.backward:
         found.append(
-            Oddity(
+            Finding(
                 "backward-stamps",
                 f"{o.backward} samples are stamped earlier than the one before them, by up to"
                 f" {o.lateness_ns / 1e9:.3g} s; they were put in order",
@@ -188,18 +166,22 @@ def _time(s: Survey, options: InputOptions) -> list[Oddity]:
         )
     if o.duplicates:
         found.append(
-            Oddity(
+            Finding(
                 "duplicate-stamps",
                 f"{o.duplicates} samples repeat a stamp ({o.differing_duplicates} with other"
                 " values) and were left out",
             )
         )
     if o.late:
-        found.append(Oddity("late-samples", f"{o.late} samples came too late and were left out"))
+        found.append(
+            Finding(
+                "late-samples", f"{o.late} samples came too late and were left out", Severity.LOST
+            )
+        )
     if s.gap_count:
         longest = max(length for _, length in s.gaps)
         found.append(
-            Oddity(
+            Finding(
                 "gaps",
                 f"{s.gap_count} gaps longer than {s.max_gap_ns / 1e6:.4g} ms, {s.gap_total_s:.4g} s"
                 f" in all, the longest {longest:.4g} s; nothing is integrated across them",
@@ -207,7 +189,7 @@ def _time(s: Survey, options: InputOptions) -> list[Oddity]:
         )
     if s.missed:
         found.append(
-            Oddity(
+            Finding(
                 "missed-samples",
                 f"at {s.missed} places samples are missing; they are integrated across",
             )
@@ -215,7 +197,7 @@ def _time(s: Survey, options: InputOptions) -> list[Oddity]:
     low, high = s.clock_offset_s
     if max(abs(low), abs(high)) > CLOCK_OFFSET_S:
         found.append(
-            Oddity(
+            Finding(
                 "clock-offset",
                 f"log time is {low:+.3f} to {high:+.3f} s from the header stamps: two clocks;"
                 " stamps are used",
@@ -223,7 +205,7 @@ def _time(s: Survey, options: InputOptions) -> list[Oddity]:
         )
     elif high - low > CLOCK_WANDER_S:
         found.append(
-            Oddity(
+            Finding(
                 "clock-wander",
                 f"log time less header stamp varies from {low:+.3f} to {high:+.3f} s",
             )
@@ -231,28 +213,32 @@ def _time(s: Survey, options: InputOptions) -> list[Oddity]:
     return found
 
 
-def _values(s: Survey, options: InputOptions) -> list[Oddity]:
+def _values(s: Survey, options: InputOptions) -> list[Finding]:
     found = []
     if s.losses.malformed:
         found.append(
-            Oddity(
+            Finding(
                 "malformed",
                 f"{s.losses.malformed} messages do not fit their definition"
                 f" ({s.losses.problem}) and were left out",
+                topic=s.topic,
+                severity=Severity.LOST,
             )
         )
     if s.losses.nonfinite:
         found.append(
-            Oddity(
+            Finding(
                 "not-finite",
                 f"{s.losses.nonfinite} samples hold NaN, infinity or more than {LARGEST:.0e};"
                 " left out",
+                topic=s.topic,
+                severity=Severity.LOST,
             )
         )
     held = s.held - _without_noise(s)
     if held > HELD_SHARE * s.count:
         found.append(
-            Oddity(
+            Finding(
                 "held",
                 f"{held / s.count:.0%} of the samples repeat the values of the one before:"
                 " the topic is published faster than the sensor measures",
@@ -260,7 +246,7 @@ def _values(s: Survey, options: InputOptions) -> list[Oddity]:
         )
     if s.saturated:
         found.append(
-            Oddity(
+            Finding(
                 "saturation",
                 f"{', '.join(s.saturated)} stays at its largest value for several samples:"
                 " the sensor's range is too small there",
@@ -272,11 +258,11 @@ def _values(s: Survey, options: InputOptions) -> list[Oddity]:
         axis = gravity_axis(still.accel, options.body_axes)
         if axis not in ("", "+z" if options.body_axes == "flu" else "-z"):
             found.append(
-                Oddity(
+                Finding(
                     "gravity-axis",
                     f"at rest the accelerometer reads gravity on {axis} of the sensor, not on"
                     f" {'+z' if options.body_axes == 'flu' else '-z'}",
-                    "a matter of mounting, or of --body-axes",
+                    answer="a matter of mounting, or of --body-axes",
                 )
             )
     return found
@@ -290,12 +276,12 @@ def _without_noise(s: Survey) -> int:
     return min(still.samples, s.held)
 
 
-def _orientation(s: Survey) -> list[Oddity]:
+def _orientation(s: Survey) -> list[Finding]:
     found = []
     if s.orientation_constant:
         placeholder = " and the identity, a placeholder" if s.orientation is None else ""
         found.append(
-            Oddity(
+            Finding(
                 "constant-orientation",
                 f"the orientation in topic {s.topic} is the same in every message{placeholder}",
             )
@@ -307,11 +293,11 @@ def _orientation(s: Survey) -> list[Oddity]:
         angle = float(np.degrees(np.arccos(np.clip(cosine, -1.0, 1.0))))
         if angle > ORIENTATION_TILT_DEG:
             found.append(
-                Oddity(
+                Finding(
                     "orientation-tilt",
                     f"the orientation in topic {s.topic} is tilted by {angle:.0f} deg from what the"
                     " accelerometer says at rest: other axes, or its numbers are in another order",
-                    "do not use --align log",
+                    answer="do not use --align log",
                 )
             )
     return found

@@ -4,21 +4,31 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
+from pathlib import Path
 
 import numpy as np
 
 from sinstool.config import InputOptions, ProcessConfig, parse_time
+from sinstool.config.align import IN_FLIGHT
 from sinstool.core.errors import DataError, TopicError
 from sinstool.core.explain import explain
+from sinstool.core.finding import Finding, Severity
 from sinstool.core.streams import Imu
 from sinstool.core.timeline import Order, mean_rates, ordered
 from sinstool.core.units import DEGREE, STANDARD_GRAVITY
 from sinstool.io.readers.log import Log
 from sinstool.io.readers.message_types import FIX_TYPE, VELOCITY_TYPES
-from sinstool.io.readers.streams import ImuUnits, Losses, first_fix, read_imu, reblock
+from sinstool.io.readers.streams import ImuUnits, Losses, first_fix, frame_id, read_imu, reblock
 from sinstool.io.readers.topics import ImuTopic, choose_imu, choose_optional
-from sinstool.survey.aiding import Aiding, aiding_channels, moving_at, read_gnss
-from sinstool.survey.imu import BLOCK_ROWS, Kept, Survey, survey, within
+from sinstool.io.readers.transforms import tf_parent
+from sinstool.survey.aiding import (
+    AidingData,
+    aiding_channels,
+    moving_at,
+    read_barometer,
+    read_gnss,
+)
+from sinstool.survey.imu import BLOCK_ROWS, SampleCache, Survey, Watcher, survey, within
 from sinstool.survey.oddities import oddities
 
 
@@ -28,32 +38,56 @@ class Source:
 
     Attributes
     ----------
+    log : Log
+        For the passes that follow; what a run needs to know of it is in the fields below.
+    imu_topic : ImuTopic
+    units : ImuUnits
+    survey : Survey
+    aiding : AidingData
+        GNSS of the whole log, or of its beginning, and the barometer where one may be needed.
     latitude : float or None
         Radians; None where neither the user nor the log gives one.
     position : tuple
         Latitude, longitude (deg) and height (m), None where unknown.
-    kept : Kept
+    findings : tuple of Finding
+        What is odd about the log.
+    body_frame : str
+        Frame id of the Imu's messages.
+    encoding : str
+        Of the Imu's messages: cdr or ros1.
+    tf_parent : str or None
+        Parent of the body's frame in the log's own transforms, where one may be in the way.
+    topics : frozenset of str
+        All of the log's.
+    samples : SampleCache
         What the survey read, where it is not too much to keep.
-    aiding : Aiding
-        GNSS of the whole log, or of its beginning.
     """
 
     log: Log
-    topic: ImuTopic
+    imu_topic: ImuTopic
     units: ImuUnits
     survey: Survey
+    aiding: AidingData
     latitude: float | None
     position: tuple[float | None, float | None, float | None]
-    warnings: tuple[str, ...]
-    kept: Kept
-    aiding: Aiding
+    findings: tuple[Finding, ...]
+    body_frame: str
+    encoding: str
+    tf_parent: str | None
+    topics: frozenset[str]
+    samples: SampleCache
+
+    @property
+    def path(self) -> Path:
+        """The log's."""
+        return self.log.path
 
 
 def prepare(
     log: Log,
     config: ProcessConfig,
     progress: Callable[[int], None] | None = None,
-    whole_gnss: bool = False,
+    surveyed: tuple[Survey, SampleCache] | None = None,
 ) -> Source:
     """Choose topics, survey the Imu and refuse what cannot be processed.
 
@@ -61,8 +95,8 @@ def prepare(
     ----------
     progress : callable, optional
         Called with the bytes read.
-    whole_gnss : bool
-        Read all of GNSS, not only where the log begins.
+    surveyed : tuple, optional
+        The survey of the Imu topic that is chosen and its samples, where they exist already.
 
     Raises
     ------
@@ -71,55 +105,136 @@ def prepare(
     options = config.input
     topic = choose_imu(log, options.imu_topic)
     units = imu_units(options)
-    warnings: list[str] = []
-    if topic.note:
-        warnings.append(f"Imu topic {topic.topic}: {topic.note}")
-    if whole_gnss:
+    findings: list[Finding] = []
+    if not topic.obvious:
+        text = f"Imu topic {topic.topic}: {topic.reason}"
+        findings.append(Finding("imu-topic", text, topic=topic.topic))
+    all_gnss = needs_all_gnss(log, config)
+    if all_gnss:
         log.hold(aiding_channels(log))
-    kept = Kept()
-    found = survey(
-        log,
-        topic,
-        units,
-        span=time_span(log, options),
-        max_gap_s=options.max_gap,
-        increments=options.gyro_kind == "increment",
-        progress=progress,
-        kept=kept,
-    )
-    for oddity in oddities(found, options):
-        if oddity.fatal:
+    survey_, samples = surveyed or survey_samples(log, topic, options, progress)
+    for oddity in oddities(survey_, options):
+        if oddity.severity == Severity.FAILED:
             raise DataError(log.path, oddity.text, oddity.answer)
-        warnings.append(str(oddity))
-    aiding = _gnss(log, config, found, whole_gnss, warnings)
-    if found.lead_in is not None:
-        speed = moving_at(aiding.gnss, found.lead_in.start_ns, found.lead_in.end_ns)
+        findings.append(oddity)
+    aiding = _aiding(log, config, survey_, all_gnss)
+    findings += aiding.findings
+    if survey_.lead_in is not None:
+        speed = moving_at(aiding.gnss, survey_.lead_in.start_ns, survey_.lead_in.end_ns)
         if speed is not None:
-            warnings.append(
-                f"the Imu seems at rest for the first {found.lead_in.duration_s:.1f} s, but GNSS"
+            text = (
+                f"the Imu seems at rest for the first {survey_.lead_in.duration_s:.1f} s, but GNSS"
                 f" moves at {speed:.1f} m/s: steady motion, not taken for rest"
             )
-            found = replace(found, lead_in=None)
+            findings.append(Finding("moving-rest", text, numbers={"speed_m_s": speed}))
+            survey_ = replace(survey_, lead_in=None)
+    position = _position(log, config, aiding)
+    body = frame_id(log, topic.channels, topic.path) or "imu_link"
+    source = Source(
+        log=log,
+        imu_topic=topic,
+        units=units,
+        survey=survey_,
+        aiding=aiding,
+        latitude=None if position[0] is None else position[0] * DEGREE,
+        position=position,
+        findings=tuple(findings),
+        body_frame=body,
+        encoding=topic.channels[0].message_encoding,
+        tf_parent=tf_parent(log, body) if _may_write_tf(config) else None,
+        topics=frozenset(channel.topic for channel in log.channels.values()),
+        samples=samples,
+    )
+    _explain(source, config)
+    return source
+
+
+def survey_samples(
+    log: Log,
+    topic: ImuTopic,
+    options: InputOptions,
+    progress: Callable[[int], None] | None = None,
+    read: Watcher | None = None,
+    judged: Watcher | None = None,
+) -> tuple[Survey, SampleCache]:
+    """Read an Imu topic once: what it holds, and its samples.
+
+    Parameters
+    ----------
+    read, judged : Watcher, optional
+        See :func:`~sinstool.survey.imu.survey`.
+
+    Raises
+    ------
+    DataError
+        There is not one usable sample.
+    """
+    samples = SampleCache(read)
+    return (
+        survey(
+            log,
+            topic,
+            imu_units(options),
+            span=time_span(log, options),
+            max_gap_s=options.max_gap,
+            increments=options.gyro_kind == "increment",
+            progress=progress,
+            read=samples,
+            judged=judged,
+        ),
+        samples,
+    )
+
+
+def _explain(source: Source, config: ProcessConfig) -> None:
+    """Say what the survey saw, for ``-v``."""
+    survey_, latitude = source.survey, source.position[0]
     explain(
         "time",
-        f"{'header stamps' if found.time_source == 'stamp' else 'log times'}, a sample each"
-        f" {found.interval_ns / 1e6:.6g} ms; longer than {found.max_gap_ns / 1e6:.6g} ms is a gap",
+        f"{'header stamps' if survey_.time_source == 'stamp' else 'log times'}, a sample each"
+        f" {survey_.interval_ns / 1e6:.6g} ms; longer than {survey_.max_gap_ns / 1e6:.6g} ms is a"
+        " gap",
     )
-    still = found.lead_in
+    still = survey_.lead_in
     explain(
         "rest", "none at the beginning" if still is None else f"the first {still.duration_s:.1f} s"
     )
-    position = _position(log, config, aiding)
-    told = config.align.latitude is not None
-    where = "--latitude" if told else f"first fix of {aiding.fix_topic}"
+    by_user = config.align.latitude is not None
+    where = "--latitude" if by_user else f"first fix of {source.aiding.fix_topic}"
     explain(
         "latitude",
         "not known: the Earth's rate stays in"
-        if position[0] is None
-        else f"{position[0]:.6f} deg, by {where}",
+        if latitude is None
+        else f"{latitude:.6f} deg, by {where}",
     )
-    latitude = None if position[0] is None else position[0] * DEGREE
-    return Source(log, topic, units, found, latitude, position, tuple(warnings), kept, aiding)
+
+
+def needs_all_gnss(log: Log, config: ProcessConfig) -> bool:
+    """Whether a run may need all of GNSS, not only where the log begins."""
+    mode, align = config.navigation.mode, config.align.align
+    if mode in ("ins", "ins-gnss") or config.vertical.height_damping != "off":
+        return True
+    if align in IN_FLIGHT:
+        return True
+    return (mode == "auto" or align == "auto") and has_gnss(log, config.input)
+
+
+def _may_need_barometer(log: Log, config: ProcessConfig) -> bool:
+    """Whether a run may use the log's barometer."""
+    damping, mode = config.vertical.height_damping, config.navigation.mode
+    if damping == "baro":
+        return True
+    if damping == "gnss" or config.filter.filter == "plain-15":
+        return False
+    return mode == "ins-gnss" or (mode == "auto" and has_gnss(log, config.input))
+
+
+def _may_write_tf(config: ProcessConfig) -> bool:
+    """Whether a run may write transforms beside the log's own."""
+    emit = config.output.emit
+    if config.output.only_results:
+        return False
+    return config.navigation.mode != "attitude" if emit is None else "tf" in emit
 
 
 def has_gnss(log: Log, options: InputOptions) -> bool:
@@ -159,32 +274,30 @@ def time_span(
     return resolve
 
 
-def _gnss(
-    log: Log, config: ProcessConfig, found: Survey, whole: bool, warnings: list[str]
-) -> Aiding:
-    """GNSS of a log: all of it, or what says where and how the vehicle began."""
-    aiding = Aiding()
-    begun = found.first_ns if found.lead_in is None else found.lead_in.end_ns
-    until = None if whole else begun
+def _aiding(log: Log, config: ProcessConfig, survey_: Survey, all_gnss: bool) -> AidingData:
+    """GNSS of a log, all of it or what says where and how the vehicle began, and its barometer."""
+    begun = survey_.first_ns if survey_.lead_in is None else survey_.lead_in.end_ns
+    by_log_time = survey_.time_source == "log"
     try:
-        read_gnss(log, config.input, found.time_source == "log", aiding, until)
+        aiding = read_gnss(log, config.input, by_log_time, None if all_gnss else begun)
     except TopicError as exc:
         named = config.input.gnss_topic or config.input.velocity_topic
-        if named is not None or whole:
+        if named is not None or all_gnss:
             raise
-        warnings.append(f"{exc}; no latitude is taken from them")
-        return Aiding()
-    warnings += aiding.warnings
+        text = f"{exc}; no latitude is taken from them"
+        aiding = AidingData(findings=(Finding("gnss-topics", text),))
+    if _may_need_barometer(log, config):
+        aiding = replace(aiding, barometer=read_barometer(log, config.input, by_log_time))
     return aiding
 
 
 def _position(
-    log: Log, config: ProcessConfig, aiding: Aiding
+    log: Log, config: ProcessConfig, aiding: AidingData
 ) -> tuple[float | None, float | None, float | None]:
     """Where the vehicle is: as told, else the log's first fix."""
-    told = config.align
-    if told.latitude is not None:
-        return told.latitude, told.longitude, told.height
+    options = config.align
+    if options.latitude is not None:
+        return options.latitude, options.longitude, options.height
     fixes = aiding.gnss
     if fixes is not None and fixes.has_position.any():
         fix = fixes.rows(np.flatnonzero(fixes.has_position)[:1])
@@ -213,21 +326,21 @@ def imu_blocks(
     rows: int = BLOCK_ROWS,
 ) -> Iterator[Imu]:
     """Ordered samples of the second pass, from ``start_ns`` on, in blocks of ``rows``."""
-    found = source.survey
-    if source.kept.blocks is not None:
-        raw = _again(source.kept.blocks, source.log.size, progress)
+    survey_ = source.survey
+    if source.samples.blocks is not None:
+        raw = _again(source.samples.blocks, source.log.size, progress)
     else:
         raw = read_imu(
             source.log,
-            source.topic.channels,
+            source.imu_topic.channels,
             source.units,
             Losses(),
-            path=source.topic.path,
-            log_time=found.time_source == "log",
+            path=source.imu_topic.path,
+            log_time=survey_.time_source == "log",
             progress=progress,
         )
-    inside = within(raw, max(start_ns, found.first_ns), found.last_ns)
-    return ordered(reblock(inside, rows), Order(found.horizon_ns))
+    inside = within(raw, max(start_ns, survey_.first_ns), survey_.last_ns)
+    return ordered(reblock(inside, rows), Order(survey_.horizon_ns))
 
 
 def rate_blocks(

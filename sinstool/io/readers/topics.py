@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -26,14 +26,17 @@ class ImuTopic:
     ----------
     path : str
         Where the Imu lies in the message; '' for a plain Imu topic.
-    note : str
-        Why it was chosen, when that was not obvious.
+    reason : str
+        Why it was chosen.
+    obvious : bool
+        Nobody could have meant another.
     """
 
     topic: str
     channels: tuple[Channel, ...]
     path: str = ""
-    note: str = ""
+    reason: str = ""
+    obvious: bool = True
 
 
 def topics_of_type(log: Log, *types: str) -> dict[str, tuple[Channel, ...]]:
@@ -97,8 +100,7 @@ def choose_imu(log: Log, wanted: str | None) -> ImuTopic:
     if wanted is not None:
         for candidate in candidates:
             if candidate.topic == wanted:
-                explain("Imu topic", f"{wanted}, as told")
-                return candidate
+                return replace(candidate, reason="as configured")
         if log.channels_of(wanted):
             kind = log.channels_of(wanted)[0].type_name or "unknown type"
             raise TopicError(log.path, f"topic {wanted} is {kind}, not sensor_msgs/Imu")
@@ -111,8 +113,7 @@ def choose_imu(log: Log, wanted: str | None) -> ImuTopic:
         hint = f"it has {', '.join(types[:8])}" if types else "it has no typed topic at all"
         raise TopicError(log.path, "the log has no sensor_msgs/Imu topic", hint)
     if len(candidates) == 1:
-        explain("Imu topic", f"{candidates[0].topic}, the only one with an Imu")
-        return candidates[0]
+        return replace(candidates[0], reason="the only one with an Imu")
     plain = [c for c in candidates if not c.path]
     if len(plain) == 1:
         return _noted(plain[0], "the only plain Imu topic")
@@ -127,8 +128,7 @@ def choose_imu(log: Log, wanted: str | None) -> ImuTopic:
 
 
 def _noted(topic: ImuTopic, why: str) -> ImuTopic:
-    explain("Imu topic", f"{topic.topic}, {why}")
-    return ImuTopic(topic.topic, topic.channels, topic.path, why)
+    return replace(topic, reason=why, obvious=False)
 
 
 def _hertz(rate: float | None) -> str:

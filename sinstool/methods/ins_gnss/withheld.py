@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Any
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -13,6 +13,26 @@ from sinstool.core.timeline import SECOND
 
 # Withheld fixes further apart than this many usual intervals are two outages.
 APART = 3.0
+
+
+@dataclass(frozen=True)
+class Outage:
+    """How far a solution was from the fixes of one outage; vertical is None without heights."""
+
+    start_ns: int
+    duration_s: float
+    epochs: int
+    largest_horizontal_m: float
+    largest_vertical_m: float | None
+    largest_in_sigmas: float
+
+
+@dataclass(frozen=True)
+class WithheldScore:
+    """How far a solution was from all fixes that were withheld."""
+
+    outages: tuple[Outage, ...]
+    rms_of_largest_horizontal_m: float
 
 
 class Withheld:
@@ -77,12 +97,12 @@ class Withheld:
             found.append(np.concatenate([getattr(part, name) for part in parts]))
         return found[0], found[1], found[2], found[3]
 
-    def outages(self) -> list[dict[str, Any]]:
+    def score(self) -> WithheldScore | None:
         """By outage: when, how long, the largest errors, and how many sigmas they were.
 
-        Sigmas are those of the solution and of the fix together.
+        Sigmas are those of the solution and of the fix together. None where no outage was seen.
         """
-        found = []
+        outages = []
         for part in np.split(np.arange(len(self._fixes)), self._first[1:]):
             error, sigma = self._error[part], self._sigma[part]
             if not np.isfinite(error).any():
@@ -90,27 +110,19 @@ class Withheld:
             horizontal = np.hypot(error[:, 0], error[:, 1])
             times = self._fixes.time_ns[part]
             vertical = np.abs(error[:, 2])
-            found.append(
-                {
-                    "start_ns": str(int(times[0])),
-                    "duration_s": float(times[-1] - times[0]) / SECOND,
-                    "epochs": len(part),
-                    "largest_horizontal_m": float(np.nanmax(horizontal)),
-                    "largest_vertical_m": float(np.nanmax(vertical))
+            outages.append(
+                Outage(
+                    start_ns=int(times[0]),
+                    duration_s=float(times[-1] - times[0]) / SECOND,
+                    epochs=len(part),
+                    largest_horizontal_m=float(np.nanmax(horizontal)),
+                    largest_vertical_m=float(np.nanmax(vertical))
                     if np.isfinite(vertical).any()
                     else None,
-                    "largest_in_sigmas": float(np.nanmax(np.abs(error) / sigma)),
-                }
+                    largest_in_sigmas=float(np.nanmax(np.abs(error) / sigma)),
+                )
             )
-        return found
-
-    def summary(self) -> dict[str, Any] | None:
-        """``withheld`` of the summary; None where no outage was seen."""
-        outages = self.outages()
         if not outages:
             return None
-        largest = np.array([o["largest_horizontal_m"] for o in outages])
-        return {
-            "outages": outages,
-            "rms_of_largest_horizontal_m": float(np.sqrt(np.mean(largest**2))),
-        }
+        largest = np.array([outage.largest_horizontal_m for outage in outages])
+        return WithheldScore(tuple(outages), float(np.sqrt(np.mean(largest**2))))

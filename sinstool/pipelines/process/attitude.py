@@ -2,92 +2,91 @@
 
 from __future__ import annotations
 
-from typing import Any
+from collections.abc import Iterator
 
 from sinstool.config import ProcessConfig
-from sinstool.core.progress import Progress, share
-from sinstool.io.readers.log import Log
-from sinstool.io.readers.streams import frame_id
-from sinstool.methods.alignment.initial import Alignment
+from sinstool.core.finding import Finding
+from sinstool.core.streams import Solution
+from sinstool.core.units import DEGREE
 from sinstool.methods.strapdown.attitude_run import AttitudeRun, AttitudeSettings
-from sinstool.pipelines import summary
-from sinstool.pipelines.align.first_attitude import align, earth_rate, needs_gnss
-from sinstool.pipelines.process.common import odometry_frames, require_gravity
-from sinstool.pipelines.process.output import Result, choose_emits
-from sinstool.survey.coning import choose_algorithm
+from sinstool.pipelines.align.first_attitude import earth_rate
+from sinstool.pipelines.plan import Plan
+from sinstool.pipelines.process.mode import (
+    BytesRead,
+    Mode,
+    odometry_frames,
+    require_gravity,
+    warned,
+)
+from sinstool.pipelines.process.result import ConingUsed, FirstAttitude, ModeResult
+from sinstool.pipelines.process.sink import Sink
 from sinstool.survey.interval import nominal_interval
-from sinstool.survey.source import Source, imu_blocks, prepare
+from sinstool.survey.source import Source, imu_blocks
 
 
-def run_attitude(
-    log: Log, config: ProcessConfig, result: Result, progress: Progress | None
-) -> dict[str, Any]:
-    """Attitude alone, and height where it is damped.
+class AttitudeMode(Mode):
+    """Attitude alone, and height where it is damped."""
 
-    Parameters
-    ----------
-    progress : callable, optional
-        Called with the fraction done.
+    def __init__(self, source: Source, config: ProcessConfig, plan: Plan) -> None:
+        self._source, self._config, self._plan = source, config, plan
+        self._vertical = None
+        self.emits = ("imu", "attitude")
+        if config.vertical.height_damping != "off":
+            from sinstool.pipelines.process.vertical_channel import Vertical
 
-    Returns
-    -------
-    dict
-        The summary.
-    """
-    damped = config.vertical.height_damping != "off"
-    source = prepare(log, config, share(progress, log.size, 0.0), damped or needs_gnss(log, config))
-    if damped:
-        require_gravity(source, config)
-    body = frame_id(log, source.topic.channels, source.topic.path) or "imu_link"
-    alignment = align(source, config)
-    vertical = None
-    if damped:
-        from sinstool.pipelines.process.vertical_channel import Vertical
+            require_gravity(source, config)
+            self._vertical = Vertical(source, config)
+            self.emits = (*self.emits, "height")
+        self.frames = odometry_frames(source, plan, config)
+        self._run = AttitudeRun(plan.alignment.q_nb, self._settings())
 
-        vertical = Vertical(source, config)
-    if vertical is not None and result.recorder is not None:
-        vertical.show(result.recorder)
-    known = ("imu", "attitude") if vertical is None else ("imu", "attitude", "height")
-    emits, warnings = choose_emits(log, config, known, body)
-    settings = _settings(source, alignment, config)
-    run = AttitudeRun(alignment.q_nb, settings)
-    frames = odometry_frames(source, alignment, config, body)
-    result.open(source.topic.channels[0].message_encoding, emits, frames)
-    blocks = imu_blocks(source, config, alignment.time_ns, share(progress, log.size, 0.5))
-    for solution in run.run(blocks):
-        result.push(solution if vertical is None else vertical.push(solution))
-    told = result.finish(lambda: summary.incomplete(summary.lost(source)))
-    assert result.last is not None
-    return {
-        **told,
-        "imu": summary.imu(source),
-        "alignment": summary.alignment(alignment),
-        "coning": summary.coning(settings.algorithm, settings.gyro_kind, run.updates),
-        "hse": None,
-        "height": None if vertical is None else vertical.summary(),
-        "filter": None,
-        "final": summary.final(result.last, source),
-        "lost": summary.lost(source),
-        "warnings": [
-            *source.warnings,
-            *alignment.warnings,
-            *warnings,
-            *(vertical.warnings() if vertical is not None else ()),
-            *summary.run_warnings(source, run),
-        ],
-    }
+    def show(self, sink: Sink) -> None:
+        """The heights that the vertical channel is held to."""
+        if self._vertical is not None:
+            self._vertical.show(sink)
 
+    def solutions(self, progress: BytesRead | None) -> Iterator[Solution]:
+        """Attitude at every update instant."""
+        blocks = imu_blocks(self._source, self._config, self._plan.alignment.time_ns, progress)
+        for solution in self._run.run(blocks):
+            yield solution if self._vertical is None else self._vertical.push(solution)
 
-def _settings(source: Source, alignment: Alignment, config: ProcessConfig) -> AttitudeSettings:
-    nominal = nominal_interval(source, config)
-    still = source.survey.lead_in if alignment.bias_source == "still" else None
-    return AttitudeSettings(
-        algorithm=choose_algorithm(source, config, nominal),
-        gyro_kind=config.input.gyro_kind,
-        nominal_ns=nominal,
-        max_gap_ns=source.survey.max_gap_ns,
-        gyro_bias=alignment.gyro_bias,
-        sample_rate=config.input.imu_rate,
-        still_until_ns=None if still is None else still.end_ns,
-        omega_ie_n=earth_rate(source),
-    )
+    def conclude(self, last: Solution, sink: Sink | None) -> ModeResult:
+        """The first attitude, the coning algorithm, the height, and what was odd."""
+        settings, vertical = self._run.settings, self._vertical
+        alignment = self._plan.alignment
+        findings = list(warned("alignment", alignment.warnings))
+        if vertical is not None:
+            findings += warned("height", vertical.warnings())
+        if settings.algorithm.caveat:
+            findings.append(Finding("coning", settings.algorithm.caveat))
+        if self._run.missed_rotation:
+            turned = self._run.missed_rotation / DEGREE
+            text = (
+                "attitude is held across gaps: at the rates on either side the vehicle turned by"
+                f" {turned:.3g} deg during them"
+            )
+            findings.append(Finding("gaps", text, numbers={"rotation_deg": turned}))
+        if self._source.latitude is None:
+            text = "no latitude is known, so the Earth's rate is not removed"
+            findings.append(Finding("no-latitude", text, answer="give --latitude"))
+        return ModeResult(
+            first_attitude=FirstAttitude.of(alignment, self._plan.first_attitude.reason),
+            coning=ConingUsed.of(settings.algorithm, settings.gyro_kind, self._run.updates),
+            height=None if vertical is None else vertical.summary(),
+            findings=tuple(findings),
+        )
+
+    def _settings(self) -> AttitudeSettings:
+        source, config, alignment = self._source, self._config, self._plan.alignment
+        still = source.survey.lead_in if alignment.bias_source == "still" else None
+        return AttitudeSettings(
+            algorithm=self._plan.algorithm,
+            gyro_kind=config.input.gyro_kind,
+            nominal_ns=nominal_interval(source, config),
+            max_gap_ns=source.survey.max_gap_ns,
+            gyro_bias=alignment.gyro_bias,
+            sample_rate=config.input.imu_rate,
+            still_until_ns=None if still is None else still.end_ns,
+            omega_ie_n=earth_rate(source),
+        )

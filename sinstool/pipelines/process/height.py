@@ -2,15 +2,12 @@
 
 from __future__ import annotations
 
-from typing import Any, cast
-
 import numpy as np
 
 from sinstool.config import ProcessConfig
 from sinstool.core.errors import DataError, TopicError
 from sinstool.core.explain import explain
-from sinstool.core.streams import Baro, GnssEpochs
-from sinstool.io.readers.log import Log
+from sinstool.core.streams import Baro, BaroHeight, GnssEpochs
 from sinstool.methods.height.layout import ACCEPTED, REASONS, ChannelSummary, Event
 from sinstool.methods.height.network import (
     SENSIBLE_TAU,
@@ -31,7 +28,15 @@ from sinstool.methods.height.pressure import (
     reference_from_start,
 )
 from sinstool.methods.height.reference import HeightReference
-from sinstool.survey.aiding import Aiding
+from sinstool.pipelines.process.result import (
+    BarometerSetting,
+    FinalHeight,
+    HeightDamping,
+    HeightEvent,
+    ImuGrade,
+)
+from sinstool.pipelines.process.sink import Sink
+from sinstool.survey.source import Source
 
 # Samples that a height at the start is tied to, s.
 START_S = 1.0
@@ -70,31 +75,35 @@ def network(
         The barometer's lag is taken off its K4.
     warnings : list of str
     """
-    told = config.vertical
+    options = config.vertical
     w2 = gravity_gradient(latitude)
-    chosen = recommended(grade, w2) if told.height_preset == "recommended" else paper(w2)
-    tau = chosen.tau if told.tau is None else told.tau
-    k4 = chosen.k4 if told.k4 is None else told.k4
+    chosen = recommended(grade, w2) if options.height_preset == "recommended" else paper(w2)
+    tau = chosen.tau if options.tau is None else options.tau
+    k4 = chosen.k4 if options.k4 is None else options.k4
     warnings = []
     if not SENSIBLE_TAU[0] <= tau <= SENSIBLE_TAU[1]:
         warnings.append(
             f"--tau {tau:g} s is outside the sensible {SENSIBLE_TAU[0]:g} to {SENSIBLE_TAU[1]:g} s"
         )
-    if k4 != 0.0 and told.baro_lag == 0.0:
+    if k4 != 0.0 and options.baro_lag == 0.0:
         warnings.append(
             f"K4 = {k4:g} s: in a steady climb the height is off by {-k4:+g} s times the vertical"
             " velocity; --k4 0 has no such error"
         )
     explain(
         "height",
-        f"network of tau {tau:g} s, K4 {k4 - told.baro_lag:g} s, by"
-        + (" --tau" if told.tau is not None else f" preset {told.height_preset} of grade {grade}"),
+        f"network of tau {tau:g} s, K4 {k4 - options.baro_lag:g} s, by"
+        + (
+            " --tau"
+            if options.tau is not None
+            else f" preset {options.height_preset} of grade {grade}"
+        ),
     )
-    return HeightNetwork(tau, k4 - told.baro_lag, w2), warnings
+    return HeightNetwork(tau, k4 - options.baro_lag, w2), warnings
 
 
 def height_reference(
-    log: Log, aiding: Aiding, config: ProcessConfig, start_height: float
+    source: Source, config: ProcessConfig, start_height: float
 ) -> tuple[HeightReference, list[str]]:
     """Heights that damp the vertical channel of a run.
 
@@ -110,21 +119,23 @@ def height_reference(
     TopicError, DataError
         The log has no such heights, or none that can be used.
     """
-    told = config.vertical
-    if told.height_damping == "gnss":
-        return _from_gnss(log, aiding), []
-    if aiding.baro is None:
+    options, barometer = config.vertical, source.aiding.barometer
+    if options.height_damping == "gnss":
+        return _from_gnss(source), []
+    if barometer.problem is not None:
+        raise barometer.problem
+    baro = barometer.stream
+    if baro is None:
         raise TopicError(
-            log.path,
+            source.path,
             "--height-damping baro: the log has no barometer (sensor_msgs/FluidPressure)",
             "name a topic with --baro-topic (--baro-kind height for heights), use --height-damping"
             " gnss, or off: height then runs away, its error doubling every 400 s",
         )
-    if not isinstance(aiding.baro, Baro):
-        return _from_heights(log, aiding, config), []
-    baro = aiding.baro
+    if not isinstance(baro, Baro):
+        return _from_heights(source, baro), []
     reason = pressure_reason(baro.pressure)
-    reference, warnings = _baro_reference(log, aiding, config, start_height)
+    reference, warnings = _baro_reference(source, baro, config, start_height)
     height = reference.height(baro.pressure)
     good = reason == ACCEPTED
     variance = baro.variance[good]
@@ -134,14 +145,14 @@ def height_reference(
     return (
         HeightReference(
             "baro",
-            aiding.baro_topic,
+            barometer.topic,
             baro.time_ns,
             _arrival(baro.time_ns),
             height,
             reason,
             float(np.median(known)) if len(known) else 0.0,
             reference,
-            reference.mode != "qnh" or told.undulation != 0.0,
+            reference.mode != "qnh" or options.undulation != 0.0,
         ),
         warnings,
     )
@@ -153,43 +164,44 @@ def _arrival(time_ns: np.ndarray) -> np.ndarray:
 
 
 def _baro_reference(
-    log: Log, aiding: Aiding, config: ProcessConfig, start_height: float
+    source: Source, baro: Baro, config: ProcessConfig, start_height: float
 ) -> tuple[BaroReference, list[str]]:
-    told = config.vertical
-    baro = cast(Baro, aiding.baro)
+    options = config.vertical
     warnings: list[str] = []
-    if told.qnh is not None:
-        if told.undulation == 0.0:
+    if options.qnh is not None:
+        if options.undulation == 0.0:
             warnings.append(
                 "heights by --qnh are above mean sea level; give --undulation for the ellipsoid"
             )
-        return reference_from_setting(told.qnh, told.undulation), warnings
-    gnss = aiding.gnss
+        return reference_from_setting(options.qnh, options.undulation), warnings
+    gnss = source.aiding.gnss
     heights = gnss is not None and bool(np.isfinite(gnss.height).any())
-    if told.baro_ref == "gnss" and not heights:
+    if options.baro_ref == "gnss" and not heights:
         raise DataError(
-            log.path, "--baro-ref gnss: the log has no GNSS heights", "use --baro-ref init or --qnh"
+            source.path,
+            "--baro-ref gnss: the log has no GNSS heights",
+            "use --baro-ref init or --qnh",
         )
     try:
-        if told.baro_ref != "init" and heights:
+        if options.baro_ref != "init" and heights:
             assert gnss is not None
-            known = telling_heights(baro, gnss)
-            found = reference_from_gnss(
-                baro.time_ns, baro.pressure, gnss.time_ns[known], gnss.height[known]
+            usable = heights_for_calibration(baro, gnss)
+            reference = reference_from_gnss(
+                baro.time_ns, baro.pressure, gnss.time_ns[usable], gnss.height[usable]
             )
-            fit = found.fit
+            fit = reference.fit
             if fit is not None and fit.applied and _shows(fit):
                 warnings.append(
                     f"over {fit.height_range:.0f} m of GNSS heights the barometer's scale is"
-                    f" {found.scale:.4f} (a warm or cold day); applied"
+                    f" {reference.scale:.4f} (a warm or cold day); applied"
                 )
-            return found, warnings
+            return reference, warnings
         early = baro.time_ns - baro.time_ns[0] <= int(START_S * 1e9)
         return reference_from_start(baro.pressure[early], start_height), warnings
     except ValueError as exc:
         raise DataError(
-            log.path,
-            f"topic {aiding.baro_topic}: {exc}",
+            source.path,
+            f"topic {source.aiding.barometer.topic}: {exc}",
             "use --baro-ref init or --qnh, or choose another span with --start and --end",
         ) from exc
 
@@ -199,7 +211,7 @@ def _shows(fit: ScaleFit) -> bool:
     return abs(fit.scale - 1.0) * fit.height_range > 1.0
 
 
-def telling_heights(baro: Baro, gnss: GnssEpochs) -> np.ndarray:
+def heights_for_calibration(baro: Baro, gnss: GnssEpochs) -> np.ndarray:
     """GNSS heights that a barometer can be set by.
 
     Not those where it has a gap or hangs, and none after its reference, or the receiver's height,
@@ -250,17 +262,16 @@ def _medians(values: np.ndarray) -> np.ndarray:
     return np.asarray(np.median(windows, axis=1))
 
 
-def _from_heights(log: Log, aiding: Aiding, config: ProcessConfig) -> HeightReference:
+def _from_heights(source: Source, stream: BaroHeight) -> HeightReference:
     """A topic that holds heights already."""
-    assert aiding.baro is not None and not isinstance(aiding.baro, Baro)
-    stream = aiding.baro
+    topic = source.aiding.barometer.topic
     finite = np.isfinite(stream.height)
     if not finite.any():
-        raise DataError(log.path, f"topic {aiding.baro_topic} holds no finite height")
+        raise DataError(source.path, f"topic {topic} holds no finite height")
     reason = np.where(finite, ACCEPTED, REASONS.index("not_finite")).astype(np.int64)
     return HeightReference(
         "baro",
-        aiding.baro_topic,
+        topic,
         stream.time_ns,
         _arrival(stream.time_ns),
         stream.height,
@@ -271,12 +282,12 @@ def _from_heights(log: Log, aiding: Aiding, config: ProcessConfig) -> HeightRefe
     )
 
 
-def _from_gnss(log: Log, aiding: Aiding) -> HeightReference:
-    gnss: GnssEpochs | None = aiding.gnss
+def _from_gnss(source: Source) -> HeightReference:
+    gnss = source.aiding.gnss
     good = None if gnss is None else np.isfinite(gnss.height)
     if gnss is None or good is None or not good.any():
         raise TopicError(
-            log.path,
+            source.path,
             "--height-damping gnss: the log has no GNSS heights",
             "use --height-damping baro, or off",
         )
@@ -285,7 +296,7 @@ def _from_gnss(log: Log, aiding: Aiding) -> HeightReference:
     known = sigma[np.isfinite(sigma)]
     return HeightReference(
         "gnss",
-        aiding.fix_topic,
+        source.aiding.fix_topic,
         rows.time_ns,
         _arrival(rows.time_ns),
         rows.height,
@@ -296,53 +307,49 @@ def _from_gnss(log: Log, aiding: Aiding) -> HeightReference:
     )
 
 
+def show_reference(reference: HeightReference, sink: Sink) -> None:
+    """Give a sink the heights that could be used."""
+    good = reference.reason == ACCEPTED
+    sink.refer_height(reference.topic, reference.time_ns[good], reference.height[good])
+
+
 def height_summary(
     reference: HeightReference,
     damping: HeightNetwork,
     channel: ChannelSummary,
     events: list[Event],
     first_ns: int,
-    final: tuple[float, float, float],
-) -> dict[str, Any]:
-    """``height`` of the summary: what damped it, how, and what happened.
+    final: np.ndarray,
+    grade: ImuGrade,
+) -> HeightDamping:
+    """What damped the height, how, and what happened.
 
     Parameters
     ----------
     events : list of Event
         Times in s since ``first_ns``.
-    final : tuple of float
+    final : ndarray, shape (3,)
         Height (m), vertical velocity (m/s) and correction (m/s^2) at the end.
     """
     baro = reference.baro
-    return {
-        "damping": reference.kind,
-        "topic": reference.topic,
-        "tau_s": damping.tau,
-        "k4_s": damping.k4,
-        "gains": list(damping.gains),
-        "reference": None
-        if baro is None
-        else {"mode": baro.mode, "offset_m": baro.offset, "scale": baro.scale},
-        "samples": channel.samples,
-        "seconds": channel.seconds,
-        "phase": channel.phase,
-        "difference_rms_m": channel.difference_rms,
-        "offset_m": channel.offset,
-        "final": {
-            "height_m": final[0],
-            "velocity_up_m_s": final[1],
-            "accelerometer_correction_m_s2": final[2],
-        },
-        "events": [
-            {
-                "kind": e.kind,
-                "time_ns": str(first_ns + round(e.time * 1e9)),
-                "size": e.size,
-                "duration_s": e.duration,
-            }
-            for e in events
-        ],
-    }
+    return HeightDamping(
+        damping=reference.kind,
+        topic=reference.topic,
+        tau_s=damping.tau,
+        k4_s=damping.k4,
+        gains=tuple(damping.gains),
+        reference=None if baro is None else BarometerSetting(baro.mode, baro.offset, baro.scale),
+        samples=channel.samples,
+        seconds=channel.seconds,
+        phase=channel.phase,
+        difference_rms_m=channel.difference_rms,
+        offset_m=channel.offset,
+        final=FinalHeight(*(float(value) for value in final)),
+        events=tuple(
+            HeightEvent(e.kind, first_ns + round(e.time * 1e9), e.size, e.duration) for e in events
+        ),
+        imu_grade=grade,
+    )
 
 
 def height_warnings(channel: ChannelSummary, events: list[Event]) -> list[str]:

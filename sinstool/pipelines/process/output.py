@@ -2,48 +2,47 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from contextlib import ExitStack
 from pathlib import Path
 from threading import Event
 from types import TracebackType
-from typing import Any
 
 from sinstool.config import ProcessConfig
 from sinstool.core import version
 from sinstool.core.errors import ConfigurationError, OutputError
+from sinstool.core.finding import Finding, exit_status
 from sinstool.core.streams import Diagnostics, Solution
 from sinstool.core.threads import executor
 from sinstool.core.whole_file import WholeFile, check_output
 from sinstool.io.readers.log import Log
-from sinstool.io.readers.transforms import tf_parent
 from sinstool.io.writers.copy import Copier
 from sinstool.io.writers.mcap import McapWriter
 from sinstool.io.writers.solution import SolutionWriter
 from sinstool.io.writers.topics import Frames, topic_of
+from sinstool.pipelines.process.result import InputFile, OutputFile
 from sinstool.pipelines.process.sink import Sink
 from sinstool.pipelines.provenance import RECORD, identity, sha256
+from sinstool.survey.source import Source
 
 # Made of the attitude, which every run has
 ALWAYS = ("imu", "attitude", "euler", "pose", "tf")
 
 
-class Result:
+class Output:
     """An MCAP that is being written; it appears under its name when it is complete.
 
     Parameters
     ----------
     log : Log
         The input, whose messages are copied unless the configuration says otherwise.
-    recorder : Sink, optional
+    sink : Sink, optional
         Gets every block of solutions too, for the page of figures.
 
     Attributes
     ----------
     last : Solution or None
         The block that was pushed last.
-    opened : bool
-        Writing has begun.
 
     Raises
     ------
@@ -52,15 +51,14 @@ class Result:
     """
 
     def __init__(
-        self, log: Log, output: Path, config: ProcessConfig, recorder: Sink | None = None
+        self, log: Log, output: Path, config: ProcessConfig, sink: Sink | None = None
     ) -> None:
         check_output(output, [log.path], config.output.overwrite)
         self.log = log
         self.output = output
         self.config = config
-        self.recorder = recorder
+        self.sink = sink
         self.last: Solution | None = None
-        self.opened = False
         self._stack = ExitStack()
         pool = executor(1, "sinstool-hash")
         self._stack.enter_context(pool)
@@ -69,7 +67,7 @@ class Result:
         self._stack.callback(stop.set)
         self._digest = pool.submit(sha256, log.path, stop)
 
-    def __enter__(self) -> Result:
+    def __enter__(self) -> Output:
         return self
 
     def __exit__(
@@ -97,9 +95,8 @@ class Result:
             What to write; see :data:`~sinstool.config.EMITS`.
         diagnostic_names : sequence of str, optional
         """
-        self.opened = True
-        told = self.config.output
-        if told.only_results:
+        options = self.config.output
+        if options.only_results:
             encoding = "cdr"
         self.emits = list(emits)
         self.frames = frames
@@ -108,10 +105,10 @@ class Result:
             whole.stream,
             "ros1" if encoding == "ros1" else "ros2",
             f"sinstool/{version.VERSION}",
-            told.compression,
+            options.compression,
         )
         self._stack.callback(self._writer.abort)
-        self._copier = None if told.only_results else Copier(self.log, self._writer)
+        self._copier = None if options.only_results else Copier(self.log, self._writer)
         self._solutions = SolutionWriter(
             self._writer,
             encoding,
@@ -124,31 +121,28 @@ class Result:
     def push(self, solution: Solution) -> None:
         """Write solutions, in the order of time."""
         self._solutions.push(solution)
-        if self.recorder is not None:
-            self.recorder.push(solution)
+        if self.sink is not None:
+            self.sink.push(solution)
         self.last = solution
 
     def note(self, diagnostics: Diagnostics) -> None:
         """Write diagnostics beside the solutions that follow."""
         self._solutions.note(diagnostics)
 
-    def finish(self, lost: Callable[[], bool]) -> dict[str, Any]:
-        """Complete the file's contents; its name comes when the context ends well.
-
-        Parameters
-        ----------
-        lost : callable
-            Whether something was lost or withheld, so that the command ends with status 3;
-            asked when all of the log has been read.
-
-        Returns
-        -------
-        dict
-            ``input`` and ``output`` of the summary.
-        """
+    def complete(self) -> None:
+        """Write what is left of the solutions, and of the input: all of it has been read then."""
         self._solutions.finish()
         if self._copier:
             self._copier.finish()
+
+    def finish(self, findings: Sequence[Finding]) -> tuple[InputFile, OutputFile]:
+        """End the file's contents; its name comes when the context ends well.
+
+        Parameters
+        ----------
+        findings : sequence of Finding
+            Of the run: whether something was lost or withheld is recorded.
+        """
         path = self.log.path
         digest = self._digest.result()
         self._writer.add_metadata(
@@ -158,66 +152,57 @@ class Result:
                 "input_name": path.name,
                 "input_size": str(self.log.size),
                 "input_sha256": digest,
-                "status": "lost" if lost() else "done",
+                "status": "lost" if exit_status(findings) else "done",
             },
         )
         self._writer.finish()
-        return {
-            "input": {"path": str(path), "size": self.log.size, "sha256": digest},
-            "output": {
-                "path": str(self.output),
-                "topics": [topic_of(name) for name in self.emits],
-                "attitudes": self._solutions.written,
-                "frame": self.frames.reference_id,
-            },
-        }
+        topics = tuple(topic_of(name) for name in self.emits)
+        return (
+            InputFile(str(path), self.log.size, digest),
+            OutputFile(str(self.output), topics, self._solutions.written, self.frames.reference_id),
+        )
 
 
 def choose_emits(
-    log: Log, config: ProcessConfig, known: Sequence[str], body: str
-) -> tuple[list[str], list[str]]:
+    source: Source, config: ProcessConfig, computed: Sequence[str]
+) -> tuple[list[str], list[Finding]]:
     """Topics to write, and what had to be left out of them.
 
     Parameters
     ----------
-    known : sequence of str
-        What this kind of run writes unless it is told otherwise; beside it there are always
-        Euler angles, poses and transforms.
-    body : str
-        Frame id of the sensor.
+    computed : sequence of str
+        What this kind of run writes unless the configuration says otherwise; beside it there are
+        always Euler angles, poses and transforms.
 
     Raises
     ------
     ConfigurationError
-        This kind of run does not compute what is asked for.
+        This kind of run does not compute what the configuration asks for.
     OutputError
         The log holds such topics already.
     """
-    asked = config.output.emit
-    emits = list(known if asked is None else asked)
-    foreign = [name for name in emits if name not in (*known, *ALWAYS)]
+    emits = list(computed if config.output.emit is None else config.output.emit)
+    foreign = [name for name in emits if name not in (*computed, *ALWAYS)]
     if foreign:
         raise ConfigurationError(
             f"--emit {foreign[0]}: this run does not compute it",
             "odometry and fix come with --mode ins or ins-gnss, height with --height-damping,"
             " diagnostics with --mode ins-gnss",
         )
-    warnings: list[str] = []
     if config.output.only_results:
-        return emits, warnings
-    present = {c.topic for c in log.channels.values()}
-    clash = sorted(present & {topic_of(name) for name in emits if name != "tf"})
+        return emits, []
+    clash = sorted(source.topics & {topic_of(name) for name in emits if name != "tf"})
     if clash:
         raise OutputError(
-            f"{log.path} holds results of sinstool already ({', '.join(clash)})",
+            f"{source.path} holds results of sinstool already ({', '.join(clash)})",
             "process the original log, or add --only-results",
         )
-    if "tf" in emits:
-        parent = tf_parent(log, body)
-        if parent is not None:
-            emits.remove("tf")
-            warnings.append(
-                f"/tf is not written: in the log {body} has the parent {parent} already, and a"
-                " frame can have only one"
-            )
-    return emits, warnings
+    if "tf" not in emits or source.tf_parent is None:
+        return emits, []
+    emits.remove("tf")
+    body, parent = source.body_frame, source.tf_parent
+    text = (
+        f"/tf is not written: in the log {body} has the parent {parent} already, and a frame can"
+        " have only one"
+    )
+    return emits, [Finding("tf-parent", text)]

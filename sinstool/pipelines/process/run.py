@@ -1,26 +1,34 @@
 """The whole way from a log to a solution, readable from top to bottom.
 
-`process` opens the log, has it processed by the kind of run that is asked for, and returns what
-a summary needs. The output appears when all of it is written.
+`process` opens the log, surveys it, makes the plan, has it carried out by the mode that it names,
+and returns what there is to say. The output appears when all of it is written.
 """
 
 from __future__ import annotations
 
+from importlib import import_module
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import cast
 
 from sinstool.config import ProcessConfig
-from sinstool.core.errors import AlignmentError, TopicError
+from sinstool.core.errors import AlignmentError
 from sinstool.core.explain import explain
 from sinstool.core.progress import Progress, share
 from sinstool.io.readers import open_log
-from sinstool.io.readers.log import Log
-from sinstool.pipelines.process.attitude import run_attitude
-from sinstool.pipelines.process.output import Result
-from sinstool.survey.source import has_gnss
+from sinstool.pipelines.plan import Plan, make_plan
+from sinstool.pipelines.process.mode import Mode
+from sinstool.pipelines.process.output import Output, choose_emits
+from sinstool.pipelines.process.result import FinalState, ImuTime, Lost, ProcessResult
+from sinstool.pipelines.process.sink import Sink
+from sinstool.survey.source import Source, prepare
 
-if TYPE_CHECKING:
-    from sinstool.pipelines.process.sink import Sink
+# What a mode needs is imported when it runs: together it takes longer to import than most logs to
+# process.
+MODES = {
+    "attitude": "sinstool.pipelines.process.attitude:AttitudeMode",
+    "ins": "sinstool.pipelines.process.ins:InsMode",
+    "ins-gnss": "sinstool.pipelines.process.ins_gnss.mode:InsGnssMode",
+}
 
 
 def process(
@@ -28,8 +36,8 @@ def process(
     output: Path,
     config: ProcessConfig,
     progress: Progress | None = None,
-    recorder: Sink | None = None,
-) -> dict[str, Any]:
+    sink: Sink | None = None,
+) -> ProcessResult:
     """Recorded IMU to corrected attitude.
 
     Parameters
@@ -40,73 +48,90 @@ def process(
         MCAP to write; appears when complete.
     progress : callable, optional
         Called with the fraction done.
-    recorder : Sink, optional
-        Collects what the page of figures shows.
-
-    Returns
-    -------
-    dict
-        The summary: the keys of ``--json``.
+    sink : Sink, optional
+        Gets what is computed, for figures.
 
     Raises
     ------
     SinstoolError
         With one line that says what was wrong and what to do; no output is left behind.
     """
-    # What a kind of run needs is imported when it runs: together it takes longer to import than
-    # most logs to process.
     with (
         open_log(path, config.input.salvage) as log,
-        Result(log, output, config, recorder) as result,
+        Output(log, output, config, sink) as written,
     ):
         explain("log", f"{path}, {log.format}, {log.size / 1e6:.1f} MB")
         if config.hse.hse is not None:
-            explain("mode", "turntable, as --hse is given: whole turns are aligned on")
-            from sinstool.pipelines.process.turntable import rig_run
+            from sinstool.pipelines.process.turntable import process_turntable
 
-            told = rig_run(log, config, result, share(progress, log.size, 0.0, 1.0))
-        elif config.navigation.mode == "ins-gnss":
-            explain("mode", "ins-gnss, as told")
-            from sinstool.pipelines.process.ins_gnss.mode import run_ins_gnss
-
-            told = run_ins_gnss(log, config, result, progress)
-        elif config.navigation.mode == "auto" and has_gnss(log, config.input):
-            explain("mode", "auto, and the log has fixes and GNSS velocity: ins-gnss is tried")
-            told = _best(log, config, result, progress)
-        elif config.navigation.mode == "ins":
-            explain("mode", "ins, as told")
-            from sinstool.pipelines.process.ins import run_ins
-
-            told = run_ins(log, config, result, progress)
+            result = process_turntable(log, config, written, share(progress, log.size, 0.0, 1.0))
         else:
-            told_so = config.navigation.mode == "attitude"
-            explain(
-                "mode",
-                "attitude, as told"
-                if told_so
-                else "attitude, as the log has not both fixes and GNSS velocity on one topic each",
-            )
-            told = run_attitude(log, config, result, progress)
+            source = prepare(log, config, share(progress, log.size, 0.0))
+            plan = make_plan(source, config)
+            result = _carry_out(source, plan, config, written, progress)
     if progress:
         progress(1.0)
-    return told
+    return result
 
 
-def _best(
-    log: Log, config: ProcessConfig, result: Result, progress: Progress | None
-) -> dict[str, Any]:
-    """INS/GNSS where a start can be found; attitude alone, and why, where it cannot."""
-    from sinstool.pipelines.process.ins_gnss.mode import run_ins_gnss
+def plan_of(path: Path, config: ProcessConfig, progress: Progress | None = None) -> Plan:
+    """What `process` would do with a log.
 
-    why: Exception | str = "only stamps tell which fix belongs to which sample, not --imu-rate"
-    if config.input.imu_rate is None:
-        try:
-            return run_ins_gnss(log, config, result, progress)
-        except (AlignmentError, TopicError) as exc:
-            if result.opened:
-                raise
-            why = exc
-    explain("mode", f"attitude after all: {why}")
-    told = run_attitude(log, config, result, progress)
-    told["warnings"].append(f"attitude alone, as no INS/GNSS solution can be started: {why}")
-    return told
+    Raises
+    ------
+    SinstoolError
+        It would refuse the log: with the reason and what to do.
+    """
+    with open_log(path, config.input.salvage) as log:
+        if config.hse.hse is not None:
+            from sinstool.pipelines.process.turntable import plan_turntable
+
+            return plan_turntable(log, config)
+        source = prepare(log, config, share(progress, log.size, 0.0, 1.0))
+        return make_plan(source, config)
+
+
+def _carry_out(
+    source: Source,
+    plan: Plan,
+    config: ProcessConfig,
+    written: Output,
+    progress: Progress | None,
+) -> ProcessResult:
+    """Write the solutions of the mode that the plan names."""
+    module, _, name = MODES[plan.mode.value].partition(":")
+    mode = cast(Mode, getattr(import_module(module), name)(source, config, plan))
+    emits, left_out = choose_emits(source, config, mode.emits)
+    written.open(source.encoding, emits, mode.frames, mode.diagnostic_names)
+    sink = written.sink
+    if sink is not None:
+        mode.show(sink)
+    for solution in mode.solutions(share(progress, source.log.size, 0.5)):
+        written.push(solution)
+        for diagnostics in mode.new_diagnostics():
+            written.note(diagnostics)
+    if written.last is None:
+        raise AlignmentError(
+            f"{source.path}: not one Imu sample lies after the run's start",
+            "check --start and --end, and the clocks of Imu and GNSS",
+        )
+    outcome = mode.conclude(written.last, sink)
+    written.complete()
+    lost = Lost.of(source)
+    findings = (*source.findings, *plan.findings, *left_out, *outcome.findings, *lost.findings())
+    input_file, output_file = written.finish(findings)
+    return ProcessResult(
+        input=input_file,
+        output=output_file,
+        plan=plan,
+        imu=ImuTime.of(source),
+        alignment=outcome.first_attitude,
+        coning=outcome.coning,
+        hse=None,
+        height=outcome.height,
+        filter=outcome.filter,
+        gnss_difference=outcome.gnss_difference,
+        final=FinalState.of(written.last, source.position),
+        lost=lost,
+        findings=findings,
+    )

@@ -1,0 +1,235 @@
+"""What will be done with a log, and why: chosen once, from its survey and the configuration.
+
+`info` prints the plan, `process` and `align` carry it out, and every result holds it. Nobody else
+chooses. Some choices can only be made by trying: whether a gyrocompass sees north, whether motion
+shows heading, whether a filter finds its start. What a trial finds is part of the plan, so that it
+is not made again.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+from sinstool.config import ProcessConfig
+from sinstool.config.align import IN_FLIGHT
+from sinstool.core.errors import AlignmentError, TopicError
+from sinstool.core.explain import explain
+from sinstool.core.finding import Finding
+from sinstool.methods.alignment.initial import Alignment
+from sinstool.methods.coning.algorithm import ConingAlgorithm
+from sinstool.pipelines.align.first_attitude import align
+from sinstool.survey.coning import choose_algorithm, coning_reason
+from sinstool.survey.grade import sensor_grade
+from sinstool.survey.interval import nominal_interval
+from sinstool.survey.source import Source, has_gnss
+
+if TYPE_CHECKING:
+    from sinstool.pipelines.process.ins_gnss.filter_start import FilterStart
+
+
+@dataclass(frozen=True)
+class Choice:
+    """One thing that was chosen.
+
+    Attributes
+    ----------
+    value : str
+        What.
+    reason : str
+        Why, as the end of a sentence: "as the log has ...".
+    option : str
+        What chooses otherwise.
+    """
+
+    value: str
+    reason: str
+    option: str
+
+    def __str__(self) -> str:
+        return f"{self.value}, {self.reason}"
+
+
+@dataclass(frozen=True)
+class Plan:
+    """What will be done with a log.
+
+    Attributes
+    ----------
+    imu_topic : Choice
+    mode : Choice
+        ``attitude``, ``ins``, ``ins-gnss`` or ``turntable``.
+    first_attitude : Choice
+        ``level``, ``gyrocompass``, ``log``, ``fixed``, ``level-moving``, a solver in motion such
+        as ``svd``, or ``whole-turn`` on a turntable.
+    imu_grade : Choice
+    coning : Choice
+    height_reference : Choice
+        ``none``, ``baro`` or ``gnss``.
+    findings : tuple of Finding
+        What had to be given up.
+    """
+
+    imu_topic: Choice
+    mode: Choice
+    first_attitude: Choice
+    imu_grade: Choice
+    coning: Choice
+    height_reference: Choice
+    _algorithm: ConingAlgorithm | None = None
+    _findings: tuple[Finding, ...] = ()
+    _alignment: Alignment | None = None
+    _filter_start: FilterStart | None = None
+
+    @property
+    def findings(self) -> tuple[Finding, ...]:
+        """What had to be given up."""
+        return self._findings
+
+    @property
+    def algorithm(self) -> ConingAlgorithm:
+        """The coning algorithm, of every mode but ``turntable``."""
+        assert self._algorithm is not None
+        return self._algorithm
+
+    @property
+    def alignment(self) -> Alignment:
+        """The first attitude, of every mode but ``ins-gnss`` and ``turntable``."""
+        assert self._alignment is not None
+        return self._alignment
+
+    @property
+    def filter_start(self) -> FilterStart:
+        """What the filter starts from, in mode ``ins-gnss``."""
+        assert self._filter_start is not None
+        return self._filter_start
+
+    @property
+    def choices(self) -> dict[str, Choice]:
+        """What was chosen, by name."""
+        return {name: value for name, value in vars(self).items() if isinstance(value, Choice)}
+
+    def rows(self) -> list[tuple[str, str]]:
+        """The choices as pairs of what and how, each with the option that chooses otherwise."""
+        return [
+            (name.replace("_", " "), f"{choice} ({choice.option})")
+            for name, choice in self.choices.items()
+        ]
+
+
+def make_plan(source: Source, config: ProcessConfig) -> Plan:
+    """Choose what will be done with a log.
+
+    Raises
+    ------
+    AlignmentError, TopicError, ConfigurationError, DataError
+        What the configuration asks for cannot be had from the log.
+    """
+    grade, why = sensor_grade(source, config)
+    mode, filter_start, findings = _mode(source, config)
+    alignment = None if filter_start is not None else align(source, config)
+    first = _first_attitude(source, config, alignment, filter_start)
+    algorithm = choose_algorithm(source, config, nominal_interval(source, config))
+    plan = Plan(
+        imu_topic=Choice(source.imu_topic.topic, source.imu_topic.reason, "--imu-topic"),
+        mode=mode,
+        first_attitude=first,
+        imu_grade=Choice(grade, why, "--imu-grade"),
+        coning=Choice(config.coning.coning, coning_reason(algorithm, config), "--coning"),
+        height_reference=_height_reference(config, filter_start),
+        _algorithm=algorithm,
+        _findings=findings,
+        _alignment=alignment,
+        _filter_start=filter_start,
+    )
+    for name, text in plan.rows():
+        explain(name, text)
+    return plan
+
+
+def turntable_plan(topic: str, config: ProcessConfig) -> Plan:
+    """The plan for a log of a rate-biased system on its turntable: there is nothing to choose."""
+    hse = f"as --hse is given: {config.hse.hse}"
+    return Plan(
+        imu_topic=Choice(topic, "the gyros of the rig", "--imu-topic"),
+        mode=Choice("turntable", hse, "--hse"),
+        first_attitude=Choice("whole-turn", "as the table turns", "--hse"),
+        imu_grade=Choice("navigation", "as the rig was calibrated", "--imu-grade"),
+        coning=Choice("none", "as the table's encoder gives the motion", "--hse"),
+        height_reference=Choice("none", "as attitude alone is computed", "--hse"),
+    )
+
+
+def _mode(
+    source: Source, config: ProcessConfig
+) -> tuple[Choice, FilterStart | None, tuple[Finding, ...]]:
+    """The mode, and the start of its filter where it has one."""
+    option, mode = "--mode", config.navigation.mode
+    if mode != "auto":
+        start = _filter_start(source, config) if mode == "ins-gnss" else None
+        return Choice(mode, "as configured", option), start, ()
+    if not has_gnss(source.log, config.input):
+        reason = "as the log has not both fixes and GNSS velocity on one topic each"
+        return Choice("attitude", reason, option), None, ()
+    if config.input.imu_rate is not None:
+        why = "only stamps tell which fix belongs to which sample, not --imu-rate"
+    else:
+        try:
+            start = _filter_start(source, config)
+        except (AlignmentError, TopicError) as exc:
+            why = str(exc)
+        else:
+            reason = "as the log has fixes and GNSS velocity, and they show where it starts"
+            return Choice("ins-gnss", reason, option), start, ()
+    text = f"attitude alone, as no INS/GNSS solution can be started: {why}"
+    reason = "as no INS/GNSS solution can be started"
+    return Choice("attitude", reason, option), None, (Finding("no-ins-gnss", text),)
+
+
+def _filter_start(source: Source, config: ProcessConfig) -> FilterStart:
+    # The filter takes longer to import than most logs without GNSS to process.
+    from sinstool.pipelines.process.ins_gnss.start import first_start
+
+    return first_start(source, config)
+
+
+def _first_attitude(
+    source: Source,
+    config: ProcessConfig,
+    alignment: Alignment | None,
+    filter_start: FilterStart | None,
+) -> Choice:
+    option, method = "--align", config.align.align
+    if alignment is None:
+        assert filter_start is not None
+        return Choice("svd" if method == "auto" else method, filter_start.how, option)
+    if method != "auto":
+        return Choice(alignment.method, "as configured", option)
+    return Choice(alignment.method, _why(alignment, source), option)
+
+
+def _why(alignment: Alignment, source: Source) -> str:
+    """What of a log made `auto` take the first attitude that it took."""
+    still = source.survey.lead_in
+    rest = "" if still is None else f"the first {still.duration_s:.1f} s are at rest"
+    if alignment.method == "gyrocompass":
+        return f"as {rest}, the latitude is known and the gyros see the Earth's rotation"
+    if alignment.method in IN_FLIGHT:
+        return "as motion and GNSS velocity show heading"
+    if rest:
+        return f"as {rest} and nothing shows north"
+    if alignment.method == "log":
+        return "as the log does not begin at rest and its Imu topic holds orientations"
+    return "as the log neither begins at rest nor holds orientations: tilt from its first second"
+
+
+def _height_reference(config: ProcessConfig, filter_start: FilterStart | None) -> Choice:
+    option, damping = "--height-damping", config.vertical.height_damping
+    if filter_start is not None and filter_start.reference is not None:
+        reason = "as the log has a barometer"
+        return Choice("baro", reason if damping == "off" else "as configured", option)
+    if filter_start is not None:
+        return Choice("none", "as the fixes of the filter hold the height", option)
+    if damping == "off":
+        return Choice("none", "as no height is damped", option)
+    return Choice(damping, "as configured", option)

@@ -1,0 +1,99 @@
+"""What the kinds of runs have in common: a mode computes solutions, the runner writes them."""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections.abc import Callable, Iterator, Sequence
+
+from sinstool.config import ProcessConfig
+from sinstool.core.errors import DataError
+from sinstool.core.finding import Finding
+from sinstool.core.streams import Diagnostics, Solution
+from sinstool.io.writers.topics import Frames
+from sinstool.pipelines.plan import Plan
+from sinstool.pipelines.process.result import ModeResult
+from sinstool.pipelines.process.sink import Sink
+from sinstool.survey.oddities import oddities
+from sinstool.survey.source import Source
+
+# m/s^2. No vehicle's median; beyond it a specific force is in mg or cm/s^2. (The survey counts
+# what is larger than 100 as 100.)
+MAX_SPECIFIC_FORCE = 90.0
+
+BytesRead = Callable[[int], None]
+
+
+class Mode(ABC):
+    """One kind of run on one log.
+
+    Attributes
+    ----------
+    emits : sequence of str
+        What it writes unless the configuration says otherwise; beside it there are always Euler
+        angles, poses and transforms.
+    frames : Frames
+    diagnostic_names : sequence of str
+    """
+
+    emits: Sequence[str]
+    frames: Frames
+    diagnostic_names: Sequence[str] = ()
+
+    def show(self, sink: Sink) -> None:  # noqa: B027 - most have nothing to show before they run
+        """Give a sink what the run is held to."""
+
+    @abstractmethod
+    def solutions(self, progress: BytesRead | None) -> Iterator[Solution]:
+        """Compute, block by block."""
+
+    def new_diagnostics(self) -> Sequence[Diagnostics]:
+        """Diagnostics since the last call."""
+        return ()
+
+    @abstractmethod
+    def conclude(self, last: Solution, sink: Sink | None) -> ModeResult:
+        """What came of it, once all solutions are written."""
+
+
+def odometry_frames(source: Source, plan: Plan, config: ProcessConfig) -> Frames:
+    """Frames of a run: ``map`` where heading counts from north, else ``odom``."""
+    referenced = plan.alignment.north_referenced and source.latitude is not None
+    return Frames(
+        config.output.world,
+        "map" if referenced else "odom",
+        source.body_frame,
+        config.input.body_axes,
+    )
+
+
+def warned(kind: str, texts: Sequence[str]) -> tuple[Finding, ...]:
+    """Findings of one kind, from texts."""
+    return tuple(Finding(kind, text) for text in texts)
+
+
+def require_gravity(source: Source, config: ProcessConfig) -> None:
+    """Refuse accelerometers whose integral is no velocity: without gravity, or in a strange unit.
+
+    Raises
+    ------
+    DataError
+    """
+    if config.input.accel_unit is not None:
+        return  # whoever names the unit has looked at the numbers
+    survey = source.survey
+    if any(odd.kind == "no-gravity" for odd in oddities(survey, config.input)):
+        raise DataError(
+            source.path,
+            f"topic {survey.topic}: the specific force is only"
+            f" {survey.specific_force_median:.3f} m/s^2 in size: gravity has been taken out of it,"
+            " so that velocity and height cannot be had from it",
+            "choose the topic with raw accelerations by --imu-topic, or use --mode attitude"
+            " without --height-damping (--accel-unit m/s^2 if the vehicle falls freely)",
+        )
+    if survey.specific_force_median > MAX_SPECIFIC_FORCE:
+        raise DataError(
+            source.path,
+            f"topic {survey.topic}: the specific force is mostly"
+            f" {survey.specific_force_median:.3g} m/s^2 in size or more, as in mg or cm/s^2",
+            "sensor_msgs/Imu holds m/s^2: convert it, or choose another topic with --imu-topic",
+        )
