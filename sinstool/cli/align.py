@@ -12,6 +12,7 @@ from sinstool.cli.console import print_json, progress_bar, warn
 from sinstool.cli.many import EXIT_HELP, Asked, workers_options
 from sinstool.cli.options import config_options, effective_config, print_config
 from sinstool.cli.verbose import verbose_option
+from sinstool.pipelines.align.result import AlignResult
 from sinstool.report.text.table import table
 
 
@@ -103,67 +104,69 @@ def command(
 
         check_report(report, inputs=[log], overwrite=config.output.overwrite)
     with together(), progress_bar(log.name, quiet) as progress:
-        found = align_log(log, config, progress, truth)
+        alignment = align_log(log, config, progress, truth)
         if series is not None:
             from sinstool.pipelines.align.log import write_series
 
-            write_series(series, found, config.output.overwrite)
+            write_series(series, alignment, config.output.overwrite)
         if report is not None:
             from sinstool.report.pages.align import write_page
 
-            write_page(report, found, config, log)
-    told = found.summary
-    for text in told["warnings"]:
+            write_page(report, alignment, config, log)
+    result = alignment.result
+    for text in result.warnings:
         warn(text)
     if as_json:
-        print_json(told)
+        print_json(result.to_json())
     elif not quiet:
-        _print(told, verbose > 0)
-    return 0 if told["status"] in ("ok", "degraded") else 3
+        _print(result, verbose > 0)
+    return result.exit_status
 
 
-def _print(told: dict[str, Any], verbose: bool) -> None:
+def _print(result: AlignResult, verbose: bool) -> None:
     rows = [
-        ("log", told["input"]),
+        ("log", result.input.path),
         (
             "IMU",
-            f"{told['imu']['topic']}: {told['imu_grade']['grade']}, {told['imu_grade']['why']}",
+            f"{result.imu.topic}: {result.imu_grade.grade}, {result.imu_grade.why}",
         ),
-        ("status", told["status"]),
-        ("method", told["method"] + (f", vectors {told['vectors']}" if told["vectors"] else "")),
+        ("status", result.status),
+        ("method", result.method + (f", vectors {result.vectors}" if result.vectors else "")),
     ]
-    euler, sigma = told["euler_deg"], told["sigma_deg"]
-    if euler is not None:
+    if result.roll_deg is not None:
         heading = (
-            f"{euler['heading']:.3f} deg" if euler["heading"] is not None else "not to be seen"
+            "not to be seen" if result.heading_deg is None else f"{result.heading_deg:.3f} deg"
         )
         rows.append(
             (
                 "attitude",
-                f"roll {euler['roll']:.3f}, pitch {euler['pitch']:.3f}, heading {heading}, at"
-                f" {told['t_s']:.3f} s",
+                f"roll {result.roll_deg:.3f}, pitch {result.pitch_deg:.3f}, heading {heading}, at"
+                f" {result.time_s:.3f} s",
             )
         )
-        shown = ["-" if s is None else f"{s:.3g}" for s in sigma]
+        shown = ["-" if s is None else f"{s:.3g}" for s in result.sigma_deg]
         rows.append(("sigma", f"{', '.join(shown)} deg about north, east, down"))
-    if told["n_pairs"]:
+    if result.n_pairs and result.start_s is not None and result.stop_s is not None:
         rows.append(
             (
                 "used",
-                f"{told['n_pairs']} pairs from {told['start_s']:.1f} to {told['stop_s']:.1f} s,"
-                f" {told['n_rejected']} fixes rejected, chi2 {told['chi2']:.2f}",
+                f"{result.n_pairs} pairs from {result.start_s:.1f} to {result.stop_s:.1f} s,"
+                f" {result.n_rejected} fixes rejected, chi2 {result.chi2:.2f}",
             )
         )
-    if told.get("truth") and told["truth"]["error_deg"] is not None:
-        shown = ["-" if e is None else f"{e:.3g}" for e in told["truth"]["error_deg"]]
+    if result.truth is not None and result.truth.error_deg is not None:
+        shown = ["-" if e is None else f"{e:.3g}" for e in result.truth.error_deg]
         rows.append(
-            ("error", f"{', '.join(shown)} deg about north, east, down, by {told['truth']['name']}")
+            (
+                "error",
+                f"{', '.join(shown)} deg about north, east, down, by {result.truth.name}",
+            )
         )
-    if verbose and told["refined_chi2"] is not None:
-        rows.append(("refinement", f"chi2 {told['refined_chi2']:.2f}"))
-    if verbose and told["observability"] is not None:
-        rows.append(("geometry", f"{told['observability']:.4f} (0: one direction only; 1: best)"))
-    if verbose and told["gyro_bias_deg_h"] is not None:
-        bias = ", ".join(f"{b:.4g}" for b in told["gyro_bias_deg_h"])
+    if verbose and result.refined_chi2 is not None:
+        rows.append(("refinement", f"chi2 {result.refined_chi2:.2f}"))
+    if verbose and result.observability is not None:
+        rows.append(("geometry", f"{result.observability:.4f} (0: one direction only; 1: best)"))
+    if verbose and result.gyro_bias_deg_h is not None:
+        bias = ", ".join(f"{b:.4g}" for b in result.gyro_bias_deg_h)
         rows.append(("gyro bias", f"{bias} deg/h (FRD)"))
     table(rows)

@@ -25,7 +25,6 @@ if TYPE_CHECKING:
     from sinstool.config import ProcessConfig
 
 MODULES = ("sinstool.pipelines.align.log", "sinstool.io.readers.mcap")
-ANSWERED = ("ok", "degraded")
 AXES = ("north", "east", "down")
 
 
@@ -59,7 +58,7 @@ def align_many(
     ]
 
     def row(number: int, outcome: Outcome) -> dict[str, Any]:
-        return {**row_of(outcome, paths[number]), "input": str(paths[number])}
+        return row_of(outcome, paths[number])
 
     rows = work_through(tasks, workers, row, asked)
     names = [str(log.path) for log in logs]
@@ -84,16 +83,15 @@ def align_one(path: Path, config: ProcessConfig, truth: str | None, progress: An
     """
     from sinstool.pipelines.align.log import align_log
 
-    told = align_log(path, config, progress, truth).summary
-    return {**told, "exit": 0 if told["status"] in ANSWERED else 3}
+    result = align_log(path, config, progress, truth).result
+    return {**result.to_json(), "exit": result.exit_status}
 
 
 def _cells(row: dict[str, Any]) -> tuple[str, ...]:
-    if "euler_deg" not in row:
+    if "roll_deg" not in row:
         return ("-",) * 7
-    euler = row["euler_deg"] or {}
     shown = row["truth"]["error_deg"] if row.get("truth") else row["sigma_deg"]
-    angles = [euler.get(name) for name in ("roll", "pitch", "heading")]
+    angles = [row[f"{name}_deg"] for name in ("roll", "pitch", "heading")]
     about = [_number(v, 4) for v in shown or (None,) * 3]
     return (row["method"] or "-", *(_number(v, 3) for v in angles), *about)
 

@@ -11,6 +11,8 @@ from sinstool.cli.console import print_json, progress_bar, warn
 from sinstool.cli.many import EXIT_HELP, Asked, workers_options
 from sinstool.cli.options import config_options, effective_config, print_config
 from sinstool.cli.verbose import verbose_option
+from sinstool.config import ProcessConfig
+from sinstool.core.finding import exit_status
 from sinstool.report.text.process import summary_rows
 from sinstool.report.text.table import table
 
@@ -32,6 +34,12 @@ from sinstool.report.text.table import table
     "hse",
     "output",
 )
+@click.option(
+    "--print-plan",
+    "show_plan",
+    is_flag=True,
+    help="print what would be done with the log, and why, and stop",
+)
 @click.option("--print-config", "show", is_flag=True, help="print the configuration and stop")
 @click.option(
     "--json", "as_json", is_flag=True, help="one JSON object on stdout, or one line for each log"
@@ -45,6 +53,7 @@ def command(
     scheduler: str | None,
     config_file: Path | None,
     show: bool,
+    show_plan: bool,
     as_json: bool,
     quiet: bool,
     verbose: int,
@@ -70,9 +79,14 @@ def command(
         return 0
     if not logs:
         raise click.UsageError("give a LOG to process")
+    from sinstool.campaign.inputs import are_many
+
+    if show_plan:
+        if are_many(logs):
+            raise click.UsageError("--print-plan is about one log")
+        return _print_plan(logs[0], config, as_json, quiet)
     if output is None:
         raise click.UsageError("give the output with -o FILE")
-    from sinstool.campaign.inputs import are_many
 
     if are_many(logs):
         from sinstool.cli.process_many import process_many
@@ -90,14 +104,29 @@ def command(
         if report.absolute() == output.absolute():
             raise click.UsageError("--report and -o name one file")
     from sinstool.cli.process_one import process_one
-    from sinstool.pipelines.summary import something_lost
 
     with progress_bar(log.name, quiet) as progress:
-        summary = process_one(log, output, report, config, progress)
-    for text in summary["warnings"]:
+        result = process_one(log, output, report, config, progress)
+    for text in result.warnings:
         warn(text)
     if as_json:
-        print_json(summary)
+        print_json(result.to_json())
     elif not quiet:
-        table(summary_rows(summary, verbose > 0))
-    return 3 if something_lost(summary) else 0
+        table(summary_rows(result, verbose > 0))
+    return result.exit_status
+
+
+def _print_plan(log: Path, config: ProcessConfig, as_json: bool, quiet: bool) -> int:
+    """What would be done with a log, and why; nothing is written."""
+    from sinstool.core.result import as_json as plain
+    from sinstool.pipelines.process.run import plan_of
+
+    with progress_bar(log.name, quiet) as progress:
+        plan = plan_of(log, config, progress)
+    for finding in plan.findings:
+        warn(str(finding))
+    if as_json:
+        print_json({"schema": "sinstool.plan/1", **plain(plan)})
+    else:
+        table(plan.rows())
+    return exit_status(plan.findings)

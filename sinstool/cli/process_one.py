@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -9,6 +10,7 @@ from sinstool.config import ProcessConfig
 
 if TYPE_CHECKING:
     from sinstool.core.progress import Progress
+    from sinstool.pipelines.process.result import ProcessResult
     from sinstool.report.recorder import Recorder
 
 
@@ -18,7 +20,7 @@ def process_one(
     report: Path | None,
     config: ProcessConfig,
     progress: Progress | None,
-) -> dict[str, Any]:
+) -> ProcessResult:
     """Process a log, and write its page where one is asked for.
 
     Parameters
@@ -27,11 +29,6 @@ def process_one(
         The page.
     progress : callable, optional
         Called with the fraction done.
-
-    Returns
-    -------
-    dict
-        The summary: the values of ``--json``.
 
     Raises
     ------
@@ -42,14 +39,14 @@ def process_one(
 
     recorder = _recorder(log, report, config)
     with together():
-        summary = process(log, output, config, progress, recorder)
+        result = process(log, output, config, progress, recorder)
         if recorder is not None and config.output.truth:
-            summary["truth"] = recorder.errors()
+            result = replace(result, truth=recorder.errors())
         if report is not None and recorder is not None:
             from sinstool.report.pages.process import write_page
 
-            write_page(report, recorder, summary, config)
-    return summary
+            write_page(report, recorder, result, config)
+    return result
 
 
 def process_unless_done(
@@ -64,8 +61,8 @@ def process_unless_done(
     Returns
     -------
     dict
-        The summary with ``status`` and ``exit``; of an output that is there already only
-        ``input`` and ``output``.
+        The values of ``--json`` with ``status`` and ``exit``; of an output that is there already
+        only ``input`` and ``output``.
 
     Raises
     ------
@@ -91,11 +88,9 @@ def process_unless_done(
         from sinstool.report.page import check_report
 
         check_report(report, inputs=[log], overwrite=config.output.overwrite)
-    summary = process_one(log, output, report, config, progress)
-    from sinstool.pipelines.summary import something_lost
-
-    lost = something_lost(summary)
-    return {**summary, "status": "lost" if lost else "done", "exit": 3 if lost else 0}
+    result = process_one(log, output, report, config, progress)
+    status = result.exit_status
+    return {**result.to_json(), "status": "lost" if status else "done", "exit": status}
 
 
 def _recorder(log: Path, report: Path | None, config: ProcessConfig) -> Recorder | None:

@@ -147,6 +147,20 @@ def make_plan(source: Source, config: ProcessConfig) -> Plan:
     return plan
 
 
+def fixed_plan(source: Source, config: ProcessConfig) -> Plan:
+    """The plan of `align` with a method: it is tried there, and nothing else is."""
+    grade, why = sensor_grade(source, config)
+    untried = "as the method is configured"
+    return Plan(
+        imu_topic=Choice(source.imu_topic.topic, source.imu_topic.reason, "--imu-topic"),
+        mode=Choice("not chosen", untried, "--mode"),
+        first_attitude=Choice(config.align.align, "as configured", "--method"),
+        imu_grade=Choice(grade, why, "--imu-grade"),
+        coning=Choice("not chosen", untried, "--coning"),
+        height_reference=Choice("none", "as no height is damped", "--height-damping"),
+    )
+
+
 def turntable_plan(topic: str, config: ProcessConfig) -> Plan:
     """The plan for a log of a rate-biased system on its turntable: there is nothing to choose."""
     hse = f"as --hse is given: {config.hse.hse}"

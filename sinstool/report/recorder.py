@@ -6,7 +6,7 @@ knows besides, such as a filter's innovations, it adds as figures of its own.
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -15,7 +15,8 @@ from sinstool.core.rotation import to_euler
 from sinstool.core.streams import Solution
 from sinstool.core.timeline import SECOND
 from sinstool.core.units import DEGREE
-from sinstool.pipelines.process.errors_against_truth import KINDS, Errors, Truth
+from sinstool.pipelines.process.errors_against_truth import KINDS, Errors, RunErrors, Truth
+from sinstool.pipelines.process.result import ProcessResult
 from sinstool.report.figure import Figure
 from sinstool.report.figures import process as draw
 from sinstool.report.figures.parts import AXES, track
@@ -160,18 +161,12 @@ class Recorder:
         both = np.stack([heights[rows], ours - heights[rows]], axis=1)
         self._difference.push(stamps[rows], both)
 
-    def errors(self) -> dict[str, Any] | None:
-        """``truth`` of the summary; None where there is nothing to be held against."""
+    def errors(self) -> RunErrors | None:
+        """Errors of the run; None where there is nothing to be held against."""
         return None if self._errors is None else self._errors.summary()
 
-    def figures(self, summary: dict[str, Any]) -> tuple[Figure, ...]:
-        """The figures of the run, the main one first.
-
-        Parameters
-        ----------
-        summary : dict
-            Of the run: the values of ``--json``.
-        """
+    def figures(self, result: ProcessResult) -> tuple[Figure, ...]:
+        """The figures of the run, the main one first."""
         if self._motion is None:
             return ()
         seconds, values = self._motion.curves(self._origin_ns)
@@ -180,7 +175,7 @@ class Recorder:
             "tilt", "Roll and pitch", "angle, deg", ("roll", "pitch"), self._about_curves()
         )
         attitude = [tilt, draw.heading(curves)]
-        held = draw.vertical(curves, self._held(), self._marks(summary))
+        held = draw.vertical(curves, self._held(), self._marks(result))
         errors = draw.errors(self._error_curves(), curves)
         sizes = [
             curves.figure("rate", "Angular rate", "norm, deg/s", ("rate",),
@@ -195,7 +190,7 @@ class Recorder:
             shown = [figure.key.removeprefix("error-") for figure in errors]
             found = [self._track(), *errors, *draw.sigmas(curves, shown)]
             found += [*self.extra, *held, *attitude, velocity, *sizes]
-        hse = summary.get("hse")
+        hse = result.hse
         if hse is not None:
             found.insert(0, draw.stretches(hse))
         return tuple(found)
@@ -208,14 +203,14 @@ class Recorder:
             return axes
         return f"{axes} Curves go through the lowest and the highest of every {rows} samples."
 
-    def _marks(self, summary: dict[str, Any]) -> draw.Marks:
-        height = summary.get("height")
-        if not height:
+    def _marks(self, result: ProcessResult) -> draw.Marks:
+        height = result.height
+        if height is None:
             return ()
         return tuple(
-            (e["kind"], (int(e["time_ns"]) - self._origin_ns) / SECOND)
-            for e in height.get("events", ())
-            if e["kind"] != "engaged"
+            (e.kind, (e.time_ns - self._origin_ns) / SECOND)
+            for e in height.events
+            if e.kind != "engaged"
         )[:MARKS]
 
     def _held(self) -> tuple[str, np.ndarray, np.ndarray] | None:

@@ -8,9 +8,9 @@ from typing import Any
 from sinstool.config import ProcessConfig
 from sinstool.core.streams import Imu
 from sinstool.core.timeline import segments
+from sinstool.methods.coning.algorithm import ConingAlgorithm
 from sinstool.methods.strapdown.segment_samples import SampleSettings, SegmentSamples
 from sinstool.methods.strapdown.velocity import Increments, IncrementStage
-from sinstool.survey.coning import choose_algorithm
 from sinstool.survey.interval import nominal_interval
 from sinstool.survey.source import Source, rate_blocks
 
@@ -18,13 +18,12 @@ from sinstool.survey.source import Source, rate_blocks
 class SegmentIncrements:
     """Increments of a log's segments, with the samples they answer for."""
 
-    def __init__(self, source: Source, config: ProcessConfig) -> None:
+    def __init__(self, source: Source, config: ProcessConfig, algorithm: ConingAlgorithm) -> None:
         self._source = source
         self._config = config
         self._nominal = nominal_interval(source, config)
-        self.algorithm = choose_algorithm(source, config, self._nominal)
         self._settings = SampleSettings(
-            algorithm=self.algorithm,
+            algorithm=algorithm,
             gyro_kind=config.input.gyro_kind,
             nominal_ns=self._nominal,
             max_gap_ns=source.survey.max_gap_ns,

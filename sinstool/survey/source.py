@@ -57,8 +57,6 @@ class Source:
         Of the Imu's messages: cdr or ros1.
     tf_parent : str or None
         Parent of the body's frame in the log's own transforms, where one may be in the way.
-    topics : frozenset of str
-        All of the log's.
     samples : SampleCache
         What the survey read, where it is not too much to keep.
     """
@@ -74,7 +72,6 @@ class Source:
     body_frame: str
     encoding: str
     tf_parent: str | None
-    topics: frozenset[str]
     samples: SampleCache
 
     @property
@@ -88,6 +85,7 @@ def prepare(
     config: ProcessConfig,
     progress: Callable[[int], None] | None = None,
     surveyed: tuple[Survey, SampleCache] | None = None,
+    gyro_only: bool = False,
 ) -> Source:
     """Choose topics, survey the Imu and refuse what cannot be processed.
 
@@ -97,6 +95,8 @@ def prepare(
         Called with the bytes read.
     surveyed : tuple, optional
         The survey of the Imu topic that is chosen and its samples, where they exist already.
+    gyro_only : bool, optional
+        Nothing else is needed than the gyro's samples, and the latitude where the log begins.
 
     Raises
     ------
@@ -109,7 +109,7 @@ def prepare(
     if not topic.obvious:
         text = f"Imu topic {topic.topic}: {topic.reason}"
         findings.append(Finding("imu-topic", text, topic=topic.topic))
-    all_gnss = needs_all_gnss(log, config)
+    all_gnss = not gyro_only and needs_all_gnss(log, config)
     if all_gnss:
         log.hold(aiding_channels(log))
     survey_, samples = surveyed or survey_samples(log, topic, options, progress)
@@ -117,7 +117,10 @@ def prepare(
         if oddity.severity == Severity.FAILED:
             raise DataError(log.path, oddity.text, oddity.answer)
         findings.append(oddity)
-    aiding = _aiding(log, config, survey_, all_gnss)
+    aiding = _gnss(log, config, survey_, all_gnss)
+    if not gyro_only and _may_need_barometer(log, config):
+        barometer = read_barometer(log, config.input, survey_.time_source == "log")
+        aiding = replace(aiding, barometer=barometer)
     findings += aiding.findings
     if survey_.lead_in is not None:
         speed = moving_at(aiding.gnss, survey_.lead_in.start_ns, survey_.lead_in.end_ns)
@@ -142,7 +145,6 @@ def prepare(
         body_frame=body,
         encoding=topic.channels[0].message_encoding,
         tf_parent=tf_parent(log, body) if _may_write_tf(config) else None,
-        topics=frozenset(channel.topic for channel in log.channels.values()),
         samples=samples,
     )
     _explain(source, config)
@@ -274,21 +276,19 @@ def time_span(
     return resolve
 
 
-def _aiding(log: Log, config: ProcessConfig, survey_: Survey, all_gnss: bool) -> AidingData:
-    """GNSS of a log, all of it or what says where and how the vehicle began, and its barometer."""
+def _gnss(log: Log, config: ProcessConfig, survey_: Survey, all_gnss: bool) -> AidingData:
+    """GNSS of a log: all of it, or what says where and how the vehicle began."""
     begun = survey_.first_ns if survey_.lead_in is None else survey_.lead_in.end_ns
-    by_log_time = survey_.time_source == "log"
     try:
-        aiding = read_gnss(log, config.input, by_log_time, None if all_gnss else begun)
+        return read_gnss(
+            log, config.input, survey_.time_source == "log", None if all_gnss else begun
+        )
     except TopicError as exc:
         named = config.input.gnss_topic or config.input.velocity_topic
         if named is not None or all_gnss:
             raise
         text = f"{exc}; no latitude is taken from them"
-        aiding = AidingData(findings=(Finding("gnss-topics", text),))
-    if _may_need_barometer(log, config):
-        aiding = replace(aiding, barometer=read_barometer(log, config.input, by_log_time))
-    return aiding
+        return AidingData(findings=(Finding("gnss-topics", text),))
 
 
 def _position(

@@ -7,7 +7,6 @@ from abc import ABC, abstractmethod
 from collections.abc import Collection, Iterable, Iterator
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
@@ -20,7 +19,7 @@ from sinstool.io.messages.definitions import (
 )
 from sinstool.io.readers.batch import RawBatch
 from sinstool.io.readers.held import Held
-from sinstool.io.readers.lost import Lost, LostParts
+from sinstool.io.readers.lost import LogLosses, Lost, LostParts
 
 
 @dataclass(frozen=True)
@@ -238,28 +237,20 @@ class Log(ABC):
         """Remember a passed-over part, once (see `LostParts.note`)."""
         return self._lost.note(part, always)
 
-    def account(self) -> dict[str, Any]:
-        """What was lost, for a summary.
-
-        Returns
-        -------
-        dict
-            ``parts`` in words, ``places`` (see `Lost.as_json`), ``chunks`` (how many of them are
-            chunks), and for the channels that were read ``messages_read`` and
-            ``messages_declared``: None where nothing was lost, or where the log does not say.
-        """
+    def account(self) -> LogLosses:
+        """What was lost, once the log has been read."""
         parts = self.lost
         read = sum(self.recovered.values()) if parts and self.recovered else None
         declared = None
         if read is not None and self.counts:
             declared = sum(self.counts.get(number, 0) for number in self.recovered)
-        return {
-            "parts": [str(part) for part in parts],
-            "places": [part.as_json() for part in parts],
-            "chunks": sum(part.kind == "chunk" for part in parts),
-            "messages_read": read,
-            "messages_declared": declared,
-        }
+        return LogLosses(
+            parts=tuple(str(part) for part in parts),
+            places=tuple(part.as_json() for part in parts),
+            chunks=sum(part.kind == "chunk" for part in parts),
+            messages_read=read,
+            messages_declared=declared,
+        )
 
 
 def path_size(path: Path) -> int:

@@ -9,6 +9,29 @@ from typing import Any
 MAX_PARTS = 1000
 
 
+@dataclass(frozen=True)
+class LogLosses:
+    """What was lost of a log.
+
+    Attributes
+    ----------
+    parts : tuple of str
+        In words.
+    places : tuple of dict
+        See `Lost.as_json`.
+    chunks : int
+        How many of them are chunks.
+    messages_read, messages_declared : int or None
+        In the channels that were read; None where nothing was lost, or where the log does not say.
+    """
+
+    parts: tuple[str, ...]
+    places: tuple[dict[str, Any], ...]
+    chunks: int
+    messages_read: int | None
+    messages_declared: int | None
+
+
 @dataclass(eq=False)
 class Lost:
     """A part of a log that was lost or recovered only in part.

@@ -15,13 +15,12 @@ from sinstool.core.explain import explain
 from sinstool.core.timeline import SECOND
 from sinstool.core.units import DEGREE
 from sinstool.io.readers.frames import turn_body
-from sinstool.io.readers.log import Log
 from sinstool.methods.alignment import initial
 from sinstool.methods.alignment.initial import Alignment
 from sinstool.methods.alignment.level import tilted
 from sinstool.methods.height.network import Grade
 from sinstool.survey.grade import sensor_grade
-from sinstool.survey.source import Source, has_gnss
+from sinstool.survey.source import Source
 
 # Alignment in motion and gyrocompassing are imported where they are used: most logs need neither,
 # and they take as long to import as an hour of attitude.
@@ -32,13 +31,6 @@ if TYPE_CHECKING:
 
 # An automatic gyrocompass wants a rest that can show north.
 GYROCOMPASS_S = 30.0
-
-
-def needs_gnss(log: Log, config: ProcessConfig) -> bool:
-    """Whether alignment wants all of GNSS, not only where the log begins."""
-    if config.align.align == "auto":
-        return has_gnss(log, config.input)
-    return config.align.align in IN_FLIGHT
 
 
 def align(source: Source, config: ProcessConfig) -> Alignment:
@@ -54,39 +46,23 @@ def align(source: Source, config: ProcessConfig) -> Alignment:
     AlignmentError
         What was asked for cannot be had from this log.
     """
-    found = _aligned(source, config)
-    why = "as told" if config.align.align != "auto" else _why(found, source)
-    explain("alignment", f"{found.method} ({found.status}), {why}")
-    explain("gyro bias", _BIAS_FROM.get(found.bias_source, found.bias_source))
-    return found
+    alignment = _aligned(source, config)
+    explain("gyro bias", _BIAS_FROM.get(alignment.bias_source, alignment.bias_source))
+    return alignment
 
 
 _BIAS_FROM = {
     "still": "the mean rate of the rest at the beginning, less the Earth's where that is known",
     "rest": "the mean rate of the longest rest",
     "alignment": "what the alignment found",
-    "given": "as told",
+    "given": "as configured",
     "none": "none known, none removed",
 }
 
 
-def _why(found: Alignment, source: Source) -> str:
-    """What of a log made `auto` take what it took."""
-    still = source.survey.lead_in
-    if found.method == "gyrocompass":
-        return "as a navigation grade IMU rests at first and the latitude is known"
-    if found.method in IN_FLIGHT:
-        return "as motion and GNSS velocity show heading"
-    if still is not None:
-        return f"as nothing shows north and the first {still.duration_s:.1f} s are at rest"
-    if found.method == "log":
-        return "as the log does not begin at rest and its Imu topic holds orientations"
-    return "as the log neither begins at rest nor holds orientations"
-
-
 def _aligned(source: Source, config: ProcessConfig) -> Alignment:
     options, found = config.align, source.survey
-    path = source.log.path
+    path = source.path
     if options.align in IN_FLIGHT:
         return in_flight(source, config, options.align)
     if options.align == "gyrocompass":
@@ -126,7 +102,7 @@ def _north_seen(source: Source, config: ProcessConfig) -> Alignment | None:
     gnss, still = source.aiding.gnss, source.survey.lead_in
     if (
         still is not None
-        and grade == "navigation"
+        and grade != "mems"
         and still.duration_s >= GYROCOMPASS_S
         and source.latitude is not None
     ):
@@ -164,7 +140,7 @@ def in_flight(source: Source, config: ProcessConfig, method: str) -> Alignment:
     if answer.status in ("failed", "unobservable"):
         reasons = "; ".join(answer.warnings) or "no reason is known"
         raise AlignmentError(
-            f"{source.log.path}: --align {method}: {answer.status}: {reasons}",
+            f"{source.path}: --align {method}: {answer.status}: {reasons}",
             "choose another span with --align-start and --align-end, or another --align",
         )
     return _from_motion(moving, source, config)
@@ -254,7 +230,7 @@ def at_rest(source: Source, config: ProcessConfig) -> Alignment:
     AlignmentError
         The log does not begin still, its latitude is not known, or not even tilt shows.
     """
-    path = source.log.path
+    path = source.path
     if source.latitude is None:
         raise AlignmentError(
             f"{path}: --align gyrocompass needs the latitude, and the log has no fix",
@@ -287,7 +263,7 @@ def compass(source: Source, config: ProcessConfig, grade: Grade) -> Gyrocompass:
     try:
         return gyrocompass(imu, latitude, source.position[2] or 0.0, settings)
     except AlignmentError as exc:
-        raise AlignmentError(f"{source.log.path}: {exc.message}", exc.hint) from exc
+        raise AlignmentError(f"{source.path}: {exc.message}", exc.hint) from exc
 
 
 def _from_compass(found: Gyrocompass, source: Source) -> Alignment:

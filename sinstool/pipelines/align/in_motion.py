@@ -23,7 +23,6 @@ from sinstool.methods.alignment.inflight import (
 )
 from sinstool.methods.height.network import Grade
 from sinstool.methods.ins_gnss.noise import IMU_GRADES
-from sinstool.survey.aiding import Aiding
 from sinstool.survey.source import Source, rate_blocks
 
 # Without a gate, what is used begins when the vehicle does, and is this long at first.
@@ -159,11 +158,11 @@ def gnss_fixes(source: Source, latency_s: float = 0.0) -> tuple[GnssFixes, tuple
     AlignmentError
         There are none within the span of the samples.
     """
-    aiding: Aiding = source.aiding
+    aiding = source.aiding
     gnss = aiding.gnss
     if gnss is None or not gnss.has_position.any():
         raise AlignmentError(
-            f"{source.log.path}: alignment in motion needs GNSS fixes, and the log has none",
+            f"{source.path}: alignment in motion needs GNSS fixes, and the log has none",
             "use --align level, gyrocompass, log or fixed",
         )
     valid_ns = gnss.time_ns - round(latency_s * SECOND)
@@ -172,7 +171,7 @@ def gnss_fixes(source: Source, latency_s: float = 0.0) -> tuple[GnssFixes, tuple
     rows = gnss.rows(inside & (gnss.has_velocity if gnss.has_velocity.any() else gnss.has_position))
     if not len(rows):
         raise AlignmentError(
-            f"{source.log.path}: no GNSS fix lies within the span of the Imu's samples",
+            f"{source.path}: no GNSS fix lies within the span of the Imu's samples",
             "choose another span with --start and --end, or use --align level or log",
         )
     seconds = (rows.time_ns - known.time_ns[0]) / SECOND

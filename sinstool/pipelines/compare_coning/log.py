@@ -221,7 +221,7 @@ class _Read:
 
 def _read(path: Path, config: ProcessConfig, truth: str | None) -> _Read:
     with open_log(path, config.input.salvage) as log:
-        source = prepare(log, config)
+        source = prepare(log, config, gyro_only=True)
         stretches, interval = gyro_segments(source, config)
         true, where = None, ""
         if truth is not None:
@@ -231,7 +231,7 @@ def _read(path: Path, config: ProcessConfig, truth: str | None) -> _Read:
                 raise DataError(
                     path,
                     f"--truth {truth} has no two instants within the samples of"
-                    f" {source.topic.topic}",
+                    f" {source.imu_topic.topic}",
                     "its times have to be in the clock of the Imu's header stamps",
                 )
         survey = source.survey
@@ -245,13 +245,13 @@ def _read(path: Path, config: ProcessConfig, truth: str | None) -> _Read:
             float(np.max(survey.gyro_max)),
         )
         return _Read(
-            source.topic.topic,
+            source.imu_topic.topic,
             stretches,
             interval,
             true,
             where,
             checks,
-            source.warnings,
+            tuple(map(str, source.findings)),
             tuple(map(str, log.lost)),
         )
 

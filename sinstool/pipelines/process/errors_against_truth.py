@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass, field
-from typing import Any
 
 import numpy as np
 
@@ -103,6 +103,33 @@ def _velocity(log_: Log, channels: tuple[Channel, ...]) -> tuple[np.ndarray, np.
     return found.stream.time_ns, found.stream.velocity_n
 
 
+@dataclass(frozen=True)
+class AxisErrors:
+    """Errors north, east, down: root mean square, largest, and at the end."""
+
+    instants: int
+    rms: tuple[float, ...]
+    largest: tuple[float, ...]
+    last: tuple[float, ...]
+
+
+@dataclass(frozen=True)
+class RunErrors:
+    """Errors of a run against what was named; None where there was nothing to compare."""
+
+    names: tuple[str, ...]
+    attitude_deg: AxisErrors | None = None
+    position_m: AxisErrors | None = None
+    velocity_m_s: AxisErrors | None = None
+
+    def kinds(self) -> Iterator[tuple[str, str, AxisErrors]]:
+        """What was compared: its name, unit and errors."""
+        for name, unit in (("attitude_deg", "deg"), ("position_m", "m"), ("velocity_m_s", "m/s")):
+            errors = getattr(self, name)
+            if errors is not None:
+                yield name.partition("_")[0], unit, errors
+
+
 @dataclass
 class Errors:
     """How far solutions are from the truth, collected as they stream by.
@@ -157,21 +184,24 @@ class Errors:
             self.last[kind] = good[-1]
         return error
 
-    def summary(self) -> dict[str, Any]:
-        """``truth`` of the summary."""
-        told: dict[str, Any] = {"names": list(self.truth.names)}
-        for kind, unit, size in KINDS:
-            if kind not in self.count:
-                continue
-            name = f"{kind}_{unit.replace('/', '_')}"
-            rms = np.sqrt(self.square[kind] / self.count[kind])
-            told[name] = {
-                "instants": self.count[kind],
-                "rms": (rms / size).tolist(),
-                "largest": (self.largest[kind] / size).tolist(),
-                "last": (self.last[kind] / size).tolist(),
-            }
-        return told
+    def summary(self) -> RunErrors:
+        """Errors over the whole run."""
+        found = {kind: self._of(kind, size) for kind, _, size in KINDS if kind in self.count}
+        return RunErrors(
+            tuple(self.truth.names),
+            found.get("attitude"),
+            found.get("position"),
+            found.get("velocity"),
+        )
+
+    def _of(self, kind: str, size: float) -> AxisErrors:
+        rms = np.sqrt(self.square[kind] / self.count[kind])
+        return AxisErrors(
+            self.count[kind],
+            tuple((rms / size).tolist()),
+            tuple((self.largest[kind] / size).tolist()),
+            tuple((self.last[kind] / size).tolist()),
+        )
 
 
 def _near(known_ns: np.ndarray, wanted_ns: np.ndarray) -> np.ndarray:

@@ -8,7 +8,9 @@ from dataclasses import replace
 import numpy as np
 
 from sinstool.config import ProcessConfig
+from sinstool.core.earth import horizontal_metres
 from sinstool.core.errors import ConfigurationError
+from sinstool.core.rotation import wrapped
 from sinstool.core.streams import GnssEpochs, Solution
 from sinstool.core.timeline import SECOND
 from sinstool.core.units import DEGREE, MILLI_G
@@ -256,11 +258,11 @@ def difference_to_gnss(last: Solution, gnss: GnssEpochs | None) -> GnssDifferenc
     ours = np.array([np.interp(at, seconds, column) for column in track.T])
     fix = np.array([gnss.latitude[k], gnss.longitude[k], gnss.height[k]])
     off = ours - fix
-    east = (off[1] + np.pi) % (2.0 * np.pi) - np.pi
+    north, east = horizontal_metres(off[0], wrapped(off[1]), ours[0], ours[2])
     return GnssDifference(
         time_ns=int(gnss.time_ns[k]),
-        north_m=float(off[0] * (meridian + ours[2])),
-        east_m=float(east * (transverse + ours[2]) * np.cos(ours[0])),
+        north_m=float(north),
+        east_m=float(east),
         up_m=float(off[2]) if np.isfinite(fix[2]) else None,
     )
 

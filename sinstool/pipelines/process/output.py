@@ -23,7 +23,6 @@ from sinstool.io.writers.topics import Frames, topic_of
 from sinstool.pipelines.process.result import InputFile, OutputFile
 from sinstool.pipelines.process.sink import Sink
 from sinstool.pipelines.provenance import RECORD, identity, sha256
-from sinstool.survey.source import Source
 
 # Made of the attitude, which every run has
 ALWAYS = ("imu", "attitude", "euler", "pose", "tf")
@@ -164,7 +163,11 @@ class Output:
 
 
 def choose_emits(
-    source: Source, config: ProcessConfig, computed: Sequence[str]
+    config: ProcessConfig,
+    computed: Sequence[str],
+    log: Log,
+    body: str,
+    tf_parent: str | None = None,
 ) -> tuple[list[str], list[Finding]]:
     """Topics to write, and what had to be left out of them.
 
@@ -173,6 +176,8 @@ def choose_emits(
     computed : sequence of str
         What this kind of run writes unless the configuration says otherwise; beside it there are
         always Euler angles, poses and transforms.
+    body, tf_parent : str
+        Frame of the Imu, and its parent in the log's own transforms, if it has one.
 
     Raises
     ------
@@ -191,18 +196,18 @@ def choose_emits(
         )
     if config.output.only_results:
         return emits, []
-    clash = sorted(source.topics & {topic_of(name) for name in emits if name != "tf"})
+    present = {channel.topic for channel in log.channels.values()}
+    clash = sorted(present & {topic_of(name) for name in emits if name != "tf"})
     if clash:
         raise OutputError(
-            f"{source.path} holds results of sinstool already ({', '.join(clash)})",
+            f"{log.path} holds results of sinstool already ({', '.join(clash)})",
             "process the original log, or add --only-results",
         )
-    if "tf" not in emits or source.tf_parent is None:
+    if "tf" not in emits or tf_parent is None:
         return emits, []
     emits.remove("tf")
-    body, parent = source.body_frame, source.tf_parent
     text = (
-        f"/tf is not written: in the log {body} has the parent {parent} already, and a frame can"
+        f"/tf is not written: in the log {body} has the parent {tf_parent} already, and a frame can"
         " have only one"
     )
     return emits, [Finding("tf-parent", text)]

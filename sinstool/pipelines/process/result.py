@@ -12,10 +12,12 @@ from sinstool.core.result import as_json, compass
 from sinstool.core.rotation import to_euler
 from sinstool.core.streams import Solution
 from sinstool.core.units import DEGREE
+from sinstool.io.readers.lost import LogLosses
 from sinstool.methods.alignment.initial import Alignment
 from sinstool.methods.coning.algorithm import ConingAlgorithm, of_rates
 from sinstool.methods.ins_gnss.withheld import Outage, WithheldScore
 from sinstool.pipelines.plan import Plan
+from sinstool.pipelines.process.errors_against_truth import RunErrors
 from sinstool.survey.source import Source
 
 SCHEMA = "sinstool.process/1"
@@ -251,6 +253,46 @@ class FilterUsed:
 
 
 @dataclass(frozen=True)
+class TurntableStretch:
+    """A stretch at constant rate: its heading as aligned, its error, and what is left."""
+
+    start_ns: int
+    duration_s: float
+    turns: int
+    rate_deg_s: float
+    C23_rad: float
+    heading_raw_deg: float
+    correction_arcsec: float
+    sigma_correction_arcsec: float | None
+    heading_deg: float
+    sigma_heading_arcsec: float | None
+    outside_rate: bool
+    outside_C23: bool
+
+
+@dataclass(frozen=True)
+class UnusedStretch:
+    """A stretch that could not be aligned on, and why."""
+
+    start_s: float
+    duration_s: float
+    rate_deg_s: float
+    reason: str
+
+
+@dataclass(frozen=True)
+class HseCorrection:
+    """The heading-sensitive error that was taken out, stretch by stretch."""
+
+    file: str | None
+    status: str
+    lambda2_arcsec: float | None
+    sigma_lambda2_arcsec: float | None
+    segments: tuple[TurntableStretch, ...]
+    not_used: tuple[UnusedStretch, ...]
+
+
+@dataclass(frozen=True)
 class GnssDifference:
     """Position less that of the last fix; up is None where the fix has no height."""
 
@@ -296,14 +338,9 @@ class FinalState:
 
 
 @dataclass(frozen=True)
-class Lost:
+class Lost(LogLosses):
     """What of the log could not be used."""
 
-    parts: tuple[str, ...]
-    places: tuple[Any, ...]
-    chunks: int
-    messages_read: int | None
-    messages_declared: int | None
     malformed: int
     not_finite: int
     late: int
@@ -313,7 +350,7 @@ class Lost:
         """Of a log that was read to its end."""
         s = source.survey
         return cls(
-            **source.log.account(),
+            **vars(source.log.account()),
             malformed=s.losses.malformed,
             not_finite=s.losses.nonfinite,
             late=s.order.late,
@@ -331,7 +368,6 @@ class ModeResult:
     first_attitude: FirstAttitude
     coning: ConingUsed | None
     findings: tuple[Finding, ...]
-    hse: Any = None
     height: HeightDamping | None = None
     filter: FilterUsed | None = None
     gnss_difference: GnssDifference | None = None
@@ -345,7 +381,7 @@ class ProcessResult:
     ----------
     findings : tuple of Finding
         All that a user should know of the log and of the run.
-    truth : dict or None
+    truth : RunErrors or None
         Errors against a reference, where one was given.
     """
 
@@ -355,14 +391,14 @@ class ProcessResult:
     imu: ImuTime
     alignment: FirstAttitude
     coning: ConingUsed | None
-    hse: Any
+    hse: HseCorrection | None
     height: HeightDamping | None
     filter: FilterUsed | None
     gnss_difference: GnssDifference | None
     final: FinalState
     lost: Lost
     findings: tuple[Finding, ...]
-    truth: Any = None
+    truth: RunErrors | None = None
 
     @property
     def exit_status(self) -> int:

@@ -101,7 +101,9 @@ def _carry_out(
     """Write the solutions of the mode that the plan names."""
     module, _, name = MODES[plan.mode.value].partition(":")
     mode = cast(Mode, getattr(import_module(module), name)(source, config, plan))
-    emits, left_out = choose_emits(source, config, mode.emits)
+    emits, left_out = choose_emits(
+        config, mode.emits, source.log, source.body_frame, source.tf_parent
+    )
     written.open(source.encoding, emits, mode.frames, mode.diagnostic_names)
     sink = written.sink
     if sink is not None:

@@ -9,18 +9,19 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from scipy import special
 
 from sinstool.config import ProcessConfig
 from sinstool.core.errors import AlignmentError, ConfigurationError
-from sinstool.core.rotation import to_euler
+from sinstool.core.finding import Finding, Severity
+from sinstool.core.result import compass
 from sinstool.core.streams import Solution
 from sinstool.core.units import ARCSEC, DEGREE
 from sinstool.io.readers.log import Log
 from sinstool.io.readers.streams import frame_id
+from sinstool.io.readers.topics import choose_imu
 from sinstool.io.writers.topics import Frames
 from sinstool.methods.hse.calibration_file import HseCalibration, loads, require_config
 from sinstool.methods.hse.correction import (
@@ -38,8 +39,19 @@ from sinstool.methods.hse.whole_turn import (
     align_whole_turns,
 )
 from sinstool.pipelines.calibrate_hse.run import rig_of, segment_rules
-from sinstool.pipelines.process.output import Result, choose_emits
-from sinstool.pipelines.summary import something_lost
+from sinstool.pipelines.plan import Plan, turntable_plan
+from sinstool.pipelines.process.mode import warned
+from sinstool.pipelines.process.output import Output, choose_emits
+from sinstool.pipelines.process.result import (
+    FinalState,
+    FirstAttitude,
+    HseCorrection,
+    ImuTime,
+    Lost,
+    ProcessResult,
+    TurntableStretch,
+    UnusedStretch,
+)
 from sinstool.survey.rig import RigLog, RigTurns, find_turns, nothing_to_use, read_rig_log
 
 BLOCK = 65536
@@ -49,9 +61,9 @@ _STAMP = {"start": 0.0, "mid": 0.5, "end": 1.0}
 SMALLEST_TILT = 1e-4 * ARCSEC
 
 
-def rig_run(
-    log: Log, config: ProcessConfig, result: Result, progress: Callable[[int], None] | None
-) -> dict[str, Any]:
+def process_turntable(
+    log: Log, config: ProcessConfig, written: Output, progress: Callable[[int], None] | None
+) -> ProcessResult:
     """Process a rig's log.
 
     Parameters
@@ -60,11 +72,6 @@ def rig_run(
         With a rig and a calibration.
     progress : callable, optional
         Called with the bytes read.
-
-    Returns
-    -------
-    dict
-        The summary.
 
     Raises
     ------
@@ -86,33 +93,65 @@ def rig_run(
     alignments = _align(turns, rig, config)
     corrected = _correct(alignments, calibration)
     body = frame_id(log, samples.topic.channels, samples.topic.path) or "imu_link"
-    emits, notes = choose_emits(log, config, ("imu", "attitude"), body)
+    emits, left_out = choose_emits(config, ("imu", "attitude"), log, body)
     # b has its z axis down, whatever the axes of the triad
     frames = Frames(config.output.world, "map", body, "frd")
-    result.open(samples.topic.channels[0].message_encoding, emits, frames)
-    written = _write(result, samples, turns, rig, alignments, corrected)
+    written.open(samples.topic.channels[0].message_encoding, emits, frames)
+    attitudes = _write(written, samples, turns, rig, alignments, corrected)
+    written.complete()
     hse = _hse(config, calibration, turns, alignments, corrected)
-    told = result.finish(lambda: something_lost({"lost": _lost(log, samples), "hse": hse}))
-    warnings += [*notes, *rig.remarks(), *_remarks(turns, alignments, corrected)]
-    warnings += [f"{count} messages of {what}" for what, count in samples.counts.items()]
-    warnings += [f"lost: {part}" for part in log.lost]
-    if written < len(samples.imu):
+    lost = _lost(log, samples)
+    warnings += [*rig.remarks(), *_remarks(turns, alignments, corrected)]
+    if attitudes < len(samples.imu):
         warnings.append(
-            f"{len(samples.imu) - written} samples lie where the encoder or the gyro has a gap;"
+            f"{len(samples.imu) - attitudes} samples lie where the encoder or the gyro has a gap;"
             " they get no attitude"
         )
-    return {
-        **told,
-        "imu": _imu(samples, turns),
-        "alignment": _alignment(turns, alignments[-1], corrected, len(alignments) - 1),
-        "coning": None,
-        "hse": hse,
-        "height": None,
-        "filter": None,
-        "final": _final(result, rig),
-        "lost": _lost(log, samples),
-        "warnings": warnings,
-    }
+    findings = (*left_out, *warned("turntable", warnings), *_findings(samples, hse, lost))
+    input_file, output_file = written.finish(findings)
+    assert written.last is not None and rig.latitude is not None
+    return ProcessResult(
+        input=input_file,
+        output=output_file,
+        plan=turntable_plan(samples.topic.topic, config),
+        imu=_imu(samples),
+        alignment=_first_attitude(turns, alignments[-1], corrected, len(alignments) - 1),
+        coning=None,
+        hse=hse,
+        height=None,
+        filter=None,
+        gnss_difference=None,
+        final=FinalState.of(written.last, (rig.latitude / DEGREE, None, None)),
+        lost=lost,
+        findings=findings,
+    )
+
+
+def _findings(samples: RigLog, hse: HseCorrection, lost: Lost) -> list[Finding]:
+    """What was left out of the log, and a calibration that shows nothing."""
+    findings = [
+        Finding("left-out", f"{count} messages of {what}", _severity(what))
+        for what, count in samples.counts.items()
+    ]
+    if hse.status != "ok":
+        text = f"the calibration is {hse.status}"
+        findings.append(Finding("calibration", text, Severity.LOST))
+    return [*findings, *lost.findings()]
+
+
+def _severity(what: str) -> Severity:
+    return Severity.LOST if what.endswith(("malformed", "not finite")) else Severity.WARNING
+
+
+def plan_turntable(log: Log, config: ProcessConfig) -> Plan:
+    """The plan for a log with ``--hse``: there is nothing to choose.
+
+    Raises
+    ------
+    TopicError
+        The log has not one Imu topic.
+    """
+    return turntable_plan(choose_imu(log, config.input.imu_topic).topic, config)
 
 
 def load_calibration(path: Path, rig: Rig, force: bool) -> tuple[HseCalibration, list[str]]:
@@ -168,7 +207,7 @@ def _correct(alignments: list[WholeTurnAlignment], calibration: HseCalibration) 
 
 
 def _write(
-    result: Result,
+    written: Output,
     samples: RigLog,
     turns: RigTurns,
     rig: Rig,
@@ -193,7 +232,7 @@ def _write(
             for k in np.unique(nearest[begin:end]).tolist():
                 mine = nearest[begin:end] == k
                 q_nb[mine] = alignments[k].q_nb(alpha[begin:end][mine], float(corrected.dpsi[k]))
-            result.push(
+            written.push(
                 Solution(
                     imu.time_ns[rows],
                     imu.log_time_ns[rows],
@@ -273,45 +312,45 @@ def _sigmas(a: WholeTurnAlignment) -> float:
     return float(special.stdtrit(turns - 2, special.ndtr(SIGNIFICANT_TILT_DRIFT)))
 
 
-def _imu(samples: RigLog, turns: RigTurns) -> dict[str, Any]:
+def _imu(samples: RigLog) -> ImuTime:
     steps = np.diff(samples.imu.time_ns)
     interval = float(np.median(steps)) if len(steps) else 0.0
     gaps = steps[steps > 3.0 * interval]
-    counts = samples.counts
-    topic = samples.topic.topic
-    return {
-        "topic": topic,
-        "n": len(samples.imu),
-        "rate_hz": 1e9 / interval if interval else 0.0,
-        "first_ns": str(samples.start_ns),
-        "last_ns": str(int(samples.imu.time_ns[-1])),
-        "time_source": "stamp",
-        "gaps": len(gaps),
-        "gap_total_s": float(gaps.sum()) * 1e-9,
-        "duplicates": counts.get(f"{topic} repeated stamps", 0),
-        "backward": counts.get(f"{topic} out of order", 0),
-        "dropped": counts.get(f"{topic} repeated stamps", 0)
-        + counts.get(f"{topic} malformed", 0)
-        + counts.get(f"{topic} not finite", 0),
-    }
+    counts, topic = samples.counts, samples.topic.topic
+    repeated = counts.get(f"{topic} repeated stamps", 0)
+    unusable = counts.get(f"{topic} malformed", 0) + counts.get(f"{topic} not finite", 0)
+    return ImuTime(
+        topic=topic,
+        n=len(samples.imu),
+        rate_hz=1e9 / interval if interval else 0.0,
+        first_ns=samples.start_ns,
+        last_ns=int(samples.imu.time_ns[-1]),
+        time_source="stamp",
+        gaps=len(gaps),
+        gap_total_s=float(gaps.sum()) * 1e-9,
+        duplicates=repeated,
+        backward=counts.get(f"{topic} out of order", 0),
+        dropped=repeated + unusable,
+    )
 
 
-def _alignment(
+def _first_attitude(
     turns: RigTurns, a: WholeTurnAlignment, corrected: CorrectedHeading, k: int
-) -> dict[str, Any]:
+) -> FirstAttitude:
     sigma = float(corrected.sigma[k])
-    return {
-        "method": "whole-turn",
-        "time_ns": str(turns.start_ns + round(turns.turns[k].start_s * 1e9)),
-        "roll_deg": a.gamma / DEGREE,
-        "pitch_deg": a.theta / DEGREE,
-        "heading_deg": float(corrected.heading[k]) / DEGREE,
-        "sigma_deg": [None, None, sigma / DEGREE if np.isfinite(sigma) else None],
-        "status": "ok",
-        "north_referenced": True,
-        "gyro_bias_rad_s": [0.0, 0.0, 0.0],
-        "gyro_bias_source": "rig",
-    }
+    return FirstAttitude(
+        method="whole-turn",
+        how="over whole turns of the table",
+        time_ns=turns.start_ns + round(turns.turns[k].start_s * 1e9),
+        roll_deg=a.gamma / DEGREE,
+        pitch_deg=a.theta / DEGREE,
+        heading_deg=compass(float(corrected.heading[k]) / DEGREE),
+        sigma_deg=(None, None, sigma / DEGREE if np.isfinite(sigma) else None),
+        status="ok",
+        north_referenced=True,
+        gyro_bias_rad_s=(0.0, 0.0, 0.0),
+        gyro_bias_source="rig",
+    )
 
 
 def _hse(
@@ -320,69 +359,46 @@ def _hse(
     turns: RigTurns,
     alignments: list[WholeTurnAlignment],
     corrected: CorrectedHeading,
-) -> dict[str, Any]:
-    sigma_lambda2 = calibration.sigma_lambda2_rad
-    return {
-        "file": config.hse.hse,
-        "status": calibration.status,
-        "lambda2_arcsec": None
-        if calibration.lambda2_rad is None
-        else calibration.lambda2_rad / ARCSEC,
-        "sigma_lambda2_arcsec": None if sigma_lambda2 is None else sigma_lambda2 / ARCSEC,
-        "segments": [
-            {
-                "start_ns": str(turns.start_ns + round(t.start_s * 1e9)),
-                "duration_s": float(t.duration.sum()),
-                "turns": len(t),
-                "rate_deg_s": a.rate / DEGREE,
-                "C23_rad": a.C23,
-                "heading_raw_deg": a.heading / DEGREE,
-                "correction_arcsec": float(corrected.dpsi[k]) / ARCSEC,
-                "sigma_correction_arcsec": _finite(corrected.sigma_dpsi[k] / ARCSEC),
-                "heading_deg": float(corrected.heading[k]) / DEGREE,
-                "sigma_heading_arcsec": _finite(corrected.sigma[k] / ARCSEC),
-                "outside_rate": bool(corrected.outside_rate[k]),
-                "outside_C23": bool(corrected.outside_C23[k]),
-            }
+) -> HseCorrection:
+    return HseCorrection(
+        file=config.hse.hse,
+        status=calibration.status,
+        lambda2_arcsec=_arcsec(calibration.lambda2_rad),
+        sigma_lambda2_arcsec=_arcsec(calibration.sigma_lambda2_rad),
+        segments=tuple(
+            TurntableStretch(
+                start_ns=turns.start_ns + round(t.start_s * 1e9),
+                duration_s=float(t.duration.sum()),
+                turns=len(t),
+                rate_deg_s=a.rate / DEGREE,
+                C23_rad=a.C23,
+                heading_raw_deg=a.heading / DEGREE,
+                correction_arcsec=float(corrected.dpsi[k]) / ARCSEC,
+                sigma_correction_arcsec=_arcsec(corrected.sigma_dpsi[k]),
+                heading_deg=float(corrected.heading[k]) / DEGREE,
+                sigma_heading_arcsec=_arcsec(corrected.sigma[k]),
+                outside_rate=bool(corrected.outside_rate[k]),
+                outside_C23=bool(corrected.outside_C23[k]),
+            )
             for k, (t, a) in enumerate(zip(turns.turns, alignments, strict=True))
-        ],
-        "not_used": [
-            {
-                "start_s": s.start_s,
-                "duration_s": s.duration_s,
-                "rate_deg_s": s.rate / DEGREE,
-                "reason": s.reason,
-            }
+        ),
+        not_used=tuple(
+            UnusedStretch(s.start_s, s.duration_s, s.rate / DEGREE, s.reason)
             for s in turns.segmentation.rejected
-        ],
-    }
+        ),
+    )
 
 
-def _finite(value: float) -> float | None:
-    return float(value) if np.isfinite(value) else None
+def _arcsec(angle: float | None) -> float | None:
+    """An angle in arc seconds; None where it is not known."""
+    return None if angle is None or not np.isfinite(angle) else float(angle) / ARCSEC
 
 
-def _final(result: Result, rig: Rig) -> dict[str, Any]:
-    last = result.last
-    assert last is not None and rig.latitude is not None
-    roll, pitch, heading = to_euler(last.q_nb[-1]) / DEGREE
-    return {
-        "time_ns": str(int(last.time_ns[-1])),
-        "q_wxyz_ned_frd": last.q_nb[-1].tolist(),
-        "roll_deg": float(roll),
-        "pitch_deg": float(pitch),
-        "heading_deg": float(heading),
-        "lat_deg": rig.latitude / DEGREE,
-        "lon_deg": None,
-        "height_m": None,
-    }
-
-
-def _lost(log: Log, samples: RigLog) -> dict[str, Any]:
+def _lost(log: Log, samples: RigLog) -> Lost:
     topic = samples.topic.topic
-    return {
-        **log.account(),
-        "malformed": samples.counts.get(f"{topic} malformed", 0),
-        "not_finite": samples.counts.get(f"{topic} not finite", 0),
-        "late": 0,
-    }
+    return Lost(
+        **vars(log.account()),
+        malformed=samples.counts.get(f"{topic} malformed", 0),
+        not_finite=samples.counts.get(f"{topic} not finite", 0),
+        late=0,
+    )

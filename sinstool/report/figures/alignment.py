@@ -22,7 +22,7 @@ _DYNAMICS = {
 _TINY = 1e-9
 
 
-def figures(found: LogAlignment, config: ProcessConfig) -> tuple[Figure, ...]:
+def figures(alignment: LogAlignment, config: ProcessConfig) -> tuple[Figure, ...]:
     """All figures of an alignment, the main one first.
 
     Parameters
@@ -36,46 +36,46 @@ def figures(found: LogAlignment, config: ProcessConfig) -> tuple[Figure, ...]:
         Those for which there is something to show; of an alignment at rest only the dynamics.
     """
     made: list[Figure] = []
-    answer = found.answer
+    answer = alignment.answer
     if isinstance(answer, InFlightAlignment):
         if answer.series is not None and len(answer.series.time_ns):
-            made += [sigmas(found, answer.series), attitude(found, answer.series)]
-            if found.error is not None:
-                made.append(errors(found))
-            made.append(singular_values(found, answer.series))
+            made += [sigmas(alignment, answer.series), attitude(alignment, answer.series)]
+            if alignment.error is not None:
+                made.append(errors(alignment))
+            made.append(singular_values(alignment, answer.series))
         if len(answer.residuals):
-            made.append(residuals(found, answer))
-    return (*made, *dynamics(found, config))
+            made.append(residuals(alignment, answer))
+    return (*made, *dynamics(alignment, config))
 
 
-def _marks(found: LogAlignment) -> tuple[tuple[str, float], ...]:
+def _marks(alignment: LogAlignment) -> tuple[tuple[str, float], ...]:
     """Start and stop of what was used."""
-    told = found.summary
-    named = (("start", told["start_s"]), ("stop", told["stop_s"]))
+    result = alignment.result
+    named = (("start", result.start_s), ("stop", result.stop_s))
     return tuple((name, float(at)) for name, at in named if at is not None)
 
 
-def _seconds(found: LogAlignment, time_ns: np.ndarray) -> FloatArray:
-    return np.asarray((time_ns - found.first_ns) / SECOND, dtype=np.float64)
+def _seconds(alignment: LogAlignment, time_ns: np.ndarray) -> FloatArray:
+    return np.asarray((time_ns - alignment.result.imu.first_ns) / SECOND, dtype=np.float64)
 
 
 def _positive(values: FloatArray) -> FloatArray:
     return np.where(np.isfinite(values) & (values > _TINY), values, np.nan)
 
 
-def sigmas(found: LogAlignment, series: AlignmentSeries) -> Figure:
+def sigmas(alignment: LogAlignment, series: AlignmentSeries) -> Figure:
     """How well attitude is known, from what came before each fix."""
     columns = [(f"about {a}", series.sigma[:, k]) for k, a in enumerate(AXES)]
     shown = tuple(Series(n, _positive(v / DEGREE)) for n, v in columns)
     worst = Series("worst axis", _positive(series.sigma_worst / DEGREE), style="dashed")
-    refined = getattr(found.answer, "errors", None) is not None
+    refined = getattr(alignment.answer, "errors", None) is not None
     notes = ["Of the solver's answer from the fixes up to each time, sensor errors considered."]
     if refined:
         notes.append("The answer given is the refined one at the end, which is known better.")
     return Figure(
         "sigma",
         "How well attitude is known",
-        _seconds(found, series.time_ns),
+        _seconds(alignment, series.time_ns),
         (*shown, worst),
         LOG_TIME,
         "sigma, deg",
@@ -94,7 +94,7 @@ def _sigma_range(series: AlignmentSeries) -> tuple[float, float]:
     return min(low, 0.5), float(np.clip(high, 10.0, 200.0))
 
 
-def attitude(found: LogAlignment, series: AlignmentSeries) -> Figure:
+def attitude(alignment: LogAlignment, series: AlignmentSeries) -> Figure:
     """Roll, pitch and heading at each fix, where the worst sigma lets them be told."""
     euler = to_euler(series.q_nb) / DEGREE
     euler[:, 2] %= 360.0
@@ -109,7 +109,7 @@ def attitude(found: LogAlignment, series: AlignmentSeries) -> Figure:
     return Figure(
         "attitude",
         "Attitude at each fix",
-        _seconds(found, series.time_ns),
+        _seconds(alignment, series.time_ns),
         tuple(curves),
         LOG_TIME,
         "angle, deg",
@@ -117,9 +117,9 @@ def attitude(found: LogAlignment, series: AlignmentSeries) -> Figure:
     )
 
 
-def errors(found: LogAlignment) -> Figure:
+def errors(alignment: LogAlignment) -> Figure:
     """What the reference says is wrong."""
-    course = found.error
+    course = alignment.error
     assert course is not None
     usable = course.sigma_worst <= OK_SIGMA
     curves = []
@@ -144,14 +144,14 @@ def errors(found: LogAlignment) -> Figure:
     )
 
 
-def singular_values(found: LogAlignment, series: AlignmentSeries) -> Figure:
+def singular_values(alignment: LogAlignment, series: AlignmentSeries) -> Figure:
     """Of the attitude profile matrix: the sum of the second and third is what shows attitude."""
     s = series.singular_values
     curves = tuple(Series(f"s{k + 1}", _positive(np.abs(s[:, k]))) for k in range(3))
     return Figure(
         "singular-values",
         "Singular values of the attitude profile matrix",
-        _seconds(found, series.time_ns),
+        _seconds(alignment, series.time_ns),
         curves,
         LOG_TIME,
         "singular value, (m/s)²",
@@ -163,13 +163,13 @@ def singular_values(found: LogAlignment, series: AlignmentSeries) -> Figure:
     )
 
 
-def residuals(found: LogAlignment, answer: InFlightAlignment) -> Figure:
+def residuals(alignment: LogAlignment, answer: InFlightAlignment) -> Figure:
     """Of the solver's pairs."""
     unit = {"diff": "m/s²", "diffc": "m/s²", "pos": "m"}.get(answer.vectors, "m/s")
     return Figure(
         "residuals",
         "Residuals of the vectors",
-        _seconds(found, answer.residual_ns),
+        _seconds(alignment, answer.residual_ns),
         tuple(Series(n, answer.residuals[:, k]) for k, n in enumerate(("x", "y", "z"))),
         LOG_TIME,
         f"residual, {unit}",
@@ -181,19 +181,19 @@ def residuals(found: LogAlignment, answer: InFlightAlignment) -> Figure:
     )
 
 
-def dynamics(found: LogAlignment, config: ProcessConfig) -> tuple[Figure, Figure]:
+def dynamics(alignment: LogAlignment, config: ProcessConfig) -> tuple[Figure, Figure]:
     """Specific force and angular rate of the whole log, and where the gate held it calm."""
-    seconds, force, rate = found.windows
-    told = config.in_flight
-    gated = found.summary["gate"] in ("paper", "mask")
+    seconds, force, rate = alignment.windows
+    options = config.in_flight
+    gated = alignment.result.gate in ("paper", "mask")
     calm_at, calm = None, None
-    answer = found.answer
+    answer = alignment.answer
     if isinstance(answer, InFlightAlignment) and answer.series is not None:
-        calm_at, calm = _seconds(found, answer.series.time_ns), answer.series.calm
+        calm_at, calm = _seconds(alignment, answer.series.time_ns), answer.series.calm
     made = []
     for key, title, values, unit, limit in (
-        ("force", "Specific force", force, "m/s²", told.f_set),
-        ("rate", "Angular rate", rate / DEGREE, "deg/s", told.w_set),
+        ("force", "Specific force", force, "m/s²", options.f_set),
+        ("rate", "Angular rate", rate / DEGREE, "deg/s", options.w_set),
     ):
         curves = [Series("half-second means", values)]
         if calm_at is not None and calm is not None and calm.any():
@@ -209,7 +209,7 @@ def dynamics(found: LogAlignment, config: ProcessConfig) -> tuple[Figure, Figure
                 f"{title.lower()}, {unit}",
                 notes=(_DYNAMICS[key],),
                 levels=((f"limit, {limit:g} {unit}", limit),) if gated else (),
-                marks=_marks(found),
+                marks=_marks(alignment),
             )
         )
     return made[0], made[1]

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
 
 from sinstool.core.timeline import SECOND
@@ -15,6 +13,7 @@ from sinstool.pipelines.info.collect import (
     Sampling,
     Traffic,
 )
+from sinstool.pipelines.info.result import InspectedImu, Inspection
 from sinstool.report.figure import Figure, Series
 from sinstool.report.figures.parts import LOG_TIME
 
@@ -22,31 +21,29 @@ AXES = ("x", "y", "z")
 
 
 def figures(
-    found: dict[str, Any], samplings: list[Sampling], traffic: Traffic
+    inspection: Inspection, samplings: list[Sampling], traffic: Traffic
 ) -> tuple[Figure, ...]:
     """All figures of an inspection, the main one first.
 
     Parameters
     ----------
-    found : dict
-        By :func:`sinstool.pipelines.info.run.inspect`.
     samplings : list of Sampling
         Of the Imu topics.
     """
-    told = {imu["topic"]: imu for imu in found["imu"] if "problem" not in imu}
-    good = [one for one in samplings if one.topic in told]
+    imus = {imu.topic: imu for imu in inspection.usable}
+    good = [one for one in samplings if one.topic in imus]
     made: list[Figure | None] = []
     if good:
-        origin = min(int(told[one.topic]["first_ns"]) for one in good)
-        made += [_intervals(good, told, origin), _histogram(good), _delays(good, told, origin)]
+        origin = min(imus[one.topic].first_ns for one in good)
+        made += [_intervals(good, imus, origin), _histogram(good), _delays(good, imus, origin)]
         for number, one in enumerate(good):
             of = f", {one.topic}" if len(good) > 1 else ""
-            made += _values(one, number, of, origin, found)
+            made += _values(one, number, of, origin)
     made.append(_rates(traffic))
     return tuple(one for one in made if one is not None)
 
 
-def _intervals(good: list[Sampling], told: dict[str, Any], origin: int) -> Figure:
+def _intervals(good: list[Sampling], imus: dict[str, InspectedImu], origin: int) -> Figure:
     series = []
     for k, one in enumerate(good):
         seconds, values = one.curves(origin)
@@ -66,7 +63,7 @@ def _intervals(good: list[Sampling], told: dict[str, Any], origin: int) -> Figur
     if rows > 1:
         notes.append(f"The curve goes through the shortest and the longest of every {rows}.")
     medians = tuple(
-        (f"median {told[one.topic]['interval_ms'][1]:.4g} ms", told[one.topic]["interval_ms"][1])
+        (f"median {imus[one.topic].interval_ms[1]:.4g} ms", imus[one.topic].interval_ms[1])
         for one in good[:2]
     )
     return Figure(
@@ -109,11 +106,11 @@ def _histogram(good: list[Sampling]) -> Figure | None:
     )
 
 
-def _delays(good: list[Sampling], told: dict[str, Any], origin: int) -> Figure | None:
+def _delays(good: list[Sampling], imus: dict[str, InspectedImu], origin: int) -> Figure | None:
     """How much later than stamped samples were recorded."""
     series, notes = [], []
     for one in good:
-        if told[one.topic]["time_source"] != "stamp" or one.least_delay_ns is None:
+        if imus[one.topic].time_source != "stamp" or one.least_delay_ns is None:
             continue
         seconds, values = one.curves(origin)
         series.append(Series(one.topic, values[:, 1] - one.least_delay_ns / 1e6, x=seconds))
@@ -134,9 +131,7 @@ def _delays(good: list[Sampling], told: dict[str, Any], origin: int) -> Figure |
     )
 
 
-def _values(
-    one: Sampling, number: int, of: str, origin: int, found: dict[str, Any]
-) -> list[Figure | None]:
+def _values(one: Sampling, number: int, of: str, origin: int) -> list[Figure | None]:
     seconds, values = one.values.curves(origin)
     gyro = tuple(Series(axis, values[:, k]) for k, axis in enumerate(AXES))
     force = [Series(axis, values[:, 3 + k]) for k, axis in enumerate(AXES)]

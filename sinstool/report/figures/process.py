@@ -4,12 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from sinstool.pipelines.process.errors_against_truth import KINDS
+from sinstool.pipelines.process.result import HseCorrection
 from sinstool.report.figure import Figure, Series, heading_curve
 from sinstool.report.figures.parts import AXES, length
 
@@ -191,11 +191,11 @@ def sigmas(curves: Curves, without: Sequence[str]) -> list[Figure]:
     return found
 
 
-def stretches(hse: dict[str, Any]) -> Figure:
+def stretches(hse: HseCorrection) -> Figure:
     """Heading of every stretch at constant rate, before and after its correction."""
-    rates = np.array([s["rate_deg_s"] for s in hse["segments"]])
-    raw = np.array([s["heading_raw_deg"] for s in hse["segments"]])
-    corrected = np.array([s["heading_deg"] for s in hse["segments"]])
+    rates = np.array([s.rate_deg_s for s in hse.segments])
+    raw = np.array([s.heading_raw_deg for s in hse.segments])
+    corrected = np.array([s.heading_deg for s in hse.segments])
     middle = float(np.median(corrected))
 
     def shown(values: FloatArray) -> FloatArray:

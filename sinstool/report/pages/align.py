@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Any
 
 from sinstool.config import ProcessConfig
 from sinstool.pipelines.align.log import LogAlignment
+from sinstool.pipelines.align.result import AlignResult, Vector
 from sinstool.report.figures.alignment import figures
 from sinstool.report.figures.parts import AXES
 from sinstool.report.page import write_report
@@ -37,7 +37,7 @@ VERDICTS = {
 GROUPS = ("input", "align", "gnss", "in_flight", "navigation")
 
 
-def write_page(report: Path, found: LogAlignment, config: ProcessConfig, log: Path) -> None:
+def write_page(report: Path, alignment: LogAlignment, config: ProcessConfig, log: Path) -> None:
     """Write the page, or its first figure, that ``--report`` asks for.
 
     Parameters
@@ -45,75 +45,78 @@ def write_page(report: Path, found: LogAlignment, config: ProcessConfig, log: Pa
     config : ProcessConfig
         Effective.
     """
-    told = found.summary
+    result = alignment.result
     sections: list[Section] = [
-        Warnings(tuple(told["warnings"])),
-        Prose(_verdict(told), "Result", _facts(told)),
+        Warnings(result.warnings),
+        Prose(_verdict(result), "Result", _facts(result)),
     ]
-    if told["euler_deg"] is not None:
-        sections.append(_result(told))
-    main, *others = figures(found, config)
+    if result.roll_deg is not None:
+        sections.append(_result(result))
+    main, *others = figures(alignment, config)
     sections += [main, *others]
-    if told["assumed"] is not None:
-        sections.append(_sensors(told))
+    if result.assumed is not None:
+        sections.append(_sensors(result))
     sections += [Settings(config_settings(config, *GROUPS)), input_rows([Read.of(log)])]
-    subtitle = f"{told['input']}, {told['imu']['topic']}"
+    subtitle = f"{result.input}, {result.imu.topic}"
     page = Page("Where the vehicle points", subtitle, tuple(sections))
     write_report(report, page, overwrite=config.output.overwrite)
 
 
-def _verdict(told: dict[str, Any]) -> tuple[str, ...]:
-    method = told["method"] + (f", vectors {told['vectors']}" if told["vectors"] else "")
-    paragraphs = [f"Status {told['status']}, by {method}. {VERDICTS[told['status']]}"]
-    if told["n_pairs"]:
+def _verdict(result: AlignResult) -> tuple[str, ...]:
+    method = result.method + (f", vectors {result.vectors}" if result.vectors else "")
+    paragraphs = [f"Status {result.status}, by {method}. {VERDICTS[result.status]}"]
+    if result.n_pairs:
         used = (
-            f"{told['n_pairs']} pairs of vectors from {told['start_s']:.1f} to"
-            f" {told['stop_s']:.1f} s were used; {told['n_rejected']} fixes were rejected as"
-            f" outliers. Residuals of the pairs are {told['chi2']:.2f} times what the noise of"
+            f"{result.n_pairs} pairs of vectors from {result.start_s:.1f} to"
+            f" {result.stop_s:.1f} s were used; {result.n_rejected} fixes were rejected as"
+            f" outliers. Residuals of the pairs are {result.chi2:.2f} times what the noise of"
             " GNSS alone explains"
         )
-        if told["refined_chi2"] is not None:
-            used += f", those of the refinement {told['refined_chi2']:.2f} times what it assumes"
+        if result.refined_chi2 is not None:
+            used += f", those of the refinement {result.refined_chi2:.2f} times what it assumes"
         paragraphs.append(used + ".")
-        if told["time_to_align_s"] is not None:
+        if result.time_to_align_s is not None:
             paragraphs.append(
-                f"The solver alone was within 1 deg about every axis {told['time_to_align_s']:.1f}"
+                f"The solver alone was within 1 deg about every axis {result.time_to_align_s:.1f}"
                 " s after the start."
             )
-    truth = told.get("truth")
-    if truth is not None and truth["error_deg"] is not None:
-        shown = ", ".join("–" if e is None else f"{e:.3g}" for e in truth["error_deg"])
+    truth = result.truth
+    if truth is not None and truth.error_deg is not None:
+        shown = ", ".join("–" if e is None else f"{e:.3g}" for e in truth.error_deg)
         paragraphs.append(
-            f"Against {truth['name']} the answer is wrong by {shown} deg about north, east, down."
+            f"Against {truth.name} the answer is wrong by {shown} deg about north, east, down."
         )
     return tuple(paragraphs)
 
 
-def _facts(told: dict[str, Any]) -> tuple[Fact, ...]:
+def _facts(result: AlignResult) -> tuple[Fact, ...]:
     """Each angle with the sigma about the axis that matters most to it, and its error."""
-    euler, sigma = told["euler_deg"], told["sigma_deg"]
-    if euler is None:
+    if result.roll_deg is None:
         return ()
     facts = []
-    for name in ("roll", "pitch", "heading"):
-        value = "not known" if euler[name] is None else f"{euler[name]:.3f} deg"
+    for name, angle in _angles(result).items():
+        value = "not known" if angle is None else f"{angle:.3f} deg"
         facts.append(Fact(name.capitalize(), value))
-    named = ", ".join("–" if one is None else f"{one:.2g}" for one in sigma)
+    named = ", ".join("–" if one is None else f"{one:.2g}" for one in result.sigma_deg)
     facts.append(Fact("Sigma", f"{named} deg", "about north, east, down"))
-    truth = told.get("truth")
-    if truth is not None and truth["error_deg"] is not None:
-        named = ", ".join("–" if one is None else f"{one:.2g}" for one in truth["error_deg"])
-        facts.append(Fact("Error", f"{named} deg", f"about these, by {truth['name']}"))
+    truth = result.truth
+    if truth is not None and truth.error_deg is not None:
+        named = ", ".join("–" if one is None else f"{one:.2g}" for one in truth.error_deg)
+        facts.append(Fact("Error", f"{named} deg", f"about these, by {truth.name}"))
     return tuple(facts)
 
 
-def _result(told: dict[str, Any]) -> Table:
-    euler, truth = told["euler_deg"], told.get("truth") or {"error_deg": None}
+def _angles(result: AlignResult) -> dict[str, float | None]:
+    return {"roll": result.roll_deg, "pitch": result.pitch_deg, "heading": result.heading_deg}
+
+
+def _result(result: AlignResult) -> Table:
     rows: list[tuple[Cell, ...]] = [
-        (name, euler[name], None, None) for name in ("roll", "pitch", "heading")
+        (name, angle, None, None) for name, angle in _angles(result).items()
     ]
-    wrong = truth["error_deg"] or (None, None, None)
-    for axis, sigma, off in zip(AXES, told["sigma_deg"], wrong, strict=True):
+    error = None if result.truth is None else result.truth.error_deg
+    wrong = error or (None, None, None)
+    for axis, sigma, off in zip(AXES, result.sigma_deg, wrong, strict=True):
         rows.append((f"rotation about {axis}", None, sigma, off))
     columns = (
         Column("Quantity"),
@@ -122,27 +125,28 @@ def _result(told: dict[str, Any]) -> Table:
         Column("error", "deg", ".3g"),
     )
     notes = (
-        f"At {told['t_s']:.3f} s after the log's start. Angles are those of the"
+        f"At {result.time_s:.3f} s after the log's start. Angles are those of the"
         " Forward-Right-Down axes in North-East-Down; sigmas are of small rotations about these.",
     )
     return Table("Attitude", columns, tuple(rows), notes)
 
 
-def _sensors(told: dict[str, Any]) -> Table:
-    assumed = told["assumed"]
-    removed, found = told["gyro_bias_removed_deg_h"], told["gyro_bias_deg_h"]
-    accel = told["accel_bias_m_s2"]
+def _sensors(result: AlignResult) -> Table:
+    assumed = result.assumed
+    assert assumed is not None
+    removed, estimate = result.gyro_bias_removed_deg_h, result.gyro_bias_deg_h
+    accel = result.accel_bias_m_s2
     rows: list[tuple[Cell, ...]] = [
         _row("gyro bias removed before", "deg/h", removed, None),
-        _row("gyro bias found besides", "deg/h", found, assumed["gyro_bias_deg_h"]),
-        _row("accelerometer bias found", "m/s²", accel, assumed["accel_bias_m_s2"]),
+        _row("gyro bias found besides", "deg/h", estimate, assumed.gyro_bias_deg_h),
+        _row("accelerometer bias found", "m/s²", accel, assumed.accel_bias_m_s2),
     ]
     none: tuple[Cell, ...] = (None, None, None)
     rows += [
-        ("gyro scale", "", *none, assumed["gyro_scale"]),
-        ("accelerometer scale", "", *none, assumed["accel_scale"]),
-        ("angular random walk", "deg/√h", *none, assumed["angle_random_walk_deg_sqrt_h"]),
-        ("velocity random walk", "m/s/√s", *none, assumed["velocity_random_walk_m_s_sqrt_s"]),
+        ("gyro scale", "", *none, assumed.gyro_scale),
+        ("accelerometer scale", "", *none, assumed.accel_scale),
+        ("angular random walk", "deg/√h", *none, assumed.angle_random_walk_deg_sqrt_h),
+        ("velocity random walk", "m/s/√s", *none, assumed.velocity_random_walk_m_s_sqrt_s),
     ]
     columns = (
         Column("Quantity"),
@@ -151,11 +155,11 @@ def _sensors(told: dict[str, Any]) -> Table:
         Column("assumed sigma", "", ".3g"),
     )
     notes = (
-        f"Body axes FRD. Biases wander with a correlation time of {assumed['bias_time_s']:g} s."
-        f" The IMU counts as {told['imu_grade']['grade']}, {told['imu_grade']['why']}.",
+        f"Body axes FRD. Biases wander with a correlation time of {assumed.bias_time_s:g} s."
+        f" The IMU counts as {result.imu_grade.grade}, {result.imu_grade.why}.",
     )
     return Table("Sensors", columns, tuple(rows), notes)
 
 
-def _row(name: str, unit: str, values: list[float] | None, sigma: float | None) -> tuple[Cell, ...]:
+def _row(name: str, unit: str, values: Vector | None, sigma: float | None) -> tuple[Cell, ...]:
     return (name, unit, *(values if values is not None else (None,) * 3), sigma)

@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
 
 from sinstool.config import ProcessConfig
 from sinstool.core.timeline import SECOND
+from sinstool.pipelines.info.result import InspectedImu, Inspection, UnusableImu
 from sinstool.pipelines.info.run import Shown
 from sinstool.report.figures.inspection import figures
 from sinstool.report.page import write_report
@@ -17,6 +18,7 @@ from sinstool.report.sections import (
     Fact,
     Page,
     Prose,
+    Rows,
     Section,
     Settings,
     Table,
@@ -29,8 +31,7 @@ GAPS = 30
 
 def write_page(
     report: Path,
-    found: dict[str, Any],
-    verdict: str,
+    inspection: Inspection,
     shown: Shown,
     config: ProcessConfig,
     overwrite: bool,
@@ -39,68 +40,66 @@ def write_page(
 
     Parameters
     ----------
-    found : dict
-        The values of ``--json``.
-    verdict : str
-        What process would do.
     config : ProcessConfig
         Effective.
     """
-    source = found["input"]
-    good = [imu for imu in found["imu"] if "problem" not in imu]
+    source = inspection.input
+    good = inspection.usable
+    verdict = str(inspection.process)
     sections: list[Section] = [
-        Warnings(_warnings(found)),
-        Prose((f"{verdict[:1].upper()}{verdict[1:]}.",), "Result", _facts(found, good)),
-        *figures(found, shown.samplings, shown.traffic),
-        _topics(found),
+        Warnings(_warnings(inspection)),
+        Prose((f"{verdict[:1].upper()}{verdict[1:]}.",), "Result", _facts(inspection, good)),
+        *figures(inspection, shown.samplings, shown.traffic),
+        _topics(inspection),
     ]
     if good:
         sections.append(_sensors(good))
+    if inspection.process.plan is not None:
+        sections.append(Rows("What process would do", tuple(inspection.process.plan.rows())))
     sections += [table for imu in good for table in (_still(imu), _gaps(imu)) if table.rows]
-    read = [Read.of(Path(source["path"]))]
+    read = [Read.of(Path(source.path))]
     sections += [Settings(config_settings(config, "input")), input_rows(read)]
-    page = Page("What is in a log", Path(source["path"]).name, tuple(sections))
-    write_report(report, page, inputs=[Path(source["path"])], overwrite=overwrite)
+    page = Page("What is in a log", Path(source.path).name, tuple(sections))
+    write_report(report, page, inputs=[Path(source.path)], overwrite=overwrite)
 
 
-def _warnings(found: dict[str, Any]) -> tuple[str, ...]:
+def _warnings(inspection: Inspection) -> tuple[str, ...]:
     """Damage, then what is odd of each Imu topic with what to do about it."""
-    texts = [f"lost: {part}" for part in found["lost"]["parts"]]
-    told = found["lost"]
-    if told["messages_declared"] is not None:
-        read = f"{told['messages_read']} of {told['messages_declared']} messages"
-        texts.append(f"{read} were recovered; {told['chunks']} chunks are damaged")
-    for imu in found["imu"]:
-        if "problem" in imu:
-            texts.append(f"{imu['topic']}: {imu['problem']}")
-        for odd in imu["oddities"]:
-            answer = f": {odd['answer']}" if odd["answer"] else ""
-            texts.append(f"{imu['topic']}: {odd['text']}{answer}")
+    texts = [f"lost: {part}" for part in inspection.lost.parts]
+    lost = inspection.lost
+    if lost.messages_declared is not None:
+        read = f"{lost.messages_read} of {lost.messages_declared} messages"
+        texts.append(f"{read} were recovered; {lost.chunks} chunks are damaged")
+    for imu in inspection.imu:
+        if isinstance(imu, UnusableImu):
+            texts.append(f"{imu.topic}: {imu.problem}")
+        else:
+            texts += [f"{imu.topic}: {finding}" for finding in imu.findings]
     return tuple(texts)
 
 
-def _facts(found: dict[str, Any], good: list[dict[str, Any]]) -> tuple[Fact, ...]:
-    source = found["input"]
-    span = (int(source["end_ns"]) - int(source["start_ns"])) / SECOND
-    profile = source["profile"] or "none"
+def _facts(inspection: Inspection, good: Sequence[InspectedImu]) -> tuple[Fact, ...]:
+    source = inspection.input
+    span = (source.end_ns - source.start_ns) / SECOND
+    profile = source.profile or "none"
     facts = [
-        Fact("Length", f"{span:.6g} s", f"{source['messages']} messages"),
-        Fact("Format", source["format"], f"profile {profile}, {source['size'] / 1e6:.1f} MB"),
+        Fact("Length", f"{span:.6g} s", f"{source.messages} messages"),
+        Fact("Format", source.format, f"profile {profile}, {source.size / 1e6:.1f} MB"),
     ]
     for imu in good[:2]:
-        of = f", {imu['topic']}" if len(good) > 1 else ""
-        still = sum(span["duration_s"] for span in imu["still"])
+        of = f", {imu.topic}" if len(good) > 1 else ""
+        still = sum(span.duration_s for span in imu.still)
         facts += [
-            Fact(f"IMU rate{of}", f"{imu['rate_hz']:.5g} Hz", f"{imu['n']} samples"),
-            Fact(f"Gaps{of}", str(imu["gaps"]), f"{imu['covered_s']:.6g} s covered"),
-            Fact(f"Stamps{of}", f"{imu['backward']} back, {imu['duplicates']} twice",
-                 "used" if imu["time_source"] == "stamp" else "not used: log times instead"),
-            Fact(f"Steady{of}", f"{still:.4g} s", f"in {len(imu['still'])} stretches"),
+            Fact(f"IMU rate{of}", f"{imu.rate_hz:.5g} Hz", f"{imu.n} samples"),
+            Fact(f"Gaps{of}", str(imu.gaps), f"{imu.covered_s:.6g} s covered"),
+            Fact(f"Stamps{of}", f"{imu.backward} back, {imu.duplicates} twice",
+                 "used" if imu.time_source == "stamp" else "not used: log times instead"),
+            Fact(f"Steady{of}", f"{still:.4g} s", f"in {len(imu.still)} stretches"),
         ]  # fmt: skip
     return tuple(facts)
 
 
-def _topics(found: dict[str, Any]) -> Table:
+def _topics(inspection: Inspection) -> Table:
     columns = (
         Column("Topic"),
         Column("messages"),
@@ -112,20 +111,20 @@ def _topics(found: dict[str, Any]) -> Table:
     )
     rows = tuple(
         (
-            t["topic"],
-            t["n"],
-            t["rate_hz"],
-            t["longest_interval_s"],
-            t["out_of_order"],
-            t["bytes"] / 1e6,
-            t["type"],
+            t.topic,
+            t.n,
+            t.rate_hz,
+            t.longest_interval_s,
+            t.out_of_order,
+            t.bytes / 1e6,
+            t.type,
         )
-        for t in found["topics"]
+        for t in inspection.topics
     )
     return Table("Topics", columns, rows, ("Rates, intervals and order are those of log time.",))
 
 
-def _sensors(good: list[dict[str, Any]]) -> Table:
+def _sensors(good: Sequence[InspectedImu]) -> Table:
     """One column for each Imu topic."""
     rows: list[tuple[Cell, ...]] = []
 
@@ -133,25 +132,24 @@ def _sensors(good: list[dict[str, Any]]) -> Table:
         rows.append((name, unit, *texts))
 
     def all_of(form: str, key: str) -> list[str]:
-        return [_listed(imu[key], form) for imu in good]
+        return [_listed(getattr(imu, key), form) for imu in good]
 
-    row("samples", "", *(str(imu["n"]) for imu in good))
+    row("samples", "", *(str(imu.n) for imu in good))
     row("interval: shortest, median, longest", "ms", *all_of(".4g", "interval_ms"))
     row("log time less stamp, from and to", "s", *all_of("+.4f", "log_less_stamp_s"))
     row("largest rate on x, y, z", "rad/s", *all_of(".4g", "gyro_max_rad_s"))
     row("largest specific force on x, y, z", "m/s²", *all_of(".4g", "accel_max_m_s2"))
-    row("specific force, median norm", "m/s²", *(f"{i['specific_force_m_s2']:.3f}" for i in good))
-    row("orientation", "", *("given" if imu["orientation"] else "none" for imu in good))
-    row("alignment that process would take", "", *(imu["align"] for imu in good))
-    columns = (Column("Quantity"), Column("unit"), *(Column(imu["topic"]) for imu in good))
+    row("specific force, median norm", "m/s²", *(f"{i.specific_force_m_s2:.3f}" for i in good))
+    row("orientation", "", *("given" if imu.orientation else "none" for imu in good))
+    columns = (Column("Quantity"), Column("unit"), *(Column(imu.topic) for imu in good))
     return Table("Inertial sensors", columns, tuple(rows))
 
 
-def _listed(values: list[float], form: str) -> str:
+def _listed(values: Sequence[float], form: str) -> str:
     return ", ".join(format(value, form) for value in values)
 
 
-def _still(imu: dict[str, Any]) -> Table:
+def _still(imu: InspectedImu) -> Table:
     columns = (
         Column("Stretch"),
         Column("for", "s", ".1f"),
@@ -159,31 +157,31 @@ def _still(imu: dict[str, Any]) -> Table:
         Column("gravity on"),
         Column("gyro noise", "rad/s", ".2e"),
     )
-    rows = tuple(
+    rows: tuple[tuple[Cell, ...], ...] = tuple(
         (
-            f"from {span['start_s']:.1f} s",
-            span["duration_s"],
-            *span["gyro_bias_rad_s"],
-            span["gravity_axis"],
-            span["gyro_noise_rad_s"],
+            f"from {span.start_s:.1f} s",
+            span.duration_s,
+            *span.gyro_bias_rad_s,
+            span.gravity_axis,
+            span.gyro_noise_rad_s,
         )
-        for span in imu["still"]
+        for span in imu.still
     )
     note = (
         "The longest first. Where the vehicle is at rest the mean rate is the gyros' bias and the"
         " Earth's rate; a turn at a constant rate is steady too."
     )
-    return Table(f"Steady stretches, {imu['topic']}", columns, rows, (note,))
+    return Table(f"Steady stretches, {imu.topic}", columns, rows, (note,))
 
 
-def _gaps(imu: dict[str, Any]) -> Table:
-    first = int(imu["first_ns"])
-    listed = imu["gap_list"][:GAPS]
+def _gaps(imu: InspectedImu) -> Table:
+    first = imu.first_ns
+    listed = imu.gap_list[:GAPS]
     rows = tuple(
-        (f"at {(int(gap['start_ns']) - first) / SECOND:.3f} s", gap["length_s"]) for gap in listed
+        (f"at {(int(gap.start_ns) - first) / SECOND:.3f} s", gap.length_s) for gap in listed
     )
     notes: tuple[str, ...] = ()
-    if len(rows) < imu["gaps"]:
-        notes = (f"{len(rows)} of {imu['gaps']}.",)
+    if len(rows) < imu.gaps:
+        notes = (f"{len(rows)} of {imu.gaps}.",)
     columns = (Column("Gap"), Column("length", "s", ".4g"))
-    return Table(f"Gaps, {imu['topic']}", columns, rows, notes)
+    return Table(f"Gaps, {imu.topic}", columns, rows, notes)

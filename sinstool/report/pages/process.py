@@ -2,13 +2,23 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from math import hypot
 from pathlib import Path
-from typing import Any
 
 from sinstool.config import ProcessConfig
 from sinstool.core.timeline import SECOND
+from sinstool.methods.ins_gnss.withheld import Outage
+from sinstool.pipelines.process.errors_against_truth import RunErrors
+from sinstool.pipelines.process.result import (
+    FilterUsed,
+    FinalState,
+    FirstAttitude,
+    HeightDamping,
+    HseCorrection,
+    ProcessResult,
+    TurntableStretch,
+)
 from sinstool.report.page import write_report
 from sinstool.report.pages.settings import Read, config_settings, input_rows
 from sinstool.report.recorder import Recorder
@@ -36,11 +46,12 @@ TITLES = {
     "attitude": "Attitude from recorded inertial data",
     "ins": "Inertial navigation from recorded data",
     "ins-gnss": "INS/GNSS navigation from recorded data",
+    "turntable": "Attitude from recorded inertial data",
 }
 
 
 def write_page(
-    report: Path, recorder: Recorder, summary: dict[str, Any], config: ProcessConfig
+    report: Path, recorder: Recorder, result: ProcessResult, config: ProcessConfig
 ) -> None:
     """Write the page, or its first figure, that ``--report`` asks for.
 
@@ -48,58 +59,51 @@ def write_page(
     ----------
     recorder : Recorder
         Through which the run went.
-    summary : dict
-        The values of ``--json``.
     config : ProcessConfig
         Effective.
     """
-    rows = summary_rows(summary, verbose=True)
-    told = summary["input"]
-    mode = _mode(recorder, summary)
+    rows = summary_rows(result, verbose=True)
+    read, mode = result.input, result.plan.mode.value
     sections: tuple[Section | None, ...] = (
-        Warnings(tuple(summary["warnings"])),
-        _answer(mode, summary),
-        *recorder.figures(summary),
-        _truth(summary),
-        _withheld(summary),
-        _events(summary),
-        _stretches(summary),
+        Warnings(result.warnings),
+        _answer(mode, result),
+        *recorder.figures(result),
+        _truth(result),
+        _withheld(result),
+        _events(result),
+        _stretches(result),
+        Rows("What was chosen", tuple(result.plan.rows())),
         Rows("What was done", tuple((what, how) for what, how in rows if what != "input sha256")),
         Settings(config_settings(config, *GROUPS)),
-        input_rows([Read(told["path"], told["size"], told["sha256"])]),
+        input_rows([Read(read.path, read.size, read.sha256)]),
     )
-    page = Page(TITLES[mode], Path(told["path"]).name, tuple(one for one in sections if one))
+    page = Page(TITLES[mode], Path(read.path).name, tuple(one for one in sections if one))
     write_report(report, page, overwrite=config.output.overwrite)
 
 
-def _mode(recorder: Recorder, summary: dict[str, Any]) -> str:
-    if summary["filter"] is not None:
-        return "ins-gnss"
-    return "ins" if recorder.navigated else "attitude"
-
-
-def _answer(mode: str, summary: dict[str, Any]) -> Prose:
+def _answer(mode: str, result: ProcessResult) -> Prose:
     """What came out, in a few sentences and numbers."""
-    imu, align, final = summary["imu"], summary["alignment"], summary["final"]
-    seconds = (int(imu["last_ns"]) - int(imu["first_ns"])) / SECOND
+    imu, align, final = result.imu, result.alignment, result.final
+    seconds = (imu.last_ns - imu.first_ns) / SECOND
     spent = _duration(seconds)
-    north = "" if align["north_referenced"] else " Heading is not referenced to north."
+    north = "" if align.north_referenced else " Heading is not referenced to north."
     what = {
         "attitude": "Attitude alone was computed",
         "ins": "Attitude, velocity and position were computed from inertial data alone",
         "ins-gnss": "Attitude, velocity and position were computed from inertial data and GNSS",
+        "turntable": "Attitude alone was computed",
     }[mode]
-    text = f"{what}: {spent} of {imu['topic']}, {summary['output']['attitudes']} attitudes.{north}"
+    text = f"{what}: {spent} of {imu.topic}, {result.output.attitudes} attitudes.{north}"
     facts = [
-        *_error_facts(summary.get("truth")),
-        *_filter_facts(summary["filter"]),
-        *_height_facts(summary["height"]),
-        _heading("First heading", align, f"; {align['method']}, {align['status']}"),
+        *_error_facts(result.truth),
+        *_filter_facts(result.filter),
+        *_height_facts(result.height),
+        _heading("First heading", align, f"; {align.method}, {align.status}"),
         _heading("Last heading", final),
-        Fact("IMU", f"{imu['rate_hz']:.4g} Hz", f"{imu['gaps']} gaps, {imu['dropped']} dropped"),
+        Fact("IMU", f"{imu.rate_hz:.4g} Hz", f"{imu.gaps} gaps, {imu.dropped} dropped"),
     ]
-    if summary["hse"] is not None:
-        facts[:0] = _hse_facts(summary["hse"])
+    if result.hse is not None:
+        facts[:0] = _hse_facts(result.hse)
     return Prose((text,), "Result", tuple(facts))
 
 
@@ -109,18 +113,18 @@ def _duration(seconds: float) -> str:
     return f"{seconds / 60.0:.1f} min" if seconds < 7200.0 else f"{seconds / 3600.0:.2f} h"
 
 
-def _heading(name: str, told: dict[str, Any], more: str = "") -> Fact:
-    tilt = f"roll {told['roll_deg']:.2f}, pitch {told['pitch_deg']:.2f} deg"
-    return Fact(name, f"{compass(told['heading_deg'], 2)} deg", tilt + more)
+def _heading(name: str, state: FirstAttitude | FinalState, more: str = "") -> Fact:
+    tilt = f"roll {state.roll_deg:.2f}, pitch {state.pitch_deg:.2f} deg"
+    return Fact(name, f"{compass(state.heading_deg, 2)} deg", tilt + more)
 
 
-def _error_facts(truth: dict[str, Any] | None) -> list[Fact]:
+def _error_facts(truth: RunErrors | None) -> list[Fact]:
     if truth is None:
         return []
     found = []
-    if "position_m" in truth:
-        north, east, down = truth["position_m"]["rms"]
-        most = truth["position_m"]["largest"]
+    if truth.position_m is not None:
+        north, east, down = truth.position_m.rms
+        most = truth.position_m.largest
         found.append(
             Fact(
                 "Position error, rms",
@@ -128,51 +132,51 @@ def _error_facts(truth: dict[str, Any] | None) -> list[Fact]:
                 f"horizontal; {down:.3g} m in height; at most {max(most):.3g} m on an axis",
             )
         )
-    if "attitude_deg" in truth:
-        north, east, down = truth["attitude_deg"]["rms"]
+    if truth.attitude_deg is not None:
+        north, east, down = truth.attitude_deg.rms
         found += [
             Fact("Heading error, rms", f"{down:.3g} deg",
-                 f"at most {truth['attitude_deg']['largest'][2]:.3g} deg"),
+                 f"at most {truth.attitude_deg.largest[2]:.3g} deg"),
             Fact("Tilt error, rms", f"{hypot(north, east):.3g} deg", "about north and east"),
         ]  # fmt: skip
     return found
 
 
-def _filter_facts(told: dict[str, Any] | None) -> list[Fact]:
-    if told is None:
+def _filter_facts(used: FilterUsed | None) -> list[Fact]:
+    if used is None:
         return []
     found = [
-        Fact("Fixes used", f"{told['epochs_used']}",
-             f"{told['epochs_gated']} rejected, {told['restarts']} restarts"),
-        Fact("Innovations squared", f"{told['mean_nis']:.2f}", "of what was expected: 1 is right"),
+        Fact("Fixes used", f"{used.epochs_used}",
+             f"{used.epochs_gated} rejected, {used.restarts} restarts"),
+        Fact("Innovations squared", f"{used.mean_nis:.2f}", "of what was expected: 1 is right"),
     ]  # fmt: skip
-    if told["withheld"] is not None:
-        count = len(told["withheld"]["outages"])
-        drift = told["withheld"]["rms_of_largest_horizontal_m"]
+    if used.withheld is not None:
+        count = len(used.withheld.outages)
+        drift = used.withheld.rms_of_largest_horizontal_m
         note = f"largest horizontal error, {count} outage{'s' * (count > 1)}"
         found.append(Fact("Withheld fixes", f"{drift:.3g} m", note))
     return found
 
 
-def _height_facts(height: dict[str, Any] | None) -> list[Fact]:
+def _height_facts(height: HeightDamping | None) -> list[Fact]:
     if height is None:
         return []
-    value = f"{height['difference_rms_m']:.3g} m"
-    return [Fact("Height less reference", value, f"rms lately, {height['topic']}")]
+    value = f"{height.difference_rms_m:.3g} m"
+    return [Fact("Height less reference", value, f"rms lately, {height.topic}")]
 
 
-def _hse_facts(hse: dict[str, Any]) -> list[Fact]:
-    most = max(hse["segments"], key=lambda s: abs(s["correction_arcsec"]), default=None)
+def _hse_facts(hse: HseCorrection) -> list[Fact]:
+    most = max(hse.segments, key=lambda s: abs(s.correction_arcsec), default=None)
     if most is None:
         return []
-    value = f"{-most['correction_arcsec']:+.2f} arcsec"
-    return [Fact("Largest correction", value, f"of heading, at {most['rate_deg_s']:+.2f} deg/s")]
+    value = f"{-most.correction_arcsec:+.2f} arcsec"
+    return [Fact("Largest correction", value, f"of heading, at {most.rate_deg_s:+.2f} deg/s")]
 
 
-def _withheld(summary: dict[str, Any]) -> Table | None:
+def _withheld(result: ProcessResult) -> Table | None:
     """What navigation did where fixes were kept from it."""
-    told = summary["filter"] and summary["filter"]["withheld"]
-    if not told:
+    scores = None if result.filter is None else result.filter.withheld
+    if scores is None:
         return None
     columns = {
         "duration_s": Column("for", "s", ".1f"),
@@ -182,54 +186,54 @@ def _withheld(summary: dict[str, Any]) -> Table | None:
         "largest_in_sigmas": Column("largest on an axis", "sigma", ".2f"),
     }
     note = "Navigation less the fixes that it was not given; their own noise is in it."
-    rows = _by_start(summary, told["outages"], columns)
+    rows = _by_start(result, scores.outages, columns)
     return Table("Withheld fixes", (Column("Outage"), *columns.values()), rows, (note,))
 
 
 def _by_start(
-    summary: dict[str, Any], spans: list[dict[str, Any]], columns: Iterable[str]
+    result: ProcessResult, spans: Sequence[Outage | TurntableStretch], columns: Iterable[str]
 ) -> tuple[tuple[Cell, ...], ...]:
     """A row for each span of a log: from when, and these values of it."""
-    first = int(summary["imu"]["first_ns"])
+    first = result.imu.first_ns
     return tuple(
-        (f"from {(int(span['start_ns']) - first) / SECOND:.1f} s", *(span[key] for key in columns))
+        (
+            f"from {(span.start_ns - first) / SECOND:.1f} s",
+            *(getattr(span, key) for key in columns),
+        )
         for span in spans
     )
 
 
-def _truth(summary: dict[str, Any]) -> Table | None:
-    truth = summary.get("truth")
-    if not truth:
+def _truth(result: ProcessResult) -> Table | None:
+    truth = result.truth
+    if truth is None:
         return None
     rows: list[tuple[Cell, ...]] = []
-    for key, unit in (("attitude_deg", "deg"), ("position_m", "m"), ("velocity_m_s", "m/s")):
-        if key not in truth:
-            continue
+    for what, unit, errors in truth.kinds():
         for name in ("rms", "largest", "last"):
-            rows.append((f"{key.partition('_')[0]}, {name}", unit, *truth[key][name]))
+            rows.append((f"{what}, {name}", unit, *getattr(errors, name)))
     if not rows:
         return None
     axes = (Column("north"), Column("east"), Column("down"))
-    note = f"Computed less true, by {', '.join(truth['names'])}."
+    note = f"Computed less true, by {', '.join(truth.names)}."
     return Table("Errors", (Column("Error"), Column("unit"), *axes), tuple(rows), (note,))
 
 
-def _events(summary: dict[str, Any]) -> Table | None:
-    height = summary["height"]
-    if not height or not height.get("events"):
+def _events(result: ProcessResult) -> Table | None:
+    height = result.height
+    if height is None or not height.events:
         return None
-    first = int(summary["imu"]["first_ns"])
+    first = result.imu.first_ns
     rows = tuple(
-        (e["kind"], (int(e["time_ns"]) - first) / SECOND, e["size"], e["duration_s"])
-        for e in height["events"][:EVENTS]
+        (e.kind, (e.time_ns - first) / SECOND, e.size, e.duration_s) for e in height.events[:EVENTS]
     )
     notes = [
         "Size: engaged: offset of the reference, m; coast: s since its last good sample;"
         " re-engaged: m taken out of the height; jump: m by which the reference jumped; frozen: m"
         " given back; invalid: s of coasting; imu-gap: s."
     ]
-    if len(height["events"]) > EVENTS:
-        notes.append(f"The first {EVENTS} of {len(height['events'])}.")
+    if len(height.events) > EVENTS:
+        notes.append(f"The first {EVENTS} of {len(height.events)}.")
     columns = (
         Column("Event of the height"),
         Column("at", "s", ".3f"),
@@ -239,9 +243,9 @@ def _events(summary: dict[str, Any]) -> Table | None:
     return Table("Events of the vertical channel", columns, rows, tuple(notes))
 
 
-def _stretches(summary: dict[str, Any]) -> Table | None:
-    hse = summary["hse"]
-    if not hse:
+def _stretches(result: ProcessResult) -> Table | None:
+    hse = result.hse
+    if hse is None:
         return None
     columns = {
         "rate_deg_s": Column("rate", "deg/s", "+.3f"),
@@ -252,5 +256,5 @@ def _stretches(summary: dict[str, Any]) -> Table | None:
         "heading_deg": Column("heading", "deg", ".6f"),
         "sigma_heading_arcsec": Column("sigma", "arcsec", ".3f"),
     }
-    rows = _by_start(summary, hse["segments"], columns)
+    rows = _by_start(result, hse.segments, columns)
     return Table("Stretches at constant rate", (Column("Stretch"), *columns.values()), rows)

@@ -2,63 +2,58 @@
 
 from __future__ import annotations
 
-from typing import Any
+from sinstool.pipelines.process.result import FilterUsed, LatencyUsed, WithheldScores
 
 Row = tuple[str, str]
 
 
-def filter_rows(told: dict[str, Any] | None) -> list[Row]:
-    """``filter`` of a summary as pairs of what and how.
-
-    Parameters
-    ----------
-    told : dict or None
-    """
-    if told is None:
+def filter_rows(filter_: FilterUsed | None) -> list[Row]:
+    """``filter`` of a result as pairs of what and how."""
+    if filter_ is None:
         return []
-    smoothed = ", smoothed" if told["smoothed"] else ""
-    used, gated = told["epochs_used"], told["epochs_gated"]
-    bias = ", ".join(f"{b:.3e}" for b in told["gyro_bias_rad_s"])
-    accel = ", ".join(f"{b:.3e}" for b in told["accel_bias_m_s2"])
+    smoothed = ", smoothed" if filter_.smoothed else ""
+    used, gated = filter_.epochs_used, filter_.epochs_gated
+    bias = ", ".join(f"{b:.3e}" for b in filter_.gyro_bias_rad_s)
+    accel = ", ".join(f"{b:.3e}" for b in filter_.accel_bias_m_s2)
     rows = [
         (
             "filter",
-            f"{told['filter']}, {told['states']} states, feedback {told['feedback']}{smoothed}; IMU"
-            f" {told['imu_grade']['grade']} ({told['imu_grade']['why']})",
+            f"{filter_.filter}, {filter_.states} states, feedback {filter_.feedback}{smoothed}; IMU"
+            f" {filter_.imu_grade.grade} ({filter_.imu_grade.why})",
         ),
-        ("start", told["start"]["how"]),
-        ("GNSS", f"{told['gnss_noise']}; {_latency(told['gnss_latency'])}"),
+        ("start", filter_.start.how),
+        ("GNSS", f"{filter_.gnss_noise}; {_latency(filter_.gnss_latency)}"),
         (
             "fixes",
-            f"{used} used, {gated} rejected, {told['restarts']} restarts; innovations squared"
-            f" {told['mean_nis']:.2f} of what was expected",
+            f"{used} used, {gated} rejected, {filter_.restarts} restarts; innovations squared"
+            f" {filter_.mean_nis:.2f} of what was expected",
         ),
         ("biases at end", f"gyro {bias} rad/s; accelerometer {accel} m/s^2 (FRD)"),
     ]
-    return rows + _withheld(told["withheld"])
+    return rows + _withheld(filter_.withheld)
 
 
-def _latency(told: dict[str, Any]) -> str:
+def _latency(latency: LatencyUsed) -> str:
     """When fixes were valid."""
-    position, velocity = 1e3 * told["position_s"], 1e3 * told["velocity_s"]
-    how = told["status"]
-    if told["sigma_s"] is not None:
-        how += f", +- {1e3 * told['sigma_s']:.1f} ms"
+    position, velocity = 1e3 * latency.position_s, 1e3 * latency.velocity_s
+    how = latency.status
+    if latency.sigma_s is not None:
+        how += f", +- {1e3 * latency.sigma_s:.1f} ms"
     if abs(position - velocity) < 0.05:
         return f"latency {position:.1f} ms ({how})"
     return f"latency of positions {position:.1f} ms, of velocities {velocity:.1f} ms ({how})"
 
 
-def _withheld(told: dict[str, Any] | None) -> list[Row]:
-    if told is None:
+def _withheld(scores: WithheldScores | None) -> list[Row]:
+    if scores is None:
         return []
-    outages = told["outages"]
-    most = max(o["largest_in_sigmas"] for o in outages)
-    rms = told["rms_of_largest_horizontal_m"]
+    outages = scores.outages
+    most = max(o.largest_in_sigmas for o in outages)
+    rms = scores.rms_of_largest_horizontal_m
     text = (
         f"{len(outages)} outages: largest horizontal errors {rms:.3g} m rms, at most {most:.1f}"
         " sigma on an axis"
     )
-    if "filter" in told and told["filter"] is not None:
-        text += f"; unsmoothed {told['filter']['rms_of_largest_horizontal_m']:.3g} m rms"
+    if scores.filter is not None:
+        text += f"; unsmoothed {scores.filter.rms_of_largest_horizontal_m:.3g} m rms"
     return [("withheld", text)]

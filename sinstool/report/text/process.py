@@ -2,8 +2,13 @@
 
 from __future__ import annotations
 
-from typing import Any
-
+from sinstool.pipelines.process.errors_against_truth import RunErrors
+from sinstool.pipelines.process.result import (
+    GnssDifference,
+    HeightDamping,
+    HseCorrection,
+    ProcessResult,
+)
 from sinstool.report.text.filter import filter_rows
 
 Row = tuple[str, str]
@@ -14,139 +19,135 @@ def compass(heading_deg: float, digits: int) -> str:
     return f"{round(heading_deg, digits) % 360.0:.{digits}f}"
 
 
-def summary_rows(summary: dict[str, Any], verbose: bool = False) -> list[Row]:
+def summary_rows(result: ProcessResult, verbose: bool = False) -> list[Row]:
     """A summary as pairs of what and how.
 
     Parameters
     ----------
-    summary : dict
-        The values of ``--json``.
     verbose : bool, optional
         With sources and hashes.
     """
-    imu, align, final = summary["imu"], summary["alignment"], summary["final"]
-    coning, out = summary["coning"], summary["output"]
-    sigma = align["sigma_deg"][0]
+    imu, align, final = result.imu, result.alignment, result.final
+    coning, out = result.coning, result.output
+    sigma = align.sigma_deg[0]
     tilt = f", sigma {sigma:.2g} deg" if sigma is not None else ""
-    bias = ", ".join(f"{b:.3e}" for b in align["gyro_bias_rad_s"])
+    bias = ", ".join(f"{b:.3e}" for b in align.gyro_bias_rad_s)
     rows = [
-        ("log", f"{summary['input']['path']} ({summary['input']['size'] / 1e6:.1f} MB)"),
+        ("log", f"{result.input.path} ({result.input.size / 1e6:.1f} MB)"),
         (
             "IMU",
-            f"{imu['topic']}: {imu['n']} samples at {imu['rate_hz']:.3f} Hz,"
-            f" {imu['gaps']} gaps, {imu['dropped']} dropped",
+            f"{imu.topic}: {imu.n} samples at {imu.rate_hz:.3f} Hz,"
+            f" {imu.gaps} gaps, {imu.dropped} dropped",
         ),
         (
             "alignment",
-            f"{align['method']} ({align['status']}): roll {align['roll_deg']:.3f}, pitch"
-            f" {align['pitch_deg']:.3f}, heading {compass(align['heading_deg'], 3)} deg{tilt}"
-            + ("" if align["north_referenced"] else "; heading is not referenced to north"),
+            f"{align.method} ({align.status}): roll {align.roll_deg:.3f}, pitch"
+            f" {align.pitch_deg:.3f}, heading {compass(align.heading_deg, 3)} deg{tilt}"
+            + ("" if align.north_referenced else "; heading is not referenced to north"),
         ),
-        ("gyro bias", f"{align['gyro_bias_source']}: {bias} rad/s (FRD)"),
+        ("gyro bias", f"{align.gyro_bias_source}: {bias} rad/s (FRD)"),
     ]
     if coning is not None:
         rows.append(
             (
                 "coning",
-                f"{coning['algorithm']}, {coning['samples_per_update']} sample(s) an update, gyro"
-                f" read as {coning['gyro_kind']}",
+                f"{coning.algorithm}, {coning.samples_per_update} sample(s) an update, gyro"
+                f" read as {coning.gyro_kind}",
             )
         )
-    if summary["hse"] is not None:
-        rows += _hse(summary["hse"])
-    if summary["height"] is not None:
-        rows += _height(summary["height"])
-    rows += filter_rows(summary["filter"])
+    if result.hse is not None:
+        rows += _hse(result.hse)
+    if result.height is not None:
+        rows += _height(result.height)
+    rows += filter_rows(result.filter)
     rows.append(
         (
             "final",
-            f"roll {final['roll_deg']:.3f}, pitch {final['pitch_deg']:.3f},"
-            f" heading {compass(final['heading_deg'], 3)} deg" + _place(summary),
+            f"roll {final.roll_deg:.3f}, pitch {final.pitch_deg:.3f},"
+            f" heading {compass(final.heading_deg, 3)} deg" + _place(result),
         )
     )
-    rows += _gnss(summary.get("gnss_difference"))
-    rows += _truth(summary.get("truth"))
+    rows += _gnss(result.gnss_difference)
+    rows += _truth(result.truth)
     rows.append(
         (
             "written",
-            f"{out['path']}: {out['attitudes']} attitudes in frame {out['frame']},"
-            f" topics {', '.join(out['topics'])}",
+            f"{out.path}: {out.attitudes} attitudes in frame {out.frame},"
+            f" topics {', '.join(out.topics)}",
         )
     )
     if verbose:
         if coning is not None:
-            rows.append(("coning source", coning["source"]))
-        rows.append(("input sha256", summary["input"]["sha256"]))
+            rows.append(("coning source", coning.source))
+        rows.append(("input sha256", result.input.sha256))
     return rows
 
 
-def _place(summary: dict[str, Any]) -> str:
+def _place(result: ProcessResult) -> str:
     """Where the run ended, if it computed that."""
-    final = summary["final"]
-    if "/sinstool/fix" not in summary["output"]["topics"]:
+    final = result.final
+    if "/sinstool/fix" not in result.output.topics:
         return ""
     return (
-        f"; {final['lat_deg']:.7f}, {final['lon_deg']:.7f} deg,"
-        f" {final['height_m']:.3f} m above the ellipsoid"
+        f"; {final.lat_deg:.7f}, {final.lon_deg:.7f} deg,"
+        f" {final.height_m:.3f} m above the ellipsoid"
     )
 
 
-def _height(height: dict[str, Any]) -> list[Row]:
-    samples, final = height["samples"], height["final"]
-    k4 = f", K4 {height['k4_s']:g} s" if height["k4_s"] else ""
+def _height(height: HeightDamping) -> list[Row]:
+    samples, final = height.samples, height.final
+    k4 = f", K4 {height.k4_s:g} s" if height.k4_s else ""
     used = f"{samples['accepted']} of {sum(samples.values())} samples used"
-    out = height["seconds"]["coast"]
+    out = height.seconds["coast"]
     coast = f", {out:.1f} s without" if out else ""
     return [
         (
             "height",
-            f"held to {height['topic']} ({height['damping']}), tau {height['tau_s']:g} s{k4};"
-            f" {used}{coast}; difference {height['difference_rms_m']:.3g} m rms lately",
+            f"held to {height.topic} ({height.damping}), tau {height.tau_s:g} s{k4};"
+            f" {used}{coast}; difference {height.difference_rms_m:.3g} m rms lately",
         ),
         (
             "height at end",
-            f"{final['height_m']:.3f} m, {final['velocity_up_m_s']:+.3f} m/s up;"
-            f" {final['accelerometer_correction_m_s2']:+.2e} m/s^2 taken off the accelerometer",
+            f"{final.height_m:.3f} m, {final.velocity_up_m_s:+.3f} m/s up;"
+            f" {final.accelerometer_correction_m_s2:+.2e} m/s^2 taken off the accelerometer",
         ),
     ]
 
 
-def _gnss(off: dict[str, Any] | None) -> list[Row]:
+def _gnss(off: GnssDifference | None) -> list[Row]:
     """How far inertial navigation has gone from GNSS, which it does not use."""
     if off is None:
         return []
-    up = "" if off["up_m"] is None else f", {off['up_m']:+.1f} m up"
-    north, east = f"{off['north_m']:+.1f} m north", f"{off['east_m']:+.1f} m east"
+    up = "" if off.up_m is None else f", {off.up_m:+.1f} m up"
+    north, east = f"{off.north_m:+.1f} m north", f"{off.east_m:+.1f} m east"
     return [("off last fix", f"{north}, {east}{up}")]
 
 
-def _truth(truth: dict[str, Any] | None) -> list[Row]:
+def _truth(truth: RunErrors | None) -> list[Row]:
     """Root mean square errors, north, east, down."""
     if truth is None:
         return []
     rows = []
-    for key, unit in (("attitude_deg", "deg"), ("position_m", "m"), ("velocity_m_s", "m/s")):
-        if key in truth:
-            rms = ", ".join(f"{v:.3g}" for v in truth[key]["rms"])
-            most = ", ".join(f"{v:.3g}" for v in truth[key]["largest"])
-            what = key.partition("_")[0]
-            rows.append((f"{what} error", f"rms {rms} {unit} (N, E, D); at most {most}"))
+    for what, unit, error in truth.kinds():
+        rms = ", ".join(f"{v:.3g}" for v in error.rms)
+        most = ", ".join(f"{v:.3g}" for v in error.largest)
+        rows.append((f"{what} error", f"rms {rms} {unit} (N, E, D); at most {most}"))
     if not rows:
-        rows.append(("errors", f"nothing to compare with {', '.join(truth['names'])}"))
+        rows.append(("errors", f"nothing to compare with {', '.join(truth.names)}"))
     return rows
 
 
-def _hse(hse: dict[str, Any]) -> list[Row]:
+def _hse(hse: HseCorrection) -> list[Row]:
     """Heading before and after, stretch by stretch."""
     return [
         (
             "heading" if k == 0 else "",
-            f"at {s['rate_deg_s']:+.3f} deg/s, {s['turns']} turns: {s['heading_raw_deg']:.6f} deg,"
-            f" corrected by {-s['correction_arcsec']:+.3f}"
-            f"{_sigma(s['sigma_correction_arcsec'])} arcsec: {s['heading_deg']:.6f} deg"
-            f"{_sigma(s['sigma_heading_arcsec'])} arcsec",
+            f"at {s.rate_deg_s:+.3f} deg/s, {s.turns} turns: {s.heading_raw_deg:.6f} deg,"
+            f" corrected by {-s.correction_arcsec:+.3f}"
+            f"{_sigma(s.sigma_correction_arcsec)} arcsec: {s.heading_deg:.6f} deg"
+            f"{_sigma(s.sigma_heading_arcsec)} arcsec",
         )
-        for k, s in enumerate(hse["segments"])
+        for k, s in enumerate(hse.segments)
     ]
 
 

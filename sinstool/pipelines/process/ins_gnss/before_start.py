@@ -8,6 +8,7 @@ from sinstool.config import ProcessConfig
 from sinstool.core.streams import Imu, Solution, concatenate
 from sinstool.core.timeline import SECOND
 from sinstool.core.units import STANDARD_GRAVITY
+from sinstool.methods.coning.algorithm import ConingAlgorithm
 from sinstool.methods.ins_gnss.settings import Start
 from sinstool.methods.ins_gnss.smoother import corrected_navigation
 from sinstool.methods.ins_gnss.states import (
@@ -73,7 +74,11 @@ def corrected_start(
 
 
 def before_start(
-    source: Source, config: ProcessConfig, prepared: FilterStart, start: Start
+    source: Source,
+    config: ProcessConfig,
+    algorithm: ConingAlgorithm,
+    prepared: FilterStart,
+    start: Start,
 ) -> Solution | None:
     """Solutions at the samples up to, and at, the one at which a filter starts.
 
@@ -90,7 +95,7 @@ def before_start(
         sensors of the grade do meanwhile.
     """
     first = max(source.survey.first_ns, prepared.time_ns - MAX_NS)
-    steps = SegmentIncrements(source, config)
+    steps = SegmentIncrements(source, config, algorithm)
     made: list[tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]] = []
     samples: list[Imu] = []
     heads: list[Imu] = []

@@ -2,118 +2,96 @@
 
 from __future__ import annotations
 
-from typing import Any
+from collections.abc import Iterator, Sequence
 
 import numpy as np
 
 from sinstool.config import ProcessConfig
-from sinstool.core.errors import AlignmentError
-from sinstool.core.progress import Progress, share
+from sinstool.core.result import compass
 from sinstool.core.rotation import to_euler
+from sinstool.core.streams import Diagnostics, Solution
 from sinstool.core.units import DEGREE
-from sinstool.io.readers.log import Log
-from sinstool.io.readers.streams import frame_id
 from sinstool.io.writers.topics import Frames
-from sinstool.methods.height.layout import ACCEPTED
-from sinstool.pipelines import summary
+from sinstool.pipelines.plan import Plan
+from sinstool.pipelines.process.height import show_reference
 from sinstool.pipelines.process.ins_gnss.filter_start import FilterStart
 from sinstool.pipelines.process.ins_gnss.run import DIAGNOSTIC_NAMES, FilterRun
-from sinstool.pipelines.process.ins_gnss.start import prepare_filter
-from sinstool.pipelines.process.output import Result, choose_emits
-from sinstool.survey.source import prepare
+from sinstool.pipelines.process.ins_gnss.start import timed_start
+from sinstool.pipelines.process.mode import BytesRead, Mode, warned
+from sinstool.pipelines.process.result import ConingUsed, FirstAttitude, ModeResult
+from sinstool.pipelines.process.sink import Sink
+from sinstool.survey.source import Source
+
+# A heading known better than this is good, deg.
+GOOD_HEADING = 5.0
 
 
-def run_ins_gnss(
-    log: Log, config: ProcessConfig, result: Result, progress: Progress | None
-) -> dict[str, Any]:
-    """INS/GNSS integration.
+class InsGnssMode(Mode):
+    """INS/GNSS integration by the filter whose start the plan holds."""
 
-    Parameters
-    ----------
-    progress : callable, optional
-        Called with the fraction done.
+    diagnostic_names = DIAGNOSTIC_NAMES
 
-    Returns
-    -------
-    dict
-        The summary.
-
-    Raises
-    ------
-    SinstoolError
-    """
-    source = prepare(log, config, share(progress, log.size, 0.0, 0.4), whole_gnss=True)
-    prepared = prepare_filter(source, config)
-    body = frame_id(log, source.topic.channels, source.topic.path) or "imu_link"
-    known = ["imu", "attitude", "odometry", "fix", "tf", "diagnostics"]
-    if prepared.reference is not None:
-        known.append("height")
-    emits, left_out = choose_emits(log, config, known, body)
-    nav = prepared.start.nav
-    frames = Frames(
-        config.output.world,
-        "map",
-        body,
-        config.input.body_axes,
-        (float(nav[0]), float(nav[1]), float(nav[2])),
-    )
-    result.open(source.topic.channels[0].message_encoding, emits, frames, DIAGNOSTIC_NAMES)
-    recorder, r = result.recorder, prepared.reference
-    if recorder is not None and r is not None:
-        good = r.reason == ACCEPTED
-        recorder.refer_height(r.topic, r.time_ns[good], r.height[good])
-    gnss = source.aiding.gnss
-    if recorder is not None and gnss is not None:
-        recorder.refer_track(gnss.latitude, gnss.longitude)
-    run = FilterRun(source, config, prepared, detailed=recorder is not None)
-    for solution in run.solutions(share(progress, log.size, 0.4, 0.5)):
-        result.push(solution)
-        for diagnostics in run.new_diagnostics():
-            result.note(diagnostics)
-    if recorder is not None:
-        recorder.refer_filter(run)
-    told = result.finish(lambda: summary.incomplete(summary.lost(source)))
-    if result.last is None:
-        raise AlignmentError(
-            f"{log.path}: not one Imu sample lies after the filter's start",
-            "check --start and --end, and the clocks of Imu and GNSS",
+    def __init__(self, source: Source, config: ProcessConfig, plan: Plan) -> None:
+        self._source, self._config, self._plan = source, config, plan
+        self._start = timed_start(source, config, plan.algorithm, plan.filter_start)
+        self.emits = ("imu", "attitude", "odometry", "fix", "tf", "diagnostics")
+        if self._start.reference is not None:
+            self.emits = (*self.emits, "height")
+        latitude, longitude, height = (float(value) for value in self._start.start.nav[:3])
+        self.frames = Frames(
+            config.output.world,
+            "map",
+            source.body_frame,
+            config.input.body_axes,
+            (latitude, longitude, height),
         )
-    if progress is not None:
-        progress(1.0)
-    return {
-        **told,
-        "imu": summary.imu(source),
-        "alignment": _alignment(prepared),
-        "coning": summary.coning(run.algorithm, config.input.gyro_kind, run.updates),
-        "hse": None,
-        "height": run.height(result.last),
-        "filter": run.summary(),
-        "final": summary.final(result.last, source),
-        "lost": summary.lost(source),
-        "warnings": [
-            *source.warnings,
-            *prepared.warnings,
-            *left_out,
-            *run.warnings(),
-        ],
-    }
+        self._run = FilterRun(source, config, self._start, plan.algorithm)
+
+    def show(self, sink: Sink) -> None:
+        """The barometer's heights and the fixes, and more of the biases than the output has."""
+        if self._start.reference is not None:
+            show_reference(self._start.reference, sink)
+        gnss = self._source.aiding.gnss
+        if gnss is not None:
+            sink.refer_track(gnss.latitude, gnss.longitude)
+        self._run.detailed = True
+
+    def solutions(self, progress: BytesRead | None) -> Iterator[Solution]:
+        """Filtered or smoothed."""
+        return self._run.solutions(progress)
+
+    def new_diagnostics(self) -> Sequence[Diagnostics]:
+        """Innovations since the last call."""
+        return self._run.new_diagnostics()
+
+    def conclude(self, last: Solution, sink: Sink | None) -> ModeResult:
+        """The start, the filter, the height, and what is likely to be wrong."""
+        run = self._run
+        if sink is not None:
+            sink.refer_filter(run)
+        return ModeResult(
+            first_attitude=_first_attitude(self._start),
+            coning=ConingUsed.of(run.algorithm, self._config.input.gyro_kind, run.updates),
+            height=run.height(last),
+            filter=run.summary(),
+            findings=(*warned("filter-start", self._start.warnings), *run.warnings()),
+        )
 
 
-def _alignment(prepared: FilterStart) -> dict[str, Any]:
-    """``alignment`` of the summary: the filter's start."""
-    start = prepared.start
-    roll, pitch, heading = (float(v) for v in to_euler(start.nav[6:10]) / DEGREE)
-    sigma = np.sqrt(np.diag(start.covariance_attitude_n)) / DEGREE
-    return {
-        "method": "filter-start",
-        "how": prepared.how,
-        "time_ns": str(prepared.time_ns),
-        "roll_deg": roll,
-        "pitch_deg": pitch,
-        "heading_deg": heading,
-        "sigma_deg": sigma.tolist(),
-        "status": "ok" if sigma[2] < 5.0 else "degraded",
-        "north_referenced": True,
-        "gyro_bias_rad_s": start.gyro_bias.tolist(),
-        "gyro_bias_source": "start",
-    }
+def _first_attitude(start: FilterStart) -> FirstAttitude:
+    """The filter's start as a first attitude."""
+    roll, pitch, heading = (float(v) for v in to_euler(start.start.nav[6:10]) / DEGREE)
+    sigma = np.sqrt(np.diag(start.start.covariance_attitude_n)) / DEGREE
+    return FirstAttitude(
+        method="filter-start",
+        how=start.how,
+        time_ns=start.time_ns,
+        roll_deg=roll,
+        pitch_deg=pitch,
+        heading_deg=compass(heading),
+        sigma_deg=tuple(sigma.tolist()),
+        status="ok" if sigma[2] < GOOD_HEADING else "degraded",
+        north_referenced=True,
+        gyro_bias_rad_s=tuple(start.start.gyro_bias.tolist()),
+        gyro_bias_source="start",
+    )

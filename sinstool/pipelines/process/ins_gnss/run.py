@@ -13,6 +13,7 @@ from sinstool.config.align import GnssOptions
 from sinstool.core.finding import Finding
 from sinstool.core.streams import Diagnostics, Imu, Solution
 from sinstool.core.timeline import SECOND
+from sinstool.methods.coning.algorithm import ConingAlgorithm
 from sinstool.methods.ins_gnss.diagnosis import diagnose
 from sinstool.methods.ins_gnss.filter import InsGnssFilter
 from sinstool.methods.ins_gnss.results import (
@@ -28,6 +29,14 @@ from sinstool.methods.strapdown.velocity import Increments
 from sinstool.pipelines.process.height import height_summary, height_warnings
 from sinstool.pipelines.process.ins_gnss.before_start import before_start, corrected_start
 from sinstool.pipelines.process.ins_gnss.filter_start import FilterStart
+from sinstool.pipelines.process.result import (
+    FilterStartTime,
+    FilterUsed,
+    HeightDamping,
+    ImuGrade,
+    LatencyUsed,
+    WithheldScores,
+)
 from sinstool.survey.increments import SegmentIncrements
 from sinstool.survey.source import Source
 
@@ -68,13 +77,10 @@ def _pieces(
 class FilterRun:
     """A filter over a log, its answers as solutions, smoothed if asked for.
 
-    Parameters
-    ----------
-    detailed : bool, optional
-        Note biases often enough to be drawn.
-
     Attributes
     ----------
+    detailed : bool
+        Note biases often enough to be drawn.
     carried_back : int
         Samples up to the start that got its state carried back.
     gnss : list of GnssDiagnostics
@@ -85,41 +91,40 @@ class FilterRun:
         self,
         source: Source,
         config: ProcessConfig,
-        prepared: FilterStart,
-        detailed: bool = False,
+        start: FilterStart,
+        algorithm: ConingAlgorithm,
     ) -> None:
-        self._detailed = detailed
-        self._source, self._config, self._prepared = source, config, prepared
-        self._steps = SegmentIncrements(source, config)
-        self.algorithm = self._steps.algorithm
+        self.detailed = False
+        self.algorithm = algorithm
+        self._source, self._config, self._start = source, config, start
+        self._steps = SegmentIncrements(source, config, algorithm)
         self.updates = 0
         self.carried_back = 0
         self.gnss: list[GnssDiagnostics] = []
         self._unwritten: list[GnssDiagnostics] = []
-        self._found: list[Finding] = []
         self._biases: list[tuple[int, np.ndarray, np.ndarray]] = []
         self._first: list[UpdateColumns] = []
         self._offset_ns = 0
         self._smooth = config.filter.smooth
         valid = replace(
-            prepared.gnss,
-            time_ns=prepared.gnss.time_ns - round(prepared.settings.gnss_latency * SECOND),
+            start.gnss,
+            time_ns=start.gnss.time_ns - round(start.settings.gnss_latency * SECOND),
         )
-        arm = prepared.settings.lever_arm_b
-        self._hidden = bool(prepared.withheld.any())
-        self._score = Withheld(valid, prepared.withheld, arm)
-        self._filtered = Withheld(valid, prepared.withheld, arm)
+        arm = start.settings.lever_arm_b
+        self._hidden = bool(start.withheld.any())
+        self._score = Withheld(valid, start.withheld, arm)
+        self._filtered = Withheld(valid, start.withheld, arm)
         self._filter = InsGnssFilter(
-            prepared.start,
-            prepared.settings,
-            with_baro=prepared.reference is not None,
+            start.start,
+            start.settings,
+            with_baro=start.reference is not None,
             store=self._smooth,
         )
 
     def solutions(self, progress: Any = None) -> Iterator[Solution]:
         """Filtered, or smoothed, at every update instant, from the log's start on."""
         if not self._smooth:
-            start = self._prepared.start
+            start = self._start.start
             yield from self._scored(self._earlier(start))
             for block, imu in self._run(progress):
                 assert block.updates is not None
@@ -152,13 +157,13 @@ class FilterRun:
 
     def _earlier(self, start: Start) -> Solution | None:
         """What lies before the start."""
-        earlier = before_start(self._source, self._config, self._prepared, start)
+        earlier = before_start(self._source, self._config, self.algorithm, self._start, start)
         self.carried_back = 0 if earlier is None else len(earlier)
         return earlier
 
     def _smoothed_start(self, smoothed: SmoothedEpochs) -> Start:
         """The start as all of the log says it was."""
-        start = self._prepared.start
+        start = self._start.start
         if not np.isfinite(smoothed.first_error).all():
             return start
         return corrected_start(
@@ -166,10 +171,10 @@ class FilterRun:
         )
 
     def _run(self, progress: Any) -> Iterator[tuple[FilterBlock, Imu]]:
-        p = self._prepared
+        p = self._start
         given = False
         steps = self._steps.from_time(p.time_ns, progress=progress)
-        for increments, imu in _pieces(steps, DETAIL_ROWS if self._detailed else None):
+        for increments, imu in _pieces(steps, DETAIL_ROWS if self.detailed else None):
             measurements: dict[str, Any] = {}
             if not given:
                 measurements = {"gnss": p.gnss, "withheld": p.withheld}
@@ -203,7 +208,7 @@ class FilterRun:
 
     def findings(self) -> list[Finding]:
         """What seems to be wrong with settings or sensors, the likeliest cause first."""
-        p, gnss = self._prepared, self.diagnostics()
+        p, gnss = self._start, self.diagnostics()
         if gnss is None or not self._first:
             return []
         columns = list(vars(self._first[0]))
@@ -231,7 +236,7 @@ class FilterRun:
         """What follows from no option, the user need not put right."""
         gnss, options = self._config.gnss, self._config.filter
         if finding.kind == "latency":
-            return self._prepared.latency is None
+            return self._start.latency is None
         if finding.kind == "GNSS noise" and finding.numbers["sigma_ratio"] < 1.0:
             # Receivers that filter their fixes claim more than the noise that is left in them
             stated = options.gnss_sigma is not None or gnss.gnss_sigma_v != USUAL_SIGMA_V
@@ -240,7 +245,7 @@ class FilterRun:
 
     def _solution(self, u: UpdateColumns, log_time: np.ndarray) -> Solution:
         vertical = None
-        if self._prepared.reference is not None:
+        if self._start.reference is not None:
             vertical = np.stack([u.height, -u.velocity_n[:, 2], u.correction], axis=1)
         return Solution(
             u.time_ns,
@@ -294,128 +299,135 @@ class FilterRun:
             **{n: np.concatenate([getattr(g, n) for g in self.gnss]) for n in names}
         )
 
-    def summary(self) -> dict[str, Any]:
-        """``filter`` of the summary."""
-        p, s = self._prepared, self._filter.summary
-        self._found = self.findings()
+    def summary(self) -> FilterUsed:
+        """The filter: what it was, what it used, and what it estimated last."""
+        p, s = self._start, self._filter.summary
         events: dict[str, int] = {}
         for event in self._filter.events:
             events[event.kind] = events.get(event.kind, 0) + 1
-        told: dict[str, Any] = {
-            "filter": s.filter,
-            "asked": self._config.filter.filter,
-            "states": self._filter.kind.size,
-            "smoothed": self._smooth,
-            "feedback": p.settings.feedback,
-            "start": {"time_ns": str(p.time_ns), "how": p.how},
-            "imu_grade": {"grade": p.grade, "why": p.grade_why},
-            "gnss_noise": p.gnss_why,
-            "gnss_latency_s": p.settings.gnss_latency,
-            "gnss_latency": self._latency(),
-            "lever_arm_m": list(p.settings.lever_arm_b),
-            "updates": s.updates,
-            "epochs_used": s.epochs_used,
-            "epochs_gated": s.epochs_gated,
-            "epochs_before_start": s.epochs_before_start,
-            "restarts": s.restarts,
-            "mean_nis": s.mean_nis,
-            "gyro_bias_rad_s": s.gyro_bias.tolist(),
-            "accel_bias_m_s2": s.accel_bias.tolist(),
-            "accel_scale": s.accel_scale.tolist(),
-            "baro_bias_m": s.baro_bias,
-            "events": events,
-            "findings": [f.to_json() for f in self._found],
-            "withheld": self._scores(),
-        }
-        return told
+        return FilterUsed(
+            filter=s.filter,
+            asked=self._config.filter.filter,
+            states=self._filter.kind.size,
+            smoothed=self._smooth,
+            feedback=p.settings.feedback,
+            start=FilterStartTime(p.time_ns, p.how),
+            imu_grade=ImuGrade(p.grade, p.grade_why),
+            gnss_noise=p.gnss_why,
+            gnss_latency_s=p.settings.gnss_latency,
+            gnss_latency=self._latency(),
+            lever_arm_m=tuple(p.settings.lever_arm_b),
+            updates=s.updates,
+            epochs_used=s.epochs_used,
+            epochs_gated=s.epochs_gated,
+            epochs_before_start=s.epochs_before_start,
+            restarts=s.restarts,
+            mean_nis=s.mean_nis,
+            gyro_bias_rad_s=tuple(s.gyro_bias.tolist()),
+            accel_bias_m_s2=tuple(s.accel_bias.tolist()),
+            accel_scale=tuple(s.accel_scale.tolist()),
+            baro_bias_m=s.baro_bias,
+            events=events,
+            withheld=self._scores(),
+        )
 
-    def _latency(self) -> dict[str, Any]:
+    def _latency(self) -> LatencyUsed:
         """When fixes were taken to be valid, and how that is known."""
-        p = self._prepared
+        p = self._start
+        estimate = p.latency
+        sure = estimate is not None and bool(np.isfinite(estimate.sigma_s))
         half = 0.5 * p.lag
-        origin: dict[str, Any] = {"status": "given", "sigma_s": None}
-        if p.latency is not None:
-            sure = bool(np.isfinite(p.latency.sigma_s))
-            origin = {
-                "status": p.latency.status,
-                "sigma_s": p.latency.sigma_s if sure else None,
-                "estimate_s": p.latency.latency_s if sure else None,
-            }
-        return origin | {
-            "position_s": p.settings.gnss_latency - half,
-            "velocity_s": p.settings.gnss_latency + half,
-        }
+        return LatencyUsed(
+            status="given" if estimate is None else estimate.status,
+            sigma_s=estimate.sigma_s if estimate is not None and sure else None,
+            estimate_s=estimate.latency_s if estimate is not None and sure else None,
+            position_s=p.settings.gnss_latency - half,
+            velocity_s=p.settings.gnss_latency + half,
+        )
 
-    def _scores(self) -> dict[str, Any] | None:
+    def _scores(self) -> WithheldScores | None:
         """How far the solutions were from the fixes that the filter did not see."""
-        told = self._score.summary()
-        if told is None or not self._smooth:
-            return told
-        return told | {"filter": self._filtered.summary()}
+        score = self._score.score()
+        if score is None:
+            return None
+        filtered = self._filtered.score() if self._smooth else None
+        return WithheldScores(score.outages, score.rms_of_largest_horizontal_m, filtered)
 
-    def height(self, last: Solution) -> dict[str, Any] | None:
-        """``height`` of the summary."""
-        p, s = self._prepared, self._filter.summary
+    def height(self, last: Solution) -> HeightDamping | None:
+        """What held the height, where a barometer did."""
+        p, s = self._start, self._filter.summary
         if p.reference is None or last.vertical is None or s.gains is None:
             return None
-        final = last.vertical[-1]
-        told = height_summary(
+        return height_summary(
             p.reference,
             p.settings.damping,
             s.channel,
             self._filter.channel_events,
             p.time_ns,
-            (float(final[0]), float(final[1]), float(final[2])),
+            last.vertical[-1],
+            ImuGrade(p.grade, p.grade_why),
         )
-        return told | {"imu_grade": {"grade": p.grade, "why": p.grade_why}}
 
-    def warnings(self) -> list[str]:
-        """What a user has to know about the run, once :meth:`summary` has looked at it."""
-        p, s = self._prepared, self._filter.summary
-        notes = [f"lost: {part}" for part in self._source.log.lost]
+    def warnings(self) -> list[Finding]:
+        """What a user has to know about the run, the likeliest causes of trouble included."""
+        p, s = self._start, self._filter.summary
+        findings: list[Finding] = []
+
+        def note(kind: str, text: str, answer: str = "") -> None:
+            findings.append(Finding(kind, text, answer=answer))
+
         if self.algorithm.caveat:
-            notes.append(self.algorithm.caveat)
+            note("coning", self.algorithm.caveat)
         if s.fell_back:
-            notes.append(
+            note(
+                "no-barometer",
                 f"the log has no barometer, so {self._config.filter.filter} runs without its"
-                f" network, as {s.filter}"
+                f" network, as {s.filter}",
             )
         if p.latency is not None and p.settings.gnss_latency != 0.0:
-            notes.append(
+            note(
+                "latency",
                 f"fixes were found to be valid {p.settings.gnss_latency:+.3f} s before their stamps"
                 f" (sigma {p.latency.sigma_s * 1e3:.1f} ms) and are used so; give"
-                " --gnss-latency to say otherwise"
+                " --gnss-latency to say otherwise",
             )
         if p.lag != 0.0 and self._config.filter.gnss_velocity_lag is None:
-            notes.append(
+            note(
+                "velocity-lag",
                 f"the receiver's velocities are stamped {1e3 * p.lag:+.0f} ms later than its"
                 " positions, and both are used at their own times; give --gnss-velocity-lag to say"
-                " otherwise"
+                " otherwise",
             )
         before = (p.time_ns - self._source.survey.first_ns) / SECOND
         if before > 0.0 and self.carried_back:
-            notes.append(
+            note(
+                "before-start",
                 f"the first {before:.2f} s lie before the filter's start: the solution there is"
-                " that of the start, carried back by the Imu alone"
+                " that of the start, carried back by the Imu alone",
             )
         elif before > 0.0:
-            notes.append(
-                f"the first {before:.2f} s lie before the filter's start and have no solution"
+            note(
+                "before-start",
+                f"the first {before:.2f} s lie before the filter's start and have no solution",
             )
         if self._config.filter.filter == "plain-15":
-            notes.append(
+            note(
+                "white-fixes",
                 "plain-15 takes errors of fixes for white: where they last, its position sigmas are"
-                " several times too small, and innovations do not show it"
+                " several times too small, and innovations do not show it",
             )
-        notes += [str(finding) for finding in self._found]
+        findings += self.findings()
         if s.restarts:
-            notes.append(
-                f"the filter began anew {s.restarts} times: fixes were rejected for too long"
+            note(
+                "restarts",
+                f"the filter began anew {s.restarts} times: fixes were rejected for too long",
             )
         if s.epochs_gated:
-            notes.append(
-                f"{s.epochs_gated} of {s.epochs_used + s.epochs_gated} fixes were rejected"
+            note(
+                "rejected-fixes",
+                f"{s.epochs_gated} of {s.epochs_used + s.epochs_gated} fixes were rejected",
             )
         if p.reference is not None:
-            notes += height_warnings(s.channel, self._filter.channel_events)
-        return notes
+            texts = height_warnings(s.channel, self._filter.channel_events)
+            findings += [Finding("height", text) for text in texts]
+        return findings

@@ -15,6 +15,7 @@ from sinstool.core.explain import explain
 from sinstool.core.streams import GnssEpochs
 from sinstool.core.timeline import SECOND
 from sinstool.core.units import DEGREE, STANDARD_GRAVITY
+from sinstool.methods.coning.algorithm import ConingAlgorithm
 from sinstool.methods.height.network import Grade
 from sinstool.methods.height.reference import HeightReference
 from sinstool.methods.ins_gnss.fix_velocity import with_velocities
@@ -33,8 +34,7 @@ from sinstool.pipelines.align.in_motion import increments as coarse_increments
 from sinstool.pipelines.process.height import height_reference, network
 from sinstool.pipelines.process.ins_gnss.filter_start import FilterStart
 from sinstool.pipelines.process.ins_gnss.receiver import gnss_model, inflate_sigmas
-from sinstool.pipelines.process.ins_gnss.timing import estimate_latency, significant_lag
-from sinstool.survey.aiding import Aiding, read_baro
+from sinstool.pipelines.process.ins_gnss.timing import significant_lag, with_latency
 from sinstool.survey.grade import random_walk, sensor_grade
 from sinstool.survey.source import Source
 
@@ -46,8 +46,8 @@ AIR_SIGMA, AIR_TIME_S = 10.0, 500.0
 START_NS = 400 * SECOND
 
 
-def prepare_filter(source: Source, config: ProcessConfig) -> FilterStart:
-    """Settings, start and measurements of a filter run.
+def first_start(source: Source, config: ProcessConfig) -> FilterStart:
+    """Settings, start and measurements of a filter run, its latency as given, else none.
 
     Raises
     ------
@@ -56,17 +56,16 @@ def prepare_filter(source: Source, config: ProcessConfig) -> FilterStart:
     TopicError, AlignmentError
         The log has no GNSS, or it shows no start.
     """
-    log = source.log
     if config.input.imu_rate is not None:
         raise ConfigurationError(
-            f"{log.path}: --imu-rate with --mode ins-gnss: only stamps tell which fix belongs to"
-            " which sample",
+            f"{source.path}: --imu-rate with --mode ins-gnss: only stamps tell which fix belongs"
+            " to which sample",
             "leave --imu-rate out, or give --mode ins or attitude",
         )
     gnss = source.aiding.gnss
     if gnss is None or not gnss.has_position.any():
         raise TopicError(
-            log.path,
+            source.path,
             "--mode ins-gnss: the log has no GNSS fixes",
             "use --mode ins (with --height-damping), or attitude",
         )
@@ -74,40 +73,59 @@ def prepare_filter(source: Source, config: ProcessConfig) -> FilterStart:
     model, gnss_why = gnss_model(gnss, config)
     reference, notes = _barometer(source, config, grade)
     settings = _settings(source, config, grade, model, reference)
-    warnings = [*_too_good(source, config, settings), *notes]
     lag = config.filter.gnss_velocity_lag
     if lag is None:
         lag = significant_lag(gnss)
     epochs = split_position_velocity(inflate_sigmas(gnss, config), lag)
     withheld = _withheld(message_times(epochs, lag), config, source.survey.first_ns)
+    timed = replace(settings, gnss_latency=config.gnss.gnss_latency or 0.0)
+    beginning = _beginning(source, config, timed, epochs.rows(~withheld))
+    return FilterStart(
+        timed,
+        beginning.start,
+        beginning.time_ns,
+        beginning.how,
+        epochs,
+        withheld,
+        reference,
+        None,
+        lag,
+        grade,
+        why,
+        gnss_why,
+        (*_too_good(source, config, settings), *notes, *beginning.warnings),
+    )
 
-    def begin(latency: float) -> FilterStart:
-        timed = replace(settings, gnss_latency=latency)
-        beginning = _beginning(source, config, timed, epochs.rows(~withheld))
-        return FilterStart(
-            timed,
-            beginning.start,
-            beginning.time_ns,
-            beginning.how,
-            epochs,
-            withheld,
-            reference,
-            None,
-            lag,
-            grade,
-            why,
-            gnss_why,
-            (*warnings, *beginning.warnings),
-        )
 
-    if config.gnss.gnss_latency is not None:
-        start = begin(config.gnss.gnss_latency)
-    else:
-        start = estimate_latency(source, config, begin)
+def timed_start(
+    source: Source, config: ProcessConfig, algorithm: ConingAlgorithm, first: FilterStart
+) -> FilterStart:
+    """A start with the receiver's latency, which the log shows where it is not given.
+
+    Parameters
+    ----------
+    first : FilterStart
+        Of :func:`first_start`.
+    """
+    start = first
+    if config.gnss.gnss_latency is None:
+
+        def begin(latency: float) -> FilterStart:
+            timed = replace(first.settings, gnss_latency=latency)
+            beginning = _beginning(source, config, timed, first.used)
+            return replace(
+                first,
+                settings=timed,
+                start=beginning.start,
+                time_ns=beginning.time_ns,
+                how=beginning.how,
+            )
+
+        start = with_latency(source, config, algorithm, first, begin)
     if start.latency is not None and start.latency.status == "at the limit":
         warning = f"{start.latency}: give it with --gnss-latency"
         start = replace(start, warnings=(warning, *start.warnings))
-    explain("filter", f"{settings.filter}: {len(gnss)} epochs, noise {gnss_why}")
+    explain("filter", f"{start.settings.filter}: {len(start.gnss)} epochs, noise {start.gnss_why}")
     explain("start", start.how)
     explain("GNSS latency", _latency_why(start))
     return start
@@ -118,7 +136,7 @@ def _latency_why(start: FilterStart) -> str:
     velocity = f", velocities {start.lag:+.3f} s later than positions" if start.lag else ""
     used = f"{start.settings.gnss_latency:+.3f} s"
     if start.latency is None:
-        return f"{used}, as told{velocity}"
+        return f"{used}, as configured{velocity}"
     return f"{used}; found in the log: {start.latency}{velocity}"
 
 
@@ -128,18 +146,16 @@ def _barometer(
     """Barometer heights, where the log has a barometer and the filter takes one."""
     if config.filter.filter == "plain-15" or config.vertical.height_damping == "gnss":
         return None, []
-    aiding: Aiding = source.aiding
-    before = len(aiding.warnings)
-    read_baro(source.log, config.input, source.survey.time_source == "log", aiding)
-    notes = aiding.warnings[before:]
-    if aiding.baro is None:
+    barometer = source.aiding.barometer
+    notes = [str(finding) for finding in barometer.findings]
+    if barometer.stream is None and barometer.problem is None:
         if config.vertical.height_damping == "baro":
-            height_reference(source.log, aiding, config, 0.0)  # says what is missing
+            height_reference(source, config, 0.0)  # says what is missing
         return None, notes
     vertical = config.vertical.model_copy(update={"height_damping": "baro"})
     damped = config.model_copy(update={"vertical": vertical})
     start = source.position[2] or 0.0
-    reference, more = height_reference(source.log, aiding, damped, start)
+    reference, more = height_reference(source, damped, start)
     return reference, [*notes, *more]
 
 
@@ -239,7 +255,7 @@ def _beginning(
     ------
     AlignmentError
     """
-    path = source.log.path
+    path = source.path
     if not usable.has_velocity.any():
         usable = with_velocities(usable, float(max(settings.gnss.position_white[:2])))
     try:
@@ -270,7 +286,7 @@ def _from_alignment(
         covariance = np.diag(np.square([*tilt, heading]))
     if not found.north_referenced:
         raise AlignmentError(
-            f"{source.log.path}: --align {found.method} gives no heading, and the filter needs one",
+            f"{source.path}: --align {found.method} gives no heading, and the filter needs one",
             "leave --align out, or use svd, gyrocompass, log or fixed",
         )
     time_ns = found.time_ns
@@ -278,7 +294,7 @@ def _from_alignment(
     first_fix = int(valid[gnss.has_position][0])
     if first_fix - time_ns > 2 * SECOND:
         raise AlignmentError(
-            f"{source.log.path}: the first fix comes {(first_fix - time_ns) / SECOND:.1f} s after"
+            f"{source.path}: the first fix comes {(first_fix - time_ns) / SECOND:.1f} s after"
             " the attitude that was given",
             "begin later with --start, or leave --align out",
         )

@@ -10,15 +10,18 @@ the mean of both, so that positions are valid at ``stamp - latency + lag/2`` and
 from __future__ import annotations
 
 from collections.abc import Callable
+from contextlib import suppress
 from dataclasses import replace
 
 import numpy as np
 from scipy.special import chdtri
 
 from sinstool.config import ProcessConfig
+from sinstool.core.errors import AlignmentError
 from sinstool.core.rotation import skew, to_dcm
 from sinstool.core.streams import GnssEpochs
 from sinstool.core.timeline import SECOND
+from sinstool.methods.coning.algorithm import ConingAlgorithm
 from sinstool.methods.ins_gnss import latency as latencies
 from sinstool.methods.ins_gnss.filter import InsGnssFilter
 from sinstool.methods.ins_gnss.latency import Latency
@@ -56,8 +59,12 @@ def significant_lag(gnss: GnssEpochs) -> float:
     return lag.latency_s if stands_out else 0.0
 
 
-def estimate_latency(
-    source: Source, config: ProcessConfig, begin: Callable[[float], FilterStart]
+def with_latency(
+    source: Source,
+    config: ProcessConfig,
+    algorithm: ConingAlgorithm,
+    start: FilterStart,
+    begin: Callable[[float], FilterStart],
 ) -> FilterStart:
     """A start whose latency is that of the receiver, as the log shows it.
 
@@ -67,37 +74,41 @@ def estimate_latency(
 
     Parameters
     ----------
+    start : FilterStart
+        Without a latency.
     begin : callable
         Finds a start with a latency, s.
-
-    Raises
-    ------
-    AlignmentError
-        There is no start.
     """
-    start = begin(0.0)
-    motion = _Motion(source, config, start.time_ns)
+    motion = _Motion(source, config, algorithm, start.time_ns)
     latency = _correlated(motion, start)
     for _ in range(ROUNDS):
         if not latency.differs_from(start.settings.gnss_latency, LEAST_S, SIGMAS):
             break
-        start = begin(latency.latency_s)
+        try:
+            start = begin(latency.latency_s)
+        except AlignmentError:  # with the fixes moved so far no start is seen: they stay
+            break
         motion = motion.since(start.time_ns)
         latency = _correlated(motion, start)
     if latency.status == "not observable":
         latency = _likeliest(motion, start)
         if latency.differs_from(start.settings.gnss_latency, LEAST_S, SIGMAS):
-            start = begin(latency.latency_s)
+            with suppress(AlignmentError):
+                start = begin(latency.latency_s)
     return replace(start, latency=latency)
 
 
 class _Motion:
     """Increments of the log's first part, made once."""
 
-    def __init__(self, source: Source, config: ProcessConfig, start_ns: int) -> None:
-        steps = SegmentIncrements(source, config)
+    def __init__(
+        self, source: Source, config: ProcessConfig, algorithm: ConingAlgorithm, start_ns: int
+    ) -> None:
+        steps = SegmentIncrements(source, config, algorithm)
         self._start_ns = start_ns
-        self._again: Callable[[int], _Motion] = lambda time_ns: _Motion(source, config, time_ns)
+        self._again: Callable[[int], _Motion] = lambda time_ns: _Motion(
+            source, config, algorithm, time_ns
+        )
         self.parts: list[Increments] = []
         end = start_ns + VELOCITY_NS
         for increments, _, opening in steps.from_time(start_ns, end):

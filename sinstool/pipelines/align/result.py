@@ -1,0 +1,221 @@
+"""What `align` comes to: the values of ``--json``, the terminal and the page."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from sinstool.core.finding import Finding, Severity, exit_status
+from sinstool.core.result import as_json, compass
+from sinstool.core.rotation import to_euler
+from sinstool.core.units import DEGREE
+from sinstool.methods.alignment.gyrocompass import Gyrocompass
+from sinstool.methods.alignment.inflight import InFlightAlignment
+from sinstool.methods.alignment.inflight_types import SensorGrade
+from sinstool.methods.alignment.initial import Alignment
+from sinstool.pipelines.plan import Plan
+from sinstool.pipelines.process.result import ImuGrade, ImuTime
+
+SCHEMA = "sinstool.align/1"
+DEG_H = DEGREE / 3600.0
+# Statuses whose heading is known.
+HEADING_KNOWN = ("ok", "degraded")
+
+Vector = tuple[float | None, ...]
+
+
+@dataclass(frozen=True)
+class LogFile:
+    """The log that was read."""
+
+    path: str
+    size: int
+
+
+@dataclass(frozen=True)
+class AssumedErrors:
+    """Errors of the sensors that an alignment in motion assumed."""
+
+    gyro_bias_deg_h: float
+    accel_bias_m_s2: float
+    gyro_scale: float
+    accel_scale: float
+    angle_random_walk_deg_sqrt_h: float
+    velocity_random_walk_m_s_sqrt_s: float
+    bias_time_s: float
+
+    @classmethod
+    def of(cls, grade: SensorGrade) -> AssumedErrors:
+        """Of a grade, in the units of data sheets."""
+        return cls(
+            gyro_bias_deg_h=grade.gyro_bias / DEG_H,
+            accel_bias_m_s2=grade.accel_bias,
+            gyro_scale=grade.gyro_scale,
+            accel_scale=grade.accel_scale,
+            angle_random_walk_deg_sqrt_h=grade.angle_random_walk / DEGREE * 60.0,
+            velocity_random_walk_m_s_sqrt_s=grade.velocity_random_walk,
+            bias_time_s=grade.bias_time_s,
+        )
+
+
+@dataclass(frozen=True)
+class TruthError:
+    """How wrong the answer is, by a reference; about north, east, down."""
+
+    name: str
+    error_deg: Vector | None = None
+    total_deg: float | None = None
+
+
+@dataclass(frozen=True)
+class AlignResult:
+    """An attitude with its covariance; what a method does not give is None.
+
+    Attributes
+    ----------
+    time_ns, time_s : int, float
+        When the attitude holds; seconds from the first sample.
+    start_s, stop_s : float or None
+        What was used.
+    q_nb_wxyz : tuple of float or None
+        None also where heading is not known.
+    heading_deg : float or None
+        None where it is not known.
+    sigma_deg : tuple
+        Of small rotations about north, east, down.
+    truth : TruthError or None
+        Where a reference was given.
+    """
+
+    input: LogFile
+    plan: Plan
+    imu: ImuTime
+    imu_grade: ImuGrade
+    status: str
+    method: str
+    time_ns: int
+    time_s: float
+    start_s: float | None
+    stop_s: float | None
+    q_nb_wxyz: Vector | None
+    roll_deg: float | None
+    pitch_deg: float | None
+    heading_deg: float | None
+    sigma_deg: Vector
+    findings: tuple[Finding, ...]
+    vectors: str | None = None
+    sigma_worst_deg: float | None = None
+    cov_deg2: np.ndarray | None = None
+    observability: float | None = None
+    singular_values: Vector | None = None
+    n_pairs: int | None = None
+    n_rejected: int | None = None
+    residual_rms: float | None = None
+    chi2: float | None = None
+    refined_chi2: float | None = None
+    time_to_align_s: float | None = None
+    gate: str | None = None
+    assumed: AssumedErrors | None = None
+    gyro_bias_removed_deg_h: Vector | None = None
+    gyro_bias_deg_h: Vector | None = None
+    accel_bias_m_s2: Vector | None = None
+    latency_s: float | None = None
+    truth: TruthError | None = None
+
+    @property
+    def exit_status(self) -> int:
+        """0, or 3 where heading is withheld or something was lost."""
+        return exit_status(self.findings)
+
+    @property
+    def warnings(self) -> tuple[str, ...]:
+        """The findings that a user has to be told, in words."""
+        return tuple(str(f) for f in self.findings if f.severity > Severity.NOTE)
+
+    def to_json(self) -> dict[str, Any]:
+        """The values of ``--json``."""
+        values: dict[str, Any] = as_json(self)
+        if self.truth is None:
+            del values["truth"]
+        return {"schema": SCHEMA, **values, "warnings": list(self.warnings)}
+
+
+def angles(q_nb: np.ndarray, status: str) -> dict[str, Any]:
+    """Quaternion and Euler angles of an answer, without a heading that is not known."""
+    if not np.isfinite(q_nb).all():
+        return dict.fromkeys(("q_nb_wxyz", "roll_deg", "pitch_deg", "heading_deg"))
+    known = status in HEADING_KNOWN
+    roll, pitch, heading = (float(v) for v in to_euler(q_nb) / DEGREE)
+    return {
+        "q_nb_wxyz": tuple(q_nb.tolist()) if known else None,
+        "roll_deg": roll,
+        "pitch_deg": pitch,
+        "heading_deg": compass(heading) if known else None,
+    }
+
+
+def sigmas(answer: InFlightAlignment | Gyrocompass) -> Vector:
+    """Sigmas in degrees; that of a heading that is not known is None."""
+    values: list[float | None] = [finite(s / DEGREE) for s in answer.sigma_rad]
+    if answer.status == "level-only":
+        values[2] = None
+    return tuple(values)
+
+
+def covariance(answer: InFlightAlignment | Gyrocompass) -> np.ndarray | None:
+    """Covariance in deg^2, where heading is known."""
+    return np.asarray(answer.cov / DEGREE**2) if answer.status in HEADING_KNOWN else None
+
+
+def finite(value: float | None) -> float | None:
+    """A number, or None where it is none."""
+    return float(value) if value is not None and np.isfinite(value) else None
+
+
+def in_motion_values(
+    answer: InFlightAlignment, errors: SensorGrade, gate: str, gyro_bias: np.ndarray
+) -> dict[str, Any]:
+    """What an alignment in motion says beside its attitude."""
+    refined = answer.errors
+    return {
+        "vectors": answer.vectors,
+        "sigma_deg": sigmas(answer),
+        "sigma_worst_deg": finite(answer.sigma_worst / DEGREE),
+        "cov_deg2": covariance(answer),
+        "observability": finite(answer.rho),
+        "singular_values": tuple(finite(s) for s in answer.singular_values),
+        "n_pairs": answer.n_pairs,
+        "n_rejected": answer.n_rejected,
+        "residual_rms": finite(answer.residual_rms),
+        "chi2": finite(answer.chi2),
+        "refined_chi2": None if refined is None else refined.chi2,
+        "time_to_align_s": finite(answer.time_to_align_s),
+        "gate": gate,
+        "assumed": AssumedErrors.of(errors),
+        "gyro_bias_removed_deg_h": tuple((gyro_bias / DEG_H).tolist()),
+        "gyro_bias_deg_h": None if refined is None else tuple((refined.gyro_bias / DEG_H).tolist()),
+        "accel_bias_m_s2": None if refined is None else tuple(refined.accel_bias.tolist()),
+        "latency_s": None if refined is None else refined.latency_s,
+    }
+
+
+def at_rest_values(answer: Gyrocompass) -> dict[str, Any]:
+    """What a gyrocompass says beside its attitude."""
+    return {
+        "sigma_deg": sigmas(answer),
+        "sigma_worst_deg": finite(answer.sigma_heading / DEGREE),
+        "cov_deg2": covariance(answer),
+        "chi2": finite(answer.chi2),
+        "gyro_bias_deg_h": tuple((answer.gyro_bias / DEG_H).tolist()),
+        "accel_bias_m_s2": tuple(answer.accel_bias.tolist()),
+    }
+
+
+def plain_values(alignment: Alignment) -> dict[str, Any]:
+    """What a level, or the log's own orientation, says beside its attitude."""
+    return {
+        "sigma_deg": tuple(None if s is None else s / DEGREE for s in alignment.sigma_rad),
+        "gyro_bias_deg_h": tuple((alignment.gyro_bias / DEG_H).tolist()),
+    }
