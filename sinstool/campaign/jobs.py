@@ -14,10 +14,10 @@ from pathlib import Path
 from typing import Any
 
 from sinstool.core import version
+from sinstool.core.completed import completed_outputs
 from sinstool.core.errors import ConfigurationError, SinstoolError
 from sinstool.core.explain import explained
 from sinstool.core.temporary import sweep
-from sinstool.core.whole_file import appeared
 
 Report = Callable[[float], None]
 # Progress is told that often at most, s.
@@ -148,10 +148,9 @@ def perform(task: Task, tell: Report) -> Outcome:
     if task.version != version.VERSION:
         said = f"this worker has sinstool {version.VERSION}, the client {task.version}"
         return Outcome(error=f"{task.job.name}: {said}", exit_code=ConfigurationError.exit_code)
-    before = len(appeared)
-    with explained(task.explain) as choices:
+    with explained(task.explain) as choices, completed_outputs() as outputs:
         outcome = _perform(task.job, tell)
-    return replace(outcome, written=tuple(appeared[before:]), choices=tuple(choices))
+    return replace(outcome, written=tuple(outputs), choices=tuple(choices))
 
 
 def _perform(job: Job, tell: Report) -> Outcome:

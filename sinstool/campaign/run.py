@@ -7,9 +7,9 @@ from collections.abc import Generator, Sequence
 from typing import Any
 
 from sinstool.campaign.jobs import Event, Job, Outcome, Report, Task, Workers
+from sinstool.core.completed import record_output
 from sinstool.core.errors import SinstoolError
 from sinstool.core.explain import asked_for, say_again
-from sinstool.core.whole_file import appeared
 
 
 def run_jobs(jobs: Sequence[Job], workers: Workers) -> Generator[Event]:
@@ -39,7 +39,7 @@ def run_jobs(jobs: Sequence[Job], workers: Workers) -> Generator[Event]:
         for event in events:
             if event.outcome is not None:
                 # as if it had been done here
-                appeared.extend(event.outcome.written)
+                record_output(*event.outcome.written)
                 say_again(jobs[event.number].name, event.outcome.choices)
             yield event
 

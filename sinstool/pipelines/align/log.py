@@ -18,7 +18,7 @@ from sinstool.core.explain import explain
 from sinstool.core.rotation import to_euler
 from sinstool.core.timeline import SECOND
 from sinstool.core.units import DEGREE
-from sinstool.core.whole_file import WholeFile, check_output
+from sinstool.core.whole_file import check_output, write_whole
 from sinstool.io.readers import open_log
 from sinstool.io.readers.truth import at_times, read_truth
 from sinstool.methods.alignment.gyrocompass import Gyrocompass
@@ -361,5 +361,4 @@ def write_series(path: Path, found: LogAlignment, overwrite: bool) -> None:
                 int(series.calm[k]),
             ]
         )
-    with WholeFile(path) as whole:
-        whole.stream.write(buffer.getvalue().encode())
+    write_whole(path, buffer.getvalue())

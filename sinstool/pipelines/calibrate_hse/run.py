@@ -23,7 +23,7 @@ from sinstool.core.explain import explain
 from sinstool.core.progress import share
 from sinstool.core.rotation import wrapped
 from sinstool.core.units import DEGREE
-from sinstool.core.whole_file import WholeFile, check_output
+from sinstool.core.whole_file import check_output, write_whole
 from sinstool.io.readers import open_log
 from sinstool.io.readers.log import path_size
 from sinstool.io.readers.lost import Lost
@@ -187,8 +187,7 @@ def calibrate(
     kept = from_fit(result, judged, created, tool, rig.sha256())
     table, spread = _headings(runs, result, kept, shown)
     if output is not None:
-        with WholeFile(output) as whole:
-            whole.stream.write(dumps(kept).encode())
+        write_whole(output, dumps(kept))
     return Calibration(
         rig,
         tuple(logs),
