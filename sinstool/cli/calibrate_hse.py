@@ -115,9 +115,7 @@ def command(
     workers = None
     if scheduler is not None or (jobs or 1) > 1:
         full = [path.absolute() for path in paths]
-        workers = workers_of(
-            Asked(jobs, scheduler), ("sinstool.pipelines.calibrate_hse.run",), full, len(paths)
-        )
+        workers = workers_of(Asked(jobs, scheduler), full, len(paths))
     with commit_together(), progress_bar(f"{len(paths)} logs", quiet) as progress:
         found = calibrate(paths, output, config, progress, workers)
         if emit_config is not None:

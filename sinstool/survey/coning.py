@@ -7,8 +7,8 @@ from typing import Any
 import numpy as np
 
 from sinstool.config import ProcessConfig
+from sinstool.core.choices import log_choice
 from sinstool.core.errors import DataError
-from sinstool.core.explain import explain
 from sinstool.core.timeline import SECOND, segments
 from sinstool.io.readers.frames import turn_body
 from sinstool.methods.coning.algorithm import ConingAlgorithm, of_rates
@@ -32,13 +32,13 @@ def choose_algorithm(source: Source, config: ProcessConfig, nominal_ns: float) -
     if "beta" in options:
         options["beta"] = tuple(turn_body(np.array(options["beta"]), config.input.body_axes))
     found = algorithm(told.coning, **options)
-    explain(
+    log_choice(
         "coning",
         f"{told.coning}, {chosen}: {found.summary}; gyro samples are {config.input.gyro_kind}"
         f"{_way(config.input.gyro_kind, found)}",
     )
     if options:
-        explain("coning", ", ".join(f"{name} {value}" for name, value in options.items()))
+        log_choice("coning", ", ".join(f"{name} {value}" for name, value in options.items()))
     return found
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from sinstool.config import ProcessConfig
-from sinstool.core.explain import explain
+from sinstool.core.choices import log_choice
 from sinstool.core.timeline import SECOND
 from sinstool.core.units import DEGREE
 from sinstool.methods.height.network import Grade
@@ -35,7 +35,7 @@ def sensor_grade(source: Source, config: ProcessConfig) -> tuple[Grade, str]:
     too little the truth of every sigma.
     """
     grade, why = _judged(source, config)
-    explain("IMU grade", f"{grade}, {why}")
+    log_choice("IMU grade", f"{grade}, {why}")
     return grade, why
 
 

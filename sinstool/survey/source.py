@@ -8,8 +8,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from sinstool.config import InputOptions, ProcessConfig, parse_time
+from sinstool.core.choices import log_choice
 from sinstool.core.errors import DataError, TopicError
-from sinstool.core.explain import explain
 from sinstool.core.streams import Imu
 from sinstool.core.timeline import Order, mean_rates, ordered
 from sinstool.core.units import DEGREE, STANDARD_GRAVITY
@@ -100,19 +100,19 @@ def prepare(
                 f" moves at {speed:.1f} m/s: steady motion, not taken for rest"
             )
             found = replace(found, lead_in=None)
-    explain(
+    log_choice(
         "time",
         f"{'header stamps' if found.time_source == 'stamp' else 'log times'}, a sample each"
         f" {found.interval_ns / 1e6:.6g} ms; longer than {found.max_gap_ns / 1e6:.6g} ms is a gap",
     )
     still = found.lead_in
-    explain(
+    log_choice(
         "rest", "none at the beginning" if still is None else f"the first {still.duration_s:.1f} s"
     )
     position = _position(log, config, aiding)
     told = config.align.latitude is not None
     where = "--latitude" if told else f"first fix of {aiding.fix_topic}"
-    explain(
+    log_choice(
         "latitude",
         "not known: the Earth's rate stays in"
         if position[0] is None

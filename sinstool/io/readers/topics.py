@@ -6,8 +6,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from sinstool.core.choices import log_choice
 from sinstool.core.errors import TopicError, UnsupportedLogError
-from sinstool.core.explain import explain
 from sinstool.core.suggest import nearest
 from sinstool.io.readers.log import Channel, Log
 from sinstool.io.readers.message_types import IMU_TYPE
@@ -97,7 +97,7 @@ def choose_imu(log: Log, wanted: str | None) -> ImuTopic:
     if wanted is not None:
         for candidate in candidates:
             if candidate.topic == wanted:
-                explain("Imu topic", f"{wanted}, as told")
+                log_choice("Imu topic", f"{wanted}, as told")
                 return candidate
         if log.channels_of(wanted):
             kind = log.channels_of(wanted)[0].type_name or "unknown type"
@@ -111,7 +111,7 @@ def choose_imu(log: Log, wanted: str | None) -> ImuTopic:
         hint = f"it has {', '.join(types[:8])}" if types else "it has no typed topic at all"
         raise TopicError(log.path, "the log has no sensor_msgs/Imu topic", hint)
     if len(candidates) == 1:
-        explain("Imu topic", f"{candidates[0].topic}, the only one with an Imu")
+        log_choice("Imu topic", f"{candidates[0].topic}, the only one with an Imu")
         return candidates[0]
     plain = [c for c in candidates if not c.path]
     if len(plain) == 1:
@@ -127,7 +127,7 @@ def choose_imu(log: Log, wanted: str | None) -> ImuTopic:
 
 
 def _noted(topic: ImuTopic, why: str) -> ImuTopic:
-    explain("Imu topic", f"{topic.topic}, {why}")
+    log_choice("Imu topic", f"{topic.topic}, {why}")
     return ImuTopic(topic.topic, topic.channels, topic.path, why)
 
 
@@ -178,7 +178,7 @@ def choose_optional(log: Log, flag: str, wanted: str | None, *types: str) -> tup
     found = topics_of_type(log, *types)
     if wanted is not None:
         if wanted in found:
-            explain(flag.removeprefix("--").replace("-", " "), f"{wanted}, as told")
+            log_choice(flag.removeprefix("--").replace("-", " "), f"{wanted}, as told")
             return found[wanted]
         kinds = ", ".join(t.replace("/msg/", "/") for t in types)
         hint = nearest(wanted, found) or (f"there are {', '.join(found)}" if found else "")
@@ -189,5 +189,5 @@ def choose_optional(log: Log, flag: str, wanted: str | None, *types: str) -> tup
             log.path, f"several topics fit {flag}: {', '.join(found)}", f"choose one with {flag}"
         )
     for topic in found:
-        explain(flag.removeprefix("--").replace("-", " "), f"{topic}, the only one of its type")
+        log_choice(flag.removeprefix("--").replace("-", " "), f"{topic}, the only one of its type")
     return next(iter(found.values()), ())

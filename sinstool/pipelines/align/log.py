@@ -13,8 +13,8 @@ import numpy as np
 
 from sinstool.config import ProcessConfig
 from sinstool.config.align import IN_FLIGHT
+from sinstool.core.choices import log_choice
 from sinstool.core.errors import AlignmentError, ConfigurationError
-from sinstool.core.explain import explain
 from sinstool.core.rotation import to_euler
 from sinstool.core.timeline import SECOND
 from sinstool.core.units import DEGREE
@@ -95,7 +95,7 @@ def align_log(
             size = max(log.size, 1)
             told = progress
             report = lambda position: told(min(1.0, position / size))  # noqa: E731
-        explain("log", f"{path}, {log.format}, {log.size / 1e6:.1f} MB")
+        log_choice("log", f"{path}, {log.format}, {log.size / 1e6:.1f} MB")
         source = prepare(log, config, report, whole_gnss=True)
         found = _align(source, config)
         if truth is None:
@@ -136,7 +136,7 @@ def _align(source: Source, config: ProcessConfig) -> LogAlignment:
     told_so = method != "auto"
     if not told_so:
         method = _method(source)
-    explain("method", f"{method}, {'as told' if told_so else _METHOD_WHY[method]}")
+    log_choice("method", f"{method}, {'as told' if told_so else _METHOD_WHY[method]}")
     answer: InFlightAlignment | Gyrocompass | None = None
     if method in IN_FLIGHT:
         at = config.in_flight.at

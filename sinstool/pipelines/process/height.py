@@ -7,8 +7,8 @@ from typing import Any, cast
 import numpy as np
 
 from sinstool.config import ProcessConfig
+from sinstool.core.choices import log_choice
 from sinstool.core.errors import DataError, TopicError
-from sinstool.core.explain import explain
 from sinstool.core.streams import Baro, GnssEpochs
 from sinstool.io.readers.log import Log
 from sinstool.methods.height.layout import ACCEPTED, REASONS, ChannelSummary, Event
@@ -85,7 +85,7 @@ def network(
             f"K4 = {k4:g} s: in a steady climb the height is off by {-k4:+g} s times the vertical"
             " velocity; --k4 0 has no such error"
         )
-    explain(
+    log_choice(
         "height",
         f"network of tau {tau:g} s, K4 {k4 - told.baro_lag:g} s, by"
         + (" --tau" if told.tau is not None else f" preset {told.height_preset} of grade {grade}"),

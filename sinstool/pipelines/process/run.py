@@ -10,8 +10,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from sinstool.config import ProcessConfig
+from sinstool.core.choices import log_choice
 from sinstool.core.errors import AlignmentError, TopicError
-from sinstool.core.explain import explain
 from sinstool.core.progress import Progress, share
 from sinstool.io.readers import open_log
 from sinstool.io.readers.log import Log
@@ -59,28 +59,28 @@ def process(
         open_log(path, config.input.salvage) as log,
         Result(log, output, config, recorder) as result,
     ):
-        explain("log", f"{path}, {log.format}, {log.size / 1e6:.1f} MB")
+        log_choice("log", f"{path}, {log.format}, {log.size / 1e6:.1f} MB")
         if config.hse.hse is not None:
-            explain("mode", "turntable, as --hse is given: whole turns are aligned on")
+            log_choice("mode", "turntable, as --hse is given: whole turns are aligned on")
             from sinstool.pipelines.process.turntable import rig_run
 
             told = rig_run(log, config, result, share(progress, log.size, 0.0, 1.0))
         elif config.navigation.mode == "ins-gnss":
-            explain("mode", "ins-gnss, as told")
+            log_choice("mode", "ins-gnss, as told")
             from sinstool.pipelines.process.ins_gnss.mode import run_ins_gnss
 
             told = run_ins_gnss(log, config, result, progress)
         elif config.navigation.mode == "auto" and has_gnss(log, config.input):
-            explain("mode", "auto, and the log has fixes and GNSS velocity: ins-gnss is tried")
+            log_choice("mode", "auto, and the log has fixes and GNSS velocity: ins-gnss is tried")
             told = _best(log, config, result, progress)
         elif config.navigation.mode == "ins":
-            explain("mode", "ins, as told")
+            log_choice("mode", "ins, as told")
             from sinstool.pipelines.process.ins import run_ins
 
             told = run_ins(log, config, result, progress)
         else:
             told_so = config.navigation.mode == "attitude"
-            explain(
+            log_choice(
                 "mode",
                 "attitude, as told"
                 if told_so
@@ -106,7 +106,7 @@ def _best(
             if result.opened:
                 raise
             why = exc
-    explain("mode", f"attitude after all: {why}")
+    log_choice("mode", f"attitude after all: {why}")
     told = run_attitude(log, config, result, progress)
     told["warnings"].append(f"attitude alone, as no INS/GNSS solution can be started: {why}")
     return told

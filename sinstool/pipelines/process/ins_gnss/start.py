@@ -10,8 +10,8 @@ import numpy as np
 from sinstool.config import ProcessConfig
 from sinstool.config.align import IN_FLIGHT
 from sinstool.config.filter import span
+from sinstool.core.choices import log_choice
 from sinstool.core.errors import AlignmentError, ConfigurationError, TopicError
-from sinstool.core.explain import explain
 from sinstool.core.streams import GnssEpochs
 from sinstool.core.timeline import SECOND
 from sinstool.core.units import DEGREE, STANDARD_GRAVITY
@@ -123,9 +123,9 @@ def prepare_filter(source: Source, config: ProcessConfig) -> Prepared:
             warnings.append(f"{timing.latency}: give it with --gnss-latency")
     else:
         beginning = begin(settings, known)
-    explain("filter", f"{settings.filter}: {len(fixes.time_ns)} epochs, noise {gnss_why}")
-    explain("start", beginning.how)
-    explain("GNSS latency", _latency_why(timing, settings, lag))
+    log_choice("filter", f"{settings.filter}: {len(fixes.time_ns)} epochs, noise {gnss_why}")
+    log_choice("start", beginning.how)
+    log_choice("GNSS latency", _latency_why(timing, settings, lag))
     apart = separate(fixes, lag)
     return Prepared(
         settings,
