@@ -15,6 +15,7 @@ the extra `test`.
 from __future__ import annotations
 
 import argparse
+import contextlib
 import multiprocessing
 import os
 import resource
@@ -122,10 +123,11 @@ def _work(
     """Read inputs one after the other, telling the parent before and after each."""
     from fuzz_inputs import make_input
 
-    from sinstool.core.threads import keep_to_one_core
+    from sinstool.core.threads import single_threaded
 
+    stack = contextlib.ExitStack()
     if not threads:
-        keep_to_one_core()
+        stack.enter_context(single_threaded())
 
     # Imports and compiled loops first: they take longer than an input may
     for base in sorted((logs / kind).iterdir()):

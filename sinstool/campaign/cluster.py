@@ -21,9 +21,8 @@ from sinstool.campaign.jobs import (
     remove_left,
 )
 from sinstool.campaign.visible import not_seen, sights, tokens, what_differs
+from sinstool.core import version
 from sinstool.core.errors import ConfigurationError, SinstoolError
-from sinstool.core.threads import keep_to_one_core
-from sinstool.core.version import VERSION
 
 # Waiting for the scheduler, for a first worker, and for cancelled jobs to let go of their files, s.
 CONNECT = 10.0
@@ -106,7 +105,7 @@ def _require_version(client: Any, address: str) -> None:
 
         return str(importlib.import_module("sinstool.core.version").VERSION)
 
-    ours = VERSION
+    ours = version.VERSION
     for worker, said in sorted(client.run(theirs, on_error="return").items()):
         if said != ours:
             what = f"has sinstool {said}" if isinstance(said, str) else f"has no sinstool ({said})"
@@ -215,7 +214,6 @@ def _work(task: Task, key: str, topic: str) -> Outcome:
     """Do a task, on a worker."""
     from distributed import get_worker
 
-    keep_to_one_core()
     worker: Any = get_worker()
 
     def tell(fraction: float) -> None:

@@ -14,10 +14,11 @@ from pathlib import Path
 from typing import Any
 
 from sinstool.core import version
+from sinstool.core.choices import record_choices
+from sinstool.core.completed import completed_outputs
 from sinstool.core.errors import ConfigurationError, SinstoolError
-from sinstool.core.explain import explained
 from sinstool.core.temporary import sweep
-from sinstool.core.whole_file import appeared
+from sinstool.core.threads import single_threaded
 
 Report = Callable[[float], None]
 # Progress is told that often at most, s.
@@ -67,7 +68,7 @@ class Outcome:
     written : tuple of Path
         Files that it completed.
     choices : tuple of str
-        What was chosen, and why, if that was asked for.
+        What was chosen, and why, where the task wants it.
     """
 
     value: Any = None
@@ -107,15 +108,12 @@ class Workers:
         Of this machine.
     scheduler : str or None
         Address of a Dask scheduler, whose workers do them instead.
-    modules : tuple of str
-        What jobs need, imported once before workers start.
     reads : tuple of Path
         Inputs, which workers elsewhere must see as we do.
     """
 
     processes: int = 1
     scheduler: str | None = None
-    modules: tuple[str, ...] = ()
     reads: tuple[Path, ...] = ()
 
 
@@ -127,18 +125,18 @@ class Task:
     ----------
     version : str
         Of the sinstool that asks.
-    explain : bool
-        Whether somebody wants to know what is chosen, and why.
+    log_choices : bool
+        Whether what is chosen, and why, is to be in the outcome.
     """
 
     number: int
     job: Job
     version: str = version.VERSION
-    explain: bool = False
+    log_choices: bool = False
 
 
 def perform(task: Task, tell: Report) -> Outcome:
-    """Do a job, here and now; what goes wrong is part of the outcome.
+    """Do a job, here and now, in this thread alone; what goes wrong is part of the outcome.
 
     Parameters
     ----------
@@ -148,10 +146,13 @@ def perform(task: Task, tell: Report) -> Outcome:
     if task.version != version.VERSION:
         said = f"this worker has sinstool {version.VERSION}, the client {task.version}"
         return Outcome(error=f"{task.job.name}: {said}", exit_code=ConfigurationError.exit_code)
-    before = len(appeared)
-    with explained(task.explain) as choices:
+    with (
+        single_threaded(),
+        record_choices(task.log_choices) as choices,
+        completed_outputs() as outputs,
+    ):
         outcome = _perform(task.job, tell)
-    return replace(outcome, written=tuple(appeared[before:]), choices=tuple(choices))
+    return replace(outcome, written=tuple(outputs), choices=tuple(choices))
 
 
 def _perform(job: Job, tell: Report) -> Outcome:

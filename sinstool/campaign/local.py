@@ -15,7 +15,7 @@ import signal
 import threading
 import time
 from collections import Counter, deque
-from collections.abc import Generator, Iterator, Sequence
+from collections.abc import Collection, Generator, Iterator, Sequence
 from multiprocessing.connection import Connection, wait
 from multiprocessing.context import BaseContext
 from multiprocessing.process import BaseProcess
@@ -30,7 +30,6 @@ from sinstool.campaign.jobs import (
     perform,
     remove_left,
 )
-from sinstool.core.threads import keep_to_one_core
 
 # A job whose worker dies is tried once more.
 ATTEMPTS = 2
@@ -70,7 +69,7 @@ class _Worker:
 
 def run_local(tasks: Sequence[Task], workers: Workers) -> Generator[Event]:
     """Do tasks in processes of this machine, as :func:`sinstool.campaign.run.run_jobs` says."""
-    context = _context(workers)
+    context = _context({task.job.function.__module__ for task in tasks})
     queue = _Queue(tasks)
     crew: list[_Worker] = []
     try:
@@ -150,12 +149,12 @@ def _stop(crew: Sequence[_Worker]) -> None:
             remove_left(worker.task)
 
 
-def _context(workers: Workers) -> BaseContext:
+def _context(modules: Collection[str]) -> BaseContext:
     # A plain fork would copy the locks of threads that hold them (of a progress bar, say).
     if "forkserver" not in multiprocessing.get_all_start_methods():
         return multiprocessing.get_context("spawn")
     context = multiprocessing.get_context("forkserver")
-    context.set_forkserver_preload([__name__, *workers.modules])
+    context.set_forkserver_preload([__name__, *sorted(modules)])
     # The server hands its environment on: a worker has one core.
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     return context
@@ -170,7 +169,6 @@ def _serve(pipe: Connection) -> None:
     signal.signal(signal.SIGTERM, _terminated)
     threading.Thread(target=_with_parent, daemon=True).start()
     gc.set_threshold(100_000, 50, 50)
-    keep_to_one_core()
     with contextlib.suppress(EOFError, OSError):
         while True:
             task = pipe.recv()

@@ -7,9 +7,9 @@ from collections.abc import Generator, Sequence
 from typing import Any
 
 from sinstool.campaign.jobs import Event, Job, Outcome, Report, Task, Workers
+from sinstool.core.choices import choices_are_shown, replay
+from sinstool.core.completed import record_output
 from sinstool.core.errors import SinstoolError
-from sinstool.core.explain import asked_for, say_again
-from sinstool.core.whole_file import appeared
 
 
 def run_jobs(jobs: Sequence[Job], workers: Workers) -> Generator[Event]:
@@ -26,7 +26,7 @@ def run_jobs(jobs: Sequence[Job], workers: Workers) -> Generator[Event]:
     ConfigurationError
         The scheduler cannot be used, or a worker does not see the same files.
     """
-    tasks = [Task(number, job, explain=asked_for()) for number, job in enumerate(jobs)]
+    tasks = [Task(number, job, log_choices=choices_are_shown()) for number, job in enumerate(jobs)]
     if workers.scheduler is None:
         from sinstool.campaign.local import run_local
 
@@ -39,8 +39,8 @@ def run_jobs(jobs: Sequence[Job], workers: Workers) -> Generator[Event]:
         for event in events:
             if event.outcome is not None:
                 # as if it had been done here
-                appeared.extend(event.outcome.written)
-                say_again(jobs[event.number].name, event.outcome.choices)
+                record_output(*event.outcome.written)
+                replay(jobs[event.number].name, event.outcome.choices)
             yield event
 
 

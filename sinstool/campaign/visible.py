@@ -16,7 +16,7 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 
-from sinstool.core.temporary import new_file, remove_file, unheld
+from sinstool.core.temporary import new_file, remove_file, unlocked_name
 from sinstool.io.readers.log import path_size
 
 HEAD_BYTES = 65536
@@ -133,7 +133,7 @@ def what_differs(
                 return f"sees another folder {token.path.parent}", answers
         except OSError:
             return f"does not see the folder {token.path.parent}", answers
-        answer = Token(unheld(token.path.parent, "token"), secrets.token_hex(16))
+        answer = Token(unlocked_name(token.path.parent, "token"), secrets.token_hex(16))
         try:
             answer.path.write_text(answer.text)
         except OSError as exc:

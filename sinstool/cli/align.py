@@ -94,7 +94,7 @@ def command(
     if scheduler is not None:
         raise click.UsageError("--scheduler is for many logs")
     log = logs[0]
-    from sinstool.core.whole_file import check_output, together
+    from sinstool.core.whole_file import check_output, commit_together
     from sinstool.pipelines.align.log import align_log
 
     if series is not None:
@@ -103,7 +103,7 @@ def command(
         from sinstool.report.page import check_report
 
         check_report(report, inputs=[log], overwrite=config.output.overwrite)
-    with together(), progress_bar(log.name, quiet) as progress:
+    with commit_together(), progress_bar(log.name, quiet) as progress:
         alignment = align_log(log, config, progress, truth)
         if series is not None:
             from sinstool.pipelines.align.log import write_series

@@ -24,7 +24,6 @@ from sinstool.report.text.table import columns
 if TYPE_CHECKING:
     from sinstool.config import ProcessConfig
 
-MODULES = ("sinstool.pipelines.align.log", "sinstool.io.readers.mcap")
 AXES = ("north", "east", "down")
 
 
@@ -51,7 +50,7 @@ def align_many(
     if truth is not None and Path(truth).is_file():
         truth = str(Path(truth).absolute())
         reads.append(Path(truth))
-    workers = workers_of(asked, MODULES, reads, len(logs))
+    workers = workers_of(asked, reads, len(logs))
     tasks = [
         Job(str(log.path), align_one, (path, config, truth), path_size(path))
         for log, path in zip(logs, paths, strict=True)

@@ -110,15 +110,13 @@ def command(
         from sinstool.report.page import check_report
 
         check_report(report, overwrite=config.output.overwrite)
-    from sinstool.core.whole_file import together
+    from sinstool.core.whole_file import commit_together
 
     workers = None
     if scheduler is not None or (jobs or 1) > 1:
         full = [path.absolute() for path in paths]
-        workers = workers_of(
-            Asked(jobs, scheduler), ("sinstool.pipelines.calibrate_hse.run",), full, len(paths)
-        )
-    with together(), progress_bar(f"{len(paths)} logs", quiet) as progress:
+        workers = workers_of(Asked(jobs, scheduler), full, len(paths))
+    with commit_together(), progress_bar(f"{len(paths)} logs", quiet) as progress:
         found = calibrate(paths, output, config, progress, workers)
         if emit_config is not None:
             write_rig(emit_config, found, config)

@@ -34,11 +34,6 @@ if TYPE_CHECKING:
 
 SUMMARY = "summary.csv"
 SUMMARY_COLUMNS = ("log", "status", "algorithm", "kept 1 of", "input", "drift [deg/h rms]")
-MODULES = (
-    "sinstool.cli.compare_coning",
-    "sinstool.pipelines.compare_coning.log",
-    "sinstool.io.readers.mcap",
-)
 
 
 def compare_many(given: Sequence[Path], options: dict[str, Any]) -> int:
@@ -74,7 +69,7 @@ def compare_many(given: Sequence[Path], options: dict[str, Any]) -> int:
             kept[name] = str(Path(kept[name]).absolute())
     named = [Path(kept[k]) for k in ("truth", "gyro_response") if kept[k] is not None]
     reads = [*paths, *files(config).values(), *(p for p in named if p.is_file())]
-    workers = workers_of(asked, MODULES, reads, len(logs))
+    workers = workers_of(asked, reads, len(logs))
     jobs = []
     for log, path, table, page in zip(logs, paths, tables, pages, strict=True):
         folders = [p.parent for p in (table, page) if p is not None]

@@ -75,7 +75,7 @@ def compare_one(
     ------
     SinstoolError
     """
-    from sinstool.core.whole_file import together
+    from sinstool.core.whole_file import commit_together
     from sinstool.pipelines.compare_coning.log import compare_log
     from sinstool.pipelines.compare_coning.summary import as_object
     from sinstool.report.figures.coning import figures
@@ -85,7 +85,7 @@ def compare_one(
         log, config, settings, progress=progress, **{name: options[name] for name in taken}
     )
     result = as_object(found)
-    with together():
+    with commit_together():
         if options["csv_dir"] is not None:
             write_csv(options["csv_dir"], result)
         if options["report"] is not None:

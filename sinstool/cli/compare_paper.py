@@ -12,7 +12,7 @@ import numpy as np
 
 from sinstool.cli.console import print_json
 from sinstool.core.errors import ConfigurationError
-from sinstool.core.whole_file import WholeFile, check_new_folder, make_folder, together
+from sinstool.core.whole_file import WholeFile, check_new_folder, commit_together, make_folder
 from sinstool.pipelines.compare_coning.paper import Reproduction, reproduce
 from sinstool.pipelines.compare_coning.paper_claims import low_level
 from sinstool.pipelines.compare_coning.paper_experiment import RESPONSES, noise_rate_deg
@@ -77,7 +77,7 @@ def run_paper(
     if csv_dir is not None:
         check_new_folder(csv_dir, "--csv")
     found = reproduce(phase, response, algorithms, progress=progress)
-    with together():
+    with commit_together():
         files = [] if csv_dir is None else write_sweeps(found, csv_dir)
         if write_more is not None:
             write_more(found)

@@ -11,15 +11,17 @@ import signal
 import sys
 import time
 import warnings
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from importlib import import_module
+from pathlib import Path
 from types import FrameType
 from typing import TYPE_CHECKING, Any, TextIO, cast
 
 import click
 
 from sinstool.cli.choice import Group
+from sinstool.core.completed import completed_outputs
 from sinstool.core.errors import AGAIN, SinstoolError
 from sinstool.core.version import VERSION
 
@@ -105,7 +107,8 @@ def main() -> None:
     if type(sys.stdout) is io.TextIOWrapper:
         sys.stdout = cast(TextIO, _StandardOutput(sys.stdout))
     try:
-        _run()
+        with completed_outputs() as outputs:
+            _run(outputs)
     finally:
         # What lives now is given back by the operating system at once; taken apart object by
         # object it would take as long as a second of a log.
@@ -170,10 +173,9 @@ def _end_well_on_signals() -> None:
             atexit.register(signal.signal, number, signal.SIG_IGN)
 
 
-def _written() -> str:
+def _written(outputs: Sequence[Path]) -> str:
     """What is complete by now."""
-    whole = sys.modules.get("sinstool.core.whole_file")
-    paths = [] if whole is None else [str(path) for path in dict.fromkeys(whole.appeared)]
+    paths = [str(path) for path in dict.fromkeys(outputs)]
     if not paths:
         return "nothing was written"
     if len(paths) == 1:
@@ -189,7 +191,7 @@ def _with_salvage() -> str:
     return shlex.join(["sinstool", *sys.argv[1:], "--salvage"])
 
 
-def _run() -> None:
+def _run(outputs: Sequence[Path]) -> None:
     """Run a command and exit with its status."""
     # -v explains choices; only -vv wants to see where in the program an error was found.
     told = [a for a in sys.argv[1:] if re.fullmatch(r"--verbose|-v+", a)]
@@ -208,16 +210,16 @@ def _run() -> None:
         exc.show()
         sys.exit(exc.exit_code)
     except (KeyboardInterrupt, click.Abort):
-        click.echo(f"sinstool: interrupted; {_written()}", err=True)
+        click.echo(f"sinstool: interrupted; {_written(outputs)}", err=True)
         sys.exit(130)
     except MemoryError:
-        click.echo(f"sinstool: out of memory; {_written()}", err=True)
+        click.echo(f"sinstool: out of memory; {_written(outputs)}", err=True)
         sys.exit(1)
     except OSError as exc:
         if traceback:
             raise
         where = f"{exc.filename}: " if exc.filename else ""
-        click.echo(f"sinstool: {where}{exc.strerror}; {_written()}", err=True)
+        click.echo(f"sinstool: {where}{exc.strerror}; {_written(outputs)}", err=True)
         if isinstance(sys.stdout, _StandardOutput):
             sys.stdout.end()
         sys.exit(1)

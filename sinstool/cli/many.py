@@ -88,13 +88,11 @@ def cores() -> int:
     return os.cpu_count() or 1
 
 
-def workers_of(asked: Asked, modules: Sequence[str], reads: Sequence[Path], most: int) -> Workers:
+def workers_of(asked: Asked, reads: Sequence[Path], most: int) -> Workers:
     """Who works; on this machine, where nothing is said, a process for each core.
 
     Parameters
     ----------
-    modules : sequence of str
-        What jobs need.
     most : int
         Jobs that there are.
 
@@ -114,7 +112,7 @@ def workers_of(asked: Asked, modules: Sequence[str], reads: Sequence[Path], most
 
         require_distributed()
     processes = max(1, min(asked.jobs or cores(), most))
-    return Workers(processes, asked.scheduler, tuple(modules), tuple(reads))
+    return Workers(processes, asked.scheduler, tuple(reads))
 
 
 def absolute(config: ProcessConfig) -> ProcessConfig:

@@ -56,7 +56,7 @@ def process_many(given: Sequence[Path], folder: Path, config: ProcessConfig, ask
     config = absolute(config)
     paths = [log.path.absolute() for log in logs]
     reads = [*paths, *files(config).values(), *_truth_files(config)]
-    workers = workers_of(asked, _modules(config), reads, len(logs))
+    workers = workers_of(asked, reads, len(logs))
     for output, page in zip(outputs, pages, strict=True):
         make_folder(output.parent)
         if page is not None:
@@ -82,22 +82,6 @@ def process_many(given: Sequence[Path], folder: Path, config: ProcessConfig, ask
 
 def _truth_files(config: ProcessConfig) -> list[Path]:
     return [Path(name) for name in config.output.truth if Path(name).is_file()]
-
-
-def _modules(config: ProcessConfig) -> list[str]:
-    """What a run of this kind imports."""
-    modules = [
-        "sinstool.cli.process_one",
-        "sinstool.pipelines.process.run",
-        "sinstool.io.readers.mcap",
-    ]
-    if config.hse.hse is not None:
-        return [*modules, "sinstool.pipelines.process.turntable"]
-    if config.navigation.mode in ("auto", "ins-gnss"):
-        modules.append("sinstool.pipelines.process.ins_gnss.mode")
-    if config.navigation.mode == "ins":
-        modules.append("sinstool.pipelines.process.ins")
-    return modules
 
 
 def _table(

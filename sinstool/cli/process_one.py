@@ -34,11 +34,11 @@ def process_one(
     ------
     SinstoolError
     """
-    from sinstool.core.whole_file import together
+    from sinstool.core.whole_file import commit_together
     from sinstool.pipelines.process.run import process
 
     recorder = _recorder(log, report, config)
-    with together():
+    with commit_together():
         result = process(log, output, config, progress, recorder)
         if recorder is not None and config.output.truth:
             result = replace(result, truth=recorder.errors())

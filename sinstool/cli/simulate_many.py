@@ -21,7 +21,6 @@ from sinstool.report.text.table import columns
 
 # Digits of the seed in a name, so that names are in the order of seeds
 DIGITS = 4
-MODULES = ("sinstool.cli.simulate", "sinstool.simulation.log", "sinstool.simulation.sensors")
 
 
 def with_monte_carlo(command: click.Command) -> None:
@@ -98,7 +97,7 @@ def _many(scenario: str, told: dict[str, Any], count: int, asked: Asked) -> int:
     seeds = range(told["seed"], told["seed"] + count)
     width = max(DIGITS, len(str(seeds[-1])))
     outputs = [folder / f"{scenario}-{seed:0{width}d}.mcap" for seed in seeds]
-    workers = workers_of(asked, MODULES, (), count)
+    workers = workers_of(asked, (), count)
     make_folder(folder)
     tasks = []
     for seed, output in zip(seeds, outputs, strict=True):

@@ -124,11 +124,11 @@ def write_log(
     dict
         What was written, as ``--json`` says it.
     """
-    from sinstool.core.whole_file import together
+    from sinstool.core.whole_file import commit_together
     from sinstool.simulation.log import write_simulated
 
     output = told["output"]
-    with together():
+    with commit_together():
         counts = write_simulated(output, topics, settings)
         if beside is not None:
             beside()

@@ -99,10 +99,9 @@ def command(output: Path, rig_out: Path | None, **told: Any) -> dict[str, Any]:
         if rig_out is not None:
             import tomli_w
 
-            from sinstool.core.whole_file import WholeFile
+            from sinstool.core.whole_file import write_whole
 
-            with WholeFile(rig_out) as whole:
-                whole.stream.write(tomli_w.dumps({"rig": _rig(log, told)}).encode())
+            write_whole(rig_out, tomli_w.dumps({"rig": _rig(log, told)}))
 
     return write_log({"output": output, **told}, topics, settings, write_page, write_rig_file)
 

@@ -39,7 +39,7 @@ def verbose_option(also: str = "") -> Callable[[F], F]:
 
     def listen(context: click.Context, _: click.Parameter, value: int) -> int:
         if value and not context.resilient_parsing:
-            from sinstool.core.explain import LOGGER
+            from sinstool.core.choices import LOGGER
 
             handler = _Shown()
             before = LOGGER.level

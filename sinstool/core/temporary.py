@@ -4,7 +4,7 @@ Whoever makes one holds an advisory lock on it. The system gives the lock back h
 ends, so the next run that makes one in the same folder can tell those of running processes from
 those that a kill or a power cut has left, and removes the latter first. Two cases remain in which
 a lock says nothing: a file system that has no locks, and one that keeps them within each host.
-Their names hold the host, therefore, and what another host or no lock stands for is left alone
+Names hold the host, therefore, and what another host made, or what cannot be locked, is left alone
 until nobody has written to it for a day.
 """
 
@@ -15,8 +15,8 @@ import contextlib
 import os
 import platform
 import re
+import secrets
 import shutil
-import stat
 import tempfile
 import time
 import zlib
@@ -24,22 +24,25 @@ from pathlib import Path
 
 try:
     import fcntl
-except ImportError:  # Windows, which does not remove a file that somebody has open
+except ImportError:  # Windows, which removes no file that somebody has open
     fcntl = None  # type: ignore[assignment]
 
 DAY = 86400.0
 NAME_LENGTH = 40
-_FILE = re.compile(r"\..*\.([0-9a-f]{8})-[0-9a-f]{16}\.sinstool-part", re.DOTALL)
-_FOLDER = re.compile(r"sinstool-([0-9a-f]{8})-[0-9a-f]{16}")
-# In place of a host: what another one stands for is left alone for a day
-_NOWHERE = "00000000"
+_NAME = re.compile(r"\..*\.([0-9a-f]{8})-[0-9a-f]{16}\.sinstool-part", re.DOTALL)
+# In place of a host, for files that are left alone for a day wherever they are seen
+_NO_HOST = "00000000"
 # Of this process: removed at its end, should a second interruption have broken off tidying up
-_made: set[Path] = set()
+_unfinished: set[Path] = set()
 
 
-def _token() -> str:
-    host = zlib.crc32(platform.node().encode())
-    return f"{host:08x}-{os.urandom(8).hex()}"
+def _host() -> str:
+    return f"{zlib.crc32(platform.node().encode()):08x}"
+
+
+def _hidden(folder: Path, name: str, host: str) -> Path:
+    # cut, as a name may be so long already that nothing can be added to it
+    return folder / f".{name[:NAME_LENGTH]}.{host}-{secrets.token_hex(8)}.sinstool-part"
 
 
 def new_file(folder: Path, name: str) -> tuple[int, Path]:
@@ -63,45 +66,49 @@ def new_file(folder: Path, name: str) -> tuple[int, Path]:
     """
     sweep(folder)
     while True:
-        # cut, as a name may be so long already that nothing can be added to it
-        path = folder / f".{name[:NAME_LENGTH]}.{_token()}.sinstool-part"
-        _made.add(path)
-        flags = os.O_RDWR | os.O_CREAT | os.O_EXCL
-        flags |= getattr(os, "O_CLOEXEC", 0) | getattr(os, "O_BINARY", 0)
+        path = _hidden(folder, name, _host())
+        _unfinished.add(path)
         try:
+            flags = os.O_RDWR | os.O_CREAT | os.O_EXCL | getattr(os, "O_BINARY", 0)
             handle = os.open(path, flags, 0o600)
         except OSError:  # not of an interruption: the file may be there already
-            _made.discard(path)
+            _unfinished.discard(path)
             raise
         if _locked_for_good(handle):
             return handle, path
         os.close(handle)
 
 
-def unheld(folder: Path, name: str) -> Path:
-    """Name of a file that nobody holds a lock on; it is removed when it is a day old.
+def unlocked_name(folder: Path, name: str) -> Path:
+    """Name for a file that nobody locks; it is removed when it is a day old.
 
     Parameters
     ----------
     name : str
         What it is for.
     """
-    return folder / f".{name[:NAME_LENGTH]}.{_NOWHERE}-{os.urandom(8).hex()}.sinstool-part"
+    return _hidden(folder, name, _NO_HOST)
 
 
 def remove_file(path: Path) -> None:
-    """Remove a file of :func:`new_file`, if it is still there under its temporary name."""
+    """Remove a file of :func:`new_file` and its folder, if they are still there."""
+    with contextlib.suppress(FileNotFoundError):
+        shutil.rmtree(_folder_of(path))
     path.unlink(missing_ok=True)
     forget(path)
 
 
 def forget(path: Path) -> None:
     """Leave a file alone: it has another name now."""
-    _made.discard(path)
+    _unfinished.discard(path)
+
+
+def _folder_of(path: Path) -> Path:
+    return path.with_suffix(".sinstool-folder")
 
 
 class TemporaryFolder:
-    """A folder in the system's place for temporary files.
+    """A folder in the system's place for temporary files; the file beside it holds its lock.
 
     Raises
     ------
@@ -110,29 +117,15 @@ class TemporaryFolder:
     """
 
     def __init__(self) -> None:
-        place = Path(tempfile.gettempdir())
-        sweep(place)
-        while True:
-            self.path = place / f"sinstool-{_token()}"
-            _made.add(self.path)
-            try:
-                self.path.mkdir(0o700)
-            except OSError:
-                _made.discard(self.path)
-                raise
-            with contextlib.suppress(FileNotFoundError):  # where a sweep came between
-                self._handle = _open_folder(self.path)
-                if self._handle is None or _locked_for_good(self._handle):
-                    return
-                os.close(self._handle)
+        self._handle, self._lock = new_file(Path(tempfile.gettempdir()), "folder")
+        self.path = _folder_of(self._lock)
+        self.path.mkdir(0o700)
 
     def cleanup(self) -> None:
         """Remove the folder and all that is in it."""
-        shutil.rmtree(self.path, ignore_errors=True)
-        _made.discard(self.path)
-        if self._handle is not None:
-            os.close(self._handle)
-            self._handle = None
+        with contextlib.suppress(OSError):
+            remove_file(self._lock)
+        os.close(self._handle)
 
 
 def sweep(folder: Path) -> int:
@@ -146,56 +139,32 @@ def sweep(folder: Path) -> int:
     Returns
     -------
     int
-        How many others hold.
+        How many are in use by others.
     """
-    held = 0
+    in_use = 0
     with contextlib.suppress(OSError), os.scandir(folder) as entries:
         for entry in entries:
-            found = _FILE.fullmatch(entry.name) or _FOLDER.fullmatch(entry.name)
-            if found and Path(entry.path) not in _made:
+            match, path = _NAME.fullmatch(entry.name), Path(entry.path)
+            if match and path not in _unfinished and entry.is_file(follow_symlinks=False):
                 with contextlib.suppress(OSError):
-                    held += _held_or_removed(Path(entry.path), found[1])
-    return held
+                    in_use += _in_use(path, match[1])
+    return in_use
 
 
-def _held_or_removed(path: Path, host: str) -> bool:
-    """Whether somebody holds it; if nobody does and it is ours or old, it is removed."""
-    kind = path.lstat().st_mode
-    if stat.S_ISREG(kind):
-        # for writing, as locks of a network's file system want it
-        handle: int | None = os.open(path, os.O_RDWR | getattr(os, "O_NOFOLLOW", 0))
-    elif stat.S_ISDIR(kind):
-        handle = _open_folder(path)
-    else:
-        return False
-    try:
-        free = None if handle is None else _lock(handle, wait=False)
-        if free is False:
+def _in_use(path: Path, host: str) -> bool:
+    """Whether somebody has it locked; if nobody has and it is ours or old, it is removed."""
+    # for writing, as locks of a network's file system want it
+    with path.open("r+b") as stream:
+        locked = _lock(stream.fileno())
+        if locked is False:
             return True
-        ours = host == f"{zlib.crc32(platform.node().encode()):08x}"
-        if not (free and ours) and time.time() - path.lstat().st_mtime < DAY:
-            return False
-        if stat.S_ISDIR(kind):
-            shutil.rmtree(path)
-            return False
-        if fcntl is None and handle is not None:
-            os.close(handle)
-            handle = None
-        path.unlink()
+        old = time.time() - os.fstat(stream.fileno()).st_mtime > DAY
+        if old or (locked and host == _host()):
+            remove_file(path)
         return False
-    finally:
-        if handle is not None:
-            os.close(handle)
 
 
-def _open_folder(path: Path) -> int | None:
-    """Handle of a folder; None where folders cannot be opened."""
-    if not hasattr(os, "O_DIRECTORY"):
-        return None
-    return os.open(path, os.O_RDONLY | os.O_DIRECTORY | os.O_NOFOLLOW)
-
-
-def _lock(handle: int, wait: bool) -> bool | None:
+def _lock(handle: int, wait: bool = False) -> bool | None:
     """Whether a lock was had; None where there are none."""
     if fcntl is None:
         return None
@@ -215,9 +184,6 @@ def _locked_for_good(handle: int) -> bool:
 
 @atexit.register
 def _tidy() -> None:
-    for path in tuple(_made):
+    for path in tuple(_unfinished):
         with contextlib.suppress(OSError):
-            if path.is_dir():
-                shutil.rmtree(path)
-            else:
-                remove_file(path)
+            remove_file(path)

@@ -1,30 +1,36 @@
-"""Threads beside the main one: as many as are asked for, or none where a process has one core.
+"""Threads beside the main one, or none where a process has one core.
 
 A command that works on one log has the machine to itself, and reads, compresses and writes in
 threads while it computes. A worker of a campaign has one core: there threads would take it from
-the other workers, so that what they would do is done where it is asked for.
+the other workers, so that what they would do is done by the caller.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from concurrent.futures import Executor, Future, ThreadPoolExecutor
+from contextlib import contextmanager
+from contextvars import ContextVar
 from typing import Any, ParamSpec, TypeVar
 
 P = ParamSpec("P")
 T = TypeVar("T")
-_alone = False
+_single: ContextVar[bool] = ContextVar("_single", default=False)
 
 
-def keep_to_one_core() -> None:
-    """From now on this process does all of its work in the thread that asks for it."""
-    global _alone
-    _alone = True
+@contextmanager
+def single_threaded() -> Iterator[None]:
+    """Inside, all work is done in the thread that wants its result."""
+    token = _single.set(True)
+    try:
+        yield
+    finally:
+        _single.reset(token)
 
 
-def one_core() -> bool:
-    """Whether this process keeps to one core."""
-    return _alone
+def is_single_threaded() -> bool:
+    """Whether this is inside :func:`single_threaded`."""
+    return _single.get()
 
 
 def executor(threads: int, name: str) -> Executor:
@@ -35,7 +41,7 @@ def executor(threads: int, name: str) -> Executor:
     name : str
         Of the threads, for who looks at the process.
     """
-    if _alone:
+    if is_single_threaded():
         return AtOnce()
     return ThreadPoolExecutor(threads, thread_name_prefix=name)
 
@@ -53,5 +59,5 @@ class AtOnce(Executor):
         return future
 
     def map(self, fn: Callable[..., T], *iterables: Any, **_: Any) -> Iterator[T]:
-        """Call `fn` on each, when its result is asked for."""
+        """Call `fn` on each, when its result is taken."""
         return map(fn, *iterables)

@@ -8,18 +8,29 @@ import os
 from collections.abc import Iterator
 from concurrent.futures import Future, ThreadPoolExecutor
 from contextvars import ContextVar
+from dataclasses import dataclass, field
 from pathlib import Path
 from types import TracebackType
-from typing import IO, Any
+from typing import Any
 
+from sinstool.core.completed import record_output
 from sinstool.core.errors import OutputError
 from sinstool.core.temporary import forget, new_file, remove_file, sweep
 
 SYNC_BYTES = 48 * 2**20
 # Not every system has the call that leaves the file's times alone.
 _put_on_disk = getattr(os, "fdatasync", os.fsync)
-appeared: list[Path] = []
-"""Files that this process has completed."""
+
+
+@contextlib.contextmanager
+def _as_output_error(what: str, hint: str = "") -> Iterator[None]:
+    """Say what the system refuses in one line."""
+    try:
+        yield
+    except OSError as exc:
+        if exc.errno is None:
+            raise
+        raise OutputError(f"{what}: {exc.strerror}", hint) from exc
 
 
 def check_output(output: Path, inputs: list[Path], overwrite: bool) -> None:
@@ -34,36 +45,28 @@ def check_output(output: Path, inputs: list[Path], overwrite: bool) -> None:
     ------
     OutputError
     """
-    try:
-        _check_output(output, inputs, overwrite)
-    except OSError as exc:
-        # A folder that may not be looked into, a name too long for the file system
-        raise OutputError(f"cannot write {output}: {exc.strerror}", "choose another -o") from exc
-
-
-def _check_output(output: Path, inputs: list[Path], overwrite: bool) -> None:
-    # A link stays one: what it leads to is written.
-    folder = _real(output).parent
-    if output.is_dir():
-        raise OutputError(f"{output} is a folder", "give the name of a file with -o")
-    if output.exists() and not output.is_file():
-        raise OutputError(f"{output} is a device or a pipe", "give the name of a file with -o")
-    for source in inputs:
-        # A new file in a bag's folder would become part of the bag.
-        if source.is_dir() and source.resolve() in output.resolve().parents:
-            raise OutputError(
-                f"{output} lies in the input's own folder", "choose another folder with -o"
-            )
-    if output.exists():
+    # A folder that may not be looked into, a name too long for the file system
+    with _as_output_error(f"cannot write {output}", "choose another -o"):
+        # A link stays one: what it leads to is written.
+        folder = _real(output).parent
+        if output.is_dir():
+            raise OutputError(f"{output} is a folder", "give the name of a file with -o")
+        if output.exists() and not output.is_file():
+            raise OutputError(f"{output} is a device or a pipe", "give the name of a file with -o")
         for source in inputs:
-            if output.samefile(source):
+            # A new file in a bag's folder would become part of the bag.
+            if source.is_dir() and source.resolve() in output.resolve().parents:
+                problem = f"{output} lies in the input's own folder"
+                raise OutputError(problem, "choose another folder with -o")
+            if output.exists() and output.samefile(source):
                 raise OutputError(f"{output} is the input itself", "choose another file with -o")
-        if not overwrite:
+        if output.exists() and not overwrite:
             raise OutputError(f"{output} exists already", "choose another name or add --overwrite")
-    if not folder.is_dir():
-        raise OutputError(f"the folder {folder} does not exist", "make it, or choose another")
-    if not os.access(folder, os.W_OK | os.X_OK):
-        raise OutputError(f"the folder {folder} cannot be written to", "choose another with -o")
+        if not folder.is_dir():
+            raise OutputError(f"the folder {folder} does not exist", "make it, or choose another")
+        if not os.access(folder, os.W_OK | os.X_OK):
+            problem = f"the folder {folder} cannot be written to"
+            raise OutputError(problem, "choose another with -o")
 
 
 def check_new_folder(folder: Path, option: str) -> None:
@@ -79,31 +82,29 @@ def check_new_folder(folder: Path, option: str) -> None:
     OutputError
     """
     sweep(folder)
-    try:
-        occupied = folder.exists() and (not folder.is_dir() or any(folder.iterdir()))
-    except OSError as exc:
-        raise OutputError(f"the folder {folder} cannot be read: {exc.strerror}") from exc
-    if occupied:
-        raise OutputError(f"{folder} exists and is not an empty folder", f"give another {option}")
+    with _as_output_error(f"the folder {folder} cannot be read"):
+        if folder.exists() and (not folder.is_dir() or any(folder.iterdir())):
+            problem = f"{folder} exists and is not an empty folder"
+            raise OutputError(problem, f"give another {option}")
 
 
 def _real(path: Path) -> Path:
     return Path(os.path.realpath(path))
 
 
+@dataclass
 class _Group:
-    """What is held back until all of it is complete."""
+    """What waits until all of it is complete."""
 
-    def __init__(self) -> None:
-        self.files: list[WholeFile] = []
-        self.folders: list[Path] = []
+    files: list[WholeFile] = field(default_factory=list)
+    folders: list[Path] = field(default_factory=list)
 
 
 _group: ContextVar[_Group | None] = ContextVar("_group", default=None)
 
 
 @contextlib.contextmanager
-def together() -> Iterator[None]:
+def commit_together() -> Iterator[None]:
     """Files that are completed inside appear when the context ends well: all of them or none.
 
     Raises
@@ -118,11 +119,11 @@ def together() -> Iterator[None]:
     token = _group.set(group)
     try:
         yield
-        for whole in group.files:
-            whole.appear()
+        for file in group.files:
+            file.appear()
     except BaseException:
-        for whole in group.files:
-            whole.discard()
+        for file in group.files:
+            file.discard()
         for folder in reversed(group.folders):
             # not one into which somebody else has put something
             with contextlib.suppress(OSError):
@@ -132,22 +133,21 @@ def together() -> Iterator[None]:
         _group.reset(token)
 
 
-def held_back(path: Path) -> Path:
-    """Where the content of a file is for now, that waits inside :func:`together`.
+def path_for_now(path: Path) -> Path:
+    """Where the content of a file is before the end of :func:`commit_together`.
 
     Returns
     -------
     Path
         The file itself where it does not wait.
     """
-    group = _group.get()
-    waiting = () if group is None else group.files
+    group = _group.get() or _Group()
     target = _real(path)
-    return next((one._part for one in waiting if one._target == target), path)
+    return next((file._part for file in group.files if file._target == target), path)
 
 
 def make_folder(path: Path) -> None:
-    """Make a folder and those above it; inside :func:`together` they go again if it fails.
+    """Make a folder and those above it; inside :func:`commit_together` they go if it fails.
 
     Parameters
     ----------
@@ -158,15 +158,11 @@ def make_folder(path: Path) -> None:
     ------
     OutputError
     """
-    missing = [one for one in (path, *path.parents) if not one.exists()]
-    group = _group.get()
-    try:
-        for one in reversed(missing):
-            one.mkdir()
-            if group is not None:
-                group.folders.append(one)
-    except OSError as exc:
-        raise OutputError(f"cannot make the folder {path}: {exc.strerror}") from exc
+    group = _group.get() or _Group()
+    with _as_output_error(f"cannot make the folder {path}"):
+        for folder in reversed([p for p in (path, *path.parents) if not p.exists()]):
+            folder.mkdir()
+            group.folders.append(folder)
 
 
 class _SyncedFile(io.BufferedWriter):
@@ -186,7 +182,7 @@ class _SyncedFile(io.BufferedWriter):
         count = super().write(data)
         self._unsynced += count
         if self._unsynced > SYNC_BYTES and (self._sync is None or self._sync.done()):
-            # Errors show again, and are told, when everything is synced in the end.
+            # Errors show again when everything is synced in the end.
             self._sync = self._pool.submit(_put_on_disk, self.fileno())
             self._unsynced = 0
         return count
@@ -200,7 +196,7 @@ class _SyncedFile(io.BufferedWriter):
 class WholeFile:
     """Write to a temporary file beside the target; rename it on success, remove it otherwise.
 
-    Inside :func:`together` the renaming waits for the end of that context.
+    Inside :func:`commit_together` the renaming waits for the end of that context.
 
     Parameters
     ----------
@@ -216,14 +212,12 @@ class WholeFile:
     def __init__(self, path: Path) -> None:
         self.path = path
         self._target = _real(path)
-        group = _group.get()
-        if group is not None and any(self._target == one._target for one in group.files):
+        group = _group.get() or _Group()
+        if any(self._target == file._target for file in group.files):
             raise OutputError(f"{path} is named twice", "choose another name")
-        try:
+        with _as_output_error(f"cannot write in {path.parent}"):
             handle, self._part = new_file(self._target.parent, path.name)
-        except OSError as exc:
-            raise OutputError(f"cannot write in {path.parent}: {exc.strerror}") from exc
-        self.stream: IO[bytes] = _SyncedFile(handle)
+        self.stream = _SyncedFile(handle)
 
     def __enter__(self) -> WholeFile:
         return self
@@ -234,26 +228,15 @@ class WholeFile:
         exc: BaseException | None,
         trace: TracebackType | None,
     ) -> None:
-        if kind is None:
-            self._complete()
-        else:
-            self.discard()
-            if isinstance(exc, OSError) and exc.errno is not None:
-                raise OutputError(f"writing {self.path} failed: {exc.strerror}") from exc
-
-    def _complete(self) -> None:
-        try:
+        with self._or_nothing():
+            if exc is not None:
+                raise exc
             self.stream.flush()
             # Temporary files are private; the user's own mask decides who may read the result.
             mask = os.umask(0)
             os.umask(mask)
             os.chmod(self._part, 0o666 & ~mask)
             os.fsync(self.stream.fileno())
-        except BaseException as exc:
-            self.discard()
-            if isinstance(exc, OSError):
-                raise OutputError(f"writing {self.path} failed: {exc.strerror}") from exc
-            raise
         group = _group.get()
         if group is None:
             self.appear()
@@ -268,20 +251,15 @@ class WholeFile:
         OutputError
             The folder is gone by now, or a folder has taken the name.
         """
-        try:
-            if not _RENAMES_OPEN_FILES:
+        with self._or_nothing():
+            if os.name == "nt":  # which renames no open file
                 self.stream.close()
             # Open, and so locked: no other run takes it for a dead one's before it has its name.
             os.replace(self._part, self._target)
-            appeared.append(self.path)
+            record_output(self.path)
             forget(self._part)
             self.stream.close()
             _sync_folder(self._target.parent)
-        except BaseException as exc:
-            self.discard()
-            if isinstance(exc, OSError):
-                raise OutputError(f"writing {self.path} failed: {exc.strerror}") from exc
-            raise
 
     def discard(self) -> None:
         """Remove what was written, unless it has its name already."""
@@ -291,17 +269,32 @@ class WholeFile:
         with contextlib.suppress(OSError):
             remove_file(self._part)
 
+    @contextlib.contextmanager
+    def _or_nothing(self) -> Iterator[None]:
+        try:
+            with _as_output_error(f"writing {self.path} failed"):
+                yield
+        except BaseException:
+            self.discard()
+            raise
 
-_RENAMES_OPEN_FILES = os.name == "posix"
+
+def write_whole(path: Path, content: bytes | str) -> None:
+    """Write a file at once; text in UTF-8.
+
+    Raises
+    ------
+    OutputError
+    """
+    with WholeFile(path) as file:
+        file.stream.write(content.encode() if isinstance(content, str) else content)
 
 
 def _sync_folder(folder: Path) -> None:
-    """Have the new name on the disk too, where the system can say so of a folder."""
-    if not hasattr(os, "O_DIRECTORY"):
-        return
-    # Some file systems cannot, and what they hold is whole all the same.
+    """Have the new name on the disk too."""
+    # Some systems cannot, and what they hold is whole all the same.
     with contextlib.suppress(OSError):
-        handle = os.open(folder, os.O_RDONLY | os.O_DIRECTORY)
+        handle = os.open(folder, os.O_RDONLY)
         try:
             os.fsync(handle)
         finally:

@@ -13,8 +13,8 @@ from typing import TYPE_CHECKING
 
 from sinstool.config import ProcessConfig
 from sinstool.config.align import IN_FLIGHT
+from sinstool.core.choices import log_choice
 from sinstool.core.errors import AlignmentError, TopicError
-from sinstool.core.explain import explain
 from sinstool.core.finding import Finding
 from sinstool.methods.alignment.initial import Alignment
 from sinstool.methods.coning.algorithm import ConingAlgorithm
@@ -143,7 +143,7 @@ def make_plan(source: Source, config: ProcessConfig) -> Plan:
         _filter_start=filter_start,
     )
     for name, text in plan.rows():
-        explain(name, text)
+        log_choice(name, text)
     return plan
 
 

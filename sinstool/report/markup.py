@@ -13,7 +13,6 @@ import numpy as np
 from sinstool.core import version
 from sinstool.report.draw import POINTS_PER_CURVE, colour_of, dash_of, places, plotly_figure, unit
 from sinstool.report.figure import Figure, Series
-from sinstool.report.script import SCRIPT
 from sinstool.report.sections import (
     Body,
     Cell,
@@ -27,7 +26,7 @@ from sinstool.report.sections import (
     Table,
     Warnings,
 )
-from sinstool.report.style import style_sheet
+from sinstool.report.style import script, style_sheet
 
 # All points of a page: 16 bytes each at most, a third more as base64, so 4.7 MB beside the 4.8 MB
 # of the drawing library.
@@ -76,7 +75,7 @@ def markup(page: Page, library: str) -> str:
         "</main>",
         _footer(bool(page.figures)),
     ]
-    scripts = [f"<script>{_closed(library)}</script>", f"<script>{SCRIPT}</script>"]
+    scripts = [f"<script>{_closed(library)}</script>", f"<script>\n{script()}</script>"]
     return "\n".join(
         part
         for part in (

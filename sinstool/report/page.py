@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from sinstool.core.errors import ConfigurationError, OutputError
-from sinstool.core.whole_file import WholeFile, check_output
+from sinstool.core.whole_file import check_output, write_whole
 from sinstool.report.extra import borrowed
 from sinstool.report.markup import markup
 from sinstool.report.sections import Cell, Column, Page, Prose, Section, Settings, Table, Warnings
@@ -110,6 +110,4 @@ def write_page(
     """
     library: str = borrowed("plotly.offline").get_plotlyjs() if page.figures else ""
     check_output(path, list(inputs), overwrite)
-    text = markup(page, library)
-    with WholeFile(path) as whole:
-        whole.stream.write(text.encode("utf-8"))
+    write_whole(path, markup(page, library))

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from sinstool.core.errors import ConfigurationError
-from sinstool.core.whole_file import WholeFile, check_output
+from sinstool.core.whole_file import check_output, write_whole
 from sinstool.report.draw import CROWD, colour_of, drawn, mark_sides
 from sinstool.report.extra import borrowed
 from sinstool.report.figure import Figure, Series
@@ -75,8 +75,7 @@ def write_figure(
         sheet = canvas.Figure(figsize=SIZE_IN, dpi=RESOLUTION_DPI, layout="constrained")
         _draw(sheet, figure)
         sheet.savefig(image, format=suffix[1:], metadata=undated[suffix])
-    with WholeFile(path) as whole:
-        whole.stream.write(image.getvalue())
+    write_whole(path, image.getvalue())
 
 
 def _draw(sheet: Any, figure: Figure) -> None:

@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from sinstool.core import earth, version
-from sinstool.core.explain import explain
+from sinstool.core.choices import log_choice
 from sinstool.core.rotation import conjugate, rotate
 from sinstool.core.whole_file import WholeFile
 from sinstool.io.messages.definitions import schema_text, type_hash
@@ -74,7 +74,7 @@ def write_simulated(
     """
     told = dict(settings)
     named = told.pop("scenario", "a log")
-    explain("scenario", ", ".join([named, *(f"{k} {v}" for k, v in told.items())]))
+    log_choice("scenario", ", ".join([named, *(f"{k} {v}" for k, v in told.items())]))
     with WholeFile(path) as whole:
         writer = McapWriter(whole.stream, "ros2", f"sinstool/{version.VERSION}")
         try:

@@ -7,8 +7,8 @@ from typing import Any
 import numpy as np
 
 from sinstool.config import ProcessConfig
+from sinstool.core.choices import log_choice
 from sinstool.core.errors import DataError
-from sinstool.core.explain import explain
 from sinstool.core.timeline import SECOND, segments
 from sinstool.io.readers.frames import turn_body
 from sinstool.methods.coning.algorithm import ConingAlgorithm, of_rates
@@ -31,7 +31,7 @@ def choose_algorithm(source: Source, config: ProcessConfig, nominal_ns: float) -
         options["beta"] = tuple(turn_body(np.array(options["beta"]), config.input.body_axes))
     chosen = algorithm(told.coning, **options)
     if options:
-        explain("coning", ", ".join(f"{name} {value}" for name, value in options.items()))
+        log_choice("coning", ", ".join(f"{name} {value}" for name, value in options.items()))
     return chosen
 
 

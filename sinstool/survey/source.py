@@ -10,8 +10,8 @@ import numpy as np
 
 from sinstool.config import InputOptions, ProcessConfig, parse_time
 from sinstool.config.align import IN_FLIGHT
+from sinstool.core.choices import log_choice
 from sinstool.core.errors import DataError, TopicError
-from sinstool.core.explain import explain
 from sinstool.core.finding import Finding, Severity
 from sinstool.core.streams import Imu
 from sinstool.core.timeline import Order, mean_rates, ordered
@@ -191,19 +191,19 @@ def survey_samples(
 def _explain(source: Source, config: ProcessConfig) -> None:
     """Say what the survey saw, for ``-v``."""
     survey_, latitude = source.survey, source.position[0]
-    explain(
+    log_choice(
         "time",
         f"{'header stamps' if survey_.time_source == 'stamp' else 'log times'}, a sample each"
         f" {survey_.interval_ns / 1e6:.6g} ms; longer than {survey_.max_gap_ns / 1e6:.6g} ms is a"
         " gap",
     )
     still = survey_.lead_in
-    explain(
+    log_choice(
         "rest", "none at the beginning" if still is None else f"the first {still.duration_s:.1f} s"
     )
     by_user = config.align.latitude is not None
     where = "--latitude" if by_user else f"first fix of {source.aiding.fix_topic}"
-    explain(
+    log_choice(
         "latitude",
         "not known: the Earth's rate stays in"
         if latitude is None

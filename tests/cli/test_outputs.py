@@ -275,7 +275,7 @@ def test_the_folder_that_vanishes_meanwhile(tmp_path):
 def test_of_two_files_of_one_name_there_is_none(tmp_path):
     link = tmp_path / "link"
     link.symlink_to(tmp_path / "a")
-    with pytest.raises(whole.OutputError, match="named twice"), whole.together():
+    with pytest.raises(whole.OutputError, match="named twice"), whole.commit_together():
         for path in (tmp_path / "a", link):
             with whole.WholeFile(path) as file:
                 file.stream.write(b"x")
@@ -285,7 +285,7 @@ def test_of_two_files_of_one_name_there_is_none(tmp_path):
 @pytest.mark.parametrize("error", [ValueError, KeyboardInterrupt, SystemExit])
 def test_together_or_not_at_all(tmp_path, error):
     (tmp_path / "kept").write_bytes(b"old")
-    with pytest.raises(error), whole.together():
+    with pytest.raises(error), whole.commit_together():
         whole.make_folder(tmp_path / "new" / "below")
         for path in (tmp_path / "kept", tmp_path / "new" / "below" / "a"):
             with whole.WholeFile(path) as file:

@@ -61,7 +61,7 @@ def test_a_running_one_stays_and_a_killed_one_goes(place, kind):
     assert path.exists()
     sweep(place)
     # ours are still open
-    assert sorted(place.iterdir()) == sorted([own, folder.path])
+    assert sorted(place.iterdir()) == sorted([own, folder.path, folder._lock])
     os.close(handle)
     remove_file(own)
     folder.cleanup()
@@ -84,7 +84,7 @@ def test_the_next_one_that_is_made_sweeps(place):
 
 def other_host(path):
     """The same file as another host would have named it."""
-    return path.rename(path.with_name(path.name.replace(temporary._token()[:8], "0123abcd")))
+    return path.rename(path.with_name(path.name.replace(temporary._host(), "0123abcd")))
 
 
 def aged(path):
@@ -148,7 +148,7 @@ def aged_file(path):
 
 def test_links_are_not_followed(place):
     precious = aged_file(place / "precious")
-    link = place / f".out.mcap.{temporary._token()}.sinstool-part"
+    link = place / f".out.mcap.{temporary._host()}-{16 * '0'}.sinstool-part"
     link.symlink_to(precious)
     sweep(place)
     assert precious.read_bytes() == b"x"

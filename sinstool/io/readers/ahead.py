@@ -7,7 +7,7 @@ from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import Future
 from typing import TypeVar
 
-from sinstool.core.threads import executor, one_core
+from sinstool.core.threads import executor, is_single_threaded
 
 Item = TypeVar("Item")
 Result = TypeVar("Result")
@@ -32,7 +32,7 @@ def ahead(
     Result
         In the order of ``items``; an exception of ``work`` is raised in its turn.
     """
-    if one_core():
+    if is_single_threaded():
         yield from map(work, items)
         return
     with executor(1, "sinstool-read") as pool:

@@ -6,8 +6,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from sinstool.core.choices import log_choice
 from sinstool.core.errors import TopicError, UnsupportedLogError
-from sinstool.core.explain import explain
 from sinstool.core.suggest import nearest
 from sinstool.io.readers.log import Channel, Log
 from sinstool.io.readers.message_types import IMU_TYPE
@@ -178,7 +178,7 @@ def choose_optional(log: Log, flag: str, wanted: str | None, *types: str) -> tup
     found = topics_of_type(log, *types)
     if wanted is not None:
         if wanted in found:
-            explain(flag.removeprefix("--").replace("-", " "), f"{wanted}, as told")
+            log_choice(flag.removeprefix("--").replace("-", " "), f"{wanted}, as told")
             return found[wanted]
         kinds = ", ".join(t.replace("/msg/", "/") for t in types)
         hint = nearest(wanted, found) or (f"there are {', '.join(found)}" if found else "")
@@ -189,5 +189,5 @@ def choose_optional(log: Log, flag: str, wanted: str | None, *types: str) -> tup
             log.path, f"several topics fit {flag}: {', '.join(found)}", f"choose one with {flag}"
         )
     for topic in found:
-        explain(flag.removeprefix("--").replace("-", " "), f"{topic}, the only one of its type")
+        log_choice(flag.removeprefix("--").replace("-", " "), f"{topic}, the only one of its type")
     return next(iter(found.values()), ())

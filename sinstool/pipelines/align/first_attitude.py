@@ -9,9 +9,9 @@ import numpy as np
 
 from sinstool.config import ProcessConfig
 from sinstool.config.align import IN_FLIGHT
+from sinstool.core.choices import log_choice
 from sinstool.core.earth import earth_rate_n
 from sinstool.core.errors import AlignmentError
-from sinstool.core.explain import explain
 from sinstool.core.timeline import SECOND
 from sinstool.core.units import DEGREE
 from sinstool.io.readers.frames import turn_body
@@ -47,7 +47,7 @@ def align(source: Source, config: ProcessConfig) -> Alignment:
         What was asked for cannot be had from this log.
     """
     alignment = _aligned(source, config)
-    explain("gyro bias", _BIAS_FROM.get(alignment.bias_source, alignment.bias_source))
+    log_choice("gyro bias", _BIAS_FROM.get(alignment.bias_source, alignment.bias_source))
     return alignment
 
 
@@ -116,10 +116,10 @@ def _north_seen(source: Source, config: ProcessConfig) -> Alignment | None:
 
         moving = align_moving(source, config, grade, "svd", "start")
     except AlignmentError as exc:
-        explain("alignment", f"not by GNSS velocity: {exc.message}")
+        log_choice("alignment", f"not by GNSS velocity: {exc.message}")
         return None
     if moving.answer.status not in ("ok", "degraded"):
-        explain("alignment", f"not by GNSS velocity, which is {moving.answer.status}")
+        log_choice("alignment", f"not by GNSS velocity, which is {moving.answer.status}")
         return None
     return _from_motion(moving, source, config)
 

@@ -11,14 +11,14 @@ import numpy as np
 
 from sinstool.config import ProcessConfig
 from sinstool.config.align import IN_FLIGHT
+from sinstool.core.choices import log_choice
 from sinstool.core.errors import AlignmentError, ConfigurationError
-from sinstool.core.explain import explain
 from sinstool.core.finding import Finding, Severity
 from sinstool.core.progress import Progress, share
 from sinstool.core.rotation import to_euler
 from sinstool.core.timeline import SECOND
 from sinstool.core.units import DEGREE
-from sinstool.core.whole_file import WholeFile, check_output
+from sinstool.core.whole_file import check_output, write_whole
 from sinstool.io.readers import open_log
 from sinstool.io.readers.truth import at_times, read_truth
 from sinstool.methods.alignment.gyrocompass import Gyrocompass
@@ -94,7 +94,7 @@ def align_log(
     SinstoolError
     """
     with open_log(path, config.input.salvage) as log:
-        explain("log", f"{path}, {log.format}, {log.size / 1e6:.1f} MB")
+        log_choice("log", f"{path}, {log.format}, {log.size / 1e6:.1f} MB")
         source = prepare(log, config, share(progress, log.size, 0.0, 1.0))
         alignment = _align(source, config, _plan(source, config))
         if truth is None:
@@ -240,5 +240,4 @@ def write_series(path: Path, alignment: LogAlignment, overwrite: bool) -> None:
                 int(series.calm[k]),
             ]
         )
-    with WholeFile(path) as whole:
-        whole.stream.write(buffer.getvalue().encode())
+    write_whole(path, buffer.getvalue())

@@ -13,7 +13,7 @@ import tomli_w
 
 from sinstool.config import ProcessConfig
 from sinstool.core.errors import OutputError
-from sinstool.core.whole_file import WholeFile, check_output
+from sinstool.core.whole_file import check_output, write_whole
 from sinstool.methods.hse.calibration_file import to_dict
 from sinstool.methods.hse.table import Column, ValidationTable
 from sinstool.pipelines.calibrate_hse.run import Calibration
@@ -58,7 +58,7 @@ def write_rig(path: Path, found: Calibration, config: ProcessConfig) -> None:
         "# to the rig as it was does not belong to this one.\n\n"
     )
     tables = {name: table for name, table in kept.items() if table}
-    _write(path, text + tomli_w.dumps({**tables, "rig": rig.to_table()}))
+    write_whole(path, text + tomli_w.dumps({**tables, "rig": rig.to_table()}))
 
 
 def _without(table: dict[str, Any], *keys: str) -> dict[str, Any]:
@@ -73,12 +73,7 @@ def write_csv(path: Path, found: Calibration, overwrite: bool) -> None:
     writer = csv.DictWriter(buffer, list(rows[0]), lineterminator="\n")
     writer.writeheader()
     writer.writerows(rows)
-    _write(path, buffer.getvalue())
-
-
-def _write(path: Path, text: str) -> None:
-    with WholeFile(path) as whole:
-        whole.stream.write(text.encode())
+    write_whole(path, buffer.getvalue())
 
 
 def summary(found: Calibration) -> dict[str, Any]:

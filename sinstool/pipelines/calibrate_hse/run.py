@@ -18,12 +18,12 @@ from sinstool.campaign.jobs import Job, Workers
 from sinstool.campaign.run import results
 from sinstool.config import CalibrationOptions, ProcessConfig
 from sinstool.core import version
+from sinstool.core.choices import log_choice
 from sinstool.core.errors import AlignmentError, ConfigurationError, SinstoolError
-from sinstool.core.explain import explain
 from sinstool.core.progress import share
 from sinstool.core.rotation import wrapped
 from sinstool.core.units import DEGREE
-from sinstool.core.whole_file import WholeFile, check_output
+from sinstool.core.whole_file import check_output, write_whole
 from sinstool.io.readers import open_log
 from sinstool.io.readers.log import path_size
 from sinstool.io.readers.lost import Lost
@@ -179,16 +179,15 @@ def calibrate(
             f"runs are {', '.join(run.id for run in runs[:12])}{' ...' * (len(runs) > 12)}",
         )
     result = fit(runs, fit_options(options))
-    explain("runs", f"{len(runs)} stretches with whole turns, from {len(logs)} logs")
-    explain("method", _method_why(options.method, result.method, len(runs)))
+    log_choice("runs", f"{len(runs)} stretches with whole turns, from {len(logs)} logs")
+    log_choice("method", _method_why(options.method, result.method, len(runs)))
     judged = judge(result)
     created = datetime.now(UTC).isoformat(timespec="seconds")
     tool = f"sinstool {version.VERSION}"
     kept = from_fit(result, judged, created, tool, rig.sha256())
     table, spread = _headings(runs, result, kept, shown)
     if output is not None:
-        with WholeFile(output) as whole:
-            whole.stream.write(dumps(kept).encode())
+        write_whole(output, dumps(kept))
     return Calibration(
         rig,
         tuple(logs),

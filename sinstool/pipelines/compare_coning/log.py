@@ -14,8 +14,8 @@ from typing import Any
 import numpy as np
 
 from sinstool.config import ProcessConfig
+from sinstool.core.choices import log_choice
 from sinstool.core.errors import DataError
-from sinstool.core.explain import explain
 from sinstool.core.timeline import SECOND, segments
 from sinstool.io.readers import open_log
 from sinstool.io.readers.truth import at_times, read_truth
@@ -132,9 +132,9 @@ def compare_log(
     log = _read(path, config, truth)
     kind = of_rates(config.input.gyro_kind)
     interval = log.interval
-    explain("algorithms", ", ".join(settings.algorithms))
-    explain("reference", _reference(settings, truth))
-    explain(
+    log_choice("algorithms", ", ".join(settings.algorithms))
+    log_choice("reference", _reference(settings, truth))
+    log_choice(
         "stretches",
         f"{len(log.stretches)} without a gap, gyro samples taken as {config.input.gyro_kind}",
     )

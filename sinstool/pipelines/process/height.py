@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 
 from sinstool.config import ProcessConfig
+from sinstool.core.choices import log_choice
 from sinstool.core.errors import DataError, TopicError
-from sinstool.core.explain import explain
 from sinstool.core.streams import Baro, BaroHeight, GnssEpochs
 from sinstool.methods.height.layout import ACCEPTED, REASONS, ChannelSummary, Event
 from sinstool.methods.height.network import (
@@ -90,7 +90,7 @@ def network(
             f"K4 = {k4:g} s: in a steady climb the height is off by {-k4:+g} s times the vertical"
             " velocity; --k4 0 has no such error"
         )
-    explain(
+    log_choice(
         "height",
         f"network of tau {tau:g} s, K4 {k4 - options.baro_lag:g} s, by"
         + (

@@ -11,8 +11,8 @@ from pathlib import Path
 from typing import cast
 
 from sinstool.config import ProcessConfig
+from sinstool.core.choices import log_choice
 from sinstool.core.errors import AlignmentError
-from sinstool.core.explain import explain
 from sinstool.core.progress import Progress, share
 from sinstool.io.readers import open_log
 from sinstool.pipelines.plan import Plan, make_plan
@@ -60,7 +60,7 @@ def process(
         open_log(path, config.input.salvage) as log,
         Output(log, output, config, sink) as written,
     ):
-        explain("log", f"{path}, {log.format}, {log.size / 1e6:.1f} MB")
+        log_choice("log", f"{path}, {log.format}, {log.size / 1e6:.1f} MB")
         if config.hse.hse is not None:
             from sinstool.pipelines.process.turntable import process_turntable
 

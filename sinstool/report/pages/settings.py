@@ -13,7 +13,7 @@ from pydantic.fields import FieldInfo
 
 from sinstool.config import ProcessConfig
 from sinstool.core import version
-from sinstool.core.whole_file import held_back
+from sinstool.core.whole_file import path_for_now
 from sinstool.io.readers.log import path_size
 from sinstool.pipelines.provenance import sha256
 from sinstool.report.sections import Rows, Setting, flat
@@ -118,7 +118,7 @@ class Read:
     @classmethod
     def of(cls, path: Path) -> Read:
         """Look at a file, or at all files of a directory."""
-        there = held_back(path)
+        there = path_for_now(path)
         return cls(str(path), path_size(there), sha256(there))
 
 

@@ -11,7 +11,7 @@ from typing import Any
 
 import click
 
-from sinstool.core.whole_file import WholeFile, make_folder
+from sinstool.core.whole_file import make_folder, write_whole
 from sinstool.report.text.table import aligned
 
 Get = Callable[[dict[str, Any]], Any]
@@ -271,5 +271,4 @@ def write_table(path: Path, names: Sequence[str], rows: Sequence[Sequence[Any]])
     writer = csv.writer(buffer)
     writer.writerow(names)
     writer.writerows(rows)
-    with WholeFile(path) as whole:
-        whole.stream.write(buffer.getvalue().encode())
+    write_whole(path, buffer.getvalue())

@@ -10,8 +10,8 @@ import numpy as np
 from sinstool.config import ProcessConfig
 from sinstool.config.align import IN_FLIGHT
 from sinstool.config.filter import span
+from sinstool.core.choices import log_choice
 from sinstool.core.errors import AlignmentError, ConfigurationError, TopicError
-from sinstool.core.explain import explain
 from sinstool.core.streams import GnssEpochs
 from sinstool.core.timeline import SECOND
 from sinstool.core.units import DEGREE, STANDARD_GRAVITY
@@ -125,9 +125,11 @@ def timed_start(
     if start.latency is not None and start.latency.status == "at the limit":
         warning = f"{start.latency}: give it with --gnss-latency"
         start = replace(start, warnings=(warning, *start.warnings))
-    explain("filter", f"{start.settings.filter}: {len(start.gnss)} epochs, noise {start.gnss_why}")
-    explain("start", start.how)
-    explain("GNSS latency", _latency_why(start))
+    log_choice(
+        "filter", f"{start.settings.filter}: {len(start.gnss)} epochs, noise {start.gnss_why}"
+    )
+    log_choice("start", start.how)
+    log_choice("GNSS latency", _latency_why(start))
     return start
 
 

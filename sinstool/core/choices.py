@@ -1,4 +1,4 @@
-"""What is chosen, and why, said where it is chosen; the command line shows it with ``-v``."""
+"""What is chosen, and why, logged where it is chosen; the command line shows it with ``-v``."""
 
 from __future__ import annotations
 
@@ -11,8 +11,8 @@ LOGGER = logging.getLogger("sinstool.choices")
 _LOG = "log"
 
 
-def explain(what: str, why: str) -> None:
-    """Say what was chosen.
+def log_choice(what: str, why: str) -> None:
+    """Log what was chosen.
 
     Parameters
     ----------
@@ -24,13 +24,13 @@ def explain(what: str, why: str) -> None:
     LOGGER.info("%s: %s", what, why)
 
 
-def asked_for() -> bool:
+def choices_are_shown() -> bool:
     """Whether anybody listens."""
     return LOGGER.isEnabledFor(logging.INFO)
 
 
-class _Kept(logging.Handler):
-    """What one thread says."""
+class _Recorder(logging.Handler):
+    """Records what one thread logs."""
 
     def __init__(self) -> None:
         super().__init__(logging.INFO)
@@ -38,40 +38,40 @@ class _Kept(logging.Handler):
         self._thread = threading.get_ident()
 
     def emit(self, record: logging.LogRecord) -> None:
-        """Keep a line."""
+        """Record a line."""
         if record.thread == self._thread:
             self.lines.append(record.getMessage())
 
 
 @contextmanager
-def explained(wanted: bool) -> Iterator[list[str]]:
-    """Keep what is chosen meanwhile, in this thread, for :func:`say_again` elsewhere.
+def record_choices(enabled: bool) -> Iterator[list[str]]:
+    """Record what is chosen meanwhile, in this thread, for :func:`replay` elsewhere.
 
     Parameters
     ----------
-    wanted : bool
-        Else nothing is kept.
+    enabled : bool
+        Else nothing is recorded.
 
     Yields
     ------
     list of str
         Grows.
     """
-    if not wanted:
+    if not enabled:
         yield []
         return
-    kept, before = _Kept(), LOGGER.level
-    LOGGER.addHandler(kept)
+    recorder, before = _Recorder(), LOGGER.level
+    LOGGER.addHandler(recorder)
     LOGGER.setLevel(logging.INFO)
     try:
-        yield kept.lines
+        yield recorder.lines
     finally:
-        LOGGER.removeHandler(kept)
+        LOGGER.removeHandler(recorder)
         LOGGER.setLevel(before)
 
 
-def say_again(name: str, choices: Sequence[str]) -> None:
-    """Say what was chosen elsewhere.
+def replay(name: str, choices: Sequence[str]) -> None:
+    """Log what was chosen elsewhere.
 
     Parameters
     ----------
@@ -79,6 +79,6 @@ def say_again(name: str, choices: Sequence[str]) -> None:
         Of the log, where the choices do not begin with it.
     """
     if choices and not choices[0].startswith(f"{_LOG}: "):
-        explain(_LOG, name)
+        log_choice(_LOG, name)
     for text in choices:
         LOGGER.info("%s", text)

@@ -1,9 +1,3 @@
-"""The page's script: draws the figures in the theme of the moment and answers the legend."""
-
-# The figures lie in the page as JSON without colours. They are drawn again, from the same
-# dictionaries, when the theme or the width changes or the page is printed; what the reader has
-# zoomed to and switched off stays.
-SCRIPT = r"""
 (function () {
   "use strict";
   const root = document.documentElement;
@@ -179,4 +173,3 @@ SCRIPT = r"""
 
   start();
 })();
-"""
