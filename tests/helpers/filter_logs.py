@@ -46,12 +46,12 @@ def run(log, **groups):
     groups.setdefault("output", {}).update(only_results=True, overwrite=True)
     capture = Capture()
     out = Path(log).with_suffix(".out.mcap")
-    told = process(Path(log), out, ProcessConfig(**groups), None, capture)
+    result = process(Path(log), out, ProcessConfig(**groups), None, capture)
     out.unlink()
     solution = concatenate(capture.parts)
     for name, values in vars(solution).items():
         assert values is None or np.isfinite(values).all(), name
-    return told, solution
+    return result.to_json(), solution
 
 
 def errors(log, solution, begin_s=0.0):

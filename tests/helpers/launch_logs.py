@@ -37,13 +37,13 @@ def aligned(log, truth=TRUTH, method="svd", **groups):
 
 
 def total(found):
-    return found.summary["truth"]["total_deg"]
+    return found.result.truth.total_deg
 
 
 def normalised(found):
     """Squared error by its covariance, over 3."""
-    psi = np.array(found.summary["truth"]["error_deg"])
-    return float(psi @ np.linalg.solve(np.array(found.summary["cov_deg2"]), psi)) / 3.0
+    psi = np.array(found.result.truth.error_deg)
+    return float(psi @ np.linalg.solve(np.array(found.result.cov_deg2), psi)) / 3.0
 
 
 def column(log, topic, paths):

@@ -8,7 +8,7 @@ from sinstool.core.errors import DataError, TopicError
 from sinstool.core.streams import Gnss, Velocity
 from sinstool.io.readers import open_log
 from sinstool.pipelines.process.run import process
-from sinstool.survey.aiding import Aiding, join, read_baro, read_gnss
+from sinstool.survey.aiding import join, read_barometer, read_gnss
 from tests.helpers.imulogs import (
     Message,
     even_times,
@@ -73,18 +73,22 @@ def drive(latitude=48.0, scale=1.0, **options):
 
 
 def gnss(tmp_path, messages, log_time=False, **options):
-    into = Aiding()
     ordered = sorted(messages, key=lambda m: m.time_ns if hasattr(m, "time_ns") else m[2])
     with open_log(write_log(tmp_path / "a.mcap", ordered)) as log:
-        read_gnss(log, InputOptions(**options), log_time, into)
-    return into
+        return read_gnss(log, InputOptions(**options), log_time)
 
 
 def baro(tmp_path, messages, **options):
-    into = Aiding()
     with open_log(write_log(tmp_path / "a.mcap", messages)) as log:
-        read_baro(log, InputOptions(**options), False, into)
-    return into
+        barometer = read_barometer(log, InputOptions(**options), False)
+    if barometer.problem is not None:
+        raise barometer.problem
+    return barometer
+
+
+def counted(aiding):
+    """Messages by the kind of finding that counts them."""
+    return {f.kind: f.numbers["messages"] for f in aiding.findings}
 
 
 def test_position_and_velocity_of_an_epoch_share_a_row(tmp_path):
@@ -125,7 +129,7 @@ def test_what_is_no_fix_is_counted(tmp_path):
     messages[5] = fix_message(5, TIMES[5], np.nan, 11.0)
     messages[6] = fix_message(6, TIMES[6], 48.0, 11.0, height=np.nan)
     into = gnss(tmp_path, messages)
-    assert into.counts == {"/fix without a fix": 3}
+    assert counted(into) == {"no-fix": 3}
     assert len(into.gnss) == N - 3
     assert np.isnan(into.gnss.height).sum() == 1 and into.gnss.has_position.all()
 
@@ -137,8 +141,8 @@ def test_single_fixes_that_are_not_on_earth_are_left_out(tmp_path, place):
     messages = drive()
     messages[0] = fix_message(0, TIMES[0], *place)
     into = gnss(tmp_path, messages)
-    assert into.counts == {"/fix not on Earth": 1}
-    assert into.warnings == ["topic /fix: 1 fixes are not on Earth; left out"]
+    assert counted(into) == {"not-on-earth": 1}
+    assert [str(f) for f in into.findings] == ["topic /fix: 1 fixes are not on Earth; left out"]
     np.testing.assert_array_equal(into.gnss.time_ns, TIMES[1:])
     # nor do they hide that the others are radians
     messages = drive(scale=np.pi / 180.0)
@@ -152,8 +156,10 @@ def test_single_velocities_of_no_vehicle_are_left_out(tmp_path, enu):
     velocity = [twist_message(TIMES[k], (1.0, 13.8, 0.2), 0.01) for k in range(N)]
     velocity[7] = twist_message(TIMES[7], enu, 0.01)
     into = gnss(tmp_path, drive() + velocity)
-    assert into.counts == {"/vel of no vehicle": 1}
-    assert into.warnings[0].startswith("topic /vel: 1 velocities are not finite or beyond 20000")
+    assert counted(into) == {"no-vehicle-velocity": 1}
+    assert str(into.findings[0]).startswith(
+        "topic /vel: 1 velocities are not finite or beyond 20000"
+    )
     np.testing.assert_array_equal(np.flatnonzero(~into.gnss.has_velocity), [7])
 
 
@@ -163,16 +169,15 @@ def test_a_receiver_that_knows_nothing_is_not_believed_and_overflows_nothing(tmp
 
 
 def test_order_and_repetition_are_told(tmp_path):
-    into = Aiding()
     messages = drive()
     messages[10], messages[11] = messages[11], messages[10]
     messages.append(fix_message(0, TIMES[20], 10.0, 10.0))
     with open_log(write_log(tmp_path / "a.mcap", messages)) as log:
-        read_gnss(log, InputOptions(), False, into)
+        into = read_gnss(log, InputOptions(), False)
     assert (np.diff(into.gnss.time_ns) > 0).all()
-    assert into.counts == {"/fix out of order": 2, "/fix repeated stamps": 1}
+    assert counted(into) == {"out-of-order": 2, "repeated-stamps": 1}
     assert np.degrees(into.gnss.latitude[20]) > 40  # the first of a stamp stays
-    assert len(into.warnings) == 2
+    assert len(into.findings) == 2
 
 
 def test_radians_are_refused_and_read_when_told(tmp_path):
@@ -228,7 +233,7 @@ def test_a_velocity_without_a_vertical_part_is_horizontal(tmp_path):
     into = gnss(tmp_path, drive() + velocity)
     assert np.isnan(into.gnss.velocity_n[:, 2]).all()
     assert into.gnss.has_velocity.all()
-    assert any("vertical velocity is always zero" in w for w in into.warnings)
+    assert any("vertical velocity is always zero" in w for w in map(str, into.findings))
     assert np.isnan(into.gnss.sigma_velocity_n).all()
 
 
@@ -240,10 +245,10 @@ def test_units_of_pressure(tmp_path, unit, scale):
     with pytest.raises(DataError, match=rf"/baro.*{98500.0 / scale:.5g}.*--baro-unit {unit}"):
         baro(tmp_path, messages)
     into = baro(tmp_path, messages, baro_unit=unit)
-    np.testing.assert_allclose(into.baro.pressure, 98500.0)
-    np.testing.assert_allclose(into.baro.variance, 4.0 * scale**2)
+    np.testing.assert_allclose(into.stream.pressure, 98500.0)
+    np.testing.assert_allclose(into.stream.variance, 4.0 * scale**2)
     right = baro(tmp_path, [pressure_message(t, 98500.0) for t in TIMES])
-    np.testing.assert_array_equal(right.baro.pressure, 98500.0)
+    np.testing.assert_array_equal(right.stream.pressure, 98500.0)
 
 
 def test_pressures_that_are_none(tmp_path):
@@ -268,8 +273,8 @@ def test_heights_instead_of_pressures(tmp_path):
         for k in range(N)
     ]
     into = baro(tmp_path, messages, baro_kind="height")
-    np.testing.assert_array_equal(into.baro.height, 100.0 + np.arange(N))
-    np.testing.assert_array_equal(into.baro.time_ns, TIMES)
+    np.testing.assert_array_equal(into.stream.height, 100.0 + np.arange(N))
+    np.testing.assert_array_equal(into.stream.time_ns, TIMES)
     point = t["geometry_msgs/msg/Point"]
     messages = [
         Message("/h", "geometry_msgs/msg/PointStamped", int(TIMES[k]) + 5,
@@ -277,5 +282,5 @@ def test_heights_instead_of_pressures(tmp_path):
         for k in range(N)
     ]  # fmt: skip
     into = baro(tmp_path, messages, baro_kind="height")
-    np.testing.assert_array_equal(into.baro.height, 7.0)
-    np.testing.assert_array_equal(into.baro.time_ns, TIMES)
+    np.testing.assert_array_equal(into.stream.height, 7.0)
+    np.testing.assert_array_equal(into.stream.time_ns, TIMES)

@@ -27,21 +27,21 @@ BOOST = {"gate": "off", "align_start": 0.0, "align_end": 25.0, "refine": "none"}
 @pytest.mark.parametrize("vectors", ["win", "int", "cen", "diffc", "pos"])
 def test_exact_data_gives_the_exact_attitude(vectors):
     found = aligned(launched(*PERFECT), in_flight={"vectors": vectors, "refine": "none"})
-    assert found.summary["status"] in ("ok", "degraded")
+    assert found.result.status in ("ok", "degraded")
     assert total(found) < 0.002
 
 
 @pytest.mark.parametrize("method", ["quest", "davenport", "triad"])
 def test_so_does_every_solver(method):
     found = aligned(launched(*PERFECT), method=method, in_flight={"refine": "none"})
-    assert found.summary["method"] == method
+    assert found.result.method == method
     assert total(found) < 0.002
 
 
 @pytest.mark.parametrize(("method", "vectors"), [("svd", "win"), ("svd", "int"), ("triad", "win")])
 def test_in_the_boost_too(method, vectors):
     found = aligned(launched(*PERFECT), method=method, in_flight={**BOOST, "vectors": vectors})
-    assert found.summary["gate"] == "off"
+    assert found.result.gate == "off"
     assert total(found) < 0.005
 
 
@@ -71,9 +71,9 @@ def test_whatever_a_sample_is(kind):
 )
 def test_wherever_and_however(options, groups):
     found = aligned(launched(*PERFECT, *options), **groups)
-    assert found.summary["status"] == "ok"
+    assert found.result.status == "ok"
     assert total(found) < 0.002
-    assert found.summary["chi2"] < 1e-3
+    assert found.result.chi2 < 1e-3
 
 
 def test_what_is_not_told_shows():
@@ -82,11 +82,11 @@ def test_what_is_not_told_shows():
     # the refinement finds it, with the attitude
     found = aligned(launched(*PERFECT, "--gnss-latency", "0.1"))
     assert total(found) < 0.01
-    assert found.summary["latency_s"] == pytest.approx(0.1, abs=0.002)
+    assert found.result.latency_s == pytest.approx(0.1, abs=0.002)
     # a long lever arm that nobody gave makes residuals that no noise explains
     apart = aligned(launched(*PERFECT, "--lever-arm", "3,1.5,0.5"), in_flight={"refine": "none"})
-    assert apart.summary["status"] == "degraded"
-    assert any("antenna" in w for w in apart.summary["warnings"])
+    assert apart.result.status == "degraded"
+    assert any("antenna" in w for w in apart.result.warnings)
 
 
 # -- sensors as they are ---------------------------------------------------------------------
@@ -94,19 +94,19 @@ def test_what_is_not_told_shows():
 
 def test_real_sensors_stay_within_their_sigmas():
     found = aligned(launched(*TACTICAL))
-    assert found.summary["status"] == "ok"
+    assert found.result.status == "ok"
     assert total(found) < 0.3
     assert 0.01 < normalised(found) < 4.0
-    assert 0.9 < found.summary["chi2"] < 1.1
-    assert 0.9 < found.summary["refined_chi2"] < 1.1
-    bias = np.array(found.summary["gyro_bias_deg_h"])
+    assert 0.9 < found.result.chi2 < 1.1
+    assert 0.9 < found.result.refined_chi2 < 1.1
+    bias = np.array(found.result.gyro_bias_deg_h)
     assert np.abs(bias).max() < 10.0
 
 
 def test_at_the_start_and_in_between():
     log = launched(*TACTICAL)
     ends = [aligned(log, in_flight={"at": at}) for at in ("start", "end", "60")]
-    times = [f.summary["t_s"] for f in ends]
+    times = [f.result.time_s for f in ends]
     assert times[0] == pytest.approx(40.0, abs=0.2)
     assert times[1] == pytest.approx(90.0, abs=0.2)
     assert times[2] == pytest.approx(60.0, abs=1e-6)
@@ -116,7 +116,7 @@ def test_at_the_start_and_in_between():
 @pytest.mark.parametrize("rate", ["1", "4"])
 def test_slow_receivers(rate):
     found = aligned(launched(*TACTICAL, "--gnss-rate", rate))
-    assert found.summary["status"] == "ok"
+    assert found.result.status == "ok"
     assert normalised(found) < 5.0
 
 
@@ -128,11 +128,11 @@ def test_every_outlier_is_found(share):
     velocity = [column(launched(*o), "/gnss/velocity", paths) for o in (TACTICAL, options)]
     off = np.linalg.norm(velocity[1][1] - velocity[0][1], axis=1) > 1.0
     start = column(launched(*TACTICAL), "/imu/data_raw", ["angular_velocity.x"])[0][0]
-    used = (velocity[1][0] - start) * 1e-9 >= dirty.summary["start_s"]
+    used = (velocity[1][0] - start) * 1e-9 >= dirty.result.start_s
     assert off[used].sum() > 5
-    assert dirty.summary["n_rejected"] == off[used].sum()
-    assert clean.summary["n_rejected"] == 0
-    assert abs(total(dirty) - total(clean)) < 0.5 * clean.summary["sigma_worst_deg"]
+    assert dirty.result.n_rejected == off[used].sum()
+    assert clean.result.n_rejected == 0
+    assert abs(total(dirty) - total(clean)) < 0.5 * clean.result.sigma_worst_deg
 
 
 def test_a_clipping_gyro_harms_only_without_the_gate():
@@ -141,19 +141,19 @@ def test_a_clipping_gyro_harms_only_without_the_gate():
     assert total(gated) < 0.3
     without = aligned(log, in_flight={"gate": "off"})
     assert total(without) > 1.0
-    assert without.summary["status"] == "degraded"
-    assert without.summary["sigma_worst_deg"] > 20.0 * gated.summary["sigma_worst_deg"]
-    assert any("clipped" in w for w in without.summary["warnings"])
-    assert any("inconsistent" in w for w in without.summary["warnings"])
+    assert without.result.status == "degraded"
+    assert without.result.sigma_worst_deg > 20.0 * gated.result.sigma_worst_deg
+    assert any("clipped" in w for w in without.result.warnings)
+    assert any("inconsistent" in w for w in without.result.warnings)
     told = aligned(log, in_flight={"gate": "off", "gyro_range": 200.0})
-    assert told.summary["start_s"] == pytest.approx(11.1, abs=0.2)
+    assert told.result.start_s == pytest.approx(11.1, abs=0.2)
     assert total(told) < 0.2
 
 
 def test_fixes_without_velocity():
     found = aligned(launched(*TACTICAL, "--no-velocity", duration=140))
-    assert found.summary["vectors"] == "pos"
-    assert found.summary["status"] in ("ok", "degraded")
+    assert found.result.vectors == "pos"
+    assert found.result.status in ("ok", "degraded")
     assert normalised(found) < 4.0
     with pytest.raises(AlignmentError, match="needs GNSS velocity"):
         aligned(
@@ -164,22 +164,22 @@ def test_fixes_without_velocity():
 
 def test_fixes_without_height():
     some = aligned(launched(*TACTICAL, "--gnss-flat", "45:60"))
-    assert some.summary["status"] == "ok"
+    assert some.result.status == "ok"
     assert normalised(some) < 5.0
-    assert any("missing for" in w for w in some.summary["warnings"])
+    assert any("missing for" in w for w in some.result.warnings)
     # Taken as level though it climbs: the answer is worse, and says so.
     none = aligned(launched(*TACTICAL, "--gnss-flat", "0:90"))
-    assert none.summary["status"] != "ok"
-    assert any("no vertical velocity" in w for w in none.summary["warnings"])
-    assert any("inconsistent" in w for w in none.summary["warnings"])
+    assert none.result.status != "ok"
+    assert any("no vertical velocity" in w for w in none.result.warnings)
+    assert any("inconsistent" in w for w in none.result.warnings)
 
 
 def test_gaps():
     short = aligned(launched(*TACTICAL, "--gnss-outage", "45:65"))
-    assert short.summary["status"] == "ok"
+    assert short.result.status == "ok"
     assert normalised(short) < 5.0
     long = aligned(launched(*TACTICAL, "--gnss-outage", "50:115", duration=150))
-    assert long.summary["start_s"] >= 115.0  # and when the roll after is over
+    assert long.result.start_s >= 115.0  # and when the roll after is over
     assert total(long) < 1.0
 
 
@@ -188,10 +188,10 @@ def test_gaps():
 
 def level_only(found):
     """Tilt right, and no heading anywhere in the answer."""
-    told = found.summary
+    told = found.result.to_json()
     assert told["status"] == "level-only"
     assert told["q_nb_wxyz"] is None and told["cov_deg2"] is None
-    assert told["euler_deg"]["heading"] is None and told["sigma_deg"][2] is None
+    assert told["heading_deg"] is None and told["sigma_deg"][2] is None
     assert told["truth"]["total_deg"] is None and told["truth"]["error_deg"][2] is None
     assert np.abs(told["truth"]["error_deg"][:2]).max() < 0.3
     assert any("heading is not known" in w for w in told["warnings"])
@@ -208,7 +208,7 @@ def test_at_rest_and_straight_there_is_no_heading():
 def test_no_heading_with_a_large_sigma_is_ever_given():
     log = launched(*TACTICAL)
     for end in (50.3, 52.0, 56.0, 64.0, 80.0):
-        told = aligned(log, in_flight={"align_end": end, "align_start": 40.0}).summary
+        told = aligned(log, in_flight={"align_end": end, "align_start": 40.0}).result.to_json()
         if told["q_nb_wxyz"] is not None:
             assert told["sigma_worst_deg"] <= 5.0
             assert told["truth"]["total_deg"] < 4.0 * told["sigma_worst_deg"]
@@ -222,7 +222,7 @@ def test_too_short_or_too_late():
     with pytest.raises(AlignmentError, match="no GNSS fix lies within"):
         aligned(launched(*TACTICAL, "--gnss-outage", "0:50"), input={"end": "45"})
     # the gate never opens
-    found = aligned(log, in_flight={"gate": "paper", "t_set1": 500.0}, truth=None).summary
+    found = aligned(log, in_flight={"gate": "paper", "t_set1": 500.0}, truth=None).result.to_json()
     assert found["status"] == "failed"
     assert found["q_nb_wxyz"] is None and found["euler_deg"] is None
     assert any("the gate waits 500 s" in w for w in found["warnings"])
@@ -236,7 +236,7 @@ def test_error_course_is_that_of_the_answer():
     course, answer = found.error, found.answer
     assert isinstance(answer, InFlightAlignment)
     np.testing.assert_allclose(
-        np.rad2deg(course.final[-1]), found.summary["truth"]["error_deg"], atol=2e-3
+        np.rad2deg(course.final[-1]), found.result.truth.error_deg, atol=2e-3
     )
     assert np.nanmax(np.abs(course.series[-50:])) < np.deg2rad(1.0)
     assert len(course.seconds) == len(course.sigma_worst)

@@ -13,10 +13,10 @@ from sinstool.methods.height.pressure import geopotential, pressure_at
 from sinstool.pipelines.process.height import (
     height_reference,
     height_warnings,
+    heights_for_calibration,
     network,
-    telling_heights,
 )
-from sinstool.survey.aiding import Aiding
+from sinstool.survey.aiding import AidingData, Barometer
 
 T0 = 1_700_000_000_000_000_000
 LATITUDE = np.radians(-43.5)
@@ -45,31 +45,31 @@ def streams(seconds=200.0, jump_at=None, hangs=None, gap=None, climb=2.0):
 
 def test_all_tell_where_nothing_is_wrong():
     baro, gnss, _ = streams()
-    assert telling_heights(baro, gnss).all()
+    assert heights_for_calibration(baro, gnss).all()
 
 
 def test_none_after_a_jump():
     baro, gnss, t = streams(jump_at=120.0)
-    known = telling_heights(baro, gnss)
+    known = heights_for_calibration(baro, gnss)
     assert not known[t >= 121.0].any()
     assert known[t < 117.0].all()
 
 
 def test_none_in_a_gap():
     baro, gnss, t = streams(gap=(50.0, 90.0))
-    np.testing.assert_array_equal(telling_heights(baro, gnss), (t < 50.0) | (t > 90.0))
+    np.testing.assert_array_equal(heights_for_calibration(baro, gnss), (t < 50.0) | (t > 90.0))
 
 
 def test_none_of_a_sensor_that_hangs_in_a_climb():
     baro, gnss, t = streams(hangs=(50.0, 90.0))
-    known = telling_heights(baro, gnss)
+    known = heights_for_calibration(baro, gnss)
     assert not known[(t >= 50.0) & (t < 89.5)].any() and known[t < 49.0].all()
     assert known[t > 91.0].all()
 
 
 def test_a_coarse_sensor_at_rest_tells():
     baro, gnss, _ = streams(climb=0.0)
-    assert telling_heights(baro, gnss).all()
+    assert heights_for_calibration(baro, gnss).all()
 
 
 def options(**told):
@@ -101,9 +101,9 @@ def test_what_a_barometer_says_of_its_noise(variance, sigma):
     """16 Pa^2 are 4 Pa, or 0.35 m at 700 m; what is no noise of any sensor is not told."""
     baro, gnss, _ = streams()
     baro.variance[:] = variance
-    aiding = Aiding(gnss=gnss, fix_topic="/fix", baro=baro, baro_topic="/baro")
-    log = SimpleNamespace(path="a.mcap")
-    reference, warnings = height_reference(log, aiding, options(), 300.0)
+    aiding = AidingData(gnss=gnss, fix_topic="/fix", barometer=Barometer(baro, "/baro"))
+    source = SimpleNamespace(path="a.mcap", aiding=aiding)
+    reference, warnings = height_reference(source, options(), 300.0)
     assert reference.sigma == pytest.approx(sigma, rel=0.1)
     assert not warnings
 

@@ -8,6 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from mcap.reader import make_reader
 from scipy.spatial.transform import Rotation
+from sinstool.pipelines.summary import something_lost
 
 import sinstool
 from sinstool.config import ProcessConfig, build
@@ -20,7 +21,6 @@ from sinstool.pipelines.process import attitude
 from sinstool.pipelines.process import output as result
 from sinstool.pipelines.process.run import process
 from sinstool.pipelines.provenance import sha256
-from sinstool.pipelines.summary import something_lost
 from sinstool.simulation.coning import classical_coning
 from sinstool.simulation.join import after_rest
 from sinstool.simulation.log import motion_topics, resting_fixes, write_simulated
@@ -567,7 +567,7 @@ def test_files_do_not_depend_on_blocks(tmp_path, monkeypatch, name, kind):
     written = set()
     # with samples kept from the first pass for the second, and read again
     for rows, kept in ((10**9, 10**9), (4096, 0), (7, 10**9), (1, 0)):
-        monkeypatch.setattr("sinstool.survey.imu.KEPT_SAMPLES", kept)
+        monkeypatch.setattr("sinstool.survey.imu.CACHED_SAMPLES", kept)
         monkeypatch.setattr(source, "survey", partial(whole_survey, block_rows=rows))
         monkeypatch.setattr(attitude, "imu_blocks", partial(whole_blocks, rows=rows))
         out = tmp_path / f"{rows}.mcap"

@@ -24,17 +24,20 @@ def test_of_a_flight():
     heading = shown["attitude"].series[2].y
     unknown = series.sigma_worst > np.deg2rad(5.0)
     assert unknown.any() and np.isnan(heading[unknown]).all()
-    assert abs(heading[-1] - found.summary["euler_deg"]["heading"]) < 1.0
+    assert abs(heading[-1] - found.result.heading_deg) < 1.0
     # the boost is on the figure and not among the calm
     force = shown["force"]
     assert force.series[0].y.max() > 30.0
     assert np.nanmax(force.series[1].y) < 12.0
-    assert dict(force.marks) == {"start": found.summary["start_s"], "stop": found.summary["stop_s"]}
+    assert dict(force.marks) == {
+        "start": found.result.start_s,
+        "stop": found.result.stop_s,
+    }
     assert force.levels[0][1] == 12.0
     rms = np.sqrt(np.mean(np.sum([s.y**2 for s in shown["residuals"].series], axis=0)))
-    np.testing.assert_allclose(rms, found.summary["residual_rms"])
+    np.testing.assert_allclose(rms, found.result.residual_rms)
     final = next(s for s in shown["error"].series if s.name == "final answer, down")
-    assert abs(final.y[-1] - found.summary["truth"]["error_deg"][2]) < 2e-3
+    assert abs(final.y[-1] - found.result.truth.error_deg[2]) < 2e-3
 
 
 def test_at_rest_there_are_the_dynamics_alone():
