@@ -240,8 +240,7 @@ def speed(seconds: float, repeats: int) -> None:
     )  # fmt: skip
     timed("ours, undamped", lambda: mechanise(begin.copy(), given, out), n, repeats)
     apart_m = np.abs(out[:, :3] - plain[:, :3]).max(axis=0)
-    print(f"ours and C differ by {apart_m} rad, rad, m at the most
-")
+    print(f"ours and C differ by {apart_m} rad, rad, m at the most\n")
 
     every = 128
     w2 = gravity_gradient(float(flight.latitude[0]))
