@@ -36,7 +36,7 @@ from sinstool.methods.ins_gnss.results import FilterBlock, UpdateColumns
 from sinstool.methods.ins_gnss.settings import Settings
 from sinstool.methods.ins_gnss.smoother import Smoother
 from sinstool.methods.ins_gnss.start import Beginning, find_start, start_at
-from sinstool.methods.ins_gnss.velocity_lag import separate, velocity_lag
+from sinstool.methods.ins_gnss.velocity_lag import split_position_velocity, velocity_lag
 from sinstool.methods.strapdown.velocity import Increments, IncrementStage
 from sinstool.survey.aiding import Aiding, read_gnss
 
@@ -314,7 +314,7 @@ def report(folder: Path, name: str) -> None:
         )
         together, _ = find_latency(data, drive)
         print(f"  by velocities as stamped: {together}")
-        data = replace(data, gnss=separate(data.gnss, lag.latency_s))
+        data = replace(data, gnss=split_position_velocity(data.gnss, lag.latency_s))
     found, seconds = find_latency(data, drive)
     print(f"  {found}, {found.status}, in {seconds:.1f} s")
     latency = found.latency_s if found.status == "found" else 0.0

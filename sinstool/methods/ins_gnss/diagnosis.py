@@ -1,9 +1,9 @@
 """Why a filter does badly: the likely cause, by name, from what it did.
 
-A filter that is told something wrong does not say so. Each wrong thing leaves a trace of its own:
+A filter with a wrong setting does not say so. Each wrong setting leaves a trace of its own:
 
 ==================  ==============================================================================
-cause               trace
+kind                trace
 ==================  ==============================================================================
 axes                another assignment of the gyro axes fits velocity changes far better
 initial attitude    velocity changes of the first two minutes give another attitude than the start:
@@ -13,7 +13,7 @@ velocity lag        positions and velocities of the receiver are not of one inst
 lever arm           velocities of GNSS swing with the vehicle's turns
 GNSS noise          innovations of a channel are larger or smaller than their sigma, and white
 IMU noise           they are larger, and follow one another
-divergence          fixes are gated, the filter begins anew; told even where no cause is found
+divergence          fixes are gated, the filter begins anew; named even where no cause shows
 ==================  ==============================================================================
 
 Causes are judged in this order, as one wrong thing disturbs what comes after it: with wrong axes
@@ -29,15 +29,14 @@ References
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import permutations, product
-from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
 from sinstool.core import earth
+from sinstool.core.finding import Finding
 from sinstool.core.rotation import from_dcm, log, multiply, normalise, rotate, skew, to_dcm
 from sinstool.core.streams import GnssEpochs
 from sinstool.methods.ins_gnss.latency import correlate, inertial_velocity
@@ -47,18 +46,6 @@ from sinstool.methods.ins_gnss.velocity_lag import velocity_lag
 from sinstool.methods.strapdown.attitude import AttitudePropagator
 
 FloatArray = NDArray[np.float64]
-
-Cause = Literal[
-    "axes",
-    "initial attitude",
-    "initial heading",
-    "latency",
-    "velocity lag",
-    "lever arm",
-    "GNSS noise",
-    "IMU noise",
-    "divergence",
-]
 
 # Columns of an innovation by channel
 CHANNELS = {
@@ -79,32 +66,8 @@ _LAG_S = 0.03
 _ARM_M = 0.3
 _SIGMAS = 5.0
 _TURNED = float(np.deg2rad(5.0))
-_AXES_FIT = 0.2  # of the squares that the given axes leave
+_AXES_FIT = 0.2  # of the squares that the log's own axes leave
 _GATED = 0.2
-
-
-@dataclass(frozen=True)
-class Finding:
-    """A likely cause of trouble.
-
-    Attributes
-    ----------
-    text : str
-        What was seen and what to do, for the user.
-    size : float
-        s of a latency or lag, m of a lever arm, rad of an attitude, ratio of sigmas of a noise,
-        share of fixes of a divergence.
-    where : str
-        Channel of a noise, assignment of axes; else ''.
-    """
-
-    cause: Cause
-    text: str
-    size: float
-    where: str = ""
-
-    def __str__(self) -> str:
-        return self.text
 
 
 def diagnose(
@@ -122,7 +85,7 @@ def diagnose(
     updates : UpdateColumns
         Of the filter, from the start on; a whole run, or enough minutes of one.
     fixes : GnssEpochs
-        As they were given to the filter, all of them.
+        All that the filter took.
     restarts : int, optional
 
     Returns
@@ -135,14 +98,10 @@ def diagnose(
     first = _first_minute(start, updates, fixes, settings)
     if first:
         return tuple(first)
-    found = [
-        *_time_and_arm(start, updates, fixes, settings),
-        *_lag(fixes),
-    ]
-    if not found:
-        found += _noise(gnss)
-    found += _divergence(gnss, restarts, not found)
-    return tuple(found)
+    findings = _time_and_arm(start, updates, fixes, settings) + _lag(fixes)
+    if not findings:
+        findings += _noise(gnss)
+    return (*findings, *_divergence(gnss, restarts, not findings))
 
 
 # --- the first minute: axes and attitude --------------------------------------------------
@@ -166,125 +125,128 @@ def _first_minute(
     dv = updates.specific_force_b[part] * interval[:, None]
     ends: FloatArray = (updates.time_ns[part] - began).astype(np.float64) * 1e-9
     at: FloatArray = (valid - began).astype(np.float64) * 1e-9
-    fit = _Fit(ends, interval, theta, dv, at, velocity, start)
-    given, dcm = fit.squares(np.eye(3))
-    best, axes = given, np.eye(3)
-    if given > fit.noise(settings):
-        tried = [(fit.squares(c)[0], c) for c in _signed_permutations()]
+    # Five fixes at a time: noise of single ones counts less
+    many = max(1, round(2.0 / float(np.median(np.diff(at)))))
+    wahba = _Wahba(ends, interval, theta, dv, at, velocity, start, many)
+    fit = wahba.solve(np.eye(3))
+    best, axes = fit.mean_square, np.eye(3)
+    if fit.mean_square > wahba.noise(settings):
+        tried = [(wahba.solve(c).mean_square, c) for c in _signed_permutations()]
         best = min(squares for squares, _ in tried)
         # Of those that fit alike, the one with the fewest signs turned and axes moved
         alike = [c for squares, c in tried if squares <= 1.5 * best]
         axes = min(alike, key=lambda c: (np.sum(c < 0.0), -np.abs(np.diag(c)).sum()))
-    times = float(np.sqrt(given / max(best, 1e-9)))
-    if best < _AXES_FIT * given and not np.array_equal(axes, np.eye(3)):
-        names = _axes_text(axes)
+    if best < _AXES_FIT * fit.mean_square and not np.array_equal(axes, np.eye(3)):
+        ratio = float(np.sqrt(fit.mean_square / max(best, 1e-9)))
         return [
             Finding(
                 "axes",
                 "gyro and accelerometer axes do not belong together: velocity changes fit"
-                f" {times:.0f} times better with the gyro's x, y, z taken as {names}; check the"
-                " body axes and the driver's signs",
-                times,
-                names,
+                f" {ratio:.0f} times better with the gyro's x, y, z taken as {_axes_text(axes)}",
+                answer="check the body axes and the driver's signs",
+                numbers={"residual_ratio": ratio},
             )
         ]
-    return fit.against(start, dcm, given)
+    return _attitude_findings(fit, start, many)
 
 
+@dataclass(frozen=True)
 class _Fit:
-    """Wahba's problem with the velocity changes between fixes.
+    """A solution of Wahba's problem.
+
+    Attributes
+    ----------
+    mean_square : float
+        Of the velocity changes that is left, (m/s)^2.
+    dcm : ndarray, shape (3, 3)
+        C_nb of the start.
+    alpha : ndarray, shape (n, 3)
+        Velocity changes by the accelerometers, body axes of the start.
+    """
+
+    mean_square: float
+    dcm: FloatArray
+    alpha: FloatArray
+
+
+@dataclass(frozen=True)
+class _Wahba:
+    """Wahba's problem with the velocity changes between fixes, `many` of them at a time.
 
     Forces are integrated in the body axes of the start, velocity changes less gravity in NED;
     over a minute the Earth's turn of NED, 0.25 deg, is far below what is looked for.
     """
 
-    def __init__(
-        self,
-        ends: FloatArray,
-        interval: FloatArray,
-        theta: FloatArray,
-        dv: FloatArray,
-        at: FloatArray,
-        velocity: FloatArray,
-        start: Start,
-    ) -> None:
-        self._ends, self._interval, self._theta, self._dv, self._at = (
-            ends,
-            interval,
-            theta,
-            dv,
-            at,
-        )
-        gravity = earth.gravity_n(start.nav[0], start.nav[2])
-        span = np.diff(at)
-        self._beta = np.diff(velocity, axis=0) - gravity * span[:, None]
-        self._span = span
-        # Five fixes at a time: noise of single ones counts less
-        many = max(1, round(2.0 / float(np.median(span))))
-        self._many = many
+    ends: FloatArray
+    interval: FloatArray
+    theta: FloatArray
+    dv: FloatArray
+    at: FloatArray
+    velocity: FloatArray
+    start: Start
+    many: int
 
     def _windows(self, values: FloatArray) -> FloatArray:
         total = np.concatenate([np.zeros((1, 3)), np.cumsum(values, axis=0)])
-        return np.asarray(total[self._many :] - total[: -self._many])
+        return np.asarray(total[self.many :] - total[: -self.many])
 
-    def squares(self, axes: FloatArray) -> tuple[float, FloatArray]:
-        """Mean square that is left, (m/s)^2, and C_nb of the start."""
-        turn = self._theta @ axes.T
-        q = AttitudePropagator(np.array([1.0, 0.0, 0.0, 0.0])).push(turn, self._interval)
+    def solve(self, axes: FloatArray) -> _Fit:
+        """The attitude that fits best with the gyro's axes taken as `axes`, shape (3, 3)."""
+        turn = self.theta @ axes.T
+        q = AttitudePropagator(np.array([1.0, 0.0, 0.0, 0.0])).push(turn, self.interval)
         before = np.concatenate([[[1.0, 0.0, 0.0, 0.0]], q[:-1]])
-        moved = np.cumsum(rotate(normalise(before + q), self._dv), axis=0)
-        u = np.column_stack([np.interp(self._at, self._ends, moved[:, i]) for i in range(3)])
-        alpha, beta = self._windows(np.diff(u, axis=0)), self._windows(self._beta)
+        moved = np.cumsum(rotate(normalise(before + q), self.dv), axis=0)
+        u = np.column_stack([np.interp(self.at, self.ends, moved[:, i]) for i in range(3)])
+        gravity = earth.gravity_n(self.start.nav[0], self.start.nav[2])
+        changes = np.diff(self.velocity, axis=0) - gravity * np.diff(self.at)[:, None]
+        alpha, beta = self._windows(np.diff(u, axis=0)), self._windows(changes)
         left, _, right = np.linalg.svd(beta.T @ alpha)
         middle = np.diag([1.0, 1.0, np.linalg.det(left @ right)])
         dcm = left @ middle @ right
-        rest = beta - alpha @ dcm.T
-        self._alpha, self._rest = alpha, rest
-        return float(np.mean(rest**2)), dcm
+        return _Fit(float(np.mean((beta - alpha @ dcm.T) ** 2)), dcm, alpha)
 
     def noise(self, settings: Settings) -> float:
         """Mean square that noise explains, generously."""
         white = np.max(settings.gnss.velocity_white) + np.max(settings.gnss.velocity_markov)
-        span = self._many * float(np.median(self._span))
+        span = self.many * float(np.median(np.diff(self.at)))
         return float(9.0 * (2.0 * white**2 + (settings.imu.accel_bias * span) ** 2) + 0.01)
 
-    def against(self, start: Start, dcm: FloatArray, squares: float) -> list[Finding]:
-        """The attitude found beside that of the start."""
-        q_found, q_given = from_dcm(dcm), start.nav[6:10]
-        conjugate = q_given * np.array([1.0, -1.0, -1.0, -1.0])
-        off = log(multiply(q_found, conjugate))
-        # Sigma of the solution: each window counts, though neighbours share all but one fix
-        n_beta = self._alpha @ dcm.T
-        information = np.einsum("ni,ni->n", n_beta, n_beta)[:, None, None] * np.eye(3)
-        information = (information - n_beta[:, :, None] * n_beta[:, None, :]).sum(axis=0)
-        own = max(squares, 1e-4) * self._many * np.linalg.pinv(information)
-        covariance = own + start.covariance_attitude_n
-        sigma = np.sqrt(np.diag(covariance))
-        tilt, heading = float(np.hypot(off[0], off[1])), float(abs(off[2]))
-        # A large turn mixes its components; the angle of "up" between the two does not
-        up = to_dcm(q_found).T[:, 2] @ to_dcm(q_given).T[:, 2]
-        tilt = float(np.arccos(np.clip(up, -1.0, 1.0)))
-        if tilt > _TURNED + _SIGMAS * float(max(sigma[:2])):
-            return [
-                Finding(
-                    "initial attitude",
-                    f"gravity is {np.rad2deg(tilt):.0f} deg from where the initial attitude has it:"
-                    " the body axes, the mount or the initial attitude are wrong",
-                    tilt,
-                )
-            ]
-        if heading > _TURNED + _SIGMAS * float(sigma[2]):
-            return [
-                Finding(
-                    "initial heading",
-                    f"velocity changes of the first two minutes say that the initial heading is"
-                    f" {np.rad2deg(heading):.0f} deg off, given as known to"
-                    f" {np.rad2deg(np.sqrt(start.covariance_attitude_n[2, 2])):.1f} deg; leave it"
-                    " out, to be found in motion",
-                    heading,
-                )
-            ]
-        return []
+
+def _attitude_findings(fit: _Fit, start: Start, many: int) -> list[Finding]:
+    """The attitude that fits velocity changes beside that of the start."""
+    q_fit, q_start = from_dcm(fit.dcm), start.nav[6:10]
+    off = log(multiply(q_fit, q_start * np.array([1.0, -1.0, -1.0, -1.0])))
+    # Sigma of the solution: each window counts, though neighbours share all but one fix
+    n_beta = fit.alpha @ fit.dcm.T
+    information = np.einsum("ni,ni->n", n_beta, n_beta)[:, None, None] * np.eye(3)
+    information = (information - n_beta[:, :, None] * n_beta[:, None, :]).sum(axis=0)
+    own = max(fit.mean_square, 1e-4) * many * np.linalg.pinv(information)
+    sigma = np.sqrt(np.diag(own + start.covariance_attitude_n))
+    heading = float(abs(off[2]))
+    # A large turn mixes its components; the angle of "up" between the two does not
+    up = to_dcm(q_fit).T[:, 2] @ to_dcm(q_start).T[:, 2]
+    tilt = float(np.arccos(np.clip(up, -1.0, 1.0)))
+    if tilt > _TURNED + _SIGMAS * float(max(sigma[:2])):
+        return [
+            Finding(
+                "initial attitude",
+                f"gravity is {np.rad2deg(tilt):.0f} deg from where the initial attitude has it",
+                answer="the body axes, the mount or the initial attitude are wrong",
+                numbers={"tilt_deg": float(np.rad2deg(tilt))},
+            )
+        ]
+    if heading > _TURNED + _SIGMAS * float(sigma[2]):
+        return [
+            Finding(
+                "initial heading",
+                "velocity changes of the first two minutes say that the initial heading is"
+                f" {np.rad2deg(heading):.0f} deg off, with a sigma of"
+                f" {np.rad2deg(np.sqrt(start.covariance_attitude_n[2, 2])):.1f} deg",
+                answer="leave it out, to be estimated in motion",
+                numbers={"heading_deg": float(np.rad2deg(heading))},
+            )
+        ]
+    return []
 
 
 def _signed_permutations() -> list[FloatArray]:
@@ -334,42 +296,40 @@ def _time_and_arm(
     )
     swing = to_dcm(updates.q_nb) @ skew(updates.omega_ib_b)
     velocity = velocity + swing @ np.asarray(settings.lever_arm_b)
-    found = correlate(updates.time_ns, velocity, fixes.time_ns, fixes.velocity_n, swing_n=swing)
+    best = correlate(updates.time_ns, velocity, fixes.time_ns, fixes.velocity_n, swing_n=swing)
     findings = []
-    off = found.latency_s - settings.gnss_latency
-    if found.status != "not observable" and abs(off) > max(_LATENCY_S, _SIGMAS * found.sigma_s):
+    if best.differs_from(settings.gnss_latency, _LATENCY_S, _SIGMAS):
         text = (
-            f"the latency of GNSS is {1e3 * found.latency_s:.0f} ms (+- {1e3 * found.sigma_s:.0f}),"
+            f"the latency of GNSS is {1e3 * best.latency_s:.0f} ms (+- {1e3 * best.sigma_s:.0f}),"
             f" not {1e3 * settings.gnss_latency:.0f} ms: velocities fit the IMU's best so"
         )
-        findings.append(Finding("latency", text, found.latency_s))
-    if found.arm_b is not None and found.arm_sigma_b is not None:
-        size = float(np.linalg.norm(found.arm_b))
-        clear = np.abs(found.arm_b) > np.maximum(_SIGMAS * found.arm_sigma_b, _ARM_M)
-        if np.any(clear):
-            x, right, down = found.arm_b
-            text = (
-                "velocities of GNSS swing with the vehicle's turns: the antenna seems to be another"
-                f" {x:.1f} m forward, {right:.1f} m right, {down:.1f} m down of where the lever arm"
-                " has it"
-            )
-            findings.append(Finding("lever arm", text, size))
+        findings.append(Finding("latency", text, numbers={"latency_s": best.latency_s}))
+    if best.arm_b is None or best.arm_sigma_b is None:
+        return findings
+    if np.any(np.abs(best.arm_b) > np.maximum(_SIGMAS * best.arm_sigma_b, _ARM_M)):
+        x, right, down = (float(v) for v in best.arm_b)
+        text = (
+            "velocities of GNSS swing with the vehicle's turns: the antenna seems to be another"
+            f" {x:.1f} m forward, {right:.1f} m right, {down:.1f} m down of where the lever arm"
+            " has it"
+        )
+        numbers = {"forward_m": x, "right_m": right, "down_m": down}
+        findings.append(Finding("lever arm", text, numbers=numbers))
     return findings
 
 
 def _lag(fixes: GnssEpochs) -> list[Finding]:
-    found = velocity_lag(fixes)
-    if found.status == "not observable" or abs(found.latency_s) < max(
-        _LAG_S, _SIGMAS * found.sigma_s
-    ):
+    lag = velocity_lag(fixes)
+    if not lag.differs_from(0.0, _LAG_S, _SIGMAS):
         return []
-    when = "later" if found.latency_s > 0.0 else "earlier"
+    when = "later" if lag.latency_s > 0.0 else "earlier"
     return [
         Finding(
             "velocity lag",
-            f"the receiver's velocities are stamped {1e3 * abs(found.latency_s):.0f} ms {when} than"
-            " its positions: they are means over the time before; their stamps are to be shifted",
-            found.latency_s,
+            f"the receiver's velocities are stamped {1e3 * abs(lag.latency_s):.0f} ms {when} than"
+            " its positions: they are means over the time before",
+            answer="their stamps are to be shifted",
+            numbers={"velocity_lag_s": lag.latency_s},
         )
     ]
 
@@ -389,11 +349,11 @@ def _rows(gnss: GnssDiagnostics) -> np.ndarray:
 
 def _noise(gnss: GnssDiagnostics) -> list[Finding]:
     rows = _rows(gnss)
-    # Against the noise that was given, whatever the gate or an adapted filter made of it
+    # Against the noise of the settings, whatever the gate or an adapted filter made of it
     own = gnss.measurement_sigma[rows] ** 2
-    given = gnss.innovation_sigma[rows] ** 2 - own * (1.0 - 1.0 / gnss.noise_ratio[rows])
-    ratio = gnss.innovation[rows] / np.sqrt(given)
-    found = []
+    assumed = gnss.innovation_sigma[rows] ** 2 - own * (1.0 - 1.0 / gnss.noise_ratio[rows])
+    ratio = gnss.innovation[rows] / np.sqrt(assumed)
+    findings = []
     for name, columns in CHANNELS.items():
         values = ratio[:, columns]
         values = values[np.isfinite(values).all(axis=1)]
@@ -404,37 +364,27 @@ def _noise(gnss: GnssDiagnostics) -> list[Finding]:
             continue
         follow = float(np.sum(values[1:] * values[:-1]) / np.sum(values * values))
         times = float(np.sqrt(level))
+        kind = "GNSS noise"
         if level >= _TOO_LARGE and follow > _FOLLOWING:
-            found.append(
-                Finding(
-                    "IMU noise",
-                    f"innovations of {name} are {times:.1f} times their sigma and follow one"
-                    " another: the IMU is worse than its noise says (grade)",
-                    times,
-                    name,
-                )
-            )
+            kind = "IMU noise"
+            text = f"{times:.1f} times their sigma and follow one another"
+            answer = "the IMU is worse than its noise says (grade)"
         elif level >= _TOO_LARGE:
-            found.append(
-                Finding(
-                    "GNSS noise",
-                    f"innovations of {name} are {times:.1f} times their sigma: the noise of GNSS"
-                    " is given too small",
-                    times,
-                    name,
-                )
-            )
+            text = f"{times:.1f} times their sigma"
+            answer = "the noise of GNSS is set too small"
         else:
-            found.append(
-                Finding(
-                    "GNSS noise",
-                    f"innovations of {name} are {times:.2f} of their sigma: the noise of GNSS is"
-                    " given too large",
-                    times,
-                    name,
-                )
+            text = f"{times:.2f} of their sigma"
+            answer = "the noise of GNSS is set too large"
+        findings.append(
+            Finding(
+                kind,
+                f"innovations of {name} are {text}",
+                answer=answer,
+                topic=name,
+                numbers={"sigma_ratio": times},
             )
-    return found
+        )
+    return findings
 
 
 def _divergence(gnss: GnssDiagnostics, restarts: int, alone: bool) -> list[Finding]:
@@ -442,17 +392,13 @@ def _divergence(gnss: GnssDiagnostics, restarts: int, alone: bool) -> list[Findi
     share = float(np.mean(gnss.gated[compared])) if np.any(compared) else 0.0
     if share < _GATED and restarts == 0:
         return []
-    why = "; no cause was found: noise, a bad receiver or sensor" if alone else ""
+    why = "no cause shows: noise, a bad receiver or sensor" if alone else ""
     return [
         Finding(
             "divergence",
             f"filter and fixes do not agree: {share:.0%} of the fixes were too far off to be used,"
-            f" {restarts} restarts{why}",
-            share,
+            f" {restarts} restarts",
+            answer=why,
+            numbers={"rejected_share": share, "restarts": float(restarts)},
         )
     ]
-
-
-def summary(findings: Sequence[Finding]) -> str:
-    """All findings, a line each; '' for none."""
-    return "\n".join(str(f) for f in findings)

@@ -73,7 +73,7 @@ class Latency:
         Latencies that were tried.
     arm_b, arm_sigma_b : ndarray or None, shape (3,)
         How much further on the antenna seems to be, FRD, and how well that is known, m; where
-        :func:`correlate` was asked for it. A part that no turn shows is 0, its sigma 10 m.
+        :func:`correlate` looks for it. A part that no turn shows is 0, its sigma 10 m.
     """
 
     latency_s: float
@@ -82,6 +82,19 @@ class Latency:
     evaluations: int
     arm_b: FloatArray | None = None
     arm_sigma_b: FloatArray | None = None
+
+    def differs_from(self, assumed_s: float, least_s: float, sigmas: float) -> bool:
+        """Whether it is further from an assumed latency than `least_s`, and than its own noise.
+
+        Parameters
+        ----------
+        assumed_s, least_s : float
+            s.
+        sigmas : float
+            Of its own.
+        """
+        apart = abs(self.latency_s - assumed_s)
+        return self.status != "not observable" and apart > max(least_s, sigmas * self.sigma_s)
 
     def __str__(self) -> str:
         if self.status == "not observable":
@@ -106,7 +119,7 @@ def inertial_velocity(
         Attitude at the **start** of each update, of a filter or an alignment.
     velocity_increment : array_like, shape (n, 3)
         Integral of the specific force in the body axes of the start, biases removed as far as
-        they are known, m/s.
+        possible, m/s.
     interval : array_like, shape (n,)
         s.
     latitude, height : array_like, shape (n,)
@@ -183,20 +196,20 @@ def correlate(
     count = int(np.ceil((high_s - low_s) / _GRID_S)) + 1
     grid = np.linspace(low_s, high_s, count)
     costs = np.array([windows.costs(tau) for tau in grid])
-    windows.keep = _sound(costs.min(axis=0), windows.keep)
+    windows.leave_out_misfits(costs.min(axis=0))
     if windows.degrees <= 10:
         return Latency(0.0, np.inf, "not observable", count)
-    total = costs @ windows.keep
+    total = costs @ windows.weight
     best = int(np.argmin(total))
     left, right = grid[max(best - 1, 0)], grid[min(best + 1, count - 1)]
-    found = minimize_scalar(
+    minimum = minimize_scalar(
         windows.cost, bounds=(left, right), method="bounded", options={"xatol": 1e-5}
     )
-    tau, least = float(found.x), float(found.fun)
+    tau, least = float(minimum.x), float(minimum.fun)
     noise = least / windows.degrees
     h = 0.5 * _GRID_S
     bend = (windows.cost(tau - h) - 2.0 * least + windows.cost(tau + h)) / (h * h)
-    evaluations = count + int(found.nfev) + 2
+    evaluations = count + int(minimum.nfev) + 2
     if noise <= 0.0:  # simulated without any noise
         return Latency(tau, 0.0, "found", evaluations, *windows.arm(tau, 1e-12))
     sigma = float(np.sqrt(2.0 * noise / bend) * np.sqrt(2.0)) if bend > 0.0 else np.inf
@@ -204,12 +217,6 @@ def correlate(
     judged = _judged(tau, sigma, contrast, best in (0, count - 1), evaluations)
     arm, arm_sigma = windows.arm(tau, noise)
     return replace(judged, arm_b=arm, arm_sigma_b=arm_sigma)
-
-
-def _sound(least: FloatArray, keep: FloatArray) -> FloatArray:
-    """Leave out windows that fit at no latency: outliers of GNSS, a jump of attitude."""
-    typical = np.median(least[keep > 0.0])
-    return np.where(least <= _OUTLIER * typical, keep, 0.0)
 
 
 def _judged(tau: float, sigma: float, contrast: float, at_limit: bool, evaluations: int) -> Latency:
@@ -250,24 +257,32 @@ class _Windows:
         self._stamp, self._z, self._down = t[rows], z[rows], self._down[rows]
         _, self._window = np.unique(label[rows], return_inverse=True)
         self._count = int(self._window.max()) + 1 if len(self._window) else 0
-        self.keep = np.ones(self._count)
+        self.weight = np.ones(self._count)  # 0 for windows left out
         # Regressors of a line about the middle of each window
         self._level = np.ones((len(self._stamp), 3))
         self._level[:, 2] = self._down
         self._slope = self._detrended(self._level * self._stamp[:, None])
         self._slope2 = self._sum(self._slope**2)
 
+    def leave_out_misfits(self, least: FloatArray) -> None:
+        """Leave out windows that fit at no latency: outliers of GNSS, a jump of attitude.
+
+        `least` is the least cost of each window over the latencies tried.
+        """
+        typical = np.median(least[self.weight > 0.0])
+        self.weight = np.where(least <= _OUTLIER * typical, self.weight, 0.0)
+
     @property
     def degrees(self) -> float:
-        """Of freedom, of the windows kept."""
+        """Of freedom, of the windows in use."""
         rows = self._sum(self._level)
-        return float(((rows - 2.0 * (rows > 2)).sum(axis=1) * self.keep).sum())
+        return float(((rows - 2.0 * (rows > 2)).sum(axis=1) * self.weight).sum())
 
     def costs(self, tau: float) -> FloatArray:
         """Sum of squares in each window."""
         r, turned = self._rest(tau)
         if turned is not None:
-            weight = self.keep[self._window]
+            weight = self.weight[self._window]
             r = r - turned @ self._solved(r, turned, weight)[0]
         return np.asarray(self._sum(r * r).sum(axis=1))
 
@@ -276,10 +291,10 @@ class _Windows:
         r, turned = self._rest(tau)
         if turned is None:
             return None, None
-        found, normal = self._solved(r, turned, self.keep[self._window])
+        arm, normal = self._solved(r, turned, self.weight[self._window])
         prior = np.eye(3) / _ARM_PRIOR**2
         inverse = np.linalg.inv(normal / noise + prior)
-        return inverse @ (normal / noise) @ found, np.sqrt(2.0 * np.diag(inverse))
+        return inverse @ (normal / noise) @ arm, np.sqrt(2.0 * np.diag(inverse))
 
     def _solved(
         self, r: FloatArray, turned: FloatArray, weight: FloatArray
@@ -311,8 +326,8 @@ class _Windows:
         return np.asarray(r - b[self._window] * self._slope)
 
     def cost(self, tau: float) -> float:
-        """Sum over the windows kept."""
-        return float(self.costs(tau) @ self.keep)
+        """Sum over the windows in use."""
+        return float(self.costs(tau) @ self.weight)
 
     def _sum(self, values: FloatArray) -> FloatArray:
         return np.stack(
@@ -362,12 +377,12 @@ def refine(
     """
     if not (span_s > 0.0 and tolerance_s > 0.0 and scale > 0.0):
         raise ValueError("Expected `span_s`, `tolerance_s` and `scale` to be positive.")
-    known: dict[float, float] = {}
+    costs: dict[float, float] = {}
 
     def at(tau: float) -> float:
-        if tau not in known:
-            known[tau] = float(cost(tau))
-        return known[tau]
+        if tau not in costs:
+            costs[tau] = float(cost(tau))
+        return costs[tau]
 
     left, middle, right = first_s - span_s, first_s, first_s + span_s
     for _ in range(3):
@@ -378,16 +393,16 @@ def refine(
         else:
             left, middle, right = middle, right, right + (right - middle)
     bracketed = at(middle) <= min(at(left), at(right))
-    contrast = (max(known.values()) - min(known.values())) / scale
+    contrast = (max(costs.values()) - min(costs.values())) / scale
     if bracketed:
-        middle, bend = _golden(at, left, middle, right, tolerance_s, most - len(known))
+        middle, bend = _golden(at, left, middle, right, tolerance_s, most - len(costs))
     else:
-        middle = min(known, key=known.__getitem__)
+        middle = min(costs, key=costs.__getitem__)
         bend = (at(left) - 2.0 * at(0.5 * (left + right)) + at(right)) / (
             0.25 * (right - left) ** 2
         )
     sigma = float(np.sqrt(2.0 * scale / bend)) if bend > 0.0 else np.inf
-    return _judged(middle, sigma, contrast, not bracketed, len(known))
+    return _judged(middle, sigma, contrast, not bracketed, len(costs))
 
 
 def _golden(

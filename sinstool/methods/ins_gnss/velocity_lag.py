@@ -5,10 +5,12 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.interpolate import PchipInterpolator
 
 from sinstool.core.earth import horizontal_metres
 from sinstool.core.streams import GnssEpochs, concatenate
+from sinstool.core.timeline import SECOND
 from sinstool.methods.ins_gnss.latency import Latency, correlate
 
 
@@ -40,29 +42,33 @@ def velocity_lag(gnss: GnssEpochs) -> Latency:
     )
     position = np.column_stack([north, east, np.full(len(fixes), np.nan)])
     times = fixes.time_ns[0] + np.round(fine * 1e9).astype(np.int64)
-    found = correlate(times, travelled, fixes.time_ns, position, -span, span)
-    return replace(found, latency_s=-found.latency_s)
+    late = correlate(times, travelled, fixes.time_ns, position, -span, span)
+    return replace(late, latency_s=-late.latency_s)
 
 
-def separate(gnss: GnssEpochs, velocity_lag_s: float) -> GnssEpochs:
-    """Epochs whose velocities have rows of their own, stamped as the positions are.
+def split_position_velocity(gnss: GnssEpochs, velocity_lag_s: float) -> GnssEpochs:
+    """Epochs whose positions and velocities have rows of their own, half a lag to either side.
 
     Parameters
     ----------
     velocity_lag_s : float
-        See :func:`velocity_lag`.
+        See :func:`velocity_lag`; with 0 the epochs stay as they are.
 
     Returns
     -------
     GnssEpochs
-        By time: positions at their stamps, velocities that much earlier.
+        By time, all of them valid one and the same latency before their stamps.
     """
-    n = len(gnss)
-    nothing, triple = np.full(n, np.nan), np.full((n, 3), np.nan)
-    positions = replace(gnss, velocity_n=triple, sigma_velocity_n=triple)
+    if velocity_lag_s == 0.0:
+        return gnss
+    lag, half = round(velocity_lag_s * SECOND), round(0.5 * velocity_lag_s * SECOND)
+    nothing, triple = np.full(len(gnss), np.nan), np.full((len(gnss), 3), np.nan)
+    positions = replace(
+        gnss, time_ns=gnss.time_ns + half, velocity_n=triple, sigma_velocity_n=triple
+    )
     velocities = replace(
         gnss,
-        time_ns=gnss.time_ns - round(velocity_lag_s * 1e9),
+        time_ns=gnss.time_ns - lag + half,
         latitude=nothing,
         longitude=nothing,
         height=nothing,
@@ -70,3 +76,9 @@ def separate(gnss: GnssEpochs, velocity_lag_s: float) -> GnssEpochs:
     )
     both = concatenate([positions.rows(gnss.has_position), velocities.rows(gnss.has_velocity)])
     return both.rows(np.argsort(both.time_ns, kind="stable"))
+
+
+def message_times(gnss: GnssEpochs, velocity_lag_s: float) -> NDArray[np.int64]:
+    """Stamps of the messages that epochs of :func:`split_position_velocity` come from, ns."""
+    lag, half = round(velocity_lag_s * SECOND), round(0.5 * velocity_lag_s * SECOND)
+    return np.asarray(gnss.time_ns - half + np.where(gnss.has_position, 0, lag))

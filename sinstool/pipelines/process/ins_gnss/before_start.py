@@ -29,7 +29,7 @@ from sinstool.methods.strapdown.navigation import (
     V_DOWN,
     V_NORTH,
 )
-from sinstool.pipelines.process.ins_gnss.start import Prepared
+from sinstool.pipelines.process.ins_gnss.filter_start import FilterStart
 from sinstool.survey.increments import SegmentIncrements
 from sinstool.survey.source import Source
 
@@ -73,7 +73,7 @@ def corrected_start(
 
 
 def before_start(
-    source: Source, config: ProcessConfig, prepared: Prepared, start: Start
+    source: Source, config: ProcessConfig, prepared: FilterStart, start: Start
 ) -> Solution | None:
     """Solutions at the samples up to, and at, the one at which a filter starts.
 
@@ -89,29 +89,28 @@ def before_start(
         before the start, are left out. Covariances are those of the start, grown by what
         sensors of the grade do meanwhile.
     """
-    begin = prepared.beginning
-    first = max(source.survey.first_ns, begin.time_ns - MAX_NS)
+    first = max(source.survey.first_ns, prepared.time_ns - MAX_NS)
     steps = SegmentIncrements(source, config)
     made: list[tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]] = []
     samples: list[Imu] = []
     heads: list[Imu] = []
-    for increments, imu, opening in steps.from_time(first, begin.time_ns):
+    for increments, imu, opening in steps.from_time(first, prepared.time_ns):
         if opening is not None:  # a segment begins: what was before the gap cannot be reached
             made, samples, heads = [], [], [opening]
-        keep = increments.time_ns <= begin.time_ns
+        before = increments.time_ns <= prepared.time_ns
         made.append(
             (
-                increments.rotation_vector[keep],
-                increments.velocity_increment[keep],
-                increments.interval[keep],
-                increments.time_ns[keep],
+                increments.rotation_vector[before],
+                increments.velocity_increment[before],
+                increments.interval[before],
+                increments.time_ns[before],
             )
         )
-        samples.append(imu.rows(keep))
-    if not heads or not made or int(heads[0].time_ns[0]) > begin.time_ns:
+        samples.append(imu.rows(before))
+    if not heads or not made or int(heads[0].time_ns[0]) > prepared.time_ns:
         return None
     phi, dv, dt, ends = (np.concatenate(column) for column in zip(*made, strict=True))
-    if len(ends) and int(ends[-1]) != begin.time_ns:
+    if len(ends) and int(ends[-1]) != prepared.time_ns:
         return None  # the start is no end of an update
     rows = np.empty((len(dt) + 1, SIZE))
     rows[-1] = start.nav
@@ -124,7 +123,7 @@ def before_start(
         rows[:-1],
     )
     imu = concatenate([heads[0], *samples])
-    seconds = (begin.time_ns - imu.time_ns) / SECOND
+    seconds = (prepared.time_ns - imu.time_ns) / SECOND
     position, velocity, attitude = _grown(start, prepared, seconds)
     vertical = None
     if prepared.reference is not None:
@@ -145,7 +144,7 @@ def before_start(
 
 
 def _grown(
-    start: Start, prepared: Prepared, seconds: np.ndarray
+    start: Start, prepared: FilterStart, seconds: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Covariances so long before the start: biases and walks of the grade, tilt times gravity."""
     noise = prepared.settings.imu

@@ -16,8 +16,9 @@ from sinstool.io.readers.streams import frame_id
 from sinstool.io.writers.topics import Frames
 from sinstool.methods.height.layout import ACCEPTED
 from sinstool.pipelines import summary
+from sinstool.pipelines.process.ins_gnss.filter_start import FilterStart
 from sinstool.pipelines.process.ins_gnss.run import DIAGNOSTIC_NAMES, FilterRun
-from sinstool.pipelines.process.ins_gnss.start import Prepared, prepare_filter
+from sinstool.pipelines.process.ins_gnss.start import prepare_filter
 from sinstool.pipelines.process.output import Result, choose_emits
 from sinstool.survey.source import prepare
 
@@ -48,7 +49,7 @@ def run_ins_gnss(
     if prepared.reference is not None:
         known.append("height")
     emits, left_out = choose_emits(log, config, known, body)
-    nav = prepared.beginning.start.nav
+    nav = prepared.start.nav
     frames = Frames(
         config.output.world,
         "map",
@@ -92,22 +93,21 @@ def run_ins_gnss(
         "warnings": [
             *source.warnings,
             *prepared.warnings,
-            *prepared.beginning.warnings,
             *left_out,
             *run.warnings(),
         ],
     }
 
 
-def _alignment(prepared: Prepared) -> dict[str, Any]:
+def _alignment(prepared: FilterStart) -> dict[str, Any]:
     """``alignment`` of the summary: the filter's start."""
-    start = prepared.beginning.start
+    start = prepared.start
     roll, pitch, heading = (float(v) for v in to_euler(start.nav[6:10]) / DEGREE)
     sigma = np.sqrt(np.diag(start.covariance_attitude_n)) / DEGREE
     return {
         "method": "filter-start",
-        "how": prepared.beginning.how,
-        "time_ns": str(prepared.beginning.time_ns),
+        "how": prepared.how,
+        "time_ns": str(prepared.time_ns),
         "roll_deg": roll,
         "pitch_deg": pitch,
         "heading_deg": heading,

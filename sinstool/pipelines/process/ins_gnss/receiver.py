@@ -23,8 +23,8 @@ LEAST_POSITION, LEAST_VELOCITY = 0.005, 0.005
 STAMP_S = 0.003
 
 
-def believed(gnss: GnssEpochs, config: ProcessConfig) -> GnssEpochs:
-    """Fixes with the standard deviations that a filter is to believe.
+def inflate_sigmas(gnss: GnssEpochs, config: ProcessConfig) -> GnssEpochs:
+    """Fixes with the standard deviations that a filter should assume.
 
     What the receiver says, times ``gnss_noise_scale``; of positions also what the vehicle moves
     while stamps are uncertain. A fix that claims a centimetre at 15 m/s claims to know its time to
@@ -52,18 +52,16 @@ def gnss_model(gnss: GnssEpochs, config: ProcessConfig) -> tuple[GnssModel, str]
     str
         In words.
     """
-    told = config.filter
-    factor = told.gnss_noise_scale
-    said = gnss.sigma_position_n
-    position, from_fixes = _usual(said, USUAL_POSITION, LEAST_POSITION, factor)
-    if not from_fixes and told.gnss_sigma is not None:
-        position = np.array([1.0, 1.0, 1.6]) * told.gnss_sigma * factor
+    options = config.filter
+    factor = options.gnss_noise_scale
+    position, from_fixes = _usual(gnss.sigma_position_n, USUAL_POSITION, LEAST_POSITION, factor)
+    if not from_fixes and options.gnss_sigma is not None:
+        position = np.array([1.0, 1.0, 1.6]) * options.gnss_sigma * factor
     velocity, from_velocities = _usual(
         gnss.sigma_velocity_n, USUAL_VELOCITY, LEAST_VELOCITY, factor
     )
     if not from_velocities:
-        ratio = config.gnss.gnss_sigma_v / 0.1 if config.gnss.gnss_sigma_v != 0.1 else 1.0
-        velocity = velocity * ratio
+        velocity = velocity * (config.gnss.gnss_sigma_v / 0.1)
     white = np.hypot(POSITION_WHITE * position, STAMP_S * _speed(gnss))
     how = (
         f"position {'as the receiver says' if from_fixes else 'assumed'}, about"
@@ -85,11 +83,11 @@ def _usual(
     sigma: np.ndarray, assumed: tuple[float, float, float], least: float, factor: float
 ) -> tuple[np.ndarray, bool]:
     """Median of what the fixes say by axis, or what is usual."""
-    known = np.isfinite(sigma).any(axis=0)
-    if not known[:2].all():
+    stated = np.isfinite(sigma).any(axis=0)
+    if not stated[:2].all():
         return factor * np.array(assumed), False
-    median = np.array([np.nanmedian(sigma[:, k]) if known[k] else np.nan for k in range(3)])
-    median[2] = median[2] if known[2] else 1.6 * median[0]
+    median = np.array([np.nanmedian(sigma[:, k]) if stated[k] else np.nan for k in range(3)])
+    median[2] = median[2] if stated[2] else 1.6 * median[0]
     return factor * np.maximum(median, least), True
 
 

@@ -10,9 +10,10 @@ import numpy as np
 
 from sinstool.config import ProcessConfig
 from sinstool.config.align import GnssOptions
+from sinstool.core.finding import Finding
 from sinstool.core.streams import Diagnostics, Imu, Solution
 from sinstool.core.timeline import SECOND
-from sinstool.methods.ins_gnss.diagnosis import Finding, diagnose
+from sinstool.methods.ins_gnss.diagnosis import diagnose
 from sinstool.methods.ins_gnss.filter import InsGnssFilter
 from sinstool.methods.ins_gnss.results import (
     FilterBlock,
@@ -26,7 +27,7 @@ from sinstool.methods.ins_gnss.withheld import Withheld
 from sinstool.methods.strapdown.velocity import Increments
 from sinstool.pipelines.process.height import height_summary, height_warnings
 from sinstool.pipelines.process.ins_gnss.before_start import before_start, corrected_start
-from sinstool.pipelines.process.ins_gnss.start import Prepared
+from sinstool.pipelines.process.ins_gnss.filter_start import FilterStart
 from sinstool.survey.increments import SegmentIncrements
 from sinstool.survey.source import Source
 
@@ -84,7 +85,7 @@ class FilterRun:
         self,
         source: Source,
         config: ProcessConfig,
-        prepared: Prepared,
+        prepared: FilterStart,
         detailed: bool = False,
     ) -> None:
         self._detailed = detailed
@@ -109,7 +110,7 @@ class FilterRun:
         self._score = Withheld(valid, prepared.withheld, arm)
         self._filtered = Withheld(valid, prepared.withheld, arm)
         self._filter = InsGnssFilter(
-            prepared.beginning.start,
+            prepared.start,
             prepared.settings,
             with_baro=prepared.reference is not None,
             store=self._smooth,
@@ -118,7 +119,7 @@ class FilterRun:
     def solutions(self, progress: Any = None) -> Iterator[Solution]:
         """Filtered, or smoothed, at every update instant, from the log's start on."""
         if not self._smooth:
-            start = self._prepared.beginning.start
+            start = self._prepared.start
             yield from self._scored(self._earlier(start))
             for block, imu in self._run(progress):
                 assert block.updates is not None
@@ -157,7 +158,7 @@ class FilterRun:
 
     def _smoothed_start(self, smoothed: SmoothedEpochs) -> Start:
         """The start as all of the log says it was."""
-        start = self._prepared.beginning.start
+        start = self._prepared.start
         if not np.isfinite(smoothed.first_error).all():
             return start
         return corrected_start(
@@ -167,14 +168,14 @@ class FilterRun:
     def _run(self, progress: Any) -> Iterator[tuple[FilterBlock, Imu]]:
         p = self._prepared
         given = False
-        steps = self._steps.from_time(p.beginning.time_ns, progress=progress)
+        steps = self._steps.from_time(p.time_ns, progress=progress)
         for increments, imu in _pieces(steps, DETAIL_ROWS if self._detailed else None):
             measurements: dict[str, Any] = {}
             if not given:
                 measurements = {"gnss": p.gnss, "withheld": p.withheld}
                 if p.reference is not None:
                     r = p.reference
-                    later = r.arrival_ns >= p.beginning.time_ns
+                    later = r.arrival_ns >= p.time_ns
                     measurements |= {
                         "baro_time_ns": r.time_ns[later],
                         "baro_height": r.height[later],
@@ -209,32 +210,32 @@ class FilterRun:
         updates = UpdateColumns(
             **{c: np.concatenate([getattr(u, c) for u in self._first]) for c in columns}
         )
-        found = diagnose(
-            p.beginning.start,
+        findings = diagnose(
+            p.start,
             updates,
             gnss,
-            p.gnss.rows(~p.withheld),
+            p.used,
             p.settings,
             self._filter.summary.restarts,
         )
-        return [self._completed(f) for f in found if self._to_be_told(f)]
+        return [self._completed(f) for f in findings if self._matters(f)]
 
     def _completed(self, finding: Finding) -> Finding:
         """Slow errors of fixes, taken for small ones, look like those of an IMU."""
-        if finding.cause != "IMU noise" or self._config.filter.gnss_noise_scale >= 1.0:
+        if finding.kind != "IMU noise" or self._config.filter.gnss_noise_scale >= 1.0:
             return finding
         more = "; or --gnss-noise-scale is too small"
-        return replace(finding, text=finding.text + more)
+        return replace(finding, answer=finding.answer + more)
 
-    def _to_be_told(self, finding: Finding) -> bool:
-        """What nobody told the filter, nobody needs to put right."""
-        told = self._config
-        if finding.cause == "latency":
-            return self._prepared.timing is None
-        if finding.cause == "GNSS noise" and finding.size < 1.0:
+    def _matters(self, finding: Finding) -> bool:
+        """What follows from no option, the user need not put right."""
+        gnss, options = self._config.gnss, self._config.filter
+        if finding.kind == "latency":
+            return self._prepared.latency is None
+        if finding.kind == "GNSS noise" and finding.numbers["sigma_ratio"] < 1.0:
             # Receivers that filter their fixes claim more than the noise that is left in them
-            given = told.filter.gnss_sigma is not None or told.gnss.gnss_sigma_v != USUAL_SIGMA_V
-            return given or told.filter.gnss_noise_scale > 1.0
+            stated = options.gnss_sigma is not None or gnss.gnss_sigma_v != USUAL_SIGMA_V
+            return stated or options.gnss_noise_scale > 1.0
         return True
 
     def _solution(self, u: UpdateColumns, log_time: np.ndarray) -> Solution:
@@ -306,7 +307,7 @@ class FilterRun:
             "states": self._filter.kind.size,
             "smoothed": self._smooth,
             "feedback": p.settings.feedback,
-            "start": {"time_ns": str(p.beginning.time_ns), "how": p.beginning.how},
+            "start": {"time_ns": str(p.time_ns), "how": p.how},
             "imu_grade": {"grade": p.grade, "why": p.grade_why},
             "gnss_noise": p.gnss_why,
             "gnss_latency_s": p.settings.gnss_latency,
@@ -323,7 +324,7 @@ class FilterRun:
             "accel_scale": s.accel_scale.tolist(),
             "baro_bias_m": s.baro_bias,
             "events": events,
-            "findings": [{"cause": f.cause, "text": f.text, "size": f.size} for f in self._found],
+            "findings": [f.to_json() for f in self._found],
             "withheld": self._scores(),
         }
         return told
@@ -332,13 +333,15 @@ class FilterRun:
         """When fixes were taken to be valid, and how that is known."""
         p = self._prepared
         half = 0.5 * p.lag
-        told: dict[str, Any] = {"status": "given", "sigma_s": None}
-        if p.timing is not None:
-            found = p.timing.latency
-            known = np.isfinite(found.sigma_s)
-            told = {"status": found.status, "sigma_s": found.sigma_s if known else None}
-            told["estimate_s"] = found.latency_s if known else None
-        return told | {
+        origin: dict[str, Any] = {"status": "given", "sigma_s": None}
+        if p.latency is not None:
+            sure = bool(np.isfinite(p.latency.sigma_s))
+            origin = {
+                "status": p.latency.status,
+                "sigma_s": p.latency.sigma_s if sure else None,
+                "estimate_s": p.latency.latency_s if sure else None,
+            }
+        return origin | {
             "position_s": p.settings.gnss_latency - half,
             "velocity_s": p.settings.gnss_latency + half,
         }
@@ -361,7 +364,7 @@ class FilterRun:
             p.settings.damping,
             s.channel,
             self._filter.channel_events,
-            p.beginning.time_ns,
+            p.time_ns,
             (float(final[0]), float(final[1]), float(final[2])),
         )
         return told | {"imu_grade": {"grade": p.grade, "why": p.grade_why}}
@@ -377,10 +380,10 @@ class FilterRun:
                 f"the log has no barometer, so {self._config.filter.filter} runs without its"
                 f" network, as {s.filter}"
             )
-        if p.timing is not None and p.settings.gnss_latency != 0.0:
+        if p.latency is not None and p.settings.gnss_latency != 0.0:
             notes.append(
                 f"fixes were found to be valid {p.settings.gnss_latency:+.3f} s before their stamps"
-                f" (sigma {p.timing.latency.sigma_s * 1e3:.1f} ms) and are used so; give"
+                f" (sigma {p.latency.sigma_s * 1e3:.1f} ms) and are used so; give"
                 " --gnss-latency to say otherwise"
             )
         if p.lag != 0.0 and self._config.filter.gnss_velocity_lag is None:
@@ -389,7 +392,7 @@ class FilterRun:
                 " positions, and both are used at their own times; give --gnss-velocity-lag to say"
                 " otherwise"
             )
-        before = (p.beginning.time_ns - self._source.survey.first_ns) / SECOND
+        before = (p.time_ns - self._source.survey.first_ns) / SECOND
         if before > 0.0 and self.carried_back:
             notes.append(
                 f"the first {before:.2f} s lie before the filter's start: the solution there is"

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -27,17 +27,13 @@ from sinstool.methods.ins_gnss.noise import (
 )
 from sinstool.methods.ins_gnss.settings import DivergenceControl, Settings
 from sinstool.methods.ins_gnss.start import TWICE_USED, Beginning, find_start, start_at
+from sinstool.methods.ins_gnss.velocity_lag import message_times, split_position_velocity
 from sinstool.pipelines.align.first_attitude import align
 from sinstool.pipelines.align.in_motion import increments as coarse_increments
 from sinstool.pipelines.process.height import height_reference, network
-from sinstool.pipelines.process.ins_gnss.receiver import believed, gnss_model
-from sinstool.pipelines.process.ins_gnss.timing import (
-    Timing,
-    find_timing,
-    message_times,
-    separate,
-    velocity_lag,
-)
+from sinstool.pipelines.process.ins_gnss.filter_start import FilterStart
+from sinstool.pipelines.process.ins_gnss.receiver import gnss_model, inflate_sigmas
+from sinstool.pipelines.process.ins_gnss.timing import estimate_latency, significant_lag
 from sinstool.survey.aiding import Aiding, read_baro
 from sinstool.survey.grade import random_walk, sensor_grade
 from sinstool.survey.source import Source
@@ -50,35 +46,7 @@ AIR_SIGMA, AIR_TIME_S = 10.0, 500.0
 START_NS = 400 * SECOND
 
 
-@dataclass(frozen=True)
-class Prepared:
-    """All that a filter run needs beside the samples.
-
-    Attributes
-    ----------
-    withheld : ndarray of bool
-    reference : HeightReference or None
-        Barometer heights.
-    timing : Timing or None
-        Where the latency was looked for.
-    lag : float
-        By which velocities are taken to be stamped later than positions, s.
-    """
-
-    settings: Settings
-    beginning: Beginning
-    gnss: GnssEpochs
-    withheld: np.ndarray
-    reference: HeightReference | None
-    timing: Timing | None
-    lag: float
-    grade: Grade
-    grade_why: str
-    gnss_why: str
-    warnings: tuple[str, ...]
-
-
-def prepare_filter(source: Source, config: ProcessConfig) -> Prepared:
+def prepare_filter(source: Source, config: ProcessConfig) -> FilterStart:
     """Settings, start and measurements of a filter run.
 
     Raises
@@ -86,7 +54,7 @@ def prepare_filter(source: Source, config: ProcessConfig) -> Prepared:
     ConfigurationError
         Another rate than the stamps' is to be believed.
     TopicError, AlignmentError
-        The log has no GNSS, or no start can be found in it.
+        The log has no GNSS, or it shows no start.
     """
     log = source.log
     if config.input.imu_rate is not None:
@@ -107,47 +75,51 @@ def prepare_filter(source: Source, config: ProcessConfig) -> Prepared:
     reference, notes = _barometer(source, config, grade)
     settings = _settings(source, config, grade, model, reference)
     warnings = [*_too_good(source, config, settings), *notes]
-    told = config.filter.gnss_velocity_lag
-    lag = velocity_lag(gnss) if told is None else told
-    hidden = _withheld(gnss.time_ns, config, source.survey.first_ns)
-    fixes = believed(gnss, config)
-    known = separate(fixes.rows(~hidden), lag)
+    lag = config.filter.gnss_velocity_lag
+    if lag is None:
+        lag = significant_lag(gnss)
+    epochs = split_position_velocity(inflate_sigmas(gnss, config), lag)
+    withheld = _withheld(message_times(epochs, lag), config, source.survey.first_ns)
 
-    def begin(settings: Settings, usable: GnssEpochs) -> Beginning:
-        return _beginning(source, config, settings, usable)
+    def begin(latency: float) -> FilterStart:
+        timed = replace(settings, gnss_latency=latency)
+        beginning = _beginning(source, config, timed, epochs.rows(~withheld))
+        return FilterStart(
+            timed,
+            beginning.start,
+            beginning.time_ns,
+            beginning.how,
+            epochs,
+            withheld,
+            reference,
+            None,
+            lag,
+            grade,
+            why,
+            gnss_why,
+            (*warnings, *beginning.warnings),
+        )
 
-    timing: Timing | None = None
-    if config.gnss.gnss_latency is None:
-        timing, settings, beginning = find_timing(source, config, settings, known, lag, begin)
-        if timing.latency.status == "at the limit":
-            warnings.append(f"{timing.latency}: give it with --gnss-latency")
+    if config.gnss.gnss_latency is not None:
+        start = begin(config.gnss.gnss_latency)
     else:
-        beginning = begin(settings, known)
-    log_choice("filter", f"{settings.filter}: {len(fixes.time_ns)} epochs, noise {gnss_why}")
-    log_choice("start", beginning.how)
-    log_choice("GNSS latency", _latency_why(timing, settings, lag))
-    apart = separate(fixes, lag)
-    return Prepared(
-        settings,
-        beginning,
-        apart,
-        _withheld(message_times(apart, lag), config, source.survey.first_ns),
-        reference,
-        timing,
-        lag,
-        grade,
-        why,
-        gnss_why,
-        tuple(warnings),
-    )
+        start = estimate_latency(source, config, begin)
+    if start.latency is not None and start.latency.status == "at the limit":
+        warning = f"{start.latency}: give it with --gnss-latency"
+        start = replace(start, warnings=(warning, *start.warnings))
+    log_choice("filter", f"{settings.filter}: {len(gnss)} epochs, noise {gnss_why}")
+    log_choice("start", start.how)
+    log_choice("GNSS latency", _latency_why(start))
+    return start
 
 
-def _latency_why(timing: Timing | None, settings: Settings, lag: float) -> str:
-    """The latency that is used, and how it was found."""
-    velocity = f", velocities {lag:+.3f} s later than positions" if lag else ""
-    if timing is None:
-        return f"{settings.gnss_latency:+.3f} s, as told{velocity}"
-    return f"{settings.gnss_latency:+.3f} s; found in the log: {timing.latency}{velocity}"
+def _latency_why(start: FilterStart) -> str:
+    """The latency that is used, and where it comes from."""
+    velocity = f", velocities {start.lag:+.3f} s later than positions" if start.lag else ""
+    used = f"{start.settings.gnss_latency:+.3f} s"
+    if start.latency is None:
+        return f"{used}, as told{velocity}"
+    return f"{used}; found in the log: {start.latency}{velocity}"
 
 
 def _barometer(
@@ -178,35 +150,34 @@ def _settings(
     model: Any,
     reference: HeightReference | None,
 ) -> Settings:
-    told = config.filter
+    options = config.filter
     damping = None
-    if reference is not None and told.filter.startswith("network"):
+    if reference is not None and options.filter.startswith("network"):
         damping, _ = network(config, grade, source.latitude or 0.0)
     baro = _baro_model(config, grade, model, reference)
     return Settings(
-        filter=told.filter,
+        filter=options.filter,
         imu=_imu_noise(config, grade),
         gnss=model,
         baro=baro,
         network=damping,
         grade=grade,
-        feedback=told.feedback,
+        feedback=options.feedback,
         control=DivergenceControl(
-            virtual_noise=told.virtual_noise == "on",
-            adaptive=told.adaptive,
-            schmidt_epsilon=told.schmidt_epsilon,
-            restart_after=told.restart_after,
+            virtual_noise=options.virtual_noise == "on",
+            adaptive=options.adaptive,
+            schmidt_epsilon=options.schmidt_epsilon,
+            restart_after=options.restart_after,
         ),
         lever_arm_b=config.gnss.lever_arm,
-        gnss_latency=config.gnss.gnss_latency or 0.0,
     )
 
 
 def _too_good(source: Source, config: ProcessConfig, settings: Settings) -> list[str]:
     """A gyro that is told to be much better than its noise at rest."""
     shown, assumed = random_walk(source), settings.imu.angle_random_walk
-    told = config.navigation.imu_grade != "auto" or config.in_flight.arw is not None
-    if not told or shown is None or shown < NOISIER * assumed:
+    stated = config.navigation.imu_grade != "auto" or config.in_flight.arw is not None
+    if not stated or shown is None or shown < NOISIER * assumed:
         return []
     size = 60.0 / DEGREE
     return [
@@ -220,34 +191,33 @@ def _baro_model(
     config: ProcessConfig, grade: Grade, gnss: GnssModel, reference: HeightReference | None
 ) -> BaroModel:
     """Errors of the barometric heights: of the air, and of what they were set by."""
-    told, usual = config.filter.baro_sigma, BARO_GRADES[grade]
-    sigma = AIR_SIGMA if told is None else told
+    sigma = AIR_SIGMA if config.filter.baro_sigma is None else config.filter.baro_sigma
     if reference is not None and reference.baro is not None and reference.baro.mode == "gnss":
         # The fixes of half a minute, whose slow error is one and the same
         sigma = float(np.hypot(sigma, gnss.position_markov[2]))
-    white = usual.white
+    white = BARO_GRADES[grade].white
     if reference is not None and reference.sigma > 0.0:
         white = reference.sigma
     return BaroModel(sigma, AIR_TIME_S, white)
 
 
 def _imu_noise(config: ProcessConfig, grade: Grade) -> ImuNoise:
-    """Noise of a grade, and what is told of it."""
-    told, noise = config.in_flight, IMU_GRADES[grade]
-    given: dict[str, float] = {}
-    if told.arw is not None:
-        given["angle_random_walk"] = told.arw * DEGREE / 60.0
-    if told.vrw is not None:
-        given["velocity_random_walk"] = told.vrw * 1e-6 * STANDARD_GRAVITY
-    if told.sigma_bg is not None:
-        given["gyro_bias"] = told.sigma_bg * DEGREE / 3600.0
-        given["gyro_instability"] = min(noise.gyro_instability, 0.1 * given["gyro_bias"])
-    if told.sigma_ba is not None:
-        given["accel_bias"] = told.sigma_ba
-        given["accel_instability"] = min(noise.accel_instability, 0.1 * told.sigma_ba)
-    if told.sigma_sf is not None:
-        given["accel_scale"] = told.sigma_sf
-    return replace(noise, **given)
+    """Noise of a grade, but for what the options say."""
+    options, noise = config.in_flight, IMU_GRADES[grade]
+    changes: dict[str, float] = {}
+    if options.arw is not None:
+        changes["angle_random_walk"] = options.arw * DEGREE / 60.0
+    if options.vrw is not None:
+        changes["velocity_random_walk"] = options.vrw * 1e-6 * STANDARD_GRAVITY
+    if options.sigma_bg is not None:
+        changes["gyro_bias"] = options.sigma_bg * DEGREE / 3600.0
+        changes["gyro_instability"] = min(noise.gyro_instability, 0.1 * changes["gyro_bias"])
+    if options.sigma_ba is not None:
+        changes["accel_bias"] = options.sigma_ba
+        changes["accel_instability"] = min(noise.accel_instability, 0.1 * options.sigma_ba)
+    if options.sigma_sf is not None:
+        changes["accel_scale"] = options.sigma_sf
+    return replace(noise, **changes)
 
 
 def _withheld(time_ns: np.ndarray, config: ProcessConfig, first_ns: int) -> np.ndarray:
@@ -306,7 +276,6 @@ def _from_alignment(
     time_ns = found.time_ns
     valid = gnss.time_ns - round(settings.gnss_latency * SECOND)
     first_fix = int(valid[gnss.has_position][0])
-    notes: tuple[str, ...] = ()
     if first_fix - time_ns > 2 * SECOND:
         raise AlignmentError(
             f"{source.log.path}: the first fix comes {(first_fix - time_ns) / SECOND:.1f} s after"
@@ -322,4 +291,4 @@ def _from_alignment(
         gyro_bias=found.gyro_bias,
         gyro_bias_sigma=settings.imu.gyro_instability if found.bias_source != "none" else None,
     )
-    return Beginning(start, time_ns, f"attitude by {found.method}", (*found.warnings, *notes))
+    return Beginning(start, time_ns, f"attitude by {found.method}", found.warnings)

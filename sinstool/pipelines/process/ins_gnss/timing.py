@@ -1,4 +1,4 @@
-"""When the fixes of a log were valid: looked for where nobody says.
+"""When the fixes of a log were valid, estimated where the user does not say.
 
 An epoch is valid ``latency`` before its stamp. Position and velocity of one message need not be
 of one instant: some receivers difference positions, or average over the interval that ends at
@@ -10,7 +10,7 @@ the mean of both, so that positions are valid at ``stamp - latency + lag/2`` and
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 from scipy.special import chdtri
@@ -20,13 +20,12 @@ from sinstool.core.rotation import skew, to_dcm
 from sinstool.core.streams import GnssEpochs
 from sinstool.core.timeline import SECOND
 from sinstool.methods.ins_gnss import latency as latencies
-from sinstool.methods.ins_gnss import velocity_lag as lags
 from sinstool.methods.ins_gnss.filter import InsGnssFilter
 from sinstool.methods.ins_gnss.latency import Latency
 from sinstool.methods.ins_gnss.noise import GnssModel
-from sinstool.methods.ins_gnss.settings import Settings
-from sinstool.methods.ins_gnss.start import Beginning
+from sinstool.methods.ins_gnss.velocity_lag import velocity_lag
 from sinstool.methods.strapdown.velocity import Increments
+from sinstool.pipelines.process.ins_gnss.filter_start import FilterStart
 from sinstool.survey.increments import SegmentIncrements
 from sinstool.survey.source import Source
 
@@ -49,74 +48,18 @@ LOOSE_POSITION = (5.0, 5.0, 8.0)
 LOOSE_VELOCITY = (0.3, 0.3, 0.5)
 GATE = float(chdtri(6, 1e-4))
 
-Begin = Callable[[Settings, GnssEpochs], Beginning]
+
+def significant_lag(gnss: GnssEpochs) -> float:
+    """How much later velocities are stamped than positions, s; 0 where no lag stands out."""
+    lag = velocity_lag(gnss.rows(gnss.time_ns <= gnss.time_ns[0] + VELOCITY_NS))
+    stands_out = lag.status == "found" and lag.differs_from(0.0, LEAST_LAG_S, LAG_SIGMAS)
+    return lag.latency_s if stands_out else 0.0
 
 
-@dataclass(frozen=True)
-class Timing:
-    """When fixes were valid, and how that is known.
-
-    Attributes
-    ----------
-    latency : Latency
-        Mean of those of position and velocity.
-    lag : float
-        How much later velocities are stamped than positions, s; 0 where they are taken for
-        simultaneous.
-    taken : float
-        The latency that is used: 0 where none stands out.
-    """
-
-    latency: Latency
-    lag: float
-    taken: float
-
-
-def velocity_lag(gnss: GnssEpochs) -> float:
-    """How much later velocities are stamped than positions, where that stands out, s."""
-    part = gnss.rows(gnss.time_ns <= gnss.time_ns[0] + VELOCITY_NS)
-    found = lags.velocity_lag(part)
-    if found.status != "found":
-        return 0.0
-    least = max(LEAST_LAG_S, LAG_SIGMAS * found.sigma_s)
-    return found.latency_s if abs(found.latency_s) > least else 0.0
-
-
-def separate(gnss: GnssEpochs, lag: float) -> GnssEpochs:
-    """Epochs whose velocities and positions have rows of their own, half a lag to either side.
-
-    Parameters
-    ----------
-    lag : float
-        s; with 0 the epochs stay as they are.
-
-    Returns
-    -------
-    GnssEpochs
-        All of them valid `latency` before their stamps.
-    """
-    if lag == 0.0:
-        return gnss
-    apart = lags.separate(gnss, lag)
-    return replace(apart, time_ns=apart.time_ns + round(0.5 * lag * SECOND))
-
-
-def message_times(gnss: GnssEpochs, lag: float) -> np.ndarray:
-    """Stamps of the messages that separated epochs come from, ns."""
-    half = round(0.5 * lag * SECOND)
-    whole = round(lag * SECOND)
-    return np.asarray(gnss.time_ns - half + np.where(gnss.has_position, 0, whole))
-
-
-def find_timing(
-    source: Source,
-    config: ProcessConfig,
-    settings: Settings,
-    gnss: GnssEpochs,
-    lag: float,
-    begin: Begin,
-) -> tuple[Timing, Settings, Beginning]:
-    """Look for the latency of a receiver.
+def estimate_latency(
+    source: Source, config: ProcessConfig, begin: Callable[[float], FilterStart]
+) -> FilterStart:
+    """A start whose latency is that of the receiver, as the log shows it.
 
     By its velocities, which depend on attitude and time alone; where there are none, or none that
     change, by the likelihood of what the filter does. On recorded drives the latter, which
@@ -124,48 +67,28 @@ def find_timing(
 
     Parameters
     ----------
-    settings : Settings
-        Of the filter; its latency is where the search begins.
-    gnss : GnssEpochs
-        Separated, if they are to be.
-    lag : float
-        By which they were.
     begin : callable
-        Finds a start with settings.
-
-    Returns
-    -------
-    Timing
-    Settings
-        With the latency that was found, where it stands out.
-    Beginning
+        Finds a start with a latency, s.
 
     Raises
     ------
     AlignmentError
         There is no start.
     """
-    beginning = begin(settings, gnss)
-    motion = _Motion(source, config, beginning.time_ns)
-    found = _correlated(motion, settings, beginning, gnss)
+    start = begin(0.0)
+    motion = _Motion(source, config, start.time_ns)
+    latency = _correlated(motion, start)
     for _ in range(ROUNDS):
-        if not _stands_out(found, settings.gnss_latency):
+        if not latency.differs_from(start.settings.gnss_latency, LEAST_S, SIGMAS):
             break
-        settings = replace(settings, gnss_latency=found.latency_s)
-        beginning = begin(settings, gnss)
-        found = _correlated(motion.since(beginning.time_ns), settings, beginning, gnss)
-    if found.status == "not observable":
-        found = _likeliest(motion.since(beginning.time_ns), settings, beginning, gnss)
-        if _stands_out(found, settings.gnss_latency):
-            settings = replace(settings, gnss_latency=found.latency_s)
-            beginning = begin(settings, gnss)
-    return Timing(found, lag, settings.gnss_latency), settings, beginning
-
-
-def _stands_out(found: Latency, known: float) -> bool:
-    if found.status == "not observable":
-        return False
-    return abs(found.latency_s - known) > max(LEAST_S, SIGMAS * found.sigma_s)
+        start = begin(latency.latency_s)
+        motion = motion.since(start.time_ns)
+        latency = _correlated(motion, start)
+    if latency.status == "not observable":
+        latency = _likeliest(motion, start)
+        if latency.differs_from(start.settings.gnss_latency, LEAST_S, SIGMAS):
+            start = begin(latency.latency_s)
+    return replace(start, latency=latency)
 
 
 class _Motion:
@@ -190,14 +113,14 @@ class _Motion:
     def until(self, span_ns: int) -> list[Increments]:
         """Its first part."""
         end = self._start_ns + span_ns
-        kept = []
+        parts = []
         for part in self.parts:
             rows = int(np.searchsorted(part.time_ns, end, "right"))
             if rows:
-                kept.append(Increments(*(v[:rows] for v in vars(part).values())))
+                parts.append(Increments(*(v[:rows] for v in vars(part).values())))
             if rows < len(part.time_ns):
                 break
-        return kept
+        return parts
 
 
 def _gap(before: Increments, after: Increments) -> bool:
@@ -205,13 +128,12 @@ def _gap(before: Increments, after: Increments) -> bool:
     return away > 5 * SECOND
 
 
-def _correlated(
-    motion: _Motion, settings: Settings, beginning: Beginning, gnss: GnssEpochs
-) -> Latency:
+def _correlated(motion: _Motion, start: FilterStart) -> Latency:
     """Latency by which the Imu's velocity and that of GNSS run alike."""
+    settings, gnss = start.settings, start.used
     if not gnss.has_velocity.any() or not motion.parts:
         return Latency(0.0, float("inf"), "not observable", 0)
-    end = beginning.time_ns + VELOCITY_NS
+    end = start.time_ns + VELOCITY_NS
     # Loosely: fixes at the wrong time must not spoil the biases that are taken off.
     plain = replace(
         settings,
@@ -225,13 +147,13 @@ def _correlated(
         sigma_position_n=np.full_like(gnss.sigma_position_n, np.nan),
         sigma_velocity_n=np.full_like(gnss.sigma_velocity_n, np.nan),
     )
-    run = InsGnssFilter(beginning.start, plain, with_baro=False)
-    given: GnssEpochs | None = loose
+    run = InsGnssFilter(start.start, plain, with_baro=False)
+    fixes: GnssEpochs | None = loose
     columns: list[tuple[np.ndarray, ...]] = []
-    last_q = beginning.start.nav[6:10]
+    last_q = start.start.nav[6:10]
     for increments in motion.parts:
-        out = run.push(increments, given).updates
-        given = None
+        out = run.push(increments, fixes).updates
+        fixes = None
         assert out is not None
         columns.append(
             (
@@ -252,25 +174,21 @@ def _correlated(
     )
     inertial = latencies.inertial_velocity(q, dv, dt, latitude, height, velocity)
     inertial = inertial + swing @ np.asarray(settings.lever_arm_b)
-    rows = gnss.rows((gnss.time_ns >= beginning.time_ns) & (gnss.time_ns <= end))
+    rows = gnss.rows((gnss.time_ns >= start.time_ns) & (gnss.time_ns <= end))
     # A lever arm that is not known looks like a latency in turns
     return latencies.correlate(time_ns, inertial, rows.time_ns, rows.velocity_n, swing_n=swing)
 
 
-def _likeliest(
-    motion: _Motion,
-    settings: Settings,
-    beginning: Beginning,
-    gnss: GnssEpochs,
-) -> Latency:
+def _likeliest(motion: _Motion, start: FilterStart) -> Latency:
     """Latency at which the filter finds its innovations most likely."""
+    settings, gnss = start.settings, start.used
     parts = motion.until(LIKELIHOOD_NS)
     if not parts:
         return Latency(0.0, float("inf"), "not observable", 0)
     end = int(parts[-1].time_ns[-1])
     first = settings.gnss_latency
     margin = round((abs(first) + 4.0 * SPAN_S) * SECOND)
-    inside = (gnss.time_ns > beginning.time_ns + margin) & (gnss.time_ns < end - margin)
+    inside = (gnss.time_ns > start.time_ns + margin) & (gnss.time_ns < end - margin)
     rows = gnss.rows(inside)
     plain = replace(
         settings,
@@ -282,17 +200,17 @@ def _likeliest(
 
     def cost(latency: float) -> float:
         run = InsGnssFilter(
-            beginning.start, replace(plain, gnss_latency=latency), with_baro=False, output=False
+            start.start, replace(plain, gnss_latency=latency), with_baro=False, output=False
         )
         total, squares, count = 0.0, 0.0, 0
-        given: GnssEpochs | None = rows
+        fixes: GnssEpochs | None = rows
         for part in parts:
-            found = run.push(part, given).gnss
-            given = None
-            log_det = 2.0 * np.nansum(np.log(found.innovation_sigma), axis=1)
-            total += latencies.likelihood_cost(found.nis, log_det, found.used, GATE)
-            squares += float(np.nansum(np.minimum(found.nis, GATE)))
-            count += int(found.rows.sum())
+            epochs = run.push(part, fixes).gnss
+            fixes = None
+            log_det = 2.0 * np.nansum(np.log(epochs.innovation_sigma), axis=1)
+            total += latencies.likelihood_cost(epochs.nis, log_det, epochs.used, GATE)
+            squares += float(np.nansum(np.minimum(epochs.nis, GATE)))
+            count += int(epochs.rows.sum())
         sizes.append(squares / max(count, 1))
         return total
 

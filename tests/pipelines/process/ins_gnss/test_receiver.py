@@ -1,4 +1,4 @@
-"""What is believed of a receiver: its own sigmas, no better than stamps allow."""
+"""What a filter assumes of a receiver: its own sigmas, no better than stamps allow."""
 
 import dataclasses
 
@@ -8,8 +8,9 @@ import pytest
 from sinstool.config import ProcessConfig
 from sinstool.core.streams import GnssEpochs
 from sinstool.methods.ins_gnss.fix_velocity import with_velocities
-from sinstool.pipelines.process.ins_gnss.receiver import STAMP_S, believed, gnss_model
-from sinstool.pipelines.process.ins_gnss.timing import message_times, separate, velocity_lag
+from sinstool.methods.ins_gnss.velocity_lag import message_times, split_position_velocity
+from sinstool.pipelines.process.ins_gnss.receiver import STAMP_S, gnss_model, inflate_sigmas
+from sinstool.pipelines.process.ins_gnss.timing import significant_lag
 
 RADIUS = 6.37e6
 
@@ -40,20 +41,20 @@ def epochs(n=400, rate=5.0, sigma=0.01, sigma_v=0.05, lag=0.0, latitude=0.85, no
     )
 
 
-def test_a_centimetre_at_speed_is_not_believed():
+def test_a_centimetre_at_speed_is_inflated():
     gnss = epochs()
-    told = believed(gnss, ProcessConfig())
+    inflated = inflate_sigmas(gnss, ProcessConfig())
     speed = np.hypot(gnss.velocity_n[:, 0], gnss.velocity_n[:, 1])
-    assert np.allclose(told.sigma_position_n[:, 0], np.hypot(0.01, STAMP_S * speed))
-    assert np.allclose(told.sigma_position_n[:, 2], np.hypot(0.01, STAMP_S * 0.5))
-    assert np.allclose(told.sigma_velocity_n, 0.05)
+    assert np.allclose(inflated.sigma_position_n[:, 0], np.hypot(0.01, STAMP_S * speed))
+    assert np.allclose(inflated.sigma_position_n[:, 2], np.hypot(0.01, STAMP_S * 0.5))
+    assert np.allclose(inflated.sigma_velocity_n, 0.05)
 
 
 def test_scale_is_on_all_that_the_receiver_says():
     gnss, config = epochs(sigma=3.0), ProcessConfig(filter={"gnss_noise_scale": 2.0})
-    told = believed(gnss, config)
-    assert np.allclose(told.sigma_position_n[:, 0], 6.0, rtol=1e-3)
-    assert np.allclose(told.sigma_velocity_n, 0.1)
+    inflated = inflate_sigmas(gnss, config)
+    assert np.allclose(inflated.sigma_position_n[:, 0], 6.0, rtol=1e-3)
+    assert np.allclose(inflated.sigma_velocity_n, 0.1)
     model, how = gnss_model(gnss, config)
     whole = np.hypot(model.position_white[0], model.position_markov[0])
     assert whole == pytest.approx(6.0, rel=1e-2)
@@ -70,9 +71,9 @@ def test_silent_receivers_get_what_is_usual():
 
 def test_lag_of_velocities_is_found_and_taken_apart():
     gnss = epochs(lag=0.1, noise=0.01)
-    lag = velocity_lag(gnss)
+    lag = significant_lag(gnss)
     assert lag == pytest.approx(0.1, abs=0.005)
-    apart = separate(gnss, lag)
+    apart = split_position_velocity(gnss, lag)
     assert len(apart) == 2 * len(gnss)
     assert np.all(np.diff(apart.time_ns) >= 0)
     places = apart.rows(apart.has_position)
@@ -87,9 +88,9 @@ def test_lag_of_velocities_is_found_and_taken_apart():
 
 
 def test_no_lag_where_there_is_none():
-    assert velocity_lag(epochs(noise=0.3)) == 0.0
+    assert significant_lag(epochs(noise=0.3)) == 0.0
     gnss = epochs()
-    assert separate(gnss, 0.0) is gnss
+    assert split_position_velocity(gnss, 0.0) is gnss
 
 
 @pytest.mark.parametrize("noise", [0.0, 0.05])
