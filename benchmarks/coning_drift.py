@@ -11,20 +11,23 @@ python benchmarks/coning_drift.py --figure docs/coning_drift.svg
 from __future__ import annotations
 
 import argparse
+import sys
 from collections.abc import Sequence
 from dataclasses import dataclass
+from pathlib import Path
 
 import numpy as np
 
 from sinstool.methods.coning.algorithm import ConingAlgorithm, GyroKind
 from sinstool.methods.coning.increments import DEFAULT_POINTS
 from sinstool.methods.coning.registry import algorithm, names
-from sinstool.methods.coning.response import (
-    coning_drift,
-    coning_rate,
-    coning_samples,
-    drift_from_phi,
-)
+from sinstool.methods.coning.response import coning_rate
+
+ROOT = Path(__file__).parents[1]
+if str(ROOT) not in sys.path:
+    sys.path.append(str(ROOT))
+
+from tests.helpers.coning_response import coning_drift, coning_samples, drift_from_phi  # noqa: E402
 
 DEG_H = np.degrees(1.0) * 3600.0
 FREQUENCIES = (5.0, 10.0, 20.0, 30.0, 50.0, 75.0, 100.0)

@@ -18,7 +18,9 @@ References
 from __future__ import annotations
 
 import argparse
+import sys
 import time
+from pathlib import Path
 
 import numpy as np
 
@@ -34,6 +36,12 @@ from sinstool.simulation.barometer import barometer
 from sinstool.simulation.flight import spiral_climb
 from sinstool.simulation.sensors import SensorGrade, with_errors
 from sinstool.simulation.trajectory import Trajectory
+
+ROOT = Path(__file__).parents[1]
+if str(ROOT) not in sys.path:
+    sys.path.append(str(ROOT))
+
+from tests.helpers.height_network import NetworkTheory  # noqa: E402
 
 DEGREE = np.pi / 180.0
 G = 9.80665
@@ -149,7 +157,7 @@ def damped(
 def theory(flight: Trajectory, tau: float, k4: float) -> tuple[float, float]:
     """Stationary sigma of height less barometer, and of velocity."""
     w2 = gravity_gradient(float(flight.latitude[0]), float(flight.height[0]))
-    sigma = HeightNetwork(tau, k4, w2).sigmas_with_gravity(
+    sigma = NetworkTheory(tau, k4, w2).sigmas_with_gravity(
         baro_wander=2.0 * SIGMA_BARO**2 / BARO_TIME, accel_white=(10e-6 * G) ** 2
     )
     return sigma.height, sigma.velocity

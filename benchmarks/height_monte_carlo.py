@@ -13,8 +13,10 @@ beside what an independent simulation of the whole mechanisation had.
 from __future__ import annotations
 
 import argparse
+import sys
 from collections.abc import Sequence
 from dataclasses import astuple
+from pathlib import Path
 
 import numpy as np
 from numba import njit
@@ -24,6 +26,12 @@ from sinstool.core.earth import normal_gravity
 from sinstool.methods.height.discrete import pole_matched_gains
 from sinstool.methods.height.network import HeightNetwork, gravity_gradient
 from sinstool.methods.height.vertical import VerticalChannel
+
+ROOT = Path(__file__).parents[1]
+if str(ROOT) not in sys.path:
+    sys.path.append(str(ROOT))
+
+from tests.helpers.height_network import NetworkTheory  # noqa: E402
 
 LATITUDE = np.radians(34.0 + 14.0 / 60.0 + 12.645 / 3600.0)
 START = 388.0
@@ -100,7 +108,7 @@ def sigma_ratios(
         spans * per_tau,
         np.random.default_rng(seed),
     )
-    network = HeightNetwork(tau, k4, W2)
+    network = NetworkTheory(tau, k4, W2)
     exact = network.sigmas_with_gravity(**{source: 1.0})
     closed = network.sigmas(**{source: 1.0})
     return np.sqrt(square) / astuple(exact), np.sqrt(square) / astuple(closed)

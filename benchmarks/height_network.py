@@ -11,8 +11,10 @@ and 10 ug/sqrt(Hz)); a MEMS flight with 2 mg, 150 ug/sqrt(Hz) and 1 mg per 100 s
 from __future__ import annotations
 
 import argparse
+import sys
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
+from pathlib import Path
 
 import numpy as np
 from numba import njit
@@ -25,6 +27,12 @@ from sinstool.methods.height.discrete import pole_matched_gains
 from sinstool.methods.height.layout import SHADOW_TAU
 from sinstool.methods.height.network import HeightNetwork, gravity_gradient, paper
 from sinstool.methods.height.vertical import VerticalChannel
+
+ROOT = Path(__file__).parents[1]
+if str(ROOT) not in sys.path:
+    sys.path.append(str(ROOT))
+
+from tests.helpers.height_network import NetworkTheory  # noqa: E402
 
 LATITUDE = np.radians(34.0 + 14.0 / 60.0 + 12.645 / 3600.0)
 START = 388.0
@@ -127,7 +135,7 @@ def print_gains() -> None:
         ours = HeightNetwork(tau, k4, 3.08e-6).gains
         rows.append((f"{tau:g}, {k4:g}", _numbers(ours, ".9g"), " ".join(known)))
     _table("Gains K1, K2, K3 (w2 = 3.08e-6)", ("tau, K4", "ours", "published"), rows)
-    network = paper(W2)
+    network = NetworkTheory(paper().tau, paper().k4, W2)
     for name, matrix in (("printed", network.printed_matrix), ("corrected", network.matrix)):
         print(f"eq. (2) as {name}: roots {np.round(np.linalg.eigvals(matrix), 4)}")
     print(f"(-1/tau = {-1 / network.tau:.4f}; published for the printed one: 0.009 +- 0.180j)\n")

@@ -14,16 +14,18 @@ of four azimuths with a coefficient found before.
 from __future__ import annotations
 
 import argparse
+import sys
 import time
 from collections.abc import Sequence
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass
+from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
 from sinstool.core.earth import EARTH_RATE
-from sinstool.methods.hse.design import Design, predict, slope_gain
+from sinstool.methods.hse.design import Design, predict
 from sinstool.methods.hse.encoder import table_angle
 from sinstool.methods.hse.fit import fit
 from sinstool.methods.hse.fit_result import FitOptions, HseFit
@@ -33,6 +35,12 @@ from sinstool.methods.hse.segments import SegmentRules, find_segments
 from sinstool.methods.hse.turns import turn_statistics
 from sinstool.methods.hse.whole_turn import run_from_turns
 from sinstool.simulation.hse_rig import HseRigErrors, HseRigSetup, hse_rig
+
+ROOT = Path(__file__).parents[1]
+if str(ROOT) not in sys.path:
+    sys.path.append(str(ROOT))
+
+from tests.helpers.hse_exact import slope_gain  # noqa: E402
 
 FloatArray = NDArray[np.float64]
 

@@ -8,14 +8,26 @@ its K and lambda2 imply, table 1 with its regression, and how sure its calibrati
 
 from __future__ import annotations
 
+import sys
+from pathlib import Path
+
 import numpy as np
 from numpy.typing import NDArray
 
 from sinstool.core import rotation
 from sinstool.core.earth import EARTH_RATE, earth_rate_n
-from sinstool.methods.hse.design import slope_gain
-from sinstool.methods.hse.exact import lambda2_from_slope, linear_heading_error, slope
 from sinstool.methods.hse.statistics import fit_sinusoid, scatter
+
+ROOT = Path(__file__).parents[1]
+if str(ROOT) not in sys.path:
+    sys.path.append(str(ROOT))
+
+from tests.helpers.hse_exact import (  # noqa: E402
+    lambda2_from_slope,
+    linear_heading_error,
+    slope,
+    slope_gain,
+)
 
 FloatArray = NDArray[np.float64]
 

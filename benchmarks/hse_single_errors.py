@@ -15,18 +15,26 @@ log, which shifts a base that turns about Down by half an arcsec against a truth
 from __future__ import annotations
 
 import argparse
+import sys
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
+from pathlib import Path
 
 import numpy as np
 
-from sinstool.methods.hse import exact
+from sinstool.core.earth import EARTH_RATE
 from sinstool.methods.hse.encoder import TableAngle, table_angle
 from sinstool.methods.hse.rig import Rig
 from sinstool.methods.hse.segments import SegmentRules, find_segments
 from sinstool.methods.hse.turns import turn_statistics
 from sinstool.methods.hse.whole_turn import align_whole_turns
 from sinstool.simulation.hse_rig import HseRigErrors, HseRigLog, HseRigSetup, hse_rig
+
+ROOT = Path(__file__).parents[1]
+if str(ROOT) not in sys.path:
+    sys.path.append(str(ROOT))
+
+from tests.helpers.hse_exact import lambda2_from_slope  # noqa: E402
 
 ARCSEC = np.pi / 180.0 / 3600.0
 LATITUDE = 0.49
@@ -202,7 +210,7 @@ def averaged(log: HseRigLog, rig: Rig, piece: TableAngle) -> tuple[float, float,
     east = np.cross(down, w)
     east /= np.linalg.norm(east)
     north = np.cross(east, down)
-    u_z = exact.EARTH_RATE * (
+    u_z = EARTH_RATE * (
         north[2] * np.cos(rig.known_latitude()) - down[2] * np.sin(rig.known_latitude())
     )
     c = (w[2] - u_z) / (rate + u_z)
@@ -221,7 +229,7 @@ def result(row: Row, duration: float) -> tuple[np.ndarray, float, float, float]:
         lean.append(c23)
     psi = np.array(heading)
     slope = float(np.polyfit(RATES, psi, 1)[0])
-    lambda2 = exact.lambda2_from_slope(slope, float(np.mean(lean)), row.latitude)
+    lambda2 = lambda2_from_slope(slope, float(np.mean(lean)), row.latitude)
     return psi, slope, lambda2, float(np.mean(axial))
 
 

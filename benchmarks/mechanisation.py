@@ -17,24 +17,24 @@ import time
 from collections.abc import Callable
 from pathlib import Path
 
-import numba
 import numpy as np
 
 from sinstool.core import earth, rotation
+from sinstool.core.quaternion_kernels import EXACT
 from sinstool.methods.coning.registry import algorithm
 from sinstool.methods.coning.stage import ConingStage
-from sinstool.methods.height.channel import baro_sample, propagate
+from sinstool.methods.height import layout
 from sinstool.methods.height.discrete import pole_matched_gains
-from sinstool.methods.height.layout import ACCEPTED, new_events, new_parameters, new_state
 from sinstool.methods.height.network import HeightNetwork, gravity_gradient
-from sinstool.methods.strapdown import navigation
-from sinstool.methods.strapdown.navigation import EXACT, SIZE, Navigator, initial_state, step
+from sinstool.methods.strapdown.free_inertial import navigate
+from sinstool.methods.strapdown.navigation import SIZE, initial_state
 from sinstool.methods.strapdown.velocity import Increments, IncrementStage
 from sinstool.simulation.flight import manoeuvring_flight, spiral_climb
 from sinstool.simulation.trajectory import Trajectory
 
 TAU = 30.0  # s, of the height damping
 NS = 1e9
+NO_HEIGHTS = (np.empty(0), np.empty(0), np.empty(0), np.empty(0, np.int64))
 
 
 def increments(flight: Trajectory, name: str = "previous-1") -> Increments:
@@ -61,37 +61,21 @@ def start(flight: Trajectory) -> np.ndarray:
     )
 
 
-@numba.njit(cache=True, nogil=True)
-def damped(state, phi, dv, dt, channel, parameters, events, every, baro, out):
-    t = 0.0
-    for k in range(out.shape[0]):
-        v = -state[5]
-        step(
-            state,
-            phi[k, 0],
-            phi[k, 1],
-            phi[k, 2],
-            dv[k, 0],
-            dv[k, 1],
-            dv[k, 2],
-            dt[k],
-            0.0,
-            EXACT,
-        )
-        t += dt[k]
-        dh, dw = propagate(
-            channel, parameters, events, t, dt[k], state[2], -state[5], -state[5] - v
-        )
-        state[2] += dh
-        state[5] -= dw
-        if (k + 1) % every == 0:
-            _, dh, dw = baro_sample(
-                channel, parameters, events, t, state[2], -state[5], t, baro[k], ACCEPTED
-            )
-            state[2] += dh
-            state[5] -= dw
-        for i in range(SIZE):
-            out[k, i] = state[i]
+def mechanise(
+    state: np.ndarray,
+    given: Increments,
+    out: np.ndarray,
+    parameters: np.ndarray | None = None,
+    heights: tuple[np.ndarray, ...] = NO_HEIGHTS,
+) -> None:
+    """What `process --mode ins` does with a block of increments."""
+    damped = parameters is not None
+    navigate(
+        state, layout.new_state(), parameters if damped else np.zeros(layout.PARAMETERS),
+        layout.new_events(len(heights[0])), damped, given.rotation_vector,
+        given.velocity_increment, given.interval, np.cumsum(given.interval), *heights, 0, EXACT,
+        False, out,
+    )  # fmt: skip
 
 
 def compiled() -> Callable[..., None]:
@@ -192,16 +176,8 @@ def accuracy() -> None:
         ours = {}
         for name in ("previous-1", "quatfiter-4", "lookahead-12"):
             given = increments(flight, name)
-            out = np.empty((len(given.sample), SIZE))
-            navigation.navigate(
-                start(flight),
-                given.rotation_vector,
-                given.velocity_increment,
-                given.interval,
-                0.0,
-                EXACT,
-                out,
-            )
+            out = np.empty((len(given.sample), SIZE + 2))
+            mechanise(start(flight), given, out)
             ours[name] = out
             every = given.sample - 1
             full = np.full_like(truth, np.nan)
@@ -247,7 +223,7 @@ def speed(seconds: float, repeats: int) -> None:
     given = increments(flight)
     phi, dv, dt = given.rotation_vector, given.velocity_increment, given.interval
     n = len(dt)
-    out, plain = np.empty((n, SIZE)), np.empty((n, SIZE))
+    out, plain = np.empty((n, SIZE + 2)), np.empty((n, SIZE))
     begin = start(flight)
     height = flight.height[given.sample].copy()
     rows: list[tuple[str, float]] = []
@@ -257,31 +233,25 @@ def speed(seconds: float, repeats: int) -> None:
 
     c = compiled()
     nothing = np.zeros(3)
-    navigation.navigate(begin.copy(), phi[:9], dv[:9], dt[:9], 0.0, EXACT, out[:9])
+    mechanise(begin.copy(), given, out)
     timed(
         "C -O3, undamped", lambda: c(begin.copy(), phi, dv, dt, n, 0, height, nothing, plain),
         n, repeats,
     )  # fmt: skip
-    timed(
-        "ours, undamped",
-        lambda: navigation.navigate(begin.copy(), phi, dv, dt, 0.0, EXACT, out),
-        n,
-        repeats,
-    )
-    print(f"ours and C differ by {np.abs(out - plain).max(axis=0)[:3]} rad, rad, m at the most\n")
-    navigator = Navigator(begin)
-    timed("ours, Navigator, blocks of 4096", lambda: blocks(navigator, phi, dv, dt), n, repeats)
+    timed("ours, undamped", lambda: mechanise(begin.copy(), given, out), n, repeats)
+    apart_m = np.abs(out[:, :3] - plain[:, :3]).max(axis=0)
+    print(f"ours and C differ by {apart_m} rad, rad, m at the most\n")
 
     every = 128
     w2 = gravity_gradient(float(flight.latitude[0]))
     gains = np.array(pole_matched_gains(every * float(dt[0]), TAU, 0.0, w2))
-    parameters = new_parameters(HeightNetwork(tau=TAU, w2=w2), "tactical")
+    parameters = layout.new_parameters(HeightNetwork(tau=TAU, w2=w2), "tactical")
+    end = np.cumsum(dt)[every - 1 :: every]
+    samples = height[every - 1 :: every].copy()
+    heights = (end, end, samples, np.full(len(end), layout.ACCEPTED))
 
     def with_channel() -> None:
-        damped(
-            begin.copy(), phi, dv, dt, new_state(), parameters, new_events(n // every, n),
-            every, height, out,
-        )  # fmt: skip
+        mechanise(begin.copy(), given, out, parameters, heights)
 
     with_channel()
     timed(
@@ -304,12 +274,6 @@ def speed(seconds: float, repeats: int) -> None:
     for label, cost in rows:
         print(f"| {label} | {cost:.4g} | {cost / base:.3g} |")
     print()
-
-
-def blocks(navigator: Navigator, phi: np.ndarray, dv: np.ndarray, dt: np.ndarray) -> None:
-    for i in range(0, len(dt), 4096):
-        rows = slice(i, i + 4096)
-        navigator.push(phi[rows], dv[rows], dt[rows])
 
 
 def others(flight: Trajectory, timed: Callable[..., None]) -> None:

@@ -404,10 +404,11 @@ def one_run(sensors: Sensors, seed: int, number: int, folder: Path) -> tuple[str
     outcome, details : str
         ``written``, ``written, with losses``, ``refused`` or a failure.
     """
+    from sinstool.pipelines.summary import something_lost
+
     from sinstool.config import ProcessConfig
     from sinstool.core.errors import SinstoolError
     from sinstool.pipelines.process.run import process
-    from sinstool.pipelines.summary import something_lost
 
     log, told = make_log(sensors, seed, number, folder)
     about = told.pop("about")

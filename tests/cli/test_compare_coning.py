@@ -11,10 +11,10 @@ import numpy as np
 import pytest
 
 from sinstool.methods.coning.registry import algorithm
-from sinstool.methods.coning.response import coning_drift
 from sinstool.pipelines.compare_coning import runs
 from sinstool.pipelines.compare_coning.compare import DEFAULT_ALGORITHMS
 from sinstool.pipelines.compare_coning.divergence import DEG_H
+from tests.helpers.coning_response import coning_drift
 from tests.helpers.imulogs import even_times, handheld, imu_log, resting
 from tests.helpers.logs import real
 from tests.helpers.paths import ROOT

@@ -26,29 +26,24 @@ FloatArray = NDArray[np.float64]
 _NARROW = 1e-4
 
 
-def drift_from_phi(rotation_vector: ArrayLike, duration: float, frequency: float) -> float:
-    """Long-term drift of an algorithm from its answer for one update of classical coning.
+def drifts_from_phi(phi: FloatArray, duration: float, frequency: FloatArray) -> FloatArray:
+    """Long-term drifts of an algorithm from its answers for one update of classical coning.
 
     Parameters
     ----------
-    rotation_vector : array_like, shape (3,)
-        Answer for any one update, rad, of coning about the body's z axis whose rate vector
+    phi : ndarray, shape (n, 3)
+        Answers for any one update, rad, of coning about the body's z axis whose rate vector
         turns about +z (as in :func:`coning_samples`).
     duration : float
         Of the update, s.
-    frequency : float
+    frequency : ndarray, shape (n,)
         Of the coning, Hz.
 
     Returns
     -------
-    float
+    ndarray, shape (n,)
         rad/s, positive where the computed attitude drifts the way the mean of the gyro's z
         axis points, as it does with too little compensation.
-
-    Raises
-    ------
-    ValueError
-        If the rotation vector is not of length 3.
 
     Notes
     -----
@@ -58,13 +53,6 @@ def drift_from_phi(rotation_vector: ArrayLike, duration: float, frequency: float
     per update. The difference is formed from ``cos(A) - cos(h)`` of the half angles, which
     does not cancel, so the result is good to about 1e-13 of the coning rate.
     """
-    phi = np.asarray(rotation_vector, dtype=np.float64)
-    if phi.shape != (3,):
-        raise ValueError(f"Expected `rotation_vector` to have shape (3,), got {phi.shape}.")
-    return float(_drifts(phi[np.newaxis], duration, np.array([frequency]))[0])
-
-
-def _drifts(phi: FloatArray, duration: float, frequency: FloatArray) -> FloatArray:
     angle = np.linalg.norm(phi, axis=1)
     e_z = 0.5 * phi[:, 2] * np.sinc(angle / (2.0 * pi))
     e_w = np.cos(0.5 * angle)
@@ -106,7 +94,7 @@ def coning_rate(half_angle: float, frequency: float) -> float:
 
 
 def coning_samples(
-    half_angle: float, frequency: float, interval: float, count: int, gyro_kind: GyroKind
+    half_angle: float, frequency: FloatArray, interval: float, count: int, gyro_kind: GyroKind
 ) -> FloatArray:
     """Exact gyro samples of classical coning about the body's z axis.
 
@@ -114,7 +102,7 @@ def coning_samples(
     ----------
     half_angle : float
         Of the cone, rad.
-    frequency : float
+    frequency : ndarray, shape (n,)
         Of the coning, Hz.
     interval : float
         Between samples, s.
@@ -125,16 +113,10 @@ def coning_samples(
 
     Returns
     -------
-    ndarray, shape (count, 3)
+    ndarray, shape (n, count, 3)
         rad/s or rad. Attitude ``q = [cos(a/2), sin(a/2) cos Wt, sin(a/2) sin Wt, 0]``
         has the rate ``W [-sin a sin Wt, sin a cos Wt, -2 sin(a/2)**2]``.
     """
-    return _samples(half_angle, np.array([frequency]), interval, count, gyro_kind)[0]
-
-
-def _samples(
-    half_angle: float, frequency: FloatArray, interval: float, count: int, gyro_kind: GyroKind
-) -> FloatArray:
     turn = 2.0 * pi * frequency[:, np.newaxis]
     k = np.arange(count)
     # Whole turns are taken off in units of turns: beyond half the sample rate too.
@@ -151,41 +133,6 @@ def _samples(
     return np.asarray(scale * np.stack([-gain * np.sin(phase), gain * np.cos(phase), z], axis=-1))
 
 
-def coning_drift(
-    algorithm: ConingAlgorithm,
-    half_angle: float,
-    frequency: float,
-    interval: float,
-    gyro_kind: GyroKind = "mean-rate",
-    *,
-    points: int = DEFAULT_POINTS,
-) -> float:
-    """Long-term drift of an algorithm in classical coning.
-
-    Parameters
-    ----------
-    algorithm : ConingAlgorithm
-        With all the history and look-ahead it wants.
-    half_angle : float
-        Of the cone, rad.
-    frequency : float
-        Of the coning, Hz.
-    interval : float
-        Between gyro samples, s.
-    gyro_kind : {"rate", "mean-rate", "increment"}, optional
-        What the samples are; turned into what the algorithm takes as a log would be.
-    points : int, optional
-        Samples of the rate interpolation.
-
-    Returns
-    -------
-    float
-        rad/s; positive for too little compensation.
-    """
-    one = np.array([float(frequency)])
-    return float(coning_drifts(algorithm, half_angle, one, interval, gyro_kind, points=points)[0])
-
-
 def coning_drifts(
     algorithm: ConingAlgorithm,
     half_angle: float,
@@ -199,15 +146,23 @@ def coning_drifts(
 
     Parameters
     ----------
-    algorithm, half_angle, interval, gyro_kind, points
-        See :func:`coning_drift`.
+    algorithm : ConingAlgorithm
+        With all the history and look-ahead that it uses.
+    half_angle : float
+        Of the cone, rad.
     frequency : array_like, shape (n,)
         Of the coning, Hz.
+    interval : float
+        Between gyro samples, s.
+    gyro_kind : {"rate", "mean-rate", "increment"}, optional
+        What the samples are; turned into what the algorithm takes as a log would be.
+    points : int, optional
+        Samples of the rate interpolation.
 
     Returns
     -------
     ndarray, shape (n,)
-        rad/s.
+        rad/s; positive for too little compensation.
     """
     algorithm = algorithm.for_kind(gyro_kind)
     at = np.atleast_1d(np.asarray(frequency, dtype=np.float64))
@@ -216,7 +171,7 @@ def coning_drifts(
     rows = before + algorithm.samples + algorithm.after
     integrate = gyro_kind == "rate" and algorithm.takes == "increments"
     pad = points if integrate else 0  # so that no stencil is off its centre
-    gyro = _samples(half_angle, at, interval, rows + 2 * pad, gyro_kind)
+    gyro = coning_samples(half_angle, at, interval, rows + 2 * pad, gyro_kind)
     dt = np.full(gyro.shape[:2], interval)
     if integrate:
         # all frequencies one behind the other: only what is near the seams is wrong
@@ -227,40 +182,7 @@ def coning_drifts(
         x = convert(gyro.reshape(-1, 3), dt.ravel(), gyro_kind, algorithm.takes).reshape(gyro.shape)
     windows = np.ascontiguousarray(x[:, pad : pad + rows])
     phi = [algorithm.rotation_vectors(one, dt[0, :rows], before, 1)[0] for one in windows]
-    return _drifts(np.array(phi).reshape(-1, 3), algorithm.samples * interval, at)
-
-
-def coning_gain(
-    algorithm: ConingAlgorithm,
-    frequency: float,
-    interval: float,
-    gyro_kind: GyroKind = "mean-rate",
-    *,
-    points: int = DEFAULT_POINTS,
-) -> float:
-    """Fraction of the true coning rate that an algorithm reproduces, for narrow cones.
-
-    Parameters
-    ----------
-    algorithm : ConingAlgorithm
-        With all the history and look-ahead it wants.
-    frequency : float
-        Of the coning, Hz; not a multiple of the update rate, where the sampled motion is
-        a constant rate and the fraction unbounded.
-    interval : float
-        Between gyro samples, s.
-    gyro_kind : {"rate", "mean-rate", "increment"}, optional
-        What the samples are.
-    points : int, optional
-        Samples of the rate interpolation.
-
-    Returns
-    -------
-    float
-        1 for a perfect algorithm, 0 for one that sees no coning at all.
-    """
-    one = np.array([float(frequency)])
-    return float(coning_gains(algorithm, one, interval, gyro_kind, points=points)[0])
+    return drifts_from_phi(np.array(phi).reshape(-1, 3), algorithm.samples * interval, at)
 
 
 def coning_gains(
@@ -276,14 +198,15 @@ def coning_gains(
     Parameters
     ----------
     algorithm, interval, gyro_kind, points
-        See :func:`coning_gain`.
+        See :func:`coning_drifts`.
     frequency : array_like, shape (n,)
-        Of the coning, Hz; 1 is returned for frequency 0.
+        Of the coning, Hz; not a multiple of the update rate, where the sampled motion is a
+        constant rate and the fraction unbounded. 1 is returned for frequency 0.
 
     Returns
     -------
     ndarray, shape (n,)
-        One gain a frequency.
+        1 for a perfect algorithm, 0 for one that sees no coning at all.
     """
     at = np.atleast_1d(np.asarray(frequency, dtype=np.float64))
     still = at == 0.0

@@ -73,7 +73,7 @@ class SingularPerturbation(ConingAlgorithm):
     beta_gain : float, optional
         n of eq. 14: beta follows each pair of rates.
     beta : sequence of 3 float, optional
-        One constant beta, rad/s^2. It acts as a rate bias: see :meth:`rate_bias`.
+        One constant beta, rad/s^2. It acts as a rate bias ``(T/2 - A) beta``.
 
     Raises
     ------
@@ -180,24 +180,6 @@ class SingularPerturbation(ConingAlgorithm):
             VARIANTS.index(self.variant), interval, self._epsilon(interval), self.beta_gain
         )
         return float(p), float(kappa)
-
-    def rate_bias(self, interval: float) -> FloatArray:
-        """Angular rate that the algorithm adds to a body at rest.
-
-        Parameters
-        ----------
-        interval : float
-            T, s.
-
-        Returns
-        -------
-        ndarray, shape (3,)
-            rad/s, ``(T/2 - A) beta``; zero with `beta_gain`.
-        """
-        if self.beta is None:
-            return np.zeros(3)
-        a = _model(VARIANTS.index(self.variant), interval, self._epsilon(interval))[0]
-        return np.asarray((0.5 * interval - a) * np.array(self.beta))
 
     def _epsilon(self, interval: float) -> float:
         return self.epsilon * interval if self.relative else self.epsilon

@@ -130,27 +130,6 @@ def geopotential(height: ArrayLike) -> FloatArray:
     return np.asarray(EARTH_RADIUS * h / (EARTH_RADIUS + h))
 
 
-def altitude_with_setting(pressure: ArrayLike, qnh: float) -> FloatArray:
-    """What an altimeter shows with a setting (QNH): a shift of the pressure altitude.
-
-    Not a standard atmosphere that starts at the setting: at 950 hPa with 1030 hPa set that
-    would be 2 m too low.
-
-    Parameters
-    ----------
-    pressure : array_like, shape (...)
-        Pa.
-    qnh : float
-        Pa.
-
-    Returns
-    -------
-    ndarray, shape (...)
-        Geopotential m above mean sea level.
-    """
-    return np.asarray(pressure_altitude(pressure) - pressure_altitude(qnh))
-
-
 def pressure_reason(pressure: ArrayLike) -> IntArray:
     """Why pressures are not to be used.
 

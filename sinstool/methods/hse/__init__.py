@@ -9,8 +9,17 @@ The data's way through the room: :mod:`~sinstool.methods.hse.rig` is what is kno
 :mod:`~sinstool.methods.hse.encoder` gives the table's angle at the edges of the gyro intervals,
 :mod:`~sinstool.methods.hse.segments` finds where the table turns steadily,
 :mod:`~sinstool.methods.hse.turns` sums each whole turn, :mod:`~sinstool.methods.hse.whole_turn`
-makes heading, tilt and axial rate error of these sums. :mod:`~sinstool.methods.hse.exact` is the
-model of the error.
+makes heading, tilt and axial rate error of these sums.
+
+What the calibration gets wrong is one matrix in ``b``, ``X = C~_s^b K~_g K_g^-1 C_b^s - I``, tildes
+marking what the user believes. Averaged over whole turns at a constant rate only three numbers of
+it are left, ``a = (X11 + X22)/2``, ``c = X33`` and ``d = (X21 - X12)/2``:
+
+    mean(Rz X Rz^T) = [[a, -d, 0], [d, a, 0], [0, 0, c]],
+
+and this is exact. Alone ``c`` meets the rate Omega of the table, and ``lambda2 = -3 c``. To the
+first order the heading is off by ``lambda1 lambda2 C23 / (3 w_ie cos L)`` with
+``lambda1 = Omega - w_ie sin L`` and the east component C23 of the axis.
 
 Frames, beside those of :mod:`sinstool`
     ``b`` body: z along the table's axis, downward; turns with the table.

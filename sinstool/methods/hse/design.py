@@ -88,18 +88,6 @@ class Prediction:
     advice: tuple[str, ...]
 
 
-def slope_gain(rates: ArrayLike) -> float:
-    """Deviation of a slope against rate over that of one run, 1/(rad/s).
-
-    Parameters
-    ----------
-    rates : array_like, shape (n,)
-        One for each run, rad/s.
-    """
-    x = np.asarray(rates, dtype=np.float64)
-    return float(1.0 / np.sqrt(np.sum((x - x.mean()) ** 2)))
-
-
 def run_order(rates: ArrayLike, repeats: int) -> tuple[float, ...]:
     """Rates in the order to run them: ascending and descending in turn."""
     up = sorted(float(r) for r in np.asarray(rates, dtype=np.float64))

@@ -232,7 +232,7 @@ class Rig:
         Parameters
         ----------
         c : float
-            X33 of :mod:`sinstool.methods.hse.exact`, which is ``-lambda2 / 3``.
+            X33 of :mod:`sinstool.methods.hse`, which is ``-lambda2 / 3``.
 
         Returns
         -------

@@ -143,24 +143,6 @@ def no_encoder(source: str, joint: str, found: Sequence[str]) -> Finding:
     )
 
 
-def not_monotone(source: str, time_s: float) -> Finding:
-    """Finding for an encoder that turns back within a stretch at constant rate.
-
-    Parameters
-    ----------
-    source : str
-        The log.
-    time_s : float
-        Where, s since its start.
-    """
-    return Finding(
-        "error",
-        f"{source}: the encoder's angle turns back at {time_s:.3f} s while the table turns",
-        "check its wiring, unit and the order of its stamps",
-        EXIT_USAGE,
-    )
-
-
 def _extent(result: HseFit) -> list[Finding]:
     """Are there the rates and the latitude to see a slope?"""
     found = []

@@ -65,12 +65,6 @@ class ValidationTable:
     before: Column
     after: Column
 
-    @property
-    def improvement(self) -> float:
-        """Share by which the peak-to-peak value fell; negative if it grew."""
-        was = self.before.scatter.peak_to_peak
-        return 1.0 - self.after.scatter.peak_to_peak / was if was > 0.0 else 0.0
-
 
 def validation_table(
     azimuth: ArrayLike,

@@ -3,7 +3,7 @@
 Gravity gives the vertical in ``b0``, the mean rate less that of the table gives north; for a base
 at rest and white noise of the gyros nothing does better. What the calibration gets wrong along the
 axis stays along the axis in ``b0`` and leans into the East only by the tilt: that is the
-heading-sensitive error of :mod:`sinstool.methods.hse.exact`, which is wanted here. (Estimators that
+heading-sensitive error of :mod:`sinstool.methods.hse`, which is wanted here. (Estimators that
 let a base turn freely, or that carry a bias along z, spoil or remove it.)
 
 The same error is seen directly: gyros and encoder disagree about the rate along the axis by
@@ -332,22 +332,6 @@ def run_from_turns(
         quality=a.quality,
         log_start_ns=log_start_ns,
     )
-
-
-def predicted_sigma_heading(angle_random_walk: float, duration_s: float, latitude: float) -> float:
-    """Sigma of heading, rad, that white noise of the gyros leaves.
-
-    Parameters
-    ----------
-    angle_random_walk : float
-        rad/sqrt(s).
-    duration_s : float
-        Of the whole turns.
-    latitude : float
-        rad.
-    """
-    north = EARTH_RATE * float(np.cos(latitude))
-    return angle_random_walk / float(np.sqrt(duration_s)) / north
 
 
 def _in_b0(

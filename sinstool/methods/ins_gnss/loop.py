@@ -269,7 +269,7 @@ def run(
             vn0 = nav[V_NORTH]
             ve0 = nav[V_NORTH + 1]
             vd0 = nav[V_DOWN]
-            step(nav, px, py, pz, ux, uy, uz, d, 0.0, 0)
+            step(nav, px, py, pz, ux, uy, uz, d, 0)
             number[N_NOW] = now
             if par[P_NETWORK] > 0.0:
                 dh, dw = propagate(

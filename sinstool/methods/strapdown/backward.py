@@ -11,7 +11,7 @@ import numba
 import numpy as np
 from numpy.typing import NDArray
 
-from sinstool.core.quaternion_kernels import product, unit_factor, wrapped_angle
+from sinstool.core.quaternion_kernels import EXACT, product, unit_factor, wrapped_angle
 from sinstool.methods.strapdown.navigation import (
     LATITUDE,
     LONGITUDE,
@@ -21,7 +21,7 @@ from sinstool.methods.strapdown.navigation import (
     Q_Z,
     SIZE,
     V_DOWN,
-    step,
+    advance,
 )
 
 FloatArray = NDArray[np.float64]
@@ -53,18 +53,7 @@ def navigate_backward(
         before[:] = state
         for _ in range(ROUNDS):
             trial[:] = before
-            step(
-                trial,
-                phi[k, 0],
-                phi[k, 1],
-                phi[k, 2],
-                dv[k, 0],
-                dv[k, 1],
-                dv[k, 2],
-                dt[k],
-                0.0,
-                0,
-            )
+            advance(trial, phi, dv, dt, k, EXACT)
             for i in range(V_DOWN + 1):
                 before[i] += state[i] - trial[i]
             before[LONGITUDE] = wrapped_angle(before[LONGITUDE])

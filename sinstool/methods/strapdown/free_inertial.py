@@ -45,6 +45,7 @@ from sinstool.methods.strapdown.navigation import (
     V_DOWN,
     V_EAST,
     V_NORTH,
+    advance,
     step,
 )
 from sinstool.methods.strapdown.segment_samples import (
@@ -193,7 +194,7 @@ class InsRun:
         if gap_s <= MAX_HOLD and self._last is not None:
             phi = 0.5 * (self._last[0] + imu.gyro[0]) * gap_s
             dv = 0.5 * (self._last[1] + imu.accel[0]) * gap_s
-            step(s, *phi.tolist(), *dv.tolist(), gap_s, 0.0, self.settings.order)  # type: ignore[call-arg]
+            step(s, *phi.tolist(), *dv.tolist(), gap_s, self.settings.order)  # type: ignore[call-arg]
             gained = before - float(s[V_DOWN])
         else:
             meridian, transverse = earth.radii_of_curvature(s[LATITUDE])
@@ -256,7 +257,7 @@ class InsRun:
         parameters = self._parameters if damped else np.zeros(layout.PARAMETERS)
         events = layout.new_events(len(self._height[0]) - self._next_height if damped else 0)
         self._channel[S_EVENTS] = 0.0
-        self._next_height, ran_away = _navigate(
+        self._next_height, ran_away = navigate(
             self._state,
             self._channel,
             parameters,
@@ -326,7 +327,7 @@ def beginning_quickly(parameters: np.ndarray) -> np.ndarray:
 
 
 @njit(cache=True, nogil=True)
-def _navigate(  # type: ignore[no-untyped-def]
+def navigate(  # type: ignore[no-untyped-def]
     state,
     channel,
     parameters,
@@ -347,8 +348,34 @@ def _navigate(  # type: ignore[no-untyped-def]
 ):
     """Mechanisation and vertical channel over a block.
 
-    Returns the number of the next height sample, and the update at which the state left the
-    Earth (-1: it did not); from there on it is held, as it is where it was `gone` before.
+    Parameters
+    ----------
+    state : ndarray, shape (SIZE,)
+        Advanced in place; see :func:`sinstool.methods.strapdown.navigation.initial_state`.
+    channel, parameters, events : ndarray
+        Of the vertical channel; see :mod:`sinstool.methods.height.layout`.
+    damped : bool
+        Whether the channel corrects the state.
+    phi, dv : ndarray, shape (n, 3)
+        Rotation vectors, rad, and velocity increments, m/s.
+    dt, end : ndarray, shape (n,)
+        Durations, and the times of the ends, s.
+    arrival, stamp, height, reason : ndarray, shape (m,)
+        Of the height samples: s, s, m, and why one is not to be used.
+    next_height : int
+        The first of them that was not used yet.
+    order : int
+        Of the attitude's quaternion; see :mod:`sinstool.core.quaternion_kernels`.
+    gone : bool
+        Whether the state left the Earth before: it is held then.
+    out : ndarray, shape (n, SIZE + 2)
+        Gets the state at the end of every update, the smooth height and the correction.
+
+    Returns
+    -------
+    next_height : int
+    ran_away : int
+        The update at which the state left the Earth, or -1.
     """
     ran_away = -1
     held = state.copy()
@@ -356,18 +383,7 @@ def _navigate(  # type: ignore[no-untyped-def]
         if not gone:
             held[:] = state
             before = state[V_DOWN]
-            step(
-                state,
-                phi[k, 0],
-                phi[k, 1],
-                phi[k, 2],
-                dv[k, 0],
-                dv[k, 1],
-                dv[k, 2],
-                dt[k],
-                0.0,
-                order,
-            )
+            advance(state, phi, dv, dt, k, order)
             if damped:
                 h, v = state[HEIGHT], -state[V_DOWN]
                 dh, ddv = propagate(channel, parameters, events, end[k], dt[k], h, v, v + before)

@@ -15,7 +15,7 @@ Order of an update, all rates at its middle:
 4. attitude ``q_nb <- exp(-zeta) q_nb exp(phi)``.
 
 The vertical channel is as it is in nature: an error in height grows as
-``cosh(sqrt(2 g / R) t)``. `correction_up` is where a damping network acts.
+``cosh(sqrt(2 g / R) t)``: a damping network corrects the state between updates.
 
 References
 ----------
@@ -27,7 +27,6 @@ References
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from math import atan2, cos, hypot, pi, sin, sqrt
 
 import numba
@@ -42,8 +41,6 @@ from sinstool.core.earth import (
 )
 from sinstool.core.gravity import normal_gravity
 from sinstool.core.quaternion_kernels import (
-    EXACT,
-    HIGHEST_ORDER,
     increment_quaternion,
     product,
     unit_factor,
@@ -85,7 +82,7 @@ def initial_state(
     Returns
     -------
     ndarray, shape (SIZE,)
-        For :func:`step` and :func:`navigate`.
+        For :func:`step`.
 
     Raises
     ------
@@ -106,173 +103,6 @@ def initial_state(
     return state
 
 
-@dataclass(frozen=True)
-class NavigationColumns:
-    """Where the vehicle was at the end of each update.
-
-    Attributes
-    ----------
-    latitude, longitude : ndarray, shape (n,)
-        WGS-84, rad. Longitude is within (-pi, pi].
-    height : ndarray, shape (n,)
-        Ellipsoidal, m.
-    velocity_n : ndarray, shape (n, 3)
-        Against the Earth in NED, m/s.
-    q_nb : ndarray, shape (n, 4)
-        Attitude.
-    """
-
-    latitude: FloatArray
-    longitude: FloatArray
-    height: FloatArray
-    velocity_n: FloatArray
-    q_nb: FloatArray
-
-    def __len__(self) -> int:
-        return len(self.latitude)
-
-
-class Navigator:
-    """State of an unaided inertial navigation.
-
-    Parameters
-    ----------
-    state : array_like, shape (SIZE,)
-        See :func:`initial_state`; copied.
-    order : int, optional
-        Of the attitude's quaternion: 0 exact, 1 to 4 Picard's; see
-        :mod:`sinstool.methods.strapdown.increment_quaternion`.
-
-    Attributes
-    ----------
-    state : ndarray, shape (SIZE,)
-        After the updates so far: all that is carried from block to block, and the answers do
-        not depend, to the last bit, on where blocks end. It may be corrected between blocks.
-
-    Raises
-    ------
-    ValueError
-        If the shape is wrong or the order unknown.
-    """
-
-    def __init__(self, state: ArrayLike, order: int = EXACT) -> None:
-        self.state = np.array(state, dtype=np.float64)
-        if self.state.shape != (SIZE,):
-            raise ValueError(f"Expected `state` to have shape ({SIZE},), got {self.state.shape}.")
-        if not 0 <= order <= HIGHEST_ORDER:
-            raise ValueError(f"Expected `order` to be 0 to {HIGHEST_ORDER}, got {order}.")
-        self._order = order
-
-    def push(
-        self,
-        rotation_vector: ArrayLike,
-        velocity_increment: ArrayLike,
-        interval: ArrayLike,
-        correction_up: float = 0.0,
-    ) -> NavigationColumns:
-        """Navigate over the next updates.
-
-        Parameters
-        ----------
-        rotation_vector : array_like, shape (n, 3)
-            Of the body over each update against inertial space, in ``b``, rad.
-        velocity_increment : array_like, shape (n, 3)
-            Integral of the specific force over each update in the body axes **of its start**,
-            m/s: with rotation compensation and sculling; see
-            :mod:`sinstool.methods.strapdown.velocity`.
-        interval : array_like, shape (n,)
-            Duration of each update, s.
-        correction_up : float, optional
-            Acceleration taken from the upward one, m/s^2.
-
-        Returns
-        -------
-        NavigationColumns
-            At the end of each update.
-
-        Raises
-        ------
-        ValueError
-            If shapes do not fit.
-        """
-        phi = np.ascontiguousarray(rotation_vector, dtype=np.float64)
-        dv = np.ascontiguousarray(velocity_increment, dtype=np.float64)
-        dt = np.ascontiguousarray(interval, dtype=np.float64)
-        if phi.ndim != 2 or phi.shape[1] != 3 or dv.shape != phi.shape or dt.shape != phi.shape[:1]:
-            raise ValueError(
-                f"Expected shapes (n, 3), (n, 3) and (n,), got {phi.shape}, {dv.shape}, {dt.shape}."
-            )
-        out = np.empty((len(phi), SIZE))
-        navigate(self.state, phi, dv, dt, float(correction_up), self._order, out)
-        return columns(out)
-
-
-def columns(states: FloatArray) -> NavigationColumns:
-    """Name the columns of states.
-
-    Parameters
-    ----------
-    states : ndarray, shape (n, SIZE)
-        As :func:`navigate` writes them.
-
-    Returns
-    -------
-    NavigationColumns
-        Views.
-    """
-    return NavigationColumns(
-        states[:, LATITUDE],
-        states[:, LONGITUDE],
-        states[:, HEIGHT],
-        states[:, V_NORTH : V_DOWN + 1],
-        states[:, Q_W : Q_Z + 1],
-    )
-
-
-@numba.njit(cache=True, nogil=True)
-def navigate(
-    state: FloatArray,
-    phi: FloatArray,
-    dv: FloatArray,
-    dt: FloatArray,
-    correction_up: float,
-    order: int,
-    out: FloatArray,
-) -> None:
-    """Advance a state over the updates of a block; see :func:`step`.
-
-    Parameters
-    ----------
-    state : ndarray, shape (SIZE,)
-        Advanced in place.
-    phi, dv : ndarray, shape (n, 3)
-        Rotation vectors, rad, and velocity increments, m/s.
-    dt : ndarray, shape (n,)
-        s.
-    correction_up : float
-        m/s^2.
-    order : int
-        See :func:`~sinstool.methods.strapdown.increment_quaternion.increment_quaternion`.
-    out : ndarray, shape (n, SIZE)
-        Gets the state at the end of every update.
-    """
-    for k in range(out.shape[0]):
-        step(
-            state,
-            phi[k, 0],
-            phi[k, 1],
-            phi[k, 2],
-            dv[k, 0],
-            dv[k, 1],
-            dv[k, 2],
-            dt[k],
-            correction_up,
-            order,
-        )
-        for i in range(SIZE):
-            out[k, i] = state[i]
-
-
 @numba.njit(cache=True, nogil=True)
 def step(
     state: FloatArray,
@@ -283,7 +113,6 @@ def step(
     uy: float,
     uz: float,
     dt: float,
-    correction_up: float,
     order: int,
 ) -> None:
     """Advance a state by one update; scalars only, to be called from larger kernels.
@@ -296,11 +125,9 @@ def step(
         Rotation vector of the body against inertial space, in ``b``, rad.
     ux, uy, uz : float
         Integral of the specific force in the body axes of the update's start, m/s; see
-        :func:`sinstool.methods.strapdown.velocity.compensate`.
+        :mod:`sinstool.methods.strapdown.velocity`.
     dt : float
         Duration, s.
-    correction_up : float
-        Acceleration that is taken from the upward one, m/s^2: the `A` of a damping network.
     order : int
         0 for the exact quaternion, 1 to 4 for Picard's.
     """
@@ -328,7 +155,7 @@ def step(
     root = sqrt(square)
     rn = root / (SEMI_MAJOR_AXIS + hm * root)
     rm = square * root / (SEMI_MAJOR_AXIS * (1.0 - ECCENTRICITY_SQUARED) + hm * square * root)
-    gd = normal_gravity(s2, root, hm) + correction_up
+    gd = normal_gravity(s2, root, hm)
     gn = 2.0 * NORTH_GRAVITY_PER_HEIGHT * hm * sm * cm
     # East as the axes keep their azimuth: they turn about up against those of the meridian.
     on = EARTH_RATE * cm
@@ -416,6 +243,24 @@ def step(
     state[Q_X] = x * f
     state[Q_Y] = y * f
     state[Q_Z] = z * f
+
+
+@numba.njit(cache=True, nogil=True)
+def advance(
+    state: FloatArray, phi: FloatArray, dv: FloatArray, dt: FloatArray, k: int, order: int
+) -> None:
+    """Advance a state by update `k` of a block; see :func:`step`.
+
+    Parameters
+    ----------
+    state : ndarray, shape (SIZE,)
+        Advanced in place.
+    phi, dv : ndarray, shape (n, 3)
+        Rotation vectors, rad, and velocity increments, m/s.
+    dt : ndarray, shape (n,)
+        s.
+    """
+    step(state, phi[k, 0], phi[k, 1], phi[k, 2], dv[k, 0], dv[k, 1], dv[k, 2], dt[k], order)
 
 
 @numba.njit(cache=True, nogil=True)

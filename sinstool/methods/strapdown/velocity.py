@@ -182,7 +182,7 @@ def _dual_kernel(
     phi: FloatArray, plus: FloatArray, minus: FloatArray, scale: float, out: FloatArray
 ) -> None:
     for k in range(out.shape[0]):
-        out[k, 0], out[k, 1], out[k, 2] = _jacobian(
+        out[k, 0], out[k, 1], out[k, 2] = jacobian(
             phi[k, 0],
             phi[k, 1],
             phi[k, 2],
@@ -193,7 +193,7 @@ def _dual_kernel(
 
 
 @numba.njit(cache=True, nogil=True)
-def _jacobian(
+def jacobian(
     px: float, py: float, pz: float, ux: float, uy: float, uz: float
 ) -> tuple[float, float, float]:
     """Integral of exp(s phi) u over s from 0 to 1."""
@@ -225,52 +225,6 @@ def _jacobian(
         uy + b * cy + d * (pz * cx - px * cz),
         uz + b * cz + d * (px * cy - py * cx),
     )
-
-
-@numba.njit(cache=True, nogil=True)
-def compensate(
-    ox: float,
-    oy: float,
-    oz: float,
-    lx: float,
-    ly: float,
-    lz: float,
-    gx: float,
-    gy: float,
-    gz: float,
-    ax: float,
-    ay: float,
-    az: float,
-) -> tuple[float, float, float, float, float, float]:
-    """Rotation vector and velocity increment of one sample and the one before it.
-
-    The forms of ``previous-1``, for kernels that correct samples one by one.
-
-    Parameters
-    ----------
-    ox, oy, oz : float
-        Increment of angle of the sample before, rad; 0 where there is none.
-    lx, ly, lz : float
-        Its increment of velocity, m/s.
-    gx, gy, gz : float
-        Increment of angle, rad.
-    ax, ay, az : float
-        Increment of velocity, m/s.
-
-    Returns
-    -------
-    px, py, pz, ux, uy, uz : float
-        As :func:`sinstool.methods.strapdown.navigation.step` takes them.
-    """
-    t = 1.0 / 12.0
-    px = gx + t * (oy * gz - oz * gy)
-    py = gy + t * (oz * gx - ox * gz)
-    pz = gz + t * (ox * gy - oy * gx)
-    ux = ax + t * (oy * az - oz * ay + ly * gz - lz * gy)
-    uy = ay + t * (oz * ax - ox * az + lz * gx - lx * gz)
-    uz = az + t * (ox * ay - oy * ax + lx * gy - ly * gx)
-    ux, uy, uz = _jacobian(px, py, pz, ux, uy, uz)
-    return px, py, pz, ux, uy, uz
 
 
 @numba.njit(cache=True, nogil=True)

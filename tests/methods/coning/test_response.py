@@ -12,19 +12,12 @@ import pytest
 
 from sinstool.core import rotation
 from sinstool.methods.coning.registry import algorithm
-from sinstool.methods.coning.response import (
-    coning_drift,
-    coning_drifts,
-    coning_gain,
-    coning_gains,
-    coning_rate,
-    coning_samples,
-    drift_from_phi,
-)
+from sinstool.methods.coning.response import coning_drifts, coning_gains, coning_rate
 from sinstool.methods.coning.stage import ConingStage
 from sinstool.methods.strapdown.attitude import AttitudePropagator
 from sinstool.simulation.coning import classical_coning
 from sinstool.simulation.truth import sample_times
+from tests.helpers.coning_response import coning_drift, coning_gain, coning_samples, drift_from_phi
 
 PER_HOUR = np.rad2deg(1.0) * 3600.0
 FREQUENCIES = (5, 10, 20, 30, 50, 75, 100)
@@ -354,8 +347,3 @@ def test_gain_of_mean_rates_in_closed_form():
             expected = np.sin(turn) / turn * (1 + 4 * q * np.sin(turn / 2) ** 2)
             gain = coning_gain(algorithm(name), frequency, INTERVAL)
             assert gain == pytest.approx(expected, rel=1e-5, abs=1e-5), (turn, name)
-
-
-def test_drift_of_wrong_shapes_is_refused():
-    with pytest.raises(ValueError, match="rotation_vector"):
-        drift_from_phi(np.zeros((1, 3)), 0.01, 5.0)

@@ -5,13 +5,13 @@ import pytest
 
 from sinstool.core.rotation import conjugate, log, multiply
 from sinstool.methods.coning.registry import algorithm
-from sinstool.methods.coning.response import coning_gain, coning_samples
 from sinstool.methods.coning.sp_tuning import best_q, bounds, coning_answer, tune
 from sinstool.methods.coning.spectrum import coning_spectrum, predicted_drift
 from sinstool.methods.coning.stage import ConingStage
 from sinstool.methods.strapdown.attitude import AttitudePropagator
 from sinstool.simulation.motions import broadband
 from sinstool.simulation.truth import sample_times
+from tests.helpers.coning_response import coning_gain, coning_samples
 
 STEP = 0.0025
 PER_HOUR = np.rad2deg(1.0) * 3600.0

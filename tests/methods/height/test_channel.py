@@ -7,15 +7,15 @@ from scipy.signal import lfilter
 from sinstool.core.rotation import from_euler
 from sinstool.methods.height import layout
 from sinstool.methods.height.channel import baro_sample, feedback, propagate
-from sinstool.methods.height.network import HeightNetwork
 from sinstool.methods.height.vertical import upward_specific_force
+from tests.helpers.height_network import NetworkTheory
 from tests.methods.height.flights import CLIMBS, START, W2, Flight, accelerometer, markov, ns
 
 RESPONSES = [(50.0, 0.03), (10.0, 0.05)]
 
 
 def network(tau, k4=0.0):
-    return HeightNetwork(tau, k4, W2)
+    return NetworkTheory(tau, k4, W2)
 
 
 def noisy(grade, seed, duration=700.0, climbs=CLIMBS, baro_rate=50.0):

@@ -7,6 +7,7 @@ from hypothesis import strategies as st
 
 from sinstool.methods.height.discrete import pole_matched_gains
 from sinstool.methods.height.network import HeightNetwork
+from tests.helpers.height_network import NetworkTheory
 
 W2 = 3.0858e-6
 TAUS = (2.4, 10.0, 100.0)
@@ -92,7 +93,7 @@ def test_stable_for_random_intervals(tau, share):
 @pytest.mark.parametrize("k4", [0.0, 0.5])
 def test_step_response_beside_the_continuous_one(rate, deviation, k4):
     tau, interval = 2.4, 1.0 / rate
-    network = HeightNetwork(tau, k4, W2)
+    network = NetworkTheory(tau, k4, W2)
     gains = np.array(pole_matched_gains(interval, tau, k4, W2)) * [1.0, 1.0, -1.0]
     phi = free(interval, W2)
     x, after = np.zeros(3), []

@@ -10,11 +10,11 @@ from sinstool.core.earth import normal_gravity
 from sinstool.core.errors import ConfigurationError
 from sinstool.methods.height.network import (
     HeightNetwork,
-    best_tau,
     gravity_gradient,
     paper,
     recommended,
 )
+from tests.helpers.height_network import NetworkTheory
 
 W2 = 3.08e-6
 G = 9.80665
@@ -30,7 +30,7 @@ TABLE = [  # tau, K4: K1, K2, K3 by an independent computer algebra
 ]
 
 networks = st.builds(
-    lambda tau, share, w2: HeightNetwork(tau, share * tau, w2),
+    lambda tau, share, w2: NetworkTheory(tau, share * tau, w2),
     st.floats(0.5, 300.0),
     st.floats(-0.9, 0.9),
     st.floats(0.0, 3.2e-6),
@@ -59,10 +59,12 @@ def test_all_roots_are_one(network):
 
 
 def test_printed_matrix_is_unstable_and_the_corrected_one_is_not():
-    roots = np.linalg.eigvals(paper(W2).printed_matrix)
+    roots = np.linalg.eigvals(NetworkTheory(paper(W2).tau, paper(W2).k4, W2).printed_matrix)
     unstable = roots[roots.imag > 0]
     assert unstable == pytest.approx([0.009 + 0.180j], abs=5e-4)
-    assert np.linalg.eigvals(paper(W2).matrix).real == pytest.approx([-1 / 2.4] * 3, rel=1e-4)
+    assert np.linalg.eigvals(
+        NetworkTheory(paper(W2).tau, paper(W2).k4, W2).matrix
+    ).real == pytest.approx([-1 / 2.4] * 3, rel=1e-4)
 
 
 def test_earth_rate_in_the_gains_spreads_the_roots():
@@ -85,28 +87,15 @@ def test_transition(network, share):
 
 @pytest.mark.parametrize("source", ["baro", "acceleration"])
 @pytest.mark.parametrize(("tau", "k4"), [(2.4, 0.5), (30.0, -1.0), (100.0, 0.0)])
-def test_step_and_ramp_responses(source, tau, k4):
-    network = HeightNetwork(tau, k4, W2)
+def test_step_responses(source, tau, k4):
+    network = NetworkTheory(tau, k4, W2)
     f, b = network.matrix, network.input_vector(source)
-    # an input and its rate as states of a larger system
-    big = np.zeros((5, 5))
-    big[:3, :3], big[:3, 3], big[3, 4] = f, b, 1.0
+    # an input as a state of a larger system
+    big = np.zeros((4, 4))
+    big[:3, :3], big[:3, 3] = f, b
     for t in (0.3 * tau, 1.7 * tau, 8.0 * tau):
         e = expm(big * t)
         assert network.step_response(source, t) == pytest.approx(e[:3, 3], rel=1e-8, abs=1e-10)
-        assert network.ramp_response(source, t) == pytest.approx(e[:3, 4], rel=1e-8, abs=1e-9)
-
-
-@pytest.mark.parametrize("source", ["baro", "acceleration"])
-def test_transfer_functions(source):
-    network = HeightNetwork(7.0, 2.0, W2)
-    for s in (0.3j, 0.05 + 0.1j, -0.02 + 1j):
-        direct = np.linalg.solve(
-            s * np.eye(3) - network.matrix, network.input_vector(source).astype(complex)
-        )
-        for output, value in zip(("height", "velocity", "correction"), direct, strict=True):
-            above, below = network.transfer(source, output)
-            assert np.polyval(above, s) / np.polyval(below, s) == pytest.approx(value, rel=1e-9)
 
 
 @pytest.mark.parametrize(
@@ -115,7 +104,7 @@ def test_transfer_functions(source):
 )
 def test_baro_step_of_one_metre(k4, over, settle, speed):
     t = np.linspace(0.0, 30.0, 30001)
-    r = HeightNetwork(2.4, k4, W2).step_response("baro", t)
+    r = NetworkTheory(2.4, k4, W2).step_response("baro", t)
     assert 100 * (r[:, 0].max() - 1) == pytest.approx(over, abs=0.06)
     if k4 == 0.0:
         assert t[r[:, 0].argmax()] / 2.4 == pytest.approx(1.27, abs=0.01)
@@ -130,7 +119,7 @@ def test_baro_step_of_one_metre(k4, over, settle, speed):
 )
 def test_acceleration_step(tau, k4, peak):
     t = np.linspace(0.0, 25 * tau, 50001)
-    h, _, a = HeightNetwork(tau, k4, W2).step_response("acceleration", t).T
+    h, _, a = NetworkTheory(tau, k4, W2).step_response("acceleration", t).T
     assert h.max() == pytest.approx(peak, rel=2e-3)
     assert t[h.argmax()] == pytest.approx(2 * tau, rel=1e-2)
     assert (h[-1], a[-1]) == pytest.approx((0.0, 1.0), abs=1e-6)
@@ -138,7 +127,7 @@ def test_acceleration_step(tau, k4, peak):
 
 @pytest.mark.parametrize(("k4", "lag"), [(0.5, 0.0), (0.0, 1.0), (-1.0, 1.0), (0.7, 0.4)])
 def test_climb_error(k4, lag):
-    network = HeightNetwork(4.0, k4, W2)
+    network = NetworkTheory(4.0, k4, W2)
     speed = 5.0
     # error = solution less truth: driven by -K4 V and by the lag of the barometer
     big = np.zeros((5, 5))
@@ -174,7 +163,7 @@ def lyapunov(network, name):
 @pytest.mark.parametrize("name", NOISES)
 @given(st.floats(0.5, 300.0), st.floats(-0.9, 0.9))
 def test_sigmas(name, tau, share):
-    network = HeightNetwork(tau, share * tau, 0.0)
+    network = NetworkTheory(tau, share * tau, 0.0)
     s = network.sigmas(**{name: 1.0})
     expected = pytest.approx(lyapunov(network, name), rel=1e-6)
     assert (s.height, s.velocity, s.correction) == expected
@@ -183,49 +172,18 @@ def test_sigmas(name, tau, share):
 
 
 def test_sigmas_add_as_squares():
-    network = HeightNetwork(12.0, 3.0)
+    network = NetworkTheory(12.0, 3.0)
     parts = [network.sigmas(**{name: 2.0}).velocity ** 2 for name in NOISES]
     every = network.sigmas(**dict.fromkeys(NOISES, 2.0))
     assert every.velocity**2 == pytest.approx(sum(parts), rel=1e-12)
 
 
 def test_sigmas_of_the_papers_barometer():
-    network = HeightNetwork(2.4, 0.5, W2)
+    network = NetworkTheory(2.4, 0.5, W2)
     s = network.sigmas(baro_wander=2 * 100.0 / 500.0)
     assert s.velocity == pytest.approx(0.335, abs=5e-4)
     assert s.correction == pytest.approx(4.253e-2, abs=1e-5)
     assert s.correction / G * 1e6 == pytest.approx(4337, abs=1)
-
-
-def test_best_tau_in_the_pure_cases():
-    n, q, qa, qb = 3e-3, 0.02, 2e-6, 5e-9
-    white = {"baro_white": n, "accel_white": qa}
-    bias = {"baro_white": n, "accel_bias_wander": qb}
-    assert best_tau("velocity", **white) == pytest.approx((7 * n / qa) ** 0.25)
-    assert best_tau("height", **white) == pytest.approx((11 * n / qa) ** 0.25)
-    assert best_tau("velocity", **bias) == pytest.approx((n / qb) ** (1 / 6))
-    assert best_tau("height", **bias) == pytest.approx((2.2 * n / qb) ** (1 / 6))
-    assert best_tau("velocity", baro_wander=q, accel_white=qa) == pytest.approx((q / qa) ** 0.5)
-
-
-@pytest.mark.parametrize("output", ["height", "velocity"])
-def test_best_tau_is_best(output):
-    noise = {
-        "baro_white": 2e-3,
-        "baro_wander": 0.01,
-        "accel_white": 1e-5,
-        "accel_bias_wander": 1e-8,
-    }
-    best = best_tau(output, **noise)
-    at = [getattr(HeightNetwork(best * f).sigmas(**noise), output) for f in (0.97, 1.0, 1.03)]
-    assert at[1] < min(at[0], at[2])
-
-
-def test_best_tau_needs_both_sensors():
-    with pytest.raises(ValueError, match="both"):
-        best_tau("velocity", baro_white=1.0)
-    with pytest.raises(ValueError, match="shrinks"):
-        best_tau("height", baro_wander=1.0, accel_white=1.0)
 
 
 def test_gravity_gradient_is_the_derivative():
@@ -253,10 +211,3 @@ def test_impossible_k4(k4):
     with pytest.raises(ConfigurationError, match="K4"):
         HeightNetwork(5.0, k4)
     assert HeightNetwork(5.0, 4.99).gains
-
-
-def test_advice():
-    assert HeightNetwork(0.5).advice == HeightNetwork(300.0).advice == ()
-    assert "0.4" in HeightNetwork(0.4).advice[0]
-    assert "301" in HeightNetwork(301.0).advice[0]
-    assert "climbs" in HeightNetwork(2.4, 0.5).advice[0]

@@ -7,7 +7,6 @@ from hypothesis import strategies as st
 
 from sinstool.methods.height.layout import ACCEPTED, NOT_FINITE, OUT_OF_RANGE
 from sinstool.methods.height.pressure import (
-    altitude_with_setting,
     fit_scale,
     frozen_spans,
     geometric,
@@ -56,11 +55,6 @@ def test_slope(pressure):
 def test_slope_in_metres_per_hectopascal():
     slope = 100 * height_per_pascal([101325.0, float(pressure_at(5000.0))])
     assert slope == pytest.approx([-8.32, -13.8], abs=0.06)
-
-
-def test_altimeter_setting():
-    assert geometric(altitude_with_setting(95000.0, 103000.0)) == pytest.approx(678.9, abs=0.05)
-    assert altitude_with_setting(103000.0, 103000.0) == 0.0
 
 
 def test_geometric_height():

@@ -4,9 +4,10 @@ import numpy as np
 import pytest
 
 from sinstool.core.errors import ConfigurationError
-from sinstool.methods.hse.design import Design, predict, run_order, slope_gain
+from sinstool.methods.hse.design import Design, predict, run_order
 from sinstool.methods.hse.fit import fit
 from sinstool.methods.hse.fit_result import FitOptions
+from tests.helpers.hse_exact import slope_gain
 from tests.methods.hse.made_runs import ARCSEC, RATES, W, brute_runs
 
 ARW = np.radians(5e-4) / 60.0

@@ -4,8 +4,8 @@ from scipy.integrate import quad_vec
 
 from sinstool.core import rotation
 from sinstool.core.earth import EARTH_RATE, earth_rate_n
-from sinstool.methods.hse import exact
 from sinstool.methods.hse.rig import axis_to_matrix
+from tests.helpers import hse_exact as exact
 
 ARCSEC = np.pi / 648000.0
 LATITUDE = 0.49

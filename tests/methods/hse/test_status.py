@@ -13,7 +13,6 @@ from sinstool.methods.hse.status import (
     judgement,
     no_encoder,
     no_whole_turn,
-    not_monotone,
     second_order,
 )
 from tests.methods.hse.made_runs import ARCSEC, RATES, W, brute_run, brute_runs, noisy
@@ -186,7 +185,6 @@ def test_gravest_first_and_exit_codes():
     assert no_encoder("a.mcap", "table", ["wheel"]).exit_code == 2
     assert "wheel" in str(no_encoder("a.mcap", "table", ["wheel"]))
     assert "no JointState" in str(no_encoder("a.mcap", "table", []))
-    assert "12.500 s" in str(not_monotone("a.mcap", 12.5))
 
 
 def test_warnings_of_the_fit_are_kept():

@@ -6,17 +6,16 @@ import pytest
 from sinstool.core import rotation
 from sinstool.core.earth import EARTH_RATE, earth_rate_n
 from sinstool.core.errors import AlignmentError, ConfigurationError
-from sinstool.methods.hse import exact
 from sinstool.methods.hse.encoder import table_angle
 from sinstool.methods.hse.rig import EncoderModel, Rig
 from sinstool.methods.hse.segments import SegmentRules, find_segments
 from sinstool.methods.hse.turns import turn_statistics
 from sinstool.methods.hse.whole_turn import (
     align_whole_turns,
-    predicted_sigma_heading,
     run_from_turns,
 )
 from sinstool.simulation.hse_rig import HseRigErrors, HseRigSetup, hse_rig
+from tests.helpers import hse_exact as exact
 
 ARCSEC = np.pi / 648000.0
 LATITUDE = 0.49
@@ -228,7 +227,7 @@ def test_sigmas_are_those_of_many_runs():
     told = np.sqrt(np.mean([a.sigma_heading**2 for a in runs]))
     duration = 2 * np.pi * 19 / RATES[2]
     assert len(runs[0].per_turn_heading) == 19
-    assert told == pytest.approx(predicted_sigma_heading(arw, duration, LATITUDE), rel=0.1)
+    assert told == pytest.approx(arw / np.sqrt(duration) / (EARTH_RATE * np.cos(LATITUDE)), rel=0.1)
     assert heading.std(ddof=1) == pytest.approx(told, rel=spread)
     assert heading.mean() == pytest.approx(expected, abs=3.5 * told / np.sqrt(n))
     for name, sigma in (("c_axial", "sigma_c_axial"), ("C23", "sigma_C23")):

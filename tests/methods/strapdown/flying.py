@@ -7,8 +7,9 @@ from sinstool.core import earth, rotation
 from sinstool.core.earth import ecef
 from sinstool.methods.coning.registry import algorithm
 from sinstool.methods.coning.stage import ConingStage
-from sinstool.methods.strapdown.navigation import Navigator, initial_state
+from sinstool.methods.strapdown.navigation import initial_state
 from sinstool.methods.strapdown.velocity import Increments, IncrementStage
+from tests.methods.strapdown.navigator import Navigator
 
 EARTH_RATE_E = np.array([0.0, 0.0, earth.EARTH_RATE])
 

@@ -4,8 +4,9 @@ import numpy as np
 import pytest
 
 from sinstool.methods.strapdown.backward import navigate_backward
-from sinstool.methods.strapdown.navigation import SIZE, initial_state, navigate
+from sinstool.methods.strapdown.navigation import SIZE, initial_state
 from sinstool.simulation.flight import manoeuvring_flight
+from tests.methods.strapdown.navigator import Navigator
 
 
 @pytest.mark.parametrize(
@@ -22,8 +23,9 @@ def test_there_and_back(latitude, longitude):
     start = initial_state(
         latitude, flight.longitude[0], flight.height[0], flight.velocity_n[0], imu.q_nb[0]
     )
-    state, forward = start.copy(), np.empty((len(dt), SIZE))
-    navigate(state, phi, dv, dt, 0.0, 0, forward)
+    navigator = Navigator(start)
+    forward = navigator.push(phi, dv, dt).rows
+    state = navigator.state
     backward = np.empty((len(dt), SIZE))
     navigate_backward(state, phi, dv, dt, backward)
     # rows of `backward` are starts of the updates: those of `forward`, one later

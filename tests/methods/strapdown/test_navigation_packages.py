@@ -7,9 +7,9 @@ from pyins import strapdown
 
 from sinstool.core import earth, rotation
 from sinstool.core.earth import ecef
-from sinstool.methods.strapdown.navigation import Navigator
 from sinstool.simulation.flight import spiral_climb
 from tests.methods.strapdown import flying
+from tests.methods.strapdown.navigator import Navigator
 
 DV = ["dv_x", "dv_y", "dv_z"]
 

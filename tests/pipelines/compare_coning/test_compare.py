@@ -4,7 +4,6 @@ import numpy as np
 import pytest
 
 from sinstool.methods.coning.registry import algorithm
-from sinstool.methods.coning.response import coning_drift, coning_samples
 from sinstool.pipelines.compare_coning.compare import DEFAULT_ALGORITHMS, Settings, compare
 from sinstool.pipelines.compare_coning.divergence import DEG_H, DriftStatistics
 from sinstool.pipelines.compare_coning.row import Row
@@ -12,6 +11,7 @@ from sinstool.pipelines.compare_coning.runs import Attitudes, Candidate, Segment
 from sinstool.pipelines.compare_coning.verdict import MARGIN, SAME_COST, verdict
 from sinstool.simulation.motions import random_manoeuvre
 from sinstool.simulation.truth import sample_times
+from tests.helpers.coning_response import coning_drift, coning_samples
 
 STEP = 0.01
 HALF, FREQUENCY = np.radians(1.0), 5.0

@@ -11,7 +11,6 @@ from sinstool.core import rotation
 from sinstool.core.errors import ConfigurationError, OutputError
 from sinstool.methods.coning.gyro_response import butterworth, chebyshev, none
 from sinstool.methods.coning.registry import algorithm
-from sinstool.methods.coning.response import coning_drift
 from sinstool.methods.coning.singular_perturbation import VARIANTS, SingularPerturbation
 from sinstool.pipelines.compare_coning import paper_sweep
 from sinstool.pipelines.compare_coning.paper import Reproduction, judge
@@ -25,6 +24,7 @@ from sinstool.pipelines.compare_coning.paper_sweep import Setting, run_sweeps
 from sinstool.report.figures.paper import as_the_paper_switches, figures
 from sinstool.simulation.coning_paper import coning_paper, paper_response
 from sinstool.simulation.truth import sample_times
+from tests.helpers.coning_response import coning_drift
 
 INTERVAL = 0.0025
 CHEB_6 = chebyshev(6, 0.2, 200.0)

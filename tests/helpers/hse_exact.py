@@ -230,3 +230,15 @@ def nonlinearity(lambda2: float, rate: float, tilt: float, latitude: float) -> f
     """
     c = abs(lambda2) / 3.0
     return float(0.5 * c * abs(rate) * abs(tilt) / (EARTH_RATE * np.cos(latitude)))
+
+
+def slope_gain(rates: ArrayLike) -> float:
+    """Deviation of a slope against rate over that of one run, 1/(rad/s).
+
+    Parameters
+    ----------
+    rates : array_like, shape (n,)
+        One for each run, rad/s.
+    """
+    x = np.asarray(rates, dtype=np.float64)
+    return float(1.0 / np.sqrt(np.sum((x - x.mean()) ** 2)))
