@@ -404,8 +404,6 @@ def one_run(sensors: Sensors, seed: int, number: int, folder: Path) -> tuple[str
     outcome, details : str
         ``written``, ``written, with losses``, ``refused`` or a failure.
     """
-    from sinstool.pipelines.summary import something_lost
-
     from sinstool.config import ProcessConfig
     from sinstool.core.errors import SinstoolError
     from sinstool.pipelines.process.run import process
@@ -418,17 +416,17 @@ def one_run(sensors: Sensors, seed: int, number: int, folder: Path) -> tuple[str
             warnings.simplefilter("error")
             # of values like 1e200, which the command line does not pass on either
             warnings.simplefilter("ignore", RuntimeWarning)
-            summary = process(log, out, ProcessConfig(**told))
+            result = process(log, out, ProcessConfig(**told))
     except SinstoolError as exc:
         if out.exists() or len(list(folder.iterdir())) > 1:
             return "left something behind", f"{about} {told}: {exc}"
         return "refused", str(exc)
     except Exception:
         return "crash", f"{about} {told}\n{traceback.format_exc()}"
-    wrong = check(log, out, summary)
+    wrong = check(log, out, result.to_json())
     if wrong:
         return "wrong", f"{about} {told}: {'; '.join(wrong)}"
-    return "written, with losses" if something_lost(summary) else "written", ""
+    return "written, with losses" if result.exit_status else "written", ""
 
 
 FINE = ("written", "written, with losses", "refused")

@@ -241,15 +241,20 @@ def finish(
 
 
 def _warn_together(jobs: Sequence[Job], rows: Sequence[dict[str, Any]]) -> None:
-    """Warnings of many logs on stderr, each once, with the logs that it is about."""
-    about: dict[str, list[str]] = {}
+    """Findings of many logs on stderr, a line for each kind, with the logs that it is about."""
+    about: dict[str, dict[str, str]] = {}
     for job, row in zip(jobs, rows, strict=True):
-        for text in row.get("warnings", ()):
-            about.setdefault(text, []).append(job.name)
-    for text, names in about.items():
+        texts = row.get("warnings", ())
+        findings = [f for f in row.get("findings", ()) if f["severity"] != "note"]
+        kinds = [f["kind"] for f in findings] or texts
+        for kind, text in zip(kinds, texts, strict=True):
+            about.setdefault(kind, {}).setdefault(job.name, text)
+    for by_log in about.values():
+        names, different = list(by_log), list(dict.fromkeys(by_log.values()))
         shown = ", ".join(names[:NAMED])
         more = f" and {len(names) - NAMED} more" if len(names) > NAMED else ""
-        warn(f"{shown}{more}: {text}")
+        others = "" if len(different) == 1 else f" (of {names[0]}; the others alike)"
+        warn(f"{shown}{more}: {different[0]}{others}")
 
 
 @contextlib.contextmanager

@@ -609,7 +609,9 @@ def test_json_is_one_object_with_the_keys_of_the_contract(sinstool, log, tmp_pat
     status, out, err = sinstool("process", log, "-o", tmp_path / "out.mcap", "--json")
     assert status == 0
     summary = json.loads(out)
-    assert set(KEYS) | {"hse", "height", "filter", "warnings"} == set(summary)
+    assert summary["schema"] == "sinstool.process/1"
+    beside = {"schema", "plan", "hse", "height", "filter", "findings", "warnings"}
+    assert set(KEYS) | beside == set(summary)
     for key, inside in KEYS.items():
         assert inside <= set(summary[key]), key
     assert summary["imu"]["n"] == 1000 and summary["imu"]["topic"] == "/imu"
@@ -683,12 +685,12 @@ def test_info_on_every_real_log(sinstool, path):
     assert found["process"]["possible"] and found["lost"]["parts"] == []
     imu = next(i for i in found["imu"] if i["topic"] == found["process"]["imu_topic"])
     assert imu["n"] > 1000 and imu["first_ns"].isdigit()
-    assert [o for o in imu["oddities"] if o["fatal"]] == []
+    assert [f for f in imu["findings"] if f["severity"] == "failed"] == []
     assert sum(t["n"] for t in found["topics"]) == found["input"]["messages"]
     status, out, err = sinstool("info", real(path), *axes)
     assert (status, err) == (0, "")
     assert f"IMU {imu['topic']}" in out and f"process would take {imu['topic']}" in out
-    assert all(o["text"] in out for o in imu["oddities"])
+    assert all(f["text"] in out for f in imu["findings"])
 
 
 def test_info_says_what_process_would_say(sinstool, tmp_path):

@@ -65,14 +65,14 @@ def found(tmp_path):
         listed = oddities(surveyed, told)
         kinds = {o.kind: o for o in listed}
         assert len(kinds) == len(listed)  # each is said once
-        fatal = [fatal(o) for o in listed]
+        fatal = [is_fatal(o) for o in listed]
         assert fatal == sorted(fatal, reverse=True)  # the fatal first
         return kinds
 
     return find
 
 
-def fatal(odd):
+def is_fatal(odd):
     return odd.severity == Severity.FAILED
 
 
@@ -90,7 +90,7 @@ def test_clocks_from_zero_or_from_boot_are_legitimate(rows, found, start):
 def test_two_clocks(rows, found):
     rows.times = even_times(N, start_ns=0)
     (odd,) = found(rows).values()
-    assert (odd.kind, fatal(odd)) == ("clock-offset", False)
+    assert (odd.kind, is_fatal(odd)) == ("clock-offset", False)
     assert "+1700000000.002" in odd.text and "stamps are used" in odd.text
 
 
@@ -141,7 +141,7 @@ def test_intervals_over_four_decades(rows, found):
     ).ravel()
     rows.log = rows.times
     odd = found(rows)["bursts"]
-    assert "--imu-rate" in odd.answer and not fatal(odd)
+    assert "--imu-rate" in odd.answer and not is_fatal(odd)
 
 
 @pytest.mark.parametrize("rate", [99.50, 285.714, 104.36])
@@ -165,7 +165,7 @@ def test_slow_topics_are_refused(found, rate):
     times = even_times(60, rate)
     gyro, accel = resting(60)
     odd = found(imu_messages(times, gyro, accel))["slow-imu"]
-    assert fatal(odd) and f"{rate:.3g} samples a second" in odd.text
+    assert is_fatal(odd) and f"{rate:.3g} samples a second" in odd.text
     assert "--imu-topic" in odd.answer and "--imu-rate" in odd.answer
     assert "slow-imu" not in found(imu_messages(times, gyro, accel), imu_rate=100.0)
 
@@ -173,41 +173,41 @@ def test_slow_topics_are_refused(found, rate):
 def test_deg_s(rows, found):
     rows.gyro *= 180.0 / np.pi
     odd = found(rows)["gyro-unit"]
-    assert fatal(odd) and "deg/s" in odd.text and "--gyro-unit deg/s" in odd.answer
+    assert is_fatal(odd) and "deg/s" in odd.text and "--gyro-unit deg/s" in odd.answer
     assert "gravity turns" in odd.text
     assert found(rows, gyro_unit="deg/s") == {}
     told = found(rows, gyro_unit="rad/s")["gyro-unit"]
-    assert not fatal(told) and "read as rad/s as told" in told.text
+    assert not is_fatal(told) and "read as rad/s as told" in told.text
 
 
 def test_rates_too_large_for_rad_s_say_so(found):
     gyro, accel = resting(1000)
     gyro[100:900, 2] = 400.0  # a turntable in deg/s: gravity does not turn
     odd = found(imu_messages(even_times(1000), gyro, accel))["gyro-unit"]
-    assert fatal(odd) and "reach 400" in odd.text
+    assert is_fatal(odd) and "reach 400" in odd.text
 
 
 def test_g(rows, found):
     rows.accel /= G
     odd = found(rows)["accel-unit"]
-    assert fatal(odd) and "--accel-unit g" in odd.answer and "1.00" in odd.text
+    assert is_fatal(odd) and "--accel-unit g" in odd.answer and "1.00" in odd.text
     assert found(rows, accel_unit="g") == {}
     told = found(rows, accel_unit="m/s^2")["accel-unit"]
-    assert not fatal(told) and "as told" in told.text
+    assert not is_fatal(told) and "as told" in told.text
 
 
 def test_both_units_wrong_are_both_named(rows, found):
     rows.accel /= G
     rows.gyro *= 180.0 / np.pi
     kinds = found(rows)
-    assert fatal(kinds["gyro-unit"]) and (kinds["accel-unit"].severity == Severity.FAILED)
+    assert is_fatal(kinds["gyro-unit"]) and (kinds["accel-unit"].severity == Severity.FAILED)
     assert found(rows, gyro_unit="deg/s", accel_unit="g") == {}
 
 
 def test_gravity_taken_out(rows, found):
     rows.accel = 0.05 * np.random.default_rng(0).standard_normal((N, 3))
     odd = found(rows)["no-gravity"]
-    assert not fatal(odd) and "--align log" in odd.answer
+    assert not is_fatal(odd) and "--align log" in odd.answer
 
 
 @pytest.mark.parametrize("factor", [0.3, 0.6, 1.5])
@@ -337,7 +337,7 @@ def test_other_kinds_of_gyro(rows, found, kind):
         rows.gyro, rows.accel = rows.gyro * 0.005, rows.accel * 0.005
         odd = found(rows)["increments"]  # read as what they are not
         assert (
-            fatal(odd)
+            is_fatal(odd)
             and "or 9.90 if samples are increments" in odd.text
             and "--gyro-kind increment" in odd.answer
         )
