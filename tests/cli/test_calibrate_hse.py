@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from sinstool.methods.hse.calibration_file import HseCalibration
+from sinstool.methods.hse.calibration import HseCalibration
 from sinstool.methods.hse.rig import Rig
 from sinstool.methods.hse.status import STATUSES
 from tests.helpers.hse_rigs import (

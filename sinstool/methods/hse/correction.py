@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from sinstool.core.earth import EARTH_RATE
 from sinstool.core.errors import ConfigurationError
-from sinstool.methods.hse.calibration_file import HseCalibration
+from sinstool.methods.hse.calibration import HseCalibration
 from sinstool.methods.hse.status import MAX_LATITUDE
 
 FloatArray = NDArray[np.float64]

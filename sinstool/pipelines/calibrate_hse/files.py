@@ -14,8 +14,8 @@ import tomli_w
 from sinstool.config import ProcessConfig
 from sinstool.core.errors import OutputError
 from sinstool.core.whole_file import check_output, write_whole
-from sinstool.methods.hse.calibration_file import to_dict
 from sinstool.methods.hse.table import Column, ValidationTable
+from sinstool.pipelines.calibrate_hse.calibration_file import to_dict
 from sinstool.pipelines.calibrate_hse.run import Calibration
 
 

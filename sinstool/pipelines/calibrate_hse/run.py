@@ -27,7 +27,7 @@ from sinstool.core.whole_file import check_output, write_whole
 from sinstool.io.readers import open_log
 from sinstool.io.readers.log import path_size
 from sinstool.io.readers.lost import Lost
-from sinstool.methods.hse.calibration_file import HseCalibration, dumps, from_fit
+from sinstool.methods.hse.calibration import HseCalibration, from_fit
 from sinstool.methods.hse.correction import correct_heading
 from sinstool.methods.hse.fit import fit
 from sinstool.methods.hse.fit_result import FitOptions, HseFit
@@ -37,6 +37,7 @@ from sinstool.methods.hse.segments import SegmentRules
 from sinstool.methods.hse.status import EXIT_INSUFFICIENT, Judgement, judge
 from sinstool.methods.hse.table import ValidationTable, validation_table
 from sinstool.methods.hse.whole_turn import run_from_turns
+from sinstool.pipelines.calibrate_hse.calibration_file import dumps
 from sinstool.survey.rig import RigTurns, find_turns, nothing_to_use, read_rig_log
 
 Progress = Callable[[float], None]

@@ -22,7 +22,7 @@ from sinstool.core.units import ARCSEC, DEGREE
 from sinstool.io.readers.log import Log
 from sinstool.io.readers.streams import frame_id
 from sinstool.io.writers.topics import Frames
-from sinstool.methods.hse.calibration_file import HseCalibration, loads, require_config
+from sinstool.methods.hse.calibration import HseCalibration, require_config
 from sinstool.methods.hse.correction import (
     CorrectedHeading,
     correct_heading,
@@ -37,6 +37,7 @@ from sinstool.methods.hse.whole_turn import (
     WholeTurnAlignment,
     align_whole_turns,
 )
+from sinstool.pipelines.calibrate_hse.calibration_file import loads
 from sinstool.pipelines.calibrate_hse.run import rig_of, segment_rules
 from sinstool.pipelines.process.output import Result, choose_emits
 from sinstool.pipelines.summary import something_lost
