@@ -151,9 +151,9 @@ class Order:
             repeated = np.flatnonzero(~fresh)
             self.counts.duplicates += len(repeated)
             # row of the sample kept: 0 is that given out last
-            kept = np.maximum.accumulate(np.where(fresh, np.arange(1, len(times) + 1), 0))
-            known = np.vstack((self.state.last_gyro, block.gyro))[kept[repeated]]
-            differs = (block.gyro[repeated] != known).any(axis=1)
+            last_fresh = np.maximum.accumulate(np.where(fresh, np.arange(1, len(times) + 1), 0))
+            before = np.vstack((self.state.last_gyro, block.gyro))[last_fresh[repeated]]
+            differs = (block.gyro[repeated] != before).any(axis=1)
             self.counts.differing_duplicates += int(np.count_nonzero(differs))
             block = block.rows(fresh)
         if len(block):

@@ -122,7 +122,7 @@ def no_whole_turn(source: str, turns: float, least: int) -> Finding:
     )
 
 
-def no_encoder(source: str, joint: str, found: Sequence[str]) -> Finding:
+def no_encoder(source: str, joint: str, names: Sequence[str]) -> Finding:
     """Finding for a log that lacks the encoder's joint.
 
     Parameters
@@ -131,10 +131,10 @@ def no_encoder(source: str, joint: str, found: Sequence[str]) -> Finding:
         The log.
     joint : str
         Name looked for.
-    found : sequence of str
+    names : sequence of str
         Names that are there.
     """
-    there = f"it has {', '.join(found)}" if found else "it has no JointState messages"
+    there = f"it has {', '.join(names)}" if names else "it has no JointState messages"
     return Finding(
         "error",
         f"{source}: no encoder, joint {joint!r} is missing",
@@ -145,9 +145,9 @@ def no_encoder(source: str, joint: str, found: Sequence[str]) -> Finding:
 
 def _extent(result: HseFit) -> list[Finding]:
     """Are there the rates and the latitude to see a slope?"""
-    found = []
+    findings = []
     if abs(result.latitude) > MAX_LATITUDE:
-        found.append(
+        findings.append(
             Finding(
                 "error",
                 f"at latitude {np.degrees(result.latitude):.1f} deg the Earth's rate has next to"
@@ -158,7 +158,7 @@ def _extent(result: HseFit) -> list[Finding]:
             )
         )
     elif abs(result.latitude) > WARN_LATITUDE:
-        found.append(
+        findings.append(
             Finding(
                 "ok",
                 f"at latitude {np.degrees(result.latitude):.1f} deg every error of heading is"
@@ -167,7 +167,7 @@ def _extent(result: HseFit) -> list[Finding]:
         )
     if len(result.rates) < 2 or result.rate_span < MIN_RATE_SPAN:
         rates = ", ".join(f"{np.degrees(r):.2f}" for r in result.rates)
-        found.append(
+        findings.append(
             Finding(
                 "error",
                 f"the rates ({rates} deg/s) do not differ enough to tell a slope",
@@ -177,7 +177,7 @@ def _extent(result: HseFit) -> list[Finding]:
             )
         )
     elif result.K is None:
-        found.append(
+        findings.append(
             Finding(
                 "error",
                 "the runs do not determine the parameters of the fit",
@@ -185,7 +185,7 @@ def _extent(result: HseFit) -> list[Finding]:
                 EXIT_INSUFFICIENT,
             )
         )
-    return found
+    return findings
 
 
 def _lambda2(value: float, sigma: float | None) -> str:
@@ -304,9 +304,9 @@ def second_order(result: HseFit) -> float | None:
 
 
 def _nonlinear(result: HseFit) -> list[Finding]:
-    found = []
+    findings = []
     if result.p_lof is not None and result.p_lof < P_LACK_OF_FIT:
-        found.append(
+        findings.append(
             Finding(
                 "nonlinear",
                 f"heading is not linear in the rate (lack of fit: F = {result.F_lof:.1f},"
@@ -317,20 +317,20 @@ def _nonlinear(result: HseFit) -> list[Finding]:
         )
     beyond = second_order(result)
     if beyond is not None and beyond > SECOND_ORDER:
-        found.append(
+        findings.append(
             Finding(
                 "nonlinear",
                 f"with this lambda2, rate and tilt the linear model errs by {100 * beyond:.1f} %",
                 "calibrate the gyro's matrix again, or level the base better",
             )
         )
-    return found
+    return findings
 
 
 def _remarks(result: HseFit) -> list[Finding]:
-    found = []
+    findings = []
     if result.C23_spread > C23_SPREAD and result.observable:
-        found.append(
+        findings.append(
             Finding(
                 "ok",
                 f"at one position the lean of the axis varies by {100 * result.C23_spread:.0f} %",
@@ -341,7 +341,7 @@ def _remarks(result: HseFit) -> list[Finding]:
         )
     tau, sigma = result.delay, result.sigma_delay
     if tau is not None and sigma is not None and abs(tau) > CONSISTENT * sigma:
-        found.append(
+        findings.append(
             Finding(
                 "ok",
                 f"the encoder is stale by {tau * 1e6:.1f} +- {sigma * 1e6:.1f} us",
@@ -349,14 +349,14 @@ def _remarks(result: HseFit) -> list[Finding]:
             )
         )
     if result.distribution == "turns":
-        found.append(
+        findings.append(
             Finding(
                 "ok",
                 "as many runs as parameters: the deviations are from the scatter of turns alone",
                 "add repeats",
             )
         )
-    return found
+    return findings
 
 
 def judge(result: HseFit) -> Judgement:
@@ -367,16 +367,16 @@ def judge(result: HseFit) -> Judgement:
     Judgement
         Remarks of the fit itself are among its findings as ``ok``.
     """
-    found = _extent(result)
-    if result.method == "axial" and found:
+    findings = _extent(result)
+    if result.method == "axial" and findings:
         # the rate along the axis needs neither slope nor horizontal Earth rate
-        found = [
+        findings = [
             Finding("ok", one.message, "this concerns the headings, not the axial value")
-            for one in found
+            for one in findings
         ]
-    if not any(one.status == "error" for one in found):
-        found += _unobservable(result) + _inconsistent(result) + _insignificant(result)
-        found += _nonlinear(result)
-    found += _remarks(result)
-    found += [Finding("ok", text) for text in result.warnings]
-    return judgement(found)
+    if not any(one.status == "error" for one in findings):
+        findings += _unobservable(result) + _inconsistent(result) + _insignificant(result)
+        findings += _nonlinear(result)
+    findings += _remarks(result)
+    findings += [Finding("ok", text) for text in result.warnings]
+    return judgement(findings)

@@ -72,17 +72,17 @@ class Withheld:
 
     def _joined(self, solution: Solution) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
         parts = [solution] if self._last is None else [self._last, solution]
-        found = []
+        columns = []
         for name in ("time_ns", "position", "q_nb", "covariance_position_n"):
-            found.append(np.concatenate([getattr(part, name) for part in parts]))
-        return found[0], found[1], found[2], found[3]
+            columns.append(np.concatenate([getattr(part, name) for part in parts]))
+        return columns[0], columns[1], columns[2], columns[3]
 
     def outages(self) -> list[dict[str, Any]]:
         """By outage: when, how long, the largest errors, and how many sigmas they were.
 
         Sigmas are those of the solution and of the fix together.
         """
-        found = []
+        scores = []
         for part in np.split(np.arange(len(self._fixes)), self._first[1:]):
             error, sigma = self._error[part], self._sigma[part]
             if not np.isfinite(error).any():
@@ -90,7 +90,7 @@ class Withheld:
             horizontal = np.hypot(error[:, 0], error[:, 1])
             times = self._fixes.time_ns[part]
             vertical = np.abs(error[:, 2])
-            found.append(
+            scores.append(
                 {
                     "start_ns": str(int(times[0])),
                     "duration_s": float(times[-1] - times[0]) / SECOND,
@@ -102,7 +102,7 @@ class Withheld:
                     "largest_in_sigmas": float(np.nanmax(np.abs(error) / sigma)),
                 }
             )
-        return found
+        return scores
 
     def summary(self) -> dict[str, Any] | None:
         """``withheld`` of the summary; None where no outage was seen."""
