@@ -282,7 +282,7 @@ def _begun(blocks: Iterable[Imu]) -> Iterator[Imu]:
 
 
 @dataclass(frozen=True)
-class Whole(Generic[S]):
+class SortedStream(Generic[S]):
     """All of a stream that is slow enough to be held at once, by time.
 
     Attributes
@@ -298,7 +298,9 @@ class Whole(Generic[S]):
     repeated: int
 
 
-def whole(blocks: Iterable[S], by_log_time: bool = False, repeats: bool = False) -> Whole[S] | None:
+def sorted_stream(
+    blocks: Iterable[S], by_log_time: bool = False, repeats: bool = False
+) -> SortedStream[S] | None:
     """A stream of one piece, sorted by stamp.
 
     Parameters
@@ -312,7 +314,7 @@ def whole(blocks: Iterable[S], by_log_time: bool = False, repeats: bool = False)
 
     Returns
     -------
-    Whole or None
+    SortedStream or None
         None where there is not one sample.
     """
     parts = [b for b in blocks if len(b)]
@@ -329,4 +331,4 @@ def whole(blocks: Iterable[S], by_log_time: bool = False, repeats: bool = False)
     repeated = int(np.count_nonzero(steps == 0))
     if repeated and not repeats:
         stream = stream.rows(np.concatenate(([True], steps > 0)))
-    return Whole(stream, backward, repeated)
+    return SortedStream(stream, backward, repeated)

@@ -17,7 +17,7 @@ from sinstool.core.earth import horizontal_metres
 from sinstool.core.errors import DataError
 from sinstool.core.rotation import wrapped
 from sinstool.core.streams import Baro, BaroHeight, Gnss, GnssEpochs, Stream, Velocity
-from sinstool.core.timeline import whole
+from sinstool.core.timeline import sorted_stream
 from sinstool.core.units import DEGREE
 from sinstool.io.readers.log import Channel, Log
 from sinstool.io.readers.message_types import (
@@ -210,7 +210,7 @@ def _read(
     blocks: Iterable[S], log_time: bool, into: Aiding, topic: str, repeats: bool = False
 ) -> S | None:
     """All of a stream by time; what was out of order or repeated is told."""
-    found = whole(blocks, log_time, repeats)
+    found = sorted_stream(blocks, log_time, repeats)
     if found is None:
         return None
     if found.backward:

@@ -95,7 +95,7 @@ def rig_run(
     hse = _hse(config, calibration, turns, alignments, corrected)
     told = result.finish(lambda: something_lost({"lost": _lost(log, samples), "hse": hse}))
     warnings += [*notes, *rig.remarks(), *_remarks(turns, alignments, corrected)]
-    warnings += [f"{count} messages of {what}" for what, count in samples.counts.items()]
+    warnings += [str(finding) for finding in samples.findings]
     warnings += [f"lost: {part}" for part in log.lost]
     if written < len(samples.imu):
         warnings.append(
@@ -278,10 +278,9 @@ def _imu(samples: RigLog, turns: RigTurns) -> dict[str, Any]:
     steps = np.diff(samples.imu.time_ns)
     interval = float(np.median(steps)) if len(steps) else 0.0
     gaps = steps[steps > 3.0 * interval]
-    counts = samples.counts
-    topic = samples.topic.topic
+    counts = samples.imu_counts
     return {
-        "topic": topic,
+        "topic": counts.topic,
         "n": len(samples.imu),
         "rate_hz": 1e9 / interval if interval else 0.0,
         "first_ns": str(samples.start_ns),
@@ -289,11 +288,9 @@ def _imu(samples: RigLog, turns: RigTurns) -> dict[str, Any]:
         "time_source": "stamp",
         "gaps": len(gaps),
         "gap_total_s": float(gaps.sum()) * 1e-9,
-        "duplicates": counts.get(f"{topic} repeated stamps", 0),
-        "backward": counts.get(f"{topic} out of order", 0),
-        "dropped": counts.get(f"{topic} repeated stamps", 0)
-        + counts.get(f"{topic} malformed", 0)
-        + counts.get(f"{topic} not finite", 0),
+        "duplicates": counts.repeated,
+        "backward": counts.backward,
+        "dropped": counts.repeated + counts.malformed + counts.not_finite,
     }
 
 
@@ -380,10 +377,9 @@ def _final(result: Result, rig: Rig) -> dict[str, Any]:
 
 
 def _lost(log: Log, samples: RigLog) -> dict[str, Any]:
-    topic = samples.topic.topic
     return {
         **log.account(),
-        "malformed": samples.counts.get(f"{topic} malformed", 0),
-        "not_finite": samples.counts.get(f"{topic} not finite", 0),
+        "malformed": samples.imu_counts.malformed,
+        "not_finite": samples.imu_counts.not_finite,
         "late": 0,
     }
