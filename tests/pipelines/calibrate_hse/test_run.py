@@ -84,7 +84,7 @@ def test_output_appears_whole_or_not_at_all(log, tmp_path, monkeypatch):
     def full(*_):
         raise OSError(28, "No space left on device")
 
-    monkeypatch.setattr("sinstool.pipelines.calibrate_hse.run.dumps", full)
+    monkeypatch.setattr("sinstool.core.whole_file._SyncedFile.write", full)
     config = effective_config(rig, {"output__overwrite": True})
     with pytest.raises(OutputError, match="No space left"):
         calibrate_logs([path], output, config)
