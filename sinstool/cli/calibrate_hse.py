@@ -75,7 +75,7 @@ def command(
     as_json: bool,
     quiet: bool,
     verbose: int,
-    **given: Any,
+    **options: Any,
 ) -> int:
     """Calibrate the heading-sensitive error of a rate-biased laser-gyro system.
 
@@ -87,7 +87,7 @@ def command(
     Example:
       sinstool calibrate-hse north.mcap south.mcap --config rig.toml -o hse.json
     """
-    config = effective_config(config_file, given)
+    config = effective_config(config_file, options)
     if show:
         told = ("input", "calibration", "output", "rig")
         print_config(config, *(name for name in type(config).model_fields if name not in told))
@@ -191,21 +191,20 @@ def _headings(calibration: Calibration) -> list[tuple[str, str]]:
     """How far headings lie apart before and after correction."""
     if calibration.table is not None and len(calibration.table.position_azimuth) > 1:
         before, after = calibration.table.before.scatter, calibration.table.after.scatter
-        told = (
+        text = (
             f"{before.n} at {len(before.means)} azimuths, less azimuth: peak to peak"
             f" {_arcsec(before.peak_to_peak, digits=2)} before,"
             f" {_arcsec(after.peak_to_peak, digits=2)} after"
         )
-    elif any(len(one.ids) > 1 for one in calibration.spread):
-        before_p, after_p = zip(*(one.peak_to_peak for one in calibration.spread), strict=True)
-        told = (
-            f"within a position peak to peak {_arcsec(max(before_p), digits=2)} before,"
-            f" {_arcsec(max(after_p), digits=2)} after"
+    elif (largest := calibration.largest_spread) is not None:
+        text = (
+            f"within a position peak to peak {_arcsec(largest[0], digits=2)} before,"
+            f" {_arcsec(largest[1], digits=2)} after"
             + (" (with --azimuth also between them)" if len(calibration.spread) > 1 else "")
         )
     else:
         return []
-    return [("headings", told)]
+    return [("headings", text)]
 
 
 def _plan(

@@ -86,6 +86,15 @@ class Calibration:
         return exit_status(self.findings)
 
     @property
+    def largest_spread(self) -> tuple[float, float] | None:
+        """Largest peak to peak at one position, before and after, rad; None without repeats."""
+        repeats = [one.peak_to_peak for one in self.spread if len(one.ids) > 1]
+        if not repeats:
+            return None
+        before, after = zip(*repeats, strict=True)
+        return max(before), max(after)
+
+    @property
     def warnings(self) -> tuple[str, ...]:
         """The findings in words."""
         return tuple(str(finding) for finding in self.findings)

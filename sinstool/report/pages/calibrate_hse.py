@@ -76,18 +76,16 @@ def _verdict(calibration: Calibration) -> tuple[str, ...]:
         paragraphs.append(f"{text}; the rate along the axis alone gives {_axial(calibration)}.")
     else:
         paragraphs.append(f"The rate along the axis gives lambda2 as {_axial(calibration)}.")
-    spread = [one for one in calibration.spread if len(one.ids) > 1]
     if calibration.table is not None:
         before, after = calibration.table.before.scatter, calibration.table.after.scatter
         paragraphs.append(
             f'Headings less azimuth lie within {_number(before.peak_to_peak, 2)}" of each other'
             f' before and {_number(after.peak_to_peak, 2)}" after correction.'
         )
-    elif spread:
-        before_p, after_p = zip(*(one.peak_to_peak for one in spread), strict=True)
+    elif (largest := calibration.largest_spread) is not None:
         paragraphs.append(
-            f'At one position headings lie within {_number(max(before_p), 2)}" of each other'
-            f' before and {_number(max(after_p), 2)}" after correction. No azimuths were given, so'
+            f'At one position headings lie within {_number(largest[0], 2)}" of each other'
+            f' before and {_number(largest[1], 2)}" after correction. No azimuths were given, so'
             " that nothing is said of differences between positions."
         )
     if calibration.spread:
