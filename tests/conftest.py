@@ -6,6 +6,7 @@ import pytest
 from hypothesis import settings
 
 from sinstool.cli import main as main_module
+from tests.helpers import compiled
 
 # The first call of a compiled loop takes seconds; a deadline would call that a failure.
 settings.register_profile("compiled", deadline=None)
@@ -18,6 +19,14 @@ if threading.current_thread() is threading.main_thread():
         number = getattr(signal, name, None)
         if number is not None and signal.getsignal(number) is signal.SIG_IGN:
             signal.signal(number, usual)
+
+
+def pytest_sessionstart(session):
+    """Fill numba's cache before the workers of a whole run begin."""
+    config = session.config
+    whole = config.args_source == pytest.Config.ArgsSource.TESTPATHS
+    if whole and config.getoption("numprocesses", None) and not hasattr(config, "workerinput"):
+        compiled.main()
 
 
 @pytest.fixture

@@ -203,6 +203,7 @@ def has_open(process, path):
         return False
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("when", ["while it reads", "while it writes"])
 def test_ctrl_c(large, tmp_path, when):
     run = subprocess.Popen(
@@ -751,6 +752,7 @@ def test_simulate_refuses_bad_values(sinstool, tmp_path, scenario, options, expe
     assert list(tmp_path.iterdir()) == []
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("scenario", ["coning", "static"])
 def test_simulate_and_process(sinstool, tmp_path, scenario):
     path, out_path = tmp_path / "in.mcap", tmp_path / "out.mcap"
