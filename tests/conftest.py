@@ -7,6 +7,7 @@ from hypothesis import settings
 
 from sinstool.cli import main as main_module
 from tests.helpers import compiled
+from tests.helpers.paths import ROOT
 
 # The first call of a compiled loop takes seconds; a deadline would call that a failure.
 settings.register_profile("compiled", deadline=None)
@@ -22,11 +23,15 @@ if threading.current_thread() is threading.main_thread():
 
 
 def pytest_sessionstart(session):
-    """Fill numba's cache before the workers of a whole run begin."""
+    """Fill numba's cache before the workers of a whole run begin, where a source has changed."""
     config = session.config
     whole = config.args_source == pytest.Config.ArgsSource.TESTPATHS
-    if whole and config.getoption("numprocesses", None) and not hasattr(config, "workerinput"):
+    if not whole or not config.getoption("numprocesses", None) or hasattr(config, "workerinput"):
+        return
+    newest = max(path.stat().st_mtime_ns for path in (ROOT / "sinstool").rglob("*.py"))
+    if config.cache.get("sinstool/compiled", 0) != newest:
         compiled.main()
+        config.cache.set("sinstool/compiled", newest)
 
 
 @pytest.fixture
