@@ -14,11 +14,13 @@ from sinstool.cli.options import config_options, effective_config, print_config
 from sinstool.cli.verbose import verbose_option
 from sinstool.report.text.table import table
 
+GROUPS = ("input", "align", "gnss", "in_flight")
+
 
 @click.command("align", epilog=EXIT_HELP)
 @click.argument("logs", nargs=-1, type=click.Path(path_type=Path), metavar="LOG...")
 @workers_options("one for each core")
-@config_options("input", "align", "gnss", "in_flight")
+@config_options(*GROUPS)
 @click.option(
     "--method",
     type=Choice(["svd", "quest", "davenport", "triad", "gyrocompass", "level"]),
@@ -75,9 +77,7 @@ def command(
         given["align__align"] = method
     config = effective_config(config_file, given)
     if show:
-        print_config(
-            config, "calibration", "coning", "vertical", "filter", "hse", "output", "navigation"
-        )
+        print_config(config, *GROUPS)
         return 0
     if not logs:
         raise click.UsageError("give a LOG to align")

@@ -89,8 +89,7 @@ def command(
     """
     config = effective_config(config_file, options)
     if show:
-        told = ("input", "calibration", "output", "rig")
-        print_config(config, *(name for name in type(config).model_fields if name not in told))
+        print_config(config, "input", "calibration", "output", "rig")
         return 0
     if plan:
         return _plan(config, rates, repeats, lean, arw, latitude, as_json)

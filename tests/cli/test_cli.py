@@ -479,7 +479,7 @@ def fields():
     return [
         (group, name)
         for group, field in ProcessConfig.model_fields.items()
-        if group not in ("rig", "calibration")  # of a file only, and of another command
+        if group not in ("rig", "calibration", "comparison")  # of a file only, of other commands
         for name in field.annotation.model_fields
     ]
 
