@@ -127,7 +127,8 @@ def _click_type(annotation: Any) -> click.ParamType:
     for tuple_of in (get_args(a) for a in options if get_origin(a) is tuple):
         if tuple_of[-1] is not Ellipsis:
             return Numbers(len(tuple_of), words)
-        return Words() if tuple_of[0] is str else Numbers(kind=tuple_of[0])
+        kind = getattr(tuple_of[0], "__origin__", tuple_of[0])  # of Annotated
+        return Words() if kind is str else Numbers(kind=kind)
     if words:
         return Choice(words)
     if float in options:

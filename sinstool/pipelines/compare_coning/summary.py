@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from sinstool.core.result import as_json
 from sinstool.methods.coning.registry import algorithm
 from sinstool.pipelines.compare_coning.divergence import DEG_H
 from sinstool.pipelines.compare_coning.predictions import Prediction, predict
@@ -234,7 +235,7 @@ class ComparisonResult:
 
     def to_json(self) -> dict[str, Any]:
         """Plain values, with the version of their layout."""
-        return {"schema": SCHEMA, **asdict(self)}
+        return {"schema": SCHEMA, **as_json(self)}
 
 
 def summarise(log: LogComparison) -> ComparisonResult:
