@@ -25,7 +25,6 @@ figure is uncertain by 10 %.
 
 from __future__ import annotations
 
-import argparse
 import os
 import time
 from collections.abc import Callable
@@ -37,6 +36,7 @@ os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
 import numpy as np
 
+from benchmarks.common import best, numbers, parser, psi
 from sinstool.campaign.jobs import Job, Workers
 from sinstool.campaign.run import results
 from sinstool.core import rotation
@@ -76,46 +76,26 @@ FORMS = {
 GRADE_FORMS = ("diff", "win 1 s", "int", "cen", "TRIAD", "KF")
 EXPECTED_GRADES = {
     ("0.01", "m/s^2"): (
-        (0.04, 0.09, 0.01),
-        (0.014, 0.029, 0.003),
-        (0.02, 0.07, 0.01),
-        (0.005, 0.015, 0.001),
-        (0.05, 0.13, 0.02),
-        (0.005, 0.013, 0.001),
+        (0.04, 0.09, 0.01), (0.014, 0.029, 0.003), (0.02, 0.07, 0.01),
+        (0.005, 0.015, 0.001), (0.05, 0.13, 0.02), (0.005, 0.013, 0.001),
     ),
     ("1", "m/s^2"): (
-        (0.04, 0.11, 0.02),
-        (0.020, 0.055, 0.013),
-        (0.03, 0.15, 0.02),
-        (0.015, 0.105, 0.013),
-        (0.06, 0.21, 0.02),
-        (0.008, 0.020, 0.009),
+        (0.04, 0.11, 0.02), (0.020, 0.055, 0.013), (0.03, 0.15, 0.02),
+        (0.015, 0.105, 0.013), (0.06, 0.21, 0.02), (0.008, 0.020, 0.009),
     ),
     ("1", "g"): (
-        (0.05, 0.14, 0.08),
-        (0.034, 0.104, 0.085),
-        (0.07, 0.28, 0.09),
-        (0.045, 0.19, 0.09),
-        (0.08, 0.32, 0.09),
-        (0.016, 0.034, 0.014),
+        (0.05, 0.14, 0.08), (0.034, 0.104, 0.085), (0.07, 0.28, 0.09),
+        (0.045, 0.19, 0.09), (0.08, 0.32, 0.09), (0.016, 0.034, 0.014),
     ),
     ("10", "m/s^2"): (
-        (0.11, 0.27, 0.08),
-        (0.11, 0.25, 0.08),
-        (0.10, 0.70, 0.10),
-        (0.06, 0.51, 0.08),
-        (0.13, 0.76, 0.13),
-        (0.033, 0.052, 0.031),
+        (0.11, 0.27, 0.08), (0.11, 0.25, 0.08), (0.10, 0.70, 0.10),
+        (0.06, 0.51, 0.08), (0.13, 0.76, 0.13), (0.033, 0.052, 0.031),
     ),
     ("10", "g"): (
-        (0.18, 0.50, 0.42),
-        (0.18, 0.47, 0.43),
-        (0.29, 1.32, 0.45),
-        (0.21, 0.92, 0.44),
-        (0.29, 1.40, 0.47),
-        (0.077, 0.119, 0.046),
+        (0.18, 0.50, 0.42), (0.18, 0.47, 0.43), (0.29, 1.32, 0.45),
+        (0.21, 0.92, 0.44), (0.29, 1.40, 0.47), (0.077, 0.119, 0.046),
     ),
-}
+}  # fmt: skip
 PUBLISHED_BOUND = {"0.01": 0.35, "1": 0.35, "10": 1.8}
 
 TIMES_S = (5, 10, 15, 20, 30, 60, 100, 200)
@@ -283,11 +263,11 @@ def outcome(answer: inflight.InFlightAlignment, q_true: np.ndarray) -> Outcome:
 
 def errors(q_nb: np.ndarray, q_true: np.ndarray, cov: np.ndarray, status: str) -> Outcome:
     """What is wrong with an attitude."""
-    psi = rotation.log(rotation.multiply(q_nb, rotation.conjugate(q_true)))
+    error = psi(q_nb, q_true)
     off = rotation.to_euler(q_nb) - rotation.to_euler(q_true)
     off = np.rad2deg(np.mod(off + np.pi, 2.0 * np.pi) - np.pi)
-    nees = float(psi @ np.linalg.solve(cov, psi)) / 3.0
-    return Outcome(off, float(np.rad2deg(np.linalg.norm(psi))), nees, status)
+    nees = float(error @ np.linalg.solve(cov, error)) / 3.0
+    return Outcome(off, float(np.rad2deg(np.linalg.norm(error))), nees, status)
 
 
 def root_mean_square(values: np.ndarray, axis: int = 0) -> np.ndarray:
@@ -343,7 +323,7 @@ def grades_table(run, runs: int, marks: Marks) -> None:  # type: ignore[no-untyp
 
 def triple(values: object, digits: int = 3) -> str:
     """Three figures with slashes."""
-    return "/".join(f"{v:6.{digits}f}" for v in np.asarray(values))
+    return numbers(np.asarray(values), f"6.{digits}f", "/")
 
 
 def time_table(run, runs: int, marks: Marks) -> None:  # type: ignore[no-untyped-def]
@@ -446,16 +426,11 @@ def timing_table(run, runs: int, marks: Marks) -> None:  # type: ignore[no-untyp
         inflight.align_in_flight(log, gnss, inflight.AlignmentSettings(refine=True, t0_ns=0))
 
     print("\nSeconds, warm, best of five")
-    for name, work_of, wanted in (
+    for name, run_once, limit in (
         (f"integrals of {runs} runs of {len(imu)} samples", core, 0.3),
         ("a log of 260 s, aligned and refined, with its series", align, 0.5),
     ):
-        times = []
-        for _ in range(5):
-            begin = time.perf_counter()
-            work_of()
-            times.append(time.perf_counter() - begin)
-        print(f"{name:>55}: {min(times):.3f}  expected <= {wanted}")
+        print(f"{name:>55}: {best(run_once, 5):.3f}  expected <= {limit}")
 
 
 TABLES = {
@@ -469,12 +444,10 @@ TABLES = {
 
 def main() -> None:
     """Print the tables."""
-    parser = argparse.ArgumentParser(description=__doc__.split("\n\n")[0])
-    parser.add_argument("tables", nargs="*", choices=[[], *TABLES], help="all by default")
-    parser.add_argument("--runs", type=int, default=50)
-    parser.add_argument("--processes", type=int, default=2)
-    parser.add_argument("--scheduler", help="workers of this Dask cluster instead")
-    options = parser.parse_args()
+    made = parser(__doc__, runs=50, processes=2)
+    made.add_argument("tables", nargs="*", choices=[[], *TABLES], help="all by default")
+    made.add_argument("--scheduler", help="workers of this Dask cluster instead")
+    options = made.parse_args()
     begin = time.perf_counter()
     marks = Marks()
     workers = Workers(options.processes, options.scheduler)

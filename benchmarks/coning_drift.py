@@ -10,26 +10,19 @@ python benchmarks/coning_drift.py --figure docs/coning_drift.svg
 
 from __future__ import annotations
 
-import argparse
-import sys
 from collections.abc import Sequence
 from dataclasses import dataclass
-from pathlib import Path
 
 import numpy as np
 
+from benchmarks.common import line, parser
 from sinstool.methods.coning.algorithm import ConingAlgorithm, GyroKind
 from sinstool.methods.coning.increments import DEFAULT_POINTS
 from sinstool.methods.coning.registry import algorithm, names
 from sinstool.methods.coning.response import coning_rate
+from tests.helpers.coning_response import coning_drift, coning_samples, drift_from_phi
 
-ROOT = Path(__file__).parents[1]
-if str(ROOT) not in sys.path:
-    sys.path.append(str(ROOT))
-
-from tests.helpers.coning_response import coning_drift, coning_samples, drift_from_phi  # noqa: E402
-
-DEG_H = np.degrees(1.0) * 3600.0
+DEG_PER_H = np.degrees(1.0) * 3600.0  # deg/h of 1 rad/s
 FREQUENCIES = (5.0, 10.0, 20.0, 30.0, 50.0, 75.0, 100.0)
 SP = "singular-perturbation"
 PAPER = {"epsilon": 2e-4, "beta_gain": 0.001}
@@ -52,14 +45,10 @@ class Table:
 
     def __str__(self) -> str:
         head = [self.corner, *self.columns]
-        lines = [f"{self.title}\n", _line(head), "|---" * len(head) + "|"]
+        lines = [f"{self.title}\n", line(head), "|---" * len(head) + "|"]
         for label, values in self.rows.items():
-            lines.append(_line([label, *(format(value, self.form) for value in values)]))
+            lines.append(line([label, *(format(value, self.form) for value in values)]))
         return "\n".join(lines) + "\n"
-
-
-def _line(cells: Sequence[str]) -> str:
-    return f"| {' | '.join(cells)} |"
 
 
 @dataclass(frozen=True)
@@ -121,9 +110,9 @@ def drift_table(
     half_angle: float, rate: float, kind: GyroKind, frequencies: Sequence[float]
 ) -> Table:
     """Drift in deg/h: one row an algorithm, one column a frequency."""
-    rows = {"true coning rate": tuple(DEG_H * coning_rate(half_angle, f) for f in frequencies)}
+    rows = {"true coning rate": tuple(DEG_PER_H * coning_rate(half_angle, f) for f in frequencies)}
     for label, row in drift_rows(kind, rate).items():
-        rows[label] = tuple(DEG_H * row.drift(half_angle, f, 1.0 / rate) for f in frequencies)
+        rows[label] = tuple(DEG_PER_H * row.drift(half_angle, f, 1.0 / rate) for f in frequencies)
     return Table(
         f"Drift in deg/h, half angle {np.degrees(half_angle):g} deg, {rate:g} Hz, {FED[kind]}",
         tuple(f"{f:g} Hz" for f in frequencies),
@@ -156,7 +145,7 @@ def draw(half_angle: float, rate: float, path: str) -> None:
     figure, axes = plt.subplots(figsize=(8.6, 4.4), layout="constrained")
     for name, kind, label in CURVES:
         row = Row(algorithm(name), kind)
-        values = [DEG_H * abs(row.drift(half_angle, f, 1.0 / rate)) for f in frequencies]
+        values = [DEG_PER_H * abs(row.drift(half_angle, f, 1.0 / rate)) for f in frequencies]
         # optimal-2 lies on previous-1: both show
         style = (0, (4, 4)) if name == "optimal-2" else "-"
         axes.loglog(frequencies, values, label=label or name, lw=1.6, ls=style)
@@ -176,19 +165,18 @@ def draw(half_angle: float, rate: float, path: str) -> None:
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
-    parser.add_argument("--half-angle-deg", type=float, default=1.0)
-    parser.add_argument("--rate", type=float, default=400.0, help="gyro samples a second, Hz")
-    parser.add_argument("--frequencies", type=float, nargs="+", default=FREQUENCIES, metavar="HZ")
-    parser.add_argument(
+    options = parser(__doc__, half_angle_deg=1.0)
+    options.add_argument("--rate", type=float, default=400.0, help="gyro samples a second, Hz")
+    options.add_argument("--frequencies", type=float, nargs="+", default=FREQUENCIES, metavar="HZ")
+    options.add_argument(
         "--gyro-kind",
         choices=("rate", "mean-rate", "increment"),
         nargs="+",
         default=("mean-rate", "rate"),
         help="what the samples are; one table each",
     )
-    parser.add_argument("--figure", metavar="PATH", help="write the figure here instead")
-    args = parser.parse_args()
+    options.add_argument("--figure", metavar="PATH", help="write the figure here instead")
+    args = options.parse_args()
     half_angle = np.radians(args.half_angle_deg)
     if args.figure:
         draw(half_angle, args.rate, args.figure)

@@ -11,15 +11,14 @@ The drift table, which needs no simulation, is that of `coning_drift.py`.
 
 from __future__ import annotations
 
-import argparse
 from collections.abc import Callable, Sequence
 from typing import Literal
 
 import numpy as np
-from coning_drift import DEG_H, PAPER, SP, Row, Table
-from numpy.typing import NDArray
 from scipy import signal
 
+from benchmarks.common import FloatArray, parser
+from benchmarks.coning_drift import DEG_PER_H, PAPER, SP, Row, Table
 from sinstool.core import rotation
 from sinstool.methods.coning.algorithm import ConingAlgorithm, GyroKind
 from sinstool.methods.coning.gyro_response import GyroResponse
@@ -41,7 +40,6 @@ from sinstool.simulation.coning_paper import (
 from sinstool.simulation.motions import broadband, random_manoeuvre, thin
 from sinstool.simulation.truth import ImuTruth, sample_times
 
-FloatArray = NDArray[np.float64]
 RATE = 400.0
 STEP = 1.0 / RATE
 
@@ -86,19 +84,9 @@ MANOEUVRED: tuple[tuple[str, ConingAlgorithm, Feed], ...] = (
     *(
         (name, algorithm(name), "mean-rate")
         for name in (
-            "uncompensated",
-            "optimal-2",
-            "optimal-4",
-            "optimal-6",
-            "savage-two-speed",
-            "previous-1",
-            "previous-3",
-            "picard-4",
-            "quatfiter-4",
-            "quatfiter-6",
-            "lookahead-8",
-            "lookahead-12",
-            "gyro-tuned",
+            *("uncompensated", "optimal-2", "optimal-4", "optimal-6", "savage-two-speed"),
+            *("previous-1", "previous-3", "picard-4", "quatfiter-4", "quatfiter-6"),
+            *("lookahead-8", "lookahead-12", "gyro-tuned"),
         )
     ),
     ("picard-4 after 3 integrals", Picard(4, iterations=3), "mean-rate"),
@@ -179,41 +167,37 @@ def spectrum(seed: int = 1) -> list[Table]:
     # one instant less than a multiple of four, so that it thins well
     log = broadband(sample_times(RATE, 64.0 + 3 * STEP), BROADBAND_RMS, seed=seed)
     content = {k: coning_spectrum(fed(log, k)[0], STEP, k) for k in ("mean-rate", "rate")}
-    found = tune(log.gyro_rate, STEP, passband=PASSBAND)
+    fit = tune(log.gyro_rate, STEP, passband=PASSBAND)
 
     def simulated(chosen: ConingAlgorithm, feed: Feed, every: int = 1) -> float:
         run = log if every == 1 else thin(log, every)
         error = final_error(chosen, *fed(run, feed), run)
-        return float(DEG_H * error[2] / (log.interval[1] * len(log.time_ns)))
+        return float(DEG_PER_H * error[2] / (log.interval[1] * len(log.time_ns)))
 
     def pair(name: str, kind: GyroKind, every: int = 1, **options) -> tuple[float, float]:
         chosen = algorithm(name, **options)
         predicted = predicted_drift(content[kind], chosen, interval=every * STEP)[2]
-        return simulated(chosen, kind, every), float(DEG_H * predicted)
+        return simulated(chosen, kind, every), float(DEG_PER_H * predicted)
 
-    rows = {
-        f"{name}, mean rates": pair(name, "mean-rate")
-        for name in ("uncompensated", "previous-1", "previous-3", "lookahead-12")
-    }
-    for name in ("optimal-2", "optimal-4"):
-        rows[f"{name}, mean rates"] = pair(name, "mean-rate")
+    names = ("uncompensated", "previous-1", "previous-3", "lookahead-12", "optimal-2", "optimal-4")
+    rows = {f"{name}, mean rates": pair(name, "mean-rate") for name in names}
     rows["uncompensated, mean rates, 100 Hz"] = pair("uncompensated", "mean-rate", 4)
     # the rectangle rule: two rates with Q = 0
     turn = 2.0 * np.pi * content["rate"].frequency[1:] * STEP
     gain = coning_answer(turn, 0.0) - 1.0
     rows["no compensation, rate x T"] = (
         simulated(algorithm("uncompensated"), "rate x T"),
-        float(DEG_H * (gain @ content["rate"].density[1:, 2] * content["rate"].step)),
+        float(DEG_PER_H * (gain @ content["rate"].density[1:, 2] * content["rate"].step)),
     )
     rows[f"{SP} (paper, printed), rates"] = pair(SP, "rate", variant="printed", **PAPER)
     rows[f"{SP} (paper, truncated), rates"] = pair(SP, "rate", variant="truncated", **PAPER)
     rows[f"{SP} (best), rates"] = pair(SP, "rate")
-    rows[f"{SP} (auto), rates"] = pair(SP, "rate", **found.options())
+    rows[f"{SP} (auto), rates"] = pair(SP, "rate", **fit.options())
     return [
         Table(
             f"Spectrum tuning of {SP}, 20 to 150 Hz, passband {PASSBAND:g} Hz, epsilon = T/2",
             ("Q", "n"),
-            {"best": (1.0 / 12.0, 2.0), "auto": (found.q, found.beta_gain)},
+            {"best": (1.0 / 12.0, 2.0), "auto": (fit.q, fit.beta_gain)},
             ".4g",
             "parameters",
         ),
@@ -401,7 +385,7 @@ def minute_error(
     log = classical_coning(sample_times(rate, MINUTE), np.radians(half_angle), frequency)
     gyro, kind = fed(log, feed)
     error = final_error(chosen, gyro + noise, kind, log, points=points)
-    return float(DEG_H * np.linalg.norm(error) / MINUTE)
+    return float(DEG_PER_H * np.linalg.norm(error) / MINUTE)
 
 
 MEANS = (
@@ -469,9 +453,9 @@ TABLES: dict[str, Callable[[], list[Table]]] = {
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
-    parser.add_argument("table", choices=(*TABLES, "all"))
-    chosen = parser.parse_args().table
+    options = parser(__doc__)
+    options.add_argument("table", choices=(*TABLES, "all"))
+    chosen = options.parse_args().table
     for name in TABLES if chosen == "all" else (chosen,):
         for table in TABLES[name]():
             print(table)

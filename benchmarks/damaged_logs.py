@@ -1,6 +1,6 @@
 """Damaged logs: what sinstool, mcap's two readers and rosbags get out of each, and at what cost.
 
-Builds the logs of tests/readers/damaged.py (2000 messages each, less where the damage took
+Builds the logs of tests/io/readers/damaged.py (2000 messages each, less where the damage took
 them) and reads each with every reader in a process of its own, one after the other. Prints the
 messages obtained, with the class of the exception where one came out, and for sinstool
 --salvage the time and the peak memory of the process. Status 1 where sinstool gives fewer
@@ -20,8 +20,6 @@ import time
 from collections.abc import Callable
 from multiprocessing.connection import Connection
 from pathlib import Path
-
-sys.path.insert(0, str(Path(__file__).parents[1]))
 
 from mcap.reader import make_reader
 from mcap.records import Message

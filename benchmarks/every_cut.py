@@ -15,8 +15,6 @@ import tempfile
 import time
 from pathlib import Path
 
-sys.path.insert(0, str(Path(__file__).parents[1]))
-
 from sinstool.core.errors import SinstoolError
 from sinstool.io.readers import open_log
 from tests.helpers.logs import read_back

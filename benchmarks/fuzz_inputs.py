@@ -9,7 +9,6 @@ import random
 import shutil
 import sqlite3
 import struct
-import sys
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
@@ -17,14 +16,9 @@ from pathlib import Path
 import lz4.frame
 import zstandard
 from mcap.opcode import Opcode
+from mcap.writer import IndexType
 
-ROOT = Path(__file__).resolve().parents[1]
-if str(ROOT) not in sys.path:
-    sys.path.append(str(ROOT))
-
-from mcap.writer import IndexType  # noqa: E402
-
-from tests.helpers.logs import rows, write_bag1, write_bag2, write_db3, write_mcap  # noqa: E402
+from tests.helpers.logs import rows, write_bag1, write_bag2, write_db3, write_mcap
 
 MESSAGES = 20
 FORMATS = ("mcap", "bag", "db3")
@@ -70,12 +64,7 @@ def _databases(folder: Path) -> None:
 
 
 def make_logs(folder: Path) -> None:
-    """Make the logs of every format, each in a folder of its name.
-
-    Parameters
-    ----------
-    folder : Path
-    """
+    """Make the logs of every format, each in a folder of its name."""
     for name, make in zip(FORMATS, (_mcaps, _bags, _databases), strict=True):
         (folder / name).mkdir(parents=True)
         make(folder / name)
@@ -149,17 +138,7 @@ def _spliced(data: bytearray, rng: random.Random, others: list[Path]) -> None:
 
 
 def damaged(data: bytes, rng: random.Random) -> bytes:
-    """Bytes with one to three damages.
-
-    Parameters
-    ----------
-    data : bytes
-    rng : random.Random
-
-    Returns
-    -------
-    bytes
-    """
+    """Bytes with one to three damages."""
     changed = bytearray(data)
     for _ in range(rng.choice((1, 1, 1, 2, 3))):
         if changed:
@@ -262,39 +241,16 @@ def _one_row(database: sqlite3.Connection, rng: random.Random) -> None:
 
 @dataclass(frozen=True)
 class Input:
-    """A damaged log.
-
-    Attributes
-    ----------
-    path : Path
-        A file or a bag's folder.
-    base : str
-        The log it was made from.
-    salvage : bool
-        How it is to be opened.
-    """
+    """A damaged log, the log it was made from, and how it is to be opened."""
 
     path: Path
+    """A file or a bag's folder."""
     base: str
     salvage: bool
 
 
 def make_input(logs: Path, kind: str, seed: int, number: int, folder: Path) -> Input:
-    """Make an input.
-
-    Parameters
-    ----------
-    logs : Path
-        What :func:`make_logs` has made.
-    kind : {'mcap', 'bag', 'db3'}
-    seed, number : int
-    folder : Path
-        Empty; the input is put there.
-
-    Returns
-    -------
-    Input
-    """
+    """Make an input from the logs of :func:`make_logs`, in an empty folder."""
     rng = random.Random(f"{kind} {seed} {number}")
     bases = sorted((logs / kind).iterdir())
     folders = [b for b in bases if b.is_dir()]

@@ -40,23 +40,9 @@ FINE = ("read", "refused")
 
 
 def read_everything(path: Path, salvage: bool, info: bool) -> int:
-    """Read all of a log: raw, its Imu topics as streams; if told, all else as `info` does.
+    """Read all of a log: raw, its Imu topics as streams; with `info` all else as `info` does.
 
-    Parameters
-    ----------
-    path : Path
-    salvage, info : bool
-
-    Returns
-    -------
-    int
-        Messages.
-
-    Raises
-    ------
-    SinstoolError
-    AssertionError
-        A batch points outside its buffer.
+    Returns the number of messages. Fails where a batch points outside its buffer.
     """
     import numpy as np
 
@@ -89,18 +75,7 @@ def read_everything(path: Path, salvage: bool, info: bool) -> int:
 
 
 def try_input(path: Path, salvage: bool, info: bool = True) -> tuple[str, str]:
-    """Read an input; what came of it, and for a failure how.
-
-    Parameters
-    ----------
-    path : Path
-    salvage, info : bool
-
-    Returns
-    -------
-    outcome, details : str
-        ``read``, ``refused`` or a failure.
-    """
+    """Read an input; the outcome (``read``, ``refused`` or a failure), and for a failure how."""
     from sinstool.core.errors import SinstoolError
 
     try:
@@ -121,8 +96,7 @@ def _work(
     logs: Path, kind: str, seed: int, numbers: range, threads: bool, report: Any, place: Path
 ) -> None:
     """Read inputs one after the other, telling the parent before and after each."""
-    from fuzz_inputs import make_input
-
+    from benchmarks.fuzz_inputs import make_input
     from sinstool.core.threads import single_threaded
 
     stack = contextlib.ExitStack()
@@ -249,23 +223,7 @@ class Result(NamedTuple):
 
 
 def fuzz(kind: str, seed: int, numbers: range, jobs: int, place: Path) -> Iterator[Result]:
-    """Read many inputs of a format.
-
-    Parameters
-    ----------
-    kind : str
-    seed : int
-    numbers : range
-        Of the inputs.
-    jobs : int
-        Processes.
-    place : Path
-        With the logs in it.
-
-    Yields
-    ------
-    Result
-    """
+    """Read many inputs of a format in so many processes; `place` has the logs in it."""
     size = max(1, min(BATCH, len(numbers) // 10))
     parts = [numbers[n : n + size] for n in range(0, len(numbers), size)]
     # Those with bounds checks first: they take longest to begin
@@ -294,7 +252,7 @@ def fuzz(kind: str, seed: int, numbers: range, jobs: int, place: Path) -> Iterat
 
 
 def _keep(folder: Path, logs: Path, kind: str, seed: int, found: Result) -> None:
-    from fuzz_inputs import make_input
+    from benchmarks.fuzz_inputs import make_input
 
     shutil.rmtree(folder, ignore_errors=True)
     folder.mkdir(parents=True)
@@ -304,7 +262,7 @@ def _keep(folder: Path, logs: Path, kind: str, seed: int, found: Result) -> None
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    from fuzz_inputs import FORMATS, make_input, make_logs
+    from benchmarks.fuzz_inputs import FORMATS, make_input, make_logs
 
     parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
     parser.add_argument("--count", type=int, default=100_000, help="of inputs, for each format")

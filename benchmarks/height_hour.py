@@ -17,13 +17,11 @@ References
 
 from __future__ import annotations
 
-import argparse
-import sys
 import time
-from pathlib import Path
 
 import numpy as np
 
+from benchmarks.common import DEG_H, DEG_SQRT_H, DEGREE, UG, parser, print_table
 from sinstool.core.rotation import exp, multiply
 from sinstool.core.streams import Imu
 from sinstool.methods.coning.registry import algorithm
@@ -36,23 +34,16 @@ from sinstool.simulation.barometer import barometer
 from sinstool.simulation.flight import spiral_climb
 from sinstool.simulation.sensors import SensorGrade, with_errors
 from sinstool.simulation.trajectory import Trajectory
+from tests.helpers.height_network import NetworkTheory
 
-ROOT = Path(__file__).parents[1]
-if str(ROOT) not in sys.path:
-    sys.path.append(str(ROOT))
-
-from tests.helpers.height_network import NetworkTheory  # noqa: E402
-
-DEGREE = np.pi / 180.0
-G = 9.80665
 RATE = 128.0
 BARO_RATE = 50.0
 SIGMA_BARO, BARO_TIME = 10.0, 500.0
 SENSORS = SensorGrade(
-    angle_random_walk=0.005 * DEGREE / 60.0,
-    gyro_bias=0.05 * DEGREE / 3600.0,
-    velocity_random_walk=10e-6 * G,
-    accel_bias=50e-6 * G,
+    angle_random_walk=0.005 * DEG_SQRT_H,
+    gyro_bias=0.05 * DEG_H,
+    velocity_random_walk=10.0 * UG,
+    accel_bias=50.0 * UG,
     accel_scale=50e-6,
 )
 START = (5.0, 0.1, 30.0 / 3600.0 * DEGREE, 3.0 / 60.0 * DEGREE)
@@ -158,7 +149,7 @@ def theory(flight: Trajectory, tau: float, k4: float) -> tuple[float, float]:
     """Stationary sigma of height less barometer, and of velocity."""
     w2 = gravity_gradient(float(flight.latitude[0]), float(flight.height[0]))
     sigma = NetworkTheory(tau, k4, w2).sigmas_with_gravity(
-        baro_wander=2.0 * SIGMA_BARO**2 / BARO_TIME, accel_white=(10e-6 * G) ** 2
+        baro_wander=2.0 * SIGMA_BARO**2 / BARO_TIME, accel_white=(10.0 * UG) ** 2
     )
     return sigma.height, sigma.velocity
 
@@ -190,40 +181,44 @@ def one_metre(flight: Trajectory) -> tuple[float, float]:
 
 def main() -> None:
     """Print the tables."""
-    parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
-    parser.add_argument("--runs", type=int, default=30)
-    parser.add_argument("--duration", type=float, default=3600.0, help="s")
-    told = parser.parse_args()
+    options = parser(__doc__, runs=30)
+    options.add_argument("--duration", type=float, default=3600.0, help="s")
+    args = options.parse_args()
     begin = time.perf_counter()
-    flight = spiral_climb(told.duration, RATE)
-    runs = range(told.runs)
+    flight = spiral_climb(args.duration, RATE)
+    runs = range(args.runs)
 
-    print("1. Without damping\n")
     grown, linear = one_metre(flight)
-    print("| | ours | expected | the paper |")
-    print("|---|---|---|---|")
-    print(f"| 1 m at the start, after {told.duration:.0f} s, m | {grown:.1f} | {linear:.1f} |"
-          " 10 000 (after an hour): not by 1 m alone |")  # fmt: skip
     early, end = undamped(flight, runs)
-    print(f"| error after 600 s, RMS, m | {np.sqrt(np.mean(early**2)):.0f} | 145 | |")
-    print(f"| error after {told.duration:.0f} s, RMS, km | {np.sqrt(np.mean(end**2)) / 1e3:.1f} |"
-          " 63.0 (after an hour) | |")  # fmt: skip
-    print(f"| median, km | {np.median(end) / 1e3:.1f} | 41.6 (after an hour) | tens of km |")
-    print(f"| largest, km | {end.max() / 1e3:.1f} | 122 (after an hour) | |")
+    after = f"after {args.duration:.0f} s"
+    rms = np.sqrt(np.mean(end**2)) / 1e3
+    rows = (
+        (f"1 m at the start, {after}, m", f"{grown:.1f}", f"{linear:.1f}",
+         "10 000 (after an hour): not by 1 m alone"),
+        ("error after 600 s, RMS, m", f"{np.sqrt(np.mean(early**2)):.0f}", "145", ""),
+        (f"error {after}, RMS, km", f"{rms:.1f}", "63.0 (after an hour)", ""),
+        ("median, km", f"{np.median(end) / 1e3:.1f}", "41.6 (after an hour)", "tens of km"),
+        ("largest, km", f"{end.max() / 1e3:.1f}", "122 (after an hour)", ""),
+    )  # fmt: skip
+    print_table(("", "ours", "expected", "the paper"), rows, "1. Without damping")
 
-    print(f"\n2. With damping: {told.runs} runs of {told.duration:.0f} s, from {SETTLED:.0f} s on")
-    print("\nRMS: height, m; height less barometer, m; vertical velocity, m/s\n")
-    print("| tau, K4 | height | barometer itself | published | h - b | theory, published |"
-          " velocity | theory, published | largest |")  # fmt: skip
-    print("|---|---|---|---|---|---|---|---|---|")
-    for (tau, k4), known in PUBLISHED.items():
+    print(
+        f"\n2. With damping: {args.runs} runs of {args.duration:.0f} s, from {SETTLED:.0f} s on\n"
+    )
+
+    def row(tau: float, k4: float, published: tuple[float, float, float]) -> list[str]:
         h, b, off, v, most = damped(flight, tau, k4, runs)
-        expected = theory(flight, tau, k4)
-        print(
-            f"| {tau:g}, {k4:g} | {h:.2f} | {b:.2f} | {known[0]:.4g} | {off:.3f} |"
-            f" {expected[0]:.3f}, {known[1]:.3f} | {v:.3f} | {expected[1]:.3f}, {known[2]:.3f} |"
-            f" {most:.2f} |"
-        )
+        height, velocity = theory(flight, tau, k4)
+        return [
+            *(f"{tau:g}, {k4:g}", f"{h:.2f}", f"{b:.2f}", f"{published[0]:.4g}", f"{off:.3f}"),
+            *(f"{height:.3f}, {published[1]:.3f}", f"{v:.3f}"),
+            *(f"{velocity:.3f}, {published[2]:.3f}", f"{most:.2f}"),
+        ]
+
+    title = "RMS: height, m; height less barometer, m; vertical velocity, m/s"
+    head = ("tau, K4", "height", "barometer itself", "published", "h - b", "theory, published",
+            "velocity", "theory, published", "largest")  # fmt: skip
+    print_table(head, (row(*network, p) for network, p in PUBLISHED.items()), title)
     print(f"\n{time.perf_counter() - begin:.0f} s")
 
 

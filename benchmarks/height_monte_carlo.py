@@ -12,31 +12,22 @@ beside what an independent simulation of the whole mechanisation had.
 
 from __future__ import annotations
 
-import argparse
-import sys
-from collections.abc import Sequence
 from dataclasses import astuple
-from pathlib import Path
 
 import numpy as np
 from numba import njit
 from scipy.signal import lfilter
 
+from benchmarks.common import UG, numbers, parser, print_table
 from sinstool.core.earth import normal_gravity
 from sinstool.methods.height.discrete import pole_matched_gains
 from sinstool.methods.height.network import HeightNetwork, gravity_gradient
 from sinstool.methods.height.vertical import VerticalChannel
-
-ROOT = Path(__file__).parents[1]
-if str(ROOT) not in sys.path:
-    sys.path.append(str(ROOT))
-
-from tests.helpers.height_network import NetworkTheory  # noqa: E402
+from tests.helpers.height_network import NetworkTheory
 
 LATITUDE = np.radians(34.0 + 14.0 / 60.0 + 12.645 / 3600.0)
 START = 388.0
 W2 = gravity_gradient(LATITUDE, START)
-G = 9.80665
 
 SOURCES = ("baro_white", "baro_wander", "accel_white", "accel_bias_wander")
 NETWORKS = ((2.4, 0.0), (2.4, 0.5), (10.0, 0.0), (10.0, 4.0), (30.0, 0.0), (100.0, 0.0))
@@ -130,8 +121,8 @@ def channel_rms(
         drive = 10.0 * np.sqrt(1.0 - keep * keep) * rng.standard_normal(len(t))
         drive[0] = 10.0 * rng.standard_normal()
         baro = lfilter([1.0], [1.0, -keep], drive)
-        bias = 50e-6 * G * rng.standard_normal()
-        white = 10e-6 * G * np.sqrt(rate) * rng.standard_normal(len(t))
+        bias = 50.0 * UG * rng.standard_normal()
+        white = 10.0 * UG * np.sqrt(rate) * rng.standard_normal(len(t))
         channel = VerticalChannel(
             network, LATITUDE, "navigation", height=START, v_up=climb, quick_start=False
         )
@@ -146,44 +137,41 @@ def channel_rms(
     return np.sqrt(total / runs)
 
 
-def _row(cells: Sequence[str]) -> str:
-    return f"| {' | '.join(cells)} |"
-
-
 def main() -> None:
     """Print both tables."""
-    parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
-    parser.add_argument("--trials", type=int, default=200, help="of each noise")
-    parser.add_argument("--spans", type=int, default=60, help="time constants in each trial")
-    parser.add_argument("--runs", type=int, default=12, help="of the vertical channel")
-    parser.add_argument("--duration", type=float, default=3600.0, help="of each run, s")
-    told = parser.parse_args()
+    options = parser(__doc__)
+    options.add_argument("--trials", type=int, default=200, help="of each noise")
+    options.add_argument("--spans", type=int, default=60, help="time constants in each trial")
+    options.add_argument("--runs", type=int, default=12, help="of the vertical channel")
+    options.add_argument("--duration", type=float, default=3600.0, help="of each run, s")
+    args = options.parse_args()
 
     ratios = {
-        (tau, k4): [sigma_ratios(tau, k4, x, told.trials, told.spans) for x in SOURCES]
+        (tau, k4): [sigma_ratios(tau, k4, x, args.trials, args.spans) for x in SOURCES]
         for tau, k4 in NETWORKS
     }
     for which, name in enumerate(("Lyapunov equation", "closed form")):
-        print(f"Monte Carlo / {name}, standard deviations of h, v, A\n")
-        print(_row(["tau, K4", *SOURCES]))
-        print("|---" * (len(SOURCES) + 1) + "|")
-        for (tau, k4), pairs in ratios.items():
-            cells = [" ".join(f"{r:.3f}" for r in pair[which]) for pair in pairs]
-            print(_row([f"{tau:g}, {k4:g}", *cells]))
+        rows = (
+            (f"{tau:g}, {k4:g}", *(numbers(pair[which], ".3f") for pair in pairs))
+            for (tau, k4), pairs in ratios.items()
+        )
+        title = f"Monte Carlo / {name}, standard deviations of h, v, A"
+        print_table(("tau, K4", *SOURCES), rows, title)
         off = max(np.abs(pair[which] - 1.0).max() for pairs in ratios.values() for pair in pairs)
         limit = ("to be within 5 %", "3 w2 tau^2 is left out: 9 % of A at 100 s")[which]
         print(f"\nworst deviation {100 * off:.1f} % ({limit})\n")
 
-    print("Vertical channel, 128 Hz: RMS v m/s, RMS (h - b) m, RMS (A - bias) m/s^2\n")
-    print(_row(["tau, K4", "ours", "closed form", "published"]))
-    print("|---|---|---|---|")
-    q = 2.0 * 100.0 / 500.0
-    for (tau, k4), known in PUBLISHED.items():
-        ours = channel_rms(tau, k4, told.runs, told.duration, 128.0)
-        s = HeightNetwork(tau, k4, W2).sigmas(baro_wander=q, accel_white=(10e-6 * G) ** 2)
+    def rms(tau: float, k4: float, published: tuple[float | None, ...]) -> list[str]:
+        ours = channel_rms(tau, k4, args.runs, args.duration, 128.0)
+        s = NetworkTheory(tau, k4, W2).sigmas(
+            baro_wander=2.0 * 100.0 / 500.0, accel_white=(10.0 * UG) ** 2
+        )
         form = (s.velocity, s.height, s.correction)
-        cells = [" ".join("-" if x is None else f"{x:.3g}" for x in c) for c in (ours, form, known)]
-        print(_row([f"{tau:g}, {k4:g}", *cells]))
+        return [f"{tau:g}, {k4:g}", *(numbers(c) for c in (ours, form, published))]
+
+    title = "Vertical channel, 128 Hz: RMS v m/s, RMS (h - b) m, RMS (A - bias) m/s^2"
+    head = ("tau, K4", "ours", "closed form", "published")
+    print_table(head, (rms(*network, p) for network, p in PUBLISHED.items()), title)
 
 
 if __name__ == "__main__":

@@ -10,11 +10,7 @@ and 10 ug/sqrt(Hz)); a MEMS flight with 2 mg, 150 ug/sqrt(Hz) and 1 mg per 100 s
 
 from __future__ import annotations
 
-import argparse
-import sys
-from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
-from pathlib import Path
 
 import numpy as np
 from numba import njit
@@ -22,22 +18,17 @@ from scipy.linalg import expm, solve_continuous_lyapunov
 from scipy.optimize import minimize_scalar
 from scipy.signal import lfilter
 
+from benchmarks.common import UG, numbers, parser, print_table
 from sinstool.core.earth import normal_gravity
 from sinstool.methods.height.discrete import pole_matched_gains
 from sinstool.methods.height.layout import SHADOW_TAU
-from sinstool.methods.height.network import HeightNetwork, gravity_gradient, paper
+from sinstool.methods.height.network import gravity_gradient, paper
 from sinstool.methods.height.vertical import VerticalChannel
-
-ROOT = Path(__file__).parents[1]
-if str(ROOT) not in sys.path:
-    sys.path.append(str(ROOT))
-
-from tests.helpers.height_network import NetworkTheory  # noqa: E402
+from tests.helpers.height_network import NetworkTheory
 
 LATITUDE = np.radians(34.0 + 14.0 / 60.0 + 12.645 / 3600.0)
 START = 388.0
 W2 = gravity_gradient(LATITUDE, START)
-G = 9.80665
 
 GAINS = {
     (2.4, 0.0): ("1.25", "0.520836413", "0.072337963"),
@@ -73,7 +64,7 @@ class Sensors:
     baro_white: float = 0.0
     tilt: tuple[float, float] = (0.0, 1.0)
 
-    def model(self, network: HeightNetwork | None) -> tuple[np.ndarray, np.ndarray]:
+    def model(self, network: NetworkTheory | None) -> tuple[np.ndarray, np.ndarray]:
         """Rate matrix and noise of the errors of h, v, A, tilt, bias, baro; None: it coasts."""
         f, q = np.zeros((6, 6)), np.zeros((6, 6))
         f[0, 1], f[1, 0], f[1, 2] = 1.0, W2, -1.0
@@ -88,14 +79,14 @@ class Sensors:
         q[4, 4], q[5, 5] = self.bias_walk, 2.0 * self.baro[0] ** 2 / self.baro[1]
         return f, q
 
-    def stationary(self, network: HeightNetwork) -> np.ndarray:
+    def stationary(self, network: NetworkTheory) -> np.ndarray:
         """Covariance of the settled network."""
         f, q = self.model(network)
         return np.asarray(solve_continuous_lyapunov(f, -q))
 
     def after_gap(self, tau: float, length: float) -> tuple[float, float]:
         """Sigma of the drift of h and of v after a coast from a settled network of tau."""
-        p = self.stationary(HeightNetwork(tau, 0.0, W2))
+        p = self.stationary(NetworkTheory(tau, 0.0, W2))
         p[0, :] = p[:, 0] = 0.0
         f, q = self.model(None)
         step = 0.01
@@ -106,35 +97,25 @@ class Sensors:
 
 
 GRADES = {
-    "navigation": Sensors((10.0, 500.0), (10e-6 * G) ** 2, 0.0),
+    "navigation": Sensors((10.0, 500.0), (10.0 * UG) ** 2, 0.0),
     "mems": Sensors(
         (3.0, 300.0),
-        (150e-6 * G) ** 2,
-        (1e-3 * G) ** 2 / 100.0,
+        (150.0 * UG) ** 2,
+        (1000.0 * UG) ** 2 / 100.0,
         baro_white=0.2**2 / 10.0,
         tilt=(0.02, 5.0),
     ),
 }
 
 
-def _table(title: str, head: Sequence[str], rows: Iterable[Sequence[object]]) -> None:
-    print(f"{title}\n\n| {' | '.join(head)} |\n{'|---' * len(head)}|")
-    for row in rows:
-        print(f"| {' | '.join('-' if x is None else str(x) for x in row)} |")
-    print()
-
-
-def _numbers(values: Iterable[float | None], form: str = ".3g") -> str:
-    return " ".join("-" if x is None else format(x, form) for x in values)
-
-
 def print_gains() -> None:
     """Gains, and the roots of the printed and of the corrected matrix."""
     rows = []
     for (tau, k4), known in GAINS.items():
-        ours = HeightNetwork(tau, k4, 3.08e-6).gains
-        rows.append((f"{tau:g}, {k4:g}", _numbers(ours, ".9g"), " ".join(known)))
-    _table("Gains K1, K2, K3 (w2 = 3.08e-6)", ("tau, K4", "ours", "published"), rows)
+        ours = NetworkTheory(tau, k4, 3.08e-6).gains
+        rows.append((f"{tau:g}, {k4:g}", numbers(ours, ".9g"), " ".join(known)))
+    print_table(("tau, K4", "ours", "published"), rows, "Gains K1, K2, K3 (w2 = 3.08e-6)")
+    print()
     network = NetworkTheory(paper().tau, paper().k4, W2)
     for name, matrix in (("printed", network.printed_matrix), ("corrected", network.matrix)):
         print(f"eq. (2) as {name}: roots {np.round(np.linalg.eigvals(matrix), 4)}")
@@ -177,8 +158,7 @@ def print_poles() -> None:
                 passed += t
             largest = max(largest, np.linalg.norm(scale[:, None] * product / scale, 2))
         rows.append((f"{tau:g}, {k4:g}", f"{worst:.1e}", f"{100 * spread:.1f} %", f"{largest:.1e}"))
-    _table(
-        "Sampled network, T = 0.005 to 5 s",
+    print_table(
         (
             "tau, K4",
             "polynomial - (z - r)^3",
@@ -186,7 +166,9 @@ def print_poles() -> None:
             "norm after 25 tau of random T (4e-7)",
         ),
         rows,
+        "Sampled network, T = 0.005 to 5 s",
     )
+    print()
 
 
 def print_responses() -> None:
@@ -198,22 +180,23 @@ def print_responses() -> None:
         (0.5, 9.5, 3.0, 0.314, 0.774),
         (0.8, 4.6, 2.9, 0.302, 0.462),
     ):
-        network = HeightNetwork(2.4, k4, W2)
+        network = NetworkTheory(2.4, k4, W2)
         step = network.step_response("baro", t)
         last = np.flatnonzero(np.abs(step[:, 0] - 1.0) > 0.02)[-1]
         force = network.step_response("acceleration", t)[:, 0].max()
         ours = (100 * (step[:, 0].max() - 1), t[last] / 2.4, step[:, 1].max(), force)
-        rows.append((f"{k4:g}", _numbers(ours, ".4g"), _numbers((over, settle, speed, rise))))
-    _table(
-        "tau = 2.4 s: overshoot %, 2 % settling / tau, peak v of 1 m; peak h of 1 m/s^2",
+        rows.append((f"{k4:g}", numbers(ours, ".4g"), numbers((over, settle, speed, rise))))
+    print_table(
         ("K4", "closed form", "published"),
         rows,
+        "tau = 2.4 s: overshoot %, 2 % settling / tau, peak v of 1 m; peak h of 1 m/s^2",
     )
+    print()
     rows = []
     for rate, known in DEVIATIONS.items():
         cells = []
         for k4 in (0.0, 0.5):
-            network = HeightNetwork(2.4, k4, W2)
+            network = NetworkTheory(2.4, k4, W2)
             interval = 1.0 / rate
             gains = np.array(pole_matched_gains(interval, 2.4, k4, W2)) * [1.0, 1.0, -1.0]
             phi, x, after = _free(interval, W2), np.zeros(3), []
@@ -224,11 +207,12 @@ def print_responses() -> None:
             exact = network.step_response("baro", np.arange(1, len(after) + 1) * interval)
             cells.append(np.abs(np.array(after) - exact[:, 0]).max())
         rows.append((f"{rate:g}", f"{cells[0]:.4f}", f"{cells[1]:.4f}", known))
-    _table(
-        "Step of 1 m, sampled against continuous, tau = 2.4 s, m",
+    print_table(
         ("baro Hz", "K4 = 0", "K4 = 0.5", "published"),
         rows,
+        "Step of 1 m, sampled against continuous, tau = 2.4 s, m",
     )
+    print()
 
 
 def print_flight() -> None:
@@ -245,15 +229,18 @@ def print_flight() -> None:
     for k4, lag in ((0.0, 0.0), (0.5, 0.0), (0.8, 0.0), (0.0, 1.0), (-1.0, 1.0)):
         baro = slow if lag else h
         channel = VerticalChannel(
-            HeightNetwork(2.4, k4, W2), LATITUDE, height=START, baro_lag=max(-k4, 0.0)
+            NetworkTheory(2.4, k4, W2), LATITUDE, height=START, baro_lag=max(-k4, 0.0)
         )
         out = channel.push(stamps, force, stamps[::2], baro[::2])
         bias = np.mean((out.height - h)[-1000:])
         rows.append((f"{k4:g}, {lag:g}", f"{bias:.3f}", f"{-(k4 + lag) * 5.0:.3f}"))
-    _table("Height bias in a climb of 5 m/s, m", ("K4, baro lag s", "ours", "-(K4 + lag) V"), rows)
+    print_table(
+        ("K4, baro lag s", "ours", "-(K4 + lag) V"), rows, "Height bias in a climb of 5 m/s, m"
+    )
+    print()
 
     t = np.arange(0.0, 3600.001, 0.05)
-    channel = VerticalChannel(HeightNetwork(5.0, 0.0, W2), LATITUDE, height=START + 1.0)
+    channel = VerticalChannel(NetworkTheory(5.0, 0.0, W2), LATITUDE, height=START + 1.0)
     rest = np.full(len(t), float(normal_gravity(LATITUDE, START)))
     out = channel.push(np.round(t * 1e9).astype(np.int64), rest)
     print(f"1 m of height error, undamped for an hour: {out.height[-1] - START:.1f} m (277-279)\n")
@@ -287,7 +274,7 @@ def gap_errors(
     t = np.arange(int((480.0 + length) * rate) + 1) / rate
     gap = (t > 400.0) & (t < 400.0 + length)
     first, last = int(400 * rate), int((400 + length) * rate) - 1
-    network = HeightNetwork(tau, 0.0, W2)
+    network = NetworkTheory(tau, 0.0, W2)
     stamps = np.round(t * 1e9).astype(np.int64)
     rows = []
     for run in range(runs):
@@ -299,13 +286,13 @@ def gap_errors(
         baro = lfilter([1.0], [1.0, -keep], drive)
         white = np.sqrt(rate) * rng.standard_normal(len(t))
         if grade == "navigation":
-            force = 50e-6 * G * rng.standard_normal() + 10e-6 * G * white
+            force = 50.0 * UG * rng.standard_normal() + 10.0 * UG * white
         else:
             baro = baro + 0.2 * np.sqrt(rate / 10.0) * rng.standard_normal(len(t))
-            walk = np.cumsum(rng.standard_normal(len(t))) / np.sqrt(100.0 * rate) * 1e-3 * G
+            walk = np.cumsum(rng.standard_normal(len(t))) / np.sqrt(100.0 * rate) * 1000.0 * UG
             r = np.exp(-1.0 / (5.0 * rate))
             tilt = lfilter([0.02 * np.sqrt(1 - r * r)], [1.0, -r], rng.standard_normal(len(t)))
-            force = 2e-3 * G * rng.standard_normal() + 150e-6 * G * white + walk + tilt
+            force = 2000.0 * UG * rng.standard_normal() + 150.0 * UG * white + walk + tilt
         if shadow:
             channel = VerticalChannel(network, LATITUDE, grade, height=START)  # type: ignore[arg-type]
             out = channel.push(
@@ -331,26 +318,27 @@ def print_gaps(runs: int) -> None:
         theory = GRADES[grade].after_gap(from_tau, length)
         how = "channel" if shadow else "A held, raw"
         label = f"{grade}, {tau:g} s, {length:g} s, {how}"
-        rows.append((label, _numbers(ours), _numbers(theory), _numbers(known)))
-    _table(
-        "Gap: drift of h m, v m/s at its end (RMS); peak v after it (mean)",
+        rows.append((label, numbers(ours), numbers(theory), numbers(known)))
+    print_table(
         ("IMU, tau, gap, how", f"ours ({runs} runs)", "linear theory", "published"),
         rows,
+        "Gap: drift of h m, v m/s at its end (RMS); peak v after it (mean)",
     )
+    print()
 
 
 def print_best() -> None:
     """Time constants for the least noise in the velocity."""
     cases = {
         "paper's baro, 10 ug/sqrt(Hz), 10 ug per 1000 s": (
-            Sensors((10.0, 500.0), (10e-6 * G) ** 2, (10e-6 * G) ** 2 / 1000.0),
+            Sensors((10.0, 500.0), (10.0 * UG) ** 2, (10.0 * UG) ** 2 / 1000.0),
             (262.0, 0.036, 0.353, 4337.0),
         ),
         "tactical: 0.3 m at 10 Hz, 3 m over 300 s, 100 ug/sqrt(Hz), 100 ug per 1000 s": (
             Sensors(
                 (3.0, 300.0),
-                (100e-6 * G) ** 2,
-                (100e-6 * G) ** 2 / 1000.0,
+                (100.0 * UG) ** 2,
+                (100.0 * UG) ** 2 / 1000.0,
                 baro_white=0.3**2 / 10.0,
             ),
             (54.0, 0.032, 0.141, 1744.0),
@@ -358,8 +346,8 @@ def print_best() -> None:
         "MEMS: 0.2 m at 50 Hz, 1 m over 100 s, 150 ug/sqrt(Hz), 1 mg per 100 s, tilt": (
             Sensors(
                 (1.0, 100.0),
-                (150e-6 * G) ** 2,
-                (1e-3 * G) ** 2 / 100.0,
+                (150.0 * UG) ** 2,
+                (1000.0 * UG) ** 2 / 100.0,
                 baro_white=0.2**2 / 50.0,
                 tilt=(0.02, 5.0),
             ),
@@ -369,33 +357,31 @@ def print_best() -> None:
     rows = []
     for name, (sensors, known) in cases.items():
         best = minimize_scalar(
-            lambda x, s=sensors: s.stationary(HeightNetwork(np.exp(x), 0.0, W2))[1, 1],
+            lambda x, s=sensors: s.stationary(NetworkTheory(np.exp(x), 0.0, W2))[1, 1],
             bounds=np.log([0.5, 500.0]),
             method="bounded",
         )
-        quick = sensors.stationary(HeightNetwork(2.4, 0.0, W2))
+        quick = sensors.stationary(NetworkTheory(2.4, 0.0, W2))
         off = np.array([0.0, 0.0, 1.0, 0.0, -1.0, 0.0])  # A less the bias
-        sigma_a = np.sqrt(off @ quick @ off) / G * 1e6
+        sigma_a = np.sqrt(off @ quick @ off) / UG
         ours = (np.exp(best.x), np.sqrt(best.fun), np.sqrt(quick[1, 1]), sigma_a)
-        rows.append((name, _numbers(ours, ".4g"), _numbers(known, ".4g")))
-    _table(
-        "Best tau s for v, sigma v there, at 2.4 s m/s, sigma A at 2.4 s ug (K4 = 0)",
+        rows.append((name, numbers(ours, ".4g"), numbers(known, ".4g")))
+    print_table(
         ("sensors", "ours", "published"),
         rows,
+        "Best tau s for v, sigma v there, at 2.4 s m/s, sigma A at 2.4 s ug (K4 = 0)",
     )
+    print()
 
 
 def main() -> None:
     """Print all tables."""
-    parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
-    parser.add_argument("--runs", type=int, default=100, help="of each gap")
-    told = parser.parse_args()
-    print_gains()
-    print_poles()
-    print_responses()
-    print_flight()
-    print_best()
-    print_gaps(told.runs)
+    options = parser(__doc__)
+    options.add_argument("--runs", type=int, default=100, help="of each gap")
+    args = options.parse_args()
+    for table in (print_gains, print_poles, print_responses, print_flight, print_best):
+        table()
+    print_gaps(args.runs)
 
 
 if __name__ == "__main__":

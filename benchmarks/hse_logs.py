@@ -14,17 +14,17 @@ from __future__ import annotations
 
 import argparse
 import json
+import math
 import os
-import shutil
 import subprocess
 import sys
-import tempfile
 import time
 from pathlib import Path
 from typing import Any
 
+from benchmarks.commands import PROGRAM, folder_for_logs, sinstool
+
 RATES = ("20", "40", "60")
-PROGRAM = [sys.executable, "-c", "from sinstool.cli.main import main; main()"]
 
 
 def make(folder: Path, distinct: int, count: int, seconds: float) -> tuple[list[Path], Path]:
@@ -50,13 +50,9 @@ def make(folder: Path, distinct: int, count: int, seconds: float) -> tuple[list[
             "--accel-bias": 50.0,
             "--encoder-lsb": 0.18,
         }
-        arguments = [str(v) for pair in words.items() for v in pair]
-        command = ["simulate", "hse-rig", "-o", str(path), "--no-truth", *arguments]
-        subprocess.run(
-            [*PROGRAM, *command, "--rig-out", str(rig), "--overwrite"],
-            check=True,
-            stdout=subprocess.DEVNULL,
-        )
+        options = [word for pair in words.items() for word in pair]
+        command = ("simulate", "hse-rig", "-o", path, "--no-truth", *options)
+        sinstool(*command, "--rig-out", rig, "--overwrite")
     names = []
     for k in range(count):
         name = folder / f"log_{k:02d}.mcap"
@@ -107,9 +103,9 @@ def computing(files: list[Path], count: int, rig_file: Path) -> tuple[float, flo
     find_turns(samples[0], rig, rules)  # compiles
     began, cpu = time.perf_counter(), time.process_time()
     turns = [find_turns(samples[k % len(files)], rig, rules, f"{k}") for k in range(count)]
-    found, cpu = time.perf_counter(), time.process_time() - cpu
+    turned, cpu = time.perf_counter(), time.process_time() - cpu
     judge(fit(align_runs(turns, rig, config.calibration), fit_options(config.calibration)))
-    return found - began, cpu, time.perf_counter() - found
+    return turned - began, cpu, time.perf_counter() - turned
 
 
 def stock(path: Path) -> tuple[int, float, float]:
@@ -132,31 +128,31 @@ def stock(path: Path) -> tuple[int, float, float]:
     return count, iterating, both
 
 
-def compare(folder: Path, told: argparse.Namespace) -> None:
-    logs, rig = make(folder, told.distinct, told.logs, told.seconds)
-    files = [folder / f"distinct_{k}.mcap" for k in range(told.distinct)]
-    end_to_end(logs[: told.distinct], rig)  # compiles, and brings the files into memory
-    runs = [end_to_end(logs, rig) for _ in range(told.runs)]
-    wall, cpu, found = min(runs, key=lambda one: one[0])
-    turning, turning_cpu, fitting = computing(files, told.logs, rig)
-    timed = [stock(path) for path in files[: told.stock_logs]]
+def compare(folder: Path, args: argparse.Namespace) -> None:
+    logs, rig = make(folder, args.distinct, args.logs, args.seconds)
+    files = [folder / f"distinct_{k}.mcap" for k in range(args.distinct)]
+    end_to_end(logs[: args.distinct], rig)  # compiles, and brings the files into memory
+    runs = [end_to_end(logs, rig) for _ in range(args.runs)]
+    wall, cpu, calibration = min(runs, key=lambda one: one[0])
+    turning, turning_cpu, fitting = computing(files, args.logs, rig)
+    timed = [stock(path) for path in files[: args.stock_logs]]
     count = sum(one[0] for one in timed) // len(timed)
-    iterating, both = (sum(one[k] for one in timed) / len(timed) * told.logs for k in (1, 2))
+    iterating, both = (sum(one[k] for one in timed) / len(timed) * args.logs for k in (1, 2))
     size = sum(path.stat().st_size for path in files) / len(files) / 1e6
     print(
-        f"{told.logs} logs of {told.seconds:g} s, each {count} messages, {size:.0f} MB;"
-        f" {told.distinct} distinct files, the others are further names of them."
+        f"{args.logs} logs of {args.seconds:g} s, each {count} messages, {size:.0f} MB;"
+        f" {args.distinct} distinct files, the others are further names of them."
     )
     print(
-        f"Stock ways measured on {len(timed)} log(s) and scaled to {told.logs}; ours on all, best"
-        f" of {told.runs}. Load {os.getloadavg()[0]:.1f}, {os.cpu_count()} cores."
+        f"Stock ways measured on {len(timed)} log(s) and scaled to {args.logs}; ours on all, best"
+        f" of {args.runs}. Load {os.getloadavg()[0]:.1f}, {os.cpu_count()} cores."
     )
-    seconds = 180.0 * 3600.0 / 3.141592653589793
-    sigma = found["sigma_lambda2_rad"]
+    seconds = 180.0 * 3600.0 / math.pi
+    sigma = calibration["sigma_lambda2_rad"]
     by = "" if sigma is None else f' +- {sigma * seconds:.2f}"'
     print(
-        f'lambda2 {found["lambda2_arcsec"]:.2f}"{by} by {found["method"]}, axial'
-        f' {found["axial"]["lambda2_rad"] * seconds:.3f}" (simulated: -4.2")\n'
+        f'lambda2 {calibration["lambda2_arcsec"]:.2f}"{by} by {calibration["method"]}, axial'
+        f' {calibration["axial"]["lambda2_rad"] * seconds:.3f}" (simulated: -4.2")\n'
     )
     print("| what | wall s | CPU s | ours is faster by (wall) |")
     print("|---|---|---|---|")
@@ -175,14 +171,9 @@ def main() -> None:
     parser.add_argument("--seconds", type=float, default=600.0, help="length of a log")
     parser.add_argument("--runs", type=int, default=2, help="of the whole command")
     parser.add_argument("--stock-logs", type=int, default=1, help="logs read the stock ways")
-    told = parser.parse_args()
-    folder = told.dir or Path(tempfile.mkdtemp(prefix="hse_logs."))
-    folder.mkdir(parents=True, exist_ok=True)
-    try:
-        compare(folder, told)
-    finally:
-        if told.dir is None:
-            shutil.rmtree(folder)
+    args = parser.parse_args()
+    with folder_for_logs(args.dir) as folder:
+        compare(folder, args)
 
 
 if __name__ == "__main__":

@@ -13,17 +13,22 @@ of four azimuths with a coefficient found before.
 
 from __future__ import annotations
 
-import argparse
-import sys
 import time
-from collections.abc import Sequence
-from concurrent.futures import ProcessPoolExecutor
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
+from benchmarks.common import (
+    ARCSEC,
+    DEG_H,
+    DEG_SQRT_H,
+    UG,
+    FloatArray,
+    over_seeds,
+    parser,
+    print_table,
+)
 from sinstool.core.earth import EARTH_RATE
 from sinstool.methods.hse.design import Design, predict
 from sinstool.methods.hse.encoder import table_angle
@@ -35,19 +40,7 @@ from sinstool.methods.hse.segments import SegmentRules, find_segments
 from sinstool.methods.hse.turns import turn_statistics
 from sinstool.methods.hse.whole_turn import run_from_turns
 from sinstool.simulation.hse_rig import HseRigErrors, HseRigSetup, hse_rig
-
-ROOT = Path(__file__).parents[1]
-if str(ROOT) not in sys.path:
-    sys.path.append(str(ROOT))
-
-from tests.helpers.hse_exact import slope_gain  # noqa: E402
-
-FloatArray = NDArray[np.float64]
-
-ARCSEC = np.pi / 180.0 / 3600.0
-DEG_H = np.radians(1.0) / 3600.0
-DEG_SQRT_H = np.radians(1.0) / 60.0
-MICRO_G = 9.80665e-6
+from tests.helpers.hse_exact import slope_gain
 
 LATITUDE = 0.49
 EPSILON = np.array([2.2, 0.8, 1.2]) * ARCSEC
@@ -110,8 +103,8 @@ def _held(interval: tuple[float, float] | None, true: float) -> bool:
     return interval is not None and interval[0] <= true <= interval[1]
 
 
-def _rejected(found: HseFit) -> int:
-    return sum(one.reason.startswith("outlier") for one in found.run_fits)
+def _rejected(result: HseFit) -> int:
+    return sum(one.reason.startswith("outlier") for one in result.run_fits)
 
 
 def full_set(seed: int, duration: float = DURATION, rate_hz: float = 500.0) -> Outcome:
@@ -128,14 +121,14 @@ def full_set(seed: int, duration: float = DURATION, rate_hz: float = 500.0) -> O
         encoder_rate=rate_hz,
     )
     gyro_bias = 0.003 * DEG_H * random.standard_normal(3)
-    accel_bias = 50.0 * MICRO_G * random.standard_normal(3)
+    accel_bias = 50.0 * UG * random.standard_normal(3)
     runs = []
     for i, rate in enumerate(np.tile(RATES, 3)):
         errors = HseRigErrors(
             angle_random_walk=ARW,
             gyro_bias=tuple(gyro_bias),
             gyro_drift=0.001 * DEG_H,
-            velocity_random_walk=10.0 * MICRO_G,
+            velocity_random_walk=10.0 * UG,
             accel_bias=tuple(accel_bias),
             encoder_lsb=0.18 * ARCSEC,
             ripple=1e-4,
@@ -203,13 +196,13 @@ class Line:
     held: float
 
 
-def summary(found: Sequence[Outcome]) -> list[Line]:
+def summary(outcomes: Sequence[Outcome]) -> list[Line]:
     """Figures over sets, arc seconds (and rad/s)."""
 
     def line(name: str, value: str, formal: str | None, held: str | None) -> Line:
-        x = np.array([getattr(o, value) for o in found]) / ARCSEC
-        s = np.array([getattr(o, formal) for o in found]) / ARCSEC if formal else np.array([np.nan])
-        h = np.mean([getattr(o, held) for o in found]) if held else np.nan
+        x = np.array([getattr(o, value) for o in outcomes]) / ARCSEC
+        s = np.array([getattr(o, formal) if formal else np.nan for o in outcomes]) / ARCSEC
+        h = np.mean([getattr(o, held) for o in outcomes]) if held else np.nan
         sigma = float(x.std(ddof=1))
         return Line(
             name,
@@ -283,17 +276,8 @@ REFERENCE = (
     (121.5, 275, 63, 243, 23, 88, 19.2, 122, 9.7, 2.9, 1.00),
 )
 COLUMNS = (
-    "HSE",
-    "p-p",
-    "after",
-    "of means",
-    "after",
-    "rms",
-    "after",
-    "amplitude",
-    "after",
-    "left",
-    "P(falls)",
+    *("HSE", "p-p", "after", "of means", "after", "rms", "after", "amplitude", "after"),
+    *("left", "P(falls)"),
 )
 
 
@@ -306,20 +290,20 @@ def validate(scenario: Scenario, trials: int, seed: int) -> tuple[float, ...]:
     if scenario.axial:
         bias = 0.003 * DEG_H * random.standard_normal((trials, 1))
         rate_error = bias + noise * random.standard_normal((trials, len(rates)))
-        found = scenario.lambda2 + 3.0 * (rate_error / rates).mean(axis=1)
+        fitted = scenario.lambda2 + 3.0 * (rate_error / rates).mean(axis=1)
     else:
         # the slope of a straight line through the calibration's headings
         x = (rates - EARTH_RATE * np.sin(LATITUDE)) * scenario.tilt / (3.0 * HORIZONTAL)
         headings = scenario.lambda2 * x + sigma * random.standard_normal((trials, len(rates)))
         centred = x - x.mean()
-        found = headings @ centred / (centred @ centred)
+        fitted = headings @ centred / (centred @ centred)
     position = np.repeat(np.arange(4), 3)
     azimuth = 0.5 * np.pi * position
     lean = scenario.tilt * np.cos(azimuth)  # the calibration was made where it leans most
     gain = (np.radians(40.0) - EARTH_RATE * np.sin(LATITUDE)) * lean / (3.0 * HORIZONTAL)
     before = scenario.lambda2 * gain + sigma * random.standard_normal((trials, 12))
-    after = before - found[:, None] * gain
-    left = (scenario.lambda2 - found[:, None]) * gain
+    after = before - fitted[:, None] * gain
+    left = (scenario.lambda2 - fitted[:, None]) * gain
     figures = [_figures(before), _figures(after)]
     mixed = [value for pair in zip(*figures, strict=True) for value in pair]
     falls = np.mean(np.ptp(after, axis=1) < np.ptp(before, axis=1))
@@ -345,20 +329,23 @@ def _figures(values: FloatArray) -> tuple[float, float, float, float]:
     )
 
 
-def _print_sets(found: Sequence[Outcome], seconds: float) -> None:
-    print(
-        f'{len(found)} sets of 9 runs in {seconds:.1f} s; truth: lambda2 {LAMBDA2 / ARCSEC:.4f}",'
-    )
+def _print_sets(outcomes: Sequence[Outcome], seconds: float) -> None:
+    truth = f'lambda2 {LAMBDA2 / ARCSEC:.4f}"'
+    print(f"{len(outcomes)} sets of 9 runs in {seconds:.1f} s; truth: {truth},")
     print(f'K {LAMBDA2 * C23 / (3.0 * HORIZONTAL) / ARCSEC:.3f} "/(rad/s)\n')
-    print("| | mean | 1 sigma | expected | formal sigma, rms | interval held |")
-    print("|---|---|---|---|---|---|")
-    for line, theory in zip(summary(found), expected(), strict=True):
-        print(
-            f"| {line.name} | {line.mean:.4f} +- {line.standard_error:.4f} | {line.sigma:.4f} |"
-            f" {theory:.4f} | {line.formal:.4f} | {100 * line.held:.1f} % |"
+    rows = (
+        (
+            line.name,
+            f"{line.mean:.4f} +- {line.standard_error:.4f}",
+            *(f"{value:.4f}" for value in (line.sigma, theory, line.formal)),
+            f"{100 * line.held:.1f} %",
         )
-    error = np.array([o.heading_error for o in found]) / ARCSEC
-    turns = np.array([o.turn_sigma for o in found]) / ARCSEC
+        for line, theory in zip(summary(outcomes), expected(), strict=True)
+    )
+    head = ("", "mean", "1 sigma", "expected", "formal sigma, rms", "interval held")
+    print_table(head, rows)
+    error = np.array([o.heading_error for o in outcomes]) / ARCSEC
+    turns = np.array([o.turn_sigma for o in outcomes]) / ARCSEC
     offset = error.mean()
     one = np.sqrt(np.mean((error - offset) ** 2))
     theory = ARW / np.sqrt(DURATION) / HORIZONTAL / ARCSEC
@@ -366,17 +353,21 @@ def _print_sets(found: Sequence[Outcome], seconds: float) -> None:
         f'\none run: heading offset {offset:.2f}", 1 sigma {one:.2f}", by the scatter of turns'
         f' {np.sqrt(np.mean(turns**2)):.2f}", expected {theory:.2f}"'
     )
-    share = np.mean([o.rejected > 0 for o in found])
+    share = np.mean([o.rejected > 0 for o in outcomes])
     print(f"sets of sound runs with one left out as an outlier: {100 * share:.1f} % (1 % or less)")
 
 
 def _print_validation(trials: int, seed: int) -> None:
-    print(f"{trials} trials; arc seconds; each second line is an independent simulation\n")
-    print(f"| calibration | {' | '.join(COLUMNS)} |\n|---{'|---' * len(COLUMNS)}|")
-    for scenario, reference in zip(SCENARIOS, REFERENCE, strict=True):
-        ours = validate(scenario, trials, seed)
-        print(f"| {scenario.name} | {' | '.join(f'{v:.4g}' for v in ours)} |")
-        print(f"| | {' | '.join(f'{v:.4g}' for v in reference)} |")
+    def rows() -> Iterator[list[str]]:
+        for scenario, reference in zip(SCENARIOS, REFERENCE, strict=True):
+            for name, values in (
+                (scenario.name, validate(scenario, trials, seed)),
+                ("", reference),
+            ):
+                yield [name, *(f"{v:.4g}" for v in values)]
+
+    title = f"{trials} trials; arc seconds; each second line is an independent simulation"
+    print_table(("calibration", *COLUMNS), rows(), title)
 
 
 def _print_plans() -> None:
@@ -388,8 +379,7 @@ def _print_plans() -> None:
         ("20 to 60 by 10 x 2", (20.0, 30.0, 40.0, 50.0, 60.0), 2, 1.281),
         ("20/60 x 4", (20.0, 60.0), 4, 1.013),
     )
-    print("| deg/s | runs | sigma_K / sigma_run | expected | sigma of lambda2, lean 8e-4 | 8e-3 |")
-    print("|---|---|---|---|---|---|")
+    rows = []
     for name, rates, repeats, value in plans:
         turning = tuple(np.radians(rates))
         sigmas = [
@@ -398,18 +388,17 @@ def _print_plans() -> None:
         ]
         ours = slope_gain(np.repeat(turning, repeats))
         cells = [f'{(s.sigma_lambda2_heading or np.nan) / ARCSEC:.3f}"' for s in sigmas]
-        print(f"| {name} | {sigmas[0].n_runs} | {ours:.3f} | {value:.3f} | {' | '.join(cells)} |")
+        rows.append((name, sigmas[0].n_runs, f"{ours:.3f}", f"{value:.3f}", *cells))
+    runs, sigma = "sigma_K / sigma_run", "sigma of lambda2, lean 8e-4"
+    print_table(("deg/s", "runs", runs, "expected", sigma, "8e-3"), rows)
 
 
 def main() -> None:
-    """Run what is asked for."""
-    parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
-    parser.add_argument("what", choices=("full", "fast", "validation", "plan"))
-    parser.add_argument("--sets", type=int, help="of nine runs (60 full, 4000 fast)")
-    parser.add_argument("--trials", type=int, default=4000, help="of validation")
-    parser.add_argument("--seed", type=int, default=1)
-    parser.add_argument("--processes", type=int, default=2)
-    args = parser.parse_args()
+    options = parser(__doc__, seed=1, processes=2)
+    options.add_argument("what", choices=("full", "fast", "validation", "plan"))
+    options.add_argument("--sets", type=int, help="of nine runs (60 full, 4000 fast)")
+    options.add_argument("--trials", type=int, default=4000, help="of validation")
+    args = options.parse_args()
     if args.what == "validation":
         _print_validation(args.trials, args.seed)
     elif args.what == "plan":
@@ -419,9 +408,8 @@ def main() -> None:
         sets = args.sets or (60 if args.what == "full" else 4000)
         start = time.perf_counter()
         seeds = range(args.seed, args.seed + sets)
-        with ProcessPoolExecutor(args.processes) as pool:
-            found = list(pool.map(one, seeds, chunksize=max(1, min(50, sets // 8))))
-        _print_sets(found, time.perf_counter() - start)
+        outcomes = over_seeds(one, seeds, args.processes, chunk=max(1, min(50, sets // 8)))
+        _print_sets(outcomes, time.perf_counter() - start)
 
 
 if __name__ == "__main__":

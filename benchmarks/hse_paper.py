@@ -8,30 +8,19 @@ its K and lambda2 imply, table 1 with its regression, and how sure its calibrati
 
 from __future__ import annotations
 
-import sys
-from pathlib import Path
-
 import numpy as np
-from numpy.typing import NDArray
 
+from benchmarks.common import ARCSEC, numbers, print_table
 from sinstool.core import rotation
 from sinstool.core.earth import EARTH_RATE, earth_rate_n
 from sinstool.methods.hse.statistics import fit_sinusoid, scatter
-
-ROOT = Path(__file__).parents[1]
-if str(ROOT) not in sys.path:
-    sys.path.append(str(ROOT))
-
-from tests.helpers.hse_exact import (  # noqa: E402
+from tests.helpers.hse_exact import (
     lambda2_from_slope,
     linear_heading_error,
     slope,
     slope_gain,
 )
 
-FloatArray = NDArray[np.float64]
-
-ARCSEC = np.pi / 648000.0
 LATITUDE = 0.49
 K_PRINTED, LAMBDA2_PRINTED = 17.4 * ARCSEC, 4.2 * ARCSEC
 EPSILON = np.array([2.2, 0.8, 1.2]) * ARCSEC
@@ -82,12 +71,14 @@ def signs() -> None:
         return sign * lambda1 * total * C23 / (3.0 * horizontal) / ARCSEC
 
     print("## Signs and factors, at 40 deg/s, lean 8e-4, errors of 2.2, 0.8 and 1.2 arcsec\n")
-    print("| | arcsec |\n|---|---|")
-    print(f"| (5) and (6) by brute force, estimate less truth | {seen:.5f} |")
-    print(f"| (12), (13) as printed, lambda2 the sum of the errors | {model(1.0, 1.0):.5f} |")
-    print(f"| with the sign of (12) turned | {model(1.0, -1.0):.5f} |")
-    print(f"| and Omega - 1.5 w sin L for lambda1 | {model(1.5, -1.0):.5f} |")
-    print(f"| constant that stays at every azimuth | {0.5 * (brute + upside) / ARCSEC:.5f} |")
+    rows = (
+        ("(5) and (6) by brute force, estimate less truth", seen),
+        ("(12), (13) as printed, lambda2 the sum of the errors", model(1.0, 1.0)),
+        ("with the sign of (12) turned", model(1.0, -1.0)),
+        ("and Omega - 1.5 w sin L for lambda1", model(1.5, -1.0)),
+        ("constant that stays at every azimuth", 0.5 * (brute + upside) / ARCSEC),
+    )
+    print_table(("", "arcsec"), ((name, f"{value:.5f}") for name, value in rows))
 
 
 def implied() -> None:
@@ -95,8 +86,8 @@ def implied() -> None:
     print("\n## What K = 17.4 arcsec/(rad/s) and lambda2 = 4.2 arcsec imply\n")
     print(f"C23 at latitude 0.49 rad: {lean:.3e} rad; K of 4.2 arcsec and 8e-4 rad:", end=" ")
     print(f"{slope(LAMBDA2_PRINTED, 8e-4, LATITUDE) / ARCSEC:.3f} arcsec/(rad/s)")
-    found = K_PRINTED * RATES / ARCSEC
-    print(f"heading at 20, 40, 60 deg/s: {', '.join(f'{v:.2f}' for v in found)} arcsec")
+    headings = numbers(K_PRINTED * RATES / ARCSEC, ".2f", ", ")
+    print(f"heading at 20, 40, 60 deg/s: {headings} arcsec")
     rate = np.radians(40.0)
     for text, lambda2, tilt in (
         ("one error of 1e-5 rad, tilt 1e-3 rad", 1e-5, 1e-3),
@@ -120,9 +111,8 @@ def table_1() -> None:
         ("F(2, 9)", [f.F for _, f in columns]),
         ("p", [f.p for _, f in columns]),
     ]
-    print("| | before | after |\n|---|---|---|")
-    for name, (before, after) in rows:
-        print(f"| {name} | {before:.3f} | {after:.3f} |")
+    cells = ((name, *(f"{value:.3f}" for value in pair)) for name, pair in rows)
+    print_table(("", "before", "after"), cells)
     taken = BEFORE - AFTER
     left = scatter(taken, POSITION)
     print(f"\nbefore less after: amplitude {fit_sinusoid(AZIMUTH, taken).amplitude:.2f}", end=", ")

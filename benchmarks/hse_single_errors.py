@@ -14,14 +14,12 @@ log, which shifts a base that turns about Down by half an arcsec against a truth
 
 from __future__ import annotations
 
-import argparse
-import sys
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
-from pathlib import Path
 
 import numpy as np
 
+from benchmarks.common import ARCSEC, DEG_H, UG, numbers, parser, print_table
 from sinstool.core.earth import EARTH_RATE
 from sinstool.methods.hse.encoder import TableAngle, table_angle
 from sinstool.methods.hse.rig import Rig
@@ -29,19 +27,11 @@ from sinstool.methods.hse.segments import SegmentRules, find_segments
 from sinstool.methods.hse.turns import turn_statistics
 from sinstool.methods.hse.whole_turn import align_whole_turns
 from sinstool.simulation.hse_rig import HseRigErrors, HseRigLog, HseRigSetup, hse_rig
+from tests.helpers.hse_exact import lambda2_from_slope
 
-ROOT = Path(__file__).parents[1]
-if str(ROOT) not in sys.path:
-    sys.path.append(str(ROOT))
-
-from tests.helpers.hse_exact import lambda2_from_slope  # noqa: E402
-
-ARCSEC = np.pi / 180.0 / 3600.0
 LATITUDE = 0.49
 LEAN = 8e-4
 RATES = np.radians([20.0, 40.0, 60.0])
-UG = 9.80665e-6
-DEG_H = np.pi / 180.0 / 3600.0
 XI = (1e-4, 1e-4, 1e-4)
 # In the phase that with xi and the heading of the base hurts most, A sqrt(2) xi / (2 w_ie cos L):
 # 5.49 arcsec/(rad/s) of K, less what the calibration errors and smoothing make of it.
@@ -86,50 +76,33 @@ def with_accel_matrix(setup: HseRigSetup) -> HseRigSetup:
     return replace(setup, K_a=((1.001, 0.0, 0.0), (0.001, 1.0, 0.0), (0.001, -0.001, 0.999)))
 
 
+DRIFTS = zip(
+    ("N", "E", "D"),
+    (".04 const; 0; 0; 0", "-25.9 const; 0; 0; 0", ".5 const; 0; 0; -.009"),
+    np.eye(3),
+    strict=True,
+)
 ROWS = (
     *(
-        Row(
-            f"accel bias 50 ug, {'xyz'[k]}",
-            HseRigErrors(accel_bias=tuple(50 * UG * np.eye(3)[k])),
-            published="-0.002; 0.0005; 0; 0",
-        )
-        for k in range(3)
+        Row(f"accel bias 50 ug, {axis}", HseRigErrors(accel_bias=tuple(50 * UG * unit)),
+            published="-0.002; 0.0005; 0; 0")
+        for axis, unit in zip("xyz", np.eye(3), strict=True)
     ),
-    Row(
-        "gyro bias 0.003 deg/h, x",
-        HseRigErrors(gyro_bias=(0.003 * DEG_H, 0.0, 0.0)),
-        published="0.0215 const; 0; 0; 0.0091",
-    ),
-    Row(
-        'encoder LSB 0.18"',
-        HseRigErrors(encoder_lsb=0.18 * ARCSEC),
-        published="-0.058 const; 0; 0; 0",
-    ),
-    Row(
-        'encoder LSB 20"',
-        HseRigErrors(encoder_lsb=20 * ARCSEC),
-        published="-0.005..-0.023; -0.025; -0.006; 0",
-    ),
-    Row(
-        'encoder 1N 5"',
-        HseRigErrors(encoder_harmonics=(HARMONIC,)),
-        published="-.03/-.05/-.08; -0.076; -0.018; 0",
-    ),
-    Row(
-        'encoder 1N 5", xi 1e-4',
-        HseRigErrors(encoder_harmonics=(HARMONIC,)),
-        with_xi,
-        published="1.81/3.63/5.44; 5.20; 1.25; 0",
-    ),
-    Row(
-        'encoder 2N 5", xi 1e-4',
-        HseRigErrors(encoder_harmonics=((2, *HARMONIC[1:]),)),
-        with_xi,
-        published="0; 0; 0; 0",
-    ),
+    Row("gyro bias 0.003 deg/h, x", HseRigErrors(gyro_bias=(0.003 * DEG_H, 0.0, 0.0)),
+        published="0.0215 const; 0; 0; 0.0091"),
+    Row('encoder LSB 0.18"', HseRigErrors(encoder_lsb=0.18 * ARCSEC),
+        published="-0.058 const; 0; 0; 0"),
+    Row('encoder LSB 20"', HseRigErrors(encoder_lsb=20 * ARCSEC),
+        published="-0.005..-0.023; -0.025; -0.006; 0"),
+    Row('encoder 1N 5"', HseRigErrors(encoder_harmonics=(HARMONIC,)),
+        published="-.03/-.05/-.08; -0.076; -0.018; 0"),
+    Row('encoder 1N 5", xi 1e-4', HseRigErrors(encoder_harmonics=(HARMONIC,)), with_xi,
+        published="1.81/3.63/5.44; 5.20; 1.25; 0"),
+    Row('encoder 2N 5", xi 1e-4', HseRigErrors(encoder_harmonics=((2, *HARMONIC[1:]),)), with_xi,
+        published="0; 0; 0; 0"),
     *(
-        Row(f"stale encoder {us} us", HseRigErrors(encoder_delay=us * 1e-6), published=told)
-        for us, told in (
+        Row(f"stale encoder {us} us", HseRigErrors(encoder_delay=us * 1e-6), published=published)
+        for us, published in (
             (10, ".72/1.44/2.16; 2.06; .498; 0"),
             (100, "7.2/14.4/21.6; 20.6; 4.98; 0"),
             (1000, "72/144/216; 206; 49.8; 0"),
@@ -139,47 +112,28 @@ ROWS = (
     Row("lever arm 0.1 m", HseRigErrors(lever_arm=(0.1, 0.05, 0.1)), published="0; 0; 0; 0"),
     Row("accel matrix 1e-3", setup=with_accel_matrix, published="-0.12; 0.028; 0; 0"),
     *(
-        Row(f'gyro quantum {q}"', HseRigErrors(gyro_quantum=q * ARCSEC), published=told)
-        for q, told in (
+        Row(f'gyro quantum {q}"', HseRigErrors(gyro_quantum=q * ARCSEC), published=published)
+        for q, published in (
             (0.01, "<=0.07; .06; .01; <=.002"),
             (0.1, "<=0.9; .9; .2; <=.002"),
             (1.0, "<=10; 1.4; .3; <=.002"),
         )
     ),
-    Row(
-        "gyro scale +1 ppm",
-        HseRigErrors(gyro_scale=1e-6),
-        published="-1.79 @40; -2.56; -0.619; same",
-    ),
-    Row(
-        "gyro scale +20 ppm",
-        HseRigErrors(gyro_scale=20e-6),
-        published="-35.8 @40; -51.3; -12.4; same",
-    ),
+    Row("gyro scale +1 ppm", HseRigErrors(gyro_scale=1e-6),
+        published="-1.79 @40; -2.56; -0.619; same"),
+    Row("gyro scale +20 ppm", HseRigErrors(gyro_scale=20e-6),
+        published="-35.8 @40; -51.3; -12.4; same"),
     Row("clock +1 ppm", HseRigErrors(clock=1e-6), published="-1.79 @40; -2.56; -0.619; same"),
     Row("latitude +1e-3 rad", latitude=LATITUDE + 1e-3, published="0; 0; 0.002; 0.070"),
     Row("not whole turns", whole_turns=False, published="-44/-28/0; 63; 15; 0"),
-    Row(
-        "not whole turns, xi 1e-4",
-        setup=with_xi,
-        whole_turns=False,
-        published="657/1280/0; -941; -227; 0",
-    ),
+    Row("not whole turns, xi 1e-4", setup=with_xi, whole_turns=False,
+        published="657/1280/0; -941; -227; 0"),
     *(
-        Row(
-            f'base tilts 1"/600 s about {name}',
-            HseRigErrors(base_drift_n=tuple(TURN_S * np.eye(3)[k])),
-            published=told,
-        )
-        for k, (name, told) in enumerate(
-            (
-                ("N", ".04 const; 0; 0; 0"),
-                ("E", "-25.9 const; 0; 0; 0"),
-                ("D", ".5 const; 0; 0; -.009"),
-            )
-        )
+        Row(f'base tilts 1"/600 s about {name}', HseRigErrors(base_drift_n=tuple(TURN_S * unit)),
+            published=published)
+        for name, published, unit in DRIFTS
     ),
-)
+)  # fmt: skip
 
 
 def aligned(log: HseRigLog, latitude: float, whole_turns: bool) -> tuple[float, float, float]:
@@ -247,25 +201,23 @@ def changes(row: Row, duration: float = 600.0) -> tuple[np.ndarray, float, float
 
 def main() -> None:
     """Print the table."""
-    parser = argparse.ArgumentParser(description=__doc__.split("\n\n")[0])
-    parser.add_argument("--duration", type=float, default=600.0, help="of each log, s")
-    duration = parser.parse_args().duration
+    options = parser(__doc__)
+    options.add_argument("--duration", type=float, default=600.0, help="of each log, s")
+    duration = options.parse_args().duration
     psi, slope, lambda2, axial = result(Row(""), duration)
     print(
-        f'without further errors: heading error {", ".join(f"{p / ARCSEC:.4f}" for p in psi)}", '
+        f'without further errors: heading error {numbers(psi / ARCSEC, ".4f", ", ")}", '
         f'K {slope / ARCSEC:.4f}"/(rad/s), lambda2 {lambda2 / ARCSEC:.5f}" by heading, '
         f'{axial / ARCSEC:.5f}" by the axis\n'
     )
-    print("| error | heading 20 / 40 / 60 | K | lambda2 | axial | published |")
-    print("|---|---|---|---|---|---|")
-    for row in ROWS:
-        heading, K, by_heading, by_axis = changes(row, duration)
-        told = " / ".join(f"{p:.4f}" for p in heading)
-        print(
-            f"| {row.label} | {told} | {K:.4f} | {by_heading:.4f} | {by_axis:.4f} "
-            f"| {row.published} |",
-            flush=True,
-        )
+
+    def cells(row: Row) -> list[str]:
+        headings, *others = changes(row, duration)
+        shown = (numbers(headings, ".4f", " / "), *(f"{value:.4f}" for value in others))
+        return [row.label, *shown, row.published]
+
+    head = ("error", "heading 20 / 40 / 60", "K", "lambda2", "axial", "published")
+    print_table(head, map(cells, ROWS))
 
 
 if __name__ == "__main__":

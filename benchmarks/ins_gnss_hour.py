@@ -10,24 +10,12 @@ from __future__ import annotations
 
 import argparse
 import json
-import subprocess
-import sys
 import tempfile
 from pathlib import Path
 
-from one_hour import run_child
+from benchmarks.commands import PROGRAM, run_child, sinstool
 
-PROGRAM = [sys.executable, "-c", "from sinstool.cli.main import main; main()"]
 TARGET_S = 10.0
-
-
-def simulate(path: Path, scenario: str, duration: float, rate: float) -> None:
-    """A log of so many seconds."""
-    grade = "navigation" if scenario == "spiral-climb" else "mems"
-    told = ["--duration", str(duration), "--rate", str(rate), "--grade", grade, "--seed", "4"]
-    subprocess.run(
-        [*PROGRAM, "simulate", scenario, "-o", str(path), *told], check=True, capture_output=True
-    )
 
 
 def measured(log: Path, out: Path, options: list[str]) -> tuple[float, float, float, dict]:
@@ -51,7 +39,9 @@ def main() -> None:
     with tempfile.TemporaryDirectory() as folder:
         log = args.keep or Path(folder) / "hour.mcap"
         if not log.exists():
-            simulate(log, args.scenario, args.duration, args.rate)
+            grade = "navigation" if args.scenario == "spiral-climb" else "mems"
+            options = ("--duration", args.duration, "--rate", args.rate, "--grade", grade)
+            sinstool("simulate", args.scenario, "-o", log, *options, "--seed", 4)
         out = Path(folder) / "out.mcap"
         print(f"{args.scenario}, {args.duration:.0f} s at {args.rate:g} Hz, {args.repeat} runs;")
         print("the first run of all may compile. Target: 10 s of wall time, smoothed, warm.\n")
@@ -69,10 +59,10 @@ def main() -> None:
                 f"{name:20s}{wall:8.2f}{walls[0]:8.2f}{cpu:8.2f}{most:8.0f}"
                 f"{args.duration / wall:17.0f}"
             )
-        told = runs[-1][3]
+        summary = runs[-1][3]
         print(
-            f"\n{told['imu']['n']} samples, {told['filter']['epochs_used']} fixes,"
-            f" {out.stat().st_size / 1e6:.0f} MB written; filter {told['filter']['filter']}"
+            f"\n{summary['imu']['n']} samples, {summary['filter']['epochs_used']} fixes,"
+            f" {out.stat().st_size / 1e6:.0f} MB written; filter {summary['filter']['filter']}"
         )
         if walls[0] > TARGET_S:
             print("slower than the target on this machine now")

@@ -17,45 +17,55 @@ its errors; NIS/6 that of the innovations.
 
 from __future__ import annotations
 
-import argparse
-import multiprocessing
 import time
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field, replace
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, replace
 from itertools import zip_longest
+from typing import Any
 
 import numpy as np
 
-from sinstool.core import earth, rotation
+from benchmarks.common import (
+    ARCSEC,
+    DEG_H,
+    DEG_SQRT_H,
+    UG,
+    compensated,
+    nees,
+    numbers,
+    off_by,
+    over_seeds,
+    parser,
+    print_table,
+    rms,
+    rows_of,
+    standard_error,
+    state_errors,
+)
+from sinstool.core import earth
 from sinstool.core.streams import GnssEpochs
-from sinstool.methods.coning.registry import algorithm
-from sinstool.methods.coning.stage import ConingStage
+from sinstool.core.units import DEGREE
 from sinstool.methods.height.network import HeightNetwork, gravity_gradient
 from sinstool.methods.ins_gnss.filter import InsGnssFilter
 from sinstool.methods.ins_gnss.layout import P_K4
 from sinstool.methods.ins_gnss.noise import BaroModel, GnssModel, ImuNoise
+from sinstool.methods.ins_gnss.results import FilterBlock, UpdateColumns
 from sinstool.methods.ins_gnss.settings import DivergenceControl, Settings, Start, start
 from sinstool.methods.ins_gnss.states import ACCEL_SCALE, filter_kind
-from sinstool.methods.strapdown.velocity import Increments, IncrementStage
+from sinstool.methods.strapdown.velocity import Increments
 from sinstool.simulation.barometer import barometer
 from sinstool.simulation.flight import manoeuvring_flight, spiral_climb
 from sinstool.simulation.sensors import markov
 from sinstool.simulation.trajectory import Trajectory
 
-DEGREE = np.pi / 180.0
-G = 9.80665
 GNSS = GnssModel()
 BLOCK = 60  # s that are filtered at a time
 
 # Sensors, barometer and start of the two flights
-SPIRAL_IMU = ImuNoise(
-    0.005 * DEGREE / 60.0, 10e-6 * G, 0.05 * DEGREE / 3600.0, 50e-6 * G, accel_scale=50e-6
-)
+SPIRAL_IMU = ImuNoise(0.005 * DEG_SQRT_H, 10.0 * UG, 0.05 * DEG_H, 50.0 * UG, accel_scale=50e-6)
 SPIRAL_BARO = BaroModel(10.0, 500.0, 0.0)
-SPIRAL_ATTITUDE = np.array([30.0, 30.0, 180.0]) * DEGREE / 3600.0
-MEMS_IMU = ImuNoise(
-    0.3 * DEGREE / 60.0, 150e-6 * G, 5.0 * DEGREE / 3600.0, 2e-3 * G, accel_scale=1e-4
-)
+SPIRAL_ATTITUDE = np.array([30.0, 30.0, 180.0]) * ARCSEC
+MEMS_IMU = ImuNoise(0.3 * DEG_SQRT_H, 150.0 * UG, 5.0 * DEG_H, 2000.0 * UG, accel_scale=1e-4)
 MEMS_BARO = BaroModel(3.0, 300.0, 0.2)
 # of a receiver less noisy than that of the spiral: which one the numbers in brackets are of is
 # not known
@@ -97,16 +107,12 @@ class Data:
     gnss_errors: np.ndarray  # (seconds, 6)
 
 
-def compensated(imu, gyro: np.ndarray, accel: np.ndarray) -> Increments:  # type: ignore[no-untyped-def]
-    stage = IncrementStage(
-        lambda: ConingStage(
-            algorithm("previous-1"), "mean-rate", nominal_interval=float(imu.interval[0])
-        )
-    )
-    parts = [stage.push(gyro, accel, imu.time_ns), stage.finish()]
-    return Increments(
-        *(np.concatenate([getattr(p, c) for p in parts]) for c in Increments.__dataclass_fields__)
-    )
+def in_gaps(scene: Scene, seconds: np.ndarray) -> np.ndarray:
+    """Which instants lie in a gap of GNSS."""
+    out = np.zeros(len(seconds), dtype=bool)
+    for begin, end in scene.gaps:
+        out |= (seconds >= begin) & (seconds < end)
+    return out
 
 
 def simulate(scene: Scene, seed: int) -> Data:
@@ -127,9 +133,10 @@ def simulate(scene: Scene, seed: int) -> Data:
         gyro_bias[elapsed > when] += gyro_step
         accel_bias[elapsed > when] += accel_step
     increments = compensated(
-        imu,
+        imu.time_ns,
         imu.gyro_mean_rate + gyro_bias + white_gyro,
         imu.mean_specific_force * (1.0 + scale) + accel_bias + white_accel,
+        imu.interval[0],
     )
 
     rate = round(1.0 / dt)
@@ -167,9 +174,7 @@ def simulate(scene: Scene, seed: int) -> Data:
         nothing,
         nothing,
     )
-    kept = np.ones(seconds, dtype=bool)
-    for begin, end in scene.gaps:
-        kept &= ~((after >= begin) & (after < end))
+    received = ~in_gaps(scene, after)
 
     every = np.arange(scene.baro_every, n, scene.baro_every)
     seed_baro = int(random.integers(1 << 31))
@@ -184,24 +189,11 @@ def simulate(scene: Scene, seed: int) -> Data:
     heights = heights[every] + scene.baro.white * random.standard_normal(len(every))
 
     first = random.standard_normal(9)
-    position = 5.0 * first[:3]
-    psi = scene.attitude * first[6:]
-    lat, h0 = float(flight.latitude[0]), float(flight.height[0])
-    m0, t0 = earth.radii_of_curvature(lat)
-    begun = start(
-        lat + position[0] / (m0 + h0),
-        float(flight.longitude[0] + position[1] / ((t0 + h0) * np.cos(lat))),
-        h0 - position[2],
-        flight.velocity_n[0] + 0.1 * first[3:6],
-        rotation.multiply(rotation.exp(-psi), imu.q_nb[0]),
-        5.0,
-        0.1,
-        scene.attitude,
-    )
+    state = off_by(flight, 5.0 * first[:3], 0.1 * first[3:6], scene.attitude * first[6:])
     return Data(
-        begun,
+        start(*state, 5.0, 0.1, scene.attitude),
         increments,
-        fixes.rows(kept),
+        fixes.rows(received),
         imu.time_ns[every],
         heights,
         gyro_bias[1:],
@@ -227,19 +219,32 @@ class Score:
     spent: float = 0.0
 
 
-def state_errors(flight: Trajectory, rows: np.ndarray, nav: np.ndarray) -> np.ndarray:
-    """Navigation less truth, and psi, shape (m, 9)."""
-    lat, h = flight.latitude[rows], flight.height[rows]
-    meridian, transverse = earth.radii_of_curvature(lat)
-    out = np.empty((len(rows), 9))
-    out[:, 0] = (nav[:, 0] - lat) * (meridian + h)
-    out[:, 1] = (nav[:, 1] - flight.longitude[rows]) * (transverse + h) * np.cos(lat)
-    out[:, 2] = h - nav[:, 2]
-    out[:, 3:6] = nav[:, 3:6] - flight.velocity_n[rows]
-    out[:, 6:] = rotation.log(
-        rotation.multiply(flight.imu.q_nb[rows], rotation.conjugate(nav[:, 6:]))
-    )
-    return out
+def run_in_blocks(run: InsGnssFilter, data: Data, size: int) -> Iterator[tuple[int, FilterBlock]]:
+    """Feed a filter so many updates at a time; the first update of each block, and the block."""
+    fix = baro = 0
+    for k in range(0, len(data.increments.interval), size):
+        part = rows_of(data.increments, slice(k, k + size))
+        last = part.time_ns[-1]
+        next_fix = int(np.searchsorted(data.gnss.time_ns, last, side="right"))
+        next_baro = int(np.searchsorted(data.baro_time_ns, last, side="right"))
+        heights = slice(baro, next_baro)
+        yield (
+            k,
+            run.push(
+                part,
+                data.gnss.rows(slice(fix, next_fix)),
+                None,
+                data.baro_time_ns[heights],
+                data.baro_height[heights],
+            ),
+        )
+        fix, baro = next_fix, next_baro
+
+
+def navigation(updates: UpdateColumns) -> np.ndarray:
+    """Position, velocity and attitude, as :func:`state_errors` takes them."""
+    u = updates
+    return np.column_stack([u.latitude, u.longitude, u.height, u.velocity_n, u.q_nb])
 
 
 def score(
@@ -247,41 +252,25 @@ def score(
     data: Data,
     settings: Settings,
     *,
-    told_of_k4: bool = True,
+    knows_k4: bool = True,
     settle: float = 120.0,
     score_states: bool = True,
 ) -> Score:
     """Run a filter over a run's samples."""
     flight = scene.flight
-    given = data.increments
     run = InsGnssFilter(data.start, settings, with_baro=True, store=score_states)
-    if not told_of_k4:
+    if not knows_k4:
         run._model.parameters[P_K4] = 0.0
-    rate = round(1.0 / float(given.interval[0]))
-    size = BLOCK * rate
-    errors, nees, nees_position, nis, ends, between = [], [], [], [], [], []
+    rate = round(1.0 / float(data.increments.interval[0]))
+    errors, normalised, nees_position, nis, ends, between = [], [], [], [], [], []
     variances = []
     begun = time.perf_counter()
-    fix = baro = 0
     gap_rows = np.array([int((end - 1.0) * rate) - 1 for _, end in scene.gaps], dtype=np.int64)
-    for k in range(0, len(given.interval), size):
-        part = Increments(*(c[k : k + size] for c in vars(given).values()))
-        last = part.time_ns[-1]
-        next_fix = int(np.searchsorted(data.gnss.time_ns, last, side="right"))
-        next_baro = int(np.searchsorted(data.baro_time_ns, last, side="right"))
-        block = run.push(
-            part,
-            data.gnss.rows(slice(fix, next_fix)),
-            None,
-            data.baro_time_ns[baro:next_baro],
-            data.baro_height[baro:next_baro],
-        )
-        fix, baro = next_fix, next_baro
+    for k, block in run_in_blocks(run, data, BLOCK * rate):
         u = block.updates
         assert u is not None
         rows = np.arange(rate - 1, len(u), rate)
-        columns = (u.latitude, u.longitude, u.height)
-        nav = np.column_stack([*columns, u.velocity_n, u.q_nb])
+        nav = navigation(u)
         errors.append(state_errors(flight, k + rows + 1, nav[rows]))
         blocks = (u.covariance_position_n, u.covariance_velocity_n, u.covariance_attitude_n)
         variances.append(np.hstack([np.diagonal(b[rows], axis1=1, axis2=2) for b in blocks]))
@@ -295,19 +284,15 @@ def score(
             assert stored is not None
             e = full_errors(scene, data, run, stored, rate)
             seconds = (stored.time_ns - flight.time_ns[0]) * 1e-9
-            for error, p in zip(
-                e[seconds > settle], stored.covariance_after[seconds > settle], strict=True
-            ):
-                nees.append(error @ np.linalg.solve(p, error) / len(error))
-                nees_position.append(error[:3] @ np.linalg.solve(p[:3, :3], error[:3]) / 3.0)
+            late = seconds > settle
+            normalised.append(nees(e[late], stored.covariance_after[late]))
+            nees_position.append(nees(e[late, :3], stored.covariance_after[late][:, :3, :3]))
     after = 1.0 + np.arange(sum(len(e) for e in errors))
-    outside = after > settle
-    for begin, end in scene.gaps:
-        outside &= ~((after >= begin) & (after < end))
+    outside = (after > settle) & ~in_gaps(scene, after)
     return Score(
         np.concatenate(errors)[outside],
-        np.array(nees),
-        np.array(nees_position),
+        np.concatenate(normalised or [np.empty(0)]),
+        np.concatenate(nees_position or [np.empty(0)]),
         np.concatenate(nis)[int(settle) :],
         np.concatenate(ends),
         np.concatenate(between)[int(settle) * rate // 7 :],
@@ -343,64 +328,29 @@ def full_errors(scene, data, run, stored, rate) -> np.ndarray:  # type: ignore[n
 
 # --- tables -------------------------------------------------------------------------------
 
-_SCENE: Scene | None = None
-_WORK: Callable[[int], list[Score]] | None = None
-_FIRST = 0  # seed of the first run
-
-
-def _one(seed: int) -> list[Score]:
-    assert _WORK is not None
-    return _WORK(seed)
-
-
-def over_runs(work: Callable[[int], list[Score]], runs: int, processes: int) -> list[list[Score]]:
-    """Scores by filter, of all runs; the truth is shared with the processes."""
-    global _WORK
-    _WORK = work
-    if processes > 1:
-        with multiprocessing.get_context("fork").Pool(processes) as pool:
-            by_run = pool.map(_one, range(_FIRST, _FIRST + runs), chunksize=1)
-    else:
-        by_run = [_one(seed) for seed in range(_FIRST, _FIRST + runs)]
-    return [list(scores) for scores in zip(*by_run, strict=True)]
-
-
-def rms(scores: Sequence[Score]) -> np.ndarray:
-    return np.sqrt(np.mean(np.concatenate([s.errors for s in scores]) ** 2, axis=0))
-
-
-def standard_error(scores: Sequence[Score]) -> np.ndarray:
-    """Of :func:`rms`, from how much runs differ."""
-    squares = np.array([np.mean(s.errors**2, axis=0) for s in scores])
-    if len(squares) < 2:
-        return np.full(squares.shape[1], np.nan)
-    spread = squares.std(axis=0, ddof=1) / np.sqrt(len(squares))
-    return np.asarray(spread / (2.0 * np.sqrt(squares.mean(axis=0))))
-
 
 def expected(scores: Sequence[Score]) -> np.ndarray:
     """What :func:`rms` would be of very many runs, if the covariance is true."""
     return np.sqrt(np.mean(np.concatenate([s.variances for s in scores]), axis=0))
 
 
-def gap_rms(scores: Sequence[Score]) -> np.ndarray:
-    return np.sqrt(np.mean(np.concatenate([s.gap_ends for s in scores]) ** 2, axis=0))
-
-
 def mean_of(scores: Sequence[Score], name: str) -> float:
     return float(np.mean(np.concatenate([getattr(s, name) for s in scores])))
 
 
-def _row(cells: Sequence[str]) -> str:
-    return f"| {' | '.join(cells)} |"
+def over_runs(
+    work: Callable[[int], list[Score]], seeds: range, processes: int
+) -> list[list[Score]]:
+    """Scores by filter, of all runs."""
+    return [list(scores) for scores in zip(*over_seeds(work, seeds, processes), strict=True)]
 
 
-def _beside(values: Sequence[float], published: Sequence[float | None] | None, form: str) -> str:
-    ours = "/".join(format(v, form) for v in values)
+def _beside(values: Sequence[float], published: object, form: str) -> str:
+    ours = numbers(values, form, "/")
     if published is None:
         return ours
-    theirs = "/".join("-" if v is None else format(v, form) for v in published)
-    return f"{ours} ({theirs})"
+    theirs = published if isinstance(published, tuple) else (published,)
+    return f"{ours} ({numbers(theirs, form, '/')})"
 
 
 @dataclass(frozen=True)
@@ -417,8 +367,7 @@ class Case:
     nis: float | None = None
     gap: tuple[float, ...] | None = None
     gap_v_up: float | None = None
-    told_of_k4: bool = True
-    more: dict[str, float] = field(default_factory=dict)
+    knows_k4: bool = True
 
 
 def spiral_scene(duration: float, rate: float = 128.0, **faults: object) -> Scene:
@@ -451,217 +400,124 @@ def spiral_settings(scene: Scene, name: str, tau: float = 2.4, k4: float = 0.0) 
 
 
 def spiral_cases(scene: Scene) -> list[Case]:
-    def told(name: str, *network: float) -> Settings:
-        return spiral_settings(scene, name, *network)
+    def case(label: str, name: str, tau: float = 2.4, k4: float = 0.0, *published: Any) -> Case:
+        return Case(label, spiral_settings(scene, name, tau, k4), *published)
 
-    h, a = (0.039, 0.038), (9.0, 9.0, 130.0)
-    p = (4.89, 4.92)
+    p, h, a, g = (4.89, 4.92), (0.039, 0.038), (9.0, 9.0, 130.0), (6.4, 6.9)
+    white = ((5.48, 5.71, 7.93), (0.061, 0.060), 0.039, (12, 13, 166), 33.7, 0.71)
     return [
-        Case(
-            "15",
-            told("plain-15"),
-            (5.48, 5.71, 7.93),
-            (0.061, 0.060),
-            0.039,
-            (12, 13, 166),
-            33.7,
-            0.71,
-            (8.8, 8.6, 9.4),
-            0.034,
-        ),
-        Case(
-            "21",
-            told("markov-21"),
-            (*p, 7.00),
-            h,
-            0.029,
-            a,
-            0.997,
-            0.999,
-            (6.4, 6.9, 8.9),
-            0.032,
-        ),
-        Case(
-            "26, tau 2.4",
-            told("network-26"),
-            (*p, 5.48),
-            h,
-            0.120,
-            a,
-            1.044,
-            1.000,
-            (6.4, 6.9, 6.1),
-            0.327,
-        ),
-        Case("26, tau 2.4, K4 0.5", told("network-26", 2.4, 0.5)),
-        Case(
-            "26, tau 10",
-            told("network-26", 10.0),
-            (*p, 5.48),
-            h,
-            0.096,
-            a,
-            1.05,
-            1.00,
-            (6.4, 6.9, 6.2),
-            0.165,
-        ),
-        Case(
-            "26, tau 30",
-            told("network-26", 30.0),
-            (*p, 5.49),
-            h,
-            0.067,
-            a,
-            1.05,
-            1.00,
-            (6.4, 6.9, 6.2),
-            0.098,
-        ),
-        Case(
-            "26a, tau 2.4",
-            told("network-26a"),
-            (*p, 5.42),
-            h,
-            0.030,
-            a,
-            0.975,
-            0.999,
-            (6.4, 6.9, 5.9),
-            0.030,
-        ),
-        Case(
-            "24, baro as a measurement",
-            told("baro-24"),
-            (*p, 5.29),
-            h,
-            0.022,
-            a,
-            0.97,
-            0.999,
-            (6.4, 6.9, 5.8),
-            0.021,
-        ),
-    ]
+        case("15", "plain-15", 2.4, 0.0, *white, (8.8, 8.6, 9.4), 0.034),
+        case("21", "markov-21", 2.4, 0.0, (*p, 7.00), h, 0.029, a, 0.997, 0.999, (*g, 8.9), 0.032),
+        case("26, tau 2.4", "network-26", 2.4, 0.0,
+             (*p, 5.48), h, 0.120, a, 1.044, 1.000, (*g, 6.1), 0.327),
+        case("26, tau 2.4, K4 0.5", "network-26", 2.4, 0.5),
+        case("26, tau 10", "network-26", 10.0, 0.0,
+             (*p, 5.48), h, 0.096, a, 1.05, 1.00, (*g, 6.2), 0.165),
+        case("26, tau 30", "network-26", 30.0, 0.0,
+             (*p, 5.49), h, 0.067, a, 1.05, 1.00, (*g, 6.2), 0.098),
+        case("26a, tau 2.4", "network-26a", 2.4, 0.0,
+             (*p, 5.42), h, 0.030, a, 0.975, 0.999, (*g, 5.9), 0.030),
+        case("24, baro as a measurement", "baro-24", 2.4, 0.0,
+             (*p, 5.29), h, 0.022, a, 0.97, 0.999, (*g, 5.8), 0.021),
+    ]  # fmt: skip
 
 
 def manoeuvre_cases(scene: Scene) -> list[Case]:
-    def told(name: str, *network: float) -> Settings:
-        return spiral_settings(scene, name, *network)
+    def case(label: str, name: str, tau: float = 2.4, k4: float = 0.0, *published: Any) -> Case:
+        return Case(label, spiral_settings(scene, name, tau, k4), *published)
 
     p, a = (1.8, 2.0), (54.0, 54.0, 186.0)
-    nothing: dict[str, object] = {"gap": None}
+    unaware = case("26, K4 0.5, not told", "network-26", 2.4, 0.5, (*p, 2.64), None, 0.099, a, 9.3)
     return [
-        Case("15", told("plain-15"), (*p, 4.44), None, 0.050, None, 12.5, **nothing),  # type: ignore[arg-type]
-        Case("24 without baro", told("markov-24"), (*p, 4.06), None, 0.032, a, 0.87),
-        Case(
-            "26, K4 0.5, not told",
-            told("network-26", 2.4, 0.5),
-            (*p, 2.64),
-            None,
-            0.099,
-            a,
-            9.3,
-            told_of_k4=False,
-        ),
-        Case("26, K4 0.5", told("network-26", 2.4, 0.5), (*p, 2.27), None, 0.081, a, 0.89),
-        Case("26, tau 2.4", told("network-26"), (*p, 2.27), None, 0.079, a, 0.89),
-        Case("26, tau 10", told("network-26", 10.0), (*p, 2.27), None, 0.048, a, 0.90),
-        Case("26a, tau 5", told("network-26a", 5.0)),
-        Case("24", told("baro-24"), (*p, 2.27), None, 0.023, a, 0.87),
+        case("15", "plain-15", 2.4, 0.0, (*p, 4.44), None, 0.050, None, 12.5),
+        case("24 without baro", "markov-24", 2.4, 0.0, (*p, 4.06), None, 0.032, a, 0.87),
+        replace(unaware, knows_k4=False),
+        case("26, K4 0.5", "network-26", 2.4, 0.5, (*p, 2.27), None, 0.081, a, 0.89),
+        case("26, tau 2.4", "network-26", 2.4, 0.0, (*p, 2.27), None, 0.079, a, 0.89),
+        case("26, tau 10", "network-26", 10.0, 0.0, (*p, 2.27), None, 0.048, a, 0.90),
+        case("26a, tau 5", "network-26a", 5.0),
+        case("24", "baro-24", 2.4, 0.0, (*p, 2.27), None, 0.023, a, 0.87),
     ]
 
 
-def table(title: str, scene: Scene, cases: Sequence[Case], runs: int, processes: int) -> None:
+HEAD = (
+    "filter", "pos N/E/U m", "v N/E m/s", "v_U m/s", "v_U, all updates", "att N/E/D arcsec",
+    "NEES/n", "NEES pos", "NIS/rows", "gap end N/E/U m", "gap end v_U",
+)  # fmt: skip
+
+
+def table(title: str, scene: Scene, cases: Sequence[Case], seeds: range, processes: int) -> None:
     def work(seed: int) -> list[Score]:
         data = simulate(scene, seed)
-        return [score(scene, data, c.settings, told_of_k4=c.told_of_k4) for c in cases]
+        return [score(scene, data, c.settings, knows_k4=c.knows_k4) for c in cases]
 
     begun = time.perf_counter()
-    scores = over_runs(work, runs, processes)
+    scores = over_runs(work, seeds, processes)
     duration = (scene.flight.time_ns[-1] - scene.flight.time_ns[0]) * 1e-9
-    print(f"\n{title}: {runs} runs of {duration:.0f} s, from 120 s on\n")
-    head = (
-        "filter",
-        "pos N/E/U m",
-        "v N/E m/s",
-        "v_U m/s",
-        "v_U, all updates",
-        "att N/E/D arcsec",
-        "NEES/n",
-    )
-    print(_row([*head, "NEES pos", "NIS/rows", "gap end N/E/U m", "gap end v_U"]))
-    print("|---" * 11 + "|")
+    rows = []
     for case, its in zip(cases, scores, strict=True):
-        e = rms(its)
-        g = gap_rms(its) if scene.gaps else np.full(9, np.nan)
-        one = lambda v: None if v is None else (v,)  # noqa: E731
-        print(
-            _row(
-                [
-                    case.label,
-                    _beside(e[:3], case.position, ".2f"),
-                    _beside(e[3:5], case.v_horizontal, ".3f"),
-                    _beside(e[5:6], one(case.v_up), ".3f"),
-                    f"{np.sqrt(np.mean(np.concatenate([s.v_up_between for s in its]) ** 2)):.3f}",
-                    _beside(e[6:] / DEGREE * 3600.0, case.attitude, ".0f"),
-                    _beside([mean_of(its, "nees")], one(case.nees), ".3f"),
-                    f"{mean_of(its, 'nees_position'):.2f}",
-                    _beside([mean_of(its, "nis")], one(case.nis), ".3f"),
-                    _beside(g[:3], case.gap, ".1f"),
-                    _beside(g[5:6], one(case.gap_v_up), ".3f"),
-                ]
-            )
+        errors = [s.errors for s in its]
+        e = rms(errors)
+        g = rms([s.gap_ends for s in its]) if scene.gaps else np.full(9, np.nan)
+        rows.append(
+            [
+                case.label,
+                _beside(e[:3], case.position, ".2f"),
+                _beside(e[3:5], case.v_horizontal, ".3f"),
+                _beside(e[5:6], case.v_up, ".3f"),
+                f"{rms([s.v_up_between for s in its]):.3f}",
+                _beside(e[6:] / ARCSEC, case.attitude, ".0f"),
+                _beside([mean_of(its, "nees")], case.nees, ".3f"),
+                f"{mean_of(its, 'nees_position'):.2f}",
+                _beside([mean_of(its, "nis")], case.nis, ".3f"),
+                _beside(g[:3], case.gap, ".1f"),
+                _beside(g[5:6], case.gap_v_up, ".3f"),
+            ]
         )
         for label, values in (
-            ("standard error", standard_error(its)),
+            ("standard error", standard_error(errors)),
             ("sigma by its covariance", expected(its)),
         ):
-            groups = (
-                _beside(values[:3], None, ".2f"),
-                _beside(values[3:5], None, ".3f"),
-                _beside(values[5:6], None, ".3f"),
+            cells = [
+                numbers(values[:3], ".2f", "/"),
+                numbers(values[3:5], ".3f", "/"),
+                numbers(values[5:6], ".3f"),
                 "",
-                _beside(values[6:] / DEGREE * 3600.0, None, ".1f"),
-            )
-            print(_row([f"  {label}", *groups, *[""] * 5]), flush=True)
+                numbers(values[6:] / ARCSEC, ".1f", "/"),
+            ]
+            rows.append([f"  {label}", *cells, *[""] * 5])
+    print()
+    print_table(HEAD, rows, f"{title}: {len(seeds)} runs of {duration:.0f} s, from 120 s on")
     print(f"\n{time.perf_counter() - begun:.0f} s\n")
 
 
 # --- faults -------------------------------------------------------------------------------
 
-FAULT_SPAN = (1200, 2700)
+SETTLED = 1200.0  # s: faults begin here
+NO_GATE = {"virtual_noise": False, "gate_probability": 1.0}
+GATE = {"virtual_noise": False, "gate_noise_epochs": 0}
 CONTROLS = {
-    "none": DivergenceControl(virtual_noise=False, gate_probability=1.0),
-    "Sage-Husa .99": DivergenceControl(
-        virtual_noise=False, gate_probability=1.0, adaptive="sage-husa"
-    ),
-    "innovation": DivergenceControl(
-        virtual_noise=False, gate_probability=1.0, adaptive="innovation"
-    ),
-    "epsilon .05": DivergenceControl(
-        virtual_noise=False, gate_probability=1.0, schmidt_epsilon=0.05
-    ),
-    "epsilon .3": DivergenceControl(virtual_noise=False, gate_probability=1.0, schmidt_epsilon=0.3),
-    "virtual noise": DivergenceControl(gate_probability=1.0),
-    "gate only": DivergenceControl(virtual_noise=False, restart_after=0, gate_noise_epochs=0),
-    "gate, restart 20": DivergenceControl(
-        virtual_noise=False, restart_after=20, gate_noise_epochs=0
-    ),
-    "all, restart 20": DivergenceControl(
-        adaptive="sage-husa", schmidt_epsilon=0.05, restart_after=20
-    ),
-    "default but for what the gate measures": DivergenceControl(gate_noise_epochs=0),
-    "default": DivergenceControl(),
+    name: DivergenceControl(**options)  # type: ignore[arg-type]
+    for name, options in {
+        "none": NO_GATE,
+        "Sage-Husa .99": {**NO_GATE, "adaptive": "sage-husa"},
+        "innovation": {**NO_GATE, "adaptive": "innovation"},
+        "epsilon .05": {**NO_GATE, "schmidt_epsilon": 0.05},
+        "epsilon .3": {**NO_GATE, "schmidt_epsilon": 0.3},
+        "virtual noise": {"gate_probability": 1.0},
+        "gate only": {**GATE, "restart_after": 0},
+        "gate, restart 20": {**GATE, "restart_after": 20},
+        "all, restart 20": {"adaptive": "sage-husa", "schmidt_epsilon": 0.05, "restart_after": 20},
+        "default but for what the gate measures": {"gate_noise_epochs": 0},
+        "default": {},
+    }.items()
 }
 FAULTS: dict[str, dict[str, object]] = {
     "nominal": {},
     "positions x 6 for 600 s": {"noise_times": (1200.0, 1800.0, 6.0, 1.0)},
     "GNSS noise x 6 for 600 s": {"noise_times": (1200.0, 1800.0, 6.0, 6.0)},
     "GNSS noise x 2 for 600 s": {"noise_times": (1200.0, 1800.0, 2.0, 2.0)},
-    "gyro 0.5 deg/h, accelerometer 0.5 mg step": {
-        "bias_step": (1200.0, 0.5 * DEGREE / 3600.0, 0.5e-3 * G)
-    },
+    "gyro 0.5 deg/h, accelerometer 0.5 mg step": {"bias_step": (1200.0, 0.5 * DEG_H, 500.0 * UG)},
     "GNSS 100 m off for 30 s": {"jump": (1500.0, 1530.0, 100.0)},
 }
 # horizontal RMS (peak), m, of an independent simulation, which says "GNSS noise x 6"
@@ -682,74 +538,62 @@ FAULTS_PUBLISHED = {
 }
 
 
-def faults(runs: int, processes: int, duration: float = 2700.0) -> None:
+def faults(seeds: range, processes: int, duration: float = 2700.0) -> None:
     """What each control does about each fault, in the filter 26a."""
-    plain = spiral_scene(duration)
-    plain = replace(plain, gaps=())
+    plain = replace(spiral_scene(duration), gaps=())
     base = spiral_settings(plain, "network-26a")
-    print(f"\nFaults, 26a: horizontal RMS (peak) | height RMS, m; {runs} runs, 1200 to 2700 s")
-    print("Brackets behind: an independent simulation.\n")
-    print(_row(["fault", *CONTROLS]))
-    print("|---" * (len(CONTROLS) + 1) + "|")
-    begun = time.perf_counter()
-    for name, fault in FAULTS.items():
+    settings = [replace(base, control=control) for control in CONTROLS.values()]
+
+    def row(name: str, fault: dict[str, object]) -> list[str]:
         scene = replace(plain, **fault)  # type: ignore[arg-type]
 
-        def work(seed: int, scene: Scene = scene) -> list[Score]:
+        def work(seed: int) -> list[Score]:
             data = simulate(scene, seed)
-            return [
-                score(
-                    scene,
-                    data,
-                    replace(base, control=control),
-                    settle=float(FAULT_SPAN[0]),
-                    score_states=False,
-                )
-                for control in CONTROLS.values()
-            ]
+            return [score(scene, data, s, settle=SETTLED, score_states=False) for s in settings]
 
         cells = []
-        scores = over_runs(work, runs, processes)
-        for its, known in zip_longest(scores, FAULTS_PUBLISHED.get(name, ()), fillvalue=""):
+        scores = over_runs(work, seeds, processes)
+        for its, published in zip_longest(scores, FAULTS_PUBLISHED.get(name, ()), fillvalue=""):
             e = np.concatenate([s.errors for s in its])
             flat = np.hypot(e[:, 0], e[:, 1])
             again = sum(s.restarts for s in its) / len(its)
             cells.append(
-                f"{np.sqrt(np.mean(flat**2)):.2f}({flat.max():.0f}) "
-                f"\\| {np.sqrt(np.mean(e[:, 2] ** 2)):.2f}"
+                f"{rms(flat):.2f}({flat.max():.0f}) \\| {rms(e[:, 2]):.2f}"
                 + (f", {again:.1f} restarts" if again else "")
-                + (f" [{known}]" if known else "")
+                + (f" [{published}]" if published else "")
             )
-        print(_row([name, *cells]), flush=True)
+        return [name, *cells]
+
+    print(
+        f"\nFaults, 26a: horizontal RMS (peak) | height RMS, m; {len(seeds)} runs, 1200 to 2700 s"
+    )
+    begun = time.perf_counter()
+    rows = (row(name, fault) for name, fault in FAULTS.items())
+    print_table(["fault", *CONTROLS], rows, "Brackets behind: an independent simulation.")
     print(f"\n{time.perf_counter() - begun:.0f} s")
 
 
 def main() -> None:
-    global _FIRST
-    parser = argparse.ArgumentParser(description=(__doc__ or "").split("\n", 1)[0])
+    options = parser(__doc__, processes=2)
     names = ("spiral", "manoeuvres", "faults")
-    parser.add_argument("--tables", nargs="+", choices=names, default=names)
-    parser.add_argument("--runs", type=int, default=24, help="of the spiral; others have fewer")
-    parser.add_argument("--duration", type=float, default=3600.0, help="of the spiral, s")
-    parser.add_argument("--seed", type=int, default=0, help="of the first run")
-    parser.add_argument("--processes", type=int, default=2)
-    told = parser.parse_args()
-    _FIRST = told.seed
-    if "spiral" in told.tables:
-        scene = spiral_scene(told.duration)
-        table("Spiral", scene, spiral_cases(scene), told.runs, told.processes)
-    if "manoeuvres" in told.tables:
-        flight = manoeuvring_flight(min(1800.0, told.duration), 100.0)
+    options.add_argument("--tables", nargs="+", choices=names, default=names)
+    options.add_argument("--runs", type=int, default=24, help="of the spiral; others have fewer")
+    options.add_argument("--duration", type=float, default=3600.0, help="of the spiral, s")
+    options.add_argument("--seed", type=int, default=0, help="of the first run")
+    args = options.parse_args()
+
+    def seeds(share: int) -> range:
+        return range(args.seed, args.seed + max(args.runs // share, 1))
+
+    if "spiral" in args.tables:
+        scene = spiral_scene(args.duration)
+        table("Spiral", scene, spiral_cases(scene), seeds(1), args.processes)
+    if "manoeuvres" in args.tables:
+        flight = manoeuvring_flight(min(1800.0, args.duration), 100.0)
         scene = Scene(flight, MEMS_IMU, MEMS_BARO, 10, MEMS_ATTITUDE, MEMS_GNSS, GAPS[:2])
-        table(
-            "Manoeuvres",
-            scene,
-            manoeuvre_cases(scene),
-            max(told.runs // 2, 1),
-            told.processes,
-        )
-    if "faults" in told.tables:
-        faults(max(told.runs // 3, 1), told.processes)
+        table("Manoeuvres", scene, manoeuvre_cases(scene), seeds(2), args.processes)
+    if "faults" in args.tables:
+        faults(seeds(3), args.processes)
 
 
 if __name__ == "__main__":

@@ -23,26 +23,20 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
-PROGRAM = (sys.executable, "-c", "from sinstool.cli.main import main; main()")
+from benchmarks.commands import PROGRAM, sinstool
+
 OLD = b"what was there before"
 
 
 @dataclass(frozen=True)
 class Command:
-    """A command that writes files.
-
-    Attributes
-    ----------
-    name : str
-    arguments : tuple of str
-        ``--overwrite`` among them.
-    targets : tuple of Path
-        All in one folder that holds nothing else.
-    """
+    """A command that writes files."""
 
     name: str
     arguments: tuple[str, ...]
+    """``--overwrite`` among them."""
     targets: tuple[Path, ...]
+    """All in one folder that holds nothing else."""
 
     @property
     def folder(self) -> Path:
@@ -60,14 +54,7 @@ class Command:
 
 @dataclass
 class Tally:
-    """What was seen.
-
-    Attributes
-    ----------
-    counts : Counter
-    faults : list of str
-        What must not be.
-    """
+    """What was seen, and of it what must not be."""
 
     counts: Counter[str] = field(default_factory=Counter)
     faults: list[str] = field(default_factory=list)
@@ -75,20 +62,18 @@ class Tally:
 
 def commands(folder: Path, seconds: int) -> list[Command]:
     """`process` with a report, and `simulate`, on a log of so many seconds."""
-    log = folder / "log.mcap"
-    made = (*PROGRAM, "simulate", "static", "-o", str(log), "--duration", str(seconds))
-    subprocess.run(made, check=True, stdout=subprocess.DEVNULL)
-    out, made_again = folder / "process", folder / "simulate"
+    log, out, simulated = folder / "log.mcap", folder / "process", folder / "simulate"
+    simulate = ("simulate", "static", "--duration", str(seconds), "-o")
+    sinstool(*simulate, log)
     out.mkdir()
-    made_again.mkdir()
+    simulated.mkdir()
     targets = (out / "out.mcap", out / "page.html")
-    told = ("-o", str(targets[0]), "--report", str(targets[1]), "--overwrite")
-    again = made_again / "static.mcap"
+    process = ("process", str(log), "--mode", "attitude", "-o", str(targets[0]))
+    again = simulated / "static.mcap"
     return [
-        Command("process", ("process", str(log), "--mode", "attitude", *told), targets),
-        Command("simulate", (*made[len(PROGRAM) : 3 + len(PROGRAM)], str(again), "--duration",
-                             str(seconds), "--overwrite"), (again,)),
-    ]  # fmt: skip
+        Command("process", (*process, "--report", str(targets[1]), "--overwrite"), targets),
+        Command("simulate", (*simulate, str(again), "--overwrite"), (again,)),
+    ]
 
 
 def digest(path: Path) -> str:
@@ -106,18 +91,7 @@ def first_stray(run: subprocess.Popen[bytes], command: Command, before: set[str]
 
 
 def kill_at_random(command: Command, kills: int, rng: random.Random) -> Tally:
-    """Kill a command again and again, and look.
-
-    Parameters
-    ----------
-    command : Command
-    kills : int
-    rng : random.Random
-
-    Returns
-    -------
-    Tally
-    """
+    """Kill a command again and again, and look."""
     tally = Tally()
     # Twice: compiled loops are there the second time, and the same input gives the same bytes.
     for _ in range(2):
@@ -147,11 +121,11 @@ def kill_at_random(command: Command, kills: int, rng: random.Random) -> Tally:
         tally.counts["left a temporary file"] += bool(left)
         expected_old = old if number % 2 == 0 else "none"
         for path in command.targets:
-            found = digest(path)
-            if found == complete[path]:
+            now = digest(path)
+            if now == complete[path]:
                 tally.counts["targets new"] += 1
-            elif found == expected_old:
-                tally.counts["targets old" if found != "none" else "targets absent"] += 1
+            elif now == expected_old:
+                tally.counts["targets old" if now != "none" else "targets absent"] += 1
             else:
                 tally.faults.append(f"kill {number}: {path.name} is neither old nor complete")
     run = command.start()
@@ -177,8 +151,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
             kills = (options.kills + k) // len(made)
             tally = kill_at_random(command, kills, rng)
             faults += tally.faults
-            told = ", ".join(f"{name} {count}" for name, count in sorted(tally.counts.items()))
-            print(f"{command.name}: {told}; faults {len(tally.faults)}", flush=True)
+            counts = ", ".join(f"{name} {count}" for name, count in sorted(tally.counts.items()))
+            print(f"{command.name}: {counts}; faults {len(tally.faults)}", flush=True)
     for fault in faults:
         print(fault)
     print(f"seed {options.seed}: {options.kills} kills, {len(faults)} faults")

@@ -16,27 +16,21 @@ import argparse
 import hashlib
 import os
 import subprocess
-import sys
 import tempfile
 import time
 from contextlib import ExitStack
 from pathlib import Path
 
-ROOT = Path(__file__).resolve().parents[1]
-if str(ROOT) not in sys.path:
-    sys.path.append(str(ROOT))
+from benchmarks.commands import PROGRAM, sinstool
+from tests.campaign.clusters import cluster
 
-from tests.campaign.clusters import cluster  # noqa: E402
-
-PROGRAM = [sys.executable, "-c", "from sinstool.cli.main import main; main()"]
-WANTED = 1.8
+TARGET = 1.8
 
 
 def simulate(folder: Path, count: int, seconds: float) -> None:
     """The logs, each with sensor errors of its own."""
-    told = ["--monte-carlo", str(count), "--duration", str(seconds), "--rate", "400"]
-    command = ["simulate", "drive", "-o", str(folder), "--grade", "mems", "--no-truth", *told]
-    subprocess.run([*PROGRAM, *command], check=True, stdout=subprocess.DEVNULL)
+    options = ("--monte-carlo", count, "--duration", seconds, "--rate", 400, "--grade", "mems")
+    sinstool("simulate", "drive", "-o", folder, "--no-truth", *options)
 
 
 def timed(logs: Path, out: Path, mode: str, who: list[str]) -> tuple[float, dict[str, str]]:
@@ -78,19 +72,19 @@ def main() -> None:
         # Compiles what is not in numba's cache, and reads the logs into memory, for all alike.
         timed(logs, folder / "warm", options.mode, ["-j", "2"])
         runs = {"1 worker": ["-j", "1"], "2 workers": ["-j", "2"]}
-        found = {k: timed(logs, folder / "out", options.mode, who) for k, who in runs.items()}
+        results = {k: timed(logs, folder / "out", options.mode, who) for k, who in runs.items()}
         address = stack.enter_context(cluster(folder, 2))
         dask = ["--scheduler", address]
-        found["2 Dask workers"] = timed(logs, folder / "out", options.mode, dask)
-    alone, expected = found["1 worker"]
-    for what, (wall, hashes) in found.items():
+        results["2 Dask workers"] = timed(logs, folder / "out", options.mode, dask)
+    alone, expected = results["1 worker"]
+    for what, (wall, hashes) in results.items():
         same = "the same bytes" if hashes == expected else "OTHER BYTES"
         print(
             f"{what:>15}: {wall:7.1f} s, {wall / options.logs:6.2f} s a log,"
             f" {alone / wall:5.2f} times one worker; {len(hashes)} outputs, {same}"
         )
-    ratio = alone / found["2 workers"][0]
-    print(f"two workers: {ratio:.2f}, wanted {WANTED}: {'PASS' if ratio >= WANTED else 'short'}")
+    ratio = alone / results["2 workers"][0]
+    print(f"two workers: {ratio:.2f}, wanted {TARGET}: {'PASS' if ratio >= TARGET else 'short'}")
 
 
 if __name__ == "__main__":

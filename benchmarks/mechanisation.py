@@ -9,26 +9,23 @@ python benchmarks/mechanisation.py --seconds 600 --repeats 3 --no-accuracy
 
 from __future__ import annotations
 
-import argparse
 import ctypes
 import subprocess
 import tempfile
-import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import numpy as np
 
+from benchmarks.common import best, compensated, parser, print_table
 from sinstool.core import earth, rotation
 from sinstool.core.quaternion_kernels import EXACT
-from sinstool.methods.coning.registry import algorithm
-from sinstool.methods.coning.stage import ConingStage
 from sinstool.methods.height import layout
 from sinstool.methods.height.discrete import pole_matched_gains
 from sinstool.methods.height.network import HeightNetwork, gravity_gradient
 from sinstool.methods.strapdown.free_inertial import navigate
 from sinstool.methods.strapdown.navigation import SIZE, initial_state
-from sinstool.methods.strapdown.velocity import Increments, IncrementStage
+from sinstool.methods.strapdown.velocity import Increments
 from sinstool.simulation.flight import manoeuvring_flight, spiral_climb
 from sinstool.simulation.trajectory import Trajectory
 
@@ -40,15 +37,9 @@ NO_HEIGHTS = (np.empty(0), np.empty(0), np.empty(0), np.empty(0, np.int64))
 def increments(flight: Trajectory, name: str = "previous-1") -> Increments:
     """Compensated increments of a flight, by one of the coning algorithms."""
     imu = flight.imu
-    stage = IncrementStage(
-        lambda: ConingStage(algorithm(name), "mean-rate", nominal_interval=float(imu.interval[0]))
+    return compensated(
+        imu.time_ns, imu.gyro_mean_rate, imu.mean_specific_force, imu.interval[0], name
     )
-    parts = [stage.push(imu.gyro_mean_rate, imu.mean_specific_force, imu.time_ns), stage.finish()]
-    columns = [
-        np.concatenate([getattr(p, column) for p in parts])
-        for column in Increments.__dataclass_fields__
-    ]
-    return Increments(*columns)
 
 
 def start(flight: Trajectory) -> np.ndarray:
@@ -63,7 +54,7 @@ def start(flight: Trajectory) -> np.ndarray:
 
 def mechanise(
     state: np.ndarray,
-    given: Increments,
+    increments: Increments,
     out: np.ndarray,
     parameters: np.ndarray | None = None,
     heights: tuple[np.ndarray, ...] = NO_HEIGHTS,
@@ -72,9 +63,9 @@ def mechanise(
     damped = parameters is not None
     navigate(
         state, layout.new_state(), parameters if damped else np.zeros(layout.PARAMETERS),
-        layout.new_events(len(heights[0])), damped, given.rotation_vector,
-        given.velocity_increment, given.interval, np.cumsum(given.interval), *heights, 0, EXACT,
-        False, out,
+        layout.new_events(len(heights[0])), damped, increments.rotation_vector,
+        increments.velocity_increment, increments.interval, np.cumsum(increments.interval),
+        *heights, 0, EXACT, False, out,
     )  # fmt: skip
 
 
@@ -91,16 +82,6 @@ def compiled() -> Callable[..., None]:
     function.argtypes = [double] * 4 + [ctypes.c_long] * 2 + [double] * 3
     function.restype = None
     return function
-
-
-def best(run: Callable[[], None], repeats: int) -> float:
-    """Shortest time of several, s: the one that other programs disturbed least."""
-    times = []
-    for _ in range(repeats):
-        begin = time.perf_counter()
-        run()
-        times.append(time.perf_counter() - begin)
-    return min(times)
 
 
 def pyins_start(flight: Trajectory):
@@ -128,14 +109,14 @@ def pyins_increments(flight: Trajectory):
     return compute_increments_from_imu(pd.DataFrame(data, index, names), "increment")
 
 
-def pyins_run(flight: Trajectory, given) -> np.ndarray:
+def pyins_run(flight: Trajectory, increments) -> np.ndarray:
     """Latitude, longitude, height and velocity of python-ins, shape (n, 6)."""
     from pyins.strapdown import Integrator
 
-    result = Integrator(pyins_start(flight)).integrate(given)
-    found = result[["lat", "lon", "alt", "VN", "VE", "VD"]].to_numpy()[1:].copy()
-    found[:, :2] = np.deg2rad(found[:, :2])
-    return found
+    result = Integrator(pyins_start(flight)).integrate(increments)
+    rows = result[["lat", "lon", "alt", "VN", "VE", "VD"]].to_numpy()[1:].copy()
+    rows[:, :2] = np.deg2rad(rows[:, :2])
+    return rows
 
 
 def pyins_gravity(latitude: np.ndarray, height: np.ndarray) -> np.ndarray:
@@ -169,76 +150,72 @@ def accuracy() -> None:
         ),
         "manoeuvring, turbulence, 1800 s at 100 Hz": manoeuvring_flight(1800.0, 100.0),
     }
-    print("Largest error against the truth with perfect sensors\n")
-    print("| flight | increments by | horizontal m | vertical m |\n|---|---|---|---|")
-    for title, flight in flights.items():
-        truth = truth_rows(flight)
-        ours = {}
-        for name in ("previous-1", "quatfiter-4", "lookahead-12"):
-            given = increments(flight, name)
-            out = np.empty((len(given.sample), SIZE + 2))
-            mechanise(start(flight), given, out)
-            ours[name] = out
-            every = given.sample - 1
-            full = np.full_like(truth, np.nan)
-            full[every] = out[:, :3]
-            full[np.isnan(full)] = truth[np.isnan(full)]
-            print("| {} | {} | {:.2e} | {:.2e} |".format(title, name, *apart(flight, full, truth)))
-        try:
-            given = pyins_increments(flight)
-        except ImportError:
-            print(f"| {title} | python-ins: not installed | | |")
-            continue
-        theirs = pyins_run(flight, given)
-        print("| {} | python-ins | {:.2e} | {:.2e} |".format(title, *apart(flight, theirs, truth)))
-        corrected = with_our_gravity(flight, given)
-        there = pyins_run(flight, corrected)
-        print(
-            "| {} | python-ins, our gravity | {:.2e} | {:.2e} |".format(
-                title, *apart(flight, there, truth)
-            )
-        )
-        for label, run in (("python-ins", theirs), ("python-ins, our gravity", there)):
-            print(
-                "| {} | previous-1 less {} | {:.2e} | {:.2e} |".format(
-                    title, label, *apart(flight, ours["previous-1"], run)
-                )
-            )
+    rows = (row for title, flight in flights.items() for row in distances(title, flight))
+    head = ("flight", "increments by", "horizontal m", "vertical m")
+    print_table(head, rows, "Largest error against the truth with perfect sensors")
     print()
 
 
-def with_our_gravity(flight: Trajectory, given):
+def distances(title: str, flight: Trajectory) -> Iterator[list[str]]:
+    """Rows of the table for one flight."""
+
+    def row(label: str, a: np.ndarray, b: np.ndarray) -> list[str]:
+        return [title, label, *(f"{d:.2e}" for d in apart(flight, a, b))]
+
+    truth = truth_rows(flight)
+    ours = {}
+    for name in ("previous-1", "quatfiter-4", "lookahead-12"):
+        part = increments(flight, name)
+        out = np.empty((len(part.sample), SIZE + 2))
+        mechanise(start(flight), part, out)
+        ours[name] = out
+        full = truth.copy()
+        full[part.sample - 1] = out[:, :3]
+        yield row(name, full, truth)
+    try:
+        exact = pyins_increments(flight)
+    except ImportError:
+        yield [title, "python-ins: not installed", "", ""]
+        return
+    theirs = {
+        "python-ins": pyins_run(flight, exact),
+        "python-ins, our gravity": pyins_run(flight, with_our_gravity(flight, exact)),
+    }
+    for label, run in theirs.items():
+        yield row(label, run, truth)
+    for label, run in theirs.items():
+        yield row(f"previous-1 less {label}", ours["previous-1"], run)
+
+
+def with_our_gravity(flight: Trajectory, increments):
     """Velocity increments that make up for what python-ins leaves out of gravity."""
     middle = 0.5 * (flight.latitude[1:] + flight.latitude[:-1])
     height = 0.5 * (flight.height[1:] + flight.height[:-1])
     lack = earth.gravity_n(middle, height) - pyins_gravity(middle, height)
     added = rotation.rotate(rotation.conjugate(flight.imu.q_nb[:-1]), lack)
-    corrected = given.copy()
-    corrected[["dv_x", "dv_y", "dv_z"]] += added * given[["dt"]].to_numpy()
+    corrected = increments.copy()
+    corrected[["dv_x", "dv_y", "dv_z"]] += added * increments[["dt"]].to_numpy()
     return corrected
 
 
 def speed(seconds: float, repeats: int) -> None:
     flight = spiral_climb(seconds, 128.0)
-    given = increments(flight)
-    phi, dv, dt = given.rotation_vector, given.velocity_increment, given.interval
+    part = increments(flight)
+    phi, dv, dt = part.rotation_vector, part.velocity_increment, part.interval
     n = len(dt)
     out, plain = np.empty((n, SIZE + 2)), np.empty((n, SIZE))
     begin = start(flight)
-    height = flight.height[given.sample].copy()
-    rows: list[tuple[str, float]] = []
+    height = flight.height[part.sample].copy()
+    costs: dict[str, float] = {}
 
-    def timed(label: str, run: Callable[[], None], updates: int, times: int) -> None:
-        rows.append((label, best(run, times) / updates * NS))
+    def timed(label: str, run: Callable[[], None], updates: int = n, times: int = repeats) -> None:
+        costs[label] = best(run, times) / updates * NS
 
     c = compiled()
     nothing = np.zeros(3)
-    mechanise(begin.copy(), given, out)
-    timed(
-        "C -O3, undamped", lambda: c(begin.copy(), phi, dv, dt, n, 0, height, nothing, plain),
-        n, repeats,
-    )  # fmt: skip
-    timed("ours, undamped", lambda: mechanise(begin.copy(), given, out), n, repeats)
+    mechanise(begin.copy(), part, out)
+    timed("C -O3, undamped", lambda: c(begin.copy(), phi, dv, dt, n, 0, height, nothing, plain))
+    timed("ours, undamped", lambda: mechanise(begin.copy(), part, out))
     apart_m = np.abs(out[:, :3] - plain[:, :3]).max(axis=0)
     print(f"ours and C differ by {apart_m} rad, rad, m at the most\n")
 
@@ -251,40 +228,36 @@ def speed(seconds: float, repeats: int) -> None:
     heights = (end, end, samples, np.full(len(end), layout.ACCEPTED))
 
     def with_channel() -> None:
-        mechanise(begin.copy(), given, out, parameters, heights)
+        mechanise(begin.copy(), part, out, parameters, heights)
 
     with_channel()
     timed(
         "C -O3, third-order loop, 1 Hz",
         lambda: c(begin.copy(), phi, dv, dt, n, every, height, gains, plain),
-        n,
-        repeats,
     )
-    timed("ours, height channel with its shadow, 1 Hz", with_channel, n, repeats)
+    timed("ours, height channel with its shadow, 1 Hz", with_channel)
     lag = np.abs(out[:, 2] - height).max()
     print(f"with an exact barometer the height channel is within {lag:.1e} m of the truth\n")
-    timed("IncrementStage, previous-1", lambda: increments(flight), n, repeats)
-    timed("IncrementStage, lookahead-12", lambda: increments(flight, "lookahead-12"), n, repeats)
+    timed("IncrementStage, previous-1", lambda: increments(flight))
+    timed("IncrementStage, lookahead-12", lambda: increments(flight, "lookahead-12"))
     others(flight, timed)
 
-    costs = dict(rows)
     base = costs["ours, undamped"]
-    print(f"{n} updates, best of {repeats}\n")
-    print("| what | ns per update | against ours undamped |\n|---|---|---|")
-    for label, cost in rows:
-        print(f"| {label} | {cost:.4g} | {cost / base:.3g} |")
+    head = ("what", "ns per update", "against ours undamped")
+    rows = ((label, f"{cost:.4g}", f"{cost / base:.3g}") for label, cost in costs.items())
+    print_table(head, rows, f"{n} updates, best of {repeats}")
     print()
 
 
 def others(flight: Trajectory, timed: Callable[..., None]) -> None:
     imu = flight.imu
     try:
-        given = pyins_increments(flight)
+        exact = pyins_increments(flight)
     except ImportError:
         print("python-ins is not installed")
     else:
-        pyins_run(flight, given.iloc[:99])
-        timed("python-ins Integrator, one batch", lambda: pyins_run(flight, given), len(given), 3)
+        pyins_run(flight, exact.iloc[:99])
+        timed("python-ins Integrator, one batch", lambda: pyins_run(flight, exact), len(exact), 3)
     try:
         from smsfusion import StrapdownINS
     except ImportError:
@@ -302,13 +275,12 @@ def others(flight: Trajectory, timed: Callable[..., None]) -> None:
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=(__doc__ or "").split("\n", 1)[0])
-    parser.add_argument("--seconds", type=float, default=160.0, help="of the flight at 128 Hz")
-    parser.add_argument("--repeats", type=int, default=25)
-    parser.add_argument("--no-accuracy", action="store_true", help="times only")
-    chosen = parser.parse_args()
-    speed(chosen.seconds, chosen.repeats)
-    if not chosen.no_accuracy:
+    options = parser(__doc__, repeats=25)
+    options.add_argument("--seconds", type=float, default=160.0, help="of the flight at 128 Hz")
+    options.add_argument("--no-accuracy", action="store_true", help="times only")
+    args = options.parse_args()
+    speed(args.seconds, args.repeats)
+    if not args.no_accuracy:
         accuracy()
 
 

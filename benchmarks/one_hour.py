@@ -14,7 +14,6 @@ from __future__ import annotations
 import argparse
 import json
 import os
-import shutil
 import statistics
 import sys
 import tempfile
@@ -23,6 +22,8 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
+
+from benchmarks.commands import PROGRAM, folder_for_logs, run_child
 
 if TYPE_CHECKING:
     import numpy as np
@@ -36,11 +37,7 @@ SEED = 20240229
 JITTER_NS = 40_000
 DELAY_NS = 900_000
 CHUNK_SIZE = 2**20
-IMU, PRESSURE, FIX = (
-    "sensor_msgs/msg/Imu",
-    "sensor_msgs/msg/FluidPressure",
-    "sensor_msgs/msg/NavSatFix",
-)
+IMU, PRESSURE, FIX = (f"sensor_msgs/msg/{name}" for name in ("Imu", "FluidPressure", "NavSatFix"))
 QUATERNION = "geometry_msgs/msg/QuaternionStamped"
 TOPICS = {"/imu/data": IMU, "/baro": PRESSURE, "/gnss/fix": FIX}
 
@@ -169,11 +166,7 @@ def fix_stream(rng: np.random.Generator, seconds: float) -> Stream:
     out["sec"], out["nanosec"] = stamp // 10**9, stamp % 10**9
     out["frame_length"], out["frame"] = 5, b"gnss"
     out["service"] = 1
-    out["position"] = (47.3769, 8.5417, 455.0) + rng.normal(0.0, 1.0, (len(out), 3)) * (
-        1e-5,
-        1e-5,
-        1,
-    )
+    out["position"] = rng.normal((47.3769, 8.5417, 455.0), (1e-5, 1e-5, 1.0), (len(out), 3))
     out["covariance"][:, [0, 4, 8]] = (1.0, 1.0, 4.0)
     out["covariance_type"] = 2
     return Stream(log_time, out.view(np.uint8).reshape(len(out), -1))
@@ -414,25 +407,6 @@ class Result:
     messages: int
 
 
-def run_child(arguments: list[str]) -> tuple[str, float, float, float]:
-    """Run a program; its output, wall and CPU seconds and peak memory in MB."""
-    with tempfile.TemporaryFile() as out:
-        began = time.perf_counter()
-        pid = os.posix_spawn(
-            arguments[0],
-            arguments,
-            os.environ,
-            file_actions=[(os.POSIX_SPAWN_DUP2, out.fileno(), 1)],
-        )
-        _, status, usage = os.wait4(pid, 0)
-        wall = time.perf_counter() - began
-        out.seek(0)
-        text = out.read().decode()
-    if status:
-        raise SystemExit(f"{' '.join(arguments)} failed: {text}")
-    return text, wall, usage.ru_utime + usage.ru_stime, usage.ru_maxrss * 1024 / 1e6
-
-
 def run_method(name: str, log: Path) -> Result:
     """One run of a method, in a new process; the time is that of its work, without start-up."""
     text, _, _, peak = run_child([sys.executable, __file__, "--method", name, "--log", str(log)])
@@ -444,10 +418,9 @@ def run_process(log: Path) -> Result:
     """`sinstool process`, start-up and all."""
     output = log.with_suffix(".out.mcap")
     output.unlink(missing_ok=True)
-    command = "from sinstool.cli.main import main; main()"
     arguments = ["process", str(log), "-o", str(output), "--json", "-q"]
     try:
-        text, wall, cpu, peak = run_child([sys.executable, "-c", command, *arguments])
+        text, wall, cpu, peak = run_child([*PROGRAM, *arguments])
         return Result(wall, cpu, peak, 2 * json.loads(text)["output"]["attitudes"])
     finally:
         output.unlink(missing_ok=True)
@@ -467,7 +440,7 @@ def compare(log: Path, runs: int, stock_runs: int) -> None:
                 results.setdefault(name, []).append(run_method(name, log))
     for name in (*OURS, PROCESS):
         del results[name][0]
-    middle = {name: _median(found) for name, found in results.items()}
+    middle = {name: _median(runs_of) for name, runs_of in results.items()}
     size = log.stat().st_size / 1e6
     print(f"\n{log.name}: {size:.0f} MB, {middle[BASE].messages} messages; medians of")
     print(f"{runs} runs (sinstool) and {stock_runs} (stock); load {os.getloadavg()[0]:.1f},")
@@ -483,12 +456,12 @@ def compare(log: Path, runs: int, stock_runs: int) -> None:
         )
 
 
-def _median(found: list[Result]) -> Result:
+def _median(runs: list[Result]) -> Result:
     return Result(
-        statistics.median(r.wall for r in found),
-        statistics.median(r.cpu for r in found),
-        max(r.peak_mb for r in found),
-        found[0].messages,
+        statistics.median(r.wall for r in runs),
+        statistics.median(r.cpu for r in runs),
+        max(r.peak_mb for r in runs),
+        runs[0].messages,
     )
 
 
@@ -510,33 +483,28 @@ def main() -> None:
     parser.add_argument("--method", help=argparse.SUPPRESS)
     parser.add_argument("--make", help=argparse.SUPPRESS)
     parser.add_argument("--log", type=Path, help=argparse.SUPPRESS)
-    told = parser.parse_args()
-    if told.make:
-        make(told.log, told.make, told.minutes, told.fast_make)
-    elif told.method:
+    args = parser.parse_args()
+    if args.make:
+        make(args.log, args.make, args.minutes, args.fast_make)
+    elif args.method:
         watch = Stopwatch()
-        count = {**OURS, **STOCK}[told.method](told.log, watch)
+        count = {**OURS, **STOCK}[args.method](args.log, watch)
         print(json.dumps({"wall": watch.wall, "cpu": watch.cpu, "messages": count}))
     else:
-        _compare_all(told)
+        with folder_for_logs(args.dir) as folder:
+            _compare_all(folder, args)
 
 
-def _compare_all(told: argparse.Namespace) -> None:
-    folder = told.dir or Path(tempfile.mkdtemp(prefix="one_hour."))
-    folder.mkdir(parents=True, exist_ok=True)
-    try:
-        for compression in told.compression:
-            writer = "fast" if told.fast_make else "stock"
-            log = folder / f"imu_{told.minutes:g}min_{writer}_{compression}.mcap"
-            if not log.exists():
-                print(f"making {log} ...", file=sys.stderr)
-                arguments = ["--make", compression, "--minutes", str(told.minutes)]
-                arguments += ["--fast-make"] if told.fast_make else []
-                run_child([sys.executable, __file__, *arguments, "--log", str(log)])
-            compare(log, told.runs, told.stock_runs)
-    finally:
-        if told.dir is None:
-            shutil.rmtree(folder)
+def _compare_all(folder: Path, args: argparse.Namespace) -> None:
+    for compression in args.compression:
+        writer = "fast" if args.fast_make else "stock"
+        log = folder / f"imu_{args.minutes:g}min_{writer}_{compression}.mcap"
+        if not log.exists():
+            print(f"making {log} ...", file=sys.stderr)
+            arguments = ["--make", compression, "--minutes", str(args.minutes)]
+            arguments += ["--fast-make"] if args.fast_make else []
+            run_child([sys.executable, __file__, *arguments, "--log", str(log)])
+        compare(log, args.runs, args.stock_runs)
 
 
 if __name__ == "__main__":

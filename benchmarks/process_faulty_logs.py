@@ -27,15 +27,10 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from mcap.reader import make_reader
+from mcap.writer import CompressionType, Writer
 
-ROOT = Path(__file__).resolve().parents[1]
-if str(ROOT) not in sys.path:
-    sys.path.append(str(ROOT))
-
-from mcap.reader import make_reader  # noqa: E402
-from mcap.writer import CompressionType, Writer  # noqa: E402
-
-from tests.helpers.imulogs import (  # noqa: E402
+from tests.helpers.imulogs import (
     IMU,
     Message,
     imu_messages,
@@ -44,8 +39,8 @@ from tests.helpers.imulogs import (  # noqa: E402
     stamp_ns,
     store,
 )
-from tests.helpers.imulogs import write_bag as write_bag1  # noqa: E402
-from tests.helpers.logs import Row, write_bag2  # noqa: E402
+from tests.helpers.imulogs import write_bag as write_bag1
+from tests.helpers.logs import Row, write_bag2
 
 SCENARIO = (
     "drive", "--grade", "mems", "--still", "15", "--duration", "60", "--rate", "50",
@@ -266,20 +261,7 @@ ENCODINGS = ("mcap", "ros1 mcap", "bag", "db3 folder", "db3")
 
 
 def write(sensors: Sensors, encoding: str, folder: Path, rng: Rng) -> Path:
-    """Write a log.
-
-    Parameters
-    ----------
-    sensors : Sensors
-    encoding : str
-        One of `ENCODINGS`.
-    folder : Path
-    rng : Generator
-
-    Returns
-    -------
-    Path
-    """
+    """Write a log in one of `ENCODINGS`."""
     ros = 1 if encoding in ("ros1 mcap", "bag") else 2
     stamps = np.maximum(sensors.stamp, 0)
     messages = imu_messages(stamps, sensors.gyro, sensors.accel, np.maximum(sensors.log, 0),
@@ -345,18 +327,7 @@ def times_of_input(log: Path) -> tuple[set[int], set[int]]:
 
 
 def check(log: Path, out: Path, summary: dict[str, Any]) -> list[str]:
-    """What is wrong with an output.
-
-    Parameters
-    ----------
-    log, out : Path
-    summary : dict
-        Of the run.
-
-    Returns
-    -------
-    list of str
-    """
+    """What is wrong with an output, and with the summary of its run."""
     wrong = []
     stamps, logged = times_of_input(log)
     if any("log time" in text for text in summary["warnings"]):
@@ -397,13 +368,7 @@ def check(log: Path, out: Path, summary: dict[str, Any]) -> list[str]:
 
 
 def one_run(sensors: Sensors, seed: int, number: int, folder: Path) -> tuple[str, str]:
-    """Make, process and check a log.
-
-    Returns
-    -------
-    outcome, details : str
-        ``written``, ``written, with losses``, ``refused`` or a failure.
-    """
+    """Make, process and check a log; one of `FINE` or a failure, and details."""
     from sinstool.config import ProcessConfig
     from sinstool.core.errors import SinstoolError
     from sinstool.pipelines.process.run import process

@@ -18,6 +18,7 @@ from pathlib import Path
 
 import numpy as np
 
+from benchmarks.common import compensated, rows_of
 from sinstool.config.input import InputOptions
 from sinstool.core import earth
 from sinstool.core.rotation import conjugate, exp, log, multiply, normalise, rotate
@@ -27,8 +28,6 @@ from sinstool.io.readers.open import open_log
 from sinstool.io.readers.streams import ImuUnits, Losses, read_imu
 from sinstool.io.readers.topics import choose_imu
 from sinstool.methods.alignment.inflight import ImuIncrements
-from sinstool.methods.coning.registry import algorithm
-from sinstool.methods.coning.stage import ConingStage
 from sinstool.methods.ins_gnss.filter import InsGnssFilter
 from sinstool.methods.ins_gnss.latency import Latency, correlate, inertial_velocity
 from sinstool.methods.ins_gnss.noise import IMU_GRADES, GnssModel
@@ -37,7 +36,7 @@ from sinstool.methods.ins_gnss.settings import Settings
 from sinstool.methods.ins_gnss.smoother import Smoother
 from sinstool.methods.ins_gnss.start import Beginning, find_start, start_at
 from sinstool.methods.ins_gnss.velocity_lag import split_position_velocity, velocity_lag
-from sinstool.methods.strapdown.velocity import Increments, IncrementStage
+from sinstool.methods.strapdown.velocity import Increments
 from sinstool.survey.aiding import Aiding, read_gnss
 
 # What receivers of these kinds do: RTK in a street, and a car's receiver with corrections.
@@ -124,12 +123,7 @@ def read(folder: Path, drive: Drive) -> Log:
     if not drive.own_sigma:
         gnss = replace(gnss, sigma_position_n=np.full_like(gnss.sigma_position_n, np.nan))
     step = float(np.median(np.diff(imu.time_ns))) * 1e-9
-    stage = IncrementStage(
-        lambda: ConingStage(algorithm("previous-1"), "rate", nominal_interval=step)
-    )
-    parts = [stage.push(imu.gyro, imu.accel, imu.time_ns), stage.finish()]
-    columns = Increments.__dataclass_fields__
-    whole = Increments(*(np.concatenate([getattr(p, c) for p in parts]) for c in columns))
+    whole = compensated(imu.time_ns, imu.gyro, imu.accel, step, kind="rate")
     interval = np.diff(imu.time_ns, prepend=imu.time_ns[0])[:, None] * 1e-9
     for_start = ImuIncrements(
         imu.time_ns,
@@ -146,8 +140,7 @@ def settings_of(drive: Drive, latency: float) -> Settings:
 
 
 def later(increments: Increments, time_ns: int) -> Increments:
-    rows = increments.time_ns > time_ns
-    return Increments(*(getattr(increments, c)[rows] for c in Increments.__dataclass_fields__))
+    return rows_of(increments, increments.time_ns > time_ns)
 
 
 def run(

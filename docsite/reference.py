@@ -70,6 +70,8 @@ def options(path: str) -> str:
 def _title(group: str) -> str:
     if not group:
         return "The command itself"
+    if group == "simulate":
+        return "The scenario — `[simulate]`"
     model = ProcessConfig.model_fields[group].annotation
     told = str(getattr(model, "__doc__", "")).split("\n")[0].rstrip(".")
     return f"{told} — `[{group}]`"

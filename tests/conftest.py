@@ -6,6 +6,8 @@ import pytest
 from hypothesis import settings
 
 from sinstool.cli import main as main_module
+from tests.helpers import compiled
+from tests.helpers.paths import ROOT
 
 # The first call of a compiled loop takes seconds; a deadline would call that a failure.
 settings.register_profile("compiled", deadline=None)
@@ -18,6 +20,18 @@ if threading.current_thread() is threading.main_thread():
         number = getattr(signal, name, None)
         if number is not None and signal.getsignal(number) is signal.SIG_IGN:
             signal.signal(number, usual)
+
+
+def pytest_sessionstart(session):
+    """Fill numba's cache before the workers of a whole run begin, where a source has changed."""
+    config = session.config
+    whole = config.args_source == pytest.Config.ArgsSource.TESTPATHS
+    if not whole or not config.getoption("numprocesses", None) or hasattr(config, "workerinput"):
+        return
+    newest = max(path.stat().st_mtime_ns for path in (ROOT / "sinstool").rglob("*.py"))
+    if config.cache.get("sinstool/compiled", 0) != newest:
+        compiled.main()
+        config.cache.set("sinstool/compiled", newest)
 
 
 @pytest.fixture

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import click
 
@@ -12,14 +12,18 @@ from sinstool.cli.console import print_json, progress_bar, warn
 from sinstool.cli.many import EXIT_HELP, Asked, workers_options
 from sinstool.cli.options import config_options, effective_config, print_config
 from sinstool.cli.verbose import verbose_option
-from sinstool.pipelines.align.result import AlignResult
 from sinstool.report.text.table import table
+
+if TYPE_CHECKING:
+    from sinstool.pipelines.align.result import AlignResult
+
+GROUPS = ("input", "align", "gnss", "in_flight")
 
 
 @click.command("align", epilog=EXIT_HELP)
 @click.argument("logs", nargs=-1, type=click.Path(path_type=Path), metavar="LOG...")
 @workers_options("one for each core")
-@config_options("input", "align", "gnss", "in_flight")
+@config_options(*GROUPS)
 @click.option(
     "--method",
     type=Choice(["svd", "quest", "davenport", "triad", "gyrocompass", "level"]),
@@ -76,9 +80,7 @@ def command(
         given["align__align"] = method
     config = effective_config(config_file, given)
     if show:
-        print_config(
-            config, "calibration", "coning", "vertical", "filter", "hse", "output", "navigation"
-        )
+        print_config(config, *GROUPS)
         return 0
     if not logs:
         raise click.UsageError("give a LOG to align")

@@ -18,7 +18,7 @@ from sinstool.report.text.table import table
 
 if TYPE_CHECKING:
     from sinstool.config import ProcessConfig
-    from sinstool.pipelines.calibrate_hse.run import Calibration
+    from sinstool.pipelines.calibrate_hse.result import Calibration
 
 
 @click.command("calibrate-hse")
@@ -75,7 +75,7 @@ def command(
     as_json: bool,
     quiet: bool,
     verbose: int,
-    **given: Any,
+    **options: Any,
 ) -> int:
     """Calibrate the heading-sensitive error of a rate-biased laser-gyro system.
 
@@ -87,10 +87,9 @@ def command(
     Example:
       sinstool calibrate-hse north.mcap south.mcap --config rig.toml -o hse.json
     """
-    config = effective_config(config_file, given)
+    config = effective_config(config_file, options)
     if show:
-        told = ("input", "calibration", "output", "rig")
-        print_config(config, *(name for name in type(config).model_fields if name not in told))
+        print_config(config, "input", "calibration", "output", "rig")
         return 0
     if plan:
         return _plan(config, rates, repeats, lean, arw, latitude, as_json)
@@ -117,24 +116,22 @@ def command(
         full = [path.absolute() for path in paths]
         workers = workers_of(Asked(jobs, scheduler), full, len(paths))
     with commit_together(), progress_bar(f"{len(paths)} logs", quiet) as progress:
-        found = calibrate(paths, output, config, progress, workers)
+        calibration = calibrate(paths, output, config, progress, workers)
         if emit_config is not None:
-            write_rig(emit_config, found, config)
+            write_rig(emit_config, calibration, config)
         if csv_file is not None:
-            write_csv(csv_file, found, config.output.overwrite)
+            write_csv(csv_file, calibration, config.output.overwrite)
         if report is not None:
             from sinstool.report.pages.calibrate_hse import write_page
 
-            write_page(report, found, config, paths)
-    for text in (*found.warnings, *found.judgement.warnings):
+            write_page(report, calibration, config, paths)
+    for text in calibration.warnings:
         warn(text)
     if as_json:
-        from sinstool.pipelines.calibrate_hse.files import summary
-
-        print_json({"output": str(output), **summary(found)})
+        print_json({**calibration.to_json(), "output": str(output)})
     elif not quiet:
-        _print(found, output, verbose > 0)
-    return found.exit_code
+        _print(calibration, output, verbose > 0)
+    return calibration.exit_status
 
 
 def _arcsec(value: float | None, sigma: float | None = None, digits: int = 3) -> str:
@@ -144,38 +141,38 @@ def _arcsec(value: float | None, sigma: float | None = None, digits: int = 3) ->
     return text + (f' +- {sigma / ARCSEC:.{digits}f}"' if sigma is not None else "")
 
 
-def _print(found: Calibration, output: Path, verbose: bool) -> None:
-    kept, fit = found.kept, found.fit
-    used = [r for r in kept.runs if r.used]
+def _print(calibration: Calibration, output: Path, verbose: bool) -> None:
+    file, fit = calibration.file, calibration.fit
+    used = [r for r in file.runs if r.used]
     rates = sorted({round(r.rate_rad_s / DEGREE, 2) for r in used})
     slope = "not determined"
-    if kept.K_HSE_s is not None:
-        sigma = "" if kept.sigma_K_HSE_s is None else f" +- {kept.sigma_K_HSE_s / ARCSEC:.3f}"
-        slope = f'{kept.K_HSE_s / ARCSEC:.3f}{sigma} "/(rad/s) where the axis leans as most'
+    if file.K_HSE_s is not None:
+        sigma = "" if file.sigma_K_HSE_s is None else f" +- {file.sigma_K_HSE_s / ARCSEC:.3f}"
+        slope = f'{file.K_HSE_s / ARCSEC:.3f}{sigma} "/(rad/s) where the axis leans as most'
     rows = [
-        ("runs", f"{len(used)} of {len(kept.runs)} in use, from {len(found.logs)} logs, at"
+        ("runs", f"{len(used)} of {len(file.runs)} in use, from {len(calibration.logs)} logs, at"
                  f" {', '.join(f'{r:g}' for r in rates)} deg/s"),
-        ("lambda2", f"{_arcsec(kept.lambda2_rad, kept.sigma_lambda2_rad)} by {kept.method}"
-                    + (f", 95 % {_arcsec(kept.ci95_lambda2_rad[0])} to"
-                       f" {_arcsec(kept.ci95_lambda2_rad[1])}" if kept.ci95_lambda2_rad else "")),
-        ("axial", f"{_arcsec(kept.axial.lambda2_rad, kept.axial.sigma_rad, 4)} by gyro rate along"
+        ("lambda2", f"{_arcsec(file.lambda2_rad, file.sigma_lambda2_rad)} by {file.method}"
+                    + (f", 95 % {_arcsec(file.ci95_lambda2_rad[0])} to"
+                       f" {_arcsec(file.ci95_lambda2_rad[1])}" if file.ci95_lambda2_rad else "")),
+        ("axial", f"{_arcsec(file.axial.lambda2_rad, file.axial.sigma_rad, 4)} by gyro rate along"
                   " the axis"),
         ("slope K", slope),
-        ("lean C23", f"{kept.C23_rad:.3e} +- {kept.sigma_C23_rad:.1e} rad, latitude"
-                     f" {kept.latitude_rad / DEGREE:.4f} deg"),
+        ("lean C23", f"{file.C23_rad:.3e} +- {file.sigma_C23_rad:.1e} rad, latitude"
+                     f" {file.latitude_rad / DEGREE:.4f} deg"),
     ]  # fmt: skip
-    if kept.delay_s is not None:
-        sigma = "" if kept.sigma_delay_s is None else f" +- {kept.sigma_delay_s * 1e6:.3f}"
-        rows.append(("encoder delay", f"{kept.delay_s * 1e6:.3f}{sigma} us"))
+    if file.delay_s is not None:
+        sigma = "" if file.sigma_delay_s is None else f" +- {file.sigma_delay_s * 1e6:.3f}"
+        rows.append(("encoder delay", f"{file.delay_s * 1e6:.3f}{sigma} us"))
     if fit.s is not None:
         chi2 = "" if fit.chi2 is None or not fit.dof else f", chi2/dof {fit.chi2 / fit.dof:.2f}"
         lack = "" if fit.p_lof is None else f", lack of fit p = {fit.p_lof:.3f}"
         rows.append(
             ("fit", f"scatter {_arcsec(fit.s)} a run, {fit.dof} degrees of freedom{chi2}{lack}")
         )
-    rows += _headings(found)
+    rows += _headings(calibration)
     if verbose:
-        for record in kept.runs:
+        for record in file.runs:
             note = record.reason or f"residual {_arcsec(record.resid_rad, digits=2)}"
             rows.append(
                 (
@@ -184,30 +181,29 @@ def _print(found: Calibration, output: Path, verbose: bool) -> None:
                     f" {record.psi_rad / DEGREE:.5f} deg, {note}",
                 )
             )
-    rows.append(("status", kept.status))
+    rows.append(("status", file.status))
     rows.append(("written", str(output)))
     table(rows)
 
 
-def _headings(found: Calibration) -> list[tuple[str, str]]:
+def _headings(calibration: Calibration) -> list[tuple[str, str]]:
     """How far headings lie apart before and after correction."""
-    if found.table is not None and len(found.table.position_azimuth) > 1:
-        before, after = found.table.before.scatter, found.table.after.scatter
-        told = (
+    if calibration.table is not None and len(calibration.table.position_azimuth) > 1:
+        before, after = calibration.table.before.scatter, calibration.table.after.scatter
+        text = (
             f"{before.n} at {len(before.means)} azimuths, less azimuth: peak to peak"
             f" {_arcsec(before.peak_to_peak, digits=2)} before,"
             f" {_arcsec(after.peak_to_peak, digits=2)} after"
         )
-    elif any(len(one.ids) > 1 for one in found.spread):
-        before_p, after_p = zip(*(one.peak_to_peak for one in found.spread), strict=True)
-        told = (
-            f"within a position peak to peak {_arcsec(max(before_p), digits=2)} before,"
-            f" {_arcsec(max(after_p), digits=2)} after"
-            + (" (with --azimuth also between them)" if len(found.spread) > 1 else "")
+    elif (largest := calibration.largest_spread) is not None:
+        text = (
+            f"within a position peak to peak {_arcsec(largest[0], digits=2)} before,"
+            f" {_arcsec(largest[1], digits=2)} after"
+            + (" (with --azimuth also between them)" if len(calibration.spread) > 1 else "")
         )
     else:
         return []
-    return [("headings", told)]
+    return [("headings", text)]
 
 
 def _plan(

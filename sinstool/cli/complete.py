@@ -39,8 +39,10 @@ def completion(name: str) -> Complete | None:
     name : str
         Of the option's field.
     """
-    if name == "coning":
+    if name in ("coning", "reference"):
         return coning_names
+    if name == "algorithms":
+        return coning_list
     if name == "emit":
         return word_list(*EMITS)
     if name in TOPIC_TYPES:

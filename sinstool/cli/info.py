@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from datetime import UTC, datetime
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import click
 
@@ -12,9 +12,11 @@ from sinstool.cli.console import print_json, progress_bar
 from sinstool.cli.options import config_options, effective_config
 from sinstool.cli.verbose import verbose_option
 from sinstool.core.finding import Severity
-from sinstool.io.readers.lost import LogLosses
-from sinstool.pipelines.info.result import InspectedImu, Inspection, UnusableImu
 from sinstool.report.text.table import table
+
+if TYPE_CHECKING:
+    from sinstool.io.readers.lost import LogLosses
+    from sinstool.pipelines.info.result import InspectedImu, Inspection, UnusableImu
 
 
 @click.command("info")
@@ -109,6 +111,8 @@ def _print_lost(lost: LogLosses) -> None:
 
 
 def _print_imu(imu: InspectedImu | UnusableImu, verbose: bool) -> None:
+    from sinstool.pipelines.info.result import UnusableImu
+
     click.echo(f"\nIMU {imu.topic}")
     if isinstance(imu, UnusableImu):
         click.echo(f"  {imu.problem}")

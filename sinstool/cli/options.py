@@ -3,115 +3,57 @@
 from __future__ import annotations
 
 import types
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any, Literal, TypeVar, Union, get_args, get_origin
 
 import click
-from pydantic import BaseModel
 from pydantic.fields import FieldInfo
 
 from sinstool.cli.choice import Choice
 from sinstool.cli.complete import completion
 from sinstool.config import ProcessConfig, build, dump_toml, load_toml
+from sinstool.core.options import Group
 
 F = TypeVar("F", bound=Callable[..., Any])
-
-METAVARS = {
-    "start": "TIME",
-    "end": "TIME",
-    "initial_attitude": "ROLL,PITCH,HEADING",
-    "gyro_bias": "X,Y,Z|still|none",
-    "beta": "X,Y,Z",
-    "emit": "TOPIC,...",
-    "epsilon": "S",
-    "beta_gain": "N",
-    "imu_rate": "HZ",
-    "max_gap": "S",
-    "latitude": "DEG",
-    "longitude": "DEG",
-    "height": "M",
-    "coning": "NAME",
-    "passband": "HZ",
-    "stopband": "HZ",
-    "gyro_response": "RESPONSE",
-    "imu_topic": "TOPIC",
-    "gnss_topic": "TOPIC",
-    "velocity_topic": "TOPIC",
-    "baro_topic": "TOPIC",
-    "encoder_topic": "TOPIC",
-    "hse": "FILE",
-    "initial_velocity": "N,E,D",
-    "schmidt_epsilon": "X",
-    "restart_after": "N",
-    "withhold_gnss": "START:END",
-    "gnss_sigma": "M",
-    "gnss_noise_scale": "X",
-    "lever_arm": "X,Y,Z",
-    "gnss_latency": "S",
-    "gnss_sigma_v": "M/S",
-    "window": "S",
-    "fade": "S",
-    "align_start": "S",
-    "align_end": "S",
-    "at": "end|start|S",
-    "lift_off": "S",
-    "f_set": "M/S^2",
-    "df_set": "M/S^3",
-    "w_set": "DEG/S",
-    "dw_set": "DEG/S^2",
-    "t_set1": "S",
-    "n_set1": "N",
-    "t_set2": "S",
-    "n_set2": "N",
-    "gate_smooth": "N",
-    "sigma_stop": "DEG",
-    "sigma_bg": "DEG/H",
-    "sigma_ba": "M/S^2",
-    "sigma_sf": "X",
-    "arw": "DEG/SQRT(H)",
-    "vrw": "UG/SQRT(HZ)",
-    "kappa": "X",
-    "gyro_range": "DEG/S",
-    "accel_range": "M/S^2",
-    "tau": "S",
-    "k4": "S",
-    "baro_lag": "S",
-    "qnh": "PA",
-    "undulation": "M",
-    "settle": "S",
-    "min_turns": "N",
-    "min_duration": "S",
-    "align_duration": "S",
-    "skip_warmup": "S",
-    "exclude": "ID",
-    "azimuth": "LOG=DEG",
-    "gyro_bias_sigma": "DEG/H",
-}
+G = TypeVar("G", bound=Group)
 
 
 class Numbers(click.ParamType):
-    """Comma-separated numbers, or one of a few words."""
+    """Comma-separated numbers, or one of a few words.
+
+    Parameters
+    ----------
+    count : int, optional
+        How many; any number of them without one.
+    kind : type, optional
+        int or float.
+    """
 
     name = "numbers"
 
-    def __init__(self, count: int, words: tuple[str, ...] = ()) -> None:
+    def __init__(
+        self, count: int | None = None, words: tuple[str, ...] = (), kind: type = float
+    ) -> None:
         self.count = count
         self.words = words
+        self.kind = kind
 
     def convert(
         self, value: Any, param: click.Parameter | None, ctx: click.Context | None
-    ) -> tuple[float, ...] | str:
+    ) -> tuple[Any, ...] | str:
         """Parse the text of an option."""
         if not isinstance(value, str) or value in self.words:
             return value
         try:
-            numbers = tuple(float(part) for part in value.split(","))
+            numbers = tuple(self.kind(part) for part in value.split(","))
         except ValueError:
             numbers = ()
-        if len(numbers) != self.count:
+        if not numbers or self.count not in (None, len(numbers)):
             words = f" or one of {', '.join(self.words)}" if self.words else ""
-            self.fail(f"'{value}' is not {self.count} numbers with commas between{words}", param)
+            whole = "whole " if self.kind is int else ""
+            count = "" if self.count is None else f"{self.count} "
+            self.fail(f"'{value}' is not {count}{whole}numbers with commas between{words}", param)
         return numbers
 
 
@@ -129,21 +71,18 @@ class Words(click.ParamType):
         return tuple(part.strip() for part in value.split(",") if part.strip())
 
 
-def config_options(*groups: str) -> Callable[[F], F]:
-    """Decorator: all options of the named groups of ProcessConfig, and --config.
+def config_options(*paths: str, model: type[Group] = ProcessConfig) -> Callable[[F], F]:
+    """Decorator: options of a configuration, and --config.
 
     Parameters
     ----------
-    *groups : str
-        Field names of ProcessConfig.
+    *paths : str
+        Names of its groups, or of single fields as ``group.name``.
     """
 
     def decorate(function: F) -> F:
-        for group in reversed(groups):
-            model = ProcessConfig.model_fields[group].annotation
-            assert isinstance(model, type) and issubclass(model, BaseModel)
-            for name, field in reversed(list(model.model_fields.items())):
-                function = _option(group, name, field)(function)
+        for group, name, field in reversed(list(model.options(*paths))):
+            function = _option(group, name, field)(function)
         return click.option(
             "--config",
             "config_file",
@@ -157,22 +96,25 @@ def config_options(*groups: str) -> Callable[[F], F]:
 
 def _option(group: str, name: str, field: FieldInfo) -> Callable[[F], F]:
     flag = "--" + name.replace("_", "-")
-    help_text = field.description or ""
-    if field.annotation is bool:
-        return click.option(flag, f"{group}__{name}", is_flag=True, default=None, help=help_text)
+    key = f"{group}__{name}"
+    text = field.description or ""
     default = field.default
-    if default not in (None, ()) and not isinstance(default, bool):
+    if field.annotation is bool:
+        flags = f"{flag}/--no-{flag[2:]}" if default else flag
+        return click.option(flags, key, is_flag=True, default=None, help=text)
+    if default not in (None, ()):
         shown = ",".join(map(str, default)) if isinstance(default, tuple) else str(default)
-        help_text += f" [default: {shown}]"
+        text += f" [default: {shown}]"
     kind = _click_type(field.annotation)
+    extra = field.json_schema_extra
     return click.option(
         flag,
-        f"{group}__{name}",
+        key,
         type=kind,
         multiple=isinstance(kind, Words),
         default=None,
-        metavar=METAVARS.get(name),
-        help=help_text,
+        metavar=extra.get("metavar") if isinstance(extra, dict) else None,
+        help=text,
         shell_complete=completion(name),
     )
 
@@ -182,11 +124,11 @@ def _click_type(annotation: Any) -> click.ParamType:
     if get_origin(annotation) in (Union, types.UnionType):
         options = [a for a in get_args(annotation) if a is not type(None)]
     words = tuple(w for a in options if get_origin(a) is Literal for w in get_args(a))
-    tuples = [get_args(a) for a in options if get_origin(a) is tuple]
-    if tuples and tuples[0][-1] is Ellipsis:
-        return Words()
-    if tuples:
-        return Numbers(len(tuples[0]), words)
+    for tuple_of in (get_args(a) for a in options if get_origin(a) is tuple):
+        if tuple_of[-1] is not Ellipsis:
+            return Numbers(len(tuple_of), words)
+        kind = getattr(tuple_of[0], "__origin__", tuple_of[0])  # of Annotated
+        return Words() if kind is str else Numbers(kind=kind)
     if words:
         return Choice(words)
     if float in options:
@@ -194,34 +136,39 @@ def _click_type(annotation: Any) -> click.ParamType:
     return click.INT if int in options else click.STRING
 
 
-def effective_config(config_file: Path | None, given: dict[str, Any]) -> ProcessConfig:
+def effective_config(
+    config_file: Path | None, flags: Mapping[str, Any], check: bool = True
+) -> ProcessConfig:
     """Defaults, overlaid by the file, overlaid by flags.
 
     Parameters
     ----------
-    config_file : Path, optional
-    given : dict
+    flags : mapping
         Keyword arguments of a command; those named ``group__name`` are options.
-
-    Returns
-    -------
-    ProcessConfig
+    check : bool, optional
+        Check also that options fit each other.
 
     Raises
     ------
     ConfigurationError
     """
+    return effective(ProcessConfig, config_file, flags, check)
+
+
+def effective(
+    model: type[G], config_file: Path | None, flags: Mapping[str, Any], check: bool = True
+) -> G:
+    """As `effective_config`, of any model."""
     data: dict[str, Any] = {}
     if config_file is not None:
         data = load_toml(config_file)
         # The file alone first: its errors are then reported with its name.
-        build(ProcessConfig, data, str(config_file), check=False)
-    for key, value in given.items():
+        build(model, data, str(config_file), check=False)
+    for key, value in flags.items():
         group, separator, name = key.partition("__")
         if separator and value is not None and value != ():
             data.setdefault(group, {})[name] = _flat(value)
-    config: ProcessConfig = build(ProcessConfig, data)
-    return config
+    return build(model, data, check=check)
 
 
 def _flat(value: Any) -> Any:
@@ -231,6 +178,7 @@ def _flat(value: Any) -> Any:
     return value
 
 
-def print_config(config: ProcessConfig, *without: str) -> None:
-    """The effective configuration, less groups that do not concern a command, on stdout."""
-    click.echo(dump_toml(config, *without), nl=False)
+def print_config(config: Group, *groups: str) -> None:
+    """Groups of the effective configuration on stdout, as --config reads them."""
+    others = set(type(config).model_fields) - set(groups)
+    click.echo(dump_toml(config, *others), nl=False)

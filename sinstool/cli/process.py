@@ -16,13 +16,7 @@ from sinstool.core.finding import exit_status
 from sinstool.report.text.process import summary_rows
 from sinstool.report.text.table import table
 
-
-@click.command("process", epilog=EXIT_HELP)
-@click.argument("logs", nargs=-1, type=click.Path(path_type=Path), metavar="LOG...")
-@click.option("-o", "--output", type=click.Path(path_type=Path),
-              help="MCAP file to write; with many logs a folder")  # fmt: skip
-@workers_options("one for each core")
-@config_options(
+GROUPS = (
     "input",
     "coning",
     "align",
@@ -34,6 +28,14 @@ from sinstool.report.text.table import table
     "hse",
     "output",
 )
+
+
+@click.command("process", epilog=EXIT_HELP)
+@click.argument("logs", nargs=-1, type=click.Path(path_type=Path), metavar="LOG...")
+@click.option("-o", "--output", type=click.Path(path_type=Path),
+              help="MCAP file to write; with many logs a folder")  # fmt: skip
+@workers_options("one for each core")
+@config_options(*GROUPS)
 @click.option(
     "--print-plan",
     "show_plan",
@@ -75,7 +77,7 @@ def command(
     """
     config = effective_config(config_file, given)
     if show:
-        print_config(config, "calibration")
+        print_config(config, *GROUPS, "rig")
         return 0
     if not logs:
         raise click.UsageError("give a LOG to process")

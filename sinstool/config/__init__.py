@@ -5,9 +5,9 @@ in the file; the command line generates its options from these models, so the tw
 """
 
 from sinstool.config.align import AlignOptions, GnssOptions, InFlightOptions
+from sinstool.config.comparison import COMPARISON_OPTIONS, ComparisonOptions, check_comparison
 from sinstool.config.coning import ConingOptions
 from sinstool.config.filter import FilterOptions
-from sinstool.config.group import Group
 from sinstool.config.input import InputOptions
 from sinstool.config.load import build, dump_toml, load_toml
 from sinstool.config.navigation import HeightOptions, NavigationOptions
@@ -15,11 +15,14 @@ from sinstool.config.output import EMITS, OutputOptions
 from sinstool.config.rig import CalibrationOptions, HseOptions
 from sinstool.config.run import ProcessConfig
 from sinstool.config.times import parse_time
+from sinstool.core.options import Group
 
 __all__ = [
+    "COMPARISON_OPTIONS",
     "EMITS",
     "AlignOptions",
     "CalibrationOptions",
+    "ComparisonOptions",
     "ConingOptions",
     "FilterOptions",
     "GnssOptions",
@@ -32,6 +35,7 @@ __all__ = [
     "OutputOptions",
     "ProcessConfig",
     "build",
+    "check_comparison",
     "dump_toml",
     "load_toml",
     "parse_time",

@@ -4,44 +4,45 @@ from __future__ import annotations
 
 from typing import Any, Literal
 
-from pydantic import Field, field_validator
+from pydantic import field_validator
 
-from sinstool.config.group import Group
 from sinstool.core.errors import ConfigurationError
+from sinstool.core.options import Group, option
 from sinstool.methods.coning.registry import algorithm, names
 
 
 class ConingOptions(Group):
     """From angular rate to rotation vectors."""
 
-    coning: str = Field("previous-3", description="algorithm: " + ", ".join(names()))
-    sp_variant: Literal["exact", "bvp", "truncated", "printed"] | None = Field(
+    coning: str = option("previous-3", "algorithm: " + ", ".join(names()), "NAME")
+    sp_variant: Literal["exact", "bvp", "truncated", "printed"] | None = option(
         None,
-        description="form of the singular-perturbation solution (default: truncated with a"
+        "form of the singular-perturbation solution (default: truncated with a"
         " preset, exact with --epsilon)",
     )
-    sp_preset: Literal["best", "paper", "auto"] | None = Field(
+    sp_preset: Literal["best", "paper", "auto"] | None = option(
         None,
-        description="best: epsilon = T/2, n = 2; paper: 2e-4 s, n = 0.001; auto: nulls the drift"
+        "best: epsilon = T/2, n = 2; paper: 2e-4 s, n = 0.001; auto: nulls the drift"
         " of the log's own coning below --passband (default: best)",
     )
-    epsilon: float | None = Field(
-        None, ge=0, description="boundary layer in seconds, with --beta-gain or --beta"
+    epsilon: float | None = option(
+        None, "boundary layer in seconds, with --beta-gain or --beta", "S", ge=0
     )
-    beta_gain: float | None = Field(None, description="n of the paper's eq. (14)")
-    beta: tuple[float, float, float] | None = Field(
-        None, description="a constant beta in rad/s^2, in the log's axes"
+    beta_gain: float | None = option(None, "n of the paper's eq. (14)", "N")
+    beta: tuple[float, float, float] | None = option(
+        None, "a constant beta in rad/s^2, in the log's axes", "X,Y,Z"
     )
-    passband: float | None = Field(
-        None, gt=0, description="Hz, up to which coning is motion (gyro-tuned, --sp-preset auto)"
+    passband: float | None = option(
+        None, "Hz, up to which coning is motion (gyro-tuned, --sp-preset auto)", "HZ", gt=0
     )
-    stopband: float | None = Field(
-        None, gt=0, description="Hz, from which on coning is noise (gyro-tuned)"
+    stopband: float | None = option(
+        None, "Hz, from which on coning is noise (gyro-tuned)", "HZ", gt=0
     )
-    gyro_response: str | None = Field(
+    gyro_response: str | None = option(
         None,
-        description="of the gyro, for gyro-tuned: none, cheb:ORDER,RIPPLE_DB,HZ, butter:ORDER,HZ,"
+        "of the gyro, for gyro-tuned: none, cheb:ORDER,RIPPLE_DB,HZ, butter:ORDER,HZ,"
         " or a file with lines of frequency and gain",
+        "RESPONSE",
     )
 
     @field_validator("coning")

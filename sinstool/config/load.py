@@ -4,17 +4,19 @@ from __future__ import annotations
 
 import tomllib
 from pathlib import Path
-from typing import Any, get_args
+from typing import Any, TypeVar, get_args
 
 import tomli_w
 from pydantic import BaseModel, ValidationError
 
-from sinstool.config.group import Group
 from sinstool.core.errors import ConfigurationError
+from sinstool.core.options import Group
 from sinstool.core.suggest import nearest
 
+G = TypeVar("G", bound=Group)
 
-def build(model: type[Group], data: dict[str, Any], source: str = "", check: bool = True) -> Any:
+
+def build(model: type[G], data: dict[str, Any], source: str = "", check: bool = True) -> G:
     """Validate plain data into a configuration.
 
     Parameters
@@ -25,10 +27,6 @@ def build(model: type[Group], data: dict[str, Any], source: str = "", check: boo
         Named in errors: a file; empty for the command line, whose options are named instead.
     check : bool
         Check also that options fit each other.
-
-    Returns
-    -------
-    model
 
     Raises
     ------

@@ -4,71 +4,67 @@ from __future__ import annotations
 
 from typing import Literal
 
-from pydantic import Field
-
-from sinstool.config.group import Group
 from sinstool.core.errors import ConfigurationError
+from sinstool.core.options import Group, option
 
 
 class NavigationOptions(Group):
     """What is computed, and from where it starts."""
 
-    mode: Literal["auto", "attitude", "ins", "ins-gnss"] = Field(
+    mode: Literal["auto", "attitude", "ins", "ins-gnss"] = option(
         "auto",
-        description="what is computed: attitude; or attitude, velocity and position, from inertial"
+        "what is computed: attitude; or attitude, velocity and position, from inertial"
         " data alone (ins) or with GNSS (ins-gnss); auto is ins-gnss where the log has fixes and"
         " velocity, else attitude",
     )
-    initial_velocity: tuple[float, float, float] | None = Field(
+    initial_velocity: tuple[float, float, float] | None = option(
         None,
-        description="north, east, down in m/s at the start (default: GNSS velocity, else at rest)",
+        "north, east, down in m/s at the start (default: GNSS velocity, else at rest)",
+        "N,E,D",
     )
-    imu_grade: Literal["auto", "mems", "tactical", "navigation"] = Field(
+    imu_grade: Literal["auto", "mems", "tactical", "navigation"] = option(
         "auto",
-        description="of the sensors, where the configuration gives no noise; auto judges by the"
+        "of the sensors, where the configuration gives no noise; auto judges by the"
         " gyro's noise at rest",
     )
-    attitude_order: Literal["exact", "1", "2", "3", "4"] = Field(
-        "exact",
-        description="quaternion of an update in ins: exact, or Picard's approximation of an order",
+    attitude_order: Literal["exact", "1", "2", "3", "4"] = option(
+        "exact", "quaternion of an update in ins: exact, or Picard's approximation of an order"
     )
 
 
 class HeightOptions(Group):
     """The vertical channel and what damps it."""
 
-    height_damping: Literal["off", "baro", "gnss"] = Field(
-        "off",
-        description="third-order network that holds height to the barometer or to GNSS heights",
+    height_damping: Literal["off", "baro", "gnss"] = option(
+        "off", "third-order network that holds height to the barometer or to GNSS heights"
     )
-    height_preset: Literal["recommended", "paper"] = Field(
+    height_preset: Literal["recommended", "paper"] = option(
         "recommended",
-        description="recommended: tau 5, 30 or 100 s by --imu-grade, K4 = 0; paper: tau 2.4 s, K4"
-        " = 0.5",
+        "recommended: tau 5, 30 or 100 s by --imu-grade, K4 = 0; paper: tau 2.4 s, K4 = 0.5",
     )
-    tau: float | None = Field(
-        None, gt=0, le=3000, description="time constant in seconds, instead of the preset's"
+    tau: float | None = option(
+        None, "time constant in seconds, instead of the preset's", "S", gt=0, le=3000
     )
-    k4: float | None = Field(
-        None,
-        description="gain of vertical velocity in s, |K4| < tau, instead of the preset's",
+    k4: float | None = option(
+        None, "gain of vertical velocity in s, |K4| < tau, instead of the preset's", "S"
     )
-    baro_lag: float = Field(
-        0.0, ge=0, le=60, description="known first-order lag of the barometer in seconds"
+    baro_lag: float = option(
+        0.0, "known first-order lag of the barometer in seconds", "S", ge=0, le=60
     )
-    baro_ref: Literal["auto", "gnss", "init"] = Field(
+    baro_ref: Literal["auto", "gnss", "init"] = option(
         "auto",
-        description="what the barometer is set by: GNSS heights of its first 30 s, or the height at"
+        "what the barometer is set by: GNSS heights of its first 30 s, or the height at"
         " the start; auto takes GNSS where there is any",
     )
-    qnh: float | None = Field(
-        None, ge=8e4, le=1.1e5, description="altimeter setting in Pa, instead of --baro-ref"
+    qnh: float | None = option(
+        None, "altimeter setting in Pa, instead of --baro-ref", "PA", ge=8e4, le=1.1e5
     )
-    undulation: float = Field(
+    undulation: float = option(
         0.0,
+        "height of mean sea level above the ellipsoid in metres, with --qnh",
+        "M",
         ge=-120,
         le=100,
-        description="height of mean sea level above the ellipsoid in metres, with --qnh",
     )
 
     def check(self) -> None:

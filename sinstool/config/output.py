@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from typing import Literal
 
-from pydantic import Field, field_validator
+from pydantic import field_validator
 
-from sinstool.config.group import Group
+from sinstool.core.options import Group, option
 from sinstool.core.suggest import nearest
 
 EMITS = ("imu", "attitude", "euler", "odometry", "pose", "fix", "tf", "height", "diagnostics")
@@ -15,25 +15,23 @@ EMITS = ("imu", "attitude", "euler", "odometry", "pose", "fix", "tf", "height", 
 class OutputOptions(Group):
     """What is written, and how."""
 
-    world: Literal["enu", "ned"] = Field("enu", description="frame of the written orientation")
-    emit: tuple[str, ...] | None = Field(
+    world: Literal["enu", "ned"] = option("enu", "frame of the written orientation")
+    emit: tuple[str, ...] | None = option(
         None,
-        description="topics to write, any of "
+        "topics to write, any of "
         + ",".join(EMITS)
         + " (default: imu,attitude and what the mode knows besides)",
+        "TOPIC,...",
     )
-    only_results: bool = Field(
-        False, description="leave the input's own messages out of the output"
+    only_results: bool = option(False, "leave the input's own messages out of the output")
+    compression: Literal["zstd", "lz4", "none"] = option("zstd", "of the output")
+    overwrite: bool = option(False, "replace an existing output")
+    report: str | None = option(
+        None, "page of figures to write too (.html), or its first figure (.png, .pdf, .svg)"
     )
-    compression: Literal["zstd", "lz4", "none"] = Field("zstd", description="of the output")
-    overwrite: bool = Field(False, description="replace an existing output")
-    report: str | None = Field(
-        None,
-        description="page of figures to write too (.html), or its first figure (.png, .pdf, .svg)",
-    )
-    truth: tuple[str, ...] = Field(
+    truth: tuple[str, ...] = option(
         (),
-        description="what the result is held against: a topic with orientations, NavSatFix or"
+        "what the result is held against: a topic with orientations, NavSatFix or"
         " TwistStamped of the log, or a CSV file with time_s or time_ns and qw,qx,qy,qz",
     )
 

@@ -3,14 +3,15 @@
 from __future__ import annotations
 
 from sinstool.config.align import AlignOptions, GnssOptions, InFlightOptions
+from sinstool.config.comparison import ComparisonOptions
 from sinstool.config.coning import ConingOptions, check_coning
 from sinstool.config.filter import FilterOptions
-from sinstool.config.group import Group
 from sinstool.config.input import InputOptions
 from sinstool.config.navigation import HeightOptions, NavigationOptions
 from sinstool.config.output import OutputOptions
 from sinstool.config.rig import CalibrationOptions, HseOptions, RigTable
 from sinstool.core.errors import ConfigurationError
+from sinstool.core.options import Group
 
 
 class ProcessConfig(Group):
@@ -30,6 +31,7 @@ class ProcessConfig(Group):
     hse: HseOptions = HseOptions()
     rig: RigTable | None = None
     calibration: CalibrationOptions = CalibrationOptions()
+    comparison: ComparisonOptions = ComparisonOptions()
     output: OutputOptions = OutputOptions()
 
     def check(self) -> None:

@@ -6,7 +6,7 @@ import difflib
 from collections.abc import Iterable
 
 
-def nearest(word: str, known: Iterable[str]) -> str:
+def nearest(word: str, candidates: Iterable[str]) -> str:
     """What somebody may have meant.
 
     Returns
@@ -14,7 +14,7 @@ def nearest(word: str, known: Iterable[str]) -> str:
     str
         ``did you mean X?``; '' where nothing is near.
     """
-    words = list(known)
+    words = list(candidates)
     near = difflib.get_close_matches(word, words, n=1)
     # Names of topics differ in their end, and /imu is near to no /sensors/imu/data by letters.
     near = near or [k for k in words if len(word.strip("/")) > 2 and word.strip("/") in k][:1]

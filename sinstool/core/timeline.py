@@ -151,9 +151,9 @@ class Order:
             repeated = np.flatnonzero(~fresh)
             self.counts.duplicates += len(repeated)
             # row of the sample kept: 0 is that given out last
-            kept = np.maximum.accumulate(np.where(fresh, np.arange(1, len(times) + 1), 0))
-            known = np.vstack((self.state.last_gyro, block.gyro))[kept[repeated]]
-            differs = (block.gyro[repeated] != known).any(axis=1)
+            last_fresh = np.maximum.accumulate(np.where(fresh, np.arange(1, len(times) + 1), 0))
+            before = np.vstack((self.state.last_gyro, block.gyro))[last_fresh[repeated]]
+            differs = (block.gyro[repeated] != before).any(axis=1)
             self.counts.differing_duplicates += int(np.count_nonzero(differs))
             block = block.rows(fresh)
         if len(block):
@@ -282,7 +282,7 @@ def _begun(blocks: Iterable[Imu]) -> Iterator[Imu]:
 
 
 @dataclass(frozen=True)
-class Whole(Generic[S]):
+class SortedStream(Generic[S]):
     """All of a stream that is slow enough to be held at once, by time.
 
     Attributes
@@ -298,7 +298,9 @@ class Whole(Generic[S]):
     repeated: int
 
 
-def whole(blocks: Iterable[S], by_log_time: bool = False, repeats: bool = False) -> Whole[S] | None:
+def sorted_stream(
+    blocks: Iterable[S], by_log_time: bool = False, repeats: bool = False
+) -> SortedStream[S] | None:
     """A stream of one piece, sorted by stamp.
 
     Parameters
@@ -312,7 +314,7 @@ def whole(blocks: Iterable[S], by_log_time: bool = False, repeats: bool = False)
 
     Returns
     -------
-    Whole or None
+    SortedStream or None
         None where there is not one sample.
     """
     parts = [b for b in blocks if len(b)]
@@ -329,4 +331,4 @@ def whole(blocks: Iterable[S], by_log_time: bool = False, repeats: bool = False)
     repeated = int(np.count_nonzero(steps == 0))
     if repeated and not repeats:
         stream = stream.rows(np.concatenate(([True], steps > 0)))
-    return Whole(stream, backward, repeated)
+    return SortedStream(stream, backward, repeated)

@@ -32,7 +32,7 @@ def identity(config: ProcessConfig) -> dict[str, str]:
     """
     output = config.output.model_copy(update={"overwrite": False, "report": None})
     kept = config.model_copy(update={"output": output})
-    unused = () if config.hse.hse is not None else ("calibration",)
+    unused = ("comparison",) if config.hse.hse is not None else ("comparison", "calibration")
     told = {"version": version.VERSION, "config": dump_toml(kept, *unused)}
     for name, path in files(config).items():
         told[f"{name}_sha256"] = sha256(path)

@@ -18,7 +18,7 @@ from sinstool.core.errors import DataError, SinstoolError, TopicError
 from sinstool.core.finding import Finding, Severity
 from sinstool.core.rotation import wrapped
 from sinstool.core.streams import Baro, BaroHeight, Gnss, GnssEpochs, Stream, Velocity
-from sinstool.core.timeline import whole
+from sinstool.core.timeline import sorted_stream
 from sinstool.core.units import DEGREE
 from sinstool.io.readers.log import Channel, Log
 from sinstool.io.readers.message_types import (
@@ -227,7 +227,7 @@ def _in_order(
     blocks: Iterable[S], log_time: bool, topic: str, repeats: bool = False
 ) -> tuple[S | None, list[Finding]]:
     """All of a stream by time, and what was out of order or repeated."""
-    stream = whole(blocks, log_time, repeats)
+    stream = sorted_stream(blocks, log_time, repeats)
     if stream is None:
         return None, []
     findings = []

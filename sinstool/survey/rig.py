@@ -7,23 +7,22 @@ encoder alone.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TypeVar
 
 import numpy as np
 
 from sinstool.config import InputOptions
-from sinstool.core.errors import AlignmentError, DataError, SinstoolError, TopicError
-from sinstool.core.streams import Encoder, Imu, Stream
-from sinstool.core.timeline import whole
+from sinstool.core.errors import AlignmentError, DataError, TopicError
+from sinstool.core.finding import Finding, Severity
+from sinstool.core.streams import Encoder, Imu
+from sinstool.core.timeline import SortedStream, sorted_stream
 from sinstool.core.units import DEGREE, STANDARD_GRAVITY
 from sinstool.io.readers.log import Log
 from sinstool.io.readers.message_types import JOINT_TYPE
 from sinstool.io.readers.streams import ImuUnits, Losses, joint_names, read_imu, read_joint
 from sinstool.io.readers.topics import ImuTopic, choose_imu, choose_optional
-from sinstool.methods.hse import status
 from sinstool.methods.hse.encoder import TableAngle, table_angle
 from sinstool.methods.hse.rig import Rig
 from sinstool.methods.hse.segments import Segment, Segmentation, SegmentRules, find_segments
@@ -31,8 +30,57 @@ from sinstool.methods.hse.turns import TurnStatistics, turn_statistics
 from sinstool.survey.imu import within
 from sinstool.survey.source import time_span
 
-S = TypeVar("S", bound=Stream)
 Progress = Callable[[int], None]
+
+
+class EncoderError(TopicError):
+    """The log lacks the joint that the rig names."""
+
+    exit_code = 2
+
+
+class TurnsError(AlignmentError):
+    """The log has no stretch at constant rate that can be aligned on."""
+
+    exit_code = 3
+
+
+@dataclass(frozen=True)
+class MessageCounts:
+    """Messages of a topic that were left out, or were not in order.
+
+    Attributes
+    ----------
+    repeated : int
+        Left out, as their stamps are those of others.
+    """
+
+    topic: str
+    backward: int
+    repeated: int
+    malformed: int
+    not_finite: int
+
+    @classmethod
+    def of(
+        cls, topic: str, losses: Losses, ordered: SortedStream[Imu] | SortedStream[Encoder]
+    ) -> MessageCounts:
+        """Of what was lost in reading, and in sorting."""
+        return cls(topic, ordered.backward, ordered.repeated, losses.malformed, losses.nonfinite)
+
+    def findings(self) -> list[Finding]:
+        """One for each reason."""
+        reasons = (
+            ("out of order", self.backward, Severity.WARNING),
+            ("repeated stamps", self.repeated, Severity.WARNING),
+            ("malformed", self.malformed, Severity.LOST),
+            ("not finite", self.not_finite, Severity.LOST),
+        )
+        return [
+            Finding("left-out", f"{n} messages of {self.topic} {why}", severity, topic=self.topic)
+            for why, n, severity in reasons
+            if n
+        ]
 
 
 @dataclass(frozen=True)
@@ -45,24 +93,24 @@ class RigLog:
         Raw: axes of the log, rad/s and m/s^2.
     encoder : Encoder
         Readings in the unit of the log.
-    counts : dict
-        What was left out, by reason.
-    damaged : bool
-        Messages were malformed or not finite.
     """
 
     log: Log
     topic: ImuTopic
     imu: Imu
     encoder: Encoder
-    encoder_topic: str
-    counts: dict[str, int]
-    damaged: bool = False
+    imu_counts: MessageCounts
+    encoder_counts: MessageCounts
 
     @property
     def start_ns(self) -> int:
         """Stamp of the first sample."""
         return int(self.imu.time_ns[0])
+
+    @property
+    def findings(self) -> tuple[Finding, ...]:
+        """Messages that were left out or put in order."""
+        return (*self.imu_counts.findings(), *self.encoder_counts.findings())
 
 
 @dataclass(frozen=True)
@@ -77,10 +125,8 @@ class RigTurns:
         What is used and what is not, and why.
     turns : list of TurnStatistics
         One for each of the segments in use.
-    counts : dict
+    findings : tuple of Finding
         Of :class:`RigLog`.
-    damaged : bool
-        Messages were left out because they could not be used.
     """
 
     source: str
@@ -88,8 +134,7 @@ class RigTurns:
     pieces: list[TableAngle]
     segmentation: Segmentation
     turns: list[TurnStatistics]
-    counts: dict[str, int]
-    damaged: bool = False
+    findings: tuple[Finding, ...]
 
     @property
     def segments(self) -> list[Segment]:
@@ -114,7 +159,6 @@ def read_rig_log(
     TopicError, DataError
         A topic is missing or empty, or the encoder's joint is not in it.
     """
-    counts: dict[str, int] = {}
     topic = choose_imu(log, options.imu_topic)
     units = ImuUnits(
         "frd",
@@ -132,50 +176,38 @@ def read_rig_log(
         raise DataError(log.path, f"topic {topic.topic} has no usable Imu message")
     first_ns = int(read[0].time_ns[0])
     begin, end = span(first_ns) if span else (None, None)
-    imu = _by_time(within(read, begin, end), counts, topic.topic)
+    imu = sorted_stream(within(read, begin, end))
     if imu is None:
         raise DataError(
             log.path, f"topic {topic.topic} has no usable Imu message between --start and --end"
         )
-    _count(losses, topic.topic, counts)
     joint = rig.encoder.joint
     names = joint_names(log, channels)
     if not joint and len(names) == 1:
         joint = names[0]
     if joint not in names:
         raise _without_encoder(log, rig, names)
-    reading = Losses()
-    encoder = _by_time(read_joint(log, channels, joint, reading), counts, channels[0].topic)
+    encoder_losses = Losses()
+    encoder = sorted_stream(read_joint(log, channels, joint, encoder_losses))
     if encoder is None:
         raise _without_encoder(log, rig, names)
-    _count(reading, channels[0].topic, counts)
-    damaged = any(part.malformed or part.nonfinite for part in (losses, reading))
-    return RigLog(log, topic, imu, encoder, channels[0].topic, counts, damaged)
+    return RigLog(
+        log,
+        topic,
+        imu.stream,
+        encoder.stream,
+        MessageCounts.of(topic.topic, losses, imu),
+        MessageCounts.of(channels[0].topic, encoder_losses, encoder),
+    )
 
 
 def _without_encoder(log: Log, rig: Rig, names: list[str]) -> TopicError:
-    finding = status.no_encoder(str(log.path), rig.encoder.joint, names)
-    error = TopicError(log.path, finding.message.removeprefix(f"{log.path}: "), finding.hint)
-    error.exit_code = finding.exit_code
-    return error
-
-
-def _count(losses: Losses, topic: str, counts: dict[str, int]) -> None:
-    for count, name in ((losses.malformed, "malformed"), (losses.nonfinite, "not finite")):
-        if count:
-            counts[f"{topic} {name}"] = count
-
-
-def _by_time(blocks: Iterable[S], counts: dict[str, int], topic: str) -> S | None:
-    """All of a stream by stamp, without repeated ones."""
-    found = whole(blocks)
-    if found is None:
-        return None
-    if found.backward:
-        counts[f"{topic} out of order"] = found.backward
-    if found.repeated:
-        counts[f"{topic} repeated stamps"] = found.repeated
-    return found.stream
+    there = f"it has {', '.join(names)}" if names else "it has no JointState messages"
+    return EncoderError(
+        log.path,
+        f"no encoder, joint {rig.encoder.joint!r} is missing",
+        f"{there}; set [rig.encoder] joint",
+    )
 
 
 def find_turns(rig_log: RigLog, rig: Rig, rules: SegmentRules, name: str = "") -> RigTurns:
@@ -200,42 +232,39 @@ def find_turns(rig_log: RigLog, rig: Rig, rules: SegmentRules, name: str = "") -
             rig.encoder,
             rig.imu_stamp,
         )
-        found = find_segments(pieces, rules)
+        segmentation = find_segments(pieces, rules)
         turns = [
             turn_statistics(pieces[s.piece], s, rig_log.imu.gyro, rig_log.imu.accel)
-            for s in found.used
+            for s in segmentation.used
         ]
     except AlignmentError as exc:
         raise AlignmentError(f"{path}: {exc.message}", exc.hint) from exc
     return RigTurns(
-        name or path.stem, rig_log.start_ns, pieces, found, turns, rig_log.counts, rig_log.damaged
+        name or path.stem, rig_log.start_ns, pieces, segmentation, turns, rig_log.findings
     )
 
 
-def nothing_to_use(turns: RigTurns, path: Path, rules: SegmentRules) -> SinstoolError:
+def nothing_to_use(turns: RigTurns, path: Path, rules: SegmentRules) -> TurnsError:
     """Why a log has no stretch that can be aligned on."""
     rejected = turns.segmentation.rejected
     rates = np.abs(turns.segmentation.block_rate)
     seen = float(np.median(rates)) if len(rates) else 0.0
     if seen < rules.min_rate:
-        still = AlignmentError(
+        return TurnsError(
             f"{path}: the encoder turns at {seen / DEGREE:.2f} deg/s (median), so that there is no"
             " stretch to align on",
             "record with the table turning, or look at rig.encoder.unit and rig.encoder.joint",
         )
-        still.exit_code = status.EXIT_INSUFFICIENT
-        return still
     longest = max((s.turns for s in rejected), default=0.0)
     reasons = [f"{max(s.start_s, 0.0):.1f} s: {s.reason}" for s in rejected if s.turns >= 1.0][:3]
     if longest >= rules.min_turns:
-        unfit = AlignmentError(
+        return TurnsError(
             f"{path}: no stretch at constant rate will do ({'; '.join(reasons)})",
             "record longer, or look at --settle, --min-duration and --skip-warmup",
         )
-        unfit.exit_code = status.EXIT_INSUFFICIENT
-        return unfit
-    finding = status.no_whole_turn(str(path), longest, rules.min_turns)
     why = f" ({'; '.join(reasons)})" if reasons else ""
-    error = AlignmentError(finding.message + why, finding.hint)
-    error.exit_code = finding.exit_code
-    return error
+    return TurnsError(
+        f"{path}: the longest stretch at constant rate has {longest:.1f} turns, {rules.min_turns}"
+        f" whole ones are needed{why}",
+        "record longer at one rate, or lower --min-turns or --settle",
+    )

@@ -30,6 +30,8 @@ from tests.helpers.imulogs import (
 )
 from tests.helpers.logs import PRESSURE, Row, mcap_records, real, write_bag1, write_bag2, write_mcap
 
+pytestmark = pytest.mark.slow
+
 OURS = {"/sinstool/imu": IMU, "/sinstool/attitude": "geometry_msgs/msg/QuaternionStamped"}
 COUNT = 600
 

@@ -5,7 +5,11 @@ import shutil
 import subprocess
 from pathlib import Path
 
+import pytest
+
 from tests.io.readers.conformance import built, variants
+
+pytestmark = pytest.mark.slow
 
 
 def test_the_set_is_byte_for_byte_what_mcap_core_writes(npm_packages, tmp_path):

@@ -13,6 +13,8 @@ from sinstool.cli.simulate import command
 from tests.acceptance import clients
 from tests.docs import examples as found
 
+pytestmark = pytest.mark.slow
+
 README = found.ROOT / "README.md"
 BLOCKS = [e for e in found.examples(README) if not e.needs and "sinstool process" in e.text]
 # Scenarios of `simulate`, and options that make each short

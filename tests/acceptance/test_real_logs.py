@@ -27,6 +27,8 @@ from tests.helpers.imulogs import (
 )
 from tests.helpers.logs import real
 
+pytestmark = pytest.mark.slow
+
 BROAD_06 = "broad/broad_06_undisturbed_fast_rotation_A.mcap"
 BROAD_02 = "broad/broad_02_undisturbed_slow_rotation_B.mcap"
 LAG_NS = 4_000_000

@@ -12,6 +12,8 @@ from sinstool.pipelines.process.run import process
 from tests.helpers.imulogs import even_times, handheld, imu_messages, serialised
 from tests.helpers.logs import Row, mcap_records, patched, write_mcap
 
+pytestmark = pytest.mark.slow
+
 COUNT = 600
 CHUNK = 0x06
 

@@ -6,32 +6,25 @@
 import numpy as np
 import pytest
 
-from tests.helpers.paths import BENCHMARKS
+from benchmarks import process_faulty_logs as faulty
+
+pytestmark = pytest.mark.slow
 
 COUNT = 12
 
 
 @pytest.fixture(scope="module")
-def faulty():
-    with pytest.MonkeyPatch.context() as patch:
-        patch.syspath_prepend(BENCHMARKS)
-        import process_faulty_logs
-
-        yield process_faulty_logs
-
-
-@pytest.fixture(scope="module")
-def drive(faulty, tmp_path_factory):
+def drive(tmp_path_factory):
     return faulty.base(tmp_path_factory.mktemp("drive"))
 
 
 @pytest.mark.parametrize("number", range(COUNT))
-def test_what_is_written_is_attitude_of_the_input(faulty, drive, tmp_path, number):
+def test_what_is_written_is_attitude_of_the_input(drive, tmp_path, number):
     outcome, details = faulty.one_run(drive, 5, number, tmp_path)
     assert outcome in faulty.FINE, details
 
 
-def test_the_drive_itself_is_processed_in_every_mode(faulty, drive, tmp_path):
+def test_the_drive_itself_is_processed_in_every_mode(drive, tmp_path):
     from sinstool.config import ProcessConfig
     from sinstool.pipelines.process.run import process
 
@@ -47,7 +40,7 @@ def test_the_drive_itself_is_processed_in_every_mode(faulty, drive, tmp_path):
         assert summary["output"]["attitudes"] > 2000
 
 
-def test_a_check_that_sees(faulty, drive, tmp_path):
+def test_a_check_that_sees(drive, tmp_path):
     """Stamps that are none of the input's are found."""
     from sinstool.config import ProcessConfig
     from sinstool.pipelines.process.run import process

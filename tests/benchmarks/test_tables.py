@@ -12,28 +12,12 @@ from decimal import Decimal
 import numpy as np
 import pytest
 
+from benchmarks import coning_drift as drift
+from benchmarks import coning_tables as tables
 from sinstool.methods.coning.registry import FAMILIES, algorithm
-from tests.helpers.paths import BENCHMARKS, ROOT
+from tests.helpers.paths import ROOT
 
 DOCS = ROOT / "docs"
-
-
-@pytest.fixture(scope="module")
-def drift():
-    with pytest.MonkeyPatch.context() as patch:
-        patch.syspath_prepend(BENCHMARKS)
-        import coning_drift
-
-        yield coning_drift
-
-
-@pytest.fixture(scope="module")
-def tables(drift):
-    with pytest.MonkeyPatch.context() as patch:
-        patch.syspath_prepend(BENCHMARKS)
-        import coning_tables
-
-        yield coning_tables
 
 
 def assert_digits(value, text):
@@ -106,20 +90,21 @@ NARROW_RATES = {
 
 
 @pytest.mark.parametrize(("kind", "rows"), [("mean-rate", DRIFT), ("rate", DRIFT_RATES)])
-def test_drift(drift, kind, rows):
+def test_drift(kind, rows):
     table = drift.drift_table(np.radians(1.0), 400.0, kind, drift.FREQUENCIES)
     for label, text in rows.items():
         assert_row(table, label, text)
 
 
 @pytest.mark.parametrize(("kind", "rows"), [("increment", NARROW), ("rate", NARROW_RATES)])
-def test_drift_of_a_narrow_cone(drift, kind, rows):
+def test_drift_of_a_narrow_cone(kind, rows):
     table = drift.drift_table(np.radians(0.1), 400.0, kind, (30.0,))
     for label, text in rows.items():
         assert_row(table, label, text)
 
 
-def test_manoeuvres(tables):
+@pytest.mark.slow
+def test_manoeuvres():
     # The motions of the reference are not known: its numbers are a class, met within a factor
     # of four by the whole table (tests/coning/test_manoeuvres.py), and an order among the rows.
     (table,) = tables.manoeuvres(motions=1, seconds=20.0)
@@ -135,7 +120,7 @@ def test_manoeuvres(tables):
     assert re.fullmatch(r"\d\.\de-\d\d", str(table).split("|")[-2].strip())
 
 
-def test_single_line(tables):
+def test_single_line():
     parameters, missing = tables.single_line()
     assert_row(parameters, "for 30 Hz", ".08682 2.021")
     at = {column: i for i, column in enumerate(missing.columns)}
@@ -162,7 +147,8 @@ BROADBAND = {
 }
 
 
-def test_spectrum(tables):
+@pytest.mark.slow
+def test_spectrum():
     parameters, drifts = tables.spectrum()
     for label, expected in BROADBAND.items():
         assert drifts.rows[label] == pytest.approx(expected, rel=0.02)
@@ -190,7 +176,8 @@ PSEUDO_CLOSE = {
 }
 
 
-def test_pseudo_coning(tables):
+@pytest.mark.slow
+def test_pseudo_coning():
     increments, rates, answers, real, folding, above = tables.pseudo_coning()
     for label, text in PSEUDO.items():
         assert_row(increments, label, text)
@@ -234,7 +221,8 @@ LOOK_AHEAD_RATES = {
 }
 
 
-def test_look_ahead(tables):
+@pytest.mark.slow
+def test_look_ahead():
     means, rates, noise = tables.look_ahead(runs=3)
     for label, text in LOOK_AHEAD.items():
         assert_row(means, label, text)
@@ -248,6 +236,7 @@ def test_look_ahead(tables):
     assert noise.rows["lookahead-12"][0] == pytest.approx(noise.rows["previous-1"][0], rel=0.01)
 
 
+@pytest.mark.slow
 def test_commands_print_their_tables():
     def printed(*command):
         done = subprocess.run(
@@ -258,7 +247,7 @@ def test_commands_print_their_tables():
     text = printed("benchmarks/coning_drift.py", "--frequencies", "10")
     assert "| uncompensated | 8.107 |" in text
     assert "| rectangle rule | 4.06 |" in text
-    text = printed("benchmarks/coning_tables.py", "single-line")
+    text = printed("-m", "benchmarks.coning_tables", "single-line")
     assert "| for 30 Hz | 0.08682 | 2.021 |" in text
 
 

@@ -22,6 +22,8 @@ from tests.campaign.test_local import gone, job, left
 from tests.core.test_temporary import held, kill
 from tests.helpers.imulogs import even_times, handheld, imu_log
 
+pytestmark = pytest.mark.slow
+
 
 @pytest.fixture(scope="module")
 def address(tmp_path_factory):

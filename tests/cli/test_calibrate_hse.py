@@ -1,7 +1,6 @@
 """`calibrate-hse` on simulated rigs: what it finds, prints, writes and refuses."""
 
 import csv
-import importlib.util
 import json
 import re
 import tomllib
@@ -11,7 +10,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from sinstool.methods.hse.calibration_file import HseCalibration
+from benchmarks import hse_paper
+from sinstool.methods.hse.calibration import HseCalibration
 from sinstool.methods.hse.rig import Rig
 from sinstool.methods.hse.status import STATUSES
 from tests.helpers.hse_rigs import (
@@ -563,10 +563,7 @@ def test_guide_shows_what_is_printed(somewhere):
 
 
 def test_guide_shows_what_the_paper_s_figures_come_to(capsys):
-    spec = importlib.util.spec_from_file_location("hse_paper", ROOT / "benchmarks/hse_paper.py")
-    module = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(module)
-    module.main()
+    hse_paper.main()
     printed = capsys.readouterr().out
     text = DOCUMENT.read_text().split("prints all of this:")[1]
     assert_alike(text.split("```text\n")[1].split("\n```")[0], printed.rstrip())

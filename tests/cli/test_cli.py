@@ -203,6 +203,7 @@ def has_open(process, path):
         return False
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("when", ["while it reads", "while it writes"])
 def test_ctrl_c(large, tmp_path, when):
     run = subprocess.Popen(
@@ -478,7 +479,7 @@ def fields():
     return [
         (group, name)
         for group, field in ProcessConfig.model_fields.items()
-        if group not in ("rig", "calibration")  # of a file only, and of another command
+        if group not in ("rig", "calibration", "comparison")  # of a file only, of other commands
         for name in field.annotation.model_fields
     ]
 
@@ -493,6 +494,7 @@ def test_every_field_is_an_option_and_the_reverse():
         assert option.help, option
     own = {p.name for p in command.params} - set(options)
     assert own == {
+        "show_plan",
         "logs",
         "jobs",
         "scheduler",
@@ -726,33 +728,48 @@ def test_info_takes_the_input_options(sinstool, log):
 @pytest.mark.parametrize(
     ("scenario", "options", "expected"),
     [
-        ("coning", ("--rate", "0"), "--rate is 0.0"),
-        ("coning", ("--rate", "nan"), "--rate is nan"),
-        ("coning", ("--rate", "inf"), "--rate is inf"),
-        ("coning", ("--duration", "-1"), "--duration is -1.0"),
-        ("coning", ("--duration", "inf"), "--duration is inf"),
+        ("coning", ("--rate", "0"), "--rate 0.0: must be greater than 0"),
+        ("coning", ("--rate", "nan"), "--rate nan: must be"),
+        ("coning", ("--rate", "inf"), "--rate inf: must be"),
+        ("coning", ("--duration", "-1"), "--duration -1.0: must be greater than 0"),
+        ("coning", ("--duration", "inf"), "--duration inf: must be"),
         ("coning", ("--duration", "1e-4"), "no sample interval"),
-        ("coning", ("--seed", "-1"), "--seed is -1"),
-        ("coning", ("--frequency", "nan"), "--frequency is nan"),
-        ("coning", ("--lead-in", "-1"), "--lead-in is -1.0"),
-        ("coning", ("--lead-in", "nan"), "--lead-in is nan"),
-        ("coning", ("--half-angle-deg", "90"), "--half-angle-deg is 90.0"),
-        ("coning", ("--half-angle-deg", "nan"), "--half-angle-deg is nan"),
+        ("coning", ("--seed", "-1"), "--seed -1: must be greater than or equal to 0"),
+        ("coning", ("--frequency", "nan"), "--frequency nan: must be"),
+        ("coning", ("--lead-in", "-1"), "--lead-in -1.0: must be greater than or equal to 0"),
+        ("coning", ("--lead-in", "nan"), "--lead-in nan: must be"),
+        ("coning", ("--half-angle-deg", "90"), "--half-angle-deg 90.0: must be less than 90"),
+        ("coning", ("--half-angle-deg", "nan"), "--half-angle-deg nan: must be"),
         ("coning", ("--grade", "best"), "'best' is not one of"),
-        ("static", ("--latitude", "91"), "--latitude is 91.0"),
-        ("static", ("--longitude", "nan"), "--longitude is nan"),
-        ("static", ("--height", "inf"), "not finite"),
+        ("static", ("--latitude", "91"), "--latitude 91.0: must be less than or equal to 90"),
+        ("static", ("--longitude", "nan"), "--longitude nan: must be"),
+        ("static", ("--height", "inf"), "--height inf: must be a finite number"),
         ("static", ("--attitude", "1,2"), "'1,2' is not 3 numbers"),
-        ("static", ("--attitude", "1,2,nan"), "not finite"),
-        ("static", ("--duration", "0"), "--duration is 0.0"),
+        ("static", ("--attitude", "1,2,nan"), "must be a finite number"),
+        ("static", ("--duration", "0"), "--duration 0.0: must be greater than 0"),
     ],
 )
 def test_simulate_refuses_bad_values(sinstool, tmp_path, scenario, options, expected):
     status, out, err = sinstool("simulate", scenario, "-o", tmp_path / "o.mcap", *options)
-    assert status == 2 and out == "" and expected in usage(err)
+    assert status == 2 and out == "" and expected in err.strip().split("\n")[-1]
     assert list(tmp_path.iterdir()) == []
 
 
+def test_simulate_takes_a_file_and_prints_it(sinstool, tmp_path):
+    file = tmp_path / "drive.toml"
+    file.write_text("[simulate]\nrate = 20.0\nduration = 5.0\ngnss_outage = ['1:2']\n")
+    made = ("simulate", "drive", "--config", file, "--duration", "4")
+    _, out, _ = sinstool(*made, "--print-config")
+    options = tomllib.loads(out)["simulate"]
+    assert (options["rate"], options["duration"], options["gnss_outage"]) == (20.0, 4.0, ["1:2"])
+    status, out, err = sinstool(*made, "-o", tmp_path / "d.mcap", "-q")
+    assert (status, out, err) == (0, "", "")
+    file.write_text("[simulate]\nrte = 20.0\n")
+    status, _, err = sinstool(*made, "-o", tmp_path / "e.mcap")
+    assert status == 2 and "unknown key simulate.rte: did you mean rate?" in one_line(err)
+
+
+@pytest.mark.slow
 @pytest.mark.parametrize("scenario", ["coning", "static"])
 def test_simulate_and_process(sinstool, tmp_path, scenario):
     path, out_path = tmp_path / "in.mcap", tmp_path / "out.mcap"

@@ -4,6 +4,7 @@ import csv
 import json
 import re
 import threading
+import tomllib
 from functools import partial
 from html.parser import HTMLParser
 
@@ -80,6 +81,8 @@ def test_json_has_all_keys(compare, moving):
     status, out, _ = compare(moving, "--json", "--stopband", "60", "--passband", "20")
     assert status == 0
     found = json.loads(out)
+    assert next(iter(found)) == "schema" and found["schema"] == "sinstool.compare-coning/1"
+    assert found["input"] == {"path": str(moving)}
     keys = "meta checks reference algs pairs spectrum sp warnings verdict alias lost"
     assert set(keys.split()) <= set(found)
     assert len(found["algs"]) == 50
@@ -101,6 +104,38 @@ def test_json_has_all_keys(compare, moving):
         np.testing.assert_allclose(a["pred_parting_dph"], parting, atol=1e-12)
         beyond = np.array(a["drift_dph"]["mean"]) - parting
         np.testing.assert_allclose(a["beyond_pred_dph"], beyond, atol=1e-9)
+
+
+def test_every_option_can_stand_in_the_file(compare, moving, tmp_path):
+    file = tmp_path / "run.toml"
+    file.write_text(
+        "[comparison]\nalgorithms = ['previous-3', 'gyro-tuned', 'singular-perturbation']\n"
+        "decimate = [1]\nwindow = 4.0\ntolerance = 0.5\n"
+        "[coning]\npassband = 20.0\nstopband = 60.0\nsp_preset = 'auto'\n"
+        "[input]\nend = 9\n"
+    )
+    _, out, err = compare(moving, "--json", "--config", file)
+    found = json.loads(out)
+    meta = found["meta"]
+    assert (meta["window_s"], meta["tolerance_dph"]) == (4.0, pytest.approx(0.5))
+    assert (meta["passband_hz"], meta["stopband_hz"]) == (20.0, 60.0)
+    assert meta["duration_s"] == pytest.approx(9.0, abs=0.01)
+    names = ["previous-3", "gyro-tuned", "singular-perturbation"]
+    assert [a["name"] for a in found["algs"]] == names
+    _, out, _ = compare(moving, "--json", "--config", file, "--passband", "30", "--window", "3")
+    flags = json.loads(out)
+    assert (flags["meta"]["passband_hz"], flags["meta"]["window_s"]) == (30.0, 3.0)
+    # the file's band tunes what it is for
+    tuned = [f["sp"]["tuning"]["drift_tuned_dph"] for f in (found, flags)]
+    assert tuned[0] != tuned[1]
+    status, out, _ = compare("--config", file, "--sp-preset", "paper", "--print-config")
+    printed = tomllib.loads(out)
+    assert status == 0
+    assert printed["coning"]["sp_preset"] == "paper" and printed["comparison"]["window"] == 4.0
+    file.write_text("[comparison]\nwindw = 1.0\n")
+    status, _, err = compare(moving, "--config", file)
+    assert status == 2
+    assert "unknown key comparison.windw: did you mean window?" in err
 
 
 def test_json_of_one_window_has_null_for_its_spread(compare, moving):
@@ -212,10 +247,10 @@ def test_wrong_options_are_answered(compare, moving, arguments, message):
     [
         ((), "give a LOG"),
         ((SAMPLE, "--paper"), "give a LOG"),
-        ((SAMPLE, "--decimate", "0"), "not a list of whole numbers"),
-        ((SAMPLE, "--decimate", "two"), "not a list of whole numbers"),
-        ((SAMPLE, "--window", "0"), "--window is positive"),
-        ((SAMPLE, "--tolerance", "-1"), "--tolerance not negative"),
+        ((SAMPLE, "--decimate", "0"), "--decimate 0: must be greater than or equal to 1"),
+        ((SAMPLE, "--decimate", "two"), "'two' is not whole numbers with commas between"),
+        ((SAMPLE, "--window", "0"), "--window 0.0: must be greater than 0"),
+        ((SAMPLE, "--tolerance", "-1"), "--tolerance -1.0: must be greater than or equal to 0"),
         ((SAMPLE, "--truth", "/truth/imu", "--reference", "optimal-4"), "not both"),
     ],
 )

@@ -377,6 +377,7 @@ def expected(large, tmp_path_factory):
     return {p.name: p.read_bytes() for p in out.iterdir()}
 
 
+@pytest.mark.slow
 def test_a_worker_is_killed(large, expected, tmp_path):
     run, found = begun(large, tmp_path)
     while not (writing := writers(found, tmp_path)):
@@ -388,6 +389,7 @@ def test_a_worker_is_killed(large, expected, tmp_path):
     assert {p.name: p.read_bytes() for p in tmp_path.iterdir()} == expected
 
 
+@pytest.mark.slow
 def test_ctrl_c(large, expected, tmp_path):
     run, found = begun(large, tmp_path)
     run.send_signal(signal.SIGINT)
@@ -411,6 +413,7 @@ def test_ctrl_c(large, expected, tmp_path):
     assert {p.name: p.read_bytes() for p in tmp_path.iterdir()} == expected
 
 
+@pytest.mark.slow
 def test_workers_do_not_outlive_a_killed_run(large, expected, tmp_path):
     run, found = begun(large, tmp_path)
     run.kill()
@@ -461,6 +464,7 @@ def shown(*arguments):
     return told.decode(), stdout.decode()
 
 
+@pytest.mark.slow
 def test_bars_are_for_a_terminal(logs, tmp_path):
     """On stderr, where it is one; lines of JSON stay on stdout."""
     given = logs / "*" / "run.mcap"
@@ -470,6 +474,7 @@ def test_bars_are_for_a_terminal(logs, tmp_path):
     assert '{"input"' not in text
 
 
+@pytest.mark.slow
 def test_bars_of_what_has_no_input_count_no_bytes(tmp_path):
     made = ("--monte-carlo", 3, "-j", 1, "--duration", 1, "-o", tmp_path / "mc")
     text, _ = shown("simulate", "static", *made)

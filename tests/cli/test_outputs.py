@@ -15,6 +15,7 @@ from pathlib import Path
 
 import pytest
 
+from benchmarks import killed_runs
 from sinstool.core import whole_file as whole
 from tests.helpers.paths import ROOT
 
@@ -126,6 +127,7 @@ ROOM = {
 }
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", COMMANDS)
 def test_a_full_disk_takes_one_line_and_leaves_nothing(small_disk, name):
     arguments, _ = COMMANDS[name](small_disk)
@@ -152,6 +154,7 @@ def small_files():
     resource.setrlimit(resource.RLIMIT_FSIZE, (20_000, 20_000))
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(os.name != "posix", reason="no limit on the size of files here")
 @pytest.mark.parametrize("name", ["process", "simulate", "compare-coning"])
 def test_files_that_may_not_grow(tmp_path, name):
@@ -186,6 +189,7 @@ def full_output(*arguments):
     return one_line(done.stderr)
 
 
+@pytest.mark.slow
 def test_a_full_standard_output_of_many_logs(tmp_path):
     """What workers have completed counts too."""
     logs, out = tmp_path / "in", tmp_path / "out"
@@ -207,6 +211,7 @@ def test_a_full_standard_output_of_many_logs(tmp_path):
 # -- a reader of our words that goes away ---------------------------------------------------------
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["process", "compare-coning", "calibrate-hse"])
 def test_a_closed_pipe_costs_no_output(tmp_path, name):
     arguments, expected = COMMANDS[name](tmp_path)
@@ -330,6 +335,7 @@ def test_a_folder_that_may_only_be_read(small_disk):
     assert names(small_disk) == []
 
 
+@pytest.mark.slow
 def test_a_folder_without_permission(tmp_path, command):
     arguments, _ = command(tmp_path / "locked")
     (tmp_path / "locked").mkdir(mode=0o555)
@@ -367,21 +373,13 @@ def test_a_log_is_not_overwritten_by_its_report(tmp_path):
 
 
 @pytest.fixture(scope="module")
-def killed_runs():
-    with pytest.MonkeyPatch.context() as patch:
-        patch.syspath_prepend(ROOT / "benchmarks")
-        import killed_runs
-
-        yield killed_runs
-
-
-@pytest.fixture(scope="module")
-def writing(tmp_path_factory, killed_runs):
+def writing(tmp_path_factory):
     """Commands that take a while to write."""
     return killed_runs.commands(tmp_path_factory.mktemp("writing"), 60)
 
 
-def test_killed_without_warning(writing, killed_runs):
+@pytest.mark.slow
+def test_killed_without_warning(writing):
     for command in writing:
         tally = killed_runs.kill_at_random(command, 3, random.Random(7))
         assert tally.faults == []
@@ -389,6 +387,7 @@ def test_killed_without_warning(writing, killed_runs):
             path.unlink()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM, signal.SIGHUP])
 @pytest.mark.parametrize("twice", [False, True], ids=["once", "twice"])
 def test_ended_by_a_signal(writing, number, twice):
@@ -409,6 +408,7 @@ def test_ended_by_a_signal(writing, number, twice):
     assert names(command.folder) == []
 
 
+@pytest.mark.slow
 def test_an_ignored_signal_stays_ignored(tmp_path):
     """As `nohup` has it."""
     arguments, expected = COMMANDS["process"](tmp_path)

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from sinstool.cli.simulate_rig import lean
 from sinstool.methods.hse.rig import from_table
+from sinstool.simulation.rig_log import lean
 from tests.helpers.hse_rigs import ARCSEC, simulate, sinstool
 from tests.helpers.imulogs import read_attitude, read_topic
 
@@ -83,15 +83,15 @@ def test_rig_can_be_written_anew_while_the_log_is_new(tmp_path):
 @pytest.mark.parametrize(
     ("arguments", "status", "message"),
     [
-        (("--rates", "20,fast"), 2, "--rates: 20,fast are not numbers"),
-        (("--plateau", "0"), 2, "--plateau is 0.0"),
-        (("--encoder-rate", "-1"), 2, "--encoder-rate is -1.0"),
-        (("--latitude", "91"), 2, "--latitude is 91.0"),
-        (("--rates", ""), 2, "--rates: "),
-        (("--rates", "20,nan"), 2, "--rates: 20,nan are not numbers"),
-        (("--heading", "nan"), 2, "--heading is nan"),
-        (("--kappa", "0,inf,0"), 2, "--kappa is (0.0, inf, 0.0)"),
-        (("--arw", "-1"), 2, "--arw is -1.0, below 0"),
+        (("--rates", "20,fast"), 2, "'20,fast' is not numbers with commas between"),
+        (("--plateau", "0"), 2, "--plateau 0.0: must be greater than 0"),
+        (("--encoder-rate", "-1"), 2, "--encoder-rate -1.0: must be greater than 0"),
+        (("--latitude", "91"), 2, "--latitude 91.0: must be less than or equal to 90"),
+        (("--rates", ""), 2, "'' is not numbers"),
+        (("--rates", "20,nan"), 2, "--rates nan: must be a finite number"),
+        (("--heading", "nan"), 2, "--heading nan: must be a finite number"),
+        (("--kappa", "0,inf,0"), 2, "--kappa inf: must be a finite number"),
+        (("--arw", "-1"), 2, "--arw -1.0: must be greater than or equal to 0"),
         (("--tilt-east", "2"), 2, "leans by more than"),
         (("--rates", "20", "--plateau", "0.001"), 2, "fewer than two samples"),
         (("--epsilon", "1,2"), 2, "is not 3 numbers"),

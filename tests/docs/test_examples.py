@@ -33,6 +33,7 @@ def name_of(page):
     return str(page.relative_to(ROOT)).removeprefix("docs/")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("page", WITH_EXAMPLES, ids=name_of)
 def test_commands_run_and_print_what_is_shown(page, tmp_path):
     folder = found.scratch(tmp_path)
@@ -88,6 +89,7 @@ def test_toml_is_a_configuration():
     assert seen >= 1
 
 
+@pytest.mark.slow
 def test_python_runs():
     for page in PAGES:
         for language, text, _, line in blocks(page):

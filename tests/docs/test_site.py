@@ -10,12 +10,9 @@ from html.parser import HTMLParser
 
 import pytest
 
-from tests.docs.examples import ROOT, scratch
-
-sys.path.insert(0, str(ROOT / "docsite"))
-
-from mathml import equations
-from reference import options
+from docsite.mathml import equations
+from docsite.reference import options
+from tests.docs.examples import scratch
 
 REMOTE = re.compile(r"^(?:https?:)?//")
 
@@ -54,6 +51,7 @@ class Loaded(HTMLParser):
         self.urls += [told[key] for key in ("src", "srcset", "data", "poster") if key in told]
 
 
+@pytest.mark.slow
 def test_pages_ask_no_other_host(site):
     pages = list(site.rglob("*.html"))
     assert len(pages) > 20
@@ -67,6 +65,7 @@ def test_pages_ask_no_other_host(site):
         assert not [url for url in found if REMOTE.match(url.strip("'\""))], style
 
 
+@pytest.mark.slow
 def test_every_option_of_every_command_is_there(site):
     import click
 
@@ -84,6 +83,7 @@ def test_every_option_of_every_command_is_there(site):
                 assert anchor in text, f"{path} {option.opts}"
 
 
+@pytest.mark.slow
 def test_equations_are_mathml(site):
     text = (site / "coning.html").read_text()
     assert text.count("<math") > 20
@@ -108,6 +108,7 @@ def test_unknown_parts_are_refused():
 @pytest.mark.parametrize(
     "wrong", ["[x](nowhere.md)", "[x](coning.md#nowhere)", "<!-- options: nothing -->"]
 )
+@pytest.mark.slow
 def test_what_is_wrong_with_a_page_fails_the_build(wrong, tmp_path):
     folder = scratch(tmp_path)
     with (folder / "docs" / "formats.md").open("a") as page:

@@ -1,6 +1,5 @@
-"""Where the checkout and its benchmarks lie."""
+"""Where the checkout lies."""
 
 from pathlib import Path
 
 ROOT = Path(__file__).resolve().parents[2]
-BENCHMARKS = ROOT / "benchmarks"

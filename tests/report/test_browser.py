@@ -8,7 +8,7 @@ from sinstool.report.page import write_page
 from tests.report.browser import DARK, WIDTHS, needs_browser, opened
 from tests.report.pages import figures, page
 
-pytestmark = needs_browser
+pytestmark = [pytest.mark.slow, needs_browser]
 
 
 @pytest.fixture(scope="module", params=["light", "dark"])

@@ -140,6 +140,7 @@ def _options(command):
     yield from command.params
 
 
+@pytest.mark.slow
 @needs_browser
 @pytest.mark.parametrize("command", COMMANDS, ids=lambda one: one.__name__)
 def test_page_in_a_browser(tmp_path, command):

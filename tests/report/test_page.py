@@ -5,7 +5,9 @@ import json
 import re
 import subprocess
 import sys
+import tomllib
 from html.parser import HTMLParser
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -175,6 +177,19 @@ def test_version_and_language(outline):
     assert outline.all("meta", name="viewport")
     for tag in ("header", "main", "nav", "footer"):
         assert len(outline.all(tag)) == 1
+
+
+def test_the_package_carries_what_is_not_code():
+    package = Path(sinstool.__file__).parent
+    settings = tomllib.loads((package.parent / "pyproject.toml").read_text())
+    carried = {
+        file
+        for name, patterns in settings["tool"]["setuptools"]["package-data"].items()
+        for pattern in patterns
+        for file in package.parent.joinpath(*name.split(".")).glob(pattern)
+    }
+    files = {p for p in package.rglob("*") if p.is_file() and "__pycache__" not in p.parts}
+    assert {p for p in files if p.suffix != ".py"} == carried != set()
 
 
 def test_both_themes_and_print():

@@ -206,8 +206,8 @@ def test_a_first_fix_after_the_start_is_read_in_its_unit(tmp_path):
     messages = sorted([*imu_messages(times, gyro, accel), *late], key=lambda m: m.log_ns)
     log = write_log(tmp_path / "a.mcap", messages)
     told = {"input": {"gnss_unit": "rad"}, "navigation": {"mode": "attitude"}}
-    final = process(log, tmp_path / "out.mcap", build(ProcessConfig, told))["final"]
-    assert (final["lat_deg"], final["lon_deg"]) == pytest.approx((48.0, 11.0))
+    final = process(log, tmp_path / "out.mcap", build(ProcessConfig, told)).final
+    assert (final.lat_deg, final.lon_deg) == pytest.approx((48.0, 11.0))
 
 
 def test_radians_across_the_date_line_are_refused(tmp_path):
@@ -263,7 +263,7 @@ def test_several_barometers_need_a_name(tmp_path):
     messages = [pressure_message(t, 1e5, f"/baro{k % 2}") for k, t in enumerate(TIMES)]
     with pytest.raises(TopicError, match="--baro-topic"):
         baro(tmp_path, messages)
-    assert baro(tmp_path, messages, baro_topic="/baro1").baro_topic == "/baro1"
+    assert baro(tmp_path, messages, baro_topic="/baro1").topic == "/baro1"
 
 
 def test_heights_instead_of_pressures(tmp_path):

@@ -39,15 +39,15 @@ def position_between(fixes: GnssFixes, time_ns: NDArray[np.int64]) -> tuple[Floa
     )
     origin = fixes.time_ns[0]
     x = (time_ns - origin) * 1e-9
-    known = (fixes.time_ns - origin) * 1e-9
-    if len(known) > 1:
-        near = min(int(np.searchsorted(known, 1.0)), len(known) - 1)
-        far = max(int(np.searchsorted(known, known[-1] - 1.0, side="right")) - 1, 0)
+    fix_s = (fixes.time_ns - origin) * 1e-9
+    if len(fix_s) > 1:
+        near = min(int(np.searchsorted(fix_s, 1.0)), len(fix_s) - 1)
+        far = max(int(np.searchsorted(fix_s, fix_s[-1] - 1.0, side="right")) - 1, 0)
         before = 2.0 * normal[:, :1] - normal[:, near : near + 1]
         after = 2.0 * normal[:, -1:] - normal[:, far : far + 1]
         normal = np.concatenate([before, normal, after], axis=1)
-        known = np.concatenate([[-known[near]], known, [2.0 * known[-1] - known[far]]])
-    n0, n1, n2 = (np.interp(x, known, part) for part in normal)
+        fix_s = np.concatenate([[-fix_s[near]], fix_s, [2.0 * fix_s[-1] - fix_s[far]]])
+    n0, n1, n2 = (np.interp(x, fix_s, part) for part in normal)
     return np.arctan2(n2, np.hypot(n0, n1)), np.arctan2(n1, n0)
 
 
@@ -81,15 +81,15 @@ class AttitudeChain:
         ValueError
             If a time lies outside the stretch.
         """
-        wanted = np.atleast_1d(np.asarray(time_ns, dtype=np.int64))
-        inside = (wanted >= self.imu.time_ns[0]) & (wanted <= self.imu.time_ns[-1])
+        times = np.atleast_1d(np.asarray(time_ns, dtype=np.int64))
+        inside = (times >= self.imu.time_ns[0]) & (times <= self.imu.time_ns[-1])
         if not inside.all():
             raise ValueError(
                 "Expected times within the samples of the segment,"
                 f" {self.imu.time_ns[0]} to {self.imu.time_ns[-1]} ns."
             )
         imu = self.imu
-        return accumulate(imu.time_ns, imu.delta_theta, imu.delta_velocity, wanted, self.origin_ns)
+        return accumulate(imu.time_ns, imu.delta_theta, imu.delta_velocity, times, self.origin_ns)
 
     def attitude(self, time_ns: ArrayLike) -> FloatArray:
         """Attitude at any times of the stretch.
@@ -109,11 +109,11 @@ class AttitudeChain:
         ValueError
             If a time lies outside the stretch.
         """
-        wanted = np.atleast_1d(np.asarray(time_ns, dtype=np.int64))
-        order = np.argsort(wanted, kind="stable")
-        rows = self.rows_at(wanted[order])
-        q = np.empty((len(wanted), 4))
-        q[order] = from_dcm(self.dcm_ni(wanted[order]) @ self.dcm_ib(rows))
+        times = np.atleast_1d(np.asarray(time_ns, dtype=np.int64))
+        order = np.argsort(times, kind="stable")
+        rows = self.rows_at(times[order])
+        q = np.empty((len(times), 4))
+        q[order] = from_dcm(self.dcm_ni(times[order]) @ self.dcm_ib(rows))
         return q
 
     def dcm_ni(self, time_ns: NDArray[np.int64]) -> FloatArray:
@@ -127,8 +127,8 @@ class AttitudeChain:
         """``C_b^i`` at given rows."""
         chain = to_dcm(rows.q)
         if self.refined is not None:
-            state, known = self.refined
-            chain = to_dcm(exp(-theta_at(state, known, rows))) @ chain
+            state, reference = self.refined
+            chain = to_dcm(exp(-theta_at(state, reference, rows))) @ chain
         return np.asarray(self.dcm @ chain)
 
 

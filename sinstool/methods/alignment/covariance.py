@@ -102,8 +102,8 @@ def axis_sigma(covariance: FloatArray) -> FloatArray:
 
 
 def _root(variance: FloatArray) -> FloatArray:
-    known = variance > 0.0
-    return np.where(known, np.sqrt(np.where(known, variance, 1.0)), np.inf)
+    positive = variance > 0.0
+    return np.where(positive, np.sqrt(np.where(positive, variance, 1.0)), np.inf)
 
 
 def drifting_noise(

@@ -107,8 +107,8 @@ def lift_off(motion: Dynamics) -> int | None:
     time = motion.time_ns
     step = np.median(np.diff(time)) if len(time) > 1 else 0.0
     long = (time - time[np.minimum(begin, index)] + step) * 1e-9 >= LIFT_OFF_S - _TIME_SLACK
-    found = np.flatnonzero(above & long)
-    return int(begin[found[0]]) if len(found) else None
+    first = np.flatnonzero(above & long)
+    return int(begin[first[0]]) if len(first) else None
 
 
 def find_start(motion: Dynamics, limits: GateLimits, lift_off_ns: int) -> int | None:
@@ -121,8 +121,8 @@ def find_start(motion: Dynamics, limits: GateLimits, lift_off_ns: int) -> int | 
     """
     late = (motion.time_ns - lift_off_ns) * 1e-9 >= limits.t_set1 - _TIME_SLACK
     runs = run_lengths(motion.within(limits).all(axis=0) & late)
-    found = np.flatnonzero(runs >= max(limits.n_set1, 1))
-    return int(found[0]) if len(found) else None
+    ends = np.flatnonzero(runs >= max(limits.n_set1, 1))
+    return int(ends[0]) if len(ends) else None
 
 
 def find_stop(motion: Dynamics, limits: GateLimits, start: int) -> int | None:
@@ -140,8 +140,8 @@ def find_stop(motion: Dynamics, limits: GateLimits, start: int) -> int | None:
     """
     elapsed = (motion.time_ns - motion.time_ns[start]) * 1e-9
     calm = motion.within(limits).all(axis=0) & (elapsed >= limits.t_set2 - _TIME_SLACK)
-    found = np.flatnonzero(run_lengths(calm) >= max(limits.n_set2, 1))
-    return int(found[0]) if len(found) else None
+    ends = np.flatnonzero(run_lengths(calm) >= max(limits.n_set2, 1))
+    return int(ends[0]) if len(ends) else None
 
 
 def why_no_start(motion: Dynamics, limits: GateLimits, lift_off_ns: int) -> str:

@@ -212,9 +212,9 @@ def _first_guess(stretches: list[Stretch], where: _Place) -> FloatArray:
     ends = np.cumsum([s.duration for s in stretches])
     middle = ends - 0.5 * np.array([s.duration for s in stretches])
     seen = rotation.rotate(np.array(before), np.array([s.force for s in stretches]))
-    known = rotation.rotate(rotation.exp(middle[:, None] * where.omega_n), -where.g_n)
+    expected = rotation.rotate(rotation.exp(middle[:, None] * where.omega_n), -where.g_n)
     weight = np.array([1.0 / s.force_variance for s in stretches])
-    return rotation.from_dcm(solve_svd((weight[:, None] * known).T @ seen))
+    return rotation.from_dcm(solve_svd((weight[:, None] * expected).T @ seen))
 
 
 def _kept_attitudes(stretches: list[Stretch]) -> list[FloatArray]:
@@ -223,12 +223,12 @@ def _kept_attitudes(stretches: list[Stretch]) -> list[FloatArray]:
     Against inertial space in motion; through rest it is what the gyros measured there.
     """
     q = np.array([1.0, 0.0, 0.0, 0.0])
-    found = []
+    parts = []
     for s in stretches:
-        found.append(q)
+        parts.append(q)
         turn = rotation.exp(s.rate * s.duration) if s.still else s.turn
         q = rotation.normalise(rotation.multiply(q, turn))
-    return found
+    return parts
 
 
 def _filter(
@@ -290,8 +290,8 @@ def _filter(
         left = np.eye(9) - gain @ h
         p = left @ p @ left.T + (gain * r) @ gain.T
         x[3:] *= np.exp(-s.duration / grade.bias_time_s)
-        kept = np.exp(-s.duration / grade.bias_time_s * np.repeat([0.0, 1.0], [3, 6]))
-        p = kept[:, None] * p * kept + np.diag((1.0 - kept**2) * bias_variance)
+        decay = np.exp(-s.duration / grade.bias_time_s * np.repeat([0.0, 1.0], [3, 6]))
+        p = decay[:, None] * p * decay + np.diag((1.0 - decay**2) * bias_variance)
         if not s.still:
             q = rotation.multiply(rotation.exp(-where.omega_n * s.duration), q)
             q = rotation.normalise(rotation.multiply(q, s.turn))

@@ -117,8 +117,8 @@ def cut(imu: ImuIncrements) -> Record:
     # The first row is only history: its interval is not known.
     coned = dtheta.copy()
     coned[1:] += np.cross(last[1:], dtheta[1:]) / 12.0
-    kept = AttitudePropagator([1.0, 0.0, 0.0, 0.0]).push(coned, dt)
-    start_q = np.concatenate([[[1.0, 0.0, 0.0, 0.0]], kept[:-1]])
+    attitudes = AttitudePropagator([1.0, 0.0, 0.0, 0.0]).push(coned, dt)
+    start_q = np.concatenate([[[1.0, 0.0, 0.0, 0.0]], attitudes[:-1]])
     middle = rotation.multiply(start_q, rotation.exp(0.5 * dtheta))
     inertial = rotation.rotate(middle, dvelocity)
     stage = WindowStage()
@@ -147,7 +147,7 @@ def cut(imu: ImuIncrements) -> Record:
     at_rest = _allan(total(dtheta) / duration[:, None], member)
     angle = max(_white(dtheta, dt, index), at_rest)
     velocity = _white(dvelocity, dt, index)
-    begin_q, end_q = start_q[first], kept[last_row]
+    begin_q, end_q = start_q[first], attitudes[last_row]
     turn = rotation.multiply(rotation.conjugate(begin_q), end_q)
     in_start_axes = rotation.rotate(rotation.conjugate(begin_q), mean_inertial)
     sums = np.concatenate([total(dtheta), total(dvelocity)], axis=1)
@@ -232,7 +232,7 @@ def _allan(mean_rate: FloatArray, member: np.ndarray) -> float:
 
     A sensor that filters its output shows less noise from sample to sample than it integrates.
     """
-    found = [0.0]
+    walks = [0.0]
     for span in np.unique(member[member >= 0]):
         rows = mean_rate[member == span]
         for many in _ALLAN_WINDOWS:
@@ -240,5 +240,5 @@ def _allan(mean_rate: FloatArray, member: np.ndarray) -> float:
             if clusters >= _ALLAN_LEAST:
                 mean = rows[: clusters * many].reshape(clusters, many, 3).mean(axis=1)
                 variance = 0.5 * np.mean(np.diff(mean, axis=0) ** 2)
-                found.append(float(np.sqrt(variance * many * WINDOW_NS * 1e-9)))
-    return max(found)
+                walks.append(float(np.sqrt(variance * many * WINDOW_NS * 1e-9)))
+    return max(walks)

@@ -211,16 +211,16 @@ def align_in_flight(
         )
     lift_off_ns = _lift_off(imu, settings, warnings)
     reasons: list[str] = []
-    found = [
+    answers = [
         candidate
         for part in parts
         for candidate in candidates(part, fixes, settings, lift_off_ns, reasons)
     ]
-    if not found:
+    if not answers:
         return _failed(settings, imu, [*warnings, *(reasons or ["there is nothing to align with"])])
-    best = min(found, key=lambda c: c.sigma_worst)
-    if len(found) > 1:
-        warnings.append(f"{len(found)} segments could be aligned; the best is given")
+    best = min(answers, key=lambda c: c.sigma_worst)
+    if len(answers) > 1:
+        warnings.append(f"{len(answers)} segments could be aligned; the best is given")
     return _answer(best, settings, warnings + best.warnings)
 
 
@@ -260,9 +260,9 @@ def _answer(best: Candidate, settings: AlignmentSettings, warnings: list[str]) -
             warnings.append("not refined: the attitude to start from is not known well enough")
         else:
             result, errors = _refined(best, settings)
-            known = segment.rows.rows(slice(result.row, result.row + 1))
-            chain = replace(chain, dcm=result.dcm, refined=(result.state, known))
-            covariance = theta_covariance(result.covariance, known, at, settings.grade)
+            reference = segment.rows.rows(slice(result.row, result.row + 1))
+            chain = replace(chain, dcm=result.dcm, refined=(result.state, reference))
+            covariance = theta_covariance(result.covariance, reference, at, settings.grade)
     own = solution.chi2 if errors is None else errors.chi2
     inconsistent = own > INCONSISTENT_CHI2
     if inconsistent:

@@ -128,9 +128,9 @@ def _columns(of: Any, shapes: tuple[tuple[str, int], ...]) -> None:
     count = len(of.time_ns)
     for name, width in shapes:
         values = np.ascontiguousarray(getattr(of, name), dtype=np.float64)
-        wanted = (count, width) if width else (count,)
-        if values.shape != wanted:
-            raise ValueError(f"Expected `{name}` to have shape {wanted}, got {values.shape}.")
+        shape = (count, width) if width else (count,)
+        if values.shape != shape:
+            raise ValueError(f"Expected `{name}` to have shape {shape}, got {values.shape}.")
         object.__setattr__(of, name, values)
 
 

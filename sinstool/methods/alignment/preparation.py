@@ -150,16 +150,16 @@ def prepare_fixes(
     gnss = gnss.rows(new & placed)
     sigma = np.full(len(gnss), settings.gnss_sigma_v)
     if gnss.sigma_v is not None:
-        known = np.isfinite(gnss.sigma_v) & (gnss.sigma_v > 0.0)
-        sigma = np.where(known, gnss.sigma_v, sigma)
+        own = np.isfinite(gnss.sigma_v) & (gnss.sigma_v > 0.0)
+        sigma = np.where(own, gnss.sigma_v, sigma)
     latency = round(settings.gnss_latency_s * 1e9)
     gnss = replace(gnss, time_ns=gnss.time_ns - latency, sigma_v=sigma)
-    kept = np.ones(len(gnss), dtype=bool)
+    good = np.ones(len(gnss), dtype=bool)
     if settings.start_ns is not None:
-        kept &= gnss.time_ns >= settings.start_ns
+        good &= gnss.time_ns >= settings.start_ns
     if settings.end_ns is not None:
-        kept &= gnss.time_ns <= settings.end_ns
-    gnss = gnss.rows(kept)
+        good &= gnss.time_ns <= settings.end_ns
+    gnss = gnss.rows(good)
     level = noise_level(np.asarray(gnss.sigma_v), _usual_s(gnss.time_ns))
     rough = np.asarray(gnss.sigma_v) > ROUGH_FIX * level
     if rough.any() and settings.vectors != "pos":

@@ -145,8 +145,8 @@ def acceleration_reference(
     at = newer - 1 if central else newer
     step = time_s[newer] - time_s[older]
     usual = np.median(np.diff(time_s)) if count > 1 else 0.0
-    kept = step <= 1.5 * span * usual  # a difference over a gap is no derivative
-    at, newer, older, step = at[kept], newer[kept], older[kept], step[kept]
+    close = step <= 1.5 * span * usual  # a difference over a gap is no derivative
+    at, newer, older, step = at[close], newer[close], older[close], step[close]
     rate = (velocity_n[newer] - velocity_n[older]) / step[:, None]
     lat, h, v = latitude[at], height[at], velocity_n[at]
     turning = 2.0 * earth_rate_n(lat) + transport_rate_n(lat, h, v)

@@ -138,15 +138,15 @@ def refine(
     return Refined(dcm, state, covariance, int(order[-1]), inflated, chi2)
 
 
-def theta_at(state: FloatArray, known: InertialRows, wanted: InertialRows) -> FloatArray:
+def theta_at(state: FloatArray, reference: InertialRows, rows: InertialRows) -> FloatArray:
     """Theta at other rows, by the gyro errors found.
 
     Parameters
     ----------
     state : ndarray, shape (22,)
-    known : InertialRows
+    reference : InertialRows
         The one row at which it holds.
-    wanted : InertialRows
+    rows : InertialRows
         n rows.
 
     Returns
@@ -154,13 +154,13 @@ def theta_at(state: FloatArray, known: InertialRows, wanted: InertialRows) -> Fl
     ndarray, shape (n, 3)
         rad.
     """
-    gain_b = wanted.gyro_bias_attitude - known.gyro_bias_attitude
-    gain_k = wanted.gyro_scale_attitude - known.gyro_scale_attitude
+    gain_b = rows.gyro_bias_attitude - reference.gyro_bias_attitude
+    gain_k = rows.gyro_scale_attitude - reference.gyro_scale_attitude
     return np.asarray(state[THETA:S] + gain_b @ state[BG:KA] + gain_k @ state[KG:LEVER])
 
 
 def theta_covariance(
-    covariance: FloatArray, known: InertialRows, wanted: InertialRows, grade: SensorGrade
+    covariance: FloatArray, reference: InertialRows, rows: InertialRows, grade: SensorGrade
 ) -> FloatArray:
     """Covariance of :func:`theta_at` at one row.
 
@@ -181,9 +181,9 @@ def theta_covariance(
     """
     gain = np.zeros((3, STATES))
     gain[:, THETA:S] = np.eye(3)
-    gain[:, BG:KA] = (wanted.gyro_bias_attitude - known.gyro_bias_attitude)[0]
-    gain[:, KG:LEVER] = (wanted.gyro_scale_attitude - known.gyro_scale_attitude)[0]
-    between = abs(float(wanted.time_s[0] - known.time_s[0]))
+    gain[:, BG:KA] = (rows.gyro_bias_attitude - reference.gyro_bias_attitude)[0]
+    gain[:, KG:LEVER] = (rows.gyro_scale_attitude - reference.gyro_scale_attitude)[0]
+    between = abs(float(rows.time_s[0] - reference.time_s[0]))
     wandered = grade.gyro_bias**2 * -np.expm1(-2.0 * between / grade.bias_time_s)
     drift = gain[:, BG:KA]
     noise = wandered * drift @ drift.T + grade.angle_random_walk**2 * between * np.eye(3)

@@ -121,15 +121,15 @@ def candidates(
     borders = rows.time_s[good][edges]
     begin_s = np.concatenate([[-np.inf], borders])
     end_s = np.concatenate([borders, [np.inf]])
-    found = []
+    segments = []
     for begin, end in zip(begin_s, end_s, strict=True):
         part = (rows.time_s >= begin) & (rows.time_s < end)
         candidate = _candidate(
             stretch, everything, inside, motion, part, good, settings, lift_off_ns, reasons
         )
         if candidate is not None:
-            found.append(candidate)
-    return found
+            segments.append(candidate)
+    return segments
 
 
 def _bounds(

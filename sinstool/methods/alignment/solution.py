@@ -151,8 +151,8 @@ def solve(segment: Segment, settings: AlignmentSettings) -> Solution | None:
     if len(segment) < 3:
         return None
     pairs = make_pairs(segment, settings)
-    kept = pairs.weight > 0.0
-    if not kept.any():
+    weighty = pairs.weight > 0.0
+    if not weighty.any():
         return None
     sums = _sums(pairs, segment, settings)
     if settings.method == "triad":
@@ -164,7 +164,7 @@ def solve(segment: Segment, settings: AlignmentSettings) -> Solution | None:
         return None
     else:
         dcm = SOLVERS[settings.method](sums.profile)
-    pairs = pairs.rows(kept)
+    pairs = pairs.rows(weighty)
     residuals = pairs.beta @ dcm - pairs.alpha
     if settings.vectors == "pos":
         variance = np.full(len(pairs), settings.gnss_sigma_p**2 + settings.gnss_drift_p**2)
@@ -243,30 +243,35 @@ def course(segment: Segment, settings: AlignmentSettings) -> Course:
     if settings.vectors == "pos":
         return _position_course(segment, settings)
     sums = running_sums(segment, settings)
-    found = np.flatnonzero(sums.count > 1.0)
-    found = found[np.any(sums.profile[found] != 0.0, axis=(-2, -1))]
-    sums = _take(sums, found)
-    elapsed = rows.time_s[found] - rows.time_s[0]
+    ends = np.flatnonzero(sums.count > 1.0)
+    ends = ends[np.any(sums.profile[ends] != 0.0, axis=(-2, -1))]
+    sums = _take(sums, ends)
+    elapsed = rows.time_s[ends] - rows.time_s[0]
     if settings.method == "triad":
-        good = found >= 2
-        found, sums = found[good], _take(sums, good)
-        dcm, middle = triad_attitude(rows, segment.beta(), found)
+        good = ends >= 2
+        ends, sums = ends[good], _take(sums, good)
+        dcm, middle = triad_attitude(rows, segment.beta(), ends)
         covariance = triad_covariance(
-            rows, segment.sigma, middle, found, found, settings.grade, settings.kappa
+            rows, segment.sigma, middle, ends, ends, settings.grade, settings.kappa
         )
         good = np.asarray(np.isfinite(dcm).all(axis=(-2, -1)))
-        found, dcm, covariance, sums = found[good], dcm[good], covariance[good], _take(sums, good)
+        ends, dcm, covariance, sums = (
+            ends[good],
+            dcm[good],
+            covariance[good],
+            _take(sums, good),
+        )
     else:
         dcm = SOLVERS[settings.method](sums.profile)
         covariance = attitude_covariance(
             sums,
-            rows.gyro_bias_attitude[found],
-            rows.gyro_scale_attitude[found],
+            rows.gyro_bias_attitude[ends],
+            rows.gyro_scale_attitude[ends],
             elapsed,
             settings.grade,
             settings.kappa,
         )
-    return Course(found, dcm, covariance, sums.second, singular_values(sums.profile))
+    return Course(ends, dcm, covariance, sums.second, singular_values(sums.profile))
 
 
 def _take(sums: PairSums, which: NDArray[np.bool_] | IndexArray) -> PairSums:

@@ -225,8 +225,8 @@ def design(
     free = q[:, count:]
     if not free.shape[1]:
         return np.asarray(fixed)
-    whole, wanted = np.concatenate(system), np.concatenate(right)
-    rest = np.linalg.lstsq(whole @ free, wanted - whole @ fixed, rcond=None)[0]
+    whole, target = np.concatenate(system), np.concatenate(right)
+    rest = np.linalg.lstsq(whole @ free, target - whole @ fixed, rcond=None)[0]
     return np.asarray(fixed + free @ rest)
 
 

@@ -166,14 +166,14 @@ def _end_rates(points: int) -> FloatArray:
         turn = 0.5 * _BAND * (at + 1.0)[:, np.newaxis]
         share = np.sqrt(0.5 * share)[:, np.newaxis]
         response = np.concatenate([share * np.cos(turn * nodes), share * np.sin(turn * nodes)])
-        wanted = np.concatenate(
+        target = np.concatenate(
             [
                 share * np.diff(np.sin(turn * edges), axis=1) / turn,
                 share * np.diff(-np.cos(turn * edges), axis=1) / turn,
             ]
         )
         system = np.concatenate([response @ free, _NOISE * free])
-        right = np.concatenate([wanted - response @ weights, -_NOISE * weights])
+        right = np.concatenate([target - response @ weights, -_NOISE * weights])
         weights = weights + free @ np.linalg.lstsq(system, right, rcond=None)[0]
 
     to_rate = polynomial.table([polynomial.through_increments(PARTS, 0, PARTS)])[0]

@@ -224,15 +224,15 @@ def _gain_kernel(
     n: float,
     out: FloatArray,
 ) -> None:
-    known = -1.0  # the interval that p and kappa belong to: most are equal
+    computed = -1.0  # the interval that p and kappa belong to: most are equal
     p = 0.0
     kappa = 0.0
     for update in range(out.shape[0]):
         row = first + update
         t = dt[row]
-        if t != known:
+        if t != computed:
             p, kappa = _two_rate_form(variant, t, epsilon * t if relative else epsilon, n)
-            known = t
+            computed = t
         ux = x[row - 1, 0]
         uy = x[row - 1, 1]
         uz = x[row - 1, 2]
@@ -258,16 +258,16 @@ def _vector_kernel(
     bz: float,
     out: FloatArray,
 ) -> None:
-    known = -1.0
+    computed = -1.0
     weight = 0.0
     k1 = 0.0
     k2 = 0.0
     for update in range(out.shape[0]):
         row = first + update
         t = dt[row]
-        if t != known:
+        if t != computed:
             weight, k1, k2 = _model(variant, t, epsilon * t if relative else epsilon)
-            known = t
+            computed = t
         cx = bx * t + x[row, 0]
         cy = by * t + x[row, 1]
         cz = bz * t + x[row, 2]

@@ -228,11 +228,11 @@ def tune(
         square = float(per_q @ per_q)
         low = best_q(0.0, gyro_kind)
         high = best_q(2.0 * np.pi * passband * interval, gyro_kind)
-        found = float(missing @ per_q) / square if square else usual
-        if np.sqrt(square) < _LEAST_COHERENT * amount or not 0.98 * low <= found <= 1.02 * high:
+        fitted = float(missing @ per_q) / square if square else usual
+        if np.sqrt(square) < _LEAST_COHERENT * amount or not 0.98 * low <= fitted <= 1.02 * high:
             status = "no-coning"
         else:
-            q = found
+            q = fitted
     return SpTuning(
         status,
         q,
@@ -313,14 +313,14 @@ def bounds(
     limited = ~(m0 >= SIGNAL_TO_NOISE * floor * width) | (m0 == 0.0)
 
     # The bounds of the windows that hold motion; of all where none does.
-    told = ~limited if not limited.all() else m0 > 0.0
-    if not told.any():
+    informative = ~limited if not limited.all() else m0 > 0.0
+    if not informative.any():
         epsilon = np.array([np.nan])
         gain = np.array([np.nan])
     else:
         low, high = (share * interval for share in EPSILON_RANGE)
-        epsilon = np.clip(np.sqrt(m2[told] / m4[told]), low, high)
-        gain = interval * np.sqrt(m2[told] / m0[told])
+        epsilon = np.clip(np.sqrt(m2[informative] / m4[informative]), low, high)
+        gain = interval * np.sqrt(m2[informative] / m0[informative])
     return SpBounds(
         "noise-limited" if 2 * np.count_nonzero(limited) >= len(limited) else "ok",
         len(limited),

@@ -37,16 +37,16 @@ def note_interval(state: FloatArray, stamp: float) -> None:
     number = int(state[S_INTERVALS])
     state[S_INTERVALS + 1 + number % INTERVALS] = interval
     state[S_INTERVALS] += 1.0
-    known = min(number + 1, INTERVALS)
+    filled = min(number + 1, INTERVALS)
     # The value with half of the others below it, found without moving any.
-    for i in range(known):
+    for i in range(filled):
         value = state[S_INTERVALS + 1 + i]
         rank = 0
-        for j in range(known):
+        for j in range(filled):
             other = state[S_INTERVALS + 1 + j]
             if other < value or (other == value and j < i):
                 rank += 1
-        if rank == known // 2:
+        if rank == filled // 2:
             state[S_NOMINAL] = value
             return
 
@@ -69,8 +69,8 @@ def remember(state: FloatArray, time: float, height: float, v_up: float) -> None
 @njit(cache=True, nogil=True)
 def shift_history(state: FloatArray, time: float, dh: float, dv: float) -> None:
     """Move the past along a line that meets a correction made at a time."""
-    known = min(int(state[S_HISTORY]), HISTORY)
-    for i in range(known):
+    filled = min(int(state[S_HISTORY]), HISTORY)
+    for i in range(filled):
         slot = S_HISTORY + 1 + 3 * i
         state[slot + 1] += dh + dv * (state[slot] - time)
         state[slot + 2] += dv
@@ -83,13 +83,13 @@ def at_stamp(
     """Height and velocity at a stamp, and the age over which a correction has to move on."""
     age = time - stamp
     number = int(state[S_HISTORY])
-    known = min(number, HISTORY)
-    if age <= 0.0 or age > MAX_AGE or known == 0:
+    filled = min(number, HISTORY)
+    if age <= 0.0 or age > MAX_AGE or filled == 0:
         return height - v_up * age, v_up, 0.0
     t1 = time
     h1 = height
     v1 = v_up
-    for i in range(1, known + 1):
+    for i in range(1, filled + 1):
         slot = S_HISTORY + 1 + 3 * ((number - i) % HISTORY)
         t0 = state[slot]
         h0 = state[slot + 1]

@@ -245,32 +245,32 @@ class VerticalChannel:
         stamps = np.asarray(time, dtype=np.int64)
         heights = np.asarray(height, dtype=np.float64)
         reasons = np.zeros(len(stamps), np.int64) if reason is None else np.asarray(reason)
-        known = stamps if arrival is None else np.maximum(np.asarray(arrival, np.int64), stamps)
-        if not stamps.shape == heights.shape == reasons.shape == known.shape:
+        available = stamps if arrival is None else np.maximum(np.asarray(arrival, np.int64), stamps)
+        if not stamps.shape == heights.shape == reasons.shape == available.shape:
             raise ValueError(
                 "Expected barometer columns of one length, got "
-                f"{stamps.shape}, {heights.shape}, {reasons.shape} and {known.shape}."
+                f"{stamps.shape}, {heights.shape}, {reasons.shape} and {available.shape}."
             )
         if not len(stamps):
             return
-        known = np.maximum.accumulate(known)
+        available = np.maximum.accumulate(available)
         if self._available is not None:
-            known = np.maximum(known, self._available)
-        self._available = int(known[-1])
-        self._pending.append((known, stamps, heights, reasons.astype(np.int64)))
+            available = np.maximum(available, self._available)
+        self._available = int(available[-1])
+        self._pending.append((available, stamps, heights, reasons.astype(np.int64)))
 
     def _ready(self, until: int) -> tuple[IntArray, IntArray, FloatArray, IntArray]:
         """Take the barometer samples known by a time out of those that wait."""
         if not self._pending:
             none = np.empty(0, np.int64)
             return none, none, np.empty(0), none
-        known, stamps, heights, reasons = (
+        available, stamps, heights, reasons = (
             np.concatenate([part[i] for part in self._pending]) for i in range(4)
         )
-        n = int(np.searchsorted(known, until, side="right"))
-        rest = (known[n:], stamps[n:], heights[n:], reasons[n:])
+        n = int(np.searchsorted(available, until, side="right"))
+        rest = (available[n:], stamps[n:], heights[n:], reasons[n:])
         self._pending = [rest] if len(rest[0]) else []
-        return known[:n], stamps[:n], heights[:n], reasons[:n]
+        return available[:n], stamps[:n], heights[:n], reasons[:n]
 
 
 def _columns(out: FloatArray) -> HeightColumns:
@@ -287,7 +287,7 @@ def _run(
     point: bool,
     time: FloatArray,
     f_up: FloatArray,
-    known: FloatArray,
+    available: FloatArray,
     stamps: FloatArray,
     heights: FloatArray,
     reasons: IntArray,
@@ -326,7 +326,7 @@ def _run(
             v += ddv
         host[_TIME] = t
         host[_F_UP] = f_up[k]
-        while next_baro < known.shape[0] and known[next_baro] <= t:
+        while next_baro < available.shape[0] and available[next_baro] <= t:
             _, dh, ddv = baro_sample(
                 state,
                 parameters,

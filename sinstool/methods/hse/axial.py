@@ -93,13 +93,13 @@ def fit_axial(runs: Sequence[HseRun], bias: bool = True, weighted: bool = True) 
     rate = np.array([r.rate + earth_rate_along_axis(r) for r in runs])
     c = np.array([r.c_axial for r in runs])
     sigma_c = np.array([r.sigma_c_axial for r in runs])
-    known = weighted and bool(np.all(np.isfinite(sigma_c) & (sigma_c > 0.0)))
+    weighable = weighted and bool(np.all(np.isfinite(sigma_c) & (sigma_c > 0.0)))
     distinct = np.ptp(rate) > DISTINCT_RATES * np.max(np.abs(rate))
     columns = [rate, np.ones_like(rate)] if bias and distinct else [rate]
     fit = least_squares(
         np.stack(columns, axis=1),
         c * rate,
-        sigma_c * np.abs(rate) if known else None,
+        sigma_c * np.abs(rate) if weighable else None,
         DISBELIEF,
     )
     sigma = np.sqrt(np.diag(fit.covariance))

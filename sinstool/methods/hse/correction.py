@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from sinstool.core.earth import EARTH_RATE
 from sinstool.core.errors import ConfigurationError
-from sinstool.methods.hse.calibration_file import HseCalibration
+from sinstool.methods.hse.calibration import HseCalibration
 from sinstool.methods.hse.status import MAX_LATITUDE
 
 FloatArray = NDArray[np.float64]
@@ -95,9 +95,11 @@ def correction(
     lambda1 = np.asarray(rate, dtype=np.float64) - EARTH_RATE * np.sin(lat)
     slope = lambda1 / (3.0 * EARTH_RATE * np.cos(lat))
     lambda2 = cal.lambda2_rad or 0.0
-    known = np.nan if cal.sigma_lambda2_rad is None else cal.sigma_lambda2_rad
+    sigma_lambda2 = np.nan if cal.sigma_lambda2_rad is None else cal.sigma_lambda2_rad
     by_lean = slope * lambda2 * np.asarray(sigma_C23, dtype=np.float64)
-    return np.asarray(slope * lambda2 * lean), np.asarray(np.hypot(slope * lean * known, by_lean))
+    return np.asarray(slope * lambda2 * lean), np.asarray(
+        np.hypot(slope * lean * sigma_lambda2, by_lean)
+    )
 
 
 @dataclass(frozen=True)

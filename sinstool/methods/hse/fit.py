@@ -55,9 +55,9 @@ def _times(runs: Sequence[HseRun], options: FitOptions) -> FloatArray:
     """Middle of each run, s since the first log's start, or since its own log's."""
     starts = [r.log_start_ns for r in runs]
     own = np.array([r.t_start_s for r in runs])
-    known = [s for s in starts if s is not None]
-    if len(known) == len(starts):
-        own = own + np.array([(s - min(known)) * 1e-9 for s in known])
+    stamped = [s for s in starts if s is not None]
+    if len(stamped) == len(starts):
+        own = own + np.array([(s - min(stamped)) * 1e-9 for s in stamped])
     elif options.drift and len({r.source for r in runs}) > 1:
         raise ConfigurationError(
             "a drift with time cannot be fitted: the logs' starts are unknown",
@@ -155,21 +155,21 @@ def fit(runs: Sequence[HseRun], options: FitOptions | None = None) -> HseFit:
         weighted = False
         warnings.append("some runs have too few turns to tell their scatter: all weigh the same")
     solved = _solve(model, data, use, weighted, options, runs, reasons, warnings)
-    kept = [r for r, u in zip(runs, use, strict=True) if u]
+    used = [r for r, u in zip(runs, use, strict=True) if u]
     method = "joint" if model.joint else "heading"
     result = HseFit(
         method="axial" if options.method == "axial" else method,
         form=options.form if options.method == "heading" else "regressor",
         observable=model.observable,
-        axial=fit_axial(kept, weighted=options.weights == "turns"),
-        latitude=float(np.mean([r.latitude for r in kept])),
+        axial=fit_axial(used, weighted=options.weights == "turns"),
+        latitude=float(np.mean([r.latitude for r in used])),
         C23=model.C23,
         sigma_C23=model.sigma_C23,
         C23_spread=model.spread,
         rates=distinct_rates(data.rate[use]),
         rate_span=float(np.ptp(data.rate[use])),
         max_rate=float(np.max(np.abs(data.rate[use]))),
-        tilt=float(max(np.hypot(r.theta, r.gamma) for r in kept)),
+        tilt=float(max(np.hypot(r.theta, r.gamma) for r in used)),
         runs=tuple(runs),
         run_fits=_run_fits(model, data, use, solved, reasons),
         warnings=tuple(warnings),
@@ -235,13 +235,13 @@ def _run_fits(
     place = np.cumsum(use) - 1
     result = []
     for i, used in enumerate(use):
-        known = data.position[i] in model.positions
+        in_model = data.position[i] in model.positions
         result.append(
             RunFit(
                 used=bool(used),
                 reason=reasons[i],
                 position=int(data.position[i]),
-                residual=float(residual[i]) if known else None,
+                residual=float(residual[i]) if in_model else None,
                 leverage=float(solved.leverage[place[i]]) if used else None,
                 studentised=_finite(solved.studentised[place[i]]) if used else None,
             )

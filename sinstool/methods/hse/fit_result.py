@@ -52,14 +52,14 @@ class FitOptions:
     outlier_alpha: float = 0.01
 
     def __post_init__(self) -> None:
-        for name, value, known in (
+        for name, value, choices in (
             ("method", self.method, METHODS),
             ("form", self.form, FORMS),
             ("weights", self.weights, WEIGHTS),
         ):
-            if value not in known:
+            if value not in choices:
                 raise ConfigurationError(
-                    f"{name} {value!r} is unknown", f"one of {', '.join(known)}"
+                    f"{name} {value!r} is unknown", f"one of {', '.join(choices)}"
                 )
         if not 0.0 < self.outlier_alpha < 1.0:
             raise ConfigurationError(

@@ -224,15 +224,15 @@ class HeadingModel:
         """
         out: list[tuple[int, float]] = []
         while True:
-            found = self.solve(data, use, weighted)
+            solved = self.solve(data, use, weighted)
             index = np.flatnonzero(use)
             repeats = np.array([np.sum(use & (data.cell == data.cell[i])) for i in index])
-            score = np.abs(found.studentised)
-            score[(repeats <= 2) | (np.abs(found.residual) < ROUNDING) | np.isnan(score)] = 0.0
+            score = np.abs(solved.studentised)
+            score[(repeats <= 2) | (np.abs(solved.residual) < ROUNDING) | np.isnan(score)] = 0.0
             worst = int(np.argmax(score))
-            if score[worst] <= outlier_limit(len(index), found.dof, alpha):
+            if score[worst] <= outlier_limit(len(index), solved.dof, alpha):
                 return out
-            out.append((int(index[worst]), float(found.studentised[worst])))
+            out.append((int(index[worst]), float(solved.studentised[worst])))
             use[index[worst]] = False
 
 

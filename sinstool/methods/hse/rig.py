@@ -356,22 +356,22 @@ def from_table(table: Mapping[str, Any]) -> Rig:
         If a key is unknown or missing, or a value impossible; names the key with its path.
     """
     _known(table, _RIG_KEYS, "rig")
-    given: dict[str, Any] = dict(table)
-    if ("e" in given) == ("C_s_to_b" in given):
-        both = "both given" if "e" in given else "both missing"
+    values: dict[str, Any] = dict(table)
+    if ("e" in values) == ("C_s_to_b" in values):
+        both = "both given" if "e" in values else "both missing"
         raise ConfigurationError(f"rig.C_s_to_b and rig.e are {both}", "give one of them")
-    if "e" in given:
-        given["C_s_to_b"] = axis_to_matrix(given.pop("e"))
-    if "K_g" not in given:
-        if given.get("gyro_frame") != "s":
+    if "e" in values:
+        values["C_s_to_b"] = axis_to_matrix(values.pop("e"))
+    if "K_g" not in values:
+        if values.get("gyro_frame") != "s":
             raise ConfigurationError(
                 "rig.K_g is missing", 'give it, or rig.gyro_frame = "s" if it has been applied'
             )
-        given["K_g"] = np.eye(3)
-    if "latitude_deg" in given:
-        degrees = _number(given.pop("latitude_deg"), "rig.latitude_deg")
-        given["latitude"] = float(np.radians(degrees))
-    encoder = given.pop("encoder", {})
+        values["K_g"] = np.eye(3)
+    if "latitude_deg" in values:
+        degrees = _number(values.pop("latitude_deg"), "rig.latitude_deg")
+        values["latitude"] = float(np.radians(degrees))
+    encoder = values.pop("encoder", {})
     if not isinstance(encoder, Mapping):
         raise ConfigurationError(f"rig.encoder is {encoder!r}", "write it as a table [rig.encoder]")
     _known(encoder, _ENCODER_KEYS, "rig.encoder")
@@ -384,7 +384,7 @@ def from_table(table: Mapping[str, Any]) -> Rig:
             f"rig.encoder.harmonics is {model['harmonics']!r}",
             "give a list of [order, cosine, sine]",
         )
-    return Rig(**given, encoder=EncoderModel(**model))
+    return Rig(**values, encoder=EncoderModel(**model))
 
 
 def _known(table: Mapping[str, Any], keys: tuple[str, ...], where: str) -> None:

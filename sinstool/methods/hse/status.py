@@ -1,9 +1,9 @@
 """Whether a calibration of heading-sensitive error may be used, and what to do if not.
 
-A finding is one thing that is wrong or doubtful. The status of a calibration is that of its
-gravest finding. The guards follow from the model of Yu et al., J. NUDT 35(4), 2013, 161-165,
-eqs. (14) to (16): the slope of heading against rate has to stand out of its own scatter, the
-lean of the axis to the east out of its own, and the straight line has to hold.
+The status of a calibration is that of its gravest finding. The guards follow from the model of
+Yu et al., J. NUDT 35(4), 2013, 161-165, eqs. (14) to (16): the slope of heading against rate has
+to stand out of its own scatter, the lean of the axis to the east out of its own, and the straight
+line has to hold.
 """
 
 from __future__ import annotations
@@ -14,6 +14,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from sinstool.core.earth import EARTH_RATE
+from sinstool.core.finding import Finding, Severity
 from sinstool.core.units import ARCSEC
 from sinstool.methods.hse.fit import MIN_RATE_SPAN
 from sinstool.methods.hse.fit_result import HseFit
@@ -25,10 +26,6 @@ STATUSES = ("error", "unobservable", "inconsistent_axial", "not_significant", "n
 APPLICABLE = ("nonlinear", "ok")
 """Statuses whose coefficient may be applied without being forced."""
 
-EXIT_OK = 0
-EXIT_USAGE = 2
-EXIT_INSUFFICIENT = 3
-
 MAX_LATITUDE = np.radians(85.0)
 WARN_LATITUDE = np.radians(75.0)
 SIGNIFICANT = 2.0
@@ -39,33 +36,8 @@ C23_SPREAD = 0.05
 
 
 @dataclass(frozen=True)
-class Finding:
-    """One thing that is wrong or doubtful.
-
-    Attributes
-    ----------
-    status : str
-        One of :data:`STATUSES`; ``ok`` for a remark that changes nothing.
-    message : str
-        What is the matter.
-    hint : str
-        What to do.
-    exit_code : int
-        Of a command that ends with this finding as its gravest.
-    """
-
-    status: str
-    message: str
-    hint: str = ""
-    exit_code: int = EXIT_OK
-
-    def __str__(self) -> str:
-        return f"{self.message}: {self.hint}" if self.hint else self.message
-
-
-@dataclass(frozen=True)
 class Judgement:
-    """What is to be thought of a calibration.
+    """How far a calibration may be used.
 
     Attributes
     ----------
@@ -78,12 +50,7 @@ class Judgement:
     @property
     def status(self) -> str:
         """One of :data:`STATUSES`."""
-        return self.findings[0].status if self.findings else "ok"
-
-    @property
-    def exit_code(self) -> int:
-        """0 usable, perhaps by force; 2 told wrongly; 3 the runs are not enough."""
-        return self.findings[0].exit_code if self.findings else EXIT_OK
+        return _status(self.findings[0]) if self.findings else "ok"
 
     @property
     def applicable(self) -> bool:
@@ -98,68 +65,35 @@ class Judgement:
 
 def judgement(findings: Sequence[Finding]) -> Judgement:
     """Order findings, the gravest first."""
-    return Judgement(tuple(sorted(findings, key=lambda one: STATUSES.index(one.status))))
+    return Judgement(tuple(sorted(findings, key=lambda one: STATUSES.index(_status(one)))))
 
 
-def no_whole_turn(source: str, turns: float, least: int) -> Finding:
-    """Finding for a log without a stretch of enough whole turns at constant rate.
-
-    Parameters
-    ----------
-    source : str
-        The log.
-    turns : float
-        In its longest stretch.
-    least : int
-        Wanted.
-    """
-    return Finding(
-        "error",
-        f"{source}: the longest stretch at constant rate has {turns:.1f} turns, {least} whole"
-        " ones are needed",
-        "record longer at one rate, or lower --min-turns or --settle",
-        EXIT_INSUFFICIENT,
-    )
+def _status(finding: Finding) -> str:
+    return finding.kind if finding.kind in STATUSES else "ok"
 
 
-def no_encoder(source: str, joint: str, found: Sequence[str]) -> Finding:
-    """Finding for a log that lacks the encoder's joint.
-
-    Parameters
-    ----------
-    source : str
-        The log.
-    joint : str
-        Name looked for.
-    found : sequence of str
-        Names that are there.
-    """
-    there = f"it has {', '.join(found)}" if found else "it has no JointState messages"
-    return Finding(
-        "error",
-        f"{source}: no encoder, joint {joint!r} is missing",
-        f"{there}; set [rig.encoder] joint",
-        EXIT_USAGE,
-    )
+def _finding(status: str, text: str, answer: str = "") -> Finding:
+    """A finding by the status it gives a calibration; ``ok`` for a remark that changes nothing."""
+    severity = Severity.WARNING if status in APPLICABLE else Severity.LOST
+    return Finding("remark" if status == "ok" else status, text, severity, answer)
 
 
 def _extent(result: HseFit) -> list[Finding]:
     """Are there the rates and the latitude to see a slope?"""
-    found = []
+    findings = []
     if abs(result.latitude) > MAX_LATITUDE:
-        found.append(
-            Finding(
+        findings.append(
+            _finding(
                 "error",
                 f"at latitude {np.degrees(result.latitude):.1f} deg the Earth's rate has next to"
                 " no horizontal part: heading cannot be had",
                 "calibrate below 85 deg, or take lambda2 from the rate along the axis"
                 f" ({_lambda2(result.axial.lambda2, result.axial.sigma_lambda2)})",
-                EXIT_INSUFFICIENT,
             )
         )
     elif abs(result.latitude) > WARN_LATITUDE:
-        found.append(
-            Finding(
+        findings.append(
+            _finding(
                 "ok",
                 f"at latitude {np.degrees(result.latitude):.1f} deg every error of heading is"
                 f" {1.0 / np.cos(result.latitude):.1f} times that at the equator",
@@ -167,25 +101,23 @@ def _extent(result: HseFit) -> list[Finding]:
         )
     if len(result.rates) < 2 or result.rate_span < MIN_RATE_SPAN:
         rates = ", ".join(f"{np.degrees(r):.2f}" for r in result.rates)
-        found.append(
-            Finding(
+        findings.append(
+            _finding(
                 "error",
                 f"the rates ({rates} deg/s) do not differ enough to tell a slope",
                 "record at two rates or more, 10 deg/s apart at least; 20, 40 and 60 deg/s in"
                 " both directions are good",
-                EXIT_INSUFFICIENT,
             )
         )
     elif result.K is None:
-        found.append(
-            Finding(
+        findings.append(
+            _finding(
                 "error",
                 "the runs do not determine the parameters of the fit",
                 "add runs, or leave out the drift",
-                EXIT_INSUFFICIENT,
             )
         )
-    return found
+    return findings
 
 
 def _lambda2(value: float, sigma: float | None) -> str:
@@ -203,14 +135,13 @@ def _unobservable(result: HseFit) -> list[Finding]:
     if result.observable or result.K is None or result.method == "axial":
         return []
     return [
-        Finding(
+        _finding(
             "unobservable",
             f"the axis leans to the east by {result.C23:.1e} rad only, less than"
             f" {max(MIN_C23, MIN_C23_SIGMAS * result.sigma_C23):.1e}: lambda2 does not show in"
             f" heading (slope {_slope(result)})",
             "tilt the base to the east or west by 5e-3 rad or more and repeat; by the rate along"
             f" the axis it is {_lambda2(result.axial.lambda2, result.axial.sigma_lambda2)}",
-            EXIT_INSUFFICIENT,
         )
     ]
 
@@ -263,7 +194,7 @@ def _inconsistent(result: HseFit) -> list[Finding]:
             " [rig.encoder] delay_s and imu_stamp, or repeat with the base turned by 180 deg"
         )
     # the axial value itself is free of delays
-    return [Finding("ok" if result.method == "axial" else "inconsistent_axial", message, hint)]
+    return [_finding("ok" if result.method == "axial" else "inconsistent_axial", message, hint)]
 
 
 def _insignificant(result: HseFit) -> list[Finding]:
@@ -271,7 +202,7 @@ def _insignificant(result: HseFit) -> list[Finding]:
         return []
     if result.sigma_K is None:
         return [
-            Finding(
+            _finding(
                 "not_significant",
                 "nothing tells the scatter of these few runs, so nothing is known of how good"
                 " lambda2 is",
@@ -285,7 +216,7 @@ def _insignificant(result: HseFit) -> list[Finding]:
         low, high = (v / ARCSEC for v in result.ci95_lambda2)
         interval = f', 95 % interval {low:.3f}" to {high:.3f}"'
     return [
-        Finding(
+        _finding(
             "not_significant",
             f"lambda2 {_lambda2(result.lambda2, result.sigma_lambda2)}{interval} does not stand"
             " out of its scatter: correcting with it may make headings worse",
@@ -304,10 +235,10 @@ def second_order(result: HseFit) -> float | None:
 
 
 def _nonlinear(result: HseFit) -> list[Finding]:
-    found = []
+    findings = []
     if result.p_lof is not None and result.p_lof < P_LACK_OF_FIT:
-        found.append(
-            Finding(
+        findings.append(
+            _finding(
                 "nonlinear",
                 f"heading is not linear in the rate (lack of fit: F = {result.F_lof:.1f},"
                 f" p = {result.p_lof:.4f})",
@@ -317,21 +248,21 @@ def _nonlinear(result: HseFit) -> list[Finding]:
         )
     beyond = second_order(result)
     if beyond is not None and beyond > SECOND_ORDER:
-        found.append(
-            Finding(
+        findings.append(
+            _finding(
                 "nonlinear",
                 f"with this lambda2, rate and tilt the linear model errs by {100 * beyond:.1f} %",
                 "calibrate the gyro's matrix again, or level the base better",
             )
         )
-    return found
+    return findings
 
 
 def _remarks(result: HseFit) -> list[Finding]:
-    found = []
+    findings = []
     if result.C23_spread > C23_SPREAD and result.observable:
-        found.append(
-            Finding(
+        findings.append(
+            _finding(
                 "ok",
                 f"at one position the lean of the axis varies by {100 * result.C23_spread:.0f} %",
                 "the base moves; each run is fitted with its own lean"
@@ -341,22 +272,22 @@ def _remarks(result: HseFit) -> list[Finding]:
         )
     tau, sigma = result.delay, result.sigma_delay
     if tau is not None and sigma is not None and abs(tau) > CONSISTENT * sigma:
-        found.append(
-            Finding(
+        findings.append(
+            _finding(
                 "ok",
                 f"the encoder is stale by {tau * 1e6:.1f} +- {sigma * 1e6:.1f} us",
                 "lambda2 is free of it, headings are not: add it to [rig.encoder] delay_s",
             )
         )
     if result.distribution == "turns":
-        found.append(
-            Finding(
+        findings.append(
+            _finding(
                 "ok",
                 "as many runs as parameters: the deviations are from the scatter of turns alone",
                 "add repeats",
             )
         )
-    return found
+    return findings
 
 
 def judge(result: HseFit) -> Judgement:
@@ -367,16 +298,16 @@ def judge(result: HseFit) -> Judgement:
     Judgement
         Remarks of the fit itself are among its findings as ``ok``.
     """
-    found = _extent(result)
-    if result.method == "axial" and found:
+    findings = _extent(result)
+    if result.method == "axial" and findings:
         # the rate along the axis needs neither slope nor horizontal Earth rate
-        found = [
-            Finding("ok", one.message, "this concerns the headings, not the axial value")
-            for one in found
+        findings = [
+            _finding("ok", one.text, "this concerns the headings, not the axial value")
+            for one in findings
         ]
-    if not any(one.status == "error" for one in found):
-        found += _unobservable(result) + _inconsistent(result) + _insignificant(result)
-        found += _nonlinear(result)
-    found += _remarks(result)
-    found += [Finding("ok", text) for text in result.warnings]
-    return judgement(found)
+    if not any(one.kind == "error" for one in findings):
+        findings += _unobservable(result) + _inconsistent(result) + _insignificant(result)
+        findings += _nonlinear(result)
+    findings += _remarks(result)
+    findings += [_finding("ok", text) for text in result.warnings]
+    return judgement(findings)

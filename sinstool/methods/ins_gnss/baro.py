@@ -266,12 +266,12 @@ def network_sample(
 
     nav[HEIGHT] += dh
     nav[V_DOWN] -= dw
-    known = par[P_K4] * v_up
+    k4_height = par[P_K4] * v_up
     if what == CORRECTED and channel[S_NOMINAL] < FAST_BARO and now > number[N_FROM]:
         for i in range(3):
             gain = channel[S_L1 + i]
             number[N_GAIN + i] += gain
-            number[N_KNOWN + i] += gain * known
+            number[N_KNOWN + i] += gain * k4_height
         number[N_GAINS] += 1.0
         return row
     close_substep(m, model, keep)
@@ -289,7 +289,7 @@ def network_sample(
         channel[S_L1],
         channel[S_L2],
         channel[S_L3],
-        known,
+        k4_height,
         par[P_BARO_WHITE],
         m.p,
         m.x,

@@ -119,9 +119,9 @@ class InsGnssFilter:
         store: bool = False,
     ) -> None:
         self.settings = settings
-        wanted = settings.kind
-        self.fell_back = wanted.needs_baro and not with_baro
-        self.kind: FilterKind = filter_kind(WITHOUT_BARO) if self.fell_back else wanted
+        kind = settings.kind
+        self.fell_back = kind.needs_baro and not with_baro
+        self.kind: FilterKind = filter_kind(WITHOUT_BARO) if self.fell_back else kind
         self.events: list[FilterEvent] = []
         self.channel_events: list[height_layout.Event] = []
         self._start_nav = start.nav.copy()
@@ -268,7 +268,7 @@ class InsGnssFilter:
         diagnoses = np.full((int(fixes.sum()), layout.DIAGNOSTICS), np.nan)
         out = np.empty((len(time_ns) if self._output else 0, layout.OUTPUT))
         counts = np.zeros(5, dtype=np.int64)
-        known = self._memory.channel[height_layout.S_EVENTS]
+        earlier = self._memory.channel[height_layout.S_EVENTS]
         self._memory.channel[height_layout.S_EVENTS] = 0.0
         run(
             self._memory,
@@ -291,7 +291,7 @@ class InsGnssFilter:
             out,
             counts,
         )
-        self._note(events[: counts[0]], channel_events, origin, known)
+        self._note(events[: counts[0]], channel_events, origin, earlier)
         gnss_out = _diagnostics(
             self._fix_ns[fixes][counts[4] : counts[1]], diagnoses[counts[4] : counts[1]]
         )
@@ -365,7 +365,7 @@ class InsGnssFilter:
         self._reason = self._reason[samples:]
 
     def _note(
-        self, events: FloatArray, channel_events: FloatArray, origin: int, known: float
+        self, events: FloatArray, channel_events: FloatArray, origin: int, earlier: float
     ) -> None:
         for kind, time, size in events.tolist():
             self.events.append(
@@ -373,7 +373,7 @@ class InsGnssFilter:
             )
         new = int(self._memory.channel[height_layout.S_EVENTS])
         self.channel_events += height_layout.read_events(channel_events[:new])
-        self._memory.channel[height_layout.S_EVENTS] = known + new
+        self._memory.channel[height_layout.S_EVENTS] = earlier + new
 
 
 def _seconds(time_ns: IntArray, origin: int) -> FloatArray:

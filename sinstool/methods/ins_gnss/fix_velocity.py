@@ -75,5 +75,5 @@ def with_velocities(gnss: GnssEpochs, sigma_m: float) -> GnssEpochs:
 def _half(seconds: np.ndarray, sigma_m: float) -> float:
     """Half of the window, s: of N fixes over T, velocity is good to sigma sqrt(12/N)/T."""
     usual = float(np.median(np.diff(seconds)))
-    wanted = 0.5 * np.cbrt(12.0 * sigma_m**2 * usual / WANTED**2)
-    return float(max(np.clip(wanted, SHORTEST_S, LONGEST_S), 0.5 * LEAST * usual))
+    half = 0.5 * np.cbrt(12.0 * sigma_m**2 * usual / WANTED**2)
+    return float(max(np.clip(half, SHORTEST_S, LONGEST_S), 0.5 * LEAST * usual))

@@ -83,15 +83,15 @@ def adapt(m: Memory, model: Model, rows: int) -> None:
         m.window[slot, i] = -1.0
     for k in range(rows):
         i = row_of(m, k)
-        given = m.r[k] / m.ratio[i]
+        nominal = m.r[k] / m.ratio[i]
         square = m.nu[k] * m.nu[k]
         m.window[slot, i] = square
         if par[P_ADAPTIVE] == 1.0:
-            found = (square - m.s[k, k]) / given
-            if found > par[P_MOST]:
+            ratio = (square - m.s[k, k]) / nominal
+            if ratio > par[P_MOST]:
                 m.ratio[i] = par[P_MOST]
             else:
-                m.ratio[i] += share * (max(found, par[P_LEAST]) - m.ratio[i])
+                m.ratio[i] += share * (max(ratio, par[P_LEAST]) - m.ratio[i])
         elif number[N_WINDOW] + 1.0 >= m.window.shape[0]:
             total = 0.0
             many = 0
@@ -99,9 +99,9 @@ def adapt(m: Memory, model: Model, rows: int) -> None:
                 if m.window[j, i] >= 0.0:
                     total += m.window[j, i]
                     many += 1
-            found = (total / many - m.s[k, k]) / given
-            m.ratio[i] = min(max(found, par[P_LEAST]), par[P_MOST])
-        m.r[k] = given * m.ratio[i]
+            ratio = (total / many - m.s[k, k]) / nominal
+            m.ratio[i] = min(max(ratio, par[P_LEAST]), par[P_MOST])
+        m.r[k] = nominal * m.ratio[i]
     number[N_WINDOW] += 1.0
 
 

@@ -134,7 +134,7 @@ def baro_correction(
     l1: float,
     l2: float,
     l3: float,
-    known: float,
+    offset: float,
     white: float,
     p: FloatArray,
     x: FloatArray,
@@ -152,7 +152,7 @@ def baro_correction(
     index : ndarray of int64
     l1, l2, l3 : float
         Gains: 1, 1/s, 1/s^2.
-    known : float
+    offset : float
         ``K4 v_up``, m.
     white : float
         Variance of the sample's white noise w, m^2.
@@ -184,7 +184,7 @@ def baro_correction(
     p[_VD, _D] = p[_D, _VD]
     p[a, _D] = p[_D, a]
     p[a, _VD] = p[_VD, a]
-    e = known - x[_D] - x[b]
+    e = offset - x[_D] - x[b]
     x[_D] += l1 * e
     x[_VD] += l2 * e
     x[a] += l3 * e

@@ -31,7 +31,8 @@ References
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -60,7 +61,7 @@ from sinstool.methods.ins_gnss.states import (
     VELOCITY,
     FilterKind,
 )
-from sinstool.methods.ins_gnss.storage import DEFAULT_LIMIT, Column, Storage
+from sinstool.methods.ins_gnss.storage import DEFAULT_LIMIT, Storage
 from sinstool.methods.strapdown.navigation import (
     HEIGHT,
     LATITUDE,
@@ -340,8 +341,7 @@ class Smoother:
     ) -> None:
         self._kind = kind
         self._storage = Storage(limit, folder)
-        self._epochs: dict[str, Column] = {}
-        self._updates: dict[str, Column] = {}
+        self._empty = True
 
     @property
     def spilled(self) -> bool:
@@ -358,14 +358,13 @@ class Smoother:
         """
         if block.updates is None or block.stored is None:
             raise ValueError("Expected a filter that gives outputs and stores epochs.")
-        self._add(self._updates, block.updates)
-        self._add(self._epochs, block.stored)
+        for part in (block.updates, block.stored):
+            for name, values in vars(part).items():
+                self._storage.append(f"{type(part).__name__}.{name}", values)
+        self._empty = False
 
-    def _add(self, columns: dict[str, Column], block: UpdateColumns | StoredEpochs) -> None:
-        for name, values in vars(block).items():
-            if name not in columns:
-                columns[name] = self._storage.column(values.shape[1:], values.dtype)
-            columns[name].append(values)
+    def _columns(self, kind: type[UpdateColumns] | type[StoredEpochs]) -> dict[str, Any]:
+        return {f.name: self._storage.array(f"{kind.__name__}.{f.name}") for f in fields(kind)}
 
     def epochs(self) -> SmoothedEpochs:
         """Smooth; once only, as the covariances stored are written over.
@@ -380,10 +379,10 @@ class Smoother:
         ValueError
             If there is nothing to smooth.
         """
-        if not self._epochs:
+        if self._empty:
             raise ValueError("There is nothing to smooth: the filter gave no block.")
-        stored = StoredEpochs(**{name: c.array() for name, c in self._epochs.items()})
-        first = int(self._updates["time_ns"].array()[0])
+        stored = StoredEpochs(**self._columns(StoredEpochs))
+        first = int(self._columns(UpdateColumns)["time_ns"][0])
         return smooth_epochs(stored, self._kind, first, in_place=True)
 
     def blocks(self, smoothed: SmoothedEpochs, rows: int = 16384) -> Iterator[UpdateColumns]:
@@ -400,7 +399,7 @@ class Smoother:
         ------
         UpdateColumns
         """
-        columns = {name: c.array() for name, c in self._updates.items()}
+        columns = self._columns(UpdateColumns)
         for first in range(0, len(columns["time_ns"]), rows):
             part = {name: np.array(c[first : first + rows]) for name, c in columns.items()}
             yield smooth_updates(UpdateColumns(**part), first, smoothed)

@@ -202,17 +202,17 @@ def find_start(imu: ImuIncrements, gnss: GnssEpochs, settings: Settings) -> Begi
     if answer.errors is not None and np.max(answer.errors.sigma["gyro_bias"]) < sigma:
         bias = bias + answer.errors.gyro_bias
         sigma = float(np.max(answer.errors.sigma["gyro_bias"]))
-    found = int(np.searchsorted(imu.time_ns, answer.t_ns))
+    solved = int(np.searchsorted(imu.time_ns, answer.t_ns))
     usual = float(np.median(interval))
-    away = abs(float(imu.time_ns[found] - imu.time_ns[row])) * 1e-9
-    far = np.any(interval[row + 1 : found + 1] > _GAP * usual) or sigma * away > _FAR
-    if far and found > row:
-        row, away = found, 0.0
+    away = abs(float(imu.time_ns[solved] - imu.time_ns[row])) * 1e-9
+    far = np.any(interval[row + 1 : solved + 1] > _GAP * usual) or sigma * away > _FAR
+    if far and solved > row:
+        row, away = solved, 0.0
     time_ns = int(imu.time_ns[row])
-    part = slice(min(row, found) + 1, max(row, found) + 1)
+    part = slice(min(row, solved) + 1, max(row, solved) + 1)
     theta = imu.delta_theta[part] - bias * interval[part, None]
     latitude = float(usable.latitude[0])
-    if found >= row:
+    if solved >= row:
         q_nb = carried_back(answer.q_nb, theta, interval[part], latitude)
     else:  # the stretch began before the first fix
         carrier = AttitudePropagator(answer.q_nb, earth.earth_rate_n(latitude))
@@ -273,16 +273,16 @@ def _joined(gnss: GnssEpochs) -> GnssEpochs:
     if not len(placed) or not alone.any():
         return rows.rows(~alone)
     t = (rows.time_ns - placed.time_ns[0]) * 1e-9
-    known = (placed.time_ns - placed.time_ns[0]) * 1e-9
-    near = np.clip(np.searchsorted(known, t), 0, len(known) - 1)
-    away = np.minimum(np.abs(known[near] - t), np.abs(known[np.maximum(near - 1, 0)] - t))
-    longitude = np.interp(t, known, np.unwrap(placed.longitude))
+    placed_s = (placed.time_ns - placed.time_ns[0]) * 1e-9
+    near = np.clip(np.searchsorted(placed_s, t), 0, len(placed_s) - 1)
+    away = np.minimum(np.abs(placed_s[near] - t), np.abs(placed_s[np.maximum(near - 1, 0)] - t))
+    longitude = np.interp(t, placed_s, np.unwrap(placed.longitude))
     longitude = wrapped(longitude)
     joined = replace(
         rows,
-        latitude=np.where(alone, np.interp(t, known, placed.latitude), rows.latitude),
+        latitude=np.where(alone, np.interp(t, placed_s, placed.latitude), rows.latitude),
         longitude=np.where(alone, longitude, rows.longitude),
-        height=np.where(alone, np.interp(t, known, placed.height), rows.height),
+        height=np.where(alone, np.interp(t, placed_s, placed.height), rows.height),
         sigma_position_n=np.where(
             alone[:, None], placed.sigma_position_n[near], rows.sigma_position_n
         ),

@@ -123,8 +123,8 @@ class FilterKind:
         block : int
             POSITION, ..., GNSS_VELOCITY.
         """
-        found = np.flatnonzero(self.states == block)
-        return int(found[0]) if len(found) else -1
+        places = np.flatnonzero(self.states == block)
+        return int(places[0]) if len(places) else -1
 
     @property
     def index(self) -> IntArray:

@@ -92,10 +92,10 @@ class Withheld:
 
     def _joined(self, solution: Solution) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
         parts = [solution] if self._last is None else [self._last, solution]
-        found = []
+        columns = []
         for name in ("time_ns", "position", "q_nb", "covariance_position_n"):
-            found.append(np.concatenate([getattr(part, name) for part in parts]))
-        return found[0], found[1], found[2], found[3]
+            columns.append(np.concatenate([getattr(part, name) for part in parts]))
+        return columns[0], columns[1], columns[2], columns[3]
 
     def score(self) -> WithheldScore | None:
         """By outage: when, how long, the largest errors, and how many sigmas they were.

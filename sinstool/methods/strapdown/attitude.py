@@ -136,7 +136,7 @@ def _propagate_kernel(
     ox = omega[0]
     oy = omega[1]
     oz = omega[2]
-    known = -1.0  # the interval that exp(-omega_in_n dt) belongs to: most are equal
+    computed = -1.0  # the interval that exp(-omega_in_n dt) belongs to: most are equal
     ec = 1.0
     ex = 0.0
     ey = 0.0
@@ -152,12 +152,12 @@ def _propagate_kernel(
         w, x, y, z = product(w, x, y, z, c, px, py, pz)
         if rotating:
             t = dt[k]
-            if t != known:
+            if t != computed:
                 ec, s = _half_angle_terms((ox * ox + oy * oy + oz * oz) * (t * t))
                 ex = -ox * t * s
                 ey = -oy * t * s
                 ez = -oz * t * s
-                known = t
+                computed = t
             w, x, y, z = product(ec, ex, ey, ez, w, x, y, z)
         scale = unit_factor(w * w + x * x + y * y + z * z)
         w *= scale

@@ -7,7 +7,7 @@ and writes the calibration; what it returns is what a summary and a page need.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import replace
 from datetime import UTC, datetime
 from pathlib import Path
 
@@ -20,6 +20,7 @@ from sinstool.config import CalibrationOptions, ProcessConfig
 from sinstool.core import version
 from sinstool.core.choices import log_choice
 from sinstool.core.errors import AlignmentError, ConfigurationError, SinstoolError
+from sinstool.core.finding import Finding, Severity
 from sinstool.core.progress import share
 from sinstool.core.rotation import wrapped
 from sinstool.core.units import DEGREE
@@ -27,88 +28,22 @@ from sinstool.core.whole_file import check_output, write_whole
 from sinstool.io.readers import open_log
 from sinstool.io.readers.log import path_size
 from sinstool.io.readers.lost import Lost
-from sinstool.methods.hse.calibration_file import HseCalibration, dumps, from_fit
+from sinstool.methods.hse.calibration import HseCalibration, from_fit
 from sinstool.methods.hse.correction import correct_heading
 from sinstool.methods.hse.fit import fit
 from sinstool.methods.hse.fit_result import FitOptions, HseFit
 from sinstool.methods.hse.rig import Rig, from_table
 from sinstool.methods.hse.run import HseRun
 from sinstool.methods.hse.segments import SegmentRules
-from sinstool.methods.hse.status import EXIT_INSUFFICIENT, Judgement, judge
+from sinstool.methods.hse.status import judge
 from sinstool.methods.hse.table import ValidationTable, validation_table
 from sinstool.methods.hse.whole_turn import run_from_turns
+from sinstool.pipelines.calibrate_hse.calibration_file import dumps
+from sinstool.pipelines.calibrate_hse.result import Calibration, PositionSpread
 from sinstool.survey.rig import RigTurns, find_turns, nothing_to_use, read_rig_log
 
 Progress = Callable[[float], None]
 FloatArray = NDArray[np.float64]
-
-
-@dataclass(frozen=True)
-class PositionSpread:
-    """Headings of the runs in use at one position, less the mean corrected one.
-
-    This needs no azimuth from outside, and cannot show what is wrong with the position as a
-    whole.
-
-    Attributes
-    ----------
-    position : int
-        Number in the fit.
-    heading : float
-        Mean corrected heading, rad, in [0, 2 pi).
-    before, after : ndarray, shape (n,)
-        rad.
-    """
-
-    position: int
-    heading: float
-    ids: tuple[str, ...]
-    before: FloatArray
-    after: FloatArray
-
-    @property
-    def peak_to_peak(self) -> tuple[float, float]:
-        """Before and after correction, rad."""
-        return float(np.ptp(self.before)), float(np.ptp(self.after))
-
-
-@dataclass(frozen=True)
-class Calibration:
-    """What a calibration found.
-
-    Attributes
-    ----------
-    logs : tuple of RigTurns
-        Of each log that could be used.
-    kept : HseCalibration
-        As written.
-    table : ValidationTable or None
-        Headings before and after correction against the azimuths that were given; None where
-        none were, or there is no coefficient.
-    spread : tuple of PositionSpread
-        Headings before and after correction within each position; empty without a coefficient.
-    lost : bool
-        Parts of a log or single messages could not be read.
-    warnings : tuple of str
-        Beside those of the judgement.
-    """
-
-    rig: Rig
-    logs: tuple[RigTurns, ...]
-    runs: tuple[HseRun, ...]
-    fit: HseFit
-    judgement: Judgement
-    kept: HseCalibration
-    table: ValidationTable | None
-    spread: tuple[PositionSpread, ...]
-    lost: bool
-    warnings: tuple[str, ...]
-
-    @property
-    def exit_code(self) -> int:
-        """0 done; 3 done, but something was lost, or the coefficient is not to be applied."""
-        withheld = self.lost or not self.judgement.applicable
-        return self.judgement.exit_code or (EXIT_INSUFFICIENT if withheld else 0)
 
 
 def rig_of(config: ProcessConfig) -> Rig:
@@ -169,8 +104,8 @@ def calibrate(
     if output is not None:
         check_output(output, list(paths), config.output.overwrite)
     options = config.calibration
-    logs, warnings, lost = read_logs(paths, rig, config, progress, workers)
-    shown = azimuths(options, [log.source for log in logs])
+    logs, findings = read_logs(paths, rig, config, progress, workers)
+    stand = azimuths(options, [log.source for log in logs])
     runs = align_runs(logs, rig, options)
     unknown = sorted(set(options.exclude) - {run.id for run in runs})
     if unknown:
@@ -184,29 +119,28 @@ def calibrate(
     judged = judge(result)
     created = datetime.now(UTC).isoformat(timespec="seconds")
     tool = f"sinstool {version.VERSION}"
-    kept = from_fit(result, judged, created, tool, rig.sha256())
-    table, spread = _headings(runs, result, kept, shown)
+    file = from_fit(result, judged, created, tool, rig.sha256())
+    table, spread = _headings(runs, result, file, stand)
     if output is not None:
-        write_whole(output, dumps(kept))
+        write_whole(output, dumps(file))
+    remarks = (Finding("rig", text) for text in rig.remarks())
     return Calibration(
         rig,
         tuple(logs),
         tuple(runs),
         result,
-        judged,
-        kept,
+        file,
         table,
         spread,
-        lost,
-        (*rig.remarks(), *warnings),
+        (*remarks, *findings, *judged.findings),
     )
 
 
-def _method_why(wanted: str, used: str, runs: int) -> str:
+def _method_why(option: str, used: str, runs: int) -> str:
     """Which method the coefficient came from."""
-    if wanted == used:
-        return f"{used}, as told" if wanted != "joint" else f"{used}, over {runs} runs"
-    return f"{used}, as the runs do not determine {wanted}"
+    if option == used:
+        return f"{used}, as told" if option != "joint" else f"{used}, over {runs} runs"
+    return f"{used}, as the runs do not determine {option}"
 
 
 def read_logs(
@@ -215,43 +149,36 @@ def read_logs(
     config: ProcessConfig,
     progress: Progress | None,
     workers: Workers | None = None,
-) -> tuple[list[RigTurns], list[str], bool]:
-    """Turns of every log; logs without any are told, unless all are.
-
-    Returns
-    -------
-    logs : list of RigTurns
-    warnings : list of str
-    lost : bool
-        Something could not be read.
+) -> tuple[list[RigTurns], list[Finding]]:
+    """Turns of every log; a log without any is a finding, unless all are without.
 
     Raises
     ------
     SinstoolError
     """
-    known = [path.resolve() for path in paths]
+    resolved = [path.resolve() for path in paths]
     for path in paths:
-        if known.count(path.resolve()) > 1:
+        if resolved.count(path.resolve()) > 1:
             raise ConfigurationError(f"{path} is given twice", "give every log once")
     rules = segment_rules(config.calibration)
     logs: list[RigTurns] = []
-    warnings: list[str] = []
+    findings: list[Finding] = []
     empty: list[SinstoolError] = []
     names = _names(paths)
-    lost = False
     arguments = [(path, names[path], rig, config) for path in paths]
-    for path, (found, parts) in zip(paths, _each(arguments, progress, workers), strict=True):
-        warnings += [f"{path}: lost: {part}" for part in parts]
-        lost = lost or bool(parts) or found.damaged
-        warnings += [f"{path}: {count} messages of {what}" for what, count in found.counts.items()]
-        if found.turns:
-            logs.append(found)
+    for path, (turns, parts) in zip(paths, _each(arguments, progress, workers), strict=True):
+        findings += [Finding("lost-part", f"{path}: lost: {part}", Severity.LOST) for part in parts]
+        findings += [replace(one, text=f"{path}: {one.text}") for one in turns.findings]
+        if turns.turns:
+            logs.append(turns)
         else:
-            empty.append(nothing_to_use(found, path, rules))
+            empty.append(nothing_to_use(turns, path, rules))
     if not logs:
         raise empty[0]
-    warnings += [f"left out: {exc}" for exc in empty]
-    return logs, warnings, lost
+    findings += [
+        Finding("log-left-out", f"left out: {error.message}", answer=error.hint) for error in empty
+    ]
+    return logs, findings
 
 
 def _names(paths: Sequence[Path]) -> dict[Path, str]:
@@ -265,18 +192,18 @@ def _each(
     progress: Progress | None,
     workers: Workers | None,
 ) -> Iterator[tuple[RigTurns, list[Lost]]]:
-    """What :func:`read_turns` finds in each log, here or by workers, in the order of the logs."""
+    """:func:`read_turns` of each log, here or by workers, in the order of the logs."""
     count = len(arguments)
     if workers is None:
-        for number, told in enumerate(arguments):
-            yield read_turns(*told, _part(progress, number, count))
+        for number, one in enumerate(arguments):
+            yield read_turns(*one, _part(progress, number, count))
         return
     jobs = [
         # workers may stand elsewhere
         Job(
-            str(path), read_turns, (path.absolute(), *told), path_size(path) if path.exists() else 0
+            str(path), read_turns, (path.absolute(), *rest), path_size(path) if path.exists() else 0
         )
-        for path, *told in arguments
+        for path, *rest in arguments
     ]
     yield from results(jobs, workers, progress)
 
@@ -342,14 +269,14 @@ def fit_options(options: CalibrationOptions) -> FitOptions:
 
 
 def azimuths(options: CalibrationOptions, sources: Sequence[str]) -> dict[str, float]:
-    """Azimuths that were given, rad, by log.
+    """Azimuths of the stand, rad, by log.
 
     Raises
     ------
     ConfigurationError
         One is not NAME=DEGREES, or of no log.
     """
-    found: dict[str, float] = {}
+    azimuth: dict[str, float] = {}
     for text in options.azimuth:
         name, sign, value = text.rpartition("=")
         try:
@@ -362,15 +289,15 @@ def azimuths(options: CalibrationOptions, sources: Sequence[str]) -> dict[str, f
             raise ConfigurationError(
                 f"--azimuth {text}: no log is called {name}", f"logs are {', '.join(sources)}"
             )
-        found[name] = float(np.radians(degrees))
-    return found
+        azimuth[name] = float(np.radians(degrees))
+    return azimuth
 
 
 def _headings(
-    runs: Sequence[HseRun], result: HseFit, kept: HseCalibration, shown: dict[str, float]
+    runs: Sequence[HseRun], result: HseFit, file: HseCalibration, stand: dict[str, float]
 ) -> tuple[ValidationTable | None, tuple[PositionSpread, ...]]:
     """Headings before and after correction: against azimuths, and within positions."""
-    if kept.lambda2_rad is None:
+    if file.lambda2_rad is None:
         return None, ()
     chosen = [
         (run, fitted.position)
@@ -380,7 +307,7 @@ def _headings(
     used = [run for run, _ in chosen]
     before = np.array([run.heading for run in used])
     after = correct_heading(
-        kept,
+        file,
         before,
         np.array([run.sigma_heading for run in used]),
         np.array([run.rate for run in used]),
@@ -402,10 +329,10 @@ def _headings(
                 wrapped(after[here] - middle),
             )
         )
-    known = [i for i, run in enumerate(used) if run.source in shown]
+    placed = [i for i, run in enumerate(used) if run.source in stand]
     table = None
-    if known:
-        azimuth = np.array([shown[used[i].source] for i in known])
-        names = [used[i].id for i in known]
-        table = validation_table(azimuth, before[known], after[known], names)
+    if placed:
+        azimuth = np.array([stand[used[i].source] for i in placed])
+        names = [used[i].id for i in placed]
+        table = validation_table(azimuth, before[placed], after[placed], names)
     return table, tuple(spread)

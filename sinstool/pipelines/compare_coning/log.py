@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from sinstool.config import ProcessConfig
+from sinstool.config import ComparisonOptions, ConingOptions, ProcessConfig
 from sinstool.core.choices import log_choice
 from sinstool.core.errors import DataError
 from sinstool.core.timeline import SECOND, segments
@@ -23,12 +23,14 @@ from sinstool.methods.coning.algorithm import of_rates
 from sinstool.methods.coning.sp_tuning import SpBounds, SpTuning, bounds, tune
 from sinstool.methods.coning.spectrum import ConingSpectrum, coning_spectrum
 from sinstool.pipelines.compare_coning.compare import (
+    DEFAULT_ALGORITHMS,
     JUDGES,
     REFERENCE,
     Comparison,
     Settings,
     compare,
 )
+from sinstool.pipelines.compare_coning.divergence import DEG_H
 from sinstool.pipelines.compare_coning.runs import Attitudes, Segment
 from sinstool.survey.source import Source, prepare, rate_blocks
 
@@ -93,77 +95,59 @@ class LogComparison:
 
 
 def compare_log(
-    path: Path,
-    config: ProcessConfig,
-    settings: Settings,
-    *,
-    passband: float | None = None,
-    stopband: float | None = None,
-    gyro_response: str | None = None,
-    sp_preset: str = "best",
-    truth: str | None = None,
-    progress: Callable[[float], None] | None = None,
+    path: Path, config: ProcessConfig, progress: Callable[[float], None] | None = None
 ) -> LogComparison:
     """Compare coning algorithms on a log.
 
     Parameters
     ----------
     config : ProcessConfig
-        Topic, axes and units, as for `process`.
-    passband, stopband : float, optional
-        Hz; up to which coning is motion, and from which it is noise.
-    gyro_response : str, optional
-        For ``gyro-tuned``, see :func:`sinstool.methods.coning.gyro_response.gyro_response`.
-    sp_preset : {'best', 'paper', 'auto'}
-        Of the candidate ``singular-perturbation``.
-    truth : str, optional
-        A topic of the log or a CSV file with the true attitude, to be the reference.
+        Groups ``input`` and ``comparison``; of ``coning`` the bands, the gyro's response and the
+        preset of ``singular-perturbation``.
     progress : callable, optional
         Called with the fraction done.
-
-    Returns
-    -------
-    LogComparison
 
     Raises
     ------
     SinstoolError
     """
-    log = _read(path, config, truth)
+    options, bands = config.comparison, config.coning
+    log = _read(path, config)
     kind = of_rates(config.input.gyro_kind)
     interval = log.interval
-    log_choice("algorithms", ", ".join(settings.algorithms))
-    log_choice("reference", _reference(settings, truth))
+    algorithms = options.algorithms or DEFAULT_ALGORITHMS
+    log_choice("algorithms", ", ".join(algorithms))
+    log_choice("reference", _reference(options))
     log_choice(
         "stretches",
         f"{len(log.stretches)} without a gap, gyro samples taken as {config.input.gyro_kind}",
     )
-    _check_bands(path, passband, stopband, interval)
+    _check_bands(path, bands, interval)
     longest = max(log.stretches, key=len).gyro
     long_enough = len(longest) >= MIN_SPECTRUM
-    tuning = tune(longest, interval, kind, passband=passband) if long_enough else None
+    tuning = tune(longest, interval, kind, passband=bands.passband) if long_enough else None
     limits = bounds(longest, interval, kind) if long_enough else None
-    options: dict[str, dict[str, Any]] = dict(settings.options)
-    if SP in settings.algorithms:
-        options[SP] = _sp_options(sp_preset, tuning)
-    if TUNED in settings.algorithms:
-        given = {"passband": passband, "stopband": stopband, "gyro_response": gyro_response}
-        options[TUNED] = {k: v for k, v in given.items() if v is not None} | {"interval": interval}
+    settings = Settings(
+        algorithms,
+        options.reference,
+        options.decimate,
+        options.window,
+        options.tolerance / DEG_H,
+        _algorithm_options(bands, tuning, interval),
+    )
     try:
-        found = compare(
-            log.stretches, kind, interval, replace(settings, options=options), log.truth, progress
-        )
+        comparison = compare(log.stretches, kind, interval, settings, log.truth, progress)
     except ValueError as exc:
         raise DataError(path, str(exc), "choose a longer span with --start and --end") from exc
     if limits is not None and limits.status == "noise-limited":
-        told = found.verdict
-        text = f"{told.text}. Most of the log is little but noise: of motion it tells nothing"
-        found = replace(found, verdict=replace(told, text=text))
-    warnings = [*log.warnings, *found.warnings]
-    if found.duration_s < settings.window_s:
+        verdict = comparison.verdict
+        text = f"{verdict.text}. Most of the log is little but noise: of motion it tells nothing"
+        comparison = replace(comparison, verdict=replace(verdict, text=text))
+    warnings = [*log.warnings, *comparison.warnings]
+    if comparison.duration_s < options.window:
         warnings.append(
-            f"the log holds {found.duration_s:.3g} s, less than a window of"
-            f" {settings.window_s:g} s: drift is that of its own length"
+            f"the log holds {comparison.duration_s:.3g} s, less than a window of"
+            f" {options.window:g} s: drift is that of its own length"
         )
     if not long_enough:
         warnings.append(
@@ -174,7 +158,7 @@ def compare_log(
             f"the spectrum, and so the prediction, is of the longest stretch"
             f" ({len(longest) * interval:.4g} s) only"
         )
-    if stopband is None:
+    if bands.stopband is None:
         warnings.append("no --stopband is given, so pseudo-coning is not told from coning")
     warnings.append(
         f"content above half the sampling rate ({0.5 / interval:.4g} Hz) is unobservable in this"
@@ -183,26 +167,26 @@ def compare_log(
     return LogComparison(
         path,
         log.topic,
-        found,
+        comparison,
         coning_spectrum(longest, interval, kind) if long_enough else None,
-        passband,
-        stopband,
+        bands.passband,
+        bands.stopband,
         tuning,
         limits,
-        log.where,
+        log.truth_source,
         log.checks,
         tuple(warnings),
         log.lost,
     )
 
 
-def _reference(settings: Settings, truth: str | None) -> str:
+def _reference(options: ComparisonOptions) -> str:
     """What drift is measured from, and why."""
-    if truth is not None:
-        return f"{truth}, as told"
-    if settings.reference == "auto":
+    if options.truth is not None:
+        return f"{options.truth}, as told"
+    if options.reference == "auto":
         return f"{REFERENCE}, as there is no --truth; {' and '.join(JUDGES)} judge it"
-    return f"{settings.reference}, as told"
+    return f"{options.reference}, as told"
 
 
 @dataclass(frozen=True)
@@ -213,24 +197,25 @@ class _Read:
     stretches: list[Segment]
     interval: float
     truth: list[Attitudes] | None
-    where: str
+    truth_source: str
     checks: Checks
     warnings: tuple[str, ...]
     lost: tuple[str, ...]
 
 
-def _read(path: Path, config: ProcessConfig, truth: str | None) -> _Read:
+def _read(path: Path, config: ProcessConfig) -> _Read:
+    topic_or_file = config.comparison.truth
     with open_log(path, config.input.salvage) as log:
         source = prepare(log, config, gyro_only=True)
         stretches, interval = gyro_segments(source, config)
-        true, where = None, ""
-        if truth is not None:
-            times, q_nb, where = read_truth(log, truth, config.input.body_axes)
-            true = [truth_at(times, q_nb, stretch) for stretch in stretches]
-            if max(len(t.sample) for t in true) < 2:
+        truth, truth_source = None, ""
+        if topic_or_file is not None:
+            times, q_nb, truth_source = read_truth(log, topic_or_file, config.input.body_axes)
+            truth = [truth_at(times, q_nb, stretch) for stretch in stretches]
+            if max(len(t.sample) for t in truth) < 2:
                 raise DataError(
                     path,
-                    f"--truth {truth} has no two instants within the samples of"
+                    f"--truth {topic_or_file} has no two instants within the samples of"
                     f" {source.imu_topic.topic}",
                     "its times have to be in the clock of the Imu's header stamps",
                 )
@@ -248,8 +233,8 @@ def _read(path: Path, config: ProcessConfig, truth: str | None) -> _Read:
             source.imu_topic.topic,
             stretches,
             interval,
-            true,
-            where,
+            truth,
+            truth_source,
             checks,
             tuple(map(str, source.findings)),
             tuple(map(str, log.lost)),
@@ -265,13 +250,13 @@ def gyro_segments(source: Source, config: ProcessConfig) -> tuple[list[Segment],
         Increments have become mean rates.
     float
     """
-    found = source.survey
+    survey = source.survey
     rate = config.input.imu_rate
-    nominal = found.interval_ns if rate is None else SECOND / rate
-    blocks = rate_blocks(source, config, found.first_ns, nominal)
+    nominal = survey.interval_ns if rate is None else SECOND / rate
+    blocks = rate_blocks(source, config, survey.first_ns, nominal)
     times: list[list[np.ndarray]] = []
     gyro: list[list[np.ndarray]] = []
-    for piece in segments(blocks, found.max_gap_ns):
+    for piece in segments(blocks, survey.max_gap_ns):
         if piece.starts:
             times.append([])
             gyro.append([])
@@ -286,25 +271,32 @@ def gyro_segments(source: Source, config: ProcessConfig) -> tuple[list[Segment],
     return stretches, nominal / SECOND
 
 
-def _check_bands(
-    path: Path, passband: float | None, stopband: float | None, interval: float
-) -> None:
+def _check_bands(path: Path, bands: ConingOptions, interval: float) -> None:
     half = 0.5 / interval
-    for flag, band in (("--passband", passband), ("--stopband", stopband)):
-        if band is not None and not 0.0 < band < half:
+    for flag, band in (("--passband", bands.passband), ("--stopband", bands.stopband)):
+        if band is not None and not band < half:
             raise DataError(
                 path,
                 f"{flag} {band:g} Hz is not between 0 and half the sampling rate ({half:.4g} Hz)",
                 "choose another",
             )
-    if passband is not None and stopband is not None and stopband <= passband:
+    low, high = bands.passband, bands.stopband
+    if low is not None and high is not None and high <= low:
         raise DataError(path, "--stopband is not above --passband", "choose another")
 
 
-def _sp_options(preset: str, tuning: SpTuning | None) -> dict[str, Any]:
+def _algorithm_options(
+    coning: ConingOptions, tuning: SpTuning | None, interval: float
+) -> dict[str, dict[str, Any]]:
+    """Options of the algorithms that take any."""
+    preset = coning.sp_preset or "best"
     if preset == "auto" and tuning is not None:
-        return dict(tuning.options())
-    return {"preset": "best" if preset == "auto" else preset}
+        sp = dict(tuning.options())
+    else:
+        sp = {"preset": "best" if preset == "auto" else preset}
+    response = {name: getattr(coning, name) for name in ("passband", "stopband", "gyro_response")}
+    tuned = {name: value for name, value in response.items() if value is not None}
+    return {SP: sp, TUNED: tuned | {"interval": interval}}
 
 
 def truth_at(time_ns: np.ndarray, q_nb: np.ndarray, segment: Segment) -> Attitudes:

@@ -11,7 +11,7 @@ from sinstool.core.earth import horizontal_metres
 from sinstool.core.errors import TopicError
 from sinstool.core.rotation import conjugate, log, multiply, wrapped
 from sinstool.core.streams import Solution
-from sinstool.core.timeline import SECOND, whole
+from sinstool.core.timeline import SECOND, sorted_stream
 from sinstool.core.units import DEGREE
 from sinstool.io.readers.log import Channel, Log
 from sinstool.io.readers.message_types import FIX_TYPE, VELOCITY_TYPES
@@ -87,7 +87,7 @@ def read_references(log_: Log, names: tuple[str, ...], body_axes: str) -> Truth:
 
 
 def _fixes(log_: Log, channels: tuple[Channel, ...]) -> tuple[np.ndarray, np.ndarray]:
-    found = whole(read_fixes(log_, channels, Losses()))
+    found = sorted_stream(read_fixes(log_, channels, Losses()))
     if found is None:
         return np.empty(0, np.int64), np.empty((0, 3))
     fixes = found.stream
@@ -97,7 +97,7 @@ def _fixes(log_: Log, channels: tuple[Channel, ...]) -> tuple[np.ndarray, np.nda
 
 
 def _velocity(log_: Log, channels: tuple[Channel, ...]) -> tuple[np.ndarray, np.ndarray]:
-    found = whole(read_velocity(log_, channels, Losses()))
+    found = sorted_stream(read_velocity(log_, channels, Losses()))
     if found is None:
         return np.empty(0, np.int64), np.empty((0, 3))
     return found.stream.time_ns, found.stream.velocity_n

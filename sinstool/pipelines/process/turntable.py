@@ -23,7 +23,7 @@ from sinstool.io.readers.log import Log
 from sinstool.io.readers.streams import frame_id
 from sinstool.io.readers.topics import choose_imu
 from sinstool.io.writers.topics import Frames
-from sinstool.methods.hse.calibration_file import HseCalibration, loads, require_config
+from sinstool.methods.hse.calibration import HseCalibration, require_config
 from sinstool.methods.hse.correction import (
     CorrectedHeading,
     correct_heading,
@@ -38,6 +38,7 @@ from sinstool.methods.hse.whole_turn import (
     WholeTurnAlignment,
     align_whole_turns,
 )
+from sinstool.pipelines.calibrate_hse.calibration_file import loads
 from sinstool.pipelines.calibrate_hse.run import rig_of, segment_rules
 from sinstool.pipelines.plan import Plan, turntable_plan
 from sinstool.pipelines.process.mode import warned
@@ -129,18 +130,11 @@ def process_turntable(
 
 def _findings(samples: RigLog, hse: HseCorrection, lost: Lost) -> list[Finding]:
     """What was left out of the log, and a calibration that shows nothing."""
-    findings = [
-        Finding("left-out", f"{count} messages of {what}", _severity(what))
-        for what, count in samples.counts.items()
-    ]
+    findings = list(samples.findings)
     if hse.status != "ok":
         text = f"the calibration is {hse.status}"
         findings.append(Finding("calibration", text, Severity.LOST))
     return [*findings, *lost.findings()]
-
-
-def _severity(what: str) -> Severity:
-    return Severity.LOST if what.endswith(("malformed", "not finite")) else Severity.WARNING
 
 
 def plan_turntable(log: Log, config: ProcessConfig) -> Plan:
@@ -316,11 +310,9 @@ def _imu(samples: RigLog) -> ImuTime:
     steps = np.diff(samples.imu.time_ns)
     interval = float(np.median(steps)) if len(steps) else 0.0
     gaps = steps[steps > 3.0 * interval]
-    counts, topic = samples.counts, samples.topic.topic
-    repeated = counts.get(f"{topic} repeated stamps", 0)
-    unusable = counts.get(f"{topic} malformed", 0) + counts.get(f"{topic} not finite", 0)
+    counts = samples.imu_counts
     return ImuTime(
-        topic=topic,
+        topic=counts.topic,
         n=len(samples.imu),
         rate_hz=1e9 / interval if interval else 0.0,
         first_ns=samples.start_ns,
@@ -328,9 +320,9 @@ def _imu(samples: RigLog) -> ImuTime:
         time_source="stamp",
         gaps=len(gaps),
         gap_total_s=float(gaps.sum()) * 1e-9,
-        duplicates=repeated,
-        backward=counts.get(f"{topic} out of order", 0),
-        dropped=repeated + unusable,
+        duplicates=counts.repeated,
+        backward=counts.backward,
+        dropped=counts.repeated + counts.malformed + counts.not_finite,
     )
 
 
@@ -395,10 +387,10 @@ def _arcsec(angle: float | None) -> float | None:
 
 
 def _lost(log: Log, samples: RigLog) -> Lost:
-    topic = samples.topic.topic
+    counts = samples.imu_counts
     return Lost(
         **vars(log.account()),
-        malformed=samples.counts.get(f"{topic} malformed", 0),
-        not_finite=samples.counts.get(f"{topic} not finite", 0),
+        malformed=counts.malformed,
+        not_finite=counts.not_finite,
         late=0,
     )

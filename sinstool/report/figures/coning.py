@@ -11,11 +11,14 @@ from sinstool.pipelines.compare_coning.compare import SELF_CHECK
 from sinstool.pipelines.compare_coning.divergence import DEG_H
 from sinstool.pipelines.compare_coning.log import LogComparison
 from sinstool.pipelines.compare_coning.row import Row
-from sinstool.pipelines.compare_coning.summary import AXES, HIGHEST_SHARE
 from sinstool.report.figure import Figure, Series
 
+AXES = ("x", "y", "z")
+# Curves of the gain are drawn up to where the sampled motion ceases to be one
+HIGHEST_SHARE = 0.49
 
-def figures(found: LogComparison) -> tuple[Figure, ...]:
+
+def figures(log: LogComparison) -> tuple[Figure, ...]:
     """The figures of a comparison on a log.
 
     Returns
@@ -23,24 +26,24 @@ def figures(found: LogComparison) -> tuple[Figure, ...]:
     tuple of Figure
         Six where the log is long enough for a spectrum and decimation was asked for.
     """
-    return tuple(_figures(found))
+    return tuple(_figures(log))
 
 
-def _figures(found: LogComparison) -> Iterator[Figure]:
-    c = found.comparison
+def _figures(log: LogComparison) -> Iterator[Figure]:
+    c = log.comparison
     native = [r for r in c.rows if r.candidate.decimate == 1 and r.curves]
-    yield _parting(native, found)
-    yield _bars(native, bool(found.truth))
-    if found.spectrum is not None:
-        yield _coning(found)
-        yield _gains(native, found)
+    yield _parting(native, log)
+    yield _bars(native, bool(log.truth))
+    if log.spectrum is not None:
+        yield _coning(log)
+        yield _gains(native, log)
     if c.spectrum is not None:
-        yield _density(found)
+        yield _density(log)
     if len(c.settings.decimate) > 1:
-        yield _decimation(found)
+        yield _decimation(log)
 
 
-def _parting(rows: list[Row], found: LogComparison) -> Figure:
+def _parting(rows: list[Row], log: LogComparison) -> Figure:
     series = []
     for row in rows:
         curve = max(row.curves, key=lambda p: p.time_s[-1])
@@ -51,12 +54,12 @@ def _parting(rows: list[Row], found: LogComparison) -> Figure:
     most = max((float(np.nanmax(one.y)) for one in series), default=1.0)
     shared = (
         "The truth has no sensor errors, so that these are in every curve."
-        if found.truth
+        if log.truth
         else "Sensor errors cancel, as all see the same."
     )
     return Figure(
         "divergence",
-        f"Divergence from {found.truth or found.comparison.reference}",
+        f"Divergence from {log.truth or log.comparison.reference}",
         series[0].x if series and series[0].x is not None else np.zeros(1),
         tuple(series),
         "time, s",
@@ -91,8 +94,8 @@ def _bars(rows: list[Row], truth: bool) -> Figure:
     )
 
 
-def _coning(found: LogComparison) -> Figure:
-    s = found.spectrum
+def _coning(log: LogComparison) -> Figure:
+    s = log.spectrum
     assert s is not None
     cumulative = s.cumulative() * DEG_H
     return Figure(
@@ -102,13 +105,13 @@ def _coning(found: LogComparison) -> Figure:
         tuple(Series(f"about {axis}", cumulative[:, k]) for k, axis in enumerate(AXES)),
         "frequency, Hz",
         "rate of coning up to there, deg/h",
-        marks=_bands(found),
+        marks=_bands(log),
         notes=("What an algorithm without compensation misses, and a perfect one answers to.",),
     )
 
 
-def _gains(rows: list[Row], found: LogComparison) -> Figure:
-    s = found.spectrum
+def _gains(rows: list[Row], log: LogComparison) -> Figure:
+    s = log.spectrum
     assert s is not None
     f = np.geomspace(0.01, HIGHEST_SHARE, 200) / s.interval
     series = []
@@ -116,7 +119,7 @@ def _gains(rows: list[Row], found: LogComparison) -> Figure:
         # With several samples an update the answer has no meaning at multiples of their rate.
         highest = HIGHEST_SHARE / (s.interval * row.candidate.algorithm.samples)
         at = f[f <= highest]
-        gain = coning_gains(row.candidate.algorithm, at, s.interval, found.comparison.kind)
+        gain = coning_gains(row.candidate.algorithm, at, s.interval, log.comparison.kind)
         series.append(Series(row.candidate.label, gain, at))
     return Figure(
         "gain",
@@ -126,7 +129,7 @@ def _gains(rows: list[Row], found: LogComparison) -> Figure:
         "frequency, Hz",
         "fraction of the coning rate",
         log_x=True,
-        marks=_bands(found),
+        marks=_bands(log),
         notes=(
             "1 is right. Where it falls below, coning is missed; what is answered to above the"
             " motion's own frequencies is noise taken for coning.",
@@ -134,13 +137,13 @@ def _gains(rows: list[Row], found: LogComparison) -> Figure:
     )
 
 
-def _density(found: LogComparison) -> Figure:
-    s = found.comparison.spectrum
+def _density(log: LogComparison) -> Figure:
+    s = log.comparison.spectrum
     assert s is not None
     keep = s.frequency > 0
     unit = np.degrees(1.0) ** 2
     series = [Series("the log as it is", np.maximum(s.density[keep] * unit, 1e-30))]
-    for e in found.comparison.exposures:
+    for e in log.comparison.exposures:
         inside = e.frequency > 0
         label = f"at {e.rate_hz:.4g} Hz, {e.thinning}, folded"
         folded = np.maximum(e.folded[inside] * unit, 1e-30)
@@ -154,13 +157,13 @@ def _density(found: LogComparison) -> Figure:
         "density, (deg/s)²/Hz",
         log_x=True,
         log_y=True,
-        marks=_bands(found),
+        marks=_bands(log),
         notes=("Content above half the log's own rate is folded into it and cannot be seen.",),
     )
 
 
-def _decimation(found: LogComparison) -> Figure:
-    c = found.comparison
+def _decimation(log: LogComparison) -> Figure:
+    c = log.comparison
     curves: dict[str, tuple[list[float], list[float]]] = {}
     for row in c.rows:
         if row.drift is None or row.drift.norm_rms <= 0.0:
@@ -203,6 +206,6 @@ def _decimation(found: LogComparison) -> Figure:
     )
 
 
-def _bands(found: LogComparison) -> tuple[tuple[str, float], ...]:
-    marks = (("passband", found.passband), ("stopband", found.stopband))
+def _bands(log: LogComparison) -> tuple[tuple[str, float], ...]:
+    marks = (("passband", log.passband), ("stopband", log.stopband))
     return tuple((name, at) for name, at in marks if at is not None)

@@ -16,7 +16,7 @@ from sinstool.core.units import ARCSEC, DEGREE, DEGREE_PER_HOUR
 from sinstool.methods.hse.axial import earth_rate_along_axis
 from sinstool.methods.hse.fit_result import HseFit
 from sinstool.methods.hse.table import Column
-from sinstool.pipelines.calibrate_hse.run import Calibration
+from sinstool.pipelines.calibrate_hse.result import Calibration
 from sinstool.report.figure import Figure, Series, Style
 from sinstool.report.figures.hse_turns import east_rate_allan, heading_by_turn, rates_over_time
 
@@ -26,7 +26,7 @@ _GRID = 101
 _OUTSTANDING = 2.0
 
 
-def figures(found: Calibration) -> tuple[Figure, ...]:
+def figures(calibration: Calibration) -> tuple[Figure, ...]:
     """All figures of a calibration, the main one first.
 
     Returns
@@ -34,15 +34,15 @@ def figures(found: Calibration) -> tuple[Figure, ...]:
     tuple of Figure
         Those for which there is something to show.
     """
-    turning = [run for run in found.runs if run.per_turn_heading is not None]
+    turning = [run for run in calibration.runs if run.per_turn_heading is not None]
     made = [
-        heading_against_rate(found.fit),
-        residuals_against_rate(found.fit),
-        residuals_by_run(found.fit),
-        azimuth_figure(found),
-        axial_rate(found.fit),
+        heading_against_rate(calibration.fit),
+        residuals_against_rate(calibration.fit),
+        residuals_by_run(calibration.fit),
+        azimuth_figure(calibration),
+        axial_rate(calibration.fit),
         heading_by_turn(turning) if turning else None,
-        rates_over_time(found.logs),
+        rates_over_time(calibration.logs),
         east_rate_allan(turning),
     ]
     return tuple(one for one in made if one is not None)
@@ -257,9 +257,9 @@ def residuals_by_run(result: HseFit) -> Figure | None:
     )
 
 
-def azimuth_figure(found: Calibration) -> Figure | None:
+def azimuth_figure(calibration: Calibration) -> Figure | None:
     """Headings before and after correction against azimuth, with sinusoids through them."""
-    table = found.table
+    table, spread = calibration.table, calibration.spread
     if table is not None:
         azimuth = table.azimuth
         before, after = table.before, table.after
@@ -273,11 +273,11 @@ def azimuth_figure(found: Calibration) -> Figure | None:
         title = "Heading less azimuth, before and after correction"
         label = "Azimuth shown by the stand, deg"
         notes = ("Less its mean. Sinusoids are fitted where there are three azimuths or more.",)
-    elif found.spread:
-        azimuth = np.array([a for one in found.spread for a in [one.heading] * len(one.before)])
+    elif spread:
+        azimuth = np.array([a for one in spread for a in [one.heading] * len(one.before)])
         series = [
-            _headings("before", azimuth, np.concatenate([one.before for one in found.spread])),
-            _headings("after", azimuth, np.concatenate([one.after for one in found.spread])),
+            _headings("before", azimuth, np.concatenate([one.before for one in spread])),
+            _headings("after", azimuth, np.concatenate([one.after for one in spread])),
         ]
         title = "Heading at each position, before and after correction"
         label = "Mean corrected heading of the position, deg"

@@ -117,12 +117,12 @@ def allan_deviation(values: ArrayLike) -> tuple[FloatArray, FloatArray]:
     """
     x = np.asarray(values, dtype=np.float64)
     angle = np.concatenate([[0.0], np.cumsum(x - (x.mean() if len(x) else 0.0))])
-    m, found = 1, []
+    m, variances = 1, []
     while len(angle) - 2 * m >= _FEWEST_DIFFERENCES:
         second = angle[2 * m :] - 2.0 * angle[m:-m] + angle[: -2 * m]
-        found.append((m, float(np.mean(second**2)) / (2.0 * m * m)))
+        variances.append((m, float(np.mean(second**2)) / (2.0 * m * m)))
         m *= 2
-    columns = np.array(found, dtype=np.float64).reshape(-1, 2)
+    columns = np.array(variances, dtype=np.float64).reshape(-1, 2)
     return columns[:, 0], columns[:, 1]
 
 

@@ -8,7 +8,7 @@ from pathlib import Path
 from sinstool.config import ProcessConfig
 from sinstool.core.units import DEGREE
 from sinstool.methods.hse.table import Column as Headings
-from sinstool.pipelines.calibrate_hse.run import Calibration
+from sinstool.pipelines.calibrate_hse.result import Calibration
 from sinstool.report.figures.hse import ARCSEC, figures
 from sinstool.report.page import write_report
 from sinstool.report.pages.settings import Read, config_settings, input_rows
@@ -41,7 +41,7 @@ VERDICTS = {
 
 
 def write_page(
-    report: Path, found: Calibration, config: ProcessConfig, logs: Sequence[Path]
+    report: Path, calibration: Calibration, config: ProcessConfig, logs: Sequence[Path]
 ) -> None:
     """Write the page, or its first figure, that ``--report`` asks for.
 
@@ -51,64 +51,63 @@ def write_page(
         Effective, with its rig.
     """
     first: tuple[Section, ...] = (
-        Warnings((*found.warnings, *found.judgement.warnings)),
-        Prose(_verdict(found), "Result", _facts(found)),
-        _coefficients(found),
+        Warnings(calibration.warnings),
+        Prose(_verdict(calibration), "Result", _facts(calibration)),
+        _coefficients(calibration),
     )
-    main, *others = figures(found)
-    tables = [t for t in (_headings(found), _runs(found), _stretches(found)) if t is not None]
+    main, *others = figures(calibration)
+    tables = [make(calibration) for make in (_headings, _runs, _stretches)]
     settings = Settings(config_settings(config, "calibration", "rig", "input"))
     read = input_rows([Read.of(path) for path in logs])
-    sections = (*first, main, *others, *tables, settings, read)
-    source = f"{len(found.logs)} logs" if len(found.logs) > 1 else found.logs[0].source
-    subtitle = f"{source}, {found.kept.created}"
+    sections = (*first, main, *others, *filter(None, tables), settings, read)
+    logs_read = calibration.logs
+    source = f"{len(logs_read)} logs" if len(logs_read) > 1 else logs_read[0].source
+    subtitle = f"{source}, {calibration.file.created}"
     page = Page("Heading-sensitive error of a rate-biased system", subtitle, sections)
     write_report(report, page, overwrite=config.output.overwrite)
 
 
-def _verdict(found: Calibration) -> tuple[str, ...]:
-    kept = found.kept
-    paragraphs = [f"Status {kept.status.replace('_', ' ')}. {VERDICTS[kept.status]}"]
-    if kept.lambda2_rad is not None:
-        by = "" if kept.sigma_lambda2_rad is None else f" ± {_number(kept.sigma_lambda2_rad)}"
-        text = f'lambda2 is {_number(kept.lambda2_rad)}{by}" by the method {kept.method}'
-        paragraphs.append(f"{text}; the rate along the axis alone gives {_axial(found)}.")
+def _verdict(calibration: Calibration) -> tuple[str, ...]:
+    file = calibration.file
+    paragraphs = [f"Status {file.status.replace('_', ' ')}. {VERDICTS[file.status]}"]
+    if file.lambda2_rad is not None:
+        by = "" if file.sigma_lambda2_rad is None else f" ± {_number(file.sigma_lambda2_rad)}"
+        text = f'lambda2 is {_number(file.lambda2_rad)}{by}" by the method {file.method}'
+        paragraphs.append(f"{text}; the rate along the axis alone gives {_axial(calibration)}.")
     else:
-        paragraphs.append(f"The rate along the axis gives lambda2 as {_axial(found)}.")
-    spread = [one for one in found.spread if len(one.ids) > 1]
-    if found.table is not None:
-        before, after = found.table.before.scatter, found.table.after.scatter
+        paragraphs.append(f"The rate along the axis gives lambda2 as {_axial(calibration)}.")
+    if calibration.table is not None:
+        before, after = calibration.table.before.scatter, calibration.table.after.scatter
         paragraphs.append(
             f'Headings less azimuth lie within {_number(before.peak_to_peak, 2)}" of each other'
             f' before and {_number(after.peak_to_peak, 2)}" after correction.'
         )
-    elif spread:
-        before_p, after_p = zip(*(one.peak_to_peak for one in spread), strict=True)
+    elif (largest := calibration.largest_spread) is not None:
         paragraphs.append(
-            f'At one position headings lie within {_number(max(before_p), 2)}" of each other'
-            f' before and {_number(max(after_p), 2)}" after correction. No azimuths were given, so'
+            f'At one position headings lie within {_number(largest[0], 2)}" of each other'
+            f' before and {_number(largest[1], 2)}" after correction. No azimuths were given, so'
             " that nothing is said of differences between positions."
         )
-    if found.spread:
+    if calibration.spread:
         paragraphs.append(
-            "The correction is applied here to the runs it was found with; headings recorded"
+            "The correction is applied here to the runs it was calibration with; headings recorded"
             " later are the better test."
         )
     return tuple(paragraphs)
 
 
-def _facts(found: Calibration) -> tuple[Fact, ...]:
-    kept = found.kept
+def _facts(calibration: Calibration) -> tuple[Fact, ...]:
+    file = calibration.file
     facts = []
-    if kept.lambda2_rad is not None:
-        sigma = kept.sigma_lambda2_rad
-        note = f"by {kept.method}" if sigma is None else f"± {_number(sigma)}, by {kept.method}"
-        facts.append(Fact("lambda2", f'{_number(kept.lambda2_rad)}"', note))
-    facts.append(Fact("lambda2, axial", f'{_number(kept.axial.lambda2_rad)}"', "rate on the axis"))
-    runs = f"{kept.fit.n_runs} runs, {kept.fit.n_rates} rates"
-    facts.append(Fact("Status", kept.status.replace("_", " "), runs))
-    if found.table is not None:
-        before, after = found.table.before.scatter, found.table.after.scatter
+    if file.lambda2_rad is not None:
+        sigma = file.sigma_lambda2_rad
+        note = f"by {file.method}" if sigma is None else f"± {_number(sigma)}, by {file.method}"
+        facts.append(Fact("lambda2", f'{_number(file.lambda2_rad)}"', note))
+    facts.append(Fact("lambda2, axial", f'{_number(file.axial.lambda2_rad)}"', "rate on the axis"))
+    runs = f"{file.fit.n_runs} runs, {file.fit.n_rates} rates"
+    facts.append(Fact("Status", file.status.replace("_", " "), runs))
+    if calibration.table is not None:
+        before, after = calibration.table.before.scatter, calibration.table.after.scatter
         spread = f'{_number(before.peak_to_peak, 2)}" → {_number(after.peak_to_peak, 2)}"'
         facts.append(Fact("Peak to peak of headings", spread, "before → after correction"))
     return tuple(facts)
@@ -118,29 +117,29 @@ def _number(value: float, digits: int = 3) -> str:
     return f"{value / ARCSEC:.{digits}f}"
 
 
-def _axial(found: Calibration) -> str:
-    axial = found.kept.axial
+def _axial(calibration: Calibration) -> str:
+    axial = calibration.file.axial
     by = "" if axial.sigma_rad is None else f" ± {_number(axial.sigma_rad)}"
     return f'{_number(axial.lambda2_rad)}{by}"'
 
 
-def _coefficients(found: Calibration) -> Table:
-    kept = found.kept
+def _coefficients(calibration: Calibration) -> Table:
+    file = calibration.file
     rows: list[tuple[Cell, ...]] = [
-        _row(f"lambda2, by {kept.method}", "arcsec", kept.lambda2_rad, kept.sigma_lambda2_rad,
-             kept.ci95_lambda2_rad, ARCSEC),
-        _row("lambda2, by the axial rate", "arcsec", kept.axial.lambda2_rad, kept.axial.sigma_rad,
+        _row(f"lambda2, by {file.method}", "arcsec", file.lambda2_rad, file.sigma_lambda2_rad,
+             file.ci95_lambda2_rad, ARCSEC),
+        _row("lambda2, by the axial rate", "arcsec", file.axial.lambda2_rad, file.axial.sigma_rad,
              None, ARCSEC),
         _row("sum of matrix errors (-lambda2)", "arcsec",
-             None if kept.lambda2_rad is None else -kept.lambda2_rad, kept.sigma_lambda2_rad,
+             None if file.lambda2_rad is None else -file.lambda2_rad, file.sigma_lambda2_rad,
              None, ARCSEC),
-        _row("K, slope of heading", "arcsec/(rad/s)", kept.K_HSE_s, kept.sigma_K_HSE_s,
-             kept.ci95_K_HSE_s, ARCSEC),
-        _row("C23, lean of the axis to the east", "rad", kept.C23_rad, kept.sigma_C23_rad),
-        _row("encoder delay", "us", kept.delay_s, kept.sigma_delay_s, None, 1e-6),
-        _row("gyro bias along the axis", "deg/h", kept.axial.bias_rad_s, None, None, ARCSEC),
-        _row("scatter of a run", "arcsec", kept.fit.s_rad, None, None, ARCSEC),
-        _row("lack of fit, p", "", kept.fit.p_lof, None),
+        _row("K, slope of heading", "arcsec/(rad/s)", file.K_HSE_s, file.sigma_K_HSE_s,
+             file.ci95_K_HSE_s, ARCSEC),
+        _row("C23, lean of the axis to the east", "rad", file.C23_rad, file.sigma_C23_rad),
+        _row("encoder delay", "us", file.delay_s, file.sigma_delay_s, None, 1e-6),
+        _row("gyro bias along the axis", "deg/h", file.axial.bias_rad_s, None, None, ARCSEC),
+        _row("scatter of a run", "arcsec", file.fit.s_rad, None, None, ARCSEC),
+        _row("lack of fit, p", "", file.fit.p_lof, None),
     ]  # fmt: skip
     columns = (
         Column("Quantity"),
@@ -151,8 +150,8 @@ def _coefficients(found: Calibration) -> Table:
         Column("to", "", ".6g"),
     )
     notes = (
-        f"{kept.fit.n_runs} runs at {kept.fit.n_rates} rates, {kept.fit.dof} degrees of freedom,"
-        f" latitude {kept.latitude_rad / DEGREE:.4f} deg. Heading is corrected by psi = psi_hat -"
+        f"{file.fit.n_runs} runs at {file.fit.n_rates} rates, {file.fit.dof} degrees of freedom,"
+        f" latitude {file.latitude_rad / DEGREE:.4f} deg. Heading is corrected by psi = psi_hat -"
         " (Omega - w sin L) lambda2 C23 / (3 w cos L).",
     )
     return Table("Coefficients", columns, tuple(rows), notes)
@@ -170,11 +169,11 @@ def _row(
     return (name, unit, *(None if v is None else v / size for v in (value, sigma, low, high)))
 
 
-def _headings(found: Calibration) -> Table | None:
+def _headings(calibration: Calibration) -> Table | None:
     """Headings before and after, as table 1 of the paper has them."""
-    table = found.table
+    table = calibration.table
     if table is None:
-        return _spread(found)
+        return _spread(calibration)
     rows: list[tuple[Cell, ...]] = [
         (name, azimuth / DEGREE, before / ARCSEC, after / ARCSEC)
         for name, azimuth, before, after in zip(
@@ -203,22 +202,22 @@ def _headings(found: Calibration) -> Table | None:
 
 def _figures_of(column: Headings) -> dict[str, Cell]:
     s = column.scatter
-    found: dict[str, Cell] = {
+    cells: dict[str, Cell] = {
         "peak to peak": s.peak_to_peak / ARCSEC,
         "standard deviation": s.std / ARCSEC,
         "peak to peak of means": s.peak_to_peak_of_means / ARCSEC,
         "within azimuths, pooled": s.within_std / ARCSEC,
     }
     if column.sinusoid is not None:
-        found["amplitude of the sinusoid"] = column.sinusoid.amplitude / ARCSEC
-        found["its sigma"] = column.sinusoid.sigma_amplitude / ARCSEC
-        found["F (no unit)"] = column.sinusoid.F
-        found["p (no unit)"] = column.sinusoid.p
-    return found
+        cells["amplitude of the sinusoid"] = column.sinusoid.amplitude / ARCSEC
+        cells["its sigma"] = column.sinusoid.sigma_amplitude / ARCSEC
+        cells["F (no unit)"] = column.sinusoid.F
+        cells["p (no unit)"] = column.sinusoid.p
+    return cells
 
 
-def _spread(found: Calibration) -> Table | None:
-    if not found.spread:
+def _spread(calibration: Calibration) -> Table | None:
+    if not calibration.spread:
         return None
     columns = (
         Column("Mean corrected heading", "deg", ".5f"),
@@ -228,7 +227,7 @@ def _spread(found: Calibration) -> Table | None:
     )
     rows = tuple(
         (one.heading / DEGREE, len(one.ids), *(v / ARCSEC for v in one.peak_to_peak))
-        for one in found.spread
+        for one in calibration.spread
     )
     notes = (
         "Within each position. Give the azimuths that the stand showed (--azimuth LOG=DEG) for"
@@ -237,7 +236,7 @@ def _spread(found: Calibration) -> Table | None:
     return Table("Headings within positions", columns, rows, notes)
 
 
-def _runs(found: Calibration) -> Table:
+def _runs(calibration: Calibration) -> Table:
     columns = (
         Column("Run"),
         Column("from", "s", ".1f"),
@@ -265,13 +264,13 @@ def _runs(found: Calibration) -> Table:
             run.used,
             run.reason,
         )
-        for run in found.kept.runs
+        for run in calibration.file.runs
     )
     notes = ("The axial lambda2 of one run holds the gyros' bias along the axis.",)
     return Table("Runs", columns, rows, notes)
 
 
-def _stretches(found: Calibration) -> Table | None:
+def _stretches(calibration: Calibration) -> Table | None:
     """What of the logs was not used, and why."""
     columns = (
         Column("Log"),
@@ -282,7 +281,7 @@ def _stretches(found: Calibration) -> Table | None:
     )
     rows = tuple(
         (log.source, s.start_s, s.duration_s, s.rate / DEGREE, s.reason)
-        for log in found.logs
+        for log in calibration.logs
         for s in log.segmentation.rejected
     )
     return Table("Stretches not used", columns, rows) if rows else None

@@ -4,72 +4,43 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
 
-import click
-
-from sinstool.config import ProcessConfig
+from sinstool.config import COMPARISON_OPTIONS, ProcessConfig
 from sinstool.pipelines.compare_coning.paper import Reproduction
+from sinstool.pipelines.compare_coning.summary import AlgorithmResult, ComparisonResult
 from sinstool.report.figure import Figure
 from sinstool.report.figures.paper import figures
-from sinstool.report.page import write_report
-from sinstool.report.pages.settings import Read, config_settings, input_rows, option_settings
+from sinstool.report.pages.settings import Read, config_settings, input_rows
 from sinstool.report.sections import Column, Fact, Page, Prose, Section, Settings, Table, Warnings
-from sinstool.report.text.coning import COLUMNS, LEGEND, PSEUDO, TERMINAL, Get, about_reference
+from sinstool.report.text.coning import COLUMNS, LEGEND, PSEUDO, TERMINAL, about_reference
+from sinstool.report.text.coning import Column as ColumnOf
+
+PAPER_OPTIONS = ("comparison.algorithms", "comparison.phase", "coning.gyro_response")
 
 
-def write_comparison(
-    command: click.Command,
-    options: dict[str, Any],
-    subtitle: str,
-    figures: Sequence[Figure],
-    config: ProcessConfig,
-    algorithms: Sequence[str],
-    result: dict[str, Any],
-) -> None:
-    """Write the page, or its first figure, that ``--report`` asks for.
+def comparison_page(
+    log: Path, figures: Sequence[Figure], config: ProcessConfig, result: ComparisonResult
+) -> Page:
+    """The page of a comparison on a log.
 
     Parameters
     ----------
-    command : click.Command
-        Whose options are shown.
-    options : dict
-        Of the command line.
     config : ProcessConfig
         Effective.
-    algorithms : sequence of str
-        Those that were run.
-    result : dict
-        The comparison as plain values.
     """
     sizes, *tables = _tables(result)
-    text = result["verdict"]["text"]
+    text = result.verdict.text
     # A name stays as it is written
-    if not text.startswith(tuple(row["name"] for row in result["algs"])):
+    if not text.startswith(tuple(row.name for row in result.algs)):
         text = f"{text[:1].upper()}{text[1:]}"
     verdict = Prose((f"{text}.",), "Result", _facts(result))
-    first = (Warnings((*result["warnings"], *result["lost"])), verdict, sizes)
-    own = option_settings(command, options, {"algorithms": ", ".join(algorithms)})
-    last = (
-        Settings((*own, *config_settings(config, "input"))),
-        input_rows([Read.of(Path(result["meta"]["log"]))]),
-    )
-    page = Page("Coning algorithms compared", subtitle, (*first, *figures, *tables, *last))
-    write_report(options["report"], page, overwrite=options["overwrite"])
+    first = (Warnings((*result.warnings, *result.lost)), verdict, sizes)
+    last = (Settings(config_settings(config, *COMPARISON_OPTIONS)), input_rows([Read.of(log)]))
+    return Page("Coning algorithms compared", log.name, (*first, *figures, *tables, *last))
 
 
-def write_reproduction(
-    command: click.Command, options: dict[str, Any], found: Reproduction, settings: dict[str, Any]
-) -> None:
-    """Write the page of the published experiment: its claims beside our numbers, and figures.
-
-    Parameters
-    ----------
-    command : click.Command
-        Whose options are shown.
-    options : dict
-        Of the command line: ``report`` and ``overwrite``.
-    """
+def reproduction_page(reproduction: Reproduction, config: ProcessConfig) -> Page:
+    """The page of the published experiment: its claims beside our numbers, and figures."""
     columns = ("source", "claim", "paper", "ours", "unit", "verdict", "why")
     rows = tuple(
         (
@@ -81,70 +52,69 @@ def write_reproduction(
             "reproduces" if claim.reproduces else "does not",
             claim.reason,
         )
-        for claim in found.claims
+        for claim in reproduction.claims
     )
-    agreeing = sum(claim.reproduces for claim in found.claims)
+    agreeing = sum(claim.reproduces for claim in reproduction.claims)
     text = f"{agreeing} of {len(rows)} printed claims reproduce; the table below says why."
     verdict = Prose((text,), "Result")
     table = Table("The paper's claims", tuple(Column(n, "", ".3g") for n in columns), rows)
     sections: tuple[Section, ...] = (
         verdict,
-        *figures(found.experiment),
+        *figures(reproduction.experiment),
         table,
-        Settings(option_settings(command, options, settings)),
+        Settings(config_settings(config, *PAPER_OPTIONS)),
         input_rows(()),
     )
-    page = Page("The published coning experiment, re-run", "", sections)
-    write_report(options["report"], page, overwrite=options["overwrite"])
+    return Page("The published coning experiment, re-run", "", sections)
 
 
-def _facts(result: dict[str, Any]) -> tuple[Fact, ...]:
-    meta, checks = result["meta"], result["checks"]
-    best = result["verdict"]["algorithm"]
+def _facts(result: ComparisonResult) -> tuple[Fact, ...]:
+    meta, checks = result.meta, result.checks
+    best = result.verdict.algorithm
     facts = [Fact("Choice", best)] if best else []
-    resolution = result["reference"]["resolution_dph"]
+    resolution = result.reference.resolution_dph
     note = "" if resolution is None else f"good to {resolution:.2g} deg/h"
     facts += [
-        Fact("Reference", result["reference"]["name"], note),
-        Fact("Drift that does not matter", f"{meta['tolerance_dph']:g} deg/h", "--tolerance"),
-        Fact("Log", f"{meta['duration_s']:.4g} s at {checks['rate_hz']:.4g} Hz",
-             f"{checks['gaps']} gaps, read as {meta['gyro_kind']}"),
-        Fact("Fastest rotation", f"{checks['largest_rate_deg_s']:.3g} deg/s"),
+        Fact("Reference", result.reference.name, note),
+        Fact("Drift that does not matter", f"{meta.tolerance_dph:g} deg/h", "--tolerance"),
+        Fact("Log", f"{meta.duration_s:.4g} s at {checks.rate_hz:.4g} Hz",
+             f"{checks.gaps} gaps, read as {meta.gyro_kind}"),
+        Fact("Fastest rotation", f"{checks.largest_rate_deg_s:.3g} deg/s"),
     ]  # fmt: skip
     return tuple(facts)
 
 
-def _tables(result: dict[str, Any]) -> list[Table]:
+def _tables(result: ComparisonResult) -> list[Table]:
     """Sizes of the log as it is, then of lower rates, then everything by axis."""
-    native = [a for a in result["algs"] if a["decimate"] == 1]
-    slower = [a for a in result["algs"] if a["decimate"] != 1]
-    about = about_reference(result["reference"], result["meta"])
-    legend = LEGEND.format(window=result["meta"]["window_s"], brackets="", pseudo=PSEUDO)
-    reasons = dict.fromkeys(a["pred_exception"] for a in result["algs"] if a["pred_exception"])
+    native = [a for a in result.algs if a.decimate == 1]
+    slower = [a for a in result.algs if a.decimate != 1]
+    about = about_reference(result.reference, result.meta)
+    legend = LEGEND.format(window=result.meta.window_s, brackets="", pseudo=PSEUDO)
+    reasons = dict.fromkeys(a.pred_exception for a in result.algs if a.pred_exception)
     held = tuple(
         f"The prediction does not hold for {_names(result, reason)}: {reason}."
         for reason in reasons
     )
     tables = [_table("Algorithms on the log as it is", TERMINAL, native, (about, legend))]
     if slower:
-        kept = (TERMINAL[0], COLUMNS[1], *TERMINAL[1:])
+        columns = (TERMINAL[0], COLUMNS[1], *TERMINAL[1:])
         tables.append(
-            _table("As if the log had been taken at lower rates", kept, slower, (), folded=True)
+            _table("As if the log had been taken at lower rates", columns, slower, (), folded=True)
         )
     # The reasons would make every row as high as a sentence; they stand below.
-    tables.append(_table("By axis", COLUMNS[:-1], result["algs"], held, folded=True))
+    tables.append(_table("By axis", COLUMNS[:-1], result.algs, held, folded=True))
     return tables
 
 
-def _names(result: dict[str, Any], reason: str) -> str:
-    found = dict.fromkeys(a["name"] for a in result["algs"] if a["pred_exception"] == reason)
-    return ", ".join(found)
+def _names(result: ComparisonResult, reason: str) -> str:
+    names = dict.fromkeys(a.name for a in result.algs if a.pred_exception == reason)
+    return ", ".join(names)
 
 
 def _table(
     title: str,
-    columns: Sequence[tuple[str, str, Get]],
-    rows: list[dict[str, Any]],
+    columns: Sequence[ColumnOf],
+    rows: Sequence[AlgorithmResult],
     notes: tuple[str, ...],
     folded: bool = False,
 ) -> Table:

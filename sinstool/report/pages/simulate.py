@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+import inspect
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
 
-import click
 import numpy as np
 
+from sinstool.core.options import Group
 from sinstool.core.timeline import SECOND
 from sinstool.core.units import DEGREE
 from sinstool.report.figure import Figure
@@ -18,8 +17,7 @@ from sinstool.report.figures.simulation import (
     motion_figures,
     rig_figures,
 )
-from sinstool.report.page import write_report
-from sinstool.report.pages.settings import Read, input_rows, option_settings
+from sinstool.report.pages.settings import Read, config_settings, input_rows
 from sinstool.report.sections import (
     Column,
     Fact,
@@ -29,12 +27,9 @@ from sinstool.report.sections import (
     Settings,
     Table,
 )
-from sinstool.simulation.log import BARO_TOPIC, FIX_TOPIC, SimulatedTopic
-
-if TYPE_CHECKING:
-    from sinstool.simulation.hse_rig import HseRigLog
-    from sinstool.simulation.trajectory import Trajectory
-    from sinstool.simulation.truth import ImuTruth
+from sinstool.simulation.log import BARO_TOPIC, FIX_TOPIC
+from sinstool.simulation.make import Simulated
+from sinstool.simulation.rig_log import lambda2_arcsec
 
 ABOUT = {
     "/imu/data_raw": "what the sensors measured",
@@ -48,29 +43,40 @@ ABOUT = {
 }
 
 
-def write_motion(
-    told: Mapping[str, Any],
-    truth: ImuTruth,
-    sensor: ImuTruth,
-    topics: Sequence[SimulatedTopic],
-    trajectory: Trajectory | None = None,
-) -> None:
-    """Write the page, or its first figure, that ``--report`` asks for.
+def simulation_page(simulated: Simulated, config: Group, output: Path) -> Page:
+    """The page of a simulated log.
 
     Parameters
     ----------
-    told : mapping
-        Options of the command line.
-    truth, sensor : ImuTruth
-        Exact, and as measured.
-    topics : sequence of SimulatedTopic
-        As written.
-    trajectory : Trajectory, optional
-        Where the vehicle is.
+    config : Group
+        With the scenario as its table ``simulate``.
+    output : Path
+        The log, as written.
     """
-    figures = list(motion_figures(truth, sensor, trajectory))
+    scenario, topics = simulated.scenario, simulated.topics
+    figures, facts = _rig(simulated) if simulated.rig is not None else _motion(simulated)
+    time_ns = topics[0].time_ns
+    seconds = (int(time_ns[-1]) - int(time_ns[0])) / SECOND
+    about = (inspect.getdoc(type(scenario)) or "").split("\n\n")[0].replace("\n", " ")
+    first = Fact("Length", f"{seconds:.6g} s", f"{len(time_ns)} samples at {scenario.rate:g} Hz")
+    rows = tuple((t.topic, t.type_name, len(t.time_ns), ABOUT[t.topic]) for t in topics)
+    columns = (Column("Topic"), Column("type"), Column("messages"), Column("holds"))
+    sections: tuple[Section, ...] = (
+        Prose((about,), "Result", (first, *facts)),
+        *figures,
+        Table("What was written", columns, rows),
+        Settings(config_settings(config, "simulate")),
+        input_rows([Read.of(output)], "Output"),
+    )
+    return Page(f"A simulated log: {simulated.settings['scenario']}", output.name, sections)
+
+
+def _motion(simulated: Simulated) -> tuple[list[Figure], list[Fact]]:
+    truth, trajectory = simulated.truth, simulated.trajectory
+    assert truth is not None and simulated.sensor is not None
+    figures = list(motion_figures(truth, simulated.sensor, trajectory))
     if trajectory is not None:
-        for topic in topics:
+        for topic in simulated.topics:
             rows = slice(0, len(topic.time_ns))
             if topic.topic == FIX_TOPIC:
                 figures += fix_figures(topic.time_ns, topic.columns(rows), trajectory)
@@ -91,51 +97,21 @@ def write_motion(
             Fact("Way", f"{way / 1000.0:.4g} km", f"at most {speed.max():.4g} m/s"),
             Fact("Height", f"{low:.4g}–{high:.4g} m", "above the ellipsoid"),
         ]
-    grade = told.get("launch_grade") or told["grade"]
-    unit = " deg/h" if told.get("launch_grade") else ""
-    facts.append(Fact("Sensors", f"{grade}{unit}", f"gyro samples: {told['gyro_kind']}"))
-    _write(told, truth.time_ns, figures, facts, topics)
+    settings = simulated.settings
+    grade = settings["grade"]
+    if "launch_grade" in settings:
+        grade = f"{settings['launch_grade']} deg/h"
+    facts.append(Fact("Sensors", grade, f"gyro samples: {settings['gyro_kind']}"))
+    return figures, facts
 
 
-def write_rig(told: Mapping[str, Any], log: HseRigLog, topics: Sequence[SimulatedTopic]) -> None:
-    """Write the page of a turntable's log.
-
-    Parameters
-    ----------
-    told : mapping
-        Options of the command line.
-    topics : sequence of SimulatedTopic
-        As written.
-    """
-    arcsec = DEGREE / 3600.0
+def _rig(simulated: Simulated) -> tuple[list[Figure], list[Fact]]:
+    log, settings = simulated.rig, simulated.settings
+    assert log is not None
     facts = [
-        Fact("lambda2", f'{log.truth.lambda2 / arcsec:.4f}"', "what a calibration has to find"),
+        Fact("lambda2", f'{lambda2_arcsec(log):.4f}"', "what a calibration has to find"),
         Fact("Lean to the east", f"{log.truth.C23:.4g} rad", "C23, of the axis"),
         Fact("Heading of the base", f"{log.truth.heading / DEGREE:.4f} deg"),
-        Fact("Rates", f"{', '.join(told['rates'])} deg/s", f"{told['plateau']:g} s at each"),
+        Fact("Rates", f"{settings['rates']} deg/s", f"{settings['plateau']} s at each"),
     ]
-    _write(told, log.time_ns, rig_figures(log), facts, topics)
-
-
-def _write(
-    told: Mapping[str, Any],
-    time_ns: np.ndarray,
-    figures: Sequence[Figure],
-    facts: Sequence[Fact],
-    topics: Sequence[SimulatedTopic],
-) -> None:
-    command = click.get_current_context().command
-    seconds = (int(time_ns[-1]) - int(time_ns[0])) / SECOND
-    about = (command.help or "").split("\n\n")[0].replace("\n", " ")
-    first = Fact("Length", f"{seconds:.6g} s", f"{len(time_ns)} samples at {told['rate']:g} Hz")
-    rows = tuple((t.topic, t.type_name, len(t.time_ns), ABOUT[t.topic]) for t in topics)
-    columns = (Column("Topic"), Column("type"), Column("messages"), Column("holds"))
-    sections: tuple[Section, ...] = (
-        Prose((about,), "Result", (first, *facts)),
-        *figures,
-        Table("What was written", columns, rows),
-        Settings(option_settings(command, told)),
-        input_rows([Read.of(told["output"])], "Output"),
-    )
-    page = Page(f"A simulated log: {command.name}", Path(told["output"]).name, sections)
-    write_report(told["report"], page, inputs=[told["output"]], overwrite=told["overwrite"])
+    return list(rig_figures(log)), facts

@@ -12,66 +12,83 @@ from typing import Any
 import click
 
 from sinstool.core.whole_file import make_folder, write_whole
+from sinstool.pipelines.compare_coning.summary import (
+    AlgorithmResult,
+    ComparisonResult,
+    Meta,
+    Reference,
+    SpResult,
+    Vector,
+)
 from sinstool.report.text.table import aligned
 
-Get = Callable[[dict[str, Any]], Any]
+Column = tuple[str, str, "Get"]
+
+Get = Callable[[AlgorithmResult], Any]
 
 
-def drift(key: str, axis: int | None = None) -> Get:
-    """Read a drift of an algorithm's entry, where it has one."""
+def _axes(name: str, unit: str, get: Callable[[AlgorithmResult], Vector | None]) -> list[Column]:
+    """A column for each component of a vector that may be missing."""
 
-    def get(alg: dict[str, Any]) -> Any:
-        found = alg["drift_dph"] and alg["drift_dph"][key]
-        return found if axis is None or found is None else found[axis]
+    def component(k: int) -> Get:
+        return lambda alg: None if (vector := get(alg)) is None else vector[k]
 
-    return get
-
-
-def _axis(key: str, axis: int) -> Get:
-    return lambda alg: alg[key] and alg[key][axis]
+    return [(f"{name} {axis}", unit, component(k)) for k, axis in enumerate("xyz")]
 
 
-def _kept(alg: dict[str, Any]) -> str:
-    return "all" if alg["decimate"] == 1 else f"1/{alg['decimate']} {alg['input']}"
+def _rate(alg: AlgorithmResult) -> str:
+    return "all" if alg.decimate == 1 else f"1/{alg.decimate} {alg.input}"
+
+
+def _end(alg: AlgorithmResult) -> float | None:
+    return None if alg.drift_dph is None else alg.drift_dph.norm_rms
+
+
+def _mean(alg: AlgorithmResult) -> Vector | None:
+    return None if alg.drift_dph is None else alg.drift_dph.mean
+
+
+def _confidence(alg: AlgorithmResult) -> Vector | None:
+    return None if alg.drift_dph is None else alg.drift_dph.confidence
 
 
 # Of the report and the CSV; what each is: docs/compare-coning.md
-COLUMNS: tuple[tuple[str, str, Get], ...] = (
-    ("algorithm", "", lambda a: a["name"]),
-    ("kept", "", _kept),
-    ("updates", "Hz", lambda a: a["update_hz"]),
-    ("drift", "deg/h rms", drift("slope_rms")),
-    ("window end", "deg/h rms", drift("norm_rms")),
-    *((f"mean {x}", "deg/h", drift("mean", k)) for k, x in enumerate("xyz")),
-    *((f"2 sigma {x}", "deg/h", drift("confidence", k)) for k, x in enumerate("xyz")),
-    *((f"predicted {x}", "deg/h", _axis("pred_parting_dph", k)) for k, x in enumerate("xyz")),
-    *((f"expected {x}", "deg/h", _axis("pred_dph", k)) for k, x in enumerate("xyz")),
-    *((f"pseudo {x}", "deg/h", _axis("pseudo_dph", k)) for k, x in enumerate("xyz")),
-    ("largest", "deg", lambda a: a["largest_deg"]),
-    ("cost", "ns/sample", lambda a: a["ns_per_sample"]),
-    ("below resolution", "", lambda a: a["drift_dph"] is not None and not a["resolved"]),
-    ("prediction does not hold", "", lambda a: a["pred_exception"]),
+COLUMNS: tuple[Column, ...] = (
+    ("algorithm", "", lambda a: a.name),
+    ("kept", "", _rate),
+    ("updates", "Hz", lambda a: a.update_hz),
+    ("drift", "deg/h rms", lambda a: a.drift),
+    ("window end", "deg/h rms", _end),
+    *_axes("mean", "deg/h", _mean),
+    *_axes("2 sigma", "deg/h", _confidence),
+    *_axes("predicted", "deg/h", lambda a: a.pred_parting_dph),
+    *_axes("expected", "deg/h", lambda a: a.pred_dph),
+    *_axes("pseudo", "deg/h", lambda a: a.pseudo_dph),
+    ("largest", "deg", lambda a: a.largest_deg),
+    ("cost", "ns/sample", lambda a: a.ns_per_sample),
+    ("below resolution", "", lambda a: a.drift_dph is not None and not a.resolved),
+    ("prediction does not hold", "", lambda a: a.pred_exception),
 )
 
 
-def size(vector: Any) -> float | None:
+def size(vector: Vector | None) -> float | None:
     """Length of a vector that may be missing."""
     return None if not vector else float(sum(v * v for v in vector) ** 0.5)
 
 
 # The terminal has room for sizes; components are in --json, --csv and --report.
-TERMINAL: tuple[tuple[str, str, Get], ...] = (
-    ("algorithm", "", lambda a: a["name"]),
-    ("rate", "Hz", lambda a: a["update_hz"]),
-    ("drift", "deg/h", drift("slope_rms")),
-    ("end", "deg/h", drift("norm_rms")),
-    ("mean", "deg/h", lambda a: size(drift("mean")(a))),
-    ("+/-", "deg/h", lambda a: a["drift_dph"] and max(a["drift_dph"]["confidence"])),
-    ("predict", "deg/h", lambda a: size(a["pred_parting_dph"])),
-    ("expect", "deg/h", lambda a: size(a["pred_dph"])),
-    ("pseudo", "deg/h", lambda a: size(a["pseudo_dph"])),
-    ("largest", "deg", lambda a: a["largest_deg"]),
-    ("cost", "ns", lambda a: a["ns_per_sample"]),
+TERMINAL: tuple[Column, ...] = (
+    ("algorithm", "", lambda a: a.name),
+    ("rate", "Hz", lambda a: a.update_hz),
+    ("drift", "deg/h", lambda a: a.drift),
+    ("end", "deg/h", _end),
+    ("mean", "deg/h", lambda a: size(_mean(a))),
+    ("+/-", "deg/h", lambda a: a.drift_dph and max(a.drift_dph.confidence)),
+    ("predict", "deg/h", lambda a: size(a.pred_parting_dph)),
+    ("expect", "deg/h", lambda a: size(a.pred_dph)),
+    ("pseudo", "deg/h", lambda a: size(a.pseudo_dph)),
+    ("largest", "deg", lambda a: a.largest_deg),
+    ("cost", "ns", lambda a: a.ns_per_sample),
 )
 LEGEND = (
     "drift: slope of the angle from the reference within {window:g} s windows, rms over windows;"
@@ -84,10 +101,6 @@ PSEUDO = " pseudo: part of expect that is noise, if nothing moves above the stop
 WIDTH = 118
 # Angles that far below rounding are none
 _NOTHING = 1e-9
-
-
-def _cells(result: dict[str, Any]) -> list[tuple[Any, ...]]:
-    return [tuple(get(a) for _, _, get in COLUMNS) for a in result["algs"]]
 
 
 def shown(value: Any) -> str:
@@ -108,146 +121,145 @@ def _say(text: str) -> None:
     )
 
 
-def print_comparison(result: dict[str, Any]) -> None:
+def print_comparison(result: ComparisonResult) -> None:
     """Print a comparison as the terminal has room for."""
-    meta, reference, checks = result["meta"], result["reference"], result["checks"]
-    stretches = checks["segments"]
+    meta, reference, checks = result.meta, result.reference, result.checks
+    stretches = checks.segments
     gaps = f" in {stretches} stretches between gaps" if stretches > 1 else ""
     _say(
-        f"{meta['imu_topic']}: {meta['samples']} samples, {meta['duration_s']:.1f} s{gaps}, at"
-        f" {checks['rate_hz']:.3f} Hz, taken as {meta['gyro_kind']}"
+        f"{meta.imu_topic}: {meta.samples} samples, {meta.duration_s:.1f} s{gaps}, at"
+        f" {checks.rate_hz:.3f} Hz, taken as {meta.gyro_kind}"
     )
     _say(about_reference(reference, meta))
     _print_table(result)
-    brackets = BRACKETS if any(a["pred_exception"] for a in result["algs"]) else ""
-    pseudo = PSEUDO if meta["stopband_hz"] is not None else ""
-    if reference["name"] != "none":
+    brackets = BRACKETS if any(a.pred_exception for a in result.algs) else ""
+    pseudo = PSEUDO if meta.stopband_hz is not None else ""
+    if reference.name != "none":
         click.echo()
-        _say(LEGEND.format(window=meta["window_s"], brackets=brackets, pseudo=pseudo))
-    if reference["below_resolution"]:
+        _say(LEGEND.format(window=meta.window_s, brackets=brackets, pseudo=pseudo))
+    if reference.below_resolution:
         _say("* below the reference's resolution: less than ten times what that is good to.")
-    for exception in dict.fromkeys(a["pred_exception"] for a in result["algs"]):
+    for exception in dict.fromkeys(a.pred_exception for a in result.algs):
         if exception:
-            names = {a["name"] for a in result["algs"] if a["pred_exception"] == exception}
+            names = {a.name for a in result.algs if a.pred_exception == exception}
             _say(f"The prediction cannot hold for {', '.join(sorted(names))}: {exception}.")
-    for alg in result["algs"]:
-        if alg["caveat"] and alg["decimate"] == 1:
-            _say(alg["caveat"])
+    for alg in result.algs:
+        if alg.caveat and alg.decimate == 1:
+            _say(alg.caveat)
     click.echo()
-    _print_sp(result["sp"])
+    _print_sp(result.sp)
     _print_slower(result)
-    _say(f"Verdict: {result['verdict']['text']}.")
+    _say(f"Verdict: {result.verdict.text}.")
 
 
-def about_reference(reference: dict[str, Any], meta: dict[str, Any]) -> str:
+def about_reference(reference: Reference, meta: Meta) -> str:
     """One line on what the candidates are held against, and how far it can be trusted."""
-    name = reference["name"]
+    name = reference.name
     if name == "none":
-        widest = meta["widest_pair"]
+        widest = meta.widest_pair
         between = ""
         if widest is not None:
             between = (
-                f"; the two that part most are {widest['first']} and {widest['second']}, by"
-                f" {shown(widest['largest_deg'])} deg"
+                f"; the two that part most are {widest.first} and {widest.second}, by"
+                f" {shown(widest.largest_deg)} deg"
             )
         return f"No reference{between} (all pairs: --json, --csv)"
-    if reference["is_truth"]:
+    if reference.is_truth:
         return f"Reference: {name}: sensor errors, which all rows share, are in every drift"
     text = f"Reference: {name}"
-    if reference["resolution_dph"] is not None:
-        text += f", which agrees to {shown(reference['resolution_dph'])} deg/h with its judges"
-    if reference["pred_dph"] is not None:
-        text += f" and is expected to drift by {shown(size(reference['pred_dph']))} deg/h itself"
+    if reference.resolution_dph is not None:
+        text += f", which agrees to {shown(reference.resolution_dph)} deg/h with its judges"
+    if reference.pred_dph is not None:
+        text += f" and is expected to drift by {shown(size(reference.pred_dph))} deg/h itself"
     return text
 
 
-def _print_table(result: dict[str, Any]) -> None:
+def _print_table(result: ComparisonResult) -> None:
     columns = [
         c
         for c in TERMINAL
-        if c[0] in ("algorithm", "rate", "cost") or any(c[2](a) is not None for a in result["algs"])
+        if c[0] in ("algorithm", "rate", "cost") or any(c[2](a) is not None for a in result.algs)
     ]
-    if result["reference"]["name"] == "none":
+    if result.reference.name == "none":
         columns = [c for c in columns if c[0] != "largest"]
     table = []
-    for alg in result["algs"]:
+    for alg in result.algs:
         row = [shown(get(alg)) for _, _, get in columns]
-        row[0] += " *" if alg["drift_dph"] is not None and not alg["resolved"] else ""
+        row[0] += " *" if alg.drift_dph is not None and not alg.resolved else ""
         for k, (name, _, _) in enumerate(columns):
-            if name in ("predict", "expect") and alg["pred_exception"]:
+            if name in ("predict", "expect") and alg.pred_exception:
                 row[k] = f"({row[k]})"
         table.append(row)
     heads = [[name for name, _, _ in columns], [unit for _, unit, _ in columns]]
     first, second, *lines = aligned([*heads, *table])
     group = None
-    for line, alg in zip(lines, result["algs"], strict=True):
-        if (alg["decimate"], alg["input"]) != group:
-            group = (alg["decimate"], alg["input"])
+    for line, alg in zip(lines, result.algs, strict=True):
+        if (alg.decimate, alg.input) != group:
+            group = (alg.decimate, alg.input)
             click.echo()
-            click.echo(_group(alg, result["checks"]["rate_hz"]))
-            if alg["decimate"] == 1:
+            click.echo(_group(alg, result.checks.rate_hz))
+            if alg.decimate == 1:
                 click.echo(f"{first}\n{second}")
         click.echo(line)
 
 
-def _group(alg: dict[str, Any], rate_hz: float) -> str:
-    m = alg["decimate"]
+def _group(alg: AlgorithmResult, rate_hz: float) -> str:
+    m = alg.decimate
     if m == 1:
         return f"The log as it is, {rate_hz:.4g} Hz"
-    how = "increments summed" if alg["input"] == "sums" else "rates picked"
+    how = "increments summed" if alg.input == "sums" else "rates picked"
     return f"As if logged at {rate_hz / m:.4g} Hz, {how} (one of {m})"
 
 
-def _print_sp(sp: dict[str, Any] | None) -> None:
-    if sp is None or not sp["compared"]:
+def _print_sp(sp: SpResult | None) -> None:
+    if sp is None or not sp.compared:
         return
-    tuning, limits = sp["tuning"], sp["bounds"]
-    epsilon, gain = limits["epsilon_upper_s"][0], limits["gain_lower"][0]
-    text = f"singular-perturbation is the same as {sp['equivalent']}."
+    tuning, limits = sp.tuning, sp.bounds
+    epsilon, gain = limits.epsilon_upper_s[0], limits.gain_lower[0]
+    text = f"singular-perturbation is the same as {sp.equivalent}."
     if epsilon == epsilon:
-        noise = ", which are those of noise here" if limits["status"] == "noise-limited" else ""
+        noise = ", which are those of noise here" if limits.status == "noise-limited" else ""
         text += (
             f" The paper's bounds on this log{noise}: (13) epsilon at most {shown(epsilon)} s,"
             f" (15) n at least {shown(gain)}."
         )
     _say(text)
-    if tuning["status"] == "tuned":
+    if tuning.status == "tuned":
         _say(
-            f"Tuned to the passband: epsilon {tuning['epsilon_s']:.4g} s, n"
-            f" {tuning['beta_gain']:.4f}; expected drift {shown(size(tuning['drift_tuned_dph']))}"
-            f" deg/h instead of {shown(size(tuning['drift_best_dph']))} (--sp-preset auto)."
+            f"Tuned to the passband: epsilon {tuning.epsilon_s:.4g} s, n"
+            f" {tuning.beta_gain:.4f}; expected drift {shown(size(tuning.drift_tuned_dph))}"
+            f" deg/h instead of {shown(size(tuning.drift_best_dph))} (--sp-preset auto)."
         )
     else:
         why = {
             "no-passband": "without --passband nothing tells motion from noise",
             "noise-limited": "the passband holds little but noise",
             "no-coning": "the passband holds no coning to tune to",
-        }[tuning["status"]]
+        }[tuning.status]
         _say(f"Not tuned, as {why}: epsilon = T/2 and n = 2 are its best without knowledge.")
 
 
-def _print_slower(result: dict[str, Any]) -> None:
+def _print_slower(result: ComparisonResult) -> None:
     """What lower rates would have folded, and which algorithms would still have done."""
-    meta, limit = result["meta"], result["verdict"]["limit_dph"]
-    folded = {(a["decimate"], a["input"]): a for a in result["alias"]}
+    meta, limit = result.meta, result.verdict.limit_dph
+    folded = {(a.decimate, a.input): a for a in result.alias}
     groups: dict[tuple[int, str], list[str]] = {}
-    for alg in result["algs"]:
-        if alg["decimate"] > 1:
-            found = groups.setdefault((alg["decimate"], alg["input"]), [])
-            rms = drift("slope_rms")(alg)
-            if limit is not None and rms is not None and rms <= limit:
-                found.append(alg["name"])
+    for alg in result.algs:
+        if alg.decimate > 1:
+            sufficient = groups.setdefault((alg.decimate, alg.input), [])
+            if limit is not None and alg.drift is not None and alg.drift <= limit:
+                sufficient.append(alg.name)
     for (m, how), names in groups.items():
-        text = f"Logged at {result['checks']['rate_hz'] / m:.4g} Hz,"
+        text = f"Logged at {result.checks.rate_hz / m:.4g} Hz,"
         text += " increments summed:" if how == "sums" else " rates picked:"
         alias = folded.get((m, how))
         if alias is not None:
             text += (
-                f" content that folds onto rest adds {shown(alias['dc_alias_deg'])} deg rms in"
-                f" {meta['window_s']:g} s to every algorithm;"
+                f" content that folds onto rest adds {shown(alias.dc_alias_deg)} deg rms in"
+                f" {meta.window_s:g} s to every algorithm;"
             )
-            if alias["lines_hz"]:
-                near = ", ".join(f"{f:.4g} Hz" for f in alias["lines_hz"])
+            if alias.lines_hz:
+                near = ", ".join(f"{f:.4g} Hz" for f in alias.lines_hz)
                 text += f" lines that fold to slow motion: {near};"
         if limit is not None:
             text += f" within {shown(limit)} deg/h would still be {', '.join(names) or 'none'};"
@@ -256,12 +268,13 @@ def _print_slower(result: dict[str, Any]) -> None:
         click.echo()
 
 
-def write_csv(folder: Path, result: dict[str, Any]) -> None:
+def write_csv(folder: Path, result: ComparisonResult) -> None:
     """Write the tables of a comparison into a folder."""
     make_folder(folder)
     names = [f"{n} [{u}]" if u else n for n, u, _ in COLUMNS]
-    write_table(folder / "algorithms.csv", names, _cells(result))
-    pairs = [(p["first"], p["second"], p["largest_deg"]) for p in result["pairs"]]
+    cells = [tuple(get(a) for _, _, get in COLUMNS) for a in result.algs]
+    write_table(folder / "algorithms.csv", names, cells)
+    pairs = [(p.first, p.second, p.largest_deg) for p in result.pairs]
     write_table(folder / "pairs.csv", ("first", "second", "largest angle [deg]"), pairs)
 
 

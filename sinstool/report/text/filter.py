@@ -2,7 +2,11 @@
 
 from __future__ import annotations
 
-from sinstool.pipelines.process.result import FilterUsed, LatencyUsed, WithheldScores
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from sinstool.pipelines.process.result import FilterUsed, LatencyUsed, WithheldScores
+
 
 Row = tuple[str, str]
 

@@ -2,14 +2,19 @@
 
 from __future__ import annotations
 
-from sinstool.pipelines.process.errors_against_truth import RunErrors
-from sinstool.pipelines.process.result import (
-    GnssDifference,
-    HeightDamping,
-    HseCorrection,
-    ProcessResult,
-)
+from typing import TYPE_CHECKING
+
 from sinstool.report.text.filter import filter_rows
+
+if TYPE_CHECKING:
+    from sinstool.pipelines.process.errors_against_truth import RunErrors
+    from sinstool.pipelines.process.result import (
+        GnssDifference,
+        HeightDamping,
+        HseCorrection,
+        ProcessResult,
+    )
+
 
 Row = tuple[str, str]
 

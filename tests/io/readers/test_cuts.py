@@ -7,6 +7,8 @@ from sinstool.io.readers import open_log
 from tests.helpers.logs import read_back
 from tests.io.readers.cuts import LOGS, expected
 
+pytestmark = pytest.mark.slow
+
 # No divisor of anything, so that cuts fall on all sorts of places
 STEP = 61
 

@@ -96,6 +96,7 @@ print(json.dumps(said))
 """
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(sys.platform != "linux", reason="peak memory is read from /proc")
 def test_none_takes_more_than_500_mb(tmp_path):
     paths = []

@@ -3,15 +3,13 @@
 `python benchmarks/fuzz_readers.py` reads far more of them, with limits of time and memory.
 """
 
-import sys
-
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from benchmarks import fuzz_inputs, fuzz_readers
 from sinstool.core.errors import SinstoolError
 from sinstool.io.readers import open_log
-from tests.helpers.paths import BENCHMARKS
 
 # Inputs of seed 1 that were read wrong once: an index that points beyond any file, pages of a
 # database that lead in a circle, a row longer than memory
@@ -19,49 +17,36 @@ FOUND = [("mcap", 519), ("db3", 50856), ("db3", 9436)]
 
 
 @pytest.fixture(scope="module")
-def fuzzing():
-    with pytest.MonkeyPatch.context() as patch:
-        patch.syspath_prepend(BENCHMARKS)
-        import fuzz_inputs
-        import fuzz_readers
-
-        yield fuzz_inputs, fuzz_readers
-    for name in ("fuzz_inputs", "fuzz_readers"):
-        sys.modules.pop(name, None)
-
-
-@pytest.fixture(scope="module")
-def logs(tmp_path_factory, fuzzing):
+def logs(tmp_path_factory):
     folder = tmp_path_factory.mktemp("fuzz") / "logs"
-    fuzzing[0].make_logs(folder)
+    fuzz_inputs.make_logs(folder)
     return folder
 
 
-def tried(fuzzing, logs, kind, number, folder):
-    inputs, readers = fuzzing
+def tried(logs, kind, number, folder):
     folder.mkdir()
-    made = inputs.make_input(logs, kind, 1, number, folder)
-    outcome, details = readers.try_input(made.path, made.salvage, number % 10 == 0)
-    assert outcome in readers.FINE, f"{made}: {details}"
+    made = fuzz_inputs.make_input(logs, kind, 1, number, folder)
+    outcome, details = fuzz_readers.try_input(made.path, made.salvage, number % 10 == 0)
+    assert outcome in fuzz_readers.FINE, f"{made}: {details}"
     return outcome
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("kind", ["mcap", "bag", "db3"])
-def test_damaged_logs_are_read_or_refused(fuzzing, logs, tmp_path, kind):
-    outcomes = [tried(fuzzing, logs, kind, n, tmp_path / str(n)) for n in range(150)]
+def test_damaged_logs_are_read_or_refused(logs, tmp_path, kind):
+    outcomes = [tried(logs, kind, n, tmp_path / str(n)) for n in range(150)]
     # neither a reader that refuses all, nor damage that harms none
     assert {"read", "refused"} == set(outcomes)
 
 
 @pytest.mark.parametrize(("kind", "number"), FOUND)
-def test_what_was_found_stays_mended(fuzzing, logs, tmp_path, kind, number):
-    tried(fuzzing, logs, kind, number, tmp_path / "input")
+def test_what_was_found_stays_mended(logs, tmp_path, kind, number):
+    tried(logs, kind, number, tmp_path / "input")
 
 
-def test_whole_logs_are_read(fuzzing, logs):
-    _, readers = fuzzing
+def test_whole_logs_are_read(logs):
     for path in logs.glob("*/*"):
-        assert readers.try_input(path, False) == ("read", ""), path
+        assert fuzz_readers.try_input(path, False) == ("read", ""), path
 
 
 HEADS = [b"\x89MCAP0\r\n", b"#ROSBAG V2.0\n", b"SQLite format 3\0", b""]

@@ -3,30 +3,23 @@
 import numpy as np
 import pytest
 
-from tests.helpers.paths import BENCHMARKS
+from benchmarks import height_monte_carlo as monte_carlo
 
 
-@pytest.fixture(scope="module")
-def monte_carlo():
-    with pytest.MonkeyPatch.context() as patch:
-        patch.syspath_prepend(BENCHMARKS)
-        import height_monte_carlo
-
-        yield height_monte_carlo
-
-
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "source", ["baro_white", "baro_wander", "accel_white", "accel_bias_wander"]
 )
 @pytest.mark.parametrize(("tau", "k4"), [(2.4, 0.5), (10.0, 4.0), (30.0, 0.0), (100.0, 0.0)])
-def test_sigmas(monte_carlo, tau, k4, source):
+def test_sigmas(tau, k4, source):
     exact, closed = monte_carlo.sigma_ratios(tau, k4, source, trials=60, spans=60)
     assert exact == pytest.approx(np.ones(3), abs=0.05)
     # the closed forms leave 3 w2 tau^2 out
     assert closed[:2] == pytest.approx(np.ones(2), abs=0.06)
 
 
-def test_vertical_channel_with_the_papers_barometer(monte_carlo):
+@pytest.mark.slow
+def test_vertical_channel_with_the_papers_barometer():
     v, h, a = monte_carlo.channel_rms(2.4, 0.5, runs=4, duration=1500.0, rate=50.0)
     assert v == pytest.approx(0.335, rel=0.1)
     assert h == pytest.approx(0.427, rel=0.1)

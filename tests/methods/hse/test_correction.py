@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from sinstool.core.errors import ConfigurationError
-from sinstool.methods.hse.calibration_file import from_fit
+from sinstool.methods.hse.calibration import from_fit
 from sinstool.methods.hse.correction import correct_heading, correction, require_applicable
 from sinstool.methods.hse.fit import fit
 from sinstool.methods.hse.fit_result import FitOptions

@@ -3,30 +3,22 @@
 import numpy as np
 import pytest
 
-from tests.helpers.paths import BENCHMARKS
+from benchmarks import hse_monte_carlo as monte_carlo
 
 
 @pytest.fixture(scope="module")
-def monte_carlo():
-    with pytest.MonkeyPatch.context() as patch:
-        patch.syspath_prepend(BENCHMARKS)
-        import hse_monte_carlo
-
-        yield hse_monte_carlo
-
-
-@pytest.fixture(scope="module")
-def sets(monte_carlo):
+def sets():
     return [monte_carlo.fast_set(seed) for seed in range(400)]
 
 
-def test_deviations_of_sets_are_as_expected(monte_carlo, sets):
+@pytest.mark.slow
+def test_deviations_of_sets_are_as_expected(sets):
     """Against white noise by hand, and an independent simulation of every sample of 120 sets."""
     lines = monte_carlo.summary(sets)
     for line, theory in zip(lines, monte_carlo.expected(), strict=True):
         # 1 sigma of 400 is known to 3.5 %; headings have 594 s of 600
         assert line.sigma == pytest.approx(theory, rel=0.12), line.name
-        assert abs(line.mean - true_value(monte_carlo, line.name)) < 4.0 * line.standard_error
+        assert abs(line.mean - true_value(line.name)) < 4.0 * line.standard_error
     k, heading, axial, plain = lines
     assert k.sigma == pytest.approx(22.3, rel=0.1)
     assert heading.sigma == pytest.approx(5.37, rel=0.1)
@@ -34,26 +26,28 @@ def test_deviations_of_sets_are_as_expected(monte_carlo, sets):
     assert axial.sigma < 0.5 * plain.sigma  # the bias is estimated
 
 
-def true_value(monte_carlo, name):
+def true_value(name):
     true = monte_carlo.LAMBDA2 / monte_carlo.ARCSEC
     if name.startswith("K"):
         return true * monte_carlo.C23 / (3.0 * monte_carlo.HORIZONTAL)
     return true
 
 
-def test_intervals_hold_and_formal_sigmas_are_honest(monte_carlo, sets):
+@pytest.mark.slow
+def test_intervals_hold_and_formal_sigmas_are_honest(sets):
     for line in monte_carlo.summary(sets)[:3]:
         assert 0.93 < line.held < 0.99, line.name
         # scaled up by chi-squared now and then, never down
         assert 0.97 < line.formal / line.sigma < 1.2, line.name
 
 
+@pytest.mark.slow
 def test_few_sound_runs_are_left_out(sets):
     assert np.mean([one.rejected > 0 for one in sets]) < 0.025
 
 
 @pytest.mark.parametrize("row", [0, 2, 6])
-def test_validation_repeats_an_independent_simulation(monte_carlo, row):
+def test_validation_repeats_an_independent_simulation(row):
     """The reference had 4000 trials and is given with two or three figures."""
     ours = monte_carlo.validate(monte_carlo.SCENARIOS[row], 40000, seed=11)
     reference = monte_carlo.REFERENCE[row]
@@ -63,12 +57,12 @@ def test_validation_repeats_an_independent_simulation(monte_carlo, row):
     assert ours[-1] == pytest.approx(reference[-1], abs=0.035)
 
 
-def test_a_set_of_samples_end_to_end(monte_carlo):
+def test_a_set_of_samples_end_to_end():
     """Simulated samples, turns, fit: short logs at a low rate, noise as theirs."""
     found = monte_carlo.full_set(3, duration=190.0, rate_hz=100.0)
     longer = np.sqrt(monte_carlo.DURATION / 180.0)
     k_noise = monte_carlo.expected()[0] * monte_carlo.ARCSEC * longer
-    true_k = true_value(monte_carlo, "K") * monte_carlo.ARCSEC
+    true_k = true_value("K") * monte_carlo.ARCSEC
     assert abs(found.K - true_k) < 4.0 * k_noise
     assert found.sigma_K == pytest.approx(k_noise, rel=0.6)
     turns = np.sqrt(np.mean(np.square(found.turn_sigma)))

@@ -6,7 +6,6 @@ from functools import cache
 import numpy as np
 
 from sinstool.core import earth, rotation
-from sinstool.core.streams import GnssEpochs
 from sinstool.methods.coning.registry import algorithm
 from sinstool.methods.coning.stage import ConingStage
 from sinstool.methods.height.network import HeightNetwork
@@ -17,6 +16,7 @@ from sinstool.methods.strapdown.velocity import Increments, IncrementStage
 from sinstool.simulation.barometer import barometer
 from sinstool.simulation.flight import manoeuvring_flight
 from sinstool.simulation.gnss import GnssErrors, Receiver, gnss_samples
+from tests.helpers.gnss import epochs
 
 DEGREE = np.pi / 180.0
 G = 9.80665
@@ -163,20 +163,6 @@ class Flown:
     def rms(self, blocks, begin=60.0, end=np.inf):
         e = np.concatenate([self.errors(b.updates, begin, end) for b in blocks])
         return np.sqrt(np.mean(e * e, axis=0))
-
-
-def epochs(fixes, sigmas=False):
-    nothing = np.full((len(fixes), 3), np.nan)
-    return GnssEpochs(
-        fixes.time_ns,
-        fixes.time_ns,
-        fixes.latitude,
-        fixes.longitude,
-        fixes.height,
-        fixes.velocity_n,
-        fixes.sigma_position if sigmas else nothing,
-        fixes.sigma_velocity if sigmas else nothing,
-    )
 
 
 def joined(blocks, name):

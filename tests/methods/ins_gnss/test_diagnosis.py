@@ -7,7 +7,6 @@ import numpy as np
 import pytest
 
 from sinstool.core.rotation import exp, multiply, normalise
-from sinstool.core.streams import GnssEpochs
 from sinstool.methods.coning.registry import algorithm
 from sinstool.methods.coning.stage import ConingStage
 from sinstool.methods.ins_gnss.diagnosis import diagnose
@@ -20,6 +19,7 @@ from sinstool.simulation.drive import road_drive
 from sinstool.simulation.flight import manoeuvring_flight
 from sinstool.simulation.gnss import GnssErrors, GnssFaults, Jump, Receiver, gnss_samples
 from sinstool.simulation.sensors import GRADES, with_errors
+from tests.helpers.gnss import epochs
 
 DEGREE = np.pi / 180.0
 RATE = 50.0
@@ -49,20 +49,6 @@ def increments(imu, gyro, accel):
     parts = [stage.push(gyro, accel, imu.time_ns), stage.finish()]
     columns = Increments.__dataclass_fields__
     return Increments(*(np.concatenate([getattr(p, c) for p in parts]) for c in columns))
-
-
-def epochs(samples):
-    nothing = np.full_like(samples.velocity_n, np.nan)
-    return GnssEpochs(
-        samples.time_ns,
-        samples.time_ns,
-        samples.latitude,
-        samples.longitude,
-        samples.height,
-        samples.velocity_n,
-        nothing,
-        nothing,
-    )
 
 
 def examined(

@@ -27,6 +27,7 @@ from sinstool.simulation.drive import road_drive
 from sinstool.simulation.flight import manoeuvring_flight
 from sinstool.simulation.gnss import GnssErrors, Receiver, gnss_samples
 from sinstool.simulation.sensors import GRADES, with_errors
+from tests.helpers.gnss import epochs
 
 RATE = 50.0
 GRADE = GRADES["mems"]
@@ -68,17 +69,8 @@ class Scene:
         receiver = Receiver(rate, 0.61, max(latency, 0.0), errors=ERRORS)
         samples = gnss_samples(path, receiver, seed)
         early = round(min(latency, 0.0) * 1e9)
-        nothing = np.full_like(samples.velocity_n, np.nan)
-        self.gnss = GnssEpochs(
-            samples.time_ns + early,
-            samples.time_ns + early,
-            samples.latitude,
-            samples.longitude,
-            samples.height,
-            samples.velocity_n,
-            nothing,
-            nothing,
-        )
+        stamps = samples.time_ns + early
+        self.gnss = replace(epochs(samples), time_ns=stamps, log_time_ns=stamps)
         psi = np.deg2rad([0.3, -0.3, 2.0])
         self.start = start(
             float(path.latitude[0]),

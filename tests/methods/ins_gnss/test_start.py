@@ -8,7 +8,6 @@ import pytest
 
 from sinstool.core.errors import AlignmentError
 from sinstool.core.rotation import conjugate, from_euler, log, multiply, rotate
-from sinstool.core.streams import GnssEpochs
 from sinstool.methods.alignment.inflight import ImuIncrements
 from sinstool.methods.ins_gnss.noise import IMU_GRADES, GnssModel
 from sinstool.methods.ins_gnss.settings import for_grade
@@ -18,24 +17,11 @@ from sinstool.simulation.flight import manoeuvring_flight
 from sinstool.simulation.gnss import GnssErrors, Receiver, gnss_samples
 from sinstool.simulation.interpolation import moments
 from sinstool.simulation.sensors import GRADES, with_errors
+from tests.helpers.gnss import epochs
 
 LEVER = (0.8, -0.4, -1.1)
 SHARP = GnssErrors((0.5, 0.5, 0.8), (0.0,) * 3, 100.0, (0.05, 0.05, 0.08))
 MODEL = GnssModel((0.5, 0.5, 0.8), (0.0,) * 3, 100.0, (0.05, 0.05, 0.08), (0.0,) * 3, 100.0)
-
-
-def epochs(samples, own_sigma=True):
-    nothing = np.full_like(samples.velocity_n, np.nan)
-    return GnssEpochs(
-        samples.time_ns,
-        samples.time_ns,
-        samples.latitude,
-        samples.longitude,
-        samples.height,
-        samples.velocity_n,
-        samples.sigma_position if own_sigma else nothing,
-        samples.sigma_velocity if own_sigma else nothing,
-    )
 
 
 def increments(imu, mount=(1.0, 0.0, 0.0, 0.0)):
@@ -58,7 +44,7 @@ def psi(q_found, q_true):
 def test_position_and_velocity_of_the_imu_between_two_fixes(latency):
     flight = manoeuvring_flight(60.0, 100.0, latitude=-0.6, longitude=2.8, heading=1.0, seed=3)
     receiver = Receiver(10.0, 0.033, latency, LEVER, GnssErrors())
-    gnss = epochs(gnss_samples(flight, receiver, 1), own_sigma=False)
+    gnss = epochs(gnss_samples(flight, receiver, 1))
     settings = for_grade("mems", lever_arm_b=LEVER, gnss_latency=latency)
     for row in (2000, 2507, 4003):
         truth = moments(flight, flight.time_ns[row : row + 1])
@@ -90,7 +76,9 @@ def test_position_and_velocity_of_the_imu_between_two_fixes(latency):
 
 def test_a_lever_arm_left_out_is_seen():
     flight = manoeuvring_flight(30.0, 100.0, seed=3)
-    gnss = epochs(gnss_samples(flight, Receiver(10.0, 0.0, 0.0, LEVER, GnssErrors()), 1))
+    gnss = epochs(
+        gnss_samples(flight, Receiver(10.0, 0.0, 0.0, LEVER, GnssErrors()), 1), own_sigma=True
+    )
     truth = moments(flight, flight.time_ns[2000:2001])
     at = (int(truth.time_ns[0]), truth.q_nb[0], 1e-6 * np.eye(3), gnss)
     near = start_at(*at, for_grade("mems", lever_arm_b=LEVER))
@@ -101,7 +89,7 @@ def test_a_lever_arm_left_out_is_seen():
 
 def test_far_from_any_fix_there_is_no_start():
     flight = drive()
-    gnss = epochs(gnss_samples(flight, Receiver(2.0, 20.0, errors=SHARP), 1))
+    gnss = epochs(gnss_samples(flight, Receiver(2.0, 20.0, errors=SHARP), 1), own_sigma=True)
     with pytest.raises(AlignmentError, match="within 2 s"):
         start_at(int(1e10), [1.0, 0.0, 0.0, 0.0], np.eye(3), gnss, for_grade("mems"))
 
@@ -116,7 +104,7 @@ def test_a_road_start_however_the_sensor_is_mounted(mount, seed):
     # Half a degree per second of bias, as of a consumer's gyro
     sensors = with_errors(truth.imu, replace(GRADES["mems"], gyro_bias=5e-3), seed)
     imu = increments(sensors, q_mount)
-    gnss = epochs(gnss_samples(truth, Receiver(4.0, 2.1, 0.0, errors=SHARP), seed))
+    gnss = epochs(gnss_samples(truth, Receiver(4.0, 2.1, 0.0, errors=SHARP), seed), own_sigma=True)
     settings = for_grade("mems", gnss=MODEL)
     found = find_start(imu, gnss, settings)
     # It begins with GNSS, though heading is known only from the motion half a minute later
@@ -151,7 +139,9 @@ def test_carried_back_through_turns():
 def test_without_rest_in_a_flight():
     flight = manoeuvring_flight(120.0, 100.0, latitude=0.5, heading=-2.0, seed=4)
     imu = increments(with_errors(flight.imu, GRADES["mems"], 5))
-    gnss = epochs(gnss_samples(flight, Receiver(5.0, errors=SHARP, lever_arm_b=LEVER), 6))
+    gnss = epochs(
+        gnss_samples(flight, Receiver(5.0, errors=SHARP, lever_arm_b=LEVER), 6), own_sigma=True
+    )
     settings = for_grade("mems", gnss=MODEL, lever_arm_b=LEVER)
     found = find_start(imu, gnss, settings)
     row = int(np.searchsorted(flight.time_ns, found.time_ns))
@@ -165,7 +155,7 @@ def test_without_rest_in_a_flight():
 
 def test_where_nothing_tells_the_heading_it_says_so():
     standing = road_drive(60.0, 100.0, still_s=100.0)
-    gnss = epochs(gnss_samples(standing, Receiver(4.0, errors=SHARP), 1))
+    gnss = epochs(gnss_samples(standing, Receiver(4.0, errors=SHARP), 1), own_sigma=True)
     imu = increments(with_errors(standing.imu, GRADES["mems"], 1))
     with pytest.raises(AlignmentError, match="heading"):
         find_start(imu, gnss, for_grade("mems", gnss=MODEL))

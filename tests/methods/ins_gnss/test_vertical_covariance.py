@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 from scipy.linalg import expm
 
+from benchmarks import ins_gnss_monte_carlo as monte_carlo
 from sinstool.methods.ins_gnss.filter import InsGnssFilter
 from sinstool.methods.ins_gnss.smoother import Smoother
-from tests.helpers.paths import BENCHMARKS
 
 SECONDS = 900
 OUTAGE = (600, 660)
@@ -57,9 +57,6 @@ def riccati(with_baro):
 
 @pytest.mark.parametrize("name", ["baro-24", "markov-21"])
 def test_height_is_known_as_well_as_a_small_filter_says(name):
-    with pytest.MonkeyPatch.context() as patch:
-        patch.syspath_prepend(BENCHMARKS)
-        import ins_gnss_monte_carlo as monte_carlo
     scene = replace(monte_carlo.spiral_scene(float(SECONDS), 16.0), gaps=(OUTAGE,))
     data = monte_carlo.simulate(scene, 1)
     with_baro = name == "baro-24"

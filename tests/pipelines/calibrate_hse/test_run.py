@@ -84,7 +84,7 @@ def test_output_appears_whole_or_not_at_all(log, tmp_path, monkeypatch):
     def full(*_):
         raise OSError(28, "No space left on device")
 
-    monkeypatch.setattr("sinstool.pipelines.calibrate_hse.run.dumps", full)
+    monkeypatch.setattr("sinstool.core.whole_file._SyncedFile.write", full)
     config = effective_config(rig, {"output__overwrite": True})
     with pytest.raises(OutputError, match="No space left"):
         calibrate_logs([path], output, config)
@@ -101,7 +101,7 @@ def test_spread_of_a_position_is_about_its_corrected_mean(log):
     heading = np.array([run.heading for run in found.runs])
     np.testing.assert_allclose(wrapped(one.before + one.heading - heading), 0.0, atol=1e-12)
     # 60 deg/s apart, by eq. (14)
-    lambda2, lean = found.kept.lambda2_rad, found.runs[0].C23
+    lambda2, lean = found.file.lambda2_rad, found.runs[0].C23
     expected = np.radians(60.0) * lambda2 * lean / 3.0 / 7.292115e-5 / np.cos(np.radians(28.07))
     taken = one.before - one.after
     assert taken[0] - taken[1] == pytest.approx(expected, rel=1e-3)

@@ -10,19 +10,11 @@ from hypothesis import strategies as st
 
 from sinstool.core.earth import EARTH_RATE
 from sinstool.core.errors import ConfigurationError
-from sinstool.methods.hse.calibration_file import (
-    HseCalibration,
-    RunRecord,
-    dumps,
-    from_dict,
-    from_fit,
-    loads,
-    require_config,
-    to_dict,
-)
+from sinstool.methods.hse.calibration import HseCalibration, RunRecord, from_fit, require_config
 from sinstool.methods.hse.fit import fit
 from sinstool.methods.hse.fit_result import METHODS, FitOptions
 from sinstool.methods.hse.status import STATUSES, judge
+from sinstool.pipelines.calibrate_hse.calibration_file import dumps, from_dict, loads, to_dict
 from tests.methods.hse.made_runs import ARCSEC, EPSILON, RATES, brute_runs, noisy
 
 SHA = "0123456789abcdef" * 4
@@ -178,13 +170,13 @@ def test_every_key_is_needed_and_has_its_type():
         (("lambda2_arcsec",), 4.2, "contradicts"),
         (("eps_sum_rad",), 2e-5, "contradicts"),
         (("K_HSE_arcsec_per_rad_s",), None, "contradicts"),
-        (("fit", "dof"), 7.5, "fit.dof is 7.5, not a whole number"),
+        (("fit", "dof"), 7.5, "fit.dof is 7.5: it should be a valid int"),
         (("fit", "dof"), True, "fit.dof"),
         (("axial", "c"), "1e-5", "axial.c"),
         (("axial", "c"), None, "axial.c"),
         (("axial", "c"), True, "axial.c"),
-        (("runs", 0, "used"), 1, "runs.used is 1, not true or false"),
-        (("ci95_lambda2_rad",), [1e-5], "2 numbers"),
+        (("runs", 0, "used"), 1, "runs.0.used is 1: it should be a valid bool"),
+        (("ci95_lambda2_rad",), [1e-5], "lacks ci95_lambda2_rad.1"),
         (("warnings",), "none", "warnings"),
         (("status",), "fine", "status is impossible"),
         (("method",), "guess", "method is impossible"),

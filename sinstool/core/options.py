@@ -1,0 +1,85 @@
+"""Options as models: one field is a flag, its help, its range and a key of a file."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import Any
+
+from pydantic import BaseModel, ConfigDict, Field, model_validator
+from pydantic.fields import FieldInfo
+
+
+def option(default: Any, text: str, metavar: str | None = None, **limits: float) -> Any:
+    """A field with all that the command line says of it.
+
+    Parameters
+    ----------
+    text : str
+        The option's help.
+    metavar : str, optional
+        What stands for its value there: a unit, or a form.
+    **limits : float
+        ``ge``, ``gt``, ``le`` and ``lt`` of the value.
+    """
+    return Field(default, description=text, json_schema_extra={"metavar": metavar}, **limits)  # type: ignore[call-overload]
+
+
+class Group(BaseModel):
+    """Options that belong together: a table of the configuration file."""
+
+    # strict: a word is no number and a number is no yes or no
+    model_config = ConfigDict(extra="forbid", frozen=True, strict=True, allow_inf_nan=False)
+
+    @model_validator(mode="before")
+    @classmethod
+    def _tuples(cls, data: Any) -> Any:
+        """Lists, which TOML has, as the tuples that strict models want."""
+        return {k: _tuple(v) for k, v in data.items()} if isinstance(data, dict) else data
+
+    def check(self) -> None:
+        """What no single option can know: whether they fit each other.
+
+        Raises
+        ------
+        ConfigurationError
+        """
+
+    @classmethod
+    def options(cls, *paths: str) -> Iterator[tuple[str, str, FieldInfo]]:
+        """Fields of some of its tables, as (table, name, field).
+
+        Parameters
+        ----------
+        *paths : str
+            Names of tables, or of single fields as ``table.name``.
+        """
+        for path in paths:
+            table, _, single = path.partition(".")
+            model = cls.model_fields[table].annotation
+            assert isinstance(model, type) and issubclass(model, Group)
+            for name, field in model.model_fields.items():
+                if single in ("", name):
+                    yield table, name, field
+
+
+def _tuple(value: Any) -> Any:
+    return tuple(map(_tuple, value)) if isinstance(value, list) else value
+
+
+def span(text: str) -> tuple[float, float]:
+    """START:END as two numbers of seconds.
+
+    Raises
+    ------
+    ValueError
+        The text is none.
+    """
+    start, separator, end = text.partition(":")
+    try:
+        begin, stop = float(start), float(end)
+    except ValueError:
+        separator = ""
+        begin = stop = 0.0
+    if not separator or not begin < stop:
+        raise ValueError(f"'{text}' is not START:END in seconds")
+    return begin, stop

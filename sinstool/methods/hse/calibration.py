@@ -1,0 +1,256 @@
+"""The calibration of heading-sensitive error, and whether it fits a rig.
+
+A hash of the configuration (the matrices, the encoder) that the coefficient was found with is part
+of it: the coefficient lumps together every error along the axis and holds for no other one.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from sinstool.core.earth import EARTH_RATE
+from sinstool.core.errors import ConfigurationError
+from sinstool.methods.hse.fit_result import HseFit
+from sinstool.methods.hse.status import APPLICABLE, Judgement
+
+
+@dataclass(frozen=True)
+class AxialRecord:
+    """What the rate along the axis gave."""
+
+    c: float
+    lambda2_rad: float
+    sigma_rad: float | None
+    bias_rad_s: float | None
+    z_consistency: float | None
+
+
+@dataclass(frozen=True)
+class FitRecord:
+    """How good the fit of headings is; ``s_rad`` is the scatter of a run about it."""
+
+    n_runs: int
+    n_rates: int
+    dof: int
+    chi2: float | None
+    s_rad: float | None
+    r2: float | None
+    F_lof: float | None
+    p_lof: float | None
+    cond: float | None
+    distribution: str
+    rates_rad_s: tuple[float, ...]
+
+
+@dataclass(frozen=True)
+class RunRecord:
+    """One run of the calibration, used or not."""
+
+    id: str
+    source: str
+    t_start_s: float
+    duration_s: float
+    n_turns: int
+    rate_rad_s: float
+    psi_rad: float
+    sigma_psi_rad: float | None
+    theta: float
+    gamma: float
+    C23: float
+    sigma_C23: float | None
+    c_axial: float
+    sigma_c_axial: float | None
+    position: int
+    resid_rad: float | None
+    leverage: float | None
+    studentised: float | None
+    used: bool
+    reason: str
+
+
+@dataclass(frozen=True)
+class HseCalibration:
+    """A calibration as it is written to a file.
+
+    The names and units are those of the file; see :class:`sinstool.methods.hse.fit_result.HseFit`
+    for their meaning. ``cov`` belongs to ``parameters``; both are empty where the scatter cannot
+    be told. ``created`` is a time by RFC 3339, ``tool`` the version that wrote it.
+    """
+
+    created: str
+    tool: str
+    method: str
+    form: str
+    status: str
+    warnings: tuple[str, ...]
+    lambda2_rad: float | None
+    sigma_lambda2_rad: float | None
+    ci95_lambda2_rad: tuple[float, float] | None
+    K_HSE_s: float | None
+    sigma_K_HSE_s: float | None
+    ci95_K_HSE_s: tuple[float, float] | None
+    psi0_rad: tuple[float, ...]
+    parameters: tuple[str, ...]
+    cov: tuple[tuple[float, ...], ...]
+    C23_rad: float
+    sigma_C23_rad: float
+    C23_spread: float
+    axial: AxialRecord
+    delay_s: float | None
+    sigma_delay_s: float | None
+    latitude_rad: float
+    omega_ie: float
+    fit: FitRecord
+    runs: tuple[RunRecord, ...]
+    config_sha256: str
+
+    @property
+    def rate_range(self) -> tuple[float, float]:
+        """Least and largest rate of the runs in use, rad/s."""
+        rates = [r.rate_rad_s for r in self.runs if r.used]
+        return min(rates), max(rates)
+
+    @property
+    def max_C23(self) -> float:
+        """Largest lean of the axis to the east, either way, of the runs in use."""
+        return max(abs(r.C23) for r in self.runs if r.used)
+
+    @property
+    def applicable(self) -> bool:
+        """The coefficient may be applied without being forced."""
+        return self.lambda2_rad is not None and self.status in APPLICABLE
+
+
+def _finite(value: float | None) -> float | None:
+    return None if value is None or not math.isfinite(value) else float(value)
+
+
+def from_fit(
+    result: HseFit, judged: Judgement, created: str, tool: str, config_sha256: str
+) -> HseCalibration:
+    """Calibration of a fit and its judgement.
+
+    Parameters
+    ----------
+    created : str
+        Time by RFC 3339.
+    tool : str
+        Name and version of the program.
+    config_sha256 : str
+        Hash of the configuration of the rig, 64 hexadecimal digits.
+
+    Returns
+    -------
+    HseCalibration
+        Without ``lambda2`` where the status is ``error``, or ``unobservable``.
+    """
+    refused = judged.status in ("error", "unobservable")
+    finite = bool(np.all(np.isfinite(result.covariance)))
+    return HseCalibration(
+        created=created,
+        tool=tool,
+        method=result.method,
+        form=result.form,
+        status=judged.status,
+        warnings=judged.warnings,
+        lambda2_rad=None if refused else result.lambda2,
+        sigma_lambda2_rad=None if refused else result.sigma_lambda2,
+        ci95_lambda2_rad=None if refused else result.ci95_lambda2,
+        K_HSE_s=result.K,
+        sigma_K_HSE_s=result.sigma_K,
+        ci95_K_HSE_s=result.ci95_K,
+        psi0_rad=result.psi0,
+        parameters=result.parameters if finite else (),
+        cov=tuple(tuple(float(v) for v in row) for row in result.covariance) if finite else (),
+        C23_rad=result.C23,
+        sigma_C23_rad=result.sigma_C23,
+        C23_spread=result.C23_spread,
+        axial=AxialRecord(
+            c=result.axial.c,
+            lambda2_rad=result.axial.lambda2,
+            sigma_rad=_finite(result.axial.sigma_lambda2),
+            bias_rad_s=result.axial.bias,
+            z_consistency=result.z_consistency,
+        ),
+        delay_s=result.delay,
+        sigma_delay_s=result.sigma_delay,
+        latitude_rad=result.latitude,
+        omega_ie=EARTH_RATE,
+        fit=FitRecord(
+            n_runs=result.n_used,
+            n_rates=len(result.rates),
+            dof=result.dof,
+            chi2=result.chi2,
+            s_rad=result.s,
+            r2=result.r2,
+            F_lof=result.F_lof,
+            p_lof=result.p_lof,
+            cond=result.condition,
+            distribution=result.distribution,
+            rates_rad_s=result.rates,
+        ),
+        runs=tuple(_run_record(result, i) for i in range(len(result.runs))),
+        config_sha256=config_sha256,
+    )
+
+
+def _run_record(result: HseFit, i: int) -> RunRecord:
+    run, fitted = result.runs[i], result.run_fits[i]
+    return RunRecord(
+        id=run.id,
+        source=run.source,
+        t_start_s=run.t_start_s,
+        duration_s=run.duration_s,
+        n_turns=run.n_turns,
+        rate_rad_s=run.rate,
+        psi_rad=run.heading,
+        sigma_psi_rad=_finite(run.sigma_heading),
+        theta=run.theta,
+        gamma=run.gamma,
+        C23=run.C23,
+        sigma_C23=_finite(run.sigma_C23),
+        c_axial=run.c_axial,
+        sigma_c_axial=_finite(run.sigma_c_axial),
+        position=fitted.position,
+        resid_rad=fitted.residual,
+        leverage=fitted.leverage,
+        studentised=fitted.studentised,
+        used=fitted.used,
+        reason=fitted.reason,
+    )
+
+
+def require_config(cal: HseCalibration, config_sha256: str, force: bool = False) -> str | None:
+    """Refuse a calibration that was made with another configuration.
+
+    Parameters
+    ----------
+    config_sha256 : str
+        Hash of the configuration in use.
+    force : bool
+        Accept it all the same.
+
+    Returns
+    -------
+    str or None
+        A warning when it was forced.
+
+    Raises
+    ------
+    ConfigurationError
+        If the configurations differ and it is not forced.
+    """
+    if cal.config_sha256 == config_sha256:
+        return None
+    message = (
+        "the calibration of heading-sensitive error was made with another configuration of the"
+        f" rig ({cal.config_sha256[:12]}, not {config_sha256[:12]})"
+    )
+    if force:
+        return message
+    raise ConfigurationError(
+        message, "calibrate again with this configuration, or apply it with --force"
+    )

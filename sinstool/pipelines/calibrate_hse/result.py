@@ -1,0 +1,148 @@
+"""What a calibration of heading-sensitive error comes to: ``--json``, the terminal and the page."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sinstool.core.finding import Finding, exit_status
+from sinstool.core.result import as_json
+from sinstool.core.units import DEGREE
+from sinstool.methods.hse.calibration import HseCalibration
+from sinstool.methods.hse.fit_result import HseFit
+from sinstool.methods.hse.rig import Rig
+from sinstool.methods.hse.run import HseRun
+from sinstool.methods.hse.table import Column, ValidationTable
+from sinstool.pipelines.calibrate_hse.calibration_file import to_dict
+from sinstool.survey.rig import RigTurns
+
+SCHEMA = "sinstool.calibrate-hse/1"
+FloatArray = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class PositionSpread:
+    """Headings of the runs in use at one position, less the mean corrected one.
+
+    This needs no azimuth from outside, and cannot show what is wrong with the position as a
+    whole.
+
+    Attributes
+    ----------
+    position : int
+        Number in the fit.
+    heading : float
+        Mean corrected heading, rad, in [0, 2 pi).
+    before, after : ndarray, shape (n,)
+        rad.
+    """
+
+    position: int
+    heading: float
+    ids: tuple[str, ...]
+    before: FloatArray
+    after: FloatArray
+
+    @property
+    def peak_to_peak(self) -> tuple[float, float]:
+        """Before and after correction, rad."""
+        return float(np.ptp(self.before)), float(np.ptp(self.after))
+
+
+@dataclass(frozen=True)
+class Calibration:
+    """A calibration of one rig.
+
+    Attributes
+    ----------
+    logs : tuple of RigTurns
+        Of each log that could be used.
+    file : HseCalibration
+        As written.
+    table : ValidationTable or None
+        Headings before and after correction against azimuths of the stand; None without azimuths
+        or without a coefficient.
+    spread : tuple of PositionSpread
+        Headings before and after correction within each position; empty without a coefficient.
+    findings : tuple of Finding
+        Of the rig, of the logs and of the fit.
+    """
+
+    rig: Rig
+    logs: tuple[RigTurns, ...]
+    runs: tuple[HseRun, ...]
+    fit: HseFit
+    file: HseCalibration
+    table: ValidationTable | None
+    spread: tuple[PositionSpread, ...]
+    findings: tuple[Finding, ...]
+
+    @property
+    def exit_status(self) -> int:
+        """0 done; 3 done, but something was lost, or the coefficient is not to be applied."""
+        return exit_status(self.findings)
+
+    @property
+    def largest_spread(self) -> tuple[float, float] | None:
+        """Largest peak to peak at one position, before and after, rad; None without repeats."""
+        repeats = [one.peak_to_peak for one in self.spread if len(one.ids) > 1]
+        if not repeats:
+            return None
+        before, after = zip(*repeats, strict=True)
+        return max(before), max(after)
+
+    @property
+    def warnings(self) -> tuple[str, ...]:
+        """The findings in words."""
+        return tuple(str(finding) for finding in self.findings)
+
+    def to_json(self) -> dict[str, Any]:
+        """The calibration as it was written, the table of headings, and what was not used."""
+        values = {
+            "validation": None if self.table is None else _table(self.table),
+            "positions": [_position(one) for one in self.spread],
+            "not_used": [
+                {
+                    "source": log.source,
+                    "start_s": segment.start_s,
+                    "duration_s": segment.duration_s,
+                    "rate_deg_s": segment.rate / DEGREE,
+                    "reason": segment.reason,
+                }
+                for log in self.logs
+                for segment in log.segmentation.rejected
+            ],
+            "status": self.file.status,
+            "findings": self.findings,
+            "warnings": self.warnings,
+        }
+        return {"schema": SCHEMA, "calibration": to_dict(self.file), **as_json(values)}
+
+
+def _position(spread: PositionSpread) -> dict[str, Any]:
+    before, after = spread.peak_to_peak
+    return {
+        "position": spread.position,
+        "heading_rad": spread.heading,
+        "runs": spread.ids,
+        "peak_to_peak_before_rad": before,
+        "peak_to_peak_after_rad": after,
+    }
+
+
+def _table(table: ValidationTable) -> dict[str, Any]:
+    columns = (table.ids, table.azimuth, table.before.values, table.after.values)
+    names = ("id", "azimuth_rad", "before_rad", "after_rad")
+    return {
+        "position_azimuth_rad": table.position_azimuth,
+        "rows": [dict(zip(names, row, strict=True)) for row in zip(*columns, strict=True)],
+        "before": _column(table.before),
+        "after": _column(table.after),
+    }
+
+
+def _column(column: Column) -> dict[str, Any]:
+    return {**as_json(column.scatter), "sinusoid": column.sinusoid}

@@ -1,0 +1,349 @@
+"""Logs made of scenarios: truth, sensor errors, topics, and the file."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import tomli_w
+
+from sinstool.core.errors import ConfigurationError, OutputError
+from sinstool.core.options import span
+from sinstool.core.rotation import from_euler
+from sinstool.core.units import DEGREE
+from sinstool.core.whole_file import check_output, commit_together, write_whole
+from sinstool.methods.height.pressure import geopotential, height_per_pascal, pressure_at
+from sinstool.simulation import drive, flight, launch, launch_sensors, motions
+from sinstool.simulation.barometer import barometer
+from sinstool.simulation.coning import classical_coning
+from sinstool.simulation.coning_paper import coning_paper, paper_response
+from sinstool.simulation.gnss import MODELS, GnssFaults, Jump, Receiver, gnss_samples
+from sinstool.simulation.hse_rig import HseRigLog
+from sinstool.simulation.join import after_rest
+from sinstool.simulation.log import (
+    Axes,
+    SimulatedTopic,
+    baro_topic,
+    gnss_topics,
+    imu_topic,
+    resting_fixes,
+    truth_topics,
+    write_simulated,
+)
+from sinstool.simulation.rig_log import lambda2_arcsec, rig_log, rig_table, rig_topics
+from sinstool.simulation.scenarios import (
+    SCENARIOS,
+    Broadband,
+    Coning,
+    ConingPaper,
+    Drive,
+    HseRig,
+    Launch,
+    Manoeuvre,
+    ManoeuvringFlight,
+    MotionScenario,
+    Scenario,
+    SpiralClimb,
+    Static,
+    TwoFrequency,
+    Vehicle,
+)
+from sinstool.simulation.sensors import GRADES, with_errors
+from sinstool.simulation.static import static
+from sinstool.simulation.trajectory import Trajectory
+from sinstool.simulation.truth import ImuTruth, sample_times
+
+SCHEMA = "sinstool.simulate/1"
+START_NS = 1_700_000_000_000_000_000
+# Seeds of one log's receiver and barometer, apart from that of its Imu
+GNSS_SEED, BARO_SEED = 1000, 2000
+
+
+@dataclass(frozen=True)
+class Simulated:
+    """A log that can be written, and what it was made from.
+
+    Attributes
+    ----------
+    truth, sensor : ImuTruth or None
+        Exact, and as measured; None for a turntable.
+    trajectory : Trajectory or None
+        Of a vehicle.
+    rig : HseRigLog or None
+        Of a turntable.
+    """
+
+    scenario: Scenario
+    topics: list[SimulatedTopic]
+    truth: ImuTruth | None = None
+    sensor: ImuTruth | None = None
+    trajectory: Trajectory | None = None
+    rig: HseRigLog | None = None
+    settings: dict[str, str] = field(init=False)
+
+    def __post_init__(self) -> None:
+        settings = {"scenario": name_of(self.scenario)}
+        for name, value in self.scenario:
+            if value not in (None, ()):
+                text = ",".join(map(str, value)) if isinstance(value, tuple) else str(value)
+                settings[name] = text
+        if self.rig is not None:
+            settings["lambda2_arcsec"] = repr(lambda2_arcsec(self.rig))
+        object.__setattr__(self, "settings", settings)
+
+
+def name_of(scenario: Scenario) -> str:
+    """The scenario's name on the command line."""
+    return next(name for name, kind in SCENARIOS.items() if kind is type(scenario))
+
+
+@dataclass(frozen=True)
+class LogFiles:
+    """Where a simulated log goes.
+
+    Attributes
+    ----------
+    rig : Path or None
+        A turntable as its user believes it to be, as TOML.
+    """
+
+    log: Path
+    rig: Path | None = None
+    overwrite: bool = False
+
+    def check(self) -> None:
+        """Refuse files that could not be written, before anything is computed.
+
+        Raises
+        ------
+        OutputError
+        """
+        check_output(self.log, [], self.overwrite)
+        if self.rig is not None:
+            if self.rig.resolve() == self.log.resolve():
+                raise OutputError(f"{self.log} is named twice", "choose another --rig-out")
+            check_output(self.rig, [], self.overwrite)
+
+
+def simulate(scenario: Scenario) -> Simulated:
+    """Make a log of a scenario.
+
+    Raises
+    ------
+    ConfigurationError
+        No such log can be made.
+    """
+    try:
+        if isinstance(scenario, HseRig):
+            log = rig_log(scenario)
+            return Simulated(scenario, rig_topics(log, scenario.truth), rig=log)
+        if isinstance(scenario, Vehicle):
+            return _vehicle(scenario)
+        assert isinstance(scenario, MotionScenario)
+        return _motion(scenario)
+    except ValueError as exc:
+        raise ConfigurationError(str(exc)) from exc
+
+
+def write_log(
+    simulated: Simulated, files: LogFiles, beside: Callable[[], None] | None = None
+) -> dict[str, Any]:
+    """Write a log and what belongs to it, all or nothing.
+
+    Parameters
+    ----------
+    beside : callable, optional
+        Writes another file.
+
+    Returns
+    -------
+    dict
+        What was written, as ``--json`` says it.
+    """
+    with commit_together():
+        counts = write_simulated(files.log, simulated.topics, simulated.settings)
+        if files.rig is not None and simulated.rig is not None:
+            assert isinstance(simulated.scenario, HseRig)
+            table = rig_table(simulated.rig, simulated.scenario)
+            write_whole(files.rig, tomli_w.dumps({"rig": table}))
+        if beside is not None:
+            beside()
+    return {
+        "schema": SCHEMA,
+        "output": str(files.log),
+        "topics": counts,
+        "settings": simulated.settings,
+    }
+
+
+def simulate_one(scenario: Scenario, files: LogFiles, _: Any = None) -> dict[str, Any]:
+    """One of many logs: the values of ``--json`` with ``seed``, ``status`` and ``exit``.
+
+    Raises
+    ------
+    SinstoolError
+    """
+    files.check()
+    written = write_log(simulate(scenario), files)
+    return {**written, "seed": scenario.seed, "status": "done", "exit": 0}
+
+
+def _motion(scenario: MotionScenario) -> Simulated:
+    """Rotation about a point, or rest."""
+    truth, measured = _truth(scenario)
+    sensor = with_errors(measured, GRADES[scenario.grade], scenario.seed)
+    topics = _imu_topics(scenario, truth, sensor)
+    if isinstance(scenario, Static):
+        latitude, longitude = np.radians([scenario.latitude, scenario.longitude]).tolist()
+        topics.append(resting_fixes(truth.time_ns, (latitude, longitude, scenario.height)))
+    return Simulated(scenario, topics, truth, sensor)
+
+
+def _truth(s: MotionScenario) -> tuple[ImuTruth, ImuTruth]:
+    """The truth, and what perfect sensors would have of it."""
+    if isinstance(s, Coning):
+        truth = _coning(s)
+        return truth, truth
+    times = sample_times(s.rate, s.duration, START_NS)
+    if isinstance(s, ConingPaper):
+        return coning_paper(
+            times,
+            s.noise_frequency,
+            phase=s.phase,
+            response=paper_response(s.gyro_response),
+            half_angle=np.radians(s.half_angle_deg),
+            frequency=s.frequency,
+            noise_angle=np.radians(s.noise_deg),
+        )
+    if isinstance(s, Static):
+        attitude = from_euler(np.radians(s.attitude))
+        truth = static(times, attitude, np.radians(s.latitude), s.height)
+    elif isinstance(s, TwoFrequency):
+        a, b = np.radians(s.half_angles_deg)
+        truth = motions.two_frequency(times, (a, b), s.frequencies)
+    elif isinstance(s, Broadband):
+        truth = motions.broadband(times, float(np.radians(s.angle_deg)), s.band, seed=s.seed)
+    else:
+        assert isinstance(s, Manoeuvre)
+        size = float(np.radians(s.rate_rms_deg_s))
+        truth = motions.random_manoeuvre(times, size, s.band, seed=s.seed)
+    return truth, truth
+
+
+def _coning(s: Coning) -> ImuTruth:
+    times = sample_times(s.rate, s.duration + s.lead_in, START_NS)
+    begin = int(np.searchsorted(times, START_NS + round(s.lead_in * 1e9)))
+    if begin >= len(times) - 1:
+        raise ConfigurationError("--duration holds no sample interval")
+    truth = classical_coning(times[begin:], np.radians(s.half_angle_deg), s.frequency)
+    if begin == 0:
+        return truth
+    # A cone without an angle is a rest.
+    rest = classical_coning(times[: begin + 1], 0.0, s.frequency, q_nc=truth.q_nb[0])
+    return after_rest(truth, rest)
+
+
+def _vehicle(scenario: Vehicle) -> Simulated:
+    """A motion over the Earth, with a receiver and a barometer."""
+    trajectory = _trajectory(scenario)
+    grade = GRADES[scenario.grade]
+    limit = None
+    if isinstance(scenario, Launch):
+        limit = scenario.gyro_range
+        if scenario.launch_grade is not None:
+            grade = launch_sensors.launch_grade(scenario.launch_grade, scenario.accel_unit_reading)
+    sensor = with_errors(trajectory.imu, grade, scenario.seed)
+    if limit is not None:
+        sensor = launch_sensors.saturated(sensor, limit * DEGREE, float("inf"))
+    topics = _imu_topics(scenario, trajectory.imu, sensor, trajectory)
+    if scenario.gnss_rate > 0.0:
+        topics += _gnss(scenario, trajectory)
+    if scenario.baro_rate > 0.0:
+        topics.append(_baro(scenario, trajectory))
+    return Simulated(scenario, topics, trajectory.imu, sensor, trajectory)
+
+
+def _trajectory(s: Vehicle) -> Trajectory:
+    place: dict[str, Any] = {
+        "latitude": s.latitude * DEGREE,
+        "longitude": s.longitude * DEGREE,
+        "height": s.height,
+        "start_ns": START_NS,
+    }
+    heading = s.heading * DEGREE
+    if isinstance(s, Launch):
+        return launch.launch(
+            s.rate,
+            s.duration,
+            azimuth=heading,
+            dynamics=s.dynamics,
+            straight=s.straight,
+            pad_s=s.pad,
+            **place,
+        )
+    place["heading"] = heading
+    if isinstance(s, ManoeuvringFlight):
+        return flight.manoeuvring_flight(
+            s.duration, s.rate, turbulence=s.turbulence, seed=s.seed, **place
+        )
+    if isinstance(s, Drive):
+        return drive.road_drive(s.duration, s.rate, still_s=s.still, seed=s.seed, **place)
+    assert isinstance(s, SpiralClimb)
+    return flight.spiral_climb(s.duration, s.rate, **place)
+
+
+def _imu_topics(
+    scenario: MotionScenario,
+    truth: ImuTruth,
+    sensor: ImuTruth,
+    trajectory: Trajectory | None = None,
+) -> list[SimulatedTopic]:
+    axes = Axes(scenario.body_axes)
+    exact = truth_topics(truth, axes, trajectory) if scenario.truth else []
+    return [imu_topic(sensor, scenario.gyro_kind, axes), *exact]
+
+
+def _spans(texts: tuple[str, ...]) -> tuple[tuple[float, float], ...]:
+    return tuple(span(text) for text in texts)
+
+
+def _gnss(s: Vehicle, trajectory: Trajectory) -> list[SimulatedTopic]:
+    faults = GnssFaults(
+        outages=_spans(s.gnss_outage),
+        jumps=tuple(Jump(a, b, (100.0, 0.0, 0.0)) for a, b in _spans(s.gnss_jump)),
+        outlier_fraction=s.gnss_outliers,
+        outlier_position=100.0,
+        outlier_velocity=20.0,
+        flat=_spans(s.gnss_flat),
+    )
+    receiver = Receiver(
+        rate_hz=s.gnss_rate,
+        offset_s=s.gnss_offset,
+        latency_s=s.gnss_latency,
+        lever_arm_b=s.lever_arm,
+        errors=MODELS[s.gnss_model],
+        faults=faults,
+    )
+    return gnss_topics(gnss_samples(trajectory, receiver, s.seed + GNSS_SEED), s.velocity)
+
+
+def _baro(s: Vehicle, trajectory: Trajectory) -> SimulatedTopic:
+    first, last = (int(trajectory.time_ns[k]) for k in (0, -1))
+    count = int((last - first) * 1e-9 * s.baro_rate) + 1
+    times = first + np.round(np.arange(count) * 1e9 / s.baro_rate).astype(np.int64)
+    seconds = (trajectory.time_ns - first) * 1e-9
+    height = np.interp((times - first) * 1e-9, seconds, trajectory.height)
+    measured, _ = barometer(
+        times,
+        height,
+        sigma=s.baro_sigma,
+        correlation_time=s.baro_time,
+        white=s.baro_white,
+        seed=s.seed + BARO_SEED,
+    )
+    pressure = pressure_at(geopotential(measured))
+    slope = float(np.median(np.abs(height_per_pascal(pressure))))
+    return baro_topic(times, pressure, (s.baro_white / slope) ** 2)

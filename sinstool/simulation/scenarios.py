@@ -1,0 +1,292 @@
+"""The kinds of log that can be simulated, as their options; `make` makes the logs."""
+
+from __future__ import annotations
+
+import math
+from typing import Annotated, Any, Literal
+
+from pydantic import Field, field_validator
+
+from sinstool.core.errors import ConfigurationError
+from sinstool.core.options import Group, option, span
+
+MAX_RATE_HZ = 1e6
+MAX_DURATION_S = 1e6
+LARGEST_LEAN = 0.5
+Positive = Annotated[float, Field(gt=0)]
+
+
+def _duration(seconds: float) -> Any:
+    return option(seconds, "seconds", "S", gt=0, le=MAX_DURATION_S)
+
+
+def _rate(hertz: float) -> Any:
+    return option(hertz, "samples/s, Hz", "HZ", gt=0, le=MAX_RATE_HZ)
+
+
+def _latitude(degrees: float) -> Any:
+    return option(degrees, "degrees", "DEG", ge=-90, le=90)
+
+
+def _longitude(degrees: float) -> Any:
+    return option(degrees, "degrees", "DEG", ge=-180, le=180)
+
+
+class Scenario(Group):
+    """A log that can be simulated."""
+
+    rate: float = _rate(400.0)
+    seed: int = option(0, "of the errors", "N", ge=0)
+    truth: bool = option(True, "write /truth/... beside the sensors")
+
+
+class MotionScenario(Scenario):
+    """A log of an Imu that moves or rests."""
+
+    duration: float = _duration(60.0)
+    gyro_kind: Literal["rate", "mean-rate", "increment"] = option(
+        "rate", "what the Imu topic carries"
+    )
+    body_axes: Literal["flu", "frd"] = option(
+        "flu", "axes of the Imu topic; the truth's world is ENU for flu, NED for frd"
+    )
+    grade: Literal["perfect", "navigation", "tactical", "mems"] = option("perfect", "sensor errors")
+
+    def check(self) -> None:
+        """There is an interval between samples."""
+        if self.duration * self.rate < 1.0:
+            raise ConfigurationError("--duration holds no sample interval")
+
+
+class Coning(MotionScenario):
+    """Classical coning, exact for any angle, after an optional rest; the Earth does not turn."""
+
+    half_angle_deg: float = option(1.0, "of the cone", "DEG", gt=0, lt=90)
+    frequency: float = option(10.0, "turns/s, Hz", "HZ", ge=-MAX_RATE_HZ, le=MAX_RATE_HZ)
+    lead_in: float = option(0.0, "rest before it, s", "S", ge=0, le=MAX_DURATION_S)
+
+
+class ConingPaper(MotionScenario):
+    """Fu and Luo's experiment: a cone, and noise of one frequency through the gyro's filter.
+
+    The truth is the cone. The gyro has the noise; further errors come with --grade.
+    """
+
+    noise_frequency: float = option(400.0, "Hz", "HZ", ge=0, le=MAX_RATE_HZ)
+    noise_deg: float = option(
+        0.01, "amplitude of the noise as an angle, before the gyro's filter", "DEG", ge=0, lt=90
+    )
+    phase: Literal["consistent", "literal"] = option(
+        "consistent", "the paper's eq. 20 as its motion demands, or to the letter"
+    )
+    gyro_response: str = option(
+        "cheb:6",
+        "none, cheb:N[,ripple dB,Hz], butter:N[,Hz], or a file with lines of Hz,gain",
+        "RESPONSE",
+    )
+    half_angle_deg: float = option(0.1, "of the cone", "DEG", gt=0, lt=90)
+    frequency: float = option(30.0, "turns/s, Hz", "HZ", ge=-MAX_RATE_HZ, le=MAX_RATE_HZ)
+
+
+class Static(MotionScenario):
+    """A body at rest on the turning Earth, with fixes of where it is."""
+
+    latitude: float = _latitude(45.0)
+    longitude: float = _longitude(0.0)
+    height: float = option(0.0, "metres, ellipsoidal", "M")
+    attitude: tuple[float, float, float] = option(
+        (0.0, 0.0, 0.0), "degrees, FRD in NED", "ROLL,PITCH,HEADING"
+    )
+
+
+class TwoFrequency(MotionScenario):
+    """Two conings at once; where their frequencies differ by an update rate, they fold."""
+
+    half_angles_deg: tuple[Positive, Positive] = option((0.1, 0.1), "of the cones", "A,B")
+    frequencies: tuple[Positive, Positive] = option((30.0, 130.0), "of the cones", "HZ,HZ")
+
+
+class Broadband(MotionScenario):
+    """Vibration with coning at every frequency of a band, above half the rate too if you like."""
+
+    angle_deg: float = option(0.05, "rms on x and on y", "DEG", gt=0)
+    band: tuple[Positive, Positive] = option((20.0, 150.0), "of the vibration", "HZ,HZ")
+
+
+class Manoeuvre(MotionScenario):
+    """Random rotation about all three axes."""
+
+    rate_rms_deg_s: float = option(60.0, "of the motion", "DEG/S", gt=0)
+    band: tuple[Positive, Positive] = option((0.1, 1.0), "of the motion", "HZ,HZ")
+
+
+def _receiver(model: str) -> Any:
+    return option(
+        model,
+        "errors; launch: 0.1 m/s and 1 m white, 4.9 m Markov of 60 s; coloured: Markov in position"
+        " (5/5/8 m, 200 s) and velocity (0.1/0.1/0.15 m/s, 60 s) beside white noise",
+    )
+
+
+def _per_second(rate: float, what: str) -> Any:
+    return option(rate, f"{what}/s, Hz; 0 for none", "HZ", ge=0)
+
+
+class Vehicle(MotionScenario):
+    """A vehicle over the Earth, with a receiver and a barometer."""
+
+    latitude: float = _latitude(34.25)
+    longitude: float = _longitude(108.9)
+    height: float = option(400.0, "metres, ellipsoidal", "M")
+    heading: float = option(0.0, "at the start, degrees", "DEG")
+    gnss_rate: float = _per_second(1.0, "fixes")
+    gnss_model: Literal["perfect", "launch", "coloured"] = _receiver("coloured")
+    gnss_latency: float = option(0.0, "by which a fix is older than its stamp, s", "S")
+    gnss_offset: float = option(0.0, "of the first fix from the first Imu sample, s", "S")
+    lever_arm: tuple[float, float, float] = option(
+        (0.0, 0.0, 0.0), "from the Imu to the antenna, m, FRD", "X,Y,Z"
+    )
+    gnss_outage: tuple[str, ...] = option(
+        (), "no fixes there, s from the start; repeatable", "START:END"
+    )
+    gnss_flat: tuple[str, ...] = option((), "fixes without height there; repeatable", "START:END")
+    gnss_outliers: float = option(
+        0.0, "share of fixes that are 100 m and 20 m/s off", "X", ge=0, le=1
+    )
+    gnss_jump: tuple[str, ...] = option(
+        (), "position 100 m off to the north there; repeatable", "START:END"
+    )
+    velocity: bool = option(True, "write the receiver's velocity too")
+    baro_rate: float = _per_second(10.0, "pressures")
+    baro_sigma: float = option(10.0, "of the barometer's error, first-order Markov, m", "M", ge=0)
+    baro_time: float = option(500.0, "its correlation time, s", "S", gt=0)
+    baro_white: float = option(0.0, "white noise of the barometer, m", "M", ge=0)
+
+    @field_validator("gnss_outage", "gnss_flat", "gnss_jump")
+    @classmethod
+    def _spans(cls, texts: tuple[str, ...]) -> tuple[str, ...]:
+        for text in texts:
+            span(text)
+        return texts
+
+
+class SpiralClimb(Vehicle):
+    """The flight of the height-damping paper: wide circles at 2 degrees of bank, 20 m a turn."""
+
+    duration: float = _duration(3600.0)
+    rate: float = _rate(128.0)
+    baro_rate: float = _per_second(50.0, "pressures")
+
+
+class ManoeuvringFlight(Vehicle):
+    """Turns of 35 degrees of bank to either side, climbs and dives, in turbulence."""
+
+    duration: float = _duration(1800.0)
+    rate: float = _rate(100.0)
+    height: float = option(1500.0, "metres, ellipsoidal", "M")
+    turbulence: float = option(1.0, "factor of its angles", "X", ge=0)
+
+
+class Drive(Vehicle):
+    """Stand, then drive through a town on hills, with stops and turns."""
+
+    duration: float = _duration(600.0)
+    rate: float = _rate(100.0)
+    latitude: float = _latitude(48.1)
+    longitude: float = _longitude(11.6)
+    height: float = option(560.0, "metres, ellipsoidal", "M")
+    heading: float = option(40.0, "at the start, degrees", "DEG")
+    gnss_rate: float = _per_second(4.0, "fixes")
+    still: float = option(60.0, "at rest before the drive, s", "S", ge=0)
+
+
+class Launch(Vehicle):
+    """The flight of the alignment paper: boost, calm, glide with turns; 260 s."""
+
+    duration: float = _duration(260.0)
+    rate: float = _rate(200.0)
+    latitude: float = _latitude(41.25)
+    longitude: float = _longitude(100.3)
+    height: float = option(1000.0, "metres, ellipsoidal", "M")
+    heading: float = option(63.0, "at the start, degrees", "DEG")
+    gyro_kind: Literal["rate", "mean-rate", "increment"] = option(
+        "increment", "what the Imu topic carries"
+    )
+    gnss_rate: float = _per_second(10.0, "fixes")
+    gnss_model: Literal["perfect", "launch", "coloured"] = _receiver("launch")
+    baro_rate: float = _per_second(0.0, "pressures")
+    dynamics: float = option(1.0, "factor of the manoeuvres after the boost", "X", ge=0)
+    straight: bool = option(False, "straight and level after the boost")
+    pad: float = option(0.0, "at rest before lift-off, s", "S", ge=0)
+    launch_grade: Literal["0.01", "1", "10"] | None = option(
+        None, "sensors of the alignment paper instead of --grade", "DEG/H"
+    )
+    accel_unit_reading: Literal["m/s^2", "g"] = option(
+        "g", "how the paper's accelerometer biases are read"
+    )
+    gyro_range: float | None = option(None, "the gyro clips there", "DEG/S", gt=0)
+
+
+class HseRig(Scenario):
+    """Raw gyros, accelerometers and encoder of a skewed triad that turns at constant rates.
+
+    The Imu topic holds the raw triad (mean rates over the interval that ends at the stamp), the
+    JointState topic the table's angle, /truth/imu the true attitude of the turning body.
+    """
+
+    rate: float = _rate(500.0)
+    rates: tuple[float, ...] = option(
+        (20.0, 40.0, 60.0), "of the table, one after the other", "DEG/S,..."
+    )
+    plateau: float = option(604.0, "at each rate, s", "S", gt=0, le=1e6)
+    encoder_rate: float = option(500.0, "readings/s, Hz", "HZ", gt=0, le=1e6)
+    latitude: float = _latitude(28.07)
+    heading: float = option(40.0, "of the base, degrees", "DEG")
+    tilt_east: float = option(8e-4, "by which the axis leans to the east, rad", "RAD")
+    tilt_north: float = option(0.0, "by which the axis leans to the north, rad", "RAD")
+    epsilon: tuple[float, float, float] = option(
+        (2.2, 0.8, 1.2), "misalignments of the believed K_g, arcsec", "E1,E2,E3"
+    )
+    kappa: tuple[float, float, float] = option(
+        (0.0, 0.0, 0.0), "scale errors of the believed K_g, ppm", "K1,K2,K3"
+    )
+    xi: tuple[float, float, float] = option(
+        (0.0, 0.0, 0.0), "errors of the believed C_s_to_b, arcsec", "X,Y,Z"
+    )
+    arw: float = option(0.0, "angular random walk, deg/sqrt(h)", "DEG/SQRT(H)", ge=0)
+    gyro_bias: float = option(0.0, "standard deviation of each gyro's bias, deg/h", "DEG/H", ge=0)
+    gyro_drift: float = option(0.0, "of the part of it that wanders, deg/h", "DEG/H", ge=0)
+    gyro_quantum: float = option(0.0, "angle of one count, arcsec", "ARCSEC", ge=0)
+    accel_bias: float = option(
+        0.0, "standard deviation of each accelerometer's bias, micro-g", "UG", ge=0
+    )
+    vrw: float = option(0.0, "noise of the accelerometers, micro-g/sqrt(Hz)", "UG/SQRT(HZ)", ge=0)
+    encoder_lsb: float = option(0.0, "of the encoder, arcsec", "ARCSEC", ge=0)
+    encoder_delay: float = option(
+        0.0, "by which readings are older than their stamps, microseconds", "US"
+    )
+    encoder_sign: Literal["1", "-1"] = option("1", "of the encoder's angle")
+    ripple: float = option(0.0, "of the table's rate, relative, once a turn", "X")
+    base_drift: tuple[float, float, float] = option(
+        (0.0, 0.0, 0.0), "turn of the base over the log, arcsec", "N,E,D"
+    )
+
+    def check(self) -> None:
+        """The axis stands."""
+        if not math.hypot(self.tilt_north, self.tilt_east) < LARGEST_LEAN:
+            raise ConfigurationError(f"the axis leans by more than {LARGEST_LEAN} rad")
+
+
+SCENARIOS: dict[str, type[Scenario]] = {
+    "coning": Coning,
+    "coning-paper": ConingPaper,
+    "static": Static,
+    "two-frequency": TwoFrequency,
+    "broadband": Broadband,
+    "manoeuvre": Manoeuvre,
+    "spiral-climb": SpiralClimb,
+    "manoeuvring-flight": ManoeuvringFlight,
+    "drive": Drive,
+    "launch": Launch,
+    "hse-rig": HseRig,
+}

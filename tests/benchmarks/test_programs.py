@@ -1,0 +1,33 @@
+"""Every benchmark can be started, as a file or as a module, and says what it does."""
+
+import runpy
+import subprocess
+import sys
+
+import pytest
+
+from tests.helpers.paths import ROOT
+
+PROGRAMS = sorted(
+    path.stem
+    for path in (ROOT / "benchmarks").glob("*.py")
+    if '__name__ == "__main__"' in path.read_text()
+)
+
+
+@pytest.mark.parametrize("name", [name for name in PROGRAMS if name != "hse_paper"])
+def test_help(name, monkeypatch, capsys):
+    monkeypatch.setattr(sys, "argv", [f"{name}.py", "--help"])
+    with pytest.raises(SystemExit) as ended:
+        runpy.run_module(f"benchmarks.{name}", run_name="__main__")
+    assert ended.value.code == 0
+    assert capsys.readouterr().out.startswith(f"usage: {name}.py")
+
+
+@pytest.mark.parametrize("start", [["benchmarks/every_cut.py"], ["-m", "benchmarks.every_cut"]])
+def test_both_ways_of_starting(start):
+    done = subprocess.run(
+        [sys.executable, *start, "--help"], cwd=ROOT, capture_output=True, text=True
+    )
+    assert done.returncode == 0, done.stderr
+    assert done.stdout.startswith("usage: every_cut.py")
