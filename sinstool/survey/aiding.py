@@ -28,8 +28,6 @@ from sinstool.io.readers.message_types import (
 )
 from sinstool.io.readers.streams import (
     Losses,
-    fixed,
-    on_earth,
     read_fixes,
     read_height,
     read_pressure,
@@ -224,7 +222,7 @@ def _read(
 
 def _usable_fixes(fixes: Gnss, into: Aiding) -> Gnss | None:
     """Fixes that are fixes."""
-    good = fixed(fixes)
+    good = fixes.has_fix
     bad = int(len(fixes) - np.count_nonzero(good))
     if bad:
         into.counts[f"{into.fix_topic} without a fix"] = bad
@@ -236,7 +234,7 @@ def _usable_fixes(fixes: Gnss, into: Aiding) -> Gnss | None:
 
 def _on_earth(fixes: Gnss, into: Aiding) -> Gnss | None:
     """Fixes without the damaged ones, which a filter that starts there would have to believe."""
-    good = on_earth(fixes)
+    good = fixes.on_earth
     bad = int(len(fixes) - np.count_nonzero(good))
     if bad:
         into.counts[f"{into.fix_topic} not on Earth"] = bad

@@ -11,11 +11,11 @@ from sinstool.config import InputOptions, ProcessConfig, parse_time
 from sinstool.core.choices import log_choice
 from sinstool.core.errors import DataError, TopicError
 from sinstool.core.streams import Imu
-from sinstool.core.timeline import Order, mean_rates, ordered
+from sinstool.core.timeline import Order, mean_rates, ordered, reblock
 from sinstool.core.units import DEGREE, STANDARD_GRAVITY
 from sinstool.io.readers.log import Log
 from sinstool.io.readers.message_types import FIX_TYPE, VELOCITY_TYPES
-from sinstool.io.readers.streams import ImuUnits, Losses, first_fix, read_imu, reblock
+from sinstool.io.readers.streams import ImuUnits, Losses, first_fix, read_imu
 from sinstool.io.readers.topics import ImuTopic, choose_imu, choose_optional
 from sinstool.survey.aiding import Aiding, aiding_channels, moving_at, read_gnss
 from sinstool.survey.imu import BLOCK_ROWS, Kept, Survey, survey, within
@@ -75,7 +75,7 @@ def prepare(
     if topic.note:
         warnings.append(f"Imu topic {topic.topic}: {topic.note}")
     if whole_gnss:
-        log.hold(aiding_channels(log))
+        log.cache(aiding_channels(log))
     kept = Kept()
     found = survey(
         log,
