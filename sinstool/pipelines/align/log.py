@@ -22,6 +22,7 @@ from sinstool.core.whole_file import check_output, write_whole
 from sinstool.io.readers import open_log
 from sinstool.io.readers.truth import at_times, read_truth
 from sinstool.methods.alignment.gyrocompass import Gyrocompass
+from sinstool.methods.alignment.in_motion import MotionAlignment
 from sinstool.methods.alignment.inflight import InFlightAlignment
 from sinstool.pipelines import summary
 from sinstool.pipelines.align.errors_against_truth import (
@@ -31,7 +32,7 @@ from sinstool.pipelines.align.errors_against_truth import (
     tilt_errors,
 )
 from sinstool.pipelines.align.first_attitude import align, compass, seconds_from_start
-from sinstool.pipelines.align.in_motion import Moving, align_moving
+from sinstool.pipelines.align.in_motion import align_moving
 from sinstool.survey.grade import sensor_grade
 from sinstool.survey.source import Source, prepare
 
@@ -144,7 +145,7 @@ def _align(source: Source, config: ProcessConfig) -> LogAlignment:
         if at not in ("end", "start"):
             when = source.survey.first_ns + round(float(at) * SECOND)
         moving = align_moving(source, config, grade, method, when)
-        answer = moving.answer
+        answer = moving.result
         told = _in_flight(moving, source)
     elif method == "gyrocompass":
         if source.survey.lead_in is None or source.latitude is None:
@@ -211,8 +212,8 @@ def _number(value: float | None) -> float | None:
     return float(value) if value is not None and np.isfinite(value) else None
 
 
-def _in_flight(moving: Moving, source: Source) -> dict[str, Any]:
-    answer, assumed = moving.answer, moving.settings.grade
+def _in_flight(moving: MotionAlignment, source: Source) -> dict[str, Any]:
+    answer, assumed = moving.result, moving.settings.grade
     heading = answer.status in ("ok", "degraded")
     sigma = [_number(s / DEGREE) for s in answer.sigma_rad]
     if answer.status == "level-only":
