@@ -19,25 +19,23 @@ from pathlib import Path
 import numpy as np
 
 from benchmarks.common import compensated, rows_of
-from sinstool.config.input import InputOptions
+from sinstool.config import ProcessConfig, build
 from sinstool.core import earth
 from sinstool.core.rotation import conjugate, exp, log, multiply, normalise, rotate
-from sinstool.core.streams import GnssEpochs, Imu, concatenate
-from sinstool.core.timeline import Order, ordered
+from sinstool.core.streams import GnssEpochs, Imu
 from sinstool.io.readers.open import open_log
-from sinstool.io.readers.streams import ImuUnits, Losses, read_imu
-from sinstool.io.readers.topics import choose_imu
-from sinstool.methods.alignment.inflight import ImuIncrements
 from sinstool.methods.ins_gnss.filter import InsGnssFilter
 from sinstool.methods.ins_gnss.latency import Latency, correlate, inertial_velocity
 from sinstool.methods.ins_gnss.noise import IMU_GRADES, GnssModel
 from sinstool.methods.ins_gnss.results import FilterBlock, UpdateColumns
-from sinstool.methods.ins_gnss.settings import Settings
+from sinstool.methods.ins_gnss.settings import Settings, Start
 from sinstool.methods.ins_gnss.smoother import Smoother
-from sinstool.methods.ins_gnss.start import Beginning, find_start, start_at
+from sinstool.methods.ins_gnss.start import start_at
 from sinstool.methods.ins_gnss.velocity_lag import split_position_velocity, velocity_lag
 from sinstool.methods.strapdown.velocity import Increments
-from sinstool.survey.aiding import Aiding, read_gnss
+from sinstool.pipelines.align.in_motion import samples
+from sinstool.pipelines.process.ins_gnss.start import find_start
+from sinstool.survey.source import Source, prepare
 
 # What receivers of these kinds do: RTK in a street, and a car's receiver with corrections.
 RTK = GnssModel(
@@ -91,15 +89,18 @@ DRIVES = {
 
 @dataclass(frozen=True)
 class Log:
+    source: Source
+    config: ProcessConfig
     imu: Imu
     increments: Increments
-    for_start: ImuIncrements
     gnss: GnssEpochs
 
 
 @dataclass(frozen=True)
 class Run:
-    beginning: Beginning
+    start: Start
+    time_ns: int
+    how: str
     block: FilterBlock
     smooth: UpdateColumns
     seconds: float
@@ -112,25 +113,18 @@ class Run:
 
 
 def read(folder: Path, drive: Drive) -> Log:
+    options = {"input": {"body_axes": drive.axes}, "navigation": {"imu_grade": "mems"}}
+    config = build(ProcessConfig, options)
     with open_log(folder / drive.path) as log_file:
-        topic = choose_imu(log_file, None)
-        blocks = read_imu(log_file, topic.channels, ImuUnits(drive.axes), Losses(), path=topic.path)
-        imu = concatenate(list(ordered(blocks, Order())))
-        aiding = Aiding()
-        read_gnss(log_file, InputOptions(), False, aiding)
-    gnss = aiding.gnss
+        source = prepare(log_file, config, whole_gnss=True)
+        imu = samples(source, config)
+    gnss = source.aiding.gnss
     assert gnss is not None
     if not drive.own_sigma:
         gnss = replace(gnss, sigma_position_n=np.full_like(gnss.sigma_position_n, np.nan))
     step = float(np.median(np.diff(imu.time_ns))) * 1e-9
     whole = compensated(imu.time_ns, imu.gyro, imu.accel, step, kind="rate")
-    interval = np.diff(imu.time_ns, prepend=imu.time_ns[0])[:, None] * 1e-9
-    for_start = ImuIncrements(
-        imu.time_ns,
-        0.5 * (imu.gyro + np.roll(imu.gyro, 1, axis=0)) * interval,
-        0.5 * (imu.accel + np.roll(imu.accel, 1, axis=0)) * interval,
-    )
-    return Log(imu, whole, for_start, gnss)
+    return Log(source, config, imu, whole, gnss)
 
 
 def settings_of(drive: Drive, latency: float) -> Settings:
@@ -147,20 +141,23 @@ def run(
     data: Log,
     settings: Settings,
     withheld: np.ndarray | None = None,
-    beginning: Beginning | None = None,
+    start: tuple[Start, int] | None = None,
 ) -> Run:
     hidden = np.zeros(len(data.gnss), bool) if withheld is None else withheld
-    if beginning is None:
-        beginning = find_start(data.for_start, data.gnss.rows(~hidden), settings)
+    if start is None:
+        usable = data.gnss.rows(~hidden)
+        first, time_ns, how, _ = find_start(data.source, data.config, settings, usable)
+    else:
+        (first, time_ns), how = start, "given"
     tic = time.perf_counter()
-    ran = InsGnssFilter(beginning.start, settings, with_baro=False, output=True, store=True)
-    block = ran.push(later(data.increments, beginning.time_ns), data.gnss, hidden)
+    ran = InsGnssFilter(first, settings, with_baro=False, output=True, store=True)
+    block = ran.push(later(data.increments, time_ns), data.gnss, hidden)
     with Smoother(ran.kind) as smoother:
         smoother.push(block)
         smooth = concatenate_updates(list(smoother.blocks(smoother.epochs())))
     found = ran.summary
     text = f"NIS/row {found.mean_nis:.2f}, {found.epochs_gated} gated, {found.restarts} restarts"
-    return Run(beginning, block, smooth, time.perf_counter() - tic, text)
+    return Run(first, time_ns, how, block, smooth, time.perf_counter() - tic, text)
 
 
 def concatenate_updates(blocks: list[UpdateColumns]) -> UpdateColumns:
@@ -175,8 +172,8 @@ def find_latency(data: Log, drive: Drive) -> tuple[Latency, float]:
     for _ in range(2):
         answer = run(data, settings_of(drive, latency))
         at = answer.filter
-        increments = later(data.increments, answer.beginning.time_ns)
-        before = np.concatenate([answer.beginning.start.nav[None, 6:10], at.q_nb[:-1]])
+        increments = later(data.increments, answer.time_ns)
+        before = np.concatenate([answer.start.nav[None, 6:10], at.q_nb[:-1]])
         velocity = inertial_velocity(
             before,
             increments.velocity_increment,
@@ -313,7 +310,7 @@ def report(folder: Path, name: str) -> None:
     latency = found.latency_s if found.status == "found" else 0.0
     settings = settings_of(drive, latency)
     answer = run(data, settings)
-    print(f"  start: {answer.beginning.how}")
+    print(f"  start: {answer.how}")
     print(f"  all fixes: {answer.text}; filter, smoother and output {answer.seconds:.1f} s")
     gnss = answer.block.gnss
     ratio = np.sqrt(np.nanmean((gnss.innovation / gnss.innovation_sigma)[gnss.used] ** 2, axis=0))
@@ -387,7 +384,7 @@ def short(folder: Path, drive: Drive, data: Log) -> None:
         settings,
         gyro_bias_sigma=np.deg2rad(0.5),
     )
-    answer = run(data, settings, None, Beginning(began, time_ns, "given"))
+    answer = run(data, settings, None, (began, time_ns))
     print(f"  all fixes: {answer.text}")
     gnss = answer.block.gnss
     worst = np.nanmax(np.abs(gnss.innovation / gnss.innovation_sigma), axis=0)

@@ -44,9 +44,9 @@ def run_on_cluster(tasks: Sequence[Task], workers: Workers) -> Generator[Event]:
     """
     address = workers.scheduler or ""
     folders = list(dict.fromkeys(f for task in tasks for f in task.job.folders))
-    with _client(address) as client, tokens(folders) as wanted:
+    with _client(address) as client, tokens(folders) as folder_tokens:
         _require_version(client, address)
-        _require_same_files(client, sights(workers.reads), wanted)
+        _require_same_files(client, sights(workers.reads), folder_tokens)
         yield from _run(client, tasks)
 
 
@@ -115,16 +115,16 @@ def _require_version(client: Any, address: str) -> None:
             )
 
 
-def _require_same_files(client: Any, seen: Sequence[Any], wanted: Sequence[Any]) -> None:
+def _require_same_files(client: Any, seen: Sequence[Any], folder_tokens: Sequence[Any]) -> None:
     """Refuse a cluster of which a worker does not see what we see, before anything starts."""
     hint = "inputs and outputs must lie where all workers see them under the same path"
-    told = client.run(what_differs, seen, wanted, on_error="return")
+    replies = client.run(what_differs, seen, folder_tokens, on_error="return")
     differing: list[str] = []
-    for worker, found in sorted(told.items()):
-        if isinstance(found, BaseException):
-            differing.append(f"the worker {worker} failed ({type(found).__name__}: {found})")
+    for worker, reply in sorted(replies.items()):
+        if isinstance(reply, BaseException):
+            differing.append(f"the worker {worker} failed ({type(reply).__name__}: {reply})")
             continue
-        said, answers = found
+        said, answers = reply
         missing = not_seen(answers)
         if said:
             differing.append(f"the worker {worker} {said}")
@@ -150,12 +150,12 @@ def _run(client: Any, tasks: Sequence[Task]) -> Iterator[Event]:
     lost: list[Task] = []
     try:
         while left:
-            told = news.get()
-            if isinstance(told, Event):
-                if told.number in left:
-                    yield told
+            item = news.get()
+            if isinstance(item, Event):
+                if item.number in left:
+                    yield item
                 continue
-            number, future = told
+            number, future = item
             if left.pop(number, None) is None:
                 continue
             # Of a worker that died before another did the job

@@ -27,9 +27,9 @@ class LogInput:
     Attributes
     ----------
     path : Path
-        As it was given.
+        As it was named.
     name : PurePath
-        Relative: its file's name, or its place in the folder or pattern that was given.
+        Relative: its file's name, or its place in the folder or pattern that was named.
     """
 
     path: Path
@@ -53,32 +53,32 @@ def is_bag(path: Path) -> bool:
         return True
     numbers = []
     for file in _files(path):
-        found = _PART.fullmatch(file.name)
-        if found is None or found["stem"] != path.resolve().name:
+        match = _PART.fullmatch(file.name)
+        if match is None or match["stem"] != path.resolve().name:
             return False
-        numbers.append(int(found["number"]))
+        numbers.append(int(match["number"]))
     return bool(numbers) and sorted(numbers) == list(range(len(numbers)))
 
 
-def are_many(given: Sequence[Path]) -> bool:
+def are_many(inputs: Sequence[Path]) -> bool:
     """Whether inputs are (or may be) several logs: more than one, a folder of logs, a pattern.
 
     How many logs a folder happens to hold makes no difference.
     """
-    if len(given) != 1:
-        return len(given) > 1
-    path = given[0]
+    if len(inputs) != 1:
+        return len(inputs) > 1
+    path = inputs[0]
     if path.is_dir():
         return not is_bag(path)
     return not path.exists() and _is_pattern(path)
 
 
-def find_logs(given: Sequence[Path], without: Path | None = None) -> list[LogInput]:
-    """All logs that are meant, in the order in which they were given.
+def find_logs(inputs: Sequence[Path], without: Path | None = None) -> list[LogInput]:
+    """All logs that are meant, in the order of the inputs.
 
     Parameters
     ----------
-    given : sequence of Path
+    inputs : sequence of Path
         Files, ROS 2 bag folders, folders that hold logs (at any depth), and patterns with ``*``,
         ``?``, ``[...]`` or ``**``, as a shell leaves them when they are quoted.
     without : Path, optional
@@ -97,16 +97,16 @@ def find_logs(given: Sequence[Path], without: Path | None = None) -> list[LogInp
         It holds none because it lies in that of the outputs.
     """
     hidden = None if without is None else without.resolve()
-    found: dict[Path, LogInput] = {}
-    for path in given:
+    logs_by_path: dict[Path, LogInput] = {}
+    for path in inputs:
         logs = _logs_of(path, hidden)
         for log in logs:
-            found.setdefault(log.path.resolve(), log)
-    return list(found.values())
+            logs_by_path.setdefault(log.path.resolve(), log)
+    return list(logs_by_path.values())
 
 
-def expand(given: Sequence[Path]) -> list[Path]:
-    """Inputs as they were given, but for folders of logs and patterns, which become their logs.
+def expand(inputs: Sequence[Path]) -> list[Path]:
+    """Inputs as they are, but for folders of logs and patterns, which become their logs.
 
     Raises
     ------
@@ -114,7 +114,7 @@ def expand(given: Sequence[Path]) -> list[Path]:
         A folder or pattern holds no log.
     """
     paths: list[Path] = []
-    for path in given:
+    for path in inputs:
         paths += [log.path for log in find_logs([path])] if are_many([path]) else [path]
     return paths
 
@@ -170,18 +170,18 @@ def _below(folder: Path, hidden: Path | None, seen: set[Path] | None = None) -> 
     """Logs in a folder and below it, by name; a folder that links lead to again counts once."""
     seen = set() if seen is None else seen
     seen.add(folder.resolve())
-    found: list[Path] = []
+    paths: list[Path] = []
     for path in sorted(folder.iterdir()):
         if path.name.startswith(".") or (hidden is not None and _inside(path, hidden)):
             continue
         if path.is_dir():
             if is_bag(path):
-                found.append(path)
+                paths.append(path)
             elif path.resolve() not in seen:
-                found += _below(path, hidden, seen)
+                paths += _below(path, hidden, seen)
         elif _is_log(path):
-            found.append(path)
-    return found
+            paths.append(path)
+    return paths
 
 
 def _matches(root: Path, parts: Sequence[str]) -> Iterator[Path]:

@@ -112,12 +112,12 @@ def _listen(worker: _Worker, queue: _Queue) -> Iterator[Event]:
     assert task is not None
     try:
         while worker.pipe.poll():
-            told = worker.pipe.recv()
-            if isinstance(told, float):
-                yield Event(task.number, told)
+            message = worker.pipe.recv()
+            if isinstance(message, float):
+                yield Event(task.number, message)
                 continue
             worker.task = None
-            yield Event(task.number, outcome=told)
+            yield Event(task.number, outcome=message)
             if not queue.waiting:
                 # It ends when its pipe does.
                 worker.pipe.close()

@@ -55,12 +55,12 @@ def sight(path: Path) -> Sight:
 
 def sights(paths: Sequence[Path]) -> list[tuple[Path, Sight]]:
     """Look at inputs, as far as they can be read; of others, whoever works on them says it."""
-    found = []
+    inputs = []
     for path in paths:
         with contextlib.suppress(OSError):
             if path.is_file() or path.is_dir():
-                found.append((path, sight(path)))
-    return found
+                inputs.append((path, sight(path)))
+    return inputs
 
 
 @dataclass(frozen=True)
@@ -101,7 +101,7 @@ def tokens(folders: Sequence[Path]) -> Iterator[list[Token]]:
 
 
 def what_differs(
-    seen: Sequence[tuple[Path, Sight]], wanted: Sequence[Token]
+    seen: Sequence[tuple[Path, Sight]], folder_tokens: Sequence[Token]
 ) -> tuple[str, list[Token]]:
     """Look at the same files from elsewhere, and answer each token by another one.
 
@@ -109,7 +109,7 @@ def what_differs(
     ----------
     seen : sequence of (Path, Sight)
         Inputs, as the client sees them.
-    wanted : sequence of Token
+    folder_tokens : sequence of Token
         Of the client, one in each folder that is written to.
 
     Returns
@@ -119,15 +119,15 @@ def what_differs(
     list of Token
         Answers; the client must see, and remove, them.
     """
-    for path, known in seen:
+    for path, expected in seen:
         try:
-            found = sight(path)
+            here = sight(path)
         except OSError as exc:
             return f"does not see {path} ({exc.strerror})", []
-        if found != known:
-            return f"sees another {path} ({found.size} bytes there, {known.size} here)", []
+        if here != expected:
+            return f"sees another {path} ({here.size} bytes there, {expected.size} here)", []
     answers: list[Token] = []
-    for token in wanted:
+    for token in folder_tokens:
         try:
             if token.path.read_text() != token.text:
                 return f"sees another folder {token.path.parent}", answers

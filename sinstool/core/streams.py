@@ -14,6 +14,8 @@ from typing import Any, TypeVar
 import numpy as np
 
 S = TypeVar("S", bound="Stream")
+# m: no vehicle that navigates with an IMU on Earth is so far up or down.
+HIGHEST = 1e6
 
 
 @dataclass(frozen=True)
@@ -84,6 +86,18 @@ class Gnss(Stream):
     covariance_n: np.ndarray
     covariance_type: np.ndarray
     status: np.ndarray
+
+    @property
+    def has_fix(self) -> np.ndarray:
+        """Rows with a fix, wherever that is; receivers without one write exact zeros too."""
+        finite = np.isfinite(self.latitude) & np.isfinite(self.longitude)
+        return (self.status >= 0) & finite & ((self.latitude != 0.0) | (self.longitude != 0.0))
+
+    @property
+    def on_earth(self) -> np.ndarray:
+        """Rows where a vehicle can be; those without a height are."""
+        level = (np.abs(self.latitude) <= 0.5 * np.pi) & (np.abs(self.longitude) <= 2.0 * np.pi)
+        return np.asarray(level & ~(np.abs(self.height) >= HIGHEST))
 
 
 @dataclass(frozen=True)
@@ -174,19 +188,6 @@ class Encoder(Stream):
     """
 
     position: np.ndarray
-
-
-@dataclass(frozen=True)
-class Magnetometer(Stream):
-    """Magnetic flux density in body axes (FRD).
-
-    Attributes
-    ----------
-    field_b : ndarray, shape (n, 3)
-        Tesla.
-    """
-
-    field_b: np.ndarray
 
 
 @dataclass(frozen=True)

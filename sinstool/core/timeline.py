@@ -332,3 +332,19 @@ def sorted_stream(
     if repeated and not repeats:
         stream = stream.rows(np.concatenate(([True], steps > 0)))
     return SortedStream(stream, backward, repeated)
+
+
+def reblock(blocks: Iterator[S], rows: int) -> Iterator[S]:
+    """The same samples in blocks of a given number of rows (the last may be shorter)."""
+    waiting: list[S] = []
+    count = 0
+    for block in blocks:
+        waiting.append(block)
+        count += len(block)
+        while count >= rows:
+            joined = concatenate(waiting)
+            yield joined.rows(slice(0, rows))
+            waiting = [joined.rows(slice(rows, None))]
+            count -= rows
+    if count:
+        yield concatenate(waiting)

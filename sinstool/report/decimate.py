@@ -60,13 +60,13 @@ def thin(x: FloatArray, y: FloatArray, limit: int, log_x: bool = False) -> Index
         place = 0.5 * (place + _along(x, usable, log_x))
     stretch = np.minimum((place * stretches).astype(np.intp), stretches - 1)
 
-    kept = [np.array([0, n - 1], dtype=np.intp)]
+    rows = [np.array([0, n - 1], dtype=np.intp)]
     for values in (y, x) if path else (y,):
-        kept += [_extreme(values, whole, stretch, np.minimum, np.inf)]
-        kept += [_extreme(values, whole, stretch, np.maximum, -np.inf)]
+        rows += [_extreme(values, whole, stretch, np.minimum, np.inf)]
+        rows += [_extreme(values, whole, stretch, np.maximum, -np.inf)]
     if holes:
-        kept += [_first_of_each(np.flatnonzero(~whole), stretch)]
-    return np.unique(np.concatenate(kept))
+        rows += [_first_of_each(np.flatnonzero(~whole), stretch)]
+    return np.unique(np.concatenate(rows))
 
 
 def _along(x: FloatArray, usable: BoolArray, log_x: bool) -> FloatArray:

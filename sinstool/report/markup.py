@@ -245,10 +245,10 @@ def _count(n: int) -> str:
 
 
 def _settings(settings: Settings) -> str:
-    """Return the settings that were given, and the defaults to be unfolded."""
-    given = [one for one in settings.items if one.given]
-    defaults = [one for one in settings.items if not one.given]
-    shown = _setting_table(given) if given else "<p>All settings are the defaults.</p>"
+    """Return the settings that were changed, and the defaults to be unfolded."""
+    changed = [one for one in settings.items if one.changed]
+    defaults = [one for one in settings.items if not one.changed]
+    shown = _setting_table(changed) if changed else "<p>All settings are the defaults.</p>"
     if not defaults:
         return shown
     count = f"{len(defaults)} settings" if len(defaults) > 1 else "1 setting"
@@ -343,8 +343,8 @@ def _numbers(figure: Figure, key: str) -> str:
 
 
 def _places(kind: str, lines: Sequence[tuple[str, float]], of: str) -> str:
-    found = ", ".join(f"{name} ({_value(value)} {of})" for name, value in lines)
-    return f"{kind}: {found}." if found else ""
+    places = ", ".join(f"{name} ({_value(value)} {of})" for name, value in lines)
+    return f"{kind}: {places}." if places else ""
 
 
 _RANGE = ("lowest", "median", "highest", "last")

@@ -75,8 +75,8 @@ class Recorder:
         latitude, longitude : ndarray, shape (m,)
             rad; NaN where a fix has no position.
         """
-        known = np.flatnonzero(np.isfinite(latitude) & np.isfinite(longitude))
-        rows = known[:: max(1, -(-len(known) // FIXES))]
+        valid = np.flatnonzero(np.isfinite(latitude) & np.isfinite(longitude))
+        rows = valid[:: max(1, -(-len(valid) // FIXES))]
         self._fixes = np.stack([latitude[rows], longitude[rows]], axis=1)
 
     def refer_filter(self, run: FilterRun) -> None:
@@ -175,7 +175,7 @@ class Recorder:
             "tilt", "Roll and pitch", "angle, deg", ("roll", "pitch"), self._about_curves()
         )
         attitude = [tilt, draw.heading(curves)]
-        held = draw.vertical(curves, self._held(), self._marks(result))
+        vertical = draw.vertical(curves, self._held(), self._marks(result))
         errors = draw.errors(self._error_curves(), curves)
         sizes = [
             curves.figure("rate", "Angular rate", "norm, deg/s", ("rate",),
@@ -184,16 +184,16 @@ class Recorder:
                           " gravity, about 9.8 m/s²."),
         ]  # fmt: skip
         if "latitude" not in curves.of:
-            found = [*attitude, *errors, *held, *self.extra, *sizes]
+            figures = [*attitude, *errors, *vertical, *self.extra, *sizes]
         else:
             velocity = curves.figure("velocity", "Velocity", "velocity, m/s", AXES, "Over ground.")
             shown = [figure.key.removeprefix("error-") for figure in errors]
-            found = [self._track(), *errors, *draw.sigmas(curves, shown)]
-            found += [*self.extra, *held, *attitude, velocity, *sizes]
+            figures = [self._track(), *errors, *draw.sigmas(curves, shown)]
+            figures += [*self.extra, *vertical, *attitude, velocity, *sizes]
         hse = result.hse
         if hse is not None:
-            found.insert(0, draw.stretches(hse))
-        return tuple(found)
+            figures.insert(0, draw.stretches(hse))
+        return tuple(figures)
 
     def _about_curves(self) -> str:
         assert self._motion is not None

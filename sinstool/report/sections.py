@@ -124,7 +124,7 @@ class Setting:
         As the configuration file or the command line has it.
     value : object
         None where the run chooses for itself.
-    given : bool
+    changed : bool
         It is not the default.
     meaning : str
         What it is, with its unit.
@@ -132,13 +132,13 @@ class Setting:
 
     name: str
     value: object
-    given: bool = True
+    changed: bool = True
     meaning: str = ""
 
 
 @dataclass(frozen=True)
 class Settings:
-    """With which settings it was done: those that were given first, defaults to be unfolded."""
+    """With which settings it was done: those that were changed first, defaults to be unfolded."""
 
     items: tuple[Setting, ...]
     title: str = "Settings"
@@ -158,13 +158,13 @@ def flat(items: Mapping[str, Any], before: str = "") -> tuple[Setting, ...]:
     -------
     tuple of Setting
     """
-    found: list[Setting] = []
+    settings: list[Setting] = []
     for name, value in items.items():
         if isinstance(value, Mapping):
-            found += flat(value, f"{before}{name}.")
+            settings += flat(value, f"{before}{name}.")
         else:
-            found.append(Setting(f"{before}{name}", value))
-    return tuple(found)
+            settings.append(Setting(f"{before}{name}", value))
+    return tuple(settings)
 
 
 Body = Prose | Table | Rows | Settings | Figure
@@ -200,5 +200,5 @@ class Page:
     @property
     def warnings(self) -> tuple[str, ...]:
         """All warnings, in order, each once."""
-        found = (one.messages for one in self.sections if isinstance(one, Warnings))
-        return tuple(dict.fromkeys(message for messages in found for message in messages))
+        groups = (one.messages for one in self.sections if isinstance(one, Warnings))
+        return tuple(dict.fromkeys(message for messages in groups for message in messages))

@@ -133,12 +133,12 @@ def _text(text: str) -> str:
 
 
 def _all_words(figure: Figure, series: Sequence[Series]) -> tuple[str, ...]:
-    found: dict[str, None] = {}
+    labels: dict[str, None] = {}
     for one in series:
         x, _ = drawn(figure, one, POINTS_PER_CURVE)
         if isinstance(x, tuple):
-            found |= dict.fromkeys(x)
-    return tuple(found)
+            labels |= dict.fromkeys(x)
+    return tuple(labels)
 
 
 def _series(

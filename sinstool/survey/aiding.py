@@ -29,8 +29,6 @@ from sinstool.io.readers.message_types import (
 )
 from sinstool.io.readers.streams import (
     Losses,
-    fixed,
-    on_earth,
     read_fixes,
     read_height,
     read_pressure,
@@ -246,7 +244,7 @@ def _counted(kind: str, text: str, topic: str, count: int, severity: Severity = 
 
 def _usable_fixes(fixes: Gnss, topic: str) -> tuple[Gnss | None, list[Finding]]:
     """Fixes that are fixes."""
-    good = fixed(fixes)
+    good = fixes.has_fix
     bad = int(len(fixes) - np.count_nonzero(good))
     findings = []
     if bad:
@@ -260,7 +258,7 @@ def _usable_fixes(fixes: Gnss, topic: str) -> tuple[Gnss | None, list[Finding]]:
 
 def _on_earth(fixes: Gnss, topic: str) -> tuple[Gnss | None, list[Finding]]:
     """Fixes without the damaged ones, which a filter that starts there would have to believe."""
-    good = on_earth(fixes)
+    good = fixes.on_earth
     bad = int(len(fixes) - np.count_nonzero(good))
     if not bad:
         return fixes, []

@@ -25,10 +25,11 @@ from sinstool.core.timeline import (
     OrderCounts,
     mean_rates,
     ordered,
+    reblock,
 )
 from sinstool.io.readers.frames import q_for_log
 from sinstool.io.readers.log import Log
-from sinstool.io.readers.streams import LARGEST, ImuUnits, Losses, read_imu, reblock
+from sinstool.io.readers.streams import LARGEST, ImuUnits, Losses, read_imu
 from sinstool.io.readers.topics import ImuTopic
 from sinstool.methods.alignment.still import StillSpan, Windows, lead_in, still_spans
 from sinstool.survey.tally import Tally

@@ -14,11 +14,11 @@ from sinstool.core.choices import log_choice
 from sinstool.core.errors import DataError, TopicError
 from sinstool.core.finding import Finding, Severity
 from sinstool.core.streams import Imu
-from sinstool.core.timeline import Order, mean_rates, ordered
+from sinstool.core.timeline import Order, mean_rates, ordered, reblock
 from sinstool.core.units import DEGREE, STANDARD_GRAVITY
 from sinstool.io.readers.log import Log
 from sinstool.io.readers.message_types import FIX_TYPE, VELOCITY_TYPES
-from sinstool.io.readers.streams import ImuUnits, Losses, first_fix, frame_id, read_imu, reblock
+from sinstool.io.readers.streams import ImuUnits, Losses, first_fix, frame_id, read_imu
 from sinstool.io.readers.topics import ImuTopic, choose_imu, choose_optional
 from sinstool.io.readers.transforms import tf_parent
 from sinstool.survey.aiding import (
@@ -111,7 +111,7 @@ def prepare(
         findings.append(Finding("imu-topic", text, topic=topic.topic))
     all_gnss = not gyro_only and needs_all_gnss(log, config)
     if all_gnss:
-        log.hold(aiding_channels(log))
+        log.cache(aiding_channels(log))
     survey_, samples = surveyed or survey_samples(log, topic, options, progress)
     for oddity in oddities(survey_, options):
         if oddity.severity == Severity.FAILED:

@@ -272,16 +272,16 @@ def _resolve(
         leaf = layout.leaves.get(path)
         return leaf if leaf is not None and leaf.count else None
     array = layout.leaves.get(match["array"])
-    index, found = 0, -1
+    index, row = 0, -1
     while (name := layout.leaves.get(f"{match['names']}[{index}]")) is not None:
         raw = payload[name.offset : name.offset + name.count]
         guards.append((name.offset, raw))
         if raw == match["name"].encode():
-            found = index
+            row = index
         index += 1
-    if array is None or found < 0 or found >= array.count:
+    if array is None or row < 0 or row >= array.count:
         return None
-    return Leaf(array.offset + found * np.dtype(array.dtype).itemsize, array.dtype, 1)
+    return Leaf(array.offset + row * np.dtype(array.dtype).itemsize, array.dtype, 1)
 
 
 def _merge(pieces: list[tuple[int, int, int, int, int]]) -> list[tuple[int, int, int, int, int]]:

@@ -91,15 +91,15 @@ class Definition:
         return holding[here]
 
     def _paths_of(
-        self, here: str, wanted: str, prefix: str, holding: dict[str, bool]
+        self, here: str, target: str, prefix: str, holding: dict[str, bool]
     ) -> Iterator[str]:
-        if here == wanted:
+        if here == target:
             yield prefix
             return
         for field, ftype in self.types[here]:
             if ftype.kind == "message" and holding[ftype.name]:
                 path = f"{prefix}.{field}" if prefix else field
-                yield from self._paths_of(ftype.name, wanted, path, holding)
+                yield from self._paths_of(ftype.name, target, path, holding)
 
 
 def normalise_type_name(name: str) -> str:
@@ -146,7 +146,7 @@ def parse_definition(type_name: str, schema_encoding: str, text: str, encoding: 
         raise DefinitionError(f"unsupported schema encoding '{schema_encoding}'")
     if len(text) > MAX_SCHEMA:
         raise DefinitionError(f"schema of {type_name} has {len(text)} characters")
-    found: dict[str, Any] = {}
+    parsed: dict[str, Any] = {}
     if text.strip():
         # The grammar knows neither \r\n nor blanks at the end of a line; recorders write both.
         lines = [line.rstrip() for line in text.split("\n")]
@@ -155,20 +155,20 @@ def parse_definition(type_name: str, schema_encoding: str, text: str, encoding: 
                 # All files in one text: what holds them together is no part of the grammar
                 seams = ("#include", "=" * 80, "IDL: ")
                 lines = [line for line in lines if not line.lstrip().startswith(seams)]
-                found = dict(get_types_from_idl("\n".join(lines)))
+                parsed = dict(get_types_from_idl("\n".join(lines)))
             else:
-                found = dict(get_types_from_msg("\n".join(lines), name))
+                parsed = dict(get_types_from_msg("\n".join(lines), name))
         except Exception as exc:  # rosbags' parser raises classes of its own and others'
             reason = " ".join(str(exc).split())[:120]
             raise DefinitionError(f"schema of {type_name} cannot be parsed ({reason})") from exc
-    if name not in found:
-        found = _standard_types(encoding) | found
-    if name not in found:
+    if name not in parsed:
+        parsed = _standard_types(encoding) | parsed
+    if name not in parsed:
         raise DefinitionError(
             f"the log has no definition of {type_name} and it is not a standard type"
         )
     types: dict[str, tuple[tuple[str, FieldType], ...]] = {}
-    _collect(name, found, types, encoding)
+    _collect(name, parsed, types, encoding)
     _refuse_recursion(name, types, (), set())
     return Definition(name, encoding, types)
 
@@ -221,7 +221,7 @@ def _standard_types(encoding: str) -> dict[str, Any]:
 
 def _collect(
     name: str,
-    found: dict[str, Any],
+    parsed: dict[str, Any],
     types: dict[str, tuple[tuple[str, FieldType], ...]],
     encoding: str,
     depth: int = 0,
@@ -240,21 +240,21 @@ def _collect(
             ("nanosec", FieldType("base", fraction)),
         )
         return
-    if name not in found:
+    if name not in parsed:
         standard = _standard_types(encoding)
         if name not in standard:
             raise DefinitionError(f"type {name} is not defined in the schema")
-        found = found | {name: standard[name]}
+        parsed = parsed | {name: standard[name]}
     fields = [
         (field, _field_type(descriptor))
-        for field, descriptor in found[name][1]
+        for field, descriptor in parsed[name][1]
         # rosbags' placeholder for empty types: on the wire in CDR only
         if encoding == "cdr" or field != "structure_needs_at_least_one_member"
     ]
     types[name] = tuple(fields)
     for _, ftype in fields:
         if ftype.kind == "message" or ftype.element == "message":
-            _collect(ftype.name, found, types, encoding, depth + 1)
+            _collect(ftype.name, parsed, types, encoding, depth + 1)
 
 
 def _refuse_recursion(

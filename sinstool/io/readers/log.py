@@ -18,8 +18,8 @@ from sinstool.io.messages.definitions import (
     parse_definition,
 )
 from sinstool.io.readers.batch import RawBatch
-from sinstool.io.readers.held import Held
 from sinstool.io.readers.lost import LogLosses, Lost, LostParts
+from sinstool.io.readers.side_channels import SideChannelCache
 
 
 @dataclass(frozen=True)
@@ -111,7 +111,7 @@ class Log(ABC):
         self.counts: dict[int, int] = {}
         self.recovered: dict[int, int] = {}
         self._lost = LostParts()
-        self._held = Held()
+        self._cache = SideChannelCache()
         self.size = path_size(path)
 
     @property
@@ -120,8 +120,8 @@ class Log(ABC):
         return self._lost.all()
 
     @abstractmethod
-    def _read(self, wanted: frozenset[int] | None) -> Iterator[RawBatch]:
-        """Batches that hold the wanted messages, and maybe others, in the order of the file."""
+    def _read(self, selection: frozenset[int] | None) -> Iterator[RawBatch]:
+        """Batches that hold the selected messages, and maybe others, in the order of the file."""
 
     def batches(self, channels: Collection[int] | None = None) -> Iterator[RawBatch]:
         """Raw messages, a bounded number at a time.
@@ -140,30 +140,33 @@ class Log(ABC):
         DamagedLogError
             A part is corrupt or missing and `salvage` is off.
         """
-        wanted = None if channels is None else frozenset(int(c) for c in channels)
-        if wanted is not None and self._held.holds(wanted):
-            yield from self._held.batches(wanted)
+        selection = None if channels is None else frozenset(int(c) for c in channels)
+        if selection is not None and self._cache.covers(selection):
+            yield from self._cache.batches(selection)
             return
-        if not self._held.channels or self._held.taking or self._held.complete:
-            yield from self._pass(wanted, wanted, None)
+        if not self._cache.channels or self._cache.filling or self._cache.complete:
+            yield from self._pass(selection, selection, None)
             return
         complete = False
-        self._held.begin()
+        self._cache.begin()
         try:
-            through = None if wanted is None else wanted | self._held.channels
-            yield from self._pass(wanted, through, self._held)
+            through = None if selection is None else selection | self._cache.channels
+            yield from self._pass(selection, through, self._cache)
             complete = True
         finally:
-            self._held.end(complete)
+            self._cache.end(complete)
 
-    def hold(self, channels: Collection[int]) -> None:
-        """Keep what the next pass meets of small channels, which will be wanted too."""
-        self._held = Held(channels)
+    def cache(self, channels: Collection[int]) -> None:
+        """Let the next pass fill a cache of small channels, which will be read too."""
+        self._cache = SideChannelCache(channels)
 
     def _pass(
-        self, wanted: frozenset[int] | None, through: frozenset[int] | None, held: Held | None
+        self,
+        selection: frozenset[int] | None,
+        through: frozenset[int] | None,
+        cache: SideChannelCache | None,
     ) -> Iterator[RawBatch]:
-        """The wanted messages, from a pass over the log that reads others too, to be held."""
+        """The selected messages, from a pass over the log that reads others too, for the cache."""
         undefined: dict[int, int] = {}
         counts: dict[int, int] = {}
         latest: int | None = None
@@ -184,10 +187,10 @@ class Log(ABC):
                 ):
                     counts[int(number)] = counts.get(int(number), 0) + int(count)
             chosen = self._without_undefined(batch, undefined)
-            if held is not None:
-                held.take(chosen)
-            if wanted is not None:
-                chosen = chosen.select(wanted)
+            if cache is not None:
+                cache.add(chosen)
+            if selection is not None:
+                chosen = chosen.select(selection)
             if len(chosen):
                 yield chosen
         if self.salvage:
@@ -219,7 +222,7 @@ class Log(ABC):
         for number in strange:
             undefined[number] = undefined.get(number, 0) + int((batch.channel == number).sum())
             what = f"messages of channel {number}, which the log does not define"
-            part = self.note_lost(Lost(what, "channel", kept=0))
+            part = self.note_lost(Lost(what, "channel", recovered=0))
             part.declared = max(part.declared or 0, undefined[number])
         return batch.select(self.channels.keys()) if strange else batch
 

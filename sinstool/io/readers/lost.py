@@ -50,10 +50,10 @@ class Lost:
         read before it, or behind it.
     declared : int or None
         Messages that were there, where the log itself still says so.
-    kept : int or None
+    recovered : int or None
         Messages recovered from the part itself.
     proved : bool
-        A CRC says that what was kept is right.
+        A CRC says that what was recovered is right.
     file : str
         Which file, in a bag of several.
     """
@@ -64,7 +64,7 @@ class Lost:
     end: int | None = None
     start_ns: int | None = None
     end_ns: int | None = None
-    kept: int | None = None
+    recovered: int | None = None
     declared: int | None = None
     proved: bool = False
     file: str = ""
@@ -74,10 +74,10 @@ class Lost:
         if self.offset is not None:
             to = f" to {self.end}" if self.end is not None and self.end > self.offset else ""
             where.append(f"at byte {self.offset}{to}")
-        if self.kept is not None:
+        if self.recovered is not None:
             of = f" of {self.declared}" if self.declared is not None else ""
-            proof = "" if not self.kept else ", as their CRC says" if self.proved else ", unproved"
-            where.append(f"{self.kept}{of} messages kept{proof}")
+            proof = ", as their CRC says" if self.proved else ", unproved"
+            where.append(f"{self.recovered}{of} messages kept{proof if self.recovered else ''}")
         elif self.declared is not None:
             where.append(f"{self.declared} messages")
         if self.start_ns is not None and self.end_ns is not None:
@@ -99,7 +99,7 @@ class Lost:
             "end_offset": self.end,
             "start_ns": None if self.start_ns is None else str(self.start_ns),
             "end_ns": None if self.end_ns is None else str(self.end_ns),
-            "messages_kept": self.kept,
+            "messages_kept": self.recovered,
             "messages_declared": self.declared,
             "proved": self.proved,
         }
@@ -130,9 +130,9 @@ class LostParts:
             However many there are already: it says that reading was given up.
         """
         key = part.what, part.offset
-        known = self.parts.get(key)
-        if known is not None:
-            return known
+        same = self.parts.get(key)
+        if same is not None:
+            return same
         if len(self.parts) >= MAX_PARTS and not always:
             self.more = True
             return part

@@ -180,10 +180,10 @@ class McapLog(McapFile):
 
     def _define_all(self, records_: np.ndarray, offset: int) -> None:
         """Schemas and channels out of a run of whole records."""
-        pos, count, found = 0, 1, np.empty((3, 1024), np.int64)
+        pos, count, places = 0, 1, np.empty((3, 1024), np.int64)
         while count and self._defined <= MAX_DEFINITIONS:
-            count, pos = definitions_mcap(records_, pos, found)
-            for op, at, length in found[:, :count].T.tolist():
+            count, pos = definitions_mcap(records_, pos, places)
+            for op, at, length in places[:, :count].T.tolist():
                 self._define(op, records_[at : at + length].tobytes(), offset)
 
     def _whole_parts(self, place: ChunkPlace) -> list[np.ndarray]:
@@ -249,20 +249,20 @@ class McapLog(McapFile):
         length = min(MAX_BLOCK, place.offset + place.length - place.data_offset)
         data = self.read_at(place.data_offset, length)
         content, proved = unpack(place.compression, data, place.size, place.crc)
-        known = known_mask(self.channels)
-        parts = whole_parts(content, run_mcap, lambda b, at: next_mcap_inside(b, at, known))
+        mask = known_mask(self.channels)
+        parts = whole_parts(content, run_mcap, lambda b, at: next_mcap_inside(b, at, mask))
         return content, parts, proved
 
     def _salvaged_batch(self, place: ChunkPlace, what: str) -> RawBatch:
         """The messages of a damaged chunk that are whole; what is lost is noted."""
         content, parts, proved = self._salvaged(place)
-        found = np.concatenate(
+        rows = np.concatenate(
             [np.empty((6, 0), np.int64), *(_rows(content, part) for part in parts)], axis=1
         )
         start, end = place.start_time, place.end_time
         if not proved:
-            known = np.isin(found[0], list(self.channels))
-            found = found[:, known & inside(found[3], start, end)]
+            defined = np.isin(rows[0], list(self.channels))
+            rows = rows[:, defined & inside(rows[3], start, end)]
         sensible = 0 <= start <= end < 2**63
         self.note_lost(
             Lost(
@@ -272,13 +272,13 @@ class McapLog(McapFile):
                 place.offset + place.length,
                 start if sensible else None,
                 end if sensible else None,
-                found.shape[1],
+                rows.shape[1],
                 self._indexed(place),
                 proved,
             )
         )
         # as if it ended where it begins, so that what is missing lies between it and the next
-        return batch_of(content, found, place.offset)
+        return batch_of(content, rows, place.offset)
 
     def _indexed(self, place: ChunkPlace) -> int | None:
         """How many messages the index behind a chunk says that it has; None without an index."""
@@ -302,9 +302,9 @@ class McapLog(McapFile):
         """
         batches = list(self._chunk_batches(place))
         if len(batches) > 1:
-            found = [[getattr(b, name) for b in batches] for name in _COLUMNS]
+            columns = [[getattr(b, name) for b in batches] for name in _COLUMNS]
             return batch_of(
-                batches[0].buffer, [np.concatenate(f) for f in found], batches[0].position
+                batches[0].buffer, [np.concatenate(f) for f in columns], batches[0].position
             )
         return batches[0]
 
@@ -329,7 +329,7 @@ class McapLog(McapFile):
             self.broken.add(place.offset)
             yield self._salvaged_batch(place, chunk)
 
-    def _read(self, wanted: frozenset[int] | None) -> Iterator[RawBatch]:
+    def _read(self, selection: frozenset[int] | None) -> Iterator[RawBatch]:
         """Raw messages, chunk by chunk (see `Log.batches`)."""
 
         def needed() -> Iterator[ChunkPlace | RawBatch]:
@@ -338,7 +338,7 @@ class McapLog(McapFile):
                     yield place
                 elif isinstance(place, ChunkPlace):
                     holds = self.chunk_channels.get(place.offset)
-                    if wanted is None or holds is None or holds & wanted:
+                    if selection is None or holds is None or holds & selection:
                         yield place
 
         def size(place: ChunkPlace) -> int:
@@ -349,15 +349,15 @@ class McapLog(McapFile):
             _add(totals, batch.channel)
             yield batch
         if self._counts_proved and not self.lost:
-            for channel in self.channels if wanted is None else wanted & self.channels.keys():
+            for channel in self.channels if selection is None else selection & self.channels.keys():
                 self._check_count(channel, totals.get(channel, 0))
 
-    def _check_count(self, channel: int, found: int) -> None:
+    def _check_count(self, channel: int, count: int) -> None:
         """Records whose kind was changed are seen by nothing else than the log's own count."""
         declared = self.counts.get(channel, 0)
-        if found != declared:
+        if count != declared:
             what = (
-                f"topic {self.channels[channel].topic} has {found} messages, and"
+                f"topic {self.channels[channel].topic} has {count} messages, and"
                 f" {declared} by the log's own count"
             )
             self.note_lost(Lost(what, "count"))

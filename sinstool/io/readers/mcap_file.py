@@ -188,10 +188,10 @@ class McapFile(FileLog):
 
     def _next(self, start: int, end: int) -> int:
         """The next record that can be one."""
-        known = known_mask(self.channels)
+        mask = known_mask(self.channels)
 
         def following(buffer: np.ndarray, left: int) -> int:
-            return int(next_mcap(buffer, 0, left, known, self._packed))
+            return int(next_mcap(buffer, 0, left, mask, self._packed))
 
         return search(self.read_at, start, end, following)
 
@@ -271,7 +271,7 @@ def record_length(head: bytes) -> int:
     return int.from_bytes(head[1:9], "little")
 
 
-def batch_of(buffer: np.ndarray, found: np.ndarray | list[np.ndarray], position: int) -> RawBatch:
+def batch_of(buffer: np.ndarray, columns: np.ndarray | list[np.ndarray], position: int) -> RawBatch:
     """A batch out of what `scan_mcap` found."""
-    channel, offset, length, log_time, publish_time, sequence = found
+    channel, offset, length, log_time, publish_time, sequence = columns
     return RawBatch(buffer, channel, offset, length, log_time, publish_time, sequence, position)

@@ -129,7 +129,7 @@ class Rosbag1Log(FileLog):
         section = self.read_at(start, self.size - start)
         counts: dict[int, int] = {}
         chunk_infos = 0
-        found: dict[int, Channel] = {}
+        channels: dict[int, Channel] = {}
         pos = 0
         try:
             while pos < len(section):
@@ -139,7 +139,7 @@ class Rosbag1Log(FileLog):
                 data = section[record.data_offset : record.end]
                 if record.op == CONNECTION:
                     channel = read_channel(record, data)
-                    found[channel.id] = channel
+                    channels[channel.id] = channel
                 elif record.op == CHUNK_INFO:
                     chunk_infos += 1
                     for number, count in struct.iter_unpack("<II", data):
@@ -147,9 +147,9 @@ class Rosbag1Log(FileLog):
                 pos = record.end
         except (BadRecordError, struct.error):
             return False
-        if (len(found), chunk_infos) != (connections, chunks) or counts.keys() - found.keys():
+        if (len(channels), chunk_infos) != (connections, chunks) or counts.keys() - channels.keys():
             return False
-        self.channels, self.counts = found, counts
+        self.channels, self.counts = channels, counts
         return True
 
     def _discover(self) -> None:
@@ -167,10 +167,10 @@ class Rosbag1Log(FileLog):
 
     def _define_all(self, records: np.ndarray, offset: int) -> None:
         """Connections out of a run of whole records."""
-        pos, count, found = 0, 1, np.empty(1024, np.int64)
+        pos, count, offsets = 0, 1, np.empty(1024, np.int64)
         while count and self._defined <= MAX_DEFINITIONS:
-            count, pos = definitions_rosbag1(records, pos, found)
-            for at in found[:count].tolist():
+            count, pos = definitions_rosbag1(records, pos, offsets)
+            for at in offsets[:count].tolist():
                 self._define_from(records, at, offset)
 
     def _define_from(self, chunk: np.ndarray, pos: int, offset: int) -> None:
@@ -290,11 +290,11 @@ class Rosbag1Log(FileLog):
         need = record.end - record.offset
         while True:
             window = np.frombuffer(self.read_at(pos, max(WINDOW, need)), np.uint8)
-            found, stop, why = _scan(window, 0, True)
-            if found.shape[1]:
+            columns, stop, why = _scan(window, 0, True)
+            if columns.shape[1]:
                 # no later than its data, and no earlier than the record itself
-                last = pos + int(found[1, -1]) - 1
-                yield _batch(window, found, pos + stop)
+                last = pos + int(columns[1, -1]) - 1
+                yield _batch(window, columns, pos + stop)
             pos += stop
             if why == FOREIGN or not stop:
                 return pos, last
@@ -334,13 +334,13 @@ class Rosbag1Log(FileLog):
     def _salvaged_batch(self, place: Record, what: str) -> RawBatch:
         """The messages of a damaged chunk that are whole; what is lost is noted."""
         content, parts = self._content(place)
-        found = [_scan(content[:end], begin, False)[0] for begin, end in parts]
-        rows = np.concatenate([np.empty((4, 0), np.int64), *found], axis=1)
+        runs = [_scan(content[:end], begin, False)[0] for begin, end in parts]
+        rows = np.concatenate([np.empty((4, 0), np.int64), *runs], axis=1)
         rows = rows[:, np.isin(rows[0], list(self.channels))]
-        part = Lost(what, "chunk", place.offset, place.end, kept=rows.shape[1])
+        part = Lost(what, "chunk", place.offset, place.end, recovered=rows.shape[1])
         part.declared = self._indexed(place)
-        if len(parts) > 1 and found[0].shape[1] and found[-1].shape[1]:
-            part.start_ns, part.end_ns = sorted((int(found[0][3, -1]), int(found[-1][3, 0])))
+        if len(parts) > 1 and runs[0].shape[1] and runs[-1].shape[1]:
+            part.start_ns, part.end_ns = sorted((int(runs[0][3, -1]), int(runs[-1][3, 0])))
         self.note_lost(part)
         # as if it ended where it begins, so that what is missing lies between it and the next
         return _batch(content, rows, place.offset)
@@ -364,13 +364,13 @@ class Rosbag1Log(FileLog):
             return
         pos, why = 0, FULL
         while why == FULL:
-            found, pos, why = _scan(chunk, pos, False)
+            columns, pos, why = _scan(chunk, pos, False)
             if why not in (END, FULL):
                 what = f"a record inside a chunk is not whole (at {pos})"
                 self.refuse(what, place.offset)
-            yield _batch(chunk, found, place.end)
+            yield _batch(chunk, columns, place.end)
 
-    def _read(self, wanted: frozenset[int] | None) -> Iterator[RawBatch]:
+    def _read(self, selection: frozenset[int] | None) -> Iterator[RawBatch]:
         """Raw messages, chunk by chunk (see `Log.batches`)."""
 
         def size(chunk: Record) -> int:
@@ -388,6 +388,6 @@ def _scan(buffer: np.ndarray, start: int, stop_at_foreign: bool) -> tuple[np.nda
     return out[:, :count], stop, why
 
 
-def _batch(buffer: np.ndarray, found: np.ndarray, position: int) -> RawBatch:
-    channel, offset, length, time = found
+def _batch(buffer: np.ndarray, columns: np.ndarray, position: int) -> RawBatch:
+    channel, offset, length, time = columns
     return RawBatch(buffer, channel, offset, length, time, time, np.zeros_like(time), position)

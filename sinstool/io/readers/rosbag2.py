@@ -133,7 +133,7 @@ class Rosbag2Log(Log):
             )
         self._compressed_messages = mode == "message"
         self._declared = _declared_counts(information.get("topics_with_message_count"))
-        found = []
+        files = []
         for listed in information.get("relative_file_paths") or []:
             # Early versions wrote the folder's own name too; nothing outside it is ever meant.
             name = PurePosixPath(str(listed)).name
@@ -142,11 +142,11 @@ class Rosbag2Log(Log):
             if file is None:
                 self.damage(f"{METADATA} lists {name}, which is not there", kind="file")
             else:
-                found.append(file)
-        if not found:
+                files.append(file)
+        if not files:
             self.damage(f"{METADATA} lists no file that is there", kind="file")
             return self._files_without_metadata()
-        return found
+        return files
 
     def _metadata(self) -> dict[str, Any] | None:
         file = self.path / METADATA
@@ -230,21 +230,21 @@ class Rosbag2Log(Log):
 
     def _unify(self) -> None:
         """Number the channels of all files as one log."""
-        known: dict[tuple[str, str, str], list[int]] = {}
+        numbers_of: dict[tuple[str, str, str], list[int]] = {}
         for part in self.parts:
             numbers = {}
             for number, channel in sorted(part.channels.items()):
                 key = (channel.topic, channel.type, channel.message_encoding)
                 same = [
                     n
-                    for n in known.setdefault(key, [])
+                    for n in numbers_of.setdefault(key, [])
                     if self.channels[n].schema_text == channel.schema_text
                     or not self.channels[n].schema_text
                     or not channel.schema_text
                 ]
                 here = same[0] if same else len(self.channels) + 1
                 if not same:
-                    known[key].append(here)
+                    numbers_of[key].append(here)
                 if not same or not self.channels[here].schema_text:
                     self.channels[here] = replace(channel, id=here)
                 numbers[number] = here
@@ -262,14 +262,14 @@ class Rosbag2Log(Log):
 
     # -- reading ---------------------------------------------------------------------------
 
-    def _read(self, wanted: frozenset[int] | None) -> Iterator[RawBatch]:
+    def _read(self, selection: frozenset[int] | None) -> Iterator[RawBatch]:
         """Raw messages, file after file (see `Log.batches`)."""
         before = 0
         for part, numbers, size in zip(self.parts, self._numbers, self._disk_sizes, strict=True):
-            chosen = [n for n, here in numbers.items() if wanted is None or here in wanted]
+            chosen = [n for n, here in numbers.items() if selection is None or here in selection]
             theirs = np.array(sorted(numbers), np.int64)
             ours = np.array([numbers[n] for n in theirs.tolist()], np.int64)
-            for batch in part.batches(None if wanted is None else chosen) if chosen else ():
+            for batch in part.batches(None if selection is None else chosen) if chosen else ():
                 position = before + int(size * min(1.0, batch.position / max(1, part.size)))
                 channel = ours[np.searchsorted(theirs, batch.channel)]
                 batch = replace(batch, channel=channel, position=position)
@@ -284,7 +284,7 @@ class Rosbag2Log(Log):
         data = batch.buffer.data
         payloads: list[bytes] = []
         rows: list[int] = []
-        held = 0
+        size = 0
         for row, (offset, length) in enumerate(
             zip(batch.offset.tolist(), batch.length.tolist(), strict=True)
         ):
@@ -295,10 +295,10 @@ class Rosbag2Log(Log):
                 continue
             payloads.append(payload)
             rows.append(row)
-            held += len(payload)
-            if held > PORTION:
+            size += len(payload)
+            if size > PORTION:
                 yield _repacked(batch, rows, payloads)
-                payloads, rows, held = [], [], 0
+                payloads, rows, size = [], [], 0
         if rows:
             yield _repacked(batch, rows, payloads)
 

@@ -97,9 +97,9 @@ def search(
     pos = start
     while pos < end:
         window = np.frombuffer(read_at(pos, min(WINDOW, end - pos)), np.uint8)
-        found = following(window, end - pos)
-        if found >= 0:
-            return pos + found
+        at = following(window, end - pos)
+        if at >= 0:
+            return pos + at
         if len(window) < WINDOW:
             break
         pos += len(window) - _OVERLAP

@@ -169,8 +169,8 @@ class SqliteLog(Log):
             for name in ("serialization_format", "offered_qos_profiles", "type_description_hash")
             if name in tables["topics"]
         ]
-        wanted = ", ".join(["id", "name", "type", *optional])
-        for number, topic, kind, *rest in database.execute(f"SELECT {wanted} FROM topics"):
+        columns = ", ".join(["id", "name", "type", *optional])
+        for number, topic, kind, *rest in database.execute(f"SELECT {columns} FROM topics"):
             more = {name: str(value) for name, value in zip(optional, rest, strict=True) if value}
             encoding = more.pop("serialization_format", "cdr")
             schema_encoding, text = definitions.get(str(kind), ("ros2msg", ""))
@@ -187,11 +187,11 @@ class SqliteLog(Log):
 
     # -- reading ---------------------------------------------------------------------------
 
-    def _read(self, wanted: frozenset[int] | None) -> Iterator[RawBatch]:
+    def _read(self, selection: frozenset[int] | None) -> Iterator[RawBatch]:
         """Raw messages in the order they were inserted (see `Log.batches`)."""
         chosen = ""
-        if wanted is not None:
-            chosen = f" AND topic_id IN ({', '.join(map(str, sorted(wanted)))})"
+        if selection is not None:
+            chosen = f" AND topic_id IN ({', '.join(map(str, sorted(selection)))})"
         # An alias: what the schema calls the row may be damaged, and Python wants it as text.
         columns = "rowid AS row, topic_id, timestamp, data"
         query = f"SELECT {columns} FROM messages WHERE rowid > ?{chosen}"
@@ -205,8 +205,8 @@ class SqliteLog(Log):
             places += row < begun  # damaged pages may lead back, and again and again
             begun = row
             try:
-                found = self._database.execute(f"{query} ORDER BY rowid{limit}", (row,))
-                for row, topic, time, blob in found:
+                rows = self._database.execute(f"{query} ORDER BY rowid{limit}", (row,))
+                for row, topic, time, blob in rows:
                     try:
                         topics.append(topic)
                         times.append(time)
@@ -260,10 +260,10 @@ class SqliteLog(Log):
             columns = "rowid AS row, timestamp, data"
             query = f"SELECT {columns} FROM messages WHERE rowid > ? ORDER BY rowid"
             try:
-                found = self._database.execute(f"{query} LIMIT 1", (behind,)).fetchone()
+                next_row = self._database.execute(f"{query} LIMIT 1", (behind,)).fetchone()
             except _UNREADABLE:
                 return None
-            return (0, None) if found is None else (found[0], found[1])
+            return (0, None) if next_row is None else (next_row[0], next_row[1])
 
         # Ever longer steps until there is something, then back to where it begins.
         step = 1

@@ -18,10 +18,8 @@ from sinstool.core.streams import (
     Encoder,
     Gnss,
     Imu,
-    Magnetometer,
     Stream,
     Velocity,
-    concatenate,
 )
 from sinstool.io.messages.decode import Columns, Decoder
 from sinstool.io.messages.layout import Layout, LayoutError, walk
@@ -30,11 +28,10 @@ from sinstool.io.readers.log import Channel, Log
 from sinstool.io.readers.message_types import HEIGHT_TYPES, VELOCITY_TYPES
 
 Made = TypeVar("Made")
+S = TypeVar("S", bound=Stream)
 
 # rad/s and m/s^2: no sensor measures so much, in no unit that anybody writes, but damage does.
 LARGEST = 1e9
-# m: no vehicle that navigates with an IMU on Earth is so far up or down.
-HIGHEST = 1e6
 # From ENU to NED
 _TURN = np.array([[0.0, 1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, -1.0]])
 _XYZ = ("x", "y", "z")
@@ -240,10 +237,10 @@ def _read(
     log: Log,
     channels: Sequence[Channel],
     columns: Mapping[str, Sequence[str]],
-    build: Callable[[np.ndarray, dict[str, np.ndarray]], Stream],
+    build: Callable[[np.ndarray, dict[str, np.ndarray]], S],
     losses: Losses,
     widths: Mapping[str, int] = MappingProxyType({}),
-) -> Iterator[Stream]:
+) -> Iterator[S]:
     for log_time_ns, values in read_columns(log, channels, columns, losses, widths=widths):
         yield build(log_time_ns, values)
 
@@ -274,7 +271,7 @@ def read_fixes(log: Log, channels: Sequence[Channel], losses: Losses) -> Iterato
         "status": ["status.status"],
     }
     widths = {"covariance": 9}
-    yield from _read(log, channels, columns, build, losses, widths)  # type: ignore[misc]
+    return _read(log, channels, columns, build, losses, widths)
 
 
 def read_velocity(log: Log, channels: Sequence[Channel], losses: Losses) -> Iterator[Velocity]:
@@ -292,7 +289,7 @@ def read_velocity(log: Log, channels: Sequence[Channel], losses: Losses) -> Iter
         return Velocity(_stamp(v), log_time_ns, enu_to_ned(v["linear"]), _TURN @ enu @ _TURN.T)
 
     widths = {"covariance": 36}
-    yield from _read(log, channels, columns, build, losses, widths)  # type: ignore[misc]
+    return _read(log, channels, columns, build, losses, widths)
 
 
 def read_pressure(log: Log, channels: Sequence[Channel], losses: Losses) -> Iterator[Baro]:
@@ -302,7 +299,7 @@ def read_pressure(log: Log, channels: Sequence[Channel], losses: Losses) -> Iter
         return Baro(_stamp(v), log_time_ns, v["pressure"], v["variance"])
 
     columns = {**_header(), "pressure": ["fluid_pressure"], "variance": ["variance"]}
-    yield from _read(log, channels, columns, build, losses)  # type: ignore[misc]
+    return _read(log, channels, columns, build, losses)
 
 
 def read_height(log: Log, channels: Sequence[Channel], losses: Losses) -> Iterator[BaroHeight]:
@@ -313,19 +310,7 @@ def read_height(log: Log, channels: Sequence[Channel], losses: Losses) -> Iterat
         return BaroHeight(log_time_ns if bare else _stamp(v), log_time_ns, v["height"])
 
     columns = {"height": ["data"]} if bare else {**_header(), "height": ["point.z"]}
-    yield from _read(log, channels, columns, build, losses)  # type: ignore[misc]
-
-
-def read_magnetic_field(
-    log: Log, channels: Sequence[Channel], axes: str, losses: Losses
-) -> Iterator[Magnetometer]:
-    """MagneticField messages, turned to FRD."""
-
-    def build(log_time_ns: np.ndarray, v: dict[str, np.ndarray]) -> Magnetometer:
-        return Magnetometer(_stamp(v), log_time_ns, turn_body(v["field"], axes))
-
-    columns = {**_header(), "field": _vector("magnetic_field")}
-    yield from _read(log, channels, columns, build, losses)  # type: ignore[misc]
+    return _read(log, channels, columns, build, losses)
 
 
 def read_joint(
@@ -337,7 +322,7 @@ def read_joint(
         return Encoder(_stamp(v), log_time_ns, v["position"])
 
     columns = {**_header(), "position": [f"position[name={joint}]"]}
-    yield from _read(log, channels, columns, build, losses)  # type: ignore[misc]
+    return _read(log, channels, columns, build, losses)
 
 
 def joint_names(log: Log, channels: Sequence[Channel]) -> list[str]:
@@ -348,22 +333,10 @@ def joint_names(log: Log, channels: Sequence[Channel]) -> list[str]:
     return []
 
 
-def fixed(fixes: Gnss) -> np.ndarray:
-    """Which rows hold a fix, wherever that is; receivers without one write exact zeros too."""
-    finite = np.isfinite(fixes.latitude) & np.isfinite(fixes.longitude)
-    return (fixes.status >= 0) & finite & ((fixes.latitude != 0.0) | (fixes.longitude != 0.0))
-
-
-def on_earth(fixes: Gnss) -> np.ndarray:
-    """Which rows are where a vehicle can be; those without a height are."""
-    level = (np.abs(fixes.latitude) <= 0.5 * np.pi) & (np.abs(fixes.longitude) <= 2.0 * np.pi)
-    return np.asarray(level & ~(np.abs(fixes.height) >= HIGHEST))
-
-
 def first_fix(log: Log, channels: Sequence[Channel]) -> Gnss | None:
     """The first valid fix of a log, as a stream of one row; None where there is none."""
     for block in read_fixes(log, channels, Losses()):
-        good = fixed(block) & on_earth(block)
+        good = block.has_fix & block.on_earth
         if good.any():
             return block.rows(np.flatnonzero(good)[:1])
     return None
@@ -388,19 +361,3 @@ def _layouts(log: Log, channels: Sequence[Channel]) -> Iterator[tuple[Layout, by
                 yield walk(definitions[int(batch.channel[i])], payload), payload
             except LayoutError:
                 continue
-
-
-def reblock(blocks: Iterator[Imu], rows: int) -> Iterator[Imu]:
-    """The same samples in blocks of a given number of rows (the last may be shorter)."""
-    held: list[Imu] = []
-    count = 0
-    for block in blocks:
-        held.append(block)
-        count += len(block)
-        while count >= rows:
-            whole = concatenate(held)
-            yield whole.rows(slice(0, rows))
-            held = [whole.rows(slice(rows, None))]
-            count -= rows
-    if count:
-        yield concatenate(held)

@@ -40,13 +40,13 @@ class ImuTopic:
 
 
 def topics_of_type(log: Log, *types: str) -> dict[str, tuple[Channel, ...]]:
-    """Topics whose channels all have one of the given types."""
-    found: dict[str, list[Channel]] = {}
+    """Topics whose channels all have one of some types."""
+    by_topic: dict[str, list[Channel]] = {}
     for _, channel in sorted(log.channels.items()):
-        found.setdefault(channel.topic, []).append(channel)
+        by_topic.setdefault(channel.topic, []).append(channel)
     return {
         topic: tuple(channels)
-        for topic, channels in found.items()
+        for topic, channels in by_topic.items()
         if all(c.type in types for c in channels)
     }
 
@@ -67,7 +67,7 @@ def imu_candidates(log: Log) -> list[ImuTopic]:
 
 def _nested_path(log: Log, channels: tuple[Channel, ...]) -> str:
     """Path of the only Imu inside a topic's type; '' where there is none or several."""
-    found = set()
+    nested = set()
     for channel in channels:
         try:
             paths = list(channel.definition(log.path).paths_of(IMU_TYPE))
@@ -75,16 +75,16 @@ def _nested_path(log: Log, channels: tuple[Channel, ...]) -> str:
             return ""
         if len(paths) != 1:
             return ""
-        found.add(paths[0])
-    return found.pop() if len(found) == 1 else ""
+        nested.add(paths[0])
+    return nested.pop() if len(nested) == 1 else ""
 
 
-def choose_imu(log: Log, wanted: str | None) -> ImuTopic:
+def choose_imu(log: Log, name: str | None) -> ImuTopic:
     """The Imu topic of a run.
 
     Parameters
     ----------
-    wanted : str, optional
+    name : str, optional
         ``--imu-topic``.
 
     Returns
@@ -97,16 +97,16 @@ def choose_imu(log: Log, wanted: str | None) -> ImuTopic:
         The topic is missing or carries no Imu; there is none; there are several with data.
     """
     candidates = imu_candidates(log)
-    if wanted is not None:
+    if name is not None:
         for candidate in candidates:
-            if candidate.topic == wanted:
+            if candidate.topic == name:
                 return replace(candidate, reason="as configured")
-        if log.channels_of(wanted):
-            kind = log.channels_of(wanted)[0].type_name or "unknown type"
-            raise TopicError(log.path, f"topic {wanted} is {kind}, not sensor_msgs/Imu")
-        near = nearest(wanted, [c.topic for c in candidates])
+        if log.channels_of(name):
+            kind = log.channels_of(name)[0].type_name or "unknown type"
+            raise TopicError(log.path, f"topic {name} is {kind}, not sensor_msgs/Imu")
+        near = nearest(name, [c.topic for c in candidates])
         hint = f"{near} {_listing(candidates)}" if near else _listing(candidates)
-        raise TopicError(log.path, f"there is no topic {wanted}", hint)
+        raise TopicError(log.path, f"there is no topic {name}", hint)
     candidates = [c for c in candidates if not c.topic.startswith(OWN_PREFIXES)]
     if not candidates:
         types = sorted({c.type_name for c in log.channels.values() if c.type_name})
@@ -158,36 +158,36 @@ def probe_rate(log: Log, topic: ImuTopic) -> float | None:
     return float(1e9 / np.median(steps)) if len(steps) else 0.0
 
 
-def choose_optional(log: Log, flag: str, wanted: str | None, *types: str) -> tuple[Channel, ...]:
+def choose_optional(log: Log, flag: str, name: str | None, *types: str) -> tuple[Channel, ...]:
     """Channels of a topic that a run can do without; empty when the log has none.
 
     Parameters
     ----------
     flag : str
         The option that names it, for the message.
-    wanted : str, optional
-        What the user asked for.
+    name : str, optional
+        The topic that the option names.
     *types : str
         Accepted types.
 
     Raises
     ------
     TopicError
-        The topic asked for is missing or of another type, or there are several.
+        The named topic is missing or of another type, or there are several.
     """
-    found = topics_of_type(log, *types)
-    if wanted is not None:
-        if wanted in found:
-            log_choice(flag.removeprefix("--").replace("-", " "), f"{wanted}, as told")
-            return found[wanted]
+    topics = topics_of_type(log, *types)
+    if name is not None:
+        if name in topics:
+            log_choice(flag.removeprefix("--").replace("-", " "), f"{name}, as told")
+            return topics[name]
         kinds = ", ".join(t.replace("/msg/", "/") for t in types)
-        hint = nearest(wanted, found) or (f"there are {', '.join(found)}" if found else "")
-        raise TopicError(log.path, f"there is no topic {wanted} of type {kinds}", hint)
-    found = {t: c for t, c in found.items() if not t.startswith(OWN_PREFIXES)}
-    if len(found) > 1:
+        hint = nearest(name, topics) or (f"there are {', '.join(topics)}" if topics else "")
+        raise TopicError(log.path, f"there is no topic {name} of type {kinds}", hint)
+    topics = {t: c for t, c in topics.items() if not t.startswith(OWN_PREFIXES)}
+    if len(topics) > 1:
         raise TopicError(
-            log.path, f"several topics fit {flag}: {', '.join(found)}", f"choose one with {flag}"
+            log.path, f"several topics fit {flag}: {', '.join(topics)}", f"choose one with {flag}"
         )
-    for topic in found:
+    for topic in topics:
         log_choice(flag.removeprefix("--").replace("-", " "), f"{topic}, the only one of its type")
-    return next(iter(found.values()), ())
+    return next(iter(topics.values()), ())

@@ -117,7 +117,7 @@ def _from_csv(path: Path) -> tuple[np.ndarray, np.ndarray]:
     return np.array(times, np.int64), np.array(rows, np.float64).reshape(-1, 4)
 
 
-def at_times(time_ns: np.ndarray, q_nb: np.ndarray, wanted_ns: np.ndarray) -> np.ndarray:
+def at_times(time_ns: np.ndarray, q_nb: np.ndarray, at_ns: np.ndarray) -> np.ndarray:
     """Attitude between the instants of a reference, along the shortest way.
 
     Parameters
@@ -125,21 +125,21 @@ def at_times(time_ns: np.ndarray, q_nb: np.ndarray, wanted_ns: np.ndarray) -> np
     time_ns : ndarray of int64, shape (k,)
         Increasing.
     q_nb : ndarray, shape (k, 4)
-    wanted_ns : ndarray of int64, shape (n,)
+    at_ns : ndarray of int64, shape (n,)
         Within the reference's times.
 
     Returns
     -------
     ndarray, shape (n, 4)
     """
-    if not len(wanted_ns):
+    if not len(at_ns):
         return np.empty((0, 4))
     origin = int(time_ns[0])
     course = Slerp((time_ns - origin) / 1e9, Rotation.from_quat(q_nb, scalar_first=True))
-    found = course((wanted_ns - origin) / 1e9).as_quat(scalar_first=True)
+    q = course((at_ns - origin) / 1e9).as_quat(scalar_first=True)
     # An instant that the reference has is given as it is, not to Slerp's rounding.
-    place = np.searchsorted(time_ns, wanted_ns)
+    place = np.searchsorted(time_ns, at_ns)
     place = np.minimum(place, len(time_ns) - 1)
-    exact = time_ns[place] == wanted_ns
-    found[exact] = q_nb[place[exact]]
-    return np.asarray(found)
+    exact = time_ns[place] == at_ns
+    q[exact] = q_nb[place[exact]]
+    return np.asarray(q)

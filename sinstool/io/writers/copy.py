@@ -133,9 +133,9 @@ class Copier:
             batch = log.chunk_batch(place)
             if not len(batch):
                 return
-            known = batch.select(log.channels.keys())
-            if place.offset in log.broken or len(known) < len(batch):
-                self._writer.write([_messages(known)])
+            defined = batch.select(log.channels.keys())
+            if place.offset in log.broken or len(defined) < len(batch):
+                self._writer.write([_messages(defined)])
                 return
             # 31 bytes of record head and fixed fields stand before each payload
             indexes = message_indexes(batch.channel, batch.log_time, batch.offset - 31)
@@ -156,7 +156,7 @@ class Copier:
         """The chunk's message index as the log has it; None where it cannot be relied on."""
         log = self._log
         assert isinstance(log, McapLog)
-        found: list[tuple[int, bytes]] = []
+        entries_of: list[tuple[int, bytes]] = []
         for place in chunk.indexes:
             record = log.read_at(place.offset, place.length)
             if len(record) < 15:
@@ -166,12 +166,12 @@ class Copier:
             if size != len(entries) or size % 16 or channel not in log.channels:
                 return None
             if entries:
-                found.append((channel, entries))
-        counts = {channel: len(entries) // 16 for channel, entries in found}
-        known = log.chunk_counts.get(chunk.place.offset)
-        if known is None or known != counts:
+                entries_of.append((channel, entries))
+        counts = {channel: len(entries) // 16 for channel, entries in entries_of}
+        defined = log.chunk_counts.get(chunk.place.offset)
+        if defined is None or defined != counts:
             return None
-        return found
+        return entries_of
 
 
 def _messages(batch: RawBatch) -> Messages:

@@ -82,9 +82,9 @@ class McapWriter:
         int
         """
         if number is None:
-            for known in self.schemas.values():
-                if (known.name, known.encoding, known.data) == (name, encoding, data):
-                    return known.id
+            for schema_ in self.schemas.values():
+                if (schema_.name, schema_.encoding, schema_.data) == (name, encoding, data):
+                    return schema_.id
             number = _free(self.schemas)
         schema = records.Schema(id=number, name=name, encoding=encoding, data=data)
         self.schemas[number] = schema

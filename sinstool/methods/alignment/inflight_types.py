@@ -70,6 +70,12 @@ class ImuIncrements:
     def __len__(self) -> int:
         return len(self.time_ns)
 
+    def rows(self, which: Any) -> ImuIncrements:
+        """Rows by slice, mask or index array."""
+        return ImuIncrements(
+            self.time_ns[which], self.delta_theta[which], self.delta_velocity[which]
+        )
+
 
 @dataclass(frozen=True)
 class GnssFixes:

@@ -33,6 +33,8 @@ class Alignment:
         Heading counts from north.
     gyro_bias : ndarray, shape (3,)
         To subtract from the rates, rad/s, body axes.
+    gyro_bias_sigma : float or None
+        rad/s an axis, where the alignment itself gives the bias.
     bias_source : str
         ``still`` (the lead-in), ``rest`` (another), ``alignment``, ``given`` or ``none``.
     covariance_n : ndarray or None, shape (3, 3)
@@ -52,6 +54,7 @@ class Alignment:
     warnings: tuple[str, ...] = ()
     covariance_n: np.ndarray | None = None
     held_ns: int | None = None
+    gyro_bias_sigma: float | None = None
 
 
 def from_still(span: StillSpan, time_ns: int) -> Alignment:

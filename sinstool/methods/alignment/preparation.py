@@ -62,11 +62,11 @@ def stretches(imu: ImuIncrements, settings: AlignmentSettings) -> tuple[list[Str
     new = np.diff(imu.time_ns, prepend=imu.time_ns[:1] - 1) > 0
     if not new.all():
         warnings.append(f"{int((~new).sum())} IMU samples of repeated time dropped")
-        imu = _rows(imu, new)
+        imu = imu.rows(new)
     if settings.start_ns is not None or settings.end_ns is not None:
         first = imu.time_ns[0] if settings.start_ns is None else settings.start_ns
         last = imu.time_ns[-1] if settings.end_ns is None else settings.end_ns
-        imu = _rows(imu, (imu.time_ns >= first) & (imu.time_ns <= last))
+        imu = imu.rows((imu.time_ns >= first) & (imu.time_ns <= last))
     if len(imu) < 2:
         raise AlignmentError("there are no IMU samples to align with", "widen start and end")
     step = np.diff(imu.time_ns)
@@ -113,16 +113,12 @@ def stretches(imu: ImuIncrements, settings: AlignmentSettings) -> tuple[list[Str
     for begin, end in zip(begins, ends, strict=True):
         if end - begin >= 2 and not lost[begin]:
             why = reason.get(int(begin), "saturated samples" if begin else "")
-            parts.append(Stretch(_rows(imu, slice(int(begin), int(end))), why))
+            parts.append(Stretch(imu.rows(slice(int(begin), int(end))), why))
     return parts, warnings
 
 
 def _changes(flags: NDArray[np.bool_]) -> NDArray[np.bool_]:
     return np.concatenate([[False], flags[1:] != flags[:-1]])
-
-
-def _rows(imu: ImuIncrements, which: slice | NDArray[np.bool_]) -> ImuIncrements:
-    return ImuIncrements(imu.time_ns[which], imu.delta_theta[which], imu.delta_velocity[which])
 
 
 def prepare_fixes(

@@ -12,6 +12,7 @@ from sinstool.config.align import IN_FLIGHT
 from sinstool.core.choices import log_choice
 from sinstool.core.earth import earth_rate_n
 from sinstool.core.errors import AlignmentError
+from sinstool.core.streams import GnssEpochs
 from sinstool.core.timeline import SECOND
 from sinstool.core.units import DEGREE
 from sinstool.io.readers.frames import turn_body
@@ -26,8 +27,7 @@ from sinstool.survey.source import Source
 # and they take as long to import as an hour of attitude.
 if TYPE_CHECKING:
     from sinstool.methods.alignment.gyrocompass import Gyrocompass
-    from sinstool.methods.alignment.inflight_types import ImuIncrements
-    from sinstool.pipelines.align.in_motion import Moving
+    from sinstool.methods.alignment.in_motion import MotionAlignment
 
 # An automatic gyrocompass wants a rest that can show north.
 GYROCOMPASS_S = 30.0
@@ -118,14 +118,27 @@ def _north_seen(source: Source, config: ProcessConfig) -> Alignment | None:
     except AlignmentError as exc:
         log_choice("alignment", f"not by GNSS velocity: {exc.message}")
         return None
-    if moving.answer.status not in ("ok", "degraded"):
-        log_choice("alignment", f"not by GNSS velocity, which is {moving.answer.status}")
+    if not moving.good:
+        log_choice("alignment", f"not by GNSS velocity, which is {moving.result.status}")
         return None
     return _from_motion(moving, source, config)
 
 
-def in_flight(source: Source, config: ProcessConfig, method: str) -> Alignment:
-    """Attitude from GNSS velocity, carried back to the log's start.
+def in_flight(
+    source: Source,
+    config: ProcessConfig,
+    method: str,
+    gnss: GnssEpochs | None = None,
+    time_ns: int | None = None,
+) -> Alignment:
+    """Attitude from GNSS velocity, carried back.
+
+    Parameters
+    ----------
+    gnss : GnssEpochs, optional
+        Instead of those of the log.
+    time_ns : int, optional
+        See :func:`_from_motion`.
 
     Raises
     ------
@@ -135,91 +148,82 @@ def in_flight(source: Source, config: ProcessConfig, method: str) -> Alignment:
     grade, _ = sensor_grade(source, config)
     from sinstool.pipelines.align.in_motion import align_moving
 
-    moving = align_moving(source, config, grade, method, "start")
-    answer = moving.answer
-    if answer.status in ("failed", "unobservable"):
-        reasons = "; ".join(answer.warnings) or "no reason is known"
+    moving = align_moving(source, config, grade, method, "start", gnss)
+    result = moving.result
+    if result.status in ("failed", "unobservable"):
+        reasons = "; ".join(result.warnings) or "no reason is known"
         raise AlignmentError(
-            f"{source.path}: --align {method}: {answer.status}: {reasons}",
+            f"{source.path}: --align {method}: {result.status}: {reasons}",
             "choose another span with --align-start and --align-end, or another --align",
         )
-    return _from_motion(moving, source, config)
+    return _from_motion(moving, source, config, time_ns)
 
 
-def _from_motion(moving: Moving, source: Source, config: ProcessConfig) -> Alignment:
-    answer = moving.answer
-    time_ns, q_nb, covariance = _carried_back(moving, source, config)
+def _from_motion(
+    moving: MotionAlignment, source: Source, config: ProcessConfig, time_ns: int | None = None
+) -> Alignment:
+    """An alignment in motion as a first attitude.
+
+    Parameters
+    ----------
+    time_ns : int, optional
+        To which it is carried back, unless the samples have a gap on the way; by default the
+        first sample.
+    """
+    result = moving.result
+    time_ns, q_nb, covariance = _carried_back(
+        moving, source, config, source.survey.first_ns if time_ns is None else time_ns
+    )
     bias, source_of_bias = moving.gyro_bias, "rest" if moving.gyro_bias.any() else "none"
-    if answer.errors is not None and config.align.gyro_bias == "still":
-        bias, source_of_bias = bias + answer.errors.gyro_bias, "alignment"
+    bias_sigma = None
+    if result.errors is not None and config.align.gyro_bias == "still":
+        bias, source_of_bias = moving.refined_bias, "alignment"
+        bias_sigma = float(np.max(result.errors.sigma["gyro_bias"]))
     if not isinstance(config.align.gyro_bias, str):
         source_of_bias = "given"
-    known = answer.status != "level-only"
+    north = result.status != "level-only"
     sigma = np.sqrt(np.diag(covariance))
     return Alignment(
         q_nb,
-        answer.method,
+        result.method,
         time_ns,
-        (float(sigma[0]), float(sigma[1]), float(sigma[2]) if known else None),
-        answer.status,
-        known,
+        (float(sigma[0]), float(sigma[1]), float(sigma[2]) if north else None),
+        result.status,
+        north,
         gyro_bias=bias,
         bias_source=source_of_bias,
-        warnings=answer.warnings,
+        warnings=result.warnings,
         covariance_n=covariance,
-        held_ns=answer.t_ns,
+        held_ns=result.t_ns,
+        gyro_bias_sigma=bias_sigma,
     )
 
 
 def _carried_back(
-    moving: Moving, source: Source, config: ProcessConfig
+    moving: MotionAlignment, source: Source, config: ProcessConfig, time_ns: int
 ) -> tuple[int, np.ndarray, np.ndarray]:
-    """Attitude and covariance at the first sample, or as near to it as the Imu was without a gap.
+    """Attitude and covariance at a time, or as near to it as the Imu was without a gap.
 
     A vehicle that rests at first keeps its attitude; in motion gyros carry it back, with what
     their biases may do.
     """
-    answer, survey = moving.answer, source.survey
-    still = survey.lead_in
-    begin = survey.first_ns if still is None else still.end_ns
-    if answer.t_ns <= begin:
-        return survey.first_ns, answer.q_nb, answer.cov
-    from sinstool.methods.alignment.chain import carried
-    from sinstool.pipelines.align.in_motion import gnss_fixes, increments
+    result, still = moving.result, source.survey.lead_in
+    resting = still is not None and time_ns <= still.end_ns
+    begin = still.end_ns if still is not None and resting else time_ns
+    if result.t_ns <= begin:
+        if resting or result.t_ns == time_ns:
+            return time_ns, result.q_nb, result.cov
+        return time_ns, result.attitude_at(np.array([time_ns]))[0], result.cov
+    from sinstool.pipelines.align.in_motion import increments
 
-    imu = increments(source, config, moving.gyro_bias + _found_bias(moving), answer.t_ns)
-    imu = _from(imu, begin)
-    if not len(imu.time_ns) or (np.diff(imu.time_ns) > survey.max_gap_ns).any():
-        return answer.t_ns, answer.q_nb, answer.cov
-    fixes, _ = gnss_fixes(source, config.gnss.gnss_latency or 0.0)
-    q_nb, per_bias, per_scale = carried(imu, fixes, answer.t_ns, answer.q_nb)
-    seconds = float(imu.time_ns[-1] - imu.time_ns[0]) / SECOND
-    errors = moving.settings.grade
-    bias, scale = errors.gyro_bias, errors.gyro_scale
-    if answer.errors is not None:
-        bias = float(np.max(answer.errors.sigma["gyro_bias"]))
-        scale = float(np.max(answer.errors.sigma["gyro_scale"]))
-    covariance = answer.cov + errors.angle_random_walk**2 * seconds * np.eye(3)
-    for gain, sigma in ((per_bias, bias), (per_scale, scale)):
-        covariance = covariance + sigma**2 * gain @ gain.T
-    if still is not None:
-        q_nb, covariance = tilted(q_nb, covariance, still.accel, errors.accel_bias)
-    return survey.first_ns, q_nb, covariance
-
-
-def _from(imu: ImuIncrements, begin_ns: int) -> ImuIncrements:
-    later = imu.time_ns >= begin_ns
-    return replace(
-        imu,
-        time_ns=imu.time_ns[later],
-        delta_theta=imu.delta_theta[later],
-        delta_velocity=imu.delta_velocity[later],
-    )
-
-
-def _found_bias(moving: Moving) -> np.ndarray:
-    errors = moving.answer.errors
-    return np.zeros(3) if errors is None else errors.gyro_bias
+    imu = increments(source, config, moving.refined_bias, result.t_ns)
+    imu = imu.rows(imu.time_ns >= begin)
+    if not len(imu) or (np.diff(imu.time_ns) > source.survey.max_gap_ns).any():
+        return result.t_ns, result.q_nb, result.cov
+    q_nb, covariance = moving.carried_back(imu)
+    if still is not None and resting:
+        q_nb, covariance = tilted(q_nb, covariance, still.accel, moving.settings.grade.accel_bias)
+    return time_ns, q_nb, covariance
 
 
 def at_rest(source: Source, config: ProcessConfig) -> Alignment:

@@ -144,7 +144,7 @@ def _align(source: Source, config: ProcessConfig, plan: Plan) -> LogAlignment:
         if at not in ("end", "start"):
             when = source.survey.first_ns + round(float(at) * SECOND)
         moving = align_moving(source, config, grade, method, when)
-        answer = moving.answer
+        answer = moving.result
         name, time_ns, span = answer.method, answer.t_ns, (answer.t_q_ns, answer.t_stop_ns)
         values = in_motion_values(
             answer, moving.settings.grade, moving.settings.gate, moving.gyro_bias

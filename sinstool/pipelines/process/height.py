@@ -35,7 +35,6 @@ from sinstool.pipelines.process.result import (
     HeightEvent,
     ImuGrade,
 )
-from sinstool.pipelines.process.sink import Sink
 from sinstool.survey.source import Source
 
 # Samples that a height at the start is tied to, s.
@@ -305,12 +304,6 @@ def _from_gnss(source: Source) -> HeightReference:
         None,
         True,
     )
-
-
-def show_reference(reference: HeightReference, sink: Sink) -> None:
-    """Give a sink the heights that could be used."""
-    good = reference.reason == ACCEPTED
-    sink.refer_height(reference.topic, reference.time_ns[good], reference.height[good])
 
 
 def height_summary(

@@ -26,7 +26,6 @@ from sinstool.pipelines.process.height import (
     height_summary,
     height_warnings,
     network,
-    show_reference,
 )
 from sinstool.pipelines.process.mode import (
     BytesRead,
@@ -42,7 +41,7 @@ from sinstool.pipelines.process.result import (
     ImuGrade,
     ModeResult,
 )
-from sinstool.pipelines.process.sink import Sink
+from sinstool.pipelines.process.sink import Sink, show_reference
 from sinstool.survey.grade import sensor_grade
 from sinstool.survey.interval import nominal_interval
 from sinstool.survey.source import Source, imu_blocks

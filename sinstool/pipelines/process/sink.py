@@ -7,6 +7,8 @@ from typing import TYPE_CHECKING, Protocol
 import numpy as np
 
 from sinstool.core.streams import Solution
+from sinstool.methods.height.layout import ACCEPTED
+from sinstool.methods.height.reference import HeightReference
 
 if TYPE_CHECKING:
     from sinstool.pipelines.process.ins_gnss.run import FilterRun
@@ -26,3 +28,9 @@ class Sink(Protocol):
 
     def refer_filter(self, run: FilterRun) -> None:
         """Take a filter's innovations and biases, at its end."""
+
+
+def show_reference(reference: HeightReference, sink: Sink) -> None:
+    """Give a sink the heights that could be used."""
+    good = reference.reason == ACCEPTED
+    sink.refer_height(reference.topic, reference.time_ns[good], reference.height[good])

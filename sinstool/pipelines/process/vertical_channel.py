@@ -16,10 +16,9 @@ from sinstool.pipelines.process.height import (
     height_summary,
     height_warnings,
     network,
-    show_reference,
 )
 from sinstool.pipelines.process.result import HeightDamping, ImuGrade
-from sinstool.pipelines.process.sink import Sink
+from sinstool.pipelines.process.sink import Sink, show_reference
 from sinstool.survey.grade import sensor_grade
 from sinstool.survey.source import Source
 

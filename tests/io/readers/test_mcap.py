@@ -176,7 +176,12 @@ def test_a_damaged_chunk_is_refused_or_passed_over(tmp_path, compression, what):
             times = [row.log_time for row in found[before : before + kept]]
             assert set(times) <= {row.log_time for row in rows()[before : before + missing]}
             assert times == sorted(set(times))
-        assert (part.kind, part.offset, part.kept, part.declared) == ("chunk", at, kept, missing)
+        assert (part.kind, part.offset, part.recovered, part.declared) == (
+            "chunk",
+            at,
+            kept,
+            missing,
+        )
         times = [row.log_time for row in rows()[before : before + missing]]
         assert (part.start_ns, part.end_ns, part.proved) == (min(times), max(times), False)
         assert f"at byte {at} to" in str(part)
@@ -226,7 +231,7 @@ def test_salvage_goes_on_behind_a_record_that_lies(tmp_path):
     with open_log(path, salvage=True) as log:
         assert read_back(log) == rows()  # where the chunk ends is seen from what follows it
         (part,) = log.lost
-        assert part.proved and (part.kept, part.declared) == (counts[2], counts[2])
+        assert part.proved and (part.recovered, part.declared) == (counts[2], counts[2])
 
 
 @pytest.mark.parametrize("compression", ["zstd", "lz4", "none"])
@@ -275,7 +280,7 @@ def test_an_unknown_compression_is_named(tmp_path):
     patched(path, at + 11, b"\xff\xff\xff\xff")
     with open_log(path, salvage=True) as log:
         assert read_back(log) == rows()[counts[0] :]
-        assert (log.lost[0].kept, log.lost[0].declared) == (0, counts[0])
+        assert (log.lost[0].recovered, log.lost[0].declared) == (0, counts[0])
 
 
 def test_messages_of_an_undefined_channel_are_noted(tmp_path):

@@ -199,7 +199,12 @@ def test_a_damaged_chunk_is_refused_or_passed_over(tmp_path, compression):
         before = sum(counts[:2])
         assert read_back(log) == content()[:before] + content()[before + counts[2] :]
         (part,) = log.lost
-        assert (part.kind, part.offset, part.kept, part.declared) == ("chunk", at, 0, counts[2])
+        assert (part.kind, part.offset, part.recovered, part.declared) == (
+            "chunk",
+            at,
+            0,
+            counts[2],
+        )
         assert part.start_ns == content()[before - 1].log_time
         assert part.end_ns == content()[before + counts[2]].log_time
     unindexed(path)
@@ -232,7 +237,7 @@ def test_salvage_goes_on_behind_a_record_that_lies(tmp_path):
         read_back(log)
     with open_log(path, salvage=True) as log:
         assert read_back(log) == content()
-        assert (log.lost[0].kept, log.lost[0].declared) == (counts[1], counts[1])
+        assert (log.lost[0].recovered, log.lost[0].declared) == (counts[1], counts[1])
 
 
 @pytest.mark.parametrize("compression", COMPRESSIONS)

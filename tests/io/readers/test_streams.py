@@ -7,6 +7,7 @@ from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
 from sinstool.core.streams import Imu, concatenate
+from sinstool.core.timeline import reblock
 from sinstool.io.readers import open_log
 from sinstool.io.readers.streams import (
     ImuUnits,
@@ -16,10 +17,8 @@ from sinstool.io.readers.streams import (
     read_fixes,
     read_imu,
     read_joint,
-    read_magnetic_field,
     read_pressure,
     read_velocity,
-    reblock,
 )
 from tests.helpers.imulogs import (
     ENU_NED,
@@ -255,19 +254,6 @@ def test_pressure(tmp_path, kind):
     out = read(write(tmp_path, kind, make), read_pressure)
     np.testing.assert_array_equal(out.pressure, 101325.0 + NUMBERS)
     np.testing.assert_array_equal(out.variance, np.arange(N))
-
-
-@KINDS
-@pytest.mark.parametrize("axes", ["flu", "frd"])
-def test_magnetic_field(tmp_path, kind, axes):
-    def make(k, types, head):
-        return types["sensor_msgs/msg/MagneticField"](
-            header=head, magnetic_field=vector(types, k), magnetic_field_covariance=np.ones(9)
-        )
-
-    out = read(write(tmp_path, kind, make), read_magnetic_field, axes)
-    expected = FLU_FRD.apply(VECTORS) if axes == "flu" else VECTORS
-    np.testing.assert_allclose(out.field_b, expected, rtol=1e-12)
 
 
 @KINDS

@@ -13,13 +13,12 @@ from sinstool.core.streams import Diagnostics, Solution
 from sinstool.core.units import DEGREE
 from sinstool.io.writers.topics import Frames
 from sinstool.pipelines.plan import Plan
-from sinstool.pipelines.process.height import show_reference
 from sinstool.pipelines.process.ins_gnss.filter_start import FilterStart
 from sinstool.pipelines.process.ins_gnss.run import DIAGNOSTIC_NAMES, FilterRun
 from sinstool.pipelines.process.ins_gnss.start import timed_start
 from sinstool.pipelines.process.mode import BytesRead, Mode, warned
 from sinstool.pipelines.process.result import ConingUsed, FirstAttitude, ModeResult
-from sinstool.pipelines.process.sink import Sink
+from sinstool.pipelines.process.sink import Sink, show_reference
 from sinstool.survey.source import Source
 
 # A heading known better than this is good, deg.

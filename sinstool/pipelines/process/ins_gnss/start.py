@@ -12,38 +12,35 @@ from sinstool.config.align import IN_FLIGHT
 from sinstool.core.choices import log_choice
 from sinstool.core.errors import AlignmentError, ConfigurationError, TopicError
 from sinstool.core.options import span
-from sinstool.core.streams import GnssEpochs
+from sinstool.core.streams import GnssEpochs, Imu
 from sinstool.core.timeline import SECOND
-from sinstool.core.units import DEGREE, STANDARD_GRAVITY
+from sinstool.core.units import DEGREE
+from sinstool.methods.alignment.initial import Alignment
 from sinstool.methods.coning.algorithm import ConingAlgorithm
 from sinstool.methods.height.network import Grade
 from sinstool.methods.height.reference import HeightReference
 from sinstool.methods.ins_gnss.fix_velocity import with_velocities
 from sinstool.methods.ins_gnss.noise import (
     BARO_GRADES,
-    IMU_GRADES,
     BaroModel,
     GnssModel,
-    ImuNoise,
 )
-from sinstool.methods.ins_gnss.settings import DivergenceControl, Settings
-from sinstool.methods.ins_gnss.start import TWICE_USED, Beginning, find_start, start_at
+from sinstool.methods.ins_gnss.settings import DivergenceControl, Settings, Start
+from sinstool.methods.ins_gnss.start import TWICE_USED, start_at
 from sinstool.methods.ins_gnss.velocity_lag import message_times, split_position_velocity
-from sinstool.pipelines.align.first_attitude import align
-from sinstool.pipelines.align.in_motion import increments as coarse_increments
+from sinstool.pipelines.align.first_attitude import align, in_flight
+from sinstool.pipelines.align.in_motion import imu_noise
 from sinstool.pipelines.process.height import height_reference, network
 from sinstool.pipelines.process.ins_gnss.filter_start import FilterStart
 from sinstool.pipelines.process.ins_gnss.receiver import gnss_model, inflate_sigmas
 from sinstool.pipelines.process.ins_gnss.timing import significant_lag, with_latency
 from sinstool.survey.grade import random_walk, sensor_grade
-from sinstool.survey.source import Source
+from sinstool.survey.source import Source, rate_blocks
 
-# Noise at rest, over what is told of it, that is worth a warning.
+# Noise at rest, over what the options say of it, that is worth a warning.
 NOISIER = 3.0
 # What a barometer is off by, m, and for how long: the weather, the temperature, a cabin.
 AIR_SIGMA, AIR_TIME_S = 10.0, 500.0
-# What the start is found from.
-START_NS = 400 * SECOND
 
 
 def first_start(source: Source, config: ProcessConfig) -> FilterStart:
@@ -71,7 +68,7 @@ def first_start(source: Source, config: ProcessConfig) -> FilterStart:
         )
     grade, why = sensor_grade(source, config)
     model, gnss_why = gnss_model(gnss, config)
-    reference, notes = _barometer(source, config, grade)
+    reference, remarks = _barometer(source, config, grade)
     settings = _settings(source, config, grade, model, reference)
     lag = config.filter.gnss_velocity_lag
     if lag is None:
@@ -79,12 +76,12 @@ def first_start(source: Source, config: ProcessConfig) -> FilterStart:
     epochs = split_position_velocity(inflate_sigmas(gnss, config), lag)
     withheld = _withheld(message_times(epochs, lag), config, source.survey.first_ns)
     timed = replace(settings, gnss_latency=config.gnss.gnss_latency or 0.0)
-    beginning = _beginning(source, config, timed, epochs.rows(~withheld))
+    start, time_ns, how, notes = find_start(source, config, timed, epochs.rows(~withheld))
     return FilterStart(
         timed,
-        beginning.start,
-        beginning.time_ns,
-        beginning.how,
+        start,
+        time_ns,
+        how,
         epochs,
         withheld,
         reference,
@@ -93,7 +90,7 @@ def first_start(source: Source, config: ProcessConfig) -> FilterStart:
         grade,
         why,
         gnss_why,
-        (*_too_good(source, config, settings), *notes, *beginning.warnings),
+        (*_too_good(source, config, settings), *remarks, *notes),
     )
 
 
@@ -112,14 +109,8 @@ def timed_start(
 
         def begin(latency: float) -> FilterStart:
             timed = replace(first.settings, gnss_latency=latency)
-            beginning = _beginning(source, config, timed, first.used)
-            return replace(
-                first,
-                settings=timed,
-                start=beginning.start,
-                time_ns=beginning.time_ns,
-                how=beginning.how,
-            )
+            initial, time_ns, how, _ = find_start(source, config, timed, first.used)
+            return replace(first, settings=timed, start=initial, time_ns=time_ns, how=how)
 
         start = with_latency(source, config, algorithm, first, begin)
     if start.latency is not None and start.latency.status == "at the limit":
@@ -175,7 +166,7 @@ def _settings(
     baro = _baro_model(config, grade, model, reference)
     return Settings(
         filter=options.filter,
-        imu=_imu_noise(config, grade),
+        imu=imu_noise(config, grade),
         gnss=model,
         baro=baro,
         network=damping,
@@ -192,7 +183,7 @@ def _settings(
 
 
 def _too_good(source: Source, config: ProcessConfig, settings: Settings) -> list[str]:
-    """A gyro that is told to be much better than its noise at rest."""
+    """A gyro that options make much better than its noise at rest."""
     shown, assumed = random_walk(source), settings.imu.angle_random_walk
     stated = config.navigation.imu_grade != "auto" or config.in_flight.arw is not None
     if not stated or shown is None or shown < NOISIER * assumed:
@@ -219,25 +210,6 @@ def _baro_model(
     return BaroModel(sigma, AIR_TIME_S, white)
 
 
-def _imu_noise(config: ProcessConfig, grade: Grade) -> ImuNoise:
-    """Noise of a grade, but for what the options say."""
-    options, noise = config.in_flight, IMU_GRADES[grade]
-    changes: dict[str, float] = {}
-    if options.arw is not None:
-        changes["angle_random_walk"] = options.arw * DEGREE / 60.0
-    if options.vrw is not None:
-        changes["velocity_random_walk"] = options.vrw * 1e-6 * STANDARD_GRAVITY
-    if options.sigma_bg is not None:
-        changes["gyro_bias"] = options.sigma_bg * DEGREE / 3600.0
-        changes["gyro_instability"] = min(noise.gyro_instability, 0.1 * changes["gyro_bias"])
-    if options.sigma_ba is not None:
-        changes["accel_bias"] = options.sigma_ba
-        changes["accel_instability"] = min(noise.accel_instability, 0.1 * options.sigma_ba)
-    if options.sigma_sf is not None:
-        changes["accel_scale"] = options.sigma_sf
-    return replace(noise, **changes)
-
-
 def _withheld(time_ns: np.ndarray, config: ProcessConfig, first_ns: int) -> np.ndarray:
     """Which messages the user wants scored, not used."""
     seconds = (time_ns - first_ns) / SECOND
@@ -248,65 +220,99 @@ def _withheld(time_ns: np.ndarray, config: ProcessConfig, first_ns: int) -> np.n
     return mask
 
 
-def _beginning(
-    source: Source, config: ProcessConfig, settings: Settings, usable: GnssEpochs
-) -> Beginning:
-    """Where the filter starts: as aligned, or found in the log.
+def find_start(
+    source: Source, config: ProcessConfig, settings: Settings, gnss: GnssEpochs
+) -> tuple[Start, int, str, tuple[str, ...]]:
+    """Where the filter starts: by the alignment of the options, else by motion.
+
+    Parameters
+    ----------
+    gnss : GnssEpochs
+        That the filter may use; valid `settings.gnss_latency` before their stamps.
+
+    Returns
+    -------
+    start : Start
+    time_ns : int
+        A sample's.
+    how : str
+        Where the attitude comes from, in words.
+    warnings : tuple of str
 
     Raises
     ------
     AlignmentError
     """
     path = source.path
-    if not usable.has_velocity.any():
-        usable = with_velocities(usable, float(max(settings.gnss.position_white[:2])))
+    options: dict[str, Any] = {
+        "gnss": config.gnss.model_copy(update={"gnss_latency": settings.gnss_latency})
+    }
+    if config.align.align == "auto" and config.in_flight.gate == "auto":
+        # The sooner the better: a filter cannot wait until a launched vehicle flies calmly.
+        options["in_flight"] = config.in_flight.model_copy(update={"gate": "off"})
+    config = config.model_copy(update=options)
+    if not gnss.has_velocity.any():
+        gnss = with_velocities(gnss, float(max(settings.gnss.position_white[:2])))
     try:
-        if config.align.align != "auto":
-            return _from_alignment(source, config, settings, usable)
-        imu = coarse_increments(source, config, np.zeros(3), source.survey.first_ns + START_NS)
-        return find_start(imu, usable, settings)
+        method: str = "svd" if config.align.align == "auto" else config.align.align
+        if method in IN_FLIGHT:
+            valid = gnss.time_ns[gnss.has_position] - round(settings.gnss_latency * SECOND)
+            first = _sample(source, config, int(valid[0]) if len(valid) else 0)
+            alignment = in_flight(source, config, method, gnss, int(first.time_ns[0]))
+        else:
+            alignment = align(source, config)
+        if not alignment.north_referenced:
+            raise AlignmentError(
+                f"--align {alignment.method} gives no heading, and the filter needs one",
+                "leave --align out, or use svd, gyrocompass, log or fixed",
+            )
+        covariance, bias_sigma = _covariance(alignment), alignment.gyro_bias_sigma
+        if bias_sigma is None and alignment.bias_source != "none":
+            bias_sigma = settings.imu.gyro_instability
+        sample = _sample(source, config, alignment.time_ns)
+        start = start_at(
+            int(sample.time_ns[0]),
+            alignment.q_nb,
+            covariance,
+            gnss,
+            settings,
+            omega_eb_b=sample.gyro[0] - alignment.gyro_bias,
+            gyro_bias=alignment.gyro_bias,
+            gyro_bias_sigma=bias_sigma,
+        )
     except AlignmentError as exc:
         message = exc.message if str(path) in exc.message else f"{path}: {exc.message}"
         hint = exc.hint
         if config.navigation.imu_grade == "auto" and random_walk(source) is None:
             hint = f"{hint or 'give an initial attitude'}, or say how good the Imu is: --imu-grade"
         raise AlignmentError(message, hint) from exc
+    return start, int(sample.time_ns[0]), _how(alignment, covariance), alignment.warnings
 
 
-def _from_alignment(
-    source: Source, config: ProcessConfig, settings: Settings, gnss: GnssEpochs
-) -> Beginning:
-    found = align(source, config)
-    covariance = found.covariance_n
-    if covariance is not None and config.align.align in IN_FLIGHT:
-        covariance = TWICE_USED**2 * covariance
-    if covariance is None:
-        tilt = [s if s is not None else 2.0 * DEGREE for s in found.sigma_rad[:2]]
-        heading = found.sigma_rad[2]
-        if heading is None:
-            heading = (2.0 if found.north_referenced else 104.0) * DEGREE
-        covariance = np.diag(np.square([*tilt, heading]))
-    if not found.north_referenced:
-        raise AlignmentError(
-            f"{source.path}: --align {found.method} gives no heading, and the filter needs one",
-            "leave --align out, or use svd, gyrocompass, log or fixed",
-        )
-    time_ns = found.time_ns
-    valid = gnss.time_ns - round(settings.gnss_latency * SECOND)
-    first_fix = int(valid[gnss.has_position][0])
-    if first_fix - time_ns > 2 * SECOND:
-        raise AlignmentError(
-            f"{source.path}: the first fix comes {(first_fix - time_ns) / SECOND:.1f} s after"
-            " the attitude that was given",
-            "begin later with --start, or leave --align out",
-        )
-    start = start_at(
-        time_ns,
-        found.q_nb,
-        covariance,
-        gnss,
-        settings,
-        gyro_bias=found.gyro_bias,
-        gyro_bias_sigma=settings.imu.gyro_instability if found.bias_source != "none" else None,
+def _sample(source: Source, config: ProcessConfig, time_ns: int) -> Imu:
+    """The first sample from a time on."""
+    for block in rate_blocks(source, config, time_ns, source.survey.interval_ns):
+        return block.rows(slice(0, 1))
+    raise AlignmentError("GNSS begins after the last Imu sample", "check the clocks")
+
+
+def _covariance(alignment: Alignment) -> np.ndarray:
+    """Of the attitude, in NED, rad^2."""
+    if alignment.covariance_n is not None:
+        twice = TWICE_USED if alignment.method in IN_FLIGHT else 1.0
+        return twice**2 * alignment.covariance_n
+    tilt = [s if s is not None else 2.0 * DEGREE for s in alignment.sigma_rad[:2]]
+    heading = alignment.sigma_rad[2]
+    return np.diag(np.square([*tilt, 2.0 * DEGREE if heading is None else heading]))
+
+
+def _how(alignment: Alignment, covariance: np.ndarray) -> str:
+    """Where the attitude comes from, in words."""
+    if alignment.method not in IN_FLIGHT or alignment.held_ns is None:
+        return f"attitude by {alignment.method}"
+    away = (alignment.held_ns - alignment.time_ns) / SECOND
+    return (
+        f"attitude by {alignment.method} from velocity changes, carried back over {away:.0f} s;"
+        f" gyro bias: {alignment.bias_source}; heading known to"
+        f" {np.sqrt(covariance[2, 2]) / DEGREE:.1f} deg"
     )
-    return Beginning(start, time_ns, f"attitude by {found.method}", found.warnings)

@@ -36,6 +36,7 @@ from sinstool.survey.source import Source
 # likelihood, which runs the filter many times.
 VELOCITY_NS = 400 * SECOND
 LIKELIHOOD_NS = 240 * SECOND
+GAP_NS = 5 * SECOND
 # Taken where it is more than this, and than so many of its sigmas.
 LEAST_S = 0.01
 LEAST_LAG_S = 0.02
@@ -79,16 +80,18 @@ def with_latency(
     begin : callable
         Finds a start with a latency, s.
     """
-    motion = _Motion(source, config, algorithm, start.time_ns)
+    motion = _motion(source, config, algorithm, start.time_ns)
     latency = _correlated(motion, start)
     for _ in range(ROUNDS):
         if not latency.differs_from(start.settings.gnss_latency, LEAST_S, SIGMAS):
             break
+        before = start
         try:
             start = begin(latency.latency_s)
         except AlignmentError:  # with the fixes moved so far no start is seen: they stay
             break
-        motion = motion.since(start.time_ns)
+        if start.time_ns != before.time_ns:
+            motion = _motion(source, config, algorithm, start.time_ns)
         latency = _correlated(motion, start)
     if latency.status == "not observable":
         latency = _likeliest(motion, start)
@@ -98,51 +101,35 @@ def with_latency(
     return replace(start, latency=latency)
 
 
-class _Motion:
-    """Increments of the log's first part, made once."""
-
-    def __init__(
-        self, source: Source, config: ProcessConfig, algorithm: ConingAlgorithm, start_ns: int
-    ) -> None:
-        steps = SegmentIncrements(source, config, algorithm)
-        self._start_ns = start_ns
-        self._again: Callable[[int], _Motion] = lambda time_ns: _Motion(
-            source, config, algorithm, time_ns
-        )
-        self.parts: list[Increments] = []
-        end = start_ns + VELOCITY_NS
-        for increments, _, opening in steps.from_time(start_ns, end):
-            # what a filter does in a gap is not what correlations are made of
-            if opening is not None and self.parts and _gap(self.parts[-1], increments):
-                break
-            self.parts.append(increments)
-
-    def since(self, time_ns: int) -> _Motion:
-        """The motion from a start on."""
-        return self if time_ns == self._start_ns else self._again(time_ns)
-
-    def until(self, span_ns: int) -> list[Increments]:
-        """Its first part."""
-        end = self._start_ns + span_ns
-        parts = []
-        for part in self.parts:
-            rows = int(np.searchsorted(part.time_ns, end, "right"))
-            if rows:
-                parts.append(Increments(*(v[:rows] for v in vars(part).values())))
-            if rows < len(part.time_ns):
-                break
-        return parts
+def _motion(
+    source: Source, config: ProcessConfig, algorithm: ConingAlgorithm, start_ns: int
+) -> list[Increments]:
+    """Increments of the log's first part from a start on, up to a gap."""
+    parts: list[Increments] = []
+    steps = SegmentIncrements(source, config, algorithm)
+    for increments, _, opening in steps.from_time(start_ns, start_ns + VELOCITY_NS):
+        # what a filter does in a gap is not what correlations are made of
+        away = int(increments.time_ns[0] - parts[-1].time_ns[-1]) if parts else 0
+        if opening is not None and away > GAP_NS:
+            break
+        parts.append(increments)
+    return parts
 
 
-def _gap(before: Increments, after: Increments) -> bool:
-    away = int(after.time_ns[0]) - int(before.time_ns[-1])
-    return away > 5 * SECOND
+def _until(parts: list[Increments], end_ns: int) -> list[Increments]:
+    """Increments up to a time."""
+    rows = [int(np.searchsorted(part.time_ns, end_ns, "right")) for part in parts]
+    return [
+        Increments(*(v[:n] for v in vars(part).values()))
+        for part, n in zip(parts, rows, strict=True)
+        if n
+    ]
 
 
-def _correlated(motion: _Motion, start: FilterStart) -> Latency:
+def _correlated(motion: list[Increments], start: FilterStart) -> Latency:
     """Latency by which the Imu's velocity and that of GNSS run alike."""
     settings, gnss = start.settings, start.used
-    if not gnss.has_velocity.any() or not motion.parts:
+    if not gnss.has_velocity.any() or not motion:
         return Latency(0.0, float("inf"), "not observable", 0)
     end = start.time_ns + VELOCITY_NS
     # Loosely: fixes at the wrong time must not spoil the biases that are taken off.
@@ -162,7 +149,7 @@ def _correlated(motion: _Motion, start: FilterStart) -> Latency:
     fixes: GnssEpochs | None = loose
     columns: list[tuple[np.ndarray, ...]] = []
     last_q = start.start.nav[6:10]
-    for increments in motion.parts:
+    for increments in motion:
         out = run.push(increments, fixes).updates
         fixes = None
         assert out is not None
@@ -190,10 +177,10 @@ def _correlated(motion: _Motion, start: FilterStart) -> Latency:
     return latencies.correlate(time_ns, inertial, rows.time_ns, rows.velocity_n, swing_n=swing)
 
 
-def _likeliest(motion: _Motion, start: FilterStart) -> Latency:
+def _likeliest(motion: list[Increments], start: FilterStart) -> Latency:
     """Latency at which the filter finds its innovations most likely."""
     settings, gnss = start.settings, start.used
-    parts = motion.until(LIKELIHOOD_NS)
+    parts = _until(motion, start.time_ns + LIKELIHOOD_NS)
     if not parts:
         return Latency(0.0, float("inf"), "not observable", 0)
     end = int(parts[-1].time_ns[-1])

@@ -4,8 +4,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from sinstool.io.readers import held as held_module
-from sinstool.io.readers import open_log
+from sinstool.io.readers import open_log, side_channels
 from tests.helpers.logs import content, read_back, write_bag1, write_db3, write_mcap
 
 TWICE = {"channels": {"/imu": 2, "/baro": 2}}
@@ -19,7 +18,7 @@ LOGS = {
 
 @pytest.fixture(scope="module", params=LOGS)
 def path(request, tmp_path_factory):
-    return LOGS[request.param](tmp_path_factory.mktemp("held"))
+    return LOGS[request.param](tmp_path_factory.mktemp("side"))
 
 
 def alone(path, channels):
@@ -44,7 +43,7 @@ def test_one_pass_serves_all_who_want_small_topics(path):
     with open_log(path) as log:
         first, *others = sorted(log.channels)
         seen = passes(log)
-        log.hold(others)
+        log.cache(others)
         assert read_back(log, [first]) == alone(path, [first])
         for wanted in (others, others[-1:], []):
             assert read_back(log, wanted) == alone(path, wanted)
@@ -57,7 +56,7 @@ def test_one_pass_serves_all_who_want_small_topics(path):
 def test_any_channels_in_any_order(path, data):
     with open_log(path) as log:
         some = st.lists(st.sampled_from(sorted(log.channels)), unique=True)
-        log.hold(data.draw(some))
+        log.cache(data.draw(some))
         for wanted in data.draw(st.lists(st.none() | some, max_size=4)):
             assert read_back(log, wanted) == alone(path, wanted)
 
@@ -65,7 +64,7 @@ def test_any_channels_in_any_order(path, data):
 def test_a_pass_that_is_broken_off_holds_nothing(path):
     with open_log(path) as log:
         first, *others = sorted(log.channels)
-        log.hold(others)
+        log.cache(others)
         begun = log.batches([first])
         next(begun)
         assert read_back(log, others) == alone(path, others)  # meanwhile, and holds nothing
@@ -74,10 +73,10 @@ def test_a_pass_that_is_broken_off_holds_nothing(path):
 
 
 def test_what_is_too_large_is_read_again(path, monkeypatch):
-    monkeypatch.setattr(held_module, "MAX_HELD", 1000)
+    monkeypatch.setattr(side_channels, "MAX_BYTES", 1000)
     with open_log(path) as log:
         first, *others = sorted(log.channels)
-        log.hold(others)
+        log.cache(others)
         seen = passes(log)
         for wanted in ([first], others, others):
             assert read_back(log, wanted) == alone(path, wanted)

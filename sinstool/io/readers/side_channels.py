@@ -1,4 +1,4 @@
-"""Messages of small topics held in memory, so that one pass over a log serves all who want them."""
+"""Messages of small topics in memory, so that one pass over a log serves all who want them."""
 
 from __future__ import annotations
 
@@ -10,17 +10,17 @@ import numpy as np
 from sinstool.io.readers.batch import RawBatch
 
 # Topics that are larger together are read again from the log.
-MAX_HELD = 32 * 2**20
+MAX_BYTES = 32 * 2**20
 
 
-class Held:
-    """What a pass over a log met of some channels.
+class SideChannelCache:
+    """The messages of some channels, filled by a pass over the log.
 
     Attributes
     ----------
     channels : frozenset of int
         None of them where they turned out too large.
-    taking : bool
+    filling : bool
         A pass is under way that fills it.
     complete : bool
         One came to the end.
@@ -28,17 +28,17 @@ class Held:
 
     def __init__(self, channels: Collection[int] = ()) -> None:
         self.channels = frozenset(channels)
-        self.taking = False
+        self.filling = False
         self.complete = False
         self._parts: list[RawBatch] = []
         self._size = 0
 
     def begin(self) -> None:
         """A pass begins."""
-        self.taking, self._parts, self._size = True, [], 0
+        self.filling, self._parts, self._size = True, [], 0
 
-    def take(self, batch: RawBatch) -> None:
-        """Hold copies of the messages that are of the channels."""
+    def add(self, batch: RawBatch) -> None:
+        """Copy the messages that are of the channels."""
         if not self.channels:
             return
         chosen = batch.select(self.channels)
@@ -46,7 +46,7 @@ class Held:
             return
         ends = np.cumsum(chosen.length)
         self._size += int(ends[-1])
-        if self._size > MAX_HELD:
+        if self._size > MAX_BYTES:
             self.channels, self._parts = frozenset(), []
             return
         begins = ends - chosen.length
@@ -55,7 +55,7 @@ class Held:
 
     def end(self, complete: bool) -> None:
         """A pass ended."""
-        self.taking, self.complete = False, complete
+        self.filling, self.complete = False, complete
         if not complete or len(self._parts) < 2:
             self._parts = self._parts if complete else []
             return
@@ -71,12 +71,12 @@ class Held:
         columns["buffer"].flags.writeable = False
         self._parts = [RawBatch(**columns, position=self._parts[-1].position)]
 
-    def holds(self, wanted: Collection[int] | None) -> bool:
+    def covers(self, selection: Collection[int] | None) -> bool:
         """Whether these channels can be had without the log."""
-        return self.complete and wanted is not None and self.channels.issuperset(wanted)
+        return self.complete and selection is not None and self.channels.issuperset(selection)
 
-    def batches(self, wanted: Collection[int]) -> Iterator[RawBatch]:
+    def batches(self, selection: Collection[int]) -> Iterator[RawBatch]:
         """The messages of some of the channels, in the order of the file."""
         for part in self._parts:
-            if len(chosen := part.select(wanted)):
+            if len(chosen := part.select(selection)):
                 yield chosen

@@ -1,0 +1,356 @@
+"""Attitude of a vehicle in motion from the samples and GNSS epochs of a log.
+
+The front end of :mod:`.inflight`: fixes made of epochs, increments made of samples, and spans of
+time tried until one gives a good answer. `align`, the first attitude of `process` and the start of
+the INS/GNSS filter all begin here.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sinstool.core.errors import AlignmentError
+from sinstool.core.streams import GnssEpochs, Imu
+from sinstool.core.timeline import SECOND
+from sinstool.methods.alignment.chain import carried
+from sinstool.methods.alignment.inflight import (
+    AlignmentSettings,
+    GnssFixes,
+    ImuIncrements,
+    InFlightAlignment,
+    SensorGrade,
+    align_in_flight,
+)
+
+FloatArray = NDArray[np.float64]
+
+# Without a gate, alignment begins when the vehicle does, and takes this much at first.
+MOVING_M_S = 2.0
+BEFORE_S = 5.0
+SPANS_S = (200.0, 600.0)
+# Spans over which a gyro bias of 0.5 deg/s leaves the attitude good enough for the refinement,
+# which then gives the bias.
+SHORT_S = (15.0, 25.0, 40.0, 70.0, 120.0)
+# A bias of more sigmas than these is taken off, and alignment begins anew, so many times at most:
+# the refinement is linear.
+SURPRISE = 1.0
+ROUNDS = 4
+# Vertical velocity from height: over so long before and after, as heights are noisy.
+CLIMB_S = 2.0
+
+
+@dataclass(frozen=True)
+class MotionAlignment:
+    """An alignment in motion, and what went into it.
+
+    Attributes
+    ----------
+    gyro_bias : ndarray, shape (3,)
+        Taken off the samples before, rad/s.
+    fixes : GnssFixes
+        All of the log.
+    """
+
+    result: InFlightAlignment
+    gyro_bias: FloatArray
+    settings: AlignmentSettings
+    fixes: GnssFixes
+
+    @property
+    def good(self) -> bool:
+        """Whether it gives a heading."""
+        return self.result.status in ("ok", "degraded")
+
+    @property
+    def bias_surprises(self) -> bool:
+        """Whether there is no heading, or a gyro bias beyond what the grade allows."""
+        errors = self.result.errors
+        if not self.good or errors is None:
+            return True
+        return bool(np.max(np.abs(errors.gyro_bias)) > SURPRISE * self.settings.grade.gyro_bias)
+
+    @property
+    def refined_bias(self) -> FloatArray:
+        """Gyro bias, the refinement's part included, shape (3,), rad/s."""
+        errors = self.result.errors
+        return self.gyro_bias if errors is None else self.gyro_bias + errors.gyro_bias
+
+    def carried_back(self, imu: ImuIncrements) -> tuple[FloatArray, FloatArray]:
+        """The attitude at the first of some samples that end where it holds.
+
+        Parameters
+        ----------
+        imu : ImuIncrements
+            Without gaps, :attr:`refined_bias` taken off.
+
+        Returns
+        -------
+        q_nb : ndarray, shape (4,)
+        covariance_n : ndarray, shape (3, 3)
+            With what noise, bias and scale factors of the gyros do meanwhile, rad^2.
+        """
+        result, grade = self.result, self.settings.grade
+        q_nb, per_bias, per_scale = carried(imu, self.fixes, result.t_ns, result.q_nb)
+        seconds = float(imu.time_ns[-1] - imu.time_ns[0]) / SECOND
+        bias, scale = grade.gyro_bias, grade.gyro_scale
+        if result.errors is not None:
+            bias = float(np.max(result.errors.sigma["gyro_bias"]))
+            scale = float(np.max(result.errors.sigma["gyro_scale"]))
+        covariance = result.cov + grade.angle_random_walk**2 * seconds * np.eye(3)
+        for gain, sigma in ((per_bias, bias), (per_scale, scale)):
+            covariance = covariance + sigma**2 * gain @ gain.T
+        return q_nb, covariance
+
+
+def align_in_motion(
+    imu: Imu,
+    gyro_kind: str,
+    interval_s: float,
+    fixes: GnssFixes,
+    settings: AlignmentSettings,
+    gyro_bias: FloatArray,
+    ends_ns: Sequence[int | None],
+    bias_unknown: float | None = None,
+    notes: tuple[str, ...] = (),
+) -> MotionAlignment:
+    """Align over one span of time after the other until the answer is good.
+
+    Parameters
+    ----------
+    imu : Imu
+        Samples; increments as mean rates.
+    gyro_kind : {'rate', 'mean-rate', 'increment'}
+        What the samples are: see :func:`increments`.
+    interval_s : float
+        Of the first sample.
+    settings : AlignmentSettings
+        Its end is that of the span.
+    gyro_bias : ndarray, shape (3,)
+        Taken off the samples, rad/s.
+    ends_ns : sequence of int or None
+        Ends of the spans; None for the last sample.
+    bias_unknown : float, optional
+        Standard deviation of the gyro bias, rad/s, where the refinement shows that that of the
+        sensors is too small.
+    notes : tuple of str, optional
+        Warnings that come before those of the alignment.
+
+    Returns
+    -------
+    MotionAlignment
+        Of the first span whose status is ``ok``, else of the best.
+
+    Raises
+    ------
+    AlignmentError
+        There is nothing to align with.
+    """
+
+    def tried(
+        bias: FloatArray, errors: SensorGrade, ends: Sequence[int | None]
+    ) -> MotionAlignment | None:
+        best: MotionAlignment | None = None
+        for end_ns in ends:
+            part = imu
+            if end_ns is not None:
+                part = imu.rows(slice(0, int(np.searchsorted(imu.time_ns, end_ns, "right"))))
+            span = replace(settings, grade=errors, end_ns=end_ns)
+            result = align_in_flight(increments(part, gyro_kind, interval_s, bias), fixes, span)
+            if best is None or _better(result, best.result):
+                result = replace(result, warnings=(*notes, *result.warnings))
+                best = MotionAlignment(result, bias, span, fixes)
+            if result.status == "ok":
+                break
+        return best
+
+    best = tried(gyro_bias, settings.grade, ends_ns)
+    assert best is not None
+    if bias_unknown is None or not best.bias_surprises:
+        return best
+    begin = int(imu.time_ns[0]) if settings.start_ns is None else settings.start_ns
+    short = [begin + round(s * SECOND) for s in SHORT_S]
+    rough = tried(
+        gyro_bias,
+        replace(settings.grade, gyro_bias=bias_unknown),
+        [end for end in short if end < imu.time_ns[-1]],
+    )
+    if rough is None or not rough.good:
+        return best
+    for _ in range(ROUNDS):
+        again = tried(rough.refined_bias, settings.grade, ends_ns)
+        if again is None or not again.good:
+            break
+        rough = again
+        if not rough.bias_surprises:
+            break
+    return rough
+
+
+def _better(new: InFlightAlignment, old: InFlightAlignment) -> bool:
+    return old.status == "failed" or new.sigma_worst < old.sigma_worst
+
+
+def spans(
+    gate: str, start_ns: int | None, end_ns: int | None, first_ns: int, last_ns: int
+) -> list[int | None]:
+    """Ends of the spans of time to align over, one after the other; None for the last sample.
+
+    Parameters
+    ----------
+    gate : {'paper', 'mask', 'off'}
+    start_ns, end_ns : int or None
+        Of alignment, where they are fixed.
+    first_ns : int
+        Time of the first sample.
+    last_ns : int
+        Time of the last fix.
+    """
+    if end_ns is not None:
+        return [end_ns]
+    if gate == "paper":
+        return [None]  # it stops by itself
+    begin = first_ns if start_ns is None else start_ns
+    ends = [begin + round(s * SECOND) for s in SPANS_S]
+    # a span that holds all of the log is tried once
+    inside = [e for e in ends if e < last_ns]
+    return [*inside, None] if len(inside) < len(ends) else [*inside]
+
+
+def first_motion(fixes: GnssFixes, first_ns: int) -> int | None:
+    """When alignment without a gate begins: shortly before GNSS first moves, ns."""
+    fast = np.flatnonzero(np.linalg.norm(fixes.velocity_n[:, :2], axis=1) > MOVING_M_S)
+    if not len(fast):
+        return None
+    return max(first_ns, int(fixes.time_ns[fast[0]]) - round(BEFORE_S * SECOND))
+
+
+def gnss_fixes(
+    gnss: GnssEpochs | None, first_ns: int, last_ns: int, latency_s: float = 0.0
+) -> tuple[GnssFixes, tuple[str, ...]]:
+    """Epochs with velocity; their positions are interpolated where they have none.
+
+    Parameters
+    ----------
+    gnss : GnssEpochs or None
+        As stamped.
+    first_ns, last_ns : int
+        Span of the samples.
+    latency_s : float
+        By which a fix is older than its stamp; decides which are as old as the samples.
+
+    Returns
+    -------
+    fixes : GnssFixes
+        Without any velocity: those with a position.
+    warnings : tuple of str
+
+    Raises
+    ------
+    AlignmentError
+        There are none within the span of the samples.
+    """
+    if gnss is None or not gnss.has_position.any():
+        raise AlignmentError(
+            "alignment in motion needs GNSS fixes, and there are none",
+            "use --align level, gyrocompass, log or fixed",
+        )
+    valid_ns = gnss.time_ns - round(latency_s * SECOND)
+    inside = (valid_ns >= first_ns) & (valid_ns <= last_ns)
+    placed = gnss.rows(gnss.has_position)
+    rows = gnss.rows(inside & (gnss.has_velocity if gnss.has_velocity.any() else gnss.has_position))
+    if not len(rows):
+        raise AlignmentError(
+            "no GNSS fix lies within the span of the Imu's samples",
+            "choose another span with --start and --end, or use --align level or log",
+        )
+    seconds = (rows.time_ns - placed.time_ns[0]) / SECOND
+    at = (placed.time_ns - placed.time_ns[0]) / SECOND
+    high = np.isfinite(placed.height)
+    height = np.zeros(len(rows))
+    if high.any():
+        height = np.interp(seconds, at[high], placed.height[high])
+    sigma = rows.sigma_velocity_n
+    stated = np.isfinite(sigma).all(axis=1)
+    usual = float(np.median(sigma[stated])) if stated.any() else 0.0
+    sigma_v = None
+    if usual > 0.0:
+        sigma_v = np.where(stated, np.sqrt(np.mean(sigma**2, axis=1)), usual)
+    velocity, warnings = with_vertical(rows.velocity_n, seconds, at[high], placed.height[high])
+    longitude = np.interp(seconds, at, np.unwrap(placed.longitude))
+    fixes = GnssFixes(
+        rows.time_ns,
+        np.interp(seconds, at, placed.latitude),
+        (longitude + np.pi) % (2.0 * np.pi) - np.pi,
+        height,
+        velocity,
+        sigma_v,
+    )
+    return fixes, warnings
+
+
+def with_vertical(
+    velocity_n: FloatArray, seconds: FloatArray, height_s: FloatArray, height: FloatArray
+) -> tuple[FloatArray, tuple[str, ...]]:
+    """Velocity with a vertical part from height, where most fixes have none.
+
+    Where few have none, these are better left out than guessed.
+
+    Parameters
+    ----------
+    velocity_n : ndarray, shape (n, 3)
+        m/s; its vertical part may be NaN.
+    seconds : ndarray, shape (n,)
+        Times of the velocities.
+    height_s, height : ndarray, shape (k,)
+        Times and heights, s and m.
+
+    Returns
+    -------
+    velocity_n : ndarray, shape (n, 3)
+    warnings : tuple of str
+    """
+    flat = np.isfinite(velocity_n[:, :2]).all(axis=1) & ~np.isfinite(velocity_n[:, 2])
+    if np.count_nonzero(flat) < 0.5 * len(flat):
+        return velocity_n, ()
+    filled = velocity_n.copy()
+    if len(height_s) < 2:
+        filled[flat, 2] = 0.0
+        return filled, ("the fixes have no vertical velocity and no height: taken as level",)
+    ends = [np.interp(seconds[flat] + half, height_s, height) for half in (-CLIMB_S, CLIMB_S)]
+    filled[flat, 2] = (ends[0] - ends[1]) / (2.0 * CLIMB_S)
+    return filled, (
+        f"the fixes have no vertical velocity: taken from height over {2 * CLIMB_S:g} s",
+    )
+
+
+def increments(imu: Imu, gyro_kind: str, interval_s: float, gyro_bias: FloatArray) -> ImuIncrements:
+    """Samples as increments: point rates by the trapezoidal rule.
+
+    Parameters
+    ----------
+    imu : Imu
+        Increments of the log as mean rates.
+    gyro_kind : {'rate', 'mean-rate', 'increment'}
+        Of these only ``rate`` are values at an instant.
+    interval_s : float
+        Of the first sample.
+    gyro_bias : ndarray, shape (3,)
+        Taken off, rad/s.
+    """
+    step = np.diff(imu.time_ns, prepend=imu.time_ns[0]) / SECOND
+    step[0] = interval_s
+    gyro, accel = imu.gyro - gyro_bias, imu.accel
+    if gyro_kind == "rate":
+        gyro, accel = _between(gyro), _between(accel)
+    return ImuIncrements(imu.time_ns, gyro * step[:, None], accel * step[:, None])
+
+
+def _between(samples: FloatArray) -> FloatArray:
+    """Means of each sample and the one before it."""
+    mean = samples.copy()
+    mean[1:] = 0.5 * (samples[1:] + samples[:-1])
+    return mean

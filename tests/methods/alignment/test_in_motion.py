@@ -1,0 +1,161 @@
+"""The front end of alignment in motion: spans of time, fixes, biases, and the way back."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from sinstool.core.errors import AlignmentError
+from sinstool.core.rotation import conjugate, from_euler, log, multiply, rotate
+from sinstool.core.streams import Imu
+from sinstool.core.timeline import SECOND
+from sinstool.methods.alignment.in_motion import (
+    align_in_motion,
+    first_motion,
+    gnss_fixes,
+    increments,
+    spans,
+    with_vertical,
+)
+from sinstool.methods.alignment.inflight import AlignmentSettings, SensorGrade
+from sinstool.methods.alignment.still import WindowStage, lead_in, still_spans
+from sinstool.simulation.drive import road_drive
+from sinstool.simulation.flight import manoeuvring_flight
+from sinstool.simulation.gnss import GnssErrors, Receiver, gnss_samples
+from sinstool.simulation.sensors import GRADES, with_errors
+from tests.helpers.gnss import epochs
+
+LEVER = (0.8, -0.4, -1.1)
+SHARP = GnssErrors((0.5, 0.5, 0.8), (0.0,) * 3, 100.0, (0.05, 0.05, 0.08))
+DEGREE = np.pi / 180.0
+MEMS = SensorGrade(112.0 * DEGREE / 3600.0, 0.1, 3e-3, 3e-3, 3.0 * DEGREE / 60.0, 0.03)
+
+
+def mounted(imu, mount=(1.0, 0.0, 0.0, 0.0)):
+    """Mean rates of a sensor whose axes are turned by `mount` against the vehicle's."""
+    gyro, accel = (rotate(mount, v) for v in (imu.gyro_mean_rate, imu.mean_specific_force))
+    return Imu(imu.time_ns, imu.time_ns, gyro, accel)
+
+
+def aligned(imu, gnss, lever=(0.0, 0.0, 0.0)):
+    """As the pipelines do it: bias from a rest at first, spans from the first motion on."""
+    first, last = int(imu.time_ns[0]), int(imu.time_ns[-1])
+    fixes, _ = gnss_fixes(gnss, first, last)
+    stage = WindowStage()
+    stage.push(imu.time_ns, imu.gyro, imu.accel)
+    rest = lead_in(still_spans(stage.finish()), first)
+    grade = MEMS if rest is None else replace(MEMS, gyro_bias=45.0 * DEGREE / 3600.0)
+    start = first_motion(fixes, first)
+    settings = AlignmentSettings(
+        gate="off", at="start", refine=True, start_ns=start, grade=grade, lever_arm_b=lever
+    )
+    return align_in_motion(
+        imu,
+        "mean-rate",
+        0.01,
+        fixes,
+        settings,
+        np.zeros(3) if rest is None else rest.gyro,
+        spans("off", start, None, first, int(fixes.time_ns[-1])),
+        0.5 * DEGREE if rest is None else None,
+    )
+
+
+def carried_to_first_fix(moving, imu, gnss):
+    """Row of the first fix's sample, attitude and covariance there."""
+    row = int(np.searchsorted(imu.time_ns, gnss.time_ns[0]))
+    end = int(np.searchsorted(imu.time_ns, moving.result.t_ns, "right"))
+    part = increments(imu.rows(slice(row, end)), "mean-rate", 0.01, moving.refined_bias)
+    return row, *moving.carried_back(part)
+
+
+def psi(q_nb, q_true):
+    return log(multiply(q_true, conjugate(q_nb)))
+
+
+@pytest.mark.parametrize(
+    ("mount", "seed"),
+    [((0.0, 0.0, 0.0), 1), ((170.0, 60.0, -20.0), 2), ((-90.0, 5.0, 135.0), 3)],
+)
+def test_a_road_start_however_the_sensor_is_mounted(mount, seed):
+    truth = road_drive(110.0, 100.0, heading=2.3, still_s=30.0, seed=seed)
+    q_mount = from_euler(np.deg2rad(mount))
+    # Half a degree per second of bias, as of a consumer's gyro
+    sensors = with_errors(truth.imu, replace(GRADES["mems"], gyro_bias=5e-3), seed)
+    imu = mounted(sensors, q_mount)
+    gnss = epochs(gnss_samples(truth, Receiver(4.0, 2.1, 0.0, errors=SHARP), seed), own_sigma=True)
+    moving = aligned(imu, gnss)
+    row, q_nb, covariance = carried_to_first_fix(moving, imu, gnss)
+    error = psi(q_nb, multiply(truth.imu.q_nb[row], conjugate(q_mount)))
+    assert np.rad2deg(np.sqrt(covariance[2, 2])) < 4.0
+    assert error @ np.linalg.solve(covariance, error) < 14.2  # 99.7 % of three
+    bias = rotate(q_mount, (sensors.gyro_increment - truth.imu.gyro_increment).mean(axis=0) * 100.0)
+    sigma = np.max(moving.result.errors.sigma["gyro_bias"])
+    assert np.abs(moving.refined_bias - bias).max() < 3.0 * sigma
+    assert sigma < np.deg2rad(0.02)
+
+
+@pytest.mark.parametrize("bias", [3e-4, 5e-3])
+def test_without_rest_in_a_flight(bias):
+    flight = manoeuvring_flight(120.0, 100.0, latitude=0.5, heading=-2.0, seed=4)
+    grade = replace(GRADES["mems"], gyro_bias=bias)
+    imu = mounted(with_errors(flight.imu, grade, 5))
+    gnss = epochs(
+        gnss_samples(flight, Receiver(5.0, errors=SHARP, lever_arm_b=LEVER), 6), own_sigma=True
+    )
+    moving = aligned(imu, gnss, LEVER)
+    assert moving.good
+    row, q_nb, covariance = carried_to_first_fix(moving, imu, gnss)
+    error = psi(q_nb, flight.imu.q_nb[row])
+    assert error @ np.linalg.solve(covariance, error) < 14.2
+    assert np.rad2deg(np.sqrt(covariance[2, 2])) < 5.0
+    # A bias far beyond the grade is taken off before
+    assert np.any(moving.gyro_bias) == (bias > 1e-3)
+
+
+def test_where_nothing_shows_the_heading_there_is_none():
+    standing = road_drive(60.0, 100.0, still_s=100.0)
+    gnss = epochs(gnss_samples(standing, Receiver(4.0, errors=SHARP), 1), own_sigma=True)
+    imu = mounted(with_errors(standing.imu, GRADES["mems"], 1))
+    assert not aligned(imu, gnss).good
+
+
+def test_without_fixes_it_says_so():
+    standing = road_drive(20.0, 100.0, still_s=100.0)
+    gnss = epochs(gnss_samples(standing, Receiver(4.0, errors=SHARP), 1), own_sigma=True)
+    first, last = int(gnss.time_ns[0]), int(gnss.time_ns[-1])
+    for nothing in (None, replace(gnss, latitude=np.full(len(gnss), np.nan))):
+        with pytest.raises(AlignmentError, match="needs GNSS fixes"):
+            gnss_fixes(nothing, first, last)
+    with pytest.raises(AlignmentError, match="within the span"):
+        gnss_fixes(gnss, last + 1, last + SECOND)
+
+
+def test_spans_grow_to_the_end_of_the_log():
+    first = 7 * SECOND
+    assert spans("off", None, first + 30 * SECOND, first, 10**12) == [first + 30 * SECOND]
+    assert spans("paper", None, None, first, 10**12) == [None]
+    long = spans("off", 100 * SECOND, None, first, 5000 * SECOND)
+    assert long == [300 * SECOND, 700 * SECOND]
+    assert spans("off", 100 * SECOND, None, first, 500 * SECOND) == [300 * SECOND, None]
+    assert spans("off", None, None, first, 60 * SECOND) == [None]
+
+
+def test_vertical_velocity_comes_from_height_where_there_is_none():
+    seconds = np.arange(0.0, 60.0, 0.5)
+    height = 300.0 + 4.0 * seconds
+    whole = np.tile([20.0, -3.0, -4.0], (len(seconds), 1))
+    flat = whole.copy()
+    flat[:, 2] = np.nan
+    filled, warnings = with_vertical(flat, seconds, seconds, height)
+    np.testing.assert_allclose(filled[4:-4], whole[4:-4], atol=1e-9)
+    assert "taken from height" in warnings[0]
+    # few without are better left out than guessed
+    few = whole.copy()
+    few[10:20, 2] = np.nan
+    unchanged, warnings = with_vertical(few, seconds, seconds, height)
+    np.testing.assert_array_equal(unchanged, few)
+    assert not warnings
+    # no height either
+    level, warnings = with_vertical(flat, seconds, np.empty(0), np.empty(0))
+    assert not level[:, 2].any() and "taken as level" in warnings[0]
