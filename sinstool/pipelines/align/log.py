@@ -42,7 +42,7 @@ from sinstool.pipelines.align.result import (
     plain_values,
 )
 from sinstool.pipelines.plan import Plan, fixed_plan, make_plan
-from sinstool.pipelines.process.result import ImuGrade, ImuTime, Lost
+from sinstool.pipelines.process.summary import ImuGrade, ImuTime, Lost
 from sinstool.survey.grade import sensor_grade
 from sinstool.survey.source import Source, prepare
 

@@ -18,8 +18,8 @@ from sinstool.pipelines.process.mode import (
     require_gravity,
     warned,
 )
-from sinstool.pipelines.process.result import ConingUsed, FirstAttitude, ModeResult
 from sinstool.pipelines.process.sink import Sink
+from sinstool.pipelines.process.summary import ConingUsed, FirstAttitude, ModeResult
 from sinstool.survey.interval import nominal_interval
 from sinstool.survey.source import Source, imu_blocks
 

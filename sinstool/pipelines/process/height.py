@@ -28,7 +28,7 @@ from sinstool.methods.height.pressure import (
     reference_from_start,
 )
 from sinstool.methods.height.reference import HeightReference
-from sinstool.pipelines.process.result import (
+from sinstool.pipelines.process.summary import (
     BarometerSetting,
     FinalHeight,
     HeightDamping,

@@ -34,14 +34,14 @@ from sinstool.pipelines.process.mode import (
     require_gravity,
     warned,
 )
-from sinstool.pipelines.process.result import (
+from sinstool.pipelines.process.sink import Sink, show_reference
+from sinstool.pipelines.process.summary import (
     ConingUsed,
     FirstAttitude,
     GnssDifference,
     ImuGrade,
     ModeResult,
 )
-from sinstool.pipelines.process.sink import Sink, show_reference
 from sinstool.survey.grade import sensor_grade
 from sinstool.survey.interval import nominal_interval
 from sinstool.survey.source import Source, imu_blocks

@@ -11,8 +11,8 @@ from sinstool.core.finding import Finding
 from sinstool.core.streams import Diagnostics, Solution
 from sinstool.io.writers.topics import Frames
 from sinstool.pipelines.plan import Plan
-from sinstool.pipelines.process.result import ModeResult
 from sinstool.pipelines.process.sink import Sink
+from sinstool.pipelines.process.summary import ModeResult
 from sinstool.survey.oddities import oddities
 from sinstool.survey.source import Source
 

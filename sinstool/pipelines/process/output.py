@@ -20,8 +20,8 @@ from sinstool.io.writers.copy import Copier
 from sinstool.io.writers.mcap import McapWriter
 from sinstool.io.writers.solution import SolutionWriter
 from sinstool.io.writers.topics import Frames, topic_of
-from sinstool.pipelines.process.result import InputFile, OutputFile
 from sinstool.pipelines.process.sink import Sink
+from sinstool.pipelines.process.summary import InputFile, OutputFile
 from sinstool.pipelines.provenance import RECORD, identity, sha256
 
 # Made of the attitude, which every run has

@@ -18,8 +18,9 @@ from sinstool.io.readers import open_log
 from sinstool.pipelines.plan import Plan, make_plan
 from sinstool.pipelines.process.mode import Mode
 from sinstool.pipelines.process.output import Output, choose_emits
-from sinstool.pipelines.process.result import FinalState, ImuTime, Lost, ProcessResult
+from sinstool.pipelines.process.result import ProcessResult
 from sinstool.pipelines.process.sink import Sink
+from sinstool.pipelines.process.summary import FinalState, ImuTime, Lost
 from sinstool.survey.source import Source, prepare
 
 # What a mode needs is imported when it runs: together it takes longer to import than most logs to

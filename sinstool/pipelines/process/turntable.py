@@ -43,13 +43,13 @@ from sinstool.pipelines.calibrate_hse.run import rig_of, segment_rules
 from sinstool.pipelines.plan import Plan, turntable_plan
 from sinstool.pipelines.process.mode import warned
 from sinstool.pipelines.process.output import Output, choose_emits
-from sinstool.pipelines.process.result import (
+from sinstool.pipelines.process.result import ProcessResult
+from sinstool.pipelines.process.summary import (
     FinalState,
     FirstAttitude,
     HseCorrection,
     ImuTime,
     Lost,
-    ProcessResult,
     TurntableStretch,
     UnusedStretch,
 )

@@ -17,8 +17,8 @@ from sinstool.pipelines.process.height import (
     height_warnings,
     network,
 )
-from sinstool.pipelines.process.result import HeightDamping, ImuGrade
 from sinstool.pipelines.process.sink import Sink, show_reference
+from sinstool.pipelines.process.summary import HeightDamping, ImuGrade
 from sinstool.survey.grade import sensor_grade
 from sinstool.survey.source import Source
 

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sinstool.pipelines.process.errors_against_truth import KINDS
-from sinstool.pipelines.process.result import HseCorrection
+from sinstool.pipelines.process.summary import HseCorrection
 from sinstool.report.figure import Figure, Series, heading_curve
 from sinstool.report.figures.parts import AXES, length
 

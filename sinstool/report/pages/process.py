@@ -10,13 +10,13 @@ from sinstool.config import ProcessConfig
 from sinstool.core.timeline import SECOND
 from sinstool.methods.ins_gnss.withheld import Outage
 from sinstool.pipelines.process.errors_against_truth import RunErrors
-from sinstool.pipelines.process.result import (
+from sinstool.pipelines.process.result import ProcessResult
+from sinstool.pipelines.process.summary import (
     FilterUsed,
     FinalState,
     FirstAttitude,
     HeightDamping,
     HseCorrection,
-    ProcessResult,
     TurntableStretch,
 )
 from sinstool.report.page import write_report

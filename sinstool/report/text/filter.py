@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    from sinstool.pipelines.process.result import FilterUsed, LatencyUsed, WithheldScores
+    from sinstool.pipelines.process.summary import FilterUsed, LatencyUsed, WithheldScores
 
 
 Row = tuple[str, str]

@@ -8,12 +8,8 @@ from sinstool.report.text.filter import filter_rows
 
 if TYPE_CHECKING:
     from sinstool.pipelines.process.errors_against_truth import RunErrors
-    from sinstool.pipelines.process.result import (
-        GnssDifference,
-        HeightDamping,
-        HseCorrection,
-        ProcessResult,
-    )
+    from sinstool.pipelines.process.result import ProcessResult
+    from sinstool.pipelines.process.summary import GnssDifference, HeightDamping, HseCorrection
 
 
 Row = tuple[str, str]

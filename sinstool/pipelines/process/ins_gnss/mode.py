@@ -17,8 +17,8 @@ from sinstool.pipelines.process.ins_gnss.filter_start import FilterStart
 from sinstool.pipelines.process.ins_gnss.run import DIAGNOSTIC_NAMES, FilterRun
 from sinstool.pipelines.process.ins_gnss.start import timed_start
 from sinstool.pipelines.process.mode import BytesRead, Mode, warned
-from sinstool.pipelines.process.result import ConingUsed, FirstAttitude, ModeResult
 from sinstool.pipelines.process.sink import Sink, show_reference
+from sinstool.pipelines.process.summary import ConingUsed, FirstAttitude, ModeResult
 from sinstool.survey.source import Source
 
 # A heading known better than this is good, deg.

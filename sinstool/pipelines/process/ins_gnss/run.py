@@ -29,7 +29,7 @@ from sinstool.methods.strapdown.velocity import Increments
 from sinstool.pipelines.process.height import height_summary, height_warnings
 from sinstool.pipelines.process.ins_gnss.before_start import before_start, corrected_start
 from sinstool.pipelines.process.ins_gnss.filter_start import FilterStart
-from sinstool.pipelines.process.result import (
+from sinstool.pipelines.process.summary import (
     FilterStartTime,
     FilterUsed,
     HeightDamping,

@@ -1,0 +1,366 @@
+"""The parts of a result of `process`: what was read, what was used, what came of it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from sinstool.core.finding import Finding, Severity
+from sinstool.core.result import compass
+from sinstool.core.rotation import to_euler
+from sinstool.core.streams import Solution
+from sinstool.core.units import DEGREE
+from sinstool.io.readers.lost import LogLosses
+from sinstool.methods.alignment.initial import Alignment
+from sinstool.methods.coning.algorithm import ConingAlgorithm, of_rates
+from sinstool.methods.ins_gnss.withheld import Outage, WithheldScore
+from sinstool.survey.source import Source
+
+
+@dataclass(frozen=True)
+class InputFile:
+    """The log that was read."""
+
+    path: str
+    size: int
+    sha256: str
+
+
+@dataclass(frozen=True)
+class OutputFile:
+    """The MCAP that was written: its result topics, and the frame of their attitudes."""
+
+    path: str
+    topics: tuple[str, ...]
+    attitudes: int
+    frame: str
+
+
+@dataclass(frozen=True)
+class ImuTime:
+    """The Imu topic and its time."""
+
+    topic: str
+    n: int
+    rate_hz: float
+    first_ns: int
+    last_ns: int
+    time_source: str
+    gaps: int
+    gap_total_s: float
+    duplicates: int
+    backward: int
+    dropped: int
+
+    @classmethod
+    def of(cls, source: Source) -> ImuTime:
+        """Of a log that was surveyed."""
+        s = source.survey
+        return cls(
+            topic=s.topic,
+            n=s.count,
+            rate_hz=s.rate_hz,
+            first_ns=s.first_ns,
+            last_ns=s.last_ns,
+            time_source=s.time_source,
+            gaps=s.gap_count,
+            gap_total_s=s.gap_total_s,
+            duplicates=s.order.duplicates,
+            backward=s.order.backward,
+            dropped=s.order.duplicates + s.order.late + s.losses.malformed + s.losses.nonfinite,
+        )
+
+
+@dataclass(frozen=True)
+class FirstAttitude:
+    """The attitude that a run starts from, and the gyro bias; sigmas are None where unknown."""
+
+    method: str
+    how: str
+    time_ns: int
+    roll_deg: float
+    pitch_deg: float
+    heading_deg: float
+    sigma_deg: tuple[float | None, ...]
+    status: str
+    north_referenced: bool
+    gyro_bias_rad_s: tuple[float, ...]
+    gyro_bias_source: str
+
+    @classmethod
+    def of(cls, a: Alignment, how: str) -> FirstAttitude:
+        """Of an alignment."""
+        roll, pitch, heading = to_euler(a.q_nb) / DEGREE
+        return cls(
+            method=a.method,
+            how=how,
+            time_ns=a.time_ns,
+            roll_deg=float(roll),
+            pitch_deg=float(pitch),
+            heading_deg=compass(float(heading)),
+            sigma_deg=tuple(None if s is None else s / DEGREE for s in a.sigma_rad),
+            status=a.status,
+            north_referenced=a.north_referenced,
+            gyro_bias_rad_s=tuple(a.gyro_bias.tolist()),
+            gyro_bias_source=a.bias_source,
+        )
+
+
+@dataclass(frozen=True)
+class ConingUsed:
+    """The coning algorithm, in the form for the kind of sample that the log has."""
+
+    algorithm: str
+    summary: str
+    samples_per_update: int
+    gyro_kind: str
+    takes: str
+    updates: int
+    source: str
+
+    @classmethod
+    def of(cls, algorithm: ConingAlgorithm, gyro_kind: str, updates: int) -> ConingUsed:
+        """Of an algorithm and the kind of samples it was run on."""
+        form = algorithm.for_kind(of_rates(gyro_kind))
+        return cls(
+            algorithm=form.name,
+            summary=form.summary,
+            samples_per_update=form.samples,
+            gyro_kind=gyro_kind,
+            takes=form.takes,
+            updates=updates,
+            source=form.source,
+        )
+
+
+@dataclass(frozen=True)
+class ImuGrade:
+    """The IMU's grade, and why it was taken for that."""
+
+    grade: str
+    why: str
+
+
+@dataclass(frozen=True)
+class BarometerSetting:
+    """What the barometer was set by."""
+
+    mode: str
+    offset_m: float
+    scale: float
+
+
+@dataclass(frozen=True)
+class HeightEvent:
+    """Something that happened to the vertical channel; the size's unit depends on the kind."""
+
+    kind: str
+    time_ns: int
+    size: float
+    duration_s: float
+
+
+@dataclass(frozen=True)
+class FinalHeight:
+    """The vertical channel at the end."""
+
+    height_m: float
+    velocity_up_m_s: float
+    accelerometer_correction_m_s2: float
+
+
+@dataclass(frozen=True)
+class HeightDamping:
+    """What damped the height, how, and what happened."""
+
+    damping: str
+    topic: str
+    tau_s: float
+    k4_s: float
+    gains: tuple[float, ...]
+    reference: BarometerSetting | None
+    samples: dict[str, int]
+    seconds: dict[str, float]
+    phase: str
+    difference_rms_m: float
+    offset_m: float
+    final: FinalHeight
+    events: tuple[HeightEvent, ...]
+    imu_grade: ImuGrade
+
+
+@dataclass(frozen=True)
+class FilterStartTime:
+    """When a filter started, and how."""
+
+    time_ns: int
+    how: str
+
+
+@dataclass(frozen=True)
+class LatencyUsed:
+    """When fixes were taken to be valid before their stamps, and how that is known."""
+
+    status: str
+    sigma_s: float | None
+    estimate_s: float | None
+    position_s: float
+    velocity_s: float
+
+
+@dataclass(frozen=True)
+class WithheldScores:
+    """How far a solution was from fixes that the filter did not see; of a smoother beside it."""
+
+    outages: tuple[Outage, ...]
+    rms_of_largest_horizontal_m: float
+    filter: WithheldScore | None = None
+
+
+@dataclass(frozen=True)
+class FilterUsed:
+    """An INS/GNSS filter: what it was, what it used, and what it estimated last."""
+
+    filter: str
+    asked: str
+    states: int
+    smoothed: bool
+    feedback: str
+    start: FilterStartTime
+    imu_grade: ImuGrade
+    gnss_noise: str
+    gnss_latency_s: float
+    gnss_latency: LatencyUsed
+    lever_arm_m: tuple[float, ...]
+    updates: int
+    epochs_used: int
+    epochs_gated: int
+    epochs_before_start: int
+    restarts: int
+    mean_nis: float
+    gyro_bias_rad_s: tuple[float, ...]
+    accel_bias_m_s2: tuple[float, ...]
+    accel_scale: tuple[float, ...]
+    baro_bias_m: float
+    events: dict[str, int]
+    withheld: WithheldScores | None
+
+
+@dataclass(frozen=True)
+class TurntableStretch:
+    """A stretch at constant rate: its heading as aligned, its error, and what is left."""
+
+    start_ns: int
+    duration_s: float
+    turns: int
+    rate_deg_s: float
+    C23_rad: float
+    heading_raw_deg: float
+    correction_arcsec: float
+    sigma_correction_arcsec: float | None
+    heading_deg: float
+    sigma_heading_arcsec: float | None
+    outside_rate: bool
+    outside_C23: bool
+
+
+@dataclass(frozen=True)
+class UnusedStretch:
+    """A stretch that could not be aligned on, and why."""
+
+    start_s: float
+    duration_s: float
+    rate_deg_s: float
+    reason: str
+
+
+@dataclass(frozen=True)
+class HseCorrection:
+    """The heading-sensitive error that was taken out, stretch by stretch."""
+
+    file: str | None
+    status: str
+    lambda2_arcsec: float | None
+    sigma_lambda2_arcsec: float | None
+    segments: tuple[TurntableStretch, ...]
+    not_used: tuple[UnusedStretch, ...]
+
+
+@dataclass(frozen=True)
+class GnssDifference:
+    """Position less that of the last fix; up is None where the fix has no height."""
+
+    time_ns: int
+    north_m: float
+    east_m: float
+    up_m: float | None
+
+
+@dataclass(frozen=True)
+class FinalState:
+    """The last attitude, and where the vehicle was as far as that is known."""
+
+    time_ns: int
+    q_wxyz_ned_frd: tuple[float, ...]
+    roll_deg: float
+    pitch_deg: float
+    heading_deg: float
+    lat_deg: float | None
+    lon_deg: float | None
+    height_m: float | None
+
+    @classmethod
+    def of(
+        cls, last: Solution, position: tuple[float | None, float | None, float | None]
+    ) -> FinalState:
+        """Of the last block of a run, or with a position (deg, m) that is known otherwise."""
+        roll, pitch, heading = to_euler(last.q_nb[-1]) / DEGREE
+        latitude, longitude, height = position
+        if last.position is not None:
+            latitude, longitude = (float(v) for v in last.position[-1, :2] / DEGREE)
+            height = float(last.position[-1, 2])
+        return cls(
+            time_ns=int(last.time_ns[-1]),
+            q_wxyz_ned_frd=tuple(last.q_nb[-1].tolist()),
+            roll_deg=float(roll),
+            pitch_deg=float(pitch),
+            heading_deg=compass(float(heading)),
+            lat_deg=latitude,
+            lon_deg=longitude,
+            height_m=height,
+        )
+
+
+@dataclass(frozen=True)
+class Lost(LogLosses):
+    """What of the log could not be used."""
+
+    malformed: int
+    not_finite: int
+    late: int
+
+    @classmethod
+    def of(cls, source: Source) -> Lost:
+        """Of a log that was read to its end."""
+        s = source.survey
+        return cls(
+            **vars(source.log.account()),
+            malformed=s.losses.malformed,
+            not_finite=s.losses.nonfinite,
+            late=s.order.late,
+        )
+
+    def findings(self) -> list[Finding]:
+        """A finding for each damaged part; the rest has been noticed by the survey."""
+        return [Finding("lost-part", f"lost: {part}", Severity.LOST) for part in self.parts]
+
+
+@dataclass(frozen=True)
+class ModeResult:
+    """What one kind of run adds to a result."""
+
+    first_attitude: FirstAttitude
+    coning: ConingUsed | None
+    findings: tuple[Finding, ...]
+    height: HeightDamping | None = None
+    filter: FilterUsed | None = None
+    gnss_difference: GnssDifference | None = None
