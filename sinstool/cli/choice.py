@@ -15,9 +15,9 @@ class Choice(click.Choice):
         """Say what there is, and what may have been meant."""
         from sinstool.core.suggest import nearest
 
-        told = f"'{value}' is not one of {', '.join(map(str, self.choices))}"
+        text = f"'{value}' is not one of {', '.join(map(str, self.choices))}"
         near = nearest(str(value), map(str, self.choices))
-        return f"{told}; {near}" if near else told
+        return f"{text}; {near}" if near else text
 
 
 class Group(click.Group):

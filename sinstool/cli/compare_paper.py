@@ -27,6 +27,7 @@ from sinstool.simulation.coning_paper import (
     response_name,
 )
 
+SCHEMA = "sinstool.compare-coning-paper/1"
 CSV_HEADER = (
     "noise_frequency_hz,error_x_deg,error_y_deg,error_z_deg,error_length_deg,largest_error_deg"
 )
@@ -76,21 +77,21 @@ def run_paper(
     response = paper_response(gyro_response)
     if csv_dir is not None:
         check_new_folder(csv_dir, "--csv")
-    found = reproduce(phase, response, algorithms, progress=progress)
+    reproduction = reproduce(phase, response, algorithms, progress=progress)
     with commit_together():
-        files = [] if csv_dir is None else write_sweeps(found, csv_dir)
+        files = [] if csv_dir is None else write_sweeps(reproduction, csv_dir)
         if write_more is not None:
-            write_more(found)
+            write_more(reproduction)
     if as_json:
-        print_json(as_object(found) | {"csv": [str(path) for path in files]})
+        print_json(as_object(reproduction) | {"csv": [str(path) for path in files]})
     else:
-        _print(found)
+        _print(reproduction)
         if csv_dir is not None:
             click.echo(f"\n{csv_dir}: {len(files)} sweeps as CSV")
-    return found
+    return reproduction
 
 
-def write_sweeps(found: Reproduction, folder: Path) -> list[Path]:
+def write_sweeps(reproduction: Reproduction, folder: Path) -> list[Path]:
     """Write every sweep as a CSV file.
 
     Parameters
@@ -110,7 +111,7 @@ def write_sweeps(found: Reproduction, folder: Path) -> list[Path]:
     """
     make_folder(folder)
     files = []
-    for (setting, key), sweep in found.experiment.sweeps.items():
+    for (setting, key), sweep in reproduction.experiment.sweeps.items():
         gyro = re.sub(r"[^\w.]+", "-", setting.gyro)
         path = folder / f"{setting.phase}_{gyro}_{key}.csv"
         columns = np.column_stack([sweep.frequency, sweep.end_deg, sweep.norm_deg, sweep.peak_deg])
@@ -122,17 +123,18 @@ def write_sweeps(found: Reproduction, folder: Path) -> list[Path]:
     return files
 
 
-def as_object(found: Reproduction) -> dict[str, Any]:
+def as_object(reproduction: Reproduction) -> dict[str, Any]:
     """Everything that is printed, as plain values.
 
     Returns
     -------
     dict
-        With keys ``settings``, ``claims``, ``algorithms``, ``table_1`` and ``gyros``.
+        With keys ``schema``, ``settings``, ``claims``, ``algorithms``, ``table_1`` and ``gyros``.
     """
-    experiment = found.experiment
-    agreeing = sum(claim.reproduces for claim in found.claims)
+    experiment = reproduction.experiment
+    agreeing = sum(claim.reproduces for claim in reproduction.claims)
     return {
+        "schema": SCHEMA,
         "settings": {
             "phase": experiment.setting.phase,
             "gyro_response": experiment.setting.gyro,
@@ -140,7 +142,7 @@ def as_object(found: Reproduction) -> dict[str, Any]:
             "sweeps": len(experiment.sweeps),
         },
         "reproduces": agreeing,
-        "does_not": len(found.claims) - agreeing,
+        "does_not": len(reproduction.claims) - agreeing,
         "claims": [
             {
                 "key": claim.key,
@@ -154,16 +156,16 @@ def as_object(found: Reproduction) -> dict[str, Any]:
                 "verdict": claim.verdict,
                 "why": claim.reason,
             }
-            for claim in found.claims
+            for claim in reproduction.claims
         ],
-        "algorithms": _algorithms(found),
-        "table_1": _table_1(found),
+        "algorithms": _algorithms(reproduction),
+        "table_1": _table_1(reproduction),
         "gyros": _gyros(),
     }
 
 
-def _algorithms(found: Reproduction) -> list[dict[str, Any]]:
-    experiment = found.experiment
+def _algorithms(reproduction: Reproduction) -> list[dict[str, Any]]:
+    experiment = reproduction.experiment
     rows = []
     for case in experiment.cases:
         sweep = experiment.sweep(case.key)
@@ -204,8 +206,8 @@ _MEANS = {
 }
 
 
-def _table_1(found: Reproduction) -> list[dict[str, Any]]:
-    experiment = found.experiment
+def _table_1(reproduction: Reproduction) -> list[dict[str, Any]]:
+    experiment = reproduction.experiment
     return [
         {
             "phase": setting.phase,
@@ -233,8 +235,8 @@ def _gyros() -> list[dict[str, Any]]:
     ]
 
 
-def _print(found: Reproduction) -> None:
-    experiment = found.experiment
+def _print(reproduction: Reproduction) -> None:
+    experiment = reproduction.experiment
     click.echo(
         "Fu and Luo's experiment: a cone of 0.1 deg and 30 Hz at 400 Hz for ten seconds, noise of"
         f"\n0.01 deg at {len(experiment.frequency)} frequencies from 0 to 1000 Hz;"
@@ -242,7 +244,7 @@ def _print(found: Reproduction) -> None:
     )
     click.echo("\nWhat the paper prints, and ours\n")
     source = ""
-    for claim in found.claims:
+    for claim in reproduction.claims:
         if claim.source != source:
             source = claim.source
             click.echo(source)
@@ -251,8 +253,8 @@ def _print(found: Reproduction) -> None:
         click.echo(f"  {claim.statement}: {paper}")
         verdict = f"{claim.verdict.upper()} ({claim.tolerance}): {claim.reason}"
         click.echo(click.wrap_text(verdict, 100, " " * 6, " " * 8))
-    agreeing = sum(claim.reproduces for claim in found.claims)
-    click.echo(f"\n{agreeing} of {len(found.claims)} claims reproduce")
+    agreeing = sum(claim.reproduces for claim in reproduction.claims)
+    click.echo(f"\n{agreeing} of {len(reproduction.claims)} claims reproduce")
     click.echo(
         "\nAlgorithms: mean of signed z error; level: median |z|, 1 to 199 Hz; error after 10 s at"
         "\n400 and 800 Hz; time of one update of the attitude, and of a second of data\n"
@@ -268,7 +270,7 @@ def _print(found: Reproduction) -> None:
             f"{row['update_ns']:.1f}",
             f"{1e-3 * row['data_ns_per_s']:.1f}",
         )
-        for row in _algorithms(found)
+        for row in _algorithms(reproduction)
     ]
     columns(header, rows)
     click.echo("\nTable 1 (paper: optimal-4 -0.0038, SP -0.0024): mean of signed z error, deg\n")
@@ -277,7 +279,7 @@ def _print(found: Reproduction) -> None:
             f"{row['phase']}, {row['gyro_response']}",
             *(f"{row['mean_z_deg'][name]:.5f}" for name in _MEANS),
         )
-        for row in _table_1(found)
+        for row in _table_1(reproduction)
     ]
     columns(("reading, gyro", *_MEANS), means)
     click.echo("\nGyros (paper: below 0.02 and 0.002 deg/s at 400 Hz): noise behind the filter\n")

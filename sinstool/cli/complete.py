@@ -87,17 +87,17 @@ def word_list(*words: str) -> Complete:
 
 def _topics(types: tuple[str, ...]) -> Complete:
     def complete(context: click.Context, _: click.Parameter, begun: str) -> list[CompletionItem]:
-        given = context.params.get("log") or context.params.get("logs") or ()
-        logs = given if isinstance(given, tuple) else (given,)
+        typed = context.params.get("log") or context.params.get("logs") or ()
+        logs = typed if isinstance(typed, tuple) else (typed,)
         # An option without its value yet ends click's parsing before it knows what LOG is.
         paths = [path for word in (*logs, *context.args) if (path := Path(word)).is_file()]
         if not paths:
             return []
         try:
-            found = topics(paths[0], types)
+            offered = topics(paths[0], types)
         except Exception:  # a log that cannot be read: the command itself will say so
             return []
-        return [CompletionItem(topic) for topic in found if topic.startswith(begun)]
+        return [CompletionItem(topic) for topic in offered if topic.startswith(begun)]
 
     return complete
 

@@ -20,9 +20,9 @@ def sections() -> list[tuple[str, str]]:
         backticks.
     """
     text = inspect.cleandoc(sinstool.__doc__ or "") + "\n"
-    found = re.findall(r"^(\S.*)\n((?:    .*\n|\n)+)", text, re.MULTILINE)
+    matches = re.findall(r"^(\S.*)\n((?:    .*\n|\n)+)", text, re.MULTILINE)
     # A title stands right above its text; prose has a line of none between.
-    return [(title, inspect.cleandoc(body)) for title, body in found if body.startswith("    ")]
+    return [(title, inspect.cleandoc(body)) for title, body in matches if body.startswith("    ")]
 
 
 @click.command("conventions")

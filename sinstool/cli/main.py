@@ -194,8 +194,8 @@ def _with_salvage() -> str:
 def _run(outputs: Sequence[Path]) -> None:
     """Run a command and exit with its status."""
     # -v explains choices; only -vv wants to see where in the program an error was found.
-    told = [a for a in sys.argv[1:] if re.fullmatch(r"--verbose|-v+", a)]
-    traceback = sum(1 if a == "--verbose" else len(a) - 1 for a in told) > 1
+    flags = [a for a in sys.argv[1:] if re.fullmatch(r"--verbose|-v+", a)]
+    traceback = sum(1 if a == "--verbose" else len(a) - 1 for a in flags) > 1
     try:
         status = cli.main(standalone_mode=False)
     except SinstoolError as exc:

@@ -56,7 +56,7 @@ class ConingOptions(Group):
 
     def algorithm_options(self) -> dict[str, Any]:
         """Options of the algorithm that were given, by its own names."""
-        given = {
+        values = {
             "variant": self.sp_variant,
             "preset": self.sp_preset,
             "epsilon": self.epsilon,
@@ -66,29 +66,31 @@ class ConingOptions(Group):
             "stopband": self.stopband,
             "gyro_response": self.gyro_response,
         }
-        return {k: v for k, v in given.items() if v is not None}
+        return {k: v for k, v in values.items() if v is not None}
 
 
-def check_coning(told: ConingOptions) -> None:
+def check_coning(group: ConingOptions) -> None:
     """Whether the options given are those of the algorithm chosen, and fit each other."""
-    options = told.algorithm_options()
-    if told.coning == "gyro-tuned":
+    options = group.algorithm_options()
+    if group.coning == "gyro-tuned":
         # The interval is the log's; any will do to see whether the rest is possible.
-        top = max(told.passband or 0.0, told.stopband or 0.0)
-        algorithm(told.coning, **options, interval=0.25 / top if top else 1e-3)
-    elif told.coning == "singular-perturbation" and told.sp_preset == "auto":
+        top = max(group.passband or 0.0, group.stopband or 0.0)
+        algorithm(group.coning, **options, interval=0.25 / top if top else 1e-3)
+    elif group.coning == "singular-perturbation" and group.sp_preset == "auto":
         strange = sorted(set(options) - {"preset", "passband", "variant"})
-        if strange or told.sp_variant not in (None, "truncated"):
+        if strange or group.sp_variant not in (None, "truncated"):
             raise ConfigurationError(
                 "--sp-preset auto chooses the variant, epsilon and n itself",
                 "leave the other options of singular-perturbation out",
             )
-        if told.passband is None:
+        if group.passband is None:
             raise ConfigurationError(
                 "--sp-preset auto tunes to the coning in a passband", "give --passband HZ"
             )
     elif options:
         try:
-            algorithm(told.coning, **options)
+            algorithm(group.coning, **options)
         except ConfigurationError as exc:
-            raise ConfigurationError(f"--coning is {told.coning}: {exc.message}", exc.hint) from exc
+            raise ConfigurationError(
+                f"--coning is {group.coning}: {exc.message}", exc.hint
+            ) from exc

@@ -75,11 +75,11 @@ class HeightOptions(Group):
                 "the network is stable for -tau < K4 < tau; 0 is recommended",
             )
         if self.height_damping == "off":
-            given = [
+            unused = [
                 f"--{name}" for name in ("tau", "k4", "qnh") if getattr(self, name) is not None
             ]
-            if given:
+            if unused:
                 raise ConfigurationError(
-                    f"{given[0]} is given, but --height-damping is off",
+                    f"{unused[0]} is given, but --height-damping is off",
                     "add --height-damping baro or leave it out",
                 )

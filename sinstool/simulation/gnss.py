@@ -217,18 +217,18 @@ def gnss_samples(
     height[flat] = np.nan
     velocity[flat, 2] = np.nan
     velocity[_within(after, faults.without_velocity)] = np.nan
-    kept = ~_within(after, faults.outages)
-    rows = int(kept.sum())
+    received = ~_within(after, faults.outages)
+    rows = int(received.sum())
     return GnssSamples(
-        stamps[kept],
-        latitude[kept],
-        wrapped(longitude)[kept],
-        height[kept],
-        velocity[kept],
+        stamps[received],
+        latitude[received],
+        wrapped(longitude)[received],
+        height[received],
+        velocity[received],
         np.tile(errors.position_sigma(), (rows, 1)),
         np.tile(errors.velocity_sigma(), (rows, 1)),
-        outlier[kept],
-        Moments(**{name: values[kept] for name, values in vars(motion).items()}),
+        outlier[received],
+        Moments(**{name: values[received] for name, values in vars(motion).items()}),
     )
 
 

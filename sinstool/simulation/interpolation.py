@@ -71,12 +71,12 @@ def moments(
     lever = np.asarray(lever_arm_b, dtype=np.float64)
     if times.ndim != 1 or lever.shape != (3,):
         raise ValueError("Expected `time_ns` of shape (m,) and `lever_arm_b` of shape (3,).")
-    known = trajectory.time_ns
-    if len(times) and (times.min() < known[0] or times.max() > known[-1]):
+    samples_ns = trajectory.time_ns
+    if len(times) and (times.min() < samples_ns[0] or times.max() > samples_ns[-1]):
         raise ValueError("Found an instant outside the trajectory in `time_ns`.")
-    k = np.clip(np.searchsorted(known, times, side="right") - 1, 0, len(known) - 2)
-    step: FloatArray = (known[k + 1] - known[k]).astype(np.float64) * 1e-9
-    x: FloatArray = (times - known[k]) * 1e-9 / step
+    k = np.clip(np.searchsorted(samples_ns, times, side="right") - 1, 0, len(samples_ns) - 2)
+    step: FloatArray = (samples_ns[k + 1] - samples_ns[k]).astype(np.float64) * 1e-9
+    x: FloatArray = (times - samples_ns[k]) * 1e-9 / step
     r0, v0, a0 = _earth_motion(trajectory, k)
     r1, v1, a1 = _earth_motion(trajectory, k + 1)
     moved, velocity = _quintic(x, step, v0, a0, r1 - r0, v1, a1)

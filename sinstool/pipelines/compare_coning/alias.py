@@ -87,8 +87,8 @@ def rate_spectrum(
         None where no segment holds 64 samples.
     """
     rate = 1.0 / interval_s
-    wanted = round(max(WELCH_S, window_s) * rate)
-    length = min(wanted, max((len(s) for s in segments), default=0))
+    samples = round(max(WELCH_S, window_s) * rate)
+    length = min(samples, max((len(s) for s in segments), default=0))
     if length < 64:
         return None
     total, weight = np.zeros(length // 2 + 1), 0.0
@@ -158,9 +158,9 @@ def exposure(
             folded += np.where(inside, np.interp(image, f, s), 0.0)
     half = max(0.5 / window_s, 0.5 * (f[1] - f[0]))
     power = 0.0
-    found = lines(spectrum)
-    turned = window_s * np.sqrt(np.interp(found, f, s) * (f[1] - f[0]))
-    told = found[turned > LEAST_LINE].tolist()
+    candidates = lines(spectrum)
+    turned = window_s * np.sqrt(np.interp(candidates, f, s) * (f[1] - f[0]))
+    visible = candidates[turned > LEAST_LINE].tolist()
     near: list[float] = []
     for k in range(1, decimate // 2 + 1):
         centre = k * rate
@@ -169,7 +169,7 @@ def exposure(
         level = s[band].mean() if band.any() else float(np.interp(centre, f, s))
         # At half the log's own rate the band has one side only.
         power += level * half * (1.0 if 2 * k == decimate else 2.0)
-        near += [x for x in told if abs(x - centre) <= LINE_SHARE * rate]
+        near += [x for x in visible if abs(x - centre) <= LINE_SHARE * rate]
     return Exposure(
         decimate, thinning, rate, window_s * float(np.sqrt(power)), folded, at, tuple(near)
     )

@@ -169,19 +169,19 @@ def compare(
     elif name != "none":
         reference = Candidate(name, algorithm(name, **settings.options.get(name, {})))
         truths = [run(reference, s, kind, interval_s) for s in usable]
-        known = {c.name for c in native}
-        judges = [Candidate(j, algorithm(j)) for j in JUDGES if j != name and j not in known]
+        native_names = {c.name for c in native}
+        judges = [Candidate(j, algorithm(j)) for j in JUDGES if j != name and j not in native_names]
     summed = any(c.thinning == "sums" for c in todo)
     increments = [increments_of(s, kind, interval_s) if summed else None for s in usable]
     every = math.lcm(*(c.stride for c in native))
-    kept: dict[str, list[Attitudes]] = {}
+    sparse: dict[str, list[Attitudes]] = {}
 
     def work(candidate: Candidate) -> Row:
         made = [
             run(candidate, s, kind, interval_s, i) for s, i in zip(usable, increments, strict=True)
         ]
         if candidate.decimate == 1:
-            kept[candidate.name] = [_sparse(a, every) for a in made]
+            sparse[candidate.name] = [_sparse(a, every) for a in made]
         return _row(candidate, made, truths, usable, interval_s, settings)
 
     rows: list[Row] = []
@@ -200,7 +200,7 @@ def compare(
     pairs = {
         (a, b): float(
             np.fmax.reduce(
-                [widest_gap(x, y) for x, y in zip(kept[a], kept[b], strict=True)],
+                [widest_gap(x, y) for x, y in zip(sparse[a], sparse[b], strict=True)],
                 initial=np.nan,
             )
         )
@@ -250,7 +250,7 @@ def _sparse(made: Attitudes, every: int) -> Attitudes:
 
 def _resolution(rows: Sequence[Row], reference: str) -> float | None:
     """How far the reference can be trusted: its drift against algorithms that err otherwise."""
-    found = [
+    drifts = [
         r.drift.slope_rms / DEG_H
         for r in rows
         if r.candidate.decimate == 1
@@ -258,14 +258,14 @@ def _resolution(rows: Sequence[Row], reference: str) -> float | None:
         and r.candidate.name != reference
         and r.drift is not None
     ]
-    return max(found, default=None)
+    return max(drifts, default=None)
 
 
 def _resolved(row: Row, resolution: float | None) -> Row:
-    told = row.drift is not None and (
+    above_resolution = row.drift is not None and (
         resolution is None or resolution < SELF_CHECK * row.drift.slope_rms / DEG_H
     )
-    return replace(row, resolved=told)
+    return replace(row, resolved=above_resolution)
 
 
 def _row(
@@ -280,11 +280,11 @@ def _row(
     cost = 1e9 * sum(a.seconds for a in made) / max(fed, 1)
     curves: list[Parting] = []
     if truths is not None:
-        found = (
+        partings = (
             part(a, t, s.time_ns, settings.window_s)
             for a, t, s in zip(made, truths, segments, strict=True)
         )
-        curves = [p for p in found if p is not None]
+        curves = [p for p in partings if p is not None]
     drift = None
     if curves:
         rates = np.concatenate([p.window_rate for p in curves])

@@ -88,10 +88,10 @@ def part(
     if len(mine) < 2:
         return None
     if len(mine) > _MOST:
-        kept = np.arange(0, len(mine), -(-len(mine) // _MOST))
-        if kept[-1] != len(mine) - 1:
-            kept = np.append(kept, len(mine) - 1)
-        mine, theirs = mine[kept], theirs[kept]
+        rows_shown = np.arange(0, len(mine), -(-len(mine) // _MOST))
+        if rows_shown[-1] != len(mine) - 1:
+            rows_shown = np.append(rows_shown, len(mine) - 1)
+        mine, theirs = mine[rows_shown], theirs[rows_shown]
     at = time_ns[candidate.sample[mine]]
     seconds = (at - at[0]) / 1e9
     edges = _edges(seconds, window_s)
@@ -222,8 +222,8 @@ def _edges(seconds: FloatArray, window_s: float) -> IntArray:
     A remainder shorter than half a window is left out, unless it is all there is.
     """
     count = int(seconds[-1] // window_s)
-    wanted = np.arange(count + 1) * window_s
-    edges = np.unique(np.searchsorted(seconds, wanted - 1e-9))
+    edges_s = np.arange(count + 1) * window_s
+    edges = np.unique(np.searchsorted(seconds, edges_s - 1e-9))
     edges = edges[edges < len(seconds)]
     if len(edges) < 2 or seconds[-1] - seconds[edges[-1]] >= 0.5 * window_s:
         edges = np.unique(np.append(edges, len(seconds) - 1))

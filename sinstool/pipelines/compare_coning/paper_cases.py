@@ -153,7 +153,7 @@ def extra_cases(names: Sequence[str], response: GyroResponse) -> tuple[Case, ...
         Each on true increments and on interpolated rates, or on rates if it takes those;
         none that :func:`paper_cases` has.
     """
-    known = {case.key for case in paper_cases()}
+    paper_keys = {case.key for case in paper_cases()}
     cases = []
     for name in dict.fromkeys(names):
         options: dict[str, Any] = {}
@@ -162,7 +162,7 @@ def extra_cases(names: Sequence[str], response: GyroResponse) -> tuple[Case, ...
         if algorithm(name, **options).takes == "increments":
             cases.append(_registered(name, "increments", options))
         cases.append(_registered(name, "interpolated", options))
-    return tuple(case for case in cases if case.key not in known)
+    return tuple(case for case in cases if case.key not in paper_keys)
 
 
 def _large(variant: str) -> SingularPerturbation:

@@ -231,11 +231,11 @@ def candidates(
     -------
     list of Candidate
     """
-    found = []
+    compared = []
     for m in decimate:
         ways = ["none"] if m == 1 else ["sums", "points"] if kind == "rate" else ["sums"]
         for thinning in ways:
             for name in names:
                 built = algorithm(name, **options.get(name, {}))
-                found.append(Candidate(name, built, m, thinning))
-    return found
+                compared.append(Candidate(name, built, m, thinning))
+    return compared

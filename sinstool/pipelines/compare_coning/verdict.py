@@ -63,13 +63,13 @@ def verdict(
     if not native:
         return Verdict(None, "the log is too short to choose by", False)
     if reference == "truth":
-        found = _against_truth(native, tolerance)
+        judged = _against_truth(native, tolerance)
     else:
-        found = _against_reference(native, reference, resolution, tolerance)
+        judged = _against_reference(native, reference, resolution, tolerance)
     if native[0][1].windows > 1:
-        return found
-    text = f"{found.text} (of one window: nothing is known of the spread)"
-    return Verdict(found.algorithm, text, found.agree, found.limit)
+        return judged
+    text = f"{judged.text} (of one window: nothing is known of the spread)"
+    return Verdict(judged.algorithm, text, judged.agree, judged.limit)
 
 
 def _against_reference(

@@ -65,8 +65,10 @@ def _positive(values: FloatArray) -> FloatArray:
 
 def _others(experiment: Experiment) -> list[Series]:
     """The algorithms that the user asked for beside the paper's."""
-    known = {case.key for case in paper_cases()}
-    return [_length(experiment, case.key) for case in experiment.cases if case.key not in known]
+    paper_keys = {case.key for case in paper_cases()}
+    return [
+        _length(experiment, case.key) for case in experiment.cases if case.key not in paper_keys
+    ]
 
 
 def _responses(experiment: Experiment) -> Figure:
