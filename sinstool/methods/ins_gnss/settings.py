@@ -10,17 +10,10 @@ from numpy.typing import ArrayLike, NDArray
 
 from sinstool.core.errors import ConfigurationError
 from sinstool.core.units import ARCSEC
-from sinstool.methods.height.network import Grade, HeightNetwork
-from sinstool.methods.ins_gnss.noise import (
-    BARO_GRADES,
-    IMU_GRADES,
-    BaroModel,
-    GnssModel,
-    ImuNoise,
-    Triple,
-    not_negative,
-)
+from sinstool.methods.height.network import HeightNetwork
+from sinstool.methods.ins_gnss.noise import BARO_GRADES, BaroModel, GnssModel
 from sinstool.methods.ins_gnss.states import FilterKind, FilterName, filter_kind
+from sinstool.methods.sensor_errors import IMU_GRADES, Grade, SensorGrade, Triple, not_negative
 from sinstool.methods.strapdown.navigation import SIZE as NAV_SIZE
 from sinstool.methods.strapdown.navigation import initial_state
 
@@ -175,7 +168,7 @@ class Settings:
     """
 
     filter: FilterName = "network-26a"
-    imu: ImuNoise = field(default_factory=lambda: IMU_GRADES["mems"])
+    imu: SensorGrade = field(default_factory=lambda: IMU_GRADES["mems"])
     gnss: GnssModel = field(default_factory=GnssModel)
     baro: BaroModel = field(default_factory=lambda: BARO_GRADES["mems"])
     network: HeightNetwork | None = None
@@ -230,28 +223,6 @@ class Settings:
         from sinstool.methods.height.network import recommended
 
         return self.network if self.network is not None else recommended(self.grade)
-
-
-def for_grade(grade: Grade, **changes: object) -> Settings:
-    """Settings for a grade of IMU.
-
-    Parameters
-    ----------
-    grade : {"mems", "tactical", "navigation"}
-    **changes
-        Any of the other attributes of :class:`Settings`.
-
-    Returns
-    -------
-    Settings
-    """
-    values: dict[str, object] = {
-        "grade": grade,
-        "imu": IMU_GRADES[grade],
-        "baro": BARO_GRADES[grade],
-        **changes,
-    }
-    return Settings(**values)  # type: ignore[arg-type]
 
 
 @dataclass(frozen=True)

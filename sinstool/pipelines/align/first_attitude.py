@@ -20,7 +20,7 @@ from sinstool.io.readers.log import Log
 from sinstool.methods.alignment import initial
 from sinstool.methods.alignment.initial import Alignment
 from sinstool.methods.alignment.level import tilted
-from sinstool.methods.height.network import Grade
+from sinstool.methods.sensor_errors import Grade
 from sinstool.survey.grade import sensor_grade
 from sinstool.survey.source import Source, has_gnss
 

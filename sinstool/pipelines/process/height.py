@@ -14,7 +14,6 @@ from sinstool.io.readers.log import Log
 from sinstool.methods.height.layout import ACCEPTED, REASONS, ChannelSummary, Event
 from sinstool.methods.height.network import (
     SENSIBLE_TAU,
-    Grade,
     HeightNetwork,
     gravity_gradient,
     paper,
@@ -31,6 +30,7 @@ from sinstool.methods.height.pressure import (
     reference_from_start,
 )
 from sinstool.methods.height.reference import HeightReference
+from sinstool.methods.sensor_errors import Grade
 from sinstool.survey.aiding import Aiding
 
 # Samples that a height at the start is tied to, s.
