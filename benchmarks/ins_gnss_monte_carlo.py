@@ -50,7 +50,7 @@ from sinstool.methods.ins_gnss.filter import InsGnssFilter
 from sinstool.methods.ins_gnss.layout import P_K4
 from sinstool.methods.ins_gnss.noise import BaroModel, GnssModel
 from sinstool.methods.ins_gnss.results import FilterBlock, UpdateColumns
-from sinstool.methods.ins_gnss.settings import DivergenceControl, Settings, Start, start
+from sinstool.methods.ins_gnss.settings import DivergenceControl, Settings, Start
 from sinstool.methods.ins_gnss.states import ACCEL_SCALE, filter_kind
 from sinstool.methods.sensor_errors import SensorGrade
 from sinstool.methods.strapdown.velocity import Increments
@@ -58,6 +58,7 @@ from sinstool.simulation.barometer import barometer
 from sinstool.simulation.flight import manoeuvring_flight, spiral_climb
 from sinstool.simulation.sensors import markov
 from sinstool.simulation.trajectory import Trajectory
+from tests.helpers.filter_start import start
 
 GNSS = GnssModel()
 BLOCK = 60  # s that are filtered at a time

@@ -39,7 +39,7 @@ from benchmarks.common import (
 from sinstool.methods.height.network import HeightNetwork
 from sinstool.methods.ins_gnss.filter import InsGnssFilter
 from sinstool.methods.ins_gnss.noise import BaroModel, GnssModel
-from sinstool.methods.ins_gnss.settings import DivergenceControl, Settings, Start, start
+from sinstool.methods.ins_gnss.settings import DivergenceControl, Settings, Start
 from sinstool.methods.ins_gnss.smoother import Smoother
 from sinstool.methods.sensor_errors import SensorGrade
 from sinstool.simulation.barometer import barometer
@@ -48,6 +48,7 @@ from sinstool.simulation.gnss import MODELS, GnssFaults, Receiver, gnss_samples,
 from sinstool.simulation.interpolation import Moments
 from sinstool.simulation.sensors import with_errors
 from sinstool.simulation.trajectory import Trajectory
+from tests.helpers.filter_start import start
 from tests.helpers.gnss import epochs
 
 SENSORS = SensorGrade(
@@ -56,13 +57,6 @@ SENSORS = SensorGrade(
     velocity_random_walk=10.0 * UG,
     accel_bias=50.0 * UG,
     accel_scale=50e-6,
-)
-NOISE = SensorGrade(
-    SENSORS.angle_random_walk,
-    SENSORS.velocity_random_walk,
-    SENSORS.gyro_bias,
-    SENSORS.accel_bias,
-    accel_scale=SENSORS.accel_scale,
 )
 SIGMAS = (5.0, 0.1, 30.0 * ARCSEC, 180.0 * ARCSEC)  # position, velocity, level, heading
 OUTAGE = 60.0
@@ -131,7 +125,7 @@ def run(
     baro, _ = barometer(baro_ns, flight.height[every::every], seed=seed)
     settings = Settings(
         filter=name,
-        imu=NOISE,
+        imu=SENSORS,
         gnss=GnssModel(),
         baro=BaroModel(),
         network=HeightNetwork(args.tau, args.k4) if name != "baro-24" else None,

@@ -12,7 +12,7 @@ from sinstool.methods.coning.stage import ConingStage
 from sinstool.methods.ins_gnss.diagnosis import diagnose
 from sinstool.methods.ins_gnss.filter import InsGnssFilter
 from sinstool.methods.ins_gnss.noise import GnssModel
-from sinstool.methods.ins_gnss.settings import Settings, start
+from sinstool.methods.ins_gnss.settings import Settings
 from sinstool.methods.ins_gnss.velocity_lag import split_position_velocity
 from sinstool.methods.sensor_errors import SIMULATED_GRADES, SensorGrade
 from sinstool.methods.strapdown.velocity import Increments, IncrementStage
@@ -20,6 +20,7 @@ from sinstool.simulation.drive import road_drive
 from sinstool.simulation.flight import manoeuvring_flight
 from sinstool.simulation.gnss import GnssErrors, GnssFaults, Jump, Receiver, gnss_samples
 from sinstool.simulation.sensors import with_errors
+from tests.helpers.filter_start import start
 from tests.helpers.gnss import epochs
 
 DEGREE = np.pi / 180.0

@@ -20,7 +20,7 @@ from sinstool.methods.ins_gnss.latency import (
     refine,
 )
 from sinstool.methods.ins_gnss.noise import GnssModel
-from sinstool.methods.ins_gnss.settings import DivergenceControl, Settings, start
+from sinstool.methods.ins_gnss.settings import DivergenceControl, Settings
 from sinstool.methods.ins_gnss.velocity_lag import split_position_velocity, velocity_lag
 from sinstool.methods.sensor_errors import SIMULATED_GRADES, SensorGrade
 from sinstool.methods.strapdown.velocity import Increments, IncrementStage
@@ -28,6 +28,7 @@ from sinstool.simulation.drive import road_drive
 from sinstool.simulation.flight import manoeuvring_flight
 from sinstool.simulation.gnss import GnssErrors, Receiver, gnss_samples
 from sinstool.simulation.sensors import with_errors
+from tests.helpers.filter_start import start
 from tests.helpers.gnss import epochs
 
 RATE = 50.0
