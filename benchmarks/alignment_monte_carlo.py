@@ -42,12 +42,13 @@ from sinstool.campaign.run import results
 from sinstool.core import rotation
 from sinstool.methods.alignment import inflight
 from sinstool.methods.alignment.accumulation import accumulate
+from sinstool.methods.sensor_errors import SensorGrade
 from sinstool.simulation.gnss import MODELS, Receiver, gnss_samples, true_moments
 from sinstool.simulation.interpolation import Moments
 from sinstool.simulation.launch import launch, launch_profile
 from sinstool.simulation.launch_sensors import launch_grade
 from sinstool.simulation.profile import Step, fly
-from sinstool.simulation.sensors import SensorGrade, with_errors
+from sinstool.simulation.sensors import with_errors
 from sinstool.simulation.trajectory import Trajectory
 from sinstool.simulation.truth import ImuTruth
 
@@ -193,7 +194,7 @@ def settings_of(form: str, task: Task, span_s: int) -> inflight.AlignmentSetting
         t0_ns=0,
         end_ns=(START_S + span_s) * 10**9,
         gnss_sigma_v=SIGMA_V,
-        grade=inflight.SensorGrade(
+        grade=SensorGrade(
             gyro_bias=grade.gyro_bias * both,
             accel_bias=grade.accel_bias * both,
             gyro_scale=grade.gyro_scale,
@@ -202,7 +203,7 @@ def settings_of(form: str, task: Task, span_s: int) -> inflight.AlignmentSetting
             velocity_random_walk=grade.velocity_random_walk,
             # Half of the variance is a constant: one Markov state with both wanders as the other
             # half does if it takes twice the time.
-            bias_time_s=np.inf if task.constant else 2.0 * grade.correlation_time,
+            bias_time_s=np.inf if task.constant else 2.0 * grade.bias_time_s,
         ),
         kappa=task.kappa,
         series=task.course,

@@ -19,8 +19,7 @@ from benchmarks.common import line, parser
 from sinstool.methods.coning.algorithm import ConingAlgorithm, GyroKind
 from sinstool.methods.coning.increments import DEFAULT_POINTS
 from sinstool.methods.coning.registry import algorithm, names
-from sinstool.methods.coning.response import coning_rate
-from tests.helpers.coning_response import coning_drift, coning_samples, drift_from_phi
+from tests.helpers.coning_response import coning_drift, coning_rate, coning_samples, drift_from_phi
 
 DEG_PER_H = np.degrees(1.0) * 3600.0  # deg/h of 1 rad/s
 FREQUENCIES = (5.0, 10.0, 20.0, 30.0, 50.0, 75.0, 100.0)

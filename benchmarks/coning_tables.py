@@ -25,7 +25,7 @@ from sinstool.methods.coning.gyro_response import GyroResponse
 from sinstool.methods.coning.increments import DEFAULT_POINTS, RateIntegrator
 from sinstool.methods.coning.picard import Picard
 from sinstool.methods.coning.registry import algorithm
-from sinstool.methods.coning.response import coning_gains, coning_rate
+from sinstool.methods.coning.response import coning_gains
 from sinstool.methods.coning.sp_tuning import best_q, coning_answer, tune
 from sinstool.methods.coning.spectrum import coning_spectrum, predicted_drift
 from sinstool.methods.coning.stage import ConingStage
@@ -39,6 +39,7 @@ from sinstool.simulation.coning_paper import (
 )
 from sinstool.simulation.motions import broadband, random_manoeuvre, thin
 from sinstool.simulation.truth import ImuTruth, sample_times
+from tests.helpers.coning_response import coning_rate
 
 RATE = 400.0
 STEP = 1.0 / RATE

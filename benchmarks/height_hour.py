@@ -28,11 +28,12 @@ from sinstool.methods.coning.registry import algorithm
 from sinstool.methods.height import layout
 from sinstool.methods.height.network import HeightNetwork, gravity_gradient
 from sinstool.methods.height.reference import HeightReference
+from sinstool.methods.sensor_errors import SensorGrade
 from sinstool.methods.strapdown.free_inertial import InsRun, InsSettings
 from sinstool.methods.strapdown.navigation import initial_state
 from sinstool.simulation.barometer import barometer
 from sinstool.simulation.flight import spiral_climb
-from sinstool.simulation.sensors import SensorGrade, with_errors
+from sinstool.simulation.sensors import with_errors
 from sinstool.simulation.trajectory import Trajectory
 from tests.helpers.height_network import NetworkTheory
 

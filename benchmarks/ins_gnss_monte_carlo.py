@@ -48,24 +48,38 @@ from sinstool.core.units import DEGREE
 from sinstool.methods.height.network import HeightNetwork, gravity_gradient
 from sinstool.methods.ins_gnss.filter import InsGnssFilter
 from sinstool.methods.ins_gnss.layout import P_K4
-from sinstool.methods.ins_gnss.noise import BaroModel, GnssModel, ImuNoise
+from sinstool.methods.ins_gnss.noise import BaroModel, GnssModel
 from sinstool.methods.ins_gnss.results import FilterBlock, UpdateColumns
-from sinstool.methods.ins_gnss.settings import DivergenceControl, Settings, Start, start
+from sinstool.methods.ins_gnss.settings import DivergenceControl, Settings, Start
 from sinstool.methods.ins_gnss.states import ACCEL_SCALE, filter_kind
+from sinstool.methods.sensor_errors import SensorGrade
 from sinstool.methods.strapdown.velocity import Increments
 from sinstool.simulation.barometer import barometer
 from sinstool.simulation.flight import manoeuvring_flight, spiral_climb
 from sinstool.simulation.sensors import markov
 from sinstool.simulation.trajectory import Trajectory
+from tests.helpers.filter_start import start
 
 GNSS = GnssModel()
 BLOCK = 60  # s that are filtered at a time
 
 # Sensors, barometer and start of the two flights
-SPIRAL_IMU = ImuNoise(0.005 * DEG_SQRT_H, 10.0 * UG, 0.05 * DEG_H, 50.0 * UG, accel_scale=50e-6)
+SPIRAL_IMU = SensorGrade(
+    angle_random_walk=0.005 * DEG_SQRT_H,
+    velocity_random_walk=10.0 * UG,
+    gyro_bias=0.05 * DEG_H,
+    accel_bias=50.0 * UG,
+    accel_scale=50e-6,
+)
 SPIRAL_BARO = BaroModel(10.0, 500.0, 0.0)
 SPIRAL_ATTITUDE = np.array([30.0, 30.0, 180.0]) * ARCSEC
-MEMS_IMU = ImuNoise(0.3 * DEG_SQRT_H, 150.0 * UG, 5.0 * DEG_H, 2000.0 * UG, accel_scale=1e-4)
+MEMS_IMU = SensorGrade(
+    angle_random_walk=0.3 * DEG_SQRT_H,
+    velocity_random_walk=150.0 * UG,
+    gyro_bias=5.0 * DEG_H,
+    accel_bias=2000.0 * UG,
+    accel_scale=1e-4,
+)
 MEMS_BARO = BaroModel(3.0, 300.0, 0.2)
 # of a receiver less noisy than that of the spiral: which one the numbers in brackets are of is
 # not known
@@ -79,7 +93,7 @@ class Scene:
     """A flight, its sensors, and what goes wrong."""
 
     flight: Trajectory
-    imu: ImuNoise
+    imu: SensorGrade
     baro: BaroModel
     baro_every: int
     attitude: np.ndarray

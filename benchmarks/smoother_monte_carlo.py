@@ -38,24 +38,25 @@ from benchmarks.common import (
 )
 from sinstool.methods.height.network import HeightNetwork
 from sinstool.methods.ins_gnss.filter import InsGnssFilter
-from sinstool.methods.ins_gnss.noise import BaroModel, GnssModel, ImuNoise
-from sinstool.methods.ins_gnss.settings import DivergenceControl, Settings, Start, start
+from sinstool.methods.ins_gnss.noise import BaroModel, GnssModel
+from sinstool.methods.ins_gnss.settings import DivergenceControl, Settings, Start
 from sinstool.methods.ins_gnss.smoother import Smoother
+from sinstool.methods.sensor_errors import SensorGrade
 from sinstool.simulation.barometer import barometer
 from sinstool.simulation.flight import spiral_climb
 from sinstool.simulation.gnss import MODELS, GnssFaults, Receiver, gnss_samples, true_moments
 from sinstool.simulation.interpolation import Moments
-from sinstool.simulation.sensors import SensorGrade, with_errors
+from sinstool.simulation.sensors import with_errors
 from sinstool.simulation.trajectory import Trajectory
+from tests.helpers.filter_start import start
 from tests.helpers.gnss import epochs
 
-SENSORS = SensorGrade(0.005 * DEG_SQRT_H, 0.05 * DEG_H, 10.0 * UG, 50.0 * UG, accel_scale=50e-6)
-NOISE = ImuNoise(
-    SENSORS.angle_random_walk,
-    SENSORS.velocity_random_walk,
-    SENSORS.gyro_bias,
-    SENSORS.accel_bias,
-    accel_scale=SENSORS.accel_scale,
+SENSORS = SensorGrade(
+    angle_random_walk=0.005 * DEG_SQRT_H,
+    gyro_bias=0.05 * DEG_H,
+    velocity_random_walk=10.0 * UG,
+    accel_bias=50.0 * UG,
+    accel_scale=50e-6,
 )
 SIGMAS = (5.0, 0.1, 30.0 * ARCSEC, 180.0 * ARCSEC)  # position, velocity, level, heading
 OUTAGE = 60.0
@@ -124,7 +125,7 @@ def run(
     baro, _ = barometer(baro_ns, flight.height[every::every], seed=seed)
     settings = Settings(
         filter=name,
-        imu=NOISE,
+        imu=SENSORS,
         gnss=GnssModel(),
         baro=BaroModel(),
         network=HeightNetwork(args.tau, args.k4) if name != "baro-24" else None,

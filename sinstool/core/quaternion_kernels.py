@@ -35,7 +35,6 @@ import numba
 EXACT = 0
 """The order that stands for the exact quaternion."""
 
-HIGHEST_ORDER = 4
 _NEAR = 1e-7  # of the squared length to 1: a Newton step leaves 3/8 of its square
 
 

@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike
 
 from sinstool.core import rotation
 from sinstool.core.units import DEGREE, STANDARD_GRAVITY
-from sinstool.simulation.sensors import SensorGrade
+from sinstool.methods.sensor_errors import SensorGrade
 from sinstool.simulation.truth import ImuTruth
 
 # Gyro bias deg/h, accelerometer bias in the unit that is in doubt, scale, deg/sqrt(h), ug/sqrt(Hz)
@@ -57,7 +57,7 @@ def launch_grade(gyro_bias_deg_h: str, accelerometer_unit: Literal["m/s^2", "g"]
         accel_bias=accel,
         gyro_instability=gyro,
         accel_instability=accel,
-        correlation_time=100.0,
+        bias_time_s=100.0,
         gyro_scale=scale,
         accel_scale=scale,
         gyro_misalignment=0.5 * scale,

@@ -16,6 +16,7 @@ from sinstool.core.rotation import from_euler
 from sinstool.core.units import DEGREE
 from sinstool.core.whole_file import check_output, commit_together, write_whole
 from sinstool.methods.height.pressure import geopotential, height_per_pascal, pressure_at
+from sinstool.methods.sensor_errors import SIMULATED_GRADES
 from sinstool.simulation import drive, flight, launch, launch_sensors, motions
 from sinstool.simulation.barometer import barometer
 from sinstool.simulation.coning import classical_coning
@@ -51,7 +52,7 @@ from sinstool.simulation.scenarios import (
     TwoFrequency,
     Vehicle,
 )
-from sinstool.simulation.sensors import GRADES, with_errors
+from sinstool.simulation.sensors import with_errors
 from sinstool.simulation.static import static
 from sinstool.simulation.trajectory import Trajectory
 from sinstool.simulation.truth import ImuTruth, sample_times
@@ -194,7 +195,7 @@ def simulate_one(scenario: Scenario, files: LogFiles, _: Any = None) -> dict[str
 def _motion(scenario: MotionScenario) -> Simulated:
     """Rotation about a point, or rest."""
     truth, measured = _truth(scenario)
-    sensor = with_errors(measured, GRADES[scenario.grade], scenario.seed)
+    sensor = with_errors(measured, SIMULATED_GRADES[scenario.grade], scenario.seed)
     topics = _imu_topics(scenario, truth, sensor)
     if isinstance(scenario, Static):
         latitude, longitude = np.radians([scenario.latitude, scenario.longitude]).tolist()
@@ -249,7 +250,7 @@ def _coning(s: Coning) -> ImuTruth:
 def _vehicle(scenario: Vehicle) -> Simulated:
     """A motion over the Earth, with a receiver and a barometer."""
     trajectory = _trajectory(scenario)
-    grade = GRADES[scenario.grade]
+    grade = SIMULATED_GRADES[scenario.grade]
     limit = None
     if isinstance(scenario, Launch):
         limit = scenario.gyro_range

@@ -6,14 +6,9 @@ import numpy as np
 
 from sinstool.config import ProcessConfig
 from sinstool.core.timeline import SECOND
-from sinstool.core.units import DEGREE
-from sinstool.methods.height.network import Grade
+from sinstool.core.units import DEGREE_PER_ROOT_HOUR
+from sinstool.methods.sensor_errors import Grade, grade_by_noise
 from sinstool.survey.source import Source
-
-# Angular random walk up to which a gyro is of a grade, deg/sqrt(h). Laser and fibre gyros of
-# navigation grade have 0.001 to 0.005, tactical ones 0.02 to 0.1, MEMS 0.15 and more.
-NAVIGATION_ARW = 0.01
-TACTICAL_ARW = 0.12
 
 
 def random_walk(source: Source) -> float | None:
@@ -39,10 +34,5 @@ def sensor_grade(source: Source, config: ProcessConfig) -> tuple[Grade, str]:
     walk = random_walk(source)
     if walk is None:
         return "mems", "assumed, as the log shows no rest"
-    shown = walk * 60.0 / DEGREE
-    grade: Grade = "mems"
-    if shown <= NAVIGATION_ARW:
-        grade = "navigation"
-    elif shown <= TACTICAL_ARW:
-        grade = "tactical"
-    return grade, f"by its gyro noise at rest, {shown:.2g} deg/sqrt(h)"
+    shown = walk / DEGREE_PER_ROOT_HOUR
+    return grade_by_noise(walk), f"by its gyro noise at rest, {shown:.2g} deg/sqrt(h)"

@@ -66,8 +66,8 @@ def test_series_and_page_are_written(align, tmp_path):
 
 def test_page_of_a_failure_says_so(align, tmp_path):
     page = tmp_path / "page.html"
-    code, _, err = align(launched(*TACTICAL), *KIND, "--gate", "paper", "--t-set1", "500",
-                         "--report", page)  # fmt: skip
+    code, _, err = align(launched(*TACTICAL), *KIND, "--method", "svd", "--gate", "paper",
+                         "--t-set1", "500", "--report", page)  # fmt: skip
     assert code == 3
     assert "the gate waits 500 s" in err
     assert "Status failed" in page.read_text()

@@ -29,3 +29,22 @@ def coning_gain(algorithm, frequency, interval, gyro_kind="mean-rate", **points)
     """Fraction of the coning rate."""
     at = np.array([float(frequency)])
     return float(response.coning_gains(algorithm, at, interval, gyro_kind, **points)[0])
+
+
+def coning_rate(half_angle: float, frequency: float) -> float:
+    """Rate that classical coning feigns on the gyro of the cone's axis.
+
+    Parameters
+    ----------
+    half_angle : float
+        Of the cone, rad.
+    frequency : float
+        Of the coning, Hz.
+
+    Returns
+    -------
+    float
+        Magnitude of the mean z rate, rad/s: the solid angle per time,
+        ``2 pi f * 2 sin(half_angle / 2)**2``.
+    """
+    return 4.0 * np.pi * frequency * np.sin(0.5 * half_angle) ** 2

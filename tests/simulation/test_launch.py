@@ -224,7 +224,7 @@ def test_grades_are_the_published_ones():
     assert set_up.accel_bias == 0.005 and meant.accel_instability == pytest.approx(0.04903325)
     assert meant.gyro_scale == 3e-4 and launch_grade("1", "g").accel_scale == 1e-4
     assert launch_grade("0.01", "g").gyro_scale == 1e-5
-    assert meant.gyro_misalignment == 1.5e-4 and meant.correlation_time == 100.0
+    assert meant.gyro_misalignment == 1.5e-4 and meant.bias_time_s == 100.0
     assert meant.angle_random_walk * 60.0 == pytest.approx(0.3 * DEGREE)
     assert meant.velocity_random_walk == pytest.approx(150e-6 * 9.80665)
     with pytest.raises(ValueError):

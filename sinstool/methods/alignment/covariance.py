@@ -12,9 +12,9 @@ import numba
 import numpy as np
 from numpy.typing import NDArray
 
-from sinstool.methods.alignment.inflight_types import SensorGrade
 from sinstool.methods.alignment.pairs import Pairs
 from sinstool.methods.alignment.sums import PairSums
+from sinstool.methods.sensor_errors import SensorGrade
 
 FloatArray = NDArray[np.float64]
 

@@ -20,7 +20,7 @@ References
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 import numpy as np
 from scipy.special import chdtri
@@ -32,14 +32,15 @@ from sinstool.methods.alignment.gyrocompass_stretches import Record, Stretch, cu
 from sinstool.methods.alignment.inflight_types import (
     OK_SIGMA,
     REFUSE_SIGMA,
+    TACTICAL,
     UNIFORM_SIGMA,
     FloatArray,
     ImuIncrements,
-    SensorGrade,
     Status,
 )
 from sinstool.methods.alignment.level import level
 from sinstool.methods.alignment.wahba import solve_svd
+from sinstool.methods.sensor_errors import SensorGrade
 
 # Where gravity's direction changes by more than this from window to window the vehicle drives.
 _MAX_SHAKE = 0.5  # m/s^2
@@ -65,7 +66,7 @@ class GyrocompassSettings:
         Below this nothing is tried.
     """
 
-    grade: SensorGrade = field(default_factory=SensorGrade)
+    grade: SensorGrade = TACTICAL
     min_duration_s: float = 5.0
 
 

@@ -46,7 +46,6 @@ from sinstool.methods.alignment.inflight_types import (
     GnssFixes,
     ImuIncrements,
     RefinedErrors,
-    SensorGrade,
     Status,
     TimeArray,
 )
@@ -66,6 +65,7 @@ from sinstool.methods.alignment.refine import (
 from sinstool.methods.alignment.segments import Candidate, candidates
 from sinstool.methods.alignment.solution import Course, explain_residuals, solution_covariance
 from sinstool.methods.alignment.wahba import singular_values
+from sinstool.methods.sensor_errors import SensorGrade
 
 __all__ = [
     "AlignmentSeries",

@@ -5,14 +5,14 @@ Sigmas of sensors and fixes are those of one axis; all three axes are taken alik
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
 from sinstool.core.errors import AlignmentError
-from sinstool.core.units import STANDARD_GRAVITY
+from sinstool.methods.sensor_errors import SIMULATED_GRADES, SensorGrade
 
 FloatArray = NDArray[np.float64]
 TimeArray = NDArray[np.int64]
@@ -149,33 +149,8 @@ def _forward(time_ns: TimeArray, what: str) -> None:
         )
 
 
-@dataclass(frozen=True)
-class SensorGrade:
-    """Errors of the inertial sensors, one sigma of one axis.
-
-    Attributes
-    ----------
-    gyro_bias : float
-        rad/s; repeatability and in-run instability together.
-    accel_bias : float
-        m/s^2.
-    gyro_scale, accel_scale : float
-        Relative.
-    angle_random_walk : float
-        rad/sqrt(s).
-    velocity_random_walk : float
-        (m/s)/sqrt(s).
-    bias_time_s : float
-        Correlation time of the biases in the refinement; infinite for constant ones.
-    """
-
-    gyro_bias: float = float(np.deg2rad(1.0)) / 3600.0
-    accel_bias: float = 1e-3 * STANDARD_GRAVITY
-    gyro_scale: float = 1e-4
-    accel_scale: float = 1e-4
-    angle_random_walk: float = float(np.deg2rad(0.05)) / 60.0
-    velocity_random_walk: float = 50e-6 * STANDARD_GRAVITY
-    bias_time_s: float = 100.0
+TACTICAL = replace(SIMULATED_GRADES["tactical"], gyro_scale=1e-4, accel_scale=1e-4)
+"""Sensors of a gliding vehicle."""
 
 
 @dataclass(frozen=True)
@@ -276,7 +251,7 @@ class AlignmentSettings:
     gnss_drift_s: float = 60.0
     gnss_latency_s: float = 0.0
     lever_arm_b: tuple[float, float, float] = (0.0, 0.0, 0.0)
-    grade: SensorGrade = field(default_factory=SensorGrade)
+    grade: SensorGrade = TACTICAL
     kappa: float = 4.0
     refine: bool = False
     refine_lever_sigma: float = 0.0

@@ -21,8 +21,8 @@ from numpy.typing import NDArray
 
 from sinstool.core.rotation import exp, to_dcm
 from sinstool.methods.alignment.accumulation import InertialRows
-from sinstool.methods.alignment.inflight_types import SensorGrade
 from sinstool.methods.alignment.pairs import cross_columns
+from sinstool.methods.sensor_errors import SensorGrade
 
 FloatArray = NDArray[np.float64]
 

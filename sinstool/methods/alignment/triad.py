@@ -11,9 +11,9 @@ from numpy.typing import NDArray
 
 from sinstool.core.rotation import skew
 from sinstool.methods.alignment.accumulation import InertialRows
-from sinstool.methods.alignment.inflight_types import SensorGrade
 from sinstool.methods.alignment.pairs import cross_columns, velocity_gains
 from sinstool.methods.alignment.wahba import solve_triad
+from sinstool.methods.sensor_errors import SensorGrade
 
 FloatArray = NDArray[np.float64]
 

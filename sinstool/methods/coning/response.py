@@ -74,25 +74,6 @@ def drifts_from_phi(phi: FloatArray, duration: float, frequency: FloatArray) -> 
     return np.asarray(-2.0 * difference / duration)
 
 
-def coning_rate(half_angle: float, frequency: float) -> float:
-    """Rate that classical coning feigns on the gyro of the cone's axis.
-
-    Parameters
-    ----------
-    half_angle : float
-        Of the cone, rad.
-    frequency : float
-        Of the coning, Hz.
-
-    Returns
-    -------
-    float
-        Magnitude of the mean z rate, rad/s: the solid angle per time,
-        ``2 pi f * 2 sin(half_angle / 2)**2``.
-    """
-    return 4.0 * pi * frequency * sin(0.5 * half_angle) ** 2
-
-
 def coning_samples(
     half_angle: float, frequency: FloatArray, interval: float, count: int, gyro_kind: GyroKind
 ) -> FloatArray:

@@ -15,7 +15,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from sinstool.methods.height.network import Grade, HeightNetwork
+from sinstool.methods.height.network import HeightNetwork
+from sinstool.methods.sensor_errors import Grade
 
 FloatArray = NDArray[np.float64]
 

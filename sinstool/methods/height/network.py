@@ -27,17 +27,15 @@ References
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
 from sinstool.core.earth import normal_gravity
 from sinstool.core.errors import ConfigurationError
+from sinstool.methods.sensor_errors import Grade
 
 FloatArray = NDArray[np.float64]
-
-Grade = Literal["mems", "tactical", "navigation"]
 
 RECOMMENDED_TAU: dict[str, float] = {"mems": 5.0, "tactical": 30.0, "navigation": 100.0}
 """Time constant in s for each grade of IMU."""

@@ -28,7 +28,8 @@ from sinstool.methods.height.layout import (
     ChannelSummary,
     Event,
 )
-from sinstool.methods.height.network import Grade, HeightNetwork, gravity_gradient
+from sinstool.methods.height.network import HeightNetwork, gravity_gradient
+from sinstool.methods.sensor_errors import Grade
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]

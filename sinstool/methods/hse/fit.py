@@ -6,7 +6,7 @@ With ``dpsi = psi_hat - psi`` and ``lambda1 = Omega - w sin L`` (w the Earth rat
 
 as printed in Yu, Wu, Cao, Zhao and Liu, "Calibration and compensation of the heading sensitive
 error", J. NUDT 35(4), 2013, 161-165, eqs. (14) to (16). So ``lambda2`` is minus the sum of the
-errors of the matrix that turns raw gyro rates into orthogonal ones; the sum is ``eps_sum``.
+errors of the matrix that turns raw gyro rates into orthogonal ones; ``lambda2`` is minus their sum.
 
 Three methods estimate ``lambda2``:
 

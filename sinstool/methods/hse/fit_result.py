@@ -182,11 +182,6 @@ class HseFit:
     warnings: tuple[str, ...] = ()
 
     @property
-    def eps_sum(self) -> float | None:
-        """Sum of the errors of the gyro's matrix along the axis, rad."""
-        return None if self.lambda2 is None else -self.lambda2
-
-    @property
     def n_used(self) -> int:
         """Number of runs in the fit."""
         return sum(one.used for one in self.run_fits)

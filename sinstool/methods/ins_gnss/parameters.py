@@ -79,8 +79,8 @@ def noise_densities(kind: FilterKind, start: Start, settings: Settings) -> Float
     q[ATTITUDE : ATTITUDE + 3] = imu.angle_random_walk**2
     q[CORRECTION] = settings.correction_walk**2
     q[BARO] = 2.0 * settings.baro.decay * settings.baro.sigma**2
-    q[GYRO_BIAS : GYRO_BIAS + 3] = 2.0 * imu.gyro_instability**2 / imu.instability_time
-    q[ACCEL_BIAS : ACCEL_BIAS + 3] = 2.0 * imu.accel_instability**2 / imu.instability_time
+    q[GYRO_BIAS : GYRO_BIAS + 3] = 2.0 * imu.gyro_instability**2 / imu.bias_time_s
+    q[ACCEL_BIAS : ACCEL_BIAS + 3] = 2.0 * imu.accel_instability**2 / imu.bias_time_s
     q[GNSS_POSITION : GNSS_POSITION + 3] = (
         2.0 * np.square(gnss.position_markov) / gnss.position_time
     )

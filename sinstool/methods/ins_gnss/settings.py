@@ -6,23 +6,15 @@ from dataclasses import dataclass, field
 from typing import Literal
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
 from sinstool.core.errors import ConfigurationError
 from sinstool.core.units import ARCSEC
-from sinstool.methods.height.network import Grade, HeightNetwork
-from sinstool.methods.ins_gnss.noise import (
-    BARO_GRADES,
-    IMU_GRADES,
-    BaroModel,
-    GnssModel,
-    ImuNoise,
-    Triple,
-    not_negative,
-)
+from sinstool.methods.height.network import HeightNetwork
+from sinstool.methods.ins_gnss.noise import BARO_GRADES, BaroModel, GnssModel
 from sinstool.methods.ins_gnss.states import FilterKind, FilterName, filter_kind
+from sinstool.methods.sensor_errors import IMU_GRADES, Grade, SensorGrade, Triple, not_negative
 from sinstool.methods.strapdown.navigation import SIZE as NAV_SIZE
-from sinstool.methods.strapdown.navigation import initial_state
 
 FloatArray = NDArray[np.float64]
 
@@ -175,7 +167,7 @@ class Settings:
     """
 
     filter: FilterName = "network-26a"
-    imu: ImuNoise = field(default_factory=lambda: IMU_GRADES["mems"])
+    imu: SensorGrade = field(default_factory=lambda: IMU_GRADES["mems"])
     gnss: GnssModel = field(default_factory=GnssModel)
     baro: BaroModel = field(default_factory=lambda: BARO_GRADES["mems"])
     network: HeightNetwork | None = None
@@ -232,28 +224,6 @@ class Settings:
         return self.network if self.network is not None else recommended(self.grade)
 
 
-def for_grade(grade: Grade, **changes: object) -> Settings:
-    """Settings for a grade of IMU.
-
-    Parameters
-    ----------
-    grade : {"mems", "tactical", "navigation"}
-    **changes
-        Any of the other attributes of :class:`Settings`.
-
-    Returns
-    -------
-    Settings
-    """
-    values: dict[str, object] = {
-        "grade": grade,
-        "imu": IMU_GRADES[grade],
-        "baro": BARO_GRADES[grade],
-        **changes,
-    }
-    return Settings(**values)  # type: ignore[arg-type]
-
-
 @dataclass(frozen=True)
 class Start:
     """Where a filter starts, and how well that is known.
@@ -290,45 +260,3 @@ class Start:
                 raise ValueError(f"Expected `covariance_{name}_n` to be a covariance (3, 3).")
         if np.shape(self.gyro_bias) != (3,) or np.shape(self.accel_bias) != (3,):
             raise ValueError("Expected `gyro_bias` and `accel_bias` to have shape (3,).")
-
-
-def start(
-    latitude: float,
-    longitude: float,
-    height: float,
-    velocity_n: ArrayLike,
-    q_nb: ArrayLike,
-    sigma_position_n: ArrayLike,
-    sigma_velocity_n: ArrayLike,
-    sigma_attitude_n: ArrayLike,
-    **more: object,
-) -> Start:
-    """A start with independent errors.
-
-    Parameters
-    ----------
-    latitude, longitude, height : float
-        rad, rad, m.
-    velocity_n : array_like, shape (3,)
-        m/s.
-    q_nb : array_like, shape (4,)
-    sigma_position_n, sigma_velocity_n, sigma_attitude_n : array_like, shape (3,) or float
-        m, m/s, rad.
-    **more
-        Other attributes of :class:`Start`.
-
-    Returns
-    -------
-    Start
-    """
-
-    def square(sigma: ArrayLike) -> FloatArray:
-        return np.diag(np.broadcast_to(np.asarray(sigma, dtype=np.float64), (3,)) ** 2)
-
-    return Start(
-        initial_state(latitude, longitude, height, velocity_n, q_nb),
-        square(sigma_position_n),
-        square(sigma_velocity_n),
-        square(sigma_attitude_n),
-        **more,  # type: ignore[arg-type]
-    )

@@ -19,7 +19,7 @@ from sinstool.io.readers.frames import turn_body
 from sinstool.methods.alignment import initial
 from sinstool.methods.alignment.initial import Alignment
 from sinstool.methods.alignment.level import tilted
-from sinstool.methods.height.network import Grade
+from sinstool.methods.sensor_errors import Grade
 from sinstool.survey.grade import sensor_grade
 from sinstool.survey.source import Source
 

@@ -18,10 +18,8 @@ from sinstool.methods.alignment.inflight import (
     AlignmentSettings,
     GateLimits,
     ImuIncrements,
-    SensorGrade,
 )
-from sinstool.methods.height.network import Grade
-from sinstool.methods.ins_gnss.noise import IMU_GRADES, ImuNoise
+from sinstool.methods.sensor_errors import IMU_GRADES, Grade, SensorGrade
 from sinstool.survey.aiding import moving_at
 from sinstool.survey.source import Source, rate_blocks
 
@@ -164,7 +162,7 @@ def walk_at_rest(source: Source) -> float:
     return float(longest.gyro_std * np.sqrt(source.survey.interval_ns / SECOND / 3.0))
 
 
-def imu_noise(config: ProcessConfig, grade: Grade) -> ImuNoise:
+def imu_noise(config: ProcessConfig, grade: Grade) -> SensorGrade:
     """Noise of a grade, but for what the options say."""
     options, noise = config.in_flight, IMU_GRADES[grade]
     changes: dict[str, float] = {}
@@ -209,7 +207,7 @@ def sensor_errors(
         noise.accel_scale,
         max(walk, angle_walk) if options.arw is None else walk,
         noise.velocity_random_walk,
-        noise.instability_time,
+        noise.bias_time_s,
     )
 
 

@@ -11,7 +11,6 @@ from sinstool.core.streams import Baro, BaroHeight, GnssEpochs
 from sinstool.methods.height.layout import ACCEPTED, REASONS, ChannelSummary, Event
 from sinstool.methods.height.network import (
     SENSIBLE_TAU,
-    Grade,
     HeightNetwork,
     gravity_gradient,
     paper,
@@ -28,6 +27,7 @@ from sinstool.methods.height.pressure import (
     reference_from_start,
 )
 from sinstool.methods.height.reference import HeightReference
+from sinstool.methods.sensor_errors import Grade
 from sinstool.pipelines.process.summary import (
     BarometerSetting,
     FinalHeight,

@@ -8,7 +8,7 @@ from sinstool.methods.alignment.covariance import (
     geometry,
     worst_sigma,
 )
-from sinstool.methods.alignment.inflight_types import AlignmentSettings, SensorGrade
+from sinstool.methods.alignment.inflight_types import AlignmentSettings
 from sinstool.methods.alignment.solution import (
     Segment,
     make_pairs,
@@ -16,6 +16,7 @@ from sinstool.methods.alignment.solution import (
     solution_covariance,
     solve,
 )
+from sinstool.methods.sensor_errors import SensorGrade
 from tests.methods.alignment.launches import exact
 from tests.methods.alignment.segments import segment_of
 

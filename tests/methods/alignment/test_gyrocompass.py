@@ -6,7 +6,8 @@ import pytest
 from sinstool.core import rotation
 from sinstool.core.errors import AlignmentError
 from sinstool.methods.alignment.gyrocompass import Gyrocompass, GyrocompassSettings, gyrocompass
-from sinstool.methods.alignment.inflight_types import ImuIncrements, SensorGrade
+from sinstool.methods.alignment.inflight_types import ImuIncrements
+from sinstool.methods.sensor_errors import SIMULATED_GRADES, SensorGrade
 from sinstool.simulation import sensors
 from sinstool.simulation.launch import launch
 from sinstool.simulation.profile import Profile, Step, Wave, fly
@@ -17,8 +18,13 @@ DEGREE = np.pi / 180.0
 PER_HOUR = DEGREE / 3600.0
 EARTH_RATE = 7.292115e-5
 # A fibre-optic unit: 0.05 deg/h, 0.005 deg/sqrt(h), 50 ug, 5 ug/sqrt(Hz)
-FIBRE = sensors.SensorGrade(0.005 * DEGREE / 60, 0.05 * PER_HOUR, 5e-5, 5e-4)
-TACTICAL = sensors.GRADES["tactical"]
+FIBRE = SensorGrade(
+    angle_random_walk=0.005 * DEGREE / 60,
+    gyro_bias=0.05 * PER_HOUR,
+    velocity_random_walk=5e-5,
+    accel_bias=5e-4,
+)
+TACTICAL = SIMULATED_GRADES["tactical"]
 RATE = 50.0
 
 

@@ -19,10 +19,11 @@ from sinstool.methods.alignment.in_motion import (
 )
 from sinstool.methods.alignment.inflight import AlignmentSettings, SensorGrade
 from sinstool.methods.alignment.still import WindowStage, lead_in, still_spans
+from sinstool.methods.sensor_errors import SIMULATED_GRADES
 from sinstool.simulation.drive import road_drive
 from sinstool.simulation.flight import manoeuvring_flight
 from sinstool.simulation.gnss import GnssErrors, Receiver, gnss_samples
-from sinstool.simulation.sensors import GRADES, with_errors
+from sinstool.simulation.sensors import with_errors
 from tests.helpers.gnss import epochs
 
 LEVER = (0.8, -0.4, -1.1)
@@ -81,7 +82,7 @@ def test_a_road_start_however_the_sensor_is_mounted(mount, seed):
     truth = road_drive(110.0, 100.0, heading=2.3, still_s=30.0, seed=seed)
     q_mount = from_euler(np.deg2rad(mount))
     # Half a degree per second of bias, as of a consumer's gyro
-    sensors = with_errors(truth.imu, replace(GRADES["mems"], gyro_bias=5e-3), seed)
+    sensors = with_errors(truth.imu, replace(SIMULATED_GRADES["mems"], gyro_bias=5e-3), seed)
     imu = mounted(sensors, q_mount)
     gnss = epochs(gnss_samples(truth, Receiver(4.0, 2.1, 0.0, errors=SHARP), seed), own_sigma=True)
     moving = aligned(imu, gnss)
@@ -98,7 +99,7 @@ def test_a_road_start_however_the_sensor_is_mounted(mount, seed):
 @pytest.mark.parametrize("bias", [3e-4, 5e-3])
 def test_without_rest_in_a_flight(bias):
     flight = manoeuvring_flight(120.0, 100.0, latitude=0.5, heading=-2.0, seed=4)
-    grade = replace(GRADES["mems"], gyro_bias=bias)
+    grade = replace(SIMULATED_GRADES["mems"], gyro_bias=bias)
     imu = mounted(with_errors(flight.imu, grade, 5))
     gnss = epochs(
         gnss_samples(flight, Receiver(5.0, errors=SHARP, lever_arm_b=LEVER), 6), own_sigma=True
@@ -116,7 +117,7 @@ def test_without_rest_in_a_flight(bias):
 def test_where_nothing_shows_the_heading_there_is_none():
     standing = road_drive(60.0, 100.0, still_s=100.0)
     gnss = epochs(gnss_samples(standing, Receiver(4.0, errors=SHARP), 1), own_sigma=True)
-    imu = mounted(with_errors(standing.imu, GRADES["mems"], 1))
+    imu = mounted(with_errors(standing.imu, SIMULATED_GRADES["mems"], 1))
     assert not aligned(imu, gnss).good
 
 

@@ -10,9 +10,9 @@ from sinstool.methods.alignment.inflight import (
     GateLimits,
     GnssFixes,
     ImuIncrements,
-    SensorGrade,
     align_in_flight,
 )
+from sinstool.methods.alignment.inflight_types import TACTICAL
 from sinstool.simulation.gnss import GnssFaults, Receiver
 from tests.methods.alignment.launches import (
     DEGREE,
@@ -387,7 +387,7 @@ def test_fading_forgets_drift():
     drift = replace(
         imu, delta_theta=imu.delta_theta + 0.005 * np.deg2rad([50.0, -50.0, 50.0]) / 3600
     )
-    grade = SensorGrade(gyro_bias=np.deg2rad(50.0) / 3600.0)
+    grade = replace(TACTICAL, gyro_bias=np.deg2rad(50.0) / 3600.0)
     plain = align_in_flight(drift, gnss, AlignmentSettings(grade=grade))
     faded = align_in_flight(drift, gnss, AlignmentSettings(grade=grade, fade_s=15.0))
     assert error_deg(faded, flight) < 0.75 * error_deg(plain, flight)

@@ -1,17 +1,20 @@
+from dataclasses import replace
+
 import numpy as np
 
 from sinstool.core import rotation
 from sinstool.methods.alignment import refine as module
 from sinstool.methods.alignment.inflight import AlignmentSettings, align_in_flight
-from sinstool.methods.alignment.inflight_types import SensorGrade
+from sinstool.methods.alignment.inflight_types import TACTICAL
 from sinstool.methods.alignment.refine import refine, theta_at, theta_covariance
 from sinstool.methods.alignment.solution import solve
+from sinstool.methods.sensor_errors import SensorGrade
 from sinstool.simulation.gnss import GnssFaults, Receiver
 from tests.methods.alignment.launches import NOISY, noisy, psi, true_attitude
 from tests.methods.alignment.segments import segment_of
 
-CONSTANT = SensorGrade(bias_time_s=np.inf)
-STILL = SensorGrade(angle_random_walk=0.0, velocity_random_walk=0.0, bias_time_s=np.inf)
+CONSTANT = replace(TACTICAL, bias_time_s=np.inf)
+STILL = replace(TACTICAL, angle_random_walk=0.0, velocity_random_walk=0.0, bias_time_s=np.inf)
 
 
 def started(seed=1, receiver=None, end_s=np.inf):
@@ -189,10 +192,10 @@ def test_noise_of_the_model():
     _, segment, dcm = started()
     use = np.zeros(len(segment), dtype=bool)
     span = segment.rows.time_s[-1] - segment.rows.time_s[0]
-    wandering = run(segment, dcm, SensorGrade(bias_time_s=30.0), use=use)
+    wandering = run(segment, dcm, replace(TACTICAL, bias_time_s=30.0), use=use)
     p = np.diag(wandering.covariance)
-    np.testing.assert_allclose(p[6:9], SensorGrade().accel_bias ** 2)
-    np.testing.assert_allclose(p[9:12], SensorGrade().gyro_bias ** 2)
+    np.testing.assert_allclose(p[6:9], TACTICAL.accel_bias**2)
+    np.testing.assert_allclose(p[9:12], TACTICAL.gyro_bias**2)
     noise = SensorGrade(0.0, 0.0, 0.0, 0.0, angle_random_walk=1e-3, velocity_random_walk=1e-2)
     p = np.diag(run(segment, dcm, noise, use=use, start_sigma=0.01).covariance)
     np.testing.assert_allclose(p[:3], 0.01**2 + 1e-6 * span)
@@ -205,7 +208,7 @@ def test_noise_of_the_model():
 
 def test_answer_at_the_start_comes_from_the_backward_run():
     _, imu, gnss = noisy(4)
-    grade = SensorGrade(bias_time_s=20.0)
+    grade = replace(TACTICAL, bias_time_s=20.0)
     answer = align_in_flight(imu, gnss, AlignmentSettings(refine=True, at="start", grade=grade))
     segment = segment_of(imu, gnss, (answer.t_q_ns - imu.time_ns[0]) * 1e-9)
     dcm = solve(segment, AlignmentSettings(grade=grade)).dcm

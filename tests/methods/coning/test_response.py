@@ -12,12 +12,18 @@ import pytest
 
 from sinstool.core import rotation
 from sinstool.methods.coning.registry import algorithm
-from sinstool.methods.coning.response import coning_drifts, coning_gains, coning_rate
+from sinstool.methods.coning.response import coning_drifts, coning_gains
 from sinstool.methods.coning.stage import ConingStage
 from sinstool.methods.strapdown.attitude import AttitudePropagator
 from sinstool.simulation.coning import classical_coning
 from sinstool.simulation.truth import sample_times
-from tests.helpers.coning_response import coning_drift, coning_gain, coning_samples, drift_from_phi
+from tests.helpers.coning_response import (
+    coning_drift,
+    coning_gain,
+    coning_rate,
+    coning_samples,
+    drift_from_phi,
+)
 
 PER_HOUR = np.rad2deg(1.0) * 3600.0
 FREQUENCIES = (5, 10, 20, 30, 50, 75, 100)

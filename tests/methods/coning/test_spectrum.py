@@ -5,13 +5,13 @@ import pytest
 
 from sinstool.core import rotation
 from sinstool.methods.coning.registry import algorithm
-from sinstool.methods.coning.response import coning_gains, coning_rate
+from sinstool.methods.coning.response import coning_gains
 from sinstool.methods.coning.spectrum import coning_spectrum, predicted_drift, pseudo_coning
 from sinstool.methods.coning.stage import ConingStage
 from sinstool.methods.strapdown.attitude import AttitudePropagator
 from sinstool.simulation.motions import broadband, thin
 from sinstool.simulation.truth import sample_times
-from tests.helpers.coning_response import coning_samples
+from tests.helpers.coning_response import coning_rate, coning_samples
 
 PER_HOUR = np.rad2deg(1.0) * 3600.0
 STEP = 0.0025

@@ -10,18 +10,26 @@ from sinstool.methods.coning.registry import algorithm
 from sinstool.methods.coning.stage import ConingStage
 from sinstool.methods.height.network import HeightNetwork
 from sinstool.methods.ins_gnss.filter import InsGnssFilter
-from sinstool.methods.ins_gnss.noise import BaroModel, GnssModel, ImuNoise
-from sinstool.methods.ins_gnss.settings import Settings, start
+from sinstool.methods.ins_gnss.noise import BARO_GRADES, BaroModel, GnssModel
+from sinstool.methods.ins_gnss.settings import Settings
+from sinstool.methods.sensor_errors import IMU_GRADES, SensorGrade
 from sinstool.methods.strapdown.velocity import Increments, IncrementStage
 from sinstool.simulation.barometer import barometer
 from sinstool.simulation.flight import manoeuvring_flight
 from sinstool.simulation.gnss import GnssErrors, Receiver, gnss_samples
+from tests.helpers.filter_start import start
 from tests.helpers.gnss import epochs
 
 DEGREE = np.pi / 180.0
 G = 9.80665
 RATE = 50.0
-IMU = ImuNoise(0.05 * DEGREE / 60, 50e-6 * G, 1.0 * DEGREE / 3600, 1e-3 * G, accel_scale=1e-4)
+IMU = SensorGrade(
+    angle_random_walk=0.05 * DEGREE / 60,
+    velocity_random_walk=50e-6 * G,
+    gyro_bias=1.0 * DEGREE / 3600,
+    accel_bias=1e-3 * G,
+    accel_scale=1e-4,
+)
 ATTITUDE = np.array([0.1, 0.1, 0.5]) * DEGREE
 WHITE = GnssErrors((1.0, 1.0, 1.5), velocity_white=(0.05, 0.05, 0.08))
 WHITE_MODEL = GnssModel((1.0, 1.0, 1.5), (0.1, 0.1, 0.1), 100.0, (0.05, 0.05, 0.08), (1e-3,) * 3)
@@ -168,3 +176,9 @@ class Flown:
 def joined(blocks, name):
     """A column of the diagnostics of all blocks."""
     return np.concatenate([getattr(b.gnss, name) for b in blocks])
+
+
+def for_grade(grade, **changes):
+    """Settings of a filter for a grade of IMU."""
+    values = {"grade": grade, "imu": IMU_GRADES[grade], "baro": BARO_GRADES[grade], **changes}
+    return Settings(**values)

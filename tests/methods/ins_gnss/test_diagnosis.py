@@ -11,21 +11,26 @@ from sinstool.methods.coning.registry import algorithm
 from sinstool.methods.coning.stage import ConingStage
 from sinstool.methods.ins_gnss.diagnosis import diagnose
 from sinstool.methods.ins_gnss.filter import InsGnssFilter
-from sinstool.methods.ins_gnss.noise import GnssModel, ImuNoise
-from sinstool.methods.ins_gnss.settings import Settings, start
+from sinstool.methods.ins_gnss.noise import GnssModel
+from sinstool.methods.ins_gnss.settings import Settings
 from sinstool.methods.ins_gnss.velocity_lag import split_position_velocity
+from sinstool.methods.sensor_errors import SIMULATED_GRADES, SensorGrade
 from sinstool.methods.strapdown.velocity import Increments, IncrementStage
 from sinstool.simulation.drive import road_drive
 from sinstool.simulation.flight import manoeuvring_flight
 from sinstool.simulation.gnss import GnssErrors, GnssFaults, Jump, Receiver, gnss_samples
-from sinstool.simulation.sensors import GRADES, with_errors
+from sinstool.simulation.sensors import with_errors
+from tests.helpers.filter_start import start
 from tests.helpers.gnss import epochs
 
 DEGREE = np.pi / 180.0
 RATE = 50.0
-GRADE = GRADES["tactical"]
-IMU = ImuNoise(
-    GRADE.angle_random_walk, GRADE.velocity_random_walk, GRADE.gyro_bias, GRADE.accel_bias
+GRADE = SIMULATED_GRADES["tactical"]
+IMU = SensorGrade(
+    angle_random_walk=GRADE.angle_random_walk,
+    velocity_random_walk=GRADE.velocity_random_walk,
+    gyro_bias=GRADE.gyro_bias,
+    accel_bias=GRADE.accel_bias,
 )
 ERRORS = GnssErrors((1.0, 1.0, 1.5), (0.0,) * 3, 100.0, (0.05, 0.05, 0.08))
 MODEL = GnssModel((1.0, 1.0, 1.5), (0.05,) * 3, 100.0, (0.05, 0.05, 0.08), (5e-3,) * 3, 100.0)
@@ -126,9 +131,12 @@ def test_nor_of_outages_coarse_sensors_and_coloured_fixes():
     model = GnssModel(
         (1.0, 1.0, 1.5), (2.0, 2.0, 3.0), 60.0, (0.05, 0.05, 0.08), (0.05,) * 3, 100.0
     )
-    coarse = GRADES["mems"]
-    imu = ImuNoise(
-        coarse.angle_random_walk, coarse.velocity_random_walk, coarse.gyro_bias, coarse.accel_bias
+    coarse = SIMULATED_GRADES["mems"]
+    imu = SensorGrade(
+        angle_random_walk=coarse.angle_random_walk,
+        velocity_random_walk=coarse.velocity_random_walk,
+        gyro_bias=coarse.gyro_bias,
+        accel_bias=coarse.accel_bias,
     )
     settings = replace(SETTINGS, gnss=model, imu=imu, grade="mems")
     found = examined("drive", 2, settings, errors, coarse)

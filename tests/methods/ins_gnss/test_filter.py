@@ -7,12 +7,13 @@ import pytest
 
 from sinstool.core.errors import ConfigurationError
 from sinstool.methods.height.network import HeightNetwork
-from sinstool.methods.ins_gnss.noise import GnssModel, ImuNoise
-from sinstool.methods.ins_gnss.settings import DivergenceControl, Settings, for_grade
+from sinstool.methods.ins_gnss.noise import GnssModel
+from sinstool.methods.ins_gnss.settings import DivergenceControl, Settings
 from sinstool.methods.ins_gnss.states import FILTERS
+from sinstool.methods.sensor_errors import SensorGrade
 from sinstool.methods.strapdown.velocity import Increments
 from sinstool.simulation.gnss import GnssErrors, GnssFaults
-from tests.methods.ins_gnss.flown import IMU, Flown, joined
+from tests.methods.ins_gnss.flown import IMU, Flown, for_grade, joined
 
 PRECISE = GnssErrors((0.01,) * 3, velocity_white=(0.003,) * 3)
 PRECISE_MODEL = GnssModel((0.01,) * 3, (1e-3,) * 3, 100.0, (0.003,) * 3, (1e-4,) * 3)
@@ -102,7 +103,9 @@ def test_parts_left_out_are_as_if_they_were_known(flown):
 
 def test_open_and_closed_loop_agree():
     # small errors: what is of second order in them does not matter
-    quiet = ImuNoise(1e-6, 1e-4, 1e-7, 1e-4)
+    quiet = SensorGrade(
+        angle_random_walk=1e-6, velocity_random_walk=1e-4, gyro_bias=1e-7, accel_bias=1e-4
+    )
     flown = Flown(noise=quiet, duration=150.0)
     _, closed = flown.run(flown.told(imu=quiet))
     run, opened = flown.run(flown.told(imu=quiet, feedback="none"))
@@ -509,7 +512,7 @@ def test_settings():
     with pytest.raises(ConfigurationError):
         GnssModel(position_white=(0.0, 1.0, 1.0))
     with pytest.raises(ConfigurationError):
-        ImuNoise(-1.0, 0.0, 0.0, 0.0)
+        SensorGrade(angle_random_walk=-1.0, velocity_random_walk=0.0, gyro_bias=0.0, accel_bias=0.0)
     sizes = {grade: for_grade(grade).imu.gyro_bias for grade in ("mems", "tactical", "navigation")}
     assert sizes["mems"] > sizes["tactical"] > sizes["navigation"]
     assert for_grade("mems", filter="plain-15").kind.size == 15

@@ -19,25 +19,30 @@ from sinstool.methods.ins_gnss.latency import (
     likelihood_cost,
     refine,
 )
-from sinstool.methods.ins_gnss.noise import GnssModel, ImuNoise
-from sinstool.methods.ins_gnss.settings import DivergenceControl, Settings, start
+from sinstool.methods.ins_gnss.noise import GnssModel
+from sinstool.methods.ins_gnss.settings import DivergenceControl, Settings
 from sinstool.methods.ins_gnss.velocity_lag import split_position_velocity, velocity_lag
+from sinstool.methods.sensor_errors import SIMULATED_GRADES, SensorGrade
 from sinstool.methods.strapdown.velocity import Increments, IncrementStage
 from sinstool.simulation.drive import road_drive
 from sinstool.simulation.flight import manoeuvring_flight
 from sinstool.simulation.gnss import GnssErrors, Receiver, gnss_samples
-from sinstool.simulation.sensors import GRADES, with_errors
+from sinstool.simulation.sensors import with_errors
+from tests.helpers.filter_start import start
 from tests.helpers.gnss import epochs
 
 RATE = 50.0
-GRADE = GRADES["mems"]
+GRADE = SIMULATED_GRADES["mems"]
 ERRORS = GnssErrors((1.0, 1.0, 1.5), (2.0, 2.0, 3.0), 100.0, (0.05, 0.05, 0.08))
 # No gate: fixes at a wrong time are not bad ones
 SETTINGS = Settings(
     control=DivergenceControl(gate_probability=1.0),
     filter="markov-21",
-    imu=ImuNoise(
-        GRADE.angle_random_walk, GRADE.velocity_random_walk, GRADE.gyro_bias, GRADE.accel_bias
+    imu=SensorGrade(
+        angle_random_walk=GRADE.angle_random_walk,
+        velocity_random_walk=GRADE.velocity_random_walk,
+        gyro_bias=GRADE.gyro_bias,
+        accel_bias=GRADE.accel_bias,
     ),
     gnss=GnssModel((1.0, 1.0, 1.5), (2.0, 2.0, 3.0), 100.0, (0.05, 0.05, 0.08), (5e-3,) * 3, 100.0),
 )

@@ -7,9 +7,9 @@ import numpy as np
 import pytest
 from mpmath import mp, mpf
 
-from sinstool.core import earth, rotation
+from sinstool.core import earth, quaternion_kernels, rotation
 from sinstool.core.gravity import normal_gravity
-from sinstool.core.quaternion_kernels import increment_quaternion, product, unit_factor
+from sinstool.core.quaternion_kernels import increment_quaternion, unit_factor, wrapped_angle
 from sinstool.methods.height.channel import baro_sample
 from sinstool.methods.height.layout import (
     ACCEPTED,
@@ -54,14 +54,20 @@ def many_digits(function, **names):
     return types.FunctionType(plain.__code__, {**plain.__globals__, **exact, **names})
 
 
-EXACT_STEP = many_digits(
-    navigation.step,
-    increment_quaternion=many_digits(increment_quaternion),
-    unit_factor=many_digits(unit_factor),
-    product=many_digits(product),
-    normal_gravity=many_digits(normal_gravity),
-    _wrapped=many_digits(navigation._wrapped),
-)
+EXACT_GRAVITY = many_digits(normal_gravity)
+
+
+def exact_step(state, turn, push, dt, correction):
+    """One update, with an acceleration taken from the upward one as a damping network does."""
+    step = many_digits(
+        navigation.step,
+        increment_quaternion=many_digits(increment_quaternion),
+        unit_factor=many_digits(unit_factor),
+        product=many_digits(quaternion_kernels.product),
+        normal_gravity=lambda *where: EXACT_GRAVITY(*where) + correction,
+        wrapped_angle=many_digits(wrapped_angle),
+    )
+    step(state, *turn, *push, dt, 0)
 
 
 def exact_radii(latitude, height):
@@ -98,7 +104,7 @@ def propagated(motion, x, dt):
     ]
     turn = [(rate[i] + x[GYRO_BIAS + i]) * dt for i in range(3)]
     push = [(force[i] * (1 + x[ACCEL_SCALE + i]) + x[ACCEL_BIAS + i]) * dt for i in range(3)]
-    EXACT_STEP(state, *turn, *push, dt, x[CORRECTION], 0)
+    exact_step(state, turn, push, dt, x[CORRECTION])
     return state
 
 

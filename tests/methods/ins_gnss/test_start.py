@@ -4,13 +4,13 @@ import numpy as np
 import pytest
 
 from sinstool.core.errors import AlignmentError
-from sinstool.methods.ins_gnss.settings import for_grade
 from sinstool.methods.ins_gnss.start import start_at
 from sinstool.simulation.drive import road_drive
 from sinstool.simulation.flight import manoeuvring_flight
 from sinstool.simulation.gnss import GnssErrors, Receiver, gnss_samples
 from sinstool.simulation.interpolation import moments
 from tests.helpers.gnss import epochs
+from tests.methods.ins_gnss.flown import for_grade
 
 LEVER = (0.8, -0.4, -1.1)
 SHARP = GnssErrors((0.5, 0.5, 0.8), (0.0,) * 3, 100.0, (0.05, 0.05, 0.08))

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from sinstool.config import ProcessConfig, build
-from sinstool.methods.ins_gnss.noise import IMU_GRADES
+from sinstool.methods.sensor_errors import IMU_GRADES
 from sinstool.pipelines.align.in_motion import AFTER_REST, sensor_errors
 
 HOUR = 3600.0

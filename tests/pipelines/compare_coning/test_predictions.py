@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 
 from sinstool.methods.coning.registry import algorithm
-from sinstool.methods.coning.response import coning_rate
 from sinstool.methods.coning.spectrum import coning_spectrum
 from sinstool.pipelines.compare_coning.compare import Settings, compare
 from sinstool.pipelines.compare_coning.divergence import DEG_H
@@ -14,7 +13,7 @@ from sinstool.pipelines.compare_coning.predictions import predict
 from sinstool.pipelines.compare_coning.runs import Attitudes, Candidate, Segment
 from sinstool.simulation.motions import broadband
 from sinstool.simulation.truth import sample_times
-from tests.helpers.coning_response import coning_gain, coning_samples
+from tests.helpers.coning_response import coning_gain, coning_rate, coning_samples
 
 STEP = 0.0025
 PER_SAMPLE = ("uncompensated", "previous-1", "previous-2", "previous-3", "lookahead-12")

@@ -10,6 +10,7 @@ from sinstool.core.streams import Solution
 from sinstool.io.readers import open_log
 from sinstool.io.readers.streams import Losses, read_columns
 from sinstool.methods.height.pressure import geopotential, pressure_at
+from sinstool.methods.sensor_errors import SIMULATED_GRADES
 from sinstool.pipelines.process.run import process
 from sinstool.simulation.flight import manoeuvring_flight
 from sinstool.simulation.gnss import MODELS, Receiver, gnss_samples
@@ -21,7 +22,7 @@ from sinstool.simulation.log import (
     truth_topics,
     write_simulated,
 )
-from sinstool.simulation.sensors import GRADES, with_errors
+from sinstool.simulation.sensors import with_errors
 
 AXES = Axes("flu")
 T0 = 1_700_000_000_000_000_000
@@ -53,7 +54,9 @@ class FlightLog:
         self.pressure[where] = pressure_at(geopotential(self.height[where] + metres))
 
     def write(self, path, kind="mean-rate", grade="perfect", baro=True, imu=None, gnss=True):
-        sensor = with_errors(self.flight.imu, GRADES[grade], self.seed) if imu is None else imu
+        sensor = (
+            with_errors(self.flight.imu, SIMULATED_GRADES[grade], self.seed) if imu is None else imu
+        )
         topics = [imu_topic(sensor, kind, AXES), *truth_topics(self.flight.imu, AXES, self.flight)]
         if gnss:
             receiver = Receiver(rate_hz=1.0, errors=MODELS["perfect"])

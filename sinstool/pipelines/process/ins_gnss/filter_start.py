@@ -7,10 +7,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from sinstool.core.streams import GnssEpochs
-from sinstool.methods.height.network import Grade
 from sinstool.methods.height.reference import HeightReference
 from sinstool.methods.ins_gnss.latency import Latency
 from sinstool.methods.ins_gnss.settings import Settings, Start
+from sinstool.methods.sensor_errors import Grade
 
 
 @dataclass(frozen=True)

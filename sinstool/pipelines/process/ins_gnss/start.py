@@ -17,7 +17,6 @@ from sinstool.core.timeline import SECOND
 from sinstool.core.units import DEGREE
 from sinstool.methods.alignment.initial import Alignment
 from sinstool.methods.coning.algorithm import ConingAlgorithm
-from sinstool.methods.height.network import Grade
 from sinstool.methods.height.reference import HeightReference
 from sinstool.methods.ins_gnss.fix_velocity import with_velocities
 from sinstool.methods.ins_gnss.noise import (
@@ -28,6 +27,7 @@ from sinstool.methods.ins_gnss.noise import (
 from sinstool.methods.ins_gnss.settings import DivergenceControl, Settings, Start
 from sinstool.methods.ins_gnss.start import TWICE_USED, start_at
 from sinstool.methods.ins_gnss.velocity_lag import message_times, split_position_velocity
+from sinstool.methods.sensor_errors import Grade
 from sinstool.pipelines.align.first_attitude import align, in_flight
 from sinstool.pipelines.align.in_motion import imu_noise
 from sinstool.pipelines.process.height import height_reference, network

@@ -4,10 +4,10 @@ import numpy as np
 import pytest
 
 from sinstool.core.rotation import from_euler, rotate
-from sinstool.methods.ins_gnss.settings import start
 from sinstool.methods.ins_gnss.states import filter_kind
 from sinstool.pipelines.process.ins_gnss.before_start import corrected_start
 from tests.helpers.filter_logs import errors, nees, run, simulated
+from tests.helpers.filter_start import start
 
 
 @pytest.mark.parametrize("name", ["plain-15", "network-26a"])

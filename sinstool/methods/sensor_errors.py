@@ -1,0 +1,165 @@
+"""Errors of inertial sensors, and the grades that sensors come in."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+
+from sinstool.core.errors import ConfigurationError
+from sinstool.core.units import (
+    DEGREE,
+    DEGREE_PER_HOUR,
+    DEGREE_PER_ROOT_HOUR,
+    MICRO_G,
+    MILLI_G,
+    STANDARD_GRAVITY,
+)
+
+Triple = tuple[float, float, float]
+Grade = Literal["mems", "tactical", "navigation"]
+
+# Angular random walk up to which a gyro is of a grade. Laser and fibre gyros of navigation grade
+# have 0.001 to 0.005 deg/sqrt(h), tactical ones 0.02 to 0.1, MEMS 0.15 and more.
+_NAVIGATION_WALK = 0.01 * DEGREE_PER_ROOT_HOUR
+_TACTICAL_WALK = 0.12 * DEGREE_PER_ROOT_HOUR
+
+
+def not_negative(owner: str, **values: float | Triple) -> None:
+    """Refuse sigmas and times that are negative or not a number.
+
+    Parameters
+    ----------
+    owner : str
+        For the message.
+    **values
+        By their names.
+
+    Raises
+    ------
+    ConfigurationError
+        If one is.
+    """
+    for name, value in values.items():
+        if not np.all(np.asarray(value, dtype=np.float64) >= 0.0):
+            raise ConfigurationError(f"{owner}: {name} is {value}", "it must be 0 or more")
+
+
+@dataclass(frozen=True)
+class SensorGrade:
+    """Errors of gyros and accelerometers, one sigma of one axis, each axis alike.
+
+    Attributes
+    ----------
+    gyro_bias, accel_bias : float
+        What the biases are at the start beyond what was taken off, rad/s and m/s^2.
+    gyro_scale, accel_scale : float
+        Scale factors, as a fraction. A filter has no states for those of gyros, and takes
+        misalignments in with them: attitude gets less certain with each angle turned, by this
+        fraction of a right angle in a turn by one.
+    angle_random_walk : float
+        rad/sqrt(s).
+    velocity_random_walk : float
+        (m/s)/sqrt(s).
+    bias_time_s : float
+        Correlation time of biases that wander, a first-order Markov process; infinite for
+        constant ones. A filter has one state for both parts of a bias: a random walk that moves,
+        over times shorter than this one, as the wandering part does. An alignment in motion lets
+        the whole bias wander.
+    gyro_instability, accel_instability : float
+        The part of a bias that wanders, rad/s and m/s^2; 0: a bias stays.
+    gyro_misalignment, accel_misalignment : float
+        Each of the six angles between the axes, rad.
+
+    Raises
+    ------
+    ConfigurationError
+        If one is negative or not a number, or the time is 0.
+    """
+
+    gyro_bias: float = 0.0
+    accel_bias: float = 0.0
+    gyro_scale: float = 0.0
+    accel_scale: float = 0.0
+    angle_random_walk: float = 0.0
+    velocity_random_walk: float = 0.0
+    bias_time_s: float = 100.0
+    gyro_instability: float = 0.0
+    accel_instability: float = 0.0
+    gyro_misalignment: float = 0.0
+    accel_misalignment: float = 0.0
+
+    def __post_init__(self) -> None:
+        not_negative("noise of the IMU", **vars(self))
+        if self.bias_time_s == 0.0:
+            raise ConfigurationError("noise of the IMU: bias_time_s is 0 s", "it must be positive")
+
+
+def data_sheet(
+    random_walk_deg_sqrt_h: float, bias_deg_h: float, noise_ug_sqrt_hz: float, accel_bias_mg: float
+) -> SensorGrade:
+    """Errors in the units of data sheets, without scale factors and wandering biases."""
+    return SensorGrade(
+        gyro_bias=bias_deg_h * DEGREE / 3600.0,
+        accel_bias=accel_bias_mg * 1e-3 * STANDARD_GRAVITY,
+        angle_random_walk=random_walk_deg_sqrt_h * DEGREE / 60.0,
+        velocity_random_walk=noise_ug_sqrt_hz * 1e-6 * STANDARD_GRAVITY,
+    )
+
+
+SIMULATED_GRADES = {
+    "perfect": SensorGrade(),
+    "navigation": data_sheet(0.002, 0.01, 5.0, 0.03),
+    "tactical": data_sheet(0.05, 1.0, 50.0, 1.0),
+    "mems": data_sheet(0.3, 5.0, 150.0, 2.0),
+}
+"""What simulated sensors have, by grade."""
+
+# Tactical and navigation grade: data sheets; biases after warming up. MEMS: a consumer's, in a
+# vehicle that shakes it. Its random walks are ten times and more those of a data sheet, for they
+# stand in for vibration, sampling and scale factors too: with the data sheet's a filter is too sure
+# of itself after seconds without fixes, and gates the first ones that come. Scale factors and
+# cross-axis sensitivity of their gyros are 0.5 to 2 % on data sheets. Gyro biases of such
+# sensors were seen to move by 100 deg/h from one stop of a car to one minutes later.
+IMU_GRADES: dict[str, SensorGrade] = {
+    "mems": SensorGrade(
+        angle_random_walk=3.0 * DEGREE_PER_ROOT_HOUR,
+        velocity_random_walk=3000.0 * MICRO_G,
+        gyro_bias=50.0 * DEGREE_PER_HOUR,
+        accel_bias=10.0 * MILLI_G,
+        gyro_instability=100.0 * DEGREE_PER_HOUR,
+        accel_instability=1.0 * MILLI_G,
+        bias_time_s=100.0,
+        accel_scale=3e-3,
+        gyro_scale=5e-3,
+    ),
+    "tactical": SensorGrade(
+        angle_random_walk=0.05 * DEGREE_PER_ROOT_HOUR,
+        velocity_random_walk=50.0 * MICRO_G,
+        gyro_bias=1.0 * DEGREE_PER_HOUR,
+        accel_bias=1.0 * MILLI_G,
+        gyro_instability=0.3 * DEGREE_PER_HOUR,
+        accel_instability=0.05 * MILLI_G,
+        bias_time_s=300.0,
+        accel_scale=3e-4,
+    ),
+    "navigation": SensorGrade(
+        angle_random_walk=0.002 * DEGREE_PER_ROOT_HOUR,
+        velocity_random_walk=10.0 * MICRO_G,
+        gyro_bias=0.01 * DEGREE_PER_HOUR,
+        accel_bias=0.05 * MILLI_G,
+        gyro_instability=0.002 * DEGREE_PER_HOUR,
+        accel_instability=0.005 * MILLI_G,
+        bias_time_s=1000.0,
+        accel_scale=5e-5,
+    ),
+}
+"""What a filter assumes, by grade of IMU."""
+
+
+def grade_by_noise(angle_random_walk: float) -> Grade:
+    """Grade of an IMU whose gyros have a random walk, rad/sqrt(s)."""
+    if angle_random_walk <= _NAVIGATION_WALK:
+        return "navigation"
+    return "tactical" if angle_random_walk <= _TACTICAL_WALK else "mems"
