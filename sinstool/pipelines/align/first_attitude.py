@@ -31,6 +31,8 @@ if TYPE_CHECKING:
 
 # An automatic gyrocompass wants a rest that can show north.
 GYROCOMPASS_S = 30.0
+# A filter is linear in its errors: it rather begins later than with a sigma beyond this.
+FILTER_SIGMA = 10.0 * DEGREE
 
 
 def align(source: Source, config: ProcessConfig) -> Alignment:
@@ -167,13 +169,13 @@ def _from_motion(
     Parameters
     ----------
     time_ns : int, optional
-        To which it is carried back, unless the samples have a gap on the way; by default the
-        first sample.
+        To which it is carried back for a filter, unless the samples have a gap on the way or the
+        gyros are not good enough; by default the first sample, however far.
     """
     result = moving.result
-    time_ns, q_nb, covariance = _carried_back(
-        moving, source, config, source.survey.first_ns if time_ns is None else time_ns
-    )
+    begin_ns = source.survey.first_ns if time_ns is None else time_ns
+    limit = np.inf if time_ns is None else FILTER_SIGMA
+    time_ns, q_nb, covariance = _carried_back(moving, source, config, begin_ns, limit)
     bias, source_of_bias = moving.gyro_bias, "rest" if moving.gyro_bias.any() else "none"
     bias_sigma = None
     if result.errors is not None and config.align.gyro_bias == "still":
@@ -200,9 +202,15 @@ def _from_motion(
 
 
 def _carried_back(
-    moving: MotionAlignment, source: Source, config: ProcessConfig, time_ns: int
+    moving: MotionAlignment,
+    source: Source,
+    config: ProcessConfig,
+    time_ns: int,
+    most_sigma: float,
 ) -> tuple[int, np.ndarray, np.ndarray]:
-    """Attitude and covariance at a time, or as near to it as the Imu was without a gap.
+    """Attitude and covariance at a time, or where it was found, if that cannot be reached.
+
+    That is where the Imu has a gap on the way, or the sigma (rad) would grow beyond the most.
 
     A vehicle that rests at first keeps its attitude; in motion gyros carry it back, with what
     their biases may do.
@@ -221,6 +229,8 @@ def _carried_back(
     if not len(imu) or (np.diff(imu.time_ns) > source.survey.max_gap_ns).any():
         return result.t_ns, result.q_nb, result.cov
     q_nb, covariance = moving.carried_back(imu)
+    if np.sqrt(np.diag(covariance).max()) > most_sigma:
+        return result.t_ns, result.q_nb, result.cov
     if still is not None and resting:
         q_nb, covariance = tilted(q_nb, covariance, still.accel, moving.settings.grade.accel_bias)
     return time_ns, q_nb, covariance

@@ -224,7 +224,7 @@ def test_too_short_or_too_late():
     # the gate never opens
     found = aligned(log, in_flight={"gate": "paper", "t_set1": 500.0}, truth=None).result.to_json()
     assert found["status"] == "failed"
-    assert found["q_nb_wxyz"] is None and found["euler_deg"] is None
+    assert found["q_nb_wxyz"] is None and found["roll_deg"] is None
     assert any("the gate waits 500 s" in w for w in found["warnings"])
 
 

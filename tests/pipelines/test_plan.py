@@ -1,0 +1,108 @@
+"""What `info` says is what `process` does and what `align` starts from, on every kind of log."""
+
+import json
+
+import pytest
+
+from sinstool.config import ProcessConfig, build
+from sinstool.core.errors import SinstoolError
+from sinstool.pipelines.align.log import align_log
+from sinstool.pipelines.info.run import inspect
+from sinstool.pipelines.process.run import plan_of, process
+from tests.helpers.filter_logs import simulated
+from tests.helpers.imulogs import REAL
+from tests.helpers.logs import real
+
+SCENARIOS = {
+    "static": (["static", "--duration", "40"], ("attitude", "gyrocompass"), {}),
+    "static navigation": (
+        ["static", "--grade", "navigation", "--duration", "120"],
+        ("attitude", "gyrocompass"),
+        {},
+    ),
+    "static mems": (
+        ["static", "--grade", "mems", "--duration", "60"],
+        ("attitude", "level"),
+        {},
+    ),
+    "standing with GNSS": (
+        ["drive", "--grade", "mems", "--duration", "15", "--rate", "100"],
+        ("attitude", "level"),
+        {},
+    ),
+    "drive": (
+        ["drive", "--grade", "mems", "--duration", "120", "--rate", "100"],
+        ("ins-gnss", "svd"),
+        {},
+    ),
+    "spiral-climb": (
+        ["spiral-climb", "--grade", "tactical", "--duration", "120", "--rate", "100"],
+        ("ins-gnss", "svd"),
+        {},
+    ),
+    "launch": (
+        ["launch", "--duration", "90", "--grade", "tactical"],
+        ("ins-gnss", "svd"),
+        {"gyro_kind": "increment"},
+    ),
+    "coning": (["coning", "--duration", "10", "--lead-in", "3"], ("attitude", "level"), {}),
+}
+
+
+def choices(plan):
+    return {name: (choice.value, choice.reason) for name, choice in plan.choices.items()}
+
+
+def agree(path, tmp_path, **options):
+    """The plan that all of them name, and that the run carried out."""
+    config = build(ProcessConfig, {"input": options})
+    plan = plan_of(path, config)
+    inspected = inspect(path, config).process
+    assert inspected.possible and choices(inspected.plan) == choices(plan)
+    assert choices(align_log(path, config).result.plan) == choices(plan)
+    result = process(path, tmp_path / "out.mcap", config)
+    assert choices(result.plan) == choices(plan)
+    carried_out = "ins-gnss" if result.filter is not None else "attitude"
+    assert carried_out == plan.mode.value
+    if carried_out == "attitude":
+        assert result.alignment.method == plan.first_attitude.value
+    return plan
+
+
+@pytest.mark.parametrize("scenario", SCENARIOS)
+def test_one_plan_for_every_scenario(tmp_path, scenario):
+    arguments, expected, options = SCENARIOS[scenario]
+    log = simulated(tmp_path / "log.mcap", *arguments)
+    plan = agree(log, tmp_path, **options)
+    assert (plan.mode.value, plan.first_attitude.value) == expected
+    for name, choice in plan.choices.items():
+        assert choice.reason and choice.option.startswith("--"), name
+
+
+@pytest.mark.parametrize("path", REAL)
+def test_one_plan_for_every_real_log(tmp_path, path):
+    agree(real(path), tmp_path, **({"body_axes": "frd"} if path.startswith("px4") else {}))
+
+
+def test_what_is_refused_is_refused_alike(tmp_path):
+    log = simulated(tmp_path / "log.mcap", "static", "--duration", "5")
+    config = build(ProcessConfig, {"input": {"imu_topic": "/nothing"}})
+    with pytest.raises(SinstoolError) as refused:
+        plan_of(log, config)
+    verdict = inspect(log, config).process
+    assert not verdict.possible and verdict.plan is None
+    assert verdict.why in str(refused.value)
+
+
+def test_the_command_line_prints_the_plan(sinstool, tmp_path):
+    log = simulated(tmp_path / "log.mcap", "static", "--duration", "30")
+    status, out, _ = sinstool("process", log, "--print-plan", "--json")
+    printed = json.loads(out)
+    assert status == 0 and printed["schema"] == "sinstool.plan/1"
+    assert printed["first_attitude"]["option"] == "--align"
+    _, out, _ = sinstool("info", log, "--json")
+    told = json.loads(out)["process"]["plan"]
+    assert told == {name: printed[name] for name in told}
+    _, text, _ = sinstool("process", log, "--print-plan")
+    assert all(choice["reason"] in text for choice in told.values())
+    assert not list(tmp_path.glob("*.part")) and len(list(tmp_path.iterdir())) == 1
