@@ -12,6 +12,12 @@ from sinstool.io.readers import open_log
 from sinstool.pipelines.process.errors_against_truth import Errors, read_references
 from sinstool.pipelines.process.run import process
 
+# What the diagnosis of a filter can name.
+CAUSES = {
+    "axes", "initial-attitude", "latency", "velocity-lag", "lever-arm", "gnss-noise", "imu-noise",
+    "divergence",
+}  # fmt: skip
+
 
 class Capture:
     """Takes a run's solutions instead of drawing them."""

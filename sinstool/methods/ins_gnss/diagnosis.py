@@ -6,13 +6,13 @@ A filter with a wrong setting does not say so. Each wrong setting leaves a trace
 kind                trace
 ==================  ==============================================================================
 axes                another assignment of the gyro axes fits velocity changes far better
-initial attitude    velocity changes of the first two minutes give another attitude than the start:
+initial-attitude    velocity changes of the first two minutes give another attitude than the start:
                     tilt (gravity where it cannot be: mount, body axes), or heading
 latency             the velocity of the IMU alone runs ahead of that of GNSS, or behind
-velocity lag        positions and velocities of the receiver are not of one instant
-lever arm           velocities of GNSS swing with the vehicle's turns
-GNSS noise          innovations of a channel are larger or smaller than their sigma, and white
-IMU noise           they are larger, and follow one another
+velocity-lag        positions and velocities of the receiver are not of one instant
+lever-arm           velocities of GNSS swing with the vehicle's turns
+gnss-noise          innovations of a channel are larger or smaller than their sigma, and white
+imu-noise           they are larger, and follow one another
 divergence          fixes are gated, the filter begins anew; named even where no cause shows
 ==================  ==============================================================================
 
@@ -229,7 +229,7 @@ def _attitude_findings(fit: _Fit, start: Start, many: int) -> list[Finding]:
     if tilt > _TURNED + _SIGMAS * float(max(sigma[:2])):
         return [
             Finding(
-                "initial attitude",
+                "initial-attitude",
                 f"gravity is {np.rad2deg(tilt):.0f} deg from where the initial attitude has it",
                 answer="the body axes, the mount or the initial attitude are wrong",
                 numbers={"tilt_deg": float(np.rad2deg(tilt))},
@@ -314,7 +314,7 @@ def _time_and_arm(
             " has it"
         )
         numbers = {"forward_m": x, "right_m": right, "down_m": down}
-        findings.append(Finding("lever arm", text, numbers=numbers))
+        findings.append(Finding("lever-arm", text, numbers=numbers))
     return findings
 
 
@@ -325,7 +325,7 @@ def _lag(fixes: GnssEpochs) -> list[Finding]:
     when = "later" if lag.latency_s > 0.0 else "earlier"
     return [
         Finding(
-            "velocity lag",
+            "velocity-lag",
             f"the receiver's velocities are stamped {1e3 * abs(lag.latency_s):.0f} ms {when} than"
             " its positions: they are means over the time before",
             answer="their stamps are to be shifted",
@@ -364,9 +364,9 @@ def _noise(gnss: GnssDiagnostics) -> list[Finding]:
             continue
         follow = float(np.sum(values[1:] * values[:-1]) / np.sum(values * values))
         times = float(np.sqrt(level))
-        kind = "GNSS noise"
+        kind = "gnss-noise"
         if level >= _TOO_LARGE and follow > _FOLLOWING:
-            kind = "IMU noise"
+            kind = "imu-noise"
             text = f"{times:.1f} times their sigma and follow one another"
             answer = "the IMU is worse than its noise says (grade)"
         elif level >= _TOO_LARGE:

@@ -165,8 +165,8 @@ def test_velocities_that_lag_behind_positions():
     model = replace(MODEL, position_white=(0.05,) * 3, velocity_white=(0.03,) * 3)
     settings = replace(SETTINGS, gnss=model)
     found = examined("drive", settings=settings, errors=quiet, lag=0.12)
-    assert "velocity lag" in causes(found), summary(found)
-    size = next(f.numbers["velocity_lag_s"] for f in found if f.kind == "velocity lag")
+    assert "velocity-lag" in causes(found), summary(found)
+    size = next(f.numbers["velocity_lag_s"] for f in found if f.kind == "velocity-lag")
     assert size == pytest.approx(0.12, abs=0.015)
     assert examined("drive", settings=settings, errors=quiet) == ()
 
@@ -174,7 +174,7 @@ def test_velocities_that_lag_behind_positions():
 @pytest.mark.parametrize("kind", ["flight", "drive"])
 def test_a_lever_arm(kind):
     found = examined(kind, lever_arm_b=(2.5, -1.5, -1.0))
-    assert causes(found)[0] == "lever arm", summary(found)
+    assert causes(found)[0] == "lever-arm", summary(found)
     arm = [found[0].numbers[name] for name in ("forward_m", "right_m", "down_m")]
     assert np.linalg.norm(arm) == pytest.approx(np.linalg.norm([2.5, -1.5, -1.0]), rel=0.4)
     told = replace(SETTINGS, lever_arm_b=(2.5, -1.5, -1.0))
@@ -193,7 +193,7 @@ def test_a_lever_arm(kind):
 def test_noise_three_times_wrong(position, velocity, where):
     settings = replace(SETTINGS, gnss=MODEL.scaled(position, velocity))
     found = [f for f in examined(settings=settings) if f.kind != "divergence"]
-    assert {f.kind for f in found} == {"GNSS noise"}, summary(found)
+    assert {f.kind for f in found} == {"gnss-noise"}, summary(found)
     assert {f.topic for f in found} == where
     factor = 1.0 / position if position != 1.0 else 1.0 / velocity
     assert all(0.6 < f.numbers["sigma_ratio"] / factor < 1.6 for f in found)
@@ -216,7 +216,7 @@ def test_a_left_handed_imu():
 @pytest.mark.parametrize("axes", [TIPPED, TURNED])
 def test_a_wrong_mount(kind, axes):
     found = examined(kind, gyro_axes=axes, accel_axes=axes)
-    wanted = "initial attitude" if axes is TIPPED else "initial heading"
+    wanted = "initial-attitude" if axes is TIPPED else "initial heading"
     assert causes(found) == [wanted], summary(found)
     (angle,) = found[0].numbers.values()
     assert angle == pytest.approx(180.0 if axes is TIPPED else 90.0, abs=10.0)
@@ -238,7 +238,7 @@ def test_an_imu_much_worse_than_its_noise_says():
     )
     control = replace(SETTINGS.control, gate_probability=1.0)
     found = examined("drive", settings=replace(SETTINGS, control=control), grade=worse)
-    assert "IMU noise" in causes(found), summary(found)
+    assert "imu-noise" in causes(found), summary(found)
 
 
 def test_what_cannot_be_explained_is_told_all_the_same():
@@ -252,8 +252,8 @@ def test_noise_that_the_gate_measured_is_told():
     noisy = GnssErrors((40.0, 40.0, 60.0), (0.0,) * 3, 100.0, (0.05, 0.05, 0.08))
     found = examined(errors=noisy)
     assert {(f.kind, f.topic) for f in found} == {
-        ("GNSS noise", "horizontal position"),
-        ("GNSS noise", "height"),
+        ("gnss-noise", "horizontal position"),
+        ("gnss-noise", "height"),
     }
     assert all(20.0 < f.numbers["sigma_ratio"] < 60.0 for f in found)
 

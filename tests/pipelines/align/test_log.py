@@ -67,7 +67,7 @@ def test_whatever_a_sample_is(kind):
         (("--lever-arm", "3,1.5,0.5"), {"gnss": {"lever_arm": (3.0, 1.5, 0.5)}}),
         (("--gnss-latency", "0.1"), {"gnss": {"gnss_latency": 0.1}}),
     ],
-    ids=["south", "north and date line", "between samples", "frd", "lever arm", "latency"],
+    ids=["south", "north and date line", "between samples", "frd", "lever-arm", "latency"],
 )
 def test_wherever_and_however(options, groups):
     found = aligned(launched(*PERFECT, *options), **groups)

@@ -114,8 +114,8 @@ def flight_log(duration=240.0, rate=100.0, seed=3, turbulence=0.0, **place):
 def run(path, out, told):
     """Process; (summary, what was computed)."""
     kept = Collected()
-    summary = process(path, out, build(ProcessConfig, told), recorder=kept)
-    return summary, kept
+    result = process(path, out, build(ProcessConfig, told), sink=kept)
+    return result.to_json(), kept
 
 
 def read(path, topic, fields):

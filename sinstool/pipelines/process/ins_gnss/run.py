@@ -227,7 +227,7 @@ class FilterRun:
 
     def _completed(self, finding: Finding) -> Finding:
         """Slow errors of fixes, taken for small ones, look like those of an IMU."""
-        if finding.kind != "IMU noise" or self._config.filter.gnss_noise_scale >= 1.0:
+        if finding.kind != "imu-noise" or self._config.filter.gnss_noise_scale >= 1.0:
             return finding
         more = "; or --gnss-noise-scale is too small"
         return replace(finding, answer=finding.answer + more)
@@ -237,7 +237,7 @@ class FilterRun:
         gnss, options = self._config.gnss, self._config.filter
         if finding.kind == "latency":
             return self._start.latency is None
-        if finding.kind == "GNSS noise" and finding.numbers["sigma_ratio"] < 1.0:
+        if finding.kind == "gnss-noise" and finding.numbers["sigma_ratio"] < 1.0:
             # Receivers that filter their fixes claim more than the noise that is left in them
             stated = options.gnss_sigma is not None or gnss.gnss_sigma_v != USUAL_SIGMA_V
             return stated or options.gnss_noise_scale > 1.0
@@ -386,14 +386,14 @@ class FilterRun:
             )
         if p.latency is not None and p.settings.gnss_latency != 0.0:
             note(
-                "latency",
+                "latency-used",
                 f"fixes were found to be valid {p.settings.gnss_latency:+.3f} s before their stamps"
                 f" (sigma {p.latency.sigma_s * 1e3:.1f} ms) and are used so; give"
                 " --gnss-latency to say otherwise",
             )
         if p.lag != 0.0 and self._config.filter.gnss_velocity_lag is None:
             note(
-                "velocity-lag",
+                "velocity-lag-used",
                 f"the receiver's velocities are stamped {1e3 * p.lag:+.0f} ms later than its"
                 " positions, and both are used at their own times; give --gnss-velocity-lag to say"
                 " otherwise",

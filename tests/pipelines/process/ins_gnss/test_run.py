@@ -6,7 +6,7 @@ import pytest
 from sinstool.core.errors import AlignmentError
 from sinstool.pipelines.process.ins_gnss import run as filter_run
 from sinstool.survey import source
-from tests.helpers.filter_logs import errors, nees, rms, run, simulated
+from tests.helpers.filter_logs import CAUSES, errors, nees, rms, run, simulated
 
 PLACE = ("--latitude", "-43.5", "--longitude", "179.996")
 
@@ -42,7 +42,7 @@ def test_drive_is_known_as_well_as_it_says(drive):
     assert found["gnss_latency_s"] == pytest.approx(0.12, abs=0.012)
     assert found["restarts"] == 0
     assert found["epochs_gated"] <= 0.01 * found["epochs_used"]
-    assert found["findings"] == []
+    assert CAUSES.isdisjoint(finding["kind"] for finding in told["findings"])
     assert 0.7 < found["mean_nis"] < 1.2
     assert solution.position[:, 1].min() < -3.1 and solution.position[:, 1].max() > 3.1
     off = errors(drive, solution)
@@ -117,14 +117,14 @@ def test_outages_are_bridged_and_scored(flight):
     ("options", "kind", "words"),
     [
         ({"gnss": {"gnss_latency": 0.1}}, "latency", "not 100 ms"),
-        ({"gnss": {"lever_arm": (1.2, 0.0, 0.0)}}, "lever arm", "m forward, -0.1 m right"),
-        ({"filter": {"gnss_noise_scale": 0.33}}, "GNSS noise", "too small"),
-        ({"filter": {"gnss_noise_scale": 3.0}}, "GNSS noise", "too large"),
+        ({"gnss": {"lever_arm": (1.2, 0.0, 0.0)}}, "lever-arm", "m forward, -0.1 m right"),
+        ({"filter": {"gnss_noise_scale": 0.33}}, "gnss-noise", "too small"),
+        ({"filter": {"gnss_noise_scale": 3.0}}, "gnss-noise", "too large"),
     ],
 )
 def test_wrong_settings_are_named(flight, options, kind, words):
     told, _ = run(flight, **options)
-    found = told["filter"]["findings"]
+    found = [f for f in told["findings"] if f["kind"] in CAUSES]
     assert any(f["kind"] == kind and words in f["text"] + f["answer"] for f in found), found
     assert any(w.startswith(found[0]["text"]) for w in told["warnings"])
 
