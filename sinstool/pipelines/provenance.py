@@ -31,12 +31,12 @@ def identity(config: ProcessConfig) -> dict[str, str]:
     be replaced, and the page of figures.
     """
     output = config.output.model_copy(update={"overwrite": False, "report": None})
-    kept = config.model_copy(update={"output": output})
+    effective = config.model_copy(update={"output": output})
     unused = ("comparison",) if config.hse.hse is not None else ("comparison", "calibration")
-    told = {"version": version.VERSION, "config": dump_toml(kept, *unused)}
+    record = {"version": version.VERSION, "config": dump_toml(effective, *unused)}
     for name, path in files(config).items():
-        told[f"{name}_sha256"] = sha256(path)
-    return told
+        record[f"{name}_sha256"] = sha256(path)
+    return record
 
 
 def files(config: ProcessConfig) -> dict[str, Path]:
@@ -49,11 +49,11 @@ def read_record(path: Path) -> dict[str, str] | None:
     """The record of an MCAP, None for a file that has none or is no whole MCAP."""
     try:
         with path.open("rb") as stream:
-            found = None
+            values = None
             for record in mcap.reader.SeekingReader(stream).iter_metadata():
                 if record.name == RECORD:
-                    found = dict(record.metadata)
-            return found
+                    values = dict(record.metadata)
+            return values
     except (OSError, McapError, struct.error, ValueError, KeyError, EOFError, MemoryError):
         return None
 
@@ -75,13 +75,13 @@ def require_same(path: Path, log: Path, config: ProcessConfig) -> dict[str, str]
     hint = "choose another -o, or replace it with --overwrite"
     if record is None or "input_sha256" not in record:
         raise OutputError(f"{path} exists and is no complete output of sinstool process", hint)
-    wanted = identity(config)
-    if record.get("version") != wanted["version"]:
+    here = identity(config)
+    if record.get("version") != here["version"]:
         raise OutputError(
-            f"{path} was made by sinstool {record.get('version')}, this is {wanted['version']}",
+            f"{path} was made by sinstool {record.get('version')}, this is {here['version']}",
             hint,
         )
-    for key, value in wanted.items():
+    for key, value in here.items():
         if record.get(key) != value:
             what = _difference(record.get("config", ""), value) if key == "config" else key
             raise OutputError(f"{path} was made with another configuration ({what})", hint)

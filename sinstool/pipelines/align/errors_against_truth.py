@@ -34,28 +34,28 @@ class ErrorCourse:
     sigma_worst: np.ndarray
 
 
-def errors(found: np.ndarray, true: np.ndarray) -> np.ndarray:
+def errors(answers: np.ndarray, true: np.ndarray) -> np.ndarray:
     """Small rotations in NED by which attitudes are wrong.
 
     Parameters
     ----------
-    found, true : ndarray, shape (n, 4)
+    answers, true : ndarray, shape (n, 4)
         q_nb.
 
     Returns
     -------
     ndarray, shape (n, 3)
-        psi with ``found = (I + [psi x]) true``, rad.
+        psi with ``answer = (I + [psi x]) true``, rad.
     """
-    return np.asarray(log(multiply(found, conjugate(true))))
+    return np.asarray(log(multiply(answers, conjugate(true))))
 
 
-def tilt_errors(found: np.ndarray, true: np.ndarray) -> np.ndarray:
+def tilt_errors(answers: np.ndarray, true: np.ndarray) -> np.ndarray:
     """Errors about north and east alone, whatever the headings are.
 
     Parameters
     ----------
-    found, true : ndarray, shape (n, 4)
+    answers, true : ndarray, shape (n, 4)
         q_nb.
 
     Returns
@@ -63,8 +63,8 @@ def tilt_errors(found: np.ndarray, true: np.ndarray) -> np.ndarray:
     ndarray, shape (n, 2)
         rad.
     """
-    down = np.broadcast_to([0.0, 0.0, 1.0], (len(found), 3))
-    seen = rotate(found, rotate(conjugate(true), down))
+    down = np.broadcast_to([0.0, 0.0, 1.0], (len(answers), 3))
+    seen = rotate(answers, rotate(conjugate(true), down))
     return np.stack([-seen[:, 1], seen[:, 0]], axis=1)
 
 

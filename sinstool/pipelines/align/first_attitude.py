@@ -63,7 +63,7 @@ _BIAS_FROM = {
 
 
 def _aligned(source: Source, config: ProcessConfig) -> Alignment:
-    options, found = config.align, source.survey
+    options, survey = config.align, source.survey
     path = source.path
     if options.align in IN_FLIGHT:
         return in_flight(source, config, options.align)
@@ -76,25 +76,25 @@ def _aligned(source: Source, config: ProcessConfig) -> Alignment:
     if options.align == "fixed":
         assert options.initial_attitude is not None
         roll, pitch, heading = (v * DEGREE for v in options.initial_attitude)
-        alignment = initial.from_given((roll, pitch, heading), found.first_ns)
+        alignment = initial.from_given((roll, pitch, heading), survey.first_ns)
     elif options.align == "log":
-        if found.orientation is None:
+        if survey.orientation is None:
             raise AlignmentError(
-                f"{path}: topic {found.topic} holds no orientation",
+                f"{path}: topic {survey.topic} holds no orientation",
                 "use --align level or --align fixed",
             )
-        alignment = initial.from_log(found.orientation, found.orientation_ns)
-    elif found.lead_in is not None:
-        alignment = initial.from_still(found.lead_in, found.first_ns)
+        alignment = initial.from_log(survey.orientation, survey.orientation_ns)
+    elif survey.lead_in is not None:
+        alignment = initial.from_still(survey.lead_in, survey.first_ns)
     elif options.align == "level":
         raise AlignmentError(
             f"{path}: the log does not begin still, so its tilt cannot be levelled",
             "choose a still beginning with --start, or use --align log, fixed or auto",
         )
-    elif found.orientation is not None and not found.orientation_constant:
-        alignment = initial.from_log(found.orientation, found.orientation_ns)
+    elif survey.orientation is not None and not survey.orientation_constant:
+        alignment = initial.from_log(survey.orientation, survey.orientation_ns)
     else:
-        alignment = initial.from_motion(found.windows, found.first_ns)
+        alignment = initial.from_motion(survey.windows, survey.first_ns)
     return _with_bias(alignment, source, config)
 
 
@@ -108,9 +108,9 @@ def _north_seen(source: Source, config: ProcessConfig) -> Alignment | None:
         and still.duration_s >= GYROCOMPASS_S
         and source.latitude is not None
     ):
-        found = compass(source, config, grade)
-        if found.status in ("ok", "degraded"):
-            return _from_compass(found, source)
+        compassed = compass(source, config, grade)
+        if compassed.status in ("ok", "degraded"):
+            return _from_compass(compassed, source)
     if gnss is None or not gnss.has_velocity.any() or not gnss.has_position.any():
         return None
     try:
@@ -256,13 +256,13 @@ def at_rest(source: Source, config: ProcessConfig) -> Alignment:
             "choose a still beginning with --start, or use --align svd where there is GNSS",
         )
     grade, _ = sensor_grade(source, config)
-    found = compass(source, config, grade)
-    if found.status == "unobservable":
+    compassed = compass(source, config, grade)
+    if compassed.status == "unobservable":
         raise AlignmentError(
-            f"{path}: --align gyrocompass: {'; '.join(found.warnings)}",
+            f"{path}: --align gyrocompass: {'; '.join(compassed.warnings)}",
             "record for longer at rest, or use another --align",
         )
-    return _from_compass(found, source)
+    return _from_compass(compassed, source)
 
 
 def compass(source: Source, config: ProcessConfig, grade: Grade) -> Gyrocompass:
@@ -280,33 +280,33 @@ def compass(source: Source, config: ProcessConfig, grade: Grade) -> Gyrocompass:
         raise AlignmentError(f"{source.path}: {exc.message}", exc.hint) from exc
 
 
-def _from_compass(found: Gyrocompass, source: Source) -> Alignment:
+def _from_compass(answer: Gyrocompass, source: Source) -> Alignment:
     """The body kept its attitude while it was at rest: that at the end is that at the start."""
     still = source.survey.lead_in
     assert still is not None
-    known = found.status != "level-only"
-    sigma = found.sigma_rad
+    north = answer.status != "level-only"
+    sigma = answer.sigma_rad
     return Alignment(
-        found.q_nb,
+        answer.q_nb,
         "gyrocompass",
         source.survey.first_ns,
-        (float(sigma[0]), float(sigma[1]), float(sigma[2]) if known else None),
-        found.status,
-        known,
-        gyro_bias=initial.still_bias(still, found.q_nb, earth_rate(source)),
+        (float(sigma[0]), float(sigma[1]), float(sigma[2]) if north else None),
+        answer.status,
+        north,
+        gyro_bias=initial.still_bias(still, answer.q_nb, earth_rate(source)),
         bias_source="still",
-        warnings=found.warnings,
-        covariance_n=found.cov,
-        held_ns=found.t_ns,
+        warnings=answer.warnings,
+        covariance_n=answer.cov,
+        held_ns=answer.t_ns,
     )
 
 
 def _with_bias(alignment: Alignment, source: Source, config: ProcessConfig) -> Alignment:
-    wanted = config.align.gyro_bias
-    if wanted == "none":
+    option = config.align.gyro_bias
+    if option == "none":
         return alignment
-    if not isinstance(wanted, str):
-        bias = turn_body(np.array(wanted), config.input.body_axes)
+    if not isinstance(option, str):
+        bias = turn_body(np.array(option), config.input.body_axes)
         return replace(alignment, gyro_bias=bias, bias_source="given")
     still = source.survey.lead_in
     if still is None:

@@ -146,13 +146,13 @@ def angles(q_nb: np.ndarray, status: str) -> dict[str, Any]:
     """Quaternion and Euler angles of an answer, without a heading that is not known."""
     if not np.isfinite(q_nb).all():
         return dict.fromkeys(("q_nb_wxyz", "roll_deg", "pitch_deg", "heading_deg"))
-    known = status in HEADING_KNOWN
+    north = status in HEADING_KNOWN
     roll, pitch, heading = (float(v) for v in to_euler(q_nb) / DEGREE)
     return {
-        "q_nb_wxyz": tuple(q_nb.tolist()) if known else None,
+        "q_nb_wxyz": tuple(q_nb.tolist()) if north else None,
         "roll_deg": roll,
         "pitch_deg": pitch,
-        "heading_deg": compass(heading) if known else None,
+        "heading_deg": compass(heading) if north else None,
     }
 
 

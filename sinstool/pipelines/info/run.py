@@ -150,9 +150,9 @@ def inspect(
 def _traffic(
     log: Log, progress: Callable[[int], None] | None, shown: Shown | None
 ) -> dict[str, _Traffic]:
-    found: dict[str, _Traffic] = {}
+    traffics: dict[str, _Traffic] = {}
     for channel in log.channels.values():
-        traffic = found.setdefault(channel.topic, _Traffic())
+        traffic = traffics.setdefault(channel.topic, _Traffic())
         traffic.kinds[f"{channel.type_name or 'no type'} ({channel.message_encoding})"] = None
     for batch in log.batches():
         if progress:
@@ -161,10 +161,10 @@ def _traffic(
             mine = batch.channel == number
             size = int(batch.length[mine].sum())
             topic = log.channels[number].topic
-            found[topic].add(batch.log_time[mine], size)
+            traffics[topic].add(batch.log_time[mine], size)
             if shown is not None:
                 shown.traffic.add(topic, batch.log_time[mine])
-    return found
+    return traffics
 
 
 def _topic(name: str, t: _Traffic) -> Topic:

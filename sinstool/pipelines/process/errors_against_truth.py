@@ -66,7 +66,7 @@ def read_references(log_: Log, names: tuple[str, ...], body_axes: str) -> Truth:
         There is none of that name, it is of another type or holds too little, or two give the
         same.
     """
-    found: dict[str, tuple[np.ndarray, np.ndarray]] = {}
+    references: dict[str, tuple[np.ndarray, np.ndarray]] = {}
     for name in names:
         channels = tuple(log_.channels_of(name))
         kind = channels[0].type if channels else ""
@@ -77,30 +77,30 @@ def read_references(log_: Log, names: tuple[str, ...], body_axes: str) -> Truth:
         else:
             what = "attitude"
             times, rows, _ = read_truth(log_, name, body_axes)
-        if what in found:
+        if what in references:
             raise TopicError(log_.path, f"--truth {name}: another one gives {what} already")
         good = np.isfinite(rows).all(axis=1)
         if np.count_nonzero(good) < 2:
             raise TopicError(log_.path, f"--truth {name} holds fewer than two instants")
-        found[what] = (times[good], rows[good])
-    return Truth(**found, names=names)
+        references[what] = (times[good], rows[good])
+    return Truth(**references, names=names)
 
 
 def _fixes(log_: Log, channels: tuple[Channel, ...]) -> tuple[np.ndarray, np.ndarray]:
-    found = sorted_stream(read_fixes(log_, channels, Losses()))
-    if found is None:
+    ordered = sorted_stream(read_fixes(log_, channels, Losses()))
+    if ordered is None:
         return np.empty(0, np.int64), np.empty((0, 3))
-    fixes = found.stream
+    fixes = ordered.stream
     rows = np.stack([fixes.latitude, fixes.longitude, fixes.height], axis=1)
     rows[fixes.status < 0] = np.nan
     return fixes.time_ns, rows
 
 
 def _velocity(log_: Log, channels: tuple[Channel, ...]) -> tuple[np.ndarray, np.ndarray]:
-    found = sorted_stream(read_velocity(log_, channels, Losses()))
-    if found is None:
+    ordered = sorted_stream(read_velocity(log_, channels, Losses()))
+    if ordered is None:
         return np.empty(0, np.int64), np.empty((0, 3))
-    return found.stream.time_ns, found.stream.velocity_n
+    return ordered.stream.time_ns, ordered.stream.velocity_n
 
 
 @dataclass(frozen=True)
@@ -149,12 +149,12 @@ class Errors:
 
     def kinds(self, solution: Solution) -> list[str]:
         """What of a solution can be compared."""
-        known = {
+        computed = {
             "attitude": self.truth.attitude is not None,
             "position": self.truth.position is not None and solution.position is not None,
             "velocity": self.truth.velocity is not None and solution.velocity_n is not None,
         }
-        return [kind for kind, _, _ in KINDS if known[kind]]
+        return [kind for kind, _, _ in KINDS if computed[kind]]
 
     def push(self, kind: str, solution: Solution) -> np.ndarray:
         """Errors of solutions: what was computed less what is true, north, east, down.
@@ -186,12 +186,12 @@ class Errors:
 
     def summary(self) -> RunErrors:
         """Errors over the whole run."""
-        found = {kind: self._of(kind, size) for kind, _, size in KINDS if kind in self.count}
+        errors = {kind: self._of(kind, size) for kind, _, size in KINDS if kind in self.count}
         return RunErrors(
             tuple(self.truth.names),
-            found.get("attitude"),
-            found.get("position"),
-            found.get("velocity"),
+            errors.get("attitude"),
+            errors.get("position"),
+            errors.get("velocity"),
         )
 
     def _of(self, kind: str, size: float) -> AxisErrors:
@@ -204,13 +204,13 @@ class Errors:
         )
 
 
-def _near(known_ns: np.ndarray, wanted_ns: np.ndarray) -> np.ndarray:
+def _near(known_ns: np.ndarray, at_ns: np.ndarray) -> np.ndarray:
     """Which times lie between two instants that are known and not far apart."""
-    after = np.searchsorted(known_ns, wanted_ns)
-    inside = (wanted_ns >= known_ns[0]) & (wanted_ns <= known_ns[-1])
+    after = np.searchsorted(known_ns, at_ns)
+    inside = (at_ns >= known_ns[0]) & (at_ns <= known_ns[-1])
     after = np.clip(after, 1, len(known_ns) - 1)
     apart = known_ns[after] - known_ns[after - 1]
-    return np.asarray(inside & ((apart <= LONGEST_NS) | (known_ns[after] == wanted_ns)))
+    return np.asarray(inside & ((apart <= LONGEST_NS) | (known_ns[after] == at_ns)))
 
 
 def _part(
@@ -227,11 +227,11 @@ def _part(
 def _error(
     kind: str, part: tuple[np.ndarray, np.ndarray, np.ndarray], solution: Solution
 ) -> np.ndarray:
-    times, values, wanted = part
+    times, values, instants = part
     if kind == "attitude":
-        true = at_times(times, values, wanted)
+        true = at_times(times, values, instants)
         return log(multiply(solution.q_nb, conjugate(true)))
-    seconds, at = (times - times[0]) * 1e-9, (wanted - times[0]) * 1e-9
+    seconds, at = (times - times[0]) * 1e-9, (instants - times[0]) * 1e-9
     if kind == "velocity":
         assert solution.velocity_n is not None
         true = np.stack([np.interp(at, seconds, column) for column in values.T], axis=1)

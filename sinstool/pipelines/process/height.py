@@ -140,7 +140,7 @@ def height_reference(
     variance = baro.variance[good]
     variance = np.where(variance < STANDARD_PRESSURE**2, variance, 0.0)  # NaN is not smaller either
     sigma = reference.sigma(baro.pressure[good], variance)
-    known = sigma[sigma > 0.0]
+    positive = sigma[sigma > 0.0]
     return (
         HeightReference(
             "baro",
@@ -149,7 +149,7 @@ def height_reference(
             _arrival(baro.time_ns),
             height,
             reason,
-            float(np.median(known)) if len(known) else 0.0,
+            float(np.median(positive)) if len(positive) else 0.0,
             reference,
             reference.mode != "qnh" or options.undulation != 0.0,
         ),
@@ -223,24 +223,24 @@ def heights_for_calibration(baro: Baro, gnss: GnssEpochs) -> np.ndarray:
     """
     good = pressure_reason(baro.pressure) == ACCEPTED
     times, pressure = baro.time_ns[good], baro.pressure[good]
-    known = np.isfinite(gnss.height)
-    if len(times) < 2 or not known.any():
-        return known
+    usable = np.isfinite(gnss.height)
+    if len(times) < 2 or not usable.any():
+        return usable
     after = np.clip(np.searchsorted(times, gnss.time_ns), 1, len(times) - 1)
-    known &= times[after] - times[after - 1] <= NEAR_NS
+    usable &= times[after] - times[after - 1] <= NEAR_NS
     for start, end in frozen_spans(times, pressure):
-        inside = known & (gnss.time_ns >= start) & (gnss.time_ns <= end)
+        inside = usable & (gnss.time_ns >= start) & (gnss.time_ns <= end)
         if np.count_nonzero(inside) > JUMP_ROWS and np.ptp(_medians(gnss.height[inside])) > MOVED_M:
-            known &= ~inside
-    if not known.any():  # a coarse sensor at rest under a receiver that wanders
+            usable &= ~inside
+    if not usable.any():  # a coarse sensor at rest under a receiver that wanders
         return np.isfinite(gnss.height)
-    rows = np.flatnonzero(known)
+    rows = np.flatnonzero(usable)
     standard = BaroReference("gnss", 0.0).height(pressure)
     origin = times[0]
     at = (gnss.time_ns[rows] - origin) * 1e-9
     difference = gnss.height[rows] - np.interp(at, (times - origin) * 1e-9, standard)
-    known[rows[_first_jump(difference) :]] = False
-    return known
+    usable[rows[_first_jump(difference) :]] = False
+    return usable
 
 
 def _first_jump(values: np.ndarray) -> int:
@@ -292,7 +292,7 @@ def _from_gnss(source: Source) -> HeightReference:
         )
     rows = gnss.rows(good)
     sigma = rows.sigma_position_n[:, 2]
-    known = sigma[np.isfinite(sigma)]
+    stated = sigma[np.isfinite(sigma)]
     return HeightReference(
         "gnss",
         source.aiding.fix_topic,
@@ -300,7 +300,7 @@ def _from_gnss(source: Source) -> HeightReference:
         _arrival(rows.time_ns),
         rows.height,
         np.zeros(len(rows), np.int64),
-        float(np.median(known)) if len(known) else 0.0,
+        float(np.median(stated)) if len(stated) else 0.0,
         None,
         True,
     )

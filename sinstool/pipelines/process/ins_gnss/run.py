@@ -172,11 +172,11 @@ class FilterRun:
 
     def _run(self, progress: Any) -> Iterator[tuple[FilterBlock, Imu]]:
         p = self._start
-        given = False
+        pushed = False
         steps = self._steps.from_time(p.time_ns, progress=progress)
         for increments, imu in _pieces(steps, DETAIL_ROWS if self.detailed else None):
             measurements: dict[str, Any] = {}
-            if not given:
+            if not pushed:
                 measurements = {"gnss": p.gnss, "withheld": p.withheld}
                 if p.reference is not None:
                     r = p.reference
@@ -186,12 +186,12 @@ class FilterRun:
                         "baro_height": r.height[later],
                         "baro_reason": r.reason[later],
                     }
-                given = True
+                pushed = True
             block = self._filter.push(increments, **measurements)
             self.updates += len(increments.sample)
             self._keep(block.updates)
-            known = self._filter.summary
-            self._biases.append((int(imu.time_ns[-1]), known.gyro_bias, known.accel_bias))
+            estimate = self._filter.summary
+            self._biases.append((int(imu.time_ns[-1]), estimate.gyro_bias, estimate.accel_bias))
             self._offset_ns = int(imu.log_time_ns[-1]) - int(imu.time_ns[-1])
             if len(block.gnss):
                 self.gnss.append(block.gnss)
