@@ -6,7 +6,7 @@ from collections.abc import Iterable, Sequence
 from math import hypot
 from pathlib import Path
 
-from sinstool.config import ProcessConfig
+from sinstool.config import PROCESS_OPTIONS, ProcessConfig
 from sinstool.core.timeline import SECOND
 from sinstool.methods.ins_gnss.withheld import Outage
 from sinstool.pipelines.process.errors_against_truth import RunErrors
@@ -38,10 +38,6 @@ from sinstool.report.text.process import compass, summary_rows
 
 # Rows of the table of events; all of them are in --json.
 EVENTS = 50
-GROUPS = (
-    "input", "coning", "align", "gnss", "in_flight", "navigation", "filter", "vertical", "hse",
-    "output",
-)  # fmt: skip
 TITLES = {
     "attitude": "Attitude from recorded inertial data",
     "ins": "Inertial navigation from recorded data",
@@ -74,7 +70,7 @@ def write_page(
         _stretches(result),
         Rows("What was chosen", tuple(result.plan.rows())),
         Rows("What was done", tuple((what, how) for what, how in rows if what != "input sha256")),
-        Settings(config_settings(config, *GROUPS)),
+        Settings(config_settings(config, *PROCESS_OPTIONS)),
         input_rows([Read(read.path, read.size, read.sha256)]),
     )
     page = Page(TITLES[mode], Path(read.path).name, tuple(one for one in sections if one))
