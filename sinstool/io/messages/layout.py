@@ -16,36 +16,11 @@ from sinstool.io.messages.definitions import Definition, FieldType
 
 CDR_HEADER = 4
 ZSTD_MAGIC = b"\x28\xb5\x2f\xfd"
-SIZES = {
-    "bool": 1,
-    "byte": 1,
-    "char": 1,
-    "int8": 1,
-    "uint8": 1,
-    "int16": 2,
-    "uint16": 2,
-    "int32": 4,
-    "uint32": 4,
-    "float32": 4,
-    "int64": 8,
-    "uint64": 8,
-    "float64": 8,
-}
-NUMPY = {
-    "bool": "u1",
-    "byte": "u1",
-    "char": "u1",
-    "int8": "i1",
-    "uint8": "u1",
-    "int16": "i2",
-    "uint16": "u2",
-    "int32": "i4",
-    "uint32": "u4",
-    "float32": "f4",
-    "int64": "i8",
-    "uint64": "u8",
-    "float64": "f8",
-}
+# numpy's codes of the primitives, without byte order
+_CODES = ("i1", "i2", "i4", "i8", "u1", "u2", "u4", "u8", "f4", "f8")
+NUMPY = {np.dtype(code).name: code for code in _CODES}
+NUMPY |= dict.fromkeys(("bool", "byte", "char"), "u1")
+SIZES = {name: np.dtype(code).itemsize for name, code in NUMPY.items()}
 # Beyond this a sequence of messages is not laid out element by element: nothing we read needs it
 # and a hostile length must not cost memory.
 MAX_ELEMENTS = 4096
