@@ -316,16 +316,9 @@ def _declared_counts(listed: object) -> dict[str, int]:
 
 def _repacked(batch: RawBatch, rows: list[int], payloads: list[bytes]) -> RawBatch:
     length = np.fromiter(map(len, payloads), np.int64, len(payloads))
-    return RawBatch(
-        np.frombuffer(b"".join(payloads), np.uint8),
-        batch.channel[rows],
-        np.cumsum(length) - length,
-        length,
-        batch.log_time[rows],
-        batch.publish_time[rows],
-        batch.sequence[rows],
-        batch.position,
-    )
+    buffer = np.frombuffer(b"".join(payloads), np.uint8)
+    offset = np.cumsum(length) - length
+    return replace(batch.rows(rows), buffer=buffer, offset=offset, length=length)
 
 
 def _unzstd_message(data: memoryview) -> bytes:

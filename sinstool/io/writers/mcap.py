@@ -20,8 +20,9 @@ from mcap.data_stream import ReadDataStream, RecordBuilder
 from mcap.opcode import Opcode
 
 from sinstool.core.threads import executor
+from sinstool.io.readers.batch import RawBatch
 from sinstool.io.readers.formats import MCAP_MAGIC as MAGIC
-from sinstool.io.writers.chunks import Chunk, Messages, pack
+from sinstool.io.writers.chunks import Chunk, pack
 
 _AHEAD = 16 * 2**20  # bytes taken in but not yet in the file at most
 _U64 = 2**64 - 1  # times are kept as int64; the bits are what the file holds
@@ -127,17 +128,17 @@ class McapWriter:
 
     # -- messages --------------------------------------------------------------------------
 
-    def write(self, parts: Sequence[Messages]) -> None:
+    def write(self, parts: Sequence[RawBatch]) -> None:
         """Write messages, merged by log time, in chunks of about 1 MiB.
 
         Parameters
         ----------
-        parts : sequence of Messages
+        parts : sequence of RawBatch
             All that belongs to one stretch of time; calls come in the order of time.
         """
         self.write_made(lambda: parts, sum(int(p.length.sum()) for p in parts))
 
-    def write_made(self, make: Callable[[], Sequence[Messages]], size: int) -> None:
+    def write_made(self, make: Callable[[], Sequence[RawBatch]], size: int) -> None:
         """Write messages as `write` does, but have them made by one of the packing threads.
 
         Parameters
