@@ -146,7 +146,7 @@ def aligned(log: HseRigLog, latitude: float, whole_turns: bool) -> tuple[float, 
     (segment,) = find_segments(pieces, rules).used
     turns = turn_statistics(pieces[segment.piece], segment, log.gyro, log.accel)
     a = align_whole_turns(turns, rig)
-    return a.heading, a.lambda2_axial, a.C23
+    return a.heading, -3.0 * a.c_axial, a.C23
 
 
 def averaged(log: HseRigLog, rig: Rig, piece: TableAngle) -> tuple[float, float, float]:

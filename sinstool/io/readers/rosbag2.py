@@ -40,27 +40,6 @@ _SUFFIXES = (".db3", ".mcap", ".db3.zstd", ".mcap.zstd")
 _COMPANIONS = ("-wal", "-shm", "-journal")
 
 
-def open_directory(path: Path, salvage: bool = False) -> Log:
-    """Open a ROS 2 bag folder.
-
-    Parameters
-    ----------
-    path : Path
-        A folder with ``metadata.yaml``, or with nothing but ``.db3`` or ``.mcap`` files.
-    salvage : bool
-        Pass over missing files and damaged parts and note them in ``lost``.
-
-    Returns
-    -------
-    Rosbag2Log
-
-    Raises
-    ------
-    NotALogError, DamagedLogError, UnsupportedLogError
-    """
-    return Rosbag2Log(path, salvage)
-
-
 class Rosbag2Log(Log):
     """A ROS 2 bag folder, its files read one after the other.
 

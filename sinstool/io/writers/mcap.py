@@ -222,9 +222,8 @@ class McapWriter:
 
     def add_metadata(self, name: str, values: dict[str, str]) -> None:
         """Write a Metadata record."""
-        builder = RecordBuilder()
-        records.Metadata(name=name, metadata=values).write(builder)
-        self.write_record_bytes(Opcode.METADATA, builder.end())
+        record = records.Metadata(name=name, metadata=values)
+        self.write_record_bytes(Opcode.METADATA, _bytes_of(record))
 
     def finish(self) -> None:
         """Write everything that is queued, the summary and the footer."""
@@ -261,9 +260,7 @@ class McapWriter:
         self._position += len(data)
 
     def _write_record(self, record: records.McapRecord) -> None:
-        builder = RecordBuilder()
-        record.write(builder)
-        self._write(builder.end())
+        self._write(_bytes_of(record))
 
     def _write_chunk(self, chunk: Chunk) -> None:
         start = self._position
@@ -323,17 +320,19 @@ class McapWriter:
             if not members:
                 continue
             begin = len(summary)
-            for member in members:
-                builder = RecordBuilder()
-                member.write(builder)
-                summary += builder.end()
-            builder = RecordBuilder()
-            records.SummaryOffset(opcode, start + begin, len(summary) - begin).write(builder)
-            offsets += builder.end()
+            summary += b"".join(map(_bytes_of, members))
+            offset = records.SummaryOffset(opcode, start + begin, len(summary) - begin)
+            offsets += _bytes_of(offset)
         offset_start = start + len(summary)
         footer = struct.pack("<BQQQ", Opcode.FOOTER, 20, start, offset_start)
         crc = zlib.crc32(bytes(summary) + bytes(offsets) + footer)
         self._write(bytes(summary) + bytes(offsets) + footer + struct.pack("<I", crc))
+
+
+def _bytes_of(record: records.McapRecord) -> bytes:
+    builder = RecordBuilder()
+    record.write(builder)
+    return bytes(builder.end())
 
 
 def _free(taken: Collection[int]) -> int:

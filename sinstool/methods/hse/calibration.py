@@ -198,28 +198,27 @@ def from_fit(
 
 
 def _run_record(result: HseFit, i: int) -> RunRecord:
-    run, fitted = result.runs[i], result.run_fits[i]
+    run, fitted = result.runs[i], dict(vars(result.run_fits[i]))
+    same = (
+        "id",
+        "source",
+        "t_start_s",
+        "duration_s",
+        "n_turns",
+        "theta",
+        "gamma",
+        "C23",
+        "c_axial",
+    )
     return RunRecord(
-        id=run.id,
-        source=run.source,
-        t_start_s=run.t_start_s,
-        duration_s=run.duration_s,
-        n_turns=run.n_turns,
+        **{name: getattr(run, name) for name in same},
         rate_rad_s=run.rate,
         psi_rad=run.heading,
         sigma_psi_rad=_finite(run.sigma_heading),
-        theta=run.theta,
-        gamma=run.gamma,
-        C23=run.C23,
         sigma_C23=_finite(run.sigma_C23),
-        c_axial=run.c_axial,
         sigma_c_axial=_finite(run.sigma_c_axial),
-        position=fitted.position,
-        resid_rad=fitted.residual,
-        leverage=fitted.leverage,
-        studentised=fitted.studentised,
-        used=fitted.used,
-        reason=fitted.reason,
+        resid_rad=fitted.pop("residual"),
+        **fitted,
     )
 
 

@@ -277,16 +277,11 @@ class Rig:
     def to_table(self) -> dict[str, Any]:
         """The rig as the table ``[rig]`` of a configuration file; see :func:`from_table`."""
         e = self.encoder
+        arrays = ("K_g", "C_s_to_b", "K_a", "gyro_bias", "accel_bias")
+        others = ("gyro_frame", "accel_frame", "gyro_scale", "imu_stamp")
         table: dict[str, Any] = {
-            "K_g": self.K_g.tolist(),
-            "C_s_to_b": self.C_s_to_b.tolist(),
-            "K_a": self.K_a.tolist(),
-            "gyro_bias": self.gyro_bias.tolist(),
-            "accel_bias": self.accel_bias.tolist(),
-            "gyro_frame": self.gyro_frame,
-            "accel_frame": self.accel_frame,
-            "gyro_scale": self.gyro_scale,
-            "imu_stamp": self.imu_stamp,
+            **{name: getattr(self, name).tolist() for name in arrays},
+            **{name: getattr(self, name) for name in others},
             "encoder": {
                 "joint": e.joint,
                 "sign": e.sign,
