@@ -222,7 +222,7 @@ def _plan(
     if latitude is None:
         if config.rig is None:
             raise click.UsageError("give --latitude, or a rig with --config")
-        radians = from_table(config.rig).known_latitude()
+        radians = from_table(config.rig).require_latitude()
     else:
         radians = latitude * DEGREE
     design = Design(

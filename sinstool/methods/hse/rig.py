@@ -218,7 +218,7 @@ class Rig:
         """Matrix that takes the log's specific forces, less their bias, to ``b``."""
         return self.C_s_to_b @ self.K_a
 
-    def known_latitude(self) -> float:
+    def require_latitude(self) -> float:
         """Latitude in rad; ConfigurationError if it was not given."""
         if self.latitude is None:
             raise ConfigurationError(
@@ -350,7 +350,7 @@ def from_table(table: Mapping[str, Any]) -> Rig:
     ConfigurationError
         If a key is unknown or missing, or a value impossible; names the key with its path.
     """
-    _known(table, _RIG_KEYS, "rig")
+    _refuse_unknown(table, _RIG_KEYS, "rig")
     values: dict[str, Any] = dict(table)
     if ("e" in values) == ("C_s_to_b" in values):
         both = "both given" if "e" in values else "both missing"
@@ -369,7 +369,7 @@ def from_table(table: Mapping[str, Any]) -> Rig:
     encoder = values.pop("encoder", {})
     if not isinstance(encoder, Mapping):
         raise ConfigurationError(f"rig.encoder is {encoder!r}", "write it as a table [rig.encoder]")
-    _known(encoder, _ENCODER_KEYS, "rig.encoder")
+    _refuse_unknown(encoder, _ENCODER_KEYS, "rig.encoder")
     names = {"offset_rad": "offset", "delay_s": "delay"}
     model: dict[str, Any] = {names.get(str(key), str(key)): value for key, value in encoder.items()}
     if not isinstance(model.get("joint", ""), str):
@@ -382,7 +382,7 @@ def from_table(table: Mapping[str, Any]) -> Rig:
     return Rig(**values, encoder=EncoderModel(**model))
 
 
-def _known(table: Mapping[str, Any], keys: tuple[str, ...], where: str) -> None:
+def _refuse_unknown(table: Mapping[str, Any], keys: tuple[str, ...], where: str) -> None:
     unknown = [key for key in table if key not in keys]
     if unknown:
         raise ConfigurationError(f"{where}.{unknown[0]} is not known", f"keys: {', '.join(keys)}")

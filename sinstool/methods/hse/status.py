@@ -53,11 +53,6 @@ class Judgement:
         return _status(self.findings[0]) if self.findings else "ok"
 
     @property
-    def applicable(self) -> bool:
-        """The coefficient may be applied without being forced."""
-        return self.status in APPLICABLE
-
-    @property
     def warnings(self) -> tuple[str, ...]:
         """Every finding as a line."""
         return tuple(str(one) for one in self.findings)

@@ -20,6 +20,7 @@ from numpy.typing import ArrayLike, NDArray
 from sinstool.core import rotation
 from sinstool.core.earth import EARTH_RATE, earth_rate_n, normal_gravity
 from sinstool.core.errors import AlignmentError, ConfigurationError
+from sinstool.core.result import fields_in
 from sinstool.methods.hse.rig import Rig
 from sinstool.methods.hse.run import HseRun
 from sinstool.methods.hse.turns import TurnStatistics
@@ -157,7 +158,7 @@ def align_whole_turns(
         raise ConfigurationError(
             f"level-rate correction is {level_rate!r}", f"give one of {', '.join(LEVEL_RATES)}"
         )
-    latitude = rig.known_latitude()
+    latitude = rig.require_latitude()
     if abs(latitude) > HIGHEST_LATITUDE:
         raise AlignmentError(
             f"latitude {np.degrees(latitude):.2f} degrees: Earth rate is nearly vertical",
@@ -267,23 +268,12 @@ def run_from_turns(
     """
     a = align_whole_turns(turns, rig, level_rate, gyro_bias_sigma)
     return HseRun(
+        **fields_in(a, HseRun),
         id=id,
         source=source,
         t_start_s=turns.start_s,
         duration_s=float(turns.duration.sum()),
         n_turns=len(turns),
-        rate=a.rate,
-        heading=a.heading,
-        sigma_heading=a.sigma_heading,
-        theta=a.theta,
-        gamma=a.gamma,
-        C23=a.C23,
-        sigma_C23=a.sigma_C23,
-        c_axial=a.c_axial,
-        sigma_c_axial=a.sigma_c_axial,
-        latitude=a.latitude,
-        per_turn_heading=a.per_turn_heading,
-        quality=a.quality,
         log_start_ns=log_start_ns,
     )
 
