@@ -30,12 +30,16 @@ class Chunk:
 
     record: bytes
     indexes: list[tuple[int, bytes]]
-    counts: dict[int, int]
     start_time: int
     end_time: int
     compression: str
     compressed_size: int
     size: int
+
+    @property
+    def counts(self) -> dict[int, int]:
+        """Messages by channel."""
+        return {channel: len(entries) // 16 for channel, entries in self.indexes}
 
 
 def _compress(name: str, data: np.ndarray) -> bytes:
@@ -127,8 +131,7 @@ def _pack_one(
     fields = f"<qqQII{len(name)}sQ"
     body = struct.pack(fields, start, end, len(chunk), crc, len(name), name, len(data))
     record = struct.pack("<BQ", Opcode.CHUNK, len(body) + len(data)) + body + data
-    counts = {c: len(entries) // 16 for c, entries in indexes}
-    return Chunk(record, indexes, counts, start, end, compression, len(data), len(chunk))
+    return Chunk(record, indexes, start, end, compression, len(data), len(chunk))
 
 
 @njit(cache=True, nogil=True)

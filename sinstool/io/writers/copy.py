@@ -14,7 +14,7 @@ from sinstool.io.readers.batch import RawBatch
 from sinstool.io.readers.log import Channel, Log
 from sinstool.io.readers.mcap import McapLog
 from sinstool.io.readers.mcap_file import ChunkPlace, OtherPlace
-from sinstool.io.writers.chunks import message_indexes
+from sinstool.io.writers.chunks import Chunk, message_indexes
 from sinstool.io.writers.mcap import McapWriter
 
 _START = np.iinfo(np.int64).min
@@ -144,12 +144,9 @@ class Copier:
             times = place.start_time, place.end_time
         if not indexes:
             return
+        described = (indexes, *times, place.compression, place.data_length, place.size)
         self._writer.write_chunk(
-            lambda: log.read_at(place.offset, place.length),
-            indexes,
-            times,
-            place.compression,
-            (place.data_length, place.size),
+            lambda: Chunk(log.read_at(place.offset, place.length), *described), place.data_length
         )
 
     def _own_indexes(self, chunk: _Chunk) -> list[tuple[int, bytes]] | None:

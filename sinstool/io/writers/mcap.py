@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import struct
 import zlib
-from collections import deque
+from collections import Counter, deque
 from collections.abc import Callable, Collection, Sequence
 from concurrent.futures import Future
 from io import BytesIO
@@ -56,7 +56,7 @@ class McapWriter:
         self.compression = "" if compression == "none" else compression
         self.schemas: dict[int, records.Schema] = {}
         self.channels: dict[int, records.Channel] = {}
-        self.counts: dict[int, int] = {}
+        self.counts: Counter[int] = Counter()
         self._chunk_indexes: list[records.ChunkIndex] = []
         self._attachment_indexes: list[records.AttachmentIndex] = []
         self._metadata_indexes: list[records.MetadataIndex] = []
@@ -156,33 +156,17 @@ class McapWriter:
 
         self._enqueue(write, size)
 
-    def write_chunk(
-        self,
-        read: Callable[[], bytes],
-        indexes: list[tuple[int, bytes]],
-        times: tuple[int, int],
-        compression: str,
-        sizes: tuple[int, int],
-    ) -> None:
-        """Write a chunk record of another file as it is.
+    def write_chunk(self, read: Callable[[], Chunk], size: int) -> None:
+        """Write a chunk of another file as it is.
 
         Parameters
         ----------
         read : callable
-            Gives the whole record, when its turn to be written comes.
-        indexes : list of (int, bytes)
-            Channel id and the entries of its message index (16 bytes a message).
-        times : (int, int)
-            First and last log time.
-        sizes : (int, int)
-            Bytes of its data, compressed and not.
+            Gives the chunk; called when it is written.
+        size : int
+            Bytes of its content as they are in the file.
         """
-        counts = {channel: len(entries) // 16 for channel, entries in indexes}
-
-        def write() -> None:
-            self._write_chunk(Chunk(read(), indexes, counts, *times, compression, *sizes))
-
-        self._enqueue(write, sizes[0])
+        self._enqueue(lambda: self._write_chunk(read()), size)
 
     # -- the rest --------------------------------------------------------------------------
 
@@ -287,8 +271,7 @@ class McapWriter:
                 uncompressed_size=chunk.size,
             )
         )
-        for channel, count in chunk.counts.items():
-            self.counts[channel] = self.counts.get(channel, 0) + count
+        self.counts.update(chunk.counts)
         low, high = self._span or (chunk.start_time, chunk.end_time)
         self._span = (min(low, chunk.start_time), max(high, chunk.end_time))
 
@@ -298,7 +281,7 @@ class McapWriter:
         statistics = records.Statistics(
             attachment_count=len(self._attachment_indexes),
             channel_count=len(self.channels),
-            channel_message_counts={c: self.counts.get(c, 0) for c in self.channels},
+            channel_message_counts={c: self.counts[c] for c in self.channels},
             chunk_count=len(self._chunk_indexes),
             message_count=sum(self.counts.values()),
             message_end_time=high & _U64,

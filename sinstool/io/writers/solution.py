@@ -15,6 +15,7 @@ from sinstool.io.writers.topics import (
     DIAGNOSTICS_TOPIC,
     DIAGNOSTICS_TYPE,
     TOPICS,
+    Columns,
     Frames,
     Rows,
     diagnostic_columns,
@@ -146,12 +147,12 @@ class SolutionWriter:
 
     def _diagnosis(self, diagnostics: Diagnostics, sequence: np.ndarray) -> RawBatch:
         assert self._diagnostic_encoder is not None
-        columns = diagnostic_columns(diagnostics)
-        if "header.seq" in self._diagnostic_encoder.layout.leaves:
-            columns["header.seq"] = sequence
-        payload = self._diagnostic_encoder.encode(columns, len(diagnostics))
-        return RawBatch.from_rows(
-            self._diagnostic_number, payload, diagnostics.log_time_ns, sequence
+        return _serialised(
+            self._diagnostic_encoder,
+            self._diagnostic_number,
+            diagnostic_columns(diagnostics),
+            diagnostics.log_time_ns,
+            sequence,
         )
 
     def _write(self, solution: Solution) -> None:
@@ -176,11 +177,18 @@ class SolutionWriter:
         parts = []
         for topic, encoder, number in zip(self._topics, self._encoders, self._numbers, strict=True):
             columns = topic.columns(rows)
-            for path in encoder.layout.leaves:
-                if path.endswith("header.seq"):
-                    columns[path] = sequence
-            payload = encoder.encode(columns, len(solution))
-            parts.append(RawBatch.from_rows(number, payload, solution.log_time_ns, sequence))
+            parts.append(_serialised(encoder, number, columns, solution.log_time_ns, sequence))
         if due is not None:
             parts.append(self._diagnosis(*due))
         return parts
+
+
+def _serialised(
+    encoder: Encoder, channel: int, columns: Columns, log_time: np.ndarray, sequence: np.ndarray
+) -> RawBatch:
+    """Messages of one topic; ROS 1 has their number in the header too."""
+    for path in encoder.layout.leaves:
+        if path.endswith("header.seq"):
+            columns[path] = sequence
+    payload = encoder.encode(columns, len(sequence))
+    return RawBatch.from_rows(channel, payload, log_time, sequence)
