@@ -146,7 +146,7 @@ def aligned(log: HseRigLog, latitude: float, whole_turns: bool) -> tuple[float, 
     (segment,) = find_segments(pieces, rules).used
     turns = turn_statistics(pieces[segment.piece], segment, log.gyro, log.accel)
     a = align_whole_turns(turns, rig)
-    return a.heading, a.lambda2_axial, a.C23
+    return a.heading, -3.0 * a.c_axial, a.C23
 
 
 def averaged(log: HseRigLog, rig: Rig, piece: TableAngle) -> tuple[float, float, float]:
@@ -165,7 +165,7 @@ def averaged(log: HseRigLog, rig: Rig, piece: TableAngle) -> tuple[float, float,
     east /= np.linalg.norm(east)
     north = np.cross(east, down)
     u_z = EARTH_RATE * (
-        north[2] * np.cos(rig.known_latitude()) - down[2] * np.sin(rig.known_latitude())
+        north[2] * np.cos(rig.require_latitude()) - down[2] * np.sin(rig.require_latitude())
     )
     c = (w[2] - u_z) / (rate + u_z)
     return float(np.arctan2(east[0], north[0])), float(-3.0 * c), float(east[2])

@@ -226,7 +226,7 @@ def _make_stock(path: Path, compression: str, parts: dict[str, Stream]) -> None:
 def _make_fast(path: Path, compression: str, parts: dict[str, Stream]) -> None:
     import numpy as np
 
-    from sinstool.io.writers.chunks import Messages
+    from sinstool.io.readers.batch import RawBatch
     from sinstool.io.writers.mcap import McapWriter
 
     with path.open("wb") as stream:
@@ -244,7 +244,7 @@ def _make_fast(path: Path, compression: str, parts: dict[str, Stream]) -> None:
             for channel, p in zip(channels, parts.values(), strict=True):
                 i, j = np.searchsorted(p.log_time, (begin, begin + 30 * 10**9))
                 batch.append(
-                    Messages.from_rows(channel, p.payload[i:j], p.log_time[i:j], np.arange(i, j))
+                    RawBatch.from_rows(channel, p.payload[i:j], p.log_time[i:j], np.arange(i, j))
                 )
             writer.write(batch)
         writer.finish()

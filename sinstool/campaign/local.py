@@ -70,43 +70,23 @@ class _Worker:
 def run_local(tasks: Sequence[Task], workers: Workers) -> Generator[Event]:
     """Do tasks in processes of this machine, as :func:`sinstool.campaign.run.run_jobs` says."""
     context = _context({task.job.function.__module__ for task in tasks})
-    queue = _Queue(tasks)
+    waiting = deque(largest_first(tasks))
+    deaths: Counter[int] = Counter()
     crew: list[_Worker] = []
     try:
-        while queue.waiting or crew:
-            while queue.waiting and len(crew) < workers.processes:
-                crew.append(_Worker(context, queue.next()))
+        while waiting or crew:
+            while waiting and len(crew) < workers.processes:
+                crew.append(_Worker(context, waiting.popleft()))
             wait([worker.pipe for worker in crew])
             for worker in list(crew):
-                yield from _listen(worker, queue)
+                yield from _listen(worker, waiting, deaths)
                 if worker.task is None:
                     crew.remove(worker)
     finally:
         _stop(crew)
 
 
-class _Queue:
-    """Tasks that wait, and how often each was begun."""
-
-    def __init__(self, tasks: Sequence[Task]) -> None:
-        self.waiting = deque(largest_first(tasks))
-        self._begun: Counter[int] = Counter()
-
-    def next(self) -> Task:
-        """Take the next task."""
-        task = self.waiting.popleft()
-        self._begun[task.number] += 1
-        return task
-
-    def again(self, task: Task) -> bool:
-        """Put a task back whose worker died, unless that happened too often."""
-        if self._begun[task.number] >= ATTEMPTS:
-            return False
-        self.waiting.appendleft(task)
-        return True
-
-
-def _listen(worker: _Worker, queue: _Queue) -> Iterator[Event]:
+def _listen(worker: _Worker, waiting: deque[Task], deaths: Counter[int]) -> Iterator[Event]:
     """What a worker has to tell; it goes on with the next task, or without one is dismissed."""
     task = worker.task
     assert task is not None
@@ -118,17 +98,19 @@ def _listen(worker: _Worker, queue: _Queue) -> Iterator[Event]:
                 continue
             worker.task = None
             yield Event(task.number, outcome=message)
-            if not queue.waiting:
+            if not waiting:
                 # It ends when its pipe does.
                 worker.pipe.close()
                 return
-            task = queue.next()
+            task = waiting.popleft()
             worker.give(task)
     except (EOFError, OSError):
         worker.task = None
         said = worker.died()
         remove_left(task)
-        if queue.again(task):
+        deaths[task.number] += 1
+        if deaths[task.number] < ATTEMPTS:
+            waiting.appendleft(task)
             yield Event(task.number)
         else:
             lost = f"{task.job.name}: its worker {said}, {ATTEMPTS} times"

@@ -8,22 +8,19 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from sinstool.cli.choice import Choice
-from sinstool.cli.console import print_json, progress_bar, warn
-from sinstool.cli.many import EXIT_HELP, Asked, workers_options
-from sinstool.cli.options import config_options, effective_config, print_config
-from sinstool.cli.verbose import verbose_option
-from sinstool.report.text.table import table
+from sinstool.cli.console import progress_bar
+from sinstool.cli.many import EXIT_HELP, BatchOptions, batch_options, show_result, workers_options
+from sinstool.cli.options import config_options, effective_config, path_option, print_config
+from sinstool.config import ALIGN_OPTIONS
 
 if TYPE_CHECKING:
     from sinstool.pipelines.align.result import AlignResult
-
-GROUPS = ("input", "align", "gnss", "in_flight")
 
 
 @click.command("align", epilog=EXIT_HELP)
 @click.argument("logs", nargs=-1, type=click.Path(path_type=Path), metavar="LOG...")
 @workers_options("one for each core")
-@config_options(*GROUPS)
+@config_options(*ALIGN_OPTIONS)
 @click.option(
     "--method",
     type=Choice(["svd", "quest", "davenport", "triad", "gyrocompass", "level"]),
@@ -32,34 +29,23 @@ GROUPS = ("input", "align", "gnss", "in_flight")
 @click.option("--imu-grade", "navigation__imu_grade",
               type=Choice(["auto", "mems", "tactical", "navigation"]),
               help="of the sensors [default: auto]")  # fmt: skip
-@click.option("--series", type=click.Path(path_type=Path), metavar="FILE.csv",
-              help="also write the solution at every fix")  # fmt: skip
+@path_option("--series", metavar="FILE.csv", text="also write the solution at every fix")
 @click.option("--truth", metavar="TOPIC|FILE.csv",
               help="reference attitudes: say how wrong the answer is")  # fmt: skip
-@click.option("--report", type=click.Path(path_type=Path), metavar="FILE.html",
-              help="also write a page of figures")  # fmt: skip
+@path_option("--report", metavar="FILE.html", text="also write a page of figures")
 @click.option("--overwrite", "output__overwrite", is_flag=True, default=None,
               help="replace existing outputs")  # fmt: skip
-@click.option("--print-config", "show", is_flag=True, help="print the configuration and stop")
-@click.option(
-    "--json", "as_json", is_flag=True, help="one JSON object on stdout, or one line for each log"
-)
-@click.option("-q", "--quiet", is_flag=True, help="no progress and no summary")
-@verbose_option()
+@batch_options()
 def command(
     logs: tuple[Path, ...],
-    jobs: int | None,
-    scheduler: str | None,
     config_file: Path | None,
     method: str | None,
     series: Path | None,
     truth: str | None,
     report: Path | None,
     show: bool,
-    as_json: bool,
-    quiet: bool,
-    verbose: int,
-    **given: Any,
+    batch: BatchOptions,
+    **flags: Any,
 ) -> int:
     """Attitude of the vehicle of LOG with its covariance, or why it cannot be seen.
 
@@ -75,12 +61,12 @@ def command(
       sinstool align flight.mcap --method svd --json
     """
     if method is not None:
-        if given.get("align__align") not in (None, method):
+        if flags.get("align__align") not in (None, method):
             raise click.UsageError("--method and --align say different things")
-        given["align__align"] = method
-    config = effective_config(config_file, given)
+        flags["align__align"] = method
+    config = effective_config(config_file, flags)
     if show:
-        print_config(config, *GROUPS)
+        print_config(config, *ALIGN_OPTIONS)
         return 0
     if not logs:
         raise click.UsageError("give a LOG to align")
@@ -91,9 +77,8 @@ def command(
             raise click.UsageError("--series and --report are about one log")
         from sinstool.cli.align_many import align_many
 
-        asked = Asked(jobs, scheduler, as_json, quiet, verbose)
-        return align_many(logs, config, truth, asked)
-    if scheduler is not None:
+        return align_many(logs, config, truth, batch)
+    if batch.scheduler is not None:
         raise click.UsageError("--scheduler is for many logs")
     log = logs[0]
     from sinstool.core.whole_file import check_output, commit_together
@@ -105,7 +90,7 @@ def command(
         from sinstool.report.page import check_report
 
         check_report(report, inputs=[log], overwrite=config.output.overwrite)
-    with commit_together(), progress_bar(log.name, quiet) as progress:
+    with commit_together(), progress_bar(log.name, batch.quiet) as progress:
         alignment = align_log(log, config, progress, truth)
         if series is not None:
             from sinstool.pipelines.align.log import write_series
@@ -115,23 +100,14 @@ def command(
             from sinstool.report.pages.align import write_page
 
             write_page(report, alignment, config, log)
-    result = alignment.result
-    for text in result.warnings:
-        warn(text)
-    if as_json:
-        print_json(result.to_json())
-    elif not quiet:
-        _print(result, verbose > 0)
-    return result.exit_status
+    return show_result(alignment.result, batch, _rows)
 
 
-def _print(result: AlignResult, verbose: bool) -> None:
+def _rows(result: AlignResult, verbose: bool) -> list[tuple[str, str]]:
+    """The summary as pairs of what and how."""
     rows = [
         ("log", result.input.path),
-        (
-            "IMU",
-            f"{result.imu.topic}: {result.imu_grade.grade}, {result.imu_grade.why}",
-        ),
+        ("IMU", f"{result.imu.topic}: {result.imu_grade.grade}, {result.imu_grade.why}"),
         ("status", result.status),
         ("method", result.method + (f", vectors {result.vectors}" if result.vectors else "")),
     ]
@@ -139,31 +115,18 @@ def _print(result: AlignResult, verbose: bool) -> None:
         heading = (
             "not to be seen" if result.heading_deg is None else f"{result.heading_deg:.3f} deg"
         )
-        rows.append(
-            (
-                "attitude",
-                f"roll {result.roll_deg:.3f}, pitch {result.pitch_deg:.3f}, heading {heading}, at"
-                f" {result.time_s:.3f} s",
-            )
-        )
+        angles = f"roll {result.roll_deg:.3f}, pitch {result.pitch_deg:.3f}, heading {heading}"
+        rows.append(("attitude", f"{angles}, at {result.time_s:.3f} s"))
         shown = ["-" if s is None else f"{s:.3g}" for s in result.sigma_deg]
         rows.append(("sigma", f"{', '.join(shown)} deg about north, east, down"))
     if result.n_pairs and result.start_s is not None and result.stop_s is not None:
-        rows.append(
-            (
-                "used",
-                f"{result.n_pairs} pairs from {result.start_s:.1f} to {result.stop_s:.1f} s,"
-                f" {result.n_rejected} fixes rejected, chi2 {result.chi2:.2f}",
-            )
-        )
+        pairs = f"{result.n_pairs} pairs from {result.start_s:.1f} to {result.stop_s:.1f} s"
+        rejected = f"{result.n_rejected} fixes rejected"
+        rows.append(("used", f"{pairs}, {rejected}, chi2 {result.chi2:.2f}"))
     if result.truth is not None and result.truth.error_deg is not None:
         shown = ["-" if e is None else f"{e:.3g}" for e in result.truth.error_deg]
-        rows.append(
-            (
-                "error",
-                f"{', '.join(shown)} deg about north, east, down, by {result.truth.name}",
-            )
-        )
+        named = f"{', '.join(shown)} deg about north, east, down, by {result.truth.name}"
+        rows.append(("error", named))
     if verbose and result.refined_chi2 is not None:
         rows.append(("refinement", f"chi2 {result.refined_chi2:.2f}"))
     if verbose and result.observability is not None:
@@ -171,4 +134,4 @@ def _print(result: AlignResult, verbose: bool) -> None:
     if verbose and result.gyro_bias_deg_h is not None:
         bias = ", ".join(f"{b:.4g}" for b in result.gyro_bias_deg_h)
         rows.append(("gyro bias", f"{bias} deg/h (FRD)"))
-    table(rows)
+    return rows

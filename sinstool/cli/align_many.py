@@ -10,16 +10,9 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from sinstool.campaign.inputs import find_logs
-from sinstool.campaign.jobs import Job, Outcome
-from sinstool.cli.many import (
-    Asked,
-    finish,
-    row_of,
-    work_through,
-    workers_of,
-)
+from sinstool.campaign.jobs import Job
+from sinstool.cli.many import BatchOptions, finish, log_table, row_of, work_through, workers_of
 from sinstool.io.readers.log import path_size
-from sinstool.report.text.table import columns
 
 if TYPE_CHECKING:
     from sinstool.config import ProcessConfig
@@ -28,13 +21,13 @@ AXES = ("north", "east", "down")
 
 
 def align_many(
-    given: Sequence[Path], config: ProcessConfig, truth: str | None, asked: Asked
+    inputs: Sequence[Path], config: ProcessConfig, truth: str | None, batch: BatchOptions
 ) -> int:
     """Align on every log.
 
     Parameters
     ----------
-    given : sequence of Path
+    inputs : sequence of Path
         Files, folders, patterns.
     truth : str or None
         A topic of the logs, or a file.
@@ -44,33 +37,28 @@ def align_many(
     int
         Exit status.
     """
-    logs = find_logs(given)
+    logs = find_logs(inputs)
     paths = [log.path.absolute() for log in logs]
     reads = list(paths)
     if truth is not None and Path(truth).is_file():
         truth = str(Path(truth).absolute())
         reads.append(Path(truth))
-    workers = workers_of(asked, reads, len(logs))
+    workers = workers_of(batch, reads, len(logs))
     tasks = [
         Job(str(log.path), align_one, (path, config, truth), path_size(path))
         for log, path in zip(logs, paths, strict=True)
     ]
-
-    def row(number: int, outcome: Outcome) -> dict[str, Any]:
-        return row_of(outcome, paths[number])
-
-    rows = work_through(tasks, workers, row, asked)
+    rows = work_through(tasks, workers, lambda k, outcome: row_of(outcome, paths[k]), batch)
     names = [str(log.path) for log in logs]
 
     def table() -> None:
-        header = ("status", "log", "method", "roll", "pitch", "heading", *AXES)
-        columns(header, [(r["status"], n, *_cells(r)) for n, r in zip(names, rows, strict=True)])
+        log_table(("method", "roll", "pitch", "heading", *AXES), names, rows, _cells)
         what = "errors about" if truth is not None else "sigmas about"
         click.echo(f"degrees; {what} north, east and down")
         for line in _errors(rows):
             click.echo(line)
 
-    return finish(rows, asked, table)
+    return finish(rows, batch, table)
 
 
 def align_one(path: Path, config: ProcessConfig, truth: str | None, progress: Any) -> Any:
@@ -101,12 +89,14 @@ def _number(value: float | None, digits: int) -> str:
 
 def _errors(rows: Sequence[dict[str, Any]]) -> list[str]:
     """Root mean square of the errors over the logs that have one."""
-    found = [row["truth"]["error_deg"] for row in rows if (row.get("truth") or {}).get("error_deg")]
-    if not found:
+    errors = [
+        row["truth"]["error_deg"] for row in rows if (row.get("truth") or {}).get("error_deg")
+    ]
+    if not errors:
         return []
     parts = []
     for k, axis in enumerate(AXES):
-        values = [error[k] for error in found if error[k] is not None]
+        values = [error[k] for error in errors if error[k] is not None]
         if values:
             rms = sqrt(sum(v * v for v in values) / len(values))
             parts.append(f"{axis} {rms:.4f} ({len(values)})")

@@ -9,9 +9,14 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from sinstool.cli.console import print_json, progress_bar, warn
-from sinstool.cli.many import Asked, workers_of, workers_options
-from sinstool.cli.options import Words, config_options, effective_config, print_config
-from sinstool.cli.verbose import verbose_option
+from sinstool.cli.many import BatchOptions, batch_options, workers_of, workers_options
+from sinstool.cli.options import (
+    Words,
+    config_options,
+    effective_config,
+    path_option,
+    print_config,
+)
 from sinstool.core.errors import ConfigurationError
 from sinstool.core.units import ARCSEC, DEGREE
 from sinstool.report.text.table import table
@@ -23,24 +28,21 @@ if TYPE_CHECKING:
 
 @click.command("calibrate-hse")
 @click.argument("logs", nargs=-1, type=click.Path(path_type=Path), metavar="LOG...")
-@click.option("-o", "--output", type=click.Path(path_type=Path), help="calibration to write (JSON)")
+@path_option("-o", "--output", text="calibration to write (JSON)")
 @workers_options("1")
 @config_options("input", "calibration")
 @click.option("--overwrite", "output__overwrite", is_flag=True, default=None,
               help="replace an existing output")  # fmt: skip
-@click.option(
+@path_option(
     "--emit-config",
-    type=click.Path(path_type=Path),
     metavar="FILE.toml",
-    help="also write the rig with K_g scaled so that the error does not arise, by the axial value",
+    text="also write the rig with K_g scaled so that the error does not arise, by the axial value",
 )
-@click.option("--csv", "csv_file", type=click.Path(path_type=Path), metavar="FILE.csv",
-              help="also write the runs as a table")  # fmt: skip
-@click.option(
+@path_option("--csv", "csv_file", metavar="FILE.csv", text="also write the runs as a table")
+@path_option(
     "--report",
-    type=click.Path(path_type=Path),
     metavar="FILE.html",
-    help="also write a page of figures (.html), or the main one (.png, .pdf)",
+    text="also write a page of figures (.html), or the main one (.png, .pdf)",
 )
 @click.option("--plan", is_flag=True, help="print what a design would give; needs no log")
 @click.option("--rates", type=Words(), default="20,40,60", show_default=True, metavar="DEG/S,...",
@@ -52,16 +54,11 @@ if TYPE_CHECKING:
               help="with --plan: angular random walk of the gyros")  # fmt: skip
 @click.option("--latitude", type=float, metavar="DEG",
               help="with --plan: of the site [default: the rig's]")  # fmt: skip
-@click.option("--print-config", "show", is_flag=True, help="print the configuration and stop")
-@click.option("--json", "as_json", is_flag=True, help="one JSON object on stdout")
-@click.option("-q", "--quiet", is_flag=True, help="no progress and no summary")
-@verbose_option("every run in the summary")
+@batch_options("every run in the summary", json_of="")
 def command(
     logs: tuple[Path, ...],
     output: Path | None,
     config_file: Path | None,
-    jobs: int | None,
-    scheduler: str | None,
     emit_config: Path | None,
     csv_file: Path | None,
     report: Path | None,
@@ -72,9 +69,7 @@ def command(
     arw: float,
     latitude: float | None,
     show: bool,
-    as_json: bool,
-    quiet: bool,
-    verbose: int,
+    batch: BatchOptions,
     **options: Any,
 ) -> int:
     """Calibrate the heading-sensitive error of a rate-biased laser-gyro system.
@@ -92,7 +87,7 @@ def command(
         print_config(config, "input", "calibration", "output", "rig")
         return 0
     if plan:
-        return _plan(config, rates, repeats, lean, arw, latitude, as_json)
+        return _plan(config, rates, repeats, lean, arw, latitude, batch.as_json)
     if not logs:
         raise click.UsageError("give at least one LOG, or --plan")
     if output is None:
@@ -112,10 +107,10 @@ def command(
     from sinstool.core.whole_file import commit_together
 
     workers = None
-    if scheduler is not None or (jobs or 1) > 1:
+    if batch.scheduler is not None or (batch.jobs or 1) > 1:
         full = [path.absolute() for path in paths]
-        workers = workers_of(Asked(jobs, scheduler), full, len(paths))
-    with commit_together(), progress_bar(f"{len(paths)} logs", quiet) as progress:
+        workers = workers_of(batch, full, len(paths))
+    with commit_together(), progress_bar(f"{len(paths)} logs", batch.quiet) as progress:
         calibration = calibrate(paths, output, config, progress, workers)
         if emit_config is not None:
             write_rig(emit_config, calibration, config)
@@ -127,10 +122,10 @@ def command(
             write_page(report, calibration, config, paths)
     for text in calibration.warnings:
         warn(text)
-    if as_json:
+    if batch.as_json:
         print_json({**calibration.to_json(), "output": str(output)})
-    elif not quiet:
-        _print(calibration, output, verbose > 0)
+    elif not batch.quiet:
+        _print(calibration, output, batch.verbose > 0)
     return calibration.exit_status
 
 
@@ -227,7 +222,7 @@ def _plan(
     if latitude is None:
         if config.rig is None:
             raise click.UsageError("give --latitude, or a rig with --config")
-        radians = from_table(config.rig).known_latitude()
+        radians = from_table(config.rig).require_latitude()
     else:
         radians = latitude * DEGREE
     design = Design(

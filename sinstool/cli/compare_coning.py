@@ -8,7 +8,7 @@ from typing import Any
 import click
 
 from sinstool.cli.console import print_json, progress_bar, warn
-from sinstool.cli.many import EXIT_HELP, Asked, workers_options
+from sinstool.cli.many import EXIT_HELP, BatchOptions, workers_options
 from sinstool.cli.options import config_options, effective_config, print_config
 from sinstool.cli.verbose import verbose_option
 from sinstool.config import COMPARISON_OPTIONS, check_comparison
@@ -72,7 +72,9 @@ def command(
     if are_many(logs):
         from sinstool.cli.compare_many import compare_many
 
-        return compare_many(logs, config, outputs, Asked(jobs, scheduler, as_json, quiet, verbose))
+        return compare_many(
+            logs, config, outputs, BatchOptions(jobs, scheduler, as_json, quiet, verbose)
+        )
     if scheduler is not None:
         raise click.UsageError("--scheduler is for many logs")
     if paper:

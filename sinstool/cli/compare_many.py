@@ -13,7 +13,7 @@ from sinstool.campaign.inputs import find_logs, output_paths
 from sinstool.campaign.jobs import Job
 from sinstool.cli.compare_run import Outputs, compare_one_of_many
 from sinstool.cli.many import (
-    Asked,
+    BatchOptions,
     absolute,
     finish,
     page_paths,
@@ -33,7 +33,7 @@ SUMMARY_COLUMNS = ("log", "status", "algorithm", "kept 1 of", "input", "drift [d
 
 
 def compare_many(
-    inputs: Sequence[Path], config: ProcessConfig, outputs: Outputs, batch: Asked
+    inputs: Sequence[Path], config: ProcessConfig, outputs: Outputs, batch: BatchOptions
 ) -> int:
     """Compare on every log, and over all.
 

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from sinstool.cli.console import print_json, progress_bar
-from sinstool.cli.options import config_options, effective_config
+from sinstool.cli.options import config_options, effective_config, path_option
 from sinstool.cli.verbose import verbose_option
 from sinstool.core.finding import Severity
 from sinstool.report.text.table import table
@@ -22,8 +22,8 @@ if TYPE_CHECKING:
 @click.command("info")
 @click.argument("log", type=click.Path(path_type=Path))
 @config_options("input")
-@click.option("--report", type=click.Path(path_type=Path), metavar="FILE.html",
-              help="also write a page of figures, or its first one (.png, .pdf, .svg)")  # fmt: skip
+@path_option("--report", metavar="FILE.html",
+             text="also write a page of figures, or its first one (.png, .pdf, .svg)")  # fmt: skip
 @click.option("--overwrite", is_flag=True, help="replace an existing report")
 @click.option("--json", "as_json", is_flag=True, help="one JSON object on stdout")
 @click.option("-q", "--quiet", is_flag=True, help="no progress")
@@ -36,10 +36,10 @@ def command(
     as_json: bool,
     quiet: bool,
     verbose: int,
-    **given: Any,
+    **flags: Any,
 ) -> int:
     """What is in LOG, what is odd about it, and what process would do with it."""
-    config = effective_config(config_file, given)
+    config = effective_config(config_file, flags)
     from sinstool.pipelines.info.run import Shown, inspect
 
     shown = None

@@ -48,7 +48,7 @@ COMMANDS = {
     "conventions": ("conventions", "Frames, axes, quaternions, units, gravity and time."),
     "completion": ("completion", "Completion of commands and options for bash, zsh or fish."),
 }
-# So many names of files that are complete; of more it is told how many
+# So many complete files are named; of more only the number is
 NAMED = 3
 
 
@@ -100,7 +100,9 @@ def main() -> None:
     gc.set_threshold(100_000, 50, 50)
     # Our loops are compiled and our matrices small: threads of BLAS would only wait, spinning.
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
-    # Of numbers that are none; where they matter they are counted and told in our own words.
+    # To look for plugins it reads the metadata of every installed package.
+    os.environ.setdefault("PYDANTIC_DISABLE_PLUGINS", "__all__")
+    # Of numbers that are none; where they matter they are counted and named in our own words.
     if not sys.warnoptions:
         warnings.simplefilter("ignore", RuntimeWarning)
     _end_well_on_signals()
@@ -125,20 +127,20 @@ class _StandardOutput:
         return getattr(self._stream, name)
 
     def write(self, text: str) -> int:
-        with self._told():
+        with self._until_closed():
             self._stream.write(text)
         return len(text)
 
     def flush(self) -> None:
-        with self._told():
+        with self._until_closed():
             self._stream.flush()
 
     @contextmanager
-    def _told(self) -> Iterator[None]:
+    def _until_closed(self) -> Iterator[None]:
         try:
             yield
         except BrokenPipeError:
-            # `head` has enough, which nobody needs to be told.
+            # `head` has read enough, which is no error.
             self.end()
         except OSError as exc:
             raise OSError(exc.errno, exc.strerror, "standard output") from exc
@@ -185,7 +187,7 @@ def _written(outputs: Sequence[Path]) -> str:
 
 
 def _with_salvage() -> str:
-    """The command that was given, passing over damage."""
+    """This command again, passing over damage."""
     import shlex
 
     return shlex.join(["sinstool", *sys.argv[1:], "--salvage"])

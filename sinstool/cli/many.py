@@ -3,22 +3,27 @@
 from __future__ import annotations
 
 import contextlib
+import functools
 import json
 import os
 import sys
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, TypeVar
+from typing import TYPE_CHECKING, Any, TypeVar, cast
 
 import click
 
-from sinstool.cli.console import plain, warn
+from sinstool.cli.console import plain, print_json, warn
+from sinstool.cli.verbose import verbose_option
 from sinstool.config import ProcessConfig
+from sinstool.report.text.table import columns, table
 
 if TYPE_CHECKING:
     from sinstool.campaign.inputs import LogInput
     from sinstool.campaign.jobs import Job, Outcome, Workers
+    from sinstool.pipelines.align.result import AlignResult
+    from sinstool.pipelines.process.result import ProcessResult
 
 F = TypeVar("F", bound=Callable[..., Any])
 INTERRUPTED = 130
@@ -57,8 +62,8 @@ def workers_options(default: str) -> Callable[[F], F]:
 
 
 @dataclass(frozen=True)
-class Asked:
-    """How a command is to go about many logs.
+class BatchOptions:
+    """How a command works on logs, one or many, and what it prints.
 
     Attributes
     ----------
@@ -71,7 +76,7 @@ class Asked:
     quiet : bool
         No bars and no summary.
     verbose : int
-        How often it was asked for: twice for tracebacks.
+        How often ``-v`` stands in the command: twice for tracebacks.
     """
 
     jobs: int | None = None
@@ -81,6 +86,82 @@ class Asked:
     verbose: int = 0
 
 
+def batch_options(also: str = "", json_of: str = ", or one line for each log") -> Callable[[F], F]:
+    """Decorator: what a command prints, given to it with who works as one ``batch``.
+
+    Parameters
+    ----------
+    also : str
+        What ``-v`` shows besides choices.
+    json_of : str
+        What ``--json`` prints besides one object.
+    """
+
+    def decorate(function: F) -> F:
+        @functools.wraps(function)
+        def command(
+            as_json: bool,
+            quiet: bool,
+            verbose: int,
+            jobs: int | None = None,
+            scheduler: str | None = None,
+            **options: Any,
+        ) -> Any:
+            batch = BatchOptions(jobs, scheduler, as_json, quiet, verbose)
+            return function(batch=batch, **options)
+
+        text = f"one JSON object on stdout{json_of}"
+        for option in (
+            verbose_option(also),
+            click.option("-q", "--quiet", is_flag=True, help="no progress and no summary"),
+            click.option("--json", "as_json", is_flag=True, help=text),
+            click.option(
+                "--print-config", "show", is_flag=True, help="print the configuration and stop"
+            ),
+        ):
+            command = option(command)
+        return cast(F, command)
+
+    return decorate
+
+
+def show_result(
+    result: ProcessResult | AlignResult,
+    batch: BatchOptions,
+    rows: Callable[[Any, bool], list[tuple[str, str]]],
+) -> int:
+    """Print what came of one log: its warnings, then JSON or a summary.
+
+    Parameters
+    ----------
+    rows : callable
+        Makes the summary of the result; its second argument asks for details.
+
+    Returns
+    -------
+    int
+        Exit status.
+    """
+    for text in result.warnings:
+        warn(text)
+    if batch.as_json:
+        print_json(result.to_json())
+    elif not batch.quiet:
+        table(rows(result, batch.verbose > 0))
+    return result.exit_status
+
+
+def log_table(
+    header: Sequence[str],
+    names: Sequence[str],
+    rows: Sequence[dict[str, Any]],
+    cells: Callable[[dict[str, Any]], Sequence[str]],
+) -> None:
+    """A line for each log on stdout: its status, its name, and what `cells` makes of its row."""
+    lines = [(row["status"], name, *cells(row)) for name, row in zip(names, rows, strict=True)]
+    columns(("status", "log", *header), lines)
+
+
 def cores() -> int:
     """Processors that this process may use."""
     if hasattr(os, "sched_getaffinity"):
@@ -88,7 +169,7 @@ def cores() -> int:
     return os.cpu_count() or 1
 
 
-def workers_of(asked: Asked, reads: Sequence[Path], most: int) -> Workers:
+def workers_of(batch: BatchOptions, reads: Sequence[Path], most: int) -> Workers:
     """Who works; on this machine, where nothing is said, a process for each core.
 
     Parameters
@@ -103,16 +184,16 @@ def workers_of(asked: Asked, reads: Sequence[Path], most: int) -> Workers:
     """
     from sinstool.campaign.jobs import Workers
 
-    if asked.jobs is not None and asked.scheduler is not None:
+    if batch.jobs is not None and batch.scheduler is not None:
         raise click.UsageError(
             "--jobs is of this machine and --scheduler of another: give one of them"
         )
-    if asked.scheduler is not None:
+    if batch.scheduler is not None:
         from sinstool.campaign.cluster import require_distributed
 
         require_distributed()
-    processes = max(1, min(asked.jobs or cores(), most))
-    return Workers(processes, asked.scheduler, tuple(reads))
+    processes = max(1, min(batch.jobs or cores(), most))
+    return Workers(processes, batch.scheduler, tuple(reads))
 
 
 def absolute(config: ProcessConfig) -> ProcessConfig:
@@ -159,16 +240,16 @@ def work_through(
     jobs: Sequence[Job],
     workers: Workers,
     row: Callable[[int, Outcome], dict[str, Any]],
-    asked: Asked,
+    batch: BatchOptions,
 ) -> list[dict[str, Any]]:
-    """Do all jobs; errors are told on stderr as they come, warnings at the end.
+    """Do all jobs; errors go to stderr as they come, warnings at the end.
 
     Parameters
     ----------
     row : callable
         Makes of a job's number and outcome what there is to say of it, with ``status`` and
         ``exit``; `row_of` is the most of it.
-    asked : Asked
+    batch : BatchOptions
         With ``as_json`` a line is printed for each row, in the order of the jobs.
 
     Returns
@@ -184,10 +265,10 @@ def work_through(
     from sinstool.campaign.run import run_jobs
 
     ended: dict[int, dict[str, Any]] = {}
-    told = 0
+    printed = 0
     try:
         with (
-            _bars(jobs, asked.quiet) as show,
+            _bars(jobs, batch.quiet) as show,
             contextlib.closing(run_jobs(jobs, workers)) as events,
         ):
             for event in events:
@@ -196,11 +277,11 @@ def work_through(
                     continue
                 ended[event.number] = row(event.number, event.outcome)
                 if event.outcome.error:
-                    trace = f"{event.outcome.trace}\n" if asked.verbose > 1 else ""
+                    trace = f"{event.outcome.trace}\n" if batch.verbose > 1 else ""
                     click.echo(f"{trace}sinstool: {event.outcome.error}", err=True)
-                while asked.as_json and told in ended:
-                    click.echo(json.dumps(plain(ended[told]), allow_nan=False))
-                    told += 1
+                while batch.as_json and printed in ended:
+                    click.echo(json.dumps(plain(ended[printed]), allow_nan=False))
+                    printed += 1
     except KeyboardInterrupt:
         click.echo(
             f"sinstool: interrupted; {len(ended)} of {len(jobs)} are done, and whole", err=True
@@ -213,7 +294,7 @@ def work_through(
 
 def finish(
     rows: Sequence[dict[str, Any]],
-    asked: Asked,
+    batch: BatchOptions,
     table: Callable[[], None] | None = None,
     where: str = "",
 ) -> int:
@@ -233,10 +314,10 @@ def finish(
     int
         Exit status.
     """
-    if table is not None and not asked.as_json and not asked.quiet:
+    if table is not None and not batch.as_json and not batch.quiet:
         table()
-    if not asked.quiet:
-        click.echo(tally(rows) + where, err=asked.as_json)
+    if not batch.quiet:
+        click.echo(tally(rows) + where, err=batch.as_json)
     return exit_status(rows)
 
 

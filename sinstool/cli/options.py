@@ -71,6 +71,11 @@ class Words(click.ParamType):
         return tuple(part.strip() for part in value.split(",") if part.strip())
 
 
+def path_option(*names: str, text: str, metavar: str | None = None) -> Callable[[F], F]:
+    """Decorator: an option that names a file or a folder."""
+    return click.option(*names, type=click.Path(path_type=Path), metavar=metavar, help=text)
+
+
 def config_options(*paths: str, model: type[Group] = ProcessConfig) -> Callable[[F], F]:
     """Decorator: options of a configuration, and --config.
 
@@ -83,13 +88,8 @@ def config_options(*paths: str, model: type[Group] = ProcessConfig) -> Callable[
     def decorate(function: F) -> F:
         for group, name, field in reversed(list(model.options(*paths))):
             function = _option(group, name, field)(function)
-        return click.option(
-            "--config",
-            "config_file",
-            type=click.Path(path_type=Path),
-            metavar="FILE",
-            help="TOML file with options; flags win",
-        )(function)
+        text = "TOML file with options; flags win"
+        return path_option("--config", "config_file", metavar="FILE", text=text)(function)
 
     return decorate
 

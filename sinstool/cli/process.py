@@ -8,58 +8,34 @@ from typing import Any
 import click
 
 from sinstool.cli.console import print_json, progress_bar, warn
-from sinstool.cli.many import EXIT_HELP, Asked, workers_options
-from sinstool.cli.options import config_options, effective_config, print_config
-from sinstool.cli.verbose import verbose_option
-from sinstool.config import ProcessConfig
+from sinstool.cli.many import EXIT_HELP, BatchOptions, batch_options, show_result, workers_options
+from sinstool.cli.options import config_options, effective_config, path_option, print_config
+from sinstool.config import PROCESS_OPTIONS, ProcessConfig
 from sinstool.core.finding import exit_status
 from sinstool.report.text.process import summary_rows
 from sinstool.report.text.table import table
 
-GROUPS = (
-    "input",
-    "coning",
-    "align",
-    "gnss",
-    "in_flight",
-    "navigation",
-    "filter",
-    "vertical",
-    "hse",
-    "output",
-)
-
 
 @click.command("process", epilog=EXIT_HELP)
 @click.argument("logs", nargs=-1, type=click.Path(path_type=Path), metavar="LOG...")
-@click.option("-o", "--output", type=click.Path(path_type=Path),
-              help="MCAP file to write; with many logs a folder")  # fmt: skip
+@path_option("-o", "--output", text="MCAP file to write; with many logs a folder")
 @workers_options("one for each core")
-@config_options(*GROUPS)
+@config_options(*PROCESS_OPTIONS)
 @click.option(
     "--print-plan",
     "show_plan",
     is_flag=True,
     help="print what would be done with the log, and why, and stop",
 )
-@click.option("--print-config", "show", is_flag=True, help="print the configuration and stop")
-@click.option(
-    "--json", "as_json", is_flag=True, help="one JSON object on stdout, or one line for each log"
-)
-@click.option("-q", "--quiet", is_flag=True, help="no progress and no summary")
-@verbose_option()
+@batch_options()
 def command(
     logs: tuple[Path, ...],
     output: Path | None,
-    jobs: int | None,
-    scheduler: str | None,
     config_file: Path | None,
     show: bool,
     show_plan: bool,
-    as_json: bool,
-    quiet: bool,
-    verbose: int,
-    **given: Any,
+    batch: BatchOptions,
+    **flags: Any,
 ) -> int:
     """Recorded IMU of LOG to corrected attitude, written to OUTPUT as MCAP.
 
@@ -75,9 +51,9 @@ def command(
       sinstool process flight.mcap -o flight.attitude.mcap --align level
       sinstool process campaign/ -o results/ -j 4
     """
-    config = effective_config(config_file, given)
+    config = effective_config(config_file, flags)
     if show:
-        print_config(config, *GROUPS, "rig")
+        print_config(config, *PROCESS_OPTIONS, "rig")
         return 0
     if not logs:
         raise click.UsageError("give a LOG to process")
@@ -86,16 +62,15 @@ def command(
     if show_plan:
         if are_many(logs):
             raise click.UsageError("--print-plan is about one log")
-        return _print_plan(logs[0], config, as_json, quiet)
+        return _print_plan(logs[0], config, batch)
     if output is None:
         raise click.UsageError("give the output with -o FILE")
 
     if are_many(logs):
         from sinstool.cli.process_many import process_many
 
-        asked = Asked(jobs, scheduler, as_json, quiet, verbose)
-        return process_many(logs, output, config, asked)
-    if scheduler is not None:
+        return process_many(logs, output, config, batch)
+    if batch.scheduler is not None:
         raise click.UsageError("--scheduler is for many logs; one is processed here")
     log = logs[0]
     report = None if config.output.report is None else Path(config.output.report)
@@ -107,27 +82,21 @@ def command(
             raise click.UsageError("--report and -o name one file")
     from sinstool.cli.process_one import process_one
 
-    with progress_bar(log.name, quiet) as progress:
+    with progress_bar(log.name, batch.quiet) as progress:
         result = process_one(log, output, report, config, progress)
-    for text in result.warnings:
-        warn(text)
-    if as_json:
-        print_json(result.to_json())
-    elif not quiet:
-        table(summary_rows(result, verbose > 0))
-    return result.exit_status
+    return show_result(result, batch, summary_rows)
 
 
-def _print_plan(log: Path, config: ProcessConfig, as_json: bool, quiet: bool) -> int:
+def _print_plan(log: Path, config: ProcessConfig, batch: BatchOptions) -> int:
     """What would be done with a log, and why; nothing is written."""
     from sinstool.core.result import as_json as plain
     from sinstool.pipelines.process.run import plan_of
 
-    with progress_bar(log.name, quiet) as progress:
+    with progress_bar(log.name, batch.quiet) as progress:
         plan = plan_of(log, config, progress)
     for finding in plan.findings:
         warn(str(finding))
-    if as_json:
+    if batch.as_json:
         print_json({"schema": "sinstool.plan/1", **plain(plan)})
     else:
         table(plan.rows())

@@ -9,11 +9,12 @@ from typing import Any
 import click
 
 from sinstool.campaign.inputs import find_logs, output_paths
-from sinstool.campaign.jobs import Job, Outcome
+from sinstool.campaign.jobs import Job
 from sinstool.cli.many import (
-    Asked,
+    BatchOptions,
     absolute,
     finish,
+    log_table,
     page_paths,
     row_of,
     work_through,
@@ -25,15 +26,18 @@ from sinstool.core.whole_file import make_folder
 from sinstool.io.readers.log import path_size
 from sinstool.pipelines.provenance import files
 from sinstool.report.text.process import compass
-from sinstool.report.text.table import columns
+
+HEADER = ("samples", "Hz", "gaps", "roll", "pitch", "heading deg", "warnings")
 
 
-def process_many(given: Sequence[Path], folder: Path, config: ProcessConfig, asked: Asked) -> int:
+def process_many(
+    inputs: Sequence[Path], folder: Path, config: ProcessConfig, batch: BatchOptions
+) -> int:
     """Process logs, each to an output of its own.
 
     Parameters
     ----------
-    given : sequence of Path
+    inputs : sequence of Path
         Files, folders, patterns.
     folder : Path
         Of the outputs.
@@ -45,7 +49,7 @@ def process_many(given: Sequence[Path], folder: Path, config: ProcessConfig, ask
     int
         Exit status.
     """
-    logs = find_logs(given, without=folder)
+    logs = find_logs(inputs, without=folder)
     if folder.suffix.lower() == ".mcap" and not folder.is_dir():
         raise click.UsageError(
             f"-o {folder}: with many logs give a folder, which gets an output for each"
@@ -56,7 +60,7 @@ def process_many(given: Sequence[Path], folder: Path, config: ProcessConfig, ask
     config = absolute(config)
     paths = [log.path.absolute() for log in logs]
     reads = [*paths, *files(config).values(), *_truth_files(config)]
-    workers = workers_of(asked, reads, len(logs))
+    workers = workers_of(batch, reads, len(logs))
     for output, page in zip(outputs, pages, strict=True):
         make_folder(output.parent)
         if page is not None:
@@ -71,26 +75,13 @@ def process_many(given: Sequence[Path], folder: Path, config: ProcessConfig, ask
         )
         for log, path, output, page in zip(logs, paths, outputs, pages, strict=True)
     ]
-
-    def row(number: int, outcome: Outcome) -> dict[str, Any]:
-        return row_of(outcome, paths[number], outputs[number])
-
-    rows = work_through(tasks, workers, row, asked)
+    rows = work_through(tasks, workers, lambda k, one: row_of(one, paths[k], outputs[k]), batch)
     names = [str(log.path) for log in logs]
-    return finish(rows, asked, lambda: columns(*_table(names, rows)), f", in {folder}")
+    return finish(rows, batch, lambda: log_table(HEADER, names, rows, _cells), f", in {folder}")
 
 
 def _truth_files(config: ProcessConfig) -> list[Path]:
     return [Path(name) for name in config.output.truth if Path(name).is_file()]
-
-
-def _table(
-    names: Sequence[str], rows: Sequence[dict[str, Any]]
-) -> tuple[tuple[str, ...], list[tuple[str, ...]]]:
-    header = ("status", "log", "samples", "Hz", "gaps", "roll", "pitch", "heading deg", "warnings")
-    return header, [
-        (row["status"], name, *_cells(row)) for name, row in zip(names, rows, strict=True)
-    ]
 
 
 def _cells(row: dict[str, Any]) -> tuple[str, ...]:

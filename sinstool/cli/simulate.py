@@ -11,7 +11,14 @@ from pydantic import create_model
 
 from sinstool.cli.choice import Group
 from sinstool.cli.console import print_json
-from sinstool.cli.many import Asked, finish, row_of, work_through, workers_of, workers_options
+from sinstool.cli.many import (
+    BatchOptions,
+    finish,
+    row_of,
+    work_through,
+    workers_of,
+    workers_options,
+)
 from sinstool.cli.options import config_options, effective, print_config
 from sinstool.cli.verbose import verbose_option
 from sinstool.core.options import Group as Options
@@ -85,7 +92,7 @@ def _scenario_command(name: str, kind: type[Scenario]) -> click.Command:
         if monte_carlo is not None:
             if report is not None:
                 raise click.UsageError("--report is about one log, --monte-carlo makes many")
-            batch = Asked(jobs, scheduler, as_json, quiet, verbose)
+            batch = BatchOptions(jobs, scheduler, as_json, quiet, verbose)
             return _many(scenario, monte_carlo, output, rig_out, overwrite, batch)
         if jobs is not None or scheduler is not None:
             raise click.UsageError("--jobs and --scheduler go with --monte-carlo")
@@ -121,7 +128,7 @@ def _many(
     output: Path,
     rig_out: Path | None,
     overwrite: bool,
-    batch: Asked,
+    batch: BatchOptions,
 ) -> int:
     from sinstool.campaign.jobs import Job, Outcome
     from sinstool.core.whole_file import make_folder

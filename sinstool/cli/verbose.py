@@ -16,15 +16,15 @@ class _Shown(logging.Handler):
 
     def __init__(self) -> None:
         super().__init__(logging.INFO)
-        self._told: set[str] = set()
+        self._printed: set[str] = set()
 
     def emit(self, record: logging.LogRecord) -> None:
         """Write a line to whatever stderr is now: a progress bar may have its hands on it."""
         text = record.getMessage()
         if text.startswith("log: "):
-            self._told.clear()
-        if text not in self._told:
-            self._told.add(text)
+            self._printed.clear()
+        if text not in self._printed:
+            self._printed.add(text)
             click.echo(f"- {text}", err=True)
 
 

@@ -4,34 +4,24 @@ Each field is an option ``--name`` (underscores become hyphens) and a key of its
 in the file; the command line generates its options from these models, so the two cannot part.
 """
 
-from sinstool.config.align import AlignOptions, GnssOptions, InFlightOptions
 from sinstool.config.comparison import COMPARISON_OPTIONS, ComparisonOptions, check_comparison
 from sinstool.config.coning import ConingOptions
-from sinstool.config.filter import FilterOptions
 from sinstool.config.input import InputOptions
 from sinstool.config.load import build, dump_toml, load_toml
-from sinstool.config.navigation import HeightOptions, NavigationOptions
 from sinstool.config.output import EMITS, OutputOptions
-from sinstool.config.rig import CalibrationOptions, HseOptions
-from sinstool.config.run import ProcessConfig
+from sinstool.config.rig import CalibrationOptions
+from sinstool.config.run import ALIGN_OPTIONS, PROCESS_OPTIONS, ProcessConfig
 from sinstool.config.times import parse_time
-from sinstool.core.options import Group
 
 __all__ = [
+    "ALIGN_OPTIONS",
     "COMPARISON_OPTIONS",
     "EMITS",
-    "AlignOptions",
+    "PROCESS_OPTIONS",
     "CalibrationOptions",
     "ComparisonOptions",
     "ConingOptions",
-    "FilterOptions",
-    "GnssOptions",
-    "Group",
-    "HeightOptions",
-    "HseOptions",
-    "InFlightOptions",
     "InputOptions",
-    "NavigationOptions",
     "OutputOptions",
     "ProcessConfig",
     "build",

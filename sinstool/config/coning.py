@@ -55,18 +55,9 @@ class ConingOptions(Group):
         return value
 
     def algorithm_options(self) -> dict[str, Any]:
-        """Options of the algorithm that were given, by its own names."""
-        values = {
-            "variant": self.sp_variant,
-            "preset": self.sp_preset,
-            "epsilon": self.epsilon,
-            "beta_gain": self.beta_gain,
-            "beta": self.beta,
-            "passband": self.passband,
-            "stopband": self.stopband,
-            "gyro_response": self.gyro_response,
-        }
-        return {k: v for k, v in values.items() if v is not None}
+        """Options of the algorithm that have been set, by its own names."""
+        values = self.model_dump(exclude={"coning"}, exclude_none=True)
+        return {name.removeprefix("sp_"): value for name, value in values.items()}
 
 
 def check_coning(group: ConingOptions) -> None:

@@ -7,10 +7,11 @@ from typing import Annotated, Any, Literal
 from pydantic import AfterValidator
 
 from sinstool.core.options import Group, option
-from sinstool.methods.hse.rig import from_table
 
 
 def _rig(table: dict[str, Any]) -> dict[str, Any]:
+    from sinstool.methods.hse.rig import from_table
+
     from_table(table)  # complains with the path of the key
     return table
 

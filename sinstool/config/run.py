@@ -1,4 +1,4 @@
-"""Everything one command is told: its groups of options, and whether they fit each other."""
+"""The whole configuration: its groups of options, and whether they fit each other."""
 
 from __future__ import annotations
 
@@ -13,9 +13,14 @@ from sinstool.config.rig import CalibrationOptions, HseOptions, RigTable
 from sinstool.core.errors import ConfigurationError
 from sinstool.core.options import Group
 
+# What `align` and `process` take, in the order of their help
+ALIGN_OPTIONS = ("input", "align", "gnss", "in_flight")
+_NAVIGATION = ("navigation", "filter", "vertical", "hse")
+PROCESS_OPTIONS = ("input", "coning", *ALIGN_OPTIONS[1:], *_NAVIGATION, "output")
+
 
 class ProcessConfig(Group):
-    """Everything a run is told; each command takes the groups that concern it.
+    """The configuration of a run; each command takes the groups that concern it.
 
     One file can thus serve `calibrate-hse` and `process` of the same rig.
     """

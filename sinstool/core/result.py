@@ -52,3 +52,9 @@ def compass(heading_deg: float) -> float:
     """A heading from 0 up to 360 deg, clockwise from north."""
     turned = heading_deg % 360.0
     return 0.0 if turned == 360.0 else turned
+
+
+def fields_in(source: Any, kind: type) -> dict[str, Any]:
+    """What a dataclass has in common with a value: its fields that are attributes there."""
+    names = (field.name for field in fields(kind))
+    return {name: getattr(source, name) for name in names if hasattr(source, name)}

@@ -8,7 +8,7 @@ cuts the ordered samples wherever more time passed than can be integrated across
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from itertools import pairwise
 from typing import Generic, TypeVar
 
@@ -26,29 +26,6 @@ LAST_HORIZON = 64 * SECOND
 GAP_INTERVALS = 3.0
 S = TypeVar("S", bound=Stream)
 _NEVER = int(np.iinfo(np.int64).min)
-
-
-@dataclass(frozen=True)
-class OrderState:
-    """What `Order` carries from block to block.
-
-    Attributes
-    ----------
-    held : Imu or None
-        Samples that later ones may still precede, in order.
-    newest, last_seen : int
-        Largest time seen, and the time of the sample seen last.
-    last_out : int
-        Time of the last sample given out.
-    last_gyro : ndarray, shape (3,)
-        Its angular rate.
-    """
-
-    held: Imu | None = None
-    newest: int = _NEVER
-    last_seen: int = _NEVER
-    last_out: int = _NEVER
-    last_gyro: np.ndarray = field(default_factory=lambda: np.zeros(3))
 
 
 @dataclass
@@ -87,34 +64,32 @@ class Order:
 
     def __init__(self, horizon_ns: int = FIRST_HORIZON) -> None:
         self.horizon_ns = horizon_ns
-        self.state = OrderState()
         self.counts = OrderCounts()
+        # samples that later ones may still precede, in order
+        self.held: Imu | None = None
+        self._newest = self._last_seen = self._last_out = _NEVER
+        self._last_gyro = np.zeros(3)
 
     def push(self, block: Imu) -> Imu:
         """Take a block in; give out what can no longer be preceded by anything."""
         block = self._punctual(block)
         if not len(block):
             return block
-        state = self.state
-        held = block if state.held is None else concatenate([state.held, block])
-        newest = max(state.newest, int(block.time_ns.max()))
+        held = block if self.held is None else concatenate([self.held, block])
+        self._newest = max(self._newest, int(block.time_ns.max()))
         ordered = held
         if (held.time_ns[1:] < held.time_ns[:-1]).any():
             ordered = held.rows(np.argsort(held.time_ns, kind="stable"))
-        ready = int(np.searchsorted(ordered.time_ns, newest - self.horizon_ns, side="right"))
-        self.state = replace(
-            state,
-            held=ordered.rows(slice(ready, None)),
-            newest=newest,
-        )
+        ready = int(np.searchsorted(ordered.time_ns, self._newest - self.horizon_ns, side="right"))
+        self.held = ordered.rows(slice(ready, None))
         return self._give(ordered.rows(slice(0, ready)))
 
     def finish(self) -> Imu | None:
         """The samples still held; None when nothing was ever pushed."""
-        held = self.state.held
+        held = self.held
         if held is None:
             return None
-        self.state = replace(self.state, held=held.rows(slice(0, 0)))
+        self.held = held.rows(slice(0, 0))
         return self._give(held)
 
     def _punctual(self, block: Imu) -> Imu:
@@ -124,9 +99,9 @@ class Order:
         where blocks end.
         """
         times = block.time_ns
-        before = np.concatenate(([self.state.last_seen], times[:-1]))
-        newest = np.maximum.accumulate(np.concatenate(([self.state.newest], times)))[:-1]
-        self.state = replace(self.state, last_seen=int(times[-1]))
+        before = np.concatenate(([self._last_seen], times[:-1]))
+        newest = np.maximum.accumulate(np.concatenate(([self._newest], times)))[:-1]
+        self._last_seen = int(times[-1])
         self.counts.backward += int(np.count_nonzero(times < before))
         behind = np.where(newest > times, newest - times, 0)
         lateness = int(behind.max())
@@ -144,22 +119,21 @@ class Order:
         if not len(block):
             return block
         times = block.time_ns
-        fresh = np.diff(times, prepend=self.state.last_out) > 0
-        if self.state.last_out == _NEVER:
+        fresh = np.diff(times, prepend=self._last_out) > 0
+        if self._last_out == _NEVER:
             fresh[0] = True
         if not fresh.all():
             repeated = np.flatnonzero(~fresh)
             self.counts.duplicates += len(repeated)
             # row of the sample kept: 0 is that given out last
             last_fresh = np.maximum.accumulate(np.where(fresh, np.arange(1, len(times) + 1), 0))
-            before = np.vstack((self.state.last_gyro, block.gyro))[last_fresh[repeated]]
+            before = np.vstack((self._last_gyro, block.gyro))[last_fresh[repeated]]
             differs = (block.gyro[repeated] != before).any(axis=1)
             self.counts.differing_duplicates += int(np.count_nonzero(differs))
             block = block.rows(fresh)
         if len(block):
-            self.state = replace(
-                self.state, last_out=int(block.time_ns[-1]), last_gyro=block.gyro[-1].copy()
-            )
+            self._last_out = int(block.time_ns[-1])
+            self._last_gyro = block.gyro[-1].copy()
         return block
 
 

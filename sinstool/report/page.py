@@ -9,22 +9,8 @@ from sinstool.core.errors import ConfigurationError, OutputError
 from sinstool.core.whole_file import check_output, write_whole
 from sinstool.report.extra import borrowed
 from sinstool.report.markup import markup
-from sinstool.report.sections import Cell, Column, Page, Prose, Section, Settings, Table, Warnings
-from sinstool.report.static import FORMATS, write_figure
-
-__all__ = [
-    "Cell",
-    "Column",
-    "Page",
-    "Prose",
-    "Section",
-    "Settings",
-    "Table",
-    "Warnings",
-    "check_report",
-    "write_page",
-    "write_report",
-]
+from sinstool.report.sections import Page
+from sinstool.report.static import FORMATS, image
 
 PAGES = (".html", ".htm")
 
@@ -64,7 +50,7 @@ def check_report(path: Path, *, inputs: Sequence[Path] = (), overwrite: bool = F
 def write_report(
     path: Path, page: Page, *, inputs: Sequence[Path] = (), overwrite: bool = False
 ) -> None:
-    """Write what the suffix asks for: the page, or its first figure alone.
+    """Write what the suffix asks for: the page as one whole HTML file, or its first figure alone.
 
     Parameters
     ----------
@@ -81,33 +67,11 @@ def write_report(
         As by :func:`check_report`, and if the page has no figure to write alone.
     """
     check_report(path, inputs=inputs, overwrite=overwrite)
-    if path.suffix.lower() in PAGES:
-        write_page(path, page, inputs=inputs, overwrite=overwrite)
+    suffix = path.suffix.lower()
+    if suffix in PAGES:
+        library = borrowed("plotly.offline").get_plotlyjs() if page.figures else ""
+        write_whole(path, markup(page, library))
     elif page.figures:
-        write_figure(path, page.figures[0], inputs=inputs, overwrite=overwrite)
+        write_whole(path, image(page.figures[0], suffix))
     else:
         raise OutputError(f"there is no figure for {path}", "ask for a page (.html)")
-
-
-def write_page(
-    path: Path, page: Page, *, inputs: Sequence[Path] = (), overwrite: bool = False
-) -> None:
-    """Write a page as one HTML file that needs nothing besides itself.
-
-    Parameters
-    ----------
-    inputs : sequence of Path, optional
-        Files that must not be written over.
-    overwrite : bool, optional
-        Whether `path` may exist.
-
-    Raises
-    ------
-    ConfigurationError
-        If the extra ``report`` is not installed.
-    OutputError
-        If the file exists, is an input or cannot be written.
-    """
-    library: str = borrowed("plotly.offline").get_plotlyjs() if page.figures else ""
-    check_output(path, list(inputs), overwrite)
-    write_whole(path, markup(page, library))

@@ -85,11 +85,6 @@ class Recorder:
 
         self.extra += filter_figures(run)
 
-    @property
-    def navigated(self) -> bool:
-        """Whether the run computed where the vehicle was."""
-        return "latitude" in self._columns
-
     def push(self, solution: Solution) -> None:
         """Take the next solutions, in the order of time."""
         if not len(solution):

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Any
+from typing import Any, TypeVar
 
 from sinstool.report.figure import Figure
 
+T = TypeVar("T")
 Cell = str | float | int | bool | None
 
 
@@ -86,6 +87,23 @@ class Table:
                 raise ValueError(
                     f"{self.title}: a row has {len(row)} cells for {len(self.columns)} columns."
                 )
+
+
+def table_of(
+    title: str,
+    items: Iterable[T],
+    columns: Sequence[tuple[Column, Callable[[T], Cell]]],
+    notes: tuple[str, ...] = (),
+) -> Table:
+    """A table with a row for each item.
+
+    Parameters
+    ----------
+    columns : sequence of (Column, callable)
+        Each with what takes its cell from an item.
+    """
+    rows = tuple(tuple(cell(item) for _, cell in columns) for item in items)
+    return Table(title, tuple(column for column, _ in columns), rows, notes)
 
 
 @dataclass(frozen=True)

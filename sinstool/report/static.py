@@ -4,13 +4,10 @@ from __future__ import annotations
 
 import io
 from collections.abc import Sequence
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from sinstool.core.errors import ConfigurationError
-from sinstool.core.whole_file import check_output, write_whole
 from sinstool.report.draw import CROWD, colour_of, drawn, mark_sides
 from sinstool.report.extra import borrowed
 from sinstool.report.figure import Figure, Series
@@ -29,35 +26,28 @@ _AGAIN: tuple[Any, ...] = ("-", ":", "-.", (0, (7, 2, 1.5, 2)))
 _MARKERS = "osD^v"
 
 
-def write_figure(
-    path: Path, figure: Figure, *, inputs: Sequence[Path] = (), overwrite: bool = False
-) -> None:
-    """Write one figure by itself; series that a reader would first have to ask for are left out.
+def image(figure: Figure, suffix: str) -> bytes:
+    """Draw one figure by itself; series that a reader would first have to ask for are left out.
 
     The notes are left to the paper's own caption.
 
     Parameters
     ----------
-    path : Path
-        Ends in .png, .pdf or .svg.
-    inputs : sequence of Path, optional
-        Files that must not be written over.
-    overwrite : bool, optional
-        Whether `path` may exist.
+    suffix : {".png", ".pdf", ".svg"}
+        What it is to be.
+
+    Returns
+    -------
+    bytes
+        The whole file.
 
     Raises
     ------
     ConfigurationError
-        If the suffix is another, or the extra ``report`` is not installed.
-    OutputError
-        If the file exists, is an input or cannot be written.
+        If the extra ``report`` is not installed.
     """
-    suffix = path.suffix.lower()
-    if suffix not in FORMATS:
-        raise ConfigurationError(f"no figure is drawn as {path}", f"one of {', '.join(FORMATS)}")
     canvas = borrowed("matplotlib.figure")
     matplotlib = borrowed("matplotlib")
-    check_output(path, list(inputs), overwrite)
     # The same figure gives the same bytes: no date, and no random names in the vector files
     undated = {".png": {}, ".pdf": {"CreationDate": None}, ".svg": {"Date": None}}
     settings = {
@@ -70,12 +60,12 @@ def write_figure(
         "axes.spines.right": False,
         "grid.color": LIGHT["grid"],
     }
-    image = io.BytesIO()
+    content = io.BytesIO()
     with matplotlib.rc_context(settings):
         sheet = canvas.Figure(figsize=SIZE_IN, dpi=RESOLUTION_DPI, layout="constrained")
         _draw(sheet, figure)
-        sheet.savefig(image, format=suffix[1:], metadata=undated[suffix])
-    write_whole(path, image.getvalue())
+        sheet.savefig(content, format=suffix[1:], metadata=undated[suffix])
+    return content.getvalue()
 
 
 def _draw(sheet: Any, figure: Figure) -> None:

@@ -14,8 +14,8 @@ from sinstool.core.rotation import conjugate, rotate
 from sinstool.core.whole_file import WholeFile
 from sinstool.io.messages.definitions import schema_text, type_hash
 from sinstool.io.messages.encode import Encoder
+from sinstool.io.readers.batch import RawBatch
 from sinstool.io.readers.frames import enu_to_ned, q_for_log, turn_body
-from sinstool.io.writers.chunks import Messages
 from sinstool.io.writers.mcap import McapWriter
 from sinstool.io.writers.solution import QOS
 from sinstool.simulation.gnss import GnssSamples
@@ -104,7 +104,7 @@ class _Open:
         self.topic = topic
         self.done = 0
 
-    def until(self, end_ns: int | None) -> Messages | None:
+    def until(self, end_ns: int | None) -> RawBatch | None:
         """Messages up to a time (all of them for None) that were not given out yet."""
         times = self.topic.time_ns
         stop = len(times) if end_ns is None else int(np.searchsorted(times, end_ns, "right"))
@@ -119,7 +119,7 @@ class _Open:
         }
         payload = self.encoder.encode({**stamp, **self.topic.columns(rows)}, len(at))
         sequence = np.arange(rows.start, rows.stop, dtype=np.int64)
-        return Messages.from_rows(self.number, payload, at, sequence)
+        return RawBatch.from_rows(self.number, payload, at, sequence)
 
 
 @dataclass(frozen=True)

@@ -131,23 +131,32 @@ def read_gnss(
         fix_topic = channels[0].topic
         blocks = _until(read_fixes(log, channels, Losses()), until_ns)
         fixes, findings = _in_order(blocks, log_time, fix_topic)
-        if fixes is not None:
-            fixes, more = _usable_fixes(fixes, fix_topic)
-            findings += more
+    if fixes is not None:
+        problem = ("no-fix", "messages hold no fix", Severity.NOTE)
+        fixes, more = _only(fixes, fixes.has_fix, fix_topic, *problem)
+        findings += more
+        if fixes is None:
+            text = f"topic {fix_topic} holds no valid fix"
+            findings.append(Finding("no-fixes", text, topic=fix_topic))
     channels = choose_optional(log, "--velocity-topic", options.velocity_topic, *VELOCITY_TYPES)
     if channels:
         velocity_topic = channels[0].topic
         speeds = _until(read_velocity(log, channels, Losses()), until_ns)
         velocity, more = _in_order(speeds, log_time, velocity_topic)
         findings += more
-        if velocity is not None:
-            velocity, more = _usable_velocity(velocity, velocity_topic)
-            findings += more
-    if fixes is not None and options.gnss_unit == "rad":
-        fixes = replace(fixes, latitude=fixes.latitude / DEGREE, longitude=fixes.longitude / DEGREE)
+    if velocity is not None:
+        what = f"velocities are not finite or beyond {FASTEST_M_S:.0f} m/s; left out"
+        good = _of_vehicles(velocity.velocity_n)
+        velocity, more = _only(velocity, good, velocity_topic, "no-vehicle-velocity", what)
+        findings += more
     if fixes is not None:
+        if options.gnss_unit == "rad":
+            degrees = {"latitude": fixes.latitude / DEGREE, "longitude": fixes.longitude / DEGREE}
+            fixes = replace(fixes, **degrees)
         _check_range(log, fix_topic, fixes)
-        fixes, more = _on_earth(fixes, fix_topic)
+        # a filter that starts at a damaged one would have to believe it
+        what = "fixes are not on Earth; left out"
+        fixes, more = _only(fixes, fixes.on_earth, fix_topic, "not-on-earth", what)
         findings += more
     if fixes is not None and options.gnss_unit is None:
         _check_degrees(log, fix_topic, fixes, velocity)
@@ -242,48 +251,21 @@ def _counted(kind: str, text: str, topic: str, count: int, severity: Severity = 
     return Finding(kind, text, severity, topic=topic, numbers={"messages": count})
 
 
-def _usable_fixes(fixes: Gnss, topic: str) -> tuple[Gnss | None, list[Finding]]:
-    """Fixes that are fixes."""
-    good = fixes.has_fix
-    bad = int(len(fixes) - np.count_nonzero(good))
-    findings = []
-    if bad:
-        text = f"topic {topic}: {bad} messages hold no fix"
-        findings.append(_counted("no-fix", text, topic, bad, Severity.NOTE))
-    if not good.any():
-        findings.append(Finding("no-fixes", f"topic {topic} holds no valid fix", topic=topic))
-        return None, findings
-    return fixes.rows(good), findings
-
-
-def _on_earth(fixes: Gnss, topic: str) -> tuple[Gnss | None, list[Finding]]:
-    """Fixes without the damaged ones, which a filter that starts there would have to believe."""
-    good = fixes.on_earth
-    bad = int(len(fixes) - np.count_nonzero(good))
+def _only(
+    stream: S, good: np.ndarray, topic: str, kind: str, what: str, severity: Severity = WARNING
+) -> tuple[S | None, list[Finding]]:
+    """The good rows, None where there is none, and how many are not good."""
+    bad = int(len(good) - np.count_nonzero(good))
     if not bad:
-        return fixes, []
-    text = f"topic {topic}: {bad} fixes are not on Earth; left out"
-    return (
-        fixes.rows(good) if good.any() else None,
-        [_counted("not-on-earth", text, topic, bad)],
-    )
+        return stream, []
+    finding = _counted(kind, f"topic {topic}: {bad} {what}", topic, bad, severity)
+    return stream.rows(good) if good.any() else None, [finding]
 
 
-def _usable_velocity(velocity: Velocity, topic: str) -> tuple[Velocity | None, list[Finding]]:
-    """Velocities that a vehicle can have."""
-    down = velocity.velocity_n[:, 2]
-    good = (np.abs(velocity.velocity_n[:, :2]) < FASTEST_M_S).all(axis=1)
-    good &= ~(np.abs(down) >= FASTEST_M_S)  # without a vertical part the other two are of use
-    bad = int(len(velocity) - np.count_nonzero(good))
-    if not bad:
-        return velocity, []
-    text = (
-        f"topic {topic}: {bad} velocities are not finite or beyond {FASTEST_M_S:.0f} m/s; left out"
-    )
-    return (
-        velocity.rows(good) if good.any() else None,
-        [_counted("no-vehicle-velocity", text, topic, bad)],
-    )
+def _of_vehicles(velocity_n: np.ndarray) -> np.ndarray:
+    """Which velocities a vehicle can have; those without a vertical part are of use too."""
+    level = (np.abs(velocity_n[:, :2]) < FASTEST_M_S).all(axis=1)
+    return np.asarray(level & ~(np.abs(velocity_n[:, 2]) >= FASTEST_M_S))
 
 
 def _check_degrees(log: Log, topic: str, fixes: Gnss, velocity: Velocity | None) -> None:
@@ -298,14 +280,14 @@ def _check_degrees(log: Log, topic: str, fixes: Gnss, velocity: Velocity | None)
     if velocity is not None and len(velocity) > 1:
         seconds = np.diff(velocity.time_ns) * 1e-9
         speed = np.linalg.norm(velocity.velocity_n[:, :2], axis=1)
-        told = float(np.sum(0.5 * (speed[1:] + speed[:-1]) * np.minimum(seconds, 5.0)))
+        travelled = float(np.sum(0.5 * (speed[1:] + speed[:-1]) * np.minimum(seconds, 5.0)))
         north, east = horizontal_metres(
             np.diff(fixes.latitude), wrapped(np.diff(fixes.longitude)), fixes.latitude[1:]
         )
         # the leap of one bad fix is no way that was covered
         way = np.hypot(north, east)
-        covered = float(np.sum(np.minimum(way, 10.0 * max(told / len(way), 1.0))))
-        if told > 20.0 and covered > 0.25 * told:
+        covered = float(np.sum(np.minimum(way, 10.0 * max(travelled / len(way), 1.0))))
+        if travelled > 20.0 and covered > 0.25 * travelled:
             return
     raise DataError(
         log.path,
@@ -317,9 +299,8 @@ def _check_degrees(log: Log, topic: str, fixes: Gnss, velocity: Velocity | None)
 
 def _check_range(log: Log, topic: str, fixes: Gnss) -> None:
     """Refuse angles that are on no globe, and heights that no vehicle has."""
-    degree = np.pi / 180.0
-    latitude = float(np.median(np.abs(fixes.latitude[:PROBE])) / degree)
-    longitude = float(np.median(np.abs(fixes.longitude[:PROBE])) / degree)
+    latitude = float(np.median(np.abs(fixes.latitude[:PROBE])) / DEGREE)
+    longitude = float(np.median(np.abs(fixes.longitude[:PROBE])) / DEGREE)
     if latitude > 90.0 or longitude > 360.0:
         raise DataError(
             log.path,
@@ -395,64 +376,46 @@ def join(fixes: Gnss | None, velocity: Velocity | None) -> GnssEpochs | None:
     GnssEpochs or None
         By time. A row takes the stamp of the fix.
     """
-    if fixes is None and velocity is None:
+    first = fixes if fixes is not None else velocity
+    if first is None:
         return None
-    none = np.empty(0, np.int64)
-    if fixes is None:
-        assert velocity is not None
-        return _epochs(
-            velocity.time_ns, velocity.log_time_ns, None, none, velocity, np.arange(len(velocity))
-        )
-    if velocity is None:
-        return _epochs(fixes.time_ns, fixes.log_time_ns, fixes, np.arange(len(fixes)), None, none)
-    right = np.searchsorted(velocity.time_ns, fixes.time_ns)
-    left = np.clip(right - 1, 0, len(velocity) - 1)
-    right = np.clip(right, 0, len(velocity) - 1)
-    to_left = np.abs(velocity.time_ns[left] - fixes.time_ns)
-    to_right = np.abs(velocity.time_ns[right] - fixes.time_ns)
-    partner = np.where(to_left <= to_right, left, right)
-    together = np.minimum(to_left, to_right) <= SAME_EPOCH_NS
-    # a velocity belongs to one fix only
-    first = np.zeros(len(fixes), np.bool_)
-    first[np.unique(partner, return_index=True)[1]] = True
-    together &= first
-    alone = np.setdiff1d(np.arange(len(velocity)), partner[together])
-    times = np.concatenate([fixes.time_ns, velocity.time_ns[alone]])
-    logged = np.concatenate([fixes.log_time_ns, velocity.log_time_ns[alone]])
-    n = len(fixes)
-    rows_f = np.arange(n)
-    rows_v = np.concatenate([np.flatnonzero(together), n + np.arange(len(alone))])
-    picked = velocity.rows(np.concatenate([partner[together], alone]))
-    whole = _epochs(times, logged, fixes, rows_f, picked, rows_v)
-    return whole.rows(np.argsort(whole.time_ns, kind="stable"))
-
-
-def _epochs(
-    time_ns: np.ndarray,
-    log_time_ns: np.ndarray,
-    fixes: Gnss | None,
-    fix_rows: np.ndarray,
-    velocity: Velocity | None,
-    velocity_rows: np.ndarray,
-) -> GnssEpochs:
-    n = len(time_ns)
-    nothing = np.full(n, np.nan)
-    latitude, longitude, height = nothing.copy(), nothing.copy(), nothing.copy()
-    v, sigma_p, sigma_v = (np.full((n, 3), np.nan) for _ in range(3))
+    times, logged, rows = first.time_ns, first.log_time_ns, np.arange(len(first))
+    if fixes is not None and velocity is not None:
+        partner, together = _partners(fixes.time_ns, velocity.time_ns)
+        alone = np.setdiff1d(np.arange(len(velocity)), partner[together])
+        times = np.concatenate([times, velocity.time_ns[alone]])
+        logged = np.concatenate([logged, velocity.log_time_ns[alone]])
+        rows = np.concatenate([rows[together], len(fixes) + np.arange(len(alone))])
+        velocity = velocity.rows(np.concatenate([partner[together], alone]))
+    position, v, sigma_p, sigma_v = (np.full((len(times), 3), np.nan) for _ in range(4))
     if fixes is not None:
-        latitude[fix_rows] = fixes.latitude
-        longitude[fix_rows] = fixes.longitude
-        height[fix_rows] = fixes.height
-        known = (fixes.covariance_type > 0)[:, None]
-        sigma_p[fix_rows] = _sigma(fixes.covariance_n, known)
+        n = len(fixes)
+        position[:n] = np.stack([fixes.latitude, fixes.longitude, fixes.height], axis=1)
+        sigma_p[:n] = _sigma(fixes.covariance_n, (fixes.covariance_type > 0)[:, None])
     if velocity is not None:
-        v[velocity_rows] = velocity.velocity_n
-        sigma_v[velocity_rows] = _sigma(velocity.covariance_n, True)
-    return GnssEpochs(time_ns, log_time_ns, latitude, longitude, height, v, sigma_p, sigma_v)
+        v[rows] = velocity.velocity_n
+        sigma_v[rows] = _sigma(velocity.covariance_n, True)
+    latitude, longitude, height = position.T
+    epochs = GnssEpochs(times, logged, latitude, longitude, height, v, sigma_p, sigma_v)
+    return epochs.rows(np.argsort(times, kind="stable"))
 
 
-def _sigma(covariance: np.ndarray, known: np.ndarray | bool) -> np.ndarray:
+def _partners(fixes_ns: np.ndarray, velocity_ns: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """The velocity nearest to each fix, and whether the two are of one epoch."""
+    right = np.searchsorted(velocity_ns, fixes_ns)
+    left = np.clip(right - 1, 0, len(velocity_ns) - 1)
+    right = np.clip(right, 0, len(velocity_ns) - 1)
+    to_left = np.abs(velocity_ns[left] - fixes_ns)
+    to_right = np.abs(velocity_ns[right] - fixes_ns)
+    partner = np.where(to_left <= to_right, left, right)
+    # a velocity belongs to one fix only
+    first = np.zeros(len(fixes_ns), np.bool_)
+    first[np.unique(partner, return_index=True)[1]] = True
+    return partner, first & (np.minimum(to_left, to_right) <= SAME_EPOCH_NS)
+
+
+def _sigma(covariance: np.ndarray, stated: np.ndarray | bool) -> np.ndarray:
     """Roots of the diagonal; NaN where it says nothing."""
     variance = np.einsum("nii->ni", covariance)
-    good = known & np.isfinite(variance) & (variance > 0.0)
+    good = stated & np.isfinite(variance) & (variance > 0.0)
     return np.minimum(np.sqrt(np.where(good, variance, np.nan)), UNKNOWN_SIGMA)

@@ -21,15 +21,15 @@ TUNING_S = 600.0
 
 def choose_algorithm(source: Source, config: ProcessConfig, nominal_ns: float) -> ConingAlgorithm:
     """The coning algorithm, with what its options need to know of the log."""
-    told = config.coning
-    options = told.algorithm_options()
-    if told.coning == "gyro-tuned":
+    settings = config.coning
+    options = settings.algorithm_options()
+    if settings.coning == "gyro-tuned":
         options["interval"] = nominal_ns / SECOND
-    if told.sp_preset == "auto":
+    if settings.sp_preset == "auto":
         options = _tuned(source, config, nominal_ns)
     if "beta" in options:
         options["beta"] = tuple(turn_body(np.array(options["beta"]), config.input.body_axes))
-    chosen = algorithm(told.coning, **options)
+    chosen = algorithm(settings.coning, **options)
     if options:
         log_choice("coning", ", ".join(f"{name} {value}" for name, value in options.items()))
     return chosen
@@ -58,15 +58,15 @@ def _tuned(source: Source, config: ProcessConfig, nominal_ns: float) -> dict[str
     # scipy.signal takes longer to import than most logs to process
     from sinstool.methods.coning.sp_tuning import tune
 
-    found = source.survey
-    blocks = rate_blocks(source, config, found.first_ns, nominal_ns)
+    survey = source.survey
+    blocks = rate_blocks(source, config, survey.first_ns, nominal_ns)
     longest: list[np.ndarray] = []
     current: list[np.ndarray] = []
-    for piece in segments(blocks, found.max_gap_ns):
+    for piece in segments(blocks, survey.max_gap_ns):
         current = [piece.imu.gyro] if piece.starts else [*current, piece.imu.gyro]
         if sum(map(len, current)) > sum(map(len, longest)):
             longest = current
-        if piece.imu.time_ns[-1] - found.first_ns > TUNING_S * SECOND:
+        if piece.imu.time_ns[-1] - survey.first_ns > TUNING_S * SECOND:
             break
     try:
         chosen = tune(

@@ -6,7 +6,9 @@ rest as warnings.
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import replace
+from itertools import chain
 
 import numpy as np
 
@@ -45,13 +47,12 @@ def oddities(survey: Survey, options: InputOptions) -> list[Finding]:
     -------
     list of Finding
     """
-    odd = _units(survey, options) + _time(survey, options) + _values(survey, options)
-    odd = [replace(one, topic=survey.topic) for one in odd]
-    return sorted(odd, key=lambda one: one.severity != Severity.FAILED)
+    odd = chain(_units(survey, options), _time(survey, options), _values(survey, options))
+    findings = (replace(one, topic=survey.topic) for one in odd)
+    return sorted(findings, key=lambda one: one.severity != Severity.FAILED)
 
 
-def _units(s: Survey, options: InputOptions) -> list[Finding]:
-    found = []
+def _units(s: Survey, options: InputOptions) -> Iterator[Finding]:
     if gyro_looks_like_degrees(s.gyro_unit, s.gyro_max):
         reason = (
             "gravity turns in the body as if its rates were in deg/s"
@@ -60,58 +61,47 @@ def _units(s: Survey, options: InputOptions) -> list[Finding]:
             else f"its rates reach {s.gyro_max.max():.0f}, too much for rad/s"
         )
         if options.gyro_unit is None:
-            found.append(
-                Finding(
-                    "gyro-unit",
-                    f"topic {s.topic}: {reason}",
-                    answer="add --gyro-unit deg/s (or --gyro-unit rad/s if the log is right)",
-                    severity=Severity.FAILED,
-                )
+            yield Finding(
+                "gyro-unit",
+                f"topic {s.topic}: {reason}",
+                answer="add --gyro-unit deg/s (or --gyro-unit rad/s if the log is right)",
+                severity=Severity.FAILED,
             )
         elif options.gyro_unit == "rad/s":
-            found.append(Finding("gyro-unit", f"topic {s.topic}: {reason}, read as rad/s as told"))
+            yield Finding("gyro-unit", f"topic {s.topic}: {reason}, read as rad/s as told")
     force = s.specific_force_median
     if accel_looks_like_g(force):
         text = f"topic {s.topic}: the specific force is {force:.3f} in size, as in units of g"
         if options.accel_unit is None:
-            found.append(
-                Finding(
-                    "accel-unit",
-                    text,
-                    answer="add --accel-unit g (or --accel-unit m/s^2 if the log is right)",
-                    severity=Severity.FAILED,
-                )
-            )
-        elif options.accel_unit == "m/s^2":
-            found.append(Finding("accel-unit", f"{text}, read as m/s^2 as told"))
-    elif _looks_like_increments(s, options):
-        found.append(
-            Finding(
-                "increments",
-                f"topic {s.topic}: the specific force is {force:.3g} m/s^2 in size, or"
-                f" {force * _rate(s, options):.2f} if samples are increments over their intervals",
-                answer="add --gyro-kind increment (or --accel-unit m/s^2 if the log is right)",
+            yield Finding(
+                "accel-unit",
+                text,
+                answer="add --accel-unit g (or --accel-unit m/s^2 if the log is right)",
                 severity=Severity.FAILED,
             )
+        elif options.accel_unit == "m/s^2":
+            yield Finding("accel-unit", f"{text}, read as m/s^2 as told")
+    elif _looks_like_increments(s, options):
+        yield Finding(
+            "increments",
+            f"topic {s.topic}: the specific force is {force:.3g} m/s^2 in size, or"
+            f" {force * _rate(s, options):.2f} if samples are increments over their intervals",
+            answer="add --gyro-kind increment (or --accel-unit m/s^2 if the log is right)",
+            severity=Severity.FAILED,
         )
     elif force < WEIGHTLESS:
-        found.append(
-            Finding(
-                "no-gravity",
-                f"topic {s.topic}: the specific force is only {force:.3f} m/s^2 in size, so gravity"
-                " has been taken out of it or it is empty",
-                answer="tilt cannot be had from it; use --align log or --align fixed",
-            )
+        yield Finding(
+            "no-gravity",
+            f"topic {s.topic}: the specific force is only {force:.3f} m/s^2 in size, so gravity"
+            " has been taken out of it or it is empty",
+            answer="tilt cannot be had from it; use --align log or --align fixed",
         )
     elif not 7.0 < force < 13.0:
-        found.append(
-            Finding(
-                "gravity-size",
-                f"topic {s.topic}: the specific force is mostly {force:.2f} m/s^2 in size, not 9.8",
-                answer="check its unit with --accel-unit",
-            )
+        yield Finding(
+            "gravity-size",
+            f"topic {s.topic}: the specific force is mostly {force:.2f} m/s^2 in size, not 9.8",
+            answer="check its unit with --accel-unit",
         )
-    return found
 
 
 def _rate(s: Survey, options: InputOptions) -> float:
@@ -127,145 +117,107 @@ def _looks_like_increments(s: Survey, options: InputOptions) -> bool:
     return abs(s.specific_force_median * _rate(s, options) / STANDARD_GRAVITY - 1.0) < INCREMENT
 
 
-def _time(s: Survey, options: InputOptions) -> list[Finding]:
-    found = []
+def _time(s: Survey, options: InputOptions) -> Iterator[Finding]:
     if s.count > 1 and s.rate_hz < MIN_RATE_HZ and options.imu_rate is None:
-        found.append(
-            Finding(
-                "slow-imu",
-                f"topic {s.topic} has {s.rate_hz:.3g} samples a second, too few to integrate"
-                f" (at least {MIN_RATE_HZ:.0f} are needed)",
-                answer="choose the raw topic with --imu-topic, or give the true rate with"
-                " --imu-rate",
-                severity=Severity.FAILED,
-            )
+        yield Finding(
+            "slow-imu",
+            f"topic {s.topic} has {s.rate_hz:.3g} samples a second, too few to integrate"
+            f" (at least {MIN_RATE_HZ:.0f} are needed)",
+            answer="choose the raw topic with --imu-topic, or give the true rate with --imu-rate",
+            severity=Severity.FAILED,
         )
     if s.count == 1:
-        found.append(Finding("one-sample", f"topic {s.topic} has one usable sample only"))
+        yield Finding("one-sample", f"topic {s.topic} has one usable sample only")
     if s.time_source == "log":
-        found.append(
-            Finding("time-source", f"{s.time_note}, so the recorder's log times are used instead")
-        )
+        yield Finding("time-source", f"{s.time_note}, so the recorder's log times are used instead")
     if s.bursty:
-        found.append(
-            Finding(
-                "bursts",
-                "stamps come in bursts (intervals from"
-                f" {s.interval_range_ns[0] / 1e6:.3g} to {s.interval_range_ns[1] / 1e6:.3g} ms)",
-                answer="if the sensor samples evenly, give its rate with --imu-rate",
-            )
+        yield Finding(
+            "bursts",
+            "stamps come in bursts (intervals from"
+            f" {s.interval_range_ns[0] / 1e6:.3g} to {s.interval_range_ns[1] / 1e6:.3g} ms)",
+            answer="if the sensor samples evenly, give its rate with --imu-rate",
         )
     o = s.order
     if o.backward:
-        found.append(
-            Finding(
-                "backward-stamps",
-                f"{o.backward} samples are stamped earlier than the one before them, by up to"
-                f" {o.lateness_ns / 1e9:.3g} s; they were put in order",
-            )
+        yield Finding(
+            "backward-stamps",
+            f"{o.backward} samples are stamped earlier than the one before them, by up to"
+            f" {o.lateness_ns / 1e9:.3g} s; they were put in order",
         )
     if o.duplicates:
-        found.append(
-            Finding(
-                "duplicate-stamps",
-                f"{o.duplicates} samples repeat a stamp ({o.differing_duplicates} with other"
-                " values) and were left out",
-            )
+        yield Finding(
+            "duplicate-stamps",
+            f"{o.duplicates} samples repeat a stamp ({o.differing_duplicates} with other"
+            " values) and were left out",
         )
     if o.late:
-        found.append(
-            Finding(
-                "late-samples", f"{o.late} samples came too late and were left out", Severity.LOST
-            )
+        yield Finding(
+            "late-samples", f"{o.late} samples came too late and were left out", Severity.LOST
         )
     if s.gap_count:
         longest = max(length for _, length in s.gaps)
-        found.append(
-            Finding(
-                "gaps",
-                f"{s.gap_count} gaps longer than {s.max_gap_ns / 1e6:.4g} ms, {s.gap_total_s:.4g} s"
-                f" in all, the longest {longest:.4g} s; nothing is integrated across them",
-            )
+        yield Finding(
+            "gaps",
+            f"{s.gap_count} gaps longer than {s.max_gap_ns / 1e6:.4g} ms, {s.gap_total_s:.4g} s"
+            f" in all, the longest {longest:.4g} s; nothing is integrated across them",
         )
     if s.missed:
-        found.append(
-            Finding(
-                "missed-samples",
-                f"at {s.missed} places samples are missing; they are integrated across",
-            )
+        yield Finding(
+            "missed-samples",
+            f"at {s.missed} places samples are missing; they are integrated across",
         )
     low, high = s.clock_offset_s
     if max(abs(low), abs(high)) > CLOCK_OFFSET_S:
-        found.append(
-            Finding(
-                "clock-offset",
-                f"log time is {low:+.3f} to {high:+.3f} s from the header stamps: two clocks;"
-                " stamps are used",
-            )
+        yield Finding(
+            "clock-offset",
+            f"log time is {low:+.3f} to {high:+.3f} s from the header stamps: two clocks;"
+            " stamps are used",
         )
     elif high - low > CLOCK_WANDER_S:
-        found.append(
-            Finding(
-                "clock-wander",
-                f"log time less header stamp varies from {low:+.3f} to {high:+.3f} s",
-            )
+        yield Finding(
+            "clock-wander",
+            f"log time less header stamp varies from {low:+.3f} to {high:+.3f} s",
         )
-    return found
 
 
-def _values(s: Survey, options: InputOptions) -> list[Finding]:
-    found = []
+def _values(s: Survey, options: InputOptions) -> Iterator[Finding]:
     if s.losses.malformed:
-        found.append(
-            Finding(
-                "malformed",
-                f"{s.losses.malformed} messages do not fit their definition"
-                f" ({s.losses.problem}) and were left out",
-                topic=s.topic,
-                severity=Severity.LOST,
-            )
+        yield Finding(
+            "malformed",
+            f"{s.losses.malformed} messages do not fit their definition"
+            f" ({s.losses.problem}) and were left out",
+            severity=Severity.LOST,
         )
     if s.losses.nonfinite:
-        found.append(
-            Finding(
-                "not-finite",
-                f"{s.losses.nonfinite} samples hold NaN, infinity or more than {LARGEST:.0e};"
-                " left out",
-                topic=s.topic,
-                severity=Severity.LOST,
-            )
+        yield Finding(
+            "not-finite",
+            f"{s.losses.nonfinite} samples hold NaN, infinity or more than {LARGEST:.0e}; left out",
+            severity=Severity.LOST,
         )
     held = s.held - _without_noise(s)
     if held > HELD_SHARE * s.count:
-        found.append(
-            Finding(
-                "held",
-                f"{held / s.count:.0%} of the samples repeat the values of the one before:"
-                " the topic is published faster than the sensor measures",
-            )
+        yield Finding(
+            "held",
+            f"{held / s.count:.0%} of the samples repeat the values of the one before:"
+            " the topic is published faster than the sensor measures",
         )
     if s.saturated:
-        found.append(
-            Finding(
-                "saturation",
-                f"{', '.join(s.saturated)} stays at its largest value for several samples:"
-                " the sensor's range is too small there",
-            )
+        yield Finding(
+            "saturation",
+            f"{', '.join(s.saturated)} stays at its largest value for several samples:"
+            " the sensor's range is too small there",
         )
-    found += _orientation(s)
+    yield from _orientation(s)
     still = s.lead_in
     if still is not None:
         axis = gravity_axis(still.accel, options.body_axes)
         if axis not in ("", "+z" if options.body_axes == "flu" else "-z"):
-            found.append(
-                Finding(
-                    "gravity-axis",
-                    f"at rest the accelerometer reads gravity on {axis} of the sensor, not on"
-                    f" {'+z' if options.body_axes == 'flu' else '-z'}",
-                    answer="a matter of mounting, or of --body-axes",
-                )
+            yield Finding(
+                "gravity-axis",
+                f"at rest the accelerometer reads gravity on {axis} of the sensor, not on"
+                f" {'+z' if options.body_axes == 'flu' else '-z'}",
+                answer="a matter of mounting, or of --body-axes",
             )
-    return found
 
 
 def _without_noise(s: Survey) -> int:
@@ -276,15 +228,12 @@ def _without_noise(s: Survey) -> int:
     return min(still.samples, s.held)
 
 
-def _orientation(s: Survey) -> list[Finding]:
-    found = []
+def _orientation(s: Survey) -> Iterator[Finding]:
     if s.orientation_constant:
         placeholder = " and the identity, a placeholder" if s.orientation is None else ""
-        found.append(
-            Finding(
-                "constant-orientation",
-                f"the orientation in topic {s.topic} is the same in every message{placeholder}",
-            )
+        yield Finding(
+            "constant-orientation",
+            f"the orientation in topic {s.topic} is the same in every message{placeholder}",
         )
     still = s.lead_in
     if s.orientation is not None and still is not None and s.orientation_ns < still.end_ns:
@@ -292,15 +241,12 @@ def _orientation(s: Survey) -> list[Finding]:
         cosine = float(down @ -still.accel) / float(np.linalg.norm(still.accel))
         angle = float(np.degrees(np.arccos(np.clip(cosine, -1.0, 1.0))))
         if angle > ORIENTATION_TILT_DEG:
-            found.append(
-                Finding(
-                    "orientation-tilt",
-                    f"the orientation in topic {s.topic} is tilted by {angle:.0f} deg from what the"
-                    " accelerometer says at rest: other axes, or its numbers are in another order",
-                    answer="do not use --align log",
-                )
+            yield Finding(
+                "orientation-tilt",
+                f"the orientation in topic {s.topic} is tilted by {angle:.0f} deg from what the"
+                " accelerometer says at rest: other axes, or its numbers are in another order",
+                answer="do not use --align log",
             )
-    return found
 
 
 def gravity_axis(accel_frd: np.ndarray, body_axes: str) -> str:

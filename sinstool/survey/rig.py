@@ -8,7 +8,7 @@ encoder alone.
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -18,17 +18,17 @@ from sinstool.core.errors import AlignmentError, DataError, TopicError
 from sinstool.core.finding import Finding, Severity
 from sinstool.core.streams import Encoder, Imu
 from sinstool.core.timeline import SortedStream, sorted_stream
-from sinstool.core.units import DEGREE, STANDARD_GRAVITY
+from sinstool.core.units import DEGREE
 from sinstool.io.readers.log import Log
 from sinstool.io.readers.message_types import JOINT_TYPE
-from sinstool.io.readers.streams import ImuUnits, Losses, joint_names, read_imu, read_joint
+from sinstool.io.readers.streams import Losses, joint_names, read_imu, read_joint
 from sinstool.io.readers.topics import ImuTopic, choose_imu, choose_optional
 from sinstool.methods.hse.encoder import TableAngle, table_angle
 from sinstool.methods.hse.rig import Rig
 from sinstool.methods.hse.segments import Segment, Segmentation, SegmentRules, find_segments
 from sinstool.methods.hse.turns import TurnStatistics, turn_statistics
 from sinstool.survey.imu import within
-from sinstool.survey.source import time_span
+from sinstool.survey.source import imu_units, time_span
 
 Progress = Callable[[int], None]
 
@@ -160,11 +160,7 @@ def read_rig_log(
         A topic is missing or empty, or the encoder's joint is not in it.
     """
     topic = choose_imu(log, options.imu_topic)
-    units = ImuUnits(
-        "frd",
-        DEGREE if options.gyro_unit == "deg/s" else 1.0,
-        STANDARD_GRAVITY if options.accel_unit == "g" else 1.0,
-    )
+    units = replace(imu_units(options), body_axes="frd")
     losses = Losses()
     channels = choose_optional(log, "--encoder-topic", options.encoder_topic, JOINT_TYPE)
     if not channels:

@@ -61,8 +61,8 @@ def unit_evidence(windows: Windows) -> UnitEvidence:
     UnitEvidence
     """
     size = np.linalg.norm(windows.accel, axis=1)
-    known = size > 0
-    usable = (np.diff(windows.start_ns) == WINDOW_NS) & known[:-1] & known[1:]
+    nonzero = size > 0
+    usable = (np.diff(windows.start_ns) == WINDOW_NS) & nonzero[:-1] & nonzero[1:]
     if not usable.any():
         return UnitEvidence()
     direction = windows.accel / np.where(size > 0, size, 1.0)[:, None]

@@ -88,7 +88,7 @@ def test_samples_are_held_no_longer_than_the_horizon(times, at, horizon):
     for block in cut(columns(times), at):
         order.push(block)
         newest = max(int(block.time_ns.max()), newest if newest is not None else -(2**62))
-        held = order.state.held
+        held = order.held
         assert held is None or np.all(held.time_ns > newest - horizon)
 
 

@@ -7,8 +7,18 @@ from collections.abc import Sequence
 import numpy as np
 
 from sinstool.report.figure import Figure, Series
-from sinstool.report.page import Column, Page, Prose, Settings, Table, Warnings
-from sinstool.report.sections import Fact, Rows, Setting, flat
+from sinstool.report.sections import (
+    Column,
+    Fact,
+    Page,
+    Prose,
+    Rows,
+    Setting,
+    Settings,
+    Table,
+    Warnings,
+    flat,
+)
 
 NASTY = """<script>alert("1")</script> & </script> <!-- %{x} $5 'b'"""
 

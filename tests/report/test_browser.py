@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from sinstool.report.page import write_page
+from sinstool.report.page import write_report
 from tests.report.browser import DARK, WIDTHS, needs_browser, opened
 from tests.report.pages import figures, page
 
@@ -14,7 +14,7 @@ pytestmark = [pytest.mark.slow, needs_browser]
 @pytest.fixture(scope="module", params=["light", "dark"])
 def seen(request, tmp_path_factory):
     path = tmp_path_factory.mktemp(request.param) / "page.html"
-    write_page(path, page())
+    write_report(path, page())
     told, console = opened(path, *([DARK] if request.param == "dark" else []))
     assert set(told) == {str(width) for width in WIDTHS}
     return request.param, told, console

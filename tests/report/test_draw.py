@@ -9,8 +9,9 @@ import pytest
 
 from sinstool.report.draw import plotly_figure, unit
 from sinstool.report.figure import Figure, Series, heading_curve
-from sinstool.report.page import Page, write_page, write_report
-from sinstool.report.static import FORMATS, write_figure
+from sinstool.report.page import write_report
+from sinstool.report.sections import Page
+from sinstool.report.static import FORMATS
 from tests.report.pages import figures, page
 
 
@@ -96,10 +97,11 @@ def test_unit():
 @pytest.mark.parametrize("figure", figures(), ids=lambda figure: figure.key)
 def test_figure_for_a_paper(tmp_path, figure, suffix):
     path = tmp_path / f"figure{suffix}"
-    write_figure(path, figure)
+    alone = Page("t", "", (figure,))
+    write_report(path, alone)
     head = path.read_bytes()
     assert head.startswith({".png": b"\x89PNG", ".pdf": b"%PDF", ".svg": b"<?xml"}[suffix])
-    write_figure(path, figure, overwrite=True)
+    write_report(path, alone, overwrite=True)
     assert path.read_bytes() == head, "the same figure gives other bytes"
 
 
@@ -108,8 +110,8 @@ def test_report_by_suffix(tmp_path):
     assert (tmp_path / "a.PNG").read_bytes().startswith(b"\x89PNG")
 
 
-def test_page_needs_plotly_only_for_figures(tmp_path):
-    write_page(tmp_path / "bare.html", Page("Bare"))
+def test_page_without_figures_has_no_script(tmp_path):
+    write_report(tmp_path / "bare.html", Page("Bare"))
     assert "<script" not in (tmp_path / "bare.html").read_text()
 
 

@@ -17,20 +17,9 @@ from sinstool.core.errors import ConfigurationError, OutputError
 from sinstool.report import page as page_module
 from sinstool.report.figure import Figure, Series
 from sinstool.report.markup import markup, points_per_curve
-from sinstool.report.page import (
-    Column,
-    Page,
-    Prose,
-    Settings,
-    Table,
-    Warnings,
-    check_report,
-    write_page,
-    write_report,
-)
+from sinstool.report.page import check_report, write_report
 from sinstool.report.palette import DARK, LIGHT
-from sinstool.report.sections import Setting
-from sinstool.report.static import write_figure
+from sinstool.report.sections import Column, Page, Prose, Setting, Settings, Table, Warnings
 from sinstool.report.style import style_sheet
 from tests.report.pages import NASTY, figures, page
 
@@ -229,7 +218,7 @@ def test_an_hour_stays_below_ten_megabytes(tmp_path):
         Figure(f"f{k}", "t", t, tuple(Series(f"s{j}", y) for j in range(10)), "time, s", "y, m")
         for k in range(6)
     )
-    write_page(tmp_path / "hour.html", page(drawn))
+    write_report(tmp_path / "hour.html", page(drawn))
     assert (tmp_path / "hour.html").stat().st_size < 10e6
 
 
@@ -252,17 +241,17 @@ def test_refusals_of_the_page():
 def test_existing_file_and_missing_folder(tmp_path):
     path = tmp_path / "page.html"
     bare = Page("Bare", "", (Prose(("text",)),))
-    write_page(path, bare)
+    write_report(path, bare)
     before = path.read_bytes()
     with pytest.raises(OutputError, match="exists already"):
-        write_page(path, Page("Other"))
+        write_report(path, Page("Other"))
     assert path.read_bytes() == before
-    write_page(path, bare, overwrite=True)
+    write_report(path, bare, overwrite=True)
     assert path.read_bytes() == before, "the same page gives other bytes"
     with pytest.raises(OutputError, match="is the input itself"):
-        write_page(path, bare, inputs=[path], overwrite=True)
+        write_report(path, bare, inputs=[path], overwrite=True)
     with pytest.raises(OutputError, match="does not exist"):
-        write_page(tmp_path / "no" / "page.html", bare)
+        write_report(tmp_path / "no" / "page.html", bare)
     assert [one.name for one in tmp_path.iterdir()] == ["page.html"]
 
 
@@ -272,15 +261,13 @@ def test_failure_leaves_nothing(tmp_path, monkeypatch):
 
     monkeypatch.setattr(page_module, "markup", fails)
     with pytest.raises(RuntimeError):
-        write_page(tmp_path / "page.html", Page("Bare"))
+        write_report(tmp_path / "page.html", Page("Bare"))
     assert list(tmp_path.iterdir()) == []
 
 
 def test_suffixes(tmp_path):
     with pytest.raises(ConfigurationError, match=r"one of \.html, .png, .pdf, .svg"):
         check_report(tmp_path / "page.docx")
-    with pytest.raises(ConfigurationError, match=r"one of \.png, .pdf, .svg"):
-        write_figure(tmp_path / "page.html", figures()[0])
     with pytest.raises(OutputError, match="there is no figure"):
         write_report(tmp_path / "page.png", Page("Bare"))
 

@@ -1,5 +1,7 @@
 """The recorder of a run: what it shows of solutions made by hand, and in which order."""
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 
@@ -32,13 +34,14 @@ def travelling():
     return {"position": position, "velocity_n": velocity}
 
 
-def recorded(solution, *, blocks=1, summary=None, truth=None, prepare=None):
+def recorded(solution, *, blocks=1, height=None, hse=None, truth=None, prepare=None):
     recorder = Recorder(truth)
     if prepare is not None:
         prepare(recorder)
     for rows in np.array_split(np.arange(N), blocks):
         recorder.push(solution.rows(slice(rows[0], rows[-1] + 1)))
-    return recorder, {one.key: one for one in recorder.figures(summary or {})}
+    result = SimpleNamespace(height=height, hse=hse)
+    return recorder, {one.key: one for one in recorder.figures(result)}
 
 
 def drawn(figure):
@@ -52,7 +55,7 @@ def extra(key="nis"):
 @pytest.mark.parametrize("blocks", [1, 7])
 def test_attitude_rates_and_forces_are_in_degrees_and_metres(blocks):
     recorder, found = recorded(solutions(), blocks=blocks)
-    assert not recorder.navigated and recorder.errors() is None
+    assert recorder.errors() is None
     assert list(found) == ["tilt", "heading", "rate", "force"]
     np.testing.assert_allclose(found["tilt"].x, 0.1 * np.arange(N), atol=1e-9)
     np.testing.assert_allclose(drawn(found["tilt"])["roll"], 3.0)
@@ -69,7 +72,7 @@ def test_attitude_rates_and_forces_are_in_degrees_and_metres(blocks):
 def test_a_run_that_nothing_came_of_has_no_figures():
     recorder = Recorder()
     recorder.push(solutions().rows(slice(0, 0)))
-    assert recorder.figures({}) == () and not recorder.navigated
+    assert recorder.figures({}) == ()
 
 
 def test_figures_of_a_kind_of_run_stand_before_height_attitude_and_velocity():
@@ -78,8 +81,7 @@ def test_figures_of_a_kind_of_run_stand_before_height_attitude_and_velocity():
 
     sigma = np.tile(np.diag([4.0, 9.0, 16.0]), (N, 1, 1))
     solution = solutions(**travelling(), covariance_position_n=sigma)
-    recorder, found = recorded(solution, prepare=prepare)
-    assert recorder.navigated
+    _, found = recorded(solution, prepare=prepare)
     assert list(found) == [
         "track", "sigma-position", "innovation", "nis", "height", "tilt", "heading", "velocity",
         "rate", "force",
@@ -147,9 +149,9 @@ def test_errors_are_drawn_and_told_against_the_truth():
     np.testing.assert_allclose(drawn(found["error-attitude"])["down"], 10.0, atol=1e-6)
     np.testing.assert_allclose(drawn(found["error-attitude"])["north"], 0.0, atol=1e-6)
     np.testing.assert_allclose(drawn(found["error-velocity"])["down"], -2.0)
-    told = recorder.errors()
-    np.testing.assert_allclose(told["attitude_deg"]["rms"][2], 10.0 / 3600.0)
-    assert told["velocity_m_s"]["instants"] == N
+    errors = recorder.errors()
+    np.testing.assert_allclose(errors.attitude_deg.rms[2], 10.0 / 3600.0)
+    assert errors.velocity_m_s.instants == N
 
 
 def test_sigmas_of_attitude_are_in_degrees_and_their_bounds_in_the_errors_unit():
@@ -164,15 +166,17 @@ def test_sigmas_of_attitude_are_in_degrees_and_their_bounds_in_the_errors_unit()
 
 
 def test_events_of_the_height_are_marked_but_for_its_beginning():
-    events = [{"kind": "engaged", "time_ns": str(T0)}]
-    events += [{"kind": "coast", "time_ns": str(T0 + k * SECOND // 4)} for k in range(1, MARKS + 3)]
-    _, found = recorded(solutions(**travelling()), summary={"height": {"events": events}})
+    events = [SimpleNamespace(kind="engaged", time_ns=T0)]
+    for k in range(1, MARKS + 3):
+        events.append(SimpleNamespace(kind="coast", time_ns=T0 + k * SECOND // 4))
+    height = SimpleNamespace(events=events)
+    _, found = recorded(solutions(**travelling()), height=height)
     marks = found["height"].marks
     assert marks[:2] == (("coast", 0.25), ("coast", 0.5)) and len(marks) == MARKS
 
 
 def test_stretches_come_first():
-    segment = {"rate_deg_s": 60.0, "heading_raw_deg": 10.001, "heading_deg": 10.0}
-    _, found = recorded(solutions(), summary={"hse": {"segments": [segment]}})
+    segment = SimpleNamespace(rate_deg_s=60.0, heading_raw_deg=10.001, heading_deg=10.0)
+    _, found = recorded(solutions(), hse=SimpleNamespace(segments=[segment]))
     assert next(iter(found)) == "stretches"
     np.testing.assert_allclose(drawn(found["stretches"])["as aligned"], 3.6)

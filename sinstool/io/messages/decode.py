@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from numba import njit
@@ -36,14 +37,13 @@ class Columns:
     valid: np.ndarray
 
 
-@dataclass(frozen=True)
-class _Plan:
-    """A layout turned into what the kernel needs."""
+class _Plan(NamedTuple):
+    """A layout turned into what the kernel needs, in its order."""
 
-    layout: Layout
     length: int
     guard_offset: np.ndarray
     guard_byte: np.ndarray
+    big_endian: bool
     source: np.ndarray  # byte offset of each piece in the payload
     column: np.ndarray  # column of each piece
     within: np.ndarray  # byte offset of each piece inside the column's row
@@ -107,12 +107,13 @@ class Decoder:
         if len(self._dtypes) < len(self.columns) and not self._prime(buffer, offset, length):
             return Columns(self._empty(count), valid)
         names = list(self.columns)
-        sizes = np.array([self._row_bytes(name) for name in names], np.int64)
+        shapes = [self._dtypes[name] for name in names]
+        sizes = np.array([np.dtype(dtype).itemsize * width for dtype, width in shapes], np.int64)
         # Each column starts on 8 bytes, so that its view is an aligned array.
         base = _bases(sizes * count)
         out = np.zeros(int(base[-1]), np.uint8)
         for plan in self._plans:
-            self._gather(plan, buffer, offset, length, out, base, sizes, done, valid)
+            _gather(buffer, offset, length, *plan, out, base, sizes, done, valid)
             if done.all():
                 break
         while not done.all():
@@ -122,20 +123,19 @@ class Decoder:
                 done[index] = True
             elif len(self._plans) < MAX_LAYOUTS:
                 self._plans.append(new)
-                self._gather(new, buffer, offset, length, out, base, sizes, done, valid)
+                _gather(buffer, offset, length, *new, out, base, sizes, done, valid)
             else:
                 one = slice(index, index + 1)
                 part = np.zeros(1, np.bool_), np.zeros(1, np.bool_)
                 row_base = _bases(sizes)
                 row = np.zeros(int(row_base[-1]), np.uint8)
-                self._gather(new, buffer, offset[one], length[one], row, row_base, sizes, *part)
+                _gather(buffer, offset[one], length[one], *new, row, row_base, sizes, *part)
                 for k in range(len(names)):
                     begin = int(base[k] + index * sizes[k])
                     out[begin : begin + sizes[k]] = row[row_base[k] : row_base[k] + sizes[k]]
                 done[index], valid[index] = True, part[1][0]
         values = {}
-        for k, name in enumerate(names):
-            dtype, width = self._dtypes[name]
+        for k, (name, (dtype, width)) in enumerate(zip(names, shapes, strict=True)):
             column = out[base[k] : base[k] + sizes[k] * count].view("<" + dtype)
             values[name] = column.reshape(count, width) if width > 1 else column
         return Columns(values, valid)
@@ -147,10 +147,6 @@ class Decoder:
             dtype, width = self._dtypes.get(name, ("f8", len(paths)))
             empty[name] = np.zeros((count, width) if width > 1 else count, "<" + dtype)
         return empty
-
-    def _row_bytes(self, name: str) -> int:
-        dtype, width = self._dtypes[name]
-        return int(np.dtype(dtype).itemsize * width)
 
     def _prime(self, buffer: np.ndarray, offset: np.ndarray, length: np.ndarray) -> bool:
         """Find the types of columns that the definition leaves open, from the first that fits."""
@@ -196,43 +192,11 @@ class Decoder:
         guard = [(at + i, byte) for at, raw in guards for i, byte in enumerate(raw)]
         merged = np.array(_merge(pieces), np.int64).reshape(-1, 5)
         return _Plan(
-            layout,
             length,
             np.array([g[0] for g in guard], np.int64),
             np.array([g[1] for g in guard], np.uint8),
-            *(np.ascontiguousarray(merged[:, c]) for c in range(5)),
-        )
-
-    @staticmethod
-    def _gather(
-        plan: _Plan,
-        buffer: np.ndarray,
-        offset: np.ndarray,
-        length: np.ndarray,
-        out: np.ndarray,
-        base: np.ndarray,
-        sizes: np.ndarray,
-        done: np.ndarray,
-        valid: np.ndarray,
-    ) -> None:
-        _gather_kernel(
-            buffer,
-            offset,
-            length,
-            plan.length,
-            plan.guard_offset,
-            plan.guard_byte,
-            plan.source,
-            plan.column,
-            plan.within,
-            plan.size,
-            plan.item,
-            plan.layout.big_endian,
-            out,
-            base,
-            sizes,
-            done,
-            valid,
+            layout.big_endian,
+            *np.ascontiguousarray(merged.T),
         )
 
 
@@ -287,18 +251,13 @@ def _resolve(
 def _merge(pieces: list[tuple[int, int, int, int, int]]) -> list[tuple[int, int, int, int, int]]:
     """Join pieces that follow each other in the payload and in their column."""
     merged: list[tuple[int, int, int, int, int]] = []
-    for piece in pieces:
+    for source, column, within, size, item in pieces:
         if merged:
-            source, column, within, size, item = merged[-1]
-            if (source + size, column, within + size, item) == (
-                piece[0],
-                piece[1],
-                piece[2],
-                piece[4],
-            ):
-                merged[-1] = (source, column, within, size + piece[3], item)
+            begin, of, inside, length, kind = merged[-1]
+            if (begin + length, of, inside + length, kind) == (source, column, within, item):
+                merged[-1] = (begin, of, inside, length + size, kind)
                 continue
-        merged.append(piece)
+        merged.append((source, column, within, size, item))
     return merged
 
 
@@ -319,19 +278,19 @@ def _half(b, p):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True, nogil=True)
-def _gather_kernel(  # type: ignore[no-untyped-def]
+def _gather(  # type: ignore[no-untyped-def]
     buffer,
     offset,
     length,
-    wanted_length,
+    plan_length,
     guard_offset,
     guard_byte,
+    swap,
     source,
     column,
     within,
     size,
     item,
-    swap,
     out,
     base,
     sizes,
@@ -341,7 +300,7 @@ def _gather_kernel(  # type: ignore[no-untyped-def]
     words = out.view(np.uint64)
     halves = out.view(np.uint32)
     for i in range(offset.shape[0]):
-        if done[i] or length[i] != wanted_length:
+        if done[i] or length[i] != plan_length:
             continue
         start = np.uint64(offset[i])
         same = True

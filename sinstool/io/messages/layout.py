@@ -8,6 +8,7 @@ which every guard holds has the same layout, whatever its total length says (two
 
 from __future__ import annotations
 
+from abc import ABC, abstractmethod
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -16,36 +17,11 @@ from sinstool.io.messages.definitions import Definition, FieldType
 
 CDR_HEADER = 4
 ZSTD_MAGIC = b"\x28\xb5\x2f\xfd"
-SIZES = {
-    "bool": 1,
-    "byte": 1,
-    "char": 1,
-    "int8": 1,
-    "uint8": 1,
-    "int16": 2,
-    "uint16": 2,
-    "int32": 4,
-    "uint32": 4,
-    "float32": 4,
-    "int64": 8,
-    "uint64": 8,
-    "float64": 8,
-}
-NUMPY = {
-    "bool": "u1",
-    "byte": "u1",
-    "char": "u1",
-    "int8": "i1",
-    "uint8": "u1",
-    "int16": "i2",
-    "uint16": "u2",
-    "int32": "i4",
-    "uint32": "u4",
-    "float32": "f4",
-    "int64": "i8",
-    "uint64": "u8",
-    "float64": "f8",
-}
+# numpy's codes of the primitives, without byte order
+_CODES = ("i1", "i2", "i4", "i8", "u1", "u2", "u4", "u8", "f4", "f8")
+NUMPY = {np.dtype(code).name: code for code in _CODES}
+NUMPY |= dict.fromkeys(("bool", "byte", "char"), "u1")
+SIZES = {name: np.dtype(code).itemsize for name, code in NUMPY.items()}
 # Beyond this a sequence of messages is not laid out element by element: nothing we read needs it
 # and a hostile length must not cost memory.
 MAX_ELEMENTS = 4096
@@ -125,20 +101,56 @@ def walk(definition: Definition, payload: bytes) -> Layout:
         The payload is too short for its type, declares impossible lengths, or uses an
         encapsulation other than plain CDR.
     """
-    walker = _Walker(definition, bytes(payload))
-    return walker.run()
+    return _Walker(definition, bytes(payload)).run()
 
 
-class _Walker:
+class _Descent(ABC):
+    """All primitives of a message, one by one or in runs, with their paths."""
+
+    def __init__(self, definition: Definition) -> None:
+        self.definition = definition
+        self.cdr = definition.encoding == "cdr"
+        self.fields = 0
+
+    @abstractmethod
+    def _primitives(self, name: str, path: str, count: int) -> None:
+        """A run of primitives of one type; of strings one by one."""
+
+    @abstractmethod
+    def _count(self, ftype: FieldType, path: str, run: bool) -> int:
+        """Elements of an array or a sequence; a run is of primitives without gaps."""
+
+    def _message(self, name: str, prefix: str) -> None:
+        for field_name, ftype in self.definition.fields(name):
+            self._field(ftype, f"{prefix}.{field_name}" if prefix else field_name)
+
+    def _field(self, ftype: FieldType, path: str) -> None:
+        self.fields += 1
+        if self.fields > MAX_FIELDS:
+            raise LayoutError(f"{self.definition.name} has more than {MAX_FIELDS} fields")
+        if ftype.kind == "base":
+            self._primitives(ftype.name, path, 1)
+        elif ftype.kind == "message":
+            self._message(ftype.name, path)
+        elif ftype.element == "base" and ftype.name != "string":
+            self._primitives(ftype.name, path, self._count(ftype, path, True))
+        else:
+            for index in range(self._count(ftype, path, False)):
+                element = f"{path}[{index}]"
+                if ftype.element == "base":
+                    self._primitives(ftype.name, element, 1)
+                else:
+                    self._message(ftype.name, element)
+
+
+class _Walker(_Descent):
     """The recursive descent behind `walk`, with its position."""
 
     def __init__(self, definition: Definition, payload: bytes) -> None:
-        self.definition = definition
+        super().__init__(definition)
         self.payload = payload
-        self.cdr = definition.encoding == "cdr"
         self.layout = Layout()
         self.pos = 0
-        self.fields = 0
 
     def run(self) -> Layout:
         if self.cdr:
@@ -187,34 +199,14 @@ class _Walker:
                 f"payload ends at byte {len(self.payload)}, {self.definition.name} goes on"
             )
 
-    def _message(self, name: str, prefix: str) -> None:
-        for field_name, ftype in self.definition.fields(name):
-            self._field(ftype, f"{prefix}.{field_name}" if prefix else field_name)
-
-    def _field(self, ftype: FieldType, path: str) -> None:
-        self.fields += 1
-        if self.fields > MAX_FIELDS:
-            raise LayoutError(f"{self.definition.name} has more than {MAX_FIELDS} fields")
-        if ftype.kind == "base":
-            self._primitives(ftype.name, path, 1)
-        elif ftype.kind == "message":
-            self._message(ftype.name, path)
-        else:
-            count = ftype.count if ftype.kind == "array" else self._length()
-            if ftype.element == "base" and ftype.name != "string":
-                self._primitives(ftype.name, path, count)
-                return
-            # Every element takes at least a byte (a string four), so a longer claim is a lie.
-            if count > len(self.payload) - self.pos:
-                raise LayoutError(f"{path} declares {count} elements in {len(self.payload)} bytes")
-            if count > MAX_ELEMENTS:
-                raise LayoutError(f"{path} has {count} elements; at most {MAX_ELEMENTS} are read")
-            for index in range(count):
-                element = f"{path}[{index}]"
-                if ftype.element == "base":
-                    self._primitives(ftype.name, element, 1)
-                else:
-                    self._message(ftype.name, element)
+    def _count(self, ftype: FieldType, path: str, run: bool) -> int:
+        count = ftype.count if ftype.kind == "array" else self._length()
+        # Every element takes at least a byte (a string four), so a longer claim is a lie.
+        if not run and count > len(self.payload) - self.pos:
+            raise LayoutError(f"{path} declares {count} elements in {len(self.payload)} bytes")
+        if not run and count > MAX_ELEMENTS:
+            raise LayoutError(f"{path} has {count} elements; at most {MAX_ELEMENTS} are read")
+        return count
 
     def _primitives(self, name: str, path: str, count: int) -> None:
         if name == "string":
@@ -258,20 +250,18 @@ def template(
     payload : ndarray, shape (size,), uint8
         Little-endian, lengths and strings in place.
     """
-    builder = _Builder(definition, strings, lengths)
-    return builder.run()
+    return _Builder(definition, strings, lengths).run()
 
 
-class _Builder:
-    """Writes the payload that `walk` would read back into the wanted layout."""
+class _Builder(_Descent):
+    """Writes the payload of which `walk` makes the layout."""
 
     def __init__(
         self, definition: Definition, strings: dict[str, str], lengths: dict[str, int]
     ) -> None:
-        self.definition = definition
+        super().__init__(definition)
         self.strings = strings
         self.lengths = lengths
-        self.cdr = definition.encoding == "cdr"
         self.out = bytearray(b"\x00\x01\x00\x00" if self.cdr else b"")
 
     def run(self) -> tuple[Layout, np.ndarray]:
@@ -283,39 +273,21 @@ class _Builder:
         if self.cdr:
             self.out += bytes(-(len(self.out) - CDR_HEADER) % size)
 
-    def _length(self, value: int) -> None:
+    def _put_length(self, value: int) -> None:
         self._align(4)
         self.out += value.to_bytes(4, "little")
 
-    def _message(self, name: str, prefix: str) -> None:
-        for field_name, ftype in self.definition.fields(name):
-            self._field(ftype, f"{prefix}.{field_name}" if prefix else field_name)
-
-    def _field(self, ftype: FieldType, path: str) -> None:
-        if ftype.kind == "message":
-            self._message(ftype.name, path)
-            return
-        if ftype.kind == "base":
-            self._primitives(ftype.name, path, 1)
-            return
-        count = ftype.count
-        if ftype.kind == "sequence":
-            count = self.lengths.get(path, 0)
-            self._length(count)
-        if ftype.element == "base" and ftype.name != "string":
-            self._primitives(ftype.name, path, count)
-            return
-        for index in range(count):
-            element = f"{path}[{index}]"
-            if ftype.element == "base":
-                self._primitives(ftype.name, element, 1)
-            else:
-                self._message(ftype.name, element)
+    def _count(self, ftype: FieldType, path: str, run: bool) -> int:
+        if ftype.kind == "array":
+            return ftype.count
+        count = self.lengths.get(path, 0)
+        self._put_length(count)
+        return count
 
     def _primitives(self, name: str, path: str, count: int) -> None:
         if name == "string":
             raw = self.strings.get(path, "").encode() + (b"\0" if self.cdr else b"")
-            self._length(len(raw))
+            self._put_length(len(raw))
             self.out += raw
             return
         if count:

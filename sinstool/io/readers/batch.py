@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Collection
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 
 @dataclass(frozen=True)
 class RawBatch:
-    """Consecutive undecoded messages, in the order of the file.
+    """Undecoded messages: of a log in the order of its file, or to be written.
 
     Attributes
     ----------
@@ -35,26 +35,39 @@ class RawBatch:
     log_time: np.ndarray
     publish_time: np.ndarray
     sequence: np.ndarray
-    position: int
+    position: int = 0
+
+    @staticmethod
+    def from_rows(
+        channel: int, payload: np.ndarray, log_time: np.ndarray, sequence: np.ndarray
+    ) -> RawBatch:
+        """Messages of one channel and one size, to be written.
+
+        Parameters
+        ----------
+        payload : ndarray of uint8, shape (n, size)
+        log_time, sequence : ndarray of int64, shape (n,)
+        """
+        count, size = payload.shape
+        offset = np.arange(count, dtype=np.int64) * size
+        numbers, lengths = (np.full(count, value, np.int64) for value in (channel, size))
+        return RawBatch(payload.reshape(-1), numbers, offset, lengths, log_time, log_time, sequence)
 
     def __len__(self) -> int:
         return len(self.channel)
 
     def select(self, channels: Collection[int]) -> RawBatch:
-        """The messages of the given channels."""
+        """The messages of some channels."""
         if len(channels) == 1:
             keep = self.channel == next(iter(channels))
         else:
             keep = np.isin(self.channel, np.fromiter(channels, np.int64, len(channels)))
         if keep.all():
             return self
-        return RawBatch(
-            self.buffer,
-            self.channel[keep],
-            self.offset[keep],
-            self.length[keep],
-            self.log_time[keep],
-            self.publish_time[keep],
-            self.sequence[keep],
-            self.position,
-        )
+        return self.rows(keep)
+
+    def rows(self, which: np.ndarray | list[int]) -> RawBatch:
+        """Messages by mask or index, in the same buffer."""
+        columns = {name: column for name, column in vars(self).items() if np.ndim(column)}
+        del columns["buffer"]
+        return replace(self, **{name: column[which] for name, column in columns.items()})

@@ -10,6 +10,8 @@ import numpy as np
 
 # Half turn about x: takes FLU to FRD and back.
 _FLIP = np.array([1.0, -1.0, -1.0])
+# Vectors from ENU to NED and back, for covariances
+SWAP_ENU_NED = np.array([[0.0, 1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, -1.0]])
 _SQRT_HALF = np.sqrt(0.5)
 
 

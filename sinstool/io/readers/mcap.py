@@ -33,7 +33,7 @@ from sinstool.io.readers.mcap_file import (
     record_length,
 )
 from sinstool.io.readers.resync import next_mcap_inside, run_mcap
-from sinstool.io.readers.salvage import inside, known_mask, unpack, whole_parts
+from sinstool.io.readers.salvage import channel_mask, inside, unpack, whole_parts
 from sinstool.io.readers.scan import END, FULL, definitions_mcap, scan_mcap
 
 
@@ -249,7 +249,7 @@ class McapLog(McapFile):
         length = min(MAX_BLOCK, place.offset + place.length - place.data_offset)
         data = self.read_at(place.data_offset, length)
         content, proved = unpack(place.compression, data, place.size, place.crc)
-        mask = known_mask(self.channels)
+        mask = channel_mask(self.channels)
         parts = whole_parts(content, run_mcap, lambda b, at: next_mcap_inside(b, at, mask))
         return content, parts, proved
 

@@ -22,7 +22,7 @@ from sinstool.io.readers.formats import MCAP_MAGIC as MAGIC
 from sinstool.io.readers.limits import MAX_BLOCK, ROWS, WINDOW
 from sinstool.io.readers.lost import Lost
 from sinstool.io.readers.resync import next_mcap
-from sinstool.io.readers.salvage import known_mask, search
+from sinstool.io.readers.salvage import channel_mask, search
 from sinstool.io.readers.scan import END, FOREIGN, FULL, scan_mcap
 
 MIN_MESSAGE = 31
@@ -188,7 +188,7 @@ class McapFile(FileLog):
 
     def _next(self, start: int, end: int) -> int:
         """The next record that can be one."""
-        mask = known_mask(self.channels)
+        mask = channel_mask(self.channels)
 
         def following(buffer: np.ndarray, left: int) -> int:
             return int(next_mcap(buffer, 0, left, mask, self._packed))

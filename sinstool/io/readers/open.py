@@ -42,9 +42,9 @@ def open_log(path: Path | str, salvage: bool = False) -> Log:
     if not path.exists():
         raise NotALogError(path, "there is no such file or folder")
     if path.is_dir():
-        from sinstool.io.readers.rosbag2 import open_directory
+        from sinstool.io.readers.rosbag2 import Rosbag2Log
 
-        return open_directory(path, salvage)
+        return Rosbag2Log(path, salvage)
     if not path.is_file():
         # It would be waited for, and cannot be read twice.
         raise NotALogError(path, "is a device or a pipe", "write what comes through it to a file")

@@ -32,7 +32,7 @@ def _strings(b, p, end, count):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True, nogil=True)
-def _plain_record(b, p, left, known):  # type: ignore[no-untyped-def]
+def _plain_record(b, p, left, defined):  # type: ignore[no-untyped-def]
     """Whether a schema, a channel or a message begins at p; `left` bytes are there from p on."""
     size = b.shape[0]
     if p + _HEAD > size:
@@ -44,7 +44,7 @@ def _plain_record(b, p, left, known):  # type: ignore[no-untyped-def]
     body = p + _HEAD
     end = body + length
     if op == _MESSAGE:
-        if length < 22 or body + 22 > size or known[u16(b, body)] == 0:
+        if length < 22 or body + 22 > size or defined[u16(b, body)] == 0:
             return False
         return u64(b, body + 6) >= 0 and u64(b, body + 14) >= 0
     if end > size:
@@ -57,7 +57,7 @@ def _plain_record(b, p, left, known):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True, nogil=True)
-def next_mcap_inside(buffer, start, known):  # type: ignore[no-untyped-def]
+def next_mcap_inside(buffer, start, defined):  # type: ignore[no-untyped-def]
     """Next record inside a decompressed chunk.
 
     Parameters
@@ -65,7 +65,7 @@ def next_mcap_inside(buffer, start, known):  # type: ignore[no-untyped-def]
     buffer : ndarray, uint8
     start : int
         Where to begin.
-    known : ndarray of uint8, shape (65536,)
+    defined : ndarray of uint8, shape (65536,)
         1 for channels that exist.
 
     Returns
@@ -75,7 +75,7 @@ def next_mcap_inside(buffer, start, known):  # type: ignore[no-untyped-def]
     """
     size = buffer.shape[0]
     for p in range(start, size - 30):
-        if not _SCHEMA <= buffer[p] <= _MESSAGE or not _plain_record(buffer, p, size - p, known):
+        if not _SCHEMA <= buffer[p] <= _MESSAGE or not _plain_record(buffer, p, size - p, defined):
             continue
         after = p + _HEAD + u64(buffer, p + 1)
         if after + _HEAD > size or (
@@ -108,7 +108,7 @@ def _chunk(b, p, left):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True, nogil=True)
-def next_mcap(buffer, start, left, known, packed):  # type: ignore[no-untyped-def]
+def next_mcap(buffer, start, left, defined, packed):  # type: ignore[no-untyped-def]
     """Next record at the top level of an MCAP file.
 
     Parameters
@@ -119,7 +119,7 @@ def next_mcap(buffer, start, left, known, packed):  # type: ignore[no-untyped-de
         Where to begin.
     left : int
         Bytes of the file from the beginning of the buffer on.
-    known : ndarray of uint8, shape (65536,)
+    defined : ndarray of uint8, shape (65536,)
         1 for channels that exist.
     packed : bool
         Messages lie in compressed chunks, where LZ4 leaves many a header readable: what looks
@@ -156,7 +156,7 @@ def next_mcap(buffer, start, left, known, packed):  # type: ignore[no-untyped-de
         elif op == _DATA_END:
             if length == 4 and after + _HEAD <= size and buffer[after] != _MESSAGE:
                 return p
-        elif op <= _MESSAGE and not packed and _plain_record(buffer, p, left - p, known):
+        elif op <= _MESSAGE and not packed and _plain_record(buffer, p, left - p, defined):
             return p
     return -1
 

@@ -40,27 +40,6 @@ _SUFFIXES = (".db3", ".mcap", ".db3.zstd", ".mcap.zstd")
 _COMPANIONS = ("-wal", "-shm", "-journal")
 
 
-def open_directory(path: Path, salvage: bool = False) -> Log:
-    """Open a ROS 2 bag folder.
-
-    Parameters
-    ----------
-    path : Path
-        A folder with ``metadata.yaml``, or with nothing but ``.db3`` or ``.mcap`` files.
-    salvage : bool
-        Pass over missing files and damaged parts and note them in ``lost``.
-
-    Returns
-    -------
-    Rosbag2Log
-
-    Raises
-    ------
-    NotALogError, DamagedLogError, UnsupportedLogError
-    """
-    return Rosbag2Log(path, salvage)
-
-
 class Rosbag2Log(Log):
     """A ROS 2 bag folder, its files read one after the other.
 
@@ -316,16 +295,9 @@ def _declared_counts(listed: object) -> dict[str, int]:
 
 def _repacked(batch: RawBatch, rows: list[int], payloads: list[bytes]) -> RawBatch:
     length = np.fromiter(map(len, payloads), np.int64, len(payloads))
-    return RawBatch(
-        np.frombuffer(b"".join(payloads), np.uint8),
-        batch.channel[rows],
-        np.cumsum(length) - length,
-        length,
-        batch.log_time[rows],
-        batch.publish_time[rows],
-        batch.sequence[rows],
-        batch.position,
-    )
+    buffer = np.frombuffer(b"".join(payloads), np.uint8)
+    offset = np.cumsum(length) - length
+    return replace(batch.rows(rows), buffer=buffer, offset=offset, length=length)
 
 
 def _unzstd_message(data: memoryview) -> bytes:

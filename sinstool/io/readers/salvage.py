@@ -106,7 +106,7 @@ def search(
     return end
 
 
-def known_mask(channels: object) -> np.ndarray:
+def channel_mask(channels: object) -> np.ndarray:
     """1 for each channel of an MCAP file that exists; all of them where none is known yet."""
     numbers = [n for n in channels if 0 <= n < 2**16]  # type: ignore[attr-defined]
     mask = np.full(2**16, 0 if numbers else 1, np.uint8)

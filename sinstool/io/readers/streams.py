@@ -18,22 +18,18 @@ from sinstool.core.streams import (
     Encoder,
     Gnss,
     Imu,
-    Stream,
     Velocity,
 )
 from sinstool.io.messages.decode import Columns, Decoder
 from sinstool.io.messages.layout import Layout, LayoutError, walk
-from sinstool.io.readers.frames import enu_to_ned, q_nb_from_log, turn_body
+from sinstool.io.readers.frames import SWAP_ENU_NED, enu_to_ned, q_nb_from_log, turn_body
 from sinstool.io.readers.log import Channel, Log
 from sinstool.io.readers.message_types import HEIGHT_TYPES, VELOCITY_TYPES
 
 Made = TypeVar("Made")
-S = TypeVar("S", bound=Stream)
 
 # rad/s and m/s^2: no sensor measures so much, in no unit that anybody writes, but damage does.
 LARGEST = 1e9
-# From ENU to NED
-_TURN = np.array([[0.0, 1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, -1.0]])
 _XYZ = ("x", "y", "z")
 _XYZW = ("x", "y", "z", "w")
 
@@ -77,11 +73,13 @@ def _vector(path: str) -> list[str]:
     return [f"{path}.{axis}" for axis in _XYZ]
 
 
-def _stamp(columns: Mapping[str, np.ndarray]) -> np.ndarray:
+def stamp(columns: Mapping[str, np.ndarray]) -> np.ndarray:
+    """Times of headers, ns."""
     return columns["sec"].astype(np.int64) * 1_000_000_000 + columns["nanosec"].astype(np.int64)
 
 
-def _header(prefix: str = "") -> dict[str, list[str]]:
+def header(prefix: str = "") -> dict[str, list[str]]:
+    """Columns of the stamp in the header of a message at a path, for :func:`stamp`."""
     return {
         "sec": [f"{prefix}header.stamp.sec"],
         "nanosec": [f"{prefix}header.stamp.nanosec"],
@@ -192,7 +190,7 @@ def read_imu(
     """
     prefix = f"{path}." if path else ""
     columns: dict[str, Sequence[str]] = {
-        **_header(prefix),
+        **header(prefix),
         "gyro": _vector(f"{prefix}angular_velocity"),
         "accel": _vector(f"{prefix}linear_acceleration"),
     }
@@ -213,7 +211,7 @@ def read_imu(
                 q = _orientation(values["q"], values["q_covariance"], units.body_axes)
             else:
                 q = np.broadcast_to(np.nan, (len(gyro), 4))
-        block = Imu(log_time_ns if log_time else _stamp(values), log_time_ns, gyro, accel, q)
+        block = Imu(log_time_ns if log_time else stamp(values), log_time_ns, gyro, accel, q)
         # NaN is not smaller either
         usable = ((np.abs(gyro) < LARGEST) & (np.abs(accel) < LARGEST)).all(axis=1)
         if not usable.all():
@@ -233,36 +231,10 @@ def _orientation(q_xyzw: np.ndarray, covariance: np.ndarray, axes: str) -> np.nd
     return q
 
 
-def _read(
-    log: Log,
-    channels: Sequence[Channel],
-    columns: Mapping[str, Sequence[str]],
-    build: Callable[[np.ndarray, dict[str, np.ndarray]], S],
-    losses: Losses,
-    widths: Mapping[str, int] = MappingProxyType({}),
-) -> Iterator[S]:
-    for log_time_ns, values in read_columns(log, channels, columns, losses, widths=widths):
-        yield build(log_time_ns, values)
-
-
 def read_fixes(log: Log, channels: Sequence[Channel], losses: Losses) -> Iterator[Gnss]:
     """NavSatFix messages, covariance turned from ENU to NED."""
-
-    def build(log_time_ns: np.ndarray, v: dict[str, np.ndarray]) -> Gnss:
-        enu = v["covariance"].reshape(-1, 3, 3)
-        return Gnss(
-            _stamp(v),
-            log_time_ns,
-            np.radians(v["latitude"]),
-            np.radians(v["longitude"]),
-            v["altitude"],
-            _TURN @ enu @ _TURN.T,
-            v["covariance_type"].astype(np.int64),
-            v["status"].astype(np.int64),
-        )
-
     columns = {
-        **_header(),
+        **header(),
         "latitude": ["latitude"],
         "longitude": ["longitude"],
         "altitude": ["altitude"],
@@ -271,63 +243,63 @@ def read_fixes(log: Log, channels: Sequence[Channel], losses: Losses) -> Iterato
         "status": ["status.status"],
     }
     widths = {"covariance": 9}
-    return _read(log, channels, columns, build, losses, widths)
+    for log_time_ns, v in read_columns(log, channels, columns, losses, widths=widths):
+        enu = v["covariance"].reshape(-1, 3, 3)
+        yield Gnss(
+            stamp(v),
+            log_time_ns,
+            np.radians(v["latitude"]),
+            np.radians(v["longitude"]),
+            v["altitude"],
+            SWAP_ENU_NED @ enu @ SWAP_ENU_NED,
+            v["covariance_type"].astype(np.int64),
+            v["status"].astype(np.int64),
+        )
 
 
 def read_velocity(log: Log, channels: Sequence[Channel], losses: Losses) -> Iterator[Velocity]:
     """Velocity over ground (TwistStamped, TwistWithCovarianceStamped, Odometry: world ENU)."""
     plain = channels[0].type == VELOCITY_TYPES[0]
     path = "twist.linear" if plain else "twist.twist.linear"
-    columns = {**_header(), "linear": _vector(path)}
+    columns = {**header(), "linear": _vector(path)}
     if not plain:
         columns["covariance"] = ["twist.covariance"]
-
-    def build(log_time_ns: np.ndarray, v: dict[str, np.ndarray]) -> Velocity:
+    widths = {"covariance": 36}
+    for log_time_ns, v in read_columns(log, channels, columns, losses, widths=widths):
         enu = np.zeros((len(log_time_ns), 3, 3))
         if not plain:
             enu = v["covariance"].reshape(-1, 6, 6)[:, :3, :3]
-        return Velocity(_stamp(v), log_time_ns, enu_to_ned(v["linear"]), _TURN @ enu @ _TURN.T)
-
-    widths = {"covariance": 36}
-    return _read(log, channels, columns, build, losses, widths)
+        ned = SWAP_ENU_NED @ enu @ SWAP_ENU_NED
+        yield Velocity(stamp(v), log_time_ns, enu_to_ned(v["linear"]), ned)
 
 
 def read_pressure(log: Log, channels: Sequence[Channel], losses: Losses) -> Iterator[Baro]:
     """FluidPressure messages."""
-
-    def build(log_time_ns: np.ndarray, v: dict[str, np.ndarray]) -> Baro:
-        return Baro(_stamp(v), log_time_ns, v["pressure"], v["variance"])
-
-    columns = {**_header(), "pressure": ["fluid_pressure"], "variance": ["variance"]}
-    return _read(log, channels, columns, build, losses)
+    columns = {**header(), "pressure": ["fluid_pressure"], "variance": ["variance"]}
+    for log_time_ns, v in read_columns(log, channels, columns, losses):
+        yield Baro(stamp(v), log_time_ns, v["pressure"], v["variance"])
 
 
 def read_height(log: Log, channels: Sequence[Channel], losses: Losses) -> Iterator[BaroHeight]:
     """Height as PointStamped (its z) or as a bare Float64, which has the log time only."""
     bare = channels[0].type == HEIGHT_TYPES[1]
-
-    def build(log_time_ns: np.ndarray, v: dict[str, np.ndarray]) -> BaroHeight:
-        return BaroHeight(log_time_ns if bare else _stamp(v), log_time_ns, v["height"])
-
-    columns = {"height": ["data"]} if bare else {**_header(), "height": ["point.z"]}
-    return _read(log, channels, columns, build, losses)
+    columns = {"height": ["data"]} if bare else {**header(), "height": ["point.z"]}
+    for log_time_ns, v in read_columns(log, channels, columns, losses):
+        yield BaroHeight(log_time_ns if bare else stamp(v), log_time_ns, v["height"])
 
 
 def read_joint(
     log: Log, channels: Sequence[Channel], joint: str, losses: Losses
 ) -> Iterator[Encoder]:
     """Position of one joint of JointState messages; those that lack it are left out."""
-
-    def build(log_time_ns: np.ndarray, v: dict[str, np.ndarray]) -> Encoder:
-        return Encoder(_stamp(v), log_time_ns, v["position"])
-
-    columns = {**_header(), "position": [f"position[name={joint}]"]}
-    return _read(log, channels, columns, build, losses)
+    columns = {**header(), "position": [f"position[name={joint}]"]}
+    for log_time_ns, v in read_columns(log, channels, columns, losses):
+        yield Encoder(stamp(v), log_time_ns, v["position"])
 
 
 def joint_names(log: Log, channels: Sequence[Channel]) -> list[str]:
     """Names of the joints in a topic's first message."""
-    for layout, payload in _layouts(log, channels):
+    for layout, payload in layouts(log, channels):
         paths = (f"name[{k}]" for k in count())
         return [layout.text(path, payload) for path in takewhile(layout.leaves.__contains__, paths)]
     return []
@@ -345,12 +317,12 @@ def first_fix(log: Log, channels: Sequence[Channel]) -> Gnss | None:
 def frame_id(log: Log, channels: Sequence[Channel], path: str = "") -> str:
     """frame_id of a topic's first message ('' when it has none)."""
     field = f"{path}.header.frame_id" if path else "header.frame_id"
-    for layout, payload in _layouts(log, channels):
+    for layout, payload in layouts(log, channels):
         return layout.text(field, payload) if field in layout.leaves else ""
     return ""
 
 
-def _layouts(log: Log, channels: Sequence[Channel]) -> Iterator[tuple[Layout, bytes]]:
+def layouts(log: Log, channels: Sequence[Channel]) -> Iterator[tuple[Layout, bytes]]:
     """Messages of a topic one by one, each with where its fields lie."""
     definitions = {c.id: c.definition(log.path) for c in channels}
     for batch in log.batches(list(definitions)):

@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+from contextlib import suppress
+from itertools import islice
+
 from sinstool.core.errors import UnsupportedLogError
-from sinstool.io.messages.definitions import Definition
-from sinstool.io.messages.layout import Layout, LayoutError, walk
+from sinstool.io.messages.layout import Layout
 from sinstool.io.readers.log import Log
+from sinstool.io.readers.streams import layouts
 
 TF_TYPES = ("tf2_msgs/msg/TFMessage", "tf/msg/tfMessage")
 # The tree of a vehicle is complete within its first messages; reading on would cost a Python
@@ -25,30 +28,17 @@ def tf_parent(log: Log, child: str) -> str | None:
     -------
     str or None
     """
-    channels = {c.id: c for c in log.channels.values() if c.type in TF_TYPES}
-    if not channels:
-        return None
-    definitions: dict[int, Definition] = {}
-    for number, channel in channels.items():
-        try:
-            definitions[number] = channel.definition(log.path)
-        except UnsupportedLogError:
-            continue
-    seen = 0
-    for batch in log.batches(list(definitions)):
-        for i in range(len(batch)):
-            start = int(batch.offset[i])
-            payload = batch.buffer[start : start + int(batch.length[i])].tobytes()
-            try:
-                layout = walk(definitions[int(batch.channel[i])], payload)
-            except LayoutError:
-                continue
+    channels = []
+    for channel in log.channels.values():
+        if channel.type in TF_TYPES:
+            with suppress(UnsupportedLogError):
+                channel.definition(log.path)
+                channels.append(channel)
+    if channels:
+        for layout, payload in islice(layouts(log, channels), MAX_MESSAGES):
             parent = _parent(layout, payload, child)
             if parent is not None:
                 return parent
-            seen += 1
-        if seen >= MAX_MESSAGES:
-            break
     return None
 
 

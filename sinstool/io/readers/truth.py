@@ -12,7 +12,7 @@ from scipy.spatial.transform import Rotation, Slerp
 from sinstool.core.errors import LogError, TopicError
 from sinstool.io.readers.frames import q_nb_from_log
 from sinstool.io.readers.log import Log
-from sinstool.io.readers.streams import Losses, read_columns
+from sinstool.io.readers.streams import Losses, header, read_columns, stamp
 
 # Where each type that holds an orientation has it
 PATHS = {
@@ -75,16 +75,10 @@ def _from_topic(log: Log, topic: str) -> tuple[np.ndarray, np.ndarray]:
         raise TopicError(
             log.path, f"--truth {topic} is {channels[0].type_name}", f"it has to be one of {kinds}"
         )
-    columns = {
-        "sec": ["header.stamp.sec"],
-        "nanosec": ["header.stamp.nanosec"],
-        "q": [f"{path}.{axis}" for axis in "wxyz"],
-    }
+    columns = {**header(), "q": [f"{path}.{axis}" for axis in "wxyz"]}
     times, q = [], []
     for _, values in read_columns(log, channels, columns, Losses()):
-        times.append(
-            values["sec"].astype(np.int64) * 1_000_000_000 + values["nanosec"].astype(np.int64)
-        )
+        times.append(stamp(values))
         q.append(values["q"])
     if not times:
         return np.empty(0, np.int64), np.empty((0, 4))

@@ -14,7 +14,7 @@ from sinstool.io.readers.batch import RawBatch
 from sinstool.io.readers.log import Channel, Log
 from sinstool.io.readers.mcap import McapLog
 from sinstool.io.readers.mcap_file import ChunkPlace, OtherPlace
-from sinstool.io.writers.chunks import Messages, message_indexes
+from sinstool.io.writers.chunks import Chunk, message_indexes
 from sinstool.io.writers.mcap import McapWriter
 
 _START = np.iinfo(np.int64).min
@@ -114,7 +114,7 @@ class Copier:
     def _copy(self, item: _Chunk | RawBatch | OtherPlace) -> None:
         if isinstance(item, RawBatch):
             # A message of a channel that is defined nowhere would make the output unreadable.
-            messages = _messages(item.select(self._log.channels.keys()))
+            messages = item.select(self._log.channels.keys())
             if self._wide is not None:
                 messages = replace(messages, channel=np.searchsorted(self._wide, messages.channel))
             self._writer.write([messages])
@@ -135,7 +135,7 @@ class Copier:
                 return
             defined = batch.select(log.channels.keys())
             if place.offset in log.broken or len(defined) < len(batch):
-                self._writer.write([_messages(defined)])
+                self._writer.write([defined])
                 return
             # 31 bytes of record head and fixed fields stand before each payload
             indexes = message_indexes(batch.channel, batch.log_time, batch.offset - 31)
@@ -144,12 +144,9 @@ class Copier:
             times = place.start_time, place.end_time
         if not indexes:
             return
+        described = (indexes, *times, place.compression, place.data_length, place.size)
         self._writer.write_chunk(
-            lambda: log.read_at(place.offset, place.length),
-            indexes,
-            times,
-            place.compression,
-            (place.data_length, place.size),
+            lambda: Chunk(log.read_at(place.offset, place.length), *described), place.data_length
         )
 
     def _own_indexes(self, chunk: _Chunk) -> list[tuple[int, bytes]] | None:
@@ -172,18 +169,6 @@ class Copier:
         if defined is None or defined != counts:
             return None
         return entries_of
-
-
-def _messages(batch: RawBatch) -> Messages:
-    return Messages(
-        batch.channel,
-        batch.log_time,
-        batch.publish_time,
-        batch.sequence,
-        batch.buffer,
-        batch.offset,
-        batch.length,
-    )
 
 
 def _schema(channel: Channel) -> tuple[str, str, bytes]:

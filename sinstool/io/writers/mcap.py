@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import struct
 import zlib
-from collections import deque
+from collections import Counter, deque
 from collections.abc import Callable, Collection, Sequence
 from concurrent.futures import Future
 from io import BytesIO
@@ -20,8 +20,9 @@ from mcap.data_stream import ReadDataStream, RecordBuilder
 from mcap.opcode import Opcode
 
 from sinstool.core.threads import executor
+from sinstool.io.readers.batch import RawBatch
 from sinstool.io.readers.formats import MCAP_MAGIC as MAGIC
-from sinstool.io.writers.chunks import Chunk, Messages, pack
+from sinstool.io.writers.chunks import Chunk, pack
 
 _AHEAD = 16 * 2**20  # bytes taken in but not yet in the file at most
 _U64 = 2**64 - 1  # times are kept as int64; the bits are what the file holds
@@ -55,7 +56,7 @@ class McapWriter:
         self.compression = "" if compression == "none" else compression
         self.schemas: dict[int, records.Schema] = {}
         self.channels: dict[int, records.Channel] = {}
-        self.counts: dict[int, int] = {}
+        self.counts: Counter[int] = Counter()
         self._chunk_indexes: list[records.ChunkIndex] = []
         self._attachment_indexes: list[records.AttachmentIndex] = []
         self._metadata_indexes: list[records.MetadataIndex] = []
@@ -127,17 +128,17 @@ class McapWriter:
 
     # -- messages --------------------------------------------------------------------------
 
-    def write(self, parts: Sequence[Messages]) -> None:
+    def write(self, parts: Sequence[RawBatch]) -> None:
         """Write messages, merged by log time, in chunks of about 1 MiB.
 
         Parameters
         ----------
-        parts : sequence of Messages
+        parts : sequence of RawBatch
             All that belongs to one stretch of time; calls come in the order of time.
         """
         self.write_made(lambda: parts, sum(int(p.length.sum()) for p in parts))
 
-    def write_made(self, make: Callable[[], Sequence[Messages]], size: int) -> None:
+    def write_made(self, make: Callable[[], Sequence[RawBatch]], size: int) -> None:
         """Write messages as `write` does, but have them made by one of the packing threads.
 
         Parameters
@@ -155,33 +156,17 @@ class McapWriter:
 
         self._enqueue(write, size)
 
-    def write_chunk(
-        self,
-        read: Callable[[], bytes],
-        indexes: list[tuple[int, bytes]],
-        times: tuple[int, int],
-        compression: str,
-        sizes: tuple[int, int],
-    ) -> None:
-        """Write a chunk record of another file as it is.
+    def write_chunk(self, read: Callable[[], Chunk], size: int) -> None:
+        """Write a chunk of another file as it is.
 
         Parameters
         ----------
         read : callable
-            Gives the whole record, when its turn to be written comes.
-        indexes : list of (int, bytes)
-            Channel id and the entries of its message index (16 bytes a message).
-        times : (int, int)
-            First and last log time.
-        sizes : (int, int)
-            Bytes of its data, compressed and not.
+            Gives the chunk; called when it is written.
+        size : int
+            Bytes of its content as they are in the file.
         """
-        counts = {channel: len(entries) // 16 for channel, entries in indexes}
-
-        def write() -> None:
-            self._write_chunk(Chunk(read(), indexes, counts, *times, compression, *sizes))
-
-        self._enqueue(write, sizes[0])
+        self._enqueue(lambda: self._write_chunk(read()), size)
 
     # -- the rest --------------------------------------------------------------------------
 
@@ -221,9 +206,8 @@ class McapWriter:
 
     def add_metadata(self, name: str, values: dict[str, str]) -> None:
         """Write a Metadata record."""
-        builder = RecordBuilder()
-        records.Metadata(name=name, metadata=values).write(builder)
-        self.write_record_bytes(Opcode.METADATA, builder.end())
+        record = records.Metadata(name=name, metadata=values)
+        self.write_record_bytes(Opcode.METADATA, _bytes_of(record))
 
     def finish(self) -> None:
         """Write everything that is queued, the summary and the footer."""
@@ -260,9 +244,7 @@ class McapWriter:
         self._position += len(data)
 
     def _write_record(self, record: records.McapRecord) -> None:
-        builder = RecordBuilder()
-        record.write(builder)
-        self._write(builder.end())
+        self._write(_bytes_of(record))
 
     def _write_chunk(self, chunk: Chunk) -> None:
         start = self._position
@@ -289,8 +271,7 @@ class McapWriter:
                 uncompressed_size=chunk.size,
             )
         )
-        for channel, count in chunk.counts.items():
-            self.counts[channel] = self.counts.get(channel, 0) + count
+        self.counts.update(chunk.counts)
         low, high = self._span or (chunk.start_time, chunk.end_time)
         self._span = (min(low, chunk.start_time), max(high, chunk.end_time))
 
@@ -300,7 +281,7 @@ class McapWriter:
         statistics = records.Statistics(
             attachment_count=len(self._attachment_indexes),
             channel_count=len(self.channels),
-            channel_message_counts={c: self.counts.get(c, 0) for c in self.channels},
+            channel_message_counts={c: self.counts[c] for c in self.channels},
             chunk_count=len(self._chunk_indexes),
             message_count=sum(self.counts.values()),
             message_end_time=high & _U64,
@@ -322,17 +303,19 @@ class McapWriter:
             if not members:
                 continue
             begin = len(summary)
-            for member in members:
-                builder = RecordBuilder()
-                member.write(builder)
-                summary += builder.end()
-            builder = RecordBuilder()
-            records.SummaryOffset(opcode, start + begin, len(summary) - begin).write(builder)
-            offsets += builder.end()
+            summary += b"".join(map(_bytes_of, members))
+            offset = records.SummaryOffset(opcode, start + begin, len(summary) - begin)
+            offsets += _bytes_of(offset)
         offset_start = start + len(summary)
         footer = struct.pack("<BQQQ", Opcode.FOOTER, 20, start, offset_start)
         crc = zlib.crc32(bytes(summary) + bytes(offsets) + footer)
         self._write(bytes(summary) + bytes(offsets) + footer + struct.pack("<I", crc))
+
+
+def _bytes_of(record: records.McapRecord) -> bytes:
+    builder = RecordBuilder()
+    record.write(builder)
+    return bytes(builder.end())
 
 
 def _free(taken: Collection[int]) -> int:

@@ -9,12 +9,13 @@ import numpy as np
 from sinstool.core.streams import Diagnostics, Solution, concatenate
 from sinstool.io.messages.definitions import md5_sum, ros1_type_name, schema_text, type_hash
 from sinstool.io.messages.encode import Encoder
-from sinstool.io.writers.chunks import Messages
+from sinstool.io.readers.batch import RawBatch
 from sinstool.io.writers.mcap import McapWriter
 from sinstool.io.writers.topics import (
     DIAGNOSTICS_TOPIC,
     DIAGNOSTICS_TYPE,
     TOPICS,
+    Columns,
     Frames,
     Rows,
     diagnostic_columns,
@@ -144,14 +145,14 @@ class SolutionWriter:
         self._diagnosed += count
         return held.rows(slice(0, count)), sequence
 
-    def _diagnosis(self, diagnostics: Diagnostics, sequence: np.ndarray) -> Messages:
+    def _diagnosis(self, diagnostics: Diagnostics, sequence: np.ndarray) -> RawBatch:
         assert self._diagnostic_encoder is not None
-        columns = diagnostic_columns(diagnostics)
-        if "header.seq" in self._diagnostic_encoder.layout.leaves:
-            columns["header.seq"] = sequence
-        payload = self._diagnostic_encoder.encode(columns, len(diagnostics))
-        return Messages.from_rows(
-            self._diagnostic_number, payload, diagnostics.log_time_ns, sequence
+        return _serialised(
+            self._diagnostic_encoder,
+            self._diagnostic_number,
+            diagnostic_columns(diagnostics),
+            diagnostics.log_time_ns,
+            sequence,
         )
 
     def _write(self, solution: Solution) -> None:
@@ -170,17 +171,24 @@ class SolutionWriter:
         solution: Solution,
         sequence: np.ndarray,
         due: tuple[Diagnostics, np.ndarray] | None,
-    ) -> list[Messages]:
+    ) -> list[RawBatch]:
         """Serialise a batch; runs in the writer's threads, so it changes nothing of ours."""
         rows = Rows(solution, self._frames)
         parts = []
         for topic, encoder, number in zip(self._topics, self._encoders, self._numbers, strict=True):
             columns = topic.columns(rows)
-            for path in encoder.layout.leaves:
-                if path.endswith("header.seq"):
-                    columns[path] = sequence
-            payload = encoder.encode(columns, len(solution))
-            parts.append(Messages.from_rows(number, payload, solution.log_time_ns, sequence))
+            parts.append(_serialised(encoder, number, columns, solution.log_time_ns, sequence))
         if due is not None:
             parts.append(self._diagnosis(*due))
         return parts
+
+
+def _serialised(
+    encoder: Encoder, channel: int, columns: Columns, log_time: np.ndarray, sequence: np.ndarray
+) -> RawBatch:
+    """Messages of one topic; ROS 1 has their number in the header too."""
+    for path in encoder.layout.leaves:
+        if path.endswith("header.seq"):
+            columns[path] = sequence
+    payload = encoder.encode(columns, len(sequence))
+    return RawBatch.from_rows(channel, payload, log_time, sequence)

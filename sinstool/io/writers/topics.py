@@ -11,7 +11,7 @@ import numpy as np
 from sinstool.core import earth
 from sinstool.core.rotation import conjugate, rotate, to_dcm, to_euler
 from sinstool.core.streams import Diagnostics, Solution
-from sinstool.io.readers.frames import enu_to_ned, q_for_log, turn_body
+from sinstool.io.readers.frames import SWAP_ENU_NED, enu_to_ned, q_for_log, turn_body
 
 
 @dataclass(frozen=True)
@@ -43,8 +43,6 @@ class Frames:
 
 
 Columns = dict[str, np.ndarray]
-# From NED to ENU; its own inverse.
-_SWAP = np.array([[0.0, 1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, -1.0]])
 # A number as the text of a diagnostic value: always as long as this.
 NUMBER = "%14.6e"
 NUMBER_LENGTH = 14
@@ -88,7 +86,7 @@ class Rows:
         """NED covariances in the axes of the world frame."""
         if self.frames.world != "enu":
             return covariance_n
-        return _SWAP @ covariance_n @ _SWAP
+        return SWAP_ENU_NED @ covariance_n @ SWAP_ENU_NED
 
     def in_body(self, covariance_n: np.ndarray) -> np.ndarray:
         """NED covariances in the log's body axes."""
@@ -174,7 +172,7 @@ def _fix(r: Rows) -> Columns:
     }
     if s.covariance_position_n is not None:
         # always east, north, up in this message
-        turned = _SWAP @ s.covariance_position_n @ _SWAP
+        turned = SWAP_ENU_NED @ s.covariance_position_n @ SWAP_ENU_NED
         columns["position_covariance"] = turned.reshape(-1, 9)
         columns["position_covariance_type"] = np.array(3)
     return columns

@@ -10,10 +10,12 @@ from __future__ import annotations
 import difflib
 import re
 from importlib import import_module
-from typing import Any, NamedTuple, cast
+from typing import TYPE_CHECKING, Any, NamedTuple, cast
 
 from sinstool.core.errors import ConfigurationError
-from sinstool.methods.coning.algorithm import ConingAlgorithm
+
+if TYPE_CHECKING:
+    from sinstool.methods.coning.algorithm import ConingAlgorithm
 
 
 class Family(NamedTuple):
@@ -110,7 +112,7 @@ def algorithm(name: str, **options: Any) -> ConingAlgorithm:
         module, _, function = family.builder.partition(":")
         build = getattr(import_module(f"sinstool.methods.coning.{module}"), function)
         numbers = [int(group) for group in match.groups() if group is not None]
-        return cast(ConingAlgorithm, build(*numbers, **options))
+        return cast("ConingAlgorithm", build(*numbers, **options))
     near = difflib.get_close_matches(name, names(), n=1, cutoff=0.0)
     raise ConfigurationError(
         f"unknown coning algorithm {name!r}",

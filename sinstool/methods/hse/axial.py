@@ -49,9 +49,6 @@ class AxialFit:
     sigma_c: float
     bias: float | None
     sigma_bias: float | None
-    chi2: float
-    dof: int
-    n_runs: int
     quantile: float
 
     @property
@@ -73,16 +70,16 @@ def earth_rate_along_axis(run: HseRun) -> float:
     return float(EARTH_RATE * (north * np.cos(run.latitude) - down * np.sin(run.latitude)))
 
 
-def fit_axial(runs: Sequence[HseRun], bias: bool = True, weighted: bool = True) -> AxialFit:
+def fit_axial(runs: Sequence[HseRun], weighted: bool) -> AxialFit:
     """Fit the error of the rate along the axis as ``c (Omega + u) + bias``.
+
+    The gyro's bias along the axis is estimated where the rates allow; a bias left in is seen as
+    a scale error of ``bias/Omega``.
 
     Parameters
     ----------
     runs : sequence of HseRun
         At least one.
-    bias : bool
-        Estimate the gyro's bias along the axis where the rates allow; a bias left in is seen
-        as a scale error of ``bias/Omega``.
     weighted : bool
         By the scatter of the turns of each run, where all runs have it.
 
@@ -95,7 +92,7 @@ def fit_axial(runs: Sequence[HseRun], bias: bool = True, weighted: bool = True) 
     sigma_c = np.array([r.sigma_c_axial for r in runs])
     weighable = weighted and bool(np.all(np.isfinite(sigma_c) & (sigma_c > 0.0)))
     distinct = np.ptp(rate) > DISTINCT_RATES * np.max(np.abs(rate))
-    columns = [rate, np.ones_like(rate)] if bias and distinct else [rate]
+    columns = [rate, np.ones_like(rate)] if distinct else [rate]
     fit = least_squares(
         np.stack(columns, axis=1),
         c * rate,
@@ -103,14 +100,10 @@ def fit_axial(runs: Sequence[HseRun], bias: bool = True, weighted: bool = True) 
         DISBELIEF,
     )
     sigma = np.sqrt(np.diag(fit.covariance))
-    with_bias = len(columns) == 2
     return AxialFit(
         c=float(fit.estimate[0]),
         sigma_c=float(sigma[0]),
-        bias=float(fit.estimate[1]) if with_bias else None,
-        sigma_bias=float(sigma[1]) if with_bias else None,
-        chi2=fit.chi2,
-        dof=fit.dof,
-        n_runs=len(runs),
+        bias=float(fit.estimate[1]) if distinct else None,
+        sigma_bias=float(sigma[1]) if distinct else None,
         quantile=fit.quantile,
     )

@@ -13,8 +13,9 @@ import numpy as np
 
 from sinstool.core.earth import EARTH_RATE
 from sinstool.core.errors import ConfigurationError
+from sinstool.core.result import fields_in
 from sinstool.methods.hse.fit_result import HseFit
-from sinstool.methods.hse.status import APPLICABLE, Judgement
+from sinstool.methods.hse.status import Judgement
 
 
 @dataclass(frozen=True)
@@ -118,11 +119,6 @@ class HseCalibration:
         """Largest lean of the axis to the east, either way, of the runs in use."""
         return max(abs(r.C23) for r in self.runs if r.used)
 
-    @property
-    def applicable(self) -> bool:
-        """The coefficient may be applied without being forced."""
-        return self.lambda2_rad is not None and self.status in APPLICABLE
-
 
 def _finite(value: float | None) -> float | None:
     return None if value is None or not math.isfinite(value) else float(value)
@@ -180,16 +176,11 @@ def from_fit(
         latitude_rad=result.latitude,
         omega_ie=EARTH_RATE,
         fit=FitRecord(
+            **fields_in(result, FitRecord),
             n_runs=result.n_used,
             n_rates=len(result.rates),
-            dof=result.dof,
-            chi2=result.chi2,
             s_rad=result.s,
-            r2=result.r2,
-            F_lof=result.F_lof,
-            p_lof=result.p_lof,
             cond=result.condition,
-            distribution=result.distribution,
             rates_rad_s=result.rates,
         ),
         runs=tuple(_run_record(result, i) for i in range(len(result.runs))),
@@ -198,29 +189,16 @@ def from_fit(
 
 
 def _run_record(result: HseFit, i: int) -> RunRecord:
-    run, fitted = result.runs[i], result.run_fits[i]
-    return RunRecord(
-        id=run.id,
-        source=run.source,
-        t_start_s=run.t_start_s,
-        duration_s=run.duration_s,
-        n_turns=run.n_turns,
-        rate_rad_s=run.rate,
-        psi_rad=run.heading,
-        sigma_psi_rad=_finite(run.sigma_heading),
-        theta=run.theta,
-        gamma=run.gamma,
-        C23=run.C23,
-        sigma_C23=_finite(run.sigma_C23),
-        c_axial=run.c_axial,
-        sigma_c_axial=_finite(run.sigma_c_axial),
-        position=fitted.position,
-        resid_rad=fitted.residual,
-        leverage=fitted.leverage,
-        studentised=fitted.studentised,
-        used=fitted.used,
-        reason=fitted.reason,
-    )
+    run, fitted = result.runs[i], dict(vars(result.run_fits[i]))
+    own = {
+        "rate_rad_s": run.rate,
+        "psi_rad": run.heading,
+        "sigma_psi_rad": _finite(run.sigma_heading),
+        "sigma_C23": _finite(run.sigma_C23),
+        "sigma_c_axial": _finite(run.sigma_c_axial),
+        "resid_rad": fitted.pop("residual"),
+    }
+    return RunRecord(**{**fields_in(run, RunRecord), **own, **fitted})
 
 
 def require_config(cal: HseCalibration, config_sha256: str, force: bool = False) -> str | None:

@@ -14,7 +14,7 @@ from numpy.typing import ArrayLike, NDArray
 from sinstool.core.earth import EARTH_RATE
 from sinstool.core.errors import ConfigurationError
 from sinstool.methods.hse.calibration import HseCalibration
-from sinstool.methods.hse.status import MAX_LATITUDE
+from sinstool.methods.hse.status import APPLICABLE, MAX_LATITUDE
 
 FloatArray = NDArray[np.float64]
 
@@ -42,7 +42,7 @@ def require_applicable(cal: HseCalibration, force: bool = False) -> str | None:
             f"the calibration has no coefficient: its status is {cal.status}",
             "calibrate again; its warnings say what was missing",
         )
-    if cal.applicable:
+    if cal.status in APPLICABLE:
         return None
     message = f"the calibration of heading-sensitive error has the status {cal.status}"
     if force:

@@ -160,8 +160,7 @@ def predict(design: Design, advise: bool = True) -> Prediction:
     if np.ptp(lean) > max(MIN_C23, DISTINCT_LEAN * np.max(np.abs(lean))):
         both = _deviations(np.column_stack([offsets, x, rates]), sigmas / horizontal)
         by_joint, delay = float(both[k]), float(both[k + 1])
-    along = rates - EARTH_RATE * np.sin(design.latitude)
-    axial = _deviations(np.column_stack([along, np.ones_like(along)]), sigmas)
+    axial = _deviations(np.column_stack([lambda1, np.ones_like(lambda1)]), sigmas)
     result = Prediction(
         n_runs=n * k,
         total_s=float(n * k * design.duration_s),

@@ -314,6 +314,14 @@ def _unwrap(position, turn, out):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True, nogil=True)
+def _add(total, lost, value):  # type: ignore[no-untyped-def]
+    """A sum with one more value, and what its rounding lost (Kahan)."""
+    value -= lost
+    more = total + value
+    return more, (more - total) - value
+
+
+@njit(cache=True, nogil=True)
 def _smooth(seconds, alpha, half, at, smooth):  # type: ignore[no-untyped-def]
     """Means of times and angles over ``half`` readings to each side, fewer near the ends.
 
@@ -326,24 +334,12 @@ def _smooth(seconds, alpha, half, at, smooth):  # type: ignore[no-untyped-def]
     for i in range(n):
         wide = min(half, i, n - 1 - i)
         while high < i + wide + 1:
-            y = seconds[high] - seconds[0] - lost_t
-            total = sum_t + y
-            lost_t = (total - sum_t) - y
-            sum_t = total
-            y = alpha[high] - alpha[0] - lost_a
-            total = sum_a + y
-            lost_a = (total - sum_a) - y
-            sum_a = total
+            sum_t, lost_t = _add(sum_t, lost_t, seconds[high] - seconds[0])
+            sum_a, lost_a = _add(sum_a, lost_a, alpha[high] - alpha[0])
             high += 1
         while low < i - wide:
-            y = seconds[0] - seconds[low] - lost_t
-            total = sum_t + y
-            lost_t = (total - sum_t) - y
-            sum_t = total
-            y = alpha[0] - alpha[low] - lost_a
-            total = sum_a + y
-            lost_a = (total - sum_a) - y
-            sum_a = total
+            sum_t, lost_t = _add(sum_t, lost_t, seconds[0] - seconds[low])
+            sum_a, lost_a = _add(sum_a, lost_a, alpha[0] - alpha[low])
             low += 1
         at[i] = seconds[0] + sum_t / (high - low)
         smooth[i] = alpha[0] + sum_a / (high - low)

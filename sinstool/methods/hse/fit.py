@@ -23,7 +23,7 @@ Three methods estimate ``lambda2``:
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -97,18 +97,16 @@ def _left_out(
     return np.array([not r for r in reasons], dtype=bool), reasons
 
 
-def _trends(runs: Sequence[HseRun], use: Mask) -> list[str]:
-    notes = []
+def _trends(runs: Sequence[HseRun], use: Mask) -> Iterator[str]:
     for one, used in zip(runs, use, strict=True):
         if not used or one.per_turn_heading is None:
             continue
         if drifts(one.per_turn_heading):
             t = trend_t(one.per_turn_heading)
-            notes.append(
+            yield (
                 f"the heading of run {one.id} drifts from turn to turn (t = {t:.1f}): the system"
                 " warms up or the base tilts; leave it out, or skip the warm-up"
             )
-    return notes
 
 
 def fit(runs: Sequence[HseRun], options: FitOptions | None = None) -> HseFit:
@@ -145,7 +143,7 @@ def fit(runs: Sequence[HseRun], options: FitOptions | None = None) -> HseFit:
         raise ConfigurationError(
             "every run is left out", "exclude fewer runs, or skip less of the warm-up"
         )
-    warnings = _trends(runs, use)
+    warnings = list(_trends(runs, use))
     model = HeadingModel(data, use, options.method == "joint", options.drift and not paper)
     warnings += model.notes
     if paper and options.drift:
@@ -259,20 +257,10 @@ def _from_headings(
 ) -> HseFit:
     sigma = np.sqrt(np.diag(solved.covariance))
     slope, deviation = float(solved.estimate[model.slope]), float(sigma[model.slope])
+    k, sigma_k = slope, deviation
     if model.observable:
-        lambda2 = slope
-        total = float(np.hypot(deviation, slope * model.relative_C23))
+        result = _with_lambda2(result, model, slope, deviation, solved.quantile)
         k, sigma_k = slope * model.gain, deviation * abs(model.gain)
-        result = replace(
-            result,
-            lambda2=lambda2,
-            sigma_lambda2=_finite(total),
-            ci95_lambda2=_interval(lambda2, total, solved.quantile),
-            lambda2_heading=lambda2,
-            sigma_lambda2_heading=_finite(total),
-        )
-    else:
-        k, sigma_k = slope, deviation
     if model.joint:
         tau = model.names.index("tau")
         result = replace(result, delay=float(solved.estimate[tau]), sigma_delay=_finite(sigma[tau]))
@@ -291,10 +279,7 @@ def _from_headings(
         )
     psi0 = (data.reference[model.positions] + solved.estimate[: model.slope]) % (2.0 * np.pi)
     return replace(
-        result,
-        K=k,
-        sigma_K=_finite(sigma_k),
-        ci95_K=_interval(k, sigma_k, solved.quantile),
+        _with_slope(result, k, sigma_k, solved.quantile),
         psi0=tuple(float(p) for p in psi0),
         parameters=tuple(model.names),
         covariance=solved.covariance,
@@ -353,10 +338,7 @@ def _paper(result: HseFit, model: HeadingModel, data: RunColumns, use: Mask) -> 
     quantile = float(special.stdtrit(dof, 0.975) if student else special.ndtri(0.975))
     k, sigma_k = float(estimate[1]), float(np.sqrt(covariance[1, 1]))
     result = replace(
-        result,
-        K=k,
-        sigma_K=_finite(sigma_k),
-        ci95_K=_interval(k, sigma_k, quantile),
+        _with_slope(result, k, sigma_k, quantile),
         psi0=(float((data.reference[model.positions[0]] + estimate[0]) % (2.0 * np.pi)),),
         parameters=("psi0[0]", "K"),
         covariance=covariance,
@@ -365,16 +347,7 @@ def _paper(result: HseFit, model: HeadingModel, data: RunColumns, use: Mask) -> 
     )
     if not model.observable:
         return result
-    lambda2 = k / model.gain
-    sigma = float(np.hypot(sigma_k / model.gain, lambda2 * model.relative_C23))
-    return replace(
-        result,
-        lambda2=lambda2,
-        sigma_lambda2=_finite(sigma),
-        ci95_lambda2=_interval(lambda2, sigma, quantile),
-        lambda2_heading=lambda2,
-        sigma_lambda2_heading=_finite(sigma),
-    )
+    return _with_lambda2(result, model, k / model.gain, sigma_k / model.gain, quantile)
 
 
 def _from_axial(result: HseFit, model: HeadingModel) -> HseFit:
@@ -383,11 +356,28 @@ def _from_axial(result: HseFit, model: HeadingModel) -> HseFit:
     lambda2, sigma = axial.lambda2, axial.sigma_lambda2
     k, sigma_k = lambda2 * model.gain, sigma * abs(model.gain)
     return replace(
-        result,
+        _with_slope(result, k, sigma_k, axial.quantile),
         lambda2=lambda2,
         sigma_lambda2=_finite(sigma),
         ci95_lambda2=_interval(lambda2, sigma, axial.quantile),
-        K=k,
-        sigma_K=_finite(sigma_k),
-        ci95_K=_interval(k, sigma_k, axial.quantile),
+    )
+
+
+def _with_slope(result: HseFit, k: float, sigma: float, quantile: float) -> HseFit:
+    """The result with a slope of heading against rate."""
+    return replace(result, K=k, sigma_K=_finite(sigma), ci95_K=_interval(k, sigma, quantile))
+
+
+def _with_lambda2(
+    result: HseFit, model: HeadingModel, lambda2: float, deviation: float, quantile: float
+) -> HseFit:
+    """The result with a coefficient from headings; what is unsure of the lean adds to its sigma."""
+    sigma = float(np.hypot(deviation, lambda2 * model.relative_C23))
+    return replace(
+        result,
+        lambda2=lambda2,
+        sigma_lambda2=_finite(sigma),
+        ci95_lambda2=_interval(lambda2, sigma, quantile),
+        lambda2_heading=lambda2,
+        sigma_lambda2_heading=_finite(sigma),
     )

@@ -218,7 +218,7 @@ class Rig:
         """Matrix that takes the log's specific forces, less their bias, to ``b``."""
         return self.C_s_to_b @ self.K_a
 
-    def known_latitude(self) -> float:
+    def require_latitude(self) -> float:
         """Latitude in rad; ConfigurationError if it was not given."""
         if self.latitude is None:
             raise ConfigurationError(
@@ -277,16 +277,11 @@ class Rig:
     def to_table(self) -> dict[str, Any]:
         """The rig as the table ``[rig]`` of a configuration file; see :func:`from_table`."""
         e = self.encoder
+        arrays = ("K_g", "C_s_to_b", "K_a", "gyro_bias", "accel_bias")
+        others = ("gyro_frame", "accel_frame", "gyro_scale", "imu_stamp")
         table: dict[str, Any] = {
-            "K_g": self.K_g.tolist(),
-            "C_s_to_b": self.C_s_to_b.tolist(),
-            "K_a": self.K_a.tolist(),
-            "gyro_bias": self.gyro_bias.tolist(),
-            "accel_bias": self.accel_bias.tolist(),
-            "gyro_frame": self.gyro_frame,
-            "accel_frame": self.accel_frame,
-            "gyro_scale": self.gyro_scale,
-            "imu_stamp": self.imu_stamp,
+            **{name: getattr(self, name).tolist() for name in arrays},
+            **{name: getattr(self, name) for name in others},
             "encoder": {
                 "joint": e.joint,
                 "sign": e.sign,
@@ -355,7 +350,7 @@ def from_table(table: Mapping[str, Any]) -> Rig:
     ConfigurationError
         If a key is unknown or missing, or a value impossible; names the key with its path.
     """
-    _known(table, _RIG_KEYS, "rig")
+    _refuse_unknown(table, _RIG_KEYS, "rig")
     values: dict[str, Any] = dict(table)
     if ("e" in values) == ("C_s_to_b" in values):
         both = "both given" if "e" in values else "both missing"
@@ -374,7 +369,7 @@ def from_table(table: Mapping[str, Any]) -> Rig:
     encoder = values.pop("encoder", {})
     if not isinstance(encoder, Mapping):
         raise ConfigurationError(f"rig.encoder is {encoder!r}", "write it as a table [rig.encoder]")
-    _known(encoder, _ENCODER_KEYS, "rig.encoder")
+    _refuse_unknown(encoder, _ENCODER_KEYS, "rig.encoder")
     names = {"offset_rad": "offset", "delay_s": "delay"}
     model: dict[str, Any] = {names.get(str(key), str(key)): value for key, value in encoder.items()}
     if not isinstance(model.get("joint", ""), str):
@@ -387,7 +382,7 @@ def from_table(table: Mapping[str, Any]) -> Rig:
     return Rig(**values, encoder=EncoderModel(**model))
 
 
-def _known(table: Mapping[str, Any], keys: tuple[str, ...], where: str) -> None:
+def _refuse_unknown(table: Mapping[str, Any], keys: tuple[str, ...], where: str) -> None:
     unknown = [key for key in table if key not in keys]
     if unknown:
         raise ConfigurationError(f"{where}.{unknown[0]} is not known", f"keys: {', '.join(keys)}")

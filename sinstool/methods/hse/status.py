@@ -8,7 +8,7 @@ line has to hold.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 
 import numpy as np
@@ -53,17 +53,12 @@ class Judgement:
         return _status(self.findings[0]) if self.findings else "ok"
 
     @property
-    def applicable(self) -> bool:
-        """The coefficient may be applied without being forced."""
-        return self.status in APPLICABLE
-
-    @property
     def warnings(self) -> tuple[str, ...]:
         """Every finding as a line."""
         return tuple(str(one) for one in self.findings)
 
 
-def judgement(findings: Sequence[Finding]) -> Judgement:
+def judgement(findings: Iterable[Finding]) -> Judgement:
     """Order findings, the gravest first."""
     return Judgement(tuple(sorted(findings, key=lambda one: STATUSES.index(_status(one)))))
 
@@ -78,46 +73,36 @@ def _finding(status: str, text: str, answer: str = "") -> Finding:
     return Finding("remark" if status == "ok" else status, text, severity, answer)
 
 
-def _extent(result: HseFit) -> list[Finding]:
+def _extent(result: HseFit) -> Iterator[Finding]:
     """Are there the rates and the latitude to see a slope?"""
-    findings = []
     if abs(result.latitude) > MAX_LATITUDE:
-        findings.append(
-            _finding(
-                "error",
-                f"at latitude {np.degrees(result.latitude):.1f} deg the Earth's rate has next to"
-                " no horizontal part: heading cannot be had",
-                "calibrate below 85 deg, or take lambda2 from the rate along the axis"
-                f" ({_lambda2(result.axial.lambda2, result.axial.sigma_lambda2)})",
-            )
+        yield _finding(
+            "error",
+            f"at latitude {np.degrees(result.latitude):.1f} deg the Earth's rate has next to"
+            " no horizontal part: heading cannot be had",
+            "calibrate below 85 deg, or take lambda2 from the rate along the axis"
+            f" ({_lambda2(result.axial.lambda2, result.axial.sigma_lambda2)})",
         )
     elif abs(result.latitude) > WARN_LATITUDE:
-        findings.append(
-            _finding(
-                "ok",
-                f"at latitude {np.degrees(result.latitude):.1f} deg every error of heading is"
-                f" {1.0 / np.cos(result.latitude):.1f} times that at the equator",
-            )
+        yield _finding(
+            "ok",
+            f"at latitude {np.degrees(result.latitude):.1f} deg every error of heading is"
+            f" {1.0 / np.cos(result.latitude):.1f} times that at the equator",
         )
     if len(result.rates) < 2 or result.rate_span < MIN_RATE_SPAN:
         rates = ", ".join(f"{np.degrees(r):.2f}" for r in result.rates)
-        findings.append(
-            _finding(
-                "error",
-                f"the rates ({rates} deg/s) do not differ enough to tell a slope",
-                "record at two rates or more, 10 deg/s apart at least; 20, 40 and 60 deg/s in"
-                " both directions are good",
-            )
+        yield _finding(
+            "error",
+            f"the rates ({rates} deg/s) do not differ enough to tell a slope",
+            "record at two rates or more, 10 deg/s apart at least; 20, 40 and 60 deg/s in"
+            " both directions are good",
         )
     elif result.K is None:
-        findings.append(
-            _finding(
-                "error",
-                "the runs do not determine the parameters of the fit",
-                "add runs, or leave out the drift",
-            )
+        yield _finding(
+            "error",
+            "the runs do not determine the parameters of the fit",
+            "add runs, or leave out the drift",
         )
-    return findings
 
 
 def _lambda2(value: float, sigma: float | None) -> str:
@@ -131,19 +116,17 @@ def _slope(result: HseFit) -> str:
     return f'{(result.K or 0.0) / ARCSEC:.1f}{sigma} "/(rad/s)'
 
 
-def _unobservable(result: HseFit) -> list[Finding]:
+def _unobservable(result: HseFit) -> Iterator[Finding]:
     if result.observable or result.K is None or result.method == "axial":
-        return []
-    return [
-        _finding(
-            "unobservable",
-            f"the axis leans to the east by {result.C23:.1e} rad only, less than"
-            f" {max(MIN_C23, MIN_C23_SIGMAS * result.sigma_C23):.1e}: lambda2 does not show in"
-            f" heading (slope {_slope(result)})",
-            "tilt the base to the east or west by 5e-3 rad or more and repeat; by the rate along"
-            f" the axis it is {_lambda2(result.axial.lambda2, result.axial.sigma_lambda2)}",
-        )
-    ]
+        return
+    yield _finding(
+        "unobservable",
+        f"the axis leans to the east by {result.C23:.1e} rad only, less than"
+        f" {max(MIN_C23, MIN_C23_SIGMAS * result.sigma_C23):.1e}: lambda2 does not show in"
+        f" heading (slope {_slope(result)})",
+        "tilt the base to the east or west by 5e-3 rad or more and repeat; by the rate along"
+        f" the axis it is {_lambda2(result.axial.lambda2, result.axial.sigma_lambda2)}",
+    )
 
 
 def implied_delay(result: HseFit) -> float | None:
@@ -166,16 +149,16 @@ def implied_delay(result: HseFit) -> float | None:
     return float((result.lambda2_heading - result.axial.lambda2) * gain)
 
 
-def _inconsistent(result: HseFit) -> list[Finding]:
+def _inconsistent(result: HseFit) -> Iterator[Finding]:
     z = result.z_consistency
     if z is None or not abs(z) > CONSISTENT or result.lambda2_heading is None:
-        return []
+        return
     # what the linear model leaves out is in headings only, and is told of by itself
     difference = abs(result.lambda2_heading - result.axial.lambda2)
     if difference * (1.0 - CONSISTENT / abs(z)) < (second_order(result) or 0.0) * abs(
         result.axial.lambda2
     ):
-        return []
+        return
     message = (
         "lambda2 from headings,"
         f" {_lambda2(result.lambda2_heading, result.sigma_lambda2_heading)}, is not that from the"
@@ -194,36 +177,33 @@ def _inconsistent(result: HseFit) -> list[Finding]:
             " [rig.encoder] delay_s and imu_stamp, or repeat with the base turned by 180 deg"
         )
     # the axial value itself is free of delays
-    return [_finding("ok" if result.method == "axial" else "inconsistent_axial", message, hint)]
+    yield _finding("ok" if result.method == "axial" else "inconsistent_axial", message, hint)
 
 
-def _insignificant(result: HseFit) -> list[Finding]:
+def _insignificant(result: HseFit) -> Iterator[Finding]:
     if result.lambda2 is None or result.K is None:
-        return []
+        return
     if result.sigma_K is None:
-        return [
-            _finding(
-                "not_significant",
-                "nothing tells the scatter of these few runs, so nothing is known of how good"
-                " lambda2 is",
-                "add repeats; applying it needs --force",
-            )
-        ]
+        yield _finding(
+            "not_significant",
+            "nothing tells the scatter of these few runs, so nothing is known of how good"
+            " lambda2 is",
+            "add repeats; applying it needs --force",
+        )
+        return
     if abs(result.K) >= SIGNIFICANT * result.sigma_K:
-        return []
+        return
     interval = ""
     if result.ci95_lambda2 is not None:
         low, high = (v / ARCSEC for v in result.ci95_lambda2)
         interval = f', 95 % interval {low:.3f}" to {high:.3f}"'
-    return [
-        _finding(
-            "not_significant",
-            f"lambda2 {_lambda2(result.lambda2, result.sigma_lambda2)}{interval} does not stand"
-            " out of its scatter: correcting with it may make headings worse",
-            "add repeats, both directions of rotation, or more tilt, or use --method axial;"
-            " applying it needs --force",
-        )
-    ]
+    yield _finding(
+        "not_significant",
+        f"lambda2 {_lambda2(result.lambda2, result.sigma_lambda2)}{interval} does not stand"
+        " out of its scatter: correcting with it may make headings worse",
+        "add repeats, both directions of rotation, or more tilt, or use --method axial;"
+        " applying it needs --force",
+    )
 
 
 def second_order(result: HseFit) -> float | None:
@@ -234,60 +214,46 @@ def second_order(result: HseFit) -> float | None:
     return float(0.5 * c * result.max_rate * result.tilt / (EARTH_RATE * np.cos(result.latitude)))
 
 
-def _nonlinear(result: HseFit) -> list[Finding]:
-    findings = []
+def _nonlinear(result: HseFit) -> Iterator[Finding]:
     if result.p_lof is not None and result.p_lof < P_LACK_OF_FIT:
-        findings.append(
-            _finding(
-                "nonlinear",
-                f"heading is not linear in the rate (lack of fit: F = {result.F_lof:.1f},"
-                f" p = {result.p_lof:.4f})",
-                "look at the residuals for warming up or a rate that stands apart; interleave the"
-                " rates in time",
-            )
+        yield _finding(
+            "nonlinear",
+            f"heading is not linear in the rate (lack of fit: F = {result.F_lof:.1f},"
+            f" p = {result.p_lof:.4f})",
+            "look at the residuals for warming up or a rate that stands apart; interleave the"
+            " rates in time",
         )
     beyond = second_order(result)
     if beyond is not None and beyond > SECOND_ORDER:
-        findings.append(
-            _finding(
-                "nonlinear",
-                f"with this lambda2, rate and tilt the linear model errs by {100 * beyond:.1f} %",
-                "calibrate the gyro's matrix again, or level the base better",
-            )
+        yield _finding(
+            "nonlinear",
+            f"with this lambda2, rate and tilt the linear model errs by {100 * beyond:.1f} %",
+            "calibrate the gyro's matrix again, or level the base better",
         )
-    return findings
 
 
-def _remarks(result: HseFit) -> list[Finding]:
-    findings = []
+def _remarks(result: HseFit) -> Iterator[Finding]:
     if result.C23_spread > C23_SPREAD and result.observable:
-        findings.append(
-            _finding(
-                "ok",
-                f"at one position the lean of the axis varies by {100 * result.C23_spread:.0f} %",
-                "the base moves; each run is fitted with its own lean"
-                if result.form == "regressor"
-                else "the base moves; use the form that fits each run with its own lean",
-            )
+        yield _finding(
+            "ok",
+            f"at one position the lean of the axis varies by {100 * result.C23_spread:.0f} %",
+            "the base moves; each run is fitted with its own lean"
+            if result.form == "regressor"
+            else "the base moves; use the form that fits each run with its own lean",
         )
     tau, sigma = result.delay, result.sigma_delay
     if tau is not None and sigma is not None and abs(tau) > CONSISTENT * sigma:
-        findings.append(
-            _finding(
-                "ok",
-                f"the encoder is stale by {tau * 1e6:.1f} +- {sigma * 1e6:.1f} us",
-                "lambda2 is free of it, headings are not: add it to [rig.encoder] delay_s",
-            )
+        yield _finding(
+            "ok",
+            f"the encoder is stale by {tau * 1e6:.1f} +- {sigma * 1e6:.1f} us",
+            "lambda2 is free of it, headings are not: add it to [rig.encoder] delay_s",
         )
     if result.distribution == "turns":
-        findings.append(
-            _finding(
-                "ok",
-                "as many runs as parameters: the deviations are from the scatter of turns alone",
-                "add repeats",
-            )
+        yield _finding(
+            "ok",
+            "as many runs as parameters: the deviations are from the scatter of turns alone",
+            "add repeats",
         )
-    return findings
 
 
 def judge(result: HseFit) -> Judgement:
@@ -298,16 +264,14 @@ def judge(result: HseFit) -> Judgement:
     Judgement
         Remarks of the fit itself are among its findings as ``ok``.
     """
-    findings = _extent(result)
-    if result.method == "axial" and findings:
+    findings = list(_extent(result))
+    if result.method == "axial":
         # the rate along the axis needs neither slope nor horizontal Earth rate
-        findings = [
-            _finding("ok", one.text, "this concerns the headings, not the axial value")
-            for one in findings
-        ]
+        answer = "this concerns the headings, not the axial value"
+        findings = [_finding("ok", one.text, answer) for one in findings]
     if not any(one.kind == "error" for one in findings):
-        findings += _unobservable(result) + _inconsistent(result) + _insignificant(result)
-        findings += _nonlinear(result)
+        for judged in (_unobservable, _inconsistent, _insignificant, _nonlinear):
+            findings += judged(result)
     findings += _remarks(result)
     findings += [_finding("ok", text) for text in result.warnings]
     return judgement(findings)

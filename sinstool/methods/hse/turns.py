@@ -12,7 +12,7 @@ turn ends inside a sample, which is then shared out by the angle.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from numba import njit
@@ -68,21 +68,6 @@ class TurnStatistics:
     def rate(self) -> float:
         """Mean rate of the table over all turns, rad/s, with its sign."""
         return self.direction * _TURN * len(self) / float(self.duration.sum())
-
-    @property
-    def rates(self) -> FloatArray:
-        """Mean rate over each turn, rad/s; shape (N,)."""
-        return self.direction * _TURN / self.duration
-
-    def part(self, first: int, stop: int) -> TurnStatistics:
-        """Turns [first, stop) alone."""
-        return replace(
-            self,
-            S=self.S[first:stop],
-            circle=self.circle[first:stop],
-            duration=self.duration[first:stop],
-            start_s=self.start_s + float(self.duration[:first].sum()),
-        )
 
 
 def turn_statistics(

@@ -20,6 +20,7 @@ from numpy.typing import ArrayLike, NDArray
 from sinstool.core import rotation
 from sinstool.core.earth import EARTH_RATE, earth_rate_n, normal_gravity
 from sinstool.core.errors import AlignmentError, ConfigurationError
+from sinstool.core.result import fields_in
 from sinstool.methods.hse.rig import Rig
 from sinstool.methods.hse.run import HseRun
 from sinstool.methods.hse.turns import TurnStatistics
@@ -43,11 +44,7 @@ class WholeTurnAlignment:
     Attributes
     ----------
     C_nb0 : ndarray, shape (3, 3)
-        Attitude of the base, as a mean over the turns; rows are :attr:`r1` to :attr:`r3`.
-    omega_b0 : ndarray, shape (3,)
-        Mean rate in ``b0`` less that of the table, rad/s: Earth rate and errors.
-    force_b0 : ndarray, shape (3,)
-        Mean specific force in ``b0``, m/s^2.
+        Attitude of the base, as a mean over the turns; rows are north, east and down in ``b0``.
     rate : float
         Omega, mean rate of the table, rad/s.
     latitude : float
@@ -62,17 +59,11 @@ class WholeTurnAlignment:
         Likewise.
     per_turn_heading : ndarray, shape (N,)
         Heading of each turn by itself on the common vertical, rad, near :attr:`heading`.
-    per_turn_east_rate : ndarray, shape (N,)
-        East rate of each turn, rad/s; its mean is 0.
-    level_rate_b0 : ndarray, shape (3,)
-        Rate at which the base tilted, rad/s, where it was taken out; else zeros.
     quality : dict of str to float
         See :func:`align_whole_turns`.
     """
 
     C_nb0: FloatArray
-    omega_b0: FloatArray
-    force_b0: FloatArray
     rate: float
     latitude: float
     c_axial: float
@@ -80,24 +71,7 @@ class WholeTurnAlignment:
     sigma_heading: float
     sigma_C23: float
     per_turn_heading: FloatArray
-    per_turn_east_rate: FloatArray
-    level_rate_b0: FloatArray
     quality: dict[str, float]
-
-    @property
-    def r1(self) -> FloatArray:
-        """North in ``b0``."""
-        return self.C_nb0[0]
-
-    @property
-    def r2(self) -> FloatArray:
-        """East in ``b0``."""
-        return self.C_nb0[1]
-
-    @property
-    def r3(self) -> FloatArray:
-        """Down in ``b0``."""
-        return self.C_nb0[2]
 
     @property
     def heading(self) -> float:
@@ -118,21 +92,6 @@ class WholeTurnAlignment:
     def C23(self) -> float:
         """East component of the axis of rotation."""
         return float(self.C_nb0[1, 2])
-
-    @property
-    def tilt(self) -> float:
-        """Angle of the axis against the vertical, rad."""
-        return float(np.hypot(self.C_nb0[2, 0], self.C_nb0[2, 1]))
-
-    @property
-    def lambda2_axial(self) -> float:
-        """Coefficient from gyros and encoder along the axis, rad."""
-        return -3.0 * self.c_axial
-
-    @property
-    def sigma_lambda2_axial(self) -> float:
-        """Of it, rad."""
-        return 3.0 * self.sigma_c_axial
 
     def q_nb(self, alpha: ArrayLike, heading_correction: float = 0.0) -> FloatArray:
         """Attitude of the turning body, ``C_nb = C_nb0 Rz(alpha)``.
@@ -199,7 +158,7 @@ def align_whole_turns(
         raise ConfigurationError(
             f"level-rate correction is {level_rate!r}", f"give one of {', '.join(LEVEL_RATES)}"
         )
-    latitude = rig.known_latitude()
+    latitude = rig.require_latitude()
     if abs(latitude) > HIGHEST_LATITUDE:
         raise AlignmentError(
             f"latitude {np.degrees(latitude):.2f} degrees: Earth rate is nearly vertical",
@@ -273,8 +232,6 @@ def align_whole_turns(
     }
     return WholeTurnAlignment(
         C_nb0=C_nb0,
-        omega_b0=w,
-        force_b0=f,
         rate=turns.rate,
         latitude=latitude,
         c_axial=c_axial,
@@ -282,8 +239,6 @@ def align_whole_turns(
         sigma_heading=sigma_heading,
         sigma_C23=sigma_C23,
         per_turn_heading=per_turn,
-        per_turn_east_rate=east_rate,
-        level_rate_b0=tilting if used else np.zeros(3),
         quality=quality,
     )
 
@@ -313,23 +268,12 @@ def run_from_turns(
     """
     a = align_whole_turns(turns, rig, level_rate, gyro_bias_sigma)
     return HseRun(
+        **fields_in(a, HseRun),
         id=id,
         source=source,
         t_start_s=turns.start_s,
         duration_s=float(turns.duration.sum()),
         n_turns=len(turns),
-        rate=a.rate,
-        heading=a.heading,
-        sigma_heading=a.sigma_heading,
-        theta=a.theta,
-        gamma=a.gamma,
-        C23=a.C23,
-        sigma_C23=a.sigma_C23,
-        c_axial=a.c_axial,
-        sigma_c_axial=a.sigma_c_axial,
-        latitude=a.latitude,
-        per_turn_heading=a.per_turn_heading,
-        quality=a.quality,
         log_start_ns=log_start_ns,
     )
 

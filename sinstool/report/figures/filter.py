@@ -40,7 +40,7 @@ def _thinned(rows: np.ndarray) -> np.ndarray:
 def _innovations(
     gnss: GnssDiagnostics, first: int, marks: tuple[tuple[str, float], ...]
 ) -> list[Figure]:
-    found = []
+    figures = []
     for start, what, unit in ((0, "position", "m"), (3, "velocity", "m/s")):
         rows = _thinned(np.flatnonzero(np.isfinite(gnss.innovation[:, start])))
         if not len(rows):
@@ -55,7 +55,7 @@ def _innovations(
             "Navigation less fix, the estimated errors of both taken off; all but 0.3 % belong"
             " within the dashed bounds. Withheld and rejected fixes are shown too."
         ]
-        found.append(
+        figures.append(
             Figure(
                 f"innovation-{what}",
                 f"Innovations of {what}",
@@ -67,7 +67,7 @@ def _innovations(
                 marks=marks,
             )
         )
-    return found
+    return figures
 
 
 def _squares(gnss: GnssDiagnostics, first: int, marks: tuple[tuple[str, float], ...]) -> Figure:
@@ -108,15 +108,15 @@ def _biases(run: FilterRun, first: int) -> list[Figure]:
         return []
     rows = _thinned(np.arange(len(time_ns)))
     seconds = (time_ns[rows] - first) / SECOND
-    found = []
+    figures = []
     for key, title, values, size, unit in (
         ("gyro-bias", "Gyro bias", gyro, DEGREE / 3600.0, "deg/h"),
         ("accel-bias", "Accelerometer bias", accel, 1.0, "m/s²"),
     ):
         series = tuple(Series(n, values[rows, k] / size) for k, n in enumerate(BODY))
         note = "As the filter knew it, along the vehicle's axes."
-        found.append(Figure(key, title, seconds, series, TIME, f"bias, {unit}", notes=(note,)))
-    return found
+        figures.append(Figure(key, title, seconds, series, TIME, f"bias, {unit}", notes=(note,)))
+    return figures
 
 
 def _events(run: FilterRun, first: int) -> tuple[tuple[str, float], ...]:

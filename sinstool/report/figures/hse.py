@@ -58,7 +58,6 @@ def heading_against_rate(result: HseFit) -> Figure:
     offset = _headings_at_rest(result)
     used = np.array([one.used for one in result.run_fits])
     series = []
-    notes = ["Headings are shown less that which the fit has at each position for no error."]
     if result.K is not None:
         grid = _grid(rate)
         lines = _Lines(result)
@@ -75,9 +74,7 @@ def heading_against_rate(result: HseFit) -> Figure:
             series.append(
                 Series("slope by the axial rate", axial / ARCSEC, grid / DEGREE, "dashed")
             )
-    series.append(_points("runs in use", rate, offset, used))
-    if not used.all():
-        series.append(_points("runs left out", rate, offset, ~used))
+    series += _points(rate / DEGREE, offset / ARCSEC, used)
     return Figure(
         "heading",
         "Heading against rate of the table",
@@ -85,7 +82,7 @@ def heading_against_rate(result: HseFit) -> Figure:
         tuple(series),
         "Rate of the table, deg/s",
         "Heading, arcsec",
-        notes=tuple(notes),
+        notes=("Headings are shown less that which the fit has at each position for no error.",),
     )
 
 
@@ -101,8 +98,10 @@ def _band(name: str, rate: FloatArray, middle: FloatArray, half: FloatArray) -> 
     return Series(name, both, x, "dashed")
 
 
-def _points(name: str, x: FloatArray, y: FloatArray, which: NDArray[np.bool_]) -> Series:
-    return Series(name, y[which] / ARCSEC, x[which] / DEGREE, "points")
+def _points(x: FloatArray, y: FloatArray, used: NDArray[np.bool_]) -> list[Series]:
+    """A point for each run, those in use and those left out apart."""
+    parts = (("runs in use", used), ("runs left out", ~used))
+    return [Series(name, y[rows], x[rows], "points") for name, rows in parts if rows.any()]
 
 
 def _headings_at_rest(result: HseFit) -> FloatArray:
@@ -214,9 +213,7 @@ def residuals_against_rate(result: HseFit) -> Figure | None:
     band = lines.band(lines.lead, grid)
     if band is not None:
         series.append(_band(f"95 % band, {lines.name(lines.lead)}", grid, 0.0 * band, band))
-    series.append(_points("runs in use", rate, left, used))
-    if not used.all():
-        series.append(_points("runs left out", rate, left, ~used))
+    series += _points(rate / DEGREE, left / ARCSEC, used)
     return Figure(
         "residuals",
         "Residuals against rate",
@@ -323,10 +320,7 @@ def axial_rate(result: HseFit) -> Figure:
     grid = np.linspace(min(0.0, total.min()), max(0.0, total.max()), _GRID)
     line = axial.c * grid + (axial.bias or 0.0)
     series = [Series("fit", line / DEGREE_PER_HOUR, grid / DEGREE)]
-    for name, which in (("runs in use", used), ("runs left out", ~used)):
-        if which.any():
-            y, x = error[which] / DEGREE_PER_HOUR, total[which] / DEGREE
-            series.append(Series(name, y, x, "points"))
+    series += _points(total / DEGREE, error / DEGREE_PER_HOUR, used)
     return Figure(
         "axial",
         "Gyro rate less encoder rate along the axis",

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -24,12 +24,18 @@ _NAMED_LOGS = 12
 _FEWEST_DIFFERENCES = 3
 
 
-def heading_by_turn(runs: Sequence[HseRun]) -> Figure:
-    """Heading of every turn less that of its run, against time, a curve for each rate."""
+def _by_rate(runs: Sequence[HseRun]) -> Iterator[tuple[str, list[HseRun]]]:
+    """The runs at each rate of the table, with the rate's name."""
     group = rate_groups(np.array([run.rate for run in runs]))
-    series = []
     for k in np.unique(group).tolist():
         mine = [run for run, g in zip(runs, group, strict=True) if g == k]
+        yield f"{np.mean([run.rate for run in mine]) / DEGREE:+.1f} deg/s", mine
+
+
+def heading_by_turn(runs: Sequence[HseRun]) -> Figure:
+    """Heading of every turn less that of its run, against time, a curve for each rate."""
+    series = []
+    for name, mine in _by_rate(runs):
         x, y = [], []
         for run in mine:
             assert run.per_turn_heading is not None
@@ -39,8 +45,7 @@ def heading_by_turn(runs: Sequence[HseRun]) -> Figure:
             # a hole between runs
             x.append(x[-1][-1:])
             y.append(np.array([np.nan]))
-        rate = np.mean([run.rate for run in mine]) / DEGREE
-        series.append(Series(f"{rate:+.1f} deg/s", np.concatenate(y), np.concatenate(x) / 60.0))
+        series.append(Series(name, np.concatenate(y), np.concatenate(x) / 60.0))
     return Figure(
         "turns",
         "Heading of every turn, less that of its run",
@@ -128,17 +133,13 @@ def allan_deviation(values: ArrayLike) -> tuple[FloatArray, FloatArray]:
 
 def east_rate_allan(runs: Sequence[HseRun]) -> Figure | None:
     """Allan deviation of the East rate of the turns, a curve for each rate of the table."""
-    group = rate_groups(np.array([run.rate for run in runs]))
     series: list[Series] = []
     walks: list[float] = []
-    for k in np.unique(group).tolist():
-        mine = [run for run, g in zip(runs, group, strict=True) if g == k]
+    for name, mine in _by_rate(runs):
         tau, deviation = _pooled(mine)
         if not len(tau) or not (deviation > 0.0).all():
             continue
-        rate = np.mean([run.rate for run in mine]) / DEGREE
         style: Style = "line" if len(tau) > 1 else "points"
-        name = f"{rate:+.1f} deg/s"
         series.append(Series(name, deviation / DEGREE_PER_HOUR, tau, style))
         walks.append(float(deviation[0] * np.sqrt(tau[0])))
     if not series:

@@ -167,9 +167,9 @@ def _rates(traffic: Traffic) -> Figure | None:
     series = tuple(Series(topic, rate, x=seconds) for topic, seconds, rate in traffic.rates())
     if not series:
         return None
-    found = np.concatenate([one.y[np.isfinite(one.y)] for one in series])
+    every = np.concatenate([one.y[np.isfinite(one.y)] for one in series])
     # Whole decades: within one, ticks would crowd
-    low, high = np.floor(np.log10(0.9 * found.min())), np.ceil(np.log10(1.1 * found.max()))
+    low, high = np.floor(np.log10(0.9 * every.min())), np.ceil(np.log10(1.1 * every.max()))
     return Figure(
         "traffic",
         "Messages of each topic",

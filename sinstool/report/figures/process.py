@@ -79,7 +79,7 @@ def vertical(
         name, at, values = reference
         series.append(Series(name, values[:, 0], x=at, style="dashed"))
     note = ("Above the ellipsoid.",)
-    found = [
+    figures = [
         Figure("height", "Height", curves.seconds, tuple(series), TIME, "height, m", notes=note,
                marks=marks)
     ]  # fmt: skip
@@ -89,12 +89,12 @@ def vertical(
             "The reference's own slow error is in it: with a barometer it is not what the height"
             " is wrong by.",
         )
-        found.append(
+        figures.append(
             Figure("difference", f"Height less that of {name}", at, off, TIME, "difference, m",
                    notes=notes, marks=marks)
         )  # fmt: skip
     if "up" in curves.of:
-        found.append(
+        figures.append(
             curves.figure(
                 "up", "Vertical velocity", "velocity up, m/s", ("up",), "Positive is up.", marks
             )
@@ -104,10 +104,10 @@ def vertical(
             " vertical, and what gravity is wrong by."
         )
         title = "Correction of the vertical accelerometer"
-        found.append(
+        figures.append(
             curves.figure("correction", title, "correction, m/s²", ("correction",), text, marks)
         )
-    return found
+    return figures
 
 
 def errors(off: Mapping[str, tuple[FloatArray, FloatArray]], curves: Curves) -> list[Figure]:
@@ -120,7 +120,7 @@ def errors(off: Mapping[str, tuple[FloatArray, FloatArray]], curves: Curves) -> 
     curves : Curves
         With the sigmas, where there are any.
     """
-    found = []
+    figures = []
     for kind, unit, size in KINDS:
         if kind not in off:
             continue
@@ -147,11 +147,11 @@ def errors(off: Mapping[str, tuple[FloatArray, FloatArray]], curves: Curves) -> 
                 "Dashed: three of the filter's own standard deviations to either side; all but"
                 " 0.3 % of the errors belong within."
             )
-        found.append(
+        figures.append(
             Figure(f"error-{kind}", f"Error of {kind}", seconds, tuple(series), TIME,
                    f"error, {unit}", notes=tuple(notes))
         )  # fmt: skip
-    return found
+    return figures
 
 
 def bounds(kind: str, curves: Curves, scale: float = 1.0) -> list[Series]:
@@ -178,17 +178,17 @@ def sigmas(curves: Curves, without: Sequence[str]) -> list[Figure]:
     without : sequence of str
         Kinds whose errors are drawn.
     """
-    found = []
+    figures = []
     for kind, unit, _ in KINDS:
         if f"{kind} {AXES[0]}" not in curves.of or kind in without:
             continue
         series = tuple(Series(axis, curves.of[f"{kind} {axis}"]) for axis in AXES)
         note = "What the filter believes of itself: with --truth the page shows errors beside it."
-        found.append(
+        figures.append(
             Figure(f"sigma-{kind}", f"Standard deviation of {kind}", curves.seconds, series, TIME,
                    f"sigma, {unit}", notes=(note,))
         )  # fmt: skip
-    return found
+    return figures
 
 
 def stretches(hse: HseCorrection) -> Figure:

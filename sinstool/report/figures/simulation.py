@@ -58,12 +58,12 @@ def motion_figures(
         "force", "Specific force", seconds, truth.specific_force, BODY, "specific force, m/s²",
         "True. At rest it is -9.8 m/s² along down.",
     )  # fmt: skip
-    found: list[Figure] = []
+    figures: list[Figure] = []
     if trajectory is not None:
-        found += _travel(seconds, trajectory)
+        figures += _travel(seconds, trajectory)
     close = _closer(seconds, truth.gyro_rate / DEGREE)
-    found += [*([close] if close else []), *attitude, rate, force]
-    return (*found, *_errors(seconds, truth, sensor))
+    figures += [*([close] if close else []), *attitude, rate, force]
+    return (*figures, *_errors(seconds, truth, sensor))
 
 
 def attitude_figures(seconds: FloatArray, q_nb: FloatArray) -> list[Figure]:
@@ -129,7 +129,7 @@ def _travel(seconds: FloatArray, trajectory: Trajectory) -> list[Figure]:
 
 def _errors(seconds: FloatArray, truth: ImuTruth, sensor: ImuTruth) -> list[Figure]:
     """What was measured less what was true, as means over each interval."""
-    found = []
+    figures = []
     for key, title, off, size, unit in (
         ("gyro-error", "Error of the gyros", sensor.gyro_mean_rate - truth.gyro_mean_rate,
          DEGREE / 3600.0, "deg/h"),
@@ -138,17 +138,17 @@ def _errors(seconds: FloatArray, truth: ImuTruth, sensor: ImuTruth) -> list[Figu
     ):  # fmt: skip
         if np.abs(off).max() > EXACT:
             whole = np.cumsum(off * truth.interval[:, None], axis=0)
-            found.append(
+            figures.append(
                 _three(key, title, seconds, off / size, BODY, f"error, {unit}",
                        "Measured less true, of each sample: bias, noise and scale errors.")
             )  # fmt: skip
             if key == "gyro-error":
                 text = "The errors added up: noise averages out, a bias is a slope."
-                found.append(
+                figures.append(
                     _three("gyro-sum", "Error of the gyros, added up", seconds, whole / DEGREE,
                            BODY, "angle, deg", text)
                 )  # fmt: skip
-    return found
+    return figures
 
 
 def fix_figures(

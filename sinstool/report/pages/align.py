@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from sinstool.config import ProcessConfig
+from sinstool.config import ALIGN_OPTIONS, ProcessConfig
 from sinstool.pipelines.align.log import LogAlignment
 from sinstool.pipelines.align.result import AlignResult, Vector
 from sinstool.report.figures.alignment import figures
@@ -34,7 +34,6 @@ VERDICTS = {
     "unobservable": "Not even roll and pitch are known. The warnings say why.",
     "failed": "Nothing could be aligned with. The warnings say why.",
 }
-GROUPS = ("input", "align", "gnss", "in_flight", "navigation")
 
 
 def write_page(report: Path, alignment: LogAlignment, config: ProcessConfig, log: Path) -> None:
@@ -56,7 +55,10 @@ def write_page(report: Path, alignment: LogAlignment, config: ProcessConfig, log
     sections += [main, *others]
     if result.assumed is not None:
         sections.append(_sensors(result))
-    sections += [Settings(config_settings(config, *GROUPS)), input_rows([Read.of(log)])]
+    sections += [
+        Settings(config_settings(config, *ALIGN_OPTIONS, "navigation")),
+        input_rows([Read.of(log)]),
+    ]
     subtitle = f"{result.input}, {result.imu.topic}"
     page = Page("Where the vehicle points", subtitle, tuple(sections))
     write_report(report, page, overwrite=config.output.overwrite)

@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 
 from sinstool.config import ProcessConfig
 from sinstool.core.units import DEGREE
+from sinstool.methods.hse.calibration import RunRecord
 from sinstool.methods.hse.table import Column as Headings
 from sinstool.pipelines.calibrate_hse.result import Calibration
 from sinstool.report.figures.hse import ARCSEC, figures
@@ -22,6 +23,7 @@ from sinstool.report.sections import (
     Settings,
     Table,
     Warnings,
+    table_of,
 )
 
 # What each status means for whoever wants to correct headings.
@@ -90,7 +92,7 @@ def _verdict(calibration: Calibration) -> tuple[str, ...]:
         )
     if calibration.spread:
         paragraphs.append(
-            "The correction is applied here to the runs it was calibration with; headings recorded"
+            "The correction is applied here to the runs it was calibrated with; headings recorded"
             " later are the better test."
         )
     return tuple(paragraphs)
@@ -165,8 +167,11 @@ def _row(
     interval: tuple[float, float] | None = None,
     size: float = 1.0,
 ) -> tuple[Cell, ...]:
-    low, high = interval or (None, None)
-    return (name, unit, *(None if v is None else v / size for v in (value, sigma, low, high)))
+    return (name, unit, *(_over(v, size) for v in (value, sigma, *(interval or (None, None)))))
+
+
+def _over(value: float | None, size: float) -> float | None:
+    return None if value is None else value / size
 
 
 def _headings(calibration: Calibration) -> Table | None:
@@ -237,37 +242,21 @@ def _spread(calibration: Calibration) -> Table | None:
 
 
 def _runs(calibration: Calibration) -> Table:
-    columns = (
-        Column("Run"),
-        Column("from", "s", ".1f"),
-        Column("turns"),
-        Column("rate", "deg/s", "+.4f"),
-        Column("heading", "deg", ".6f"),
-        Column("sigma", "arcsec", ".3g"),
-        Column("C23", "rad", ".3e"),
-        Column("axial lambda2", "arcsec", ".4f"),
-        Column("residual", "arcsec", ".3f"),
-        Column("used"),
-        Column("why not"),
-    )
-    rows = tuple(
-        (
-            run.id,
-            run.t_start_s,
-            run.n_turns,
-            run.rate_rad_s / DEGREE,
-            run.psi_rad / DEGREE,
-            None if run.sigma_psi_rad is None else run.sigma_psi_rad / ARCSEC,
-            run.C23,
-            -3.0 * run.c_axial / ARCSEC,
-            None if run.resid_rad is None else run.resid_rad / ARCSEC,
-            run.used,
-            run.reason,
-        )
-        for run in calibration.file.runs
-    )
-    notes = ("The axial lambda2 of one run holds the gyros' bias along the axis.",)
-    return Table("Runs", columns, rows, notes)
+    columns: list[tuple[Column, Callable[[RunRecord], Cell]]] = [
+        (Column("Run"), lambda run: run.id),
+        (Column("from", "s", ".1f"), lambda run: run.t_start_s),
+        (Column("turns"), lambda run: run.n_turns),
+        (Column("rate", "deg/s", "+.4f"), lambda run: run.rate_rad_s / DEGREE),
+        (Column("heading", "deg", ".6f"), lambda run: run.psi_rad / DEGREE),
+        (Column("sigma", "arcsec", ".3g"), lambda run: _over(run.sigma_psi_rad, ARCSEC)),
+        (Column("C23", "rad", ".3e"), lambda run: run.C23),
+        (Column("axial lambda2", "arcsec", ".4f"), lambda run: -3.0 * run.c_axial / ARCSEC),
+        (Column("residual", "arcsec", ".3f"), lambda run: _over(run.resid_rad, ARCSEC)),
+        (Column("used"), lambda run: run.used),
+        (Column("why not"), lambda run: run.reason),
+    ]
+    note = "The axial lambda2 of one run holds the gyros' bias along the axis."
+    return table_of("Runs", calibration.file.runs, columns, (note,))
 
 
 def _stretches(calibration: Calibration) -> Table | None:

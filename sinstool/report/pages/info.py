@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 
 from sinstool.config import ProcessConfig
 from sinstool.core.timeline import SECOND
-from sinstool.pipelines.info.result import InspectedImu, Inspection, UnusableImu
+from sinstool.pipelines.info.result import InspectedImu, Inspection, Topic, UnusableImu
 from sinstool.pipelines.info.run import Shown
 from sinstool.report.figures.inspection import figures
 from sinstool.report.page import write_report
@@ -23,6 +23,7 @@ from sinstool.report.sections import (
     Settings,
     Table,
     Warnings,
+    table_of,
 )
 
 # Rows of the table of gaps; --json has a thousand.
@@ -100,28 +101,17 @@ def _facts(inspection: Inspection, good: Sequence[InspectedImu]) -> tuple[Fact, 
 
 
 def _topics(inspection: Inspection) -> Table:
-    columns = (
-        Column("Topic"),
-        Column("messages"),
-        Column("rate", "Hz", ".5g"),
-        Column("longest interval", "s", ".3g"),
-        Column("out of order"),
-        Column("size", "MB", ".2f"),
-        Column("type"),
-    )
-    rows = tuple(
-        (
-            t.topic,
-            t.n,
-            t.rate_hz,
-            t.longest_interval_s,
-            t.out_of_order,
-            t.bytes / 1e6,
-            t.type,
-        )
-        for t in inspection.topics
-    )
-    return Table("Topics", columns, rows, ("Rates, intervals and order are those of log time.",))
+    columns: list[tuple[Column, Callable[[Topic], Cell]]] = [
+        (Column("Topic"), lambda t: t.topic),
+        (Column("messages"), lambda t: t.n),
+        (Column("rate", "Hz", ".5g"), lambda t: t.rate_hz),
+        (Column("longest interval", "s", ".3g"), lambda t: t.longest_interval_s),
+        (Column("out of order"), lambda t: t.out_of_order),
+        (Column("size", "MB", ".2f"), lambda t: t.bytes / 1e6),
+        (Column("type"), lambda t: t.type),
+    ]
+    note = "Rates, intervals and order are those of log time."
+    return table_of("Topics", inspection.topics, columns, (note,))
 
 
 def _sensors(good: Sequence[InspectedImu]) -> Table:

@@ -6,7 +6,7 @@ from collections.abc import Iterable, Sequence
 from math import hypot
 from pathlib import Path
 
-from sinstool.config import ProcessConfig
+from sinstool.config import PROCESS_OPTIONS, ProcessConfig
 from sinstool.core.timeline import SECOND
 from sinstool.methods.ins_gnss.withheld import Outage
 from sinstool.pipelines.process.errors_against_truth import RunErrors
@@ -38,10 +38,6 @@ from sinstool.report.text.process import compass, summary_rows
 
 # Rows of the table of events; all of them are in --json.
 EVENTS = 50
-GROUPS = (
-    "input", "coning", "align", "gnss", "in_flight", "navigation", "filter", "vertical", "hse",
-    "output",
-)  # fmt: skip
 TITLES = {
     "attitude": "Attitude from recorded inertial data",
     "ins": "Inertial navigation from recorded data",
@@ -74,7 +70,7 @@ def write_page(
         _stretches(result),
         Rows("What was chosen", tuple(result.plan.rows())),
         Rows("What was done", tuple((what, how) for what, how in rows if what != "input sha256")),
-        Settings(config_settings(config, *GROUPS)),
+        Settings(config_settings(config, *PROCESS_OPTIONS)),
         input_rows([Read(read.path, read.size, read.sha256)]),
     )
     page = Page(TITLES[mode], Path(read.path).name, tuple(one for one in sections if one))
@@ -121,11 +117,11 @@ def _heading(name: str, state: FirstAttitude | FinalState, more: str = "") -> Fa
 def _error_facts(truth: RunErrors | None) -> list[Fact]:
     if truth is None:
         return []
-    found = []
+    facts = []
     if truth.position_m is not None:
         north, east, down = truth.position_m.rms
         most = truth.position_m.largest
-        found.append(
+        facts.append(
             Fact(
                 "Position error, rms",
                 f"{hypot(north, east):.3g} m",
@@ -134,18 +130,18 @@ def _error_facts(truth: RunErrors | None) -> list[Fact]:
         )
     if truth.attitude_deg is not None:
         north, east, down = truth.attitude_deg.rms
-        found += [
+        facts += [
             Fact("Heading error, rms", f"{down:.3g} deg",
                  f"at most {truth.attitude_deg.largest[2]:.3g} deg"),
             Fact("Tilt error, rms", f"{hypot(north, east):.3g} deg", "about north and east"),
         ]  # fmt: skip
-    return found
+    return facts
 
 
 def _filter_facts(used: FilterUsed | None) -> list[Fact]:
     if used is None:
         return []
-    found = [
+    facts = [
         Fact("Fixes used", f"{used.epochs_used}",
              f"{used.epochs_gated} rejected, {used.restarts} restarts"),
         Fact("Innovations squared", f"{used.mean_nis:.2f}", "of what was expected: 1 is right"),
@@ -154,8 +150,8 @@ def _filter_facts(used: FilterUsed | None) -> list[Fact]:
         count = len(used.withheld.outages)
         drift = used.withheld.rms_of_largest_horizontal_m
         note = f"largest horizontal error, {count} outage{'s' * (count > 1)}"
-        found.append(Fact("Withheld fixes", f"{drift:.3g} m", note))
-    return found
+        facts.append(Fact("Withheld fixes", f"{drift:.3g} m", note))
+    return facts
 
 
 def _height_facts(height: HeightDamping | None) -> list[Fact]:

@@ -4,12 +4,17 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from sinstool.report.text.filter import filter_rows
-
 if TYPE_CHECKING:
     from sinstool.pipelines.process.errors_against_truth import RunErrors
     from sinstool.pipelines.process.result import ProcessResult
-    from sinstool.pipelines.process.summary import GnssDifference, HeightDamping, HseCorrection
+    from sinstool.pipelines.process.summary import (
+        FilterUsed,
+        GnssDifference,
+        HeightDamping,
+        HseCorrection,
+        LatencyUsed,
+        WithheldScores,
+    )
 
 
 Row = tuple[str, str]
@@ -60,7 +65,7 @@ def summary_rows(result: ProcessResult, verbose: bool = False) -> list[Row]:
         rows += _hse(result.hse)
     if result.height is not None:
         rows += _height(result.height)
-    rows += filter_rows(result.filter)
+    rows += _filter(result.filter)
     rows.append(
         (
             "final",
@@ -113,6 +118,58 @@ def _height(height: HeightDamping) -> list[Row]:
             f" {final.accelerometer_correction_m_s2:+.2e} m/s^2 taken off the accelerometer",
         ),
     ]
+
+
+def _filter(filter_: FilterUsed | None) -> list[Row]:
+    """``filter`` of a result as pairs of what and how."""
+    if filter_ is None:
+        return []
+    smoothed = ", smoothed" if filter_.smoothed else ""
+    used, gated = filter_.epochs_used, filter_.epochs_gated
+    bias = ", ".join(f"{b:.3e}" for b in filter_.gyro_bias_rad_s)
+    accel = ", ".join(f"{b:.3e}" for b in filter_.accel_bias_m_s2)
+    rows = [
+        (
+            "filter",
+            f"{filter_.filter}, {filter_.states} states, feedback {filter_.feedback}{smoothed}; IMU"
+            f" {filter_.imu_grade.grade} ({filter_.imu_grade.why})",
+        ),
+        ("start", filter_.start.how),
+        ("GNSS", f"{filter_.gnss_noise}; {_latency(filter_.gnss_latency)}"),
+        (
+            "fixes",
+            f"{used} used, {gated} rejected, {filter_.restarts} restarts; innovations squared"
+            f" {filter_.mean_nis:.2f} of what was expected",
+        ),
+        ("biases at end", f"gyro {bias} rad/s; accelerometer {accel} m/s^2 (FRD)"),
+    ]
+    return rows + _withheld(filter_.withheld)
+
+
+def _latency(latency: LatencyUsed) -> str:
+    """When fixes were valid."""
+    position, velocity = 1e3 * latency.position_s, 1e3 * latency.velocity_s
+    how = latency.status
+    if latency.sigma_s is not None:
+        how += f", +- {1e3 * latency.sigma_s:.1f} ms"
+    if abs(position - velocity) < 0.05:
+        return f"latency {position:.1f} ms ({how})"
+    return f"latency of positions {position:.1f} ms, of velocities {velocity:.1f} ms ({how})"
+
+
+def _withheld(scores: WithheldScores | None) -> list[Row]:
+    if scores is None:
+        return []
+    outages = scores.outages
+    most = max(o.largest_in_sigmas for o in outages)
+    rms = scores.rms_of_largest_horizontal_m
+    text = (
+        f"{len(outages)} outages: largest horizontal errors {rms:.3g} m rms, at most {most:.1f}"
+        " sigma on an axis"
+    )
+    if scores.filter is not None:
+        text += f"; unsmoothed {scores.filter.rms_of_largest_horizontal_m:.3g} m rms"
+    return [("withheld", text)]
 
 
 def _gnss(off: GnssDifference | None) -> list[Row]:

@@ -85,7 +85,7 @@ def refused(path, wanted=None):
 
 def test_the_only_one(tmp_path):
     got = chosen(write_log(tmp_path / "a.mcap", [*imu("/imu"), fix("/fix", TIMES[0])]))
-    assert (got.topic, got.path, got.note) == ("/imu", "", "")
+    assert (got.topic, got.path, got.obvious) == ("/imu", "", True)
     assert len(got.channels) == 1
 
 
@@ -107,7 +107,7 @@ def test_the_one_that_is_not_all_zeros(tmp_path):
     path = write_log(tmp_path / "a.mcap", [*imu("/dead", 0.0), *imu("/alive")])
     got = chosen(path)
     assert got.topic == "/alive"
-    assert "not all zeros" in got.note
+    assert "not all zeros" in got.reason and not got.obvious
     assert chosen(path, "/dead").topic == "/dead"
 
 
@@ -143,7 +143,7 @@ def test_a_plain_topic_goes_before_a_nested_one(tmp_path):
     path = write_log(tmp_path / "a.mcap", [*nested("/packet"), *imu("/imu")], types=nested_types())
     got = chosen(path)
     assert (got.topic, got.path) == ("/imu", "")
-    assert "plain" in got.note
+    assert "plain" in got.reason and not got.obvious
     assert chosen(path, "/packet").path == "first"
 
 
@@ -160,7 +160,7 @@ def test_our_own_topics_are_not_taken_for_sensors(tmp_path):
     ours = [*imu("/sinstool/imu"), *imu("/truth/imu")]
     path = write_log(tmp_path / "a.mcap", [*ours, *imu("/imu")])
     got = chosen(path)
-    assert (got.topic, got.note) == ("/imu", "")
+    assert (got.topic, got.obvious) == ("/imu", True)
     assert chosen(path, "/truth/imu").topic == "/truth/imu"
     assert "no sensor_msgs/Imu topic" in refused(write_log(tmp_path / "b.mcap", ours))
 

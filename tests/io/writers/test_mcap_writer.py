@@ -18,8 +18,8 @@ from mcap.stream_reader import StreamReader, get_chunk_data_stream
 from mcap.writer import CompressionType, Writer
 
 from sinstool.io.readers import open_log
+from sinstool.io.readers.batch import RawBatch
 from sinstool.io.writers import chunks as module
-from sinstool.io.writers.chunks import Messages
 from sinstool.io.writers.copy import Copier
 from sinstool.io.writers.mcap import McapWriter
 from tests.helpers.logs import COMPRESSIONS, T0, mcap_records, rows, write_db3, write_mcap
@@ -39,8 +39,8 @@ def parts(draw):
     buffer = rng.integers(0, 256, int((length + gap).sum()) + 7).astype(np.uint8)
     sequence = rng.integers(0, 2**32, count)
     number = np.full(count, draw(st.integers(0, len(TOPICS) - 1)))
-    return Messages(
-        number, time, time + rng.integers(0, 9, count), sequence, buffer, offset, length
+    return RawBatch(
+        buffer, number, offset, length, time, time + rng.integers(0, 9, count), sequence
     )
 
 
@@ -176,7 +176,7 @@ def check_summary_offsets(data, place):
 @pytest.mark.parametrize("size", [0, 1, module.CHUNK_SIZE, 3 * module.CHUNK_SIZE])
 def test_messages_around_the_size_of_a_chunk(size):
     payload = np.arange(2 * size, dtype=np.uint64).astype(np.uint8).reshape(2, size)
-    part = Messages.from_rows(1, payload, np.array([T0, T0 + 1]), np.arange(2))
+    part = RawBatch.from_rows(1, payload, np.array([T0, T0 + 1]), np.arange(2))
     data = written([[part]], "zstd", module.CHUNK_SIZE)
     found = read(make_reader(BytesIO(data), validate_crcs=True))
     assert [m[4] for m in found] == [row.tobytes() for row in payload]
@@ -185,7 +185,7 @@ def test_messages_around_the_size_of_a_chunk(size):
 def test_chunks_are_of_the_size_asked_for():
     payload = np.zeros((20_000, 324), np.uint8)
     time = T0 + np.arange(20_000)
-    data = written([[Messages.from_rows(0, payload, time, time - T0)]], "none", 2**20)
+    data = written([[RawBatch.from_rows(0, payload, time, time - T0)]], "none", 2**20)
     sizes = [c.uncompressed_size for c in make_reader(BytesIO(data)).get_summary().chunk_indexes]
     assert sum(sizes) == 20_000 * 355
     assert all(2**20 - 355 < size <= 2**20 for size in sizes[:-1])
@@ -220,7 +220,7 @@ def test_what_fails_in_a_thread_is_raised():
     times = np.arange(10)
     with pytest.raises(OSError, match="No space"):
         for _ in range(3):
-            writer.write([Messages.from_rows(1, payload, times, times)])
+            writer.write([RawBatch.from_rows(1, payload, times, times)])
         writer.finish()
     writer.abort()
 

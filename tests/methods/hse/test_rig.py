@@ -139,7 +139,7 @@ def test_missing_keys():
     with pytest.raises(ConfigurationError, match="both missing"):
         from_table(table)
     with pytest.raises(ConfigurationError, match=r"rig\.latitude_deg is missing"):
-        Rig(K_G, IDEAL).known_latitude()
+        Rig(K_G, IDEAL).require_latitude()
 
 
 def test_fingerprint_is_of_what_lambda2_depends_on():
