@@ -46,11 +46,9 @@ from sinstool.methods.sensor_errors import SensorGrade
 from sinstool.simulation.gnss import MODELS, Receiver, gnss_samples, true_moments
 from sinstool.simulation.interpolation import Moments
 from sinstool.simulation.launch import launch, launch_profile
-from sinstool.simulation.launch_sensors import launch_grade
 from sinstool.simulation.profile import Step, fly
-from sinstool.simulation.sensors import with_errors
-from sinstool.simulation.trajectory import Trajectory
-from sinstool.simulation.truth import ImuTruth
+from sinstool.simulation.sensors import launch_grade, with_errors
+from sinstool.simulation.truth import ImuTruth, Trajectory
 
 START_S = 40
 SHORTEST_S = 10  # below, an alignment is not answered

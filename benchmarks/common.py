@@ -17,7 +17,7 @@ from sinstool.methods.coning.algorithm import GyroKind
 from sinstool.methods.coning.registry import algorithm
 from sinstool.methods.coning.stage import ConingStage
 from sinstool.methods.strapdown.velocity import Increments, IncrementStage
-from sinstool.simulation.trajectory import Trajectory
+from sinstool.simulation.truth import Trajectory
 
 FloatArray = NDArray[np.float64]
 Outcome = TypeVar("Outcome")

@@ -37,9 +37,10 @@ from sinstool.simulation.coning_paper import (
     Phase,
     coning_paper,
 )
-from sinstool.simulation.motions import broadband, random_manoeuvre, thin
+from sinstool.simulation.motions import broadband, random_manoeuvre
 from sinstool.simulation.truth import ImuTruth, sample_times
 from tests.helpers.coning_response import coning_rate
+from tests.helpers.thinned import thin
 
 RATE = 400.0
 STEP = 1.0 / RATE

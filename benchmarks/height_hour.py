@@ -31,10 +31,9 @@ from sinstool.methods.height.reference import HeightReference
 from sinstool.methods.sensor_errors import SensorGrade
 from sinstool.methods.strapdown.free_inertial import InsRun, InsSettings
 from sinstool.methods.strapdown.navigation import initial_state
-from sinstool.simulation.barometer import barometer
 from sinstool.simulation.flight import spiral_climb
-from sinstool.simulation.sensors import with_errors
-from sinstool.simulation.trajectory import Trajectory
+from sinstool.simulation.sensors import barometer, with_errors
+from sinstool.simulation.truth import Trajectory
 from tests.helpers.height_network import NetworkTheory
 
 RATE = 128.0

@@ -54,10 +54,9 @@ from sinstool.methods.ins_gnss.settings import DivergenceControl, Settings, Star
 from sinstool.methods.ins_gnss.states import ACCEL_SCALE, filter_kind
 from sinstool.methods.sensor_errors import SensorGrade
 from sinstool.methods.strapdown.velocity import Increments
-from sinstool.simulation.barometer import barometer
 from sinstool.simulation.flight import manoeuvring_flight, spiral_climb
-from sinstool.simulation.sensors import markov
-from sinstool.simulation.trajectory import Trajectory
+from sinstool.simulation.sensors import barometer, markov
+from sinstool.simulation.truth import Trajectory
 from tests.helpers.filter_start import start
 
 GNSS = GnssModel()

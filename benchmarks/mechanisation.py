@@ -27,7 +27,7 @@ from sinstool.methods.strapdown.free_inertial import navigate
 from sinstool.methods.strapdown.navigation import SIZE, initial_state
 from sinstool.methods.strapdown.velocity import Increments
 from sinstool.simulation.flight import manoeuvring_flight, spiral_climb
-from sinstool.simulation.trajectory import Trajectory
+from sinstool.simulation.truth import Trajectory
 
 TAU = 30.0  # s, of the height damping
 NS = 1e9

@@ -42,12 +42,11 @@ from sinstool.methods.ins_gnss.noise import BaroModel, GnssModel
 from sinstool.methods.ins_gnss.settings import DivergenceControl, Settings, Start
 from sinstool.methods.ins_gnss.smoother import Smoother
 from sinstool.methods.sensor_errors import SensorGrade
-from sinstool.simulation.barometer import barometer
 from sinstool.simulation.flight import spiral_climb
 from sinstool.simulation.gnss import MODELS, GnssFaults, Receiver, gnss_samples, true_moments
 from sinstool.simulation.interpolation import Moments
-from sinstool.simulation.sensors import with_errors
-from sinstool.simulation.trajectory import Trajectory
+from sinstool.simulation.sensors import barometer, with_errors
+from sinstool.simulation.truth import Trajectory
 from tests.helpers.filter_start import start
 from tests.helpers.gnss import epochs
 

@@ -78,8 +78,10 @@ def command(
     if scheduler is not None:
         raise click.UsageError("--scheduler is for many logs")
     if paper:
+        from sinstool.cli.compare_paper import run_paper
+
         with progress_bar("the paper's experiment", quiet) as progress:
-            compare_run.compare_with_paper(config, outputs, as_json, progress)
+            run_paper(config, outputs, as_json, progress)
         return 0
     from sinstool.report.text.coning import print_comparison
 

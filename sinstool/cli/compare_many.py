@@ -75,7 +75,8 @@ def compare_many(
     if outputs.csv is not None:
         _write_summary(outputs.csv / SUMMARY, names, rows)
     if not batch.as_json:  # with -q too, which is about progress here
-        columns(*_table(names, rows))
+        cells = [(row["status"], name, *_cells(row)) for name, row in zip(names, rows, strict=True)]
+        columns(HEADER, cells)
         if over_all:
             click.echo()
             columns(ALGORITHM, over_all)
@@ -107,14 +108,6 @@ def _drift(alg: dict[str, Any]) -> float | None:
 
 
 HEADER = ("status", "log", "samples", "Hz", "gaps", "reference", "take")
-
-
-def _table(
-    names: Sequence[str], rows: Sequence[dict[str, Any]]
-) -> tuple[tuple[str, ...], list[tuple[str, ...]]]:
-    return HEADER, [
-        (row["status"], name, *_cells(row)) for name, row in zip(names, rows, strict=True)
-    ]
 
 
 def _cells(row: dict[str, Any]) -> tuple[str, ...]:

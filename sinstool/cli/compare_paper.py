@@ -3,26 +3,27 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
 import click
 import numpy as np
 
+from sinstool.cli.compare_run import Outputs
 from sinstool.cli.console import print_json
-from sinstool.core.errors import ConfigurationError
-from sinstool.core.whole_file import WholeFile, check_new_folder, commit_together, make_folder
+from sinstool.config import ProcessConfig
+from sinstool.core.whole_file import WholeFile, commit_together, make_folder
 from sinstool.pipelines.compare_coning.paper import Reproduction, reproduce
 from sinstool.pipelines.compare_coning.paper_claims import low_level
 from sinstool.pipelines.compare_coning.paper_experiment import RESPONSES, noise_rate_deg
 from sinstool.pipelines.compare_coning.paper_sweep import Sweep
+from sinstool.report.page import write_report
+from sinstool.report.pages.compare_coning import reproduction_page
 from sinstool.report.text.table import columns
 from sinstool.simulation.coning_paper import (
     FREQUENCY_HZ,
-    PHASES,
     RATE_HZ,
-    Phase,
     paper_response,
     response_name,
 )
@@ -34,61 +35,41 @@ CSV_HEADER = (
 
 
 def run_paper(
-    phase: Phase = "consistent",
-    gyro_response: str = "cheb:6",
-    algorithms: Sequence[str] = (),
-    csv_dir: Path | None = None,
-    as_json: bool = False,
-    progress: Callable[[float], None] | None = None,
-    write_more: Callable[[Reproduction], None] | None = None,
-) -> Reproduction:
-    """Run the experiment, write what was asked for, and print it.
+    config: ProcessConfig, outputs: Outputs, as_json: bool, progress: Callable[[float], None] | None
+) -> None:
+    """Run the published experiment again, write its sweeps and its page, and print it.
 
     Parameters
     ----------
-    phase : {"consistent", "literal"}, optional
-        The reading of eq. 20.
-    gyro_response : str, optional
-        See :func:`~sinstool.simulation.coning_paper.paper_response`.
-    algorithms : sequence of str, optional
-        More algorithms of the registry, beside those that the paper needs.
-    csv_dir : Path, optional
-        Folder for one CSV file a sweep; made if it does not exist, otherwise empty.
-    as_json : bool, optional
+    outputs : Outputs
+        The folder is for one CSV file a sweep.
+    as_json : bool
         One JSON object on stdout instead of tables.
-    progress : callable, optional
+    progress : callable or None
         Takes the fraction done.
-    write_more : callable, optional
-        Writes other files, which appear together with those of the folder.
-
-    Returns
-    -------
-    Reproduction
 
     Raises
     ------
     ConfigurationError
-        If an option is impossible.
+        The gyro's response cannot be understood.
     OutputError
-        If the folder holds something or cannot be written.
+        An output cannot be written.
     """
-    if phase not in PHASES:
-        raise ConfigurationError(f"unknown phase {phase!r}", f"one of {', '.join(PHASES)}")
-    response = paper_response(gyro_response)
-    if csv_dir is not None:
-        check_new_folder(csv_dir, "--csv")
-    reproduction = reproduce(phase, response, algorithms, progress=progress)
+    outputs.check_page()
+    comparison = config.comparison
+    response = paper_response(config.coning.gyro_response or "cheb:6")
+    reproduction = reproduce(comparison.phase, response, comparison.algorithms, progress=progress)
     with commit_together():
-        files = [] if csv_dir is None else write_sweeps(reproduction, csv_dir)
-        if write_more is not None:
-            write_more(reproduction)
+        files = [] if outputs.csv is None else write_sweeps(reproduction, outputs.csv)
+        if outputs.page is not None:
+            page = reproduction_page(reproduction, config)
+            write_report(outputs.page, page, overwrite=outputs.overwrite)
     if as_json:
         print_json(as_object(reproduction) | {"csv": [str(path) for path in files]})
     else:
         _print(reproduction)
-        if csv_dir is not None:
-            click.echo(f"\n{csv_dir}: {len(files)} sweeps as CSV")
-    return reproduction
+        if outputs.csv is not None:
+            click.echo(f"\n{outputs.csv}: {len(files)} sweeps as CSV")
 
 
 def write_sweeps(reproduction: Reproduction, folder: Path) -> list[Path]:
@@ -132,7 +113,6 @@ def as_object(reproduction: Reproduction) -> dict[str, Any]:
         With keys ``schema``, ``settings``, ``claims``, ``algorithms``, ``table_1`` and ``gyros``.
     """
     experiment = reproduction.experiment
-    agreeing = sum(claim.reproduces for claim in reproduction.claims)
     return {
         "schema": SCHEMA,
         "settings": {
@@ -141,23 +121,9 @@ def as_object(reproduction: Reproduction) -> dict[str, Any]:
             "frequencies": len(experiment.frequency),
             "sweeps": len(experiment.sweeps),
         },
-        "reproduces": agreeing,
-        "does_not": len(reproduction.claims) - agreeing,
-        "claims": [
-            {
-                "key": claim.key,
-                "source": claim.source,
-                "statement": claim.statement,
-                "paper": claim.printed,
-                "ours": claim.ours,
-                "unit": claim.unit,
-                "setting": claim.setting,
-                "tolerance": claim.tolerance,
-                "verdict": claim.verdict,
-                "why": claim.reason,
-            }
-            for claim in reproduction.claims
-        ],
+        "reproduces": reproduction.agreeing,
+        "does_not": len(reproduction.claims) - reproduction.agreeing,
+        "claims": [vars(claim) for claim in reproduction.claims],
         "algorithms": _algorithms(reproduction),
         "table_1": _table_1(reproduction),
         "gyros": _gyros(),
@@ -179,9 +145,9 @@ def _algorithms(reproduction: Reproduction) -> list[dict[str, Any]]:
                 "mean_z_deg": sweep.mean_deg,
                 "mean_z_without_jumps_deg": experiment.mean_without_jumps(sweep),
                 "level_deg": low_level(sweep),
-                "error_deg": {f"{f:g}": _at(sweep, f) for f in _FREQUENCIES},
-                "largest_error_deg": {f"{f:g}": _at(sweep, f, True) for f in _FREQUENCIES},
-                "z_deg": {f"{f:g}": float(sweep.z_deg[sweep.row(f)]) for f in _FREQUENCIES},
+                "error_deg": _at_frequencies(sweep, sweep.norm_deg),
+                "largest_error_deg": _at_frequencies(sweep, sweep.peak_deg),
+                "z_deg": _at_frequencies(sweep, sweep.z_deg),
                 "update_ns": 1e9 * cost.update_s,
                 "data_ns_per_s": 1e9 * cost.data_s,
             }
@@ -192,9 +158,8 @@ def _algorithms(reproduction: Reproduction) -> list[dict[str, Any]]:
 _FREQUENCIES = (0.0, 30.0, 100.0, 130.0, 200.0, 230.0, 399.0, 400.0, 401.0, 800.0)
 
 
-def _at(sweep: Sweep, frequency: float, largest: bool = False) -> float:
-    values = sweep.peak_deg if largest else sweep.norm_deg
-    return float(values[sweep.row(frequency)])
+def _at_frequencies(sweep: Sweep, values: np.ndarray) -> dict[str, float]:
+    return {f"{f:g}": float(values[sweep.row(f)]) for f in _FREQUENCIES}
 
 
 _MEANS = {
@@ -249,12 +214,11 @@ def _print(reproduction: Reproduction) -> None:
             source = claim.source
             click.echo(source)
         ours = f"{claim.ours:.3g} {claim.unit}".strip()
-        paper = f"paper {claim.printed}, ours {ours}"
+        paper = f"paper {claim.paper}, ours {ours}"
         click.echo(f"  {claim.statement}: {paper}")
-        verdict = f"{claim.verdict.upper()} ({claim.tolerance}): {claim.reason}"
+        verdict = f"{claim.verdict.upper()} ({claim.tolerance}): {claim.why}"
         click.echo(click.wrap_text(verdict, 100, " " * 6, " " * 8))
-    agreeing = sum(claim.reproduces for claim in reproduction.claims)
-    click.echo(f"\n{agreeing} of {len(reproduction.claims)} claims reproduce")
+    click.echo(f"\n{reproduction.agreeing} of {len(reproduction.claims)} claims reproduce")
     click.echo(
         "\nAlgorithms: mean of signed z error; level: median |z|, 1 to 199 Hz; error after 10 s at"
         "\n400 and 800 Hz; time of one update of the attitude, and of a second of data\n"

@@ -7,15 +7,13 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from sinstool.cli.compare_paper import run_paper
 from sinstool.config import ProcessConfig
 from sinstool.core.whole_file import commit_together
 from sinstool.pipelines.compare_coning.log import compare_log
-from sinstool.pipelines.compare_coning.paper import Reproduction
 from sinstool.pipelines.compare_coning.summary import ComparisonResult, summarise
 from sinstool.report.figures.coning import figures
 from sinstool.report.page import check_report, write_report
-from sinstool.report.pages.compare_coning import comparison_page, reproduction_page
+from sinstool.report.pages.compare_coning import comparison_page
 from sinstool.report.text.coning import write_csv
 
 Progress = Callable[[float], None]
@@ -78,30 +76,3 @@ def compare_one_of_many(
     result = compare_one(log, config, outputs, progress)
     status = {"status": "lost", "exit": 3} if result.lost else {"status": "done", "exit": 0}
     return {**result.to_json(), **status}
-
-
-def compare_with_paper(
-    config: ProcessConfig, outputs: Outputs, as_json: bool, progress: Progress | None
-) -> None:
-    """Run the published experiment again and print it.
-
-    Raises
-    ------
-    SinstoolError
-    """
-    outputs.check_page()
-
-    def write(reproduction: Reproduction) -> None:
-        if outputs.page is not None:
-            page = reproduction_page(reproduction, config)
-            write_report(outputs.page, page, overwrite=outputs.overwrite)
-
-    run_paper(
-        config.comparison.phase,
-        config.coning.gyro_response or "cheb:6",
-        config.comparison.algorithms,
-        outputs.csv,
-        as_json,
-        progress,
-        write,
-    )

@@ -6,9 +6,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sinstool.simulation.flight import add_sinusoids
-from sinstool.simulation.trajectory import Trajectory
 from sinstool.simulation.travel import COLUMNS, Levels, Motion, travel
-from sinstool.simulation.truth import sample_times
+from sinstool.simulation.truth import Trajectory, sample_times
 
 FloatArray = NDArray[np.float64]
 

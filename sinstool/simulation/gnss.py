@@ -11,8 +11,7 @@ from sinstool.core import earth
 from sinstool.core.rotation import wrapped
 from sinstool.simulation.interpolation import Moments, moments
 from sinstool.simulation.sensors import markov
-from sinstool.simulation.trajectory import Trajectory
-from sinstool.simulation.truth import FloatArray, IntArray
+from sinstool.simulation.truth import FloatArray, IntArray, Trajectory
 
 Triple = tuple[float, float, float]
 Span = tuple[float, float]

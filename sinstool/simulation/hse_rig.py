@@ -24,8 +24,8 @@ from numpy.typing import NDArray
 from sinstool.core import rotation
 from sinstool.core.earth import earth_rate_n, gravity_n
 from sinstool.core.rotation import skew
+from sinstool.simulation.sensors import carry_over
 from sinstool.simulation.turntable import TableProfile
-from sinstool.simulation.wander import carry_over
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]

@@ -15,8 +15,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from sinstool.core import earth, rotation
-from sinstool.simulation.trajectory import Trajectory
-from sinstool.simulation.truth import FloatArray, IntArray
+from sinstool.simulation.truth import FloatArray, IntArray, Trajectory
 
 
 @dataclass(frozen=True)

@@ -14,8 +14,7 @@ import numpy as np
 
 from sinstool.core.units import DEGREE
 from sinstool.simulation.profile import Profile, Ramp, Step, Term, Wave, fly
-from sinstool.simulation.trajectory import Trajectory
-from sinstool.simulation.truth import sample_times
+from sinstool.simulation.truth import Trajectory, sample_times
 
 # When the weave that makes heading visible in the calm glide begins to come in.
 _CALM_S = 36.0

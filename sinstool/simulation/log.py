@@ -19,8 +19,7 @@ from sinstool.io.readers.frames import enu_to_ned, q_for_log, turn_body
 from sinstool.io.writers.mcap import McapWriter
 from sinstool.io.writers.solution import QOS
 from sinstool.simulation.gnss import GnssSamples
-from sinstool.simulation.trajectory import Trajectory
-from sinstool.simulation.truth import ImuTruth
+from sinstool.simulation.truth import ImuTruth, Trajectory
 
 IMU_TOPIC = "/imu/data_raw"
 FIX_TOPIC = "/gnss/fix"
@@ -72,9 +71,9 @@ def write_simulated(
     dict
         Messages by topic.
     """
-    told = dict(settings)
-    named = told.pop("scenario", "a log")
-    log_choice("scenario", ", ".join([named, *(f"{k} {v}" for k, v in told.items())]))
+    options = dict(settings)
+    name = options.pop("scenario", "a log")
+    log_choice("scenario", ", ".join([name, *(f"{k} {v}" for k, v in options.items())]))
     with WholeFile(path) as whole:
         writer = McapWriter(whole.stream, "ros2", f"sinstool/{version.VERSION}")
         try:
@@ -245,7 +244,16 @@ def truth_topics(
         SimulatedTopic("/truth/odometry", "nav_msgs/msg/Odometry", truth.time_ns, odometry, frames),
     ]
     if trajectory is not None:
-        topics.append(_true_fixes(trajectory))
+        # Where the vehicle is on the Earth, which odometry's plane does not say
+        topics.append(
+            SimulatedTopic(
+                "/truth/fix",
+                "sensor_msgs/msg/NavSatFix",
+                truth.time_ns,
+                lambda rows: _fix_columns(*_positions(trajectory, rows).T),
+                {"header.frame_id": "imu_link"},
+            )
+        )
     return topics
 
 
@@ -254,23 +262,10 @@ def _positions(trajectory: Trajectory, rows: slice) -> np.ndarray:
     return np.stack([t.latitude[rows], t.longitude[rows], t.height[rows]], axis=1)
 
 
-def _true_fixes(trajectory: Trajectory) -> SimulatedTopic:
-    """``/truth/fix``: where the vehicle is on the Earth, which odometry's plane does not say."""
-
-    def columns(rows: slice) -> Columns:
-        return {
-            "latitude": np.degrees(trajectory.latitude[rows]),
-            "longitude": np.degrees(trajectory.longitude[rows]),
-            "altitude": trajectory.height[rows],
-        }
-
-    return SimulatedTopic(
-        "/truth/fix",
-        "sensor_msgs/msg/NavSatFix",
-        trajectory.time_ns,
-        columns,
-        {"header.frame_id": "imu_link"},
-    )
+def _fix_columns(latitude: np.ndarray, longitude: np.ndarray, height: np.ndarray) -> Columns:
+    """Fields of NavSatFix messages, from rad and m."""
+    degrees = {"latitude": np.degrees(latitude), "longitude": np.degrees(longitude)}
+    return {**degrees, "altitude": height}
 
 
 def resting_fixes(time_ns: np.ndarray, position: tuple[float, float, float]) -> SimulatedTopic:
@@ -285,18 +280,9 @@ def resting_fixes(time_ns: np.ndarray, position: tuple[float, float, float]) -> 
     """
     step = round(1e9 / REST_FIX_HZ)
     at = np.arange(int(time_ns[0]), int(time_ns[-1]) + 1, step, dtype=np.int64)
-    latitude, longitude, height = position
-
-    def columns(_: slice) -> Columns:
-        return {
-            "latitude": np.array(np.degrees(latitude)),
-            "longitude": np.array(np.degrees(longitude)),
-            "altitude": np.array(height),
-        }
-
-    return SimulatedTopic(
-        FIX_TOPIC, "sensor_msgs/msg/NavSatFix", at, columns, {"header.frame_id": "gnss"}
-    )
+    columns = _fix_columns(*(np.array(one) for one in position))
+    frame = {"header.frame_id": "gnss"}
+    return SimulatedTopic(FIX_TOPIC, "sensor_msgs/msg/NavSatFix", at, lambda _: columns, frame)
 
 
 def gnss_topics(samples: GnssSamples, velocity: bool = True) -> list[SimulatedTopic]:
@@ -306,9 +292,7 @@ def gnss_topics(samples: GnssSamples, velocity: bool = True) -> list[SimulatedTo
     def fix(rows: slice) -> Columns:
         variance = samples.sigma_position[rows][:, swap] ** 2
         return {
-            "latitude": np.degrees(samples.latitude[rows]),
-            "longitude": np.degrees(samples.longitude[rows]),
-            "altitude": samples.height[rows],
+            **_fix_columns(samples.latitude[rows], samples.longitude[rows], samples.height[rows]),
             "position_covariance": _diagonal(variance, 3),
             "position_covariance_type": np.array(2),
         }

@@ -17,13 +17,11 @@ from sinstool.core.units import DEGREE
 from sinstool.core.whole_file import check_output, commit_together, write_whole
 from sinstool.methods.height.pressure import geopotential, height_per_pascal, pressure_at
 from sinstool.methods.sensor_errors import SIMULATED_GRADES
-from sinstool.simulation import drive, flight, launch, launch_sensors, motions
-from sinstool.simulation.barometer import barometer
+from sinstool.simulation import drive, flight, launch, motions
 from sinstool.simulation.coning import classical_coning
 from sinstool.simulation.coning_paper import coning_paper, paper_response
 from sinstool.simulation.gnss import MODELS, GnssFaults, Jump, Receiver, gnss_samples
 from sinstool.simulation.hse_rig import HseRigLog
-from sinstool.simulation.join import after_rest
 from sinstool.simulation.log import (
     Axes,
     SimulatedTopic,
@@ -52,10 +50,9 @@ from sinstool.simulation.scenarios import (
     TwoFrequency,
     Vehicle,
 )
-from sinstool.simulation.sensors import with_errors
+from sinstool.simulation.sensors import barometer, launch_grade, saturated, with_errors
 from sinstool.simulation.static import static
-from sinstool.simulation.trajectory import Trajectory
-from sinstool.simulation.truth import ImuTruth, sample_times
+from sinstool.simulation.truth import ImuTruth, Trajectory, after_rest, sample_times
 
 SCHEMA = "sinstool.simulate/1"
 START_NS = 1_700_000_000_000_000_000
@@ -255,10 +252,10 @@ def _vehicle(scenario: Vehicle) -> Simulated:
     if isinstance(scenario, Launch):
         limit = scenario.gyro_range
         if scenario.launch_grade is not None:
-            grade = launch_sensors.launch_grade(scenario.launch_grade, scenario.accel_unit_reading)
+            grade = launch_grade(scenario.launch_grade, scenario.accel_unit_reading)
     sensor = with_errors(trajectory.imu, grade, scenario.seed)
     if limit is not None:
-        sensor = launch_sensors.saturated(sensor, limit * DEGREE, float("inf"))
+        sensor = saturated(sensor, limit * DEGREE)
     topics = _imu_topics(scenario, trajectory.imu, sensor, trajectory)
     if scenario.gnss_rate > 0.0:
         topics += _gnss(scenario, trajectory)

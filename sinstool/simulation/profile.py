@@ -12,8 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from sinstool.core import earth, rotation
-from sinstool.simulation.trajectory import Trajectory
-from sinstool.simulation.truth import FloatArray, ImuTruth
+from sinstool.simulation.truth import FloatArray, ImuTruth, Trajectory
 
 # Longest step of the quadrature: four nodes leave 6e-9 of a vibration at 43 Hz, 5e-14 at 10 Hz.
 _MAX_STEP_S = 0.005

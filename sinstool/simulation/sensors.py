@@ -1,14 +1,24 @@
-"""Samples with errors of sensors: white noise, biases that wander, scale and misalignment."""
+"""Errors of sensors: white noise, biases that wander, scale, misalignment, range; a barometer."""
 
 from __future__ import annotations
 
 from dataclasses import replace
+from typing import Literal
 
+import numba
 import numpy as np
+from numpy.typing import ArrayLike
 
+from sinstool.core.units import DEGREE, STANDARD_GRAVITY
 from sinstool.methods.sensor_errors import SensorGrade
-from sinstool.simulation.truth import FloatArray, ImuTruth
-from sinstool.simulation.wander import carry_over
+from sinstool.simulation.truth import FloatArray, ImuTruth, check_times
+
+# Gyro bias deg/h, accelerometer bias in the unit that is in doubt, scale, deg/sqrt(h), ug/sqrt(Hz)
+_GRADES = {
+    "0.01": (0.01, 1e-5, 1e-5, 0.002, 5.0),
+    "1": (1.0, 1e-3, 1e-4, 0.05, 50.0),
+    "10": (10.0, 5e-3, 3e-4, 0.3, 150.0),
+}
 
 
 def with_errors(truth: ImuTruth, grade: SensorGrade, seed: int) -> ImuTruth:
@@ -91,3 +101,136 @@ def markov(
         drive[0] /= np.sqrt(-np.expm1(-2.0 * step / correlation_time))
     carry_over(np.full(n, decay), drive)
     return np.asarray(drive)
+
+
+# scipy.signal.lfilter does the same, but takes longer to import than most logs to simulate.
+@numba.njit(cache=True, nogil=True)
+def carry_over(decay: FloatArray, driven: FloatArray) -> None:
+    """Turn what drives first-order processes into the processes, ``x[k] = decay[k] x[k-1] + w[k]``.
+
+    Parameters
+    ----------
+    decay : ndarray, shape (n,)
+        The first is not used.
+    driven : ndarray, shape (n, columns)
+        `w`; `x` afterwards.
+    """
+    for k in range(1, driven.shape[0]):
+        for i in range(driven.shape[1]):
+            driven[k, i] += decay[k] * driven[k - 1, i]
+
+
+def launch_grade(gyro_bias_deg_h: str, accelerometer_unit: Literal["m/s^2", "g"]) -> SensorGrade:
+    """One of the three grades of Qu, Li, Zhu and Wang's Monte Carlo runs.
+
+    They print the accelerometer biases 0.00001, 0.001 and 0.005 with the unit m/s^2, and draw
+    conclusions for 0.01 and 0.05 m/s^2; their flight unit has 0.001 g. So g may be meant.
+
+    Parameters
+    ----------
+    gyro_bias_deg_h : {'0.01', '1', '10'}
+    accelerometer_unit : {'m/s^2', 'g'}
+        How to read the printed accelerometer biases.
+
+    Returns
+    -------
+    SensorGrade
+        Repeatability and in-run stability both have the printed size, the latter with a
+        correlation time of 100 s; misalignment is half the scale error. Noise is not printed: it
+        is what such sensors have.
+    """
+    gyro, accel, scale, walk, noise = _GRADES[gyro_bias_deg_h]
+    gyro *= DEGREE / 3600.0
+    accel *= STANDARD_GRAVITY if accelerometer_unit == "g" else 1.0
+    return SensorGrade(
+        angle_random_walk=walk * DEGREE / 60.0,
+        gyro_bias=gyro,
+        velocity_random_walk=noise * 1e-6 * STANDARD_GRAVITY,
+        accel_bias=accel,
+        gyro_instability=gyro,
+        accel_instability=accel,
+        bias_time_s=100.0,
+        gyro_scale=scale,
+        accel_scale=scale,
+        gyro_misalignment=0.5 * scale,
+        accel_misalignment=0.5 * scale,
+    )
+
+
+def saturated(samples: ImuTruth, gyro_range: float) -> ImuTruth:
+    """Samples of gyros that clip.
+
+    Parameters
+    ----------
+    samples : ImuTruth
+        As the gyros would give them without a limit.
+    gyro_range : float
+        Largest reading of each axis, rad/s.
+
+    Returns
+    -------
+    ImuTruth
+        Each mean and each value at an instant is limited, increments accordingly.
+    """
+    mean_rate = np.clip(samples.gyro_mean_rate, -gyro_range, gyro_range)
+    return replace(
+        samples,
+        gyro_rate=np.clip(samples.gyro_rate, -gyro_range, gyro_range),
+        gyro_mean_rate=mean_rate,
+        gyro_increment=mean_rate * samples.interval[:, None],
+    )
+
+
+def barometer(
+    time_ns: ArrayLike,
+    height: ArrayLike,
+    *,
+    sigma: float = 10.0,
+    correlation_time: float = 500.0,
+    white: float = 0.0,
+    seed: int = 0,
+) -> tuple[FloatArray, FloatArray]:
+    """Height as a barometer gives it.
+
+    Parameters
+    ----------
+    time_ns : array_like of int64, shape (n,)
+        Instants, increasing, two at least; at any distance from each other.
+    height : array_like, shape (n,)
+        True, m.
+    sigma : float, optional
+        Standard deviation of the error that wanders, a first-order Markov process, m.
+    correlation_time : float, optional
+        Of that process, s.
+    white : float, optional
+        Standard deviation of independent errors, m.
+    seed : int, optional
+        Of the random numbers.
+
+    Returns
+    -------
+    measured : ndarray, shape (n,)
+        m.
+    error : ndarray, shape (n,)
+        The wandering part of its error, stationary from the first row, m:
+        ``b[k+1] = exp(-T/tau) b[k] + w`` with ``var w = sigma**2 (1 - exp(-2 T/tau))``, which
+        are the process' own values at the instants.
+
+    Raises
+    ------
+    ValueError
+        If shapes do not fit or time does not increase.
+    """
+    times, interval = check_times(time_ns)
+    truth = np.asarray(height, dtype=np.float64)
+    if truth.shape != times.shape:
+        raise ValueError(f"Expected `height` to have shape {times.shape}, got {truth.shape}.")
+    random = np.random.default_rng(seed)
+    error = random.standard_normal(len(times))
+    noise = random.standard_normal(len(times))
+    share = interval / correlation_time
+    drive = sigma * np.sqrt(-np.expm1(-2.0 * share))
+    drive[0] = sigma
+    error *= drive
+    carry_over(np.exp(-share), error[:, None])
+    return truth + error + white * noise, error

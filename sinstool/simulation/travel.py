@@ -34,8 +34,7 @@ from sinstool.core.earth import (
     SEMI_MAJOR_AXIS,
 )
 from sinstool.core.gravity import normal_gravity
-from sinstool.simulation.trajectory import Trajectory
-from sinstool.simulation.truth import ImuTruth, check_times
+from sinstool.simulation.truth import ImuTruth, Trajectory, check_times
 
 FloatArray = NDArray[np.float64]
 

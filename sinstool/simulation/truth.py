@@ -1,8 +1,8 @@
-"""What a simulated motion gives: exact IMU samples of every kind and the true attitude."""
+"""What a simulated motion gives: exact samples of an Imu, the true attitude, and the place."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -46,6 +46,35 @@ class ImuTruth:
     specific_force: FloatArray
     mean_specific_force: FloatArray
     q_nb: FloatArray
+
+
+@dataclass(frozen=True)
+class Trajectory:
+    """Motion over the Earth at the instants of the Imu samples.
+
+    Attributes
+    ----------
+    imu : ImuTruth
+        Exact samples and attitude. ``gyro_increment`` and ``mean_specific_force * interval``
+        are the exact integrals of angular rate and specific force over (t[k-1], t[k]].
+    latitude, longitude : ndarray, shape (n,)
+        WGS-84, rad. Longitude is within (-pi, pi].
+    height : ndarray, shape (n,)
+        Ellipsoidal, m.
+    velocity_n : ndarray, shape (n, 3)
+        Against the Earth, in NED, m/s.
+    """
+
+    imu: ImuTruth
+    latitude: FloatArray
+    longitude: FloatArray
+    height: FloatArray
+    velocity_n: FloatArray
+
+    @property
+    def time_ns(self) -> IntArray:
+        """Instants, shape (n,)."""
+        return self.imu.time_ns
 
 
 def sample_times(rate_hz: float, duration_s: float, start_ns: int = 0) -> IntArray:
@@ -108,3 +137,34 @@ def check_times(time_ns: ArrayLike) -> tuple[IntArray, FloatArray]:
     if np.any(steps <= 0):
         raise ValueError("Expected `time_ns` to increase.")
     return times.astype(np.int64), np.concatenate([steps[:1], steps]) * 1e-9
+
+
+def after_rest(motion: ImuTruth, rest: ImuTruth) -> ImuTruth:
+    """A rest that ends at the instant at which the motion begins.
+
+    Parameters
+    ----------
+    rest : ImuTruth
+        Its last instant is the motion's first; of the motion's first row nothing is used but
+        the rate at the instant, since the interval before it belongs to the rest.
+
+    Returns
+    -------
+    ImuTruth
+
+    Raises
+    ------
+    ValueError
+        The two do not meet.
+    """
+    if rest.time_ns[-1] != motion.time_ns[0]:
+        raise ValueError("the rest does not end where the motion begins")
+    if not np.allclose(np.abs(rest.q_nb[-1] @ motion.q_nb[0]), 1.0, atol=1e-12):
+        raise ValueError("the attitude of the rest is not the first of the motion")
+    joined = {}
+    for f in fields(ImuTruth):
+        joined[f.name] = np.concatenate([getattr(rest, f.name), getattr(motion, f.name)[1:]])
+    at = len(rest.time_ns) - 1
+    joined["gyro_rate"][at] = motion.gyro_rate[0]
+    joined["specific_force"][at] = motion.specific_force[0]
+    return ImuTruth(**joined)

@@ -6,7 +6,7 @@ from click.testing import CliRunner
 from scipy.integrate import quad_vec
 
 from sinstool.cli.simulate import command
-from sinstool.config import InputOptions
+from sinstool.config import ProcessConfig
 from sinstool.core import rotation
 from sinstool.core.errors import ConfigurationError
 from sinstool.methods.coning.gyro_response import butterworth, chebyshev, none
@@ -149,11 +149,11 @@ def test_command_writes_noise_beside_exact_truth(tmp_path):
     assert written["settings"]["gyro_response"] == "butter:9"
     assert written["settings"]["noise_deg"] == "0.02"
     assert written["topics"]["/imu/data_raw"] == 801
-    imu = inspect(path, InputOptions(), None)["imu"][0]
+    imu = inspect(path, ProcessConfig()).usable[0]
     # FLU: x as in FRD. The cone's largest rate and the noise's constant one add up.
     noise = np.deg2rad(0.02) * 2 * np.pi * 400.0 * butterworth(9, 200.0)(400.0)
-    assert imu["gyro_max_rad_s"][0] == pytest.approx(W * THETA + noise, rel=1e-4)
-    assert imu["gyro_max_rad_s"][1] == pytest.approx(W * THETA, rel=1e-4)
+    assert imu.gyro_max_rad_s[0] == pytest.approx(W * THETA + noise, rel=1e-4)
+    assert imu.gyro_max_rad_s[1] == pytest.approx(W * THETA, rel=1e-4)
 
 
 @pytest.mark.parametrize(

@@ -6,9 +6,9 @@ from hypothesis import strategies as st
 from sinstool.core import earth, rotation
 from sinstool.methods.coning.registry import algorithm
 from sinstool.methods.coning.stage import ConingStage
-from sinstool.simulation.barometer import barometer
 from sinstool.simulation.drive import road_drive
 from sinstool.simulation.flight import SPIRAL_SPEED, manoeuvring_flight, spiral_climb
+from sinstool.simulation.sensors import barometer
 from sinstool.simulation.travel import COLUMNS, Levels, travel
 from sinstool.simulation.truth import sample_times
 

@@ -19,8 +19,7 @@ from sinstool.simulation.gnss import (
 from sinstool.simulation.interpolation import from_ecef, moments
 from sinstool.simulation.launch import launch
 from sinstool.simulation.static import static
-from sinstool.simulation.trajectory import Trajectory
-from sinstool.simulation.truth import sample_times
+from sinstool.simulation.truth import Trajectory, sample_times
 
 DEGREE = np.pi / 180.0
 PERFECT = Receiver(errors=MODELS["perfect"])

@@ -5,9 +5,8 @@ from sinstool.core import earth, rotation
 from sinstool.core.earth import ecef
 from sinstool.methods.strapdown.attitude import AttitudePropagator
 from sinstool.simulation.launch import launch, launch_profile
-from sinstool.simulation.launch_sensors import launch_grade, mounted, saturated
 from sinstool.simulation.profile import Profile, Ramp, Step, Wave, fly, harmonic_gravity_n
-from sinstool.simulation.sensors import with_errors
+from sinstool.simulation.sensors import launch_grade, saturated, with_errors
 from sinstool.simulation.truth import sample_times
 
 DEGREE = np.pi / 180.0
@@ -227,34 +226,13 @@ def test_grades_are_the_published_ones():
     assert meant.gyro_misalignment == 1.5e-4 and meant.bias_time_s == 100.0
     assert meant.angle_random_walk * 60.0 == pytest.approx(0.3 * DEGREE)
     assert meant.velocity_random_walk == pytest.approx(150e-6 * 9.80665)
-    with pytest.raises(ValueError):
-        launch_grade("5", "g")
-    with pytest.raises(ValueError):
-        launch_grade("1", "mg")
 
 
 def test_clipping_takes_what_is_beyond_the_range(flight):
     noisy = with_errors(flight.imu, launch_grade("1", "g"), 3)
-    clipped = saturated(noisy, 200.0 * DEGREE, 100.0)
+    clipped = saturated(noisy, 200.0 * DEGREE)
     within = (np.abs(noisy.gyro_mean_rate) < 200.0 * DEGREE).all(axis=1)
     assert 1000 < (~within).sum() < 2000  # 8 s of roll
     np.testing.assert_allclose(clipped.gyro_increment[within], noisy.gyro_increment[within])
     assert np.abs(clipped.gyro_increment).max() == pytest.approx(200.0 * DEGREE * 0.005)
-    assert np.abs(clipped.mean_specific_force).max() == 100.0
     np.testing.assert_array_equal(clipped.q_nb, noisy.q_nb)
-    with pytest.raises(ValueError):
-        saturated(noisy, 0.0, 1.0)
-
-
-def test_an_imu_mounted_askew_feels_the_same_in_ned(flight):
-    q_bs = rotation.from_euler([0.3, -1.1, 2.5])
-    askew = mounted(flight.imu, q_bs)
-    for name in ("specific_force", "mean_specific_force", "gyro_rate", "gyro_increment"):
-        np.testing.assert_allclose(
-            rotation.rotate(askew.q_nb, getattr(askew, name)),
-            rotation.rotate(flight.imu.q_nb, getattr(flight.imu, name)),
-            atol=1e-12 * 200,
-        )
-    assert np.abs(askew.specific_force - flight.imu.specific_force).max() > 10.0
-    with pytest.raises(ValueError):
-        mounted(flight.imu, np.ones((2, 4)))

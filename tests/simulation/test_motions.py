@@ -10,10 +10,10 @@ from sinstool.simulation.motions import (
     quadrature_nodes,
     random_manoeuvre,
     sample,
-    thin,
     two_frequency,
 )
 from sinstool.simulation.truth import sample_times
+from tests.helpers.thinned import thin
 
 Q_NM = rotation.from_euler([0.5, -0.8, 2.2])
 GRAVITY_N = np.array([-1e-3, 0.0, 9.81])

@@ -120,7 +120,7 @@ class InertialRows:
 
     @staticmethod
     def from_table(table: FloatArray) -> InertialRows:
-        """Rows as the accumulator writes them, shape (n, 64)."""
+        """Rows as the kernel writes them, shape (n, 64)."""
 
         def matrix(start: int) -> FloatArray:
             return table[:, start : start + 9].reshape(-1, 3, 3)
@@ -144,114 +144,58 @@ def _apply(matrices: FloatArray, vectors: FloatArray) -> FloatArray:
     return np.asarray(np.einsum("nij,nj->ni", matrices, vectors))
 
 
-class InertialAccumulator:
-    """Integrates increments and answers at given times; blocks may end anywhere.
-
-    Parameters
-    ----------
-    origin_ns : int
-        From which `time_s` of the rows counts.
-    epochs_ns : array_like of int64, shape (m,)
-        When rows are wanted, not decreasing. Those before the first sample get none.
-    sensitivities : bool
-        Integrate them; without, they stay zero and a sample costs a third.
-
-    Attributes
-    ----------
-    state : ndarray, shape (64,)
-        All that is carried besides the rows that wait for the sample after theirs.
-    """
-
-    def __init__(self, origin_ns: int, epochs_ns: ArrayLike, sensitivities: bool = True) -> None:
-        self._origin = int(origin_ns)
-        self._epochs = np.asarray(epochs_ns, dtype=np.int64) - self._origin
-        if self._epochs.ndim != 1 or np.any(np.diff(self._epochs) < 0):
-            raise ValueError("Expected `epochs_ns` to be one increasing column.")
-        self._sensitivities = sensitivities
-        self._next = 0
-        self._waiting = np.empty((0, ROW))
-        self.state = np.zeros(STATE)
-        self.state[_Q] = 1.0
-
-    def push(
-        self, time_ns: ArrayLike, delta_theta: ArrayLike, delta_velocity: ArrayLike
-    ) -> FloatArray:
-        """Integrate the next samples.
-
-        Parameters
-        ----------
-        time_ns : array_like of int64, shape (n,)
-            Ends of the intervals, increasing; a row that does not advance time is passed over.
-        delta_theta, delta_velocity : array_like, shape (n, 3)
-            Increments in body axes, rad and m/s. The very first sample only serves as the
-            history of the second.
-
-        Returns
-        -------
-        ndarray, shape (k, 64)
-            For :meth:`InertialRows.from_table`: rows that are complete. A row in the second
-            half of its interval waits for the sample after, for its force and rate.
-
-        Raises
-        ------
-        ValueError
-            If shapes do not fit.
-        """
-        time = np.ascontiguousarray(time_ns, dtype=np.int64) - self._origin
-        theta = np.ascontiguousarray(delta_theta, dtype=np.float64)
-        velocity = np.ascontiguousarray(delta_velocity, dtype=np.float64)
-        if theta.shape != (len(time), 3) or velocity.shape != (len(time), 3):
-            raise ValueError(
-                f"Expected increments of shape ({len(time)}, 3),"
-                f" got {theta.shape} and {velocity.shape}."
-            )
-        if not len(time):
-            return np.empty((0, ROW))
-        reached = int(np.searchsorted(self._epochs, time[-1], side="right"))
-        waiting = len(self._waiting)
-        out = np.zeros((waiting + max(reached - self._next, 0), ROW))
-        out[:waiting] = self._waiting
-        rows, complete, self._next = _accumulate_kernel(
-            time, theta, velocity, self._epochs, self._next, self._sensitivities,
-            self.state, out, waiting,
-        )  # fmt: skip
-        self._waiting = out[complete:rows].copy()
-        return out[:complete]
-
-    def finish(self) -> FloatArray:
-        """Rows that still wait, their force and rate extrapolated from before them."""
-        out, self._waiting = self._waiting, np.empty((0, ROW))
-        return out
-
-
 def accumulate(
     time_ns: ArrayLike,
     delta_theta: ArrayLike,
     delta_velocity: ArrayLike,
     epochs_ns: ArrayLike,
     origin_ns: int,
-    sensitivities: bool = True,
 ) -> InertialRows:
-    """Rows of a whole stretch at once.
+    """Integrate the increments of a stretch and answer at given times.
 
     Parameters
     ----------
-    time_ns, delta_theta, delta_velocity
-        As :meth:`InertialAccumulator.push` takes them.
+    time_ns : array_like of int64, shape (n,)
+        Ends of the intervals, increasing; a row that does not advance time is passed over.
+    delta_theta, delta_velocity : array_like, shape (n, 3)
+        Increments in body axes, rad and m/s. The very first sample only serves as the
+        history of the second.
     epochs_ns : array_like of int64, shape (m,)
-        When rows are wanted, not decreasing; those outside the samples get none.
+        When rows are asked for, not decreasing; those outside the samples get none.
+    origin_ns : int
+        From which `time_s` of the rows counts.
 
     Returns
     -------
     InertialRows
+        Force and rate of a row in the second half of the last interval are extrapolated from
+        before it.
+
+    Raises
+    ------
+    ValueError
+        If shapes do not fit.
     """
-    run = InertialAccumulator(origin_ns, epochs_ns, sensitivities)
-    parts = [run.push(time_ns, delta_theta, delta_velocity), run.finish()]
-    return InertialRows.from_table(np.concatenate(parts))
+    time = np.ascontiguousarray(time_ns, dtype=np.int64) - origin_ns
+    theta = np.ascontiguousarray(delta_theta, dtype=np.float64)
+    velocity = np.ascontiguousarray(delta_velocity, dtype=np.float64)
+    epochs = np.asarray(epochs_ns, dtype=np.int64) - origin_ns
+    if epochs.ndim != 1 or np.any(np.diff(epochs) < 0):
+        raise ValueError("Expected `epochs_ns` to be one increasing column.")
+    if theta.shape != (len(time), 3) or velocity.shape != (len(time), 3):
+        raise ValueError(
+            f"Expected increments of shape ({len(time)}, 3),"
+            f" got {theta.shape} and {velocity.shape}."
+        )
+    state = np.zeros(STATE)
+    state[_Q] = 1.0
+    out = np.zeros((len(epochs), ROW))
+    count = _accumulate_kernel(time, theta, velocity, epochs, state, out)
+    return InertialRows.from_table(out[:count])
 
 
 @numba.njit(cache=True, nogil=True)
-def _advance(src, dst, tx, ty, tz, vx, vy, vz, ox, oy, oz, ux, uy, uz, step, sensitivities):  # type: ignore[no-untyped-def]
+def _advance(src, dst, tx, ty, tz, vx, vy, vz, ox, oy, oz, ux, uy, uz, step):  # type: ignore[no-untyped-def]
     """State `src` over `step` seconds into `dst` (which may be `src`).
 
     t and v are the increments; o and u what coning and sculling with the previous interval add.
@@ -310,8 +254,6 @@ def _advance(src, dst, tx, ty, tz, vx, vy, vz, ox, oy, oz, ux, uy, uz, step, sen
     dst[5] = src[5] + dx
     dst[6] = src[6] + dy
     dst[7] = src[7] + dz
-    if not sensitivities:
-        return
 
     # The mean of C over the interval.
     d00, d01, d02, d10, d11, d12, d20, d21, d22 = dcm(w, x, y, z)
@@ -350,9 +292,11 @@ def _advance(src, dst, tx, ty, tz, vx, vy, vz, ox, oy, oz, ux, uy, uz, step, sen
 
 
 @numba.njit(cache=True, nogil=True)
-def _accumulate_kernel(time, theta, velocity, epochs, upcoming, sensitivities, state, out, rows):  # type: ignore[no-untyped-def]
-    """All samples of a block; returns rows written, rows complete, the next epoch."""
+def _accumulate_kernel(time, theta, velocity, epochs, state, out):  # type: ignore[no-untyped-def]
+    """All samples; returns the number of rows written."""
+    rows = 0
     complete = 0
+    upcoming = 0
     count = epochs.shape[0]
     for k in range(time.shape[0]):
         now = float(time[k])
@@ -423,7 +367,7 @@ def _accumulate_kernel(time, theta, velocity, epochs, upcoming, sensitivities, s
                 s * tx + bend * (tx - qx), s * ty + bend * (ty - qy), s * tz + bend * (tz - qz),
                 s * vx + bend * (vx - rx), s * vy + bend * (vy - ry), s * vz + bend * (vz - rz),
                 cube * ox, cube * oy, cube * oz, cube * ux, cube * uy, cube * uz,
-                s * step, sensitivities,
+                s * step,
             )  # fmt: skip
             target[0] = float(epochs[upcoming])
             target[62] = s
@@ -439,10 +383,10 @@ def _accumulate_kernel(time, theta, velocity, epochs, upcoming, sensitivities, s
                 complete += 1
             upcoming += 1
             rows += 1
-        _advance(state, state, tx, ty, tz, vx, vy, vz, ox, oy, oz, ux, uy, uz, step, sensitivities)
+        _advance(state, state, tx, ty, tz, vx, vy, vz, ox, oy, oz, ux, uy, uz, step)
         state[0] = now
         state[62] = step
         for i in range(3):
             state[56 + i] = theta[k, i]
             state[59 + i] = velocity[k, i]
-    return rows, complete, upcoming
+    return rows

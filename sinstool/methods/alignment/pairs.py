@@ -81,7 +81,6 @@ def integrated_pairs(
     length: int,
     sigma_usual: float,
     calm_until: IndexArray | None = None,
-    first: int = 0,
 ) -> Pairs:
     """Pairs ``win`` and ``int``.
 
@@ -100,15 +99,13 @@ def integrated_pairs(
         Noise for which a pair has weight 1.
     calm_until : ndarray of int64, shape (n,), optional
         Count of samples that were not calm up to each fix; a pair over any gets no weight.
-    first : int
-        Rows before are history: pairs complete there are left out.
 
     Returns
     -------
     Pairs
-        One for each row from `first` on.
+        One for each row.
     """
-    newer = np.arange(first, len(rows))
+    newer = np.arange(len(rows))
     back = newer - length if kind == "win" else np.zeros_like(newer)
     older = np.maximum(back, 0)
     gains = velocity_gains(rows)

@@ -53,65 +53,43 @@ def dcm_ni(latitude: FloatArray, longitude: FloatArray, time_s: FloatArray) -> F
     return dcm_ne(latitude, np.asarray(longitude) + EARTH_RATE * np.asarray(time_s))
 
 
-class VelocityReference:
-    """Specific force integrated from the first fix, in ``i``; blocks may end anywhere.
+def velocity_reference(
+    time_s: FloatArray,
+    latitude: FloatArray,
+    longitude: FloatArray,
+    height: FloatArray,
+    velocity_n: FloatArray,
+) -> FloatArray:
+    """Specific force integrated from the first fix, in ``i``.
 
     ``d/dt (C_e^i v^e) = C_b^i f + C_e^i (g^e - omega_ie x v^e)``, integrated by the trapezoid
     rule between fixes; eq. (4) of Qu et al. in its integrated form.
 
-    Attributes
+    Parameters
     ----------
-    state : ndarray, shape (10,) or None
-        Time, integral and integrand of the last fix, and the first velocity.
+    time_s : ndarray, shape (n,)
+        Since the origin, increasing.
+    latitude, longitude, height : ndarray, shape (n,)
+    velocity_n : ndarray, shape (n, 3)
+        Without gaps: leave out fixes that have none.
+
+    Returns
+    -------
+    ndarray, shape (n, 3)
+        m/s; zero at the very first fix.
     """
-
-    def __init__(self) -> None:
-        self.state: FloatArray | None = None
-        self._first = np.zeros(3)
-
-    def push(
-        self,
-        time_s: FloatArray,
-        latitude: FloatArray,
-        longitude: FloatArray,
-        height: FloatArray,
-        velocity_n: FloatArray,
-    ) -> FloatArray:
-        """Beta at the next fixes.
-
-        Parameters
-        ----------
-        time_s : ndarray, shape (n,)
-            Since the origin, increasing.
-        latitude, longitude, height : ndarray, shape (n,)
-        velocity_n : ndarray, shape (n, 3)
-            Without gaps: leave out fixes that have none.
-
-        Returns
-        -------
-        ndarray, shape (n, 3)
-            m/s; zero at the very first fix.
-        """
-        if not len(time_s):
-            return np.empty((0, 3))
-        c_en = np.swapaxes(dcm_ne(latitude, longitude), -1, -2)
-        velocity_e = np.einsum("nij,nj->ni", c_en, velocity_n)
-        gravity_e = np.einsum("nij,nj->ni", c_en, gravity_n(latitude, height))
-        coriolis = np.stack(
-            [-EARTH_RATE * velocity_e[:, 1], EARTH_RATE * velocity_e[:, 0], 0.0 * time_s], axis=-1
-        )
-        velocity_i = to_inertial(velocity_e, time_s)
-        integrand = to_inertial(coriolis - gravity_e, time_s)
-        if self.state is None:
-            self._first = velocity_i[0].copy()
-            self.state = np.concatenate([time_s[:1], np.zeros(3), integrand[0]])
-        before = np.concatenate([self.state[None, 4:], integrand[:-1]])
-        step = np.diff(time_s, prepend=self.state[0])
-        parts = 0.5 * step[:, None] * (before + integrand)
-        # The running sum starts from the carried one, so that rounding does not see blocks.
-        sums = np.cumsum(np.concatenate([self.state[None, 1:4], parts]), axis=0)[1:]
-        self.state = np.concatenate([time_s[-1:], sums[-1], integrand[-1]])
-        return velocity_i - self._first + sums
+    c_en = np.swapaxes(dcm_ne(latitude, longitude), -1, -2)
+    velocity_e = np.einsum("nij,nj->ni", c_en, velocity_n)
+    gravity_e = np.einsum("nij,nj->ni", c_en, gravity_n(latitude, height))
+    coriolis = np.stack(
+        [-EARTH_RATE * velocity_e[:, 1], EARTH_RATE * velocity_e[:, 0], 0.0 * time_s], axis=-1
+    )
+    velocity_i = to_inertial(velocity_e, time_s)
+    integrand = to_inertial(coriolis - gravity_e, time_s)
+    before = np.concatenate([integrand[:1], integrand[:-1]])
+    step = np.diff(time_s, prepend=time_s[:1])
+    integral = np.cumsum(0.5 * step[:, None] * (before + integrand), axis=0)
+    return np.asarray(velocity_i - velocity_i[:1] + integral)
 
 
 def acceleration_reference(
@@ -127,7 +105,7 @@ def acceleration_reference(
     Parameters
     ----------
     time_s, latitude, longitude, height, velocity_n
-        As for :class:`VelocityReference`.
+        As for :func:`velocity_reference`.
     central : bool
         Difference of the neighbours on both sides, else of the fix and the one before.
 

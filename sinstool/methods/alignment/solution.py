@@ -19,8 +19,13 @@ from sinstool.methods.alignment.pairs import (
     integrated_pairs,
     window_rows,
 )
-from sinstool.methods.alignment.reference import VelocityReference, dcm_ni, position_reference
-from sinstool.methods.alignment.sums import PairAccumulator, PairSums, RunningPairs, total_sums
+from sinstool.methods.alignment.reference import dcm_ni, position_reference, velocity_reference
+from sinstool.methods.alignment.sums import (
+    PairSums,
+    running_centred_sums,
+    running_sums,
+    total_sums,
+)
 from sinstool.methods.alignment.triad import triad_attitude, triad_covariance
 from sinstool.methods.alignment.wahba import SOLVERS, singular_values
 
@@ -74,7 +79,7 @@ class Segment:
 
     def beta(self) -> FloatArray:
         """Integrated GNSS side from the first fix, m/s."""
-        return VelocityReference().push(
+        return velocity_reference(
             self.rows.time_s, self.latitude, self.longitude, self.height, self.velocity_n
         )
 
@@ -242,7 +247,7 @@ def course(segment: Segment, settings: AlignmentSettings) -> Course:
     rows = segment.rows
     if settings.vectors == "pos":
         return _position_course(segment, settings)
-    sums = running_sums(segment, settings)
+    sums = sums_so_far(segment, settings)
     ends = np.flatnonzero(sums.count > 1.0)
     ends = ends[np.any(sums.profile[ends] != 0.0, axis=(-2, -1))]
     sums = _take(sums, ends)
@@ -284,19 +289,14 @@ def _take(sums: PairSums, which: NDArray[np.bool_] | IndexArray) -> PairSums:
     )
 
 
-def running_sums(segment: Segment, settings: AlignmentSettings) -> PairSums:
-    """Sums after each fix, by the accumulators that a stream would use."""
-    if settings.vectors in ("win", "int", "cen"):
-        length = window_rows(segment.rows.time_s, settings.window_s)
-        accumulator = PairAccumulator(
-            settings.vectors, length, settings.fade_s, settings.gnss_sigma_v
+def sums_so_far(segment: Segment, settings: AlignmentSettings) -> PairSums:
+    """Sums after each fix."""
+    if settings.vectors == "cen":
+        return running_centred_sums(
+            segment.rows, segment.beta(), segment.sigma, settings.fade_s, settings.gnss_sigma_v
         )
-        mask = segment.not_calm if settings.gate == "mask" else None
-        return accumulator.push(segment.rows, segment.beta(), segment.sigma, mask, segment.level)
     pairs = make_pairs(segment, settings)
-    return RunningPairs(settings.fade_s).push(
-        pairs, segment.rows.time_s, segment.sigma, slice(0, 0)
-    )
+    return running_sums(pairs, segment.rows.time_s, segment.sigma, settings.fade_s)
 
 
 def _position_course(segment: Segment, settings: AlignmentSettings) -> Course:

@@ -1,6 +1,6 @@
 """Sums over pairs: all that attitude and covariance need of them.
 
-Once over all pairs at hand, or running from pair to pair with a state that does not grow.
+Once over all pairs at hand, or running from pair to pair.
 """
 
 from __future__ import annotations
@@ -12,12 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sinstool.methods.alignment.accumulation import InertialRows
-from sinstool.methods.alignment.pairs import (
-    Pairs,
-    cross_columns,
-    integrated_pairs,
-    velocity_gains,
-)
+from sinstool.methods.alignment.pairs import Pairs, cross_columns, velocity_gains
 
 FloatArray = NDArray[np.float64]
 
@@ -47,11 +42,6 @@ class PairSums:
     count: FloatArray
 
 
-def fade_weights(end_s: FloatArray, fade_s: float) -> FloatArray:
-    """``exp(-age / fade_s)`` against the last of the given times."""
-    return np.exp((end_s - end_s[-1]) / fade_s)
-
-
 def total_sums(pairs: Pairs, end_s: FloatArray, sigma: FloatArray, fade_s: float) -> PairSums:
     """Sums over all pairs.
 
@@ -70,7 +60,7 @@ def total_sums(pairs: Pairs, end_s: FloatArray, sigma: FloatArray, fade_s: float
     -------
     PairSums
     """
-    weight = pairs.weight * fade_weights(end_s, fade_s)
+    weight = pairs.weight * np.exp((end_s - end_s[-1]) / fade_s)
     weighted = weight[:, None] * pairs.alpha
     touched = np.zeros((len(sigma), 3))
     np.add.at(touched, pairs.newer, pairs.scale[:, None] * weighted)
@@ -86,67 +76,42 @@ def total_sums(pairs: Pairs, end_s: FloatArray, sigma: FloatArray, fade_s: float
     )
 
 
-class RunningPairs:
-    """Sums over pairs, kept from row to row; blocks may end anywhere.
+def running_sums(pairs: Pairs, end_s: FloatArray, sigma: FloatArray, fade_s: float) -> PairSums:
+    """Sums after each pair, each from those before it; parameters as of :func:`total_sums`."""
+    count = len(pairs)
+    weighted = pairs.weight[:, None] * pairs.alpha
+    terms = np.empty((count, 55))
+    terms[:, :9] = (pairs.beta[:, :, None] * weighted[:, None, :]).reshape(count, 9)
+    terms[:, 9:18] = (pairs.alpha[:, :, None] * weighted[:, None, :]).reshape(count, 9)
+    terms[:, 18:54] = cross_columns(weighted[:, None], pairs.gains).reshape(count, 36)
+    terms[:, 54] = pairs.weight > 0.0
+    out = np.empty((count, 61))
+    _run_kernel(
+        terms, pairs.scale[:, None] * weighted, pairs.newer, pairs.older, end_s,
+        sigma * sigma, 1.0 / fade_s, np.zeros(64), np.zeros((len(sigma), 4)), out,
+    )  # fmt: skip
+    noise = out[:, [55, 56, 57, 56, 58, 59, 57, 59, 60]]
+    return _pair_sums(out, noise, out[:, 54])
 
-    Attributes
-    ----------
-    state : ndarray, shape (64,)
-        Sums so far (profile, second, errors, count: 55), noise (6), the logarithm of all
-        fading so far, the last time, and whether there was one.
-    touched : ndarray, shape (h, 4)
-        For rows that a later pair may touch: their part d_k and the fading it includes.
-    """
 
-    def __init__(self, fade_s: float) -> None:
-        self._fade = fade_s
-        self.state = np.zeros(64)
-        self.touched = np.zeros((0, 4))
-
-    def push(self, pairs: Pairs, end_s: FloatArray, sigma: FloatArray, keep: slice) -> PairSums:
-        """Add pairs.
-
-        Parameters
-        ----------
-        pairs : Pairs
-            With indices into the rows kept before, followed by the new rows.
-        end_s : ndarray, shape (n,)
-        sigma : ndarray, shape (kept + new,)
-        keep : slice
-            Rows of these that later pairs may touch.
-
-        Returns
-        -------
-        PairSums
-            After each pair.
-        """
-        count = len(pairs)
-        weighted = pairs.weight[:, None] * pairs.alpha
-        terms = np.empty((count, 55))
-        terms[:, :9] = (pairs.beta[:, :, None] * weighted[:, None, :]).reshape(count, 9)
-        terms[:, 9:18] = (pairs.alpha[:, :, None] * weighted[:, None, :]).reshape(count, 9)
-        terms[:, 18:54] = cross_columns(weighted[:, None], pairs.gains).reshape(count, 36)
-        terms[:, 54] = pairs.weight > 0.0
-        touched = np.zeros((len(sigma), 4))
-        touched[: len(self.touched)] = self.touched
-        out = np.empty((count, 61))
-        _run_kernel(
-            terms, pairs.scale[:, None] * weighted, pairs.newer, pairs.older, end_s,
-            sigma * sigma, 1.0 / self._fade, self.state, touched, out,
-        )  # fmt: skip
-        self.touched = touched[keep].copy()
-        noise = out[:, [55, 56, 57, 56, 58, 59, 57, 59, 60]].reshape(count, 3, 3)
-        return PairSums(
-            out[:, :9].reshape(count, 3, 3),
-            out[:, 9:18].reshape(count, 3, 3),
-            noise,
-            out[:, 18:54].reshape(count, 4, 3, 3),
-            out[:, 54],
-        )
+def _pair_sums(out: FloatArray, noise: FloatArray, count: FloatArray) -> PairSums:
+    return PairSums(
+        out[:, :9].reshape(-1, 3, 3),
+        out[:, 9:18].reshape(-1, 3, 3),
+        noise.reshape(-1, 3, 3),
+        out[:, 18:54].reshape(-1, 4, 3, 3),
+        count,
+    )
 
 
 @numba.njit(cache=True, nogil=True)
 def _run_kernel(terms, parts, newer, older, end, variance, rate, state, touched, out):  # type: ignore[no-untyped-def]
+    """Sums from pair to pair.
+
+    `state` holds the sums so far (profile, second, errors, count: 55), the noise (6), the logarithm
+    of all fading so far, the last time, and whether there was one; `touched` for each fix its part
+    d_k and the fading that it includes.
+    """
     for j in range(terms.shape[0]):
         if state[63] == 0.0:
             state[63] = 1.0
@@ -186,119 +151,31 @@ def _run_kernel(terms, parts, newer, older, end, variance, rate, state, touched,
             out[j, i] = state[i]
 
 
-class PairAccumulator:
-    """From rows of the two sides to sums of pairs; blocks of rows may end anywhere.
+def running_centred_sums(
+    rows: InertialRows, beta: FloatArray, sigma: FloatArray, fade_s: float, sigma_usual: float
+) -> PairSums:
+    """Sums after each fix over the pairs ``cen``: means and what is left of products are updated.
 
     Parameters
     ----------
-    kind : {'win', 'int', 'cen'}
-    length : int
-        Fixes in a window; for ``win``.
+    rows : InertialRows
+        At the antenna.
+    beta : ndarray, shape (n, 3)
+    sigma : ndarray, shape (n,)
+        Noise of the fixes, by which they are weighted.
     fade_s : float
         Time constant of fading; may be infinite.
     sigma_usual : float
         Velocity noise for which a pair has weight 1, m/s.
-
-    Attributes
-    ----------
-    state : dict of str to ndarray
-        All that is carried: rows kept for later pairs, and sums.
-
-    Notes
-    -----
-    ``cen`` keeps no rows: means and what is left of products are updated by each.
     """
-
-    def __init__(
-        self, kind: str, length: int, fade_s: float = np.inf, sigma_usual: float = 0.1
-    ) -> None:
-        if kind not in ("win", "int", "cen"):
-            raise ValueError(f"Expected `kind` to be 'win', 'int' or 'cen', got {kind!r}.")
-        self._kind, self._length, self._usual = kind, length, sigma_usual
-        self._fade = fade_s
-        self._pairs = RunningPairs(fade_s)
-        self._rows: InertialRows | None = None
-        self._beta = np.empty((0, 3))
-        self._sigma = np.empty(0)
-        self._level = np.empty(0)
-        self._calm = np.empty(0, dtype=np.int64)
-        self._centred = np.zeros(_CENTRED)
-
-    def push(
-        self,
-        rows: InertialRows,
-        beta: FloatArray,
-        sigma: FloatArray,
-        calm_until: NDArray[np.int64] | None = None,
-        level: FloatArray | None = None,
-    ) -> PairSums:
-        """Sums after each of the next rows.
-
-        Parameters
-        ----------
-        rows : InertialRows
-            At the antenna.
-        beta : ndarray, shape (n, 3)
-        sigma : ndarray, shape (n,)
-        calm_until : ndarray of int64, shape (n,), optional
-            As for :func:`~sinstool.methods.alignment.pairs.integrated_pairs`; not for ``cen``.
-        level : ndarray, shape (n,), optional
-            As there; by default `sigma`. Pairs of ``cen`` are weighted by `sigma` itself.
-
-        Returns
-        -------
-        PairSums
-            With n leading entries.
-        """
-        if self._kind == "cen":
-            return self._centre(rows, beta, sigma)
-        calm = np.zeros(len(rows), dtype=np.int64) if calm_until is None else calm_until
-        history = len(self._beta)
-        if self._rows is not None:
-            rows = rows.append_to(self._rows)
-        beta = np.concatenate([self._beta, beta])
-        level = np.concatenate([self._level, sigma if level is None else level])
-        sigma = np.concatenate([self._sigma, sigma])
-        calm = np.concatenate([self._calm, calm])
-        pairs = integrated_pairs(
-            self._kind, rows, beta, level, self._length, self._usual, calm, history
-        )
-        if self._kind == "win":
-            keep = slice(max(len(rows) - self._length, 0), len(rows))
-        else:
-            keep = slice(0, 1)
-        sums = self._pairs.push(pairs, rows.time_s[history:], sigma, keep)
-        self._rows, self._beta, self._sigma = rows.rows(keep), beta[keep], sigma[keep]
-        self._calm, self._level = calm[keep], level[keep]
-        return sums
-
-    @property
-    def state(self) -> dict[str, FloatArray]:
-        """All that is carried from block to block."""
-        return {
-            "sums": self._pairs.state,
-            "touched": self._pairs.touched,
-            "beta": self._beta,
-            "alpha": np.empty((0, 3)) if self._rows is None else self._rows.alpha,
-            "centred": self._centred,
-        }
-
-    def _centre(self, rows: InertialRows, beta: FloatArray, sigma: FloatArray) -> PairSums:
-        count = len(rows)
-        values = np.concatenate([rows.alpha, beta, velocity_gains(rows).reshape(count, 36)], axis=1)
-        weight = (self._usual / sigma) ** 2
-        out = np.empty((count, 64))
-        _centre_kernel(
-            values, rows.time_s, weight, (weight * sigma) ** 2, 1.0 / self._fade,
-            self._centred, out,
-        )  # fmt: skip
-        return PairSums(
-            out[:, :9].reshape(count, 3, 3),
-            out[:, 9:18].reshape(count, 3, 3),
-            out[:, 54:63].reshape(count, 3, 3),
-            out[:, 18:54].reshape(count, 4, 3, 3),
-            out[:, 63],
-        )
+    count = len(rows)
+    values = np.concatenate([rows.alpha, beta, velocity_gains(rows).reshape(count, 36)], axis=1)
+    weight = (sigma_usual / sigma) ** 2
+    out = np.empty((count, 64))
+    _centre_kernel(
+        values, rows.time_s, weight, (weight * sigma) ** 2, 1.0 / fade_s, np.zeros(_CENTRED), out
+    )
+    return _pair_sums(out, out[:, 54:63], out[:, 63])
 
 
 # Weight, means (42), products of what is left (54); weight of the noise, its mean (3) and

@@ -131,7 +131,6 @@ class ConingAlgorithm(ABC):
     def _fill(self, x: FloatArray, dt: FloatArray, first: int, out: FloatArray) -> None:
         """Write the rotation vectors of ``len(out)`` updates; arguments are checked."""
 
-    @abstractmethod
     def shorter(self, samples: int) -> ConingAlgorithm:
         """Algorithm of the same family and order for what is left at a segment's end.
 
@@ -143,19 +142,22 @@ class ConingAlgorithm(ABC):
         Returns
         -------
         ConingAlgorithm
-            Of that many samples per update.
+            Of that many samples per update; earlier samples replace the missing ones.
 
         Raises
         ------
         ValueError
             If `samples` is not in that range.
         """
-
-    def _check_shorter(self, samples: int) -> None:
         if not 1 <= samples <= self.samples:
             raise ValueError(
                 f"{self.name} has {self.samples} samples per update, so not {samples} are left."
             )
+        return self if samples == self.samples else self._of_samples(samples)
+
+    def _of_samples(self, samples: int) -> ConingAlgorithm:
+        """Member of the family with fewer samples per update, for those that have several."""
+        raise NotImplementedError
 
     def __repr__(self) -> str:
         return f"<{type(self).__name__} {self.name}>"

@@ -158,11 +158,6 @@ class GyroTuned(ConingAlgorithm):
     def _fill(self, x: FloatArray, dt: FloatArray, first: int, out: FloatArray) -> None:
         lag_kernel(x, first, 1, self._table, out)
 
-    def shorter(self, samples: int) -> ConingAlgorithm:
-        """See :meth:`ConingAlgorithm.shorter`; one sample is all there is."""
-        self._check_shorter(samples)
-        return self
-
     def _errors(self, step: float) -> tuple[float, float]:
         def answer(low: float, high: float) -> FloatArray:
             at = np.linspace(max(low, 1e-3 * high), high, 1001)

@@ -53,11 +53,7 @@ class LagAlgorithm(ConingAlgorithm):
     def _fill(self, x: FloatArray, dt: FloatArray, first: int, out: FloatArray) -> None:
         lag_kernel(x, first, self.samples, self._weights, out)
 
-    def shorter(self, samples: int) -> ConingAlgorithm:
-        """See :meth:`ConingAlgorithm.shorter`; earlier samples replace the missing ones."""
-        self._check_shorter(samples)
-        if samples == self.samples:
-            return self
+    def _of_samples(self, samples: int) -> ConingAlgorithm:
         previous = self.before + self.samples - samples  # as many lags: the same order
         return LagAlgorithm(samples, previous, f"{self.name}[{samples}]", self.summary, self.source)
 

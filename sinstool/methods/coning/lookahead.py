@@ -98,32 +98,6 @@ class Lookahead(ConingAlgorithm):
         ends = _end_rates(available) if rates else _fits("increments", available)
         _kernel(x, dt, first, rates, self._centre, ends, out)
 
-    def shorter(self, samples: int) -> ConingAlgorithm:
-        """See :meth:`ConingAlgorithm.shorter`; one sample is all there is."""
-        self._check_shorter(samples)
-        return self
-
-
-def lookahead(taps: int) -> Lookahead:
-    """Build ``lookahead-P``.
-
-    Parameters
-    ----------
-    taps : int
-        P, even, 4 to 16.
-
-    Returns
-    -------
-    Lookahead
-        The form for increments; its :meth:`~Lookahead.for_kind` gives that for rates.
-
-    Raises
-    ------
-    ConfigurationError
-        If there is none with `taps`.
-    """
-    return Lookahead(taps)
-
 
 @cache
 def _fits(takes: str, rows: int) -> FloatArray:

@@ -89,11 +89,7 @@ class Picard(ConingAlgorithm):
         else:
             _iterated_kernel(x, first, self.samples, self._fits, self.iterations, out)
 
-    def shorter(self, samples: int) -> ConingAlgorithm:
-        """See :meth:`ConingAlgorithm.shorter`; earlier samples replace the missing ones."""
-        self._check_shorter(samples)
-        if samples == self.samples:
-            return self
+    def _of_samples(self, samples: int) -> ConingAlgorithm:
         before = self.before + self.samples - samples  # the same degree
         return Picard(samples, before, self.iterations, f"{self.name}[{samples}]")
 

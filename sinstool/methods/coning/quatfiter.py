@@ -17,40 +17,28 @@ motion that is the same to rounding. For increments with noise it is not (a prod
 rates of degree N - 1 has coefficients of order 3 N), and here order and number follow from
 the data; nothing is lost, and in usual motion both are less.
 
-:func:`rodrigues_iteration` is the same with Rodrigues vectors (RodFIter), as a check: it
-shares no formula with the other two but the fit of the rate.
-
 References
 ----------
 .. [1] Y. Wu, G. Yan, "Attitude reconstruction from inertial measurements: QuatFIter and its
    comparison with RodFIter", IEEE Trans. Aerospace and Electronic Systems 55(6), 2019,
    3629-3639.
-.. [2] Y. Wu, "RodFIter: Attitude reconstruction from inertial measurement by functional
-   iteration", IEEE Trans. Aerospace and Electronic Systems 54(5), 2018, 2131-2142.
 """
 
 from __future__ import annotations
 
-from typing import Any
-
 import numba
 import numpy as np
-from numpy.polynomial import chebyshev as cheb
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
 from sinstool.methods.coning import polynomial
 from sinstool.methods.coning.algorithm import ConingAlgorithm
 from sinstool.methods.coning.picard import check_samples, fit, to_rotation_vector
 
 FloatArray = NDArray[np.float64]
-_Series = NDArray[np.floating[Any]]
 
 # Bounds that no data meet: a whole turn needs 25 iterations.
 _MOST_ITERATIONS = 64
 _MOST_ORDER = 96
-
-# A Rodrigues vector of two radians is 3.1 long; an iterate of this length is on its way out.
-_DIVERGED = 1e3
 
 
 class QuatFIter(ConingAlgorithm):
@@ -84,11 +72,7 @@ class QuatFIter(ConingAlgorithm):
     def _fill(self, x: FloatArray, dt: FloatArray, first: int, out: FloatArray) -> None:
         _iteration_kernel(x, first, self.samples, self._fits, out)
 
-    def shorter(self, samples: int) -> ConingAlgorithm:
-        """See :meth:`ConingAlgorithm.shorter`; earlier samples replace the missing ones."""
-        self._check_shorter(samples)
-        if samples == self.samples:
-            return self
+    def _of_samples(self, samples: int) -> ConingAlgorithm:
         before = self.before + self.samples - samples  # the same degree
         return QuatFIter(samples, before, f"{self.name}[{samples}]")
 
@@ -113,77 +97,6 @@ def quatfiter(samples: int) -> QuatFIter:
     """
     check_samples("quatfiter", samples, 2)
     return QuatFIter(samples)
-
-
-def rodrigues_iteration(increments: ArrayLike, iterations: int = 40) -> FloatArray:
-    """Rotation vector of one update by functional iteration of Rodrigues vectors (RodFIter).
-
-    Parameters
-    ----------
-    increments : array_like, shape (N, 3)
-        Of the update, rad.
-    iterations : int, optional
-        At most; it stops where nothing changes.
-
-    Returns
-    -------
-    ndarray, shape (3,)
-        rad.
-
-    Raises
-    ------
-    ValueError
-        If the shape is wrong, or the iteration does not converge: that is so for rotations
-        of more than some two radians at any time within the update, as a Rodrigues vector
-        is infinite at half a turn.
-
-    Notes
-    -----
-    ``g = 2 tan(phi/2) phi/|phi|`` obeys ``g' = omega + g x omega / 2 + g (g . omega) / 4``.
-    """
-    rows = np.asarray(increments, dtype=np.float64)
-    if rows.ndim != 2 or rows.shape[1] != 3 or len(rows) < 1:
-        raise ValueError(f"Expected `increments` to have shape (N, 3), got {rows.shape}.")
-    # the coefficients of each axis in a row
-    omega = (_chebyshev_fits(len(rows), 0)[0] @ rows).T
-    g = np.zeros((3, 1))
-    change = np.inf
-    for _ in range(iterations):
-        a, b, c = g
-        x, y, z = omega
-        along = _sum(cheb.chebmul(a, x), cheb.chebmul(b, y), cheb.chebmul(c, z))
-        rate = [
-            _sum(x, 0.5 * _cross(b, z, c, y)),
-            _sum(y, 0.5 * _cross(c, x, a, z)),
-            _sum(z, 0.5 * _cross(a, y, b, x)),
-        ]
-        turned = [
-            cheb.chebint(_sum(r, 0.25 * cheb.chebmul(v, along)), lbnd=-1.0)
-            for r, v in zip(rate, g, strict=True)
-        ]
-        longest = min(max(len(v) for v in turned), _MOST_ORDER)
-        following = np.array([np.pad(v, (0, max(0, longest - len(v))))[:longest] for v in turned])
-        before = np.pad(g, ((0, 0), (0, longest - g.shape[1])))
-        change = float(np.max(np.abs(following - before)))
-        g = following
-        if not change > 1e-17 or not np.max(np.abs(g)) < _DIVERGED:
-            break
-    end = g.sum(axis=1)  # every T_k is 1 at tau = 1
-    length = float(np.linalg.norm(end))
-    if not change < 1e-15 * max(1.0, length):
-        raise ValueError("The iteration of Rodrigues vectors does not converge.")
-    return np.asarray(end * (2.0 * np.arctan(0.5 * length) / length if length else 1.0))
-
-
-def _cross(a: _Series, b: _Series, c: _Series, d: _Series) -> FloatArray:
-    return _sum(cheb.chebmul(a, b), -cheb.chebmul(c, d))
-
-
-def _sum(*terms: _Series) -> FloatArray:
-    out = np.zeros(max(len(t) for t in terms))
-    for term in terms:
-        out[: len(term)] += term
-    return out
 
 
 def _chebyshev_fits(samples: int, before: int) -> FloatArray:

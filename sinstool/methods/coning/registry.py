@@ -57,7 +57,7 @@ FAMILIES = (
     ),
     Family(r"picard-(\d+)", "picard:picard", ("picard-4", "picard-8")),
     Family(r"quatfiter-(\d+)", "quatfiter:quatfiter", ("quatfiter-4", "quatfiter-8")),
-    Family(r"lookahead-(\d+)", "lookahead:lookahead", ("lookahead-8", "lookahead-12")),
+    Family(r"lookahead-(\d+)", "lookahead:Lookahead", ("lookahead-8", "lookahead-12")),
     Family(
         r"gyro-tuned",
         "gyro_tuned:GyroTuned",

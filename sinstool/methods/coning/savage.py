@@ -39,9 +39,7 @@ class SavageTwoSpeed(ConingAlgorithm):
     def _fill(self, x: FloatArray, dt: FloatArray, first: int, out: FloatArray) -> None:
         _two_speed_kernel(x, first, self.samples, out)
 
-    def shorter(self, samples: int) -> ConingAlgorithm:
-        """See :meth:`ConingAlgorithm.shorter`."""
-        self._check_shorter(samples)
+    def _of_samples(self, samples: int) -> ConingAlgorithm:
         return SavageTwoSpeed(samples)
 
 

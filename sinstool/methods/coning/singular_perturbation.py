@@ -148,11 +148,6 @@ class SingularPerturbation(ConingAlgorithm):
         elif self.beta is not None:
             _vector_kernel(x, dt, first, code, self.epsilon, self.relative, *self.beta, out)
 
-    def shorter(self, samples: int) -> ConingAlgorithm:
-        """See :meth:`ConingAlgorithm.shorter`; one sample is all there is."""
-        self._check_shorter(samples)
-        return self
-
     def two_rate_form(self, interval: float) -> tuple[float, float]:
         """Weights of ``phi = p w1 + (T - p) w2 + kappa w1 x w2``, to which eq. 14 leads.
 

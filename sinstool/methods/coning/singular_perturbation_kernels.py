@@ -26,6 +26,9 @@ from math import factorial
 
 import numba
 import numpy as np
+from numpy.typing import NDArray
+
+FloatArray = NDArray[np.float64]
 
 # The series are cut where their terms fall below 1e-19 of the first at x = 1.
 _TERMS = 18
@@ -39,20 +42,11 @@ _G2_SERIES = np.array([(-1) ** m * (m - 2) / factorial(m) for m in range(3, 3 + 
 
 
 @numba.njit(cache=True, nogil=True)
-def _g1_excess(x: float) -> float:
-    """Return (g1 + 1/6) / x**2 for x < 1."""
+def _series(coefficients: FloatArray, x: float) -> float:
+    """Sum of a power series for x < 1, the highest power first."""
     total = 0.0
     for i in range(_TERMS - 1, -1, -1):
-        total = total * x + _G1_SERIES[i]
-    return total
-
-
-@numba.njit(cache=True, nogil=True)
-def _g2_slope(x: float) -> float:
-    """Return g2 / x for x < 1."""
-    total = 0.0
-    for i in range(_TERMS - 1, -1, -1):
-        total = total * x + _G2_SERIES[i]
+        total = total * x + coefficients[i]
     return total
 
 
@@ -68,7 +62,7 @@ def g0(x: float) -> float:
 def g1(x: float) -> float:
     """Coning of the boundary layer with the slope, in units of T**3."""
     if x < 1.0:
-        return x * x * _g1_excess(x) - 1.0 / 6.0
+        return x * x * _series(_G1_SERIES, x) - 1.0 / 6.0
     e = np.exp(-x)
     return (-0.5 * (1.0 + e) + (-2.0 * e - 2.0 * np.expm1(-x) / x) / x) / x
 
@@ -77,7 +71,7 @@ def g1(x: float) -> float:
 def g2(x: float) -> float:
     """Coning of the constant with the boundary layer, in units of T**2."""
     if x < 1.0:
-        return x * _g2_slope(x)
+        return x * _series(_G2_SERIES, x)
     return (-2.0 * np.expm1(-x) / x - (1.0 + np.exp(-x))) / x
 
 
@@ -93,7 +87,7 @@ def langevin(x: float) -> float:
 def h1(x: float) -> float:
     """Coning of the two-point boundary layer with the slope, in units of T**3."""
     if x < 1.0:
-        return x * _g1_excess(x) / g0(x)
+        return x * _series(_G1_SERIES, x) / g0(x)
     return (g1(x) + 1.0 / 6.0) / -np.expm1(-x)
 
 
@@ -101,5 +95,5 @@ def h1(x: float) -> float:
 def h2(x: float) -> float:
     """Coning of the first rate with the two-point boundary layer, in units of T**2."""
     if x < 1.0:
-        return _g2_slope(x) / g0(x)
+        return _series(_G2_SERIES, x) / g0(x)
     return -langevin(x) / x

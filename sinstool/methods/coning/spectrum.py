@@ -31,7 +31,6 @@ from numpy.typing import ArrayLike, NDArray
 from scipy import signal
 
 from sinstool.methods.coning.algorithm import ConingAlgorithm, GyroKind
-from sinstool.methods.coning.increments import DEFAULT_POINTS
 from sinstool.methods.coning.response import coning_gains
 
 FloatArray = NDArray[np.float64]
@@ -142,7 +141,6 @@ def predicted_drift(
     passband: float | None = None,
     interval: float | None = None,
     gyro_kind: GyroKind | None = None,
-    points: int = DEFAULT_POINTS,
 ) -> FloatArray:
     """Drift of an algorithm, by eq. (2).
 
@@ -157,8 +155,6 @@ def predicted_drift(
     interval, gyro_kind : optional
         Of the samples that the algorithm is fed with, if they are fewer or others than those
         that the spectrum is of: what it would do to a log at a lower rate.
-    points : int, optional
-        Samples of the interpolation of point rates.
 
     Returns
     -------
@@ -166,7 +162,7 @@ def predicted_drift(
         rad/s, of the computed attitude against the true one, about the body's axes.
     """
     motion = 1.0 if passband is None else np.where(spectrum.frequency <= passband, 1.0, 0.0)
-    gain = _gain(spectrum, algorithm, interval, gyro_kind, points)
+    gain = _gain(spectrum, algorithm, interval, gyro_kind)
     return _sum(spectrum, gain - motion)
 
 
@@ -177,13 +173,12 @@ def pseudo_coning(
     *,
     interval: float | None = None,
     gyro_kind: GyroKind | None = None,
-    points: int = DEFAULT_POINTS,
 ) -> FloatArray:
     """Drift that is noise, if nothing real moves above a frequency.
 
     Parameters
     ----------
-    spectrum, algorithm, interval, gyro_kind, points
+    spectrum, algorithm, interval, gyro_kind
         As in :func:`predicted_drift`.
     stopband : float
         Hz.
@@ -193,7 +188,7 @@ def pseudo_coning(
     ndarray, shape (3,)
         ``integral of K rho df`` from `stopband` on, rad/s.
     """
-    gain = _gain(spectrum, algorithm, interval, gyro_kind, points)
+    gain = _gain(spectrum, algorithm, interval, gyro_kind)
     return _sum(spectrum, np.where(spectrum.frequency > stopband, gain, 0.0))
 
 
@@ -202,14 +197,12 @@ def _gain(
     algorithm: ConingAlgorithm,
     interval: float | None,
     gyro_kind: GyroKind | None,
-    points: int,
 ) -> FloatArray:
     return coning_gains(
         algorithm,
         spectrum.frequency,
         interval or spectrum.interval,
         gyro_kind or spectrum.gyro_kind,
-        points=points,
     )
 
 

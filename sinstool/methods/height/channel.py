@@ -28,84 +28,9 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
+from sinstool.methods.height import layout
 from sinstool.methods.height.discrete import pole_matched_gains
 from sinstool.methods.height.history import at_stamp, note_interval, remember, shift_history
-from sinstool.methods.height.layout import (
-    ACCEPTED,
-    COAST,
-    CORRECTED,
-    ENGAGED,
-    EVENT_COAST,
-    EVENT_ENGAGED,
-    EVENT_FROZEN,
-    EVENT_INVALID,
-    EVENT_JUMP,
-    EVENT_REENGAGED,
-    FROZEN,
-    GATE,
-    INIT,
-    JUMPED,
-    NOT_FINITE,
-    NOTHING,
-    P_ABSORB,
-    P_GATE,
-    P_GATE_SIGMAS,
-    P_K4,
-    P_SHADOW_K4,
-    P_SHADOW_TAU,
-    P_START_SPEED,
-    P_START_TAU,
-    P_TAU,
-    P_W2,
-    RESET,
-    RESTORED,
-    S_BARO_BIAS,
-    S_CHANGES,
-    S_COAST_SINCE,
-    S_CORRECTION,
-    S_COUNTS,
-    S_ENGAGED_AT,
-    S_EVENTS,
-    S_FROZEN,
-    S_INNOVATION,
-    S_INVALID,
-    S_L1,
-    S_L2,
-    S_L3,
-    S_LAST_STAMP,
-    S_LAST_USED,
-    S_LONGEST,
-    S_NOMINAL,
-    S_OFFSET,
-    S_PHASE,
-    S_RECENT,
-    S_SAME_LAST,
-    S_SAME_SINCE,
-    S_SAME_VALUE,
-    S_SHADOW_A,
-    S_SHADOW_H,
-    S_SHADOW_V,
-    S_SQUARE,
-    S_STEP,
-    S_STEP_TIME,
-    S_STREAK,
-    S_STREAK_SINCE,
-    S_STREAK_SUM,
-    S_TIMES,
-    S_WAITING,
-    S_WAITING_E,
-    S_WAITING_STAMP,
-    S_WITNESS_A,
-    S_WITNESS_H,
-    S_WITNESS_MOST,
-    S_WITNESS_OFFSET,
-    S_WITNESS_ON,
-    S_WITNESS_SINCE,
-    S_WITNESS_START,
-    S_WITNESS_V,
-    STAMP,
-    WAITING,
-)
 
 FloatArray = NDArray[np.float64]
 
@@ -162,41 +87,46 @@ def propagate(
     d_height, d_v_up : float
         To be added to the host's height and upward velocity.
     """
-    correction = state[S_CORRECTION]
+    correction = state[layout.S_CORRECTION]
     dh = -0.5 * correction * dt * dt
     dv = -correction * dt
-    phase = int(state[S_PHASE])
-    state[S_TIMES + phase] += dt
+    phase = int(state[layout.S_PHASE])
+    state[layout.S_TIMES + phase] += dt
     before = height - (v_up - 0.5 * dv_up) * dt  # the host's height when the step began
 
-    if phase == ENGAGED and parameters[P_SHADOW_TAU] > 0.0:
+    if phase == layout.ENGAGED and parameters[layout.P_SHADOW_TAU] > 0.0:
         # Same acceleration, but gravity at its own height.
-        v = state[S_SHADOW_V]
-        pull = parameters[P_W2] * (state[S_SHADOW_H] - before) - state[S_SHADOW_A]
+        v = state[layout.S_SHADOW_V]
+        pull = (
+            parameters[layout.P_W2] * (state[layout.S_SHADOW_H] - before) - state[layout.S_SHADOW_A]
+        )
         faster = v + dv_up + pull * dt
-        state[S_SHADOW_H] += 0.5 * (v + faster) * dt
-        state[S_SHADOW_V] = faster
-    if state[S_WITNESS_ON] > 0.0:
-        v = state[S_WITNESS_V]
-        pull = parameters[P_W2] * (state[S_WITNESS_H] - before) - state[S_WITNESS_A]
+        state[layout.S_SHADOW_H] += 0.5 * (v + faster) * dt
+        state[layout.S_SHADOW_V] = faster
+    if state[layout.S_WITNESS_ON] > 0.0:
+        v = state[layout.S_WITNESS_V]
+        pull = (
+            parameters[layout.P_W2] * (state[layout.S_WITNESS_H] - before)
+            - state[layout.S_WITNESS_A]
+        )
         faster = v + dv_up + pull * dt
-        state[S_WITNESS_H] += 0.5 * (v + faster) * dt
-        state[S_WITNESS_V] = faster
+        state[layout.S_WITNESS_H] += 0.5 * (v + faster) * dt
+        state[layout.S_WITNESS_V] = faster
 
-    if phase == ENGAGED:
-        silent = time - state[S_LAST_USED]
-        intervals = COAST_INTERVALS if state[S_STREAK] == 0.0 else COAST_INTERVALS_STREAK
-        if silent > max(COAST_TIME, intervals * state[S_NOMINAL]) + ROUNDING:
-            _record(state, events, EVENT_COAST, time, silent, 0.0)
-            if parameters[P_SHADOW_TAU] > 0.0:
-                dv = state[S_SHADOW_V] - v_up
-                state[S_CORRECTION] = state[S_SHADOW_A]
+    if phase == layout.ENGAGED:
+        silent = time - state[layout.S_LAST_USED]
+        intervals = COAST_INTERVALS if state[layout.S_STREAK] == 0.0 else COAST_INTERVALS_STREAK
+        if silent > max(COAST_TIME, intervals * state[layout.S_NOMINAL]) + ROUNDING:
+            _record(state, events, layout.EVENT_COAST, time, silent, 0.0)
+            if parameters[layout.P_SHADOW_TAU] > 0.0:
+                dv = state[layout.S_SHADOW_V] - v_up
+                state[layout.S_CORRECTION] = state[layout.S_SHADOW_A]
             _start_coast(state, time)
-    elif phase == COAST:
-        length = time - state[S_COAST_SINCE]
-        if length > VALID_COAST and state[S_INVALID] == 0.0:
-            state[S_INVALID] = 1.0
-            _record(state, events, EVENT_INVALID, time, length, 0.0)
+    elif phase == layout.COAST:
+        length = time - state[layout.S_COAST_SINCE]
+        if length > VALID_COAST and state[layout.S_INVALID] == 0.0:
+            state[layout.S_INVALID] = 1.0
+            _record(state, events, layout.EVENT_INVALID, time, length, 0.0)
 
     remember(state, time, height + dh, v_up + dv)
     return dh, dv
@@ -242,120 +172,132 @@ def baro_sample(
     d_height, d_v_up : float
         To be added to the host's. The correction A is in the state and changed there.
     """
-    if reason == ACCEPTED and not math.isfinite(height_baro):
-        reason = NOT_FINITE
-    elif reason == ACCEPTED and not (math.isfinite(stamp) and stamp > state[S_LAST_STAMP]):
-        reason = STAMP
-    if reason != ACCEPTED:
-        state[S_COUNTS + reason] += 1.0
-        return NOTHING, 0.0, 0.0
+    if reason == layout.ACCEPTED and not math.isfinite(height_baro):
+        reason = layout.NOT_FINITE
+    elif reason == layout.ACCEPTED and not (
+        math.isfinite(stamp) and stamp > state[layout.S_LAST_STAMP]
+    ):
+        reason = layout.STAMP
+    if reason != layout.ACCEPTED:
+        state[layout.S_COUNTS + reason] += 1.0
+        return layout.NOTHING, 0.0, 0.0
     note_interval(state, stamp)
 
     # A sensor that hangs repeats itself while the vehicle moves.
-    if height_baro != state[S_SAME_VALUE]:
-        if state[S_FROZEN] == 0.0 and state[S_CHANGES] > 0.0:
-            held = state[S_SAME_LAST] - state[S_SAME_SINCE]
-            state[S_LONGEST] = max(state[S_LONGEST], held)
-        state[S_CHANGES] += 1.0
-        state[S_SAME_VALUE] = height_baro
-        state[S_SAME_SINCE] = stamp
-        state[S_WITNESS_ON] = 0.0
-        state[S_FROZEN] = 0.0
-        state[S_SAME_LAST] = stamp
-    elif state[S_FROZEN] > 0.0:
-        state[S_COUNTS + FROZEN] += 1.0
-        return NOTHING, 0.0, 0.0
-    elif state[S_PHASE] == ENGAGED and stamp - state[S_ENGAGED_AT] >= FROZEN_SETTLED:
-        state[S_SAME_LAST] = stamp
-        if state[S_WITNESS_ON] > 0.0:
-            moved = abs(state[S_WITNESS_H] - state[S_WITNESS_START])
-            state[S_WITNESS_MOST] = max(state[S_WITNESS_MOST], moved)
+    if height_baro != state[layout.S_SAME_VALUE]:
+        if state[layout.S_FROZEN] == 0.0 and state[layout.S_CHANGES] > 0.0:
+            held = state[layout.S_SAME_LAST] - state[layout.S_SAME_SINCE]
+            state[layout.S_LONGEST] = max(state[layout.S_LONGEST], held)
+        state[layout.S_CHANGES] += 1.0
+        state[layout.S_SAME_VALUE] = height_baro
+        state[layout.S_SAME_SINCE] = stamp
+        state[layout.S_WITNESS_ON] = 0.0
+        state[layout.S_FROZEN] = 0.0
+        state[layout.S_SAME_LAST] = stamp
+    elif state[layout.S_FROZEN] > 0.0:
+        state[layout.S_COUNTS + layout.FROZEN] += 1.0
+        return layout.NOTHING, 0.0, 0.0
+    elif (
+        state[layout.S_PHASE] == layout.ENGAGED
+        and stamp - state[layout.S_ENGAGED_AT] >= FROZEN_SETTLED
+    ):
+        state[layout.S_SAME_LAST] = stamp
+        if state[layout.S_WITNESS_ON] > 0.0:
+            moved = abs(state[layout.S_WITNESS_H] - state[layout.S_WITNESS_START])
+            state[layout.S_WITNESS_MOST] = max(state[layout.S_WITNESS_MOST], moved)
             # A coarse or noiseless sensor repeats itself at rest, too: it must be unusual for it.
-            held = stamp - state[S_SAME_SINCE]
+            held = stamp - state[layout.S_SAME_SINCE]
             if (
-                state[S_WITNESS_MOST] > FROZEN_SPEED * FROZEN_TIME
-                and held >= max(FROZEN_TIME, FROZEN_UNUSUAL * state[S_LONGEST]) - ROUNDING
-                and state[S_CHANGES] >= FROZEN_CHANGES
+                state[layout.S_WITNESS_MOST] > FROZEN_SPEED * FROZEN_TIME
+                and held >= max(FROZEN_TIME, FROZEN_UNUSUAL * state[layout.S_LONGEST]) - ROUNDING
+                and state[layout.S_CHANGES] >= FROZEN_CHANGES
             ):
                 return _freeze(state, events, time, height, v_up, stamp)
-            if time - state[S_WITNESS_SINCE] >= FROZEN_TIME:
-                state[S_WITNESS_ON] = 0.0  # it drifts: a new one, below
-        if state[S_WITNESS_ON] == 0.0:
+            if time - state[layout.S_WITNESS_SINCE] >= FROZEN_TIME:
+                state[layout.S_WITNESS_ON] = 0.0  # it drifts: a new one, below
+        if state[layout.S_WITNESS_ON] == 0.0:
             _call_witness(state, parameters, time, height, v_up)
 
     h_then, v_then, lag = at_stamp(state, time, height, v_up, stamp)
-    used = height_baro + state[S_OFFSET] - state[S_BARO_BIAS]
-    e = h_then + parameters[P_K4] * v_then - used
-    state[S_INNOVATION] = e
-    gate = max(parameters[P_GATE], parameters[P_GATE_SIGMAS] * math.sqrt(state[S_SQUARE]))
+    used = height_baro + state[layout.S_OFFSET] - state[layout.S_BARO_BIAS]
+    e = h_then + parameters[layout.P_K4] * v_then - used
+    state[layout.S_INNOVATION] = e
+    gate = max(
+        parameters[layout.P_GATE],
+        parameters[layout.P_GATE_SIGMAS] * math.sqrt(state[layout.S_SQUARE]),
+    )
 
-    if state[S_PHASE] != ENGAGED:
+    if state[layout.S_PHASE] != layout.ENGAGED:
         # |e| may be anything before the start and after a coast: let two samples agree.
-        near = state[S_PHASE] == COAST and abs(e) <= gate
-        if not near and state[S_WAITING] > 0.0:
-            apart = parameters[P_START_SPEED] * (stamp - state[S_WAITING_STAMP])
-            near = abs(e - state[S_WAITING_E]) <= gate + apart
+        near = state[layout.S_PHASE] == layout.COAST and abs(e) <= gate
+        if not near and state[layout.S_WAITING] > 0.0:
+            apart = parameters[layout.P_START_SPEED] * (stamp - state[layout.S_WAITING_STAMP])
+            near = abs(e - state[layout.S_WAITING_E]) <= gate + apart
         if not near:
-            state[S_WAITING] = 1.0
-            state[S_WAITING_E] = e
-            state[S_WAITING_STAMP] = stamp
-            state[S_COUNTS + WAITING] += 1.0
-            return NOTHING, 0.0, 0.0
+            state[layout.S_WAITING] = 1.0
+            state[layout.S_WAITING_E] = e
+            state[layout.S_WAITING_STAMP] = stamp
+            state[layout.S_COUNTS + layout.WAITING] += 1.0
+            return layout.NOTHING, 0.0, 0.0
         dh = _engage(state, parameters, events, time, height, v_up, stamp, e)
-        state[S_COUNTS + ACCEPTED] += 1.0
-        return RESET if dh != 0.0 else CORRECTED, dh, 0.0
+        state[layout.S_COUNTS + layout.ACCEPTED] += 1.0
+        return layout.RESET if dh != 0.0 else layout.CORRECTED, dh, 0.0
 
     # The velocity at the start may be wrong: see the peak of the response to a step in it,
     # 0.23 tau per m/s.
-    since = stamp - state[S_ENGAGED_AT]
-    quick = parameters[P_START_TAU]
-    gate += 0.25 * parameters[P_START_SPEED] * quick * math.exp(-0.5 * since / quick)
-    what = CORRECTED
+    since = stamp - state[layout.S_ENGAGED_AT]
+    quick = parameters[layout.P_START_TAU]
+    gate += 0.25 * parameters[layout.P_START_SPEED] * quick * math.exp(-0.5 * since / quick)
+    what = layout.CORRECTED
     if abs(e) > gate:
-        count = state[S_STREAK]
-        if count == 0.0 or abs(e - state[S_STREAK_SUM] / count) > gate:
+        count = state[layout.S_STREAK]
+        if count == 0.0 or abs(e - state[layout.S_STREAK_SUM] / count) > gate:
             count = 0.0
-            state[S_STREAK_SINCE] = stamp
-            state[S_STREAK_SUM] = 0.0
-        state[S_STREAK] = count + 1.0
-        state[S_STREAK_SUM] += e
-        length = stamp - state[S_STREAK_SINCE]
+            state[layout.S_STREAK_SINCE] = stamp
+            state[layout.S_STREAK_SUM] = 0.0
+        state[layout.S_STREAK] = count + 1.0
+        state[layout.S_STREAK_SUM] += e
+        length = stamp - state[layout.S_STREAK_SINCE]
         if count + 1.0 < JUMP_SAMPLES or length < JUMP_TIME - ROUNDING:
-            state[S_COUNTS + GATE] += 1.0
-            return NOTHING, 0.0, 0.0
-        jump = state[S_STREAK_SUM] / (count + 1.0) - state[S_RECENT]
-        state[S_OFFSET] += jump
+            state[layout.S_COUNTS + layout.GATE] += 1.0
+            return layout.NOTHING, 0.0, 0.0
+        jump = state[layout.S_STREAK_SUM] / (count + 1.0) - state[layout.S_RECENT]
+        state[layout.S_OFFSET] += jump
         e -= jump
         used += jump
-        _record(state, events, EVENT_JUMP, time, -jump, length)
-        what = JUMPED
-    state[S_STREAK] = 0.0
+        _record(state, events, layout.EVENT_JUMP, time, -jump, length)
+        what = layout.JUMPED
+    state[layout.S_STREAK] = 0.0
 
-    interval = stamp - state[S_LAST_USED]
-    tau = min(parameters[P_TAU], max(quick, since / GROWTH))
-    l1, l2, l3 = pole_matched_gains(interval, tau, parameters[P_K4], parameters[P_W2])
+    interval = stamp - state[layout.S_LAST_USED]
+    tau = min(parameters[layout.P_TAU], max(quick, since / GROWTH))
+    l1, l2, l3 = pole_matched_gains(interval, tau, parameters[layout.P_K4], parameters[layout.P_W2])
     # The correction belongs to the stamp; since then it has moved on.
     dv = -(l2 + l3 * lag) * e
     dh = -(l1 + l2 * lag + 0.5 * l3 * lag * lag) * e
-    state[S_CORRECTION] += l3 * e
-    state[S_L1] = l1
-    state[S_L2] = l2
-    state[S_L3] = l3
-    state[S_SQUARE] += -math.expm1(-interval / GATE_MEMORY) * (e * e - state[S_SQUARE])
-    state[S_RECENT] += -math.expm1(-interval / RECENT) * (e - state[S_RECENT])
-    state[S_LAST_USED] = stamp
-    state[S_COUNTS + ACCEPTED] += 1.0
+    state[layout.S_CORRECTION] += l3 * e
+    state[layout.S_L1] = l1
+    state[layout.S_L2] = l2
+    state[layout.S_L3] = l3
+    state[layout.S_SQUARE] += -math.expm1(-interval / GATE_MEMORY) * (
+        e * e - state[layout.S_SQUARE]
+    )
+    state[layout.S_RECENT] += -math.expm1(-interval / RECENT) * (e - state[layout.S_RECENT])
+    state[layout.S_LAST_USED] = stamp
+    state[layout.S_COUNTS + layout.ACCEPTED] += 1.0
 
-    if parameters[P_SHADOW_TAU] > 0.0:
-        v = state[S_SHADOW_V] - (v_up - v_then)
-        e = state[S_SHADOW_H] - (height - h_then) - (state[S_SHADOW_V] - v_up) * lag
-        e += parameters[P_SHADOW_K4] * v - used
+    if parameters[layout.P_SHADOW_TAU] > 0.0:
+        v = state[layout.S_SHADOW_V] - (v_up - v_then)
+        e = state[layout.S_SHADOW_H] - (height - h_then) - (state[layout.S_SHADOW_V] - v_up) * lag
+        e += parameters[layout.P_SHADOW_K4] * v - used
         # It begins as quick as the channel itself, or it would know nothing for minutes.
-        tau = max(tau, min(parameters[P_SHADOW_TAU], since / GROWTH))
-        l1, l2, l3 = pole_matched_gains(interval, tau, parameters[P_SHADOW_K4], parameters[P_W2])
-        state[S_SHADOW_H] -= (l1 + l2 * lag) * e
-        state[S_SHADOW_V] -= (l2 + l3 * lag) * e
-        state[S_SHADOW_A] += l3 * e
+        tau = max(tau, min(parameters[layout.P_SHADOW_TAU], since / GROWTH))
+        l1, l2, l3 = pole_matched_gains(
+            interval, tau, parameters[layout.P_SHADOW_K4], parameters[layout.P_W2]
+        )
+        state[layout.S_SHADOW_H] -= (l1 + l2 * lag) * e
+        state[layout.S_SHADOW_V] -= (l2 + l3 * lag) * e
+        state[layout.S_SHADOW_A] += l3 * e
     shift_history(state, time, dh, dv)
     return what, dh, dv
 
@@ -369,45 +311,47 @@ def feedback(
     Late samples are compared with where the host would have been, so the past must follow; A
     is changed here.
     """
-    state[S_CORRECTION] += d_correction
-    state[S_SHADOW_A] += d_correction
+    state[layout.S_CORRECTION] += d_correction
+    state[layout.S_SHADOW_A] += d_correction
     shift_history(state, time, d_height, d_v_up)
 
 
 @njit(cache=True, nogil=True)
 def smooth_height(state: FloatArray, time: float, height: float) -> float:
     """Height for the output: a step that re-engaging took out of it fades within 20 s."""
-    if state[S_STEP] == 0.0:
+    if state[layout.S_STEP] == 0.0:
         return height
-    return height + state[S_STEP] * math.exp(-(time - state[S_STEP_TIME]) / STEP_FADE)
+    return height + state[layout.S_STEP] * math.exp(-(time - state[layout.S_STEP_TIME]) / STEP_FADE)
 
 
 @njit(cache=True, nogil=True)
 def height_valid(state: FloatArray) -> bool:
     """Whether the height means anything: engaged, or coasting not for too long."""
-    return state[S_PHASE] == ENGAGED or (state[S_PHASE] == COAST and state[S_INVALID] == 0.0)
+    return state[layout.S_PHASE] == layout.ENGAGED or (
+        state[layout.S_PHASE] == layout.COAST and state[layout.S_INVALID] == 0.0
+    )
 
 
 @njit(cache=True, nogil=True)
 def _record(
     state: FloatArray, events: FloatArray, kind: int, time: float, size: float, duration: float
 ) -> None:
-    index = int(state[S_EVENTS])
+    index = int(state[layout.S_EVENTS])
     if index < events.shape[0]:
         events[index, 0] = kind
         events[index, 1] = time
         events[index, 2] = size
         events[index, 3] = duration
-    state[S_EVENTS] += 1.0
+    state[layout.S_EVENTS] += 1.0
 
 
 @njit(cache=True, nogil=True)
 def _start_coast(state: FloatArray, time: float) -> None:
-    state[S_PHASE] = COAST
-    state[S_COAST_SINCE] = time
-    state[S_STREAK] = 0.0
-    state[S_WAITING] = 0.0
-    state[S_WITNESS_ON] = 0.0
+    state[layout.S_PHASE] = layout.COAST
+    state[layout.S_COAST_SINCE] = time
+    state[layout.S_STREAK] = 0.0
+    state[layout.S_WAITING] = 0.0
+    state[layout.S_WITNESS_ON] = 0.0
 
 
 @njit(cache=True, nogil=True)
@@ -423,30 +367,30 @@ def _engage(
 ) -> float:
     """Set the height, or at the start the barometer, so that e is 0; return its change."""
     dh = -e
-    state[S_L1] = 1.0
-    if state[S_PHASE] == INIT:
-        if parameters[P_ABSORB] > 0.0:
-            state[S_OFFSET] += e
+    state[layout.S_L1] = 1.0
+    if state[layout.S_PHASE] == layout.INIT:
+        if parameters[layout.P_ABSORB] > 0.0:
+            state[layout.S_OFFSET] += e
             dh = 0.0
-            state[S_L1] = 0.0
-        state[S_ENGAGED_AT] = stamp
-        _record(state, events, EVENT_ENGAGED, time, state[S_OFFSET], 0.0)
+            state[layout.S_L1] = 0.0
+        state[layout.S_ENGAGED_AT] = stamp
+        _record(state, events, layout.EVENT_ENGAGED, time, state[layout.S_OFFSET], 0.0)
     else:
         # The output stays where it is, and what the height loses fades.
-        state[S_STEP] = smooth_height(state, time, 0.0) + e
-        state[S_STEP_TIME] = time
-        _record(state, events, EVENT_REENGAGED, time, e, time - state[S_COAST_SINCE])
-    state[S_L2] = 0.0
-    state[S_L3] = 0.0
-    state[S_PHASE] = ENGAGED
-    state[S_INVALID] = 0.0
-    state[S_WAITING] = 0.0
-    state[S_STREAK] = 0.0
-    state[S_RECENT] = 0.0
-    state[S_LAST_USED] = stamp
-    state[S_SHADOW_H] = height + dh
-    state[S_SHADOW_V] = v_up
-    state[S_SHADOW_A] = state[S_CORRECTION]
+        state[layout.S_STEP] = smooth_height(state, time, 0.0) + e
+        state[layout.S_STEP_TIME] = time
+        _record(state, events, layout.EVENT_REENGAGED, time, e, time - state[layout.S_COAST_SINCE])
+    state[layout.S_L2] = 0.0
+    state[layout.S_L3] = 0.0
+    state[layout.S_PHASE] = layout.ENGAGED
+    state[layout.S_INVALID] = 0.0
+    state[layout.S_WAITING] = 0.0
+    state[layout.S_STREAK] = 0.0
+    state[layout.S_RECENT] = 0.0
+    state[layout.S_LAST_USED] = stamp
+    state[layout.S_SHADOW_H] = height + dh
+    state[layout.S_SHADOW_V] = v_up
+    state[layout.S_SHADOW_A] = state[layout.S_CORRECTION]
     shift_history(state, time, dh, 0.0)
     return dh
 
@@ -455,18 +399,18 @@ def _engage(
 def _call_witness(
     state: FloatArray, parameters: FloatArray, time: float, height: float, v_up: float
 ) -> None:
-    state[S_WITNESS_ON] = 1.0
-    state[S_WITNESS_MOST] = 0.0
-    state[S_WITNESS_OFFSET] = state[S_OFFSET]
-    state[S_WITNESS_SINCE] = time
-    state[S_WITNESS_START] = height
-    state[S_WITNESS_H] = height
-    if parameters[P_SHADOW_TAU] > 0.0:
-        state[S_WITNESS_V] = state[S_SHADOW_V]
-        state[S_WITNESS_A] = state[S_SHADOW_A]
+    state[layout.S_WITNESS_ON] = 1.0
+    state[layout.S_WITNESS_MOST] = 0.0
+    state[layout.S_WITNESS_OFFSET] = state[layout.S_OFFSET]
+    state[layout.S_WITNESS_SINCE] = time
+    state[layout.S_WITNESS_START] = height
+    state[layout.S_WITNESS_H] = height
+    if parameters[layout.P_SHADOW_TAU] > 0.0:
+        state[layout.S_WITNESS_V] = state[layout.S_SHADOW_V]
+        state[layout.S_WITNESS_A] = state[layout.S_SHADOW_A]
     else:
-        state[S_WITNESS_V] = v_up
-        state[S_WITNESS_A] = state[S_CORRECTION]
+        state[layout.S_WITNESS_V] = v_up
+        state[layout.S_WITNESS_A] = state[layout.S_CORRECTION]
 
 
 @njit(cache=True, nogil=True)
@@ -474,13 +418,13 @@ def _freeze(
     state: FloatArray, events: FloatArray, time: float, height: float, v_up: float, stamp: float
 ) -> tuple[int, float, float]:
     """Undo what a hanging sensor did since the witness was called, and coast."""
-    dh = state[S_WITNESS_H] - height
-    dv = state[S_WITNESS_V] - v_up
-    state[S_CORRECTION] = state[S_WITNESS_A]
-    state[S_OFFSET] = state[S_WITNESS_OFFSET]
-    state[S_FROZEN] = 1.0
-    _record(state, events, EVENT_FROZEN, time, dh, stamp - state[S_SAME_SINCE])
+    dh = state[layout.S_WITNESS_H] - height
+    dv = state[layout.S_WITNESS_V] - v_up
+    state[layout.S_CORRECTION] = state[layout.S_WITNESS_A]
+    state[layout.S_OFFSET] = state[layout.S_WITNESS_OFFSET]
+    state[layout.S_FROZEN] = 1.0
+    _record(state, events, layout.EVENT_FROZEN, time, dh, stamp - state[layout.S_SAME_SINCE])
     _start_coast(state, time)
-    state[S_COUNTS + FROZEN] += 1.0
+    state[layout.S_COUNTS + layout.FROZEN] += 1.0
     shift_history(state, time, dh, dv)
-    return RESTORED, dh, dv
+    return layout.RESTORED, dh, dv

@@ -12,14 +12,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from sinstool.methods.height.layout import (
-    HISTORY,
-    INTERVALS,
-    S_HISTORY,
-    S_INTERVALS,
-    S_LAST_STAMP,
-    S_NOMINAL,
-)
+from sinstool.methods.height import layout
 
 FloatArray = NDArray[np.float64]
 
@@ -30,48 +23,48 @@ HISTORY_SPACING = 0.005  # s: the ring reaches back further than MAX_AGE
 @njit(cache=True, nogil=True)
 def note_interval(state: FloatArray, stamp: float) -> None:
     """Median of the latest intervals between samples, by insertion into a sorted ring."""
-    interval = stamp - state[S_LAST_STAMP]
-    state[S_LAST_STAMP] = stamp
+    interval = stamp - state[layout.S_LAST_STAMP]
+    state[layout.S_LAST_STAMP] = stamp
     if not math.isfinite(interval):
         return
-    number = int(state[S_INTERVALS])
-    state[S_INTERVALS + 1 + number % INTERVALS] = interval
-    state[S_INTERVALS] += 1.0
-    filled = min(number + 1, INTERVALS)
+    number = int(state[layout.S_INTERVALS])
+    state[layout.S_INTERVALS + 1 + number % layout.INTERVALS] = interval
+    state[layout.S_INTERVALS] += 1.0
+    filled = min(number + 1, layout.INTERVALS)
     # The value with half of the others below it, found without moving any.
     for i in range(filled):
-        value = state[S_INTERVALS + 1 + i]
+        value = state[layout.S_INTERVALS + 1 + i]
         rank = 0
         for j in range(filled):
-            other = state[S_INTERVALS + 1 + j]
+            other = state[layout.S_INTERVALS + 1 + j]
             if other < value or (other == value and j < i):
                 rank += 1
         if rank == filled // 2:
-            state[S_NOMINAL] = value
+            state[layout.S_NOMINAL] = value
             return
 
 
 @njit(cache=True, nogil=True)
 def remember(state: FloatArray, time: float, height: float, v_up: float) -> None:
     """Keep height and velocity at a time, unless that of a moment ago is kept."""
-    number = int(state[S_HISTORY])
+    number = int(state[layout.S_HISTORY])
     if number > 0:
-        latest = S_HISTORY + 1 + 3 * ((number - 1) % HISTORY)
+        latest = layout.S_HISTORY + 1 + 3 * ((number - 1) % layout.HISTORY)
         if time - state[latest] < HISTORY_SPACING:
             return
-    slot = S_HISTORY + 1 + 3 * (number % HISTORY)
+    slot = layout.S_HISTORY + 1 + 3 * (number % layout.HISTORY)
     state[slot] = time
     state[slot + 1] = height
     state[slot + 2] = v_up
-    state[S_HISTORY] += 1.0
+    state[layout.S_HISTORY] += 1.0
 
 
 @njit(cache=True, nogil=True)
 def shift_history(state: FloatArray, time: float, dh: float, dv: float) -> None:
     """Move the past along a line that meets a correction made at a time."""
-    filled = min(int(state[S_HISTORY]), HISTORY)
+    filled = min(int(state[layout.S_HISTORY]), layout.HISTORY)
     for i in range(filled):
-        slot = S_HISTORY + 1 + 3 * i
+        slot = layout.S_HISTORY + 1 + 3 * i
         state[slot + 1] += dh + dv * (state[slot] - time)
         state[slot + 2] += dv
 
@@ -82,15 +75,15 @@ def at_stamp(
 ) -> tuple[float, float, float]:
     """Height and velocity at a stamp, and the age over which a correction has to move on."""
     age = time - stamp
-    number = int(state[S_HISTORY])
-    filled = min(number, HISTORY)
+    number = int(state[layout.S_HISTORY])
+    filled = min(number, layout.HISTORY)
     if age <= 0.0 or age > MAX_AGE or filled == 0:
         return height - v_up * age, v_up, 0.0
     t1 = time
     h1 = height
     v1 = v_up
     for i in range(1, filled + 1):
-        slot = S_HISTORY + 1 + 3 * ((number - i) % HISTORY)
+        slot = layout.S_HISTORY + 1 + 3 * ((number - i) % layout.HISTORY)
         t0 = state[slot]
         h0 = state[slot + 1]
         v0 = state[slot + 2]

@@ -17,17 +17,7 @@ from sinstool.core.earth import normal_gravity
 from sinstool.core.rotation import rotate
 from sinstool.methods.height import layout
 from sinstool.methods.height.channel import baro_sample, height_valid, propagate, smooth_height
-from sinstool.methods.height.layout import (
-    EVENT_IMU_GAP,
-    INIT,
-    S_CORRECTION,
-    S_EVENTS,
-    S_PHASE,
-    S_WAITING,
-    S_WITNESS_ON,
-    ChannelSummary,
-    Event,
-)
+from sinstool.methods.height.layout import ChannelSummary, Event
 from sinstool.methods.height.network import HeightNetwork, gravity_gradient
 from sinstool.methods.sensor_errors import Grade
 
@@ -213,7 +203,7 @@ class VerticalChannel:
         self._last_ns = int(now[-1])
         ready = self._ready(self._last_ns)
         events = layout.new_events(len(ready[0]), len(now))
-        self._state[S_EVENTS] = 0.0
+        self._state[layout.S_EVENTS] = 0.0
         _run(
             self._state,
             self._parameters,
@@ -229,7 +219,7 @@ class VerticalChannel:
             ready[3],
             out,
         )
-        self.events += layout.read_events(events[: int(self._state[S_EVENTS])])
+        self.events += layout.read_events(events[: int(self._state[layout.S_EVENTS])])
         return _columns(out)
 
     def _seconds(self, time_ns: IntArray) -> FloatArray:
@@ -308,18 +298,18 @@ def _run(
             dv = ((0.5 * (f_up[k] + host[_F_UP]) if point else f_up[k]) - pull) * dt
             if dt > MAX_HOLD:
                 # Nobody saw what happened: neither accelerating nor correcting is a guess.
-                dv = state[S_CORRECTION] * dt
-                index = int(state[S_EVENTS])
+                dv = state[layout.S_CORRECTION] * dt
+                index = int(state[layout.S_EVENTS])
                 if index < events.shape[0]:
-                    events[index, 0] = EVENT_IMU_GAP
+                    events[index, 0] = layout.EVENT_IMU_GAP
                     events[index, 1] = t
                     events[index, 2] = dt
                     events[index, 3] = 0.0
-                state[S_EVENTS] += 1.0
+                state[layout.S_EVENTS] += 1.0
                 if dt > MAX_GAP:
-                    state[S_PHASE] = INIT
-                    state[S_WAITING] = 0.0
-                    state[S_WITNESS_ON] = 0.0
+                    state[layout.S_PHASE] = layout.INIT
+                    state[layout.S_WAITING] = 0.0
+                    state[layout.S_WITNESS_ON] = 0.0
             h += (v + 0.5 * dv) * dt
             v += dv
             dh, ddv = propagate(state, parameters, events, t, dt, h, v, dv)
@@ -344,7 +334,7 @@ def _run(
             next_baro += 1
         out[k, 0] = smooth_height(state, t, h)
         out[k, 1] = v
-        out[k, 2] = state[S_CORRECTION]
+        out[k, 2] = state[layout.S_CORRECTION]
         out[k, 3] = 1.0 if height_valid(state) else 0.0
     host[_HEIGHT] = h
     host[_V_UP] = v

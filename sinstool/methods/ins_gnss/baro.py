@@ -38,6 +38,7 @@ from sinstool.methods.height.layout import (
     S_SQUARE,
     S_WITNESS_SINCE,
 )
+from sinstool.methods.ins_gnss import layout
 from sinstool.methods.ins_gnss.instants import (
     begin_substep,
     clear_rows,
@@ -46,35 +47,7 @@ from sinstool.methods.ins_gnss.instants import (
     open_instant,
     record,
 )
-from sinstool.methods.ins_gnss.layout import (
-    E_BARO_FROZEN,
-    E_BARO_JUMP,
-    N_BEGUN,
-    N_DISTRUST,
-    N_FROM,
-    N_GAIN,
-    N_GAINS,
-    N_JUMP_AT,
-    N_KNOWN,
-    N_NOW,
-    N_ROW_STREAK,
-    N_SAMPLE,
-    N_SAMPLE_AGE,
-    N_SAMPLE_DIFFERENCE,
-    N_SAMPLE_STAMP,
-    N_STEP,
-    N_STEP_SET,
-    N_USED_AT,
-    P_BARO_GATE,
-    P_BARO_SIGMA,
-    P_BARO_WHITE,
-    P_CHANNEL_GATE,
-    P_CORRECTION_VARIANCE,
-    P_K4,
-    Memory,
-    Model,
-    Stored,
-)
+from sinstool.methods.ins_gnss.layout import Memory, Model, Stored
 from sinstool.methods.ins_gnss.propagation import baro_correction
 from sinstool.methods.ins_gnss.states import I_BARO, I_CORRECTION, POSITION, VELOCITY
 from sinstool.methods.ins_gnss.update import apply_measurement, project
@@ -101,7 +74,7 @@ def correction_row(m: Memory, model: Model) -> None:
     clear_rows(m, 1)
     m.h[0, a] = 1.0
     m.nu[0] = m.channel[S_CORRECTION] - m.x[a]
-    m.r[0] = model.parameters[P_CORRECTION_VARIANCE]
+    m.r[0] = model.parameters[layout.P_CORRECTION_VARIANCE]
     project(m, 1)
     apply_measurement(m, 1, 0.0)
 
@@ -131,16 +104,16 @@ def baro_difference(
     m.nu[0] = difference + m.x[_D] - age * m.x[_VD] + m.x[b]
     m.r[0] = max(variance, LEAST_BARO_SIGMA * LEAST_BARO_SIGMA)
     project(m, 1)
-    limit = model.parameters[P_BARO_GATE]
+    limit = model.parameters[layout.P_BARO_GATE]
     if m.nu[0] * m.nu[0] > limit * limit * (m.s[0, 0] + m.r[0]):
-        number[N_ROW_STREAK] += 1.0
-        if number[N_ROW_STREAK] < patience:
+        number[layout.N_ROW_STREAK] += 1.0
+        if number[layout.N_ROW_STREAK] < patience:
             return False
         move_reference(m, model, m.nu[0])
-        record(events, count, E_BARO_JUMP, number[N_NOW], -m.nu[0])
-        number[N_ROW_STREAK] = 0.0
+        record(events, count, layout.E_BARO_JUMP, number[layout.N_NOW], -m.nu[0])
+        number[layout.N_ROW_STREAK] = 0.0
         return False
-    number[N_ROW_STREAK] = 0.0
+    number[layout.N_ROW_STREAK] = 0.0
     apply_measurement(m, 1, 0.0)
     return True
 
@@ -153,22 +126,22 @@ def move_reference(m: Memory, model: Model, difference: float) -> None:
     for j in range(m.p.shape[0]):
         m.p[b, j] = 0.0
         m.p[j, b] = 0.0
-    m.p[b, b] = model.parameters[P_BARO_SIGMA] ** 2 + m.p[_D, _D]
-    m.numbers[N_BEGUN] = 1.0
+    m.p[b, b] = model.parameters[layout.P_BARO_SIGMA] ** 2 + m.p[_D, _D]
+    m.numbers[layout.N_BEGUN] = 1.0
 
 
 @numba.njit(cache=True, nogil=True)
 def note_difference(m: Memory, stamp: float, height: float, reason: int) -> None:
     """Compare height and barometric height; of several samples within an update, the last."""
     number = m.numbers
-    if reason != ACCEPTED or not np.isfinite(height) or not stamp > number[N_SAMPLE_STAMP]:
+    if reason != ACCEPTED or not np.isfinite(height) or not stamp > number[layout.N_SAMPLE_STAMP]:
         return
-    age = number[N_NOW] - stamp
+    age = number[layout.N_NOW] - stamp
     used = height + m.channel[S_OFFSET] - m.channel[S_BARO_BIAS]
-    number[N_SAMPLE] = 1.0
-    number[N_SAMPLE_STAMP] = stamp
-    number[N_SAMPLE_AGE] = age
-    number[N_SAMPLE_DIFFERENCE] = m.nav[HEIGHT] + m.nav[V_DOWN] * age - used
+    number[layout.N_SAMPLE] = 1.0
+    number[layout.N_SAMPLE_STAMP] = stamp
+    number[layout.N_SAMPLE_AGE] = age
+    number[layout.N_SAMPLE_DIFFERENCE] = m.nav[HEIGHT] + m.nav[V_DOWN] * age - used
 
 
 @numba.njit(cache=True, nogil=True)
@@ -183,13 +156,13 @@ def _unlikely(m: Memory, model: Model, stamp: float, height: float) -> bool:
     b = model.where[I_BARO]
     v_up = -m.nav[V_DOWN]
     used = height + channel[S_OFFSET] - channel[S_BARO_BIAS]
-    e = m.nav[HEIGHT] - v_up * (m.numbers[N_NOW] - stamp) - used
+    e = m.nav[HEIGHT] - v_up * (m.numbers[layout.N_NOW] - stamp) - used
     gate = max(model.network[P_GATE], model.network[P_GATE_SIGMAS] * sqrt(channel[S_SQUARE]))
-    if abs(e + par[P_K4] * v_up) > gate:
+    if abs(e + par[layout.P_K4] * v_up) > gate:
         return False  # the channel's own affair: a jump perhaps
-    variance = m.p[_D, _D] + 2.0 * m.p[_D, b] + m.p[b, b] + par[P_BARO_WHITE]
+    variance = m.p[_D, _D] + 2.0 * m.p[_D, b] + m.p[b, b] + par[layout.P_BARO_WHITE]
     e += m.x[_D] + m.x[b]
-    return e * e > max(LEAST_BARO_GATE**2, par[P_BARO_GATE] ** 2 * variance)
+    return e * e > max(LEAST_BARO_GATE**2, par[layout.P_BARO_GATE] ** 2 * variance)
 
 
 @numba.njit(cache=True, nogil=True)
@@ -214,12 +187,12 @@ def network_sample(
     phase = int(channel[S_PHASE])
     before = channel[S_CORRECTION]
     offset = channel[S_OFFSET]
-    now = number[N_NOW]
+    now = number[layout.N_NOW]
     v_up = -nav[V_DOWN]
     # A filter that knows what K4 does keeps the height right, and so e at K4 v_up: no jump.
-    model.network[P_GATE] = par[P_CHANNEL_GATE] + abs(par[P_K4] * v_up)
+    model.network[P_GATE] = par[layout.P_CHANNEL_GATE] + abs(par[layout.P_K4] * v_up)
     if reason == ACCEPTED and (
-        now < number[N_DISTRUST] or (phase == ENGAGED and _unlikely(m, model, stamp, height))
+        now < number[layout.N_DISTRUST] or (phase == ENGAGED and _unlikely(m, model, stamp, height))
     ):
         reason = GATE
     what, dh, dw = baro_sample(
@@ -239,8 +212,8 @@ def network_sample(
         # The witness does not know of fixes: where some were used, their navigation stays.
         close_substep(m, model, keep)
         off = before - channel[S_CORRECTION]
-        record(events, count, E_BARO_FROZEN, now, dh)
-        if number[N_USED_AT] > channel[S_WITNESS_SINCE]:
+        record(events, count, layout.E_BARO_FROZEN, now, dh)
+        if number[layout.N_USED_AT] > channel[S_WITNESS_SINCE]:
             channel_feedback(channel, now, -dh, -dw, off)
         else:
             nav[HEIGHT] += dh
@@ -255,42 +228,44 @@ def network_sample(
         # The channel would set the height to the barometer. The filter knows how good both are.
         channel_feedback(channel, now, -dh, -dw, 0.0)
         open_instant(m, model, stored, row, keep)
-        difference = channel[S_INNOVATION] - par[P_K4] * v_up
-        used = baro_difference(m, model, events, count, difference, 0.0, par[P_BARO_WHITE], 1)
+        difference = channel[S_INNOVATION] - par[layout.P_K4] * v_up
+        used = baro_difference(
+            m, model, events, count, difference, 0.0, par[layout.P_BARO_WHITE], 1
+        )
         if not used:
             _after_jump(m, model)
         if phase == COAST:
-            number[N_STEP] = dh
-            number[N_STEP_SET] = 1.0
+            number[layout.N_STEP] = dh
+            number[layout.N_STEP_SET] = 1.0
         return close_instant(m, model, stored, row, keep)
 
     nav[HEIGHT] += dh
     nav[V_DOWN] -= dw
-    k4_height = par[P_K4] * v_up
-    if what == CORRECTED and channel[S_NOMINAL] < FAST_BARO and now > number[N_FROM]:
+    k4_height = par[layout.P_K4] * v_up
+    if what == CORRECTED and channel[S_NOMINAL] < FAST_BARO and now > number[layout.N_FROM]:
         for i in range(3):
             gain = channel[S_L1 + i]
-            number[N_GAIN + i] += gain
-            number[N_KNOWN + i] += gain * k4_height
-        number[N_GAINS] += 1.0
+            number[layout.N_GAIN + i] += gain
+            number[layout.N_KNOWN + i] += gain * k4_height
+        number[layout.N_GAINS] += 1.0
         return row
     close_substep(m, model, keep)
     if what == JUMPED:
         b = model.where[I_BARO]
         # It is known as well as the mean of the differences that showed it; whether the
         # barometer is to be relied on after that, is not.
-        mean = (channel[S_SQUARE] + par[P_BARO_WHITE]) / JUMP_ROWS
+        mean = (channel[S_SQUARE] + par[layout.P_BARO_WHITE]) / JUMP_ROWS
         doubt = DOUBT * (channel[S_OFFSET] - offset)
-        m.p[b, b] += mean + par[P_BARO_SIGMA] ** 2 + doubt * doubt
+        m.p[b, b] += mean + par[layout.P_BARO_SIGMA] ** 2 + doubt * doubt
         _after_jump(m, model)
-        record(events, count, E_BARO_JUMP, now, offset - channel[S_OFFSET])
+        record(events, count, layout.E_BARO_JUMP, now, offset - channel[S_OFFSET])
     baro_correction(
         model.where,
         channel[S_L1],
         channel[S_L2],
         channel[S_L3],
         k4_height,
-        par[P_BARO_WHITE],
+        par[layout.P_BARO_WHITE],
         m.p,
         m.x,
         m.product,
@@ -306,13 +281,13 @@ def _after_jump(m: Memory, model: Model) -> None:
     Up to the gate, navigation and network were pulled along between the jumps.
     """
     number = m.numbers
-    now = number[N_NOW]
-    if now - number[N_JUMP_AT] < JUMPS_APART:
+    now = number[layout.N_NOW]
+    if now - number[layout.N_JUMP_AT] < JUMPS_APART:
         a = model.where[I_CORRECTION]
-        gate = model.parameters[P_CHANNEL_GATE]
+        gate = model.parameters[layout.P_CHANNEL_GATE]
         rate = 1.0 / model.network[P_TAU]
         m.p[_D, _D] += gate**2
         m.p[_VD, _VD] += (gate * rate) ** 2
         m.p[a, a] += (gate * rate * rate) ** 2
-        number[N_DISTRUST] = now + JUMPS_APART
-    number[N_JUMP_AT] = now
+        number[layout.N_DISTRUST] = now + JUMPS_APART
+    number[layout.N_JUMP_AT] = now

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from sinstool.core import earth
 from sinstool.core.quaternion_kernels import dcm, wrapped_angle
+from sinstool.methods.ins_gnss import layout
 from sinstool.methods.ins_gnss.instants import (
     begin_anew,
     clear_rows,
@@ -17,47 +18,7 @@ from sinstool.methods.ins_gnss.instants import (
     open_instant,
     record,
 )
-from sinstool.methods.ins_gnss.layout import (
-    D_GATED,
-    D_INNOVATION,
-    D_MEASUREMENT,
-    D_NIS,
-    D_RATIO,
-    D_RESTARTED,
-    D_ROWS,
-    D_SIGMA,
-    D_USED,
-    D_WITHHELD,
-    E_FAR,
-    E_GATED,
-    E_RESTART,
-    N_AFTER_OUTAGE,
-    N_EPOCHS_GATED,
-    N_EPOCHS_USED,
-    N_FAR,
-    N_NIS_ROWS,
-    N_NIS_SUM,
-    N_NOW,
-    N_OPEN,
-    N_RATE,
-    N_REJECTED,
-    N_REJECTED_VELOCITIES,
-    N_SEEN_AT,
-    N_USED_AT,
-    P_ADAPTIVE,
-    P_CLOSED,
-    P_EPSILON,
-    P_GATES,
-    P_GNSS_ALL,
-    P_GNSS_MARKOV,
-    P_GNSS_WHITE,
-    P_LEVER,
-    P_RESTART_AFTER,
-    ROWS,
-    Memory,
-    Model,
-    Stored,
-)
+from sinstool.methods.ins_gnss.layout import Memory, Model, Stored
 from sinstool.methods.ins_gnss.measurement_noise import (
     adapt,
     note_changes,
@@ -136,65 +97,65 @@ def gnss_epoch(
     number = m.numbers
     par = model.parameters
     if withheld:
-        if number[N_OPEN] == 0.0:
+        if number[layout.N_OPEN] == 0.0:
             close_substep(m, model, keep)
     else:
         open_instant(m, model, stored, stored_row, keep)
 
     rows = _compare(m, model, fix, back, moved, diagnosis)
-    diagnosis[D_ROWS] = rows
-    diagnosis[D_WITHHELD] = 1.0 if withheld else 0.0
-    diagnosis[D_USED] = 0.0
-    diagnosis[D_GATED] = 0.0
-    diagnosis[D_RESTARTED] = 0.0
-    diagnosis[D_NIS] = np.nan
+    diagnosis[layout.D_ROWS] = rows
+    diagnosis[layout.D_WITHHELD] = 1.0 if withheld else 0.0
+    diagnosis[layout.D_USED] = 0.0
+    diagnosis[layout.D_GATED] = 0.0
+    diagnosis[layout.D_RESTARTED] = 0.0
+    diagnosis[layout.D_NIS] = np.nan
     if rows == 0:
         return
     project(m, rows)
     measured = m.changes.shape[0] > 0 and not withheld
-    if par[P_ADAPTIVE] > 0.0 and not withheld:
+    if par[layout.P_ADAPTIVE] > 0.0 and not withheld:
         adapt(m, model, rows)
     if measured:
         note_changes(m, rows)
     if not factor(m.s, m.r, rows, m.root):
         return
     nis = normalised_square(m.root, m.nu, rows, m.gain[:, 0])
-    if measured and often_far(m, nis > par[P_GATES + rows]):
+    if measured and often_far(m, nis > par[layout.P_GATES + rows]):
         use_measured(m, rows)
         if not factor(m.s, m.r, rows, m.root):
             return
         nis = normalised_square(m.root, m.nu, rows, m.gain[:, 0])
     _spread(m, rows, diagnosis)
-    diagnosis[D_NIS] = nis
+    diagnosis[layout.D_NIS] = nis
     if withheld:
         return
-    if par[P_CLOSED] == 0.0 and number[N_FAR] == 0.0:
+    if par[layout.P_CLOSED] == 0.0 and number[layout.N_FAR] == 0.0:
         _warn_if_far(m, events, count)
     # Receivers give positions and velocities apart from each other: either may be rejected alone
     alone = 0 if row_of(m, 0) < 3 else 1
-    streak = N_REJECTED if alone == 0 else N_REJECTED_VELOCITIES
-    if number[N_NOW] - number[N_SEEN_AT + alone] > OUTAGE:
-        number[N_AFTER_OUTAGE + alone] = AGREE
-    number[N_SEEN_AT + alone] = number[N_NOW]
-    gate = par[P_GATES + rows]
-    if number[N_AFTER_OUTAGE + alone] > 0.0:
-        number[N_AFTER_OUTAGE + alone] = (
-            number[N_AFTER_OUTAGE + alone] - 1.0 if nis <= gate else AGREE
+    streak = layout.N_REJECTED if alone == 0 else layout.N_REJECTED_VELOCITIES
+    if number[layout.N_NOW] - number[layout.N_SEEN_AT + alone] > OUTAGE:
+        number[layout.N_AFTER_OUTAGE + alone] = AGREE
+    number[layout.N_SEEN_AT + alone] = number[layout.N_NOW]
+    gate = par[layout.P_GATES + rows]
+    if number[layout.N_AFTER_OUTAGE + alone] > 0.0:
+        number[layout.N_AFTER_OUTAGE + alone] = (
+            number[layout.N_AFTER_OUTAGE + alone] - 1.0 if nis <= gate else AGREE
         )
         gate *= AFTER_OUTAGE
     if nis > gate:
         number[streak] += 1.0
         for k in range(rows):
             m.rejected[row_of(m, k)] = m.nu[k]
-        if par[P_RESTART_AFTER] == 0.0 or number[streak] < par[P_RESTART_AFTER]:
-            diagnosis[D_GATED] = 1.0
-            number[N_EPOCHS_GATED] += 1.0
-            record(events, count, E_GATED, number[N_NOW], nis)
+        if par[layout.P_RESTART_AFTER] == 0.0 or number[streak] < par[layout.P_RESTART_AFTER]:
+            diagnosis[layout.D_GATED] = 1.0
+            number[layout.N_EPOCHS_GATED] += 1.0
+            record(events, count, layout.E_GATED, number[layout.N_NOW], nis)
             return
-        record(events, count, E_RESTART, number[N_NOW], nis)
-        diagnosis[D_RESTARTED] = 1.0
+        record(events, count, layout.E_RESTART, number[layout.N_NOW], nis)
+        diagnosis[layout.D_RESTARTED] = 1.0
         begin_anew(m, model)
-        number[N_AFTER_OUTAGE + alone] = 0.0
+        number[layout.N_AFTER_OUTAGE + alone] = 0.0
         rows = _compare(m, model, fix, back, moved, diagnosis)
         for i in range(6):
             # so far off, at least, is the navigation
@@ -204,13 +165,13 @@ def gnss_epoch(
     number[streak] = 0.0
     for k in range(rows):
         m.rejected[row_of(m, k)] = 0.0
-    if apply_measurement(m, rows, par[P_EPSILON]):
-        diagnosis[D_USED] = 1.0
-        number[N_EPOCHS_USED] += 1.0
-        number[N_USED_AT] = number[N_NOW]
-        if diagnosis[D_RESTARTED] == 0.0:
-            number[N_NIS_SUM] += nis
-            number[N_NIS_ROWS] += rows
+    if apply_measurement(m, rows, par[layout.P_EPSILON]):
+        diagnosis[layout.D_USED] = 1.0
+        number[layout.N_EPOCHS_USED] += 1.0
+        number[layout.N_USED_AT] = number[layout.N_NOW]
+        if diagnosis[layout.D_RESTARTED] == 0.0:
+            number[layout.N_NIS_SUM] += nis
+            number[layout.N_NIS_ROWS] += rows
 
 
 @numba.njit(cache=True, nogil=True)
@@ -229,9 +190,9 @@ def _compare(
     nav = m.nav
     gyro = index[I_GYRO_BIAS]
     eta = index[I_GNSS_POSITION]
-    lx = par[P_LEVER]
-    ly = par[P_LEVER + 1]
-    lz = par[P_LEVER + 2]
+    lx = par[layout.P_LEVER]
+    ly = par[layout.P_LEVER + 1]
+    lz = par[layout.P_LEVER + 2]
 
     w = nav[Q_W]
     x = nav[Q_W + 1]
@@ -239,9 +200,9 @@ def _compare(
     z = nav[Q_W + 3]
     c00, c01, c02, c10, c11, c12, c20, c21, c22 = dcm(w, x, y, z)
     # Rate and arm when the fix was valid, the arm in the body axes of now
-    rx = number[N_RATE] - back * moved[6]
-    ry = number[N_RATE + 1] - back * moved[7]
-    rz = number[N_RATE + 2] - back * moved[8]
+    rx = number[layout.N_RATE] - back * moved[6]
+    ry = number[layout.N_RATE + 1] - back * moved[7]
+    rz = number[layout.N_RATE + 2] - back * moved[8]
     sx = ry * lz - rz * ly
     sy = rz * lx - rx * lz
     sz = rx * ly - ry * lx
@@ -265,16 +226,16 @@ def _compare(
     be = od * an - on * ad
     bd = on * ae - oe * an
 
-    clear_rows(m, ROWS)
+    clear_rows(m, layout.ROWS)
     if m.changes.shape[0] > 0:
-        for i in range(ROWS):
+        for i in range(layout.ROWS):
             m.ratio[i] = 1.0
     rows = 0
     for i in range(6):
-        diagnosis[D_INNOVATION + i] = np.nan
-        diagnosis[D_SIGMA + i] = np.nan
-        diagnosis[D_MEASUREMENT + i] = np.nan
-        diagnosis[D_RATIO + i] = np.nan
+        diagnosis[layout.D_INNOVATION + i] = np.nan
+        diagnosis[layout.D_SIGMA + i] = np.nan
+        diagnosis[layout.D_MEASUREMENT + i] = np.nan
+        diagnosis[layout.D_RATIO + i] = np.nan
         if not np.isfinite(fix[i]):
             continue
         if i < 2 and not (np.isfinite(fix[0]) and np.isfinite(fix[1])):
@@ -323,8 +284,8 @@ def _compare(
                 value -= m.h[rows, j] * m.x[j]
         m.nu[rows] = value
         m.r[rows] = m.ratio[i] * _white_variance(par, i, fix[6 + i], eta >= 0)
-        diagnosis[D_INNOVATION + i] = value
-        diagnosis[D_MEASUREMENT + i] = sqrt(m.r[rows])
+        diagnosis[layout.D_INNOVATION + i] = value
+        diagnosis[layout.D_MEASUREMENT + i] = sqrt(m.r[rows])
         rows += 1
     return rows
 
@@ -336,13 +297,13 @@ def _white_variance(par: FloatArray, i: int, sigma: float, slow_states: bool) ->
     A receiver speaks of all of its error. Where the slow part has states of its own, the rest
     is left for the white one; a receiver that claims less than the model has the model's share.
     """
-    white = par[P_GNSS_WHITE + i]
+    white = par[layout.P_GNSS_WHITE + i]
     if not (np.isfinite(sigma) and sigma > 0.0):
-        return white if slow_states else par[P_GNSS_ALL + i]
+        return white if slow_states else par[layout.P_GNSS_ALL + i]
     square = sigma * sigma
     if not slow_states:
         return square
-    slow = par[P_GNSS_MARKOV + i]
+    slow = par[layout.P_GNSS_MARKOV + i]
     if square >= white + slow:
         return square - slow
     return square * white / (white + slow)
@@ -353,9 +314,9 @@ def _spread(m: Memory, rows: int, diagnosis: FloatArray) -> None:
     """Note what the innovations should be."""
     for k in range(rows):
         i = row_of(m, k)
-        diagnosis[D_SIGMA + i] = sqrt(m.s[k, k] + m.r[k])
-        diagnosis[D_MEASUREMENT + i] = sqrt(m.r[k])
-        diagnosis[D_RATIO + i] = m.ratio[i]
+        diagnosis[layout.D_SIGMA + i] = sqrt(m.s[k, k] + m.r[k])
+        diagnosis[layout.D_MEASUREMENT + i] = sqrt(m.r[k])
+        diagnosis[layout.D_RATIO + i] = m.ratio[i]
 
 
 @numba.njit(cache=True, nogil=True)
@@ -365,5 +326,5 @@ def _warn_if_far(m: Memory, events: FloatArray, count: IntArray) -> None:
     far = sqrt(x[POSITION] ** 2 + x[POSITION + 1] ** 2 + x[_D] ** 2)
     turned = sqrt(x[ATTITUDE] ** 2 + x[ATTITUDE + 1] ** 2 + x[ATTITUDE + 2] ** 2)
     if far > FAR or turned > FAR_ATTITUDE:
-        m.numbers[N_FAR] = 1.0
-        record(events, count, E_FAR, m.numbers[N_NOW], far)
+        m.numbers[layout.N_FAR] = 1.0
+        record(events, count, layout.E_FAR, m.numbers[layout.N_NOW], far)

@@ -16,40 +16,8 @@ from numpy.typing import NDArray
 from sinstool.core.quaternion_kernels import increment_quaternion, product, wrapped_angle
 from sinstool.methods.height.channel import feedback as channel_feedback
 from sinstool.methods.height.layout import S_BARO_BIAS, S_CORRECTION, S_STEP
-from sinstool.methods.ins_gnss.layout import (
-    N_BEGUN,
-    N_FAR_SHARE,
-    N_FAR_SHARE_VELOCITIES,
-    N_FROM,
-    N_GAIN,
-    N_GAINS,
-    N_GAP,
-    N_HEIGHT,
-    N_INSTANT_AT,
-    N_KNOWN,
-    N_LATITUDE,
-    N_NOW,
-    N_OPEN,
-    N_REJECTED,
-    N_REJECTED_VELOCITIES,
-    N_RESTARTS,
-    N_STEP,
-    N_STEP_SET,
-    N_TURN,
-    N_UPDATES,
-    N_VELOCITY,
-    N_WINDOW,
-    P_BARO_WHITE,
-    P_CLOSED,
-    P_GAP_ACCELERATION,
-    P_GAP_RATE,
-    P_NETWORK,
-    P_TURN,
-    ROWS,
-    Memory,
-    Model,
-    Stored,
-)
+from sinstool.methods.ins_gnss import layout
+from sinstool.methods.ins_gnss.layout import Memory, Model, Stored
 from sinstool.methods.ins_gnss.model import error_rates, radii, transition
 from sinstool.methods.ins_gnss.propagation import (
     propagate_covariance,
@@ -92,21 +60,21 @@ def record(events: FloatArray, count: IntArray, kind: int, time: float, size: fl
 def close_substep(m: Memory, model: Model, keep: bool) -> None:
     """Bring estimate and covariance to the present; begin a new substep."""
     number = m.numbers
-    delta = number[N_NOW] - number[N_FROM]
+    delta = number[layout.N_NOW] - number[layout.N_FROM]
     nav = m.nav
     if delta > 0.0:
         scale = 1.0 / delta
-        counted = number[N_GAINS] > 0.0
-        k1 = scale * number[N_GAIN] if counted else 0.0
-        k2 = scale * number[N_GAIN + 1] if counted else 0.0
-        k3 = scale * number[N_GAIN + 2] if counted else 0.0
+        counted = number[layout.N_GAINS] > 0.0
+        k1 = scale * number[layout.N_GAIN] if counted else 0.0
+        k2 = scale * number[layout.N_GAIN + 1] if counted else 0.0
+        k3 = scale * number[layout.N_GAIN + 2] if counted else 0.0
         error_rates(
             model.where,
-            0.5 * (number[N_LATITUDE] + nav[LATITUDE]),
-            0.5 * (number[N_HEIGHT] + nav[HEIGHT]),
-            0.5 * (number[N_VELOCITY] + nav[V_NORTH]),
-            0.5 * (number[N_VELOCITY + 1] + nav[V_NORTH + 1]),
-            0.5 * (number[N_VELOCITY + 2] + nav[V_NORTH + 2]),
+            0.5 * (number[layout.N_LATITUDE] + nav[LATITUDE]),
+            0.5 * (number[layout.N_HEIGHT] + nav[HEIGHT]),
+            0.5 * (number[layout.N_VELOCITY] + nav[V_NORTH]),
+            0.5 * (number[layout.N_VELOCITY + 1] + nav[V_NORTH + 1]),
+            0.5 * (number[layout.N_VELOCITY + 2] + nav[V_NORTH + 2]),
             m.mean_c,
             m.mean_cf,
             scale,
@@ -122,18 +90,22 @@ def close_substep(m: Memory, model: Model, keep: bool) -> None:
             propagate_product(model.where, m.phi, m.decay, m.product, m.half)
         if counted:
             _white_of_many(m, model)
-        if model.parameters[P_TURN] > 0.0:
-            turned = sqrt(number[N_TURN] ** 2 + number[N_TURN + 1] ** 2 + number[N_TURN + 2] ** 2)
+        if model.parameters[layout.P_TURN] > 0.0:
+            turned = sqrt(
+                number[layout.N_TURN] ** 2
+                + number[layout.N_TURN + 1] ** 2
+                + number[layout.N_TURN + 2] ** 2
+            )
             for i in range(3):
-                m.p[ATTITUDE + i, ATTITUDE + i] += model.parameters[P_TURN] * turned
-        if number[N_GAP] > 0.0:
+                m.p[ATTITUDE + i, ATTITUDE + i] += model.parameters[layout.P_TURN] * turned
+        if number[layout.N_GAP] > 0.0:
             # A force and a turn that last for GAP_TIME at a time
             for i in range(3):
                 m.p[VELOCITY + i, VELOCITY + i] += (
-                    model.parameters[P_GAP_ACCELERATION] ** 2 * GAP_TIME * delta
+                    model.parameters[layout.P_GAP_ACCELERATION] ** 2 * GAP_TIME * delta
                 )
                 m.p[ATTITUDE + i, ATTITUDE + i] += (
-                    model.parameters[P_GAP_RATE] ** 2 * GAP_TIME * delta
+                    model.parameters[layout.P_GAP_RATE] ** 2 * GAP_TIME * delta
                 )
     begin_substep(m)
 
@@ -143,27 +115,27 @@ def _white_of_many(m: Memory, model: Model) -> None:
     """White noise and known input of samples that were counted within the substep."""
     number = m.numbers
     a = model.where[I_CORRECTION]
-    white = model.parameters[P_BARO_WHITE] / number[N_GAINS]
+    white = model.parameters[layout.P_BARO_WHITE] / number[layout.N_GAINS]
     where = (_D, _VD, a)
     for i in range(3):
-        m.x[where[i]] += number[N_KNOWN + i]
+        m.x[where[i]] += number[layout.N_KNOWN + i]
         for j in range(3):
-            m.p[where[i], where[j]] += number[N_GAIN + i] * number[N_GAIN + j] * white
+            m.p[where[i], where[j]] += number[layout.N_GAIN + i] * number[layout.N_GAIN + j] * white
 
 
 @numba.njit(cache=True, nogil=True)
 def begin_substep(m: Memory) -> None:
     """Forget the averages, and note where the substep begins."""
     number = m.numbers
-    number[N_FROM] = number[N_NOW]
-    number[N_LATITUDE] = m.nav[LATITUDE]
-    number[N_HEIGHT] = m.nav[HEIGHT]
-    number[N_GAINS] = 0.0
+    number[layout.N_FROM] = number[layout.N_NOW]
+    number[layout.N_LATITUDE] = m.nav[LATITUDE]
+    number[layout.N_HEIGHT] = m.nav[HEIGHT]
+    number[layout.N_GAINS] = 0.0
     for i in range(3):
-        number[N_VELOCITY + i] = m.nav[V_NORTH + i]
-        number[N_GAIN + i] = 0.0
-        number[N_KNOWN + i] = 0.0
-        number[N_TURN + i] = 0.0
+        number[layout.N_VELOCITY + i] = m.nav[V_NORTH + i]
+        number[layout.N_GAIN + i] = 0.0
+        number[layout.N_KNOWN + i] = 0.0
+        number[layout.N_TURN + i] = 0.0
         for j in range(3):
             m.mean_c[i, j] = 0.0
             m.mean_cf[i, j] = 0.0
@@ -172,7 +144,7 @@ def begin_substep(m: Memory) -> None:
 @numba.njit(cache=True, nogil=True)
 def open_instant(m: Memory, model: Model, stored: Stored, row: int, keep: bool) -> None:
     """Bring the filter to the present for a measurement, if that is not done yet."""
-    if m.numbers[N_OPEN] > 0.0:
+    if m.numbers[layout.N_OPEN] > 0.0:
         return
     close_substep(m, model, keep)
     n = m.p.shape[0]
@@ -183,25 +155,25 @@ def open_instant(m: Memory, model: Model, stored: Stored, row: int, keep: bool) 
             for j in range(n):
                 stored.transition[row, i, j] = m.product[i, j]
                 stored.before[row, i, j] = m.p[i, j]
-    m.numbers[N_OPEN] = 1.0
+    m.numbers[layout.N_OPEN] = 1.0
 
 
 @numba.njit(cache=True, nogil=True)
 def close_instant(m: Memory, model: Model, stored: Stored, row: int, keep: bool) -> int:
     """Feed back, store a row; return the number of rows then."""
     number = m.numbers
-    if number[N_OPEN] == 0.0:
+    if number[layout.N_OPEN] == 0.0:
         return row
-    number[N_OPEN] = 0.0
-    number[N_INSTANT_AT] = number[N_NOW]
+    number[layout.N_OPEN] = 0.0
+    number[layout.N_INSTANT_AT] = number[layout.N_NOW]
     d_height = 0.0
-    if model.parameters[P_CLOSED] > 0.0:
+    if model.parameters[layout.P_CLOSED] > 0.0:
         d_height = m.x[_D]
         _feed_back(m, model)
-    if number[N_STEP_SET] > 0.0:
+    if number[layout.N_STEP_SET] > 0.0:
         # The channel thought that all of the difference would go out of the height.
-        m.channel[S_STEP] += number[N_STEP] - d_height
-        number[N_STEP_SET] = 0.0
+        m.channel[S_STEP] += number[layout.N_STEP] - d_height
+        number[layout.N_STEP_SET] = 0.0
     begin_substep(m)
     if not keep:
         return row
@@ -218,10 +190,10 @@ def close_instant(m: Memory, model: Model, stored: Stored, row: int, keep: bool)
         stored.sensors[row, i] = m.sensors[i]
     stored.sensors[row, 9] = m.channel[S_CORRECTION]
     stored.sensors[row, 10] = m.channel[S_BARO_BIAS]
-    stored.time[row] = number[N_NOW]
-    stored.update[row] = int(number[N_UPDATES])
-    stored.restart[row] = number[N_BEGUN]
-    number[N_BEGUN] = 0.0
+    stored.time[row] = number[layout.N_NOW]
+    stored.update[row] = int(number[layout.N_UPDATES])
+    stored.restart[row] = number[layout.N_BEGUN]
+    number[layout.N_BEGUN] = 0.0
     return row + 1
 
 
@@ -263,9 +235,9 @@ def _feed_back(m: Memory, model: Model) -> None:
         m.channel[S_BARO_BIAS] += x[b]
         x[b] = 0.0
     a = index[I_CORRECTION]
-    if model.parameters[P_NETWORK] > 0.0:
+    if model.parameters[layout.P_NETWORK] > 0.0:
         d_a = -x[a] if a >= 0 else 0.0
-        channel_feedback(m.channel, m.numbers[N_NOW], x[_D], x[_VD], d_a)
+        channel_feedback(m.channel, m.numbers[layout.N_NOW], x[_D], x[_VD], d_a)
         if a >= 0:
             x[a] = 0.0
     for i in range(9):
@@ -283,16 +255,16 @@ def begin_anew(m: Memory, model: Model) -> None:
     if first >= 0:
         for i in range(first, n):
             m.x[i] = 0.0
-    for i in range(ROWS):
+    for i in range(layout.ROWS):
         m.ratio[i] = 1.0
         m.latest[i] = np.nan
-    m.numbers[N_FAR_SHARE] = 0.0
-    m.numbers[N_FAR_SHARE_VELOCITIES] = 0.0
-    m.numbers[N_WINDOW] = 0.0
-    m.numbers[N_REJECTED] = 0.0
-    m.numbers[N_REJECTED_VELOCITIES] = 0.0
-    m.numbers[N_RESTARTS] += 1.0
-    m.numbers[N_BEGUN] = 1.0
+    m.numbers[layout.N_FAR_SHARE] = 0.0
+    m.numbers[layout.N_FAR_SHARE_VELOCITIES] = 0.0
+    m.numbers[layout.N_WINDOW] = 0.0
+    m.numbers[layout.N_REJECTED] = 0.0
+    m.numbers[layout.N_REJECTED_VELOCITIES] = 0.0
+    m.numbers[layout.N_RESTARTS] += 1.0
+    m.numbers[layout.N_BEGUN] = 1.0
 
 
 @numba.njit(cache=True, nogil=True)

@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from sinstool.core.quaternion_kernels import dcm
 from sinstool.methods.height.channel import propagate, smooth_height
 from sinstool.methods.height.layout import S_BARO_BIAS, S_CORRECTION
+from sinstool.methods.ins_gnss import layout
 from sinstool.methods.ins_gnss.baro import (
     JUMP_ROWS,
     baro_difference,
@@ -34,50 +35,7 @@ from sinstool.methods.ins_gnss.instants import (
     open_instant,
     record,
 )
-from sinstool.methods.ins_gnss.layout import (
-    E_GAP,
-    E_GAP_RESTART,
-    N_BARO_AT,
-    N_DISTRUST,
-    N_DROPPED,
-    N_FORCE,
-    N_FROM,
-    N_GAP,
-    N_INSTANT_AT,
-    N_JUMP_AT,
-    N_NOW,
-    N_RATE,
-    N_ROW_AT,
-    N_SAMPLE,
-    N_SAMPLE_AGE,
-    N_SAMPLE_DIFFERENCE,
-    N_SAMPLE_STAMP,
-    N_SEEN_AT,
-    N_STARTED,
-    N_TURN,
-    N_UPDATES,
-    N_USED_AT,
-    O_CORRECTION,
-    O_COVARIANCE,
-    O_FORCE,
-    O_RATE,
-    P_BARO_DECAY,
-    P_BARO_ROW,
-    P_BARO_SIGMA,
-    P_BARO_WHITE,
-    P_CLOSED,
-    P_CORRECTION_ROW,
-    P_GAP_ACCELERATION,
-    P_GAP_RATE,
-    P_K4,
-    P_MAX_GAP,
-    P_NETWORK,
-    P_ROW_INTERVAL,
-    P_SUBSTEP,
-    Memory,
-    Model,
-    Stored,
-)
+from sinstool.methods.ins_gnss.layout import Memory, Model, Stored
 from sinstool.methods.ins_gnss.model import radii
 from sinstool.methods.ins_gnss.states import ATTITUDE, I_BARO, POSITION, VELOCITY
 from sinstool.methods.strapdown.navigation import (
@@ -164,39 +122,47 @@ def run(
     for k in range(len(time)):
         dt = interval[k]
         begin = time[k] - dt
-        if number[N_STARTED] == 0.0:
-            number[N_STARTED] = 1.0
-            number[N_NOW] = begin
-            number[N_ROW_AT] = begin
-            number[N_BARO_AT] = begin
-            number[N_USED_AT] = -np.inf
-            number[N_SEEN_AT] = np.inf
-            number[N_SEEN_AT + 1] = np.inf
-            number[N_SAMPLE_STAMP] = -np.inf
-            number[N_JUMP_AT] = -np.inf
-            number[N_DISTRUST] = -np.inf
+        if number[layout.N_STARTED] == 0.0:
+            number[layout.N_STARTED] = 1.0
+            number[layout.N_NOW] = begin
+            number[layout.N_ROW_AT] = begin
+            number[layout.N_BARO_AT] = begin
+            number[layout.N_USED_AT] = -np.inf
+            number[layout.N_SEEN_AT] = np.inf
+            number[layout.N_SEEN_AT + 1] = np.inf
+            number[layout.N_SAMPLE_STAMP] = -np.inf
+            number[layout.N_JUMP_AT] = -np.inf
+            number[layout.N_DISTRUST] = -np.inf
             begin_substep(m)
             for i in range(3):
-                number[N_RATE + i] = phi[k, i] / dt
-                number[N_FORCE + i] = dv[k, i] / dt
+                number[layout.N_RATE + i] = phi[k, i] / dt
+                number[layout.N_FORCE + i] = dv[k, i] / dt
             while fix_next < len(fix_time) and fix_time[fix_next] < begin:
                 fix_next += 1
-                number[N_DROPPED] += 1.0
+                number[layout.N_DROPPED] += 1.0
             first_fix = fix_next
         bridges = 0
-        gap = begin - number[N_NOW]
+        gap = begin - number[layout.N_NOW]
         if gap > 0.5 * dt + ROUNDING:
-            if gap <= par[P_MAX_GAP]:
+            if gap <= par[layout.P_MAX_GAP]:
                 bridges = ceil(gap / BRIDGE)
-                record(events, count, E_GAP, number[N_NOW], gap)
+                record(events, count, layout.E_GAP, number[layout.N_NOW], gap)
             else:
-                record(events, count, E_GAP_RESTART, number[N_NOW], gap)
+                record(events, count, layout.E_GAP_RESTART, number[layout.N_NOW], gap)
                 _carry_over(m, model, gap, keep)
         if bridges > 0:
             close_substep(m, model, keep)
-            number[N_GAP] = 1.0
-        rate0, rate1, rate2 = number[N_RATE], number[N_RATE + 1], number[N_RATE + 2]
-        force0, force1, force2 = number[N_FORCE], number[N_FORCE + 1], number[N_FORCE + 2]
+            number[layout.N_GAP] = 1.0
+        rate0, rate1, rate2 = (
+            number[layout.N_RATE],
+            number[layout.N_RATE + 1],
+            number[layout.N_RATE + 2],
+        )
+        force0, force1, force2 = (
+            number[layout.N_FORCE],
+            number[layout.N_FORCE + 1],
+            number[layout.N_FORCE + 2],
+        )
 
         for bridge in range(bridges + 1):
             # Sensor errors off
@@ -209,11 +175,11 @@ def run(
                 px = 0.5 * (rate0 + phi[k, 0] / dt) * d
                 py = 0.5 * (rate1 + phi[k, 1] / dt) * d
                 pz = 0.5 * (rate2 + phi[k, 2] / dt) * d
-                now = number[N_NOW] + d
+                now = number[layout.N_NOW] + d
             else:
                 if bridges > 0:
                     close_substep(m, model, keep)
-                    number[N_GAP] = 0.0
+                    number[layout.N_GAP] = 0.0
                 d = dt
                 px, py, pz = phi[k, 0], phi[k, 1], phi[k, 2]
                 ux, uy, uz = dv[k, 0], dv[k, 1], dv[k, 2]
@@ -239,9 +205,9 @@ def run(
             y = nav[Q_W + 2]
             z = nav[Q_W + 3]
             c00, c01, c02, c10, c11, c12, c20, c21, c22 = dcm(w, x, y, z)
-            number[N_TURN] += px
-            number[N_TURN + 1] += py
-            number[N_TURN + 2] += pz
+            number[layout.N_TURN] += px
+            number[layout.N_TURN + 1] += py
+            number[layout.N_TURN + 2] += pz
             mc = m.mean_c
             mf = m.mean_cf
             mc[0, 0] += d * c00
@@ -270,8 +236,8 @@ def run(
             ve0 = nav[V_NORTH + 1]
             vd0 = nav[V_DOWN]
             step(nav, px, py, pz, ux, uy, uz, d, 0)
-            number[N_NOW] = now
-            if par[P_NETWORK] > 0.0:
+            number[layout.N_NOW] = now
+            if par[layout.P_NETWORK] > 0.0:
                 dh, dw = propagate(
                     m.channel,
                     model.network,
@@ -284,14 +250,14 @@ def run(
                 )
                 nav[HEIGHT] += dh
                 nav[V_DOWN] -= dw
-            share = par[P_BARO_DECAY] * d
+            share = par[layout.P_BARO_DECAY] * d
             m.channel[S_BARO_BIAS] *= 1.0 - share + 0.5 * share * share
             inverse = 1.0 / d
             rate_x, rate_y, rate_z = px * inverse, py * inverse, pz * inverse
 
             # Barometer
             while baro_next < len(baro_time) and baro_time[baro_next] <= now:
-                if par[P_NETWORK] > 0.0:
+                if par[layout.P_NETWORK] > 0.0:
                     row = network_sample(
                         m,
                         model,
@@ -305,29 +271,29 @@ def run(
                         events,
                         count,
                     )
-                if par[P_BARO_ROW] > 0.0:
+                if par[layout.P_BARO_ROW] > 0.0:
                     note_difference(
                         m, baro_time[baro_next], baro_height[baro_next], baro_reason[baro_next]
                     )
                 baro_next += 1
 
             # GNSS, and what is measured besides where it is due: with a fix rather than alone
-            wait = par[P_ROW_INTERVAL] - ROUNDING
+            wait = par[layout.P_ROW_INTERVAL] - ROUNDING
             if fix_next < len(fix_time) and fix_time[fix_next] <= now:
                 wait *= 0.5
-            if number[N_SAMPLE] > 0.0:
-                number[N_SAMPLE] = 0.0
-                if now - number[N_BARO_AT] >= wait:
-                    number[N_BARO_AT] = now
+            if number[layout.N_SAMPLE] > 0.0:
+                number[layout.N_SAMPLE] = 0.0
+                if now - number[layout.N_BARO_AT] >= wait:
+                    number[layout.N_BARO_AT] = now
                     open_instant(m, model, stored, row, keep)
                     baro_difference(
                         m,
                         model,
                         events,
                         count,
-                        number[N_SAMPLE_DIFFERENCE],
-                        number[N_SAMPLE_AGE],
-                        par[P_BARO_WHITE],
+                        number[layout.N_SAMPLE_DIFFERENCE],
+                        number[layout.N_SAMPLE_AGE],
+                        par[layout.P_BARO_WHITE],
                         JUMP_ROWS,
                     )
             if fix_next < len(fix_time) and fix_time[fix_next] <= now:
@@ -347,9 +313,9 @@ def run(
                 moved[6] = (phi[k, 0] / dt - rate0) / dt if bridges == 0 else 0.0
                 moved[7] = (phi[k, 1] / dt - rate1) / dt if bridges == 0 else 0.0
                 moved[8] = (phi[k, 2] / dt - rate2) / dt if bridges == 0 else 0.0
-                number[N_RATE] = rate_x + 0.5 * d * moved[6]
-                number[N_RATE + 1] = rate_y + 0.5 * d * moved[7]
-                number[N_RATE + 2] = rate_z + 0.5 * d * moved[8]
+                number[layout.N_RATE] = rate_x + 0.5 * d * moved[6]
+                number[layout.N_RATE + 1] = rate_y + 0.5 * d * moved[7]
+                number[layout.N_RATE + 2] = rate_z + 0.5 * d * moved[8]
                 while fix_next < len(fix_time) and fix_time[fix_next] <= now:
                     gnss_epoch(
                         m,
@@ -366,41 +332,41 @@ def run(
                         count,
                     )
                     fix_next += 1
-            if par[P_CORRECTION_ROW] > 0.0 and now - number[N_ROW_AT] >= wait:
-                number[N_ROW_AT] = now
+            if par[layout.P_CORRECTION_ROW] > 0.0 and now - number[layout.N_ROW_AT] >= wait:
+                number[layout.N_ROW_AT] = now
                 open_instant(m, model, stored, row, keep)
                 correction_row(m, model)
             row = close_instant(m, model, stored, row, keep)
-            if now - number[N_INSTANT_AT] >= MAX_ROW_INTERVAL - ROUNDING:
+            if now - number[layout.N_INSTANT_AT] >= MAX_ROW_INTERVAL - ROUNDING:
                 # Nothing was measured; a smoother cannot see far across without a row
                 open_instant(m, model, stored, row, keep)
                 row = close_instant(m, model, stored, row, keep)
-            elif now - number[N_FROM] >= par[P_SUBSTEP] - ROUNDING:
+            elif now - number[layout.N_FROM] >= par[layout.P_SUBSTEP] - ROUNDING:
                 close_substep(m, model, keep)
 
         for i in range(3):
-            number[N_RATE + i] = phi[k, i] / dt
-            number[N_FORCE + i] = dv[k, i] / dt
-        number[N_UPDATES] += 1.0
+            number[layout.N_RATE + i] = phi[k, i] / dt
+            number[layout.N_FORCE + i] = dv[k, i] / dt
+        number[layout.N_UPDATES] += 1.0
 
         if len(out) > 0:
             line = out[k]
-            if par[P_CLOSED] == 0.0 or par[P_K4] != 0.0:
+            if par[layout.P_CLOSED] == 0.0 or par[layout.P_K4] != 0.0:
                 corrected(m.nav, m.x, line)
             else:
                 for i in range(NAV_SIZE):
                     line[i] = m.nav[i]
-            if par[P_NETWORK] > 0.0:
+            if par[layout.P_NETWORK] > 0.0:
                 line[HEIGHT] = smooth_height(m.channel, now, line[HEIGHT])
-            line[O_RATE] = rate_x
-            line[O_RATE + 1] = rate_y
-            line[O_RATE + 2] = rate_z
+            line[layout.O_RATE] = rate_x
+            line[layout.O_RATE + 1] = rate_y
+            line[layout.O_RATE + 2] = rate_z
             # The increment is in the axes of the update's start: half a turn on, to its middle
-            line[O_FORCE] = inverse * (ux - 0.5 * (py * uz - pz * uy))
-            line[O_FORCE + 1] = inverse * (uy - 0.5 * (pz * ux - px * uz))
-            line[O_FORCE + 2] = inverse * (uz - 0.5 * (px * uy - py * ux))
-            line[O_CORRECTION] = m.channel[S_CORRECTION]
-            at = O_COVARIANCE
+            line[layout.O_FORCE] = inverse * (ux - 0.5 * (py * uz - pz * uy))
+            line[layout.O_FORCE + 1] = inverse * (uy - 0.5 * (pz * ux - px * uz))
+            line[layout.O_FORCE + 2] = inverse * (uz - 0.5 * (px * uy - py * ux))
+            line[layout.O_CORRECTION] = m.channel[S_CORRECTION]
+            at = layout.O_COVARIANCE
             for block in range(3):
                 b = 3 * block
                 line[at] = m.p[b, b]
@@ -432,8 +398,8 @@ def _carry_over(m: Memory, model: Model, gap: float, keep: bool) -> None:
     elif nav[LONGITUDE] <= -pi:
         nav[LONGITUDE] += 2.0 * pi
     speed2 = nav[V_NORTH] ** 2 + nav[V_NORTH + 1] ** 2 + nav[V_DOWN] ** 2
-    force = par[P_GAP_ACCELERATION] ** 2
-    turn = min(par[P_GAP_RATE] ** 2 * gap, 1.0)
+    force = par[layout.P_GAP_ACCELERATION] ** 2
+    turn = min(par[layout.P_GAP_RATE] ** 2 * gap, 1.0)
     v2 = speed2 + force * gap
     r2 = v2 * gap * gap
     for i in range(3):
@@ -442,6 +408,6 @@ def _carry_over(m: Memory, model: Model, gap: float, keep: bool) -> None:
         m.p[ATTITUDE + i, ATTITUDE + i] += turn
     b = model.where[I_BARO]
     if b >= 0:
-        m.p[b, b] += par[P_BARO_SIGMA] ** 2 if m.p[b, b] == 0.0 else 0.0
-    number[N_NOW] += gap
+        m.p[b, b] += par[layout.P_BARO_SIGMA] ** 2 if m.p[b, b] == 0.0 else 0.0
+    number[layout.N_NOW] += gap
     begin_substep(m)

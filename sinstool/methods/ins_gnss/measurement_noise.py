@@ -26,18 +26,8 @@ from math import sqrt
 import numba
 import numpy as np
 
-from sinstool.methods.ins_gnss.layout import (
-    N_FAR_SHARE,
-    N_FAR_SHARE_VELOCITIES,
-    N_WINDOW,
-    P_ADAPTIVE,
-    P_FADING,
-    P_LEAST,
-    P_MOST,
-    ROWS,
-    Memory,
-    Model,
-)
+from sinstool.methods.ins_gnss import layout
+from sinstool.methods.ins_gnss.layout import Memory, Model
 
 # A share p of bad fixes makes 1 - (1 - p)^2 of the changes large, so that a quantile q stays one of
 # the others up to p = 1 - sqrt(q): 41 % here, 29 % for the median. Lower ones scatter more.
@@ -75,24 +65,24 @@ def adapt(m: Memory, model: Model, rows: int) -> None:
     """Measurement variances from innovations; see DivergenceControl."""
     par = model.parameters
     number = m.numbers
-    slot = int(number[N_WINDOW]) % m.window.shape[0]
+    slot = int(number[layout.N_WINDOW]) % m.window.shape[0]
     # 1, 1/2, 1/3, ... to 1 - b: the first epochs count as much as those after them
-    b = par[P_FADING]
-    share = (1.0 - b) / (1.0 - b ** (number[N_WINDOW] + 1.0))
-    for i in range(ROWS):
+    b = par[layout.P_FADING]
+    share = (1.0 - b) / (1.0 - b ** (number[layout.N_WINDOW] + 1.0))
+    for i in range(layout.ROWS):
         m.window[slot, i] = -1.0
     for k in range(rows):
         i = row_of(m, k)
         nominal = m.r[k] / m.ratio[i]
         square = m.nu[k] * m.nu[k]
         m.window[slot, i] = square
-        if par[P_ADAPTIVE] == 1.0:
+        if par[layout.P_ADAPTIVE] == 1.0:
             ratio = (square - m.s[k, k]) / nominal
-            if ratio > par[P_MOST]:
-                m.ratio[i] = par[P_MOST]
+            if ratio > par[layout.P_MOST]:
+                m.ratio[i] = par[layout.P_MOST]
             else:
-                m.ratio[i] += share * (max(ratio, par[P_LEAST]) - m.ratio[i])
-        elif number[N_WINDOW] + 1.0 >= m.window.shape[0]:
+                m.ratio[i] += share * (max(ratio, par[layout.P_LEAST]) - m.ratio[i])
+        elif number[layout.N_WINDOW] + 1.0 >= m.window.shape[0]:
             total = 0.0
             many = 0
             for j in range(m.window.shape[0]):
@@ -100,9 +90,9 @@ def adapt(m: Memory, model: Model, rows: int) -> None:
                     total += m.window[j, i]
                     many += 1
             ratio = (total / many - m.s[k, k]) / nominal
-            m.ratio[i] = min(max(ratio, par[P_LEAST]), par[P_MOST])
+            m.ratio[i] = min(max(ratio, par[layout.P_LEAST]), par[layout.P_MOST])
         m.r[k] = nominal * m.ratio[i]
-    number[N_WINDOW] += 1.0
+    number[layout.N_WINDOW] += 1.0
 
 
 @numba.njit(cache=True, nogil=True)
@@ -131,7 +121,7 @@ def often_far(m: Memory, far: bool) -> bool:
     Epochs with velocity only are counted apart: their noise is another.
     """
     number = m.numbers
-    share = N_FAR_SHARE if row_of(m, 0) < 3 else N_FAR_SHARE_VELOCITIES
+    share = layout.N_FAR_SHARE if row_of(m, 0) < 3 else layout.N_FAR_SHARE_VELOCITIES
     number[share] += ((1.0 if far else 0.0) - number[share]) / FAR_EPOCHS
     return far or number[share] > FAR_SHARE
 

@@ -18,21 +18,7 @@ from sinstool.core.streams import Imu, Solution
 from sinstool.core.timeline import SECOND
 from sinstool.methods.height import layout
 from sinstool.methods.height.channel import baro_sample, propagate, smooth_height
-from sinstool.methods.height.layout import (
-    EVENT_IMU_GAP,
-    INIT,
-    P_K4,
-    P_START_SPEED,
-    P_START_TAU,
-    P_TAU,
-    S_CORRECTION,
-    S_EVENTS,
-    S_PHASE,
-    S_WAITING,
-    S_WITNESS_ON,
-    ChannelSummary,
-    Event,
-)
+from sinstool.methods.height.layout import ChannelSummary, Event
 from sinstool.methods.height.reference import HeightReference
 from sinstool.methods.height.vertical import MAX_GAP, MAX_HOLD, START_SPEED, START_TAU
 from sinstool.methods.strapdown.navigation import (
@@ -205,25 +191,25 @@ class InsRun:
             s[LONGITUDE] = wrapped(longitude)
             s[HEIGHT] -= before * gap_s
             # the correction, which the channel is about to take off, is no motion either
-            gained = float(self._channel[S_CORRECTION]) * gap_s
+            gained = float(self._channel[layout.S_CORRECTION]) * gap_s
             s[HEIGHT] += 0.5 * gained * gap_s
             s[V_DOWN] -= gained
         if self._parameters is None:
             return
         time = self._time + gap_s
-        self.events.append(Event(layout.EVENT_KINDS[EVENT_IMU_GAP], time, gap_s, 0.0))
+        self.events.append(Event(layout.EVENT_KINDS[layout.EVENT_IMU_GAP], time, gap_s, 0.0))
         events = layout.new_events(0)
-        self._channel[S_EVENTS] = 0.0
+        self._channel[layout.S_EVENTS] = 0.0
         dh, dv_up = propagate(
             self._channel, self._parameters, events, time, gap_s, s[HEIGHT], -s[V_DOWN], gained
         )
         s[HEIGHT] += dh
         s[V_DOWN] -= dv_up
-        self.events += layout.read_events(events[: int(self._channel[S_EVENTS])])
+        self.events += layout.read_events(events[: int(self._channel[layout.S_EVENTS])])
         if gap_s > MAX_GAP:
-            self._channel[S_PHASE] = INIT
-            self._channel[S_WAITING] = 0.0
-            self._channel[S_WITNESS_ON] = 0.0
+            self._channel[layout.S_PHASE] = layout.INIT
+            self._channel[layout.S_WAITING] = 0.0
+            self._channel[layout.S_WITNESS_ON] = 0.0
             self._parameters = beginning_quickly(self._parameters)
 
     def _answer(self, increments: Increments) -> Iterator[Solution]:
@@ -256,7 +242,7 @@ class InsRun:
         damped = self._parameters is not None
         parameters = self._parameters if damped else np.zeros(layout.PARAMETERS)
         events = layout.new_events(len(self._height[0]) - self._next_height if damped else 0)
-        self._channel[S_EVENTS] = 0.0
+        self._channel[layout.S_EVENTS] = 0.0
         self._next_height, ran_away = navigate(
             self._state,
             self._channel,
@@ -276,12 +262,12 @@ class InsRun:
         if ran_away >= 0:
             self.diverged_ns = int(time_ns[ran_away])
         self._time = float(end[-1])
-        self.events += layout.read_events(events[: int(self._channel[S_EVENTS])])
+        self.events += layout.read_events(events[: int(self._channel[layout.S_EVENTS])])
 
     def _row(self) -> np.ndarray:
         """The state as the kernel would write it."""
         height = smooth_height(self._channel, self._time, self._state[HEIGHT])
-        return np.array([*self._state, height, self._channel[S_CORRECTION]])[None, :]
+        return np.array([*self._state, height, self._channel[layout.S_CORRECTION]])[None, :]
 
     def _solution(self, imu: Imu, rows: np.ndarray) -> Solution:
         position = rows[:, LATITUDE : HEIGHT + 1].copy()
@@ -321,8 +307,10 @@ def beginning_quickly(parameters: np.ndarray) -> np.ndarray:
     ndarray
     """
     quick = parameters.copy()
-    quick[P_START_TAU] = min(max(START_TAU, 2.0 * abs(quick[P_K4])), quick[P_TAU])
-    quick[P_START_SPEED] = START_SPEED
+    quick[layout.P_START_TAU] = min(
+        max(START_TAU, 2.0 * abs(quick[layout.P_K4])), quick[layout.P_TAU]
+    )
+    quick[layout.P_START_SPEED] = START_SPEED
     return quick
 
 
@@ -417,5 +405,5 @@ def navigate(  # type: ignore[no-untyped-def]
         for i in range(SIZE):
             out[k, i] = state[i]
         out[k, SIZE] = smooth_height(channel, end[k], state[HEIGHT])
-        out[k, SIZE + 1] = channel[S_CORRECTION]
+        out[k, SIZE + 1] = channel[layout.S_CORRECTION]
     return next_height, ran_away

@@ -30,11 +30,11 @@ from sinstool.pipelines.compare_coning.alias import (
 from sinstool.pipelines.compare_coning.divergence import (
     DEG_H,
     Parting,
+    Row,
     part,
     statistics,
     widest_gap,
 )
-from sinstool.pipelines.compare_coning.row import Row
 from sinstool.pipelines.compare_coning.runs import (
     Attitudes,
     Candidate,

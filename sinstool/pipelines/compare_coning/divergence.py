@@ -9,7 +9,7 @@ import numba
 import numpy as np
 from numpy.typing import NDArray
 
-from sinstool.pipelines.compare_coning.runs import Attitudes
+from sinstool.pipelines.compare_coning.runs import Attitudes, Candidate
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
@@ -236,7 +236,7 @@ class DriftStatistics:
 
     Attributes
     ----------
-    mean, confidence, rms, p95, largest : ndarray, shape (3,)
+    mean, confidence, rms, p95, max : ndarray, shape (3,)
         Per axis, of the window-end rate; the confidence is two standard deviations of the mean.
     norm_rms : float
         Root mean square of the length of the window-end rate.
@@ -249,9 +249,40 @@ class DriftStatistics:
     confidence: FloatArray
     rms: FloatArray
     p95: FloatArray
-    largest: FloatArray
+    max: FloatArray
     norm_rms: float
     slope_rms: float
+
+
+@dataclass(frozen=True)
+class Row:
+    """One candidate's result.
+
+    Attributes
+    ----------
+    drift : DriftStatistics or None
+        None where it has no instants in common with the reference.
+    end, slope : ndarray, shape (3,)
+        psi at the run's end (all segments added), rad, and its slope, rad/s.
+    largest : float
+        Largest norm of psi in any segment, rad.
+    ns_per_sample : float
+        Processor time for each sample it was fed.
+    resolved : bool
+        Its divergence is well above what the reference itself can be trusted to.
+    curves : tuple of Parting
+        Per segment, for figures.
+    """
+
+    candidate: Candidate
+    update_hz: float
+    drift: DriftStatistics | None
+    end: FloatArray
+    slope: FloatArray
+    largest: float
+    ns_per_sample: float
+    resolved: bool
+    curves: tuple[Parting, ...]
 
 
 def statistics(window_rates: FloatArray, window_slopes: FloatArray) -> DriftStatistics:

@@ -32,6 +32,7 @@ from sinstool.pipelines.compare_coning.compare import (
 )
 from sinstool.pipelines.compare_coning.divergence import DEG_H
 from sinstool.pipelines.compare_coning.runs import Attitudes, Segment
+from sinstool.survey.imu import Survey
 from sinstool.survey.source import Source, prepare, rate_blocks
 
 # Fewer than these in every stretch, and nothing can be said of frequencies
@@ -44,7 +45,7 @@ TUNED = "gyro-tuned"
 
 @dataclass(frozen=True)
 class Checks:
-    """What was found of the samples before anything was computed.
+    """The log's samples before anything is computed.
 
     Attributes
     ----------
@@ -52,16 +53,18 @@ class Checks:
         Shortest and longest interval.
     not_finite, repeated_stamps : int
         Samples dropped because a value is no number, or the stamp was there already.
-    largest_rate : float
-        Largest magnitude on any axis, rad/s.
+    largest_rate_deg_s : float
+        Largest magnitude on any axis.
     """
 
+    rate_hz: float
+    segments: int
     interval_range_s: tuple[float, float]
     gaps: int
     gap_total_s: float
     not_finite: int
     repeated_stamps: int
-    largest_rate: float
+    largest_rate_deg_s: float
 
 
 @dataclass(frozen=True)
@@ -143,6 +146,18 @@ def compare_log(
         verdict = comparison.verdict
         text = f"{verdict.text}. Most of the log is little but noise: of motion it tells nothing"
         comparison = replace(comparison, verdict=replace(verdict, text=text))
+    survey = log.survey
+    low, high = survey.interval_range_ns
+    checks = Checks(
+        comparison.rate_hz,
+        comparison.segments,
+        (low / SECOND, high / SECOND),
+        survey.gap_count,
+        survey.gap_total_s,
+        survey.losses.nonfinite,
+        survey.order.duplicates,
+        float(np.degrees(np.max(survey.gyro_max))),
+    )
     warnings = [*log.warnings, *comparison.warnings]
     if comparison.duration_s < options.window:
         warnings.append(
@@ -174,7 +189,7 @@ def compare_log(
         tuning,
         limits,
         log.truth_source,
-        log.checks,
+        checks,
         tuple(warnings),
         log.lost,
     )
@@ -198,7 +213,7 @@ class _Read:
     interval: float
     truth: list[Attitudes] | None
     truth_source: str
-    checks: Checks
+    survey: Survey
     warnings: tuple[str, ...]
     lost: tuple[str, ...]
 
@@ -219,23 +234,13 @@ def _read(path: Path, config: ProcessConfig) -> _Read:
                     f" {source.imu_topic.topic}",
                     "its times have to be in the clock of the Imu's header stamps",
                 )
-        survey = source.survey
-        low, high = survey.interval_range_ns
-        checks = Checks(
-            (low / SECOND, high / SECOND),
-            survey.gap_count,
-            survey.gap_total_s,
-            survey.losses.nonfinite,
-            survey.order.duplicates,
-            float(np.max(survey.gyro_max)),
-        )
         return _Read(
             source.imu_topic.topic,
             stretches,
             interval,
             truth,
             truth_source,
-            checks,
+            source.survey,
             tuple(map(str, source.findings)),
             tuple(map(str, log.lost)),
         )

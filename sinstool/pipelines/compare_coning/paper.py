@@ -31,6 +31,11 @@ class Reproduction:
     experiment: Experiment
     claims: tuple[Claim, ...]
 
+    @property
+    def agreeing(self) -> int:
+        """How many claims reproduce."""
+        return sum(claim.reproduces for claim in self.claims)
+
 
 def reproduce(
     phase: Phase = "consistent",
@@ -71,4 +76,4 @@ def judge(experiment: Experiment) -> tuple[Claim, ...]:
     paper_claims_table.table_1(case)
     paper_claims_table.cost(case)
     paper_claims_table.conclusion(case)
-    return tuple(case.found)
+    return tuple(case.claims)

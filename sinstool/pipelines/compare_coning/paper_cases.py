@@ -67,9 +67,7 @@ class Summed(ConingAlgorithm):
         for k in range(1, self.samples):
             out += x[first + k : end : self.samples]
 
-    def shorter(self, samples: int) -> ConingAlgorithm:
-        """See :meth:`ConingAlgorithm.shorter`."""
-        self._check_shorter(samples)
+    def _of_samples(self, samples: int) -> ConingAlgorithm:
         return Summed(samples)
 
 
@@ -98,11 +96,6 @@ class WithoutConingTerm(ConingAlgorithm):
         p = np.array([self._whole.two_rate_form(float(v))[0] for v in values])[index]
         out[:] = p[:, None] * x[first - 1 : first - 1 + count]
         out += (t - p)[:, None] * x[first : first + count]
-
-    def shorter(self, samples: int) -> ConingAlgorithm:
-        """See :meth:`ConingAlgorithm.shorter`; one sample is all there is."""
-        self._check_shorter(samples)
-        return self
 
 
 def paper_cases() -> tuple[Case, ...]:

@@ -35,31 +35,32 @@ class Claim:
         Figure, table or section of the paper.
     statement : str
         What is claimed, in a few words.
-    printed : str
-        The paper's figure as text, with unit.
+    paper : str
+        The printed figure, with unit.
     setting : str
         What our number was computed with.
     tolerance : str
         What counts as agreement.
-    reason : str
-        Why, in one sentence.
+    verdict : {'reproduces', 'does not'}
+    why : str
+        In one sentence.
     """
 
     key: str
     source: str
     statement: str
-    printed: str
+    paper: str
     ours: float
     unit: str
     setting: str
     tolerance: str
-    reproduces: bool
-    reason: str
+    verdict: str
+    why: str
 
     @property
-    def verdict(self) -> str:
-        """In words."""
-        return "reproduces" if self.reproduces else "does not"
+    def reproduces(self) -> bool:
+        """Whether the printed figure comes out again."""
+        return self.verdict == "reproduces"
 
 
 @dataclass(frozen=True)
@@ -143,28 +144,31 @@ class Judge:
 
     def __init__(self, experiment: Experiment) -> None:
         self.e = experiment
-        self.found: list[Claim] = []
+        self.claims: list[Claim] = []
         self.gyro = experiment.setting.response
 
     def add(
         self,
-        key: str,
         source: str,
+        key: str,
         statement: str,
-        printed: str,
+        paper: str,
         ours: float,
-        unit: str,
         test: Tolerance,
         yes: str,
         no: str,
         setting: str = "",
+        unit: str | None = None,
     ) -> None:
-        """Hold a number against a printed one; `yes` and `no` are the reasons for either."""
-        agrees = test.holds(ours)
+        """Hold a number against a printed one; `yes` and `no` are the reasons for either.
+
+        The unit is the printed one unless another is given.
+        """
+        unit = paper.partition(" ")[2] if unit is None else unit
         where = self.e.setting.name + (f"; {setting}" if setting else "")
-        reason = yes if agrees else no
-        self.found.append(
-            Claim(key, source, statement, printed, ours, unit, where, test.text, agrees, reason)
+        verdict, why = ("reproduces", yes) if test.holds(ours) else ("does not", no)
+        self.claims.append(
+            Claim(key, source, statement, paper, ours, unit, where, test.text, verdict, why)
         )
 
     def norm(self, key: str, frequency: float) -> float:

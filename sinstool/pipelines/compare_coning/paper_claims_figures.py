@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from functools import partial
+
 import numpy as np
 
 from sinstool.pipelines.compare_coning.paper_claims import (
@@ -26,27 +28,24 @@ from sinstool.simulation.coning_paper import DURATION_S, FREQUENCY_HZ, HALF_ANGL
 
 def figure_1(judge: Judge) -> None:
     """The gyro."""
+    claim = partial(judge.add, "Fig. 1")
     f = np.linspace(0.0, 1000.0, 20001)
     gain = 20.0 * np.log10(judge.gyro(f))
-    judge.add(
+    claim(
         "gain-peak",
-        "Fig. 1",
         "gain rises by at most",
         "0.2 dB",
         float(gain.max()),
-        "dB",
         near(0.2, CLOSE),
         "a Chebyshev filter of even order with unit gain at rest has its ripple above 1",
         "of these filters only a Chebyshev of even order rises above its gain at rest",
     )
     lost = np.flatnonzero(gain < -3.0)
-    judge.add(
+    claim(
         "bandwidth",
-        "Fig. 1",
         "bandwidth (-3 dB) is about",
         "200 Hz",
         float(f[lost[0]]) if len(lost) else np.nan,
-        "Hz",
         near(200.0, CLOSE),
         "by construction: 200 Hz is where the power is half of its largest",
         "the response that was asked for is another",
@@ -55,42 +54,37 @@ def figure_1(judge: Judge) -> None:
 
 def figure_4(judge: Judge) -> None:
     """optimal-4 against the frequency of noise."""
+    claim = partial(judge.add, "Fig. 4")
     sweep = judge.e.sweep("rect-opt4")
     norm = np.where(sweep.frequency < 390.0, sweep.norm_deg, 0.0)
     worst = float(sweep.frequency[np.argmax(norm)])
-    judge.add(
+    claim(
         "below-390",
-        "Fig. 4",
         "optimal-4: error below 390 Hz within",
         "0.1 deg",
         float(norm.max()),
-        "deg",
         below(SEVERE_DEG),
         f"the largest is at {worst:g} Hz, where noise and motion differ by the update rate",
         f"at {worst:g} Hz it is larger",
         "rate x T",
     )
     amplitude = noise_rate_deg(judge.gyro, RATE_HZ)
-    judge.add(
+    claim(
         "opt4-400-above",
-        "Fig. 4",
         "optimal-4: error at 400 Hz above",
         "0.35 deg",
         judge.norm("rect-opt4", RATE_HZ),
-        "deg",
         above(0.35),
         f"noise sampled at its own frequency is a constant rate: {amplitude:.4f} deg/s for"
         f" {DURATION_S:g} s",
         f"noise sampled at its own frequency is a constant rate, here only {amplitude:.4f} deg/s",
         "rate x T",
     )
-    judge.add(
+    claim(
         "amplitude-below-0.02",
-        "Fig. 4",
         "noise behind the filter at 400 Hz below",
         "0.02 deg/s",
         amplitude,
-        "deg/s",
         below(0.02),
         f"but then no error can exceed {DURATION_S * amplitude:.3f} deg after ten seconds,"
         " which contradicts 0.35 deg",
@@ -98,26 +92,22 @@ def figure_4(judge: Judge) -> None:
         " contradict each other",
     )
     at_800 = noise_rate_deg(judge.gyro, 2.0 * RATE_HZ)
-    judge.add(
+    claim(
         "opt4-800-severe",
-        "Fig. 4",
         "optimal-4: severe peaks at multiples too (800 Hz) above",
         "0.1 deg",
         judge.norm("rect-opt4", 2.0 * RATE_HZ),
-        "deg",
         above(SEVERE_DEG),
         "this response leaves that much noise at 800 Hz",
         f"the filter leaves {at_800:.4f} deg/s at 800 Hz, which is no more than"
         f" {DURATION_S * at_800:.3f} deg after ten seconds",
         "rate x T",
     )
-    judge.add(
+    claim(
         "higher-is-larger",
-        "Fig. 4",
         "higher noise frequency, larger error: 800 Hz over 400 Hz above",
         "1",
         judge.norm("rect-opt4", 2.0 * RATE_HZ) / judge.norm("rect-opt4", RATE_HZ),
-        "",
         above(1.0),
         "without enough of a filter the noise's rate grows with its frequency",
         "the filter falls faster than the frequency rises",
@@ -127,16 +117,15 @@ def figure_4(judge: Judge) -> None:
 
 def figure_6(judge: Judge) -> None:
     """No compensation."""
+    claim = partial(judge.add, "Fig. 6")
     plain = [judge.e.sweep(key) for key in ("rect", "rect-100")]
     largest = max(float(s.peak_deg[low_band(s)].max()) for s in plain)
     true = float(np.degrees(_solid_angle() * DURATION_S))
-    judge.add(
+    claim(
         "none-low",
-        "Fig. 6",
         "no compensation: low-frequency error up to",
         "2.2 deg",
         largest,
-        "deg",
         within(2.2, LEVEL_FACTOR),
         "the largest error at any time, updates at 400 or 100 Hz",
         f"the cone itself drifts by only {true:.4f} deg in ten seconds, so to ignore all of it"
@@ -145,13 +134,11 @@ def figure_6(judge: Judge) -> None:
     )
     for f in (RATE_HZ, 2.0 * RATE_HZ):
         amplitude = noise_rate_deg(judge.gyro, f)
-        judge.add(
+        claim(
             f"none-{f:.0f}",
-            "Fig. 6",
             f"no compensation: error at {f:.0f} Hz",
             "5.5 deg",
             judge.norm("rect", f),
-            "deg",
             near(5.5, CLOSE),
             "noise as a constant rate",
             f"noise there is a constant rate of {amplitude:.4f} deg/s, and nothing else grows;"
@@ -160,13 +147,11 @@ def figure_6(judge: Judge) -> None:
         )
     quiet = judge.norm("sp-0.032-alpha", 0.0)
     for f in (RATE_HZ, 2.0 * RATE_HZ):
-        judge.add(
+        claim(
             f"artefact-{f:.0f}",
-            "Fig. 6",
             f"the same, had epsilon been 0.032 s: error at {f:.0f} Hz",
             "5.5 deg",
             judge.norm("sp-0.032-alpha", f),
-            "deg",
             near(5.5, CLOSE),
             f"an artefact of epsilon = 12.8 intervals: {quiet:.2f} deg appear without any"
             " noise too (that the paper did this is inferred from the number)",
@@ -177,28 +162,26 @@ def figure_6(judge: Judge) -> None:
 
 def figures_7_and_9(judge: Judge) -> None:
     """Both algorithms near the sampling rate."""
+    claim = partial(judge.add, "Fig. 9")
     amplitude = noise_rate_deg(judge.gyro, RATE_HZ)
     opt4 = judge.norm("rect-opt4", RATE_HZ)
     judge.add(
-        "opt4-400",
         "Figs. 7, 9",
+        "opt4-400",
         "optimal-4: error at 400 Hz",
         "0.4 deg",
         opt4,
-        "deg",
         within(0.4, LEVEL_FACTOR),
         "as a constant rate that noise is sampled to, not as coning; Chebyshev filters of"
         " order 6 and 7 lie on either side of 0.4 deg",
         f"ten seconds of {amplitude:.4f} deg/s: the peak is the filter's, and this is another",
         "rate x T",
     )
-    judge.add(
+    claim(
         "amplitude-0.002",
-        "Fig. 9",
         "noise behind the filter at 400 Hz",
         "0.002 deg/s",
         amplitude,
-        "deg/s",
         within(0.002, LEVEL_FACTOR),
         "but then no error can exceed 0.02 deg after ten seconds, which contradicts 0.4 deg",
         "with 0.002 deg/s no error could exceed 0.02 deg after ten seconds, which"
@@ -207,38 +190,32 @@ def figures_7_and_9(judge: Judge) -> None:
     weights = "the weights of every variant add up to T for all epsilon and n (eq. 14)"
     sp_keys = [case.key for case in judge.e.cases if case.key.startswith("sp-")]
     best = min(judge.norm(key, RATE_HZ) for key in sp_keys)
-    judge.add(
+    claim(
         "sp-400-as-set",
-        "Fig. 9",
         "SP with epsilon 0.032 s there: error at 400 Hz below",
         "0.2 deg",
         judge.norm("sp-0.032-printed", RATE_HZ),
-        "deg",
         below(0.2),
         "this response leaves little noise at 400 Hz",
         "epsilon = 0.032 s in eqs. 11 and 12 over-compensates the cone by itself, at any"
         " frequency of noise",
         "SP as printed, epsilon 0.032 s",
     )
-    judge.add(
+    claim(
         "sp-400-best",
-        "Fig. 9",
         "SP, any variant: error at 400 Hz below",
         "0.2 deg",
         best,
-        "deg",
         below(0.2),
         "only because this response leaves little noise at 400 Hz, for any algorithm",
         f"impossible: {weights}, so a constant rate passes unchanged",
         "best of all SP variants",
     )
-    judge.add(
+    claim(
         "sp-400-order",
-        "Fig. 9",
         "SP over optimal-4 at 400 Hz (0.2 over 0.4) below",
         "0.5",
         best / opt4,
-        "",
         below(0.75),
         "the two leave different parts of the cone, which this gyro lets show",
         f"both integrate the same constant rate: {weights}",
@@ -248,6 +225,7 @@ def figures_7_and_9(judge: Judge) -> None:
 
 def figure_8(judge: Judge) -> None:
     """Both algorithms at low frequencies."""
+    claim = partial(judge.add, "Fig. 8")
     opt4, sp, rect = (judge.e.sweep(key) for key in ("rect-opt4", SP_PAPER, "rect"))
     gain = float(judge.gyro(FREQUENCY_HZ)) ** 2
     mismatch = f"G(30 Hz)^2 = {gain:.4f}"
@@ -255,13 +233,11 @@ def figure_8(judge: Judge) -> None:
         ("opt4-level", opt4, 0.01, "optimal-4"),
         ("sp-level", sp, 0.005, "SP"),
     ):
-        judge.add(
+        claim(
             key,
-            "Fig. 8",
             f"{name}: low-frequency error about",
             f"{printed} deg",
             low_level(sweep),
-            "deg",
             within(printed, LEVEL_FACTOR),
             f"the level is set by {mismatch} and by the rectangle rule's error in the cone",
             f"with {mismatch} in this reading of eq. 20 the level is another",
@@ -269,13 +245,11 @@ def figure_8(judge: Judge) -> None:
         )
     ratio = low_level(sp) / low_level(opt4)
     rule = low_level(rect)
-    judge.add(
+    claim(
         "sp-better-low",
-        "Fig. 8",
         "SP clearly better at low frequencies: SP over optimal-4 below",
         "0.5",
         ratio,
-        "",
         below(0.75),
         "because point rates times T stand for increments, which makes optimal-4 err by as"
         f" much as no compensation but the other way; no compensation does as well"
@@ -295,16 +269,15 @@ def figure_8(judge: Judge) -> None:
     )
     for f, reasons in ((FREQUENCY_HZ, own), (200.0, planar)):
         for key, sweep, name in (("opt4", opt4, "optimal-4"), ("sp", sp, "SP")):
-            judge.add(
+            claim(
                 f"{key}-jump-{f:.0f}",
-                "Fig. 8",
                 f"{name}: jump at {f:.0f} Hz",
                 "seen",
                 jump(sweep, f),
-                "deg",
                 above(JUMP_DEG),
                 *reasons,
                 "z at the end or largest error, above its neighbours",
+                unit="deg",
             )
 
 

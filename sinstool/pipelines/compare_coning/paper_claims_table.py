@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from functools import partial
+
 from sinstool.methods.coning.gyro_response import none
 from sinstool.pipelines.compare_coning.paper_claims import (
     CLOSE,
@@ -43,15 +45,14 @@ def settings_with_means(experiment: Experiment) -> tuple[set[Setting], set[Setti
 
 def table_1(judge: Judge) -> None:
     """Means over all frequencies."""
+    claim = partial(judge.add, "Table 1")
     for name, value, keys in (OPT4_MEAN, SP_MEAN):
         test = within(value, MEAN_FACTOR)
-        judge.add(
+        claim(
             f"{name}-mean",
-            "Table 1",
             f"{name}: mean error",
             f"{value} deg",
             judge.e.sweep(keys[0]).mean_deg,
-            "deg",
             test,
             "mean of the signed z component, with this gyro and reading of eq. 20",
             "the mean follows the gyro's gain at 30 Hz and the reading of eq. 20 more than"
@@ -60,13 +61,11 @@ def table_1(judge: Judge) -> None:
         )
         all_of = [judge.e.sweep(key, s) for s in judge.e.settings for key in keys]
         nearest = min(all_of, key=lambda s: abs(s.mean_deg - value))
-        judge.add(
+        claim(
             f"{name}-mean-any",
-            "Table 1",
             f"{name}: mean error, nearest of all settings",
             f"{value} deg",
             nearest.mean_deg,
-            "deg",
             test,
             f"with {nearest.setting.name} ({nearest.case.label})",
             "no gyro and no reading of eq. 20 gives it",
@@ -74,13 +73,11 @@ def table_1(judge: Judge) -> None:
         )
     opt4, sp = settings_with_means(judge.e)
     both = opt4 & sp
-    judge.add(
+    claim(
         "both-means",
-        "Table 1",
         "settings that give both means, at least",
         "1",
         float(len(both)),
-        "",
         above(1.0),
         ", ".join(sorted(s.name for s in both)),
         f"{len(opt4)} settings give the one and {len(sp)} the other, none both",
@@ -90,40 +87,35 @@ def table_1(judge: Judge) -> None:
 
 def cost(judge: Judge) -> None:
     """Update rates and times."""
+    claim = partial(judge.add, "Table 1")
     for key, name, printed in (("rect-opt4", "optimal-4", 100.0), (SP_PAPER, "SP", 400.0)):
         samples = judge.e.sweep(key).case.algorithm.samples
-        judge.add(
+        claim(
             f"{key}-update-rate",
-            "Table 1",
             f"{name}: update rate",
             f"{printed:g} Hz",
             RATE_HZ / samples,
-            "Hz",
             near(printed, CLOSE),
             f"{samples} sample{'s' if samples > 1 else ''} an update",
             "another number of samples an update",
         )
     opt4, sp = judge.e.costs["rect-opt4"], judge.e.costs[SP_PAPER]
     for cost, name, printed in ((opt4, "optimal-4", 0.013), (sp, "SP", 0.000249)):
-        judge.add(
+        claim(
             f"{name}-time",
-            "Table 1",
             f"{name}: time of an update",
             f"{printed} s",
             cost.update_s,
-            "s",
             within(printed, LEVEL_FACTOR),
             "on this machine",
             "the time is the machine's and the language's, not the algorithm's",
             "measured here, compiled",
         )
-    judge.add(
+    claim(
         "cost-ratio",
-        "Table 1",
         "one update of optimal-4 costs as many of SP",
         "52",
         opt4.update_s / sp.update_s,
-        "",
         within(52.0, LEVEL_FACTOR),
         "on this machine",
         f"an update of optimal-4 answers for four samples; over a second of data SP costs"
@@ -134,6 +126,7 @@ def cost(judge: Judge) -> None:
 
 def conclusion(judge: Judge) -> None:
     """What section 5 says of coning itself."""
+    claim = partial(judge.add, "Section 5")
     flat = Setting(judge.e.setting.phase, none())
     left = {}
     for key in ("rect", SP_PAPER, "sp-paper-truncated", "inc-optimal-4"):
@@ -142,13 +135,11 @@ def conclusion(judge: Judge) -> None:
     removed = 1.0 - left[SP_PAPER] / left["rect"]
     truncated = 1.0 - left["sp-paper-truncated"] / left["rect"]
     others = f"optimal-4 on true increments {1.0 - left['inc-optimal-4'] / left['rect']:.4f}"
-    judge.add(
+    claim(
         "compensates",
-        "Section 5",
         "SP compensates coning well: part of the error removed above",
         "0.5",
         removed,
-        "",
         above(0.5),
         f"with the equations as printed; {others}",
         f"with epsilon 2e-4 s and n = 0.001 it is the rectangle rule but for"

@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import os
 from collections.abc import Callable, Mapping, Sequence
-from concurrent.futures import FIRST_COMPLETED, ThreadPoolExecutor, wait
 from dataclasses import dataclass, field
 from math import factorial
 from queue import Empty, SimpleQueue
@@ -19,6 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sinstool.core.rotation import log
+from sinstool.core.threads import executor
 from sinstool.methods.coning.gyro_response import GyroResponse
 from sinstool.methods.coning.increments import RateIntegrator
 from sinstool.pipelines.compare_coning.paper_cases import Case
@@ -158,17 +158,10 @@ def run_sweeps(
     runner = _Runner(plan, sweeps, noise_angle, duration_s)
     blocks = [range(i, min(i + _LANES, len(frequency))) for i in range(0, len(frequency), _LANES)]
     threads = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count()
-    pool = ThreadPoolExecutor(threads)
-    try:
-        left = {pool.submit(runner.run, block, frequency) for block in blocks}
-        while left:
-            done, left = wait(left, return_when=FIRST_COMPLETED)
-            for future in done:
-                future.result()
+    with executor(threads or 1, "sinstool-paper") as pool:
+        for done, _ in enumerate(pool.map(lambda block: runner.run(block, frequency), blocks)):
             if progress is not None:
-                progress(1.0 - len(left) / len(blocks))
-    finally:
-        pool.shutdown(cancel_futures=True)
+                progress((done + 1) / len(blocks))
     return sweeps
 
 

@@ -3,25 +3,21 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from sinstool.core.result import as_json
 from sinstool.methods.coning.registry import algorithm
-from sinstool.pipelines.compare_coning.divergence import DEG_H
+from sinstool.pipelines.compare_coning.divergence import DEG_H, DriftStatistics, Row
+from sinstool.pipelines.compare_coning.log import SP, Checks, LogComparison
 from sinstool.pipelines.compare_coning.predictions import Prediction, predict
-from sinstool.pipelines.compare_coning.row import Row
 from sinstool.pipelines.compare_coning.runs import Candidate
-
-if TYPE_CHECKING:
-    from numpy.typing import ArrayLike
-
-    from sinstool.pipelines.compare_coning.log import LogComparison
+from sinstool.pipelines.compare_coning.verdict import Verdict
 
 SCHEMA = "sinstool.compare-coning/1"
-SP = "singular-perturbation"
-Vector = tuple[float, ...]
+FloatArray = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
@@ -63,20 +59,6 @@ class Meta:
 
 
 @dataclass(frozen=True)
-class SampleChecks:
-    """The log's samples before anything is computed."""
-
-    rate_hz: float
-    segments: int
-    interval_range_s: Vector
-    gaps: int
-    gap_total_s: float
-    not_finite: int
-    repeated_stamps: int
-    largest_rate_deg_s: float
-
-
-@dataclass(frozen=True)
 class Reference:
     """What the algorithms are held against.
 
@@ -84,7 +66,7 @@ class Reference:
     ----------
     resolution_dph : float or None
         What it is good to; None for a truth, and where the log is too short to say.
-    pred_dph : tuple of float or None
+    pred_dph : ndarray or None
         Its own drift as the spectrum predicts it.
     below_resolution : tuple of str
         Candidates whose drift is not well above its resolution.
@@ -93,22 +75,8 @@ class Reference:
     name: str
     is_truth: bool
     resolution_dph: float | None
-    pred_dph: Vector | None
+    pred_dph: FloatArray | None
     below_resolution: tuple[str, ...]
-
-
-@dataclass(frozen=True)
-class Drift:
-    """Drift over windows, deg/h, by axis; ``norm_rms`` and ``slope_rms`` of its size."""
-
-    windows: int
-    mean: Vector
-    confidence: Vector
-    rms: Vector
-    p95: Vector
-    max: Vector
-    norm_rms: float
-    slope_rms: float
 
 
 @dataclass(frozen=True)
@@ -119,12 +87,12 @@ class AlgorithmResult:
     ----------
     input : {'none', 'sums', 'points'}
         How samples were thinned.
-    pred_dph, pred_parting_dph, beyond_pred_dph : tuple of float or None
+    pred_dph, pred_parting_dph, beyond_pred_dph : ndarray or None
         As the spectrum predicts: drift from the true motion, and from the reference; and what
         the measured mean has beyond the latter.
     pred_exception : str
         Why the prediction cannot hold; '' where it should.
-    pseudo_dph : tuple of float or None
+    pseudo_dph : ndarray or None
         Of ``pred_dph``, what is noise if nothing moves above the stopband.
     """
 
@@ -134,16 +102,16 @@ class AlgorithmResult:
     update_hz: float
     decimate: int
     input: str
-    drift_dph: Drift | None
-    slope_dph: Vector
-    end_deg: Vector
+    drift_dph: DriftStatistics | None
+    slope_dph: FloatArray
+    end_deg: FloatArray
     largest_deg: float
     resolved: bool
-    pred_dph: Vector | None
-    pred_parting_dph: Vector | None
-    beyond_pred_dph: Vector | None
+    pred_dph: FloatArray | None
+    pred_parting_dph: FloatArray | None
+    beyond_pred_dph: FloatArray | None
     pred_exception: str
-    pseudo_dph: Vector | None
+    pseudo_dph: FloatArray | None
     ns_per_sample: float
 
     @property
@@ -156,7 +124,7 @@ class AlgorithmResult:
 class SpectrumResult:
     """Coning in the longest stretch."""
 
-    coning_rate_dph: Vector
+    coning_rate_dph: FloatArray
     highest_hz: float
     resolution_hz: float
 
@@ -169,7 +137,7 @@ class Alias:
     input: str
     rate_hz: float
     dc_alias_deg: float
-    lines_hz: Vector
+    lines_hz: tuple[float, ...]
 
 
 @dataclass(frozen=True)
@@ -180,8 +148,8 @@ class SpTuningResult:
     q: float
     epsilon_s: float
     beta_gain: float
-    drift_best_dph: Vector
-    drift_tuned_dph: Vector
+    drift_best_dph: FloatArray
+    drift_tuned_dph: FloatArray
 
 
 @dataclass(frozen=True)
@@ -191,9 +159,9 @@ class SpBoundsResult:
     status: str
     windows: int
     noise_limited: int
-    epsilon_upper_s: Vector
-    gain_lower: Vector
-    band_hz: Vector
+    epsilon_upper_s: tuple[float, ...]
+    gain_lower: tuple[float, ...]
+    band_hz: tuple[float, ...]
 
 
 @dataclass(frozen=True)
@@ -207,29 +175,19 @@ class SpResult:
 
 
 @dataclass(frozen=True)
-class Choice:
-    """Which algorithm to use; see :class:`sinstool.pipelines.compare_coning.verdict.Verdict`."""
-
-    algorithm: str | None
-    text: str
-    agree: bool
-    limit_dph: float | None
-
-
-@dataclass(frozen=True)
 class ComparisonResult:
     """A comparison on a log; fields are the keys of ``--json``."""
 
     input: Input
     meta: Meta
-    checks: SampleChecks
+    checks: Checks
     reference: Reference
     algs: tuple[AlgorithmResult, ...]
     pairs: tuple[Pair, ...]
     spectrum: SpectrumResult | None
     alias: tuple[Alias, ...]
     sp: SpResult | None
-    verdict: Choice
+    verdict: Verdict
     lost: tuple[str, ...]
     warnings: tuple[str, ...]
 
@@ -245,7 +203,6 @@ def summarise(log: LogComparison) -> ComparisonResult:
     comparable = [p for p in pairs if p.largest_deg == p.largest_deg]
     own = _reference_prediction(log)
     base = own.drift if own is not None else np.zeros(3) if c.reference == "truth" else None
-    limit = c.verdict.limit
     return ComparisonResult(
         Input(str(log.path)),
         Meta(
@@ -260,23 +217,14 @@ def summarise(log: LogComparison) -> ComparisonResult:
             tolerance_dph=c.settings.tolerance * DEG_H,
             widest_pair=max(comparable, key=lambda p: p.largest_deg, default=None),
         ),
-        SampleChecks(
-            rate_hz=c.rate_hz,
-            segments=c.segments,
-            interval_range_s=log.checks.interval_range_s,
-            gaps=log.checks.gaps,
-            gap_total_s=log.checks.gap_total_s,
-            not_finite=log.checks.not_finite,
-            repeated_stamps=log.checks.repeated_stamps,
-            largest_rate_deg_s=float(np.degrees(log.checks.largest_rate)),
-        ),
+        log.checks,
         Reference(
             name=log.truth or c.reference,
             is_truth=bool(log.truth),
             resolution_dph=None
             if c.reference_resolution is None
             else c.reference_resolution * DEG_H,
-            pred_dph=None if own is None else _vector(own.drift),
+            pred_dph=None if own is None else own.drift,
             below_resolution=tuple(
                 r.candidate.label for r in c.rows if r.drift is not None and not r.resolved
             ),
@@ -286,28 +234,19 @@ def summarise(log: LogComparison) -> ComparisonResult:
         None
         if log.spectrum is None
         else SpectrumResult(
-            _vector(log.spectrum.coning_rate() * DEG_H),
+            log.spectrum.coning_rate() * DEG_H,
             0.5 / log.spectrum.interval,
             log.spectrum.step,
         ),
         tuple(
-            Alias(e.decimate, e.thinning, e.rate_hz, float(np.degrees(e.dc_alias)), tuple(e.lines))
+            Alias(e.decimate, e.thinning, e.rate_hz, float(np.degrees(e.dc_alias)), e.lines)
             for e in c.exposures
         ),
         _sp(log),
-        Choice(
-            c.verdict.algorithm,
-            c.verdict.text,
-            c.verdict.agree,
-            None if limit is None else limit * DEG_H,
-        ),
+        c.verdict,
         log.lost,
         log.warnings,
     )
-
-
-def _vector(values: ArrayLike) -> Vector:
-    return tuple(np.asarray(values, np.float64).tolist())
 
 
 def _reference_prediction(log: LogComparison) -> Prediction | None:
@@ -332,8 +271,7 @@ def _algorithm(
     parting = beyond = None
     if prediction is not None and reference_drift is not None:
         parting = prediction.drift - reference_drift
-        beyond = None if d is None else _vector(d.mean - parting)
-    pseudo = None if prediction is None else prediction.pseudo
+        beyond = None if d is None else d.mean - parting
     return AlgorithmResult(
         name=row.candidate.name,
         summary=row.candidate.algorithm.summary,
@@ -341,27 +279,16 @@ def _algorithm(
         update_hz=row.update_hz,
         decimate=row.candidate.decimate,
         input=row.candidate.thinning,
-        drift_dph=None
-        if d is None
-        else Drift(
-            d.windows,
-            _vector(d.mean),
-            _vector(d.confidence),
-            _vector(d.rms),
-            _vector(d.p95),
-            _vector(d.largest),
-            d.norm_rms,
-            d.slope_rms,
-        ),
-        slope_dph=_vector(row.slope * DEG_H),
-        end_deg=_vector(np.degrees(row.end)),
+        drift_dph=d,
+        slope_dph=row.slope * DEG_H,
+        end_deg=np.degrees(row.end),
         largest_deg=float(np.degrees(row.largest)),
         resolved=row.resolved,
-        pred_dph=None if prediction is None else _vector(prediction.drift),
-        pred_parting_dph=None if parting is None else _vector(parting),
+        pred_dph=None if prediction is None else prediction.drift,
+        pred_parting_dph=parting,
         beyond_pred_dph=beyond,
         pred_exception="" if prediction is None else prediction.exception,
-        pseudo_dph=None if pseudo is None else _vector(pseudo),
+        pseudo_dph=None if prediction is None else prediction.pseudo,
         ns_per_sample=row.ns_per_sample,
     )
 
@@ -378,15 +305,15 @@ def _sp(log: LogComparison) -> SpResult | None:
             tuning.q,
             tuning.epsilon,
             tuning.beta_gain,
-            _vector(tuning.drift_best * DEG_H),
-            _vector(tuning.drift_tuned * DEG_H),
+            tuning.drift_best * DEG_H,
+            tuning.drift_tuned * DEG_H,
         ),
         SpBoundsResult(
             limits.status,
             limits.windows,
             limits.noise_limited,
-            tuple(limits.epsilon_upper),
-            tuple(limits.gain_lower),
-            tuple(limits.band),
+            limits.epsilon_upper,
+            limits.gain_lower,
+            limits.band,
         ),
     )

@@ -3,13 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from dataclasses import dataclass, replace
 
-from sinstool.pipelines.compare_coning.divergence import DEG_H, DriftStatistics
-
-if TYPE_CHECKING:
-    from sinstool.pipelines.compare_coning.row import Row
+from sinstool.pipelines.compare_coning.divergence import DEG_H, DriftStatistics, Row
 
 # What the reference is good to is itself known to a factor of two at best.
 MARGIN = 2.0
@@ -27,14 +23,14 @@ class Verdict:
         None where the log cannot tell.
     agree : bool
         All candidates agree to the tolerance: it does not matter.
-    limit : float or None
-        Drift below which a candidate counts as the same as the reference, rad/s.
+    limit_dph : float or None
+        Drift below which a candidate counts as the same as the reference, deg/h.
     """
 
     algorithm: str | None
     text: str
     agree: bool
-    limit: float | None = None
+    limit_dph: float | None = None
 
 
 def verdict(
@@ -68,8 +64,7 @@ def verdict(
         judged = _against_reference(native, reference, resolution, tolerance)
     if native[0][1].windows > 1:
         return judged
-    text = f"{judged.text} (of one window: nothing is known of the spread)"
-    return Verdict(judged.algorithm, text, judged.agree, judged.limit)
+    return replace(judged, text=f"{judged.text} (of one window: nothing is known of the spread)")
 
 
 def _against_reference(
@@ -82,7 +77,7 @@ def _against_reference(
     others = [one for one in native if one[0].candidate.name != reference] or native
     if resolution is None:
         return Verdict(None, "the log is too short to judge the reference, so to choose by", False)
-    limit = max(tolerance, MARGIN * resolution)
+    limit = max(tolerance, MARGIN * resolution) * DEG_H
     if largest <= tolerance * DEG_H and resolution <= tolerance:
         best = _preferred(native)
         text = (
@@ -90,8 +85,8 @@ def _against_reference(
             f" {best} is as good as any"
         )
         return Verdict(best, text, True, limit)
-    good = [r for r, d in others if d.slope_rms <= limit * DEG_H]
-    far = [(r.candidate.name, d) for r, d in others if d.slope_rms > limit * DEG_H]
+    good = [r for r, d in others if d.slope_rms <= limit]
+    far = [(r.candidate.name, d) for r, d in others if d.slope_rms > limit]
     if not far:
         text = (
             f"the log cannot tell them apart: none parts from {reference} by more than"
@@ -101,16 +96,13 @@ def _against_reference(
         return Verdict(None, text, False, limit)
     apart = ", ".join(f"{name} by {_short(d.slope_rms)}" for name, d in _by_size(far))
     if not good:
-        text = (
-            f"none comes within {_short(limit * DEG_H)} deg/h of {reference}: {apart} deg/h part"
-            " from it"
-        )
+        text = f"none comes within {_short(limit)} deg/h of {reference}: {apart} deg/h part from it"
         return Verdict(reference, text, False, limit)
     best = _preferred([(r, d) for r, d in others if r in good])
     same = [r.candidate.name for r in good if r.candidate.name != best]
     equal = f" (as {'does' if len(same) == 1 else 'do'} {', '.join(same)})"
     text = (
-        f"{best}: cheap, and within {_short(limit * DEG_H)} deg/h of {reference}"
+        f"{best}: cheap, and within {_short(limit)} deg/h of {reference}"
         f"{equal if same else ''}; these part from it: {apart} deg/h"
     )
     return Verdict(best, text, False, limit)
@@ -128,7 +120,7 @@ def _against_truth(native: list[tuple[Row, DriftStatistics]], tolerance: float) 
     best = _preferred(good)
     if not far and max(d.slope_rms for _, d in native) <= tolerance * DEG_H:
         text = f"all agree with the truth to {tolerance * DEG_H:g} deg/h: any will do"
-        return Verdict(best, text, True, limit / DEG_H)
+        return Verdict(best, text, True, limit)
     rest = (
         f". The {_short(least)} deg/h in all of them are errors of the sensor (its bias, above all)"
         " and of the truth, or what no algorithm here takes out"
@@ -145,7 +137,7 @@ def _against_truth(native: list[tuple[Row, DriftStatistics]], tolerance: float) 
     text = f"{best}: cheap, and within {_short(limit)} deg/h of the truth"
     text += f" (as {'does' if len(same) == 1 else 'do'} {', '.join(same)})" if same else ""
     apart = ", ".join(f"{name} by {_short(d.slope_rms)}" for name, d in _by_size(far))
-    return Verdict(best, f"{text}; these part from it: {apart} deg/h{rest}", False, limit / DEG_H)
+    return Verdict(best, f"{text}; these part from it: {apart} deg/h{rest}", False, limit)
 
 
 def _preferred(rows: Sequence[tuple[Row, DriftStatistics]]) -> str:

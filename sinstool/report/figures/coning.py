@@ -8,9 +8,8 @@ import numpy as np
 
 from sinstool.methods.coning.response import coning_gains
 from sinstool.pipelines.compare_coning.compare import SELF_CHECK
-from sinstool.pipelines.compare_coning.divergence import DEG_H
+from sinstool.pipelines.compare_coning.divergence import DEG_H, Row
 from sinstool.pipelines.compare_coning.log import LogComparison
-from sinstool.pipelines.compare_coning.row import Row
 from sinstool.report.figure import Figure, Series
 
 AXES = ("x", "y", "z")

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -17,8 +19,6 @@ FloatArray = NDArray[np.float64]
 SWITCH_HZ = 10.0  # how near to a multiple of the sampling rate counts as "near"
 
 _NOISE = "frequency of the noise, Hz"
-_END = "error after 10 s, deg"
-_MULTIPLES = (("400 Hz", RATE_HZ), ("800 Hz", 2.0 * RATE_HZ))
 
 
 def figures(experiment: Experiment) -> tuple[Figure, ...]:
@@ -52,6 +52,23 @@ def as_the_paper_switches(experiment: Experiment) -> FloatArray:
     near = (off <= SWITCH_HZ) & (experiment.frequency > 0.5 * RATE_HZ)
     usual, large = experiment.sweep(SP_PAPER), experiment.sweep("sp-0.032-printed")
     return np.where(near, large.norm_deg, usual.norm_deg)
+
+
+def _swept(
+    experiment: Experiment, number: int, title: str, series: tuple[Series, ...], **options: Any
+) -> Figure:
+    """Error at the end against the frequency of the noise."""
+    return Figure(
+        f"paper-figure-{number}",
+        f"{title} (Fig. {number})",
+        experiment.frequency,
+        series,
+        _NOISE,
+        "error after 10 s, deg",
+        log_y=True,
+        marks=(("400 Hz", RATE_HZ), ("800 Hz", 2.0 * RATE_HZ)),
+        **options,
+    )
 
 
 def _length(experiment: Experiment, key: str, shown: bool = True) -> Series:
@@ -93,64 +110,52 @@ def _responses(experiment: Experiment) -> Figure:
 
 def _figure_4(experiment: Experiment) -> Figure:
     keys = ("rect-opt4", "inc-optimal-4")
-    return Figure(
-        "paper-figure-4",
-        "optimal-4 against the frequency of the noise (Fig. 4)",
-        experiment.frequency,
+    return _swept(
+        experiment,
+        4,
+        "optimal-4 against the frequency of the noise",
         (*(_length(experiment, key) for key in keys), *_others(experiment)),
-        _NOISE,
-        _END,
-        log_y=True,
         notes=(
             "At 400 and 800 Hz sampled noise is a constant rate. With true increments nothing of"
             " it is left: what an integrating gyro gives, or rates that are sampled faster.",
         ),
         levels=(("printed at 400 Hz: 0.35 deg", 0.35),),
-        marks=_MULTIPLES,
     )
 
 
 def _figure_6(experiment: Experiment) -> Figure:
     keys = ("rect", "rect-100", "sp-0.032-alpha")
-    return Figure(
-        "paper-figure-6",
-        "No compensation (Fig. 6)",
-        experiment.frequency,
+    return _swept(
+        experiment,
+        6,
+        "No compensation",
         tuple(_length(experiment, key) for key in keys),
-        _NOISE,
-        _END,
-        log_y=True,
         notes=(
             f"With epsilon = {LARGE_EPSILON} s the first part of the SP rotation vector alone"
             " gives the printed 5.5 deg, at any frequency of noise.",
         ),
         levels=(("printed: 2.2 deg", 2.2), ("printed at 400 and 800 Hz: 5.5 deg", 5.5)),
-        marks=_MULTIPLES,
     )
 
 
 def _figure_7(experiment: Experiment) -> Figure:
-    switched = Series("SP as printed, epsilon switched", as_the_paper_switches(experiment))
-    return Figure(
-        "paper-figure-7",
-        "optimal-4 and SP (Fig. 7)",
-        experiment.frequency,
+    switched = _positive(as_the_paper_switches(experiment))
+    return _swept(
+        experiment,
+        7,
+        "optimal-4 and SP",
         (
             _length(experiment, "rect-opt4"),
-            Series(switched.name, _positive(switched.y)),
+            Series("SP as printed, epsilon switched", switched),
             _length(experiment, SP_PAPER),
             _length(experiment, "sp-best", shown=False),
             _length(experiment, "inc-previous-3", shown=False),
         ),
-        _NOISE,
-        _END,
-        log_y=True,
         notes=(
             f"Switched: epsilon = {LARGE_EPSILON} s within {SWITCH_HZ:g} Hz of the sampling rate"
             " and twice that; the paper does not say how near.",
         ),
         levels=(("printed for optimal-4: 0.4 deg", 0.4), ("printed for SP: 0.2 deg", 0.2)),
-        marks=_MULTIPLES,
     )
 
 
@@ -185,22 +190,18 @@ def _figure_8(experiment: Experiment) -> Figure:
 
 def _figure_9(experiment: Experiment) -> Figure:
     keys = ("rect-opt4", SP_PAPER, "sp-0.032-printed", "sp-0.032-exact", "sp-best")
-    return Figure(
-        "paper-figure-9",
-        "About the sampling rate (Fig. 9)",
-        experiment.frequency,
+    return _swept(
+        experiment,
+        9,
+        "About the sampling rate",
         (
             *(_length(experiment, key) for key in keys),
             _length(experiment, "inc-optimal-4"),
             _length(experiment, "inc-previous-3", shown=False),
             *_others(experiment),
         ),
-        _NOISE,
-        _END,
-        log_y=True,
         x_range=(380.0, 420.0),
         levels=(("printed for optimal-4: 0.4 deg", 0.4), ("printed for SP: 0.2 deg", 0.2)),
-        marks=_MULTIPLES,
         notes=("The peak is one step of frequency wide: 1 Hz off, the constant rate turns.",),
     )
 

@@ -15,8 +15,7 @@ from sinstool.methods.height.pressure import geometric, pressure_altitude
 from sinstool.report.figure import Figure, Series, heading_curve
 from sinstool.report.figures.parts import AXES, BODY, track
 from sinstool.simulation.hse_rig import HseRigLog
-from sinstool.simulation.trajectory import Trajectory
-from sinstool.simulation.truth import ImuTruth
+from sinstool.simulation.truth import ImuTruth, Trajectory
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]

@@ -43,20 +43,11 @@ def reproduction_page(reproduction: Reproduction, config: ProcessConfig) -> Page
     """The page of the published experiment: its claims beside our numbers, and figures."""
     columns = ("source", "claim", "paper", "ours", "unit", "verdict", "why")
     rows = tuple(
-        (
-            claim.source,
-            claim.statement,
-            claim.printed,
-            claim.ours,
-            claim.unit,
-            "reproduces" if claim.reproduces else "does not",
-            claim.reason,
-        )
-        for claim in reproduction.claims
+        (c.source, c.statement, c.paper, c.ours, c.unit, c.verdict, c.why)
+        for c in reproduction.claims
     )
-    agreeing = sum(claim.reproduces for claim in reproduction.claims)
-    text = f"{agreeing} of {len(rows)} printed claims reproduce; the table below says why."
-    verdict = Prose((text,), "Result")
+    agreeing = f"{reproduction.agreeing} of {len(rows)} printed claims reproduce"
+    verdict = Prose((f"{agreeing}; the table below says why.",), "Result")
     table = Table("The paper's claims", tuple(Column(n, "", ".3g") for n in columns), rows)
     sections: tuple[Section, ...] = (
         verdict,

@@ -15,10 +15,10 @@ from sinstool.core.whole_file import make_folder, write_whole
 from sinstool.pipelines.compare_coning.summary import (
     AlgorithmResult,
     ComparisonResult,
+    FloatArray,
     Meta,
     Reference,
     SpResult,
-    Vector,
 )
 from sinstool.report.text.table import aligned
 
@@ -27,7 +27,9 @@ Column = tuple[str, str, "Get"]
 Get = Callable[[AlgorithmResult], Any]
 
 
-def _axes(name: str, unit: str, get: Callable[[AlgorithmResult], Vector | None]) -> list[Column]:
+def _axes(
+    name: str, unit: str, get: Callable[[AlgorithmResult], FloatArray | None]
+) -> list[Column]:
     """A column for each component of a vector that may be missing."""
 
     def component(k: int) -> Get:
@@ -44,11 +46,11 @@ def _end(alg: AlgorithmResult) -> float | None:
     return None if alg.drift_dph is None else alg.drift_dph.norm_rms
 
 
-def _mean(alg: AlgorithmResult) -> Vector | None:
+def _mean(alg: AlgorithmResult) -> FloatArray | None:
     return None if alg.drift_dph is None else alg.drift_dph.mean
 
 
-def _confidence(alg: AlgorithmResult) -> Vector | None:
+def _confidence(alg: AlgorithmResult) -> FloatArray | None:
     return None if alg.drift_dph is None else alg.drift_dph.confidence
 
 
@@ -71,9 +73,9 @@ COLUMNS: tuple[Column, ...] = (
 )
 
 
-def size(vector: Vector | None) -> float | None:
+def size(vector: FloatArray | None) -> float | None:
     """Length of a vector that may be missing."""
-    return None if not vector else float(sum(v * v for v in vector) ** 0.5)
+    return None if vector is None else float(sum(v * v for v in vector) ** 0.5)
 
 
 # The terminal has room for sizes; components are in --json, --csv and --report.

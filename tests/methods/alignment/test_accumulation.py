@@ -4,12 +4,10 @@ from scipy.integrate import solve_ivp
 
 from sinstool.core import rotation
 from sinstool.methods.alignment.accumulation import (
-    InertialAccumulator,
-    InertialRows,
     accumulate,
 )
 from sinstool.methods.alignment.pairs import velocity_gains
-from sinstool.methods.alignment.reference import VelocityReference, dcm_ni
+from sinstool.methods.alignment.reference import dcm_ni, velocity_reference
 from sinstool.simulation.gnss import Receiver
 from tests.methods.alignment.launches import PERFECT, exact, true_attitude
 
@@ -34,7 +32,7 @@ def test_integrals_against_the_flight(receiver):
     flight, imu, gnss = exact(receiver, duration_s=60.0)
     rows = rows_of(imu, gnss)
     assert len(rows) == len(gnss.time_ns)
-    beta = VelocityReference().push(
+    beta = velocity_reference(
         rows.time_s, gnss.latitude, gnss.longitude, gnss.height, gnss.velocity_n
     )
     c_nb = rotation.to_dcm(true_attitude(flight, gnss.time_ns))
@@ -80,28 +78,6 @@ def test_twice_integrated():
     simpson = step / 6.0 * (rows.alpha[:-1] + 4.0 * half.alpha + rows.alpha[1:])
     assert np.abs(np.diff(rows.xi, axis=0) - simpson).max() < 2e-3
     assert np.linalg.norm(rows.xi[-1]) > 1e4
-
-
-@pytest.mark.parametrize("block", [1, 7, 4096])
-def test_blocks_do_not_matter(block):
-    _, imu, gnss = exact(BETWEEN, duration_s=60.0)
-    count = 3000
-
-    def run(size):
-        accumulator = InertialAccumulator(int(imu.time_ns[0]), gnss.time_ns)
-        parts = []
-        for i in range(0, count, size):
-            part = slice(i, min(i + size, count))
-            parts.append(
-                accumulator.push(imu.time_ns[part], imu.delta_theta[part], imu.delta_velocity[part])
-            )
-        return np.concatenate([*parts, accumulator.finish()]), accumulator.state
-
-    whole, state = run(count)
-    assert len(whole) == np.sum(gnss.time_ns <= imu.time_ns[count - 1])
-    table, end = run(block)
-    np.testing.assert_array_equal(table, whole)
-    np.testing.assert_array_equal(end, state)
 
 
 def test_force_and_rate_between_samples():
@@ -193,16 +169,6 @@ def test_antenna():
     assert rows.at_antenna((0.0, 0.0, 0.0)) is rows
 
 
-def test_without_sensitivities():
-    _, imu, gnss = exact(BETWEEN, duration_s=60.0)
-    origin = int(imu.time_ns[0])
-    args = (imu.time_ns, imu.delta_theta, imu.delta_velocity, gnss.time_ns, origin)
-    full, lean = accumulate(*args), accumulate(*args, sensitivities=False)
-    for name in ("q", "alpha", "xi", "force_b", "rate_b"):
-        np.testing.assert_array_equal(getattr(lean, name), getattr(full, name))
-    assert not lean.gyro_bias_attitude.any()
-
-
 def test_uneven_intervals():
     # Constant rate and force in the body are exact for any intervals.
     rng = np.random.default_rng(3)
@@ -245,9 +211,9 @@ def test_repeated_times_and_early_epochs_are_passed_over():
 
 
 def test_wrong_input():
+    nothing = np.zeros((0, 3))
     with pytest.raises(ValueError, match="increasing"):
-        InertialAccumulator(0, [5, 3])
+        accumulate([], nothing, nothing, [5, 3], 0)
     with pytest.raises(ValueError, match="shape"):
-        InertialAccumulator(0, [5]).push([1, 2], np.zeros((2, 3)), np.zeros((3, 3)))
-    empty = InertialAccumulator(0, [5]).push([], np.zeros((0, 3)), np.zeros((0, 3)))
-    assert len(InertialRows.from_table(empty)) == 0
+        accumulate([1, 2], np.zeros((2, 3)), np.zeros((3, 3)), [5], 0)
+    assert len(accumulate([], nothing, nothing, [5], 0)) == 0

@@ -12,9 +12,9 @@ from sinstool.methods.alignment.inflight_types import AlignmentSettings
 from sinstool.methods.alignment.solution import (
     Segment,
     make_pairs,
-    running_sums,
     solution_covariance,
     solve,
+    sums_so_far,
 )
 from sinstool.methods.sensor_errors import SensorGrade
 from tests.methods.alignment.launches import exact
@@ -116,7 +116,7 @@ def test_centred_vectors_have_the_information_matrix():
     _, imu, gnss = exact()
     segment = segment_of(imu, gnss, 40.0)
     settings = AlignmentSettings(vectors="cen")
-    sums = running_sums(segment, settings)
+    sums = sums_so_far(segment, settings)
     zero = np.zeros((len(segment), 3, 3))
     p = attitude_covariance(sums, zero, zero, np.zeros(len(segment)), SensorGrade(**NOTHING), 1.0)
     m = sums.second[-1]
@@ -130,7 +130,7 @@ def test_parallel_vectors_leave_one_axis_open():
     time = segment.rows.time_s[:, None] - segment.rows.time_s[0]
     rows = type(segment.rows)(**{**vars(segment.rows), "alpha": force * time})
     segment = Segment(**{**vars(segment), "rows": rows})
-    sums = running_sums(segment, AlignmentSettings())
+    sums = sums_so_far(segment, AlignmentSettings())
     zero = np.zeros((len(segment), 3, 3))
     p = attitude_covariance(sums, zero, zero, np.zeros(len(segment)), SensorGrade(**NOTHING), 1.0)
     values, axes = np.linalg.eigh(p[-1])

@@ -1,14 +1,13 @@
 import numpy as np
-import pytest
 
 from sinstool.core import earth
 from sinstool.methods.alignment.reference import (
-    VelocityReference,
     acceleration_reference,
     dcm_ne,
     dcm_ni,
     position_reference,
     to_inertial,
+    velocity_reference,
 )
 from tests.methods.alignment.launches import exact, trajectory
 
@@ -33,7 +32,7 @@ def test_at_rest_the_integral_is_that_of_gravity():
     # A constant vector of the Earth turned at the Earth's rate: closed form.
     time = np.linspace(0.0, 3600.0, 36001)
     lat, lon, h = (np.full_like(time, x) for x in (-0.9, 2.9, 4000.0))
-    beta = VelocityReference().push(time, lat, lon, h, np.zeros((len(time), 3)))
+    beta = velocity_reference(time, lat, lon, h, np.zeros((len(time), 3)))
     f = -(dcm_ne(lat[0], lon[0]).T @ earth.gravity_n(lat[0], h[0]))
     a = earth.EARTH_RATE * time
     s, c = np.sin(a) / earth.EARTH_RATE, (1.0 - np.cos(a)) / earth.EARTH_RATE
@@ -48,7 +47,7 @@ def test_flight_three_ways():
     late = gnss.rows(gnss.time_ns > int(37e9))
     time = late.time_ns * 1e-9
     where = (late.latitude, late.longitude, late.height)
-    beta = VelocityReference().push(time, *where, late.velocity_n)
+    beta = velocity_reference(time, *where, late.velocity_n)
     force, at, newer, older = acceleration_reference(time, *where, late.velocity_n, central=True)
     np.testing.assert_array_equal(newer - older, 2)
     np.testing.assert_array_equal(at, newer - 1)
@@ -80,21 +79,6 @@ def test_backward_difference_and_gaps():
     assert (time[newer] - time[older]).max() < 0.11
 
 
-@pytest.mark.parametrize("block", [1, 7, 100])
-def test_blocks_do_not_matter(block):
-    _, _, gnss = exact(duration_s=60.0)
-    columns = (
-        gnss.time_ns * 1e-9, gnss.latitude, gnss.longitude, gnss.height, gnss.velocity_n
-    )  # fmt: skip
-    whole = VelocityReference().push(*columns)
-    reference = VelocityReference()
-    parts = [
-        reference.push(*(c[i : i + block] for c in columns)) for i in range(0, len(gnss), block)
-    ]
-    np.testing.assert_array_equal(np.concatenate(parts), whole)
-    assert reference.push(*(c[:0] for c in columns)).shape == (0, 3)
-
-
 def test_date_line_does_not_show():
     options = {
         "latitude": np.radians(78.0),
@@ -105,7 +89,7 @@ def test_date_line_does_not_show():
     flight = trajectory(**options)
     assert flight.longitude.min() < -3.0 and flight.longitude.max() > 3.0
     _, _, gnss = exact(**options)
-    beta = VelocityReference().push(
+    beta = velocity_reference(
         gnss.time_ns * 1e-9, gnss.latitude, gnss.longitude, gnss.height, gnss.velocity_n
     )
     assert np.linalg.norm(np.diff(beta, axis=0), axis=1).max() < 25.0

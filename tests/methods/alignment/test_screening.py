@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 
 from sinstool.methods.alignment.accumulation import accumulate
-from sinstool.methods.alignment.reference import VelocityReference
+from sinstool.methods.alignment.reference import velocity_reference
 from sinstool.methods.alignment.screening import plausible_fixes
 from sinstool.simulation.gnss import GnssFaults, Receiver, gnss_samples
 from tests.methods.alignment.launches import NOISY, antenna_truth, fixes, noisy, trajectory
@@ -11,7 +11,7 @@ from tests.methods.alignment.launches import NOISY, antenna_truth, fixes, noisy,
 def screened(samples, imu):
     gnss = fixes(samples)
     rows = accumulate(imu.time_ns, imu.delta_theta, imu.delta_velocity, gnss.time_ns, 0)
-    beta = VelocityReference().push(
+    beta = velocity_reference(
         rows.time_s, gnss.latitude, gnss.longitude, gnss.height, gnss.velocity_n
     )
     return plausible_fixes(rows.alpha, beta, np.full(len(rows), 0.1))

@@ -3,8 +3,8 @@ import pytest
 
 from sinstool.core import rotation
 from sinstool.methods.alignment.inflight_types import AlignmentSettings
-from sinstool.methods.alignment.solution import Segment, course, make_pairs, running_sums, solve
-from sinstool.methods.alignment.sums import PairAccumulator, total_sums
+from sinstool.methods.alignment.solution import Segment, course, make_pairs, solve, sums_so_far
+from sinstool.methods.alignment.sums import total_sums
 from sinstool.simulation.gnss import Receiver
 from tests.methods.alignment.launches import NOISY, noisy
 from tests.methods.alignment.segments import segment_of
@@ -29,7 +29,7 @@ def angle_deg(a, b):
 @pytest.mark.parametrize("kind", ["win", "int", "cen", "diff", "diffc"])
 def test_running_is_the_same_as_at_once(kind, fade_s):
     segment, settings = one(kind, fade_s=fade_s)
-    running = running_sums(segment, settings)
+    running = sums_so_far(segment, settings)
     path = course(segment, settings)
     for end in (60, 300, len(segment) - 1):
         part = segment.take(slice(0, end + 1))
@@ -47,34 +47,6 @@ def test_running_is_the_same_as_at_once(kind, fade_s):
         # vectors that all point alike, as those from the start do.
         limit = 1e-12 if end > 300 and kind == "win" else 1e-10
         assert angle_deg(path.dcm[at], solution.dcm) < limit
-
-
-@pytest.mark.parametrize("kind", ["win", "int", "cen"])
-@pytest.mark.parametrize("block", [1, 7, 4096])
-def test_blocks_do_not_matter(kind, block):
-    segment, _ = one(kind)
-    calm = np.arange(len(segment)) // 200
-    beta = segment.beta()
-
-    def run(size):
-        accumulator = PairAccumulator(kind, 20, 30.0)
-        parts = []
-        for i in range(0, len(segment), size):
-            part = slice(i, i + size)
-            rows = segment.rows.rows(part)
-            sigma, level = segment.sigma[part], segment.level[part]
-            parts.append(accumulator.push(rows, beta[part], sigma, calm[part], level))
-        names = ("profile", "second", "noise", "errors", "count")
-        return [np.concatenate([getattr(p, n) for p in parts]) for n in names], accumulator.state
-
-    whole, state = run(len(segment))
-    parts, end = run(block)
-    for a, b in zip(parts, whole, strict=True):
-        np.testing.assert_array_equal(a, b)
-    for name, value in state.items():
-        np.testing.assert_array_equal(end[name], value)
-    assert whole[4][-1] > 100
-    assert sum(v.size for v in state.values()) < 400  # and does not grow with the log
 
 
 @pytest.mark.parametrize("kind", ["win", "int", "cen", "diffc"])
@@ -95,7 +67,7 @@ def test_noise_by_its_definition(kind):
         if pairs.older[j] >= 0:
             gain[:, pairs.older[j]] -= cross
     expected = np.einsum("ikx,k,jkx->ij", gain, segment.sigma**2, gain)
-    noise = running_sums(segment, settings).noise[-1]
+    noise = sums_so_far(segment, settings).noise[-1]
     ours = np.trace(noise) * np.eye(3) - noise
     np.testing.assert_allclose(ours, expected, rtol=1e-9, atol=1e-9 * np.abs(expected).max())
 
@@ -109,7 +81,7 @@ def test_masked_pairs():
     np.testing.assert_array_equal(
         np.flatnonzero(pairs.weight == 0.0), [*range(20), *range(300, 320)]
     )
-    assert running_sums(masked, AlignmentSettings(gate="mask")).count[-1] == len(segment) - 40
+    assert sums_so_far(masked, AlignmentSettings(gate="mask")).count[-1] == len(segment) - 40
 
 
 def test_weights_of_the_fixes():
@@ -121,11 +93,6 @@ def test_weights_of_the_fixes():
     np.testing.assert_array_equal(
         pairs.alpha[k], segment.rows.alpha[k] - segment.rows.alpha[k - 20]
     )
-
-
-def test_unknown_kind():
-    with pytest.raises(ValueError, match="'win', 'int' or 'cen'"):
-        PairAccumulator("diff", 1)
 
 
 def test_rotating_the_body_axes_changes_nothing_but_them():

@@ -16,8 +16,9 @@ from sinstool.methods.coning.polynomial import (
     through_increments,
     through_rates,
 )
-from sinstool.methods.coning.quatfiter import QuatFIter, rodrigues_iteration
+from sinstool.methods.coning.quatfiter import QuatFIter
 from sinstool.methods.coning.registry import algorithm
+from tests.methods.coning.rodfiter import rodrigues_iteration
 
 SIZES = (2, 3, 4, 6, 8)
 

@@ -9,9 +9,10 @@ from sinstool.methods.coning.response import coning_gains
 from sinstool.methods.coning.spectrum import coning_spectrum, predicted_drift, pseudo_coning
 from sinstool.methods.coning.stage import ConingStage
 from sinstool.methods.strapdown.attitude import AttitudePropagator
-from sinstool.simulation.motions import broadband, thin
+from sinstool.simulation.motions import broadband
 from sinstool.simulation.truth import sample_times
 from tests.helpers.coning_response import coning_rate, coning_samples
+from tests.helpers.thinned import thin
 
 PER_HOUR = np.rad2deg(1.0) * 3600.0
 STEP = 0.0025

@@ -14,9 +14,9 @@ from sinstool.methods.ins_gnss.noise import BARO_GRADES, BaroModel, GnssModel
 from sinstool.methods.ins_gnss.settings import Settings
 from sinstool.methods.sensor_errors import IMU_GRADES, SensorGrade
 from sinstool.methods.strapdown.velocity import Increments, IncrementStage
-from sinstool.simulation.barometer import barometer
 from sinstool.simulation.flight import manoeuvring_flight
 from sinstool.simulation.gnss import GnssErrors, Receiver, gnss_samples
+from sinstool.simulation.sensors import barometer
 from tests.helpers.filter_start import start
 from tests.helpers.gnss import epochs
 

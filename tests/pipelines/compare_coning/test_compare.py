@@ -5,8 +5,7 @@ import pytest
 
 from sinstool.methods.coning.registry import algorithm
 from sinstool.pipelines.compare_coning.compare import DEFAULT_ALGORITHMS, Settings, compare
-from sinstool.pipelines.compare_coning.divergence import DEG_H, DriftStatistics
-from sinstool.pipelines.compare_coning.row import Row
+from sinstool.pipelines.compare_coning.divergence import DEG_H, DriftStatistics, Row
 from sinstool.pipelines.compare_coning.runs import Attitudes, Candidate, Segment
 from sinstool.pipelines.compare_coning.verdict import MARGIN, SAME_COST, verdict
 from sinstool.simulation.motions import random_manoeuvre
@@ -238,7 +237,7 @@ def test_one_clear_winner():
 def test_a_poor_reference_widens_what_counts_as_the_same():
     rows = [row("uncompensated", 5.0), row("previous-1", 0.3), row("previous-3", 0.15)]
     found = judged(rows, resolution=0.2)
-    assert found.limit * DEG_H == pytest.approx(MARGIN * 0.2)
+    assert found.limit_dph == pytest.approx(MARGIN * 0.2)
     assert found.algorithm == "previous-3"
     assert "(as does previous-1)" in found.text
     none = judged(rows, resolution=3.0)

@@ -184,7 +184,7 @@ def test_real_logs_are_not_told_more_than_they_hold(path, apart, resolution):
     c = found.comparison
     assert c.reference_resolution * DEG_H == pytest.approx(resolution, rel=0.1)
     assert c.verdict.algorithm == "previous-3"
-    limit = c.verdict.limit * DEG_H
+    limit = c.verdict.limit_dph
     assert limit == pytest.approx(2 * resolution, rel=0.1)
     over = {r.candidate.name for r in c.rows if r.drift.slope_rms > limit}
     assert over == apart

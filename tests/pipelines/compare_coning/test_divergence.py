@@ -161,7 +161,7 @@ def test_statistics_are_those_of_the_windows():
     d = rates * DEG_H
     np.testing.assert_allclose(found.mean, d.mean(axis=0))
     np.testing.assert_allclose(found.confidence, 2 * np.std(d, axis=0, ddof=1) / np.sqrt(50))
-    np.testing.assert_allclose(found.largest, np.abs(d).max(axis=0))
+    np.testing.assert_allclose(found.max, np.abs(d).max(axis=0))
     np.testing.assert_allclose(found.p95, np.quantile(np.abs(d), 0.95, axis=0))
     assert found.norm_rms == pytest.approx(np.sqrt((np.linalg.norm(d, axis=1) ** 2).mean()))
     assert found.slope_rms == pytest.approx(np.linalg.norm(slopes * DEG_H) / np.sqrt(50))

@@ -7,9 +7,10 @@ import numpy as np
 import pytest
 
 from sinstool.cli import compare_paper
+from sinstool.cli.compare_run import Outputs
 from sinstool.config import ProcessConfig
 from sinstool.core import rotation
-from sinstool.core.errors import ConfigurationError, OutputError
+from sinstool.core.errors import ConfigurationError
 from sinstool.methods.coning.gyro_response import butterworth, chebyshev, none
 from sinstool.methods.coning.registry import algorithm
 from sinstool.methods.coning.singular_perturbation import VARIANTS, SingularPerturbation
@@ -325,7 +326,7 @@ def test_verdicts(found):
     assert {claim.key for claim in found.claims if not claim.reproduces} == DOES_NOT
     for claim in found.claims:
         assert claim.verdict == ("reproduces" if claim.key in REPRODUCES else "does not")
-        assert claim.reason
+        assert claim.why
         assert claim.tolerance
 
 
@@ -409,17 +410,24 @@ def test_more_algorithms_are_run_when_named():
 
 
 def test_command_prints_tables_and_writes_sweeps(found, monkeypatch, capsys, tmp_path):
-    asked = []
+    calls = []
 
     def reproduce(*arguments, **_):
-        asked.append(arguments)
+        calls.append(arguments)
         return found
 
     monkeypatch.setattr(compare_paper, "reproduce", reproduce)
-    said = compare_paper.run_paper("literal", "butter:9", ["previous-1"], tmp_path / "csv")
-    assert said is found
-    phase, response, names = asked[0]
-    assert (phase, response.name, names) == ("literal", "butter:9,200", ["previous-1"])
+    compare_paper.run_paper(
+        ProcessConfig(
+            comparison={"phase": "literal", "algorithms": ["previous-1"]},
+            coning={"gyro_response": "butter:9"},
+        ),
+        Outputs(tmp_path / "csv"),
+        False,
+        None,
+    )
+    phase, response, names = calls[0]
+    assert (phase, response.name, names) == ("literal", "butter:9,200", ("previous-1",))
     out = capsys.readouterr().out
     assert "paper 0.4 deg, ours 0.557 deg" in out
     assert f"{len(REPRODUCES)} of {len(REPRODUCES | DOES_NOT)} claims reproduce" in out
@@ -436,7 +444,7 @@ def test_command_prints_tables_and_writes_sweeps(found, monkeypatch, capsys, tmp
 
 def test_command_prints_one_object(found, monkeypatch, capsys):
     monkeypatch.setattr(compare_paper, "reproduce", lambda *_, **__: found)
-    compare_paper.run_paper(as_json=True)
+    compare_paper.run_paper(ProcessConfig(), Outputs(), True, None)
     printed = json.loads(capsys.readouterr().out)
     assert printed["reproduces"] == len(REPRODUCES)
     assert printed["does_not"] == len(DOES_NOT)
@@ -452,20 +460,14 @@ def test_command_prints_one_object(found, monkeypatch, capsys):
     assert len(printed["gyros"]) == len(RESPONSES)
 
 
-def test_command_refuses_before_it_runs(monkeypatch, tmp_path):
+def test_command_refuses_before_it_runs(monkeypatch):
     def reproduce(*_, **__):
         raise AssertionError("was run")
 
     monkeypatch.setattr(compare_paper, "reproduce", reproduce)
-    (tmp_path / "old").mkdir()
-    (tmp_path / "old" / "file").touch()
-    for folder in (tmp_path / "old", tmp_path / "old" / "file"):
-        with pytest.raises(OutputError, match="not an empty folder"):
-            compare_paper.run_paper(csv_dir=folder)
-    with pytest.raises(ConfigurationError, match="phase"):
-        compare_paper.run_paper("other")
     with pytest.raises(ConfigurationError, match="gyro response"):
-        compare_paper.run_paper(gyro_response="cheb:x")
+        unreadable = ProcessConfig(coning={"gyro_response": "cheb:x"})
+        compare_paper.run_paper(unreadable, Outputs(), False, None)
 
 
 def test_the_page_holds_every_claim_and_figure(found):

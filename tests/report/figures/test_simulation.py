@@ -8,8 +8,7 @@ import pytest
 from sinstool.core.streams import Solution
 from sinstool.report.figures.simulation import baro_figures, fix_figures, motion_figures
 from sinstool.report.recorder import Recorder
-from sinstool.simulation.trajectory import Trajectory
-from sinstool.simulation.truth import ImuTruth
+from sinstool.simulation.truth import ImuTruth, Trajectory
 
 T0 = 1_700_000_000_000_000_000
 # WGS-84, by its definition
