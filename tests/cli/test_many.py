@@ -431,7 +431,7 @@ def test_align_over_realisations(sinstool, tmp_path):
     assert status == 3  # tilt shows no heading
     found = rows(told)
     for row in found:
-        alone, single, _ = sinstool("align", row["input"], *chosen)
+        alone, single, _ = sinstool("align", row["input"]["path"], *chosen)
         assert row["exit"] == alone
         assert {k: v for k, v in row.items() if k != "exit"} == json.loads(single)
     errors = [row["truth"]["error_deg"][:2] for row in found]

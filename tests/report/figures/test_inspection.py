@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from sinstool.config import InputOptions
+from sinstool.config import InputOptions, ProcessConfig
 from sinstool.core.streams import Imu
 from sinstool.pipelines.info.collect import (
     BINS,
@@ -89,7 +89,7 @@ def test_increments_after_a_gap_are_left_out(blocks):
 
 def shown_of(log, **options):
     shown = Shown()
-    found = inspect(log, InputOptions(**options), shown=shown)
+    found = inspect(log, ProcessConfig(input=InputOptions(**options)), shown=shown)
     return {one.key: one for one in figures(found, shown.samplings, shown.traffic)}
 
 

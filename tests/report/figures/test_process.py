@@ -1,5 +1,7 @@
 """Figures of a run, drawn from columns made by hand: their numbers and units."""
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 
@@ -116,14 +118,14 @@ def test_heading_has_holes_where_it_goes_over_the_turn():
 
 def test_stretches_are_about_the_median_also_over_the_end_of_the_turn():
     def stretch(rate, raw, corrected):
-        return {"rate_deg_s": rate, "heading_raw_deg": raw, "heading_deg": corrected}
+        return SimpleNamespace(rate_deg_s=rate, heading_raw_deg=raw, heading_deg=corrected)
 
     stretches = [
         stretch(-60.0, 0.002, 359.999),
         stretch(60.0, 359.997, 359.999),
         stretch(100.0, 0.0, 0.0),
     ]
-    figure = draw.stretches({"segments": stretches})
+    figure = draw.stretches(SimpleNamespace(segments=stretches))
     assert (figure.xlabel, figure.ylabel) == ("rate, deg/s", "heading, arcsec")
     np.testing.assert_array_equal(figure.x, [-60.0, 60.0, 100.0])
     shown = drawn(figure)

@@ -1,6 +1,7 @@
 """Figures of a simulated log, from motions made by hand: their numbers and units."""
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -162,7 +163,7 @@ def test_a_drive_has_the_same_track_when_simulated_and_when_processed():
             position=position, velocity_n=truth.velocity_n,
         )
     )  # fmt: skip
-    processed = by_key(recorder.figures({}))["track"]
+    processed = by_key(recorder.figures(SimpleNamespace(hse=None, height=None)))["track"]
     assert (simulated.xlabel, simulated.ylabel) == (processed.xlabel, processed.ylabel)
     assert simulated.ylabel == "north, m"
     np.testing.assert_array_equal(simulated.x, processed.x)
