@@ -8,14 +8,30 @@ header stamp unless that is unusable); ``log_time_ns`` is when the recorder rece
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, is_dataclass
 from typing import Any, TypeVar
 
 import numpy as np
 
 S = TypeVar("S", bound="Stream")
+R = TypeVar("R")
 # m: no vehicle that navigates with an IMU on Earth is so far up or down.
 HIGHEST = 1e6
+
+
+def take_rows(record: R, which: slice | np.ndarray) -> R:
+    """The same rows, by slice, mask or index array, of all arrays of a dataclass.
+
+    Fields that are dataclasses of arrays are taken from alike; those that are None stay so.
+    """
+    columns: dict[str, Any] = vars(record)
+    return type(record)(
+        **{
+            name: take_rows(column, which) if is_dataclass(column) else column[which]
+            for name, column in columns.items()
+            if column is not None
+        }
+    )
 
 
 @dataclass(frozen=True)
@@ -36,7 +52,7 @@ class Stream:
 
     def rows(self: S, which: slice | np.ndarray) -> S:
         """Rows by slice, mask or index array."""
-        return type(self)(**{name: column[which] for name, column in self._columns().items()})
+        return take_rows(self, which)
 
     def _columns(self) -> dict[str, np.ndarray]:
         values = ((f.name, getattr(self, f.name)) for f in fields(self))

@@ -17,7 +17,7 @@ References
 
 from __future__ import annotations
 
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, replace
 
 import numba
 import numpy as np
@@ -25,6 +25,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from sinstool.core.quaternion_kernels import dcm, product, unit_factor
 from sinstool.core.rotation import to_dcm
+from sinstool.core.streams import take_rows
 
 FloatArray = NDArray[np.float64]
 
@@ -85,16 +86,12 @@ class InertialRows:
 
     def rows(self, which: slice | NDArray[np.bool_] | NDArray[np.int64]) -> InertialRows:
         """Rows by slice, mask or index array."""
-        return InertialRows(*(column[which] for column in self.columns()))
+        return take_rows(self, which)
 
     def append_to(self, rows: InertialRows) -> InertialRows:
         """These rows after others of the same frame."""
-        joined = zip(rows.columns(), self.columns(), strict=True)
+        joined = zip(vars(rows).values(), vars(self).values(), strict=True)
         return InertialRows(*(np.concatenate([before, after]) for before, after in joined))
-
-    def columns(self) -> tuple[FloatArray, ...]:
-        """All arrays, in the order of the attributes."""
-        return tuple(getattr(self, f.name) for f in fields(self))
 
     def at_antenna(self, lever_arm_b: ArrayLike) -> InertialRows:
         """Integrals of the specific force that the antenna feels.
@@ -114,9 +111,8 @@ class InertialRows:
         if not np.any(lever):
             return self
         c = to_dcm(self.q)
-        alpha = self.alpha + _apply(c, np.cross(self.rate_b, lever))
-        values = {f.name: getattr(self, f.name) for f in fields(self)}
-        return InertialRows(**{**values, "alpha": alpha, "xi": self.xi + c @ lever})
+        alpha = self.alpha + np.einsum("nij,nj->ni", c, np.cross(self.rate_b, lever))
+        return replace(self, alpha=alpha, xi=self.xi + c @ lever)
 
     @staticmethod
     def from_table(table: FloatArray) -> InertialRows:
@@ -138,10 +134,6 @@ class InertialRows:
             table[:, _FORCE:_RATE],
             table[:, _RATE:_SHARE],
         )
-
-
-def _apply(matrices: FloatArray, vectors: FloatArray) -> FloatArray:
-    return np.asarray(np.einsum("nij,nj->ni", matrices, vectors))
 
 
 def accumulate(

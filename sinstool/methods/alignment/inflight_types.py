@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sinstool.core.errors import AlignmentError
+from sinstool.core.streams import take_rows
 from sinstool.methods.sensor_errors import SIMULATED_GRADES, SensorGrade
 
 FloatArray = NDArray[np.float64]
@@ -72,9 +73,7 @@ class ImuIncrements:
 
     def rows(self, which: Any) -> ImuIncrements:
         """Rows by slice, mask or index array."""
-        return ImuIncrements(
-            self.time_ns[which], self.delta_theta[which], self.delta_velocity[which]
-        )
+        return take_rows(self, which)
 
 
 @dataclass(frozen=True)
@@ -119,14 +118,7 @@ class GnssFixes:
 
     def rows(self, which: Any) -> GnssFixes:
         """Rows by slice, mask or index array."""
-        return GnssFixes(
-            self.time_ns[which],
-            self.latitude[which],
-            self.longitude[which],
-            self.height[which],
-            self.velocity_n[which],
-            None if self.sigma_v is None else self.sigma_v[which],
-        )
+        return take_rows(self, which)
 
 
 def _columns(of: Any, shapes: tuple[tuple[str, int], ...]) -> None:

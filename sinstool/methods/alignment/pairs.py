@@ -7,12 +7,13 @@ first fix, ``diff`` and ``diffc`` differentiate velocity. ``cen`` takes out the 
 
 from __future__ import annotations
 
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
 from sinstool.core.rotation import to_dcm
+from sinstool.core.streams import take_rows
 from sinstool.methods.alignment.accumulation import InertialRows
 from sinstool.methods.alignment.reference import acceleration_reference
 
@@ -50,7 +51,7 @@ class Pairs:
 
     def rows(self, which: slice | NDArray[np.bool_]) -> Pairs:
         """Pairs by slice or mask; `newer` and `older` stay as they are."""
-        return Pairs(*(getattr(self, f.name)[which] for f in fields(self)))
+        return take_rows(self, which)
 
 
 def velocity_gains(rows: InertialRows) -> FloatArray:

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from sinstool.core.streams import take_rows
 from sinstool.methods.alignment.accumulation import accumulate
 from sinstool.methods.alignment.covariance import worst_sigma
 from sinstool.methods.alignment.gate import (
@@ -136,13 +137,7 @@ def _bounds(
     motion: Dynamics, first: int, last: int, settings: AlignmentSettings, lift_off_ns: int
 ) -> tuple[int, int] | str:
     """Samples of start and stop between two samples, or why there are none."""
-    view = Dynamics(
-        motion.time_ns[first : last + 1],
-        motion.force[first : last + 1],
-        motion.force_step[first : last + 1],
-        motion.rate[first : last + 1],
-        motion.rate_step[first : last + 1],
-    )
+    view = take_rows(motion, slice(first, last + 1))
     limits = settings.limits
     start: int | None = 0
     if settings.gate != "off" and settings.start_ns is None:

@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sinstool.core.rotation import to_dcm
+from sinstool.core.streams import take_rows
 from sinstool.methods.alignment.accumulation import InertialRows
 from sinstool.methods.alignment.covariance import attitude_covariance, drifting_noise
 from sinstool.methods.alignment.inflight_types import AlignmentSettings
@@ -66,16 +67,7 @@ class Segment:
 
     def take(self, which: slice | NDArray[np.bool_] | IndexArray) -> Segment:
         """Rows by slice or mask."""
-        return Segment(
-            self.rows.rows(which),
-            self.latitude[which],
-            self.longitude[which],
-            self.height[which],
-            self.velocity_n[which],
-            self.sigma[which],
-            self.level[which],
-            self.not_calm[which],
-        )
+        return take_rows(self, which)
 
     def beta(self) -> FloatArray:
         """Integrated GNSS side from the first fix, m/s."""
@@ -236,10 +228,7 @@ class Course:
 
     def until(self, count: int) -> Course:
         """What lies in the first rows of the segment."""
-        k = int(np.searchsorted(self.rows, count))
-        return Course(
-            self.rows[:k], self.dcm[:k], self.covariance[:k], self.second[:k], self.singular[:k]
-        )
+        return take_rows(self, slice(0, int(np.searchsorted(self.rows, count))))
 
 
 def course(segment: Segment, settings: AlignmentSettings) -> Course:
@@ -250,22 +239,18 @@ def course(segment: Segment, settings: AlignmentSettings) -> Course:
     sums = sums_so_far(segment, settings)
     ends = np.flatnonzero(sums.count > 1.0)
     ends = ends[np.any(sums.profile[ends] != 0.0, axis=(-2, -1))]
-    sums = _take(sums, ends)
+    sums = take_rows(sums, ends)
     elapsed = rows.time_s[ends] - rows.time_s[0]
     if settings.method == "triad":
         good = ends >= 2
-        ends, sums = ends[good], _take(sums, good)
+        ends, sums = ends[good], take_rows(sums, good)
         dcm, middle = triad_attitude(rows, segment.beta(), ends)
         covariance = triad_covariance(
             rows, segment.sigma, middle, ends, ends, settings.grade, settings.kappa
         )
         good = np.asarray(np.isfinite(dcm).all(axis=(-2, -1)))
-        ends, dcm, covariance, sums = (
-            ends[good],
-            dcm[good],
-            covariance[good],
-            _take(sums, good),
-        )
+        ends, dcm, covariance = ends[good], dcm[good], covariance[good]
+        sums = take_rows(sums, good)
     else:
         dcm = SOLVERS[settings.method](sums.profile)
         covariance = attitude_covariance(
@@ -277,16 +262,6 @@ def course(segment: Segment, settings: AlignmentSettings) -> Course:
             settings.kappa,
         )
     return Course(ends, dcm, covariance, sums.second, singular_values(sums.profile))
-
-
-def _take(sums: PairSums, which: NDArray[np.bool_] | IndexArray) -> PairSums:
-    return PairSums(
-        sums.profile[which],
-        sums.second[which],
-        sums.noise[which],
-        sums.errors[which],
-        sums.count[which],
-    )
 
 
 def sums_so_far(segment: Segment, settings: AlignmentSettings) -> PairSums:

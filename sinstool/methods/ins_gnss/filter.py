@@ -124,7 +124,6 @@ class InsGnssFilter:
         self.kind: FilterKind = filter_kind(WITHOUT_BARO) if self.fell_back else kind
         self.events: list[FilterEvent] = []
         self.channel_events: list[height_layout.Event] = []
-        self._start_nav = start.nav.copy()
         self._output = output
         self._store = store
         damping = settings.damping

@@ -110,7 +110,6 @@ D_RATIO = 24
 DIAGNOSTICS = 30
 
 # --- a row of output ----------------------------------------------------------------------
-O_NAV = 0
 O_RATE = NAV_SIZE
 O_FORCE = NAV_SIZE + 3
 O_CORRECTION = NAV_SIZE + 6
