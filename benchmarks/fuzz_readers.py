@@ -46,7 +46,7 @@ def read_everything(path: Path, salvage: bool, info: bool) -> int:
     """
     import numpy as np
 
-    from sinstool.config import InputOptions
+    from sinstool.config import InputOptions, ProcessConfig
     from sinstool.io.readers import open_log
     from sinstool.io.readers.message_types import PRESSURE_TYPE
     from sinstool.io.readers.streams import ImuUnits, Losses, read_imu, read_pressure
@@ -70,7 +70,7 @@ def read_everything(path: Path, salvage: bool, info: bool) -> int:
         for channels in topics_of_type(log, PRESSURE_TYPE).values():
             for _ in read_pressure(log, channels, Losses()):
                 pass
-    inspect(path, InputOptions(salvage=salvage))
+    inspect(path, ProcessConfig(input=InputOptions(salvage=salvage)))
     return count
 
 

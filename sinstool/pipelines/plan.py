@@ -27,6 +27,8 @@ from sinstool.survey.source import Source, has_gnss
 if TYPE_CHECKING:
     from sinstool.pipelines.process.ins_gnss.filter_start import FilterStart
 
+LABELS = {"imu_topic": "Imu topic", "imu_grade": "IMU grade"}
+
 
 @dataclass(frozen=True)
 class Choice:
@@ -112,7 +114,7 @@ class Plan:
     def rows(self) -> list[tuple[str, str]]:
         """The choices as pairs of what and how, each with the option that chooses otherwise."""
         return [
-            (name.replace("_", " "), f"{choice} ({choice.option})")
+            (LABELS.get(name, name.replace("_", " ")), f"{choice} ({choice.option})")
             for name, choice in self.choices.items()
         ]
 

@@ -1,39 +1,39 @@
 """Tables of the page of a run: each number stands in the column that names it."""
 
+from types import SimpleNamespace
+
+from sinstool.methods.ins_gnss.withheld import Outage
+from sinstool.pipelines.process.summary import TurntableStretch, WithheldScores
 from sinstool.report.pages import process as process_report
 
 T0 = 1_700_000_000_000_000_000
-SUMMARY = {
-    "imu": {"first_ns": str(T0)},
-    "filter": {
-        "withheld": {
-            "outages": [
-                {
-                    "start_ns": str(T0 + 12_340_000_000),
-                    "duration_s": 10.0,
-                    "epochs": 51,
-                    "largest_horizontal_m": 3.5,
-                    "largest_vertical_m": 2.5,
-                    "largest_in_sigmas": 1.5,
-                }
-            ]
-        }
-    },
-    "hse": {
-        "segments": [
-            {
-                "start_ns": str(T0 + 500_000_000),
-                "rate_deg_s": -60.0,
-                "turns": 8.0,
-                "heading_raw_deg": 40.01,
-                "correction_arcsec": 36.0,
-                "sigma_correction_arcsec": 2.0,
-                "heading_deg": 40.0,
-                "sigma_heading_arcsec": 3.0,
-            }
-        ]
-    },
-}
+OUTAGE = Outage(
+    start_ns=T0 + 12_340_000_000,
+    duration_s=10.0,
+    epochs=51,
+    largest_horizontal_m=3.5,
+    largest_vertical_m=2.5,
+    largest_in_sigmas=1.5,
+)
+STRETCH = TurntableStretch(
+    start_ns=T0 + 500_000_000,
+    duration_s=48.0,
+    turns=8,
+    rate_deg_s=-60.0,
+    C23_rad=1e-5,
+    heading_raw_deg=40.01,
+    correction_arcsec=36.0,
+    sigma_correction_arcsec=2.0,
+    heading_deg=40.0,
+    sigma_heading_arcsec=3.0,
+    outside_rate=False,
+    outside_C23=False,
+)
+RESULT = SimpleNamespace(
+    imu=SimpleNamespace(first_ns=T0),
+    filter=SimpleNamespace(withheld=WithheldScores((OUTAGE,), 3.5)),
+    hse=SimpleNamespace(segments=(STRETCH,)),
+)
 
 
 def told(table):
@@ -42,7 +42,7 @@ def told(table):
 
 
 def test_withheld_fixes():
-    table = process_report._withheld(SUMMARY)
+    table = process_report._withheld(RESULT)
     assert told(table) == [
         [
             ("Outage", "from 12.3 s"),
@@ -53,11 +53,11 @@ def test_withheld_fixes():
             ("largest on an axis, sigma", 1.5),
         ]
     ]
-    assert process_report._withheld({"filter": None}) is None
+    assert process_report._withheld(SimpleNamespace(filter=None)) is None
 
 
 def test_stretches_at_constant_rate():
-    table = process_report._stretches(SUMMARY)
+    table = process_report._stretches(RESULT)
     assert told(table) == [
         [
             ("Stretch", "from 0.5 s"),
@@ -70,4 +70,4 @@ def test_stretches_at_constant_rate():
             ("sigma, arcsec", 3.0),
         ]
     ]
-    assert process_report._stretches({"hse": None}) is None
+    assert process_report._stretches(SimpleNamespace(hse=None)) is None
