@@ -117,7 +117,7 @@ def read(folder: Path, drive: Drive) -> Log:
     options = {"input": {"body_axes": drive.axes}, "navigation": {"imu_grade": "mems"}}
     config = build(ProcessConfig, options)
     with open_log(folder / drive.path) as log_file:
-        source = prepare(log_file, config, whole_gnss=True)
+        source = prepare(log_file, config)
         imu = samples(source, config)
     gnss = source.aiding.gnss
     assert gnss is not None

@@ -105,7 +105,7 @@ def case(request, tmp_path_factory):
     folder = tmp_path_factory.mktemp("case")
     log = MADE[request.param](folder) if request.param in MADE else real(request.param)
     output = folder / "out.mcap"
-    summary = process(log, output, ProcessConfig(navigation={"mode": "attitude"}))
+    summary = process(log, output, ProcessConfig(navigation={"mode": "attitude"})).to_json()
     ros = 1 if request.param in ROS1 else 2
     return Case(log, output, summary, ros, request.param in MADE)
 

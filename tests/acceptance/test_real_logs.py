@@ -38,7 +38,7 @@ OWN = {topic_of(name) for name in EMITS}
 
 
 def run(path, out, **groups):
-    return process(path, out, build(ProcessConfig, groups))
+    return process(path, out, build(ProcessConfig, groups)).to_json()
 
 
 def axes_of(path):

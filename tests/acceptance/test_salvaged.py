@@ -39,7 +39,7 @@ def test_salvaged_output_is_whole(tmp_path, compression, where):
         patched(path, at + 9 + (24 if where == "crc" else 1500), b"\x13\x57\x9b")
     out = tmp_path / "out.mcap"
     config = ProcessConfig(navigation={"mode": "attitude"}, input={"salvage": True})
-    summary = process(path, out, config)
+    summary = process(path, out, config).to_json()
     assert summary["lost"]["parts"]
     with out.open("rb") as stream:
         reader = make_reader(stream, validate_crcs=True)

@@ -35,7 +35,7 @@ def test_the_drive_itself_is_processed_in_every_mode(drive, tmp_path):
         told = {"navigation": {"mode": mode}, "output": {"emit": faulty.EMITS[mode].split(",")}}
         if mode == "ins":
             told["align"] = {"align": "level", **faulty.START}
-        summary = process(log, folder / "out.mcap", ProcessConfig(**told))
+        summary = process(log, folder / "out.mcap", ProcessConfig(**told)).to_json()
         assert faulty.check(log, folder / "out.mcap", summary) == []
         assert summary["output"]["attitudes"] > 2000
 
@@ -46,7 +46,9 @@ def test_a_check_that_sees(drive, tmp_path):
     from sinstool.pipelines.process.run import process
 
     log = faulty.write(drive, "mcap", tmp_path, np.random.default_rng(1))
-    summary = process(log, tmp_path / "out.mcap", ProcessConfig(navigation={"mode": "attitude"}))
+    summary = process(
+        log, tmp_path / "out.mcap", ProcessConfig(navigation={"mode": "attitude"})
+    ).to_json()
     (tmp_path / "later").mkdir()
     drive.stamp += 1
     try:
