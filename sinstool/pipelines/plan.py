@@ -231,7 +231,8 @@ def _why(alignment: Alignment, source: Source) -> str:
     if alignment.method == "gyrocompass":
         return f"as {rest}, the latitude is known and the gyros see the Earth's rotation"
     if alignment.method in IN_FLIGHT:
-        return "as motion and GNSS velocity show heading"
+        shown = "heading" if alignment.north_referenced else "tilt, and nothing shows north"
+        return f"as motion and GNSS velocity show {shown}"
     if rest:
         return f"as {rest} and nothing shows north"
     if alignment.method == "log":

@@ -99,7 +99,11 @@ def _aligned(source: Source, config: ProcessConfig) -> Alignment:
 
 
 def _north_seen(source: Source, config: ProcessConfig) -> Alignment | None:
-    """An attitude whose heading counts from north, where the log shows one by itself."""
+    """An attitude whose heading counts from north, where the log shows one by itself.
+
+    Of a vehicle that neither rests at first nor has an orientation in its log, the tilt by GNSS
+    velocity at least.
+    """
     grade, _ = sensor_grade(source, config)
     gnss, still = source.aiding.gnss, source.survey.lead_in
     if (
@@ -120,7 +124,10 @@ def _north_seen(source: Source, config: ProcessConfig) -> Alignment | None:
     except AlignmentError as exc:
         log_choice("alignment", f"not by GNSS velocity: {exc.message}")
         return None
-    if not moving.good:
+    survey = source.survey
+    oriented = survey.orientation is not None and not survey.orientation_constant
+    tilt_alone = moving.result.status == "level-only" and still is None and not oriented
+    if not moving.good and not tilt_alone:
         log_choice("alignment", f"not by GNSS velocity, which is {moving.result.status}")
         return None
     return _from_motion(moving, source, config)
