@@ -11,7 +11,6 @@ messages than another reader, an exception not of its own, takes 5 s or 500 MB.
 
 from __future__ import annotations
 
-import argparse
 import multiprocessing
 import resource
 import sys
@@ -26,6 +25,7 @@ from mcap.records import Message
 from mcap.stream_reader import StreamReader
 from rosbags.highlevel import AnyReader
 
+from benchmarks.common import parser
 from sinstool.core.errors import SinstoolError
 from sinstool.io.readers import open_log
 from tests.io.readers.damaged import CASES
@@ -115,7 +115,7 @@ def run(name: str, path: Path) -> tuple[int, str, float, float]:
 
 def main() -> int:
     """Print the table."""
-    argparse.ArgumentParser(description=__doc__.splitlines()[0]).parse_args()
+    parser(__doc__).parse_args()
     multiprocessing.set_start_method("fork")
     resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
     failed = 0

@@ -9,12 +9,12 @@ cut moves right; nothing but errors of ours may come out. Status 1 where that fa
 
 from __future__ import annotations
 
-import argparse
 import sys
 import tempfile
 import time
 from pathlib import Path
 
+from benchmarks.common import parser
 from sinstool.core.errors import SinstoolError
 from sinstool.io.readers import open_log
 from tests.helpers.logs import read_back
@@ -23,9 +23,7 @@ from tests.io.readers.cuts import LOGS, expected
 
 def main() -> int:
     """Cut, read, and print."""
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--step", type=int, default=1, help="bytes between cuts")
-    step = parser.parse_args().step
+    step = parser(__doc__, step=1).parse_args().step
     failed = False
     print("log                bytes    cuts  messages  falls  wrong  slowest, ms")
     for name, make in LOGS.items():

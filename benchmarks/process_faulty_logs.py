@@ -13,7 +13,6 @@ fail are kept in --keep. Needs the extra `test`.
 
 from __future__ import annotations
 
-import argparse
 import multiprocessing
 import shutil
 import sys
@@ -30,6 +29,7 @@ import numpy as np
 from mcap.reader import make_reader
 from mcap.writer import CompressionType, Writer
 
+from benchmarks.common import parser
 from tests.helpers.imulogs import (
     IMU,
     Message,
@@ -415,14 +415,10 @@ def _job(told: tuple[int, int, Path]) -> tuple[int, str, str]:
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
-    parser.add_argument("--count", type=int, default=300)
-    parser.add_argument("--seed", type=int, default=1)
-    parser.add_argument("--first", type=int, default=0, help="number of the first log")
-    parser.add_argument("--jobs", type=int, default=2)
-    parser.add_argument("--keep", type=Path, default=Path("faulty_logs"))
-    parser.add_argument("-v", "--verbose", action="store_true", help="say why logs are refused")
-    options = parser.parse_args(arguments)
+    made = parser(__doc__, count=300, seed=1, first=0, jobs=2)
+    made.add_argument("--keep", type=Path, default=Path("faulty_logs"))
+    made.add_argument("-v", "--verbose", action="store_true", help="say why logs are refused")
+    options = made.parse_args(arguments)
     outcomes: Counter[str] = Counter()
     told = [
         (options.seed, n, options.keep) for n in range(options.first, options.first + options.count)

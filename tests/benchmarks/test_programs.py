@@ -1,5 +1,6 @@
 """Every benchmark can be started, as a file or as a module, and says what it does."""
 
+import re
 import runpy
 import subprocess
 import sys
@@ -31,3 +32,12 @@ def test_both_ways_of_starting(start):
     )
     assert done.returncode == 0, done.stderr
     assert done.stdout.startswith("usage: every_cut.py")
+
+
+@pytest.mark.parametrize("name", PROGRAMS)
+def test_tests_are_found_when_started_as_a_file(name):
+    """The package `benchmarks`, once imported, is what makes `tests` importable."""
+    text = (ROOT / "benchmarks" / f"{name}.py").read_text()
+    imports = re.findall(r"^(?:from|import) (benchmarks|tests)\b", text, re.MULTILINE)
+    assert imports == sorted(imports)
+    assert "tests" not in imports or "benchmarks" in imports
