@@ -17,7 +17,7 @@ SHELL = ("", "sh", "bash")
 WHOLE = os.environ.get("SINSTOOL_EXAMPLES") == "whole"
 
 # What an example may find beside it.
-BESIDE = ("sample_data", "benchmarks", "docs", "docsite", "mkdocs.yml", "README.md")
+BESIDE = ("sample_data", "benchmarks", "tests", "docs", "docsite", "mkdocs.yml", "README.md")
 
 FENCE = re.compile(
     r"(?:^<!-- (?P<mark>(?:example|output): [^>]*|tests) -->\n)?"

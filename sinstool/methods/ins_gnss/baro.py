@@ -60,7 +60,8 @@ _D = POSITION + 2
 _VD = VELOCITY + 2
 
 LEAST_BARO_SIGMA = 0.05  # m, of a row: no barometer is free of noise
-JUMP_ROWS = 5  # differences turned down in a row, before the reference is said to have moved
+# Differences turned down in a row, before the reference is said to have moved
+JUMP_ROWS = np.int64(5)
 FAST_BARO = 0.05  # s: faster samples act on the covariance together, at the substep's end
 LEAST_BARO_GATE = 3.0  # m: samples closer than this are never unlikely
 JUMPS_APART = 30.0  # s between jumps of a barometer that is sound otherwise
@@ -71,12 +72,12 @@ DOUBT = 0.25  # of a jump
 def correction_row(m: Memory, model: Model) -> None:
     """The network's correction, which is known and ought to be 0."""
     a = model.where[I_CORRECTION]
-    clear_rows(m, 1)
+    clear_rows(m, layout.ONE_ROW)
     m.h[0, a] = 1.0
     m.nu[0] = m.channel[S_CORRECTION] - m.x[a]
     m.r[0] = model.parameters[layout.P_CORRECTION_VARIANCE]
-    project(m, 1)
-    apply_measurement(m, 1, 0.0)
+    project(m, layout.ONE_ROW)
+    apply_measurement(m, layout.ONE_ROW, 0.0)
 
 
 @numba.njit(cache=True, nogil=True)
@@ -97,13 +98,13 @@ def baro_difference(
     """
     b = model.where[I_BARO]
     number = m.numbers
-    clear_rows(m, 1)
+    clear_rows(m, layout.ONE_ROW)
     m.h[0, _D] = -1.0
     m.h[0, _VD] = age
     m.h[0, b] = -1.0
     m.nu[0] = difference + m.x[_D] - age * m.x[_VD] + m.x[b]
     m.r[0] = max(variance, LEAST_BARO_SIGMA * LEAST_BARO_SIGMA)
-    project(m, 1)
+    project(m, layout.ONE_ROW)
     limit = model.parameters[layout.P_BARO_GATE]
     if m.nu[0] * m.nu[0] > limit * limit * (m.s[0, 0] + m.r[0]):
         number[layout.N_ROW_STREAK] += 1.0
@@ -114,7 +115,7 @@ def baro_difference(
         number[layout.N_ROW_STREAK] = 0.0
         return False
     number[layout.N_ROW_STREAK] = 0.0
-    apply_measurement(m, 1, 0.0)
+    apply_measurement(m, layout.ONE_ROW, 0.0)
     return True
 
 
@@ -230,7 +231,7 @@ def network_sample(
         open_instant(m, model, stored, row, keep)
         difference = channel[S_INNOVATION] - par[layout.P_K4] * v_up
         used = baro_difference(
-            m, model, events, count, difference, 0.0, par[layout.P_BARO_WHITE], 1
+            m, model, events, count, difference, 0.0, par[layout.P_BARO_WHITE], layout.ONE_ROW
         )
         if not used:
             _after_jump(m, model)

@@ -18,6 +18,9 @@ FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
 
 ROWS = 6  # of a GNSS epoch
+# Of a single measurement. A literal 1 would be a type of its own to numba, and every function that
+# it is passed to would be compiled twice.
+ONE_ROW = np.int64(1)
 
 # --- numbers carried ----------------------------------------------------------------------
 N_STARTED = 0  # 1 after the first update
