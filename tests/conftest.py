@@ -1,6 +1,7 @@
 import signal
 import sys
 import threading
+import time
 
 import pytest
 from hypothesis import settings
@@ -8,6 +9,8 @@ from hypothesis import settings
 from sinstool.cli import main as main_module
 from tests.helpers import compiled
 from tests.helpers.paths import ROOT
+
+BEGUN = time.monotonic()
 
 # The first call of a compiled loop takes seconds; a deadline would call that a failure.
 settings.register_profile("compiled", deadline=None)
@@ -20,6 +23,20 @@ if threading.current_thread() is threading.main_thread():
         number = getattr(signal, name, None)
         if number is not None and signal.getsignal(number) is signal.SIG_IGN:
             signal.signal(number, usual)
+
+
+def pytest_addoption(parser):
+    parser.addoption(
+        "--seconds",
+        type=float,
+        default=float("inf"),
+        help="Skip the tests that have not begun after so many seconds.",
+    )
+
+
+def pytest_runtest_setup(item):
+    if time.monotonic() - BEGUN > item.config.getoption("seconds"):
+        pytest.skip("no time was left for it (--seconds)")
 
 
 def pytest_sessionstart(session):

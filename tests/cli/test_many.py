@@ -84,6 +84,7 @@ def test_salvaged_is_lost(sinstool, logs, tmp_path):
     ]
 
 
+@pytest.mark.slow
 def test_a_rerun_makes_only_what_is_not_there(sinstool, logs, tmp_path):
     out = tmp_path / "out"
     arguments = ["process", logs / "*" / "run.mcap", "-o", out, "-j", 1]
@@ -102,6 +103,7 @@ def test_a_rerun_makes_only_what_is_not_there(sinstool, logs, tmp_path):
     assert (out / "a" / "run.mcap").stat().st_mtime_ns != before["a/run.mcap"]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("what", ["configuration", "foreign", "cut", "3 bytes", "log", "version"])
 def test_another_output_is_refused_for_that_log_only(sinstool, logs, tmp_path, what, monkeypatch):
     folder, out = tmp_path / "in", tmp_path / "out"
@@ -146,6 +148,7 @@ def test_another_output_is_refused_for_that_log_only(sinstool, logs, tmp_path, w
     assert read_record(changed)["input_name"] == "a.mcap"
 
 
+@pytest.mark.slow
 def test_a_page_for_each(sinstool, logs, tmp_path):
     out, pages = tmp_path / "out", tmp_path / "pages"
     arguments = ["process", logs / "*" / "run.mcap", "-o", out, "--report", pages, "-j", 2]
@@ -160,6 +163,7 @@ def test_a_page_for_each(sinstool, logs, tmp_path):
     assert status == 2 and "give a folder" in err
 
 
+@pytest.mark.slow
 def test_what_is_chosen_is_told_log_by_log(sinstool, logs, tmp_path):
     given = logs / "*" / "run.mcap"
     status, _, err = sinstool("process", given, "-o", tmp_path / "out", "-j", 2, "-v")
@@ -244,6 +248,7 @@ def test_odd_entries_of_a_folder_stop_nothing(sinstool, logs, tmp_path):
         assert len(files(out)) == 1
 
 
+@pytest.mark.slow
 def test_compare_coning(sinstool, logs, tmp_path):
     tables = tmp_path / "tables"
     chosen = ("--algorithms", "previous-3,optimal-2", "--decimate", "1", "-j", 2)
@@ -287,6 +292,7 @@ def test_calibrate_hse_is_the_same_by_two(sinstool, tmp_path):
     assert "a-*.mcap" not in told
 
 
+@pytest.mark.slow
 def test_monte_carlo(sinstool, tmp_path):
     scenario = ("simulate", "static", "--duration", 2, "--grade", "mems", "--seed", 7)
     assert sinstool(*scenario, "-o", tmp_path / "two", "--monte-carlo", 3, "-j", 2)[0] == 0
@@ -422,6 +428,7 @@ def test_workers_do_not_outlive_a_killed_run(large, expected, tmp_path):
     assert all(not p.name.startswith(".") for p in tmp_path.iterdir())
 
 
+@pytest.mark.slow
 def test_align_over_realisations(sinstool, tmp_path):
     """With errors as large as the accelerometers' biases make them, and the answers of one log."""
     made = ("--monte-carlo", 3, "-j", 1, "--grade", "tactical", "--duration", 40)

@@ -240,6 +240,7 @@ def test_a_closed_pipe_is_no_failure(arguments):
 # -- what is asked for is written together --------------------------------------------------------
 
 
+@pytest.mark.slow
 def test_everything_appears(tmp_path, command):
     arguments, expected = command(tmp_path)
     done = run(*arguments)
@@ -304,6 +305,7 @@ def test_together_or_not_at_all(tmp_path, error):
 # -- places ---------------------------------------------------------------------------------------
 
 
+@pytest.mark.slow
 def test_a_link_stays_one_and_what_it_leads_to_is_written(tmp_path):
     (tmp_path / "disk").mkdir()
     out, real = tmp_path / "out.mcap", tmp_path / "disk" / "real.mcap"
@@ -324,6 +326,7 @@ def test_a_device_is_no_output():
     assert not Path("/dev/null").is_file()
 
 
+@pytest.mark.slow
 def test_a_folder_that_may_only_be_read(small_disk):
     remount = ["mount", "-o", "remount,ro", str(small_disk)]
     subprocess.run(remount, check=True)
@@ -347,6 +350,7 @@ def test_a_folder_without_permission(tmp_path, command):
     assert names(tmp_path / "locked") == []
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("length", [255, 256, 5000])
 def test_long_names(tmp_path, length):
     out = tmp_path / ("x" * (length - 5) + ".mcap")

@@ -165,6 +165,7 @@ def test_an_hour_undamped_by_a_metre(tmp_path):
     assert ends[1] - ends[0] == pytest.approx(np.cosh(np.sqrt(3.08e-6) * 1200.0), rel=0.01)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("kind", ["rate", "mean-rate", "increment"])
 def test_damped_spiral_meets_the_truth(tmp_path, kind):
     log, out = tmp_path / "log.mcap", tmp_path / "out.mcap"

@@ -95,6 +95,7 @@ def outages(first, length, period, end):
     return told
 
 
+@pytest.mark.slow
 def test_rtk_drive(tmp_path):
     log = real("rtk_drive/rtk_drive_mems_100hz.mcap")
     hidden = outages(40.0, 15.0, 45.0, 545.0)
@@ -111,6 +112,7 @@ def test_rtk_drive(tmp_path):
     assert scores["filter"]["rms_of_largest_horizontal_m"] < 8.0  # published: 7.4
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("name", "settle"),
     [("yk_urban_short_turn_loop_nominal_002", 60.0), ("yk_urban_stop_go_large_mount_001", 150.0)],

@@ -79,6 +79,7 @@ def test_one_plan_for_every_scenario(tmp_path, scenario):
         assert choice.reason and choice.option.startswith("--"), name
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("path", REAL)
 def test_one_plan_for_every_real_log(tmp_path, path):
     agree(real(path), tmp_path, **({"body_axes": "frd"} if path.startswith("px4") else {}))

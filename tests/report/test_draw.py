@@ -93,6 +93,7 @@ def test_unit():
     assert unit("number") == ""
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("suffix", FORMATS)
 @pytest.mark.parametrize("figure", figures(), ids=lambda figure: figure.key)
 def test_figure_for_a_paper(tmp_path, figure, suffix):

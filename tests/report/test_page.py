@@ -210,6 +210,7 @@ def test_contrast(theme):
     assert all(contrast(f"curve-{k}", "page") > 3.0 for k in range(10))
 
 
+@pytest.mark.slow
 def test_an_hour_stays_below_ten_megabytes(tmp_path):
     t = np.arange(3600 * 400) / 400.0
     # Far from zero, so that nothing can be written short; 60 curves

@@ -94,6 +94,7 @@ def test_the_flight_has_the_published_dynamics(flight):
     assert 900.0 < largest(np.linalg.norm(flight.velocity_n, axis=1), 0, 40) < 950.0
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("where", [{}, DATE_LINE, SOUTH], ids=["default", "date line", "south"])
 def test_attitude_and_velocity_agree_with_the_increments(where):
     flight = launch(**where)

@@ -63,6 +63,7 @@ def messy(path):
     return write_log(path, rows)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("increments", [False, True])
 def test_blocks_do_not_matter(tmp_path, increments):
     path = messy(tmp_path / "a.mcap")

@@ -338,6 +338,7 @@ def test_magic_alone_and_header_alone(tmp_path):
             assert read_back(log) == []
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("shape", ["zstd", "none", "unchunked"])
 def test_cut_at_every_byte(tmp_path, shape):
     path = write_mcap(
@@ -362,6 +363,7 @@ def test_cut_at_every_byte(tmp_path, shape):
     assert most == len(rows(6))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("shape", ["zstd", "lz4", "unchunked", "no summary"])
 @given(seed=st.integers(0, 2**32))
 @settings(max_examples=60, deadline=None)
@@ -382,6 +384,7 @@ def test_flipped_bits_give_an_error_of_ours_or_nothing(tmp_path_factory, shape, 
                 assert "\n" not in str(exc)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("compression", ["zstd", "lz4", "none"])
 def test_no_flipped_bit_of_a_file_with_crcs_goes_unseen(tmp_path, compression):
     path = write_mcap(tmp_path / "a.mcap", rows(12), chunk_size=1500, compression=compression)

@@ -257,6 +257,7 @@ def test_sizes_that_lie_cost_no_memory(tmp_path, compression):
                 assert log.lost[0].offset == at
 
 
+@pytest.mark.slow
 def test_a_chunk_that_swells_is_stopped(tmp_path):
     path = unindexed(write_bag1(tmp_path / "a.bag", content(3)))
     bomb = bz2.compress(bytes(2**26))
@@ -327,6 +328,7 @@ def test_a_message_without_its_time_is_damage_not_an_endless_walk(tmp_path):
         assert read_back(log) == [*content(3), content()[0]]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("compression", COMPRESSIONS)
 def test_cut_at_every_byte(tmp_path, compression):
     path = write_bag1(tmp_path / "a.bag", content(6), compression, 700)

@@ -200,6 +200,7 @@ def test_moved_while_it_aligns():
     assert np.abs(off[:, 2]).max() < 1.2 * DEGREE
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("scale", [1.0, 0.05])
 def test_rocking_base(scale):
     """Without any rest, gravity seen in inertial axes shows heading; never better than said."""

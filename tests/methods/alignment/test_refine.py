@@ -1,6 +1,7 @@
 from dataclasses import replace
 
 import numpy as np
+import pytest
 
 from sinstool.core import rotation
 from sinstool.methods.alignment import refine as module
@@ -83,6 +84,7 @@ def nees(cases):
     return np.mean([e @ np.linalg.solve(p, e) / 3.0 for e, p in cases])
 
 
+@pytest.mark.slow
 def test_covariance_is_honest_and_small():
     # Constant biases and scale factors, 24 flights: normalised errors have mean 1, here with
     # three of them per flight, 1 +- 0.17. At the end and, run backward, at the start.

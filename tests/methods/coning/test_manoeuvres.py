@@ -68,6 +68,7 @@ def errors():
     return {key: np.sqrt(np.mean(np.square(values))) for key, values in found.items()}
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("column", COLUMNS)
 @pytest.mark.parametrize("label", [label for label, row in TABLE.items() if row[2]])
 def test_orders_of_magnitude(errors, label, column):

@@ -120,6 +120,7 @@ def test_order_of_the_runs_does_not_matter():
     assert other.F_lof == pytest.approx(one.F_lof, rel=1e-6)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("kind", ["heading", "joint", "drift", "equal", "paper"])
 def test_covariance_is_that_of_many_simulations(kind):
     """Formal deviations of estimates, with runs of unequal weight, against 400 noisy copies."""

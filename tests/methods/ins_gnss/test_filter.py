@@ -93,6 +93,7 @@ def replace_increments(increments, rows):
     return type(increments)(*(c[rows] for c in vars(increments).values()))
 
 
+@pytest.mark.slow
 def test_parts_left_out_are_as_if_they_were_known(flown):
     exact = replace(IMU, accel_scale=0.0)
     _, a = flown.run(flown.told("markov-24", imu=exact))

@@ -103,6 +103,7 @@ def with_gaps(imu):
     return imu.rows(~out)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("kind", "coning"),
     [

@@ -31,6 +31,7 @@ def at_rest(latitude, height, seconds, interval, q_nb=ATTITUDE):
 # --- against simulated truth ---------------------------------------------------------------
 
 
+@pytest.mark.slow
 def test_spiral_climb_of_an_hour():
     flight = spiral_climb(3600.0, 128.0)
     found, errors = flying.fly(flight)
@@ -133,6 +134,7 @@ def force_integral(t):
     )
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("latitude", "longitude"), [(-0.9, 3.1415), (1.57, -2.0)], ids=str)
 def test_integration_in_earth_axes(latitude, longitude):
     # Tumbling with specific forces that do not care about gravity: some 20 km in 60 s. The

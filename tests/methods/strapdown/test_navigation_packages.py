@@ -51,6 +51,7 @@ def lacking_gravity(latitude, height):
     return lack
 
 
+@pytest.mark.slow
 @pytest.mark.filterwarnings("ignore:The copy keyword")
 def test_difference_is_their_gravity(flight):
     truth = ecef(flight.latitude, flight.longitude, flight.height)[1:]

@@ -73,6 +73,7 @@ def calibrations(draw):
     )
 
 
+@pytest.mark.slow
 @settings(max_examples=60)
 @given(calibrations())
 def test_text_gives_back_every_bit(cal):

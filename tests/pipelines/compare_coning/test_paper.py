@@ -77,6 +77,7 @@ def end_error_deg(algorithm, noise_frequency, response, phase="consistent", feed
 # --- the machinery ---------------------------------------------------------------------------
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("key", "frequency", "phase"),
     [

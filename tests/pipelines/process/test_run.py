@@ -549,6 +549,7 @@ def test_out_of_order_and_duplicates_are_as_if_they_were_not(tmp_path):
 # -- blocks ----------------------------------------------------------------------------------
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("name", "kind"),
     [
@@ -578,6 +579,7 @@ def test_files_do_not_depend_on_blocks(tmp_path, monkeypatch, name, kind):
     assert len(written) == 1
 
 
+@pytest.mark.slow
 @settings(max_examples=40)
 @given(
     name=st.sampled_from(names()),

@@ -31,6 +31,7 @@ def test_a_start_less_its_error(name):
     assert np.allclose(found.covariance_attitude_n, np.eye(3))
 
 
+@pytest.mark.slow
 def test_fixes_that_begin_late(tmp_path):
     log = simulated(
         tmp_path / "late.mcap", "drive", "--grade", "tactical", "--seed", "4", "--duration", "180",

@@ -52,6 +52,7 @@ def test_drive_is_known_as_well_as_it_says(drive):
     assert mean < 4.0 and most < 4.5  # one error of GNSS that lasts is one draw, not many
 
 
+@pytest.mark.slow
 def test_smoothing_is_better_and_serves_the_beginning_too(drive):
     off, smooth_off = {}, {}
     for smooth, into in ((False, off), (True, smooth_off)):
@@ -113,6 +114,7 @@ def test_outages_are_bridged_and_scored(flight):
     assert smooth < 0.5 * velocity
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("options", "kind", "words"),
     [
@@ -156,6 +158,7 @@ def test_without_velocity_a_start_is_found_from_positions(tmp_path):
     assert rms(off["attitude"][0]) < np.radians(8.0)
 
 
+@pytest.mark.slow
 def test_part_of_a_log_and_given_attitudes(drive):
     told, solution = run(
         drive, gnss=ARM, input={"start": "40", "end": "160"}, filter={"smooth": True}
