@@ -84,9 +84,7 @@ def fly(
     if network is not None and heights is not None:
         parameters = layout.new_parameters(network, "navigation")
         none = np.zeros(len(heights[0]), np.int64)
-        reference = HeightReference(
-            "baro", "", heights[0], heights[0], heights[1], none, 0.0, None, True
-        )
+        reference = HeightReference("baro", "", heights[0], heights[1], none, 0.0, None)
     settings = InsSettings(
         algorithm=algorithm("previous-3"),
         gyro_kind="mean-rate",

@@ -8,7 +8,7 @@ header stamp unless that is unusable); ``log_time_ns`` is when the recorder rece
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, fields, is_dataclass
+from dataclasses import dataclass, is_dataclass
 from typing import Any, TypeVar
 
 import numpy as np
@@ -53,10 +53,6 @@ class Stream:
     def rows(self: S, which: slice | np.ndarray) -> S:
         """Rows by slice, mask or index array."""
         return take_rows(self, which)
-
-    def _columns(self) -> dict[str, np.ndarray]:
-        values = ((f.name, getattr(self, f.name)) for f in fields(self))
-        return {name: value for name, value in values if value is not None}
 
 
 @dataclass(frozen=True)
@@ -258,18 +254,20 @@ class Diagnostics(Stream):
     values: np.ndarray
 
 
-def concatenate(parts: Sequence[S]) -> S:
-    """Join streams of one kind, in order.
+def concatenate(parts: Sequence[R]) -> R:
+    """Join streams, or other dataclasses of arrays, of one kind in order.
 
     Parameters
     ----------
     parts : sequence of Stream
-        At least one.
+        At least one. Fields that are None stay so.
     """
     if len(parts) == 1:
         return parts[0]
     first = parts[0]
     columns: dict[str, Any] = {
-        name: np.concatenate([getattr(p, name) for p in parts]) for name in first._columns()
+        name: np.concatenate([getattr(part, name) for part in parts])
+        for name, column in vars(first).items()
+        if column is not None
     }
     return type(first)(**columns)

@@ -21,8 +21,7 @@ from sinstool.methods.coning.algorithm import ConingAlgorithm
 from sinstool.pipelines.align.first_attitude import align
 from sinstool.survey.coning import choose_algorithm, coning_reason
 from sinstool.survey.grade import sensor_grade
-from sinstool.survey.interval import nominal_interval
-from sinstool.survey.source import Source, has_gnss
+from sinstool.survey.source import Source, has_gnss, nominal_interval
 
 if TYPE_CHECKING:
     from sinstool.pipelines.process.ins_gnss.filter_start import FilterStart
@@ -127,7 +126,7 @@ def make_plan(source: Source, config: ProcessConfig) -> Plan:
     AlignmentError, TopicError, ConfigurationError, DataError
         What the configuration asks for cannot be had from the log.
     """
-    grade, why = sensor_grade(source, config)
+    grade = sensor_grade(source, config)
     mode, filter_start, findings = _mode(source, config)
     alignment = None if filter_start is not None else align(source, config)
     first = _first_attitude(source, config, alignment, filter_start)
@@ -136,7 +135,7 @@ def make_plan(source: Source, config: ProcessConfig) -> Plan:
         imu_topic=Choice(source.imu_topic.topic, source.imu_topic.reason, "--imu-topic"),
         mode=mode,
         first_attitude=first,
-        imu_grade=Choice(grade, why, "--imu-grade"),
+        imu_grade=Choice(grade.grade, grade.why, "--imu-grade"),
         coning=Choice(config.coning.coning, coning_reason(algorithm, config), "--coning"),
         height_reference=_height_reference(config, filter_start),
         _algorithm=algorithm,
@@ -151,13 +150,13 @@ def make_plan(source: Source, config: ProcessConfig) -> Plan:
 
 def fixed_plan(source: Source, config: ProcessConfig) -> Plan:
     """The plan of `align` with a method: it is tried there, and nothing else is."""
-    grade, why = sensor_grade(source, config)
+    grade = sensor_grade(source, config)
     untried = "as the method is configured"
     return Plan(
         imu_topic=Choice(source.imu_topic.topic, source.imu_topic.reason, "--imu-topic"),
         mode=Choice("not chosen", untried, "--mode"),
         first_attitude=Choice(config.align.align, "as configured", "--method"),
-        imu_grade=Choice(grade, why, "--imu-grade"),
+        imu_grade=Choice(grade.grade, grade.why, "--imu-grade"),
         coning=Choice("not chosen", untried, "--coning"),
         height_reference=Choice("none", "as no height is damped", "--height-damping"),
     )

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 
 from sinstool.config import ProcessConfig
@@ -9,6 +11,14 @@ from sinstool.core.timeline import SECOND
 from sinstool.core.units import DEGREE_PER_ROOT_HOUR
 from sinstool.methods.sensor_errors import Grade, grade_by_noise
 from sinstool.survey.source import Source
+
+
+@dataclass(frozen=True)
+class ImuGrade:
+    """The IMU's grade, and why it was taken for that."""
+
+    grade: Grade
+    why: str
 
 
 def random_walk(source: Source) -> float | None:
@@ -22,7 +32,7 @@ def random_walk(source: Source) -> float | None:
     return float(longest.gyro_std / np.sqrt(3.0) * np.sqrt(step))
 
 
-def sensor_grade(source: Source, config: ProcessConfig) -> tuple[Grade, str]:
+def sensor_grade(source: Source, config: ProcessConfig) -> ImuGrade:
     """Grade of the IMU, and why.
 
     Without a rest to judge by the sensors are taken for MEMS: too much caution costs accuracy,
@@ -30,9 +40,9 @@ def sensor_grade(source: Source, config: ProcessConfig) -> tuple[Grade, str]:
     """
     configured = config.navigation.imu_grade
     if configured != "auto":
-        return configured, "as configured"
+        return ImuGrade(configured, "as configured")
     walk = random_walk(source)
     if walk is None:
-        return "mems", "assumed, as the log shows no rest"
+        return ImuGrade("mems", "assumed, as the log shows no rest")
     shown = walk / DEGREE_PER_ROOT_HOUR
-    return grade_by_noise(walk), f"by its gyro noise at rest, {shown:.2g} deg/sqrt(h)"
+    return ImuGrade(grade_by_noise(walk), f"by its gyro noise at rest, {shown:.2g} deg/sqrt(h)")

@@ -11,8 +11,7 @@ from sinstool.core.timeline import segments
 from sinstool.methods.coning.algorithm import ConingAlgorithm
 from sinstool.methods.strapdown.segment_samples import SampleSettings, SegmentSamples
 from sinstool.methods.strapdown.velocity import Increments, IncrementStage
-from sinstool.survey.interval import nominal_interval
-from sinstool.survey.source import Source, rate_blocks
+from sinstool.survey.source import Source, nominal_interval, rate_blocks
 
 
 class SegmentIncrements:

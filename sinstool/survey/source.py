@@ -14,7 +14,7 @@ from sinstool.core.choices import log_choice
 from sinstool.core.errors import DataError, TopicError
 from sinstool.core.finding import Finding, Severity
 from sinstool.core.streams import Imu
-from sinstool.core.timeline import Order, mean_rates, ordered, reblock
+from sinstool.core.timeline import SECOND, Order, mean_rates, ordered, reblock
 from sinstool.core.units import DEGREE, STANDARD_GRAVITY
 from sinstool.io.readers.log import Log
 from sinstool.io.readers.message_types import FIX_TYPE, VELOCITY_TYPES
@@ -318,9 +318,14 @@ def _position(
     )
 
 
+def nominal_interval(source: Source, config: ProcessConfig) -> float:
+    """Interval of the Imu's samples, ns: as configured, else the median of the log."""
+    rate = config.input.imu_rate
+    return (source.survey.interval_ns if rate is None else SECOND / rate) or SECOND
+
+
 def imu_blocks(
     source: Source,
-    config: ProcessConfig,
     start_ns: int,
     progress: Callable[[int], None] | None = None,
     rows: int = BLOCK_ROWS,
@@ -354,7 +359,7 @@ def rate_blocks(
 
     ``nominal_ns`` is the interval of samples that follow a gap or nothing.
     """
-    blocks = imu_blocks(source, config, start_ns, progress)
+    blocks = imu_blocks(source, start_ns, progress)
     if config.input.gyro_kind != "increment":
         return blocks
     return mean_rates(blocks, nominal_ns, source.survey.max_gap_ns, config.input.imu_rate)

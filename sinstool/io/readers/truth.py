@@ -24,7 +24,7 @@ PATHS = {
 CSV_COLUMNS = ("qw", "qx", "qy", "qz")
 
 
-def read_truth(log: Log, truth: str, body_axes: str) -> tuple[np.ndarray, np.ndarray, str]:
+def read_truth(log: Log, truth: str, body_axes: str) -> tuple[np.ndarray, np.ndarray]:
     """Times and attitudes of a reference.
 
     Parameters
@@ -42,8 +42,6 @@ def read_truth(log: Log, truth: str, body_axes: str) -> tuple[np.ndarray, np.nda
     time_ns : ndarray of int64, shape (k,)
         Increasing.
     q_nb : ndarray, shape (k, 4)
-    where : str
-        The topic or file.
 
     Raises
     ------
@@ -64,7 +62,7 @@ def read_truth(log: Log, truth: str, body_axes: str) -> tuple[np.ndarray, np.nda
     if len(time_ns) < 2:
         raise LogError(log.path, f"--truth {truth} holds fewer than two attitudes")
     q = q[good][first]
-    return time_ns, q_nb_from_log(q / np.linalg.norm(q, axis=1)[:, None], body_axes), truth
+    return time_ns, q_nb_from_log(q / np.linalg.norm(q, axis=1)[:, None], body_axes)
 
 
 def _from_topic(log: Log, topic: str) -> tuple[np.ndarray, np.ndarray]:

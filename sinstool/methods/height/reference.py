@@ -19,8 +19,6 @@ class HeightReference:
     kind : {'baro', 'gnss'}
     time_ns : ndarray of int64, shape (m,)
         When measured, in the order of arrival.
-    arrival_ns : ndarray of int64, shape (m,)
-        When known, on the same clock.
     height : ndarray, shape (m,)
         Above the ellipsoid as far as the reference says, m.
     reason : ndarray of int64, shape (m,)
@@ -28,16 +26,17 @@ class HeightReference:
     sigma : float
         Median of what the sensor says of its own noise, m; 0 where it says nothing.
     baro : BaroReference or None
-    absolute : bool
-        The heights are above the ellipsoid; otherwise they begin at the run's own.
     """
 
     kind: Literal["baro", "gnss"]
     topic: str
     time_ns: np.ndarray
-    arrival_ns: np.ndarray
     height: np.ndarray
     reason: np.ndarray
     sigma: float
     baro: BaroReference | None
-    absolute: bool
+
+    @property
+    def arrival_ns(self) -> np.ndarray:
+        """When samples are used, shape (m,): in the order of the stamps they were sorted by."""
+        return np.asarray(np.maximum.accumulate(self.time_ns))

@@ -104,7 +104,7 @@ def _north_seen(source: Source, config: ProcessConfig) -> Alignment | None:
     Of a vehicle that neither rests at first nor has an orientation in its log, the tilt by GNSS
     velocity at least.
     """
-    grade, _ = sensor_grade(source, config)
+    grade = sensor_grade(source, config).grade
     gnss, still = source.aiding.gnss, source.survey.lead_in
     if (
         still is not None
@@ -154,7 +154,7 @@ def in_flight(
     AlignmentError
         It cannot be had: with the reasons.
     """
-    grade, _ = sensor_grade(source, config)
+    grade = sensor_grade(source, config).grade
     from sinstool.pipelines.align.in_motion import align_moving
 
     moving = align_moving(source, config, grade, method, "start", gnss)
@@ -262,7 +262,7 @@ def at_rest(source: Source, config: ProcessConfig) -> Alignment:
             f"{path}: --align gyrocompass: the log does not begin still",
             "choose a still beginning with --start, or use --align svd where there is GNSS",
         )
-    grade, _ = sensor_grade(source, config)
+    grade = sensor_grade(source, config).grade
     compassed = compass(source, config, grade)
     if compassed.status == "unobservable":
         raise AlignmentError(

@@ -42,7 +42,7 @@ from sinstool.pipelines.align.result import (
     plain_values,
 )
 from sinstool.pipelines.plan import Plan, fixed_plan, make_plan
-from sinstool.pipelines.process.summary import ImuGrade, ImuTime, Lost
+from sinstool.pipelines.process.summary import ImuTime, Lost
 from sinstool.survey.grade import sensor_grade
 from sinstool.survey.source import Source, prepare
 
@@ -99,7 +99,8 @@ def align_log(
         alignment = _align(source, config, _plan(source, config))
         if truth is None:
             return alignment
-        return _with_truth(alignment, source, read_truth(log, truth, config.input.body_axes))
+        times, q_nb = read_truth(log, truth, config.input.body_axes)
+        return _with_truth(alignment, source, truth, times, q_nb)
 
 
 def _plan(source: Source, config: ProcessConfig) -> Plan:
@@ -109,22 +110,21 @@ def _plan(source: Source, config: ProcessConfig) -> Plan:
 
 
 def _with_truth(
-    alignment: LogAlignment, source: Source, truth: tuple[np.ndarray, np.ndarray, str]
+    alignment: LogAlignment, source: Source, name: str, time_ns: np.ndarray, q_nb: np.ndarray
 ) -> LogAlignment:
     """The same, with its error against a reference."""
-    time_ns, q_nb, name = truth
-    result, answer, q_found = alignment.result, alignment.answer, alignment.q_nb
+    result, answer, aligned = alignment.result, alignment.answer, alignment.q_nb
     findings, error = result.findings, TruthError(name)
     if not time_ns[0] <= result.time_ns <= time_ns[-1]:
         text = f"{name} holds no attitude at the time of the answer"
         findings = (*findings, Finding("truth", text))
-    elif np.isfinite(q_found).all():
+    elif np.isfinite(aligned).all():
         true = at_times(time_ns, q_nb, np.array([result.time_ns]))
         if result.status in HEADING_KNOWN:
-            psi = errors(q_found[None], true)[0] / DEGREE
+            psi = errors(aligned[None], true)[0] / DEGREE
             error = TruthError(name, tuple(psi.tolist()), float(np.linalg.norm(psi)))
         else:
-            tilt = tilt_errors(q_found[None], true)[0] / DEGREE
+            tilt = tilt_errors(aligned[None], true)[0] / DEGREE
             error = TruthError(name, (*tilt.tolist(), None))
     course = None
     if isinstance(answer, InFlightAlignment) and answer.series is not None:
@@ -134,7 +134,7 @@ def _with_truth(
 
 
 def _align(source: Source, config: ProcessConfig, plan: Plan) -> LogAlignment:
-    grade, why = sensor_grade(source, config)
+    grade = sensor_grade(source, config)
     method = plan.first_attitude.value
     answer: InFlightAlignment | Gyrocompass | None = None
     span: tuple[int | None, int | None] = (None, None)
@@ -143,7 +143,7 @@ def _align(source: Source, config: ProcessConfig, plan: Plan) -> LogAlignment:
         when: str | int = at
         if at not in ("end", "start"):
             when = source.survey.first_ns + round(float(at) * SECOND)
-        moving = align_moving(source, config, grade, method, when)
+        moving = align_moving(source, config, grade.grade, method, when)
         answer = moving.result
         name, time_ns, span = answer.method, answer.t_ns, (answer.t_q_ns, answer.t_stop_ns)
         values = in_motion_values(
@@ -155,7 +155,7 @@ def _align(source: Source, config: ProcessConfig, plan: Plan) -> LogAlignment:
                 f"{source.path}: gyrocompassing needs a log that begins still, and a latitude",
                 "choose a still beginning with --start, give --latitude, or use --method svd",
             )
-        answer = compass(source, config, grade)
+        answer = compass(source, config, grade.grade)
         name, time_ns, span = method, answer.t_ns, (answer.t_start_ns, answer.t_ns)
         values = at_rest_values(answer)
     else:
@@ -182,7 +182,7 @@ def _align(source: Source, config: ProcessConfig, plan: Plan) -> LogAlignment:
         input=LogFile(str(source.path), source.log.size),
         plan=plan,
         imu=ImuTime.of(source),
-        imu_grade=ImuGrade(grade, why),
+        imu_grade=grade,
         status=status,
         method=name,
         time_ns=time_ns,

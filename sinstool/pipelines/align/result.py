@@ -16,7 +16,8 @@ from sinstool.methods.alignment.inflight import InFlightAlignment
 from sinstool.methods.alignment.inflight_types import SensorGrade
 from sinstool.methods.alignment.initial import Alignment
 from sinstool.pipelines.plan import Plan
-from sinstool.pipelines.process.summary import ImuGrade, ImuTime
+from sinstool.pipelines.process.summary import ImuTime
+from sinstool.survey.grade import ImuGrade
 
 SCHEMA = "sinstool.align/1"
 DEG_H = DEGREE / 3600.0

@@ -223,9 +223,9 @@ def _read(path: Path, config: ProcessConfig) -> _Read:
     with open_log(path, config.input.salvage) as log:
         source = prepare(log, config, gyro_only=True)
         stretches, interval = gyro_segments(source, config)
-        truth, truth_source = None, ""
+        truth = None
         if topic_or_file is not None:
-            times, q_nb, truth_source = read_truth(log, topic_or_file, config.input.body_axes)
+            times, q_nb = read_truth(log, topic_or_file, config.input.body_axes)
             truth = [truth_at(times, q_nb, stretch) for stretch in stretches]
             if max(len(t.sample) for t in truth) < 2:
                 raise DataError(
@@ -239,7 +239,7 @@ def _read(path: Path, config: ProcessConfig) -> _Read:
             stretches,
             interval,
             truth,
-            truth_source,
+            topic_or_file or "",
             source.survey,
             tuple(map(str, source.findings)),
             tuple(map(str, log.lost)),

@@ -16,11 +16,10 @@ from sinstool.pipelines.process.mode import (
     Mode,
     odometry_frames,
     require_gravity,
+    sample_settings,
     warned,
 )
-from sinstool.pipelines.process.sink import Sink
-from sinstool.pipelines.process.summary import ConingUsed, FirstAttitude, ModeResult
-from sinstool.survey.interval import nominal_interval
+from sinstool.pipelines.process.summary import ConingUsed, FirstAttitude, ModeResult, Sink
 from sinstool.survey.source import Source, imu_blocks
 
 
@@ -28,7 +27,7 @@ class AttitudeMode(Mode):
     """Attitude alone, and height where it is damped."""
 
     def __init__(self, source: Source, config: ProcessConfig, plan: Plan) -> None:
-        self._source, self._config, self._plan = source, config, plan
+        super().__init__(source, config, plan)
         self._vertical = None
         self.emits = ("imu", "attitude")
         if config.vertical.height_damping != "off":
@@ -38,23 +37,26 @@ class AttitudeMode(Mode):
             self._vertical = Vertical(source, config)
             self.emits = (*self.emits, "height")
         self.frames = odometry_frames(source, plan, config)
-        self._run = AttitudeRun(plan.alignment.q_nb, self._settings())
+        settings = AttitudeSettings(
+            **sample_settings(source, config, plan), omega_ie_n=earth_rate(source)
+        )
+        self._run = AttitudeRun(plan.alignment.q_nb, settings)
 
     def show(self, sink: Sink) -> None:
         """The heights that the vertical channel is held to."""
         if self._vertical is not None:
-            self._vertical.show(sink)
+            self._vertical.damping.show(sink)
 
     def solutions(self, progress: BytesRead | None) -> Iterator[Solution]:
         """Attitude at every update instant."""
-        blocks = imu_blocks(self._source, self._config, self._plan.alignment.time_ns, progress)
+        blocks = imu_blocks(self.source, self.plan.alignment.time_ns, progress)
         for solution in self._run.run(blocks):
             yield solution if self._vertical is None else self._vertical.push(solution)
 
     def conclude(self, last: Solution, sink: Sink | None) -> ModeResult:
         """The first attitude, the coning algorithm, the height, and what was odd."""
         settings, vertical = self._run.settings, self._vertical
-        alignment = self._plan.alignment
+        alignment = self.plan.alignment
         findings = list(warned("alignment", alignment.warnings))
         if vertical is not None:
             findings += warned("height", vertical.warnings())
@@ -67,26 +69,12 @@ class AttitudeMode(Mode):
                 f" {turned:.3g} deg during them"
             )
             findings.append(Finding("gaps", text, numbers={"rotation_deg": turned}))
-        if self._source.latitude is None:
+        if self.source.latitude is None:
             text = "no latitude is known, so the Earth's rate is not removed"
             findings.append(Finding("no-latitude", text, answer="give --latitude"))
         return ModeResult(
-            first_attitude=FirstAttitude.of(alignment, self._plan.first_attitude.reason),
+            alignment=FirstAttitude.of(alignment, self.plan.first_attitude.reason),
             coning=ConingUsed.of(settings.algorithm, settings.gyro_kind, self._run.updates),
             height=None if vertical is None else vertical.summary(),
             findings=tuple(findings),
-        )
-
-    def _settings(self) -> AttitudeSettings:
-        source, config, alignment = self._source, self._config, self._plan.alignment
-        still = source.survey.lead_in if alignment.bias_source == "still" else None
-        return AttitudeSettings(
-            algorithm=self._plan.algorithm,
-            gyro_kind=config.input.gyro_kind,
-            nominal_ns=nominal_interval(source, config),
-            max_gap_ns=source.survey.max_gap_ns,
-            gyro_bias=alignment.gyro_bias,
-            sample_rate=config.input.imu_rate,
-            still_until_ns=None if still is None else still.end_ns,
-            omega_ie_n=earth_rate(source),
         )

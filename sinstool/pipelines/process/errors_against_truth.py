@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -76,7 +76,7 @@ def read_references(log_: Log, names: tuple[str, ...], body_axes: str) -> Truth:
             what, (times, rows) = "velocity", _velocity(log_, channels)
         else:
             what = "attitude"
-            times, rows, _ = read_truth(log_, name, body_axes)
+            times, rows = read_truth(log_, name, body_axes)
         if what in references:
             raise TopicError(log_.path, f"--truth {name}: another one gives {what} already")
         good = np.isfinite(rows).all(axis=1)
@@ -130,22 +130,13 @@ class RunErrors:
                 yield name.partition("_")[0], unit, errors
 
 
-@dataclass
 class Errors:
-    """How far solutions are from the truth, collected as they stream by.
+    """How far solutions are from the truth, collected as they stream by."""
 
-    Attributes
-    ----------
-    count, square, largest, last : dict
-        By kind: instants compared; sums of squares, largest sizes and latest values of the
-        three components.
-    """
-
-    truth: Truth
-    count: dict[str, int] = field(default_factory=dict)
-    square: dict[str, np.ndarray] = field(default_factory=dict)
-    largest: dict[str, np.ndarray] = field(default_factory=dict)
-    last: dict[str, np.ndarray] = field(default_factory=dict)
+    def __init__(self, truth: Truth) -> None:
+        self.truth = truth
+        # By kind: instants compared; sums of squares, largest sizes and latest values by axis.
+        self._sums: dict[str, tuple[int, np.ndarray, np.ndarray, np.ndarray]] = {}
 
     def kinds(self, solution: Solution) -> list[str]:
         """What of a solution can be compared."""
@@ -169,77 +160,58 @@ class Errors:
             rad (the small rotation in NED from the true attitude to the one computed), m or
             m/s; NaN where no truth is near.
         """
-        held = getattr(self.truth, kind)
+        times, values = getattr(self.truth, kind)
         error = np.full((len(solution), 3), np.nan)
-        rows = _near(held[0], solution.time_ns)
+        rows = _near(times, solution.time_ns)
         if rows.any():
-            error[rows] = _error(kind, _part(held, solution.time_ns[rows]), solution.rows(rows))
-            good = error[rows]
-            none = np.zeros(3)
-            self.count[kind] = self.count.get(kind, 0) + len(good)
-            self.square[kind] = self.square.get(kind, none) + np.sum(good**2, axis=0)
-            self.largest[kind] = np.maximum(
-                self.largest.get(kind, none), np.max(np.abs(good), axis=0)
+            compared = solution.rows(rows)
+            part = _around(times, compared.time_ns)
+            error[rows] = good = _error(kind, times[part], values[part], compared)
+            count, square, largest, _ = self._sums.get(kind, (0, *np.zeros((3, 3))))
+            self._sums[kind] = (
+                count + len(good),
+                square + np.sum(good**2, axis=0),
+                np.maximum(largest, np.max(np.abs(good), axis=0)),
+                good[-1],
             )
-            self.last[kind] = good[-1]
         return error
 
     def summary(self) -> RunErrors:
         """Errors over the whole run."""
-        errors = {kind: self._of(kind, size) for kind, _, size in KINDS if kind in self.count}
-        return RunErrors(
-            tuple(self.truth.names),
-            errors.get("attitude"),
-            errors.get("position"),
-            errors.get("velocity"),
-        )
-
-    def _of(self, kind: str, size: float) -> AxisErrors:
-        rms = np.sqrt(self.square[kind] / self.count[kind])
-        return AxisErrors(
-            self.count[kind],
-            tuple((rms / size).tolist()),
-            tuple((self.largest[kind] / size).tolist()),
-            tuple((self.last[kind] / size).tolist()),
-        )
+        errors: dict[str, AxisErrors | None] = dict.fromkeys(kind for kind, _, _ in KINDS)
+        for kind, _, size in KINDS:
+            if kind in self._sums:
+                count, square, largest, last = self._sums[kind]
+                by_axis = np.stack([np.sqrt(square / count), largest, last]) / size
+                errors[kind] = AxisErrors(count, *(tuple(row) for row in by_axis.tolist()))
+        return RunErrors(self.truth.names, *errors.values())
 
 
-def _near(known_ns: np.ndarray, at_ns: np.ndarray) -> np.ndarray:
-    """Which times lie between two instants that are known and not far apart."""
-    after = np.searchsorted(known_ns, at_ns)
-    inside = (at_ns >= known_ns[0]) & (at_ns <= known_ns[-1])
-    after = np.clip(after, 1, len(known_ns) - 1)
-    apart = known_ns[after] - known_ns[after - 1]
-    return np.asarray(inside & ((apart <= LONGEST_NS) | (known_ns[after] == at_ns)))
+def _near(times: np.ndarray, at_ns: np.ndarray) -> np.ndarray:
+    """Which times lie between two instants of a reference that are not far apart."""
+    after = np.clip(np.searchsorted(times, at_ns), 1, len(times) - 1)
+    inside = (at_ns >= times[0]) & (at_ns <= times[-1])
+    apart = times[after] - times[after - 1]
+    return np.asarray(inside & ((apart <= LONGEST_NS) | (times[after] == at_ns)))
 
 
-def _part(
-    held: tuple[np.ndarray, np.ndarray], wanted_ns: np.ndarray
-) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """The stretch of a reference around times, and those."""
-    times, values = held
-    begin = int(np.searchsorted(times, wanted_ns[0], "right")) - 1
+def _around(times: np.ndarray, at_ns: np.ndarray) -> slice:
+    """The instants of a reference around times."""
+    begin = int(np.searchsorted(times, at_ns[0], "right")) - 1
     begin = min(max(0, begin), len(times) - 2)
-    end = max(int(np.searchsorted(times, wanted_ns[-1], "left")) + 1, begin + 2)
-    return times[begin:end], values[begin:end], wanted_ns
+    return slice(begin, max(int(np.searchsorted(times, at_ns[-1], "left")) + 1, begin + 2))
 
 
-def _error(
-    kind: str, part: tuple[np.ndarray, np.ndarray, np.ndarray], solution: Solution
-) -> np.ndarray:
-    times, values, instants = part
+def _error(kind: str, times: np.ndarray, values: np.ndarray, solution: Solution) -> np.ndarray:
     if kind == "attitude":
-        true = at_times(times, values, instants)
+        true = at_times(times, values, solution.time_ns)
         return log(multiply(solution.q_nb, conjugate(true)))
-    seconds, at = (times - times[0]) * 1e-9, (instants - times[0]) * 1e-9
-    if kind == "velocity":
-        assert solution.velocity_n is not None
-        true = np.stack([np.interp(at, seconds, column) for column in values.T], axis=1)
-        return np.asarray(solution.velocity_n - true)
-    assert solution.position is not None
-    values = values.copy()
-    values[:, 1] = np.unwrap(values[:, 1])
+    if kind == "position":
+        values = np.column_stack([values[:, 0], np.unwrap(values[:, 1]), values[:, 2]])
+    seconds, at = (times - times[0]) * 1e-9, (solution.time_ns - times[0]) * 1e-9
     true = np.stack([np.interp(at, seconds, column) for column in values.T], axis=1)
-    off = solution.position - true
+    if kind == "velocity":
+        return np.asarray(solution.velocity_n - true)
+    off = np.asarray(solution.position - true)
     north, east = horizontal_metres(off[:, 0], wrapped(off[:, 1]), true[:, 0], true[:, 2])
     return np.stack([north, east, -off[:, 2]], axis=1)

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+from collections import Counter
+from dataclasses import dataclass
+
 import numpy as np
 
 from sinstool.config import ProcessConfig
@@ -33,8 +36,9 @@ from sinstool.pipelines.process.summary import (
     FinalHeight,
     HeightDamping,
     HeightEvent,
-    ImuGrade,
+    Sink,
 )
+from sinstool.survey.grade import ImuGrade, sensor_grade
 from sinstool.survey.source import Source
 
 # Samples that a height at the start is tied to, s.
@@ -118,8 +122,8 @@ def height_reference(
     TopicError, DataError
         The log has no such heights, or none that can be used.
     """
-    options, barometer = config.vertical, source.aiding.barometer
-    if options.height_damping == "gnss":
+    barometer = source.aiding.barometer
+    if config.vertical.height_damping == "gnss":
         return _from_gnss(source), []
     if barometer.problem is not None:
         raise barometer.problem
@@ -146,20 +150,13 @@ def height_reference(
             "baro",
             barometer.topic,
             baro.time_ns,
-            _arrival(baro.time_ns),
             height,
             reason,
             float(np.median(positive)) if len(positive) else 0.0,
             reference,
-            reference.mode != "qnh" or options.undulation != 0.0,
         ),
         warnings,
     )
-
-
-def _arrival(time_ns: np.ndarray) -> np.ndarray:
-    """When samples are used: in the order of the stamps that the stream was sorted by."""
-    return np.asarray(np.maximum.accumulate(time_ns))
 
 
 def _baro_reference(
@@ -268,17 +265,7 @@ def _from_heights(source: Source, stream: BaroHeight) -> HeightReference:
     if not finite.any():
         raise DataError(source.path, f"topic {topic} holds no finite height")
     reason = np.where(finite, ACCEPTED, REASONS.index("not_finite")).astype(np.int64)
-    return HeightReference(
-        "baro",
-        topic,
-        stream.time_ns,
-        _arrival(stream.time_ns),
-        stream.height,
-        reason,
-        0.0,
-        None,
-        True,
-    )
+    return HeightReference("baro", topic, stream.time_ns, stream.height, reason, 0.0, None)
 
 
 def _from_gnss(source: Source) -> HeightReference:
@@ -297,52 +284,86 @@ def _from_gnss(source: Source) -> HeightReference:
         "gnss",
         source.aiding.fix_topic,
         rows.time_ns,
-        _arrival(rows.time_ns),
         rows.height,
         np.zeros(len(rows), np.int64),
         float(np.median(stated)) if len(stated) else 0.0,
         None,
-        True,
     )
 
 
-def height_summary(
-    reference: HeightReference,
-    damping: HeightNetwork,
-    channel: ChannelSummary,
-    events: list[Event],
-    first_ns: int,
-    final: np.ndarray,
-    grade: ImuGrade,
-) -> HeightDamping:
-    """What damped the height, how, and what happened.
+@dataclass(frozen=True)
+class Damping:
+    """What holds the height of a run.
+
+    Attributes
+    ----------
+    reference : HeightReference
+    network : HeightNetwork
+    grade : ImuGrade
+    """
+
+    reference: HeightReference
+    network: HeightNetwork
+    grade: ImuGrade
+
+    def show(self, sink: Sink) -> None:
+        """Give a sink the heights that could be used."""
+        reference = self.reference
+        good = reference.reason == ACCEPTED
+        sink.refer_height(reference.topic, reference.time_ns[good], reference.height[good])
+
+    def result(
+        self, channel: ChannelSummary, events: list[Event], first_ns: int, final: np.ndarray
+    ) -> HeightDamping:
+        """What damped the height, how, and what happened.
+
+        Parameters
+        ----------
+        events : list of Event
+            Times in s since ``first_ns``.
+        final : ndarray, shape (3,)
+            Height (m), vertical velocity (m/s) and correction (m/s^2) at the end.
+        """
+        baro = self.reference.baro
+        return HeightDamping(
+            damping=self.reference.kind,
+            topic=self.reference.topic,
+            tau_s=self.network.tau,
+            k4_s=self.network.k4,
+            gains=tuple(self.network.gains),
+            reference=None
+            if baro is None
+            else BarometerSetting(baro.mode, baro.offset, baro.scale),
+            samples=channel.samples,
+            seconds=channel.seconds,
+            phase=channel.phase,
+            difference_rms_m=channel.difference_rms,
+            offset_m=channel.offset,
+            final=FinalHeight(*final.tolist()),
+            events=tuple(
+                HeightEvent(e.kind, first_ns + round(e.time * 1e9), e.size, e.duration)
+                for e in events
+            ),
+            imu_grade=self.grade,
+        )
+
+
+def damping(
+    source: Source, config: ProcessConfig, latitude: float, start_height: float
+) -> tuple[Damping, list[str]]:
+    """What holds the height of a run without a filter, and what is doubtful about it.
 
     Parameters
     ----------
-    events : list of Event
-        Times in s since ``first_ns``.
-    final : ndarray, shape (3,)
-        Height (m), vertical velocity (m/s) and correction (m/s^2) at the end.
+    latitude : float
+        rad.
+    start_height : float
+        m.
     """
-    baro = reference.baro
-    return HeightDamping(
-        damping=reference.kind,
-        topic=reference.topic,
-        tau_s=damping.tau,
-        k4_s=damping.k4,
-        gains=tuple(damping.gains),
-        reference=None if baro is None else BarometerSetting(baro.mode, baro.offset, baro.scale),
-        samples=channel.samples,
-        seconds=channel.seconds,
-        phase=channel.phase,
-        difference_rms_m=channel.difference_rms,
-        offset_m=channel.offset,
-        final=FinalHeight(*(float(value) for value in final)),
-        events=tuple(
-            HeightEvent(e.kind, first_ns + round(e.time * 1e9), e.size, e.duration) for e in events
-        ),
-        imu_grade=grade,
-    )
+    grade = sensor_grade(source, config)
+    reference, notes = height_reference(source, config, start_height)
+    heights, more = network(config, grade.grade, latitude)
+    return Damping(reference, heights, grade), [*notes, *more]
 
 
 def height_warnings(channel: ChannelSummary, events: list[Event]) -> list[str]:
@@ -366,9 +387,9 @@ def height_warnings(channel: ChannelSummary, events: list[Event]) -> list[str]:
         "invalid": "height is not valid from {time:.1f} s on: coasting for too long",
         "imu-gap": "the IMU has a gap of {size:.2f} s at {time:.1f} s; height is carried over it",
     }
-    counted: dict[str, int] = {}
+    counted: Counter[str] = Counter()
     for e in events:
-        counted[e.kind] = counted.get(e.kind, 0) + 1
+        counted[e.kind] += 1
         if e.kind in texts and counted[e.kind] <= 3:
             notes.append(texts[e.kind].format(size=e.size, time=e.time, duration=e.duration))
     for kind, count in counted.items():

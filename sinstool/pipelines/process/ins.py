@@ -16,34 +16,26 @@ from sinstool.core.timeline import SECOND
 from sinstool.core.units import DEGREE, MILLI_G
 from sinstool.methods.alignment.initial import Alignment
 from sinstool.methods.height import layout
-from sinstool.methods.height.network import HeightNetwork, gravity_gradient
-from sinstool.methods.height.reference import HeightReference
+from sinstool.methods.height.network import gravity_gradient
 from sinstool.methods.strapdown.free_inertial import InsRun, InsSettings, beginning_quickly
 from sinstool.methods.strapdown.navigation import initial_state
 from sinstool.pipelines.plan import Plan
-from sinstool.pipelines.process.height import (
-    height_reference,
-    height_summary,
-    height_warnings,
-    network,
-)
+from sinstool.pipelines.process.height import Damping, damping, height_warnings
 from sinstool.pipelines.process.mode import (
     BytesRead,
     Mode,
     odometry_frames,
     require_gravity,
+    sample_settings,
     warned,
 )
-from sinstool.pipelines.process.sink import Sink, show_reference
 from sinstool.pipelines.process.summary import (
     ConingUsed,
     FirstAttitude,
     GnssDifference,
-    ImuGrade,
     ModeResult,
+    Sink,
 )
-from sinstool.survey.grade import sensor_grade
-from sinstool.survey.interval import nominal_interval
 from sinstool.survey.source import Source, imu_blocks
 
 # A velocity this near the start is that of the start.
@@ -57,96 +49,70 @@ class InsMode(Mode):
 
     def __init__(self, source: Source, config: ProcessConfig, plan: Plan) -> None:
         require_gravity(source, config)
-        self._source, self._config, self._plan = source, config, plan
-        self._notes: list[str] = []
-        alignment = plan.alignment
-        state, notes = start(source, alignment, config)
-        self._notes += notes
-        self._latitude = float(state[0])
-        self._reference: HeightReference | None = None
-        self._network: HeightNetwork | None = None
+        super().__init__(source, config, plan)
+        state, self._notes = start(source, plan.alignment, config)
+        self._latitude, longitude, height = state[:3].tolist()
+        self._damping: Damping | None = None
         parameters = None
-        self._grade, self._why = sensor_grade(source, config)
-        damping = config.vertical.height_damping
-        if damping != "off":
-            self._reference, notes = height_reference(source, config, float(state[2]))
-            self._network, more = network(config, self._grade, self._latitude)
-            self._notes += [*notes, *more]
-            lag = config.vertical.baro_lag
-            parameters = layout.new_parameters(self._network, self._grade, baro_lag=lag)
-            if start_velocity(source, alignment, config) is None:
-                parameters = beginning_quickly(parameters)
         self.emits = ("imu", "attitude", "odometry", "fix", "tf")
-        if damping != "off":
+        if config.vertical.height_damping != "off":
             self.emits = (*self.emits, "height")
-        self.frames = replace(
-            odometry_frames(source, plan, config),
-            origin=(self._latitude, float(state[1]), float(state[2])),
+            self._damping, notes = damping(source, config, self._latitude, height)
+            self._notes += notes
+            parameters = layout.new_parameters(
+                self._damping.network,
+                self._damping.grade.grade,
+                baro_lag=config.vertical.baro_lag,
+            )
+            if start_velocity(source, plan.alignment, config) is None:
+                parameters = beginning_quickly(parameters)
+        origin = (self._latitude, longitude, height)
+        self.frames = replace(odometry_frames(source, plan, config), origin=origin)
+        order = config.navigation.attitude_order
+        settings = InsSettings(
+            **sample_settings(source, config, plan),
+            order=0 if order == "exact" else int(order),
+            parameters=parameters,
+            reference=None if self._damping is None else self._damping.reference,
         )
-        self._run = InsRun(state, self._settings(parameters))
+        self._run = InsRun(state, settings)
 
     def show(self, sink: Sink) -> None:
         """The heights that the run is held to, and the fixes that it does not use."""
-        if self._reference is not None:
-            show_reference(self._reference, sink)
-        gnss = self._source.aiding.gnss
+        if self._damping is not None:
+            self._damping.show(sink)
+        gnss = self.source.aiding.gnss
         if gnss is not None:
             sink.refer_track(gnss.latitude, gnss.longitude)
 
     def solutions(self, progress: BytesRead | None) -> Iterator[Solution]:
         """Attitude, velocity and position at every update instant."""
-        begin_ns = self._plan.alignment.time_ns
-        yield from self._run.run(imu_blocks(self._source, self._config, begin_ns, progress))
+        return self._run.run(imu_blocks(self.source, self.plan.alignment.time_ns, progress))
 
     def conclude(self, last: Solution, sink: Sink | None) -> ModeResult:
         """First attitude, coning, height, and how far the run has gone from GNSS."""
-        run, alignment, settings = self._run, self._plan.alignment, self._run.settings
+        run, alignment, settings = self._run, self.plan.alignment, self._run.settings
         height, texts = None, list(self._notes)
-        if self._reference is not None and self._network is not None:
+        if self._damping is not None:
             assert last.vertical is not None
-            height = height_summary(
-                self._reference,
-                self._network,
-                run.channel,
-                run.events,
-                run.first_ns,
-                last.vertical[-1],
-                ImuGrade(self._grade, self._why),
-            )
+            height = self._damping.result(run.channel, run.events, run.first_ns, last.vertical[-1])
             texts += height_warnings(run.channel, run.events)
         else:
             seconds = (int(last.time_ns[-1]) - run.first_ns) / SECOND
             texts.append(undamped_warning(self._latitude, seconds))
-        baro = self._source.aiding.barometer
-        damped_by_baro = self._config.vertical.height_damping == "baro"
+        baro = self.source.aiding.barometer
+        damped_by_baro = self.config.vertical.height_damping == "baro"
         return ModeResult(
-            first_attitude=FirstAttitude.of(alignment, self._plan.first_attitude.reason),
+            alignment=FirstAttitude.of(alignment, self.plan.first_attitude.reason),
             coning=ConingUsed.of(settings.algorithm, settings.gyro_kind, run.updates),
             height=height,
-            gnss_difference=difference_to_gnss(last, self._source.aiding.gnss),
+            gnss_difference=difference_to_gnss(last, self.source.aiding.gnss),
             findings=(
                 *(baro.findings if damped_by_baro else ()),
                 *warned("alignment", alignment.warnings),
                 *warned("navigation", texts),
                 *warned("navigation", _run_warnings(run)),
             ),
-        )
-
-    def _settings(self, parameters: np.ndarray | None) -> InsSettings:
-        source, config, alignment = self._source, self._config, self._plan.alignment
-        still = source.survey.lead_in if alignment.bias_source == "still" else None
-        order = config.navigation.attitude_order
-        return InsSettings(
-            algorithm=self._plan.algorithm,
-            gyro_kind=config.input.gyro_kind,
-            nominal_ns=nominal_interval(source, config),
-            max_gap_ns=source.survey.max_gap_ns,
-            gyro_bias=alignment.gyro_bias,
-            sample_rate=config.input.imu_rate,
-            still_until_ns=None if still is None else still.end_ns,
-            order=0 if order == "exact" else int(order),
-            parameters=parameters,
-            reference=self._reference,
         )
 
 

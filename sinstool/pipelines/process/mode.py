@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterator, Sequence
+from typing import Any
 
 from sinstool.config import ProcessConfig
 from sinstool.core.errors import DataError
@@ -11,10 +12,9 @@ from sinstool.core.finding import Finding
 from sinstool.core.streams import Diagnostics, Solution
 from sinstool.io.writers.topics import Frames
 from sinstool.pipelines.plan import Plan
-from sinstool.pipelines.process.sink import Sink
-from sinstool.pipelines.process.summary import ModeResult
+from sinstool.pipelines.process.summary import ModeResult, Sink
 from sinstool.survey.oddities import oddities
-from sinstool.survey.source import Source
+from sinstool.survey.source import Source, nominal_interval
 
 # m/s^2. No vehicle's median; beyond it a specific force is in mg or cm/s^2. (The survey counts
 # what is larger than 100 as 100.)
@@ -38,6 +38,9 @@ class Mode(ABC):
     emits: Sequence[str]
     frames: Frames
     diagnostic_names: Sequence[str] = ()
+
+    def __init__(self, source: Source, config: ProcessConfig, plan: Plan) -> None:
+        self.source, self.config, self.plan = source, config, plan
 
     def show(self, sink: Sink) -> None:  # noqa: B027 - most have nothing to show before they run
         """Give a sink what the run is held to."""
@@ -64,6 +67,27 @@ def odometry_frames(source: Source, plan: Plan, config: ProcessConfig) -> Frames
         source.body_frame,
         config.input.body_axes,
     )
+
+
+def sample_settings(source: Source, config: ProcessConfig, plan: Plan) -> dict[str, Any]:
+    """What a run from the plan's first attitude needs to know of its samples.
+
+    Returns
+    -------
+    dict
+        By the names of :class:`~sinstool.methods.strapdown.segment_samples.SampleSettings`.
+    """
+    alignment = plan.alignment
+    still = source.survey.lead_in if alignment.bias_source == "still" else None
+    return {
+        "algorithm": plan.algorithm,
+        "gyro_kind": config.input.gyro_kind,
+        "nominal_ns": nominal_interval(source, config),
+        "max_gap_ns": source.survey.max_gap_ns,
+        "gyro_bias": alignment.gyro_bias,
+        "sample_rate": config.input.imu_rate,
+        "still_until_ns": None if still is None else still.end_ns,
+    }
 
 
 def warned(kind: str, texts: Sequence[str]) -> tuple[Finding, ...]:

@@ -20,8 +20,7 @@ from sinstool.io.writers.copy import Copier
 from sinstool.io.writers.mcap import McapWriter
 from sinstool.io.writers.solution import SolutionWriter
 from sinstool.io.writers.topics import Frames, topic_of
-from sinstool.pipelines.process.sink import Sink
-from sinstool.pipelines.process.summary import InputFile, OutputFile
+from sinstool.pipelines.process.summary import InputFile, OutputFile, Sink
 from sinstool.pipelines.provenance import RECORD, identity, sha256
 
 # Made of the attitude, which every run has
@@ -80,24 +79,37 @@ class Output:
     def open(
         self,
         encoding: str,
-        emits: Sequence[str],
+        computed: Sequence[str],
         frames: Frames,
+        tf_parent: str | None = None,
         diagnostic_names: Sequence[str] = (),
-    ) -> None:
-        """Begin to write.
+    ) -> list[Finding]:
+        """Begin to write; returns what had to be left out.
 
         Parameters
         ----------
         encoding : {'cdr', 'ros1'}
             Of the input's Imu topic, which the output keeps unless it holds results only.
-        emits : sequence of str
-            What to write; see :data:`~sinstool.config.EMITS`.
+        computed : sequence of str
+            What this kind of run writes unless the configuration says otherwise, of
+            :data:`~sinstool.config.EMITS`; beside it there are always Euler angles, poses and
+            transforms.
+        tf_parent : str, optional
+            Parent of the Imu's frame in the log's own transforms.
         diagnostic_names : sequence of str, optional
+
+        Raises
+        ------
+        ConfigurationError
+            This kind of run does not compute what the configuration asks for.
+        OutputError
+            The log holds such topics already, or the output cannot be written.
         """
         options = self.config.output
+        self.emits = list(computed if options.emit is None else options.emit)
+        findings = self._leave_out((*computed, *ALWAYS), frames.body, tf_parent)
         if options.only_results:
             encoding = "cdr"
-        self.emits = list(emits)
         self.frames = frames
         whole = self._stack.enter_context(WholeFile(self.output))
         self._writer = McapWriter(
@@ -111,11 +123,41 @@ class Output:
         self._solutions = SolutionWriter(
             self._writer,
             encoding,
-            emits,
+            self.emits,
             frames,
             self._copier.advance if self._copier else lambda _: None,
             diagnostic_names,
         )
+        return findings
+
+    def _leave_out(
+        self, possible: Sequence[str], body: str, tf_parent: str | None
+    ) -> list[Finding]:
+        """Refuse topics that cannot be written, and leave out transforms that the log has."""
+        foreign = [name for name in self.emits if name not in possible]
+        if foreign:
+            raise ConfigurationError(
+                f"--emit {foreign[0]}: this run does not compute it",
+                "odometry and fix come with --mode ins or ins-gnss, height with --height-damping,"
+                " diagnostics with --mode ins-gnss",
+            )
+        if self.config.output.only_results:
+            return []
+        present = {channel.topic for channel in self.log.channels.values()}
+        clash = sorted(present & {topic_of(name) for name in self.emits if name != "tf"})
+        if clash:
+            raise OutputError(
+                f"{self.log.path} holds results of sinstool already ({', '.join(clash)})",
+                "process the original log, or add --only-results",
+            )
+        if "tf" not in self.emits or tf_parent is None:
+            return []
+        self.emits.remove("tf")
+        text = (
+            f"/tf is not written: in the log {body} has the parent {tf_parent} already, and a frame"
+            " can have only one"
+        )
+        return [Finding("tf-parent", text)]
 
     def push(self, solution: Solution) -> None:
         """Write solutions, in the order of time."""
@@ -160,54 +202,3 @@ class Output:
             InputFile(str(path), self.log.size, digest),
             OutputFile(str(self.output), topics, self._solutions.written, self.frames.reference_id),
         )
-
-
-def choose_emits(
-    config: ProcessConfig,
-    computed: Sequence[str],
-    log: Log,
-    body: str,
-    tf_parent: str | None = None,
-) -> tuple[list[str], list[Finding]]:
-    """Topics to write, and what had to be left out of them.
-
-    Parameters
-    ----------
-    computed : sequence of str
-        What this kind of run writes unless the configuration says otherwise; beside it there are
-        always Euler angles, poses and transforms.
-    body, tf_parent : str
-        Frame of the Imu, and its parent in the log's own transforms, if it has one.
-
-    Raises
-    ------
-    ConfigurationError
-        This kind of run does not compute what the configuration asks for.
-    OutputError
-        The log holds such topics already.
-    """
-    emits = list(computed if config.output.emit is None else config.output.emit)
-    foreign = [name for name in emits if name not in (*computed, *ALWAYS)]
-    if foreign:
-        raise ConfigurationError(
-            f"--emit {foreign[0]}: this run does not compute it",
-            "odometry and fix come with --mode ins or ins-gnss, height with --height-damping,"
-            " diagnostics with --mode ins-gnss",
-        )
-    if config.output.only_results:
-        return emits, []
-    present = {channel.topic for channel in log.channels.values()}
-    clash = sorted(present & {topic_of(name) for name in emits if name != "tf"})
-    if clash:
-        raise OutputError(
-            f"{log.path} holds results of sinstool already ({', '.join(clash)})",
-            "process the original log, or add --only-results",
-        )
-    if "tf" not in emits or tf_parent is None:
-        return emits, []
-    emits.remove("tf")
-    text = (
-        f"/tf is not written: in the log {body} has the parent {tf_parent} already, and a frame can"
-        " have only one"
-    )
-    return emits, [Finding("tf-parent", text)]

@@ -26,7 +26,7 @@ from sinstool.pipelines.process.summary import (
 SCHEMA = "sinstool.process/1"
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class ProcessResult:
     """A run of `process`.
 
@@ -43,11 +43,11 @@ class ProcessResult:
     plan: Plan
     imu: ImuTime
     alignment: FirstAttitude
-    coning: ConingUsed | None
-    hse: HseCorrection | None
-    height: HeightDamping | None
-    filter: FilterUsed | None
-    gnss_difference: GnssDifference | None
+    coning: ConingUsed | None = None
+    hse: HseCorrection | None = None
+    height: HeightDamping | None = None
+    filter: FilterUsed | None = None
+    gnss_difference: GnssDifference | None = None
     final: FinalState
     lost: Lost
     findings: tuple[Finding, ...]

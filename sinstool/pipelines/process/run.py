@@ -6,6 +6,7 @@ and returns what there is to say. The output appears when all of it is written.
 
 from __future__ import annotations
 
+from dataclasses import replace
 from importlib import import_module
 from pathlib import Path
 from typing import cast
@@ -17,10 +18,9 @@ from sinstool.core.progress import Progress, share
 from sinstool.io.readers import open_log
 from sinstool.pipelines.plan import Plan, make_plan
 from sinstool.pipelines.process.mode import Mode
-from sinstool.pipelines.process.output import Output, choose_emits
+from sinstool.pipelines.process.output import Output
 from sinstool.pipelines.process.result import ProcessResult
-from sinstool.pipelines.process.sink import Sink
-from sinstool.pipelines.process.summary import FinalState, ImuTime, Lost
+from sinstool.pipelines.process.summary import FinalState, ImuTime, Lost, Sink
 from sinstool.survey.source import Source, prepare
 
 # What a mode needs is imported when it runs: together it takes longer to import than most logs to
@@ -28,7 +28,7 @@ from sinstool.survey.source import Source, prepare
 MODES = {
     "attitude": "sinstool.pipelines.process.attitude:AttitudeMode",
     "ins": "sinstool.pipelines.process.ins:InsMode",
-    "ins-gnss": "sinstool.pipelines.process.ins_gnss.mode:InsGnssMode",
+    "ins-gnss": "sinstool.pipelines.process.ins_gnss.run:FilterRun",
 }
 
 
@@ -102,10 +102,9 @@ def _carry_out(
     """Write the solutions of the mode that the plan names."""
     module, _, name = MODES[plan.mode.value].partition(":")
     mode = cast(Mode, getattr(import_module(module), name)(source, config, plan))
-    emits, left_out = choose_emits(
-        config, mode.emits, source.log, source.body_frame, source.tf_parent
+    left_out = written.open(
+        source.encoding, mode.emits, mode.frames, source.tf_parent, mode.diagnostic_names
     )
-    written.open(source.encoding, emits, mode.frames, mode.diagnostic_names)
     sink = written.sink
     if sink is not None:
         mode.show(sink)
@@ -128,13 +127,7 @@ def _carry_out(
         output=output_file,
         plan=plan,
         imu=ImuTime.of(source),
-        alignment=outcome.first_attitude,
-        coning=outcome.coning,
-        hse=None,
-        height=outcome.height,
-        filter=outcome.filter,
-        gnss_difference=outcome.gnss_difference,
         final=FinalState.of(written.last, source.position),
         lost=lost,
-        findings=findings,
+        **vars(replace(outcome, findings=findings)),
     )

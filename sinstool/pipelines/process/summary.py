@@ -3,6 +3,9 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import TYPE_CHECKING, Protocol
+
+import numpy as np
 
 from sinstool.core.finding import Finding, Severity
 from sinstool.core.result import compass
@@ -12,8 +15,28 @@ from sinstool.core.units import DEGREE
 from sinstool.io.readers.lost import LogLosses
 from sinstool.methods.alignment.initial import Alignment
 from sinstool.methods.coning.algorithm import ConingAlgorithm, of_rates
-from sinstool.methods.ins_gnss.withheld import Outage, WithheldScore
+from sinstool.methods.ins_gnss.withheld import WithheldScore
+from sinstool.survey.grade import ImuGrade
 from sinstool.survey.source import Source
+
+if TYPE_CHECKING:
+    from sinstool.pipelines.process.ins_gnss.run import FilterRun
+
+
+class Sink(Protocol):
+    """Takes what a run computes, while it runs, for whoever wants to show it."""
+
+    def push(self, solution: Solution) -> None:
+        """Take the next solutions, in the order of time."""
+
+    def refer_height(self, name: str, time_ns: np.ndarray, height: np.ndarray) -> None:
+        """Take the heights (m) that the run is held to."""
+
+    def refer_track(self, latitude: np.ndarray, longitude: np.ndarray) -> None:
+        """Take the fixes (rad); NaN where one has no position."""
+
+    def refer_filter(self, run: FilterRun) -> None:
+        """Take a filter's innovations and biases, at its end."""
 
 
 @dataclass(frozen=True)
@@ -133,14 +156,6 @@ class ConingUsed:
 
 
 @dataclass(frozen=True)
-class ImuGrade:
-    """The IMU's grade, and why it was taken for that."""
-
-    grade: str
-    why: str
-
-
-@dataclass(frozen=True)
 class BarometerSetting:
     """What the barometer was set by."""
 
@@ -208,11 +223,9 @@ class LatencyUsed:
 
 
 @dataclass(frozen=True)
-class WithheldScores:
-    """How far a solution was from fixes that the filter did not see; of a smoother beside it."""
+class WithheldScores(WithheldScore):
+    """How far a solution was from withheld fixes; beside a smoother's that of its filter."""
 
-    outages: tuple[Outage, ...]
-    rms_of_largest_horizontal_m: float
     filter: WithheldScore | None = None
 
 
@@ -239,7 +252,7 @@ class FilterUsed:
     mean_nis: float
     gyro_bias_rad_s: tuple[float, ...]
     accel_bias_m_s2: tuple[float, ...]
-    accel_scale: tuple[float, ...]
+    accel_scale: np.ndarray
     baro_bias_m: float
     events: dict[str, int]
     withheld: WithheldScores | None
@@ -356,10 +369,10 @@ class Lost(LogLosses):
 
 @dataclass(frozen=True)
 class ModeResult:
-    """What one kind of run adds to a result."""
+    """What one kind of run adds to a result, by the names that it has there."""
 
-    first_attitude: FirstAttitude
-    coning: ConingUsed | None
+    alignment: FirstAttitude
+    coning: ConingUsed
     findings: tuple[Finding, ...]
     height: HeightDamping | None = None
     filter: FilterUsed | None = None

@@ -42,7 +42,7 @@ from sinstool.pipelines.calibrate_hse.calibration_file import loads
 from sinstool.pipelines.calibrate_hse.run import rig_of, segment_rules
 from sinstool.pipelines.plan import Plan, turntable_plan
 from sinstool.pipelines.process.mode import warned
-from sinstool.pipelines.process.output import Output, choose_emits
+from sinstool.pipelines.process.output import Output
 from sinstool.pipelines.process.result import ProcessResult
 from sinstool.pipelines.process.summary import (
     FinalState,
@@ -94,10 +94,10 @@ def process_turntable(
     alignments = _align(turns, rig, config)
     corrected = _correct(alignments, calibration)
     body = frame_id(log, samples.topic.channels, samples.topic.path) or "imu_link"
-    emits, left_out = choose_emits(config, ("imu", "attitude"), log, body)
     # b has its z axis down, whatever the axes of the triad
     frames = Frames(config.output.world, "map", body, "frd")
-    written.open(samples.topic.channels[0].message_encoding, emits, frames)
+    encoding = samples.topic.channels[0].message_encoding
+    left_out = written.open(encoding, ("imu", "attitude"), frames)
     attitudes = _write(written, samples, turns, rig, alignments, corrected)
     written.complete()
     hse = _hse(config, calibration, turns, alignments, corrected)
@@ -117,11 +117,7 @@ def process_turntable(
         plan=turntable_plan(samples.topic.topic, config),
         imu=_imu(samples),
         alignment=_first_attitude(turns, alignments[-1], corrected, len(alignments) - 1),
-        coning=None,
         hse=hse,
-        height=None,
-        filter=None,
-        gnss_difference=None,
         final=FinalState.of(written.last, (rig.latitude / DEGREE, None, None)),
         lost=lost,
         findings=findings,

@@ -11,15 +11,8 @@ from sinstool.config import ProcessConfig
 from sinstool.core.streams import Solution
 from sinstool.core.units import DEGREE
 from sinstool.methods.height.vertical import VerticalChannel, upward_specific_force
-from sinstool.pipelines.process.height import (
-    height_reference,
-    height_summary,
-    height_warnings,
-    network,
-)
-from sinstool.pipelines.process.sink import Sink, show_reference
-from sinstool.pipelines.process.summary import HeightDamping, ImuGrade
-from sinstool.survey.grade import sensor_grade
+from sinstool.pipelines.process.height import damping, height_warnings
+from sinstool.pipelines.process.summary import HeightDamping
 from sinstool.survey.source import Source
 
 # Gravity there is half-way between that of the equator and the poles.
@@ -33,6 +26,10 @@ class Vertical:
     ----------
     config : ProcessConfig
         With damping.
+
+    Attributes
+    ----------
+    damping : Damping
 
     Raises
     ------
@@ -48,14 +45,12 @@ class Vertical:
             latitude = MIDDLE_LATITUDE
             self._notes.append("no latitude is known; gravity for the height is that of 45 deg")
         start = source.position[2] or 0.0
-        self._reference, notes = height_reference(source, config, start)
-        self._grade, self._why = sensor_grade(source, config)
-        self._network, more = network(config, self._grade, latitude)
-        self._notes += [*notes, *more]
+        self.damping, notes = damping(source, config, latitude, start)
+        self._notes += notes
         self._channel = VerticalChannel(
-            self._network,
+            self.damping.network,
             latitude,
-            self._grade,
+            self.damping.grade.grade,
             height=start,
             baro_lag=config.vertical.baro_lag,
             point_samples=config.input.gyro_kind == "rate",
@@ -64,13 +59,9 @@ class Vertical:
         self._first_ns = 0
         self._last = np.array([start, 0.0, 0.0])
 
-    def show(self, sink: Sink) -> None:
-        """Give the page of figures the heights that this one is held to."""
-        show_reference(self._reference, sink)
-
     def push(self, solution: Solution) -> Solution:
         """The same solution, with its vertical columns."""
-        r = self._reference
+        r = self.damping.reference
         heights: tuple[Any, ...] = ()
         if not self._pushed:
             self._pushed = True
@@ -85,14 +76,8 @@ class Vertical:
 
     def summary(self) -> HeightDamping:
         """What damped the height, and what happened."""
-        return height_summary(
-            self._reference,
-            self._network,
-            self._channel.summary,
-            self._channel.events,
-            self._first_ns,
-            self._last,
-            ImuGrade(self._grade, self._why),
+        return self.damping.result(
+            self._channel.summary, self._channel.events, self._first_ns, self._last
         )
 
     def warnings(self) -> list[str]:

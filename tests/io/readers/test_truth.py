@@ -78,8 +78,7 @@ def test_topics_of_every_type(tmp_path, q_nb, kind, axes):
     said = in_log_axes(q_nb, axes, "enu" if axes == "flu" else "ned").as_quat()
     path = write_log(tmp_path / "log.mcap", truth_messages(kind, said))
     with open_log(path) as log:
-        times, found, where = read_truth(log, "/truth", axes)
-    assert where == "/truth"
+        times, found = read_truth(log, "/truth", axes)
     assert np.array_equal(times, TIMES)
     assert angle(found, q_nb) < 1e-12
 
@@ -94,7 +93,7 @@ def test_order_repeats_and_nonsense_are_sorted_out(tmp_path, q_nb):
     again = truth_messages("geometry_msgs/msg/PoseStamped", said[:3], TIMES[:3])
     path = write_log(tmp_path / "log.mcap", messages + again)
     with open_log(path) as log:
-        times, found, _ = read_truth(log, "/truth", "flu")
+        times, found = read_truth(log, "/truth", "flu")
     kept = np.delete(np.arange(N), [7, 9])
     assert np.array_equal(times, TIMES[kept])
     assert angle(found, q_nb[kept]) < 1e-12
@@ -118,8 +117,7 @@ def test_csv(tmp_path, log, q_nb, clock):
         rows += [f"{when}, 5, {x!r}, {y!r}, {z!r}, {w!r}", ""]
     path = tmp_path / "truth.csv"
     path.write_text("\n".join(rows))
-    times, found, where = read_truth(log, str(path), "flu")
-    assert where == str(path)
+    times, found = read_truth(log, str(path), "flu")
     # to the nanosecond, which a float64 of seconds since 1970 is not
     assert np.array_equal(times, TIMES)
     assert angle(found, q_nb) < 1e-12

@@ -48,8 +48,8 @@ def reference(flight, rate=50.0, shift=0.004, **changes):
     height = np.interp((time_ns - T0) * 1e-9, (flight.time_ns - T0) * 1e-9, flight.height)
     none = np.zeros(len(time_ns), np.int64)
     told = {
-        "kind": "baro", "topic": "/baro", "time_ns": time_ns, "arrival_ns": time_ns,
-        "height": height, "reason": none, "sigma": 0.0, "baro": None, "absolute": True,
+        "kind": "baro", "topic": "/baro", "time_ns": time_ns,
+        "height": height, "reason": none, "sigma": 0.0, "baro": None,
     }  # fmt: skip
     return HeightReference(**(told | changes))
 
@@ -90,10 +90,7 @@ def bad_heights(flight):
     height[3500:] += 40.0
     times[700] = times[699]
     keep = ((times - T0) * 1e-9 < 30.0) | ((times - T0) * 1e-9 > 41.0)
-    return replace(
-        found, time_ns=times[keep], arrival_ns=times[keep], height=height[keep],
-        reason=found.reason[keep],
-    )  # fmt: skip
+    return replace(found, time_ns=times[keep], height=height[keep], reason=found.reason[keep])
 
 
 def with_gaps(imu):
@@ -205,7 +202,7 @@ def test_a_shadow_flies_on_over_a_gap(flight):
 
 def heights_until(heights, seconds):
     keep = heights.time_ns < T0 + round(seconds * SECOND)
-    columns = ("time_ns", "arrival_ns", "height", "reason")
+    columns = ("time_ns", "height", "reason")
     return replace(heights, **{name: getattr(heights, name)[keep] for name in columns})
 
 
@@ -231,7 +228,7 @@ def test_heights_go_by_the_stamps_where_a_rate_is_believed(flight):
     stretched = replace(imu, time_ns=stamps, log_time_ns=stamps)
     found = reference(flight)
     times = T0 + np.round((found.time_ns - T0) * 1.01).astype(np.int64)
-    heights = replace(found, time_ns=times, arrival_ns=times)
+    heights = replace(found, time_ns=times)
     how = replace(settings(heights=heights, sample_rate=100.0), nominal_ns=1.01e7)
     _, columns = navigate(stretched, state(flight), how)
     assert np.abs(columns["vertical"][:, 0] - flight.height).max() < 0.1

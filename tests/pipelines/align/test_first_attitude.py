@@ -35,7 +35,7 @@ def test_a_flight_from_rest_is_carried_back_to_the_pad():
     assert found.time_ns == source.survey.first_ns
     assert found.held_ns > found.time_ns
     with open_log(log) as opened:
-        time_ns, q_nb, _ = read_truth(opened, TRUTH, "flu")
+        time_ns, q_nb = read_truth(opened, TRUTH, "flu")
     psi = rotation.log(rotation.multiply(found.q_nb, rotation.conjugate(q_nb[0])))
     assert time_ns[0] == found.time_ns
     assert np.rad2deg(np.linalg.norm(psi)) < 0.5
@@ -102,7 +102,7 @@ def mounted(path, spans):
         config = build(ProcessConfig, {"align": {"align": "svd"}, "in_flight": told})
         answer = align_log(log, config).answer
         with open_log(log) as opened:
-            time_ns, q_nv, _ = read_truth(opened, str(csv), "frd")
+            time_ns, q_nv = read_truth(opened, str(csv), "frd")
         at = np.arange(answer.t_ns - 30 * 10**9, answer.t_ns, 2 * 10**8)
         true = at_times(time_ns, q_nv, at + REFERENCE_LATE_NS)
         turns.append(rotation.multiply(rotation.conjugate(answer.attitude_at(at)), true))

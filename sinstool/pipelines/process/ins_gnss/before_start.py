@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from sinstool.config import ProcessConfig
-from sinstool.core.streams import Imu, Solution, concatenate
+from sinstool.core.streams import Imu, Solution, concatenate, take_rows
 from sinstool.core.timeline import SECOND
 from sinstool.core.units import STANDARD_GRAVITY
 from sinstool.methods.coning.algorithm import ConingAlgorithm
@@ -30,6 +30,7 @@ from sinstool.methods.strapdown.navigation import (
     V_DOWN,
     V_NORTH,
 )
+from sinstool.methods.strapdown.velocity import Increments
 from sinstool.pipelines.process.ins_gnss.filter_start import FilterStart
 from sinstool.survey.increments import SegmentIncrements
 from sinstool.survey.source import Source
@@ -96,38 +97,31 @@ def before_start(
     """
     first = max(source.survey.first_ns, prepared.time_ns - MAX_NS)
     steps = SegmentIncrements(source, config, algorithm)
-    made: list[tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]] = []
+    made: list[Increments] = []
     samples: list[Imu] = []
-    heads: list[Imu] = []
     for increments, imu, opening in steps.from_time(first, prepared.time_ns):
         if opening is not None:  # a segment begins: what was before the gap cannot be reached
-            made, samples, heads = [], [], [opening]
+            made, samples = [], [opening]
         before = increments.time_ns <= prepared.time_ns
-        made.append(
-            (
-                increments.rotation_vector[before],
-                increments.velocity_increment[before],
-                increments.interval[before],
-                increments.time_ns[before],
-            )
-        )
+        made.append(take_rows(increments, before))
         samples.append(imu.rows(before))
-    if not heads or not made or int(heads[0].time_ns[0]) > prepared.time_ns:
+    if not made or int(samples[0].time_ns[0]) > prepared.time_ns:
         return None
-    phi, dv, dt, ends = (np.concatenate(column) for column in zip(*made, strict=True))
-    if len(ends) and int(ends[-1]) != prepared.time_ns:
+    updates = concatenate(made)
+    dt = updates.interval
+    if len(dt) and int(updates.time_ns[-1]) != prepared.time_ns:
         return None  # the start is no end of an update
     rows = np.empty((len(dt) + 1, SIZE))
     rows[-1] = start.nav
     state = start.nav.copy()
     navigate_backward(
         state,
-        np.ascontiguousarray(phi - start.gyro_bias * dt[:, None]),
-        np.ascontiguousarray(dv - start.accel_bias * dt[:, None]),
+        np.ascontiguousarray(updates.rotation_vector - start.gyro_bias * dt[:, None]),
+        np.ascontiguousarray(updates.velocity_increment - start.accel_bias * dt[:, None]),
         np.ascontiguousarray(dt),
         rows[:-1],
     )
-    imu = concatenate([heads[0], *samples])
+    imu = concatenate(samples)
     seconds = (prepared.time_ns - imu.time_ns) / SECOND
     position, velocity, attitude = _grown(start, prepared, seconds)
     vertical = None

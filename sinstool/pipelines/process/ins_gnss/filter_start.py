@@ -10,7 +10,7 @@ from sinstool.core.streams import GnssEpochs
 from sinstool.methods.height.reference import HeightReference
 from sinstool.methods.ins_gnss.latency import Latency
 from sinstool.methods.ins_gnss.settings import Settings, Start
-from sinstool.methods.sensor_errors import Grade
+from sinstool.survey.grade import ImuGrade
 
 
 @dataclass(frozen=True)
@@ -44,8 +44,7 @@ class FilterStart:
     reference: HeightReference | None
     latency: Latency | None
     lag: float
-    grade: Grade
-    grade_why: str
+    grade: ImuGrade
     gnss_why: str
     warnings: tuple[str, ...]
 

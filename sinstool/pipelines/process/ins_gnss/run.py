@@ -1,7 +1,8 @@
-"""An INS/GNSS filter over a log: its answers as solutions, smoothed if asked for."""
+"""`--mode ins-gnss`: inertial navigation corrected by GNSS, filtered or smoothed."""
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Iterator
 from dataclasses import replace
 from typing import Any
@@ -11,9 +12,12 @@ import numpy as np
 from sinstool.config import ProcessConfig
 from sinstool.config.align import GnssOptions
 from sinstool.core.finding import Finding
-from sinstool.core.streams import Diagnostics, Imu, Solution
+from sinstool.core.result import compass, fields_in
+from sinstool.core.rotation import to_euler
+from sinstool.core.streams import Diagnostics, Imu, Solution, concatenate, take_rows
 from sinstool.core.timeline import SECOND
-from sinstool.methods.coning.algorithm import ConingAlgorithm
+from sinstool.core.units import DEGREE
+from sinstool.io.writers.topics import Frames
 from sinstool.methods.ins_gnss.diagnosis import diagnose
 from sinstool.methods.ins_gnss.filter import InsGnssFilter
 from sinstool.methods.ins_gnss.results import (
@@ -26,15 +30,20 @@ from sinstool.methods.ins_gnss.settings import Start
 from sinstool.methods.ins_gnss.smoother import SmoothedEpochs, Smoother
 from sinstool.methods.ins_gnss.withheld import Withheld
 from sinstool.methods.strapdown.velocity import Increments
-from sinstool.pipelines.process.height import height_summary, height_warnings
+from sinstool.pipelines.plan import Plan
+from sinstool.pipelines.process.height import Damping, height_warnings
 from sinstool.pipelines.process.ins_gnss.before_start import before_start, corrected_start
 from sinstool.pipelines.process.ins_gnss.filter_start import FilterStart
+from sinstool.pipelines.process.ins_gnss.start import timed_start
+from sinstool.pipelines.process.mode import BytesRead, Mode, warned
 from sinstool.pipelines.process.summary import (
+    ConingUsed,
     FilterStartTime,
     FilterUsed,
-    HeightDamping,
-    ImuGrade,
+    FirstAttitude,
     LatencyUsed,
+    ModeResult,
+    Sink,
     WithheldScores,
 )
 from sinstool.survey.increments import SegmentIncrements
@@ -43,23 +52,17 @@ from sinstool.survey.source import Source
 DIAGNOSTIC_NAMES = (
     "nis / rows",
     *(
-        f"{what} {axis} {unit}"
-        for what, unit in (("innovation position", "m"), ("innovation velocity", "m/s"))
-        for axis in ("north", "east", "down")
-    ),
-    *(
-        f"{what} {axis} {unit}"
-        for what, unit in (("expected position", "m"), ("expected velocity", "m/s"))
+        f"{kind} {what} {axis} {unit}"
+        for kind in ("innovation", "expected")
+        for what, unit in (("position", "m"), ("velocity", "m/s"))
         for axis in ("north", "east", "down")
     ),
 )
-
-
+# A heading more certain than this is good, deg.
+GOOD_HEADING = 5.0
 # What is wrong shows within minutes.
 DIAGNOSED_NS = 300 * SECOND
 USUAL_SIGMA_V = GnssOptions().gnss_sigma_v
-
-
 DETAIL_ROWS = 512
 
 
@@ -71,36 +74,35 @@ def _pieces(
         count = len(increments.sample) if rows is None else rows
         for first in range(0, len(increments.sample), count):
             part = slice(first, first + count)
-            yield Increments(*(v[part] for v in vars(increments).values())), imu.rows(part)
+            yield take_rows(increments, part), imu.rows(part)
 
 
-class FilterRun:
-    """A filter over a log, its answers as solutions, smoothed if asked for.
+class FilterRun(Mode):
+    """INS/GNSS integration by the filter whose start the plan holds."""
 
-    Attributes
-    ----------
-    detailed : bool
-        Note biases often enough to be drawn.
-    carried_back : int
-        Samples up to the start that got its state carried back.
-    gnss : list of GnssDiagnostics
-        All so far.
-    """
+    diagnostic_names = DIAGNOSTIC_NAMES
 
-    def __init__(
-        self,
-        source: Source,
-        config: ProcessConfig,
-        start: FilterStart,
-        algorithm: ConingAlgorithm,
-    ) -> None:
-        self.detailed = False
-        self.algorithm = algorithm
-        self._source, self._config, self._start = source, config, start
-        self._steps = SegmentIncrements(source, config, algorithm)
-        self.updates = 0
-        self.carried_back = 0
-        self.gnss: list[GnssDiagnostics] = []
+    def __init__(self, source: Source, config: ProcessConfig, plan: Plan) -> None:
+        super().__init__(source, config, plan)
+        start = timed_start(source, config, plan.algorithm, plan.filter_start)
+        self._start = start
+        self.emits = ("imu", "attitude", "odometry", "fix", "tf", "diagnostics")
+        self._damping: Damping | None = None
+        if start.reference is not None:
+            self.emits = (*self.emits, "height")
+            self._damping = Damping(start.reference, start.settings.damping, start.grade)
+        latitude, longitude, height = start.start.nav[:3].tolist()
+        self.frames = Frames(
+            config.output.world,
+            "map",
+            source.body_frame,
+            config.input.body_axes,
+            (latitude, longitude, height),
+        )
+        self._detailed = False
+        self._updates = 0
+        self._carried_back = 0
+        self._gnss: list[GnssDiagnostics] = []
         self._unwritten: list[GnssDiagnostics] = []
         self._biases: list[tuple[int, np.ndarray, np.ndarray]] = []
         self._first: list[UpdateColumns] = []
@@ -121,7 +123,16 @@ class FilterRun:
             store=self._smooth,
         )
 
-    def solutions(self, progress: Any = None) -> Iterator[Solution]:
+    def show(self, sink: Sink) -> None:
+        """The barometer's heights and the fixes, and more of the biases than the output has."""
+        if self._damping is not None:
+            self._damping.show(sink)
+        gnss = self.source.aiding.gnss
+        if gnss is not None:
+            sink.refer_track(gnss.latitude, gnss.longitude)
+        self._detailed = True
+
+    def solutions(self, progress: BytesRead | None) -> Iterator[Solution]:
         """Filtered, or smoothed, at every update instant, from the log's start on."""
         if not self._smooth:
             start = self._start.start
@@ -157,8 +168,8 @@ class FilterRun:
 
     def _earlier(self, start: Start) -> Solution | None:
         """What lies before the start."""
-        earlier = before_start(self._source, self._config, self.algorithm, self._start, start)
-        self.carried_back = 0 if earlier is None else len(earlier)
+        earlier = before_start(self.source, self.config, self.plan.algorithm, self._start, start)
+        self._carried_back = 0 if earlier is None else len(earlier)
         return earlier
 
     def _smoothed_start(self, smoothed: SmoothedEpochs) -> Start:
@@ -170,71 +181,55 @@ class FilterRun:
             start, smoothed.first_error, smoothed.first_covariance, smoothed.kind
         )
 
-    def _run(self, progress: Any) -> Iterator[tuple[FilterBlock, Imu]]:
+    def _run(self, progress: BytesRead | None) -> Iterator[tuple[FilterBlock, Imu]]:
         p = self._start
-        pushed = False
-        steps = self._steps.from_time(p.time_ns, progress=progress)
-        for increments, imu in _pieces(steps, DETAIL_ROWS if self.detailed else None):
-            measurements: dict[str, Any] = {}
-            if not pushed:
-                measurements = {"gnss": p.gnss, "withheld": p.withheld}
-                if p.reference is not None:
-                    r = p.reference
-                    later = r.arrival_ns >= p.time_ns
-                    measurements |= {
-                        "baro_time_ns": r.time_ns[later],
-                        "baro_height": r.height[later],
-                        "baro_reason": r.reason[later],
-                    }
-                pushed = True
+        steps = SegmentIncrements(self.source, self.config, self.plan.algorithm)
+        pieces = _pieces(
+            steps.from_time(p.time_ns, progress=progress), DETAIL_ROWS if self._detailed else None
+        )
+        measurements: dict[str, Any] = {"gnss": p.gnss, "withheld": p.withheld}
+        if p.reference is not None:
+            r = p.reference
+            later = r.arrival_ns >= p.time_ns
+            measurements["baro_time_ns"] = r.time_ns[later]
+            measurements["baro_height"] = r.height[later]
+            measurements["baro_reason"] = r.reason[later]
+        for increments, imu in pieces:
             block = self._filter.push(increments, **measurements)
-            self.updates += len(increments.sample)
-            self._keep(block.updates)
+            measurements = {}
+            self._updates += len(increments.sample)
+            updates = block.updates
+            assert updates is not None
+            # The first minutes, to tell by what is wrong if something is
+            if not self._first or updates.time_ns[0] <= self._first[0].time_ns[0] + DIAGNOSED_NS:
+                self._first.append(updates)
             estimate = self._filter.summary
             self._biases.append((int(imu.time_ns[-1]), estimate.gyro_bias, estimate.accel_bias))
             self._offset_ns = int(imu.log_time_ns[-1]) - int(imu.time_ns[-1])
             if len(block.gnss):
-                self.gnss.append(block.gnss)
+                self._gnss.append(block.gnss)
                 self._unwritten.append(block.gnss)
             yield block, imu
 
-    def _keep(self, updates: UpdateColumns | None) -> None:
-        """The first minutes, to tell by what is wrong if something is."""
-        if updates is None or not len(updates):
-            return
-        if self._first and int(updates.time_ns[0]) > int(self._first[0].time_ns[0]) + DIAGNOSED_NS:
-            return
-        self._first.append(updates)
-
-    def findings(self) -> list[Finding]:
+    def _diagnosis(self) -> list[Finding]:
         """What seems to be wrong with settings or sensors, the likeliest cause first."""
         p, gnss = self._start, self.diagnostics()
-        if gnss is None or not self._first:
+        if gnss is None:
             return []
-        columns = list(vars(self._first[0]))
-        updates = UpdateColumns(
-            **{c: np.concatenate([getattr(u, c) for u in self._first]) for c in columns}
-        )
-        findings = diagnose(
-            p.start,
-            updates,
-            gnss,
-            p.used,
-            p.settings,
-            self._filter.summary.restarts,
-        )
+        updates, restarts = concatenate(self._first), self._filter.summary.restarts
+        findings = diagnose(p.start, updates, gnss, p.used, p.settings, restarts)
         return [self._completed(f) for f in findings if self._matters(f)]
 
     def _completed(self, finding: Finding) -> Finding:
         """Slow errors of fixes, taken for small ones, look like those of an IMU."""
-        if finding.kind != "imu-noise" or self._config.filter.gnss_noise_scale >= 1.0:
+        if finding.kind != "imu-noise" or self.config.filter.gnss_noise_scale >= 1.0:
             return finding
         more = "; or --gnss-noise-scale is too small"
         return replace(finding, answer=finding.answer + more)
 
     def _matters(self, finding: Finding) -> bool:
         """What follows from no option, the user need not put right."""
-        gnss, options = self._config.gnss, self._config.filter
+        gnss, options = self.config.gnss, self.config.filter
         if finding.kind == "latency":
             return self._start.latency is None
         if finding.kind == "gnss-noise" and finding.numbers["sigma_ratio"] < 1.0:
@@ -264,7 +259,7 @@ class FilterRun:
     @property
     def first_ns(self) -> int:
         """Time of the log's first sample."""
-        return self._source.survey.first_ns
+        return self.source.survey.first_ns
 
     @property
     def events(self) -> list[FilterEvent]:
@@ -273,8 +268,6 @@ class FilterRun:
 
     def biases(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Times, ns, and gyro (rad/s) and accelerometer (m/s^2) biases after each block."""
-        if not self._biases:
-            return np.empty(0, np.int64), np.empty((0, 3)), np.empty((0, 3))
         times, gyro, accel = zip(*self._biases, strict=True)
         return np.array(times, np.int64), np.array(gyro), np.array(accel)
 
@@ -292,42 +285,46 @@ class FilterRun:
 
     def diagnostics(self) -> GnssDiagnostics | None:
         """All of them as one."""
-        if not self.gnss:
-            return None
-        names = list(vars(self.gnss[0]))
-        return GnssDiagnostics(
-            **{n: np.concatenate([getattr(g, n) for g in self.gnss]) for n in names}
+        return concatenate(self._gnss) if self._gnss else None
+
+    def conclude(self, last: Solution, sink: Sink | None) -> ModeResult:
+        """The start, the filter, the height, and what is likely to be wrong."""
+        if sink is not None:
+            sink.refer_filter(self)
+        summary, height = self._filter.summary, None
+        if self._damping is not None and last.vertical is not None and summary.gains is not None:
+            events = self._filter.channel_events
+            height = self._damping.result(
+                summary.channel, events, self._start.time_ns, last.vertical[-1]
+            )
+        gyro_kind = self.config.input.gyro_kind
+        return ModeResult(
+            alignment=_first_attitude(self._start),
+            coning=ConingUsed.of(self.plan.algorithm, gyro_kind, self._updates),
+            height=height,
+            filter=self._summary(),
+            findings=(*warned("filter-start", self._start.warnings), *self._warnings()),
         )
 
-    def summary(self) -> FilterUsed:
+    def _summary(self) -> FilterUsed:
         """The filter: what it was, what it used, and what it estimated last."""
         p, s = self._start, self._filter.summary
-        events: dict[str, int] = {}
-        for event in self._filter.events:
-            events[event.kind] = events.get(event.kind, 0) + 1
         return FilterUsed(
-            filter=s.filter,
-            asked=self._config.filter.filter,
+            **fields_in(s, FilterUsed),
+            asked=self.config.filter.filter,
             states=self._filter.kind.size,
             smoothed=self._smooth,
             feedback=p.settings.feedback,
             start=FilterStartTime(p.time_ns, p.how),
-            imu_grade=ImuGrade(p.grade, p.grade_why),
+            imu_grade=p.grade,
             gnss_noise=p.gnss_why,
             gnss_latency_s=p.settings.gnss_latency,
             gnss_latency=self._latency(),
             lever_arm_m=tuple(p.settings.lever_arm_b),
-            updates=s.updates,
-            epochs_used=s.epochs_used,
-            epochs_gated=s.epochs_gated,
-            epochs_before_start=s.epochs_before_start,
-            restarts=s.restarts,
-            mean_nis=s.mean_nis,
             gyro_bias_rad_s=tuple(s.gyro_bias.tolist()),
             accel_bias_m_s2=tuple(s.accel_bias.tolist()),
-            accel_scale=tuple(s.accel_scale.tolist()),
             baro_bias_m=s.baro_bias,
-            events=events,
+            events=dict(Counter(event.kind for event in self._filter.events)),
             withheld=self._scores(),
         )
 
@@ -351,37 +348,22 @@ class FilterRun:
         if score is None:
             return None
         filtered = self._filtered.score() if self._smooth else None
-        return WithheldScores(score.outages, score.rms_of_largest_horizontal_m, filtered)
+        return WithheldScores(**vars(score), filter=filtered)
 
-    def height(self, last: Solution) -> HeightDamping | None:
-        """What held the height, where a barometer did."""
-        p, s = self._start, self._filter.summary
-        if p.reference is None or last.vertical is None or s.gains is None:
-            return None
-        return height_summary(
-            p.reference,
-            p.settings.damping,
-            s.channel,
-            self._filter.channel_events,
-            p.time_ns,
-            last.vertical[-1],
-            ImuGrade(p.grade, p.grade_why),
-        )
-
-    def warnings(self) -> list[Finding]:
+    def _warnings(self) -> list[Finding]:
         """What a user has to know about the run, the likeliest causes of trouble included."""
         p, s = self._start, self._filter.summary
         findings: list[Finding] = []
 
-        def note(kind: str, text: str, answer: str = "") -> None:
-            findings.append(Finding(kind, text, answer=answer))
+        def note(kind: str, text: str) -> None:
+            findings.append(Finding(kind, text))
 
-        if self.algorithm.caveat:
-            note("coning", self.algorithm.caveat)
+        if self.plan.algorithm.caveat:
+            note("coning", self.plan.algorithm.caveat)
         if s.fell_back:
             note(
                 "no-barometer",
-                f"the log has no barometer, so {self._config.filter.filter} runs without its"
+                f"the log has no barometer, so {self.config.filter.filter} runs without its"
                 f" network, as {s.filter}",
             )
         if p.latency is not None and p.settings.gnss_latency != 0.0:
@@ -391,15 +373,15 @@ class FilterRun:
                 f" (sigma {p.latency.sigma_s * 1e3:.1f} ms) and are used so; give"
                 " --gnss-latency to say otherwise",
             )
-        if p.lag != 0.0 and self._config.filter.gnss_velocity_lag is None:
+        if p.lag != 0.0 and self.config.filter.gnss_velocity_lag is None:
             note(
                 "velocity-lag-used",
                 f"the receiver's velocities are stamped {1e3 * p.lag:+.0f} ms later than its"
                 " positions, and both are used at their own times; give --gnss-velocity-lag to say"
                 " otherwise",
             )
-        before = (p.time_ns - self._source.survey.first_ns) / SECOND
-        if before > 0.0 and self.carried_back:
+        before = (p.time_ns - self.source.survey.first_ns) / SECOND
+        if before > 0.0 and self._carried_back:
             note(
                 "before-start",
                 f"the first {before:.2f} s lie before the filter's start: the solution there is"
@@ -410,13 +392,13 @@ class FilterRun:
                 "before-start",
                 f"the first {before:.2f} s lie before the filter's start and have no solution",
             )
-        if self._config.filter.filter == "plain-15":
+        if self.config.filter.filter == "plain-15":
             note(
                 "white-fixes",
                 "plain-15 takes errors of fixes for white: where they last, its position sigmas are"
                 " several times too small, and innovations do not show it",
             )
-        findings += self.findings()
+        findings += self._diagnosis()
         if s.restarts:
             note(
                 "restarts",
@@ -428,6 +410,24 @@ class FilterRun:
                 f"{s.epochs_gated} of {s.epochs_used + s.epochs_gated} fixes were rejected",
             )
         if p.reference is not None:
-            texts = height_warnings(s.channel, self._filter.channel_events)
-            findings += [Finding("height", text) for text in texts]
+            findings += warned("height", height_warnings(s.channel, self._filter.channel_events))
         return findings
+
+
+def _first_attitude(start: FilterStart) -> FirstAttitude:
+    """The filter's start as a first attitude."""
+    roll, pitch, heading = (to_euler(start.start.nav[6:10]) / DEGREE).tolist()
+    sigma = np.sqrt(np.diag(start.start.covariance_attitude_n)) / DEGREE
+    return FirstAttitude(
+        method="filter-start",
+        how=start.how,
+        time_ns=start.time_ns,
+        roll_deg=roll,
+        pitch_deg=pitch,
+        heading_deg=compass(heading),
+        sigma_deg=tuple(sigma.tolist()),
+        status="ok" if sigma[2] < GOOD_HEADING else "degraded",
+        north_referenced=True,
+        gyro_bias_rad_s=tuple(start.start.gyro_bias.tolist()),
+        gyro_bias_source="start",
+    )

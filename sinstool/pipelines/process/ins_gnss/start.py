@@ -19,11 +19,7 @@ from sinstool.methods.alignment.initial import Alignment
 from sinstool.methods.coning.algorithm import ConingAlgorithm
 from sinstool.methods.height.reference import HeightReference
 from sinstool.methods.ins_gnss.fix_velocity import with_velocities
-from sinstool.methods.ins_gnss.noise import (
-    BARO_GRADES,
-    BaroModel,
-    GnssModel,
-)
+from sinstool.methods.ins_gnss.noise import BARO_GRADES, BaroModel, GnssModel
 from sinstool.methods.ins_gnss.settings import DivergenceControl, Settings, Start
 from sinstool.methods.ins_gnss.start import TWICE_USED, start_at
 from sinstool.methods.ins_gnss.velocity_lag import message_times, split_position_velocity
@@ -66,10 +62,10 @@ def first_start(source: Source, config: ProcessConfig) -> FilterStart:
             "--mode ins-gnss: the log has no GNSS fixes",
             "use --mode ins (with --height-damping), or attitude",
         )
-    grade, why = sensor_grade(source, config)
+    grade = sensor_grade(source, config)
     model, gnss_why = gnss_model(gnss, config)
-    reference, remarks = _barometer(source, config, grade)
-    settings = _settings(source, config, grade, model, reference)
+    reference, remarks = _barometer(source, config)
+    settings = _settings(source, config, grade.grade, model, reference)
     lag = config.filter.gnss_velocity_lag
     if lag is None:
         lag = significant_lag(gnss)
@@ -88,7 +84,6 @@ def first_start(source: Source, config: ProcessConfig) -> FilterStart:
         None,
         lag,
         grade,
-        why,
         gnss_why,
         (*_too_good(source, config, settings), *remarks, *notes),
     )
@@ -133,9 +128,7 @@ def _latency_why(start: FilterStart) -> str:
     return f"{used}; found in the log: {start.latency}{velocity}"
 
 
-def _barometer(
-    source: Source, config: ProcessConfig, grade: Grade
-) -> tuple[HeightReference | None, list[str]]:
+def _barometer(source: Source, config: ProcessConfig) -> tuple[HeightReference | None, list[str]]:
     """Barometer heights, where the log has a barometer and the filter takes one."""
     if config.filter.filter == "plain-15" or config.vertical.height_damping == "gnss":
         return None, []
@@ -156,7 +149,7 @@ def _settings(
     source: Source,
     config: ProcessConfig,
     grade: Grade,
-    model: Any,
+    model: GnssModel,
     reference: HeightReference | None,
 ) -> Settings:
     options = config.filter

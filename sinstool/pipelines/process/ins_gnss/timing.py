@@ -19,7 +19,7 @@ from scipy.special import chdtri
 from sinstool.config import ProcessConfig
 from sinstool.core.errors import AlignmentError
 from sinstool.core.rotation import skew, to_dcm
-from sinstool.core.streams import GnssEpochs
+from sinstool.core.streams import GnssEpochs, take_rows
 from sinstool.core.timeline import SECOND
 from sinstool.methods.coning.algorithm import ConingAlgorithm
 from sinstool.methods.ins_gnss import latency as latencies
@@ -119,11 +119,7 @@ def _motion(
 def _until(parts: list[Increments], end_ns: int) -> list[Increments]:
     """Increments up to a time."""
     rows = [int(np.searchsorted(part.time_ns, end_ns, "right")) for part in parts]
-    return [
-        Increments(*(v[:n] for v in vars(part).values()))
-        for part, n in zip(parts, rows, strict=True)
-        if n
-    ]
+    return [take_rows(part, slice(0, n)) for part, n in zip(parts, rows, strict=True) if n]
 
 
 def _correlated(motion: list[Increments], start: FilterStart) -> Latency:
