@@ -22,7 +22,7 @@ from sinstool.report.figures import process as draw
 from sinstool.report.figures.parts import AXES, track
 
 if TYPE_CHECKING:
-    from sinstool.pipelines.process.ins_gnss.run import FilterRun
+    from sinstool.pipelines.process.summary import FilterCourse
 
 # Events shown as lines in a figure; more would be a wall.
 MARKS = 12
@@ -79,11 +79,11 @@ class Recorder:
         rows = valid[:: max(1, -(-len(valid) // FIXES))]
         self._fixes = np.stack([latitude[rows], longitude[rows]], axis=1)
 
-    def refer_filter(self, run: FilterRun) -> None:
+    def refer_filter(self, course: FilterCourse) -> None:
         """Innovations, their squares and biases of a filter that has come to its end."""
         from sinstool.report.figures.filter import filter_figures
 
-        self.extra += filter_figures(run)
+        self.extra += filter_figures(course)
 
     def push(self, solution: Solution) -> None:
         """Take the next solutions, in the order of time."""

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Protocol
+from typing import Protocol
 
 import numpy as np
 
@@ -15,12 +15,35 @@ from sinstool.core.units import DEGREE
 from sinstool.io.readers.lost import LogLosses
 from sinstool.methods.alignment.initial import Alignment
 from sinstool.methods.coning.algorithm import ConingAlgorithm, of_rates
+from sinstool.methods.ins_gnss.results import FilterEvent, GnssDiagnostics
 from sinstool.methods.ins_gnss.withheld import WithheldScore
 from sinstool.survey.grade import ImuGrade
 from sinstool.survey.source import Source
 
-if TYPE_CHECKING:
-    from sinstool.pipelines.process.ins_gnss.run import FilterRun
+
+@dataclass(frozen=True)
+class FilterCourse:
+    """What a filter noted on its way, for figures.
+
+    Attributes
+    ----------
+    first_ns : int
+        Time of the log's first sample.
+    gnss : GnssDiagnostics
+        At every epoch.
+    bias_ns : ndarray of int64, shape (n,)
+        Ends of the blocks after which the biases were noted.
+    gyro_bias, accel_bias : ndarray, shape (n, 3)
+        rad/s and m/s^2.
+    events : list of FilterEvent
+    """
+
+    first_ns: int
+    gnss: GnssDiagnostics
+    bias_ns: np.ndarray
+    gyro_bias: np.ndarray
+    accel_bias: np.ndarray
+    events: list[FilterEvent]
 
 
 class Sink(Protocol):
@@ -35,7 +58,7 @@ class Sink(Protocol):
     def refer_track(self, latitude: np.ndarray, longitude: np.ndarray) -> None:
         """Take the fixes (rad); NaN where one has no position."""
 
-    def refer_filter(self, run: FilterRun) -> None:
+    def refer_filter(self, course: FilterCourse) -> None:
         """Take a filter's innovations and biases, at its end."""
 
 

@@ -7,7 +7,7 @@ import numpy as np
 from sinstool.core.timeline import SECOND
 from sinstool.core.units import DEGREE
 from sinstool.methods.ins_gnss.results import GnssDiagnostics
-from sinstool.pipelines.process.ins_gnss.run import FilterRun
+from sinstool.pipelines.process.summary import FilterCourse
 from sinstool.report.figure import Figure, Series
 from sinstool.report.figures.parts import AXES, BODY
 from sinstool.report.figures.process import BOUND, TIME, both_sides
@@ -17,17 +17,13 @@ MOST = 3000
 MARKS = 50
 
 
-def filter_figures(run: FilterRun) -> list[Figure]:
+def filter_figures(course: FilterCourse) -> list[Figure]:
     """Figures of a run that has come to its end."""
-    gnss = run.diagnostics()
-    if gnss is None or not len(gnss):
-        return []
-    first = run.first_ns
-    marks = _events(run, first)
+    gnss, first, marks = course.gnss, course.first_ns, _events(course)
     return [
         *_innovations(gnss, first, marks),
         _squares(gnss, first, marks),
-        *_biases(run, first),
+        *_biases(course),
     ]
 
 
@@ -101,17 +97,14 @@ def _squares(gnss: GnssDiagnostics, first: int, marks: tuple[tuple[str, float], 
     )
 
 
-def _biases(run: FilterRun, first: int) -> list[Figure]:
+def _biases(course: FilterCourse) -> list[Figure]:
     """Biases as the filter knew them."""
-    time_ns, gyro, accel = run.biases()
-    if not len(time_ns):
-        return []
-    rows = _thinned(np.arange(len(time_ns)))
-    seconds = (time_ns[rows] - first) / SECOND
+    rows = _thinned(np.arange(len(course.bias_ns)))
+    seconds = (course.bias_ns[rows] - course.first_ns) / SECOND
     figures = []
     for key, title, values, size, unit in (
-        ("gyro-bias", "Gyro bias", gyro, DEGREE / 3600.0, "deg/h"),
-        ("accel-bias", "Accelerometer bias", accel, 1.0, "m/s²"),
+        ("gyro-bias", "Gyro bias", course.gyro_bias, DEGREE / 3600.0, "deg/h"),
+        ("accel-bias", "Accelerometer bias", course.accel_bias, 1.0, "m/s²"),
     ):
         series = tuple(Series(n, values[rows, k] / size) for k, n in enumerate(BODY))
         note = "As the filter knew it, along the vehicle's axes."
@@ -119,10 +112,10 @@ def _biases(run: FilterRun, first: int) -> list[Figure]:
     return figures
 
 
-def _events(run: FilterRun, first: int) -> tuple[tuple[str, float], ...]:
+def _events(course: FilterCourse) -> tuple[tuple[str, float], ...]:
     """Restarts, gaps and what else a filter notes, but for single rejected fixes."""
     return tuple(
-        (event.kind, (event.time_ns - first) / SECOND)
-        for event in run.events
+        (event.kind, (event.time_ns - course.first_ns) / SECOND)
+        for event in course.events
         if event.kind != "gated"
     )[:MARKS]

@@ -22,7 +22,6 @@ from sinstool.methods.ins_gnss.diagnosis import diagnose
 from sinstool.methods.ins_gnss.filter import InsGnssFilter
 from sinstool.methods.ins_gnss.results import (
     FilterBlock,
-    FilterEvent,
     GnssDiagnostics,
     UpdateColumns,
 )
@@ -38,6 +37,7 @@ from sinstool.pipelines.process.ins_gnss.start import timed_start
 from sinstool.pipelines.process.mode import BytesRead, Mode, warned
 from sinstool.pipelines.process.summary import (
     ConingUsed,
+    FilterCourse,
     FilterStartTime,
     FilterUsed,
     FirstAttitude,
@@ -213,9 +213,9 @@ class FilterRun(Mode):
 
     def _diagnosis(self) -> list[Finding]:
         """What seems to be wrong with settings or sensors, the likeliest cause first."""
-        p, gnss = self._start, self.diagnostics()
-        if gnss is None:
+        if not self._gnss:
             return []
+        p, gnss = self._start, concatenate(self._gnss)
         updates, restarts = concatenate(self._first), self._filter.summary.restarts
         findings = diagnose(p.start, updates, gnss, p.used, p.settings, restarts)
         return [self._completed(f) for f in findings if self._matters(f)]
@@ -256,21 +256,6 @@ class FilterRun(Mode):
             u.covariance_attitude_n,
         )
 
-    @property
-    def first_ns(self) -> int:
-        """Time of the log's first sample."""
-        return self.source.survey.first_ns
-
-    @property
-    def events(self) -> list[FilterEvent]:
-        """What the filter noted."""
-        return self._filter.events
-
-    def biases(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Times, ns, and gyro (rad/s) and accelerometer (m/s^2) biases after each block."""
-        times, gyro, accel = zip(*self._biases, strict=True)
-        return np.array(times, np.int64), np.array(gyro), np.array(accel)
-
     def new_diagnostics(self) -> list[Diagnostics]:
         """Diagnostics since the last call, for writing."""
         out = []
@@ -283,14 +268,13 @@ class FilterRun(Mode):
         self._unwritten = []
         return out
 
-    def diagnostics(self) -> GnssDiagnostics | None:
-        """All of them as one."""
-        return concatenate(self._gnss) if self._gnss else None
-
     def conclude(self, last: Solution, sink: Sink | None) -> ModeResult:
         """The start, the filter, the height, and what is likely to be wrong."""
-        if sink is not None:
-            sink.refer_filter(self)
+        if sink is not None and self._gnss:
+            times, gyro, accel = (np.array(column) for column in zip(*self._biases, strict=True))
+            first_ns, gnss = self.source.survey.first_ns, concatenate(self._gnss)
+            course = FilterCourse(first_ns, gnss, times, gyro, accel, self._filter.events)
+            sink.refer_filter(course)
         summary, height = self._filter.summary, None
         if self._damping is not None and last.vertical is not None and summary.gains is not None:
             events = self._filter.channel_events
