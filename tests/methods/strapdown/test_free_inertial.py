@@ -67,7 +67,7 @@ def navigate(imu, start, how, size=None):
     blocks = [imu.rows(slice(k, k + (size or len(imu)))) for k in range(0, len(imu), size or 10**9)]
     run = InsRun(start, how)
     parts = list(run.run(blocks))
-    names = [n for n, _ in parts[0]._columns().items()]
+    names = [name for name, column in vars(parts[0]).items() if column is not None]
     return run, {n: np.concatenate([getattr(p, n) for p in parts]) for n in names}
 
 

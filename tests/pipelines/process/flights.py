@@ -129,4 +129,5 @@ def read(path, topic, fields):
 
 def finite(solutions: list[Solution]):
     """Whether not one number of any column is NaN or infinite."""
-    return all(np.isfinite(column).all() for s in solutions for column in s._columns().values())
+    columns = (column for solution in solutions for column in vars(solution).values())
+    return all(np.isfinite(column).all() for column in columns if column is not None)
