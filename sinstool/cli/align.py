@@ -1,25 +1,30 @@
-"""`sinstool align`: where the vehicle points, at rest or in motion."""
+"""`sinstool align`: where the vehicle points, at rest or in motion, in one log or in many."""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from math import sqrt
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import click
 
-from sinstool.cli.choice import Choice
-from sinstool.cli.console import progress_bar
-from sinstool.cli.many import EXIT_HELP, BatchOptions, batch_options, show_result, workers_options
+from sinstool.campaign.inputs import are_many, find_logs
+from sinstool.cli import many
+from sinstool.cli.console import Choice, progress_bar
+from sinstool.cli.many import BatchOptions
 from sinstool.cli.options import config_options, effective_config, path_option, print_config
-from sinstool.config import ALIGN_OPTIONS
+from sinstool.config import ALIGN_OPTIONS, ProcessConfig
 
 if TYPE_CHECKING:
     from sinstool.pipelines.align.result import AlignResult
 
+AXES = ("north", "east", "down")
 
-@click.command("align", epilog=EXIT_HELP)
+
+@click.command("align", epilog=many.EXIT_HELP)
 @click.argument("logs", nargs=-1, type=click.Path(path_type=Path), metavar="LOG...")
-@workers_options("one for each core")
+@many.workers_options("one for each core")
 @config_options(*ALIGN_OPTIONS)
 @click.option(
     "--method",
@@ -35,7 +40,7 @@ if TYPE_CHECKING:
 @path_option("--report", metavar="FILE.html", text="also write a page of figures")
 @click.option("--overwrite", "output__overwrite", is_flag=True, default=None,
               help="replace existing outputs")  # fmt: skip
-@batch_options()
+@many.batch_options()
 def command(
     logs: tuple[Path, ...],
     config_file: Path | None,
@@ -70,37 +75,29 @@ def command(
         return 0
     if not logs:
         raise click.UsageError("give a LOG to align")
-    from sinstool.campaign.inputs import are_many
-
     if are_many(logs):
         if series is not None or report is not None:
             raise click.UsageError("--series and --report are about one log")
-        from sinstool.cli.align_many import align_many
-
         return align_many(logs, config, truth, batch)
     if batch.scheduler is not None:
         raise click.UsageError("--scheduler is for many logs")
     log = logs[0]
     from sinstool.core.whole_file import check_output, commit_together
-    from sinstool.pipelines.align.log import align_log
+    from sinstool.pipelines.align.log import align_log, write_series
+    from sinstool.report.page import check_report
 
     if series is not None:
         check_output(series, [log], config.output.overwrite)
-    if report is not None:
-        from sinstool.report.page import check_report
-
-        check_report(report, inputs=[log], overwrite=config.output.overwrite)
+    check_report(report, inputs=[log], overwrite=config.output.overwrite)
     with commit_together(), progress_bar(log.name, batch.quiet) as progress:
         alignment = align_log(log, config, progress, truth)
         if series is not None:
-            from sinstool.pipelines.align.log import write_series
-
             write_series(series, alignment, config.output.overwrite)
         if report is not None:
             from sinstool.report.pages.align import write_page
 
             write_page(report, alignment, config, log)
-    return show_result(alignment.result, batch, _rows)
+    return many.show_result(alignment.result, batch, _rows)
 
 
 def _rows(result: AlignResult, verbose: bool) -> list[tuple[str, str]]:
@@ -135,3 +132,76 @@ def _rows(result: AlignResult, verbose: bool) -> list[tuple[str, str]]:
         bias = ", ".join(f"{b:.4g}" for b in result.gyro_bias_deg_h)
         rows.append(("gyro bias", f"{bias} deg/h (FRD)"))
     return rows
+
+
+def align_many(
+    inputs: Sequence[Path], config: ProcessConfig, truth: str | None, batch: BatchOptions
+) -> int:
+    """Align on every log.
+
+    Parameters
+    ----------
+    inputs : sequence of Path
+        Files, folders, patterns.
+    truth : str or None
+        A topic of the logs, or a file.
+
+    Returns
+    -------
+    int
+        Exit status.
+    """
+    logs, truth = find_logs(inputs), many.full_name(truth)
+    reads = [] if truth is None else [Path(truth)]
+    rows = many.work_on_logs(logs, align_one, [()] * len(logs), (config, truth), reads, batch)
+
+    def table() -> None:
+        many.log_table(("method", "roll", "pitch", "heading", *AXES), logs, rows, _cells)
+        what = "errors about" if truth is not None else "sigmas about"
+        click.echo(f"degrees; {what} north, east and down")
+        for line in _errors(rows):
+            click.echo(line)
+
+    return many.finish(rows, batch, table)
+
+
+def align_one(path: Path, config: ProcessConfig, truth: str | None, progress: Any) -> Any:
+    """One of many: the values of ``--json`` with ``exit``.
+
+    Raises
+    ------
+    SinstoolError
+    """
+    from sinstool.pipelines.align.log import align_log
+
+    result = align_log(path, config, progress, truth).result
+    return {**result.to_json(), "exit": result.exit_status}
+
+
+def _cells(row: dict[str, Any]) -> tuple[str, ...]:
+    if "roll_deg" not in row:
+        return ("-",) * 7
+    shown = row["truth"]["error_deg"] if row.get("truth") else row["sigma_deg"]
+    angles = [row[f"{name}_deg"] for name in ("roll", "pitch", "heading")]
+    about = [_number(v, 4) for v in shown or (None,) * 3]
+    return (row["method"] or "-", *(_number(v, 3) for v in angles), *about)
+
+
+def _number(value: float | None, digits: int) -> str:
+    return "-" if value is None else f"{value:.{digits}f}"
+
+
+def _errors(rows: Sequence[dict[str, Any]]) -> list[str]:
+    """Root mean square of the errors over the logs that have one."""
+    errors = [
+        row["truth"]["error_deg"] for row in rows if (row.get("truth") or {}).get("error_deg")
+    ]
+    if not errors:
+        return []
+    parts = []
+    for k, axis in enumerate(AXES):
+        values = [error[k] for error in errors if error[k] is not None]
+        if values:
+            rms = sqrt(sum(v * v for v in values) / len(values))
+            parts.append(f"{axis} {rms:.4f} ({len(values)})")
+    return [f"rms error (logs): {', '.join(parts)}"]

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
+from sinstool.campaign.inputs import expand
 from sinstool.cli.console import print_json, progress_bar, warn
 from sinstool.cli.many import BatchOptions, batch_options, workers_of, workers_options
 from sinstool.cli.options import (
@@ -17,12 +18,12 @@ from sinstool.cli.options import (
     path_option,
     print_config,
 )
+from sinstool.config import ProcessConfig
 from sinstool.core.errors import ConfigurationError
 from sinstool.core.units import ARCSEC, DEGREE
 from sinstool.report.text.table import table
 
 if TYPE_CHECKING:
-    from sinstool.config import ProcessConfig
     from sinstool.pipelines.calibrate_hse.result import Calibration
 
 
@@ -94,22 +95,17 @@ def command(
         raise click.UsageError("give the output with -o FILE.json")
     if config.rig is None:
         raise ConfigurationError("no rig is described", "give a table [rig] with --config RIG.toml")
-    from sinstool.campaign.inputs import expand
+    from sinstool.core.whole_file import commit_together
     from sinstool.pipelines.calibrate_hse.files import check_files, write_csv, write_rig
     from sinstool.pipelines.calibrate_hse.run import calibrate
+    from sinstool.report.page import check_report
 
     paths = expand(logs)
     check_files([emit_config, csv_file, report], [output, *paths], config.output.overwrite)
-    if report is not None:
-        from sinstool.report.page import check_report
-
-        check_report(report, overwrite=config.output.overwrite)
-    from sinstool.core.whole_file import commit_together
-
+    check_report(report, overwrite=config.output.overwrite)
     workers = None
     if batch.scheduler is not None or (batch.jobs or 1) > 1:
-        full = [path.absolute() for path in paths]
-        workers = workers_of(batch, full, len(paths))
+        workers = workers_of(batch, [path.absolute() for path in paths], len(paths))
     with commit_together(), progress_bar(f"{len(paths)} logs", batch.quiet) as progress:
         calibration = calibrate(paths, output, config, progress, workers)
         if emit_config is not None:

@@ -7,10 +7,10 @@ from typing import Any
 
 import click
 
+from sinstool.campaign.inputs import are_many
 from sinstool.cli.console import print_json, progress_bar, warn
-from sinstool.cli.many import EXIT_HELP, BatchOptions, workers_options
-from sinstool.cli.options import config_options, effective_config, print_config
-from sinstool.cli.verbose import verbose_option
+from sinstool.cli.many import EXIT_HELP, BatchOptions, batch_options, workers_options
+from sinstool.cli.options import config_options, effective_config, path_option, print_config
 from sinstool.config import COMPARISON_OPTIONS, check_comparison
 
 
@@ -19,28 +19,19 @@ from sinstool.config import COMPARISON_OPTIONS, check_comparison
 @workers_options("one for each core")
 @click.option("--paper", is_flag=True, help="re-run the published experiment instead of a log")
 @config_options(*COMPARISON_OPTIONS)
-@click.option("--csv", "csv_dir", type=click.Path(path_type=Path), help="new folder for tables")
-@click.option("--report", type=click.Path(path_type=Path), help="page (.html) or figure to write")
+@path_option("--csv", "csv_dir", text="new folder for tables")
+@path_option("--report", text="page (.html) or figure to write")
 @click.option("--overwrite", is_flag=True, help="replace an existing report")
-@click.option("--print-config", "show", is_flag=True, help="print the configuration and stop")
-@click.option(
-    "--json", "as_json", is_flag=True, help="one JSON object on stdout, or one line for each log"
-)
-@click.option("-q", "--quiet", is_flag=True, help="no progress")
-@verbose_option()
+@batch_options(quiet_of="no progress")
 def command(
     logs: tuple[Path, ...],
-    jobs: int | None,
-    scheduler: str | None,
     paper: bool,
     config_file: Path | None,
     csv_dir: Path | None,
     report: Path | None,
     overwrite: bool,
     show: bool,
-    as_json: bool,
-    quiet: bool,
-    verbose: int,
+    batch: BatchOptions,
     **flags: Any,
 ) -> int:
     """Which coning algorithm, on LOG, and by how much.
@@ -62,34 +53,28 @@ def command(
         return 0
     if paper == bool(logs):
         raise click.UsageError("give a LOG to compare on, or --paper")
-    from sinstool.campaign.inputs import are_many
     from sinstool.cli import compare_run
     from sinstool.core.whole_file import check_new_folder
 
-    outputs = compare_run.Outputs(csv_dir, report, overwrite)
     if csv_dir is not None:
         check_new_folder(csv_dir, "--csv")
     if are_many(logs):
-        from sinstool.cli.compare_many import compare_many
-
-        return compare_many(
-            logs, config, outputs, BatchOptions(jobs, scheduler, as_json, quiet, verbose)
-        )
-    if scheduler is not None:
+        return compare_run.compare_many(logs, config, csv_dir, report, overwrite, batch)
+    if batch.scheduler is not None:
         raise click.UsageError("--scheduler is for many logs")
     if paper:
         from sinstool.cli.compare_paper import run_paper
 
-        with progress_bar("the paper's experiment", quiet) as progress:
-            run_paper(config, outputs, as_json, progress)
+        with progress_bar("the paper's experiment", batch.quiet) as progress:
+            run_paper(config, csv_dir, report, overwrite, batch.as_json, progress)
         return 0
     from sinstool.report.text.coning import print_comparison
 
-    with progress_bar(logs[0].name, quiet) as progress:
-        result = compare_run.compare_one(logs[0], config, outputs, progress)
+    with progress_bar(logs[0].name, batch.quiet) as progress:
+        result = compare_run.compare_one(logs[0], csv_dir, report, config, overwrite, progress)
     for text in result.warnings:
         warn(text)
-    if as_json:
+    if batch.as_json:
         print_json(result.to_json())
     else:
         print_comparison(result)

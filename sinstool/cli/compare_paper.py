@@ -3,22 +3,21 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
 import click
 import numpy as np
 
-from sinstool.cli.compare_run import Outputs
 from sinstool.cli.console import print_json
 from sinstool.config import ProcessConfig
+from sinstool.core.progress import Progress
 from sinstool.core.whole_file import WholeFile, commit_together, make_folder
 from sinstool.pipelines.compare_coning.paper import Reproduction, reproduce
 from sinstool.pipelines.compare_coning.paper_claims import low_level
 from sinstool.pipelines.compare_coning.paper_experiment import RESPONSES, noise_rate_deg
 from sinstool.pipelines.compare_coning.paper_sweep import Sweep
-from sinstool.report.page import write_report
+from sinstool.report.page import check_report, write_report
 from sinstool.report.pages.compare_coning import reproduction_page
 from sinstool.report.text.table import columns
 from sinstool.simulation.coning_paper import (
@@ -35,14 +34,23 @@ CSV_HEADER = (
 
 
 def run_paper(
-    config: ProcessConfig, outputs: Outputs, as_json: bool, progress: Callable[[float], None] | None
+    config: ProcessConfig,
+    csv: Path | None,
+    report: Path | None,
+    overwrite: bool,
+    as_json: bool,
+    progress: Progress | None,
 ) -> None:
     """Run the published experiment again, write its sweeps and its page, and print it.
 
     Parameters
     ----------
-    outputs : Outputs
-        The folder is for one CSV file a sweep.
+    csv : Path or None
+        Folder for one CSV file a sweep.
+    report : Path or None
+        Page of figures, or one figure.
+    overwrite : bool
+        Whether the report may be replaced.
     as_json : bool
         One JSON object on stdout instead of tables.
     progress : callable or None
@@ -55,21 +63,20 @@ def run_paper(
     OutputError
         An output cannot be written.
     """
-    outputs.check_page()
+    check_report(report, overwrite=overwrite)
     comparison = config.comparison
     response = paper_response(config.coning.gyro_response or "cheb:6")
     reproduction = reproduce(comparison.phase, response, comparison.algorithms, progress=progress)
     with commit_together():
-        files = [] if outputs.csv is None else write_sweeps(reproduction, outputs.csv)
-        if outputs.page is not None:
-            page = reproduction_page(reproduction, config)
-            write_report(outputs.page, page, overwrite=outputs.overwrite)
+        files = [] if csv is None else write_sweeps(reproduction, csv)
+        if report is not None:
+            write_report(report, reproduction_page(reproduction, config), overwrite=overwrite)
     if as_json:
         print_json(as_object(reproduction) | {"csv": [str(path) for path in files]})
     else:
         _print(reproduction)
-        if outputs.csv is not None:
-            click.echo(f"\n{outputs.csv}: {len(files)} sweeps as CSV")
+        if csv is not None:
+            click.echo(f"\n{csv}: {len(files)} sweeps as CSV")
 
 
 def write_sweeps(reproduction: Reproduction, folder: Path) -> list[Path]:

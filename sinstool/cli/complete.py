@@ -17,6 +17,7 @@ from sinstool.io.readers.message_types import (
     PRESSURE_TYPE,
     VELOCITY_TYPES,
 )
+from sinstool.methods.coning.registry import names
 
 Complete = Callable[[click.Context, click.Parameter, str], list[CompletionItem]]
 
@@ -40,35 +41,15 @@ def completion(name: str) -> Complete | None:
         Of the option's field.
     """
     if name in ("coning", "reference"):
-        return coning_names
+        return lambda _, __, begun: [CompletionItem(n) for n in names() if n.startswith(begun)]
     if name == "algorithms":
-        return coning_list
+        return word_list(*names())
     if name == "emit":
         return word_list(*EMITS)
     if name in TOPIC_TYPES:
         return _topics(TOPIC_TYPES[name])
-    return files if name in FILES else None
-
-
-def coning_names(_: click.Context, __: click.Parameter, begun: str) -> list[CompletionItem]:
-    """Names of coning algorithms."""
-    from sinstool.methods.coning.registry import names
-
-    return [CompletionItem(name) for name in names() if name.startswith(begun)]
-
-
-def files(_: click.Context, __: click.Parameter, begun: str) -> list[CompletionItem]:
-    """Files, which the shell knows."""
-    return [CompletionItem(begun, type="file")]
-
-
-def coning_list(
-    context: click.Context, option: click.Parameter, begun: str
-) -> list[CompletionItem]:
-    """Names of coning algorithms with commas between."""
-    from sinstool.methods.coning.registry import names
-
-    return word_list(*names())(context, option, begun)
+    # Files the shell knows itself.
+    return (lambda _, __, begun: [CompletionItem(begun, type="file")]) if name in FILES else None
 
 
 def word_list(*words: str) -> Complete:

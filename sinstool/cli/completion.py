@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import click
 
-from sinstool.cli.choice import Choice
+from sinstool.cli.console import Choice
 
 VARIABLE = "_SINSTOOL_COMPLETE"
 

@@ -1,16 +1,49 @@
-"""What commands share in talking to people: progress, summaries, status codes."""
+"""What commands share in talking to people: words to choose from, ``-v``, progress, JSON."""
 
 from __future__ import annotations
 
 import json
+import logging
 import sys
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from typing import Any
+from typing import Any, TypeVar
 
 import click
 
 from sinstool.core.errors import one_line
+
+F = TypeVar("F", bound=Callable[..., Any])
+
+
+class Choice(click.Choice):
+    """One of a few words."""
+
+    def get_invalid_choice_message(self, value: Any, *_: Any, **__: Any) -> str:
+        """Say what there is, and what may have been meant."""
+        from sinstool.core.suggest import nearest
+
+        text = f"'{value}' is not one of {', '.join(map(str, self.choices))}"
+        near = nearest(str(value), map(str, self.choices))
+        return f"{text}; {near}" if near else text
+
+
+class Group(click.Group):
+    """Commands, of which the nearest is suggested where there is none of a name."""
+
+    what = "command"
+
+    def resolve_command(
+        self, ctx: click.Context, args: list[str]
+    ) -> tuple[str | None, click.Command | None, list[str]]:
+        """Find the command that is meant, or say which may be."""
+        names = self.list_commands(ctx)
+        if args and args[0] not in names and not args[0].startswith("-"):
+            from sinstool.core.suggest import nearest
+
+            hint = nearest(args[0], names) or f"there are {', '.join(names)}"
+            raise click.UsageError(f"there is no {self.what} '{args[0]}': {hint}", ctx)
+        return super().resolve_command(ctx, args)
 
 
 @contextmanager
@@ -70,3 +103,51 @@ def plain(value: Any) -> Any:
 def warn(text: str) -> None:
     """A warning on stderr."""
     click.echo(f"warning: {one_line(text)}", err=True)
+
+
+class _Shown(logging.Handler):
+    """Each choice once a log, although several passes may make it again."""
+
+    def __init__(self) -> None:
+        super().__init__(logging.INFO)
+        self._printed: set[str] = set()
+
+    def emit(self, record: logging.LogRecord) -> None:
+        """Write a line to whatever stderr is now: a progress bar may have its hands on it."""
+        text = record.getMessage()
+        if text.startswith("log: "):
+            self._printed.clear()
+        if text not in self._printed:
+            self._printed.add(text)
+            click.echo(f"- {text}", err=True)
+
+
+def verbose_option(also: str = "") -> Callable[[F], F]:
+    """The option ``-v``: how often it was given, as ``verbose``.
+
+    Parameters
+    ----------
+    also : str
+        What a command shows with it besides.
+    """
+
+    def listen(context: click.Context, _: click.Parameter, value: int) -> int:
+        if value and not context.resilient_parsing:
+            from sinstool.core.choices import LOGGER
+
+            handler = _Shown()
+            before = LOGGER.level
+            LOGGER.setLevel(logging.INFO)
+            LOGGER.addHandler(handler)
+            context.call_on_close(lambda: LOGGER.removeHandler(handler))
+            context.call_on_close(lambda: LOGGER.setLevel(before))
+        return value
+
+    more = f", {also}" if also else ""
+    return click.option(
+        "-v",
+        "--verbose",
+        count=True,
+        callback=listen,
+        help=f"say what is chosen, and why{more}; -vv: with a traceback for an error",
+    )

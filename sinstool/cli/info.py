@@ -8,9 +8,8 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from sinstool.cli.console import print_json, progress_bar
+from sinstool.cli.console import print_json, progress_bar, verbose_option
 from sinstool.cli.options import config_options, effective_config, path_option
-from sinstool.cli.verbose import verbose_option
 from sinstool.core.finding import Severity
 from sinstool.report.text.table import table
 
@@ -41,13 +40,10 @@ def command(
     """What is in LOG, what is odd about it, and what process would do with it."""
     config = effective_config(config_file, flags)
     from sinstool.pipelines.info.run import Shown, inspect
+    from sinstool.report.page import check_report
 
-    shown = None
-    if report is not None:
-        from sinstool.report.page import check_report
-
-        check_report(report, inputs=[log], overwrite=overwrite)
-        shown = Shown()
+    check_report(report, inputs=[log], overwrite=overwrite)
+    shown = None if report is None else Shown()
     with progress_bar(log.name, quiet) as progress:
         inspection = inspect(log, config, progress, shown)
     if report is not None and shown is not None:

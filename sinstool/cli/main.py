@@ -20,7 +20,7 @@ from typing import TYPE_CHECKING, Any, TextIO, cast
 
 import click
 
-from sinstool.cli.choice import Group
+from sinstool.cli.console import Group
 from sinstool.core.completed import completed_outputs
 from sinstool.core.errors import AGAIN, SinstoolError
 from sinstool.core.version import VERSION
@@ -28,25 +28,17 @@ from sinstool.core.version import VERSION
 if TYPE_CHECKING:
     from click.shell_completion import CompletionItem
 
-# name -> (module under sinstool.cli, one line for the list of commands)
+# Name and one line for the list of commands; modules are named after their command
 COMMANDS = {
-    "process": ("process", "Recorded IMU to corrected attitude, written as MCAP."),
-    "info": ("info", "What is in a log, and what is odd about it."),
-    "compare-coning": (
-        "compare_coning",
-        "Which coning algorithm, on a log, and by how much; or the published experiment.",
-    ),
-    "align": (
-        "align",
-        "Where the vehicle points, at rest or in flight, and how sure that is.",
-    ),
-    "calibrate-hse": (
-        "calibrate_hse",
-        "Heading-sensitive error of a rate-biased system, from its turntable logs.",
-    ),
-    "simulate": ("simulate", "Write a log with exact truth."),
-    "conventions": ("conventions", "Frames, axes, quaternions, units, gravity and time."),
-    "completion": ("completion", "Completion of commands and options for bash, zsh or fish."),
+    "process": "Recorded IMU to corrected attitude, written as MCAP.",
+    "info": "What is in a log, and what is odd about it.",
+    "compare-coning": "Which coning algorithm, on a log, and by how much; or the published"
+    " experiment.",
+    "align": "Where the vehicle points, at rest or in flight, and how sure that is.",
+    "calibrate-hse": "Heading-sensitive error of a rate-biased system, from its turntable logs.",
+    "simulate": "Write a log with exact truth.",
+    "conventions": "Frames, axes, quaternions, units, gravity and time.",
+    "completion": "Completion of commands and options for bash, zsh or fish.",
 }
 # So many complete files are named; of more only the number is
 NAMED = 3
@@ -63,14 +55,13 @@ class LazyGroup(Group):
         """Import a command; unknown names get a suggestion."""
         if name not in COMMANDS:
             return None
-        module = import_module(f"sinstool.cli.{COMMANDS[name][0]}")
-        command: click.Command = module.command
+        command: click.Command = import_module(f"sinstool.cli.{name.replace('-', '_')}").command
         return command
 
     def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
         """List commands without importing them."""
         with formatter.section("Commands"):
-            formatter.write_dl([(name, line) for name, (_, line) in COMMANDS.items()])
+            formatter.write_dl(list(COMMANDS.items()))
 
     def shell_complete(self, ctx: click.Context, incomplete: str) -> list[CompletionItem]:
         """Offer the commands without importing them."""
@@ -78,7 +69,7 @@ class LazyGroup(Group):
 
         offered = [
             CompletionItem(name, help=line)
-            for name, (_, line) in COMMANDS.items()
+            for name, line in COMMANDS.items()
             if name.startswith(incomplete)
         ]
         return offered + click.Command.shell_complete(self, ctx, incomplete)

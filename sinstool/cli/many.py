@@ -10,12 +10,11 @@ import sys
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, TypeVar, cast
+from typing import TYPE_CHECKING, Any, cast
 
 import click
 
-from sinstool.cli.console import plain, print_json, warn
-from sinstool.cli.verbose import verbose_option
+from sinstool.cli.console import F, plain, print_json, verbose_option, warn
 from sinstool.config import ProcessConfig
 from sinstool.report.text.table import columns, table
 
@@ -25,7 +24,6 @@ if TYPE_CHECKING:
     from sinstool.pipelines.align.result import AlignResult
     from sinstool.pipelines.process.result import ProcessResult
 
-F = TypeVar("F", bound=Callable[..., Any])
 INTERRUPTED = 130
 # So many names of logs behind a warning
 NAMED = 3
@@ -86,7 +84,11 @@ class BatchOptions:
     verbose: int = 0
 
 
-def batch_options(also: str = "", json_of: str = ", or one line for each log") -> Callable[[F], F]:
+def batch_options(
+    also: str = "",
+    json_of: str = ", or one line for each log",
+    quiet_of: str = "no progress and no summary",
+) -> Callable[[F], F]:
     """Decorator: what a command prints, given to it with who works as one ``batch``.
 
     Parameters
@@ -95,6 +97,8 @@ def batch_options(also: str = "", json_of: str = ", or one line for each log") -
         What ``-v`` shows besides choices.
     json_of : str
         What ``--json`` prints besides one object.
+    quiet_of : str
+        What ``-q`` leaves out.
     """
 
     def decorate(function: F) -> F:
@@ -113,7 +117,7 @@ def batch_options(also: str = "", json_of: str = ", or one line for each log") -
         text = f"one JSON object on stdout{json_of}"
         for option in (
             verbose_option(also),
-            click.option("-q", "--quiet", is_flag=True, help="no progress and no summary"),
+            click.option("-q", "--quiet", is_flag=True, help=quiet_of),
             click.option("--json", "as_json", is_flag=True, help=text),
             click.option(
                 "--print-config", "show", is_flag=True, help="print the configuration and stop"
@@ -153,20 +157,15 @@ def show_result(
 
 def log_table(
     header: Sequence[str],
-    names: Sequence[str],
+    logs: Sequence[LogInput],
     rows: Sequence[dict[str, Any]],
     cells: Callable[[dict[str, Any]], Sequence[str]],
 ) -> None:
     """A line for each log on stdout: its status, its name, and what `cells` makes of its row."""
-    lines = [(row["status"], name, *cells(row)) for name, row in zip(names, rows, strict=True)]
+    lines = [
+        (row["status"], str(log.path), *cells(row)) for log, row in zip(logs, rows, strict=True)
+    ]
     columns(("status", "log", *header), lines)
-
-
-def cores() -> int:
-    """Processors that this process may use."""
-    if hasattr(os, "sched_getaffinity"):
-        return len(os.sched_getaffinity(0))
-    return os.cpu_count() or 1
 
 
 def workers_of(batch: BatchOptions, reads: Sequence[Path], most: int) -> Workers:
@@ -192,25 +191,26 @@ def workers_of(batch: BatchOptions, reads: Sequence[Path], most: int) -> Workers
         from sinstool.campaign.cluster import require_distributed
 
         require_distributed()
-    processes = max(1, min(batch.jobs or cores(), most))
+    cores = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count()
+    processes = max(1, min(batch.jobs or cores or 1, most))
     return Workers(processes, batch.scheduler, tuple(reads))
 
 
+def full_name(name: str | None) -> str | None:
+    """The full name of a file, as workers may stand elsewhere; what names no file stays."""
+    return str(Path(name).absolute()) if name is not None and Path(name).is_file() else name
+
+
 def absolute(config: ProcessConfig) -> ProcessConfig:
-    """The configuration with full names of files, as workers may stand elsewhere."""
-    hse, coning, output = config.hse, config.coning, config.output
-
-    def full(name: str | None) -> str | None:
-        return str(Path(name).absolute()) if name is not None and Path(name).is_file() else name
-
-    truth = tuple(full(name) or name for name in output.truth)
-    return config.model_copy(
-        update={
-            "hse": hse.model_copy(update={"hse": full(hse.hse)}),
-            "coning": coning.model_copy(update={"gyro_response": full(coning.gyro_response)}),
-            "output": output.model_copy(update={"truth": truth}),
-        }
-    )
+    """The configuration with full names of files."""
+    changes: dict[str, dict[str, Any]] = {
+        "hse": {"hse": full_name(config.hse.hse)},
+        "coning": {"gyro_response": full_name(config.coning.gyro_response)},
+        "comparison": {"truth": full_name(config.comparison.truth)},
+        "output": {"truth": tuple(full_name(name) or name for name in config.output.truth)},
+    }
+    groups = {name: getattr(config, name).model_copy(update=v) for name, v in changes.items()}
+    return config.model_copy(update=groups)
 
 
 def page_paths(folder: Path | None, logs: Sequence[LogInput]) -> list[Path | None]:
@@ -234,6 +234,48 @@ def page_paths(folder: Path | None, logs: Sequence[LogInput]) -> list[Path | Non
         )
     borrowed("plotly.offline")
     return [path.absolute() for path in output_paths(logs, folder, ".html")]
+
+
+def work_on_logs(
+    logs: Sequence[LogInput],
+    function: Callable[..., Any],
+    outputs: Sequence[tuple[Path | None, ...]],
+    settings: tuple[Any, ...],
+    reads: Sequence[Path],
+    batch: BatchOptions,
+    named: bool = False,
+) -> list[dict[str, Any]]:
+    """Do one job for each log, as :func:`work_through` does jobs.
+
+    Parameters
+    ----------
+    function : callable
+        Takes the log, its outputs, the settings, and what shows progress.
+    outputs : sequence of tuple
+        What is written of each log; None for what is not.
+    reads : sequence of Path
+        Files that workers read besides the logs.
+    named : bool
+        Whether the row of a log that failed names the first of its outputs.
+    """
+    from sinstool.campaign.jobs import Job
+    from sinstool.core.whole_file import make_folder
+    from sinstool.io.readers.log import path_size
+
+    paths = [log.path.absolute() for log in logs]
+    workers = workers_of(batch, [*paths, *(path.absolute() for path in reads)], len(logs))
+    jobs = []
+    for log, path, written in zip(logs, paths, outputs, strict=True):
+        folders = tuple(output.parent for output in written if output is not None)
+        for folder in folders:
+            make_folder(folder)
+        arguments = (path, *written, *settings)
+        jobs.append(Job(str(log.path), function, arguments, path_size(path), folders))
+
+    def row(number: int, outcome: Outcome) -> dict[str, Any]:
+        return row_of(outcome, paths[number], outputs[number][0] if named else None)
+
+    return work_through(jobs, workers, row, batch)
 
 
 def work_through(

@@ -10,8 +10,8 @@ from typing import Any, Literal, TypeVar, Union, get_args, get_origin
 import click
 from pydantic.fields import FieldInfo
 
-from sinstool.cli.choice import Choice
 from sinstool.cli.complete import completion
+from sinstool.cli.console import Choice
 from sinstool.config import ProcessConfig, build, dump_toml, load_toml
 from sinstool.core.options import Group
 

@@ -1,25 +1,36 @@
-"""`sinstool process`: recorded IMU to corrected attitude."""
+"""`sinstool process`: recorded IMU to corrected attitude, of one log or of many."""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import click
 
+from sinstool.campaign.inputs import are_many, find_logs, output_paths
+from sinstool.cli import many
 from sinstool.cli.console import print_json, progress_bar, warn
-from sinstool.cli.many import EXIT_HELP, BatchOptions, batch_options, show_result, workers_options
+from sinstool.cli.many import BatchOptions
 from sinstool.cli.options import config_options, effective_config, path_option, print_config
 from sinstool.config import PROCESS_OPTIONS, ProcessConfig
 from sinstool.core.finding import exit_status
-from sinstool.report.text.process import summary_rows
+from sinstool.report.text.process import compass, summary_rows
 from sinstool.report.text.table import table
 
+if TYPE_CHECKING:
+    from sinstool.core.progress import Progress
+    from sinstool.pipelines.process.result import ProcessResult
+    from sinstool.report.recorder import Recorder
 
-@click.command("process", epilog=EXIT_HELP)
+HEADER = ("samples", "Hz", "gaps", "roll", "pitch", "heading deg", "warnings")
+
+
+@click.command("process", epilog=many.EXIT_HELP)
 @click.argument("logs", nargs=-1, type=click.Path(path_type=Path), metavar="LOG...")
 @path_option("-o", "--output", text="MCAP file to write; with many logs a folder")
-@workers_options("one for each core")
+@many.workers_options("one for each core")
 @config_options(*PROCESS_OPTIONS)
 @click.option(
     "--print-plan",
@@ -27,7 +38,7 @@ from sinstool.report.text.table import table
     is_flag=True,
     help="print what would be done with the log, and why, and stop",
 )
-@batch_options()
+@many.batch_options()
 def command(
     logs: tuple[Path, ...],
     output: Path | None,
@@ -57,34 +68,26 @@ def command(
         return 0
     if not logs:
         raise click.UsageError("give a LOG to process")
-    from sinstool.campaign.inputs import are_many
-
     if show_plan:
         if are_many(logs):
             raise click.UsageError("--print-plan is about one log")
         return _print_plan(logs[0], config, batch)
     if output is None:
         raise click.UsageError("give the output with -o FILE")
-
     if are_many(logs):
-        from sinstool.cli.process_many import process_many
-
         return process_many(logs, output, config, batch)
     if batch.scheduler is not None:
         raise click.UsageError("--scheduler is for many logs; one is processed here")
     log = logs[0]
     report = None if config.output.report is None else Path(config.output.report)
-    if report is not None:
-        from sinstool.report.page import check_report
+    from sinstool.report.page import check_report
 
-        check_report(report, inputs=[log], overwrite=config.output.overwrite)
-        if report.absolute() == output.absolute():
-            raise click.UsageError("--report and -o name one file")
-    from sinstool.cli.process_one import process_one
-
+    check_report(report, inputs=[log], overwrite=config.output.overwrite)
+    if report is not None and report.absolute() == output.absolute():
+        raise click.UsageError("--report and -o name one file")
     with progress_bar(log.name, batch.quiet) as progress:
         result = process_one(log, output, report, config, progress)
-    return show_result(result, batch, summary_rows)
+    return many.show_result(result, batch, summary_rows)
 
 
 def _print_plan(log: Path, config: ProcessConfig, batch: BatchOptions) -> int:
@@ -101,3 +104,149 @@ def _print_plan(log: Path, config: ProcessConfig, batch: BatchOptions) -> int:
     else:
         table(plan.rows())
     return exit_status(plan.findings)
+
+
+def process_one(
+    log: Path,
+    output: Path,
+    report: Path | None,
+    config: ProcessConfig,
+    progress: Progress | None,
+) -> ProcessResult:
+    """Process a log, and write its page where one is asked for.
+
+    Parameters
+    ----------
+    report : Path or None
+        The page.
+    progress : callable, optional
+        Called with the fraction done.
+
+    Raises
+    ------
+    SinstoolError
+    """
+    from sinstool.core.whole_file import commit_together
+    from sinstool.pipelines.process.run import process
+
+    recorder = _recorder(log, report, config)
+    with commit_together():
+        result = process(log, output, config, progress, recorder)
+        if recorder is not None and config.output.truth:
+            result = replace(result, truth=recorder.errors())
+        if report is not None and recorder is not None:
+            from sinstool.report.pages.process import write_page
+
+            write_page(report, recorder, result, config)
+    return result
+
+
+def process_unless_done(
+    log: Path,
+    output: Path,
+    report: Path | None,
+    config: ProcessConfig,
+    progress: Progress | None,
+) -> dict[str, Any]:
+    """One of many: as :func:`process_one`, unless its output is there and would be the same.
+
+    Returns
+    -------
+    dict
+        The values of ``--json`` with ``status`` and ``exit``; of an output that is there already
+        only ``input`` and ``output``.
+
+    Raises
+    ------
+    SinstoolError
+        Also where another file has the output's name.
+    """
+    if output.exists() and not config.output.overwrite:
+        from sinstool.pipelines.provenance import require_same
+
+        record = require_same(output, log, config)
+        if report is None or report.exists():
+            size, digest = int(record["input_size"]), record["input_sha256"]
+            return {
+                "input": {"path": str(log), "size": size, "sha256": digest},
+                "output": {"path": str(output)},
+                "status": "complete",
+                "exit": 3 if record.get("status") == "lost" else 0,
+            }
+        # Only the page is missing: the output is made again with it, as it was.
+        again = config.output.model_copy(update={"overwrite": True})
+        config = config.model_copy(update={"output": again})
+    from sinstool.report.page import check_report
+
+    check_report(report, inputs=[log], overwrite=config.output.overwrite)
+    result = process_one(log, output, report, config, progress)
+    status = result.exit_status
+    return {**result.to_json(), "status": "lost" if status else "done", "exit": status}
+
+
+def _recorder(log: Path, report: Path | None, config: ProcessConfig) -> Recorder | None:
+    """What collects figures and errors, where either is asked for."""
+    if report is None and not config.output.truth:
+        return None
+    from sinstool.io.readers import open_log
+    from sinstool.pipelines.process.errors_against_truth import read_references
+    from sinstool.report.recorder import Recorder
+
+    if not config.output.truth:
+        return Recorder()
+    with open_log(log, config.input.salvage) as opened:
+        return Recorder(read_references(opened, config.output.truth, config.input.body_axes))
+
+
+def process_many(
+    inputs: Sequence[Path], folder: Path, config: ProcessConfig, batch: BatchOptions
+) -> int:
+    """Process logs, each to an output of its own.
+
+    Parameters
+    ----------
+    inputs : sequence of Path
+        Files, folders, patterns.
+    folder : Path
+        Of the outputs.
+    config : ProcessConfig
+        ``output.report`` is a folder too.
+
+    Returns
+    -------
+    int
+        Exit status.
+    """
+    from sinstool.pipelines.provenance import files
+
+    logs = find_logs(inputs, without=folder)
+    if folder.suffix.lower() == ".mcap" and not folder.is_dir():
+        raise click.UsageError(
+            f"-o {folder}: with many logs give a folder, which gets an output for each"
+        )
+    outputs = [path.absolute() for path in output_paths(logs, folder)]
+    report = config.output.report
+    pages = many.page_paths(None if report is None else Path(report), logs)
+    config = many.absolute(config)
+    reads = [*files(config).values(), *map(Path, config.output.truth)]
+    written = list(zip(outputs, pages, strict=True))
+    rows = many.work_on_logs(
+        logs, process_unless_done, written, (config,), reads, batch, named=True
+    )
+    return many.finish(
+        rows, batch, lambda: many.log_table(HEADER, logs, rows, _cells), f", in {folder}"
+    )
+
+
+def _cells(row: dict[str, Any]) -> tuple[str, ...]:
+    if "imu" not in row:
+        return ("-",) * 7
+    imu, final = row["imu"], row["final"]
+    return (
+        str(imu["n"]),
+        f"{imu['rate_hz']:.2f}",
+        str(imu["gaps"]),
+        *(f"{final[name]:.3f}" for name in ("roll_deg", "pitch_deg")),
+        compass(final["heading_deg"], 3),
+        str(len(row["warnings"])),
+    )

@@ -9,18 +9,10 @@ from typing import Any
 import click
 from pydantic import create_model
 
-from sinstool.cli.choice import Group
-from sinstool.cli.console import print_json
-from sinstool.cli.many import (
-    BatchOptions,
-    finish,
-    row_of,
-    work_through,
-    workers_of,
-    workers_options,
-)
-from sinstool.cli.options import config_options, effective, print_config
-from sinstool.cli.verbose import verbose_option
+from sinstool.cli import many
+from sinstool.cli.console import Group, print_json
+from sinstool.cli.many import BatchOptions
+from sinstool.cli.options import config_options, effective, path_option, print_config
 from sinstool.core.options import Group as Options
 from sinstool.simulation.scenarios import SCENARIOS, HseRig, Scenario
 
@@ -44,9 +36,7 @@ def _scenario_command(name: str, kind: type[Scenario]) -> click.Command:
     model = create_model("Simulation", __base__=Options, simulate=(kind, kind()))
 
     @click.command(name, help=inspect.getdoc(kind))
-    @click.option(
-        "-o", "--output", type=click.Path(path_type=Path), help="MCAP to write; with many a folder"
-    )
+    @path_option("-o", "--output", text="MCAP to write; with many a folder")
     @config_options("simulate", model=model)
     @click.option(
         "--monte-carlo",
@@ -54,30 +44,19 @@ def _scenario_command(name: str, kind: type[Scenario]) -> click.Command:
         metavar="N",
         help="write N logs into the folder OUTPUT, with the seeds from --seed on",
     )
-    @workers_options("one for each core")
-    @click.option(
-        "--report",
-        type=click.Path(path_type=Path),
-        metavar="FILE.html",
-        help="also write a page of figures, or its first one (.png, .pdf, .svg)",
-    )
+    @many.workers_options("one for each core")
+    @path_option("--report", metavar="FILE.html", text="also write a page of figures, or its first"
+                 " one (.png, .pdf, .svg)")  # fmt: skip
     @click.option("--overwrite", is_flag=True, help="replace existing outputs")
-    @click.option("--print-config", "show", is_flag=True, help="print the configuration and stop")
-    @click.option("--json", "as_json", is_flag=True, help="one JSON object on stdout")
-    @click.option("-q", "--quiet", is_flag=True, help="no progress and no summary")
-    @verbose_option()
+    @many.batch_options(json_of="")
     def run(
         output: Path | None,
         config_file: Path | None,
         monte_carlo: int | None,
-        jobs: int | None,
-        scheduler: str | None,
         report: Path | None,
         overwrite: bool,
         show: bool,
-        as_json: bool,
-        quiet: bool,
-        verbose: int,
+        batch: BatchOptions,
         rig_out: Path | None = None,
         **flags: Any,
     ) -> int:
@@ -92,30 +71,27 @@ def _scenario_command(name: str, kind: type[Scenario]) -> click.Command:
         if monte_carlo is not None:
             if report is not None:
                 raise click.UsageError("--report is about one log, --monte-carlo makes many")
-            batch = BatchOptions(jobs, scheduler, as_json, quiet, verbose)
             return _many(scenario, monte_carlo, output, rig_out, overwrite, batch)
-        if jobs is not None or scheduler is not None:
+        if batch.jobs is not None or batch.scheduler is not None:
             raise click.UsageError("--jobs and --scheduler go with --monte-carlo")
+        from sinstool.core.whole_file import commit_together
+        from sinstool.report.page import check_report, write_report
         from sinstool.simulation import make
 
         files = make.LogFiles(output, rig_out, overwrite)
         files.check()
-        write_page = None
-        if report is not None:
-            from sinstool.report.page import check_report, write_report
-            from sinstool.report.pages.simulate import simulation_page
+        check_report(report, inputs=[output], overwrite=overwrite)
+        simulated = make.simulate(scenario)
+        with commit_together():
+            written = make.write_log(simulated, files)
+            if report is not None:
+                from sinstool.report.pages.simulate import simulation_page
 
-            check_report(report, inputs=[output], overwrite=overwrite)
-
-            def write_page() -> None:
                 page = simulation_page(simulated, config, output)
                 write_report(report, page, inputs=[output], overwrite=overwrite)
-
-        simulated = make.simulate(scenario)
-        written = make.write_log(simulated, files, write_page)
-        if as_json:
+        if batch.as_json:
             print_json(written)
-        elif not quiet:
+        elif not batch.quiet:
             click.echo(f"{output}: {_topics(written)}")
         return 0
 
@@ -139,7 +115,7 @@ def _many(
     seeds = range(scenario.seed, scenario.seed + count)
     width = max(DIGITS, len(str(seeds[-1])))
     outputs = [folder / f"{name_of(scenario)}-{seed:0{width}d}.mcap" for seed in seeds]
-    workers = workers_of(batch, (), count)
+    workers = many.workers_of(batch, (), count)
     make_folder(folder)
     jobs = []
     for seed, log in zip(seeds, outputs, strict=True):
@@ -150,32 +126,32 @@ def _many(
         jobs.append(Job(log.name, simulate_one, arguments, folders=(folder,)))
 
     def row(number: int, outcome: Outcome) -> dict[str, Any]:
-        written = row_of(outcome, outputs[number])
+        written = many.row_of(outcome, outputs[number])
         if outcome.error:
             return {"output": written.pop("input")["path"], "seed": seeds[number], **written}
         return written
 
-    rows = work_through(jobs, workers, row, batch)
+    rows = many.work_through(jobs, workers, row, batch)
     cells = [
         (row["status"], str(row["seed"]), log.name, _topics(row))
         for row, log in zip(rows, outputs, strict=True)
     ]
     header = ("status", "seed", "log", "topics")
-    return finish(rows, batch, lambda: columns(header, cells), f", in {output}")
+    return many.finish(rows, batch, lambda: columns(header, cells), f", in {output}")
 
 
 def _topics(written: dict[str, Any]) -> str:
     return ", ".join(f"{topic} ({count})" for topic, count in written.get("topics", {}).items())
 
 
+_RIG_OUT = click.Option(
+    ["--rig-out"],
+    type=click.Path(path_type=Path),
+    metavar="RIG.toml",
+    help="also write the rig as its user believes it to be, for --config",
+)
 for _name, _kind in SCENARIOS.items():
     _command = _scenario_command(_name, _kind)
     if _kind is HseRig:
-        rig_out = click.Option(
-            ["--rig-out"],
-            type=click.Path(path_type=Path),
-            metavar="RIG.toml",
-            help="also write the rig as its user believes it to be, for --config",
-        )
-        _command.params.insert(1, rig_out)
+        _command.params.insert(1, _RIG_OUT)
     command.add_command(_command)

@@ -15,13 +15,16 @@ from sinstool.report.static import FORMATS, image
 PAGES = (".html", ".htm")
 
 
-def check_report(path: Path, *, inputs: Sequence[Path] = (), overwrite: bool = False) -> None:
+def check_report(
+    path: Path | None, *, inputs: Sequence[Path] = (), overwrite: bool = False
+) -> None:
     """Refuse a report that could not be written, before the work that it is about.
 
     Parameters
     ----------
-    path : Path
+    path : Path or None
         Its suffix says what it is to be: a page (.html) or the main figure (.png, .pdf, .svg).
+        None for no report, which is fine.
     inputs : sequence of Path, optional
         Files that must not be written over.
     overwrite : bool, optional
@@ -34,6 +37,8 @@ def check_report(path: Path, *, inputs: Sequence[Path] = (), overwrite: bool = F
     OutputError
         If the file exists, is an input or cannot be written.
     """
+    if path is None:
+        return
     suffix = path.suffix.lower()
     if suffix in PAGES:
         borrowed("plotly.offline")

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -146,15 +145,8 @@ def simulate(scenario: Scenario) -> Simulated:
         raise ConfigurationError(str(exc)) from exc
 
 
-def write_log(
-    simulated: Simulated, files: LogFiles, beside: Callable[[], None] | None = None
-) -> dict[str, Any]:
+def write_log(simulated: Simulated, files: LogFiles) -> dict[str, Any]:
     """Write a log and what belongs to it, all or nothing.
-
-    Parameters
-    ----------
-    beside : callable, optional
-        Writes another file.
 
     Returns
     -------
@@ -167,8 +159,6 @@ def write_log(
             assert isinstance(simulated.scenario, HseRig)
             table = rig_table(simulated.rig, simulated.scenario)
             write_whole(files.rig, tomli_w.dumps({"rig": table}))
-        if beside is not None:
-            beside()
     return {
         "schema": SCHEMA,
         "output": str(files.log),

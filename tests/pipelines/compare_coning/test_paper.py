@@ -7,7 +7,6 @@ import numpy as np
 import pytest
 
 from sinstool.cli import compare_paper
-from sinstool.cli.compare_run import Outputs
 from sinstool.config import ProcessConfig
 from sinstool.core import rotation
 from sinstool.core.errors import ConfigurationError
@@ -423,7 +422,9 @@ def test_command_prints_tables_and_writes_sweeps(found, monkeypatch, capsys, tmp
             comparison={"phase": "literal", "algorithms": ["previous-1"]},
             coning={"gyro_response": "butter:9"},
         ),
-        Outputs(tmp_path / "csv"),
+        tmp_path / "csv",
+        None,
+        False,
         False,
         None,
     )
@@ -445,7 +446,7 @@ def test_command_prints_tables_and_writes_sweeps(found, monkeypatch, capsys, tmp
 
 def test_command_prints_one_object(found, monkeypatch, capsys):
     monkeypatch.setattr(compare_paper, "reproduce", lambda *_, **__: found)
-    compare_paper.run_paper(ProcessConfig(), Outputs(), True, None)
+    compare_paper.run_paper(ProcessConfig(), None, None, False, True, None)
     printed = json.loads(capsys.readouterr().out)
     assert printed["reproduces"] == len(REPRODUCES)
     assert printed["does_not"] == len(DOES_NOT)
@@ -468,7 +469,7 @@ def test_command_refuses_before_it_runs(monkeypatch):
     monkeypatch.setattr(compare_paper, "reproduce", reproduce)
     with pytest.raises(ConfigurationError, match="gyro response"):
         unreadable = ProcessConfig(coning={"gyro_response": "cheb:x"})
-        compare_paper.run_paper(unreadable, Outputs(), False, None)
+        compare_paper.run_paper(unreadable, None, None, False, False, None)
 
 
 def test_the_page_holds_every_claim_and_figure(found):
