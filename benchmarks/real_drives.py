@@ -19,7 +19,8 @@ from pathlib import Path
 import numpy as np
 
 from benchmarks.common import compensated, rows_of
-from sinstool.config import ProcessConfig, build
+from sinstool.config import ProcessConfig
+from sinstool.config.load import build
 from sinstool.core import earth
 from sinstool.core.rotation import conjugate, exp, log, multiply, normalise, rotate
 from sinstool.core.streams import GnssEpochs, Imu

@@ -11,7 +11,7 @@ from sinstool.campaign.inputs import are_many
 from sinstool.cli.console import print_json, progress_bar, warn
 from sinstool.cli.many import EXIT_HELP, BatchOptions, batch_options, workers_options
 from sinstool.cli.options import config_options, effective_config, path_option, print_config
-from sinstool.config import COMPARISON_OPTIONS, check_comparison
+from sinstool.config.coning import COMPARISON_OPTIONS, check_comparison
 
 
 @click.command("compare-coning", epilog=EXIT_HELP)

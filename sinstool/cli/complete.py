@@ -8,7 +8,7 @@ from pathlib import Path
 import click
 from click.shell_completion import CompletionItem
 
-from sinstool.config import EMITS
+from sinstool.config.logs import EMITS
 from sinstool.io.readers.message_types import (
     FIX_TYPE,
     HEIGHT_TYPES,

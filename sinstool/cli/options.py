@@ -12,7 +12,8 @@ from pydantic.fields import FieldInfo
 
 from sinstool.cli.complete import completion
 from sinstool.cli.console import Choice
-from sinstool.config import ProcessConfig, build, dump_toml, load_toml
+from sinstool.config import ProcessConfig
+from sinstool.config.load import build, dump_toml, load_toml
 from sinstool.core.options import Group
 
 F = TypeVar("F", bound=Callable[..., Any])

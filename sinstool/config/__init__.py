@@ -1,32 +1,53 @@
-"""What a run is told: one model for the command line and the TOML file, validated once.
+"""The options of a run: one model for the command line and the TOML file, validated once.
 
 Each field is an option ``--name`` (underscores become hyphens) and a key of its group's table
 in the file; the command line generates its options from these models, so the two cannot part.
 """
 
-from sinstool.config.comparison import COMPARISON_OPTIONS, ComparisonOptions, check_comparison
-from sinstool.config.coning import ConingOptions
-from sinstool.config.input import InputOptions
-from sinstool.config.load import build, dump_toml, load_toml
-from sinstool.config.output import EMITS, OutputOptions
-from sinstool.config.rig import CalibrationOptions
-from sinstool.config.run import ALIGN_OPTIONS, PROCESS_OPTIONS, ProcessConfig
-from sinstool.config.times import parse_time
+from __future__ import annotations
 
-__all__ = [
-    "ALIGN_OPTIONS",
-    "COMPARISON_OPTIONS",
-    "EMITS",
-    "PROCESS_OPTIONS",
-    "CalibrationOptions",
-    "ComparisonOptions",
-    "ConingOptions",
-    "InputOptions",
-    "OutputOptions",
-    "ProcessConfig",
-    "build",
-    "check_comparison",
-    "dump_toml",
-    "load_toml",
-    "parse_time",
-]
+from sinstool.config.align import AlignOptions, GnssOptions, InFlightOptions
+from sinstool.config.coning import ComparisonOptions, ConingOptions, check_coning
+from sinstool.config.logs import InputOptions, OutputOptions
+from sinstool.config.navigation import FilterOptions, HeightOptions, NavigationOptions
+from sinstool.config.rig import CalibrationOptions, HseOptions, RigTable
+from sinstool.core.errors import ConfigurationError
+from sinstool.core.options import Group
+
+# What `align` and `process` take, in the order of their help
+ALIGN_OPTIONS = ("input", "align", "gnss", "in_flight")
+_NAVIGATION = ("navigation", "filter", "vertical", "hse")
+PROCESS_OPTIONS = ("input", "coning", *ALIGN_OPTIONS[1:], *_NAVIGATION, "output")
+
+
+class ProcessConfig(Group):
+    """The configuration of a run; each command takes the groups that concern it.
+
+    One file can thus serve `calibrate-hse` and `process` of the same rig.
+    """
+
+    input: InputOptions = InputOptions()
+    coning: ConingOptions = ConingOptions()
+    align: AlignOptions = AlignOptions()
+    gnss: GnssOptions = GnssOptions()
+    in_flight: InFlightOptions = InFlightOptions()
+    navigation: NavigationOptions = NavigationOptions()
+    vertical: HeightOptions = HeightOptions()
+    filter: FilterOptions = FilterOptions()
+    hse: HseOptions = HseOptions()
+    rig: RigTable | None = None
+    calibration: CalibrationOptions = CalibrationOptions()
+    comparison: ComparisonOptions = ComparisonOptions()
+    output: OutputOptions = OutputOptions()
+
+    def check(self) -> None:
+        """Whether the options fit each other."""
+        check_coning(self.coning)
+        self.align.check()
+        self.in_flight.check()
+        self.vertical.check()
+        if self.hse.hse is not None and self.rig is None:
+            raise ConfigurationError(
+                "--hse needs the rig that was calibrated",
+                "give its table [rig] with --config RIG.toml",
+            )

@@ -1,14 +1,32 @@
-"""From angular rate to rotation vectors."""
+"""From angular rate to rotation vectors: by which algorithm, and how these are compared."""
 
 from __future__ import annotations
 
-from typing import Any, Literal
+from typing import Annotated, Any, Literal
 
-from pydantic import field_validator
+from pydantic import Field, field_validator
 
 from sinstool.core.errors import ConfigurationError
 from sinstool.core.options import Group, option
 from sinstool.methods.coning.registry import algorithm, names
+
+# What `compare-coning` takes; of [coning] what says which coning is motion
+COMPARISON_OPTIONS = (
+    "comparison",
+    "coning.passband",
+    "coning.stopband",
+    "coning.gyro_response",
+    "coning.sp_preset",
+    "input",
+)
+
+
+def _exists(name: str) -> str:
+    try:
+        algorithm(name)
+    except ConfigurationError as exc:
+        raise ValueError(str(exc)) from exc
+    return name
 
 
 class ConingOptions(Group):
@@ -47,17 +65,20 @@ class ConingOptions(Group):
 
     @field_validator("coning")
     @classmethod
-    def _known(cls, value: str) -> str:
-        try:
-            algorithm(value)
-        except ConfigurationError as exc:
-            raise ValueError(str(exc)) from exc
-        return value
+    def _exists(cls, name: str) -> str:
+        return _exists(name)
 
     def algorithm_options(self) -> dict[str, Any]:
         """Options of the algorithm that have been set, by its own names."""
         values = self.model_dump(exclude={"coning"}, exclude_none=True)
         return {name.removeprefix("sp_"): value for name, value in values.items()}
+
+
+def _require_passband(coning: ConingOptions) -> None:
+    if coning.sp_preset == "auto" and coning.passband is None:
+        raise ConfigurationError(
+            "--sp-preset auto tunes to the coning in a passband", "give --passband HZ"
+        )
 
 
 def check_coning(group: ConingOptions) -> None:
@@ -74,10 +95,7 @@ def check_coning(group: ConingOptions) -> None:
                 "--sp-preset auto chooses the variant, epsilon and n itself",
                 "leave the other options of singular-perturbation out",
             )
-        if group.passband is None:
-            raise ConfigurationError(
-                "--sp-preset auto tunes to the coning in a passband", "give --passband HZ"
-            )
+        _require_passband(group)
     elif options:
         try:
             algorithm(group.coning, **options)
@@ -85,3 +103,56 @@ def check_coning(group: ConingOptions) -> None:
             raise ConfigurationError(
                 f"--coning is {group.coning}: {exc.message}", exc.hint
             ) from exc
+
+
+class ComparisonOptions(Group):
+    """Coning algorithms compared on a log."""
+
+    algorithms: tuple[str, ...] = option(
+        (), "coning algorithms (default: ten; with --paper more than it needs)", "A,B,..."
+    )
+    reference: str = option(
+        "auto",
+        "what the others are measured against: an algorithm, auto (quatfiter-4), or none",
+        "NAME",
+    )
+    decimate: tuple[Annotated[int, Field(ge=1)], ...] = option(
+        (1, 2, 4), "also as if logged at lower rates: one sample of so many", "M,..."
+    )
+    window: float = option(10.0, "drift is measured in windows of this many seconds", "S", gt=0)
+    tolerance: float = option(0.01, "drift that does not matter", "DEG/H", ge=0)
+    truth: str | None = option(
+        None,
+        "true attitude as reference: Imu, QuaternionStamped, PoseStamped or Odometry, or CSV",
+        "TOPIC|FILE",
+    )
+    phase: Literal["consistent", "literal"] = option(
+        "consistent", "with --paper: how eq. (20) is read"
+    )
+
+    @field_validator("algorithms")
+    @classmethod
+    def _algorithms(cls, names: tuple[str, ...]) -> tuple[str, ...]:
+        return tuple(dict.fromkeys(map(_exists, names)))
+
+    @field_validator("reference")
+    @classmethod
+    def _reference(cls, name: str) -> str:
+        return name if name in ("auto", "none") else _exists(name)
+
+    @field_validator("decimate")
+    @classmethod
+    def _native_first(cls, numbers: tuple[int, ...]) -> tuple[int, ...]:
+        return tuple(dict.fromkeys((1, *numbers)))
+
+
+def check_comparison(comparison: ComparisonOptions, coning: ConingOptions) -> None:
+    """Whether the options of a comparison fit each other.
+
+    Raises
+    ------
+    ConfigurationError
+    """
+    if comparison.truth is not None and comparison.reference != "auto":
+        raise ConfigurationError("give --truth or --reference, not both")
+    _require_passband(coning)

@@ -14,7 +14,8 @@ from threading import Event
 import mcap.reader
 from mcap.exceptions import McapError
 
-from sinstool.config import ProcessConfig, dump_toml
+from sinstool.config import ProcessConfig
+from sinstool.config.load import dump_toml
 from sinstool.core import version
 from sinstool.core.errors import OutputError
 from sinstool.io.readers.log import path_size

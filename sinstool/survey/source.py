@@ -8,8 +8,9 @@ from pathlib import Path
 
 import numpy as np
 
-from sinstool.config import InputOptions, ProcessConfig, parse_time
+from sinstool.config import InputOptions, ProcessConfig
 from sinstool.config.align import IN_FLIGHT
+from sinstool.config.logs import parse_time
 from sinstool.core.choices import log_choice
 from sinstool.core.errors import DataError, TopicError
 from sinstool.core.finding import Finding, Severity

@@ -6,7 +6,9 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation, Slerp
 
-from sinstool.config import EMITS, ProcessConfig, build
+from sinstool.config import ProcessConfig
+from sinstool.config.load import build
+from sinstool.config.logs import EMITS
 from sinstool.core.streams import concatenate
 from sinstool.io.readers import open_log
 from sinstool.io.readers.streams import ImuUnits, Losses, read_columns, read_imu

@@ -13,7 +13,8 @@ import numpy as np
 import pytest
 
 from sinstool.cli.main import COMMANDS, cli
-from sinstool.config import ProcessConfig, build
+from sinstool.config import ProcessConfig
+from sinstool.config.load import build
 from sinstool.methods.coning.registry import names
 from sinstool.report.text.process import compass
 from tests.helpers.imulogs import (

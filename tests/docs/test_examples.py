@@ -7,7 +7,8 @@ import tomllib
 
 import pytest
 
-from sinstool.config import ProcessConfig, build
+from sinstool.config import ProcessConfig
+from sinstool.config.load import build
 from tests.docs import examples as found
 from tests.docs.examples import FENCE, PAGES, ROOT, Example, alike, blocks, examples, missing, near
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 
-from sinstool.config.output import EMITS
+from sinstool.config.logs import EMITS
 from sinstool.io.writers.topics import DIAGNOSTICS_TYPE, TOPICS, topic_of
 from tests.docs.examples import ROOT
 

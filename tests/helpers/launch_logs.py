@@ -8,7 +8,8 @@ import numpy as np
 from click.testing import CliRunner
 
 from sinstool.cli.main import cli
-from sinstool.config import ProcessConfig, build
+from sinstool.config import ProcessConfig
+from sinstool.config.load import build
 from sinstool.io.readers import open_log
 from sinstool.io.readers.streams import Losses, read_columns
 from sinstool.pipelines.align.log import align_log

@@ -4,7 +4,8 @@ import json
 
 import pytest
 
-from sinstool.config import ProcessConfig, build
+from sinstool.config import ProcessConfig
+from sinstool.config.load import build
 from sinstool.core.errors import SinstoolError
 from sinstool.pipelines.align.log import align_log
 from sinstool.pipelines.info.run import inspect

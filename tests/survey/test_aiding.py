@@ -3,7 +3,8 @@
 import numpy as np
 import pytest
 
-from sinstool.config import InputOptions, ProcessConfig, build
+from sinstool.config import InputOptions, ProcessConfig
+from sinstool.config.load import build
 from sinstool.core.errors import DataError, TopicError
 from sinstool.core.streams import Gnss, Velocity
 from sinstool.io.readers import open_log

@@ -5,7 +5,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 from pathlib import Path
 
-from sinstool.config import COMPARISON_OPTIONS, ProcessConfig
+from sinstool.config import ProcessConfig
+from sinstool.config.coning import COMPARISON_OPTIONS
 from sinstool.pipelines.compare_coning.paper import Reproduction
 from sinstool.pipelines.compare_coning.summary import AlgorithmResult, ComparisonResult
 from sinstool.report.figure import Figure

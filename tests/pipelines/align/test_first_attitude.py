@@ -5,7 +5,8 @@ import json
 import numpy as np
 import pytest
 
-from sinstool.config import ProcessConfig, build
+from sinstool.config import ProcessConfig
+from sinstool.config.load import build
 from sinstool.core import rotation
 from sinstool.io.readers import open_log
 from sinstool.io.readers.truth import at_times, read_truth

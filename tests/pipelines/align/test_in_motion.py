@@ -3,7 +3,8 @@
 import numpy as np
 import pytest
 
-from sinstool.config import ProcessConfig, build
+from sinstool.config import ProcessConfig
+from sinstool.config.load import build
 from sinstool.methods.sensor_errors import IMU_GRADES
 from sinstool.pipelines.align.in_motion import AFTER_REST, sensor_errors
 

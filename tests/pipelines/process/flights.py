@@ -4,7 +4,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from sinstool.config import ProcessConfig, build
+from sinstool.config import ProcessConfig
+from sinstool.config.load import build
 from sinstool.core.rotation import to_euler
 from sinstool.core.streams import Solution
 from sinstool.io.readers import open_log

@@ -5,7 +5,8 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from sinstool.config import ProcessConfig, build
+from sinstool.config import ProcessConfig
+from sinstool.config.load import build
 from sinstool.core.errors import ConfigurationError
 from sinstool.core.streams import Baro, GnssEpochs
 from sinstool.methods.height.layout import ChannelSummary, Event

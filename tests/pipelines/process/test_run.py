@@ -10,7 +10,8 @@ from mcap.reader import make_reader
 from scipy.spatial.transform import Rotation
 
 import sinstool
-from sinstool.config import ProcessConfig, build
+from sinstool.config import ProcessConfig
+from sinstool.config.load import build
 from sinstool.core.errors import AlignmentError, DataError, OutputError
 from sinstool.core.rotation import from_euler
 from sinstool.core.streams import Imu, concatenate
