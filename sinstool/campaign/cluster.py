@@ -11,15 +11,7 @@ from collections.abc import Callable, Generator, Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
-from sinstool.campaign.jobs import (
-    Event,
-    Outcome,
-    Task,
-    Workers,
-    largest_first,
-    perform,
-    remove_left,
-)
+from sinstool.campaign import jobs
 from sinstool.campaign.visible import not_seen, sights, tokens, what_differs
 from sinstool.core import version
 from sinstool.core.errors import ConfigurationError, SinstoolError
@@ -32,7 +24,7 @@ DYING = 1.0
 START = "dask worker --nworkers 2 --nthreads 1 {address}"
 
 
-def run_on_cluster(tasks: Sequence[Task], workers: Workers) -> Generator[Event]:
+def run_on_cluster(tasks: Sequence[jobs.Task], workers: jobs.Workers) -> Generator[jobs.Event]:
     """Do tasks on a Dask cluster, as :func:`sinstool.campaign.run.run_jobs` says.
 
     Raises
@@ -135,23 +127,23 @@ def _require_same_files(client: Any, seen: Sequence[Any], folder_tokens: Sequenc
         raise ConfigurationError(differing[0] + more, hint)
 
 
-def _run(client: Any, tasks: Sequence[Task]) -> Iterator[Event]:
+def _run(client: Any, tasks: Sequence[jobs.Task]) -> Iterator[jobs.Event]:
     """Submit everything, and pass on what comes back."""
     topic = f"sinstool-{secrets.token_hex(8)}"
-    news: queue.SimpleQueue[Event | tuple[int, Any]] = queue.SimpleQueue()
-    client.subscribe_topic(topic, lambda event: news.put(Event(*event[1])))
+    news: queue.SimpleQueue[jobs.Event | tuple[int, Any]] = queue.SimpleQueue()
+    client.subscribe_topic(topic, lambda event: news.put(jobs.Event(*event[1])))
     futures: dict[int, Any] = {}
-    for rank, task in enumerate(largest_first(tasks)):
+    for rank, task in enumerate(jobs.largest_first(tasks)):
         key = f"{topic}-{task.number}"
         future = client.submit(_work, task, key, topic, key=key, pure=False, priority=-rank)
         futures[task.number] = future
         future.add_done_callback(_done(news, task.number))
     left = dict(futures)
-    lost: list[Task] = []
+    lost: list[jobs.Task] = []
     try:
         while left:
             item = news.get()
-            if isinstance(item, Event):
+            if isinstance(item, jobs.Event):
                 if item.number in left:
                     yield item
                 continue
@@ -159,13 +151,13 @@ def _run(client: Any, tasks: Sequence[Task]) -> Iterator[Event]:
             if left.pop(number, None) is None:
                 continue
             # Of a worker that died before another did the job
-            remove_left(tasks[number])
+            jobs.remove_left(tasks[number])
             outcome = _outcome(tasks[number], future)
             if outcome.died:
                 lost.append(tasks[number])
-            yield Event(number, outcome=outcome)
+            yield jobs.Event(number, outcome=outcome)
         until = time.monotonic() + DYING
-        while sum(remove_left(task) for task in lost) and time.monotonic() < until:
+        while sum(jobs.remove_left(task) for task in lost) and time.monotonic() < until:
             time.sleep(0.02)
     finally:
         if left:
@@ -176,20 +168,22 @@ def _done(news: queue.SimpleQueue[Any], number: int) -> Callable[[Any], None]:
     return lambda future: news.put((number, future))
 
 
-def _outcome(task: Task, future: Any) -> Outcome:
+def _outcome(task: jobs.Task, future: Any) -> jobs.Outcome:
     """What a future holds, or why it holds nothing."""
     name = task.job.name
     if future.status == "finished":
-        outcome: Outcome = future.result()
+        outcome: jobs.Outcome = future.result()
         return outcome
     if future.status != "error":
-        return Outcome(None, f"{name}: the scheduler gave it up ({future.status})", 1, died=True)
+        return jobs.Outcome(
+            None, f"{name}: the scheduler gave it up ({future.status})", 1, died=True
+        )
     exc = future.exception()
     if type(exc).__name__ == "KilledWorker":
         deaths = f"{exc.allowed_failures + 1} times"
-        return Outcome(None, f"{name}: its worker died, {deaths}", 1, died=True)
+        return jobs.Outcome(None, f"{name}: its worker died, {deaths}", 1, died=True)
     said = f"{name}: {type(exc).__name__}: {' '.join(str(exc).split())}"
-    return Outcome(error=said, exit_code=1)
+    return jobs.Outcome(error=said, exit_code=1)
 
 
 def _give_up(client: Any, topic: str, futures: Sequence[Any]) -> None:
@@ -210,7 +204,7 @@ class _Cancelled(BaseException):
     """Nobody wants this job any more."""
 
 
-def _work(task: Task, key: str, topic: str) -> Outcome:
+def _work(task: jobs.Task, key: str, topic: str) -> jobs.Outcome:
     """Do a task, on a worker."""
     from distributed import get_worker
 
@@ -224,8 +218,8 @@ def _work(task: Task, key: str, topic: str) -> Outcome:
 
     if not all(Path(folder).is_dir() for folder in task.job.folders):
         # A worker that came later than the check
-        return Outcome(error=f"{task.job.name}: a worker does not see the output", exit_code=1)
+        return jobs.Outcome(error=f"{task.job.name}: a worker does not see the output", exit_code=1)
     try:
-        return perform(task, tell)
+        return jobs.perform(task, tell)
     except _Cancelled:
-        return Outcome(error="cancelled", exit_code=130)
+        return jobs.Outcome(error="cancelled", exit_code=130)

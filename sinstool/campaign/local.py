@@ -21,15 +21,7 @@ from multiprocessing.context import BaseContext
 from multiprocessing.process import BaseProcess
 from types import FrameType
 
-from sinstool.campaign.jobs import (
-    Event,
-    Outcome,
-    Task,
-    Workers,
-    largest_first,
-    perform,
-    remove_left,
-)
+from sinstool.campaign import jobs
 
 # A job whose worker dies is tried once more.
 ATTEMPTS = 2
@@ -40,17 +32,17 @@ GRACE = 2.0
 class _Worker:
     """A process, its pipe, and what it is doing."""
 
-    def __init__(self, context: BaseContext, task: Task) -> None:
+    def __init__(self, context: BaseContext, task: jobs.Task) -> None:
         self.pipe, theirs = context.Pipe()
         self.process: BaseProcess = context.Process(  # type: ignore[attr-defined]
             target=_serve, args=(theirs,), name="sinstool-worker", daemon=True
         )
         self.process.start()
         theirs.close()
-        self.task: Task | None = None
+        self.task: jobs.Task | None = None
         self.give(task)
 
-    def give(self, task: Task) -> None:
+    def give(self, task: jobs.Task) -> None:
         """Have something done."""
         self.task = task
         # One that died meanwhile is found out by its pipe.
@@ -67,10 +59,10 @@ class _Worker:
         return f"ended with status {code}"
 
 
-def run_local(tasks: Sequence[Task], workers: Workers) -> Generator[Event]:
+def run_local(tasks: Sequence[jobs.Task], workers: jobs.Workers) -> Generator[jobs.Event]:
     """Do tasks in processes of this machine, as :func:`sinstool.campaign.run.run_jobs` says."""
     context = _context({task.job.function.__module__ for task in tasks})
-    waiting = deque(largest_first(tasks))
+    waiting = deque(jobs.largest_first(tasks))
     deaths: Counter[int] = Counter()
     crew: list[_Worker] = []
     try:
@@ -86,7 +78,9 @@ def run_local(tasks: Sequence[Task], workers: Workers) -> Generator[Event]:
         _stop(crew)
 
 
-def _listen(worker: _Worker, waiting: deque[Task], deaths: Counter[int]) -> Iterator[Event]:
+def _listen(
+    worker: _Worker, waiting: deque[jobs.Task], deaths: Counter[int]
+) -> Iterator[jobs.Event]:
     """What a worker has to tell; it goes on with the next task, or without one is dismissed."""
     task = worker.task
     assert task is not None
@@ -94,10 +88,10 @@ def _listen(worker: _Worker, waiting: deque[Task], deaths: Counter[int]) -> Iter
         while worker.pipe.poll():
             message = worker.pipe.recv()
             if isinstance(message, float):
-                yield Event(task.number, message)
+                yield jobs.Event(task.number, message)
                 continue
             worker.task = None
-            yield Event(task.number, outcome=message)
+            yield jobs.Event(task.number, outcome=message)
             if not waiting:
                 # It ends when its pipe does.
                 worker.pipe.close()
@@ -107,14 +101,14 @@ def _listen(worker: _Worker, waiting: deque[Task], deaths: Counter[int]) -> Iter
     except (EOFError, OSError):
         worker.task = None
         said = worker.died()
-        remove_left(task)
+        jobs.remove_left(task)
         deaths[task.number] += 1
         if deaths[task.number] < ATTEMPTS:
             waiting.appendleft(task)
-            yield Event(task.number)
+            yield jobs.Event(task.number)
         else:
             lost = f"{task.job.name}: its worker {said}, {ATTEMPTS} times"
-            yield Event(task.number, outcome=Outcome(None, lost, 1, died=True))
+            yield jobs.Event(task.number, outcome=jobs.Outcome(None, lost, 1, died=True))
 
 
 def _stop(crew: Sequence[_Worker]) -> None:
@@ -128,7 +122,7 @@ def _stop(crew: Sequence[_Worker]) -> None:
             worker.process.kill()
             worker.process.join()
         if worker.task is not None:
-            remove_left(worker.task)
+            jobs.remove_left(worker.task)
 
 
 def _context(modules: Collection[str]) -> BaseContext:
@@ -154,7 +148,7 @@ def _serve(pipe: Connection) -> None:
     with contextlib.suppress(EOFError, OSError):
         while True:
             task = pipe.recv()
-            pipe.send(perform(task, pipe.send))
+            pipe.send(jobs.perform(task, pipe.send))
     # What is left of the interpreter is given back faster by the system.
     os._exit(0)
 

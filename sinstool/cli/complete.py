@@ -9,25 +9,18 @@ import click
 from click.shell_completion import CompletionItem
 
 from sinstool.config.logs import EMITS
-from sinstool.io.readers.message_types import (
-    FIX_TYPE,
-    HEIGHT_TYPES,
-    IMU_TYPE,
-    JOINT_TYPE,
-    PRESSURE_TYPE,
-    VELOCITY_TYPES,
-)
+from sinstool.io.readers import message_types
 from sinstool.methods.coning.registry import names
 
 Complete = Callable[[click.Context, click.Parameter, str], list[CompletionItem]]
 
 # Types of the messages that an option's topic may have
 TOPIC_TYPES = {
-    "imu_topic": (IMU_TYPE,),
-    "gnss_topic": (FIX_TYPE,),
-    "velocity_topic": VELOCITY_TYPES,
-    "baro_topic": (PRESSURE_TYPE, *HEIGHT_TYPES),
-    "encoder_topic": (JOINT_TYPE,),
+    "imu_topic": (message_types.IMU_TYPE,),
+    "gnss_topic": (message_types.FIX_TYPE,),
+    "velocity_topic": message_types.VELOCITY_TYPES,
+    "baro_topic": (message_types.PRESSURE_TYPE, *message_types.HEIGHT_TYPES),
+    "encoder_topic": (message_types.JOINT_TYPE,),
 }
 FILES = ("hse", "report", "gyro_response")
 

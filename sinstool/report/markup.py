@@ -1,32 +1,26 @@
-"""A page as HTML."""
+"""A page as HTML.
+
+The figures lie in the page as JSON without colours. The script draws them again, from the same
+dictionaries, when the theme or the width changes or the page is printed; what the reader has
+zoomed to and switched off stays.
+"""
 
 from __future__ import annotations
 
 import json
 import math
 import re
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from html import escape
+from importlib.resources import files
 
 import numpy as np
 
 from sinstool.core import version
+from sinstool.report import sections
 from sinstool.report.draw import POINTS_PER_CURVE, colour_of, dash_of, places, plotly_figure, unit
 from sinstool.report.figure import Figure, Series
-from sinstool.report.sections import (
-    Body,
-    Cell,
-    Column,
-    Fact,
-    Page,
-    Prose,
-    Rows,
-    Setting,
-    Settings,
-    Table,
-    Warnings,
-)
-from sinstool.report.style import script, style_sheet
+from sinstool.report.palette import DARK, LIGHT
 
 # All points of a page: 16 bytes each at most, a third more as base64, so 4.7 MB beside the 4.8 MB
 # of the drawing library.
@@ -48,7 +42,7 @@ _DASH_PATTERNS = {
 }
 
 
-def markup(page: Page, library: str) -> str:
+def markup(page: sections.Page, library: str) -> str:
     """Return the page as HTML.
 
     Parameters
@@ -61,7 +55,6 @@ def markup(page: Page, library: str) -> str:
     str
     """
     limit = points_per_curve(page.figures)
-    shown = [one for one in page.sections if not isinstance(one, Warnings)]
     body = [
         "<header>",
         f"<h1>{escape(page.title)}</h1>",
@@ -69,13 +62,13 @@ def markup(page: Page, library: str) -> str:
         f'<p class="made">sinstool {escape(version.VERSION)}</p>',
         "</header>",
         "<main>",
-        _warnings(page.warnings),
-        _contents(shown),
-        *(_section(one, f"section-{k}", limit) for k, one in enumerate(shown, start=1)),
+        _warnings(tuple(dict.fromkeys(page.warnings))),
+        _contents(page.sections),
+        *(_section(one, f"section-{k}", limit) for k, one in enumerate(page.sections, start=1)),
         "</main>",
         _footer(bool(page.figures)),
     ]
-    scripts = [f"<script>{_closed(library)}</script>", f"<script>\n{script()}</script>"]
+    scripts = [f"<script>{_closed(library)}</script>", f"<script>\n{_asset('page.js')}</script>"]
     return "\n".join(
         part
         for part in (
@@ -127,8 +120,8 @@ def _warnings(messages: Sequence[str]) -> str:
     )
 
 
-def _contents(sections: Sequence[Body]) -> str:
-    titles = [(f"section-{k}", one.title) for k, one in enumerate(sections, start=1)]
+def _contents(shown: Sequence[sections.Section]) -> str:
+    titles = [(f"section-{k}", one.title) for k, one in enumerate(shown, start=1)]
     items = [f'<li><a href="#{key}">{escape(title)}</a></li>' for key, title in titles if title]
     if len(items) < 4:
         return ""
@@ -138,17 +131,17 @@ def _contents(sections: Sequence[Body]) -> str:
     )
 
 
-def _section(section: Body, key: str, limit: int) -> str:
+def _section(section: sections.Section, key: str, limit: int) -> str:
     match section:
         case Figure():
             inside = _figure(section, key, limit)
-        case Table():
+        case sections.Table():
             inside = _table(section, key)
-        case Settings():
+        case sections.Settings():
             inside = _settings(section)
-        case Rows():
+        case sections.Rows():
             inside = _rows(section)
-        case Prose():
+        case sections.Prose():
             inside = _paragraphs(section.paragraphs) + _facts(section.facts)
     if not section.title:
         return f'<section id="{key}">{inside}</section>'
@@ -163,7 +156,7 @@ def _paragraphs(paragraphs: Sequence[str], kind: str = "") -> str:
     return "".join(f"<p{mark}>{escape(one)}</p>" for one in paragraphs)
 
 
-def _facts(facts: Sequence[Fact]) -> str:
+def _facts(facts: Sequence[sections.Fact]) -> str:
     if not facts:
         return ""
     items = "".join(
@@ -175,7 +168,7 @@ def _facts(facts: Sequence[Fact]) -> str:
     return f'<dl class="facts">{items}</dl>'
 
 
-def _rows(rows: Rows) -> str:
+def _rows(rows: sections.Rows) -> str:
     """Return a table without a head, which wraps where the page is narrow."""
     items = "".join(
         f'<tr><th scope="row">{escape(what)}</th><td>{escape(how)}</td></tr>'
@@ -184,7 +177,7 @@ def _rows(rows: Rows) -> str:
     return f'<table class="rows"><tbody>{items}</tbody></table>'
 
 
-def _table(table: Table, key: str) -> str:
+def _table(table: sections.Table, key: str) -> str:
     numeric = [
         any(_is_number(row[k]) for row in table.rows)
         and all(_is_number(row[k]) or row[k] is None for row in table.rows)
@@ -197,7 +190,7 @@ def _table(table: Table, key: str) -> str:
         for k, (cell, column) in enumerate(zip(row, table.columns, strict=True)):
             tag = 'th scope="row"' if k == 0 else "td"
             kind = ' class="number"' if numeric[k] else ""
-            cells.append(f"<{tag}{kind}>{_cell(cell, column.form)}</{tag[:2]}>")
+            cells.append(f"<{tag}{kind}>{escape(_value(cell, column.form))}</{tag[:2]}>")
         rows.append(f"<tr>{''.join(cells)}</tr>")
     # It scrolls by itself where the page is narrow, and by the keyboard too
     made = (
@@ -210,7 +203,7 @@ def _table(table: Table, key: str) -> str:
     return f'<details class="kept"><summary>{len(rows)} rows</summary>{made}</details>'
 
 
-def _heading(column: Column, numeric: bool) -> str:
+def _heading(column: sections.Column, numeric: bool) -> str:
     kind = ' class="number"' if numeric else ""
     of = f'<span class="unit">{escape(column.unit)}</span>' if column.unit else ""
     return f'<th scope="col"{kind}>{escape(column.name)}{" " if of else ""}{of}</th>'
@@ -218,10 +211,6 @@ def _heading(column: Column, numeric: bool) -> str:
 
 def _is_number(value: object) -> bool:
     return isinstance(value, int | float | np.number) and not isinstance(value, bool)
-
-
-def _cell(cell: Cell, form: str) -> str:
-    return escape(_value(cell, form))
 
 
 def _value(value: object, form: str = ".10g") -> str:
@@ -244,7 +233,7 @@ def _count(n: int) -> str:
     return f"{n:,}".replace(",", "\N{NARROW NO-BREAK SPACE}")
 
 
-def _settings(settings: Settings) -> str:
+def _settings(settings: sections.Settings) -> str:
     """Return the settings that were changed, and the defaults to be unfolded."""
     changed = [one for one in settings.items if one.changed]
     defaults = [one for one in settings.items if not one.changed]
@@ -259,7 +248,7 @@ def _settings(settings: Settings) -> str:
     )
 
 
-def _setting_table(items: Sequence[Setting]) -> str:
+def _setting_table(items: Sequence[sections.Setting]) -> str:
     meant = any(one.meaning for one in items)
     rows = "".join(
         f'<tr><th scope="row">{escape(one.name)}</th><td>{escape(_value(one.value))}</td>'
@@ -277,7 +266,8 @@ def _figure(figure: Figure, key: str, limit: int) -> str:
     spec = json.dumps(plotly_figure(figure, limit), ensure_ascii=False, separators=(",", ":"))
     names = ", ".join(one.name for one in figure.series)
     described = f"{figure.title}: {figure.ylabel} against {figure.xlabel}. Curves: {names}."
-    longest = max((one.y.size for one in figure.series if not _words(figure, one)), default=0)
+    curves = (one for one in figure.series if not isinstance(places(figure, one), tuple))
+    longest = max((one.y.size for one in curves), default=0)
     thinned = (
         f"Drawn with at most {_count(limit)} of {_count(longest)} points a curve; the lowest and"
         " the highest of each stretch are among them."
@@ -294,10 +284,6 @@ def _figure(figure: Figure, key: str, limit: int) -> str:
         f"{_paragraphs((thinned,), 'thinned') if longest > limit else ''}</figcaption>"
         f"{_numbers(figure, key)}</figure>"
     )
-
-
-def _words(figure: Figure, series: Series) -> bool:
-    return isinstance(places(figure, series), tuple)
 
 
 def _legend(figure: Figure) -> str:
@@ -332,13 +318,17 @@ def _key(figure: Figure, k: int) -> str:
 def _numbers(figure: Figure, key: str) -> str:
     """Tell what the figure shows without the eye: each curve's range, from all its points."""
     of = unit(figure.ylabel)
-    columns = (Column("Curve"), Column("points"), *(Column(one, of) for one in _RANGE))
+    columns = (
+        sections.Column("Curve"),
+        sections.Column("points"),
+        *(sections.Column(one, of) for one in _RANGE),
+    )
     rows = tuple((one.name, one.y.size, *_range(one)) for one in figure.series)
     lines = (
         _places("Levels", figure.levels, of),
         _places("Marks", figure.marks, unit(figure.xlabel)),
     )
-    table = _table(Table(figure.title, columns, rows, tuple(filter(None, lines))), key)
+    table = _table(sections.Table(figure.title, columns, rows, tuple(filter(None, lines))), key)
     return f"<details><summary>In numbers</summary>{table}</details>"
 
 
@@ -374,3 +364,21 @@ def _footer(figures: bool) -> str:
         f"<footer>{hint if figures else ''}<p>Made by sinstool {escape(version.VERSION)}."
         " This file holds all that it shows and asks no host for anything.</p></footer>"
     )
+
+
+def style_sheet() -> str:
+    """The style sheet, with the colours of both themes."""
+    return (
+        f":root {{ color-scheme: light dark; {_variables(LIGHT)} }}\n"
+        # The script sets the class before it draws figures for the printer
+        f"@media screen and (prefers-color-scheme: dark) {{ :root:not(.printing) {{"
+        f" {_variables(DARK)} }} }}\n" + _asset("page.css")
+    )
+
+
+def _asset(name: str) -> str:
+    return (files("sinstool.report") / "assets" / name).read_text(encoding="utf-8")
+
+
+def _variables(colours: Mapping[str, str]) -> str:
+    return " ".join(f"--{name}: {colour};" for name, colour in colours.items())

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass, field
-from typing import Any, TypeVar
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass
+from typing import TypeVar
 
 from sinstool.report.figure import Figure
 
@@ -94,6 +94,7 @@ def table_of(
     items: Iterable[T],
     columns: Sequence[tuple[Column, Callable[[T], Cell]]],
     notes: tuple[str, ...] = (),
+    folded: bool = False,
 ) -> Table:
     """A table with a row for each item.
 
@@ -103,20 +104,7 @@ def table_of(
         Each with what takes its cell from an item.
     """
     rows = tuple(tuple(cell(item) for _, cell in columns) for item in items)
-    return Table(title, tuple(column for column, _ in columns), rows, notes)
-
-
-@dataclass(frozen=True)
-class Warnings:
-    """What the reader must know first: shown at the top wherever it stands.
-
-    Attributes
-    ----------
-    messages : tuple of str
-        None of them: nothing is shown.
-    """
-
-    messages: tuple[str, ...]
+    return Table(title, tuple(column for column, _ in columns), rows, notes, folded)
 
 
 @dataclass(frozen=True)
@@ -162,31 +150,7 @@ class Settings:
     title: str = "Settings"
 
 
-def flat(items: Mapping[str, Any], before: str = "") -> tuple[Setting, ...]:
-    """Settings from names and values.
-
-    Parameters
-    ----------
-    items : mapping
-        A mapping in it is taken apart, its names joined by dots.
-    before : str, optional
-        What all names begin with.
-
-    Returns
-    -------
-    tuple of Setting
-    """
-    settings: list[Setting] = []
-    for name, value in items.items():
-        if isinstance(value, Mapping):
-            settings += flat(value, f"{before}{name}.")
-        else:
-            settings.append(Setting(f"{before}{name}", value))
-    return tuple(settings)
-
-
-Body = Prose | Table | Rows | Settings | Figure
-Section = Body | Warnings
+Section = Prose | Table | Rows | Settings | Figure
 
 
 @dataclass(frozen=True)
@@ -198,12 +162,15 @@ class Page:
     subtitle : str
         What it is about, such as the log's name; empty for none.
     sections : tuple of sections
-        In the order of the page, except that warnings come first.
+        In the order of the page.
+    warnings : tuple of str
+        What the reader must know first, above the sections; each is shown once.
     """
 
     title: str
     subtitle: str = ""
-    sections: tuple[Section, ...] = field(default=())
+    sections: tuple[Section, ...] = ()
+    warnings: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
         keys = [one.key for one in self.figures]
@@ -214,9 +181,3 @@ class Page:
     def figures(self) -> tuple[Figure, ...]:
         """The figures, in order."""
         return tuple(one for one in self.sections if isinstance(one, Figure))
-
-    @property
-    def warnings(self) -> tuple[str, ...]:
-        """All warnings, in order, each once."""
-        groups = (one.messages for one in self.sections if isinstance(one, Warnings))
-        return tuple(dict.fromkeys(message for messages in groups for message in messages))

@@ -16,8 +16,6 @@ from sinstool.report.sections import (
     Setting,
     Settings,
     Table,
-    Warnings,
-    flat,
 )
 
 NASTY = """<script>alert("1")</script> & </script> <!-- %{x} $5 'b'"""
@@ -131,17 +129,13 @@ def page(drawn: Sequence[Figure] | None = None) -> Page:
             Rows("What was done", (("log", NASTY), (f"what {NASTY}", "how" * 60))),
             Settings(
                 (
-                    *flat(
-                        {
-                            "input": NASTY,
-                            "coning": {"algorithms": ["a", "b"], "n": 2},
-                            "none": None,
-                        }
-                    ),
+                    Setting("input", NASTY),
+                    Setting("coning.algorithms", ["a", "b"]),
+                    Setting("coning.n", 2),
+                    Setting("none", None),
                     Setting("kept", 0.5, False, f"meaning {NASTY}, s"),
                 )
             ),
-            Warnings(("late warning", f"warning {NASTY}")),
-            Warnings(("late warning",)),
         ),
+        ("late warning", f"warning {NASTY}", "late warning"),
     )

@@ -16,11 +16,10 @@ import sinstool
 from sinstool.core.errors import ConfigurationError, OutputError
 from sinstool.report import page as page_module
 from sinstool.report.figure import Figure, Series
-from sinstool.report.markup import markup, points_per_curve
+from sinstool.report.markup import markup, points_per_curve, style_sheet
 from sinstool.report.page import check_report, write_report
 from sinstool.report.palette import DARK, LIGHT
-from sinstool.report.sections import Column, Page, Prose, Setting, Settings, Table, Warnings
-from sinstool.report.style import style_sheet
+from sinstool.report.sections import Column, Page, Prose, Setting, Settings, Table
 from tests.report.pages import NASTY, figures, page
 
 VOID = {"meta", "link", "br", "img", "input", "hr", "rect", "circle", "path"}
@@ -144,7 +143,7 @@ def test_warnings_come_first_and_once(text, outline):
     assert text.index("late warning") < text.index('id="section-1"')
     assert outline.said("li").count("late warning") == 1
     assert "2 warnings" in outline.said("h2")
-    assert 'class="warnings"' not in markup(Page("t", "", (Warnings(()),)), "")
+    assert 'class="warnings"' not in markup(Page("t"), "")
 
 
 def test_escaped_everywhere(outline, text):

@@ -20,7 +20,6 @@ from sinstool.report.sections import (
     Section,
     Settings,
     Table,
-    Warnings,
 )
 
 # What each status means for whoever wants to go on from this attitude.
@@ -45,14 +44,10 @@ def write_page(report: Path, alignment: LogAlignment, config: ProcessConfig, log
         Effective.
     """
     result = alignment.result
-    sections: list[Section] = [
-        Warnings(result.warnings),
-        Prose(_verdict(result), "Result", _facts(result)),
-    ]
+    sections: list[Section] = [Prose(_verdict(result), "Result", _facts(result))]
     if result.roll_deg is not None:
         sections.append(_result(result))
-    main, *others = figures(alignment, config)
-    sections += [main, *others]
+    sections += figures(alignment, config)
     if result.assumed is not None:
         sections.append(_sensors(result))
     sections += [
@@ -60,7 +55,7 @@ def write_page(report: Path, alignment: LogAlignment, config: ProcessConfig, log
         input_rows([Read.of(log)]),
     ]
     subtitle = f"{result.input}, {result.imu.topic}"
-    page = Page("Where the vehicle points", subtitle, tuple(sections))
+    page = Page("Where the vehicle points", subtitle, tuple(sections), result.warnings)
     write_report(report, page, overwrite=config.output.overwrite)
 
 

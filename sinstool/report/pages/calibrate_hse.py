@@ -22,7 +22,6 @@ from sinstool.report.sections import (
     Section,
     Settings,
     Table,
-    Warnings,
     table_of,
 )
 
@@ -53,19 +52,18 @@ def write_page(
         Effective, with its rig.
     """
     first: tuple[Section, ...] = (
-        Warnings(calibration.warnings),
         Prose(_verdict(calibration), "Result", _facts(calibration)),
         _coefficients(calibration),
     )
-    main, *others = figures(calibration)
     tables = [make(calibration) for make in (_headings, _runs, _stretches)]
     settings = Settings(config_settings(config, "calibration", "rig", "input"))
     read = input_rows([Read.of(path) for path in logs])
-    sections = (*first, main, *others, *filter(None, tables), settings, read)
+    sections = (*first, *figures(calibration), *filter(None, tables), settings, read)
     logs_read = calibration.logs
     source = f"{len(logs_read)} logs" if len(logs_read) > 1 else logs_read[0].source
     subtitle = f"{source}, {calibration.file.created}"
-    page = Page("Heading-sensitive error of a rate-biased system", subtitle, sections)
+    title = "Heading-sensitive error of a rate-biased system"
+    page = Page(title, subtitle, sections, calibration.warnings)
     write_report(report, page, overwrite=config.output.overwrite)
 
 

@@ -12,7 +12,7 @@ from sinstool.pipelines.compare_coning.summary import AlgorithmResult, Compariso
 from sinstool.report.figure import Figure
 from sinstool.report.figures.paper import figures
 from sinstool.report.pages.settings import Read, config_settings, input_rows
-from sinstool.report.sections import Column, Fact, Page, Prose, Section, Settings, Table, Warnings
+from sinstool.report.sections import Column, Fact, Page, Prose, Section, Settings, Table, table_of
 from sinstool.report.text.coning import COLUMNS, LEGEND, PSEUDO, TERMINAL, about_reference
 from sinstool.report.text.coning import Column as ColumnOf
 
@@ -35,9 +35,10 @@ def comparison_page(
     if not text.startswith(tuple(row.name for row in result.algs)):
         text = f"{text[:1].upper()}{text[1:]}"
     verdict = Prose((f"{text}.",), "Result", _facts(result))
-    first = (Warnings((*result.warnings, *result.lost)), verdict, sizes)
     last = (Settings(config_settings(config, *COMPARISON_OPTIONS)), input_rows([Read.of(log)]))
-    return Page("Coning algorithms compared", log.name, (*first, *figures, *tables, *last))
+    sections: tuple[Section, ...] = (verdict, sizes, *figures, *tables, *last)
+    warnings = (*result.warnings, *result.lost)
+    return Page("Coning algorithms compared", log.name, sections, warnings)
 
 
 def reproduction_page(reproduction: Reproduction, config: ProcessConfig) -> Page:
@@ -110,10 +111,5 @@ def _table(
     notes: tuple[str, ...],
     folded: bool = False,
 ) -> Table:
-    return Table(
-        title,
-        tuple(Column(name, unit, ".3g") for name, unit, _ in columns),
-        tuple(tuple(get(a) for _, _, get in columns) for a in rows),
-        notes,
-        folded,
-    )
+    cells = [(Column(name, unit, ".3g"), get) for name, unit, get in columns]
+    return table_of(title, rows, cells, notes, folded)

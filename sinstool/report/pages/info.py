@@ -22,7 +22,6 @@ from sinstool.report.sections import (
     Section,
     Settings,
     Table,
-    Warnings,
     table_of,
 )
 
@@ -48,7 +47,6 @@ def write_page(
     good = inspection.usable
     verdict = str(inspection.process)
     sections: list[Section] = [
-        Warnings(_warnings(inspection)),
         Prose((f"{verdict[:1].upper()}{verdict[1:]}.",), "Result", _facts(inspection, good)),
         *figures(inspection, shown.samplings, shown.traffic),
         _topics(inspection),
@@ -60,7 +58,8 @@ def write_page(
     sections += [table for imu in good for table in (_still(imu), _gaps(imu)) if table.rows]
     read = [Read.of(Path(source.path))]
     sections += [Settings(config_settings(config, "input")), input_rows(read)]
-    page = Page("What is in a log", Path(source.path).name, tuple(sections))
+    name = Path(source.path).name
+    page = Page("What is in a log", name, tuple(sections), _warnings(inspection))
     write_report(report, page, inputs=[Path(source.path)], overwrite=overwrite)
 
 

@@ -9,16 +9,9 @@ from pathlib import Path
 from sinstool.config import PROCESS_OPTIONS, ProcessConfig
 from sinstool.core.timeline import SECOND
 from sinstool.methods.ins_gnss.withheld import Outage
+from sinstool.pipelines.process import summary
 from sinstool.pipelines.process.errors_against_truth import RunErrors
 from sinstool.pipelines.process.result import ProcessResult
-from sinstool.pipelines.process.summary import (
-    FilterUsed,
-    FinalState,
-    FirstAttitude,
-    HeightDamping,
-    HseCorrection,
-    TurntableStretch,
-)
 from sinstool.report.page import write_report
 from sinstool.report.pages.settings import Read, config_settings, input_rows
 from sinstool.report.recorder import Recorder
@@ -32,7 +25,6 @@ from sinstool.report.sections import (
     Section,
     Settings,
     Table,
-    Warnings,
 )
 from sinstool.report.text.process import compass, summary_rows
 
@@ -61,7 +53,6 @@ def write_page(
     rows = summary_rows(result, verbose=True)
     read, mode = result.input, result.plan.mode.value
     sections: tuple[Section | None, ...] = (
-        Warnings(result.warnings),
         _answer(mode, result),
         *recorder.figures(result),
         _truth(result),
@@ -73,7 +64,8 @@ def write_page(
         Settings(config_settings(config, *PROCESS_OPTIONS)),
         input_rows([Read(read.path, read.size, read.sha256)]),
     )
-    page = Page(TITLES[mode], Path(read.path).name, tuple(one for one in sections if one))
+    shown = tuple(one for one in sections if one)
+    page = Page(TITLES[mode], Path(read.path).name, shown, result.warnings)
     write_report(report, page, overwrite=config.output.overwrite)
 
 
@@ -109,7 +101,7 @@ def _duration(seconds: float) -> str:
     return f"{seconds / 60.0:.1f} min" if seconds < 7200.0 else f"{seconds / 3600.0:.2f} h"
 
 
-def _heading(name: str, state: FirstAttitude | FinalState, more: str = "") -> Fact:
+def _heading(name: str, state: summary.FirstAttitude | summary.FinalState, more: str = "") -> Fact:
     tilt = f"roll {state.roll_deg:.2f}, pitch {state.pitch_deg:.2f} deg"
     return Fact(name, f"{compass(state.heading_deg, 2)} deg", tilt + more)
 
@@ -138,7 +130,7 @@ def _error_facts(truth: RunErrors | None) -> list[Fact]:
     return facts
 
 
-def _filter_facts(used: FilterUsed | None) -> list[Fact]:
+def _filter_facts(used: summary.FilterUsed | None) -> list[Fact]:
     if used is None:
         return []
     facts = [
@@ -154,14 +146,14 @@ def _filter_facts(used: FilterUsed | None) -> list[Fact]:
     return facts
 
 
-def _height_facts(height: HeightDamping | None) -> list[Fact]:
+def _height_facts(height: summary.HeightDamping | None) -> list[Fact]:
     if height is None:
         return []
     value = f"{height.difference_rms_m:.3g} m"
     return [Fact("Height less reference", value, f"rms lately, {height.topic}")]
 
 
-def _hse_facts(hse: HseCorrection) -> list[Fact]:
+def _hse_facts(hse: summary.HseCorrection) -> list[Fact]:
     most = max(hse.segments, key=lambda s: abs(s.correction_arcsec), default=None)
     if most is None:
         return []
@@ -187,7 +179,9 @@ def _withheld(result: ProcessResult) -> Table | None:
 
 
 def _by_start(
-    result: ProcessResult, spans: Sequence[Outage | TurntableStretch], columns: Iterable[str]
+    result: ProcessResult,
+    spans: Sequence[Outage | summary.TurntableStretch],
+    columns: Iterable[str],
 ) -> tuple[tuple[Cell, ...], ...]:
     """A row for each span of a log: from when, and these values of it."""
     first = result.imu.first_ns

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -12,7 +12,7 @@ from sinstool.core.options import Group
 from sinstool.core.whole_file import path_for_now
 from sinstool.io.readers.log import path_size
 from sinstool.pipelines.provenance import sha256
-from sinstool.report.sections import Rows, Setting, flat
+from sinstool.report.sections import Rows, Setting
 
 
 def config_settings(config: Group, *paths: str) -> tuple[Setting, ...]:
@@ -38,8 +38,17 @@ def config_settings(config: Group, *paths: str) -> tuple[Setting, ...]:
                 text = field.description or ""
                 settings.append(Setting(f"{table}.{name}", _plain(value), chosen, text))
         elif group is not None:
-            settings += [replace(one, value=_plain(one.value)) for one in flat(group, f"{path}.")]
+            settings += _flat(group, f"{path}.")
     return tuple(settings)
+
+
+def _flat(table: Mapping[str, Any], before: str) -> Iterator[Setting]:
+    """Settings of a table; the names of tables in it are joined by dots."""
+    for name, value in table.items():
+        if isinstance(value, Mapping):
+            yield from _flat(value, f"{before}{name}.")
+        else:
+            yield Setting(f"{before}{name}", _plain(value))
 
 
 def _plain(value: Any) -> Any:

@@ -12,23 +12,16 @@ from typing import Any
 import click
 
 from sinstool.core.whole_file import make_folder, write_whole
-from sinstool.pipelines.compare_coning.summary import (
-    AlgorithmResult,
-    ComparisonResult,
-    FloatArray,
-    Meta,
-    Reference,
-    SpResult,
-)
+from sinstool.pipelines.compare_coning import summary
 from sinstool.report.text.table import aligned
 
 Column = tuple[str, str, "Get"]
 
-Get = Callable[[AlgorithmResult], Any]
+Get = Callable[[summary.AlgorithmResult], Any]
 
 
 def _axes(
-    name: str, unit: str, get: Callable[[AlgorithmResult], FloatArray | None]
+    name: str, unit: str, get: Callable[[summary.AlgorithmResult], summary.FloatArray | None]
 ) -> list[Column]:
     """A column for each component of a vector that may be missing."""
 
@@ -38,19 +31,19 @@ def _axes(
     return [(f"{name} {axis}", unit, component(k)) for k, axis in enumerate("xyz")]
 
 
-def _rate(alg: AlgorithmResult) -> str:
+def _rate(alg: summary.AlgorithmResult) -> str:
     return "all" if alg.decimate == 1 else f"1/{alg.decimate} {alg.input}"
 
 
-def _end(alg: AlgorithmResult) -> float | None:
+def _end(alg: summary.AlgorithmResult) -> float | None:
     return None if alg.drift_dph is None else alg.drift_dph.norm_rms
 
 
-def _mean(alg: AlgorithmResult) -> FloatArray | None:
+def _mean(alg: summary.AlgorithmResult) -> summary.FloatArray | None:
     return None if alg.drift_dph is None else alg.drift_dph.mean
 
 
-def _confidence(alg: AlgorithmResult) -> FloatArray | None:
+def _confidence(alg: summary.AlgorithmResult) -> summary.FloatArray | None:
     return None if alg.drift_dph is None else alg.drift_dph.confidence
 
 
@@ -73,7 +66,7 @@ COLUMNS: tuple[Column, ...] = (
 )
 
 
-def size(vector: FloatArray | None) -> float | None:
+def size(vector: summary.FloatArray | None) -> float | None:
     """Length of a vector that may be missing."""
     return None if vector is None else float(sum(v * v for v in vector) ** 0.5)
 
@@ -123,7 +116,7 @@ def _say(text: str) -> None:
     )
 
 
-def print_comparison(result: ComparisonResult) -> None:
+def print_comparison(result: summary.ComparisonResult) -> None:
     """Print a comparison as the terminal has room for."""
     meta, reference, checks = result.meta, result.reference, result.checks
     stretches = checks.segments
@@ -154,7 +147,7 @@ def print_comparison(result: ComparisonResult) -> None:
     _say(f"Verdict: {result.verdict.text}.")
 
 
-def about_reference(reference: Reference, meta: Meta) -> str:
+def about_reference(reference: summary.Reference, meta: summary.Meta) -> str:
     """One line on what the candidates are held against, and how far it can be trusted."""
     name = reference.name
     if name == "none":
@@ -176,7 +169,7 @@ def about_reference(reference: Reference, meta: Meta) -> str:
     return text
 
 
-def _print_table(result: ComparisonResult) -> None:
+def _print_table(result: summary.ComparisonResult) -> None:
     columns = [
         c
         for c in TERMINAL
@@ -205,7 +198,7 @@ def _print_table(result: ComparisonResult) -> None:
         click.echo(line)
 
 
-def _group(alg: AlgorithmResult, rate_hz: float) -> str:
+def _group(alg: summary.AlgorithmResult, rate_hz: float) -> str:
     m = alg.decimate
     if m == 1:
         return f"The log as it is, {rate_hz:.4g} Hz"
@@ -213,7 +206,7 @@ def _group(alg: AlgorithmResult, rate_hz: float) -> str:
     return f"As if logged at {rate_hz / m:.4g} Hz, {how} (one of {m})"
 
 
-def _print_sp(sp: SpResult | None) -> None:
+def _print_sp(sp: summary.SpResult | None) -> None:
     if sp is None or not sp.compared:
         return
     tuning, limits = sp.tuning, sp.bounds
@@ -241,7 +234,7 @@ def _print_sp(sp: SpResult | None) -> None:
         _say(f"Not tuned, as {why}: epsilon = T/2 and n = 2 are its best without knowledge.")
 
 
-def _print_slower(result: ComparisonResult) -> None:
+def _print_slower(result: summary.ComparisonResult) -> None:
     """What lower rates would have folded, and which algorithms would still have done."""
     meta, limit = result.meta, result.verdict.limit_dph
     folded = {(a.decimate, a.input): a for a in result.alias}
@@ -270,7 +263,7 @@ def _print_slower(result: ComparisonResult) -> None:
         click.echo()
 
 
-def write_csv(folder: Path, result: ComparisonResult) -> None:
+def write_csv(folder: Path, result: summary.ComparisonResult) -> None:
     """Write the tables of a comparison into a folder."""
     make_folder(folder)
     names = [f"{n} [{u}]" if u else n for n, u, _ in COLUMNS]

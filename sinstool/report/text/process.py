@@ -5,16 +5,9 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
+    from sinstool.pipelines.process import summary
     from sinstool.pipelines.process.errors_against_truth import RunErrors
     from sinstool.pipelines.process.result import ProcessResult
-    from sinstool.pipelines.process.summary import (
-        FilterUsed,
-        GnssDifference,
-        HeightDamping,
-        HseCorrection,
-        LatencyUsed,
-        WithheldScores,
-    )
 
 
 Row = tuple[str, str]
@@ -100,7 +93,7 @@ def _place(result: ProcessResult) -> str:
     )
 
 
-def _height(height: HeightDamping) -> list[Row]:
+def _height(height: summary.HeightDamping) -> list[Row]:
     samples, final = height.samples, height.final
     k4 = f", K4 {height.k4_s:g} s" if height.k4_s else ""
     used = f"{samples['accepted']} of {sum(samples.values())} samples used"
@@ -120,7 +113,7 @@ def _height(height: HeightDamping) -> list[Row]:
     ]
 
 
-def _filter(filter_: FilterUsed | None) -> list[Row]:
+def _filter(filter_: summary.FilterUsed | None) -> list[Row]:
     """``filter`` of a result as pairs of what and how."""
     if filter_ is None:
         return []
@@ -146,7 +139,7 @@ def _filter(filter_: FilterUsed | None) -> list[Row]:
     return rows + _withheld(filter_.withheld)
 
 
-def _latency(latency: LatencyUsed) -> str:
+def _latency(latency: summary.LatencyUsed) -> str:
     """When fixes were valid."""
     position, velocity = 1e3 * latency.position_s, 1e3 * latency.velocity_s
     how = latency.status
@@ -157,7 +150,7 @@ def _latency(latency: LatencyUsed) -> str:
     return f"latency of positions {position:.1f} ms, of velocities {velocity:.1f} ms ({how})"
 
 
-def _withheld(scores: WithheldScores | None) -> list[Row]:
+def _withheld(scores: summary.WithheldScores | None) -> list[Row]:
     if scores is None:
         return []
     outages = scores.outages
@@ -172,7 +165,7 @@ def _withheld(scores: WithheldScores | None) -> list[Row]:
     return [("withheld", text)]
 
 
-def _gnss(off: GnssDifference | None) -> list[Row]:
+def _gnss(off: summary.GnssDifference | None) -> list[Row]:
     """How far inertial navigation has gone from GNSS, which it does not use."""
     if off is None:
         return []
@@ -195,7 +188,7 @@ def _truth(truth: RunErrors | None) -> list[Row]:
     return rows
 
 
-def _hse(hse: HseCorrection) -> list[Row]:
+def _hse(hse: summary.HseCorrection) -> list[Row]:
     """Heading before and after, stretch by stretch."""
     return [
         (
