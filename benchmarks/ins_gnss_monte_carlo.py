@@ -48,9 +48,14 @@ from sinstool.core.units import DEGREE
 from sinstool.methods.height.network import HeightNetwork, gravity_gradient
 from sinstool.methods.ins_gnss.filter import InsGnssFilter
 from sinstool.methods.ins_gnss.layout import P_K4
-from sinstool.methods.ins_gnss.noise import BaroModel, GnssModel
 from sinstool.methods.ins_gnss.results import FilterBlock, UpdateColumns
-from sinstool.methods.ins_gnss.settings import DivergenceControl, Settings, Start
+from sinstool.methods.ins_gnss.settings import (
+    BaroModel,
+    DivergenceControl,
+    GnssModel,
+    Settings,
+    Start,
+)
 from sinstool.methods.ins_gnss.states import ACCEL_SCALE, filter_kind
 from sinstool.methods.sensor_errors import SensorGrade
 from sinstool.methods.strapdown.velocity import Increments

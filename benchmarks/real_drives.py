@@ -26,13 +26,12 @@ from sinstool.core.rotation import conjugate, exp, log, multiply, normalise, rot
 from sinstool.core.streams import GnssEpochs, Imu
 from sinstool.io.readers.open import open_log
 from sinstool.methods.ins_gnss.filter import InsGnssFilter
+from sinstool.methods.ins_gnss.fix_velocity import split_position_velocity, velocity_lag
 from sinstool.methods.ins_gnss.latency import Latency, correlate, inertial_velocity
-from sinstool.methods.ins_gnss.noise import GnssModel
 from sinstool.methods.ins_gnss.results import FilterBlock, UpdateColumns
-from sinstool.methods.ins_gnss.settings import Settings, Start
+from sinstool.methods.ins_gnss.settings import GnssModel, Settings, Start
 from sinstool.methods.ins_gnss.smoother import Smoother
 from sinstool.methods.ins_gnss.start import start_at
-from sinstool.methods.ins_gnss.velocity_lag import split_position_velocity, velocity_lag
 from sinstool.methods.sensor_errors import IMU_GRADES
 from sinstool.methods.strapdown.velocity import Increments
 from sinstool.pipelines.align.in_motion import samples

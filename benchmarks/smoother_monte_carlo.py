@@ -38,8 +38,13 @@ from benchmarks.common import (
 )
 from sinstool.methods.height.network import HeightNetwork
 from sinstool.methods.ins_gnss.filter import InsGnssFilter
-from sinstool.methods.ins_gnss.noise import BaroModel, GnssModel
-from sinstool.methods.ins_gnss.settings import DivergenceControl, Settings, Start
+from sinstool.methods.ins_gnss.settings import (
+    BaroModel,
+    DivergenceControl,
+    GnssModel,
+    Settings,
+    Start,
+)
 from sinstool.methods.ins_gnss.smoother import Smoother
 from sinstool.methods.sensor_errors import SensorGrade
 from sinstool.simulation.flight import spiral_climb

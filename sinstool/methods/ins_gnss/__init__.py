@@ -1,10 +1,8 @@
 """INS/GNSS integration: the error-state Kalman filter, its smoother, its diagnosis.
 
 states        the error states, their signs, and the filters that have some of them
-noise         what is assumed of IMU, GNSS and barometer
-settings      all that a filter is told; where it starts
-model         transition matrix of the errors, from the motion
-propagation   covariance and estimate from measurement to measurement
+settings      settings of a filter, noise of GNSS and barometer, where it starts
+model         transition of the errors, from the motion; covariance and estimate with it
 update        a measurement
 gnss, baro    measurements by GNSS and barometer, and whether they are believed
 instants      substeps, feedback, beginning anew

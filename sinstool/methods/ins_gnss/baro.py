@@ -12,43 +12,12 @@ import numba
 import numpy as np
 from numpy.typing import NDArray
 
+from sinstool.methods.height import layout as height_layout
 from sinstool.methods.height.channel import baro_sample
 from sinstool.methods.height.channel import feedback as channel_feedback
-from sinstool.methods.height.layout import (
-    ACCEPTED,
-    COAST,
-    CORRECTED,
-    ENGAGED,
-    GATE,
-    JUMPED,
-    NOTHING,
-    P_GATE,
-    P_GATE_SIGMAS,
-    P_TAU,
-    RESTORED,
-    S_BARO_BIAS,
-    S_CORRECTION,
-    S_INNOVATION,
-    S_L1,
-    S_L2,
-    S_L3,
-    S_NOMINAL,
-    S_OFFSET,
-    S_PHASE,
-    S_SQUARE,
-    S_WITNESS_SINCE,
-)
-from sinstool.methods.ins_gnss import layout
-from sinstool.methods.ins_gnss.instants import (
-    begin_substep,
-    clear_rows,
-    close_instant,
-    close_substep,
-    open_instant,
-    record,
-)
+from sinstool.methods.ins_gnss import instants, layout
 from sinstool.methods.ins_gnss.layout import Memory, Model, Stored
-from sinstool.methods.ins_gnss.propagation import baro_correction
+from sinstool.methods.ins_gnss.model import baro_correction
 from sinstool.methods.ins_gnss.states import I_BARO, I_CORRECTION, POSITION, VELOCITY
 from sinstool.methods.ins_gnss.update import apply_measurement, project
 from sinstool.methods.strapdown.navigation import HEIGHT, V_DOWN
@@ -72,9 +41,9 @@ DOUBT = 0.25  # of a jump
 def correction_row(m: Memory, model: Model) -> None:
     """The network's correction, which is known and ought to be 0."""
     a = model.where[I_CORRECTION]
-    clear_rows(m, layout.ONE_ROW)
+    instants.clear_rows(m, layout.ONE_ROW)
     m.h[0, a] = 1.0
-    m.nu[0] = m.channel[S_CORRECTION] - m.x[a]
+    m.nu[0] = m.channel[height_layout.S_CORRECTION] - m.x[a]
     m.r[0] = model.parameters[layout.P_CORRECTION_VARIANCE]
     project(m, layout.ONE_ROW)
     apply_measurement(m, layout.ONE_ROW, 0.0)
@@ -98,7 +67,7 @@ def baro_difference(
     """
     b = model.where[I_BARO]
     number = m.numbers
-    clear_rows(m, layout.ONE_ROW)
+    instants.clear_rows(m, layout.ONE_ROW)
     m.h[0, _D] = -1.0
     m.h[0, _VD] = age
     m.h[0, b] = -1.0
@@ -111,7 +80,7 @@ def baro_difference(
         if number[layout.N_ROW_STREAK] < patience:
             return False
         move_reference(m, model, m.nu[0])
-        record(events, count, layout.E_BARO_JUMP, number[layout.N_NOW], -m.nu[0])
+        instants.record(events, count, layout.E_BARO_JUMP, number[layout.N_NOW], -m.nu[0])
         number[layout.N_ROW_STREAK] = 0.0
         return False
     number[layout.N_ROW_STREAK] = 0.0
@@ -123,7 +92,7 @@ def baro_difference(
 def move_reference(m: Memory, model: Model, difference: float) -> None:
     """Shift the barometer by a difference, and forget what was known of its error."""
     b = model.where[I_BARO]
-    m.channel[S_OFFSET] += difference
+    m.channel[height_layout.S_OFFSET] += difference
     for j in range(m.p.shape[0]):
         m.p[b, j] = 0.0
         m.p[j, b] = 0.0
@@ -135,10 +104,14 @@ def move_reference(m: Memory, model: Model, difference: float) -> None:
 def note_difference(m: Memory, stamp: float, height: float, reason: int) -> None:
     """Compare height and barometric height; of several samples within an update, the last."""
     number = m.numbers
-    if reason != ACCEPTED or not np.isfinite(height) or not stamp > number[layout.N_SAMPLE_STAMP]:
+    if (
+        reason != height_layout.ACCEPTED
+        or not np.isfinite(height)
+        or not stamp > number[layout.N_SAMPLE_STAMP]
+    ):
         return
     age = number[layout.N_NOW] - stamp
-    used = height + m.channel[S_OFFSET] - m.channel[S_BARO_BIAS]
+    used = height + m.channel[height_layout.S_OFFSET] - m.channel[height_layout.S_BARO_BIAS]
     number[layout.N_SAMPLE] = 1.0
     number[layout.N_SAMPLE_STAMP] = stamp
     number[layout.N_SAMPLE_AGE] = age
@@ -156,9 +129,12 @@ def _unlikely(m: Memory, model: Model, stamp: float, height: float) -> bool:
     par = model.parameters
     b = model.where[I_BARO]
     v_up = -m.nav[V_DOWN]
-    used = height + channel[S_OFFSET] - channel[S_BARO_BIAS]
+    used = height + channel[height_layout.S_OFFSET] - channel[height_layout.S_BARO_BIAS]
     e = m.nav[HEIGHT] - v_up * (m.numbers[layout.N_NOW] - stamp) - used
-    gate = max(model.network[P_GATE], model.network[P_GATE_SIGMAS] * sqrt(channel[S_SQUARE]))
+    gate = max(
+        model.network[height_layout.P_GATE],
+        model.network[height_layout.P_GATE_SIGMAS] * sqrt(channel[height_layout.S_SQUARE]),
+    )
     if abs(e + par[layout.P_K4] * v_up) > gate:
         return False  # the channel's own affair: a jump perhaps
     variance = m.p[_D, _D] + 2.0 * m.p[_D, b] + m.p[b, b] + par[layout.P_BARO_WHITE]
@@ -185,17 +161,18 @@ def network_sample(
     par = model.parameters
     channel = m.channel
     nav = m.nav
-    phase = int(channel[S_PHASE])
-    before = channel[S_CORRECTION]
-    offset = channel[S_OFFSET]
+    phase = int(channel[height_layout.S_PHASE])
+    before = channel[height_layout.S_CORRECTION]
+    offset = channel[height_layout.S_OFFSET]
     now = number[layout.N_NOW]
     v_up = -nav[V_DOWN]
     # A filter that knows what K4 does keeps the height right, and so e at K4 v_up: no jump.
-    model.network[P_GATE] = par[layout.P_CHANNEL_GATE] + abs(par[layout.P_K4] * v_up)
-    if reason == ACCEPTED and (
-        now < number[layout.N_DISTRUST] or (phase == ENGAGED and _unlikely(m, model, stamp, height))
+    model.network[height_layout.P_GATE] = par[layout.P_CHANNEL_GATE] + abs(par[layout.P_K4] * v_up)
+    if reason == height_layout.ACCEPTED and (
+        now < number[layout.N_DISTRUST]
+        or (phase == height_layout.ENGAGED and _unlikely(m, model, stamp, height))
     ):
-        reason = GATE
+        reason = height_layout.GATE
     what, dh, dw = baro_sample(
         channel,
         model.network,
@@ -207,14 +184,14 @@ def network_sample(
         height,
         reason,
     )
-    if what == NOTHING:
+    if what == height_layout.NOTHING:
         return row
-    if what == RESTORED:
+    if what == height_layout.RESTORED:
         # The witness does not know of fixes: where some were used, their navigation stays.
-        close_substep(m, model, keep)
-        off = before - channel[S_CORRECTION]
-        record(events, count, layout.E_BARO_FROZEN, now, dh)
-        if number[layout.N_USED_AT] > channel[S_WITNESS_SINCE]:
+        instants.close_substep(m, model, keep)
+        off = before - channel[height_layout.S_CORRECTION]
+        instants.record(events, count, layout.E_BARO_FROZEN, now, dh)
+        if number[layout.N_USED_AT] > channel[height_layout.S_WITNESS_SINCE]:
             channel_feedback(channel, now, -dh, -dw, off)
         else:
             nav[HEIGHT] += dh
@@ -223,48 +200,54 @@ def network_sample(
         m.p[_D, _D] += dh * dh
         m.p[_VD, _VD] += dw * dw
         m.p[a, a] += off * off
-        begin_substep(m)
+        instants.begin_substep(m)
         return row
-    if phase != ENGAGED:
+    if phase != height_layout.ENGAGED:
         # The channel would set the height to the barometer. The filter knows how good both are.
         channel_feedback(channel, now, -dh, -dw, 0.0)
-        open_instant(m, model, stored, row, keep)
-        difference = channel[S_INNOVATION] - par[layout.P_K4] * v_up
+        instants.open_instant(m, model, stored, row, keep)
+        difference = channel[height_layout.S_INNOVATION] - par[layout.P_K4] * v_up
         used = baro_difference(
             m, model, events, count, difference, 0.0, par[layout.P_BARO_WHITE], layout.ONE_ROW
         )
         if not used:
             _after_jump(m, model)
-        if phase == COAST:
+        if phase == height_layout.COAST:
             number[layout.N_STEP] = dh
             number[layout.N_STEP_SET] = 1.0
-        return close_instant(m, model, stored, row, keep)
+        return instants.close_instant(m, model, stored, row, keep)
 
     nav[HEIGHT] += dh
     nav[V_DOWN] -= dw
     k4_height = par[layout.P_K4] * v_up
-    if what == CORRECTED and channel[S_NOMINAL] < FAST_BARO and now > number[layout.N_FROM]:
+    if (
+        what == height_layout.CORRECTED
+        and channel[height_layout.S_NOMINAL] < FAST_BARO
+        and now > number[layout.N_FROM]
+    ):
         for i in range(3):
-            gain = channel[S_L1 + i]
+            gain = channel[height_layout.S_L1 + i]
             number[layout.N_GAIN + i] += gain
             number[layout.N_KNOWN + i] += gain * k4_height
         number[layout.N_GAINS] += 1.0
         return row
-    close_substep(m, model, keep)
-    if what == JUMPED:
+    instants.close_substep(m, model, keep)
+    if what == height_layout.JUMPED:
         b = model.where[I_BARO]
         # It is known as well as the mean of the differences that showed it; whether the
         # barometer is to be relied on after that, is not.
-        mean = (channel[S_SQUARE] + par[layout.P_BARO_WHITE]) / JUMP_ROWS
-        doubt = DOUBT * (channel[S_OFFSET] - offset)
+        mean = (channel[height_layout.S_SQUARE] + par[layout.P_BARO_WHITE]) / JUMP_ROWS
+        doubt = DOUBT * (channel[height_layout.S_OFFSET] - offset)
         m.p[b, b] += mean + par[layout.P_BARO_SIGMA] ** 2 + doubt * doubt
         _after_jump(m, model)
-        record(events, count, layout.E_BARO_JUMP, now, offset - channel[S_OFFSET])
+        instants.record(
+            events, count, layout.E_BARO_JUMP, now, offset - channel[height_layout.S_OFFSET]
+        )
     baro_correction(
         model.where,
-        channel[S_L1],
-        channel[S_L2],
-        channel[S_L3],
+        channel[height_layout.S_L1],
+        channel[height_layout.S_L2],
+        channel[height_layout.S_L3],
         k4_height,
         par[layout.P_BARO_WHITE],
         m.p,
@@ -286,7 +269,7 @@ def _after_jump(m: Memory, model: Model) -> None:
     if now - number[layout.N_JUMP_AT] < JUMPS_APART:
         a = model.where[I_CORRECTION]
         gate = model.parameters[layout.P_CHANNEL_GATE]
-        rate = 1.0 / model.network[P_TAU]
+        rate = 1.0 / model.network[height_layout.P_TAU]
         m.p[_D, _D] += gate**2
         m.p[_VD, _VD] += (gate * rate) ** 2
         m.p[a, a] += (gate * rate * rate) ** 2

@@ -39,10 +39,10 @@ from sinstool.core import earth
 from sinstool.core.finding import Finding
 from sinstool.core.rotation import from_dcm, log, multiply, normalise, rotate, skew, to_dcm
 from sinstool.core.streams import GnssEpochs
+from sinstool.methods.ins_gnss.fix_velocity import velocity_lag
 from sinstool.methods.ins_gnss.latency import correlate, inertial_velocity
 from sinstool.methods.ins_gnss.results import GnssDiagnostics, UpdateColumns
 from sinstool.methods.ins_gnss.settings import Settings, Start
-from sinstool.methods.ins_gnss.velocity_lag import velocity_lag
 from sinstool.methods.strapdown.attitude import AttitudePropagator
 
 FloatArray = NDArray[np.float64]

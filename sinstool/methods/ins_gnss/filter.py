@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -10,24 +11,8 @@ from numpy.typing import ArrayLike, NDArray
 from sinstool.core.errors import ConfigurationError
 from sinstool.core.streams import GnssEpochs
 from sinstool.methods.height import layout as height_layout
-from sinstool.methods.ins_gnss import layout
+from sinstool.methods.ins_gnss import layout, parameters, results
 from sinstool.methods.ins_gnss.loop import run
-from sinstool.methods.ins_gnss.parameters import (
-    CHANNEL_GATE,
-    decay_rates,
-    initial_covariance,
-    loop_parameters,
-    noise_densities,
-)
-from sinstool.methods.ins_gnss.results import (
-    EVENT_NAMES,
-    SENSORS,
-    FilterBlock,
-    FilterEvent,
-    GnssDiagnostics,
-    StoredEpochs,
-    UpdateColumns,
-)
 from sinstool.methods.ins_gnss.settings import Settings, Start
 from sinstool.methods.ins_gnss.states import WITHOUT_BARO, FilterKind, filter_kind
 from sinstool.methods.strapdown.navigation import SIZE as NAV_SIZE
@@ -122,7 +107,7 @@ class InsGnssFilter:
         kind = settings.kind
         self.fell_back = kind.needs_baro and not with_baro
         self.kind: FilterKind = filter_kind(WITHOUT_BARO) if self.fell_back else kind
-        self.events: list[FilterEvent] = []
+        self.events: list[results.FilterEvent] = []
         self.channel_events: list[height_layout.Event] = []
         self._output = output
         self._store = store
@@ -133,13 +118,15 @@ class InsGnssFilter:
                 "K4 = 0, or one of the network filters",
             )
         index = self.kind.index
-        p0 = initial_covariance(self.kind, start, settings)
+        p0 = parameters.initial_covariance(self.kind, start, settings)
         self._model = layout.Model(
             index,
-            loop_parameters(self.kind, settings),
-            height_layout.new_parameters(damping, settings.grade, shadow=False, gate=CHANNEL_GATE),
-            decay_rates(self.kind, settings),
-            noise_densities(self.kind, start, settings),
+            parameters.loop_parameters(self.kind, settings),
+            height_layout.new_parameters(
+                damping, settings.grade, shadow=False, gate=parameters.CHANNEL_GATE
+            ),
+            parameters.decay_rates(self.kind, settings),
+            parameters.noise_densities(self.kind, start, settings),
             p0,
         )
         self._memory = layout.new_memory(
@@ -152,12 +139,10 @@ class InsGnssFilter:
             settings.control.measured_epochs,
         )
         self._origin: int | None = None
-        self._fixes = np.empty((0, _FIX))
-        self._fix_ns = np.empty(0, dtype=np.int64)
-        self._withheld = np.empty(0)
-        self._baro_ns = np.empty(0, dtype=np.int64)
-        self._baro = np.empty(0)
-        self._reason = np.empty(0, dtype=np.int64)
+        # Not used yet: times, fixes, whether they are withheld; times, heights, reasons
+        no_time = np.empty(0, dtype=np.int64)
+        self._gnss: list[NDArray[Any]] = [no_time, np.empty((0, _FIX)), np.empty(0)]
+        self._baro: list[NDArray[Any]] = [no_time, np.empty(0), no_time]
 
     # --- what it knows --------------------------------------------------------------------
 
@@ -209,7 +194,7 @@ class InsGnssFilter:
         baro_time_ns: ArrayLike = (),
         baro_height: ArrayLike = (),
         baro_reason: ArrayLike | None = None,
-    ) -> FilterBlock:
+    ) -> results.FilterBlock:
         """Go on over the next IMU updates.
 
         Parameters
@@ -253,18 +238,19 @@ class InsGnssFilter:
             self._origin = int(time_ns[0]) - round(float(interval[0]) * 1e9)
         origin = self._origin or 0
         last = int(time_ns[-1]) if len(time_ns) else None
-        fixes = self._fix_ns <= last if last is not None else np.zeros(len(self._fix_ns), bool)
-        samples = self._arrived(last)
+        epochs = 0 if last is None else int(np.searchsorted(self._gnss[0], last, "right"))
+        fix_ns, fixes, masks = (column[:epochs] for column in self._gnss)
+        baro_ns, heights, reasons = (column[: self._arrived(last)] for column in self._baro)
 
         n = self.kind.size
         spent = float(interval.sum() + 1.0) if len(time_ns) else 0.0
         if len(time_ns):
             spent = max(spent, (int(time_ns[-1]) - int(time_ns[0])) * 1e-9 + 2.0)
-        room = int(fixes.sum() + 2.0 * spent / min(self.settings.row_interval, 1.0)) + 8
-        stored = layout.new_stored(room if self._store else 1, n, SENSORS)
-        channel_events = height_layout.new_events(samples)
+        room = int(epochs + 2.0 * spent / min(self.settings.row_interval, 1.0)) + 8
+        stored = layout.new_stored(room if self._store else 1, n, results.SENSORS)
+        channel_events = height_layout.new_events(len(heights))
         events = np.empty((_EVENTS_KEPT, layout.EVENT_WIDTH))
-        diagnoses = np.full((int(fixes.sum()), layout.DIAGNOSTICS), np.nan)
+        diagnoses = np.full((epochs, layout.DIAGNOSTICS), np.nan)
         out = np.empty((len(time_ns) if self._output else 0, layout.OUTPUT))
         counts = np.zeros(5, dtype=np.int64)
         earlier = self._memory.channel[height_layout.S_EVENTS]
@@ -278,12 +264,12 @@ class InsGnssFilter:
             interval,
             phi,
             dv,
-            _seconds(self._fix_ns[fixes], origin),
-            self._fixes[fixes],
-            self._withheld[fixes],
-            _seconds(self._baro_ns[:samples], origin),
-            self._baro[:samples],
-            self._reason[:samples],
+            _seconds(fix_ns, origin),
+            fixes,
+            masks,
+            _seconds(baro_ns, origin),
+            heights,
+            reasons,
             channel_events,
             events,
             diagnoses,
@@ -291,11 +277,11 @@ class InsGnssFilter:
             counts,
         )
         self._note(events[: counts[0]], channel_events, origin, earlier)
-        gnss_out = _diagnostics(
-            self._fix_ns[fixes][counts[4] : counts[1]], diagnoses[counts[4] : counts[1]]
-        )
-        self._forget(int(counts[1]), int(counts[2]))
-        return FilterBlock(
+        compared = slice(counts[4], counts[1])
+        gnss_out = _diagnostics(fix_ns[compared], diagnoses[compared])
+        self._gnss = [column[counts[1] :] for column in self._gnss]
+        self._baro = [column[counts[2] :] for column in self._baro]
+        return results.FilterBlock(
             _columns(time_ns, out) if self._output else None,
             gnss_out,
             _stored(stored, int(counts[3]), origin) if self._store else None,
@@ -313,8 +299,7 @@ class InsGnssFilter:
         if gnss is not None and len(gnss):
             stamps = np.asarray(gnss.time_ns, dtype=np.int64)
             valid = stamps - round(self.settings.gnss_latency * 1e9)
-            before = self._fix_ns[-1:]
-            if np.any(np.diff(np.concatenate([before, valid])) < 0):
+            if np.any(np.diff(np.concatenate([self._gnss[0][-1:], valid])) < 0):
                 raise ValueError("Expected GNSS epochs in the order of their stamps.")
             mask = (
                 np.zeros(len(gnss)) if withheld is None else np.asarray(withheld, dtype=np.float64)
@@ -331,9 +316,7 @@ class InsGnssFilter:
                     gnss.sigma_velocity_n,
                 ]
             ).astype(np.float64)
-            self._fix_ns = np.concatenate([self._fix_ns, valid])
-            self._fixes = np.concatenate([self._fixes, fixes])
-            self._withheld = np.concatenate([self._withheld, mask])
+            self._gnss = _joined(self._gnss, valid, fixes, mask)
         stamps = np.asarray(baro_time_ns, dtype=np.int64)
         heights = np.asarray(baro_height, dtype=np.float64)
         reasons = (
@@ -344,47 +327,43 @@ class InsGnssFilter:
         if heights.shape != stamps.shape or reasons.shape != stamps.shape:
             raise ValueError("Expected baro times, heights and reasons of one shape (b,).")
         if len(stamps) and self.kind.needs_baro:
-            self._baro_ns = np.concatenate([self._baro_ns, stamps])
-            self._baro = np.concatenate([self._baro, heights])
-            self._reason = np.concatenate([self._reason, reasons])
+            self._baro = _joined(self._baro, stamps, heights, reasons)
 
     def _arrived(self, last: int | None) -> int:
         """Number of baro samples, in order of arrival, before the first one from later."""
         if last is None:
             return 0
-        later = np.flatnonzero(self._baro_ns > last)
-        return int(later[0]) if len(later) else len(self._baro_ns)
-
-    def _forget(self, fixes: int, samples: int) -> None:
-        self._fix_ns = self._fix_ns[fixes:]
-        self._fixes = self._fixes[fixes:]
-        self._withheld = self._withheld[fixes:]
-        self._baro_ns = self._baro_ns[samples:]
-        self._baro = self._baro[samples:]
-        self._reason = self._reason[samples:]
+        later = np.flatnonzero(self._baro[0] > last)
+        return int(later[0]) if len(later) else len(self._baro[0])
 
     def _note(
         self, events: FloatArray, channel_events: FloatArray, origin: int, earlier: float
     ) -> None:
         for kind, time, size in events.tolist():
             self.events.append(
-                FilterEvent(EVENT_NAMES[int(kind)], origin + round(time * 1e9), size)
+                results.FilterEvent(
+                    results.EVENT_NAMES[int(kind)], origin + round(time * 1e9), size
+                )
             )
         new = int(self._memory.channel[height_layout.S_EVENTS])
         self.channel_events += height_layout.read_events(channel_events[:new])
         self._memory.channel[height_layout.S_EVENTS] = earlier + new
 
 
+def _joined(queue: list[NDArray[Any]], *more: NDArray[Any]) -> list[NDArray[Any]]:
+    return [np.concatenate(pair) for pair in zip(queue, more, strict=True)]
+
+
 def _seconds(time_ns: IntArray, origin: int) -> FloatArray:
     return np.asarray((time_ns - origin) * 1e-9, dtype=np.float64)
 
 
-def _columns(time_ns: IntArray, out: FloatArray) -> UpdateColumns:
+def _columns(time_ns: IntArray, out: FloatArray) -> results.UpdateColumns:
     def block(number: int) -> FloatArray:
         first = layout.O_COVARIANCE + 6 * number
         return out[:, first : first + 6][:, [0, 1, 2, 1, 3, 4, 2, 4, 5]].reshape(-1, 3, 3)
 
-    return UpdateColumns(
+    return results.UpdateColumns(
         time_ns,
         out[:, 0],
         out[:, 1],
@@ -400,8 +379,8 @@ def _columns(time_ns: IntArray, out: FloatArray) -> UpdateColumns:
     )
 
 
-def _diagnostics(time_ns: IntArray, rows: FloatArray) -> GnssDiagnostics:
-    return GnssDiagnostics(
+def _diagnostics(time_ns: IntArray, rows: FloatArray) -> results.GnssDiagnostics:
+    return results.GnssDiagnostics(
         time_ns,
         rows[:, layout.D_INNOVATION : layout.D_INNOVATION + 6],
         rows[:, layout.D_SIGMA : layout.D_SIGMA + 6],
@@ -416,16 +395,8 @@ def _diagnostics(time_ns: IntArray, rows: FloatArray) -> GnssDiagnostics:
     )
 
 
-def _stored(stored: layout.Stored, rows: int, origin: int) -> StoredEpochs:
-    return StoredEpochs(
-        origin + np.round(stored.time[:rows] * 1e9).astype(np.int64),
-        stored.update[:rows],
-        stored.transition[:rows],
-        stored.before[:rows],
-        stored.after[:rows],
-        stored.correction[:rows],
-        stored.estimate[:rows],
-        stored.nav[:rows],
-        stored.sensors[:rows],
-        stored.restart[:rows] > 0.0,
-    )
+def _stored(stored: layout.Stored, rows: int, origin: int) -> results.StoredEpochs:
+    columns: list[NDArray[Any]] = [column[:rows] for column in stored]
+    columns[0] = origin + np.round(columns[0] * 1e9).astype(np.int64)
+    columns[-1] = columns[-1] > 0.0
+    return results.StoredEpochs(*columns)

@@ -10,42 +10,15 @@ from numpy.typing import NDArray
 
 from sinstool.core import earth
 from sinstool.core.quaternion_kernels import dcm, wrapped_angle
-from sinstool.methods.ins_gnss import layout
-from sinstool.methods.ins_gnss.instants import (
-    begin_anew,
-    clear_rows,
-    close_substep,
-    open_instant,
-    record,
-)
+from sinstool.methods.ins_gnss import instants, layout, measurement_noise, states, update
 from sinstool.methods.ins_gnss.layout import Memory, Model, Stored
-from sinstool.methods.ins_gnss.measurement_noise import (
-    adapt,
-    note_changes,
-    often_far,
-    row_of,
-    use_measured,
-)
 from sinstool.methods.ins_gnss.model import radii
-from sinstool.methods.ins_gnss.states import (
-    ATTITUDE,
-    I_GNSS_POSITION,
-    I_GYRO_BIAS,
-    POSITION,
-    VELOCITY,
-)
-from sinstool.methods.ins_gnss.update import (
-    apply_measurement,
-    factor,
-    normalised_square,
-    project,
-)
 from sinstool.methods.strapdown.navigation import HEIGHT, LATITUDE, LONGITUDE, Q_W, V_NORTH
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
 
-_D = POSITION + 2
+_D = states.POSITION + 2
 
 _RATE = earth.EARTH_RATE
 FAR = 1000.0  # m between navigation and fixes, beyond which linear errors mean little
@@ -98,9 +71,9 @@ def gnss_epoch(
     par = model.parameters
     if withheld:
         if number[layout.N_OPEN] == 0.0:
-            close_substep(m, model, keep)
+            instants.close_substep(m, model, keep)
     else:
-        open_instant(m, model, stored, stored_row, keep)
+        instants.open_instant(m, model, stored, stored_row, keep)
 
     rows = _compare(m, model, fix, back, moved, diagnosis)
     diagnosis[layout.D_ROWS] = rows
@@ -111,20 +84,20 @@ def gnss_epoch(
     diagnosis[layout.D_NIS] = np.nan
     if rows == 0:
         return
-    project(m, rows)
+    update.project(m, rows)
     measured = m.changes.shape[0] > 0 and not withheld
     if par[layout.P_ADAPTIVE] > 0.0 and not withheld:
-        adapt(m, model, rows)
+        measurement_noise.adapt(m, model, rows)
     if measured:
-        note_changes(m, rows)
-    if not factor(m.s, m.r, rows, m.root):
+        measurement_noise.note_changes(m, rows)
+    if not update.factor(m.s, m.r, rows, m.root):
         return
-    nis = normalised_square(m.root, m.nu, rows, m.gain[:, 0])
-    if measured and often_far(m, nis > par[layout.P_GATES + rows]):
-        use_measured(m, rows)
-        if not factor(m.s, m.r, rows, m.root):
+    nis = update.normalised_square(m.root, m.nu, rows, m.gain[:, 0])
+    if measured and measurement_noise.often_far(m, nis > par[layout.P_GATES + rows]):
+        measurement_noise.use_measured(m, rows)
+        if not update.factor(m.s, m.r, rows, m.root):
             return
-        nis = normalised_square(m.root, m.nu, rows, m.gain[:, 0])
+        nis = update.normalised_square(m.root, m.nu, rows, m.gain[:, 0])
     _spread(m, rows, diagnosis)
     diagnosis[layout.D_NIS] = nis
     if withheld:
@@ -132,7 +105,7 @@ def gnss_epoch(
     if par[layout.P_CLOSED] == 0.0 and number[layout.N_FAR] == 0.0:
         _warn_if_far(m, events, count)
     # Receivers give positions and velocities apart from each other: either may be rejected alone
-    alone = 0 if row_of(m, 0) < 3 else 1
+    alone = 0 if measurement_noise.row_of(m, 0) < 3 else 1
     streak = layout.N_REJECTED if alone == 0 else layout.N_REJECTED_VELOCITIES
     if number[layout.N_NOW] - number[layout.N_SEEN_AT + alone] > OUTAGE:
         number[layout.N_AFTER_OUTAGE + alone] = AGREE
@@ -146,26 +119,26 @@ def gnss_epoch(
     if nis > gate:
         number[streak] += 1.0
         for k in range(rows):
-            m.rejected[row_of(m, k)] = m.nu[k]
+            m.rejected[measurement_noise.row_of(m, k)] = m.nu[k]
         if par[layout.P_RESTART_AFTER] == 0.0 or number[streak] < par[layout.P_RESTART_AFTER]:
             diagnosis[layout.D_GATED] = 1.0
             number[layout.N_EPOCHS_GATED] += 1.0
-            record(events, count, layout.E_GATED, number[layout.N_NOW], nis)
+            instants.record(events, count, layout.E_GATED, number[layout.N_NOW], nis)
             return
-        record(events, count, layout.E_RESTART, number[layout.N_NOW], nis)
+        instants.record(events, count, layout.E_RESTART, number[layout.N_NOW], nis)
         diagnosis[layout.D_RESTARTED] = 1.0
-        begin_anew(m, model)
+        instants.begin_anew(m, model)
         number[layout.N_AFTER_OUTAGE + alone] = 0.0
         rows = _compare(m, model, fix, back, moved, diagnosis)
         for i in range(6):
             # so far off, at least, is the navigation
             m.p[i, i] = max(m.p[i, i], m.rejected[i] ** 2)
-        project(m, rows)
+        update.project(m, rows)
         _spread(m, rows, diagnosis)
     number[streak] = 0.0
     for k in range(rows):
-        m.rejected[row_of(m, k)] = 0.0
-    if apply_measurement(m, rows, par[layout.P_EPSILON]):
+        m.rejected[measurement_noise.row_of(m, k)] = 0.0
+    if update.apply_measurement(m, rows, par[layout.P_EPSILON]):
         diagnosis[layout.D_USED] = 1.0
         number[layout.N_EPOCHS_USED] += 1.0
         number[layout.N_USED_AT] = number[layout.N_NOW]
@@ -188,8 +161,8 @@ def _compare(
     index = model.where
     number = m.numbers
     nav = m.nav
-    gyro = index[I_GYRO_BIAS]
-    eta = index[I_GNSS_POSITION]
+    gyro = index[states.I_GYRO_BIAS]
+    eta = index[states.I_GNSS_POSITION]
     lx = par[layout.P_LEVER]
     ly = par[layout.P_LEVER + 1]
     lz = par[layout.P_LEVER + 2]
@@ -226,7 +199,7 @@ def _compare(
     be = od * an - on * ad
     bd = on * ae - oe * an
 
-    clear_rows(m, layout.ROWS)
+    instants.clear_rows(m, layout.ROWS)
     if m.changes.shape[0] > 0:
         for i in range(layout.ROWS):
             m.ratio[i] = 1.0
@@ -261,11 +234,11 @@ def _compare(
             value = nav[V_NORTH + 2] - back * moved[5] + bd - fix[5]
             p0, p1, p2 = -be, bn, 0.0
         m.h[rows, i] = 1.0
-        m.h[rows, ATTITUDE] = p0
-        m.h[rows, ATTITUDE + 1] = p1
-        m.h[rows, ATTITUDE + 2] = p2
+        m.h[rows, states.ATTITUDE] = p0
+        m.h[rows, states.ATTITUDE + 1] = p1
+        m.h[rows, states.ATTITUDE + 2] = p2
         if i < 3:
-            m.h[rows, VELOCITY + i] = -back
+            m.h[rows, states.VELOCITY + i] = -back
         else:
             # -C [l x]
             if i == 3:
@@ -313,7 +286,7 @@ def _white_variance(par: FloatArray, i: int, sigma: float, slow_states: bool) ->
 def _spread(m: Memory, rows: int, diagnosis: FloatArray) -> None:
     """Note what the innovations should be."""
     for k in range(rows):
-        i = row_of(m, k)
+        i = measurement_noise.row_of(m, k)
         diagnosis[layout.D_SIGMA + i] = sqrt(m.s[k, k] + m.r[k])
         diagnosis[layout.D_MEASUREMENT + i] = sqrt(m.r[k])
         diagnosis[layout.D_RATIO + i] = m.ratio[i]
@@ -323,8 +296,10 @@ def _spread(m: Memory, rows: int, diagnosis: FloatArray) -> None:
 def _warn_if_far(m: Memory, events: FloatArray, count: IntArray) -> None:
     """Without feedback: is the navigation still where a linear filter can correct it?"""
     x = m.x
-    far = sqrt(x[POSITION] ** 2 + x[POSITION + 1] ** 2 + x[_D] ** 2)
-    turned = sqrt(x[ATTITUDE] ** 2 + x[ATTITUDE + 1] ** 2 + x[ATTITUDE + 2] ** 2)
+    far = sqrt(x[states.POSITION] ** 2 + x[states.POSITION + 1] ** 2 + x[_D] ** 2)
+    turned = sqrt(
+        x[states.ATTITUDE] ** 2 + x[states.ATTITUDE + 1] ** 2 + x[states.ATTITUDE + 2] ** 2
+    )
     if far > FAR or turned > FAR_ATTITUDE:
         m.numbers[layout.N_FAR] = 1.0
-        record(events, count, layout.E_FAR, m.numbers[layout.N_NOW], far)
+        instants.record(events, count, layout.E_FAR, m.numbers[layout.N_NOW], far)

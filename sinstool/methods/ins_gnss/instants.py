@@ -16,32 +16,23 @@ from numpy.typing import NDArray
 from sinstool.core.quaternion_kernels import increment_quaternion, product, wrapped_angle
 from sinstool.methods.height.channel import feedback as channel_feedback
 from sinstool.methods.height.layout import S_BARO_BIAS, S_CORRECTION, S_STEP
-from sinstool.methods.ins_gnss import layout
+from sinstool.methods.ins_gnss import layout, states
 from sinstool.methods.ins_gnss.layout import Memory, Model, Stored
-from sinstool.methods.ins_gnss.model import error_rates, radii, transition
-from sinstool.methods.ins_gnss.propagation import (
+from sinstool.methods.ins_gnss.model import (
+    error_rates,
     propagate_covariance,
     propagate_estimate,
     propagate_product,
-)
-from sinstool.methods.ins_gnss.states import (
-    ATTITUDE,
-    I_ACCEL_BIAS,
-    I_ACCEL_SCALE,
-    I_BARO,
-    I_CORRECTION,
-    I_GNSS_POSITION,
-    I_GYRO_BIAS,
-    POSITION,
-    VELOCITY,
+    radii,
+    transition,
 )
 from sinstool.methods.strapdown.navigation import HEIGHT, LATITUDE, LONGITUDE, Q_W, V_NORTH
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
 
-_D = POSITION + 2
-_VD = VELOCITY + 2
+_D = states.POSITION + 2
+_VD = states.VELOCITY + 2
 
 GAP_TIME = 1.0  # s, correlation time of what the motion may have been in a gap
 
@@ -97,14 +88,16 @@ def close_substep(m: Memory, model: Model, keep: bool) -> None:
                 + number[layout.N_TURN + 2] ** 2
             )
             for i in range(3):
-                m.p[ATTITUDE + i, ATTITUDE + i] += model.parameters[layout.P_TURN] * turned
+                m.p[states.ATTITUDE + i, states.ATTITUDE + i] += (
+                    model.parameters[layout.P_TURN] * turned
+                )
         if number[layout.N_GAP] > 0.0:
             # A force and a turn that last for GAP_TIME at a time
             for i in range(3):
-                m.p[VELOCITY + i, VELOCITY + i] += (
+                m.p[states.VELOCITY + i, states.VELOCITY + i] += (
                     model.parameters[layout.P_GAP_ACCELERATION] ** 2 * GAP_TIME * delta
                 )
-                m.p[ATTITUDE + i, ATTITUDE + i] += (
+                m.p[states.ATTITUDE + i, states.ATTITUDE + i] += (
                     model.parameters[layout.P_GAP_RATE] ** 2 * GAP_TIME * delta
                 )
     begin_substep(m)
@@ -114,7 +107,7 @@ def close_substep(m: Memory, model: Model, keep: bool) -> None:
 def _white_of_many(m: Memory, model: Model) -> None:
     """White noise and known input of samples that were counted within the substep."""
     number = m.numbers
-    a = model.where[I_CORRECTION]
+    a = model.where[states.I_CORRECTION]
     white = model.parameters[layout.P_BARO_WHITE] / number[layout.N_GAINS]
     where = (_D, _VD, a)
     for i in range(3):
@@ -202,12 +195,14 @@ def corrected(nav: FloatArray, x: FloatArray, out: FloatArray) -> None:
     """A navigation with the estimated errors taken off, into another."""
     rm, rn = radii(nav[LATITUDE], nav[HEIGHT])
     across = rn * cos(nav[LATITUDE])
-    out[LATITUDE] = nav[LATITUDE] - x[POSITION] / rm
-    out[LONGITUDE] = wrapped_angle(nav[LONGITUDE] - x[POSITION + 1] / across)
+    out[LATITUDE] = nav[LATITUDE] - x[states.POSITION] / rm
+    out[LONGITUDE] = wrapped_angle(nav[LONGITUDE] - x[states.POSITION + 1] / across)
     out[HEIGHT] = nav[HEIGHT] + x[_D]
     for i in range(3):
-        out[V_NORTH + i] = nav[V_NORTH + i] - x[VELOCITY + i]
-    pw, px, py, pz = increment_quaternion(x[ATTITUDE], x[ATTITUDE + 1], x[ATTITUDE + 2], 0)
+        out[V_NORTH + i] = nav[V_NORTH + i] - x[states.VELOCITY + i]
+    pw, px, py, pz = increment_quaternion(
+        x[states.ATTITUDE], x[states.ATTITUDE + 1], x[states.ATTITUDE + 2], 0
+    )
     out[Q_W], out[Q_W + 1], out[Q_W + 2], out[Q_W + 3] = product(
         pw, px, py, pz, nav[Q_W], nav[Q_W + 1], nav[Q_W + 2], nav[Q_W + 3]
     )
@@ -219,9 +214,9 @@ def _feed_back(m: Memory, model: Model) -> None:
     index = model.where
     x = m.x
     corrected(m.nav, x, m.nav)
-    gyro = index[I_GYRO_BIAS]
-    factor_at = index[I_ACCEL_SCALE]
-    bias = index[I_ACCEL_BIAS]
+    gyro = index[states.I_GYRO_BIAS]
+    factor_at = index[states.I_ACCEL_SCALE]
+    bias = index[states.I_ACCEL_BIAS]
     for i in range(3):
         m.sensors[i] += x[gyro + i]
         m.sensors[6 + i] += x[bias + i]
@@ -230,11 +225,11 @@ def _feed_back(m: Memory, model: Model) -> None:
         if factor_at >= 0:
             m.sensors[3 + i] += x[factor_at + i]
             x[factor_at + i] = 0.0
-    b = index[I_BARO]
+    b = index[states.I_BARO]
     if b >= 0:
         m.channel[S_BARO_BIAS] += x[b]
         x[b] = 0.0
-    a = index[I_CORRECTION]
+    a = index[states.I_CORRECTION]
     if model.parameters[layout.P_NETWORK] > 0.0:
         d_a = -x[a] if a >= 0 else 0.0
         channel_feedback(m.channel, m.numbers[layout.N_NOW], x[_D], x[_VD], d_a)
@@ -251,7 +246,7 @@ def begin_anew(m: Memory, model: Model) -> None:
     for i in range(n):
         for j in range(n):
             m.p[i, j] = model.p0[i, j]
-    first = model.where[I_GNSS_POSITION]
+    first = model.where[states.I_GNSS_POSITION]
     if first >= 0:
         for i in range(first, n):
             m.x[i] = 0.0

@@ -14,7 +14,7 @@ Two ways, the second starting from the first:
   profile likelihood, ``-2 log L = sum(NIS + log det S)``, Mehra 1970. It uses positions too.
 
 Positions and velocities of one receiver need not be of one instant: see
-:mod:`sinstool.methods.ins_gnss.velocity_lag`.
+:mod:`sinstool.methods.ins_gnss.fix_velocity`.
 
 References
 ----------
@@ -69,8 +69,6 @@ class Latency:
         Standard deviation; infinite where it is not observable.
     status : {'found', 'at the limit', 'not observable'}
         ``at the limit`` where the best one lies at an end of the range searched.
-    evaluations : int
-        Latencies that were tried.
     arm_b, arm_sigma_b : ndarray or None, shape (3,)
         How much further on the antenna seems to be, FRD, and how well that is known, m; where
         :func:`correlate` looks for it. A part that no turn shows is 0, its sigma 10 m.
@@ -79,7 +77,6 @@ class Latency:
     latency_s: float
     sigma_s: float
     status: LatencyStatus
-    evaluations: int
     arm_b: FloatArray | None = None
     arm_sigma_b: FloatArray | None = None
 
@@ -101,6 +98,9 @@ class Latency:
             return "latency of GNSS not observable: the motion changes too little"
         text = f"latency of GNSS {1e3 * self.latency_s:.0f} ms +- {1e3 * self.sigma_s:.1f} ms"
         return text + (" at the end of the range searched" if self.status != "found" else "")
+
+
+NOT_OBSERVABLE = Latency(0.0, np.inf, "not observable")
 
 
 def inertial_velocity(
@@ -192,13 +192,13 @@ def correlate(
     swing = None if swing_n is None else np.asarray(swing_n, dtype=np.float64)
     windows = _Windows(times, inertial, stamps, measured, low_s, high_s, window_s, swing)
     if windows.degrees <= 10:
-        return Latency(0.0, np.inf, "not observable", 0)
+        return NOT_OBSERVABLE
     count = int(np.ceil((high_s - low_s) / _GRID_S)) + 1
     grid = np.linspace(low_s, high_s, count)
     costs = np.array([windows.costs(tau) for tau in grid])
     windows.leave_out_misfits(costs.min(axis=0))
     if windows.degrees <= 10:
-        return Latency(0.0, np.inf, "not observable", count)
+        return NOT_OBSERVABLE
     total = costs @ windows.weight
     best = int(np.argmin(total))
     left, right = grid[max(best - 1, 0)], grid[min(best + 1, count - 1)]
@@ -209,20 +209,19 @@ def correlate(
     noise = least / windows.degrees
     h = 0.5 * _GRID_S
     bend = (windows.cost(tau - h) - 2.0 * least + windows.cost(tau + h)) / (h * h)
-    evaluations = count + int(minimum.nfev) + 2
     if noise <= 0.0:  # simulated without any noise
-        return Latency(tau, 0.0, "found", evaluations, *windows.arm(tau, 1e-12))
+        return Latency(tau, 0.0, "found", *windows.arm(tau, 1e-12))
     sigma = float(np.sqrt(2.0 * noise / bend) * np.sqrt(2.0)) if bend > 0.0 else np.inf
     contrast = (float(total.max()) - least) / noise
-    judged = _judged(tau, sigma, contrast, best in (0, count - 1), evaluations)
+    judged = _judged(tau, sigma, contrast, best in (0, count - 1))
     arm, arm_sigma = windows.arm(tau, noise)
     return replace(judged, arm_b=arm, arm_sigma_b=arm_sigma)
 
 
-def _judged(tau: float, sigma: float, contrast: float, at_limit: bool, evaluations: int) -> Latency:
+def _judged(tau: float, sigma: float, contrast: float, at_limit: bool) -> Latency:
     if not sigma <= MAX_SIGMA_S or contrast < _CONTRAST:
-        return Latency(0.0, np.inf, "not observable", evaluations)
-    return Latency(tau, sigma, "at the limit" if at_limit else "found", evaluations)
+        return NOT_OBSERVABLE
+    return Latency(tau, sigma, "at the limit" if at_limit else "found")
 
 
 class _Windows:
@@ -402,7 +401,7 @@ def refine(
             0.25 * (right - left) ** 2
         )
     sigma = float(np.sqrt(2.0 * scale / bend)) if bend > 0.0 else np.inf
-    return _judged(middle, sigma, contrast, not bracketed, len(costs))
+    return _judged(middle, sigma, contrast, not bracketed)
 
 
 def _golden(

@@ -17,24 +17,8 @@ from numpy.typing import NDArray
 from sinstool.core.quaternion_kernels import dcm
 from sinstool.methods.height.channel import propagate, smooth_height
 from sinstool.methods.height.layout import S_BARO_BIAS, S_CORRECTION
-from sinstool.methods.ins_gnss import layout
-from sinstool.methods.ins_gnss.baro import (
-    JUMP_ROWS,
-    baro_difference,
-    correction_row,
-    network_sample,
-    note_difference,
-)
+from sinstool.methods.ins_gnss import baro, instants, layout
 from sinstool.methods.ins_gnss.gnss import gnss_epoch
-from sinstool.methods.ins_gnss.instants import (
-    begin_anew,
-    begin_substep,
-    close_instant,
-    close_substep,
-    corrected,
-    open_instant,
-    record,
-)
 from sinstool.methods.ins_gnss.layout import Memory, Model, Stored
 from sinstool.methods.ins_gnss.model import radii
 from sinstool.methods.ins_gnss.states import ATTITUDE, I_BARO, POSITION, VELOCITY
@@ -133,7 +117,7 @@ def run(
             number[layout.N_SAMPLE_STAMP] = -np.inf
             number[layout.N_JUMP_AT] = -np.inf
             number[layout.N_DISTRUST] = -np.inf
-            begin_substep(m)
+            instants.begin_substep(m)
             for i in range(3):
                 number[layout.N_RATE + i] = phi[k, i] / dt
                 number[layout.N_FORCE + i] = dv[k, i] / dt
@@ -146,12 +130,12 @@ def run(
         if gap > 0.5 * dt + ROUNDING:
             if gap <= par[layout.P_MAX_GAP]:
                 bridges = ceil(gap / BRIDGE)
-                record(events, count, layout.E_GAP, number[layout.N_NOW], gap)
+                instants.record(events, count, layout.E_GAP, number[layout.N_NOW], gap)
             else:
-                record(events, count, layout.E_GAP_RESTART, number[layout.N_NOW], gap)
+                instants.record(events, count, layout.E_GAP_RESTART, number[layout.N_NOW], gap)
                 _carry_over(m, model, gap, keep)
         if bridges > 0:
-            close_substep(m, model, keep)
+            instants.close_substep(m, model, keep)
             number[layout.N_GAP] = 1.0
         rate0, rate1, rate2 = (
             number[layout.N_RATE],
@@ -178,7 +162,7 @@ def run(
                 now = number[layout.N_NOW] + d
             else:
                 if bridges > 0:
-                    close_substep(m, model, keep)
+                    instants.close_substep(m, model, keep)
                     number[layout.N_GAP] = 0.0
                 d = dt
                 px, py, pz = phi[k, 0], phi[k, 1], phi[k, 2]
@@ -258,7 +242,7 @@ def run(
             # Barometer
             while baro_next < len(baro_time) and baro_time[baro_next] <= now:
                 if par[layout.P_NETWORK] > 0.0:
-                    row = network_sample(
+                    row = baro.network_sample(
                         m,
                         model,
                         stored,
@@ -272,7 +256,7 @@ def run(
                         count,
                     )
                 if par[layout.P_BARO_ROW] > 0.0:
-                    note_difference(
+                    baro.note_difference(
                         m, baro_time[baro_next], baro_height[baro_next], baro_reason[baro_next]
                     )
                 baro_next += 1
@@ -285,8 +269,8 @@ def run(
                 number[layout.N_SAMPLE] = 0.0
                 if now - number[layout.N_BARO_AT] >= wait:
                     number[layout.N_BARO_AT] = now
-                    open_instant(m, model, stored, row, keep)
-                    baro_difference(
+                    instants.open_instant(m, model, stored, row, keep)
+                    baro.baro_difference(
                         m,
                         model,
                         events,
@@ -294,7 +278,7 @@ def run(
                         number[layout.N_SAMPLE_DIFFERENCE],
                         number[layout.N_SAMPLE_AGE],
                         par[layout.P_BARO_WHITE],
-                        JUMP_ROWS,
+                        baro.JUMP_ROWS,
                     )
             if fix_next < len(fix_time) and fix_time[fix_next] <= now:
                 # The way of this update, feedback of earlier instants not included
@@ -334,15 +318,15 @@ def run(
                     fix_next += 1
             if par[layout.P_CORRECTION_ROW] > 0.0 and now - number[layout.N_ROW_AT] >= wait:
                 number[layout.N_ROW_AT] = now
-                open_instant(m, model, stored, row, keep)
-                correction_row(m, model)
-            row = close_instant(m, model, stored, row, keep)
+                instants.open_instant(m, model, stored, row, keep)
+                baro.correction_row(m, model)
+            row = instants.close_instant(m, model, stored, row, keep)
             if now - number[layout.N_INSTANT_AT] >= MAX_ROW_INTERVAL - ROUNDING:
                 # Nothing was measured; a smoother cannot see far across without a row
-                open_instant(m, model, stored, row, keep)
-                row = close_instant(m, model, stored, row, keep)
+                instants.open_instant(m, model, stored, row, keep)
+                row = instants.close_instant(m, model, stored, row, keep)
             elif now - number[layout.N_FROM] >= par[layout.P_SUBSTEP] - ROUNDING:
-                close_substep(m, model, keep)
+                instants.close_substep(m, model, keep)
 
         for i in range(3):
             number[layout.N_RATE + i] = phi[k, i] / dt
@@ -352,7 +336,7 @@ def run(
         if len(out) > 0:
             line = out[k]
             if par[layout.P_CLOSED] == 0.0 or par[layout.P_K4] != 0.0:
-                corrected(m.nav, m.x, line)
+                instants.corrected(m.nav, m.x, line)
             else:
                 for i in range(NAV_SIZE):
                     line[i] = m.nav[i]
@@ -385,12 +369,12 @@ def run(
 @numba.njit(cache=True, nogil=True)
 def _carry_over(m: Memory, model: Model, gap: float, keep: bool) -> None:
     """Over a gap too long to bridge: straight on, and hardly anything is known after it."""
-    close_substep(m, model, keep)
+    instants.close_substep(m, model, keep)
     number = m.numbers
     par = model.parameters
     nav = m.nav
     rm, rn = radii(nav[LATITUDE], nav[HEIGHT])
-    begin_anew(m, model)
+    instants.begin_anew(m, model)
     nav[LATITUDE] += gap * nav[V_NORTH] / rm
     nav[LONGITUDE] += gap * nav[V_NORTH + 1] / (rn * cos(nav[LATITUDE]))
     if nav[LONGITUDE] > pi:
@@ -410,4 +394,4 @@ def _carry_over(m: Memory, model: Model, gap: float, keep: bool) -> None:
     if b >= 0:
         m.p[b, b] += par[layout.P_BARO_SIGMA] ** 2 if m.p[b, b] == 0.0 else 0.0
     number[layout.N_NOW] += gap
-    begin_substep(m)
+    instants.begin_substep(m)

@@ -1,4 +1,4 @@
-"""How the errors drive each other: F of the moving states, from the motion.
+"""How the errors drive each other, and what becomes of estimate and covariance meanwhile.
 
 With ``R_M``, ``R_N`` the radii of curvature plus the height, the mechanisation is
 
@@ -9,6 +9,10 @@ With ``R_M``, ``R_N`` the radii of curvature plus the height, the mechanisation 
 and F its derivative, gravity's north component and the change of the radii with latitude
 included: nothing is left out, so that F is held against differences of the mechanisation itself.
 Errors of the sensors enter as ``dv' = C (K f + bias)`` and ``psi' = -C gyro bias``.
+
+From measurement to measurement ``P <- Phi (P + Q/2) Phi^T + Q/2``, with Phi of which only the rows
+of moving states are not trivial, and at each sample of the barometer what the damping network does
+to the errors.
 
 References
 ----------
@@ -27,44 +31,24 @@ import numba
 import numpy as np
 from numpy.typing import NDArray
 
-from sinstool.core.earth import (
-    EARTH_RATE,
-    ECCENTRICITY_SQUARED,
-    GRAVITY_PER_HEIGHT,
-    GRAVITY_PER_HEIGHT_SIN2,
-    NORMAL_GRAVITY_EQUATOR,
-    NORTH_GRAVITY_PER_HEIGHT,
-    SEMI_MAJOR_AXIS,
-    SOMIGLIANA,
-)
-from sinstool.methods.ins_gnss.states import (
-    ATTITUDE,
-    I_ACCEL_BIAS,
-    I_ACCEL_SCALE,
-    I_BARO,
-    I_CORRECTION,
-    I_GYRO_BIAS,
-    I_MOVING,
-    I_STATES,
-    POSITION,
-    VELOCITY,
-)
+from sinstool.core import earth
+from sinstool.methods.ins_gnss import states
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
 
-_N, _E, _D = POSITION, POSITION + 1, POSITION + 2
-_VN, _VE, _VD = VELOCITY, VELOCITY + 1, VELOCITY + 2
-_PN, _PE, _PD = ATTITUDE, ATTITUDE + 1, ATTITUDE + 2
+_N, _E, _D = states.POSITION, states.POSITION + 1, states.POSITION + 2
+_VN, _VE, _VD = states.VELOCITY, states.VELOCITY + 1, states.VELOCITY + 2
+_PN, _PE, _PD = states.ATTITUDE, states.ATTITUDE + 1, states.ATTITUDE + 2
 
 
 @numba.njit(cache=True, nogil=True)
 def radii(lat: float, h: float) -> tuple[float, float]:
     """Radii of curvature plus height, m: along the meridian and across."""
     s = sin(lat)
-    square = 1.0 - ECCENTRICITY_SQUARED * s * s
-    transverse = SEMI_MAJOR_AXIS / sqrt(square)
-    return transverse * (1.0 - ECCENTRICITY_SQUARED) / square + h, transverse + h
+    square = 1.0 - earth.ECCENTRICITY_SQUARED * s * s
+    transverse = earth.SEMI_MAJOR_AXIS / sqrt(square)
+    return transverse * (1.0 - earth.ECCENTRICITY_SQUARED) / square + h, transverse + h
 
 
 @numba.njit(cache=True, nogil=True)
@@ -106,40 +90,40 @@ def error_rates(
     c = cos(lat)
     t = s / c
     sec2 = 1.0 / (c * c)
-    square = 1.0 - ECCENTRICITY_SQUARED * s * s
+    square = 1.0 - earth.ECCENTRICITY_SQUARED * s * s
     root = sqrt(square)
-    transverse = SEMI_MAJOR_AXIS / root
-    meridian = transverse * (1.0 - ECCENTRICITY_SQUARED) / square
+    transverse = earth.SEMI_MAJOR_AXIS / root
+    meridian = transverse * (1.0 - earth.ECCENTRICITY_SQUARED) / square
     rm = meridian + h
     rn = transverse + h
-    bend = ECCENTRICITY_SQUARED * s * c / square
+    bend = earth.ECCENTRICITY_SQUARED * s * c / square
     dm = 3.0 * meridian * bend  # derivatives of the radii by latitude
     dn = transverse * bend
     im = 1.0 / rm
     i_n = 1.0 / rn
-    om = EARTH_RATE * c
-    os = EARTH_RATE * s
+    om = earth.EARTH_RATE * c
+    os = earth.EARTH_RATE * s
     en = ve * i_n
     nm = vn * im
 
     # gravity and its derivatives
-    fall = GRAVITY_PER_HEIGHT - GRAVITY_PER_HEIGHT_SIN2 * s * s
-    relative = h / SEMI_MAJOR_AXIS
-    ground = NORMAL_GRAVITY_EQUATOR * (1.0 + SOMIGLIANA * s * s) / root
-    ground_lat = ground * (2.0 * SOMIGLIANA * s * c / (1.0 + SOMIGLIANA * s * s) + bend)
+    fall = earth.GRAVITY_PER_HEIGHT - earth.GRAVITY_PER_HEIGHT_SIN2 * s * s
+    relative = h / earth.SEMI_MAJOR_AXIS
+    ground = earth.NORMAL_GRAVITY_EQUATOR * (1.0 + earth.SOMIGLIANA * s * s) / root
+    ground_lat = ground * (2.0 * earth.SOMIGLIANA * s * c / (1.0 + earth.SOMIGLIANA * s * s) + bend)
     aloft = 1.0 - fall * h + 3.0 * relative * relative
-    gd_lat = ground_lat * aloft + ground * 2.0 * GRAVITY_PER_HEIGHT_SIN2 * s * c * h
-    gd_h = ground * (-fall + 6.0 * relative / SEMI_MAJOR_AXIS)
-    gn_lat = 2.0 * NORTH_GRAVITY_PER_HEIGHT * h * (c * c - s * s)
-    gn_h = 2.0 * NORTH_GRAVITY_PER_HEIGHT * s * c
+    gd_lat = ground_lat * aloft + ground * 2.0 * earth.GRAVITY_PER_HEIGHT_SIN2 * s * c * h
+    gd_h = ground * (-fall + 6.0 * relative / earth.SEMI_MAJOR_AXIS)
+    gn_lat = 2.0 * earth.NORTH_GRAVITY_PER_HEIGHT * h * (c * c - s * s)
+    gn_h = 2.0 * earth.NORTH_GRAVITY_PER_HEIGHT * s * c
 
     fn = scale * (mean_cf[0, 0] + mean_cf[0, 1] + mean_cf[0, 2])
     fe = scale * (mean_cf[1, 0] + mean_cf[1, 1] + mean_cf[1, 2])
     fd = scale * (mean_cf[2, 0] + mean_cf[2, 1] + mean_cf[2, 2])
 
-    moving = index[I_MOVING]
+    moving = index[states.I_MOVING]
     for i in range(moving):
-        for j in range(index[I_STATES]):
+        for j in range(index[states.I_STATES]):
             out[i, j] = 0.0
 
     # Lengths: the radii that they are made with change as the vehicle moves.
@@ -196,9 +180,9 @@ def error_rates(
     out[_PD, _PN] = we
     out[_PD, _PE] = -wn
 
-    gyro = index[I_GYRO_BIAS]
-    factor = index[I_ACCEL_SCALE]
-    bias = index[I_ACCEL_BIAS]
+    gyro = index[states.I_GYRO_BIAS]
+    factor = index[states.I_ACCEL_SCALE]
+    bias = index[states.I_ACCEL_BIAS]
     for i in range(3):
         for j in range(3):
             out[_PN + i, gyro + j] = -scale * mean_c[i, j]
@@ -206,10 +190,10 @@ def error_rates(
             if factor >= 0:
                 out[_VN + i, factor + j] = scale * mean_cf[i, j]
 
-    a = index[I_CORRECTION]
+    a = index[states.I_CORRECTION]
     if a >= 0:
         # e = dh - dh_B, and dh = -dD
-        b = index[I_BARO]
+        b = index[states.I_BARO]
         out[_VD, a] = 1.0
         out[_D, _D] -= k1
         out[_D, b] -= k1
@@ -245,8 +229,8 @@ def transition(
     decay : ndarray, shape (n,)
         Set, but for the moving states, to ``exp(-decay_rate delta)``.
     """
-    m = index[I_MOVING]
-    n = index[I_STATES]
+    m = index[states.I_MOVING]
+    n = index[states.I_STATES]
     second = 0.5 * delta * delta
     for i in range(m):
         for j in range(n):
@@ -259,3 +243,171 @@ def transition(
         phi[i, i] += 1.0
     for j in range(m, n):
         decay[j] = 1.0 if decay_rate[j] == 0.0 else exp(-decay_rate[j] * delta)
+
+
+# Sums may be made in any order, or they would not be made several at a time.
+@numba.njit(cache=True, nogil=True, fastmath={"reassoc", "contract"}, error_model="numpy")
+def propagate_covariance(
+    index: IntArray,
+    phi: FloatArray,
+    decay: FloatArray,
+    noise: FloatArray,
+    delta: float,
+    p: FloatArray,
+    half: FloatArray,
+) -> None:
+    """Covariance over a substep.
+
+    Parameters
+    ----------
+    index : ndarray of int64
+        :attr:`sinstool.methods.ins_gnss.states.FilterKind.index`.
+    phi, decay : ndarray, shape (m, n) and (n,)
+        See :func:`transition`.
+    noise : ndarray, shape (n,)
+        Power densities.
+    delta : float
+        s.
+    p : ndarray, shape (n, n)
+        Changed in place; stays symmetric to the last bit.
+    half : ndarray, shape (m, n)
+        Room to work in.
+    """
+    m = index[states.I_MOVING]
+    coupled = index[states.I_COUPLED]
+    n = index[states.I_STATES]
+    for i in range(n):
+        p[i, i] += 0.5 * delta * noise[i]
+    for i in range(m):
+        for j in range(n):
+            half[i, j] = 0.0
+        for k in range(coupled):
+            f = phi[i, k]
+            if f != 0.0:
+                for j in range(n):
+                    half[i, j] += f * p[k, j]
+    for i in range(m):
+        for j in range(i + 1):
+            total = 0.0
+            for k in range(coupled):
+                total += half[i, k] * phi[j, k]
+            p[i, j] = total
+            p[j, i] = total
+        for j in range(m, n):
+            total = half[i, j] * decay[j]
+            p[i, j] = total
+            p[j, i] = total
+    for i in range(m, n):
+        if decay[i] != 1.0:
+            for j in range(m, n):
+                p[i, j] *= decay[i]
+                p[j, i] = p[i, j] if j != i else p[j, i] * decay[i]
+    for i in range(n):
+        p[i, i] += 0.5 * delta * noise[i]
+
+
+@numba.njit(cache=True, nogil=True, error_model="numpy")
+def propagate_estimate(
+    index: IntArray, phi: FloatArray, decay: FloatArray, x: FloatArray, half: FloatArray
+) -> None:
+    """Estimate over a substep: x, shape (n,), is changed; see :func:`propagate_covariance`."""
+    m = index[states.I_MOVING]
+    for i in range(m):
+        total = 0.0
+        for k in range(index[states.I_COUPLED]):
+            total += phi[i, k] * x[k]
+        half[i, 0] = total
+    for i in range(m):
+        x[i] = half[i, 0]
+    for i in range(m, index[states.I_STATES]):
+        x[i] *= decay[i]
+
+
+@numba.njit(cache=True, nogil=True, error_model="numpy")
+def propagate_product(
+    index: IntArray, phi: FloatArray, decay: FloatArray, product: FloatArray, half: FloatArray
+) -> None:
+    """Product of transitions, shape (n, n), times that of a substep."""
+    m = index[states.I_MOVING]
+    n = index[states.I_STATES]
+    for i in range(m):
+        for j in range(n):
+            half[i, j] = 0.0
+        for k in range(index[states.I_COUPLED]):
+            f = phi[i, k]
+            if f != 0.0:
+                for j in range(n):
+                    half[i, j] += f * product[k, j]
+    for i in range(m):
+        for j in range(n):
+            product[i, j] = half[i, j]
+    for i in range(m, n):
+        for j in range(n):
+            product[i, j] *= decay[i]
+
+
+@numba.njit(cache=True, nogil=True, error_model="numpy")
+def baro_correction(
+    index: IntArray,
+    l1: float,
+    l2: float,
+    l3: float,
+    offset: float,
+    white: float,
+    p: FloatArray,
+    x: FloatArray,
+    product: FloatArray,
+    row: FloatArray,
+) -> None:
+    """What the network's correction at a sample does to the errors: ``M = I + L m^T``.
+
+    The sample moves height, velocity and A by gains times
+    ``e = dh - dh_B - w + K4 v_up``; in these states, ``m = (-1 at D, -1 at baro)`` and
+    ``L = (l1 at D, l2 at v_D, l3 at A)``.
+
+    Parameters
+    ----------
+    index : ndarray of int64
+    l1, l2, l3 : float
+        Gains: 1, 1/s, 1/s^2.
+    offset : float
+        ``K4 v_up``, m.
+    white : float
+        Variance of the sample's white noise w, m^2.
+    p, x, product : ndarray
+        Changed: covariance, estimate, product of transitions.
+    row : ndarray, shape (n,)
+        Room to work in.
+    """
+    n = index[states.I_STATES]
+    a = index[states.I_CORRECTION]
+    b = index[states.I_BARO]
+    for j in range(n):
+        row[j] = -p[_D, j] - p[b, j]
+    square = white - row[_D] - row[b]
+    for j in range(n):
+        p[_D, j] += l1 * row[j]
+        p[_VD, j] += l2 * row[j]
+        p[a, j] += l3 * row[j]
+    for j in range(n):
+        p[j, _D] += l1 * row[j]
+        p[j, _VD] += l2 * row[j]
+        p[j, a] += l3 * row[j]
+    p[_D, _D] += l1 * l1 * square
+    p[_VD, _VD] += l2 * l2 * square
+    p[a, a] += l3 * l3 * square
+    p[_D, _VD] += l1 * l2 * square
+    p[_D, a] += l1 * l3 * square
+    p[_VD, a] += l2 * l3 * square
+    p[_VD, _D] = p[_D, _VD]
+    p[a, _D] = p[_D, a]
+    p[a, _VD] = p[_VD, a]
+    e = offset - x[_D] - x[b]
+    x[_D] += l1 * e
+    x[_VD] += l2 * e
+    x[a] += l3 * e
+    for j in range(n):
+        e = -product[_D, j] - product[b, j]
+        product[_D, j] += l1 * e
+        product[_VD, j] += l2 * e
+        product[a, j] += l3 * e

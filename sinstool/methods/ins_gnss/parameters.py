@@ -6,22 +6,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import chdtri
 
-from sinstool.methods.ins_gnss import layout
+from sinstool.methods.ins_gnss import layout, states
 from sinstool.methods.ins_gnss.settings import Settings, Start
-from sinstool.methods.ins_gnss.states import (
-    ACCEL_BIAS,
-    ACCEL_SCALE,
-    ATTITUDE,
-    BARO,
-    CORRECTION,
-    GNSS_POSITION,
-    GNSS_VELOCITY,
-    GYRO_BIAS,
-    POSITION,
-    SIZE,
-    VELOCITY,
-    FilterKind,
-)
 
 FloatArray = NDArray[np.float64]
 
@@ -30,69 +16,69 @@ CHANNEL_GATE = 8.0  # m, of the vertical channel
 TURN = np.pi / 2.0  # rad: after such a turn, gyro scale errors have done what their sigma says
 
 
-def initial_covariance(kind: FilterKind, start: Start, settings: Settings) -> FloatArray:
+def initial_covariance(kind: states.FilterKind, start: Start, settings: Settings) -> FloatArray:
     """Covariance at the start.
 
     Returns
     -------
     ndarray, shape (n, n)
     """
-    p = np.zeros((SIZE, SIZE))
+    p = np.zeros((states.SIZE, states.SIZE))
     gyro, accel = _bias_sigmas(start, settings)
     gnss = settings.gnss
     for first, block in (
-        (POSITION, start.covariance_position_n),
-        (VELOCITY, start.covariance_velocity_n),
-        (ATTITUDE, start.covariance_attitude_n),
+        (states.POSITION, start.covariance_position_n),
+        (states.VELOCITY, start.covariance_velocity_n),
+        (states.ATTITUDE, start.covariance_attitude_n),
     ):
         p[first : first + 3, first : first + 3] = block
     variance = np.diagonal(p).copy()
-    variance[CORRECTION] = settings.correction_sigma**2
-    variance[BARO] = settings.baro.sigma**2
-    variance[GYRO_BIAS : GYRO_BIAS + 3] = gyro**2
-    variance[ACCEL_SCALE : ACCEL_SCALE + 3] = settings.imu.accel_scale**2
-    variance[ACCEL_BIAS : ACCEL_BIAS + 3] = accel**2
-    variance[GNSS_POSITION : GNSS_POSITION + 3] = np.square(gnss.position_markov)
-    variance[GNSS_VELOCITY : GNSS_VELOCITY + 3] = np.square(gnss.velocity_markov)
+    variance[states.CORRECTION] = settings.correction_sigma**2
+    variance[states.BARO] = settings.baro.sigma**2
+    variance[states.GYRO_BIAS : states.GYRO_BIAS + 3] = gyro**2
+    variance[states.ACCEL_SCALE : states.ACCEL_SCALE + 3] = settings.imu.accel_scale**2
+    variance[states.ACCEL_BIAS : states.ACCEL_BIAS + 3] = accel**2
+    variance[states.GNSS_POSITION : states.GNSS_POSITION + 3] = np.square(gnss.position_markov)
+    variance[states.GNSS_VELOCITY : states.GNSS_VELOCITY + 3] = np.square(gnss.velocity_markov)
     np.fill_diagonal(p, variance)
     return np.ascontiguousarray(p[np.ix_(kind.states, kind.states)])
 
 
-def decay_rates(kind: FilterKind, settings: Settings) -> FloatArray:
+def decay_rates(kind: states.FilterKind, settings: Settings) -> FloatArray:
     """One over the correlation times of the Markov states, 1/s; shape (n,)."""
-    rate = np.zeros(SIZE)
-    rate[BARO] = settings.baro.decay
-    rate[GNSS_POSITION : GNSS_POSITION + 3] = 1.0 / settings.gnss.position_time
-    rate[GNSS_VELOCITY : GNSS_VELOCITY + 3] = 1.0 / settings.gnss.velocity_time
+    rate = np.zeros(states.SIZE)
+    rate[states.BARO] = settings.baro.decay
+    rate[states.GNSS_POSITION : states.GNSS_POSITION + 3] = 1.0 / settings.gnss.position_time
+    rate[states.GNSS_VELOCITY : states.GNSS_VELOCITY + 3] = 1.0 / settings.gnss.velocity_time
     return rate[kind.states]
 
 
-def noise_densities(kind: FilterKind, start: Start, settings: Settings) -> FloatArray:
+def noise_densities(kind: states.FilterKind, start: Start, settings: Settings) -> FloatArray:
     """Power densities of the process noise, virtual noise included; shape (n,).
 
     All are diagonal, as the noise of gyros and accelerometers is alike in each axis.
     """
-    q = np.zeros(SIZE)
+    q = np.zeros(states.SIZE)
     imu, gnss, control = settings.imu, settings.gnss, settings.control
     gyro, accel = _bias_sigmas(start, settings)
-    q[VELOCITY : VELOCITY + 3] = imu.velocity_random_walk**2
-    q[ATTITUDE : ATTITUDE + 3] = imu.angle_random_walk**2
-    q[CORRECTION] = settings.correction_walk**2
-    q[BARO] = 2.0 * settings.baro.decay * settings.baro.sigma**2
-    q[GYRO_BIAS : GYRO_BIAS + 3] = 2.0 * imu.gyro_instability**2 / imu.bias_time_s
-    q[ACCEL_BIAS : ACCEL_BIAS + 3] = 2.0 * imu.accel_instability**2 / imu.bias_time_s
-    q[GNSS_POSITION : GNSS_POSITION + 3] = (
+    q[states.VELOCITY : states.VELOCITY + 3] = imu.velocity_random_walk**2
+    q[states.ATTITUDE : states.ATTITUDE + 3] = imu.angle_random_walk**2
+    q[states.CORRECTION] = settings.correction_walk**2
+    q[states.BARO] = 2.0 * settings.baro.decay * settings.baro.sigma**2
+    q[states.GYRO_BIAS : states.GYRO_BIAS + 3] = 2.0 * imu.gyro_instability**2 / imu.bias_time_s
+    q[states.ACCEL_BIAS : states.ACCEL_BIAS + 3] = 2.0 * imu.accel_instability**2 / imu.bias_time_s
+    q[states.GNSS_POSITION : states.GNSS_POSITION + 3] = (
         2.0 * np.square(gnss.position_markov) / gnss.position_time
     )
-    q[GNSS_VELOCITY : GNSS_VELOCITY + 3] = (
+    q[states.GNSS_VELOCITY : states.GNSS_VELOCITY + 3] = (
         2.0 * np.square(gnss.velocity_markov) / gnss.velocity_time
     )
     if control.virtual_noise:
-        q[POSITION : POSITION + 3] += control.virtual_position**2
-        q[VELOCITY : VELOCITY + 3] += control.virtual_velocity**2
-        q[ATTITUDE : ATTITUDE + 3] += control.virtual_attitude**2
-        q[GYRO_BIAS : GYRO_BIAS + 3] += gyro**2 / control.virtual_bias_time
-        q[ACCEL_BIAS : ACCEL_BIAS + 3] += accel**2 / control.virtual_bias_time
+        q[states.POSITION : states.POSITION + 3] += control.virtual_position**2
+        q[states.VELOCITY : states.VELOCITY + 3] += control.virtual_velocity**2
+        q[states.ATTITUDE : states.ATTITUDE + 3] += control.virtual_attitude**2
+        q[states.GYRO_BIAS : states.GYRO_BIAS + 3] += gyro**2 / control.virtual_bias_time
+        q[states.ACCEL_BIAS : states.ACCEL_BIAS + 3] += accel**2 / control.virtual_bias_time
     return q[kind.states]
 
 
@@ -106,7 +92,7 @@ def _bias_sigmas(start: Start, settings: Settings) -> tuple[float, float]:
     )
 
 
-def loop_parameters(kind: FilterKind, settings: Settings) -> FloatArray:
+def loop_parameters(kind: states.FilterKind, settings: Settings) -> FloatArray:
     """Numbers by the names ``P_...`` of :mod:`~sinstool.methods.ins_gnss.layout`."""
     p = np.zeros(layout.PARAMETERS)
     control, gnss = settings.control, settings.gnss

@@ -1,8 +1,9 @@
-"""What an INS/GNSS filter is told."""
+"""Settings of an INS/GNSS filter, its models of the sensors' errors, and where it starts."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
+from math import inf
 from typing import Literal
 
 import numpy as np
@@ -10,8 +11,7 @@ from numpy.typing import NDArray
 
 from sinstool.core.errors import ConfigurationError
 from sinstool.core.units import ARCSEC
-from sinstool.methods.height.network import HeightNetwork
-from sinstool.methods.ins_gnss.noise import BARO_GRADES, BaroModel, GnssModel
+from sinstool.methods.height.network import HeightNetwork, recommended
 from sinstool.methods.ins_gnss.states import FilterKind, FilterName, filter_kind
 from sinstool.methods.sensor_errors import IMU_GRADES, Grade, SensorGrade, Triple, not_negative
 from sinstool.methods.strapdown.navigation import SIZE as NAV_SIZE
@@ -20,6 +20,99 @@ FloatArray = NDArray[np.float64]
 
 Adaptive = Literal["off", "sage-husa", "innovation"]
 Feedback = Literal["closed", "none"]
+
+
+@dataclass(frozen=True)
+class GnssModel:
+    """Errors of fixes: white noise, and a Markov process beside it that a filter may estimate.
+
+    Attributes
+    ----------
+    position_white, position_markov : tuple of float
+        Standard deviations of north, east and down, m.
+    velocity_white, velocity_markov : tuple of float
+        The same, m/s.
+    position_time, velocity_time : float
+        Correlation times of the Markov processes, s.
+    """
+
+    position_white: Triple = (2.0, 2.0, 3.0)
+    position_markov: Triple = (5.0, 5.0, 8.0)
+    position_time: float = 200.0
+    velocity_white: Triple = (0.05, 0.05, 0.08)
+    velocity_markov: Triple = (0.1, 0.1, 0.15)
+    velocity_time: float = 60.0
+
+    def __post_init__(self) -> None:
+        not_negative("noise of GNSS", **vars(self))
+        if self.position_time == 0.0 or self.velocity_time == 0.0:
+            raise ConfigurationError(
+                "noise of GNSS: a correlation time is 0 s", "it must be positive"
+            )
+        if min(*self.position_white, *self.velocity_white) <= 0.0:
+            raise ConfigurationError(
+                "noise of GNSS: a white part is 0", "without any, a filter cannot weigh fixes"
+            )
+
+    def scaled(self, position: float, velocity: float) -> GnssModel:
+        """The same receiver, so many times as noisy.
+
+        Parameters
+        ----------
+        position, velocity : float
+            Factors of all standard deviations.
+        """
+
+        def times(values: Triple, factor: float) -> Triple:
+            return (values[0] * factor, values[1] * factor, values[2] * factor)
+
+        return replace(
+            self,
+            position_white=times(self.position_white, position),
+            position_markov=times(self.position_markov, position),
+            velocity_white=times(self.velocity_white, velocity),
+            velocity_markov=times(self.velocity_markov, velocity),
+        )
+
+
+@dataclass(frozen=True)
+class BaroModel:
+    """Error of a barometric height: a Markov process, and white noise of each sample.
+
+    Attributes
+    ----------
+    sigma : float
+        Of the Markov process, m.
+    correlation_time : float
+        Of it, s; ``inf`` for an offset.
+    white : float
+        Of each sample, m.
+    """
+
+    sigma: float = 10.0
+    correlation_time: float = 500.0
+    white: float = 0.0
+
+    def __post_init__(self) -> None:
+        not_negative("noise of the barometer", **vars(self))
+        if self.correlation_time == 0.0:
+            raise ConfigurationError(
+                "noise of the barometer: correlation_time is 0 s", "it must be positive"
+            )
+
+    @property
+    def decay(self) -> float:
+        """1/correlation time, 1/s."""
+        return 0.0 if self.correlation_time == inf else 1.0 / self.correlation_time
+
+
+BARO_GRADES: dict[str, BaroModel] = {
+    "mems": BaroModel(3.0, 300.0, 0.3),
+    "tactical": BaroModel(3.0, 300.0, 0.3),
+    "navigation": BaroModel(10.0, 500.0, 0.0),
+}
+"""By grade of the IMU that the barometer usually comes with; that of a navigation grade IMU is
+the one of the damping network's paper."""
 
 
 @dataclass(frozen=True)
@@ -81,43 +174,6 @@ class DivergenceControl:
         gate = self.gate_probability < 1.0 and self.adaptive == "off"
         return self.gate_noise_epochs if gate else 0
 
-    def __post_init__(self) -> None:
-        if self.adaptive not in ("off", "sage-husa", "innovation"):
-            raise ConfigurationError(
-                f"adaptive is {self.adaptive!r}", "one of off, sage-husa, innovation"
-            )
-        if not 0.0 <= self.schmidt_epsilon <= 1.0:
-            raise ConfigurationError(
-                f"schmidt_epsilon is {self.schmidt_epsilon:g}", "it must be within 0 and 1"
-            )
-        if not 0.0 < self.fading < 1.0:
-            raise ConfigurationError(f"fading is {self.fading:g}", "it must be between 0 and 1")
-        if not 0.5 <= self.gate_probability <= 1.0:
-            raise ConfigurationError(
-                f"gate_probability is {self.gate_probability:g}", "it must be within 0.5 and 1"
-            )
-        if not 0.0 < self.least <= 1.0 <= self.most:
-            raise ConfigurationError(
-                f"adapted variances are bounded by {self.least:g} and {self.most:g}",
-                "the bounds must hold 1 between them",
-            )
-        if self.window < 2 or self.restart_after < 0 or self.gate_noise_epochs < 0:
-            raise ConfigurationError(
-                f"window is {self.window}, restart_after is {self.restart_after},"
-                f" gate_noise_epochs is {self.gate_noise_epochs}",
-                "at least 2, 0 and 0 epochs",
-            )
-        not_negative(
-            "virtual noise",
-            virtual_position=self.virtual_position,
-            virtual_velocity=self.virtual_velocity,
-            virtual_attitude=self.virtual_attitude,
-        )
-        if not self.virtual_bias_time > 0.0:
-            raise ConfigurationError(
-                f"virtual_bias_time is {self.virtual_bias_time:g} s", "it must be positive"
-            )
-
 
 @dataclass(frozen=True)
 class Settings:
@@ -144,9 +200,6 @@ class Settings:
         Time between measurements of the network's correction or of the baro height, s.
     baro_row : bool
         Use the baro height as a measurement in a filter with a network, too.
-    known_k4_input : bool
-        Tell the filter what K4 times the vertical velocity does to the navigation. Without, a
-        network with K4 is refused.
     correction_sigma : float
         Initial, m/s^2, and of the measurement of the network's correction.
     correction_walk : float
@@ -179,7 +232,6 @@ class Settings:
     substep: float = 0.25
     row_interval: float = 1.0
     baro_row: bool = False
-    known_k4_input: bool = True
     correction_sigma: float = 1e-5
     correction_walk: float = 1e-6
     baro_gate: float = 5.0
@@ -188,14 +240,7 @@ class Settings:
     gap_rate: float = 0.1
 
     def __post_init__(self) -> None:
-        kind = filter_kind(self.filter)
-        if self.feedback not in ("closed", "none"):
-            raise ConfigurationError(f"feedback is {self.feedback!r}", "one of closed, none")
-        if kind.network and not self.known_k4_input and self.damping.k4 != 0.0:
-            raise ConfigurationError(
-                f"K4 is {self.damping.k4:g} s, and the filter is not told what it does",
-                "K4 = 0, or known_k4_input",
-            )
+        filter_kind(self.filter)
         if not np.all(np.isfinite([*self.lever_arm_b, self.gnss_latency])):
             raise ConfigurationError("lever arm or latency is not a number", "metres, seconds")
         if not (self.substep > 0.0 and self.row_interval > 0.0 and self.baro_gate > 0.0):
@@ -219,8 +264,6 @@ class Settings:
     @property
     def damping(self) -> HeightNetwork:
         """The network, given or recommended."""
-        from sinstool.methods.height.network import recommended
-
         return self.network if self.network is not None else recommended(self.grade)
 
 

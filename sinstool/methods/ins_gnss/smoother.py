@@ -326,8 +326,6 @@ class Smoother:
         Of the filter, which has to give outputs and to store.
     limit : int, optional
         Bytes kept in memory; more goes to a temporary file.
-    folder : path, optional
-        Of that file.
 
     Notes
     -----
@@ -336,11 +334,9 @@ class Smoother:
     log but for 0.5 kB per row.
     """
 
-    def __init__(
-        self, kind: FilterKind, limit: int = DEFAULT_LIMIT, folder: str | None = None
-    ) -> None:
+    def __init__(self, kind: FilterKind, limit: int = DEFAULT_LIMIT) -> None:
         self._kind = kind
-        self._storage = Storage(limit, folder)
+        self._storage = Storage(limit)
         self._empty = True
 
     @property

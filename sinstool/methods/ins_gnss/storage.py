@@ -10,7 +10,6 @@ from __future__ import annotations
 import tempfile
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
-from pathlib import Path
 from typing import Any, BinaryIO
 
 import numpy as np
@@ -29,13 +28,10 @@ class Storage:
     ----------
     limit : int, optional
         Bytes held in memory. When the columns together have more, all go to files.
-    folder : path, optional
-        Where the files lie; the system's folder for temporary files by default.
     """
 
-    def __init__(self, limit: int = DEFAULT_LIMIT, folder: Path | str | None = None) -> None:
+    def __init__(self, limit: int = DEFAULT_LIMIT) -> None:
         self._room = limit
-        self._folder = folder
         self._parts: dict[str, list[NDArray[Any]]] = {}
         self._files: dict[str, BinaryIO] = {}
         self._rows: dict[str, int] = {}
@@ -77,7 +73,7 @@ class Storage:
             Rows in a file are mapped, not read.
         """
         if name in self._files and self._rows[name]:
-            with self._failures_explained():
+            with _failures_explained():
                 self._files[name].flush()
             one = self._parts[name][0]
             shape = (self._rows[name], *one.shape[1:])
@@ -101,26 +97,23 @@ class Storage:
 
     def _spill(self, name: str) -> None:
         """Move what is in memory of a column to its file; an empty part stays, for its type."""
-        with self._failures_explained():
+        with _failures_explained():
             if name not in self._files:
-                file = tempfile.TemporaryFile(dir=self._folder, prefix="sinstool-")  # noqa: SIM115
+                file = tempfile.TemporaryFile(prefix="sinstool-")  # noqa: SIM115
                 self._files[name] = file
             for part in self._parts[name]:
                 self._files[name].write(part.data)
         self._parts[name] = [self._parts[name][0][:0].copy()]
 
-    @contextmanager
-    def _failures_explained(self) -> Iterator[None]:
-        try:
-            yield
-        except OSError as exc:
-            if self._folder is not None:
-                where, hint = f" in {self._folder}", "choose another folder"
-            else:
-                # No file, nor a name, where none of the system's folders can be written
-                where = f" in {tempfile.tempdir}" if tempfile.tempdir is not None else ""
-                hint = "name another folder in the variable TMPDIR"
-            raise OutputError(
-                f"a temporary file{where} cannot be written: {exc.strerror or exc}",
-                f"make room there, or {hint}",
-            ) from exc
+
+@contextmanager
+def _failures_explained() -> Iterator[None]:
+    try:
+        yield
+    except OSError as exc:
+        # No file, nor a name, where none of the system's folders can be written
+        where = f" in {tempfile.tempdir}" if tempfile.tempdir is not None else ""
+        raise OutputError(
+            f"a temporary file{where} cannot be written: {exc.strerror or exc}",
+            "make room there, or name another folder in the variable TMPDIR",
+        ) from exc

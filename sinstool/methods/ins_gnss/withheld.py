@@ -8,7 +8,7 @@ import numpy as np
 
 from sinstool.core.earth import horizontal_metres
 from sinstool.core.rotation import rotate, wrapped
-from sinstool.core.streams import GnssEpochs, Solution
+from sinstool.core.streams import GnssEpochs, Solution, concatenate
 from sinstool.core.timeline import SECOND
 
 # Withheld fixes further apart than this many usual intervals are two outages.
@@ -68,8 +68,11 @@ class Withheld:
         """Take the next solutions, in the order of time."""
         if not len(self._fixes) or not len(solution):
             return
-        times, position, q, covariance = self._joined(solution)
+        joined = solution if self._last is None else concatenate([self._last, solution])
         self._last = solution.rows(slice(-1, None))
+        times, position, q = joined.time_ns, joined.position, joined.q_nb
+        covariance = joined.covariance_position_n
+        assert position is not None and q is not None and covariance is not None
         inside = (self._fixes.time_ns >= times[0]) & (self._fixes.time_ns <= times[-1])
         rows = np.flatnonzero(inside)
         if not len(rows) or len(times) < 2:
@@ -89,13 +92,6 @@ class Withheld:
         said = np.nan_to_num(fixes.sigma_position_n)
         sigma = np.sqrt(np.einsum("nii->ni", covariance[k]) + said**2)
         self._error[rows[near]], self._sigma[rows[near]] = error[near], sigma[near]
-
-    def _joined(self, solution: Solution) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-        parts = [solution] if self._last is None else [self._last, solution]
-        columns = []
-        for name in ("time_ns", "position", "q_nb", "covariance_position_n"):
-            columns.append(np.concatenate([getattr(part, name) for part in parts]))
-        return columns[0], columns[1], columns[2], columns[3]
 
     def score(self) -> WithheldScore | None:
         """By outage: when, how long, the largest errors, and how many sigmas they were.

@@ -10,8 +10,7 @@ from sinstool.methods.coning.registry import algorithm
 from sinstool.methods.coning.stage import ConingStage
 from sinstool.methods.height.network import HeightNetwork
 from sinstool.methods.ins_gnss.filter import InsGnssFilter
-from sinstool.methods.ins_gnss.noise import BARO_GRADES, BaroModel, GnssModel
-from sinstool.methods.ins_gnss.settings import Settings
+from sinstool.methods.ins_gnss.settings import BARO_GRADES, BaroModel, GnssModel, Settings
 from sinstool.methods.sensor_errors import IMU_GRADES, SensorGrade
 from sinstool.methods.strapdown.velocity import Increments, IncrementStage
 from sinstool.simulation.flight import manoeuvring_flight

@@ -11,9 +11,8 @@ from sinstool.methods.coning.registry import algorithm
 from sinstool.methods.coning.stage import ConingStage
 from sinstool.methods.ins_gnss.diagnosis import diagnose
 from sinstool.methods.ins_gnss.filter import InsGnssFilter
-from sinstool.methods.ins_gnss.noise import GnssModel
-from sinstool.methods.ins_gnss.settings import Settings
-from sinstool.methods.ins_gnss.velocity_lag import split_position_velocity
+from sinstool.methods.ins_gnss.fix_velocity import split_position_velocity
+from sinstool.methods.ins_gnss.settings import GnssModel, Settings
 from sinstool.methods.sensor_errors import SIMULATED_GRADES, SensorGrade
 from sinstool.methods.strapdown.velocity import Increments, IncrementStage
 from sinstool.simulation.drive import road_drive

@@ -23,8 +23,7 @@ from sinstool.methods.height.layout import (
     new_state,
 )
 from sinstool.methods.height.network import HeightNetwork
-from sinstool.methods.ins_gnss.model import error_rates, radii, transition
-from sinstool.methods.ins_gnss.propagation import baro_correction
+from sinstool.methods.ins_gnss.model import baro_correction, error_rates, radii, transition
 from sinstool.methods.ins_gnss.states import (
     ACCEL_BIAS,
     ACCEL_SCALE,

@@ -8,7 +8,7 @@ import numpy as np
 
 from sinstool.config import ProcessConfig
 from sinstool.core.streams import GnssEpochs
-from sinstool.methods.ins_gnss.noise import GnssModel
+from sinstool.methods.ins_gnss.settings import GnssModel
 
 # Of the whole error of a fix, what is white and what lasts: of the usual model, 2 of 5.4 m and
 # 0.05 of 0.11 m/s.

@@ -18,11 +18,20 @@ from sinstool.core.units import DEGREE
 from sinstool.methods.alignment.initial import Alignment
 from sinstool.methods.coning.algorithm import ConingAlgorithm
 from sinstool.methods.height.reference import HeightReference
-from sinstool.methods.ins_gnss.fix_velocity import with_velocities
-from sinstool.methods.ins_gnss.noise import BARO_GRADES, BaroModel, GnssModel
-from sinstool.methods.ins_gnss.settings import DivergenceControl, Settings, Start
+from sinstool.methods.ins_gnss.fix_velocity import (
+    message_times,
+    split_position_velocity,
+    with_velocities,
+)
+from sinstool.methods.ins_gnss.settings import (
+    BARO_GRADES,
+    BaroModel,
+    DivergenceControl,
+    GnssModel,
+    Settings,
+    Start,
+)
 from sinstool.methods.ins_gnss.start import TWICE_USED, start_at
-from sinstool.methods.ins_gnss.velocity_lag import message_times, split_position_velocity
 from sinstool.methods.sensor_errors import Grade
 from sinstool.pipelines.align.first_attitude import align, in_flight
 from sinstool.pipelines.align.in_motion import imu_noise

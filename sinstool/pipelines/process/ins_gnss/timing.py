@@ -24,9 +24,9 @@ from sinstool.core.timeline import SECOND
 from sinstool.methods.coning.algorithm import ConingAlgorithm
 from sinstool.methods.ins_gnss import latency as latencies
 from sinstool.methods.ins_gnss.filter import InsGnssFilter
+from sinstool.methods.ins_gnss.fix_velocity import velocity_lag
 from sinstool.methods.ins_gnss.latency import Latency
-from sinstool.methods.ins_gnss.noise import GnssModel
-from sinstool.methods.ins_gnss.velocity_lag import velocity_lag
+from sinstool.methods.ins_gnss.settings import GnssModel
 from sinstool.methods.strapdown.velocity import Increments
 from sinstool.pipelines.process.ins_gnss.filter_start import FilterStart
 from sinstool.survey.increments import SegmentIncrements
@@ -126,7 +126,7 @@ def _correlated(motion: list[Increments], start: FilterStart) -> Latency:
     """Latency by which the Imu's velocity and that of GNSS run alike."""
     settings, gnss = start.settings, start.used
     if not gnss.has_velocity.any() or not motion:
-        return Latency(0.0, float("inf"), "not observable", 0)
+        return latencies.NOT_OBSERVABLE
     end = start.time_ns + VELOCITY_NS
     # Loosely: fixes at the wrong time must not spoil the biases that are taken off.
     plain = replace(
@@ -178,7 +178,7 @@ def _likeliest(motion: list[Increments], start: FilterStart) -> Latency:
     settings, gnss = start.settings, start.used
     parts = _until(motion, start.time_ns + LIKELIHOOD_NS)
     if not parts:
-        return Latency(0.0, float("inf"), "not observable", 0)
+        return latencies.NOT_OBSERVABLE
     end = int(parts[-1].time_ns[-1])
     first = settings.gnss_latency
     margin = round((abs(first) + 4.0 * SPAN_S) * SECOND)
@@ -209,6 +209,6 @@ def _likeliest(motion: list[Increments], start: FilterStart) -> Latency:
         return total
 
     if len(rows) < 20:
-        return Latency(0.0, float("inf"), "not observable", 0)
+        return latencies.NOT_OBSERVABLE
     cost(first)
     return latencies.refine(cost, first, SPAN_S, TOLERANCE_S, max(1.0, sizes[0]), EVALUATIONS)

@@ -7,8 +7,11 @@ import pytest
 
 from sinstool.config import ProcessConfig
 from sinstool.core.streams import GnssEpochs
-from sinstool.methods.ins_gnss.fix_velocity import with_velocities
-from sinstool.methods.ins_gnss.velocity_lag import message_times, split_position_velocity
+from sinstool.methods.ins_gnss.fix_velocity import (
+    message_times,
+    split_position_velocity,
+    with_velocities,
+)
 from sinstool.pipelines.process.ins_gnss.receiver import STAMP_S, gnss_model, inflate_sigmas
 from sinstool.pipelines.process.ins_gnss.timing import significant_lag
 
