@@ -45,7 +45,7 @@ from sinstool.methods.ins_gnss.settings import (
     Settings,
     Start,
 )
-from sinstool.methods.ins_gnss.smoother import Smoother
+from sinstool.methods.ins_gnss.smoother import Smoother, corrected_navigation
 from sinstool.methods.sensor_errors import SensorGrade
 from sinstool.simulation.flight import spiral_climb
 from sinstool.simulation.gnss import MODELS, GnssFaults, Receiver, gnss_samples, true_moments
@@ -152,7 +152,8 @@ def run(
         seconds = (stored.time_ns - flight.time_ns[0]) * 1e-9
         rows = stored.update + 1
         before = state_errors(flight, rows, stored.nav)
-        after = state_errors(flight, rows, smoothed.nav)
+        nav = corrected_navigation(stored.nav, stored.estimate + smoothed.error)
+        after = state_errors(flight, rows, nav)
         late = seconds > SETTLED
         for t in OUTAGES:
             late &= (seconds < t) | (seconds > t + OUTAGE)

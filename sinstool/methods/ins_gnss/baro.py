@@ -228,7 +228,7 @@ def network_sample(
         for i in range(3):
             gain = channel[height_layout.S_L1 + i]
             number[layout.N_GAIN + i] += gain
-            number[layout.N_KNOWN + i] += gain * k4_height
+            number[layout.N_INPUT + i] += gain * k4_height
         number[layout.N_GAINS] += 1.0
         return row
     instants.close_substep(m, model, keep)

@@ -21,7 +21,7 @@ from sinstool.methods.strapdown.velocity import Increments
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
 
-_EVENTS_KEPT = 4096  # of a block; more are counted
+_MOST_EVENTS = 4096  # of a block; more are counted
 _FIX = 12
 
 
@@ -144,7 +144,7 @@ class InsGnssFilter:
         self._gnss: list[NDArray[Any]] = [no_time, np.empty((0, _FIX)), np.empty(0)]
         self._baro: list[NDArray[Any]] = [no_time, np.empty(0), no_time]
 
-    # --- what it knows --------------------------------------------------------------------
+    # --- its state -----------------------------------------------------------------------
 
     @property
     def nav(self) -> FloatArray:
@@ -249,7 +249,7 @@ class InsGnssFilter:
         room = int(epochs + 2.0 * spent / min(self.settings.row_interval, 1.0)) + 8
         stored = layout.new_stored(room if self._store else 1, n, results.SENSORS)
         channel_events = height_layout.new_events(len(heights))
-        events = np.empty((_EVENTS_KEPT, layout.EVENT_WIDTH))
+        events = np.empty((_MOST_EVENTS, layout.EVENT_WIDTH))
         diagnoses = np.full((epochs, layout.DIAGNOSTICS), np.nan)
         out = np.empty((len(time_ns) if self._output else 0, layout.OUTPUT))
         counts = np.zeros(5, dtype=np.int64)

@@ -25,7 +25,7 @@ FAR = 1000.0  # m between navigation and fixes, beyond which linear errors mean 
 FAR_ATTITUDE = pi / 180.0
 
 # After so long without epochs, s, it is the navigation that is uncertain, and not the fix: what an
-# IMU does in an outage is more than the noise it is told to have (vibration, the squat of a car
+# IMU does in an outage is more than the noise of its grade (vibration, the squat of a car
 # that pulls away). Until they agree again, innovations may be larger, squared by this factor,
 # before they are turned down: a good fix turned down costs the way to the restart, and a smoother
 # the outage.

@@ -111,7 +111,7 @@ def _white_of_many(m: Memory, model: Model) -> None:
     white = model.parameters[layout.P_BARO_WHITE] / number[layout.N_GAINS]
     where = (_D, _VD, a)
     for i in range(3):
-        m.x[where[i]] += number[layout.N_KNOWN + i]
+        m.x[where[i]] += number[layout.N_INPUT + i]
         for j in range(3):
             m.p[where[i], where[j]] += number[layout.N_GAIN + i] * number[layout.N_GAIN + j] * white
 
@@ -127,7 +127,7 @@ def begin_substep(m: Memory) -> None:
     for i in range(3):
         number[layout.N_VELOCITY + i] = m.nav[V_NORTH + i]
         number[layout.N_GAIN + i] = 0.0
-        number[layout.N_KNOWN + i] = 0.0
+        number[layout.N_INPUT + i] = 0.0
         number[layout.N_TURN + i] = 0.0
         for j in range(3):
             m.mean_c[i, j] = 0.0

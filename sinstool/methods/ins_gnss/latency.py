@@ -146,7 +146,6 @@ def correlate(
     fix_velocity_n: ArrayLike,
     low_s: float = -0.6,
     high_s: float = 0.6,
-    window_s: float = WINDOW_S,
     swing_n: ArrayLike | None = None,
 ) -> Latency:
     """Latency at which velocities of IMU and GNSS run alike.
@@ -164,8 +163,6 @@ def correlate(
         NED, m/s; rows or down parts that are NaN are not used.
     low_s, high_s : float, optional
         Range searched.
-    window_s : float, optional
-        See `WINDOW_S`.
     swing_n : array_like, shape (n, 3, 3), optional
         ``C_nb [omega x]``, by which an error of the lever arm shows in the velocity. The one
         that fits best is fitted too: in turns it looks like a latency.
@@ -190,7 +187,7 @@ def correlate(
     if inertial.shape != (len(times), 3) or measured.shape != (len(stamps), 3):
         raise ValueError("Expected velocities of shape (n, 3) and (m, 3) for their times.")
     swing = None if swing_n is None else np.asarray(swing_n, dtype=np.float64)
-    windows = _Windows(times, inertial, stamps, measured, low_s, high_s, window_s, swing)
+    windows = _Windows(times, inertial, stamps, measured, low_s, high_s, swing)
     if windows.degrees <= 10:
         return NOT_OBSERVABLE
     count = int(np.ceil((high_s - low_s) / _GRID_S)) + 1
@@ -235,7 +232,6 @@ class _Windows:
         measured: FloatArray,
         low_s: float,
         high_s: float,
-        window_s: float,
         swing: FloatArray | None,
     ) -> None:
         self._swing = swing
@@ -249,7 +245,7 @@ class _Windows:
         t, z = t[good], measured[good].copy()
         self._down = np.isfinite(z[:, 2])
         z[~self._down, 2] = 0.0
-        label = np.floor(t / window_s).astype(np.int64)
+        label = np.floor(t / WINDOW_S).astype(np.int64)
         _, window, number = np.unique(label, return_inverse=True, return_counts=True)
         enough = number >= _MIN_FIXES
         rows = enough[window]

@@ -1,13 +1,13 @@
 """White noise of fixes from their innovations: adapted filters, and what the gate measures.
 
 A ratio of each row multiplies the variance that was given. ``sage-husa`` and ``innovation`` adapt
-it at every epoch. Otherwise a gate measures it before it turns a fix down: told of too little noise
-it would turn down nearly all of them and believe those few that happen to be near, which is worse
-than no gate. What tells noise from a bad fix, a jump of the fixes or a filter that has gone astray
-is how innovations change from one epoch to the next: a bad fix makes two changes large, a jump one
-and a stray filter none, while noise makes most of them so. A low quantile of them is taken, which
-many bad fixes leave small, over that of noise as given. A fix that is too far off for the noise
-given and for the noise measured is turned down.
+it at every epoch. Otherwise a gate measures it before it turns a fix down: where the noise given is
+too small it would turn down nearly all of them and believe those few that happen to be near, which
+is worse than no gate. What tells noise from a bad fix, a jump of the fixes or a filter that has
+gone astray is how innovations change from one epoch to the next: a bad fix makes two changes large,
+a jump one and a stray filter none, while noise makes most of them so. A low quantile of them is
+taken, which many bad fixes leave small, over that of noise as given. A fix that is too far off for
+the noise given and for the noise measured is turned down.
 
 References
 ----------

@@ -15,10 +15,7 @@ FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
 BoolArray = NDArray[np.bool_]
 
-# Columns of StoredEpochs.sensors
-SENSOR_GYRO_BIAS, SENSOR_ACCEL_SCALE, SENSOR_ACCEL_BIAS = 0, 3, 6
-SENSOR_CORRECTION, SENSOR_BARO_BIAS = 9, 10
-SENSORS = 11
+SENSORS = 11  # columns of StoredEpochs.sensors
 
 EVENT_NAMES = (
     "gated",

@@ -149,7 +149,7 @@ class DivergenceControl:
         lock a wrong filter away from its measurements for ever. 0: no restart, for tests.
     gate_noise_epochs : int
         Before it turns a fix down the gate measures the noise of the fixes over so many epochs,
-        and where that is more than it was told, the filter believes them that much less
+        and where that is more than the noise given, the filter believes them that much less
         instead. Not with `adaptive`. 0: never.
     """
 
@@ -177,7 +177,7 @@ class DivergenceControl:
 
 @dataclass(frozen=True)
 class Settings:
-    """All that an INS/GNSS filter is told but for the data.
+    """Settings of an INS/GNSS filter.
 
     Attributes
     ----------

@@ -39,23 +39,12 @@ from numpy.typing import NDArray
 
 from sinstool.core.earth import displaced
 from sinstool.core.rotation import exp, multiply, normalise, wrapped
-from sinstool.methods.ins_gnss.results import (
-    SENSOR_ACCEL_BIAS,
-    SENSOR_ACCEL_SCALE,
-    SENSOR_BARO_BIAS,
-    SENSOR_CORRECTION,
-    SENSOR_GYRO_BIAS,
-    FilterBlock,
-    StoredEpochs,
-    UpdateColumns,
-)
+from sinstool.methods.ins_gnss.results import FilterBlock, StoredEpochs, UpdateColumns
 from sinstool.methods.ins_gnss.rts import smooth_backward
 from sinstool.methods.ins_gnss.states import (
     ACCEL_BIAS,
     ACCEL_SCALE,
     ATTITUDE,
-    BARO,
-    CORRECTION,
     GYRO_BIAS,
     POSITION,
     VELOCITY,
@@ -91,10 +80,6 @@ class SmoothedEpochs:
     covariance : ndarray, shape (m, n, n)
     starts : ndarray of bool, shape (m,)
         The row starts a segment.
-    nav : ndarray, shape (m, 10)
-        Navigation.
-    sensors : ndarray, shape (m, 11)
-        Sensor errors; columns as in :class:`~sinstool.methods.ins_gnss.results.StoredEpochs`.
     first_error, first_covariance : ndarray, shape (n,), (n, n)
         At the start of the run, carried back from row 0 without process noise.
     start_ns : int
@@ -107,8 +92,6 @@ class SmoothedEpochs:
     error_before: FloatArray
     covariance: FloatArray
     starts: np.ndarray
-    nav: FloatArray
-    sensors: FloatArray
     first_error: FloatArray
     first_covariance: FloatArray
     start_ns: int
@@ -170,7 +153,6 @@ def smooth_epochs(
         # Decaying states cannot vanish, so that a transition can always be taken back.
         back = np.linalg.inv(np.asarray(stored.transition[0]))
         first, first_covariance = back @ before[0], back @ smooth[0] @ back.T
-    whole = stored.estimate + d
     return SmoothedEpochs(
         np.asarray(stored.time_ns),
         np.asarray(stored.update),
@@ -178,8 +160,6 @@ def smooth_epochs(
         before,
         smooth,
         starts,
-        corrected_navigation(np.asarray(stored.nav), whole),
-        _corrected_sensors(np.asarray(stored.sensors), whole, kind),
         first,
         first_covariance,
         int(stored.time_ns[0]) if start_ns is None else start_ns,
@@ -217,23 +197,6 @@ def _moved(
 def _turned(q_nb: FloatArray, error: FloatArray) -> FloatArray:
     """Attitudes turned by psi."""
     return np.asarray(normalise(multiply(exp(error[:, ATTITUDE : ATTITUDE + 3]), q_nb)))
-
-
-def _corrected_sensors(sensors: FloatArray, error: FloatArray, kind: FilterKind) -> FloatArray:
-    out = sensors.copy()
-    for block, column, width in (
-        (GYRO_BIAS, SENSOR_GYRO_BIAS, 3),
-        (ACCEL_SCALE, SENSOR_ACCEL_SCALE, 3),
-        (ACCEL_BIAS, SENSOR_ACCEL_BIAS, 3),
-        (BARO, SENSOR_BARO_BIAS, 1),
-    ):
-        first = kind.first(block)
-        if first >= 0:
-            out[:, column : column + width] += error[:, first : first + width]
-    first = kind.first(CORRECTION)
-    if first >= 0:
-        out[:, SENSOR_CORRECTION] -= error[:, first]
-    return out
 
 
 def smooth_updates(

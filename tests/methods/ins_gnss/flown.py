@@ -104,30 +104,30 @@ class Flown:
             grade="tactical",
         )
 
-    def told(self, name="network-26a", **changes):
+    def using(self, name="network-26a", **changes):
         if "network" not in changes and not name.startswith("network"):
             changes["network"] = None
         return replace(self.settings, filter=name, **changes)
 
     def run(self, settings=None, block=None, **more):
         """Push everything, in blocks of so many updates; return (run, blocks)."""
-        settings = self.told() if settings is None else settings
+        settings = self.using() if settings is None else settings
         options = {key: more.pop(key) for key in ("store", "with_baro") if key in more}
         run = InsGnssFilter(
             more.pop("start", self.start), settings, **{"with_baro": True, **options}
         )
-        given = more.pop("increments", self.increments)
+        stated = more.pop("increments", self.increments)
         gnss = more.pop("gnss", self.gnss)
         withheld = more.pop("withheld", np.zeros(len(gnss), dtype=bool))
         baro_time = more.pop("baro_time", self.baro_time)
         baro_height = more.pop("baro_height", self.baro_height)
         assert not more
-        size = block or len(given.interval)
+        size = block or len(stated.interval)
         latency = round(settings.gnss_latency * 1e9)
         blocks = []
         fix = baro = 0
-        for k in range(0, len(given.interval), size):
-            part = Increments(*(c[k : k + size] for c in vars(given).values()))
+        for k in range(0, len(stated.interval), size):
+            part = Increments(*(c[k : k + size] for c in vars(stated).values()))
             # a little more than what has happened: the rest has to wait
             until = part.time_ns[-1] + 30_000_000
             to_fix = int(np.searchsorted(gnss.time_ns - latency, until))

@@ -121,8 +121,8 @@ TIPPED = [[1, 0, 0], [0, -1, 0], [0, 0, -1]]  # FLU taken for FRD
 @pytest.mark.parametrize("kind", ["flight", "drive"])
 @pytest.mark.parametrize("seed", [1, 2, 3])
 def test_of_sound_data_nothing_is_said(kind, seed):
-    found = examined(kind, seed)
-    assert found == (), summary(found)
+    result = examined(kind, seed)
+    assert result == (), summary(result)
 
 
 def test_nor_of_outages_coarse_sensors_and_coloured_fixes():
@@ -138,46 +138,46 @@ def test_nor_of_outages_coarse_sensors_and_coloured_fixes():
         accel_bias=coarse.accel_bias,
     )
     settings = replace(SETTINGS, gnss=model, imu=imu, grade="mems")
-    found = examined("drive", 2, settings, errors, coarse)
-    assert found == (), summary(found)
+    result = examined("drive", 2, settings, errors, coarse)
+    assert result == (), summary(result)
 
 
 @pytest.mark.parametrize("latency", [0.06, 0.15])
 @pytest.mark.parametrize("kind", ["flight", "drive"])
 def test_a_latency(kind, latency):
-    found = examined(kind, latency_s=latency)
-    assert causes(found)[0] == "latency", summary(found)
-    assert found[0].numbers["latency_s"] == pytest.approx(latency, abs=0.01)
-    told = replace(SETTINGS, gnss_latency=latency)
-    assert examined(kind, settings=told, latency_s=latency) == ()
+    result = examined(kind, latency_s=latency)
+    assert causes(result)[0] == "latency", summary(result)
+    assert result[0].numbers["latency_s"] == pytest.approx(latency, abs=0.01)
+    chosen = replace(SETTINGS, gnss_latency=latency)
+    assert examined(kind, settings=chosen, latency_s=latency) == ()
 
 
 def test_an_imu_that_is_late():
-    told = replace(SETTINGS, gnss_latency=0.1)
-    found = examined(settings=told)
-    assert causes(found)[0] == "latency"
-    assert found[0].numbers["latency_s"] == pytest.approx(0.0, abs=0.015)
+    chosen = replace(SETTINGS, gnss_latency=0.1)
+    result = examined(settings=chosen)
+    assert causes(result)[0] == "latency"
+    assert result[0].numbers["latency_s"] == pytest.approx(0.0, abs=0.015)
 
 
 def test_velocities_that_lag_behind_positions():
     quiet = GnssErrors((0.05,) * 3, (0.0,) * 3, 100.0, (0.03,) * 3)
     model = replace(MODEL, position_white=(0.05,) * 3, velocity_white=(0.03,) * 3)
     settings = replace(SETTINGS, gnss=model)
-    found = examined("drive", settings=settings, errors=quiet, lag=0.12)
-    assert "velocity-lag" in causes(found), summary(found)
-    size = next(f.numbers["velocity_lag_s"] for f in found if f.kind == "velocity-lag")
+    result = examined("drive", settings=settings, errors=quiet, lag=0.12)
+    assert "velocity-lag" in causes(result), summary(result)
+    size = next(f.numbers["velocity_lag_s"] for f in result if f.kind == "velocity-lag")
     assert size == pytest.approx(0.12, abs=0.015)
     assert examined("drive", settings=settings, errors=quiet) == ()
 
 
 @pytest.mark.parametrize("kind", ["flight", "drive"])
 def test_a_lever_arm(kind):
-    found = examined(kind, lever_arm_b=(2.5, -1.5, -1.0))
-    assert causes(found)[0] == "lever-arm", summary(found)
-    arm = [found[0].numbers[name] for name in ("forward_m", "right_m", "down_m")]
+    result = examined(kind, lever_arm_b=(2.5, -1.5, -1.0))
+    assert causes(result)[0] == "lever-arm", summary(result)
+    arm = [result[0].numbers[name] for name in ("forward_m", "right_m", "down_m")]
     assert np.linalg.norm(arm) == pytest.approx(np.linalg.norm([2.5, -1.5, -1.0]), rel=0.4)
-    told = replace(SETTINGS, lever_arm_b=(2.5, -1.5, -1.0))
-    assert examined(kind, settings=told, lever_arm_b=(2.5, -1.5, -1.0)) == ()
+    chosen = replace(SETTINGS, lever_arm_b=(2.5, -1.5, -1.0))
+    assert examined(kind, settings=chosen, lever_arm_b=(2.5, -1.5, -1.0)) == ()
 
 
 @pytest.mark.parametrize(
@@ -191,42 +191,42 @@ def test_a_lever_arm(kind):
 )
 def test_noise_three_times_wrong(position, velocity, where):
     settings = replace(SETTINGS, gnss=MODEL.scaled(position, velocity))
-    found = [f for f in examined(settings=settings) if f.kind != "divergence"]
-    assert {f.kind for f in found} == {"gnss-noise"}, summary(found)
-    assert {f.topic for f in found} == where
+    result = [f for f in examined(settings=settings) if f.kind != "divergence"]
+    assert {f.kind for f in result} == {"gnss-noise"}, summary(result)
+    assert {f.topic for f in result} == where
     factor = 1.0 / position if position != 1.0 else 1.0 / velocity
-    assert all(0.6 < f.numbers["sigma_ratio"] / factor < 1.6 for f in found)
+    assert all(0.6 < f.numbers["sigma_ratio"] / factor < 1.6 for f in result)
 
 
 @pytest.mark.parametrize("kind", ["flight", "drive"])
 def test_gyro_axes_that_are_not_those_of_the_accelerometer(kind):
     for axes, names in ((SWAPPED, "y, x, z"), (FLIPPED, "x, y, -z")):
-        found = examined(kind, gyro_axes=axes)
-        assert causes(found) == ["axes"], summary(found)
-        assert f"taken as {names}:" in str(found[0])
+        result = examined(kind, gyro_axes=axes)
+        assert causes(result) == ["axes"], summary(result)
+        assert f"taken as {names}:" in str(result[0])
 
 
 def test_a_left_handed_imu():
-    found = examined(gyro_axes=SWAPPED, accel_axes=SWAPPED)
-    assert causes(found) == ["axes"], summary(found)
+    result = examined(gyro_axes=SWAPPED, accel_axes=SWAPPED)
+    assert causes(result) == ["axes"], summary(result)
 
 
 @pytest.mark.parametrize("kind", ["flight", "drive"])
 @pytest.mark.parametrize("axes", [TIPPED, TURNED])
 def test_a_wrong_mount(kind, axes):
-    found = examined(kind, gyro_axes=axes, accel_axes=axes)
-    wanted = "initial-attitude" if axes is TIPPED else "initial heading"
-    assert causes(found) == [wanted], summary(found)
-    (angle,) = found[0].numbers.values()
+    result = examined(kind, gyro_axes=axes, accel_axes=axes)
+    expected = "initial-attitude" if axes is TIPPED else "initial heading"
+    assert causes(result) == [expected], summary(result)
+    (angle,) = result[0].numbers.values()
     assert angle == pytest.approx(180.0 if axes is TIPPED else 90.0, abs=10.0)
 
 
 @pytest.mark.parametrize("off", [-20.0, 60.0, 179.0])
 @pytest.mark.parametrize("kind", ["flight", "drive"])
 def test_a_wrong_initial_heading(kind, off):
-    found = examined(kind, wrong_start=(0.0, 0.0, off))
-    assert causes(found) == ["initial heading"], summary(found)
-    assert found[0].numbers["heading_deg"] == pytest.approx(abs(off), abs=6.0)
+    result = examined(kind, wrong_start=(0.0, 0.0, off))
+    assert causes(result) == ["initial heading"], summary(result)
+    assert result[0].numbers["heading_deg"] == pytest.approx(abs(off), abs=6.0)
 
 
 def test_an_imu_much_worse_than_its_noise_says():
@@ -236,25 +236,25 @@ def test_an_imu_much_worse_than_its_noise_says():
         velocity_random_walk=300.0 * GRADE.velocity_random_walk,
     )
     control = replace(SETTINGS.control, gate_probability=1.0)
-    found = examined("drive", settings=replace(SETTINGS, control=control), grade=worse)
-    assert "imu-noise" in causes(found), summary(found)
+    result = examined("drive", settings=replace(SETTINGS, control=control), grade=worse)
+    assert "imu-noise" in causes(result), summary(result)
 
 
 def test_what_cannot_be_explained_is_told_all_the_same():
     jumps = tuple(Jump(t, t + 10.0, (80.0, -50.0, 0.0)) for t in range(40, 190, 30))
-    found = examined(faults=GnssFaults(jumps=jumps))
-    assert causes(found)[-1] == "divergence"
-    assert "fixes" in summary(found)
+    result = examined(faults=GnssFaults(jumps=jumps))
+    assert causes(result)[-1] == "divergence"
+    assert "fixes" in summary(result)
 
 
 def test_noise_that_the_gate_measured_is_told():
     noisy = GnssErrors((40.0, 40.0, 60.0), (0.0,) * 3, 100.0, (0.05, 0.05, 0.08))
-    found = examined(errors=noisy)
-    assert {(f.kind, f.topic) for f in found} == {
+    result = examined(errors=noisy)
+    assert {(f.kind, f.topic) for f in result} == {
         ("gnss-noise", "horizontal position"),
         ("gnss-noise", "height"),
     }
-    assert all(20.0 < f.numbers["sigma_ratio"] < 60.0 for f in found)
+    assert all(20.0 < f.numbers["sigma_ratio"] < 60.0 for f in result)
 
 
 def test_too_little_to_judge():

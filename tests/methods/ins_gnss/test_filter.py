@@ -36,7 +36,7 @@ def nav_of(blocks):
 
 @pytest.mark.parametrize("name", FILTERS)
 def test_every_filter_finds_its_way_and_knows_how_well(flown, name):
-    run, blocks = flown.run(flown.told(name), store=True)
+    run, blocks = flown.run(flown.using(name), store=True)
     rms = flown.rms(blocks)
     assert rms[:2].max() < 1.0
     assert rms[2] < 1.2
@@ -68,7 +68,7 @@ def test_every_filter_finds_its_way_and_knows_how_well(flown, name):
 
 @pytest.mark.parametrize("size", [1, 7, 4096])
 def test_answers_do_not_depend_on_blocks(flown, size):
-    settings = flown.told(
+    settings = flown.using(
         network=HeightNetwork(5.0, 0.5),
         lever_arm_b=(2.0, 1.0, -1.0),
         gnss_latency=0.04,
@@ -76,9 +76,9 @@ def test_answers_do_not_depend_on_blocks(flown, size):
     )
     short = replace_increments(flown.increments, slice(0, 2500))
     holes = np.delete(np.arange(2500), np.arange(1200, 1290))
-    given = replace_increments(short, holes)
-    _, whole = flown.run(settings, increments=given, store=True)
-    _, parts = flown.run(settings, block=size, increments=given, store=True)
+    stated = replace_increments(short, holes)
+    _, whole = flown.run(settings, increments=stated, store=True)
+    _, parts = flown.run(settings, block=size, increments=stated, store=True)
     one, many = nav_of(whole), nav_of(parts)
     for name in one:
         assert np.array_equal(one[name], many[name]), name
@@ -95,8 +95,8 @@ def replace_increments(increments, rows):
 @pytest.mark.slow
 def test_parts_left_out_are_as_if_they_were_known(flown):
     exact = replace(IMU, accel_scale=0.0)
-    _, a = flown.run(flown.told("markov-24", imu=exact))
-    _, b = flown.run(flown.told("markov-21"))
+    _, a = flown.run(flown.using("markov-24", imu=exact))
+    _, b = flown.run(flown.using("markov-21"))
     for name, column in nav_of(a).items():
         assert column == pytest.approx(nav_of(b)[name], rel=1e-9, abs=1e-9), name
 
@@ -107,8 +107,8 @@ def test_open_and_closed_loop_agree():
         angle_random_walk=1e-6, velocity_random_walk=1e-4, gyro_bias=1e-7, accel_bias=1e-4
     )
     flown = Flown(noise=quiet, duration=150.0)
-    _, closed = flown.run(flown.told(imu=quiet))
-    run, opened = flown.run(flown.told(imu=quiet, feedback="none"))
+    _, closed = flown.run(flown.using(imu=quiet))
+    run, opened = flown.run(flown.using(imu=quiet, feedback="none"))
     a, b = nav_of(closed), nav_of(opened)
     assert np.abs(a["latitude"] - b["latitude"]).max() * 6.4e6 < 0.2
     assert a["height"] == pytest.approx(b["height"], abs=0.2)
@@ -119,16 +119,16 @@ def test_open_and_closed_loop_agree():
 
 def test_without_feedback_a_far_navigation_is_told_of():
     flown = Flown(noise=replace(IMU, gyro_bias=0.02, accel_bias=0.5), duration=150.0)
-    run, _ = flown.run(flown.told("markov-21", imu=replace(IMU, gyro_bias=0.02), feedback="none"))
+    run, _ = flown.run(flown.using("markov-21", imu=replace(IMU, gyro_bias=0.02), feedback="none"))
     assert [e.kind for e in run.events].count("far-from-gnss") == 1
 
 
 def test_without_a_barometer(flown):
-    run, blocks = flown.run(flown.told("network-26a"), with_baro=False)
+    run, blocks = flown.run(flown.using("network-26a"), with_baro=False)
     assert run.fell_back and run.summary.fell_back
     assert run.kind.name == "markov-21"
     assert flown.rms(blocks)[2] < 1.5
-    _, plain = flown.run(flown.told("markov-21"))
+    _, plain = flown.run(flown.using("markov-21"))
     assert np.array_equal(nav_of(blocks)["height"], nav_of(plain)["height"])
 
 
@@ -138,8 +138,8 @@ def test_without_a_barometer(flown):
 def test_lever_arm_and_latency():
     arm, latency = (3.0, 1.5, -0.5), 0.113
     flown = Flown(errors=PRECISE, rate_hz=5.0, lever_arm_b=arm, latency_s=latency)
-    told = {"gnss": PRECISE_MODEL, "control": NO_GATE}
-    _, right = flown.run(flown.told("markov-24", lever_arm_b=arm, gnss_latency=latency, **told))
+    chosen = {"gnss": PRECISE_MODEL, "control": NO_GATE}
+    _, right = flown.run(flown.using("markov-24", lever_arm_b=arm, gnss_latency=latency, **chosen))
     assert flown.rms(right)[:3].max() < 0.03
     assert flown.rms(right)[3:6].max() < 0.02
     innovation = np.concatenate([b.gnss.innovation for b in right])[200:]
@@ -147,7 +147,7 @@ def test_lever_arm_and_latency():
     nis = joined(right, "nis")[200:] / 6.0
     assert nis.mean() == pytest.approx(1.0, abs=0.25)
     for wrong in ({"gnss_latency": latency}, {"lever_arm_b": arm}):
-        _, off = flown.run(flown.told("markov-24", **wrong, **told))
+        _, off = flown.run(flown.using("markov-24", **wrong, **chosen))
         assert flown.rms(off)[:3].max() > 0.3
         assert np.nanmean(joined(off, "nis")[200:]) / 6.0 > 5.0
 
@@ -203,14 +203,14 @@ def test_what_the_receiver_says_of_itself_counts(flown):
     sigmas = np.repeat(size[:, None], 3, axis=1)
     gnss = replace(flown.gnss, sigma_position_n=sigmas, sigma_velocity_n=0.1 * sigmas)
     believing = DivergenceControl(gate_noise_epochs=0)
-    _, blocks = flown.run(flown.told("plain-15", control=believing), gnss=gnss)
+    _, blocks = flown.run(flown.using("plain-15", control=believing), gnss=gnss)
     assumed = joined(blocks, "measurement_sigma")
     assert assumed[:, :3] == pytest.approx(sigmas)
     assert assumed[:, 3:] == pytest.approx(0.1 * sigmas)
     # with states for the slow part, the white one is the rest, or its share
     model = GnssModel((1.0,) * 3, (2.0,) * 3, 100.0, (0.1,) * 3, (0.2,) * 3, 100.0)
-    told = flown.told("markov-21", gnss=model, control=believing)
-    _, blocks = flown.run(told, gnss=gnss)
+    chosen = flown.using("markov-21", gnss=model, control=believing)
+    _, blocks = flown.run(chosen, gnss=gnss)
     assumed = joined(blocks, "measurement_sigma")[:, 0]
     total = np.sqrt(5.0)
     rest = np.where(size > total, np.sqrt(np.maximum(size**2 - 4.0, 0)), size / total)
@@ -242,8 +242,8 @@ def test_withheld_fixes_are_scored_and_not_used(flown):
 @pytest.mark.parametrize("name", ["network-26", "network-26a"])
 def test_k4_is_told_to_the_filter(name):
     flown = Flown(baro=(1.0, 0.1))
-    told = flown.told(name, network=HeightNetwork(2.4, 0.5))
-    run, blocks = flown.run(told)
+    chosen = flown.using(name, network=HeightNetwork(2.4, 0.5))
+    run, blocks = flown.run(chosen)
     assert flown.rms(blocks)[2] < 0.9
     assert run.summary.mean_nis < 1.25
     assert not [e for e in run.channel_events if e.kind == "jump"]
@@ -276,7 +276,7 @@ def test_barometers_that_misbehave(name, what):
         "outliers": (lambda h: h + 100.0 * (np.arange(len(h)) % 7 == 3), np.inf),
     }[what]
     heights = baro_with(flown, change, 80.0, end)
-    run, blocks = flown.run(flown.told(name), baro_height=heights)
+    run, blocks = flown.run(flown.using(name), baro_height=heights)
     e = flown.errors(blocks[0].updates, 60.0)
     assert abs(e[:, 2]).max() < (3.0 if what != "frozen" else 6.0)
     # afterwards it is as if nothing had been
@@ -303,7 +303,7 @@ def test_fast_barometer_acts_as_a_slow_one():
         )
         + flown.flight.height[1:]
     )
-    settings = flown.told("network-26")
+    settings = flown.using("network-26")
     fast, a = flown.run(settings, baro_time=imu[1:], baro_height=heights)
     slow, b = flown.run(settings, baro_time=imu[5::5], baro_height=heights[4::5])
     fine, c = flown.run(replace(settings, substep=0.02), baro_time=imu[1:], baro_height=heights)
@@ -322,7 +322,7 @@ def test_gate_and_restart():
     after = (flown.gnss.time_ns - flown.flight.time_ns[0]) * 1e-9
     moved = replace(flown.gnss, latitude=flown.gnss.latitude + (after > 100.0) * 100.0 / 6.37e6)
     control = DivergenceControl(restart_after=20)
-    run, blocks = flown.run(flown.told(control=control), gnss=moved)
+    run, blocks = flown.run(flown.using(control=control), gnss=moved)
     gated, restarted = joined(blocks, "gated"), joined(blocks, "restarted")
     assert gated.sum() == 19
     assert restarted.sum() == run.summary.restarts == 1
@@ -333,7 +333,7 @@ def test_gate_and_restart():
     # before, the fixes are not believed; after, they are
     assert abs(flown.errors(blocks[0].updates, 100.0, 119.0)[:, 0]).max() < 4.0
     assert flown.errors(blocks[0].updates, 140.0)[:, 0].mean() == pytest.approx(100.0, abs=2.0)
-    locked, _ = flown.run(flown.told(control=DivergenceControl(restart_after=0)), gnss=moved)
+    locked, _ = flown.run(flown.using(control=DivergenceControl(restart_after=0)), gnss=moved)
     assert locked.summary.epochs_gated == (after > 100.0).sum()
 
 
@@ -361,17 +361,17 @@ def test_restart_where_positions_and_velocities_are_epochs_of_their_own(wrong):
         sigma_velocity_n=np.full((len(stamps), 3), np.nan),
     )
     # In an outage something happens that the noise of the IMU does not explain
-    given = flown.increments
-    t = (given.time_ns - flown.flight.time_ns[0]) * 1e-9
+    stated = flown.increments
+    t = (stated.time_ns - flown.flight.time_ns[0]) * 1e-9
     kick = np.zeros((len(t), 3))
     kick[np.searchsorted(t, 100.0)] = (8.0, 0.0, 0.0)
     if wrong == "position":
         # and goes by again: positions are off alone
         kick[np.searchsorted(t, 109.0)] = (-8.0, 0.0, 0.0)
     run, blocks = flown.run(
-        flown.told(control=DivergenceControl(restart_after=20)),
+        flown.using(control=DivergenceControl(restart_after=20)),
         gnss=apart,
-        increments=replace(given, velocity_increment=given.velocity_increment + kick),
+        increments=replace(stated, velocity_increment=stated.velocity_increment + kick),
         withheld=both((seconds > 98.0) & (seconds < 110.0), (seconds > 98.0) & (seconds < 110.0)),
     )
     updates = blocks[0].updates
@@ -386,17 +386,17 @@ def test_after_an_outage_fixes_are_believed_rather_than_the_imu(off, used):
     """But for fixes that no IMU of this grade can be so far off."""
     flown = Flown()
     seconds = (flown.gnss.time_ns - flown.flight.time_ns[0]) * 1e-9
-    kept = (seconds < 100.0) | (seconds > 115.0)
-    gnss, seconds = flown.gnss.rows(kept), seconds[kept]
+    remaining = (seconds < 100.0) | (seconds > 115.0)
+    gnss, seconds = flown.gnss.rows(remaining), seconds[remaining]
     first = np.searchsorted(seconds, 115.0)
     gnss.latitude[first] += off / 6.37e6
-    given = flown.increments
-    t = (given.time_ns - flown.flight.time_ns[0]) * 1e-9
+    stated = flown.increments
+    t = (stated.time_ns - flown.flight.time_ns[0]) * 1e-9
     pull = np.zeros((len(t), 3))
-    pull[(t > 100.0) & (t < 115.0), 0] = 0.1 * given.interval[0]  # 0.1 m/s^2 that are not noise
+    pull[(t > 100.0) & (t < 115.0), 0] = 0.1 * stated.interval[0]  # 0.1 m/s^2 that are not noise
     _, blocks = flown.run(
         gnss=gnss,
-        increments=replace(given, velocity_increment=given.velocity_increment + pull),
+        increments=replace(stated, velocity_increment=stated.velocity_increment + pull),
     )
     assert joined(blocks, "used")[first : first + 15].tolist() == [used] + [True] * 14
     # those that agree are turned down by the usual gate elsewhere
@@ -409,10 +409,10 @@ def test_imu_gaps():
     begin = 5000
     for length, kind in ((3.0, "imu-gap"), (8.0, "imu-gap-restart")):
         missing = np.arange(begin, begin + round(length * 50))
-        given = replace_increments(
+        stated = replace_increments(
             flown.increments, np.delete(np.arange(len(flown.increments.interval)), missing)
         )
-        run, blocks = flown.run(increments=given)
+        run, blocks = flown.run(increments=stated)
         event = next(e for e in run.events if e.kind.startswith("imu-gap"))
         assert event.kind == kind
         assert event.size == pytest.approx(length)
@@ -445,8 +445,8 @@ def test_turning_costs_certainty_as_scale_factors_do(rate, turned):
     none = flown.gnss.rows(np.zeros(len(flown.gnss), bool))
     variance = []
     for scale in (0.0, 1e-2):
-        told = flown.told("markov-21", imu=replace(IMU, gyro_scale=scale))
-        _, blocks = flown.run(told, increments=turning, gnss=none, with_baro=False)
+        chosen = flown.using("markov-21", imu=replace(IMU, gyro_scale=scale))
+        _, blocks = flown.run(chosen, increments=turning, gnss=none, with_baro=False)
         variance.append(np.diag(blocks[-1].updates.covariance_attitude_n[-1]))
     # a right angle's worth after a right angle, and then with the root of the angle
     expected = 1e-4 * (np.pi / 2) * turned
@@ -458,7 +458,7 @@ def test_turning_costs_certainty_as_scale_factors_do(rate, turned):
 
 @pytest.mark.parametrize("name", ["network-26a", "baro-24", "plain-15"])
 def test_stored_rows_fit_together(flown, name):
-    run, blocks = flown.run(flown.told(name), store=True)
+    run, blocks = flown.run(flown.using(name), store=True)
     s = blocks[0].stored
     u = blocks[0].updates
     assert np.array_equal(s.time_ns, u.time_ns[s.update])

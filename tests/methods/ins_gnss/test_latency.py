@@ -107,10 +107,10 @@ class Scene:
         return correlate(updates.time_ns, velocity, self.gnss.time_ns, self.gnss.velocity_n, **more)
 
     def cost(self, latency):
-        found = self.filtered(latency).gnss
-        sound = found.time_ns > found.time_ns[0] + 20_000_000_000
-        log_det = 2.0 * np.log(found.innovation_sigma).sum(axis=1)
-        return likelihood_cost(found.nis[sound], log_det[sound], found.used[sound], 27.86)
+        result = self.filtered(latency).gnss
+        sound = result.time_ns > result.time_ns[0] + 20_000_000_000
+        log_det = 2.0 * np.log(result.innovation_sigma).sum(axis=1)
+        return likelihood_cost(result.nis[sound], log_det[sound], result.used[sound], 27.86)
 
 
 @cache
@@ -121,18 +121,18 @@ def scene(kind, latency, seed=1):
 @pytest.mark.parametrize("kind", ["flight", "drive"])
 @pytest.mark.parametrize("latency", [0.05, 0.1, 0.2, 0.0, -0.125])
 def test_found_from_the_velocities(kind, latency):
-    found = scene(kind, latency).correlated()
-    assert found.status == "found"
-    assert found.latency_s == pytest.approx(latency, abs=0.01)
-    assert found.sigma_s < 0.01
-    assert "ms" in str(found)
+    result = scene(kind, latency).correlated()
+    assert result.status == "found"
+    assert result.latency_s == pytest.approx(latency, abs=0.01)
+    assert result.sigma_s < 0.01
+    assert "ms" in str(result)
 
 
 def test_its_sigma_is_its_error():
     errors = []
     for seed in range(2, 10):
-        found = Scene("drive", 0.08, seed).correlated()
-        errors.append((found.latency_s - 0.08) / found.sigma_s)
+        result = Scene("drive", 0.08, seed).correlated()
+        errors.append((result.latency_s - 0.08) / result.sigma_s)
     assert 0.3 < np.sqrt(np.mean(np.square(errors))) < 1.8
 
 
@@ -143,24 +143,24 @@ def test_found_by_likelihood(latency):
     # from a start that is off, too
     for guess in (first, latency + 0.12):
         runs = []
-        found = refine(lambda tau, runs=runs: runs.append(tau) or trial.cost(tau), guess, 0.05)
+        result = refine(lambda tau, runs=runs: runs.append(tau) or trial.cost(tau), guess, 0.05)
         assert len(runs) <= 25
-        assert found.status == "found"
-        assert found.latency_s == pytest.approx(latency, abs=0.01)
-        assert found.sigma_s < 0.01
+        assert result.status == "found"
+        assert result.latency_s == pytest.approx(latency, abs=0.01)
+        assert result.sigma_s < 0.01
 
 
 def test_nothing_is_found_at_rest():
-    found = scene("rest", 0.1).correlated()
-    assert found.status == "not observable"
-    assert not np.isfinite(found.sigma_s)
-    assert "not observable" in str(found)
+    result = scene("rest", 0.1).correlated()
+    assert result.status == "not observable"
+    assert not np.isfinite(result.sigma_s)
+    assert "not observable" in str(result)
 
 
 def test_at_the_end_of_the_range():
-    found = scene("drive", 0.2).correlated(low_s=-0.1, high_s=0.1)
-    assert found.status == "at the limit"
-    assert found.latency_s == pytest.approx(0.1, abs=0.01)
+    result = scene("drive", 0.2).correlated(low_s=-0.1, high_s=0.1)
+    assert result.status == "at the limit"
+    assert result.latency_s == pytest.approx(0.1, abs=0.01)
 
 
 def test_outliers_and_missing_velocities():
@@ -180,8 +180,8 @@ def test_outliers_and_missing_velocities():
     spoilt[random.random(len(spoilt)) < 0.1] = np.nan
     spoilt[::3, 2] = np.nan
     spoilt[100:110] += 30.0 * random.standard_normal((10, 3))
-    found = correlate(updates.time_ns, velocity, trial.gnss.time_ns, spoilt)
-    assert found.latency_s == pytest.approx(0.1, abs=0.01)
+    result = correlate(updates.time_ns, velocity, trial.gnss.time_ns, spoilt)
+    assert result.latency_s == pytest.approx(0.1, abs=0.01)
     nothing = np.full_like(spoilt, np.nan)
     nothing = correlate(updates.time_ns, velocity, trial.gnss.time_ns, nothing)
     assert nothing.status == "not observable"
@@ -203,13 +203,13 @@ def test_any_latency_of_exact_velocities(latency, seed):
     t = np.arange(0.0, 60.0, 0.01)
     fix = np.sort(random.uniform(1.0, 59.0, 200))
     drift = random.standard_normal(3)
-    found = correlate(
+    result = correlate(
         (t * 1e9).astype(np.int64),
         smooth_motion(t)[0] + drift * t[:, None],
         (fix * 1e9).astype(np.int64),
         smooth_motion(fix - latency)[0] + 0.01 * random.standard_normal((200, 3)),
     )
-    assert found.latency_s == pytest.approx(latency, abs=5e-3)
+    assert result.latency_s == pytest.approx(latency, abs=5e-3)
 
 
 @pytest.mark.parametrize("lag", [0.12, 0.0, -0.05])
@@ -230,9 +230,9 @@ def test_velocities_of_another_instant_than_positions(lag):
         np.full((n, 3), np.nan),
         np.full((n, 3), np.nan),
     )
-    found = velocity_lag(gnss)
-    assert found.status == "found"
-    assert found.latency_s == pytest.approx(lag, abs=0.01)
+    result = velocity_lag(gnss)
+    assert result.status == "found"
+    assert result.latency_s == pytest.approx(lag, abs=0.01)
     assert velocity_lag(gnss.rows(slice(0, 10))).status == "not observable"
     both = split_position_velocity(gnss, lag)
     if lag == 0.0:
@@ -249,12 +249,12 @@ def test_velocities_of_another_instant_than_positions(lag):
 @settings(max_examples=40, deadline=None)
 @given(st.floats(-0.3, 0.3), st.floats(-0.1, 0.1), st.floats(2e-3, 2e-2))
 def test_refinement_of_a_parabola(best, first, sigma):
-    found = refine(lambda tau: 7.0 + ((tau - best) / sigma) ** 2, first, 0.1)
+    result = refine(lambda tau: 7.0 + ((tau - best) / sigma) ** 2, first, 0.1)
     if abs(best - first) < 0.35:
-        assert found.status == "found"
-        assert found.latency_s == pytest.approx(best, abs=2e-3)
+        assert result.status == "found"
+        assert result.latency_s == pytest.approx(best, abs=2e-3)
         # -2 log L of a normal bends by 2/sigma^2
-        assert found.sigma_s == pytest.approx(sigma, rel=1e-3)
+        assert result.sigma_s == pytest.approx(sigma, rel=1e-3)
 
 
 def test_refinement_that_sees_nothing_or_an_end():

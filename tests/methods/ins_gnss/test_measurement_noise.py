@@ -40,7 +40,7 @@ def test_the_gate_is_no_worse_than_none_where_fixes_are_noisier_than_told(times)
     for seed in (5, 6, 7):
         t, noisy = noisier(flown, times, 100.0, 300.0, seed)
         for label, control in controls.items():
-            run, blocks = flown.run(flown.told(control=control), gnss=noisy)
+            run, blocks = flown.run(flown.using(control=control), gnss=noisy)
             squares[label] += float(np.sum(flown.rms(blocks, 100.0)[:2] ** 2))
         assert run.summary.restarts == 0
         ratio = np.sqrt(joined(blocks, "noise_ratio"))
@@ -63,33 +63,33 @@ def test_outliers_are_no_noise_to_the_gate(share):
     clean = Flown(duration=400.0)
     off = GnssFaults(outlier_fraction=share, outlier_position=100.0, outlier_velocity=5.0)
     flown = Flown(duration=400.0, faults=off)
-    run, blocks = flown.run(flown.told())
+    run, blocks = flown.run(flown.using())
     outlier = flown.gnss_truth.outlier
     assert not joined(blocks, "used")[outlier].any()
     assert run.summary.epochs_gated <= outlier.sum() + 3
-    _, without = clean.run(clean.told())
+    _, without = clean.run(clean.using())
     assert np.all(flown.rms(blocks, 60.0)[:6] < 1.35 * clean.rms(without, 60.0)[:6])
 
 
 def test_a_jump_is_no_noise_to_the_gate():
     jump = GnssFaults(jumps=(Jump(200.0, 230.0, (60.0, -40.0, 10.0)),))
     flown = Flown(duration=400.0, faults=jump)
-    _, blocks = flown.run(flown.told())
+    _, blocks = flown.run(flown.using())
     gated = joined(blocks, "gated")
     assert gated.sum() == 30
     assert joined(blocks, "noise_ratio")[gated].max() < 10.0
-    _, blind = flown.run(flown.told(control=DivergenceControl(gate_noise_epochs=0)))
+    _, blind = flown.run(flown.using(control=DivergenceControl(gate_noise_epochs=0)))
     assert flown.rms(blocks, 60.0) == pytest.approx(flown.rms(blind, 60.0), rel=0.02)
 
 
 def test_a_filter_begun_anew_believes_the_noise_it_was_told():
     flown = Flown(duration=300.0)
-    given = flown.increments
-    kick = np.zeros((len(given.interval), 3))
+    stated = flown.increments
+    kick = np.zeros((len(stated.interval), 3))
     kick[5000] = (60.0, 0.0, 0.0)
     run, blocks = flown.run(
-        flown.told(control=DivergenceControl(restart_after=20)),
-        increments=replace(given, velocity_increment=given.velocity_increment + kick),
+        flown.using(control=DivergenceControl(restart_after=20)),
+        increments=replace(stated, velocity_increment=stated.velocity_increment + kick),
     )
     assert run.summary.restarts == 1
     after = np.flatnonzero(joined(blocks, "restarted"))[0] + 1
@@ -102,11 +102,11 @@ def test_adaptive_noise_finds_a_bad_receiver(adaptive, least):
     flown = Flown()
     bad = Flown(errors=GnssErrors((6.0, 6.0, 9.0), velocity_white=(0.3, 0.3, 0.48)))
     control = DivergenceControl(adaptive=adaptive, window=40, gate_probability=1.0)
-    _, blocks = bad.run(bad.told(control=control))
+    _, blocks = bad.run(bad.using(control=control))
     ratio = joined(blocks, "measurement_sigma")[-1] / [1.0, 1.0, 1.5, 0.05, 0.05, 0.08]
     assert least < ratio.mean() < 10.01
-    _, plain = bad.run(bad.told(control=NO_GATE))
+    _, plain = bad.run(bad.using(control=NO_GATE))
     assert bad.rms(blocks, 100.0)[3:5].sum() < 0.8 * bad.rms(plain, 100.0)[3:5].sum()
-    _, good = flown.run(flown.told(control=control))
+    _, good = flown.run(flown.using(control=control))
     ratio = joined(good, "measurement_sigma")[-1] / [1.0, 1.0, 1.5, 0.05, 0.05, 0.08]
     assert ratio == pytest.approx(np.ones(6), abs=0.45)

@@ -245,7 +245,7 @@ def test_baro_correction_is_what_the_channel_does(k4):
     random = np.random.default_rng(3)
     root = random.standard_normal((26, 26))
     p = root @ root.T
-    kept = p.copy()
+    rest = p.copy()
     phi = random.standard_normal((26, 26))
     phi_before = phi.copy()
     gains = channel[S_L1], channel[S_L2], channel[S_L3]
@@ -260,6 +260,6 @@ def test_baro_correction_is_what_the_channel_does(k4):
     m = np.eye(26)
     m[:, 2] -= gain
     m[:, BARO] -= gain
-    assert p == pytest.approx(m @ kept @ m.T + 0.09 * np.outer(gain, gain), abs=1e-10)
+    assert p == pytest.approx(m @ rest @ m.T + 0.09 * np.outer(gain, gain), abs=1e-10)
     assert np.array_equal(p, p.T)
     assert phi == pytest.approx(m @ phi_before, abs=1e-12)

@@ -116,15 +116,15 @@ def test_it_is_least_squares_over_all_times(seed):
     problem.q = [q + 1e-9 * np.diag(problem.size**2) for q in problem.q]
     stored, total = problem.closed_loop()
     smoothed = smooth_epochs(stored, KIND)
-    found = total + smoothed.error
+    result = total + smoothed.error
     problem.q = [q - 1e-9 * np.diag(problem.size**2) for q in problem.q]
-    wanted, covariance = problem.least_squares()
+    expected, covariance = problem.least_squares()
     sigma = np.sqrt(np.diagonal(covariance, axis1=1, axis2=2))
-    np.testing.assert_allclose(found / sigma, wanted / sigma, atol=2e-4)
+    np.testing.assert_allclose(result / sigma, expected / sigma, atol=2e-4)
     scale = sigma[:, :, None] * sigma[:, None, :]
     np.testing.assert_allclose(smoothed.covariance / scale, covariance / scale, atol=2e-4)
     # and that is another answer than the filter's
-    assert np.abs((total - wanted) / sigma)[:-1].max() > 1.0
+    assert np.abs((total - expected) / sigma)[:-1].max() > 1.0
 
 
 def test_its_errors_are_of_the_size_that_it_says():
@@ -263,9 +263,9 @@ def test_blocks_and_files_change_nothing(limit, rows):
             smoother.push(FilterBlock(UpdateColumns(**part), None, StoredEpochs(**row)))
         smoothed = smoother.epochs()
         assert smoother.spilled == (limit == 0)
-        found = list(smoother.blocks(smoothed, rows))
-    for name, wanted in vars(whole).items():
-        np.testing.assert_array_equal(np.concatenate([getattr(b, name) for b in found]), wanted)
+        result = list(smoother.blocks(smoothed, rows))
+    for name, expected in vars(whole).items():
+        np.testing.assert_array_equal(np.concatenate([getattr(b, name) for b in result]), expected)
 
 
 def test_what_cannot_be_smoothed_is_refused():
@@ -286,14 +286,14 @@ OUTAGE = (90.0, 120.0)
 def smoothed_flight(seed, name):
     """A flight with an outage: truth, filter and smoother at every IMU update."""
     flown = Flown(seed=seed, faults=GnssFaults(outages=(OUTAGE,)), offset_s=0.0)
-    settings = flown.told(name, control=DivergenceControl(virtual_noise=False))
+    settings = flown.using(name, control=DivergenceControl(virtual_noise=False))
     run, blocks = flown.run(settings, store=True)
     with Smoother(run.kind) as smoother:
         for block in blocks:
             smoother.push(block)
         epochs = smoother.epochs()
-        found = list(smoother.blocks(epochs))
-    joined = {n: np.concatenate([getattr(b, n) for b in found]) for n in vars(found[0])}
+        result = list(smoother.blocks(epochs))
+    joined = {n: np.concatenate([getattr(b, n) for b in result]) for n in vars(result[0])}
     own = {n: np.concatenate([getattr(b.updates, n) for b in blocks]) for n in joined}
     return flown.flight, UpdateColumns(**own), UpdateColumns(**joined), epochs
 

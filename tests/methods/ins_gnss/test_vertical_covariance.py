@@ -52,7 +52,7 @@ def riccati(with_baro):
     for k in range(len(after) - 2, -1, -1):
         gain = np.linalg.solve(before[k + 1], phi @ after[k]).T
         smooth[k] = after[k] + gain @ (smooth[k + 1] - before[k + 1]) @ gain.T
-    return [np.array([np.diag(p)[:2] for p in found]) for found in (after, smooth)]
+    return [np.array([np.diag(p)[:2] for p in result]) for result in (after, smooth)]
 
 
 @pytest.mark.parametrize("name", ["baro-24", "markov-21"])
@@ -74,12 +74,12 @@ def test_height_is_known_as_well_as_a_small_filter_says(name):
     rows = np.flatnonzero(whole)[last]
     second = np.round(seconds[rows]).astype(int)
     rows, second = rows[second >= 60], second[second >= 60]
-    for ours, wanted in zip(
+    for ours, expected in zip(
         (stored.covariance_after, smoothed.covariance), riccati(with_baro), strict=True
     ):
         at = second[second < SECONDS] - 1
-        found = np.sqrt(np.diagonal(ours, axis1=1, axis2=2)[rows[second < SECONDS]][:, [2, 5]])
-        ratio = found / np.sqrt(wanted[at])
+        result = np.sqrt(np.diagonal(ours, axis1=1, axis2=2)[rows[second < SECONDS]][:, [2, 5]])
+        ratio = result / np.sqrt(expected[at])
         # the small one has no tilt and no Earth's turn
         assert np.median(ratio, axis=0) == pytest.approx([1.0, 1.0], abs=0.03)
         assert ratio == pytest.approx(np.ones_like(ratio), abs=0.12)

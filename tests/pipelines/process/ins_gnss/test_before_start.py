@@ -14,21 +14,21 @@ from tests.helpers.filter_start import start
 def test_a_start_less_its_error(name):
     kind = filter_kind(name)
     q = from_euler([0.1, -0.2, 2.0])
-    given = start(-0.8, np.pi - 1e-7, 300.0, [3.0, -4.0, 0.5], q, 5.0, 0.2, 0.05)
+    stated = start(-0.8, np.pi - 1e-7, 300.0, [3.0, -4.0, 0.5], q, 5.0, 0.2, 0.05)
     error, covariance = np.zeros(kind.size), np.eye(kind.size)
     error[:9] = [10.0, -20.0, 3.0, 0.1, 0.2, -0.3, 0.0, 0.0, 0.02]
-    found = corrected_start(given, error, covariance, kind)
-    assert (found.nav[0] + 0.8) * 6.37e6 == pytest.approx(-10.0, rel=0.01)
+    result = corrected_start(stated, error, covariance, kind)
+    assert (result.nav[0] + 0.8) * 6.37e6 == pytest.approx(-10.0, rel=0.01)
     # eastward over the date line, and still within half a turn
-    assert -np.pi < found.nav[1] < -np.pi + 1e-4
-    assert found.nav[2] == pytest.approx(303.0)
-    assert np.allclose(found.nav[3:6], [2.9, -4.2, 0.8])
+    assert -np.pi < result.nav[1] < -np.pi + 1e-4
+    assert result.nav[2] == pytest.approx(303.0)
+    assert np.allclose(result.nav[3:6], [2.9, -4.2, 0.8])
     # the true attitude is the one computed, turned about down
     forward = rotate(q, [1.0, 0.0, 0.0])
-    turned = rotate(found.nav[6:10], [1.0, 0.0, 0.0])
+    turned = rotate(result.nav[6:10], [1.0, 0.0, 0.0])
     off = np.arctan2(turned[1], turned[0]) - np.arctan2(forward[1], forward[0])
     assert off == pytest.approx(0.02, abs=1e-9)
-    assert np.allclose(found.covariance_attitude_n, np.eye(3))
+    assert np.allclose(result.covariance_attitude_n, np.eye(3))
 
 
 @pytest.mark.slow
@@ -38,13 +38,13 @@ def test_fixes_that_begin_late(tmp_path):
         "--gnss-offset", "25", "--still", "10",
     )  # fmt: skip
     for smooth in (False, True):
-        told, solution = run(log, filter={"smooth": smooth})
-        assert int(told["filter"]["start"]["time_ns"]) - solution.time_ns[0] > 20_000_000_000
-        assert len(solution) == told["imu"]["n"]
+        chosen, solution = run(log, filter={"smooth": smooth})
+        assert int(chosen["filter"]["start"]["time_ns"]) - solution.time_ns[0] > 20_000_000_000
+        assert len(solution) == chosen["imu"]["n"]
         assert np.all(np.diff(solution.time_ns) > 0)
         early = solution.rows(slice(0, 2400))
         mean, most = nees(*errors(log, early)["attitude"])
         assert most < 4.5 and mean < 3.0
         mean, most = nees(*errors(log, early)["position"])
         assert most < 4.5
-        assert any("carried back by the Imu alone" in w for w in told["warnings"])
+        assert any("carried back by the Imu alone" in w for w in chosen["warnings"])

@@ -35,15 +35,15 @@ ARM = {"lever_arm": (0.8, -0.4, -1.2)}
 
 
 def test_drive_is_known_as_well_as_it_says(drive):
-    told, solution = run(drive, gnss=ARM)
-    assert solution.time_ns[0] == int(told["imu"]["first_ns"])
-    assert len(solution) == told["imu"]["n"] == 26001
-    found = told["filter"]
-    assert found["gnss_latency_s"] == pytest.approx(0.12, abs=0.012)
-    assert found["restarts"] == 0
-    assert found["epochs_gated"] <= 0.01 * found["epochs_used"]
-    assert CAUSES.isdisjoint(finding["kind"] for finding in told["findings"])
-    assert 0.7 < found["mean_nis"] < 1.2
+    chosen, solution = run(drive, gnss=ARM)
+    assert solution.time_ns[0] == int(chosen["imu"]["first_ns"])
+    assert len(solution) == chosen["imu"]["n"] == 26001
+    result = chosen["filter"]
+    assert result["gnss_latency_s"] == pytest.approx(0.12, abs=0.012)
+    assert result["restarts"] == 0
+    assert result["epochs_gated"] <= 0.01 * result["epochs_used"]
+    assert CAUSES.isdisjoint(finding["kind"] for finding in chosen["findings"])
+    assert 0.7 < result["mean_nis"] < 1.2
     assert solution.position[:, 1].min() < -3.1 and solution.position[:, 1].max() > 3.1
     off = errors(drive, solution)
     mean, most = nees(*off["attitude"])
@@ -66,14 +66,14 @@ def test_smoothing_is_better_and_serves_the_beginning_too(drive):
 
 @pytest.mark.parametrize("kind", ["network-26", "baro-24", "plain-15"])
 def test_every_filter_runs(flight, kind):
-    told, solution = run(flight, filter={"filter": kind})
-    assert told["filter"]["filter"] == kind
+    chosen, solution = run(flight, filter={"filter": kind})
+    assert chosen["filter"]["filter"] == kind
     off = errors(flight, solution)
     assert rms(off["attitude"][0]) < np.radians(0.5)
     mean, _ = nees(*off["position"])
     if kind == "plain-15":  # its sigmas are wrong, its innovations small, and it says so
-        assert mean > 8.0 and told["filter"]["mean_nis"] < 0.8
-        assert any("several times too small" in w for w in told["warnings"])
+        assert mean > 8.0 and chosen["filter"]["mean_nis"] < 0.8
+        assert any("several times too small" in w for w in chosen["warnings"])
     else:
         assert mean < 3.0
 
@@ -88,17 +88,17 @@ def test_every_filter_runs(flight, kind):
     ids=["open loop", "adaptive", "K4"],
 )
 def test_variants_are_no_worse(flight, options):
-    told, solution = run(flight, **options)
+    chosen, solution = run(flight, **options)
     off = errors(flight, solution)
-    assert told["filter"]["epochs_gated"] <= 3
+    assert chosen["filter"]["epochs_gated"] <= 3
     assert rms(off["attitude"][0]) < np.radians(0.5)
     assert nees(*off["position"])[0] < 3.0
 
 
 def test_outages_are_bridged_and_scored(flight):
     hidden = ("100:130", "170:200")
-    told, solution = run(flight, filter={"withhold_gnss": hidden, "smooth": True})
-    scores = told["filter"]["withheld"]
+    chosen, solution = run(flight, filter={"withhold_gnss": hidden, "smooth": True})
+    scores = chosen["filter"]["withheld"]
     assert [o["epochs"] for o in scores["outages"]] == [30, 30]
     assert max(o["largest_in_sigmas"] for o in scores["outages"]) < 4.0
     for o in scores["filter"]["outages"]:
@@ -125,15 +125,15 @@ def test_outages_are_bridged_and_scored(flight):
     ],
 )
 def test_wrong_settings_are_named(flight, options, kind, words):
-    told, _ = run(flight, **options)
-    found = [f for f in told["findings"] if f["kind"] in CAUSES]
-    assert any(f["kind"] == kind and words in f["text"] + f["answer"] for f in found), found
-    assert any(w.startswith(found[0]["text"]) for w in told["warnings"])
+    chosen, _ = run(flight, **options)
+    result = [f for f in chosen["findings"] if f["kind"] in CAUSES]
+    assert any(f["kind"] == kind and words in f["text"] + f["answer"] for f in result), result
+    assert any(w.startswith(result[0]["text"]) for w in chosen["warnings"])
 
 
 def test_a_grade_that_noise_at_rest_belies_is_told(drive):
-    told, _ = run(drive, gnss=ARM, navigation={"imu_grade": "navigation"})
-    assert any("noise at rest" in w for w in told["warnings"])
+    chosen, _ = run(drive, gnss=ARM, navigation={"imu_grade": "navigation"})
+    assert any("noise at rest" in w for w in chosen["warnings"])
 
 
 def test_blocks_change_no_bit(flight, monkeypatch):
@@ -151,8 +151,8 @@ def test_without_velocity_a_start_is_found_from_positions(tmp_path):
         tmp_path / "positions.mcap", "drive", "--grade", "mems", "--seed", "6", "--duration", "200",
         "--still", "20", "--no-velocity", "--baro-rate", "0",
     )  # fmt: skip
-    told, solution = run(log)
-    assert told["filter"]["filter"] == "markov-21"
+    chosen, solution = run(log)
+    assert chosen["filter"]["filter"] == "markov-21"
     off = errors(log, solution)
     assert nees(*off["attitude"])[1] < 4.0
     assert rms(off["attitude"][0]) < np.radians(8.0)
@@ -160,14 +160,14 @@ def test_without_velocity_a_start_is_found_from_positions(tmp_path):
 
 @pytest.mark.slow
 def test_part_of_a_log_and_given_attitudes(drive):
-    told, solution = run(
+    chosen, solution = run(
         drive, gnss=ARM, input={"start": "40", "end": "160"}, filter={"smooth": True}
     )
     assert len(solution) == 12001
     assert nees(*errors(drive, solution)["attitude"])[1] < 4.5
     align = {"align": "fixed", "initial_attitude": (0.0, 0.0, 90.0)}
-    told, solution = run(drive, gnss=ARM, align=align)
-    assert told["filter"]["start"]["how"] == "attitude by fixed"
+    chosen, solution = run(drive, gnss=ARM, align=align)
+    assert chosen["filter"]["start"]["how"] == "attitude by fixed"
     assert rms(errors(drive, solution, 120.0)["attitude"][0]) < np.radians(0.5)
     with pytest.raises(AlignmentError, match="gives no heading"):
         run(drive, gnss=ARM, align={"align": "level"})
