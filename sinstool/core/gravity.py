@@ -4,13 +4,7 @@ from __future__ import annotations
 
 import numba
 
-from sinstool.core.earth import (
-    GRAVITY_PER_HEIGHT,
-    GRAVITY_PER_HEIGHT_SIN2,
-    NORMAL_GRAVITY_EQUATOR,
-    SEMI_MAJOR_AXIS,
-    SOMIGLIANA,
-)
+from sinstool.core import earth
 
 
 @numba.njit(cache=True, nogil=True)
@@ -31,14 +25,14 @@ def normal_gravity(sin2: float, root: float, height: float) -> float:
     float
         m/s^2.
     """
-    relative = height / SEMI_MAJOR_AXIS
+    relative = height / earth.SEMI_MAJOR_AXIS
     return (
-        NORMAL_GRAVITY_EQUATOR
-        * (1.0 + SOMIGLIANA * sin2)
+        earth.NORMAL_GRAVITY_EQUATOR
+        * (1.0 + earth.SOMIGLIANA * sin2)
         / root
         * (
             1.0
-            - (GRAVITY_PER_HEIGHT - GRAVITY_PER_HEIGHT_SIN2 * sin2) * height
+            - (earth.GRAVITY_PER_HEIGHT - earth.GRAVITY_PER_HEIGHT_SIN2 * sin2) * height
             + 3.0 * relative * relative
         )
     )

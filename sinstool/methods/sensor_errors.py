@@ -7,23 +7,16 @@ from typing import Literal
 
 import numpy as np
 
+from sinstool.core import units
 from sinstool.core.errors import ConfigurationError
-from sinstool.core.units import (
-    DEGREE,
-    DEGREE_PER_HOUR,
-    DEGREE_PER_ROOT_HOUR,
-    MICRO_G,
-    MILLI_G,
-    STANDARD_GRAVITY,
-)
 
 Triple = tuple[float, float, float]
 Grade = Literal["mems", "tactical", "navigation"]
 
 # Angular random walk up to which a gyro is of a grade. Laser and fibre gyros of navigation grade
 # have 0.001 to 0.005 deg/sqrt(h), tactical ones 0.02 to 0.1, MEMS 0.15 and more.
-_NAVIGATION_WALK = 0.01 * DEGREE_PER_ROOT_HOUR
-_TACTICAL_WALK = 0.12 * DEGREE_PER_ROOT_HOUR
+_NAVIGATION_WALK = 0.01 * units.DEGREE_PER_ROOT_HOUR
+_TACTICAL_WALK = 0.12 * units.DEGREE_PER_ROOT_HOUR
 
 
 def not_negative(owner: str, **values: float | Triple) -> None:
@@ -101,10 +94,10 @@ def data_sheet(
 ) -> SensorGrade:
     """Errors in the units of data sheets, without scale factors and wandering biases."""
     return SensorGrade(
-        gyro_bias=bias_deg_h * DEGREE / 3600.0,
-        accel_bias=accel_bias_mg * 1e-3 * STANDARD_GRAVITY,
-        angle_random_walk=random_walk_deg_sqrt_h * DEGREE / 60.0,
-        velocity_random_walk=noise_ug_sqrt_hz * 1e-6 * STANDARD_GRAVITY,
+        gyro_bias=bias_deg_h * units.DEGREE / 3600.0,
+        accel_bias=accel_bias_mg * 1e-3 * units.STANDARD_GRAVITY,
+        angle_random_walk=random_walk_deg_sqrt_h * units.DEGREE / 60.0,
+        velocity_random_walk=noise_ug_sqrt_hz * 1e-6 * units.STANDARD_GRAVITY,
     )
 
 
@@ -124,33 +117,33 @@ SIMULATED_GRADES = {
 # sensors were seen to move by 100 deg/h from one stop of a car to one minutes later.
 IMU_GRADES: dict[str, SensorGrade] = {
     "mems": SensorGrade(
-        angle_random_walk=3.0 * DEGREE_PER_ROOT_HOUR,
-        velocity_random_walk=3000.0 * MICRO_G,
-        gyro_bias=50.0 * DEGREE_PER_HOUR,
-        accel_bias=10.0 * MILLI_G,
-        gyro_instability=100.0 * DEGREE_PER_HOUR,
-        accel_instability=1.0 * MILLI_G,
+        angle_random_walk=3.0 * units.DEGREE_PER_ROOT_HOUR,
+        velocity_random_walk=3000.0 * units.MICRO_G,
+        gyro_bias=50.0 * units.DEGREE_PER_HOUR,
+        accel_bias=10.0 * units.MILLI_G,
+        gyro_instability=100.0 * units.DEGREE_PER_HOUR,
+        accel_instability=1.0 * units.MILLI_G,
         bias_time_s=100.0,
         accel_scale=3e-3,
         gyro_scale=5e-3,
     ),
     "tactical": SensorGrade(
-        angle_random_walk=0.05 * DEGREE_PER_ROOT_HOUR,
-        velocity_random_walk=50.0 * MICRO_G,
-        gyro_bias=1.0 * DEGREE_PER_HOUR,
-        accel_bias=1.0 * MILLI_G,
-        gyro_instability=0.3 * DEGREE_PER_HOUR,
-        accel_instability=0.05 * MILLI_G,
+        angle_random_walk=0.05 * units.DEGREE_PER_ROOT_HOUR,
+        velocity_random_walk=50.0 * units.MICRO_G,
+        gyro_bias=1.0 * units.DEGREE_PER_HOUR,
+        accel_bias=1.0 * units.MILLI_G,
+        gyro_instability=0.3 * units.DEGREE_PER_HOUR,
+        accel_instability=0.05 * units.MILLI_G,
         bias_time_s=300.0,
         accel_scale=3e-4,
     ),
     "navigation": SensorGrade(
-        angle_random_walk=0.002 * DEGREE_PER_ROOT_HOUR,
-        velocity_random_walk=10.0 * MICRO_G,
-        gyro_bias=0.01 * DEGREE_PER_HOUR,
-        accel_bias=0.05 * MILLI_G,
-        gyro_instability=0.002 * DEGREE_PER_HOUR,
-        accel_instability=0.005 * MILLI_G,
+        angle_random_walk=0.002 * units.DEGREE_PER_ROOT_HOUR,
+        velocity_random_walk=10.0 * units.MICRO_G,
+        gyro_bias=0.01 * units.DEGREE_PER_HOUR,
+        accel_bias=0.05 * units.MILLI_G,
+        gyro_instability=0.002 * units.DEGREE_PER_HOUR,
+        accel_instability=0.005 * units.MILLI_G,
         bias_time_s=1000.0,
         accel_scale=5e-5,
     ),

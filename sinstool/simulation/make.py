@@ -16,7 +16,7 @@ from sinstool.core.units import DEGREE
 from sinstool.core.whole_file import check_output, commit_together, write_whole
 from sinstool.methods.height.pressure import geopotential, height_per_pascal, pressure_at
 from sinstool.methods.sensor_errors import SIMULATED_GRADES
-from sinstool.simulation import drive, flight, launch, motions
+from sinstool.simulation import drive, flight, launch, motions, scenarios
 from sinstool.simulation.coning import classical_coning
 from sinstool.simulation.coning_paper import coning_paper, paper_response
 from sinstool.simulation.gnss import MODELS, GnssFaults, Jump, Receiver, gnss_samples
@@ -32,23 +32,6 @@ from sinstool.simulation.log import (
     write_simulated,
 )
 from sinstool.simulation.rig_log import lambda2_arcsec, rig_log, rig_table, rig_topics
-from sinstool.simulation.scenarios import (
-    SCENARIOS,
-    Broadband,
-    Coning,
-    ConingPaper,
-    Drive,
-    HseRig,
-    Launch,
-    Manoeuvre,
-    ManoeuvringFlight,
-    MotionScenario,
-    Scenario,
-    SpiralClimb,
-    Static,
-    TwoFrequency,
-    Vehicle,
-)
 from sinstool.simulation.sensors import barometer, launch_grade, saturated, with_errors
 from sinstool.simulation.static import static
 from sinstool.simulation.truth import ImuTruth, Trajectory, after_rest, sample_times
@@ -73,7 +56,7 @@ class Simulated:
         Of a turntable.
     """
 
-    scenario: Scenario
+    scenario: scenarios.Scenario
     topics: list[SimulatedTopic]
     truth: ImuTruth | None = None
     sensor: ImuTruth | None = None
@@ -92,9 +75,9 @@ class Simulated:
         object.__setattr__(self, "settings", settings)
 
 
-def name_of(scenario: Scenario) -> str:
+def name_of(scenario: scenarios.Scenario) -> str:
     """The scenario's name on the command line."""
-    return next(name for name, kind in SCENARIOS.items() if kind is type(scenario))
+    return next(name for name, kind in scenarios.SCENARIOS.items() if kind is type(scenario))
 
 
 @dataclass(frozen=True)
@@ -125,7 +108,7 @@ class LogFiles:
             check_output(self.rig, [], self.overwrite)
 
 
-def simulate(scenario: Scenario) -> Simulated:
+def simulate(scenario: scenarios.Scenario) -> Simulated:
     """Make a log of a scenario.
 
     Raises
@@ -134,12 +117,12 @@ def simulate(scenario: Scenario) -> Simulated:
         No such log can be made.
     """
     try:
-        if isinstance(scenario, HseRig):
+        if isinstance(scenario, scenarios.HseRig):
             log = rig_log(scenario)
             return Simulated(scenario, rig_topics(log, scenario.truth), rig=log)
-        if isinstance(scenario, Vehicle):
+        if isinstance(scenario, scenarios.Vehicle):
             return _vehicle(scenario)
-        assert isinstance(scenario, MotionScenario)
+        assert isinstance(scenario, scenarios.MotionScenario)
         return _motion(scenario)
     except ValueError as exc:
         raise ConfigurationError(str(exc)) from exc
@@ -156,7 +139,7 @@ def write_log(simulated: Simulated, files: LogFiles) -> dict[str, Any]:
     with commit_together():
         counts = write_simulated(files.log, simulated.topics, simulated.settings)
         if files.rig is not None and simulated.rig is not None:
-            assert isinstance(simulated.scenario, HseRig)
+            assert isinstance(simulated.scenario, scenarios.HseRig)
             table = rig_table(simulated.rig, simulated.scenario)
             write_whole(files.rig, tomli_w.dumps({"rig": table}))
     return {
@@ -167,7 +150,7 @@ def write_log(simulated: Simulated, files: LogFiles) -> dict[str, Any]:
     }
 
 
-def simulate_one(scenario: Scenario, files: LogFiles, _: Any = None) -> dict[str, Any]:
+def simulate_one(scenario: scenarios.Scenario, files: LogFiles, _: Any = None) -> dict[str, Any]:
     """One of many logs: the values of ``--json`` with ``seed``, ``status`` and ``exit``.
 
     Raises
@@ -179,24 +162,24 @@ def simulate_one(scenario: Scenario, files: LogFiles, _: Any = None) -> dict[str
     return {**written, "seed": scenario.seed, "status": "done", "exit": 0}
 
 
-def _motion(scenario: MotionScenario) -> Simulated:
+def _motion(scenario: scenarios.MotionScenario) -> Simulated:
     """Rotation about a point, or rest."""
     truth, measured = _truth(scenario)
     sensor = with_errors(measured, SIMULATED_GRADES[scenario.grade], scenario.seed)
     topics = _imu_topics(scenario, truth, sensor)
-    if isinstance(scenario, Static):
+    if isinstance(scenario, scenarios.Static):
         latitude, longitude = np.radians([scenario.latitude, scenario.longitude]).tolist()
         topics.append(resting_fixes(truth.time_ns, (latitude, longitude, scenario.height)))
     return Simulated(scenario, topics, truth, sensor)
 
 
-def _truth(s: MotionScenario) -> tuple[ImuTruth, ImuTruth]:
+def _truth(s: scenarios.MotionScenario) -> tuple[ImuTruth, ImuTruth]:
     """The truth, and what perfect sensors would have of it."""
-    if isinstance(s, Coning):
+    if isinstance(s, scenarios.Coning):
         truth = _coning(s)
         return truth, truth
     times = sample_times(s.rate, s.duration, START_NS)
-    if isinstance(s, ConingPaper):
+    if isinstance(s, scenarios.ConingPaper):
         return coning_paper(
             times,
             s.noise_frequency,
@@ -206,22 +189,22 @@ def _truth(s: MotionScenario) -> tuple[ImuTruth, ImuTruth]:
             frequency=s.frequency,
             noise_angle=np.radians(s.noise_deg),
         )
-    if isinstance(s, Static):
+    if isinstance(s, scenarios.Static):
         attitude = from_euler(np.radians(s.attitude))
         truth = static(times, attitude, np.radians(s.latitude), s.height)
-    elif isinstance(s, TwoFrequency):
+    elif isinstance(s, scenarios.TwoFrequency):
         a, b = np.radians(s.half_angles_deg)
         truth = motions.two_frequency(times, (a, b), s.frequencies)
-    elif isinstance(s, Broadband):
+    elif isinstance(s, scenarios.Broadband):
         truth = motions.broadband(times, float(np.radians(s.angle_deg)), s.band, seed=s.seed)
     else:
-        assert isinstance(s, Manoeuvre)
+        assert isinstance(s, scenarios.Manoeuvre)
         size = float(np.radians(s.rate_rms_deg_s))
         truth = motions.random_manoeuvre(times, size, s.band, seed=s.seed)
     return truth, truth
 
 
-def _coning(s: Coning) -> ImuTruth:
+def _coning(s: scenarios.Coning) -> ImuTruth:
     times = sample_times(s.rate, s.duration + s.lead_in, START_NS)
     begin = int(np.searchsorted(times, START_NS + round(s.lead_in * 1e9)))
     if begin >= len(times) - 1:
@@ -234,12 +217,12 @@ def _coning(s: Coning) -> ImuTruth:
     return after_rest(truth, rest)
 
 
-def _vehicle(scenario: Vehicle) -> Simulated:
+def _vehicle(scenario: scenarios.Vehicle) -> Simulated:
     """A motion over the Earth, with a receiver and a barometer."""
     trajectory = _trajectory(scenario)
     grade = SIMULATED_GRADES[scenario.grade]
     limit = None
-    if isinstance(scenario, Launch):
+    if isinstance(scenario, scenarios.Launch):
         limit = scenario.gyro_range
         if scenario.launch_grade is not None:
             grade = launch_grade(scenario.launch_grade, scenario.accel_unit_reading)
@@ -254,7 +237,7 @@ def _vehicle(scenario: Vehicle) -> Simulated:
     return Simulated(scenario, topics, trajectory.imu, sensor, trajectory)
 
 
-def _trajectory(s: Vehicle) -> Trajectory:
+def _trajectory(s: scenarios.Vehicle) -> Trajectory:
     place: dict[str, Any] = {
         "latitude": s.latitude * DEGREE,
         "longitude": s.longitude * DEGREE,
@@ -262,7 +245,7 @@ def _trajectory(s: Vehicle) -> Trajectory:
         "start_ns": START_NS,
     }
     heading = s.heading * DEGREE
-    if isinstance(s, Launch):
+    if isinstance(s, scenarios.Launch):
         return launch.launch(
             s.rate,
             s.duration,
@@ -273,18 +256,18 @@ def _trajectory(s: Vehicle) -> Trajectory:
             **place,
         )
     place["heading"] = heading
-    if isinstance(s, ManoeuvringFlight):
+    if isinstance(s, scenarios.ManoeuvringFlight):
         return flight.manoeuvring_flight(
             s.duration, s.rate, turbulence=s.turbulence, seed=s.seed, **place
         )
-    if isinstance(s, Drive):
+    if isinstance(s, scenarios.Drive):
         return drive.road_drive(s.duration, s.rate, still_s=s.still, seed=s.seed, **place)
-    assert isinstance(s, SpiralClimb)
+    assert isinstance(s, scenarios.SpiralClimb)
     return flight.spiral_climb(s.duration, s.rate, **place)
 
 
 def _imu_topics(
-    scenario: MotionScenario,
+    scenario: scenarios.MotionScenario,
     truth: ImuTruth,
     sensor: ImuTruth,
     trajectory: Trajectory | None = None,
@@ -298,7 +281,7 @@ def _spans(texts: tuple[str, ...]) -> tuple[tuple[float, float], ...]:
     return tuple(span(text) for text in texts)
 
 
-def _gnss(s: Vehicle, trajectory: Trajectory) -> list[SimulatedTopic]:
+def _gnss(s: scenarios.Vehicle, trajectory: Trajectory) -> list[SimulatedTopic]:
     faults = GnssFaults(
         outages=_spans(s.gnss_outage),
         jumps=tuple(Jump(a, b, (100.0, 0.0, 0.0)) for a, b in _spans(s.gnss_jump)),
@@ -318,7 +301,7 @@ def _gnss(s: Vehicle, trajectory: Trajectory) -> list[SimulatedTopic]:
     return gnss_topics(gnss_samples(trajectory, receiver, s.seed + GNSS_SEED), s.velocity)
 
 
-def _baro(s: Vehicle, trajectory: Trajectory) -> SimulatedTopic:
+def _baro(s: scenarios.Vehicle, trajectory: Trajectory) -> SimulatedTopic:
     first, last = (int(trajectory.time_ns[k]) for k in (0, -1))
     count = int((last - first) * 1e-9 * s.baro_rate) + 1
     times = first + np.round(np.arange(count) * 1e9 / s.baro_rate).astype(np.int64)

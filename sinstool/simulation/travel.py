@@ -26,13 +26,7 @@ import numba
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from sinstool.core import rotation
-from sinstool.core.earth import (
-    EARTH_RATE,
-    ECCENTRICITY_SQUARED,
-    NORTH_GRAVITY_PER_HEIGHT,
-    SEMI_MAJOR_AXIS,
-)
+from sinstool.core import earth, rotation
 from sinstool.core.gravity import normal_gravity
 from sinstool.simulation.truth import ImuTruth, Trajectory, check_times
 
@@ -202,12 +196,12 @@ def _collocation(node: FloatArray) -> FloatArray:
 @numba.njit(cache=True, nogil=True)
 def _turn(p1: float, p2: float, p3: float, h: float, v1: float, v2: float) -> tuple[float, float]:
     """Rate of ``w`` against the Earth about its first two axes; `p` is the Earth's axis in it."""
-    square = 1.0 - ECCENTRICITY_SQUARED * p3 * p3
-    transverse = SEMI_MAJOR_AXIS / sqrt(square)
+    square = 1.0 - earth.ECCENTRICITY_SQUARED * p3 * p3
+    transverse = earth.SEMI_MAJOR_AXIS / sqrt(square)
     rn = transverse + h
-    rm = transverse * (1.0 - ECCENTRICITY_SQUARED) / square + h
+    rm = transverse * (1.0 - earth.ECCENTRICITY_SQUARED) / square + h
     # 1/rm - 1/rn over the squared cosine of latitude: no direction of north is needed
-    more = transverse * ECCENTRICITY_SQUARED / square / (rn * rm) * (v1 * p1 + v2 * p2)
+    more = transverse * earth.ECCENTRICITY_SQUARED / square / (rn * rm) * (v1 * p1 + v2 * p2)
     return v2 / rn + more * p2, -(v1 / rn + more * p1)
 
 
@@ -217,12 +211,12 @@ def _sense(
 ) -> tuple[float, float, float, float, float, float]:
     """Angular rate and specific force in ``b``."""
     sin2 = p3 * p3
-    g3 = normal_gravity(sin2, sqrt(1.0 - ECCENTRICITY_SQUARED * sin2), h)
+    g3 = normal_gravity(sin2, sqrt(1.0 - earth.ECCENTRICITY_SQUARED * sin2), h)
     # over the cosine of latitude; p3 is minus its sine
-    north = -2.0 * NORTH_GRAVITY_PER_HEIGHT * h * p3
-    o1 = EARTH_RATE * p1
-    o2 = EARTH_RATE * p2
-    o3 = EARTH_RATE * p3
+    north = -2.0 * earth.NORTH_GRAVITY_PER_HEIGHT * h * p3
+    o1 = earth.EARTH_RATE * p1
+    o2 = earth.EARTH_RATE * p2
+    o3 = earth.EARTH_RATE * p3
     c1 = 2.0 * o1 + r1
     c2 = 2.0 * o2 + r2
     c3 = 2.0 * o3

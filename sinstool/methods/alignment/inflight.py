@@ -32,6 +32,7 @@ import numpy as np
 
 from sinstool.core.errors import AlignmentError
 from sinstool.core.rotation import from_dcm, to_dcm
+from sinstool.methods.alignment import refine as refinement
 from sinstool.methods.alignment.chain import AttitudeChain
 from sinstool.methods.alignment.covariance import axis_sigma, geometry, worst_sigma
 from sinstool.methods.alignment.gate import dynamics, lift_off, looks_clipped
@@ -50,18 +51,6 @@ from sinstool.methods.alignment.inflight_types import (
     TimeArray,
 )
 from sinstool.methods.alignment.preparation import prepare_fixes, stretches
-from sinstool.methods.alignment.refine import (
-    BA,
-    BG,
-    KA,
-    KG,
-    LEVER,
-    START_SIGMA,
-    TAU,
-    Refined,
-    refine,
-    theta_covariance,
-)
 from sinstool.methods.alignment.segments import Candidate, candidates
 from sinstool.methods.alignment.solution import Course, explain_residuals, solution_covariance
 from sinstool.methods.alignment.wahba import singular_values
@@ -262,7 +251,9 @@ def _answer(best: Candidate, settings: AlignmentSettings, warnings: list[str]) -
             result, errors = _refined(best, settings)
             reference = segment.rows.rows(slice(result.row, result.row + 1))
             chain = replace(chain, dcm=result.dcm, refined=(result.state, reference))
-            covariance = theta_covariance(result.covariance, reference, at, settings.grade)
+            covariance = refinement.theta_covariance(
+                result.covariance, reference, at, settings.grade
+            )
     own = solution.chi2 if errors is None else errors.chi2
     inconsistent = own > INCONSISTENT_CHI2
     if inconsistent:
@@ -335,37 +326,39 @@ def _status(covariance: FloatArray) -> Status:
     return "level-only" if worst_sigma(covariance[:2, :2]) <= OK_SIGMA else "unobservable"
 
 
-def _refined(best: Candidate, settings: AlignmentSettings) -> tuple[Refined, RefinedErrors]:
+def _refined(
+    best: Candidate, settings: AlignmentSettings
+) -> tuple[refinement.Refined, RefinedErrors]:
     segment = best.segment
     use = np.ones(len(segment), dtype=bool)
     if settings.gate == "mask":
         use[1:] = np.diff(segment.not_calm) == 0
-    result = refine(
+    result = refinement.refine(
         segment.rows,
         segment.beta(),
         segment.sigma,
         use,
         best.solution.dcm,
         settings.grade,
-        max(START_SIGMA, 3.0 * best.sigma_worst),
+        max(refinement.START_SIGMA, 3.0 * best.sigma_worst),
         settings.refine_lever_sigma,
         settings.refine_latency_sigma,
         backward=settings.at == "start",
     )
     x, sigma = result.state, np.sqrt(np.diag(result.covariance))
     parts = {
-        "gyro_bias": slice(BG, BG + 3),
-        "accel_bias": slice(BA, BA + 3),
-        "gyro_scale": slice(KG, KG + 3),
-        "accel_scale": slice(KA, KA + 3),
-        "lever_arm_b": slice(LEVER, LEVER + 3),
+        "gyro_bias": slice(refinement.BG, refinement.BG + 3),
+        "accel_bias": slice(refinement.BA, refinement.BA + 3),
+        "gyro_scale": slice(refinement.KG, refinement.KG + 3),
+        "accel_scale": slice(refinement.KA, refinement.KA + 3),
+        "lever_arm_b": slice(refinement.LEVER, refinement.LEVER + 3),
     }
     errors = RefinedErrors(
         **{name: x[part] for name, part in parts.items()},
-        latency_s=float(x[TAU]),
+        latency_s=float(x[refinement.TAU]),
         sigma={
             **{name: sigma[part] for name, part in parts.items()},
-            "latency_s": float(sigma[TAU]),
+            "latency_s": float(sigma[refinement.TAU]),
         },
         inflated=result.inflated,
         chi2=result.chi2,

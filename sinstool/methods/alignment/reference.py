@@ -10,14 +10,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from sinstool.core.earth import (
-    EARTH_RATE,
-    dcm_ne,
-    earth_rate_n,
-    ecef,
-    gravity_n,
-    transport_rate_n,
-)
+from sinstool.core import earth
 
 FloatArray = NDArray[np.float64]
 
@@ -34,7 +27,7 @@ def to_inertial(vectors_e: FloatArray, time_s: FloatArray) -> FloatArray:
     -------
     ndarray, shape (n, 3)
     """
-    c, s = np.cos(EARTH_RATE * time_s), np.sin(EARTH_RATE * time_s)
+    c, s = np.cos(earth.EARTH_RATE * time_s), np.sin(earth.EARTH_RATE * time_s)
     x, y = vectors_e[..., 0], vectors_e[..., 1]
     return np.stack([c * x - s * y, s * x + c * y, vectors_e[..., 2]], axis=-1)
 
@@ -50,7 +43,7 @@ def dcm_ni(latitude: FloatArray, longitude: FloatArray, time_s: FloatArray) -> F
     -------
     ndarray, shape (n, 3, 3)
     """
-    return dcm_ne(latitude, np.asarray(longitude) + EARTH_RATE * np.asarray(time_s))
+    return earth.dcm_ne(latitude, np.asarray(longitude) + earth.EARTH_RATE * np.asarray(time_s))
 
 
 def velocity_reference(
@@ -78,11 +71,12 @@ def velocity_reference(
     ndarray, shape (n, 3)
         m/s; zero at the very first fix.
     """
-    c_en = np.swapaxes(dcm_ne(latitude, longitude), -1, -2)
+    c_en = np.swapaxes(earth.dcm_ne(latitude, longitude), -1, -2)
     velocity_e = np.einsum("nij,nj->ni", c_en, velocity_n)
-    gravity_e = np.einsum("nij,nj->ni", c_en, gravity_n(latitude, height))
+    gravity_e = np.einsum("nij,nj->ni", c_en, earth.gravity_n(latitude, height))
     coriolis = np.stack(
-        [-EARTH_RATE * velocity_e[:, 1], EARTH_RATE * velocity_e[:, 0], 0.0 * time_s], axis=-1
+        [-earth.EARTH_RATE * velocity_e[:, 1], earth.EARTH_RATE * velocity_e[:, 0], 0.0 * time_s],
+        axis=-1,
     )
     velocity_i = to_inertial(velocity_e, time_s)
     integrand = to_inertial(coriolis - gravity_e, time_s)
@@ -127,8 +121,8 @@ def acceleration_reference(
     at, newer, older, step = at[close], newer[close], older[close], step[close]
     rate = (velocity_n[newer] - velocity_n[older]) / step[:, None]
     lat, h, v = latitude[at], height[at], velocity_n[at]
-    turning = 2.0 * earth_rate_n(lat) + transport_rate_n(lat, h, v)
-    force_n = rate + np.cross(turning, v) - gravity_n(lat, h)
+    turning = 2.0 * earth.earth_rate_n(lat) + earth.transport_rate_n(lat, h, v)
+    force_n = rate + np.cross(turning, v) - earth.gravity_n(lat, h)
     c_in = np.swapaxes(dcm_ni(lat, longitude[at], time_s[at]), -1, -2)
     return np.einsum("nij,nj->ni", c_in, force_n), at, newer, older
 
@@ -150,10 +144,10 @@ def position_reference(
     ndarray, shape (n, 3)
         m.
     """
-    r_e = ecef(latitude, longitude, height)
-    c_en = np.swapaxes(dcm_ne(latitude, longitude), -1, -2)
-    gravitation_e = np.einsum("nij,nj->ni", c_en, gravity_n(latitude, height))
-    gravitation_e[:, :2] -= EARTH_RATE**2 * r_e[:, :2]  # gravity less its centrifugal part
+    r_e = earth.ecef(latitude, longitude, height)
+    c_en = np.swapaxes(earth.dcm_ne(latitude, longitude), -1, -2)
+    gravitation_e = np.einsum("nij,nj->ni", c_en, earth.gravity_n(latitude, height))
+    gravitation_e[:, :2] -= earth.EARTH_RATE**2 * r_e[:, :2]  # gravity less its centrifugal part
     r_i = to_inertial(r_e, time_s)
     gravitation = to_inertial(gravitation_e, time_s)
     step = np.diff(time_s)[:, None]

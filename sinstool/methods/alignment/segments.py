@@ -8,24 +8,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sinstool.core.streams import take_rows
+from sinstool.methods.alignment import gate, preparation
 from sinstool.methods.alignment.accumulation import accumulate
 from sinstool.methods.alignment.covariance import worst_sigma
-from sinstool.methods.alignment.gate import (
-    Dynamics,
-    dynamics,
-    find_start,
-    find_stop,
-    why_no_start,
-)
 from sinstool.methods.alignment.inflight_types import AlignmentSettings, GnssFixes
 from sinstool.methods.alignment.pairs import window_rows
-from sinstool.methods.alignment.preparation import (
-    MIN_SPAN_S,
-    SILENT_GAP_S,
-    Stretch,
-    gap_edges,
-    noise_level,
-)
 from sinstool.methods.alignment.screening import plausible_fixes
 from sinstool.methods.alignment.solution import (
     Course,
@@ -60,7 +47,7 @@ class Candidate:
         At the last fix, rad.
     """
 
-    stretch: Stretch
+    stretch: preparation.Stretch
     segment: Segment
     fixes: GnssFixes
     positions: GnssFixes
@@ -74,7 +61,7 @@ class Candidate:
 
 
 def candidates(
-    stretch: Stretch,
+    stretch: preparation.Stretch,
     fixes: GnssFixes,
     settings: AlignmentSettings,
     lift_off_ns: int,
@@ -97,12 +84,12 @@ def candidates(
     origin = int(imu.time_ns[0])
     inside = fixes.rows((fixes.time_ns >= origin) & (fixes.time_ns <= imu.time_ns[-1]))
     where = f"{(imu.time_ns[-1] - origin) * 1e-9:.1f} s from {origin} ns"
-    if (imu.time_ns[-1] - origin) * 1e-9 < MIN_SPAN_S - 1.0 or len(inside) < 3:
+    if (imu.time_ns[-1] - origin) * 1e-9 < preparation.MIN_SPAN_S - 1.0 or len(inside) < 3:
         reasons.append(f"{where}: too short, or without fixes")
         return []
     rows = accumulate(imu.time_ns, imu.delta_theta, imu.delta_velocity, inside.time_ns, origin)
     rows = rows.at_antenna(settings.lever_arm_b)
-    motion = dynamics(imu, settings.limits.smooth)
+    motion = gate.dynamics(imu, settings.limits.smooth)
     restless = np.cumsum(~motion.within(settings.limits).all(axis=0), dtype=np.int64)
     sample = np.searchsorted(imu.time_ns, inside.time_ns)
     everything = Segment(
@@ -112,13 +99,13 @@ def candidates(
         inside.height,
         inside.velocity_n,
         np.asarray(inside.sigma_v),
-        noise_level(np.asarray(inside.sigma_v), float(np.median(np.diff(rows.time_s)))),
+        preparation.noise_level(np.asarray(inside.sigma_v), float(np.median(np.diff(rows.time_s)))),
         restless[np.minimum(sample, len(restless) - 1)],
     )
     good = np.ones(len(rows), dtype=bool)
     if settings.screen and settings.vectors != "pos":
         good = plausible_fixes(rows.alpha, everything.beta(), everything.sigma)
-    edges, _ = gap_edges(rows.time_s[good])
+    edges, _ = preparation.gap_edges(rows.time_s[good])
     borders = rows.time_s[good][edges]
     begin_s = np.concatenate([[-np.inf], borders])
     end_s = np.concatenate([borders, [np.inf]])
@@ -134,7 +121,7 @@ def candidates(
 
 
 def _bounds(
-    motion: Dynamics, first: int, last: int, settings: AlignmentSettings, lift_off_ns: int
+    motion: gate.Dynamics, first: int, last: int, settings: AlignmentSettings, lift_off_ns: int
 ) -> tuple[int, int] | str:
     """Samples of start and stop between two samples, or why there are none."""
     view = take_rows(motion, slice(first, last + 1))
@@ -142,20 +129,20 @@ def _bounds(
     start: int | None = 0
     if settings.gate != "off" and settings.start_ns is None:
         if settings.gate == "paper":
-            start = find_start(view, limits, lift_off_ns)
+            start = gate.find_start(view, limits, lift_off_ns)
         else:
             start = int(np.searchsorted(view.time_ns, lift_off_ns))
     if start is None or start >= len(view.time_ns):
-        return "no start found; " + why_no_start(view, limits, lift_off_ns)
-    stop = None if settings.gate == "off" else find_stop(view, limits, start)
+        return "no start found; " + gate.why_no_start(view, limits, lift_off_ns)
+    stop = None if settings.gate == "off" else gate.find_stop(view, limits, start)
     return first + start, first + (len(view.time_ns) - 1 if stop is None else stop)
 
 
 def _candidate(
-    stretch: Stretch,
+    stretch: preparation.Stretch,
     everything: Segment,
     inside: GnssFixes,
-    motion: Dynamics,
+    motion: gate.Dynamics,
     part: NDArray[np.bool_],
     good: NDArray[np.bool_],
     settings: AlignmentSettings,
@@ -185,8 +172,10 @@ def _candidate(
         segment, fixes = segment.take(slice(begin, None)), fixes.rows(slice(begin, None))
     slack = 2.0 * float(np.median(np.diff(time_ns))) * 1e-9
     span = float(segment.rows.time_s[-1] - segment.rows.time_s[0]) if len(segment) else 0.0
-    if span < MIN_SPAN_S - slack:
-        reasons.append(f"only {span:.1f} s with fixes after the start: {MIN_SPAN_S:g} s are needed")
+    if span < preparation.MIN_SPAN_S - slack:
+        reasons.append(
+            f"only {span:.1f} s with fixes after the start: {preparation.MIN_SPAN_S:g} s are needed"
+        )
         return None
     path = course(segment, settings) if settings.series or settings.sigma_stop else None
     if settings.sigma_stop is not None and path is not None:
@@ -208,8 +197,8 @@ def _candidate(
             f"{rejected} of {int(chosen.sum())} fixes rejected as outliers: check latency, lever"
             " arm, units, and the velocity noise given"
         )
-    longest = gap_edges(segment.rows.time_s)[1]
-    if longest > SILENT_GAP_S:
+    longest = preparation.gap_edges(segment.rows.time_s)[1]
+    if longest > preparation.SILENT_GAP_S:
         warnings.append(f"fixes are missing for {longest:.1f} s inside the segment")
     return Candidate(
         stretch, segment, fixes, inside, start_ns, stop_ns, rejected, solution, path, sigma,

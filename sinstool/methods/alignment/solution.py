@@ -9,17 +9,10 @@ from numpy.typing import NDArray
 
 from sinstool.core.rotation import to_dcm
 from sinstool.core.streams import take_rows
+from sinstool.methods.alignment import pairs as pairing
 from sinstool.methods.alignment.accumulation import InertialRows
 from sinstool.methods.alignment.covariance import attitude_covariance, drifting_noise
 from sinstool.methods.alignment.inflight_types import AlignmentSettings
-from sinstool.methods.alignment.pairs import (
-    Pairs,
-    centred_pairs,
-    cross_columns,
-    differentiated_pairs,
-    integrated_pairs,
-    window_rows,
-)
 from sinstool.methods.alignment.reference import dcm_ni, position_reference, velocity_reference
 from sinstool.methods.alignment.sums import (
     PairSums,
@@ -102,17 +95,17 @@ class Solution:
     residual_rms: float
     chi2: float
     residuals: FloatArray
-    pairs: Pairs
+    pairs: pairing.Pairs
 
 
-def make_pairs(segment: Segment, settings: AlignmentSettings) -> Pairs:
+def make_pairs(segment: Segment, settings: AlignmentSettings) -> pairing.Pairs:
     """Pairs of a segment, one for each fix; those without weight included."""
     rows, usual = segment.rows, settings.gnss_sigma_v
     mask = segment.not_calm if settings.gate == "mask" else None
     kind = settings.vectors
     if kind in ("diff", "diffc"):
         position = (segment.latitude, segment.longitude, segment.height)
-        return differentiated_pairs(
+        return pairing.differentiated_pairs(
             kind == "diffc", rows, position, segment.velocity_n, segment.level, usual, mask
         )
     if kind in ("cen", "pos"):
@@ -120,14 +113,14 @@ def make_pairs(segment: Segment, settings: AlignmentSettings) -> Pairs:
         fade = np.exp((end_s - end_s[-1]) / settings.fade_s)
         if kind == "pos":
             beta = position_reference(end_s, segment.latitude, segment.longitude, segment.height)
-            return centred_pairs(rows, beta, fade, line=True)
+            return pairing.centred_pairs(rows, beta, fade, line=True)
         weight = fade * (usual / segment.sigma) ** 2
-        return centred_pairs(rows, segment.beta(), weight, line=False)
-    length = window_rows(rows.time_s, settings.window_s)
-    return integrated_pairs(kind, rows, segment.beta(), segment.level, length, usual, mask)
+        return pairing.centred_pairs(rows, segment.beta(), weight, line=False)
+    length = pairing.window_rows(rows.time_s, settings.window_s)
+    return pairing.integrated_pairs(kind, rows, segment.beta(), segment.level, length, usual, mask)
 
 
-def _sums(pairs: Pairs, segment: Segment, settings: AlignmentSettings) -> PairSums:
+def _sums(pairs: pairing.Pairs, segment: Segment, settings: AlignmentSettings) -> PairSums:
     # Centred pairs hold their fading already, as it decides about the mean.
     fade = np.inf if settings.vectors in ("cen", "pos") else settings.fade_s
     sums = total_sums(pairs, segment.rows.time_s, segment.sigma, fade)
@@ -311,7 +304,7 @@ def explain_residuals(solution: Solution, segment: Segment) -> str:
     rows, pairs = segment.rows, solution.pairs
     c = to_dcm(rows.q)
     late = -np.einsum("nij,nj->ni", c, rows.force_b)[:, :, None]
-    apart = c @ cross_columns(rows.rate_b, np.broadcast_to(np.eye(3), c.shape))
+    apart = c @ pairing.cross_columns(rows.rate_b, np.broadcast_to(np.eye(3), c.shape))
     effects = np.concatenate([late, apart], axis=2)
     difference = effects[pairs.newer] - np.where(
         (pairs.older >= 0)[:, None, None], effects[pairs.older], effects.mean(axis=0)

@@ -12,14 +12,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from sinstool.methods.coning import increments
 from sinstool.methods.coning.algorithm import ConingAlgorithm
-from sinstool.methods.coning.increments import (
-    DEFAULT_POINTS,
-    GYRO_KINDS,
-    GyroKind,
-    RateIntegrator,
-    convert,
-)
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
@@ -75,13 +69,15 @@ class ConingStage:
     def __init__(
         self,
         algorithm: ConingAlgorithm,
-        gyro_kind: GyroKind,
+        gyro_kind: increments.GyroKind,
         *,
         nominal_interval: float | None = None,
-        points: int = DEFAULT_POINTS,
+        points: int = increments.DEFAULT_POINTS,
     ) -> None:
-        if gyro_kind not in GYRO_KINDS:
-            raise ValueError(f"Expected `gyro_kind` to be one of {GYRO_KINDS}, got {gyro_kind!r}.")
+        if gyro_kind not in increments.GYRO_KINDS:
+            raise ValueError(
+                f"Expected `gyro_kind` to be one of {increments.GYRO_KINDS}, got {gyro_kind!r}."
+            )
         if gyro_kind == "rate":
             nominal_interval = np.nan  # a rate has no interval: nothing may use that of row 0
         elif nominal_interval is None or not nominal_interval > 0.0:
@@ -90,10 +86,10 @@ class ConingStage:
             )
         algorithm = algorithm.for_kind(gyro_kind)
         self.algorithm = algorithm
-        self.gyro_kind: GyroKind = gyro_kind
+        self.gyro_kind: increments.GyroKind = gyro_kind
         self._first_interval = float(nominal_interval)
         self._integrator = (
-            RateIntegrator(points)
+            increments.RateIntegrator(points)
             if gyro_kind == "rate" and algorithm.takes == "increments"
             else None
         )
@@ -180,7 +176,7 @@ class ConingStage:
         if self._integrator is not None:
             self._rates.append(samples, dt, times)
             return
-        x = convert(samples, dt, self.gyro_kind, self.algorithm.takes)
+        x = increments.convert(samples, dt, self.gyro_kind, self.algorithm.takes)
         self._rows.append(x, dt, times)
 
     def _integrate(self, final: bool) -> None:

@@ -1,4 +1,4 @@
-"""Attitude from rotation vectors.
+"""Attitude from rotation vectors, and from ordered samples.
 
 References
 ----------
@@ -8,6 +8,7 @@ References
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from math import factorial
 
 import numba
@@ -16,6 +17,9 @@ from numpy.typing import ArrayLike, NDArray
 
 from sinstool.core.quaternion_kernels import product, unit_factor
 from sinstool.core.rotation import normalise
+from sinstool.core.streams import Imu, Solution
+from sinstool.methods.coning.stage import RotationVectors
+from sinstool.methods.strapdown.segment_samples import SampleSettings, SegmentRun
 
 FloatArray = NDArray[np.float64]
 
@@ -91,6 +95,67 @@ class AttitudePropagator:
             _propagate_kernel(self.q_nb, phi, dt, self._omega_in_n, rotating, out)
             self.q_nb = out[-1].copy()
         return out
+
+
+@dataclass(frozen=True, kw_only=True)
+class AttitudeSettings(SampleSettings):
+    """Settings of an attitude run.
+
+    Attributes
+    ----------
+    omega_ie_n : ndarray, shape (3,) or None
+        Earth rate to remove, rad/s in NED.
+    """
+
+    omega_ie_n: np.ndarray | None = None
+
+
+class AttitudeRun(SegmentRun):
+    """Attitude from ordered samples: the streaming heart of `process --mode attitude`.
+
+    Parameters
+    ----------
+    q_nb : ndarray, shape (4,)
+        Attitude at the first sample.
+
+    Attributes
+    ----------
+    missed_rotation : float
+        What the vehicle turned during gaps if it went on as it did on either side, rad.
+    """
+
+    def __init__(self, q_nb: np.ndarray, settings: AttitudeSettings) -> None:
+        super().__init__(settings)
+        self.missed_rotation = 0.0
+        self._propagator = AttitudePropagator(q_nb, settings.omega_ie_n)
+        self._last_rate = np.zeros(3)
+
+    def _begin(self, imu: Imu, gap_s: float) -> Solution:
+        """The first sample has the attitude the last segment ended with."""
+        if gap_s > 0.0:
+            mean = 0.5 * (self._last_rate + imu.gyro[0])
+            self.missed_rotation += float(np.linalg.norm(mean)) * gap_s
+        self._stage = self.settings.stage()
+        return _solution(imu.rows(slice(0, 1)), self._propagator.q_nb[None, :])
+
+    def _push(self, imu: Imu, times: np.ndarray) -> RotationVectors:
+        self._last_rate = imu.gyro[-1]
+        return self._stage.push(imu.gyro, times)
+
+    def _rest(self) -> RotationVectors:
+        return self._stage.finish()
+
+    def _advance(self, updates: RotationVectors, taken: Imu) -> Solution:
+        q = np.empty((len(updates.sample), 4))
+        until = self.settings.still_until_ns
+        still = 0 if until is None else int(np.searchsorted(updates.time_ns, until, "right"))
+        q[:still] = self._propagator.q_nb
+        q[still:] = self._propagator.push(updates.rotation_vector[still:], updates.interval[still:])
+        return _solution(taken, q)
+
+
+def _solution(imu: Imu, q_nb: np.ndarray) -> Solution:
+    return Solution(imu.time_ns, imu.log_time_ns, q_nb, imu.gyro, imu.accel)
 
 
 @numba.njit(cache=True, nogil=True)

@@ -1,12 +1,10 @@
 """Ordered Imu blocks in, attitude, velocity and position out: the heart of `process --mode ins`.
 
-As :mod:`sinstool.methods.strapdown.attitude_run`, with a mechanisation in the place of the attitude
-propagation and a vertical channel that a barometer or GNSS heights may damp.
+A mechanisation, and a vertical channel that a barometer or GNSS heights may damp.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 
 import numpy as np
@@ -34,11 +32,7 @@ from sinstool.methods.strapdown.navigation import (
     advance,
     step,
 )
-from sinstool.methods.strapdown.segment_samples import (
-    SampleSettings,
-    SegmentSamples,
-    unbiased_segments,
-)
+from sinstool.methods.strapdown.segment_samples import SampleSettings, SegmentRun
 from sinstool.methods.strapdown.velocity import Increments, IncrementStage
 
 # Beyond these nothing on or near the Earth goes: an undamped channel has run away.
@@ -48,7 +42,7 @@ MAX_SPEED_M_S = 2e4
 
 @dataclass(frozen=True, kw_only=True)
 class InsSettings(SampleSettings):
-    """What an inertial navigation needs to know.
+    """Settings of an inertial navigation.
 
     Attributes
     ----------
@@ -64,7 +58,7 @@ class InsSettings(SampleSettings):
     reference: HeightReference | None = None
 
 
-class InsRun:
+class InsRun(SegmentRun):
     """Inertial navigation from ordered samples.
 
     Parameters
@@ -74,8 +68,6 @@ class InsRun:
 
     Attributes
     ----------
-    samples, updates : int
-        Taken in and given out.
     events : list of Event
         Of the vertical channel; times in s since the first sample.
     gaps_s : float
@@ -84,18 +76,16 @@ class InsRun:
         From when on the state was held because it had left the Earth.
     """
 
+    settings: InsSettings
+
     def __init__(self, state: np.ndarray, settings: InsSettings) -> None:
-        self.settings = settings
-        self.samples = 0
-        self.updates = 0
+        super().__init__(settings)
         self.events: list[Event] = []
         self.gaps_s = 0.0
         self.diverged_ns: int | None = None
         self._state = state.copy()
         self._channel = layout.new_state()
         self._parameters = settings.parameters
-        self._stage: IncrementStage | None = None
-        self._waiting: SegmentSamples | None = None
         self._time = 0.0
         self._origin: int | None = None
         self._last: tuple[np.ndarray, np.ndarray] | None = None
@@ -112,44 +102,22 @@ class InsRun:
         """Time that events count from."""
         return self._origin or 0
 
-    def run(self, blocks: Iterable[Imu]) -> Iterator[Solution]:
-        """Navigate.
-
-        Parameters
-        ----------
-        blocks : iterable of Imu
-            Ordered, without duplicates.
-
-        Yields
-        ------
-        Solution
-            With position, velocity and, where the channel is damped, ``vertical``.
-        """
-        for piece in unbiased_segments(blocks, self.settings):
-            imu = piece.imu
-            self.samples += len(imu)
-            if piece.starts:
-                yield from self._finish()
-                yield self._begin(imu, piece.gap_s)
-            assert self._stage is not None and self._waiting is not None
-            times = self._waiting.push(imu)
-            yield from self._answer(self._stage.push(imu.gyro, imu.accel, times))
-            self._last = (imu.gyro[-1], imu.accel[-1])
-        yield from self._finish()
-
     def _begin(self, imu: Imu, gap_s: float) -> Solution:
-        """Start a segment: at its first sample, after whatever gap."""
         if self._origin is None:
             self._origin = int(imu.time_ns[0])
             self._take_reference(self._origin)
         if gap_s > 0.0:
             self._carry_over(imu, gap_s)
         self._stage = IncrementStage(self.settings.stage)
-        start_ns = int(imu.time_ns[0])
-        self._waiting = SegmentSamples(start_ns, self.settings.sample_rate)
-        self._time = (start_ns - self._origin) / SECOND
-        self.updates += 1
+        self._time = (int(imu.time_ns[0]) - self._origin) / SECOND
         return self._solution(imu.rows(slice(0, 1)), self._row())
+
+    def _push(self, imu: Imu, times: np.ndarray) -> Increments:
+        self._last = (imu.gyro[-1], imu.accel[-1])
+        return self._stage.push(imu.gyro, imu.accel, times)
+
+    def _rest(self) -> Increments:
+        return self._stage.finish()
 
     def _take_reference(self, origin: int) -> None:
         reference = self.settings.reference
@@ -212,12 +180,7 @@ class InsRun:
             self._channel[layout.S_WITNESS_ON] = 0.0
             self._parameters = beginning_quickly(self._parameters)
 
-    def _answer(self, increments: Increments) -> Iterator[Solution]:
-        """Navigate over finished updates and let go of the samples they answer for."""
-        if not len(increments.sample):
-            return
-        assert self._waiting is not None
-        taken = self._waiting.take(increments.sample)
+    def _advance(self, increments: Increments, taken: Imu) -> Solution:
         # Heights go by the stamps, also where a rate is believed that runs ahead of them.
         time_ns = taken.time_ns
         out = np.empty((len(increments.sample), SIZE + 2))
@@ -231,8 +194,7 @@ class InsRun:
             self._next_height = max(self._next_height, skipped)
         if still < len(out):
             self._navigate(increments, still, time_ns[still:], out)
-        self.updates += len(out)
-        yield self._solution(taken, out)
+        return self._solution(taken, out)
 
     def _navigate(
         self, increments: Increments, first: int, time_ns: np.ndarray, out: np.ndarray
@@ -285,11 +247,6 @@ class InsRun:
             rows[:, V_NORTH : V_DOWN + 1],
             vertical,
         )
-
-    def _finish(self) -> Iterator[Solution]:
-        if self._stage is not None:
-            yield from self._answer(self._stage.finish())
-            self._stage = None
 
 
 def beginning_quickly(parameters: np.ndarray) -> np.ndarray:

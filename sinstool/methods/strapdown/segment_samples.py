@@ -1,4 +1,4 @@
-"""Samples of one segment on their way through an integration.
+"""Ordered samples through an integration, segment by segment.
 
 A coning stage answers for a sample only when the update that ends there is done, which may be some
 samples, or a block, later. Until then the samples are held here.
@@ -6,12 +6,14 @@ samples, or a block, later. Until then the samples are held here.
 
 from __future__ import annotations
 
+from abc import ABC, abstractmethod
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, field
+from typing import Any
 
 import numpy as np
 
-from sinstool.core.streams import Imu, concatenate
+from sinstool.core.streams import Imu, Solution, concatenate
 from sinstool.core.timeline import SECOND, Piece, mean_rates, segments
 from sinstool.methods.coning.algorithm import ConingAlgorithm, of_rates
 from sinstool.methods.coning.stage import ConingStage
@@ -132,3 +134,70 @@ class SegmentSamples:
         self._held = self._held.rows(slice(done, None))
         self._first += done
         return taken
+
+
+class SegmentRun(ABC):
+    """An integration of ordered samples; what is carried over gaps is up to the kind of run.
+
+    Attributes
+    ----------
+    updates : int
+        Solutions given out; the first sample of a segment is one.
+    """
+
+    def __init__(self, settings: SampleSettings) -> None:
+        self.updates = 0
+        self.settings = settings
+        self._waiting: SegmentSamples | None = None
+
+    def run(self, blocks: Iterable[Imu]) -> Iterator[Solution]:
+        """Integrate.
+
+        Parameters
+        ----------
+        blocks : iterable of Imu
+            Ordered, without duplicates.
+
+        Yields
+        ------
+        Solution
+            Not empty; together in order of time.
+        """
+        for piece in unbiased_segments(blocks, self.settings):
+            imu = piece.imu
+            if piece.starts:
+                yield from self._finish()
+                self._waiting = SegmentSamples(int(imu.time_ns[0]), self.settings.sample_rate)
+                self.updates += 1
+                yield self._begin(imu, piece.gap_s)
+            assert self._waiting is not None
+            yield from self._answer(self._push(imu, self._waiting.push(imu)))
+        yield from self._finish()
+
+    @abstractmethod
+    def _begin(self, imu: Imu, gap_s: float) -> Solution:
+        """Start a segment: the solution at its first sample, after whatever gap."""
+
+    @abstractmethod
+    def _push(self, imu: Imu, times: np.ndarray) -> Any:
+        """Updates that are finished with these samples."""
+
+    @abstractmethod
+    def _rest(self) -> Any:
+        """Updates that are left at the end of a segment."""
+
+    @abstractmethod
+    def _advance(self, updates: Any, taken: Imu) -> Solution:
+        """Solutions at finished updates, and so at the samples taken."""
+
+    def _answer(self, updates: Any) -> Iterator[Solution]:
+        """Integrate over finished updates and let go of the samples they answer for."""
+        if len(updates.sample):
+            assert self._waiting is not None
+            self.updates += len(updates.sample)
+            yield self._advance(updates, self._waiting.take(updates.sample))
+
+    def _finish(self) -> Iterator[Solution]:
+        if self._waiting is not None:
+            yield from self._answer(self._rest())
+            self._waiting = None

@@ -8,7 +8,7 @@ from sinstool.config import ProcessConfig
 from sinstool.core.finding import Finding
 from sinstool.core.streams import Solution
 from sinstool.core.units import DEGREE
-from sinstool.methods.strapdown.attitude_run import AttitudeRun, AttitudeSettings
+from sinstool.methods.strapdown.attitude import AttitudeRun, AttitudeSettings
 from sinstool.pipelines.align.first_attitude import earth_rate
 from sinstool.pipelines.plan import Plan
 from sinstool.pipelines.process.mode import (

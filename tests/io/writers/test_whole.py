@@ -11,7 +11,7 @@ from sinstool.config import OutputOptions, ProcessConfig
 from sinstool.core.errors import OutputError
 from sinstool.core.whole_file import WholeFile, check_output
 from sinstool.io.writers.mcap import McapWriter
-from sinstool.methods.strapdown.attitude_run import AttitudeRun
+from sinstool.methods.strapdown.attitude import AttitudeRun
 from sinstool.pipelines.process.run import process
 from tests.helpers.imulogs import even_times, imu_log, resting
 

@@ -16,7 +16,7 @@ from sinstool.core.errors import AlignmentError, DataError, OutputError
 from sinstool.core.rotation import from_euler
 from sinstool.core.streams import Imu, concatenate
 from sinstool.methods.coning.registry import algorithm, names
-from sinstool.methods.strapdown.attitude_run import AttitudeRun, AttitudeSettings
+from sinstool.methods.strapdown.attitude import AttitudeRun, AttitudeSettings
 from sinstool.pipelines.process import attitude
 from sinstool.pipelines.process import output as result
 from sinstool.pipelines.process.run import process
@@ -611,8 +611,7 @@ def test_runs_do_not_depend_on_blocks(name, kind, sizes, gaps, earth, still_s, r
         )
         attitude = AttitudeRun(START, chosen)
         solution = concatenate(list(attitude.run(blocks)))
-        numbers = attitude.samples, attitude.updates, attitude.missed_rotation
-        return solution, (*numbers, attitude.q_nb.tobytes())
+        return solution, (attitude.updates, attitude.missed_rotation)
 
     def blocks():
         at = 0
@@ -625,7 +624,7 @@ def test_runs_do_not_depend_on_blocks(name, kind, sizes, gaps, earth, still_s, r
     assert numbers == same
     for column in ("time_ns", "log_time_ns", "q_nb", "omega_ib_b", "specific_force_b"):
         assert getattr(one, column).tobytes() == getattr(many, column).tobytes()
-    assert numbers[0] == 400 and numbers[1] == len(one)
+    assert numbers[0] == len(one)
     np.testing.assert_allclose(np.linalg.norm(one.q_nb, axis=1), 1.0, atol=1e-14)
     # every segment begins and ends with an attitude
     ends = {0, 399, *(g for g in gaps), *(g - 1 for g in gaps)}
