@@ -7,6 +7,7 @@ import gc
 import io
 import os
 import re
+import shlex
 import signal
 import sys
 import time
@@ -177,13 +178,6 @@ def _written(outputs: Sequence[Path]) -> str:
     return f"{names} were complete by then"
 
 
-def _with_salvage() -> str:
-    """This command again, passing over damage."""
-    import shlex
-
-    return shlex.join(["sinstool", *sys.argv[1:], "--salvage"])
-
-
 def _run(outputs: Sequence[Path]) -> None:
     """Run a command and exit with its status."""
     # -v explains choices; only -vv wants to see where in the program an error was found.
@@ -194,7 +188,8 @@ def _run(outputs: Sequence[Path]) -> None:
     except SinstoolError as exc:
         if traceback:
             raise
-        exc.hint = exc.hint.replace(AGAIN, f"run `{_with_salvage()}`")
+        again = shlex.join(["sinstool", *sys.argv[1:], "--salvage"])
+        exc.hint = exc.hint.replace(AGAIN, f"run `{again}`")
         click.echo(f"sinstool: {exc}", err=True)
         sys.exit(exc.exit_code)
     except click.exceptions.Exit as exc:

@@ -354,13 +354,18 @@ def finish(
     Returns
     -------
     int
-        Exit status.
+        Exit status: 1 if a log failed, else 3 if something was lost in one, else 0.
     """
     if table is not None and not batch.as_json and not batch.quiet:
         table()
     if not batch.quiet:
-        click.echo(tally(rows) + where, err=batch.as_json)
-    return exit_status(rows)
+        words = sorted(row["status"] for row in rows)
+        counted = [f"{words.count(word)} {word}" for word in dict.fromkeys(words)]
+        click.echo(f"{len(rows)} logs: {', '.join(counted)}{where}", err=batch.as_json)
+    codes = {row["exit"] for row in rows}
+    if codes - {0, 3}:
+        return 1
+    return 3 if 3 in codes else 0
 
 
 def _warn_together(jobs: Sequence[Job], rows: Sequence[dict[str, Any]]) -> None:
@@ -441,18 +446,3 @@ def row_of(outcome: Outcome, log: Path, output: Path | None = None) -> dict[str,
         row["output"] = {"path": str(output)}
     status = "missing" if outcome.died else "failed"
     return {**row, "status": status, "exit": outcome.exit_code, "error": outcome.error}
-
-
-def exit_status(rows: Sequence[dict[str, Any]]) -> int:
-    """Of a run on many logs: 1 if one failed, else 3 if something was lost, else 0."""
-    codes = {row["exit"] for row in rows}
-    if codes - {0, 3}:
-        return 1
-    return 3 if 3 in codes else 0
-
-
-def tally(rows: Sequence[dict[str, Any]]) -> str:
-    """How many logs ended how."""
-    words = [row["status"] for row in rows]
-    counted = [f"{words.count(word)} {word}" for word in dict.fromkeys(sorted(words))]
-    return f"{len(rows)} logs: {', '.join(counted)}"

@@ -49,7 +49,8 @@ def build(model: type[G], data: dict[str, Any], source: str = "", check: bool = 
 def _first_error(exc: ValidationError, model: type[Group], source: str) -> str:
     """One line about the first thing that is wrong, with the key's path or the option's name."""
     errors = exc.errors()
-    depth = _depth(model, errors[0]["loc"])
+    tables = _tables(model, errors[0]["loc"])
+    depth = len(tables)
     key = errors[0]["loc"][:depth]
     # All branches of a union complain; the one that got furthest into the value knows best.
     same = [e for e in errors if e["loc"][:depth] == key]
@@ -57,7 +58,7 @@ def _first_error(exc: ValidationError, model: type[Group], source: str) -> str:
     path = ".".join(map(str, key))
     where = f"{source}: " if source else ""
     if error["type"] == "extra_forbidden":
-        near = nearest(str(key[-1]), _keys(model, key[:-1]))
+        near = nearest(str(key[-1]), tables[-1].model_fields)
         return f"{where}unknown key {path}" + (f": {near}" if near else "")
     if error["type"] == "missing" and len(error["loc"]) == depth:
         return f"{where}{path} is missing"
@@ -76,24 +77,17 @@ def _first_error(exc: ValidationError, model: type[Group], source: str) -> str:
     return f"{where}{path} = {_shown(error['input'])}: {said}"
 
 
-def _depth(model: Any, place: tuple[int | str, ...]) -> int:
-    """How much of the place of an error is the path of a key: tables, and the key in the last."""
-    depth = 0
-    table = _table(model)
-    while table is not None and depth < len(place):
-        field = table.model_fields.get(str(place[depth]))
-        depth += 1
+def _tables(model: type[Group], place: tuple[int | str, ...]) -> list[type[BaseModel]]:
+    """The tables on the way to an error, from the whole file on: one for each key of its path."""
+    tables = []
+    table: type[BaseModel] | None = model
+    for name in place:
+        if table is None:
+            break
+        tables.append(table)
+        field = table.model_fields.get(str(name))
         table = None if field is None else _table(field.annotation)
-    return depth
-
-
-def _keys(model: Any, tables: tuple[int | str, ...]) -> list[str]:
-    """The keys that a table knows."""
-    table = _table(model)
-    for name in tables:
-        field = table.model_fields.get(str(name)) if table is not None else None
-        table = None if field is None else _table(field.annotation)
-    return [] if table is None else list(table.model_fields)
+    return tables
 
 
 def _table(annotation: Any) -> type[BaseModel] | None:

@@ -8,13 +8,10 @@ from collections.abc import Iterator, Sequence
 from typing import Any, Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
 from sinstool.report.decimate import thin
-from sinstool.report.figure import Figure, Series
+from sinstool.report.figure import Figure, FloatArray, Series
 from sinstool.report.palette import DASHES, LIGHT_CURVES
-
-FloatArray = NDArray[np.float64]
 
 Side = Literal["left", "right"]
 
@@ -43,9 +40,10 @@ def plotly_figure(figure: Figure, limit: int = POINTS_PER_CURVE) -> dict[str, An
         ``meta.colour``.
     """
     straight = [*_levels(figure), *_marks(figure)]
+    ys = [np.asarray(one.y, dtype=np.float64) for one in figure.series if one.shown]
     layout: dict[str, Any] = {
         "xaxis": _axis(figure.xlabel, figure.log_x, _shown_x(figure), _xs(figure)),
-        "yaxis": _axis(figure.ylabel, figure.log_y, figure.y_range, _ys(figure)),
+        "yaxis": _axis(figure.ylabel, figure.log_y, figure.y_range, ys),
         "shapes": [line for line, _ in straight],
         "annotations": [name for _, name in straight],
         "barmode": "group",
@@ -64,7 +62,7 @@ def places(figure: Figure, series: Series) -> FloatArray | tuple[str, ...]:
     ndarray, shape (n,), or tuple of str
     """
     x = figure.x if series.x is None else series.x
-    if _are_words(x):
+    if len(x) and isinstance(x[0], str):
         return tuple(str(word) for word in x)
     return np.asarray(x, dtype=np.float64)
 
@@ -130,10 +128,6 @@ def unit(label: str) -> str:
     return label.rpartition(", ")[2] if ", " in label else ""
 
 
-def _are_words(x: FloatArray | Sequence[str]) -> bool:
-    return any(isinstance(place, str) for place in x[:1])
-
-
 def _xs(figure: Figure) -> list[FloatArray | tuple[str, ...]]:
     return [places(figure, one) for one in figure.series]
 
@@ -151,10 +145,6 @@ def _shown_x(figure: Figure) -> tuple[float, float] | None:
         return None
     beside = _BESIDE * (max(ends) - min(ends))
     return min(ends) - beside, max(ends) + beside
-
-
-def _ys(figure: Figure) -> list[FloatArray | tuple[str, ...]]:
-    return [np.asarray(one.y, dtype=np.float64) for one in figure.series if one.shown]
 
 
 def _text(text: str) -> str:

@@ -171,7 +171,8 @@ class Recorder:
         )
         attitude = [tilt, draw.heading(curves)]
         vertical = draw.vertical(curves, self._held(), self._marks(result))
-        errors = draw.errors(self._error_curves(), curves)
+        off = {kind: values.curves(self._origin_ns) for kind, values in self._off.items()}
+        errors = draw.errors(off, curves)
         sizes = [
             curves.figure("rate", "Angular rate", "norm, deg/s", ("rate",),
                           "As used, with the gyros' known bias taken off."),
@@ -183,7 +184,10 @@ class Recorder:
         else:
             velocity = curves.figure("velocity", "Velocity", "velocity, m/s", AXES, "Over ground.")
             shown = [figure.key.removeprefix("error-") for figure in errors]
-            figures = [self._track(), *errors, *draw.sigmas(curves, shown)]
+            _, samples = self._motion.samples(self._origin_ns)
+            k = self._columns.index("latitude")
+            path = track("computed", samples[:, k], samples[:, k + 1], self._fixes)
+            figures = [path, *errors, *draw.sigmas(curves, shown)]
             figures += [*self.extra, *vertical, *attitude, velocity, *sizes]
         hse = result.hse
         if hse is not None:
@@ -213,12 +217,3 @@ class Recorder:
         if self._reference is None or not self._compared:
             return None
         return (self._reference[0], *self._difference.curves(self._origin_ns))
-
-    def _error_curves(self) -> dict[str, tuple[np.ndarray, np.ndarray]]:
-        return {kind: off.curves(self._origin_ns) for kind, off in self._off.items()}
-
-    def _track(self) -> Figure:
-        assert self._motion is not None
-        _, values = self._motion.samples(self._origin_ns)
-        k = self._columns.index("latitude")
-        return track("computed", values[:, k], values[:, k + 1], self._fixes)

@@ -12,7 +12,7 @@ from sinstool.methods.alignment.inflight import AlignmentSeries, InFlightAlignme
 from sinstool.methods.alignment.inflight_types import OK_SIGMA, REFUSE_SIGMA
 from sinstool.pipelines.align.log import LogAlignment
 from sinstool.report.figure import Figure, FloatArray, Series
-from sinstool.report.figures.parts import AXES, LOG_TIME
+from sinstool.report.figures.parts import AXES, LOG_TIME, positive
 
 _DYNAMICS = {
     "force": "Norm of each half second's mean. Heading shows where its horizontal part changes.",
@@ -59,15 +59,11 @@ def _seconds(alignment: LogAlignment, time_ns: np.ndarray) -> FloatArray:
     return np.asarray((time_ns - alignment.result.imu.first_ns) / SECOND, dtype=np.float64)
 
 
-def _positive(values: FloatArray) -> FloatArray:
-    return np.where(np.isfinite(values) & (values > _TINY), values, np.nan)
-
-
 def sigmas(alignment: LogAlignment, series: AlignmentSeries) -> Figure:
     """How well attitude is known, from what came before each fix."""
     columns = [(f"about {a}", series.sigma[:, k]) for k, a in enumerate(AXES)]
-    shown = tuple(Series(n, _positive(v / DEGREE)) for n, v in columns)
-    worst = Series("worst axis", _positive(series.sigma_worst / DEGREE), style="dashed")
+    shown = tuple(Series(n, positive(v / DEGREE, _TINY)) for n, v in columns)
+    worst = Series("worst axis", positive(series.sigma_worst / DEGREE, _TINY), style="dashed")
     refined = getattr(alignment.answer, "errors", None) is not None
     notes = ["Of the solver's answer from the fixes up to each time, sensor errors considered."]
     if refined:
@@ -98,13 +94,13 @@ def attitude(alignment: LogAlignment, series: AlignmentSeries) -> Figure:
     """Roll, pitch and heading at each fix, where the worst sigma lets them be told."""
     euler = to_euler(series.q_nb) / DEGREE
     euler[:, 2] %= 360.0
-    known = series.sigma_worst <= REFUSE_SIGMA
+    too_vague = ~(series.sigma_worst <= REFUSE_SIGMA)
     curves = []
     for k, name in enumerate(("roll", "pitch", "heading")):
         values = euler[:, k].copy()
         # A jump over the end of the circle is no motion.
         values[1:][np.abs(np.diff(euler[:, k])) > 180.0] = np.nan
-        values[~known] = np.nan
+        values[too_vague] = np.nan
         curves.append(Series(name, values))
     return Figure(
         "attitude",
@@ -147,7 +143,7 @@ def errors(alignment: LogAlignment) -> Figure:
 def singular_values(alignment: LogAlignment, series: AlignmentSeries) -> Figure:
     """Of the attitude profile matrix: the sum of the second and third is what shows attitude."""
     s = series.singular_values
-    curves = tuple(Series(f"s{k + 1}", _positive(np.abs(s[:, k]))) for k in range(3))
+    curves = tuple(Series(f"s{k + 1}", positive(np.abs(s[:, k]), _TINY)) for k in range(3))
     return Figure(
         "singular-values",
         "Singular values of the attitude profile matrix",

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-
 import numpy as np
 
 from sinstool.methods.coning.response import coning_gains
@@ -25,21 +23,16 @@ def figures(log: LogComparison) -> tuple[Figure, ...]:
     tuple of Figure
         Six where the log is long enough for a spectrum and decimation was asked for.
     """
-    return tuple(_figures(log))
-
-
-def _figures(log: LogComparison) -> Iterator[Figure]:
     c = log.comparison
     native = [r for r in c.rows if r.candidate.decimate == 1 and r.curves]
-    yield _parting(native, log)
-    yield _bars(native, bool(log.truth))
+    made = [_parting(native, log), _bars(native, bool(log.truth))]
     if log.spectrum is not None:
-        yield _coning(log)
-        yield _gains(native, log)
+        made += [_coning(log), _gains(native, log)]
     if c.spectrum is not None:
-        yield _density(log)
+        made.append(_density(log))
     if len(c.settings.decimate) > 1:
-        yield _decimation(log)
+        made.append(_decimation(log))
+    return tuple(made)
 
 
 def _parting(rows: list[Row], log: LogComparison) -> Figure:

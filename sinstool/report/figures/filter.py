@@ -9,8 +9,8 @@ from sinstool.core.units import DEGREE
 from sinstool.methods.ins_gnss.results import GnssDiagnostics
 from sinstool.pipelines.process.summary import FilterCourse
 from sinstool.report.figure import Figure, Series
-from sinstool.report.figures.parts import AXES, BODY
-from sinstool.report.figures.process import BOUND, TIME, both_sides
+from sinstool.report.figures.parts import AXES, BODY, both_sides
+from sinstool.report.figures.process import BOUND, TIME
 
 # Epochs drawn; of more, every so many.
 MOST = 3000
@@ -46,7 +46,7 @@ def _innovations(
         values = gnss.innovation[rows, columns]
         bound = BOUND * np.nanmax(gnss.innovation_sigma[rows, columns], axis=1)
         series = [Series(axis, values[:, k], style="points") for k, axis in enumerate(AXES)]
-        series.append(both_sides("3 sigma of the worst axis", seconds, bound, colour=None))
+        series.append(both_sides("3 sigma of the worst axis", seconds, bound, -bound))
         notes = [
             "Navigation less fix, the estimated errors of both taken off; all but 0.3 % belong"
             " within the dashed bounds. Withheld and rejected fixes are shown too."

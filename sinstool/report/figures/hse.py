@@ -17,10 +17,9 @@ from sinstool.methods.hse.axial import earth_rate_along_axis
 from sinstool.methods.hse.fit_result import HseFit
 from sinstool.methods.hse.table import Column
 from sinstool.pipelines.calibrate_hse.result import Calibration
-from sinstool.report.figure import Figure, Series, Style
+from sinstool.report.figure import Figure, FloatArray, Series, Style
 from sinstool.report.figures.hse_turns import east_rate_allan, heading_by_turn, rates_over_time
-
-FloatArray = NDArray[np.float64]
+from sinstool.report.figures.parts import both_sides
 
 _GRID = 101
 _OUTSTANDING = 2.0
@@ -65,10 +64,7 @@ def heading_against_rate(result: HseFit) -> Figure:
             series.append(
                 Series(f"fit, {lines.name(k)}", lines.at(k, grid) / ARCSEC, grid / DEGREE)
             )
-        band = lines.band(lines.lead, grid)
-        if band is not None:
-            middle = lines.at(lines.lead, grid)
-            series.append(_band(f"95 % band, {lines.name(lines.lead)}", grid, middle, band))
+        series += _band(lines, grid, lines.at(lines.lead, grid))
         axial = lines.by_axial(grid, rate, offset, used)
         if axial is not None:
             series.append(
@@ -91,11 +87,13 @@ def _grid(rate: FloatArray) -> FloatArray:
     return np.linspace(rate.min() - span, rate.max() + span, _GRID)
 
 
-def _band(name: str, rate: FloatArray, middle: FloatArray, half: FloatArray) -> Series:
-    """Both edges of a band as one curve with a hole in it."""
-    both = np.concatenate([middle - half, [np.nan], middle + half]) / ARCSEC
-    x = np.concatenate([rate, rate[-1:], rate]) / DEGREE
-    return Series(name, both, x, "dashed")
+def _band(lines: _Lines, rate: FloatArray, middle: FloatArray) -> list[Series]:
+    """The 95 % band about the line of the position that leans most; none where nothing tells it."""
+    half = lines.band(lines.lead, rate)
+    if half is None:
+        return []
+    edges = (middle - half) / ARCSEC, (middle + half) / ARCSEC
+    return [both_sides(f"95 % band, {lines.name(lines.lead)}", rate / DEGREE, *edges)]
 
 
 def _points(x: FloatArray, y: FloatArray, used: NDArray[np.bool_]) -> list[Series]:
@@ -208,11 +206,7 @@ def residuals_against_rate(result: HseFit) -> Figure | None:
     left = np.array([np.nan if one.residual is None else one.residual for one in result.run_fits])
     used = np.array([one.used for one in result.run_fits])
     grid = _grid(rate)
-    lines = _Lines(result)
-    series = []
-    band = lines.band(lines.lead, grid)
-    if band is not None:
-        series.append(_band(f"95 % band, {lines.name(lines.lead)}", grid, 0.0 * band, band))
+    series = _band(_Lines(result), grid, np.zeros_like(grid))
     series += _points(rate / DEGREE, left / ARCSEC, used)
     return Figure(
         "residuals",
@@ -261,12 +255,18 @@ def azimuth_figure(calibration: Calibration) -> Figure | None:
         azimuth = table.azimuth
         before, after = table.before, table.after
         grid = np.linspace(0.0, 2.0 * np.pi, 4 * 90 + 1)
-        series = [_headings("before", azimuth, before.values)]
-        series.append(_headings("after", azimuth, after.values))
-        for name, column in (("before", before), ("after", after)):
-            if column.sinusoid is not None:
-                y = _sinusoid(column, grid) / ARCSEC
-                series.append(Series(f"sinusoid, {name}", y, grid / DEGREE, _line(name)))
+        series = [
+            _headings("before", azimuth, before.values),
+            _headings("after", azimuth, after.values),
+        ]
+        styles: tuple[tuple[str, Column, Style], ...] = (
+            ("before", before, "line"),
+            ("after", after, "dashed"),
+        )
+        for name, column, style in styles:
+            if (s := column.sinusoid) is not None:
+                y = (s.offset + s.cosine * np.cos(grid) + s.sine * np.sin(grid)) / ARCSEC
+                series.append(Series(f"sinusoid, {name}", y, grid / DEGREE, style))
         title = "Heading less azimuth, before and after correction"
         label = "Azimuth shown by the stand, deg"
         notes = ("Less its mean. Sinusoids are fitted where there are three azimuths or more.",)
@@ -299,16 +299,6 @@ def azimuth_figure(calibration: Calibration) -> Figure | None:
 
 def _headings(name: str, azimuth: FloatArray, values: FloatArray) -> Series:
     return Series(name, values / ARCSEC, azimuth % (2.0 * np.pi) / DEGREE, "points")
-
-
-def _line(name: str) -> Style:
-    return "dashed" if name == "after" else "line"
-
-
-def _sinusoid(column: Column, azimuth: FloatArray) -> FloatArray:
-    s = column.sinusoid
-    assert s is not None
-    return np.asarray(s.offset + s.cosine * np.cos(azimuth) + s.sine * np.sin(azimuth))
 
 
 def axial_rate(result: HseFit) -> Figure:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from sinstool.core.earth import EARTH_RATE
 from sinstool.core.rotation import wrapped
@@ -13,10 +13,8 @@ from sinstool.core.units import ARCSEC, DEGREE, DEGREE_PER_HOUR
 from sinstool.methods.hse.positions import rate_groups
 from sinstool.methods.hse.run import HseRun
 from sinstool.methods.hse.segments import Segment
-from sinstool.report.figure import Figure, Series, Style
+from sinstool.report.figure import Figure, FloatArray, Series, Style
 from sinstool.survey.rig import RigTurns
-
-FloatArray = NDArray[np.float64]
 
 # Marks with the names of more logs than this would cover each other.
 _NAMED_LOGS = 12

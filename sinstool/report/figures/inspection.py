@@ -9,13 +9,12 @@ from sinstool.pipelines.info.collect import (
     INCREMENTS,
     MESSAGES,
     POINTS,
-    FloatArray,
     Sampling,
     Traffic,
 )
 from sinstool.pipelines.info.result import InspectedImu, Inspection
 from sinstool.report.figure import Figure, Series
-from sinstool.report.figures.parts import LOG_TIME
+from sinstool.report.figures.parts import LOG_TIME, positive
 
 AXES = ("x", "y", "z")
 
@@ -47,7 +46,7 @@ def _intervals(good: list[Sampling], imus: dict[str, InspectedImu], origin: int)
     series = []
     for k, one in enumerate(good):
         seconds, values = one.curves(origin)
-        series.append(Series(one.topic, _positive(values[:, 0]), x=seconds))
+        series.append(Series(one.topic, positive(values[:, 0]), x=seconds))
         if one.back:
             at = np.array([(t - origin) / SECOND for t, _ in one.back])
             by = np.array([size for _, size in one.back])
@@ -80,10 +79,6 @@ def _intervals(good: list[Sampling], imus: dict[str, InspectedImu], origin: int)
     )
 
 
-def _positive(values: FloatArray) -> FloatArray:
-    return np.where(values > 0.0, values, np.nan)
-
-
 def _histogram(good: list[Sampling]) -> Figure | None:
     one = good[0]
     middles, counts, outside = one.shares()
@@ -97,7 +92,7 @@ def _histogram(good: list[Sampling]) -> Figure | None:
         "histogram",
         f"How often which interval{of}",
         middles,
-        (Series("samples", _positive(counts), style="bars"),),
+        (Series("samples", positive(counts), style="bars"),),
         "interval, ms",
         "samples, number",
         log_y=True,
@@ -133,34 +128,23 @@ def _delays(good: list[Sampling], imus: dict[str, InspectedImu], origin: int) ->
 
 def _values(one: Sampling, number: int, of: str, origin: int) -> list[Figure | None]:
     seconds, values = one.values.curves(origin)
-    gyro = tuple(Series(axis, values[:, k]) for k, axis in enumerate(AXES))
+    gyro = [Series(axis, values[:, k]) for k, axis in enumerate(AXES)]
     force = [Series(axis, values[:, 3 + k]) for k, axis in enumerate(AXES)]
     force.append(Series("norm", values[:, 6], style="dashed"))
     divided = (INCREMENTS,) if one.values.increments else ()
+    about_force = (
+        "Along the log's own axes. At rest the norm is gravity, about 9.8 m/s², and the axis that"
+        " has it points up."
+    )
+    about_gyro = "About the log's own axes, as read with the units below."
     return [
-        Figure(
-            f"gyro-{number}",
-            f"Angular rate{of}",
-            seconds,
-            gyro,
-            LOG_TIME,
-            "rate, deg/s",
-            notes=("About the log's own axes, as read with the units below.", *divided),
-        ),
-        Figure(
-            f"force-{number}",
-            f"Specific force{of}",
-            seconds,
-            tuple(force),
-            LOG_TIME,
-            "specific force, m/s²",
-            notes=(
-                "Along the log's own axes. At rest the norm is gravity, about 9.8 m/s², and the"
-                " axis that has it points up.",
-                *divided,
-            ),
-        ),
-    ]
+        Figure(f"{key}-{number}", title + of, seconds, tuple(series), LOG_TIME, label,
+               notes=(note, *divided))
+        for key, title, series, label, note in (
+            ("gyro", "Angular rate", gyro, "rate, deg/s", about_gyro),
+            ("force", "Specific force", force, "specific force, m/s²", about_force),
+        )
+    ]  # fmt: skip
 
 
 def _rates(traffic: Traffic) -> Figure | None:

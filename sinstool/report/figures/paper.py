@@ -5,16 +5,14 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from sinstool.pipelines.compare_coning.paper_cases import LARGE_EPSILON, paper_cases
 from sinstool.pipelines.compare_coning.paper_claims import SP_PAPER
 from sinstool.pipelines.compare_coning.paper_claims_table import settings_with_means
 from sinstool.pipelines.compare_coning.paper_experiment import RESPONSES, Experiment
-from sinstool.report.figure import Figure, Series
+from sinstool.report.figure import Figure, FloatArray, Series
+from sinstool.report.figures.parts import positive
 from sinstool.simulation.coning_paper import RATE_HZ, response_name
-
-FloatArray = NDArray[np.float64]
 
 SWITCH_HZ = 10.0  # how near to a multiple of the sampling rate counts as "near"
 
@@ -73,11 +71,7 @@ def _swept(
 
 def _length(experiment: Experiment, key: str, shown: bool = True) -> Series:
     sweep = experiment.sweep(key)
-    return Series(sweep.case.label, _positive(sweep.norm_deg), shown=shown)
-
-
-def _positive(values: FloatArray) -> FloatArray:
-    return np.where(values > 0.0, values, np.nan)
+    return Series(sweep.case.label, positive(sweep.norm_deg), shown=shown)
 
 
 def _others(experiment: Experiment) -> list[Series]:
@@ -139,7 +133,7 @@ def _figure_6(experiment: Experiment) -> Figure:
 
 
 def _figure_7(experiment: Experiment) -> Figure:
-    switched = _positive(as_the_paper_switches(experiment))
+    switched = positive(as_the_paper_switches(experiment))
     return _swept(
         experiment,
         7,

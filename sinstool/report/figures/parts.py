@@ -3,13 +3,10 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
 from sinstool.core.earth import local_position_n
 from sinstool.core.units import DEGREE
-from sinstool.report.figure import Figure, Series
-
-FloatArray = NDArray[np.float64]
+from sinstool.report.figure import Figure, FloatArray, Series
 
 AXES = ("north", "east", "down")
 BODY = ("forward", "right", "down")
@@ -18,6 +15,19 @@ LOG_TIME = "time since the log's start, s"
 LONG = 5000.0
 # Numbers among the colours of curves.
 _FIRST, _END, _START, _GREY = 0, 1, 2, 9
+
+
+def positive(values: FloatArray, least: float = 0.0) -> FloatArray:
+    """Values for a logarithmic axis, with holes where they are not above the least."""
+    return np.where(np.isfinite(values) & (values > least), values, np.nan)
+
+
+def both_sides(
+    name: str, x: FloatArray, one: FloatArray, other: FloatArray, colour: int | None = None
+) -> Series:
+    """Both edges of a band as one curve with a hole in it."""
+    y = np.concatenate([one, [np.nan], other])
+    return Series(name, y, np.concatenate([x, x[-1:], x]), "dashed", colour=colour)
 
 
 def length(values: FloatArray) -> tuple[float, str]:

@@ -6,14 +6,12 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from sinstool.pipelines.process.errors_against_truth import KINDS
 from sinstool.pipelines.process.summary import HseCorrection
-from sinstool.report.figure import Figure, Series, heading_curve
-from sinstool.report.figures.parts import AXES, length
+from sinstool.report.figure import Figure, FloatArray, Series, heading_curve
+from sinstool.report.figures.parts import AXES, both_sides, length
 
-FloatArray = NDArray[np.float64]
 Marks = tuple[tuple[str, float], ...]
 
 TIME = "time since the first sample, s"
@@ -156,18 +154,11 @@ def errors(off: Mapping[str, tuple[FloatArray, FloatArray]], curves: Curves) -> 
 
 def bounds(kind: str, curves: Curves, scale: float = 1.0) -> list[Series]:
     """Three sigma to either side, in the colour of each axis."""
+    edges = {axis: BOUND * scale * curves.of[f"{kind} {axis}"] for axis in AXES}
     return [
-        both_sides(f"3 sigma, {axis}", curves.seconds, BOUND * scale * curves.of[f"{kind} {axis}"],
-                   colour=k)
-        for k, axis in enumerate(AXES)
-    ]  # fmt: skip
-
-
-def both_sides(name: str, seconds: FloatArray, size: FloatArray, colour: int | None) -> Series:
-    """A bound above and below zero, as one curve with a hole in it."""
-    x = np.concatenate([seconds, seconds[-1:], seconds])
-    y = np.concatenate([size, [np.nan], -size])
-    return Series(name, y, x=x, style="dashed", colour=colour)
+        both_sides(f"3 sigma, {axis}", curves.seconds, edge, -edge, colour=k)
+        for k, (axis, edge) in enumerate(edges.items())
+    ]
 
 
 def sigmas(curves: Curves, without: Sequence[str]) -> list[Figure]:

@@ -12,12 +12,11 @@ from sinstool.core.rotation import to_euler, wrapped
 from sinstool.core.timeline import SECOND
 from sinstool.core.units import DEGREE
 from sinstool.methods.height.pressure import geometric, pressure_altitude
-from sinstool.report.figure import Figure, Series, heading_curve
+from sinstool.report.figure import Figure, FloatArray, Series, heading_curve
 from sinstool.report.figures.parts import AXES, BODY, track
 from sinstool.simulation.hse_rig import HseRigLog
 from sinstool.simulation.truth import ImuTruth, Trajectory
 
-FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
 
 TIME = "time, s"

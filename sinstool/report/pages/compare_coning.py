@@ -83,10 +83,13 @@ def _tables(result: ComparisonResult) -> list[Table]:
     slower = [a for a in result.algs if a.decimate != 1]
     about = about_reference(result.reference, result.meta)
     legend = LEGEND.format(window=result.meta.window_s, brackets="", pseudo=PSEUDO)
-    reasons = dict.fromkeys(a.pred_exception for a in result.algs if a.pred_exception)
-    held = tuple(
-        f"The prediction does not hold for {_names(result, reason)}: {reason}."
-        for reason in reasons
+    exceptions: dict[str, dict[str, None]] = {}
+    for alg in result.algs:
+        if alg.pred_exception:
+            exceptions.setdefault(alg.pred_exception, {})[alg.name] = None
+    notes = tuple(
+        f"The prediction does not hold for {', '.join(names)}: {reason}."
+        for reason, names in exceptions.items()
     )
     tables = [_table("Algorithms on the log as it is", TERMINAL, native, (about, legend))]
     if slower:
@@ -95,13 +98,8 @@ def _tables(result: ComparisonResult) -> list[Table]:
             _table("As if the log had been taken at lower rates", columns, slower, (), folded=True)
         )
     # The reasons would make every row as high as a sentence; they stand below.
-    tables.append(_table("By axis", COLUMNS[:-1], result.algs, held, folded=True))
+    tables.append(_table("By axis", COLUMNS[:-1], result.algs, notes, folded=True))
     return tables
-
-
-def _names(result: ComparisonResult, reason: str) -> str:
-    names = dict.fromkeys(a.name for a in result.algs if a.pred_exception == reason)
-    return ", ".join(names)
 
 
 def _table(

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Mapping, Sequence
 from math import hypot
 from pathlib import Path
 
@@ -174,24 +174,24 @@ def _withheld(result: ProcessResult) -> Table | None:
         "largest_in_sigmas": Column("largest on an axis", "sigma", ".2f"),
     }
     note = "Navigation less the fixes that it was not given; their own noise is in it."
-    rows = _by_start(result, scores.outages, columns)
-    return Table("Withheld fixes", (Column("Outage"), *columns.values()), rows, (note,))
+    return _by_start("Withheld fixes", "Outage", result, scores.outages, columns, (note,))
 
 
 def _by_start(
+    title: str,
+    kind: str,
     result: ProcessResult,
     spans: Sequence[Outage | summary.TurntableStretch],
-    columns: Iterable[str],
-) -> tuple[tuple[Cell, ...], ...]:
-    """A row for each span of a log: from when, and these values of it."""
+    columns: Mapping[str, Column],
+    notes: tuple[str, ...] = (),
+) -> Table:
+    """A row for each span of a log: from when, and the values of it that columns name."""
     first = result.imu.first_ns
-    return tuple(
-        (
-            f"from {(span.start_ns - first) / SECOND:.1f} s",
-            *(getattr(span, key) for key in columns),
-        )
-        for span in spans
+    rows = tuple(
+        (f"from {(s.start_ns - first) / SECOND:.1f} s", *(getattr(s, key) for key in columns))
+        for s in spans
     )
+    return Table(title, (Column(kind), *columns.values()), rows, notes)
 
 
 def _truth(result: ProcessResult) -> Table | None:
@@ -246,5 +246,4 @@ def _stretches(result: ProcessResult) -> Table | None:
         "heading_deg": Column("heading", "deg", ".6f"),
         "sigma_heading_arcsec": Column("sigma", "arcsec", ".3f"),
     }
-    rows = _by_start(result, hse.segments, columns)
-    return Table("Stretches at constant rate", (Column("Stretch"), *columns.values()), rows)
+    return _by_start("Stretches at constant rate", "Stretch", result, hse.segments, columns)

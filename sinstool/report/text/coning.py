@@ -35,27 +35,21 @@ def _rate(alg: summary.AlgorithmResult) -> str:
     return "all" if alg.decimate == 1 else f"1/{alg.decimate} {alg.input}"
 
 
-def _end(alg: summary.AlgorithmResult) -> float | None:
-    return None if alg.drift_dph is None else alg.drift_dph.norm_rms
+def _of_drift(name: str) -> Get:
+    """Of the drift, where there is one."""
+    return lambda alg: None if alg.drift_dph is None else getattr(alg.drift_dph, name)
 
 
-def _mean(alg: summary.AlgorithmResult) -> summary.FloatArray | None:
-    return None if alg.drift_dph is None else alg.drift_dph.mean
-
-
-def _confidence(alg: summary.AlgorithmResult) -> summary.FloatArray | None:
-    return None if alg.drift_dph is None else alg.drift_dph.confidence
-
-
+_mean = _of_drift("mean")
 # Of the report and the CSV; what each is: docs/compare-coning.md
 COLUMNS: tuple[Column, ...] = (
     ("algorithm", "", lambda a: a.name),
     ("kept", "", _rate),
     ("updates", "Hz", lambda a: a.update_hz),
     ("drift", "deg/h rms", lambda a: a.drift),
-    ("window end", "deg/h rms", _end),
+    ("window end", "deg/h rms", _of_drift("norm_rms")),
     *_axes("mean", "deg/h", _mean),
-    *_axes("2 sigma", "deg/h", _confidence),
+    *_axes("2 sigma", "deg/h", _of_drift("confidence")),
     *_axes("predicted", "deg/h", lambda a: a.pred_parting_dph),
     *_axes("expected", "deg/h", lambda a: a.pred_dph),
     *_axes("pseudo", "deg/h", lambda a: a.pseudo_dph),
@@ -76,7 +70,7 @@ TERMINAL: tuple[Column, ...] = (
     ("algorithm", "", lambda a: a.name),
     ("rate", "Hz", lambda a: a.update_hz),
     ("drift", "deg/h", lambda a: a.drift),
-    ("end", "deg/h", _end),
+    ("end", "deg/h", _of_drift("norm_rms")),
     ("mean", "deg/h", lambda a: size(_mean(a))),
     ("+/-", "deg/h", lambda a: a.drift_dph and max(a.drift_dph.confidence)),
     ("predict", "deg/h", lambda a: size(a.pred_parting_dph)),
