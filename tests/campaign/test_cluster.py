@@ -27,8 +27,8 @@ pytestmark = pytest.mark.slow
 
 @pytest.fixture(scope="module")
 def address(tmp_path_factory):
-    with cluster(tmp_path_factory.mktemp("cluster")) as found:
-        yield found
+    with cluster(tmp_path_factory.mktemp("cluster")) as running:
+        yield running
 
 
 def outcomes(jobs, address, **options):
@@ -37,14 +37,16 @@ def outcomes(jobs, address, **options):
 
 
 def test_jobs_run_there(address, tmp_path):
-    found = results([job(work.square, n) for n in range(8)], Workers(scheduler=address))
-    assert [value for value, _ in found] == [n * n for n in range(8)]
-    assert len({pid for _, pid in found}) <= 2
+    squares = results([job(work.square, n) for n in range(8)], Workers(scheduler=address))
+    assert [value for value, _ in squares] == [n * n for n in range(8)]
+    assert len({pid for _, pid in squares}) <= 2
     # what fails there is told here, and the others go on
-    told = outcomes([job(work.fails, "user"), job(work.fails, "bug"), job(work.square, 2)], address)
-    assert told[0].error == "rocks: it does not rest: wait" and told[0].exit_code == 3
-    assert told[1].error == "fails: ZeroDivisionError: half of nothing"
-    assert told[2].value[0] == 4
+    ended = outcomes(
+        [job(work.fails, "user"), job(work.fails, "bug"), job(work.square, 2)], address
+    )
+    assert ended[0].error == "rocks: it does not rest: wait" and ended[0].exit_code == 3
+    assert ended[1].error == "fails: ZeroDivisionError: half of nothing"
+    assert ended[2].value[0] == 4
 
 
 def test_a_killed_worker(address, tmp_path):
@@ -96,15 +98,15 @@ def test_the_command(address, tmp_path, sinstool):
     for seed in range(3):
         gyro, accel, _ = handheld(600, seed=seed, rest_s=1.0)
         imu_log(logs / f"{seed}.mcap", even_times(600), gyro, accel)
-    told, made = [], []
+    printed, made = [], []
     for name, who in {"one": ["-j", 1], "two": ["-j", 2], "dask": ["--scheduler", address]}.items():
         out = tmp_path / name
         status, lines, _ = sinstool("process", logs, "-o", out, "--json", *who)
         assert status == 0
-        told.append([json.loads(line.replace(str(out), "OUT")) for line in lines.splitlines()])
+        printed.append([json.loads(line.replace(str(out), "OUT")) for line in lines.splitlines()])
         made.append({p.name: p.read_bytes() for p in out.iterdir()})
-    assert len(told[0]) == len(made[0]) == 3
-    assert told[0] == told[1] == told[2]
+    assert len(printed[0]) == len(made[0]) == 3
+    assert printed[0] == printed[1] == printed[2]
     assert made[0] == made[1] == made[2]
 
 
@@ -119,16 +121,16 @@ def test_a_log_that_cannot_be_read_is_its_own_row(address, tmp_path, sinstool):
     (logs / "bad.mcap").symlink_to(unreadable)
     pipe = tmp_path / "pipe"
     os.mkfifo(pipe)
-    told = []
+    printed = []
     for name, who in {"local": ["-j", 1], "dask": ["--scheduler", address]}.items():
         out = tmp_path / name
         status, lines, _ = sinstool("process", logs, pipe, "-o", out, "--json", *who)
         assert status == 1
         rows = [json.loads(line) for line in lines.splitlines()]
         assert [row["status"] for row in rows] == ["failed", "done", "failed"]
-        told.append([row.get("error") for row in rows])
-    assert told[0] == told[1]
-    assert "bad.mcap: cannot be read" in told[0][0] and "pipe: is a device" in told[0][2]
+        printed.append([row.get("error") for row in rows])
+    assert printed[0] == printed[1]
+    assert "bad.mcap: cannot be read" in printed[0][0] and "pipe: is a device" in printed[0][2]
 
 
 def test_tokens_do_not_stay(tmp_path):
@@ -136,8 +138,8 @@ def test_tokens_do_not_stay(tmp_path):
     dies = (
         "import os, pathlib, sys\n"
         "from sinstool.campaign.visible import tokens, what_differs\n"
-        "with tokens([pathlib.Path(sys.argv[1])]) as wanted:\n"
-        "    what_differs([], wanted)\n"
+        "with tokens([pathlib.Path(sys.argv[1])]) as ours:\n"
+        "    what_differs([], ours)\n"
         "    os._exit(0)\n"
     )
     subprocess.run([sys.executable, "-c", dies, tmp_path], check=True)
@@ -167,8 +169,8 @@ def test_a_worker_that_sees_other_files_is_refused(address, tmp_path):
         absent = Token(tmp_path / "absent" / "token", "text")
         with pytest.raises(ConfigurationError, match=r"does not see the folder .*absent"):
             cluster_module._require_same_files(client, [], [absent])
-        with tokens([tmp_path]) as wanted:
-            cluster_module._require_same_files(client, [], wanted)
+        with tokens([tmp_path]) as ours:
+            cluster_module._require_same_files(client, [], ours)
     assert list(tmp_path.iterdir()) == []
 
 

@@ -129,12 +129,12 @@ def test_outputs_are_not_inputs(tree):
 
 
 def test_inputs_among_the_outputs(tree):
-    for given in (tree, tree / "day1", tree / "day1" / "*.mcap", tree / "**" / "*.mcap"):
+    for path in (tree, tree / "day1", tree / "day1" / "*.mcap", tree / "**" / "*.mcap"):
         with pytest.raises(
             OutputError, match="in the folder of the outputs: choose another"
         ) as info:
-            find_logs([given], without=tree)
-        assert str(given) in str(info.value)
+            find_logs([path], without=tree)
+        assert str(path) in str(info.value)
     with pytest.raises(OutputError, match=r"run\.mcap is the input itself"):
         output_paths(find_logs([tree / "day1" / "run.mcap"]), tree / "day1")
     # a page beside its log has another name

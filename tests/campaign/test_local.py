@@ -29,9 +29,9 @@ def left(folder):
 
 
 def test_jobs_run_in_so_many_processes():
-    found = results([job(work.square, n) for n in range(12)], Workers(2))
-    assert [value for value, _ in found] == [n * n for n in range(12)]
-    pids = {pid for _, pid in found}
+    values = results([job(work.square, n) for n in range(12)], Workers(2))
+    assert [value for value, _ in values] == [n * n for n in range(12)]
+    pids = {pid for _, pid in values}
     assert 1 <= len(pids) <= 2
     assert os.getpid() not in pids
 
@@ -43,19 +43,19 @@ def test_the_largest_are_begun_first():
 
 def test_one_that_fails_does_not_stop_the_others():
     jobs = [job(work.square, 3), job(work.fails, "user"), job(work.fails, "bug")]
-    found, _ = outcomes(jobs)
-    assert found[0].value[0] == 9
-    assert found[1].error == "rocks: it does not rest: wait" and found[1].exit_code == 3
-    assert found[2].error == "fails: ZeroDivisionError: half of nothing"
-    assert found[2].exit_code == 1 and "ZeroDivisionError" in found[2].trace
+    values, _ = outcomes(jobs)
+    assert values[0].value[0] == 9
+    assert values[1].error == "rocks: it does not rest: wait" and values[1].exit_code == 3
+    assert values[2].error == "fails: ZeroDivisionError: half of nothing"
+    assert values[2].exit_code == 1 and "ZeroDivisionError" in values[2].trace
     with pytest.raises(SinstoolError, match="it does not rest") as info:
         results(jobs, Workers(2))
     assert info.value.exit_code == 3
 
 
 def test_a_job_whose_worker_is_killed_is_done_again(tmp_path):
-    found, events = outcomes([job(work.dies, tmp_path, 1, folders=(tmp_path,))])
-    assert found[0].value == 1
+    values, events = outcomes([job(work.dies, tmp_path, 1, folders=(tmp_path,))])
+    assert values[0].value == 1
     # given back in between
     assert any(e.fraction is None and e.outcome is None for e in events)
     assert (tmp_path / "out").read_bytes() == b"first half, second half"
@@ -64,10 +64,10 @@ def test_a_job_whose_worker_is_killed_is_done_again(tmp_path):
 
 def test_a_job_that_kills_every_worker_is_missing(tmp_path):
     jobs = [job(work.dies, tmp_path, 99, folders=(tmp_path,)), job(work.square, 2)]
-    found, _ = outcomes(jobs)
-    assert found[0].died and found[0].exit_code == 1
-    assert "killed by SIGKILL, 2 times" in found[0].error
-    assert found[1].value[0] == 4
+    values, _ = outcomes(jobs)
+    assert values[0].died and values[0].exit_code == 1
+    assert "killed by SIGKILL, 2 times" in values[0].error
+    assert values[1].value[0] == 4
     assert not (tmp_path / "out").exists()
     assert left(tmp_path) == []
 

@@ -21,27 +21,27 @@ def align(sinstool):
 
 def test_json_says_all_and_nothing_else(align):
     code, out, _ = align(launched(*TACTICAL), *KIND, "--json", "--truth", "/truth/imu")
-    told = json.loads(out)
+    printed = json.loads(out)
     assert code == 0
-    assert told["status"] == "ok" and told["method"] == "svd" and told["vectors"] == "win"
-    assert told["time_ns"].isdigit()
-    assert np.linalg.norm(told["q_nb_wxyz"]) == pytest.approx(1.0)
-    assert told["schema"] == "sinstool.align/1" and told["input"]["size"] > 0
-    assert 0.0 <= told["heading_deg"] < 360.0
-    assert len(told["sigma_deg"]) == 3
-    cov = np.array(told["cov_deg2"])
-    np.testing.assert_allclose(np.sqrt(np.diag(cov)), told["sigma_deg"])
-    assert told["n_pairs"] > 400 and told["n_rejected"] == 0
-    assert told["truth"]["total_deg"] < 0.3
+    assert printed["status"] == "ok" and printed["method"] == "svd" and printed["vectors"] == "win"
+    assert printed["time_ns"].isdigit()
+    assert np.linalg.norm(printed["q_nb_wxyz"]) == pytest.approx(1.0)
+    assert printed["schema"] == "sinstool.align/1" and printed["input"]["size"] > 0
+    assert 0.0 <= printed["heading_deg"] < 360.0
+    assert len(printed["sigma_deg"]) == 3
+    cov = np.array(printed["cov_deg2"])
+    np.testing.assert_allclose(np.sqrt(np.diag(cov)), printed["sigma_deg"])
+    assert printed["n_pairs"] > 400 and printed["n_rejected"] == 0
+    assert printed["truth"]["total_deg"] < 0.3
 
 
 def test_level_only_ends_with_3_and_without_heading(align):
     pad = launched(*TACTICAL, "--pad", "60", duration=20)
     code, out, err = align(pad, *KIND, "--end", "40", "--json")
-    told = json.loads(out)
+    printed = json.loads(out)
     assert code == 3
-    assert told["status"] == "level-only"
-    assert told["q_nb_wxyz"] is None and told["heading_deg"] is None
+    assert printed["status"] == "level-only"
+    assert printed["q_nb_wxyz"] is None and printed["heading_deg"] is None
     assert "heading is not known" in err
     code, out, _ = align(pad, *KIND, "--end", "40")
     assert code == 3 and "not to be seen" in out

@@ -42,10 +42,10 @@ def paper(tmp_path_factory):
 def both(tmp_path_factory):
     """Two azimuths with an encoder that is 50 us late, no noise."""
     folder = tmp_path_factory.mktemp("both")
-    told = {"latitude": LATITUDE, "encoder_delay": 50}
+    truth = {"latitude": LATITUDE, "encoder_delay": 50}
     (a, rig), (b, _) = (
-        simulate(folder, "a", heading=40, tilt_east=8e-4, **told),
-        simulate(folder, "b", heading=220, tilt_east=-8e-4, **told),
+        simulate(folder, "a", heading=40, tilt_east=8e-4, **truth),
+        simulate(folder, "b", heading=220, tilt_east=-8e-4, **truth),
     )
     return a, b, rig
 
@@ -54,7 +54,7 @@ def both(tmp_path_factory):
 def noisy(tmp_path_factory):
     """Two azimuths, both directions, a plain error and a good gyro."""
     folder = tmp_path_factory.mktemp("noisy")
-    told = {
+    truth = {
         "rates": "120,60,-60,-120",
         "plateau": 34,
         "rate": 40,
@@ -65,8 +65,8 @@ def noisy(tmp_path_factory):
         "gyro_bias": 0.003,
     }
     (a, rig), (b, _) = (
-        simulate(folder, "a", heading=30, tilt_east=4e-3, seed=1, **told),
-        simulate(folder, "b", heading=210, tilt_east=-4e-3, seed=2, **told),
+        simulate(folder, "a", heading=30, tilt_east=4e-3, seed=1, **truth),
+        simulate(folder, "b", heading=210, tilt_east=-4e-3, seed=2, **truth),
     )
     return a, b, rig
 
@@ -124,8 +124,8 @@ def test_delay_at_one_azimuth_is_flagged(both, tmp_path, which, lean):
     assert cal["status"] == "inconsistent_axial"
     assert cal["lambda2_arcsec"] == pytest.approx(wrong, abs=0.002)
     assert arcsec(cal["axial"]["lambda2_rad"]) == pytest.approx(-4.2, abs=0.002)
-    told = re.search(r"an encoder that is stale by (\S+) us would explain it", err)
-    assert float(told[1]) == pytest.approx(50.0, abs=0.1)
+    stated = re.search(r"an encoder that is stale by (\S+) us would explain it", err)
+    assert float(stated[1]) == pytest.approx(50.0, abs=0.1)
 
 
 def test_noise_is_within_what_is_told(noisy, tmp_path):
@@ -146,9 +146,9 @@ def test_noise_is_within_what_is_told(noisy, tmp_path):
 
 def test_headings_need_azimuths_to_show_what_differs_between_positions(noisy, tmp_path):
     a, b, rig = noisy
-    _, _, found, _ = calibrate([a, b], rig, tmp_path / "hse.json")
-    assert found["validation"] is None
-    spread = found["positions"]
+    _, _, result, _ = calibrate([a, b], rig, tmp_path / "hse.json")
+    assert result["validation"] is None
+    spread = result["positions"]
     assert [len(one["runs"]) for one in spread] == [4, 4]
     for one, heading in zip(spread, (30.0, 210.0), strict=True):
         assert np.degrees(one["heading_rad"]) == pytest.approx(heading, abs=0.02)
@@ -159,12 +159,12 @@ def test_headings_need_azimuths_to_show_what_differs_between_positions(noisy, tm
     assert "with --azimuth also between them" in out
 
     # one stand's mark is wrong by 0.2 deg: only azimuths can show it
-    given = ("--azimuth", "a=30", "--azimuth", "b=210.2")
-    _, _, found, _ = calibrate([a, b], rig, tmp_path / "c.json", *given)
-    means = found["validation"]["after"]["means"]
+    azimuths = ("--azimuth", "a=30", "--azimuth", "b=210.2")
+    _, _, result, _ = calibrate([a, b], rig, tmp_path / "c.json", *azimuths)
+    means = result["validation"]["after"]["means"]
     assert np.degrees(means[0] - means[1]) == pytest.approx(0.2, abs=0.02)
-    assert len(found["validation"]["rows"]) == 8
-    assert found["validation"]["before"]["sinusoid"] is None
+    assert len(result["validation"]["rows"]) == 8
+    assert result["validation"]["before"]["sinusoid"] is None
 
 
 # -- what it flags ---------------------------------------------------------------------------
@@ -231,8 +231,8 @@ def test_latitude_of_86(tmp_path):
 def test_encoder_in_another_unit(paper, tmp_path):
     log, rig = paper
     output = tmp_path / "hse.json"
-    told = edited(rig, "degrees", encoder={"unit": "deg"})
-    status, _, err = sinstool("calibrate-hse", log, "--config", told, "-o", output, *SHORT)
+    changed = edited(rig, "degrees", encoder={"unit": "deg"})
+    status, _, err = sinstool("calibrate-hse", log, "--config", changed, "-o", output, *SHORT)
     assert status == 3
     assert "look at rig.encoder.unit" in one_line(err)
     assert not output.exists()
@@ -303,8 +303,8 @@ def test_no_encoder(paper, tmp_path):
 )
 def test_rig_that_cannot_be(paper, tmp_path, keys, message):
     log, rig = paper
-    told = edited(rig, "wrong", **keys)
-    assert message in refused(tmp_path, log, "--config", told, *SHORT)
+    changed = edited(rig, "wrong", **keys)
+    assert message in refused(tmp_path, log, "--config", changed, *SHORT)
 
 
 def test_usage(paper, tmp_path):
@@ -398,10 +398,10 @@ def test_emitted_rig_nulls_the_error_at_its_source(both, tmp_path):
     calibrate([a, b], rig, tmp_path / "hse.json", "--emit-config", fixed)
     output = tmp_path / "again.json"
     sinstool("calibrate-hse", a, b, "--config", fixed, "-o", output)
-    found = json.loads(output.read_text())
+    calibration = json.loads(output.read_text())
     # the error along the axis; a 50 us delay is no such error
-    assert abs(found["axial"]["lambda2_rad"]) < 1e-3 * ARCSEC
-    lambda2 = found["lambda2_rad"]
+    assert abs(calibration["axial"]["lambda2_rad"]) < 1e-3 * ARCSEC
+    lambda2 = calibration["lambda2_rad"]
     assert lambda2 is None or abs(lambda2) < 2e-3 * ARCSEC
 
 
@@ -472,8 +472,8 @@ def test_summary_says_what_counts(noisy, tmp_path):
 def test_page(noisy, tmp_path):
     a, b, rig = noisy
     page = tmp_path / "page.html"
-    given = ("--azimuth", "a=30,b=210", "--report", page)
-    _, cal, _, _ = calibrate([a, b], rig, tmp_path / "hse.json", *given)
+    options = ("--azimuth", "a=30,b=210", "--report", page)
+    _, cal, _, _ = calibrate([a, b], rig, tmp_path / "hse.json", *options)
     text = page.read_text()
     for key in (
         "heading",
@@ -529,10 +529,10 @@ def somewhere(tmp_path, monkeypatch):
 
 def expanded(words):
     """Words with their patterns replaced, as a shell does."""
-    found = []
+    names = []
     for word in words:
-        found += sorted(map(str, Path().glob(word))) if "*" in word else [word]
-    return found
+        names += sorted(map(str, Path().glob(word))) if "*" in word else [word]
+    return names
 
 
 def number(word):
@@ -542,10 +542,10 @@ def number(word):
         return None
 
 
-def assert_alike(told, printed):
+def assert_alike(documented, printed):
     """Words are the same, numbers nearly: last digits may differ on another machine."""
-    assert len(told.split("\n")) == len(printed.split("\n"))
-    for a, b in zip(told.split(), printed.split(), strict=True):
+    assert len(documented.split("\n")) == len(printed.split("\n"))
+    for a, b in zip(documented.split(), printed.split(), strict=True):
         if number(a) is None or number(b) is None:
             assert a == b
         else:
@@ -556,10 +556,10 @@ def test_guide_shows_what_is_printed(somewhere):
     text = DOCUMENT.read_text()
     shown = re.findall(r"```sh\nsinstool ([^\n]*)\n```\n\n```text\n(.*?)\n```", text, re.S)
     assert len(shown) == 5
-    for command, told in shown:
+    for command, documented in shown:
         status, out, _ = sinstool(*expanded(command.split()))
         assert status == 0
-        assert_alike(told, out.rstrip())
+        assert_alike(documented, out.rstrip())
 
 
 def test_guide_shows_what_the_paper_s_figures_come_to(capsys):
@@ -601,13 +601,13 @@ def test_samples_are_what_their_commands_make(somewhere, tmp_path):
     assert len(sizes) == 10 and sum(sizes) < 2.5e6
     for command in (commands[1], commands[6]):
         words = command.split()
-        kept = ROOT / words[3]
-        made, rig = tmp_path / kept.name, tmp_path / "rig.toml"
+        sample = ROOT / words[3]
+        made, rig = tmp_path / sample.name, tmp_path / "rig.toml"
         words[3] = str(made)
         assert sinstool(*words, "--rig-out", rig)[0] == 0
         for topic in ("/imu/data_raw", "/joint_states"):
             for (t, a), (u, b) in zip(
-                read_topic(made, topic)[::50], read_topic(kept, topic)[::50], strict=True
+                read_topic(made, topic)[::50], read_topic(sample, topic)[::50], strict=True
             ):
                 assert t == u
                 if topic == "/joint_states":
@@ -616,5 +616,5 @@ def test_samples_are_what_their_commands_make(somewhere, tmp_path):
                     assert a.angular_velocity.y == pytest.approx(b.angular_velocity.y, abs=1e-12)
                     value = b.linear_acceleration.y
                     assert a.linear_acceleration.y == pytest.approx(value, abs=1e-12)
-        told = tomllib.loads(kept.with_name(f"rig-{kept.name[0]}.toml").read_text())["rig"]
-        assert tomllib.loads(rig.read_text())["rig"] == told
+        table = tomllib.loads(sample.with_name(f"rig-{sample.name[0]}.toml").read_text())["rig"]
+        assert tomllib.loads(rig.read_text())["rig"] == table

@@ -511,12 +511,12 @@ def test_every_field_is_an_option_and_the_reverse():
 
 
 def test_what_is_told_as_an_option_is_what_the_file_tells(sinstool):
-    told = [
+    arguments = [
         "--imu-topic", "/i", "--start", "5", "--imu-rate", "99.5", "--salvage",
         "--coning", "optimal-4", "--gyro-bias", "-0.1,0,2e-3", "--align", "fixed",
         "--initial-attitude", "-1,2,3", "--emit", "euler, pose", "--only-results",
     ]  # fmt: skip
-    _, out, _ = sinstool("process", *told, "--print-config")
+    _, out, _ = sinstool("process", *arguments, "--print-config")
     expected = {
         "input": {"imu_topic": "/i", "start": "5", "imu_rate": 99.5, "salvage": True},
         "coning": {"coning": "optimal-4"},
@@ -565,9 +565,9 @@ def test_help(sinstool, command, flag):
 
 def test_help_of_process_names_every_algorithm_and_option(sinstool):
     _, out, _ = sinstool("process", "--help")
-    told = " ".join(out.split())
-    assert all(name in told for name in names())
-    assert all("--" + name.replace("_", "-") in told for _, name in fields())
+    help_text = " ".join(out.split())
+    assert all(name in help_text for name in names())
+    assert all("--" + name.replace("_", "-") in help_text for _, name in fields())
 
 
 def test_version(sinstool):
@@ -684,12 +684,12 @@ def test_info_on_every_real_log(sinstool, path):
     axes = ("--body-axes", "frd") if path.startswith("px4") else ()
     status, out, err = sinstool("info", real(path), "--json", *axes)
     assert (status, err) == (0, "")
-    found = json.loads(out)
-    assert found["process"]["possible"] and found["lost"]["parts"] == []
-    imu = next(i for i in found["imu"] if i["topic"] == found["process"]["imu_topic"])
+    result = json.loads(out)
+    assert result["process"]["possible"] and result["lost"]["parts"] == []
+    imu = next(i for i in result["imu"] if i["topic"] == result["process"]["imu_topic"])
     assert imu["n"] > 1000 and imu["first_ns"].isdigit()
     assert [f for f in imu["findings"] if f["severity"] == "failed"] == []
-    assert sum(t["n"] for t in found["topics"]) == found["input"]["messages"]
+    assert sum(t["n"] for t in result["topics"]) == result["input"]["messages"]
     status, out, err = sinstool("info", real(path), *axes)
     assert (status, err) == (0, "")
     assert f"IMU {imu['topic']}" in out and f"process would take {imu['topic']}" in out

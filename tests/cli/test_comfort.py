@@ -28,12 +28,12 @@ def run(sinstool, monkeypatch):
 
 def choices(err):
     """What was said of each choice, by its name."""
-    found = {}
+    printed = {}
     for line in err.splitlines():
         if line.startswith("- "):
             what, _, why = line[2:].partition(": ")
-            found.setdefault(what, []).append(why)
-    return found
+            printed.setdefault(what, []).append(why)
+    return printed
 
 
 def test_process_explains_attitude(run, tmp_path):
@@ -41,17 +41,19 @@ def test_process_explains_attitude(run, tmp_path):
     status, out, err = run(
         "process", log, "-o", tmp_path / "a.mcap", "--gyro-kind", "mean-rate", "-v"
     )
-    told = choices(err)
+    chosen = choices(err)
     assert status == 0
-    assert told["mode"][0].startswith("attitude, as the log has not both fixes")
-    assert told["Imu topic"] == ["/imu/data_raw, the only one with an Imu (--imu-topic)"]
-    assert told["time"][0].startswith("header stamps, a sample each 10 ms")
-    assert told["first attitude"] == [
+    assert chosen["mode"][0].startswith("attitude, as the log has not both fixes")
+    assert chosen["Imu topic"] == ["/imu/data_raw, the only one with an Imu (--imu-topic)"]
+    assert chosen["time"][0].startswith("header stamps, a sample each 10 ms")
+    assert chosen["first attitude"] == [
         "level, as the first 2.5 s are at rest and nothing shows north (--align)"
     ]
-    assert told["coning"][0].startswith("previous-3, the default")
-    assert told["coning"][0].endswith("gyro samples are mean-rate, taken as increments (--coning)")
-    assert told["latitude"] == ["not known: the Earth's rate stays in"]
+    assert chosen["coning"][0].startswith("previous-3, the default")
+    assert chosen["coning"][0].endswith(
+        "gyro samples are mean-rate, taken as increments (--coning)"
+    )
+    assert chosen["latitude"] == ["not known: the Earth's rate stays in"]
     # on stderr alone, and only when asked for
     assert "- mode" not in out
     _, _, err = run("process", log, "-o", tmp_path / "b.mcap", "--gyro-kind", "mean-rate")
@@ -64,14 +66,14 @@ def test_process_explains_the_filter(run, tmp_path):
     status, _, err = run(
         "process", "drive.mcap", "-o", "o.mcap", "-v", "--coning", "lookahead-12", cwd=tmp_path
     )
-    told = choices(err)
+    chosen = choices(err)
     assert status == 0
-    assert told["mode"][0].startswith("ins-gnss, as the log has fixes and GNSS velocity")
-    assert told["gnss topic"] == ["/gnss/fix, the only one of its type"]
-    assert told["IMU grade"][0].startswith("navigation, by its gyro noise at rest")
-    assert told["filter"][0].startswith("network-26a: 481 epochs")
-    assert "found in the log" in told["GNSS latency"][0]
-    assert told["coning"][0].startswith("lookahead-12, as configured")
+    assert chosen["mode"][0].startswith("ins-gnss, as the log has fixes and GNSS velocity")
+    assert chosen["gnss topic"] == ["/gnss/fix, the only one of its type"]
+    assert chosen["IMU grade"][0].startswith("navigation, by its gyro noise at rest")
+    assert chosen["filter"][0].startswith("network-26a: 481 epochs")
+    assert "found in the log" in chosen["GNSS latency"][0]
+    assert chosen["coning"][0].startswith("lookahead-12, as configured")
     status, _, err = run("align", "drive.mcap", "-v", cwd=tmp_path)
     assert choices(err)["first attitude"][0].startswith("svd, attitude by svd from velocity")
 
@@ -83,9 +85,9 @@ def test_others_explain_too(run, tmp_path):
     hse = SAMPLES / "hse"
     _, _, err = run("calibrate-hse", hse / "a-020.mcap", hse / "a-110.mcap", "--config",
                     hse / "rig-a.toml", "-o", tmp_path / "h.json", "-v")  # fmt: skip
-    told = choices(err)
-    assert told["runs"] == ["6 stretches with whole turns, from 2 logs"]
-    assert told["method"] == ["joint, over 6 runs"]
+    chosen = choices(err)
+    assert chosen["runs"] == ["6 stretches with whole turns, from 2 logs"]
+    assert chosen["method"] == ["joint, over 6 runs"]
     _, _, err = run("info", log, "-v")
     assert choices(err)["Imu topic"] == ["/imu/data_raw, the only one with an Imu (--imu-topic)"]
 

@@ -46,8 +46,8 @@ def closed(name, decimate=1):
 def row_of(out, name, group=0):
     """Numbers of an algorithm's line in one of the groups."""
     lines = [line for line in out.split("\n") if re.match(rf"{re.escape(name)}( \*)?  ", line)]
-    found = lines[group].replace(" *", "").split()
-    return [float(re.sub(r"[()]", "", x)) if x != "-" else None for x in found[1:]]
+    cells = lines[group].replace(" *", "").split()
+    return [float(re.sub(r"[()]", "", x)) if x != "-" else None for x in cells[1:]]
 
 
 def test_table_holds_the_drift_of_the_closed_form(compare):
@@ -80,26 +80,26 @@ def test_columns_fit_120(compare, moving):
 def test_json_has_all_keys(compare, moving):
     status, out, _ = compare(moving, "--json", "--stopband", "60", "--passband", "20")
     assert status == 0
-    found = json.loads(out)
-    assert next(iter(found)) == "schema" and found["schema"] == "sinstool.compare-coning/1"
-    assert found["input"] == {"path": str(moving)}
+    result = json.loads(out)
+    assert next(iter(result)) == "schema" and result["schema"] == "sinstool.compare-coning/1"
+    assert result["input"] == {"path": str(moving)}
     keys = "meta checks reference algs pairs spectrum sp warnings verdict alias lost"
-    assert set(keys.split()) <= set(found)
-    assert len(found["algs"]) == 50
-    first = found["algs"][0]
+    assert set(keys.split()) <= set(result)
+    assert len(result["algs"]) == 50
+    first = result["algs"][0]
     assert {"name", "update_hz", "decimate", "input", "end_deg", "ns_per_sample"} <= set(first)
     for key in ("mean", "confidence", "rms", "p95", "max"):
         assert len(first["drift_dph"][key]) == 3
     assert len(first["pred_dph"]) == len(first["pseudo_dph"]) == 3
-    native = [a["name"] for a in found["algs"] if a["decimate"] == 1]
+    native = [a["name"] for a in result["algs"] if a["decimate"] == 1]
     assert native == list(DEFAULT_ALGORITHMS)
-    assert len(found["pairs"]) == 45
-    assert found["checks"]["rate_hz"] == pytest.approx(200.0)
-    assert found["verdict"]["algorithm"] == "previous-3"
-    assert len(found["warnings"]) == 1  # above half the rate
+    assert len(result["pairs"]) == 45
+    assert result["checks"]["rate_hz"] == pytest.approx(200.0)
+    assert result["verdict"]["algorithm"] == "previous-3"
+    assert len(result["warnings"]) == 1  # above half the rate
     # what a candidate parts by is its prediction less that of the reference
-    reference = np.array(found["reference"]["pred_dph"])
-    for a in found["algs"]:
+    reference = np.array(result["reference"]["pred_dph"])
+    for a in result["algs"]:
         parting = np.array(a["pred_dph"]) - reference
         np.testing.assert_allclose(a["pred_parting_dph"], parting, atol=1e-12)
         beyond = np.array(a["drift_dph"]["mean"]) - parting
@@ -115,18 +115,18 @@ def test_every_option_can_stand_in_the_file(compare, moving, tmp_path):
         "[input]\nend = 9\n"
     )
     _, out, err = compare(moving, "--json", "--config", file)
-    found = json.loads(out)
-    meta = found["meta"]
+    result = json.loads(out)
+    meta = result["meta"]
     assert (meta["window_s"], meta["tolerance_dph"]) == (4.0, pytest.approx(0.5))
     assert (meta["passband_hz"], meta["stopband_hz"]) == (20.0, 60.0)
     assert meta["duration_s"] == pytest.approx(9.0, abs=0.01)
     names = ["previous-3", "gyro-tuned", "singular-perturbation"]
-    assert [a["name"] for a in found["algs"]] == names
+    assert [a["name"] for a in result["algs"]] == names
     _, out, _ = compare(moving, "--json", "--config", file, "--passband", "30", "--window", "3")
     flags = json.loads(out)
     assert (flags["meta"]["passband_hz"], flags["meta"]["window_s"]) == (30.0, 3.0)
     # the file's band tunes what it is for
-    tuned = [f["sp"]["tuning"]["drift_tuned_dph"] for f in (found, flags)]
+    tuned = [f["sp"]["tuning"]["drift_tuned_dph"] for f in (result, flags)]
     assert tuned[0] != tuned[1]
     status, out, _ = compare("--config", file, "--sp-preset", "paper", "--print-config")
     printed = tomllib.loads(out)
@@ -141,18 +141,18 @@ def test_every_option_can_stand_in_the_file(compare, moving, tmp_path):
 def test_json_of_one_window_has_null_for_its_spread(compare, moving):
     status, out, _ = compare(moving, "--json", "--end", "4", "--decimate", "1")
     assert status == 0
-    found = json.loads(out)
-    assert found["algs"][0]["drift_dph"]["confidence"] == [None] * 3
+    result = json.loads(out)
+    assert result["algs"][0]["drift_dph"]["confidence"] == [None] * 3
 
 
 def test_csv_holds_what_json_does(compare, moving, tmp_path):
     folder = tmp_path / "tables"
     _, out, _ = compare(moving, "--json", "--csv", folder, "--decimate", "1,2")
-    found = json.loads(out)
+    result = json.loads(out)
     with (folder / "algorithms.csv").open(newline="") as stream:
         rows = list(csv.DictReader(stream))
-    assert len(rows) == len(found["algs"]) == 30
-    for row, a in zip(rows, found["algs"], strict=True):
+    assert len(rows) == len(result["algs"]) == 30
+    for row, a in zip(rows, result["algs"], strict=True):
         assert row["algorithm"] == a["name"]
         assert row["kept"] == ("all" if a["decimate"] == 1 else f"1/2 {a['input']}")
         assert float(row["drift [deg/h rms]"]) == a["drift_dph"]["slope_rms"]
@@ -164,7 +164,7 @@ def test_csv_holds_what_json_does(compare, moving, tmp_path):
     with (folder / "pairs.csv").open(newline="") as stream:
         pairs = list(csv.reader(stream))[1:]
     assert len(pairs) == 45
-    assert float(pairs[0][2]) == found["pairs"][0]["largest_deg"]
+    assert float(pairs[0][2]) == result["pairs"][0]["largest_deg"]
     status, _, err = compare(moving, "--csv", folder)
     assert status == 1
     assert "is not an empty folder" in err
@@ -342,9 +342,9 @@ def test_guide_shows_what_is_printed(compare, monkeypatch):
     for command, text in shown:
         _as_costly_as(monkeypatch, text)
         _, out, _ = compare(*command.split())
-        told, printed = (t.rstrip().split("\n") for t in (text, out))
-        assert len(told) == len(printed)
-        for line, other in zip(told, printed, strict=True):
+        documented, printed = (t.rstrip().split("\n") for t in (text, out))
+        assert len(documented) == len(printed)
+        for line, other in zip(documented, printed, strict=True):
             # the cost is that of the machine; last digits may differ on another
             parts, others = line.split(), other.split()
             assert len(parts) == len(others)
@@ -362,11 +362,11 @@ def test_reference_tells_what_it_is_worth(compare):
     # at 20 samples a turn quatfiter-4 itself drifts by 0.019 deg/h; the spectrum knows
     _, out, _ = compare(SAMPLE, "--gyro-kind", "mean-rate", "--start", "3", "--decimate", "1")
     text = " ".join(out.split())
-    told = re.search(
+    match = re.search(
         r"agrees to (\S+) deg/h with its judges and is expected to drift by (\S+)", text
     )
-    assert float(told[2]) == pytest.approx(closed("quatfiter-4"), rel=0.02)
-    assert float(told[1]) == pytest.approx(closed("quatfiter-4"), rel=0.05)
+    assert float(match[2]) == pytest.approx(closed("quatfiter-4"), rel=0.02)
+    assert float(match[1]) == pytest.approx(closed("quatfiter-4"), rel=0.05)
     assert row_of(out, "quatfiter-4")[1] == 0.0
 
 

@@ -87,7 +87,7 @@ def test_bash_completes(tmp_path):
     if bash is None:
         pytest.skip("no bash here")
     (tmp_path / "completion").write_text(script("bash"))
-    asked = f"""
+    commands = f"""
         . {tmp_path}/completion
         complete -p sinstool
         COMP_WORDS=(sinstool process {SAMPLE} --imu-topic /imu)
@@ -96,7 +96,7 @@ def test_bash_completes(tmp_path):
         echo "${{COMPREPLY[@]}}"
     """
     done = subprocess.run(
-        [bash, "--norc", "-c", asked],
+        [bash, "--norc", "-c", commands],
         capture_output=True,
         text=True,
         env={"PATH": f"{Path(sys.executable).parent}:/usr/bin:/bin"},

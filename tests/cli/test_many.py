@@ -45,26 +45,26 @@ def rows(out):
 
 def test_one_bad_log_among_good(sinstool, logs, tmp_path):
     out = tmp_path / "new" / "out"
-    status, told, err = sinstool("process", logs, "-o", out, "-j", 2, "--json")
+    status, printed, err = sinstool("process", logs, "-o", out, "-j", 2, "--json")
     assert status == 1
     assert files(out) == ["a/run.mcap", "b/run.mcap"]
-    found = rows(told)
+    results = rows(printed)
     names = ["a/run.mcap", "b/cut.mcap", "b/run.mcap"]
-    assert [row["input"]["path"] for row in found] == [str(logs / name) for name in names]
-    assert [row["output"]["path"] for row in found] == [str(out / name) for name in names]
-    assert [(row["status"], row["exit"]) for row in found] == [
+    assert [row["input"]["path"] for row in results] == [str(logs / name) for name in names]
+    assert [row["output"]["path"] for row in results] == [str(out / name) for name in names]
+    assert [(row["status"], row["exit"]) for row in results] == [
         ("done", 0),
         ("failed", 1),
         ("done", 0),
     ]
-    assert "--salvage" in found[1]["error"]
-    assert f"sinstool: {found[1]['error']}\n" in err
+    assert "--salvage" in results[1]["error"]
+    assert f"sinstool: {results[1]['error']}\n" in err
     assert "3 logs: 2 done, 1 failed" in err and "Traceback" not in err
     # the rest of a row is what one log says
     alone = tmp_path / "alone.mcap"
     _, single, _ = sinstool("process", logs / "a" / "run.mcap", "-o", alone, "--json")
     expected = json.loads(single)
-    row = {k: v for k, v in found[0].items() if k not in ("status", "exit")}
+    row = {k: v for k, v in results[0].items() if k not in ("status", "exit")}
     row["output"]["path"] = str(alone)
     assert row == expected
     assert alone.read_bytes() == (out / "a" / "run.mcap").read_bytes()
@@ -72,13 +72,13 @@ def test_one_bad_log_among_good(sinstool, logs, tmp_path):
 
 def test_salvaged_is_lost(sinstool, logs, tmp_path):
     arguments = ("process", logs / "b", "-o", tmp_path / "out", "--salvage", "-j", 2)
-    status, told, _ = sinstool(*arguments, "--json")
+    status, printed, _ = sinstool(*arguments, "--json")
     assert status == 3
-    assert [(row["status"], row["exit"]) for row in rows(told)] == [("lost", 3), ("done", 0)]
+    assert [(row["status"], row["exit"]) for row in rows(printed)] == [("lost", 3), ("done", 0)]
     # and stays so when nothing is left to do
-    status, told, _ = sinstool(*arguments, "--json")
+    status, printed, _ = sinstool(*arguments, "--json")
     assert status == 3
-    assert [(row["status"], row["exit"]) for row in rows(told)] == [
+    assert [(row["status"], row["exit"]) for row in rows(printed)] == [
         ("complete", 3),
         ("complete", 0),
     ]
@@ -92,9 +92,9 @@ def test_a_rerun_makes_only_what_is_not_there(sinstool, logs, tmp_path):
     before = {name: (out / name).stat().st_mtime_ns for name in files(out)}
     one = (out / "b" / "run.mcap").read_bytes()
     (out / "b" / "run.mcap").unlink()
-    status, told, _ = sinstool(*arguments)
+    status, printed, _ = sinstool(*arguments)
     assert status == 0
-    assert [line.split()[0] for line in told.splitlines()[1:3]] == ["complete", "done"]
+    assert [line.split()[0] for line in printed.splitlines()[1:3]] == ["complete", "done"]
     assert (out / "b" / "run.mcap").read_bytes() == one
     assert (out / "a" / "run.mcap").stat().st_mtime_ns == before["a/run.mcap"]
     # whether outputs may be replaced is no part of what they are
@@ -130,10 +130,10 @@ def test_another_output_is_refused_for_that_log_only(sinstool, logs, tmp_path, w
         with monkeypatch.context() as patched:
             patched.setattr(version, "VERSION", "0.0.1")
             assert sinstool("process", folder / "a.mcap", "-o", changed, "--overwrite")[0] == 0
-    kept = changed.read_bytes()
-    status, told, err = sinstool(*arguments, "--json")
+    before = changed.read_bytes()
+    status, printed, err = sinstool(*arguments, "--json")
     assert status == 1
-    assert [row["status"] for row in rows(told)] == ["failed", "complete"]
+    assert [row["status"] for row in rows(printed)] == ["failed", "complete"]
     said = {
         "configuration": 'another configuration (now coning = "previous-3")',
         "foreign": "no complete output of sinstool",
@@ -143,7 +143,7 @@ def test_another_output_is_refused_for_that_log_only(sinstool, logs, tmp_path, w
         "version": "made by sinstool 0.0.1",
     }[what]
     assert said in err and "--overwrite" in err
-    assert changed.read_bytes() == kept
+    assert changed.read_bytes() == before
     assert sinstool(*arguments, "--overwrite")[0] == 0
     assert read_record(changed)["input_name"] == "a.mcap"
 
@@ -156,8 +156,8 @@ def test_a_page_for_each(sinstool, logs, tmp_path):
     assert files(pages) == ["a/run.html", "b/run.html"]
     # without its page a log is not complete
     (pages / "b" / "run.html").unlink()
-    _, told, _ = sinstool(*arguments)
-    assert [line.split()[0] for line in told.splitlines()[1:3]] == ["complete", "done"]
+    _, printed, _ = sinstool(*arguments)
+    assert [line.split()[0] for line in printed.splitlines()[1:3]] == ["complete", "done"]
     assert files(pages) == ["a/run.html", "b/run.html"]
     status, _, err = sinstool(*arguments[:-3], tmp_path / "page.html")
     assert status == 2 and "give a folder" in err
@@ -165,25 +165,25 @@ def test_a_page_for_each(sinstool, logs, tmp_path):
 
 @pytest.mark.slow
 def test_what_is_chosen_is_told_log_by_log(sinstool, logs, tmp_path):
-    given = logs / "*" / "run.mcap"
-    status, _, err = sinstool("process", given, "-o", tmp_path / "out", "-j", 2, "-v")
+    inputs = logs / "*" / "run.mcap"
+    status, _, err = sinstool("process", inputs, "-o", tmp_path / "out", "-j", 2, "-v")
     assert status == 0
-    told = [line for line in err.splitlines() if line.startswith("- ")]
-    begins = [k for k, line in enumerate(told) if line.startswith("- log: ")]
-    assert [0, len(told) // 2] == begins
-    names = [told[k].split(": ")[1].split(",")[0] for k in begins]
+    choices = [line for line in err.splitlines() if line.startswith("- ")]
+    begins = [k for k, line in enumerate(choices) if line.startswith("- log: ")]
+    assert [0, len(choices) // 2] == begins
+    names = [choices[k].split(": ")[1].split(",")[0] for k in begins]
     assert sorted(names) == [str(logs / name / "run.mcap") for name in ("a", "b")]
     # as of each alone
     for name, k in zip(names, begins, strict=True):
         alone = tmp_path / f"{k}.mcap"
         _, _, err = sinstool("process", name, "-o", alone, "-v")
-        assert told[k : k + begins[1]] == [x for x in err.splitlines() if x.startswith("- ")]
+        assert choices[k : k + begins[1]] == [x for x in err.splitlines() if x.startswith("- ")]
     # where the choices do not begin with the log, its name goes before them
     made = ("--monte-carlo", 1, "-j", 1, "--duration", 1, "-o", tmp_path / "mc")
     _, _, err = sinstool("simulate", "static", *made, "-v")
     assert err.splitlines()[0] == "- log: static-0000.mcap"
     assert err.splitlines()[1].startswith("- scenario: static")
-    _, _, err = sinstool("process", given, "-o", tmp_path / "quiet", "-j", 2)
+    _, _, err = sinstool("process", inputs, "-o", tmp_path / "quiet", "-j", 2)
     assert "- log" not in err
 
 
@@ -222,11 +222,11 @@ def test_outputs_among_the_inputs_are_refused(sinstool, logs, tmp_path):
     (folder / "day").mkdir(parents=True)
     for name in ("x.mcap", "day/y.mcap"):
         (folder / name).write_bytes((logs / "a" / "run.mcap").read_bytes())
-    for given in ([folder], [folder / "day"], [folder / "*.mcap"], [folder / "**" / "*.mcap"]):
-        status, _, err = sinstool("process", *given, "-o", folder)
+    for inputs in ([folder], [folder / "day"], [folder / "*.mcap"], [folder / "**" / "*.mcap"]):
+        status, _, err = sinstool("process", *inputs, "-o", folder)
         assert status == 1
         assert err == (
-            f"sinstool: {given[0]}: these inputs lie in the folder of the outputs: choose another"
+            f"sinstool: {inputs[0]}: these inputs lie in the folder of the outputs: choose another"
             " folder with -o\n"
         )
     status, _, err = sinstool("process", folder / "x.mcap", logs / "a" / "run.mcap", "-o", folder)
@@ -242,9 +242,9 @@ def test_odd_entries_of_a_folder_stop_nothing(sinstool, logs, tmp_path):
     (folder / "notes").symlink_to("nowhere")
     (folder / "0loop").symlink_to(".")
     os.mkfifo(folder / "pipe")
-    for name, given in {"one": folder, "two": folder / "*"}.items():
+    for name, inputs in {"one": folder, "two": folder / "*"}.items():
         out = tmp_path / name
-        assert sinstool("process", given, "-o", out, "-j", 1, "-q")[0] == 0
+        assert sinstool("process", inputs, "-o", out, "-j", 1, "-q")[0] == 0
         assert len(files(out)) == 1
 
 
@@ -252,22 +252,22 @@ def test_odd_entries_of_a_folder_stop_nothing(sinstool, logs, tmp_path):
 def test_compare_coning(sinstool, logs, tmp_path):
     tables = tmp_path / "tables"
     chosen = ("--algorithms", "previous-3,optimal-2", "--decimate", "1", "-j", 2)
-    status, told, err = sinstool("compare-coning", logs, "--csv", tables, *chosen)
+    status, printed, err = sinstool("compare-coning", logs, "--csv", tables, *chosen)
     assert status == 1
     assert files(tables) == [
         "a/run/algorithms.csv", "a/run/pairs.csv",
         "b/run/algorithms.csv", "b/run/pairs.csv", "summary.csv",
     ]  # fmt: skip
-    assert re.search(r"^optimal-2 +2 ", told, re.MULTILINE)
-    assert "3 logs: 2 done, 1 failed" in told
+    assert re.search(r"^optimal-2 +2 ", printed, re.MULTILINE)
+    assert "3 logs: 2 done, 1 failed" in printed
     # warnings of several logs are told once
     assert err.count("no --stopband is given") == 1
-    status, told, _ = sinstool("compare-coning", logs, *chosen, "--json")
-    found = rows(told)
-    assert [row["status"] for row in found] == ["done", "failed", "done"]
+    status, printed, _ = sinstool("compare-coning", logs, *chosen, "--json")
+    results = rows(printed)
+    assert [row["status"] for row in results] == ["done", "failed", "done"]
     _, single, _ = sinstool("compare-coning", logs / "a" / "run.mcap", *chosen[:4], "--json")
     expected = json.loads(single)
-    drifts = [[alg["drift_dph"] for alg in one["algs"]] for one in (found[0], expected)]
+    drifts = [[alg["drift_dph"] for alg in one["algs"]] for one in (results[0], expected)]
     assert drifts[0] == drifts[1]
     lines = (tables / "summary.csv").read_text().splitlines()
     assert len(lines) == 1 + 2 + 1 + 2
@@ -287,20 +287,20 @@ def test_calibrate_hse_is_the_same_by_two(sinstool, tmp_path):
         made.append({k: v for k, v in json.loads(path.read_text()).items() if k != "created"})
     assert made[0] == made[1]
     # the page names the logs, not the pattern
-    told = page.read_text()
-    assert len(logs) > 1 and all(f"{log}</" in told for log in logs)
-    assert "a-*.mcap" not in told
+    html = page.read_text()
+    assert len(logs) > 1 and all(f"{log}</" in html for log in logs)
+    assert "a-*.mcap" not in html
 
 
 @pytest.mark.slow
 def test_monte_carlo(sinstool, tmp_path):
     scenario = ("simulate", "static", "--duration", 2, "--grade", "mems", "--seed", 7)
     assert sinstool(*scenario, "-o", tmp_path / "two", "--monte-carlo", 3, "-j", 2)[0] == 0
-    status, told, _ = sinstool(*scenario, "-o", tmp_path / "one", "--monte-carlo", 3, "-j", 1,
+    status, printed, _ = sinstool(*scenario, "-o", tmp_path / "one", "--monte-carlo", 3, "-j", 1,
                                "--json")  # fmt: skip
     assert status == 0
     names = ["static-0007.mcap", "static-0008.mcap", "static-0009.mcap"]
-    assert [(row["seed"], row["status"]) for row in rows(told)] == [
+    assert [(row["seed"], row["status"]) for row in rows(printed)] == [
         (7, "done"),
         (8, "done"),
         (9, "done"),
@@ -314,9 +314,9 @@ def test_monte_carlo(sinstool, tmp_path):
     assert sinstool(*scenario[:-1], 8, "-o", alone)[0] == 0
     assert alone.read_bytes() == made[1]
     # and is not replaced by itself
-    status, told, err = sinstool(*scenario, "-o", tmp_path / "one", "--monte-carlo", 4, "-j", 1)
+    status, printed, err = sinstool(*scenario, "-o", tmp_path / "one", "--monte-carlo", 4, "-j", 1)
     assert status == 1 and err.count("exists already") == 3
-    assert [line.split()[0] for line in told.splitlines()[1:5]] == ["failed"] * 3 + ["done"]
+    assert [line.split()[0] for line in printed.splitlines()[1:5]] == ["failed"] * 3 + ["done"]
     status, _, err = sinstool(*scenario, "-o", alone, "-j", 2)
     assert status == 2 and "--monte-carlo" in err
 
@@ -348,12 +348,12 @@ def large(tmp_path_factory):
 
 def writers(processes, folder):
     """Those of some processes that have an unfinished file of a folder open."""
-    found = []
+    busy = []
     for process in processes:
         with contextlib.suppress(psutil.Error):
             if any(file.path.startswith(f"{folder}/.") for file in process.open_files()):
-                found.append(process)
-    return found
+                busy.append(process)
+    return busy
 
 
 def begun(large, out):
@@ -385,8 +385,8 @@ def expected(large, tmp_path_factory):
 
 @pytest.mark.slow
 def test_a_worker_is_killed(large, expected, tmp_path):
-    run, found = begun(large, tmp_path)
-    while not (writing := writers(found, tmp_path)):
+    run, processes = begun(large, tmp_path)
+    while not (writing := writers(processes, tmp_path)):
         assert run.poll() is None
     writing[0].kill()
     stdout, stderr = run.communicate(timeout=300)
@@ -397,13 +397,13 @@ def test_a_worker_is_killed(large, expected, tmp_path):
 
 @pytest.mark.slow
 def test_ctrl_c(large, expected, tmp_path):
-    run, found = begun(large, tmp_path)
+    run, processes = begun(large, tmp_path)
     run.send_signal(signal.SIGINT)
     _, stderr = run.communicate(timeout=60)
     assert run.returncode == 130, stderr
     said = re.findall(r"sinstool: interrupted; (\d) of 4 are done, and whole\n", stderr)
     assert len(said) == 1 and "Traceback" not in stderr
-    assert ended(found)
+    assert ended(processes)
     # whole files only, and a rerun makes the others
     done = {p.name: p.read_bytes() for p in tmp_path.iterdir()}
     assert len(done) >= int(said[0])
@@ -414,17 +414,17 @@ def test_ctrl_c(large, expected, tmp_path):
         text=True,
         check=True,
     )
-    told = {Path(row["output"]["path"]).name: row["status"] for row in rows(again.stdout)}
-    assert told == {name: "complete" if name in done else "done" for name in expected}
+    statuses = {Path(row["output"]["path"]).name: row["status"] for row in rows(again.stdout)}
+    assert statuses == {name: "complete" if name in done else "done" for name in expected}
     assert {p.name: p.read_bytes() for p in tmp_path.iterdir()} == expected
 
 
 @pytest.mark.slow
 def test_workers_do_not_outlive_a_killed_run(large, expected, tmp_path):
-    run, found = begun(large, tmp_path)
+    run, processes = begun(large, tmp_path)
     run.kill()
     run.communicate(timeout=60)
-    assert ended(found)
+    assert ended(processes)
     assert all(not p.name.startswith(".") for p in tmp_path.iterdir())
 
 
@@ -434,18 +434,18 @@ def test_align_over_realisations(sinstool, tmp_path):
     made = ("--monte-carlo", 3, "-j", 1, "--grade", "tactical", "--duration", 40)
     assert sinstool("simulate", "static", "-o", tmp_path / "mc", *made)[0] == 0
     chosen = ("--method", "level", "--truth", "/truth/imu", "--json")
-    status, told, _ = sinstool("align", tmp_path / "mc", *chosen, "-j", 2)
+    status, printed, _ = sinstool("align", tmp_path / "mc", *chosen, "-j", 2)
     assert status == 3  # tilt shows no heading
-    found = rows(told)
-    for row in found:
+    results = rows(printed)
+    for row in results:
         alone, single, _ = sinstool("align", row["input"]["path"], *chosen)
         assert row["exit"] == alone
         assert {k: v for k, v in row.items() if k != "exit"} == json.loads(single)
-    errors = [row["truth"]["error_deg"][:2] for row in found]
+    errors = [row["truth"]["error_deg"][:2] for row in results]
     assert len({tuple(error) for error in errors}) == 3
-    status, told, _ = sinstool("align", tmp_path / "mc", *chosen[:-1], "-j", 1)
+    status, printed, _ = sinstool("align", tmp_path / "mc", *chosen[:-1], "-j", 1)
     north, east = ((sum(error[k] ** 2 for error in errors) / 3) ** 0.5 for k in (0, 1))
-    assert f"rms error (logs): north {north:.4f} (3), east {east:.4f} (3)" in told
+    assert f"rms error (logs): north {north:.4f} (3), east {east:.4f} (3)" in printed
     status, _, err = sinstool("align", tmp_path / "mc", "--report", tmp_path / "page.html")
     assert status == 2 and "one log" in err
 
@@ -462,20 +462,20 @@ def shown(*arguments):
         env={**os.environ, "TERM": "xterm", "COLUMNS": "100"},
     )
     os.close(theirs)
-    told = b""
+    screen = b""
     with contextlib.suppress(OSError):  # Linux's way of saying that the other end is closed
         while part := os.read(ours, 65536):
-            told += part
+            screen += part
     stdout, _ = run.communicate(timeout=120)
     os.close(ours)
-    return told.decode(), stdout.decode()
+    return screen.decode(), stdout.decode()
 
 
 @pytest.mark.slow
 def test_bars_are_for_a_terminal(logs, tmp_path):
     """On stderr, where it is one; lines of JSON stay on stdout."""
-    given = logs / "*" / "run.mcap"
-    text, stdout = shown("process", given, "-o", tmp_path / "out", "--json", "-j", 1)
+    inputs = logs / "*" / "run.mcap"
+    text, stdout = shown("process", inputs, "-o", tmp_path / "out", "--json", "-j", 1)
     assert [row["status"] for row in rows(stdout)] == ["done", "done"]
     assert "0 of 2" in text and "2 of 2" in text and "kB" in text
     assert '{"input"' not in text

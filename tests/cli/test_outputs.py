@@ -39,9 +39,9 @@ def run(*arguments, **options):
 
 def one_line(stderr):
     assert "Traceback" not in stderr, stderr
-    told = [line for line in stderr.strip().split("\n") if not line.startswith("warning: ")]
-    assert len(told) == 1, stderr
-    return told[0]
+    lines = [line for line in stderr.strip().split("\n") if not line.startswith("warning: ")]
+    assert len(lines) == 1, stderr
+    return lines[0]
 
 
 # Arguments for a folder to write to, and the names that appear there
@@ -134,10 +134,10 @@ def test_a_full_disk_takes_one_line_and_leaves_nothing(small_disk, name):
     filler = small_disk / "filler"
     filler.write_bytes(bytes(5 * 2**20 - ROOM[name]))
     done = run(*arguments)
-    told = one_line(done.stderr)
+    message = one_line(done.stderr)
     assert done.returncode == 1
-    assert told.startswith("sinstool: ")
-    assert told.endswith(
+    assert message.startswith("sinstool: ")
+    assert message.endswith(
         ("No space left on device", "No space left on device; nothing was written")
     )
     assert names(small_disk) == ["filler"]
@@ -197,8 +197,8 @@ def test_a_full_standard_output_of_many_logs(tmp_path):
     for name in ("a", "b"):
         shutil.copy(CONING, logs / f"{name}.mcap")
     said = "sinstool: standard output: No space left on device"
-    told = full_output("process", logs, "-o", out, "-j", 1)
-    assert told == f"{said}; {out}/a.mcap, {out}/b.mcap were complete by then"
+    message = full_output("process", logs, "-o", out, "-j", 1)
+    assert message == f"{said}; {out}/a.mcap, {out}/b.mcap were complete by then"
     # nothing is made a second time
     assert full_output("process", logs, "-o", out, "-j", 1) == f"{said}; nothing was written"
     assert names(out) == ["a.mcap", "b.mcap"]
@@ -259,9 +259,9 @@ def test_without_its_report_there_is_no_output(tmp_path):
         "from sinstool.cli.main import main\n"
         "main()\n"
     )
-    told = ("process", CONING, "-o", tmp_path / "out.mcap", "--report", pages / "page.html")
+    arguments = ("process", CONING, "-o", tmp_path / "out.mcap", "--report", pages / "page.html")
     done = subprocess.run(
-        [sys.executable, "-c", code, *map(str, told)], capture_output=True, text=True
+        [sys.executable, "-c", code, *map(str, arguments)], capture_output=True, text=True
     )
     assert done.returncode == 1
     assert f"the folder {pages} does not exist" in one_line(done.stderr)
@@ -333,8 +333,8 @@ def test_a_folder_that_may_only_be_read(small_disk):
     for arguments, _ in (make(small_disk) for make in COMMANDS.values()):
         done = run(*arguments)
         assert done.returncode == 1
-        told = one_line(done.stderr)
-        assert "cannot be written to" in told or "Read-only file system" in told
+        message = one_line(done.stderr)
+        assert "cannot be written to" in message or "Read-only file system" in message
     assert names(small_disk) == []
 
 
@@ -366,8 +366,11 @@ def test_a_log_is_not_overwritten_by_its_report(tmp_path):
     shutil.copy(CONING, log)
     link = tmp_path / "link.html"
     link.hardlink_to(log)
-    for told in (("process", log, "-o", tmp_path / "o.mcap"), ("align", log, "--method", "level")):
-        done = run(*told, "--report", link, "--overwrite")
+    for arguments in (
+        ("process", log, "-o", tmp_path / "o.mcap"),
+        ("align", log, "--method", "level"),
+    ):
+        done = run(*arguments, "--report", link, "--overwrite")
         assert done.returncode == 1
         assert "is the input itself" in one_line(done.stderr)
     assert log.read_bytes() == CONING.read_bytes()

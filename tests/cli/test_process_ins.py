@@ -19,7 +19,7 @@ def process(*arguments):
     return CliRunner().invoke(cli, ["process", *map(str, arguments)])
 
 
-def told(f, *more):
+def options_of(f, *more):
     attitude = ",".join(repr(float(v)) for v in np.degrees(to_euler(f.flight.imu.q_nb[0])))
     return [
         "--mode", "ins", "--gyro-kind", "mean-rate", "--gyro-unit", "rad/s", "--align", "fixed",
@@ -35,7 +35,7 @@ def made(tmp_path_factory):
     log = f.write(folder / "log.mcap")
     out = folder / "out.mcap"
     done = process(
-        log, "-o", out, *told(f, "--height-damping", "baro", "--json", "-q", "--emit",
+        log, "-o", out, *options_of(f, "--height-damping", "baro", "--json", "-q", "--emit",
         "imu,attitude,euler,odometry,pose,fix,tf,height"), "--report", folder / "r.html",
         "--truth", "/truth/imu,/truth/fix",
     )  # fmt: skip
@@ -73,12 +73,12 @@ def test_others_read_odometry(made):
 def test_others_read_fixes(made):
     f, _, out, _ = made
     messages = [m for _, m in read_topic(out, "/sinstool/fix")]
-    found = np.array([(m.latitude, m.longitude, m.altitude) for m in messages])
-    np.testing.assert_allclose(found[:, 0], np.degrees(f.flight.latitude), atol=1e-8)
-    off = (found[:, 1] - np.degrees(f.flight.longitude) + 180.0) % 360.0 - 180.0
+    places = np.array([(m.latitude, m.longitude, m.altitude) for m in messages])
+    np.testing.assert_allclose(places[:, 0], np.degrees(f.flight.latitude), atol=1e-8)
+    off = (places[:, 1] - np.degrees(f.flight.longitude) + 180.0) % 360.0 - 180.0
     assert np.abs(off).max() < 1e-8
-    assert np.abs(found[:, 1]).max() <= 180.0 and np.ptp(found[:, 1]) > 359.0
-    np.testing.assert_allclose(found[:, 2], f.flight.height, atol=0.5)
+    assert np.abs(places[:, 1]).max() <= 180.0 and np.ptp(places[:, 1]) > 359.0
+    np.testing.assert_allclose(places[:, 2], f.flight.height, atol=0.5)
     assert {m.position_covariance_type for m in messages} == {0}
     assert {m.status.status for m in messages} == {0}
     assert {m.header.frame_id for m in messages} == {"imu_link"}
@@ -131,13 +131,13 @@ def test_the_page_has_it_all(made):
 
 def test_undamped_height_is_said_to_run_away(tmp_path, made):
     f, log, _, _ = made
-    done = process(log, "-o", tmp_path / "out.mcap", *told(f))
+    done = process(log, "-o", tmp_path / "out.mcap", *options_of(f))
     assert done.exit_code == 0
     assert "height is not damped and runs away" in done.stderr
     assert "1 mg of the vertical accelerometer makes 7.85 m" in done.stderr
     topics = {t for t in ("/sinstool/odometry", "/sinstool/height") if t in done.stdout}
     assert topics == {"/sinstool/odometry"}
-    refused = process(log, "-o", tmp_path / "o.mcap", *told(f, "--emit", "height"))
+    refused = process(log, "-o", tmp_path / "o.mcap", *options_of(f, "--emit", "height"))
     assert refused.exception.exit_code == 2
 
 
@@ -188,12 +188,12 @@ def test_a_report_that_cannot_be_written_is_refused_before_the_work(tmp_path, ma
     f, log, _, _ = made
     page = tmp_path / "r.html"
     page.write_text("mine")
-    done = process(log, "-o", tmp_path / "out.mcap", *told(f), "--report", page)
+    done = process(log, "-o", tmp_path / "out.mcap", *options_of(f), "--report", page)
     assert "--overwrite" in str(done.exception)
     assert [p.name for p in tmp_path.iterdir()] == ["r.html"] and page.read_text() == "mine"
-    done = process(log, "-o", tmp_path / "o.mcap", *told(f), "--truth", "/imu/nothing")
+    done = process(log, "-o", tmp_path / "o.mcap", *options_of(f), "--truth", "/imu/nothing")
     assert "/imu/nothing" in str(done.exception)
-    done = process(log, "-o", tmp_path / "o.html", *told(f), "--report", tmp_path / "o.html")
+    done = process(log, "-o", tmp_path / "o.html", *options_of(f), "--report", tmp_path / "o.html")
     assert done.exit_code == 2
     assert [p.name for p in tmp_path.iterdir()] == ["r.html"]
 

@@ -13,11 +13,11 @@ from tests.helpers.logs import real
 
 
 def process(log, out, *options):
-    told = CliRunner().invoke(
+    result = CliRunner().invoke(
         cli, ["process", str(log), "-o", str(out), "--mode", "ins-gnss", "--json", *options]
     )
-    assert told.exit_code in (0, 3), told.output
-    return json.loads(told.stdout)
+    assert result.exit_code in (0, 3), result.output
+    return json.loads(result.stdout)
 
 
 @pytest.fixture(scope="module")
@@ -30,14 +30,14 @@ def drive(tmp_path_factory):
 
 def test_log_in_log_out(drive, tmp_path):
     out, page = tmp_path / "out.mcap", tmp_path / "page.html"
-    told = process(
+    result = process(
         drive, out, "--smooth", "--withhold-gnss", "100:115", "--report", str(page),
         "--truth", "/truth/imu", "--truth", "/truth/fix",
     )  # fmt: skip
-    assert told["output"]["attitudes"] == told["imu"]["n"] == 15001
-    assert told["filter"]["smoothed"] and told["height"] is not None
-    assert told["filter"]["withheld"]["outages"][0]["epochs"] == 60
-    assert max(told["truth"]["attitude_deg"]["rms"]) < 1.0
+    assert result["output"]["attitudes"] == result["imu"]["n"] == 15001
+    assert result["filter"]["smoothed"] and result["height"] is not None
+    assert result["filter"]["withheld"]["outages"][0]["epochs"] == 60
+    assert max(result["truth"]["attitude_deg"]["rms"]) < 1.0
     text = page.read_text()
     for title in (
         "Innovations of position",
@@ -56,57 +56,57 @@ def test_log_in_log_out(drive, tmp_path):
 
 def test_no_fixes_is_said(tmp_path):
     log = simulated(tmp_path / "none.mcap", "drive", "--duration", "60", "--gnss-rate", "0")
-    told = CliRunner().invoke(
+    result = CliRunner().invoke(
         cli, ["process", str(log), "-o", str(tmp_path / "out.mcap"), "--mode", "ins-gnss"]
     )
-    assert isinstance(told.exception, TopicError)
-    assert "has no GNSS fixes" in str(told.exception)
+    assert isinstance(result.exception, TopicError)
+    assert "has no GNSS fixes" in str(result.exception)
     assert not (tmp_path / "out.mcap").exists()
 
 
 def test_a_rate_in_place_of_stamps_leaves_fixes_without_samples(drive, tmp_path):
     out = tmp_path / "out.mcap"
-    asked = ["process", str(drive), "-o", str(out), "--imu-rate", "100", "--json"]
-    told = CliRunner().invoke(cli, [*asked, "--mode", "ins-gnss"])
-    assert isinstance(told.exception, ConfigurationError)
-    assert "leave --imu-rate out" in str(told.exception)
+    arguments = ["process", str(drive), "-o", str(out), "--imu-rate", "100", "--json"]
+    result = CliRunner().invoke(cli, [*arguments, "--mode", "ins-gnss"])
+    assert isinstance(result.exception, ConfigurationError)
+    assert "leave --imu-rate out" in str(result.exception)
     assert not out.exists()
-    alone = json.loads(CliRunner().invoke(cli, asked).stdout)
+    alone = json.loads(CliRunner().invoke(cli, arguments).stdout)
     assert alone["filter"] is None
     assert any("attitude alone" in text and "--imu-rate" in text for text in alone["warnings"])
 
 
 @pytest.mark.parametrize("text", ["10", "20:10", "a:b"])
 def test_spans_that_are_none(drive, tmp_path, text):
-    told = CliRunner().invoke(
+    result = CliRunner().invoke(
         cli,
         ["process", str(drive), "-o", str(tmp_path / "o.mcap"), "--withhold-gnss", text],
     )
-    assert isinstance(told.exception, ConfigurationError)
-    assert "START:END" in str(told.exception)
+    assert isinstance(result.exception, ConfigurationError)
+    assert "START:END" in str(result.exception)
 
 
 def outages(first, length, period, end):
-    told = []
+    result = []
     begin = first
     while begin + length < end:
-        told += ["--withhold-gnss", f"{begin}:{begin + length}"]
+        result += ["--withhold-gnss", f"{begin}:{begin + length}"]
         begin += period
-    return told
+    return result
 
 
 @pytest.mark.slow
 def test_rtk_drive(tmp_path):
     log = real("rtk_drive/rtk_drive_mems_100hz.mcap")
     hidden = outages(40.0, 15.0, 45.0, 545.0)
-    told = process(log, tmp_path / "out.mcap", "--smooth", *hidden)
-    found = told["filter"]
+    result = process(log, tmp_path / "out.mcap", "--smooth", *hidden)
+    used = result["filter"]
     # Stamps of the Imu are late by about 0.125 s, and velocities by half a fix's interval
-    assert found["gnss_latency_s"] == pytest.approx(-0.125, abs=0.025)
-    lag = found["gnss_latency"]["velocity_s"] - found["gnss_latency"]["position_s"]
+    assert used["gnss_latency_s"] == pytest.approx(-0.125, abs=0.025)
+    lag = used["gnss_latency"]["velocity_s"] - used["gnss_latency"]["position_s"]
     assert lag == pytest.approx(0.125, abs=0.01)
-    assert found["restarts"] == 0 and found["epochs_gated"] < 50
-    scores = found["withheld"]
+    assert used["restarts"] == 0 and used["epochs_gated"] < 50
+    scores = used["withheld"]
     assert len(scores["outages"]) == 11
     assert scores["rms_of_largest_horizontal_m"] < 0.46  # published, looking back
     assert scores["filter"]["rms_of_largest_horizontal_m"] < 8.0  # published: 7.4
@@ -121,10 +121,10 @@ def test_car_beside_its_receiver(tmp_path, name, settle):
     log = real(f"vehicle_gnss/{name}.mcap")
     out = tmp_path / "out.mcap"
     begin = {60.0: 100.0, 150.0: 250.0}[settle]
-    told = process(log, out, "--smooth", "--withhold-gnss", f"{begin}:{begin + 60.0}")
-    scores = told["filter"]["withheld"]
-    assert (CAUSES - {"latency"}).isdisjoint(finding["kind"] for finding in told["findings"])
-    assert told["filter"]["restarts"] == 0
+    result = process(log, out, "--smooth", "--withhold-gnss", f"{begin}:{begin + 60.0}")
+    scores = result["filter"]["withheld"]
+    assert (CAUSES - {"latency"}).isdisjoint(finding["kind"] for finding in result["findings"])
+    assert result["filter"]["restarts"] == 0
     assert scores["filter"]["outages"][0]["largest_in_sigmas"] < 3.0
     smooth, plain = (s["rms_of_largest_horizontal_m"] for s in (scores, scores["filter"]))
     assert smooth < 0.5 * plain

@@ -36,14 +36,14 @@ RESULT = SimpleNamespace(
 )
 
 
-def told(table):
+def named_cells(table):
     names = [f"{one.name}, {one.unit}" if one.unit else one.name for one in table.columns]
     return [list(zip(names, row, strict=True)) for row in table.rows]
 
 
 def test_withheld_fixes():
     table = process_report._withheld(RESULT)
-    assert told(table) == [
+    assert named_cells(table) == [
         [
             ("Outage", "from 12.3 s"),
             ("for, s", 10.0),
@@ -58,7 +58,7 @@ def test_withheld_fixes():
 
 def test_stretches_at_constant_rate():
     table = process_report._stretches(RESULT)
-    assert told(table) == [
+    assert named_cells(table) == [
         [
             ("Stretch", "from 0.5 s"),
             ("rate, deg/s", -60.0),

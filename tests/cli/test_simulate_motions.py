@@ -31,8 +31,8 @@ def test_the_truth_is_met(tmp_path, scenario, kind):
         "compare-coning", log, "--gyro-kind", kind, "--truth", "/truth/imu", "--decimate", 1,
         "--algorithms", "uncompensated,lookahead-12", "--json", "-q",
     )  # fmt: skip
-    found = json.loads(compared.stdout)
-    drift = {a["name"]: a["drift_dph"]["norm_rms"] for a in found["algs"]}
+    comparison = json.loads(compared.stdout)
+    drift = {a["name"]: a["drift_dph"]["norm_rms"] for a in comparison["algs"]}
     assert drift["lookahead-12"] < 1e-4 * drift["uncompensated"]
     assert drift["uncompensated"] > 0.1
 

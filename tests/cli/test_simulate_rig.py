@@ -23,8 +23,8 @@ def test_lean_is_where_the_axis_points(heading, north, east):
 
 
 def test_log_and_rig(tmp_path):
-    told = {"heading": 75, "tilt_east": 0.01, "tilt_north": -0.02, "latitude": -40}
-    log, rig = simulate(tmp_path, "rig", truth=True, **SHORT, **told)
+    options = {"heading": 75, "tilt_east": 0.01, "tilt_north": -0.02, "latitude": -40}
+    log, rig = simulate(tmp_path, "rig", truth=True, **SHORT, **options)
     times, q = read_attitude(log, "/truth/imu")
     # 6 s, 18 s from one rate to the other, 6 s
     assert len(times) == 30 * 20

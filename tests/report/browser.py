@@ -120,11 +120,11 @@ const waits = setInterval(async () => {
 
 # A window cannot be as narrow as a telephone, a frame can
 FRAMES = """<!DOCTYPE html><body><script>
-const told = {};
+const states = {};
 addEventListener("message", e => {
   for (const frame of document.querySelectorAll("iframe"))
-    if (frame.contentWindow === e.source) told[frame.width] = JSON.parse(e.data);
-  document.querySelector("pre").textContent = JSON.stringify(told);
+    if (frame.contentWindow === e.source) states[frame.width] = JSON.parse(e.data);
+  document.querySelector("pre").textContent = JSON.stringify(states);
 });
 </script><pre></pre>""" + "".join(
     f'<iframe src="page.html" width="{width}" height="900" style="border:0"></iframe>'

@@ -15,22 +15,22 @@ pytestmark = [pytest.mark.slow, needs_browser]
 def seen(request, tmp_path_factory):
     path = tmp_path_factory.mktemp(request.param) / "page.html"
     write_report(path, page())
-    told, console = opened(path, *([DARK] if request.param == "dark" else []))
-    assert set(told) == {str(width) for width in WIDTHS}
-    return request.param, told, console
+    state, console = opened(path, *([DARK] if request.param == "dark" else []))
+    assert set(state) == {str(width) for width in WIDTHS}
+    return request.param, state, console
 
 
 def test_no_complaint_and_no_request(seen):
-    _, told, console = seen
+    _, state, console = seen
     assert console == []
-    for one in told.values():
+    for one in state.values():
         assert one["heard"] == [] and one["loaded"] == []
 
 
 @pytest.mark.parametrize("width", WIDTHS)
 def test_all_figures_drawn(seen, width):
-    _, told, _ = seen
-    plots = told[str(width)]["plots"]
+    _, state, _ = seen
+    plots = state[str(width)]["plots"]
     assert [one["key"] for one in plots] == [figure.key for figure in figures()]
     for one, figure in zip(plots, figures(), strict=True):
         assert one["svg"] >= 1
@@ -41,28 +41,28 @@ def test_all_figures_drawn(seen, width):
 
 @pytest.mark.parametrize("width", WIDTHS)
 def test_fits_the_width(seen, width):
-    _, told, _ = seen
-    one = told[str(width)]
+    _, state, _ = seen
+    one = state[str(width)]
     assert one["inner"] == width and one["scroll"] <= width
     assert all(abs(plot["width"] - plot["room"]) < 1.0 for plot in one["plots"])
 
 
 def test_theme(seen):
-    theme, told, _ = seen
+    theme, state, _ = seen
     page_colour = {"light": "#ffffff", "dark": "#14171b"}[theme]
-    for one in told.values():
+    for one in state.values():
         assert {plot["page"] for plot in one["plots"]} == {page_colour}
 
 
 def test_legend_hides_and_shows(seen):
-    _, told, _ = seen
-    for one in told.values():
+    _, state, _ = seen
+    for one in state.values():
         assert one["pressed"] == [[1, "false"], [2, "true"], [1, "true"], [2, "true"]]
 
 
 def test_printed_in_light_at_the_paper_s_width(seen):
-    _, told, _ = seen
-    for one in told.values():
+    _, state, _ = seen
+    for one in state.values():
         assert {plot["page"] for plot in one["printed"]} == {"#ffffff"}
         assert {plot["width"] for plot in one["printed"]} == {660}
         assert one["after"] == one["plots"]

@@ -151,17 +151,19 @@ def test_page_in_a_browser(tmp_path, command):
     keys = re.findall(r'<div class="drawing" role="img" data-key="([^"]+)"', text)
     captions = re.findall(r"<figcaption>(.*?)</figcaption>", text)
     assert len(keys) == len(captions) > 0
-    found = [f"{key} has no caption" for key, one in zip(keys, captions, strict=True) if not one]
+    complaints = [
+        f"{key} has no caption" for key, one in zip(keys, captions, strict=True) if not one
+    ]
     # The dark colours are the same on every page: three of all kinds of figures show them
     dark = command in (ins_gnss, coned, calibrate)
     for theme, flags in (("#ffffff", ()), ("#14171b", (DARK,)))[: 1 + dark]:
-        told, console = opened(page, *flags)
-        found += console
+        state, console = opened(page, *flags)
+        complaints += console
         for width in WIDTHS:
-            found += [
-                f"{theme}, {width} px: {one}" for one in faults(told[str(width)], theme, keys)
+            complaints += [
+                f"{theme}, {width} px: {one}" for one in faults(state[str(width)], theme, keys)
             ]
-    assert found == []
+    assert complaints == []
 
 
 def faults(seen, theme, keys):

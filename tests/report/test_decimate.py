@@ -23,19 +23,19 @@ def curves(draw, xs=finite, ascending=True):
 
 
 def check(x, y, limit, log_x):
-    kept = thin(x, y, limit, log_x)
-    assert kept.size <= max(limit, 1)
-    assert np.all(np.diff(kept) > 0)
-    assert kept[0] == 0 and kept[-1] == x.size - 1
+    rows = thin(x, y, limit, log_x)
+    assert rows.size <= max(limit, 1)
+    assert np.all(np.diff(rows) > 0)
+    assert rows[0] == 0 and rows[-1] == x.size - 1
     if x.size <= limit:
-        assert kept.size == x.size
+        assert rows.size == x.size
     whole = np.isfinite(x) & np.isfinite(y) & ((x > 0.0) | (not log_x))
     if whole.any():
-        left = y[kept][whole[kept]]
+        left = y[rows][whole[rows]]
         assert left.min() == y[whole].min() and left.max() == y[whole].max()
     if not whole.all():
-        assert not whole[kept].all(), "the holes are all closed"
-    return kept, whole
+        assert not whole[rows].all(), "the holes are all closed"
+    return rows, whole
 
 
 @given(curves(), limits, st.booleans())
@@ -46,10 +46,10 @@ def test_extremes_ends_and_bound(curve, limit, log_x):
 @given(curves(xs=anything, ascending=False), limits, st.booleans())
 def test_whatever_the_places_are(curve, limit, log_x):
     x, y = curve
-    kept, whole = check(x, y, limit, log_x)
+    rows, whole = check(x, y, limit, log_x)
     places = x[np.isfinite(x) & ((x > 0.0) | (not log_x))]
     if np.any(places[1:] < places[:-1]) and whole.any():
-        left = x[kept][whole[kept]]
+        left = x[rows][whole[rows]]
         assert left.min() == x[whole].min() and left.max() == x[whole].max()
 
 
@@ -66,9 +66,9 @@ def test_every_stretch_keeps_its_extremes():
     rng = np.random.default_rng(0)
     y = rng.normal(size=100_000)
     x = np.arange(y.size) / 400.0
-    kept = thin(x, y, 2002)
+    rows = thin(x, y, 2002)
     for stretch in np.array_split(np.arange(y.size), 500):
-        of_it = kept[(kept >= stretch[0]) & (kept <= stretch[-1])]
+        of_it = rows[(rows >= stretch[0]) & (rows <= stretch[-1])]
         # a stretch twice as long as those that were cut holds at least one whole
         assert of_it.size >= 2
         assert np.ptp(y[of_it]) > 0.5 * np.ptp(y[stretch])
@@ -78,19 +78,19 @@ def test_long_hole_stays_open_on_both_sides():
     n = 10_000
     x, y = np.arange(n) / 10.0, np.ones(n)
     y[4000:5000] = np.nan
-    kept = thin(x, y, 300)
-    last_before = kept[kept < 4000].max()
-    first_after = kept[kept >= 5000].min()
-    assert np.isnan(y[kept[(kept > last_before) & (kept < first_after)]]).all()
+    rows = thin(x, y, 300)
+    last_before = rows[rows < 4000].max()
+    first_after = rows[rows >= 5000].min()
+    assert np.isnan(y[rows[(rows > last_before) & (rows < first_after)]]).all()
     assert last_before > 3900 and first_after < 5100
 
 
 def test_sparse_decades_of_a_logarithmic_axis_keep_their_points():
     x = np.linspace(1e-3, 1000.0, 1_000_000)
-    kept = thin(x, np.ones(x.size) + np.arange(x.size), 2000, log_x=True)
+    rows = thin(x, np.ones(x.size) + np.arange(x.size), 2000, log_x=True)
     first = (x > 0.002) & (x < 1.0)
     # 998 points lie in three of the six decades; by number they would be one stretch
-    assert np.count_nonzero(first[kept]) > 100
+    assert np.count_nonzero(first[rows]) > 100
     plain = thin(x, np.ones(x.size) + np.arange(x.size), 2000)
     assert np.count_nonzero(first[plain]) < 10
 
@@ -98,8 +98,8 @@ def test_sparse_decades_of_a_logarithmic_axis_keep_their_points():
 def test_burst_between_gaps_keeps_its_points():
     burst = 5000.0 + np.linspace(0.0, 1.0, 10_000)
     x = np.concatenate([np.linspace(0.0, 100.0, 500), burst, np.linspace(9900.0, 1e4, 500)])
-    kept = thin(x, np.sin(np.arange(x.size)), 1000)
-    assert np.count_nonzero((x[kept] >= 5000.0) & (x[kept] <= 5001.0)) > 300
+    rows = thin(x, np.sin(np.arange(x.size)), 1000)
+    assert np.count_nonzero((x[rows] >= 5000.0) & (x[rows] <= 5001.0)) > 300
 
 
 def test_refusals():

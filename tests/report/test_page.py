@@ -51,11 +51,11 @@ class Outline(HTMLParser):
     def handle_data(self, data):
         self.texts.append((self.open[-1] if self.open else "", data))
 
-    def all(self, tag, **wanted):
+    def all(self, tag, **attributes):
         return [
             attrs
             for one, attrs in self.elements
-            if one == tag and all(attrs.get(k.rstrip("_")) == v for k, v in wanted.items())
+            if one == tag and all(attrs.get(k.rstrip("_")) == v for k, v in attributes.items())
         ]
 
     def said(self, *tags):
@@ -125,8 +125,8 @@ def test_tables(outline):
 
 
 def test_defaults_are_marked_and_printed(text, outline):
-    given, defaults = text.index(">coning.algorithms<"), text.index(">kept<")
-    assert given < text.index("1 setting at the default") < defaults
+    changed, defaults = text.index(">coning.algorithms<"), text.index(">kept<")
+    assert changed < text.index("1 setting at the default") < defaults
     folded = outline.all("details", class_="kept")
     assert len(folded) == 2, "the long table and the defaults"
     assert "details:not(.kept)" in style_sheet()
@@ -274,17 +274,17 @@ def test_suffixes(tmp_path):
 
 @pytest.mark.parametrize(("name", "package"), [("a.html", "plotly"), ("a.pdf", "matplotlib")])
 def test_missing_extra(tmp_path, monkeypatch, name, package):
-    found = importlib.import_module
+    import_module = importlib.import_module
 
     def missing(module, *args):
         if module.startswith(package):
             raise ModuleNotFoundError(f"No module named {package!r}", name=package)
-        return found(module, *args)
+        return import_module(module, *args)
 
     monkeypatch.setattr(importlib, "import_module", missing)
-    told = re.escape(f"the report needs {package}: pip install 'sinstool[report]'")
+    message = re.escape(f"the report needs {package}: pip install 'sinstool[report]'")
     for write in (write_report, lambda path, _: check_report(path)):
-        with pytest.raises(ConfigurationError, match=f"^{told}$"):
+        with pytest.raises(ConfigurationError, match=f"^{message}$"):
             write(tmp_path / name, page())
     assert list(tmp_path.iterdir()) == []
 

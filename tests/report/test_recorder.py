@@ -54,19 +54,19 @@ def extra(key="nis"):
 
 @pytest.mark.parametrize("blocks", [1, 7])
 def test_attitude_rates_and_forces_are_in_degrees_and_metres(blocks):
-    recorder, found = recorded(solutions(), blocks=blocks)
+    recorder, shown = recorded(solutions(), blocks=blocks)
     assert recorder.errors() is None
-    assert list(found) == ["tilt", "heading", "rate", "force"]
-    np.testing.assert_allclose(found["tilt"].x, 0.1 * np.arange(N), atol=1e-9)
-    np.testing.assert_allclose(drawn(found["tilt"])["roll"], 3.0)
-    np.testing.assert_allclose(drawn(found["tilt"])["pitch"], -4.0)
-    heading = drawn(found["heading"])["heading"]
+    assert list(shown) == ["tilt", "heading", "rate", "force"]
+    np.testing.assert_allclose(shown["tilt"].x, 0.1 * np.arange(N), atol=1e-9)
+    np.testing.assert_allclose(drawn(shown["tilt"])["roll"], 3.0)
+    np.testing.assert_allclose(drawn(shown["tilt"])["pitch"], -4.0)
+    heading = drawn(shown["heading"])["heading"]
     whole = heading[np.isfinite(heading)]
     assert len(heading) - len(whole) == 2  # over south, which it passes less often than north
     np.testing.assert_allclose(whole, (121.0 + 20.0 * np.arange(N)) % 360.0 - 180.0, atol=1e-9)
-    np.testing.assert_allclose(drawn(found["rate"])["rate"], 13.0)
-    np.testing.assert_allclose(drawn(found["force"])["force"], 9.8)
-    assert found["rate"].ylabel == "norm, deg/s" and found["force"].ylabel == "norm, m/s²"
+    np.testing.assert_allclose(drawn(shown["rate"])["rate"], 13.0)
+    np.testing.assert_allclose(drawn(shown["force"])["force"], 9.8)
+    assert shown["rate"].ylabel == "norm, deg/s" and shown["force"].ylabel == "norm, m/s²"
 
 
 def test_a_run_that_nothing_came_of_has_no_figures():
@@ -81,19 +81,19 @@ def test_figures_of_a_kind_of_run_stand_before_height_attitude_and_velocity():
 
     sigma = np.tile(np.diag([4.0, 9.0, 16.0]), (N, 1, 1))
     solution = solutions(**travelling(), covariance_position_n=sigma)
-    _, found = recorded(solution, prepare=prepare)
-    assert list(found) == [
+    _, shown = recorded(solution, prepare=prepare)
+    assert list(shown) == [
         "track", "sigma-position", "innovation", "nis", "height", "tilt", "heading", "velocity",
         "rate", "force",
     ]  # fmt: skip
-    assert [drawn(found["sigma-position"])[a][0] for a in ("north", "east", "down")] == [2, 3, 4]
-    np.testing.assert_array_equal(drawn(found["velocity"])["down"], -10.0)
-    np.testing.assert_array_equal(drawn(found["height"])["computed"], 100.0 + np.arange(N))
+    assert [drawn(shown["sigma-position"])[a][0] for a in ("north", "east", "down")] == [2, 3, 4]
+    np.testing.assert_array_equal(drawn(shown["velocity"])["down"], -10.0)
+    np.testing.assert_array_equal(drawn(shown["height"])["computed"], 100.0 + np.arange(N))
     vertical = np.tile([5.0, 1.0, 0.0], (N, 1))
-    _, found = recorded(solutions(vertical=vertical), prepare=prepare)
-    assert list(found) == ["tilt", "heading", "height", "up", "correction", "innovation", "nis",
+    _, shown = recorded(solutions(vertical=vertical), prepare=prepare)
+    assert list(shown) == ["tilt", "heading", "height", "up", "correction", "innovation", "nis",
                            "rate", "force"]  # fmt: skip
-    np.testing.assert_array_equal(drawn(found["up"])["up"], 1.0)
+    np.testing.assert_array_equal(drawn(shown["up"])["up"], 1.0)
 
 
 def test_track_is_in_metres_from_the_first_place_with_the_fixes_about_it():
@@ -103,16 +103,16 @@ def test_track_is_in_metres_from_the_first_place_with_the_fixes_about_it():
     def prepare(recorder):
         recorder.refer_track(latitude, longitude)
 
-    _, found = recorded(solutions(**travelling()), prepare=prepare)
+    _, shown = recorded(solutions(**travelling()), prepare=prepare)
     meridian = 6_378_137.0 * (1.0 - 0.00669437999014)
-    north = drawn(found["track"])["computed"]
+    north = drawn(shown["track"])["computed"]
     np.testing.assert_allclose(north, 1e-6 * meridian * np.arange(N), atol=1e-6)
-    assert found["track"].ylabel == "north, m"
-    fixes = drawn(found["track"])["GNSS fixes"]
+    assert shown["track"].ylabel == "north, m"
+    fixes = drawn(shown["track"])["GNSS fixes"]
     assert len(fixes) <= FIXES
     # of those that have a position every third
-    wanted = meridian * np.delete(latitude, 1)[::3]
-    np.testing.assert_allclose(fixes, wanted, rtol=1e-4, atol=1e-6)
+    expected = meridian * np.delete(latitude, 1)[::3]
+    np.testing.assert_allclose(fixes, expected, rtol=1e-4, atol=1e-6)
 
 
 @pytest.mark.parametrize("blocks", [1, 6])
@@ -125,12 +125,12 @@ def test_height_is_compared_at_the_instants_of_its_reference(blocks):
         stamps = T0 + np.round(at * SECOND).astype(np.int64)
         recorder.refer_height("/baro", stamps, 100.0 + 10.0 * at - off)
 
-    _, found = recorded(solutions(**travelling()), blocks=blocks, prepare=prepare)
-    figure = found["difference"]
+    _, shown = recorded(solutions(**travelling()), blocks=blocks, prepare=prepare)
+    figure = shown["difference"]
     assert figure.ylabel == "difference, m"
     np.testing.assert_allclose(figure.x, [0.0, 0.55, 2.05, 3.9], atol=1e-9)
     np.testing.assert_allclose(drawn(figure)["computed less reference"], [4, 2, 1, 3], atol=1e-6)
-    np.testing.assert_allclose(drawn(found["height"])["/baro"], [96, 103.5, 119.5, 136], atol=1e-6)
+    np.testing.assert_allclose(drawn(shown["height"])["/baro"], [96, 103.5, 119.5, 136], atol=1e-6)
 
 
 def test_errors_are_drawn_and_told_against_the_truth():
@@ -143,12 +143,12 @@ def test_errors_are_drawn_and_told_against_the_truth():
         velocity=(solution.time_ns, solution.velocity_n + np.array([0.0, 0.0, 2.0])),
         names=("truth.csv",),
     )
-    recorder, found = recorded(solution, blocks=3, truth=truth)
-    assert list(found)[:3] == ["track", "error-attitude", "error-velocity"]
-    assert found["error-attitude"].ylabel == "error, arcsec"
-    np.testing.assert_allclose(drawn(found["error-attitude"])["down"], 10.0, atol=1e-6)
-    np.testing.assert_allclose(drawn(found["error-attitude"])["north"], 0.0, atol=1e-6)
-    np.testing.assert_allclose(drawn(found["error-velocity"])["down"], -2.0)
+    recorder, shown = recorded(solution, blocks=3, truth=truth)
+    assert list(shown)[:3] == ["track", "error-attitude", "error-velocity"]
+    assert shown["error-attitude"].ylabel == "error, arcsec"
+    np.testing.assert_allclose(drawn(shown["error-attitude"])["down"], 10.0, atol=1e-6)
+    np.testing.assert_allclose(drawn(shown["error-attitude"])["north"], 0.0, atol=1e-6)
+    np.testing.assert_allclose(drawn(shown["error-velocity"])["down"], -2.0)
     errors = recorder.errors()
     np.testing.assert_allclose(errors.attitude_deg.rms[2], 10.0 / 3600.0)
     assert errors.velocity_m_s.instants == N
@@ -158,8 +158,8 @@ def test_sigmas_of_attitude_are_in_degrees_and_their_bounds_in_the_errors_unit()
     sigma = np.tile(np.diag(np.radians([1.0, 2.0, 3.0]) ** 2 / 3600.0**2), (N, 1, 1))
     solution = solutions(covariance_attitude_n=sigma)
     truth = Truth(attitude=(solution.time_ns, solution.q_nb), names=("truth.csv",))
-    _, found = recorded(solution, truth=truth)
-    figure = found["error-attitude"]
+    _, shown = recorded(solution, truth=truth)
+    figure = shown["error-attitude"]
     assert figure.ylabel == "error, arcsec"
     for axis, bound in (("north", 3.0), ("east", 6.0), ("down", 9.0)):
         np.testing.assert_allclose(drawn(figure)[f"3 sigma, {axis}"][:N], bound)
@@ -170,13 +170,13 @@ def test_events_of_the_height_are_marked_but_for_its_beginning():
     for k in range(1, MARKS + 3):
         events.append(SimpleNamespace(kind="coast", time_ns=T0 + k * SECOND // 4))
     height = SimpleNamespace(events=events)
-    _, found = recorded(solutions(**travelling()), height=height)
-    marks = found["height"].marks
+    _, shown = recorded(solutions(**travelling()), height=height)
+    marks = shown["height"].marks
     assert marks[:2] == (("coast", 0.25), ("coast", 0.5)) and len(marks) == MARKS
 
 
 def test_stretches_come_first():
     segment = SimpleNamespace(rate_deg_s=60.0, heading_raw_deg=10.001, heading_deg=10.0)
-    _, found = recorded(solutions(), hse=SimpleNamespace(segments=[segment]))
-    assert next(iter(found)) == "stretches"
-    np.testing.assert_allclose(drawn(found["stretches"])["as aligned"], 3.6)
+    _, shown = recorded(solutions(), hse=SimpleNamespace(segments=[segment]))
+    assert next(iter(shown)) == "stretches"
+    np.testing.assert_allclose(drawn(shown["stretches"])["as aligned"], 3.6)

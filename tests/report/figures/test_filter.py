@@ -51,8 +51,8 @@ def test_innovations_are_within_three_sigma_of_the_worst_axis():
     sigma = np.tile([1.0, 2.0, 0.5, 0.1, 0.2, 0.4], (4, 1))
     sigma[2, :3] = np.nan
     sigma[3, 0] = 7.0
-    found = figures(diagnosed(innovation=innovation, innovation_sigma=sigma))
-    position, velocity = found["innovation-position"], found["innovation-velocity"]
+    by_name = figures(diagnosed(innovation=innovation, innovation_sigma=sigma))
+    position, velocity = by_name["innovation-position"], by_name["innovation-velocity"]
     assert (position.ylabel, velocity.ylabel) == ("innovation, m", "innovation, m/s")
     np.testing.assert_array_equal(position.x, [2.0, 3.0, 5.0])
     np.testing.assert_array_equal(velocity.x, [2.0, 3.0, 4.0, 5.0])
@@ -88,29 +88,29 @@ def test_size_of_innovations_is_by_what_became_of_the_fix():
 def test_biases_are_in_degrees_per_hour_and_metres_per_second_squared():
     gyro = np.radians([[1.0, 2.0, -3.0], [4.0, 5.0, 6.0]]) / 3600.0
     accel = np.array([[0.01, 0.02, -0.03], [0.04, 0.05, 0.06]])
-    found = figures(diagnosed(), biases=(T0 + SECOND * np.array([8, 18]), gyro, accel))
-    assert found["gyro-bias"].ylabel == "bias, deg/h"
-    assert found["accel-bias"].ylabel == "bias, m/s²"
-    np.testing.assert_array_equal(found["gyro-bias"].x, [10.0, 20.0])
-    np.testing.assert_allclose(drawn(found["gyro-bias"])["down"].y, [-3.0, 6.0])
-    np.testing.assert_allclose(drawn(found["gyro-bias"])["forward"].y, [1.0, 4.0])
-    np.testing.assert_array_equal(drawn(found["accel-bias"])["right"].y, [0.02, 0.05])
+    by_name = figures(diagnosed(), biases=(T0 + SECOND * np.array([8, 18]), gyro, accel))
+    assert by_name["gyro-bias"].ylabel == "bias, deg/h"
+    assert by_name["accel-bias"].ylabel == "bias, m/s²"
+    np.testing.assert_array_equal(by_name["gyro-bias"].x, [10.0, 20.0])
+    np.testing.assert_allclose(drawn(by_name["gyro-bias"])["down"].y, [-3.0, 6.0])
+    np.testing.assert_allclose(drawn(by_name["gyro-bias"])["forward"].y, [1.0, 4.0])
+    np.testing.assert_array_equal(drawn(by_name["accel-bias"])["right"].y, [0.02, 0.05])
 
 
 def test_events_are_marked_but_for_single_rejected_fixes():
     events = [FilterEvent("gated", T0, 30.0), FilterEvent("imu-gap", T0 + SECOND // 2, 0.5)]
     events += [FilterEvent("restart", T0 + k * SECOND, 99.0) for k in range(1, MARKS + 5)]
-    found = figures(diagnosed(), events)
-    marks = found["nis"].marks
+    by_name = figures(diagnosed(), events)
+    marks = by_name["nis"].marks
     assert marks[:2] == (("imu-gap", 2.5), ("restart", 3.0)) and len(marks) == MARKS
-    assert found["innovation-position"].marks == marks
+    assert by_name["innovation-position"].marks == marks
 
 
 @pytest.mark.parametrize("n", [MOST, MOST + 1, 2 * MOST + 1])
 def test_of_many_fixes_every_so_many_are_drawn(n):
     every = -(-n // MOST)
-    found = figures(diagnosed(n, innovation=np.tile(np.arange(n, dtype=float)[:, None], 6)))
-    figure = found["innovation-velocity"]
+    by_name = figures(diagnosed(n, innovation=np.tile(np.arange(n, dtype=float)[:, None], 6)))
+    figure = by_name["innovation-velocity"]
     np.testing.assert_array_equal(drawn(figure)["east"].y, np.arange(n)[::every])
     np.testing.assert_array_equal(figure.x, 2.0 + np.arange(n)[::every])
     assert len(figure.x) <= MOST

@@ -15,35 +15,35 @@ from tests.helpers.hse_rigs import ARCSEC, edited, simulate
 W = 7.292115e-5
 
 
-def found_in(folder, logs, rig, **options):
+def calibrated_in(folder, logs, rig, **options):
     rig = edited(rig, "rules", calibration={"min_turns": 4, "min_duration": 15.0})
-    given = {f"calibration__{k}": v for k, v in options.items()}
-    return calibrate(logs, None, effective_config(rig, given))
+    flags = {f"calibration__{k}": v for k, v in options.items()}
+    return calibrate(logs, None, effective_config(rig, flags))
 
 
 @pytest.fixture(scope="module")
 def logs(tmp_path_factory):
     folder = tmp_path_factory.mktemp("figures")
-    told = {
+    settings = {
         "rates": "120,60,-60", "plateau": 34, "rate": 40, "encoder_rate": 20, "epsilon": "11,4,6",
         "arw": 1e-4, "vrw": 5, "latitude": -35,
     }  # fmt: skip
     (a, rig), (b, _), (c, _) = (
-        simulate(folder, name, heading=h, tilt_east=e, seed=h, **told)
+        simulate(folder, name, heading=h, tilt_east=e, seed=h, **settings)
         for name, h, e in (("a", 30, 4e-3), ("b", 210, -4e-3), ("c", 120, 1e-3))
     )
     return folder, (a, b, c), rig
 
 
 @pytest.fixture(scope="module")
-def found(logs):
+def calibration(logs):
     folder, paths, rig = logs
-    return found_in(folder, paths, rig, azimuth=("a=30", "b=210", "c=120"), exclude=("c#2",))
+    return calibrated_in(folder, paths, rig, azimuth=("a=30", "b=210", "c=120"), exclude=("c#2",))
 
 
 @pytest.fixture(scope="module")
-def drawn(found):
-    return {one.key: one for one in figures(found)}
+def drawn(calibration):
+    return {one.key: one for one in figures(calibration)}
 
 
 def series(figure, name):
@@ -52,7 +52,7 @@ def series(figure, name):
     return x, one.y
 
 
-def test_all_are_there_and_have_units(drawn, found):
+def test_all_are_there_and_have_units(drawn, calibration):
     assert list(drawn) == [
         "heading", "residuals", "studentised", "azimuth", "axial", "turns", "rates", "allan",
     ]  # fmt: skip
@@ -61,32 +61,32 @@ def test_all_are_there_and_have_units(drawn, found):
         assert ", " in one.xlabel or one.key == "studentised"
 
 
-def test_fit_and_runs_part_by_the_residuals(drawn, found):
+def test_fit_and_runs_part_by_the_residuals(drawn, calibration):
     figure = drawn["heading"]
     rate, heading = series(figure, "runs in use")
-    used = [k for k, one in enumerate(found.fit.run_fits) if one.used]
+    used = [k for k, one in enumerate(calibration.fit.run_fits) if one.used]
     assert len(rate) == len(used) == 8
     for k, x, y in zip(used, rate, heading, strict=True):
-        run, one = found.runs[k], found.fit.run_fits[k]
+        run, one = calibration.runs[k], calibration.fit.run_fits[k]
         assert x == pytest.approx(np.degrees(run.rate))
-        psi0 = found.fit.psi0[one.position]
+        psi0 = calibration.fit.psi0[one.position]
         assert y == pytest.approx(((run.heading - psi0 + 1.0) % (2 * np.pi) - 1.0) / ARCSEC)
         line = series(figure, f"fit, base at {np.degrees(psi0):.2f} deg")
         fitted = np.interp(x, *line)
         # lines have the mean lean of their position, residuals that of their run
         assert y - fitted == pytest.approx(one.residual / ARCSEC, abs=1.0)
     left_out, _ = series(figure, "runs left out")
-    assert left_out == pytest.approx([np.degrees(found.runs[7].rate)])
+    assert left_out == pytest.approx([np.degrees(calibration.runs[7].rate)])
     x, y = series(drawn["residuals"], "runs in use")
-    np.testing.assert_allclose(y, [found.fit.run_fits[k].residual / ARCSEC for k in used])
+    np.testing.assert_allclose(y, [calibration.fit.run_fits[k].residual / ARCSEC for k in used])
 
 
-def test_band_is_that_of_a_fit_by_the_textbook(drawn, found):
+def test_band_is_that_of_a_fit_by_the_textbook(drawn, calibration):
     """Weighted least squares by numpy, on columns written out again."""
-    result = found.fit
+    result = calibration.fit
     keep = [k for k, one in enumerate(result.run_fits) if one.used]
     latitude = np.radians(-35.0)
-    runs = [found.runs[k] for k in keep]
+    runs = [calibration.runs[k] for k in keep]
     position = np.array([result.run_fits[k].position for k in keep])
     rate = np.array([r.rate for r in runs])
     lean = np.array([r.C23 for r in runs])
@@ -111,10 +111,10 @@ def test_band_is_that_of_a_fit_by_the_textbook(drawn, found):
         assert width[at] == pytest.approx(quantile * sigma, rel=1e-4)
 
 
-def test_axial_line(drawn, found):
+def test_axial_line(drawn, calibration):
     x, y = series(drawn["axial"], "fit")
     slope = np.polyfit(np.radians(x), y * ARCSEC, 1)[0]
-    assert -3.0 * slope == pytest.approx(found.fit.axial.lambda2)
+    assert -3.0 * slope == pytest.approx(calibration.fit.axial.lambda2)
     x, y = series(drawn["axial"], "runs in use")
     np.testing.assert_allclose(y * ARCSEC / np.radians(x), 7.0 * ARCSEC, atol=0.02 * ARCSEC)
 
@@ -132,8 +132,8 @@ def test_azimuth_before_and_after(drawn):
 
 def test_positions_without_azimuths(logs):
     folder, paths, rig = logs
-    found = found_in(folder, paths, rig)
-    figure = {one.key: one for one in figures(found)}["azimuth"]
+    calibration = calibrated_in(folder, paths, rig)
+    figure = {one.key: one for one in figures(calibration)}["azimuth"]
     assert "No azimuths were given" in figure.notes[0]
     x, after = series(figure, "after")
     for heading in np.unique(x):
@@ -141,24 +141,26 @@ def test_positions_without_azimuths(logs):
     assert [s.name for s in figure.series] == ["before", "after"]
 
 
-def test_rates_show_what_was_used(drawn, found):
+def test_rates_show_what_was_used(drawn, calibration):
     figure = drawn["rates"]
     assert [name for name, _ in figure.marks] == ["a", "b", "c"]
     _, used = series(figure, "used")
     shown = used[np.isfinite(used)]
     assert np.abs(np.abs(np.round(shown)) - 90.0) == pytest.approx(30.0)
     time, _ = series(figure, "table")
-    length = sum(log.segmentation.block_time_s[-1] for log in found.logs) / 60.0
+    length = sum(log.segmentation.block_time_s[-1] for log in calibration.logs) / 60.0
     assert np.nanmax(time) == pytest.approx(length)
     _, rejected = series(figure, "not used")
     assert np.nanmin(rejected) < 0.0 < np.nanmax(rejected)
 
 
-def test_turns_are_about_their_run(drawn, found):
+def test_turns_are_about_their_run(drawn, calibration):
     figure = drawn["turns"]
     assert [s.name for s in figure.series] == ["-60.0 deg/s", "+60.0 deg/s", "+120.0 deg/s"]
     _, y = series(figure, "+120")
-    assert np.count_nonzero(np.isfinite(y)) == sum(r.n_turns for r in found.runs if r.rate > 2.0)
+    assert np.count_nonzero(np.isfinite(y)) == sum(
+        r.n_turns for r in calibration.runs if r.rate > 2.0
+    )
     assert abs(np.nanmean(y)) < 1.0
 
 
@@ -186,37 +188,41 @@ def test_allan_deviation_of_white_noise_and_of_a_ramp():
 @pytest.mark.parametrize("method", [("heading", "paper"), ("axial", "regressor")])
 def test_other_methods_have_their_line(logs, method):
     folder, paths, rig = logs
-    found = found_in(folder, paths[:1], rig, method=method[0], form=method[1])
-    figure = heading_against_rate(found.fit)
+    calibration = calibrated_in(folder, paths[:1], rig, method=method[0], form=method[1])
+    figure = heading_against_rate(calibration.fit)
     x, y = series(figure, "fit")
     slope = np.polyfit(np.radians(x), y * ARCSEC, 1)[0]
     if method[0] == "heading":
-        assert slope == pytest.approx(found.fit.K)
+        assert slope == pytest.approx(calibration.fit.K)
         rate, heading = series(figure, "runs in use")
         # the published line goes through the means at each rate
         by_hand = np.polyfit(rate, heading, 1)
         np.testing.assert_allclose(np.polyval(by_hand, x), y, atol=1e-6)
     x, y = series(figure, "slope by the axial rate")
-    expected = found.fit.axial.lambda2 * found.fit.C23 / (3.0 * W * np.cos(np.radians(35.0)))
+    expected = (
+        calibration.fit.axial.lambda2 * calibration.fit.C23 / (3.0 * W * np.cos(np.radians(35.0)))
+    )
     assert np.polyfit(np.radians(x), y * ARCSEC, 1)[0] == pytest.approx(expected, rel=1e-4)
 
 
 def test_without_a_slope_only_runs_are_shown(logs):
     folder, paths, rig = logs
-    found = found_in(folder, paths[:1], rig, exclude=("a#1", "a#3"))
-    keys = [one.key for one in figures(found)]
+    calibration = calibrated_in(folder, paths[:1], rig, exclude=("a#1", "a#3"))
+    keys = [one.key for one in figures(calibration)]
     assert keys == ["heading", "axial", "turns", "rates", "allan"]
-    assert {s.name for s in figures(found)[0].series} == {"runs in use", "runs left out"}
+    assert {s.name for s in figures(calibration)[0].series} == {"runs in use", "runs left out"}
 
 
 def test_noise_free_runs_can_be_drawn(tmp_path):
     log, rig = simulate(tmp_path, "still", rates="60,120", plateau=34, rate=40, encoder_rate=20)
-    found = found_in(tmp_path, [log], rig)
-    made = figures(found)
+    calibration = calibrated_in(tmp_path, [log], rig)
+    made = figures(calibration)
     assert "heading" in [one.key for one in made]
-    for run in found.runs:
+    for run in calibration.runs:
         assert run.per_turn_heading is not None
-    quiet = dataclasses.replace(found, runs=tuple(
-        dataclasses.replace(r, per_turn_heading=np.full(r.n_turns, r.heading)) for r in found.runs
-    ))  # fmt: skip
+    runs = tuple(
+        dataclasses.replace(run, per_turn_heading=np.full(run.n_turns, run.heading))
+        for run in calibration.runs
+    )
+    quiet = dataclasses.replace(calibration, runs=runs)
     assert "allan" not in [one.key for one in figures(quiet)]

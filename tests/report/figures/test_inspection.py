@@ -89,8 +89,8 @@ def test_increments_after_a_gap_are_left_out(blocks):
 
 def shown_of(log, **options):
     shown = Shown()
-    found = inspect(log, ProcessConfig(input=InputOptions(**options)), shown=shown)
-    return {one.key: one for one in figures(found, shown.samplings, shown.traffic)}
+    inspection = inspect(log, ProcessConfig(input=InputOptions(**options)), shown=shown)
+    return {one.key: one for one in figures(inspection, shown.samplings, shown.traffic)}
 
 
 @pytest.mark.parametrize("hertz", [400.0, 50.0])
@@ -99,25 +99,25 @@ def test_increments_at_rest_are_drawn_as_gravity(tmp_path, hertz):
     times = np.delete(even_times(2000, hertz), slice(900, 1000))
     gyro, accel = resting(len(times), bias=(0.01, -0.02, 0.03))
     order = np.arange(len(times)).reshape(-1, 2)[:, ::-1].ravel()
-    found = {}
+    drawn = {}
     for kind, size in (("rate", 1.0), ("increment", 1.0 / hertz)):
         log = imu_log(
             tmp_path / f"{kind}.mcap", times[order], gyro[order] * size, accel[order] * size
         )
-        found[kind] = shown_of(log, gyro_kind=kind)
-    force, rate = found["increment"]["force-0"], found["increment"]["gyro-0"]
+        drawn[kind] = shown_of(log, gyro_kind=kind)
+    force, rate = drawn["increment"]["force-0"], drawn["increment"]["gyro-0"]
     norm = next(one.y for one in force.series if one.name == "norm")
     assert np.isfinite(norm).sum() > 1800
     np.testing.assert_allclose(norm[np.isfinite(norm)], 9.8, atol=0.15)
     for k, mean in enumerate((0.01, -0.02, 0.03)):
         np.testing.assert_allclose(np.nanmean(rate.series[k].y), np.degrees(mean), atol=0.05)
     assert INCREMENTS in force.notes and INCREMENTS in rate.notes
-    assert INCREMENTS not in found["rate"]["force-0"].notes
+    assert INCREMENTS not in drawn["rate"]["force-0"].notes
     for key in ("force-0", "gyro-0"):
-        for a, b in zip(found["rate"][key].series, found["increment"][key].series, strict=True):
-            known = np.isin(found["rate"][key].x, found["increment"][key].x[np.isfinite(b.y)])
-            known &= np.isfinite(a.y)
-            np.testing.assert_allclose(b.y[np.isfinite(b.y)], a.y[known], rtol=1e-4, atol=1e-6)
+        for a, b in zip(drawn["rate"][key].series, drawn["increment"][key].series, strict=True):
+            shared = np.isin(drawn["rate"][key].x, drawn["increment"][key].x[np.isfinite(b.y)])
+            shared &= np.isfinite(a.y)
+            np.testing.assert_allclose(b.y[np.isfinite(b.y)], a.y[shared], rtol=1e-4, atol=1e-6)
 
 
 def test_shares_count_every_interval_once():
@@ -153,9 +153,9 @@ def rates(seconds):
 
 @pytest.mark.parametrize("seconds", [300.0, 4000.0])
 def test_rates_of_topics(seconds):
-    found = rates(seconds)
+    drawn = rates(seconds)
     for topic, hertz in (("/fast", 100.0), ("/slow", 2.0)):
-        at, rate = found[topic]
+        at, rate = drawn[topic]
         width = at[1] - at[0]
         inside = (np.abs(at - 0.5 * seconds) > 0.1 * seconds + width) & (at > width)
         inside &= at < seconds - width
@@ -167,10 +167,10 @@ def test_rates_of_topics(seconds):
 
 def test_a_silence_shorter_than_a_point_lowers_the_rate_and_is_no_hole():
     """Six seconds, in which the slow topic would have sent twelve messages."""
-    found = rates(30.0)
-    at, rate = found["/fast"]
+    drawn = rates(30.0)
+    at, rate = drawn["/fast"]
     assert np.isnan(rate[np.abs(at - 15.0) < 2.9]).all()
-    at, rate = found["/slow"]
+    at, rate = drawn["/slow"]
     assert at[1] - at[0] >= MESSAGES / 2.0
     assert np.isfinite(rate).all() and rate.min() < 1.9
 

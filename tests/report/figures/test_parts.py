@@ -37,12 +37,12 @@ def test_track_goes_on_over_180_degrees():
     back = np.radians(np.array([[0.0, 179.8], [0.0, -179.7]]))
     figure = track("true", np.zeros(21), longitude, back)
     assert (figure.xlabel, figure.ylabel, figure.equal) == ("east, km", "north, km", True)
-    wanted = EQUATOR_M / 1000.0 * np.sin(np.radians(along))
-    np.testing.assert_allclose(figure.x, wanted, atol=1e-9)
+    expected = EQUATOR_M / 1000.0 * np.sin(np.radians(along))
+    np.testing.assert_allclose(figure.x, expected, atol=1e-9)
     np.testing.assert_allclose(curve(figure, "true").y, 0.0, atol=1e-9)
     fixes = curve(figure, "GNSS fixes")
-    wanted = EQUATOR_M / 1000.0 * np.sin(np.radians([-0.1, 0.4]))
-    np.testing.assert_allclose(fixes.x, wanted, atol=1e-9)
+    expected = EQUATOR_M / 1000.0 * np.sin(np.radians([-0.1, 0.4]))
+    np.testing.assert_allclose(fixes.x, expected, atol=1e-9)
     np.testing.assert_allclose(fixes.y, 0.0, atol=1e-9)
     assert "0.000000 deg north, 179.900000 deg east" in figure.notes[0]
 
@@ -53,13 +53,13 @@ def test_track_northward_in_metres_ends_before_a_hole():
     longitude = np.where(np.isnan(latitude), np.nan, np.radians(15.0))
     figure = track("computed", latitude, longitude)
     sine = np.sin(latitude)
-    wanted = EQUATOR_M * (1.0 - SQUARED) * sine / np.sqrt(1.0 - SQUARED * sine**2)
+    expected = EQUATOR_M * (1.0 - SQUARED) * sine / np.sqrt(1.0 - SQUARED * sine**2)
     assert (figure.xlabel, figure.ylabel) == ("east, m", "north, m")
-    np.testing.assert_allclose(curve(figure, "computed").y, wanted, atol=1e-6)
-    np.testing.assert_allclose(figure.x, np.where(np.isnan(wanted), np.nan, 0.0), atol=1e-6)
+    np.testing.assert_allclose(curve(figure, "computed").y, expected, atol=1e-6)
+    np.testing.assert_allclose(figure.x, np.where(np.isnan(expected), np.nan, 0.0), atol=1e-6)
     assert [one.name for one in figure.series] == ["computed", "start", "end"]
     assert (curve(figure, "start").x[0], curve(figure, "start").y[0]) == (0.0, 0.0)
-    np.testing.assert_allclose(curve(figure, "end").y, wanted[4])
+    np.testing.assert_allclose(curve(figure, "end").y, expected[4])
 
 
 @pytest.mark.parametrize("latitude", [-43.5, 60.0, 80.0])

@@ -28,8 +28,8 @@ def test_small_errors_of_attitude_are_in_arcsec_and_so_are_their_bounds():
     seconds = np.array([0.0, 0.5, 1.5, 2.0])
     error = np.outer([1.0, 2.0, np.nan, -3.0], [10.0, 20.0, -100.0]) * ARCSEC
     # one arc second, two, and a thousandth of a degree, 3.6 arc seconds
-    known = curves(**sigmas("attitude", 1 / 3600.0, 2 / 3600.0, 1e-3))
-    (figure,) = draw.errors({"attitude": (seconds, error)}, known)
+    columns = curves(**sigmas("attitude", 1 / 3600.0, 2 / 3600.0, 1e-3))
+    (figure,) = draw.errors({"attitude": (seconds, error)}, columns)
     assert (figure.key, figure.ylabel) == ("error-attitude", "error, arcsec")
     np.testing.assert_array_equal(figure.x, seconds)
     shown = drawn(figure)
@@ -47,8 +47,8 @@ def test_small_errors_of_attitude_are_in_arcsec_and_so_are_their_bounds():
 @pytest.mark.parametrize("largest, unit, shown", [(0.0999, "arcsec", 359.64), (0.11, "deg", 0.11)])
 def test_unit_of_attitude_is_settled_by_the_largest_error(largest, unit, shown):
     error = np.radians([[0.01, 0.02, -largest]])
-    known = curves(**sigmas("attitude", 0.5, 0.5, 0.5))
-    (figure,) = draw.errors({"attitude": (np.zeros(1), error)}, known)
+    columns = curves(**sigmas("attitude", 0.5, 0.5, 0.5))
+    (figure,) = draw.errors({"attitude": (np.zeros(1), error)}, columns)
     assert figure.ylabel == f"error, {unit}"
     np.testing.assert_allclose(drawn(figure)["down"].y, [-shown])
     bound = 1.5 * (3600.0 if unit == "arcsec" else 1.0)
@@ -58,8 +58,8 @@ def test_unit_of_attitude_is_settled_by_the_largest_error(largest, unit, shown):
 @pytest.mark.parametrize("largest, unit, size", [(4999.0, "m", 1.0), (7200.0, "km", 1000.0)])
 def test_large_errors_of_position_are_in_km_and_so_are_their_bounds(largest, unit, size):
     seconds, error = np.array([0.0, 4.0]), np.array([[1.0, -2.0, 3.0], [-largest, 0.0, 50.0]])
-    known = curves(**sigmas("position", 100.0, 200.0, 300.0))
-    (figure,) = draw.errors({"position": (seconds, error)}, known)
+    columns = curves(**sigmas("position", 100.0, 200.0, 300.0))
+    (figure,) = draw.errors({"position": (seconds, error)}, columns)
     assert figure.ylabel == f"error, {unit}"
     shown = drawn(figure)
     np.testing.assert_allclose(shown["north"].y, np.array([1.0, -largest]) / size)
@@ -79,32 +79,34 @@ def test_errors_without_sigmas_have_no_bounds_and_none_at_all_no_figure():
 
 
 def test_sigmas_are_drawn_where_there_are_no_errors():
-    known = curves(**sigmas("position", 1.0, 2.0, 3.0), **sigmas("attitude", 0.1, 0.2, 0.3))
-    found = draw.sigmas(known, without=("position",))
-    assert [(one.key, one.ylabel) for one in found] == [("sigma-attitude", "sigma, deg")]
-    np.testing.assert_array_equal(drawn(found[0])["down"].y, [0.3] * 3)
+    columns = curves(**sigmas("position", 1.0, 2.0, 3.0), **sigmas("attitude", 0.1, 0.2, 0.3))
+    by_name = draw.sigmas(columns, without=("position",))
+    assert [(one.key, one.ylabel) for one in by_name] == [("sigma-attitude", "sigma, deg")]
+    np.testing.assert_array_equal(drawn(by_name[0])["down"].y, [0.3] * 3)
 
 
 def test_height_its_difference_and_what_held_it():
-    known = curves(height=[100.0, 101.0, 103.0], up=[1.0, 1.5, 2.0], correction=[0.0, 1e-3, 2e-3])
+    columns = curves(height=[100.0, 101.0, 103.0], up=[1.0, 1.5, 2.0], correction=[0.0, 1e-3, 2e-3])
     at, values = np.array([0.5, 1.5]), np.array([[99.0, 1.5], [100.0, 2.0]])
     marks = (("coast", 1.25),)
-    found = {one.key: one for one in draw.vertical(known, ("/baro", at, values), marks)}
-    assert {key: one.ylabel for key, one in found.items()} == {
+    by_name = {one.key: one for one in draw.vertical(columns, ("/baro", at, values), marks)}
+    assert {key: one.ylabel for key, one in by_name.items()} == {
         "height": "height, m",
         "difference": "difference, m",
         "up": "velocity up, m/s",
         "correction": "correction, m/s²",
     }
-    assert all(one.marks == marks for one in found.values())
-    np.testing.assert_array_equal(drawn(found["height"])["computed"].y, [100.0, 101.0, 103.0])
-    reference = drawn(found["height"])["/baro"]
+    assert all(one.marks == marks for one in by_name.values())
+    np.testing.assert_array_equal(drawn(by_name["height"])["computed"].y, [100.0, 101.0, 103.0])
+    reference = drawn(by_name["height"])["/baro"]
     np.testing.assert_array_equal(reference.x, at)
     np.testing.assert_array_equal(reference.y, [99.0, 100.0])
-    np.testing.assert_array_equal(found["difference"].x, at)
-    np.testing.assert_array_equal(drawn(found["difference"])["computed less reference"].y, [1.5, 2])
-    assert found["difference"].title == "Height less that of /baro"
-    np.testing.assert_array_equal(drawn(found["up"])["up"].y, [1.0, 1.5, 2.0])
+    np.testing.assert_array_equal(by_name["difference"].x, at)
+    np.testing.assert_array_equal(
+        drawn(by_name["difference"])["computed less reference"].y, [1.5, 2]
+    )
+    assert by_name["difference"].title == "Height less that of /baro"
+    np.testing.assert_array_equal(drawn(by_name["up"])["up"].y, [1.0, 1.5, 2.0])
     assert draw.vertical(curves(up=np.zeros(3)), None, ()) == []
 
 

@@ -94,8 +94,8 @@ def test_errors_of_sensors_are_in_their_own_units_and_added_up():
         gyro_mean_rate=truth.gyro_mean_rate + off,
         mean_specific_force=truth.mean_specific_force + np.array([2e-3, 0.0, 0.0]),
     )
-    found = by_key(motion_figures(truth, sensor, None))
-    gyro, added, accel = (found[key] for key in ("gyro-error", "gyro-sum", "accel-error"))
+    by_name = by_key(motion_figures(truth, sensor, None))
+    gyro, added, accel = (by_name[key] for key in ("gyro-error", "gyro-sum", "accel-error"))
     assert (gyro.ylabel, added.ylabel, accel.ylabel) == (
         "error, deg/h", "angle, deg", "error, mm/s²",
     )  # fmt: skip
@@ -104,7 +104,7 @@ def test_errors_of_sensors_are_in_their_own_units_and_added_up():
     np.testing.assert_allclose(drawn(added)["right"], 0.1 * np.arange(1, 102) / 3600.0)
     np.testing.assert_allclose(drawn(accel)["forward"], 2.0)
     np.testing.assert_array_equal(drawn(accel)["down"], 0.0)
-    np.testing.assert_allclose(drawn(found["force"])["down"], -9.8)
+    np.testing.assert_allclose(drawn(by_name["force"])["down"], -9.8)
 
 
 def test_exact_sensors_have_no_errors_to_draw():
@@ -120,11 +120,11 @@ def test_a_closer_look_is_drawn_of_fast_motion(turns_hz, closer):
     rate[:, 1] = 5.0 + 2.0 * np.sin(2.0 * np.pi * turns_hz * seconds + 0.1)
     truth = still(3000, 100.0, rate)
     figures = motion_figures(truth, truth, None)
-    found = by_key(figures)
-    assert ("closer" in found) == closer
-    np.testing.assert_allclose(drawn(found["rate"])["right"], np.degrees(rate[:, 1]))
+    by_name = by_key(figures)
+    assert ("closer" in by_name) == closer
+    np.testing.assert_allclose(drawn(by_name["rate"])["right"], np.degrees(rate[:, 1]))
     if closer:
-        look = found["closer"]
+        look = by_name["closer"]
         assert figures[0] is look and look.ylabel == "rate, deg/s"
         # 200 samples about two thirds of the log
         np.testing.assert_allclose(look.x, seconds[1900:2100], atol=1e-9)
@@ -139,12 +139,12 @@ def test_a_short_log_is_close_enough():
 
 def test_height_and_velocity_are_the_true_ones():
     truth = travelled([52.0, 52.001, 52.002], [13.0] * 3, [40.0, 43.0, 46.0])
-    found = by_key(motion_figures(truth.imu, truth.imu, truth))
-    np.testing.assert_array_equal(drawn(found["height"])["true"], [40.0, 43.0, 46.0])
-    velocity = drawn(found["velocity"])
+    by_name = by_key(motion_figures(truth.imu, truth.imu, truth))
+    np.testing.assert_array_equal(drawn(by_name["height"])["true"], [40.0, 43.0, 46.0])
+    velocity = drawn(by_name["velocity"])
     assert list(velocity) == ["north", "east", "down"]
     np.testing.assert_array_equal(velocity["down"], [0.0, -3.0, -6.0])
-    assert (found["height"].ylabel, found["velocity"].ylabel) == ("height, m", "velocity, m/s")
+    assert (by_name["height"].ylabel, by_name["velocity"].ylabel) == ("height, m", "velocity, m/s")
 
 
 def test_a_drive_has_the_same_track_when_simulated_and_when_processed():
