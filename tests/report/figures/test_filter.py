@@ -1,11 +1,10 @@
 """Figures of a filter's run, from diagnostics made by hand: their numbers and units."""
 
-from types import SimpleNamespace
-
 import numpy as np
 import pytest
 
 from sinstool.methods.ins_gnss.results import FilterEvent, GnssDiagnostics
+from sinstool.pipelines.process.summary import FilterCourse
 from sinstool.report.figures.filter import MARKS, MOST, filter_figures
 
 T0 = 1_700_000_000_000_000_000
@@ -32,13 +31,8 @@ def diagnosed(n=4, **columns):
 
 def figures(gnss, events=(), biases=None):
     nothing = np.empty(0, np.int64), np.empty((0, 3)), np.empty((0, 3))
-    run = SimpleNamespace(
-        first_ns=T0 - 2 * SECOND,
-        events=list(events),
-        biases=lambda: biases or nothing,
-        diagnostics=lambda: gnss,
-    )
-    return {one.key: one for one in filter_figures(run)}
+    course = FilterCourse(T0 - 2 * SECOND, gnss, *(biases or nothing), list(events))
+    return {one.key: one for one in filter_figures(course)}
 
 
 def drawn(figure):
@@ -114,7 +108,3 @@ def test_of_many_fixes_every_so_many_are_drawn(n):
     np.testing.assert_array_equal(drawn(figure)["east"].y, np.arange(n)[::every])
     np.testing.assert_array_equal(figure.x, 2.0 + np.arange(n)[::every])
     assert len(figure.x) <= MOST
-
-
-def test_a_run_without_fixes_has_no_figures():
-    assert figures(None) == {} and figures(diagnosed(0)) == {}
