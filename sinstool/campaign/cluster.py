@@ -19,7 +19,7 @@ from sinstool.core.errors import ConfigurationError, SinstoolError
 # Waiting for the scheduler, for a first worker, and for cancelled jobs to let go of their files, s.
 CONNECT = 10.0
 LET_GO = 10.0
-# A worker's death is told by its connection, which the system closes before its files, s.
+# When a worker dies the system closes its connection first, its files up to so much later, s.
 DYING = 1.0
 START = "dask worker --nworkers 2 --nthreads 1 {address}"
 
@@ -65,7 +65,7 @@ def _client(address: str) -> Iterator[Any]:
     distributed = require_distributed()
     import logging
 
-    # What goes wrong is told by us, in one line.
+    # We report errors ourselves, in one line.
     for name in ("distributed.client", "distributed.comm", "distributed.core"):
         logging.getLogger(name).setLevel(logging.CRITICAL)
     try:
@@ -91,7 +91,7 @@ def _client(address: str) -> Iterator[Any]:
 
 def _require_version(client: Any, address: str) -> None:
     # A function within a function travels with its code, so that a worker with another sinstool,
-    # or none, can be asked too.
+    # or none, can answer too.
     def theirs() -> str:
         import importlib
 

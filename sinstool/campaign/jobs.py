@@ -21,7 +21,7 @@ from sinstool.core.temporary import sweep
 from sinstool.core.threads import single_threaded
 
 Report = Callable[[float], None]
-# Progress is told that often at most, s.
+# Progress is reported at most that often, s.
 TELL_EVERY = 0.2
 
 
@@ -168,7 +168,7 @@ def _perform(job: Job, tell: Report) -> Outcome:
 
 
 def _seldom(tell: Report) -> Report:
-    """Pass on what is told, now and then."""
+    """Pass reports of progress on, but not too often."""
     last = time.monotonic() - TELL_EVERY
 
     def report(fraction: float) -> None:

@@ -71,7 +71,7 @@ def command(
     latitude: float | None,
     show: bool,
     batch: BatchOptions,
-    **options: Any,
+    **flags: Any,
 ) -> int:
     """Calibrate the heading-sensitive error of a rate-biased laser-gyro system.
 
@@ -83,7 +83,7 @@ def command(
     Example:
       sinstool calibrate-hse north.mcap south.mcap --config rig.toml -o hse.json
     """
-    config = effective_config(config_file, options)
+    config = effective_config(config_file, flags)
     if show:
         print_config(config, "input", "calibration", "output", "rig")
         return 0

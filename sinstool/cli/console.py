@@ -29,7 +29,7 @@ class Choice(click.Choice):
 
 
 class Group(click.Group):
-    """Commands, of which the nearest is suggested where there is none of a name."""
+    """Commands by name; for an unknown name the nearest one is suggested."""
 
     what = "command"
 
@@ -63,20 +63,14 @@ def progress_bar(label: str, quiet: bool) -> Iterator[Callable[[float], None] | 
     if quiet or not sys.stderr.isatty():
         yield None
         return
+    from rich import progress
     from rich.console import Console
-    from rich.progress import (
-        BarColumn,
-        Progress,
-        TaskProgressColumn,
-        TextColumn,
-        TimeRemainingColumn,
-    )
 
-    with Progress(
-        TextColumn("{task.description}"),
-        BarColumn(),
-        TaskProgressColumn(),
-        TimeRemainingColumn(),
+    with progress.Progress(
+        progress.TextColumn("{task.description}"),
+        progress.BarColumn(),
+        progress.TaskProgressColumn(),
+        progress.TimeRemainingColumn(),
         console=Console(stderr=True),
         transient=True,
     ) as bar:

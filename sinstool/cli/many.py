@@ -169,7 +169,7 @@ def log_table(
 
 
 def workers_of(batch: BatchOptions, reads: Sequence[Path], most: int) -> Workers:
-    """Who works; on this machine, where nothing is said, a process for each core.
+    """The workers of a batch: by default a process for each core of this machine.
 
     Parameters
     ----------
@@ -179,7 +179,7 @@ def workers_of(batch: BatchOptions, reads: Sequence[Path], most: int) -> Workers
     Raises
     ------
     UsageError
-        Both are asked for.
+        Both kinds of workers are named.
     """
     from sinstool.campaign.jobs import Workers
 
@@ -289,8 +289,8 @@ def work_through(
     Parameters
     ----------
     row : callable
-        Makes of a job's number and outcome what there is to say of it, with ``status`` and
-        ``exit``; `row_of` is the most of it.
+        Makes the row of ``--json`` from a job's number and outcome, with ``status`` and ``exit``;
+        `row_of` does most of it.
     batch : BatchOptions
         With ``as_json`` a line is printed for each row, in the order of the jobs.
 
@@ -349,7 +349,7 @@ def finish(
     table : callable, optional
         Prints it.
     where : str
-        To be said of the outputs.
+        Where the outputs are, for the last line.
 
     Returns
     -------
@@ -391,31 +391,23 @@ def _bars(jobs: Sequence[Job], quiet: bool) -> Iterator[Callable[[int, float | N
     if quiet or not sys.stderr.isatty():
         yield lambda number, fraction, ended: None
         return
+    from rich import progress
     from rich.console import Console
-    from rich.progress import (
-        BarColumn,
-        DownloadColumn,
-        MofNCompleteColumn,
-        Progress,
-        TaskID,
-        TextColumn,
-        TimeRemainingColumn,
-    )
 
     # What has no input has no bytes.
-    counted = DownloadColumn() if any(job.size for job in jobs) else MofNCompleteColumn()
-    with Progress(
-        TextColumn("{task.description}"),
-        BarColumn(),
-        counted,
-        TimeRemainingColumn(),
+    in_bytes = any(job.size for job in jobs)
+    with progress.Progress(
+        progress.TextColumn("{task.description}"),
+        progress.BarColumn(),
+        progress.DownloadColumn() if in_bytes else progress.MofNCompleteColumn(),
+        progress.TimeRemainingColumn(),
         console=Console(stderr=True),
         transient=True,
         # else lines of JSON would be written to stderr
         redirect_stdout=sys.stdout.isatty(),
     ) as bar:
         every = bar.add_task(f"0 of {len(jobs)}", total=sum(job.size for job in jobs) or len(jobs))
-        running: dict[int, TaskID] = {}
+        running: dict[int, progress.TaskID] = {}
         done: dict[int, float] = {}
         ends: set[int] = set()
 
@@ -437,7 +429,7 @@ def _bars(jobs: Sequence[Job], quiet: bool) -> Iterator[Callable[[int, float | N
 
 
 def row_of(outcome: Outcome, log: Path, output: Path | None = None) -> dict[str, Any]:
-    """What there is to say of a log: what its job returned, or why there is nothing."""
+    """The row of a log: what its job returned, or its status and error."""
     if not outcome.error:
         row: dict[str, Any] = outcome.value
         return row

@@ -173,7 +173,7 @@ def effective(
 
 
 def _flat(value: Any) -> Any:
-    """What was said in several options of one name, as one list."""
+    """The words of an option that stands several times, as one list."""
     if isinstance(value, tuple) and value and isinstance(value[0], tuple):
         return tuple(word for words in value for word in words)
     return value

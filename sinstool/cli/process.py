@@ -113,7 +113,7 @@ def process_one(
     config: ProcessConfig,
     progress: Progress | None,
 ) -> ProcessResult:
-    """Process a log, and write its page where one is asked for.
+    """Process a log, and write its page if there is to be one.
 
     Parameters
     ----------
@@ -185,7 +185,7 @@ def process_unless_done(
 
 
 def _recorder(log: Path, report: Path | None, config: ProcessConfig) -> Recorder | None:
-    """What collects figures and errors, where either is asked for."""
+    """What collects figures and errors; None where the run needs neither."""
     if report is None and not config.output.truth:
         return None
     from sinstool.io.readers import open_log

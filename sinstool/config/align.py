@@ -139,7 +139,7 @@ class InFlightOptions(Group):
     accel_range: float | None = option(None, "m/s^2, the same", "M/S^2", gt=0)
 
     def check(self) -> None:
-        """The span of alignment is one, and the time asked for is a time."""
+        """The alignment ends after it starts, and ``--at`` is a time."""
         if (
             self.align_start is not None
             and self.align_end is not None

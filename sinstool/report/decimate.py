@@ -1,4 +1,4 @@
-"""Thinning of curves to what a page can show, with every extreme kept."""
+"""Thinning of curves to what a page can show; every extreme stays."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ def thin(x: FloatArray, y: FloatArray, limit: int, log_x: bool = False) -> Index
     ----------
     x, y : ndarray, shape (n,)
         NaN and infinity make holes. Where `x` goes back somewhere, as along a path, the extremes
-        of `x` are kept too.
+        of `x` stay too.
     limit : int
         How many points to keep at most, 8 or more.
     log_x : bool, optional

@@ -1,4 +1,4 @@
-"""What the report borrows, imported when it is wanted and not before."""
+"""Optional packages of the report, imported only when they are used."""
 
 from __future__ import annotations
 

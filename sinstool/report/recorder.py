@@ -1,6 +1,6 @@
 """Figures of a run of `process`, collected while its solutions stream by.
 
-A run pushes every block of solutions; what is kept does not grow with the log. What a kind of run
+A run pushes every block of solutions; its memory does not grow with the log. What a kind of run
 knows besides, such as a filter's innovations, it adds as figures of its own.
 """
 

@@ -91,7 +91,7 @@ def _sigma_range(series: AlignmentSeries) -> tuple[float, float]:
 
 
 def attitude(alignment: LogAlignment, series: AlignmentSeries) -> Figure:
-    """Roll, pitch and heading at each fix, where the worst sigma lets them be told."""
+    """Roll, pitch and heading at each fix, where the worst sigma is small enough."""
     euler = to_euler(series.q_nb) / DEGREE
     euler[:, 2] %= 360.0
     too_vague = ~(series.sigma_worst <= REFUSE_SIGMA)

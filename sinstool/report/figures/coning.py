@@ -21,7 +21,7 @@ def figures(log: LogComparison) -> tuple[Figure, ...]:
     Returns
     -------
     tuple of Figure
-        Six where the log is long enough for a spectrum and decimation was asked for.
+        Six where the log is long enough for a spectrum and decimation is among the options.
     """
     c = log.comparison
     native = [r for r in c.rows if r.candidate.decimate == 1 and r.curves]

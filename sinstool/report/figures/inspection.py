@@ -1,4 +1,4 @@
-"""Figures of what is in a log, collected while it is inspected; what is kept is bounded."""
+"""Figures of what is in a log, collected in bounded memory while it is inspected."""
 
 from __future__ import annotations
 

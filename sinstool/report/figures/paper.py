@@ -75,7 +75,7 @@ def _length(experiment: Experiment, key: str, shown: bool = True) -> Series:
 
 
 def _others(experiment: Experiment) -> list[Series]:
-    """The algorithms that the user asked for beside the paper's."""
+    """The algorithms of ``--algorithms`` that are not the paper's."""
     paper_keys = {case.key for case in paper_cases()}
     return [
         _length(experiment, case.key) for case in experiment.cases if case.key not in paper_keys

@@ -1,4 +1,4 @@
-"""Figures of a run of `process`, from the curves that its recorder kept."""
+"""Figures of a run of `process`, from the curves that its recorder collected."""
 
 from __future__ import annotations
 

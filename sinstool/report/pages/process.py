@@ -34,7 +34,6 @@ TITLES = {
     "attitude": "Attitude from recorded inertial data",
     "ins": "Inertial navigation from recorded data",
     "ins-gnss": "INS/GNSS navigation from recorded data",
-    "turntable": "Attitude from recorded inertial data",
 }
 
 
@@ -52,6 +51,8 @@ def write_page(
     """
     rows = summary_rows(result, verbose=True)
     read, mode = result.input, result.plan.mode.value
+    # On a turntable attitude alone is computed.
+    mode = "attitude" if mode == "turntable" else mode
     sections: tuple[Section | None, ...] = (
         _answer(mode, result),
         *recorder.figures(result),
@@ -79,7 +80,6 @@ def _answer(mode: str, result: ProcessResult) -> Prose:
         "attitude": "Attitude alone was computed",
         "ins": "Attitude, velocity and position were computed from inertial data alone",
         "ins-gnss": "Attitude, velocity and position were computed from inertial data and GNSS",
-        "turntable": "Attitude alone was computed",
     }[mode]
     text = f"{what}: {spent} of {imu.topic}, {result.output.attitudes} attitudes.{north}"
     facts = [
@@ -162,7 +162,7 @@ def _hse_facts(hse: summary.HseCorrection) -> list[Fact]:
 
 
 def _withheld(result: ProcessResult) -> Table | None:
-    """What navigation did where fixes were kept from it."""
+    """Errors of navigation where fixes were withheld from it."""
     scores = None if result.filter is None else result.filter.withheld
     if scores is None:
         return None

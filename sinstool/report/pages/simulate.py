@@ -11,12 +11,7 @@ from sinstool.core.options import Group
 from sinstool.core.timeline import SECOND
 from sinstool.core.units import DEGREE
 from sinstool.report.figure import Figure
-from sinstool.report.figures.simulation import (
-    baro_figures,
-    fix_figures,
-    motion_figures,
-    rig_figures,
-)
+from sinstool.report.figures import simulation as draw
 from sinstool.report.pages.settings import Read, config_settings, input_rows
 from sinstool.report.sections import (
     Column,
@@ -74,15 +69,15 @@ def simulation_page(simulated: Simulated, config: Group, output: Path) -> Page:
 def _motion(simulated: Simulated) -> tuple[list[Figure], list[Fact]]:
     truth, trajectory = simulated.truth, simulated.trajectory
     assert truth is not None and simulated.sensor is not None
-    figures = list(motion_figures(truth, simulated.sensor, trajectory))
+    figures = list(draw.motion_figures(truth, simulated.sensor, trajectory))
     if trajectory is not None:
         for topic in simulated.topics:
             rows = slice(0, len(topic.time_ns))
             if topic.topic == FIX_TOPIC:
-                figures += fix_figures(topic.time_ns, topic.columns(rows), trajectory)
+                figures += draw.fix_figures(topic.time_ns, topic.columns(rows), trajectory)
             elif topic.topic == BARO_TOPIC:
                 pressure = topic.columns(rows)["fluid_pressure"]
-                figures += baro_figures(topic.time_ns, pressure, trajectory)
+                figures += draw.baro_figures(topic.time_ns, pressure, trajectory)
     rate = np.linalg.norm(truth.gyro_rate, axis=1).max() / DEGREE
     force = np.linalg.norm(truth.specific_force, axis=1).max()
     facts = [
@@ -114,4 +109,4 @@ def _rig(simulated: Simulated) -> tuple[list[Figure], list[Fact]]:
         Fact("Heading of the base", f"{log.truth.heading / DEGREE:.4f} deg"),
         Fact("Rates", f"{settings['rates']} deg/s", f"{settings['plateau']} s at each"),
     ]
-    return list(rig_figures(log)), facts
+    return list(draw.rig_figures(log)), facts

@@ -93,7 +93,7 @@ _NOTHING = 1e-9
 
 
 def shown(value: Any) -> str:
-    """Write a number with three digits, and what is none as a dash."""
+    """Write a number with three digits, and a dash where there is no number."""
     if isinstance(value, str):
         return value
     if value is None or value != value:
