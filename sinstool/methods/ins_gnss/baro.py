@@ -7,6 +7,7 @@ how good both heights are, and keeps its covariance true to what was done.
 from __future__ import annotations
 
 from math import sqrt
+from typing import Any
 
 import numba
 import numpy as np
@@ -30,7 +31,7 @@ _VD = VELOCITY + 2
 
 LEAST_BARO_SIGMA = 0.05  # m, of a row: no barometer is free of noise
 # Differences turned down in a row, before the reference is said to have moved
-JUMP_ROWS = np.int64(5)
+JUMP_ROWS: Any = np.int64(5)
 FAST_BARO = 0.05  # s: faster samples act on the covariance together, at the substep's end
 LEAST_BARO_GATE = 3.0  # m: samples closer than this are never unlikely
 JUMPS_APART = 30.0  # s between jumps of a barometer that is sound otherwise

@@ -6,7 +6,7 @@ in another file: after editing, delete ``__pycache__`` of this folder.
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,7 +20,7 @@ IntArray = NDArray[np.int64]
 ROWS = 6  # of a GNSS epoch
 # Of a single measurement. A literal 1 would be a type of its own to numba, and every function that
 # it is passed to would be compiled twice.
-ONE_ROW = np.int64(1)
+ONE_ROW: Any = np.int64(1)
 
 # --- numbers carried ----------------------------------------------------------------------
 N_STARTED = 0  # 1 after the first update

@@ -100,7 +100,7 @@ def run(
     count = counts[:1]
     fix_next = 0
     baro_next = 0
-    row = np.int64(0)  # a literal 0 would compile all it is passed to twice
+    row = int(np.int64(0))  # a literal 0 would compile all it is passed to twice
     first_fix = 0
     moved = m.moved
     for k in range(len(time)):

@@ -22,6 +22,7 @@ References
 from __future__ import annotations
 
 from math import sqrt
+from typing import Any
 
 import numba
 import numpy as np
@@ -38,7 +39,7 @@ OF_NORMAL = 0.2059
 # Changes that show noise that has begun just now. The third least of them is taken, whose mean
 # rank, 3 in 9, is near the quantile; two bad fixes make four changes large and leave it alone. With
 # noise as given nine in ten of what they say are between 0.09 and 3.9, hence NOISY.
-SHORT = np.int64(8)
+SHORT: Any = np.int64(8)
 # Where the changes of all epochs kept (60) say so many times the variance given, these are believed
 # alone: with noise as given two in a thousand are beyond that, and the larger of theirs and of the
 # few changes', which scatter, would mostly be too large.
