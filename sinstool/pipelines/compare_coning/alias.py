@@ -39,33 +39,44 @@ class RateSpectrum:
 
 
 @dataclass(frozen=True)
-class Exposure:
+class Alias:
+    """What a lower rate would fold onto rest.
+
+    Attributes
+    ----------
+    input : {'sums', 'points'}
+        How samples are thinned.
+    rate_hz : float
+        The lower rate.
+    dc_alias_deg : float
+        Root mean square of the angle that noise about multiples of the lower rate builds up in a
+        window.
+    lines_hz : tuple of float
+        Frequencies of lines that fold to slow motion: within 2 % of the lower rate of one of its
+        multiples, and strong enough to matter after the thinning.
+    """
+
+    decimate: int
+    input: str
+    rate_hz: float
+    dc_alias_deg: float
+    lines_hz: tuple[float, ...]
+
+
+@dataclass(frozen=True)
+class Exposure(Alias):
     """What logging at a lower rate would do.
 
     Attributes
     ----------
-    thinning : {'sums', 'points'}
-    rate_hz : float
-        The lower rate.
-    dc_alias : float
-        Root mean square of the angle that noise about multiples of the lower rate builds up in a
-        window, rad.
     folded : ndarray, shape (k,)
         Density folded onto [0, rate_hz / 2], (rad/s)^2/Hz, at `frequency`.
     frequency : ndarray, shape (k,)
         Hz.
-    lines : tuple of float
-        Frequencies of lines that fold to slow motion, Hz: within 2 % of the lower rate of one
-        of its multiples, and strong enough to matter after the thinning.
     """
 
-    decimate: int
-    thinning: str
-    rate_hz: float
-    dc_alias: float
     folded: FloatArray
     frequency: FloatArray
-    lines: tuple[float, ...]
 
 
 def rate_spectrum(
@@ -170,6 +181,5 @@ def exposure(
         # At half the log's own rate the band has one side only.
         power += level * half * (1.0 if 2 * k == decimate else 2.0)
         near += [x for x in visible if abs(x - centre) <= LINE_SHARE * rate]
-    return Exposure(
-        decimate, thinning, rate, window_s * float(np.sqrt(power)), folded, at, tuple(near)
-    )
+    angle = float(np.degrees(window_s * float(np.sqrt(power))))
+    return Exposure(decimate, thinning, rate, angle, tuple(near), folded, at)

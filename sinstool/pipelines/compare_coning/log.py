@@ -32,8 +32,7 @@ from sinstool.pipelines.compare_coning.compare import (
 )
 from sinstool.pipelines.compare_coning.divergence import DEG_H
 from sinstool.pipelines.compare_coning.runs import Attitudes, Segment
-from sinstool.survey.imu import Survey
-from sinstool.survey.source import Source, prepare, rate_blocks
+from sinstool.survey.source import Source, nominal_interval, prepare, rate_blocks
 
 # Fewer than these in every stretch, and nothing can be said of frequencies
 MIN_SPECTRUM = 256
@@ -115,18 +114,20 @@ def compare_log(
     SinstoolError
     """
     options, bands = config.comparison, config.coning
-    log = _read(path, config)
+    with open_log(path, config.input.salvage) as log:
+        source = prepare(log, config, gyro_only=True)
+        stretches, interval = gyro_segments(source, config)
+        truth = _read_truth(source, stretches, config)
     kind = of_rates(config.input.gyro_kind)
-    interval = log.interval
     algorithms = options.algorithms or DEFAULT_ALGORITHMS
     log_choice("algorithms", ", ".join(algorithms))
     log_choice("reference", _reference(options))
     log_choice(
         "stretches",
-        f"{len(log.stretches)} without a gap, gyro samples taken as {config.input.gyro_kind}",
+        f"{len(stretches)} without a gap, gyro samples taken as {config.input.gyro_kind}",
     )
     _check_bands(path, bands, interval)
-    longest = max(log.stretches, key=len).gyro
+    longest = max(stretches, key=len).gyro
     long_enough = len(longest) >= MIN_SPECTRUM
     tuning = tune(longest, interval, kind, passband=bands.passband) if long_enough else None
     limits = bounds(longest, interval, kind) if long_enough else None
@@ -139,14 +140,14 @@ def compare_log(
         _algorithm_options(bands, tuning, interval),
     )
     try:
-        comparison = compare(log.stretches, kind, interval, settings, log.truth, progress)
+        comparison = compare(stretches, kind, interval, settings, truth, progress)
     except ValueError as exc:
         raise DataError(path, str(exc), "choose a longer span with --start and --end") from exc
     if limits is not None and limits.status == "noise-limited":
         verdict = comparison.verdict
         text = f"{verdict.text}. Most of the log is little but noise: of motion it tells nothing"
         comparison = replace(comparison, verdict=replace(verdict, text=text))
-    survey = log.survey
+    survey = source.survey
     low, high = survey.interval_range_ns
     checks = Checks(
         comparison.rate_hz,
@@ -158,7 +159,7 @@ def compare_log(
         survey.order.duplicates,
         float(np.degrees(np.max(survey.gyro_max))),
     )
-    warnings = [*log.warnings, *comparison.warnings]
+    warnings = [*map(str, source.findings), *comparison.warnings]
     if comparison.duration_s < options.window:
         warnings.append(
             f"the log holds {comparison.duration_s:.3g} s, less than a window of"
@@ -168,7 +169,7 @@ def compare_log(
         warnings.append(
             f"no stretch holds {MIN_SPECTRUM} samples: no spectrum, and no prediction from it"
         )
-    elif len(log.stretches) > 1:
+    elif len(stretches) > 1:
         warnings.append(
             f"the spectrum, and so the prediction, is of the longest stretch"
             f" ({len(longest) * interval:.4g} s) only"
@@ -181,17 +182,17 @@ def compare_log(
     )
     return LogComparison(
         path,
-        log.topic,
+        source.imu_topic.topic,
         comparison,
         coning_spectrum(longest, interval, kind) if long_enough else None,
         bands.passband,
         bands.stopband,
         tuning,
         limits,
-        log.truth_source,
+        options.truth or "",
         checks,
         tuple(warnings),
-        log.lost,
+        tuple(map(str, log.lost)),
     )
 
 
@@ -204,46 +205,23 @@ def _reference(options: ComparisonOptions) -> str:
     return f"{options.reference}, as told"
 
 
-@dataclass(frozen=True)
-class _Read:
-    """What is taken from a log."""
-
-    topic: str
-    stretches: list[Segment]
-    interval: float
-    truth: list[Attitudes] | None
-    truth_source: str
-    survey: Survey
-    warnings: tuple[str, ...]
-    lost: tuple[str, ...]
-
-
-def _read(path: Path, config: ProcessConfig) -> _Read:
+def _read_truth(
+    source: Source, stretches: list[Segment], config: ProcessConfig
+) -> list[Attitudes] | None:
+    """True attitude of each stretch, where there is a truth."""
     topic_or_file = config.comparison.truth
-    with open_log(path, config.input.salvage) as log:
-        source = prepare(log, config, gyro_only=True)
-        stretches, interval = gyro_segments(source, config)
-        truth = None
-        if topic_or_file is not None:
-            times, q_nb = read_truth(log, topic_or_file, config.input.body_axes)
-            truth = [truth_at(times, q_nb, stretch) for stretch in stretches]
-            if max(len(t.sample) for t in truth) < 2:
-                raise DataError(
-                    path,
-                    f"--truth {topic_or_file} has no two instants within the samples of"
-                    f" {source.imu_topic.topic}",
-                    "its times have to be in the clock of the Imu's header stamps",
-                )
-        return _Read(
-            source.imu_topic.topic,
-            stretches,
-            interval,
-            truth,
-            topic_or_file or "",
-            source.survey,
-            tuple(map(str, source.findings)),
-            tuple(map(str, log.lost)),
+    if topic_or_file is None:
+        return None
+    times, q_nb = read_truth(source.log, topic_or_file, config.input.body_axes)
+    truth = [truth_at(times, q_nb, stretch) for stretch in stretches]
+    if max(len(t.sample) for t in truth) < 2:
+        raise DataError(
+            source.path,
+            f"--truth {topic_or_file} has no two instants within the samples of"
+            f" {source.imu_topic.topic}",
+            "its times have to be in the clock of the Imu's header stamps",
         )
+    return truth
 
 
 def gyro_segments(source: Source, config: ProcessConfig) -> tuple[list[Segment], float]:
@@ -256,8 +234,7 @@ def gyro_segments(source: Source, config: ProcessConfig) -> tuple[list[Segment],
     float
     """
     survey = source.survey
-    rate = config.input.imu_rate
-    nominal = survey.interval_ns if rate is None else SECOND / rate
+    nominal = nominal_interval(source, config)
     blocks = rate_blocks(source, config, survey.first_ns, nominal)
     times: list[list[np.ndarray]] = []
     gyro: list[list[np.ndarray]] = []
@@ -270,7 +247,7 @@ def gyro_segments(source: Source, config: ProcessConfig) -> tuple[list[Segment],
     stretches = []
     for t, g in zip(times, gyro, strict=True):
         time_ns = np.concatenate(t)
-        if rate is not None:
+        if config.input.imu_rate is not None:
             time_ns = time_ns[0] + np.rint(np.arange(len(time_ns)) * nominal).astype(np.int64)
         stretches.append(Segment(time_ns, np.concatenate(g)))
     return stretches, nominal / SECOND

@@ -137,7 +137,6 @@ def run_experiment(
     response: GyroResponse = DEFAULT_RESPONSE,
     algorithms: Sequence[str] = (),
     *,
-    step_hz: float = 1.0,
     progress: Callable[[float], None] | None = None,
 ) -> Experiment:
     """Run the paper's experiment.
@@ -151,8 +150,6 @@ def run_experiment(
         Gyro that the figures are for. Table 1 is looked for with all of :data:`RESPONSES`.
     algorithms : sequence of str, optional
         More algorithms of the registry to run beside those the paper needs.
-    step_hz : float, optional
-        Between frequencies of noise from 0 to 1000 Hz; 1 is the paper's.
     progress : callable, optional
         Takes the fraction done.
 
@@ -173,19 +170,14 @@ def run_experiment(
         plan.setdefault(Setting(other, response), cases)
         for gyro in RESPONSES:
             plan.setdefault(Setting(other, gyro), few)
-    frequency = np.arange(0.0, 1000.0 + 0.5 * step_hz, step_hz)
+    frequency = np.arange(0.0, 1001.0)
     sweeps = run_sweeps(plan, frequency, progress=progress)
     costs = {case.key: measure_cost(case.algorithm) for case in cases}
     return Experiment(main, cases, frequency, sweeps, costs)
 
 
-def measure_cost(algorithm: ConingAlgorithm, rate_hz: float = RATE_HZ) -> Cost:
+def measure_cost(algorithm: ConingAlgorithm) -> Cost:
     """Time an algorithm on this machine.
-
-    Parameters
-    ----------
-    rate_hz : float, optional
-        Samples per second of data.
 
     Returns
     -------
@@ -194,7 +186,7 @@ def measure_cost(algorithm: ConingAlgorithm, rate_hz: float = RATE_HZ) -> Cost:
     """
     random = np.random.default_rng(0)
     x = 1e-3 * random.standard_normal((_COST_ROWS + 1, 3))
-    dt = np.full(len(x), 1.0 / rate_hz)
+    dt = np.full(len(x), 1.0 / RATE_HZ)
     count = _COST_ROWS // algorithm.samples
     times = []
     for _ in range(_COST_REPEATS):
@@ -204,4 +196,4 @@ def measure_cost(algorithm: ConingAlgorithm, rate_hz: float = RATE_HZ) -> Cost:
         attitude.push(phi, dt[:count])
         times.append(time.perf_counter() - start)
     update = min(times) / count
-    return Cost(update, update * rate_hz / algorithm.samples)
+    return Cost(update, update * RATE_HZ / algorithm.samples)

@@ -25,7 +25,6 @@ from sinstool.pipelines.compare_coning.paper_cases import Case
 from sinstool.simulation.coning_paper import (
     DURATION_S,
     FREQUENCY_HZ,
-    NOISE_ANGLE,
     RATE_HZ,
     Phase,
     Tone,
@@ -121,9 +120,6 @@ class Sweep:
 def run_sweeps(
     plan: Mapping[Setting, Sequence[Case]],
     frequency: FloatArray,
-    *,
-    noise_angle: float = NOISE_ANGLE,
-    duration_s: float = DURATION_S,
     progress: Callable[[float], None] | None = None,
 ) -> dict[tuple[Setting, str], Sweep]:
     """Run algorithms over frequencies of noise.
@@ -134,10 +130,6 @@ def run_sweeps(
         What is run with each gyro.
     frequency : ndarray, shape (m,)
         Of the noise, Hz.
-    noise_angle : float, optional
-        Amplitude of the noise as an angle before the gyro's filter, rad.
-    duration_s : float, optional
-        Of each run, s.
     progress : callable, optional
         Takes the fraction done.
 
@@ -155,7 +147,7 @@ def run_sweeps(
         for setting, cases in plan.items()
         for case in cases
     }
-    runner = _Runner(plan, sweeps, noise_angle, duration_s)
+    runner = _Runner(plan, sweeps)
     blocks = [range(i, min(i + _LANES, len(frequency))) for i in range(0, len(frequency), _LANES)]
     threads = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count()
     with executor(threads or 1, "sinstool-paper") as pool:
@@ -169,16 +161,11 @@ class _Runner:
     """What all frequencies have in common, and the run of one block of them."""
 
     def __init__(
-        self,
-        plan: Mapping[Setting, Sequence[Case]],
-        sweeps: dict[tuple[Setting, str], Sweep],
-        noise_angle: float,
-        duration_s: float,
+        self, plan: Mapping[Setting, Sequence[Case]], sweeps: dict[tuple[Setting, str], Sweep]
     ) -> None:
         self.plan = plan
         self.sweeps = sweeps
-        self.noise_angle = noise_angle
-        self.times = sample_times(RATE_HZ, duration_s)
+        self.times = sample_times(RATE_HZ, DURATION_S)
         truth = cone(self.times)
         self.interval, self.q = truth.interval, truth.q_nb
         self.motion = tone(self.times, self.interval, FREQUENCY_HZ)
@@ -262,7 +249,6 @@ class _Workspace:
                     mean=feed == "increments",
                     phase=setting.phase,
                     response=setting.response,
-                    noise_angle=runner.noise_angle,
                     out=rows,
                 )
                 if feed == "increments":

@@ -8,8 +8,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from sinstool.core.result import as_json
+from sinstool.core.result import as_json, fields_in
 from sinstool.methods.coning.registry import algorithm
+from sinstool.pipelines.compare_coning.alias import Alias
 from sinstool.pipelines.compare_coning.divergence import DEG_H, DriftStatistics, Row
 from sinstool.pipelines.compare_coning.log import SP, Checks, LogComparison
 from sinstool.pipelines.compare_coning.predictions import Prediction, predict
@@ -130,17 +131,6 @@ class SpectrumResult:
 
 
 @dataclass(frozen=True)
-class Alias:
-    """What a lower rate would fold onto rest."""
-
-    decimate: int
-    input: str
-    rate_hz: float
-    dc_alias_deg: float
-    lines_hz: tuple[float, ...]
-
-
-@dataclass(frozen=True)
 class SpTuningResult:
     """Parameters of singular-perturbation tuned to the passband."""
 
@@ -238,10 +228,7 @@ def summarise(log: LogComparison) -> ComparisonResult:
             0.5 / log.spectrum.interval,
             log.spectrum.step,
         ),
-        tuple(
-            Alias(e.decimate, e.thinning, e.rate_hz, float(np.degrees(e.dc_alias)), e.lines)
-            for e in c.exposures
-        ),
+        tuple(Alias(**fields_in(exposure, Alias)) for exposure in c.exposures),
         _sp(log),
         c.verdict,
         log.lost,
@@ -301,19 +288,14 @@ def _sp(log: LogComparison) -> SpResult | None:
         SP in log.comparison.settings.algorithms,
         "phi = p w1 + (T - p) w2 + kappa w1 x w2",
         SpTuningResult(
-            tuning.status,
-            tuning.q,
-            tuning.epsilon,
-            tuning.beta_gain,
-            tuning.drift_best * DEG_H,
-            tuning.drift_tuned * DEG_H,
+            **fields_in(tuning, SpTuningResult),
+            epsilon_s=tuning.epsilon,
+            drift_best_dph=tuning.drift_best * DEG_H,
+            drift_tuned_dph=tuning.drift_tuned * DEG_H,
         ),
         SpBoundsResult(
-            limits.status,
-            limits.windows,
-            limits.noise_limited,
-            limits.epsilon_upper,
-            limits.gain_lower,
-            limits.band,
+            **fields_in(limits, SpBoundsResult),
+            epsilon_upper_s=limits.epsilon_upper,
+            band_hz=limits.band,
         ),
     )

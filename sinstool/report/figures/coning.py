@@ -137,7 +137,7 @@ def _density(log: LogComparison) -> Figure:
     series = [Series("the log as it is", np.maximum(s.density[keep] * unit, 1e-30))]
     for e in log.comparison.exposures:
         inside = e.frequency > 0
-        label = f"at {e.rate_hz:.4g} Hz, {e.thinning}, folded"
+        label = f"at {e.rate_hz:.4g} Hz, {e.input}, folded"
         folded = np.maximum(e.folded[inside] * unit, 1e-30)
         series.append(Series(label, folded, e.frequency[inside], "dashed"))
     return Figure(

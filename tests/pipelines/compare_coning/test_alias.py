@@ -71,13 +71,13 @@ def test_angle_of_folded_noise_is_that_of_windows(noise, m):
     measured = np.sqrt((wrong**2).sum(axis=1).mean())
     # windows that m does not divide are off by a sample: nothing beside the rest
     spectrum = rate_spectrum([noise], STEP, window)
-    found = exposure(spectrum, RATE, m, "points", window).dc_alias
-    assert found == pytest.approx(measured, rel=0.12)
+    folded = np.deg2rad(exposure(spectrum, RATE, m, "points", window).dc_alias_deg)
+    assert folded == pytest.approx(measured, rel=0.12)
 
 
 def test_sums_fold_next_to_nothing_onto_rest(noise, spectrum):
-    sums = exposure(spectrum, RATE, 4, "sums", 10.0).dc_alias
-    points = exposure(spectrum, RATE, 4, "points", 10.0).dc_alias
+    sums = exposure(spectrum, RATE, 4, "sums", 10.0).dc_alias_deg
+    points = exposure(spectrum, RATE, 4, "points", 10.0).dc_alias_deg
     assert sums < 0.01 * points
 
 
@@ -92,8 +92,9 @@ def test_line_at_the_lower_rate_becomes_a_constant_rate(window):
     found = exposure(spectrum, RATE, 4, "points", window)
     # sin 45 deg of the amplitude at every sample that is kept, and its rms over all phases
     assert np.allclose(gyro[::4, 0], amplitude * np.sqrt(0.5), atol=1e-5)
-    assert found.dc_alias == pytest.approx(window * amplitude * np.sqrt(0.5), rel=0.25)
-    assert found.lines == pytest.approx([100.0])
+    angle = np.rad2deg(window * amplitude * np.sqrt(0.5))
+    assert found.dc_alias_deg == pytest.approx(angle, rel=0.25)
+    assert found.lines_hz == pytest.approx([100.0])
 
 
 def test_only_lines_near_multiples_of_the_lower_rate_are_named():
@@ -103,9 +104,9 @@ def test_only_lines_near_multiples_of_the_lower_rate_are_named():
         gyro[:, k % 3] += 1e-3 * np.sin(2 * np.pi * f * t)
     spectrum = rate_spectrum([gyro], STEP)
     assert lines(spectrum) == pytest.approx([33.0, 101.5, 110.0, 199.0])
-    assert exposure(spectrum, RATE, 4, "points", 10.0).lines == pytest.approx([101.5, 199.0])
+    assert exposure(spectrum, RATE, 4, "points", 10.0).lines_hz == pytest.approx([101.5, 199.0])
     # 133 Hz and 2.7 Hz about it: none of them
-    assert exposure(spectrum, RATE, 3, "points", 10.0).lines == ()
+    assert exposure(spectrum, RATE, 3, "points", 10.0).lines_hz == ()
 
 
 def test_what_a_sum_takes_out_or_rounding_makes_is_no_line():
@@ -113,9 +114,9 @@ def test_what_a_sum_takes_out_or_rounding_makes_is_no_line():
     gyro = np.zeros((len(t), 3))
     gyro[:, 0] = 1e-3 * np.sin(2 * np.pi * 100.0 * t) + 1e-15 * np.sin(2 * np.pi * 50.0 * t)
     spectrum = rate_spectrum([gyro], STEP)
-    assert exposure(spectrum, RATE, 4, "points", 10.0).lines == pytest.approx([100.0])
-    assert exposure(spectrum, RATE, 4, "sums", 10.0).lines == ()
-    assert exposure(spectrum, RATE, 8, "points", 10.0).lines == pytest.approx([100.0])
+    assert exposure(spectrum, RATE, 4, "points", 10.0).lines_hz == pytest.approx([100.0])
+    assert exposure(spectrum, RATE, 4, "sums", 10.0).lines_hz == ()
+    assert exposure(spectrum, RATE, 8, "points", 10.0).lines_hz == pytest.approx([100.0])
 
 
 def test_noise_has_no_lines(spectrum):
