@@ -96,7 +96,7 @@ def command(
     if config.rig is None:
         raise ConfigurationError("no rig is described", "give a table [rig] with --config RIG.toml")
     from sinstool.core.whole_file import commit_together
-    from sinstool.pipelines.calibrate_hse.files import check_files, write_csv, write_rig
+    from sinstool.pipelines.calibrate_hse.result import check_files, write_csv, write_rig
     from sinstool.pipelines.calibrate_hse.run import calibrate
     from sinstool.report.page import check_report
 

@@ -21,7 +21,7 @@ from sinstool.methods.coning.algorithm import ConingAlgorithm
 from sinstool.pipelines.align.first_attitude import align
 from sinstool.survey.coning import choose_algorithm, coning_reason
 from sinstool.survey.grade import sensor_grade
-from sinstool.survey.source import Source, has_gnss, nominal_interval
+from sinstool.survey.source import Source, has_gnss
 
 if TYPE_CHECKING:
     from sinstool.pipelines.process.ins_gnss.filter_start import FilterStart
@@ -130,7 +130,7 @@ def make_plan(source: Source, config: ProcessConfig) -> Plan:
     mode, filter_start, findings = _mode(source, config)
     alignment = None if filter_start is not None else align(source, config)
     first = _first_attitude(source, config, alignment, filter_start)
-    algorithm = choose_algorithm(source, config, nominal_interval(source, config))
+    algorithm = choose_algorithm(source, config)
     plan = Plan(
         imu_topic=Choice(source.imu_topic.topic, source.imu_topic.reason, "--imu-topic"),
         mode=mode,

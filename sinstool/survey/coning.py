@@ -13,15 +13,15 @@ from sinstool.core.timeline import SECOND, segments
 from sinstool.io.readers.frames import turn_body
 from sinstool.methods.coning.algorithm import ConingAlgorithm, of_rates
 from sinstool.methods.coning.registry import algorithm
-from sinstool.survey.source import Source, rate_blocks
+from sinstool.survey.source import Source, nominal_interval, rate_blocks
 
 # Singular perturbation is tuned to the coning of the log's first part, of this length at most.
 TUNING_S = 600.0
 
 
-def choose_algorithm(source: Source, config: ProcessConfig, nominal_ns: float) -> ConingAlgorithm:
+def choose_algorithm(source: Source, config: ProcessConfig) -> ConingAlgorithm:
     """The coning algorithm, with what its options need to know of the log."""
-    settings = config.coning
+    settings, nominal_ns = config.coning, nominal_interval(source, config)
     options = settings.algorithm_options()
     if settings.coning == "gyro-tuned":
         options["interval"] = nominal_ns / SECOND
@@ -40,17 +40,12 @@ def coning_reason(chosen: ConingAlgorithm, config: ProcessConfig) -> str:
     kind = config.input.gyro_kind
     default = type(config.coning).model_fields["coning"].default
     why = "the default" if config.coning.coning == default else "as configured"
-    return f"{why}: {chosen.summary}; gyro samples are {kind}{_way(kind, chosen)}"
-
-
-def _way(kind: str, chosen: ConingAlgorithm) -> str:
-    """How samples become what an algorithm takes."""
-    taken = chosen.for_kind(of_rates(kind))
+    way = "which become increments by the polynomial through six of them"
     if kind != "rate":
-        return ", taken as increments"
-    if taken.takes == "rates":
-        return ", which it takes as they are"
-    return ", which become increments by the polynomial through six of them"
+        way = "taken as increments"
+    elif chosen.for_kind(of_rates(kind)).takes == "rates":
+        way = "which it takes as they are"
+    return f"{why}: {chosen.summary}; gyro samples are {kind}, {way}"
 
 
 def _tuned(source: Source, config: ProcessConfig, nominal_ns: float) -> dict[str, Any]:
@@ -59,7 +54,7 @@ def _tuned(source: Source, config: ProcessConfig, nominal_ns: float) -> dict[str
     from sinstool.methods.coning.sp_tuning import tune
 
     survey = source.survey
-    blocks = rate_blocks(source, config, survey.first_ns, nominal_ns)
+    blocks = rate_blocks(source, config, survey.first_ns)
     longest: list[np.ndarray] = []
     current: list[np.ndarray] = []
     for piece in segments(blocks, survey.max_gap_ns):

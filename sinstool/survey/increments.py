@@ -20,11 +20,10 @@ class SegmentIncrements:
     def __init__(self, source: Source, config: ProcessConfig, algorithm: ConingAlgorithm) -> None:
         self._source = source
         self._config = config
-        self._nominal = nominal_interval(source, config)
         self._settings = SampleSettings(
             algorithm=algorithm,
             gyro_kind=config.input.gyro_kind,
-            nominal_ns=self._nominal,
+            nominal_ns=nominal_interval(source, config),
             max_gap_ns=source.survey.max_gap_ns,
         )
         self.samples = 0
@@ -49,7 +48,7 @@ class SegmentIncrements:
             sample at which it begins.
         """
         config, source = self._config, self._source
-        blocks = rate_blocks(source, config, start_ns, self._nominal, progress)
+        blocks = rate_blocks(source, config, start_ns, progress)
         stage: IncrementStage | None = None
         waiting: SegmentSamples | None = None
         opening: Imu | None = None

@@ -19,9 +19,8 @@ from sinstool.core.timeline import SECOND, Order, mean_rates, ordered, reblock
 from sinstool.core.units import DEGREE, STANDARD_GRAVITY
 from sinstool.io.readers.log import Log
 from sinstool.io.readers.message_types import FIX_TYPE, VELOCITY_TYPES
-from sinstool.io.readers.streams import ImuUnits, Losses, first_fix, frame_id, read_imu
+from sinstool.io.readers.streams import ImuUnits, Losses, first_fix, frame_id, read_imu, tf_parent
 from sinstool.io.readers.topics import ImuTopic, choose_imu, choose_optional
-from sinstool.io.readers.transforms import tf_parent
 from sinstool.survey.aiding import (
     AidingData,
     aiding_channels,
@@ -353,16 +352,13 @@ def rate_blocks(
     source: Source,
     config: ProcessConfig,
     start_ns: int,
-    nominal_ns: float,
     progress: Callable[[int], None] | None = None,
 ) -> Iterator[Imu]:
-    """As :func:`imu_blocks`, with increments as mean rates over their own intervals.
-
-    ``nominal_ns`` is the interval of samples that follow a gap or nothing.
-    """
+    """As :func:`imu_blocks`, with increments as mean rates over their own intervals."""
     blocks = imu_blocks(source, start_ns, progress)
     if config.input.gyro_kind != "increment":
         return blocks
+    nominal_ns = nominal_interval(source, config)
     return mean_rates(blocks, nominal_ns, source.survey.max_gap_ns, config.input.imu_rate)
 
 

@@ -104,7 +104,7 @@ def test_workers_keep_to_one_core(tmp_path):
 
 
 def threads_while_writing(folder, progress):
-    from sinstool.io.readers.ahead import ahead
+    from sinstool.io.readers.file import ahead
     from sinstool.io.writers.mcap import McapWriter
 
     seen = []

@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 
 from sinstool.config.logs import EMITS
-from sinstool.io.writers.topics import DIAGNOSTICS_TYPE, TOPICS, topic_of
+from sinstool.io.writers.solution import DIAGNOSTICS_TYPE, TOPICS, topic_of
 from tests.docs.examples import ROOT
 
 PROGRAM = re.compile(r"^\| `(\w+\.py)\b", re.MULTILINE)

@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import os
+from collections import deque
 from collections.abc import Callable, Iterable, Iterator
+from concurrent.futures import Future
 from pathlib import Path
 from typing import TypeVar
 
 from sinstool.core.errors import UnsupportedLogError
-from sinstool.io.readers.ahead import ahead
+from sinstool.core.threads import executor, is_single_threaded
 from sinstool.io.readers.batch import RawBatch
 from sinstool.io.readers.compression import (
     CompressionError,
@@ -18,7 +20,40 @@ from sinstool.io.readers.compression import (
 from sinstool.io.readers.limits import LARGE, MAX_BLOCK
 from sinstool.io.readers.log import Log
 
+Item = TypeVar("Item")
+Result = TypeVar("Result")
 Place = TypeVar("Place")
+
+# Results of `ahead` that are held at most.
+DEPTH = 3
+
+
+def ahead(work: Callable[[Item], Result], items: Iterable[Item]) -> Iterator[Result]:
+    """Map ``work`` over ``items`` in a thread, in order, a few results ahead.
+
+    Decompression and checksums give up the interpreter lock, so reading overlaps with whatever
+    the caller does; the bound keeps memory flat.
+
+    Yields
+    ------
+    Result
+        In the order of ``items``; an exception of ``work`` is raised in its turn.
+    """
+    if is_single_threaded():
+        yield from map(work, items)
+        return
+    with executor(1, "sinstool-read") as pool:
+        waiting: deque[Future[Result]] = deque()
+        try:
+            for item in items:
+                waiting.append(pool.submit(work, item))
+                if len(waiting) >= DEPTH:
+                    yield waiting.popleft().result()
+            while waiting:
+                yield waiting.popleft().result()
+        finally:
+            for future in waiting:
+                future.cancel()
 
 
 class FileLog(Log):

@@ -3,24 +3,18 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from functools import partial
-from itertools import count, takewhile
+from itertools import count, islice, takewhile
 from types import MappingProxyType
 from typing import TypeVar
 
 import numpy as np
 
 from sinstool.core.errors import UnsupportedLogError
-from sinstool.core.streams import (
-    Baro,
-    BaroHeight,
-    Encoder,
-    Gnss,
-    Imu,
-    Velocity,
-)
-from sinstool.io.messages.decode import Columns, Decoder
+from sinstool.core.streams import Baro, BaroHeight, Encoder, Gnss, Imu, Velocity
+from sinstool.io.messages.decode import Decoder
 from sinstool.io.messages.layout import Layout, LayoutError, walk
 from sinstool.io.readers.frames import SWAP_ENU_NED, enu_to_ned, q_nb_from_log, turn_body
 from sinstool.io.readers.log import Channel, Log
@@ -30,6 +24,10 @@ Made = TypeVar("Made")
 
 # rad/s and m/s^2: no sensor measures so much, in no unit that anybody writes, but damage does.
 LARGEST = 1e9
+TF_TYPES = ("tf2_msgs/msg/TFMessage", "tf/msg/tfMessage")
+# The tree of a vehicle is complete within its first messages; reading on would cost a Python
+# call for each of what may be millions.
+MAX_TF_MESSAGES = 20_000
 _XYZ = ("x", "y", "z")
 _XYZW = ("x", "y", "z", "w")
 
@@ -135,7 +133,6 @@ def read_columns(
         if progress is not None:
             progress(batch.position)
         present = list(decoders) if len(decoders) == 1 else np.unique(batch.channel).tolist()
-        parts: list[tuple[np.ndarray, Columns]] = []
         for number in present:
             one = batch.select([number])
             decode = partial(decoders[number].decode, one.buffer, one.offset, one.length)
@@ -146,17 +143,15 @@ def read_columns(
                     raise UnsupportedLogError(
                         log.path, f"topic {topics[number]}: {paths[0]} has {width} elements"
                     )
-            parts.append((one.log_time, decoded))
             bad = len(one) - int(np.count_nonzero(decoded.valid))
             if bad:
                 losses.malformed += bad
                 losses.problem = losses.problem or decoders[number].problem
-        for log_time, decoded in parts:
-            if decoded.valid.all():
-                yield log_time, decoded.values
+            if not bad:
+                yield one.log_time, decoded.values
             elif decoded.valid.any():
                 keep = decoded.valid
-                yield log_time[keep], {k: v[keep] for k, v in decoded.values.items()}
+                yield one.log_time[keep], {k: v[keep] for k, v in decoded.values.items()}
 
 
 def read_imu(
@@ -333,3 +328,35 @@ def layouts(log: Log, channels: Sequence[Channel]) -> Iterator[tuple[Layout, byt
                 yield walk(definitions[int(batch.channel[i])], payload), payload
             except LayoutError:
                 continue
+
+
+def tf_parent(log: Log, child: str) -> str | None:
+    """Parent of a frame in the log's own /tf and /tf_static; None where it has none.
+
+    Parameters
+    ----------
+    child : str
+        Frame id.
+    """
+    channels = []
+    for channel in log.channels.values():
+        if channel.type in TF_TYPES:
+            with suppress(UnsupportedLogError):
+                channel.definition(log.path)
+                channels.append(channel)
+    if channels:
+        for layout, payload in islice(layouts(log, channels), MAX_TF_MESSAGES):
+            parent = _parent(layout, payload, child)
+            if parent is not None:
+                return parent
+    return None
+
+
+def _parent(layout: Layout, payload: bytes, child: str) -> str | None:
+    index = 0
+    while f"transforms[{index}].child_frame_id" in layout.leaves:
+        name = layout.text(f"transforms[{index}].child_frame_id", payload)
+        if name.lstrip("/") == child.lstrip("/"):
+            return layout.text(f"transforms[{index}].header.frame_id", payload)
+        index += 1
+    return None

@@ -3,24 +3,19 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
+from sinstool.core import earth
+from sinstool.core.rotation import conjugate, rotate, to_dcm, to_euler
 from sinstool.core.streams import Diagnostics, Solution, concatenate
 from sinstool.io.messages.definitions import md5_sum, ros1_type_name, schema_text, type_hash
 from sinstool.io.messages.encode import Encoder
 from sinstool.io.readers.batch import RawBatch
+from sinstool.io.readers.frames import SWAP_ENU_NED, enu_to_ned, q_for_log, turn_body
 from sinstool.io.writers.mcap import McapWriter
-from sinstool.io.writers.topics import (
-    DIAGNOSTICS_TOPIC,
-    DIAGNOSTICS_TYPE,
-    TOPICS,
-    Columns,
-    Frames,
-    Rows,
-    diagnostic_columns,
-    diagnostic_strings,
-)
 
 # Numeric, as the oldest supported rosbag2 reads nothing else: keep last 10, reliable, volatile.
 QOS = """- history: 1
@@ -40,6 +35,270 @@ QOS = """- history: 1
   avoid_ros_namespace_conventions: false"""
 # Small enough for what is made of it to stay in the processor's cache: two chunks.
 BATCH = 4096
+
+
+@dataclass(frozen=True)
+class Frames:
+    """Names and axes of what is written.
+
+    Attributes
+    ----------
+    world : {'enu', 'ned'}
+    reference : str
+        ``map`` where heading is referenced to north, ``odom`` where it is not.
+    body : str
+        Frame id of the sensor.
+    body_axes : {'flu', 'frd'}
+    origin : tuple of float or None
+        Latitude, longitude (rad) and height (m) where the reference frame has its origin.
+    """
+
+    world: str
+    reference: str
+    body: str
+    body_axes: str
+    origin: tuple[float, float, float] | None = None
+
+    @property
+    def reference_id(self) -> str:
+        """Frame id of the reference; NED frames say so in their name."""
+        return f"{self.reference}_ned" if self.world == "ned" else self.reference
+
+
+Columns = dict[str, np.ndarray]
+# A number as the text of a diagnostic value: always as long as this.
+NUMBER = "%14.6e"
+NUMBER_LENGTH = 14
+
+
+class Rows:
+    """A batch of solutions as messages give it; what several topics share is made once."""
+
+    def __init__(self, solution: Solution, frames: Frames) -> None:
+        self.solution = solution
+        self.frames = frames
+
+    def header(self, prefix: str = "") -> Columns:
+        """The stamp, for a header at a path."""
+        sec, nanosec = self._stamp
+        return {f"{prefix}header.stamp.sec": sec, f"{prefix}header.stamp.nanosec": nanosec}
+
+    @cached_property
+    def _stamp(self) -> tuple[np.ndarray, np.ndarray]:
+        return stamp(self.solution.time_ns)
+
+    @cached_property
+    def xyzw(self) -> np.ndarray:
+        """Orientation, scalar last."""
+        q = q_for_log(self.solution.q_nb, self.frames.body_axes, self.frames.world)
+        return q[:, [1, 2, 3, 0]]
+
+    @cached_property
+    def position(self) -> np.ndarray | None:
+        """Cartesian position in the world frame, from its origin; None where none is known."""
+        if self.solution.position is None or self.frames.origin is None:
+            return None
+        ned = earth.local_position_n(self.frames.origin, self.solution.position)
+        return self.to_world(ned)
+
+    def to_world(self, vectors_n: np.ndarray) -> np.ndarray:
+        """NED vectors in the axes of the world frame."""
+        return enu_to_ned(vectors_n) if self.frames.world == "enu" else vectors_n
+
+    def turned(self, covariance_n: np.ndarray) -> np.ndarray:
+        """NED covariances in the axes of the world frame."""
+        if self.frames.world != "enu":
+            return covariance_n
+        return SWAP_ENU_NED @ covariance_n @ SWAP_ENU_NED
+
+    def in_body(self, covariance_n: np.ndarray) -> np.ndarray:
+        """NED covariances in the log's body axes."""
+        c_nb = turn_body(to_dcm(self.solution.q_nb), self.frames.body_axes)
+        return np.swapaxes(c_nb, 1, 2) @ covariance_n @ c_nb
+
+
+def stamp(time_ns: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Seconds and nanoseconds of times."""
+    sec = time_ns // 1_000_000_000
+    # numpy divides by a constant quickly, but takes remainders slowly
+    return sec, time_ns - sec * 1_000_000_000
+
+
+def _imu(r: Rows) -> Columns:
+    columns = {
+        **r.header(),
+        "orientation.x": r.xyzw,
+        "angular_velocity.x": turn_body(r.solution.omega_ib_b, r.frames.body_axes),
+        "linear_acceleration.x": turn_body(r.solution.specific_force_b, r.frames.body_axes),
+    }
+    if r.solution.covariance_attitude_n is not None:
+        turned = r.turned(r.solution.covariance_attitude_n)
+        columns["orientation_covariance"] = turned.reshape(-1, 9)
+    return columns
+
+
+def _attitude(r: Rows) -> Columns:
+    return {**r.header(), "quaternion.x": r.xyzw}
+
+
+def _euler(r: Rows) -> Columns:
+    return {**r.header(), "vector.x": to_euler(r.solution.q_nb)}
+
+
+def _pose(r: Rows) -> Columns:
+    columns = {**r.header(), "pose.orientation.x": r.xyzw}
+    if r.position is not None:
+        columns["pose.position.x"] = r.position
+    return columns
+
+
+def _tf(r: Rows) -> Columns:
+    first = "transforms[0]."
+    columns = {**r.header(first), f"{first}transform.rotation.x": r.xyzw}
+    if r.position is not None:
+        columns[f"{first}transform.translation.x"] = r.position
+    return columns
+
+
+def _odometry(r: Rows) -> Columns:
+    """Pose in the world frame, twist in the body's (REP-105 and nav_msgs/Odometry)."""
+    s = r.solution
+    assert r.position is not None and s.velocity_n is not None
+    body_velocity = rotate(conjugate(s.q_nb), s.velocity_n)
+    columns = {
+        **r.header(),
+        "pose.pose.position.x": r.position,
+        "pose.pose.orientation.x": r.xyzw,
+        "twist.twist.linear.x": turn_body(body_velocity, r.frames.body_axes),
+        "twist.twist.angular.x": turn_body(s.omega_ib_b, r.frames.body_axes),
+    }
+    if s.covariance_position_n is not None and s.covariance_attitude_n is not None:
+        pose = np.zeros((len(s), 6, 6))
+        pose[:, :3, :3] = r.turned(s.covariance_position_n)
+        pose[:, 3:, 3:] = r.turned(s.covariance_attitude_n)
+        columns["pose.covariance"] = pose.reshape(-1, 36)
+    if s.covariance_velocity_n is not None:
+        twist = np.zeros((len(s), 6, 6))
+        twist[:, :3, :3] = r.in_body(s.covariance_velocity_n)
+        columns["twist.covariance"] = twist.reshape(-1, 36)
+    return columns
+
+
+def _fix(r: Rows) -> Columns:
+    s = r.solution
+    assert s.position is not None
+    columns = {
+        **r.header(),
+        "latitude": np.degrees(s.position[:, 0]),
+        "longitude": np.degrees(s.position[:, 1]),
+        "altitude": s.position[:, 2],
+    }
+    if s.covariance_position_n is not None:
+        # always east, north, up in this message
+        turned = SWAP_ENU_NED @ s.covariance_position_n @ SWAP_ENU_NED
+        columns["position_covariance"] = turned.reshape(-1, 9)
+        columns["position_covariance_type"] = np.array(3)
+    return columns
+
+
+def _height(r: Rows) -> Columns:
+    assert r.solution.vertical is not None
+    return {**r.header(), "vector.x": r.solution.vertical}
+
+
+@dataclass(frozen=True)
+class Topic:
+    """One topic that can be written."""
+
+    topic: str
+    type_name: str
+    columns: Callable[[Rows], Columns]
+    strings: Callable[[Frames], dict[str, str]]
+    lengths: tuple[tuple[str, int], ...] = ()
+
+
+def _in_reference(frames: Frames) -> dict[str, str]:
+    return {"header.frame_id": frames.reference_id}
+
+
+TOPICS = {
+    "imu": Topic(
+        "/sinstool/imu", "sensor_msgs/msg/Imu", _imu, lambda f: {"header.frame_id": f.body}
+    ),
+    "attitude": Topic(
+        "/sinstool/attitude", "geometry_msgs/msg/QuaternionStamped", _attitude, _in_reference
+    ),
+    # Roll, pitch, heading are those of FRD in NED whatever the world of the quaternions.
+    "euler": Topic(
+        "/sinstool/euler",
+        "geometry_msgs/msg/Vector3Stamped",
+        _euler,
+        lambda f: {"header.frame_id": f"{f.reference}_ned"},
+    ),
+    "odometry": Topic(
+        "/sinstool/odometry",
+        "nav_msgs/msg/Odometry",
+        _odometry,
+        lambda f: {"header.frame_id": f.reference_id, "child_frame_id": f.body.lstrip("/")},
+    ),
+    "pose": Topic("/sinstool/pose", "geometry_msgs/msg/PoseStamped", _pose, _in_reference),
+    "fix": Topic(
+        "/sinstool/fix", "sensor_msgs/msg/NavSatFix", _fix, lambda f: {"header.frame_id": f.body}
+    ),
+    "tf": Topic(
+        "/tf",
+        "tf2_msgs/msg/TFMessage",
+        _tf,
+        lambda f: {
+            "transforms[0].header.frame_id": f.reference_id,
+            # tf2 refuses the leading slash that old drivers write
+            "transforms[0].child_frame_id": f.body.lstrip("/"),
+        },
+        (("transforms", 1),),
+    ),
+    "height": Topic("/sinstool/height", "geometry_msgs/msg/Vector3Stamped", _height, _in_reference),
+}
+DIAGNOSTICS_TOPIC = "/sinstool/diagnostics"
+DIAGNOSTICS_TYPE = "diagnostic_msgs/msg/DiagnosticArray"
+
+
+def topic_of(name: str) -> str:
+    """Topic of what ``--emit`` calls by a name."""
+    return DIAGNOSTICS_TOPIC if name == "diagnostics" else TOPICS[name].topic
+
+
+def diagnostic_strings(names: Sequence[str], frames: Frames) -> dict[str, str]:
+    """Text fields of diagnostic messages with values of these names."""
+    strings = {
+        "header.frame_id": frames.body,
+        "status[0].name": "sinstool: filter",
+        "status[0].hardware_id": "sinstool",
+        "status[0].message": _LEVELS[0].decode(),
+    }
+    for k, name in enumerate(names):
+        strings[f"status[0].values[{k}].key"] = name
+        strings[f"status[0].values[{k}].value"] = " " * NUMBER_LENGTH
+    return strings
+
+
+_LEVELS = (b"ok             ", b"measurement off", b"restarted      ")
+
+
+def diagnostic_columns(diagnostics: Diagnostics) -> Columns:
+    """Columns of diagnostic messages: numbers as text of one length."""
+    sec, nanosec = stamp(diagnostics.time_ns)
+    messages = np.frombuffer(b"".join(_LEVELS), np.uint8).reshape(len(_LEVELS), -1)
+    columns: Columns = {
+        "header.stamp.sec": sec,
+        "header.stamp.nanosec": nanosec,
+        "status[0].level": diagnostics.level,
+        "status[0].message": messages[diagnostics.level],
+    }
+    for k in range(diagnostics.values.shape[1]):
+        text = np.char.mod(NUMBER, diagnostics.values[:, k]).astype(f"S{NUMBER_LENGTH}")
+        padded = np.char.rjust(text, NUMBER_LENGTH)
+        columns[f"status[0].values[{k}].value"] = padded.view(np.uint8).reshape(len(text), -1)
+    return columns
 
 
 class SolutionWriter:

@@ -128,7 +128,7 @@ def bias_at_rest(source: Source, config: ProcessConfig, grade: Grade) -> tuple[n
 def samples(source: Source, config: ProcessConfig, end_ns: int | None = None) -> Imu:
     """Samples up to a time, increments as mean rates."""
     parts: list[Imu] = []
-    for block in rate_blocks(source, config, source.survey.first_ns, _interval_ns(source)):
+    for block in rate_blocks(source, config, source.survey.first_ns):
         if end_ns is not None and int(block.time_ns[0]) > end_ns:
             break
         parts.append(block)

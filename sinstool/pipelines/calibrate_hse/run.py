@@ -29,7 +29,7 @@ from sinstool.io.readers import open_log
 from sinstool.io.readers.log import path_size
 from sinstool.io.readers.lost import Lost
 from sinstool.methods.hse.calibration import HseCalibration, from_fit
-from sinstool.methods.hse.correction import correct_heading
+from sinstool.methods.hse.correction import CorrectedHeading, correct_heading
 from sinstool.methods.hse.fit import fit
 from sinstool.methods.hse.fit_result import FitOptions, HseFit
 from sinstool.methods.hse.rig import Rig, from_table
@@ -37,7 +37,7 @@ from sinstool.methods.hse.run import HseRun
 from sinstool.methods.hse.segments import SegmentRules
 from sinstool.methods.hse.status import judge
 from sinstool.methods.hse.table import ValidationTable, validation_table
-from sinstool.methods.hse.whole_turn import run_from_turns
+from sinstool.methods.hse.whole_turn import WholeTurnAlignment, run_from_turns
 from sinstool.pipelines.calibrate_hse.calibration_file import dumps
 from sinstool.pipelines.calibrate_hse.result import Calibration, PositionSpread
 from sinstool.survey.rig import RigTurns, find_turns, nothing_to_use, read_rig_log
@@ -293,6 +293,25 @@ def azimuths(options: CalibrationOptions, sources: Sequence[str]) -> dict[str, f
     return azimuth
 
 
+def correct_runs(
+    runs: Sequence[HseRun] | Sequence[WholeTurnAlignment], calibration: HseCalibration
+) -> CorrectedHeading:
+    """Headings of stretches at constant rate, their heading-sensitive error taken out."""
+
+    def column(name: str) -> FloatArray:
+        return np.array([getattr(run, name) for run in runs])
+
+    return correct_heading(
+        calibration,
+        column("heading"),
+        column("sigma_heading"),
+        column("rate"),
+        column("C23"),
+        column("latitude"),
+        np.nan_to_num(column("sigma_C23")),
+    )
+
+
 def _headings(
     runs: Sequence[HseRun], result: HseFit, file: HseCalibration, stand: dict[str, float]
 ) -> tuple[ValidationTable | None, tuple[PositionSpread, ...]]:
@@ -306,14 +325,7 @@ def _headings(
     ]
     used = [run for run, _ in chosen]
     before = np.array([run.heading for run in used])
-    after = correct_heading(
-        file,
-        before,
-        np.array([run.sigma_heading for run in used]),
-        np.array([run.rate for run in used]),
-        np.array([run.C23 for run in used]),
-        np.array([run.latitude for run in used]),
-    ).heading
+    after = correct_runs(used, file).heading
     position = np.array([k for _, k in chosen])
     spread = []
     for k in np.unique(position).tolist():

@@ -235,7 +235,7 @@ def gyro_segments(source: Source, config: ProcessConfig) -> tuple[list[Segment],
     """
     survey = source.survey
     nominal = nominal_interval(source, config)
-    blocks = rate_blocks(source, config, survey.first_ns, nominal)
+    blocks = rate_blocks(source, config, survey.first_ns)
     times: list[list[np.ndarray]] = []
     gyro: list[list[np.ndarray]] = []
     for piece in segments(blocks, survey.max_gap_ns):

@@ -60,12 +60,18 @@ INCREMENTS = (
 class _Watcher(ABC):
     """Looks at every block, anew each time that reading begins again."""
 
+    _envelope: Envelope
+
     def watch(self, blocks: Iterator[Imu]) -> Iterator[Imu]:
         """The same blocks."""
         self._clear()
         for block in blocks:
             self._add(block)
             yield block
+
+    def curves(self, origin_ns: int) -> tuple[FloatArray, FloatArray]:
+        """Seconds and columns, through the lowest and the highest of each group."""
+        return self._envelope.curves(origin_ns)
 
     @abstractmethod
     def _clear(self) -> None: ...
@@ -93,7 +99,7 @@ class Values(_Watcher):
 
     def _clear(self) -> None:
         # rate, deg/s; force and its norm, m/s²
-        self._kept = Envelope(7)
+        self._envelope = Envelope(7)
         self._last: int | None = None
         self._longest = np.inf
 
@@ -104,7 +110,7 @@ class Values(_Watcher):
         values = np.column_stack([gyro, accel, norm])
         if self.increments:
             values[self._after_gap(block.time_ns)] = np.nan
-        self._kept.push(block.time_ns, values)
+        self._envelope.push(block.time_ns, values)
 
     def _after_gap(self, time_ns: IntArray) -> NDArray[np.bool_]:
         """Which samples come later after the one before than is usual at the log's beginning."""
@@ -113,10 +119,6 @@ class Values(_Watcher):
             self._longest = GAP_INTERVALS * float(np.median(steps[1:]))
         self._last = int(time_ns[-1])
         return np.asarray(steps > self._longest)
-
-    def curves(self, origin_ns: int) -> tuple[FloatArray, FloatArray]:
-        """Seconds, and rate, force and its norm, through the extremes of each group."""
-        return self._kept.curves(origin_ns)
 
 
 class Sampling(_Watcher):
@@ -135,7 +137,7 @@ class Sampling(_Watcher):
 
     def _clear(self) -> None:
         # interval and delay, ms
-        self._kept = Envelope(2)
+        self._envelope = Envelope(2)
         self._newest: int | None = None
         self._before: int | None = None
         self._intervals = np.zeros(FINE_BINS, np.int64)
@@ -159,20 +161,15 @@ class Sampling(_Watcher):
         self._intervals += np.bincount(np.minimum(place, FINE_BINS - 1), minlength=FINE_BINS)
         delay = block.log_time_ns - times
         least = int(delay.min())
-        if self.least_delay_ns is None:
+        if self.least_delay_ns is None or least < self.least_delay_ns:
             self.least_delay_ns = least
-        self.least_delay_ns = min(self.least_delay_ns, least)
         shown = np.column_stack([np.where(steps > 0.0, steps, np.nan) / 1e6, delay / 1e6])
-        self._kept.push(newest, shown)
-
-    def curves(self, origin_ns: int) -> tuple[FloatArray, FloatArray]:
-        """Seconds and columns, through the lowest and the highest of each group."""
-        return self._kept.curves(origin_ns)
+        self._envelope.push(newest, shown)
 
     @property
     def rows_per_group(self) -> int:
         """Samples of a group of :meth:`curves`."""
-        return self._kept.rows_per_group
+        return self._envelope.rows_per_group
 
     def shares(self) -> tuple[FloatArray, FloatArray, int]:
         """How often which interval.

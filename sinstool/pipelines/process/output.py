@@ -18,8 +18,7 @@ from sinstool.core.whole_file import WholeFile, check_output
 from sinstool.io.readers.log import Log
 from sinstool.io.writers.copy import Copier
 from sinstool.io.writers.mcap import McapWriter
-from sinstool.io.writers.solution import SolutionWriter
-from sinstool.io.writers.topics import Frames, topic_of
+from sinstool.io.writers.solution import Frames, SolutionWriter, topic_of
 from sinstool.pipelines.process.summary import InputFile, OutputFile, Sink
 from sinstool.pipelines.provenance import RECORD, identity, sha256
 

@@ -22,13 +22,9 @@ from sinstool.core.units import ARCSEC, DEGREE
 from sinstool.io.readers.log import Log
 from sinstool.io.readers.streams import frame_id
 from sinstool.io.readers.topics import choose_imu
-from sinstool.io.writers.topics import Frames
+from sinstool.io.writers.solution import Frames
 from sinstool.methods.hse.calibration import HseCalibration, require_config
-from sinstool.methods.hse.correction import (
-    CorrectedHeading,
-    correct_heading,
-    require_applicable,
-)
+from sinstool.methods.hse.correction import CorrectedHeading, require_applicable
 from sinstool.methods.hse.encoder import TableAngle, table_angle
 from sinstool.methods.hse.rig import Rig
 from sinstool.methods.hse.segments import Segment
@@ -39,7 +35,7 @@ from sinstool.methods.hse.whole_turn import (
     align_whole_turns,
 )
 from sinstool.pipelines.calibrate_hse.calibration_file import loads
-from sinstool.pipelines.calibrate_hse.run import rig_of, segment_rules
+from sinstool.pipelines.calibrate_hse.run import correct_runs, rig_of, segment_rules
 from sinstool.pipelines.plan import Plan, turntable_plan
 from sinstool.pipelines.process.mode import warned
 from sinstool.pipelines.process.output import Output
@@ -92,7 +88,7 @@ def process_turntable(
         error = nothing_to_use(turns, log.path, rules)
         raise AlignmentError(error.message, error.hint)
     alignments = _align(turns, rig, config)
-    corrected = _correct(alignments, calibration)
+    corrected = correct_runs(alignments, calibration)
     body = frame_id(log, samples.topic.channels, samples.topic.path) or "imu_link"
     # b has its z axis down, whatever the axes of the triad
     frames = Frames(config.output.world, "map", body, "frd")
@@ -179,21 +175,6 @@ def _align(turns: RigTurns, rig: Rig, config: ProcessConfig) -> list[WholeTurnAl
         ]
     except (AlignmentError, ConfigurationError) as exc:
         raise type(exc)(f"{turns.source}: {exc.message}", exc.hint) from exc
-
-
-def _correct(alignments: list[WholeTurnAlignment], calibration: HseCalibration) -> CorrectedHeading:
-    def column(name: str) -> np.ndarray:
-        return np.array([getattr(a, name) for a in alignments])
-
-    return correct_heading(
-        calibration,
-        column("heading"),
-        column("sigma_heading"),
-        column("rate"),
-        column("C23"),
-        column("latitude"),
-        np.nan_to_num(column("sigma_C23")),
-    )
 
 
 def _write(

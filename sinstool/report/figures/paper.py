@@ -6,9 +6,9 @@ from typing import Any
 
 import numpy as np
 
+from sinstool.pipelines.compare_coning.paper import settings_with_means
 from sinstool.pipelines.compare_coning.paper_cases import LARGE_EPSILON, paper_cases
 from sinstool.pipelines.compare_coning.paper_claims import SP_PAPER
-from sinstool.pipelines.compare_coning.paper_claims_table import settings_with_means
 from sinstool.pipelines.compare_coning.paper_experiment import RESPONSES, Experiment
 from sinstool.report.figure import Figure, FloatArray, Series
 from sinstool.report.figures.parts import positive

@@ -19,7 +19,7 @@ from mcap.writer import CompressionType, Writer
 
 from sinstool.io.readers import open_log
 from sinstool.io.readers.batch import RawBatch
-from sinstool.io.writers import chunks as module
+from sinstool.io.writers import mcap as module
 from sinstool.io.writers.copy import Copier
 from sinstool.io.writers.mcap import McapWriter
 from tests.helpers.logs import COMPRESSIONS, T0, mcap_records, rows, write_db3, write_mcap

@@ -6,7 +6,7 @@ import pytest
 from sinstool.core import rotation
 from sinstool.core.errors import AlignmentError
 from sinstool.methods.alignment.inflight import InFlightAlignment
-from sinstool.pipelines.align.errors_against_truth import errors, tilt_errors
+from sinstool.pipelines.align.log import errors, tilt_errors
 from tests.helpers.launch_logs import (
     PERFECT,
     TACTICAL,

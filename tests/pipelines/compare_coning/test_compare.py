@@ -4,10 +4,16 @@ import numpy as np
 import pytest
 
 from sinstool.methods.coning.registry import algorithm
-from sinstool.pipelines.compare_coning.compare import DEFAULT_ALGORITHMS, Settings, compare
+from sinstool.pipelines.compare_coning.compare import (
+    DEFAULT_ALGORITHMS,
+    MARGIN,
+    SAME_COST,
+    Settings,
+    compare,
+    verdict,
+)
 from sinstool.pipelines.compare_coning.divergence import DEG_H, DriftStatistics, Row
 from sinstool.pipelines.compare_coning.runs import Attitudes, Candidate, Segment
-from sinstool.pipelines.compare_coning.verdict import MARGIN, SAME_COST, verdict
 from sinstool.simulation.motions import random_manoeuvre
 from sinstool.simulation.truth import sample_times
 from tests.helpers.coning_response import coning_drift, coning_samples

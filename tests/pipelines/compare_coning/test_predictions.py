@@ -9,8 +9,8 @@ from sinstool.methods.coning.registry import algorithm
 from sinstool.methods.coning.spectrum import coning_spectrum
 from sinstool.pipelines.compare_coning.compare import Settings, compare
 from sinstool.pipelines.compare_coning.divergence import DEG_H
-from sinstool.pipelines.compare_coning.predictions import predict
 from sinstool.pipelines.compare_coning.runs import Attitudes, Candidate, Segment
+from sinstool.pipelines.compare_coning.summary import predict
 from sinstool.simulation.motions import broadband
 from sinstool.simulation.truth import sample_times
 from tests.helpers.coning_response import coning_gain, coning_rate, coning_samples

@@ -17,7 +17,7 @@ from sinstool.core.rotation import to_euler
 from sinstool.core.streams import Diagnostics, Imu, Solution, concatenate, take_rows
 from sinstool.core.timeline import SECOND
 from sinstool.core.units import DEGREE
-from sinstool.io.writers.topics import Frames
+from sinstool.io.writers.solution import Frames
 from sinstool.methods.ins_gnss.diagnosis import diagnose
 from sinstool.methods.ins_gnss.filter import InsGnssFilter
 from sinstool.methods.ins_gnss.results import (

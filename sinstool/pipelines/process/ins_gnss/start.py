@@ -293,7 +293,7 @@ def find_start(
 
 def _sample(source: Source, config: ProcessConfig, time_ns: int) -> Imu:
     """The first sample from a time on."""
-    for block in rate_blocks(source, config, time_ns, source.survey.interval_ns):
+    for block in rate_blocks(source, config, time_ns):
         return block.rows(slice(0, 1))
     raise AlignmentError("GNSS begins after the last Imu sample", "check the clocks")
 
