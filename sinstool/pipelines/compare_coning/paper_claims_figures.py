@@ -6,27 +6,12 @@ from functools import partial
 
 import numpy as np
 
-from sinstool.pipelines.compare_coning.paper_claims import (
-    CLOSE,
-    JUMP_DEG,
-    LEVEL_FACTOR,
-    LOW_BAND,
-    SEVERE_DEG,
-    SP_PAPER,
-    Judge,
-    above,
-    below,
-    jump,
-    low_band,
-    low_level,
-    near,
-    within,
-)
+from sinstool.pipelines.compare_coning import paper_claims as claims
 from sinstool.pipelines.compare_coning.paper_experiment import noise_rate_deg
 from sinstool.simulation.coning_paper import DURATION_S, FREQUENCY_HZ, HALF_ANGLE, RATE_HZ
 
 
-def figure_1(judge: Judge) -> None:
+def figure_1(judge: claims.Judge) -> None:
     """The gyro."""
     claim = partial(judge.add, "Fig. 1")
     f = np.linspace(0.0, 1000.0, 20001)
@@ -36,7 +21,7 @@ def figure_1(judge: Judge) -> None:
         "gain rises by at most",
         "0.2 dB",
         float(gain.max()),
-        near(0.2, CLOSE),
+        claims.near(0.2, claims.CLOSE),
         "a Chebyshev filter of even order with unit gain at rest has its ripple above 1",
         "of these filters only a Chebyshev of even order rises above its gain at rest",
     )
@@ -46,13 +31,13 @@ def figure_1(judge: Judge) -> None:
         "bandwidth (-3 dB) is about",
         "200 Hz",
         float(f[lost[0]]) if len(lost) else np.nan,
-        near(200.0, CLOSE),
+        claims.near(200.0, claims.CLOSE),
         "by construction: 200 Hz is where the power is half of its largest",
         "the response that was asked for is another",
     )
 
 
-def figure_4(judge: Judge) -> None:
+def figure_4(judge: claims.Judge) -> None:
     """optimal-4 against the frequency of noise."""
     claim = partial(judge.add, "Fig. 4")
     sweep = judge.e.sweep("rect-opt4")
@@ -63,7 +48,7 @@ def figure_4(judge: Judge) -> None:
         "optimal-4: error below 390 Hz within",
         "0.1 deg",
         float(norm.max()),
-        below(SEVERE_DEG),
+        claims.below(claims.SEVERE_DEG),
         f"the largest is at {worst:g} Hz, where noise and motion differ by the update rate",
         f"at {worst:g} Hz it is larger",
         "rate x T",
@@ -74,7 +59,7 @@ def figure_4(judge: Judge) -> None:
         "optimal-4: error at 400 Hz above",
         "0.35 deg",
         judge.norm("rect-opt4", RATE_HZ),
-        above(0.35),
+        claims.above(0.35),
         f"noise sampled at its own frequency is a constant rate: {amplitude:.4f} deg/s for"
         f" {DURATION_S:g} s",
         f"noise sampled at its own frequency is a constant rate, here only {amplitude:.4f} deg/s",
@@ -85,7 +70,7 @@ def figure_4(judge: Judge) -> None:
         "noise behind the filter at 400 Hz below",
         "0.02 deg/s",
         amplitude,
-        below(0.02),
+        claims.below(0.02),
         f"but then no error can exceed {DURATION_S * amplitude:.3f} deg after ten seconds,"
         " which contradicts 0.35 deg",
         "0.35 deg after ten seconds need 0.035 deg/s or more: the paper's two figures"
@@ -97,7 +82,7 @@ def figure_4(judge: Judge) -> None:
         "optimal-4: severe peaks at multiples too (800 Hz) above",
         "0.1 deg",
         judge.norm("rect-opt4", 2.0 * RATE_HZ),
-        above(SEVERE_DEG),
+        claims.above(claims.SEVERE_DEG),
         "this response leaves that much noise at 800 Hz",
         f"the filter leaves {at_800:.4f} deg/s at 800 Hz, which is no more than"
         f" {DURATION_S * at_800:.3f} deg after ten seconds",
@@ -108,25 +93,25 @@ def figure_4(judge: Judge) -> None:
         "higher noise frequency, larger error: 800 Hz over 400 Hz above",
         "1",
         judge.norm("rect-opt4", 2.0 * RATE_HZ) / judge.norm("rect-opt4", RATE_HZ),
-        above(1.0),
+        claims.above(1.0),
         "without enough of a filter the noise's rate grows with its frequency",
         "the filter falls faster than the frequency rises",
         "rate x T",
     )
 
 
-def figure_6(judge: Judge) -> None:
+def figure_6(judge: claims.Judge) -> None:
     """No compensation."""
     claim = partial(judge.add, "Fig. 6")
     plain = [judge.e.sweep(key) for key in ("rect", "rect-100")]
-    largest = max(float(s.peak_deg[low_band(s)].max()) for s in plain)
+    largest = max(float(s.peak_deg[claims.low_band(s)].max()) for s in plain)
     true = float(np.degrees(_solid_angle() * DURATION_S))
     claim(
         "none-low",
         "no compensation: low-frequency error up to",
         "2.2 deg",
         largest,
-        within(2.2, LEVEL_FACTOR),
+        claims.within(2.2, claims.LEVEL_FACTOR),
         "the largest error at any time, updates at 400 or 100 Hz",
         f"the cone itself drifts by only {true:.4f} deg in ten seconds, so to ignore all of it"
         " costs no more",
@@ -139,7 +124,7 @@ def figure_6(judge: Judge) -> None:
             f"no compensation: error at {f:.0f} Hz",
             "5.5 deg",
             judge.norm("rect", f),
-            near(5.5, CLOSE),
+            claims.near(5.5, claims.CLOSE),
             "noise as a constant rate",
             f"noise there is a constant rate of {amplitude:.4f} deg/s, and nothing else grows;"
             " equal peaks at 400 and 800 Hz cannot come from noise behind a low-pass filter",
@@ -152,7 +137,7 @@ def figure_6(judge: Judge) -> None:
             f"the same, had epsilon been 0.032 s: error at {f:.0f} Hz",
             "5.5 deg",
             judge.norm("sp-0.032-alpha", f),
-            near(5.5, CLOSE),
+            claims.near(5.5, claims.CLOSE),
             f"an artefact of epsilon = 12.8 intervals: {quiet:.2f} deg appear without any"
             " noise too (that the paper did this is inferred from the number)",
             "this gyro changes the cone that the artefact grows from, or leaves noise beside it",
@@ -160,7 +145,7 @@ def figure_6(judge: Judge) -> None:
         )
 
 
-def figures_7_and_9(judge: Judge) -> None:
+def figures_7_and_9(judge: claims.Judge) -> None:
     """Both algorithms near the sampling rate."""
     claim = partial(judge.add, "Fig. 9")
     amplitude = noise_rate_deg(judge.gyro, RATE_HZ)
@@ -171,7 +156,7 @@ def figures_7_and_9(judge: Judge) -> None:
         "optimal-4: error at 400 Hz",
         "0.4 deg",
         opt4,
-        within(0.4, LEVEL_FACTOR),
+        claims.within(0.4, claims.LEVEL_FACTOR),
         "as a constant rate that noise is sampled to, not as coning; Chebyshev filters of"
         " order 6 and 7 lie on either side of 0.4 deg",
         f"ten seconds of {amplitude:.4f} deg/s: the peak is the filter's, and this is another",
@@ -182,7 +167,7 @@ def figures_7_and_9(judge: Judge) -> None:
         "noise behind the filter at 400 Hz",
         "0.002 deg/s",
         amplitude,
-        within(0.002, LEVEL_FACTOR),
+        claims.within(0.002, claims.LEVEL_FACTOR),
         "but then no error can exceed 0.02 deg after ten seconds, which contradicts 0.4 deg",
         "with 0.002 deg/s no error could exceed 0.02 deg after ten seconds, which"
         " contradicts 0.4 deg",
@@ -195,7 +180,7 @@ def figures_7_and_9(judge: Judge) -> None:
         "SP with epsilon 0.032 s there: error at 400 Hz below",
         "0.2 deg",
         judge.norm("sp-0.032-printed", RATE_HZ),
-        below(0.2),
+        claims.below(0.2),
         "this response leaves little noise at 400 Hz",
         "epsilon = 0.032 s in eqs. 11 and 12 over-compensates the cone by itself, at any"
         " frequency of noise",
@@ -206,7 +191,7 @@ def figures_7_and_9(judge: Judge) -> None:
         "SP, any variant: error at 400 Hz below",
         "0.2 deg",
         best,
-        below(0.2),
+        claims.below(0.2),
         "only because this response leaves little noise at 400 Hz, for any algorithm",
         f"impossible: {weights}, so a constant rate passes unchanged",
         "best of all SP variants",
@@ -216,17 +201,17 @@ def figures_7_and_9(judge: Judge) -> None:
         "SP over optimal-4 at 400 Hz (0.2 over 0.4) below",
         "0.5",
         best / opt4,
-        below(0.75),
+        claims.below(0.75),
         "the two leave different parts of the cone, which this gyro lets show",
         f"both integrate the same constant rate: {weights}",
         "best of all SP variants",
     )
 
 
-def figure_8(judge: Judge) -> None:
+def figure_8(judge: claims.Judge) -> None:
     """Both algorithms at low frequencies."""
     claim = partial(judge.add, "Fig. 8")
-    opt4, sp, rect = (judge.e.sweep(key) for key in ("rect-opt4", SP_PAPER, "rect"))
+    opt4, sp, rect = (judge.e.sweep(key) for key in ("rect-opt4", claims.SP_PAPER, "rect"))
     gain = float(judge.gyro(FREQUENCY_HZ)) ** 2
     mismatch = f"G(30 Hz)^2 = {gain:.4f}"
     for key, sweep, printed, name in (
@@ -237,20 +222,20 @@ def figure_8(judge: Judge) -> None:
             key,
             f"{name}: low-frequency error about",
             f"{printed} deg",
-            low_level(sweep),
-            within(printed, LEVEL_FACTOR),
+            claims.low_level(sweep),
+            claims.within(printed, claims.LEVEL_FACTOR),
             f"the level is set by {mismatch} and by the rectangle rule's error in the cone",
             f"with {mismatch} in this reading of eq. 20 the level is another",
-            f"median |z|, {LOW_BAND[0]:g} to {LOW_BAND[1]:g} Hz",
+            f"median |z|, {claims.LOW_BAND[0]:g} to {claims.LOW_BAND[1]:g} Hz",
         )
-    ratio = low_level(sp) / low_level(opt4)
-    rule = low_level(rect)
+    ratio = claims.low_level(sp) / claims.low_level(opt4)
+    rule = claims.low_level(rect)
     claim(
         "sp-better-low",
         "SP clearly better at low frequencies: SP over optimal-4 below",
         "0.5",
         ratio,
-        below(0.75),
+        claims.below(0.75),
         "because point rates times T stand for increments, which makes optimal-4 err by as"
         f" much as no compensation but the other way; no compensation does as well"
         f" ({rule:.4f} deg)",
@@ -273,8 +258,8 @@ def figure_8(judge: Judge) -> None:
                 f"{key}-jump-{f:.0f}",
                 f"{name}: jump at {f:.0f} Hz",
                 "seen",
-                jump(sweep, f),
-                above(JUMP_DEG),
+                claims.jump(sweep, f),
+                claims.above(claims.JUMP_DEG),
                 *reasons,
                 "z at the end or largest error, above its neighbours",
                 unit="deg",

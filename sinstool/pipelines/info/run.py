@@ -15,17 +15,8 @@ from sinstool.io.readers import open_log
 from sinstool.io.readers.frames import turn_body
 from sinstool.io.readers.log import Log
 from sinstool.io.readers.topics import OWN_PREFIXES, ImuTopic, choose_imu, imu_candidates
+from sinstool.pipelines.info import result
 from sinstool.pipelines.info.collect import Sampling, Traffic, Values
-from sinstool.pipelines.info.result import (
-    Gap,
-    InspectedFile,
-    InspectedImu,
-    Inspection,
-    StillStretch,
-    Topic,
-    UnusableImu,
-    Verdict,
-)
 from sinstool.pipelines.plan import make_plan
 from sinstool.survey.imu import SampleCache, Survey
 from sinstool.survey.oddities import gravity_axis, oddities
@@ -86,7 +77,7 @@ def inspect(
     config: ProcessConfig,
     progress: Callable[[float], None] | None = None,
     shown: Shown | None = None,
-) -> Inspection:
+) -> result.Inspection:
     """Describe a log.
 
     Parameters
@@ -115,7 +106,7 @@ def inspect(
         ]
         passes = 1 + len(candidates)
         traffic = _traffic(log, share(progress, log.size, 0.0, 1.0 / passes), shown)
-        imus: list[InspectedImu | UnusableImu] = []
+        imus: list[result.InspectedImu | result.UnusableImu] = []
         chosen: tuple[Survey, SampleCache] | None = None
         choice = _choice(log, options)
         for number, topic in enumerate(candidates, start=1):
@@ -125,13 +116,13 @@ def inspect(
             try:
                 surveyed = survey_samples(log, topic, options, report, sampling, judged)
             except DataError as exc:
-                imus.append(UnusableImu(topic.topic, 0, exc.message))
+                imus.append(result.UnusableImu(topic.topic, 0, exc.message))
                 continue
             imus.append(_describe(topic, surveyed[0], options))
             if isinstance(choice, ImuTopic) and topic.topic == choice.topic:
                 chosen = surveyed
-        return Inspection(
-            input=InspectedFile(
+        return result.Inspection(
+            input=result.InspectedFile(
                 path=str(path),
                 format=log.format,
                 profile=log.profile,
@@ -167,9 +158,9 @@ def _traffic(
     return traffics
 
 
-def _topic(name: str, t: _Traffic) -> Topic:
+def _topic(name: str, t: _Traffic) -> result.Topic:
     span = (t.high - t.low) / 1e9
-    return Topic(
+    return result.Topic(
         topic=name,
         type=", ".join(t.kinds),
         n=t.count,
@@ -180,9 +171,9 @@ def _topic(name: str, t: _Traffic) -> Topic:
     )
 
 
-def _describe(topic: ImuTopic, survey: Survey, options: InputOptions) -> InspectedImu:
+def _describe(topic: ImuTopic, survey: Survey, options: InputOptions) -> result.InspectedImu:
     low, high = survey.interval_range_ns
-    return InspectedImu(
+    return result.InspectedImu(
         topic=topic.topic,
         path=topic.path,
         n=survey.count,
@@ -193,7 +184,7 @@ def _describe(topic: ImuTopic, survey: Survey, options: InputOptions) -> Inspect
         interval_ms=(low / 1e6, survey.interval_ns / 1e6, high / 1e6),
         time_source=survey.time_source,
         gaps=survey.gap_count,
-        gap_list=tuple(Gap(start_ns, length) for start_ns, length in survey.gaps),
+        gap_list=tuple(result.Gap(start_ns, length) for start_ns, length in survey.gaps),
         duplicates=survey.order.duplicates,
         backward=survey.order.backward,
         log_less_stamp_s=survey.clock_offset_s,
@@ -206,11 +197,11 @@ def _describe(topic: ImuTopic, survey: Survey, options: InputOptions) -> Inspect
     )
 
 
-def _still(survey: Survey, options: InputOptions) -> tuple[StillStretch, ...]:
+def _still(survey: Survey, options: InputOptions) -> tuple[result.StillStretch, ...]:
     """The still stretches, the longest first."""
     spans = sorted(survey.spans, key=lambda s: -s.duration_s)[:MAX_SPANS]
     return tuple(
-        StillStretch(
+        result.StillStretch(
             start_s=(span.start_ns - survey.first_ns) / 1e9,
             duration_s=span.duration_s,
             gyro_bias_rad_s=tuple(turn_body(span.gyro, options.body_axes).tolist()),
@@ -236,13 +227,13 @@ def _verdict(
     config: ProcessConfig,
     choice: ImuTopic | TopicError,
     surveyed: tuple[Survey, SampleCache] | None,
-) -> Verdict:
+) -> result.Verdict:
     """What `process` would do with the log, or why it would refuse it."""
     if isinstance(choice, TopicError):
-        return Verdict(False, None, str(choice), None)
+        return result.Verdict(False, None, str(choice), None)
     try:
         plan = make_plan(prepare(log, config, surveyed=surveyed), config)
     except SinstoolError as exc:
         # the name of the log has been said already
-        return Verdict(False, choice.topic, str(exc).removeprefix(f"{log.path}: "), None)
-    return Verdict(True, choice.topic, "" if choice.obvious else choice.reason, plan)
+        return result.Verdict(False, choice.topic, str(exc).removeprefix(f"{log.path}: "), None)
+    return result.Verdict(True, choice.topic, "" if choice.obvious else choice.reason, plan)

@@ -8,20 +8,8 @@ from typing import Any
 from sinstool.core.finding import Finding, Severity, exit_status
 from sinstool.core.result import as_json
 from sinstool.pipelines.plan import Plan
+from sinstool.pipelines.process import summary
 from sinstool.pipelines.process.errors_against_truth import RunErrors
-from sinstool.pipelines.process.summary import (
-    ConingUsed,
-    FilterUsed,
-    FinalState,
-    FirstAttitude,
-    GnssDifference,
-    HeightDamping,
-    HseCorrection,
-    ImuTime,
-    InputFile,
-    Lost,
-    OutputFile,
-)
 
 SCHEMA = "sinstool.process/1"
 
@@ -38,18 +26,18 @@ class ProcessResult:
         Errors against a reference, where one was given.
     """
 
-    input: InputFile
-    output: OutputFile
+    input: summary.InputFile
+    output: summary.OutputFile
     plan: Plan
-    imu: ImuTime
-    alignment: FirstAttitude
-    coning: ConingUsed | None = None
-    hse: HseCorrection | None = None
-    height: HeightDamping | None = None
-    filter: FilterUsed | None = None
-    gnss_difference: GnssDifference | None = None
-    final: FinalState
-    lost: Lost
+    imu: summary.ImuTime
+    alignment: summary.FirstAttitude
+    coning: summary.ConingUsed | None = None
+    hse: summary.HseCorrection | None = None
+    height: summary.HeightDamping | None = None
+    filter: summary.FilterUsed | None = None
+    gnss_difference: summary.GnssDifference | None = None
+    final: summary.FinalState
+    lost: summary.Lost
     findings: tuple[Finding, ...]
     truth: RunErrors | None = None
 
