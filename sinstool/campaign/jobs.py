@@ -15,10 +15,10 @@ from typing import Any
 
 from sinstool.core import version
 from sinstool.core.choices import record_choices
-from sinstool.core.completed import completed_outputs
 from sinstool.core.errors import ConfigurationError, SinstoolError
 from sinstool.core.temporary import sweep
 from sinstool.core.threads import single_threaded
+from sinstool.core.whole_file import completed_outputs
 
 Report = Callable[[float], None]
 # Progress is reported at most that often, s.

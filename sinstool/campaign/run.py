@@ -8,8 +8,8 @@ from typing import Any
 
 from sinstool.campaign.jobs import Event, Job, Outcome, Report, Task, Workers
 from sinstool.core.choices import choices_are_shown, replay
-from sinstool.core.completed import record_output
 from sinstool.core.errors import SinstoolError
+from sinstool.core.whole_file import record_output
 
 
 def run_jobs(jobs: Sequence[Job], workers: Workers) -> Generator[Event]:

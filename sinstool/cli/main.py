@@ -22,9 +22,9 @@ from typing import TYPE_CHECKING, Any, TextIO, cast
 import click
 
 from sinstool.cli.console import Group
-from sinstool.core.completed import completed_outputs
 from sinstool.core.errors import AGAIN, SinstoolError
 from sinstool.core.version import VERSION
+from sinstool.core.whole_file import completed_outputs
 
 if TYPE_CHECKING:
     from click.shell_completion import CompletionItem

@@ -7,13 +7,13 @@ import io
 import os
 from collections.abc import Iterator
 from concurrent.futures import Future, ThreadPoolExecutor
+from contextlib import contextmanager
 from contextvars import ContextVar
 from dataclasses import dataclass, field
 from pathlib import Path
 from types import TracebackType
 from typing import Any
 
-from sinstool.core.completed import record_output
 from sinstool.core.errors import OutputError
 from sinstool.core.temporary import forget, new_file, remove_file, sweep
 
@@ -299,3 +299,30 @@ def _sync_folder(folder: Path) -> None:
             os.fsync(handle)
         finally:
             os.close(handle)
+
+
+_outputs: ContextVar[list[Path] | None] = ContextVar("_outputs", default=None)
+
+
+@contextmanager
+def completed_outputs() -> Iterator[list[Path]]:
+    """Collect the files that are completed inside.
+
+    Yields
+    ------
+    list of Path
+        Grows with every file, in their order.
+    """
+    outputs: list[Path] = []
+    token = _outputs.set(outputs)
+    try:
+        yield outputs
+    finally:
+        _outputs.reset(token)
+
+
+def record_output(*paths: Path) -> None:
+    """Add files to those that :func:`completed_outputs` collects, if it does."""
+    outputs = _outputs.get()
+    if outputs is not None:
+        outputs += paths

@@ -33,8 +33,7 @@ from sinstool.simulation.log import (
 )
 from sinstool.simulation.rig_log import lambda2_arcsec, rig_log, rig_table, rig_topics
 from sinstool.simulation.sensors import barometer, launch_grade, saturated, with_errors
-from sinstool.simulation.static import static
-from sinstool.simulation.truth import ImuTruth, Trajectory, after_rest, sample_times
+from sinstool.simulation.truth import ImuTruth, Trajectory, after_rest, sample_times, static
 
 SCHEMA = "sinstool.simulate/1"
 START_NS = 1_700_000_000_000_000_000

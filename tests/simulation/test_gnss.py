@@ -18,8 +18,7 @@ from sinstool.simulation.gnss import (
 )
 from sinstool.simulation.interpolation import from_ecef, moments
 from sinstool.simulation.launch import launch
-from sinstool.simulation.static import static
-from sinstool.simulation.truth import Trajectory, sample_times
+from sinstool.simulation.truth import Trajectory, sample_times, static
 
 DEGREE = np.pi / 180.0
 PERFECT = Receiver(errors=MODELS["perfect"])

@@ -8,8 +8,7 @@ import pytest
 from sinstool.core.rotation import from_euler
 from sinstool.methods.sensor_errors import SIMULATED_GRADES, SensorGrade
 from sinstool.simulation.sensors import markov, with_errors
-from sinstool.simulation.static import static
-from sinstool.simulation.truth import sample_times
+from sinstool.simulation.truth import sample_times, static
 
 
 def test_a_perfect_sensor_changes_nothing() -> None:

@@ -2,8 +2,7 @@ import numpy as np
 import pytest
 
 from sinstool.core import earth, rotation
-from sinstool.simulation.static import static
-from sinstool.simulation.truth import sample_times
+from sinstool.simulation.truth import sample_times, static
 
 LATITUDE, HEIGHT = np.deg2rad(28.2), 1234.0
 Q_NB = rotation.from_euler([0.2, -0.4, 1.9])

@@ -166,7 +166,7 @@ def accumulate(
     Raises
     ------
     ValueError
-        If shapes do not fit.
+        If `epochs_ns` decreases.
     """
     time = np.ascontiguousarray(time_ns, dtype=np.int64) - origin_ns
     theta = np.ascontiguousarray(delta_theta, dtype=np.float64)
@@ -174,11 +174,6 @@ def accumulate(
     epochs = np.asarray(epochs_ns, dtype=np.int64) - origin_ns
     if epochs.ndim != 1 or np.any(np.diff(epochs) < 0):
         raise ValueError("Expected `epochs_ns` to be one increasing column.")
-    if theta.shape != (len(time), 3) or velocity.shape != (len(time), 3):
-        raise ValueError(
-            f"Expected increments of shape ({len(time)}, 3),"
-            f" got {theta.shape} and {velocity.shape}."
-        )
     state = np.zeros(STATE)
     state[_Q] = 1.0
     out = np.zeros((len(epochs), ROW))

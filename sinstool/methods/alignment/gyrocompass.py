@@ -38,7 +38,7 @@ from sinstool.methods.alignment.inflight_types import (
     ImuIncrements,
     Status,
 )
-from sinstool.methods.alignment.level import level
+from sinstool.methods.alignment.initial import level
 from sinstool.methods.alignment.wahba import solve_svd
 from sinstool.methods.sensor_errors import SensorGrade
 
@@ -46,28 +46,12 @@ from sinstool.methods.sensor_errors import SensorGrade
 _MAX_SHAKE = 0.5  # m/s^2
 # Of the Earth's rate is horizontal less than this part: a word about the pole.
 _NEAR_POLE = 0.15
+_LEAST_S = 5.0
 _ROUNDS = 5
 # Squared innovations that consistent errors exceed once in so many records.
 _DOUBT = 1e-4
 _SETTLED = float(np.deg2rad(0.02))
 _TILT, _HEADING = 1.0, 3.0  # prior of the attitude about the first guess, rad
-
-
-@dataclass(frozen=True)
-class GyrocompassSettings:
-    """How to gyrocompass.
-
-    Attributes
-    ----------
-    grade : SensorGrade
-        Biases and scale of the sensors. White noise is measured; only where there is no rest
-        long enough, that of the gyros is at least the grade's.
-    min_duration_s : float
-        Below this nothing is tried.
-    """
-
-    grade: SensorGrade = TACTICAL
-    min_duration_s: float = 5.0
 
 
 @dataclass(frozen=True)
@@ -94,8 +78,8 @@ class Gyrocompass:
     gyro_bias_sigma, accel_bias_sigma : ndarray, shape (3,)
     angle_random_walk, velocity_random_walk : float
         White noise as measured, rad/sqrt(s) and (m/s)/sqrt(s).
-    still_s, moving_s : float
-        Time at rest and time in motion.
+    still_s : float
+        Time at rest.
     chi2 : float
         Squared innovations by their prediction; about 1.
     """
@@ -114,7 +98,6 @@ class Gyrocompass:
     angle_random_walk: float
     velocity_random_walk: float
     still_s: float
-    moving_s: float
     chi2: float
     warnings: tuple[str, ...]
 
@@ -123,7 +106,7 @@ def gyrocompass(
     imu: ImuIncrements,
     latitude: float,
     height: float = 0.0,
-    settings: GyrocompassSettings | None = None,
+    grade: SensorGrade = TACTICAL,
 ) -> Gyrocompass:
     """Attitude of a vehicle that stays where it is.
 
@@ -135,7 +118,9 @@ def gyrocompass(
         Geodetic, rad.
     height : float, optional
         Ellipsoidal, m.
-    settings : GyrocompassSettings, optional
+    grade : SensorGrade, optional
+        Biases and scale of the sensors. White noise is measured; only where there is no rest
+        long enough, that of the gyros is at least the grade's.
 
     Returns
     -------
@@ -146,12 +131,11 @@ def gyrocompass(
     AlignmentError
         If the record is too short.
     """
-    wish = settings or GyrocompassSettings()
     record = cut(imu)
-    if record.duration_s < wish.min_duration_s:
+    if record.duration_s < _LEAST_S:
         raise AlignmentError(
             f"gyrocompassing has {record.duration_s:.1f} s of data without a gap,"
-            f" {wish.min_duration_s:g} s are the least",
+            f" {_LEAST_S:g} s are the least",
             "stand still for a minute or more",
         )
     where = _Place(earth.earth_rate_n(latitude), earth.gravity_n(latitude, height))
@@ -159,16 +143,16 @@ def gyrocompass(
     drives = still_s < 0.5 * record.duration_s and record.shake > _MAX_SHAKE
     walk = record.angle_random_walk
     if not record.walk_at_rest:
-        walk = max(walk, wish.grade.angle_random_walk)
+        walk = max(walk, grade.angle_random_walk)
     q_start = _first_guess(record.stretches, where)
     for _ in range(_ROUNDS):
-        run = _filter(record.stretches, q_start, where, wish.grade, walk)
+        run = _filter(record.stretches, q_start, where, grade, walk)
         at_start = np.linalg.solve(run.attitude_map, run.x[:3] - run.bias_map @ run.x[3:6])
-        # Linear in the error of the reference: once more about what was found, while that moves.
+        # Linear in the error of the reference: once more about the estimate, while that moves.
         if np.linalg.norm(at_start) < _SETTLED:
             break
         q_start = rotation.normalise(rotation.multiply(rotation.exp(-at_start), q_start))
-    return _answer(record, run, latitude, wish.grade, drives)
+    return _answer(record, run, latitude, grade, drives)
 
 
 @dataclass(frozen=True)
@@ -199,7 +183,7 @@ def _first_guess(stretches: list[Stretch], where: _Place) -> FloatArray:
     start, by least squares (Wahba's problem).
     """
     still = [s for s in stretches if s.still]
-    before = _kept_attitudes(stretches)
+    before = _attitudes_by_gyros(stretches)
     if still:
         best = max(still, key=lambda s: s.duration)
         flat = level(best.force)
@@ -218,7 +202,7 @@ def _first_guess(stretches: list[Stretch], where: _Place) -> FloatArray:
     return rotation.from_dcm(solve_svd((weight[:, None] * expected).T @ seen))
 
 
-def _kept_attitudes(stretches: list[Stretch]) -> list[FloatArray]:
+def _attitudes_by_gyros(stretches: list[Stretch]) -> list[FloatArray]:
     """Attitude of the body at the start of each stretch in its axes at the start of the first.
 
     Against inertial space in motion; through rest it is what the gyros measured there.
@@ -366,7 +350,6 @@ def _answer(
         record.angle_random_walk,
         record.velocity_random_walk,
         still_s,
-        record.duration_s - still_s,
         run.chi2,
         tuple(warnings),
     )

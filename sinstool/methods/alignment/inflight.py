@@ -10,7 +10,7 @@ What callers use::
     answer.attitude_at(time_ns)                          # any times of the unbroken stretch
 
 The way: :mod:`.preparation` splits the log where the chain of attitude breaks;
-:mod:`.accumulation` and :mod:`.reference` integrate both sides; :mod:`.screening` leaves out bad
+:mod:`.accumulation` and :mod:`.reference` integrate both sides; :mod:`.segments` leaves out bad
 fixes; :mod:`.gate` finds start and stop; :mod:`.pairs`, :mod:`.sums`, :mod:`.wahba` and
 :mod:`.covariance` solve, at the end and at every fix; :mod:`.refine` sharpens; :mod:`.chain`
 carries the attitude to any time.
@@ -43,7 +43,6 @@ from sinstool.methods.alignment.inflight_types import (
     AlignmentSeries,
     AlignmentSettings,
     FloatArray,
-    GateLimits,
     GnssFixes,
     ImuIncrements,
     RefinedErrors,
@@ -54,19 +53,6 @@ from sinstool.methods.alignment.preparation import prepare_fixes, stretches
 from sinstool.methods.alignment.segments import Candidate, candidates
 from sinstool.methods.alignment.solution import Course, explain_residuals, solution_covariance
 from sinstool.methods.alignment.wahba import singular_values
-from sinstool.methods.sensor_errors import SensorGrade
-
-__all__ = [
-    "AlignmentSeries",
-    "AlignmentSettings",
-    "GateLimits",
-    "GnssFixes",
-    "ImuIncrements",
-    "InFlightAlignment",
-    "RefinedErrors",
-    "SensorGrade",
-    "align_in_flight",
-]
 
 INCONSISTENT_CHI2 = 3.0
 
@@ -130,14 +116,14 @@ class InFlightAlignment:
     sigma_worst: float
     rho: float
     singular_values: FloatArray
-    n_pairs: int
-    n_rejected: int
-    residual_rms: float
-    chi2: float
-    time_to_align_s: float | None
-    errors: RefinedErrors | None
     warnings: tuple[str, ...]
-    series: AlignmentSeries | None
+    n_pairs: int = 0
+    n_rejected: int = 0
+    residual_rms: float = np.nan
+    chi2: float = np.nan
+    time_to_align_s: float | None = None
+    errors: RefinedErrors | None = None
+    series: AlignmentSeries | None = None
     residual_ns: TimeArray = field(default_factory=lambda: np.empty(0, np.int64))
     residuals: FloatArray = field(default_factory=lambda: np.empty((0, 3)))
 
@@ -408,12 +394,5 @@ def _failed(
         sigma_worst=nothing,
         rho=nothing,
         singular_values=np.full(3, nothing),
-        n_pairs=0,
-        n_rejected=0,
-        residual_rms=nothing,
-        chi2=nothing,
-        time_to_align_s=None,
-        errors=None,
         warnings=tuple(warnings),
-        series=None,
     )

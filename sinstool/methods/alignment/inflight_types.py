@@ -18,10 +18,6 @@ from sinstool.methods.sensor_errors import SIMULATED_GRADES, SensorGrade
 FloatArray = NDArray[np.float64]
 TimeArray = NDArray[np.int64]
 
-METHODS = ("svd", "quest", "davenport", "triad")
-VECTORS = ("win", "cen", "int", "diff", "diffc", "pos")
-GATES = ("paper", "mask", "off")
-
 Status = Literal["ok", "degraded", "level-only", "unobservable", "failed"]
 
 OK_SIGMA = float(np.deg2rad(1.0))
@@ -253,18 +249,6 @@ class AlignmentSettings:
     accel_limit: float | None = None
     screen: bool = True
     series: bool = True
-
-    def __post_init__(self) -> None:
-        for name, values in (("method", METHODS), ("vectors", VECTORS), ("gate", GATES)):
-            if getattr(self, name) not in values:
-                raise ValueError(
-                    f"Expected `{name}` to be one of {values}, got {getattr(self, name)!r}."
-                )
-        if isinstance(self.at, str) and self.at not in ("end", "start"):
-            raise ValueError(f"Expected `at` to be 'end', 'start' or a time, got {self.at!r}.")
-        for name in ("window_s", "fade_s", "gnss_sigma_v", "kappa"):
-            if not getattr(self, name) > 0.0:
-                raise ValueError(f"Expected `{name}` to be positive, got {getattr(self, name)}.")
 
 
 @dataclass(frozen=True)

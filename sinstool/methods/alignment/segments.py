@@ -13,7 +13,6 @@ from sinstool.methods.alignment.accumulation import accumulate
 from sinstool.methods.alignment.covariance import worst_sigma
 from sinstool.methods.alignment.inflight_types import AlignmentSettings, GnssFixes
 from sinstool.methods.alignment.pairs import window_rows
-from sinstool.methods.alignment.screening import plausible_fixes
 from sinstool.methods.alignment.solution import (
     Course,
     Segment,
@@ -23,7 +22,13 @@ from sinstool.methods.alignment.solution import (
     solve,
 )
 
+FloatArray = NDArray[np.float64]
+
 MANY_REJECTED = 0.2
+NEIGHBOURS = 5
+SIGMAS = 5.0
+LENGTH_SHARE = 0.002
+"""Of a vector's length: scale factors, bent arcs, a lever arm not quite right."""
 
 
 @dataclass(frozen=True)
@@ -58,6 +63,40 @@ class Candidate:
     course: Course | None
     sigma_worst: float
     warnings: list[str]
+
+
+def plausible_fixes(alpha: FloatArray, beta: FloatArray, sigma: FloatArray) -> NDArray[np.bool_]:
+    """Fixes whose velocity agrees with most of its neighbours, before any attitude is known.
+
+    A rotation leaves lengths as they are: between two fixes the integrated vector must be as long
+    in the inertial measurements as in the velocities, whatever the attitude.
+
+    Parameters
+    ----------
+    alpha, beta : ndarray, shape (n, 3)
+        Both integrated sides at the fixes, m/s.
+    sigma : ndarray, shape (n,)
+        Velocity noise, m/s per axis.
+
+    Returns
+    -------
+    ndarray of bool, shape (n,)
+        At least half of the tests against up to 5 fixes on each side pass:
+        ``| |d beta| - |d alpha| | <= 5 sqrt(s_k^2 + s_j^2) + 0.002 |d alpha|``. A fix without
+        neighbours passes.
+    """
+    count = len(alpha)
+    passed, tests = np.zeros(count), np.zeros(count)
+    for shift in range(1, min(NEIGHBOURS, count - 1) + 1):
+        length_a = np.linalg.norm(alpha[shift:] - alpha[:-shift], axis=-1)
+        length_b = np.linalg.norm(beta[shift:] - beta[:-shift], axis=-1)
+        limit = SIGMAS * np.hypot(sigma[shift:], sigma[:-shift]) + LENGTH_SHARE * length_a
+        good = np.abs(length_b - length_a) <= limit
+        passed[shift:] += good
+        passed[:-shift] += good
+        tests[shift:] += 1
+        tests[:-shift] += 1
+    return np.asarray(2.0 * passed >= tests)
 
 
 def candidates(

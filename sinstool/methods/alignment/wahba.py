@@ -98,16 +98,13 @@ def solve_davenport(profile: ArrayLike) -> FloatArray:
     return to_dcm(vectors[..., :, 3])
 
 
-def solve_quest(profile: ArrayLike, bound: ArrayLike | None = None) -> FloatArray:
+def solve_quest(profile: ArrayLike) -> FloatArray:
     """Rotation by QUEST, with sequential rotations.
 
     Parameters
     ----------
     profile : array_like, shape (..., 3, 3)
         B.
-    bound : array_like, shape (...), optional
-        ``sum a_k |alpha_k| |beta_k|``, which no eigenvalue exceeds. For vectors that are nearly
-        parallel two eigenvalues nearly agree and Newton's method needs this start.
 
     Returns
     -------
@@ -130,8 +127,6 @@ def solve_quest(profile: ArrayLike, bound: ArrayLike | None = None) -> FloatArra
     det = np.linalg.det(b)
     adj2 = np.sum(_adjugate(b) ** 2, axis=(-2, -1))
     value = np.full(b.shape[:-2], np.sqrt(3.0))  # |B| is 1: no eigenvalue is larger
-    if bound is not None:
-        value = np.minimum(value, bound / np.linalg.norm(profile, axis=(-2, -1)))
     for _ in range(_QUEST_STEPS):
         excess = value * value - 1.0
         slope = 4.0 * value * excess - 8.0 * det

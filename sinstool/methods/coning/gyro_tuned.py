@@ -79,12 +79,8 @@ class GyroTuned(ConingAlgorithm):
     ----------
     weights : ndarray, shape (lags,)
         ``y_1 .. y_M``.
-    passband_error : float
-        Largest ``|G**2 rho - 1|`` in the passband.
-    stopband_gain : float
-        Largest ``|G**2 rho|`` in the stopband; not a number if there is none.
     caveat : str
-        What a user has to be told.
+        What a user has to know.
 
     Raises
     ------
@@ -121,14 +117,13 @@ class GyroTuned(ConingAlgorithm):
         # without an interval everything is relative to the sampling rate
         step = interval or 1.0
         self.passband, self.stopband = _bands(passband, stopband, 1.0 / step)
-        self._given = (passband, stopband)
+        self._options = (passband, stopband)
         self._table = np.zeros((lags + 1, lags))
         for history in range(1, lags + 1):
             self._table[history, :history] = design(
                 history, self.passband, self.stopband, self.response, step, gyro_kind
             )
         self.weights: FloatArray = self._table[lags].copy()
-        self.passband_error, self.stopband_gain = self._errors(step)
         unit = "Hz" if interval else "of the sampling rate"
         stop = f", nothing above {self.stopband:g}" if self.stopband else ""
         self.summary = (
@@ -145,7 +140,7 @@ class GyroTuned(ConingAlgorithm):
         """See :meth:`ConingAlgorithm.for_kind`: point rates have coefficients of their own."""
         if (gyro_kind == "rate") == (self.gyro_kind == "rate"):
             return self
-        passband, stopband = self._given
+        passband, stopband = self._options
         return GyroTuned(
             passband=passband,
             stopband=stopband,
@@ -157,17 +152,6 @@ class GyroTuned(ConingAlgorithm):
 
     def _fill(self, x: FloatArray, dt: FloatArray, first: int, out: FloatArray) -> None:
         lag_kernel(x, first, 1, self._table, out)
-
-    def _errors(self, step: float) -> tuple[float, float]:
-        def answer(low: float, high: float) -> FloatArray:
-            at = np.linspace(max(low, 1e-3 * high), high, 1001)
-            matrix, constant = _rows(at, self.lags, self.response, step, self.gyro_kind)
-            return matrix @ self.weights + constant
-
-        error = float(np.max(np.abs(answer(0.0, self.passband) - 1.0)))
-        if self.stopband is None:
-            return error, float("nan")
-        return error, float(np.max(np.abs(answer(self.stopband, 0.5 / step))))
 
 
 def design(

@@ -108,8 +108,6 @@ class SpBounds:
         s, within 1e-3 and 100 intervals.
     gain_lower : tuple of 3 float
         Of n.
-    noise_floor : float
-        Of the trace of the spectrum, (rad/s)^2/Hz; the median of the windows.
     band : tuple of 2 float
         Hz.
     """
@@ -119,7 +117,6 @@ class SpBounds:
     noise_limited: int
     epsilon_upper: tuple[float, float, float]
     gain_lower: tuple[float, float, float]
-    noise_floor: float
     band: tuple[float, float]
 
 
@@ -250,9 +247,7 @@ def bounds(
     interval: float,
     gyro_kind: GyroKind = "rate",
     *,
-    lowest: float = LOWEST_HZ,
     highest: float | None = None,
-    angle_random_walk: float | None = None,
 ) -> SpBounds:
     """Evaluate the paper's bounds (13) and (15) from spectra of a log's windows.
 
@@ -264,16 +259,15 @@ def bounds(
         T, s.
     gyro_kind : {"rate", "mean-rate", "increment"}, optional
         What the samples are.
-    lowest, highest : float, optional
-        Band, Hz; by default 0.2 Hz to 0.4 of the sampling rate. Give the gyro's bandwidth if
-        that is less.
-    angle_random_walk : float, optional
-        Of one axis, rad/sqrt(s); by default the noise floor is the median of the spectrum in
-        the top fifth of the frequencies up to half the sampling rate.
+    highest : float, optional
+        End of the band, Hz, which begins at 0.2 Hz; by default 0.4 of the sampling rate. Give the
+        gyro's bandwidth if that is less.
 
     Returns
     -------
     SpBounds
+        The noise floor is the median of the spectrum in the top fifth of the frequencies up to
+        half the sampling rate.
 
     Raises
     ------
@@ -297,14 +291,10 @@ def bounds(
         axis=0,
     )
     trace = windows.sum(axis=1).T  # window, frequency
-    used = (frequency >= lowest) & (frequency <= top)
+    used = (frequency >= LOWEST_HZ) & (frequency <= top)
     if np.count_nonzero(used) < 2:
-        raise ValueError(f"No frequencies of the log lie between {lowest} and {top:g} Hz.")
-    if angle_random_walk is None:
-        floor = np.median(trace[:, frequency >= (1.0 - FLOOR_SHARE) * frequency[-1]], axis=1)
-    else:
-        # one-sided, of three axes
-        floor = np.full(len(trace), 6.0 * angle_random_walk**2)
+        raise ValueError(f"No frequencies of the log lie between {LOWEST_HZ} and {top:g} Hz.")
+    floor = np.median(trace[:, frequency >= (1.0 - FLOOR_SHARE) * frequency[-1]], axis=1)
     above = np.maximum(trace[:, used] - floor[:, np.newaxis], 0.0)
     step = frequency[1] - frequency[0]
     w = 2.0 * np.pi * frequency[used]
@@ -327,8 +317,7 @@ def bounds(
         int(np.count_nonzero(limited)),
         _percentiles(epsilon),
         _percentiles(gain),
-        float(np.median(floor)),
-        (float(lowest), float(top)),
+        (LOWEST_HZ, float(top)),
     )
 
 

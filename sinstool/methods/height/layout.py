@@ -114,6 +114,9 @@ PARAMETERS = 10
 SHADOW_TAU: dict[str, float] = {"mems": 10.0, "tactical": 30.0, "navigation": 60.0}
 """Time constant of the shadow channel for each grade of IMU, s."""
 
+GATE_SIGMAS = 5.0
+"""Differences up to so many times their running RMS are never rejected."""
+
 START_SQUARE = 9.0
 """m^2: differences of 3 m are expected before there were any."""
 
@@ -142,7 +145,6 @@ def new_parameters(
     shadow: bool = True,
     absorb_offset: bool = False,
     gate: float = 8.0,
-    gate_sigmas: float = 5.0,
     start_tau: float | None = None,
     start_speed: float = 1.0,
 ) -> FloatArray:
@@ -163,8 +165,6 @@ def new_parameters(
         At the start, keep the height and shift the barometer; otherwise the reverse.
     gate : float, optional
         Differences up to this are never rejected, m.
-    gate_sigmas : float, optional
-        Nor differences up to so many times their running RMS.
     start_tau : float, optional
         Time constant to begin with, s; it grows by a quarter of the time since, up to that of
         the network. By default the network's own throughout: for a host that knows its vertical
@@ -182,7 +182,7 @@ def new_parameters(
     # A shadow that is faster than the channel itself would be noisier, not quieter.
     p[P_SHADOW_TAU] = max(SHADOW_TAU[grade], network.tau) if shadow else 0.0
     p[P_SHADOW_K4] = -baro_lag
-    p[P_GATE], p[P_GATE_SIGMAS], p[P_START_SPEED] = gate, gate_sigmas, start_speed
+    p[P_GATE], p[P_GATE_SIGMAS], p[P_START_SPEED] = gate, GATE_SIGMAS, start_speed
     quick = network.tau if start_tau is None else max(start_tau, 2.0 * abs(network.k4))
     p[P_START_TAU] = min(quick, network.tau)
     p[P_ABSORB] = float(absorb_offset)
@@ -261,8 +261,6 @@ class ChannelSummary:
         Shift of the barometer by absorbed jumps, m.
     difference_rms : float
         Of recent accepted samples, m.
-    baro_interval : float
-        Median of recent ones, s; 0 before there were two.
     """
 
     phase: str
@@ -271,7 +269,6 @@ class ChannelSummary:
     correction: float
     offset: float
     difference_rms: float
-    baro_interval: float
 
 
 def summarise(state: FloatArray) -> ChannelSummary:
@@ -290,5 +287,4 @@ def summarise(state: FloatArray) -> ChannelSummary:
         correction=float(state[S_CORRECTION]),
         offset=float(state[S_OFFSET]),
         difference_rms=float(np.sqrt(state[S_SQUARE])),
-        baro_interval=float(state[S_NOMINAL]),
     )

@@ -124,9 +124,7 @@ class HeightNetwork:
         return k1, k2, 1.0 / t**3
 
 
-def recommended(
-    grade: Grade, w2: float = 3.0858e-6, k4: float = 0.0, baro_lag: float = 0.0
-) -> HeightNetwork:
+def recommended(grade: Grade, w2: float = 3.0858e-6) -> HeightNetwork:
     """Network for a grade of IMU: tau 5 s for MEMS, 30 s tactical, 100 s navigation.
 
     Parameters
@@ -134,16 +132,12 @@ def recommended(
     grade : {"mems", "tactical", "navigation"}
     w2 : float, optional
         Gravity's gradient, 1/s^2.
-    k4 : float, optional
-        s.
-    baro_lag : float, optional
-        Known first-order lag of the barometer, s: taken off K4.
 
     Returns
     -------
     HeightNetwork
     """
-    return HeightNetwork(RECOMMENDED_TAU[grade], k4 - baro_lag, w2)
+    return HeightNetwork(RECOMMENDED_TAU[grade], w2=w2)
 
 
 def paper(w2: float = 3.0858e-6) -> HeightNetwork:

@@ -11,8 +11,7 @@ from numpy.typing import NDArray
 from sinstool.core.earth import EARTH_RATE
 from sinstool.core.rotation import wrapped
 from sinstool.methods.hse.least_squares import LeastSquares, least_squares, outlier_limit
-from sinstool.methods.hse.positions import positions, rate_groups
-from sinstool.methods.hse.run import HseRun
+from sinstool.methods.hse.run import HseRun, positions, rate_groups
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]

@@ -41,6 +41,7 @@ from sinstool.core.earth import (
     SEMI_MAJOR_AXIS,
 )
 from sinstool.core.gravity import normal_gravity
+from sinstool.core.quaternion_kernels import EXACT, product, unit_factor, wrapped_angle
 from sinstool.core.rotation import normalise
 
 FloatArray = NDArray[np.float64]
@@ -288,3 +289,51 @@ def _far_turn(
     sin_a = (s * (1.0 - k * te * te) + c * up_n) * sin_turn + mixed * cos_turn
     cos_a = (s * mixed + c * up_e) * sin_turn + (1.0 - k * tn * tn) * cos_turn
     return atan2(up_z, hypot(up_x, up_e)), turn, sin_a, cos_a
+
+
+ROUNDS = 5
+"""Each leaves of the error about the turn of the body in one update."""
+
+
+@numba.njit(cache=True, nogil=True)
+def navigate_backward(
+    state: FloatArray, phi: FloatArray, dv: FloatArray, dt: FloatArray, out: FloatArray
+) -> None:
+    """Undo the updates of a block, the last first: what came before a state.
+
+    An update of :func:`step` is undone by finding the state that it takes to the later one. The
+    step is the identity but for terms of first order in its duration, so that the fixed point
+    converges by that factor at each round.
+
+    Parameters
+    ----------
+    state : ndarray, shape (SIZE,)
+        At the end of the block; in its place comes the one at the start.
+    phi, dv : ndarray, shape (n, 3)
+        Rotation vectors, rad, and velocity increments, m/s, biases taken off.
+    dt : ndarray, shape (n,)
+        s.
+    out : ndarray, shape (n, SIZE)
+        Gets the state at the **start** of each update.
+    """
+    before = state.copy()
+    trial = state.copy()
+    for k in range(out.shape[0] - 1, -1, -1):
+        before[:] = state
+        for _ in range(ROUNDS):
+            trial[:] = before
+            advance(trial, phi, dv, dt, k, EXACT)
+            for i in range(V_DOWN + 1):
+                before[i] += state[i] - trial[i]
+            before[LONGITUDE] = wrapped_angle(before[LONGITUDE])
+            before[LATITUDE] = min(max(before[LATITUDE], -0.5 * np.pi), 0.5 * np.pi)
+            # the turn of n that is left, from the left
+            w, x, y, z = state[Q_W], state[Q_X], state[Q_Y], state[Q_Z]
+            ew, ex, ey, ez = product(w, x, y, z, trial[Q_W], -trial[Q_X], -trial[Q_Y], -trial[Q_Z])
+            w, x, y, z = before[Q_W], before[Q_X], before[Q_Y], before[Q_Z]
+            bw, bx, by, bz = product(ew, ex, ey, ez, w, x, y, z)
+            f = unit_factor(bw * bw + bx * bx + by * by + bz * bz)
+            before[Q_W], before[Q_X], before[Q_Y], before[Q_Z] = bw * f, bx * f, by * f, bz * f
+        state[:] = before
+        for i in range(SIZE):
+            out[k, i] = state[i]

@@ -33,11 +33,12 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 from math import sin, sqrt
-from typing import Protocol
 
 import numba
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
+
+from sinstool.methods.coning.stage import ConingStage, RotationVectors
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
@@ -45,37 +46,6 @@ IntArray = NDArray[np.int64]
 # rad per m/s. Rounding of phi costs 1e-17/1e-4 m/s per update, terms of third order in the
 # specific force some (1e-4 dv)**2 of what does not commute.
 _DUAL = 1e-4
-
-
-class RotationVectors(Protocol):
-    """What a coning stage answers with; see
-    :class:`sinstool.methods.coning.stage.RotationVectors`."""
-
-    @property
-    def sample(self) -> IntArray:
-        """Number of the sample at which each update ends."""
-
-    @property
-    def time_ns(self) -> IntArray:
-        """Time of that sample."""
-
-    @property
-    def interval(self) -> FloatArray:
-        """Duration of each update, s."""
-
-    @property
-    def rotation_vector(self) -> FloatArray:
-        """Rotation vector of each update, rad."""
-
-
-class ConingStage(Protocol):
-    """Samples of one segment into rotation vectors, block by block."""
-
-    def push(self, gyro: ArrayLike, time_ns: ArrayLike) -> RotationVectors:
-        """Take the next samples."""
-
-    def finish(self) -> RotationVectors:
-        """Answer for what is left."""
 
 
 @dataclass(frozen=True)

@@ -17,8 +17,7 @@ from sinstool.core.timeline import SECOND
 from sinstool.core.units import DEGREE
 from sinstool.io.readers.frames import turn_body
 from sinstool.methods.alignment import initial
-from sinstool.methods.alignment.initial import Alignment
-from sinstool.methods.alignment.level import tilted
+from sinstool.methods.alignment.initial import Alignment, tilted
 from sinstool.methods.sensor_errors import Grade
 from sinstool.survey.grade import sensor_grade
 from sinstool.survey.source import Source
@@ -76,7 +75,7 @@ def _aligned(source: Source, config: ProcessConfig) -> Alignment:
     if options.align == "fixed":
         assert options.initial_attitude is not None
         roll, pitch, heading = (v * DEGREE for v in options.initial_attitude)
-        alignment = initial.from_given((roll, pitch, heading), survey.first_ns)
+        alignment = initial.from_angles((roll, pitch, heading), survey.first_ns)
     elif options.align == "log":
         if survey.orientation is None:
             raise AlignmentError(
@@ -276,13 +275,13 @@ def compass(source: Source, config: ProcessConfig, grade: Grade) -> Gyrocompass:
     """Gyrocompass over the still lead-in."""
     still, latitude = source.survey.lead_in, source.latitude
     assert still is not None and latitude is not None
-    from sinstool.methods.alignment.gyrocompass import GyrocompassSettings, gyrocompass
+    from sinstool.methods.alignment.gyrocompass import gyrocompass
     from sinstool.pipelines.align.in_motion import increments, sensor_errors
 
     imu = increments(source, config, np.zeros(3), still.end_ns)
-    settings = GyrocompassSettings(grade=sensor_errors(config, grade, False))
+    errors = sensor_errors(config, grade, False)
     try:
-        return gyrocompass(imu, latitude, source.position[2] or 0.0, settings)
+        return gyrocompass(imu, latitude, source.position[2] or 0.0, errors)
     except AlignmentError as exc:
         raise AlignmentError(f"{source.path}: {exc.message}", exc.hint) from exc
 

@@ -14,11 +14,7 @@ from sinstool.core.units import DEGREE, STANDARD_GRAVITY
 from sinstool.io.readers.frames import turn_body
 from sinstool.methods.alignment import in_motion
 from sinstool.methods.alignment.in_motion import MotionAlignment, align_in_motion, gnss_fixes
-from sinstool.methods.alignment.inflight import (
-    AlignmentSettings,
-    GateLimits,
-    ImuIncrements,
-)
+from sinstool.methods.alignment.inflight_types import AlignmentSettings, GateLimits, ImuIncrements
 from sinstool.methods.sensor_errors import IMU_GRADES, Grade, SensorGrade
 from sinstool.survey.aiding import moving_at
 from sinstool.survey.source import Source, rate_blocks

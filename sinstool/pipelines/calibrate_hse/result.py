@@ -23,7 +23,7 @@ from sinstool.methods.hse.calibration import HseCalibration
 from sinstool.methods.hse.fit_result import HseFit
 from sinstool.methods.hse.rig import Rig
 from sinstool.methods.hse.run import HseRun
-from sinstool.methods.hse.table import Column, ValidationTable
+from sinstool.methods.hse.statistics import Column, ValidationTable
 from sinstool.pipelines.calibrate_hse.calibration_file import to_dict
 from sinstool.survey.rig import RigTurns
 

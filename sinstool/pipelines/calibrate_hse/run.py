@@ -35,8 +35,8 @@ from sinstool.methods.hse.fit_result import FitOptions, HseFit
 from sinstool.methods.hse.rig import Rig, from_table
 from sinstool.methods.hse.run import HseRun
 from sinstool.methods.hse.segments import SegmentRules
+from sinstool.methods.hse.statistics import ValidationTable, validation_table
 from sinstool.methods.hse.status import judge
-from sinstool.methods.hse.table import ValidationTable, validation_table
 from sinstool.methods.hse.whole_turn import WholeTurnAlignment, run_from_turns
 from sinstool.pipelines.calibrate_hse.calibration_file import dumps
 from sinstool.pipelines.calibrate_hse.result import Calibration, PositionSpread

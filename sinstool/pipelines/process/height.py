@@ -22,6 +22,7 @@ from sinstool.methods.height.network import (
 from sinstool.methods.height.pressure import (
     STANDARD_PRESSURE,
     BaroReference,
+    HeightReference,
     ScaleFit,
     frozen_spans,
     pressure_reason,
@@ -29,7 +30,6 @@ from sinstool.methods.height.pressure import (
     reference_from_setting,
     reference_from_start,
 )
-from sinstool.methods.height.reference import HeightReference
 from sinstool.methods.sensor_errors import Grade
 from sinstool.pipelines.process.summary import (
     BarometerSetting,

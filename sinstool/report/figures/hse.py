@@ -15,7 +15,7 @@ from sinstool.core.rotation import wrapped
 from sinstool.core.units import ARCSEC, DEGREE, DEGREE_PER_HOUR
 from sinstool.methods.hse.axial import earth_rate_along_axis
 from sinstool.methods.hse.fit_result import HseFit
-from sinstool.methods.hse.table import Column
+from sinstool.methods.hse.statistics import Column
 from sinstool.pipelines.calibrate_hse.result import Calibration
 from sinstool.report.figure import Figure, FloatArray, Series, Style
 from sinstool.report.figures.hse_turns import east_rate_allan, heading_by_turn, rates_over_time

@@ -10,8 +10,7 @@ from numpy.typing import ArrayLike
 from sinstool.core.earth import EARTH_RATE
 from sinstool.core.rotation import wrapped
 from sinstool.core.units import ARCSEC, DEGREE, DEGREE_PER_HOUR
-from sinstool.methods.hse.positions import rate_groups
-from sinstool.methods.hse.run import HseRun
+from sinstool.methods.hse.run import HseRun, rate_groups
 from sinstool.methods.hse.segments import Segment
 from sinstool.report.figure import Figure, FloatArray, Series, Style
 from sinstool.survey.rig import RigTurns

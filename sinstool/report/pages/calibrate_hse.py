@@ -8,7 +8,7 @@ from pathlib import Path
 from sinstool.config import ProcessConfig
 from sinstool.core.units import DEGREE
 from sinstool.methods.hse.calibration import RunRecord
-from sinstool.methods.hse.table import Column as Headings
+from sinstool.methods.hse.statistics import Column as Headings
 from sinstool.pipelines.calibrate_hse.result import Calibration
 from sinstool.report.figures.hse import ARCSEC, figures
 from sinstool.report.page import write_report

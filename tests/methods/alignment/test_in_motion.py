@@ -17,9 +17,9 @@ from sinstool.methods.alignment.in_motion import (
     spans,
     with_vertical,
 )
-from sinstool.methods.alignment.inflight import AlignmentSettings, SensorGrade
+from sinstool.methods.alignment.inflight_types import AlignmentSettings
 from sinstool.methods.alignment.still import WindowStage, lead_in, still_spans
-from sinstool.methods.sensor_errors import SIMULATED_GRADES
+from sinstool.methods.sensor_errors import SIMULATED_GRADES, SensorGrade
 from sinstool.simulation.drive import road_drive
 from sinstool.simulation.flight import manoeuvring_flight
 from sinstool.simulation.gnss import GnssErrors, Receiver, gnss_samples

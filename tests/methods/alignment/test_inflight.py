@@ -5,14 +5,14 @@ import pytest
 
 from sinstool.core import rotation
 from sinstool.core.errors import AlignmentError
-from sinstool.methods.alignment.inflight import (
+from sinstool.methods.alignment.inflight import align_in_flight
+from sinstool.methods.alignment.inflight_types import (
+    TACTICAL,
     AlignmentSettings,
     GateLimits,
     GnssFixes,
     ImuIncrements,
-    align_in_flight,
 )
-from sinstool.methods.alignment.inflight_types import TACTICAL
 from sinstool.simulation.gnss import GnssFaults, Receiver
 from tests.methods.alignment.launches import (
     DEGREE,

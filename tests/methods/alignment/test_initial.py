@@ -7,7 +7,7 @@ from scipy.spatial.transform import Rotation
 from sinstool.core.earth import earth_rate_n
 from sinstool.core.errors import AlignmentError
 from sinstool.methods.alignment.initial import (
-    from_given,
+    from_angles,
     from_log,
     from_motion,
     from_still,
@@ -93,7 +93,7 @@ def test_a_moving_start_without_gravity_is_refused():
 
 def test_given_attitudes_are_taken_as_they_are():
     angles = np.radians([10.0, -20.0, 130.0])
-    got = from_given(tuple(angles), 7)
+    got = from_angles(tuple(angles), 7)
     expected = Rotation.from_euler("ZYX", angles[::-1])
     assert (Rotation.from_quat(got.q_nb, scalar_first=True).inv() * expected).magnitude() < 1e-15
     assert (got.method, got.time_ns, got.north_referenced) == ("fixed", 7, True)

@@ -5,8 +5,8 @@ import pytest
 
 from sinstool.core import rotation
 from sinstool.methods.alignment import refine as module
-from sinstool.methods.alignment.inflight import AlignmentSettings, align_in_flight
-from sinstool.methods.alignment.inflight_types import TACTICAL
+from sinstool.methods.alignment.inflight import align_in_flight
+from sinstool.methods.alignment.inflight_types import TACTICAL, AlignmentSettings
 from sinstool.methods.alignment.refine import refine, theta_at, theta_covariance
 from sinstool.methods.alignment.solution import solve
 from sinstool.methods.sensor_errors import SensorGrade

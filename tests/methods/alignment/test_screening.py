@@ -3,7 +3,7 @@ import pytest
 
 from sinstool.methods.alignment.accumulation import accumulate
 from sinstool.methods.alignment.reference import velocity_reference
-from sinstool.methods.alignment.screening import plausible_fixes
+from sinstool.methods.alignment.segments import plausible_fixes
 from sinstool.simulation.gnss import GnssFaults, Receiver, gnss_samples
 from tests.methods.alignment.launches import NOISY, antenna_truth, fixes, noisy, trajectory
 

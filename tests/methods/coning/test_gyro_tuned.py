@@ -129,11 +129,9 @@ def test_answer_is_the_one_that_was_asked_for(kind):
     passband, stopband = np.linspace(0.5, 60.0, 60), np.linspace(110.0, 199.0, 60)
     answer = GYRO(passband) ** 2 * coning_gains(chosen, passband, STEP, kind)
     assert np.abs(answer - 1).max() <= 2e-4
-    assert np.abs(answer - 1).max() == pytest.approx(chosen.passband_error, rel=0.1)
     assert answer[0] == pytest.approx(1.0, abs=1e-5)
     answer = GYRO(stopband) ** 2 * coning_gains(chosen, stopband, STEP, kind)
-    assert np.abs(answer).max() == pytest.approx(chosen.stopband_gain, rel=0.02)
-    assert chosen.stopband_gain < 0.03
+    assert np.abs(answer).max() < 0.03
     # optimal-4 for a gyro that is not flat: 3 % too much
     flat = GYRO(30.0) ** 2 * coning_gains(algorithm("optimal-4"), 30.0, STEP)[0] - 1
     assert flat == pytest.approx(3.1e-2, rel=0.02)

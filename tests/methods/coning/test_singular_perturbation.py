@@ -4,7 +4,7 @@ import pytest
 from scipy.integrate import quad
 
 from sinstool.core.errors import ConfigurationError
-from sinstool.methods.coning import singular_perturbation_kernels as kernels
+from sinstool.methods.coning import singular_perturbation as kernels
 from sinstool.methods.coning.registry import algorithm
 from sinstool.methods.coning.singular_perturbation import VARIANTS
 

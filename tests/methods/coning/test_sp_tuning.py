@@ -140,11 +140,6 @@ def test_bounds_of_one_line(frequency):
         assert value == pytest.approx(1 / (2 * np.pi * frequency), rel=1e-3)
     for value in found.gain_lower:
         assert value == pytest.approx(turn(frequency), rel=1e-3)
-    # one-sided, three axes
-    assert found.noise_floor == pytest.approx(3 * 2 * STEP * 1e-10, rel=0.1)
-    told = bounds(gyro, STEP, angle_random_walk=1e-5 * np.sqrt(STEP))
-    assert told.noise_floor == pytest.approx(3 * 2 * STEP * 1e-10, rel=1e-12)
-    assert told.epsilon_upper[0] == pytest.approx(found.epsilon_upper[0], rel=1e-3)
 
 
 def test_bounds_of_noise_say_so():
@@ -184,7 +179,7 @@ def test_bad_arguments_are_refused():
     with pytest.raises(ValueError, match="gyro"):
         bounds(np.zeros((4, 3)), STEP)
     with pytest.raises(ValueError, match="frequencies"):
-        bounds(np.zeros((400, 3)), STEP, lowest=50.0, highest=50.5)
+        bounds(np.zeros((400, 3)), STEP, highest=0.3)
     for passband in (0.0, 200.0):
         with pytest.raises(ValueError, match="passband"):
             tune(np.zeros((400, 3)), STEP, passband=passband)

@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from sinstool.methods.height.discrete import pole_matched_gains
+from sinstool.methods.height.channel import pole_matched_gains
 from sinstool.methods.height.network import HeightNetwork
 from tests.helpers.height_network import NetworkTheory
 

@@ -196,7 +196,6 @@ def test_gravity_gradient_is_the_derivative():
 def test_presets():
     assert [recommended(g).tau for g in ("mems", "tactical", "navigation")] == [5.0, 30.0, 100.0]
     assert recommended("tactical").k4 == 0.0
-    assert recommended("tactical", k4=0.5, baro_lag=1.5).k4 == -1.0
     assert (paper().tau, paper().k4) == (2.4, 0.5)
 
 

@@ -4,7 +4,7 @@ import numpy as np
 from hypothesis import given
 from hypothesis import strategies as st
 
-from sinstool.methods.hse.positions import by_angle, positions, rate_groups
+from sinstool.methods.hse.run import by_angle, positions, rate_groups
 from tests.methods.hse.made_runs import RATES, brute_run, brute_runs
 
 

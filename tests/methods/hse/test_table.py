@@ -3,8 +3,7 @@ import pytest
 from hypothesis import example, given
 from hypothesis import strategies as st
 
-from sinstool.methods.hse.statistics import fit_sinusoid, scatter
-from sinstool.methods.hse.table import validation_table
+from sinstool.methods.hse.statistics import fit_sinusoid, scatter, validation_table
 from tests.methods.hse.made_runs import ARCSEC
 from tests.methods.hse.published_table1 import AFTER, AZIMUTH_DEG, BEFORE, POSITION
 

@@ -3,8 +3,7 @@
 import numpy as np
 import pytest
 
-from sinstool.methods.strapdown.backward import navigate_backward
-from sinstool.methods.strapdown.navigation import SIZE, initial_state
+from sinstool.methods.strapdown.navigation import SIZE, initial_state, navigate_backward
 from sinstool.simulation.flight import manoeuvring_flight
 from tests.methods.strapdown.navigator import Navigator
 

@@ -10,7 +10,7 @@ from sinstool.config.load import build
 from sinstool.core import rotation
 from sinstool.io.readers import open_log
 from sinstool.io.readers.truth import at_times, read_truth
-from sinstool.methods.alignment.level import level, tilted
+from sinstool.methods.alignment.initial import level, tilted
 from sinstool.pipelines.align.first_attitude import align
 from sinstool.pipelines.align.log import align_log
 from sinstool.survey.source import prepare

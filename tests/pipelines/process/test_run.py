@@ -23,8 +23,7 @@ from sinstool.pipelines.process.run import process
 from sinstool.pipelines.provenance import sha256
 from sinstool.simulation.coning import classical_coning
 from sinstool.simulation.log import motion_topics, resting_fixes, write_simulated
-from sinstool.simulation.static import static
-from sinstool.simulation.truth import after_rest, sample_times
+from sinstool.simulation.truth import after_rest, sample_times, static
 from sinstool.survey import source
 from tests.helpers.imulogs import (
     FLU_FRD,

@@ -19,7 +19,6 @@ from sinstool.methods.ins_gnss.states import (
     VELOCITY,
     FilterKind,
 )
-from sinstool.methods.strapdown.backward import navigate_backward
 from sinstool.methods.strapdown.navigation import (
     HEIGHT,
     LATITUDE,
@@ -29,6 +28,7 @@ from sinstool.methods.strapdown.navigation import (
     SIZE,
     V_DOWN,
     V_NORTH,
+    navigate_backward,
 )
 from sinstool.methods.strapdown.velocity import Increments
 from sinstool.pipelines.process.ins_gnss.filter_start import FilterStart

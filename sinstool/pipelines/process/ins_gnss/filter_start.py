@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from sinstool.core.streams import GnssEpochs
-from sinstool.methods.height.reference import HeightReference
+from sinstool.methods.height.pressure import HeightReference
 from sinstool.methods.ins_gnss.latency import Latency
 from sinstool.methods.ins_gnss.settings import Settings, Start
 from sinstool.survey.grade import ImuGrade

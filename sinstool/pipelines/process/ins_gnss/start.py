@@ -17,7 +17,7 @@ from sinstool.core.timeline import SECOND
 from sinstool.core.units import DEGREE
 from sinstool.methods.alignment.initial import Alignment
 from sinstool.methods.coning.algorithm import ConingAlgorithm
-from sinstool.methods.height.reference import HeightReference
+from sinstool.methods.height.pressure import HeightReference
 from sinstool.methods.ins_gnss.fix_velocity import (
     message_times,
     split_position_velocity,
