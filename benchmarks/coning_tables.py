@@ -25,9 +25,8 @@ from sinstool.methods.coning.gyro_response import GyroResponse
 from sinstool.methods.coning.increments import DEFAULT_POINTS, RateIntegrator
 from sinstool.methods.coning.picard import Picard
 from sinstool.methods.coning.registry import algorithm
-from sinstool.methods.coning.response import coning_gains
+from sinstool.methods.coning.response import coning_gains, coning_spectrum, predicted_drift
 from sinstool.methods.coning.sp_tuning import best_q, coning_answer, tune
-from sinstool.methods.coning.spectrum import coning_spectrum, predicted_drift
 from sinstool.methods.coning.stage import ConingStage
 from sinstool.methods.strapdown.attitude import AttitudePropagator
 from sinstool.simulation.coning import classical_coning

@@ -36,8 +36,7 @@ from sinstool.methods.hse.fit import fit
 from sinstool.methods.hse.fit_result import FitOptions, HseFit
 from sinstool.methods.hse.rig import EncoderModel, Rig
 from sinstool.methods.hse.run import HseRun
-from sinstool.methods.hse.segments import SegmentRules, find_segments
-from sinstool.methods.hse.turns import turn_statistics
+from sinstool.methods.hse.segments import SegmentRules, find_segments, turn_statistics
 from sinstool.methods.hse.whole_turn import run_from_turns
 from sinstool.simulation.hse_rig import HseRigErrors, HseRigSetup, hse_rig
 from tests.helpers.hse_exact import slope_gain

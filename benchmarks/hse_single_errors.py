@@ -23,8 +23,7 @@ from benchmarks.common import ARCSEC, DEG_H, UG, numbers, parser, print_table
 from sinstool.core.earth import EARTH_RATE
 from sinstool.methods.hse.encoder import TableAngle, table_angle
 from sinstool.methods.hse.rig import Rig
-from sinstool.methods.hse.segments import SegmentRules, find_segments
-from sinstool.methods.hse.turns import turn_statistics
+from sinstool.methods.hse.segments import SegmentRules, find_segments, turn_statistics
 from sinstool.methods.hse.whole_turn import align_whole_turns
 from sinstool.simulation.hse_rig import HseRigErrors, HseRigLog, HseRigSetup, hse_rig
 from tests.helpers.hse_exact import lambda2_from_slope

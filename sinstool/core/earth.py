@@ -38,9 +38,6 @@ GRAVITATIONAL_CONSTANT = 3.986004418e14
 NORMAL_GRAVITY_EQUATOR = 9.7803253359
 """On the ellipsoid, m/s^2; table 3.4 of [1]_."""
 
-NORMAL_GRAVITY_POLE = 9.8321849378
-"""On the ellipsoid, m/s^2; table 3.4 of [1]_."""
-
 SOMIGLIANA = 0.00193185265241
 """k of Somigliana's formula, b gamma_p / (a gamma_e) - 1; table 3.4 of [1]_."""
 

@@ -74,7 +74,6 @@ class LogError(SinstoolError):
         self, path: Path | str, message: str, hint: str = "", offset: int | None = None
     ) -> None:
         self.path = Path(path)
-        self.offset = offset
         where = f" (at byte {offset})" if offset is not None else ""
         super().__init__(f"{path}: {message}{where}", hint)
 

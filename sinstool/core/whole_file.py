@@ -7,7 +7,6 @@ import io
 import os
 from collections.abc import Iterator
 from concurrent.futures import Future, ThreadPoolExecutor
-from contextlib import contextmanager
 from contextvars import ContextVar
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -304,7 +303,7 @@ def _sync_folder(folder: Path) -> None:
 _outputs: ContextVar[list[Path] | None] = ContextVar("_outputs", default=None)
 
 
-@contextmanager
+@contextlib.contextmanager
 def completed_outputs() -> Iterator[list[Path]]:
     """Collect the files that are completed inside.
 

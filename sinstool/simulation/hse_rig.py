@@ -36,7 +36,6 @@ IDEAL_AXIS = (-1.0 / np.sqrt(3.0),) * 3
 # Nodes of the quadrature by the largest half-angle of an interval, rad: errors below 1e-16.
 _FEW, _MANY, _SMALL = 3, 9, 0.01
 _STAMPS = {"end": 1.0, "mid": 0.5, "start": 0.0}
-_WRAPS = ("turn", "half-turn", "none")
 
 
 @dataclass(frozen=True)
@@ -260,14 +259,6 @@ def hse_rig(
     """
     setup = setup or HseRigSetup()
     errors = errors or HseRigErrors()
-    if setup.imu_stamp not in _STAMPS:
-        raise ValueError(f"imu_stamp must be one of {', '.join(_STAMPS)}, got {setup.imu_stamp!r}")
-    if errors.encoder_wrap not in _WRAPS:
-        raise ValueError(f"encoder_wrap must be one of {_WRAPS}, got {errors.encoder_wrap!r}")
-    if errors.encoder_sign not in (1, -1):
-        raise ValueError(f"encoder_sign must be 1 or -1, got {errors.encoder_sign}")
-    if setup.imu_rate <= 0.0 or setup.encoder_rate <= 0.0:
-        raise ValueError("imu_rate and encoder_rate must be above 0")
     table = _Table(TableProfile(plateaus, acceleration), errors, start_angle)
     random = np.random.default_rng(seed)
     dt = 1.0 / setup.imu_rate

@@ -160,12 +160,6 @@ class Axes:
         return q_for_log(q_nb, self.body_axes, self.world)[:, [1, 2, 3, 0]]
 
 
-def motion_topics(truth: ImuTruth, gyro_kind: str, body_axes: str) -> list[SimulatedTopic]:
-    """The Imu topic of perfect sensors and the truth beside it."""
-    axes = Axes(body_axes)
-    return [imu_topic(truth, gyro_kind, axes), *truth_topics(truth, axes)]
-
-
 def imu_topic(sensor: ImuTruth, gyro_kind: str, axes: Axes) -> SimulatedTopic:
     """The sensor's Imu messages.
 

@@ -1,4 +1,4 @@
-"""The angle of a turntable that is told rates."""
+"""The angle of a turntable that goes from rate to rate."""
 
 from __future__ import annotations
 
@@ -11,29 +11,20 @@ FloatArray = NDArray[np.float64]
 
 
 class TableProfile:
-    """Angle of a table that is told rates, exact at any time.
+    """Angle of a table that goes from rate to rate, exact at any time.
 
     Parameters
     ----------
     plateaus : sequence of (float, float)
-        ``(rate, duration)``, rad/s and s.
+        ``(rate, duration)``, rad/s and s; one at least.
     acceleration : float
         rad/s^2 with which the table goes from one to the next. It begins and ends with the
         first and last rate.
-
-    Raises
-    ------
-    ValueError
-        If there is no plateau, a duration is not positive or the acceleration not above 0.
     """
 
     def __init__(
         self, plateaus: Sequence[tuple[float, float]], acceleration: float = np.radians(5.0)
     ) -> None:
-        if not plateaus or min(duration for _, duration in plateaus) <= 0.0:
-            raise ValueError("Expected plateaus (rate, duration) with durations above 0.")
-        if not acceleration > 0.0:
-            raise ValueError(f"Expected an acceleration above 0, got {acceleration}.")
         parts: list[tuple[float, float, float]] = []  # duration, rate at start, acceleration
         before = plateaus[0][0]
         for rate, duration in plateaus:

@@ -25,8 +25,14 @@ from sinstool.io.readers.streams import Losses, joint_names, read_imu, read_join
 from sinstool.io.readers.topics import ImuTopic, choose_imu, choose_optional
 from sinstool.methods.hse.encoder import TableAngle, table_angle
 from sinstool.methods.hse.rig import Rig
-from sinstool.methods.hse.segments import Segment, Segmentation, SegmentRules, find_segments
-from sinstool.methods.hse.turns import TurnStatistics, turn_statistics
+from sinstool.methods.hse.segments import (
+    Segment,
+    Segmentation,
+    SegmentRules,
+    TurnStatistics,
+    find_segments,
+    turn_statistics,
+)
 from sinstool.survey.imu import within
 from sinstool.survey.source import imu_units, time_span
 

@@ -184,8 +184,9 @@ def test_unwritable_places(sinstool, log, tmp_path, monkeypatch, out, expected):
 def large(tmp_path_factory):
     """So large that processing it takes a while."""
     from sinstool.simulation.coning import classical_coning
-    from sinstool.simulation.log import motion_topics, write_simulated
+    from sinstool.simulation.log import write_simulated
     from sinstool.simulation.truth import sample_times
+    from tests.helpers.motion_topics import motion_topics
 
     path = tmp_path_factory.mktemp("large") / "large.mcap"
     truth = classical_coning(sample_times(1000.0, 200.0, 10**18), 0.3, 3.0)

@@ -336,8 +336,9 @@ def test_the_base_needs_neither_dask_nor_plotly():
 def large(tmp_path_factory):
     """Logs that take a while."""
     from sinstool.simulation.coning import classical_coning
-    from sinstool.simulation.log import motion_topics, write_simulated
+    from sinstool.simulation.log import write_simulated
     from sinstool.simulation.truth import sample_times
+    from tests.helpers.motion_topics import motion_topics
 
     folder = tmp_path_factory.mktemp("large")
     for number in range(4):

@@ -13,10 +13,11 @@ from sinstool.simulation.gnss import (
     GnssFaults,
     Jump,
     Receiver,
+    from_ecef,
     gnss_samples,
+    moments,
     true_moments,
 )
-from sinstool.simulation.interpolation import from_ecef, moments
 from sinstool.simulation.launch import launch
 from sinstool.simulation.truth import Trajectory, sample_times, static
 
@@ -167,7 +168,9 @@ def test_noise_has_the_size_and_colour_of_its_model(name):
     np.testing.assert_allclose(
         got.sigma_position[0], np.hypot(model.position_white, model.position_markov)
     )
-    np.testing.assert_allclose(got.sigma_velocity[-1], model.velocity_sigma())
+    np.testing.assert_allclose(
+        got.sigma_velocity[-1], np.hypot(model.velocity_white, model.velocity_markov)
+    )
 
 
 def test_faults_leave_the_other_fixes_as_they_were(flight):

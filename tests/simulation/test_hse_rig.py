@@ -35,10 +35,6 @@ def test_profile_is_continuous_and_its_own_integral():
     assert angle[t == 0.0] == 0.0
     assert rate[-1] == -0.5
     assert set(np.unique(acceleration)) == {-0.2, 0.0}
-    with pytest.raises(ValueError, match="plateaus"):
-        TableProfile([(0.3, 0.0)])
-    with pytest.raises(ValueError, match="acceleration"):
-        TableProfile([(0.3, 1.0)], 0.0)
 
 
 def test_samples_are_means_of_eq_5_over_their_intervals():
@@ -211,16 +207,7 @@ def test_base_that_turns():
 
 
 def test_impossible_settings_are_refused():
-    for bad, word in (
-        (replace(SETUP, imu_stamp="begin"), "imu_stamp"),
-        (replace(SETUP, imu_rate=0.0), "imu_rate"),
-        (replace(SETUP, axis=(1.0, 1.0, 1.0)), "axis"),
-    ):
-        with pytest.raises(ValueError, match=word):
-            hse_rig(WALK, bad)
-    with pytest.raises(ValueError, match="encoder_wrap"):
-        hse_rig(WALK, SETUP, HseRigErrors(encoder_wrap="no"))
-    with pytest.raises(ValueError, match="encoder_sign"):
-        hse_rig(WALK, SETUP, HseRigErrors(encoder_sign=0))
+    with pytest.raises(ValueError, match="axis"):
+        hse_rig(WALK, replace(SETUP, axis=(1.0, 1.0, 1.0)))
     with pytest.raises(ValueError, match="fewer than two"):
         hse_rig([(0.3, 0.05)], SETUP)

@@ -11,8 +11,8 @@ What callers use::
 
 The way: :mod:`.preparation` splits the log where the chain of attitude breaks;
 :mod:`.accumulation` and :mod:`.reference` integrate both sides; :mod:`.segments` leaves out bad
-fixes; :mod:`.gate` finds start and stop; :mod:`.pairs`, :mod:`.sums`, :mod:`.wahba` and
-:mod:`.covariance` solve, at the end and at every fix; :mod:`.refine` sharpens; :mod:`.chain`
+fixes; :mod:`.gate` finds start and stop; :mod:`.pairs`, :mod:`.wahba` and
+:mod:`.covariance` solve, at the end and at every fix; :mod:`.refine` sharpens; :mod:`.reference`
 carries the attitude to any time.
 
 References
@@ -33,7 +33,6 @@ import numpy as np
 from sinstool.core.errors import AlignmentError
 from sinstool.core.rotation import from_dcm, to_dcm
 from sinstool.methods.alignment import refine as refinement
-from sinstool.methods.alignment.chain import AttitudeChain
 from sinstool.methods.alignment.covariance import axis_sigma, geometry, worst_sigma
 from sinstool.methods.alignment.gate import dynamics, lift_off, looks_clipped
 from sinstool.methods.alignment.inflight_types import (
@@ -50,6 +49,7 @@ from sinstool.methods.alignment.inflight_types import (
     TimeArray,
 )
 from sinstool.methods.alignment.preparation import prepare_fixes, stretches
+from sinstool.methods.alignment.reference import AttitudeChain
 from sinstool.methods.alignment.segments import Candidate, candidates
 from sinstool.methods.alignment.solution import Course, explain_residuals, solution_covariance
 from sinstool.methods.alignment.wahba import singular_values

@@ -106,7 +106,7 @@ def stretches(imu: ImuIncrements, settings: AlignmentSettings) -> tuple[list[Str
             f"{int(lost.sum())} saturated IMU samples, the last {last_s:.2f} s after the first"
             " sample: alignment starts after them"
         )
-    edges = np.flatnonzero(broken | _changes(lost))
+    edges = np.flatnonzero(broken | (np.diff(lost, prepend=lost[:1]) != 0))
     begins = np.concatenate([[0], edges])
     ends = np.concatenate([edges, [len(imu)]])
     parts = []
@@ -115,10 +115,6 @@ def stretches(imu: ImuIncrements, settings: AlignmentSettings) -> tuple[list[Str
             why = reason.get(int(begin), "saturated samples" if begin else "")
             parts.append(Stretch(imu.rows(slice(int(begin), int(end))), why))
     return parts, warnings
-
-
-def _changes(flags: NDArray[np.bool_]) -> NDArray[np.bool_]:
-    return np.concatenate([[False], flags[1:] != flags[:-1]])
 
 
 def prepare_fixes(

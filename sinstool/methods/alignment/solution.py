@@ -11,16 +11,20 @@ from sinstool.core.rotation import to_dcm
 from sinstool.core.streams import take_rows
 from sinstool.methods.alignment import pairs as pairing
 from sinstool.methods.alignment.accumulation import InertialRows
-from sinstool.methods.alignment.covariance import attitude_covariance, drifting_noise
+from sinstool.methods.alignment.covariance import (
+    attitude_covariance,
+    drifting_noise,
+    triad_attitude,
+    triad_covariance,
+)
 from sinstool.methods.alignment.inflight_types import AlignmentSettings
-from sinstool.methods.alignment.reference import dcm_ni, position_reference, velocity_reference
-from sinstool.methods.alignment.sums import (
+from sinstool.methods.alignment.pairs import (
     PairSums,
     running_centred_sums,
     running_sums,
     total_sums,
 )
-from sinstool.methods.alignment.triad import triad_attitude, triad_covariance
+from sinstool.methods.alignment.reference import dcm_ni, position_reference, velocity_reference
 from sinstool.methods.alignment.wahba import SOLVERS, singular_values
 
 FloatArray = NDArray[np.float64]

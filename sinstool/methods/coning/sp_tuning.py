@@ -40,7 +40,7 @@ from numpy.typing import ArrayLike, NDArray
 from scipy import signal
 
 from sinstool.methods.coning.algorithm import GyroKind
-from sinstool.methods.coning.spectrum import ConingSpectrum, coning_spectrum
+from sinstool.methods.coning.response import ConingSpectrum, coning_spectrum
 
 FloatArray = NDArray[np.float64]
 

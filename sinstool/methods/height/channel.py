@@ -116,7 +116,7 @@ def propagate(
         silent = time - state[layout.S_LAST_USED]
         intervals = COAST_INTERVALS if state[layout.S_STREAK] == 0.0 else COAST_INTERVALS_STREAK
         if silent > max(COAST_TIME, intervals * state[layout.S_NOMINAL]) + ROUNDING:
-            _record(state, events, layout.EVENT_COAST, time, silent, 0.0)
+            record(state, events, layout.EVENT_COAST, time, silent, 0.0)
             if parameters[layout.P_SHADOW_TAU] > 0.0:
                 dv = state[layout.S_SHADOW_V] - v_up
                 state[layout.S_CORRECTION] = state[layout.S_SHADOW_A]
@@ -125,7 +125,7 @@ def propagate(
         length = time - state[layout.S_COAST_SINCE]
         if length > VALID_COAST and state[layout.S_INVALID] == 0.0:
             state[layout.S_INVALID] = 1.0
-            _record(state, events, layout.EVENT_INVALID, time, length, 0.0)
+            record(state, events, layout.EVENT_INVALID, time, length, 0.0)
 
     remember(state, time, height + dh, v_up + dv)
     return dh, dv
@@ -264,7 +264,7 @@ def baro_sample(
         state[layout.S_OFFSET] += jump
         e -= jump
         used += jump
-        _record(state, events, layout.EVENT_JUMP, time, -jump, length)
+        record(state, events, layout.EVENT_JUMP, time, -jump, length)
         what = layout.JUMPED
     state[layout.S_STREAK] = 0.0
 
@@ -332,9 +332,18 @@ def height_valid(state: FloatArray) -> bool:
 
 
 @njit(cache=True, nogil=True)
-def _record(
+def begin_anew(state: FloatArray) -> None:
+    """Wait for the barometer as at the start: nobody knows what happened meanwhile."""
+    state[layout.S_PHASE] = layout.INIT
+    state[layout.S_WAITING] = 0.0
+    state[layout.S_WITNESS_ON] = 0.0
+
+
+@njit(cache=True, nogil=True)
+def record(
     state: FloatArray, events: FloatArray, kind: int, time: float, size: float, duration: float
 ) -> None:
+    """Note an event; only counted once there is no room."""
     index = int(state[layout.S_EVENTS])
     if index < events.shape[0]:
         events[index, 0] = kind
@@ -364,21 +373,17 @@ def _engage(
     stamp: float,
     e: float,
 ) -> float:
-    """Set the height, or at the start the barometer, so that e is 0; return its change."""
+    """Set the height so that e is 0; return its change."""
     dh = -e
     state[layout.S_L1] = 1.0
     if state[layout.S_PHASE] == layout.INIT:
-        if parameters[layout.P_ABSORB] > 0.0:
-            state[layout.S_OFFSET] += e
-            dh = 0.0
-            state[layout.S_L1] = 0.0
         state[layout.S_ENGAGED_AT] = stamp
-        _record(state, events, layout.EVENT_ENGAGED, time, state[layout.S_OFFSET], 0.0)
+        record(state, events, layout.EVENT_ENGAGED, time, state[layout.S_OFFSET], 0.0)
     else:
         # The output stays where it is, and what the height loses fades.
         state[layout.S_STEP] = smooth_height(state, time, 0.0) + e
         state[layout.S_STEP_TIME] = time
-        _record(state, events, layout.EVENT_REENGAGED, time, e, time - state[layout.S_COAST_SINCE])
+        record(state, events, layout.EVENT_REENGAGED, time, e, time - state[layout.S_COAST_SINCE])
     state[layout.S_L2] = 0.0
     state[layout.S_L3] = 0.0
     state[layout.S_PHASE] = layout.ENGAGED
@@ -422,7 +427,7 @@ def _freeze(
     state[layout.S_CORRECTION] = state[layout.S_WITNESS_A]
     state[layout.S_OFFSET] = state[layout.S_WITNESS_OFFSET]
     state[layout.S_FROZEN] = 1.0
-    _record(state, events, layout.EVENT_FROZEN, time, dh, stamp - state[layout.S_SAME_SINCE])
+    record(state, events, layout.EVENT_FROZEN, time, dh, stamp - state[layout.S_SAME_SINCE])
     _start_coast(state, time)
     state[layout.S_COUNTS + layout.FROZEN] += 1.0
     shift_history(state, time, dh, dv)

@@ -108,8 +108,7 @@ P_GATE = 5
 P_GATE_SIGMAS = 6
 P_START_TAU = 7
 P_START_SPEED = 8
-P_ABSORB = 9
-PARAMETERS = 10
+PARAMETERS = 9
 
 SHADOW_TAU: dict[str, float] = {"mems": 10.0, "tactical": 30.0, "navigation": 60.0}
 """Time constant of the shadow channel for each grade of IMU, s."""
@@ -143,10 +142,7 @@ def new_parameters(
     *,
     baro_lag: float = 0.0,
     shadow: bool = True,
-    absorb_offset: bool = False,
     gate: float = 8.0,
-    start_tau: float | None = None,
-    start_speed: float = 1.0,
 ) -> FloatArray:
     """Parameters of a channel.
 
@@ -161,17 +157,8 @@ def new_parameters(
     shadow : bool, optional
         Keep a shadow channel, and coast from it. Not for a channel that a filter corrects:
         the filter knows better, and must know of every change.
-    absorb_offset : bool, optional
-        At the start, keep the height and shift the barometer; otherwise the reverse.
     gate : float, optional
         Differences up to this are never rejected, m.
-    start_tau : float, optional
-        Time constant to begin with, s; it grows by a quarter of the time since, up to that of
-        the network. By default the network's own throughout: for a host that knows its vertical
-        velocity and accelerometer bias at the start.
-    start_speed : float, optional
-        How wrong the vertical velocity may be at the start, m/s: widens the gate until the
-        channel has settled.
 
     Returns
     -------
@@ -182,10 +169,8 @@ def new_parameters(
     # A shadow that is faster than the channel itself would be noisier, not quieter.
     p[P_SHADOW_TAU] = max(SHADOW_TAU[grade], network.tau) if shadow else 0.0
     p[P_SHADOW_K4] = -baro_lag
-    p[P_GATE], p[P_GATE_SIGMAS], p[P_START_SPEED] = gate, GATE_SIGMAS, start_speed
-    quick = network.tau if start_tau is None else max(start_tau, 2.0 * abs(network.k4))
-    p[P_START_TAU] = min(quick, network.tau)
-    p[P_ABSORB] = float(absorb_offset)
+    p[P_GATE], p[P_GATE_SIGMAS], p[P_START_SPEED] = gate, GATE_SIGMAS, 1.0
+    p[P_START_TAU] = network.tau
     return p
 
 

@@ -16,7 +16,14 @@ from numpy.typing import ArrayLike, NDArray
 from sinstool.core.earth import normal_gravity
 from sinstool.core.rotation import rotate
 from sinstool.methods.height import layout
-from sinstool.methods.height.channel import baro_sample, height_valid, propagate, smooth_height
+from sinstool.methods.height.channel import (
+    baro_sample,
+    begin_anew,
+    height_valid,
+    propagate,
+    record,
+    smooth_height,
+)
 from sinstool.methods.height.layout import ChannelSummary, Event
 from sinstool.methods.height.network import HeightNetwork, gravity_gradient
 from sinstool.methods.sensor_errors import Grade
@@ -73,6 +80,28 @@ class HeightColumns:
     valid: NDArray[np.bool_]
 
 
+def beginning_quickly(parameters: FloatArray) -> FloatArray:
+    """Parameters of a vertical channel whose velocity at the start nobody knows.
+
+    Its time constant begins short and grows to that of the network.
+
+    Parameters
+    ----------
+    parameters : ndarray
+        See :func:`sinstool.methods.height.layout.new_parameters`.
+
+    Returns
+    -------
+    ndarray
+    """
+    quick = parameters.copy()
+    quick[layout.P_START_TAU] = min(
+        max(START_TAU, 2.0 * abs(quick[layout.P_K4])), quick[layout.P_TAU]
+    )
+    quick[layout.P_START_SPEED] = START_SPEED
+    return quick
+
+
 class VerticalChannel:
     """Height and vertical velocity from blocks of upward specific force and baro heights.
 
@@ -88,8 +117,6 @@ class VerticalChannel:
     grade : {"mems", "tactical", "navigation"}, optional
     height, v_up : float, optional
         At the start, m and m/s. The height is the barometer's as soon as that is believed.
-    absorb_offset : bool, optional
-        Keep the height at the start and shift the barometer.
     baro_lag : float, optional
         Known first-order lag of the barometer, s; already taken off the network's ``k4``.
     point_samples : bool, optional
@@ -114,21 +141,14 @@ class VerticalChannel:
         *,
         height: float = 0.0,
         v_up: float = 0.0,
-        absorb_offset: bool = False,
         baro_lag: float = 0.0,
         point_samples: bool = True,
         quick_start: bool = True,
     ) -> None:
         self.network = network
         self.events: list[Event] = []
-        self._parameters = layout.new_parameters(
-            network,
-            grade,
-            absorb_offset=absorb_offset,
-            baro_lag=baro_lag,
-            start_tau=START_TAU if quick_start else None,
-            start_speed=START_SPEED if quick_start else 1.0,
-        )
+        parameters = layout.new_parameters(network, grade, baro_lag=baro_lag)
+        self._parameters = beginning_quickly(parameters) if quick_start else parameters
         self._state = layout.new_state()
         self._host = np.array([0.0, height, v_up, 0.0, 0.0])
         # gamma(h) = g0 + g1 h + g2 h^2 exactly, as normal_gravity is quadratic
@@ -183,12 +203,10 @@ class VerticalChannel:
         Raises
         ------
         ValueError
-            If shapes do not fit, times do not increase or a specific force is not finite.
+            If times do not increase or a specific force is not finite.
         """
         now = np.ascontiguousarray(time_ns, dtype=np.int64)
         force = np.ascontiguousarray(f_up, dtype=np.float64)
-        if now.ndim != 1 or force.shape != now.shape:
-            raise ValueError(f"Expected two shapes (n,), got {now.shape} and {force.shape}.")
         if not np.all(np.isfinite(force)):
             raise ValueError("Expected `f_up` to be finite.")
         first = self._last_ns if self._last_ns is not None else now[0] - 1 if len(now) else 0
@@ -237,11 +255,6 @@ class VerticalChannel:
         heights = np.asarray(height, dtype=np.float64)
         reasons = np.zeros(len(stamps), np.int64) if reason is None else np.asarray(reason)
         available = stamps if arrival is None else np.maximum(np.asarray(arrival, np.int64), stamps)
-        if not stamps.shape == heights.shape == reasons.shape == available.shape:
-            raise ValueError(
-                "Expected barometer columns of one length, got "
-                f"{stamps.shape}, {heights.shape}, {reasons.shape} and {available.shape}."
-            )
         if not len(stamps):
             return
         available = np.maximum.accumulate(available)
@@ -299,17 +312,9 @@ def _run(
             if dt > MAX_HOLD:
                 # Nobody saw what happened: neither accelerating nor correcting is a guess.
                 dv = state[layout.S_CORRECTION] * dt
-                index = int(state[layout.S_EVENTS])
-                if index < events.shape[0]:
-                    events[index, 0] = layout.EVENT_IMU_GAP
-                    events[index, 1] = t
-                    events[index, 2] = dt
-                    events[index, 3] = 0.0
-                state[layout.S_EVENTS] += 1.0
+                record(state, events, layout.EVENT_IMU_GAP, t, dt, 0.0)
                 if dt > MAX_GAP:
-                    state[layout.S_PHASE] = layout.INIT
-                    state[layout.S_WAITING] = 0.0
-                    state[layout.S_WITNESS_ON] = 0.0
+                    begin_anew(state)
             h += (v + 0.5 * dv) * dt
             v += dv
             dh, ddv = propagate(state, parameters, events, t, dt, h, v, dv)

@@ -70,16 +70,9 @@ def scatter(values: ArrayLike, position: ArrayLike) -> Scatter:
     -------
     Scatter
         Deviations without a degree of freedom are NaN.
-
-    Raises
-    ------
-    ValueError
-        If the lengths differ or there is no value.
     """
     x = np.asarray(values, dtype=np.float64)
     number = np.asarray(position)
-    if x.shape != number.shape or x.ndim != 1 or not len(x):
-        raise ValueError(f"Expected equally long columns, got {x.shape} and {number.shape}.")
     _, member = np.unique(number, return_inverse=True)
     means = np.bincount(member, x) / np.bincount(member)
     n, m = len(x), len(means)

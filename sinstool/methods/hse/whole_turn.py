@@ -23,7 +23,7 @@ from sinstool.core.errors import AlignmentError, ConfigurationError
 from sinstool.core.result import fields_in
 from sinstool.methods.hse.rig import Rig
 from sinstool.methods.hse.run import HseRun
-from sinstool.methods.hse.turns import TurnStatistics
+from sinstool.methods.hse.segments import TurnStatistics
 
 FloatArray = NDArray[np.float64]
 

@@ -142,9 +142,6 @@ class AttitudeRun(SegmentRun):
         self._last_rate = imu.gyro[-1]
         return self._stage.push(imu.gyro, times)
 
-    def _rest(self) -> RotationVectors:
-        return self._stage.finish()
-
     def _advance(self, updates: RotationVectors, taken: Imu) -> Solution:
         q = np.empty((len(updates.sample), 4))
         until = self.settings.still_until_ns

@@ -15,10 +15,10 @@ from sinstool.core.rotation import wrapped
 from sinstool.core.streams import Imu, Solution
 from sinstool.core.timeline import SECOND
 from sinstool.methods.height import layout
-from sinstool.methods.height.channel import baro_sample, propagate, smooth_height
+from sinstool.methods.height.channel import baro_sample, begin_anew, propagate, smooth_height
 from sinstool.methods.height.layout import ChannelSummary, Event
 from sinstool.methods.height.pressure import HeightReference
-from sinstool.methods.height.vertical import MAX_GAP, MAX_HOLD, START_SPEED, START_TAU
+from sinstool.methods.height.vertical import MAX_GAP, MAX_HOLD, beginning_quickly
 from sinstool.methods.strapdown.navigation import (
     HEIGHT,
     LATITUDE,
@@ -116,9 +116,6 @@ class InsRun(SegmentRun):
         self._last = (imu.gyro[-1], imu.accel[-1])
         return self._stage.push(imu.gyro, imu.accel, times)
 
-    def _rest(self) -> Increments:
-        return self._stage.finish()
-
     def _take_reference(self, origin: int) -> None:
         reference = self.settings.reference
         if reference is None:
@@ -175,9 +172,7 @@ class InsRun(SegmentRun):
         s[V_DOWN] -= dv_up
         self.events += layout.read_events(events[: int(self._channel[layout.S_EVENTS])])
         if gap_s > MAX_GAP:
-            self._channel[layout.S_PHASE] = layout.INIT
-            self._channel[layout.S_WAITING] = 0.0
-            self._channel[layout.S_WITNESS_ON] = 0.0
+            begin_anew(self._channel)
             self._parameters = beginning_quickly(self._parameters)
 
     def _advance(self, increments: Increments, taken: Imu) -> Solution:
@@ -247,28 +242,6 @@ class InsRun(SegmentRun):
             rows[:, V_NORTH : V_DOWN + 1],
             vertical,
         )
-
-
-def beginning_quickly(parameters: np.ndarray) -> np.ndarray:
-    """Parameters of a vertical channel whose velocity at the start nobody knows.
-
-    Its time constant begins short and grows to that of the network.
-
-    Parameters
-    ----------
-    parameters : ndarray
-        See :func:`sinstool.methods.height.layout.new_parameters`.
-
-    Returns
-    -------
-    ndarray
-    """
-    quick = parameters.copy()
-    quick[layout.P_START_TAU] = min(
-        max(START_TAU, 2.0 * abs(quick[layout.P_K4])), quick[layout.P_TAU]
-    )
-    quick[layout.P_START_SPEED] = START_SPEED
-    return quick
 
 
 @njit(cache=True, nogil=True)

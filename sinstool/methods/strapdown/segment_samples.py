@@ -145,6 +145,8 @@ class SegmentRun(ABC):
         Solutions given out; the first sample of a segment is one.
     """
 
+    _stage: Any  # of the running segment, which the kind of run sets when it begins
+
     def __init__(self, settings: SampleSettings) -> None:
         self.updates = 0
         self.settings = settings
@@ -183,10 +185,6 @@ class SegmentRun(ABC):
         """Updates that are finished with these samples."""
 
     @abstractmethod
-    def _rest(self) -> Any:
-        """Updates that are left at the end of a segment."""
-
-    @abstractmethod
     def _advance(self, updates: Any, taken: Imu) -> Solution:
         """Solutions at finished updates, and so at the samples taken."""
 
@@ -199,5 +197,5 @@ class SegmentRun(ABC):
 
     def _finish(self) -> Iterator[Solution]:
         if self._waiting is not None:
-            yield from self._answer(self._rest())
+            yield from self._answer(self._stage.finish())
             self._waiting = None

@@ -20,8 +20,8 @@ from sinstool.core.timeline import SECOND, segments
 from sinstool.io.readers import open_log
 from sinstool.io.readers.truth import at_times, read_truth
 from sinstool.methods.coning.algorithm import of_rates
+from sinstool.methods.coning.response import ConingSpectrum, coning_spectrum
 from sinstool.methods.coning.sp_tuning import SpBounds, SpTuning, bounds, tune
-from sinstool.methods.coning.spectrum import ConingSpectrum, coning_spectrum
 from sinstool.pipelines.compare_coning.compare import (
     DEFAULT_ALGORITHMS,
     JUDGES,

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from sinstool.core.result import as_json, fields_in
 from sinstool.methods.coning.increments import GyroKind
 from sinstool.methods.coning.registry import algorithm
-from sinstool.methods.coning.spectrum import ConingSpectrum, predicted_drift, pseudo_coning
+from sinstool.methods.coning.response import ConingSpectrum, predicted_drift, pseudo_coning
 from sinstool.pipelines.compare_coning.alias import Alias
 from sinstool.pipelines.compare_coning.compare import Verdict
 from sinstool.pipelines.compare_coning.divergence import DEG_H, DriftStatistics, Row

@@ -17,7 +17,8 @@ from sinstool.core.units import DEGREE, MILLI_G
 from sinstool.methods.alignment.initial import Alignment
 from sinstool.methods.height import layout
 from sinstool.methods.height.network import gravity_gradient
-from sinstool.methods.strapdown.free_inertial import InsRun, InsSettings, beginning_quickly
+from sinstool.methods.height.vertical import beginning_quickly
+from sinstool.methods.strapdown.free_inertial import InsRun, InsSettings
 from sinstool.methods.strapdown.navigation import initial_state
 from sinstool.pipelines.plan import Plan
 from sinstool.pipelines.process.height import Damping, damping, height_warnings

@@ -3,8 +3,8 @@ import pytest
 
 from sinstool.core import rotation
 from sinstool.methods.alignment.inflight_types import AlignmentSettings
+from sinstool.methods.alignment.pairs import total_sums
 from sinstool.methods.alignment.solution import Segment, course, make_pairs, solve, sums_so_far
-from sinstool.methods.alignment.sums import total_sums
 from sinstool.simulation.gnss import Receiver
 from tests.methods.alignment.launches import NOISY, noisy
 from tests.methods.alignment.segments import segment_of

@@ -3,8 +3,7 @@ import pytest
 
 from sinstool.core import rotation
 from sinstool.core.errors import ConfigurationError
-from sinstool.methods.coning.coefficients import lag_coefficients
-from sinstool.methods.coning.lags import optimal, previous, uncompensated
+from sinstool.methods.coning.lags import lag_coefficients, optimal, previous, uncompensated
 from sinstool.methods.coning.registry import algorithm, names
 from sinstool.methods.coning.savage import SavageTwoSpeed
 

@@ -4,7 +4,7 @@ import mpmath
 import numpy as np
 import pytest
 
-from sinstool.methods.coning.coefficients import lag_coefficients, solve
+from sinstool.methods.coning.lags import lag_coefficients, solve
 from sinstool.methods.coning.registry import algorithm
 
 

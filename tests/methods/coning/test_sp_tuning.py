@@ -5,8 +5,8 @@ import pytest
 
 from sinstool.core.rotation import conjugate, log, multiply
 from sinstool.methods.coning.registry import algorithm
+from sinstool.methods.coning.response import coning_spectrum, predicted_drift
 from sinstool.methods.coning.sp_tuning import best_q, bounds, coning_answer, tune
-from sinstool.methods.coning.spectrum import coning_spectrum, predicted_drift
 from sinstool.methods.coning.stage import ConingStage
 from sinstool.methods.strapdown.attitude import AttitudePropagator
 from sinstool.simulation.motions import broadband

@@ -5,8 +5,12 @@ import pytest
 
 from sinstool.core import rotation
 from sinstool.methods.coning.registry import algorithm
-from sinstool.methods.coning.response import coning_gains
-from sinstool.methods.coning.spectrum import coning_spectrum, predicted_drift, pseudo_coning
+from sinstool.methods.coning.response import (
+    coning_gains,
+    coning_spectrum,
+    predicted_drift,
+    pseudo_coning,
+)
 from sinstool.methods.coning.stage import ConingStage
 from sinstool.methods.strapdown.attitude import AttitudePropagator
 from sinstool.simulation.motions import broadband

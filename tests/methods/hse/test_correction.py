@@ -4,8 +4,12 @@ import numpy as np
 import pytest
 
 from sinstool.core.errors import ConfigurationError
-from sinstool.methods.hse.calibration import from_fit
-from sinstool.methods.hse.correction import correct_heading, correction, require_applicable
+from sinstool.methods.hse.calibration import (
+    correct_heading,
+    correction,
+    from_fit,
+    require_applicable,
+)
 from sinstool.methods.hse.fit import fit
 from sinstool.methods.hse.fit_result import FitOptions
 from sinstool.methods.hse.status import judge

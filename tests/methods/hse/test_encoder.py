@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from sinstool.core.errors import AlignmentError, ConfigurationError
+from sinstool.core.errors import AlignmentError
 from sinstool.methods.hse.encoder import SMOOTHING_S, table_angle, time_grids
 from sinstool.methods.hse.rig import EncoderModel
 
@@ -39,8 +39,6 @@ def test_edges_are_those_of_the_interval_for_each_kind_of_stamp():
         want = 5.9 + RATE * edges
         assert np.abs(piece.alpha - want).max() < 1e-9 * RATE  # stamps are whole ns
         assert piece.start_s == pytest.approx(-back * 0.002, abs=2e-9)
-    with pytest.raises(ConfigurationError, match=r"rig\.imu_stamp"):
-        table_angle(ns(gyro), ns(at), angle, EncoderModel(), "middle")
 
 
 def test_epoch_stamps_keep_every_nanosecond():

@@ -5,8 +5,7 @@ from hypothesis import strategies as st
 
 from sinstool.core.errors import AlignmentError
 from sinstool.methods.hse.encoder import TableAngle
-from sinstool.methods.hse.segments import Segment
-from sinstool.methods.hse.turns import turn_statistics
+from sinstool.methods.hse.segments import Segment, turn_statistics
 
 DT = 0.01
 

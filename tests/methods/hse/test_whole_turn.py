@@ -8,8 +8,7 @@ from sinstool.core.earth import EARTH_RATE, earth_rate_n
 from sinstool.core.errors import AlignmentError, ConfigurationError
 from sinstool.methods.hse.encoder import table_angle
 from sinstool.methods.hse.rig import EncoderModel, Rig
-from sinstool.methods.hse.segments import SegmentRules, find_segments
-from sinstool.methods.hse.turns import turn_statistics
+from sinstool.methods.hse.segments import SegmentRules, find_segments, turn_statistics
 from sinstool.methods.hse.whole_turn import (
     align_whole_turns,
     run_from_turns,

@@ -7,8 +7,7 @@ from sinstool.core.errors import AlignmentError
 from sinstool.methods.ins_gnss.start import start_at
 from sinstool.simulation.drive import road_drive
 from sinstool.simulation.flight import manoeuvring_flight
-from sinstool.simulation.gnss import GnssErrors, Receiver, gnss_samples
-from sinstool.simulation.interpolation import moments
+from sinstool.simulation.gnss import GnssErrors, Receiver, gnss_samples, moments
 from tests.helpers.gnss import epochs
 from tests.methods.ins_gnss.flown import for_grade
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from sinstool.methods.coning.registry import algorithm
-from sinstool.methods.coning.spectrum import coning_spectrum
+from sinstool.methods.coning.response import coning_spectrum
 from sinstool.pipelines.compare_coning.compare import Settings, compare
 from sinstool.pipelines.compare_coning.divergence import DEG_H
 from sinstool.pipelines.compare_coning.runs import Attitudes, Candidate, Segment

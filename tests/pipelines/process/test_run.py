@@ -22,7 +22,7 @@ from sinstool.pipelines.process import output as result
 from sinstool.pipelines.process.run import process
 from sinstool.pipelines.provenance import sha256
 from sinstool.simulation.coning import classical_coning
-from sinstool.simulation.log import motion_topics, resting_fixes, write_simulated
+from sinstool.simulation.log import resting_fixes, write_simulated
 from sinstool.simulation.truth import after_rest, sample_times, static
 from sinstool.survey import source
 from tests.helpers.imulogs import (
@@ -42,6 +42,7 @@ from tests.helpers.imulogs import (
     write_bag,
     write_log,
 )
+from tests.helpers.motion_topics import motion_topics
 
 RATE = 200.0
 SECOND = 10**9
