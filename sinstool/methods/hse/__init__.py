@@ -8,8 +8,8 @@ error (HSE). One coefficient describes it, and it can be measured without any re
 The data's way through the room: :mod:`~sinstool.methods.hse.rig` is what is known of the rig,
 :mod:`~sinstool.methods.hse.encoder` gives the table's angle at the edges of the gyro intervals,
 :mod:`~sinstool.methods.hse.segments` finds where the table turns steadily and sums each
-whole turn, :mod:`~sinstool.methods.hse.whole_turn` makes heading, tilt and axial rate error of these
-sums.
+whole turn, :mod:`~sinstool.methods.hse.whole_turn` makes heading, tilt and axial rate error of
+these sums.
 
 What the calibration gets wrong is one matrix in ``b``, ``X = C~_s^b K~_g K_g^-1 C_b^s - I``, tildes
 marking what the user believes. Averaged over whole turns at a constant rate only three numbers of

@@ -171,14 +171,6 @@ def test_gaps_of_fixes():
     assert gap_edges(time[:1])[1] == 0.0
 
 
-def test_settings_are_checked():
-    for wrong in ({"method": "kf"}, {"vectors": "all"}, {"gate": "on"}, {"at": "middle"}):
-        with pytest.raises(ValueError, match="Expected"):
-            AlignmentSettings(**wrong)
-    with pytest.raises(ValueError, match="window_s"):
-        AlignmentSettings(window_s=0.0)
-
-
 def test_rough_fixes_are_left_out_and_slow_changes_stay():
     sigma = np.where(np.arange(300) < 150, 0.1, 0.5)  # worse from 15 s on: no single fixes
     sigma[::9] *= 3.0
