@@ -18,7 +18,7 @@ from sinstool.core.streams import GnssEpochs, Imu
 from sinstool.core.timeline import SECOND
 from sinstool.methods.alignment.inflight import InFlightAlignment, align_in_flight
 from sinstool.methods.alignment.inflight_types import AlignmentSettings, GnssFixes, ImuIncrements
-from sinstool.methods.alignment.reference import carried
+from sinstool.methods.alignment.solution import carried
 from sinstool.methods.sensor_errors import SensorGrade
 
 FloatArray = NDArray[np.float64]

@@ -12,7 +12,7 @@ What callers use::
 The way: :mod:`.preparation` splits the log where the chain of attitude breaks;
 :mod:`.accumulation` and :mod:`.reference` integrate both sides; :mod:`.segments` leaves out bad
 fixes; :mod:`.gate` finds start and stop; :mod:`.pairs`, :mod:`.wahba` and
-:mod:`.covariance` solve, at the end and at every fix; :mod:`.refine` sharpens; :mod:`.reference`
+:mod:`.covariance` solve, at the end and at every fix; :mod:`.refine` sharpens; :mod:`.solution`
 carries the attitude to any time.
 
 References
@@ -49,9 +49,13 @@ from sinstool.methods.alignment.inflight_types import (
     TimeArray,
 )
 from sinstool.methods.alignment.preparation import prepare_fixes, stretches
-from sinstool.methods.alignment.reference import AttitudeChain
 from sinstool.methods.alignment.segments import Candidate, candidates
-from sinstool.methods.alignment.solution import Course, explain_residuals, solution_covariance
+from sinstool.methods.alignment.solution import (
+    AttitudeChain,
+    Course,
+    explain_residuals,
+    solution_covariance,
+)
 from sinstool.methods.alignment.wahba import singular_values
 
 INCONSISTENT_CHI2 = 3.0

@@ -1,7 +1,7 @@
 import numpy as np
 
 from sinstool.methods.alignment.inflight_types import GnssFixes
-from sinstool.methods.alignment.reference import position_between
+from sinstool.methods.alignment.solution import position_between
 from tests.methods.alignment.launches import exact, trajectory
 
 SECOND = 1_000_000_000
