@@ -28,7 +28,12 @@ from sinstool.core.whole_file import check_output, write_whole
 from sinstool.io.readers import open_log
 from sinstool.io.readers.log import path_size
 from sinstool.io.readers.lost import Lost
-from sinstool.methods.hse.calibration import (CorrectedHeading, HseCalibration, correct_heading, from_fit)
+from sinstool.methods.hse.calibration import (
+    CorrectedHeading,
+    HseCalibration,
+    correct_heading,
+    from_fit,
+)
 from sinstool.methods.hse.fit import fit
 from sinstool.methods.hse.fit_result import FitOptions, HseFit
 from sinstool.methods.hse.rig import Rig, from_table

@@ -23,7 +23,12 @@ from sinstool.io.readers.log import Log
 from sinstool.io.readers.streams import frame_id
 from sinstool.io.readers.topics import choose_imu
 from sinstool.io.writers.solution import Frames
-from sinstool.methods.hse.calibration import (CorrectedHeading, HseCalibration, require_applicable, require_config)
+from sinstool.methods.hse.calibration import (
+    CorrectedHeading,
+    HseCalibration,
+    require_applicable,
+    require_config,
+)
 from sinstool.methods.hse.encoder import TableAngle, table_angle
 from sinstool.methods.hse.rig import Rig
 from sinstool.methods.hse.segments import Segment
