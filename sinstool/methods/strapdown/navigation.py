@@ -33,7 +33,6 @@ import numba
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from sinstool.core import quaternion_kernels
 from sinstool.core.earth import (
     EARTH_RATE,
     ECCENTRICITY_SQUARED,
@@ -41,7 +40,13 @@ from sinstool.core.earth import (
     SEMI_MAJOR_AXIS,
 )
 from sinstool.core.gravity import normal_gravity
-from sinstool.core.quaternion_kernels import EXACT, product, unit_factor, wrapped_angle
+from sinstool.core.quaternion_kernels import (
+    EXACT,
+    increment_quaternion,
+    product,
+    unit_factor,
+    wrapped_angle,
+)
 from sinstool.core.rotation import normalise
 
 FloatArray = NDArray[np.float64]
@@ -95,7 +100,7 @@ def initial_state(
         raise ValueError("Found a number that is not finite in the initial state.")
     if abs(latitude) > 0.5 * pi:
         raise ValueError(f"Expected `latitude` within a quarter turn, got {latitude} rad.")
-    state[LONGITUDE] = quaternion_kernels.wrapped_angle(float(longitude))
+    state[LONGITUDE] = wrapped_angle(float(longitude))
     return state
 
 
@@ -211,15 +216,15 @@ def step(
         half_w = cos(a)
         half_z = sin(a)
     state[LATITUDE] = new_lat
-    state[LONGITUDE] = quaternion_kernels.wrapped_angle(state[LONGITUDE] + turn)
+    state[LONGITUDE] = wrapped_angle(state[LONGITUDE] + turn)
     state[HEIGHT] = h - half * (vd + new_vd)
     state[V_NORTH] = cos_a * new_vn - sin_a * new_ve
     state[V_EAST] = sin_a * new_vn + cos_a * new_ve
     state[V_DOWN] = new_vd
 
     # Attitude in axes that keep their azimuth, then about down to NED
-    qw, qx, qy, qz = quaternion_kernels.increment_quaternion(px, py, pz, order)
-    bw, bx, by, bz = quaternion_kernels.product(w, x, y, z, qw, qx, qy, qz)
+    qw, qx, qy, qz = increment_quaternion(px, py, pz, order)
+    bw, bx, by, bz = product(w, x, y, z, qw, qx, qy, qz)
     zn = -0.5 * (dt * on + tn)
     ze = -0.5 * (dt * oe + te)
     zd = -0.5 * dt * od
@@ -233,8 +238,8 @@ def step(
     ex = half_w * zn - half_z * ze
     ey = half_w * ze + half_z * zn
     ez = half_w * zd + half_z * zw
-    w, x, y, z = quaternion_kernels.product(ew, ex, ey, ez, bw, bx, by, bz)
-    f = quaternion_kernels.unit_factor(w * w + x * x + y * y + z * z)
+    w, x, y, z = product(ew, ex, ey, ez, bw, bx, by, bz)
+    f = unit_factor(w * w + x * x + y * y + z * z)
     state[Q_W] = w * f
     state[Q_X] = x * f
     state[Q_Y] = y * f

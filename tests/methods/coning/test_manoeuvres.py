@@ -76,6 +76,7 @@ def test_orders_of_magnitude(errors, label, column):
     assert expected / 5 < errors[label, column] < 5 * expected
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("column", COLUMNS)
 def test_comparisons_that_hold_on_any_motion(errors, column):
     def error(label):

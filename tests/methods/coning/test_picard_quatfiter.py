@@ -166,6 +166,7 @@ def test_more_than_half_a_turn_about_one_axis(family):
     np.testing.assert_allclose(alone(family(4), rows), [0, 0, 4.8], rtol=1e-14)
 
 
+@pytest.mark.slow
 def test_fixed_iterations_converge_to_the_limit():
     rows = np.random.default_rng(5).normal(0.02, 0.02, size=(4, 3))
     exact = alone(Picard(4), rows)

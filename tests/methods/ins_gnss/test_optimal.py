@@ -48,6 +48,7 @@ def nees(truth, at, rows):
     return np.mean(np.sum(e * np.linalg.solve(p, e[:, :, None])[:, :, 0], axis=1)) / 9.0
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("kind", ["drive", "smooth flight", "turbulent flight"])
 def test_error_free_data_navigates_exactly(road, kind):
     truth = road if kind == "drive" else flight(2, 60.0, turbulent=kind.startswith("turbulent"))

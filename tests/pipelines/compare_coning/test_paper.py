@@ -30,6 +30,9 @@ from sinstool.simulation.coning_paper import coning_paper, paper_response
 from sinstool.simulation.truth import sample_times
 from tests.helpers.coning_response import coning_drift
 
+# The experiment takes 20 s
+pytestmark = pytest.mark.slow
+
 INTERVAL = 0.0025
 CHEB_6 = chebyshev(6, 0.2, 200.0)
 GYROS = (*(f"cheb:{n}" for n in range(5, 10)), "butter:8", "butter:9", "butter:10", "none")
@@ -46,7 +49,7 @@ def experiment():
 
 
 @pytest.fixture(scope="module")
-def found(experiment):
+def reproduction(experiment):
     return Reproduction(experiment, judge(experiment))
 
 
@@ -77,7 +80,6 @@ def end_error_deg(algorithm, noise_frequency, response, phase="consistent", feed
 # --- the machinery ---------------------------------------------------------------------------
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize(
     ("key", "frequency", "phase"),
     [
@@ -323,11 +325,11 @@ def verdicts(experiment):
     return {claim.key: claim.reproduces for claim in judge(experiment)}
 
 
-def test_verdicts(found):
-    assert len({claim.key for claim in found.claims}) == len(found.claims)
-    assert {claim.key for claim in found.claims if claim.reproduces} == REPRODUCES
-    assert {claim.key for claim in found.claims if not claim.reproduces} == DOES_NOT
-    for claim in found.claims:
+def test_verdicts(reproduction):
+    assert len({claim.key for claim in reproduction.claims}) == len(reproduction.claims)
+    assert {claim.key for claim in reproduction.claims if claim.reproduces} == REPRODUCES
+    assert {claim.key for claim in reproduction.claims if not claim.reproduces} == DOES_NOT
+    for claim in reproduction.claims:
         assert claim.verdict == ("reproduces" if claim.key in REPRODUCES else "does not")
         assert claim.why
         assert claim.tolerance
@@ -383,15 +385,15 @@ def test_verdicts_of_the_gyro(experiment):
 # --- figures and output ----------------------------------------------------------------------
 
 
-def test_figures(found):
-    keys = [figure.key for figure in figures(found.experiment)]
+def test_figures(reproduction):
+    keys = [figure.key for figure in figures(reproduction.experiment)]
     expected = [f"paper-figure-{n}" for n in (1, 4, 6, 7, 8, 9)]
     assert keys == [*expected, "paper-table-1"]
-    for figure in figures(found.experiment):
+    for figure in figures(reproduction.experiment):
         assert figure.xlabel
         assert "," in figure.ylabel  # the unit
         assert any(series.shown for series in figure.series)
-    by_key = dict(zip(keys, figures(found.experiment), strict=True))
+    by_key = dict(zip(keys, figures(reproduction.experiment), strict=True))
     opt4 = by_key["paper-figure-4"].series[0]
     assert round(opt4.y[400], 3) == 0.557
     assert len(by_key["paper-figure-1"].series) == len(RESPONSES)
@@ -412,12 +414,12 @@ def test_more_algorithms_are_run_when_named():
         extra_cases(["no-such"], CHEB_6)
 
 
-def test_command_prints_tables_and_writes_sweeps(found, monkeypatch, capsys, tmp_path):
+def test_command_prints_tables_and_writes_sweeps(reproduction, monkeypatch, capsys, tmp_path):
     calls = []
 
     def reproduce(*arguments, **_):
         calls.append(arguments)
-        return found
+        return reproduction
 
     monkeypatch.setattr(compare_paper, "reproduce", reproduce)
     compare_paper.run_paper(
@@ -437,18 +439,18 @@ def test_command_prints_tables_and_writes_sweeps(found, monkeypatch, capsys, tmp
     assert "paper 0.4 deg, ours 0.557 deg" in out
     assert f"{len(REPRODUCES)} of {len(REPRODUCES | DOES_NOT)} claims reproduce" in out
     files = sorted((tmp_path / "csv").iterdir())
-    assert len(files) == len(found.experiment.sweeps)
+    assert len(files) == len(reproduction.experiment.sweeps)
     path = tmp_path / "csv" / "consistent_cheb-6_rect-opt4.csv"
     assert path.read_text().split("\n")[0] == compare_paper.CSV_HEADER
     table = np.loadtxt(path, delimiter=",", skiprows=1)
-    sweep = found.experiment.sweep("rect-opt4")
+    sweep = reproduction.experiment.sweep("rect-opt4")
     np.testing.assert_allclose(table[:, 0], sweep.frequency)
     np.testing.assert_allclose(table[:, 1:4], sweep.end_deg, rtol=1e-9)
     np.testing.assert_allclose(table[:, 5], sweep.peak_deg, rtol=1e-9)
 
 
-def test_command_prints_one_object(found, monkeypatch, capsys):
-    monkeypatch.setattr(compare_paper, "reproduce", lambda *_, **__: found)
+def test_command_prints_one_object(reproduction, monkeypatch, capsys):
+    monkeypatch.setattr(compare_paper, "reproduce", lambda *_, **__: reproduction)
     compare_paper.run_paper(ProcessConfig(), None, None, False, True, None)
     printed = json.loads(capsys.readouterr().out)
     assert printed["reproduces"] == len(REPRODUCES)
@@ -475,9 +477,9 @@ def test_command_refuses_before_it_runs(monkeypatch):
         compare_paper.run_paper(unreadable, None, None, False, False, None)
 
 
-def test_the_page_holds_every_claim_and_figure(found):
-    page = markup(reproduction_page(found, ProcessConfig()), "")
+def test_the_page_holds_every_claim_and_figure(reproduction):
+    page = markup(reproduction_page(reproduction, ProcessConfig()), "")
     assert page.count("does not</td>") == len(DOES_NOT)
     assert page.count("reproduces</td>") == len(REPRODUCES)
-    for figure in figures(found.experiment):
+    for figure in figures(reproduction.experiment):
         assert f'data-key="{figure.key}"' in page

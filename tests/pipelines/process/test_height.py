@@ -119,7 +119,7 @@ def test_what_is_said_of_a_network():
 
 
 def channel(**counts):
-    return ChannelSummary("engaged", {"accepted": 9, "waiting": 1} | counts, {}, 0.0, 0.0, 1.0, 1.0)
+    return ChannelSummary("engaged", {"accepted": 9, "waiting": 1} | counts, {}, 0.0, 0.0, 1.0)
 
 
 def test_what_is_said_of_samples_and_events():
