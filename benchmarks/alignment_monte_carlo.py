@@ -42,6 +42,7 @@ from sinstool.campaign.run import results
 from sinstool.core import rotation
 from sinstool.methods.alignment import inflight
 from sinstool.methods.alignment.accumulation import accumulate
+from sinstool.methods.alignment.inflight_types import GateLimits
 from sinstool.methods.sensor_errors import SensorGrade
 from sinstool.simulation.gnss import MODELS, Moments, Receiver, gnss_samples, true_moments
 from sinstool.simulation.launch import launch, launch_profile
@@ -187,7 +188,7 @@ def settings_of(form: str, task: Task, span_s: int) -> inflight.AlignmentSetting
     grade = task.grade
     return inflight.AlignmentSettings(
         **FORMS[form],  # type: ignore[arg-type]
-        limits=inflight.GateLimits(t_set1=float(START_S), t_set2=float(span_s), n_set2=1),
+        limits=GateLimits(t_set1=float(START_S), t_set2=float(span_s), n_set2=1),
         t0_ns=0,
         end_ns=(START_S + span_s) * 10**9,
         gnss_sigma_v=SIGMA_V,

@@ -31,6 +31,7 @@ from sinstool.simulation.truth import Trajectory
 
 TAU = 30.0  # s, of the height damping
 NS = 1e9
+POLE_GRAVITY = 9.8321849378  # m/s^2, of WGS-84
 NO_HEIGHTS = (np.empty(0), np.empty(0), np.empty(0), np.empty(0, np.int64))
 
 
@@ -123,7 +124,7 @@ def pyins_gravity(latitude: np.ndarray, height: np.ndarray) -> np.ndarray:
     """Gravity as python-ins has it, linear in height without the ellipsoid's share."""
     sin2 = np.sin(latitude) ** 2
     e2 = earth.ECCENTRICITY_SQUARED
-    f = (1.0 - e2) ** 0.5 * earth.NORMAL_GRAVITY_POLE / earth.NORMAL_GRAVITY_EQUATOR - 1.0
+    f = (1.0 - e2) ** 0.5 * POLE_GRAVITY / earth.NORMAL_GRAVITY_EQUATOR - 1.0
     g = earth.NORMAL_GRAVITY_EQUATOR * (1.0 + f * sin2) / (1.0 - e2 * sin2) ** 0.5
     g *= 1.0 - 2.0 * height / earth.SEMI_MAJOR_AXIS
     return np.stack([np.zeros_like(g), np.zeros_like(g), g], axis=-1)

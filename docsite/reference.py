@@ -16,7 +16,7 @@ from sinstool.config import ProcessConfig
 def command_table() -> str:
     """The commands, each with its line and a link to its page."""
     rows = ["| command | what it does |", "|---|---|"]
-    for name, (_, line) in COMMANDS.items():
+    for name, line in COMMANDS.items():
         page = f"{name}.md" if name not in ("conventions", "completion") else "shell.md"
         rows.append(f"| [`sinstool {name}`]({page}) | {line} |")
     return "\n".join(rows)
