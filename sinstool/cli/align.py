@@ -32,7 +32,7 @@ AXES = ("north", "east", "down")
     help="the same as --align",
 )
 @click.option("--imu-grade", "navigation__imu_grade",
-              type=Choice(["auto", "mems", "tactical", "navigation"]),
+              type=Choice(["auto", "mems", "industrial", "tactical", "navigation"]),
               help="of the sensors [default: auto]")  # fmt: skip
 @path_option("--series", metavar="FILE.csv", text="also write the solution at every fix")
 @click.option("--truth", metavar="TOPIC|FILE.csv",

@@ -24,7 +24,7 @@ class NavigationOptions(Group):
         "north, east, down in m/s at the start (default: GNSS velocity, else at rest)",
         "N,E,D",
     )
-    imu_grade: Literal["auto", "mems", "tactical", "navigation"] = option(
+    imu_grade: Literal["auto", "mems", "industrial", "tactical", "navigation"] = option(
         "auto",
         "of the sensors, where the configuration gives no noise; auto judges by the"
         " gyro's noise at rest",
@@ -90,17 +90,20 @@ class HeightOptions(Group):
 class FilterOptions(Group):
     """The INS/GNSS filter and its smoother."""
 
-    filter: Literal["network-26a", "network-26", "baro-24", "plain-15"] = option(
-        "network-26a",
-        "network-26a: damped height, its network's states and what it corrects in the"
-        " filter; network-26: the published 26 states; baro-24: undamped, the barometer a"
-        " measurement; plain-15: no states for correlated GNSS errors",
+    filter: Literal["network-29a", "network-26a", "network-26", "baro-24", "plain-15"] = option(
+        "network-29a",
+        "network-29a: damped height, its network's states and what it corrects in the"
+        " filter, and the gyros' scale factors; network-26a: without these; network-26: the"
+        " published 26 states; baro-24: undamped, the barometer a measurement; plain-15: no"
+        " states for correlated GNSS errors",
     )
     feedback: Literal["closed", "none"] = option(
         "closed", "whether the filter corrects the navigation and the sensors"
     )
-    virtual_noise: Literal["on", "off"] = option(
-        "on", "fictitious process noise, against errors of the model"
+    virtual_noise: Literal["auto", "on", "off"] = option(
+        "auto",
+        "fictitious process noise, against errors of the model; auto: for a MEMS IMU, whose"
+        " errors no model describes, and not where biases stay as the grade says",
     )
     adaptive: Literal["off", "sage-husa", "innovation"] = option(
         "off", "measurement noise from the innovations"
@@ -108,8 +111,11 @@ class FilterOptions(Group):
     schmidt_epsilon: float = option(
         0.0, "weight of the newest measurement beyond its due", "X", ge=0, le=1
     )
-    restart_after: int = option(
-        60, "epochs in a row that the gate rejects before the filter begins anew", "N", ge=1
+    restart_after: float = option(
+        30.0,
+        "seconds of fixes that the gate rejects, one after the other, before the filter begins"
+        " anew",
+        gt=0,
     )
     smooth: bool = option(False, "smooth over the whole log (Rauch, Tung, Striebel)")
     withhold_gnss: tuple[str, ...] = option(
@@ -126,6 +132,14 @@ class FilterOptions(Group):
     )
     gnss_noise_scale: float = option(
         1.0, "factor on what receivers say of their own noise", "X", gt=0
+    )
+    gnss_lasting: float | None = option(
+        None,
+        "share of the positions' sigma that lasts for minutes, 0 to 0.99, the rest being white"
+        " (default: found from how the fixes change)",
+        "SHARE",
+        ge=0,
+        le=0.99,
     )
 
     baro_sigma: float | None = option(

@@ -11,12 +11,14 @@ from sinstool.core import units
 from sinstool.core.errors import ConfigurationError
 
 Triple = tuple[float, float, float]
-Grade = Literal["mems", "tactical", "navigation"]
+Grade = Literal["mems", "industrial", "tactical", "navigation"]
 
 # Angular random walk up to which a gyro is of a grade. Laser and fibre gyros of navigation grade
 # have 0.001 to 0.005 deg/sqrt(h), tactical ones 0.02 to 0.1, MEMS 0.15 and more.
 _NAVIGATION_WALK = 0.01 * units.DEGREE_PER_ROOT_HOUR
 _TACTICAL_WALK = 0.12 * units.DEGREE_PER_ROOT_HOUR
+# A bias, as the length of a vector, is seldom more than so many sigmas of one of its axes.
+LIKELY = 4.0
 
 
 def not_negative(owner: str, **values: float | Triple) -> None:
@@ -48,9 +50,7 @@ class SensorGrade:
     gyro_bias, accel_bias : float
         What the biases are at the start beyond what was taken off, rad/s and m/s^2.
     gyro_scale, accel_scale : float
-        Scale factors, as a fraction. A filter has no states for those of gyros, and takes
-        misalignments in with them: attitude gets less certain with each angle turned, by this
-        fraction of a right angle in a turn by one.
+        Scale factors, as a fraction.
     angle_random_walk : float
         rad/sqrt(s).
     velocity_random_walk : float
@@ -63,7 +63,9 @@ class SensorGrade:
     gyro_instability, accel_instability : float
         The part of a bias that wanders, rad/s and m/s^2; 0: a bias stays.
     gyro_misalignment, accel_misalignment : float
-        Each of the six angles between the axes, rad.
+        Each of the six angles between the axes, rad. A filter has no states for them: attitude
+        gets less certain with each angle turned, by that of the gyros in a turn by a right angle.
+        Where it has no states for the scale factors of gyros either, these count in the same way.
 
     Raises
     ------
@@ -109,8 +111,10 @@ SIMULATED_GRADES = {
 }
 """What simulated sensors have, by grade."""
 
-# Tactical and navigation grade: data sheets; biases after warming up. MEMS: a consumer's, in a
-# vehicle that shakes it. Its random walks are ten times and more those of a data sheet, for they
+# Industrial, tactical and navigation grade: data sheets; biases after warming up. Industrial ones
+# are quiet, calibrated MEMS, which have the noise of a tactical gyro but not its bias. MEMS: a
+# consumer's, in a vehicle that shakes it. Its random walks are ten times and more those of a data
+# sheet, for they
 # stand in for vibration, sampling and scale factors too: with the data sheet's a filter is too sure
 # of itself after seconds without fixes, and gates the first ones that come. Scale factors and
 # cross-axis sensitivity of their gyros are 0.5 to 2 % on data sheets. Gyro biases of such
@@ -126,6 +130,19 @@ IMU_GRADES: dict[str, SensorGrade] = {
         bias_time_s=100.0,
         accel_scale=3e-3,
         gyro_scale=5e-3,
+        gyro_misalignment=2e-3,
+    ),
+    "industrial": SensorGrade(
+        angle_random_walk=0.2 * units.DEGREE_PER_ROOT_HOUR,
+        velocity_random_walk=300.0 * units.MICRO_G,
+        gyro_bias=30.0 * units.DEGREE_PER_HOUR,
+        accel_bias=2.0 * units.MILLI_G,
+        gyro_instability=15.0 * units.DEGREE_PER_HOUR,
+        accel_instability=0.2 * units.MILLI_G,
+        bias_time_s=2000.0,
+        accel_scale=1e-3,
+        gyro_scale=1e-3,
+        gyro_misalignment=2e-4,
     ),
     "tactical": SensorGrade(
         angle_random_walk=0.05 * units.DEGREE_PER_ROOT_HOUR,
@@ -136,6 +153,7 @@ IMU_GRADES: dict[str, SensorGrade] = {
         accel_instability=0.05 * units.MILLI_G,
         bias_time_s=300.0,
         accel_scale=3e-4,
+        gyro_scale=3e-4,
     ),
     "navigation": SensorGrade(
         angle_random_walk=0.002 * units.DEGREE_PER_ROOT_HOUR,
@@ -145,10 +163,20 @@ IMU_GRADES: dict[str, SensorGrade] = {
         gyro_instability=0.002 * units.DEGREE_PER_HOUR,
         accel_instability=0.005 * units.MILLI_G,
         bias_time_s=1000.0,
-        accel_scale=5e-5,
+        accel_scale=2e-4,
+        gyro_scale=2e-4,
     ),
 }
 """What a filter assumes, by grade of IMU."""
+
+
+def grade_by_bias(grade: Grade, gyro_bias: float) -> Grade:
+    """The best grade, not above one, whose gyros may have a bias, rad/s."""
+    order: tuple[Grade, ...] = ("navigation", "tactical", "industrial")
+    for one in order[order.index(grade) :] if grade != "mems" else ():
+        if gyro_bias <= LIKELY * IMU_GRADES[one].gyro_bias:
+            return one
+    return "mems"
 
 
 def grade_by_noise(angle_random_walk: float) -> Grade:

@@ -7,10 +7,16 @@ from dataclasses import dataclass
 import numpy as np
 
 from sinstool.config import ProcessConfig
+from sinstool.core.earth import EARTH_RATE
+from sinstool.core.earth import SEMI_MAJOR_AXIS as EQUATOR
+from sinstool.core.streams import GnssEpochs
 from sinstool.core.timeline import SECOND
-from sinstool.core.units import DEGREE_PER_ROOT_HOUR
-from sinstool.methods.sensor_errors import Grade, grade_by_noise
+from sinstool.core.units import DEGREE_PER_HOUR, DEGREE_PER_ROOT_HOUR
+from sinstool.methods.sensor_errors import Grade, grade_by_bias, grade_by_noise
 from sinstool.survey.source import Source
+
+REST_S = 30.0  # of a rest whose mean is believed
+STANDING = 0.5  # m/s
 
 
 @dataclass(frozen=True)
@@ -21,15 +27,53 @@ class ImuGrade:
     why: str
 
 
-def random_walk(source: Source) -> float | None:
-    """Angular random walk at rest, rad/sqrt(s) an axis; None where the log has no rest."""
+def random_walks(source: Source) -> tuple[float, float] | None:
+    """Random walks at rest, of angle, rad/sqrt(s), and of velocity, (m/s)/sqrt(s), of an axis.
+
+    None where the log has no rest.
+    """
     # a stretch of steady flight will do: it is the scatter that counts, not the mean
     spans = [s for s in source.survey.spans if s.samples > 50]
     if not spans:
         return None
     longest = max(spans, key=lambda s: s.samples)
-    step = source.survey.interval_ns / SECOND
-    return float(longest.gyro_std / np.sqrt(3.0) * np.sqrt(step))
+    axis = np.sqrt(source.survey.interval_ns / SECOND / 3.0)
+    return float(longest.gyro_std * axis), float(longest.accel_std * axis)
+
+
+def random_walk(source: Source) -> float | None:
+    """Angular random walk at rest, rad/sqrt(s) an axis; None where the log has no rest."""
+    walks = random_walks(source)
+    return None if walks is None else walks[0]
+
+
+def bias_at_rest(source: Source) -> float | None:
+    """Length of the gyro's bias at rest, rad/s, less what the Earth's rate can be of it.
+
+    The longest rest of half a minute at which fixes, where the log has some, stay within what
+    they claim; None where there is none. Steady flight, which passes for rest, does not count.
+    """
+    gnss = source.aiding.gnss
+    for still in sorted(source.survey.spans, key=lambda s: -s.samples):
+        if still.duration_s < REST_S:
+            return None
+        if gnss is not None:
+            fixes = gnss.rows((gnss.time_ns >= still.start_ns) & (gnss.time_ns <= still.end_ns))
+            if not _stays(fixes):
+                continue
+        return max(0.0, float(np.linalg.norm(still.gyro)) - EARTH_RATE)
+    return None
+
+
+def _stays(fixes: GnssEpochs) -> bool:
+    """Whether fixes, if any, are those of a vehicle that stands."""
+    speed = np.linalg.norm(fixes.velocity_n[:, :2], axis=1)
+    if np.isfinite(speed).any():
+        return float(np.nanmedian(speed)) < STANDING
+    away = EQUATOR * np.abs(fixes.latitude[1:] - fixes.latitude[:-1])
+    return len(away) == 0 or float(np.nanmedian(away)) < STANDING * float(
+        np.median(np.diff(fixes.time_ns)) / SECOND
+    )
 
 
 def sensor_grade(source: Source, config: ProcessConfig) -> ImuGrade:
@@ -45,4 +89,9 @@ def sensor_grade(source: Source, config: ProcessConfig) -> ImuGrade:
     if walk is None:
         return ImuGrade("mems", "assumed, as the log shows no rest")
     shown = walk / DEGREE_PER_ROOT_HOUR
-    return ImuGrade(grade_by_noise(walk), f"by its gyro noise at rest, {shown:.2g} deg/sqrt(h)")
+    grade, why = grade_by_noise(walk), f"by its gyro noise at rest, {shown:.2g} deg/sqrt(h)"
+    bias = bias_at_rest(source)
+    lower = grade if bias is None else grade_by_bias(grade, bias)
+    if bias is None or lower == grade:
+        return ImuGrade(grade, why)
+    return ImuGrade(lower, f"{why}, and its bias there, {bias / DEGREE_PER_HOUR:.2g} deg/h")

@@ -406,6 +406,7 @@ virtual_noise = "off"
 adaptive = "innovation"
 schmidt_epsilon = 0.05
 restart_after = 30
+gnss_lasting = 0.5
 smooth = true
 withhold_gnss = ["10:20", "30:40.5"]
 gnss_sigma = 3

@@ -71,7 +71,7 @@ def test_process_explains_the_filter(run, tmp_path):
     assert chosen["mode"][0].startswith("ins-gnss, as the log has fixes and GNSS velocity")
     assert chosen["gnss topic"] == ["/gnss/fix, the only one of its type"]
     assert chosen["IMU grade"][0].startswith("navigation, by its gyro noise at rest")
-    assert chosen["filter"][0].startswith("network-26a: 481 epochs")
+    assert chosen["filter"][0].startswith("network-29a: 481 epochs")
     assert "found in the log" in chosen["GNSS latency"][0]
     assert chosen["coning"][0].startswith("lookahead-12, as configured")
     status, _, err = run("align", "drive.mcap", "-v", cwd=tmp_path)

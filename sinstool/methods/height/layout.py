@@ -110,7 +110,12 @@ P_START_TAU = 7
 P_START_SPEED = 8
 PARAMETERS = 9
 
-SHADOW_TAU: dict[str, float] = {"mems": 10.0, "tactical": 30.0, "navigation": 60.0}
+SHADOW_TAU: dict[str, float] = {
+    "mems": 10.0,
+    "industrial": 15.0,
+    "tactical": 30.0,
+    "navigation": 60.0,
+}
 """Time constant of the shadow channel for each grade of IMU, s."""
 
 GATE_SIGMAS = 5.0
@@ -150,7 +155,7 @@ def new_parameters(
     ----------
     network : HeightNetwork
         ``k4`` with the lag of the barometer already taken off.
-    grade : {"mems", "tactical", "navigation"}, optional
+    grade : {"mems", "industrial", "tactical", "navigation"}, optional
         Says how slow the shadow channel is.
     baro_lag : float, optional
         Known first-order lag of the barometer, s: the shadow channel cancels it, too.

@@ -37,7 +37,12 @@ from sinstool.methods.sensor_errors import Grade
 
 FloatArray = NDArray[np.float64]
 
-RECOMMENDED_TAU: dict[str, float] = {"mems": 5.0, "tactical": 30.0, "navigation": 100.0}
+RECOMMENDED_TAU: dict[str, float] = {
+    "mems": 5.0,
+    "industrial": 10.0,
+    "tactical": 30.0,
+    "navigation": 100.0,
+}
 """Time constant in s for each grade of IMU."""
 
 PAPER_TAU = 2.4
@@ -125,11 +130,11 @@ class HeightNetwork:
 
 
 def recommended(grade: Grade, w2: float = 3.0858e-6) -> HeightNetwork:
-    """Network for a grade of IMU: tau 5 s for MEMS, 30 s tactical, 100 s navigation.
+    """Network for a grade of IMU: tau 5 s for MEMS, 10 s for industrial grade, 30 s and 100 s.
 
     Parameters
     ----------
-    grade : {"mems", "tactical", "navigation"}
+    grade : {"mems", "industrial", "tactical", "navigation"}
     w2 : float, optional
         Gravity's gradient, 1/s^2.
 

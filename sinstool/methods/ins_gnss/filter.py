@@ -14,7 +14,7 @@ from sinstool.methods.height import layout as height_layout
 from sinstool.methods.ins_gnss import layout, parameters, results
 from sinstool.methods.ins_gnss.loop import run
 from sinstool.methods.ins_gnss.settings import Settings, Start
-from sinstool.methods.ins_gnss.states import WITHOUT_BARO, FilterKind, filter_kind
+from sinstool.methods.ins_gnss.states import I_MOVING, FilterKind
 from sinstool.methods.strapdown.navigation import SIZE as NAV_SIZE
 from sinstool.methods.strapdown.velocity import Increments
 
@@ -38,8 +38,8 @@ class FilterSummary:
     mean_nis : float
         Normalised innovation squared over the number of rows, of the epochs used; NaN before
         the first. Should be 1, but does not tell of errors of the fixes that last.
-    gyro_bias, accel_scale, accel_bias : ndarray, shape (3,)
-        Taken off, rad/s, 1, m/s^2.
+    gyro_bias, accel_scale, accel_bias, gyro_scale : ndarray, shape (3,)
+        Taken off, rad/s, 1, m/s^2, 1.
     baro_bias : float
         Taken off the barometric height, m.
     channel : ChannelSummary
@@ -59,6 +59,7 @@ class FilterSummary:
     gyro_bias: FloatArray
     accel_scale: FloatArray
     accel_bias: FloatArray
+    gyro_scale: FloatArray
     baro_bias: float
     channel: height_layout.ChannelSummary
     gains: tuple[float, float, float] | None
@@ -73,7 +74,7 @@ class InsGnssFilter:
         At the start of the first IMU update.
     with_baro : bool
         Whether baro heights will come. Without, a filter that needs them is replaced by
-        ``markov-21``; see :attr:`fell_back`.
+        one without; see :attr:`fell_back`.
     output : bool, optional
         Answer with columns at the IMU updates.
     store : bool, optional
@@ -106,7 +107,7 @@ class InsGnssFilter:
         self.settings = settings
         kind = settings.kind
         self.fell_back = kind.needs_baro and not with_baro
-        self.kind: FilterKind = filter_kind(WITHOUT_BARO) if self.fell_back else kind
+        self.kind: FilterKind = kind if with_baro else kind.without_baro
         self.events: list[results.FilterEvent] = []
         self.channel_events: list[height_layout.Event] = []
         self._output = output
@@ -131,10 +132,10 @@ class InsGnssFilter:
         )
         self._memory = layout.new_memory(
             start.nav,
-            np.concatenate([start.gyro_bias, np.zeros(3), start.accel_bias]),
+            np.concatenate([start.gyro_bias, np.zeros(3), start.accel_bias, np.zeros(3)]),
             p0,
             height_layout.new_state(),
-            int(index[7]),
+            int(index[I_MOVING]),
             settings.control.window,
             settings.control.measured_epochs,
         )
@@ -178,7 +179,8 @@ class InsGnssFilter:
             mean_nis=float(number[layout.N_NIS_SUM] / rows) if rows else float("nan"),
             gyro_bias=sensors[:3].copy(),
             accel_scale=sensors[3:6].copy(),
-            accel_bias=sensors[6:].copy(),
+            accel_bias=sensors[6:9].copy(),
+            gyro_scale=sensors[9:].copy(),
             baro_bias=float(self._memory.channel[height_layout.S_BARO_BIAS]),
             channel=height_layout.summarise(self._memory.channel),
             gains=self.settings.damping.gains if self.kind.network else None,

@@ -33,6 +33,9 @@ OUTAGE = 5.0
 AFTER_OUTAGE = 16.0
 AGREE = 10.0  # epochs in succession
 
+LEAST_REJECTED = 3.0  # epochs before a restart, however much time they take
+ROUNDING = 1e-7  # s, of times
+
 
 @numba.njit(cache=True, nogil=True)
 def gnss_epoch(
@@ -91,7 +94,13 @@ def gnss_epoch(
     if measured:
         measurement_noise.note_changes(m, rows)
     if not update.factor(m.s, m.r, rows, m.root):
-        return
+        # No covariance any more: rounding, or a model that broke
+        instants.record(events, count, layout.E_NO_COVARIANCE, number[layout.N_NOW], 0.0)
+        instants.begin_anew(m, model)
+        rows = _compare(m, model, fix, back, moved, diagnosis)
+        update.project(m, rows)
+        if not update.factor(m.s, m.r, rows, m.root):
+            return
     nis = update.normalised_square(m.root, m.nu, rows, m.gain[:, 0])
     if measured and measurement_noise.often_far(m, nis > par[layout.P_GATES + rows]):
         measurement_noise.use_measured(m, rows)
@@ -107,28 +116,40 @@ def gnss_epoch(
     # Receivers give positions and velocities apart from each other: either may be rejected alone
     alone = 0 if measurement_noise.row_of(m, 0) < 3 else 1
     streak = layout.N_REJECTED if alone == 0 else layout.N_REJECTED_VELOCITIES
+    # A receiver that hangs repeats itself: that the vehicle moves on is no sign of a bad filter
+    hangs = alone == 0 and fix[0] == number[layout.N_FIX] and fix[1] == number[layout.N_FIX + 1]
+    number[layout.N_FIX] = fix[0]
+    number[layout.N_FIX + 1] = fix[1]
     if number[layout.N_NOW] - number[layout.N_SEEN_AT + alone] > OUTAGE:
         number[layout.N_AFTER_OUTAGE + alone] = AGREE
     number[layout.N_SEEN_AT + alone] = number[layout.N_NOW]
-    gate = par[layout.P_GATES + rows]
+    gate = number[layout.N_DOUBT] * par[layout.P_GATES + rows]
     if number[layout.N_AFTER_OUTAGE + alone] > 0.0:
         number[layout.N_AFTER_OUTAGE + alone] = (
             number[layout.N_AFTER_OUTAGE + alone] - 1.0 if nis <= gate else AGREE
         )
         gate *= AFTER_OUTAGE
     if nis > gate:
+        now = number[layout.N_NOW]
+        if number[streak] == 0.0 or hangs:
+            number[layout.N_REJECTED_SINCE + alone] = now
         number[streak] += 1.0
         for k in range(rows):
             m.rejected[measurement_noise.row_of(m, k)] = m.nu[k]
-        if par[layout.P_RESTART_AFTER] == 0.0 or number[streak] < par[layout.P_RESTART_AFTER]:
+        wait = par[layout.P_RESTART_AFTER]
+        if instants.lately_restarted(m):
+            wait /= 3.0
+        lasted = now - number[layout.N_REJECTED_SINCE + alone]
+        if wait == 0.0 or lasted < wait - ROUNDING or number[streak] < LEAST_REJECTED:
             diagnosis[layout.D_GATED] = 1.0
             number[layout.N_EPOCHS_GATED] += 1.0
             instants.record(events, count, layout.E_GATED, number[layout.N_NOW], nis)
             return
         instants.record(events, count, layout.E_RESTART, number[layout.N_NOW], nis)
         diagnosis[layout.D_RESTARTED] = 1.0
+        # Where a restart did not help, the fixes are believed rather than the filter
+        number[layout.N_AFTER_OUTAGE + alone] = AGREE if instants.lately_restarted(m) else 0.0
         instants.begin_anew(m, model)
-        number[layout.N_AFTER_OUTAGE + alone] = 0.0
         rows = _compare(m, model, fix, back, moved, diagnosis)
         for i in range(6):
             # so far off, at least, is the navigation

@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sinstool.core.quaternion_kernels import increment_quaternion, product, wrapped_angle
+from sinstool.core.units import DEGREE, DEGREE_PER_HOUR, MILLI_G
 from sinstool.methods.height.channel import feedback as channel_feedback
 from sinstool.methods.height.layout import S_BARO_BIAS, S_CORRECTION, S_STEP
 from sinstool.methods.ins_gnss import layout, states
@@ -35,6 +36,20 @@ _D = states.POSITION + 2
 _VD = states.VELOCITY + 2
 
 GAP_TIME = 1.0  # s, correlation time of what the motion may have been in a gap
+
+# A second restart within this time, s, adds these sigmas to those of the start, which were wrong:
+# m/s, rad, rad/s and m/s^2.
+NOT_HELPED = 120.0
+# Not in a run's first five minutes, s: there the start is wrong, or the axes, and what is wrong
+# can be named only as long as the sensors' estimates stay near what they are.
+SETTLED = 300.0
+# Each time it also doubles all sigmas, of the gate and of the answer: model and data do not fit
+# each other, and more restarts would not mend that.
+MOST_DOUBT = 1024.0
+LOST_VELOCITY = 20.0
+LOST_ATTITUDE = 10.0 * DEGREE
+LOST_GYRO_BIAS = 100.0 * DEGREE_PER_HOUR
+LOST_ACCEL_BIAS = 20.0 * MILLI_G
 
 
 @numba.njit(cache=True, nogil=True)
@@ -68,6 +83,7 @@ def close_substep(m: Memory, model: Model, keep: bool) -> None:
             0.5 * (number[layout.N_VELOCITY + 2] + nav[V_NORTH + 2]),
             m.mean_c,
             m.mean_cf,
+            m.mean_cw,
             scale,
             k1,
             k2,
@@ -132,6 +148,7 @@ def begin_substep(m: Memory) -> None:
         for j in range(3):
             m.mean_c[i, j] = 0.0
             m.mean_cf[i, j] = 0.0
+            m.mean_cw[i, j] = 0.0
 
 
 @numba.njit(cache=True, nogil=True)
@@ -183,6 +200,8 @@ def close_instant(m: Memory, model: Model, stored: Stored, row: int, keep: bool)
         stored.sensors[row, i] = m.sensors[i]
     stored.sensors[row, 9] = m.channel[S_CORRECTION]
     stored.sensors[row, 10] = m.channel[S_BARO_BIAS]
+    for i in range(3):
+        stored.sensors[row, 11 + i] = m.sensors[9 + i]
     stored.time[row] = number[layout.N_NOW]
     stored.update[row] = int(number[layout.N_UPDATES])
     stored.restart[row] = number[layout.N_BEGUN]
@@ -217,6 +236,7 @@ def _feed_back(m: Memory, model: Model) -> None:
     gyro = index[states.I_GYRO_BIAS]
     factor_at = index[states.I_ACCEL_SCALE]
     bias = index[states.I_ACCEL_BIAS]
+    gyro_factor = index[states.I_GYRO_SCALE]
     for i in range(3):
         m.sensors[i] += x[gyro + i]
         m.sensors[6 + i] += x[bias + i]
@@ -225,6 +245,9 @@ def _feed_back(m: Memory, model: Model) -> None:
         if factor_at >= 0:
             m.sensors[3 + i] += x[factor_at + i]
             x[factor_at + i] = 0.0
+        if gyro_factor >= 0:
+            m.sensors[9 + i] += x[gyro_factor + i]
+            x[gyro_factor + i] = 0.0
     b = index[states.I_BARO]
     if b >= 0:
         m.channel[S_BARO_BIAS] += x[b]
@@ -240,12 +263,33 @@ def _feed_back(m: Memory, model: Model) -> None:
 
 
 @numba.njit(cache=True, nogil=True)
+def lately_restarted(m: Memory) -> bool:
+    """Whether a restart is so recent that it did not help, and the run not just begun."""
+    now = m.numbers[layout.N_NOW]
+    return now > SETTLED and now - m.numbers[layout.N_RESTART_AT] < NOT_HELPED
+
+
+@numba.njit(cache=True, nogil=True)
 def begin_anew(m: Memory, model: Model) -> None:
-    """Covariance as at the start; navigation and sensors stay, GNSS errors are forgotten."""
+    """Covariance as at the start; navigation and sensors stay, GNSS errors are forgotten.
+
+    Where that did not help a moment ago, what the start believed is wrong: nothing is known then
+    beyond what a vehicle can have done.
+    """
     n = m.p.shape[0]
+    number = m.numbers
     for i in range(n):
         for j in range(n):
             m.p[i, j] = model.p0[i, j]
+    if lately_restarted(m):
+        gyro, accel = model.where[states.I_GYRO_BIAS], model.where[states.I_ACCEL_BIAS]
+        for i in range(3):
+            m.p[states.VELOCITY + i, states.VELOCITY + i] += LOST_VELOCITY**2
+            m.p[states.ATTITUDE + i, states.ATTITUDE + i] += LOST_ATTITUDE**2
+            m.p[gyro + i, gyro + i] += LOST_GYRO_BIAS**2
+            m.p[accel + i, accel + i] += LOST_ACCEL_BIAS**2
+        number[layout.N_DOUBT] = min(4.0 * number[layout.N_DOUBT], MOST_DOUBT)
+    number[layout.N_RESTART_AT] = number[layout.N_NOW]
     first = model.where[states.I_GNSS_POSITION]
     if first >= 0:
         for i in range(first, n):

@@ -66,7 +66,11 @@ N_REJECTED_VELOCITIES = 51  # epochs with velocity only rejected one after the o
 N_FAR_SHARE_VELOCITIES = 52  # of those with velocity only
 N_SEEN_AT = 53  # time of the latest epoch with a position, used or not, s; with velocity only
 N_AFTER_OUTAGE = 55  # epochs that have yet to agree after an outage; with velocity only
-NUMBERS = 57
+N_REJECTED_SINCE = 57  # time of the first of the epochs rejected in a row, s; with velocity only
+N_RESTART_AT = 59  # time of the latest restart, s
+N_FIX = 60  # the latest fix: latitude and longitude, rad
+N_DOUBT = 62  # factor on the gate and on the covariances that come out, since restarts did not help
+NUMBERS = 63
 
 # --- parameters ---------------------------------------------------------------------------
 P_SUBSTEP = 0
@@ -86,7 +90,7 @@ P_FADING = 15
 P_LEAST = 16
 P_MOST = 17
 P_EPSILON = 18
-P_RESTART_AFTER = 19
+P_RESTART_AFTER = 19  # s
 P_MAX_GAP = 20
 P_GAP_ACCELERATION = 21
 P_GAP_RATE = 22
@@ -120,7 +124,9 @@ O_COVARIANCE = NAV_SIZE + 7  # upper triangles of position, velocity, attitude
 OUTPUT = NAV_SIZE + 25
 
 # --- events -------------------------------------------------------------------------------
-E_GATED, E_RESTART, E_GAP, E_GAP_RESTART, E_BARO_JUMP, E_BARO_FROZEN, E_FAR = range(7)
+E_GATED, E_RESTART, E_GAP, E_GAP_RESTART, E_BARO_JUMP, E_BARO_FROZEN, E_FAR, E_NO_COVARIANCE = (
+    range(8)
+)
 EVENT_WIDTH = 3  # kind, time, size
 
 
@@ -131,11 +137,12 @@ class Memory(NamedTuple):
     """
 
     nav: FloatArray  # (10,)
-    sensors: FloatArray  # (9,) gyro bias, accelerometer scale, accelerometer bias taken off
+    sensors: FloatArray  # (12,) gyro bias, accelerometer scale and bias, gyro scale taken off
     channel: FloatArray  # of sinstool.methods.height.layout
     numbers: FloatArray  # (NUMBERS,)
     mean_c: FloatArray  # (3, 3) integral of C_nb over the substep
     mean_cf: FloatArray  # (3, 3) integral of C_nb[i, j] f[j]
+    mean_cw: FloatArray  # (3, 3) integral of C_nb[i, j] omega[j]
     x: FloatArray  # (n,) estimate of the errors
     dx: FloatArray  # (n,) sum of the updates at this instant
     p: FloatArray  # (n, n)
@@ -203,7 +210,7 @@ def new_memory(
     Parameters
     ----------
     nav : ndarray, shape (10,)
-    sensors : ndarray, shape (9,)
+    sensors : ndarray, shape (12,)
     p0 : ndarray, shape (n, n)
     channel : ndarray
         State of a vertical channel that has seen nothing.
@@ -223,6 +230,7 @@ def new_memory(
         numbers=np.zeros(NUMBERS),
         mean_c=np.zeros((3, 3)),
         mean_cf=np.zeros((3, 3)),
+        mean_cw=np.zeros((3, 3)),
         x=np.zeros(n),
         dx=np.zeros(n),
         p=p0.copy(),

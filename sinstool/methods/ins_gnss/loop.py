@@ -117,6 +117,9 @@ def run(
             number[layout.N_SAMPLE_STAMP] = -np.inf
             number[layout.N_JUMP_AT] = -np.inf
             number[layout.N_DISTRUST] = -np.inf
+            number[layout.N_RESTART_AT] = -np.inf
+            number[layout.N_FIX] = np.nan
+            number[layout.N_DOUBT] = 1.0
             instants.begin_substep(m)
             for i in range(3):
                 number[layout.N_RATE + i] = phi[k, i] / dt
@@ -134,6 +137,10 @@ def run(
             else:
                 instants.record(events, count, layout.E_GAP_RESTART, number[layout.N_NOW], gap)
                 _carry_over(m, model, gap, keep)
+                while fix_next < len(fix_time) and fix_time[fix_next] < begin - dt:
+                    # Fixes of the gap's own time say nothing of where the vehicle is after it
+                    diagnoses[fix_next, layout.D_ROWS] = 0.0
+                    fix_next += 1
         if bridges > 0:
             instants.close_substep(m, model, keep)
             number[layout.N_GAP] = 1.0
@@ -176,9 +183,9 @@ def run(
                 ux,
                 uy,
                 uz,
-                e[0] * d,
-                e[1] * d,
-                e[2] * d,
+                e[0] * d + e[9] / (1.0 + e[9]) * px,
+                e[1] * d + e[10] / (1.0 + e[10]) * py,
+                e[2] * d + e[11] / (1.0 + e[11]) * pz,
                 e[6] * d + e[3] / (1.0 + e[3]) * ux,
                 e[7] * d + e[4] / (1.0 + e[4]) * uy,
                 e[8] * d + e[5] / (1.0 + e[5]) * uz,
@@ -194,6 +201,7 @@ def run(
             number[layout.N_TURN + 2] += pz
             mc = m.mean_c
             mf = m.mean_cf
+            mw = m.mean_cw
             mc[0, 0] += d * c00
             mc[0, 1] += d * c01
             mc[0, 2] += d * c02
@@ -212,6 +220,15 @@ def run(
             mf[2, 0] += ux * c20
             mf[2, 1] += uy * c21
             mf[2, 2] += uz * c22
+            mw[0, 0] += px * c00
+            mw[0, 1] += py * c01
+            mw[0, 2] += pz * c02
+            mw[1, 0] += px * c10
+            mw[1, 1] += py * c11
+            mw[1, 2] += pz * c12
+            mw[2, 0] += px * c20
+            mw[2, 1] += py * c21
+            mw[2, 2] += pz * c22
 
             lat0 = nav[LATITUDE]
             lon0 = nav[LONGITUDE]
@@ -351,14 +368,20 @@ def run(
             line[layout.O_FORCE + 2] = inverse * (uz - 0.5 * (px * uy - py * ux))
             line[layout.O_CORRECTION] = m.channel[S_CORRECTION]
             at = layout.O_COVARIANCE
+            doubt = number[layout.N_DOUBT]
             for block in range(3):
                 b = 3 * block
-                line[at] = m.p[b, b]
-                line[at + 1] = m.p[b, b + 1]
-                line[at + 2] = m.p[b, b + 2]
-                line[at + 3] = m.p[b + 1, b + 1]
-                line[at + 4] = m.p[b + 1, b + 2]
-                line[at + 5] = m.p[b + 2, b + 2]
+                line[at] = doubt * m.p[b, b]
+                line[at + 1] = doubt * m.p[b, b + 1]
+                line[at + 2] = doubt * m.p[b, b + 2]
+                line[at + 3] = doubt * m.p[b + 1, b + 1]
+                line[at + 4] = doubt * m.p[b + 1, b + 2]
+                line[at + 5] = doubt * m.p[b + 2, b + 2]
+                if block < 2 and number[layout.N_REJECTED] > 1.0:
+                    # Fixes in a row are that far off: whichever of the two is wrong
+                    line[at] += m.rejected[b] ** 2
+                    line[at + 3] += m.rejected[b + 1] ** 2
+                    line[at + 5] += m.rejected[b + 2] ** 2
                 at += 6
     counts[1] = fix_next
     counts[2] = baro_next
@@ -390,6 +413,8 @@ def _carry_over(m: Memory, model: Model, gap: float, keep: bool) -> None:
         m.p[POSITION + i, POSITION + i] += r2
         m.p[VELOCITY + i, VELOCITY + i] += v2
         m.p[ATTITUDE + i, ATTITUDE + i] += turn
+    # A vehicle rolls and pitches to and fro, but may keep on turning
+    m.p[ATTITUDE + 2, ATTITUDE + 2] += min((par[layout.P_GAP_RATE] * gap) ** 2, pi * pi / 3.0)
     b = model.where[I_BARO]
     if b >= 0:
         m.p[b, b] += par[layout.P_BARO_SIGMA] ** 2 if m.p[b, b] == 0.0 else 0.0

@@ -8,7 +8,7 @@ With ``R_M``, ``R_N`` the radii of curvature plus the height, the mechanisation 
 
 and F its derivative, gravity's north component and the change of the radii with latitude
 included: nothing is left out, so that F is held against differences of the mechanisation itself.
-Errors of the sensors enter as ``dv' = C (K f + bias)`` and ``psi' = -C gyro bias``.
+Errors of the sensors enter as ``dv' = C (K f + bias)`` and ``psi' = -C (K_g omega + gyro bias)``.
 
 From measurement to measurement ``P <- Phi (P + Q/2) Phi^T + Q/2``, with Phi of which only the rows
 of moving states are not trivial, and at each sample of the barometer what the damping network does
@@ -61,6 +61,7 @@ def error_rates(
     vd: float,
     mean_c: FloatArray,
     mean_cf: FloatArray,
+    mean_cw: FloatArray,
     scale: float,
     k1: float,
     k2: float,
@@ -77,8 +78,8 @@ def error_rates(
         rad, m.
     vn, ve, vd : float
         m/s.
-    mean_c, mean_cf : ndarray, shape (3, 3)
-        ``C_nb[i, j]`` and ``C_nb[i, j] f_b[j]``, integrated over a time.
+    mean_c, mean_cf, mean_cw : ndarray, shape (3, 3)
+        ``C_nb[i, j]``, ``C_nb[i, j] f_b[j]`` and ``C_nb[i, j] omega_b[j]``, integrated over a time.
     scale : float
         One over that time, 1/s.
     k1, k2, k3 : float
@@ -183,12 +184,15 @@ def error_rates(
     gyro = index[states.I_GYRO_BIAS]
     factor = index[states.I_ACCEL_SCALE]
     bias = index[states.I_ACCEL_BIAS]
+    gyro_factor = index[states.I_GYRO_SCALE]
     for i in range(3):
         for j in range(3):
             out[_PN + i, gyro + j] = -scale * mean_c[i, j]
             out[_VN + i, bias + j] = scale * mean_c[i, j]
             if factor >= 0:
                 out[_VN + i, factor + j] = scale * mean_cf[i, j]
+            if gyro_factor >= 0:
+                out[_PN + i, gyro_factor + j] = -scale * mean_cw[i, j]
 
     a = index[states.I_CORRECTION]
     if a >= 0:

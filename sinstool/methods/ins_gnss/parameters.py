@@ -13,7 +13,7 @@ FloatArray = NDArray[np.float64]
 
 _ADAPTIVE = {"off": 0.0, "sage-husa": 1.0, "innovation": 2.0}
 CHANNEL_GATE = 8.0  # m, of the vertical channel
-TURN = np.pi / 2.0  # rad: after such a turn, gyro scale errors have done what their sigma says
+TURN = np.pi / 2.0  # rad: after such a turn, errors of gyro axes have done what their sigma says
 
 
 def initial_covariance(kind: states.FilterKind, start: Start, settings: Settings) -> FloatArray:
@@ -38,6 +38,7 @@ def initial_covariance(kind: states.FilterKind, start: Start, settings: Settings
     variance[states.GYRO_BIAS : states.GYRO_BIAS + 3] = gyro**2
     variance[states.ACCEL_SCALE : states.ACCEL_SCALE + 3] = settings.imu.accel_scale**2
     variance[states.ACCEL_BIAS : states.ACCEL_BIAS + 3] = accel**2
+    variance[states.GYRO_SCALE : states.GYRO_SCALE + 3] = settings.imu.gyro_scale**2
     variance[states.GNSS_POSITION : states.GNSS_POSITION + 3] = np.square(gnss.position_markov)
     variance[states.GNSS_VELOCITY : states.GNSS_VELOCITY + 3] = np.square(gnss.velocity_markov)
     np.fill_diagonal(p, variance)
@@ -67,6 +68,13 @@ def noise_densities(kind: states.FilterKind, start: Start, settings: Settings) -
     q[states.BARO] = 2.0 * settings.baro.decay * settings.baro.sigma**2
     q[states.GYRO_BIAS : states.GYRO_BIAS + 3] = 2.0 * imu.gyro_instability**2 / imu.bias_time_s
     q[states.ACCEL_BIAS : states.ACCEL_BIAS + 3] = 2.0 * imu.accel_instability**2 / imu.bias_time_s
+    # Scale factors wander as the accelerometers' biases do: the temperature moves both
+    share = min(1.0, imu.accel_instability / imu.accel_bias) if imu.accel_bias > 0.0 else 0.0
+    for block, scale in (
+        (states.ACCEL_SCALE, imu.accel_scale),
+        (states.GYRO_SCALE, imu.gyro_scale),
+    ):
+        q[block : block + 3] = 2.0 * (share * scale) ** 2 / imu.bias_time_s
     q[states.GNSS_POSITION : states.GNSS_POSITION + 3] = (
         2.0 * np.square(gnss.position_markov) / gnss.position_time
     )
@@ -119,7 +127,9 @@ def loop_parameters(kind: states.FilterKind, settings: Settings) -> FloatArray:
     p[layout.P_GAP_ACCELERATION] = settings.gap_acceleration
     p[layout.P_GAP_RATE] = settings.gap_rate
     p[layout.P_BARO_GATE] = settings.baro_gate
-    p[layout.P_TURN] = settings.imu.gyro_scale**2 * TURN
+    # Scale factors without states of their own are taken for errors of the axes
+    own = settings.imu.gyro_scale if kind.first(states.GYRO_SCALE) < 0 else 0.0
+    p[layout.P_TURN] = (own**2 + settings.imu.gyro_misalignment**2) * TURN
     white = np.square([*gnss.position_white, *gnss.velocity_white])
     slow = np.square([*gnss.position_markov, *gnss.velocity_markov])
     p[layout.P_GNSS_WHITE : layout.P_GNSS_WHITE + 6] = white

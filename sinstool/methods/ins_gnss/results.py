@@ -15,7 +15,7 @@ FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
 BoolArray = NDArray[np.bool_]
 
-SENSORS = 11  # columns of StoredEpochs.sensors
+SENSORS = 14  # columns of StoredEpochs.sensors
 
 EVENT_NAMES = (
     "gated",
@@ -25,10 +25,11 @@ EVENT_NAMES = (
     "baro-jump",
     "baro-frozen",
     "far-from-gnss",
+    "covariance-lost",
 )
 """Kinds of event: an epoch was not used; the filter began anew; an IMU gap was bridged; after a
 gap the filter began anew; the barometer jumped; it hung; without feedback, the navigation is too
-far off for a linear filter."""
+far off for a linear filter; the covariance was none any more, and the filter began anew."""
 
 
 @dataclass(frozen=True)
@@ -147,8 +148,9 @@ class StoredEpochs:
     nav : ndarray, shape (m, 10)
         State of :mod:`sinstool.methods.strapdown.navigation` after feedback, in closed loop;
         without feedback, uncorrected.
-    sensors : ndarray, shape (m, 11)
-        Estimates fed back so far: gyro bias, accelerometer scale and bias, A, baro bias.
+    sensors : ndarray, shape (m, 14)
+        Estimates fed back so far: gyro bias, accelerometer scale and bias, A, baro bias,
+        gyro scale.
     restart : ndarray of bool, shape (m,)
         The filter began anew between the row before and this one, or here: a smoother must not
         go across from this row to the one before. This row's `correction` is meaningless.

@@ -108,6 +108,7 @@ class BaroModel:
 
 BARO_GRADES: dict[str, BaroModel] = {
     "mems": BaroModel(3.0, 300.0, 0.3),
+    "industrial": BaroModel(3.0, 300.0, 0.3),
     "tactical": BaroModel(3.0, 300.0, 0.3),
     "navigation": BaroModel(10.0, 500.0, 0.0),
 }
@@ -144,9 +145,10 @@ class DivergenceControl:
     gate_probability : float
         Epochs whose normalised innovation squared exceeds this quantile are not used; 1 turns
         the gate off.
-    restart_after : int
-        So many such epochs in a row: the filter begins anew. A gate without a restart would
-        lock a wrong filter away from its measurements for ever. 0: no restart, for tests.
+    restart_after : float
+        So long nothing but such epochs, s, and at least three: the filter begins anew. A gate
+        without a restart would lock a wrong filter away from its measurements for ever. 0: no
+        restart, for tests. Soon after a restart a third of it is enough for the next.
     gate_noise_epochs : int
         Before it turns a fix down the gate measures the noise of the fixes over so many epochs,
         and where that is more than the noise given, the filter believes them that much less
@@ -165,7 +167,7 @@ class DivergenceControl:
     most: float = 100.0
     schmidt_epsilon: float = 0.0
     gate_probability: float = 0.9999
-    restart_after: int = 60
+    restart_after: float = 30.0
     gate_noise_epochs: int = 60
 
     @property
@@ -185,7 +187,7 @@ class Settings:
         See :data:`~sinstool.methods.ins_gnss.states.FILTERS`.
     network : HeightNetwork, optional
         Of filters with one; by default the recommended one of the grade.
-    grade : {"mems", "tactical", "navigation"}
+    grade : {"mems", "industrial", "tactical", "navigation"}
         For the recommended network.
     feedback : {"closed", "none"}
         Whether mechanisation, sensors and network are corrected by the filter (closed loop),
@@ -219,7 +221,7 @@ class Settings:
         If a value is impossible.
     """
 
-    filter: FilterName = "network-26a"
+    filter: FilterName = "network-29a"
     imu: SensorGrade = field(default_factory=lambda: IMU_GRADES["mems"])
     gnss: GnssModel = field(default_factory=GnssModel)
     baro: BaroModel = field(default_factory=lambda: BARO_GRADES["mems"])

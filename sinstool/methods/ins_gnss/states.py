@@ -1,4 +1,4 @@
-"""The 26 error states: their order, their signs, and the filters that leave some out.
+"""The 29 error states: their order, their signs, and the filters that leave some out.
 
 ========  ==============  ========================================================  ==========
 index     name            error                                                     unit
@@ -11,8 +11,9 @@ index     name            error                                                 
 11 - 13   gyro bias       true less the one taken off already, body axes            rad/s
 14 - 16   accel scale     the same, as a fraction, body axes                        1
 17 - 19   accel bias      the same, body axes                                       m/s^2
-20 - 22   GNSS position   slow (Markov) error of the fixes, NED                     m
-23 - 25   GNSS velocity   the same, NED                                             m/s
+20 - 22   gyro scale      the same, as a fraction                                   1
+23 - 25   GNSS position   slow (Markov) error of the fixes, NED                     m
+26 - 28   GNSS velocity   the same, NED                                             m/s
 ========  ==============  ========================================================  ==========
 
 A navigation is corrected by taking its errors off; a sensor's bias by adding. ``psi`` is the
@@ -22,14 +23,14 @@ the negative of one of "down". Position errors are lengths, ``(R_M + h) dlat`` a
 latitude.
 
 States 0 to 9 drive each other ("moving"); all others only decay, and those up to the
-accelerometer bias drive the moving ones. A filter with fewer states keeps this order and closes
+gyro scale drive the moving ones. A filter with fewer states keeps this order and closes
 the gaps; everything computed works with its numbers of states.
 
 References
 ----------
 .. [1] Zhang J., Ren S., Tan M., "A study of altitude damping in INS/GNSS integrated navigation
-   system", J. Air Force Engineering University 4(6), 2003, 37-39 (in Chinese): the states, there
-   in ENU.
+   system", J. Air Force Engineering University 4(6), 2003, 37-39 (in Chinese): the states but for
+   the gyro scale, there in ENU.
 """
 
 from __future__ import annotations
@@ -53,9 +54,10 @@ BARO = 10
 GYRO_BIAS = 11
 ACCEL_SCALE = 14
 ACCEL_BIAS = 17
-GNSS_POSITION = 20
-GNSS_VELOCITY = 23
-SIZE = 26
+GYRO_SCALE = 20
+GNSS_POSITION = 23
+GNSS_VELOCITY = 26
+SIZE = 29
 
 _BLOCKS = {
     POSITION: 3,
@@ -66,16 +68,26 @@ _BLOCKS = {
     GYRO_BIAS: 3,
     ACCEL_SCALE: 3,
     ACCEL_BIAS: 3,
+    GYRO_SCALE: 3,
     GNSS_POSITION: 3,
     GNSS_VELOCITY: 3,
 }
 
-FilterName = Literal["network-26a", "network-26", "baro-24", "plain-15", "markov-21", "markov-24"]
+FilterName = Literal[
+    "network-29a",
+    "network-26a",
+    "network-26",
+    "baro-24",
+    "plain-15",
+    "markov-21",
+    "markov-24",
+    "markov-27",
+]
 
 # Where the numbers of an index array are: see FilterKind.index.
-I_CORRECTION, I_BARO, I_GYRO_BIAS, I_ACCEL_SCALE, I_ACCEL_BIAS = 0, 1, 2, 3, 4
-I_GNSS_POSITION, I_GNSS_VELOCITY = 5, 6
-I_MOVING, I_COUPLED, I_STATES = 7, 8, 9
+I_CORRECTION, I_BARO, I_GYRO_BIAS, I_ACCEL_SCALE, I_ACCEL_BIAS, I_GYRO_SCALE = 0, 1, 2, 3, 4, 5
+I_GNSS_POSITION, I_GNSS_VELOCITY = 6, 7
+I_MOVING, I_COUPLED, I_STATES = 8, 9, 10
 
 
 @dataclass(frozen=True)
@@ -85,7 +97,7 @@ class FilterKind:
     Attributes
     ----------
     blocks : tuple of int
-        First index, among the 26, of each block of states that it has.
+        First index, among the 29, of each block of states that it has.
     network : bool
         The barometer damps the vertical channel of the mechanisation.
     correction_row : bool
@@ -102,7 +114,7 @@ class FilterKind:
 
     @property
     def states(self) -> IntArray:
-        """Indices, among the 26, of its states in its own order; shape (n,)."""
+        """Indices, among the 29, of its states in its own order; shape (n,)."""
         return np.concatenate([np.arange(b, b + _BLOCKS[b]) for b in self.blocks])
 
     @property
@@ -114,6 +126,13 @@ class FilterKind:
     def needs_baro(self) -> bool:
         """Whether it means anything without a barometer."""
         return BARO in self.blocks
+
+    @property
+    def without_baro(self) -> FilterKind:
+        """What takes its place where there is no barometer."""
+        if not self.needs_baro:
+            return self
+        return FILTERS["markov-27" if GYRO_SCALE in self.blocks else "markov-24"]
 
     def first(self, block: int) -> int:
         """Own index of a block's first state; -1 if it has none.
@@ -141,6 +160,7 @@ class FilterKind:
                 GYRO_BIAS,
                 ACCEL_SCALE,
                 ACCEL_BIAS,
+                GYRO_SCALE,
                 GNSS_POSITION,
                 GNSS_VELOCITY,
             )
@@ -153,24 +173,24 @@ class FilterKind:
 _VEHICLE = (POSITION, VELOCITY, ATTITUDE)
 _GNSS = (GNSS_POSITION, GNSS_VELOCITY)
 _ALL = tuple(_BLOCKS)
+_PUBLISHED = tuple(b for b in _ALL if b != GYRO_SCALE)
 
 FILTERS: dict[str, FilterKind] = {
     kind.name: kind
     for kind in (
-        FilterKind("network-26a", _ALL, network=True, correction_row=True),
-        FilterKind("network-26", _ALL, network=True),
+        FilterKind("network-29a", _ALL, network=True, correction_row=True),
+        FilterKind("network-26a", _PUBLISHED, network=True, correction_row=True),
+        FilterKind("network-26", _PUBLISHED, network=True),
         # 24 states of vehicle, sensors and GNSS, and the barometer's own error beside them
-        FilterKind("baro-24", tuple(b for b in _ALL if b != CORRECTION), baro_row=True),
-        FilterKind("markov-24", tuple(b for b in _ALL if b not in (CORRECTION, BARO))),
+        FilterKind("baro-24", tuple(b for b in _PUBLISHED if b != CORRECTION), baro_row=True),
+        FilterKind("markov-27", tuple(b for b in _ALL if b not in (CORRECTION, BARO))),
+        FilterKind("markov-24", tuple(b for b in _PUBLISHED if b not in (CORRECTION, BARO))),
         FilterKind("markov-21", (*_VEHICLE, GYRO_BIAS, ACCEL_BIAS, *_GNSS)),
         FilterKind("plain-15", (*_VEHICLE, GYRO_BIAS, ACCEL_BIAS)),
     )
 }
 """The filters by name. ``network-26`` is that of [1]_; the others leave parts of it out or tell
 it more."""
-
-WITHOUT_BARO = "markov-21"
-"""What takes the place of a filter that needs a barometer where there is none."""
 
 
 def filter_kind(name: str) -> FilterKind:

@@ -173,7 +173,7 @@ def imu_noise(config: ProcessConfig, grade: Grade) -> SensorGrade:
         changes["accel_bias"] = options.sigma_ba
         changes["accel_instability"] = min(noise.accel_instability, 0.1 * options.sigma_ba)
     if options.sigma_sf is not None:
-        changes["accel_scale"] = options.sigma_sf
+        changes["accel_scale"] = changes["gyro_scale"] = options.sigma_sf
     return replace(noise, **changes)
 
 

@@ -366,8 +366,10 @@ def damping(
     return Damping(reference, heights, grade), [*notes, *more]
 
 
-def height_warnings(channel: ChannelSummary, events: list[Event]) -> list[str]:
-    """What a user has to know about the vertical channel."""
+def height_warnings(
+    channel: ChannelSummary, events: list[Event], begins_s: float = 0.0
+) -> list[str]:
+    """What a user has to know about the vertical channel, which began so long after the log."""
     notes = []
     rejected = {
         name: count
@@ -391,7 +393,9 @@ def height_warnings(channel: ChannelSummary, events: list[Event]) -> list[str]:
     for e in events:
         counted[e.kind] += 1
         if e.kind in texts and counted[e.kind] <= 3:
-            notes.append(texts[e.kind].format(size=e.size, time=e.time, duration=e.duration))
+            notes.append(
+                texts[e.kind].format(size=e.size, time=begins_s + e.time, duration=e.duration)
+            )
     for kind, count in counted.items():
         if kind in texts and count > 3:
             notes.append(f"... and {count - 3} more events of this kind ({kind})")

@@ -276,6 +276,7 @@ class FilterUsed:
     gyro_bias_rad_s: tuple[float, ...]
     accel_bias_m_s2: tuple[float, ...]
     accel_scale: np.ndarray
+    gyro_scale: np.ndarray
     baro_bias_m: float
     events: dict[str, int]
     withheld: WithheldScores | None

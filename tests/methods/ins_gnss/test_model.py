@@ -31,11 +31,16 @@ from sinstool.methods.ins_gnss.states import (
     CORRECTION,
     FILTERS,
     GYRO_BIAS,
+    GYRO_SCALE,
+    I_MOVING,
+    I_STATES,
+    SIZE,
     VELOCITY,
 )
 from sinstool.methods.strapdown import navigation
 
-FULL = FILTERS["network-26a"]
+FULL = FILTERS["network-29a"]
+DRIVING = GYRO_SCALE + 3  # states that drive the moving ones
 
 # latitude, height, velocity, roll pitch heading, rate, specific force
 MOTIONS = [
@@ -101,17 +106,17 @@ def propagated(motion, x, dt):
         *(v[i] + x[3 + i] for i in range(3)),
         *q,
     ]
-    turn = [(rate[i] + x[GYRO_BIAS + i]) * dt for i in range(3)]
+    turn = [(rate[i] * (1 + x[GYRO_SCALE + i]) + x[GYRO_BIAS + i]) * dt for i in range(3)]
     push = [(force[i] * (1 + x[ACCEL_SCALE + i]) + x[ACCEL_BIAS + i]) * dt for i in range(3)]
     exact_step(state, turn, push, dt, x[CORRECTION])
     return state
 
 
 def difference_quotient(motion):
-    """F by central differences of one step of the mechanisation, shape (9, 20)."""
+    """F by central differences of one step of the mechanisation, shape (9, DRIVING)."""
     dt, size = mpf("1e-40"), mpf("1e-8")
-    out = np.zeros((9, ACCEL_BIAS + 3))
-    none = [mpf(0)] * 26
+    out = np.zeros((9, DRIVING))
+    none = [mpf(0)] * SIZE
     nominal = propagated(motion, none, dt)
     rm, rn = exact_radii(nominal[0], nominal[2])
     across = rn * mpmath.cos(nominal[0])
@@ -140,11 +145,12 @@ def difference_quotient(motion):
 
 
 def rates(motion, kind=FULL, gains=(0.0, 0.0, 0.0)):
-    lat, h, v, angles, _, force = motion
+    lat, h, v, angles, rate, force = motion
     c = rotation.to_dcm(rotation.from_euler(angles))
     index = kind.index
-    out = np.full((index[7], index[9]), np.nan)
-    error_rates(index, lat, h, *v, 2.0 * c, 2.0 * c * np.array(force), 0.5, *gains, out)
+    out = np.full((index[I_MOVING], index[I_STATES]), np.nan)
+    means = [2.0 * c, 2.0 * c * np.array(force), 2.0 * c * np.array(rate)]
+    error_rates(index, lat, h, *v, *means, 0.5, *gains, out)
     return out
 
 
@@ -152,7 +158,7 @@ def rates(motion, kind=FULL, gains=(0.0, 0.0, 0.0)):
 def test_f_is_the_derivative_of_the_mechanisation(motion):
     with mp.workdps(130):
         exact = difference_quotient(motion)
-    ours = rates(motion)[:9, : ACCEL_BIAS + 3]
+    ours = rates(motion)[:9, :DRIVING]
     # An element of C that is nothing is nothing but for the rounding of C
     floor = np.full(ours.shape, 1e-35)
     floor[:, GYRO_BIAS:] = 1e-15
@@ -188,7 +194,7 @@ def test_continuous_network():
         (VELOCITY + 2, gains[1], 1),
         (CORRECTION, gains[2], -1),
     ):
-        e = np.zeros(26)
+        e = np.zeros(SIZE)
         e[2], e[BARO] = -1.0, -1.0
         expected[row] = sign * gain * e
     expected[CORRECTION] *= -1.0
@@ -199,14 +205,14 @@ def test_continuous_network():
 def test_transition_is_the_exponential_to_second_order(motion):
     from scipy.linalg import expm
 
-    full = np.zeros((26, 26))
+    full = np.zeros((SIZE, SIZE))
     full[:10] = rates(motion, gains=(0.1, 0.02, 0.001))
-    decay_rate = np.zeros(26)
-    decay_rate[BARO], decay_rate[20:] = 1 / 300, 1 / 60
+    decay_rate = np.zeros(SIZE)
+    decay_rate[BARO], decay_rate[DRIVING:] = 1 / 300, 1 / 60
     full -= np.diag(decay_rate)
     off = []
     for delta in (0.2, 0.1):
-        phi, decay = np.zeros((10, 26)), np.ones(26)
+        phi, decay = np.zeros((10, SIZE)), np.ones(SIZE)
         transition(FULL.index, full[:10] + 0.0, decay_rate, delta, phi, decay)
         exact = expm(full * delta)
         off.append(abs(phi - exact[:10]).max())
@@ -238,26 +244,26 @@ def test_baro_correction_is_what_the_channel_does(k4):
         ACCEPTED,
     )
     assert what == CORRECTED
-    x = np.zeros(26)
+    x = np.zeros(SIZE)
     x[2], x[5], x[CORRECTION] = -wrong["height"], -wrong["v_up"], wrong["a"]
     x[BARO] = wrong["baro"]
     before = x.copy()
     random = np.random.default_rng(3)
-    root = random.standard_normal((26, 26))
+    root = random.standard_normal((SIZE, SIZE))
     p = root @ root.T
     rest = p.copy()
-    phi = random.standard_normal((26, 26))
+    phi = random.standard_normal((SIZE, SIZE))
     phi_before = phi.copy()
     gains = channel[S_L1], channel[S_L2], channel[S_L3]
-    baro_correction(FULL.index, *gains, k4 * v_up, 0.09, p, x, phi, np.zeros(26))
+    baro_correction(FULL.index, *gains, k4 * v_up, 0.09, p, x, phi, np.zeros(SIZE))
     assert -x[2] == pytest.approx(wrong["height"] + dh, abs=1e-9)
     assert -x[5] == pytest.approx(wrong["v_up"] + dv, abs=1e-12)
     assert x[CORRECTION] == pytest.approx(channel[S_CORRECTION], abs=1e-14)
     assert np.array_equal(np.delete(x, [2, 5, 9]), np.delete(before, [2, 5, 9]))
     # as matrices
-    gain = np.zeros(26)
+    gain = np.zeros(SIZE)
     gain[2], gain[5], gain[CORRECTION] = gains
-    m = np.eye(26)
+    m = np.eye(SIZE)
     m[:, 2] -= gain
     m[:, BARO] -= gain
     assert p == pytest.approx(m @ rest @ m.T + 0.09 * np.outer(gain, gain), abs=1e-10)

@@ -16,6 +16,10 @@ POSITION_WHITE, POSITION_SLOW = 0.371, 0.928
 VELOCITY_WHITE, VELOCITY_SLOW = 0.447, 0.894
 USUAL_POSITION = (5.4, 5.4, 8.5)
 USUAL_VELOCITY = (0.11, 0.11, 0.17)
+# Fixes no noisier than so many times what the receiver says have good stamps too.
+AS_CLAIMED = 1.3
+# Of the whole, at least so much lasts: no log is long enough to show that nothing does.
+LEAST_SLOW = 0.2
 # A receiver that claims less than this speaks of its own resolution.
 LEAST_POSITION, LEAST_VELOCITY = 0.005, 0.005
 # Stamps of receiver and Imu are no better than this, s: what a vehicle moves meanwhile is white
@@ -23,27 +27,29 @@ LEAST_POSITION, LEAST_VELOCITY = 0.005, 0.005
 STAMP_S = 0.003
 
 
-def inflate_sigmas(gnss: GnssEpochs, config: ProcessConfig) -> GnssEpochs:
+def inflate_sigmas(gnss: GnssEpochs, config: ProcessConfig, stamp_s: float = STAMP_S) -> GnssEpochs:
     """Fixes with the standard deviations that a filter should assume.
 
     What the receiver says, times ``gnss_noise_scale``; of positions also what the vehicle moves
     while stamps are uncertain. A fix that claims a centimetre at 15 m/s claims to know its time to
-    0.7 ms, which no log holds.
+    0.7 ms, which hardly a log holds; `stamp_s` is 0 for one whose fixes show that it does.
     """
     factor = config.filter.gnss_noise_scale
     square = np.square(gnss.velocity_n)
     moving = np.where(np.isfinite(square), square, 0.0)
     level = moving[:, 0] + moving[:, 1]
-    stamp = STAMP_S * np.sqrt(np.stack([level, level, moving[:, 2]], axis=1))
+    stamp = stamp_s * np.sqrt(np.stack([level, level, moving[:, 2]], axis=1))
     if not gnss.has_velocity.all():
-        stamp = np.where(gnss.has_velocity[:, None], stamp, STAMP_S * _speed(gnss))
+        stamp = np.where(gnss.has_velocity[:, None], stamp, stamp_s * _speed(gnss))
     position = factor * np.maximum(gnss.sigma_position_n, LEAST_POSITION)
     velocity = factor * np.maximum(gnss.sigma_velocity_n, LEAST_VELOCITY)
     return replace(gnss, sigma_position_n=np.hypot(position, stamp), sigma_velocity_n=velocity)
 
 
-def gnss_model(gnss: GnssEpochs, config: ProcessConfig) -> tuple[GnssModel, str]:
-    """Noise of a receiver's fixes, and where it is from.
+def gnss_model(
+    gnss: GnssEpochs, config: ProcessConfig, stamp_s: float = STAMP_S
+) -> tuple[GnssModel, str]:
+    """Noise of a receiver's fixes, and where it is from; `stamp_s` as of `inflate_sigmas`.
 
     Returns
     -------
@@ -62,7 +68,7 @@ def gnss_model(gnss: GnssEpochs, config: ProcessConfig) -> tuple[GnssModel, str]
     )
     if not from_velocities:
         velocity = velocity * (config.gnss.gnss_sigma_v / 0.1)
-    white = np.hypot(POSITION_WHITE * position, STAMP_S * _speed(gnss))
+    white = np.hypot(POSITION_WHITE * position, stamp_s * _speed(gnss))
     how = (
         f"position {'as the receiver says' if from_fixes else 'assumed'}, about"
         f" {position[0]:.3g} m; velocity"
@@ -76,6 +82,29 @@ def gnss_model(gnss: GnssEpochs, config: ProcessConfig) -> tuple[GnssModel, str]
             velocity_markov=_triple(VELOCITY_SLOW * velocity),
         ),
         how,
+    )
+
+
+def with_white_noise(model: GnssModel, level: float, vertical: float) -> GnssModel:
+    """A receiver's noise with as much of its positions' white as a log shows.
+
+    What is left of the receiver's own figure lasts. A receiver that smooths its fixes shows less
+    noise than a filter may believe in, and one that claims too little is left to the gate: the
+    white part is no less than usual and no more than the whole.
+
+    Parameters
+    ----------
+    level, vertical : float
+        White noise as measured, m.
+    """
+    white, slow = np.array(model.position_white), np.array(model.position_markov)
+    whole = np.hypot(white, slow)
+    white = np.clip([level, level, vertical], white, whole)
+    slow = np.maximum(np.sqrt(np.maximum(whole**2 - white**2, 0.0)), LEAST_SLOW * whole)
+    return replace(
+        model,
+        position_white=_triple(np.sqrt(np.maximum(whole**2 - slow**2, 0.0))),
+        position_markov=_triple(slow),
     )
 
 

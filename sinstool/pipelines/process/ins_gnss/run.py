@@ -34,6 +34,7 @@ from sinstool.pipelines.process.height import Damping, height_warnings
 from sinstool.pipelines.process.ins_gnss.before_start import before_start, corrected_start
 from sinstool.pipelines.process.ins_gnss.filter_start import FilterStart
 from sinstool.pipelines.process.ins_gnss.start import timed_start
+from sinstool.pipelines.process.ins_gnss.trust import untrusted
 from sinstool.pipelines.process.mode import BytesRead, Mode, warned
 from sinstool.pipelines.process.summary import (
     ConingUsed,
@@ -383,18 +384,19 @@ class FilterRun(Mode):
                 " several times too small, and innovations do not show it",
             )
         findings += self._diagnosis()
-        if s.restarts:
-            note(
-                "restarts",
-                f"the filter began anew {s.restarts} times: fixes were rejected for too long",
+        if self._gnss:
+            first_ns = self.source.survey.first_ns
+            findings += untrusted(
+                concatenate(self._gnss), self._filter.events, s.mean_nis, first_ns
             )
         if s.epochs_gated:
             note(
                 "rejected-fixes",
                 f"{s.epochs_gated} of {s.epochs_used + s.epochs_gated} fixes were rejected",
             )
-        if p.reference is not None:
-            findings += warned("height", height_warnings(s.channel, self._filter.channel_events))
+        if p.reference is not None and s.gains is not None:
+            texts = height_warnings(s.channel, self._filter.channel_events, before)
+            findings += warned("height", texts)
         return findings
 
 

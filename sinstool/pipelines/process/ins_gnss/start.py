@@ -32,14 +32,19 @@ from sinstool.methods.ins_gnss.settings import (
     Start,
 )
 from sinstool.methods.ins_gnss.start import TWICE_USED, start_at
-from sinstool.methods.sensor_errors import Grade
+from sinstool.methods.sensor_errors import Grade, SensorGrade
 from sinstool.pipelines.align.first_attitude import align, in_flight
 from sinstool.pipelines.align.in_motion import imu_noise
 from sinstool.pipelines.process.height import height_reference, network
 from sinstool.pipelines.process.ins_gnss.filter_start import FilterStart
-from sinstool.pipelines.process.ins_gnss.receiver import gnss_model, inflate_sigmas
-from sinstool.pipelines.process.ins_gnss.timing import significant_lag, with_latency
-from sinstool.survey.grade import random_walk, sensor_grade
+from sinstool.pipelines.process.ins_gnss.receiver import (
+    AS_CLAIMED,
+    gnss_model,
+    inflate_sigmas,
+    with_white_noise,
+)
+from sinstool.pipelines.process.ins_gnss.timing import significant_lag, white_noise, with_latency
+from sinstool.survey.grade import random_walk, random_walks, sensor_grade
 from sinstool.survey.source import Source, rate_blocks
 
 # Noise at rest, over what the options say of it, that is worth a warning.
@@ -117,6 +122,7 @@ def timed_start(
             return replace(first, settings=timed, start=initial, time_ns=time_ns, how=how)
 
         start = with_latency(source, config, algorithm, first, begin)
+    start = _with_noise(source, config, algorithm, start)
     if start.latency is not None and start.latency.status == "at the limit":
         warning = f"{start.latency}: give it with --gnss-latency"
         start = replace(start, warnings=(warning, *start.warnings))
@@ -126,6 +132,40 @@ def timed_start(
     log_choice("start", start.how)
     log_choice("GNSS latency", _latency_why(start))
     return start
+
+
+def _with_noise(
+    source: Source, config: ProcessConfig, algorithm: ConingAlgorithm, start: FilterStart
+) -> FilterStart:
+    """A start with the share of the fixes' noise that is white, given or as the log shows it."""
+    model, share = start.settings.gnss, config.filter.gnss_lasting
+    if share is not None:
+        noise = np.sqrt(1.0 - share**2) * np.hypot(model.position_white, model.position_markov)
+        model = replace(
+            model,
+            position_white=tuple(noise.tolist()),
+            position_markov=tuple((share / np.sqrt(1.0 - share**2) * noise).tolist()),
+        )
+        why = f"{start.gnss_why}; {share:.0%} of it lasts, as configured"
+    else:
+        shown = white_noise(source, config, algorithm, start)
+        if shown is None:
+            return start
+        # A share of what the receiver says, whatever the options make of that
+        measured = [config.filter.gnss_noise_scale * sigma for sigma in shown]
+        gnss = source.aiding.gnss
+        assert gnss is not None
+        exact, _ = gnss_model(gnss, config, 0.0)
+        if measured[0] <= AS_CLAIMED * np.hypot(exact.position_white[0], exact.position_markov[0]):
+            model = exact
+            epochs = split_position_velocity(inflate_sigmas(gnss, config, 0.0), start.lag)
+            start = replace(start, gnss=epochs)
+        model = with_white_noise(model, measured[0], measured[1])
+        lasts = model.position_markov[0] / np.hypot(
+            model.position_white[0], model.position_markov[0]
+        )
+        why = f"{start.gnss_why}; {lasts:.0%} of it lasts, by how fixes change"
+    return replace(start, settings=replace(start.settings, gnss=model), gnss_why=why)
 
 
 def _latency_why(start: FilterStart) -> str:
@@ -168,20 +208,30 @@ def _settings(
     baro = _baro_model(config, grade, model, reference)
     return Settings(
         filter=options.filter,
-        imu=imu_noise(config, grade),
+        imu=_imu(source, config, grade),
         gnss=model,
         baro=baro,
         network=damping,
         grade=grade,
         feedback=options.feedback,
         control=DivergenceControl(
-            virtual_noise=options.virtual_noise == "on",
+            virtual_noise=options.virtual_noise == "on"
+            or (options.virtual_noise == "auto" and grade == "mems"),
             adaptive=options.adaptive,
             schmidt_epsilon=options.schmidt_epsilon,
             restart_after=options.restart_after,
         ),
         lever_arm_b=config.gnss.lever_arm,
     )
+
+
+def _imu(source: Source, config: ProcessConfig, grade: Grade) -> SensorGrade:
+    """Errors of the sensors, the accelerometers' noise at rest among them where it is more."""
+    noise, walks = imu_noise(config, grade), random_walks(source)
+    stated = config.navigation.imu_grade != "auto" or config.in_flight.vrw is not None
+    if stated or walks is None:
+        return noise
+    return replace(noise, velocity_random_walk=max(noise.velocity_random_walk, walks[1]))
 
 
 def _too_good(source: Source, config: ProcessConfig, settings: Settings) -> list[str]:

@@ -19,14 +19,14 @@ from scipy.special import chdtri
 from sinstool.config import ProcessConfig
 from sinstool.core.errors import AlignmentError
 from sinstool.core.rotation import skew, to_dcm
-from sinstool.core.streams import GnssEpochs, take_rows
+from sinstool.core.streams import GnssEpochs, concatenate, take_rows
 from sinstool.core.timeline import SECOND
 from sinstool.methods.coning.algorithm import ConingAlgorithm
 from sinstool.methods.ins_gnss import latency as latencies
 from sinstool.methods.ins_gnss.filter import InsGnssFilter
 from sinstool.methods.ins_gnss.fix_velocity import velocity_lag
 from sinstool.methods.ins_gnss.latency import Latency
-from sinstool.methods.ins_gnss.settings import GnssModel
+from sinstool.methods.ins_gnss.settings import GnssModel, Settings
 from sinstool.methods.strapdown.velocity import Increments
 from sinstool.pipelines.process.ins_gnss.filter_start import FilterStart
 from sinstool.survey.increments import SegmentIncrements
@@ -51,6 +51,9 @@ TOLERANCE_S = 5e-3
 LOOSE_POSITION = (5.0, 5.0, 8.0)
 LOOSE_VELOCITY = (0.3, 0.3, 0.5)
 GATE = float(chdtri(6, 1e-4))
+# For the white noise of fixes: epochs that show it; median of the square of a unit normal.
+LEAST_EPOCHS = 40
+MEDIAN_SQUARE = 0.4549
 
 
 def significant_lag(gnss: GnssEpochs) -> float:
@@ -129,20 +132,8 @@ def _correlated(motion: list[Increments], start: FilterStart) -> Latency:
         return latencies.NOT_OBSERVABLE
     end = start.time_ns + VELOCITY_NS
     # Loosely: fixes at the wrong time must not spoil the biases that are taken off.
-    plain = replace(
-        settings,
-        filter="plain-15",
-        network=None,
-        gnss=GnssModel(position_white=LOOSE_POSITION, velocity_white=LOOSE_VELOCITY),
-        control=replace(settings.control, gate_probability=1.0),
-    )
-    loose = replace(
-        gnss,
-        sigma_position_n=np.full_like(gnss.sigma_position_n, np.nan),
-        sigma_velocity_n=np.full_like(gnss.sigma_velocity_n, np.nan),
-    )
-    run = InsGnssFilter(start.start, plain, with_baro=False)
-    fixes: GnssEpochs | None = loose
+    run = InsGnssFilter(start.start, _loose(settings), with_baro=False)
+    fixes: GnssEpochs | None = _unsized(gnss)
     columns: list[tuple[np.ndarray, ...]] = []
     last_q = start.start.nav[6:10]
     for increments in motion:
@@ -171,6 +162,57 @@ def _correlated(motion: list[Increments], start: FilterStart) -> Latency:
     rows = gnss.rows((gnss.time_ns >= start.time_ns) & (gnss.time_ns <= end))
     # A lever arm that is not known looks like a latency in turns
     return latencies.correlate(time_ns, inertial, rows.time_ns, rows.velocity_n, swing_n=swing)
+
+
+def white_noise(
+    source: Source, config: ProcessConfig, algorithm: ConingAlgorithm, start: FilterStart
+) -> tuple[float, float] | None:
+    """White noise of positions, horizontal and vertical, m; None where too few fixes show it.
+
+    From second differences of the innovations of a filter that hardly believes the fixes: what
+    lasts in them, errors of the fixes and of the navigation alike, is nearly straight over three
+    epochs and drops out. Medians leave single bad fixes aside.
+    """
+    gnss = start.used
+    gnss = gnss.rows(gnss.has_position)
+    parts = _motion(source, config, algorithm, start.time_ns)
+    if not parts or len(gnss) < LEAST_EPOCHS:
+        return None
+    run = InsGnssFilter(start.start, _loose(start.settings), with_baro=False, output=False)
+    fixes: GnssEpochs | None = _unsized(gnss)
+    rows = []
+    for part in parts:
+        rows.append(run.push(part, fixes).gnss)
+        fixes = None
+    epochs = concatenate(rows)
+    steps = np.diff(epochs.time_ns)
+    even = np.abs(np.diff(steps)) < 0.5 * np.median(steps) if len(steps) > 1 else np.zeros(0, bool)
+    bend = np.diff(epochs.innovation[:, :3], 2, axis=0)[even]
+    if len(bend) < LEAST_EPOCHS:
+        return None
+    # Of independent unit normals 1, -2 and 1 times make a variance of 6
+    variance = np.nanmedian(bend**2, axis=0) / (MEDIAN_SQUARE * 6.0)
+    return float(np.sqrt(np.mean(variance[:2]))), float(np.sqrt(variance[2]))
+
+
+def _loose(settings: Settings) -> Settings:
+    """Of a filter that hardly believes the fixes."""
+    return replace(
+        settings,
+        filter="plain-15",
+        network=None,
+        gnss=GnssModel(position_white=LOOSE_POSITION, velocity_white=LOOSE_VELOCITY),
+        control=replace(settings.control, gate_probability=1.0),
+    )
+
+
+def _unsized(gnss: GnssEpochs) -> GnssEpochs:
+    """Fixes without what they say of their own noise."""
+    return replace(
+        gnss,
+        sigma_position_n=np.full_like(gnss.sigma_position_n, np.nan),
+        sigma_velocity_n=np.full_like(gnss.sigma_velocity_n, np.nan),
+    )
 
 
 def _likeliest(motion: list[Increments], start: FilterStart) -> Latency:

@@ -152,7 +152,7 @@ def test_without_velocity_a_start_is_found_from_positions(tmp_path):
         "--still", "20", "--no-velocity", "--baro-rate", "0",
     )  # fmt: skip
     chosen, solution = run(log)
-    assert chosen["filter"]["filter"] == "markov-21"
+    assert chosen["filter"]["filter"] == "markov-27"
     off = errors(log, solution)
     assert nees(*off["attitude"])[1] < 4.0
     assert rms(off["attitude"][0]) < np.radians(8.0)

@@ -1,0 +1,113 @@
+"""Which stretches of a filter's run are not to be believed, whatever its sigmas say."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from sinstool.core.finding import Finding, Severity
+from sinstool.core.timeline import SECOND
+from sinstool.methods.ins_gnss.results import FilterEvent, GnssDiagnostics
+
+TOGETHER_NS = 60 * SECOND  # stretches nearer to each other than this are one
+MOST_NAMED = 5
+# Fixes that the gate may turn down before the filter, and not they, must be taken for wrong.
+MOST_REJECTED = 0.2
+LEAST_FIXES = 20
+# Innovations squared over what was expected: beyond these the sigmas say nothing.
+LEAST_NIS, MOST_NIS = 0.05, 5.0
+
+
+def untrusted(
+    gnss: GnssDiagnostics, events: Sequence[FilterEvent], mean_nis: float, first_ns: int
+) -> list[Finding]:
+    """Stretches in which filter and fixes did not agree, and sigmas that mean little.
+
+    Parameters
+    ----------
+    gnss : GnssDiagnostics
+        Of the whole run.
+    mean_nis : float
+        Normalised innovation squared over its expectation, of the epochs used.
+    first_ns : int
+        Of the log: findings count seconds from there.
+
+    Returns
+    -------
+    list of Finding
+        Lost, where filter and fixes disagreed: the user has to look there before the solution is
+        used. After a gap of the Imu sigmas say how little is known, which is a warning.
+    """
+    stretches = _stretches(gnss, events)
+    findings = [_stretch(*span, first_ns) for span in stretches[:MOST_NAMED]]
+    if len(stretches) > MOST_NAMED:
+        rest = stretches[MOST_NAMED:]
+        text = f"{len(rest)} more such stretches follow, the last"
+        findings.append(_stretch(*rest[-1], first_ns, text))
+    compared = ~gnss.withheld & (gnss.rows > 0)
+    number = int(np.count_nonzero(compared))
+    rejected = int(np.count_nonzero(gnss.gated[compared]))
+    if number >= LEAST_FIXES and rejected > MOST_REJECTED * number:
+        findings.append(
+            Finding(
+                "fixes-disbelieved",
+                f"{rejected} of {number} fixes were too far off for what filter and receiver claim"
+                " to know: the solution is not to be trusted",
+                Severity.LOST,
+                "look at the first warnings; --imu-grade, --gnss-noise-scale and --lever-arm say"
+                " what the filter may believe",
+                numbers={"rejected_share": rejected / number},
+            )
+        )
+    if number >= LEAST_FIXES and np.isfinite(mean_nis) and not LEAST_NIS < mean_nis < MOST_NIS:
+        large = "small" if mean_nis > 1.0 else "large"
+        findings.append(
+            Finding(
+                "sigmas-off",
+                f"innovations squared are {mean_nis:.2g} of what was expected: the sigmas of the"
+                f" solution are too {large}",
+                answer="--gnss-noise-scale makes the fixes' sigmas "
+                + ("larger" if mean_nis > 1.0 else "smaller"),
+                numbers={"mean_nis": mean_nis},
+            )
+        )
+    return findings
+
+
+def _stretches(gnss: GnssDiagnostics, events: Sequence[FilterEvent]) -> list[tuple[int, int, bool]]:
+    """Begin and end of what lay before each restart, and whether an Imu gap was its cause."""
+    spans: list[tuple[int, int, bool]] = []
+    for event in events:
+        gap = event.kind == "imu-gap-restart"
+        if gap:
+            begin, end = event.time_ns, event.time_ns + round(event.size * SECOND)
+        elif event.kind in ("restart", "covariance-lost"):
+            used = gnss.time_ns[gnss.used & (gnss.time_ns < event.time_ns)]
+            begin = int(used[-1]) if len(used) else int(gnss.time_ns[0])
+            end = event.time_ns
+        else:
+            continue
+        if spans and begin - spans[-1][1] < TOGETHER_NS:
+            spans[-1] = (spans[-1][0], max(end, spans[-1][1]), spans[-1][2] and gap)
+        else:
+            spans.append((begin, end, gap))
+    return spans
+
+
+def _stretch(
+    begin: int, end: int, gap: bool, first_ns: int, text: str = "the solution is not to be trusted"
+) -> Finding:
+    why = (
+        "the Imu is silent, and the filter began anew"
+        if gap
+        else "fixes were rejected until the filter began anew"
+    )
+    seconds = [(time - first_ns) / SECOND for time in (begin, end)]
+    return Finding(
+        "not-trusted",
+        f"{text} from {seconds[0]:.1f} to {seconds[1]:.1f} s: {why}",
+        Severity.WARNING if gap else Severity.LOST,
+        start_ns=begin,
+        end_ns=end,
+    )

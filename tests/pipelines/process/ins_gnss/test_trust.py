@@ -1,0 +1,68 @@
+"""Stretches that are not to be trusted are named, and decide how the command ends."""
+
+import numpy as np
+import pytest
+
+from sinstool.core.finding import exit_status
+from sinstool.methods.ins_gnss.results import FilterEvent, GnssDiagnostics
+from sinstool.pipelines.process.ins_gnss.trust import MOST_NAMED, untrusted
+
+SECOND = 10**9
+
+
+def epochs(gated=(), number=200):
+    """One a second, of which some were rejected."""
+    flags = np.zeros(number, bool)
+    rejected = flags.copy()
+    rejected[list(gated)] = True
+    nothing = np.full((number, 6), np.nan)
+    return GnssDiagnostics(
+        time_ns=np.arange(number) * SECOND,
+        innovation=nothing,
+        innovation_sigma=nothing,
+        measurement_sigma=nothing,
+        noise_ratio=nothing,
+        nis=np.ones(number),
+        rows=np.full(number, 3),
+        used=~rejected,
+        gated=rejected,
+        restarted=flags,
+        withheld=flags,
+    )
+
+
+def test_a_sound_run_has_no_findings():
+    assert untrusted(epochs(gated=[50, 120]), [], 1.0, 0) == []
+
+
+def test_before_a_restart_nothing_is_to_be_trusted():
+    gnss = epochs(gated=range(80, 95))
+    findings = untrusted(gnss, [FilterEvent("restart", 95 * SECOND, 99.0)], 1.0, -10 * SECOND)
+    assert [f.kind for f in findings] == ["not-trusted"]
+    assert "from 89.0 to 105.0 s" in findings[0].text
+    assert (findings[0].start_ns, findings[0].end_ns) == (79 * SECOND, 95 * SECOND)
+    assert exit_status(findings) == 3
+
+
+def test_a_gap_is_a_warning():
+    findings = untrusted(epochs(), [FilterEvent("imu-gap-restart", 60 * SECOND, 8.0)], 1.0, 0)
+    assert "from 60.0 to 68.0 s: the Imu is silent" in findings[0].text
+    assert exit_status(findings) == 0
+
+
+def test_many_stretches_are_named_in_part():
+    events = [FilterEvent("restart", k * 1000 * SECOND, 99.0) for k in range(1, 10)]
+    findings = untrusted(epochs(number=10_000), events, 1.0, 0)
+    assert len(findings) == MOST_NAMED + 1
+    assert findings[-1].text.startswith("4 more such stretches")
+
+
+@pytest.mark.parametrize(("many", "status"), [(30, 0), (50, 3)])
+def test_too_many_rejected(many, status):
+    assert exit_status(untrusted(epochs(gated=range(0, 4 * many, 4)), [], 1.0, 0)) == status
+
+
+@pytest.mark.parametrize(("nis", "word"), [(0.02, "too large"), (9.0, "too small")])
+def test_sigmas_that_say_nothing(nis, word):
+    (finding,) = untrusted(epochs(), [], nis, 0)
+    assert finding.kind == "sigmas-off" and word in finding.text
