@@ -145,16 +145,18 @@ def same_noise(errors: SensorErrors, grade: str) -> list[str]:
     return [str(word) for pair in values.items() for word in pair]
 
 
-def process(log: Path, truth: Motion, options: Sequence[str]) -> tuple[Answer | None, str]:
-    """Run the command; what it wrote against the truth, and how it ended in a few words."""
+def process(log: Path, truth: Motion, options: Sequence[str]) -> tuple[Answer | None, int, str]:
+    """Run the command; what it wrote against the truth, its status, and the end in a few words."""
     out = log.with_suffix(".out.mcap")
     lever = ",".join(str(x) for x in LEVER)
     words = ["process", str(log), "-o", str(out), "--json", "-q", "--overwrite", "--only-results",
              "--compression", "lz4", "--emit", "odometry,fix", "--mode", "ins-gnss",
              "--gyro-kind", "mean-rate", "--lever-arm", lever, *options]  # fmt: skip
-    ran = CliRunner().invoke(cli, words)
+    ran = CliRunner().invoke(cli, words, standalone_mode=False)
+    status = ran.return_value if isinstance(ran.return_value, int) else ran.exit_code
     if not out.exists():
-        return None, f"status {ran.exit_code}: {(ran.stderr or str(ran.exception)).strip()[:120]}"
+        text = (ran.stderr or str(ran.exception)).strip()[:120]
+        return None, status, f"status {status}: {text}"
     try:
         answer = read_back(out, truth)
     finally:
@@ -162,7 +164,8 @@ def process(log: Path, truth: Motion, options: Sequence[str]) -> tuple[Answer | 
     found = json.loads(ran.stdout)["filter"]
     gated, restarts = found["epochs_gated"], found["restarts"]
     lost = f"{gated} rejected, {restarts} restarts" if gated or restarts else ""
-    return answer, ", ".join(filter(None, [f"status {ran.exit_code}" * bool(ran.exit_code), lost]))
+    note = ", ".join(filter(None, [f"status {status}" * bool(status), lost]))
+    return answer, status, note
 
 
 def columns_of(log: Path, topic: str, paths: dict[str, list[str]], widths: dict[str, int]):
@@ -248,9 +251,9 @@ def run_draw(
         for smoothed in (False, True):
             more = [*options, "--smooth"] if smoothed else options
             begun = time.perf_counter()
-            whole, note = process(log, truth, more)
+            whole, _, note = process(log, truth, more)
             spent = time.perf_counter() - begun
-            cut, other = process(log, truth, [*more, *withheld]) if spans else (None, "")
+            cut, _, other = process(log, truth, [*more, *withheld]) if spans else (None, 0, "")
             text = ", ".join(filter(None, [note, other and f"with outages {other}"]))
             if args.times:
                 text += f" {spent:.1f} s"

@@ -122,15 +122,8 @@ def prepare(
         barometer = read_barometer(log, config.input, survey_.time_source == "log")
         aiding = replace(aiding, barometer=barometer)
     findings += aiding.findings
-    if survey_.lead_in is not None:
-        speed = moving_at(aiding.gnss, survey_.lead_in.start_ns, survey_.lead_in.end_ns)
-        if speed is not None:
-            text = (
-                f"the Imu seems at rest for the first {survey_.lead_in.duration_s:.1f} s, but GNSS"
-                f" moves at {speed:.1f} m/s: steady motion, not taken for rest"
-            )
-            findings.append(Finding("moving-rest", text, numbers={"speed_m_s": speed}))
-            survey_ = replace(survey_, lead_in=None)
+    survey_, steady = _truly_at_rest(survey_, aiding)
+    findings += steady
     position = _position(log, config, aiding)
     body = frame_id(log, topic.channels, topic.path) or "imu_link"
     source = Source(
@@ -149,6 +142,38 @@ def prepare(
     )
     _explain(source, config)
     return source
+
+
+def _truly_at_rest(survey_: Survey, aiding: AidingData) -> tuple[Survey, list[Finding]]:
+    """A survey without a rest at its beginning in which GNSS moves."""
+    rest = survey_.lead_in
+    speed = None if rest is None else moving_at(aiding.gnss, rest.start_ns, rest.end_ns)
+    if rest is None or speed is None:
+        return survey_, []
+    text = (
+        f"the Imu seems at rest for the first {rest.duration_s:.1f} s, but GNSS moves at"
+        f" {speed:.1f} m/s: steady motion, not taken for rest"
+    )
+    finding = Finding("moving-rest", text, numbers={"speed_m_s": speed})
+    return replace(survey_, lead_in=None), [finding]
+
+
+def part_of(source: Source, config: ProcessConfig, start_ns: int, end_ns: int) -> Source:
+    """A part of a log as if it were a log of its own, but for its GNSS and its barometer.
+
+    Raises
+    ------
+    DataError
+        There is no usable sample in it.
+    """
+    span = {"start": f"{start_ns} ns", "end": f"{min(end_ns, source.survey.last_ns + 1)} ns"}
+    options = config.input.model_copy(update=span)
+    survey_, samples = survey_samples(source.log, source.imu_topic, options)
+    survey_, _ = _truly_at_rest(survey_, source.aiding)
+    # What a gap is, and how far samples are apart, is known from all of the log
+    whole = source.survey
+    survey_ = replace(survey_, interval_ns=whole.interval_ns, max_gap_ns=whole.max_gap_ns)
+    return replace(source, survey=survey_, samples=samples)
 
 
 def survey_samples(

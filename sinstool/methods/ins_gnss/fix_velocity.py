@@ -40,7 +40,8 @@ def with_velocities(gnss: GnssEpochs, sigma_m: float) -> GnssEpochs:
     -------
     GnssEpochs
         Those with enough fixes around them; velocities have the sigmas that follow from
-        `sigma_m`.
+        `sigma_m`, and from what fixes are off their parabola beyond that: of a third derivative it
+        takes four times the rms over half the window's length for velocity.
     """
     rows = gnss.rows(gnss.has_position & np.isfinite(gnss.height))
     n = len(rows)
@@ -55,6 +56,7 @@ def with_velocities(gnss: GnssEpochs, sigma_m: float) -> GnssEpochs:
     position = np.stack([north, east, -(rows.height - rows.height[0])], axis=1)
     half = _half(t, sigma_m)
     moments, right, count = np.zeros((n, 5)), np.zeros((n, 3, 3)), np.zeros(n)
+    squares, reached = np.zeros((n, 3)), np.zeros(n)
     reach = int(np.max(np.searchsorted(t, t + half, "right") - np.arange(n)))
     here = np.arange(n)
     for step in range(-reach, reach + 1):
@@ -64,16 +66,24 @@ def with_velocities(gnss: GnssEpochs, sigma_m: float) -> GnssEpochs:
         count += inside
         powers = np.where(inside[:, None], away[:, None] ** np.arange(5), 0.0)
         moments += powers
-        right += powers[:, :3, None] * (position[other] - position)[:, None, :]
+        moved = np.where(inside[:, None], position[other] - position, 0.0)
+        right += powers[:, :3, None] * moved[:, None, :]
+        squares += moved**2
+        reached = np.where(inside, np.maximum(reached, np.abs(away)), reached)
     normal = moments[:, np.arange(3)[:, None] + np.arange(3)[None, :]]
     spread = moments[:, 2] > 0.25 * half**2 * LEAST / 3.0
     good = (count >= LEAST) & spread & (np.linalg.cond(normal + 1e-12 * np.eye(3)) < 1e8)
     normal[~good] = np.eye(3)
     inverse = np.linalg.inv(normal)
-    velocity = (inverse @ right)[:, 1]
-    sigma = np.maximum(sigma_m * np.sqrt(inverse[:, 1, 1]), LEAST_SIGMA)
-    made = replace(rows, velocity_n=velocity, sigma_velocity_n=np.repeat(sigma[:, None], 3, axis=1))
-    return made.rows(good)
+    fitted = inverse @ right
+    left = squares - np.einsum("kpi,kpi->ki", fitted, right)
+    # Twice what noise leaves is still noise
+    bent = np.maximum(left - 2.0 * sigma_m**2 * np.maximum(count - 3.0, 1.0)[:, None], 0.0)
+    bend = 4.0 * np.sqrt(bent / np.maximum(count, 1.0)[:, None])
+    bend /= np.where(reached > 0.0, reached, 1.0)[:, None]
+    sigma = np.hypot(sigma_m * np.sqrt(np.abs(inverse[:, 1, 1]))[:, None], bend)
+    sigma = np.maximum(sigma, LEAST_SIGMA)
+    return replace(rows, velocity_n=fitted[:, 1], sigma_velocity_n=sigma).rows(good)
 
 
 def _half(seconds: np.ndarray, sigma_m: float) -> float:

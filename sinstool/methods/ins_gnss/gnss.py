@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from sinstool.core import earth
 from sinstool.core.quaternion_kernels import dcm, wrapped_angle
+from sinstool.core.units import STANDARD_GRAVITY
 from sinstool.methods.ins_gnss import instants, layout, measurement_noise, states, update
 from sinstool.methods.ins_gnss.layout import Memory, Model, Stored
 from sinstool.methods.ins_gnss.model import radii
@@ -33,6 +34,7 @@ OUTAGE = 5.0
 AFTER_OUTAGE = 16.0
 AGREE = 10.0  # epochs in succession
 
+MOST_TILT = 0.2  # rad, that a drift is explained by
 LEAST_REJECTED = 3.0  # epochs before a restart, however much time they take
 ROUNDING = 1e-7  # s, of times
 
@@ -154,6 +156,8 @@ def gnss_epoch(
         for i in range(6):
             # so far off, at least, is the navigation
             m.p[i, i] = max(m.p[i, i], m.rejected[i] ** 2)
+        if alone == 0 and lasted > 0.0:
+            _admit_drift(m, lasted)
         update.project(m, rows)
         _spread(m, rows, diagnosis)
     number[streak] = 0.0
@@ -166,6 +170,24 @@ def gnss_epoch(
         if diagnosis[layout.D_RESTARTED] == 0.0:
             number[layout.N_NIS_SUM] += nis
             number[layout.N_NIS_ROWS] += rows
+
+
+@numba.njit(cache=True, nogil=True)
+def _admit_drift(m: Memory, lasted: float) -> None:
+    """Sigmas of velocity and tilt no less than what explains a drift from the fixes, by itself."""
+    level = 0.0
+    for i in range(3):
+        far = m.rejected[i]
+        velocity = (far / lasted) ** 2
+        m.p[states.VELOCITY + i, states.VELOCITY + i] = max(
+            m.p[states.VELOCITY + i, states.VELOCITY + i], velocity
+        )
+        level += far * far if i < 2 else 0.0
+    tilt = min(4.0 * level / (STANDARD_GRAVITY * lasted * lasted) ** 2, MOST_TILT**2)
+    for i in range(2):
+        m.p[states.ATTITUDE + i, states.ATTITUDE + i] = max(
+            m.p[states.ATTITUDE + i, states.ATTITUDE + i], tilt
+        )
 
 
 @numba.njit(cache=True, nogil=True)

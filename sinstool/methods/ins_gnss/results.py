@@ -178,7 +178,8 @@ class FilterEvent:
     Attributes
     ----------
     kind : str
-        One of ``EVENT_NAMES``.
+        One of ``EVENT_NAMES``, or ``imu-gap-new-start``: after a gap another filter was started
+        from the data that follow.
     size : float
         gated, restart: normalised innovation squared; gaps: their length, s; baro: metres;
         far-from-gnss: metres.

@@ -22,6 +22,7 @@ from sinstool.methods.ins_gnss.diagnosis import diagnose
 from sinstool.methods.ins_gnss.filter import InsGnssFilter
 from sinstool.methods.ins_gnss.results import (
     FilterBlock,
+    FilterEvent,
     GnssDiagnostics,
     UpdateColumns,
 )
@@ -31,6 +32,14 @@ from sinstool.methods.ins_gnss.withheld import Withheld
 from sinstool.methods.strapdown.velocity import Increments
 from sinstool.pipelines.plan import Plan
 from sinstool.pipelines.process.height import Damping, height_warnings
+from sinstool.pipelines.process.ins_gnss.after_gap import (
+    Stretch,
+    channel_events_of,
+    events_of,
+    longest_carried,
+    start_after_gap,
+    summed,
+)
 from sinstool.pipelines.process.ins_gnss.before_start import before_start, corrected_start
 from sinstool.pipelines.process.ins_gnss.filter_start import FilterStart
 from sinstool.pipelines.process.ins_gnss.start import timed_start
@@ -117,7 +126,10 @@ class FilterRun(Mode):
         self._hidden = bool(start.withheld.any())
         self._score = Withheld(valid, start.withheld, arm)
         self._filtered = Withheld(valid, start.withheld, arm)
-        self._filter = InsGnssFilter(
+        self._stretches = [Stretch(source, start, self._filter_from(start))]
+
+    def _filter_from(self, start: FilterStart) -> InsGnssFilter:
+        return InsGnssFilter(
             start.start,
             start.settings,
             with_baro=start.reference is not None,
@@ -135,16 +147,21 @@ class FilterRun(Mode):
 
     def solutions(self, progress: BytesRead | None) -> Iterator[Solution]:
         """Filtered, or smoothed, at every update instant, from the log's start on."""
-        if not self._smooth:
-            start = self._start.start
-            yield from self._scored(self._earlier(start))
-            for block, imu in self._run(progress):
-                assert block.updates is not None
-                yield from self._scored(self._solution(block.updates, imu.log_time_ns))
-            return
+        # Each may find the start of the next
+        for stretch in self._stretches:
+            solve = self._smoothed if self._smooth else self._as_filtered
+            yield from solve(stretch, progress)
+
+    def _as_filtered(self, stretch: Stretch, progress: BytesRead | None) -> Iterator[Solution]:
+        yield from self._scored(self._earlier(stretch, stretch.start.start))
+        for block, imu in self._run(stretch, progress):
+            assert block.updates is not None
+            yield from self._scored(self._solution(block.updates, imu.log_time_ns))
+
+    def _smoothed(self, stretch: Stretch, progress: BytesRead | None) -> Iterator[Solution]:
         log_times: list[np.ndarray] = []
-        with Smoother(self._filter.kind) as smoother:
-            for block, imu in self._run(progress):
+        with Smoother(stretch.filter.kind) as smoother:
+            for block, imu in self._run(stretch, progress):
                 assert block.updates is not None
                 if self._hidden:
                     self._filtered.push(self._solution(block.updates, imu.log_time_ns))
@@ -154,7 +171,8 @@ class FilterRun(Mode):
                 return
             log_time = np.concatenate(log_times)
             smoothed = smoother.epochs()
-            yield from self._scored(self._earlier(self._smoothed_start(smoothed)))
+            first = _smoothed_start(stretch.start.start, smoothed)
+            yield from self._scored(self._earlier(stretch, first))
             begin = 0
             for updates in smoother.blocks(smoothed):
                 end = begin + len(updates)
@@ -167,23 +185,19 @@ class FilterRun(Mode):
                 self._score.push(solution)
             yield solution
 
-    def _earlier(self, start: Start) -> Solution | None:
-        """What lies before the start."""
-        earlier = before_start(self.source, self.config, self.plan.algorithm, self._start, start)
-        self._carried_back = 0 if earlier is None else len(earlier)
+    def _earlier(self, stretch: Stretch, start: Start) -> Solution | None:
+        """What lies before the start of a stretch."""
+        earlier = before_start(
+            stretch.source, self.config, self.plan.algorithm, stretch.start, start
+        )
+        if stretch.gap is None:
+            self._carried_back = 0 if earlier is None else len(earlier)
         return earlier
 
-    def _smoothed_start(self, smoothed: SmoothedEpochs) -> Start:
-        """The start as all of the log says it was."""
-        start = self._start.start
-        if not np.isfinite(smoothed.first_error).all():
-            return start
-        return corrected_start(
-            start, smoothed.first_error, smoothed.first_covariance, smoothed.kind
-        )
-
-    def _run(self, progress: BytesRead | None) -> Iterator[tuple[FilterBlock, Imu]]:
-        p = self._start
+    def _run(
+        self, stretch: Stretch, progress: BytesRead | None
+    ) -> Iterator[tuple[FilterBlock, Imu]]:
+        p, run = stretch.start, stretch.filter
         steps = SegmentIncrements(self.source, self.config, self.plan.algorithm)
         pieces = _pieces(
             steps.from_time(p.time_ns, progress=progress), DETAIL_ROWS if self._detailed else None
@@ -195,8 +209,12 @@ class FilterRun(Mode):
             measurements["baro_time_ns"] = r.time_ns[later]
             measurements["baro_height"] = r.height[later]
             measurements["baro_reason"] = r.reason[later]
+        last_ns = p.time_ns
         for increments, imu in pieces:
-            block = self._filter.push(increments, **measurements)
+            if self._begins_anew(stretch, last_ns, increments):
+                return
+            last_ns = int(increments.time_ns[-1])
+            block = run.push(increments, **measurements)
             measurements = {}
             self._updates += len(increments.sample)
             updates = block.updates
@@ -204,7 +222,7 @@ class FilterRun(Mode):
             # The first minutes, to tell by what is wrong if something is
             if not self._first or updates.time_ns[0] <= self._first[0].time_ns[0] + DIAGNOSED_NS:
                 self._first.append(updates)
-            estimate = self._filter.summary
+            estimate = run.summary
             self._biases.append((int(imu.time_ns[-1]), estimate.gyro_bias, estimate.accel_bias))
             self._offset_ns = int(imu.log_time_ns[-1]) - int(imu.time_ns[-1])
             if len(block.gnss):
@@ -212,12 +230,26 @@ class FilterRun(Mode):
                 self._unwritten.append(block.gnss)
             yield block, imu
 
+    def _begins_anew(self, stretch: Stretch, last_ns: int, increments: Increments) -> bool:
+        """Whether increments lie beyond a gap and a new start was found there, which comes next."""
+        begin_ns = int(increments.time_ns[0]) - round(float(increments.interval[0]) * SECOND)
+        gap = (begin_ns - last_ns) / SECOND
+        if gap < longest_carried(stretch.start.settings):
+            return False
+        found = start_after_gap(self.source, self.config, stretch, begin_ns, gap)
+        if found is None:
+            return False
+        source, start = found
+        event = FilterEvent("imu-gap-new-start", last_ns, gap)
+        self._stretches.append(Stretch(source, start, self._filter_from(start), event))
+        return True
+
     def _diagnosis(self) -> list[Finding]:
         """What seems to be wrong with settings or sensors, the likeliest cause first."""
         if not self._gnss:
             return []
         p, gnss = self._start, concatenate(self._gnss)
-        updates, restarts = concatenate(self._first), self._filter.summary.restarts
+        updates, restarts = concatenate(self._first), summed(self._stretches).restarts
         findings = diagnose(p.start, updates, gnss, p.used, p.settings, restarts)
         return [self._completed(f) for f in findings if self._matters(f)]
 
@@ -274,11 +306,11 @@ class FilterRun(Mode):
         if sink is not None and self._gnss:
             times, gyro, accel = (np.array(column) for column in zip(*self._biases, strict=True))
             first_ns, gnss = self.source.survey.first_ns, concatenate(self._gnss)
-            course = FilterCourse(first_ns, gnss, times, gyro, accel, self._filter.events)
+            course = FilterCourse(first_ns, gnss, times, gyro, accel, events_of(self._stretches))
             sink.refer_filter(course)
-        summary, height = self._filter.summary, None
+        summary, height = summed(self._stretches), None
         if self._damping is not None and last.vertical is not None and summary.gains is not None:
-            events = self._filter.channel_events
+            events = channel_events_of(self._stretches)
             height = self._damping.result(
                 summary.channel, events, self._start.time_ns, last.vertical[-1]
             )
@@ -293,11 +325,11 @@ class FilterRun(Mode):
 
     def _summary(self) -> FilterUsed:
         """The filter: what it was, what it used, and what it estimated last."""
-        p, s = self._start, self._filter.summary
+        p, s = self._start, summed(self._stretches)
         return FilterUsed(
             **fields_in(s, FilterUsed),
             asked=self.config.filter.filter,
-            states=self._filter.kind.size,
+            states=self._stretches[0].filter.kind.size,
             smoothed=self._smooth,
             feedback=p.settings.feedback,
             start=FilterStartTime(p.time_ns, p.how),
@@ -309,7 +341,7 @@ class FilterRun(Mode):
             gyro_bias_rad_s=tuple(s.gyro_bias.tolist()),
             accel_bias_m_s2=tuple(s.accel_bias.tolist()),
             baro_bias_m=s.baro_bias,
-            events=dict(Counter(event.kind for event in self._filter.events)),
+            events=dict(Counter(event.kind for event in events_of(self._stretches))),
             withheld=self._scores(),
         )
 
@@ -337,7 +369,7 @@ class FilterRun(Mode):
 
     def _warnings(self) -> list[Finding]:
         """What a user has to know about the run, the likeliest causes of trouble included."""
-        p, s = self._start, self._filter.summary
+        p, s = self._start, summed(self._stretches)
         findings: list[Finding] = []
 
         def note(kind: str, text: str) -> None:
@@ -387,7 +419,7 @@ class FilterRun(Mode):
         if self._gnss:
             first_ns = self.source.survey.first_ns
             findings += untrusted(
-                concatenate(self._gnss), self._filter.events, s.mean_nis, first_ns
+                concatenate(self._gnss), events_of(self._stretches), s.mean_nis, first_ns
             )
         if s.epochs_gated:
             note(
@@ -395,9 +427,16 @@ class FilterRun(Mode):
                 f"{s.epochs_gated} of {s.epochs_used + s.epochs_gated} fixes were rejected",
             )
         if p.reference is not None and s.gains is not None:
-            texts = height_warnings(s.channel, self._filter.channel_events, before)
+            texts = height_warnings(s.channel, channel_events_of(self._stretches), before)
             findings += warned("height", texts)
         return findings
+
+
+def _smoothed_start(start: Start, smoothed: SmoothedEpochs) -> Start:
+    """A start as all that follows says it was."""
+    if not np.isfinite(smoothed.first_error).all():
+        return start
+    return corrected_start(start, smoothed.first_error, smoothed.first_covariance, smoothed.kind)
 
 
 def _first_attitude(start: FilterStart) -> FirstAttitude:

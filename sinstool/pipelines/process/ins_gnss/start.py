@@ -37,6 +37,7 @@ from sinstool.pipelines.align.first_attitude import align, in_flight
 from sinstool.pipelines.align.in_motion import imu_noise
 from sinstool.pipelines.process.height import height_reference, network
 from sinstool.pipelines.process.ins_gnss.filter_start import FilterStart
+from sinstool.pipelines.process.ins_gnss.imu_fit import fit, next_worse
 from sinstool.pipelines.process.ins_gnss.receiver import (
     AS_CLAIMED,
     gnss_model,
@@ -44,7 +45,7 @@ from sinstool.pipelines.process.ins_gnss.receiver import (
     with_white_noise,
 )
 from sinstool.pipelines.process.ins_gnss.timing import significant_lag, white_noise, with_latency
-from sinstool.survey.grade import random_walk, random_walks, sensor_grade
+from sinstool.survey.grade import ImuGrade, random_walk, random_walks, sensor_grade
 from sinstool.survey.source import Source, rate_blocks
 
 # Noise at rest, over what the options say of it, that is worth a warning.
@@ -53,8 +54,15 @@ NOISIER = 3.0
 AIR_SIGMA, AIR_TIME_S = 10.0, 500.0
 
 
-def first_start(source: Source, config: ProcessConfig) -> FilterStart:
+def first_start(
+    source: Source, config: ProcessConfig, grade: ImuGrade | None = None
+) -> FilterStart:
     """Settings, start and measurements of a filter run, its latency as given, else none.
+
+    Parameters
+    ----------
+    grade : ImuGrade, optional
+        Instead of the one that the log shows at rest.
 
     Raises
     ------
@@ -76,7 +84,8 @@ def first_start(source: Source, config: ProcessConfig) -> FilterStart:
             "--mode ins-gnss: the log has no GNSS fixes",
             "use --mode ins (with --height-damping), or attitude",
         )
-    grade = sensor_grade(source, config)
+    here = config if grade is None else _of_grade(config, grade)
+    grade = grade or sensor_grade(source, config)
     model, gnss_why = gnss_model(gnss, config)
     reference, remarks = _barometer(source, config)
     settings = _settings(source, config, grade.grade, model, reference)
@@ -86,7 +95,7 @@ def first_start(source: Source, config: ProcessConfig) -> FilterStart:
     epochs = split_position_velocity(inflate_sigmas(gnss, config), lag)
     withheld = _withheld(message_times(epochs, lag), config, source.survey.first_ns)
     timed = replace(settings, gnss_latency=config.gnss.gnss_latency or 0.0)
-    start, time_ns, how, notes = find_start(source, config, timed, epochs.rows(~withheld))
+    start, time_ns, how, notes = find_start(source, here, timed, epochs.rows(~withheld))
     return FilterStart(
         timed,
         start,
@@ -106,23 +115,19 @@ def first_start(source: Source, config: ProcessConfig) -> FilterStart:
 def timed_start(
     source: Source, config: ProcessConfig, algorithm: ConingAlgorithm, first: FilterStart
 ) -> FilterStart:
-    """A start with the receiver's latency, which the log shows where it is not given.
+    """A start with what only a filter's run over the log shows, where it is not given.
+
+    That is the receiver's latency, the share of its noise that is white, and a grade of the Imu
+    that innovations do not refute.
 
     Parameters
     ----------
     first : FilterStart
         Of :func:`first_start`.
     """
-    start = first
-    if config.gnss.gnss_latency is None:
-
-        def begin(latency: float) -> FilterStart:
-            timed = replace(first.settings, gnss_latency=latency)
-            initial, time_ns, how, _ = find_start(source, config, timed, first.used)
-            return replace(first, settings=timed, start=initial, time_ns=time_ns, how=how)
-
-        start = with_latency(source, config, algorithm, first, begin)
-    start = _with_noise(source, config, algorithm, start)
+    start = _timed(source, config, algorithm, first)
+    if config.navigation.imu_grade == "auto":
+        start = _fitted(source, config, algorithm, start)
     if start.latency is not None and start.latency.status == "at the limit":
         warning = f"{start.latency}: give it with --gnss-latency"
         start = replace(start, warnings=(warning, *start.warnings))
@@ -132,6 +137,58 @@ def timed_start(
     log_choice("start", start.how)
     log_choice("GNSS latency", _latency_why(start))
     return start
+
+
+def _timed(
+    source: Source, config: ProcessConfig, algorithm: ConingAlgorithm, first: FilterStart
+) -> FilterStart:
+    """A start with the receiver's latency and noise."""
+    start = first
+    if config.gnss.gnss_latency is None:
+
+        def begin(latency: float) -> FilterStart:
+            timed = replace(first.settings, gnss_latency=latency)
+            here = _of_grade(config, first.grade)
+            initial, time_ns, how, _ = find_start(source, here, timed, first.used)
+            return replace(first, settings=timed, start=initial, time_ns=time_ns, how=how)
+
+        start = with_latency(source, config, algorithm, first, begin)
+    return _with_noise(source, config, algorithm, start)
+
+
+def _fitted(
+    source: Source, config: ProcessConfig, algorithm: ConingAlgorithm, start: FilterStart
+) -> FilterStart:
+    """A start with a worse grade of the Imu, where innovations refute the one that a rest shows.
+
+    White noise at rest says little of biases and scale factors, and vibration is not there.
+    """
+    shown = fit(source, config, algorithm, start)
+    while shown is not None and shown.doubted:
+        worse = next_worse(start.grade.grade)
+        if worse is None:
+            break
+        why = (
+            f"as for a {start.grade.grade} one innovations squared are {shown.square:.2g} times"
+            " what was expected"
+        )
+        try:
+            first = first_start(source, config, ImuGrade(worse, why))
+        except AlignmentError:
+            break
+        other = _timed(source, config, algorithm, first)
+        fits = fit(source, config, algorithm, other)
+        if fits is None or not shown.worse_than(fits):
+            break
+        log_choice("IMU grade", f"{worse}, {why}")
+        start, shown = other, fits
+    return start
+
+
+def _of_grade(config: ProcessConfig, grade: ImuGrade) -> ProcessConfig:
+    """A configuration that says how good the Imu is."""
+    options = config.navigation.model_copy(update={"imu_grade": grade.grade})
+    return config.model_copy(update={"navigation": options})
 
 
 def _with_noise(

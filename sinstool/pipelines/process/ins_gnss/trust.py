@@ -79,7 +79,7 @@ def _stretches(gnss: GnssDiagnostics, events: Sequence[FilterEvent]) -> list[tup
     """Begin and end of what lay before each restart, and whether an Imu gap was its cause."""
     spans: list[tuple[int, int, bool]] = []
     for event in events:
-        gap = event.kind == "imu-gap-restart"
+        gap = event.kind in ("imu-gap-restart", "imu-gap-new-start")
         if gap:
             begin, end = event.time_ns, event.time_ns + round(event.size * SECOND)
         elif event.kind in ("restart", "covariance-lost"):

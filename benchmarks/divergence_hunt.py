@@ -1,0 +1,217 @@
+"""Hunting for navigation that is lost and does not say so: `process --mode ins-gnss` at random.
+
+Each seed makes a trajectory by another program (`pyins.sim`: a drive, a smooth or a turbulent
+flight), sensors of a random grade, a receiver of a random rate, noise and latency, with faults
+(gaps of the Imu, outages, outliers, a receiver that hangs, one that claims too much) and
+with settings that are wrong (grade, lever arm, latency, share of lasting noise). The log goes
+through the whole command. A *miss* is a log whose solution ends beyond 10 of its own sigmas and
+beyond 100 m from the truth with exit status 0.
+
+Printed are the worst by error over sigma, at the end and anywhere, with all that was random about
+them; --only makes and shows one seed again.
+
+python benchmarks/divergence_hunt.py --logs 500 --jobs 2
+python benchmarks/divergence_hunt.py --only 17
+"""
+
+from __future__ import annotations
+
+import tempfile
+from collections import Counter
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+
+from benchmarks.common import over_seeds, parser, print_table
+from benchmarks.trusted_navigation import process
+from sinstool.methods.sensor_errors import IMU_GRADES
+from tests.helpers.unseen_drives import (
+    GRADES,
+    LEVER,
+    Motion,
+    Record,
+    drive,
+    flight,
+    frozen,
+    record,
+    sensor_errors,
+    with_outliers,
+    without_fixes,
+    without_samples,
+    write,
+)
+
+SENSORS = {**GRADES, "consumer": sensor_errors(0.4, 150.0, 0.15, 1500.0, 3000.0, 0.5)}
+FAR_M, FAR_SIGMAS = 100.0, 10.0
+WORST = 10
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """What became of one log.
+
+    Attributes
+    ----------
+    what : str
+        All that was random about it.
+    status : int
+        Exit status.
+    end_m, end_sigmas : float
+        Horizontal error at the end, m and of its own sigma; NaN without a solution.
+    most_m, most_sigmas : float
+        The same where it is the most of its sigma, beyond `FAR_M` if it ever is.
+    """
+
+    seed: int
+    what: str
+    status: int
+    end_m: float = np.nan
+    end_sigmas: float = np.nan
+    most_m: float = np.nan
+    most_sigmas: float = np.nan
+    note: str = ""
+
+    @property
+    def missed(self) -> bool:
+        """Lost at the end, and not said."""
+        return self.status == 0 and self.end_m > FAR_M and self.end_sigmas > FAR_SIGMAS
+
+    @property
+    def missed_anywhere(self) -> bool:
+        """Lost at any time, and not said."""
+        return self.status == 0 and self.most_m > FAR_M and self.most_sigmas > FAR_SIGMAS
+
+
+def trajectory(random: np.random.Generator) -> tuple[str, Motion]:
+    """A random one, of 4 to 10 minutes."""
+    duration, seed = float(random.integers(240, 600)), int(random.integers(1 << 30))
+    kind = random.choice(["drive", "flight", "turbulent"], p=[0.6, 0.2, 0.2])
+    if kind == "drive":
+        rest = float(random.choice([5.0, 30.0, 120.0]))
+        return f"drive {duration:.0f} s, {rest:g} s at rest", drive(seed, duration, rest)
+    return f"{kind} {duration:.0f} s", flight(seed, duration, kind == "turbulent")
+
+
+def receiver(random: np.random.Generator) -> tuple[str, dict]:
+    """Its rate, noise and latency."""
+    rate = float(random.choice([1.0, 2.0, 5.0, 10.0]))
+    sigma = float(10.0 ** random.uniform(-1.7, 0.5))
+    sigma_v = float(10.0 ** random.uniform(-1.5, -0.5)) if random.random() < 0.5 else None
+    latency = float(random.choice([0.0, 0.05, 0.1, 0.2], p=[0.6, 0.15, 0.15, 0.1]))
+    speed = "no velocity" if sigma_v is None else f"velocity {sigma_v:.2g} m/s"
+    text = f"fixes {rate:g} Hz, {sigma:.2g} m, {speed}"
+    text += f", {latency:g} s late" if latency else ""
+    return text, {"gnss_rate": rate, "sigma": sigma, "sigma_v": sigma_v, "latency": latency}
+
+
+def faulty(random: np.random.Generator, data: Record) -> tuple[list[str], Record]:
+    """A record with none, one or several faults, none of them in its last minute."""
+    last, texts = float(data.seconds[-1]), []
+    if random.random() < 0.3:
+        length = float(10.0 ** random.uniform(0.0, 2.1))
+        begin = random.uniform(60.0, max(70.0, last - 60.0 - length))
+        data = without_samples(data, begin, length)
+        texts.append(f"Imu gap {begin:.0f}+{length:.1f} s")
+    if random.random() < 0.3:
+        length = random.uniform(10.0, 120.0)
+        begin = random.uniform(60.0, max(70.0, last - 60.0 - length))
+        data = without_fixes(data, [(begin, begin + length)])
+        texts.append(f"outage {begin:.0f}+{length:.0f} s")
+    if random.random() < 0.3:
+        share, size = random.uniform(0.002, 0.05), float(10.0 ** random.uniform(1.0, 2.7))
+        data = with_outliers(data, int(random.integers(1 << 30)), share, size)
+        texts.append(f"{share:.1%} outliers of {size:.0f} m")
+    if random.random() < 0.15:
+        length = random.uniform(5.0, 60.0)
+        begin = random.uniform(60.0, max(70.0, last - 60.0 - length))
+        data = frozen(data, begin, length)
+        texts.append(f"hangs {begin:.0f}+{length:.0f} s")
+    if random.random() < 0.2:
+        factor = float(10.0 ** random.uniform(-1.0, 1.0))
+        data = replace(data, fixes=replace(data.fixes, sigma=factor * data.fixes.sigma))
+        texts.append(f"claims {factor:.2g} of its noise")
+    return texts, data
+
+
+def settings(random: np.random.Generator) -> list[str]:
+    """Options, some of them wrong."""
+    words: list[str] = []
+    if random.random() < 0.3:
+        arm = LEVER + random.standard_normal(3) * random.choice([0.5, 2.0])
+        words += ["--lever-arm", ",".join(f"{x:.2f}" for x in arm)]
+    if random.random() < 0.25:
+        words += ["--imu-grade", str(random.choice(list(IMU_GRADES)))]
+    if random.random() < 0.15:
+        words += ["--gnss-latency", f"{random.choice([0.0, 0.1, 0.3]):g}"]
+    if random.random() < 0.1:
+        words += ["--gnss-lasting", f"{random.choice([0.1, 0.9]):g}"]
+    if random.random() < 0.15:
+        words += ["--filter", str(random.choice(["markov-21", "markov-24", "plain-15"]))]
+    if random.random() < 0.3:
+        words += ["--smooth"]
+    return words
+
+
+def hunted(seed: int) -> Outcome:
+    """One log through the command."""
+    random = np.random.default_rng([seed, 77])
+    moving, truth = trajectory(random)
+    grade = str(random.choice(list(SENSORS)))
+    heard, options = receiver(random)
+    texts, data = faulty(random, record(truth, SENSORS[grade], seed, **options))
+    words = settings(random)
+    what = "; ".join([moving, grade, heard, *texts, " ".join(words)])
+    with tempfile.TemporaryDirectory() as folder:
+        log = write(Path(folder) / f"{seed}.mcap", data)
+        answer, status, note = process(log, truth, words)
+    if answer is None:
+        return Outcome(seed, what, status, note=note)
+    level = np.hypot(answer.error[:, 0], answer.error[:, 1])
+    with np.errstate(divide="ignore", invalid="ignore"):
+        sigmas = level / np.hypot(answer.sigma[:, 0], answer.sigma[:, 1])
+    far = np.where((level > FAR_M) | ~np.isfinite(level), sigmas, 0.0)
+    worst = int(np.argmax(far)) if far.any() else int(np.nanargmax(sigmas))
+    return Outcome(seed, what, status, level[-1], sigmas[-1], level[worst], sigmas[worst], note)
+
+
+def main() -> None:
+    options = parser(__doc__, logs=500, first=1, jobs=2)
+    options.add_argument("--only", type=int, help="this seed alone")
+    args = options.parse_args()
+    seeds = range(args.first, args.first + args.logs) if args.only is None else [args.only]
+    outcomes = over_seeds(hunted, seeds, args.jobs)
+    status = Counter(outcome.status for outcome in outcomes)
+    solved = [outcome for outcome in outcomes if np.isfinite(outcome.end_m)]
+    print(
+        f"{len(outcomes)} logs: status"
+        f" {', '.join(f'{key}: {status[key]}' for key in sorted(status))};"
+        f" {len(solved)} solutions; beyond {FAR_M:g} m and {FAR_SIGMAS:g} sigmas with status 0:"
+        f" {sum(o.missed for o in solved)} at the end, {sum(o.missed_anywhere for o in solved)}"
+        " anywhere"
+    )
+    ends = np.array([outcome.end_m for outcome in solved])
+    ratios = np.array([outcome.end_sigmas for outcome in solved])
+    if len(solved):
+        print(
+            f"at the end: median {np.median(ends):.2g} m, 95 % {np.percentile(ends, 95.0):.2g} m;"
+            f" {np.mean(ratios > 3.0):.1%} beyond 3 sigmas, {np.mean(ratios > 10.0):.1%} beyond 10"
+        )
+    head = ["seed", "status", "end m", "sigmas", "worst m", "sigmas", "what", ""]
+    for title, key in (("at the end", "end"), ("anywhere beyond 100 m", "most")):
+
+        def rank(outcome: Outcome, key: str = key) -> tuple[bool, float]:
+            missed = outcome.missed if key == "end" else outcome.missed_anywhere
+            return missed, getattr(outcome, f"{key}_sigmas")
+
+        worst = sorted(solved, key=rank, reverse=True)[:WORST]
+        rows = (
+            [o.seed, o.status, f"{o.end_m:.3g}", f"{o.end_sigmas:.3g}", f"{o.most_m:.3g}",
+             f"{o.most_sigmas:.3g}", o.what, o.note]
+            for o in worst
+        )  # fmt: skip
+        print_table(head, rows, f"\nthe worst {len(worst)} {title}")
+
+
+if __name__ == "__main__":
+    main()

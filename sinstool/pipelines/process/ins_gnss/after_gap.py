@@ -1,0 +1,184 @@
+"""A filter's new start after a gap of the Imu too long for a linear filter to carry over.
+
+How far a vehicle turned in such a gap, nobody knows: the attitude is found from what follows, as at
+the start of a log. What the filter knew of the sensors stays known.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from sinstool.config import ProcessConfig
+from sinstool.config.align import IN_FLIGHT
+from sinstool.core.choices import log_choice
+from sinstool.core.errors import AlignmentError, DataError
+from sinstool.core.timeline import SECOND
+from sinstool.io.readers.frames import turn_body
+from sinstool.methods.height import layout as height_layout
+from sinstool.methods.ins_gnss.filter import FilterSummary, InsGnssFilter
+from sinstool.methods.ins_gnss.results import FilterEvent
+from sinstool.methods.ins_gnss.settings import Settings, Start
+from sinstool.methods.ins_gnss.states import ACCEL_BIAS, GYRO_BIAS
+from sinstool.pipelines.process.ins_gnss.filter_start import FilterStart
+from sinstool.pipelines.process.ins_gnss.start import find_start
+from sinstool.survey.source import Source, part_of
+
+# A heading less certain than this after a gap, rad (1 sigma), is found anew.
+LEAST_LOST = 1.0
+# After a gap, so much of the log is searched for a start.
+SEARCHED_NS = 600 * SECOND
+
+
+@dataclass(frozen=True)
+class Stretch:
+    """A filter's run from a start to the log's end, or to a gap that it cannot cross.
+
+    Attributes
+    ----------
+    source : Source
+        The log, or its part from the gap on.
+    filter : InsGnssFilter
+        That runs over it.
+    gap : FilterEvent or None
+        The gap before.
+    """
+
+    source: Source
+    start: FilterStart
+    filter: InsGnssFilter
+    gap: FilterEvent | None = None
+
+
+def longest_carried(settings: Settings) -> float:
+    """Duration of a gap, s, from which on a start is looked for after it."""
+    return LEAST_LOST / settings.gap_rate if settings.gap_rate > 0.0 else np.inf
+
+
+def start_after_gap(
+    source: Source, config: ProcessConfig, before: Stretch, begin_ns: int, gap_s: float
+) -> tuple[Source, FilterStart] | None:
+    """Start of a filter in what follows a gap.
+
+    Parameters
+    ----------
+    source : Source
+        The whole log.
+    before : Stretch
+        What ran up to the gap.
+    begin_ns : int
+        Time of the first sample after it.
+    gap_s : float
+        Its duration.
+
+    Returns
+    -------
+    Source, FilterStart
+        What follows as a log of its own; its start. None where nothing there shows an attitude.
+    """
+    first, run = before.start, before.filter
+    known = run.summary.restarts == 0
+    align = config.align.align
+    # Angles of the log's first instant say nothing here
+    options: dict[str, Any] = {
+        "align": align if align in IN_FLIGHT or align == "log" else "auto",
+    }
+    if known:
+        bias = turn_body(run.summary.gyro_bias, config.input.body_axes)
+        options["gyro_bias"] = tuple(bias.tolist())
+    whole = {"align_start": None, "align_end": None, "lift_off": None}
+    here = config.model_copy(
+        update={
+            "align": config.align.model_copy(update=options),
+            "in_flight": config.in_flight.model_copy(update=whole),
+            "navigation": config.navigation.model_copy(update={"imu_grade": first.grade.grade}),
+        }
+    )
+    try:
+        part = part_of(source, config, begin_ns, begin_ns + SEARCHED_NS)
+        start, time_ns, how, _ = find_start(part, here, first.settings, first.used)
+    except (AlignmentError, DataError) as exc:
+        log_choice("start after a gap", f"none found: {exc}")
+        return None
+    if known:
+        start = _with_sensors(start, run, first.settings, gap_s)
+    log_choice("start after a gap", how)
+    valid_ns = first.gnss.time_ns - round(first.settings.gnss_latency * SECOND)
+    later = valid_ns >= time_ns
+    return part, replace(
+        first,
+        start=start,
+        time_ns=time_ns,
+        how=how,
+        gnss=first.gnss.rows(later),
+        withheld=first.withheld[later],
+    )
+
+
+def _with_sensors(start: Start, run: InsGnssFilter, settings: Settings, gap_s: float) -> Start:
+    """A start with the sensors' biases as a filter knew them before a gap."""
+    summary, variance = run.summary, np.diag(run.covariance)
+    imu = settings.imu
+
+    def sigma(block: int, instability: float) -> float:
+        first = run.kind.first(block)
+        walk = 2.0 * instability**2 * gap_s / imu.bias_time_s
+        return float(np.sqrt(variance[first : first + 3].max() + walk))
+
+    return replace(
+        start,
+        gyro_bias=summary.gyro_bias,
+        accel_bias=summary.accel_bias,
+        gyro_bias_sigma=sigma(GYRO_BIAS, imu.gyro_instability),
+        accel_bias_sigma=sigma(ACCEL_BIAS, imu.accel_instability),
+    )
+
+
+def summed(stretches: list[Stretch]) -> FilterSummary:
+    """How the filters of all stretches went, taken together; estimates are those of the last."""
+    parts = [stretch.filter.summary for stretch in stretches]
+    if len(parts) == 1:
+        return parts[0]
+    counts = ("updates", "epochs_used", "epochs_gated", "epochs_before_start", "restarts")
+    rated = [part for part in parts if np.isfinite(part.mean_nis) and part.epochs_used]
+    nis = (
+        np.average([part.mean_nis for part in rated], weights=[part.epochs_used for part in rated])
+        if rated
+        else np.nan
+    )
+    channels = [part.channel for part in parts]
+    return replace(
+        parts[-1],
+        **{name: sum(getattr(part, name) for part in parts) for name in counts},
+        mean_nis=float(nis),
+        channel=replace(
+            channels[-1],
+            samples=_added([channel.samples for channel in channels]),
+            seconds=_added([channel.seconds for channel in channels]),
+        ),
+    )
+
+
+def _added(tables: list[dict[str, int]] | list[dict[str, float]]) -> dict[str, Any]:
+    return {name: sum(table[name] for table in tables) for name in tables[0]}
+
+
+def events_of(stretches: list[Stretch]) -> list[FilterEvent]:
+    """What happened to the filters, the gaps between them included, in order."""
+    return [
+        event
+        for stretch in stretches
+        for event in (*([stretch.gap] if stretch.gap else []), *stretch.filter.events)
+    ]
+
+
+def channel_events_of(stretches: list[Stretch]) -> list[height_layout.Event]:
+    """What happened to the vertical channels; times count from the first start."""
+    first_ns = stretches[0].start.time_ns
+    return [
+        replace(event, time=event.time + (stretch.start.time_ns - first_ns) / SECOND)
+        for stretch in stretches
+        for event in stretch.filter.channel_events
+    ]

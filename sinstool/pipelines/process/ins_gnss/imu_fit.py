@@ -1,0 +1,96 @@
+"""Whether the Imu is as good as its grade says, by the innovations of a filter that believes so."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import get_args
+
+import numpy as np
+from scipy.special import chdtri
+
+from sinstool.config import ProcessConfig
+from sinstool.core.streams import GnssEpochs, concatenate, take_rows
+from sinstool.core.timeline import SECOND
+from sinstool.methods.coning.algorithm import ConingAlgorithm
+from sinstool.methods.ins_gnss.filter import InsGnssFilter
+from sinstool.methods.sensor_errors import Grade
+from sinstool.pipelines.process.ins_gnss.filter_start import FilterStart
+from sinstool.survey.increments import SegmentIncrements
+from sinstool.survey.source import Source
+
+# So much of a log shows it.
+SHOWN_NS = 300 * SECOND
+LEAST_EPOCHS = 40
+# Squares beyond this are those of bad fixes, and count as this.
+GATE = float(chdtri(6, 1e-4))
+# Innovations squared over what was expected: beyond this a grade is doubted.
+DOUBTED = 1.5
+# By how much the likelihood of all epochs must rise for a worse grade, natural units.
+LEAST_GAIN = 10.0
+
+
+@dataclass(frozen=True)
+class Fit:
+    """How well innovations agree with what a filter expects of them.
+
+    Attributes
+    ----------
+    square : float
+        Their squares over what was expected.
+    cost : float
+        -2 log likelihood, of an epoch.
+    epochs : int
+    """
+
+    square: float
+    cost: float
+    epochs: int
+
+    @property
+    def doubted(self) -> bool:
+        """Whether the model is worth a doubt."""
+        return self.square > DOUBTED
+
+    def worse_than(self, other: Fit) -> bool:
+        """Whether another model is clearly more likely."""
+        return self.cost > other.cost + LEAST_GAIN / self.epochs
+
+
+def fit(
+    source: Source, config: ProcessConfig, algorithm: ConingAlgorithm, start: FilterStart
+) -> Fit | None:
+    """Fit of a filter's settings in a log's first minutes; None where too few fixes show it."""
+    control = replace(start.settings.control, gate_probability=1.0, adaptive="off")
+    run = InsGnssFilter(
+        start.start,
+        replace(start.settings, network=None, control=control),
+        with_baro=False,
+        output=False,
+    )
+    gnss: GnssEpochs | None = start.used
+    steps = SegmentIncrements(source, config, algorithm)
+    parts, last_ns = [], start.time_ns
+    for increments, _, _ in steps.from_time(start.time_ns, start.time_ns + SHOWN_NS):
+        if int(increments.time_ns[0]) - last_ns > round(start.settings.max_gap * SECOND):
+            break
+        last_ns = int(increments.time_ns[-1])
+        parts.append(run.push(increments, gnss).gnss)
+        gnss = None
+    if not parts:
+        return None
+    epochs = concatenate(parts)
+    epochs = take_rows(epochs, epochs.used & np.isfinite(epochs.nis))
+    if len(epochs) < LEAST_EPOCHS:
+        return None
+    square = np.minimum(epochs.nis, GATE)
+    spread = 2.0 * np.nansum(np.log(epochs.innovation_sigma), axis=1)
+    return Fit(
+        float(square.sum() / epochs.rows.sum()), float(np.mean(square + spread)), len(epochs)
+    )
+
+
+def next_worse(grade: Grade) -> Grade | None:
+    """The grade below one."""
+    order: tuple[Grade, ...] = get_args(Grade)  # from the worst on
+    at = order.index(grade)
+    return order[at - 1] if at else None

@@ -1,0 +1,54 @@
+"""Long gaps of the Imu, and sensors worse than their noise at rest: found anew, or found worse."""
+
+import json
+
+import numpy as np
+import pytest
+
+from benchmarks.trusted_navigation import process, read_back
+from tests.helpers.unseen_drives import GRADES, LEVER, drive, flight, record, without_samples, write
+
+ARM = ",".join(str(x) for x in LEVER)
+
+
+def level(answer):
+    """Horizontal error, m, and over its sigma."""
+    error = np.hypot(answer.error[:, 0], answer.error[:, 1])
+    return error, error / np.hypot(answer.sigma[:, 0], answer.sigma[:, 1])
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("options", [[], ["--smooth"]], ids=["filter", "smoother"])
+@pytest.mark.parametrize("begin, length", [(150.0, 60.0), (120.0, 300.0)])
+def test_after_a_long_gap_attitude_is_found_from_what_follows(tmp_path, options, begin, length):
+    """6.7 km off before, with sigmas that were no numbers."""
+    truth = drive(seed=4, duration=begin + length + 150.0, rest=60.0)
+    data = without_samples(record(truth, GRADES["tactical"], 4), begin, length)
+    log = write(tmp_path / "gap.mcap", data)
+    answer, status, _ = process(log, truth, options)
+    assert status == 0
+    error, sigmas = level(answer)
+    after = answer.seconds > begin + length + 0.5
+    # Right from the gap's end on: what lies before the new start is carried back
+    assert answer.seconds[after][0] < begin + length + 1.0
+    assert error[after].max() < 1.0
+    assert sigmas[after].max() < 5.0
+    assert np.sqrt(np.mean(np.square(sigmas[after]))) < 2.0
+
+
+@pytest.mark.slow
+def test_innovations_refute_a_grade_that_quiet_gyros_suggest(tmp_path, sinstool):
+    """An industrial Imu that never rests has a tactical one's white noise: 468 m off before."""
+    truth = flight(seed=2, duration=300.0)
+    log = write(tmp_path / "flight.mcap", record(truth, GRADES["industrial"], 2))
+    out = tmp_path / "out.mcap"
+    words = ["--mode", "ins-gnss", "--gyro-kind", "mean-rate", "--lever-arm", ARM, "--json"]
+    ran = sinstool("process", log, "-o", out, *words)
+    filter_ = json.loads(ran.stdout)["filter"]
+    assert ran.status == 0
+    assert filter_["imu_grade"]["grade"] == "industrial"
+    assert "innovations squared" in filter_["imu_grade"]["why"]
+    assert filter_["restarts"] == 0
+    error, sigmas = level(read_back(out, truth))
+    assert error.max() < 1.0
+    assert np.sqrt(np.mean(np.square(sigmas))) < 2.0
