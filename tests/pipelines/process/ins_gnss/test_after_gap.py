@@ -43,9 +43,9 @@ def test_innovations_refute_a_grade_that_quiet_gyros_suggest(tmp_path, sinstool)
     log = write(tmp_path / "flight.mcap", record(truth, GRADES["industrial"], 2))
     out = tmp_path / "out.mcap"
     words = ["--mode", "ins-gnss", "--gyro-kind", "mean-rate", "--lever-arm", ARM, "--json"]
-    ran = sinstool("process", log, "-o", out, *words)
-    filter_ = json.loads(ran.stdout)["filter"]
-    assert ran.status == 0
+    status, text, _ = sinstool("process", log, "-o", out, *words)
+    filter_ = json.loads(text)["filter"]
+    assert status == 0
     assert filter_["imu_grade"]["grade"] == "industrial"
     assert "innovations squared" in filter_["imu_grade"]["why"]
     assert filter_["restarts"] == 0
