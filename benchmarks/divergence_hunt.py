@@ -190,6 +190,9 @@ def main() -> None:
         f" {sum(o.missed for o in solved)} at the end, {sum(o.missed_anywhere for o in solved)}"
         " anywhere"
     )
+    for outcome in outcomes:
+        if outcome not in solved:
+            print(f"no solution: {outcome.seed}: {outcome.what}: {outcome.note}")
     ends = np.array([outcome.end_m for outcome in solved])
     ratios = np.array([outcome.end_sigmas for outcome in solved])
     if len(solved):

@@ -43,7 +43,7 @@ from sinstool.pipelines.process.ins_gnss.after_gap import (
 from sinstool.pipelines.process.ins_gnss.before_start import before_start, corrected_start
 from sinstool.pipelines.process.ins_gnss.filter_start import FilterStart
 from sinstool.pipelines.process.ins_gnss.start import timed_start
-from sinstool.pipelines.process.ins_gnss.trust import untrusted
+from sinstool.pipelines.process.ins_gnss.trust import doubts, marked, untrusted
 from sinstool.pipelines.process.mode import BytesRead, Mode, warned
 from sinstool.pipelines.process.summary import (
     ConingUsed,
@@ -173,9 +173,12 @@ class FilterRun(Mode):
             smoothed = smoother.epochs()
             first = _smoothed_start(stretch.start.start, smoothed)
             yield from self._scored(self._earlier(stretch, first))
+            events = stretch.filter.events
+            doubtful = doubts(concatenate(self._gnss), events) if self._gnss else []
             begin = 0
             for updates in smoother.blocks(smoothed):
                 end = begin + len(updates)
+                updates = marked(updates, doubtful) if doubtful else updates
                 yield from self._scored(self._solution(updates, log_time[begin:end]))
                 begin = end
 

@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 
 from sinstool.core.finding import Finding, Severity
 from sinstool.core.timeline import SECOND
-from sinstool.methods.ins_gnss.results import FilterEvent, GnssDiagnostics
+from sinstool.methods.ins_gnss.results import FilterEvent, GnssDiagnostics, UpdateColumns
 
 TOGETHER_NS = 60 * SECOND  # stretches nearer to each other than this are one
 MOST_NAMED = 5
@@ -73,6 +74,41 @@ def untrusted(
             )
         )
     return findings
+
+
+def doubts(
+    gnss: GnssDiagnostics, events: Sequence[FilterEvent]
+) -> list[tuple[int, int, np.ndarray]]:
+    """Begin and end of the stretches that are lost, and how far filter and fixes were apart there.
+
+    Returns
+    -------
+    list of (int, int, ndarray)
+        The last of shape (6,): the largest innovations of position and velocity, NED, m and m/s.
+    """
+    out = []
+    for begin, end, gap in _stretches(gnss, events):
+        inside = (gnss.time_ns >= begin) & (gnss.time_ns <= end) & (gnss.gated | gnss.restarted)
+        if not gap and inside.any():
+            far = np.nan_to_num(np.abs(gnss.innovation[inside])).max(axis=0)
+            out.append((begin, end, far))
+    return out
+
+
+def marked(
+    updates: UpdateColumns, doubtful: Sequence[tuple[int, int, np.ndarray]]
+) -> UpdateColumns:
+    """Smoothed answers with sigmas that admit what was doubted, from :func:`doubts`."""
+    position = updates.covariance_position_n.copy()
+    velocity = updates.covariance_velocity_n.copy()
+    axis = np.arange(3)
+    for begin, end, far in doubtful:
+        inside = np.flatnonzero((updates.time_ns >= begin) & (updates.time_ns <= end))[:, None]
+        position[inside, axis, axis] += far[:3] ** 2
+        # Without velocities of the receiver: what drifts so far within the stretch
+        speed = np.maximum(far[3:], far[:3] / max((end - begin) / SECOND, 1.0))
+        velocity[inside, axis, axis] += speed**2
+    return replace(updates, covariance_position_n=position, covariance_velocity_n=velocity)
 
 
 def _stretches(gnss: GnssDiagnostics, events: Sequence[FilterEvent]) -> list[tuple[int, int, bool]]:

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from sinstool.core.finding import exit_status
-from sinstool.methods.ins_gnss.results import FilterEvent, GnssDiagnostics
-from sinstool.pipelines.process.ins_gnss.trust import MOST_NAMED, untrusted
+from sinstool.methods.ins_gnss.results import FilterEvent, GnssDiagnostics, UpdateColumns
+from sinstool.pipelines.process.ins_gnss.trust import MOST_NAMED, doubts, marked, untrusted
 
 SECOND = 10**9
 
@@ -55,6 +55,31 @@ def test_many_stretches_are_named_in_part():
     findings = untrusted(epochs(number=10_000), events, 1.0, 0)
     assert len(findings) == MOST_NAMED + 1
     assert findings[-1].text.startswith("4 more such stretches")
+
+
+def test_smoothed_sigmas_admit_a_doubted_stretch():
+    gnss = epochs(gated=range(80, 95))
+    gnss.innovation[80:95, :3] = [30.0, -40.0, 5.0]
+    gnss.innovation[50, :3] = 500.0  # taken, and long before
+    doubtful = doubts(gnss, [FilterEvent("restart", 95 * SECOND, 99.0)])
+    time_ns = np.array([60, 90, 120]) * SECOND
+    nothing, eye = np.zeros((3, 3)), np.tile(0.01 * np.eye(3), (3, 1, 1))
+    updates = UpdateColumns(
+        time_ns, *np.zeros((3, 3)), nothing, np.zeros((3, 4)), nothing, nothing, np.zeros(3),
+        eye, eye, eye,
+    )  # fmt: skip
+    sigma = [
+        np.sqrt(np.diagonal(block, axis1=1, axis2=2))
+        for block in (
+            marked(updates, doubtful).covariance_position_n,
+            marked(updates, doubtful).covariance_velocity_n,
+        )
+    ]
+    assert np.allclose(sigma[0][[0, 2]], 0.1)
+    assert np.allclose(sigma[0][1], np.hypot(0.1, [30.0, 40.0, 5.0]))
+    # No velocities of the receiver: 40 m within the 16 s from the last fix that was taken
+    assert sigma[1][1, 1] == pytest.approx(np.hypot(0.1, 40.0 / 16.0))
+    assert np.allclose(updates.covariance_position_n, eye)
 
 
 @pytest.mark.parametrize(("many", "status"), [(30, 0), (50, 3)])
