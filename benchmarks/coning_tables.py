@@ -36,7 +36,7 @@ from sinstool.simulation.coning_paper import (
     Phase,
     coning_paper,
 )
-from sinstool.simulation.motions import broadband, random_manoeuvre
+from sinstool.simulation.motions import broadband, random_manoeuvre, sample
 from sinstool.simulation.truth import ImuTruth, sample_times
 from tests.helpers.coning_response import coning_rate
 from tests.helpers.thinned import thin
@@ -104,7 +104,7 @@ def manoeuvres(motions: int = 6, seconds: float = 60.0) -> list[Table]:
     squares = {label: np.zeros(len(columns)) for label, _, _ in MANOEUVRED}
     for column, (speed, rate) in enumerate(columns):
         for seed in range(motions):
-            log = random_manoeuvre(sample_times(rate, seconds), *MOTIONS[speed], seed=seed)
+            log = sample(random_manoeuvre(*MOTIONS[speed], seed=seed), sample_times(rate, seconds))
             for label, chosen, feed in MANOEUVRED:
                 error = final_error(chosen, *fed(log, feed), log)
                 squares[label][column] += error @ error
@@ -166,7 +166,7 @@ PASSBAND = 160.0
 
 def spectrum(seed: int = 1) -> list[Table]:
     # one instant less than a multiple of four, so that it thins well
-    log = broadband(sample_times(RATE, 64.0 + 3 * STEP), BROADBAND_RMS, seed=seed)
+    log = sample(broadband(BROADBAND_RMS, seed=seed), sample_times(RATE, 64.0 + 3 * STEP))
     content = {k: coning_spectrum(fed(log, k)[0], STEP, k) for k in ("mean-rate", "rate")}
     fit = tune(log.gyro_rate, STEP, passband=PASSBAND)
 

@@ -1,4 +1,4 @@
-"""The seam: jobs that know nothing of each other, done by whoever there is.
+"""Independent jobs, run by processes of this machine or of a cluster.
 
 A job is a function of plain values, so that it does not matter where it runs: in a process of
 this machine (`local`) or of a Dask cluster (`cluster`). What comes back is a stream of events.

@@ -14,14 +14,14 @@ from sinstool.cli import many
 from sinstool.cli.many import BatchOptions
 from sinstool.config import ProcessConfig
 from sinstool.core.progress import Progress
-from sinstool.core.whole_file import commit_together
+from sinstool.core.whole_file import commit_together, write_table
 from sinstool.pipelines.compare_coning.log import compare_log
 from sinstool.pipelines.compare_coning.summary import ComparisonResult, summarise
 from sinstool.pipelines.provenance import files
 from sinstool.report.figures.coning import figures
 from sinstool.report.page import check_report, write_report
 from sinstool.report.pages.compare_coning import comparison_page
-from sinstool.report.text.coning import shown, write_csv, write_table
+from sinstool.report.text.coning import LINE_END, shown, write_csv
 from sinstool.report.text.table import columns
 
 SUMMARY = "summary.csv"
@@ -164,4 +164,4 @@ def _write_summary(path: Path, names: Sequence[str], rows: Sequence[dict[str, An
             value = _drift(alg)
             which = [alg.get(k, "") for k in ("name", "decimate", "input")]
             cells.append((name, row["status"], *which, "" if value is None else value))
-    write_table(path, SUMMARY_COLUMNS, cells)
+    write_table(path, SUMMARY_COLUMNS, cells, LINE_END)

@@ -1,4 +1,4 @@
-"""Where the vehicle points: at rest, in flight, or as somebody says."""
+"""The first attitude: found at rest or in motion, or given."""
 
 from __future__ import annotations
 

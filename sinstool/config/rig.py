@@ -50,7 +50,7 @@ class CalibrationOptions(Group):
         (), "LOG=DEG: azimuth that the stand showed, for the table of headings", "LOG=DEG"
     )
     keep_outliers: bool = option(
-        False, "use repeats that do not belong too (by default they are left out, told)"
+        False, "use repeats that do not belong too (by default they are left out and named)"
     )
     level_rate: Literal["off", "auto", "on"] = option(
         "off", "take out the rate at which the base tilts, seen by the accelerometers"

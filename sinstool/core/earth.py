@@ -13,9 +13,8 @@ References
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
 
-FloatArray = NDArray[np.float64]
+from sinstool.core.arrays import ArrayLike, FloatArray
 
 SEMI_MAJOR_AXIS = 6378137.0
 """Equatorial radius, m; table 3.1 of [1]_."""

@@ -3,10 +3,8 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
-FloatArray = NDArray[np.float64]
-IntArray = NDArray[np.int64]
+from sinstool.core.arrays import FloatArray, IntArray
 
 # Groups are merged in pairs at twice this number, so that at least this many are kept.
 GROUPS = 1000

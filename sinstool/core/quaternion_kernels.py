@@ -1,4 +1,4 @@
-"""Quaternions and angles within compiled loops: of one attitude update, products, matrices.
+"""Quaternions, vectors and angles within compiled loops: of one update, products, matrices.
 
 All in scalars, so that nothing is allocated; `sinstool.core.rotation` has them for arrays.
 
@@ -28,9 +28,11 @@ References
 
 from __future__ import annotations
 
-from math import cos, pi, sin, sqrt
+from math import atan2, cos, pi, sin, sqrt
 
 import numba
+
+from sinstool.core.arrays import FloatArray
 
 EXACT = 0
 """The order that stands for the exact quaternion."""
@@ -83,18 +85,59 @@ def increment_quaternion(
 
 
 @numba.njit(cache=True, nogil=True)
-def unit_factor(square: float) -> float:
-    """Factor that makes a quaternion of this squared length one of length 1.
-
-    Returns
-    -------
-    float
-    """
+def to_unit(w: float, x: float, y: float, z: float) -> tuple[float, float, float, float]:
+    """Quaternion brought to length 1."""
+    square = w * w + x * x + y * y + z * z
     # After an update the length is 1 but for its rounding: one Newton step towards 1/|q|. Only a
     # motion that no vehicle makes, as of a filter led astray, is worth a root.
-    if abs(square - 1.0) < _NEAR:
-        return 1.5 - 0.5 * square
-    return 1.0 / sqrt(square)
+    f = 1.5 - 0.5 * square if abs(square - 1.0) < _NEAR else 1.0 / sqrt(square)
+    return w * f, x * f, y * f, z * f
+
+
+@numba.njit(cache=True, nogil=True)
+def to_rotation_vector(w: float, x: float, y: float, z: float, out: FloatArray, k: int) -> None:
+    """Rotation vector of a quaternion of any length, to row `k` of `out`: from 0 to two pi, rad."""
+    length = sqrt(x * x + y * y + z * z)
+    # Below, 2 atan2(length, w) / length is 2 / w to the last bit.
+    factor = 2.0 / w if length < 1e-9 * w else 2.0 * atan2(length, w) / length
+    put(out, k, factor * x, factor * y, factor * z)
+
+
+@numba.njit(cache=True, nogil=True)
+def cross(
+    ax: float, ay: float, az: float, bx: float, by: float, bz: float
+) -> tuple[float, float, float]:
+    """Cross product a x b."""
+    return ay * bz - az * by, az * bx - ax * bz, ax * by - ay * bx
+
+
+@numba.njit(cache=True, nogil=True)
+def row(a: FloatArray, k: int) -> tuple[float, float, float]:
+    """Row `k` of an array of shape (n, 3)."""
+    return a[k, 0], a[k, 1], a[k, 2]
+
+
+@numba.njit(cache=True, nogil=True)
+def put(a: FloatArray, k: int, x: float, y: float, z: float) -> None:
+    """Set row `k` of an array of shape (n, 3)."""
+    a[k, 0] = x
+    a[k, 1] = y
+    a[k, 2] = z
+
+
+@numba.njit(cache=True, nogil=True)
+def weighted_sum(
+    a: FloatArray, first: int, step: int, weights: FloatArray, which: int, count: int
+) -> tuple[float, float, float]:
+    """Sum of `count` rows of `a`, from `first` on each `step`, by row `which` of the weights."""
+    x = y = z = 0.0
+    for j in range(count):
+        weight = weights[which, j]
+        k = first + step * j
+        x += weight * a[k, 0]
+        y += weight * a[k, 1]
+        z += weight * a[k, 2]
+    return x, y, z
 
 
 @numba.njit(cache=True, nogil=True)

@@ -10,11 +10,11 @@ from collections.abc import Mapping
 from dataclasses import fields, is_dataclass
 from math import isfinite
 from pathlib import Path
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 
-from sinstool.core.finding import Finding
+from sinstool.core.finding import Finding, Severity, exit_status
 
 
 def as_json(value: Any, name: str = "") -> Any:
@@ -46,6 +46,33 @@ def as_json(value: Any, name: str = "") -> Any:
     if isinstance(value, (list, tuple)):
         return [as_json(part, name) for part in value]
     return str(value) if isinstance(value, Path) else value
+
+
+class Result:
+    """What a command comes to: a dataclass with findings, whose fields are the keys of JSON."""
+
+    SCHEMA: ClassVar[str]
+    OPTIONAL: ClassVar[tuple[str, ...]] = ()
+    """Keys that are left out where there is no value."""
+    findings: tuple[Finding, ...]
+
+    @property
+    def exit_status(self) -> int:
+        """0, or 3 where something was lost or withheld."""
+        return exit_status(self.findings)
+
+    @property
+    def warnings(self) -> tuple[str, ...]:
+        """The findings beyond notes, in words."""
+        return tuple(str(f) for f in self.findings if f.severity > Severity.NOTE)
+
+    def to_json(self) -> dict[str, Any]:
+        """The values of ``--json``, with the version of their layout."""
+        values = as_json(self)
+        for key in self.OPTIONAL:
+            if values[key] is None:
+                del values[key]
+        return {"schema": self.SCHEMA, **values, "warnings": list(self.warnings)}
 
 
 def compass(heading_deg: float) -> float:

@@ -15,9 +15,8 @@ References
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
 
-FloatArray = NDArray[np.float64]
+from sinstool.core.arrays import ArrayLike, FloatArray
 
 # Below this angle the first two terms of the series of sin(x)/x are exact in float64
 # (the third is x**4 / 120 = 5e-20), and squares of the components cannot underflow.

@@ -146,7 +146,7 @@ class Baro(Stream):
 
 @dataclass(frozen=True)
 class BaroHeight(Stream):
-    """Height that somebody made of pressure already.
+    """Height that was computed from pressure before it was logged.
 
     Attributes
     ----------
@@ -247,7 +247,7 @@ class Diagnostics(Stream):
     level : ndarray of int, shape (n,)
         0 where all is well, 1 where something was held back, 2 where it began anew.
     values : ndarray, shape (n, k)
-        Named by whoever makes them.
+        Named by the filter that makes them.
     """
 
     level: np.ndarray

@@ -7,7 +7,7 @@ from collections.abc import Iterable
 
 
 def nearest(word: str, candidates: Iterable[str]) -> str:
-    """What somebody may have meant.
+    """The name that a user may have meant.
 
     Returns
     -------

@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import contextlib
+import csv
 import io
 import os
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
 from contextvars import ContextVar
 from dataclasses import dataclass, field
@@ -287,6 +288,27 @@ def write_whole(path: Path, content: bytes | str) -> None:
     """
     with WholeFile(path) as file:
         file.stream.write(content.encode() if isinstance(content, str) else content)
+
+
+def write_table(
+    path: Path, names: Sequence[str], rows: Iterable[Sequence[Any]], end: str = "\n"
+) -> None:
+    """Write a CSV file at once.
+
+    Parameters
+    ----------
+    end : str, optional
+        Of each line.
+
+    Raises
+    ------
+    OutputError
+    """
+    buffer = io.StringIO(newline="")
+    writer = csv.writer(buffer, lineterminator=end)
+    writer.writerow(names)
+    writer.writerows(rows)
+    write_whole(path, buffer.getvalue())
 
 
 def _sync_folder(folder: Path) -> None:

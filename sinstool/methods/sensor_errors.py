@@ -114,58 +114,27 @@ SIMULATED_GRADES = {
 # Industrial, tactical and navigation grade: data sheets; biases after warming up. Industrial ones
 # are quiet, calibrated MEMS, which have the noise of a tactical gyro but not its bias. MEMS: a
 # consumer's, in a vehicle that shakes it. Its random walks are ten times and more those of a data
-# sheet, for they
-# stand in for vibration, sampling and scale factors too: with the data sheet's a filter is too sure
-# of itself after seconds without fixes, and gates the first ones that come. Scale factors and
-# cross-axis sensitivity of their gyros are 0.5 to 2 % on data sheets. Gyro biases of such
-# sensors were seen to move by 100 deg/h from one stop of a car to one minutes later.
-IMU_GRADES: dict[str, SensorGrade] = {
-    "mems": SensorGrade(
-        angle_random_walk=3.0 * units.DEGREE_PER_ROOT_HOUR,
-        velocity_random_walk=3000.0 * units.MICRO_G,
-        gyro_bias=50.0 * units.DEGREE_PER_HOUR,
-        accel_bias=10.0 * units.MILLI_G,
-        gyro_instability=100.0 * units.DEGREE_PER_HOUR,
-        accel_instability=1.0 * units.MILLI_G,
-        bias_time_s=100.0,
-        accel_scale=3e-3,
-        gyro_scale=5e-3,
-        gyro_misalignment=2e-3,
-    ),
-    "industrial": SensorGrade(
-        angle_random_walk=0.2 * units.DEGREE_PER_ROOT_HOUR,
-        velocity_random_walk=300.0 * units.MICRO_G,
-        gyro_bias=30.0 * units.DEGREE_PER_HOUR,
-        accel_bias=2.0 * units.MILLI_G,
-        gyro_instability=15.0 * units.DEGREE_PER_HOUR,
-        accel_instability=0.2 * units.MILLI_G,
-        bias_time_s=2000.0,
-        accel_scale=1e-3,
-        gyro_scale=1e-3,
-        gyro_misalignment=2e-4,
-    ),
-    "tactical": SensorGrade(
-        angle_random_walk=0.05 * units.DEGREE_PER_ROOT_HOUR,
-        velocity_random_walk=50.0 * units.MICRO_G,
-        gyro_bias=1.0 * units.DEGREE_PER_HOUR,
-        accel_bias=1.0 * units.MILLI_G,
-        gyro_instability=0.3 * units.DEGREE_PER_HOUR,
-        accel_instability=0.05 * units.MILLI_G,
-        bias_time_s=300.0,
-        accel_scale=3e-4,
-        gyro_scale=3e-4,
-    ),
-    "navigation": SensorGrade(
-        angle_random_walk=0.002 * units.DEGREE_PER_ROOT_HOUR,
-        velocity_random_walk=10.0 * units.MICRO_G,
-        gyro_bias=0.01 * units.DEGREE_PER_HOUR,
-        accel_bias=0.05 * units.MILLI_G,
-        gyro_instability=0.002 * units.DEGREE_PER_HOUR,
-        accel_instability=0.005 * units.MILLI_G,
-        bias_time_s=1000.0,
-        accel_scale=2e-4,
-        gyro_scale=2e-4,
-    ),
+# sheet, for they stand in for vibration, sampling and scale factors too: with the data sheet's a
+# filter is too sure of itself after seconds without fixes, and gates the first ones that come.
+# Scale factors and cross-axis sensitivity of their gyros are 0.5 to 2 % on data sheets. Gyro biases
+# of such sensors were seen to move by 100 deg/h from one stop of a car to one minutes later.
+_GRADES = ("mems", "industrial", "tactical", "navigation")
+_ASSUMED: dict[str, tuple[float, tuple[float, ...]]] = {
+    # field: its unit, and in that the value of each grade
+    "angle_random_walk": (units.DEGREE_PER_ROOT_HOUR, (3.0, 0.2, 0.05, 0.002)),
+    "velocity_random_walk": (units.MICRO_G, (3000.0, 300.0, 50.0, 10.0)),  # per root Hz
+    "gyro_bias": (units.DEGREE_PER_HOUR, (50.0, 30.0, 1.0, 0.01)),
+    "accel_bias": (units.MILLI_G, (10.0, 2.0, 1.0, 0.05)),
+    "gyro_instability": (units.DEGREE_PER_HOUR, (100.0, 15.0, 0.3, 0.002)),
+    "accel_instability": (units.MILLI_G, (1.0, 0.2, 0.05, 0.005)),
+    "bias_time_s": (1.0, (100.0, 2000.0, 300.0, 1000.0)),
+    "accel_scale": (1.0, (3e-3, 1e-3, 3e-4, 2e-4)),
+    "gyro_scale": (1.0, (5e-3, 1e-3, 3e-4, 2e-4)),
+    "gyro_misalignment": (1.0, (2e-3, 2e-4, 0.0, 0.0)),
+}
+IMU_GRADES = {
+    grade: SensorGrade(**{name: unit * values[k] for name, (unit, values) in _ASSUMED.items()})
+    for k, grade in enumerate(_GRADES)
 }
 """What a filter assumes, by grade of IMU."""
 

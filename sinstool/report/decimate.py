@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-FloatArray = NDArray[np.float64]
+from sinstool.core.arrays import BoolArray, FloatArray
+
 IndexArray = NDArray[np.intp]
-BoolArray = NDArray[np.bool_]
 
 FEWEST = 8
 

@@ -9,7 +9,8 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-FloatArray = NDArray[np.float64]
+from sinstool.core.arrays import FloatArray
+
 Style = Literal["line", "dashed", "points", "bars"]
 
 

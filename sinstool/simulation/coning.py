@@ -16,14 +16,11 @@ References
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
 
 from sinstool.core import rotation
+from sinstool.core.arrays import ArrayLike, FloatArray, IntArray
 from sinstool.core.units import STANDARD_GRAVITY
 from sinstool.simulation.truth import ImuTruth, check_times
-
-FloatArray = NDArray[np.float64]
-IntArray = NDArray[np.int64]
 
 _STANDARD_GRAVITY_N = (0.0, 0.0, STANDARD_GRAVITY)
 

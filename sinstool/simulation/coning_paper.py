@@ -28,15 +28,13 @@ from dataclasses import dataclass, replace
 from typing import Literal
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
 
 from sinstool.core import rotation
+from sinstool.core.arrays import ArrayLike, FloatArray, IntArray
 from sinstool.methods.coning.gyro_response import GyroResponse, chebyshev, gyro_response
 from sinstool.simulation.coning import classical_coning
 from sinstool.simulation.truth import ImuTruth, check_times
 
-FloatArray = NDArray[np.float64]
-IntArray = NDArray[np.int64]
 Phase = Literal["consistent", "literal"]
 
 PHASES: tuple[Phase, ...] = ("consistent", "literal")

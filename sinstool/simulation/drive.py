@@ -3,13 +3,11 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
+from sinstool.core.arrays import FloatArray
 from sinstool.simulation.flight import add_sinusoids
 from sinstool.simulation.travel import COLUMNS, Levels, Motion, travel
 from sinstool.simulation.truth import Trajectory, sample_times
-
-FloatArray = NDArray[np.float64]
 
 _CRUISE = 14.0  # m/s, at which the suspension's motion has its full size
 _CORNER = 5.0

@@ -9,12 +9,10 @@ References
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
+from sinstool.core.arrays import FloatArray
 from sinstool.simulation.travel import COLUMNS, Levels, Motion, travel
 from sinstool.simulation.truth import Trajectory, sample_times
-
-FloatArray = NDArray[np.float64]
 
 # North-west China, where gravity near 400 m is the 9.7955 m/s^2 that the spiral is made for.
 _LATITUDE = np.deg2rad(34.25)

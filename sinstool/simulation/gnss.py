@@ -13,12 +13,12 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 
 import numpy as np
-from numpy.typing import ArrayLike
 
 from sinstool.core import earth, rotation
+from sinstool.core.arrays import ArrayLike, FloatArray, IntArray
 from sinstool.core.rotation import wrapped
 from sinstool.simulation.sensors import markov
-from sinstool.simulation.truth import FloatArray, IntArray, Trajectory
+from sinstool.simulation.truth import Trajectory
 
 Triple = tuple[float, float, float]
 Span = tuple[float, float]

@@ -19,16 +19,13 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from sinstool.core import rotation
+from sinstool.core.arrays import FloatArray, IntArray
 from sinstool.core.earth import earth_rate_n, gravity_n
 from sinstool.core.rotation import skew
 from sinstool.simulation.sensors import carry_over
 from sinstool.simulation.turntable import TableProfile
-
-FloatArray = NDArray[np.float64]
-IntArray = NDArray[np.int64]
 
 IDEAL_AXIS = (-1.0 / np.sqrt(3.0),) * 3
 """Direction of the axis in ``s`` where all gyros stand at 54.74 degrees to it."""

@@ -191,15 +191,17 @@ def _truth(s: scenarios.MotionScenario) -> tuple[ImuTruth, ImuTruth]:
     if isinstance(s, scenarios.Static):
         attitude = from_euler(np.radians(s.attitude))
         truth = static(times, attitude, np.radians(s.latitude), s.height)
-    elif isinstance(s, scenarios.TwoFrequency):
+        return truth, truth
+    if isinstance(s, scenarios.TwoFrequency):
         a, b = np.radians(s.half_angles_deg)
-        truth = motions.two_frequency(times, (a, b), s.frequencies)
+        motion = motions.two_frequency((a, b), s.frequencies)
     elif isinstance(s, scenarios.Broadband):
-        truth = motions.broadband(times, float(np.radians(s.angle_deg)), s.band, seed=s.seed)
+        motion = motions.broadband(float(np.radians(s.angle_deg)), s.band, seed=s.seed)
     else:
         assert isinstance(s, scenarios.Manoeuvre)
         size = float(np.radians(s.rate_rms_deg_s))
-        truth = motions.random_manoeuvre(times, size, s.band, seed=s.seed)
+        motion = motions.random_manoeuvre(size, s.band, seed=s.seed)
+    truth = motions.sample(motion, times)
     return truth, truth
 
 

@@ -23,14 +23,11 @@ from dataclasses import dataclass
 from math import lgamma, log
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
 
 from sinstool.core import rotation
+from sinstool.core.arrays import ArrayLike, FloatArray, IntArray
 from sinstool.core.units import STANDARD_GRAVITY
 from sinstool.simulation.truth import ImuTruth, check_times
-
-FloatArray = NDArray[np.float64]
-IntArray = NDArray[np.int64]
 
 _STANDARD_GRAVITY_N = (0.0, 0.0, STANDARD_GRAVITY)
 _QUADRATURE_ERROR = 1e-14
@@ -94,38 +91,19 @@ class Sinusoids:
         )
 
 
-def two_frequency(
-    time_ns: ArrayLike,
-    half_angles: tuple[float, float],
-    frequencies: tuple[float, float],
-    *,
-    q_nm: ArrayLike = (1.0, 0.0, 0.0, 0.0),
-    gravity_n: ArrayLike = _STANDARD_GRAVITY_N,
-) -> ImuTruth:
+def two_frequency(half_angles: tuple[float, float], frequencies: tuple[float, float]) -> Sinusoids:
     """Two conings about the body's z axis at once.
 
     Parameters
     ----------
-    time_ns : array_like of int64, shape (n,)
-        Instants, increasing, two at least.
     half_angles : tuple of 2 float
         rad.
     frequencies : tuple of 2 float
         Hz; negative turns the other way round.
-    q_nm : array_like, shape (4,), optional
-        Attitude about which the body moves.
-    gravity_n : array_like, shape (3,), optional
-        m/s^2; standard gravity by default.
 
     Returns
     -------
-    ImuTruth
-        Exact; see the module for the error of the increments.
-
-    Raises
-    ------
-    ValueError
-        If a shape is wrong or time does not increase.
+    Sinusoids
 
     Notes
     -----
@@ -134,30 +112,24 @@ def two_frequency(
     of the two become constant and are taken for coning.
     """
     first, second = half_angles
-    motion = Sinusoids(
+    return Sinusoids(
         np.array(frequencies, dtype=np.float64),
         np.array([[first, 0.0, 0.0], [second, 0.0, 0.0]]),
         np.array([[0.0, first, 0.0], [0.0, second, 0.0]]),
     )
-    return sample(motion, time_ns, q_nm=q_nm, gravity_n=gravity_n)
 
 
 def broadband(
-    time_ns: ArrayLike,
     angle_rms: float,
     band: tuple[float, float] = (20.0, 150.0),
     *,
     seed: int = 0,
     lines: int = 200,
-    q_nm: ArrayLike = (1.0, 0.0, 0.0, 0.0),
-    gravity_n: ArrayLike = _STANDARD_GRAVITY_N,
-) -> ImuTruth:
+) -> Sinusoids:
     """Vibration with coning at every frequency of a band.
 
     Parameters
     ----------
-    time_ns : array_like of int64, shape (n,)
-        Instants, increasing, two at least.
     angle_rms : float
         Of each of the body's x and y axis, rad.
     band : tuple of 2 float, optional
@@ -166,19 +138,17 @@ def broadband(
         Of the phases.
     lines : int, optional
         Sinusoids, equally spaced over the band, of equal rate: amplitudes fall as 1/f.
-    q_nm, gravity_n : array_like, optional
-        As in :func:`two_frequency`.
 
     Returns
     -------
-    ImuTruth
+    Sinusoids
         y is a quarter of a turn behind x at every frequency, each at a random phase, so that
         all of the motion cones about z the same way round.
 
     Raises
     ------
     ValueError
-        If the band is empty, a shape is wrong or time does not increase.
+        If the band is empty.
     """
     low, high = band
     if not 0.0 < low < high or lines < 1:
@@ -190,26 +160,20 @@ def broadband(
     a, b = amplitude * np.cos(phase), amplitude * np.sin(phase)
     zero = np.zeros(lines)
     # x = A sin(Wt + p), y = A cos(Wt + p)
-    motion = Sinusoids(frequency, np.stack([a, -b, zero], -1), np.stack([b, a, zero], -1))
-    return sample(motion, time_ns, q_nm=q_nm, gravity_n=gravity_n)
+    return Sinusoids(frequency, np.stack([a, -b, zero], -1), np.stack([b, a, zero], -1))
 
 
 def random_manoeuvre(
-    time_ns: ArrayLike,
     rate_rms: float,
     band: tuple[float, float],
     *,
     seed: int = 0,
     lines: int = 12,
-    q_nm: ArrayLike = (1.0, 0.0, 0.0, 0.0),
-    gravity_n: ArrayLike = _STANDARD_GRAVITY_N,
-) -> ImuTruth:
+) -> Sinusoids:
     """Random rotation about all three axes.
 
     Parameters
     ----------
-    time_ns : array_like of int64, shape (n,)
-        Instants, increasing, two at least.
     rate_rms : float
         Of the length of the rotation vector's derivative, rad/s.
     band : tuple of 2 float
@@ -218,18 +182,15 @@ def random_manoeuvre(
         Of frequencies, amplitudes and phases.
     lines : int, optional
         Sinusoids in each axis.
-    q_nm, gravity_n : array_like, optional
-        As in :func:`two_frequency`.
 
     Returns
     -------
-    ImuTruth
-        Exact; see the module for the error of the increments.
+    Sinusoids
 
     Raises
     ------
     ValueError
-        If the band is empty, a shape is wrong or time does not increase.
+        If the band is empty.
     """
     low, high = band
     if not 0.0 < low < high or lines < 1:
@@ -240,8 +201,7 @@ def random_manoeuvre(
     rate *= rate_rms / np.sqrt(0.5 * np.sum(rate**2))
     axes = np.repeat(np.eye(3), lines, axis=0)
     sine, cosine = (r / (2.0 * np.pi * frequency) for r in rate)
-    motion = Sinusoids(frequency, sine[:, np.newaxis] * axes, cosine[:, np.newaxis] * axes)
-    return sample(motion, time_ns, q_nm=q_nm, gravity_n=gravity_n)
+    return Sinusoids(frequency, sine[:, np.newaxis] * axes, cosine[:, np.newaxis] * axes)
 
 
 def sample(
@@ -260,8 +220,10 @@ def sample(
         Its phases are those at the first instant.
     time_ns : array_like of int64, shape (n,)
         Instants, increasing, two at least.
-    q_nm, gravity_n : array_like, optional
-        As in :func:`two_frequency`.
+    q_nm : array_like, shape (4,), optional
+        Attitude about which the body moves.
+    gravity_n : array_like, shape (3,), optional
+        m/s^2; standard gravity by default.
     nodes : int, optional
         Of the quadrature over each interval; by default as many as the highest frequency
         needs.

@@ -7,11 +7,11 @@ from typing import Literal
 
 import numba
 import numpy as np
-from numpy.typing import ArrayLike
 
+from sinstool.core.arrays import ArrayLike, FloatArray
 from sinstool.core.units import DEGREE, STANDARD_GRAVITY
 from sinstool.methods.sensor_errors import SensorGrade
-from sinstool.simulation.truth import FloatArray, ImuTruth, check_times
+from sinstool.simulation.truth import ImuTruth, check_times
 
 # Gyro bias deg/h, accelerometer bias in the unit that is in doubt, scale, deg/sqrt(h), ug/sqrt(Hz)
 _GRADES = {

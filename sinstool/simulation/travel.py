@@ -24,13 +24,12 @@ from math import atan2, cos, hypot, sin, sqrt
 
 import numba
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
 
 from sinstool.core import earth, rotation
+from sinstool.core.arrays import ArrayLike, FloatArray, IntArray
 from sinstool.core.gravity import normal_gravity
+from sinstool.core.quaternion_kernels import cross
 from sinstool.simulation.truth import ImuTruth, Trajectory, check_times
-
-FloatArray = NDArray[np.float64]
 
 COLUMNS = 12
 """Of a motion: velocity, its derivative, roll-pitch-yaw, their derivatives; see Motion."""
@@ -76,7 +75,7 @@ class Levels:
         self._zero = 0.0
         self._zero = float(self.integral(np.zeros(1))[0])
 
-    def _at(self, t: FloatArray) -> tuple[NDArray[np.int64], FloatArray]:
+    def _at(self, t: FloatArray) -> tuple[IntArray, FloatArray]:
         i = np.maximum(np.searchsorted(self._start, t, side="right") - 1, 0)
         return i, np.clip((t - self._start[i]) / self._duration[i], 0.0, 1.0)
 
@@ -217,29 +216,18 @@ def _sense(
     o1 = earth.EARTH_RATE * p1
     o2 = earth.EARTH_RATE * p2
     o3 = earth.EARTH_RATE * p3
-    c1 = 2.0 * o1 + r1
-    c2 = 2.0 * o2 + r2
-    c3 = 2.0 * o3
-    f1 = state[3] + (c2 * state[2] - c3 * state[1]) - north * p1
-    f2 = state[4] + (c3 * state[0] - c1 * state[2]) - north * p2
-    f3 = state[5] + (c1 * state[1] - c2 * state[0]) - g3
+    c1, c2, c3 = cross(2.0 * o1 + r1, 2.0 * o2 + r2, 2.0 * o3, state[0], state[1], state[2])
+    f1 = state[3] + c1 - north * p1
+    f2 = state[4] + c2 - north * p2
+    f3 = state[5] + c3 - g3
     o1 += r1
     o2 += r2
-    sr = sin(state[6])
-    cr = cos(state[6])
-    sp = sin(state[7])
-    cp = cos(state[7])
-    sy = sin(state[8])
-    cy = cos(state[8])
-    c11 = cp * cy
-    c12 = cp * sy
-    c13 = -sp
-    c21 = sr * sp * cy - cr * sy
-    c22 = sr * sp * sy + cr * cy
-    c23 = sr * cp
-    c31 = cr * sp * cy + sr * sy
-    c32 = cr * sp * sy - sr * cy
-    c33 = cr * cp
+    sr, cr = sin(state[6]), cos(state[6])
+    sp, cp = sin(state[7]), cos(state[7])
+    sy, cy = sin(state[8]), cos(state[8])
+    c11, c12, c13 = cp * cy, cp * sy, -sp
+    c21, c22, c23 = sr * sp * cy - cr * sy, sr * sp * sy + cr * cy, sr * cp
+    c31, c32, c33 = cr * sp * cy + sr * sy, cr * sp * sy - sr * cy, cr * cp
     return (
         state[9] - sp * state[11] + c11 * o1 + c12 * o2 + c13 * o3,
         cr * state[10] + sr * cp * state[11] + c21 * o1 + c22 * o2 + c23 * o3,
@@ -264,11 +252,7 @@ def _travel_kernel(
     turn = np.zeros((nodes, 2))
     for k in range(out.shape[0]):
         dt = interval[k]
-        w = place[0]
-        x = place[1]
-        y = place[2]
-        z = place[3]
-        h = place[4]
+        w, x, y, z, h = place[0], place[1], place[2], place[3], place[4]
         # Earth's axis in w at the start
         p1 = 2.0 * (x * z - w * y)
         p2 = 2.0 * (y * z + w * x)
@@ -317,24 +301,15 @@ def _travel_kernel(
         f = 1.0 - square / 6.0
         a1 *= f
         a2 *= f
-        place[0] = w * c - x * a1 - y * a2
-        place[1] = x * c + w * a1 - z * a2
-        place[2] = y * c + w * a2 + z * a1
-        place[3] = z * c + x * a2 - y * a1
-        w = place[0]
-        x = place[1]
-        y = place[2]
-        z = place[3]
-        length = 1.0 / sqrt(w * w + x * x + y * y + z * z)
-        w *= length
-        x *= length
-        y *= length
-        z *= length
-        place[0] = w
-        place[1] = x
-        place[2] = y
-        place[3] = z
-        place[4] = h
+        w, x, y, z = (
+            w * c - x * a1 - y * a2,
+            x * c + w * a1 - z * a2,
+            y * c + w * a2 + z * a1,
+            z * c + x * a2 - y * a1,
+        )
+        f = 1.0 / sqrt(w * w + x * x + y * y + z * z)
+        w, x, y, z = w * f, x * f, y * f, z * f
+        place[0], place[1], place[2], place[3], place[4] = w, x, y, z, h
         p1 = 2.0 * (x * z - w * y)
         p2 = 2.0 * (y * z + w * x)
         p3 = w * w - x * x - y * y + z * z
@@ -342,35 +317,24 @@ def _travel_kernel(
         v2 = states[k, nodes, 1]
         r1, r2 = _turn(p1, p2, p3, h, v1, v2)
         o1, o2, o3, f1, f2, f3 = _sense(p1, p2, p3, h, r1, r2, states[k, nodes])
-        out[k, 0] = o1
-        out[k, 1] = o2
-        out[k, 2] = o3
-        out[k, 3] = s0
-        out[k, 4] = s1
-        out[k, 5] = s2
-        out[k, 6] = f1
-        out[k, 7] = f2
-        out[k, 8] = f3
-        out[k, 9] = s3
-        out[k, 10] = s4
-        out[k, 11] = s5
+        out[k, 0], out[k, 1], out[k, 2] = o1, o2, o3
+        out[k, 3], out[k, 4], out[k, 5] = s0, s1, s2
+        out[k, 6], out[k, 7], out[k, 8] = f1, f2, f3
+        out[k, 9], out[k, 10], out[k, 11] = s3, s4, s5
         out[k, 12] = atan2(-p3, hypot(p1, p2))
         out[k, 13] = atan2(-2.0 * (y * z - w * x), -2.0 * (x * z + w * y))
         out[k, 14] = h
         # Heading of the first axis of w
         heading = atan2(-p2, p1)
-        ch = cos(heading)
-        sh = sin(heading)
+        ch, sh = cos(heading), sin(heading)
         out[k, 15] = ch * v1 - sh * v2
         out[k, 16] = sh * v1 + ch * v2
         out[k, 17] = states[k, nodes, 2]
         heading = 0.5 * (heading + states[k, nodes, 8])
-        cy = cos(heading)
-        sy = sin(heading)
-        cp = cos(0.5 * states[k, nodes, 7])
-        sp = sin(0.5 * states[k, nodes, 7])
-        cr = cos(0.5 * states[k, nodes, 6])
-        sr = sin(0.5 * states[k, nodes, 6])
+        pitch, roll = 0.5 * states[k, nodes, 7], 0.5 * states[k, nodes, 6]
+        cy, sy = cos(heading), sin(heading)
+        cp, sp = cos(pitch), sin(pitch)
+        cr, sr = cos(roll), sin(roll)
         out[k, 18] = cy * cp * cr + sy * sp * sr
         out[k, 19] = cy * cp * sr - sy * sp * cr
         out[k, 20] = cy * sp * cr + sy * cp * sr

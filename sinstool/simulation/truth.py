@@ -5,12 +5,9 @@ from __future__ import annotations
 from dataclasses import dataclass, fields
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
 
 from sinstool.core import earth, rotation
-
-FloatArray = NDArray[np.float64]
-IntArray = NDArray[np.int64]
+from sinstool.core.arrays import ArrayLike, FloatArray, IntArray
 
 
 @dataclass(frozen=True)

@@ -66,7 +66,7 @@ class Barometer:
     topic : str
     findings : tuple of Finding
     problem : SinstoolError or None
-        Why it cannot be read, to be raised by whoever needs it.
+        Why it cannot be read, to be raised where it is needed.
     """
 
     stream: Baro | BaroHeight | None = None

@@ -1,4 +1,4 @@
-"""What grade the IMU of a log is: as told, or as its noise at rest says."""
+"""What grade the IMU of a log is: as specified, or by its noise at rest."""
 
 from __future__ import annotations
 

@@ -68,7 +68,7 @@ def _units(s: Survey, options: InputOptions) -> Iterator[Finding]:
                 severity=Severity.FAILED,
             )
         elif options.gyro_unit == "rad/s":
-            yield Finding("gyro-unit", f"topic {s.topic}: {reason}, read as rad/s as told")
+            yield Finding("gyro-unit", f"topic {s.topic}: {reason}, read as rad/s as specified")
     force = s.specific_force_median
     if accel_looks_like_g(force):
         text = f"topic {s.topic}: the specific force is {force:.3f} in size, as in units of g"
@@ -80,7 +80,7 @@ def _units(s: Survey, options: InputOptions) -> Iterator[Finding]:
                 severity=Severity.FAILED,
             )
         elif options.accel_unit == "m/s^2":
-            yield Finding("accel-unit", f"{text}, read as m/s^2 as told")
+            yield Finding("accel-unit", f"{text}, read as m/s^2 as specified")
     elif _looks_like_increments(s, options):
         yield Finding(
             "increments",

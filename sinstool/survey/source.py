@@ -319,7 +319,7 @@ def _gnss(log: Log, config: ProcessConfig, survey_: Survey, all_gnss: bool) -> A
 def _position(
     log: Log, config: ProcessConfig, aiding: AidingData
 ) -> tuple[float | None, float | None, float | None]:
-    """Where the vehicle is: as told, else the log's first fix."""
+    """Where the vehicle is: as specified, else the log's first fix."""
     options = config.align
     if options.latitude is not None:
         return options.latitude, options.longitude, options.height

@@ -9,7 +9,7 @@ import numpy as np
 from sinstool.core.units import DEGREE
 from sinstool.methods.alignment.still import WINDOW_NS, Windows
 
-# Two readings of the gyro are told apart where they predict tilts that differ by this much.
+# Two readings of the gyro are distinguished where they predict tilts that differ by this much.
 TELLING_RAD = 0.1
 TELLING_WINDOWS = 10
 TELLING_SHARE = 0.6

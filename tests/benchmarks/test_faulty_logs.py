@@ -32,10 +32,10 @@ def test_the_drive_itself_is_processed_in_every_mode(drive, tmp_path):
         folder = tmp_path / mode
         folder.mkdir()
         log = faulty.write(drive, "mcap", folder, np.random.default_rng(1))
-        told = {"navigation": {"mode": mode}, "output": {"emit": faulty.EMITS[mode].split(",")}}
+        options = {"navigation": {"mode": mode}, "output": {"emit": faulty.EMITS[mode].split(",")}}
         if mode == "ins":
-            told["align"] = {"align": "level", **faulty.START}
-        summary = process(log, folder / "out.mcap", ProcessConfig(**told)).to_json()
+            options["align"] = {"align": "level", **faulty.START}
+        summary = process(log, folder / "out.mcap", ProcessConfig(**options)).to_json()
         assert faulty.check(log, folder / "out.mcap", summary) == []
         assert summary["output"]["attitudes"] > 2000
 

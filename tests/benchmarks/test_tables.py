@@ -105,8 +105,8 @@ def test_drift_of_a_narrow_cone(kind, rows):
 
 @pytest.mark.slow
 def test_manoeuvres():
-    # The motions of the reference are not known: its numbers are a class, met within a factor
-    # of four by the whole table (tests/coning/test_manoeuvres.py), and an order among the rows.
+    # The motions of the reference are not known: its numbers are a class, met within a factor of
+    # four by the whole table (tests/methods/coning/test_manoeuvres.py), and an order of the rows.
     (table,) = tables.manoeuvres(motions=1, seconds=20.0)
     assert table.columns[0] == "slow at 100 Hz"
     for column in range(4):
@@ -152,9 +152,9 @@ def test_spectrum():
     parameters, drifts = tables.spectrum()
     for label, expected in BROADBAND.items():
         assert drifts.rows[label] == pytest.approx(expected, rel=0.02)
-    folded, told = drifts.rows["optimal-4, mean rates"]
-    assert told == pytest.approx(0.0051, abs=1.5e-4)
-    assert folded - told > 2e-4
+    folded, unfolded = drifts.rows["optimal-4, mean rates"]
+    assert unfolded == pytest.approx(0.0051, abs=1.5e-4)
+    assert folded - unfolded > 2e-4
     # the reference gained as much: 0.0081 to -0.0010, with an end effect of -0.0010 in both
     best, tuned = drifts.rows[f"{SP} (best), rates"], drifts.rows[f"{SP} (auto), rates"]
     np.testing.assert_allclose(np.subtract(best, tuned), 0.0091, atol=1.5e-4)

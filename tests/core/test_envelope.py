@@ -13,18 +13,18 @@ def rows(n, seed=0):
     return T0 + np.arange(n, dtype=np.int64) * 10_000_000, values
 
 
-def kept(time_ns, values, size, groups=16):
-    found = Envelope(values.shape[1], groups)
+def envelope_of(time_ns, values, size, groups=16):
+    result = Envelope(values.shape[1], groups)
     for k in range(0, len(values), size):
-        found.push(time_ns[k : k + size], values[k : k + size])
-    return found
+        result.push(time_ns[k : k + size], values[k : k + size])
+    return result
 
 
 @pytest.mark.parametrize("n", [1, 15, 32, 33, 1000, 4097])
 def test_block_edges_do_not_matter(n):
-    whole = kept(*rows(n), n)
+    whole = envelope_of(*rows(n), n)
     for size in (1, 7, 300):
-        again = kept(*rows(n), size)
+        again = envelope_of(*rows(n), size)
         for one, other in zip(whole.groups(), again.groups(), strict=True):
             np.testing.assert_array_equal(one, other)
     assert len(whole.groups()[0]) <= 33
@@ -33,9 +33,9 @@ def test_block_edges_do_not_matter(n):
 def test_every_group_has_its_extremes():
     time_ns, values = rows(5000)
     values[1234, 0], values[4321, 1] = 1e3, -1e3
-    found = kept(time_ns, values, 61)
-    times, low, high, first = found.groups()
-    size = found.rows_per_group
+    result = envelope_of(time_ns, values, 61)
+    times, low, high, first = result.groups()
+    size = result.rows_per_group
     assert size > 100
     for k, (begin, end) in enumerate(times):
         inside = (time_ns >= begin) & (time_ns <= end)
@@ -43,14 +43,14 @@ def test_every_group_has_its_extremes():
         np.testing.assert_array_equal(low[k], values[inside].min(axis=0))
         np.testing.assert_array_equal(high[k], values[inside].max(axis=0))
         np.testing.assert_array_equal(first[k], values[inside][0])
-    seconds, curve = found.curves(T0)
+    seconds, curve = result.curves(T0)
     assert np.all(np.diff(seconds) >= 0.0)
     assert np.nanmax(curve[:, 0]) == 1e3 and np.nanmin(curve[:, 1]) == -1e3
 
 
 def test_few_rows_are_drawn_as_they_are():
     time_ns, values = rows(20)
-    seconds, curve = kept(time_ns, values, 3).curves(T0)
+    seconds, curve = envelope_of(time_ns, values, 3).curves(T0)
     np.testing.assert_allclose(seconds, (time_ns - T0) * 1e-9)
     np.testing.assert_array_equal(curve, values)
 
@@ -59,7 +59,7 @@ def test_nothing_is_drawn_over_a_gap_nor_where_nothing_is():
     time_ns, values = rows(4000)
     time_ns[2500:] += 30 * 10**9
     values[100:140, 1] = np.nan
-    seconds, curve = kept(time_ns, values, 77).curves(T0)
+    seconds, curve = envelope_of(time_ns, values, 77).curves(T0)
     hole = np.flatnonzero(np.isnan(curve[:, 0]))
     assert len(hole) == 1
     assert seconds[hole[0] + 1] - seconds[hole[0] - 1] > 25.0

@@ -45,7 +45,7 @@ values = st.integers(0, 2)
 def order_by_hand(times, gyro, horizon):
     """One sample at a time."""
     counts = OrderCounts()
-    kept = {}
+    row_at = {}
     newest = last = None
     for row, t in enumerate(times):
         if last is not None and t < last:
@@ -57,12 +57,12 @@ def order_by_hand(times, gyro, horizon):
                 counts.late += 1
                 continue
         newest = t if newest is None else max(newest, t)
-        if t in kept:
+        if t in row_at:
             counts.duplicates += 1
-            counts.differing_duplicates += int(any(gyro[row] != gyro[kept[t]]))
+            counts.differing_duplicates += int(any(gyro[row] != gyro[row_at[t]]))
         else:
-            kept[t] = row
-    return [kept[t] for t in sorted(kept)], counts
+            row_at[t] = row
+    return [row_at[t] for t in sorted(row_at)], counts
 
 
 @given(stamps(), edges, st.integers(0, 120), st.data())

@@ -90,25 +90,25 @@ def blocks(page: Path) -> list[tuple[str, str, str, int]]:
 
 def examples(page: Path) -> list[Example]:
     """The command blocks of a page, each with the output below it."""
-    found: list[Example] = []
+    listed: list[Example] = []
     for language, body, mark, line in blocks(page):
-        kind, _, told = mark.partition(": ")
+        kind, _, note = mark.partition(": ")
         if language in SHELL:
             needs, added, status = "", (), 0
             if mark == "tests":
                 needs = "nothing but is this very run"
-            elif told.startswith("needs "):
-                needs = told.removeprefix("needs ")
-            elif told.startswith("status "):
-                status = int(told.removeprefix("status "))
-            elif told:
-                added = tuple(tuple(part.split(" with ", 1)) for part in told.split("; "))
+            elif note.startswith("needs "):
+                needs = note.removeprefix("needs ")
+            elif note.startswith("status "):
+                status = int(note.removeprefix("status "))
+            elif note:
+                added = tuple(tuple(part.split(" with ", 1)) for part in note.split("; "))
                 assert all(len(part) == 2 for part in added), f"{page}:{line}: {mark}"
-            found.append(Example(page, line, body, needs, added, status))
-        elif language == "text" and found and found[-1].shown is None:
-            unlike = told if kind == "output" else ""
-            found.append(replace(found.pop(), shown=body, unlike=unlike))
-    return found
+            listed.append(Example(page, line, body, needs, added, status))
+        elif language == "text" and listed and listed[-1].shown is None:
+            unlike = note if kind == "output" else ""
+            listed.append(replace(listed.pop(), shown=body, unlike=unlike))
+    return listed
 
 
 def scratch(folder: Path) -> Path:
@@ -146,11 +146,11 @@ def missing(shown: str, printed: str) -> list[str]:
     lines = [" ".join(line.split()) for line in printed.splitlines()]
     at, absent = 0, []
     for line in shown.splitlines():
-        wanted = " ".join(line.split())
-        if wanted in ("", "..."):
+        expected = " ".join(line.split())
+        if expected in ("", "..."):
             continue
         for k in range(at, len(lines)):
-            if alike(wanted, lines[k]):
+            if alike(expected, lines[k]):
                 at = k + 1
                 break
         else:
@@ -158,29 +158,29 @@ def missing(shown: str, printed: str) -> list[str]:
     return absent
 
 
-def alike(wanted: str, printed: str) -> bool:
+def alike(expected: str, printed: str) -> bool:
     """Whether two lines have the same words, and numbers that are nearly the same."""
-    parts = wanted.split("...")
+    parts = expected.split("...")
     if len(parts) == 1:
-        return _alike(wanted, printed)
+        return _alike(expected, printed)
     # Where there are holes numbers must only be numbers.
     pattern = ".*".join(NUMBER_IN_RE.sub(r"[-+.\\deE]+", re.escape(part)) for part in parts)
     return re.fullmatch(pattern, printed) is not None
 
 
-def _alike(wanted: str, printed: str) -> bool:
-    if NUMBER.sub("#", wanted).split() != NUMBER.sub("#", printed).split():
+def _alike(expected: str, printed: str) -> bool:
+    if NUMBER.sub("#", expected).split() != NUMBER.sub("#", printed).split():
         return False
-    pairs = zip(NUMBER.findall(wanted), NUMBER.findall(printed), strict=True)
+    pairs = zip(NUMBER.findall(expected), NUMBER.findall(printed), strict=True)
     return all(near(a, b) for a, b in pairs)
 
 
-def near(wanted: str, printed: str) -> bool:
+def near(expected: str, printed: str) -> bool:
     """Within 1 %, or one and a half of the last digit shown; integers the same."""
-    a, b = float(wanted), float(printed)
-    if re.fullmatch(r"[-+]?\d+", wanted):
+    a, b = float(expected), float(printed)
+    if re.fullmatch(r"[-+]?\d+", expected):
         return a == b
-    mantissa, _, exponent = wanted.lower().partition("e")
+    mantissa, _, exponent = expected.lower().partition("e")
     digits = len(mantissa.partition(".")[2])
     last = 10.0 ** (int(exponent or 0) - digits)
     return abs(a - b) <= max(0.01 * abs(a), 1.5 * last)

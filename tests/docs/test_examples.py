@@ -9,7 +9,7 @@ import pytest
 
 from sinstool.config import ProcessConfig
 from sinstool.config.load import build
-from tests.docs import examples as found
+from tests.docs import examples as docs
 from tests.docs.examples import FENCE, PAGES, ROOT, Example, alike, blocks, examples, missing, near
 
 WITH_EXAMPLES = [page for page in PAGES if examples(page)]
@@ -37,12 +37,12 @@ def name_of(page):
 @pytest.mark.slow
 @pytest.mark.parametrize("page", WITH_EXAMPLES, ids=name_of)
 def test_commands_run_and_print_what_is_shown(page, tmp_path):
-    folder = found.scratch(tmp_path)
+    folder = docs.scratch(tmp_path)
     for example in examples(page):
         if example.needs:
             continue
         where = f"{name_of(page)}:{example.line}"
-        status, out, err = found.run(example, folder)
+        status, out, err = docs.run(example, folder)
         assert status == example.status, (
             f"{where}: status {status}\n{example.script}\n{err[-2000:]}"
         )
@@ -105,7 +105,7 @@ def test_commands_are_not_hidden_in_indented_text():
 
 
 @pytest.mark.parametrize(
-    ("wanted", "printed", "same"),
+    ("documented", "printed", "same"),
     [
         ("sigma 0.453 deg", "sigma 0.4534 deg", True),
         ("sigma 0.453 deg", "sigma 0.46 deg", False),
@@ -120,8 +120,8 @@ def test_commands_are_not_hidden_in_indented_text():
         ("/imu/x-1: 3", "/imu/x-2: 3", False),
     ],
 )
-def test_lines_are_compared_by_words_and_numbers(wanted, printed, same):
-    assert alike(wanted, printed) is same
+def test_lines_are_compared_by_words_and_numbers(documented, printed, same):
+    assert alike(documented, printed) is same
 
 
 def test_lines_are_looked_for_in_order():
@@ -133,4 +133,4 @@ def test_lines_are_looked_for_in_order():
 def test_options_are_added_to_the_command_that_is_named(tmp_path):
     text = "sinstool simulate drive \\\n    -o d.mcap\nsinstool info d.mcap > x\n"
     example = Example(tmp_path, 1, text, added=(("sinstool simulate", "--duration 9"),))
-    assert example.script.split("\n")[1].strip() == "-o d.mcap --duration 9" or found.WHOLE
+    assert example.script.split("\n")[1].strip() == "-o d.mcap --duration 9" or docs.WHOLE

@@ -45,10 +45,10 @@ class Loaded(HTMLParser):
         self.urls = []
 
     def handle_starttag(self, tag, attrs):
-        told = dict(attrs)
-        if tag == "link" and told.get("rel") not in ("canonical", "next", "prev"):
-            self.urls.append(told.get("href"))
-        self.urls += [told[key] for key in ("src", "srcset", "data", "poster") if key in told]
+        values = dict(attrs)
+        if tag == "link" and values.get("rel") not in ("canonical", "next", "prev"):
+            self.urls.append(values.get("href"))
+        self.urls += [values[key] for key in ("src", "srcset", "data", "poster") if key in values]
 
 
 @pytest.mark.slow
@@ -61,8 +61,8 @@ def test_pages_ask_no_other_host(site):
         assert loaded.urls
         assert not [url for url in loaded.urls if url and REMOTE.match(url)], page
     for style in site.rglob("*.css"):
-        found = re.findall(r"url\(([^)]*)\)", style.read_text())
-        assert not [url for url in found if REMOTE.match(url.strip("'\""))], style
+        result = re.findall(r"url\(([^)]*)\)", style.read_text())
+        assert not [url for url in result if REMOTE.match(url.strip("'\""))], style
 
 
 @pytest.mark.slow

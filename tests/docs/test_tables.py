@@ -16,8 +16,8 @@ def test_every_topic_that_can_be_written_is_in_the_table():
     rows = re.findall(r"^\| `(\w+)` \| `(/[\w/]+)` \| (\w+/\w+) \|", text, re.MULTILINE)
     types = {name: topic.type_name for name, topic in TOPICS.items()}
     types["diagnostics"] = DIAGNOSTICS_TYPE
-    wanted = {name: (topic_of(name), types[name].replace("/msg/", "/")) for name in EMITS}
-    assert {name: (topic, kind) for name, topic, kind in rows} == wanted
+    expected = {name: (topic_of(name), types[name].replace("/msg/", "/")) for name in EMITS}
+    assert {name: (topic, kind) for name, topic, kind in rows} == expected
 
 
 def test_every_benchmark_is_in_the_table():
@@ -25,3 +25,11 @@ def test_every_benchmark_is_in_the_table():
     listed = PROGRAM.findall((folder / "README.md").read_text())
     programs = [p.name for p in folder.glob("*.py") if '__name__ == "__main__"' in p.read_text()]
     assert sorted(listed) == sorted(programs)
+
+
+def test_every_file_that_the_documentation_names_is_there():
+    place = re.compile(r"`((?:sinstool|tests|benchmarks|docs|sample_data)/[\w/.-]+)`")
+    pages = [*(ROOT / "docs").rglob("*.md"), ROOT / "README.md", ROOT / "benchmarks" / "README.md"]
+    named = {(page.name, name) for page in pages for name in place.findall(page.read_text())}
+    assert len(named) > 10
+    assert [pair for pair in sorted(named) if not (ROOT / pair[1]).exists()] == []

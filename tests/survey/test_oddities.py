@@ -47,22 +47,22 @@ def rows():
 
 
 @pytest.fixture
-def found(tmp_path):
+def findings_of(tmp_path):
     """Oddities by kind of a log of the given rows or messages."""
 
     def find(rows, **options):
         messages = rows.messages() if isinstance(rows, Rows) else rows
         path = write_log(tmp_path / "log.mcap", messages)
-        told = InputOptions(**options)
+        config = InputOptions(**options)
         with open_log(path) as log:
             surveyed = survey(
                 log,
                 choose_imu(log, None),
-                imu_units(told),
-                max_gap_s=told.max_gap,
-                increments=told.gyro_kind == "increment",
+                imu_units(config),
+                max_gap_s=config.max_gap,
+                increments=config.gyro_kind == "increment",
             )
-        listed = oddities(surveyed, told)
+        listed = oddities(surveyed, config)
         kinds = {o.kind: o for o in listed}
         assert len(kinds) == len(listed)  # each is said once
         fatal = [is_fatal(o) for o in listed]
@@ -76,150 +76,150 @@ def is_fatal(odd):
     return odd.severity == Severity.FAILED
 
 
-def test_nothing_is_odd_about_a_clean_log(rows, found):
-    assert found(rows) == {}
+def test_nothing_is_odd_about_a_clean_log(rows, findings_of):
+    assert findings_of(rows) == {}
 
 
 @pytest.mark.parametrize("start", [0, 37_250_000_000])
-def test_clocks_from_zero_or_from_boot_are_legitimate(rows, found, start):
+def test_clocks_from_zero_or_from_boot_are_legitimate(rows, findings_of, start):
     rows.times = even_times(N, start_ns=start)
     rows.log = rows.times + MILLISECOND
-    assert found(rows) == {}
+    assert findings_of(rows) == {}
 
 
-def test_two_clocks(rows, found):
+def test_two_clocks(rows, findings_of):
     rows.times = even_times(N, start_ns=0)
-    (odd,) = found(rows).values()
+    (odd,) = findings_of(rows).values()
     assert (odd.kind, is_fatal(odd)) == ("clock-offset", False)
     assert "+1700000000.002" in odd.text and "stamps are used" in odd.text
 
 
-def test_bursts_of_log_times_alone(rows, found):
+def test_bursts_of_log_times_alone(rows, findings_of):
     """Stamps in the order of measurement, log times in steps of a second: sorted by stamp."""
     rows.log = -(-rows.times // SECOND) * SECOND
-    (odd,) = found(rows).values()
+    (odd,) = findings_of(rows).values()
     assert odd.kind == "clock-wander" and "+0.995" in odd.text
 
 
-def test_duplicates(rows, found):
+def test_duplicates(rows, findings_of):
     messages = rows.messages()
     messages[500:500] = messages[499:500] * 3
-    (odd,) = found(messages).values()
+    (odd,) = findings_of(messages).values()
     assert odd.kind == "duplicate-stamps" and "3 samples" in odd.text and "(0 with" in odd.text
     rows.times[700] = rows.times[699]
-    odd = found(rows)["duplicate-stamps"]
+    odd = findings_of(rows)["duplicate-stamps"]
     assert "1 samples" in odd.text and "(1 with other" in odd.text
 
 
-def test_backward_stamps(rows, found):
+def test_backward_stamps(rows, findings_of):
     messages = rows.messages()
     messages[500], messages[503] = messages[503], messages[500]
-    odd = found(messages)["backward-stamps"]
+    odd = findings_of(messages)["backward-stamps"]
     assert "by up to 0.015 s" in odd.text and "put in order" in odd.text
 
 
-def test_gaps_from_20_ms_to_4797_s(rows, found):
+def test_gaps_from_20_ms_to_4797_s(rows, findings_of):
     rows.times[1000:] += 15 * MILLISECOND
     rows.times[2000:] += 4797 * SECOND
     rows.log = rows.times
-    (odd,) = found(rows).values()
+    (odd,) = findings_of(rows).values()
     assert odd.kind == "gaps"
     assert "2 gaps longer than 15 ms" in odd.text
     assert "the longest 4797 s" in odd.text and "nothing is integrated across" in odd.text
 
 
-def test_missing_samples(rows, found):
+def test_missing_samples(rows, findings_of):
     messages = rows.messages()
     del messages[1000]
-    (odd,) = found(messages).values()
+    (odd,) = findings_of(messages).values()
     assert odd.kind == "missed-samples" and "1 places" in odd.text
 
 
-def test_intervals_over_four_decades(rows, found):
+def test_intervals_over_four_decades(rows, findings_of):
     rows.times = (
         T0 + np.arange(N // 10)[:, None] * 50 * MILLISECOND + np.arange(10) * 5_000
     ).ravel()
     rows.log = rows.times
-    odd = found(rows)["bursts"]
+    odd = findings_of(rows)["bursts"]
     assert "--imu-rate" in odd.answer and not is_fatal(odd)
 
 
 @pytest.mark.parametrize("rate", [99.50, 285.714, 104.36])
-def test_rates_that_are_not_round_are_not_odd(rows, found, rate):
+def test_rates_that_are_not_round_are_not_odd(rows, findings_of, rate):
     rows.times = even_times(N, rate)
     rows.log = rows.times
     # the motion is now slower or faster than its rates say, which is no matter of time
-    assert found(rows) == {}
+    assert findings_of(rows) == {}
 
 
-def test_sample_and_hold(rows, found):
+def test_sample_and_hold(rows, findings_of):
     held = np.arange(N)
     held[np.random.default_rng(0).random(N) < 0.44] -= 1
     rows.gyro, rows.accel = rows.gyro[held], rows.accel[held]
-    odd = found(rows)["held"]
+    odd = findings_of(rows)["held"]
     assert "% of the samples repeat" in odd.text
 
 
 @pytest.mark.parametrize("rate", [1.0, 4.0, 9.0])
-def test_slow_topics_are_refused(found, rate):
+def test_slow_topics_are_refused(findings_of, rate):
     times = even_times(60, rate)
     gyro, accel = resting(60)
-    odd = found(imu_messages(times, gyro, accel))["slow-imu"]
+    odd = findings_of(imu_messages(times, gyro, accel))["slow-imu"]
     assert is_fatal(odd) and f"{rate:.3g} samples a second" in odd.text
     assert "--imu-topic" in odd.answer and "--imu-rate" in odd.answer
-    assert "slow-imu" not in found(imu_messages(times, gyro, accel), imu_rate=100.0)
+    assert "slow-imu" not in findings_of(imu_messages(times, gyro, accel), imu_rate=100.0)
 
 
-def test_deg_s(rows, found):
+def test_deg_s(rows, findings_of):
     rows.gyro *= 180.0 / np.pi
-    odd = found(rows)["gyro-unit"]
+    odd = findings_of(rows)["gyro-unit"]
     assert is_fatal(odd) and "deg/s" in odd.text and "--gyro-unit deg/s" in odd.answer
     assert "gravity turns" in odd.text
-    assert found(rows, gyro_unit="deg/s") == {}
-    told = found(rows, gyro_unit="rad/s")["gyro-unit"]
-    assert not is_fatal(told) and "read as rad/s as told" in told.text
+    assert findings_of(rows, gyro_unit="deg/s") == {}
+    answer = findings_of(rows, gyro_unit="rad/s")["gyro-unit"]
+    assert not is_fatal(answer) and "read as rad/s as specified" in answer.text
 
 
-def test_rates_too_large_for_rad_s_say_so(found):
+def test_rates_too_large_for_rad_s_say_so(findings_of):
     gyro, accel = resting(1000)
     gyro[100:900, 2] = 400.0  # a turntable in deg/s: gravity does not turn
-    odd = found(imu_messages(even_times(1000), gyro, accel))["gyro-unit"]
+    odd = findings_of(imu_messages(even_times(1000), gyro, accel))["gyro-unit"]
     assert is_fatal(odd) and "reach 400" in odd.text
 
 
-def test_g(rows, found):
+def test_g(rows, findings_of):
     rows.accel /= G
-    odd = found(rows)["accel-unit"]
+    odd = findings_of(rows)["accel-unit"]
     assert is_fatal(odd) and "--accel-unit g" in odd.answer and "1.00" in odd.text
-    assert found(rows, accel_unit="g") == {}
-    told = found(rows, accel_unit="m/s^2")["accel-unit"]
-    assert not is_fatal(told) and "as told" in told.text
+    assert findings_of(rows, accel_unit="g") == {}
+    answer = findings_of(rows, accel_unit="m/s^2")["accel-unit"]
+    assert not is_fatal(answer) and "as specified" in answer.text
 
 
-def test_both_units_wrong_are_both_named(rows, found):
+def test_both_units_wrong_are_both_named(rows, findings_of):
     rows.accel /= G
     rows.gyro *= 180.0 / np.pi
-    kinds = found(rows)
+    kinds = findings_of(rows)
     assert is_fatal(kinds["gyro-unit"]) and (kinds["accel-unit"].severity == Severity.FAILED)
-    assert found(rows, gyro_unit="deg/s", accel_unit="g") == {}
+    assert findings_of(rows, gyro_unit="deg/s", accel_unit="g") == {}
 
 
-def test_gravity_taken_out(rows, found):
+def test_gravity_taken_out(rows, findings_of):
     rows.accel = 0.05 * np.random.default_rng(0).standard_normal((N, 3))
-    odd = found(rows)["no-gravity"]
+    odd = findings_of(rows)["no-gravity"]
     assert not is_fatal(odd) and "--align log" in odd.answer
 
 
 @pytest.mark.parametrize("factor", [0.3, 0.6, 1.5])
-def test_odd_sizes_of_gravity(rows, found, factor):
+def test_odd_sizes_of_gravity(rows, findings_of, factor):
     rows.accel *= factor
-    assert f"mostly {factor * G:.2f}"[:-1] in found(rows)["gravity-size"].text
+    assert f"mostly {factor * G:.2f}"[:-1] in findings_of(rows)["gravity-size"].text
 
 
 @pytest.mark.parametrize("size", [9.5, 9.78, 10.0])
-def test_accelerometers_are_a_little_off(rows, found, size):
+def test_accelerometers_are_a_little_off(rows, findings_of, size):
     rows.accel *= size / G
-    assert found(rows) == {}
+    assert findings_of(rows) == {}
 
 
 TURNS = {
@@ -233,19 +233,19 @@ TURNS = {
 
 
 @pytest.mark.parametrize("axis", TURNS)
-def test_gravity_on_any_axis_and_of_either_sign(rows, found, axis):
+def test_gravity_on_any_axis_and_of_either_sign(rows, findings_of, axis):
     sign, letter = axis
     k = "xyz".index(letter)
     turn = TURNS[axis]
     rows.gyro, rows.accel = turn.apply(rows.gyro), turn.apply(rows.accel)
     assert (rows.accel[:500, k] * (1 if sign == "+" else -1)).mean() > 9.0  # as the name says
-    kinds = found(rows)
+    kinds = findings_of(rows)
     if axis == "+z":
         assert kinds == {}
     else:
         assert set(kinds) == {"gravity-axis"}
         assert f"gravity on {axis} of the sensor, not on +z" in kinds["gravity-axis"].text
-    kinds = found(rows, body_axes="frd")
+    kinds = findings_of(rows, body_axes="frd")
     assert set(kinds) == (set() if axis == "-z" else {"gravity-axis"})
 
 
@@ -256,94 +256,94 @@ def test_gravity_between_axes_has_none():
     assert gravity_axis(np.array([0.0, 9.8, 1.0]), "flu") == "-y"
 
 
-def test_a_large_bias_is_not_motion(rows, found):
+def test_a_large_bias_is_not_motion(rows, findings_of):
     rows.gyro += np.radians([0.0, 0.0, 4.4])
-    assert found(rows) == {}
+    assert findings_of(rows) == {}
     rows.accel = TURNS["+x"].apply(rows.accel)
-    assert set(found(rows)) == {"gravity-axis"}  # so the rest was found all the same
+    assert set(findings_of(rows)) == {"gravity-axis"}  # so the rest was found all the same
 
 
-def test_saturation(rows, found):
+def test_saturation(rows, findings_of):
     limit = 0.8 * np.abs(rows.gyro[:, 0]).max()
     rows.gyro[:, 0] = np.clip(rows.gyro[:, 0], -limit, limit)
-    (odd,) = found(rows).values()
+    (odd,) = findings_of(rows).values()
     assert odd.kind == "saturation" and odd.text.startswith("gyro x stays")
 
 
-def test_nan_and_malformed_rows(rows, found):
+def test_nan_and_malformed_rows(rows, findings_of):
     rows.gyro[100] = np.nan
     rows.accel[200, 1] = np.inf
     messages = rows.messages()
     messages[300] = messages[300]._replace(message=b"\x00\x01\x00\x00???")
-    kinds = found(messages)
+    kinds = findings_of(messages)
     assert set(kinds) == {"not-finite", "malformed", "missed-samples"}
     assert "2 samples" in kinds["not-finite"].text
     assert "1 messages" in kinds["malformed"].text
 
 
-def test_stamps_all_zero(rows, found):
+def test_stamps_all_zero(rows, findings_of):
     rows.times = np.zeros(N, int)
-    (odd,) = found(rows).values()
+    (odd,) = findings_of(rows).values()
     assert odd.kind == "time-source"
     assert "all header stamps are 0 ns" in odd.text and "log times are used" in odd.text
 
 
 @pytest.mark.parametrize("back_s", [3600, 3])
-def test_a_clock_set_back(rows, found, back_s):
+def test_a_clock_set_back(rows, findings_of, back_s):
     rows.times[2000:] -= back_s * SECOND + 1_300_000
-    (odd,) = found(rows).values()
+    (odd,) = findings_of(rows).values()
     assert odd.kind == "time-source" and "back" in odd.text
 
 
-def test_samples_that_come_too_late(rows, found):
+def test_samples_that_come_too_late(rows, findings_of):
     """Neither clock is in order, further than can be put in place."""
     rows.times = np.zeros(N, int)
     rows.log[:1000] += 3600 * SECOND
-    kinds = found(rows)
+    kinds = findings_of(rows)
     assert "time-source" in kinds
     assert f"{N - 1000} samples came too late" in kinds["late-samples"].text
 
 
-def test_one_sample(found):
-    (odd,) = found(imu_messages(T0 + np.zeros(1, int), [0.0, 0, 0], [0.0, 0, G])).values()
+def test_one_sample(findings_of):
+    (odd,) = findings_of(imu_messages(T0 + np.zeros(1, int), [0.0, 0, 0], [0.0, 0, G])).values()
     assert odd.kind == "one-sample"
 
 
-def test_orientations(rows, found):
+def test_orientations(rows, findings_of):
     rows.covariance = 0.0
     rows.q = rows.attitude.as_quat()
     rows.q[1::2] *= -1.0  # signs flip between samples
-    assert found(rows) == {}
+    assert findings_of(rows) == {}
     rows.covariance = np.full(9, -1.0)
     rows.q = np.array([0.0, 0.0, 0.0, 1.0])
-    assert found(rows) == {}
+    assert findings_of(rows) == {}
     rows.covariance = 0.0
-    (odd,) = found(rows).values()
+    (odd,) = findings_of(rows).values()
     assert odd.kind == "constant-orientation" and "placeholder" in odd.text
 
 
-def test_orientation_in_another_order(rows, found):
+def test_orientation_in_another_order(rows, findings_of):
     """w, x, y, z in the fields x, y, z, w."""
     rows.covariance = 0.0
     heading = Rotation.from_euler("z", 70, degrees=True)
     rows.q = np.roll((heading * rows.attitude).as_quat(), 1, axis=1)
-    odd = found(rows)["orientation-tilt"]
+    odd = findings_of(rows)["orientation-tilt"]
     assert "--align log" in odd.answer and "order" in odd.text
 
 
 @pytest.mark.parametrize("kind", ["mean-rate", "increment"])
-def test_other_kinds_of_gyro(rows, found, kind):
+def test_other_kinds_of_gyro(rows, findings_of, kind):
     if kind == "increment":
         rows.gyro, rows.accel = rows.gyro * 0.005, rows.accel * 0.005
-        odd = found(rows)["increments"]  # read as what they are not
+        odd = findings_of(rows)["increments"]  # read as what they are not
         assert (
             is_fatal(odd)
             and "or 9.90 if samples are increments" in odd.text
             and "--gyro-kind increment" in odd.answer
         )
-        assert found(rows, accel_unit="m/s^2")["no-gravity"]
-        assert "increments" not in found(rows, imu_rate=100.0)
-    assert found(rows, gyro_kind=kind) == {}
+        assert findings_of(rows, accel_unit="m/s^2")["no-gravity"]
+        assert "increments" not in findings_of(rows, imu_rate=100.0)
+    assert findings_of(rows, gyro_kind=kind) == {}
 
 
 def test_an_oddity_reads_as_a_sentence_with_its_answer(tmp_path):
@@ -354,9 +354,9 @@ def test_an_oddity_reads_as_a_sentence_with_its_answer(tmp_path):
     assert str(odd) == f"{odd.text}: {odd.answer}"
 
 
-def test_a_simulated_rest_is_not_held(rows, found):
+def test_a_simulated_rest_is_not_held(rows, findings_of):
     """Three seconds without any noise, then a moving hand: nothing is published twice."""
     rows.gyro[:600], rows.accel[:600] = 0.0, [0.0, 0.0, G]
-    assert "held" not in found(rows)
+    assert "held" not in findings_of(rows)
     rows.gyro[1::2], rows.accel[1::2] = rows.gyro[::2], rows.accel[::2]
-    assert "held" in found(rows)
+    assert "held" in findings_of(rows)

@@ -110,7 +110,7 @@ def decompress_prefix(name: str, data: bytes | memoryview, limit: int) -> bytes 
 
 
 def compression_of(data: bytes | memoryview) -> str:
-    """What data is compressed by, told by its first bytes; '' where it is nothing we know."""
+    """Compression of data by its first bytes; '' where they are of none that we know."""
     head = bytes(data[:10])
     return next((name for name, magic in _MAGICS.items() if head.startswith(magic)), "")
 

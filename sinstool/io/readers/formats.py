@@ -1,4 +1,4 @@
-"""What a log is, told by its first bytes: one table for all who ask, without numpy."""
+"""The format of a log by its first bytes: one table, without numpy."""
 
 from __future__ import annotations
 

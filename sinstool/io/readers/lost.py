@@ -5,6 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from typing import Any
 
+from sinstool.core.finding import Finding, Severity
+
 # A log damaged in more places than this is not described place by place.
 MAX_PARTS = 1000
 
@@ -30,6 +32,10 @@ class LogLosses:
     chunks: int
     messages_read: int | None
     messages_declared: int | None
+
+    def findings(self) -> list[Finding]:
+        """A finding for each lost part."""
+        return [Finding("lost-part", f"lost: {part}", Severity.LOST) for part in self.parts]
 
 
 @dataclass(eq=False)

@@ -169,7 +169,7 @@ class McapFile(FileLog):
         if head[:1] == bytes([Opcode.CHUNK]) or pos in self.chunk_starts:
             chunk = self._parse_chunk(pos, end)
         if chunk is None and (at := packed_at(head)) >= 0:
-            # A chunk whose header is gone; what it is compressed by is told by its data.
+            # A chunk whose header is gone: the data themselves show their compression.
             chunk = ChunkPlace(pos, 0, 0, -1, 0, 0, compression_of(head[at:]), pos + at, 0)
         if chunk is None:
             again = self._next(min(pos + 1, doubt), end)

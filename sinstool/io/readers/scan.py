@@ -151,7 +151,7 @@ def rosbag1_record(buffer, pos):  # type: ignore[no-untyped-def]
         field = name + width
         if field > header_end:
             return nothing
-        # the names a message has are told by first letter and width: op=., conn=...., time=........
+        # a field is recognised by its first letter and width: op=., conn=...., time=........
         if width == 4 and buffer[name] == 111 and buffer[name + 2] == 61:
             op = np.int64(buffer[name + 3])
         elif width == 9 and buffer[name] == 99 and buffer[name + 4] == 61:

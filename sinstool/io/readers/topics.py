@@ -178,7 +178,7 @@ def choose_optional(log: Log, flag: str, name: str | None, *types: str) -> tuple
     topics = topics_of_type(log, *types)
     if name is not None:
         if name in topics:
-            log_choice(flag.removeprefix("--").replace("-", " "), f"{name}, as told")
+            log_choice(flag.removeprefix("--").replace("-", " "), f"{name}, as specified")
             return topics[name]
         kinds = ", ".join(t.replace("/msg/", "/") for t in types)
         hint = nearest(name, topics) or (f"there are {', '.join(topics)}" if topics else "")

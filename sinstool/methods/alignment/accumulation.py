@@ -21,13 +21,11 @@ from dataclasses import dataclass, replace
 
 import numba
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
 
-from sinstool.core.quaternion_kernels import dcm, product, unit_factor
+from sinstool.core.arrays import ArrayLike, BoolArray, FloatArray, IntArray
+from sinstool.core.quaternion_kernels import cross, dcm, product, row, to_unit
 from sinstool.core.rotation import to_dcm
 from sinstool.core.streams import take_rows
-
-FloatArray = NDArray[np.float64]
 
 # A row, and the head of the state, is: time, attitude, alpha, its integral, sensitivities.
 _Q, _ALPHA, _XI = 1, 5, 8
@@ -84,7 +82,7 @@ class InertialRows:
     def __len__(self) -> int:
         return len(self.time_s)
 
-    def rows(self, which: slice | NDArray[np.bool_] | NDArray[np.int64]) -> InertialRows:
+    def rows(self, which: slice | BoolArray | IntArray) -> InertialRows:
         """Rows by slice, mask or index array."""
         return take_rows(self, which)
 
@@ -187,29 +185,23 @@ def _advance(src, dst, tx, ty, tz, vx, vy, vz, ox, oy, oz, ux, uy, uz, step):  #
 
     t and v are the increments; o and u what coning and sculling with the previous interval add.
     """
-    w = src[1]
-    x = src[2]
-    y = src[3]
-    z = src[4]
+    w, x, y, z = src[1], src[2], src[3], src[4]
     c00, c01, c02, c10, c11, c12, c20, c21, c22 = dcm(w, x, y, z)
 
     # Velocity turned within the interval: exact for constant rate and force.
     turn = tx * tx + ty * ty + tz * tz
     once = 0.5 - turn / 24.0
     twice = 1.0 / 6.0 - turn / 120.0
-    ax = ty * vz - tz * vy
-    ay = tz * vx - tx * vz
-    az = tx * vy - ty * vx
-    bx = vx + once * ax + twice * (ty * az - tz * ay) + ux
-    by = vy + once * ay + twice * (tz * ax - tx * az) + uy
-    bz = vz + once * az + twice * (tx * ay - ty * ax) + uz
+    ax, ay, az = cross(tx, ty, tz, vx, vy, vz)
+    bx, by, bz = cross(tx, ty, tz, ax, ay, az)
+    bx = vx + once * ax + twice * bx + ux
+    by = vy + once * ay + twice * by + uy
+    bz = vz + once * az + twice * bz + uz
     dx = c00 * bx + c01 * by + c02 * bz
     dy = c10 * bx + c11 * by + c12 * bz
     dz = c20 * bx + c21 * by + c22 * bz
 
-    px = tx + ox
-    py = ty + oy
-    pz = tz + oz
+    px, py, pz = tx + ox, ty + oy, tz + oz
     square = px * px + py * py + pz * pz
     if square < 0.05:
         u = 0.25 * square  # Taylor in the squared half angle: what follows is below 1e-16
@@ -221,19 +213,8 @@ def _advance(src, dst, tx, ty, tz, vx, vy, vz, ox, oy, oz, ux, uy, uz, step):  #
         angle = np.sqrt(square)
         cosine = np.cos(0.5 * angle)
         scale = np.sin(0.5 * angle) / angle
-    px *= scale
-    py *= scale
-    pz *= scale
-    w, x, y, z = product(w, x, y, z, cosine, px, py, pz)
-    scale = unit_factor(w * w + x * x + y * y + z * z)
-    w *= scale
-    x *= scale
-    y *= scale
-    z *= scale
-    dst[1] = w
-    dst[2] = x
-    dst[3] = y
-    dst[4] = z
+    w, x, y, z = to_unit(*product(w, x, y, z, cosine, px * scale, py * scale, pz * scale))
+    dst[1], dst[2], dst[3], dst[4] = w, x, y, z
 
     dst[8] = src[8] + step * (src[5] + 0.5 * dx)
     dst[9] = src[9] + step * (src[6] + 0.5 * dy)
@@ -255,24 +236,16 @@ def _advance(src, dst, tx, ty, tz, vx, vy, vz, ox, oy, oz, ux, uy, uz, step):  #
         else:
             m0, m1, m2, rate, force = c02, c12, c22, tz, vz
         # Attitude per gyro bias, then per gyro scale; velocity follows from the middle of each.
-        h0 = src[11 + j] + 0.5 * m0 * step
-        h1 = src[14 + j] + 0.5 * m1 * step
-        h2 = src[17 + j] + 0.5 * m2 * step
-        dst[20 + j] = src[20 + j] + dy * h2 - dz * h1
-        dst[23 + j] = src[23 + j] + dz * h0 - dx * h2
-        dst[26 + j] = src[26 + j] + dx * h1 - dy * h0
-        dst[11 + j] = src[11 + j] + m0 * step
-        dst[14 + j] = src[14 + j] + m1 * step
-        dst[17 + j] = src[17 + j] + m2 * step
-        h0 = src[29 + j] + 0.5 * m0 * rate
-        h1 = src[32 + j] + 0.5 * m1 * rate
-        h2 = src[35 + j] + 0.5 * m2 * rate
-        dst[38 + j] = src[38 + j] + dy * h2 - dz * h1
-        dst[41 + j] = src[41 + j] + dz * h0 - dx * h2
-        dst[44 + j] = src[44 + j] + dx * h1 - dy * h0
-        dst[29 + j] = src[29 + j] + m0 * rate
-        dst[32 + j] = src[32 + j] + m1 * rate
-        dst[35 + j] = src[35 + j] + m2 * rate
+        for at, error in ((11 + j, step), (29 + j, rate)):
+            h0 = src[at] + 0.5 * m0 * error
+            h1 = src[at + 3] + 0.5 * m1 * error
+            h2 = src[at + 6] + 0.5 * m2 * error
+            dst[at + 9] = src[at + 9] + dy * h2 - dz * h1
+            dst[at + 12] = src[at + 12] + dz * h0 - dx * h2
+            dst[at + 15] = src[at + 15] + dx * h1 - dy * h0
+            dst[at] = src[at] + m0 * error
+            dst[at + 3] = src[at + 3] + m1 * error
+            dst[at + 6] = src[at + 6] + m2 * error
         dst[47 + j] = src[47 + j] + m0 * force
         dst[50 + j] = src[50 + j] + m1 * force
         dst[53 + j] = src[53 + j] + m2 * force
@@ -311,18 +284,10 @@ def _accumulate_kernel(time, theta, velocity, epochs, state, out):  # type: igno
             before = step
         # With unequal intervals the previous increments stand for the same duration.
         even = step / before
-        tx = theta[k, 0]
-        ty = theta[k, 1]
-        tz = theta[k, 2]
-        vx = velocity[k, 0]
-        vy = velocity[k, 1]
-        vz = velocity[k, 2]
-        qx = state[56] * even
-        qy = state[57] * even
-        qz = state[58] * even
-        rx = state[59] * even
-        ry = state[60] * even
-        rz = state[61] * even
+        tx, ty, tz = row(theta, k)
+        vx, vy, vz = row(velocity, k)
+        qx, qy, qz = state[56] * even, state[57] * even, state[58] * even
+        rx, ry, rz = state[59] * even, state[60] * even, state[61] * even
         # Distance between the middles of both intervals, and thus rates of change.
         apart = 0.5 * (before + step)
 

@@ -10,15 +10,13 @@ from __future__ import annotations
 
 import numba
 import numpy as np
-from numpy.typing import NDArray
 
+from sinstool.core.arrays import FloatArray, IntArray
 from sinstool.core.rotation import skew
 from sinstool.methods.alignment.accumulation import InertialRows
 from sinstool.methods.alignment.pairs import Pairs, PairSums, cross_columns, velocity_gains
 from sinstool.methods.alignment.wahba import solve_triad
 from sinstool.methods.sensor_errors import SensorGrade
-
-FloatArray = NDArray[np.float64]
 
 # Of parallel vectors, information about their axis and the noise there are both zero, and their
 # ratio nothing: this much of the whole is added to each, and the axis counts as unknown.
@@ -150,7 +148,7 @@ def _correlate(d, decay):  # type: ignore[no-untyped-def]
     return out
 
 
-def middles(time_s: FloatArray, ends: NDArray[np.int64]) -> NDArray[np.int64]:
+def middles(time_s: FloatArray, ends: IntArray) -> IntArray:
     """Rows nearest to half way from row 0 to each end."""
     half = 0.5 * (time_s[0] + time_s[ends])
     right = np.clip(np.searchsorted(time_s, half), 1, len(time_s) - 1)
@@ -158,8 +156,8 @@ def middles(time_s: FloatArray, ends: NDArray[np.int64]) -> NDArray[np.int64]:
 
 
 def triad_attitude(
-    rows: InertialRows, beta: FloatArray, ends: NDArray[np.int64]
-) -> tuple[FloatArray, NDArray[np.int64]]:
+    rows: InertialRows, beta: FloatArray, ends: IntArray
+) -> tuple[FloatArray, IntArray]:
     """``C_ib0^i`` from the integrals from row 0 to the middle and to the end.
 
     Kept for comparison: two vectors hold little of what the fixes know, and where the force
@@ -192,9 +190,9 @@ def triad_attitude(
 def triad_covariance(
     rows: InertialRows,
     sigma: FloatArray,
-    middle: NDArray[np.int64],
-    ends: NDArray[np.int64],
-    at: NDArray[np.int64],
+    middle: IntArray,
+    ends: IntArray,
+    at: IntArray,
     grade: SensorGrade,
     kappa: float,
 ) -> FloatArray:

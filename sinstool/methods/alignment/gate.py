@@ -10,13 +10,10 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from sinstool.core.arrays import BoolArray, FloatArray, IntArray
 from sinstool.core.units import STANDARD_GRAVITY
 from sinstool.methods.alignment.inflight_types import GateLimits, ImuIncrements
-
-FloatArray = NDArray[np.float64]
-BoolArray = NDArray[np.bool_]
 
 LIFT_OFF_FORCE = 2.0 * STANDARD_GRAVITY
 LIFT_OFF_S = 0.1
@@ -35,7 +32,7 @@ class Dynamics:
         Norms: m/s^2, m/s^3, rad/s, rad/s^2. The first changes are 0.
     """
 
-    time_ns: NDArray[np.int64]
+    time_ns: IntArray
     force: FloatArray
     force_step: FloatArray
     rate: FloatArray
@@ -90,7 +87,7 @@ def _trailing_mean(values: FloatArray, width: int) -> FloatArray:
     return np.asarray((sums[end] - sums[begin]) / (end - begin)[:, None])
 
 
-def run_lengths(flags: BoolArray) -> NDArray[np.int64]:
+def run_lengths(flags: BoolArray) -> IntArray:
     """For each sample, how many flags in a row are true up to it."""
     index = np.arange(len(flags))
     last = np.maximum.accumulate(np.where(flags, -1, index)) if len(flags) else index

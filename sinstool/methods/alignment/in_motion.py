@@ -11,8 +11,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from sinstool.core.arrays import FloatArray
 from sinstool.core.errors import AlignmentError
 from sinstool.core.streams import GnssEpochs, Imu
 from sinstool.core.timeline import SECOND
@@ -20,8 +20,6 @@ from sinstool.methods.alignment.inflight import InFlightAlignment, align_in_flig
 from sinstool.methods.alignment.inflight_types import AlignmentSettings, GnssFixes, ImuIncrements
 from sinstool.methods.alignment.solution import carried
 from sinstool.methods.sensor_errors import SensorGrade
-
-FloatArray = NDArray[np.float64]
 
 # Without a gate, alignment begins when the vehicle does, and takes this much at first.
 MOVING_M_S = 2.0

@@ -30,6 +30,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
+from sinstool.core.arrays import FloatArray, IntArray
 from sinstool.core.errors import AlignmentError
 from sinstool.core.rotation import from_dcm, to_dcm
 from sinstool.methods.alignment import refine as refinement
@@ -41,12 +42,10 @@ from sinstool.methods.alignment.inflight_types import (
     UNIFORM_SIGMA,
     AlignmentSeries,
     AlignmentSettings,
-    FloatArray,
     GnssFixes,
     ImuIncrements,
     RefinedErrors,
     Status,
-    TimeArray,
 )
 from sinstool.methods.alignment.preparation import prepare_fixes, stretches
 from sinstool.methods.alignment.segments import Candidate, candidates
@@ -128,12 +127,12 @@ class InFlightAlignment:
     time_to_align_s: float | None = None
     errors: RefinedErrors | None = None
     series: AlignmentSeries | None = None
-    residual_ns: TimeArray = field(default_factory=lambda: np.empty(0, np.int64))
+    residual_ns: IntArray = field(default_factory=lambda: np.empty(0, np.int64))
     residuals: FloatArray = field(default_factory=lambda: np.empty((0, 3)))
 
     _chain: AttitudeChain | None = field(default=None, repr=False, compare=False)
 
-    def attitude_at(self, time_ns: TimeArray) -> FloatArray:
+    def attitude_at(self, time_ns: IntArray) -> FloatArray:
         """Attitude at any times of the unbroken stretch of the log that holds the segment.
 
         Parameters

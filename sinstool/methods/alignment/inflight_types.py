@@ -9,14 +9,11 @@ from dataclasses import dataclass, field, replace
 from typing import Any, Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
+from sinstool.core.arrays import BoolArray, FloatArray, IntArray
 from sinstool.core.errors import AlignmentError
 from sinstool.core.streams import take_rows
 from sinstool.methods.sensor_errors import SIMULATED_GRADES, SensorGrade
-
-FloatArray = NDArray[np.float64]
-TimeArray = NDArray[np.int64]
 
 Status = Literal["ok", "degraded", "level-only", "unobservable", "failed"]
 
@@ -52,7 +49,7 @@ class ImuIncrements:
         here: alignment drops them.
     """
 
-    time_ns: TimeArray
+    time_ns: IntArray
     delta_theta: FloatArray
     delta_velocity: FloatArray
 
@@ -95,7 +92,7 @@ class GnssFixes:
         If time runs backward.
     """
 
-    time_ns: TimeArray
+    time_ns: IntArray
     latitude: FloatArray
     longitude: FloatArray
     height: FloatArray
@@ -128,7 +125,7 @@ def _columns(of: Any, shapes: tuple[tuple[str, int], ...]) -> None:
         object.__setattr__(of, name, values)
 
 
-def _forward(time_ns: TimeArray, what: str) -> None:
+def _forward(time_ns: IntArray, what: str) -> None:
     back = np.flatnonzero(np.diff(time_ns) < 0)
     if len(back):
         raise AlignmentError(
@@ -273,13 +270,13 @@ class AlignmentSeries:
         All four limits of the gate hold.
     """
 
-    time_ns: TimeArray
+    time_ns: IntArray
     q_nb: FloatArray
     sigma: FloatArray
     sigma_worst: FloatArray
     rho: FloatArray
     singular_values: FloatArray
-    calm: NDArray[np.bool_]
+    calm: BoolArray
 
 
 @dataclass(frozen=True)

@@ -11,15 +11,13 @@ from dataclasses import dataclass
 
 import numba
 import numpy as np
-from numpy.typing import NDArray
 
+from sinstool.core.arrays import BoolArray, FloatArray, IntArray
+from sinstool.core.quaternion_kernels import cross, put
 from sinstool.core.rotation import to_dcm
 from sinstool.core.streams import take_rows
 from sinstool.methods.alignment.accumulation import InertialRows
 from sinstool.methods.alignment.reference import acceleration_reference
-
-FloatArray = NDArray[np.float64]
-IndexArray = NDArray[np.int64]
 
 
 @dataclass(frozen=True)
@@ -42,15 +40,15 @@ class Pairs:
     alpha: FloatArray
     beta: FloatArray
     weight: FloatArray
-    newer: IndexArray
-    older: IndexArray
+    newer: IntArray
+    older: IntArray
     scale: FloatArray
     gains: FloatArray
 
     def __len__(self) -> int:
         return len(self.alpha)
 
-    def rows(self, which: slice | NDArray[np.bool_]) -> Pairs:
+    def rows(self, which: slice | BoolArray) -> Pairs:
         """Pairs by slice or mask; `newer` and `older` stay as they are."""
         return take_rows(self, which)
 
@@ -82,7 +80,7 @@ def integrated_pairs(
     level: FloatArray,
     length: int,
     sigma_usual: float,
-    calm_until: IndexArray | None = None,
+    calm_until: IntArray | None = None,
 ) -> Pairs:
     """Pairs ``win`` and ``int``.
 
@@ -133,7 +131,7 @@ def differentiated_pairs(
     velocity_n: FloatArray,
     level: FloatArray,
     sigma_usual: float,
-    calm_until: IndexArray | None = None,
+    calm_until: IntArray | None = None,
 ) -> Pairs:
     """Pairs ``diff`` and ``diffc``: specific force against differentiated velocity.
 
@@ -346,20 +344,14 @@ def _run_kernel(terms, parts, newer, older, end, variance, rate, state, touched,
             state[i] *= decay * decay
         if terms[j, 54] > 0.0:
             for side in range(2):
-                row = newer[j] if side == 0 else older[j]
+                fix = newer[j] if side == 0 else older[j]
                 sign = 1.0 if side == 0 else -1.0
-                late = np.exp(state[61] - touched[row, 3])
-                x = touched[row, 0] * late
-                y = touched[row, 1] * late
-                z = touched[row, 2] * late
-                nx = x + sign * parts[j, 0]
-                ny = y + sign * parts[j, 1]
-                nz = z + sign * parts[j, 2]
-                touched[row, 0] = nx
-                touched[row, 1] = ny
-                touched[row, 2] = nz
-                touched[row, 3] = state[61]
-                v = variance[row]
+                late = np.exp(state[61] - touched[fix, 3])
+                x, y, z = touched[fix, 0] * late, touched[fix, 1] * late, touched[fix, 2] * late
+                nx, ny, nz = x + sign * parts[j, 0], y + sign * parts[j, 1], z + sign * parts[j, 2]
+                put(touched, fix, nx, ny, nz)
+                touched[fix, 3] = state[61]
+                v = variance[fix]
                 state[55] += v * (nx * nx - x * x)
                 state[56] += v * (nx * ny - x * y)
                 state[57] += v * (nx * nz - x * z)
@@ -428,9 +420,7 @@ def _centre_kernel(values, end, weight, noise, rate, state, out):  # type: ignor
             for j in range(3):
                 at = 61 + 9 * g + j
                 h = 6 + 9 * g + j
-                x = left[1] * left[h + 6] - left[2] * left[h + 3]
-                y = left[2] * left[h] - left[0] * left[h + 6]
-                z = left[0] * left[h + 3] - left[1] * left[h]
+                x, y, z = cross(left[0], left[1], left[2], left[h], left[h + 3], left[h + 6])
                 state[at] = state[at] * decay + new * x
                 state[at + 3] = state[at + 3] * decay + new * y
                 state[at + 6] = state[at + 6] * decay + new * z

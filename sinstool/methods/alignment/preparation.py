@@ -5,14 +5,13 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.ndimage import median_filter
 
+from sinstool.core.arrays import FloatArray, IntArray
 from sinstool.core.errors import AlignmentError
 from sinstool.methods.alignment.gate import dynamics, saturated
 from sinstool.methods.alignment.inflight_types import (
     AlignmentSettings,
-    FloatArray,
     GnssFixes,
     ImuIncrements,
 )
@@ -191,15 +190,15 @@ def noise_level(sigma: FloatArray, interval_s: float) -> FloatArray:
     return np.asarray(median_filter(sigma, size=width, mode="reflect"))
 
 
-def _span_s(time_ns: NDArray[np.int64]) -> float:
+def _span_s(time_ns: IntArray) -> float:
     return float(time_ns[-1] - time_ns[0]) * 1e-9 if len(time_ns) else 0.0
 
 
-def _usual_s(time_ns: NDArray[np.int64]) -> float:
+def _usual_s(time_ns: IntArray) -> float:
     return float(np.median(np.diff(time_ns))) * 1e-9 if len(time_ns) > 1 else 0.0
 
 
-def gap_edges(time_s: FloatArray) -> tuple[NDArray[np.int64], float]:
+def gap_edges(time_s: FloatArray) -> tuple[IntArray, float]:
     """Where fixes are missing for so long that integrals from before are worth nothing.
 
     Parameters

@@ -8,11 +8,9 @@ and no pole and no date line is special.
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
 from sinstool.core import earth
-
-FloatArray = NDArray[np.float64]
+from sinstool.core.arrays import FloatArray, IntArray
 
 
 def to_inertial(vectors_e: FloatArray, time_s: FloatArray) -> FloatArray:
@@ -93,7 +91,7 @@ def acceleration_reference(
     height: FloatArray,
     velocity_n: FloatArray,
     central: bool,
-) -> tuple[FloatArray, NDArray[np.int64], NDArray[np.int64], NDArray[np.int64]]:
+) -> tuple[FloatArray, IntArray, IntArray, IntArray]:
     """Specific force at fixes, from differentiated velocity, in ``i``; eq. (4) of Qu et al.
 
     Parameters

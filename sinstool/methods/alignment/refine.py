@@ -17,14 +17,12 @@ from dataclasses import dataclass
 
 import numba
 import numpy as np
-from numpy.typing import NDArray
 
+from sinstool.core.arrays import BoolArray, FloatArray
 from sinstool.core.rotation import exp, to_dcm
 from sinstool.methods.alignment.accumulation import InertialRows
 from sinstool.methods.alignment.pairs import cross_columns
 from sinstool.methods.sensor_errors import SensorGrade
-
-FloatArray = NDArray[np.float64]
 
 STATES = 22
 THETA, S, BA, BG, KA, KG, LEVER, TAU = 0, 3, 6, 9, 12, 15, 18, 21
@@ -68,7 +66,7 @@ def refine(
     rows: InertialRows,
     beta: FloatArray,
     sigma: FloatArray,
-    use: NDArray[np.bool_],
+    use: BoolArray,
     dcm: FloatArray,
     grade: SensorGrade,
     start_sigma: float = START_SIGMA,

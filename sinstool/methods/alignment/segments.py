@@ -5,8 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from sinstool.core.arrays import BoolArray, FloatArray
 from sinstool.core.streams import take_rows
 from sinstool.methods.alignment import gate, preparation
 from sinstool.methods.alignment.accumulation import accumulate
@@ -21,8 +21,6 @@ from sinstool.methods.alignment.solution import (
     solution_covariance,
     solve,
 )
-
-FloatArray = NDArray[np.float64]
 
 MANY_REJECTED = 0.2
 NEIGHBOURS = 5
@@ -65,7 +63,7 @@ class Candidate:
     warnings: list[str]
 
 
-def plausible_fixes(alpha: FloatArray, beta: FloatArray, sigma: FloatArray) -> NDArray[np.bool_]:
+def plausible_fixes(alpha: FloatArray, beta: FloatArray, sigma: FloatArray) -> BoolArray:
     """Fixes whose velocity agrees with most of its neighbours, before any attitude is known.
 
     A rotation leaves lengths as they are: between two fixes the integrated vector must be as long
@@ -182,8 +180,8 @@ def _candidate(
     everything: Segment,
     inside: GnssFixes,
     motion: gate.Dynamics,
-    part: NDArray[np.bool_],
-    good: NDArray[np.bool_],
+    part: BoolArray,
+    good: BoolArray,
     settings: AlignmentSettings,
     lift_off_ns: int,
     reasons: list[str],

@@ -5,8 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
 
+from sinstool.core.arrays import ArrayLike, BoolArray, FloatArray, IntArray
 from sinstool.core.rotation import exp, from_dcm, to_dcm
 from sinstool.core.streams import take_rows
 from sinstool.methods.alignment import pairs as pairing
@@ -27,9 +27,6 @@ from sinstool.methods.alignment.pairs import (
 from sinstool.methods.alignment.reference import dcm_ni, position_reference, velocity_reference
 from sinstool.methods.alignment.refine import theta_at
 from sinstool.methods.alignment.wahba import SOLVERS, singular_values
-
-FloatArray = NDArray[np.float64]
-IndexArray = NDArray[np.int64]
 
 POSITION_SERIES_S = 2.0
 MIN_POSITION_COURSE_S = 5.0
@@ -58,12 +55,12 @@ class Segment:
     velocity_n: FloatArray
     sigma: FloatArray
     level: FloatArray
-    not_calm: IndexArray
+    not_calm: IntArray
 
     def __len__(self) -> int:
         return len(self.rows)
 
-    def take(self, which: slice | NDArray[np.bool_] | IndexArray) -> Segment:
+    def take(self, which: slice | BoolArray | IntArray) -> Segment:
         """Rows by slice or mask."""
         return take_rows(self, which)
 
@@ -218,7 +215,7 @@ class Course:
     second, singular : ndarray, shapes (k, 3, 3) and (k, 3)
     """
 
-    rows: IndexArray
+    rows: IntArray
     dcm: FloatArray
     covariance: FloatArray
     second: FloatArray
@@ -330,7 +327,7 @@ def explain_residuals(solution: Solution, segment: Segment) -> str:
     return text
 
 
-def position_between(fixes: GnssFixes, time_ns: NDArray[np.int64]) -> tuple[FloatArray, FloatArray]:
+def position_between(fixes: GnssFixes, time_ns: IntArray) -> tuple[FloatArray, FloatArray]:
     """Latitude and longitude between fixes, and a little beyond them.
 
     Parameters
@@ -430,7 +427,7 @@ class AttitudeChain:
         q[order] = from_dcm(self.dcm_ni(times[order]) @ self.dcm_ib(rows))
         return q
 
-    def dcm_ni(self, time_ns: NDArray[np.int64]) -> FloatArray:
+    def dcm_ni(self, time_ns: IntArray) -> FloatArray:
         """``C_i^n`` at given times."""
         latitude, longitude = position_between(self.fixes, time_ns)
         return dcm_ni(

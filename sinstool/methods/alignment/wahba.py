@@ -15,11 +15,9 @@ References
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
 
+from sinstool.core.arrays import ArrayLike, FloatArray
 from sinstool.core.rotation import multiply, to_dcm
-
-FloatArray = NDArray[np.float64]
 
 # Signs of B's columns that turn the problem by half a turn about each axis, and none.
 _HALF_TURNS = np.array([[1.0, 1, 1], [1, -1, -1], [-1, 1, -1], [-1, -1, 1]])

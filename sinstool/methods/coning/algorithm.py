@@ -11,9 +11,9 @@ from abc import ABC, abstractmethod
 from typing import Literal
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
 
-FloatArray = NDArray[np.float64]
+from sinstool.core.arrays import ArrayLike, FloatArray
+
 Takes = Literal["increments", "rates"]
 GyroKind = Literal["rate", "mean-rate", "increment"]
 
@@ -42,24 +42,28 @@ class ConingAlgorithm(ABC):
         Integrated angular increments (rad, row k over (t[k-1], t[k]]) or angular rates at
         the instants (rad/s, row k at t[k]).
     samples : int
-        Intervals per update.
+        Intervals per update: 1, but for a :class:`MultiSampleAlgorithm`.
     before : int
         Earlier rows used where they exist. With rates the row before the first interval is
         its starting point and always needed.
     after : int
         Later rows used where they exist.
     caveat : str
-        What a user who chooses it has to be told; mostly nothing.
+        Printed for a user who chooses it; mostly empty.
     """
 
     name: str
     summary: str
     source: str
     takes: Takes = "increments"
-    samples: int = 1
     before: int = 0
     after: int = 0
     caveat: str = ""
+
+    @property
+    def samples(self) -> int:
+        """Intervals per update."""
+        return 1
 
     def rotation_vectors(self, x: ArrayLike, dt: ArrayLike, first: int, count: int) -> FloatArray:
         """Rotation vectors of `count` consecutive updates.
@@ -153,11 +157,22 @@ class ConingAlgorithm(ABC):
             raise ValueError(
                 f"{self.name} has {self.samples} samples per update, so not {samples} are left."
             )
-        return self if samples == self.samples else self._of_samples(samples)
-
-    def _of_samples(self, samples: int) -> ConingAlgorithm:
-        """Member of the family with fewer samples per update, for those that have several."""
-        raise NotImplementedError
+        return self
 
     def __repr__(self) -> str:
         return f"<{type(self).__name__} {self.name}>"
+
+
+class MultiSampleAlgorithm(ConingAlgorithm):
+    """An algorithm whose updates may have several samples: one of a family."""
+
+    samples = 1
+
+    def shorter(self, samples: int) -> ConingAlgorithm:
+        """See :meth:`ConingAlgorithm.shorter`."""
+        super().shorter(samples)
+        return self if samples == self.samples else self._of_samples(samples)
+
+    @abstractmethod
+    def _of_samples(self, samples: int) -> ConingAlgorithm:
+        """Member of the family with fewer samples per update."""

@@ -7,12 +7,10 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
 from scipy.interpolate import PchipInterpolator
 
+from sinstool.core.arrays import ArrayLike, FloatArray
 from sinstool.core.errors import ConfigurationError
-
-FloatArray = NDArray[np.float64]
 
 _FORMS = "none, cheb:ORDER,RIPPLE_DB,HZ, butter:ORDER,HZ or a file with lines of HZ,GAIN"
 

@@ -32,16 +32,14 @@ from __future__ import annotations
 from math import isfinite
 
 import numpy as np
-from numpy.typing import NDArray
 
+from sinstool.core.arrays import FloatArray
 from sinstool.core.errors import ConfigurationError
 from sinstool.methods.coning import gyro_response as responses
 from sinstool.methods.coning.algorithm import ConingAlgorithm, GyroKind
 from sinstool.methods.coning.gyro_response import GyroResponse
 from sinstool.methods.coning.increments import DEFAULT_POINTS, integration_stencils
 from sinstool.methods.coning.lags import lag_kernel
-
-FloatArray = NDArray[np.float64]
 
 DEFAULT_LAGS = 12
 MOST_LAGS = 32
@@ -133,7 +131,7 @@ class GyroTuned(ConingAlgorithm):
             f"gyro-tuned answers to coning up to {self.passband:g} {unit} only: real coning above"
             f" {(self.stopband or self.passband):g} {unit} is deliberately ignored and becomes"
             " drift, more of it than with other algorithms. Content above half the sampling rate"
-            " is folded into the samples and cannot be told apart by any algorithm."
+            " is folded into the samples, and no algorithm can separate it."
         )
 
     def for_kind(self, gyro_kind: GyroKind) -> ConingAlgorithm:

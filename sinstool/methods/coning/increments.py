@@ -21,11 +21,10 @@ from functools import cache
 
 import numba
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
 
+from sinstool.core.arrays import ArrayLike, FloatArray
+from sinstool.core.quaternion_kernels import put, weighted_sum
 from sinstool.methods.coning.algorithm import GyroKind, Takes
-
-FloatArray = NDArray[np.float64]
 
 GYRO_KINDS = ("rate", "mean-rate", "increment")
 POINTS = (2, 4, 6, 8)
@@ -196,14 +195,5 @@ def _integrate_kernel(
         row = first + i
         start = min(max(row - points // 2, 0), latest)
         position = row - start - 1
-        sx = 0.0
-        sy = 0.0
-        sz = 0.0
-        for j in range(points):
-            weight = stencils[position, j]
-            sx += weight * rate[start + j, 0]
-            sy += weight * rate[start + j, 1]
-            sz += weight * rate[start + j, 2]
-        out[i, 0] = sx * dt[row]
-        out[i, 1] = sy * dt[row]
-        out[i, 2] = sz * dt[row]
+        x, y, z = weighted_sum(rate, start, 1, stencils, position, points)
+        put(out, i, x * dt[row], y * dt[row], z * dt[row])

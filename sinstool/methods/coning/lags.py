@@ -19,14 +19,13 @@ from functools import cache
 
 import numba
 import numpy as np
-from numpy.typing import NDArray
 
-from sinstool.methods.coning.algorithm import ConingAlgorithm
+from sinstool.core.arrays import FloatArray
+from sinstool.core.quaternion_kernels import cross, put, row, weighted_sum
+from sinstool.methods.coning.algorithm import ConingAlgorithm, MultiSampleAlgorithm
 
-FloatArray = NDArray[np.float64]
 
-
-class LagAlgorithm(ConingAlgorithm):
+class LagAlgorithm(MultiSampleAlgorithm):
     """Sum of increments plus one cross product of weighted earlier ones with the last.
 
     Parameters
@@ -109,27 +108,16 @@ def lag_kernel(
         start = first + update * samples
         last = start + samples - 1
         history = min(start, most)
-        sx = x[start, 0]
-        sy = x[start, 1]
-        sz = x[start, 2]
-        for row in range(start + 1, last + 1):
-            sx += x[row, 0]
-            sy += x[row, 1]
-            sz += x[row, 2]
-        ax = 0.0
-        ay = 0.0
-        az = 0.0
-        for lag in range(1, samples + history):
-            weight = weights[history, lag - 1]
-            ax += weight * x[last - lag, 0]
-            ay += weight * x[last - lag, 1]
-            az += weight * x[last - lag, 2]
-        bx = x[last, 0]
-        by = x[last, 1]
-        bz = x[last, 2]
-        out[update, 0] = sx + (ay * bz - az * by)
-        out[update, 1] = sy + (az * bx - ax * bz)
-        out[update, 2] = sz + (ax * by - ay * bx)
+        sx, sy, sz = row(x, start)
+        for k in range(start + 1, last + 1):
+            sx += x[k, 0]
+            sy += x[k, 1]
+            sz += x[k, 2]
+        lags = samples - 1 + history
+        ax, ay, az = weighted_sum(x, last - 1, -1, weights, history, lags)
+        bx, by, bz = row(x, last)
+        cx, cy, cz = cross(ax, ay, az, bx, by, bz)
+        put(out, update, sx + cx, sy + cy, sz + cz)
 
 
 @cache

@@ -29,14 +29,12 @@ from functools import cache
 
 import numba
 import numpy as np
-from numpy.typing import NDArray
 
+from sinstool.core.arrays import FloatArray
 from sinstool.core.errors import ConfigurationError
 from sinstool.methods.coning import polynomial
 from sinstool.methods.coning.algorithm import ConingAlgorithm, GyroKind
 from sinstool.methods.coning.picard import fit, room_for, rotate_polynomial
-
-FloatArray = NDArray[np.float64]
 
 PARTS = 8
 TAPS = (4, 6, 8, 10, 12, 14, 16)

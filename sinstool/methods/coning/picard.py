@@ -23,17 +23,14 @@ References
 
 from __future__ import annotations
 
-from math import atan2, sqrt
-
 import numba
 import numpy as np
-from numpy.typing import NDArray
 
+from sinstool.core.arrays import FloatArray
 from sinstool.core.errors import ConfigurationError
-from sinstool.methods.coning.algorithm import ConingAlgorithm
+from sinstool.core.quaternion_kernels import cross, put, row, to_rotation_vector, weighted_sum
+from sinstool.methods.coning.algorithm import ConingAlgorithm, MultiSampleAlgorithm
 from sinstool.methods.coning.polynomial import table, through_increments
-
-FloatArray = NDArray[np.float64]
 
 # More increments per update than this make the polynomial through them unruly: white noise
 # of the increments comes out of its ends a thousand times as large.
@@ -45,7 +42,7 @@ MOST_TERMS = 96
 MOST_PARTS = 1024
 
 
-class Picard(ConingAlgorithm):
+class Picard(MultiSampleAlgorithm):
     """Rotation of a polynomial rate through the increments of an update, to the last bit.
 
     Parameters
@@ -138,17 +135,8 @@ def fit(
     """Coefficients `c` from samples `start` on; return the sum of their magnitudes."""
     size = 0.0
     for k in range(terms):
-        sx = 0.0
-        sy = 0.0
-        sz = 0.0
-        for j in range(rows):
-            weight = weights[k, j]
-            sx += weight * x[start + j, 0]
-            sy += weight * x[start + j, 1]
-            sz += weight * x[start + j, 2]
-        c[k, 0] = scale * sx
-        c[k, 1] = scale * sy
-        c[k, 2] = scale * sz
+        sx, sy, sz = weighted_sum(x, start, 1, weights, k, rows)
+        put(c, k, scale * sx, scale * sy, scale * sz)
         size += abs(c[k, 0]) + abs(c[k, 1]) + abs(c[k, 2])
     return size
 
@@ -169,18 +157,16 @@ def rotate_polynomial(
         # lose what cancels. Over a part of the update the same polynomial has small ones.
         parts = int(min(np.ceil(size), MOST_PARTS))
         moved = room[MOST_TERMS + 1 :]
-        w = 1.0
-        x = 0.0
-        y = 0.0
-        z = 0.0
+        w, x, y, z = 1.0, 0.0, 0.0, 0.0
         for part in range(parts):
             part_size = _part(c, terms, (2.0 * part + 1.0) / parts - 1.0, 1.0 / parts, moved)
             bw, bx, by, bz = _series(moved, terms, part_size, room)
             aw, ax, ay, az = w, x, y, z
             w = aw * bw - (ax * bx + ay * by + az * bz)
-            x = aw * bx + ax * bw + (ay * bz - az * by)
-            y = aw * by + ay * bw + (az * bx - ax * bz)
-            z = aw * bz + az * bw + (ax * by - ay * bx)
+            cx, cy, cz = cross(ax, ay, az, bx, by, bz)
+            x = aw * bx + ax * bw + cx
+            y = aw * by + ay * bw + cy
+            z = aw * bz + az * bw + cz
     to_rotation_vector(w, x, y, z, out, update)
 
 
@@ -214,47 +200,24 @@ def _series(
     c: FloatArray, terms: int, size: float, q: FloatArray
 ) -> tuple[float, float, float, float]:
     """Quaternion of a polynomial rate by its power series, kept in `q`."""
+    q[0] = 0.0
     q[0, 0] = 1.0
-    q[0, 1] = 0.0
-    q[0, 2] = 0.0
-    q[0, 3] = 0.0
     # The rotations from the middle of the update to its end and start are even +- odd.
-    ew = 1.0
-    ex = 0.0
-    ey = 0.0
-    ez = 0.0
-    ow = 0.0
-    ox = 0.0
-    oy = 0.0
-    oz = 0.0
+    ew, ex, ey, ez = 1.0, 0.0, 0.0, 0.0
+    ow = ox = oy = oz = 0.0
     limit = 1e-18 * size
     negligible = 0
     for k in range(1, MOST_TERMS + 1):
-        w = 0.0
-        x = 0.0
-        y = 0.0
-        z = 0.0
+        w = x = y = z = 0.0
         for i in range(min(k, terms)):
-            pw = q[k - 1 - i, 0]
-            px = q[k - 1 - i, 1]
-            py = q[k - 1 - i, 2]
-            pz = q[k - 1 - i, 3]
-            ax = c[i, 0]
-            ay = c[i, 1]
-            az = c[i, 2]
-            w -= px * ax + py * ay + pz * az
-            x += pw * ax + (py * az - pz * ay)
-            y += pw * ay + (pz * ax - px * az)
-            z += pw * az + (px * ay - py * ax)
+            dw, dx, dy, dz = times_vector(q, k - 1 - i, c, i)
+            w += dw
+            x += dx
+            y += dy
+            z += dz
         share = 1.0 / k
-        w *= share
-        x *= share
-        y *= share
-        z *= share
-        q[k, 0] = w
-        q[k, 1] = x
-        q[k, 2] = y
-        q[k, 3] = z
+        w, x, y, z = w * share, x * share, y * share, z * share
+        q[k, 0], q[k, 1], q[k, 2], q[k, 3] = w, x, y, z
         if k % 2:
             ow += w
             ox += x
@@ -274,24 +237,22 @@ def _series(
             if negligible == terms:
                 break
     # conjugate of the one times the other, arranged so that nothing cancels when small
+    cx, cy, cz = cross(ex, ey, ez, ox, oy, oz)
     return (
         ew * ew - ow * ow + (ex * ex + ey * ey + ez * ez) - (ox * ox + oy * oy + oz * oz),
-        2.0 * (ew * ox - ow * ex - (ey * oz - ez * oy)),
-        2.0 * (ew * oy - ow * ey - (ez * ox - ex * oz)),
-        2.0 * (ew * oz - ow * ez - (ex * oy - ey * ox)),
+        2.0 * (ew * ox - ow * ex - cx),
+        2.0 * (ew * oy - ow * ey - cy),
+        2.0 * (ew * oz - ow * ez - cz),
     )
 
 
 @numba.njit(cache=True, nogil=True)
-def to_rotation_vector(
-    w: float, x: float, y: float, z: float, out: FloatArray, update: int
-) -> None:
-    """Rotation vector of a quaternion of any length; from 0 to two pi, as it is integrated."""
-    length = sqrt(x * x + y * y + z * z)
-    factor = 2.0 / w if length < 1e-9 * w else 2.0 * atan2(length, w) / length
-    out[update, 0] = factor * x
-    out[update, 1] = factor * y
-    out[update, 2] = factor * z
+def times_vector(q: FloatArray, k: int, v: FloatArray, i: int) -> tuple[float, float, float, float]:
+    """Product of the quaternion in row `k` of `q` and the vector in row `i` of `v`."""
+    w, x, y, z = q[k, 0], q[k, 1], q[k, 2], q[k, 3]
+    ax, ay, az = row(v, i)
+    cx, cy, cz = cross(x, y, z, ax, ay, az)
+    return -(x * ax + y * ay + z * az), w * ax + cx, w * ay + cy, w * az + cz
 
 
 @numba.njit(cache=True, nogil=True)
@@ -333,9 +294,7 @@ def _iterated_kernel(
             for j in range(length):
                 for i in range(terms):
                     share = 1.0 / (i + j + 1)
-                    ax = c[i, 0]
-                    ay = c[i, 1]
-                    az = c[i, 2]
+                    ax, ay, az = row(c, i)
                     raised[i + j + 1, 0] -= share * (
                         term[j, 1] * ax + term[j, 2] * ay + term[j, 3] * az
                     )

@@ -17,9 +17,9 @@ from functools import cache
 from itertools import pairwise
 
 import numpy as np
-from numpy.typing import NDArray
 
-FloatArray = NDArray[np.float64]
+from sinstool.core.arrays import FloatArray
+
 Matrix = tuple[tuple[Fraction, ...], ...]
 
 _Polynomial = list[Fraction]

@@ -28,20 +28,19 @@ from __future__ import annotations
 
 import numba
 import numpy as np
-from numpy.typing import NDArray
 
+from sinstool.core.arrays import FloatArray
+from sinstool.core.quaternion_kernels import to_rotation_vector
 from sinstool.methods.coning import polynomial
-from sinstool.methods.coning.algorithm import ConingAlgorithm
-from sinstool.methods.coning.picard import check_samples, fit, to_rotation_vector
-
-FloatArray = NDArray[np.float64]
+from sinstool.methods.coning.algorithm import ConingAlgorithm, MultiSampleAlgorithm
+from sinstool.methods.coning.picard import check_samples, fit, times_vector
 
 # Bounds that no data meet: a whole turn needs 25 iterations.
 _MOST_ITERATIONS = 64
 _MOST_ORDER = 96
 
 
-class QuatFIter(ConingAlgorithm):
+class QuatFIter(MultiSampleAlgorithm):
     """Functional iteration of the quaternion in Chebyshev polynomials.
 
     Parameters
@@ -131,14 +130,10 @@ def _iteration_kernel(
         # the integral of the rate itself, then the integrals of its products
         for k in range(terms):
             rate[k, 0] = 0.0
-            rate[k, 1] = 2.0 * quarter[k, 0]
-            rate[k, 2] = 2.0 * quarter[k, 1]
-            rate[k, 3] = 2.0 * quarter[k, 2]
+            for i in range(3):
+                rate[k, 1 + i] = 2.0 * quarter[k, i]
         length = _integrate(rate, terms, limit, d)
-        qw = 1.0
-        qx = 0.0
-        qy = 0.0
-        qz = 0.0
+        qw, qx, qy, qz = 1.0, 0.0, 0.0, 0.0
         for _ in range(_MOST_ITERATIONS):
             for k in range(length):  # every T_k is 1 at tau = 1
                 qw += d[k, 0]
@@ -157,24 +152,10 @@ def _multiply(
     d: FloatArray, length: int, quarter: FloatArray, terms: int, rate: FloatArray
 ) -> None:
     """Chebyshev coefficients of ``d o omega / 2``."""
-    for k in range(length + terms - 1):
-        rate[k, 0] = 0.0
-        rate[k, 1] = 0.0
-        rate[k, 2] = 0.0
-        rate[k, 3] = 0.0
+    rate[: length + terms - 1] = 0.0
     for i in range(terms):
-        ax = quarter[i, 0]
-        ay = quarter[i, 1]
-        az = quarter[i, 2]
         for j in range(length):
-            pw = d[j, 0]
-            px = d[j, 1]
-            py = d[j, 2]
-            pz = d[j, 3]
-            w = -(px * ax + py * ay + pz * az)
-            x = pw * ax + (py * az - pz * ay)
-            y = pw * ay + (pz * ax - px * az)
-            z = pw * az + (px * ay - py * ax)
+            w, x, y, z = times_vector(d, j, quarter, i)
             high = i + j
             low = abs(i - j)
             rate[high, 0] += w

@@ -34,13 +34,11 @@ from math import pi, sin
 from typing import Literal
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
 from scipy import signal
 
+from sinstool.core.arrays import ArrayLike, FloatArray
 from sinstool.methods.coning.algorithm import ConingAlgorithm, GyroKind
 from sinstool.methods.coning.increments import DEFAULT_POINTS, RateIntegrator, convert
-
-FloatArray = NDArray[np.float64]
 
 # A cone this narrow has no terms beyond theta**2 left in float64's relative 1e-8.
 _NARROW = 1e-4

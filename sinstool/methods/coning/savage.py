@@ -9,16 +9,14 @@ References
 from __future__ import annotations
 
 import numba
-import numpy as np
-from numpy.typing import NDArray
 
+from sinstool.core.arrays import FloatArray
 from sinstool.core.errors import ConfigurationError
-from sinstool.methods.coning.algorithm import ConingAlgorithm
+from sinstool.core.quaternion_kernels import cross, put, row
+from sinstool.methods.coning.algorithm import ConingAlgorithm, MultiSampleAlgorithm
 
-FloatArray = NDArray[np.float64]
 
-
-class SavageTwoSpeed(ConingAlgorithm):
+class SavageTwoSpeed(MultiSampleAlgorithm):
     """Coning integral by recursion over the samples of an update, rate linear in each.
 
     Parameters
@@ -75,41 +73,24 @@ def _two_speed_kernel(x: FloatArray, first: int, samples: int, out: FloatArray) 
     for update in range(out.shape[0]):
         start = first + update * samples
         if start > 0:
-            px = x[start - 1, 0]
-            py = x[start - 1, 1]
-            pz = x[start - 1, 2]
+            px, py, pz = row(x, start - 1)
         elif samples > 1:
             # No earlier sample: where the algorithm would put a straight line through two
             # increments, that through the next two gives the one before.
-            px = 2.0 * x[start, 0] - x[start + 1, 0]
-            py = 2.0 * x[start, 1] - x[start + 1, 1]
-            pz = 2.0 * x[start, 2] - x[start + 1, 2]
+            tx, ty, tz = row(x, start)
+            ux, uy, uz = row(x, start + 1)
+            px, py, pz = 2.0 * tx - ux, 2.0 * ty - uy, 2.0 * tz - uz
         else:
-            px = 0.0
-            py = 0.0
-            pz = 0.0
-        ax = 0.0
-        ay = 0.0
-        az = 0.0
-        bx = 0.0
-        by = 0.0
-        bz = 0.0
-        for row in range(start, start + samples):
-            tx = x[row, 0]
-            ty = x[row, 1]
-            tz = x[row, 2]
-            ux = ax + px / 6.0
-            uy = ay + py / 6.0
-            uz = az + pz / 6.0
-            bx += 0.5 * (uy * tz - uz * ty)
-            by += 0.5 * (uz * tx - ux * tz)
-            bz += 0.5 * (ux * ty - uy * tx)
+            px = py = pz = 0.0
+        ax = ay = az = bx = by = bz = 0.0
+        for k in range(start, start + samples):
+            tx, ty, tz = row(x, k)
+            cx, cy, cz = cross(ax + px / 6.0, ay + py / 6.0, az + pz / 6.0, tx, ty, tz)
+            bx += 0.5 * cx
+            by += 0.5 * cy
+            bz += 0.5 * cz
             ax += tx
             ay += ty
             az += tz
-            px = tx
-            py = ty
-            pz = tz
-        out[update, 0] = ax + bx
-        out[update, 1] = ay + by
-        out[update, 2] = az + bz
+            px, py, pz = tx, ty, tz
+        put(out, update, ax + bx, ay + by, az + bz)

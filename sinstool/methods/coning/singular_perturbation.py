@@ -52,12 +52,12 @@ from typing import Literal, cast
 
 import numba
 import numpy as np
-from numpy.typing import NDArray
 
+from sinstool.core.arrays import FloatArray
 from sinstool.core.errors import ConfigurationError
+from sinstool.core.quaternion_kernels import cross, row
 from sinstool.methods.coning.algorithm import ConingAlgorithm
 
-FloatArray = NDArray[np.float64]
 Variant = Literal["exact", "bvp", "truncated", "printed"]
 
 VARIANTS = ("exact", "bvp", "truncated", "printed")
@@ -235,21 +235,18 @@ def _gain_kernel(
     p = 0.0
     kappa = 0.0
     for update in range(out.shape[0]):
-        row = first + update
-        t = dt[row]
+        k = first + update
+        t = dt[k]
         if t != computed:
             p, kappa = _two_rate_form(variant, t, epsilon * t if relative else epsilon, n)
             computed = t
-        ux = x[row - 1, 0]
-        uy = x[row - 1, 1]
-        uz = x[row - 1, 2]
-        vx = x[row, 0]
-        vy = x[row, 1]
-        vz = x[row, 2]
+        ux, uy, uz = row(x, k - 1)
+        vx, vy, vz = row(x, k)
+        cx, cy, cz = cross(ux, uy, uz, vx, vy, vz)
         rest = t - p
-        out[update, 0] = p * ux + rest * vx + kappa * (uy * vz - uz * vy)
-        out[update, 1] = p * uy + rest * vy + kappa * (uz * vx - ux * vz)
-        out[update, 2] = p * uz + rest * vz + kappa * (ux * vy - uy * vx)
+        out[update, 0] = p * ux + rest * vx + kappa * cx
+        out[update, 1] = p * uy + rest * vy + kappa * cy
+        out[update, 2] = p * uz + rest * vz + kappa * cz
 
 
 @numba.njit(cache=True, nogil=True)
@@ -270,36 +267,21 @@ def _vector_kernel(
     k1 = 0.0
     k2 = 0.0
     for update in range(out.shape[0]):
-        row = first + update
-        t = dt[row]
+        k = first + update
+        t = dt[k]
         if t != computed:
             weight, k1, k2 = _model(variant, t, epsilon * t if relative else epsilon)
             computed = t
-        cx = bx * t + x[row, 0]
-        cy = by * t + x[row, 1]
-        cz = bz * t + x[row, 2]
-        ax = x[row - 1, 0] - cx
-        ay = x[row - 1, 1] - cy
-        az = x[row - 1, 2] - cz
+        cx, cy, cz = bx * t + x[k, 0], by * t + x[k, 1], bz * t + x[k, 2]
+        ax, ay, az = x[k - 1, 0] - cx, x[k - 1, 1] - cy, x[k - 1, 2] - cz
+        ux, uy, uz = cross(ax, ay, az, bx, by, bz)
+        vx, vy, vz = cross(cx, cy, cz, ax, ay, az)
+        wx, wy, wz = cross(bx, by, bz, cx, cy, cz)
         k3 = t * t * t / 6.0
-        out[update, 0] = (
-            weight * ax
-            - 0.5 * t * t * bx
-            + t * cx
-            + 0.5 * (k1 * (ay * bz - az * by) + k2 * (cy * az - cz * ay) + k3 * (by * cz - bz * cy))
-        )
-        out[update, 1] = (
-            weight * ay
-            - 0.5 * t * t * by
-            + t * cy
-            + 0.5 * (k1 * (az * bx - ax * bz) + k2 * (cz * ax - cx * az) + k3 * (bz * cx - bx * cz))
-        )
-        out[update, 2] = (
-            weight * az
-            - 0.5 * t * t * bz
-            + t * cz
-            + 0.5 * (k1 * (ax * by - ay * bx) + k2 * (cx * ay - cy * ax) + k3 * (bx * cy - by * cx))
-        )
+        half = 0.5 * t * t
+        out[update, 0] = weight * ax - half * bx + t * cx + 0.5 * (k1 * ux + k2 * vx + k3 * wx)
+        out[update, 1] = weight * ay - half * by + t * cy + 0.5 * (k1 * uy + k2 * vy + k3 * wy)
+        out[update, 2] = weight * az - half * bz + t * cz + 0.5 * (k1 * uz + k2 * vz + k3 * wz)
 
 
 # The series are cut where their terms fall below 1e-19 of the first at x = 1.

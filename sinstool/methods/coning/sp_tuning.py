@@ -36,13 +36,11 @@ from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
 from scipy import signal
 
+from sinstool.core.arrays import ArrayLike, FloatArray
 from sinstool.methods.coning.algorithm import GyroKind
 from sinstool.methods.coning.response import ConingSpectrum, coning_spectrum
-
-FloatArray = NDArray[np.float64]
 
 SEGMENT_S = 10.0
 LOWEST_HZ = 0.2

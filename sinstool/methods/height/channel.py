@@ -24,14 +24,11 @@ from __future__ import annotations
 
 import math
 
-import numpy as np
 from numba import njit
-from numpy.typing import NDArray
 
+from sinstool.core.arrays import FloatArray
 from sinstool.methods.height import layout
 from sinstool.methods.height.history import at_stamp, note_interval, remember, shift_history
-
-FloatArray = NDArray[np.float64]
 
 GATE_MEMORY = 30.0  # s, of the running RMS of accepted differences
 RECENT = 1.0  # s, of their running mean, which is no part of a jump
@@ -333,7 +330,7 @@ def height_valid(state: FloatArray) -> bool:
 
 @njit(cache=True, nogil=True)
 def begin_anew(state: FloatArray) -> None:
-    """Wait for the barometer as at the start: nobody knows what happened meanwhile."""
+    """Wait for the barometer as at the start: what happened meanwhile is unknown."""
     state[layout.S_PHASE] = layout.INIT
     state[layout.S_WAITING] = 0.0
     state[layout.S_WITNESS_ON] = 0.0

@@ -8,13 +8,10 @@ from __future__ import annotations
 
 import math
 
-import numpy as np
 from numba import njit
-from numpy.typing import NDArray
 
+from sinstool.core.arrays import FloatArray
 from sinstool.methods.height import layout
-
-FloatArray = NDArray[np.float64]
 
 MAX_AGE = 0.5  # s, up to which a late sample is used at its own time
 HISTORY_SPACING = 0.005  # s: the ring reaches back further than MAX_AGE

@@ -13,12 +13,10 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from sinstool.core.arrays import FloatArray
 from sinstool.methods.height.network import HeightNetwork
 from sinstool.methods.sensor_errors import Grade
-
-FloatArray = NDArray[np.float64]
 
 # --- phases -------------------------------------------------------------------------------
 INIT, ENGAGED, COAST = 0, 1, 2

@@ -29,13 +29,10 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from sinstool.core.earth import normal_gravity
 from sinstool.core.errors import ConfigurationError
 from sinstool.methods.sensor_errors import Grade
-
-FloatArray = NDArray[np.float64]
 
 RECOMMENDED_TAU: dict[str, float] = {
     "mems": 5.0,

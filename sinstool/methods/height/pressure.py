@@ -16,13 +16,10 @@ from dataclasses import dataclass, replace
 from typing import Literal
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
 
+from sinstool.core.arrays import ArrayLike, FloatArray, IntArray
 from sinstool.core.units import STANDARD_GRAVITY
 from sinstool.methods.height.layout import ACCEPTED, NOT_FINITE, OUT_OF_RANGE
-
-FloatArray = NDArray[np.float64]
-IntArray = NDArray[np.int64]
 
 STANDARD_PRESSURE = 101325.0
 """At mean sea level, Pa; [1]_ of the module."""

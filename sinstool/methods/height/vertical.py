@@ -11,8 +11,8 @@ from dataclasses import dataclass
 
 import numpy as np
 from numba import njit
-from numpy.typing import ArrayLike, NDArray
 
+from sinstool.core.arrays import ArrayLike, BoolArray, FloatArray, IntArray
 from sinstool.core.earth import normal_gravity
 from sinstool.core.rotation import rotate
 from sinstool.methods.height import layout
@@ -27,9 +27,6 @@ from sinstool.methods.height.channel import (
 from sinstool.methods.height.layout import ChannelSummary, Event
 from sinstool.methods.height.network import HeightNetwork, gravity_gradient
 from sinstool.methods.sensor_errors import Grade
-
-FloatArray = NDArray[np.float64]
-IntArray = NDArray[np.int64]
 
 MAX_HOLD = 0.5  # s between IMU samples over which the specific force can be held
 MAX_GAP = 5.0  # s, after which the velocity is worth nothing: start again
@@ -77,11 +74,11 @@ class HeightColumns:
     height: FloatArray
     v_up: FloatArray
     correction: FloatArray
-    valid: NDArray[np.bool_]
+    valid: BoolArray
 
 
 def beginning_quickly(parameters: FloatArray) -> FloatArray:
-    """Parameters of a vertical channel whose velocity at the start nobody knows.
+    """Parameters of a vertical channel whose velocity at the start is unknown.
 
     Its time constant begins short and grows to that of the network.
 
@@ -125,7 +122,7 @@ class VerticalChannel:
 
     quick_start : bool, optional
         Begin with a short time constant that grows, for a vertical velocity and an accelerometer
-        bias that nobody knows; otherwise the gains are the network's from the first sample on.
+        bias that are unknown; otherwise the gains are the network's from the first sample on.
 
     Attributes
     ----------

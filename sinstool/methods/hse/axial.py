@@ -13,15 +13,12 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from sinstool.core.earth import EARTH_RATE
 from sinstool.methods.hse.least_squares import least_squares
 from sinstool.methods.hse.run import HseRun
 
-FloatArray = NDArray[np.float64]
-
-# Rates must differ by this share of the largest for the gyro's bias to be told apart.
+# Rates must differ by this share of the largest for the gyro's bias to be separable.
 DISTINCT_RATES = 0.1
 # The scatter of turns is soon disbelieved: it does not show how a bias wanders between runs.
 DISBELIEF = 0.5

@@ -10,8 +10,8 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
 
+from sinstool.core.arrays import ArrayLike, BoolArray, FloatArray
 from sinstool.core.earth import EARTH_RATE
 from sinstool.core.errors import ConfigurationError
 from sinstool.core.result import fields_in
@@ -78,8 +78,8 @@ class HseCalibration:
     """A calibration as it is written to a file.
 
     The names and units are those of the file; see :class:`sinstool.methods.hse.fit_result.HseFit`
-    for their meaning. ``cov`` belongs to ``parameters``; both are empty where the scatter cannot
-    be told. ``created`` is a time by RFC 3339, ``tool`` the version that wrote it.
+    for their meaning. ``cov`` belongs to ``parameters``; both are empty where the scatter is
+    unknown. ``created`` is a time by RFC 3339, ``tool`` the version that wrote it.
     """
 
     created: str
@@ -224,18 +224,12 @@ def require_config(cal: HseCalibration, config_sha256: str, force: bool = False)
     """
     if cal.config_sha256 == config_sha256:
         return None
-    message = (
+    return _unless_forced(
+        force,
         "the calibration of heading-sensitive error was made with another configuration of the"
-        f" rig ({cal.config_sha256[:12]}, not {config_sha256[:12]})"
+        f" rig ({cal.config_sha256[:12]}, not {config_sha256[:12]})",
+        "calibrate again with this configuration, or apply it with --force",
     )
-    if force:
-        return message
-    raise ConfigurationError(
-        message, "calibrate again with this configuration, or apply it with --force"
-    )
-
-
-FloatArray = NDArray[np.float64]
 
 
 def require_applicable(cal: HseCalibration, force: bool = False) -> str | None:
@@ -264,9 +258,14 @@ def require_applicable(cal: HseCalibration, force: bool = False) -> str | None:
     if cal.status in APPLICABLE:
         return None
     message = f"the calibration of heading-sensitive error has the status {cal.status}"
+    return _unless_forced(force, message, "calibrate again, or apply it with --force")
+
+
+def _unless_forced(force: bool, message: str, hint: str) -> str:
+    """A message as a warning where a user insists, an error otherwise."""
     if force:
         return message
-    raise ConfigurationError(message, "calibrate again, or apply it with --force")
+    raise ConfigurationError(message, hint)
 
 
 def correction(
@@ -342,8 +341,8 @@ class CorrectedHeading:
     sigma: FloatArray
     dpsi: FloatArray
     sigma_dpsi: FloatArray
-    outside_rate: NDArray[np.bool_]
-    outside_C23: NDArray[np.bool_]
+    outside_rate: BoolArray
+    outside_C23: BoolArray
 
 
 # Beyond the calibrated range by less than this share is within it.

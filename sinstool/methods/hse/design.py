@@ -9,16 +9,14 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
 
+from sinstool.core.arrays import ArrayLike, FloatArray
 from sinstool.core.earth import EARTH_RATE
 from sinstool.core.errors import ConfigurationError
 from sinstool.core.units import ARCSEC
 from sinstool.methods.hse.fit import MIN_RATE_SPAN
 from sinstool.methods.hse.model import DISTINCT_LEAN, MIN_C23
 from sinstool.methods.hse.status import MAX_LATITUDE, SIGNIFICANT
-
-FloatArray = NDArray[np.float64]
 
 # A lean of the axis that is easily made and still small for the linear model.
 GOOD_LEAN = 8e-3

@@ -1,6 +1,6 @@
 """The angle of the table at the edges of the gyro intervals.
 
-A gyro sample is a mean over an interval; whoever takes it for the value at its stamp errs by
+A gyro sample is a mean over an interval; to take it for the value at its stamp is an error of
 half an interval, and a time error tau looks exactly like a heading-sensitive error of slope tau
 (1 ms is 206 arcsec of heading for each rad/s). So everything here is about time. Stamps are
 subtracted as int64, since seconds since 1970 as float64 have a grain of 0.24 us. The stamps of
@@ -17,13 +17,10 @@ from itertools import pairwise
 
 import numpy as np
 from numba import njit
-from numpy.typing import ArrayLike, NDArray
 
+from sinstool.core.arrays import ArrayLike, BoolArray, FloatArray, IntArray
 from sinstool.core.errors import AlignmentError
 from sinstool.methods.hse.rig import EncoderModel
-
-FloatArray = NDArray[np.float64]
-IntArray = NDArray[np.int64]
 
 SMOOTHING_S = 0.25
 """To each side, s."""
@@ -152,7 +149,7 @@ def table_angle(
         On the same clock, not decreasing; of readings with one stamp the first counts.
     reading : array_like, shape (m,)
         In the unit of the model, wrapped at a whole turn or not. Half a turn or more from one
-        reading to the next cannot be told from the other direction.
+        reading to the next cannot be distinguished from the other direction.
     imu_stamp : {'end', 'mid', 'start'}
         Where the stamp lies in the interval over which a gyro sample is the mean.
     smoothing_s : float
@@ -204,7 +201,7 @@ def _stamps(time_ns: ArrayLike, whose: str) -> IntArray:
     return times.astype(np.int64)
 
 
-def _samples_lost(times: IntArray, cuts: IntArray, nominal: float) -> NDArray[np.bool_]:
+def _samples_lost(times: IntArray, cuts: IntArray, nominal: float) -> BoolArray:
     """Of long intervals, those where time went on by more than the samples there are."""
     window = np.arange(_NEIGHBOURS)
     after = cuts[:, None] + window

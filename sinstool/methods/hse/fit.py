@@ -27,9 +27,9 @@ from collections.abc import Iterator, Sequence
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy import special
 
+from sinstool.core.arrays import BoolArray, FloatArray
 from sinstool.core.errors import ConfigurationError
 from sinstool.methods.hse.axial import fit_axial
 from sinstool.methods.hse.fit_result import FitOptions, HseFit, RunFit
@@ -37,15 +37,12 @@ from sinstool.methods.hse.least_squares import LeastSquares, lack_of_fit
 from sinstool.methods.hse.model import (
     ROUNDING,
     HeadingModel,
-    Mask,
     RunColumns,
     distinct_rates,
     run_columns,
 )
 from sinstool.methods.hse.run import HseRun
 from sinstool.methods.hse.statistics import drifts, trend_t
-
-FloatArray = NDArray[np.float64]
 
 # Below this range of rates the slope against rate is not to be had, rad/s.
 MIN_RATE_SPAN = np.radians(10.0)
@@ -78,7 +75,7 @@ def _finite(value: float) -> float | None:
 
 def _left_out(
     runs: Sequence[HseRun], options: FitOptions, times: FloatArray
-) -> tuple[Mask, list[str]]:
+) -> tuple[BoolArray, list[str]]:
     ids = [r.id for r in runs]
     double = sorted({i for i in ids if ids.count(i) > 1})
     if double:
@@ -97,7 +94,7 @@ def _left_out(
     return np.array([not r for r in reasons], dtype=bool), reasons
 
 
-def _trends(runs: Sequence[HseRun], use: Mask) -> Iterator[str]:
+def _trends(runs: Sequence[HseRun], use: BoolArray) -> Iterator[str]:
     for one, used in zip(runs, use, strict=True):
         if not used or one.per_turn_heading is None:
             continue
@@ -184,14 +181,14 @@ def fit(runs: Sequence[HseRun], options: FitOptions | None = None) -> HseFit:
 def _solve(
     model: HeadingModel,
     data: RunColumns,
-    use: Mask,
+    use: BoolArray,
     weighted: bool,
     options: FitOptions,
     runs: Sequence[HseRun],
     reasons: list[str],
     warnings: list[str],
 ) -> LeastSquares | None:
-    """Fit headings; ``use``, ``reasons`` and ``warnings`` are told of what is left out."""
+    """Fit headings; what is left out is noted in ``use``, ``reasons`` and ``warnings``."""
     rate = data.rate[use]
     if len(distinct_rates(rate)) < 2 or float(np.ptp(rate)) < MIN_RATE_SPAN:
         return None
@@ -206,7 +203,7 @@ def _solve(
         return None
 
 
-def _one_position(data: RunColumns, use: Mask, reasons: list[str]) -> None:
+def _one_position(data: RunColumns, use: BoolArray, reasons: list[str]) -> None:
     """Leave out all but the position that leans most: the paper's line is for one."""
     at = data.position[use]
     if not len(at):
@@ -221,7 +218,7 @@ def _one_position(data: RunColumns, use: Mask, reasons: list[str]) -> None:
 def _run_fits(
     model: HeadingModel,
     data: RunColumns,
-    use: Mask,
+    use: BoolArray,
     solved: LeastSquares | None,
     reasons: Sequence[str],
 ) -> tuple[RunFit, ...]:
@@ -251,7 +248,7 @@ def _from_headings(
     result: HseFit,
     model: HeadingModel,
     data: RunColumns,
-    use: Mask,
+    use: BoolArray,
     solved: LeastSquares,
     weighted: bool,
 ) -> HseFit:
@@ -302,7 +299,7 @@ def _distribution(solved: LeastSquares, exact: bool) -> str:
     return "t" if solved.student else "z"
 
 
-def _r2(data: RunColumns, use: Mask, solved: LeastSquares, weighted: bool) -> float | None:
+def _r2(data: RunColumns, use: BoolArray, solved: LeastSquares, weighted: bool) -> float | None:
     """Share of the scatter about the means of the positions that the fit explains."""
     weight = data.sigma[use] ** -2 if weighted else np.ones(int(use.sum()))
     position, offset = data.position[use], data.offset[use]
@@ -315,7 +312,7 @@ def _r2(data: RunColumns, use: Mask, solved: LeastSquares, weighted: bool) -> fl
     return 1.0 - left / total if total > 0.0 else None
 
 
-def _paper(result: HseFit, model: HeadingModel, data: RunColumns, use: Mask) -> HseFit:
+def _paper(result: HseFit, model: HeadingModel, data: RunColumns, use: BoolArray) -> HseFit:
     """Slope of the unweighted line through the mean at each rate, steps 1 to 3 of section 2."""
     cell, offset = data.cell[use], data.offset[use]
     cells, member = np.unique(cell, return_inverse=True)

@@ -1,17 +1,15 @@
-"""What the calibration of heading-sensitive error is told and what it finds."""
+"""Options and results of the calibration of heading-sensitive error."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass, field
 
 import numpy as np
-from numpy.typing import NDArray
 
+from sinstool.core.arrays import FloatArray
 from sinstool.core.errors import ConfigurationError
 from sinstool.methods.hse.axial import AxialFit
 from sinstool.methods.hse.run import HseRun
-
-FloatArray = NDArray[np.float64]
 
 METHODS = ("joint", "heading", "axial")
 FORMS = ("regressor", "paper")

@@ -9,11 +9,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy import special
 
-FloatArray = NDArray[np.float64]
-IntArray = NDArray[np.int64]
+from sinstool.core.arrays import FloatArray, IntArray
 
 # Below this ratio of singular values of the normalised columns two columns are one.
 RANK_TOLERANCE = 1e-9

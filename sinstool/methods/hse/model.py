@@ -6,16 +6,12 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from sinstool.core.arrays import BoolArray, FloatArray, IntArray
 from sinstool.core.earth import EARTH_RATE
 from sinstool.core.rotation import wrapped
 from sinstool.methods.hse.least_squares import LeastSquares, least_squares, outlier_limit
 from sinstool.methods.hse.run import HseRun, positions, rate_groups
-
-FloatArray = NDArray[np.float64]
-IntArray = NDArray[np.int64]
-Mask = NDArray[np.bool_]
 
 # Below this lean of the axis to the east heading-sensitive error is too small to be seen.
 MIN_C23 = 1e-4
@@ -136,7 +132,7 @@ class HeadingModel:
         Why it is not what was asked for.
     """
 
-    def __init__(self, data: RunColumns, use: Mask, joint: bool, drift: bool) -> None:
+    def __init__(self, data: RunColumns, use: BoolArray, joint: bool, drift: bool) -> None:
         self.notes: list[str] = []
         self.positions = np.unique(data.position[use])
         mean = np.array([data.C23[use & (data.position == k)].mean() for k in self.positions])
@@ -159,7 +155,7 @@ class HeadingModel:
             self.relative_C23 = self.sigma_C23 / abs(self.C23)
         self._design(data, use, drift)
 
-    def _design(self, data: RunColumns, use: Mask, drift: bool) -> None:
+    def _design(self, data: RunColumns, use: BoolArray, drift: bool) -> None:
         self.names = [f"psi0[{k}]" for k in self.positions]
         columns = [(data.position == k).astype(np.float64) for k in self.positions]
         self.slope = len(columns)
@@ -179,7 +175,7 @@ class HeadingModel:
             self.varying = columns[-1][:, None]
         self.design = np.stack(columns, axis=1)
 
-    def solve(self, data: RunColumns, use: Mask, weighted: bool) -> LeastSquares:
+    def solve(self, data: RunColumns, use: BoolArray, weighted: bool) -> LeastSquares:
         """Fit the runs in use.
 
         Parameters
@@ -205,7 +201,7 @@ class HeadingModel:
         )
 
     def reject(
-        self, data: RunColumns, use: Mask, weighted: bool, alpha: float
+        self, data: RunColumns, use: BoolArray, weighted: bool, alpha: float
     ) -> list[tuple[int, float]]:
         """Leave out, one by one, repeats that do not belong.
 
@@ -242,6 +238,6 @@ def _why_not_joint(n_positions: int) -> str:
         else f"the axis leans to the east by nearly the same at all {n_positions} positions"
     )
     return (
-        f"{why}: a delay of the encoder cannot be told from heading-sensitive error, so the"
-        " method is heading; add runs with the base turned by 180 deg"
+        f"{why}: a delay of the encoder looks like heading-sensitive error there, so the method is"
+        " heading; add runs with the base turned by 180 deg"
     )

@@ -6,7 +6,7 @@ another error. :meth:`Rig.sha256` tells whether two sets are the same in this se
 ``C_s_to_b`` is used as it is given. What it lacks of being orthonormal acts like any other
 calibration error: the part along the axis is in the coefficient that is estimated, the rest is
 a constant offset of heading. Making it orthonormal on the way would change the coefficient
-without a trace, so that is left to whoever wrote the matrix; :meth:`Rig.remarks` says how large
+without a trace, so that is left to its author; :meth:`Rig.remarks` says how large
 its share is. An axis ``e`` in its place is a direction, and a direction has no length: what is
 left of its length within the tolerance is divided out.
 """
@@ -20,12 +20,10 @@ from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
 
+from sinstool.core.arrays import ArrayLike, FloatArray
 from sinstool.core.errors import ConfigurationError
 from sinstool.core.units import ARCSEC
-
-FloatArray = NDArray[np.float64]
 
 GYRO_FRAMES = ("g", "s")
 STAMPS = ("end", "mid", "start")

@@ -6,9 +6,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
-from numpy.typing import NDArray
 
-FloatArray = NDArray[np.float64]
+from sinstool.core.arrays import FloatArray, IntArray
 
 
 @dataclass(frozen=True)
@@ -76,8 +75,6 @@ class HseRun:
     quality: dict[str, float] = field(default_factory=dict)
     log_start_ns: int | None = None
 
-
-IntArray = NDArray[np.int64]
 
 # Gaps between headings that no error of an alignment explains: the system was turned. With an
 # error of 1e-3 in the gyro's matrix and a lean of 1e-2 headings at 20 and 60 deg/s are 2 deg apart.

@@ -22,12 +22,10 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from numba import njit
-from numpy.typing import ArrayLike, NDArray
 
+from sinstool.core.arrays import ArrayLike, FloatArray
 from sinstool.core.errors import AlignmentError
 from sinstool.methods.hse.encoder import TableAngle
-
-FloatArray = NDArray[np.float64]
 
 BLOCK_S = 0.25
 RELATIVE_TOLERANCE = 1e-3

@@ -9,14 +9,12 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
 from scipy import special
 
+from sinstool.core.arrays import ArrayLike, FloatArray, IntArray
 from sinstool.core.rotation import wrapped
 from sinstool.methods.hse.least_squares import least_squares
 from sinstool.methods.hse.run import by_angle
-
-FloatArray = NDArray[np.float64]
 
 # Smaller than this is the rounding of a heading, rad.
 ROUNDING = 1e-15
@@ -230,9 +228,6 @@ def drifts(values: ArrayLike) -> bool:
     if len(x) < 4 or float(np.ptp(x)) < SMALLEST_SPREAD:
         return False
     return bool(2.0 * special.stdtr(len(x) - 2, -abs(trend_t(x))) < TREND_P)
-
-
-IntArray = NDArray[np.int64]
 
 
 @dataclass(frozen=True)

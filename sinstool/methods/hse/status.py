@@ -153,7 +153,7 @@ def _inconsistent(result: HseFit) -> Iterator[Finding]:
     z = result.z_consistency
     if z is None or not abs(z) > CONSISTENT or result.lambda2_heading is None:
         return
-    # what the linear model leaves out is in headings only, and is told of by itself
+    # what the linear model leaves out is in headings only, and has a warning of its own
     difference = abs(result.lambda2_heading - result.axial.lambda2)
     if difference * (1.0 - CONSISTENT / abs(z)) < (second_order(result) or 0.0) * abs(
         result.axial.lambda2

@@ -15,17 +15,15 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
 
 from sinstool.core import rotation
+from sinstool.core.arrays import ArrayLike, FloatArray
 from sinstool.core.earth import EARTH_RATE, earth_rate_n, normal_gravity
 from sinstool.core.errors import AlignmentError, ConfigurationError
 from sinstool.core.result import fields_in
 from sinstool.methods.hse.rig import Rig
 from sinstool.methods.hse.run import HseRun
 from sinstool.methods.hse.segments import TurnStatistics
-
-FloatArray = NDArray[np.float64]
 
 HIGHEST_LATITUDE = np.radians(85.0)
 FEWEST_TURNS_FOR_SCATTER = 4

@@ -11,8 +11,8 @@ from typing import Any
 
 import numba
 import numpy as np
-from numpy.typing import NDArray
 
+from sinstool.core.arrays import FloatArray, IntArray
 from sinstool.methods.height import layout as height_layout
 from sinstool.methods.height.channel import baro_sample
 from sinstool.methods.height.channel import feedback as channel_feedback
@@ -22,9 +22,6 @@ from sinstool.methods.ins_gnss.model import baro_correction
 from sinstool.methods.ins_gnss.states import I_BARO, I_CORRECTION, POSITION, VELOCITY
 from sinstool.methods.ins_gnss.update import apply_measurement, project
 from sinstool.methods.strapdown.navigation import HEIGHT, V_DOWN
-
-FloatArray = NDArray[np.float64]
-IntArray = NDArray[np.int64]
 
 _D = POSITION + 2
 _VD = VELOCITY + 2

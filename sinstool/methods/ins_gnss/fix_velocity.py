@@ -10,9 +10,9 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.interpolate import PchipInterpolator
 
+from sinstool.core.arrays import IntArray
 from sinstool.core.earth import horizontal_metres
 from sinstool.core.streams import GnssEpochs, concatenate
 from sinstool.core.timeline import SECOND
@@ -157,7 +157,7 @@ def split_position_velocity(gnss: GnssEpochs, velocity_lag_s: float) -> GnssEpoc
     return both.rows(np.argsort(both.time_ns, kind="stable"))
 
 
-def message_times(gnss: GnssEpochs, velocity_lag_s: float) -> NDArray[np.int64]:
+def message_times(gnss: GnssEpochs, velocity_lag_s: float) -> IntArray:
     """Stamps of the messages that epochs of :func:`split_position_velocity` come from, ns."""
     lag, half = round(velocity_lag_s * SECOND), round(0.5 * velocity_lag_s * SECOND)
     return np.asarray(gnss.time_ns - half + np.where(gnss.has_position, 0, lag))

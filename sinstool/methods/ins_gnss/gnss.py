@@ -6,18 +6,15 @@ from math import cos, pi, sin, sqrt
 
 import numba
 import numpy as np
-from numpy.typing import NDArray
 
 from sinstool.core import earth
-from sinstool.core.quaternion_kernels import dcm, wrapped_angle
+from sinstool.core.arrays import FloatArray, IntArray
+from sinstool.core.quaternion_kernels import cross, dcm, wrapped_angle
 from sinstool.core.units import STANDARD_GRAVITY
 from sinstool.methods.ins_gnss import instants, layout, measurement_noise, states, update
 from sinstool.methods.ins_gnss.layout import Memory, Model, Stored
 from sinstool.methods.ins_gnss.model import radii
 from sinstool.methods.strapdown.navigation import HEIGHT, LATITUDE, LONGITUDE, Q_W, V_NORTH
-
-FloatArray = NDArray[np.float64]
-IntArray = NDArray[np.int64]
 
 _D = states.POSITION + 2
 
@@ -210,18 +207,14 @@ def _compare(
     ly = par[layout.P_LEVER + 1]
     lz = par[layout.P_LEVER + 2]
 
-    w = nav[Q_W]
-    x = nav[Q_W + 1]
-    y = nav[Q_W + 2]
-    z = nav[Q_W + 3]
-    c00, c01, c02, c10, c11, c12, c20, c21, c22 = dcm(w, x, y, z)
+    c00, c01, c02, c10, c11, c12, c20, c21, c22 = dcm(
+        nav[Q_W], nav[Q_W + 1], nav[Q_W + 2], nav[Q_W + 3]
+    )
     # Rate and arm when the fix was valid, the arm in the body axes of now
     rx = number[layout.N_RATE] - back * moved[6]
     ry = number[layout.N_RATE + 1] - back * moved[7]
     rz = number[layout.N_RATE + 2] - back * moved[8]
-    sx = ry * lz - rz * ly
-    sy = rz * lx - rx * lz
-    sz = rx * ly - ry * lx
+    sx, sy, sz = cross(rx, ry, rz, lx, ly, lz)
     ax = lx - back * sx
     ay = ly - back * sy
     az = lz - back * sz
@@ -238,9 +231,7 @@ def _compare(
     on = c00 * rx + c01 * ry + c02 * rz - _RATE * cos(lat)
     oe = c10 * rx + c11 * ry + c12 * rz
     od = c20 * rx + c21 * ry + c22 * rz + _RATE * sin(lat)
-    bn = oe * ad - od * ae
-    be = od * an - on * ad
-    bd = on * ae - oe * an
+    bn, be, bd = cross(on, oe, od, an, ae, ad)
 
     instants.clear_rows(m, layout.ROWS)
     if m.changes.shape[0] > 0:

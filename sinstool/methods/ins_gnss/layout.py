@@ -9,13 +9,10 @@ from __future__ import annotations
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from sinstool.core.arrays import FloatArray, IntArray
 from sinstool.methods.height.layout import STATE_SIZE
 from sinstool.methods.strapdown.navigation import SIZE as NAV_SIZE
-
-FloatArray = NDArray[np.float64]
-IntArray = NDArray[np.int64]
 
 ROWS = 6  # of a GNSS epoch
 # Of a single measurement. A literal 1 would be a type of its own to numba, and every function that

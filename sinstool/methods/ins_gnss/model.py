@@ -28,14 +28,10 @@ from __future__ import annotations
 from math import cos, exp, sin, sqrt
 
 import numba
-import numpy as np
-from numpy.typing import NDArray
 
 from sinstool.core import earth
+from sinstool.core.arrays import FloatArray, IntArray
 from sinstool.methods.ins_gnss import states
-
-FloatArray = NDArray[np.float64]
-IntArray = NDArray[np.int64]
 
 _N, _E, _D = states.POSITION, states.POSITION + 1, states.POSITION + 2
 _VN, _VE, _VD = states.VELOCITY, states.VELOCITY + 1, states.VELOCITY + 2

@@ -3,13 +3,11 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.special import chdtri
 
+from sinstool.core.arrays import FloatArray
 from sinstool.methods.ins_gnss import layout, states
 from sinstool.methods.ins_gnss.settings import Settings, Start
-
-FloatArray = NDArray[np.float64]
 
 _ADAPTIVE = {"off": 0.0, "sage-husa": 1.0, "innovation": 2.0}
 CHANNEL_GATE = 8.0  # m, of the vertical channel

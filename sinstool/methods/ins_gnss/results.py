@@ -8,12 +8,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-import numpy as np
-from numpy.typing import NDArray
-
-FloatArray = NDArray[np.float64]
-IntArray = NDArray[np.int64]
-BoolArray = NDArray[np.bool_]
+from sinstool.core.arrays import BoolArray, FloatArray, IntArray
 
 SENSORS = 14  # columns of StoredEpochs.sensors
 

@@ -6,9 +6,8 @@ from math import sqrt
 
 import numba
 import numpy as np
-from numpy.typing import NDArray
 
-FloatArray = NDArray[np.float64]
+from sinstool.core.arrays import FloatArray
 
 # A pivot of the scaled covariance below which a direction counts as known from the others:
 # rounding of n = 26 sums leaves some 1e-14.

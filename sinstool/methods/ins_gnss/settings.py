@@ -7,16 +7,14 @@ from math import inf
 from typing import Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
+from sinstool.core.arrays import FloatArray
 from sinstool.core.errors import ConfigurationError
 from sinstool.core.units import ARCSEC
 from sinstool.methods.height.network import HeightNetwork, recommended
 from sinstool.methods.ins_gnss.states import FilterKind, FilterName, filter_kind
 from sinstool.methods.sensor_errors import IMU_GRADES, Grade, SensorGrade, Triple, not_negative
 from sinstool.methods.strapdown.navigation import SIZE as NAV_SIZE
-
-FloatArray = NDArray[np.float64]
 
 Adaptive = Literal["off", "sage-husa", "innovation"]
 Feedback = Literal["closed", "none"]

@@ -9,17 +9,14 @@ References
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
 
+from sinstool.core.arrays import ArrayLike, BoolArray, FloatArray, IntArray
 from sinstool.core.earth import displaced
 from sinstool.core.errors import AlignmentError
 from sinstool.core.rotation import rotate, skew
 from sinstool.core.streams import GnssEpochs
 from sinstool.methods.ins_gnss.settings import Settings, Start
 from sinstool.methods.strapdown.navigation import initial_state
-
-FloatArray = NDArray[np.float64]
-IntArray = NDArray[np.int64]
 
 TWICE_USED = 1.5
 """On the sigmas of an alignment in motion: it uses fixes that the filter is going to use again."""
@@ -132,7 +129,7 @@ def _position(
 
 
 def _around(
-    time_ns: int, when: IntArray, good: NDArray[np.bool_], what: str
+    time_ns: int, when: IntArray, good: BoolArray, what: str
 ) -> tuple[int, int, float, float]:
     """Rows before and after, the share of the latter, and the time to the nearest, s."""
     rows = np.flatnonzero(good)

@@ -39,12 +39,9 @@ from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
+from sinstool.core.arrays import IntArray
 from sinstool.core.errors import ConfigurationError
-
-FloatArray = NDArray[np.float64]
-IntArray = NDArray[np.int64]
 
 POSITION = 0
 VELOCITY = 3

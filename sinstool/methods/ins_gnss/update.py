@@ -9,12 +9,9 @@ from __future__ import annotations
 from math import sqrt
 
 import numba
-import numpy as np
-from numpy.typing import NDArray
 
+from sinstool.core.arrays import FloatArray
 from sinstool.methods.ins_gnss.layout import Memory
-
-FloatArray = NDArray[np.float64]
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy")

@@ -13,15 +13,13 @@ from math import factorial
 
 import numba
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
 
-from sinstool.core.quaternion_kernels import product, unit_factor
+from sinstool.core.arrays import ArrayLike, FloatArray
+from sinstool.core.quaternion_kernels import product, row, to_unit
 from sinstool.core.rotation import normalise
 from sinstool.core.streams import Imu, Solution
 from sinstool.methods.coning.stage import RotationVectors
 from sinstool.methods.strapdown.segment_samples import SampleSettings, SegmentRun
-
-FloatArray = NDArray[np.float64]
 
 # cos(h) and sin(h)/h in powers of h**2; named, as a compiled loop wants them.
 _C2, _C3, _C4, _C5, _C6, _C7, _C8 = ((-1) ** k / factorial(2 * k) for k in range(2, 9))
@@ -161,22 +159,10 @@ def _half_angle_terms(square: float) -> tuple[float, float]:
     if square < 1.0:
         # Taylor in the squared half angle (< 0.25): what follows is below 1e-20.
         u = 0.25 * square
-        c = _C8
-        c = c * u + _C7
-        c = c * u + _C6
-        c = c * u + _C5
-        c = c * u + _C4
-        c = c * u + _C3
-        c = c * u + _C2
-        c = (c * u - 0.5) * u + 1.0
-        s = _S8
-        s = s * u + _S7
-        s = s * u + _S6
-        s = s * u + _S5
-        s = s * u + _S4
-        s = s * u + _S3
-        s = s * u + _S2
-        s = (s * u + _S1) * u + 1.0
+        c = ((((_C8 * u + _C7) * u + _C6) * u + _C5) * u + _C4) * u + _C3
+        c = ((c * u + _C2) * u - 0.5) * u + 1.0
+        s = ((((_S8 * u + _S7) * u + _S6) * u + _S5) * u + _S4) * u + _S3
+        s = ((s * u + _S2) * u + _S1) * u + 1.0
         return c, 0.5 * s
     angle = np.sqrt(square)
     return np.cos(0.5 * angle), np.sin(0.5 * angle) / angle
@@ -191,27 +177,14 @@ def _propagate_kernel(
     rotating: bool,
     out: FloatArray,
 ) -> None:
-    w = q_start[0]
-    x = q_start[1]
-    y = q_start[2]
-    z = q_start[3]
-    ox = omega[0]
-    oy = omega[1]
-    oz = omega[2]
+    w, x, y, z = q_start[0], q_start[1], q_start[2], q_start[3]
+    ox, oy, oz = omega[0], omega[1], omega[2]
     computed = -1.0  # the interval that exp(-omega_in_n dt) belongs to: most are equal
-    ec = 1.0
-    ex = 0.0
-    ey = 0.0
-    ez = 0.0
+    ec, ex, ey, ez = 1.0, 0.0, 0.0, 0.0
     for k in range(out.shape[0]):
-        px = phi[k, 0]
-        py = phi[k, 1]
-        pz = phi[k, 2]
+        px, py, pz = row(phi, k)
         c, s = _half_angle_terms(px * px + py * py + pz * pz)
-        px *= s
-        py *= s
-        pz *= s
-        w, x, y, z = product(w, x, y, z, c, px, py, pz)
+        w, x, y, z = product(w, x, y, z, c, px * s, py * s, pz * s)
         if rotating:
             t = dt[k]
             if t != computed:
@@ -221,12 +194,5 @@ def _propagate_kernel(
                 ez = -oz * t * s
                 computed = t
             w, x, y, z = product(ec, ex, ey, ez, w, x, y, z)
-        scale = unit_factor(w * w + x * x + y * y + z * z)
-        w *= scale
-        x *= scale
-        y *= scale
-        z *= scale
-        out[k, 0] = w
-        out[k, 1] = x
-        out[k, 2] = y
-        out[k, 3] = z
+        w, x, y, z = to_unit(w, x, y, z)
+        out[k, 0], out[k, 1], out[k, 2], out[k, 3] = w, x, y, z

@@ -31,8 +31,8 @@ from math import atan2, cos, hypot, pi, sin, sqrt
 
 import numba
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
 
+from sinstool.core.arrays import ArrayLike, FloatArray
 from sinstool.core.earth import (
     EARTH_RATE,
     ECCENTRICITY_SQUARED,
@@ -42,14 +42,13 @@ from sinstool.core.earth import (
 from sinstool.core.gravity import normal_gravity
 from sinstool.core.quaternion_kernels import (
     EXACT,
+    cross,
     increment_quaternion,
     product,
-    unit_factor,
+    to_unit,
     wrapped_angle,
 )
 from sinstool.core.rotation import normalise
-
-FloatArray = NDArray[np.float64]
 
 # Where things are in a state, a float64 array of SIZE numbers.
 LATITUDE, LONGITUDE, HEIGHT = 0, 1, 2
@@ -134,13 +133,8 @@ def step(
     """
     lat = state[LATITUDE]
     h = state[HEIGHT]
-    vn = state[V_NORTH]
-    ve = state[V_EAST]
-    vd = state[V_DOWN]
-    w = state[Q_W]
-    x = state[Q_X]
-    y = state[Q_Y]
-    z = state[Q_Z]
+    vn, ve, vd = state[V_NORTH], state[V_EAST], state[V_DOWN]
+    w, x, y, z = state[Q_W], state[Q_X], state[Q_Y], state[Q_Z]
     s = sin(lat)
     c = cos(lat)
     half = 0.5 * dt
@@ -164,12 +158,10 @@ def step(
     od = -EARTH_RATE * sm
 
     # C_nb dv as u + 2 w (q x u) + 2 q x (q x u)
-    tx = 2.0 * (y * uz - z * uy)
-    ty = 2.0 * (z * ux - x * uz)
-    tz = 2.0 * (x * uy - y * ux)
-    fn = ux + w * tx + (y * tz - z * ty)
-    fe = uy + w * ty + (z * tx - x * tz)
-    fd = uz + w * tz + (x * ty - y * tx)
+    cx, cy, cz = cross(x, y, z, ux, uy, uz)
+    tx, ty, tz = 2.0 * cx, 2.0 * cy, 2.0 * cz
+    cx, cy, cz = cross(x, y, z, tx, ty, tz)
+    fn, fe, fd = ux + w * tx + cx, uy + w * ty + cy, uz + w * tz + cz
 
     # Velocity halfway, by the rates at the start ...
     an = 2.0 * on + ve * rn
@@ -239,11 +231,7 @@ def step(
     ey = half_w * ze + half_z * zn
     ez = half_w * zd + half_z * zw
     w, x, y, z = product(ew, ex, ey, ez, bw, bx, by, bz)
-    f = unit_factor(w * w + x * x + y * y + z * z)
-    state[Q_W] = w * f
-    state[Q_X] = x * f
-    state[Q_Y] = y * f
-    state[Q_Z] = z * f
+    state[Q_W], state[Q_X], state[Q_Y], state[Q_Z] = to_unit(w, x, y, z)
 
 
 @numba.njit(cache=True, nogil=True)
@@ -336,9 +324,8 @@ def navigate_backward(
             w, x, y, z = state[Q_W], state[Q_X], state[Q_Y], state[Q_Z]
             ew, ex, ey, ez = product(w, x, y, z, trial[Q_W], -trial[Q_X], -trial[Q_Y], -trial[Q_Z])
             w, x, y, z = before[Q_W], before[Q_X], before[Q_Y], before[Q_Z]
-            bw, bx, by, bz = product(ew, ex, ey, ez, w, x, y, z)
-            f = unit_factor(bw * bw + bx * bx + by * by + bz * bz)
-            before[Q_W], before[Q_X], before[Q_Y], before[Q_Z] = bw * f, bx * f, by * f, bz * f
+            w, x, y, z = to_unit(*product(ew, ex, ey, ez, w, x, y, z))
+            before[Q_W], before[Q_X], before[Q_Y], before[Q_Z] = w, x, y, z
         state[:] = before
         for i in range(SIZE):
             out[k, i] = state[i]

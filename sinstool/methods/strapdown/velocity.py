@@ -36,12 +36,10 @@ from math import sin, sqrt
 
 import numba
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
 
+from sinstool.core.arrays import ArrayLike, FloatArray, IntArray
+from sinstool.core.quaternion_kernels import cross
 from sinstool.methods.coning.stage import ConingStage, RotationVectors
-
-FloatArray = NDArray[np.float64]
-IntArray = NDArray[np.int64]
 
 # rad per m/s. Rounding of phi costs 1e-17/1e-4 m/s per update, terms of third order in the
 # specific force some (1e-4 dv)**2 of what does not commute.
@@ -187,14 +185,9 @@ def jacobian(
             d = 1.0 / 6.0 - square * d
         else:
             d = (angle - sin(angle)) / (square * angle)
-    cx = py * uz - pz * uy
-    cy = pz * ux - px * uz
-    cz = px * uy - py * ux
-    return (
-        ux + b * cx + d * (py * cz - pz * cy),
-        uy + b * cy + d * (pz * cx - px * cz),
-        uz + b * cz + d * (px * cy - py * cx),
-    )
+    cx, cy, cz = cross(px, py, pz, ux, uy, uz)
+    ex, ey, ez = cross(px, py, pz, cx, cy, cz)
+    return ux + b * cx + d * ex, uy + b * cy + d * ey, uz + b * cz + d * ez
 
 
 @numba.njit(cache=True, nogil=True)

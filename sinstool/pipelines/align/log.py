@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import csv
-import io
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -18,7 +16,7 @@ from sinstool.core.progress import Progress, share
 from sinstool.core.rotation import conjugate, log, multiply, rotate, to_euler
 from sinstool.core.timeline import SECOND
 from sinstool.core.units import DEGREE
-from sinstool.core.whole_file import check_output, write_whole
+from sinstool.core.whole_file import check_output, write_table
 from sinstool.io.readers import open_log
 from sinstool.io.readers.truth import at_times, read_truth
 from sinstool.methods.alignment.gyrocompass import Gyrocompass
@@ -217,24 +215,15 @@ def write_series(path: Path, alignment: LogAlignment, overwrite: bool) -> None:
     check_output(path, [], overwrite)
     series = answer.series
     euler = to_euler(series.q_nb) / DEGREE
-    buffer = io.StringIO()
-    writer = csv.writer(buffer, lineterminator="\n")
-    writer.writerow(
-        ["time_s", "roll_deg", "pitch_deg", "heading_deg", "sigma_north_deg", "sigma_east_deg",
-         "sigma_down_deg", "sigma_worst_deg", "observability", "calm"]
+    names = (
+        "time_s", "roll_deg", "pitch_deg", "heading_deg", "sigma_north_deg", "sigma_east_deg",
+        "sigma_down_deg", "sigma_worst_deg", "observability", "calm",
     )  # fmt: skip
-    for k in range(len(series.time_ns)):
-        writer.writerow(
-            [
-                f"{(int(series.time_ns[k]) - alignment.result.imu.first_ns) / SECOND:.6f}",
-                *(f"{v:.6f}" for v in euler[k]),
-                *(f"{v:.6f}" for v in series.sigma[k] / DEGREE),
-                f"{series.sigma_worst[k] / DEGREE:.6f}",
-                f"{series.rho[k]:.6f}",
-                int(series.calm[k]),
-            ]
-        )
-    write_whole(path, buffer.getvalue())
+    seconds = (series.time_ns - alignment.result.imu.first_ns) / SECOND
+    angles = [series.sigma / DEGREE, series.sigma_worst / DEGREE, series.rho]
+    values = np.column_stack([seconds, euler, *angles])
+    rows = zip(values, series.calm, strict=True)
+    write_table(path, names, ([*(f"{v:.6f}" for v in row), int(calm)] for row, calm in rows))
 
 
 @dataclass(frozen=True)

@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 
-from sinstool.core.finding import Finding, Severity, exit_status
-from sinstool.core.result import as_json, compass
+from sinstool.core.finding import Finding
+from sinstool.core.result import Result, compass
 from sinstool.core.rotation import to_euler
 from sinstool.core.units import DEGREE
 from sinstool.methods.alignment.gyrocompass import Gyrocompass
@@ -19,7 +19,6 @@ from sinstool.pipelines.plan import Plan
 from sinstool.pipelines.process.summary import ImuTime
 from sinstool.survey.grade import ImuGrade
 
-SCHEMA = "sinstool.align/1"
 DEG_H = DEGREE / 3600.0
 # Statuses whose heading is known.
 HEADING_KNOWN = ("ok", "degraded")
@@ -71,7 +70,7 @@ class TruthError:
 
 
 @dataclass(frozen=True)
-class AlignResult:
+class AlignResult(Result):
     """An attitude with its covariance; what a method does not give is None.
 
     Attributes
@@ -90,6 +89,8 @@ class AlignResult:
         Where a reference was given.
     """
 
+    SCHEMA: ClassVar[str] = "sinstool.align/1"
+    OPTIONAL: ClassVar[tuple[str, ...]] = ("truth",)
     input: LogFile
     plan: Plan
     imu: ImuTime
@@ -124,23 +125,6 @@ class AlignResult:
     accel_bias_m_s2: Vector | None = None
     latency_s: float | None = None
     truth: TruthError | None = None
-
-    @property
-    def exit_status(self) -> int:
-        """0, or 3 where heading is withheld or something was lost."""
-        return exit_status(self.findings)
-
-    @property
-    def warnings(self) -> tuple[str, ...]:
-        """The findings that a user has to be told, in words."""
-        return tuple(str(f) for f in self.findings if f.severity > Severity.NOTE)
-
-    def to_json(self) -> dict[str, Any]:
-        """The values of ``--json``."""
-        values: dict[str, Any] = as_json(self)
-        if self.truth is None:
-            del values["truth"]
-        return {"schema": SCHEMA, **values, "warnings": list(self.warnings)}
 
 
 def angles(q_nb: np.ndarray, status: str) -> dict[str, Any]:

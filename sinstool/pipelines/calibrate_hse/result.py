@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import csv
-import io
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
@@ -11,14 +9,14 @@ from typing import Any
 
 import numpy as np
 import tomli_w
-from numpy.typing import NDArray
 
 from sinstool.config import ProcessConfig
+from sinstool.core.arrays import FloatArray
 from sinstool.core.errors import OutputError
 from sinstool.core.finding import Finding, exit_status
 from sinstool.core.result import as_json
 from sinstool.core.units import DEGREE
-from sinstool.core.whole_file import check_output, write_whole
+from sinstool.core.whole_file import check_output, write_table, write_whole
 from sinstool.methods.hse.calibration import HseCalibration
 from sinstool.methods.hse.fit_result import HseFit
 from sinstool.methods.hse.rig import Rig
@@ -28,7 +26,6 @@ from sinstool.pipelines.calibrate_hse.calibration_file import to_dict
 from sinstool.survey.rig import RigTurns
 
 SCHEMA = "sinstool.calibrate-hse/1"
-FloatArray = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
@@ -207,8 +204,4 @@ def write_csv(path: Path, calibration: Calibration, overwrite: bool) -> None:
     """Write the runs as a table, angles in rad and rates in rad/s."""
     check_output(path, [], overwrite)
     rows = [asdict(record) for record in calibration.file.runs]
-    buffer = io.StringIO()
-    writer = csv.DictWriter(buffer, list(rows[0]), lineterminator="\n")
-    writer.writeheader()
-    writer.writerows(rows)
-    write_whole(path, buffer.getvalue())
+    write_table(path, list(rows[0]), [list(row.values()) for row in rows])

@@ -12,12 +12,12 @@ from datetime import UTC, datetime
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
 from sinstool.campaign.jobs import Job, Workers
 from sinstool.campaign.run import results
 from sinstool.config import CalibrationOptions, ProcessConfig
 from sinstool.core import version
+from sinstool.core.arrays import FloatArray
 from sinstool.core.choices import log_choice
 from sinstool.core.errors import AlignmentError, ConfigurationError, SinstoolError
 from sinstool.core.finding import Finding, Severity
@@ -47,7 +47,6 @@ from sinstool.pipelines.calibrate_hse.result import Calibration, PositionSpread
 from sinstool.survey.rig import RigTurns, find_turns, nothing_to_use, read_rig_log
 
 Progress = Callable[[float], None]
-FloatArray = NDArray[np.float64]
 
 
 def rig_of(config: ProcessConfig) -> Rig:
@@ -143,7 +142,7 @@ def calibrate(
 def _method_why(option: str, used: str, runs: int) -> str:
     """Which method the coefficient came from."""
     if option == used:
-        return f"{used}, as told" if option != "joint" else f"{used}, over {runs} runs"
+        return f"{used}, as specified" if option != "joint" else f"{used}, over {runs} runs"
     return f"{used}, as the runs do not determine {option}"
 
 

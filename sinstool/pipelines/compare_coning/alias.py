@@ -10,10 +10,9 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy import ndimage, signal
 
-FloatArray = NDArray[np.float64]
+from sinstool.core.arrays import FloatArray
 
 WELCH_S = 10.0
 LINE_DB = 10.0
@@ -89,8 +88,8 @@ def rate_spectrum(
     segments : sequence of ndarray, shape (n, 3)
         Rates, rad/s.
     window_s : float, optional
-        Window over which angles will be judged: pieces are as long at least, so that what is
-        constant within a window is told from what is not.
+        Window over which angles will be judged: pieces are at least as long, so that what is
+        constant within a window has a bin of its own.
 
     Returns
     -------

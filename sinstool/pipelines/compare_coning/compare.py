@@ -171,7 +171,7 @@ def compare(
         truths = [run(reference, s, kind, interval_s) for s in usable]
         native_names = {c.name for c in native}
         judges = [Candidate(j, algorithm(j)) for j in JUDGES if j != name and j not in native_names]
-    summed = any(c.thinning == "sums" for c in todo)
+    summed = any(c.input == "sums" for c in todo)
     increments = [increments_of(s, kind, interval_s) if summed else None for s in usable]
     every = math.lcm(*(c.stride for c in native))
     sparse: dict[str, list[Attitudes]] = {}
@@ -251,19 +251,19 @@ def _sparse(made: Attitudes, every: int) -> Attitudes:
 def _resolution(rows: Sequence[Row], reference: str) -> float | None:
     """How far the reference can be trusted: its drift against algorithms that err otherwise."""
     drifts = [
-        r.drift.slope_rms / DEG_H
+        r.drift_dph.slope_rms / DEG_H
         for r in rows
         if r.candidate.decimate == 1
         and r.candidate.name in JUDGES
         and r.candidate.name != reference
-        and r.drift is not None
+        and r.drift_dph is not None
     ]
     return max(drifts, default=None)
 
 
 def _resolved(row: Row, resolution: float | None) -> Row:
-    above_resolution = row.drift is not None and (
-        resolution is None or resolution < SELF_CHECK * row.drift.slope_rms / DEG_H
+    above_resolution = row.drift_dph is not None and (
+        resolution is None or resolution < SELF_CHECK * row.drift_dph.slope_rms / DEG_H
     )
     return replace(row, resolved=above_resolution)
 
@@ -298,9 +298,9 @@ def _row(
         candidate,
         1.0 / (interval_s * candidate.stride),
         drift,
-        np.sum([p.end for p in curves], axis=0) if curves else np.full(3, np.nan),
-        longest.slope if longest is not None else np.full(3, np.nan),
-        max((p.largest for p in curves), default=float("nan")),
+        np.degrees(np.sum([p.end for p in curves], axis=0) if curves else np.full(3, np.nan)),
+        (longest.slope if longest is not None else np.full(3, np.nan)) * DEG_H,
+        float(np.degrees(max((p.largest for p in curves), default=float("nan")))),
         cost,
         False,
         tuple(curves),
@@ -343,7 +343,7 @@ def verdict(
     reference : str
         Name of the algorithm, ``truth`` or ``none``.
     resolution : float or None
-        What the reference is good to, rad/s; None for a truth, and where nobody can say.
+        What the reference is good to, rad/s; None for a truth, and where it is unknown.
     tolerance : float
         Drift that does not matter, rad/s.
 
@@ -353,7 +353,9 @@ def verdict(
         Drift is judged by its slope in each window: the same as the drift to the window's end
         where it grows evenly, without what only swings to and fro.
     """
-    native = [(r, r.drift) for r in rows if r.candidate.decimate == 1 and r.drift is not None]
+    native = [
+        (r, r.drift_dph) for r in rows if r.candidate.decimate == 1 and r.drift_dph is not None
+    ]
     if reference == "none":
         return Verdict(None, "without a reference there is nothing to choose by", False)
     if not native:

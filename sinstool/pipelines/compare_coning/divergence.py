@@ -7,12 +7,10 @@ from math import atan2, sqrt
 
 import numba
 import numpy as np
-from numpy.typing import NDArray
 
+from sinstool.core.arrays import FloatArray, IntArray
+from sinstool.core.quaternion_kernels import product, to_rotation_vector
 from sinstool.pipelines.compare_coning.runs import Attitudes, Candidate
-
-FloatArray = NDArray[np.float64]
-IntArray = NDArray[np.int64]
 
 DEG_H = float(np.degrees(1.0)) * 3600.0
 # More instants in common than this are thinned evenly: slopes and extremes gain nothing.
@@ -175,18 +173,9 @@ def _psi(
         tw, tx, ty, tz = _relative(r[theirs[a]], q[mine[a]])
         for k in range(a + 1, edges[w + 1] + 1):
             dw, dx, dy, dz = _relative(q[mine[k]], r[theirs[k]])
-            w_ = tw * dw - tx * dx - ty * dy - tz * dz
-            x = tw * dx + tx * dw + ty * dz - tz * dy
-            y = tw * dy - tx * dz + ty * dw + tz * dx
-            z = tw * dz + tx * dy - ty * dx + tz * dw
-            if w_ < 0.0:
-                w_, x, y, z = -w_, -x, -y, -z
-            norm = sqrt(x * x + y * y + z * z)
-            # Below, 2 atan2(norm, w) / norm is 2 / w to the last bit.
-            factor = 2.0 / w_ if norm < 1e-9 * w_ else 2.0 * atan2(norm, w_) / norm
-            out[k, 0] = factor * x
-            out[k, 1] = factor * y
-            out[k, 2] = factor * z
+            c, x, y, z = product(tw, tx, ty, tz, dw, dx, dy, dz)
+            sign = -1.0 if c < 0.0 else 1.0
+            to_rotation_vector(sign * c, sign * x, sign * y, sign * z, out, k)
 
 
 @numba.njit(cache=True, nogil=True)
@@ -196,14 +185,11 @@ def _widest(q: FloatArray, r: FloatArray, mine: IntArray, theirs: IntArray) -> f
     sine, cosine = 0.0, 1.0
     for k in range(mine.shape[0]):
         dw, dx, dy, dz = _relative(q[mine[k]], r[theirs[k]])
-        w_ = abs(tw * dw - tx * dx - ty * dy - tz * dz)
-        x = tw * dx + tx * dw + ty * dz - tz * dy
-        y = tw * dy - tx * dz + ty * dw + tz * dx
-        z = tw * dz + tx * dy - ty * dx + tz * dw
+        w, x, y, z = product(tw, tx, ty, tz, dw, dx, dy, dz)
         norm = sqrt(x * x + y * y + z * z)
         # of two half angles up to a quarter turn, the larger has the larger tangent
-        if norm * cosine > sine * w_:
-            sine, cosine = norm, w_
+        if norm * cosine > sine * abs(w):
+            sine, cosine = norm, abs(w)
     return 2.0 * atan2(sine, cosine)
 
 
@@ -260,12 +246,12 @@ class Row:
 
     Attributes
     ----------
-    drift : DriftStatistics or None
+    drift_dph : DriftStatistics or None
         None where it has no instants in common with the reference.
-    end, slope : ndarray, shape (3,)
-        psi at the run's end (all segments added), rad, and its slope, rad/s.
-    largest : float
-        Largest norm of psi in any segment, rad.
+    end_deg, slope_dph : ndarray, shape (3,)
+        psi at the run's end (all segments added), and its slope over the longest segment.
+    largest_deg : float
+        Largest norm of psi in any segment.
     ns_per_sample : float
         Processor time for each sample it was fed.
     resolved : bool
@@ -276,10 +262,10 @@ class Row:
 
     candidate: Candidate
     update_hz: float
-    drift: DriftStatistics | None
-    end: FloatArray
-    slope: FloatArray
-    largest: float
+    drift_dph: DriftStatistics | None
+    end_deg: FloatArray
+    slope_dph: FloatArray
+    largest_deg: float
     ns_per_sample: float
     resolved: bool
     curves: tuple[Parting, ...]

@@ -175,7 +175,7 @@ def compare_log(
             f" ({len(longest) * interval:.4g} s) only"
         )
     if bands.stopband is None:
-        warnings.append("no --stopband is given, so pseudo-coning is not told from coning")
+        warnings.append("no --stopband is given: pseudo-coning cannot be distinguished from coning")
     warnings.append(
         f"content above half the sampling rate ({0.5 / interval:.4g} Hz) is unobservable in this"
         " log: nothing is said of it"
@@ -199,10 +199,10 @@ def compare_log(
 def _reference(options: ComparisonOptions) -> str:
     """What drift is measured from, and why."""
     if options.truth is not None:
-        return f"{options.truth}, as told"
+        return f"{options.truth}, as specified"
     if options.reference == "auto":
         return f"{REFERENCE}, as there is no --truth; {' and '.join(JUDGES)} judge it"
-    return f"{options.reference}, as told"
+    return f"{options.reference}, as specified"
 
 
 def _read_truth(

@@ -7,15 +7,14 @@ from dataclasses import dataclass
 from typing import Any, Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
-from sinstool.methods.coning.algorithm import ConingAlgorithm
+from sinstool.core.arrays import FloatArray
+from sinstool.methods.coning.algorithm import ConingAlgorithm, MultiSampleAlgorithm
 from sinstool.methods.coning.gyro_response import GyroResponse
 from sinstool.methods.coning.registry import algorithm
 from sinstool.methods.coning.singular_perturbation import VARIANTS, SingularPerturbation
 from sinstool.simulation.coning_paper import RATE_HZ
 
-FloatArray = NDArray[np.float64]
 Feed = Literal["rates", "rate x T", "interpolated", "increments"]
 
 # Fu and Luo: "in the neighbourhood of the sampling frequency epsilon is 0.032, beta unchanged".
@@ -45,7 +44,7 @@ class Case:
     feed: Feed
 
 
-class Summed(ConingAlgorithm):
+class Summed(MultiSampleAlgorithm):
     """Sum of a few increments as the rotation vector: no coning term, at a lower rate.
 
     Parameters

@@ -11,8 +11,8 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from sinstool.core.arrays import BoolArray
 from sinstool.pipelines.compare_coning.paper_experiment import Experiment
 from sinstool.pipelines.compare_coning.paper_sweep import Sweep
 
@@ -128,7 +128,7 @@ def jump(sweep: Sweep, frequency: float) -> float:
     )
 
 
-def low_band(sweep: Sweep) -> NDArray[np.bool_]:
+def low_band(sweep: Sweep) -> BoolArray:
     """Rows of a sweep below the bandwidth."""
     return (sweep.frequency >= LOW_BAND[0]) & (sweep.frequency <= LOW_BAND[1])
 

@@ -18,8 +18,8 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from sinstool.core.arrays import FloatArray
 from sinstool.methods.coning.algorithm import ConingAlgorithm
 from sinstool.methods.coning.gyro_response import GyroResponse, butterworth, chebyshev, none
 from sinstool.methods.strapdown.attitude import AttitudePropagator
@@ -35,8 +35,6 @@ from sinstool.simulation.coning_paper import (
     RIPPLE_DB,
     Phase,
 )
-
-FloatArray = NDArray[np.float64]
 
 RESPONSES = (
     *(chebyshev(order, RIPPLE_DB, BANDWIDTH_HZ) for order in range(5, 10)),

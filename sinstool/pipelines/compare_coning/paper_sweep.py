@@ -15,8 +15,9 @@ from queue import Empty, SimpleQueue
 
 import numba
 import numpy as np
-from numpy.typing import NDArray
 
+from sinstool.core.arrays import FloatArray
+from sinstool.core.quaternion_kernels import product
 from sinstool.core.rotation import log
 from sinstool.core.threads import executor
 from sinstool.methods.coning.gyro_response import GyroResponse
@@ -34,8 +35,6 @@ from sinstool.simulation.coning_paper import (
     tone,
 )
 from sinstool.simulation.truth import sample_times
-
-FloatArray = NDArray[np.float64]
 
 _LANES = 16  # frequencies that a thread takes at a time and the processor side by side
 
@@ -300,48 +299,24 @@ def _propagate_differences(
     """
     for k in range(phi.shape[1]):
         row = (k + 1) * step
-        tw = truth[row, 0]
-        tx = -truth[row, 1]
-        ty = -truth[row, 2]
-        tz = -truth[row, 3]
+        tw, tx, ty, tz = truth[row, 0], -truth[row, 1], -truth[row, 2], -truth[row, 3]
         # Loops of constant length over neighbours in memory become vector instructions.
         for j in range(_LANES):
-            row_phi[0, j] = phi[j, k, 0]
-            row_phi[1, j] = phi[j, k, 1]
-            row_phi[2, j] = phi[j, k, 2]
+            for i in range(3):
+                row_phi[i, j] = phi[j, k, i]
         for j in range(_LANES):
-            px = row_phi[0, j]
-            py = row_phi[1, j]
-            pz = row_phi[2, j]
+            px, py, pz = row_phi[0, j], row_phi[1, j], row_phi[2, j]
             u = 0.25 * (px * px + py * py + pz * pz)
             c = (((((_C6 * u + _C5) * u + _C4) * u + _C3) * u + _C2) * u + _C1) * u + 1.0
             s = (((((_S6 * u + _S5) * u + _S4) * u + _S3) * u + _S2) * u + _S1) * u + 1.0
             s *= 0.5
-            px *= s
-            py *= s
-            pz *= s
-            w = q[0, j] * c - q[1, j] * px - q[2, j] * py - q[3, j] * pz
-            x = q[0, j] * px + q[1, j] * c + q[2, j] * pz - q[3, j] * py
-            y = q[0, j] * py - q[1, j] * pz + q[2, j] * c + q[3, j] * px
-            z = q[0, j] * pz + q[1, j] * py - q[2, j] * px + q[3, j] * c
+            w, x, y, z = product(q[0, j], q[1, j], q[2, j], q[3, j], c, s * px, s * py, s * pz)
             # One Newton step towards 1/|q|: the length is 1 but for the rounding of one update.
             scale = 1.5 - 0.5 * (w * w + x * x + y * y + z * z)
-            w *= scale
-            x *= scale
-            y *= scale
-            z *= scale
-            q[0, j] = w
-            q[1, j] = x
-            q[2, j] = y
-            q[3, j] = z
-            ew = tw * w - tx * x - ty * y - tz * z
-            ex = tw * x + tx * w + ty * z - tz * y
-            ey = tw * y - tx * z + ty * w + tz * x
-            ez = tw * z + tx * y - ty * x + tz * w
-            e[0, j] = ew
-            e[1, j] = ex
-            e[2, j] = ey
-            e[3, j] = ez
+            w, x, y, z = w * scale, x * scale, y * scale, z * scale
+            q[0, j], q[1, j], q[2, j], q[3, j] = w, x, y, z
+            ew, ex, ey, ez = product(tw, tx, ty, tz, w, x, y, z)
+            e[0, j], e[1, j], e[2, j], e[3, j] = ew, ex, ey, ez
             square = ex * ex + ey * ey + ez * ez
             before = largest[j]
             largest[j] = square if square > before else before

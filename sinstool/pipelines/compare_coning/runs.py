@@ -8,16 +8,13 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from sinstool.core.arrays import FloatArray, IntArray
 from sinstool.methods.coning.algorithm import ConingAlgorithm
 from sinstool.methods.coning.increments import GyroKind
 from sinstool.methods.coning.registry import algorithm
 from sinstool.methods.coning.stage import ConingStage
 from sinstool.methods.strapdown.attitude import AttitudePropagator
-
-FloatArray = NDArray[np.float64]
-IntArray = NDArray[np.int64]
 
 _IDENTITY = (1.0, 0.0, 0.0, 0.0)
 _WARM = 64
@@ -55,20 +52,20 @@ class Candidate:
         Of the algorithm.
     decimate : int
         Only every so many samples are kept.
-    thinning : {'none', 'sums', 'points'}
-        How: increments summed, as a slower integrating gyro gives them, or rates picked, as a
-        slower sampling gyro does.
+    input : {'none', 'sums', 'points'}
+        How they are thinned: increments summed, as a slower integrating gyro gives them, or
+        rates picked, as a slower sampling gyro does.
     """
 
     name: str
     algorithm: ConingAlgorithm
     decimate: int = 1
-    thinning: str = "none"
+    input: str = "none"
 
     @property
     def label(self) -> str:
         """Name with what it is fed."""
-        return self.name if self.decimate == 1 else f"{self.name} /{self.decimate} {self.thinning}"
+        return self.name if self.decimate == 1 else f"{self.name} /{self.decimate} {self.input}"
 
     @property
     def stride(self) -> int:
@@ -173,7 +170,7 @@ def _feed(
     native = np.arange(len(segment), dtype=np.int64)
     if m == 1:
         return segment.gyro, segment.time_ns, native, kind
-    if candidate.thinning == "points":
+    if candidate.input == "points":
         return segment.gyro[::m], segment.time_ns[::m], native[::m], kind
     # The first sum is history only. It ends one update into the segment, so that updates stay
     # on multiples of their length and share instants with the reference.

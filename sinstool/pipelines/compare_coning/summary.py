@@ -6,8 +6,8 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from sinstool.core.arrays import FloatArray
 from sinstool.core.result import as_json, fields_in
 from sinstool.methods.coning.increments import GyroKind
 from sinstool.methods.coning.registry import algorithm
@@ -19,7 +19,6 @@ from sinstool.pipelines.compare_coning.log import SP, Checks, LogComparison
 from sinstool.pipelines.compare_coning.runs import Candidate
 
 SCHEMA = "sinstool.compare-coning/1"
-FloatArray = NDArray[np.float64]
 
 # What a candidate is fed with, where that is not what the log holds
 KINDS: dict[str, GyroKind] = {"sums": "increment", "points": "rate"}
@@ -31,18 +30,18 @@ class Prediction:
 
     Attributes
     ----------
-    drift : ndarray, shape (3,)
-        Predicted drift against the true attitude, deg/h. The difference of two candidates is
-        how they part from each other; what is held to be motion does not enter there.
-    pseudo : ndarray, shape (3,) or None
-        Of it, what is noise if nothing moves above the stopband, deg/h; None without one.
-    exception : str
+    pred_dph : ndarray, shape (3,)
+        Predicted drift against the true attitude. The difference of two candidates is how they
+        part from each other; what is held to be motion does not enter there.
+    pseudo_dph : ndarray, shape (3,) or None
+        Of it, what is noise if nothing moves above the stopband; None without one.
+    pred_exception : str
         Why the prediction cannot hold for this candidate; '' where it should.
     """
 
-    drift: FloatArray
-    pseudo: FloatArray | None
-    exception: str
+    pred_dph: FloatArray
+    pseudo_dph: FloatArray | None
+    pred_exception: str
 
 
 def predict(
@@ -61,7 +60,7 @@ def predict(
         Hz.
 
     """
-    kind = KINDS.get(candidate.thinning)
+    kind = KINDS.get(candidate.input)
     interval = spectrum.interval * candidate.decimate
 
     drift = DEG_H * predicted_drift(
@@ -145,7 +144,7 @@ class Reference:
     below_resolution: tuple[str, ...]
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class AlgorithmResult:
     """One algorithm at one rate.
 
@@ -173,11 +172,11 @@ class AlgorithmResult:
     end_deg: FloatArray
     largest_deg: float
     resolved: bool
-    pred_dph: FloatArray | None
-    pred_parting_dph: FloatArray | None
-    beyond_pred_dph: FloatArray | None
-    pred_exception: str
-    pseudo_dph: FloatArray | None
+    pred_dph: FloatArray | None = None
+    pred_parting_dph: FloatArray | None = None
+    beyond_pred_dph: FloatArray | None = None
+    pred_exception: str = ""
+    pseudo_dph: FloatArray | None = None
     ns_per_sample: float
 
     @property
@@ -257,7 +256,7 @@ def summarise(log: LogComparison) -> ComparisonResult:
     pairs = tuple(Pair(a, b, float(np.degrees(angle))) for (a, b), angle in c.pairs.items())
     comparable = [p for p in pairs if p.largest_deg == p.largest_deg]
     own = _reference_prediction(log)
-    base = own.drift if own is not None else np.zeros(3) if c.reference == "truth" else None
+    base = own.pred_dph if own is not None else np.zeros(3) if c.reference == "truth" else None
     return ComparisonResult(
         Input(str(log.path)),
         Meta(
@@ -279,9 +278,9 @@ def summarise(log: LogComparison) -> ComparisonResult:
             resolution_dph=None
             if c.reference_resolution is None
             else c.reference_resolution * DEG_H,
-            pred_dph=None if own is None else own.drift,
+            pred_dph=None if own is None else own.pred_dph,
             below_resolution=tuple(
-                r.candidate.label for r in c.rows if r.drift is not None and not r.resolved
+                r.candidate.label for r in c.rows if r.drift_dph is not None and not r.resolved
             ),
         ),
         tuple(_algorithm(row, _prediction(row.candidate, log), base) for row in c.rows),
@@ -319,30 +318,15 @@ def _prediction(candidate: Candidate, log: LogComparison) -> Prediction | None:
 def _algorithm(
     row: Row, prediction: Prediction | None, reference_drift: np.ndarray | None
 ) -> AlgorithmResult:
-    d = row.drift
-    parting = beyond = None
+    c, d = row.candidate, row.drift_dph
+    values: dict[str, Any] = {}
+    for source in (c.algorithm, c, row, prediction):
+        values |= fields_in(source, AlgorithmResult)
     if prediction is not None and reference_drift is not None:
-        parting = prediction.drift - reference_drift
-        beyond = None if d is None else d.mean - parting
-    return AlgorithmResult(
-        name=row.candidate.name,
-        summary=row.candidate.algorithm.summary,
-        caveat=row.candidate.algorithm.caveat,
-        update_hz=row.update_hz,
-        decimate=row.candidate.decimate,
-        input=row.candidate.thinning,
-        drift_dph=d,
-        slope_dph=row.slope * DEG_H,
-        end_deg=np.degrees(row.end),
-        largest_deg=float(np.degrees(row.largest)),
-        resolved=row.resolved,
-        pred_dph=None if prediction is None else prediction.drift,
-        pred_parting_dph=parting,
-        beyond_pred_dph=beyond,
-        pred_exception="" if prediction is None else prediction.exception,
-        pseudo_dph=None if prediction is None else prediction.pseudo,
-        ns_per_sample=row.ns_per_sample,
-    )
+        parting = prediction.pred_dph - reference_drift
+        values["pred_parting_dph"] = parting
+        values["beyond_pred_dph"] = None if d is None else d.mean - parting
+    return AlgorithmResult(**values)
 
 
 def _sp(log: LogComparison) -> SpResult | None:

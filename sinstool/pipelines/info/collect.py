@@ -6,19 +6,13 @@ from abc import ABC, abstractmethod
 from collections.abc import Iterator
 
 import numpy as np
-from numpy.typing import NDArray
 
+from sinstool.core.arrays import BoolArray, FloatArray, IntArray
 from sinstool.core.envelope import Envelope
 from sinstool.core.streams import Imu
 from sinstool.core.timeline import GAP_INTERVALS, SECOND
 from sinstool.core.units import DEGREE
 from sinstool.io.readers.frames import turn_body
-
-FloatArray = NDArray[np.float64]
-
-
-IntArray = NDArray[np.int64]
-
 
 # Bins of messages over time; they merge in pairs at twice this number.
 BINS = 2000
@@ -112,7 +106,7 @@ class Values(_Watcher):
             values[self._after_gap(block.time_ns)] = np.nan
         self._envelope.push(block.time_ns, values)
 
-    def _after_gap(self, time_ns: IntArray) -> NDArray[np.bool_]:
+    def _after_gap(self, time_ns: IntArray) -> BoolArray:
         """Which samples come later after the one before than is usual at the log's beginning."""
         steps = np.diff(time_ns, prepend=time_ns[0] if self._last is None else self._last)
         if np.isinf(self._longest) and len(time_ns) > 1:

@@ -131,10 +131,10 @@ class Inspection:
     @property
     def findings(self) -> tuple[Finding, ...]:
         """What is odd about the log, over all topics."""
-        parts = tuple(
-            Finding("lost-part", f"lost: {part}", Severity.LOST) for part in self.lost.parts
+        return (
+            *self.lost.findings(),
+            *(finding for imu in self.usable for finding in imu.findings),
         )
-        return (*parts, *(finding for imu in self.usable for finding in imu.findings))
 
     @property
     def exit_status(self) -> int:

@@ -120,7 +120,7 @@ class InsMode(Mode):
 def start(
     source: Source, alignment: Alignment, config: ProcessConfig
 ) -> tuple[np.ndarray, list[str]]:
-    """State at the start: position and velocity as told or by GNSS, attitude as aligned.
+    """State at the start: position and velocity as specified or by GNSS, attitude as aligned.
 
     Raises
     ------
@@ -159,7 +159,7 @@ def start(
 def start_velocity(
     source: Source, alignment: Alignment, config: ProcessConfig
 ) -> np.ndarray | None:
-    """Velocity at the start: as told, at rest, or by GNSS; None where nothing tells it."""
+    """Velocity at the start: as specified, at rest, or by GNSS; None where it is unknown."""
     if config.navigation.initial_velocity is not None:
         return np.array(config.navigation.initial_velocity)
     still = source.survey.lead_in

@@ -103,7 +103,7 @@ def require_gravity(source: Source, config: ProcessConfig) -> None:
     DataError
     """
     if config.input.accel_unit is not None:
-        return  # whoever names the unit has looked at the numbers
+        return  # a user who names the unit has looked at the numbers
     survey = source.survey
     if any(odd.kind == "no-gravity" for odd in oddities(survey, config.input)):
         raise DataError(

@@ -91,7 +91,7 @@ class Output:
             Of the input's Imu topic, which the output keeps unless it holds results only.
         computed : sequence of str
             What this kind of run writes unless the configuration says otherwise, of
-            :data:`~sinstool.config.EMITS`; beside it there are always Euler angles, poses and
+            :data:`~sinstool.config.logs.EMITS`; beside it there are always Euler angles, poses and
             transforms.
         tf_parent : str, optional
             Parent of the Imu's frame in the log's own transforms.

@@ -7,7 +7,7 @@ from typing import Protocol
 
 import numpy as np
 
-from sinstool.core.finding import Finding, Severity
+from sinstool.core.finding import Finding
 from sinstool.core.result import compass
 from sinstool.core.rotation import to_euler
 from sinstool.core.streams import Solution
@@ -47,7 +47,7 @@ class FilterCourse:
 
 
 class Sink(Protocol):
-    """Takes what a run computes, while it runs, for whoever wants to show it."""
+    """Takes what a run computes, while it runs, for figures and statistics."""
 
     def push(self, solution: Solution) -> None:
         """Take the next solutions, in the order of time."""
@@ -385,10 +385,6 @@ class Lost(LogLosses):
             not_finite=s.losses.nonfinite,
             late=s.order.late,
         )
-
-    def findings(self) -> list[Finding]:
-        """A finding for each damaged part; the rest has been noticed by the survey."""
-        return [Finding("lost-part", f"lost: {part}", Severity.LOST) for part in self.parts]
 
 
 @dataclass(frozen=True)

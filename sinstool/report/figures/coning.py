@@ -64,7 +64,7 @@ def _parting(rows: list[Row], log: LogComparison) -> Figure:
 
 def _bars(rows: list[Row], truth: bool) -> Figure:
     names = tuple(r.candidate.label for r in rows)
-    drifts = [r.drift for r in rows if r.drift is not None]
+    drifts = [r.drift_dph for r in rows if r.drift_dph is not None]
     series = tuple(
         Series(f"{axis}", np.array([d.mean[k] for d in drifts]), names, "bars")
         for k, axis in enumerate(AXES)
@@ -158,15 +158,15 @@ def _decimation(log: LogComparison) -> Figure:
     c = log.comparison
     curves: dict[str, tuple[list[float], list[float]]] = {}
     for row in c.rows:
-        if row.drift is None or row.drift.norm_rms <= 0.0:
+        if row.drift_dph is None or row.drift_dph.norm_rms <= 0.0:
             continue
-        thinnings = [row.candidate.thinning]
+        thinnings = [row.candidate.input]
         if row.candidate.decimate == 1:
             thinnings = ["sums", "points"] if c.kind == "rate" else ["sums"]
         for thinning in thinnings:
             x, y = curves.setdefault(f"{row.candidate.name}, {thinning}", ([], []))
             x.append(row.candidate.decimate)
-            y.append(row.drift.norm_rms)
+            y.append(row.drift_dph.norm_rms)
     colours = {
         name: k for k, name in enumerate(dict.fromkeys(n.rpartition(",")[0] for n in curves))
     }

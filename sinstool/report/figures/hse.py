@@ -7,9 +7,9 @@ The first is the calibration itself: heading against rate, eq. (15) of Yu et al.
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy import special
 
+from sinstool.core.arrays import BoolArray, FloatArray
 from sinstool.core.earth import EARTH_RATE
 from sinstool.core.rotation import wrapped
 from sinstool.core.units import ARCSEC, DEGREE, DEGREE_PER_HOUR
@@ -17,7 +17,7 @@ from sinstool.methods.hse.axial import earth_rate_along_axis
 from sinstool.methods.hse.fit_result import HseFit
 from sinstool.methods.hse.statistics import Column
 from sinstool.pipelines.calibrate_hse.result import Calibration
-from sinstool.report.figure import Figure, FloatArray, Series, Style
+from sinstool.report.figure import Figure, Series, Style
 from sinstool.report.figures.hse_turns import east_rate_allan, heading_by_turn, rates_over_time
 from sinstool.report.figures.parts import both_sides
 
@@ -96,7 +96,7 @@ def _band(lines: _Lines, rate: FloatArray, middle: FloatArray) -> list[Series]:
     return [both_sides(f"95 % band, {lines.name(lines.lead)}", rate / DEGREE, *edges)]
 
 
-def _points(x: FloatArray, y: FloatArray, used: NDArray[np.bool_]) -> list[Series]:
+def _points(x: FloatArray, y: FloatArray, used: BoolArray) -> list[Series]:
     """A point for each run, those in use and those left out apart."""
     parts = (("runs in use", used), ("runs left out", ~used))
     return [Series(name, y[rows], x[rows], "points") for name, rows in parts if rows.any()]
@@ -185,7 +185,7 @@ class _Lines:
         return np.asarray(quantile * np.sqrt(np.maximum(variance, 0.0)))
 
     def by_axial(
-        self, grid: FloatArray, rate: FloatArray, offset: FloatArray, used: NDArray[np.bool_]
+        self, grid: FloatArray, rate: FloatArray, offset: FloatArray, used: BoolArray
     ) -> FloatArray | None:
         """The line that the axial coefficient has, through the middle of the runs in use."""
         position = np.array([one.position for one in self.result.run_fits])

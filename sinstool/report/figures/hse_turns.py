@@ -5,14 +5,14 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 
 import numpy as np
-from numpy.typing import ArrayLike
 
+from sinstool.core.arrays import ArrayLike, FloatArray
 from sinstool.core.earth import EARTH_RATE
 from sinstool.core.rotation import wrapped
 from sinstool.core.units import ARCSEC, DEGREE, DEGREE_PER_HOUR
 from sinstool.methods.hse.run import HseRun, rate_groups
 from sinstool.methods.hse.segments import Segment
-from sinstool.report.figure import Figure, FloatArray, Series, Style
+from sinstool.report.figure import Figure, Series, Style
 from sinstool.survey.rig import RigTurns
 
 # Marks with the names of more logs than this would cover each other.

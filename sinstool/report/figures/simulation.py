@@ -5,19 +5,17 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
+from sinstool.core.arrays import FloatArray, IntArray
 from sinstool.core.earth import horizontal_metres
 from sinstool.core.rotation import to_euler, wrapped
 from sinstool.core.timeline import SECOND
 from sinstool.core.units import DEGREE
 from sinstool.methods.height.pressure import geometric, pressure_altitude
-from sinstool.report.figure import Figure, FloatArray, Series, heading_curve
+from sinstool.report.figure import Figure, Series, heading_curve
 from sinstool.report.figures.parts import AXES, BODY, track
 from sinstool.simulation.hse_rig import HseRigLog
 from sinstool.simulation.truth import ImuTruth, Trajectory
-
-IntArray = NDArray[np.int64]
 
 TIME = "time, s"
 # What a sensor measures that is off by less is exact but for rounding.

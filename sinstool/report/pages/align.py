@@ -10,7 +10,7 @@ from sinstool.pipelines.align.result import AlignResult, Vector
 from sinstool.report.figures.alignment import figures
 from sinstool.report.figures.parts import AXES
 from sinstool.report.page import write_report
-from sinstool.report.pages.settings import Read, config_settings, input_rows
+from sinstool.report.pages.settings import config_settings, input_rows, read_file
 from sinstool.report.sections import (
     Cell,
     Column,
@@ -22,7 +22,7 @@ from sinstool.report.sections import (
     Table,
 )
 
-# What each status means for whoever wants to go on from this attitude.
+# What each status means for the use of this attitude.
 VERDICTS = {
     "ok": "Attitude is known about every axis to a degree or better.",
     "degraded": "Attitude is known, but its worst axis is no better than the sigma below says, or"
@@ -52,9 +52,9 @@ def write_page(report: Path, alignment: LogAlignment, config: ProcessConfig, log
         sections.append(_sensors(result))
     sections += [
         Settings(config_settings(config, *ALIGN_OPTIONS, "navigation")),
-        input_rows([Read.of(log)]),
+        input_rows([read_file(log)]),
     ]
-    subtitle = f"{result.input}, {result.imu.topic}"
+    subtitle = f"{result.input.path}, {result.imu.topic}"
     page = Page("Where the vehicle points", subtitle, tuple(sections), result.warnings)
     write_report(report, page, overwrite=config.output.overwrite)
 

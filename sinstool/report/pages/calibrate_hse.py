@@ -12,7 +12,7 @@ from sinstool.methods.hse.statistics import Column as Headings
 from sinstool.pipelines.calibrate_hse.result import Calibration
 from sinstool.report.figures.hse import ARCSEC, figures
 from sinstool.report.page import write_report
-from sinstool.report.pages.settings import Read, config_settings, input_rows
+from sinstool.report.pages.settings import config_settings, input_rows, read_file
 from sinstool.report.sections import (
     Cell,
     Column,
@@ -25,7 +25,7 @@ from sinstool.report.sections import (
     table_of,
 )
 
-# What each status means for whoever wants to correct headings.
+# What each status means for the correction of headings.
 VERDICTS = {
     "ok": "The calibration may be applied.",
     "nonlinear": "The calibration may be applied, but heading is not quite linear in the rate: see"
@@ -57,7 +57,7 @@ def write_page(
     )
     tables = [make(calibration) for make in (_headings, _runs, _stretches)]
     settings = Settings(config_settings(config, "calibration", "rig", "input"))
-    read = input_rows([Read.of(path) for path in logs])
+    read = input_rows([read_file(path) for path in logs])
     sections = (*first, *figures(calibration), *filter(None, tables), settings, read)
     logs_read = calibration.logs
     source = f"{len(logs_read)} logs" if len(logs_read) > 1 else logs_read[0].source

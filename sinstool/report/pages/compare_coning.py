@@ -11,7 +11,7 @@ from sinstool.pipelines.compare_coning.paper import Reproduction
 from sinstool.pipelines.compare_coning.summary import AlgorithmResult, ComparisonResult
 from sinstool.report.figure import Figure
 from sinstool.report.figures.paper import figures
-from sinstool.report.pages.settings import Read, config_settings, input_rows
+from sinstool.report.pages.settings import config_settings, input_rows, read_file
 from sinstool.report.sections import Column, Fact, Page, Prose, Section, Settings, Table, table_of
 from sinstool.report.text.coning import COLUMNS, LEGEND, PSEUDO, TERMINAL, about_reference
 from sinstool.report.text.coning import Column as ColumnOf
@@ -35,7 +35,7 @@ def comparison_page(
     if not text.startswith(tuple(row.name for row in result.algs)):
         text = f"{text[:1].upper()}{text[1:]}"
     verdict = Prose((f"{text}.",), "Result", _facts(result))
-    last = (Settings(config_settings(config, *COMPARISON_OPTIONS)), input_rows([Read.of(log)]))
+    last = (Settings(config_settings(config, *COMPARISON_OPTIONS)), input_rows([read_file(log)]))
     sections: tuple[Section, ...] = (verdict, sizes, *figures, *tables, *last)
     warnings = (*result.warnings, *result.lost)
     return Page("Coning algorithms compared", log.name, sections, warnings)

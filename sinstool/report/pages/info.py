@@ -11,7 +11,7 @@ from sinstool.pipelines.info.result import InspectedImu, Inspection, Topic, Unus
 from sinstool.pipelines.info.run import Shown
 from sinstool.report.figures.inspection import figures
 from sinstool.report.page import write_report
-from sinstool.report.pages.settings import Read, config_settings, input_rows
+from sinstool.report.pages.settings import config_settings, input_rows, read_file
 from sinstool.report.sections import (
     Cell,
     Column,
@@ -56,7 +56,7 @@ def write_page(
     if inspection.process.plan is not None:
         sections.append(Rows("What process would do", tuple(inspection.process.plan.rows())))
     sections += [table for imu in good for table in (_still(imu), _gaps(imu)) if table.rows]
-    read = [Read.of(Path(source.path))]
+    read = [read_file(Path(source.path))]
     sections += [Settings(config_settings(config, "input")), input_rows(read)]
     name = Path(source.path).name
     page = Page("What is in a log", name, tuple(sections), _warnings(inspection))

@@ -13,7 +13,7 @@ from sinstool.pipelines.process import summary
 from sinstool.pipelines.process.errors_against_truth import RunErrors
 from sinstool.pipelines.process.result import ProcessResult
 from sinstool.report.page import write_report
-from sinstool.report.pages.settings import Read, config_settings, input_rows
+from sinstool.report.pages.settings import config_settings, input_rows
 from sinstool.report.recorder import Recorder
 from sinstool.report.sections import (
     Cell,
@@ -63,7 +63,7 @@ def write_page(
         Rows("What was chosen", tuple(result.plan.rows())),
         Rows("What was done", tuple((what, how) for what, how in rows if what != "input sha256")),
         Settings(config_settings(config, *PROCESS_OPTIONS)),
-        input_rows([Read(read.path, read.size, read.sha256)]),
+        input_rows([read]),
     )
     shown = tuple(one for one in sections if one)
     page = Page(TITLES[mode], Path(read.path).name, shown, result.warnings)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -11,6 +10,7 @@ from sinstool.core import version
 from sinstool.core.options import Group
 from sinstool.core.whole_file import path_for_now
 from sinstool.io.readers.log import path_size
+from sinstool.pipelines.process.summary import InputFile
 from sinstool.pipelines.provenance import sha256
 from sinstool.report.sections import Rows, Setting
 
@@ -58,28 +58,13 @@ def _plain(value: Any) -> Any:
     return value
 
 
-@dataclass(frozen=True)
-class Read:
-    """A file that a page was made from.
-
-    Attributes
-    ----------
-    size : int
-        Bytes.
-    """
-
-    path: str
-    size: int
-    sha256: str
-
-    @classmethod
-    def of(cls, path: Path) -> Read:
-        """Look at a file, or at all files of a directory."""
-        there = path_for_now(path)
-        return cls(str(path), path_size(there), sha256(there))
+def read_file(path: Path) -> InputFile:
+    """Look at a file, or at all files of a directory, that a page was made from."""
+    there = path_for_now(path)
+    return InputFile(str(path), path_size(there), sha256(there))
 
 
-def input_rows(read: Sequence[Read], title: str = "Input") -> Rows:
+def input_rows(read: Sequence[InputFile], title: str = "Input") -> Rows:
     """What the page was made from, and by which version, so that it can be made again.
 
     Parameters

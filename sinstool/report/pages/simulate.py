@@ -12,7 +12,7 @@ from sinstool.core.timeline import SECOND
 from sinstool.core.units import DEGREE
 from sinstool.report.figure import Figure
 from sinstool.report.figures import simulation as draw
-from sinstool.report.pages.settings import Read, config_settings, input_rows
+from sinstool.report.pages.settings import config_settings, input_rows, read_file
 from sinstool.report.sections import (
     Column,
     Fact,
@@ -61,7 +61,7 @@ def simulation_page(simulated: Simulated, config: Group, output: Path) -> Page:
         *figures,
         Table("What was written", columns, rows),
         Settings(config_settings(config, "simulate")),
-        input_rows([Read.of(output)], "Output"),
+        input_rows([read_file(output)], "Output"),
     )
     return Page(f"A simulated log: {simulated.settings['scenario']}", output.name, sections)
 

@@ -2,16 +2,14 @@
 
 from __future__ import annotations
 
-import csv
-import io
 import textwrap
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
 import click
 
-from sinstool.core.whole_file import make_folder, write_whole
+from sinstool.core.whole_file import make_folder, write_table
 from sinstool.pipelines.compare_coning import summary
 from sinstool.report.text.table import aligned
 
@@ -88,6 +86,7 @@ LEGEND = (
 BRACKETS = " (in brackets where it cannot hold, see below)"
 PSEUDO = " pseudo: part of expect that is noise, if nothing moves above the stopband."
 WIDTH = 118
+LINE_END = "\r\n"  # of tables: RFC 4180
 # Angles that far below rounding are none
 _NOTHING = 1e-9
 
@@ -262,15 +261,6 @@ def write_csv(folder: Path, result: summary.ComparisonResult) -> None:
     make_folder(folder)
     names = [f"{n} [{u}]" if u else n for n, u, _ in COLUMNS]
     cells = [tuple(get(a) for _, _, get in COLUMNS) for a in result.algs]
-    write_table(folder / "algorithms.csv", names, cells)
+    write_table(folder / "algorithms.csv", names, cells, LINE_END)
     pairs = [(p.first, p.second, p.largest_deg) for p in result.pairs]
-    write_table(folder / "pairs.csv", ("first", "second", "largest angle [deg]"), pairs)
-
-
-def write_table(path: Path, names: Sequence[str], rows: Sequence[Sequence[Any]]) -> None:
-    """Write a CSV file, whole."""
-    buffer = io.StringIO(newline="")
-    writer = csv.writer(buffer)
-    writer.writerow(names)
-    writer.writerows(rows)
-    write_whole(path, buffer.getvalue())
+    write_table(folder / "pairs.csv", ("first", "second", "largest angle [deg]"), pairs, LINE_END)

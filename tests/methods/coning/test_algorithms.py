@@ -3,6 +3,7 @@ import pytest
 
 from sinstool.core import rotation
 from sinstool.core.errors import ConfigurationError
+from sinstool.methods.coning.algorithm import ConingAlgorithm, MultiSampleAlgorithm
 from sinstool.methods.coning.lags import lag_coefficients, optimal, previous, uncompensated
 from sinstool.methods.coning.registry import algorithm, names
 from sinstool.methods.coning.savage import SavageTwoSpeed
@@ -133,6 +134,20 @@ def test_turned_samples_give_turned_answers(name, kind):
     straight = a.rotation_vectors(x, dt, 4, 4)
     turned = a.rotation_vectors(rotation.rotate(q, x), dt, 4, 4)
     np.testing.assert_allclose(turned, rotation.rotate(q, straight), rtol=1e-12)
+
+
+def test_an_algorithm_of_several_samples_says_what_ends_a_segment():
+    class One(ConingAlgorithm):
+        def _fill(self, x, dt, first, out):
+            out[:] = x[first : first + len(out)]
+
+    class Several(MultiSampleAlgorithm):
+        _fill = One._fill
+
+    with pytest.raises(AttributeError, match="samples"):
+        One().samples = 2
+    with pytest.raises(TypeError, match="_of_samples"):
+        Several()
 
 
 @pytest.mark.parametrize("name", EVERY)

@@ -49,11 +49,11 @@ def error(name, case, kind, noise=None):
 @pytest.mark.parametrize("case", range(3))
 @pytest.mark.parametrize("name", TABLE)
 def test_drift_over_a_minute_ends_included(name, case):
-    found, expected = error(name, case, "mean-rate"), TABLE[name][case]
+    actual, expected = error(name, case, "mean-rate"), TABLE[name][case]
     if name == "lookahead-12" or (name in BETTER and case == 2):
-        assert found <= expected
+        assert actual <= expected
     else:
-        assert found == pytest.approx(expected, rel=0.03)
+        assert actual == pytest.approx(expected, rel=0.03)
 
 
 @pytest.mark.parametrize(("case", "limit"), list(enumerate((7e-5, 7e-4, 1.6e-7))))

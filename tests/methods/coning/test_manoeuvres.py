@@ -12,7 +12,7 @@ from sinstool.methods.coning.picard import Picard
 from sinstool.methods.coning.registry import algorithm
 from sinstool.methods.coning.stage import ConingStage
 from sinstool.methods.strapdown.attitude import AttitudePropagator
-from sinstool.simulation.motions import random_manoeuvre
+from sinstool.simulation.motions import random_manoeuvre, sample
 from sinstool.simulation.truth import sample_times
 
 MOTIONS = {"slow": (3.0, (0.3, 2.5)), "fast": (6.5, (1.0, 8.0))}  # rad/s, Hz
@@ -57,15 +57,15 @@ def final_error(motion, chosen, kind):
 
 @pytest.fixture(scope="module")
 def errors():
-    found = {}
+    listed = {}
     for column in COLUMNS:
         speed, rate = column
         for seed in range(6):
-            motion = random_manoeuvre(sample_times(rate, 60.0), *MOTIONS[speed], seed=seed)
+            motion = sample(random_manoeuvre(*MOTIONS[speed], seed=seed), sample_times(rate, 60.0))
             for label, (chosen, kind, _) in TABLE.items():
                 error = final_error(motion, chosen, kind)
-                found.setdefault((label, column), []).append(error)
-    return {key: np.sqrt(np.mean(np.square(values))) for key, values in found.items()}
+                listed.setdefault((label, column), []).append(error)
+    return {key: np.sqrt(np.mean(np.square(values))) for key, values in listed.items()}
 
 
 @pytest.mark.slow

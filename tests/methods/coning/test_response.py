@@ -163,8 +163,8 @@ def assert_entry(value, text):
     assert value == pytest.approx(expected, abs=max(0.01 * abs(expected), 1e-6, digit))
 
 
-def closed_drift(algorithm, kind, told, interval, frequency, half_angle):
-    if kind == told:
+def closed_drift(algorithm, kind, assumed, interval, frequency, half_angle):
+    if kind == assumed:
         return coning_drift(algorithm, half_angle, frequency, interval, kind)
     # point rates passed off as mean rates
     before = algorithm.before
@@ -174,7 +174,7 @@ def closed_drift(algorithm, kind, told, interval, frequency, half_angle):
     return drift_from_phi(phi, algorithm.samples * interval, frequency)
 
 
-def simulated_drift(algorithm, kind, told, interval, frequency, half_angle):
+def simulated_drift(algorithm, kind, assumed, interval, frequency, half_angle):
     """Run the log through the stage and the attitude, and look at it 6 s apart.
 
     After whole turns of the cone the true rotation between the two instants is none, so
@@ -193,7 +193,7 @@ def simulated_drift(algorithm, kind, told, interval, frequency, half_angle):
         "mean-rate": motion.gyro_mean_rate,
         "increment": motion.gyro_increment,
     }[kind]
-    stage = ConingStage(algorithm, told, nominal_interval=interval)
+    stage = ConingStage(algorithm, assumed, nominal_interval=interval)
     answers = stage.push(gyro, motion.time_ns)
     q = AttitudePropagator(motion.q_nb[0]).push(answers.rotation_vector, answers.interval)
     updates = round(window / (algorithm.samples * interval))
@@ -301,8 +301,8 @@ def test_true_rotation_vectors_do_not_drift(half_angle, turn):
     axis = np.copysign(1.0, axis[2]) * axis
     wrong = rotation.multiply(rotation.exp(-e * axis), product)
     phi = rotation.log(rotation.multiply(wrong, rotation.conjugate(r)))
-    found = drift_from_phi(phi, 0.01, turn / 2 / np.pi / 0.01)
-    assert found == pytest.approx(e / 0.01, rel=1e-5)
+    result = drift_from_phi(phi, 0.01, turn / 2 / np.pi / 0.01)
+    assert result == pytest.approx(e / 0.01, rel=1e-5)
 
 
 @pytest.mark.parametrize("half_angle", [1e-4, 2e-3, 0.05])

@@ -9,7 +9,7 @@ from sinstool.methods.coning.response import coning_spectrum, predicted_drift
 from sinstool.methods.coning.sp_tuning import best_q, bounds, coning_answer, tune
 from sinstool.methods.coning.stage import ConingStage
 from sinstool.methods.strapdown.attitude import AttitudePropagator
-from sinstool.simulation.motions import broadband
+from sinstool.simulation.motions import broadband, sample
 from sinstool.simulation.truth import sample_times
 from tests.helpers.coning_response import coning_gain, coning_samples
 
@@ -67,26 +67,27 @@ def test_slow_coning_is_the_limit(kind):
 @pytest.mark.parametrize("kind", ["rate", "mean-rate"])
 def test_a_line_in_noise_is_tuned_to(frequency, kind):
     gyro = with_noise(coning_samples(np.deg2rad(0.1), frequency, STEP, 20000, kind))
-    found = tune(gyro, STEP, kind, passband=120.0)
-    assert found.status == "tuned"
-    assert found.q == pytest.approx(best_q(turn(frequency), kind), rel=1e-4)
-    assert found.epsilon == 0.5 * STEP
-    assert found.beta_gain == pytest.approx(6 * found.q + 1.5)
-    assert found.options().keys() == {"variant", "epsilon", "beta_gain"}
+    result = tune(gyro, STEP, kind, passband=120.0)
+    assert result.status == "tuned"
+    assert result.q == pytest.approx(best_q(turn(frequency), kind), rel=1e-4)
+    assert result.epsilon == 0.5 * STEP
+    assert result.beta_gain == pytest.approx(6 * result.q + 1.5)
+    assert result.options().keys() == {"variant", "epsilon", "beta_gain"}
     np.testing.assert_allclose(
-        found.drift_tuned,
+        result.drift_tuned,
         predicted_drift(
-            coning_spectrum(gyro, STEP, kind), algorithm("singular-perturbation", **found.options())
+            coning_spectrum(gyro, STEP, kind),
+            algorithm("singular-perturbation", **result.options()),
         ),
         rtol=0,
-        atol=1e-4 * np.abs(found.drift_best).max() + 1e-12,
+        atol=1e-4 * np.abs(result.drift_best).max() + 1e-12,
     )
 
 
 def test_tuning_pays_on_a_broad_band():
-    motion = broadband(sample_times(400.0, 64.0), 2e-4, seed=1)
-    found = tune(motion.gyro_rate, STEP, passband=160.0)
-    assert found.status == "tuned"
+    motion = sample(broadband(2e-4, seed=1), sample_times(400.0, 64.0))
+    result = tune(motion.gyro_rate, STEP, passband=160.0)
+    assert result.status == "tuned"
 
     def drift(**options):
         stage = ConingStage(algorithm("singular-perturbation", **options), "rate")
@@ -94,8 +95,8 @@ def test_tuning_pays_on_a_broad_band():
         q = AttitudePropagator(motion.q_nb[0]).push(answers.rotation_vector, answers.interval)
         return log(multiply(q[-1], conjugate(motion.q_nb[-1])))[2] / 64.0
 
-    best, tuned = drift(preset="best"), drift(**found.options())
-    assert best == pytest.approx(found.drift_best[2], rel=0.03)
+    best, tuned = drift(preset="best"), drift(**result.options())
+    assert best == pytest.approx(result.drift_best[2], rel=0.03)
     assert abs(tuned) < 0.05 * abs(best)
     assert best * PER_HOUR > 0.1
 
@@ -125,34 +126,34 @@ def test_tuning_pays_on_a_broad_band():
     ],
 )
 def test_the_usual_where_there_is_nothing_to_tune_to(gyro, passband, status):
-    found = tune(gyro, STEP, passband=passband)
-    assert found.status == status
-    assert (found.q, found.beta_gain, found.epsilon) == (1 / 12, 2.0, 0.5 * STEP)
+    result = tune(gyro, STEP, passband=passband)
+    assert result.status == status
+    assert (result.q, result.beta_gain, result.epsilon) == (1 / 12, 2.0, 0.5 * STEP)
 
 
 @pytest.mark.parametrize("frequency", [8.0, 30.0, 100.0])
 def test_bounds_of_one_line(frequency):
     gyro = with_noise(coning_samples(np.deg2rad(0.1), frequency, STEP, 40000, "rate"))
-    found = bounds(gyro, STEP)
-    assert (found.status, found.noise_limited) == ("ok", 0)
-    assert found.windows == 19
-    for value in found.epsilon_upper:
+    result = bounds(gyro, STEP)
+    assert (result.status, result.noise_limited) == ("ok", 0)
+    assert result.windows == 19
+    for value in result.epsilon_upper:
         assert value == pytest.approx(1 / (2 * np.pi * frequency), rel=1e-3)
-    for value in found.gain_lower:
+    for value in result.gain_lower:
         assert value == pytest.approx(turn(frequency), rel=1e-3)
 
 
 def test_bounds_of_noise_say_so():
     noise = with_noise(np.zeros((40000, 3)), 1e-3)
-    found = bounds(noise, STEP)
-    assert found.status == "noise-limited"
-    assert found.noise_limited == found.windows == 19
+    result = bounds(noise, STEP)
+    assert result.status == "noise-limited"
+    assert result.noise_limited == result.windows == 19
     # half of the windows with motion: those decide, not the noise
     noise[:24000] += coning_samples(np.deg2rad(1.0), 30.0, STEP, 24000, "rate")
-    found = bounds(noise, STEP)
-    assert (found.status, found.noise_limited) == ("ok", 7)
-    assert found.epsilon_upper[0] == pytest.approx(1 / (2 * np.pi * 30), rel=0.01)
-    assert found.epsilon_upper[1] <= found.epsilon_upper[0] <= found.epsilon_upper[2]
+    result = bounds(noise, STEP)
+    assert (result.status, result.noise_limited) == ("ok", 7)
+    assert result.epsilon_upper[0] == pytest.approx(1 / (2 * np.pi * 30), rel=0.01)
+    assert result.epsilon_upper[1] <= result.epsilon_upper[0] <= result.epsilon_upper[2]
 
 
 def test_naive_differences_of_noise_would_mislead():
@@ -165,8 +166,8 @@ def test_naive_differences_of_noise_would_mislead():
 
 def test_bounds_are_clipped_and_short_logs_are_one_window():
     slow = np.outer(np.sin(turn(0.3) * np.arange(16000)), [1.0, 0.5, 0.0])
-    found = bounds(with_noise(slow, 1e-9), STEP)
-    assert found.epsilon_upper[0] == pytest.approx(100 * STEP)
+    result = bounds(with_noise(slow, 1e-9), STEP)
+    assert result.epsilon_upper[0] == pytest.approx(100 * STEP)
     short = bounds(coning_samples(0.01, 30.0, STEP, 400, "increment"), STEP, "increment")
     assert short.windows == 1
     assert short.epsilon_upper[0] == pytest.approx(1 / (2 * np.pi * 30), rel=0.05)

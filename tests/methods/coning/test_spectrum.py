@@ -13,7 +13,7 @@ from sinstool.methods.coning.response import (
 )
 from sinstool.methods.coning.stage import ConingStage
 from sinstool.methods.strapdown.attitude import AttitudePropagator
-from sinstool.simulation.motions import broadband
+from sinstool.simulation.motions import broadband, sample
 from sinstool.simulation.truth import sample_times
 from tests.helpers.coning_response import coning_rate, coning_samples
 from tests.helpers.thinned import thin
@@ -27,7 +27,7 @@ PER_SAMPLE = ["uncompensated", "previous-1", "previous-2", "previous-3", "lookah
 @pytest.fixture(scope="module")
 def motion():
     # 20 to 150 Hz for 64 s; one instant less than a multiple of four, so that it thins well
-    return broadband(sample_times(400.0, 64.0075), 2e-4, seed=1)
+    return sample(broadband(2e-4, seed=1), sample_times(400.0, 64.0075))
 
 
 def samples(motion, kind):
@@ -111,8 +111,8 @@ def test_drift_of_one_line_is_its_gain():
     true = coning_rate(0.01, 35.0)
     for name in ("uncompensated", "optimal-4"):
         gain = coning_gains(algorithm(name), 35.0, STEP)[0]
-        found = predicted_drift(spectrum, algorithm(name))
-        assert found[2] == pytest.approx((gain - 1.0) * true, rel=2e-3)
+        result = predicted_drift(spectrum, algorithm(name))
+        assert result[2] == pytest.approx((gain - 1.0) * true, rel=2e-3)
         # above a passband it is all noise, and what is answered is drift
         noise = predicted_drift(spectrum, algorithm(name), passband=20.0)
         assert noise[2] == pytest.approx(gain * true, rel=2e-3)

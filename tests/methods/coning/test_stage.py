@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 
 from sinstool.core import rotation
-from sinstool.methods.coning.algorithm import ConingAlgorithm
+from sinstool.methods.coning.algorithm import MultiSampleAlgorithm
 from sinstool.methods.coning.increments import GYRO_KINDS, RateIntegrator
 from sinstool.methods.coning.registry import algorithm, names
 from sinstool.methods.coning.stage import ConingStage
@@ -12,7 +12,7 @@ from sinstool.simulation.truth import sample_times
 NOMINAL = 0.005
 
 
-class LookAhead(ConingAlgorithm):
+class LookAhead(MultiSampleAlgorithm):
     """Weighted neighbours on both sides; only for what the stage must get right."""
 
     summary = source = "test"
@@ -31,7 +31,7 @@ class LookAhead(ConingAlgorithm):
             # which rows there are and which duration they have must both matter
             out[update] = sum(x[r] * (2.0 + r - start) * dt[start] for r in rows) / len(rows)
 
-    def shorter(self, samples):
+    def _of_samples(self, samples):
         return LookAhead(samples, self.before + 1, self.after, self.takes)
 
 

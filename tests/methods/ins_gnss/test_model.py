@@ -9,7 +9,7 @@ from mpmath import mp, mpf
 
 from sinstool.core import earth, quaternion_kernels, rotation
 from sinstool.core.gravity import normal_gravity
-from sinstool.core.quaternion_kernels import increment_quaternion, unit_factor, wrapped_angle
+from sinstool.core.quaternion_kernels import cross, increment_quaternion, to_unit, wrapped_angle
 from sinstool.methods.height.channel import baro_sample
 from sinstool.methods.height.layout import (
     ACCEPTED,
@@ -66,7 +66,8 @@ def exact_step(state, turn, push, dt, correction):
     step = many_digits(
         navigation.step,
         increment_quaternion=many_digits(increment_quaternion),
-        unit_factor=many_digits(unit_factor),
+        to_unit=many_digits(to_unit),
+        cross=many_digits(cross),
         product=many_digits(quaternion_kernels.product),
         normal_gravity=lambda *where: EXACT_GRAVITY(*where) + correction,
         wrapped_angle=many_digits(wrapped_angle),

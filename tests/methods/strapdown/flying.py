@@ -58,33 +58,33 @@ def q_en(latitude, longitude):
 class Errors:
     """Of a navigation against a flight: m in NED of the truth, m/s and rad in Earth axes."""
 
-    def __init__(self, found, flight, rows):
+    def __init__(self, result, flight, rows):
         there = (flight.latitude[rows], flight.longitude[rows])
         turn = q_en(*there)
-        apart = ecef(found.latitude, found.longitude, found.height) - ecef(
+        apart = ecef(result.latitude, result.longitude, result.height) - ecef(
             *there, flight.height[rows]
         )
         self.position = rotation.rotate(rotation.conjugate(turn), apart)
         self.horizontal = float(np.hypot(self.position[:, 0], self.position[:, 1]).max())
-        self.vertical = np.abs(found.height - flight.height[rows])
-        q_found = q_en(found.latitude, found.longitude)
-        velocity = rotation.rotate(q_found, found.velocity_n) - rotation.rotate(
+        self.vertical = np.abs(result.height - flight.height[rows])
+        q_found = q_en(result.latitude, result.longitude)
+        velocity = rotation.rotate(q_found, result.velocity_n) - rotation.rotate(
             turn, flight.velocity_n[rows]
         )
         self.velocity = float(np.abs(velocity).max())
         attitude = rotation.multiply(
             rotation.conjugate(rotation.multiply(turn, flight.imu.q_nb[rows])),
-            rotation.multiply(q_found, found.q_nb),
+            rotation.multiply(q_found, result.q_nb),
         )
         self.attitude = float(np.abs(rotation.log(attitude)).max())
 
 
 def fly(flight, name="previous-1", kind="mean-rate", order=0):
-    given = increments(flight.imu, name, kind)
-    found = Navigator(start(flight), order).push(
-        given.rotation_vector, given.velocity_increment, given.interval
+    updates = increments(flight.imu, name, kind)
+    result = Navigator(start(flight), order).push(
+        updates.rotation_vector, updates.velocity_increment, updates.interval
     )
-    return found, Errors(found, flight, given.sample)
+    return result, Errors(result, flight, updates.sample)
 
 
 def geodetic(position):

@@ -47,19 +47,19 @@ def reference(flight, rate=50.0, shift=0.004, **changes):
     time_ns = T0 + np.arange(0, 90 * SECOND, round(SECOND / rate)) + round(shift * SECOND)
     height = np.interp((time_ns - T0) * 1e-9, (flight.time_ns - T0) * 1e-9, flight.height)
     none = np.zeros(len(time_ns), np.int64)
-    told = {
+    options = {
         "kind": "baro", "topic": "/baro", "time_ns": time_ns,
         "height": height, "reason": none, "sigma": 0.0, "baro": None,
     }  # fmt: skip
-    return HeightReference(**(told | changes))
+    return HeightReference(**(options | changes))
 
 
-def settings(kind="mean-rate", coning="previous-3", heights=None, tau=5.0, **told):
+def settings(kind="mean-rate", coning="previous-3", heights=None, tau=5.0, **options):
     network = HeightNetwork(tau, 0.0, gravity_gradient(LATITUDE))
     parameters = None if heights is None else layout.new_parameters(network, "mems")
     return InsSettings(
         algorithm=algorithm(coning), gyro_kind=kind, nominal_ns=1e7, max_gap_ns=round(3.5e7),
-        parameters=parameters, reference=heights, **told,
+        parameters=parameters, reference=heights, **options,
     )  # fmt: skip
 
 
@@ -84,13 +84,13 @@ def truth(flight):
 
 def bad_heights(flight):
     """Heights with spikes, a gap with a coast, a jump and stamps that repeat."""
-    found = reference(flight)
-    height, times = found.height.copy(), found.time_ns.copy()
+    result = reference(flight)
+    height, times = result.height.copy(), result.time_ns.copy()
     height[500:520:7] += 200.0
     height[3500:] += 40.0
     times[700] = times[699]
     keep = ((times - T0) * 1e-9 < 30.0) | ((times - T0) * 1e-9 > 41.0)
-    return replace(found, time_ns=times[keep], height=height[keep], reason=found.reason[keep])
+    return replace(result, time_ns=times[keep], height=height[keep], reason=result.reason[keep])
 
 
 def with_gaps(imu):
@@ -122,9 +122,9 @@ def test_block_edges_do_not_matter(flight, kind, coning):
             expected = navigate(part, state(flight), how)
         else:
             part, expected = imu, (run, whole)
-        again, found = navigate(part, state(flight), how, size)
+        again, actual = navigate(part, state(flight), how, size)
         for name, column in expected[1].items():
-            np.testing.assert_array_equal(found[name], column, err_msg=f"{name}, {size}")
+            np.testing.assert_array_equal(actual[name], column, err_msg=f"{name}, {size}")
         assert again.events == expected[0].events
         assert again.channel == expected[0].channel
         assert again.updates == expected[0].updates
@@ -133,21 +133,21 @@ def test_block_edges_do_not_matter(flight, kind, coning):
 @pytest.mark.parametrize("kind", KINDS)
 def test_the_truth_is_met(flight, kind):
     for heights in (None, reference(flight)):
-        _, found = navigate(samples(flight, kind), state(flight), settings(kind, heights=heights))
-        assert len(found["time_ns"]) == len(flight.time_ns)
-        assert np.abs(metres(found["position"], truth(flight))).max() < 1e-3
-        assert np.abs(found["velocity_n"] - flight.velocity_n).max() < 1e-3
+        _, result = navigate(samples(flight, kind), state(flight), settings(kind, heights=heights))
+        assert len(result["time_ns"]) == len(flight.time_ns)
+        assert np.abs(metres(result["position"], truth(flight))).max() < 1e-3
+        assert np.abs(result["velocity_n"] - flight.velocity_n).max() < 1e-3
     # the longitude went over the date line
-    assert found["position"][:, 1].max() > 3.0 and found["position"][:, 1].min() < -3.0
+    assert result["position"][:, 1].max() > 3.0 and result["position"][:, 1].min() < -3.0
 
 
 def test_a_lead_in_at_rest_is_left_out(flight):
     until = T0 + 20 * SECOND
     how = settings(heights=reference(flight), still_until_ns=until)
-    run, found = navigate(samples(flight), state(flight), how)
-    still = found["time_ns"] <= until
+    run, result = navigate(samples(flight), state(flight), how)
+    still = result["time_ns"] <= until
     for name in ("position", "velocity_n", "q_nb", "vertical"):
-        np.testing.assert_array_equal(found[name][still], found[name][:1].repeat(still.sum(), 0))
+        np.testing.assert_array_equal(result[name][still], result[name][:1].repeat(still.sum(), 0))
     assert run.events[0].kind == "engaged" and run.events[0].time > 20.0
     assert run.channel.samples["accepted"] < 3501
 
@@ -156,13 +156,13 @@ def test_over_short_gaps_the_vehicle_goes_on_as_it_did(flight):
     imu = samples(flight)
     t = (imu.time_ns - T0) * 1e-9
     full = navigate(imu, state(flight), settings())[1]
-    run, found = navigate(imu.rows(~((t > 5.0) & (t < 5.3))), state(flight), settings())
-    at = np.searchsorted(full["time_ns"], found["time_ns"])
-    moved = metres(found["position"], full["position"][at])
+    run, result = navigate(imu.rows(~((t > 5.0) & (t < 5.3))), state(flight), settings())
+    at = np.searchsorted(full["time_ns"], result["time_ns"])
+    moved = metres(result["position"], full["position"][at])
     assert run.gaps_s == pytest.approx(0.3)
     # turbulence in 0.3 s: a tenth of a degree, millimetres
-    assert np.abs(moved[found["time_ns"] < T0 + 6 * SECOND]).max() < 0.05
-    assert np.abs(found["velocity_n"] - full["velocity_n"][at])[:600].max() < 0.2
+    assert np.abs(moved[result["time_ns"] < T0 + 6 * SECOND]).max() < 0.05
+    assert np.abs(result["velocity_n"] - full["velocity_n"][at])[:600].max() < 0.2
 
 
 def test_over_long_gaps_velocity_is_kept(flight):
@@ -170,16 +170,16 @@ def test_over_long_gaps_velocity_is_kept(flight):
     t = (imu.time_ns - T0) * 1e-9
     heights = reference(flight)
     imu = imu.rows(~((t > 2.0) & (t < 8.0)))
-    run, found = navigate(imu, state(flight), settings(heights=heights))
-    k = int(np.argmax(np.diff(found["time_ns"])))
-    np.testing.assert_allclose(found["velocity_n"][k + 1], found["velocity_n"][k], atol=1e-6)
-    moved = metres(found["position"][k + 1], found["position"][k])[:2]
-    np.testing.assert_allclose(moved, 6.01 * found["velocity_n"][k, :2], rtol=5e-3)
+    run, result = navigate(imu, state(flight), settings(heights=heights))
+    k = int(np.argmax(np.diff(result["time_ns"])))
+    np.testing.assert_allclose(result["velocity_n"][k + 1], result["velocity_n"][k], atol=1e-6)
+    moved = metres(result["position"][k + 1], result["position"][k])[:2]
+    np.testing.assert_allclose(moved, 6.01 * result["velocity_n"][k, :2], rtol=5e-3)
     kinds = [e.kind for e in run.events]
     assert kinds.count("imu-gap") == 1 and kinds.count("engaged") == 2
     # the attitude of the turbulence is lost, but the barometer has the height back soon
-    late = found["time_ns"] > T0 + 40 * SECOND
-    assert np.abs(found["vertical"][late, 0] - flight.height[t > 40.0]).max() < 1.0
+    late = result["time_ns"] > T0 + 40 * SECOND
+    assert np.abs(result["vertical"][late, 0] - flight.height[t > 40.0]).max() < 1.0
 
 
 def test_a_shadow_flies_on_over_a_gap(flight):
@@ -194,10 +194,10 @@ def test_a_shadow_flies_on_over_a_gap(flight):
     heights = reference(calm)
     heights = heights_until(heights, begin + 0.5)
     gap = (t > begin) & (t < begin + 0.4)
-    run, found = navigate(imu.rows(~gap), state(calm), settings(heights=heights))
+    run, result = navigate(imu.rows(~gap), state(calm), settings(heights=heights))
     assert [e.kind for e in run.events] == ["engaged", "imu-gap", "coast"]
-    late = found["time_ns"] > T0 + round((begin + 3.0) * SECOND)
-    assert np.abs(found["vertical"][late, 1] + calm.velocity_n[~gap][late, 2]).max() < 0.02
+    late = result["time_ns"] > T0 + round((begin + 3.0) * SECOND)
+    assert np.abs(result["vertical"][late, 1] + calm.velocity_n[~gap][late, 2]).max() < 0.02
 
 
 def heights_until(heights, seconds):
@@ -209,12 +209,12 @@ def heights_until(heights, seconds):
 def test_what_has_left_the_earth_is_held(flight):
     imu = samples(flight)
     imu = replace(imu, accel=imu.accel - np.array([0.0, 0.0, 1e4]))
-    found = [navigate(imu, state(flight), settings(), size) for size in (None, 64, 5)]
-    for run, columns in found:
-        assert run.diverged_ns == found[0][0].diverged_ns
+    runs = [navigate(imu, state(flight), settings(), size) for size in (None, 64, 5)]
+    for run, columns in runs:
+        assert run.diverged_ns == runs[0][0].diverged_ns
         for name, column in columns.items():
             assert np.isfinite(column).all(), name
-            np.testing.assert_array_equal(column, found[0][1][name])
+            np.testing.assert_array_equal(column, runs[0][1][name])
         late = columns["time_ns"] > run.diverged_ns
         assert late.sum() > 1000
         assert np.all(columns["position"][late] == columns["position"][late][0])
@@ -226,9 +226,9 @@ def test_heights_go_by_the_stamps_where_a_rate_is_believed(flight):
     imu = samples(flight)
     stamps = T0 + np.round((imu.time_ns - T0) * 1.01).astype(np.int64)
     stretched = replace(imu, time_ns=stamps, log_time_ns=stamps)
-    found = reference(flight)
-    times = T0 + np.round((found.time_ns - T0) * 1.01).astype(np.int64)
-    heights = replace(found, time_ns=times)
+    result = reference(flight)
+    times = T0 + np.round((result.time_ns - T0) * 1.01).astype(np.int64)
+    heights = replace(result, time_ns=times)
     how = replace(settings(heights=heights, sample_rate=100.0), nominal_ns=1.01e7)
     _, columns = navigate(stretched, state(flight), how)
     assert np.abs(columns["vertical"][:, 0] - flight.height).max() < 0.1

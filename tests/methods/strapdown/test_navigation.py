@@ -34,8 +34,8 @@ def at_rest(latitude, height, seconds, interval, q_nb=ATTITUDE):
 @pytest.mark.slow
 def test_spiral_climb_of_an_hour():
     flight = spiral_climb(3600.0, 128.0)
-    found, errors = flying.fly(flight)
-    assert len(found.rows) == 460_800
+    result, errors = flying.fly(flight)
+    assert len(result.rows) == 460_800
     assert errors.horizontal < 1e-3
     assert errors.vertical[: 60 * 128].max() < 1e-6  # 1e-3 is what was asked for
     assert errors.vertical.max() < 1e-3  # undamped: e**6 of what was there after a minute
@@ -65,8 +65,8 @@ def test_turbulence_needs_no_more_than_a_better_coning_algorithm(kind):
 
 def test_updates_of_several_samples():
     flight = manoeuvring_flight(300.0, 100.0, latitude=0.9, seed=2)
-    found, errors = flying.fly(flight, "quatfiter-4")
-    assert len(found.rows) == 7_500
+    result, errors = flying.fly(flight, "quatfiter-4")
+    assert len(result.rows) == 7_500
     # trapezoid of velocity over 0.04 s: 1/12 * 0.04**2 * change of acceleration
     assert errors.horizontal < 2e-3
     assert errors.attitude < 1e-9
@@ -90,15 +90,15 @@ def test_flight_over_a_pole(latitude, azimuth):
     flight = travel(motion, sample_times(50.0, 320.0), np.deg2rad(latitude), 0.4, 9000.0, azimuth)
     assert np.abs(np.rad2deg(flight.latitude[[0, -1]])).max() < 89.75
     assert np.abs(np.rad2deg(flight.latitude)).max() > 89.99
-    found, errors = flying.fly(flight, "lookahead-12")
+    result, errors = flying.fly(flight, "lookahead-12")
     assert errors.horizontal < 2e-5
     assert errors.vertical.max() < 2e-5
     assert errors.attitude < 1e-10
     assert errors.velocity < 1e-6
     # at a regular latitude afterwards the numbers themselves are right
-    assert found.latitude[-1] == pytest.approx(flight.latitude[-1], abs=1e-11)
-    assert found.longitude[-1] == pytest.approx(flight.longitude[-1], abs=1e-9)
-    np.testing.assert_allclose(found.velocity_n[-1], flight.velocity_n[-1], atol=1e-6)
+    assert result.latitude[-1] == pytest.approx(flight.latitude[-1], abs=1e-11)
+    assert result.longitude[-1] == pytest.approx(flight.longitude[-1], abs=1e-9)
+    np.testing.assert_allclose(result.velocity_n[-1], flight.velocity_n[-1], atol=1e-6)
 
 
 # --- against integration in other axes -----------------------------------------------------
@@ -146,18 +146,20 @@ def test_integration_in_earth_axes(latitude, longitude):
     before = np.concatenate([[t[0] - 0.01], t])
     gyro = np.diff(rate_integral(before), axis=0)
     accel = np.diff(force_integral(before), axis=0)
-    given = flying.joined([run.push(gyro, accel, time), run.finish()])
-    found = Navigator(state).push(given.rotation_vector, given.velocity_increment, given.interval)
-    wanted = flying.integrate_in_earth_axes(state, rate_b, force_b, t[::500])
+    updates = flying.joined([run.push(gyro, accel, time), run.finish()])
+    result = Navigator(state).push(
+        updates.rotation_vector, updates.velocity_increment, updates.interval
+    )
+    expected = flying.integrate_in_earth_axes(state, rate_b, force_b, t[::500])
     rows = np.arange(499, 6_000, 500)
-    place = ecef(found.latitude[rows], found.longitude[rows], found.height[rows])
-    turn = flying.q_en(found.latitude[rows], found.longitude[rows])
-    assert np.abs(wanted[-1, :3] - wanted[0, :3]).max() > 10e3
-    assert np.abs(place - wanted[1:, :3]).max() < 1e-3
-    velocity = rotation.rotate(turn, found.velocity_n[rows])
-    assert np.abs(velocity - wanted[1:, 3:6]).max() < 2e-5
+    place = ecef(result.latitude[rows], result.longitude[rows], result.height[rows])
+    turn = flying.q_en(result.latitude[rows], result.longitude[rows])
+    assert np.abs(expected[-1, :3] - expected[0, :3]).max() > 10e3
+    assert np.abs(place - expected[1:, :3]).max() < 1e-3
+    velocity = rotation.rotate(turn, result.velocity_n[rows])
+    assert np.abs(velocity - expected[1:, 3:6]).max() < 2e-5
     attitude = rotation.multiply(
-        rotation.conjugate(wanted[1:, 6:]), rotation.multiply(turn, found.q_nb[rows])
+        rotation.conjugate(expected[1:, 6:]), rotation.multiply(turn, result.q_nb[rows])
     )
     assert np.abs(rotation.log(attitude)).max() < 1e-10
 
@@ -167,10 +169,10 @@ def test_schuler_oscillation():
     latitude, height = -1.2, 300.0
     phi, dv, dt = at_rest(latitude, height, 2700.0, 0.05)
     state = initial_state(latitude, 3.1, height, [0.1, 0.0, 0.0], ATTITUDE)
-    found = Navigator(state).push(phi, dv, dt)
+    result = Navigator(state).push(phi, dv, dt)
     meridian, transverse = earth.radii_of_curvature(latitude)
-    north = (found.latitude - latitude) * (meridian + height)
-    east = (found.longitude - 3.1) * (transverse + height) * np.cos(latitude)
+    north = (result.latitude - latitude) * (meridian + height)
+    east = (result.longitude - 3.1) * (transverse + height) * np.cos(latitude)
     t = np.cumsum(dt)
     schuler = np.sqrt(earth.normal_gravity(latitude, height) / (meridian + height))
     pendulum = 0.1 / schuler * np.sin(schuler * t)
@@ -184,19 +186,19 @@ def test_schuler_oscillation():
         phi[0] / 0.05,
         rotation.rotate(rotation.conjugate(ATTITUDE), -earth.gravity_n(latitude, height)),
     )
-    wanted = flying.integrate_in_earth_axes(
+    expected = flying.integrate_in_earth_axes(
         state, lambda t: rate, lambda t: force, np.array([0.0, 1300.0, 2700.0])
     )
     rows = np.array([1300, 2700]) * 20 - 1
-    place = ecef(found.latitude[rows], found.longitude[rows], found.height[rows])
-    assert np.abs(place - wanted[1:, :3]).max() < 1e-3
+    place = ecef(result.latitude[rows], result.longitude[rows], result.height[rows])
+    assert np.abs(place - expected[1:, :3]).max() < 1e-3
 
 
 def test_height_error_grows_as_cosh():
     latitude, height = -1.45, 500.0
     phi, dv, dt = at_rest(latitude, height, 1800.0, 0.02)
     state = initial_state(latitude, -1.0, height + 1.0, np.zeros(3), ATTITUDE)
-    found = Navigator(state).push(phi, dv, dt)
+    result = Navigator(state).push(phi, dv, dt)
     gradient = earth.normal_gravity(latitude, height - 50.0) - earth.normal_gravity(
         latitude, height + 50.0
     )
@@ -204,20 +206,22 @@ def test_height_error_grows_as_cosh():
     growth = np.cosh(root * np.cumsum(dt))
     assert growth[-1] > 10.0
     # Coriolis takes (2 Omega cos(latitude))**2 off the gradient: little where that is small
-    np.testing.assert_allclose(found.height - height, growth, rtol=3e-4)
+    np.testing.assert_allclose(result.height - height, growth, rtol=3e-4)
     np.testing.assert_allclose(
-        -found.velocity_n[:, 2], root * np.sinh(root * np.cumsum(dt)), rtol=3e-4, atol=1e-9
+        -result.velocity_n[:, 2], root * np.sinh(root * np.cumsum(dt)), rtol=3e-4, atol=1e-9
     )
 
 
 def test_rest_stays_rest():
     latitude, height = -0.6, 300.0
     phi, dv, dt = at_rest(latitude, height, 600.0, 1.0 / 128.0)
-    found = Navigator(initial_state(latitude, 3.1, height, np.zeros(3), ATTITUDE)).push(phi, dv, dt)
-    assert np.abs(found.latitude - latitude).max() < 1e-14
-    assert np.abs(found.height - height).max() < 1e-6
-    assert np.abs(found.velocity_n).max() < 1e-7
-    turn = rotation.log(rotation.multiply(rotation.conjugate(ATTITUDE), found.q_nb))
+    result = Navigator(initial_state(latitude, 3.1, height, np.zeros(3), ATTITUDE)).push(
+        phi, dv, dt
+    )
+    assert np.abs(result.latitude - latitude).max() < 1e-14
+    assert np.abs(result.height - height).max() < 1e-6
+    assert np.abs(result.velocity_n).max() < 1e-7
+    turn = rotation.log(rotation.multiply(rotation.conjugate(ATTITUDE), result.q_nb))
     assert np.abs(turn).max() < 76_800 * 3e-16  # the same update rounds the same way
 
 
@@ -261,8 +265,8 @@ def test_blocks_do_not_matter():
         parts = [run.push(gyro[i : i + block], accel[i : i + block], imu.time_ns[i : i + block])
                  for i in cuts]  # fmt: skip
         for part in [*parts, run.finish()]:
-            found = navigator.push(part.rotation_vector, part.velocity_increment, part.interval)
-            answers.append(found.rows)
+            result = navigator.push(part.rotation_vector, part.velocity_increment, part.interval)
+            answers.append(result.rows)
         answers = np.concatenate(answers)
         np.testing.assert_array_equal(navigator.state, answers[-1])
         return answers
@@ -275,18 +279,18 @@ def test_blocks_do_not_matter():
 
 def test_a_state_may_be_corrected_between_updates():
     flight = spiral_climb(20.0, 128.0, latitude=-0.5)
-    given = flying.increments(flight.imu)
-    parts = (given.rotation_vector, given.velocity_increment, given.interval)
+    updates = flying.increments(flight.imu)
+    parts = (updates.rotation_vector, updates.velocity_increment, updates.interval)
     navigator = Navigator(flying.start(flight))
     navigator.push(*(p[:1000] for p in parts))
     moved = navigator.state.copy()
     moved[0] += 1e-5
     moved[4] -= 0.3
     navigator.state[:] = moved
-    found = navigator.push(*(p[1000:] for p in parts))
+    result = navigator.push(*(p[1000:] for p in parts))
     fresh = Navigator(moved).push(*(p[1000:] for p in parts))
-    np.testing.assert_array_equal(found.latitude, fresh.latitude)
-    np.testing.assert_array_equal(found.q_nb, fresh.q_nb)
+    np.testing.assert_array_equal(result.latitude, fresh.latitude)
+    np.testing.assert_array_equal(result.q_nb, fresh.q_nb)
 
 
 def test_start_is_checked():

@@ -28,7 +28,7 @@ def their_increments(flight):
     return strapdown.compute_increments_from_imu(data, "increment")
 
 
-def their_run(flight, given):
+def their_run(flight, updates):
     """Places in Earth axes."""
     first = [
         *np.rad2deg([flight.latitude[0], flight.longitude[0]]),
@@ -37,9 +37,9 @@ def their_run(flight, given):
         *np.rad2deg(rotation.to_euler(flight.imu.q_nb[0])),
     ]
     names = ["lat", "lon", "alt", "VN", "VE", "VD", "roll", "pitch", "heading"]
-    found = strapdown.Integrator(pd.Series(first, index=names)).integrate(given)[1:]
+    result = strapdown.Integrator(pd.Series(first, index=names)).integrate(updates)[1:]
     return ecef(
-        np.deg2rad(found.lat.to_numpy()), np.deg2rad(found.lon.to_numpy()), found.alt.to_numpy()
+        np.deg2rad(result.lat.to_numpy()), np.deg2rad(result.lon.to_numpy()), result.alt.to_numpy()
     )
 
 
@@ -55,16 +55,16 @@ def lacking_gravity(latitude, height):
 @pytest.mark.filterwarnings("ignore:The copy keyword")
 def test_difference_is_their_gravity(flight):
     truth = ecef(flight.latitude, flight.longitude, flight.height)[1:]
-    given = flying.increments(flight.imu)
-    found = Navigator(flying.start(flight)).push(
-        given.rotation_vector, given.velocity_increment, given.interval
+    updates = flying.increments(flight.imu)
+    result = Navigator(flying.start(flight)).push(
+        updates.rotation_vector, updates.velocity_increment, updates.interval
     )
-    ours = ecef(found.latitude, found.longitude, found.height)
+    ours = ecef(result.latitude, result.longitude, result.height)
     theirs = their_increments(flight)
     np.testing.assert_allclose(
-        theirs[["theta_x", "theta_y", "theta_z"]], given.rotation_vector[:], atol=1e-12
+        theirs[["theta_x", "theta_y", "theta_z"]], updates.rotation_vector[:], atol=1e-12
     )
-    np.testing.assert_allclose(theirs[DV], given.velocity_increment, atol=1e-9)
+    np.testing.assert_allclose(theirs[DV], updates.velocity_increment, atol=1e-9)
     there = their_run(flight, theirs)
 
     def largest(difference):

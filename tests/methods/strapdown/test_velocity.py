@@ -64,10 +64,10 @@ def answers(motion, name, kind, rate_hz, count):
     """Ours and the truth over `count` updates in the middle of a segment."""
     time = sample_times(rate_hz, 80.0 / rate_hz)
     run = flying.stage(name, kind, 1.0 / rate_hz)
-    given = flying.joined([run.push(*motion.samples(time, kind), time), run.finish()])
-    first = len(given.sample) // 2
-    ends = time[given.sample[first - 1 : first + count]] * 1e-9
-    ours = np.hstack([given.rotation_vector, given.velocity_increment])
+    updates = flying.joined([run.push(*motion.samples(time, kind), time), run.finish()])
+    first = len(updates.sample) // 2
+    ends = time[updates.sample[first - 1 : first + count]] * 1e-9
+    ours = np.hstack([updates.rotation_vector, updates.velocity_increment])
     return ours[first : first + count], motion.truth(ends)
 
 
@@ -111,18 +111,18 @@ def test_order_of_sculling_error(name, order):
         motion.phase[4, 0] = -0.5 * np.pi
         time = sample_times(rate_hz, 4.0)
         run = flying.stage(name, "increment", 1.0 / rate_hz)
-        given = flying.joined([run.push(*motion.samples(time, "increment"), time), run.finish()])
-        ends = time[given.sample] * 1e-9
+        updates = flying.joined([run.push(*motion.samples(time, "increment"), time), run.finish()])
+        ends = time[updates.sample] * 1e-9
         angle = rotation.exp(
             np.outer(motion.integral(ends)[:, 0] - motion.integral(0.0)[0], [1.0, 0.0, 0.0])
         )
         before = np.concatenate([[[1.0, 0.0, 0.0, 0.0]], angle[:-1]])
-        total = rotation.rotate(before, given.velocity_increment)[:, 2].sum()
+        total = rotation.rotate(before, updates.velocity_increment)[:, 2].sum()
         # 1 s is five periods: mean of sin(angle) force over 4 s, by quadrature
         t = np.linspace(0.0, 4.0, 40_001)[:-1]
         turned = motion.integral(t)[:, 0] - motion.integral(0.0)[0]
-        wanted = 4.0 * np.mean(np.sin(turned) * motion.value(t)[:, 4])
-        errors.append(abs(total - wanted))
+        expected = 4.0 * np.mean(np.sin(turned) * motion.value(t)[:, 4])
+        errors.append(abs(total - expected))
     assert errors[0] / errors[1] == pytest.approx(2.0 ** (order - 1), rel=0.1)
 
 
@@ -133,11 +133,13 @@ def test_constant_rate_and_force_are_exact():
     time = sample_times(50.0, 0.4)
     run = flying.stage("previous-1", "mean-rate", 0.02)
     rows = (len(time), 1)
-    given = flying.joined([run.push(np.tile(rate, rows), np.tile(force, rows), time), run.finish()])
+    updates = flying.joined(
+        [run.push(np.tile(rate, rows), np.tile(force, rows), time), run.finish()]
+    )
     t, weight = np.polynomial.legendre.leggauss(12)
     turned = rotation.rotate(rotation.exp(np.outer(0.01 * (t + 1.0), rate)), force)
-    wanted = 0.01 * weight @ turned
-    np.testing.assert_allclose(given.velocity_increment, np.tile(wanted, (20, 1)), atol=1e-12)
+    expected = 0.01 * weight @ turned
+    np.testing.assert_allclose(updates.velocity_increment, np.tile(expected, (20, 1)), atol=1e-12)
 
 
 @pytest.mark.parametrize("turn", [1e-9, 1e-3, 0.0999, 0.1001, 0.6, 0.9999, 1.0001, 3.0])
@@ -145,9 +147,9 @@ def test_rotation_compensation_at_any_angle(turn):
     axis, force = np.array([0.6, -0.48, 0.64]), np.array([0.1, 0.3, -0.2])
     t, weight = np.polynomial.legendre.leggauss(30)
     turned = rotation.rotate(rotation.exp(np.outer(0.5 * (t + 1.0) * turn, axis)), force)
-    wanted = 0.5 * weight @ turned
+    expected = 0.5 * weight @ turned
     ours = jacobian(*(turn * axis), *force)
-    np.testing.assert_allclose(ours, wanted, rtol=0, atol=1e-15)
+    np.testing.assert_allclose(ours, expected, rtol=0, atol=1e-15)
 
 
 def compensate(gyro_before, accel_before, gyro, accel):
@@ -164,13 +166,13 @@ def test_previous_1_has_the_forms_of_the_textbooks():
     time = sample_times(100.0, 1.0)
     gyro, accel = motion.samples(time, "increment")
     run = flying.stage("previous-1", "increment", 0.01)
-    given = flying.joined([run.push(gyro, accel, time), run.finish()])
+    updates = flying.joined([run.push(gyro, accel, time), run.finish()])
     for k in range(1, len(time)):
         # but for the second order of the rotation compensation
         a, b, v, u = gyro[k - 1], gyro[k], accel[k - 1], accel[k]
         book = u + 0.5 * np.cross(b, u) + (np.cross(a, u) + np.cross(v, b)) / 12.0
         assert (
-            np.abs(given.velocity_increment[k - 1] - book).max()
+            np.abs(updates.velocity_increment[k - 1] - book).max()
             < 0.3 * np.sum(b * b) * np.abs(u).max()
         )
 

@@ -39,19 +39,19 @@ def test_spectrum_holds_the_power(noise, spectrum):
 @pytest.mark.parametrize("how", ["sums", "points"])
 @pytest.mark.parametrize("m", [2, 3, 4, 5, 8])
 def test_folded_density_is_that_of_the_thinned_log(noise, spectrum, m, how):
-    found = exposure(spectrum, RATE, m, how, 10.0)
-    assert found.rate_hz == RATE / m
+    actual = exposure(spectrum, RATE, m, how, 10.0)
+    assert actual.rate_hz == RATE / m
     f, density = signal.welch(thinned(noise, m, how), RATE / m, nperseg=1024, axis=0)
     measured = density.sum(axis=1)
-    expected = np.interp(f, found.frequency, ndimage_mean(found.folded))
+    expected = np.interp(f, actual.frequency, ndimage_mean(actual.folded))
     inside = (f > 1.0) & (f < 0.48 * RATE / m)
     ratio = measured[inside] / expected[inside]
     assert np.median(ratio) == pytest.approx(1.0, abs=0.02)
     assert np.all(np.abs(ratio - 1.0) < 0.3)
     # rest is no special place, wherever it was folded from
-    near = found.folded[1:30].mean()
+    near = actual.folded[1:30].mean()
     if how == "points":
-        assert found.folded[0] == pytest.approx(near, rel=0.25)
+        assert actual.folded[0] == pytest.approx(near, rel=0.25)
     # the shape too, not the level alone
     halves = np.array_split(ratio, 2)
     assert halves[0].mean() == pytest.approx(halves[1].mean(), rel=0.03)
@@ -89,12 +89,12 @@ def test_line_at_the_lower_rate_becomes_a_constant_rate(window):
     gyro = 1e-6 * rng.standard_normal((len(t), 3))
     gyro[:, 0] += amplitude * np.sin(2 * np.pi * 100.0 * t + 0.25 * np.pi)
     spectrum = rate_spectrum([gyro], STEP, window)
-    found = exposure(spectrum, RATE, 4, "points", window)
+    result = exposure(spectrum, RATE, 4, "points", window)
     # sin 45 deg of the amplitude at every sample that is kept, and its rms over all phases
     assert np.allclose(gyro[::4, 0], amplitude * np.sqrt(0.5), atol=1e-5)
     angle = np.rad2deg(window * amplitude * np.sqrt(0.5))
-    assert found.dc_alias_deg == pytest.approx(angle, rel=0.25)
-    assert found.lines_hz == pytest.approx([100.0])
+    assert result.dc_alias_deg == pytest.approx(angle, rel=0.25)
+    assert result.lines_hz == pytest.approx([100.0])
 
 
 def test_only_lines_near_multiples_of_the_lower_rate_are_named():

@@ -14,7 +14,7 @@ from sinstool.pipelines.compare_coning.compare import (
 )
 from sinstool.pipelines.compare_coning.divergence import DEG_H, DriftStatistics, Row
 from sinstool.pipelines.compare_coning.runs import Attitudes, Candidate, Segment
-from sinstool.simulation.motions import random_manoeuvre
+from sinstool.simulation.motions import random_manoeuvre, sample
 from sinstool.simulation.truth import sample_times
 from tests.helpers.coning_response import coning_drift, coning_samples
 
@@ -44,7 +44,7 @@ def closed(name, kind="mean-rate", m=1):
 
 
 def manoeuvre(seconds=30.0, seed=0, rate=2.0):
-    motion = random_manoeuvre(sample_times(100.0, seconds), rate, (0.3, 3.0), seed=seed)
+    motion = sample(random_manoeuvre(rate, (0.3, 3.0), seed=seed), sample_times(100.0, seconds))
     n = len(motion.time_ns)
     at = Attitudes(np.arange(n), motion.q_nb, 0.0, n)
     return Segment(motion.time_ns, motion.gyro_mean_rate), at
@@ -54,25 +54,25 @@ def manoeuvre(seconds=30.0, seed=0, rate=2.0):
 def test_drift_from_the_truth_is_that_of_the_closed_form(kind):
     segment = coning(kind=kind)
     # windows of whole turns; the first is left to what starts without history
-    found = compare([segment], kind, STEP, Settings(INCREMENTS, decimate=(1,)), [truth(segment)])
-    assert found.reference == "truth"
-    assert found.reference_resolution is None
-    assert [r.candidate.name for r in found.rows] == list(INCREMENTS)
-    for row in found.rows:
+    actual = compare([segment], kind, STEP, Settings(INCREMENTS, decimate=(1,)), [truth(segment)])
+    assert actual.reference == "truth"
+    assert actual.reference_resolution is None
+    assert [r.candidate.name for r in actual.rows] == list(INCREMENTS)
+    for row in actual.rows:
         drift = np.median(row.curves[0].window_slope[1:-1, 2]) * DEG_H
         expected = closed(row.candidate.name, kind)
         assert drift == pytest.approx(expected, rel=2e-3, abs=2e-5), row.candidate.name
-        assert row.drift.windows == 6
+        assert row.drift_dph.windows == 6
 
 
 def test_sums_drift_as_a_slower_log_would():
     segment = coning()
     names = ("uncompensated", "previous-1", "optimal-2")
-    found = compare(
+    actual = compare(
         [segment], "mean-rate", STEP, Settings(names, decimate=(1, 2, 4)), [truth(segment)]
     )
-    assert len(found.rows) == 9
-    for row in found.rows:
+    assert len(actual.rows) == 9
+    for row in actual.rows:
         drift = row.curves[0].window_slope[1:-1, 2] * DEG_H
         expected = closed(row.candidate.name, "mean-rate", row.candidate.decimate)
         np.testing.assert_allclose(drift, expected, rtol=5e-3)
@@ -83,10 +83,10 @@ def test_sums_drift_as_a_slower_log_would():
 def test_divergence_from_an_algorithm_is_the_difference_of_both(reference):
     segment = coning()
     names = ("uncompensated", "previous-1", "savage-two-speed")
-    found = compare([segment], "mean-rate", STEP, Settings(names, reference, decimate=(1,)))
+    actual = compare([segment], "mean-rate", STEP, Settings(names, reference, decimate=(1,)))
     known = "quatfiter-4" if reference == "auto" else reference
-    assert found.reference == known
-    for row in found.rows:
+    assert actual.reference == known
+    for row in actual.rows:
         # in axes of the body at the start, which is a degree off the cone's axis
         slopes = row.curves[0].window_slope[1:-1] @ [0.0, np.sin(HALF), np.cos(HALF)]
         expected = closed(row.candidate.name) - closed(known)
@@ -97,7 +97,7 @@ def test_divergence_from_an_algorithm_is_the_difference_of_both(reference):
         for j in ("quatfiter-4", "previous-3", "lookahead-12")
         if j != known
     ]
-    assert found.reference_resolution * DEG_H == pytest.approx(max(apart), rel=0.05)
+    assert actual.reference_resolution * DEG_H == pytest.approx(max(apart), rel=0.05)
 
 
 def test_reference_is_judged_by_another_interpolation_too():
@@ -106,13 +106,13 @@ def test_reference_is_judged_by_another_interpolation_too():
     gyro = 0.3 * rng.standard_normal((6001, 3))
     segment = Segment(5_000_000 * np.arange(6001), gyro)
     names = ("previous-3", "quatfiter-4", "lookahead-12")
-    found = compare([segment], "rate", 0.005, Settings(names, decimate=(1,)))
-    drift = {r.candidate.name: r.drift.slope_rms for r in found.rows}
+    result = compare([segment], "rate", 0.005, Settings(names, decimate=(1,)))
+    drift = {r.candidate.name: r.drift_dph.slope_rms for r in result.rows}
     assert drift["quatfiter-4"] == 0.0
     assert drift["lookahead-12"] > 2.0 * drift["previous-3"] > 0.0
-    assert found.reference_resolution * DEG_H == pytest.approx(drift["lookahead-12"])
-    assert found.verdict.algorithm is None
-    assert "cannot tell them apart" in found.verdict.text
+    assert result.reference_resolution * DEG_H == pytest.approx(drift["lookahead-12"])
+    assert result.verdict.algorithm is None
+    assert "cannot tell them apart" in result.verdict.text
 
 
 def test_nothing_is_compared_across_a_gap():
@@ -128,11 +128,11 @@ def test_nothing_is_compared_across_a_gap():
     for row, a, b in zip(both.rows, alone[0].rows, alone[1].rows, strict=True):
         assert len(row.curves) == 2
         apart = [*a.curves[0].window_rate, *b.curves[0].window_rate]
-        found = [*row.curves[0].window_rate, *row.curves[1].window_rate]
-        np.testing.assert_array_equal(found, apart)
-        assert row.drift.windows == 5
-        np.testing.assert_allclose(row.end, a.end + b.end, rtol=1e-12)
-        assert row.largest == max(a.largest, b.largest)
+        listed = [*row.curves[0].window_rate, *row.curves[1].window_rate]
+        np.testing.assert_array_equal(listed, apart)
+        assert row.drift_dph.windows == 5
+        np.testing.assert_allclose(row.end_deg, a.end_deg + b.end_deg, rtol=1e-12)
+        assert row.largest_deg == max(a.largest_deg, b.largest_deg)
     pair = both.pairs["uncompensated", "optimal-4"]
     assert pair == max(a.pairs["uncompensated", "optimal-4"] for a in alone)
 
@@ -146,17 +146,17 @@ def test_a_short_stretch_does_not_count_as_a_window():
     alone = compare([long], "mean-rate", STEP, settings)
     both = compare([long, wild], "mean-rate", STEP, settings)
     for row, other in zip(both.rows, alone.rows, strict=True):
-        assert row.drift.windows == 3
-        assert row.drift.slope_rms == other.drift.slope_rms
-        assert row.largest > other.largest  # it is not forgotten
+        assert row.drift_dph.windows == 3
+        assert row.drift_dph.slope_rms == other.drift_dph.slope_rms
+        assert row.largest_deg > other.largest_deg  # it is not forgotten
 
 
 def test_stretches_too_short_for_anything_are_left_out_and_said():
     long, _ = manoeuvre(12.0)
     short = Segment(long.time_ns[:8] + 10**12, long.gyro[:8])
-    found = compare([short, long], "mean-rate", STEP, Settings(("uncompensated",), decimate=(1,)))
-    assert found.segments == 1
-    assert "1 stretches between gaps, 8 samples in all" in found.warnings[0]
+    result = compare([short, long], "mean-rate", STEP, Settings(("uncompensated",), decimate=(1,)))
+    assert result.segments == 1
+    assert "1 stretches between gaps, 8 samples in all" in result.warnings[0]
     with pytest.raises(ValueError, match="long enough"):
         compare([short], "mean-rate", STEP, Settings())
 
@@ -164,12 +164,12 @@ def test_stretches_too_short_for_anything_are_left_out_and_said():
 def test_without_a_reference_there_are_pairs_only():
     segment, _ = manoeuvre()
     names = ("uncompensated", "previous-1", "optimal-2")
-    found = compare([segment], "mean-rate", STEP, Settings(names, "none", decimate=(1, 2)))
-    assert all(r.drift is None and not r.resolved for r in found.rows)
-    assert len(found.pairs) == 3
-    assert found.pairs["uncompensated", "previous-1"] > 1e-3
-    assert found.verdict.algorithm is None
-    assert "without a reference" in found.verdict.text
+    result = compare([segment], "mean-rate", STEP, Settings(names, "none", decimate=(1, 2)))
+    assert all(r.drift_dph is None and not r.resolved for r in result.rows)
+    assert len(result.pairs) == 3
+    assert result.pairs["uncompensated", "previous-1"] > 1e-3
+    assert result.verdict.algorithm is None
+    assert "without a reference" in result.verdict.text
 
 
 def test_pairs_of_long_runs_are_thinned_to_shared_instants(monkeypatch):
@@ -189,18 +189,23 @@ def test_same_answers_every_time():
     runs = [compare([segment], "mean-rate", STEP, settings) for _ in range(2)]
     for a, b in zip(runs[0].rows, runs[1].rows, strict=True):
         assert a.candidate.label == b.candidate.label
-        assert a.drift.slope_rms == b.drift.slope_rms
+        assert a.drift_dph.slope_rms == b.drift_dph.slope_rms
     assert runs[0].pairs == runs[1].pairs
 
 
 def test_progress_ends_short_of_one():
     segment, _ = manoeuvre(12.0)
-    told = []
+    fractions = []
     compare(
-        [segment], "mean-rate", STEP, Settings(("uncompensated",), decimate=(1,)), None, told.append
+        [segment],
+        "mean-rate",
+        STEP,
+        Settings(("uncompensated",), decimate=(1,)),
+        None,
+        fractions.append,
     )
-    assert told == sorted(told)
-    assert 0.5 < told[-1] < 1.0
+    assert fractions == sorted(fractions)
+    assert 0.5 < fractions[-1] < 1.0
 
 
 # -- verdicts ---------------------------------------------------------------------------------
@@ -211,12 +216,12 @@ NAN = np.full(3, np.nan)
 def row(name, drift, cost=50.0, windows=10, decimate=1):
     """A candidate with that drift, deg/h."""
     chosen = algorithm(name)
-    found = None
+    result = None
     if drift is not None:
         zero = np.zeros(3)
-        found = DriftStatistics(windows, zero, zero, zero, zero, zero, drift, drift)
+        result = DriftStatistics(windows, zero, zero, zero, zero, zero, drift, drift)
     candidate = Candidate(name, chosen, decimate, "none" if decimate == 1 else "sums")
-    return Row(candidate, 400.0 / candidate.stride, found, NAN, NAN, 0.0, cost, True, ())
+    return Row(candidate, 400.0 / candidate.stride, result, NAN, NAN, 0.0, cost, True, ())
 
 
 def judged(rows, resolution=0.002, tolerance=0.01, reference="quatfiter-4"):
@@ -225,27 +230,29 @@ def judged(rows, resolution=0.002, tolerance=0.01, reference="quatfiter-4"):
 
 
 def test_all_agree():
-    found = judged([row("uncompensated", 0.004), row("previous-1", 0.003), row("optimal-4", 0.009)])
-    assert found.agree
-    assert "choice does not matter" in found.text
-    assert found.algorithm == "previous-1"
+    result = judged(
+        [row("uncompensated", 0.004), row("previous-1", 0.003), row("optimal-4", 0.009)]
+    )
+    assert result.agree
+    assert "choice does not matter" in result.text
+    assert result.algorithm == "previous-1"
 
 
 def test_one_clear_winner():
     rows = [row("uncompensated", 5.0), row("previous-1", 0.3), row("previous-3", 0.006)]
-    found = judged(rows)
-    assert found.algorithm == "previous-3"
-    assert not found.agree
-    assert found.text.startswith("previous-3: cheap, and within 0.01 deg/h of quatfiter-4; ")
-    assert "uncompensated by 5, previous-1 by 0.3 deg/h" in found.text
+    result = judged(rows)
+    assert result.algorithm == "previous-3"
+    assert not result.agree
+    assert result.text.startswith("previous-3: cheap, and within 0.01 deg/h of quatfiter-4; ")
+    assert "uncompensated by 5, previous-1 by 0.3 deg/h" in result.text
 
 
 def test_a_poor_reference_widens_what_counts_as_the_same():
     rows = [row("uncompensated", 5.0), row("previous-1", 0.3), row("previous-3", 0.15)]
-    found = judged(rows, resolution=0.2)
-    assert found.limit_dph == pytest.approx(MARGIN * 0.2)
-    assert found.algorithm == "previous-3"
-    assert "(as does previous-1)" in found.text
+    result = judged(rows, resolution=0.2)
+    assert result.limit_dph == pytest.approx(MARGIN * 0.2)
+    assert result.algorithm == "previous-3"
+    assert "(as does previous-1)" in result.text
     none = judged(rows, resolution=3.0)
     assert none.algorithm is None
     assert not none.agree
@@ -254,16 +261,16 @@ def test_a_poor_reference_widens_what_counts_as_the_same():
 
 
 def test_agreement_is_not_claimed_beyond_the_reference():
-    found = judged([row("uncompensated", 0.004), row("previous-1", 0.003)], resolution=0.02)
-    assert not found.agree
-    assert found.algorithm is None
+    result = judged([row("uncompensated", 0.004), row("previous-1", 0.003)], resolution=0.02)
+    assert not result.agree
+    assert result.algorithm is None
 
 
 def test_the_reference_is_no_candidate_of_its_own():
     rows = [row("quatfiter-4", 0.0, 10.0), row("uncompensated", 5.0), row("previous-1", 0.3)]
-    found = judged(rows)
-    assert found.algorithm == "quatfiter-4"
-    assert "none comes within 0.01 deg/h of quatfiter-4" in found.text
+    result = judged(rows)
+    assert result.algorithm == "quatfiter-4"
+    assert "none comes within 0.01 deg/h of quatfiter-4" in result.text
     good = judged([*rows, row("previous-3", 0.005)])
     assert good.algorithm == "previous-3"
     assert "as do" not in good.text
@@ -284,9 +291,9 @@ def test_cheap_then_often_then_close():
 
 def test_lower_rates_do_not_vote():
     rows = [row("previous-1", 0.3), row("previous-3", 0.004), row("uncompensated", 0.0, decimate=2)]
-    found = judged(rows)
-    assert found.algorithm == "previous-3"
-    assert "uncompensated" not in found.text
+    result = judged(rows)
+    assert result.algorithm == "previous-3"
+    assert "uncompensated" not in result.text
 
 
 def test_too_short():
@@ -301,21 +308,21 @@ def test_too_short():
 
 def test_against_a_truth():
     rows = [row("uncompensated", 16.0), row("previous-1", 0.3), row("previous-3", 0.0002)]
-    found = judged(rows, None, reference="truth")
-    assert found.algorithm == "previous-3"
-    assert "sensor" not in found.text
+    result = judged(rows, None, reference="truth")
+    assert result.algorithm == "previous-3"
+    assert "sensor" not in result.text
     # a bias on all of them, evened out by one's own error by chance, is no merit
     rows = [row("uncompensated", 1553.0), row("previous-1", 1556.0), row("previous-3", 1557.0)]
-    found = judged(rows, None, reference="truth")
-    assert found.algorithm is None
-    assert "cannot tell them apart: all are between 1553 and 1557 deg/h" in found.text
-    assert "errors of the sensor" in found.text
+    result = judged(rows, None, reference="truth")
+    assert result.algorithm is None
+    assert "cannot tell them apart: all are between 1553 and 1557 deg/h" in result.text
+    assert "errors of the sensor" in result.text
     rows = [row("uncompensated", 90.0), row("previous-1", 1.2), row("previous-3", 1.0)]
-    found = judged(rows, None, reference="truth")
-    assert found.algorithm == "previous-3"
-    assert "these part from it: uncompensated by 90 deg/h" in found.text
-    assert "The 1 deg/h in all of them" in found.text
+    result = judged(rows, None, reference="truth")
+    assert result.algorithm == "previous-3"
+    assert "these part from it: uncompensated by 90 deg/h" in result.text
+    assert "The 1 deg/h in all of them" in result.text
     rows = [row("uncompensated", 0.005), row("previous-1", 0.001)]
-    found = judged(rows, None, reference="truth")
-    assert found.agree
-    assert "any will do" in found.text
+    result = judged(rows, None, reference="truth")
+    assert result.agree
+    assert "any will do" in result.text

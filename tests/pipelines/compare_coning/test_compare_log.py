@@ -42,12 +42,12 @@ def moving(tmp_path):
 def test_whole_record_in_body_axes(moving):
     gyro, accel, path = moving
     imu_log(path, even_times(2000), gyro, accel)
-    found, interval = stretches(path)
+    result, interval = stretches(path)
     assert interval == pytest.approx(0.005)
-    assert len(found) == 1
-    assert np.array_equal(found[0].time_ns, even_times(2000))
+    assert len(result) == 1
+    assert np.array_equal(result[0].time_ns, even_times(2000))
     # forward, left, up to forward, right, down
-    np.testing.assert_array_equal(found[0].gyro, gyro * [1.0, -1.0, -1.0])
+    np.testing.assert_array_equal(result[0].gyro, gyro * [1.0, -1.0, -1.0])
 
 
 def test_gaps_and_lost_samples_cut(moving):
@@ -56,9 +56,9 @@ def test_gaps_and_lost_samples_cut(moving):
     times[700:] += 50_000_000
     gyro[1500:1510] = np.nan
     imu_log(path, times, gyro, accel)
-    found, _ = stretches(path)
-    assert [len(s) for s in found] == [700, 800, 490]
-    assert found[2].time_ns[0] == times[1510]
+    actual, _ = stretches(path)
+    assert [len(s) for s in actual] == [700, 800, 490]
+    assert actual[2].time_ns[0] == times[1510]
     result = compare_log(path, config(FEW))
     assert result.comparison.segments == 3
     assert result.checks.gaps == 2
@@ -69,9 +69,9 @@ def test_gaps_and_lost_samples_cut(moving):
 def test_increments_become_mean_rates(moving):
     gyro, accel, path = moving
     imu_log(path, even_times(2000), gyro * 0.005, accel * 0.005)
-    found, _ = stretches(path, gyro_kind="increment")
+    result, _ = stretches(path, gyro_kind="increment")
     np.testing.assert_allclose(
-        found[0].gyro[1:], gyro[1 : len(found[0])] * [1.0, -1.0, -1.0], rtol=1e-9
+        result[0].gyro[1:], gyro[1 : len(result[0])] * [1.0, -1.0, -1.0], rtol=1e-9
     )
     assert compare_log(path, config(FEW, gyro_kind="increment")).comparison.kind == "mean-rate"
 
@@ -79,9 +79,9 @@ def test_increments_become_mean_rates(moving):
 def test_given_rate_replaces_intervals(moving):
     gyro, accel, path = moving
     imu_log(path, even_times(2000), gyro, accel)
-    found, interval = stretches(path, imu_rate=210.0)
+    result, interval = stretches(path, imu_rate=210.0)
     assert interval == pytest.approx(1 / 210.0)
-    np.testing.assert_allclose(np.diff(found[0].time_ns), 1e9 / 210.0, atol=1.0)
+    np.testing.assert_allclose(np.diff(result[0].time_ns), 1e9 / 210.0, atol=1.0)
 
 
 def test_given_rate_is_the_interval_of_increments_too(moving):
@@ -89,8 +89,8 @@ def test_given_rate_is_the_interval_of_increments_too(moving):
     gyro, accel, path = moving
     burst = even_times(2000)[3::4].repeat(4) + np.tile([-3, -2, -1, 0], 500) * 1_000_000
     imu_log(path, burst, gyro * 0.005, accel * 0.005)
-    found, _ = stretches(path, gyro_kind="increment", imu_rate=200.0)
-    np.testing.assert_allclose(found[0].gyro, gyro * [1.0, -1.0, -1.0], rtol=1e-9, atol=1e-12)
+    result, _ = stretches(path, gyro_kind="increment", imu_rate=200.0)
+    np.testing.assert_allclose(result[0].gyro, gyro * [1.0, -1.0, -1.0], rtol=1e-9, atol=1e-12)
 
 
 def test_truth_with_a_hole_says_nothing_there():
@@ -98,8 +98,8 @@ def test_truth_with_a_hole_says_nothing_there():
     hole = np.concatenate([times[:40], times[60:]])
     q = np.tile([1.0, 0.0, 0.0, 0.0], (len(hole), 1))
     native = Segment(2_500_000 * np.arange(-10, 410), np.zeros((420, 3)))
-    found = truth_at(hole, q, native)
-    at = native.time_ns[found.sample]
+    result = truth_at(hole, q, native)
+    at = native.time_ns[result.sample]
     assert at.min() == 0
     assert at.max() == times[-1]
     assert not np.any((at > times[39]) & (at < times[60]))
@@ -133,40 +133,42 @@ def test_tuned_options_reach_the_candidates(moving):
     bands = {"passband": 20.0, "stopband": 60.0}
     paper = compare_log(path, config(both, {**bands, "sp_preset": "paper"}))
     best = compare_log(path, config(both, {**bands, "sp_preset": "best"}))
-    drift = [c.comparison.rows[0].drift.norm_rms for c in (paper, best)]
+    drift = [c.comparison.rows[0].drift_dph.norm_rms for c in (paper, best)]
     assert abs(drift[0] - drift[1]) > 1e-3
     wider = compare_log(path, config(both, {"passband": 20.0, "stopband": 80.0}))
-    tuned = [c.comparison.rows[1].drift.norm_rms for c in (best, wider)]
+    tuned = [c.comparison.rows[1].drift_dph.norm_rms for c in (best, wider)]
     assert tuned[0] != tuned[1]
 
 
 def test_still_log_says_so(tmp_path):
     gyro, accel = resting(6000)
     path = imu_log(tmp_path / "still.mcap", even_times(6000), gyro, accel)
-    found = compare_log(path, config(NATIVE))
-    assert found.comparison.verdict.agree
-    assert found.comparison.verdict.text.endswith(
+    result = compare_log(path, config(NATIVE))
+    assert result.comparison.verdict.agree
+    assert result.comparison.verdict.text.endswith(
         "Most of the log is little but noise: of motion it tells nothing"
     )
     moving, accel, _ = handheld(6000)
     path = imu_log(tmp_path / "moving.mcap", even_times(6000), moving, accel)
-    told = compare_log(path, config(NATIVE)).comparison.verdict
-    assert "noise" not in told.text
-    assert "uncompensated by" in told.text
+    answer = compare_log(path, config(NATIVE)).comparison.verdict
+    assert "noise" not in answer.text
+    assert "uncompensated by" in answer.text
 
 
 def test_two_seconds_and_less(tmp_path):
     gyro, accel, _ = handheld(400)
     path = imu_log(tmp_path / "two.mcap", even_times(400), gyro, accel)
-    found = compare_log(path, config(NATIVE))
-    assert found.comparison.verdict.text.endswith("(of one window: nothing is known of the spread)")
-    assert any("less than a window of 10 s" in w for w in found.warnings)
+    result = compare_log(path, config(NATIVE))
+    assert result.comparison.verdict.text.endswith(
+        "(of one window: nothing is known of the spread)"
+    )
+    assert any("less than a window of 10 s" in w for w in result.warnings)
     path = imu_log(tmp_path / "less.mcap", even_times(60), gyro[:60], accel[:60])
-    found = compare_log(path, config())
-    assert found.spectrum is None
-    assert any("no prediction" in w for w in found.warnings)
-    json.dumps(summarise(found).to_json())
-    assert [f.key for f in figures(found)] == ["divergence", "drift", "decimation"]
+    result = compare_log(path, config())
+    assert result.spectrum is None
+    assert any("no prediction" in w for w in result.warnings)
+    json.dumps(summarise(result).to_json())
+    assert [f.key for f in figures(result)] == ["divergence", "drift", "decimation"]
     path = imu_log(tmp_path / "none.mcap", even_times(8), gyro[:8], accel[:8])
     with pytest.raises(DataError, match="long enough to compare"):
         compare_log(path, config())
@@ -181,19 +183,19 @@ def test_two_seconds_and_less(tmp_path):
     ],
 )
 def test_real_logs_are_not_told_more_than_they_hold(path, apart, resolution):
-    found = compare_log(real(path), config(NATIVE))
-    c = found.comparison
+    result = compare_log(real(path), config(NATIVE))
+    c = result.comparison
     assert c.reference_resolution * DEG_H == pytest.approx(resolution, rel=0.1)
     assert c.verdict.algorithm == "previous-3"
     limit = c.verdict.limit_dph
     assert limit == pytest.approx(2 * resolution, rel=0.1)
-    over = {r.candidate.name for r in c.rows if r.drift.slope_rms > limit}
+    over = {r.candidate.name for r in c.rows if r.drift_dph.slope_rms > limit}
     assert over == apart
-    told = c.verdict.text.partition("these part from it: ")[2]
-    assert {part.split(" by ")[0] for part in told.split(", ")} == apart
+    answer = c.verdict.text.partition("these part from it: ")[2]
+    assert {part.split(" by ")[0] for part in answer.split(", ")} == apart
     # nothing above half the rate is spoken of
-    assert found.spectrum.frequency[-1] <= 0.5 * c.rate_hz * (1 + 1e-9)
-    assert any("unobservable" in w for w in found.warnings)
+    assert result.spectrum.frequency[-1] <= 0.5 * c.rate_hz * (1 + 1e-9)
+    assert any("unobservable" in w for w in result.warnings)
     unresolved = {r.candidate.name for r in c.rows if not r.resolved}
     assert {"previous-3", "quatfiter-4", "picard-4", "lookahead-12"} <= unresolved
 
@@ -201,7 +203,7 @@ def test_real_logs_are_not_told_more_than_they_hold(path, apart, resolution):
 def test_truth_of_a_real_log_does_not_rank_by_its_bias():
     path = real("broad/broad_06_undisturbed_fast_rotation_A.mcap")
     truth = real("broad/broad_06_undisturbed_fast_rotation_A.ref.csv")
-    found = compare_log(path, config({**FEW, "truth": str(truth)}))
-    assert found.comparison.verdict.algorithm is None
-    assert "the truth cannot tell them apart" in found.comparison.verdict.text
-    assert "bias" in found.comparison.verdict.text
+    result = compare_log(path, config({**FEW, "truth": str(truth)}))
+    assert result.comparison.verdict.algorithm is None
+    assert "the truth cannot tell them apart" in result.comparison.verdict.text
+    assert "bias" in result.comparison.verdict.text

@@ -9,7 +9,7 @@ from sinstool.methods.coning.stage import ConingStage
 from sinstool.pipelines.compare_coning import divergence
 from sinstool.pipelines.compare_coning.divergence import DEG_H, part, statistics, widest_gap
 from sinstool.pipelines.compare_coning.runs import Attitudes, Candidate, Segment, run
-from sinstool.simulation.motions import random_manoeuvre
+from sinstool.simulation.motions import random_manoeuvre, sample
 from sinstool.simulation.truth import sample_times
 
 
@@ -29,7 +29,7 @@ def random_walk(n, seed=0):
 
 @pytest.fixture(scope="module")
 def manoeuvre():
-    truth = random_manoeuvre(sample_times(100.0, 25.0), 2.0, (0.3, 3.0), seed=4)
+    truth = sample(random_manoeuvre(2.0, (0.3, 3.0), seed=4), sample_times(100.0, 25.0))
     return Segment(truth.time_ns, truth.gyro_mean_rate)
 
 
@@ -58,11 +58,11 @@ def test_windows_are_restarted_integrations(manoeuvre, name):
         psi = (attitude * true[end].inv()).as_rotvec()
         expected.append(psi / ((end - begin) * 0.01))
     mine = run(Candidate(name, chosen), manoeuvre, "mean-rate", 0.01)
-    found = part(mine, reference, manoeuvre.time_ns, 10.0)
+    actual = part(mine, reference, manoeuvre.time_ns, 10.0)
     assert np.linalg.norm(expected, axis=1).min() > 1e-10
-    np.testing.assert_allclose(found.window_rate, expected, atol=1e-13)
-    np.testing.assert_allclose(found.window_start_s, [0.0, 10.0, 20.0], atol=1e-9)
-    np.testing.assert_allclose(found.window_length_s, [10.0, 10.0, 5.0], atol=1e-9)
+    np.testing.assert_allclose(actual.window_rate, expected, atol=1e-13)
+    np.testing.assert_allclose(actual.window_start_s, [0.0, 10.0, 20.0], atol=1e-9)
+    np.testing.assert_allclose(actual.window_length_s, [10.0, 10.0, 5.0], atol=1e-9)
 
 
 def test_slopes_see_drift_and_not_what_swings():
@@ -72,15 +72,15 @@ def test_slopes_see_drift_and_not_what_swings():
     drift = np.array([2e-6, -1e-6, 5e-7])
     swing = 3e-5 * np.sin(2 * np.pi * 17.33 * t)[:, None] * np.array([1.0, 2.0, -1.0])
     candidate = Rotation.from_rotvec(drift * t[:, None] + swing) * reference
-    found = part(attitudes(candidate), attitudes(reference), (t * 1e9).astype(np.int64), 10.0)
-    assert found.window_slope.shape == (6, 3)
-    np.testing.assert_allclose(found.window_slope, np.tile(drift, (6, 1)), atol=2e-7)
-    np.testing.assert_allclose(found.slope, drift, atol=1e-8)
+    result = part(attitudes(candidate), attitudes(reference), (t * 1e9).astype(np.int64), 10.0)
+    assert result.window_slope.shape == (6, 3)
+    np.testing.assert_allclose(result.window_slope, np.tile(drift, (6, 1)), atol=2e-7)
+    np.testing.assert_allclose(result.slope, drift, atol=1e-8)
     # the end of a window takes the swing as it happens to be
-    assert np.abs(found.window_rate - drift).max() > 1e-6
-    np.testing.assert_allclose(found.end, drift * t[-1] + swing[-1], atol=1e-9)
+    assert np.abs(result.window_rate - drift).max() > 1e-6
+    np.testing.assert_allclose(result.end, drift * t[-1] + swing[-1], atol=1e-9)
     largest = np.linalg.norm(drift * t[:, None] + swing, axis=1).max()
-    assert found.largest == pytest.approx(largest, rel=1e-6)
+    assert result.largest == pytest.approx(largest, rel=1e-6)
 
 
 def test_slopes_are_those_of_a_line_through_each_window():
@@ -88,14 +88,14 @@ def test_slopes_are_those_of_a_line_through_each_window():
     reference, _ = random_walk(n, 1)
     candidate, q = random_walk(n, 2)
     times = (np.arange(n) * step * 1e9).astype(np.int64)
-    found = part(Attitudes(np.arange(n), q, 0.0, n), attitudes(reference), times, 5.0)
+    result = part(Attitudes(np.arange(n), q, 0.0, n), attitudes(reference), times, 5.0)
     for w, begin in enumerate((0, 250, 500)):
         rows = np.arange(begin, begin + 251)
         turn = reference[begin] * candidate[begin].inv()
         psi = (turn * candidate[rows] * reference[rows].inv()).as_rotvec()
         line = np.polyfit(rows * step, psi, 1)[0]
-        np.testing.assert_allclose(found.window_slope[w], line, rtol=1e-9, atol=1e-12)
-        np.testing.assert_allclose(found.window_rate[w], psi[-1] / 5.0, rtol=1e-9)
+        np.testing.assert_allclose(result.window_slope[w], line, rtol=1e-9, atol=1e-12)
+        np.testing.assert_allclose(result.window_rate[w], psi[-1] / 5.0, rtol=1e-9)
 
 
 @pytest.mark.parametrize(
@@ -112,9 +112,9 @@ def test_windows_and_their_remainder(seconds, window, lengths):
     n = round(seconds * 100) + 1
     reference, _ = random_walk(n)
     times = 10_000_000 * np.arange(n)
-    found = part(attitudes(reference), attitudes(reference), times, window)
-    np.testing.assert_allclose(found.window_length_s, lengths, atol=1e-9)
-    assert np.abs(found.window_rate).max() < 1e-16
+    result = part(attitudes(reference), attitudes(reference), times, window)
+    np.testing.assert_allclose(result.window_length_s, lengths, atol=1e-9)
+    assert np.abs(result.window_rate).max() < 1e-16
 
 
 def test_only_shared_instants_count():
@@ -157,15 +157,15 @@ def test_statistics_are_those_of_the_windows():
     rng = np.random.default_rng(0)
     rates = rng.normal([1.0, -2.0, 0.0], 0.3, (50, 3)) / DEG_H
     slopes = rng.normal(0.0, 1.0, (50, 3)) / DEG_H
-    found = statistics(rates, slopes)
+    result = statistics(rates, slopes)
     d = rates * DEG_H
-    np.testing.assert_allclose(found.mean, d.mean(axis=0))
-    np.testing.assert_allclose(found.confidence, 2 * np.std(d, axis=0, ddof=1) / np.sqrt(50))
-    np.testing.assert_allclose(found.max, np.abs(d).max(axis=0))
-    np.testing.assert_allclose(found.p95, np.quantile(np.abs(d), 0.95, axis=0))
-    assert found.norm_rms == pytest.approx(np.sqrt((np.linalg.norm(d, axis=1) ** 2).mean()))
-    assert found.slope_rms == pytest.approx(np.linalg.norm(slopes * DEG_H) / np.sqrt(50))
-    assert found.norm_rms**2 == pytest.approx(np.sum(found.rms**2))
+    np.testing.assert_allclose(result.mean, d.mean(axis=0))
+    np.testing.assert_allclose(result.confidence, 2 * np.std(d, axis=0, ddof=1) / np.sqrt(50))
+    np.testing.assert_allclose(result.max, np.abs(d).max(axis=0))
+    np.testing.assert_allclose(result.p95, np.quantile(np.abs(d), 0.95, axis=0))
+    assert result.norm_rms == pytest.approx(np.sqrt((np.linalg.norm(d, axis=1) ** 2).mean()))
+    assert result.slope_rms == pytest.approx(np.linalg.norm(slopes * DEG_H) / np.sqrt(50))
+    assert result.norm_rms**2 == pytest.approx(np.sum(result.rms**2))
     one = statistics(rates[:1], slopes[:1])
     assert np.isnan(one.confidence).all()
     np.testing.assert_allclose(one.mean, d[0])
@@ -177,6 +177,6 @@ def test_widest_gap_is_the_largest_angle():
     second, _ = random_walk(n, 6)
     turn = second[0] * first[0].inv()
     expected = (turn * first * second.inv()).magnitude().max()
-    found = widest_gap(Attitudes(np.arange(n), q, 0.0, n), attitudes(second))
-    assert found == pytest.approx(expected, rel=1e-12)
+    actual = widest_gap(Attitudes(np.arange(n), q, 0.0, n), attitudes(second))
+    assert actual == pytest.approx(expected, rel=1e-12)
     assert expected > 0.1

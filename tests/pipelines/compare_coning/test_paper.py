@@ -407,8 +407,8 @@ def test_epsilon_is_switched_about_the_sampling_rate(experiment):
 
 
 def test_more_algorithms_are_run_when_named():
-    wanted = extra_cases(["previous-1", "optimal-4", "previous-1"], CHEB_6)
-    assert [one.key for one in wanted] == ["inc-previous-1", "int-previous-1", "int-optimal-4"]
+    expected = extra_cases(["previous-1", "optimal-4", "previous-1"], CHEB_6)
+    assert [one.key for one in expected] == ["inc-previous-1", "int-previous-1", "int-optimal-4"]
     assert extra_cases(["singular-perturbation"], CHEB_6)[0].feed == "rates"
     with pytest.raises(ConfigurationError, match="unknown"):
         extra_cases(["no-such"], CHEB_6)

@@ -22,8 +22,8 @@ OPTIONS = {"gyro-tuned": {"interval": STEP}}
 ALL = [n for n in names() if n != "savage-4"]
 
 
-def built(name, decimate=1, thinning="none"):
-    return Candidate(name, algorithm(name, **OPTIONS.get(name, {})), decimate, thinning)
+def built(name, decimate=1, input="none"):
+    return Candidate(name, algorithm(name, **OPTIONS.get(name, {})), decimate, input)
 
 
 def one_axis(count=N):
@@ -37,14 +37,14 @@ def one_axis(count=N):
 
 @pytest.mark.parametrize("name", ALL)
 @pytest.mark.parametrize("decimate", range(1, 9))
-@pytest.mark.parametrize("thinning", ["sums", "points"])
-def test_instants_are_shared_with_the_reference(name, decimate, thinning):
+@pytest.mark.parametrize("input", ["sums", "points"])
+def test_instants_are_shared_with_the_reference(name, decimate, input):
     if decimate == 1:
-        thinning = "none"
+        input = "none"
     segment, _ = one_axis()
-    kind = "rate" if thinning == "points" else "mean-rate"
+    kind = "rate" if input == "points" else "mean-rate"
     reference = run(built("quatfiter-4"), segment, kind, STEP)
-    candidate = built(name, decimate, thinning)
+    candidate = built(name, decimate, input)
     made = run(candidate, segment, kind, STEP)
     # on multiples of the update, but for a last update of what is left
     assert np.all(made.sample[:-1] % candidate.stride == 0)
@@ -53,7 +53,7 @@ def test_instants_are_shared_with_the_reference(name, decimate, thinning):
     assert len(made.q) == len(made.sample)
     common = np.intersect1d(made.sample, reference.sample)
     every = lcm(candidate.stride, 4)
-    first = candidate.stride if thinning == "sums" else 0
+    first = candidate.stride if input == "sums" else 0
     expected = np.arange(-(-first // every) * every, N, every)
     assert set(expected) <= set(common)
     assert len(common) >= 2
@@ -94,19 +94,19 @@ def test_increments_of_rates_integrate_polynomials():
     t = np.arange(60) * STEP
     poly = np.polynomial.Polynomial([1.0, -20.0, 300.0, 4e3, -5e4, 6e5])
     segment = Segment((t * 1e9).round().astype(np.int64), np.stack([poly(t), -poly(t), 0 * t], -1))
-    found = increments_of(segment, "rate", STEP)
+    result = increments_of(segment, "rate", STEP)
     whole = poly.integ()
-    np.testing.assert_allclose(found[:, 0], np.diff(whole(t)), rtol=1e-12)
-    np.testing.assert_allclose(found[:, 1], -found[:, 0], rtol=1e-12)
+    np.testing.assert_allclose(result[:, 0], np.diff(whole(t)), rtol=1e-12)
+    np.testing.assert_allclose(result[:, 1], -result[:, 0], rtol=1e-12)
 
 
 def test_sums_of_given_increments_are_the_same_to_the_bit():
     segment, _ = one_axis()
     c = built("previous-3", 4, "sums")
-    given = run(c, segment, "rate", STEP, increments_of(segment, "rate", STEP))
+    shared = run(c, segment, "rate", STEP, increments_of(segment, "rate", STEP))
     own = run(c, segment, "rate", STEP)
-    assert np.array_equal(given.q, own.q)
-    assert np.array_equal(given.sample, own.sample)
+    assert np.array_equal(shared.q, own.q)
+    assert np.array_equal(shared.sample, own.sample)
 
 
 def test_points_are_picked_of_rates_only():
@@ -120,7 +120,7 @@ def test_points_are_picked_of_rates_only():
         "optimal-2 /2 points",
     ]
     means = candidates(["previous-1"], (1, 2), "mean-rate", {})
-    assert [c.thinning for c in means] == ["none", "sums"]
+    assert [c.input for c in means] == ["none", "sums"]
 
 
 def test_options_reach_their_algorithm():
@@ -131,9 +131,9 @@ def test_options_reach_their_algorithm():
     dt = np.full(2, STEP)
     paper = algorithm("singular-perturbation", preset="paper").rotation_vectors(x, dt, 1, 1)
     best = algorithm("singular-perturbation").rotation_vectors(x, dt, 1, 1)
-    found = sp.rotation_vectors(x, dt, 1, 1)
-    assert np.array_equal(found, paper)
-    assert not np.allclose(found, best, rtol=1e-6)
+    result = sp.rotation_vectors(x, dt, 1, 1)
+    assert np.array_equal(result, paper)
+    assert not np.allclose(result, best, rtol=1e-6)
 
 
 @pytest.mark.parametrize("count", [1, 2, 3, 5, 9])

@@ -69,7 +69,7 @@ class FlightLog:
 
     def options(self, kind="mean-rate", **groups):
         """Groups of options that start the run at the truth."""
-        told = {
+        options = {
             "input": {"gyro_kind": kind, "gyro_unit": "rad/s"},
             "align": {
                 "align": "fixed",
@@ -82,8 +82,8 @@ class FlightLog:
             "output": {"only_results": True},
         }
         for name, group in groups.items():
-            told[name] = told.get(name, {}) | group
-        return told
+            options[name] = options.get(name, {}) | group
+        return options
 
 
 class Collected:
@@ -112,11 +112,11 @@ def flight_log(duration=240.0, rate=100.0, seed=3, turbulence=0.0, **place):
     )
 
 
-def run(path, out, told):
+def run(path, out, options):
     """Process; (summary, what was computed)."""
-    kept = Collected()
-    result = process(path, out, build(ProcessConfig, told), sink=kept)
-    return result.to_json(), kept
+    collected = Collected()
+    result = process(path, out, build(ProcessConfig, options), sink=collected)
+    return result.to_json(), collected
 
 
 def read(path, topic, fields):

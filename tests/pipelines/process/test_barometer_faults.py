@@ -61,10 +61,10 @@ def test_height_stays(tmp_path, case, grade):
     f = flight_log()
     change(f)
     log = f.write(tmp_path / "log.mcap", grade=grade)
-    told = f.options(vertical={"height_damping": "baro"})
-    summary, kept = run(log, tmp_path / "out.mcap", told)
-    assert finite(kept.parts)
-    vertical = kept.column("vertical")
+    options = f.options(vertical={"height_damping": "baro"})
+    summary, collected = run(log, tmp_path / "out.mcap", options)
+    assert finite(collected.parts)
+    vertical = collected.column("vertical")
     k = grade == "mems"
     assert np.abs(vertical[:, 0] - f.flight.height).max() < most[k]
     assert np.abs(vertical[:, 1] + f.flight.velocity_n[:, 2]).max() < fastest[k]
@@ -81,9 +81,9 @@ def test_a_sensor_that_hangs_is_left_behind(tmp_path, mode):
     late = f.seconds >= 90.0
     f.pressure[late] = f.pressure[late][0]
     log = f.write(tmp_path / "log.mcap")
-    told = f.options(navigation={"mode": mode}, vertical={"height_damping": "baro", "tau": 5.0})
-    summary, kept = run(log, tmp_path / "out.mcap", told)
-    assert finite(kept.parts)
+    options = f.options(navigation={"mode": mode}, vertical={"height_damping": "baro", "tau": 5.0})
+    summary, collected = run(log, tmp_path / "out.mcap", options)
+    assert finite(collected.parts)
     assert [e["kind"] for e in summary["height"]["events"]] == ["engaged", "frozen"]
     assert any("did not change for 30 s while the vehicle moved" in w for w in summary["warnings"])
     samples = summary["height"]["samples"]
@@ -93,7 +93,7 @@ def test_a_sensor_that_hangs_is_left_behind(tmp_path, mode):
     assert climbed > 40.0
     if mode == "ins":
         at = np.searchsorted(f.flight.time_ns, f.baro_ns[0] + 125 * 10**9)
-        assert abs(kept.column("vertical")[at, 0] - f.flight.height[at]) < 0.1 * climbed
+        assert abs(collected.column("vertical")[at, 0] - f.flight.height[at]) < 0.1 * climbed
 
 
 def test_a_jump_is_no_scale(tmp_path):
@@ -101,8 +101,8 @@ def test_a_jump_is_no_scale(tmp_path):
     f = flight_log()
     jump(f)
     gap(f)
-    told = f.options(vertical={"height_damping": "baro"})
-    summary, _ = run(f.write(tmp_path / "log.mcap"), tmp_path / "out.mcap", told)
+    options = f.options(vertical={"height_damping": "baro"})
+    summary, _ = run(f.write(tmp_path / "log.mcap"), tmp_path / "out.mcap", options)
     assert summary["height"]["reference"]["scale"] == pytest.approx(1.0, abs=1e-3)
     assert summary["height"]["offset_m"] == pytest.approx(-40.0, abs=0.5) or (
         summary["height"]["offset_m"] == 0.0
@@ -113,8 +113,8 @@ def test_a_warm_day_is_a_scale(tmp_path):
     f = flight_log()
     rise = f.height - f.height[0]
     f.spoil(-0.05 * rise, slice(None))
-    told = f.options(vertical={"height_damping": "baro"})
-    summary, kept = run(f.write(tmp_path / "log.mcap"), tmp_path / "out.mcap", told)
+    options = f.options(vertical={"height_damping": "baro"})
+    summary, collected = run(f.write(tmp_path / "log.mcap"), tmp_path / "out.mcap", options)
     assert summary["height"]["reference"]["scale"] == pytest.approx(1.0 / 0.95, abs=2e-3)
-    assert np.abs(kept.column("vertical")[:, 0] - f.flight.height).max() < 0.5
+    assert np.abs(collected.column("vertical")[:, 0] - f.flight.height).max() < 0.5
     assert any("scale is 1.05" in w for w in summary["warnings"])

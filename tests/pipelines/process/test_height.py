@@ -73,12 +73,12 @@ def test_a_coarse_sensor_at_rest_tells():
     assert heights_for_calibration(baro, gnss).all()
 
 
-def options(**told):
-    return build(ProcessConfig, {"vertical": {"height_damping": "baro", **told}})
+def options(**options):
+    return build(ProcessConfig, {"vertical": {"height_damping": "baro", **options}})
 
 
 @pytest.mark.parametrize(
-    ("told", "grade", "expected"),
+    ("chosen", "grade", "expected"),
     [
         ({}, "mems", (5.0, 0.0)),
         ({}, "tactical", (30.0, 0.0)),
@@ -89,10 +89,10 @@ def options(**told):
         ({"height_preset": "paper", "baro_lag": 0.5}, "mems", (2.4, 0.0)),
     ],
 )
-def test_network_of_a_run(told, grade, expected):
-    found, _ = network(options(**told), grade, LATITUDE)
-    assert (found.tau, found.k4) == expected
-    assert found.w2 == pytest.approx(3.084e-6, rel=1e-3)
+def test_network_of_a_run(chosen, grade, expected):
+    actual, _ = network(options(**chosen), grade, LATITUDE)
+    assert (actual.tau, actual.k4) == expected
+    assert actual.w2 == pytest.approx(3.084e-6, rel=1e-3)
 
 
 @pytest.mark.parametrize(

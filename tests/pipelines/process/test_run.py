@@ -226,13 +226,13 @@ def test_only_results_are_always_ros2(tmp_path):
 
 def test_metadata(tmp_path):
     path = simulated(tmp_path / "in.mcap", cone())
-    told = {
+    options = {
         "input": {"imu_topic": "/imu/data_raw", "max_gap": 0.5, "start": "0.5"},
         "coning": {"coning": "singular-perturbation", "epsilon": 1e-3, "beta": (1.0, 2.0, 3.0)},
         "align": {**FIXED, "gyro_bias": (1e-3, 0.0, -1e-3), "latitude": 48.25},
         "output": {"emit": ("euler", "attitude"), "world": "ned"},
     }
-    summary = run(path, tmp_path / "out.mcap", **told)
+    summary = run(path, tmp_path / "out.mcap", **options)
     with (tmp_path / "out.mcap").open("rb") as stream:
         records = {m.name: m.metadata for m in make_reader(stream).iter_metadata()}
     record = records["sinstool"]
@@ -242,7 +242,7 @@ def test_metadata(tmp_path):
     digest = hashlib.sha256(path.read_bytes()).hexdigest()
     assert record["input_sha256"] == digest == summary["input"]["sha256"]
     again = build(ProcessConfig, tomllib.loads(record["config"]))
-    assert again == build(ProcessConfig, told)
+    assert again == build(ProcessConfig, options)
     # and the same configuration gives the same file
     process(path, tmp_path / "again.mcap", again)
     assert (tmp_path / "again.mcap").read_bytes() == (tmp_path / "out.mcap").read_bytes()
@@ -265,8 +265,8 @@ def test_sha256_of_a_directory(tmp_path):
 def test_align_level(tmp_path):
     truth = rested_cone()
     path = simulated(tmp_path / "in.mcap", truth, "mean-rate")
-    told = {"gyro_kind": "mean-rate"}
-    summary = run(path, tmp_path / "out.mcap", input=told, align={"align": "level"})
+    options = {"gyro_kind": "mean-rate"}
+    summary = run(path, tmp_path / "out.mcap", input=options, align={"align": "level"})
     aligned = summary["alignment"]
     expected = Rotation.from_quat(truth.q_nb[0], scalar_first=True).as_euler("ZYX", degrees=True)
     assert aligned["method"] == "level" and aligned["heading_deg"] == pytest.approx(0.0, abs=1e-9)
@@ -330,8 +330,8 @@ def test_a_constant_orientation_is_taken_only_when_asked_for(tmp_path):
     )
     auto = run(log, tmp_path / "a.mcap")
     assert auto["alignment"]["method"] == "level-moving"
-    asked = run(log, tmp_path / "b.mcap", align={"align": "log"})
-    assert asked["alignment"]["method"] == "log"
+    by_option = run(log, tmp_path / "b.mcap", align={"align": "log"})
+    assert by_option["alignment"]["method"] == "log"
     assert angles_between(read_attitude(tmp_path / "b.mcap")[1][:1], q)[0] < 1e-12
 
 
@@ -359,12 +359,12 @@ BIAS = np.array([0.01, -0.02, 0.03])
 @pytest.mark.parametrize("how", ["given", "still", "none"])
 def test_gyro_bias(tmp_path, how):
     truth, path = biased(tmp_path / "in.mcap", BIAS)
-    told = tuple(BIAS) if how == "given" else how
+    options = tuple(BIAS) if how == "given" else how
     summary = run(
         path,
         tmp_path / "out.mcap",
         input={"gyro_kind": "mean-rate"},
-        align={**fixed_at(truth.q_nb[0]), "gyro_bias": told},
+        align={**fixed_at(truth.q_nb[0]), "gyro_bias": options},
     )
     assert summary["alignment"]["gyro_bias_source"] == how
     used = np.zeros(3) if how == "none" else FLU_FRD.apply(BIAS)
@@ -405,8 +405,8 @@ def test_the_earths_rate(tmp_path, source):
     truth = still_at(latitude, 20.0)
     position = (np.radians(latitude), np.radians(11.0), 300.0) if source == "fix" else None
     path = simulated(tmp_path / "in.mcap", truth, position=position)
-    told = {"latitude": latitude} if source == "given" else {}
-    summary = run(path, tmp_path / "out.mcap", align={**FIXED, "gyro_bias": "none", **told})
+    options = {"latitude": latitude} if source == "given" else {}
+    summary = run(path, tmp_path / "out.mcap", align={**FIXED, "gyro_bias": "none", **options})
     off = degrees_off(tmp_path / "out.mcap", truth)
     if source == "none":
         assert off == pytest.approx(np.degrees(7.292115e-5) * 20.0, rel=1e-3)
@@ -509,8 +509,8 @@ def test_a_given_rate_replaces_the_intervals(tmp_path):
     ):
         log = imu_log(tmp_path / "in.mcap", stamps, gyro, truth.mean_specific_force * unit)
         out = tmp_path / f"{kind}.mcap"
-        told = {"gyro_kind": kind, "body_axes": "frd", "imu_rate": RATE}
-        run(log, out, input=told, align=fixed_at(truth.q_nb[0]))
+        options = {"gyro_kind": kind, "body_axes": "frd", "imu_rate": RATE}
+        run(log, out, input=options, align=fixed_at(truth.q_nb[0]))
         times, q = read_attitude(out)
         assert times.tolist() == stamps.tolist()  # stamps stay the log's own
         off = angles_between(q, in_log_axes(truth.q_nb, "frd"))
@@ -570,8 +570,8 @@ def test_files_do_not_depend_on_blocks(tmp_path, monkeypatch, name, kind):
     whole_survey, whole_blocks = source.survey, attitude.imu_blocks
     written = set()
     # with samples kept from the first pass for the second, and read again
-    for rows, kept in ((10**9, 10**9), (4096, 0), (7, 10**9), (1, 0)):
-        monkeypatch.setattr("sinstool.survey.imu.CACHED_SAMPLES", kept)
+    for rows, cached in ((10**9, 10**9), (4096, 0), (7, 10**9), (1, 0)):
+        monkeypatch.setattr("sinstool.survey.imu.CACHED_SAMPLES", cached)
         monkeypatch.setattr(source, "survey", partial(whole_survey, block_rows=rows))
         monkeypatch.setattr(attitude, "imu_blocks", partial(whole_blocks, rows=rows))
         out = tmp_path / f"{rows}.mcap"
@@ -692,13 +692,13 @@ def test_a_frame_keeps_its_one_parent(tmp_path):
         return Message("/tf_static", "tf2_msgs/msg/TFMessage", T0, message)
 
     imu = imu_messages(even_times(400), *resting(400))
-    told = {"emit": ["attitude", "tf"]}
+    options = {"emit": ["attitude", "tf"]}
     bound = write_log(tmp_path / "a.mcap", [tf("lidar"), tf("/imu_link"), *imu])
-    summary = run(bound, tmp_path / "a.out.mcap", output=told)
+    summary = run(bound, tmp_path / "a.out.mcap", output=options)
     assert summary["output"]["topics"] == ["/sinstool/attitude"]
     assert any("imu_link has the parent base_link" in w for w in summary["warnings"])
     free = write_log(tmp_path / "b.mcap", [tf("lidar"), *imu])
-    summary = run(free, tmp_path / "b.out.mcap", output=told)
+    summary = run(free, tmp_path / "b.out.mcap", output=options)
     assert summary["output"]["topics"] == ["/sinstool/attitude", "/tf"]
 
 

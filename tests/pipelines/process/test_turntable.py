@@ -33,12 +33,12 @@ def leaning(heading_deg):
     return -BASE_LEAN * np.sin(heading), BASE_LEAN * np.cos(heading)
 
 
-def log_at(folder, name, heading, latitude, rates, epsilon=EPSILON, **told):
+def log_at(folder, name, heading, latitude, rates, epsilon=EPSILON, **options):
     north, east = leaning(heading)
     log, rig = simulate(
         folder, name, heading=heading, latitude=np.degrees(latitude), rates=rates, plateau=54,
         rate=20, encoder_rate=20, tilt_north=north, tilt_east=east,
-        epsilon=",".join(map(str, epsilon)), **told,
+        epsilon=",".join(map(str, epsilon)), **options,
     )  # fmt: skip
     return log, edited(rig, name, calibration=CALIBRATION)
 
@@ -79,9 +79,9 @@ def test_calibration_at_four_azimuths(calibrated):
 def test_headings_at_other_sites(calibrated, tmp_path, latitude, heading):
     hse, _, _ = calibrated
     log, rig = log_at(tmp_path, "site", heading, latitude, "40,-40")
-    status, told, err, _ = process(tmp_path, log, rig, hse, "--only-results")
+    status, printed, err, _ = process(tmp_path, log, rig, hse, "--only-results")
     assert (status, err) == (0, "")
-    segments = told["hse"]["segments"]
+    segments = printed["hse"]["segments"]
     assert [round(s["rate_deg_s"]) for s in segments] == [40, -40]
     north, _ = leaning(heading)
     constant = -D * (1.0 + north * np.tan(latitude))
@@ -95,12 +95,12 @@ def test_headings_at_other_sites(calibrated, tmp_path, latitude, heading):
 
 
 def payloads(path, skip=("/sinstool/",)):
-    found = []
+    listed = []
     with path.open("rb") as stream:
         for _, channel, m in make_reader(stream).iter_messages():
             if not channel.topic.startswith(skip):
-                found.append((channel.topic, m.log_time, m.publish_time, m.data))
-    return sorted(found)
+                listed.append((channel.topic, m.log_time, m.publish_time, m.data))
+    return sorted(listed)
 
 
 def test_every_attitude_is_the_truth(calibrated, tmp_path):
@@ -111,13 +111,13 @@ def test_every_attitude_is_the_truth(calibrated, tmp_path):
     status, _, err, out = process(tmp_path, log, rig, hse)
     assert status == 2 and "another configuration" in one_line(err)
     assert not out.exists()
-    status, told, err, out = process(tmp_path, log, rig, hse, "--world", "ned", "--force")
+    status, printed, err, out = process(tmp_path, log, rig, hse, "--world", "ned", "--force")
     assert status == 0
     assert "warning: --force: " in err
     times, q = read_attitude(out)
     true_times, true = read_attitude(log, "/truth/imu")
     np.testing.assert_array_equal(times, true_times)
-    assert len(times) == told["imu"]["n"] == told["output"]["attitudes"]
+    assert len(times) == printed["imu"]["n"] == printed["output"]["attitudes"]
     np.testing.assert_allclose(np.linalg.norm(q, axis=1), 1.0, atol=1e-14)
     error = (Rotation.from_quat(q).inv() * Rotation.from_quat(true)).magnitude()
     # ramps through rest and the ends of the log included
@@ -126,7 +126,7 @@ def test_every_attitude_is_the_truth(calibrated, tmp_path):
     assert np.ptp([m.angular_velocity.z for _, m in read_topic(out, "/sinstool/imu")]) > 1.3
     assert payloads(out) == payloads(log)
     last = to_euler(np.roll(true[-1], 1))
-    final = told["final"]
+    final = printed["final"]
     np.testing.assert_allclose(
         np.radians([final["roll_deg"], final["pitch_deg"], final["heading_deg"]]), last, atol=2e-8
     )
@@ -136,9 +136,9 @@ def test_attitude_survives_a_late_encoder(calibrated, tmp_path):
     """What the delay adds to the base's heading it takes from the table's angle."""
     hse, _, _ = calibrated
     log, rig = log_at(tmp_path, "late", 65, 0.49, "40,-40", truth=True, encoder_delay=100)
-    status, told, _, out = process(tmp_path, log, rig, hse, "--world", "ned", "--only-results")
+    status, printed, _, out = process(tmp_path, log, rig, hse, "--world", "ned", "--only-results")
     assert status == 0
-    shift = [wrapped(np.radians(s["heading_deg"] - 65)) + D for s in told["hse"]["segments"]]
+    shift = [wrapped(np.radians(s["heading_deg"] - 65)) + D for s in printed["hse"]["segments"]]
     np.testing.assert_allclose(shift, np.radians([40, -40]) * 1e-4, atol=0.01 * ARCSEC)
     _, q = read_attitude(out)
     _, true = read_attitude(log, "/truth/imu")
@@ -203,11 +203,11 @@ def test_outside_what_was_calibrated(calibrated, tmp_path):
         tmp_path, "fast", rates="120", plateau=30, tilt_east=2e-3, heading=10, encoder_rate=20
     )
     rig = edited(rig, "fast", calibration=CALIBRATION)
-    status, told, err, _ = process(tmp_path, log, rig, hse, "--only-results")
+    status, printed, err, _ = process(tmp_path, log, rig, hse, "--only-results")
     assert status == 0
     assert "its rate, 120.00 deg/s, is outside what was calibrated" in err
     assert "leans to the east by 2.00e-03 rad, more than in the calibration" in err
-    (segment,) = told["hse"]["segments"]
+    (segment,) = printed["hse"]["segments"]
     assert segment["outside_rate"] and segment["outside_C23"]
 
 
@@ -231,9 +231,9 @@ def test_gap_in_the_encoder(calibrated, tmp_path):
                 continue
             writer.add_message(channels[channel.topic], m.log_time, m.data, m.publish_time)
         writer.finish()
-    status, told, err, _ = process(tmp_path, holed, rig, hse, "--only-results")
+    status, printed, err, _ = process(tmp_path, holed, rig, hse, "--only-results")
     assert status == 0
-    missing = told["imu"]["n"] - told["output"]["attitudes"]
+    missing = printed["imu"]["n"] - printed["output"]["attitudes"]
     assert 35 < missing < 45
     assert f"warning: {missing} samples lie where the encoder or the gyro has a gap" in err
-    assert len(told["hse"]["segments"]) == 2
+    assert len(printed["hse"]["segments"]) == 2

@@ -21,19 +21,19 @@ def test_pressures_in_other_units(tmp_path, unit, scale, median, mode):
     f = flight_log(30.0)
     f.pressure = f.pressure / scale
     log = f.write(tmp_path / "log.mcap")
-    told = f.options(navigation={"mode": mode}, vertical=DAMPED)
+    options = f.options(navigation={"mode": mode}, vertical=DAMPED)
     with pytest.raises(DataError) as refused:
-        run(log, tmp_path / "out.mcap", told)
+        run(log, tmp_path / "out.mcap", options)
     text = str(refused.value)
     said = float(text.split("pressures are about ")[1].split(",")[0])
     assert said == pytest.approx(median, rel=0.05)
     assert "/baro" in text and f"--baro-unit {unit}" in text
     assert [p.name for p in tmp_path.iterdir()] == ["log.mcap"]
-    told["input"]["baro_unit"] = unit
-    summary, kept = run(log, tmp_path / "out.mcap", told)
+    options["input"]["baro_unit"] = unit
+    summary, collected = run(log, tmp_path / "out.mcap", options)
     assert summary["height"]["samples"]["accepted"] == len(f.pressure) - 1
     if mode == "ins":
-        assert np.abs(kept.column("vertical")[:, 0] - f.flight.height).max() < 1.0
+        assert np.abs(collected.column("vertical")[:, 0] - f.flight.height).max() < 1.0
 
 
 def test_radians_for_degrees(tmp_path):
@@ -44,14 +44,14 @@ def test_radians_for_degrees(tmp_path):
         flight, latitude=flight.latitude * degree, longitude=flight.longitude * degree
     )
     log = f.write(tmp_path / "log.mcap", imu=flight.imu)
-    told = f.options()
+    options = f.options()
     with pytest.raises(DataError) as refused:
-        run(log, tmp_path / "out.mcap", told)
+        run(log, tmp_path / "out.mcap", options)
     assert "/gnss/fix" in str(refused.value) and "-0.7592" in str(refused.value)
     assert "--gnss-unit rad" in str(refused.value)
-    told["input"]["gnss_unit"] = "rad"
-    _, kept = run(log, tmp_path / "out.mcap", told)
-    assert np.degrees(kept.column("position")[0, 0]) == pytest.approx(-43.5, abs=1e-6)
+    options["input"]["gnss_unit"] = "rad"
+    _, collected = run(log, tmp_path / "out.mcap", options)
+    assert np.degrees(collected.column("position")[0, 0]) == pytest.approx(-43.5, abs=1e-6)
 
 
 def scaled(f, factor, gravity_removed=False):
@@ -75,15 +75,15 @@ def scaled(f, factor, gravity_removed=False):
 def test_gravity_taken_out(tmp_path, mode, vertical, refused):
     f = flight_log(30.0)
     log = f.write(tmp_path / "log.mcap", imu=scaled(f, 1.0, gravity_removed=True))
-    told = f.options(navigation={"mode": mode}, vertical=vertical)
+    options = f.options(navigation={"mode": mode}, vertical=vertical)
     if refused:
         with pytest.raises(DataError) as said:
-            run(log, tmp_path / "out.mcap", told)
+            run(log, tmp_path / "out.mcap", options)
         text = str(said.value)
         assert "/imu/data_raw" in text and "gravity has been taken out" in text
         assert "--imu-topic" in text
         return
-    summary, _ = run(log, tmp_path / "out.mcap", told)
+    summary, _ = run(log, tmp_path / "out.mcap", options)
     assert any("gravity" in w for w in summary["warnings"])
 
 
@@ -93,11 +93,11 @@ def test_gravity_taken_out(tmp_path, mode, vertical, refused):
 def test_specific_force_in_other_units(tmp_path, factor, words):
     f = flight_log(30.0)
     log = f.write(tmp_path / "log.mcap", imu=scaled(f, factor))
-    told = f.options()
+    options = f.options()
     with pytest.raises(DataError) as refused:
-        run(log, tmp_path / "out.mcap", told)
+        run(log, tmp_path / "out.mcap", options)
     assert words in str(refused.value) and "/imu/data_raw" in str(refused.value)
     if "g" in words.split():
-        told["input"]["accel_unit"] = "g"
-        _, kept = run(log, tmp_path / "out.mcap", told)
-        assert np.abs(kept.column("position")[-1, 2] - f.flight.height[-1]) < 1e-3
+        options["input"]["accel_unit"] = "g"
+        _, collected = run(log, tmp_path / "out.mcap", options)
+        assert np.abs(collected.column("position")[-1, 2] - f.flight.height[-1]) < 1e-3
