@@ -227,21 +227,21 @@ def work(task: Task, progress: Callable[[float], None]) -> dict[tuple[str, int],
     )
     got = gnss_samples(part, RECEIVER, task.seed + 10**6, antenna)
     fixes = inflight.GnssFixes(got.time_ns, got.latitude, got.longitude, got.height, got.velocity_n)
-    found = {}
+    outcomes = {}
     for form in task.forms:
         if task.course and form != "KF":
             answer = inflight.align_in_flight(imu, fixes, settings_of(form, task, task.spans_s[-1]))
             for span_s in task.spans_s:
-                found[form, span_s] = passing(answer, (START_S + span_s) * 10**9, part)
+                outcomes[form, span_s] = passing(answer, (START_S + span_s) * 10**9, part)
             continue
         for span_s in task.spans_s:
             if span_s < SHORTEST_S:
-                found[form, span_s] = Outcome(np.full(3, NONE), NONE, NONE, "failed")
+                outcomes[form, span_s] = Outcome(np.full(3, NONE), NONE, NONE, "failed")
                 continue
             answer = inflight.align_in_flight(imu, fixes, settings_of(form, task, span_s))
             row = int(np.searchsorted(part.time_ns, answer.t_ns))
-            found[form, span_s] = outcome(answer, part.imu.q_nb[row])
-    return found
+            outcomes[form, span_s] = outcome(answer, part.imu.q_nb[row])
+    return outcomes
 
 
 def passing(answer: inflight.InFlightAlignment, time_ns: int, part: Trajectory) -> Outcome:
@@ -304,18 +304,18 @@ def grades_table(run, runs: int, marks: Marks) -> None:  # type: ignore[no-untyp
     for (name, unit), expected in EXPECTED_GRADES.items():
         grade = launch_grade(name, unit)  # type: ignore[arg-type]
         tasks = [Task(seed, grade, GRADE_FORMS, (100,), course=True) for seed in range(runs)]
-        found = run(tasks)
-        for form, wanted in zip(GRADE_FORMS, expected, strict=True):
-            off = np.array([f[form, 100].euler_deg for f in found])
+        actual = run(tasks)
+        for form, target in zip(GRADE_FORMS, expected, strict=True):
+            off = np.array([f[form, 100].euler_deg for f in actual])
             ours = root_mean_square(off)[[0, 2, 1]]
             signs = [
                 marks.mark(f"{name} {unit} {form} {axis}", o, w)
-                for axis, o, w in zip(("roll", "heading", "pitch"), ours, wanted, strict=True)
+                for axis, o, w in zip(("roll", "heading", "pitch"), ours, target, strict=True)
             ]
             bound = PUBLISHED_BOUND[name]
             print(
-                f"{name:>6} {unit:>6} {form:>8}   {triple(ours)}  {triple(wanted)}  "
-                f"{triple(ours / np.array(wanted), 2)}  {'/'.join(f'{s:<5}' for s in signs):<18}"
+                f"{name:>6} {unit:>6} {form:>8}   {triple(ours)}  {triple(target)}  "
+                f"{triple(ours / np.array(target), 2)}  {'/'.join(f'{s:<5}' for s in signs):<18}"
                 f"  <= {bound}: {'PASS' if ours.max() <= bound else 'short'}"
             )
 
@@ -329,17 +329,17 @@ def time_table(run, runs: int, marks: Marks) -> None:  # type: ignore[no-untyped
     """Total error against alignment time."""
     grade = launch_grade("1", "g")
     forms = (*EXPECTED_TIME,)
-    found = run([Task(1000 + seed, grade, forms, TIMES_S, course=True) for seed in range(runs)])
+    result = run([Task(1000 + seed, grade, forms, TIMES_S, course=True) for seed in range(runs)])
     print(f"\nTotal error, 1 deg/h and 0.001 g, {runs} runs, rms, deg: ours / expected")
     print(" " * 10 + "".join(f"{s:>13} s      " for s in TIMES_S))
     for form in forms:
         line = f"{form:>10}"
         for k, span_s in enumerate(TIMES_S):
-            off = np.array([f[form, span_s].total_deg for f in found])
+            off = np.array([f[form, span_s].total_deg for f in result])
             ours = float(root_mean_square(off))
-            wanted = EXPECTED_TIME[form][k]
-            sign = marks.mark(f"{form} {span_s} s", ours, wanted)
-            line += f"{ours:8.3f} /{wanted:6.3f} {sign:5}"
+            expected = EXPECTED_TIME[form][k]
+            sign = marks.mark(f"{form} {span_s} s", ours, expected)
+            line += f"{ours:8.3f} /{expected:6.3f} {sign:5}"
         print(line)
 
 
@@ -361,8 +361,8 @@ def nees_table(run, runs: int, marks: Marks) -> None:  # type: ignore[no-untyped
                 Task(2000 + seed, grade, (form,), NEES_TIMES_S, kappa, constant)
                 for seed in range(min(runs, 40))
             ]
-            found = run(tasks)
-            means = [float(np.nanmean([f[form, s].nees for f in found])) for s in NEES_TIMES_S]
+            result = run(tasks)
+            means = [float(np.nanmean([f[form, s].nees for f in result])) for s in NEES_TIMES_S]
             sign = marks.mark(f"nees {name} {form} kappa {kappa:g}", max(means), high)
             print(
                 f"{name:>6} {form:>8} {kappa:5g} {'constant' if constant else 'wander':>10}"
@@ -381,15 +381,15 @@ def excitation_table(run, runs: int, marks: Marks) -> None:  # type: ignore[no-u
         cases = [(1.0, 0.0, False), (1.0, 0.0, True), (1.0, -20.0, False), (2.0, 0.0, False),
                  (4.0, 0.0, False)]  # fmt: skip
         for dynamics, step, constant in cases:
-            found = run(
+            actual = run(
                 [
                     Task(seed, grade, ("KF",), (100,), 4.0, constant, False, dynamics,
                          np.deg2rad(step))
                     for seed in range(runs)
                 ]
             )  # fmt: skip
-            ours = root_mean_square(np.array([f["KF", 100].euler_deg for f in found]))[[0, 2, 1]]
-            nees = float(np.nanmean([f["KF", 100].nees for f in found]))
+            ours = root_mean_square(np.array([f["KF", 100].euler_deg for f in actual]))[[0, 2, 1]]
+            nees = float(np.nanmean([f["KF", 100].nees for f in actual]))
             print(
                 f"{key[0]:>6} {key[1]:>6} manoeuvres x {dynamics:g}, pitch step {step:4g} deg,"
                 f" biases {'constant' if constant else 'wander  '} {triple(ours)}"

@@ -124,18 +124,18 @@ def main() -> int:
     for case in CASES:
         with tempfile.TemporaryDirectory() as folder:
             path = case.make(Path(folder))
-            found = {}
+            readings = {}
             for name in READERS:
                 only_mcap = name.startswith("mcap")
-                found[name] = (
+                readings[name] = (
                     run(name, path)
                     if path.suffix == ".mcap" or not only_mcap
                     else (0, "-", 0.0, 0.0)
                 )
-        ours = found["--salvage"]
-        cells = "".join(f"{n} {error}".strip().rjust(26) for n, error, _, _ in found.values())
+        ours = readings["--salvage"]
+        cells = "".join(f"{n} {error}".strip().rjust(26) for n, error, _, _ in readings.values())
         # A message without its channel is named, not given: nobody can say what it is.
-        best = max(n for n, *_ in found.values()) - ("unknown channel" in case.name)
+        best = max(n for n, *_ in readings.values()) - ("unknown channel" in case.name)
         bad = ours[0] < best or ours[1] not in ("", "ours") or ours[2] >= 5 or ours[3] >= 500
         failed += bad
         mark = "  !" if bad else ""

@@ -36,16 +36,16 @@ def main() -> int:
             for cut in range(0, len(data) + 1, step):
                 cut_path.write_bytes(data[:cut])
                 begin = time.perf_counter()
-                found = []
+                messages = []
                 try:
                     with open_log(cut_path, salvage=True) as log:
-                        found = read_back(log)
+                        messages = read_back(log)
                 except SinstoolError:
                     pass
                 slowest = max(slowest, time.perf_counter() - begin)
-                wrong += found != expected(name)[: len(found)]
-                falls += len(found) < most
-                most = max(most, len(found))
+                wrong += messages != expected(name)[: len(messages)]
+                falls += len(messages) < most
+                most = max(most, len(messages))
                 cuts += 1
             failed |= bool(falls or wrong)
             print(

@@ -215,8 +215,8 @@ def _inside_database(path: Path, rng: random.Random) -> None:
 
 def _one_row(database: sqlite3.Connection, rng: random.Random) -> None:
     number, elsewhere = rng.randrange(1, MESSAGES), rng.choice(HOSTILE) % 2**63
-    found = database.execute("SELECT data FROM messages WHERE id = ?", (number,)).fetchone()
-    payload = found[0] if found else b""
+    result = database.execute("SELECT data FROM messages WHERE id = ?", (number,)).fetchone()
+    payload = result[0] if result else b""
     other = rng.choice(("text", None, 5, 1.5, b"", rng.choice(HOSTILE) % 2**63, -1, 1e300))
     payload = damaged(payload, rng) if isinstance(payload, bytes) and payload else b"\x00\x01"
     texts = ("", "x" * 3000, "sensor_msgs/msg/Imu", "std_msgs/msg/Header", "\x00", "a/b")

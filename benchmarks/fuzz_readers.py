@@ -132,7 +132,7 @@ class Worker:
     """A process that reads inputs, and what it says of them."""
 
     def __init__(self, logs: Path, kind: str, seed: int, place: Path) -> None:
-        self.told = (logs, kind, seed)
+        self.arguments = (logs, kind, seed)
         self.place = place
         self.tried_again = -1
         place.mkdir()
@@ -149,7 +149,7 @@ class Worker:
         if checked:
             os.environ["NUMBA_CACHE_DIR"] = str(self.place.parent / "checked")
         self.process = context.Process(
-            target=_work, args=(*self.told, numbers, checked, theirs, self.place), daemon=True
+            target=_work, args=(*self.arguments, numbers, checked, theirs, self.place), daemon=True
         )
         self.process.start()
         theirs.close()
@@ -237,12 +237,12 @@ def fuzz(kind: str, seed: int, numbers: range, jobs: int, place: Path) -> Iterat
     while busy:
         ready = wait(list(busy), 0.2)
         for pipe, worker in tuple(busy.items()):
-            found = worker.listen() if pipe in ready else worker.overdue()
-            if found is None and worker.pipe is not pipe:  # begun anew
+            result = worker.listen() if pipe in ready else worker.overdue()
+            if result is None and worker.pipe is not pipe:  # begun anew
                 del busy[pipe]
                 busy[worker.pipe] = worker
-            if found is not None:
-                yield found
+            if result is not None:
+                yield result
                 if not worker.left and waiting:
                     worker.process.join()
                     worker.start(*waiting.pop(0))
@@ -251,14 +251,14 @@ def fuzz(kind: str, seed: int, numbers: range, jobs: int, place: Path) -> Iterat
                     busy[worker.pipe] = worker
 
 
-def _keep(folder: Path, logs: Path, kind: str, seed: int, found: Result) -> None:
+def _keep(folder: Path, logs: Path, kind: str, seed: int, result: Result) -> None:
     from benchmarks.fuzz_inputs import make_input
 
     shutil.rmtree(folder, ignore_errors=True)
     folder.mkdir(parents=True)
-    made = make_input(logs, kind, seed, found.number, folder)
-    told = f"salvage {made.salvage}, bounds checks {found.checked}: {found.outcome}"
-    (folder / "why.txt").write_text(f"{told}\n{found.details}")
+    made = make_input(logs, kind, seed, result.number, folder)
+    why = f"salvage {made.salvage}, bounds checks {result.checked}: {result.outcome}"
+    (folder / "why.txt").write_text(f"{why}\n{result.details}")
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -288,23 +288,23 @@ def main(arguments: Sequence[str] | None = None) -> int:
             numbers = range(options.first, options.first + options.count)
             outcomes: Counter[str] = Counter()
             peak = failures = checked = 0
-            for found in fuzz(kind, options.seed, numbers, options.jobs, place):
-                outcomes[found.outcome] += 1
-                peak = max(peak, found.peak)
-                checked += found.checked
+            for result in fuzz(kind, options.seed, numbers, options.jobs, place):
+                outcomes[result.outcome] += 1
+                peak = max(peak, result.peak)
+                checked += result.checked
                 if outcomes.total() % 10_000 == 0:
                     print(f"  {kind}: {outcomes.total()} inputs", file=sys.stderr, flush=True)
-                if found.outcome not in FINE:
+                if result.outcome not in FINE:
                     failures += 1
-                    kept = options.keep / f"seed{options.seed}-{kind}-{found.number}"
-                    _keep(kept, place / "logs", kind, options.seed, found)
-                    last = found.details.strip().split("\n")[-1]
-                    print(f"  {kind}:{found.number}: {found.outcome} {last}", flush=True)
+                    destination = options.keep / f"seed{options.seed}-{kind}-{result.number}"
+                    _keep(destination, place / "logs", kind, options.seed, result)
+                    last = result.details.strip().split("\n")[-1]
+                    print(f"  {kind}:{result.number}: {result.outcome} {last}", flush=True)
             wrong += failures
-            told = ", ".join(f"{name} {n}" for name, n in sorted(outcomes.items()))
+            counted = ", ".join(f"{name} {n}" for name, n in sorted(outcomes.items()))
             print(
                 f"{kind}: seed {options.seed}, {outcomes.total()} inputs ({checked} with bounds"
-                f" checks): {told}; failures {failures}; peak {peak} MB;"
+                f" checks): {counted}; failures {failures}; peak {peak} MB;"
                 f" {time.monotonic() - begun:.0f} s",
                 flush=True,
             )

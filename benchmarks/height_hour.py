@@ -155,13 +155,13 @@ def theory(flight: Trajectory, tau: float, k4: float) -> tuple[float, float]:
 def undamped(flight: Trajectory, runs: range) -> tuple[np.ndarray, np.ndarray]:
     """Size of the height error after 600 s and at the end of each run."""
     at = min(round(600.0 * RATE), len(flight.time_ns) - 1)
-    found = []
+    errors = []
     for run in runs:
         random = np.random.default_rng([7, run])
         imu = samples(flight, SENSORS, 2000 + run)
         dh, _ = fly(flight, None, None, start_state(flight, random), imu)
-        found.append((abs(dh[at]), abs(dh[-1])))
-    early, end = np.array(found).T
+        errors.append((abs(dh[at]), abs(dh[-1])))
+    early, end = np.array(errors).T
     return early, end
 
 

@@ -332,9 +332,9 @@ def rosbags_deserialise(path: Path, watch: Stopwatch) -> int:
 
     count = 0
     with AnyReader([path]) as reader:
-        wanted = [c for c in reader.connections if c.topic == "/imu/data"]
+        expected = [c for c in reader.connections if c.topic == "/imu/data"]
         with watch:
-            for connection, _, data in reader.messages(connections=wanted):
+            for connection, _, data in reader.messages(connections=expected):
                 reader.deserialize(data, connection.msgtype)
                 count += 1
     return count

@@ -78,24 +78,24 @@ def base(folder: Path) -> Sensors:
     from sinstool.cli.main import cli
 
     path = folder / "drive.mcap"
-    told = CliRunner().invoke(cli, ["simulate", *SCENARIO, "-o", str(path), "--no-truth"])
-    assert told.exit_code == 0, told.output
+    ran = CliRunner().invoke(cli, ["simulate", *SCENARIO, "-o", str(path), "--no-truth"])
+    assert ran.exit_code == 0, ran.output
     with path.open("rb") as stream:
         summary = make_reader(stream).get_summary()
     assert summary is not None
     others, columns = [], None
     for channel in summary.channels.values():
-        found = read_topic(path, channel.topic)
+        result = read_topic(path, channel.topic)
         if summary.schemas[channel.schema_id].name == IMU:
             vector = lambda v: (v.x, v.y, v.z)  # noqa: E731
             columns = (
-                np.array([stamp_ns(m) for _, m in found]),
-                np.array([at for at, _ in found]),
-                np.array([vector(m.angular_velocity) for _, m in found]),
-                np.array([vector(m.linear_acceleration) for _, m in found]),
+                np.array([stamp_ns(m) for _, m in result]),
+                np.array([at for at, _ in result]),
+                np.array([vector(m.angular_velocity) for _, m in result]),
+                np.array([vector(m.linear_acceleration) for _, m in result]),
             )
         else:
-            others += [Message(channel.topic, m.__msgtype__, at, m) for at, m in found]
+            others += [Message(channel.topic, m.__msgtype__, at, m) for at, m in result]
     assert columns is not None
     return Sensors(*columns, others)
 
@@ -295,19 +295,19 @@ def make_log(sensors: Sensors, seed: int, number: int, folder: Path) -> tuple[Pa
     log = write(spoilt, encoding, folder, rng)
     mode = MODES[rng.integers(len(MODES))]
     emits = EMITS[mode].split(",")
-    told: dict[str, Any] = {
+    options: dict[str, Any] = {
         "navigation": {"mode": mode},
         "coning": {"coning": str(rng.choice(ALGORITHMS))},
         "output": {"emit": emits, "only_results": bool(rng.random() < 0.3)},
         "about": {"encoding": encoding, "faults": [FAULTS[k].__name__[1:] for k in chosen]},
     }
     if mode == "ins":
-        told["align"] = {"align": "level", **START}
+        options["align"] = {"align": "level", **START}
     if mode == "ins-gnss" and rng.random() < 0.3:
-        told["filter"] = {"smooth": True}
+        options["filter"] = {"smooth": True}
     if rng.random() < 0.2:
-        told["input"] = {"imu_rate": 50.0}
-    return log, told
+        options["input"] = {"imu_rate": 50.0}
+    return log, options
 
 
 def times_of_input(log: Path) -> tuple[set[int], set[int]]:
@@ -315,15 +315,15 @@ def times_of_input(log: Path) -> tuple[set[int], set[int]]:
     from rosbags.highlevel import AnyReader
 
     if log.suffix == ".mcap":
-        found = read_topic(log, "/imu/data_raw")
+        result = read_topic(log, "/imu/data_raw")
     else:
         with AnyReader([log]) as reader:
-            wanted = [c for c in reader.connections if c.topic == "/imu/data_raw"]
-            found = [
+            expected = [c for c in reader.connections if c.topic == "/imu/data_raw"]
+            result = [
                 (at, reader.deserialize(data, c.msgtype))
-                for c, at, data in reader.messages(connections=wanted)
+                for c, at, data in reader.messages(connections=expected)
             ]
-    return {stamp_ns(m) for _, m in found}, {at for at, _ in found}
+    return {stamp_ns(m) for _, m in result}, {at for at, _ in result}
 
 
 def check(log: Path, out: Path, summary: dict[str, Any]) -> list[str]:
@@ -346,11 +346,11 @@ def check(log: Path, out: Path, summary: dict[str, Any]) -> list[str]:
         "/tf": lambda m: m.transforms[0].transform.rotation,
     }
     for topic in sorted(t for t in topics if t.startswith("/sinstool/") or t == "/tf"):
-        found = read_topic(out, topic)
-        at = np.array([t for t, _ in found], np.int64)
-        own = [stamp_ns(m.transforms[0] if topic == "/tf" else m) for _, m in found]
-        if topic in orientation and found:
-            q = [(v.w, v.x, v.y, v.z) for v in (orientation[topic](m) for _, m in found)]
+        result = read_topic(out, topic)
+        at = np.array([t for t, _ in result], np.int64)
+        own = [stamp_ns(m.transforms[0] if topic == "/tf" else m) for _, m in result]
+        if topic in orientation and result:
+            q = [(v.w, v.x, v.y, v.z) for v in (orientation[topic](m) for _, m in result)]
             off = np.abs(np.linalg.norm(np.array(q), axis=1) - 1.0)
             if not (off <= UNIT).all():
                 wrong.append(f"{topic}: {np.sum(~(off <= UNIT))} orientations are none")
@@ -373,24 +373,24 @@ def one_run(sensors: Sensors, seed: int, number: int, folder: Path) -> tuple[str
     from sinstool.core.errors import SinstoolError
     from sinstool.pipelines.process.run import process
 
-    log, told = make_log(sensors, seed, number, folder)
-    about = told.pop("about")
+    log, options = make_log(sensors, seed, number, folder)
+    about = options.pop("about")
     out = folder / "out.mcap"
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("error")
             # of values like 1e200, which the command line does not pass on either
             warnings.simplefilter("ignore", RuntimeWarning)
-            result = process(log, out, ProcessConfig(**told))
+            result = process(log, out, ProcessConfig(**options))
     except SinstoolError as exc:
         if out.exists() or len(list(folder.iterdir())) > 1:
-            return "left something behind", f"{about} {told}: {exc}"
+            return "left something behind", f"{about} {options}: {exc}"
         return "refused", str(exc)
     except Exception:
-        return "crash", f"{about} {told}\n{traceback.format_exc()}"
+        return "crash", f"{about} {options}\n{traceback.format_exc()}"
     wrong = check(log, out, result.to_json())
     if wrong:
-        return "wrong", f"{about} {told}: {'; '.join(wrong)}"
+        return "wrong", f"{about} {options}: {'; '.join(wrong)}"
     return "written, with losses" if result.exit_status else "written", ""
 
 
@@ -398,8 +398,8 @@ FINE = ("written", "written, with losses", "refused")
 _sensors: dict[str, Sensors] = {}
 
 
-def _job(told: tuple[int, int, Path]) -> tuple[int, str, str]:
-    seed, number, keep = told
+def _job(task: tuple[int, int, Path]) -> tuple[int, str, str]:
+    seed, number, keep = task
     with tempfile.TemporaryDirectory() as name:
         if "base" not in _sensors:
             _sensors["base"] = base(Path(name))
@@ -407,10 +407,10 @@ def _job(told: tuple[int, int, Path]) -> tuple[int, str, str]:
         folder.mkdir()
         outcome, details = one_run(_sensors["base"], seed, number, folder)
         if outcome not in FINE:
-            kept = keep / f"seed{seed}-{number}"
-            shutil.rmtree(kept, ignore_errors=True)
-            shutil.copytree(folder, kept)
-            (kept / "why.txt").write_text(details)
+            copy = keep / f"seed{seed}-{number}"
+            shutil.rmtree(copy, ignore_errors=True)
+            shutil.copytree(folder, copy)
+            (copy / "why.txt").write_text(details)
     return number, outcome, details
 
 
@@ -420,11 +420,11 @@ def main(arguments: Sequence[str] | None = None) -> int:
     made.add_argument("-v", "--verbose", action="store_true", help="say why logs are refused")
     options = made.parse_args(arguments)
     outcomes: Counter[str] = Counter()
-    told = [
+    tasks = [
         (options.seed, n, options.keep) for n in range(options.first, options.first + options.count)
     ]
     with multiprocessing.get_context("spawn").Pool(options.jobs) as pool:
-        for number, outcome, details in pool.imap_unordered(_job, told):
+        for number, outcome, details in pool.imap_unordered(_job, tasks):
             outcomes[outcome] += 1
             if outcome not in FINE or (options.verbose and outcome == "refused"):
                 print(f"  {number}: {outcome}: {details}", flush=True)

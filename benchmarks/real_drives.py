@@ -156,8 +156,8 @@ def run(
     with Smoother(ran.kind) as smoother:
         smoother.push(block)
         smooth = concatenate_updates(list(smoother.blocks(smoother.epochs())))
-    found = ran.summary
-    text = f"NIS/row {found.mean_nis:.2f}, {found.epochs_gated} gated, {found.restarts} restarts"
+    result = ran.summary
+    text = f"NIS/row {result.mean_nis:.2f}, {result.epochs_gated} gated, {result.restarts} restarts"
     return Run(first, time_ns, how, block, smooth, time.perf_counter() - tic, text)
 
 
@@ -183,9 +183,9 @@ def find_latency(data: Log, drive: Drive) -> tuple[Latency, float]:
             at.height,
             at.velocity_n,
         )
-        found = correlate(at.time_ns, velocity, data.gnss.time_ns, data.gnss.velocity_n)
-        latency = found.latency_s
-    return found, time.perf_counter() - tic
+        result = correlate(at.time_ns, velocity, data.gnss.time_ns, data.gnss.velocity_n)
+        latency = result.latency_s
+    return result, time.perf_counter() - tic
 
 
 def off_fixes(at: UpdateColumns, gnss: GnssEpochs, settings: Settings, rows: np.ndarray):
@@ -306,9 +306,9 @@ def report(folder: Path, name: str) -> None:
         together, _ = find_latency(data, drive)
         print(f"  by velocities as stamped: {together}")
         data = replace(data, gnss=split_position_velocity(data.gnss, lag.latency_s))
-    found, seconds = find_latency(data, drive)
-    print(f"  {found}, {found.status}, in {seconds:.1f} s")
-    latency = found.latency_s if found.status == "found" else 0.0
+    result, seconds = find_latency(data, drive)
+    print(f"  {result}, {result.status}, in {seconds:.1f} s")
+    latency = result.latency_s if result.status == "found" else 0.0
     settings = settings_of(drive, latency)
     answer = run(data, settings)
     print(f"  start: {answer.how}")

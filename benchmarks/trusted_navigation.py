@@ -161,8 +161,8 @@ def process(log: Path, truth: Motion, options: Sequence[str]) -> tuple[Answer | 
         answer = read_back(out, truth)
     finally:
         out.unlink()
-    found = json.loads(ran.stdout)["filter"]
-    gated, restarts = found["epochs_gated"], found["restarts"]
+    result = json.loads(ran.stdout)["filter"]
+    gated, restarts = result["epochs_gated"], result["restarts"]
     lost = f"{gated} rejected, {restarts} restarts" if gated or restarts else ""
     note = ", ".join(filter(None, [f"status {status}" * bool(status), lost]))
     return answer, status, note
@@ -277,11 +277,11 @@ def adding(
 
 
 def table(grade: str, args) -> None:
-    told = same_noise(GRADES[grade], grade)
-    cases = {"told": told, "automatic": []}
+    noise_options = same_noise(GRADES[grade], grade)
+    cases = {"told": noise_options, "automatic": []}
     cases = {name: options for name, options in cases.items() if name in args.rows}
     for text in args.more:
-        cases[f"told, {text}"] = [*told, *shlex.split(text)]
+        cases[f"told, {text}"] = [*noise_options, *shlex.split(text)]
     scores: dict[str, Score] = {}
     truth = drive(args.seed, args.duration)
     with tempfile.TemporaryDirectory() as folder:

@@ -38,11 +38,11 @@ def imports(path, root):
 
 def graph(root):
     """Imports within the package, by module."""
-    found = {}
+    arrows = {}
     for path in sorted((root / "sinstool").rglob("*.py")):
         name = ".".join(path.relative_to(root).with_suffix("").parts).removesuffix(".__init__")
-        found[name] = {one for one in imports(path, root) if one != name}
-    return found
+        arrows[name] = {one for one in imports(path, root) if one != name}
+    return arrows
 
 
 def upward(arrows, prefix, floors):
@@ -64,9 +64,9 @@ def upward(arrows, prefix, floors):
 def faults(root):
     """All that is against the plan of the house."""
     arrows = graph(root)
-    found = upward(arrows, "sinstool.", FLOORS)
-    found += upward(arrows, "sinstool.methods.", METHODS)
-    found += [
+    result = upward(arrows, "sinstool.", FLOORS)
+    result += upward(arrows, "sinstool.methods.", METHODS)
+    result += [
         f"{a} imports {b}"
         for a, uses in arrows.items()
         for b in uses
@@ -76,8 +76,8 @@ def faults(root):
     try:
         TopologicalSorter(inner).prepare()
     except CycleError as exc:
-        found.append(f"a circle: {' -> '.join(exc.args[1])}")
-    return found
+        result.append(f"a circle: {' -> '.join(exc.args[1])}")
+    return result
 
 
 def test_nothing_reaches_up_and_nothing_runs_in_a_circle():

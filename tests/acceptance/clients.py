@@ -60,11 +60,11 @@ def declared(path):
     with path.open("rb") as stream:
         summary = make_reader(stream).get_summary()
     counts = summary.statistics.channel_message_counts
-    found = Counter()
+    result = Counter()
     for number, channel in summary.channels.items():
-        found[channel.topic] += counts.get(number, 0)
+        result[channel.topic] += counts.get(number, 0)
     types = {c.topic: summary.schemas[c.schema_id].name for c in summary.channels.values()}
-    return found, types
+    return result, types
 
 
 def by_rosbags(path):

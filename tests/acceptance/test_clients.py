@@ -159,8 +159,8 @@ def test_mcap_reads_it_by_index_and_as_a_stream(case, written):
 
 def test_every_message_of_the_input_is_there_unchanged(case, written):
     expected = input_rows(case)
-    kept = [row for row in written if row.topic not in OURS]
-    assert Counter(kept) == Counter(expected)
+    rest = [row for row in written if row.topic not in OURS]
+    assert Counter(rest) == Counter(expected)
     if case.made:
         rows = small(case.ros)
         has_publish_times = case.log.suffix == ".mcap"
@@ -180,8 +180,8 @@ def test_rosbags_reads_it(case, written):
         topic = case.summary["imu"]["topic"]
         times = {"/sinstool/imu": [], "/sinstool/attitude": [], topic: []}
         q, logged = [], {"/sinstool/imu": {}, topic: {}}
-        wanted = [c for c in reader.connections if c.topic in times]
-        for connection, log_time, data in reader.messages(connections=wanted):
+        expected = [c for c in reader.connections if c.topic in times]
+        for connection, log_time, data in reader.messages(connections=expected):
             message = reader.deserialize(data, connection.msgtype)
             times[connection.topic].append(stamp_ns(message))
             if connection.topic in logged:
@@ -245,7 +245,7 @@ def test_chunks_of_an_mcap_are_copied_as_they_are(case):
 
 
 def test_indexes_and_summary_are_whole(case, written):
-    found, counts, chunk, headers = {}, Counter(), None, 0
+    listed, counts, chunk, headers = {}, Counter(), None, 0
     with case.output.open("rb") as stream:
         summary = make_reader(stream).get_summary()
     topics = {number: channel.topic for number, channel in summary.channels.items()}
@@ -260,16 +260,18 @@ def test_indexes_and_summary_are_whole(case, written):
                 counts += chunk
             elif isinstance(record, MessageIndex):
                 assert chunk.pop(record.channel_id) == len(record.records)
-                found[record.channel_id] = found.get(record.channel_id, 0) + len(record.records)
+                listed[record.channel_id] = listed.get(record.channel_id, 0) + len(record.records)
             elif isinstance(record, ChunkIndex):
                 assert record.message_index_offsets
             elif chunk is not None:
                 assert not chunk, "a chunk lacks a message index"
     assert headers == 1
     assert (
-        found == counts == {c: n for c, n in summary.statistics.channel_message_counts.items() if n}
+        listed
+        == counts
+        == {c: n for c, n in summary.statistics.channel_message_counts.items() if n}
     )
-    assert Counter({topics[c]: 0 for c in found} | counted(written)) == counted(written)
+    assert Counter({topics[c]: 0 for c in listed} | counted(written)) == counted(written)
     statistics = summary.statistics
     assert statistics.message_count == len(written)
     assert statistics.message_start_time == min(row.log_time for row in written)

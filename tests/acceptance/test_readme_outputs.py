@@ -11,12 +11,12 @@ import pytest
 
 from sinstool.cli.simulate import command
 from tests.acceptance import clients
-from tests.docs import examples as found
+from tests.docs import examples as docs
 
 pytestmark = pytest.mark.slow
 
-README = found.ROOT / "README.md"
-BLOCKS = [e for e in found.examples(README) if not e.needs and "sinstool process" in e.text]
+README = docs.ROOT / "README.md"
+BLOCKS = [e for e in docs.examples(README) if not e.needs and "sinstool process" in e.text]
 # Scenarios of `simulate`, and options that make each short
 SHORT = {
     "coning": "--duration 5 --rate 200",
@@ -73,10 +73,10 @@ def in_node(packages, paths):
 
 def run(text, folder):
     """MCAP files that commands write, in a folder that has what the README's reader has."""
-    found.scratch(folder)
+    docs.scratch(folder)
     before = set(folder.rglob("*.mcap"))
     text = text.replace("LOG", "log.mcap").replace("OUT.mcap", "out.mcap")
-    status, _, err = found.run(found.Example(README, 0, text), folder)
+    status, _, err = docs.run(docs.Example(README, 0, text), folder)
     assert status in (0, 3), err
     made = sorted(set(folder.rglob("*.mcap")) - before)
     assert made
@@ -94,7 +94,7 @@ def short(text):
 )
 def written(request, tmp_path_factory):
     """The files that a command wrote."""
-    text = found.INSTALL.sub("", request.param).replace(".venv/bin/", "")
+    text = docs.INSTALL.sub("", request.param).replace(".venv/bin/", "")
     return run(text, tmp_path_factory.mktemp("readme"))
 
 

@@ -49,15 +49,15 @@ def axes_of(path):
 
 def messages(log, own=None):
     """How often each message is there; ``own`` tells our topics from the log's."""
-    found = collections.Counter()
+    result = collections.Counter()
     for batch in log.batches():
         data = batch.buffer.data
         rows = (batch.channel, batch.log_time, batch.offset, batch.length)
         for number, time, at, length in zip(*(r.tolist() for r in rows), strict=True):
             topic = log.channels[number].topic
             if own is None or (topic in OWN) == own:
-                found[topic, time, hash(bytes(data[at : at + length]))] += 1
-    return found
+                result[topic, time, hash(bytes(data[at : at + length]))] += 1
+    return result
 
 
 def attitudes(path):
@@ -162,8 +162,8 @@ def errors_deg(log, out):
 
 def test_broad_06_from_level(tmp_path):
     run(real(BROAD_06), tmp_path / "out.mcap", align={"align": "level"})
-    found = errors_deg(BROAD_06, tmp_path / "out.mcap")
-    assert (found < [0.2, 1.5, 3.0]).all(), found
+    result = errors_deg(BROAD_06, tmp_path / "out.mcap")
+    assert (result < [0.2, 1.5, 3.0]).all(), result
 
 
 def test_broad_02_from_the_reference(tmp_path):
@@ -171,10 +171,10 @@ def test_broad_02_from_the_reference(tmp_path):
     _, truth = reference(real(BROAD_02).with_suffix(".ref.csv"))
     # its world is z up with some heading: ENU will do
     angles = (ENU_NED * truth[0] * FLU_FRD).as_euler("ZYX", degrees=True)[::-1]
-    told = {"align": "fixed", "initial_attitude": tuple(map(float, angles))}
-    run(real(BROAD_02), tmp_path / "out.mcap", align=told)
-    found = errors_deg(BROAD_02, tmp_path / "out.mcap")
-    assert (found < 1.25 * np.array([0.05, 1.37, 6.30])).all(), found
+    options = {"align": "fixed", "initial_attitude": tuple(map(float, angles))}
+    run(real(BROAD_02), tmp_path / "out.mcap", align=options)
+    result = errors_deg(BROAD_02, tmp_path / "out.mcap")
+    assert (result < 1.25 * np.array([0.05, 1.37, 6.30])).all(), result
 
 
 # -- coning on real motion -------------------------------------------------------------------
@@ -228,9 +228,9 @@ def test_updates_of_sixteen_samples_with_compensation(increments, name, summed):
 @pytest.mark.parametrize("name", ["previous-1", "previous-2", "previous-3"])
 def test_compensation_from_the_updates_before(increments, name, summed, limit):
     """Whole sums of sixteen know nothing of what happens inside: ten times better all the same."""
-    found = off_deg(increments, name, summed)
-    assert found < limit
-    assert found < 0.12 * off_deg(increments, "uncompensated", summed)
+    result = off_deg(increments, name, summed)
+    assert result < limit
+    assert result < 0.12 * off_deg(increments, "uncompensated", summed)
 
 
 def test_previous_1_by_hand(increments):

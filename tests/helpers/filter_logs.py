@@ -40,8 +40,8 @@ class Capture:
 
 def simulated(path, scenario, *options):
     """A log by `sinstool simulate`."""
-    told = CliRunner().invoke(cli, ["simulate", scenario, "-o", str(path), *options])
-    assert told.exit_code == 0, told.output
+    ran = CliRunner().invoke(cli, ["simulate", scenario, "-o", str(path), *options])
+    assert ran.exit_code == 0, ran.output
     return path
 
 

@@ -45,7 +45,7 @@ def one_line(err):
     return lines[0]
 
 
-def simulate(folder, name, **told):
+def simulate(folder, name, **config):
     """A log and its rig; options of `simulate hse-rig` by their names."""
     options = {
         "rates": "20,40,60",
@@ -53,7 +53,7 @@ def simulate(folder, name, **told):
         "rate": 50,
         "encoder_rate": 50,
         "truth": False,
-        **told,
+        **config,
     }
     truth = options.pop("truth")
     words = [w for k, v in options.items() for w in (f"--{k.replace('_', '-')}", v)]
@@ -68,14 +68,14 @@ def simulate(folder, name, **told):
 
 def edited(rig, name, calibration=None, encoder=None, **keys):
     """The rig with other keys, None to take one out, as a file beside it."""
-    told = tomllib.loads(rig.read_text())
-    told["rig"] |= keys
-    told["rig"]["encoder"] |= encoder or {}
-    told["rig"] = {k: v for k, v in told["rig"].items() if v is not None}
+    options = tomllib.loads(rig.read_text())
+    options["rig"] |= keys
+    options["rig"]["encoder"] |= encoder or {}
+    options["rig"] = {k: v for k, v in options["rig"].items() if v is not None}
     if calibration:
-        told["calibration"] = calibration
+        options["calibration"] = calibration
     path = rig.with_name(f"{name}.toml")
-    path.write_text(tomli_w.dumps(told))
+    path.write_text(tomli_w.dumps(options))
     return path
 
 

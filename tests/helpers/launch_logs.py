@@ -37,20 +37,20 @@ def aligned(log, truth=TRUTH, method="svd", **groups):
     return align_log(log, build(ProcessConfig, groups), truth=truth)
 
 
-def total(found):
-    return found.result.truth.total_deg
+def total(result):
+    return result.result.truth.total_deg
 
 
-def normalised(found):
+def normalised(result):
     """Squared error by its covariance, over 3."""
-    psi = np.array(found.result.truth.error_deg)
-    return float(psi @ np.linalg.solve(np.array(found.result.cov_deg2), psi)) / 3.0
+    psi = np.array(result.result.truth.error_deg)
+    return float(psi @ np.linalg.solve(np.array(result.result.cov_deg2), psi)) / 3.0
 
 
 def column(log, topic, paths):
     """Stamps in ns and numbers of a topic."""
-    wanted = {"sec": ["header.stamp.sec"], "ns": ["header.stamp.nanosec"], "x": paths}
+    expected = {"sec": ["header.stamp.sec"], "ns": ["header.stamp.nanosec"], "x": paths}
     with open_log(log) as opened:
-        blocks = [v for _, v in read_columns(opened, opened.channels_of(topic), wanted, Losses())]
-    sec, ns, x = (np.concatenate([b[k] for b in blocks]) for k in wanted)
+        blocks = [v for _, v in read_columns(opened, opened.channels_of(topic), expected, Losses())]
+    sec, ns, x = (np.concatenate([b[k] for b in blocks]) for k in expected)
     return sec.astype(np.int64) * 10**9 + ns.astype(np.int64), x

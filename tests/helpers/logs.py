@@ -294,12 +294,12 @@ def patched(path, at, new):
 def unindexed(path):
     """Take the index off a bag, as a recorder that was killed leaves it."""
     data = path.read_bytes()
-    kept = b"".join(
+    records = b"".join(
         data[at : begin + length]
         for op, at, begin, length in bag_records(data)
         if op in (3, 5)  # the bag header, and chunks
     )
-    path.write_bytes(data[:13] + kept)
+    path.write_bytes(data[:13] + records)
     at = data.index(b"index_pos=") + 10
     return patched(path, at, bytes(8))
 

@@ -103,8 +103,8 @@ def test_the_command_line_prints_the_plan(sinstool, tmp_path):
     assert status == 0 and printed["schema"] == "sinstool.plan/1"
     assert printed["first_attitude"]["option"] == "--align"
     _, out, _ = sinstool("info", log, "--json")
-    told = json.loads(out)["process"]["plan"]
-    assert told == {name: printed[name] for name in told}
+    report = json.loads(out)["process"]["plan"]
+    assert report == {name: printed[name] for name in report}
     _, text, _ = sinstool("process", log, "--print-plan")
-    assert all(choice["reason"] in text for choice in told.values())
+    assert all(choice["reason"] in text for choice in report.values())
     assert not list(tmp_path.glob("*.part")) and len(list(tmp_path.iterdir())) == 1

@@ -61,9 +61,9 @@ def test_lateral_force_is_that_of_turns(drive):
     roll = rotation.to_euler(drive.imu.q_nb)[:, 0]
     turning = np.abs(rate) > 0.15
     lateral = drive.imu.specific_force[turning, 1]
-    wanted = (speed * rate)[turning] - 9.8 * np.sin(roll[turning])
-    assert np.abs(lateral - wanted).max() < 0.25
-    assert np.abs(wanted).max() > 1.0
+    expected = (speed * rate)[turning] - 9.8 * np.sin(roll[turning])
+    assert np.abs(lateral - expected).max() < 0.25
+    assert np.abs(expected).max() > 1.0
 
 
 def test_seeds_differ_and_repeat():

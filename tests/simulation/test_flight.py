@@ -80,8 +80,8 @@ def test_specific_force_is_what_moves_it_in_inertial_space(name):
     outward[:, 2] = 0.0
     gravitation = gravity - earth.EARTH_RATE**2 * outward
     q_ib = rotation.multiply(turn, flight.imu.q_nb)
-    wanted = rotation.rotate(rotation.conjugate(q_ib[inner]), acceleration - gravitation[inner])
-    error = np.abs(wanted - flight.imu.specific_force[inner]).max()
+    expected = rotation.rotate(rotation.conjugate(q_ib[inner]), acceleration - gravitation[inner])
+    error = np.abs(expected - flight.imu.specific_force[inner]).max()
     # 1e-9 m of rounding over step**2; and the levels' ninth-degree polynomials have knots
     assert error < 1.2e-8 / step**2 + {"drive": 2e-3, "manoeuvres": 1e-4}.get(name, 0.0)
 
@@ -181,14 +181,14 @@ changes = st.lists(
 
 @given(st.floats(-50.0, 50.0), changes)
 def test_levels_and_their_integral_and_derivatives_fit(first, raw):
-    told, t = [], 0.0
+    changes, t = [], 0.0
     for wait, duration, level in raw:
-        told.append((t + wait, duration, level))
+        changes.append((t + wait, duration, level))
         t += wait + duration + 1e-6
-    levels = Levels(first, told)
+    levels = Levels(first, changes)
     at = np.linspace(-3.0, t + 5.0, 400)
     small = 1e-4
-    scale = 1.0 + max([abs(first), *(abs(level) for _, _, level in told)])
+    scale = 1.0 + max([abs(first), *(abs(level) for _, _, level in changes)])
     for value, slope, allowed in (
         (levels.integral, levels.value, 1e-5),
         (levels.value, levels.slope, 1e-2),
@@ -197,7 +197,7 @@ def test_levels_and_their_integral_and_derivatives_fit(first, raw):
         difference = (value(at + small) - value(at - small)) / (2.0 * small)
         np.testing.assert_allclose(difference, slope(at), atol=allowed * scale)
     assert levels.value(np.array([-100.0]))[0] == first
-    assert levels.value(np.array([t + 1.0]))[0] == (told[-1][2] if told else first)
+    assert levels.value(np.array([t + 1.0]))[0] == (changes[-1][2] if changes else first)
     assert levels.integral(np.zeros(1))[0] == 0.0
 
 
@@ -220,10 +220,10 @@ def test_barometer_is_a_markov_process_at_any_instants():
     assert np.std(errors[:, 0]) == pytest.approx(10.0, rel=0.3)
     # correlation of neighbours is that of their own distance
     correlation = np.mean(errors[:, 1:] * errors[:, :-1], axis=0) / 100.0
-    wanted = np.exp(-np.diff(time) * 1e-9 / 500.0)
+    expected = np.exp(-np.diff(time) * 1e-9 / 500.0)
     for low, high in ((0.45, 0.6), (0.6, 0.8), (0.8, 1.0)):
-        some = (wanted > low) & (wanted <= high)
-        assert correlation[some].mean() == pytest.approx(wanted[some].mean(), abs=0.02)
+        some = (expected > low) & (expected <= high)
+        assert correlation[some].mean() == pytest.approx(expected[some].mean(), abs=0.02)
 
 
 def test_barometer_noise_and_arguments():

@@ -67,8 +67,8 @@ def test_earth_axes_there_and_back(latitude, longitude, height):
 
 def test_points_in_earth_axes():
     got = ecef([0.0, np.pi / 2], [np.pi / 2, 0.3], [100.0, -5.0])
-    wanted = [[0.0, 6378237.0, 0.0], [0.0, 0.0, 6356752.314245 - 5.0]]
-    np.testing.assert_allclose(got, wanted, atol=1e-6)
+    expected = [[0.0, 6378237.0, 0.0], [0.0, 0.0, 6356752.314245 - 5.0]]
+    np.testing.assert_allclose(got, expected, atol=1e-6)
 
 
 @pytest.mark.parametrize(
@@ -191,21 +191,23 @@ def test_faults_leave_the_other_fixes_as_they_were(flight):
     assert len(bad) == len(clean) - out.sum() == 1301 - 75
     np.testing.assert_array_equal(bad.time_ns, clean.time_ns[~out])
     off, fast = metres(bad, bad.truth), bad.velocity_n
-    wanted = metres(clean, clean.truth)[~out]
+    expected = metres(clean, clean.truth)[~out]
     t = t[~out]
     ok = ~bad.outlier
     jump = (t >= 20) & (t < 25)
     flat, dumb = (t >= 40) & (t < 45), (t >= 50) & (t < 51)
-    np.testing.assert_allclose((off - wanted)[ok & ~jump & ~flat], 0.0, atol=1e-8)
+    np.testing.assert_allclose((off - expected)[ok & ~jump & ~flat], 0.0, atol=1e-8)
     np.testing.assert_allclose(
-        (off - wanted)[ok & jump], np.tile([100.0, -50.0, 10.0], ((ok & jump).sum(), 1)), atol=1e-8
+        (off - expected)[ok & jump],
+        np.tile([100.0, -50.0, 10.0], ((ok & jump).sum(), 1)),
+        atol=1e-8,
     )
     assert np.isnan(bad.height[flat]).all() and np.isnan(fast[flat, 2]).all()
     assert np.isfinite(fast[flat & ~dumb, :2]).all() and np.isfinite(bad.latitude).all()
     assert np.isnan(fast[dumb]).all() and np.isfinite(bad.height[dumb]).all()
     hit = bad.outlier & ~jump & ~flat & ~dumb
     assert 10 <= bad.outlier.sum() <= 45  # 25 expected
-    np.testing.assert_allclose(np.linalg.norm((off - wanted)[hit], axis=1), 500.0, atol=1e-6)
+    np.testing.assert_allclose(np.linalg.norm((off - expected)[hit], axis=1), 500.0, atol=1e-6)
     more = np.linalg.norm((fast - clean.velocity_n[~out])[hit], axis=1)
     np.testing.assert_allclose(more, 20.0, atol=1e-9)
 

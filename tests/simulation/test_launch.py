@@ -47,16 +47,16 @@ def consistency(trajectory, first):
     dtheta, dv = imu.gyro_increment, imu.mean_specific_force * imu.interval[:, None]
     k = np.arange(first + 1, len(dtheta))
     phi = dtheta[k] + np.cross(dtheta[k - 1], dtheta[k]) / 12.0
-    kept = AttitudePropagator([1.0, 0, 0, 0]).push(phi, imu.interval[k])
-    wanted = rotation.multiply(rotation.conjugate(q_ib[first]), q_ib[k])
-    attitude = rotation.log(rotation.multiply(kept, rotation.conjugate(wanted)))
+    attitudes = AttitudePropagator([1.0, 0, 0, 0]).push(phi, imu.interval[k])
+    expected = rotation.multiply(rotation.conjugate(q_ib[first]), q_ib[k])
+    attitude = rotation.log(rotation.multiply(attitudes, rotation.conjugate(expected)))
     turned = (
         dv[k]
         + 0.5 * np.cross(dtheta[k], dv[k])
         + np.cross(dtheta[k], np.cross(dtheta[k], dv[k])) / 6.0
         + (np.cross(dtheta[k - 1], dv[k]) + np.cross(dv[k - 1], dtheta[k])) / 12.0
     )
-    before = np.concatenate([[[1.0, 0, 0, 0]], kept[:-1]])
+    before = np.concatenate([[[1.0, 0, 0, 0]], attitudes[:-1]])
     alpha = np.cumsum(rotation.rotate(before, turned), axis=0)
     v, lat, h = trajectory.velocity_n, trajectory.latitude, trajectory.height
     change = np.cross(earth.earth_rate_n(lat), v) - earth.gravity_n(lat, h)

@@ -206,8 +206,8 @@ def test_a_first_fix_after_the_start_is_read_in_its_unit(tmp_path):
     late = [fix_message(k, times[400 + 20 * k], *place) for k in range(5)]
     messages = sorted([*imu_messages(times, gyro, accel), *late], key=lambda m: m.log_ns)
     log = write_log(tmp_path / "a.mcap", messages)
-    told = {"input": {"gnss_unit": "rad"}, "navigation": {"mode": "attitude"}}
-    final = process(log, tmp_path / "out.mcap", build(ProcessConfig, told)).final
+    options = {"input": {"gnss_unit": "rad"}, "navigation": {"mode": "attitude"}}
+    final = process(log, tmp_path / "out.mcap", build(ProcessConfig, options)).final
     assert (final.lat_deg, final.lon_deg) == pytest.approx((48.0, 11.0))
 
 

@@ -38,13 +38,13 @@ def test_the_output_is_the_same_when_samples_are_read_again(log, tmp_path, monke
     assert (tmp_path / "kept.mcap").read_bytes() == (tmp_path / "again.mcap").read_bytes()
 
 
-@pytest.mark.parametrize(("most", "kept"), [(0, False), (100, False), (10**6, True)])
-def test_all_or_none_are_kept(log, monkeypatch, most, kept):
+@pytest.mark.parametrize(("most", "cached"), [(0, False), (100, False), (10**6, True)])
+def test_all_or_none_are_kept(log, monkeypatch, most, cached):
     monkeypatch.setattr(survey, "CACHED_SAMPLES", most)
     samples = SampleCache()
     with open_log(log) as opened:
-        found = survey.survey(opened, choose_imu(opened, None), ImuUnits(), read=samples)
-    if kept:
-        assert sum(map(len, samples.blocks)) == found.count + found.order.duplicates
+        result = survey.survey(opened, choose_imu(opened, None), ImuUnits(), read=samples)
+    if cached:
+        assert sum(map(len, samples.blocks)) == result.count + result.order.duplicates
     else:
         assert samples.blocks is None

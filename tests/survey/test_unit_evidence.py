@@ -113,8 +113,8 @@ def test_rates_in_rad_s_are_left_alone(name):
 @pytest.mark.parametrize("name", MOTIONS)
 def test_rates_in_deg_s_are_found(name):
     gyro, accel = MOTIONS[name]()
-    found, evidence = judge(gyro / DEGREE, accel)
-    assert found
+    result, evidence = judge(gyro / DEGREE, accel)
+    assert result
     # a vehicle also accelerates; in the hand, gravity turns as said
     assert 0.2 < evidence.scale < 1.5
     if "vehicle" not in name:
@@ -182,11 +182,11 @@ def test_real_logs(path, unit):
     scale = 1.0 if unit == "rad/s" else 1.0 / DEGREE
     with open_log(real(path)) as log:
         topic = choose_imu(log, None)
-        found = survey(log, topic, ImuUnits(axes, scale))
+        actual = survey(log, topic, ImuUnits(axes, scale))
         in_g = survey(log, topic, ImuUnits(axes, scale, 1.0 / G))
     expected = unit == "deg/s" and path not in UNKNOWABLE
-    assert gyro_looks_like_degrees(found.gyro_unit, found.gyro_max) is expected
-    assert not accel_looks_like_g(found.specific_force_median)
+    assert gyro_looks_like_degrees(actual.gyro_unit, actual.gyro_max) is expected
+    assert not accel_looks_like_g(actual.specific_force_median)
     assert accel_looks_like_g(in_g.specific_force_median)
     # the unit of force does not matter to that of the rates
     assert gyro_looks_like_degrees(in_g.gyro_unit, in_g.gyro_max) is expected

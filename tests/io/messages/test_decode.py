@@ -58,16 +58,16 @@ def test_columns_are_what_rosbags_reads(name, flavour, seed, count):
 @settings(max_examples=30, deadline=None)
 def test_frame_names_of_any_length_in_one_batch(flavour, frames, seed):
     rng = np.random.default_rng(seed)
-    payloads, wanted = [], []
+    payloads, expected = [], []
     for frame in frames:
         message = random_message(IMU, flavour, rng)
         message.header.frame_id = frame
         payloads.append(serialise(message, flavour))
-        wanted.append(message)
+        expected.append(message)
     columns = {"gyro": GYRO, "accel": ACCEL, "cov": ["orientation_covariance"], **STAMP}
     _, out = decode(standard_definition(IMU, encoding_of(flavour)), columns, payloads, rng)
     assert out.valid.all()
-    for k, message in enumerate(wanted):
+    for k, message in enumerate(expected):
         g, a = message.angular_velocity, message.linear_acceleration
         assert same(out.values["gyro"][k], [g.x, g.y, g.z])
         assert same(out.values["accel"][k], [a.x, a.y, a.z])
@@ -79,18 +79,18 @@ def test_frame_names_of_any_length_in_one_batch(flavour, frames, seed):
 def test_equal_length_does_not_mean_equal_layout():
     # The sum of two strings' lengths is the same, and so is the payload's, but not the layout.
     rng = np.random.default_rng(1)
-    payloads, wanted = [], []
+    payloads, expected = [], []
     for frame, child in [("a" * 3, "b" * 19), ("a" * 11, "b" * 11), ("a" * 19, "b" * 3)] * 3:
         message = random_message("nav_msgs/msg/Odometry", "ros1", rng)
         message.header.frame_id, message.child_frame_id = frame, child
         payloads.append(serialise(message, "ros1"))
-        wanted.append(message.pose.pose.position.x)
+        expected.append(message.pose.pose.position.x)
     assert len({len(p) for p in payloads}) == 1
     # In CDR, names of 7 and 8 characters end at the same padded place with other lengths.
     definition = standard_definition("nav_msgs/msg/Odometry", "ros1")
     _, out = decode(definition, {"x": ["pose.pose.position.x"]}, payloads)
     assert out.valid.all()
-    assert same(out.values["x"], wanted)
+    assert same(out.values["x"], expected)
 
     sevens = []
     for k in range(9):
@@ -108,7 +108,7 @@ def test_equal_length_does_not_mean_equal_layout():
 @settings(max_examples=25, deadline=None)
 def test_joint_is_found_by_name_wherever_it_stands(flavour, seed):
     rng = np.random.default_rng(seed)
-    payloads, wanted = [], []
+    payloads, expected = [], []
     for _ in range(30):
         message = random_message(JOINTS, flavour, rng)
         count = int(rng.integers(0, 5))
@@ -117,33 +117,33 @@ def test_joint_is_found_by_name_wherever_it_stands(flavour, seed):
         message.position = rng.normal(size=count if rng.random() < 0.9 else 0)
         payloads.append(serialise(message, flavour))
         place = names.index("table") if "table" in names else 99
-        wanted.append(message.position[place] if place < len(message.position) else None)
+        expected.append(message.position[place] if place < len(message.position) else None)
     definition = standard_definition(JOINTS, encoding_of(flavour))
     columns = {"angle": ["position[name=table]"], **STAMP}
     decoder, out = decode(definition, columns, payloads)
-    assert out.valid.tolist() == [w is not None for w in wanted]
-    assert same(out.values["angle"], [0.0 if w is None else w for w in wanted])
+    assert out.valid.tolist() == [w is not None for w in expected]
+    assert same(out.values["angle"], [0.0 if w is None else w for w in expected])
     assert out.values["sec"].dtype == (np.uint32 if flavour == "ros1" else np.int32)
-    assert ("position[name=table]" in decoder.problem) == (None in wanted)
+    assert ("position[name=table]" in decoder.problem) == (None in expected)
 
 
 def test_more_layouts_than_are_kept():
     rng = np.random.default_rng(3)
-    payloads, wanted = [], []
+    payloads, expected = [], []
     for k in range(3 * MAX_LAYOUTS):
         message = random_message(JOINTS, "cdr", rng)
         message.header.frame_id = "f" * (k % 5)
         message.name = [f"joint_{i}" for i in range(k)] + ["table"]
         message.position = rng.normal(size=k + 1)
         payloads += [serialise(message, "cdr")] * 2
-        wanted += [(message.header.stamp.sec, message.position[k])] * 2
+        expected += [(message.header.stamp.sec, message.position[k])] * 2
     columns = {"angle": ["position[name=table]"], "sec": ["header.stamp.sec"]}
     decoder = Decoder(standard_definition(JOINTS, "cdr"), columns)
     for _ in range(2):  # the second batch meets a full set of layouts
         out = decoder.decode(*pack(payloads))
         assert out.valid.all()
-        assert out.values["sec"].tolist() == [w[0] for w in wanted]
-        assert out.values["angle"].tolist() == [w[1] for w in wanted]
+        assert out.values["sec"].tolist() == [w[0] for w in expected]
+        assert out.values["angle"].tolist() == [w[1] for w in expected]
 
 
 @pytest.mark.parametrize("flavour", FLAVOURS)

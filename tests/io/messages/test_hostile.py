@@ -27,11 +27,11 @@ def chain(levels, fields=1, last="uint8 x"):
 
 def test_types_that_double_at_every_level():
     for last in ("uint8 x", "uint8 ONE=1"):  # the second takes no bytes in ROS 1
-        found = parse_definition("a_msgs/msg/T0", "ros1msg", chain(30, 2, last), "ros1")
-        assert list(found.paths_of(IMU)) == []
-        assert len(list(found.paths_of("a_msgs/msg/T29"))) == 64
+        result = parse_definition("a_msgs/msg/T0", "ros1msg", chain(30, 2, last), "ros1")
+        assert list(result.paths_of(IMU)) == []
+        assert len(list(result.paths_of("a_msgs/msg/T29"))) == 64
         with pytest.raises(LayoutError):
-            walk(found, bytes(100))
+            walk(result, bytes(100))
 
 
 @pytest.mark.parametrize("levels", [40, 1000])
@@ -53,12 +53,12 @@ def test_a_schema_encoding_that_is_not_read():
 
 @pytest.mark.parametrize("count", [10**5, 10**9])
 def test_arrays_too_long_for_a_column(count):
-    found = parse_definition("a_msgs/msg/T", "ros2msg", f"float64[{count}] x", "cdr")
+    result = parse_definition("a_msgs/msg/T", "ros2msg", f"float64[{count}] x", "cdr")
     with pytest.raises(LayoutError, match=f"x has {count} elements"):
-        Decoder(found, {"x": ["x"]})
-    found = parse_definition("a_msgs/msg/T", "ros2msg", "float64[] x", "cdr")
+        Decoder(result, {"x": ["x"]})
+    result = parse_definition("a_msgs/msg/T", "ros2msg", "float64[] x", "cdr")
     payload = b"\0\1\0\0" + np.uint32(20000).tobytes() + bytes(4 + 160000)
-    decoder = Decoder(found, {"x": ["x"]})
+    decoder = Decoder(result, {"x": ["x"]})
     columns = decoder.decode(
         np.frombuffer(payload, np.uint8), np.array([0]), np.array([len(payload)])
     )
@@ -81,10 +81,10 @@ def log_of(path, name, text, count=3):
 
 
 def size_of(name, text):
-    found = parse_definition(name, "ros2msg", text, "cdr")
+    result = parse_definition(name, "ros2msg", text, "cdr")
     for size in range(4096):
         try:
-            walk(found, b"\0\1\0\0" + bytes(size))
+            walk(result, b"\0\1\0\0" + bytes(size))
         except LayoutError:
             continue
         return size
@@ -133,8 +133,8 @@ def test_one_bad_payload_is_a_row_lost_in_either_mode(tmp_path, payload):
     for salvage in (False, True):
         losses = Losses()
         with open_log(path, salvage) as log:
-            found = list(read_imu(log, log.channels_of("/imu"), ImuUnits(), losses))
-            assert sum(map(len, found)) == 19
-            assert 7 not in np.concatenate([imu.log_time_ns for imu in found])
+            listed = list(read_imu(log, log.channels_of("/imu"), ImuUnits(), losses))
+            assert sum(map(len, listed)) == 19
+            assert 7 not in np.concatenate([imu.log_time_ns for imu in listed])
             assert not log.lost
         assert losses.malformed == 1 and losses.problem

@@ -21,15 +21,15 @@ def test_what_is_recovered_never_becomes_less(tmp_path, name):
     most = 0
     for cut in (*range(0, len(data), STEP), len(data)):
         cut_path.write_bytes(data[:cut])
-        found = []
+        listed = []
         try:
             with open_log(cut_path, salvage=True) as log:
-                found = read_back(log)
+                listed = read_back(log)
                 assert cut == len(data) or log.lost
         except SinstoolError as exc:
             assert "\n" not in str(exc)
-        assert found == expected(name)[: len(found)]
-        assert len(found) >= most
-        most = len(found)
+        assert listed == expected(name)[: len(listed)]
+        assert len(listed) >= most
+        most = len(listed)
     with open_log(path) as log:
-        assert found == read_back(log)
+        assert listed == read_back(log)

@@ -53,19 +53,19 @@ def test_all_that_is_there_is_read(tmp_path, name):
     assert bool(case.strict) == bool(strict)
     try:
         with open_log(path, salvage=True) as log:
-            found = read_back(log)
+            result = read_back(log)
             assert bool(log.lost) == (bool(strict) or "unknown channel" in name)
             for part in log.lost:
                 assert part.start_ns is None or part.end_ns is None or part.start_ns <= part.end_ns
     except NotALogError:
-        found = []
-    assert len(found) >= case.at_least(path)
+        result = []
+    assert len(result) >= case.at_least(path)
     if not strict:
-        assert found == whole
+        assert result == whole
     if path.suffix == ".mcap":
-        assert bool(Counter(found) - Counter(rows(1500))) == (name in OTHERWISE)
+        assert bool(Counter(result) - Counter(rows(1500))) == (name in OTHERWISE)
     if path.suffix == ".db3":
-        assert not Counter(found) - Counter(same_time(rows(1500)))
+        assert not Counter(result) - Counter(same_time(rows(1500)))
     assert {p.name: p.read_bytes() for p in tmp_path.iterdir() if p.is_file()} == before
 
 

@@ -24,11 +24,11 @@ def places(path):
     """Where messages or chunks lie, and one place inside of one."""
     data = path.read_bytes()
     if path.suffix == ".bag":
-        found = [at for op, at, *_ in bag_records(data) if op == BAG_CHUNK]
+        listed = [at for op, at, *_ in bag_records(data) if op == BAG_CHUNK]
     else:
-        found = [at for op, at, _ in mcap_records(data) if op in (MESSAGE, CHUNK)]
-    middle = found[len(found) // 2]
-    return [found[0], middle, middle + 5, middle + 30, middle + 100]
+        listed = [at for op, at, _ in mcap_records(data) if op in (MESSAGE, CHUNK)]
+    middle = listed[len(listed) // 2]
+    return [listed[0], middle, middle + 5, middle + 30, middle + 100]
 
 
 @pytest.mark.parametrize("salvage", [False, True], ids=["strict", "salvage"])
@@ -36,7 +36,7 @@ def places(path):
 @pytest.mark.parametrize("name", LOGS)
 def test_a_file_that_becomes_shorter_is_cut_there(tmp_path, monkeypatch, name, place, salvage):
     path = LOGS[name](tmp_path)
-    wanted = content(300, 1) if path.suffix == ".bag" else content()
+    expected = content(300, 1) if path.suffix == ".bag" else content()
     cut = places(path)[place]
     plain, calls = os.pread, []
 
@@ -52,11 +52,11 @@ def test_a_file_that_becomes_shorter_is_cut_there(tmp_path, monkeypatch, name, p
             with pytest.raises(DamagedLogError):
                 read_back(log)
             return
-        found = read_back(log)
+        actual = read_back(log)
         assert log.lost
-    assert found == wanted[: len(found)]
+    assert actual == expected[: len(actual)]
     share = 0.3 if place else 0.0
-    assert share * len(wanted) <= len(found) < len(wanted)
+    assert share * len(expected) <= len(actual) < len(expected)
 
 
 @pytest.mark.parametrize("kind", [McapLog, Rosbag1Log])

@@ -13,7 +13,7 @@ from sinstool.io.readers import open_log
 
 # Inputs of seed 1 that were read wrong once: an index that points beyond any file, pages of a
 # database that lead in a circle, a row longer than memory
-FOUND = [("mcap", 519), ("db3", 50856), ("db3", 9436)]
+CASES = [("mcap", 519), ("db3", 50856), ("db3", 9436)]
 
 
 @pytest.fixture(scope="module")
@@ -39,7 +39,7 @@ def test_damaged_logs_are_read_or_refused(logs, tmp_path, kind):
     assert {"read", "refused"} == set(outcomes)
 
 
-@pytest.mark.parametrize(("kind", "number"), FOUND)
+@pytest.mark.parametrize(("kind", "number"), CASES)
 def test_what_was_found_stays_mended(logs, tmp_path, kind, number):
     tried(logs, kind, number, tmp_path / "input")
 

@@ -165,28 +165,28 @@ def test_a_damaged_chunk_is_refused_or_passed_over(tmp_path, compression, what):
     assert f"at byte {at}" in str(caught.value)
     with open_log(path, salvage=True) as log:
         before, missing = sum(counts[:2]), counts[2]
-        found = read_back(log)
+        result = read_back(log)
         (part,) = log.lost
-        kept = len(found) - (len(rows()) - missing)
-        assert found[:before] == rows()[:before]
-        assert found[before + kept :] == rows()[before + missing :]
+        recovered = len(result) - (len(rows()) - missing)
+        assert result[:before] == rows()[:before]
+        assert result[before + recovered :] == rows()[before + missing :]
         if what == "crc":  # a CRC that is wrong itself: all is there, and nothing proves it
-            assert found == rows()
+            assert result == rows()
         else:  # one place of a chunk is damaged, so at most all behind it is lost
-            times = [row.log_time for row in found[before : before + kept]]
+            times = [row.log_time for row in result[before : before + recovered]]
             assert set(times) <= {row.log_time for row in rows()[before : before + missing]}
             assert times == sorted(set(times))
         assert (part.kind, part.offset, part.recovered, part.declared) == (
             "chunk",
             at,
-            kept,
+            recovered,
             missing,
         )
         times = [row.log_time for row in rows()[before : before + missing]]
         assert (part.start_ns, part.end_ns, part.proved) == (min(times), max(times), False)
         assert f"at byte {at} to" in str(part)
-        assert f"{kept} of {missing} messages kept" in str(part)
-        assert read_back(log) == found  # not taken on trust in the second pass either
+        assert f"{recovered} of {missing} messages kept" in str(part)
+        assert read_back(log) == result  # not taken on trust in the second pass either
         assert log.lost == [part]
 
 
@@ -199,12 +199,12 @@ def test_a_file_cut_short_gives_what_is_whole(tmp_path, shape):
     with pytest.raises(DamagedLogError, match=r"cut short.*--salvage"):
         open_log(path)
     with open_log(path, salvage=True) as log:
-        found = read_back(log)
-        assert len(stream_rows(path)) <= len(found) < len(rows())
-        assert found == rows()[: len(found)]
+        result = read_back(log)
+        assert len(stream_rows(path)) <= len(result) < len(rows())
+        assert result == rows()[: len(result)]
         assert "cut short" in str(log.lost[0])
         # what follows the last message is lost, to an unknown end or to that of its chunk
-        gone = rows()[len(found)].log_time
+        gone = rows()[len(result)].log_time
         assert any(
             part.start_ns <= gone and (part.end_ns is None or gone <= part.end_ns)
             for part in log.lost
@@ -356,10 +356,10 @@ def test_cut_at_every_byte(tmp_path, shape):
         if cut < 8:
             continue
         with open_log(path, salvage=True) as log:
-            found = read_back(log)
-        assert found == rows(6)[: len(found)]
-        assert len(found) >= most
-        most = len(found)
+            result = read_back(log)
+        assert result == rows(6)[: len(result)]
+        assert len(result) >= most
+        most = len(result)
     assert most == len(rows(6))
 
 
@@ -401,9 +401,9 @@ def test_no_flipped_bit_of_a_file_with_crcs_goes_unseen(tmp_path, compression):
             pass
         if compression == "none":  # where one bit is one record, not more than that is lost
             with open_log(path, salvage=True) as log:
-                found = read_back(log)
-            assert len(found) >= len(rows(12)) - 2
-            assert len([row for row in found if row not in rows(12)]) <= 1
+                result = read_back(log)
+            assert len(result) >= len(rows(12)) - 2
+            assert len([row for row in result if row not in rows(12)]) <= 1
 
 
 def test_an_index_taken_for_a_message_is_counted(tmp_path):

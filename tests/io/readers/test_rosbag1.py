@@ -171,8 +171,8 @@ def test_an_index_that_claims_more_than_a_file_can_have(tmp_path):
     with pytest.raises(DamagedLogError), open_log(path) as log:
         read_back(log)
     with open_log(path, salvage=True) as log:
-        found = read_back(log)
-        assert found and found == content()[: len(found)]
+        result = read_back(log)
+        assert result and result == content()[: len(result)]
 
 
 def test_an_index_position_in_the_middle_of_something(tmp_path):
@@ -221,10 +221,10 @@ def test_a_bag_cut_short_gives_what_is_whole(tmp_path, compression):
     with pytest.raises(DamagedLogError, match=r"cut short.*--salvage"):
         open_log(path)
     with open_log(path, salvage=True) as log:
-        found = read_back(log)
-        assert found == content()[: len(found)]
+        result = read_back(log)
+        assert result == content()[: len(result)]
         # a block of LZ4 or bzip2 is larger than this chunk, and gives nothing before it is whole
-        assert sum(counts[:3]) + (compression is None) <= len(found) < sum(counts[:4])
+        assert sum(counts[:3]) + (compression is None) <= len(result) < sum(counts[:4])
         assert "cut short" in str(log.lost[0])
 
 
@@ -344,10 +344,10 @@ def test_cut_at_every_byte(tmp_path, compression):
         if cut < 13:
             continue
         with open_log(path, salvage=True) as log:
-            found = read_back(log)
-        assert found == content(6)[: len(found)]
-        assert len(found) >= most
-        most = len(found)
+            result = read_back(log)
+        assert result == content(6)[: len(result)]
+        assert len(result) >= most
+        most = len(result)
     assert most == len(content(6))
 
 

@@ -78,8 +78,8 @@ def in_order(folder, names):
 def test_channels_are_the_same_in_all_files(tmp_path, storage):
     folder = tmp_path / "bag"
     names = split(folder, storage)
-    wanted = in_order(folder, names)
-    assert sorted(wanted) == sorted(content())
+    expected = in_order(folder, names)
+    assert sorted(expected) == sorted(content())
     backwards = names[::-1]
     metadata(folder, [f"bag/{n}" for n in backwards], {"db3": "sqlite3"}.get(storage, storage))
     with open_log(folder) as log:
@@ -89,7 +89,7 @@ def test_channels_are_the_same_in_all_files(tmp_path, storage):
         assert sum(log.counts.values()) == (len(content()) if storage == "mcap" else 0)
     (folder / "metadata.yaml").unlink()
     with open_log(folder) as log:  # in natural order: bag_2 before bag_10
-        assert read_back(log) == wanted
+        assert read_back(log) == expected
 
 
 def test_a_topic_whose_type_changes_is_two_channels(tmp_path):
@@ -126,13 +126,13 @@ def test_a_damaged_file_is_named(tmp_path):
     folder = tmp_path / "bag"
     names = split(folder, "mcap", 3)
     metadata(folder, names, "mcap")
-    wanted = in_order(folder, names)
+    expected = in_order(folder, names)
     data = (folder / names[1]).read_bytes()
     (folder / names[1]).write_bytes(data[:-3])
     with pytest.raises(DamagedLogError, match=r"bag_1\.mcap: cut short"):
         open_log(folder)
     with open_log(folder, salvage=True) as log:
-        assert read_back(log) == wanted
+        assert read_back(log) == expected
         assert log.lost[0].file == "bag_1.mcap"
         assert str(log.lost[0]).startswith("bag_1.mcap: cut short")
 
@@ -140,12 +140,12 @@ def test_a_damaged_file_is_named(tmp_path):
 def test_salvaging_a_folder_does_not_say_how_to_salvage(tmp_path):
     folder = tmp_path / "bag"
     names = split(folder, "db3", 3)
-    wanted = in_order(folder, names[:2])
+    expected = in_order(folder, names[:2])
     (folder / names[2]).write_bytes((folder / names[2]).read_bytes()[:100] + bytes(5000))
     with pytest.raises(DamagedLogError, match="--salvage"):
         open_log(folder)
     with open_log(folder, salvage=True) as log:
-        assert read_back(log) == wanted
+        assert read_back(log) == expected
         (part,) = map(str, log.lost)
         assert names[2] in part and ".recover" in part and "--salvage" not in part
 
@@ -193,8 +193,8 @@ def test_compressed_files_that_are_cut_or_corrupt(tmp_path):
     with pytest.raises(DamagedLogError, match="ends too early"):
         open_log(path)
     with open_log(path, salvage=True) as log:
-        found = read_back(log)
-        assert found == content(1200)[: len(found)]
+        result = read_back(log)
+        assert result == content(1200)[: len(result)]
     file.write_bytes(data[:4] + b"\xff" * 8 + data[12:])
     with pytest.raises(DamagedLogError, match="zstd data is corrupt"):
         open_log(path)
@@ -267,7 +267,7 @@ def test_a_ros1_bag_and_its_ros2_conversion_hold_the_same_numbers():
         "sec": ["header.stamp.sec"],
         "nanosec": ["header.stamp.nanosec"],
     }
-    found = []
+    listed = []
     for name in ("imu_tools/ardrone_imu.bag", "imu_tools/ardrone_imu_ros2_db3"):
         path = real(name)
         with open_log(path) as log:
@@ -277,6 +277,6 @@ def test_a_ros1_bag_and_its_ros2_conversion_hold_the_same_numbers():
         assert all(part.valid.all() for part in parts)
         whole = {key: np.concatenate([p.values[key] for p in parts]) for key in columns}
         order = np.lexsort((whole["nanosec"], whole["sec"]))
-        found.append({key: values[order] for key, values in whole.items()})
+        listed.append({key: values[order] for key, values in whole.items()})
     for key in columns:
-        assert np.array_equal(found[0][key], found[1][key])
+        assert np.array_equal(listed[0][key], listed[1][key])

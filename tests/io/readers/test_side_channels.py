@@ -31,9 +31,9 @@ def passes(log):
     """The passes over a log from now on."""
     walk, seen = log._read, []
 
-    def counted(wanted):
-        seen.append(wanted)
-        return walk(wanted)
+    def counted(expected):
+        seen.append(expected)
+        return walk(expected)
 
     log._read = counted
     return seen
@@ -45,8 +45,8 @@ def test_one_pass_serves_all_who_want_small_topics(path):
         seen = passes(log)
         log.cache(others)
         assert read_back(log, [first]) == alone(path, [first])
-        for wanted in (others, others[-1:], []):
-            assert read_back(log, wanted) == alone(path, wanted)
+        for expected in (others, others[-1:], []):
+            assert read_back(log, expected) == alone(path, expected)
         assert len(seen) == 1
         assert read_back(log) == alone(path, None)  # for all topics there has to be another
         assert len(seen) == 2
@@ -57,8 +57,8 @@ def test_any_channels_in_any_order(path, data):
     with open_log(path) as log:
         some = st.lists(st.sampled_from(sorted(log.channels)), unique=True)
         log.cache(data.draw(some))
-        for wanted in data.draw(st.lists(st.none() | some, max_size=4)):
-            assert read_back(log, wanted) == alone(path, wanted)
+        for expected in data.draw(st.lists(st.none() | some, max_size=4)):
+            assert read_back(log, expected) == alone(path, expected)
 
 
 def test_a_pass_that_is_broken_off_holds_nothing(path):
@@ -78,6 +78,6 @@ def test_what_is_too_large_is_read_again(path, monkeypatch):
         first, *others = sorted(log.channels)
         log.cache(others)
         seen = passes(log)
-        for wanted in ([first], others, others):
-            assert read_back(log, wanted) == alone(path, wanted)
+        for expected in ([first], others, others):
+            assert read_back(log, expected) == alone(path, expected)
         assert len(seen) == 3

@@ -35,9 +35,9 @@ def test_every_version_of_the_schema(tmp_path, version):
         assert channel.message_encoding == "cdr"
         assert channel.schema_text == (definition(IMU)[0] if version == 4 else "")
         assert channel.definition(path).types
-        wanted = {"offered_qos_profiles": "- history: 1"} if version > 1 else {}
-        wanted |= {"type_description_hash": "RIHS01_00"} if version == 4 else {}
-        assert channel.metadata == wanted
+        expected = {"offered_qos_profiles": "- history: 1"} if version > 1 else {}
+        expected |= {"type_description_hash": "RIHS01_00"} if version == 4 else {}
+        assert channel.metadata == expected
         imu = [r for r in content() if r.topic == "/imu"]
         assert read_back(log, [channel.id]) == imu
         assert read_back(log, []) == []
@@ -148,14 +148,14 @@ def damage_pages(path, *numbers):
 def test_salvage_passes_over_a_damaged_page(tmp_path, row):
     path = damage_pages(write_db3(tmp_path / "a.db3", content()), row)
     with open_log(path, salvage=True) as log:
-        found = read_back(log)
+        result = read_back(log)
         (part,) = log.lost
         first, *last = (int(word) for word in str(part).split() if word.isdigit())
         last = last[0] if last else len(content())
         assert first <= row + 1 <= last
         assert last - first < 30
         assert (first == 1) == (row == 0)
-        assert found == content()[: first - 1] + content()[last:]
+        assert result == content()[: first - 1] + content()[last:]
         assert part.start_ns == (content()[first - 2].log_time if first > 1 else None)
         assert part.end_ns == (content()[last].log_time if last < len(content()) else None)
 
@@ -172,14 +172,14 @@ def test_many_damaged_pages(tmp_path, monkeypatch):
     monkeypatch.setattr(sqlite_module, "MAX_PLACES", 4)
     monkeypatch.setattr(lost_module, "MAX_PARTS", 2)
     with open_log(path, salvage=True) as log:
-        found = read_back(log)
-        assert found == every[: len(found)] and len(found) > 150
-        *_, told, more = map(str, log.lost)
+        result = read_back(log)
+        assert result == every[: len(result)] and len(result) > 150
+        *_, answer, more = map(str, log.lost)
         assert len(log.lost) == 2 + 2
-        assert told.startswith("messages behind ") and "not looked at" in told
-        (behind, *_) = (int(word) for word in told.split() if word.isdigit())
-        assert content()[behind - 1] not in found
-        assert content()[behind] not in found and content()[behind] in every
+        assert answer.startswith("messages behind ") and "not looked at" in answer
+        (behind, *_) = (int(word) for word in answer.split() if word.isdigit())
+        assert content()[behind - 1] not in result
+        assert content()[behind] not in result and content()[behind] in every
         assert more == "and more than these 2 places"
         before = len(log.lost)
         read_back(log)

@@ -96,8 +96,8 @@ def test_imu(tmp_path, kind, axes):
     np.testing.assert_array_equal(out.time_ns, TIMES)
     np.testing.assert_array_equal(out.log_time_ns, LOG)
     expected = ENU_NED * q * FLU_FRD if axes == "flu" else q
-    found = Rotation.from_quat(out.orientation, scalar_first=True)
-    assert (found.inv() * expected).magnitude().max() < 1e-12
+    actual = Rotation.from_quat(out.orientation, scalar_first=True)
+    assert (actual.inv() * expected).magnitude().max() < 1e-12
     np.testing.assert_array_equal(on_log_time.time_ns, LOG)
     assert on_log_time.orientation is None
     assert (losses.malformed, losses.nonfinite) == (0, 0)
@@ -127,8 +127,8 @@ def test_invalid_orientations(tmp_path, name):
     assert np.isnan(out.orientation[~valid]).all()
     assert np.linalg.norm(out.orientation[7]) == pytest.approx(1.0, abs=1e-15)
     expected = ENU_NED * Rotation.from_quat(good) * FLU_FRD
-    found = Rotation.from_quat(out.orientation[7], scalar_first=True)
-    assert (found.inv() * expected).magnitude() < 1e-12
+    actual = Rotation.from_quat(out.orientation[7], scalar_first=True)
+    assert (actual.inv() * expected).magnitude() < 1e-12
 
 
 def _with_orientation(log, channels, losses):
@@ -327,10 +327,10 @@ def test_the_first_fix_that_is_one(tmp_path):
         (47.0, 8.0, 4e6, 0),  # damaged
     ]
     assert fixes(tmp_path, bad) is None
-    found = fixes(tmp_path, [*bad, (48.5, 9.0, np.nan, 2), (1.0, 1.0, 1.0, 2)])
-    assert len(found) == 1
-    assert np.degrees(found.latitude[0]) == pytest.approx(48.5, abs=1e-12)
-    assert found.time_ns[0] == TIMES[5]
+    result = fixes(tmp_path, [*bad, (48.5, 9.0, np.nan, 2), (1.0, 1.0, 1.0, 2)])
+    assert len(result) == 1
+    assert np.degrees(result.latitude[0]) == pytest.approx(48.5, abs=1e-12)
+    assert result.time_ns[0] == TIMES[5]
     # one axis of zero is a place on the equator
     assert fixes(tmp_path, [(0.0, 9.0, 1.0, 0)]) is not None
 

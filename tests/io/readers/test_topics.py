@@ -72,14 +72,14 @@ def fix(topic, time_ns, latitude=48.0):
     )
 
 
-def chosen(path, wanted=None):
+def chosen(path, topic=None):
     with open_log(path) as log:
-        return choose_imu(log, wanted)
+        return choose_imu(log, topic)
 
 
-def refused(path, wanted=None):
+def refused(path, topic=None):
     with pytest.raises(TopicError) as info:
-        chosen(path, wanted)
+        chosen(path, topic)
     return str(info.value)
 
 

@@ -78,9 +78,9 @@ def test_topics_of_every_type(tmp_path, q_nb, kind, axes):
     said = in_log_axes(q_nb, axes, "enu" if axes == "flu" else "ned").as_quat()
     path = write_log(tmp_path / "log.mcap", truth_messages(kind, said))
     with open_log(path) as log:
-        times, found = read_truth(log, "/truth", axes)
+        times, result = read_truth(log, "/truth", axes)
     assert np.array_equal(times, TIMES)
-    assert angle(found, q_nb) < 1e-12
+    assert angle(result, q_nb) < 1e-12
 
 
 def test_order_repeats_and_nonsense_are_sorted_out(tmp_path, q_nb):
@@ -93,11 +93,11 @@ def test_order_repeats_and_nonsense_are_sorted_out(tmp_path, q_nb):
     again = truth_messages("geometry_msgs/msg/PoseStamped", said[:3], TIMES[:3])
     path = write_log(tmp_path / "log.mcap", messages + again)
     with open_log(path) as log:
-        times, found = read_truth(log, "/truth", "flu")
-    kept = np.delete(np.arange(N), [7, 9])
-    assert np.array_equal(times, TIMES[kept])
-    assert angle(found, q_nb[kept]) < 1e-12
-    np.testing.assert_allclose(np.linalg.norm(found, axis=1), 1.0, atol=1e-15)
+        times, result = read_truth(log, "/truth", "flu")
+    rows = np.delete(np.arange(N), [7, 9])
+    assert np.array_equal(times, TIMES[rows])
+    assert angle(result, q_nb[rows]) < 1e-12
+    np.testing.assert_allclose(np.linalg.norm(result, axis=1), 1.0, atol=1e-15)
 
 
 @pytest.fixture
@@ -117,10 +117,10 @@ def test_csv(tmp_path, log, q_nb, clock):
         rows += [f"{when}, 5, {x!r}, {y!r}, {z!r}, {w!r}", ""]
     path = tmp_path / "truth.csv"
     path.write_text("\n".join(rows))
-    times, found = read_truth(log, str(path), "flu")
+    times, result = read_truth(log, str(path), "flu")
     # to the nanosecond, which a float64 of seconds since 1970 is not
     assert np.array_equal(times, TIMES)
-    assert angle(found, q_nb) < 1e-12
+    assert angle(result, q_nb) < 1e-12
 
 
 @pytest.mark.parametrize(
@@ -163,10 +163,10 @@ def test_between_instants_it_turns_evenly_the_short_way():
     rates = 3.0
     q = Rotation.from_rotvec(rates * 0.01 * np.arange(6)[:, None] * axis).as_quat(scalar_first=True)
     q[2::2] *= -1.0  # the same attitudes
-    wanted = T0 + np.array([0, 3_333_333, 10_000_000, 27_000_001, 50_000_000])
-    found = at_times(times, q, wanted)
-    turned = rates * (wanted - T0) * 1e-9
+    target = T0 + np.array([0, 3_333_333, 10_000_000, 27_000_001, 50_000_000])
+    actual = at_times(times, q, target)
+    turned = rates * (target - T0) * 1e-9
     expected = Rotation.from_rotvec(turned[:, None] * axis).as_quat(scalar_first=True)
-    assert angle(found, expected) < 1e-12
-    assert np.array_equal(found[2], q[1])
-    assert at_times(times, q, wanted[:0]).shape == (0, 4)
+    assert angle(actual, expected) < 1e-12
+    assert np.array_equal(actual[2], q[1])
+    assert at_times(times, q, target[:0]).shape == (0, 4)

@@ -46,11 +46,11 @@ def parts(draw):
 
 def expected(calls):
     """(topic, log time, publish time, sequence, payload) of all messages."""
-    found = []
+    listed = []
     for part in (part for call in calls for part in call):
         for k in range(len(part.channel)):
             at, length = int(part.offset[k]), int(part.length[k])
-            found.append(
+            listed.append(
                 (
                     TOPICS[part.channel[k]],
                     int(part.log_time[k]),
@@ -59,7 +59,7 @@ def expected(calls):
                     part.buffer[at : at + length].tobytes(),
                 )
             )
-    return found
+    return listed
 
 
 def written(calls, compression, chunk_size=2048, record=None):
@@ -89,20 +89,20 @@ def read(reader, **options):
 @given(st.lists(st.lists(parts(), max_size=4), max_size=4), st.sampled_from(module.COMPRESSIONS))
 def test_all_messages_come_back(calls, compression):
     data = written(calls, compression)
-    wanted = expected(calls)
+    target = expected(calls)
     by_index = read(make_reader(BytesIO(data), validate_crcs=True))
-    assert Counter(by_index) == Counter(wanted)
-    assert [m[1] for m in by_index] == sorted(m[1] for m in wanted)
+    assert Counter(by_index) == Counter(target)
+    assert [m[1] for m in by_index] == sorted(m[1] for m in target)
     in_file = read(NonSeekingReader(BytesIO(data), validate_crcs=True), log_time_order=False)
-    assert Counter(in_file) == Counter(wanted)
+    assert Counter(in_file) == Counter(target)
     for call in calls:
         # within a call the file is in order of time, and equal times keep the order given
         own = [m for m in in_file if m in set(expected([call]))]
         if len(calls) == 1:
             assert own == sorted(expected([call]), key=lambda m: m[1])
     summary = make_reader(BytesIO(data)).get_summary()
-    assert summary.statistics.message_count == len(wanted)
-    times = [m[1] for m in wanted] or [0]
+    assert summary.statistics.message_count == len(target)
+    times = [m[1] for m in target] or [0]
     assert summary.statistics.message_start_time == min(times)
     assert summary.statistics.message_end_time == max(times)
     assert {c.topic: c.metadata for c in summary.channels.values()} == {
@@ -178,8 +178,8 @@ def test_messages_around_the_size_of_a_chunk(size):
     payload = np.arange(2 * size, dtype=np.uint64).astype(np.uint8).reshape(2, size)
     part = RawBatch.from_rows(1, payload, np.array([T0, T0 + 1]), np.arange(2))
     data = written([[part]], "zstd", module.CHUNK_SIZE)
-    found = read(make_reader(BytesIO(data), validate_crcs=True))
-    assert [m[4] for m in found] == [row.tobytes() for row in payload]
+    result = read(make_reader(BytesIO(data), validate_crcs=True))
+    assert [m[4] for m in result] == [row.tobytes() for row in payload]
 
 
 def test_chunks_are_of_the_size_asked_for():
@@ -294,8 +294,8 @@ def test_metadata_and_attachments_are_copied_and_indexed(tmp_path, compression):
 @pytest.mark.parametrize("chunk", [1, 300, 2**20])
 def test_a_log_is_copied_whatever_its_chunks(tmp_path, chunk):
     path = write_mcap(tmp_path / "a.mcap", rows(), chunk_size=chunk)
-    found = make_reader(BytesIO(copied(path)), validate_crcs=True).iter_messages()
-    there = [(c.topic, m.log_time, m.publish_time, m.data) for _, c, m in found]
+    result = make_reader(BytesIO(copied(path)), validate_crcs=True).iter_messages()
+    there = [(c.topic, m.log_time, m.publish_time, m.data) for _, c, m in result]
     assert Counter(there) == Counter(tuple(row) for row in rows())
 
 
@@ -306,8 +306,8 @@ def test_a_damaged_message_index_is_made_anew(tmp_path):
     data[at + 9 : at + 11] = struct.pack("<H", 999)
     path.write_bytes(data)
     result = copied(path)
-    found = read(make_reader(BytesIO(result), validate_crcs=True))
-    assert Counter((m[0], m[1], m[2], m[4]) for m in found) == Counter(tuple(r) for r in rows())
+    actual = read(make_reader(BytesIO(result), validate_crcs=True))
+    assert Counter((m[0], m[1], m[2], m[4]) for m in actual) == Counter(tuple(r) for r in rows())
     for record in StreamReader(BytesIO(result), emit_chunks=True).records:
         if isinstance(record, MessageIndex):
             assert record.channel_id != 999
@@ -320,8 +320,8 @@ def test_topics_of_a_bag_keep_apart_whatever_their_ids(tmp_path):
         database.execute(f"UPDATE {table} SET {column} = {column} + 70000 * ({column} - 1)")
     database.commit()
     database.close()
-    found = read(make_reader(BytesIO(copied(path)), validate_crcs=True))
-    assert Counter((m[0], m[1], m[4]) for m in found) == Counter(
+    result = read(make_reader(BytesIO(copied(path)), validate_crcs=True))
+    assert Counter((m[0], m[1], m[4]) for m in result) == Counter(
         (r.topic, r.log_time, r.payload) for r in rows()
     )
 

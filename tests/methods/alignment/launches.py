@@ -69,10 +69,10 @@ def true_attitude(flight, time_ns):
     return moments(flight, np.atleast_1d(np.int64(time_ns)), (0.0, 0.0, 0.0)).q_nb
 
 
-def psi(found, true):
+def psi(result, true):
     """Rotation vector in NED: the attitude found is (I + [psi x]) the true one."""
-    return rotation.log(rotation.multiply(found, rotation.conjugate(true)))
+    return rotation.log(rotation.multiply(result, rotation.conjugate(true)))
 
 
-def angle_deg(found, true):
-    return np.rad2deg(np.linalg.norm(psi(found, true), axis=-1))
+def angle_deg(result, true):
+    return np.rad2deg(np.linalg.norm(psi(result, true), axis=-1))

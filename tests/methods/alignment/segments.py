@@ -11,11 +11,11 @@ def segment_of(imu, gnss, start_s, end_s=np.inf, sigma=0.1):
         imu.time_ns, imu.delta_theta, imu.delta_velocity, gnss.time_ns, int(imu.time_ns[0])
     )
     gnss = gnss.rows(slice(len(gnss.time_ns) - len(rows), None))
-    kept = (rows.time_s >= start_s) & (rows.time_s <= end_s)
-    gnss = gnss.rows(kept)
-    count = int(kept.sum())
+    mask = (rows.time_s >= start_s) & (rows.time_s <= end_s)
+    gnss = gnss.rows(mask)
+    count = int(mask.sum())
     return Segment(
-        rows.rows(kept),
+        rows.rows(mask),
         gnss.latitude,
         gnss.longitude,
         gnss.height,

@@ -116,16 +116,16 @@ def test_coning_and_sculling():
     at = t[:, None] - 0.0025 + 0.0025 * nodes
     felt = rotation.rotate(rotation.conjugate(attitude(at)), force)
     velocity = 0.0025 * np.einsum("kjc,j->kc", felt, weights)
-    asked = np.sort(np.random.default_rng(5).integers(0, time[-1], size=300))
-    rows = accumulate(time, theta, velocity, asked, 0)
+    times = np.sort(np.random.default_rng(5).integers(0, time[-1], size=300))
+    rows = accumulate(time, theta, velocity, times, 0)
     start = attitude(t[:1])[0]
-    found = rotation.multiply(start, rows.q)
-    true = attitude(asked * 1e-9)
-    error = rotation.log(rotation.multiply(rotation.conjugate(true), found))
+    result = rotation.multiply(start, rows.q)
+    true = attitude(times * 1e-9)
+    error = rotation.log(rotation.multiply(rotation.conjugate(true), result))
     cone = turn * (1.0 - np.cos(half)) * t[-1]
     assert np.abs(error).max() < 0.03 * cone / 5.0  # 7e-2 rad in all without the coning term
     alpha = rotation.rotate(start, rows.alpha)
-    assert np.abs(alpha - force * (asked * 1e-9)[:, None]).max() < 0.02
+    assert np.abs(alpha - force * (times * 1e-9)[:, None]).max() < 0.02
 
 
 def test_inside_an_interval_rate_and_force_are_linear():
@@ -145,11 +145,11 @@ def test_inside_an_interval_rate_and_force_are_linear():
     velocity = np.diff(f * t + 0.5 * g * t * t, axis=0, prepend=0.0)
     # Row 0 is history: over the interval before.
     theta[0], velocity[0] = (0.01 * u - 0.5e-4 * v for u, v in ((a, b), (f, g)))
-    asked = np.arange(5, 395, 3) * 1_000_000
-    rows = accumulate(time, theta, velocity, asked, 0)
+    times = np.arange(5, 395, 3) * 1_000_000
+    rows = accumulate(time, theta, velocity, times, 0)
     start = np.concatenate([[1.0, 0.0, 0.0, 0.0], np.zeros(3)])
     true = solve_ivp(
-        equation, (0.0, 0.4), start, method="DOP853", t_eval=asked * 1e-9, rtol=1e-13, atol=1e-14
+        equation, (0.0, 0.4), start, method="DOP853", t_eval=times * 1e-9, rtol=1e-13, atol=1e-14
     ).y.T
     error = rotation.log(rotation.multiply(rotation.conjugate(true[:, :4]), rows.q))
     assert np.abs(error).max() < 2e-8
@@ -175,9 +175,9 @@ def test_uneven_intervals():
     time = np.cumsum(rng.integers(2_000_000, 40_000_000, size=400))
     step = np.diff(time, prepend=0)[:, None] * 1e-9
     rate, force = np.array([0.9, -1.4, 0.6]), np.array([3.0, -20.0, 8.0])
-    asked = np.sort(rng.integers(time[0], time[-1], size=50))
-    rows = accumulate(time, rate * step, force * step, asked, int(time[0]))
-    elapsed = (asked - time[0])[:, None] * 1e-9
+    times = np.sort(rng.integers(time[0], time[-1], size=50))
+    rows = accumulate(time, rate * step, force * step, times, int(time[0]))
+    elapsed = (times - time[0])[:, None] * 1e-9
     error = rotation.log(
         rotation.multiply(rotation.conjugate(rotation.exp(rate * elapsed)), rows.q)
     )
@@ -198,12 +198,12 @@ def test_repeated_times_and_early_epochs_are_passed_over():
     _, imu, gnss = exact(duration_s=60.0)
     twice = np.repeat(np.arange(2000), 2)
     origin = int(imu.time_ns[0])
-    asked = np.concatenate([[origin - 5, origin], gnss.time_ns[1:90]])
+    times = np.concatenate([[origin - 5, origin], gnss.time_ns[1:90]])
     once = accumulate(
-        imu.time_ns[:2000], imu.delta_theta[:2000], imu.delta_velocity[:2000], asked, origin
+        imu.time_ns[:2000], imu.delta_theta[:2000], imu.delta_velocity[:2000], times, origin
     )
     again = accumulate(
-        imu.time_ns[twice], imu.delta_theta[twice], imu.delta_velocity[twice], asked, origin
+        imu.time_ns[twice], imu.delta_theta[twice], imu.delta_velocity[twice], times, origin
     )
     assert len(once) == 90
     np.testing.assert_array_equal(again.alpha, once.alpha)

@@ -34,8 +34,8 @@ def test_it_goes_on_for_a_second_only():
     time = np.arange(30) * SECOND // 10
     east = 1e-4 * np.arange(30)
     gnss = GnssFixes(time, 0.0 * east, east, 0.0 * east, np.zeros((30, 3)))
-    asked = np.array([-5 * SECOND, -SECOND // 2, 29 * SECOND // 10 + SECOND // 2, 60 * SECOND])
-    _, longitude = position_between(gnss, asked)
+    times = np.array([-5 * SECOND, -SECOND // 2, 29 * SECOND // 10 + SECOND // 2, 60 * SECOND])
+    _, longitude = position_between(gnss, times)
     np.testing.assert_allclose(longitude, [-1e-3, -5e-4, 29e-4 + 5e-4, 29e-4 + 1e-3], atol=1e-7)
 
 

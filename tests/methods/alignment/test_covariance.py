@@ -66,9 +66,9 @@ def test_what_sensor_errors_do(kind, name):
             moved.append(rotation.log(rotation.from_dcm(turn)))
         expected = np.array(moved).T @ np.array(moved)
         at = segment.rows.rows(slice(row, None if row == -1 else row + 1))
-        found = solution_covariance(solution, segment, at, settings)
+        actual = solution_covariance(solution, segment, at, settings)
         assert np.abs(expected).max() > 1e-13
-        assert np.abs(found - expected).max() < 0.02 * np.abs(expected).max()
+        assert np.abs(actual - expected).max() < 0.02 * np.abs(expected).max()
 
 
 @pytest.mark.parametrize("kind", ["win", "cen"])
@@ -91,8 +91,8 @@ def test_angle_random_walk(kind):
         )
         solution = solve(segment, settings)
         at = segment.rows.rows(slice(-1, None))
-        found = segment.dcm_ni()[-1] @ solution.dcm @ rotation.to_dcm(segment.rows.q[-1])
-        error = rotation.log(rotation.from_dcm(found @ true.T))
+        result = segment.dcm_ni()[-1] @ solution.dcm @ rotation.to_dcm(segment.rows.q[-1])
+        error = rotation.log(rotation.from_dcm(result @ true.T))
         covariance = solution_covariance(solution, segment, at, settings)
         squares.append(error @ error / np.trace(covariance))
     assert 0.5 < np.mean(squares) < 2.0

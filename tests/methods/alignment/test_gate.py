@@ -133,9 +133,9 @@ def test_saturation():
     theta = np.clip(imu.delta_theta, -limit * 0.005, limit * 0.005)
     clipped = ImuIncrements(imu.time_ns, theta, imu.delta_velocity)
     true = (np.abs(truth.gyro_mean_rate) > limit).any(axis=1)
-    found = saturated(clipped, limit, None)
-    assert np.all(found[true])
-    assert found.sum() == true.sum() + 1  # and the one after
+    result = saturated(clipped, limit, None)
+    assert np.all(result[true])
+    assert result.sum() == true.sum() + 1  # and the one after
     assert saturated(clipped, 210.0 * DEGREE, 1e4).sum() == 0
     assert looks_clipped(clipped) == "gyro x"
     assert looks_clipped(imu) is None

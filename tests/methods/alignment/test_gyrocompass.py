@@ -125,8 +125,8 @@ def test_the_bias_of_the_east_gyro_is_what_turns_heading():
         biased.delta_velocity,
     )
     got = gyrocompass(turned, latitude * DEGREE, 0.0, grade_of(FIBRE))
-    wanted = -east / (EARTH_RATE * np.cos(latitude * DEGREE))
-    assert psi(got, truth)[2] == pytest.approx(wanted, rel=1e-3)
+    expected = -east / (EARTH_RATE * np.cos(latitude * DEGREE))
+    assert psi(got, truth)[2] == pytest.approx(expected, rel=1e-3)
     # it cannot be told from heading: none of it is taken for a bias
     assert abs(got.gyro_bias[1]) < 0.01 * east
     assert got.gyro_bias_sigma[1] == pytest.approx(FIBRE.gyro_bias, rel=0.01)
@@ -231,8 +231,8 @@ def test_driving_is_refused():
 def test_gaps_and_short_records():
     truth = rest(60.0, 45.0, (1.0, 2.0, 3.0))
     whole = increments(truth, FIBRE)
-    kept = np.r_[0:500, 700:3001]
-    cut = ImuIncrements(whole.time_ns[kept], whole.delta_theta[kept], whole.delta_velocity[kept])
+    part = np.r_[0:500, 700:3001]
+    cut = ImuIncrements(whole.time_ns[part], whole.delta_theta[part], whole.delta_velocity[part])
     got = gyrocompass(cut, 45 * DEGREE, 0.0, grade_of(FIBRE))
     assert got.t_start_ns == 14_000_000_000 and "gap" in got.warnings[0]
     assert abs(psi(got, truth)[2]) < 4.0 * got.sigma_rad[2]

@@ -115,8 +115,8 @@ def test_attitude_at_any_time(refine):
     answer = align_in_flight(imu, gnss, AlignmentSettings(refine=refine))
     times = np.linspace(imu.time_ns[0], imu.time_ns[-1], 300).astype(np.int64)
     times = np.random.default_rng(1).permutation(times)
-    found = answer.attitude_at(times)
-    assert angle_deg(found, true_attitude(flight, times)).max() < 0.002
+    result = answer.attitude_at(times)
+    assert angle_deg(result, true_attitude(flight, times)).max() < 0.002
     np.testing.assert_allclose(answer.attitude_at([answer.t_ns])[0], answer.q_nb, atol=1e-12)
     with pytest.raises(ValueError, match="within the samples"):
         answer.attitude_at([imu.time_ns[-1] + 1])
@@ -307,8 +307,8 @@ def test_a_gap_of_a_minute_breaks_the_segment():
 
 def test_a_gap_of_the_imu_breaks_the_segment():
     flight, imu, gnss = noisy(3)
-    kept = (imu.time_ns < 60e9) | (imu.time_ns > 60.2e9)
-    holed = ImuIncrements(imu.time_ns[kept], imu.delta_theta[kept], imu.delta_velocity[kept])
+    mask = (imu.time_ns < 60e9) | (imu.time_ns > 60.2e9)
+    holed = ImuIncrements(imu.time_ns[mask], imu.delta_theta[mask], imu.delta_velocity[mask])
     answer = align_in_flight(holed, gnss)
     assert any("gaps in the IMU" in w for w in answer.warnings)
     assert answer.t_q_ns > 60e9 and answer.status == "ok"
@@ -354,18 +354,18 @@ def test_noise_of_each_fix():
     flight, imu, gnss = exact()
     rng = np.random.default_rng(7)
     sigma = np.where(np.arange(len(gnss)) % 3 == 0, 1.0, 0.1)
-    told, untold = [], []
+    weighted, alike = [], []
     for _ in range(8):
         noise = sigma[:, None] * rng.normal(size=(len(gnss), 3))
         rough = replace(gnss, velocity_n=gnss.velocity_n + noise)
         answer = align_in_flight(imu, replace(rough, sigma_v=sigma))
         assert 0.8 < answer.chi2 < 1.2
         assert any("noisier than their neighbours" in w for w in answer.warnings)
-        told.append(error_deg(answer, flight))
-        untold.append(
+        weighted.append(error_deg(answer, flight))
+        alike.append(
             error_deg(align_in_flight(imu, rough, AlignmentSettings(gnss_sigma_v=1.0)), flight)
         )
-    assert np.mean(told) < 0.6 * np.mean(untold)
+    assert np.mean(weighted) < 0.6 * np.mean(alike)
 
 
 def test_far_future_times():

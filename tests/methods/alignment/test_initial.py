@@ -54,8 +54,8 @@ def test_levelled_from_rest(roll, pitch):
     accel = attitude.inv().apply(-accel)  # up in NED
     (span,) = still_spans(windows(gyro, accel))
     got = from_still(span, 12)
-    found = Rotation.from_quat(got.q_nb, scalar_first=True)
-    assert (found.inv() * attitude).magnitude() < 1e-8
+    result = Rotation.from_quat(got.q_nb, scalar_first=True)
+    assert (result.inv() * attitude).magnitude() < 1e-8
     assert (got.method, got.time_ns, got.status, got.north_referenced) == ("level", 12, "ok", False)
     assert got.bias_source == "none" and not got.gyro_bias.any()
 

@@ -25,10 +25,10 @@ def imu(count=4000, step_ms=5):
 
 
 def without(samples, drop):
-    kept = np.ones(len(samples), dtype=bool)
-    kept[drop] = False
+    mask = np.ones(len(samples), dtype=bool)
+    mask[drop] = False
     return ImuIncrements(
-        samples.time_ns[kept], samples.delta_theta[kept], samples.delta_velocity[kept]
+        samples.time_ns[mask], samples.delta_theta[mask], samples.delta_velocity[mask]
     )
 
 

@@ -67,9 +67,9 @@ def test_flight_three_ways():
 def test_backward_difference_and_gaps():
     _, _, gnss = exact(duration_s=110.0)
     late = gnss.rows(gnss.time_ns > int(40e9))
-    kept = np.ones(len(late), dtype=bool)
-    kept[100:140] = False
-    late = late.rows(kept)
+    mask = np.ones(len(late), dtype=bool)
+    mask[100:140] = False
+    late = late.rows(mask)
     time = late.time_ns * 1e-9
     where = (late.latitude, late.longitude, late.height)
     _, at, newer, older = acceleration_reference(time, *where, late.velocity_n, central=False)

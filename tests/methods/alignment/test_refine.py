@@ -111,8 +111,8 @@ def test_covariance_is_honest_and_small():
 def test_latency_is_found():
     flight, imu, gnss = noisy(5, Receiver(errors=NOISY, latency_s=0.1))
     answer = align_in_flight(imu, gnss, AlignmentSettings(refine=True, refine_latency_sigma=0.2))
-    found = answer.errors
-    assert abs(found.latency_s - 0.1) < 3.0 * found.sigma["latency_s"] < 0.08
+    result = answer.errors
+    assert abs(result.latency_s - 0.1) < 3.0 * result.sigma["latency_s"] < 0.08
     # The attitude at the time at which the fixes were taken to be valid.
     error = psi(answer.q_nb, true_attitude(flight, answer.t_ns)[0])
     assert np.rad2deg(np.linalg.norm(error)) < 0.12
@@ -122,9 +122,9 @@ def test_lever_arm_is_found():
     lever = (3.0, 1.5, 0.5)
     flight, imu, gnss = noisy(5, Receiver(errors=NOISY, lever_arm_b=lever))
     answer = align_in_flight(imu, gnss, AlignmentSettings(refine=True, refine_lever_sigma=3.0))
-    found = answer.errors
-    assert np.all(np.abs(found.lever_arm_b - lever) < 3.5 * found.sigma["lever_arm_b"])
-    assert np.all(found.sigma["lever_arm_b"][1:] < 0.05)  # what the roll shows
+    result = answer.errors
+    assert np.all(np.abs(result.lever_arm_b - lever) < 3.5 * result.sigma["lever_arm_b"])
+    assert np.all(result.sigma["lever_arm_b"][1:] < 0.05)  # what the roll shows
     error = psi(answer.q_nb, true_attitude(flight, answer.t_ns)[0])
     assert np.rad2deg(np.linalg.norm(error)) < 0.12
 

@@ -26,11 +26,11 @@ def test_outliers_are_found_and_others_kept(fraction):
     bad = lost = good = 0
     for seed in range(6):
         samples = gnss_samples(trajectory(), receiver, seed, truth)
-        kept = screened(samples, noisy(seed)[1])
+        mask = screened(samples, noisy(seed)[1])
         bad += samples.outlier.sum()
         good += (~samples.outlier).sum()
-        lost += (~kept & ~samples.outlier).sum()
-        assert not np.any(kept & samples.outlier)
+        lost += (~mask & ~samples.outlier).sum()
+        assert not np.any(mask & samples.outlier)
     assert bad > 50 * fraction * 100
     assert lost < 1e-3 * good
 
@@ -38,8 +38,8 @@ def test_outliers_are_found_and_others_kept(fraction):
 def test_latency_is_no_outlier():
     receiver = Receiver(errors=NOISY, latency_s=0.1)
     samples = gnss_samples(trajectory(), receiver, 2, antenna_truth(receiver))
-    kept = screened(samples, noisy(2)[1])
-    assert (~kept).mean() < 0.02
+    mask = screened(samples, noisy(2)[1])
+    assert (~mask).mean() < 0.02
 
 
 def test_noise_per_fix_is_heard():

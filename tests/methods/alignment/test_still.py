@@ -35,16 +35,16 @@ def test_windows_are_means_and_deviations_of_half_seconds():
     times = np.cumsum(rng.integers(1_000_000, 60_000_000, 500)) + 10**18
     times[300:] += 7 * 10**9  # windows without samples are absent
     gyro, accel = rng.normal(3.0, 1.0, (500, 3)), rng.normal(-20.0, 5.0, (500, 3))
-    found = windows(gyro, accel, times)
+    actual = windows(gyro, accel, times)
     number = (times - times[0]) // WINDOW_NS
     present = np.unique(number)
-    np.testing.assert_array_equal(found.start_ns, times[0] + present * WINDOW_NS)
+    np.testing.assert_array_equal(actual.start_ns, times[0] + present * WINDOW_NS)
     for k, n in enumerate(present):
         rows = number == n
-        assert found.count[k] == rows.sum()
-        np.testing.assert_allclose(found.gyro[k], gyro[rows].mean(axis=0), rtol=1e-12)
-        np.testing.assert_allclose(found.accel[k], accel[rows].mean(axis=0), rtol=1e-12)
-        for std, x in ((found.gyro_std[k], gyro[rows]), (found.accel_std[k], accel[rows])):
+        assert actual.count[k] == rows.sum()
+        np.testing.assert_allclose(actual.gyro[k], gyro[rows].mean(axis=0), rtol=1e-12)
+        np.testing.assert_allclose(actual.accel[k], accel[rows].mean(axis=0), rtol=1e-12)
+        for std, x in ((actual.gyro_std[k], gyro[rows]), (actual.accel_std[k], accel[rows])):
             expected = np.sqrt(x.var(axis=0, ddof=1).sum()) if len(x) > 1 else 0.0
             np.testing.assert_allclose(std, expected, rtol=1e-10, atol=1e-12)
 

@@ -369,9 +369,9 @@ def test_frozen_barometer(grade, begin, tau):
     stuck = (flight.t_baro >= begin) & (flight.t_baro < begin + 60.0)
     flight.h_baro[stuck] = flight.h_baro[stuck][0]
     out, channel = flight.run(network(tau), grade)
-    found = [e for e in channel.events if e.kind == "frozen"]
-    assert len(found) == 1
-    assert found[0].duration == pytest.approx(30.0, abs=0.05)
+    listed = [e for e in channel.events if e.kind == "frozen"]
+    assert len(listed) == 1
+    assert listed[0].duration == pytest.approx(30.0, abs=0.05)
     assert kinds(channel)[-1] == "re-engaged"
     assert channel.summary.samples["frozen"] == pytest.approx(1500, abs=3)
     # What the frozen value did, some 100 m, is undone: as after a minute without a barometer.

@@ -84,10 +84,10 @@ def test_unit(factor, unit, pressure):
     values[:40:2] = np.nan
     values[1:40:8] = 0.0
     values[200:] = 7.0  # later samples have no say
-    told = suspected_unit(values)
-    assert told.unit == unit
-    assert told.samples == 100
-    assert told.median == pytest.approx(pressure * factor, rel=1e-3)
+    suspected = suspected_unit(values)
+    assert suspected.unit == unit
+    assert suspected.samples == 100
+    assert suspected.median == pytest.approx(pressure * factor, rel=1e-3)
 
 
 def test_unit_of_nothing():

@@ -41,8 +41,8 @@ def brute_run(
     mean = np.zeros(3)
     for alpha in np.arange(48) * 2.0 * np.pi / 48:
         rate_b = rz(alpha).T @ C.T @ w_n + [0.0, 0.0, rate]
-        found = C_sb @ (np.eye(3) + error) @ C_sb.T @ rate_b
-        mean += rz(alpha - rate * delay) @ found / 48
+        result = C_sb @ (np.eye(3) + error) @ C_sb.T @ rate_b
+        mean += rz(alpha - rate * delay) @ result / 48
     mean -= [0.0, 0.0, rate]
     down = C[2]
     east = np.cross(down, mean)

@@ -31,13 +31,13 @@ def test_correction_holds_at_other_places(latitude, rate, psi):
     """Calibrated at one latitude and azimuth, applied elsewhere: what is left is constant."""
     theta, gamma = 7e-4, -4e-4
     run = brute_run(np.radians(rate), psi, theta, gamma, latitude=latitude)
-    found = correct_heading(
+    result = correct_heading(
         calibrated(), run.heading, run.sigma_heading, run.rate, run.C23, latitude
     )
     # -d (1 + C13 tan L) remains; it is the same at every azimuth and rate, eq. (13)'s rest
     d = -(EPSILON[0] - EPSILON[1] + EPSILON[2]) / (2.0 * np.sqrt(3.0))
     assert -d / ARCSEC == pytest.approx(0.751, abs=1e-3)
-    left = (found.heading - psi) / ARCSEC
+    left = (result.heading - psi) / ARCSEC
     assert left == pytest.approx(0.7515, abs=3e-3)
     assert abs(run.heading - psi - -d) / ARCSEC > 0.3 or abs(run.C23) < 1e-4
 
@@ -60,24 +60,24 @@ def test_sigma_is_that_of_simulations():
     lambda2 = 4.2 * ARCSEC + ARCSEC * rng.standard_normal(n)
     lean = 8e-4 + 1e-4 * rng.standard_normal(n)
     heading = 1.0 + 10 * ARCSEC * rng.standard_normal(n) - slope * lambda2 * lean
-    found = correct_heading(cal, 1.0, 10 * ARCSEC, RATES[1], 8e-4, -0.6, sigma_C23=1e-4)
-    assert found.sigma == pytest.approx(heading.std(), rel=0.02)
-    assert found.sigma_dpsi == pytest.approx((slope * lambda2 * lean).std(), rel=0.03)
-    assert found.heading == pytest.approx(1.0 - found.dpsi)
+    result = correct_heading(cal, 1.0, 10 * ARCSEC, RATES[1], 8e-4, -0.6, sigma_C23=1e-4)
+    assert result.sigma == pytest.approx(heading.std(), rel=0.02)
+    assert result.sigma_dpsi == pytest.approx((slope * lambda2 * lean).std(), rel=0.03)
+    assert result.heading == pytest.approx(1.0 - result.dpsi)
 
 
 def test_columns_go_through_at_once():
     cal = calibrated()
     rates = np.array([0.4, -0.4, 0.7])
-    found = correct_heading(cal, [0.0, 1.0, 6.28], 1e-5, rates, [8e-4, 1e-4, -8e-4], 0.49)
+    result = correct_heading(cal, [0.0, 1.0, 6.28], 1e-5, rates, [8e-4, 1e-4, -8e-4], 0.49)
     for i, rate in enumerate(rates):
         one = correct_heading(cal, [0.0, 1.0, 6.28][i], 1e-5, rate, [8e-4, 1e-4, -8e-4][i], 0.49)
-        assert found.heading[i] == one.heading and found.sigma[i] == one.sigma
-    assert np.all((found.heading >= 0.0) & (found.heading < 2.0 * np.pi))
+        assert result.heading[i] == one.heading and result.sigma[i] == one.sigma
+    assert np.all((result.heading >= 0.0) & (result.heading < 2.0 * np.pi))
 
 
 def test_what_was_not_calibrated_is_flagged():
-    found = correct_heading(
+    result = correct_heading(
         calibrated(),
         1.0,
         1e-5,
@@ -85,8 +85,8 @@ def test_what_was_not_calibrated_is_flagged():
         [8e-4, -8e-4, 8.1e-4, 9e-4, -9e-4, 0.0, 8e-4],
         0.49,
     )
-    np.testing.assert_array_equal(found.outside_rate, [0, 0, 0, 0, 1, 1, 1])
-    np.testing.assert_array_equal(found.outside_C23, [0, 0, 0, 1, 1, 0, 0])
+    np.testing.assert_array_equal(result.outside_rate, [0, 0, 0, 0, 1, 1, 1])
+    np.testing.assert_array_equal(result.outside_C23, [0, 0, 0, 1, 1, 0, 0])
 
 
 def test_doubtful_calibrations_need_force():

@@ -28,21 +28,21 @@ PLAN = Design(tuple(RATES), 3, 600.0, (8e-4,), ARW, 0.49)
 def test_gain_of_designs(rates, repeats, gain):
     turning = tuple(np.radians(rates))
     assert slope_gain(np.repeat(turning, repeats)) == pytest.approx(gain, abs=5e-4)
-    found = predict(replace(PLAN, rates=turning, repeats=repeats))
+    result = predict(replace(PLAN, rates=turning, repeats=repeats))
     # all of these turn a third of a turn short of 600 s at most: their noise is alike
-    assert found.sigma_K == pytest.approx(gain * np.mean(found.sigma_run), rel=4e-3)
-    assert found.sigma_lambda2_heading == pytest.approx(
-        3 * W * np.cos(0.49) / 8e-4 * found.sigma_K, rel=1e-6
+    assert result.sigma_K == pytest.approx(gain * np.mean(result.sigma_run), rel=4e-3)
+    assert result.sigma_lambda2_heading == pytest.approx(
+        3 * W * np.cos(0.49) / 8e-4 * result.sigma_K, rel=1e-6
     )
 
 
 def test_figures_of_the_usual_design():
-    found = predict(PLAN)
+    result = predict(PLAN)
     # 19.0" at 600 s; 33 turns at 20 deg/s take 594 s
-    assert found.sigma_run[0] / ARCSEC == pytest.approx(19.04 * np.sqrt(600 / 594), abs=0.01)
-    assert found.sigma_lambda2_heading / ARCSEC == pytest.approx(5.37, rel=6e-3)
-    assert (found.n_runs, found.total_s) == (9, 5400.0)
-    assert found.sigma_lambda2_joint is None
+    assert result.sigma_run[0] / ARCSEC == pytest.approx(19.04 * np.sqrt(600 / 594), abs=0.01)
+    assert result.sigma_lambda2_heading / ARCSEC == pytest.approx(5.37, rel=6e-3)
+    assert (result.n_runs, result.total_s) == (9, 5400.0)
+    assert result.sigma_lambda2_joint is None
     best = predict(replace(PLAN, C23=(8e-3,), rates=tuple(RATES) + tuple(-RATES)))
     assert best.sigma_lambda2_heading / ARCSEC == pytest.approx(0.144, abs=1e-3)
 
@@ -52,7 +52,7 @@ def test_what_is_predicted_is_what_the_fit_claims(leans):
     """The plan against the fit's own covariance, which simulations confirm elsewhere."""
     duration = 540.0  # whole turns at all three rates
     plan = replace(PLAN, C23=leans, duration_s=duration)
-    found = predict(plan)
+    result = predict(plan)
     runs = []
     for k, lean in enumerate(leans):
         more = brute_runs(psi=0.7 + k, lean=lean, first=9 * k)
@@ -66,15 +66,15 @@ def test_what_is_predicted_is_what_the_fit_claims(leans):
             for r in more
         ]
     claimed = fit(runs, FitOptions(method="heading"))
-    assert found.sigma_lambda2_heading == pytest.approx(claimed.sigma_lambda2, rel=1e-3)
-    assert found.sigma_lambda2_axial == pytest.approx(claimed.axial.sigma_lambda2, rel=1e-3)
+    assert result.sigma_lambda2_heading == pytest.approx(claimed.sigma_lambda2, rel=1e-3)
+    assert result.sigma_lambda2_axial == pytest.approx(claimed.axial.sigma_lambda2, rel=1e-3)
     if len(leans) == 1:
-        assert found.sigma_K == pytest.approx(claimed.sigma_K, rel=1e-3)
+        assert result.sigma_K == pytest.approx(claimed.sigma_K, rel=1e-3)
     else:
         both = fit(runs)
         assert both.method == "joint"
-        assert found.sigma_lambda2_joint == pytest.approx(both.sigma_lambda2, rel=1e-3)
-        assert found.sigma_delay == pytest.approx(both.sigma_delay, rel=1e-3)
+        assert result.sigma_lambda2_joint == pytest.approx(both.sigma_lambda2, rel=1e-3)
+        assert result.sigma_delay == pytest.approx(both.sigma_delay, rel=1e-3)
 
 
 def test_advice_names_what_helps_and_by_how_much():

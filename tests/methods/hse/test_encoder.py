@@ -144,9 +144,9 @@ def test_clock_that_does_not_run_evenly_is_told():
 
 def test_lost_samples_split_and_late_stamps_do_not():
     gyro, at, angle = steady()
-    kept = np.ones(len(gyro), bool)
-    kept[[4000, 4001, 4002, 7000]] = False
-    pieces = table_angle(ns(gyro[kept]), ns(at), wrapped(angle), EncoderModel())
+    mask = np.ones(len(gyro), bool)
+    mask[[4000, 4001, 4002, 7000]] = False
+    pieces = table_angle(ns(gyro[mask]), ns(at), wrapped(angle), EncoderModel())
     assert [(p.first, len(p)) for p in pieces] == [(0, 4000), (4000, 2997), (6997, 2999)]
     for piece, row in zip(pieces, (0, 4003, 7001), strict=True):
         edges = gyro[row] - 0.002 + 0.002 * np.arange(len(piece) + 1)
@@ -158,8 +158,8 @@ def test_lost_samples_split_and_late_stamps_do_not():
 
 def test_gap_of_the_encoder_splits_too():
     gyro, at, angle = steady()
-    kept = (at < 8.0) | (at > 9.0)
-    pieces = table_angle(ns(gyro), ns(at[kept]), wrapped(angle[kept]), EncoderModel())
+    mask = (at < 8.0) | (at > 9.0)
+    pieces = table_angle(ns(gyro), ns(at[mask]), wrapped(angle[mask]), EncoderModel())
     assert len(pieces) == 2
     for piece in pieces:
         edges = gyro[piece.first] - 0.002 + 0.002 * np.arange(len(piece) + 1)

@@ -42,35 +42,35 @@ def two_positions(**more):
 )
 def test_without_noise_every_method_finds_the_error_of_the_matrix(latitude, options):
     runs = two_positions(latitude=latitude)
-    found = fit(runs, options)
+    result = fit(runs, options)
     # what the linear model leaves out is c Omega tilt / (2 w cos L), some 2e-5, and X33 to
     # second order
-    assert found.lambda2 == pytest.approx(TRUE, rel=1e-4)
-    assert found.axial.lambda2 == pytest.approx(TRUE, rel=1e-6)
-    gain = found.C23 / (3.0 * W * np.cos(latitude))
-    assert abs(found.C23) == pytest.approx(8e-4, rel=1e-3)
-    assert pytest.approx(found.lambda2 * gain, rel=1e-9) == found.K
+    assert result.lambda2 == pytest.approx(TRUE, rel=1e-4)
+    assert result.axial.lambda2 == pytest.approx(TRUE, rel=1e-6)
+    gain = result.C23 / (3.0 * W * np.cos(latitude))
+    assert abs(result.C23) == pytest.approx(8e-4, rel=1e-3)
+    assert pytest.approx(result.lambda2 * gain, rel=1e-9) == result.K
 
 
 def test_slope_is_that_of_heading_against_rate():
     runs = brute_runs()
-    found = fit(runs, HEADING)
+    result = fit(runs, HEADING)
     heading = np.array([r.heading for r in runs])
     slope = np.polyfit([r.rate for r in runs], heading, 1)[0]
-    assert pytest.approx(slope, rel=1e-6) == found.K
-    assert pytest.approx(-17.41, abs=0.01) == found.K / ARCSEC
+    assert pytest.approx(slope, rel=1e-6) == result.K
+    assert pytest.approx(-17.41, abs=0.01) == result.K / ARCSEC
     # free of heading-sensitive error, but not of its constant part (-d, and the tilt's share)
     d = -(EPSILON[0] - EPSILON[1] + EPSILON[2]) / (2.0 * np.sqrt(3.0))
-    assert found.psi0[0] - 0.7 == pytest.approx(-d, abs=0.01 * ARCSEC)
+    assert result.psi0[0] - 0.7 == pytest.approx(-d, abs=0.01 * ARCSEC)
 
 
 def test_a_stale_encoder_fools_one_position_and_not_two():
     delay = 50e-6
-    found = fit(two_positions(delay=delay))
-    assert found.method == "joint"
-    assert found.lambda2 == pytest.approx(TRUE, rel=1e-4)
-    assert found.delay == pytest.approx(delay, rel=1e-4)
-    assert found.axial.lambda2 == pytest.approx(TRUE, rel=1e-6)
+    result = fit(two_positions(delay=delay))
+    assert result.method == "joint"
+    assert result.lambda2 == pytest.approx(TRUE, rel=1e-4)
+    assert result.delay == pytest.approx(delay, rel=1e-4)
+    assert result.axial.lambda2 == pytest.approx(TRUE, rel=1e-6)
     for lean, psi in ((8e-4, 0.7), (-8e-4, 0.7 + np.pi)):
         alone = fit(brute_runs(psi=psi, lean=lean, delay=delay), HEADING)
         shift = delay * 3.0 * W * np.cos(0.49) / lean
@@ -93,14 +93,14 @@ def test_the_papers_line_goes_through_unweighted_means():
     rng = np.random.default_rng(4)
     rates = np.repeat(RATES, [1, 2, 5])
     runs = noisy(spread(brute_runs(rates=rates), rng), rng)
-    found = fit(runs, FitOptions(method="heading", form="paper", reject_outliers=False))
+    result = fit(runs, FitOptions(method="heading", form="paper", reject_outliers=False))
     means = [np.mean([r.heading for r in runs if r.rate == x]) for x in RATES]
     slope, at_zero = np.polyfit(RATES, means, 1)
-    assert pytest.approx(slope, rel=1e-9) == found.K
-    assert found.psi0[0] == pytest.approx(at_zero, abs=1e-12)
-    assert found.lambda2 == pytest.approx(3 * W * np.cos(0.49) * slope / found.C23, rel=1e-9)
-    assert found.dof == 5
-    assert pytest.approx(fit(runs, HEADING).K, rel=0.01) != found.K
+    assert pytest.approx(slope, rel=1e-9) == result.K
+    assert result.psi0[0] == pytest.approx(at_zero, abs=1e-12)
+    assert result.lambda2 == pytest.approx(3 * W * np.cos(0.49) * slope / result.C23, rel=1e-9)
+    assert result.dof == 5
+    assert pytest.approx(fit(runs, HEADING).K, rel=0.01) != result.K
 
 
 def test_headings_either_side_of_north_are_neighbours():
@@ -136,10 +136,10 @@ def test_covariance_is_that_of_many_simulations(kind):
     options = replace(options, reject_outliers=False)
     if kind in ("equal", "paper"):
         runs = [replace(r, sigma_heading=19 * ARCSEC) for r in runs]
-    found = [fit(noisy(runs, rng), options) for _ in range(400)]
-    values = np.array([[f.lambda2, f.K, f.delay or 0.0] for f in found])
+    fits = [fit(noisy(runs, rng), options) for _ in range(400)]
+    values = np.array([[f.lambda2, f.K, f.delay or 0.0] for f in fits])
     if kind in ("equal", "paper"):
-        formal = np.sqrt(np.mean([f.sigma_lambda2**2 for f in found]))
+        formal = np.sqrt(np.mean([f.sigma_lambda2**2 for f in fits]))
     else:
         # without noise chi-squared is below its degrees and does not scale
         formal = fit(runs, options).sigma_lambda2
@@ -148,10 +148,10 @@ def test_covariance_is_that_of_many_simulations(kind):
     if kind == "joint":
         formal_delay = fit(runs, options).sigma_delay
         assert values[:, 2].std() == pytest.approx(formal_delay, rel=0.14)
-    held = np.mean([f.ci95_lambda2[0] <= TRUE <= f.ci95_lambda2[1] for f in found])
+    held = np.mean([f.ci95_lambda2[0] <= TRUE <= f.ci95_lambda2[1] for f in fits])
     assert 0.92 < held < 0.985
     true_k = fit(runs, options).K
-    held = np.mean([f.ci95_K[0] <= true_k <= f.ci95_K[1] for f in found])
+    held = np.mean([f.ci95_K[0] <= true_k <= f.ci95_K[1] for f in fits])
     assert 0.92 < held < 0.985
 
 
@@ -159,14 +159,12 @@ def test_sigmas_that_are_too_small_do_not_deceive():
     """Turns that scatter too little (drift from run to run): chi-squared tells, Birge scales."""
     rng = np.random.default_rng(8)
     runs = brute_runs()
-    found = [fit(noisy(runs, rng, 80 * ARCSEC), HEADING) for _ in range(400)]
-    assert {f.distribution for f in found} >= {"t"}
-    held = np.mean([f.ci95_lambda2[0] <= TRUE <= f.ci95_lambda2[1] for f in found])
+    fits = [fit(noisy(runs, rng, 80 * ARCSEC), HEADING) for _ in range(400)]
+    assert {f.distribution for f in fits} >= {"t"}
+    held = np.mean([f.ci95_lambda2[0] <= TRUE <= f.ci95_lambda2[1] for f in fits])
     assert 0.92 < held < 0.98
-    spread_of = np.std([f.lambda2 for f in found])
-    assert np.sqrt(np.mean([f.sigma_lambda2**2 for f in found])) == pytest.approx(
-        spread_of, rel=0.1
-    )
+    spread_of = np.std([f.lambda2 for f in fits])
+    assert np.sqrt(np.mean([f.sigma_lambda2**2 for f in fits])) == pytest.approx(spread_of, rel=0.1)
 
 
 def test_axial_sigma_and_bias():
@@ -178,51 +176,51 @@ def test_axial_sigma_and_bias():
     clean = fit(runs, FitOptions(method="axial"))
     assert clean.lambda2 == pytest.approx(TRUE, rel=1e-5)
     assert clean.axial.bias == pytest.approx(bias, rel=1e-4)
-    found = [fit(noisy(runs, rng), FitOptions(method="axial")) for _ in range(400)]
-    values = np.array([f.lambda2 for f in found])
+    fits = [fit(noisy(runs, rng), FitOptions(method="axial")) for _ in range(400)]
+    values = np.array([f.lambda2 for f in fits])
     assert values.std() == pytest.approx(clean.sigma_lambda2, rel=0.13)
-    assert np.mean([f.ci95_lambda2[0] <= TRUE <= f.ci95_lambda2[1] for f in found]) > 0.92
-    assert np.std([f.axial.bias for f in found]) == pytest.approx(clean.axial.sigma_bias, rel=0.13)
+    assert np.mean([f.ci95_lambda2[0] <= TRUE <= f.ci95_lambda2[1] for f in fits]) > 0.92
+    assert np.std([f.axial.bias for f in fits]) == pytest.approx(clean.axial.sigma_bias, rel=0.13)
 
 
 def test_one_rate_gives_the_axial_value_only():
     runs = brute_runs(rates=RATES[1] * np.ones(4))
-    found = fit(runs)
-    assert found.lambda2 is None and found.K is None and found.sigma_K is None
-    assert found.axial.lambda2 == pytest.approx(TRUE, rel=1e-4)
-    assert found.axial.bias is None
+    result = fit(runs)
+    assert result.lambda2 is None and result.K is None and result.sigma_K is None
+    assert result.axial.lambda2 == pytest.approx(TRUE, rel=1e-4)
+    assert result.axial.bias is None
 
 
 def test_an_outlier_is_left_out_and_named():
     rng = np.random.default_rng(10)
     runs = noisy(brute_runs(rates=np.tile(RATES, 4)), rng)
     runs[4] = replace(runs[4], heading=runs[4].heading + 400 * ARCSEC)
-    found = fit(runs, HEADING)
-    assert [i for i, f in enumerate(found.run_fits) if not f.used] == [4]
-    assert "outlier" in found.run_fits[4].reason
-    assert found.run_fits[4].residual == pytest.approx(400 * ARCSEC, abs=80 * ARCSEC)
-    assert any("r4" in w and "outlier" in w for w in found.warnings)
+    result = fit(runs, HEADING)
+    assert [i for i, f in enumerate(result.run_fits) if not f.used] == [4]
+    assert "outlier" in result.run_fits[4].reason
+    assert result.run_fits[4].residual == pytest.approx(400 * ARCSEC, abs=80 * ARCSEC)
+    assert any("r4" in w and "outlier" in w for w in result.warnings)
     clean = fit(runs[:4] + runs[5:], HEADING)
-    assert found.lambda2 == pytest.approx(clean.lambda2, abs=1e-13)
-    kept = fit(runs, replace(HEADING, reject_outliers=False))
-    assert kept.n_used == 12
-    assert abs(kept.run_fits[4].studentised) > 5
+    assert result.lambda2 == pytest.approx(clean.lambda2, abs=1e-13)
+    whole = fit(runs, replace(HEADING, reject_outliers=False))
+    assert whole.n_used == 12
+    assert abs(whole.run_fits[4].studentised) > 5
 
 
 def test_two_repeats_are_never_made_one():
     rng = np.random.default_rng(11)
     runs = noisy(brute_runs(rates=np.tile(RATES, 2)), rng)
     runs[4] = replace(runs[4], heading=runs[4].heading + 4000 * ARCSEC)
-    found = fit(runs, HEADING)
-    assert found.n_used == 6
-    assert not any("outlier" in w for w in found.warnings)
+    result = fit(runs, HEADING)
+    assert result.n_used == 6
+    assert not any("outlier" in w for w in result.warnings)
 
 
 def test_sound_runs_are_seldom_left_out():
     rng = np.random.default_rng(12)
     runs = brute_runs()
-    found = [fit(noisy(runs, rng), HEADING) for _ in range(800)]
-    rejected = sum(f.n_used < 9 for f in found)
+    fits = [fit(noisy(runs, rng), HEADING) for _ in range(800)]
+    rejected = sum(f.n_used < 9 for f in fits)
     # 1 % is the bound by Bonferroni, nearly reached by nine nearly independent residuals
     low, high = stats.binom.ppf([1e-4, 1 - 1e-4], 800, 0.0095)
     assert low <= rejected <= high
@@ -243,9 +241,9 @@ def test_drift_with_time_is_taken_out():
         replace(r, heading=r.heading + drift * r.t_start_s) for r in brute_runs(np.repeat(RATES, 3))
     ]
     assert fit(runs, HEADING).lambda2 != pytest.approx(TRUE, rel=1.0)
-    found = fit(runs, FitOptions(method="heading", drift=True))
-    assert found.lambda2 == pytest.approx(TRUE, rel=1e-4)
-    assert found.parameters[-1] == "drift"
+    result = fit(runs, FitOptions(method="heading", drift=True))
+    assert result.lambda2 == pytest.approx(TRUE, rel=1e-4)
+    assert result.parameters[-1] == "drift"
 
 
 def test_drift_over_logs_needs_their_starts():
@@ -267,10 +265,10 @@ def test_drift_over_logs_needs_their_starts():
 
 def test_runs_are_left_out_by_name_and_by_time():
     runs = brute_runs()
-    found = fit(runs, replace(HEADING, exclude=("r2",), skip_warmup_s=500.0))
-    assert [f.reason for f in found.run_fits[:3]] == ["warm-up", "", "excluded"]
-    assert found.n_used == 7
-    assert found.lambda2 == pytest.approx(TRUE, rel=1e-4)
+    result = fit(runs, replace(HEADING, exclude=("r2",), skip_warmup_s=500.0))
+    assert [f.reason for f in result.run_fits[:3]] == ["warm-up", "", "excluded"]
+    assert result.n_used == 7
+    assert result.lambda2 == pytest.approx(TRUE, rel=1e-4)
     with pytest.raises(ConfigurationError, match="no run is called 'x'"):
         fit(runs, replace(HEADING, exclude=("x",)))
     with pytest.raises(ConfigurationError, match="every run is left out"):
@@ -297,34 +295,34 @@ def test_without_the_scatter_of_turns_all_runs_weigh_the_same():
     rng = np.random.default_rng(15)
     runs = noisy(brute_runs(), rng)
     runs[1] = replace(runs[1], sigma_heading=np.nan)
-    found = fit(runs, HEADING)
-    assert any("weigh the same" in w for w in found.warnings)
-    assert found.distribution == "t"
+    result = fit(runs, HEADING)
+    assert any("weigh the same" in w for w in result.warnings)
+    assert result.distribution == "t"
     equal = fit(runs, FitOptions(method="heading", weights="equal"))
-    assert found.lambda2 == equal.lambda2
+    assert result.lambda2 == equal.lambda2
 
 
 @pytest.mark.parametrize("weights", ["turns", "equal"])
 def test_two_runs_have_the_scatter_of_their_turns(weights):
     runs = brute_runs(rates=RATES[[0, 2]])
-    found = fit(runs, FitOptions(method="heading", weights=weights))
-    assert (found.dof, found.distribution) == (0, "turns")
+    result = fit(runs, FitOptions(method="heading", weights=weights))
+    assert (result.dof, result.distribution) == (0, "turns")
     sigma_k = 19 * ARCSEC * np.sqrt(2.0) / (RATES[2] - RATES[0])
-    assert found.sigma_K == pytest.approx(sigma_k, rel=1e-3)
+    assert result.sigma_K == pytest.approx(sigma_k, rel=1e-3)
     bare = [replace(r, sigma_heading=np.nan) for r in runs]
-    found = fit(bare, FitOptions(method="heading", weights=weights))
-    assert (found.sigma_K, found.ci95_K, found.distribution) == (None, None, "")
-    assert found.lambda2 == pytest.approx(TRUE, rel=1e-3)
+    result = fit(bare, FitOptions(method="heading", weights=weights))
+    assert (result.sigma_K, result.ci95_K, result.distribution) == (None, None, "")
+    assert result.lambda2 == pytest.approx(TRUE, rel=1e-3)
 
 
 def test_a_level_axis_leaves_the_slope():
     runs = brute_runs(lean=2e-5, delay=50e-6)
-    found = fit(runs, HEADING)
-    assert not found.observable
-    assert found.lambda2 is None
-    assert found.parameters == ("psi0[0]", "K")
-    assert pytest.approx(50e-6, rel=0.1) == found.K
-    assert found.sigma_K is not None
+    result = fit(runs, HEADING)
+    assert not result.observable
+    assert result.lambda2 is None
+    assert result.parameters == ("psi0[0]", "K")
+    assert pytest.approx(50e-6, rel=0.1) == result.K
+    assert result.sigma_K is not None
 
 
 def test_uncertain_lean_is_in_the_sigma():
@@ -344,38 +342,40 @@ def test_the_model_to_the_last_digit():
         lean = 8e-4 * (1.0 + 0.01 * i)
         hse = (r.rate - W * np.sin(0.49)) * lambda2 * lean / (3.0 * W * np.cos(0.49))
         runs.append(replace(r, heading=psi0 + hse, C23=lean))
-    found = fit(runs, HEADING)
-    assert found.lambda2 == pytest.approx(lambda2, rel=1e-9)
-    assert found.psi0[0] == pytest.approx(psi0, abs=1e-10)
+    result = fit(runs, HEADING)
+    assert result.lambda2 == pytest.approx(lambda2, rel=1e-9)
+    assert result.psi0[0] == pytest.approx(psi0, abs=1e-10)
 
 
 def test_figures_of_a_straight_line():
     rng = np.random.default_rng(16)
     runs = noisy(brute_runs(), rng)
-    found = fit(runs, FitOptions(method="heading", weights="equal", reject_outliers=False))
+    result = fit(runs, FitOptions(method="heading", weights="equal", reject_outliers=False))
     line = stats.linregress([r.rate for r in runs], [r.heading for r in runs])
-    assert found.r2 == pytest.approx(line.rvalue**2, rel=1e-5)
-    assert found.sigma_K == pytest.approx(line.stderr, rel=1e-5)
-    residual = np.array([f.residual for f in found.run_fits])
-    assert found.s == pytest.approx(np.sqrt(np.sum(residual**2) / 7))
-    assert found.ci95_K[1] - found.K == pytest.approx(stats.t.ppf(0.975, 7) * line.stderr, rel=1e-5)
+    assert result.r2 == pytest.approx(line.rvalue**2, rel=1e-5)
+    assert result.sigma_K == pytest.approx(line.stderr, rel=1e-5)
+    residual = np.array([f.residual for f in result.run_fits])
+    assert result.s == pytest.approx(np.sqrt(np.sum(residual**2) / 7))
+    assert result.ci95_K[1] - result.K == pytest.approx(
+        stats.t.ppf(0.975, 7) * line.stderr, rel=1e-5
+    )
 
 
 def test_uncertain_leans_of_two_positions():
     runs = [replace(r, sigma_heading=0.1 * ARCSEC) for r in two_positions()]
     sure = fit([replace(r, sigma_C23=0.0) for r in runs]).sigma_lambda2
-    found = fit([replace(r, sigma_C23=1e-5) for r in runs])
-    assert found.method == "joint"
+    result = fit([replace(r, sigma_C23=1e-5) for r in runs])
+    assert result.method == "joint"
     share = np.sqrt(2.0) * 1e-5 / 1.6e-3
-    assert found.sigma_lambda2 == pytest.approx(np.hypot(sure, TRUE * share), rel=1e-3)
+    assert result.sigma_lambda2 == pytest.approx(np.hypot(sure, TRUE * share), rel=1e-3)
 
 
 def test_the_papers_line_is_for_the_position_that_leans_most():
     runs = brute_runs(lean=4e-4) + brute_runs(psi=2.0, lean=-8e-4, first=9)
-    found = fit(runs, FitOptions(method="heading", form="paper"))
-    assert [f.reason for f in found.run_fits] == ["another position"] * 9 + [""] * 9
-    assert pytest.approx(-8e-4, rel=1e-3) == found.C23
-    assert found.lambda2 == pytest.approx(TRUE, rel=1e-4)
+    result = fit(runs, FitOptions(method="heading", form="paper"))
+    assert [f.reason for f in result.run_fits] == ["another position"] * 9 + [""] * 9
+    assert pytest.approx(-8e-4, rel=1e-3) == result.C23
+    assert result.lambda2 == pytest.approx(TRUE, rel=1e-4)
 
 
 def test_earth_rate_along_a_tilted_axis():

@@ -59,14 +59,14 @@ def test_validation_repeats_an_independent_simulation(row):
 
 def test_a_set_of_samples_end_to_end():
     """Simulated samples, turns, fit: short logs at a low rate, noise as theirs."""
-    found = monte_carlo.full_set(3, duration=190.0, rate_hz=100.0)
+    result = monte_carlo.full_set(3, duration=190.0, rate_hz=100.0)
     longer = np.sqrt(monte_carlo.DURATION / 180.0)
     k_noise = monte_carlo.expected()[0] * monte_carlo.ARCSEC * longer
     true_k = true_value("K") * monte_carlo.ARCSEC
-    assert abs(found.K - true_k) < 4.0 * k_noise
-    assert found.sigma_K == pytest.approx(k_noise, rel=0.6)
-    turns = np.sqrt(np.mean(np.square(found.turn_sigma)))
+    assert abs(result.K - true_k) < 4.0 * k_noise
+    assert result.sigma_K == pytest.approx(k_noise, rel=0.6)
+    turns = np.sqrt(np.mean(np.square(result.turn_sigma)))
     one = monte_carlo.ARW / np.sqrt(180.0) / monte_carlo.HORIZONTAL
     assert turns == pytest.approx(one, rel=0.2)
-    assert found.axial == pytest.approx(monte_carlo.LAMBDA2, abs=0.1 * monte_carlo.ARCSEC)
-    assert np.std(found.heading_error) == pytest.approx(one, rel=0.8)
+    assert result.axial == pytest.approx(monte_carlo.LAMBDA2, abs=0.1 * monte_carlo.ARCSEC)
+    assert np.std(result.heading_error) == pytest.approx(one, rel=0.8)

@@ -17,20 +17,20 @@ def test_solves_the_normal_equations(seed, weighted):
     rng = np.random.default_rng(seed)
     design, observed, sigma = problem(rng)
     scale = np.array([1.0, 1e-6, 1e3])
-    found = least_squares(design, observed, sigma if weighted else None)
+    actual = least_squares(design, observed, sigma if weighted else None)
     w = 1.0 / sigma**2 if weighted else np.ones(len(sigma))
     normal = (design / scale).T @ (w[:, None] * (design / scale))
     expected = np.linalg.solve(normal, (design / scale).T @ (w * observed))
-    np.testing.assert_allclose(found.estimate * scale, expected, rtol=1e-8, atol=1e-10)
-    residual = observed - design @ found.estimate
+    np.testing.assert_allclose(actual.estimate * scale, expected, rtol=1e-8, atol=1e-10)
+    residual = observed - design @ actual.estimate
     chi2 = np.sum(w * residual**2)
     factor = max(1.0, chi2 / 6) if weighted else chi2 / 6
     np.testing.assert_allclose(
-        found.covariance * np.outer(scale, scale), factor * np.linalg.inv(normal), rtol=1e-7
+        actual.covariance * np.outer(scale, scale), factor * np.linalg.inv(normal), rtol=1e-7
     )
-    assert found.dof == 6
-    assert found.chi2 == pytest.approx(chi2)
-    assert found.leverage.sum() == pytest.approx(3.0)
+    assert actual.dof == 6
+    assert actual.chi2 == pytest.approx(chi2)
+    assert actual.leverage.sum() == pytest.approx(3.0)
 
 
 @given(st.integers(0, 1000), st.booleans())
@@ -38,7 +38,7 @@ def test_studentised_residual_is_of_the_fit_without_the_observation(seed, weight
     rng = np.random.default_rng(seed)
     design, observed, sigma = problem(rng)
     weights = sigma if weighted else np.ones_like(sigma)
-    found = least_squares(design, observed, sigma if weighted else None)
+    result = least_squares(design, observed, sigma if weighted else None)
     for i in range(len(observed)):
         others = np.arange(len(observed)) != i
         without = least_squares(
@@ -47,7 +47,7 @@ def test_studentised_residual_is_of_the_fit_without_the_observation(seed, weight
         row = design[i] / weights[i]
         error = observed[i] / weights[i] - row @ without.estimate
         deviation = np.sqrt(without.s**2 + row @ without.covariance @ row)
-        assert found.studentised[i] == pytest.approx(error / deviation, rel=1e-6, abs=1e-9)
+        assert result.studentised[i] == pytest.approx(error / deviation, rel=1e-6, abs=1e-9)
 
 
 def test_studentised_residuals_follow_student():
@@ -61,9 +61,9 @@ def test_studentised_residuals_follow_student():
 
 def test_an_observation_that_alone_holds_a_parameter_has_no_studentised_residual():
     design = np.column_stack([np.ones(6), [0.0, 0.0, 0.0, 0.0, 0.0, 1.0]])
-    found = least_squares(design, np.array([1.0, 2.0, 1.5, 0.5, 1.2, 9.0]))
-    assert found.leverage[5] == pytest.approx(1.0)
-    assert np.isnan(found.studentised[5]) and np.isfinite(found.studentised[:5]).all()
+    result = least_squares(design, np.array([1.0, 2.0, 1.5, 0.5, 1.2, 9.0]))
+    assert result.leverage[5] == pytest.approx(1.0)
+    assert np.isnan(result.studentised[5]) and np.isfinite(result.studentised[:5]).all()
 
 
 def test_quantiles():

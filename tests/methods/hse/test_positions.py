@@ -18,10 +18,10 @@ def test_azimuths_part_whatever_lies_at_north(n, turn, seed):
     true = rng.integers(0, n, 25)
     true[:n] = np.arange(n)
     angle = (turn + 2.0 * np.pi * true / n + rng.uniform(-3e-3, 3e-3, 25)) % (2.0 * np.pi)
-    found = by_angle(angle)
+    result = by_angle(angle)
     for k in range(n):
-        assert len(set(found[true == k])) == 1
-    assert len(set(found)) == n
+        assert len(set(result[true == k])) == 1
+    assert len(set(result)) == n
 
 
 def test_one_azimuth_at_north():
@@ -50,6 +50,6 @@ def test_a_large_error_is_no_new_position():
 
 def test_rates_part_by_one_percent_and_direction():
     rates = np.array([0.35, -0.35, 0.3502, 0.36, -0.3501, 0.7, 1.047, 1.05])
-    found = rate_groups(rates)
-    assert list(found) == [1, 0, 1, 2, 0, 3, 4, 4]
+    result = rate_groups(rates)
+    assert list(result) == [1, 0, 1, 2, 0, 3, 4, 4]
     assert len(rate_groups(np.array([]))) == 0

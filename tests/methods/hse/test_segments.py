@@ -13,20 +13,20 @@ DT = 0.005
 WALK = [(0, 30), (20, 120), (40, 300), (60, 300), (-40, 300), (-20, 120), (0, 30)]
 
 
-def told(walk):
+def plateaus(walk):
     return [(float(np.radians(rate)), float(duration)) for rate, duration in walk]
 
 
 def measured(walk, lost=(), seed=1):
     """Table angles as an encoder gives them: ripple, steps of 0.18 arcsec, wrapped."""
-    profile = TableProfile(told(walk))
+    profile = TableProfile(plateaus(walk))
     at = np.arange(0.0, profile.duration, DT)
     angle = profile.angle(at)[0]
     angle = angle + 1e-4 * np.sin(angle)
     reading = np.mod(0.18 * ARCSEC * np.round(angle / (0.18 * ARCSEC)), 2 * np.pi)
     stamps = 1_700_000_000_000_000_000 + np.round(at * 1e9).astype(np.int64)
-    kept = np.delete(np.arange(1, len(at)), lost) if len(lost) else np.arange(1, len(at))
-    return profile, table_angle(stamps[kept], stamps, reading, EncoderModel())
+    rows = np.delete(np.arange(1, len(at)), lost) if len(lost) else np.arange(1, len(at))
+    return profile, table_angle(stamps[rows], stamps, reading, EncoderModel())
 
 
 def spans(walk, acceleration=5.0):
@@ -42,35 +42,35 @@ def spans(walk, acceleration=5.0):
 def test_plateaus_of_a_walk_through_the_rates():
     _, pieces = measured(WALK)
     assert len(pieces) == 1
-    found = find_segments(pieces)
-    assert [round(np.degrees(s.rate), 3) for s in found.used] == [40.0, 60.0, -40.0]
-    for segment, (begin, end) in zip(found.used, spans(WALK)[2:5], strict=True):
+    result = find_segments(pieces)
+    assert [round(np.degrees(s.rate), 3) for s in result.used] == [40.0, 60.0, -40.0]
+    for segment, (begin, end) in zip(result.used, spans(WALK)[2:5], strict=True):
         start = segment.start_s + DT  # the first gyro sample is stamped one interval late
         assert begin + 2.0 <= start <= begin + 2.0 + 2 * BLOCK_S
         assert end - 2.0 - 2 * BLOCK_S <= start + segment.duration_s <= end - 2.0 + 1e-9
-    reasons = [s.reason for s in found.rejected]
+    reasons = [s.reason for s in result.rejected]
     assert reasons[0].startswith("the table turns at 0.00 deg/s")
     assert reasons[2] == reasons[-3] == "6.4 turns: 10 whole ones needed"
     assert sum(reason == "the rate changes" for reason in reasons) == 6
-    assert len(found.block_rate) == len(found.block_time_s) == int(1240 / BLOCK_S) - 1
-    at = np.argmin(np.abs(found.block_time_s - 300.0))
-    assert np.degrees(found.block_rate[at]) == pytest.approx(40.0, abs=0.01)
+    assert len(result.block_rate) == len(result.block_time_s) == int(1240 / BLOCK_S) - 1
+    at = np.argmin(np.abs(result.block_time_s - 300.0))
+    assert np.degrees(result.block_rate[at]) == pytest.approx(40.0, abs=0.01)
 
 
 def test_lost_samples_split_a_plateau():
     lost = np.array([40000, 40001, 40002])  # 200 s, in the plateau of 40 deg/s
     _, pieces = measured(WALK, lost)
-    found = find_segments(pieces)
-    assert [round(np.degrees(s.rate), 3) for s in found.used] == [40.0, 60.0, -40.0]
-    assert found.used[0].piece == 1
-    assert found.used[0].start_s == pytest.approx(200.015 + 2.0, abs=0.02)
-    assert any(s.reason.startswith("lasts 37.") for s in found.rejected)
+    result = find_segments(pieces)
+    assert [round(np.degrees(s.rate), 3) for s in result.used] == [40.0, 60.0, -40.0]
+    assert result.used[0].piece == 1
+    assert result.used[0].start_s == pytest.approx(200.015 + 2.0, abs=0.02)
+    assert any(s.reason.startswith("lasts 37.") for s in result.rejected)
 
 
 def test_everything_is_accounted_for():
     _, pieces = measured(WALK)
-    found = find_segments(pieces, SegmentRules(settle_s=0.0))
-    parts = sorted([*found.used, *found.rejected], key=lambda s: s.first)
+    result = find_segments(pieces, SegmentRules(settle_s=0.0))
+    parts = sorted([*result.used, *result.rejected], key=lambda s: s.first)
     assert parts[0].first == 0
     assert all(a.stop == b.first for a, b in pairwise(parts))
     assert len(pieces[0]) - parts[-1].stop < BLOCK_S / DT
@@ -83,23 +83,23 @@ def steady(rate, seconds, start_s=0.0):
 
 def test_long_plateaus_are_repeats():
     pieces = steady(0.7, 1454.0)
-    found = find_segments(pieces)
-    assert [s.duration_s for s in found.used] == pytest.approx([600.0, 600.0, 250.0])
-    found = find_segments(steady(0.7, 1254.0))
-    assert [s.duration_s for s in found.used] == pytest.approx([600.0, 600.0])
-    (rest,) = found.rejected
+    result = find_segments(pieces)
+    assert [s.duration_s for s in result.used] == pytest.approx([600.0, 600.0, 250.0])
+    result = find_segments(steady(0.7, 1254.0))
+    assert [s.duration_s for s in result.used] == pytest.approx([600.0, 600.0])
+    (rest,) = result.rejected
     assert rest.duration_s == pytest.approx(50.0)
     assert rest.reason == "what is left after repeats of 600 s"
-    found = find_segments(pieces, SegmentRules(align_duration_s=200.0))
-    assert len(found.used) == 7
+    result = find_segments(pieces, SegmentRules(align_duration_s=200.0))
+    assert len(result.used) == 7
 
 
 def test_warmup_is_left_out():
-    found = find_segments(steady(0.7, 500.0), SegmentRules(skip_warmup_s=120.0))
-    (segment,) = found.used
+    result = find_segments(steady(0.7, 500.0), SegmentRules(skip_warmup_s=120.0))
+    (segment,) = result.used
     assert segment.start_s == pytest.approx(120.0)
     assert segment.duration_s == pytest.approx(378.0)
-    assert [s.reason for s in found.rejected] == ["within the first 120 s"]
+    assert [s.reason for s in result.rejected] == ["within the first 120 s"]
     assert not find_segments(steady(0.7, 500.0), SegmentRules(skip_warmup_s=900.0)).used
 
 
@@ -121,16 +121,16 @@ def test_encoder_that_goes_back_is_refused():
     (piece,) = steady(0.7, 300.0)
     alpha = piece.alpha.copy()
     alpha[20010] = alpha[20011] + 1e-6  # within a block: its rate is as before
-    found = find_segments([TableAngle(0, 0.0, DT, alpha)])
-    assert not found.used
-    assert found.rejected[0].reason == "the encoder goes backwards or stands still 1 times"
+    result = find_segments([TableAngle(0, 0.0, DT, alpha)])
+    assert not result.used
+    assert result.rejected[0].reason == "the encoder goes backwards or stands still 1 times"
 
 
 def test_slow_change_of_rate_is_not_one_plateau():
     at = DT * np.arange(round(900 / DT) + 1)
     alpha = 0.7 * at + 0.5 * 1e-5 * at**2  # 0.7 to 0.709 rad/s, beyond the tolerance
-    found = find_segments([TableAngle(0, 0.0, DT, alpha)])
-    for segment in found.used:
+    result = find_segments([TableAngle(0, 0.0, DT, alpha)])
+    for segment in result.used:
         change = 1e-5 * segment.duration_s
         assert change < 2.5e-3 * segment.rate
-    assert len(found.used) + len(found.rejected) > 2
+    assert len(result.used) + len(result.rejected) > 2

@@ -69,12 +69,12 @@ def test_sinusoid_of_table_1():
 def test_a_sinusoid_is_found(offset, amplitude, phase, n, turn):
     azimuth = turn + np.arange(n) * 2.0 * np.pi / n
     values = offset + amplitude * np.cos(azimuth - phase)
-    found = fit_sinusoid(azimuth, values)
-    assert found.offset == pytest.approx(offset, abs=1e-9)
-    assert found.amplitude == pytest.approx(amplitude, abs=1e-9)
-    assert np.cos(found.phase - phase) == pytest.approx(1.0, abs=1e-12)
+    result = fit_sinusoid(azimuth, values)
+    assert result.offset == pytest.approx(offset, abs=1e-9)
+    assert result.amplitude == pytest.approx(amplitude, abs=1e-9)
+    assert np.cos(result.phase - phase) == pytest.approx(1.0, abs=1e-12)
     np.testing.assert_allclose(
-        found(azimuth), offset + amplitude * np.cos(azimuth - phase), atol=1e-8
+        result(azimuth), offset + amplitude * np.cos(azimuth - phase), atol=1e-8
     )
 
 
@@ -84,11 +84,11 @@ def test_sinusoid_deviations_and_test_are_those_of_simulations():
     p = [fit_sinusoid(AZIMUTH, x).p for x in noise]
     assert stats.kstest(p, "uniform").pvalue > 1e-3
     wave = 8.0 * np.cos(AZIMUTH - 1.0)
-    found = [fit_sinusoid(AZIMUTH, wave + x) for x in noise]
-    formal = np.sqrt(np.mean([f.sigma_amplitude**2 for f in found]))
-    assert np.std([f.amplitude for f in found]) == pytest.approx(formal, rel=0.06)
-    assert np.std([f.offset for f in found]) == pytest.approx(
-        np.sqrt(np.mean([f.sigma_offset**2 for f in found])), rel=0.06
+    fits = [fit_sinusoid(AZIMUTH, wave + x) for x in noise]
+    formal = np.sqrt(np.mean([f.sigma_amplitude**2 for f in fits]))
+    assert np.std([f.amplitude for f in fits]) == pytest.approx(formal, rel=0.06)
+    assert np.std([f.offset for f in fits]) == pytest.approx(
+        np.sqrt(np.mean([f.sigma_offset**2 for f in fits])), rel=0.06
     )
 
 
@@ -97,9 +97,9 @@ def test_sigma_of_the_amplitude_is_along_its_own_direction():
     rng = np.random.default_rng(3)
     azimuth = np.array([0.0, 0.3, -0.3, np.pi, np.pi + 0.3, np.pi - 0.3, 0.1, 3.0])
     wave = 40.0 * np.cos(azimuth - 1.4)
-    found = [fit_sinusoid(azimuth, wave + rng.standard_normal(8)) for _ in range(600)]
-    formal = np.sqrt(np.mean([f.sigma_amplitude**2 for f in found]))
-    assert np.std([f.amplitude for f in found]) == pytest.approx(formal, rel=0.1)
+    fits = [fit_sinusoid(azimuth, wave + rng.standard_normal(8)) for _ in range(600)]
+    formal = np.sqrt(np.mean([f.sigma_amplitude**2 for f in fits]))
+    assert np.std([f.amplitude for f in fits]) == pytest.approx(formal, rel=0.1)
     assert formal > 1.0
 
 
@@ -114,10 +114,10 @@ def test_few_values():
 
 
 def test_between_is_of_means():
-    found = scatter([1.0, 3.0, 10.0, 12.0], [4, 4, 7, 7])
-    np.testing.assert_allclose(found.means, [2.0, 11.0])
-    assert found.between_std == pytest.approx(9.0 / np.sqrt(2.0))
-    assert found.within_std == pytest.approx(np.sqrt(4.0 / 2.0))
+    result = scatter([1.0, 3.0, 10.0, 12.0], [4, 4, 7, 7])
+    np.testing.assert_allclose(result.means, [2.0, 11.0])
+    assert result.between_std == pytest.approx(9.0 / np.sqrt(2.0))
+    assert result.within_std == pytest.approx(np.sqrt(4.0 / 2.0))
 
 
 def test_trend_follows_student_and_does_not_mind_north():

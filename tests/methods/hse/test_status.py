@@ -24,9 +24,9 @@ def judged(runs, options=HEADING):
     return judge(fit(runs, options))
 
 
-def outcome(found):
+def outcome(result):
     """Status, exit status of the command, whether the coefficient may be applied."""
-    return found.status, exit_status(found.findings), found.status in APPLICABLE
+    return result.status, exit_status(result.findings), result.status in APPLICABLE
 
 
 def sharp(runs, sigma=0.5 * ARCSEC):
@@ -35,10 +35,10 @@ def sharp(runs, sigma=0.5 * ARCSEC):
 
 
 def test_a_good_calibration_is_ok():
-    found = judged(sharp(brute_runs()))
-    assert outcome(found) == ("ok", 0, True)
-    assert found.findings == ()
-    assert found.warnings == ()
+    result = judged(sharp(brute_runs()))
+    assert outcome(result) == ("ok", 0, True)
+    assert result.findings == ()
+    assert result.warnings == ()
 
 
 def test_scatter_as_in_the_paper_is_not_significant():
@@ -46,10 +46,10 @@ def test_scatter_as_in_the_paper_is_not_significant():
     runs = [replace(r, sigma_heading=9.5 * ARCSEC) for r in brute_runs()]
     result = fit(runs, HEADING)
     assert result.sigma_K / ARCSEC == pytest.approx(11.1, abs=0.1)
-    found = judge(result)
-    assert outcome(found) == ("not_significant", 3, False)
-    assert "--force" in found.warnings[0]
-    assert '-4.200" +- 2.6' in found.warnings[0] and "95 % interval" in found.warnings[0]
+    actual = judge(result)
+    assert outcome(actual) == ("not_significant", 3, False)
+    assert "--force" in actual.warnings[0]
+    assert '-4.200" +- 2.6' in actual.warnings[0] and "95 % interval" in actual.warnings[0]
     # just above two sigma it stands out
     limit = 9.5 * abs(result.K) / result.sigma_K / 2.0
     assert judged(sharp(runs, 0.99 * limit * ARCSEC)).status == "ok"
@@ -58,9 +58,9 @@ def test_scatter_as_in_the_paper_is_not_significant():
 
 def test_one_rate_is_an_error():
     runs = brute_runs(rates=np.array([0.5, 0.5, 0.5003]))
-    found = judged(runs)
-    assert (found.status, exit_status(found.findings)) == ("error", 3)
-    assert "28.65" in found.warnings[0] and "10 deg/s apart" in found.warnings[0]
+    result = judged(runs)
+    assert (result.status, exit_status(result.findings)) == ("error", 3)
+    assert "28.65" in result.warnings[0] and "10 deg/s apart" in result.warnings[0]
     # 5 deg/s apart is too little, 10 is enough
     assert judged(brute_runs(rates=np.radians([40.0, 45.0, 40.0, 45.0]))).status == "error"
     near = judged(sharp(brute_runs(rates=np.radians([40.0, 50.01, 40.0, 50.01])), 0.01 * ARCSEC))
@@ -71,9 +71,9 @@ def test_one_rate_is_an_error():
 
 
 def test_near_the_pole_is_an_error_and_high_latitude_a_remark():
-    found = judged(sharp(brute_runs(latitude=np.radians(85.5))))
-    assert (found.status, exit_status(found.findings)) == ("error", 3)
-    assert "rate along the axis" in found.warnings[0]
+    result = judged(sharp(brute_runs(latitude=np.radians(85.5))))
+    assert (result.status, exit_status(result.findings)) == ("error", 3)
+    assert "rate along the axis" in result.warnings[0]
     high = judged(sharp(brute_runs(latitude=np.radians(-80.0)), 0.1 * ARCSEC))
     assert high.status == "ok"
     assert "5.8 times" in high.warnings[0]
@@ -81,9 +81,9 @@ def test_near_the_pole_is_an_error_and_high_latitude_a_remark():
 
 
 def test_a_level_axis_is_unobservable():
-    found = judged(sharp(brute_runs(lean=5e-5)))
-    assert outcome(found) == ("unobservable", 3, False)
-    message = found.warnings[0]
+    result = judged(sharp(brute_runs(lean=5e-5)))
+    assert outcome(result) == ("unobservable", 3, False)
+    message = result.warnings[0]
     assert "5e-3 rad" in message and "slope" in message and "-4.2" in message
     blurred = [replace(r, sigma_C23=2e-4) for r in sharp(brute_runs())]
     assert judged(blurred).status == "unobservable"
@@ -95,17 +95,17 @@ def test_a_stale_encoder_is_told_from_the_axial_value():
     delay = 84e-6
     runs = sharp(brute_runs(delay=delay), 2.0 * ARCSEC)
     result = fit(runs, HEADING)
-    found = judge(result)
-    assert outcome(found) == ("inconsistent_axial", 3, False)
+    actual = judge(result)
+    assert outcome(actual) == ("inconsistent_axial", 3, False)
     assert implied_delay(result) == pytest.approx(delay, rel=1e-3)
-    assert "84.0 us" in found.warnings[0]
+    assert "84.0 us" in actual.warnings[0]
     # with two positions it is estimated, and lambda2 may be used
     more = sharp(brute_runs(psi=0.7 + np.pi, lean=-8e-4, first=9, delay=delay), 2.0 * ARCSEC)
     joint = fit(runs + more)
-    found = judge(joint)
-    assert found.status == "ok" and found.status in APPLICABLE
+    actual = judge(joint)
+    assert actual.status == "ok" and actual.status in APPLICABLE
     assert implied_delay(joint) is None
-    assert any("stale by 84.0" in w for w in found.warnings)
+    assert any("stale by 84.0" in w for w in actual.warnings)
     # the axial value is free of delays
     assert judge(fit(runs, FitOptions(method="axial"))).status in APPLICABLE
 
@@ -125,9 +125,9 @@ def test_a_bend_is_nonlinear_and_may_be_applied():
         replace(r, heading=r.heading + 40 * ARCSEC * (r.rate - RATES[1]) ** 2)
         for r in sharp(brute_runs())
     ]
-    found = judged(noisy(bent, rng, 0.3 * ARCSEC))
-    assert (found.status, found.status in APPLICABLE) == ("nonlinear", True)
-    assert "lack of fit" in found.warnings[0]
+    result = judged(noisy(bent, rng, 0.3 * ARCSEC))
+    assert (result.status, result.status in APPLICABLE) == ("nonlinear", True)
+    assert "lack of fit" in result.warnings[0]
 
 
 @pytest.mark.parametrize(
@@ -157,8 +157,8 @@ def test_second_order_of_the_model(lambda2, tilt, expected):
 
 def test_a_base_that_moves_is_remarked():
     runs = [replace(r, C23=r.C23 * (1.0 + 0.01 * i)) for i, r in enumerate(sharp(brute_runs()))]
-    found = judged(runs)
-    assert any("varies by 8 %" in w for w in found.warnings)
+    result = judged(runs)
+    assert any("varies by 8 %" in w for w in result.warnings)
     assert not any("varies" in w for w in judged(sharp(brute_runs())).warnings)
 
 
@@ -175,8 +175,8 @@ def test_few_runs():
 
 def test_runs_that_do_not_determine_the_drift():
     runs = brute_runs(rates=RATES[[0, 2]])
-    found = judged(runs, replace(HEADING, drift=True))
-    assert (found.status, exit_status(found.findings)) == ("error", 3)
+    result = judged(runs, replace(HEADING, drift=True))
+    assert (result.status, exit_status(result.findings)) == ("error", 3)
 
 
 def test_gravest_first_and_exit_codes():
@@ -185,16 +185,16 @@ def test_gravest_first_and_exit_codes():
         Finding("nonlinear", "b"),
         Finding("unobservable", "c", Severity.LOST),
     ]
-    found = judgement(some)
-    assert [f.kind for f in found.findings] == ["unobservable", "nonlinear", "remark"]
-    assert (found.status, exit_status(found.findings)) == ("unobservable", 3)
+    result = judgement(some)
+    assert [f.kind for f in result.findings] == ["unobservable", "nonlinear", "remark"]
+    assert (result.status, exit_status(result.findings)) == ("unobservable", 3)
     assert STATUSES[0] == "error" and STATUSES[-1] == "ok"
 
 
 def test_warnings_of_the_fit_are_kept():
-    found = judge(fit(sharp(brute_runs())))
-    assert found.status == "ok"
-    assert any("one position" in w for w in found.warnings)
+    result = judge(fit(sharp(brute_runs())))
+    assert result.status == "ok"
+    assert any("one position" in w for w in result.warnings)
 
 
 def test_constants_are_the_earths():

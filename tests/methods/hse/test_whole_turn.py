@@ -129,9 +129,9 @@ def test_everything_wrong_at_once_is_what_the_exact_formula_says():
         expected = np.arctan2(east[0], np.cross(east, down)[0])
         error = off(a, truth)
         assert abs(error) > 100.0 * ARCSEC
-        wanted = np.angle(np.exp(1j * (expected - truth.heading)))
+        target = np.angle(np.exp(1j * (expected - truth.heading)))
         # turns end within samples; what is fixed to b0 is not constant in those
-        assert error == pytest.approx(wanted, abs=0.04 * ARCSEC)
+        assert error == pytest.approx(target, abs=0.04 * ARCSEC)
         # Earth rate along the axis is that of the heading found
         assert a.c_axial == pytest.approx(truth.X[2, 2], abs=2e-7)
         near = exact.heading_error(mean, rate, truth.C_nb0, LATITUDE)
@@ -227,17 +227,21 @@ def test_sigmas_are_those_of_many_runs():
     n = len(runs)
     spread = 2.6 / np.sqrt(2 * n)
     heading = np.array([off(a, truth) for a in runs])
-    told = np.sqrt(np.mean([a.sigma_heading**2 for a in runs]))
+    sigma_rms = np.sqrt(np.mean([a.sigma_heading**2 for a in runs]))
     duration = 2 * np.pi * 19 / RATES[2]
     assert len(runs[0].per_turn_heading) == 19
-    assert told == pytest.approx(arw / np.sqrt(duration) / (EARTH_RATE * np.cos(LATITUDE)), rel=0.1)
-    assert heading.std(ddof=1) == pytest.approx(told, rel=spread)
-    assert heading.mean() == pytest.approx(expected, abs=3.5 * told / np.sqrt(n))
+    assert sigma_rms == pytest.approx(
+        arw / np.sqrt(duration) / (EARTH_RATE * np.cos(LATITUDE)), rel=0.1
+    )
+    assert heading.std(ddof=1) == pytest.approx(sigma_rms, rel=spread)
+    assert heading.mean() == pytest.approx(expected, abs=3.5 * sigma_rms / np.sqrt(n))
     for name, sigma in (("c_axial", "sigma_c_axial"), ("C23", "sigma_C23")):
         values = np.array([getattr(a, name) for a in runs])
-        told = np.sqrt(np.mean([getattr(a, sigma) ** 2 for a in runs]))
-        assert values.std(ddof=1) == pytest.approx(told, rel=spread), name
-        assert values.mean() == pytest.approx(getattr(clean, name), abs=3.5 * told / np.sqrt(n))
+        sigma_rms = np.sqrt(np.mean([getattr(a, sigma) ** 2 for a in runs]))
+        assert values.std(ddof=1) == pytest.approx(sigma_rms, rel=spread), name
+        assert values.mean() == pytest.approx(
+            getattr(clean, name), abs=3.5 * sigma_rms / np.sqrt(n)
+        )
     trends = np.array([a.quality["heading_trend_t"] for a in runs])
     assert np.abs(trends).max() < 5.0
     assert 0.7 < trends.std() < 1.4

@@ -115,13 +115,13 @@ def test_as_accurate_as_the_optimal_filter(road, grade):
         ).after
         at = (ref.latitude, ref.longitude, ref.height, ref.velocity_n, ref.c_nb)
         optimal = road.errors_of(ref.seconds, *at)
-        kept = (seconds > 200.0) & ~within(seconds, [(b, e + 20.0) for b, e in OUTAGES])
+        mask = (seconds > 200.0) & ~within(seconds, [(b, e + 20.0) for b, e in OUTAGES])
         rows = (ref.seconds > 200.0) & ~within(ref.seconds, [(b, e + 20.0) for b, e in OUTAGES])
         ends = [np.searchsorted(seconds, end) - 1 for _, end in OUTAGES]
         last = [np.searchsorted(ref.seconds, end) - 1 for _, end in OUTAGES]
-        ours.append([rms(error[kept, :2]), rms(error[kept, 8]), rms(error[ends, :2])])
+        ours.append([rms(error[mask, :2]), rms(error[mask, 8]), rms(error[ends, :2])])
         best.append([rms(optimal[rows, :2]), rms(optimal[rows, 8]), rms(optimal[last, :2])])
-        ratios.append((error / sigma)[kept])
+        ratios.append((error / sigma)[mask])
         spread = np.sqrt(np.diagonal(ref.covariance, axis1=1, axis2=2)[:, :9])
         reference_ratios.append((optimal / spread)[rows])
     mean, reference = rms_of(ours), rms_of(best)

@@ -110,19 +110,19 @@ def test_product_navigates_an_error_free_log_to_the_truth(road, tmp_path):
     data = record(road, PERFECT, 0, sigma=0.0)
     data = replace(data, fixes=replace(data.fixes, sigma=0.01))
     log = write_log(tmp_path / "drive.mcap", data)
-    _, found = run(
+    _, result = run(
         log,
         input={"gyro_kind": "mean-rate"},
         gnss={"lever_arm": tuple(LEVER.tolist()), "gnss_latency": 0.0},
         filter={"smooth": True},
         navigation={"mode": "ins-gnss", "imu_grade": "tactical"},
     )
-    seconds = (found.time_ns - found.time_ns[0]) * 1e-9
+    seconds = (result.time_ns - result.time_ns[0]) * 1e-9
     error = road.errors_of(
         seconds,
-        *found.position.T,
-        found.velocity_n,
-        Rotation.from_quat(found.q_nb, scalar_first=True).as_matrix(),
+        *result.position.T,
+        result.velocity_n,
+        Rotation.from_quat(result.q_nb, scalar_first=True).as_matrix(),
     )
     assert np.abs(error[:, :3]).max() < 2e-3
     assert np.abs(error[:, 3:6]).max() < 2e-3

@@ -31,16 +31,16 @@ def started(path, **groups):
 
 def test_a_flight_from_rest_is_carried_back_to_the_pad():
     log = launched(*TACTICAL, "--pad", "30")
-    source, found = started(log, input={"gyro_kind": "increment"}, align={"align": "auto"})
-    assert found.method == "svd" and found.north_referenced
-    assert found.time_ns == source.survey.first_ns
-    assert found.held_ns > found.time_ns
+    source, result = started(log, input={"gyro_kind": "increment"}, align={"align": "auto"})
+    assert result.method == "svd" and result.north_referenced
+    assert result.time_ns == source.survey.first_ns
+    assert result.held_ns > result.time_ns
     with open_log(log) as opened:
         time_ns, q_nb = read_truth(opened, TRUTH, "flu")
-    psi = rotation.log(rotation.multiply(found.q_nb, rotation.conjugate(q_nb[0])))
-    assert time_ns[0] == found.time_ns
+    psi = rotation.log(rotation.multiply(result.q_nb, rotation.conjugate(q_nb[0])))
+    assert time_ns[0] == result.time_ns
     assert np.rad2deg(np.linalg.norm(psi)) < 0.5
-    assert psi @ np.linalg.solve(found.covariance_n, psi) / 3.0 < 5.0
+    assert psi @ np.linalg.solve(result.covariance_n, psi) / 3.0 < 5.0
 
 
 def test_tilt_at_rest_makes_a_carried_attitude_better():
@@ -72,22 +72,22 @@ def test_tilt_at_rest_makes_a_carried_attitude_better():
     ],
 )
 def test_without_enough_gnss_auto_is_what_it_was(path, method, groups):
-    source, found = started(real(path), **groups)
-    assert found.method == method and not found.north_referenced
-    assert found.time_ns == source.survey.first_ns
+    source, result = started(real(path), **groups)
+    assert result.method == method and not result.north_referenced
+    assert result.time_ns == source.survey.first_ns
 
 
 @pytest.mark.parametrize(
     "path", [SHORT + ".mcap", STOP + ".mcap", "rtk_drive/rtk_drive_mems_100hz.mcap"]
 )
 def test_vehicles_are_north_referenced_from_their_first_sample(path):
-    source, found = started(real(path))
-    assert found.method == "svd" and found.north_referenced
-    assert found.time_ns == source.survey.first_ns
-    assert max(np.rad2deg(found.sigma_rad)) < 2.0
+    source, result = started(real(path))
+    assert result.method == "svd" and result.north_referenced
+    assert result.time_ns == source.survey.first_ns
+    assert max(np.rad2deg(result.sigma_rad)) < 2.0
     still = source.survey.lead_in
     # two ways to the same tilt: motion, carried back, and gravity
-    tilt = rotation.rotate(found.q_nb, still.accel / np.linalg.norm(still.accel))
+    tilt = rotation.rotate(result.q_nb, still.accel / np.linalg.norm(still.accel))
     assert np.rad2deg(np.arccos(-tilt[2])) < 1.5
 
 
@@ -99,8 +99,8 @@ def mounted(path, spans):
     log, csv = real(path + ".mcap"), real(path + ".ref_att.csv")
     turns, answers = [], []
     for span in spans:
-        told = {"align_start": float(span[0]), "align_end": float(span[1])}
-        config = build(ProcessConfig, {"align": {"align": "svd"}, "in_flight": told})
+        options = {"align_start": float(span[0]), "align_end": float(span[1])}
+        config = build(ProcessConfig, {"align": {"align": "svd"}, "in_flight": options})
         answer = align_log(log, config).answer
         with open_log(log) as opened:
             time_ns, q_nv = read_truth(opened, str(csv), "frd")
@@ -113,13 +113,13 @@ def mounted(path, spans):
 
 def mean_turn(turns):
     """Of quaternions, their outliers left out."""
-    kept = np.concatenate(turns)
+    close = np.concatenate(turns)
     for _ in range(4):
-        mean = np.linalg.eigh(kept.T @ kept)[1][:, -1]
+        mean = np.linalg.eigh(close.T @ close)[1][:, -1]
         off = np.linalg.norm(
-            rotation.log(rotation.multiply(rotation.conjugate(mean), kept)), axis=1
+            rotation.log(rotation.multiply(rotation.conjugate(mean), close)), axis=1
         )
-        kept = kept[off <= 2.0 * np.median(off)]
+        close = close[off <= 2.0 * np.median(off)]
     return mean
 
 
@@ -136,8 +136,8 @@ def test_receivers_attitude_agrees(path, spans):
     turns, answers = mounted(path, spans)
     mount = mean_turn(turns)
     for answer, at, true in answers:
-        found = rotation.multiply(answer.attitude_at(at), mount)
-        psi = np.median(rotation.log(rotation.multiply(found, rotation.conjugate(true))), axis=0)
+        result = rotation.multiply(answer.attitude_at(at), mount)
+        psi = np.median(rotation.log(rotation.multiply(result, rotation.conjugate(true))), axis=0)
         assert answer.status in ("ok", "degraded")
         assert np.abs(np.rad2deg(psi)).max() < 2.0
         assert abs(psi[2]) < 3.0 * answer.sigma_rad[2]
@@ -153,13 +153,13 @@ def test_late_stamps_show_in_the_filters_residuals():
     # Imu stamps are late by 0.125 s there: with fixes moved by as much residuals fall.
     log = real("rtk_drive/rtk_drive_mems_100hz.mcap")
     span = {"align_start": 232.0, "align_end": 432.0}
-    found = {}
+    listed = {}
     for latency in (0.125, 0.0, -0.125):
         config = build(
             ProcessConfig,
             {"align": {"align": "svd"}, "in_flight": span, "gnss": {"gnss_latency": latency}},
         )
-        found[latency] = align_log(log, config).result.to_json()
-    assert found[-0.125]["refined_chi2"] < 0.85 * found[0.0]["refined_chi2"]
-    assert found[0.0]["refined_chi2"] < 0.6 * found[0.125]["refined_chi2"]
-    assert found[0.0]["latency_s"] < -0.02
+        listed[latency] = align_log(log, config).result.to_json()
+    assert listed[-0.125]["refined_chi2"] < 0.85 * listed[0.0]["refined_chi2"]
+    assert listed[0.0]["refined_chi2"] < 0.6 * listed[0.125]["refined_chi2"]
+    assert listed[0.0]["latency_s"] < -0.02

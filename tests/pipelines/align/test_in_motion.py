@@ -33,9 +33,9 @@ def test_a_random_walk_seen_at_rest_counts_where_it_is_more():
 
 def test_options_win():
     options = {"sigma_bg": 2.0, "sigma_ba": 0.03, "sigma_sf": 5e-4, "arw": 0.2, "vrw": 80.0}
-    found = errors(at_rest=True, walk=1.0, **options)
-    assert np.rad2deg(found.gyro_bias) * HOUR == pytest.approx(2.0)
-    assert found.accel_bias == 0.03
-    assert found.gyro_scale == found.accel_scale == 5e-4
-    assert np.rad2deg(found.angle_random_walk) * 60.0 == pytest.approx(0.2)
-    assert found.velocity_random_walk == pytest.approx(80e-6 * 9.80665)
+    result = errors(at_rest=True, walk=1.0, **options)
+    assert np.rad2deg(result.gyro_bias) * HOUR == pytest.approx(2.0)
+    assert result.accel_bias == 0.03
+    assert result.gyro_scale == result.accel_scale == 5e-4
+    assert np.rad2deg(result.angle_random_walk) * 60.0 == pytest.approx(0.2)
+    assert result.velocity_random_walk == pytest.approx(80e-6 * 9.80665)

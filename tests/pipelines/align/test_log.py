@@ -26,23 +26,23 @@ BOOST = {"gate": "off", "align_start": 0.0, "align_end": 25.0, "refine": "none"}
 
 @pytest.mark.parametrize("vectors", ["win", "int", "cen", "diffc", "pos"])
 def test_exact_data_gives_the_exact_attitude(vectors):
-    found = aligned(launched(*PERFECT), in_flight={"vectors": vectors, "refine": "none"})
-    assert found.result.status in ("ok", "degraded")
-    assert total(found) < 0.002
+    result = aligned(launched(*PERFECT), in_flight={"vectors": vectors, "refine": "none"})
+    assert result.result.status in ("ok", "degraded")
+    assert total(result) < 0.002
 
 
 @pytest.mark.parametrize("method", ["quest", "davenport", "triad"])
 def test_so_does_every_solver(method):
-    found = aligned(launched(*PERFECT), method=method, in_flight={"refine": "none"})
-    assert found.result.method == method
-    assert total(found) < 0.002
+    result = aligned(launched(*PERFECT), method=method, in_flight={"refine": "none"})
+    assert result.result.method == method
+    assert total(result) < 0.002
 
 
 @pytest.mark.parametrize(("method", "vectors"), [("svd", "win"), ("svd", "int"), ("triad", "win")])
 def test_in_the_boost_too(method, vectors):
-    found = aligned(launched(*PERFECT), method=method, in_flight={**BOOST, "vectors": vectors})
-    assert found.result.gate == "off"
-    assert total(found) < 0.005
+    result = aligned(launched(*PERFECT), method=method, in_flight={**BOOST, "vectors": vectors})
+    assert result.result.gate == "off"
+    assert total(result) < 0.005
 
 
 def test_a_backward_difference_lags():
@@ -70,19 +70,19 @@ def test_whatever_a_sample_is(kind):
     ids=["south", "north and date line", "between samples", "frd", "lever-arm", "latency"],
 )
 def test_wherever_and_however(options, groups):
-    found = aligned(launched(*PERFECT, *options), **groups)
-    assert found.result.status == "ok"
-    assert total(found) < 0.002
-    assert found.result.chi2 < 1e-3
+    result = aligned(launched(*PERFECT, *options), **groups)
+    assert result.result.status == "ok"
+    assert total(result) < 0.002
+    assert result.result.chi2 < 1e-3
 
 
 def test_what_is_not_told_shows():
     late = aligned(launched(*PERFECT, "--gnss-latency", "0.1"), in_flight={"refine": "none"})
     assert total(late) > 0.1
     # the refinement finds it, with the attitude
-    found = aligned(launched(*PERFECT, "--gnss-latency", "0.1"))
-    assert total(found) < 0.01
-    assert found.result.latency_s == pytest.approx(0.1, abs=0.002)
+    result = aligned(launched(*PERFECT, "--gnss-latency", "0.1"))
+    assert total(result) < 0.01
+    assert result.result.latency_s == pytest.approx(0.1, abs=0.002)
     # a long lever arm that nobody gave makes residuals that no noise explains
     apart = aligned(launched(*PERFECT, "--lever-arm", "3,1.5,0.5"), in_flight={"refine": "none"})
     assert apart.result.status == "degraded"
@@ -93,13 +93,13 @@ def test_what_is_not_told_shows():
 
 
 def test_real_sensors_stay_within_their_sigmas():
-    found = aligned(launched(*TACTICAL))
-    assert found.result.status == "ok"
-    assert total(found) < 0.3
-    assert 0.01 < normalised(found) < 4.0
-    assert 0.9 < found.result.chi2 < 1.1
-    assert 0.9 < found.result.refined_chi2 < 1.1
-    bias = np.array(found.result.gyro_bias_deg_h)
+    result = aligned(launched(*TACTICAL))
+    assert result.result.status == "ok"
+    assert total(result) < 0.3
+    assert 0.01 < normalised(result) < 4.0
+    assert 0.9 < result.result.chi2 < 1.1
+    assert 0.9 < result.result.refined_chi2 < 1.1
+    bias = np.array(result.result.gyro_bias_deg_h)
     assert np.abs(bias).max() < 10.0
 
 
@@ -115,9 +115,9 @@ def test_at_the_start_and_in_between():
 
 @pytest.mark.parametrize("rate", ["1", "4"])
 def test_slow_receivers(rate):
-    found = aligned(launched(*TACTICAL, "--gnss-rate", rate))
-    assert found.result.status == "ok"
-    assert normalised(found) < 5.0
+    result = aligned(launched(*TACTICAL, "--gnss-rate", rate))
+    assert result.result.status == "ok"
+    assert normalised(result) < 5.0
 
 
 @pytest.mark.parametrize("share", [0.02, 0.1])
@@ -145,16 +145,16 @@ def test_a_clipping_gyro_harms_only_without_the_gate():
     assert without.result.sigma_worst_deg > 20.0 * gated.result.sigma_worst_deg
     assert any("clipped" in w for w in without.result.warnings)
     assert any("inconsistent" in w for w in without.result.warnings)
-    told = aligned(log, in_flight={"gate": "off", "gyro_range": 200.0})
-    assert told.result.start_s == pytest.approx(11.1, abs=0.2)
-    assert total(told) < 0.2
+    answer = aligned(log, in_flight={"gate": "off", "gyro_range": 200.0})
+    assert answer.result.start_s == pytest.approx(11.1, abs=0.2)
+    assert total(answer) < 0.2
 
 
 def test_fixes_without_velocity():
-    found = aligned(launched(*TACTICAL, "--no-velocity", duration=140))
-    assert found.result.vectors == "pos"
-    assert found.result.status in ("ok", "degraded")
-    assert normalised(found) < 4.0
+    result = aligned(launched(*TACTICAL, "--no-velocity", duration=140))
+    assert result.result.vectors == "pos"
+    assert result.result.status in ("ok", "degraded")
+    assert normalised(result) < 4.0
     with pytest.raises(AlignmentError, match="needs GNSS velocity"):
         aligned(
             launched(*TACTICAL, "--no-velocity", duration=140),
@@ -186,15 +186,15 @@ def test_gaps():
 # -- what cannot be seen ---------------------------------------------------------------------
 
 
-def level_only(found):
+def level_only(result):
     """Tilt right, and no heading anywhere in the answer."""
-    told = found.result.to_json()
-    assert told["status"] == "level-only"
-    assert told["q_nb_wxyz"] is None and told["cov_deg2"] is None
-    assert told["heading_deg"] is None and told["sigma_deg"][2] is None
-    assert told["truth"]["total_deg"] is None and told["truth"]["error_deg"][2] is None
-    assert np.abs(told["truth"]["error_deg"][:2]).max() < 0.3
-    assert any("heading is not known" in w for w in told["warnings"])
+    printed = result.result.to_json()
+    assert printed["status"] == "level-only"
+    assert printed["q_nb_wxyz"] is None and printed["cov_deg2"] is None
+    assert printed["heading_deg"] is None and printed["sigma_deg"][2] is None
+    assert printed["truth"]["total_deg"] is None and printed["truth"]["error_deg"][2] is None
+    assert np.abs(printed["truth"]["error_deg"][:2]).max() < 0.3
+    assert any("heading is not known" in w for w in printed["warnings"])
 
 
 def test_at_rest_and_straight_there_is_no_heading():
@@ -208,10 +208,10 @@ def test_at_rest_and_straight_there_is_no_heading():
 def test_no_heading_with_a_large_sigma_is_ever_given():
     log = launched(*TACTICAL)
     for end in (50.3, 52.0, 56.0, 64.0, 80.0):
-        told = aligned(log, in_flight={"align_end": end, "align_start": 40.0}).result.to_json()
-        if told["q_nb_wxyz"] is not None:
-            assert told["sigma_worst_deg"] <= 5.0
-            assert told["truth"]["total_deg"] < 4.0 * told["sigma_worst_deg"]
+        printed = aligned(log, in_flight={"align_end": end, "align_start": 40.0}).result.to_json()
+        if printed["q_nb_wxyz"] is not None:
+            assert printed["sigma_worst_deg"] <= 5.0
+            assert printed["truth"]["total_deg"] < 4.0 * printed["sigma_worst_deg"]
 
 
 def test_too_short_or_too_late():
@@ -222,21 +222,21 @@ def test_too_short_or_too_late():
     with pytest.raises(AlignmentError, match="no GNSS fix lies within"):
         aligned(launched(*TACTICAL, "--gnss-outage", "0:50"), input={"end": "45"})
     # the gate never opens
-    found = aligned(log, in_flight={"gate": "paper", "t_set1": 500.0}, truth=None).result.to_json()
-    assert found["status"] == "failed"
-    assert found["q_nb_wxyz"] is None and found["roll_deg"] is None
-    assert any("the gate waits 500 s" in w for w in found["warnings"])
+    result = aligned(log, in_flight={"gate": "paper", "t_set1": 500.0}, truth=None).result.to_json()
+    assert result["status"] == "failed"
+    assert result["q_nb_wxyz"] is None and result["roll_deg"] is None
+    assert any("the gate waits 500 s" in w for w in result["warnings"])
 
 
 # -- what the page shows ---------------------------------------------------------------------
 
 
 def test_error_course_is_that_of_the_answer():
-    found = aligned(launched(*TACTICAL))
-    course, answer = found.error, found.answer
+    result = aligned(launched(*TACTICAL))
+    course, answer = result.error, result.answer
     assert isinstance(answer, InFlightAlignment)
     np.testing.assert_allclose(
-        np.rad2deg(course.final[-1]), found.result.truth.error_deg, atol=2e-3
+        np.rad2deg(course.final[-1]), result.result.truth.error_deg, atol=2e-3
     )
     assert np.nanmax(np.abs(course.series[-50:])) < np.deg2rad(1.0)
     assert len(course.seconds) == len(course.sigma_worst)
@@ -248,6 +248,6 @@ def test_tilt_errors_are_those_of_small_rotations_whatever_the_heading():
     psi = np.array([[2e-4, -3e-4, 0.0]])
     turned = rotation.multiply(rotation.exp([[0.0, 0.0, 1.2]]), true)
     for heading in (true, turned):
-        found = rotation.multiply(rotation.exp(psi), heading)
-        np.testing.assert_allclose(tilt_errors(found, true), psi[:, :2], atol=1e-7)
+        result = rotation.multiply(rotation.exp(psi), heading)
+        np.testing.assert_allclose(tilt_errors(result, true), psi[:, :2], atol=1e-7)
     np.testing.assert_allclose(errors(rotation.multiply(rotation.exp(psi), true), true), psi)

@@ -113,13 +113,17 @@ def test_what_is_not_known_is_null():
     assert data["K_HSE_s"] is not None and data["axial"]["lambda2_rad"] is not None
     assert loads(dumps(level)) == level
     lone = fit([replace(r, sigma_heading=np.nan) for r in brute_runs(rates=RATES[[0, 2]])])
-    kept = from_fit(lone, judge(lone), "t", "v", SHA)
-    assert kept.cov == () and kept.runs[0].sigma_psi_rad is None
-    assert loads(dumps(kept)) == kept
+    calibration = from_fit(lone, judge(lone), "t", "v", SHA)
+    assert calibration.cov == () and calibration.runs[0].sigma_psi_rad is None
+    assert loads(dumps(calibration)) == calibration
     one = fit(brute_runs(rates=RATES[[1]]))
-    kept = from_fit(one, judge(one), "t", "v", SHA)
-    assert (kept.status, kept.lambda2_rad, kept.K_HSE_s) == ("error", None, None)
-    assert loads(dumps(kept)) == kept
+    calibration = from_fit(one, judge(one), "t", "v", SHA)
+    assert (calibration.status, calibration.lambda2_rad, calibration.K_HSE_s) == (
+        "error",
+        None,
+        None,
+    )
+    assert loads(dumps(calibration)) == calibration
 
 
 def test_ranges_are_of_the_runs_in_use():

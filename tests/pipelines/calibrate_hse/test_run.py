@@ -13,7 +13,7 @@ from sinstool.pipelines.calibrate_hse.run import calibrate as calibrate_logs
 from tests.helpers.hse_rigs import ARCSEC, calibrate, edited, simulate, sinstool, wrapped
 from tests.helpers.logs import Row, write_bag2
 
-TOLD = {
+OPTIONS = {
     "rates": "120,60",
     "plateau": 30,
     "rate": 40,
@@ -25,7 +25,7 @@ TOLD = {
 
 @pytest.fixture(scope="module")
 def log(tmp_path_factory):
-    path, rig = simulate(tmp_path_factory.mktemp("log"), "log", arw=1e-4, vrw=5, **TOLD)
+    path, rig = simulate(tmp_path_factory.mktemp("log"), "log", arw=1e-4, vrw=5, **OPTIONS)
     return path, edited(rig, "rules", calibration={"min_turns": 4, "min_duration": 15.0})
 
 
@@ -94,14 +94,14 @@ def test_output_appears_whole_or_not_at_all(log, tmp_path, monkeypatch):
 
 def test_spread_of_a_position_is_about_its_corrected_mean(log):
     path, rig = log
-    found = calibrate_logs([path], None, effective_config(rig, {}))
-    (one,) = found.spread
+    actual = calibrate_logs([path], None, effective_config(rig, {}))
+    (one,) = actual.spread
     assert one.ids == ("log#1", "log#2")
     assert one.after.mean() == pytest.approx(0.0, abs=1e-12)
-    heading = np.array([run.heading for run in found.runs])
+    heading = np.array([run.heading for run in actual.runs])
     np.testing.assert_allclose(wrapped(one.before + one.heading - heading), 0.0, atol=1e-12)
     # 60 deg/s apart, by eq. (14)
-    lambda2, lean = found.file.lambda2_rad, found.runs[0].C23
+    lambda2, lean = actual.file.lambda2_rad, actual.runs[0].C23
     expected = np.radians(60.0) * lambda2 * lean / 3.0 / 7.292115e-5 / np.cos(np.radians(28.07))
     taken = one.before - one.after
     assert taken[0] - taken[1] == pytest.approx(expected, rel=1e-3)
@@ -109,9 +109,9 @@ def test_spread_of_a_position_is_about_its_corrected_mean(log):
 
 
 def test_azimuths():
-    told = CalibrationOptions(azimuth=("a=12.5", "b=c=-30"))
-    found = azimuths(told, ["a", "b=c", "d"])
-    assert found == {"a": pytest.approx(np.radians(12.5)), "b=c": pytest.approx(np.radians(-30))}
+    options = CalibrationOptions(azimuth=("a=12.5", "b=c=-30"))
+    result = azimuths(options, ["a", "b=c", "d"])
+    assert result == {"a": pytest.approx(np.radians(12.5)), "b=c": pytest.approx(np.radians(-30))}
     for text in ("a", "a=", "=3", "z=1", "a=north", "a=nan", "a=inf"):
         with pytest.raises(ConfigurationError, match="--azimuth"):
             azimuths(CalibrationOptions(azimuth=(text,)), ["a"])
