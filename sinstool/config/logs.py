@@ -67,14 +67,19 @@ class InputOptions(Group):
     """Which data of the log, and what it means."""
 
     imu_topic: str | None = option(None, "topic with the Imu messages", "TOPIC")
-    gnss_topic: str | None = option(None, "topic with NavSatFix messages", "TOPIC")
+    gnss_topic: str | None = option(
+        None,
+        "topic with NavSatFix messages, or none (default: the best, where there are several)",
+        "TOPIC",
+    )
     velocity_topic: str | None = option(
         None,
         "topic with velocity over ground (TwistStamped,"
-        " TwistWithCovarianceStamped or Odometry; world ENU)",
+        " TwistWithCovarianceStamped or Odometry; world ENU), or none (default: one that the"
+        " fixes do not contradict)",
         "TOPIC",
     )
-    baro_topic: str | None = option(None, "topic with FluidPressure messages", "TOPIC")
+    baro_topic: str | None = option(None, "topic with FluidPressure messages, or none", "TOPIC")
     baro_kind: Literal["pressure", "height"] = option(
         "pressure", "what the barometer's topic holds; height: PointStamped or Float64"
     )

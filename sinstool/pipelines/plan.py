@@ -184,7 +184,8 @@ def _mode(
         start = _filter_start(source, config) if mode == "ins-gnss" else None
         return Choice(mode, "as configured", option), start, ()
     if not has_gnss(source.log, config.input):
-        reason = "as the log has not both fixes and GNSS velocity on one topic each"
+        none = config.input.gnss_topic is not None
+        reason = "as --gnss-topic is none" if none else "as the log has no GNSS fixes"
         return Choice("attitude", reason, option), None, ()
     if config.input.imu_rate is not None:
         why = "only stamps tell which fix belongs to which sample, not --imu-rate"
@@ -194,7 +195,7 @@ def _mode(
         except (AlignmentError, TopicError) as exc:
             why = str(exc)
         else:
-            reason = "as the log has fixes and GNSS velocity, and they show where it starts"
+            reason = "as the log has GNSS fixes, and they show where it starts"
             return Choice("ins-gnss", reason, option), start, ()
     text = f"attitude alone, as no INS/GNSS solution can be started: {why}"
     reason = "as no INS/GNSS solution can be started"

@@ -18,18 +18,14 @@ from sinstool.core.streams import Imu
 from sinstool.core.timeline import SECOND, Order, mean_rates, ordered, reblock
 from sinstool.core.units import DEGREE, STANDARD_GRAVITY
 from sinstool.io.readers.log import Log
-from sinstool.io.readers.message_types import FIX_TYPE, VELOCITY_TYPES
+from sinstool.io.readers.message_types import FIX_TYPE
 from sinstool.io.readers.streams import ImuUnits, Losses, first_fix, frame_id, read_imu, tf_parent
-from sinstool.io.readers.topics import ImuTopic, choose_imu, choose_optional
-from sinstool.survey.aiding import (
-    AidingData,
-    aiding_channels,
-    moving_at,
-    read_barometer,
-    read_gnss,
-)
+from sinstool.io.readers.topics import ImuTopic, choose_imu, optional_topics
+from sinstool.survey.aiding import AidingData, aiding_channels, read_barometer
+from sinstool.survey.gnss import read_gnss
 from sinstool.survey.imu import BLOCK_ROWS, SampleCache, Survey, Watcher, survey, within
 from sinstool.survey.oddities import oddities
+from sinstool.survey.rest import moving_at, rest_end, settled
 
 
 @dataclass(frozen=True)
@@ -117,12 +113,12 @@ def prepare(
         if oddity.severity == Severity.FAILED:
             raise DataError(log.path, oddity.text, oddity.answer)
         findings.append(oddity)
-    aiding = _gnss(log, config, survey_, all_gnss)
+    aiding = _gnss(log, config, survey_, None if all_gnss else _rest_end(survey_))
     if not gyro_only and _may_need_barometer(log, config):
         barometer = read_barometer(log, config.input, survey_.time_source == "log")
         aiding = replace(aiding, barometer=barometer)
     findings += aiding.findings
-    survey_, steady = _truly_at_rest(survey_, aiding)
+    survey_, aiding, steady = _truly_at_rest(survey_, aiding)
     findings += steady
     position = _position(log, config, aiding)
     body = frame_id(log, topic.channels, topic.path) or "imu_link"
@@ -144,18 +140,33 @@ def prepare(
     return source
 
 
-def _truly_at_rest(survey_: Survey, aiding: AidingData) -> tuple[Survey, list[Finding]]:
-    """A survey without a rest at its beginning in which GNSS moves."""
+def _rest_end(survey_: Survey) -> int:
+    """When the rest at the beginning ends, or the time of the first sample."""
     rest = survey_.lead_in
-    speed = None if rest is None else moving_at(aiding.gnss, rest.start_ns, rest.end_ns)
-    if rest is None or speed is None:
-        return survey_, []
+    return survey_.first_ns if rest is None else rest_end(rest, survey_.spans, survey_.windows)
+
+
+def _truly_at_rest(
+    survey_: Survey, aiding: AidingData
+) -> tuple[Survey, AidingData, list[Finding]]:
+    """A survey without a rest at its beginning in which GNSS moves.
+
+    Of a rest in which it does not, GNSS without what the receiver gave before it had settled.
+    """
+    rest, gnss = survey_.lead_in, aiding.gnss
+    if rest is None or gnss is None:
+        return survey_, aiding, []
+    end_ns = _rest_end(survey_)
+    speed = moving_at(gnss, rest.start_ns, end_ns)
+    if speed is None:
+        gnss, findings = settled(gnss, rest.start_ns, end_ns)
+        return survey_, replace(aiding, gnss=gnss), findings
     text = (
         f"the Imu seems at rest for the first {rest.duration_s:.1f} s, but GNSS moves at"
         f" {speed:.1f} m/s: steady motion, not taken for rest"
     )
     finding = Finding("moving-rest", text, numbers={"speed_m_s": speed})
-    return replace(survey_, lead_in=None), [finding]
+    return replace(survey_, lead_in=None), aiding, [finding]
 
 
 def part_of(source: Source, config: ProcessConfig, start_ns: int, end_ns: int) -> Source:
@@ -169,7 +180,7 @@ def part_of(source: Source, config: ProcessConfig, start_ns: int, end_ns: int) -
     span = {"start": f"{start_ns} ns", "end": f"{min(end_ns, source.survey.last_ns + 1)} ns"}
     options = config.input.model_copy(update=span)
     survey_, samples = survey_samples(source.log, source.imu_topic, options)
-    survey_, _ = _truly_at_rest(survey_, source.aiding)
+    survey_, _, _ = _truly_at_rest(survey_, source.aiding)
     # What a gap is, and how far samples are apart, is known from all of the log
     whole = source.survey
     survey_ = replace(survey_, interval_ns=whole.interval_ns, max_gap_ns=whole.max_gap_ns)
@@ -265,12 +276,9 @@ def _may_write_tf(config: ProcessConfig) -> bool:
 
 
 def has_gnss(log: Log, options: InputOptions) -> bool:
-    """Whether a log has one topic with fixes and one with velocity."""
+    """Whether a log has a topic with fixes that may be used."""
     try:
-        return bool(
-            choose_optional(log, "--gnss-topic", options.gnss_topic, FIX_TYPE)
-            and choose_optional(log, "--velocity-topic", options.velocity_topic, *VELOCITY_TYPES)
-        )
+        return bool(optional_topics(log, "--gnss-topic", options.gnss_topic, FIX_TYPE))
     except TopicError:
         return False
 
@@ -301,16 +309,13 @@ def time_span(
     return resolve
 
 
-def _gnss(log: Log, config: ProcessConfig, survey_: Survey, all_gnss: bool) -> AidingData:
+def _gnss(log: Log, config: ProcessConfig, survey_: Survey, until_ns: int | None) -> AidingData:
     """GNSS of a log: all of it, or what says where and how the vehicle began."""
-    begun = survey_.first_ns if survey_.lead_in is None else survey_.lead_in.end_ns
     try:
-        return read_gnss(
-            log, config.input, survey_.time_source == "log", None if all_gnss else begun
-        )
+        return read_gnss(log, config.input, survey_.time_source == "log", until_ns)
     except TopicError as exc:
         named = config.input.gnss_topic or config.input.velocity_topic
-        if named is not None or all_gnss:
+        if named is not None or until_ns is None:
             raise
         text = f"{exc}; no latitude is taken from them"
         return AidingData(findings=(Finding("gnss-topics", text),))

@@ -43,7 +43,7 @@ def test_process_explains_attitude(run, tmp_path):
     )
     chosen = choices(err)
     assert status == 0
-    assert chosen["mode"][0].startswith("attitude, as the log has not both fixes")
+    assert chosen["mode"][0].startswith("attitude, as the log has no GNSS fixes")
     assert chosen["Imu topic"] == ["/imu/data_raw, the only one with an Imu (--imu-topic)"]
     assert chosen["time"][0].startswith("header stamps, a sample each 10 ms")
     assert chosen["first attitude"] == [

@@ -346,11 +346,11 @@ def frozen(data, begin, length):
 # --- logs --------------------------------------------------------------------------------------
 
 
-def write(path, data):
+def write(path, data, more=()):
     """An MCAP of Imu (flu, mean rates over the intervals before the stamps) and NavSatFix.
 
     Velocities are TwistStamped in east, north, up, where the receiver gives them. The mean rates
-    are what `--gyro-kind mean-rate` reads.
+    are what `--gyro-kind mean-rate` reads. Other messages are (stamp, topic, type, payload).
     """
     flip = np.array([1.0, -1.0, -1.0]) * RATE
     stamps = T0 + np.round(data.seconds * 1e9).astype(np.int64)
@@ -358,7 +358,7 @@ def write(path, data):
     with path.open("wb") as stream:
         writer = Writer(stream)
         writer.start(profile="ros2")
-        others = _fix_messages(data.fixes)
+        others = sorted([*fix_messages(data.fixes), *more], key=lambda one: one[0])
         number = {}
         for topic, name in {"/imu": IMU, **{m[1]: m[2] for m in others}}.items():
             text = store().generate_msgdef(name, ros_version=2)[0].encode()
@@ -395,7 +395,7 @@ def _imu_rows(stamps, gyro, accel):
     return rows
 
 
-def _fix_messages(fixes):
+def fix_messages(fixes, namespace=""):
     """Time, topic, type and payload of all fixes and velocities."""
     types = store().types
     fix, status = types["sensor_msgs/msg/NavSatFix"], types["sensor_msgs/msg/NavSatStatus"]
@@ -414,7 +414,7 @@ def _fix_messages(fixes):
             position_covariance_type=2,
         )
         name = "sensor_msgs/msg/NavSatFix"
-        out.append((stamp, "/fix", name, serialised(message, name, 2)))
+        out.append((stamp, f"{namespace}/fix", name, serialised(message, name, 2)))
         if np.isfinite(fixes.velocity_n[k]).all():
             north, east, down = fixes.velocity_n[k].tolist()
             message = twist(
@@ -424,5 +424,5 @@ def _fix_messages(fixes):
                 ),
             )
             name = "geometry_msgs/msg/TwistStamped"
-            out.append((stamp, "/velocity", name, serialised(message, name, 2)))
+            out.append((stamp, f"{namespace}/velocity", name, serialised(message, name, 2)))
     return out

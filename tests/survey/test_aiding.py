@@ -9,7 +9,8 @@ from sinstool.core.errors import DataError, TopicError
 from sinstool.core.streams import Gnss, Velocity
 from sinstool.io.readers import open_log
 from sinstool.pipelines.process.run import process
-from sinstool.survey.aiding import join, read_barometer, read_gnss
+from sinstool.survey.aiding import read_barometer
+from sinstool.survey.gnss import join, read_gnss
 from tests.helpers.imulogs import (
     Message,
     even_times,

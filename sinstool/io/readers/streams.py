@@ -309,9 +309,11 @@ def first_fix(log: Log, channels: Sequence[Channel]) -> Gnss | None:
     return None
 
 
-def frame_id(log: Log, channels: Sequence[Channel], path: str = "") -> str:
-    """frame_id of a topic's first message ('' when it has none)."""
-    field = f"{path}.header.frame_id" if path else "header.frame_id"
+def frame_id(
+    log: Log, channels: Sequence[Channel], path: str = "", field: str = "header.frame_id"
+) -> str:
+    """frame_id, or another text, of a topic's first message ('' when it has none)."""
+    field = f"{path}.{field}" if path else field
     for layout, payload in layouts(log, channels):
         return layout.text(field, payload) if field in layout.leaves else ""
     return ""

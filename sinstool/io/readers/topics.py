@@ -16,6 +16,8 @@ from sinstool.io.readers.streams import ImuUnits, Losses, read_imu
 # What sinstool itself writes is never taken for a sensor, unless it is asked for by name.
 OWN_PREFIXES = ("/sinstool/", "/truth/")
 PROBE_SAMPLES = 2000
+# What an option names to use no topic at all.
+NONE = "none"
 
 
 @dataclass(frozen=True)
@@ -158,36 +160,58 @@ def probe_rate(log: Log, topic: ImuTopic) -> float | None:
     return float(1e9 / np.median(steps)) if len(steps) else 0.0
 
 
-def choose_optional(log: Log, flag: str, name: str | None, *types: str) -> tuple[Channel, ...]:
-    """Channels of a topic that a run can do without; empty when the log has none.
+def optional_topics(
+    log: Log, flag: str, name: str | None, *types: str
+) -> dict[str, tuple[Channel, ...]]:
+    """Channels by topic that an option may mean: the one that it names, or all that fit.
 
     Parameters
     ----------
     flag : str
         The option that names it, for the message.
     name : str, optional
-        The topic that the option names.
+        The topic that the option names; ``none`` for no topic.
     *types : str
         Accepted types.
 
     Raises
     ------
     TopicError
-        The named topic is missing or of another type, or there are several.
+        The named topic is missing or of another type.
     """
     topics = topics_of_type(log, *types)
-    if name is not None:
-        if name in topics:
-            log_choice(flag.removeprefix("--").replace("-", " "), f"{name}, as specified")
-            return topics[name]
+    if name == NONE:
+        return {}
+    if name is None:
+        return {t: c for t, c in topics.items() if not t.startswith(OWN_PREFIXES)}
+    if name not in topics:
         kinds = ", ".join(t.replace("/msg/", "/") for t in types)
         hint = nearest(name, topics) or (f"there are {', '.join(topics)}" if topics else "")
         raise TopicError(log.path, f"there is no topic {name} of type {kinds}", hint)
-    topics = {t: c for t, c in topics.items() if not t.startswith(OWN_PREFIXES)}
+    log_choice(flag.removeprefix("--").replace("-", " "), f"{name}, as specified")
+    return {name: topics[name]}
+
+
+def choose_optional(log: Log, flag: str, name: str | None, *types: str) -> tuple[Channel, ...]:
+    """Channels of a topic that a run can do without; empty when the log has none.
+
+    Parameters
+    ----------
+    flag, name, *types : str
+        As for :func:`optional_topics`.
+
+    Raises
+    ------
+    TopicError
+        The named topic is missing or of another type, or there are several.
+    """
+    topics = optional_topics(log, flag, name, *types)
     if len(topics) > 1:
         raise TopicError(
             log.path, f"several topics fit {flag}: {', '.join(topics)}", f"choose one with {flag}"
         )
     for topic in topics:
-        log_choice(flag.removeprefix("--").replace("-", " "), f"{topic}, the only one of its type")
+        if name is None:
+            what = flag.removeprefix("--").replace("-", " ")
+            log_choice(what, f"{topic}, the only one of its type")
     return next(iter(topics.values()), ())

@@ -213,12 +213,21 @@ def spans(
     return [*inside, None] if len(inside) < len(ends) else [*inside]
 
 
-def first_motion(fixes: GnssFixes, first_ns: int) -> int | None:
-    """When alignment without a gate begins: shortly before GNSS first moves, ns."""
-    fast = np.flatnonzero(np.linalg.norm(fixes.velocity_n[:, :2], axis=1) > MOVING_M_S)
-    if not len(fast):
+def first_motion(fixes: GnssFixes, first_ns: int, rest_ns: int) -> int | None:
+    """When alignment without a gate begins: shortly before GNSS first moves, ns.
+
+    Parameters
+    ----------
+    first_ns : int
+        Time of the first sample.
+    rest_ns : int
+        Until then the vehicle rests, whatever GNSS says.
+    """
+    fast = np.linalg.norm(fixes.velocity_n[:, :2], axis=1) > MOVING_M_S
+    moving = np.flatnonzero(fast & (fixes.time_ns >= rest_ns))
+    if not len(moving):
         return None
-    return max(first_ns, int(fixes.time_ns[fast[0]]) - round(BEFORE_S * SECOND))
+    return max(first_ns, int(fixes.time_ns[moving[0]]) - round(BEFORE_S * SECOND))
 
 
 def gnss_fixes(

@@ -16,7 +16,7 @@ from sinstool.methods.alignment import in_motion
 from sinstool.methods.alignment.in_motion import MotionAlignment, align_in_motion, gnss_fixes
 from sinstool.methods.alignment.inflight_types import AlignmentSettings, GateLimits, ImuIncrements
 from sinstool.methods.sensor_errors import IMU_GRADES, Grade, SensorGrade
-from sinstool.survey.aiding import moving_at
+from sinstool.survey.rest import moving_at, rest_end
 from sinstool.survey.source import Source, rate_blocks
 
 # The largest specific force below this: no lift-off to look for.
@@ -73,7 +73,9 @@ def align_moving(
         gate = "paper" if lively and _lifts_off(source) else "off"
     start = None if options.align_start is None else first + round(options.align_start * SECOND)
     if gate == "off" and start is None:
-        start = in_motion.first_motion(fixes, first)
+        rest = survey.lead_in
+        still = first if rest is None else rest_end(rest, survey.spans, survey.windows)
+        start = in_motion.first_motion(fixes, first, still)
     end = None if options.align_end is None else first + round(options.align_end * SECOND)
     ends = in_motion.spans(gate, start, end, first, int(fixes.time_ns[-1]))
     errors = sensor_errors(config, grade, at_rest, walk_at_rest(source))

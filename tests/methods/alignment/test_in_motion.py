@@ -46,7 +46,7 @@ def aligned(imu, gnss, lever=(0.0, 0.0, 0.0)):
     stage.push(imu.time_ns, imu.gyro, imu.accel)
     rest = lead_in(still_spans(stage.finish()), first)
     grade = MEMS if rest is None else replace(MEMS, gyro_bias=45.0 * DEGREE / 3600.0)
-    start = first_motion(fixes, first)
+    start = first_motion(fixes, first, first)
     settings = AlignmentSettings(
         gate="off", at="start", refine=True, start_ns=start, grade=grade, lever_arm_b=lever
     )

@@ -1,0 +1,379 @@
+"""GNSS out of a log: the receiver and the velocity that are chosen, held against each other.
+
+Every message is either used or counted, and units that cannot be right are refused with the option
+that answers them.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import Generic, TypeVar
+
+import numpy as np
+
+from sinstool.config import InputOptions
+from sinstool.core.earth import horizontal_metres
+from sinstool.core.errors import DataError
+from sinstool.core.finding import Finding, Severity
+from sinstool.core.rotation import wrapped
+from sinstool.core.streams import Gnss, GnssEpochs, Stream, Velocity
+from sinstool.core.timeline import SECOND
+from sinstool.core.units import DEGREE
+from sinstool.io.readers.log import Channel, Log
+from sinstool.io.readers.message_types import FIX_TYPE, VELOCITY_TYPES
+from sinstool.io.readers.streams import Losses, frame_id, read_fixes, read_velocity
+from sinstool.io.readers.topics import optional_topics
+from sinstool.survey.aiding import AidingData, in_order, only, until
+from sinstool.survey.velocity import Agreement, agreement, odd_frame, usual_noise
+
+S = TypeVar("S", bound=Stream)
+
+# Position and velocity of one epoch may be stamped apart by the time between their messages.
+SAME_EPOCH_NS = 20_000_000
+PROBE = 100
+# Of the seconds of the receiver that has the most: one with fewer is no choice.
+NEARLY_ALL = 0.8
+# A velocity whose down part is exactly zero, while height moves by this, has none.
+FLAT_HEIGHT_M = 5.0
+# Beyond what any vehicle with an IMU on Earth does, though not beyond what damaged bytes say.
+FASTEST_M_S = 2e4
+# A standard deviation above this says "unknown", however much larger it is.
+UNKNOWN_SIGMA = 1e6
+
+
+def read_gnss(
+    log: Log, options: InputOptions, log_time: bool, until_ns: int | None = None
+) -> AidingData:
+    """Position and velocity of a log, joined by epoch.
+
+    Parameters
+    ----------
+    log_time : bool
+        The run uses the recorder's times instead of stamps.
+    until_ns : int, optional
+        What comes later is not read; by default all of the log is.
+
+    Raises
+    ------
+    TopicError, DataError
+    """
+    receivers = [
+        _fixes(log, options, topic, channels, log_time, until_ns)
+        for topic, channels in optional_topics(
+            log, "--gnss-topic", options.gnss_topic, FIX_TYPE
+        ).items()
+    ]
+    speeds = optional_topics(log, "--velocity-topic", options.velocity_topic, *VELOCITY_TYPES)
+    receiver, findings = _best_receiver(receivers, tuple(speeds))
+    fixes = receiver.stream
+    if fixes is not None:
+        _check_range(log, receiver.topic, fixes)
+        # a filter that starts at a damaged one would have to believe it
+        what = "fixes are not on Earth; left out"
+        fixes, more = only(fixes, fixes.on_earth, receiver.topic, "not-on-earth", what)
+        findings += more
+    candidates = [
+        _velocities(log, topic, channels, fixes, log_time, until_ns)
+        for topic, channels in speeds.items()
+    ]
+    if fixes is not None and options.gnss_unit is None:
+        read = next((c.stream for c in candidates if c.stream is not None), None)
+        _check_degrees(log, receiver.topic, fixes, read)
+    named = options.velocity_topic is not None
+    chosen, more = _believed_velocity(candidates, receiver.topic, named)
+    findings += more
+    velocity = chosen.stream
+    if fixes is not None and velocity is not None:
+        velocity, more = _without_flat(fixes, velocity, chosen.topic)
+        findings += more
+    return AidingData(join(fixes, velocity), receiver.topic, chosen.topic, tuple(findings))
+
+
+NO_EVIDENCE = Agreement()
+
+
+@dataclass(frozen=True)
+class _Read(Generic[S]):
+    """A topic that may be used: its messages, None where it has none that are any good.
+
+    `agreement` and `frame` are of velocities: how they fit the fixes, and what is odd about the
+    names of their frames.
+    """
+
+    topic: str = ""
+    stream: S | None = None
+    findings: tuple[Finding, ...] = ()
+    agreement: Agreement = NO_EVIDENCE
+    frame: str = ""
+
+
+def _fixes(
+    log: Log,
+    options: InputOptions,
+    topic: str,
+    channels: tuple[Channel, ...],
+    log_time: bool,
+    until_ns: int | None,
+) -> _Read[Gnss]:
+    """Valid fixes of a topic."""
+    blocks = until(read_fixes(log, channels, Losses()), until_ns)
+    fixes, findings = in_order(blocks, log_time, topic)
+    if fixes is not None:
+        problem = ("no-fix", "messages hold no fix", Severity.NOTE)
+        fixes, more = only(fixes, fixes.has_fix, topic, *problem)
+        findings += more
+        if fixes is None:
+            text = f"topic {topic} holds no valid fix"
+            findings.append(Finding("no-fixes", text, topic=topic))
+    if fixes is not None and options.gnss_unit == "rad":
+        degrees = {"latitude": fixes.latitude / DEGREE, "longitude": fixes.longitude / DEGREE}
+        fixes = replace(fixes, **degrees)
+    return _Read(topic, fixes, tuple(findings))
+
+
+def _best_receiver(
+    receivers: list[_Read[Gnss]], velocity_topics: tuple[str, ...]
+) -> tuple[_Read[Gnss], list[Finding]]:
+    """Of several receivers the one that has fixes nearly all the time and claims the least noise.
+
+    Those that claim about the same are told apart by a velocity topic beside theirs, then by rate.
+    """
+    seconds = {
+        r.topic: 0 if r.stream is None else len(np.unique(r.stream.time_ns // SECOND))
+        for r in receivers
+    }
+    enough = NEARLY_ALL * max(seconds.values(), default=0)
+
+    def merit(r: _Read[Gnss]) -> tuple[bool, int, bool, int]:
+        if r.stream is None:
+            return False, 0, False, 0
+        beside = r.topic.rsplit("/", 1)[0] + "/"
+        sibling = any(topic.startswith(beside) for topic in velocity_topics)
+        noise = round(2.0 * np.log2(usual_noise(r.stream)))
+        return seconds[r.topic] >= enough, -noise, sibling, len(r.stream)
+
+    best = max(receivers, key=merit, default=_Read[Gnss]())
+    findings = list(best.findings)
+    if len(receivers) > 1:
+        shown = ", ".join(
+            f"{r.topic} ({0 if r.stream is None else len(r.stream)} fixes"
+            + ("" if r.stream is None else f", about {usual_noise(r.stream):.2g} m")
+            + ")"
+            for r in receivers
+        )
+        findings.append(
+            Finding(
+                "several-receivers",
+                f"several topics hold fixes: {shown}; {best.topic} is used",
+                answer="--gnss-topic chooses another",
+                topic=best.topic,
+            )
+        )
+    return best, findings
+
+
+def _velocities(
+    log: Log,
+    topic: str,
+    channels: tuple[Channel, ...],
+    fixes: Gnss | None,
+    log_time: bool,
+    until_ns: int | None,
+) -> _Read[Velocity]:
+    """Velocities of a topic, held against the fixes."""
+    blocks = until(read_velocity(log, channels, Losses()), until_ns)
+    velocity, findings = in_order(blocks, log_time, topic)
+    if velocity is not None:
+        what = f"velocities are not finite or beyond {FASTEST_M_S:.0f} m/s; left out"
+        good = _of_vehicles(velocity.velocity_n)
+        velocity, more = only(velocity, good, topic, "no-vehicle-velocity", what)
+        findings += more
+    fits = NO_EVIDENCE
+    if fixes is not None and velocity is not None:
+        fits = agreement(fixes, velocity)
+    odometry = channels[0].type == VELOCITY_TYPES[2]
+    child = frame_id(log, channels, field="child_frame_id") if odometry else None
+    frame = odd_frame(frame_id(log, channels), child)
+    return _Read(topic, velocity, tuple(findings), fits, frame)
+
+
+def _believed_velocity(
+    candidates: list[_Read[Velocity]], fix_topic: str, named: bool
+) -> tuple[_Read[Velocity], list[Finding]]:
+    """The velocity to use, and what is said of those that are left out.
+
+    Fixes decide; where they show too little, names of frames do. One that the user names is used.
+    """
+    findings: list[Finding] = []
+    usable = []
+    for read in candidates:
+        fits = read.agreement
+        if read.stream is None or not (fits.contradicts or (fits.misfit is None and read.frame)):
+            usable.append(read)
+            continue
+        reasons = [read.frame, fits.likeness]
+        if fits.misfit is not None:
+            reasons = [
+                f"its integral is off the fixes of {fix_topic} by {fits.misfit:.0%} of the way",
+                *reasons,
+            ]
+        text = f"topic {read.topic} is no velocity over ground in east, north, up: " + "; ".join(
+            reason for reason in reasons if reason
+        )
+        numbers = {} if fits.misfit is None else {"misfit": fits.misfit}
+        kind, end = "velocity-left-out", "left out"
+        answer = f"--velocity-topic {read.topic} uses it all the same"
+        if named:
+            usable.append(read)
+            kind, end = "velocity-contradicts", "used, as configured"
+            answer = "--velocity-topic none leaves it out"
+        findings.append(
+            Finding(kind, f"{text}; {end}", answer=answer, topic=read.topic, numbers=numbers)
+        )
+    beside = fix_topic.rsplit("/", 1)[0] + "/"
+
+    def merit(read: _Read[Velocity]) -> tuple[bool, bool, float]:
+        misfit = read.agreement.misfit
+        sibling = read.topic.startswith(beside)
+        return read.stream is not None, sibling, -np.inf if misfit is None else -misfit
+
+    best = max(usable, key=merit, default=_Read[Velocity]())
+    if len(usable) > 1:
+        topics = ", ".join(read.topic for read in usable)
+        text = f"several topics hold a velocity: {topics}; {best.topic} is used"
+        answer = "--velocity-topic chooses another"
+        findings.append(Finding("several-velocities", text, answer=answer, topic=best.topic))
+    return best, [*best.findings, *findings]
+
+
+def _of_vehicles(velocity_n: np.ndarray) -> np.ndarray:
+    """Which velocities a vehicle can have; those without a vertical part are of use too."""
+    level = (np.abs(velocity_n[:, :2]) < FASTEST_M_S).all(axis=1)
+    return np.asarray(level & ~(np.abs(velocity_n[:, 2]) >= FASTEST_M_S))
+
+
+def _check_degrees(log: Log, topic: str, fixes: Gnss, velocity: Velocity | None) -> None:
+    """Refuse latitude and longitude that are radians.
+
+    Small numbers alone are no proof: there are places near 0 N, 0 E. Where velocity is known,
+    the distance covered decides.
+    """
+    latitude, longitude = fixes.latitude / DEGREE, fixes.longitude / DEGREE
+    if np.abs(latitude).max() > np.pi / 2 or np.abs(longitude).max() > np.pi:
+        return
+    if velocity is not None and len(velocity) > 1:
+        seconds = np.diff(velocity.time_ns) * 1e-9
+        speed = np.linalg.norm(velocity.velocity_n[:, :2], axis=1)
+        travelled = float(np.sum(0.5 * (speed[1:] + speed[:-1]) * np.minimum(seconds, 5.0)))
+        north, east = horizontal_metres(
+            np.diff(fixes.latitude), wrapped(np.diff(fixes.longitude)), fixes.latitude[1:]
+        )
+        # the leap of one bad fix is no way that was covered
+        way = np.hypot(north, east)
+        covered = float(np.sum(np.minimum(way, 10.0 * max(travelled / len(way), 1.0))))
+        if travelled > 20.0 and covered > 0.25 * travelled:
+            return
+    raise DataError(
+        log.path,
+        f"topic {topic}: latitudes are about {np.median(latitude):.4g} and longitudes"
+        f" {np.median(longitude):.4g}, as in radians",
+        "add --gnss-unit rad (or --gnss-unit deg if the log is right)",
+    )
+
+
+def _check_range(log: Log, topic: str, fixes: Gnss) -> None:
+    """Refuse angles that are on no globe, and heights that no vehicle has."""
+    latitude = float(np.median(np.abs(fixes.latitude[:PROBE])) / DEGREE)
+    longitude = float(np.median(np.abs(fixes.longitude[:PROBE])) / DEGREE)
+    if latitude > 90.0 or longitude > 360.0:
+        raise DataError(
+            log.path,
+            f"topic {topic}: its latitudes are about {latitude:.6g} and longitudes"
+            f" {longitude:.6g}, in no unit of NavSatFix",
+            "sensor_msgs/NavSatFix holds degrees (some drivers write 1e-7 degrees): convert it,"
+            " or name another topic with --gnss-topic",
+        )
+    heights = fixes.height[np.isfinite(fixes.height)][:PROBE]
+    if len(heights) and not -500.0 <= float(np.median(heights)) <= 60000.0:
+        raise DataError(
+            log.path,
+            f"topic {topic}: its altitudes are about {np.median(heights):.6g} m",
+            "sensor_msgs/NavSatFix holds metres (some drivers write millimetres): convert it, or"
+            " name another topic with --gnss-topic",
+        )
+
+
+def _without_flat(fixes: Gnss, velocity: Velocity, topic: str) -> tuple[Velocity, list[Finding]]:
+    """Take out down velocities that are all exactly zero although height moves."""
+    heights = fixes.height[np.isfinite(fixes.height)]
+    down = velocity.velocity_n[:, 2]
+    if len(heights) < 2 or np.any(down != 0.0) or np.ptp(heights) <= FLAT_HEIGHT_M:
+        return velocity, []
+    text = (
+        f"topic {topic}: its vertical velocity is always zero while height moves by"
+        f" {np.ptp(heights):.0f} m; only the horizontal part is used"
+    )
+    columns = velocity.velocity_n.copy()
+    columns[:, 2] = np.nan
+    return replace(velocity, velocity_n=columns), [
+        Finding("flat-velocity", text, topic=topic, numbers={"height_m": float(np.ptp(heights))})
+    ]
+
+
+def join(fixes: Gnss | None, velocity: Velocity | None) -> GnssEpochs | None:
+    """Fixes and velocities by epoch: those stamped together share a row.
+
+    Parameters
+    ----------
+    fixes : Gnss or None
+    velocity : Velocity or None
+        Both by time, without repeated stamps.
+
+    Returns
+    -------
+    GnssEpochs or None
+        By time. A row takes the stamp of the fix.
+    """
+    first = fixes if fixes is not None else velocity
+    if first is None:
+        return None
+    times, logged, rows = first.time_ns, first.log_time_ns, np.arange(len(first))
+    if fixes is not None and velocity is not None:
+        partner, together = _partners(fixes.time_ns, velocity.time_ns)
+        alone = np.setdiff1d(np.arange(len(velocity)), partner[together])
+        times = np.concatenate([times, velocity.time_ns[alone]])
+        logged = np.concatenate([logged, velocity.log_time_ns[alone]])
+        rows = np.concatenate([rows[together], len(fixes) + np.arange(len(alone))])
+        velocity = velocity.rows(np.concatenate([partner[together], alone]))
+    position, v, sigma_p, sigma_v = (np.full((len(times), 3), np.nan) for _ in range(4))
+    if fixes is not None:
+        n = len(fixes)
+        position[:n] = np.stack([fixes.latitude, fixes.longitude, fixes.height], axis=1)
+        sigma_p[:n] = _sigma(fixes.covariance_n, (fixes.covariance_type > 0)[:, None])
+    if velocity is not None:
+        v[rows] = velocity.velocity_n
+        sigma_v[rows] = _sigma(velocity.covariance_n, True)
+    latitude, longitude, height = position.T
+    epochs = GnssEpochs(times, logged, latitude, longitude, height, v, sigma_p, sigma_v)
+    return epochs.rows(np.argsort(times, kind="stable"))
+
+
+def _partners(fixes_ns: np.ndarray, velocity_ns: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """The velocity nearest to each fix, and whether the two are of one epoch."""
+    right = np.searchsorted(velocity_ns, fixes_ns)
+    left = np.clip(right - 1, 0, len(velocity_ns) - 1)
+    right = np.clip(right, 0, len(velocity_ns) - 1)
+    to_left = np.abs(velocity_ns[left] - fixes_ns)
+    to_right = np.abs(velocity_ns[right] - fixes_ns)
+    partner = np.where(to_left <= to_right, left, right)
+    # a velocity belongs to one fix only
+    first = np.zeros(len(fixes_ns), np.bool_)
+    first[np.unique(partner, return_index=True)[1]] = True
+    return partner, first & (np.minimum(to_left, to_right) <= SAME_EPOCH_NS)
+
+
+def _sigma(covariance: np.ndarray, stated: np.ndarray | bool) -> np.ndarray:
+    """Roots of the diagonal; NaN where it says nothing."""
+    variance = np.einsum("nii->ni", covariance)
+    good = stated & np.isfinite(variance) & (variance > 0.0)
+    return np.minimum(np.sqrt(np.where(good, variance, np.nan)), UNKNOWN_SIGMA)

@@ -1,0 +1,136 @@
+"""Rest: what the Imu says of it, and whether GNSS may deny it.
+
+An Imu that shows nothing may rest or move steadily; GNSS tells the two apart, unless the receiver
+has only begun to work and its fixes wander. A vehicle that moves goes on until the Imu feels it
+stop: fixes that come to rest by themselves never moved.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from sinstool.core.earth import horizontal_metres
+from sinstool.core.finding import Finding
+from sinstool.core.rotation import wrapped
+from sinstool.core.streams import GnssEpochs
+from sinstool.core.timeline import SECOND
+from sinstool.methods.alignment.still import StillSpan, Windows
+
+# Faster than this by GNSS, or further by fixes alone, is no rest, however still the Imu seems;
+# beyond so many sigmas of what the receiver says of itself, m where it says nothing.
+MOVING_M_S = 1.0
+MOVING_M = 30.0
+SIGMAS = 4.0
+UNKNOWN_SIGMA_M = 5.0
+# Fixes this far apart show a speed, s.
+APART_S = 5.0
+# A rest goes on after a knock of at most so many seconds that changed neither velocity, m/s, nor
+# attitude, rad, nor the specific force, m/s^2, by more than this.
+KNOCK_S, KNOCK_M_S, KNOCK_RAD, KNOCK_FORCE = 30.0, 0.5, 0.05, 0.15
+# Fixes of a rest further than this from where the vehicle stands are of a receiver that has not
+# settled, m; of the rest's second half so many fixes say where that is.
+UNSETTLED_M = 10.0
+LEAST_FIXES = 10
+
+
+def rest_end(lead_in: StillSpan, spans: tuple[StillSpan, ...], windows: Windows) -> int:
+    """When a rest ends that the log begins with, knocks and the like included, ns.
+
+    Parameters
+    ----------
+    spans : tuple of StillSpan
+        In order; the lead-in is the first.
+    """
+    end = lead_in
+    seconds = np.diff(windows.start_ns, append=windows.start_ns[-1:]) / SECOND
+    for span in spans[1:]:
+        between = (windows.start_ns >= end.end_ns) & (windows.start_ns < span.start_ns)
+        step = seconds[between, None]
+        gained = (step * (windows.accel[between] - lead_in.accel)).sum(axis=0)
+        turned = (step * (windows.gyro[between] - lead_in.gyro)).sum(axis=0)
+        if (
+            step.sum() > KNOCK_S
+            or np.linalg.norm(gained) > KNOCK_M_S
+            or np.linalg.norm(turned) > KNOCK_RAD
+            or np.linalg.norm(span.accel - lead_in.accel) > KNOCK_FORCE
+        ):
+            break
+        end = span
+    return end.end_ns
+
+
+def moving_at(gnss: GnssEpochs | None, start_ns: int, end_ns: int) -> float | None:
+    """Speed that GNSS shows in a span of time, m/s; None where it shows none that is sure.
+
+    Parameters
+    ----------
+    gnss : GnssEpochs or None
+    """
+    if gnss is None:
+        return None
+    inside = gnss.rows((gnss.time_ns >= start_ns) & (gnss.time_ns <= end_ns))
+    fast = inside.rows(inside.has_velocity)
+    if len(fast):
+        speed = float(np.linalg.norm(np.median(fast.velocity_n[:, :2], axis=0)))
+        return (
+            speed if speed > max(MOVING_M_S, SIGMAS * _usual(fast.sigma_velocity_n, 0.0)) else None
+        )
+    fixed = inside.rows(inside.has_position)
+    if len(fixed) < 2:
+        return None
+    time = (fixed.time_ns - fixed.time_ns[0]) / SECOND
+    ahead = np.searchsorted(time, np.minimum(time + APART_S, time[-1]))
+    begin = np.flatnonzero(ahead > np.arange(len(time)))
+    north, east = _metres(fixed, begin)
+    step = time[ahead[begin]] - time[begin]
+    far = _metres(fixed, ahead[begin])
+    speed = float(np.hypot(np.median((far[0] - north) / step), np.median((far[1] - east) / step)))
+    noise = SIGMAS * _usual(fixed.sigma_position_n, UNKNOWN_SIGMA_M)
+    way = speed * float(time[-1])
+    return speed if way > max(MOVING_M, noise) and speed > MOVING_M_S else None
+
+
+def settled(gnss: GnssEpochs, start_ns: int, end_ns: int) -> tuple[GnssEpochs, list[Finding]]:
+    """Without the fixes of a rest that a receiver gave before it had settled.
+
+    Parameters
+    ----------
+    start_ns, end_ns : int
+        Of the rest, in which GNSS does not move.
+    """
+    resting = (gnss.time_ns >= start_ns) & (gnss.time_ns <= end_ns)
+    late = resting & gnss.has_position & (gnss.time_ns >= (start_ns + end_ns) // 2)
+    if np.count_nonzero(late) < LEAST_FIXES:
+        return gnss, []
+    north, east = _metres(gnss, slice(None))
+    off = np.hypot(north - np.median(north[late]), east - np.median(east[late]))
+    sigma = np.nan_to_num(gnss.sigma_position_n[:, :2].max(axis=1), nan=UNKNOWN_SIGMA_M)
+    wrong = resting & (off > np.maximum(UNSETTLED_M, SIGMAS * sigma))
+    if not wrong.any():
+        return gnss, []
+    last = gnss.time_ns[np.flatnonzero(wrong)[-1]]
+    text = (
+        f"{np.count_nonzero(wrong)} fixes up to {(last - start_ns) / SECOND:.1f} s are as far as"
+        f" {off[wrong].max():.0f} m from where the vehicle rests: the receiver had not settled;"
+        " left out"
+    )
+    return gnss.rows(~wrong), [
+        Finding("unsettled-fixes", text, start_ns=start_ns, end_ns=int(last))
+    ]
+
+
+def _metres(gnss: GnssEpochs, rows: slice | np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """North and east of the first fix, m."""
+    first = int(np.argmax(gnss.has_position))
+    return horizontal_metres(
+        gnss.latitude[rows] - gnss.latitude[first],
+        wrapped(gnss.longitude[rows] - gnss.longitude[first]),
+        gnss.latitude[first],
+    )
+
+
+def _usual(sigma_n: np.ndarray, unknown: float) -> float:
+    """Median horizontal standard deviation."""
+    level = sigma_n[:, :2].max(axis=1)
+    stated = np.isfinite(level)
+    return float(np.median(level[stated])) if stated.any() else unknown

@@ -1,0 +1,167 @@
+"""Whether a velocity is what it is read as: over ground, along east, north and up.
+
+Wheel odometry has the same message types as a receiver, in axes of the vehicle or of a frame that
+begins wherever it was switched on, and drivers mix up axes and units. The fixes show it: over some
+way they move by the integral of the velocity. Where they show nothing, names of frames do.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sinstool.core.earth import horizontal_metres
+from sinstool.core.rotation import wrapped
+from sinstool.core.streams import Gnss, Velocity
+from sinstool.core.timeline import SECOND
+from sinstool.core.units import DEGREE
+
+FloatArray = NDArray[np.float64]
+
+# Ways that are compared: so long that fixes of that noise show them to 7 %, or m where they are
+# better; within this time, s; and so many at least.
+NOISES, SHORTEST_M, LONGEST_S, LEAST = 20.0, 10.0, 120.0, 5
+# Noise of a fix that does not say its own, m.
+UNKNOWN_SIGMA_M = 5.0
+# Samples further apart than this are not integrated across, s.
+APART_S = 2.0
+# A quarter of the ways off by half of their length: courses 29 deg off, or speeds by half.
+QUARTILE, CONTRADICTS = 0.75, 0.5
+# What is left of the ways' squares where an explanation holds.
+EXPLAINED = 0.1
+BODY_FRAMES = ("base_link", "base_footprint", "base", "body")
+WORLD_FRAMES = ("map", "world", "earth", "enu", "utm")
+
+
+@dataclass(frozen=True)
+class Agreement:
+    """How a velocity agrees with fixes.
+
+    Attributes
+    ----------
+    misfit : float or None
+        Difference of the ways over their length, which three of four do not exceed; None where
+        too little way was covered to tell.
+    likeness : str
+        What the velocity looks like where it does not fit.
+    """
+
+    misfit: float | None = None
+    likeness: str = ""
+
+    @property
+    def contradicts(self) -> bool:
+        """Whether it cannot be the velocity of the fixes."""
+        return self.misfit is not None and self.misfit > CONTRADICTS
+
+
+def agreement(fixes: Gnss, velocity: Velocity) -> Agreement:
+    """Hold the integral of a velocity against the differences of fixes.
+
+    Parameters
+    ----------
+    fixes : Gnss
+    velocity : Velocity
+        Both by time.
+    """
+    # A fix a second is enough, whatever the receiver's rate
+    first = np.unique(fixes.time_ns // SECOND, return_index=True)[1]
+    inside = (fixes.time_ns >= velocity.time_ns[0]) & (fixes.time_ns <= velocity.time_ns[-1])
+    fixes = fixes.rows(first[inside[first]])
+    if len(velocity) < 2 or len(fixes) < LEAST:
+        return Agreement()
+    north, east = horizontal_metres(
+        fixes.latitude - fixes.latitude[0],
+        wrapped(fixes.longitude - fixes.longitude[0]),
+        fixes.latitude[0],
+    )
+    seconds = (fixes.time_ns - fixes.time_ns[0]) / SECOND
+    place = north + 1j * east
+    t = (velocity.time_ns - fixes.time_ns[0]) / SECOND
+    rate = velocity.velocity_n[:, 0] + 1j * velocity.velocity_n[:, 1]
+    step = np.diff(t)
+    way = np.concatenate([[0.0], np.cumsum(0.5 * (rate[1:] + rate[:-1]) * step)])
+    holes = np.concatenate([[0], np.cumsum(step > max(APART_S, 3.0 * float(np.median(step))))])
+    run = np.interp(seconds, t, way.real) + 1j * np.interp(seconds, t, way.imag)
+    ends = _windows(seconds, place, run, max(SHORTEST_M, NOISES * usual_noise(fixes)))
+    hole = holes[np.searchsorted(t, seconds, "right") - 1]
+    whole = hole[ends[:, 0]] == hole[ends[:, 1]]
+    begin, end = ends[whole].T
+    if len(begin) < LEAST:
+        return Agreement()
+    moved, said = place[end] - place[begin], run[end] - run[begin]
+    share = np.abs(moved - said) / np.maximum(np.abs(moved), np.abs(said))
+    misfit = float(np.quantile(share, QUARTILE))
+    return Agreement(misfit, _likeness(moved, said, velocity) if misfit > CONTRADICTS else "")
+
+
+def usual_noise(fixes: Gnss) -> float:
+    """Usual horizontal standard deviation of fixes, as they say, m."""
+    variance = np.einsum("nii->ni", fixes.covariance_n)[:, :2].mean(axis=1)
+    stated = (fixes.covariance_type > 0) & np.isfinite(variance) & (variance > 0.0)
+    return float(np.sqrt(np.median(variance[stated]))) if stated.any() else UNKNOWN_SIGMA_M
+
+
+def _windows(
+    seconds: FloatArray, place: NDArray[np.complex128], run: NDArray[np.complex128], length: float
+) -> NDArray[np.int64]:
+    """First and last fix of ways of a length by fixes or by velocity, one after the other."""
+    ends, begin = [], 0
+    while begin < len(seconds) - 1:
+        last = int(np.searchsorted(seconds, seconds[begin] + LONGEST_S, "right"))
+        ahead = slice(begin + 1, last)
+        far = np.maximum(np.abs(place[ahead] - place[begin]), np.abs(run[ahead] - run[begin]))
+        reached = np.flatnonzero(far >= length)
+        if len(reached):
+            ends.append((begin, begin + 1 + int(reached[0])))
+            begin = ends[-1][1]
+        else:
+            begin += max(1, (last - begin) // 4)
+    return np.array(ends, np.int64).reshape(-1, 2)
+
+
+def _likeness(
+    moved: NDArray[np.complex128], said: NDArray[np.complex128], velocity: Velocity
+) -> str:
+    """What a velocity looks like that does not fit: north is real, east imaginary."""
+    power, all_ = float(np.sum(np.abs(said) ** 2)), float(np.sum(np.abs(moved) ** 2))
+    if not power > 0.0 or not all_ > 0.0:
+        return "it stands while fixes move, or moves while they stand"
+    for mirrored, ways in ((False, said), (True, said.conj())):
+        factor = complex(np.sum(moved * ways.conj())) / power
+        if float(np.sum(np.abs(moved - factor * ways) ** 2)) > EXPLAINED * all_:
+            continue
+        angle = float(np.angle(factor)) / DEGREE
+        if mirrored:
+            ned = abs(angle - 90.0) < 15.0
+            return f"it is as if in {'north, east, down' if ned else 'mirrored axes'}"
+        if abs(angle) < 15.0:
+            return f"it is {1.0 / abs(factor):.3g} times as large as the fixes'"
+        return f"its axes are turned by {angle:.0f} deg from east and north, as in a local frame"
+    forward, left = np.sqrt(np.mean(velocity.velocity_n[:, [1, 0]] ** 2, axis=0))
+    if left < 0.2 * forward:
+        return "it is as if along the vehicle's own axes, forward and left"
+    ratio = float(np.median(np.abs(said))) / float(np.median(np.abs(moved)))
+    if 0.8 < ratio < 1.25:
+        return "its speed is that of the fixes, its course is not"
+    return ""
+
+
+def odd_frame(frame: str, child: str | None) -> str:
+    """Why the frames of a velocity's messages do not say east, north and up; '' where they may.
+
+    Parameters
+    ----------
+    frame : str
+        `header.frame_id`.
+    child : str or None
+        `child_frame_id` of an Odometry, in whose axes its twist is by definition of the message.
+    """
+    name = (child or frame).strip("/").rsplit("/")[-1].lower()
+    if child and name not in WORLD_FRAMES:
+        return f"an Odometry's velocity is along the axes of its child_frame_id, {child}"
+    if name in BODY_FRAMES or name.endswith(("odom", "_body")) or name.startswith("wheel"):
+        return f"its frame_id is {frame}"
+    return ""
