@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -10,7 +11,7 @@ import click
 
 from sinstool.cli.console import print_json, progress_bar, verbose_option
 from sinstool.cli.options import config_options, effective_config, path_option
-from sinstool.core.finding import Severity
+from sinstool.core.finding import Finding, Severity
 from sinstool.report.text.table import table
 
 if TYPE_CHECKING:
@@ -91,6 +92,7 @@ def _print(inspection: Inspection, verbose: bool) -> None:
         _print_imu(imu, verbose)
     _print_lost(inspection.lost)
     click.echo(f"\n{inspection.process}")
+    _print_findings(inspection.process.findings)
 
 
 def _print_lost(lost: LogLosses) -> None:
@@ -144,7 +146,11 @@ def _print_imu(imu: InspectedImu | UnusableImu, verbose: bool) -> None:
     if not imu.still:
         rows.append(("  still", "never for a second"))
     table(rows)
-    for finding in imu.findings:
+    _print_findings(imu.findings)
+
+
+def _print_findings(findings: Sequence[Finding]) -> None:
+    for finding in findings:
         answer = f" -> {finding.answer}" if finding.answer else ""
         mark = "!" if finding.severity == Severity.FAILED else "*"
         click.echo(f"  {mark} {finding.text}{answer}")

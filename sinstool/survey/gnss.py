@@ -12,6 +12,7 @@ from typing import Generic, TypeVar
 import numpy as np
 
 from sinstool.config import InputOptions
+from sinstool.core.choices import log_choice
 from sinstool.core.earth import horizontal_metres
 from sinstool.core.errors import DataError
 from sinstool.core.finding import Finding, Severity
@@ -83,6 +84,13 @@ def read_gnss(
     chosen, more = _believed_velocity(candidates, receiver.topic, named)
     findings += more
     velocity = chosen.stream
+    for what, one, number, name in (
+        ("gnss topic", receiver.topic, len(receivers), options.gnss_topic),
+        ("velocity topic", chosen.topic, len(speeds), options.velocity_topic),
+    ):
+        if one and name is None:
+            why = "the only one of its type" if number == 1 else "the best of its type"
+            log_choice(what, f"{one}, {why}")
     if fixes is not None and velocity is not None:
         velocity, more = _without_flat(fixes, velocity, chosen.topic)
         findings += more

@@ -29,9 +29,10 @@ from sinstool.core.timeline import (
 )
 from sinstool.io.readers.frames import q_for_log
 from sinstool.io.readers.log import Log
-from sinstool.io.readers.streams import LARGEST, ImuUnits, Losses, read_imu
+from sinstool.io.readers.streams import LARGEST, ImuUnits, Losses, frame_id, read_imu
 from sinstool.io.readers.topics import ImuTopic
 from sinstool.methods.alignment.still import StillSpan, Windows, lead_in, still_spans
+from sinstool.survey.orientation import OrientationFault, orientation_fault
 from sinstool.survey.tally import Tally
 from sinstool.survey.unit_evidence import UnitEvidence, unit_evidence
 
@@ -117,6 +118,10 @@ class Survey:
         Its time.
     orientation_constant : bool
         It is the same in every message.
+    orientation_fault : OrientationFault or None
+        What the other sensors say against it.
+    frame_id : str
+        Of the first message.
     gyro_unit : UnitEvidence
         What the turning of gravity says about the unit of the rates.
     """
@@ -150,12 +155,20 @@ class Survey:
     orientation: np.ndarray | None
     orientation_ns: int
     orientation_constant: bool
+    orientation_fault: OrientationFault | None
+    frame_id: str
     gyro_unit: UnitEvidence
 
     @property
     def rate_hz(self) -> float:
         """Rate from the median interval."""
         return 1e9 / self.interval_ns if self.interval_ns else 0.0
+
+    @property
+    def oriented(self) -> bool:
+        """Whether the log gives orientations that can be believed."""
+        there = self.orientation is not None and not self.orientation_constant
+        return there and self.orientation_fault is None
 
     @property
     def duration_s(self) -> float:
@@ -291,7 +304,8 @@ def survey(
             horizon = min(LAST_HORIZON, 1 << int(counts.lateness_ns).bit_length())
             continue
         break
-    return _conclude(topic, units.body_axes, tally, order, losses, log_time, note, max_gap_s)
+    frame = frame_id(log, topic.channels, topic.path)
+    return _conclude(topic, units.body_axes, tally, order, losses, log_time, note, max_gap_s, frame)
 
 
 def _nothing(log: Log, topic: ImuTopic, losses: Losses, extent: _Extent) -> DataError:
@@ -363,6 +377,7 @@ def _conclude(
     log_time: bool,
     note: str,
     max_gap_s: float | None,
+    frame: str,
 ) -> Survey:
     intervals = int(tally.histogram.sum())
     nominal, median = tally.nominal_interval()
@@ -422,6 +437,10 @@ def _conclude(
         orientation=None if placeholder else tally.orientation,
         orientation_ns=tally.orientation_ns,
         orientation_constant=constant,
+        orientation_fault=None
+        if placeholder
+        else orientation_fault(tally.orientations, tally.first_ns, windows),
+        frame_id=frame,
         gyro_unit=unit_evidence(windows),
     )
 

@@ -14,7 +14,6 @@ import numpy as np
 
 from sinstool.config import InputOptions
 from sinstool.core.finding import Finding, Severity
-from sinstool.core.rotation import conjugate, rotate
 from sinstool.core.units import STANDARD_GRAVITY
 from sinstool.io.readers.frames import turn_body
 from sinstool.io.readers.streams import LARGEST
@@ -29,7 +28,8 @@ MIN_RATE_HZ = 10.0
 CLOCK_OFFSET_S = 1.0
 CLOCK_WANDER_S = 0.5
 HELD_SHARE = 0.05
-ORIENTATION_TILT_DEG = 20.0
+# Of the mean specific force of a log in motion that shows where gravity is, g.
+LEAST_GRAVITY = 0.7
 # m/s^2: less is no gravity, read as it is; and how near to gravity increments come by it.
 WEIGHTLESS = 0.8
 INCREMENT = 0.05
@@ -81,6 +81,15 @@ def _units(s: Survey, options: InputOptions) -> Iterator[Finding]:
             )
         elif options.accel_unit == "m/s^2":
             yield Finding("accel-unit", f"{text}, read as m/s^2 as specified")
+    elif options.gyro_kind == "increment" and _looks_like_rates(s, options):
+        yield Finding(
+            "no-increments",
+            f"topic {s.topic}: the specific force is {force:.3g} m/s^2 in size, or"
+            f" {force / _rate(s, options):.2f} if samples are not increments over their intervals",
+            answer="leave out --gyro-kind increment, or give --gyro-kind mean-rate (or"
+            " --accel-unit m/s^2 if the log is right)",
+            severity=Severity.FAILED,
+        )
     elif _looks_like_increments(s, options):
         yield Finding(
             "increments",
@@ -106,6 +115,14 @@ def _units(s: Survey, options: InputOptions) -> Iterator[Finding]:
 
 def _rate(s: Survey, options: InputOptions) -> float:
     return s.rate_hz if options.imu_rate is None else options.imu_rate
+
+
+def _looks_like_rates(s: Survey, options: InputOptions) -> bool:
+    """Whether what was divided by intervals must be a specific force, in m/s^2 or in g."""
+    if options.accel_unit is not None or 7.0 < s.specific_force_median < 13.0:
+        return False
+    force = s.specific_force_median / _rate(s, options)
+    return 7.0 < force < 13.0 or accel_looks_like_g(force)
 
 
 def _looks_like_increments(s: Survey, options: InputOptions) -> bool:
@@ -208,16 +225,37 @@ def _values(s: Survey, options: InputOptions) -> Iterator[Finding]:
             " the sensor's range is too small there",
         )
     yield from _orientation(s)
-    still = s.lead_in
-    if still is not None:
-        axis = gravity_axis(still.accel, options.body_axes)
-        if axis not in ("", "+z" if options.body_axes == "flu" else "-z"):
-            yield Finding(
-                "gravity-axis",
-                f"at rest the accelerometer reads gravity on {axis} of the sensor, not on"
-                f" {'+z' if options.body_axes == 'flu' else '-z'}",
-                answer="a matter of mounting, or of --body-axes",
-            )
+    yield from _axes(s, options)
+
+
+def _axes(s: Survey, options: InputOptions) -> Iterator[Finding]:
+    """Axes that gravity, or the name of the frame, denies."""
+    usual, other = ("+z", "frd") if options.body_axes == "flu" else ("-z", "flu")
+    if s.lead_in is not None:
+        when, accel = "at rest", s.lead_in.accel
+    else:
+        when, accel = "in the mean of the log", s.windows.count @ s.windows.accel / s.count
+        if np.linalg.norm(accel) < LEAST_GRAVITY * STANDARD_GRAVITY:
+            return
+    axis = gravity_axis(accel, options.body_axes)
+    named = s.frame_id.lower().endswith(other)
+    if axis not in ("", usual):
+        turned = axis[1] == "z" or named
+        yield Finding(
+            "gravity-axis",
+            f"{when} the accelerometer reads gravity on {axis} of the sensor, not on {usual}"
+            + (f", and its frame_id is {s.frame_id}" if named else ""),
+            answer=f"add --body-axes {other} unless the sensor is mounted so"
+            if turned
+            else "a matter of mounting, or of --body-axes",
+        )
+    elif named:
+        yield Finding(
+            "frame-axes",
+            f"the frame_id of topic {s.topic} is {s.frame_id}, its axes are read as"
+            f" {options.body_axes}",
+            answer=f"add --body-axes {other} if the name says what the axes are",
+        )
 
 
 def _without_noise(s: Survey) -> int:
@@ -235,18 +273,12 @@ def _orientation(s: Survey) -> Iterator[Finding]:
             "constant-orientation",
             f"the orientation in topic {s.topic} is the same in every message{placeholder}",
         )
-    still = s.lead_in
-    if s.orientation is not None and still is not None and s.orientation_ns < still.end_ns:
-        down = rotate(conjugate(s.orientation), np.array([0.0, 0.0, 1.0]))
-        cosine = float(down @ -still.accel) / float(np.linalg.norm(still.accel))
-        angle = float(np.degrees(np.arccos(np.clip(cosine, -1.0, 1.0))))
-        if angle > ORIENTATION_TILT_DEG:
-            yield Finding(
-                "orientation-tilt",
-                f"the orientation in topic {s.topic} is tilted by {angle:.0f} deg from what the"
-                " accelerometer says at rest: other axes, or its numbers are in another order",
-                answer="do not use --align log",
-            )
+    fault = s.orientation_fault
+    if fault is not None:
+        yield Finding(
+            "orientation-turns" if fault.tilt_deg is None else "orientation-tilt",
+            f"the orientation in topic {s.topic} {fault.text}; it is not used",
+        )
 
 
 def gravity_axis(accel_frd: np.ndarray, body_axes: str) -> str:

@@ -19,7 +19,7 @@ from sinstool.core.timeline import SECOND, Order, mean_rates, ordered, reblock
 from sinstool.core.units import DEGREE, STANDARD_GRAVITY
 from sinstool.io.readers.log import Log
 from sinstool.io.readers.message_types import FIX_TYPE
-from sinstool.io.readers.streams import ImuUnits, Losses, first_fix, frame_id, read_imu, tf_parent
+from sinstool.io.readers.streams import ImuUnits, Losses, first_fix, read_imu, tf_parent
 from sinstool.io.readers.topics import ImuTopic, choose_imu, optional_topics
 from sinstool.survey.aiding import AidingData, aiding_channels, read_barometer
 from sinstool.survey.gnss import read_gnss
@@ -121,7 +121,7 @@ def prepare(
     survey_, aiding, steady = _truly_at_rest(survey_, aiding)
     findings += steady
     position = _position(log, config, aiding)
-    body = frame_id(log, topic.channels, topic.path) or "imu_link"
+    body = survey_.frame_id or "imu_link"
     source = Source(
         log=log,
         imu_topic=topic,

@@ -12,7 +12,7 @@ import numpy as np
 from numba import njit
 
 from sinstool.core.streams import Imu
-from sinstool.methods.alignment.still import WindowStage
+from sinstool.methods.alignment.still import WINDOW_NS, WindowStage
 
 # Interval histogram: relative bin width 1/1000 from 100 ns to 10^6 s.
 _LOW, _HIGH, _STEP = np.log(100.0), np.log(1e15), 1e-3
@@ -20,6 +20,8 @@ _BINS = int((_HIGH - _LOW) / _STEP) + 1
 # Norm-of-specific-force histogram: 1 mm/s^2 bins up to 100 m/s^2.
 _FORCE_BINS, _FORCE_STEP = 100_000, 1e-3
 MAX_GAPS_KEPT = 1000
+# Orientations are kept for so long, one of each window, to be held against the other sensors.
+ORIENTED_NS = 20_000_000_000
 
 
 @dataclass
@@ -44,12 +46,15 @@ class Tally:
     orientation: np.ndarray | None = None
     orientation_ns: int = 0
     orientation_varies: bool = False
+    orientations: dict[int, np.ndarray] = field(default_factory=dict)
     last_log: int = np.iinfo(np.int64).min
     log_descents: int = 0
 
     def wants_orientation(self) -> bool:
-        """Whether more can tell anything: the first is not known, or not whether it varies."""
-        return self.orientation is None or not self.orientation_varies
+        """Whether more can tell anything: of the first seconds, or whether it varies."""
+        if self.orientation is None or not self.orientation_varies:
+            return True
+        return self.last_ns < self.orientation_ns + ORIENTED_NS
 
     def add(self, block: Imu) -> None:
         """Take a block of ordered samples into the self."""
@@ -109,7 +114,12 @@ class Tally:
         if self.orientation is None:
             self.orientation = q[rows[0]].copy()
             self.orientation_ns = int(block.time_ns[rows[0]])
-        self.orientation_varies = bool((q[rows] != self.orientation).any())
+        self.orientation_varies |= bool((q[rows] != self.orientation).any())
+        # The one nearest to the middle of each window
+        rows = rows[block.time_ns[rows] < self.orientation_ns + ORIENTED_NS]
+        middles = (block.time_ns[rows] - self.first_ns - WINDOW_NS // 2) // WINDOW_NS
+        for window, row in zip(*np.unique(middles, return_index=True), strict=True):
+            self.orientations.setdefault(int(window), q[rows[row]].copy())
 
     def quantile(self, share: float) -> float:
         """Interval below which a share of all intervals lies: the mean of its histogram bin."""
@@ -154,7 +164,10 @@ class Tally:
         total = int(self.force.sum())
         if not total:
             return 0.0
-        return (int(np.searchsorted(np.cumsum(self.force), 0.5 * total)) + 0.5) * _FORCE_STEP
+        place = int(np.searchsorted(np.cumsum(self.force), 0.5 * total))
+        if place == _FORCE_BINS - 1:  # of increments that are none, say: all that is larger
+            return float(np.median(np.linalg.norm(self.windows.finish().accel, axis=1)))
+        return (place + 0.5) * _FORCE_STEP
 
 
 @njit(cache=True, nogil=True)

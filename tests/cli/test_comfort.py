@@ -68,8 +68,9 @@ def test_process_explains_the_filter(run, tmp_path):
     )
     chosen = choices(err)
     assert status == 0
-    assert chosen["mode"][0].startswith("ins-gnss, as the log has fixes and GNSS velocity")
+    assert chosen["mode"][0].startswith("ins-gnss, as the log has GNSS fixes, and they show")
     assert chosen["gnss topic"] == ["/gnss/fix, the only one of its type"]
+    assert chosen["velocity topic"] == ["/gnss/velocity, the only one of its type"]
     assert chosen["IMU grade"][0].startswith("navigation, by its gyro noise at rest")
     assert chosen["filter"][0].startswith("network-29a: 481 epochs")
     assert "found in the log" in chosen["GNSS latency"][0]

@@ -328,7 +328,7 @@ def test_orientation_in_another_order(rows, findings_of):
     heading = Rotation.from_euler("z", 70, degrees=True)
     rows.q = np.roll((heading * rows.attitude).as_quat(), 1, axis=1)
     odd = findings_of(rows)["orientation-tilt"]
-    assert "--align log" in odd.answer and "order" in odd.text
+    assert "order" in odd.text and "not used" in odd.text
 
 
 @pytest.mark.parametrize("kind", ["mean-rate", "increment"])
@@ -344,6 +344,32 @@ def test_other_kinds_of_gyro(rows, findings_of, kind):
         assert findings_of(rows, accel_unit="m/s^2")["no-gravity"]
         assert "increments" not in findings_of(rows, imu_rate=100.0)
     assert findings_of(rows, gyro_kind=kind) == {}
+
+
+def test_rates_read_as_increments_are_refused_with_the_option_that_is_wrong(rows, findings_of):
+    odd = findings_of(rows, gyro_kind="increment")["no-increments"]
+    assert is_fatal(odd) and "--gyro-kind" in odd.answer and "or 9." in odd.text
+    assert "gravity-size" in findings_of(rows, gyro_kind="increment", accel_unit="m/s^2")
+
+
+@pytest.mark.parametrize(("axes", "sign"), [("flu", -1.0), ("frd", 1.0)])
+def test_gravity_in_the_mean_of_a_log_in_motion_shows_its_axes(rows, found, axes, sign):
+    random = np.random.default_rng(4)
+    rows.gyro = 0.2 * random.standard_normal((N, 3))
+    rows.accel = np.array([0.0, 0.0, sign * 9.81]) + random.standard_normal((N, 3))
+    odd = findings_of(rows, body_axes=axes)["gravity-axis"]
+    other = "frd" if axes == "flu" else "flu"
+    assert "mean of the log" in odd.text and f"--body-axes {other}" in odd.answer
+    assert findings_of(rows, body_axes=other) == {}
+
+
+def test_a_frame_that_ends_in_frd_is_a_hint(rows, findings_of):
+    messages = imu_messages(rows.times, rows.gyro, rows.accel, rows.log, frame="base_link_frd")
+    odd = findings_of(messages)["frame-axes"]
+    assert "base_link_frd" in odd.text and "--body-axes frd" in odd.answer
+    turned = imu_messages(rows.times, rows.gyro, -rows.accel, rows.log, frame="base_link_frd")
+    assert findings_of(turned)["gravity-axis"].answer.startswith("add --body-axes frd")
+    assert findings_of(turned, body_axes="frd") == {}
 
 
 def test_an_oddity_reads_as_a_sentence_with_its_answer(tmp_path):

@@ -12,6 +12,9 @@ from sinstool.core.units import STANDARD_GRAVITY
 from sinstool.methods.alignment.still import StillSpan, Windows
 
 ROUGH_S = 1.0
+# A tilt less certain than this is not good, rad; one of which nothing is known has the other.
+GOOD_TILT = np.deg2rad(5.0)
+UNIFORM = np.pi / np.sqrt(3.0)
 
 
 @dataclass(frozen=True)
@@ -132,12 +135,23 @@ def from_still(span: StillSpan, time_ns: int) -> Alignment:
     """Tilt from a still span, heading 0.
 
     The tilt's sigma is the larger of the accelerometer's noise over the span and what its
-    disagreement with gravity shows of its bias.
+    disagreement with gravity shows of its bias, but no more than if nothing were known.
     """
     size = float(np.linalg.norm(span.accel))
     noise = span.accel_std / np.sqrt(span.samples)
     sigma = float(max(noise, abs(size - STANDARD_GRAVITY)) / STANDARD_GRAVITY)
-    return Alignment(level(span.accel), "level", time_ns, (sigma, sigma, None), "ok", False)
+    status = "ok"
+    warnings: tuple[str, ...] = ()
+    if sigma > GOOD_TILT:
+        status = "degraded"
+        warnings = (
+            f"the specific force of the rest is {size:.3g} m/s^2, not {STANDARD_GRAVITY:.2f}: the"
+            " tilt is not to be trusted; check --accel-unit and --gyro-kind",
+        )
+    sigma = min(sigma, UNIFORM)
+    return Alignment(
+        level(span.accel), "level", time_ns, (sigma, sigma, None), status, False, warnings=warnings
+    )
 
 
 def from_motion(windows: Windows, time_ns: int) -> Alignment:

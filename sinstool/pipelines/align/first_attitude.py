@@ -82,6 +82,12 @@ def _aligned(source: Source, config: ProcessConfig) -> Alignment:
                 f"{path}: topic {survey.topic} holds no orientation",
                 "use --align level or --align fixed",
             )
+        if survey.orientation_fault is not None:
+            raise AlignmentError(
+                f"{path}: --align log: the orientation in topic {survey.topic}"
+                f" {survey.orientation_fault.text}",
+                "leave --align out, or give the attitude with --align fixed",
+            )
         alignment = initial.from_log(survey.orientation, survey.orientation_ns)
     elif survey.lead_in is not None:
         alignment = initial.from_still(survey.lead_in, survey.first_ns)
@@ -90,7 +96,8 @@ def _aligned(source: Source, config: ProcessConfig) -> Alignment:
             f"{path}: the log does not begin still, so its tilt cannot be levelled",
             "choose a still beginning with --start, or use --align log, fixed or auto",
         )
-    elif survey.orientation is not None and not survey.orientation_constant:
+    elif survey.oriented:
+        assert survey.orientation is not None
         alignment = initial.from_log(survey.orientation, survey.orientation_ns)
     else:
         alignment = initial.from_motion(survey.windows, survey.first_ns)
@@ -124,8 +131,7 @@ def _north_seen(source: Source, config: ProcessConfig) -> Alignment | None:
         log_choice("alignment", f"not by GNSS velocity: {exc.message}")
         return None
     survey = source.survey
-    oriented = survey.orientation is not None and not survey.orientation_constant
-    tilt_alone = moving.result.status == "level-only" and still is None and not oriented
+    tilt_alone = moving.result.status == "level-only" and still is None and not survey.oriented
     if not moving.good and not tilt_alone:
         log_choice("alignment", f"not by GNSS velocity, which is {moving.result.status}")
         return None

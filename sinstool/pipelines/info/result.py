@@ -97,12 +97,16 @@ class UnusableImu:
 
 @dataclass(frozen=True)
 class Verdict:
-    """What `process` would do with the log, or why it would refuse it."""
+    """What `process` would do with the log, or why it would refuse it.
+
+    Its findings are of what it takes beside the Imu, and of what it has to give up.
+    """
 
     possible: bool
     imu_topic: str | None
     why: str
     plan: Plan | None
+    findings: tuple[Finding, ...] = ()
 
     def __str__(self) -> str:
         if self.plan is None:
@@ -134,6 +138,7 @@ class Inspection:
         return (
             *self.lost.findings(),
             *(finding for imu in self.usable for finding in imu.findings),
+            *self.process.findings,
         )
 
     @property

@@ -232,8 +232,14 @@ def _verdict(
     if isinstance(choice, TopicError):
         return result.Verdict(False, None, str(choice), None)
     try:
-        plan = make_plan(prepare(log, config, surveyed=surveyed), config)
+        source = prepare(log, config, surveyed=surveyed)
+        plan = make_plan(source, config)
     except SinstoolError as exc:
         # the name of the log has been said already
         return result.Verdict(False, choice.topic, str(exc).removeprefix(f"{log.path}: "), None)
-    return result.Verdict(True, choice.topic, "" if choice.obvious else choice.reason, plan)
+    why = "" if choice.obvious else choice.reason
+    # What is odd about the Imu has been said with it
+    odd = {finding.kind for finding in oddities(source.survey, config.input)}
+    findings = (*source.findings, *plan.findings)
+    more = tuple(f for f in findings if f.kind not in odd and f.kind != "imu-topic")
+    return result.Verdict(True, choice.topic, why, plan, more)

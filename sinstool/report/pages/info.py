@@ -75,7 +75,7 @@ def _warnings(inspection: Inspection) -> tuple[str, ...]:
             texts.append(f"{imu.topic}: {imu.problem}")
         else:
             texts += [f"{imu.topic}: {finding}" for finding in imu.findings]
-    return tuple(texts)
+    return (*texts, *map(str, inspection.process.findings))
 
 
 def _facts(inspection: Inspection, good: Sequence[InspectedImu]) -> tuple[Fact, ...]:

@@ -1,0 +1,83 @@
+"""Whether the orientations of an Imu topic agree with its own gravity and gyro.
+
+Numbers in another order, other axes, or another world all make unit quaternions. In the first
+seconds gravity and the gyro tell, whether the vehicle moves or not.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from sinstool.core.rotation import conjugate, log, multiply, rotate
+from sinstool.core.units import DEGREE, STANDARD_GRAVITY
+from sinstool.methods.alignment.still import WINDOW_NS, Windows
+
+# Windows tell of gravity whose specific force is of its size to this, and turns slower than
+# rad/s; so many are needed, or fewer, where the log has no more, at rest.
+OF_SIZE, SLOW, LEAST = 0.1, 0.5, 2
+TILT = 20.0 * DEGREE
+# Turns from window to window tell that vary by this and are no more than that, rad: what is left of
+# both squares where they do not agree.
+LEAST_TURN, MOST_TURN, TURNS, LEFT = 0.05, 1.0, 6, 0.5
+LIKELY = "other axes, or its numbers are in another order"
+
+
+@dataclass(frozen=True)
+class OrientationFault:
+    """What is wrong with orientations: their axes, or the order of their numbers.
+
+    Attributes
+    ----------
+    tilt_deg : float or None
+        Angle between their vertical and gravity's, where that is what is wrong.
+    """
+
+    text: str
+    tilt_deg: float | None = None
+
+
+def orientation_fault(
+    orientations: Mapping[int, np.ndarray], first_ns: int, windows: Windows
+) -> OrientationFault | None:
+    """Hold orientations against the specific force and the rates of the same windows.
+
+    Parameters
+    ----------
+    orientations : mapping of int to ndarray, shape (4,)
+        q_nb at the middle of windows, by their number from `first_ns` on.
+    windows : Windows
+    """
+    numbers = (windows.start_ns - first_ns) // WINDOW_NS
+    rows = np.flatnonzero([int(number) in orientations for number in numbers])
+    if len(rows) < LEAST:
+        return None
+    q_nb = np.array([orientations[int(number)] for number in numbers[rows]])
+    gyro, accel = windows.gyro[rows], windows.accel[rows]
+    size = np.linalg.norm(accel, axis=1)
+    telling = np.abs(size / STANDARD_GRAVITY - 1.0) < OF_SIZE
+    telling &= np.linalg.norm(gyro, axis=1) < SLOW
+    if np.count_nonzero(telling) >= LEAST:
+        up = rotate(q_nb[telling], accel[telling] / size[telling, None]).mean(axis=0)
+        tilt = float(np.arccos(np.clip(-up[2] / np.linalg.norm(up), -1.0, 1.0)))
+        if tilt > TILT:
+            angle = tilt / DEGREE
+            reason = f"is tilted by {angle:.0f} deg from what the accelerometer says"
+            return OrientationFault(f"{reason} in the first seconds: {LIKELY}", angle)
+    follow = np.diff(numbers[rows]) == 1
+    turned = log(multiply(conjugate(q_nb[:-1]), q_nb[1:]))[follow]
+    said = (0.5 * WINDOW_NS * 1e-9 * (gyro[:-1] + gyro[1:]))[follow]
+    small = np.linalg.norm(said, axis=1) < MOST_TURN
+    if np.count_nonzero(small) < TURNS:
+        return None
+    # A bias of the gyro is the same in all of them
+    turned, said = (turns[small] - turns[small].mean(axis=0) for turns in (turned, said))
+    power = float(np.sum(said**2))
+    if power < LEAST_TURN**2 * len(said):
+        return None
+    left = float(np.sum((turned - said) ** 2)) / (power + float(np.sum(turned**2)))
+    if left > LEFT:
+        return OrientationFault(f"turns otherwise than the gyro in the first seconds: {LIKELY}")
+    return None
