@@ -7,6 +7,8 @@ stop: fixes that come to rest by themselves never moved.
 
 from __future__ import annotations
 
+from collections.abc import Iterable
+
 import numpy as np
 
 from sinstool.core.earth import horizontal_metres
@@ -22,13 +24,15 @@ MOVING_M_S = 1.0
 MOVING_M = 30.0
 SIGMAS = 4.0
 UNKNOWN_SIGMA_M = 5.0
+# Rests shorter than this say little of a bias, s.
+REST_S = 2.0
 # Fixes this far apart show a speed, s.
 APART_S = 5.0
 # A rest goes on after a knock of at most so many seconds that changed neither velocity, m/s, nor
 # attitude, rad, nor the specific force, m/s^2, by more than this.
 KNOCK_S, KNOCK_M_S, KNOCK_RAD, KNOCK_FORCE = 30.0, 0.5, 0.05, 0.15
-# Fixes of a rest further than this from where the vehicle stands are of a receiver that has not
-# settled, m; of the rest's second half so many fixes say where that is.
+# Fixes of a rest further than this from where the vehicle stands, m, and those of some seconds
+# more, are of a receiver that has not settled; of its second half so many say where that is.
 UNSETTLED_M = 10.0
 LEAST_FIXES = 10
 
@@ -90,6 +94,16 @@ def moving_at(gnss: GnssEpochs | None, start_ns: int, end_ns: int) -> float | No
     return speed if way > max(MOVING_M, noise) and speed > MOVING_M_S else None
 
 
+def longest_rest(spans: Iterable[StillSpan], gnss: GnssEpochs | None) -> StillSpan | None:
+    """The longest rest, of `REST_S` at least, at which GNSS does not move; None without one."""
+    rests = [
+        span
+        for span in spans
+        if span.duration_s >= REST_S and moving_at(gnss, span.start_ns, span.end_ns) is None
+    ]
+    return max(rests, key=lambda span: span.duration_s, default=None)
+
+
 def settled(gnss: GnssEpochs, start_ns: int, end_ns: int) -> tuple[GnssEpochs, list[Finding]]:
     """Without the fixes of a rest that a receiver gave before it had settled.
 
@@ -108,11 +122,12 @@ def settled(gnss: GnssEpochs, start_ns: int, end_ns: int) -> tuple[GnssEpochs, l
     wrong = resting & (off > np.maximum(UNSETTLED_M, SIGMAS * sigma))
     if not wrong.any():
         return gnss, []
-    last = gnss.time_ns[np.flatnonzero(wrong)[-1]]
+    last = gnss.time_ns[np.flatnonzero(wrong)[-1]] + round(APART_S * SECOND)
+    wrong = resting & (gnss.time_ns <= last)
     text = (
-        f"{np.count_nonzero(wrong)} fixes up to {(last - start_ns) / SECOND:.1f} s are as far as"
-        f" {off[wrong].max():.0f} m from where the vehicle rests: the receiver had not settled;"
-        " left out"
+        f"{np.count_nonzero(wrong)} fixes up to {(last - start_ns) / SECOND:.1f} s, as far as"
+        f" {np.nanmax(off[wrong]):.0f} m from where the vehicle rests, are left out: the receiver"
+        " had not settled"
     )
     return gnss.rows(~wrong), [
         Finding("unsettled-fixes", text, start_ns=start_ns, end_ns=int(last))

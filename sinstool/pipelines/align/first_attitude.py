@@ -10,7 +10,7 @@ import numpy as np
 from sinstool.config import ProcessConfig
 from sinstool.config.align import IN_FLIGHT
 from sinstool.core.choices import log_choice
-from sinstool.core.earth import earth_rate_n
+from sinstool.core.earth import EARTH_RATE, earth_rate_n
 from sinstool.core.errors import AlignmentError
 from sinstool.core.streams import GnssEpochs
 from sinstool.core.timeline import SECOND
@@ -20,6 +20,7 @@ from sinstool.methods.alignment import initial
 from sinstool.methods.alignment.initial import Alignment, tilted
 from sinstool.methods.sensor_errors import Grade
 from sinstool.survey.grade import sensor_grade
+from sinstool.survey.rest import longest_rest
 from sinstool.survey.source import Source
 
 # Alignment in motion and gyrocompassing are imported where they are used: most logs need neither,
@@ -32,6 +33,9 @@ if TYPE_CHECKING:
 GYROCOMPASS_S = 30.0
 # A filter is linear in its errors: it rather begins later than with a sigma beyond this.
 FILTER_SIGMA = 10.0 * DEGREE
+# A mean rate at rest, rad/s (45 deg/h), that is not just the Earth's in an unknown direction.
+PLAIN_BIAS = 3.0 * EARTH_RATE
+NO_BIAS = "the log does not begin still, so no gyro bias is removed"
 
 
 def align(source: Source, config: ProcessConfig) -> Alignment:
@@ -321,11 +325,49 @@ def _with_bias(alignment: Alignment, source: Source, config: ProcessConfig) -> A
         bias = turn_body(np.array(option), config.input.body_axes)
         return replace(alignment, gyro_bias=bias, bias_source="given")
     still = source.survey.lead_in
-    if still is None:
-        note = "the log does not begin still, so no gyro bias is removed"
-        return replace(alignment, warnings=(*alignment.warnings, note))
-    bias = initial.still_bias(still, alignment.q_nb, earth_rate(source))
-    return replace(alignment, gyro_bias=bias, bias_source="still")
+    if still is not None:
+        bias = initial.still_bias(still, alignment.q_nb, earth_rate(source))
+        return replace(alignment, gyro_bias=bias, bias_source="still")
+    rest = longest_rest(source.survey.spans, source.aiding.gnss)
+    note = NO_BIAS
+    if rest is not None:
+        # Its heading is not known, and so what of the Earth's rate is level
+        down = earth_rate(source)
+        down = None if down is None else down * [0.0, 0.0, 1.0]
+        bias = initial.still_bias(rest, initial.level(rest.accel), down)
+        if np.linalg.norm(bias) > PLAIN_BIAS:
+            at = seconds_from_start(rest.start_ns, source)
+            note = (
+                "the log does not begin still: the gyro bias is the mean rate of its longest rest,"
+                f" {rest.duration_s:.1f} s from {at:.1f} s on"
+            )
+            alignment = replace(alignment, gyro_bias=bias, bias_source="rest")
+    return replace(alignment, warnings=(*alignment.warnings, note))
+
+
+def with_bias_in_motion(
+    alignment: Alignment, source: Source, config: ProcessConfig, gnss: GnssEpochs
+) -> Alignment:
+    """An attitude that is given, with the gyro bias that changes of GNSS velocity show.
+
+    The same alignment where they show none.
+    """
+    grade = sensor_grade(source, config).grade
+    from sinstool.pipelines.align.in_motion import align_moving
+
+    try:
+        moving = align_moving(source, config, grade, "svd", "start", gnss)
+    except AlignmentError:
+        return alignment
+    if not moving.good or moving.result.errors is None:
+        return alignment
+    return replace(
+        alignment,
+        gyro_bias=moving.refined_bias,
+        gyro_bias_sigma=float(np.max(moving.result.errors.sigma["gyro_bias"])),
+        bias_source="alignment",
+        warnings=tuple(text for text in alignment.warnings if text != NO_BIAS),
+    )
 
 
 def earth_rate(source: Source) -> np.ndarray | None:

@@ -16,7 +16,7 @@ from sinstool.methods.alignment import in_motion
 from sinstool.methods.alignment.in_motion import MotionAlignment, align_in_motion, gnss_fixes
 from sinstool.methods.alignment.inflight_types import AlignmentSettings, GateLimits, ImuIncrements
 from sinstool.methods.sensor_errors import IMU_GRADES, Grade, SensorGrade
-from sinstool.survey.rest import moving_at, rest_end
+from sinstool.survey.rest import REST_S, longest_rest, rest_end
 from sinstool.survey.source import Source, rate_blocks
 
 # The largest specific force below this: no lift-off to look for.
@@ -26,8 +26,6 @@ LIFT_OFF = 2.0 * STANDARD_GRAVITY
 AFTER_REST = 45.0 * DEGREE / 3600.0
 # Bias of a cheap gyro that never rests, where that of its grade does not fit, rad/s.
 UNKNOWN_BIAS = 0.5 * DEGREE
-# Rests shorter than this say little of a bias.
-REST_S = 2.0
 
 
 def align_moving(
@@ -112,15 +110,8 @@ def bias_at_rest(source: Source, config: ProcessConfig, grade: Grade) -> tuple[n
         return np.zeros(3), False
     if survey.lead_in is not None:
         return survey.lead_in.gyro.copy(), True
-    gnss = source.aiding.gnss
-    rests = [
-        rest
-        for rest in survey.spans
-        if rest.duration_s >= REST_S and moving_at(gnss, rest.start_ns, rest.end_ns) is None
-    ]
-    if not rests:
-        return np.zeros(3), False
-    return max(rests, key=lambda rest: rest.duration_s).gyro.copy(), True
+    rest = longest_rest(survey.spans, source.aiding.gnss)
+    return (np.zeros(3), False) if rest is None else (rest.gyro.copy(), True)
 
 
 def samples(source: Source, config: ProcessConfig, end_ns: int | None = None) -> Imu:

@@ -33,7 +33,7 @@ from sinstool.methods.ins_gnss.settings import (
 )
 from sinstool.methods.ins_gnss.start import TWICE_USED, start_at
 from sinstool.methods.sensor_errors import Grade, SensorGrade
-from sinstool.pipelines.align.first_attitude import align, in_flight
+from sinstool.pipelines.align.first_attitude import align, in_flight, with_bias_in_motion
 from sinstool.pipelines.align.in_motion import imu_noise
 from sinstool.pipelines.process.height import height_reference, network
 from sinstool.pipelines.process.ins_gnss.filter_start import FilterStart
@@ -370,6 +370,8 @@ def find_start(
             alignment = in_flight(source, config, method, gnss, int(first.time_ns[0]))
         else:
             alignment = align(source, config)
+            if alignment.bias_source == "none" and config.align.gyro_bias == "still":
+                alignment = with_bias_in_motion(alignment, source, config, gnss)
         if not alignment.north_referenced:
             raise AlignmentError(
                 f"--align {alignment.method} gives no heading, and the filter needs one",
@@ -418,7 +420,8 @@ def _covariance(alignment: Alignment) -> np.ndarray:
 def _how(alignment: Alignment, covariance: np.ndarray) -> str:
     """Where the attitude comes from, in words."""
     if alignment.method not in IN_FLIGHT or alignment.held_ns is None:
-        return f"attitude by {alignment.method}"
+        shown = "; gyro bias from motion" if alignment.bias_source == "alignment" else ""
+        return f"attitude by {alignment.method}{shown}"
     away = (alignment.held_ns - alignment.time_ns) / SECOND
     return (
         f"attitude by {alignment.method} from velocity changes, carried back over {away:.0f} s;"
