@@ -16,6 +16,7 @@ from sinstool.core.arrays import FloatArray
 from sinstool.core.errors import AlignmentError
 from sinstool.core.streams import GnssEpochs, Imu
 from sinstool.core.timeline import SECOND
+from sinstool.core.units import DEGREE
 from sinstool.methods.alignment.inflight import InFlightAlignment, align_in_flight
 from sinstool.methods.alignment.inflight_types import AlignmentSettings, GnssFixes, ImuIncrements
 from sinstool.methods.alignment.solution import carried
@@ -28,6 +29,8 @@ SPANS_S = (200.0, 600.0)
 # Spans over which a gyro bias of 0.5 deg/s leaves the attitude good enough for the refinement,
 # which then gives the bias.
 SHORT_S = (15.0, 25.0, 40.0, 70.0, 120.0)
+# What the mean turn of a vehicle that stays about level is off by as a gyro bias, rad/s.
+LEVEL_SIGMA = 0.1 * DEGREE
 # A bias of more sigmas than these is taken off, and alignment begins anew, so many times at most:
 # the refinement is linear.
 SURPRISE = 1.0
@@ -166,11 +169,13 @@ def align_in_motion(
         return best
     begin = int(imu.time_ns[0]) if settings.start_ns is None else settings.start_ns
     short = [begin + round(s * SECOND) for s in SHORT_S]
-    rough = tried(
-        gyro_bias,
-        replace(settings.grade, gyro_bias=bias_unknown),
-        [end for end in short if end < imu.time_ns[-1]],
-    )
+    ends = [end for end in short if end < imu.time_ns[-1]]
+    level, sigma = level_bias(imu, fixes, begin), LEVEL_SIGMA
+    if np.linalg.norm(level - gyro_bias) > bias_unknown:
+        ends += ends_ns
+    else:
+        level, sigma = gyro_bias, bias_unknown
+    rough = tried(level, replace(settings.grade, gyro_bias=sigma), ends)
     if rough is None or not rough.good:
         return best
     for _ in range(ROUNDS):
@@ -181,6 +186,38 @@ def align_in_motion(
         if not rough.bias_surprises:
             break
     return rough
+
+
+def level_bias(imu: Imu, fixes: GnssFixes, begin_ns: int) -> FloatArray:
+    """Gyro bias of a vehicle that stays about level, to `LEVEL_SIGMA`.
+
+    In the mean it turns as its course does, about the vertical that the accelerometer shows.
+
+    Parameters
+    ----------
+    imu : Imu
+        Rates.
+    fixes : GnssFixes
+        With velocity; those faster than a walk say where the vehicle goes.
+    begin_ns : int
+        Of the alignment; two minutes from there are used.
+
+    Returns
+    -------
+    ndarray, shape (3,)
+        rad/s; zeros where the course is not known for long enough.
+    """
+    fast = np.linalg.norm(fixes.velocity_n[:, :2], axis=1) > MOVING_M_S
+    end_ns = begin_ns + round(SHORT_S[-1] * SECOND)
+    fast &= (fixes.time_ns >= begin_ns) & (fixes.time_ns <= min(end_ns, imu.time_ns[-1]))
+    time_ns, velocity = fixes.time_ns[fast], fixes.velocity_n[fast]
+    if not len(time_ns) or time_ns[-1] - time_ns[0] < SHORT_S[0] * SECOND:
+        return np.zeros(3)
+    course = np.unwrap(np.arctan2(velocity[:, 1], velocity[:, 0]))
+    turning = (course[-1] - course[0]) / (float(time_ns[-1] - time_ns[0]) / SECOND)
+    rows = (imu.time_ns >= time_ns[0]) & (imu.time_ns <= time_ns[-1])
+    force = imu.accel[rows].mean(axis=0)
+    return np.asarray(imu.gyro[rows].mean(axis=0) + turning * force / np.linalg.norm(force))
 
 
 def _better(new: InFlightAlignment, old: InFlightAlignment) -> bool:

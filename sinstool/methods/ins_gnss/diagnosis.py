@@ -147,7 +147,10 @@ def _first_minute(
                 numbers={"residual_ratio": ratio},
             )
         ]
-    return _attitude_findings(fit, start, many)
+    # At rest a fit turns noise and drift into a heading: what GNSS sees change must be plain
+    lively = wahba.lively(settings)
+    seen = fit if lively is None else wahba.solve(np.eye(3), lively)
+    return _attitude_findings(seen, start, many, lively is not None)
 
 
 @dataclass(frozen=True)
@@ -190,16 +193,24 @@ class _Wahba:
         total = np.concatenate([np.zeros((1, 3)), np.cumsum(values, axis=0)])
         return np.asarray(total[self.many :] - total[: -self.many])
 
-    def solve(self, axes: FloatArray) -> _Fit:
+    def _changes(self) -> FloatArray:
+        """Of velocity by GNSS, less gravity."""
+        gravity = earth.gravity_n(self.start.nav[0], self.start.nav[2])
+        return self._windows(np.diff(self.velocity, axis=0) - gravity * np.diff(self.at)[:, None])
+
+    def lively(self, settings: Settings) -> NDArray[np.bool_] | None:
+        """Windows whose change of horizontal velocity is no noise; None where they are few."""
+        lively = np.sum(self._changes()[:, :2] ** 2, axis=1) > self.noise(settings)
+        return lively if np.count_nonzero(lively) >= _LEAST else None
+
+    def solve(self, axes: FloatArray, rows: NDArray[np.bool_] | slice = slice(None)) -> _Fit:
         """The attitude that fits best with the gyro's axes taken as `axes`, shape (3, 3)."""
         turn = self.theta @ axes.T
         q = AttitudePropagator(np.array([1.0, 0.0, 0.0, 0.0])).push(turn, self.interval)
         before = np.concatenate([[[1.0, 0.0, 0.0, 0.0]], q[:-1]])
         moved = np.cumsum(rotate(normalise(before + q), self.dv), axis=0)
         u = np.column_stack([np.interp(self.at, self.ends, moved[:, i]) for i in range(3)])
-        gravity = earth.gravity_n(self.start.nav[0], self.start.nav[2])
-        changes = np.diff(self.velocity, axis=0) - gravity * np.diff(self.at)[:, None]
-        alpha, beta = self._windows(np.diff(u, axis=0)), self._windows(changes)
+        alpha, beta = self._windows(np.diff(u, axis=0))[rows], self._changes()[rows]
         left, _, right = np.linalg.svd(beta.T @ alpha)
         middle = np.diag([1.0, 1.0, np.linalg.det(left @ right)])
         dcm = left @ middle @ right
@@ -212,8 +223,8 @@ class _Wahba:
         return float(9.0 * (2.0 * white**2 + (settings.imu.accel_bias * span) ** 2) + 0.01)
 
 
-def _attitude_findings(fit: _Fit, start: Start, many: int) -> list[Finding]:
-    """The attitude that fits velocity changes beside that of the start."""
+def _attitude_findings(fit: _Fit, start: Start, many: int, moving: bool) -> list[Finding]:
+    """The attitude that fits velocity changes beside that of the start: at rest its tilt alone."""
     q_fit, q_start = from_dcm(fit.dcm), start.nav[6:10]
     off = log(multiply(q_fit, q_start * np.array([1.0, -1.0, -1.0, -1.0])))
     # Sigma of the solution: each window counts, though neighbours share all but one fix
@@ -235,7 +246,7 @@ def _attitude_findings(fit: _Fit, start: Start, many: int) -> list[Finding]:
                 numbers={"tilt_deg": float(np.rad2deg(tilt))},
             )
         ]
-    if heading > _TURNED + _SIGMAS * float(sigma[2]):
+    if moving and heading > _TURNED + _SIGMAS * float(sigma[2]):
         return [
             Finding(
                 "initial heading",
