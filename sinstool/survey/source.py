@@ -146,9 +146,7 @@ def _rest_end(survey_: Survey) -> int:
     return survey_.first_ns if rest is None else rest_end(rest, survey_.spans, survey_.windows)
 
 
-def _truly_at_rest(
-    survey_: Survey, aiding: AidingData
-) -> tuple[Survey, AidingData, list[Finding]]:
+def _truly_at_rest(survey_: Survey, aiding: AidingData) -> tuple[Survey, AidingData, list[Finding]]:
     """A survey without a rest at its beginning in which GNSS moves.
 
     Of a rest in which it does not, GNSS without what the receiver gave before it had settled.

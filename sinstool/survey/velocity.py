@@ -20,15 +20,16 @@ from sinstool.core.units import DEGREE
 
 FloatArray = NDArray[np.float64]
 
-# Ways that are compared: so long that fixes of that noise show them to 7 %, or m where they are
-# better; within this time, s; and so many at least.
-NOISES, SHORTEST_M, LONGEST_S, LEAST = 20.0, 10.0, 120.0, 5
+# Ways that are compared: of this length, m, and of so many sigmas of a fix; a quarter of them off
+# by such a share of their length contradict. Noise and stamps explain less of long ones.
+LONG, SHORT = (100.0, 100.0, 0.25), (10.0, 20.0, 0.5)
+QUARTILE = 0.75
+# They end within this time, s, and are so many at least.
+LONGEST_S, LEAST = 120.0, 5
 # Noise of a fix that does not say its own, m.
 UNKNOWN_SIGMA_M = 5.0
 # Samples further apart than this are not integrated across, s.
 APART_S = 2.0
-# A quarter of the ways off by half of their length: courses 29 deg off, or speeds by half.
-QUARTILE, CONTRADICTS = 0.75, 0.5
 # What is left of the ways' squares where an explanation holds.
 EXPLAINED = 0.1
 BODY_FRAMES = ("base_link", "base_footprint", "base", "body")
@@ -44,17 +45,15 @@ class Agreement:
     misfit : float or None
         Difference of the ways over their length, which three of four do not exceed; None where
         too little way was covered to tell.
+    contradicts : bool
+        It cannot be the velocity of the fixes.
     likeness : str
-        What the velocity looks like where it does not fit.
+        What the velocity looks like where it contradicts.
     """
 
     misfit: float | None = None
+    contradicts: bool = False
     likeness: str = ""
-
-    @property
-    def contradicts(self) -> bool:
-        """Whether it cannot be the velocity of the fixes."""
-        return self.misfit is not None and self.misfit > CONTRADICTS
 
 
 def agreement(fixes: Gnss, velocity: Velocity) -> Agreement:
@@ -85,16 +84,20 @@ def agreement(fixes: Gnss, velocity: Velocity) -> Agreement:
     way = np.concatenate([[0.0], np.cumsum(0.5 * (rate[1:] + rate[:-1]) * step)])
     holes = np.concatenate([[0], np.cumsum(step > max(APART_S, 3.0 * float(np.median(step))))])
     run = np.interp(seconds, t, way.real) + 1j * np.interp(seconds, t, way.imag)
-    ends = _windows(seconds, place, run, max(SHORTEST_M, NOISES * usual_noise(fixes)))
     hole = holes[np.searchsorted(t, seconds, "right") - 1]
-    whole = hole[ends[:, 0]] == hole[ends[:, 1]]
-    begin, end = ends[whole].T
-    if len(begin) < LEAST:
-        return Agreement()
-    moved, said = place[end] - place[begin], run[end] - run[begin]
-    share = np.abs(moved - said) / np.maximum(np.abs(moved), np.abs(said))
-    misfit = float(np.quantile(share, QUARTILE))
-    return Agreement(misfit, _likeness(moved, said, velocity) if misfit > CONTRADICTS else "")
+    sigma = usual_noise(fixes)
+    for metres, sigmas, most in (LONG, SHORT):
+        ends = _windows(seconds, place, run, max(metres, sigmas * sigma))
+        begin, end = ends[hole[ends[:, 0]] == hole[ends[:, 1]]].T
+        if len(begin) < LEAST:
+            continue
+        moved, said = place[end] - place[begin], run[end] - run[begin]
+        share = np.abs(moved - said) / np.maximum(np.abs(moved), np.abs(said))
+        misfit = float(np.quantile(share, QUARTILE))
+        if misfit > most:
+            return Agreement(misfit, True, _likeness(moved, said, velocity))
+        return Agreement(misfit)
+    return Agreement()
 
 
 def usual_noise(fixes: Gnss) -> float:
@@ -138,7 +141,7 @@ def _likeness(
             ned = abs(angle - 90.0) < 15.0
             return f"it is as if in {'north, east, down' if ned else 'mirrored axes'}"
         if abs(angle) < 15.0:
-            return f"it is {1.0 / abs(factor):.3g} times as large as the fixes'"
+            return f"it is {1.0 / abs(factor):.2g} times as large as the fixes'"
         return f"its axes are turned by {angle:.0f} deg from east and north, as in a local frame"
     forward, left = np.sqrt(np.mean(velocity.velocity_n[:, [1, 0]] ** 2, axis=0))
     if left < 0.2 * forward:

@@ -170,12 +170,10 @@ def align_in_motion(
     begin = int(imu.time_ns[0]) if settings.start_ns is None else settings.start_ns
     short = [begin + round(s * SECOND) for s in SHORT_S]
     ends = [end for end in short if end < imu.time_ns[-1]]
-    level, sigma = level_bias(imu, fixes, begin), LEVEL_SIGMA
-    if np.linalg.norm(level - gyro_bias) > bias_unknown:
-        ends += ends_ns
-    else:
-        level, sigma = gyro_bias, bias_unknown
-    rough = tried(level, replace(settings.grade, gyro_bias=sigma), ends)
+    rough = tried(gyro_bias, replace(settings.grade, gyro_bias=bias_unknown), ends)
+    if rough is None or not rough.good:
+        level = level_bias(imu, fixes, begin)
+        rough = tried(level, replace(settings.grade, gyro_bias=LEVEL_SIGMA), [*ends, *ends_ns])
     if rough is None or not rough.good:
         return best
     for _ in range(ROUNDS):
