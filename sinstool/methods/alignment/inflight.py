@@ -58,6 +58,7 @@ from sinstool.methods.alignment.solution import (
 from sinstool.methods.alignment.wahba import singular_values
 
 INCONSISTENT_CHI2 = 3.0
+REASONS = 3
 
 REFINE_SIGMA = float(np.deg2rad(20.0))
 """Worst-axis sigma of the solver's answer beyond which the refinement would not be linear. It
@@ -195,6 +196,9 @@ def align_in_flight(
         for candidate in candidates(part, fixes, settings, lift_off_ns, reasons)
     ]
     if not answers:
+        if len(reasons) > REASONS:
+            more = f"{len(reasons) - REASONS} more stretches of the IMU could not be used either"
+            reasons = [*reasons[:REASONS], more]
         return _failed(settings, imu, [*warnings, *(reasons or ["there is nothing to align with"])])
     best = min(answers, key=lambda c: c.sigma_worst)
     if len(answers) > 1:

@@ -189,6 +189,8 @@ class AlignmentSettings:
         pairs from the start soon span some and ``cen`` has no span; ``off`` uses all.
     start_ns, end_ns : int, optional
         Use only what lies between; a given start replaces eq. (12).
+    max_gap_ns : float, optional
+        Longest interval of the IMU that is no gap; three usual ones by default.
     t0_ns : int, optional
         Lift-off; by default the first time that specific force stays above 2 g for 0.1 s.
     sigma_stop : float, optional
@@ -228,6 +230,7 @@ class AlignmentSettings:
     limits: GateLimits = field(default_factory=GateLimits)
     start_ns: int | None = None
     end_ns: int | None = None
+    max_gap_ns: float | None = None
     t0_ns: int | None = None
     sigma_stop: float | None = None
     gnss_sigma_v: float = 0.1

@@ -9,6 +9,7 @@ from scipy.ndimage import median_filter
 
 from sinstool.core.arrays import FloatArray, IntArray
 from sinstool.core.errors import AlignmentError
+from sinstool.core.timeline import GAP_INTERVALS
 from sinstool.methods.alignment.gate import dynamics, saturated
 from sinstool.methods.alignment.inflight_types import (
     AlignmentSettings,
@@ -16,8 +17,8 @@ from sinstool.methods.alignment.inflight_types import (
     ImuIncrements,
 )
 
-GAP = 1.5
-"""Of the usual interval: beyond, samples are missing."""
+MISSING = 1.5
+"""Of the usual interval: beyond, samples may be missing."""
 
 BRIDGED_SAMPLES = 3
 MIN_SPAN_S = 10.0
@@ -54,8 +55,9 @@ def stretches(imu: ImuIncrements, settings: AlignmentSettings) -> tuple[list[Str
 
     Notes
     -----
-    Up to three missing samples in calm flight are bridged: increments that cover only their
-    usual interval are stretched to the whole gap, the mean of f telling which it is.
+    Intervals up to `settings.max_gap_ns` are integrated across, as everywhere, and so are up to
+    three missing samples in calm flight. Increments that cover only their usual interval are
+    stretched to the whole one, the mean of f telling which it is.
     """
     warnings = []
     new = np.diff(imu.time_ns, prepend=imu.time_ns[:1] - 1) > 0
@@ -71,7 +73,8 @@ def stretches(imu: ImuIncrements, settings: AlignmentSettings) -> tuple[list[Str
     step = np.diff(imu.time_ns)
     usual = float(np.median(step))
     missing = np.rint(step / usual) - 1
-    gaps = np.flatnonzero(step > GAP * usual)
+    longest = settings.max_gap_ns or GAP_INTERVALS * usual
+    gaps = np.flatnonzero(step > min(MISSING * usual, longest))
     within = dynamics(imu, settings.limits.smooth).within(settings.limits)
     calm = within[0] & within[2]
     broken = np.zeros(len(imu), dtype=bool)
@@ -79,8 +82,10 @@ def stretches(imu: ImuIncrements, settings: AlignmentSettings) -> tuple[list[Str
     bridged = 0
     theta, velocity = imu.delta_theta, imu.delta_velocity
     for k in gaps:  # of which a log has few
-        if missing[k] <= BRIDGED_SAMPLES and calm[k] and calm[min(k + 2, len(calm) - 1)]:
-            bridged += 1
+        gap = step[k] > longest
+        short = missing[k] <= BRIDGED_SAMPLES and calm[k] and calm[min(k + 2, len(calm) - 1)]
+        if short or not gap:
+            bridged += gap
             before = np.linalg.norm(velocity[k]) / (step[k - 1] if k else usual)
             if np.linalg.norm(velocity[k + 1]) < 0.5 * before * (step[k] + usual):
                 if theta is imu.delta_theta:

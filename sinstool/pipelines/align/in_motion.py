@@ -16,6 +16,7 @@ from sinstool.methods.alignment import in_motion
 from sinstool.methods.alignment.in_motion import MotionAlignment, align_in_motion, gnss_fixes
 from sinstool.methods.alignment.inflight_types import AlignmentSettings, GateLimits, ImuIncrements
 from sinstool.methods.sensor_errors import IMU_GRADES, Grade, SensorGrade
+from sinstool.survey.imu import Survey
 from sinstool.survey.rest import REST_S, longest_rest, rest_end
 from sinstool.survey.source import Source, rate_blocks
 
@@ -83,7 +84,7 @@ def align_moving(
         config.input.gyro_kind,
         _interval_ns(source) / SECOND,
         fixes,
-        _settings(config, errors, method, gate, at, start, first),
+        _settings(config, errors, method, gate, at, start, survey),
         bias,
         ends,
         UNKNOWN_BIAS if doubtful else None,
@@ -207,9 +208,9 @@ def _settings(
     gate: str,
     at: str | int,
     start: int | None,
-    first: int,
+    survey: Survey,
 ) -> AlignmentSettings:
-    options, gnss = config.in_flight, config.gnss
+    options, gnss, first = config.in_flight, config.gnss, survey.first_ns
     return AlignmentSettings(
         method=method,
         vectors=options.vectors,
@@ -228,6 +229,7 @@ def _settings(
             smooth=options.gate_smooth,
         ),
         start_ns=start,
+        max_gap_ns=survey.max_gap_ns,
         t0_ns=None if options.lift_off is None else first + round(options.lift_off * SECOND),
         sigma_stop=None if options.sigma_stop is None else options.sigma_stop * DEGREE,
         gnss_sigma_v=gnss.gnss_sigma_v,

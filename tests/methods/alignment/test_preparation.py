@@ -70,11 +70,31 @@ def test_long_gaps_break_the_chain():
     assert "break the chain" in warnings[0]
 
 
-def test_any_gap_breaks_the_chain_while_turning():
+def test_a_gap_breaks_the_chain_while_turning_and_what_is_none_does_not():
     samples = imu()
     samples.delta_theta[900:1100, 0] = np.deg2rad(50.0) * 0.005
-    parts, _ = stretches(without(samples, slice(1000, 1001)), AlignmentSettings())
-    assert [len(p.imu) for p in parts] == [1000, 2999]
+    cut = without(samples, slice(1000, 1003))
+    assert [len(p.imu) for p in stretches(cut, AlignmentSettings())[0]] == [1000, 2997]
+    # one definition, and one option
+    assert len(stretches(cut, AlignmentSettings(max_gap_ns=21e6))[0]) == 1
+    (one,), warnings = stretches(without(samples, slice(1000, 1001)), AlignmentSettings())
+    assert not warnings
+    assert one.imu.delta_theta.sum() == pytest.approx(samples.delta_theta.sum(), rel=1e-3)
+    short = AlignmentSettings(max_gap_ns=6e6)
+    assert len(stretches(without(samples, slice(1000, 1001)), short)[0]) == 2
+
+
+def test_stamps_that_jitter_are_no_gaps():
+    random = np.random.default_rng(2)
+    ticks = np.cumsum(random.choice([1, 2, 4], 3000, p=[0.25, 0.65, 0.1]))
+    samples = imu(int(ticks[-1]) + 1)
+    samples.delta_theta[:, 2] = np.deg2rad(20.0) * 0.005
+    totals = [np.diff(np.cumsum(v, axis=0)[ticks], axis=0, prepend=0.0)
+              for v in (samples.delta_theta, samples.delta_velocity)]  # fmt: skip
+    uneven = ImuIncrements(samples.time_ns[ticks], *totals)
+    (one,), warnings = stretches(uneven, AlignmentSettings())
+    assert not warnings
+    np.testing.assert_array_equal(one.imu.delta_theta, uneven.delta_theta)
 
 
 def test_saturated_samples_belong_to_no_stretch():
