@@ -53,6 +53,14 @@ def oddities(survey: Survey, options: InputOptions) -> list[Finding]:
 
 
 def _units(s: Survey, options: InputOptions) -> Iterator[Finding]:
+    if not s.gyro_max.any() and not s.accel_max.any():
+        yield Finding(
+            "all-zero",
+            f"topic {s.topic} holds nothing but zeros",
+            answer="choose another with --imu-topic",
+            severity=Severity.FAILED,
+        )
+        return
     if gyro_looks_like_degrees(s.gyro_unit, s.gyro_max):
         reason = (
             "gravity turns in the body as if its rates were in deg/s"

@@ -204,6 +204,12 @@ def test_both_units_wrong_are_both_named(rows, findings_of):
     assert findings_of(rows, gyro_unit="deg/s", accel_unit="g") == {}
 
 
+def test_a_topic_of_zeros_is_refused(rows, findings_of):
+    rows.gyro, rows.accel = np.zeros((N, 3)), np.zeros((N, 3))
+    odd = findings_of(rows)["all-zero"]
+    assert is_fatal(odd) and "--imu-topic" in odd.answer
+
+
 def test_gravity_taken_out(rows, findings_of):
     rows.accel = 0.05 * np.random.default_rng(0).standard_normal((N, 3))
     odd = findings_of(rows)["no-gravity"]
@@ -353,7 +359,7 @@ def test_rates_read_as_increments_are_refused_with_the_option_that_is_wrong(rows
 
 
 @pytest.mark.parametrize(("axes", "sign"), [("flu", -1.0), ("frd", 1.0)])
-def test_gravity_in_the_mean_of_a_log_in_motion_shows_its_axes(rows, found, axes, sign):
+def test_gravity_in_the_mean_of_a_log_in_motion_shows_its_axes(rows, findings_of, axes, sign):
     random = np.random.default_rng(4)
     rows.gyro = 0.2 * random.standard_normal((N, 3))
     rows.accel = np.array([0.0, 0.0, sign * 9.81]) + random.standard_normal((N, 3))

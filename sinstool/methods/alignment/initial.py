@@ -12,6 +12,8 @@ from sinstool.core.units import STANDARD_GRAVITY
 from sinstool.methods.alignment.still import StillSpan, Windows
 
 ROUGH_S = 1.0
+# m/s^2: less is no gravity.
+LEAST_GRAVITY = 0.1 * STANDARD_GRAVITY
 # A tilt less certain than this is not good, rad; one of which nothing is known has the other.
 GOOD_TILT = np.deg2rad(5.0)
 UNIFORM = np.pi / np.sqrt(3.0)
@@ -136,8 +138,18 @@ def from_still(span: StillSpan, time_ns: int) -> Alignment:
 
     The tilt's sigma is the larger of the accelerometer's noise over the span and what its
     disagreement with gravity shows of its bias, but no more than if nothing were known.
+
+    Raises
+    ------
+    AlignmentError
+        The specific force holds no gravity.
     """
     size = float(np.linalg.norm(span.accel))
+    if not size > LEAST_GRAVITY:
+        raise AlignmentError(
+            "the specific force of the rest holds no gravity",
+            "give the first attitude with --align log or --align fixed",
+        )
     noise = span.accel_std / np.sqrt(span.samples)
     sigma = float(max(noise, abs(size - STANDARD_GRAVITY)) / STANDARD_GRAVITY)
     status = "ok"
@@ -159,7 +171,7 @@ def from_motion(windows: Windows, time_ns: int) -> Alignment:
     first = windows.start_ns < windows.start_ns[0] + int(ROUGH_S * 1e9)
     count = windows.count[first].astype(float)
     accel = count @ windows.accel[first] / count.sum()
-    if not np.linalg.norm(accel) > 0.1 * STANDARD_GRAVITY:
+    if not np.linalg.norm(accel) > LEAST_GRAVITY:
         raise AlignmentError(
             "the log does not begin still and its specific force holds no gravity",
             "give the first attitude with --align log or --align fixed",

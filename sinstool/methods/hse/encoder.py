@@ -178,6 +178,10 @@ def table_angle(
             late = begins + model.delay
             low = max(0, int(np.ceil((seconds[0] - late - _GRAINS) / dt)))
             high = min(grid.count, int(np.floor((seconds[-1] - late + _GRAINS) / dt)))
+            # An encoder that is read with the gyro does not cover all of the first interval, or of
+            # the last: the angle goes on steadily for that one
+            low = 0 if low == 1 else low
+            high = grid.count if high == grid.count - 1 else high
             if high - low < 1:
                 continue
             at = late + np.arange(low, high + 1) * dt
@@ -186,12 +190,24 @@ def table_angle(
                     grid.first + low,
                     begins + low * dt,
                     dt,
-                    np.interp(at, seconds, alpha),
+                    _angle_at(at, seconds, alpha),
                     grid.jitter_s,
                     grid.wander_s,
                 )
             )
     return pieces
+
+
+def _angle_at(at: FloatArray, seconds: FloatArray, alpha: FloatArray) -> FloatArray:
+    """Angle between readings, and at the rate of the nearest second beyond their ends."""
+    angle = np.interp(at, seconds, alpha)
+    last = len(seconds) - 1
+    early = int(min(np.searchsorted(seconds, seconds[0] + 1.0), last))
+    late = int(max(np.searchsorted(seconds, seconds[-1] - 1.0) - 1, 0))
+    for beyond, end, other in ((at < seconds[0], 0, early), (at > seconds[-1], last, late)):
+        rate = (alpha[other] - alpha[end]) / (seconds[other] - seconds[end])
+        angle[beyond] = alpha[end] + rate * (at[beyond] - seconds[end])
+    return np.asarray(angle)
 
 
 def _stamps(time_ns: ArrayLike, whose: str) -> IntArray:

@@ -226,7 +226,8 @@ def _objection(part: Segment, piece: TableAngle, rules: SegmentRules, rest: bool
 
 
 def _too_short(duration_s: float, rules: SegmentRules) -> str:
-    return f"lasts {duration_s:.1f} s after settling: {rules.min_duration_s:g} s needed"
+    needed = f"{rules.min_duration_s:g} s needed (--min-duration)"
+    return f"lasts {duration_s:.1f} s after settling: {needed}"
 
 
 def _changing(piece: TableAngle, number: int, first: int, stop: int) -> Segment:

@@ -1,3 +1,5 @@
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from hypothesis import given
@@ -71,6 +73,18 @@ def test_sigma_of_tilt_is_noise_or_what_gravity_is_off():
     # an accelerometer that reads 9.5 m/s^2 at rest may be tilted by its bias of 0.3
     (off,) = still_spans(windows(gyro, -accel * 9.5 / G))
     assert from_still(off, 0).sigma_rad[0] == pytest.approx(0.3 / G, rel=0.03)
+
+
+@pytest.mark.parametrize("factor", [G, 1.0 / G, 200.0])
+def test_a_tilt_whose_sigma_means_nothing_is_not_ok(factor):
+    gyro, accel = resting(800)
+    (span,) = still_spans(windows(gyro, -accel))
+    span = replace(span, accel=factor * span.accel)
+    got = from_still(span, 0)
+    assert got.status == "degraded" and "--accel-unit" in got.warnings[0]
+    assert np.deg2rad(5.0) < got.sigma_rad[0] < 2.0
+    with pytest.raises(AlignmentError, match="no gravity"):
+        from_still(replace(span, accel=0.0 * span.accel), 0)
 
 
 def test_a_moving_start_gives_a_rough_tilt_and_says_so():

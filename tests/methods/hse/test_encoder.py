@@ -207,3 +207,15 @@ def test_repeated_readings_count_once():
     (piece,) = table_angle(ns(gyro), ns(at[twice]), angle[twice], EncoderModel())
     (plain,) = table_angle(ns(gyro), ns(at), angle, replace(EncoderModel(), joint="other"))
     np.testing.assert_array_equal(piece.alpha, plain.alpha)
+
+
+@pytest.mark.parametrize(("stamp", "wanted"), [("end", 0.0), ("start", 1.0)])
+def test_whole_turns_of_an_encoder_that_is_read_with_the_gyro_are_whole(stamp, wanted):
+    # ten turns of 10 s and not a sample more; encoder and gyro have the same stamps
+    at = np.arange(1, 10_001) * 0.01
+    angle = 2.0 * np.pi / 10.0 * at
+    (piece,) = table_angle(ns(at), ns(at), wrapped(angle), EncoderModel(), stamp)
+    assert piece.first == 0 and len(piece) == len(at)
+    turns = (piece.alpha - 2.0 * np.pi * 0.01 / 10.0 * wanted) / (2.0 * np.pi)
+    assert turns[-1] - turns[0] == pytest.approx(10.0, abs=1e-9)
+    assert turns[0] == pytest.approx(0.0, abs=1e-6)
