@@ -190,7 +190,7 @@ def table_angle(
                     grid.first + low,
                     begins + low * dt,
                     dt,
-                    _angle_at(at, seconds, alpha),
+                    _angle_at(np.asarray(at, np.float64), seconds, alpha),
                     grid.jitter_s,
                     grid.wander_s,
                 )
