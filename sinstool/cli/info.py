@@ -125,10 +125,7 @@ def _print_imu(imu: InspectedImu | UnusableImu, verbose: bool) -> None:
             f"{'header stamps' if imu.time_source == 'stamp' else 'log times'};"
             f" {imu.duplicates} duplicates, {imu.backward} backward, {imu.gaps} gaps",
         ),
-        (
-            "  clocks",
-            "log time less stamp {:+.4f} to {:+.4f} s".format(*imu.log_less_stamp_s),
-        ),
+        ("  clocks", "log time less stamp {:+.4f} to {:+.4f} s".format(*imu.log_less_stamp_s)),
         ("  gyro", f"largest {gyro} rad/s on x, y, z"),
         ("  gravity", f"specific force mostly {imu.specific_force_m_s2:.3f} m/s^2"),
         ("  orientation", "given" if imu.orientation else "none"),

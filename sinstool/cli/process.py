@@ -107,11 +107,7 @@ def _print_plan(log: Path, config: ProcessConfig, batch: BatchOptions) -> int:
 
 
 def process_one(
-    log: Path,
-    output: Path,
-    report: Path | None,
-    config: ProcessConfig,
-    progress: Progress | None,
+    log: Path, output: Path, report: Path | None, config: ProcessConfig, progress: Progress | None
 ) -> ProcessResult:
     """Process a log, and write its page if there is to be one.
 
@@ -142,11 +138,7 @@ def process_one(
 
 
 def process_unless_done(
-    log: Path,
-    output: Path,
-    report: Path | None,
-    config: ProcessConfig,
-    progress: Progress | None,
+    log: Path, output: Path, report: Path | None, config: ProcessConfig, progress: Progress | None
 ) -> dict[str, Any]:
     """One of many: as :func:`process_one`, unless its output is there and would be the same.
 

@@ -232,11 +232,7 @@ def mean_rates(
             step[:] = SECOND / sample_rate
         seconds = (step / SECOND)[:, None]
         yield Imu(
-            times,
-            block.log_time_ns,
-            block.gyro / seconds,
-            block.accel / seconds,
-            block.orientation,
+            times, block.log_time_ns, block.gyro / seconds, block.accel / seconds, block.orientation
         )
         last = int(times[-1])
 

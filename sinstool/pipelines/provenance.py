@@ -79,8 +79,7 @@ def require_same(path: Path, log: Path, config: ProcessConfig) -> dict[str, str]
     here = identity(config)
     if record.get("version") != here["version"]:
         raise OutputError(
-            f"{path} was made by sinstool {record.get('version')}, this is {here['version']}",
-            hint,
+            f"{path} was made by sinstool {record.get('version')}, this is {here['version']}", hint
         )
     for key, value in here.items():
         if record.get(key) != value:

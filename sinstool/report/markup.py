@@ -344,12 +344,7 @@ def _range(series: Series) -> tuple[float | None, ...]:
     finite = series.y[np.isfinite(series.y)]
     if not finite.size:
         return (None,) * len(_RANGE)
-    return (
-        float(finite.min()),
-        float(np.median(finite)),
-        float(finite.max()),
-        float(finite[-1]),
-    )
+    return (float(finite.min()), float(np.median(finite)), float(finite.max()), float(finite[-1]))
 
 
 def _footer(figures: bool) -> str:

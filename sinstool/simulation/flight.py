@@ -179,11 +179,7 @@ def _manoeuvres(duration_s: float, turbulence: float, random: np.random.Generato
 
 
 def add_sinusoids(
-    out: FloatArray,
-    t: FloatArray,
-    frequency: FloatArray,
-    phase: FloatArray,
-    amplitude: FloatArray,
+    out: FloatArray, t: FloatArray, frequency: FloatArray, phase: FloatArray, amplitude: FloatArray
 ) -> None:
     """Shake the angles of a motion.
 

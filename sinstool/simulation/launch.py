@@ -52,10 +52,7 @@ def launch_profile(dynamics: float = 1.0, straight: bool = False) -> Profile:
         Step(5.0, 20.0, 3.0 * DEGREE),
     )
     yaw: tuple[Term, ...] = (Wave(1.3 * _CONING_HALF_ANGLE, coning, 0.0, boost),)
-    roll: tuple[Term, ...] = (
-        Ramp(3.0, 0.4, 220.0 * DEGREE),
-        Ramp(11.0, 0.4, -220.0 * DEGREE),
-    )
+    roll: tuple[Term, ...] = (Ramp(3.0, 0.4, 220.0 * DEGREE), Ramp(11.0, 0.4, -220.0 * DEGREE))
     if straight:
         return Profile(
             (*speed, Ramp(28.0, 1.0, -18.0)),
@@ -96,10 +93,7 @@ def _with_glide(boost: Profile, dynamics: float) -> Profile:
             Step(150.0, 50.0, -9.0 * DEGREE * dynamics),
             Step(205.0, 50.0, 12.0 * DEGREE * dynamics),
         ),
-        pitch=(
-            *boost.pitch,
-            Wave(2.0 * DEGREE * dynamics, 0.17, 0.0, fade),
-        ),
+        pitch=(*boost.pitch, Wave(2.0 * DEGREE * dynamics, 0.17, 0.0, fade)),
         yaw=boost.yaw,
         roll=(
             *boost.roll,

@@ -172,10 +172,7 @@ def imu_topic(sensor: ImuTruth, gyro_kind: str, axes: Axes) -> SimulatedTopic:
     gyro, accel = {
         "rate": (sensor.gyro_rate, sensor.specific_force),
         "mean-rate": (sensor.gyro_mean_rate, sensor.mean_specific_force),
-        "increment": (
-            sensor.gyro_increment,
-            sensor.mean_specific_force * sensor.interval[:, None],
-        ),
+        "increment": (sensor.gyro_increment, sensor.mean_specific_force * sensor.interval[:, None]),
     }[gyro_kind]
 
     def columns(rows: slice) -> Columns:

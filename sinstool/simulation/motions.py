@@ -120,11 +120,7 @@ def two_frequency(half_angles: tuple[float, float], frequencies: tuple[float, fl
 
 
 def broadband(
-    angle_rms: float,
-    band: tuple[float, float] = (20.0, 150.0),
-    *,
-    seed: int = 0,
-    lines: int = 200,
+    angle_rms: float, band: tuple[float, float] = (20.0, 150.0), *, seed: int = 0, lines: int = 200
 ) -> Sinusoids:
     """Vibration with coning at every frequency of a band.
 
@@ -164,11 +160,7 @@ def broadband(
 
 
 def random_manoeuvre(
-    rate_rms: float,
-    band: tuple[float, float],
-    *,
-    seed: int = 0,
-    lines: int = 12,
+    rate_rms: float, band: tuple[float, float], *, seed: int = 0, lines: int = 12
 ) -> Sinusoids:
     """Random rotation about all three axes.
 

@@ -69,11 +69,7 @@ def _matrix(scale: float, misalignment: float, random: np.random.Generator) -> F
 
 
 def markov(
-    n: int,
-    step: float,
-    correlation_time: float,
-    random: np.random.Generator,
-    columns: int = 1,
+    n: int, step: float, correlation_time: float, random: np.random.Generator, columns: int = 1
 ) -> FloatArray:
     """First-order Gauss-Markov processes of unit variance, stationary from the first row.
 

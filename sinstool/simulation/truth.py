@@ -169,12 +169,7 @@ def after_rest(motion: ImuTruth, rest: ImuTruth) -> ImuTruth:
     return ImuTruth(**joined)
 
 
-def static(
-    time_ns: ArrayLike,
-    q_nb: ArrayLike,
-    latitude: float,
-    height: float = 0.0,
-) -> ImuTruth:
+def static(time_ns: ArrayLike, q_nb: ArrayLike, latitude: float, height: float = 0.0) -> ImuTruth:
     """Exact samples of a body at rest: Earth rate and the reaction to gravity.
 
     Parameters

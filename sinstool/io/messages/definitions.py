@@ -235,10 +235,7 @@ def _collect(
         # ROS 1 has these as primitives and no schema spells them out.
         second = "uint32" if encoding == "ros1" and name.endswith("Time") else "int32"
         fraction = "int32" if encoding == "ros1" and name.endswith("Duration") else "uint32"
-        types[name] = (
-            ("sec", FieldType("base", second)),
-            ("nanosec", FieldType("base", fraction)),
-        )
+        types[name] = (("sec", FieldType("base", second)), ("nanosec", FieldType("base", fraction)))
         return
     if name not in parsed:
         standard = _standard_types(encoding)

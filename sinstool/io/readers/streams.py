@@ -78,10 +78,7 @@ def stamp(columns: Mapping[str, np.ndarray]) -> np.ndarray:
 
 def header(prefix: str = "") -> dict[str, list[str]]:
     """Columns of the stamp in the header of a message at a path, for :func:`stamp`."""
-    return {
-        "sec": [f"{prefix}header.stamp.sec"],
-        "nanosec": [f"{prefix}header.stamp.nanosec"],
-    }
+    return {"sec": [f"{prefix}header.stamp.sec"], "nanosec": [f"{prefix}header.stamp.nanosec"]}
 
 
 def read_columns(

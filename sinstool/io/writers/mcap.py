@@ -264,11 +264,7 @@ class McapWriter:
         if number is None:
             number = _free(self.channels)
         channel = records.Channel(
-            id=number,
-            topic=topic,
-            message_encoding=encoding,
-            metadata=metadata,
-            schema_id=schema,
+            id=number, topic=topic, message_encoding=encoding, metadata=metadata, schema_id=schema
         )
         self.channels[number] = channel
         self._enqueue(lambda: self._write_record(channel), 0)

@@ -359,10 +359,7 @@ class SolutionWriter:
         if ros1:
             metadata = {"md5sum": md5_sum(type_name), "latching": "0", "callerid": "sinstool"}
         else:
-            metadata = {
-                "offered_qos_profiles": QOS,
-                "topic_type_hash": type_hash(type_name),
-            }
+            metadata = {"offered_qos_profiles": QOS, "topic_type_hash": type_hash(type_name)}
         return self._writer.add_channel(topic, self._encoding, schema, metadata)
 
     def push(self, solution: Solution) -> None:
@@ -426,10 +423,7 @@ class SolutionWriter:
         self.written += count
 
     def _messages(
-        self,
-        solution: Solution,
-        sequence: np.ndarray,
-        due: tuple[Diagnostics, np.ndarray] | None,
+        self, solution: Solution, sequence: np.ndarray, due: tuple[Diagnostics, np.ndarray] | None
     ) -> list[RawBatch]:
         """Serialise a batch; runs in the writer's threads, so it changes nothing of ours."""
         rows = Rows(solution, self._frames)

@@ -103,10 +103,7 @@ class Gyrocompass:
 
 
 def gyrocompass(
-    imu: ImuIncrements,
-    latitude: float,
-    height: float = 0.0,
-    grade: SensorGrade = TACTICAL,
+    imu: ImuIncrements, latitude: float, height: float = 0.0, grade: SensorGrade = TACTICAL
 ) -> Gyrocompass:
     """Attitude of a vehicle that stays where it is.
 

@@ -177,12 +177,7 @@ def differentiated_pairs(
     return Pairs(alpha, beta, weight, np.arange(count), back, scale, gains)
 
 
-def centred_pairs(
-    rows: InertialRows,
-    beta: FloatArray,
-    weight: FloatArray,
-    line: bool,
-) -> Pairs:
+def centred_pairs(rows: InertialRows, beta: FloatArray, weight: FloatArray, line: bool) -> Pairs:
     """Pairs ``cen`` (integrals less their weighted mean) and ``pos`` (less a straight line).
 
     Parameters

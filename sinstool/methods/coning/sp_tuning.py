@@ -160,11 +160,7 @@ def best_q(turn: float, gyro_kind: GyroKind = "rate") -> float:
 
 
 def tune(
-    gyro: ArrayLike,
-    interval: float,
-    gyro_kind: GyroKind = "rate",
-    *,
-    passband: float | None = None,
+    gyro: ArrayLike, interval: float, gyro_kind: GyroKind = "rate", *, passband: float | None = None
 ) -> SpTuning:
     """Choose epsilon and n so that the log's own coning does not drift.
 
@@ -241,11 +237,7 @@ def tune(
 
 
 def bounds(
-    gyro: ArrayLike,
-    interval: float,
-    gyro_kind: GyroKind = "rate",
-    *,
-    highest: float | None = None,
+    gyro: ArrayLike, interval: float, gyro_kind: GyroKind = "rate", *, highest: float | None = None
 ) -> SpBounds:
     """Evaluate the paper's bounds (13) and (15) from spectra of a log's windows.
 

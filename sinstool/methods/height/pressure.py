@@ -341,10 +341,7 @@ def reference_from_start(pressure: ArrayLike, height: float) -> BaroReference:
 
 
 def reference_from_gnss(
-    time_ns: ArrayLike,
-    pressure: ArrayLike,
-    gnss_time_ns: ArrayLike,
-    gnss_height: ArrayLike,
+    time_ns: ArrayLike, pressure: ArrayLike, gnss_time_ns: ArrayLike, gnss_height: ArrayLike
 ) -> BaroReference:
     """Heights set by GNSS: its median over the first 30 s, and the day's scale where it shows.
 

@@ -276,10 +276,7 @@ class ValidationTable:
 
 
 def validation_table(
-    azimuth: ArrayLike,
-    heading: ArrayLike,
-    corrected: ArrayLike,
-    ids: Sequence[str] | None = None,
+    azimuth: ArrayLike, heading: ArrayLike, corrected: ArrayLike, ids: Sequence[str] | None = None
 ) -> ValidationTable:
     """Compare headings before and after correction, as table 1 of the paper does.
 

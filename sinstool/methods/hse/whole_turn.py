@@ -115,10 +115,7 @@ class WholeTurnAlignment:
 
 
 def align_whole_turns(
-    turns: TurnStatistics,
-    rig: Rig,
-    level_rate: str = "off",
-    gyro_bias_sigma: float = 0.0,
+    turns: TurnStatistics, rig: Rig, level_rate: str = "off", gyro_bias_sigma: float = 0.0
 ) -> WholeTurnAlignment:
     """Align on whole turns.
 

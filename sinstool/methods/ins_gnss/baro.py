@@ -172,15 +172,7 @@ def network_sample(
     ):
         reason = height_layout.GATE
     what, dh, dw = baro_sample(
-        channel,
-        model.network,
-        channel_events,
-        now,
-        nav[HEIGHT],
-        v_up,
-        stamp,
-        height,
-        reason,
+        channel, model.network, channel_events, now, nav[HEIGHT], v_up, stamp, height, reason
     )
     if what == height_layout.NOTHING:
         return row

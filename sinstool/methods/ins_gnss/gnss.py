@@ -189,12 +189,7 @@ def _admit_drift(m: Memory, lasted: float) -> None:
 
 @numba.njit(cache=True, nogil=True)
 def _compare(
-    m: Memory,
-    model: Model,
-    fix: FloatArray,
-    back: float,
-    moved: FloatArray,
-    diagnosis: FloatArray,
+    m: Memory, model: Model, fix: FloatArray, back: float, moved: FloatArray, diagnosis: FloatArray
 ) -> int:
     """Innovation and H of a fix; how many rows it has."""
     par = model.parameters

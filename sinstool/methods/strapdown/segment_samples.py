@@ -51,9 +51,7 @@ class SampleSettings:
     def stage(self) -> ConingStage:
         """The coning stage of a new segment."""
         return ConingStage(
-            self.algorithm,
-            of_rates(self.gyro_kind),
-            nominal_interval=self.nominal_ns / SECOND,
+            self.algorithm, of_rates(self.gyro_kind), nominal_interval=self.nominal_ns / SECOND
         )
 
 

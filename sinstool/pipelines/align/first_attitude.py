@@ -218,11 +218,7 @@ def _from_motion(
 
 
 def _carried_back(
-    moving: MotionAlignment,
-    source: Source,
-    config: ProcessConfig,
-    time_ns: int,
-    most_sigma: float,
+    moving: MotionAlignment, source: Source, config: ProcessConfig, time_ns: int, most_sigma: float
 ) -> tuple[int, np.ndarray, np.ndarray]:
     """Attitude and covariance at a time, or where it was found, if that cannot be reached.
 

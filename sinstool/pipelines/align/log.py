@@ -65,10 +65,7 @@ class LogAlignment:
 
 
 def align_log(
-    path: Path,
-    config: ProcessConfig,
-    progress: Progress | None = None,
-    truth: str | None = None,
+    path: Path, config: ProcessConfig, progress: Progress | None = None, truth: str | None = None
 ) -> LogAlignment:
     """Align the vehicle of a log.
 

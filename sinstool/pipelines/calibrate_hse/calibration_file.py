@@ -115,8 +115,7 @@ def loads(text: str) -> HseCalibration:
         data = json.loads(text, parse_constant=_no_constant)
     except ValueError as error:
         raise ConfigurationError(
-            f"this is no calibration of heading-sensitive error: {error}",
-            _OTHER_FILE,
+            f"this is no calibration of heading-sensitive error: {error}", _OTHER_FILE
         ) from error
     return from_dict(data)
 

@@ -155,12 +155,7 @@ def _relative(p: FloatArray, q: FloatArray) -> tuple[float, float, float, float]
 
 @numba.njit(cache=True, nogil=True)
 def _psi(
-    q: FloatArray,
-    r: FloatArray,
-    mine: IntArray,
-    theirs: IntArray,
-    edges: IntArray,
-    out: FloatArray,
+    q: FloatArray, r: FloatArray, mine: IntArray, theirs: IntArray, edges: IntArray, out: FloatArray
 ) -> None:
     """``log(q r^-1)``, `q` set to `r` at each edge; an edge itself belongs to the window it ends.
 

@@ -45,10 +45,7 @@ class Prediction:
 
 
 def predict(
-    candidate: Candidate,
-    spectrum: ConingSpectrum,
-    passband: float | None,
-    stopband: float | None,
+    candidate: Candidate, spectrum: ConingSpectrum, passband: float | None, stopband: float | None
 ) -> Prediction:
     """Predict a candidate's drift.
 
@@ -288,9 +285,7 @@ def summarise(log: LogComparison) -> ComparisonResult:
         None
         if log.spectrum is None
         else SpectrumResult(
-            log.spectrum.coning_rate() * DEG_H,
-            0.5 / log.spectrum.interval,
-            log.spectrum.step,
+            log.spectrum.coning_rate() * DEG_H, 0.5 / log.spectrum.interval, log.spectrum.step
         ),
         tuple(Alias(**fields_in(exposure, Alias)) for exposure in c.exposures),
         _sp(log),

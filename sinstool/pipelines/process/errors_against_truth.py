@@ -21,11 +21,7 @@ from sinstool.io.readers.truth import at_times, read_truth
 # Instants further apart tell nothing of what was between them.
 LONGEST_NS = 2 * SECOND
 # Key, unit, and what of an error in SI is one of that unit.
-KINDS = (
-    ("attitude", "deg", DEGREE),
-    ("position", "m", 1.0),
-    ("velocity", "m/s", 1.0),
-)
+KINDS = (("attitude", "deg", DEGREE), ("position", "m", 1.0), ("velocity", "m/s", 1.0))
 
 
 @dataclass(frozen=True)

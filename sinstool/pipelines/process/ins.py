@@ -61,9 +61,7 @@ class InsMode(Mode):
             self._damping, notes = damping(source, config, self._latitude, height)
             self._notes += notes
             parameters = layout.new_parameters(
-                self._damping.network,
-                self._damping.grade.grade,
-                baro_lag=config.vertical.baro_lag,
+                self._damping.network, self._damping.grade.grade, baro_lag=config.vertical.baro_lag
             )
             if start_velocity(source, plan.alignment, config) is None:
                 parameters = beginning_quickly(parameters)

@@ -57,10 +57,7 @@ def process(
     SinstoolError
         With one line that says what was wrong and what to do; no output is left behind.
     """
-    with (
-        open_log(path, config.input.salvage) as log,
-        Output(log, output, config, sink) as written,
-    ):
+    with open_log(path, config.input.salvage) as log, Output(log, output, config, sink) as written:
         log_choice("log", f"{path}, {log.format}, {log.size / 1e6:.1f} MB")
         if config.hse.hse is not None:
             from sinstool.pipelines.process.turntable import process_turntable
@@ -93,11 +90,7 @@ def plan_of(path: Path, config: ProcessConfig, progress: Progress | None = None)
 
 
 def _carry_out(
-    source: Source,
-    plan: Plan,
-    config: ProcessConfig,
-    written: Output,
-    progress: Progress | None,
+    source: Source, plan: Plan, config: ProcessConfig, written: Output, progress: Progress | None
 ) -> ProcessResult:
     """Write the solutions of the mode that the plan names."""
     module, _, name = MODES[plan.mode.value].partition(":")

@@ -370,8 +370,5 @@ def _arcsec(angle: float | None) -> float | None:
 def _lost(log: Log, samples: RigLog) -> Lost:
     counts = samples.imu_counts
     return Lost(
-        **vars(log.account()),
-        malformed=counts.malformed,
-        not_finite=counts.not_finite,
-        late=0,
+        **vars(log.account()), malformed=counts.malformed, not_finite=counts.not_finite, late=0
     )

@@ -20,11 +20,7 @@ MARKS = 50
 def filter_figures(course: FilterCourse) -> list[Figure]:
     """Figures of a run that has come to its end."""
     gnss, first, marks = course.gnss, course.first_ns, _events(course)
-    return [
-        *_innovations(gnss, first, marks),
-        _squares(gnss, first, marks),
-        *_biases(course),
-    ]
+    return [*_innovations(gnss, first, marks), _squares(gnss, first, marks), *_biases(course)]
 
 
 def _thinned(rows: np.ndarray) -> np.ndarray:

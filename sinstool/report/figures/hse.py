@@ -152,10 +152,7 @@ class _Lines:
     def _columns(self, k: int, rate: FloatArray) -> dict[str, FloatArray]:
         """Derivatives of heading by the parameters but for headings themselves."""
         lambda1 = rate - self.down
-        columns = {
-            "lambda2": lambda1 * self.lean[k] / self.north,
-            "tau": rate,
-        }
+        columns = {"lambda2": lambda1 * self.lean[k] / self.north, "tau": rate}
         # the published line goes through Omega itself
         columns["K"] = rate if self.result.form == "paper" else lambda1
         return columns

@@ -66,10 +66,7 @@ def rates_over_time(logs: Sequence[RigTurns]) -> Figure:
     table = [(log.segmentation.block_time_s, log.segmentation.block_rate) for log in logs]
     used = [_within(log, log.segmentation.used) for log in logs]
     rejected = [_within(log, log.segmentation.rejected) for log in logs]
-    series = [
-        _rates("table", table, offsets, "line"),
-        _rates("used", used, offsets, "points"),
-    ]
+    series = [_rates("table", table, offsets, "line"), _rates("used", used, offsets, "points")]
     if any(len(t) for t, _ in rejected):
         series.append(_rates("not used", rejected, offsets, "points"))
     return Figure(

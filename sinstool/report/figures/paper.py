@@ -157,10 +157,7 @@ def _figure_8(experiment: Experiment) -> Figure:
     hidden = ("rect", "sp-best", "inc-optimal-4", "inc-previous-3", "int-previous-3")
     series = [
         Series(experiment.sweep(key).case.label, experiment.sweep(key).z_deg, shown=shown)
-        for keys, shown in (
-            (("rect-opt4", SP_PAPER, "sp-paper-truncated"), True),
-            (hidden, False),
-        )
+        for keys, shown in ((("rect-opt4", SP_PAPER, "sp-paper-truncated"), True), (hidden, False))
         for key in keys
     ]
     return Figure(

@@ -36,13 +36,7 @@ class Curves:
     of: Mapping[str, FloatArray]
 
     def figure(
-        self,
-        key: str,
-        title: str,
-        ylabel: str,
-        names: Sequence[str],
-        note: str,
-        marks: Marks = (),
+        self, key: str, title: str, ylabel: str, names: Sequence[str], note: str, marks: Marks = ()
     ) -> Figure:
         """Some of the columns against time."""
         series = tuple(Series(name, self.of[name]) for name in names)

@@ -30,11 +30,7 @@ GAPS = 30
 
 
 def write_page(
-    report: Path,
-    inspection: Inspection,
-    shown: Shown,
-    config: ProcessConfig,
-    overwrite: bool,
+    report: Path, inspection: Inspection, shown: Shown, config: ProcessConfig, overwrite: bool
 ) -> None:
     """Write the page, or its first figure, that ``--report`` asks for.
 

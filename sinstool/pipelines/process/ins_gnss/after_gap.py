@@ -82,9 +82,7 @@ def start_after_gap(
     known = run.summary.restarts == 0
     align = config.align.align
     # Angles of the log's first instant say nothing here
-    options: dict[str, Any] = {
-        "align": align if align in IN_FLIGHT or align == "log" else "auto",
-    }
+    options: dict[str, Any] = {"align": align if align in IN_FLIGHT or align == "log" else "auto"}
     if known:
         bias = turn_body(run.summary.gyro_bias, config.input.body_axes)
         options["gyro_bias"] = tuple(bias.tolist())
