@@ -228,57 +228,42 @@ def _compare(
     od = c20 * rx + c21 * ry + c22 * rz + _RATE * sin(lat)
     bn, be, bd = cross(on, oe, od, an, ae, ad)
 
+    level = np.isfinite(fix[0]) and np.isfinite(fix[1])
+    values = (
+        (lat - fix[0]) * rm + an,
+        (wrapped_angle(lon - fix[1]) if level else 0.0) * across + ae,
+        fix[2] - h + ad,
+        nav[V_NORTH] - back * moved[3] + bn - fix[3],
+        nav[V_NORTH + 1] - back * moved[4] + be - fix[4],
+        nav[V_NORTH + 2] - back * moved[5] + bd - fix[5],
+    )
+    # What a turn does to the arm, and to its swing
+    arm = ((0.0, -ad, ae), (ad, 0.0, -an), (-ae, an, 0.0))
+    swing = ((0.0, -bd, be), (bd, 0.0, -bn), (-be, bn, 0.0))
+    c_nb = ((c00, c01, c02), (c10, c11, c12), (c20, c21, c22))
     instants.clear_rows(m, layout.ROWS)
     if m.changes.shape[0] > 0:
-        for i in range(layout.ROWS):
-            m.ratio[i] = 1.0
+        m.ratio[:] = 1.0
     rows = 0
     for i in range(6):
         diagnosis[layout.D_INNOVATION + i] = np.nan
         diagnosis[layout.D_SIGMA + i] = np.nan
         diagnosis[layout.D_MEASUREMENT + i] = np.nan
         diagnosis[layout.D_RATIO + i] = np.nan
-        if not np.isfinite(fix[i]):
+        if not np.isfinite(fix[i]) or (i < 2 and not level) or (i == 2 and not np.isfinite(fix[0])):
             continue
-        if i < 2 and not (np.isfinite(fix[0]) and np.isfinite(fix[1])):
-            continue
-        if i == 2 and not np.isfinite(fix[0]):
-            continue
-        if i == 0:
-            value = (lat - fix[0]) * rm + an
-            p0, p1, p2 = 0.0, -ad, ae
-        elif i == 1:
-            value = wrapped_angle(lon - fix[1]) * across + ae
-            p0, p1, p2 = ad, 0.0, -an
-        elif i == 2:
-            value = fix[2] - h + ad
-            p0, p1, p2 = -ae, an, 0.0
-        elif i == 3:
-            value = nav[V_NORTH] - back * moved[3] + bn - fix[3]
-            p0, p1, p2 = 0.0, -bd, be
-        elif i == 4:
-            value = nav[V_NORTH + 1] - back * moved[4] + be - fix[4]
-            p0, p1, p2 = bd, 0.0, -bn
-        else:
-            value = nav[V_NORTH + 2] - back * moved[5] + bd - fix[5]
-            p0, p1, p2 = -be, bn, 0.0
+        value = values[i]
         m.h[rows, i] = 1.0
-        m.h[rows, states.ATTITUDE] = p0
-        m.h[rows, states.ATTITUDE + 1] = p1
-        m.h[rows, states.ATTITUDE + 2] = p2
+        turn = arm[i] if i < 3 else swing[i - 3]
+        for j in range(3):
+            m.h[rows, states.ATTITUDE + j] = turn[j]
         if i < 3:
             m.h[rows, states.VELOCITY + i] = -back
         else:
             # -C [l x]
-            if i == 3:
-                r0, r1, r2 = c00, c01, c02
-            elif i == 4:
-                r0, r1, r2 = c10, c11, c12
-            else:
-                r0, r1, r2 = c20, c21, c22
-            m.h[rows, gyro] = -(r1 * lz - r2 * ly)
-            m.h[rows, gyro + 1] = -(r2 * lx - r0 * lz)
-            m.h[rows, gyro + 2] = -(r0 * ly - r1 * lx)
+            r0, r1, r2 = c_nb[i - 3]
+            gx, gy, gz = cross(r0, r1, r2, lx, ly, lz)
+            m.h[rows, gyro], m.h[rows, gyro + 1], m.h[rows, gyro + 2] = -gx, -gy, -gz
         if eta >= 0:
             m.h[rows, eta + i] = -1.0
         for j in range(m.h.shape[1]):
