@@ -11,13 +11,7 @@ import click
 from sinstool.campaign.inputs import expand
 from sinstool.cli.console import print_json, progress_bar, warn
 from sinstool.cli.many import BatchOptions, batch_options, workers_of, workers_options
-from sinstool.cli.options import (
-    Words,
-    config_options,
-    effective_config,
-    path_option,
-    print_config,
-)
+from sinstool.cli.options import Words, config_options, effective_config, path_option, print_config
 from sinstool.config import ProcessConfig
 from sinstool.core.errors import ConfigurationError
 from sinstool.core.units import ARCSEC, DEGREE

@@ -20,12 +20,7 @@ from sinstool.pipelines.compare_coning.paper_sweep import Sweep
 from sinstool.report.page import check_report, write_report
 from sinstool.report.pages.compare_coning import reproduction_page
 from sinstool.report.text.table import columns
-from sinstool.simulation.coning_paper import (
-    FREQUENCY_HZ,
-    RATE_HZ,
-    paper_response,
-    response_name,
-)
+from sinstool.simulation.coning_paper import FREQUENCY_HZ, RATE_HZ, paper_response, response_name
 
 SCHEMA = "sinstool.compare-coning-paper/1"
 CSV_HEADER = (

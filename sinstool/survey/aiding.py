@@ -18,17 +18,8 @@ from sinstool.core.finding import Finding, Severity
 from sinstool.core.streams import Baro, BaroHeight, GnssEpochs, Stream
 from sinstool.core.timeline import sorted_stream
 from sinstool.io.readers.log import Channel, Log
-from sinstool.io.readers.message_types import (
-    FIX_TYPE,
-    HEIGHT_TYPES,
-    PRESSURE_TYPE,
-    VELOCITY_TYPES,
-)
-from sinstool.io.readers.streams import (
-    Losses,
-    read_height,
-    read_pressure,
-)
+from sinstool.io.readers.message_types import FIX_TYPE, HEIGHT_TYPES, PRESSURE_TYPE, VELOCITY_TYPES
+from sinstool.io.readers.streams import Losses, read_height, read_pressure
 from sinstool.io.readers.topics import OWN_PREFIXES, choose_optional
 from sinstool.methods.height.pressure import suspected_unit
 

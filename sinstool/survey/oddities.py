@@ -200,8 +200,7 @@ def _time(s: Survey, options: InputOptions) -> Iterator[Finding]:
         )
     elif high - low > CLOCK_WANDER_S:
         yield Finding(
-            "clock-wander",
-            f"log time less header stamp varies from {low:+.3f} to {high:+.3f} s",
+            "clock-wander", f"log time less header stamp varies from {low:+.3f} to {high:+.3f} s"
         )
 
 

@@ -12,13 +12,12 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from sinstool.core.arrays import FloatArray, IntArray
 from sinstool.core.earth import horizontal_metres
 from sinstool.core.rotation import wrapped
 from sinstool.core.streams import Gnss, Velocity
 from sinstool.core.timeline import SECOND
 from sinstool.core.units import DEGREE
-
-FloatArray = NDArray[np.float64]
 
 # Ways that are compared: of this length, m, and of so many sigmas of a fix; a quarter of them off
 # by such a share of their length contradict. Noise and stamps explain less of long ones.
@@ -109,7 +108,7 @@ def usual_noise(fixes: Gnss) -> float:
 
 def _windows(
     seconds: FloatArray, place: NDArray[np.complex128], run: NDArray[np.complex128], length: float
-) -> NDArray[np.int64]:
+) -> IntArray:
     """First and last fix of ways of a length by fixes or by velocity, one after the other."""
     ends, begin = [], 0
     while begin < len(seconds) - 1:

@@ -12,11 +12,7 @@ from typing import TypeVar
 from sinstool.core.errors import UnsupportedLogError
 from sinstool.core.threads import executor, is_single_threaded
 from sinstool.io.readers.batch import RawBatch
-from sinstool.io.readers.compression import (
-    CompressionError,
-    UnknownCompressionError,
-    decompress,
-)
+from sinstool.io.readers.compression import CompressionError, UnknownCompressionError, decompress
 from sinstool.io.readers.limits import LARGE, MAX_BLOCK
 from sinstool.io.readers.log import Log
 

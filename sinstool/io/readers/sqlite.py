@@ -14,12 +14,7 @@ from urllib.parse import quote
 
 import numpy as np
 
-from sinstool.core.errors import (
-    SALVAGE_HINT,
-    DamagedLogError,
-    NotALogError,
-    UnsupportedLogError,
-)
+from sinstool.core.errors import SALVAGE_HINT, DamagedLogError, NotALogError, UnsupportedLogError
 from sinstool.core.temporary import TemporaryFolder
 from sinstool.io.readers.batch import RawBatch
 from sinstool.io.readers.limits import MAX_BLOCK, MAX_PLACES

@@ -11,11 +11,7 @@ from sinstool.core.arrays import FloatArray, IntArray
 from sinstool.core.errors import AlignmentError
 from sinstool.core.timeline import GAP_INTERVALS
 from sinstool.methods.alignment.gate import dynamics, saturated
-from sinstool.methods.alignment.inflight_types import (
-    AlignmentSettings,
-    GnssFixes,
-    ImuIncrements,
-)
+from sinstool.methods.alignment.inflight_types import AlignmentSettings, GnssFixes, ImuIncrements
 
 MISSING = 1.5
 """Of the usual interval: beyond, samples may be missing."""

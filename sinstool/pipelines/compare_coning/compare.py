@@ -21,12 +21,7 @@ import numpy as np
 from sinstool.core.threads import executor
 from sinstool.methods.coning.increments import GyroKind
 from sinstool.methods.coning.registry import algorithm
-from sinstool.pipelines.compare_coning.alias import (
-    Exposure,
-    RateSpectrum,
-    exposure,
-    rate_spectrum,
-)
+from sinstool.pipelines.compare_coning.alias import Exposure, RateSpectrum, exposure, rate_spectrum
 from sinstool.pipelines.compare_coning.divergence import (
     DEG_H,
     DriftStatistics,

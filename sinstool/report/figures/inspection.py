@@ -5,13 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from sinstool.core.timeline import SECOND
-from sinstool.pipelines.info.collect import (
-    INCREMENTS,
-    MESSAGES,
-    POINTS,
-    Sampling,
-    Traffic,
-)
+from sinstool.pipelines.info.collect import INCREMENTS, MESSAGES, POINTS, Sampling, Traffic
 from sinstool.pipelines.info.result import InspectedImu, Inspection
 from sinstool.report.figure import Figure, Series
 from sinstool.report.figures.parts import LOG_TIME, positive

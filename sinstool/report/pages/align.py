@@ -11,16 +11,7 @@ from sinstool.report.figures.alignment import figures
 from sinstool.report.figures.parts import AXES
 from sinstool.report.page import write_report
 from sinstool.report.pages.settings import config_settings, input_rows, read_file
-from sinstool.report.sections import (
-    Cell,
-    Column,
-    Fact,
-    Page,
-    Prose,
-    Section,
-    Settings,
-    Table,
-)
+from sinstool.report.sections import Cell, Column, Fact, Page, Prose, Section, Settings, Table
 
 # What each status means for the use of this attitude.
 VERDICTS = {

@@ -15,17 +15,7 @@ from sinstool.pipelines.process.result import ProcessResult
 from sinstool.report.page import write_report
 from sinstool.report.pages.settings import config_settings, input_rows
 from sinstool.report.recorder import Recorder
-from sinstool.report.sections import (
-    Cell,
-    Column,
-    Fact,
-    Page,
-    Prose,
-    Rows,
-    Section,
-    Settings,
-    Table,
-)
+from sinstool.report.sections import Cell, Column, Fact, Page, Prose, Rows, Section, Settings, Table
 from sinstool.report.text.process import compass, summary_rows
 
 # Rows of the table of events; all of them are in --json.

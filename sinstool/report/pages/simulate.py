@@ -13,15 +13,7 @@ from sinstool.core.units import DEGREE
 from sinstool.report.figure import Figure
 from sinstool.report.figures import simulation as draw
 from sinstool.report.pages.settings import config_settings, input_rows, read_file
-from sinstool.report.sections import (
-    Column,
-    Fact,
-    Page,
-    Prose,
-    Section,
-    Settings,
-    Table,
-)
+from sinstool.report.sections import Column, Fact, Page, Prose, Section, Settings, Table
 from sinstool.simulation.log import BARO_TOPIC, FIX_TOPIC
 from sinstool.simulation.make import Simulated
 from sinstool.simulation.rig_log import lambda2_arcsec
