@@ -147,7 +147,7 @@ def settings(random: np.random.Generator) -> list[str]:
     if random.random() < 0.1:
         words += ["--gnss-lasting", f"{random.choice([0.1, 0.9]):g}"]
     if random.random() < 0.15:
-        words += ["--filter", str(random.choice(["markov-21", "markov-24", "plain-15"]))]
+        words += ["--filter", str(random.choice(["network-26a", "baro-24", "plain-15"]))]
     if random.random() < 0.3:
         words += ["--smooth"]
     return words

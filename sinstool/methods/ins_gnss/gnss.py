@@ -136,7 +136,7 @@ def gnss_epoch(
         for k in range(rows):
             m.rejected[measurement_noise.row_of(m, k)] = m.nu[k]
         wait = par[layout.P_RESTART_AFTER]
-        if instants.lately_restarted(m):
+        if instants.lately_restarted(m, model):
             wait /= 3.0
         lasted = now - number[layout.N_REJECTED_SINCE + alone]
         if wait == 0.0 or lasted < wait - ROUNDING or number[streak] < LEAST_REJECTED:
@@ -147,7 +147,9 @@ def gnss_epoch(
         instants.record(events, count, layout.E_RESTART, number[layout.N_NOW], nis)
         diagnosis[layout.D_RESTARTED] = 1.0
         # Where a restart did not help, the fixes are believed rather than the filter
-        number[layout.N_AFTER_OUTAGE + alone] = AGREE if instants.lately_restarted(m) else 0.0
+        number[layout.N_AFTER_OUTAGE + alone] = (
+            AGREE if instants.lately_restarted(m, model) else 0.0
+        )
         instants.begin_anew(m, model)
         rows = _compare(m, model, fix, back, moved, diagnosis)
         for i in range(6):

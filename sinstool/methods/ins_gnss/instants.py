@@ -40,9 +40,6 @@ GAP_TIME = 1.0  # s, correlation time of what the motion may have been in a gap
 # A second restart within this time, s, adds these sigmas to those of the start, which were wrong:
 # m/s, rad, rad/s and m/s^2.
 NOT_HELPED = 120.0
-# Not in a run's first five minutes, s: there the start is wrong, or the axes, and what is wrong
-# can be named only as long as the sensors' estimates stay near what they are.
-SETTLED = 300.0
 # Each time it also doubles all sigmas, of the gate and of the answer: model and data do not fit
 # each other, and more restarts would not mend that.
 MOST_DOUBT = 1024.0
@@ -263,10 +260,10 @@ def _feed_back(m: Memory, model: Model) -> None:
 
 
 @numba.njit(cache=True, nogil=True)
-def lately_restarted(m: Memory) -> bool:
-    """Whether a restart is so recent that it did not help, and the run not just begun."""
-    now = m.numbers[layout.N_NOW]
-    return now > SETTLED and now - m.numbers[layout.N_RESTART_AT] < NOT_HELPED
+def lately_restarted(m: Memory, model: Model) -> bool:
+    """Whether a restart is so recent that it did not help, and more is to be admitted then."""
+    since = m.numbers[layout.N_NOW] - m.numbers[layout.N_RESTART_AT]
+    return model.parameters[layout.P_ESCALATE] > 0.0 and since < NOT_HELPED
 
 
 @numba.njit(cache=True, nogil=True)
@@ -281,7 +278,7 @@ def begin_anew(m: Memory, model: Model) -> None:
     for i in range(n):
         for j in range(n):
             m.p[i, j] = model.p0[i, j]
-    if lately_restarted(m):
+    if lately_restarted(m, model):
         gyro, accel = model.where[states.I_GYRO_BIAS], model.where[states.I_ACCEL_BIAS]
         for i in range(3):
             m.p[states.VELOCITY + i, states.VELOCITY + i] += LOST_VELOCITY**2

@@ -98,7 +98,8 @@ P_GNSS_ALL = 36  # variances without those states, six
 P_GATES = 42  # by number of rows, 0 to 6
 P_CHANNEL_GATE = 49  # of the vertical channel at rest, m
 P_TURN = 50  # variance of attitude per angle turned, rad
-PARAMETERS = 51
+P_ESCALATE = 51  # 1: restarts that do not help admit more
+PARAMETERS = 52
 
 # --- a row of diagnostics -----------------------------------------------------------------
 D_INNOVATION = 0

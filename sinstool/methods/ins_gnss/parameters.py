@@ -121,6 +121,7 @@ def loop_parameters(kind: states.FilterKind, settings: Settings) -> FloatArray:
     p[layout.P_LEAST], p[layout.P_MOST] = control.least, control.most
     p[layout.P_EPSILON] = control.schmidt_epsilon
     p[layout.P_RESTART_AFTER] = control.restart_after
+    p[layout.P_ESCALATE] = float(control.escalate)
     p[layout.P_MAX_GAP] = settings.max_gap
     p[layout.P_GAP_ACCELERATION] = settings.gap_acceleration
     p[layout.P_GAP_RATE] = settings.gap_rate

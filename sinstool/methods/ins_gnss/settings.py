@@ -146,7 +146,11 @@ class DivergenceControl:
     restart_after : float
         So long nothing but such epochs, s, and at least three: the filter begins anew. A gate
         without a restart would lock a wrong filter away from its measurements for ever. 0: no
-        restart, for tests. Soon after a restart a third of it is enough for the next.
+        restart, for tests.
+    escalate : bool
+        Within two minutes of a restart, which then did not help, a third of `restart_after` is
+        enough for the next, and that one admits that nothing of the start was right. What is wrong
+        with settings or sensors shows only without it, as estimates stay near what they are.
     gate_noise_epochs : int
         Before it turns a fix down the gate measures the noise of the fixes over so many epochs,
         and where that is more than the noise given, the filter believes them that much less
@@ -166,6 +170,7 @@ class DivergenceControl:
     schmidt_epsilon: float = 0.0
     gate_probability: float = 0.9999
     restart_after: float = 30.0
+    escalate: bool = True
     gate_noise_epochs: int = 60
 
     @property

@@ -205,13 +205,7 @@ class FilterRun(Mode):
         pieces = _pieces(
             steps.from_time(p.time_ns, progress=progress), DETAIL_ROWS if self._detailed else None
         )
-        measurements: dict[str, Any] = {"gnss": p.gnss, "withheld": p.withheld}
-        if p.reference is not None:
-            r = p.reference
-            later = r.arrival_ns >= p.time_ns
-            measurements["baro_time_ns"] = r.time_ns[later]
-            measurements["baro_height"] = r.height[later]
-            measurements["baro_reason"] = r.reason[later]
+        measurements = _measurements(p)
         last_ns = p.time_ns
         for increments, imu in pieces:
             if self._begins_anew(stretch, last_ns, increments):
@@ -252,9 +246,23 @@ class FilterRun(Mode):
         if not self._gnss:
             return []
         p, gnss = self._start, concatenate(self._gnss)
-        updates, restarts = concatenate(self._first), summed(self._stretches).restarts
+        restarts = summed(self._stretches).restarts
+        updates = concatenate(self._first) if not restarts else self._plain_first()
         findings = diagnose(p.start, updates, gnss, p.used, p.settings, restarts)
         return [self._completed(f) for f in findings if self._matters(f)]
+
+    def _plain_first(self) -> UpdateColumns:
+        """The first minutes by a filter whose restarts leave what is wrong where it is."""
+        p = self._start
+        control = replace(p.settings.control, escalate=False)
+        plain = replace(p, settings=replace(p.settings, control=control))
+        run, measurements = self._filter_from(plain), _measurements(plain)
+        steps = SegmentIncrements(self.source, self.config, self.plan.algorithm)
+        made = []
+        for increments, _, _ in steps.from_time(p.time_ns, p.time_ns + DIAGNOSED_NS):
+            made.append(run.push(increments, **measurements).updates)
+            measurements = {}
+        return concatenate([updates for updates in made if updates is not None])
 
     def _completed(self, finding: Finding) -> Finding:
         """Slow errors of fixes, taken for small ones, look like those of an IMU."""
@@ -433,6 +441,18 @@ class FilterRun(Mode):
             texts = height_warnings(s.channel, channel_events_of(self._stretches), before)
             findings += warned("height", texts)
         return findings
+
+
+def _measurements(p: FilterStart) -> dict[str, Any]:
+    """What a filter is given with its first increments."""
+    given: dict[str, Any] = {"gnss": p.gnss, "withheld": p.withheld}
+    if p.reference is not None:
+        r = p.reference
+        later = r.arrival_ns >= p.time_ns
+        given["baro_time_ns"] = r.time_ns[later]
+        given["baro_height"] = r.height[later]
+        given["baro_reason"] = r.reason[later]
+    return given
 
 
 def _smoothed_start(start: Start, smoothed: SmoothedEpochs) -> Start:
