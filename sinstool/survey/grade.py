@@ -8,15 +8,13 @@ import numpy as np
 
 from sinstool.config import ProcessConfig
 from sinstool.core.earth import EARTH_RATE
-from sinstool.core.earth import SEMI_MAJOR_AXIS as EQUATOR
-from sinstool.core.streams import GnssEpochs
 from sinstool.core.timeline import SECOND
 from sinstool.core.units import DEGREE_PER_HOUR, DEGREE_PER_ROOT_HOUR
 from sinstool.methods.sensor_errors import Grade, grade_by_bias, grade_by_noise
+from sinstool.survey.rest import longest_rest
 from sinstool.survey.source import Source
 
 REST_S = 30.0  # of a rest whose mean is believed
-STANDING = 0.5  # m/s
 
 
 @dataclass(frozen=True)
@@ -50,30 +48,13 @@ def random_walk(source: Source) -> float | None:
 def bias_at_rest(source: Source) -> float | None:
     """Length of the gyro's bias at rest, rad/s, less what the Earth's rate can be of it.
 
-    The longest rest of half a minute at which fixes, where the log has some, stay within what
-    they claim; None where there is none. Steady flight, which passes for rest, does not count.
+    The longest rest of half a minute at which GNSS, where the log has it, does not move; None
+    where there is none. Steady flight, which passes for rest, does not count.
     """
-    gnss = source.aiding.gnss
-    for still in sorted(source.survey.spans, key=lambda s: -s.samples):
-        if still.duration_s < REST_S:
-            return None
-        if gnss is not None:
-            fixes = gnss.rows((gnss.time_ns >= still.start_ns) & (gnss.time_ns <= still.end_ns))
-            if not _stays(fixes):
-                continue
-        return max(0.0, float(np.linalg.norm(still.gyro)) - EARTH_RATE)
-    return None
-
-
-def _stays(fixes: GnssEpochs) -> bool:
-    """Whether fixes, if any, are those of a vehicle that stands."""
-    speed = np.linalg.norm(fixes.velocity_n[:, :2], axis=1)
-    if np.isfinite(speed).any():
-        return float(np.nanmedian(speed)) < STANDING
-    away = EQUATOR * np.abs(fixes.latitude[1:] - fixes.latitude[:-1])
-    return len(away) == 0 or float(np.nanmedian(away)) < STANDING * float(
-        np.median(np.diff(fixes.time_ns)) / SECOND
-    )
+    still = longest_rest(source.survey.spans, source.aiding.gnss)
+    if still is None or still.duration_s < REST_S:
+        return None
+    return max(0.0, float(np.linalg.norm(still.gyro)) - EARTH_RATE)
 
 
 def sensor_grade(source: Source, config: ProcessConfig) -> ImuGrade:

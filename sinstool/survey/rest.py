@@ -24,6 +24,8 @@ MOVING_M_S = 1.0
 MOVING_M = 30.0
 SIGMAS = 4.0
 UNKNOWN_SIGMA_M = 5.0
+# Epochs beside a span at the log's end that has none of its own.
+BESIDE = 10
 # Rests shorter than this say little of a bias, s.
 REST_S = 2.0
 # Fixes this far apart show a speed, s.
@@ -69,10 +71,16 @@ def moving_at(gnss: GnssEpochs | None, start_ns: int, end_ns: int) -> float | No
     Parameters
     ----------
     gnss : GnssEpochs or None
+        Where it is silent in the span, the epochs before and after tell by their distance; at
+        the log's ends those of one side by their speed.
     """
     if gnss is None:
         return None
-    inside = gnss.rows((gnss.time_ns >= start_ns) & (gnss.time_ns <= end_ns))
+    begin, end = np.searchsorted(gnss.time_ns, [start_ns, end_ns + 1])
+    if end - begin < 2:
+        more = 1 if 0 < begin and end < len(gnss) else BESIDE
+        begin, end = max(begin - more, 0), end + more
+    inside = gnss.rows(slice(begin, end))
     fast = inside.rows(inside.has_velocity)
     if len(fast):
         speed = float(np.linalg.norm(np.median(fast.velocity_n[:, :2], axis=0)))

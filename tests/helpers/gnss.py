@@ -18,3 +18,11 @@ def epochs(samples, own_sigma=False):
         samples.sigma_position if own_sigma else nothing,
         samples.sigma_velocity if own_sigma else nothing,
     )
+
+
+def straight(time_ns, speed=0.0, away=None):
+    """Positions alone, northward at so many m/s, or so far away (m)."""
+    north = speed * (time_ns - time_ns[0]) * 1e-9 if away is None else away
+    nothing = np.full((len(time_ns), 3), np.nan)
+    latitude, fixed = 0.8 + north / 6.37e6, np.zeros(len(time_ns))
+    return GnssEpochs(time_ns, time_ns, latitude, fixed, fixed, nothing, nothing + 1.0, nothing)

@@ -1,0 +1,27 @@
+"""Rest is what the Imu says, unless fixes around it move."""
+
+import numpy as np
+import pytest
+
+from sinstool.survey.rest import moving_at
+from tests.helpers.gnss import straight
+
+SECOND = 10**9
+
+
+@pytest.mark.parametrize("speed, moves", [(60.0, True), (10.0, True), (0.0, False)])
+def test_a_span_without_fixes_is_judged_by_those_around_it(speed, moves):
+    """A steady turn in an outage was taken for a rest, its rate of 2 deg/s for the gyro's bias."""
+    gnss = straight(np.arange(0, 300) * SECOND, speed)
+    silent = gnss.rows((gnss.time_ns < 100 * SECOND) | (gnss.time_ns > 200 * SECOND))
+    for fixes in (gnss, silent, gnss.rows(gnss.time_ns < 100 * SECOND)):
+        shown = moving_at(fixes, 120 * SECOND, 150 * SECOND)
+        assert (shown is not None) == moves
+        assert shown is None or shown == pytest.approx(speed, rel=0.05)
+
+
+def test_a_rest_within_an_outage_between_two_drives():
+    """In and out of a garage: where the fixes come back is where they went."""
+    away = np.concatenate([np.arange(-600.0, 0.0, 10.0), np.arange(0.0, 600.0, 10.0)])
+    time_ns = np.concatenate([np.arange(0, 60), np.arange(400, 460)]) * SECOND
+    assert moving_at(straight(time_ns, away=away), 100 * SECOND, 350 * SECOND) is None
