@@ -78,7 +78,7 @@ def moving_at(gnss: GnssEpochs | None, start_ns: int, end_ns: int) -> float | No
         return None
     begin, end = np.searchsorted(gnss.time_ns, [start_ns, end_ns + 1])
     if end - begin < 2:
-        more = 1 if 0 < begin and end < len(gnss) else BESIDE
+        more = 1 if begin > 0 and end < len(gnss) else BESIDE
         begin, end = max(begin - more, 0), end + more
     inside = gnss.rows(slice(begin, end))
     fast = inside.rows(inside.has_velocity)
