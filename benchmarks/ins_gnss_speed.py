@@ -121,11 +121,11 @@ def main() -> None:
     data = simulate(scene, 1)
     updates = len(data.increments.interval)
     cases: list[tuple[str, Callable[[], np.ndarray | None]]] = []
-    for name in ("network-26a", "network-26", "baro-24", "markov-21", "plain-15"):
+    for name in ("network-29a", "network-26", "baro-24", "markov-27", "plain-15"):
         cases.append((f"{name}, no output", ours(scene, data, name, False, False)))
     for name, more, store in (
-        ("network-26a", "", False),
-        ("network-26a", ", for a smoother", True),
+        ("network-29a", "", False),
+        ("network-29a", ", for a smoother", True),
         ("plain-15", "", False),
     ):
         cases.append((f"{name}, output{more}", ours(scene, data, name, True, store)))
