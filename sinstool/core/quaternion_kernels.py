@@ -125,7 +125,7 @@ def put(a: FloatArray, k: int, x: float, y: float, z: float) -> None:
     a[k, 2] = z
 
 
-@numba.njit(cache=True, nogil=True)
+@numba.njit(cache=True, nogil=True, inline="always")
 def weighted_sum(
     a: FloatArray, first: int, step: int, weights: FloatArray, which: int, count: int
 ) -> tuple[float, float, float]:

@@ -246,7 +246,7 @@ def _series(
     )
 
 
-@numba.njit(cache=True, nogil=True)
+@numba.njit(cache=True, nogil=True, inline="always")
 def times_vector(q: FloatArray, k: int, v: FloatArray, i: int) -> tuple[float, float, float, float]:
     """Product of the quaternion in row `k` of `q` and the vector in row `i` of `v`."""
     w, x, y, z = q[k, 0], q[k, 1], q[k, 2], q[k, 3]
