@@ -59,6 +59,7 @@ def test_series_and_page_are_written(align, tmp_path):
     for words in ("Status ok", "How well attitude is known", "Error against the reference",
                   "Singular values", "Residuals of the vectors", "Angular rate"):  # fmt: skip
         assert words in text
+    assert f"{log}, /imu/data_raw" in text  # below the title
     # neither is written over without being told
     assert align(log, *options)[0] == 1
     assert align(log, *options, "--overwrite")[0] == 0
