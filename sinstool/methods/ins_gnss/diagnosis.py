@@ -8,9 +8,9 @@ kind                trace
 axes                another assignment of the gyro axes fits velocity changes far better
 initial-attitude    velocity changes of the first two minutes give another attitude than the start:
                     tilt (gravity where it cannot be: mount, body axes), or heading
-latency             the velocity of the IMU alone runs ahead of that of GNSS, or behind
+latency             fixes run ahead of the IMU's motion, or behind
 velocity-lag        positions and velocities of the receiver are not of one instant
-lever-arm           velocities of GNSS swing with the vehicle's turns
+lever-arm           fixes swing with the vehicle's turns
 gnss-noise          innovations of a channel are larger or smaller than their sigma, and white
 imu-noise           they are larger, and follow one another
 divergence          fixes are gated, the filter begins anew; named even where no cause shows
@@ -37,10 +37,10 @@ from numpy.typing import NDArray
 
 from sinstool.core import earth
 from sinstool.core.finding import Finding
-from sinstool.core.rotation import from_dcm, log, multiply, normalise, rotate, skew, to_dcm
+from sinstool.core.rotation import from_dcm, log, multiply, normalise, rotate, to_dcm
 from sinstool.core.streams import GnssEpochs
 from sinstool.methods.ins_gnss.fix_velocity import velocity_lag
-from sinstool.methods.ins_gnss.latency import correlate, inertial_velocity
+from sinstool.methods.ins_gnss.receiver_offsets import BEYOND, ReceiverOffsets
 from sinstool.methods.ins_gnss.results import GnssDiagnostics, UpdateColumns
 from sinstool.methods.ins_gnss.settings import Settings, Start
 from sinstool.methods.strapdown.attitude import AttitudePropagator
@@ -63,7 +63,6 @@ _TOO_LARGE, _TOO_SMALL = 4.0, 0.25  # of innovations squared over their variance
 _FOLLOWING = 0.4  # correlation of successive innovations
 _LATENCY_S = 0.015
 _LAG_S = 0.03
-_ARM_M = 0.3
 _SIGMAS = 5.0
 _TURNED = float(np.deg2rad(5.0))
 _AXES_FIT = 0.2  # of the squares that the log's own axes leave
@@ -77,6 +76,7 @@ def diagnose(
     fixes: GnssEpochs,
     settings: Settings,
     restarts: int = 0,
+    offsets: ReceiverOffsets | None = None,
 ) -> tuple[Finding, ...]:
     """Look for what is wrong with a run.
 
@@ -87,6 +87,8 @@ def diagnose(
     fixes : GnssEpochs
         All that the filter took.
     restarts : int, optional
+    offsets : ReceiverOffsets, optional
+        Latency and lever arm as the fixes show them.
 
     Returns
     -------
@@ -98,7 +100,7 @@ def diagnose(
     first = _first_minute(start, updates, fixes, settings)
     if first:
         return tuple(first)
-    findings = _time_and_arm(start, updates, fixes, settings) + _lag(fixes)
+    findings = _lag(fixes) if offsets is None else _time_and_arm(offsets, settings) + _lag(fixes)
     if not findings:
         findings += _noise(gnss)
     return (*findings, *_divergence(gnss, restarts, not findings))
@@ -290,42 +292,27 @@ def _intervals(updates: UpdateColumns) -> FloatArray:
 # --- time ---------------------------------------------------------------------------------
 
 
-def _time_and_arm(
-    start: Start, updates: UpdateColumns, fixes: GnssEpochs, settings: Settings
-) -> list[Finding]:
-    """Both from the velocity of the IMU alone, which no filter bends towards the fixes."""
-    before = np.concatenate([start.nav[None, 6:10], updates.q_nb[:-1]])
-    sign = np.sign(np.sum(before * updates.q_nb, axis=1, keepdims=True))
-    interval = _intervals(updates)
-    velocity = inertial_velocity(
-        normalise(before * sign + updates.q_nb),
-        updates.specific_force_b * interval[:, None],
-        interval,
-        updates.latitude,
-        updates.height,
-        updates.velocity_n,
-    )
-    swing = to_dcm(updates.q_nb) @ skew(updates.omega_ib_b)
-    velocity = velocity + swing @ np.asarray(settings.lever_arm_b)
-    best = correlate(updates.time_ns, velocity, fixes.time_ns, fixes.velocity_n, swing_n=swing)
+def _time_and_arm(offsets: ReceiverOffsets, settings: Settings) -> list[Finding]:
     findings = []
-    if best.differs_from(settings.gnss_latency, _LATENCY_S, _SIGMAS):
+    if offsets.differs_from(settings.gnss_latency, _LATENCY_S, BEYOND):
         text = (
-            f"the latency of GNSS is {1e3 * best.latency_s:.0f} ms (+- {1e3 * best.sigma_s:.0f}),"
-            f" not {1e3 * settings.gnss_latency:.0f} ms: velocities fit the IMU's best so"
+            f"the latency of GNSS is {1e3 * offsets.latency_s:.0f} ms"
+            f" (+- {1e3 * offsets.sigma_s:.0f}), not {1e3 * settings.gnss_latency:.0f} ms: fixes"
+            " and the IMU's motion fit each other best so"
         )
-        findings.append(Finding("latency", text, numbers={"latency_s": best.latency_s}))
-    if best.arm_b is None or best.arm_sigma_b is None:
-        return findings
-    if np.any(np.abs(best.arm_b) > np.maximum(_SIGMAS * best.arm_sigma_b, _ARM_M)):
-        x, right, down = (float(v) for v in best.arm_b)
+        findings.append(Finding("latency", text, numbers={"latency_s": offsets.latency_s}))
+    if offsets.arm_contradicts:
+        x, right, down = (float(v) for v in offsets.arm_off_b)
+        sigmas = ", ".join(f"{sigma:.2f}" for sigma in offsets.arm_off_sigma_b)
         text = (
-            "velocities of GNSS swing with the vehicle's turns: the antenna seems to be another"
+            "fixes swing with the vehicle's turns: the antenna seems to be another"
             f" {x:.1f} m forward, {right:.1f} m right, {down:.1f} m down of where the lever arm"
-            " has it"
+            f" has it (+- {sigmas})"
         )
+        arm = ",".join(f"{float(v):.2f}" for v in offsets.arm_b)
+        answer = f"--lever-arm {arm}, if that can be true on your vehicle"
         numbers = {"forward_m": x, "right_m": right, "down_m": down}
-        findings.append(Finding("lever-arm", text, numbers=numbers))
+        findings.append(Finding("lever-arm", text, answer=answer, numbers=numbers))
     return findings
 
 

@@ -8,7 +8,7 @@ import numpy as np
 
 from sinstool.core.streams import GnssEpochs
 from sinstool.methods.height.pressure import HeightReference
-from sinstool.methods.ins_gnss.latency import Latency
+from sinstool.methods.ins_gnss.receiver_offsets import ReceiverOffsets
 from sinstool.methods.ins_gnss.settings import Settings, Start
 from sinstool.survey.grade import ImuGrade
 
@@ -29,8 +29,10 @@ class FilterStart:
         Epochs that are scored, not used.
     reference : HeightReference or None
         Barometer heights.
-    latency : Latency or None
-        As estimated; None where the user gives it.
+    offsets : ReceiverOffsets or None
+        Latency and arm as the log shows them; None before it was asked, or with too few fixes.
+    latency_status : {'given', 'found', 'not settled', 'not observable'}
+        ``given`` by the user; ``not settled`` where what the log shows is not what is used.
     lag : float
         By which velocities are taken to be stamped later than positions, s.
     """
@@ -42,7 +44,8 @@ class FilterStart:
     gnss: GnssEpochs
     withheld: np.ndarray
     reference: HeightReference | None
-    latency: Latency | None
+    offsets: ReceiverOffsets | None
+    latency_status: str
     lag: float
     grade: ImuGrade
     gnss_why: str

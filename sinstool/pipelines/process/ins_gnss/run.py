@@ -248,7 +248,7 @@ class FilterRun(Mode):
         p, gnss = self._start, concatenate(self._gnss)
         restarts = summed(self._stretches).restarts
         updates = concatenate(self._first) if not restarts else self._plain_first()
-        findings = diagnose(p.start, updates, gnss, p.used, p.settings, restarts)
+        findings = diagnose(p.start, updates, gnss, p.used, p.settings, restarts, p.offsets)
         return [self._completed(f) for f in findings if self._matters(f)]
 
     def _plain_first(self) -> UpdateColumns:
@@ -275,7 +275,7 @@ class FilterRun(Mode):
         """What follows from no option, the user need not put right."""
         gnss, options = self.config.gnss, self.config.filter
         if finding.kind == "latency":
-            return self._start.latency is None
+            return self._start.latency_status == "given"
         if finding.kind == "gnss-noise" and finding.numbers["sigma_ratio"] < 1.0:
             # Receivers that filter their fixes claim more than the noise that is left in them
             stated = options.gnss_sigma is not None or gnss.gnss_sigma_v != USUAL_SIGMA_V
@@ -359,13 +359,12 @@ class FilterRun(Mode):
     def _latency(self) -> LatencyUsed:
         """When fixes were taken to be valid, and how that is known."""
         p = self._start
-        estimate = p.latency
-        sure = estimate is not None and bool(np.isfinite(estimate.sigma_s))
+        shown = p.offsets if p.offsets is not None and p.offsets.observable else None
         half = 0.5 * p.lag
         return LatencyUsed(
-            status="given" if estimate is None else estimate.status,
-            sigma_s=estimate.sigma_s if estimate is not None and sure else None,
-            estimate_s=estimate.latency_s if estimate is not None and sure else None,
+            status=p.latency_status,
+            sigma_s=None if shown is None else shown.sigma_s,
+            estimate_s=None if shown is None else shown.latency_s,
             position_s=p.settings.gnss_latency - half,
             velocity_s=p.settings.gnss_latency + half,
         )
@@ -394,11 +393,11 @@ class FilterRun(Mode):
                 f"the log has no barometer, so {self.config.filter.filter} runs without its"
                 f" network, as {s.filter}",
             )
-        if p.latency is not None and p.settings.gnss_latency != 0.0:
+        if p.offsets is not None and p.latency_status == "found" and p.settings.gnss_latency != 0.0:
             note(
                 "latency-used",
                 f"fixes were found to be valid {p.settings.gnss_latency:+.3f} s before their stamps"
-                f" (sigma {p.latency.sigma_s * 1e3:.1f} ms) and are used so; give"
+                f" (sigma {p.offsets.sigma_s * 1e3:.1f} ms) and are used so; give"
                 " --gnss-latency to say otherwise",
             )
         if p.lag != 0.0 and self.config.filter.gnss_velocity_lag is None:

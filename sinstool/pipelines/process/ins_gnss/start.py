@@ -44,7 +44,7 @@ from sinstool.pipelines.process.ins_gnss.receiver import (
     inflate_sigmas,
     with_white_noise,
 )
-from sinstool.pipelines.process.ins_gnss.timing import significant_lag, white_noise, with_latency
+from sinstool.pipelines.process.ins_gnss.timing import significant_lag, white_noise, with_offsets
 from sinstool.survey.grade import ImuGrade, random_walk, random_walks, sensor_grade
 from sinstool.survey.source import Source, rate_blocks
 
@@ -52,6 +52,8 @@ from sinstool.survey.source import Source, rate_blocks
 NOISIER = 3.0
 # What a barometer is off by, m, and for how long: the weather, the temperature, a cabin.
 AIR_SIGMA, AIR_TIME_S = 10.0, 500.0
+# With which a start is looked for, s, where none is seen with the one before.
+FIRST_LATENCIES = (0.0, 0.15, -0.15)
 
 
 def first_start(
@@ -94,10 +96,10 @@ def first_start(
         lag = significant_lag(gnss)
     epochs = split_position_velocity(inflate_sigmas(gnss, config), lag)
     withheld = _withheld(message_times(epochs, lag), config, source.survey.first_ns)
-    timed = replace(settings, gnss_latency=config.gnss.gnss_latency or 0.0)
-    start, time_ns, how, notes = find_start(source, here, timed, epochs.rows(~withheld))
+    latency, found = _first_latency(source, here, settings, epochs.rows(~withheld))
+    start, time_ns, how, notes = found
     return FilterStart(
-        timed,
+        replace(settings, gnss_latency=latency),
         start,
         time_ns,
         how,
@@ -105,11 +107,31 @@ def first_start(
         withheld,
         reference,
         None,
+        "not observable",
         lag,
         grade,
         gnss_why,
         (*_too_good(source, config, settings), *remarks, *notes),
     )
+
+
+def _first_latency(
+    source: Source, config: ProcessConfig, settings: Settings, gnss: GnssEpochs
+) -> tuple[float, tuple[Start, int, str, tuple[str, ...]]]:
+    """The latency given, else none, else the first of the usual ones with which a start is seen.
+
+    In rough air no attitude fits velocities that are a fifth of a second off.
+    """
+    given = config.gnss.gnss_latency
+    refused: AlignmentError | None = None
+    for latency in FIRST_LATENCIES if given is None else (given,):
+        try:
+            timed = replace(settings, gnss_latency=latency)
+            return latency, find_start(source, config, timed, gnss)
+        except AlignmentError as exc:
+            refused = refused or exc
+    assert refused is not None
+    raise refused
 
 
 def timed_start(
@@ -128,8 +150,11 @@ def timed_start(
     start = _timed(source, config, algorithm, first)
     if config.navigation.imu_grade == "auto":
         start = _fitted(source, config, algorithm, start)
-    if start.latency is not None and start.latency.status == "at the limit":
-        warning = f"{start.latency}: give it with --gnss-latency"
+    if start.latency_status == "not settled":
+        warning = (
+            f"the latency of GNSS did not settle: {1e3 * start.settings.gnss_latency:.0f} ms is"
+            f" used, and with it the log shows {start.offsets}: give it with --gnss-latency"
+        )
         start = replace(start, warnings=(warning, *start.warnings))
     log_choice(
         "filter", f"{start.settings.filter}: {len(start.gnss)} epochs, noise {start.gnss_why}"
@@ -143,17 +168,16 @@ def _timed(
     source: Source, config: ProcessConfig, algorithm: ConingAlgorithm, first: FilterStart
 ) -> FilterStart:
     """A start with the receiver's latency and noise."""
-    start = first
-    if config.gnss.gnss_latency is None:
+    here = _of_grade(config, first.grade)
 
-        def begin(latency: float) -> FilterStart:
-            timed = replace(first.settings, gnss_latency=latency)
-            here = _of_grade(config, first.grade)
-            initial, time_ns, how, _ = find_start(source, here, timed, first.used)
-            return replace(first, settings=timed, start=initial, time_ns=time_ns, how=how)
+    def begin(latency: float) -> FilterStart:
+        timed = replace(first.settings, gnss_latency=latency)
+        initial, time_ns, how, _ = find_start(source, here, timed, first.used)
+        start = replace(first, settings=timed, start=initial, time_ns=time_ns, how=how)
+        return _with_noise(source, config, algorithm, start)
 
-        start = with_latency(source, config, algorithm, first, begin)
-    return _with_noise(source, config, algorithm, start)
+    noisy = _with_noise(source, config, algorithm, first)
+    return with_offsets(source, config, algorithm, noisy, begin)
 
 
 def _fitted(
@@ -229,9 +253,11 @@ def _latency_why(start: FilterStart) -> str:
     """The latency that is used, and where it comes from."""
     velocity = f", velocities {start.lag:+.3f} s later than positions" if start.lag else ""
     used = f"{start.settings.gnss_latency:+.3f} s"
-    if start.latency is None:
+    if start.latency_status == "given":
         return f"{used}, as configured{velocity}"
-    return f"{used}; found in the log: {start.latency}{velocity}"
+    if start.offsets is None or not start.offsets.observable:
+        return f"{used}; not observable in this log: the motion changes too little{velocity}"
+    return f"{used}; the log shows {start.offsets}{velocity}"
 
 
 def _barometer(source: Source, config: ProcessConfig) -> tuple[HeightReference | None, list[str]]:

@@ -1,0 +1,377 @@
+"""How late fixes are stamped and where the antenna is, together, from innovations of a filter.
+
+The one looks like the other: at constant speed a latency moves every fix along the track as an
+arm further back does. What tells them apart is speed that changes, and a body that does not turn as
+its course does. So both are estimated at once, each about what is usual or was given for it, and
+what the data leave open stays in their covariance.
+
+A constant error of the measurements changes the innovations of a filter linearly: the estimate
+of an ordinary filter goes astray by ``V b`` where ``b`` are latency and arm less those it assumes.
+``V`` follows from the filter's own transitions and gains [1]_, its innovations are ``(H V + D) b``
+and white noise of the covariance that it expects, so that one pass gives the information on b and
+all that the filter estimates beside is accounted for: attitude, biases, lasting errors of fixes.
+
+White innovations are what the filter believes. Beside the covariance of that belief stands the one
+by how the scores of stretches really scatter [2]_; of each sigma the larger counts.
+
+References
+----------
+.. [1] B. Friedland, "Treatment of bias in recursive filtering", IEEE Trans. Automatic Control
+   14(4), 1969, 359-367.
+.. [2] H. White, "Maximum likelihood estimation of misspecified models", Econometrica 50(1), 1982,
+   1-25.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sinstool.core.rotation import normalise, skew, to_dcm
+from sinstool.core.streams import GnssEpochs, concatenate, take_rows
+from sinstool.methods.ins_gnss import states
+from sinstool.methods.ins_gnss.filter import InsGnssFilter
+from sinstool.methods.ins_gnss.latency import inertial_velocity
+from sinstool.methods.ins_gnss.results import FilterBlock, UpdateColumns
+from sinstool.methods.ins_gnss.settings import Settings, Start
+from sinstool.methods.strapdown.velocity import Increments
+
+FloatArray = NDArray[np.float64]
+
+LATENCY_S = 0.2
+"""Latencies of receivers are 0 give or take this, 1 sigma."""
+
+ARM_GIVEN_M, ARM_UNKNOWN_M = 0.1, 2.0
+"""A lever arm is measured to a decimetre; one that is not given is within a couple of metres."""
+
+MAX_SIGMA_S = 0.05
+"""A latency that is not known to this is as good as not known."""
+
+BEYOND = 4.0
+"""Sigmas beyond which an estimate contradicts what was assumed."""
+
+# Of an arm, whatever the noise: rates are means between samples, and a body bends, m. One nearer
+# than the second is where it was said to be.
+_LEAST_SIGMA_M, LEAST_ARM_M = 0.03, 0.3
+_UPDATES = 4096  # at a time, for what a filter stores of them
+_HALF_S = 0.06  # velocity changes are taken over so much to either side
+_SETTLED_S = 20.0  # a filter's first innovations hold what is not linear in its start
+_STRETCH_S = 15.0  # scores of such stretches are independent of each other
+_LEAST = 20  # epochs
+_TOLERANCE_NS = 200
+# The latency used and its estimate are brought this near, s, or to so much of a sigma; they agree
+# where they are within a sigma or so many seconds.
+_AGREE_S, _AGREE, _APART_S = 1e-3, 0.2, 0.01
+_ROUNDS = 8
+_NEAR_S = 0.02
+_MOST_SLOPE = 0.5  # of the estimate by the latency used
+
+
+@dataclass(frozen=True)
+class ReceiverOffsets:
+    """A latency and an antenna's place, and how well they are known together.
+
+    Attributes
+    ----------
+    latency_s : float
+        A fix is valid this long before its stamp.
+    arm_b : ndarray, shape (3,)
+        From the IMU to the antenna, FRD, m.
+    covariance : ndarray, shape (4, 4)
+        Of latency and arm, s and m.
+    arm_off_b, arm_off_sigma_b : ndarray, shape (3,)
+        How much further on than it was assumed the antenna seems to be, by the data: whatever was
+        given, it may be a couple of metres elsewhere.
+    """
+
+    latency_s: float
+    arm_b: FloatArray
+    covariance: FloatArray
+    arm_off_b: FloatArray
+    arm_off_sigma_b: FloatArray
+
+    @property
+    def sigma_s(self) -> float:
+        """Of the latency."""
+        return float(np.sqrt(self.covariance[0, 0]))
+
+    @property
+    def observable(self) -> bool:
+        """Whether the log shows the latency."""
+        return self.sigma_s <= MAX_SIGMA_S
+
+    @property
+    def arm_contradicts(self) -> bool:
+        """Whether the antenna is not where it was assumed to be."""
+        limit = np.maximum(BEYOND * self.arm_off_sigma_b, LEAST_ARM_M)
+        return bool(np.any(np.abs(self.arm_off_b) > limit))
+
+    def differs_from(self, assumed_s: float, least_s: float, sigmas: float) -> bool:
+        """Whether the log shows that the latency is not the one assumed.
+
+        Parameters
+        ----------
+        assumed_s, least_s : float
+            s.
+        sigmas : float
+            Of its own.
+        """
+        return self.observable and abs(self.latency_s - assumed_s) > max(
+            least_s, sigmas * self.sigma_s
+        )
+
+    def __str__(self) -> str:
+        return f"{1e3 * self.latency_s:.0f} ms +- {1e3 * self.sigma_s:.1f} ms"
+
+
+def estimate_offsets(
+    start: Start, settings: Settings, parts: Iterable[Increments], gnss: GnssEpochs
+) -> ReceiverOffsets | None:
+    """Latency and lever arm near those of the settings.
+
+    Far from them the answer is a step in the right direction: the filter's own errors are not
+    linear in a latency that moves fixes by metres.
+
+    Parameters
+    ----------
+    start : Start
+        At the start of the first IMU update.
+    settings : Settings
+        Latency and arm about which the innovations are taken; arm 0, 0, 0 counts as not given.
+    parts : iterable of Increments
+        Without a long gap.
+    gnss : GnssEpochs
+        In order of their stamps.
+
+    Returns
+    -------
+    ReceiverOffsets or None
+        None where too few fixes lie within the updates.
+    """
+    scores = _scores(start, settings, parts, gnss)
+    if len(scores) < _LEAST:
+        return None
+    given = any(settings.lever_arm_b)
+    used, arm = settings.gnss_latency, np.asarray(settings.lever_arm_b)
+    free, free_covariance = _solved(scores, used, ARM_UNKNOWN_M)
+    answer = ReceiverOffsets(
+        used + float(free[0]),
+        arm + free[1:],
+        free_covariance,
+        free[1:],
+        np.sqrt(np.diag(free_covariance)[1:]),
+    )
+    if not given or answer.arm_contradicts:
+        return answer
+    near, covariance = _solved(scores, used, ARM_GIVEN_M)
+    return replace(
+        answer, latency_s=used + float(near[0]), arm_b=arm + near[1:], covariance=covariance
+    )
+
+
+def settle(
+    evaluate: Callable[[float, bool], ReceiverOffsets | None], first_s: float
+) -> tuple[float, ReceiverOffsets | None, bool]:
+    """The latency that is its own estimate.
+
+    Parameters
+    ----------
+    evaluate : callable
+        Takes a latency, s, and whether fixes far off are to be left out, and returns
+        :func:`estimate_offsets` about it; None where that cannot be had.
+    first_s : float
+
+    Returns
+    -------
+    used_s : float
+        The last one that could be tried.
+    offsets : ReceiverOffsets or None
+        About it.
+    agrees : bool
+        Whether the two are as near as the estimate is known.
+    """
+    used, gated = first_s, False
+    offsets = evaluate(used, gated)
+    before: tuple[float, float] | None = None
+    for _ in range(_ROUNDS):
+        if offsets is None or not offsets.observable:
+            return used, offsets, False
+        step = offsets.latency_s - used
+        if gated and abs(step) <= max(_AGREE_S, _AGREE * offsets.sigma_s):
+            break
+        # As long as fixes are far off for no fault of theirs none is left out
+        gated = abs(step) <= max(_NEAR_S, offsets.sigma_s)
+        slope = 0.0
+        if before is not None and before[0] != used:
+            slope = (offsets.latency_s - before[1]) / (used - before[0])
+        before = used, offsets.latency_s
+        following = used + step / (1.0 - min(max(slope, 0.0), _MOST_SLOPE))
+        found = evaluate(following, gated)
+        if found is None:
+            break
+        used, offsets = following, found
+    assert offsets is not None
+    return used, offsets, abs(offsets.latency_s - used) <= max(_APART_S, offsets.sigma_s)
+
+
+@dataclass(frozen=True)
+class _Scores:
+    """What each epoch says of latency and arm; arrays of n rows."""
+
+    time_ns: NDArray[np.int64]
+    information: FloatArray  # (n, 4, 4)
+    score: FloatArray  # (n, 4)
+    nis: FloatArray
+    rows: FloatArray
+
+    def __len__(self) -> int:
+        return len(self.time_ns)
+
+
+def _solved(scores: _Scores, used_s: float, arm_m: float) -> tuple[FloatArray, FloatArray]:
+    """What is to be added to latency and arm, and its covariance."""
+    prior = np.diag(1.0 / np.square([LATENCY_S, arm_m, arm_m, arm_m]))
+    pull = prior @ np.array([-used_s, 0.0, 0.0, 0.0])
+    information, score = scores.information.sum(axis=0), scores.score.sum(axis=0)
+    many = float(scores.rows.sum())
+    # Innovations larger than the filter expects make everything that much less certain
+    excess = 1.0
+    for _ in range(2):
+        covariance = np.linalg.inv(information / excess + prior)
+        b = covariance @ (score / excess + pull)
+        left = scores.nis.sum() - 2.0 * score @ b + b @ information @ b
+        excess = max(float(left) / many, 1.0)
+    covariance = np.linalg.inv(information / excess + prior)
+    b = covariance @ (score / excess + pull)
+    stretch = ((scores.time_ns - scores.time_ns[0]) * 1e-9 / _STRETCH_S).astype(np.int64)
+    rest = scores.score - scores.information @ b
+    sums = np.stack([np.bincount(stretch, rest[:, i]) for i in range(4)], axis=1)
+    sums = sums[np.bincount(stretch) > 0]
+    spread = sums.T @ sums / excess**2 * len(sums) / max(len(sums) - 4, 1)
+    scattered = covariance @ (spread + prior) @ covariance
+    more = np.sqrt(np.maximum(np.diag(scattered) / np.diag(covariance), 1.0))
+    least = np.diag([0.0, *[_LEAST_SIGMA_M**2] * 3])
+    return b, covariance * np.outer(more, more) + least
+
+
+def _scores(
+    start: Start, settings: Settings, parts: Iterable[Increments], gnss: GnssEpochs
+) -> _Scores:
+    """Of a filter with all the states that there are without a barometer."""
+    plain = replace(
+        settings,
+        filter="markov-27",
+        network=None,
+        feedback="closed",
+        control=replace(settings.control, adaptive="off", schmidt_epsilon=0.0, restart_after=0.0),
+    )
+    run = InsGnssFilter(start, plain, with_baro=False, store=True)
+    off = np.zeros((run.kind.size, 4))
+    rows: list[_Scores] = []
+    fixes: GnssEpochs | None = gnss
+    for part in parts:
+        for first in range(0, len(part.time_ns), _UPDATES):
+            block = run.push(take_rows(part, slice(first, first + _UPDATES)), fixes)
+            fixes = None
+            some, off = _of_block(run, block, off)
+            rows.append(some)
+    scores = concatenate(rows)
+    if not len(scores):
+        return scores
+    return take_rows(scores, scores.time_ns > scores.time_ns[0] + round(_SETTLED_S * 1e9))
+
+
+def _of_block(
+    run: InsGnssFilter, block: FilterBlock, off: FloatArray
+) -> tuple[_Scores, FloatArray]:
+    """Scores of a block's epochs, and V at its end from `off` at its start."""
+    stored, gnss = block.stored, block.gnss
+    assert block.updates is not None and stored is not None
+    h, d = _rows_of_fixes(run, block.updates, gnss.time_ns)
+    there = np.isfinite(gnss.innovation)
+    h, d = h * there[:, :, None], d * there[:, :, None]
+    noise = np.where(there, gnss.measurement_sigma**2, 1.0)
+    nu = np.where(there, gnss.innovation, 0.0)
+    # Epochs of one instant follow each other: the first of each, the second of each, ...
+    row = np.searchsorted(stored.time_ns, gnss.time_ns - _TOLERANCE_NS)
+    turn = np.arange(len(row)) - np.searchsorted(row, row)
+    p = stored.covariance_before[np.minimum(row, len(stored) - 1)]
+    gain = np.zeros((len(row), h.shape[2], 6))
+    inverse = np.zeros((len(row), 6, 6))
+    for k in range(int(turn.max()) + 1 if len(turn) else 0):
+        now = turn == k
+        hp = h[now] @ p[now]
+        s = hp @ np.swapaxes(h[now], 1, 2) + noise[now][:, :, None] * np.eye(6)
+        inverse[now] = np.linalg.inv(s)
+        gain[now] = np.swapaxes(hp, 1, 2) @ inverse[now] * gnss.used[now][:, None, None]
+        after = p[now] - gain[now] @ hp
+        following = np.flatnonzero(now) + 1
+        more = following < len(row)
+        more[more] = turn[following[more]] == k + 1
+        p[following[more]] = after[more]
+    shown = np.empty((len(row), 6, 4))
+    epoch = 0
+    for i, transition in enumerate(stored.transition):
+        off = transition @ off
+        while epoch < len(row) and row[epoch] <= i:
+            shown[epoch] = h[epoch] @ off + d[epoch]
+            off = off - gain[epoch] @ shown[epoch]
+            epoch += 1
+    weighed = np.swapaxes(shown, 1, 2) @ inverse
+    scores = _Scores(
+        gnss.time_ns,
+        weighed @ shown,
+        np.einsum("kij,kj->ki", weighed, nu),
+        np.einsum("ki,kij,kj->k", nu, inverse, nu),
+        there.sum(axis=1).astype(np.float64),
+    )
+    return take_rows(scores, gnss.used), off
+
+
+def _rows_of_fixes(
+    run: InsGnssFilter, updates: UpdateColumns, valid_ns: NDArray[np.int64]
+) -> tuple[FloatArray, FloatArray]:
+    """How innovations depend on the states, (n, 6, states), and on latency and arm, (n, 6, 4)."""
+    seconds = (updates.time_ns - updates.time_ns[0]) * 1e-9
+    at = (valid_ns - updates.time_ns[0]) * 1e-9
+    # What the filter took off would bring its innovations' noise into what they are held against:
+    # velocities are those before the fix, and change as the IMU says.
+    dt = np.diff(seconds, prepend=2.0 * seconds[0] - seconds[1])
+    dt = np.minimum(dt, 5.0 * float(np.median(dt)))
+    before = np.concatenate([updates.q_nb[:1], updates.q_nb[:-1]])
+    sign = np.sign(np.sum(before * updates.q_nb, axis=1, keepdims=True))
+    c_nb = to_dcm(updates.q_nb)
+    arm = np.asarray(run.settings.lever_arm_b)
+    swing = (c_nb @ skew(updates.omega_ib_b)) @ arm
+    free = swing + inertial_velocity(
+        normalise(before * sign + updates.q_nb),
+        updates.specific_force_b * dt[:, None],
+        dt,
+        updates.latitude,
+        updates.height,
+        updates.velocity_n,
+    )
+
+    def moving(when: FloatArray) -> FloatArray:
+        return np.column_stack([np.interp(when, seconds, free[:, i]) for i in range(3)])
+
+    k = np.minimum(np.searchsorted(updates.time_ns, valid_ns - _TOLERANCE_NS), len(seconds) - 1)
+    last = np.maximum(k - 1, 0)
+    h = np.zeros((len(k), 6, run.kind.size))
+    h[:, range(6), range(6)] = 1.0
+    h[:, range(3), range(3, 6)] = (at - seconds[k])[:, None]
+    h[:, :3, states.ATTITUDE : states.ATTITUDE + 3] = skew(c_nb[k] @ arm)
+    h[:, 3:, states.ATTITUDE : states.ATTITUDE + 3] = skew(swing[k])
+    gyro, lasting = run.kind.first(states.GYRO_BIAS), run.kind.first(states.GNSS_POSITION)
+    h[:, 3:, gyro : gyro + 3] = -c_nb[k] @ skew(arm)
+    h[:, range(6), range(lasting, lasting + 6)] = -1.0
+    d = np.zeros((len(k), 6, 4))
+    d[:, :3, 0] = (updates.velocity_n + swing - free)[last] + moving(at)
+    ends = np.clip([at - _HALF_S, at + _HALF_S], seconds[0], seconds[-1])
+    d[:, 3:, 0] = (moving(ends[1]) - moving(ends[0])) / np.maximum(ends[1] - ends[0], 1e-3)[:, None]
+    d[:, :3, 1:] = -c_nb[k]
+    d[:, 3:, 1:] = -c_nb[k] @ skew(updates.omega_ib_b[k])
+    return h, d
