@@ -25,19 +25,16 @@ from click.testing import CliRunner
 
 from benchmarks.common import parser, print_table
 from sinstool.cli.main import cli
-from sinstool.config import ProcessConfig
 from sinstool.core.errors import AlignmentError
-from sinstool.io.readers import open_log
 from sinstool.methods.ins_gnss.receiver_offsets import BEYOND
-from sinstool.pipelines.plan import make_plan
 from sinstool.pipelines.process.ins_gnss.filter_start import FilterStart
-from sinstool.pipelines.process.ins_gnss.start import timed_start
-from sinstool.survey.source import prepare
+from tests.helpers.filter_logs import start_of
 from tests.helpers.unseen_drives import GRADES, LEVER, Motion, drive, flight, record, write
 
 MOTIONS = ("smooth", "turbulent", "drive")
 SIGMA_V, ARM_ERROR, REST = 0.05, 0.1, 30.0
 LEAST_WARNED_S = 0.015
+KIND = {"gyro_kind": "mean-rate"}
 OF_OFFSETS = {"latency", "lever-arm", "velocity-lag"}
 
 
@@ -75,17 +72,6 @@ def motion_of(kind: str, seed: int, duration: float) -> Motion:
     return flight(seed, duration, turbulent=kind == "turbulent")
 
 
-def start_of(log: Path, **gnss: object) -> FilterStart:
-    """What the program would start its filter with."""
-    config = ProcessConfig(
-        navigation={"mode": "ins-gnss"}, input={"gyro_kind": "mean-rate"}, gnss=gnss
-    )
-    with open_log(log) as opened:
-        source = prepare(opened, config, None)
-        plan = make_plan(source, config)
-        return timed_start(source, config, plan.algorithm, plan.filter_start)
-
-
 def warnings(start: FilterStart, latency: float) -> Iterator[str]:
     """What it would say of latency and antenna, told the truth."""
     offsets = start.offsets
@@ -116,7 +102,7 @@ def add(row: Row, log: Path, arm: np.ndarray, latency: float, whole: bool) -> No
     """A log's answers."""
     row.runs += 1
     try:
-        start = start_of(log, lever_arm=tuple(arm.tolist()))
+        start = start_of(log, input=KIND, gnss={"lever_arm": tuple(arm.tolist())})
     except AlignmentError:
         row.refused += 1
         return
@@ -131,12 +117,11 @@ def add(row: Row, log: Path, arm: np.ndarray, latency: float, whole: bool) -> No
                 row.warned.append(f"USED {1e3 * used:.1f} ms, {row.used[-1]:.1f} sigmas off")
     if start.latency_status == "not settled":
         row.warned.append("not settled")
-    told = (
-        warnings_of_command(log, latency)
-        if whole
-        else warnings(start_of(log, lever_arm=tuple(LEVER), gnss_latency=latency), latency)
-    )
-    row.warned += told
+    if whole:
+        row.warned += warnings_of_command(log, latency)
+        return
+    truth = {"lever_arm": tuple(LEVER.tolist()), "gnss_latency": latency}
+    row.warned += warnings(start_of(log, input=KIND, gnss=truth), latency)
 
 
 def main() -> None:

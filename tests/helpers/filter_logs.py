@@ -9,8 +9,11 @@ from sinstool.cli.main import cli
 from sinstool.config import ProcessConfig
 from sinstool.core.streams import concatenate
 from sinstool.io.readers import open_log
+from sinstool.pipelines.plan import make_plan
 from sinstool.pipelines.process.errors_against_truth import Errors, read_references
+from sinstool.pipelines.process.ins_gnss.start import timed_start
 from sinstool.pipelines.process.run import process
+from sinstool.survey.source import prepare
 
 # What the diagnosis of a filter can name.
 CAUSES = {
@@ -58,6 +61,16 @@ def run(log, **groups):
     for name, values in vars(solution).items():
         assert values is None or np.isfinite(values).all(), name
     return result.to_json(), solution
+
+
+def start_of(log, **groups):
+    """What a run would start from, its latency as the log shows it."""
+    groups.setdefault("navigation", {})["mode"] = "ins-gnss"
+    config = ProcessConfig(**groups)
+    with open_log(Path(log)) as opened:
+        source = prepare(opened, config, None)
+        plan = make_plan(source, config)
+        return timed_start(source, config, plan.algorithm, plan.filter_start)
 
 
 def errors(log, solution, begin_s=0.0):

@@ -163,6 +163,13 @@ def flight(seed, duration=600.0, turbulent=False):
     return _motion(t, velocity, angles)
 
 
+def cruise(duration=300.0, heading=0.7):
+    """An aircraft that flies straight on at 60 m/s, with nothing that changes."""
+    t = np.arange(0.0, duration, 1.0 / RATE)
+    velocity = np.tile([60.0 * np.cos(heading), 60.0 * np.sin(heading), 0.0], (len(t), 1))
+    return _motion(t, velocity, np.tile([0.0, 0.05, heading], (len(t), 1)))
+
+
 def smoothed(values, width):
     """Mean over a window of so many seconds; what is constant for longer stays so exactly."""
     window = np.hanning(round(width * RATE) + 2)[1:-1]

@@ -28,7 +28,7 @@ from collections.abc import Callable, Iterable
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from sinstool.core.rotation import normalise, skew, to_dcm
 from sinstool.core.streams import GnssEpochs, concatenate, take_rows
@@ -128,7 +128,11 @@ class ReceiverOffsets:
 
 
 def estimate_offsets(
-    start: Start, settings: Settings, parts: Iterable[Increments], gnss: GnssEpochs
+    start: Start,
+    settings: Settings,
+    parts: Iterable[Increments],
+    gnss: GnssEpochs,
+    assumed_b: ArrayLike | None = None,
 ) -> ReceiverOffsets | None:
     """Latency and lever arm near those of the settings.
 
@@ -140,11 +144,13 @@ def estimate_offsets(
     start : Start
         At the start of the first IMU update.
     settings : Settings
-        Latency and arm about which the innovations are taken; arm 0, 0, 0 counts as not given.
+        Latency and arm about which the innovations are taken.
     parts : iterable of Increments
         Without a long gap.
     gnss : GnssEpochs
         In order of their stamps.
+    assumed_b : array_like, shape (3,), optional
+        The arm assumed, where it is not that of the settings; 0, 0, 0 counts as not given.
 
     Returns
     -------
@@ -154,34 +160,28 @@ def estimate_offsets(
     scores = _scores(start, settings, parts, gnss)
     if len(scores) < _LEAST:
         return None
-    given = any(settings.lever_arm_b)
-    used, arm = settings.gnss_latency, np.asarray(settings.lever_arm_b)
-    free, free_covariance = _solved(scores, used, ARM_UNKNOWN_M)
-    answer = ReceiverOffsets(
-        used + float(free[0]),
-        arm + free[1:],
-        free_covariance,
-        free[1:],
-        np.sqrt(np.diag(free_covariance)[1:]),
-    )
-    if not given or answer.arm_contradicts:
+    assumed = np.asarray(settings.lever_arm_b if assumed_b is None else assumed_b, np.float64)
+    here = np.array([settings.gnss_latency, *settings.lever_arm_b])
+    usual = np.array([0.0, *assumed])
+    free, covariance = _solved(scores, here, usual, ARM_UNKNOWN_M)
+    off, sigma = free[1:] - assumed, np.sqrt(np.diag(covariance)[1:])
+    answer = ReceiverOffsets(float(free[0]), free[1:], covariance, off, sigma)
+    if not assumed.any() or answer.arm_contradicts:
         return answer
-    near, covariance = _solved(scores, used, ARM_GIVEN_M)
-    return replace(
-        answer, latency_s=used + float(near[0]), arm_b=arm + near[1:], covariance=covariance
-    )
+    near, covariance = _solved(scores, here, usual, ARM_GIVEN_M)
+    return replace(answer, latency_s=float(near[0]), arm_b=near[1:], covariance=covariance)
 
 
 def settle(
-    evaluate: Callable[[float, bool], ReceiverOffsets | None], first_s: float
+    evaluate: Callable[[float, FloatArray | None, bool], ReceiverOffsets | None], first_s: float
 ) -> tuple[float, ReceiverOffsets | None, bool]:
     """The latency that is its own estimate.
 
     Parameters
     ----------
     evaluate : callable
-        Takes a latency, s, and whether fixes far off are to be left out, and returns
-        :func:`estimate_offsets` about it; None where that cannot be had.
+        Takes a latency, s, an arm (None: the one assumed), and whether fixes far off are to be left
+        out, and returns :func:`estimate_offsets` about them; None where that cannot be had.
     first_s : float
 
     Returns
@@ -194,7 +194,7 @@ def settle(
         Whether the two are as near as the estimate is known.
     """
     used, gated = first_s, False
-    offsets = evaluate(used, gated)
+    offsets = evaluate(used, None, gated)
     before: tuple[float, float] | None = None
     for _ in range(_ROUNDS):
         if offsets is None or not offsets.observable:
@@ -202,14 +202,14 @@ def settle(
         step = offsets.latency_s - used
         if gated and abs(step) <= max(_AGREE_S, _AGREE * offsets.sigma_s):
             break
-        # As long as fixes are far off for no fault of theirs none is left out
-        gated = abs(step) <= max(_NEAR_S, offsets.sigma_s)
+        # Until then fixes are far off for no fault of theirs
+        gated |= abs(step) <= max(_NEAR_S, offsets.sigma_s)
         slope = 0.0
         if before is not None and before[0] != used:
             slope = (offsets.latency_s - before[1]) / (used - before[0])
         before = used, offsets.latency_s
         following = used + step / (1.0 - min(max(slope, 0.0), _MOST_SLOPE))
-        found = evaluate(following, gated)
+        found = evaluate(following, offsets.arm_b if offsets.arm_contradicts else None, gated)
         if found is None:
             break
         used, offsets = following, found
@@ -231,10 +231,12 @@ class _Scores:
         return len(self.time_ns)
 
 
-def _solved(scores: _Scores, used_s: float, arm_m: float) -> tuple[FloatArray, FloatArray]:
-    """What is to be added to latency and arm, and its covariance."""
+def _solved(
+    scores: _Scores, here: FloatArray, usual: FloatArray, arm_m: float
+) -> tuple[FloatArray, FloatArray]:
+    """Latency and arm and their covariance, from scores about `here` and a prior about `usual`."""
     prior = np.diag(1.0 / np.square([LATENCY_S, arm_m, arm_m, arm_m]))
-    pull = prior @ np.array([-used_s, 0.0, 0.0, 0.0])
+    pull = prior @ (usual - here)
     information, score = scores.information.sum(axis=0), scores.score.sum(axis=0)
     many = float(scores.rows.sum())
     # Innovations larger than the filter expects make everything that much less certain
@@ -254,7 +256,7 @@ def _solved(scores: _Scores, used_s: float, arm_m: float) -> tuple[FloatArray, F
     scattered = covariance @ (spread + prior) @ covariance
     more = np.sqrt(np.maximum(np.diag(scattered) / np.diag(covariance), 1.0))
     least = np.diag([0.0, *[_LEAST_SIGMA_M**2] * 3])
-    return b, covariance * np.outer(more, more) + least
+    return here + b, covariance * np.outer(more, more) + least
 
 
 def _scores(

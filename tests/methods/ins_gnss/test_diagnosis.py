@@ -12,6 +12,7 @@ from sinstool.methods.coning.stage import ConingStage
 from sinstool.methods.ins_gnss.diagnosis import diagnose
 from sinstool.methods.ins_gnss.filter import InsGnssFilter
 from sinstool.methods.ins_gnss.fix_velocity import split_position_velocity
+from sinstool.methods.ins_gnss.receiver_offsets import estimate_offsets, settle
 from sinstool.methods.ins_gnss.settings import DivergenceControl, GnssModel, Settings
 from sinstool.methods.sensor_errors import SIMULATED_GRADES, SensorGrade
 from sinstool.methods.strapdown.velocity import Increments, IncrementStage
@@ -106,9 +107,20 @@ def examined(
         ATTITUDE,
     )
     run = InsGnssFilter(began, settings, with_baro=False)
-    block = run.push(increments(imu, gyro, accel), gnss)
+    steps = increments(imu, gyro, accel)
+    block = run.push(steps, gnss)
     restarts = run.summary.restarts
-    return diagnose(began, block.updates, block.gnss, gnss, settings, restarts)
+
+    def shown(latency, arm_b, gated):
+        gate = settings.control.gate_probability if gated else 1.0
+        control = replace(settings.control, gate_probability=gate)
+        about = replace(settings, gnss_latency=latency, control=control)
+        if arm_b is not None:
+            about = replace(about, lever_arm_b=tuple(arm_b.tolist()))
+        return estimate_offsets(began, about, [steps], gnss, settings.lever_arm_b)
+
+    _, offsets, _ = settle(shown, settings.gnss_latency)
+    return diagnose(began, block.updates, block.gnss, gnss, settings, restarts, offsets)
 
 
 def causes(findings):

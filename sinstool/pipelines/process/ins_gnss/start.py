@@ -170,8 +170,11 @@ def _timed(
     """A start with the receiver's latency and noise."""
     here = _of_grade(config, first.grade)
 
-    def begin(latency: float) -> FilterStart:
+    def begin(latency: float, arm_b: np.ndarray | None) -> FilterStart:
         timed = replace(first.settings, gnss_latency=latency)
+        if arm_b is not None:
+            x, y, z = arm_b.tolist()
+            timed = replace(timed, lever_arm_b=(x, y, z))
         initial, time_ns, how, _ = find_start(source, here, timed, first.used)
         start = replace(first, settings=timed, start=initial, time_ns=time_ns, how=how)
         return _with_noise(source, config, algorithm, start)
@@ -380,7 +383,9 @@ def find_start(
     """
     path = source.path
     options: dict[str, Any] = {
-        "gnss": config.gnss.model_copy(update={"gnss_latency": settings.gnss_latency})
+        "gnss": config.gnss.model_copy(
+            update={"gnss_latency": settings.gnss_latency, "lever_arm": settings.lever_arm_b}
+        )
     }
     if config.align.align == "auto" and config.in_flight.gate == "auto":
         # The sooner the better: a filter cannot wait until a launched vehicle flies calmly.

@@ -56,7 +56,7 @@ def with_offsets(
     config: ProcessConfig,
     algorithm: ConingAlgorithm,
     first: FilterStart,
-    begin: Callable[[float], FilterStart],
+    begin: Callable[[float, np.ndarray | None], FilterStart],
 ) -> FilterStart:
     """A start with the receiver's latency, given or as the log shows it, and the arm beside it.
 
@@ -66,14 +66,13 @@ def with_offsets(
     Parameters
     ----------
     begin : callable
-        Makes a start with another latency, s.
+        Makes a start with another latency, s, and the arm assumed (None) or another, m.
     """
-    assumed = first.settings.gnss_latency
-    starts = {assumed: first}
+    assumed, assumed_b = first.settings.gnss_latency, first.settings.lever_arm_b
 
-    def evaluate(latency: float, gated: bool) -> ReceiverOffsets | None:
+    def evaluate(latency: float, arm_b: np.ndarray | None, gated: bool) -> ReceiverOffsets | None:
         try:
-            start = starts.setdefault(latency, begin(latency)) if latency != assumed else first
+            start = first if latency == assumed else begin(latency, arm_b)
         except AlignmentError:  # with the fixes moved so far no start is seen
             return None
         motion = motion_from(source, config, algorithm, start.time_ns)
@@ -82,17 +81,18 @@ def with_offsets(
         settings = start.settings
         if not gated:
             settings = replace(settings, control=replace(settings.control, gate_probability=1.0))
-        return estimate_offsets(start.start, settings, motion, start.used)
+        return estimate_offsets(start.start, settings, motion, start.used, assumed_b)
 
     used, offsets, agrees = settle(evaluate, assumed)
     if config.gnss.gnss_latency is not None:
         return replace(first, offsets=offsets, latency_status="given")
     if offsets is None or not offsets.observable:
         return replace(first, offsets=offsets)
-    if agrees and not offsets.differs_from(assumed, LEAST_S, USED):
-        used = assumed
     status = "found" if agrees else "not settled"
-    return replace(starts[used], offsets=offsets, latency_status=status)
+    start = first
+    if used != assumed and not (agrees and not offsets.differs_from(assumed, LEAST_S, USED)):
+        start = begin(used, None)
+    return replace(start, offsets=offsets, latency_status=status)
 
 
 def motion_from(

@@ -1,0 +1,191 @@
+"""Latency and lever arm together: found where a log shows them, and nothing said where it does not.
+
+Logs by another program (`pyins.sim`): fixes of 5 cm, velocities of 5 cm/s where there are any.
+"""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from sinstool.methods.ins_gnss import receiver_offsets
+from sinstool.methods.ins_gnss.receiver_offsets import ReceiverOffsets, estimate_offsets, settle
+from sinstool.pipelines.process.ins_gnss import timing
+from tests.helpers.filter_logs import run, start_of
+from tests.helpers.unseen_drives import (
+    GRADES,
+    LEVER,
+    cruise,
+    drive,
+    flight,
+    record,
+    with_outliers,
+    write,
+)
+
+KIND = {"gyro_kind": "mean-rate"}
+OF_OFFSETS = {"latency", "lever-arm", "velocity-lag", "latency-used"}
+
+
+@pytest.fixture(scope="module")
+def road():
+    return drive(5, 160.0, 20.0)
+
+
+@pytest.fixture(scope="module")
+def calm():
+    return flight(3, 200.0)
+
+
+def logged(folder, truth, seed, **options):
+    return write(folder / "log.mcap", record(truth, GRADES["tactical"], seed, **options))
+
+
+def given(latency=None, arm=LEVER):
+    return {"lever_arm": tuple(np.asarray(arm).tolist()), "gnss_latency": latency}
+
+
+def named(result):
+    return {f["kind"]: f for f in result["findings"] if f["kind"] in OF_OFFSETS}
+
+
+def test_straight_on_at_one_speed_shows_nothing(tmp_path):
+    truth = cruise(120.0)
+    log = logged(tmp_path, truth, 2, gnss_rate=4.0, sigma_v=0.05, latency=0.1)
+    align = {"align": "fixed", "initial_attitude": (0.0, 0.05 * 180 / np.pi, 0.7 * 180 / np.pi)}
+    # Even of an arm that is not given, nothing is made
+    for arm in (LEVER, np.zeros(3)):
+        result, _ = run(log, input=dict(KIND), align=align, gnss=given(arm=arm))
+        used = result["filter"]["gnss_latency"]
+        assert used["status"] == "not observable"
+        assert used["sigma_s"] is None and result["filter"]["gnss_latency_s"] == 0.0
+        assert named(result) == {}
+
+
+def test_smooth_turns_told_the_truth_are_not_contradicted(tmp_path, calm):
+    for seed, latency, sigma_v in ((1, 0.0, None), (2, 0.1, 0.05)):
+        log = logged(tmp_path, calm, seed, gnss_rate=4.0, sigma_v=sigma_v, latency=latency)
+        result, _ = run(log, input=dict(KIND), gnss=given(latency))
+        assert result["filter"]["gnss_latency"]["status"] == "given"
+        assert named(result) == {}
+
+
+@pytest.mark.parametrize("sigma_v", [None, 0.05])
+def test_a_drive_shows_its_latency(tmp_path, road, sigma_v):
+    log = logged(tmp_path, road, 4, sigma_v=sigma_v, latency=0.1)
+    start = start_of(log, input=KIND, gnss=given())
+    assert start.latency_status == "found"
+    assert abs(start.offsets.latency_s - 0.1) < 3.0 * start.offsets.sigma_s < 0.01
+    assert start.settings.gnss_latency == pytest.approx(start.offsets.latency_s, abs=1e-3)
+    assert np.all(np.abs(start.offsets.arm_b - LEVER) < 0.1)
+
+
+def test_bad_fixes_change_nothing(tmp_path, road):
+    data = record(road, GRADES["tactical"], 6, gnss_rate=4.0, latency=0.1)
+    log = write(tmp_path / "log.mcap", with_outliers(data, 6))
+    start = start_of(log, input=KIND, gnss=given())
+    assert start.latency_status == "found"
+    assert start.settings.gnss_latency == pytest.approx(0.1, abs=0.004)
+    assert not start.offsets.arm_contradicts
+
+
+def test_an_antenna_two_metres_away_is_named_with_its_place(tmp_path, road):
+    log = logged(tmp_path, road, 7, latency=0.1)
+    wrong = LEVER + np.array([2.0, 0.0, 0.0])
+    result, _ = run(log, input=dict(KIND), gnss=given(arm=wrong))
+    finding = named(result)["lever-arm"]
+    assert finding["numbers"]["forward_m"] == pytest.approx(-2.0, abs=0.2)
+    assert "+-" in finding["text"]
+    arm = finding["answer"].removeprefix("--lever-arm ").split(", if")[0]
+    assert np.allclose([float(x) for x in arm.split(",")], LEVER, atol=0.3)
+    # The wrong arm does not become a latency, nor is another one used than was given
+    assert result["filter"]["gnss_latency_s"] == pytest.approx(0.1, abs=0.01)
+    assert result["filter"]["lever_arm_m"] == pytest.approx(wrong)
+
+
+def test_a_wrong_latency_is_named(tmp_path, road):
+    log = logged(tmp_path, road, 8, latency=0.05)
+    result, _ = run(log, input=dict(KIND), gnss=given(0.0))
+    finding = named(result)["latency"]
+    assert finding["numbers"]["latency_s"] == pytest.approx(0.05, abs=0.005)
+    assert result["filter"]["gnss_latency_s"] == 0.0
+
+
+def test_what_the_filter_assumes_does_not_matter(tmp_path, calm):
+    """Latency and arm are what they are, whatever those are about which they are looked for."""
+    log = logged(tmp_path, calm, 9, gnss_rate=4.0, sigma_v=0.05, latency=0.1)
+    answers = []
+
+    def about(begin, settings, parts, gnss, assumed):
+        for latency, away in ((0.1, 0.0), (0.11, 0.0), (0.1, 0.2)):
+            arm = tuple((LEVER + away).tolist())
+            here = replace(settings, gnss_latency=latency, lever_arm_b=arm)
+            answers.append(estimate_offsets(begin, here, parts, gnss, LEVER))
+        return
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(timing, "estimate_offsets", about)
+        start_of(log, input=KIND, gnss=given(0.1))
+    first = answers[0]
+    assert first.latency_s == pytest.approx(0.1, abs=3.0 * first.sigma_s)
+    for other in answers[1:3]:
+        assert other.latency_s == pytest.approx(first.latency_s, abs=0.3 * first.sigma_s)
+        apart = np.abs(other.arm_off_b - first.arm_off_b)
+        assert np.all(apart < 0.3 * first.arm_off_sigma_b + 0.01)
+        assert np.allclose(other.covariance, first.covariance, rtol=0.2, atol=1e-4)
+
+
+def offsets_at(latency, sigma):
+    covariance = np.diag([sigma**2, 0.01, 0.01, 0.01])
+    return ReceiverOffsets(latency, np.zeros(3), covariance, np.zeros(3), np.full(3, 0.1))
+
+
+def test_steps_lead_to_the_latency_that_is_its_own_estimate():
+    tried = []
+
+    def far(latency, _, gated):
+        tried.append((latency, gated))
+        return offsets_at(-0.14 + 0.4 * (latency + 0.14), 0.005)
+
+    used, offsets, agrees = settle(far, 0.0)
+    assert agrees and used == pytest.approx(-0.14, abs=2e-3)
+    assert len(tried) <= 6 and tried[-1][1] and not tried[0][1]
+    assert offsets.latency_s == pytest.approx(used, abs=2e-3)
+
+
+def test_an_estimate_that_runs_away_is_said_not_to_agree():
+    used, offsets, agrees = settle(lambda latency, *_: offsets_at(latency + 0.1, 0.002), 0.0)
+    assert not agrees and offsets.latency_s == pytest.approx(used + 0.1)
+    used, _, agrees = settle(lambda latency, *_: offsets_at(latency, 0.1), 0.0)
+    assert used == 0.0 and not agrees  # not observable
+    assert settle(lambda *_: None, 0.02) == (0.02, None, False)
+
+
+def test_what_does_not_settle_is_told(tmp_path, road, monkeypatch):
+    log = logged(tmp_path, road, 4)
+
+    def never(begin, settings, parts, gnss, assumed):
+        return offsets_at(settings.gnss_latency + 0.05, 0.002)
+
+    monkeypatch.setattr(timing, "estimate_offsets", never)
+    monkeypatch.setattr(receiver_offsets, "_ROUNDS", 1)
+    start = start_of(log, input=KIND, gnss=given())
+    assert start.latency_status == "not settled"
+    assert "did not settle" in start.warnings[0] and "--gnss-latency" in start.warnings[0]
+
+
+@pytest.mark.slow
+def test_sigmas_are_what_errors_are(tmp_path):
+    ratios = []
+    for seed in range(4):
+        for number, truth in enumerate((flight(20 + seed, 200.0), drive(20 + seed, 200.0, 20.0))):
+            latency = (0.0, 0.05, 0.1, 0.2)[seed]
+            draw = 100 + 10 * seed + number
+            sigma_v = 0.05 if (seed + number) % 2 else None
+            log = logged(tmp_path, truth, draw, gnss_rate=4.0, sigma_v=sigma_v, latency=latency)
+            arm = LEVER + 0.1 * np.random.default_rng(draw).standard_normal(3)
+            offsets = start_of(log, input=KIND, gnss=given(arm=arm)).offsets
+            assert offsets.observable and not offsets.arm_contradicts
+            ratios.append((offsets.latency_s - latency) / offsets.sigma_s)
+    assert 0.5 < np.sqrt(np.mean(np.square(ratios))) < 1.5
+    assert np.max(np.abs(ratios)) < 3.0
