@@ -56,6 +56,7 @@ BEYOND = 4.0
 # Of an arm, whatever the noise: rates are means between samples, and a body bends, m. One nearer
 # than the second is where it was said to be.
 _LEAST_SIGMA_M, LEAST_ARM_M = 0.03, 0.3
+_LEAST_SIGMA_S = 3e-4  # stamps and samples are no better
 _UPDATES = 4096  # at a time, for what a filter stores of them
 _HALF_S = 0.06  # velocity changes are taken over so much to either side
 _SETTLED_S = 20.0  # a filter's first innovations hold what is not linear in its start
@@ -255,7 +256,7 @@ def _solved(
     spread = sums.T @ sums / excess**2 * len(sums) / max(len(sums) - 4, 1)
     scattered = covariance @ (spread + prior) @ covariance
     more = np.sqrt(np.maximum(np.diag(scattered) / np.diag(covariance), 1.0))
-    least = np.diag([0.0, *[_LEAST_SIGMA_M**2] * 3])
+    least = np.diag(np.square([_LEAST_SIGMA_S, *[_LEAST_SIGMA_M] * 3]))
     return here + b, covariance * np.outer(more, more) + least
 
 

@@ -143,8 +143,10 @@ def _latency(latency: summary.LatencyUsed) -> str:
     """When fixes were valid."""
     position, velocity = 1e3 * latency.position_s, 1e3 * latency.velocity_s
     how = latency.status
-    if latency.sigma_s is not None:
-        how += f", +- {1e3 * latency.sigma_s:.1f} ms"
+    if latency.estimate_s is not None and latency.sigma_s is not None:
+        how += f"; the log shows {1e3 * latency.estimate_s:.1f} +- {1e3 * latency.sigma_s:.1f} ms"
+    elif how == "not observable":
+        how += " in this log"
     if abs(position - velocity) < 0.05:
         return f"latency {position:.1f} ms ({how})"
     return f"latency of positions {position:.1f} ms, of velocities {velocity:.1f} ms ({how})"

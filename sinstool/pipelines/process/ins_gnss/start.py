@@ -190,7 +190,7 @@ def _fitted(
 
     White noise at rest says little of biases and scale factors, and vibration is not there.
     """
-    shown = fit(source, config, algorithm, start)
+    shown = fit(source, config, algorithm, _by_the_fixes(start))
     while shown is not None and shown.doubted:
         worse = next_worse(start.grade.grade)
         if worse is None:
@@ -204,12 +204,20 @@ def _fitted(
         except AlignmentError:
             break
         other = _timed(source, config, algorithm, first)
-        fits = fit(source, config, algorithm, other)
+        fits = fit(source, config, algorithm, _by_the_fixes(other))
         if fits is None or not shown.worse_than(fits):
             break
         log_choice("IMU grade", f"{worse}, {why}")
         start, shown = other, fits
     return start
+
+
+def _by_the_fixes(start: FilterStart) -> FilterStart:
+    """A start with the antenna where the fixes have it: a wrong arm refutes no Imu."""
+    if start.offsets is None or not start.offsets.arm_contradicts:
+        return start
+    x, y, z = start.offsets.arm_b.tolist()
+    return replace(start, settings=replace(start.settings, lever_arm_b=(x, y, z)))
 
 
 def _of_grade(config: ProcessConfig, grade: ImuGrade) -> ProcessConfig:
@@ -260,7 +268,7 @@ def _latency_why(start: FilterStart) -> str:
         return f"{used}, as configured{velocity}"
     if start.offsets is None or not start.offsets.observable:
         return f"{used}; not observable in this log: the motion changes too little{velocity}"
-    return f"{used}; the log shows {start.offsets}{velocity}"
+    return f"{used}; found in the log: {start.offsets}{velocity}"
 
 
 def _barometer(source: Source, config: ProcessConfig) -> tuple[HeightReference | None, list[str]]:
