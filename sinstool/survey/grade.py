@@ -25,13 +25,13 @@ class ImuGrade:
     why: str
 
 
-def random_walks(source: Source) -> tuple[float, float] | None:
+def random_walks(source: Source, least_s: float = 0.0) -> tuple[float, float] | None:
     """Random walks at rest, of angle, rad/sqrt(s), and of velocity, (m/s)/sqrt(s), of an axis.
 
-    None where the log has no rest.
+    None where the log has no rest of this length, s.
     """
     # a stretch of steady flight will do: it is the scatter that counts, not the mean
-    spans = [s for s in source.survey.spans if s.samples > 50]
+    spans = [s for s in source.survey.spans if s.samples > 50 and s.duration_s >= least_s]
     if not spans:
         return None
     longest = max(spans, key=lambda s: s.samples)
@@ -39,9 +39,9 @@ def random_walks(source: Source) -> tuple[float, float] | None:
     return float(longest.gyro_std * axis), float(longest.accel_std * axis)
 
 
-def random_walk(source: Source) -> float | None:
-    """Angular random walk at rest, rad/sqrt(s) an axis; None where the log has no rest."""
-    walks = random_walks(source)
+def random_walk(source: Source, least_s: float = 0.0) -> float | None:
+    """Angular random walk at rest, rad/sqrt(s) an axis; see :func:`random_walks`."""
+    walks = random_walks(source, least_s)
     return None if walks is None else walks[0]
 
 

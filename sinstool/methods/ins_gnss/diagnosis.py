@@ -33,9 +33,9 @@ from dataclasses import dataclass
 from itertools import permutations, product
 
 import numpy as np
-from numpy.typing import NDArray
 
 from sinstool.core import earth
+from sinstool.core.arrays import BoolArray, FloatArray
 from sinstool.core.finding import Finding
 from sinstool.core.rotation import from_dcm, log, multiply, normalise, rotate, to_dcm
 from sinstool.core.streams import GnssEpochs
@@ -44,8 +44,6 @@ from sinstool.methods.ins_gnss.receiver_offsets import BEYOND, ReceiverOffsets
 from sinstool.methods.ins_gnss.results import GnssDiagnostics, UpdateColumns
 from sinstool.methods.ins_gnss.settings import Settings, Start
 from sinstool.methods.strapdown.attitude import AttitudePropagator
-
-FloatArray = NDArray[np.float64]
 
 # Columns of an innovation by channel
 CHANNELS = {
@@ -200,12 +198,12 @@ class _Wahba:
         gravity = earth.gravity_n(self.start.nav[0], self.start.nav[2])
         return self._windows(np.diff(self.velocity, axis=0) - gravity * np.diff(self.at)[:, None])
 
-    def lively(self, settings: Settings) -> NDArray[np.bool_] | None:
+    def lively(self, settings: Settings) -> BoolArray | None:
         """Windows whose change of horizontal velocity is no noise; None where they are few."""
         lively = np.sum(self._changes()[:, :2] ** 2, axis=1) > self.noise(settings)
         return lively if np.count_nonzero(lively) >= _LEAST else None
 
-    def solve(self, axes: FloatArray, rows: NDArray[np.bool_] | slice = slice(None)) -> _Fit:
+    def solve(self, axes: FloatArray, rows: BoolArray | slice = slice(None)) -> _Fit:
         """The attitude that fits best with the gyro's axes taken as `axes`, shape (3, 3)."""
         turn = self.theta @ axes.T
         q = AttitudePropagator(np.array([1.0, 0.0, 0.0, 0.0])).push(turn, self.interval)

@@ -6,8 +6,9 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
+from sinstool.core.arrays import ArrayLike, FloatArray, IntArray
 from sinstool.core.errors import ConfigurationError
 from sinstool.core.streams import GnssEpochs
 from sinstool.methods.height import layout as height_layout
@@ -17,9 +18,6 @@ from sinstool.methods.ins_gnss.settings import Settings, Start
 from sinstool.methods.ins_gnss.states import I_MOVING, FilterKind
 from sinstool.methods.strapdown.navigation import SIZE as NAV_SIZE
 from sinstool.methods.strapdown.velocity import Increments
-
-FloatArray = NDArray[np.float64]
-IntArray = NDArray[np.int64]
 
 _MOST_EVENTS = 4096  # of a block; more are counted
 _FIX = 12

@@ -11,8 +11,8 @@ from math import cos, sqrt
 
 import numba
 import numpy as np
-from numpy.typing import NDArray
 
+from sinstool.core.arrays import FloatArray, IntArray
 from sinstool.core.quaternion_kernels import increment_quaternion, product, wrapped_angle
 from sinstool.core.units import DEGREE, DEGREE_PER_HOUR, MILLI_G
 from sinstool.methods.height.channel import feedback as channel_feedback
@@ -28,9 +28,6 @@ from sinstool.methods.ins_gnss.model import (
     transition,
 )
 from sinstool.methods.strapdown.navigation import HEIGHT, LATITUDE, LONGITUDE, Q_W, V_NORTH
-
-FloatArray = NDArray[np.float64]
-IntArray = NDArray[np.int64]
 
 _D = states.POSITION + 2
 _VD = states.VELOCITY + 2

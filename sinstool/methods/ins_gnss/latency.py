@@ -21,14 +21,11 @@ from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
 from scipy.optimize import minimize_scalar
 
 from sinstool.core import earth
+from sinstool.core.arrays import ArrayLike, FloatArray, IntArray
 from sinstool.core.rotation import rotate
-
-FloatArray = NDArray[np.float64]
-IntArray = NDArray[np.int64]
 
 LatencyStatus = Literal["found", "at the limit", "not observable"]
 

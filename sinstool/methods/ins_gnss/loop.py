@@ -12,8 +12,8 @@ from math import ceil, cos, pi
 
 import numba
 import numpy as np
-from numpy.typing import NDArray
 
+from sinstool.core.arrays import FloatArray, IntArray
 from sinstool.core.quaternion_kernels import dcm
 from sinstool.methods.height.channel import propagate, smooth_height
 from sinstool.methods.height.layout import S_BARO_BIAS, S_CORRECTION
@@ -33,9 +33,6 @@ from sinstool.methods.strapdown.navigation import (
 )
 from sinstool.methods.strapdown.navigation import SIZE as NAV_SIZE
 from sinstool.methods.strapdown.velocity import remove_bias
-
-FloatArray = NDArray[np.float64]
-IntArray = NDArray[np.int64]
 
 BRIDGE = 0.05  # s, longest step within an IMU gap
 MAX_ROW_INTERVAL = 1.25  # s, longest time between rows for a smoother

@@ -35,8 +35,8 @@ from dataclasses import dataclass, fields, replace
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from sinstool.core.arrays import FloatArray, IntArray
 from sinstool.core.earth import displaced
 from sinstool.core.rotation import exp, multiply, normalise, wrapped
 from sinstool.methods.ins_gnss.results import FilterBlock, StoredEpochs, UpdateColumns
@@ -60,9 +60,6 @@ from sinstool.methods.strapdown.navigation import (
     V_DOWN,
     V_NORTH,
 )
-
-FloatArray = NDArray[np.float64]
-IntArray = NDArray[np.int64]
 
 
 @dataclass(frozen=True)

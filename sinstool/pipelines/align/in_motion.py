@@ -16,6 +16,7 @@ from sinstool.methods.alignment import in_motion
 from sinstool.methods.alignment.in_motion import MotionAlignment, align_in_motion, gnss_fixes
 from sinstool.methods.alignment.inflight_types import AlignmentSettings, GateLimits, ImuIncrements
 from sinstool.methods.sensor_errors import IMU_GRADES, Grade, SensorGrade
+from sinstool.survey.grade import random_walk
 from sinstool.survey.imu import Survey
 from sinstool.survey.rest import REST_S, longest_rest, rest_end
 from sinstool.survey.source import Source, rate_blocks
@@ -77,7 +78,7 @@ def align_moving(
         start = in_motion.first_motion(fixes, first, still)
     end = None if options.align_end is None else first + round(options.align_end * SECOND)
     ends = in_motion.spans(gate, start, end, first, int(fixes.time_ns[-1]))
-    errors = sensor_errors(config, grade, at_rest, walk_at_rest(source))
+    errors = sensor_errors(config, grade, at_rest, random_walk(source, REST_S) or 0.0)
     doubtful = grade == "mems" and not at_rest and options.sigma_bg is None
     return align_in_motion(
         samples(source, config, ends[-1]),
@@ -141,15 +142,6 @@ def increments(
 def _interval_ns(source: Source) -> float:
     """Of a sample that follows nothing."""
     return source.survey.interval_ns or SECOND
-
-
-def walk_at_rest(source: Source) -> float:
-    """Angular random walk that the longest rest shows, rad/sqrt(s); 0 without a rest."""
-    rests = [s for s in source.survey.spans if s.duration_s >= REST_S]
-    if not rests:
-        return 0.0
-    longest = max(rests, key=lambda s: s.samples)
-    return float(longest.gyro_std * np.sqrt(source.survey.interval_ns / SECOND / 3.0))
 
 
 def imu_noise(config: ProcessConfig, grade: Grade) -> SensorGrade:

@@ -119,8 +119,7 @@ class FilterRun(Mode):
         self._offset_ns = 0
         self._smooth = config.filter.smooth
         valid = replace(
-            start.gnss,
-            time_ns=start.gnss.time_ns - round(start.settings.gnss_latency * SECOND),
+            start.gnss, time_ns=start.gnss.time_ns - round(start.settings.gnss_latency * SECOND)
         )
         arm = start.settings.lever_arm_b
         self._hidden = bool(start.withheld.any())
@@ -130,10 +129,7 @@ class FilterRun(Mode):
 
     def _filter_from(self, start: FilterStart) -> InsGnssFilter:
         return InsGnssFilter(
-            start.start,
-            start.settings,
-            with_baro=start.reference is not None,
-            store=self._smooth,
+            start.start, start.settings, with_baro=start.reference is not None, store=self._smooth
         )
 
     def show(self, sink: Sink) -> None:
