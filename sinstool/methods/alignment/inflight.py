@@ -277,7 +277,8 @@ def _answer(best: Candidate, settings: AlignmentSettings, warnings: list[str]) -
         covariance[2, 2] = UNIFORM_SIGMA**2
     elif status == "unobservable":
         warnings.append(
-            f"attitude is not known: the sigma about its worst axis is {np.rad2deg(worst):.0f} deg"
+            "attitude is not known: the sigma about its worst axis is"
+            f" {np.rad2deg(min(worst, UNIFORM_SIGMA)):.0f} deg"
         )
         q_nb = np.full(4, np.nan)
     elif status == "degraded":

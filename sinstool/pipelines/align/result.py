@@ -13,7 +13,7 @@ from sinstool.core.rotation import to_euler
 from sinstool.core.units import DEGREE
 from sinstool.methods.alignment.gyrocompass import Gyrocompass
 from sinstool.methods.alignment.inflight import InFlightAlignment
-from sinstool.methods.alignment.inflight_types import SensorGrade
+from sinstool.methods.alignment.inflight_types import UNIFORM_SIGMA, SensorGrade
 from sinstool.methods.alignment.initial import Alignment
 from sinstool.pipelines.plan import Plan
 from sinstool.pipelines.process.summary import ImuTime
@@ -167,7 +167,7 @@ def in_motion_values(
     return {
         "vectors": answer.vectors,
         "sigma_deg": sigmas(answer),
-        "sigma_worst_deg": finite(answer.sigma_worst / DEGREE),
+        "sigma_worst_deg": finite(min(answer.sigma_worst, UNIFORM_SIGMA) / DEGREE),
         "cov_deg2": covariance(answer),
         "observability": finite(answer.rho),
         "singular_values": tuple(finite(s) for s in answer.singular_values),

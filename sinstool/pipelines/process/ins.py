@@ -8,9 +8,9 @@ from dataclasses import replace
 import numpy as np
 
 from sinstool.config import ProcessConfig
-from sinstool.core.earth import horizontal_metres
+from sinstool.core.earth import displaced, horizontal_metres
 from sinstool.core.errors import ConfigurationError
-from sinstool.core.rotation import wrapped
+from sinstool.core.rotation import rotate, wrapped
 from sinstool.core.streams import GnssEpochs, Solution
 from sinstool.core.timeline import SECOND
 from sinstool.core.units import DEGREE, MILLI_G
@@ -150,8 +150,14 @@ def start(
             "heading at the start is not referenced to north, so the track is turned by whatever"
             " heading the vehicle had; use --align log, fixed or one that finds north"
         )
-    position = (latitude * DEGREE, longitude * DEGREE, height)
-    return initial_state(*position, velocity, alignment.q_nb), notes
+    latitude, longitude = latitude * DEGREE, longitude * DEGREE
+    if config.align.latitude is None:  # that of the antenna
+        north, east, down = rotate(alignment.q_nb, np.array(config.gnss.lever_arm))
+        height += float(down)
+        if alignment.north_referenced:
+            where = displaced(latitude, longitude, height, -north, -east)
+            latitude, longitude = float(where[0]), float(where[1])
+    return initial_state(latitude, longitude, height, velocity, alignment.q_nb), notes
 
 
 def start_velocity(

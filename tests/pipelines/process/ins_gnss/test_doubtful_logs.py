@@ -170,3 +170,45 @@ def test_motion_shows_the_bias_of_a_car_that_never_rests(tmp_path, begun_in_moti
     assert "gyro bias from motion" in result.plan.first_attitude.reason
     assert not any("no gyro bias" in finding.text for finding in result.findings)
     assert np.sqrt(np.mean(off**2)) < 1.5
+
+
+def test_stamps_that_jitter_break_no_alignment(tmp_path, town):
+    data = record(town, CHEAP, 7, gnss_rate=5.0, sigma=0.8, sigma_v=0.1)
+    random = np.random.default_rng(7)
+    ticks = np.cumsum(random.choice([1, 2, 4], len(data.seconds), p=[0.25, 0.65, 0.1]))
+    ticks = ticks[ticks < len(data.seconds)]
+    steps = np.diff(ticks, prepend=0)[:, None]
+    means = [
+        np.diff(np.cumsum(values, axis=0)[ticks], axis=0, prepend=0.0) / steps
+        for values in (data.gyro, data.accel)
+    ]
+    uneven = replace(data, seconds=data.seconds[ticks], gyro=means[0], accel=means[1])
+    log = write(tmp_path / "log.mcap", uneven)
+    result, _, off, heading = navigated(log, town, tmp_path / "out.mcap")
+    assert result.plan.mode.value == "ins-gnss" and exit_status(result.findings) == 0
+    assert len(result.findings) < 6 and not any("gap" in f.text for f in result.findings)
+    assert np.sqrt(np.mean(off**2)) < 1.0 and np.sqrt(np.mean(heading**2)) < 3.0
+
+
+@pytest.mark.parametrize("north", [True, False])
+def test_inertial_navigation_starts_at_the_imu_and_not_at_the_antenna(tmp_path, north):
+    standing = drive(5, 12.0, rest=12.0)
+    arm = np.array([1.6, -0.9, -2.0])
+    data = record(standing, CHEAP, 5, gnss_rate=5.0, sigma=0.01, lever=arm)
+    log = write(tmp_path / "log.mcap", data)
+    angles = Rotation.from_matrix(standing.c_nb[0]).as_euler("ZYX", degrees=True)[::-1]
+    fixed = {"align": "fixed", "initial_attitude": tuple(angles.tolist())}
+    settings = {
+        "input": {"gyro_kind": "mean-rate"},
+        "navigation": {"mode": "ins"},
+        "align": fixed if north else {"align": "level"},
+        "gnss": {"lever_arm": tuple(arm.tolist())},
+    }
+    capture = Capture()
+    process(log, tmp_path / "out.mcap", build(ProcessConfig, settings), None, capture)
+    first = concatenate(capture.parts).rows(slice(0, 1))
+    off = standing.errors_of(standing.seconds[:1], *first.position.T, first.velocity_n,
+                             to_dcm(first.q_nb))[0]  # fmt: skip
+    # without a heading only the height of the antenna is known to be another
+    assert abs(off[2]) < 0.1
+    assert (np.hypot(off[0], off[1]) < 0.1) == north
