@@ -258,7 +258,13 @@ def baro_sample(
             state[layout.S_COUNTS + layout.GATE] += 1.0
             return layout.NOTHING, 0.0, 0.0
         jump = state[layout.S_STREAK_SUM] / (count + 1.0) - state[layout.S_RECENT]
+        if _undone(parameters, jump, state[layout.S_TAKEN]):
+            # It was believed when it left: the height goes back with it.
+            record(state, events, layout.EVENT_RETURNED, time, -jump, length)
+            return layout.RESET, _set_height(state, time, height, v_up, stamp, jump), 0.0
         state[layout.S_OFFSET] += jump
+        state[layout.S_ABSORBED] = jump
+        state[layout.S_TAKEN] = 0.0
         e -= jump
         used += jump
         record(state, events, layout.EVENT_JUMP, time, -jump, length)
@@ -370,17 +376,39 @@ def _engage(
     stamp: float,
     e: float,
 ) -> float:
-    """Set the height so that e is 0; return its change."""
-    dh = -e
-    state[layout.S_L1] = 1.0
+    """Begin with a sample, or begin again: height or offset are set; return the height's change."""
     if state[layout.S_PHASE] == layout.INIT:
         state[layout.S_ENGAGED_AT] = stamp
         record(state, events, layout.EVENT_ENGAGED, time, state[layout.S_OFFSET], 0.0)
     else:
+        if _undone(parameters, e, state[layout.S_ABSORBED]):
+            # It is back from a jump that was absorbed: so is its offset.
+            e += state[layout.S_ABSORBED]
+            state[layout.S_OFFSET] -= state[layout.S_ABSORBED]
+            state[layout.S_ABSORBED] = 0.0
+        record(state, events, layout.EVENT_REENGAGED, time, e, time - state[layout.S_COAST_SINCE])
+    return _set_height(state, time, height, v_up, stamp, e)
+
+
+@njit(cache=True, nogil=True)
+def _undone(parameters: FloatArray, step: float, before: float) -> bool:
+    """Whether a step takes back the one before; a filter that corrects the host knows better."""
+    alone = parameters[layout.P_SHADOW_TAU] > 0.0 and before != 0.0
+    return alone and abs(step + before) <= parameters[layout.P_GATE]
+
+
+@njit(cache=True, nogil=True)
+def _set_height(
+    state: FloatArray, time: float, height: float, v_up: float, stamp: float, e: float
+) -> float:
+    """Take a difference out of the height; return its change."""
+    dh = -e
+    state[layout.S_L1] = 1.0
+    if state[layout.S_PHASE] != layout.INIT:
         # The output stays where it is, and what the height loses fades.
         state[layout.S_STEP] = smooth_height(state, time, 0.0) + e
         state[layout.S_STEP_TIME] = time
-        record(state, events, layout.EVENT_REENGAGED, time, e, time - state[layout.S_COAST_SINCE])
+        state[layout.S_TAKEN] = e if state[layout.S_PHASE] == layout.COAST else 0.0
     state[layout.S_L2] = 0.0
     state[layout.S_L3] = 0.0
     state[layout.S_PHASE] = layout.ENGAGED
@@ -423,6 +451,7 @@ def _freeze(
     dv = state[layout.S_WITNESS_V] - v_up
     state[layout.S_CORRECTION] = state[layout.S_WITNESS_A]
     state[layout.S_OFFSET] = state[layout.S_WITNESS_OFFSET]
+    state[layout.S_ABSORBED] = 0.0
     state[layout.S_FROZEN] = 1.0
     record(state, events, layout.EVENT_FROZEN, time, dh, stamp - state[layout.S_SAME_SINCE])
     _start_coast(state, time)

@@ -41,8 +41,18 @@ NOTHING, CORRECTED, RESET, JUMPED, RESTORED = range(5)
     EVENT_FROZEN,
     EVENT_INVALID,
     EVENT_IMU_GAP,
-) = range(7)
-EVENT_KINDS = ("engaged", "coast", "re-engaged", "jump", "frozen", "invalid", "imu-gap")
+    EVENT_RETURNED,
+) = range(8)
+EVENT_KINDS = (
+    "engaged",
+    "coast",
+    "re-engaged",
+    "jump",
+    "frozen",
+    "invalid",
+    "imu-gap",
+    "returned",
+)
 EVENT_WIDTH = 4
 
 # --- state --------------------------------------------------------------------------------
@@ -94,7 +104,9 @@ S_INTERVALS = 52  # number, then a ring of the latest
 INTERVALS = 9
 S_HISTORY = S_INTERVALS + 1 + INTERVALS  # number, then a ring of (time, height, v_up)
 HISTORY = 128
-STATE_SIZE = S_HISTORY + 1 + 3 * HISTORY
+S_TAKEN = S_HISTORY + 1 + 3 * HISTORY  # height that re-engaging removed last, m
+S_ABSORBED = S_TAKEN + 1  # and the jump that was absorbed last
+STATE_SIZE = S_ABSORBED + 1
 
 # --- parameters ---------------------------------------------------------------------------
 P_TAU = 0
@@ -207,8 +219,9 @@ class Event:
         On the channel's clock, s.
     size : float
         engaged: offset of the barometer then, m; coast: time since the last good sample, s;
-        re-engaged: height removed, m; jump: how far the barometer jumped, m; frozen: height
-        given back, m; invalid: length of the coast so far, s; imu-gap: its length, s.
+        re-engaged: height removed, m; jump: how far the barometer jumped, m; returned: how far it
+        came back, and the height with it, m; frozen: height given back, m; invalid: length of
+        the coast so far, s; imu-gap: its length, s.
     duration : float
         re-engaged: length of the coast, s; jump: time it took to be sure, s; frozen: how long
         the value has not changed, s; otherwise 0.

@@ -381,6 +381,8 @@ def height_warnings(
         notes.append(f"height reference: of its samples were left out: {parts}")
     texts = {
         "jump": "height reference jumped by {size:+.1f} m at {time:.1f} s; absorbed",
+        "returned": "height reference came back by {size:+.1f} m at {time:.1f} s, and the height"
+        " with it",
         "coast": "no good height reference from {time:.1f} s on; coasting",
         "re-engaged": "height reference is good again at {time:.1f} s, after {duration:.1f} s; the"
         " height had run off by {size:+.1f} m",

@@ -286,6 +286,34 @@ def test_jump(rate, tau):
     assert abs(out["v_up"] - flight.v)[late].max() < 0.3
 
 
+@pytest.mark.parametrize("seed", [1, 2, 3])
+@pytest.mark.parametrize("grade", ["mems", "tactical"])
+def test_a_barometer_that_comes_back_takes_the_height_back_with_it(grade, seed):
+    """It sinks too fast to be followed, is believed again below, and is back half a minute on."""
+    away = np.random.default_rng(seed).uniform(70.0, 90.0)
+    flight, undisturbed = noisy(grade, seed), noisy(grade, seed)
+    sunk = np.clip((flight.t_baro - 300.0) / 2.0, 0.0, 1.0) * (flight.t_baro < 332.0)
+    flight.h_baro = flight.h_baro - away * sunk
+    out, channel = flight.run(network(5.0))
+    clean, _ = undisturbed.run(network(5.0))
+    assert kinds(channel) == ["engaged", "coast", "re-engaged", "returned"]
+    assert channel.events[-1].size == pytest.approx(away, abs=3.0)
+    late = flight.t > 420.0
+    assert abs(out["height"] - clean["height"])[late].max() < 3.0
+    assert channel.summary.offset == 0.0
+
+
+def test_an_absorbed_jump_that_is_taken_back_during_a_coast_leaves_nothing():
+    flight, undisturbed = noisy("mems", 2), noisy("mems", 2)
+    flight.h_baro[(flight.t_baro >= 300.0) & (flight.t_baro < 330.0)] -= 60.0
+    flight.h_baro[(flight.t_baro >= 325.0) & (flight.t_baro < 332.0)] = np.nan
+    out, channel = flight.run(network(5.0))
+    clean, _ = undisturbed.run(network(5.0))
+    assert kinds(channel) == ["engaged", "jump", "coast", "re-engaged"]
+    assert channel.summary.offset == pytest.approx(0.0, abs=1e-9)
+    assert abs(out["height"] - clean["height"])[flight.t > 420.0].max() < 3.0
+
+
 def test_jump_with_sensors_that_err():
     for seed in range(4):
         flight = noisy("mems", seed)
