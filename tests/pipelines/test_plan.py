@@ -13,6 +13,8 @@ from sinstool.pipelines.process.run import plan_of, process
 from tests.helpers.filter_logs import simulated
 from tests.helpers.imulogs import REAL
 from tests.helpers.logs import real
+from tests.helpers.unseen_drives import PERFECT, drive, record, write
+from tests.survey.test_velocity import odometry
 
 SCENARIOS = {
     "static": (["static", "--duration", "40"], ("attitude", "gyrocompass"), {}),
@@ -78,6 +80,18 @@ def test_one_plan_for_every_scenario(tmp_path, scenario):
     assert (plan.mode.value, plan.first_attitude.value) == expected
     for name, choice in plan.choices.items():
         assert choice.reason and choice.option.startswith("--"), name
+
+
+def test_one_plan_for_fixes_beside_wheel_odometry(tmp_path):
+    truth = drive(31, 120.0, rest=20.0)
+    log = write(tmp_path / "log.mcap", record(truth, PERFECT, 1, sigma=0.5), odometry(truth))
+    plan = agree(log, tmp_path, gyro_kind="mean-rate")
+    assert (plan.mode.value, plan.first_attitude.value) == ("ins-gnss", "svd")
+    config = build(ProcessConfig, {"input": {"gyro_kind": "mean-rate"}})
+    assert "velocity-left-out" in {f.kind for f in inspect(log, config).findings}
+    without = build(ProcessConfig, {"input": {"gyro_kind": "mean-rate", "gnss_topic": "none"}})
+    mode = plan_of(log, without).mode
+    assert (mode.value, mode.reason) == ("attitude", "as --gnss-topic is none")
 
 
 @pytest.mark.slow
