@@ -194,23 +194,28 @@ def settle(
     agrees : bool
         Whether the two are as near as the estimate is known.
     """
-    used, gated = first_s, False
+    used, gated, gates = first_s, False, True
     offsets = evaluate(used, None, gated)
     before: tuple[float, float] | None = None
     for _ in range(_ROUNDS):
         if offsets is None or not offsets.observable:
             return used, offsets, False
         step = offsets.latency_s - used
-        if gated and abs(step) <= max(_AGREE_S, _AGREE * offsets.sigma_s):
+        if gated >= gates and abs(step) <= max(_AGREE_S, _AGREE * offsets.sigma_s):
             break
         # Until then fixes are far off for no fault of theirs
-        gated |= abs(step) <= max(_NEAR_S, offsets.sigma_s)
+        gated |= gates and abs(step) <= max(_NEAR_S, offsets.sigma_s)
         slope = 0.0
         if before is not None and before[0] != used:
             slope = (offsets.latency_s - before[1]) / (used - before[0])
         before = used, offsets.latency_s
         following = used + step / (1.0 - min(max(slope, 0.0), _MOST_SLOPE))
-        found = evaluate(following, offsets.arm_b if offsets.arm_contradicts else None, gated)
+        arm_b = offsets.arm_b if offsets.arm_contradicts else None
+        found = evaluate(following, arm_b, gated)
+        if gated and (found is None or not found.observable):
+            # From a bad start nearly all are left out, of which none is bad
+            gated = gates = False
+            found = evaluate(following, arm_b, gated)
         if found is None:
             break
         used, offsets = following, found
@@ -227,6 +232,8 @@ class _Scores:
     score: FloatArray  # (n, 4)
     nis: FloatArray
     rows: FloatArray
+    used: NDArray[np.bool_]
+    begins: NDArray[np.bool_]  # the filter began anew
 
     def __len__(self) -> int:
         return len(self.time_ns)
@@ -269,7 +276,7 @@ def _scores(
         filter="markov-27",
         network=None,
         feedback="closed",
-        control=replace(settings.control, adaptive="off", schmidt_epsilon=0.0, restart_after=0.0),
+        control=replace(settings.control, adaptive="off", schmidt_epsilon=0.0),
     )
     run = InsGnssFilter(start, plain, with_baro=False, store=True)
     off = np.zeros((run.kind.size, 4))
@@ -282,9 +289,11 @@ def _scores(
             some, off = _of_block(run, block, off)
             rows.append(some)
     scores = concatenate(rows)
-    if not len(scores):
-        return scores
-    return take_rows(scores, scores.time_ns > scores.time_ns[0] + round(_SETTLED_S * 1e9))
+    settled = np.ones(len(scores), dtype=bool)
+    for begun in [*scores.time_ns[:1], *scores.time_ns[scores.begins]]:
+        after = (scores.time_ns - begun) * 1e-9
+        settled &= (after < 0.0) | (after > _SETTLED_S)
+    return take_rows(scores, settled & scores.used)
 
 
 def _of_block(
@@ -330,8 +339,10 @@ def _of_block(
         np.einsum("kij,kj->ki", weighed, nu),
         np.einsum("ki,kij,kj->k", nu, inverse, nu),
         there.sum(axis=1).astype(np.float64),
+        gnss.used,
+        gnss.restarted,
     )
-    return take_rows(scores, gnss.used), off
+    return scores, off
 
 
 def _rows_of_fixes(

@@ -162,6 +162,26 @@ def test_an_estimate_that_runs_away_is_said_not_to_agree():
     assert settle(lambda *_: None, 0.02) == (0.02, None, False)
 
 
+def test_where_all_fixes_would_be_left_out_none_is():
+    def bad_start(latency, _, gated):
+        return None if gated else offsets_at(0.1 + 0.1 * (latency - 0.1), 0.001)
+
+    used, offsets, agrees = settle(bad_start, 0.0)
+    assert agrees and used == pytest.approx(0.1, abs=1e-3)
+    assert offsets.latency_s == pytest.approx(0.1, abs=1e-3)
+
+
+@pytest.mark.slow
+def test_rough_air_of_a_start_by_positions_alone(tmp_path):
+    """Its attitude is off by several sigmas, so that at first nearly no fix is believed."""
+    truth = flight(2, 200.0, turbulent=True)
+    for latency in (0.0, 0.1):
+        log = logged(tmp_path, truth, 2006, gnss_rate=4.0, latency=latency)
+        start = start_of(log, input=KIND, gnss=given())
+        assert start.latency_status == "found"
+        assert abs(start.settings.gnss_latency - latency) < 3.0 * start.offsets.sigma_s < 0.02
+
+
 def test_what_does_not_settle_is_told(tmp_path, road, monkeypatch):
     log = logged(tmp_path, road, 4)
 
@@ -178,9 +198,9 @@ def test_what_does_not_settle_is_told(tmp_path, road, monkeypatch):
 @pytest.mark.slow
 def test_sigmas_are_what_errors_are(tmp_path):
     ratios = []
-    for seed in range(4):
+    for seed in range(3):
         for number, truth in enumerate((flight(20 + seed, 200.0), drive(20 + seed, 200.0, 20.0))):
-            latency = (0.0, 0.05, 0.1, 0.2)[seed]
+            latency = (0.0, 0.1, 0.2)[seed]
             draw = 100 + 10 * seed + number
             sigma_v = 0.05 if (seed + number) % 2 else None
             log = logged(tmp_path, truth, draw, gnss_rate=4.0, sigma_v=sigma_v, latency=latency)
