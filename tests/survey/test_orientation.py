@@ -48,9 +48,9 @@ def test_right_orientations_agree_whatever_heading_and_gyro_bias(tmp_path, seed,
 @pytest.mark.parametrize("seed", [1, 2, 3])
 def test_numbers_in_another_order_are_found_in_motion(tmp_path, seed, order):
     log = in_the_hand(tmp_path / "a.mcap", seed, 0.5, ORDERS[order], heading=137.0)
-    found = surveyed(log)
-    assert found.orientation_fault is not None and not found.oriented
-    assert "order" in found.orientation_fault.text
+    result = surveyed(log)
+    assert result.orientation_fault is not None and not result.oriented
+    assert "order" in result.orientation_fault.text
 
 
 @pytest.fixture(scope="module")

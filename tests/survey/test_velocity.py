@@ -77,8 +77,8 @@ def test_a_velocity_that_contradicts_its_fixes_is_found_and_named(roads, name, s
     spoil, likeness = WRONG[name]
     for seed, road in enumerate(roads):
         fixes, velocity = measured(road, seed, sigma)
-        found = agreement(fixes, replace(velocity, velocity_n=spoil(velocity.velocity_n)))
-        assert found.contradicts and likeness in found.likeness, (seed, found)
+        result = agreement(fixes, replace(velocity, velocity_n=spoil(velocity.velocity_n)))
+        assert result.contradicts and likeness in result.likeness, (seed, result)
 
 
 @pytest.mark.parametrize("late_s", [0.0, 0.5])
@@ -87,8 +87,8 @@ def test_a_right_velocity_agrees_however_noisy_the_fixes_and_late(roads, sigma, 
     for seed, road in enumerate(roads):
         fixes, velocity = measured(road, seed, sigma, stated)
         late = replace(velocity, time_ns=velocity.time_ns + round(late_s * 1e9))
-        found = agreement(fixes, late)
-        assert found.misfit is not None and found.misfit < 0.25, (seed, found)
+        result = agreement(fixes, late)
+        assert result.misfit is not None and result.misfit < 0.25, (seed, result)
 
 
 def test_a_vehicle_that_stands_shows_nothing():

@@ -43,16 +43,7 @@ NOTHING, CORRECTED, RESET, JUMPED, RESTORED = range(5)
     EVENT_IMU_GAP,
     EVENT_RETURNED,
 ) = range(8)
-EVENT_KINDS = (
-    "engaged",
-    "coast",
-    "re-engaged",
-    "jump",
-    "frozen",
-    "invalid",
-    "imu-gap",
-    "returned",
-)
+EVENT_KINDS = ("engaged", "coast", "re-engaged", "jump", "frozen", "invalid", "imu-gap", "returned")
 EVENT_WIDTH = 4
 
 # --- state --------------------------------------------------------------------------------

@@ -28,8 +28,8 @@ from collections.abc import Callable, Iterable
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
 
+from sinstool.core.arrays import ArrayLike, BoolArray, FloatArray, IntArray
 from sinstool.core.rotation import normalise, skew, to_dcm
 from sinstool.core.streams import GnssEpochs, concatenate, take_rows
 from sinstool.methods.ins_gnss import states
@@ -38,8 +38,6 @@ from sinstool.methods.ins_gnss.latency import inertial_velocity
 from sinstool.methods.ins_gnss.results import FilterBlock, UpdateColumns
 from sinstool.methods.ins_gnss.settings import Settings, Start
 from sinstool.methods.strapdown.velocity import Increments
-
-FloatArray = NDArray[np.float64]
 
 LATENCY_S = 0.2
 """Latencies of receivers are 0 give or take this, 1 sigma."""
@@ -211,14 +209,14 @@ def settle(
         before = used, offsets.latency_s
         following = used + step / (1.0 - min(max(slope, 0.0), _MOST_SLOPE))
         arm_b = offsets.arm_b if offsets.arm_contradicts else None
-        found = evaluate(following, arm_b, gated)
-        if gated and (found is None or not found.observable):
+        result = evaluate(following, arm_b, gated)
+        if gated and (result is None or not result.observable):
             # From a bad start nearly all are left out, of which none is bad
             gated = gates = False
-            found = evaluate(following, arm_b, gated)
-        if found is None:
+            result = evaluate(following, arm_b, gated)
+        if result is None:
             break
-        used, offsets = following, found
+        used, offsets = following, result
     assert offsets is not None
     return used, offsets, abs(offsets.latency_s - used) <= max(_APART_S, offsets.sigma_s)
 
@@ -227,13 +225,13 @@ def settle(
 class _Scores:
     """What each epoch says of latency and arm; arrays of n rows."""
 
-    time_ns: NDArray[np.int64]
+    time_ns: IntArray
     information: FloatArray  # (n, 4, 4)
     score: FloatArray  # (n, 4)
     nis: FloatArray
     rows: FloatArray
-    used: NDArray[np.bool_]
-    begins: NDArray[np.bool_]  # the filter began anew
+    used: BoolArray
+    begins: BoolArray  # the filter began anew
 
     def __len__(self) -> int:
         return len(self.time_ns)
@@ -346,7 +344,7 @@ def _of_block(
 
 
 def _rows_of_fixes(
-    run: InsGnssFilter, updates: UpdateColumns, valid_ns: NDArray[np.int64]
+    run: InsGnssFilter, updates: UpdateColumns, valid_ns: IntArray
 ) -> tuple[FloatArray, FloatArray]:
     """How innovations depend on the states, (n, 6, states), and on latency and arm, (n, 6, 4)."""
     seconds = (updates.time_ns - updates.time_ns[0]) * 1e-9

@@ -257,7 +257,7 @@ class FilterUsed:
     """An INS/GNSS filter: what it was, what it used, and what it estimated last."""
 
     filter: str
-    asked: str
+    requested: str
     states: int
     smoothed: bool
     feedback: str

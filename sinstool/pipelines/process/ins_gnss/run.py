@@ -229,10 +229,10 @@ class FilterRun(Mode):
         gap = (begin_ns - last_ns) / SECOND
         if gap < longest_carried(stretch.start.settings):
             return False
-        found = start_after_gap(self.source, self.config, stretch, begin_ns, gap)
-        if found is None:
+        result = start_after_gap(self.source, self.config, stretch, begin_ns, gap)
+        if result is None:
             return False
-        source, start = found
+        source, start = result
         event = FilterEvent("imu-gap-new-start", last_ns, gap)
         self._stretches.append(Stretch(source, start, self._filter_from(start), event))
         return True
@@ -335,7 +335,7 @@ class FilterRun(Mode):
         p, s = self._start, summed(self._stretches)
         return FilterUsed(
             **fields_in(s, FilterUsed),
-            asked=self.config.filter.filter,
+            requested=self.config.filter.filter,
             states=self._stretches[0].filter.kind.size,
             smoothed=self._smooth,
             feedback=p.settings.feedback,
@@ -439,15 +439,15 @@ class FilterRun(Mode):
 
 
 def _measurements(p: FilterStart) -> dict[str, Any]:
-    """What a filter is given with its first increments."""
-    given: dict[str, Any] = {"gnss": p.gnss, "withheld": p.withheld}
+    """Measurements that a filter gets with its first increments."""
+    measurements: dict[str, Any] = {"gnss": p.gnss, "withheld": p.withheld}
     if p.reference is not None:
         r = p.reference
         later = r.arrival_ns >= p.time_ns
-        given["baro_time_ns"] = r.time_ns[later]
-        given["baro_height"] = r.height[later]
-        given["baro_reason"] = r.reason[later]
-    return given
+        measurements["baro_time_ns"] = r.time_ns[later]
+        measurements["baro_height"] = r.height[later]
+        measurements["baro_reason"] = r.reason[later]
+    return measurements
 
 
 def _smoothed_start(start: Start, smoothed: SmoothedEpochs) -> Start:

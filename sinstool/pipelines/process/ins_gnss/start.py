@@ -96,8 +96,8 @@ def first_start(
         lag = significant_lag(gnss)
     epochs = split_position_velocity(inflate_sigmas(gnss, config), lag)
     withheld = _withheld(message_times(epochs, lag), config, source.survey.first_ns)
-    latency, found = _first_latency(source, here, settings, epochs.rows(~withheld))
-    start, time_ns, how, notes = found
+    latency, result = _first_latency(source, here, settings, epochs.rows(~withheld))
+    start, time_ns, how, notes = result
     return FilterStart(
         replace(settings, gnss_latency=latency),
         start,
@@ -122,9 +122,9 @@ def _first_latency(
 
     In rough air no attitude fits velocities that are a fifth of a second off.
     """
-    given = config.gnss.gnss_latency
+    by_option = config.gnss.gnss_latency
     refused: AlignmentError | None = None
-    for latency in FIRST_LATENCIES if given is None else (given,):
+    for latency in FIRST_LATENCIES if by_option is None else (by_option,):
         try:
             timed = replace(settings, gnss_latency=latency)
             return latency, find_start(source, config, timed, gnss)
@@ -336,7 +336,7 @@ def _too_good(source: Source, config: ProcessConfig, settings: Settings) -> list
         return []
     size = 60.0 / DEGREE
     return [
-        f"the gyro's noise at rest is {size * shown:.2g} deg/sqrt(h), but the filter is told"
+        f"the gyro's noise at rest is {size * shown:.2g} deg/sqrt(h), but the filter was set to"
         f" {size * assumed:.2g} (--imu-grade, --arw): it will believe itself too much; leave that"
         " out"
     ]
