@@ -88,6 +88,8 @@ def test_one_plan_for_fixes_beside_wheel_odometry(tmp_path):
     plan = agree(log, tmp_path, gyro_kind="mean-rate")
     assert (plan.mode.value, plan.first_attitude.value) == ("ins-gnss", "svd")
     config = build(ProcessConfig, {"input": {"gyro_kind": "mean-rate"}})
+    # and `align` finds the heading that the plan promises
+    assert align_log(log, config).result.status in ("ok", "degraded")
     assert "velocity-left-out" in {f.kind for f in inspect(log, config).findings}
     without = build(ProcessConfig, {"input": {"gyro_kind": "mean-rate", "gnss_topic": "none"}})
     mode = plan_of(log, without).mode

@@ -21,6 +21,7 @@ from sinstool.io.readers import open_log
 from sinstool.io.readers.truth import at_times, read_truth
 from sinstool.methods.alignment.gyrocompass import Gyrocompass
 from sinstool.methods.alignment.inflight import InFlightAlignment
+from sinstool.methods.ins_gnss.fix_velocity import with_velocities
 from sinstool.pipelines.align.first_attitude import align, compass, seconds_from_start
 from sinstool.pipelines.align.in_motion import align_moving
 from sinstool.pipelines.align.result import (
@@ -132,7 +133,12 @@ def _align(source: Source, config: ProcessConfig, plan: Plan) -> LogAlignment:
         when: str | int = at
         if at not in ("end", "start"):
             when = source.survey.first_ns + round(float(at) * SECOND)
-        moving = align_moving(source, config, grade.grade, method, when)
+        gnss = source.aiding.gnss
+        if config.align.align == "auto" and gnss is not None and not gnss.has_velocity.any():
+            # As the filter finds its start, which the plan has tried
+            noise = plan.filter_start.settings.gnss.position_white
+            gnss = with_velocities(gnss, float(max(noise[:2])))
+        moving = align_moving(source, config, grade.grade, method, when, gnss)
         answer = moving.result
         name, time_ns, span = answer.method, answer.t_ns, (answer.t_q_ns, answer.t_stop_ns)
         values = in_motion_values(
