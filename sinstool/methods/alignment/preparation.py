@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.ndimage import median_filter
 
-from sinstool.core.arrays import FloatArray, IntArray
+from sinstool.core.arrays import BoolArray, FloatArray, IntArray
 from sinstool.core.errors import AlignmentError
 from sinstool.core.timeline import GAP_INTERVALS
 from sinstool.methods.alignment.gate import dynamics, saturated
@@ -152,8 +152,7 @@ def prepare_fixes(
     if settings.end_ns is not None:
         good &= gnss.time_ns <= settings.end_ns
     gnss = gnss.rows(good)
-    level = noise_level(np.asarray(gnss.sigma_v), _usual_s(gnss.time_ns))
-    rough = np.asarray(gnss.sigma_v) > ROUGH_FIX * level
+    rough = rough_fixes(gnss.time_ns, np.asarray(gnss.sigma_v))
     if rough.any() and settings.vectors != "pos":
         warnings.append(f"{int(rough.sum())} fixes much noisier than their neighbours not used")
         gnss = gnss.rows(~rough)
@@ -176,6 +175,17 @@ def prepare_fixes(
     warnings.append("the fixes have no velocity: aligned by positions, which takes a minute")
     method = "svd" if settings.method == "triad" else settings.method
     return gnss, replace(settings, vectors="pos", method=method), warnings
+
+
+def rough_fixes(time_ns: IntArray, sigma_v: FloatArray) -> BoolArray:
+    """Which fixes are much noisier than their neighbours, shape (n,).
+
+    Parameters
+    ----------
+    sigma_v : ndarray, shape (n,)
+        Of a velocity, m/s.
+    """
+    return np.asarray(sigma_v > ROUGH_FIX * noise_level(sigma_v, _usual_s(time_ns)))
 
 
 def noise_level(sigma: FloatArray, interval_s: float) -> FloatArray:

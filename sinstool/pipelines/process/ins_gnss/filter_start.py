@@ -35,6 +35,8 @@ class FilterStart:
         ``given`` by the user; ``not settled`` where what the log shows is not what is used.
     lag : float
         By which velocities are taken to be stamped later than positions, s.
+    warnings, attitude_warnings : tuple of str
+        About settings and measurements, and about how the attitude was found.
     """
 
     settings: Settings
@@ -50,6 +52,7 @@ class FilterStart:
     grade: ImuGrade
     gnss_why: str
     warnings: tuple[str, ...]
+    attitude_warnings: tuple[str, ...]
 
     @property
     def used(self) -> GnssEpochs:

@@ -322,12 +322,13 @@ class FilterRun(Mode):
                 summary.channel, events, self._start.time_ns, last.vertical[-1]
             )
         gyro_kind = self.config.input.gyro_kind
+        texts = (*self._start.warnings, *self._start.attitude_warnings)
         return ModeResult(
             alignment=_first_attitude(self._start),
             coning=ConingUsed.of(self.plan.algorithm, gyro_kind, self._updates),
             height=height,
             filter=self._summary(),
-            findings=(*warned("filter-start", self._start.warnings), *self._warnings()),
+            findings=(*warned("filter-start", texts), *self._warnings()),
         )
 
     def _summary(self) -> FilterUsed:

@@ -16,6 +16,7 @@ from sinstool.core.streams import GnssEpochs, Imu
 from sinstool.core.timeline import SECOND
 from sinstool.core.units import DEGREE
 from sinstool.methods.alignment.initial import Alignment
+from sinstool.methods.alignment.preparation import rough_fixes
 from sinstool.methods.coning.algorithm import ConingAlgorithm
 from sinstool.methods.height.pressure import HeightReference
 from sinstool.methods.ins_gnss.fix_velocity import (
@@ -111,7 +112,8 @@ def first_start(
         lag,
         grade,
         gnss_why,
-        (*_too_good(source, config, settings), *remarks, *notes),
+        (*_too_good(source, config, settings), *remarks),
+        notes,
     )
 
 
@@ -175,8 +177,15 @@ def _timed(
         if arm_b is not None:
             x, y, z = arm_b.tolist()
             timed = replace(timed, lever_arm_b=(x, y, z))
-        initial, time_ns, how, _ = find_start(source, here, timed, first.used)
-        start = replace(first, settings=timed, start=initial, time_ns=time_ns, how=how)
+        initial, time_ns, how, notes = find_start(source, here, timed, first.used)
+        start = replace(
+            first,
+            settings=timed,
+            start=initial,
+            time_ns=time_ns,
+            how=how,
+            attitude_warnings=notes,
+        )
         return _with_noise(source, config, algorithm, start)
 
     noisy = _with_noise(source, config, algorithm, first)
@@ -399,14 +408,18 @@ def find_start(
         # The sooner the better: a filter cannot wait until a launched vehicle flies calmly.
         options["in_flight"] = config.in_flight.model_copy(update={"gate": "off"})
     config = config.model_copy(update=options)
+    shown = gnss
     if not gnss.has_velocity.any():
         gnss = with_velocities(gnss, float(max(settings.gnss.position_white[:2])))
+        # Where speed changes quickly these are rough, and that is no fault of the receiver
+        sigma = np.sqrt(np.mean(np.square(gnss.sigma_velocity_n), axis=1))
+        shown = gnss.rows(~rough_fixes(gnss.time_ns, sigma))
     try:
         method: str = "svd" if config.align.align == "auto" else config.align.align
         if method in IN_FLIGHT:
             valid = gnss.time_ns[gnss.has_position] - round(settings.gnss_latency * SECOND)
             first = _sample(source, config, int(valid[0]) if len(valid) else 0)
-            alignment = in_flight(source, config, method, gnss, int(first.time_ns[0]))
+            alignment = in_flight(source, config, method, shown, int(first.time_ns[0]))
         else:
             alignment = align(source, config)
             if alignment.bias_source == "none" and config.align.gyro_bias == "still":
