@@ -52,7 +52,7 @@ from tests.helpers.unseen_drives import (
 OUTAGE, PERIOD, FIRST_OUTAGE = 60.0, 150.0, 300.0
 STEP_NS = 100_000_000  # of instants that are scored
 # The program's grade that is nearest, for what no option sets
-NEAREST = {"tactical": "tactical", "industrial": "mems"}
+NEAREST = {"tactical": "tactical", "industrial": "industrial"}
 Spans = Sequence[tuple[float, float]]
 # From world and body axes of a log (ENU, FLU) to NED and FRD
 WORLD = np.array([[0.0, 1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, -1.0]])
