@@ -104,9 +104,13 @@ class ReceiverOffsets:
 
     @property
     def arm_contradicts(self) -> bool:
-        """Whether the antenna is not where it was assumed to be."""
-        limit = np.maximum(BEYOND * self.arm_off_sigma_b, LEAST_ARM_M)
-        return bool(np.any(np.abs(self.arm_off_b) > limit))
+        """Whether the log shows that the antenna is not where it was assumed to be.
+
+        An axis known no better than before tells nothing, however far off it seems.
+        """
+        sigma = self.arm_off_sigma_b
+        limit = np.maximum(BEYOND * sigma, LEAST_ARM_M)
+        return bool(np.any((np.abs(self.arm_off_b) > limit) & (sigma < 0.5 * ARM_UNKNOWN_M)))
 
     def differs_from(self, assumed_s: float, least_s: float, sigmas: float) -> bool:
         """Whether the log shows that the latency is not the one assumed.
