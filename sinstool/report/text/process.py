@@ -29,7 +29,7 @@ def summary_rows(result: ProcessResult, verbose: bool = False) -> list[Row]:
     imu, align, final = result.imu, result.alignment, result.final
     coning, out = result.coning, result.output
     sigma = align.sigma_deg[0]
-    tilt = f", sigma {sigma:.2g} deg" if sigma is not None else ""
+    tilt = f", sigma {round(sigma, 6):.2g} deg" if sigma is not None else ""
     bias = ", ".join(f"{b:.3e}" for b in align.gyro_bias_rad_s)
     rows = [
         ("log", f"{result.input.path} ({result.input.size / 1e6:.1f} MB)"),
