@@ -346,6 +346,8 @@ def frozen(data, begin, length):
     f = data.fixes
     k = np.arange(len(f.seconds))
     held = within(f.seconds, [(begin, begin + length)])
+    if not held.any():  # within an outage
+        return data
     k[held] = np.flatnonzero(held)[0]
     return replace(data, fixes=replace(f.rows(k), seconds=f.seconds))
 
