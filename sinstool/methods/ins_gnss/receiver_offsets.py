@@ -286,9 +286,10 @@ def _scores(
     fixes: GnssEpochs | None = gnss
     for part in parts:
         for first in range(0, len(part.time_ns), _UPDATES):
-            block = run.push(take_rows(part, slice(first, first + _UPDATES)), fixes)
+            piece = take_rows(part, slice(first, first + _UPDATES))
+            block = run.push(piece, fixes)
             fixes = None
-            some, off = _of_block(run, block, off)
+            some, off = _of_block(run, block, piece.interval, off)
             rows.append(some)
     scores = concatenate(rows)
     settled = np.ones(len(scores), dtype=bool)
@@ -299,12 +300,12 @@ def _scores(
 
 
 def _of_block(
-    run: InsGnssFilter, block: FilterBlock, off: FloatArray
+    run: InsGnssFilter, block: FilterBlock, interval: FloatArray, off: FloatArray
 ) -> tuple[_Scores, FloatArray]:
     """Scores of a block's epochs, and V at its end from `off` at its start."""
     stored, gnss = block.stored, block.gnss
     assert block.updates is not None and stored is not None
-    h, d = _rows_of_fixes(run, block.updates, gnss.time_ns)
+    h, d = _rows_of_fixes(run, block.updates, interval, gnss.time_ns)
     there = np.isfinite(gnss.innovation)
     h, d = h * there[:, :, None], d * there[:, :, None]
     noise = np.where(there, gnss.measurement_sigma**2, 1.0)
@@ -348,15 +349,13 @@ def _of_block(
 
 
 def _rows_of_fixes(
-    run: InsGnssFilter, updates: UpdateColumns, valid_ns: IntArray
+    run: InsGnssFilter, updates: UpdateColumns, interval: FloatArray, valid_ns: IntArray
 ) -> tuple[FloatArray, FloatArray]:
     """How innovations depend on the states, (n, 6, states), and on latency and arm, (n, 6, 4)."""
     seconds = (updates.time_ns - updates.time_ns[0]) * 1e-9
     at = (valid_ns - updates.time_ns[0]) * 1e-9
     # What the filter took off would bring its innovations' noise into what they are held against:
     # velocities are those before the fix, and change as the IMU says.
-    dt = np.diff(seconds, prepend=2.0 * seconds[0] - seconds[1])
-    dt = np.minimum(dt, 5.0 * float(np.median(dt)))
     before = np.concatenate([updates.q_nb[:1], updates.q_nb[:-1]])
     sign = np.sign(np.sum(before * updates.q_nb, axis=1, keepdims=True))
     c_nb = to_dcm(updates.q_nb)
@@ -364,8 +363,8 @@ def _rows_of_fixes(
     swing = (c_nb @ skew(updates.omega_ib_b)) @ arm
     free = swing + inertial_velocity(
         normalise(before * sign + updates.q_nb),
-        updates.specific_force_b * dt[:, None],
-        dt,
+        updates.specific_force_b * interval[:, None],
+        interval,
         updates.latitude,
         updates.height,
         updates.velocity_n,

@@ -8,6 +8,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from sinstool.core.streams import take_rows
 from sinstool.methods.ins_gnss import receiver_offsets
 from sinstool.methods.ins_gnss.receiver_offsets import ReceiverOffsets, estimate_offsets, settle
 from sinstool.pipelines.process.ins_gnss import timing
@@ -210,3 +211,21 @@ def test_sigmas_are_what_errors_are(tmp_path):
             ratios.append((offsets.latency_s - latency) / offsets.sigma_s)
     assert 0.5 < np.sqrt(np.mean(np.square(ratios))) < 1.5
     assert np.max(np.abs(ratios)) < 3.0
+
+
+def test_a_piece_of_one_update(tmp_path, calm):
+    """A gap may leave a single update before it: that ended in an IndexError."""
+    log = logged(tmp_path, calm, 9, latency=0.1)
+    answers = []
+
+    def about(begin, settings, parts, gnss, assumed):
+        one = [take_rows(parts[0], slice(0, 1)), take_rows(parts[0], slice(1, None))]
+        for pieces in (parts, [*one, *parts[1:]]):
+            answers.append(estimate_offsets(begin, settings, pieces, gnss, assumed))
+        return
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(timing, "estimate_offsets", about)
+        start_of(log, input=KIND, gnss=given(0.1))
+    assert answers[1].latency_s == pytest.approx(answers[0].latency_s, abs=1e-5)
+    assert np.allclose(answers[1].covariance, answers[0].covariance, rtol=1e-2, atol=1e-9)
