@@ -292,7 +292,7 @@ def _intervals(updates: UpdateColumns) -> FloatArray:
 
 def _time_and_arm(offsets: ReceiverOffsets, settings: Settings) -> list[Finding]:
     findings = []
-    if offsets.differs_from(settings.gnss_latency, _LATENCY_S, BEYOND):
+    if offsets.latency.differs_from(settings.gnss_latency, _LATENCY_S, BEYOND):
         text = (
             f"the latency of GNSS is {1e3 * offsets.latency_s:.0f} ms"
             f" (+- {1e3 * offsets.sigma_s:.0f}), not {1e3 * settings.gnss_latency:.0f} ms: fixes"

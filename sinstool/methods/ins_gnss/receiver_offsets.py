@@ -34,7 +34,7 @@ from sinstool.core.rotation import normalise, skew, to_dcm
 from sinstool.core.streams import GnssEpochs, concatenate, take_rows
 from sinstool.methods.ins_gnss import states
 from sinstool.methods.ins_gnss.filter import InsGnssFilter
-from sinstool.methods.ins_gnss.latency import inertial_velocity
+from sinstool.methods.ins_gnss.latency import Latency, LatencyStatus, inertial_velocity
 from sinstool.methods.ins_gnss.results import FilterBlock, UpdateColumns
 from sinstool.methods.ins_gnss.settings import Settings, Start
 from sinstool.methods.strapdown.velocity import Increments
@@ -112,19 +112,11 @@ class ReceiverOffsets:
         limit = np.maximum(BEYOND * sigma, LEAST_ARM_M)
         return bool(np.any((np.abs(self.arm_off_b) > limit) & (sigma < 0.5 * ARM_UNKNOWN_M)))
 
-    def differs_from(self, assumed_s: float, least_s: float, sigmas: float) -> bool:
-        """Whether the log shows that the latency is not the one assumed.
-
-        Parameters
-        ----------
-        assumed_s, least_s : float
-            s.
-        sigmas : float
-            Of its own.
-        """
-        return self.observable and abs(self.latency_s - assumed_s) > max(
-            least_s, sigmas * self.sigma_s
-        )
+    @property
+    def latency(self) -> Latency:
+        """The latency by itself."""
+        status: LatencyStatus = "found" if self.observable else "not observable"
+        return Latency(self.latency_s, self.sigma_s, status)
 
     def __str__(self) -> str:
         return f"{1e3 * self.latency_s:.0f} ms +- {1e3 * self.sigma_s:.1f} ms"

@@ -90,7 +90,9 @@ def with_offsets(
         return replace(first, offsets=offsets)
     status = "found" if agrees else "not settled"
     start = first
-    if used != assumed and not (agrees and not offsets.differs_from(assumed, LEAST_S, USED)):
+    if used != assumed and not (
+        agrees and not offsets.latency.differs_from(assumed, LEAST_S, USED)
+    ):
         start = begin(used, None)
     return replace(start, offsets=offsets, latency_status=status)
 
