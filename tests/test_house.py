@@ -18,7 +18,13 @@ FLOORS = (
     ("methods", "io"),
     ("core",),
 )
-METHODS = (("ins_gnss",), ("alignment",), ("strapdown",), ("height",), ("coning", "hse"))
+METHODS = (
+    ("ins_gnss",),
+    ("alignment",),
+    ("strapdown",),
+    ("height",),
+    ("attitude_smoother", "coning", "hse"),
+)
 # Methods take arrays and give arrays; they ask nobody what a user said.
 NOT_IN_METHODS = ("click", "pydantic", "rich")
 

@@ -19,6 +19,17 @@ class NavigationOptions(Group):
         " data alone (ins) or with GNSS (ins-gnss); auto is ins-gnss where the log has fixes and"
         " velocity, else attitude",
     )
+    attitude: Literal["auto", "smoothed", "inertial"] = option(
+        "auto",
+        "of --mode attitude: smoothed, held up by gravity over the whole log, with sigmas; or"
+        " inertial, the integrated rates alone; auto is inertial for a navigation-grade IMU and"
+        " where --coning chooses an algorithm, else smoothed",
+    )
+    motion: Literal["auto", "hand", "vehicle"] = option(
+        "auto",
+        "what a smoothed attitude assumes: that the position is bounded (hand) or the velocity"
+        " (vehicle: car, ship, aircraft); auto takes what makes the accelerations more likely",
+    )
     initial_velocity: tuple[float, float, float] | None = option(
         None,
         "north, east, down in m/s at the start (default: GNSS velocity, else at rest)",

@@ -18,6 +18,7 @@ from sinstool.core.errors import AlignmentError, TopicError
 from sinstool.core.finding import Finding
 from sinstool.methods.alignment.initial import Alignment
 from sinstool.methods.coning.algorithm import ConingAlgorithm
+from sinstool.methods.sensor_errors import Grade
 from sinstool.pipelines.align.first_attitude import align
 from sinstool.survey.coning import choose_algorithm, coning_reason
 from sinstool.survey.grade import sensor_grade
@@ -26,6 +27,8 @@ from sinstool.survey.source import Source, has_gnss
 if TYPE_CHECKING:
     from sinstool.pipelines.process.ins_gnss.filter_start import FilterStart
 
+# A log that is shorter holds nothing to smooth.
+SHORTEST_S = 3.0
 LABELS = {"imu_topic": "Imu topic", "imu_grade": "IMU grade"}
 
 
@@ -60,6 +63,8 @@ class Plan:
     imu_topic : Choice
     mode : Choice
         ``attitude``, ``ins``, ``ins-gnss`` or ``turntable``.
+    attitude : Choice
+        ``smoothed``, ``inertial``, or ``filtered`` by the INS/GNSS filter.
     first_attitude : Choice
         ``level``, ``gyrocompass``, ``log``, ``fixed``, ``level-moving``, a solver in motion such
         as ``svd``, or ``whole-turn`` on a turntable.
@@ -73,6 +78,7 @@ class Plan:
 
     imu_topic: Choice
     mode: Choice
+    attitude: Choice
     first_attitude: Choice
     imu_grade: Choice
     coning: Choice
@@ -134,6 +140,7 @@ def make_plan(source: Source, config: ProcessConfig) -> Plan:
     plan = Plan(
         imu_topic=Choice(source.imu_topic.topic, source.imu_topic.reason, "--imu-topic"),
         mode=mode,
+        attitude=_attitude(source, config, mode.value, grade.grade),
         first_attitude=first,
         imu_grade=Choice(grade.grade, grade.why, "--imu-grade"),
         coning=Choice(config.coning.coning, coning_reason(algorithm, config), "--coning"),
@@ -155,6 +162,7 @@ def fixed_plan(source: Source, config: ProcessConfig) -> Plan:
     return Plan(
         imu_topic=Choice(source.imu_topic.topic, source.imu_topic.reason, "--imu-topic"),
         mode=Choice("not chosen", untried, "--mode"),
+        attitude=Choice("not chosen", untried, "--attitude"),
         first_attitude=Choice(config.align.align, "as configured", "--method"),
         imu_grade=Choice(grade.grade, grade.why, "--imu-grade"),
         coning=Choice("not chosen", untried, "--coning"),
@@ -168,6 +176,7 @@ def turntable_plan(topic: str, config: ProcessConfig) -> Plan:
     return Plan(
         imu_topic=Choice(topic, "the gyros of the rig", "--imu-topic"),
         mode=Choice("turntable", hse, "--hse"),
+        attitude=Choice("inertial", "as the turntable shows every turn", "--hse"),
         first_attitude=Choice("whole-turn", "as the table turns", "--hse"),
         imu_grade=Choice("navigation", "as the rig was calibrated", "--imu-grade"),
         coning=Choice("none", "as the table's encoder gives the motion", "--hse"),
@@ -200,6 +209,28 @@ def _mode(
     text = f"attitude alone, as no INS/GNSS solution can be started: {why}"
     reason = "as no INS/GNSS solution can be started"
     return Choice("attitude", reason, option), None, (Finding("no-ins-gnss", text),)
+
+
+def _attitude(source: Source, config: ProcessConfig, mode: str, grade: Grade) -> Choice:
+    """Whether gravity holds up the attitude."""
+    option, wanted = "--attitude", config.navigation.attitude
+    if mode == "ins-gnss":
+        return Choice("filtered", "as GNSS corrects it", option)
+    if mode == "ins":
+        return Choice("inertial", "as velocity and position are integrated with it", option)
+    if wanted != "auto":
+        return Choice(wanted, "as configured", option)
+    if any(odd.kind == "no-gravity" for odd in source.findings):
+        return Choice("inertial", "as the specific force holds no gravity", option)
+    if config.coning.coning != ProcessConfig().coning.coning:
+        return Choice(
+            "inertial", f"as --coning {config.coning.coning} is chosen, whose effect shows", option
+        )
+    if source.survey.duration_s < SHORTEST_S:
+        return Choice("inertial", f"as the log is shorter than {SHORTEST_S:g} s", option)
+    if grade == "navigation":
+        return Choice("inertial", "as the gyros are of navigation grade", option)
+    return Choice("smoothed", "as gravity holds roll and pitch better than the gyros", option)
 
 
 def _filter_start(source: Source, config: ProcessConfig) -> FilterStart:

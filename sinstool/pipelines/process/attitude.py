@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
+from typing import TYPE_CHECKING
 
 from sinstool.config import ProcessConfig
 from sinstool.core.finding import Finding
-from sinstool.core.streams import Solution
+from sinstool.core.streams import Diagnostics, Imu, Solution
 from sinstool.core.units import DEGREE
 from sinstool.methods.strapdown.attitude import AttitudeRun, AttitudeSettings
 from sinstool.pipelines.align.first_attitude import earth_rate
@@ -21,6 +22,9 @@ from sinstool.pipelines.process.mode import (
 )
 from sinstool.pipelines.process.summary import ConingUsed, FirstAttitude, ModeResult, Sink
 from sinstool.survey.source import Source, imu_blocks
+
+if TYPE_CHECKING:
+    from sinstool.pipelines.process.smoothing import Smoothing
 
 
 class AttitudeMode(Mode):
@@ -37,10 +41,20 @@ class AttitudeMode(Mode):
             self._vertical = Vertical(source, config)
             self.emits = (*self.emits, "height")
         self.frames = odometry_frames(source, plan, config)
-        settings = AttitudeSettings(
-            **sample_settings(source, config, plan), omega_ie_n=earth_rate(source)
-        )
-        self._run = AttitudeRun(plan.alignment.q_nb, settings)
+        settings, earth = sample_settings(source, config, plan), earth_rate(source)
+        self._smoothing: Smoothing | None = None
+        if plan.attitude.value == "smoothed":
+            # Compiled loops that an integration alone has no need of
+            from sinstool.pipelines.process.smoothing import DIAGNOSTICS, Smoothing
+
+            self._smoothing = Smoothing(source, config, plan, settings, earth)
+            self.diagnostic_names = DIAGNOSTICS
+            self.emits = (*self.emits, "diagnostics")
+            self._run = self._smoothing.run
+        else:
+            self._run = AttitudeRun(
+                plan.alignment.q_nb, AttitudeSettings(**settings, omega_ie_n=earth)
+            )
 
     def show(self, sink: Sink) -> None:
         """The heights that the vertical channel is held to."""
@@ -49,9 +63,27 @@ class AttitudeMode(Mode):
 
     def solutions(self, progress: BytesRead | None) -> Iterator[Solution]:
         """Attitude at every update instant."""
-        blocks = imu_blocks(self.source, self.plan.alignment.time_ns, progress)
-        for solution in self._run.run(blocks):
+        for solution in self._attitudes(progress):
             yield solution if self._vertical is None else self._vertical.push(solution)
+
+    def _attitudes(self, progress: BytesRead | None) -> Iterator[Solution]:
+        begin_ns = self.plan.alignment.time_ns
+        if self._smoothing is None:
+            yield from self._run.run(imu_blocks(self.source, begin_ns, progress))
+            return
+        size = self.source.log.size
+
+        def blocks(number: int) -> Iterator[Imu]:
+            """Half of the progress is either pass's."""
+            half = progress and (lambda read: progress((number * size + read) // 2))
+            return imu_blocks(self.source, begin_ns, half)
+
+        yield from self._smoothing.solutions(blocks)
+        self._run = self._smoothing.run
+
+    def new_diagnostics(self) -> Sequence[Diagnostics]:
+        """Sigmas and biases, once they are known."""
+        return () if self._smoothing is None else self._smoothing.new_diagnostics()
 
     def conclude(self, last: Solution, sink: Sink | None) -> ModeResult:
         """The first attitude, the coning algorithm, the height, and what was odd."""
@@ -64,15 +96,20 @@ class AttitudeMode(Mode):
             findings.append(Finding("coning", settings.algorithm.caveat))
         if self._run.missed_rotation:
             turned = self._run.missed_rotation / DEGREE
+            what = "attitude" if self._smoothing is None else "heading"
             text = (
-                "attitude is held across gaps: at the rates on either side the vehicle turned by"
+                f"{what} is held across gaps: at the rates on either side the vehicle turned by"
                 f" {turned:.3g} deg during them"
             )
             findings.append(Finding("gaps", text, numbers={"rotation_deg": turned}))
         if self.source.latitude is None:
             text = "no latitude is known, so the Earth's rate is not removed"
             findings.append(Finding("no-latitude", text, answer="give --latitude"))
+        smoothing = self._smoothing
+        if smoothing is not None:
+            findings += smoothing.findings()
         return ModeResult(
+            smoothing=None if smoothing is None else smoothing.summary,
             alignment=FirstAttitude.of(alignment, self.plan.first_attitude.reason),
             coning=ConingUsed.of(settings.algorithm, settings.gyro_kind, self._run.updates),
             height=None if vertical is None else vertical.summary(),

@@ -33,6 +33,7 @@ class ProcessResult(Result):
     alignment: summary.FirstAttitude
     coning: summary.ConingUsed | None = None
     hse: summary.HseCorrection | None = None
+    smoothing: summary.AttitudeSmoothing | None = None
     height: summary.HeightDamping | None = None
     filter: summary.FilterUsed | None = None
     gnss_difference: summary.GnssDifference | None = None

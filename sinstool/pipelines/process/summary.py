@@ -179,6 +179,36 @@ class ConingUsed:
 
 
 @dataclass(frozen=True)
+class AttitudeSmoothing:
+    """How an attitude was smoothed, and what it is known to.
+
+    Attributes
+    ----------
+    motion : {'hand', 'vehicle'}
+        What was assumed to be bounded.
+    motion_margin_nat : float or None
+        By how much an epoch a vehicle was more likely than a hand; None where it was configured.
+    tilt_sigma_deg, tilt_sigma_largest_deg : float
+        Of roll and pitch: the median over the log and the largest.
+    heading_sigma_end_deg : float
+        Of the last heading: since the start, unless heading is referenced to north.
+    gyro_bias_rad_s, gyro_bias_sigma_rad_s : tuple of float
+        At the end, FRD.
+    """
+
+    motion: str
+    motion_margin_nat: float | None
+    acceleration_density_m_s2_sqrt_hz: float
+    rest_s: float
+    gyro_at_stop_s: float
+    tilt_sigma_deg: float
+    tilt_sigma_largest_deg: float
+    heading_sigma_end_deg: float
+    gyro_bias_rad_s: tuple[float, ...]
+    gyro_bias_sigma_rad_s: tuple[float, ...]
+
+
+@dataclass(frozen=True)
 class BarometerSetting:
     """What the barometer was set by."""
 
@@ -394,6 +424,7 @@ class ModeResult:
     alignment: FirstAttitude
     coning: ConingUsed
     findings: tuple[Finding, ...]
+    smoothing: AttitudeSmoothing | None = None
     height: HeightDamping | None = None
     filter: FilterUsed | None = None
     gnss_difference: GnssDifference | None = None

@@ -54,6 +54,7 @@ def summary_rows(result: ProcessResult, verbose: bool = False) -> list[Row]:
                 f" read as {coning.gyro_kind}",
             )
         )
+    rows += _smoothing(result.smoothing)
     if result.hse is not None:
         rows += _hse(result.hse)
     if result.height is not None:
@@ -80,6 +81,22 @@ def summary_rows(result: ProcessResult, verbose: bool = False) -> list[Row]:
             rows.append(("coning source", coning.source))
         rows.append(("input sha256", result.input.sha256))
     return rows
+
+
+def _smoothing(s: summary.AttitudeSmoothing | None) -> list[Row]:
+    """How the attitude was smoothed, and what it is known to."""
+    if s is None:
+        return []
+    bias = ", ".join(f"{b:.3e}" for b in s.gyro_bias_rad_s)
+    return [
+        (
+            "smoothed",
+            f"motion of a {s.motion}, {s.rest_s:.1f} s at rest; roll and pitch to"
+            f" {s.tilt_sigma_deg:.2g} deg (1 sigma; at most {s.tilt_sigma_largest_deg:.2g}), heading"
+            f" at the end to {s.heading_sigma_end_deg:.2g} deg",
+        ),
+        ("bias at end", f"gyro {bias} +- {max(s.gyro_bias_sigma_rad_s):.1e} rad/s (FRD)"),
+    ]
 
 
 def _place(result: ProcessResult) -> str:

@@ -1,0 +1,271 @@
+"""Epochs: what a filter at 5 Hz needs of samples at full rate.
+
+Integrated attitudes turn the specific force into navigation axes; its sums over an epoch, and what
+a bias of the gyros would do to the attitude meanwhile, are all that the filter sees of it.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numba
+import numpy as np
+
+from sinstool.core.arrays import FloatArray
+from sinstool.core.quaternion_kernels import to_unit
+from sinstool.core.streams import Solution
+from sinstool.core.timeline import SECOND
+from sinstool.methods.attitude_smoother.model import EPOCH_S
+
+# Columns of an epoch
+DURATION, GAP, DV, DP, JB, W2, SATURATED, REST = 0, 1, 2, 5, 8, 17, 18, 19
+GYRO, ACCEL, GYRO_VARIANCE, ACCEL_VARIANCE, COUNT = 20, 23, 26, 29, 32
+WIDTH = 33
+# Three samples on end at the largest rate of an axis are a gyro at its stop.
+STOP_RUN = 3
+STOP_SHARE = 0.997
+
+
+@dataclass(frozen=True)
+class Epochs:
+    """Epochs of a log, in order; a gap is an epoch of its own.
+
+    Attributes
+    ----------
+    time_ns : ndarray of int64, shape (n + 1,)
+        Where each begins, and the end of the last.
+    values : ndarray, shape (n, WIDTH)
+        Duration (s), length of the gap (s; 0: none); in navigation axes the velocity (m/s) and
+        position (m) that the specific force adds and the integral of the attitude matrix (s);
+        integral of the squared rate (rad^2/s), seconds with a gyro at its stop, whether at rest;
+        in body axes means and variances of rate and specific force; how many samples.
+    """
+
+    time_ns: np.ndarray
+    values: FloatArray
+
+    def __len__(self) -> int:
+        return len(self.values)
+
+    @property
+    def rest(self) -> np.ndarray:
+        """Which are at rest, shape (n,)."""
+        return self.values[:, REST] > 0.0
+
+    @property
+    def gap(self) -> np.ndarray:
+        """Which are gaps, shape (n,)."""
+        return self.values[:, GAP] > 0.0
+
+
+class EpochStage:
+    """Epochs from blocks of integrated attitude; what it gives does not depend on the blocks.
+
+    Parameters
+    ----------
+    max_gap_ns : int
+        Longest interval that is no gap.
+    stops : ndarray, shape (3,)
+        Rates at which the gyros stop, rad/s; infinite where they do not.
+    sample_rate : float, optional
+        Of the solutions, Hz, whatever their stamps say; but for gaps.
+    """
+
+    def __init__(
+        self, max_gap_ns: int, stops: FloatArray, sample_rate: float | None = None
+    ) -> None:
+        self._max_gap_s = max_gap_ns / SECOND
+        self._interval = 0.0 if sample_rate is None else 1.0 / sample_rate
+        self._stops = np.asarray(stops, np.float64) * STOP_SHARE
+        self._origin: int | None = None
+        self._open = np.zeros(WIDTH)
+        # attitude of the sample before, its time, the epoch that is open, and runs at the stops
+        self._state = np.zeros(16)
+        self._closed: list[FloatArray] = []
+        self._ends: list[np.ndarray] = []
+
+    def push(self, solution: Solution) -> None:
+        """Take the next solutions.
+
+        Parameters
+        ----------
+        solution : Solution
+            Its rate is that of the body, corrected for the bias, its specific force as measured.
+        """
+        times = solution.time_ns
+        begins = self._origin is None
+        if self._origin is None:
+            self._origin = int(times[0])
+        seconds = (times - self._origin) / SECOND
+        rows = np.empty((2 * len(times) + 2, WIDTH))
+        ends = np.empty(len(rows))
+        made = _accumulate(
+            seconds,
+            solution.q_nb,
+            solution.omega_ib_b,
+            solution.specific_force_b,
+            begins,
+            self._max_gap_s,
+            self._interval,
+            self._stops,
+            self._open,
+            self._state,
+            rows,
+            ends,
+        )
+        if made:
+            self._closed.append(rows[:made].copy())
+            self._ends.append(ends[:made].copy())
+
+    def finish(self) -> Epochs:
+        """All epochs, the open one included."""
+        rows, ends = list(self._closed), list(self._ends)
+        if self._open[COUNT] > 0.0:
+            row = self._open.copy()
+            _close(row)
+            rows.append(row[None, :])
+            ends.append(np.array([self._state[4]]))
+        values = np.concatenate(rows) if rows else np.empty((0, WIDTH))
+        seconds = np.concatenate([[0.0], *ends])
+        times = (self._origin or 0) + np.rint(seconds * SECOND).astype(np.int64)
+        return Epochs(times, values)
+
+
+@numba.njit(cache=True, nogil=True)
+def _close(row: FloatArray) -> None:
+    """Make variances of the sums of squares."""
+    for a in range(6):
+        row[GYRO_VARIANCE + a] /= max(row[COUNT] - 1.0, 1.0)
+
+
+@numba.njit(cache=True, nogil=True)
+def _accumulate(
+    seconds: FloatArray,
+    q_nb: FloatArray,
+    omega: FloatArray,
+    force: FloatArray,
+    begins: bool,
+    max_gap: float,
+    interval: float,
+    stops: FloatArray,
+    row: FloatArray,
+    state: FloatArray,
+    rows: FloatArray,
+    ends: FloatArray,
+) -> int:
+    """Add samples, each the mean since the one before; give out the epochs that end."""
+    made = 0
+    for i in range(len(seconds)):
+        t = seconds[i]
+        dt = t - state[4]
+        first = begins and i == 0
+        # The 1e-6 lets samples that are due at an epoch's end, but for jitter, still belong to it
+        number = np.ceil((t - 1e-6) / EPOCH_S)
+        if not first and dt > max_gap:
+            if row[COUNT] > 0.0:
+                _close(row)
+                rows[made], ends[made] = row, state[4]
+                made += 1
+            rows[made] = 0.0
+            rows[made, DURATION], rows[made, GAP], ends[made] = dt, dt, t
+            made += 1
+            row[:] = 0.0
+        elif not first:
+            if interval > 0.0:
+                dt = interval
+            if row[COUNT] > 0.0 and number != state[5]:
+                _close(row)
+                rows[made], ends[made] = row, state[4]
+                made += 1
+                row[:] = 0.0
+            # attitude half way
+            sign = 1.0
+            if (
+                state[0] * q_nb[i, 0]
+                + state[1] * q_nb[i, 1]
+                + state[2] * q_nb[i, 2]
+                + state[3] * q_nb[i, 3]
+                < 0.0
+            ):
+                sign = -1.0
+            w, x, y, z = to_unit(
+                0.5 * (q_nb[i, 0] + sign * state[0]),
+                0.5 * (q_nb[i, 1] + sign * state[1]),
+                0.5 * (q_nb[i, 2] + sign * state[2]),
+                0.5 * (q_nb[i, 3] + sign * state[3]),
+            )
+            c00 = 1.0 - 2.0 * (y * y + z * z)
+            c01 = 2.0 * (x * y - w * z)
+            c02 = 2.0 * (x * z + w * y)
+            c10 = 2.0 * (x * y + w * z)
+            c11 = 1.0 - 2.0 * (x * x + z * z)
+            c12 = 2.0 * (y * z - w * x)
+            c20 = 2.0 * (x * z - w * y)
+            c21 = 2.0 * (y * z + w * x)
+            c22 = 1.0 - 2.0 * (x * x + y * y)
+            ax, ay, az = force[i, 0], force[i, 1], force[i, 2]
+            fx = c00 * ax + c01 * ay + c02 * az
+            fy = c10 * ax + c11 * ay + c12 * az
+            fz = c20 * ax + c21 * ay + c22 * az
+            half = 0.5 * dt * dt
+            row[DP] += row[DV] * dt + fx * half
+            row[DP + 1] += row[DV + 1] * dt + fy * half
+            row[DP + 2] += row[DV + 2] * dt + fz * half
+            row[DV] += fx * dt
+            row[DV + 1] += fy * dt
+            row[DV + 2] += fz * dt
+            row[JB] += c00 * dt
+            row[JB + 1] += c01 * dt
+            row[JB + 2] += c02 * dt
+            row[JB + 3] += c10 * dt
+            row[JB + 4] += c11 * dt
+            row[JB + 5] += c12 * dt
+            row[JB + 6] += c20 * dt
+            row[JB + 7] += c21 * dt
+            row[JB + 8] += c22 * dt
+            row[DURATION] += dt
+            row[COUNT] += 1.0
+            stopped = False
+            for a in range(3):
+                rate = omega[i, a]
+                row[W2] += rate * rate * dt
+                delta = rate - row[GYRO + a]
+                row[GYRO + a] += delta / row[COUNT]
+                row[GYRO_VARIANCE + a] += delta * (rate - row[GYRO + a])
+                delta = force[i, a] - row[ACCEL + a]
+                row[ACCEL + a] += delta / row[COUNT]
+                row[ACCEL_VARIANCE + a] += delta * (force[i, a] - row[ACCEL + a])
+                if abs(rate) >= stops[a]:
+                    state[6 + a] += 1.0
+                    state[9 + a] += dt
+                    if state[6 + a] >= STOP_RUN:
+                        stopped = True
+                else:
+                    state[6 + a] = 0.0
+                    state[9 + a] = 0.0
+            if stopped:
+                # the samples that began the run count too
+                longest = 0.0
+                for a in range(3):
+                    if state[6 + a] >= STOP_RUN:
+                        longest = max(longest, state[9 + a])
+                        state[9 + a] = 0.0
+                row[SATURATED] += longest
+        state[5] = number
+        for a in range(4):
+            state[a] = q_nb[i, a]
+        state[4] = t
+    return made
+
+
+def mean_force(epochs: Epochs, seconds: float) -> FloatArray:
+    """Mean specific force of the first seconds in navigation axes, m/s^2, gaps left out.
+
+    Returns
+    -------
+    ndarray, shape (3,)
+    """
+    inside = ~epochs.gap & (epochs.time_ns[:-1] < epochs.time_ns[0] + round(seconds * SECOND))
+    rows = epochs.values[inside]
+    time = rows[:, DURATION].sum()
+    return rows[:, DV : DV + 3].sum(axis=0) / time if time > 0.0 else np.zeros(3)

@@ -1,0 +1,477 @@
+"""The filter over epochs and its smoother, compiled.
+
+The state is kept as 19 numbers: the correction C row by row (9), velocity (3), gyro bias (3),
+vertical excess of the specific force (1), position (3). Errors come in the order attitude,
+velocity, bias, excess, position, so that without the position the first ten are left: the
+right-invariant ``C_true = exp(phi) C``, ``v_true = exp(phi) v + xi_v``, likewise the position.
+"""
+
+from __future__ import annotations
+
+from math import cos, log, sin, sqrt
+
+import numba
+import numpy as np
+
+from sinstool.core.arrays import FloatArray
+from sinstool.methods.attitude_smoother.epochs import (
+    DP,
+    DURATION,
+    DV,
+    GAP,
+    GYRO,
+    JB,
+    REST,
+    SATURATED,
+    W2,
+)
+from sinstool.methods.attitude_smoother.model import GRAVITY
+from sinstool.methods.rts import smoother_covariance, smoother_gain
+
+V, B, G, P = 9, 12, 15, 16  # of the state
+XV, XB, XG, XP = 3, 6, 9, 10  # of the errors
+STATE, ERRORS, KEPT = 19, 13, 12
+# Parameters of a run
+C1, C0, DENSITY, WALK, RATE_ERROR, BIAS_WALK, ZERO_RATE, VELOCITY_WALK, GRAVITY_WALK = range(9)
+VELOCITY_VARIANCE, POSITION_VARIANCE = 9, 10
+PARAMETERS = 11
+# A motion that pulls at a bound is no rest: there the specific force is gravity alone.
+REST_DENSITY = 0.1  # m/s^2/sqrt(Hz)
+REST_VELOCITY = 0.02  # m/s
+# In a gap the body turns as it did, and by this much per second beside, rad.
+GAP_RATE = 0.5
+# A gyro at its stop misses this much, rad/s.
+STOP_RATE = 3.0
+DIVERGED = -1e300
+
+
+@numba.njit(cache=True, nogil=True)
+def _update(
+    p: FloatArray,
+    n: int,
+    i: int,
+    a: float,
+    j: int,
+    b: float,
+    k: int,
+    c: float,
+    innovation: float,
+    variance: float,
+    gain: FloatArray,
+    dx: FloatArray,
+) -> tuple[float, float]:
+    """One scalar measurement of a x_i + b x_j + c x_k; the innovation left and its variance."""
+    left = innovation - (a * dx[i] + b * dx[j] + c * dx[k])
+    for m in range(n):
+        gain[m] = a * p[m, i] + b * p[m, j] + c * p[m, k]
+    s = a * gain[i] + b * gain[j] + c * gain[k] + variance
+    for m in range(n):
+        f = gain[m] / s
+        dx[m] += f * left
+        for q in range(m + 1):
+            p[m, q] -= f * gain[q]
+            p[q, m] = p[m, q]
+    return left, s
+
+
+@numba.njit(cache=True, nogil=True)
+def rotation_of(x: float, y: float, z: float, e: FloatArray) -> None:
+    """Matrix of a rotation vector, rad."""
+    square = x * x + y * y + z * z
+    if square < 1e-8:
+        s, c = 1.0 - square / 6.0, 0.5 - square / 24.0
+    else:
+        angle = sqrt(square)
+        s, c = sin(angle) / angle, (1.0 - cos(angle)) / square
+    e[0, 0] = 1.0 - c * (y * y + z * z)
+    e[0, 1] = c * x * y - s * z
+    e[0, 2] = c * x * z + s * y
+    e[1, 0] = c * x * y + s * z
+    e[1, 1] = 1.0 - c * (x * x + z * z)
+    e[1, 2] = c * y * z - s * x
+    e[2, 0] = c * x * z - s * y
+    e[2, 1] = c * y * z + s * x
+    e[2, 2] = 1.0 - c * (x * x + y * y)
+
+
+@numba.njit(cache=True, nogil=True)
+def _turn(x: FloatArray, e: FloatArray) -> None:
+    """C <- e C."""
+    for j in range(3):
+        a, b, c = x[j], x[3 + j], x[6 + j]
+        for i in range(3):
+            x[3 * i + j] = e[i, 0] * a + e[i, 1] * b + e[i, 2] * c
+
+
+@numba.njit(cache=True, nogil=True)
+def inject(x: FloatArray, dx: FloatArray, n: int, e: FloatArray) -> None:
+    """Add errors to the state."""
+    rotation_of(dx[0], dx[1], dx[2], e)
+    _turn(x, e)
+    a, b, c = x[V], x[V + 1], x[V + 2]
+    for i in range(3):
+        x[V + i] = e[i, 0] * a + e[i, 1] * b + e[i, 2] * c + dx[XV + i]
+        x[B + i] += dx[XB + i]
+    x[G] += dx[XG]
+    if n > XP:
+        a, b, c = x[P], x[P + 1], x[P + 2]
+        for i in range(3):
+            x[P + i] = e[i, 0] * a + e[i, 1] * b + e[i, 2] * c + dx[XP + i]
+
+
+@numba.njit(cache=True, nogil=True)
+def _measure(
+    row: FloatArray,
+    par: FloatArray,
+    n: int,
+    x: FloatArray,
+    p: FloatArray,
+    gain: FloatArray,
+    dx: FloatArray,
+    e: FloatArray,
+) -> float:
+    """Hold the state against an epoch; the log likelihood of its motion, 0 at rest."""
+    if row[GAP] > 0.0:
+        return 0.0
+    rest = row[REST] > 0.0
+    t = row[DURATION]
+    c1 = 0.0 if rest else par[C1]
+    c0 = 0.0 if rest else par[C0]
+    r = REST_DENSITY if rest else par[DENSITY]
+    missed = GRAVITY * STOP_RATE * row[SATURATED]
+    variance = r * r / t + missed * missed
+    for m in range(n):
+        dx[m] = 0.0
+    likelihood = 0.0
+    for i in range(3):
+        z = (x[3 * i] * row[DV] + x[3 * i + 1] * row[DV + 1] + x[3 * i + 2] * row[DV + 2]) / t
+        z += c1 * x[V + i]
+        pos = XV + i
+        if n > XP:
+            z += c0 * x[P + i]
+            pos = XP + i
+        if i == 0:
+            left, s = _update(p, n, 1, -GRAVITY, XV, c1, pos, c0, -z, variance, gain, dx)
+        elif i == 1:
+            left, s = _update(p, n, 0, GRAVITY, XV + 1, c1, pos, c0, -z, variance, gain, dx)
+        else:
+            z += GRAVITY + x[G]
+            left, s = _update(p, n, XG, 1.0, XV + 2, c1, pos, c0, -z, variance, gain, dx)
+        if not (s < 1e8 and abs(left) < 1e4):
+            return DIVERGED
+        likelihood -= 0.5 * (left * left / s + log(s))
+    if rest:
+        likelihood = 0.0
+        for i in range(3):
+            _update(p, n, XV + i, 1.0, 0, 0.0, 0, 0.0, -x[V + i], REST_VELOCITY**2, gain, dx)
+        for i in range(3):
+            _update(
+                p,
+                n,
+                XB + i,
+                1.0,
+                0,
+                0.0,
+                0,
+                0.0,
+                row[GYRO + i] - x[B + i],
+                par[ZERO_RATE] ** 2,
+                gain,
+                dx,
+            )
+    inject(x, dx, n, e)
+    return likelihood
+
+
+@numba.njit(cache=True, nogil=True)
+def _advance(
+    row: FloatArray,
+    rate: float,
+    par: FloatArray,
+    n: int,
+    x: FloatArray,
+    f: FloatArray,
+    q: FloatArray,
+    e: FloatArray,
+) -> None:
+    """Carry the state over an epoch; its transition to `f` and its noise to `q`."""
+    for i in range(n):
+        for j in range(n):
+            f[i, j] = 0.0
+            q[i, j] = 0.0
+        f[i, i] = 1.0
+    t = row[DURATION]
+    gap = row[GAP] > 0.0
+    if gap:
+        turned = sqrt(GAP_RATE**2 + rate * rate) * t
+        for i in range(3):
+            q[i, i] = turned * turned
+            f[XV + i, XV + i] = 0.0
+            q[XV + i, XV + i] = par[VELOCITY_VARIANCE]
+            x[V + i] = 0.0
+            if n > XP:
+                f[XP + i, XP + i] = 0.0
+                q[XP + i, XP + i] = par[POSITION_VARIANCE]
+                x[P + i] = 0.0
+    else:
+        # M = -C Jb, what a bias does to the attitude; then C' = C exp(-Jb b) = exp(M b) C
+        for i in range(3):
+            for j in range(3):
+                f[i, XB + j] = -(
+                    x[3 * i] * row[JB + j]
+                    + x[3 * i + 1] * row[JB + 3 + j]
+                    + x[3 * i + 2] * row[JB + 6 + j]
+                )
+        weight = GRAVITY + x[G]
+        half = 0.5 * t * t
+        if n > XP:
+            for i in range(3):
+                x[P + i] += (
+                    t * x[V + i]
+                    + x[3 * i] * row[DP]
+                    + x[3 * i + 1] * row[DP + 1]
+                    + x[3 * i + 2] * row[DP + 2]
+                )
+            x[P + 2] += weight * half
+        for i in range(3):
+            x[V + i] += x[3 * i] * row[DV] + x[3 * i + 1] * row[DV + 1] + x[3 * i + 2] * row[DV + 2]
+        x[V + 2] += weight * t
+        rotation_of(
+            f[0, XB] * x[B] + f[0, XB + 1] * x[B + 1] + f[0, XB + 2] * x[B + 2],
+            f[1, XB] * x[B] + f[1, XB + 1] * x[B + 1] + f[1, XB + 2] * x[B + 2],
+            f[2, XB] * x[B] + f[2, XB + 1] * x[B + 1] + f[2, XB + 2] * x[B + 2],
+            e,
+        )
+        _turn(x, e)
+        f[XV, 1] = -GRAVITY * t
+        f[XV + 1, 0] = GRAVITY * t
+        f[XV + 2, XG] = t
+        _crossed(x[V], x[V + 1], x[V + 2], f, XV)
+        missed = STOP_RATE * row[SATURATED]
+        spread = par[WALK] ** 2 * t + par[RATE_ERROR] ** 2 * row[W2] + missed * missed
+        for i in range(3):
+            q[i, i] = spread
+        _spread(x[V], x[V + 1], x[V + 2], spread, q, XV)
+        for i in range(3):
+            q[XV + i, XV + i] += par[VELOCITY_WALK] ** 2 * t
+        if n > XP:
+            f[XP, 1] = -GRAVITY * half
+            f[XP + 1, 0] = GRAVITY * half
+            f[XP + 2, XG] = half
+            for i in range(3):
+                f[XP + i, XV + i] = t
+            _crossed(x[P], x[P + 1], x[P + 2], f, XP)
+            _spread(x[P], x[P + 1], x[P + 2], spread, q, XP)
+            # noise that velocity and position share
+            for i in range(3):
+                for j in range(3):
+                    s = 0.0
+                    for m in range(3):
+                        s += q[XV + i, m] * q[XP + j, m]
+                    s = s / spread if spread > 0.0 else 0.0
+                    q[XV + i, XP + j] = s
+                    q[XP + j, XV + i] = s
+    for i in range(3):
+        q[XB + i, XB + i] = par[BIAS_WALK] ** 2 * t
+    q[XG, XG] = par[GRAVITY_WALK] ** 2 * t
+
+
+@numba.njit(cache=True, nogil=True)
+def _crossed(a: float, b: float, c: float, f: FloatArray, at: int) -> None:
+    """Rows `at` of f, columns of the bias: [a, b, c]x times the rows of the attitude."""
+    for j in range(XB, XB + 3):
+        f[at, j] = -c * f[1, j] + b * f[2, j]
+        f[at + 1, j] = c * f[0, j] - a * f[2, j]
+        f[at + 2, j] = -b * f[0, j] + a * f[1, j]
+
+
+@numba.njit(cache=True, nogil=True)
+def _spread(a: float, b: float, c: float, variance: float, q: FloatArray, at: int) -> None:
+    """What isotropic noise of the attitude does to a vector's error, and both together."""
+    q[at, 1], q[at, 2] = -c * variance, b * variance
+    q[at + 1, 0], q[at + 1, 2] = c * variance, -a * variance
+    q[at + 2, 0], q[at + 2, 1] = -b * variance, a * variance
+    for i in range(3):
+        for j in range(3):
+            q[j, at + i] = q[at + i, j]
+    square = a * a + b * b + c * c
+    q[at, at] = (square - a * a) * variance
+    q[at + 1, at + 1] = (square - b * b) * variance
+    q[at + 2, at + 2] = (square - c * c) * variance
+    q[at, at + 1] = q[at + 1, at] = -a * b * variance
+    q[at, at + 2] = q[at + 2, at] = -a * c * variance
+    q[at + 1, at + 2] = q[at + 2, at + 1] = -b * c * variance
+
+
+@numba.njit(cache=True, nogil=True)
+def _carry(p: FloatArray, n: int, f: FloatArray, q: FloatArray, half: FloatArray) -> None:
+    """p <- f p f^T + q, for a sparse f."""
+    for i in range(n):
+        for j in range(n):
+            half[j, i] = 0.0
+        for m in range(n):
+            a = f[i, m]
+            if a != 0.0:
+                for j in range(n):
+                    half[j, i] += a * p[m, j]
+    for i in range(n):
+        for j in range(n):
+            p[i, j] = q[i, j]
+        for m in range(n):
+            a = f[i, m]
+            if a != 0.0:
+                for j in range(n):
+                    p[i, j] += a * half[m, j]
+
+
+@numba.njit(cache=True, nogil=True)
+def forward(
+    epochs: FloatArray,
+    begin: int,
+    end: int,
+    par: FloatArray,
+    n: int,
+    x: FloatArray,
+    p: FloatArray,
+    every: int,
+    states: FloatArray,
+    covariances: FloatArray,
+) -> float:
+    """Filter epochs without keeping more than the state before every so many of them.
+
+    Parameters
+    ----------
+    epochs : ndarray, shape (m, WIDTH)
+    begin, end : int
+        Of the epochs.
+    par : ndarray, shape (PARAMETERS,)
+    n : int
+        How many errors there are: 10 or 13.
+    x : ndarray, shape (STATE,)
+        Before the first epoch; afterwards that at the end.
+    p : ndarray, shape (n, n)
+        Its covariance, likewise.
+    every : int
+        0 keeps nothing.
+    states, covariances : ndarray, shape (k, STATE) and (k, n, n)
+        Get the states before epochs 0, every, 2 every...
+
+    Returns
+    -------
+    float
+        Log likelihood of the moving epochs' motion; `DIVERGED` where the filter lost itself.
+    """
+    gain, dx = np.empty(ERRORS), np.zeros(ERRORS)
+    f, q, half = np.empty((n, n)), np.empty((n, n)), np.empty((n, n))
+    e = np.empty((3, 3))
+    total = 0.0
+    for k in range(begin, end):
+        if every and (k - begin) % every == 0:
+            states[(k - begin) // every] = x
+            covariances[(k - begin) // every] = p
+        likelihood = _measure(epochs[k], par, n, x, p, gain, dx, e)
+        if not likelihood > DIVERGED:
+            return DIVERGED
+        total += likelihood
+        _advance(epochs[k], _rate(epochs, k), par, n, x, f, q, e)
+        _carry(p, n, f, q, half)
+    return total
+
+
+@numba.njit(cache=True, nogil=True)
+def _rate(epochs: FloatArray, k: int) -> float:
+    """Root mean square rate beside a gap, rad/s; 0 elsewhere."""
+    if epochs[k, GAP] == 0.0:
+        return 0.0
+    square = 0.0
+    for j in (k - 1, k + 1):
+        if 0 <= j < len(epochs) and epochs[j, GAP] == 0.0 and epochs[j, DURATION] > 0.0:
+            square = max(square, epochs[j, W2] / epochs[j, DURATION])
+    return sqrt(square)
+
+
+@numba.njit(cache=True, nogil=True)
+def backward(
+    epochs: FloatArray,
+    begin: int,
+    end: int,
+    par: FloatArray,
+    n: int,
+    x: FloatArray,
+    p: FloatArray,
+    end_x: FloatArray,
+    end_p: FloatArray,
+    smoothed: FloatArray,
+    covariance: FloatArray,
+) -> None:
+    """Filter a stretch once more and smooth it from its known end to its begin.
+
+    Parameters
+    ----------
+    x, p : ndarray, shape (STATE,) and (n, n)
+        Before the first epoch of the stretch; changed.
+    end_x, end_p : ndarray, shape (STATE,) and (n, n)
+        Smoothed, after its last epoch; afterwards those before its first.
+    smoothed : ndarray, shape (m + 1, STATE)
+        Gets the smoothed states before the epochs, `begin` to `end` - 1.
+    covariance : ndarray, shape (m + 1, KEPT)
+        Gets the covariances of attitude and the variances of the bias there.
+    """
+    count = end - begin
+    gain, dx = np.empty(ERRORS), np.zeros(ERRORS)
+    q, half, e = np.empty((n, n)), np.empty((n, n)), np.empty((3, 3))
+    f = np.empty((count, n, n))
+    p_plus, p_minus = np.empty((count, n, n)), np.empty((count, n, n))
+    x_plus, x_minus = np.empty((count, STATE)), np.empty((count, STATE))
+    for k in range(count):
+        _measure(epochs[begin + k], par, n, x, p, gain, dx, e)
+        x_plus[k], p_plus[k] = x, p
+        _advance(epochs[begin + k], _rate(epochs, begin + k), par, n, x, f[k], q, e)
+        _carry(p, n, f[k], q, half)
+        x_minus[k], p_minus[k] = x, p
+    low, right, scale = np.empty((n, n)), np.empty((n, n)), np.empty(n)
+    difference = np.empty(ERRORS)
+    for k in range(count - 1, -1, -1):
+        _less(end_x, x_minus[k], n, difference, e)
+        smoother_gain(f[k], p_plus[k], p_minus[k], right, low, scale)
+        for j in range(n):
+            s = 0.0
+            for m in range(n):
+                s += right[m, j] * difference[m]
+            dx[j] = s
+        end_x[:] = x_plus[k]
+        inject(end_x, dx, n, e)
+        smoother_covariance(p_plus[k], p_minus[k], end_p, right, half, low, end_p)
+        smoothed[begin + k] = end_x
+        keep(end_p, covariance[begin + k])
+
+
+@numba.njit(cache=True, nogil=True)
+def keep(p: FloatArray, out: FloatArray) -> None:
+    """Covariance of the attitude (9) and variances of the bias (3) out of that of all errors."""
+    for i in range(3):
+        for j in range(3):
+            out[3 * i + j] = p[i, j]
+        out[9 + i] = p[XB + i, XB + i]
+
+
+@numba.njit(cache=True, nogil=True)
+def _less(a: FloatArray, b: FloatArray, n: int, out: FloatArray, e: FloatArray) -> None:
+    """Errors that lead from state b to state a."""
+    # e = C_a C_b^T, and its rotation vector
+    for i in range(3):
+        for j in range(3):
+            e[i, j] = (
+                a[3 * i] * b[3 * j] + a[3 * i + 1] * b[3 * j + 1] + a[3 * i + 2] * b[3 * j + 2]
+            )
+    x, y, z = e[2, 1] - e[1, 2], e[0, 2] - e[2, 0], e[1, 0] - e[0, 1]
+    sine = 0.5 * sqrt(x * x + y * y + z * z)
+    cosine = 0.5 * (e[0, 0] + e[1, 1] + e[2, 2] - 1.0)
+    factor = 0.5 if sine < 1e-9 else 0.5 * np.arctan2(sine, cosine) / sine
+    out[0], out[1], out[2] = factor * x, factor * y, factor * z
+    for i in range(3):
+        out[XV + i] = a[V + i] - (e[i, 0] * b[V] + e[i, 1] * b[V + 1] + e[i, 2] * b[V + 2])
+        out[XB + i] = a[B + i] - b[B + i]
+        if n > XP:
+            out[XP + i] = a[P + i] - (e[i, 0] * b[P] + e[i, 1] * b[P + 1] + e[i, 2] * b[P + 2])
+    out[XG] = a[G] - b[G]

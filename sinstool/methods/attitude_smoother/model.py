@@ -1,0 +1,152 @@
+"""What the smoother assumes: of the sensors by their grade, and of the motion by its class."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from math import sqrt
+from typing import Literal
+
+from sinstool.core.earth import EARTH_RATE
+from sinstool.methods.sensor_errors import IMU_GRADES, Grade
+
+MotionName = Literal["hand", "vehicle"]
+
+EPOCH_S = 0.2
+GRAVITY = 9.81  # m/s^2; what the local one differs from it is a state
+
+
+@dataclass(frozen=True)
+class MotionModel:
+    """How the motion is bounded.
+
+    ``acceleration = -c1 velocity - c0 position + white noise``, along each axis.
+
+    Attributes
+    ----------
+    name : {'hand', 'vehicle'}
+    c1 : float
+        1/s.
+    c0 : float
+        1/s^2; 0 where no position bounds the motion.
+    density : float
+        Of the white part, m/s^2/sqrt(Hz).
+    """
+
+    name: MotionName
+    c1: float
+    c0: float
+    density: float
+
+    @property
+    def states(self) -> int:
+        """How many states the filter has."""
+        return 13 if self.c0 else 10
+
+    @property
+    def velocity_variance(self) -> float:
+        """In the long run, m^2/s^2."""
+        return self.density**2 / (2.0 * self.c1)
+
+    @property
+    def position_variance(self) -> float:
+        """In the long run, m^2; 0 without a bound."""
+        return self.velocity_variance / self.c0 if self.c0 else 0.0
+
+    def with_density(self, density: float) -> MotionModel:
+        """The same bound, shaken otherwise."""
+        return replace(self, density=density)
+
+
+# A hand's position is bounded, with a natural rate of 1 rad/s and a damping of 0.7; a vehicle's
+# velocity is, with a memory of 33 s.
+HAND = MotionModel("hand", 1.4, 1.0, 0.5)
+VEHICLE = MotionModel("vehicle", 0.03, 0.0, 4.0)
+
+
+@dataclass(frozen=True)
+class SensorModel:
+    """Errors of the sensors, one sigma of one axis.
+
+    Attributes
+    ----------
+    angle_random_walk : float
+        rad/sqrt(s).
+    rate_error : float
+        What grows with the rate (scale factors, misalignment, timing): the attitude's variance
+        grows by its square times the integral of the squared rate.
+    bias_walk : float
+        rad/s/sqrt(s).
+    bias : float
+        Of the gyros beyond what was taken off, at the start, rad/s.
+    zero_rate : float
+        How far the mean rate of an epoch of rest may be from the bias, rad/s.
+    velocity_walk : float
+        Accelerometer errors as noise of the velocity, m/s/sqrt(s).
+    accel_bias : float
+        m/s^2. It cannot be told from tilt: it is added to what is said of the tilt.
+    gravity, gravity_walk : float
+        Vertical excess of the specific force at the start, m/s^2, and its walk, m/s^2/sqrt(s).
+    """
+
+    angle_random_walk: float = 3e-4
+    rate_error: float = 3e-3
+    bias_walk: float = 1e-5
+    bias: float = 0.08
+    zero_rate: float = 2e-3
+    velocity_walk: float = 0.05
+    accel_bias: float = 0.03
+    gravity: float = 0.2
+    gravity_walk: float = 0.02
+
+
+# The bias of low-cost gyros where no rest has shown it, and about the mean rate of a rest, rad/s.
+_MEMS = SensorModel()
+_MEMS_BIAS_AFTER_REST = 5e-3
+
+
+def sensor_model(
+    grade: Grade, *, walk_at_rest: float | None, bias_known: bool, earth_removed: bool
+) -> SensorModel:
+    """Errors of a grade of IMU.
+
+    Parameters
+    ----------
+    grade : {'mems', 'industrial', 'tactical', 'navigation'}
+    walk_at_rest : float or None
+        Angular random walk that the log shows at rest, rad/sqrt(s).
+    bias_known : bool
+        A rest, an alignment or the user gave the bias that was taken off.
+    earth_removed : bool
+        The Earth's rate was taken off; where it was not, it wanders through the body's axes like
+        a bias.
+
+    Returns
+    -------
+    SensorModel
+    """
+    seen = 0.0 if walk_at_rest is None else 2.0 * walk_at_rest
+    turning = 0.0 if earth_removed else EARTH_RATE / 10.0
+    if grade == "mems":
+        return replace(
+            _MEMS,
+            angle_random_walk=max(_MEMS.angle_random_walk, seen),
+            bias=_MEMS_BIAS_AFTER_REST if bias_known else _MEMS.bias,
+            bias_walk=max(_MEMS.bias_walk, turning),
+        )
+    of = IMU_GRADES[grade]
+    walk = max(of.angle_random_walk, seen)
+    wander = of.gyro_instability * sqrt(2.0 / of.bias_time_s)
+    return SensorModel(
+        angle_random_walk=walk,
+        rate_error=sqrt(of.gyro_scale**2 + of.gyro_misalignment**2),
+        bias_walk=max(wander, turning),
+        # What is called a bias beyond what was taken off, for a rest may be short
+        bias=max(
+            of.gyro_bias * (3.0 if bias_known else 10.0), 0.0 if earth_removed else EARTH_RATE
+        ),
+        zero_rate=max(_MEMS.zero_rate * walk / _MEMS.angle_random_walk, of.gyro_instability),
+        velocity_walk=_MEMS.velocity_walk,
+        accel_bias=max(of.accel_bias, 0.005),
+        gravity=_MEMS.gravity,
+        gravity_walk=_MEMS.gravity_walk,
+    )

@@ -1,0 +1,178 @@
+"""What kind of motion a log holds: by which bound makes its accelerations more likely."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from math import exp, log
+
+import numpy as np
+
+from sinstool.methods.attitude_smoother.epochs import (
+    ACCEL,
+    COUNT,
+    DP,
+    DURATION,
+    DV,
+    GYRO,
+    JB,
+    REST,
+    SATURATED,
+    W2,
+    Epochs,
+)
+from sinstool.methods.attitude_smoother.kernels import DIVERGED, forward
+from sinstool.methods.attitude_smoother.model import (
+    HAND,
+    VEHICLE,
+    MotionModel,
+    MotionName,
+    SensorModel,
+)
+from sinstool.methods.attitude_smoother.start import first_state, parameters
+
+# A vehicle's motion must explain a moving epoch better by this much, in nat.
+MARGIN = 0.5
+# Moving epochs that are looked at: ten minutes, in so many stretches.
+STRETCHES = 5
+STRETCH = 600
+# A hand's density as found, a vehicle's as so many times the largest found over epochs of so many
+# lengths (manoeuvres are not white, and their slowest part sets the tilt), m/s^2/sqrt(Hz).
+HAND_RANGE = (0.5, 2.0)
+VEHICLE_RANGE, VEHICLE_FACTOR = (4.0, 12.0), 2.5
+LONGER = (1, 5, 20)  # epochs
+# Of the search on the logarithm of the density
+FIRST_STEP, LAST_STEP = 0.8, 0.15
+SEARCHED = (log(0.005), log(50.0))
+
+
+@dataclass(frozen=True)
+class Motion:
+    """The kind of motion.
+
+    Attributes
+    ----------
+    model : MotionModel
+    margin : float or None
+        By how much, in nat a moving epoch, a vehicle is more likely than a hand; None where it
+        was not asked.
+    """
+
+    model: MotionModel
+    margin: float | None
+
+    @property
+    def sure(self) -> bool:
+        """Whether the margin is far from where the choice turns."""
+        return self.margin is None or abs(self.margin - MARGIN) > MARGIN
+
+
+def find_motion(epochs: Epochs, sensors: SensorModel, name: MotionName | None = None) -> Motion:
+    """The kind of motion and how much it shakes.
+
+    Parameters
+    ----------
+    epochs : Epochs
+        With rest marked.
+    sensors : SensorModel
+    name : {'hand', 'vehicle'}, optional
+        Of the kind, where it is known.
+
+    Returns
+    -------
+    Motion
+    """
+    parts = _stretches(epochs)
+    moving = sum(int(np.count_nonzero(~part.rest & ~part.gap)) for part in parts)
+    if not moving:
+        known = VEHICLE if name == "vehicle" else HAND
+        return Motion(known, None if name else 0.0)
+    best: dict[str, tuple[float, float]] = {}
+    for model in (HAND, VEHICLE):
+        if name in (None, model.name):
+            best[model.name] = _most_likely(parts, model, sensors)
+    margin = None
+    if name is None:
+        margin = (best["vehicle"][1] - best["hand"][1]) / moving
+        name = "vehicle" if margin > MARGIN else "hand"
+    if name == "hand":
+        return Motion(HAND.with_density(_within(best["hand"][0], HAND_RANGE)), margin)
+    found = [best["vehicle"][0]]
+    for length in LONGER[1:]:
+        merged = [_merged(part, length) for part in parts]
+        found.append(_most_likely(merged, VEHICLE, sensors)[0])
+    density = _within(VEHICLE_FACTOR * max(found), VEHICLE_RANGE)
+    return Motion(VEHICLE.with_density(density), margin)
+
+
+def _within(value: float, bounds: tuple[float, float]) -> float:
+    return min(max(value, bounds[0]), bounds[1])
+
+
+def _stretches(epochs: Epochs) -> list[Epochs]:
+    """Parts of a log with some minutes of motion each, spread over all of it."""
+    moving = np.flatnonzero(~epochs.rest & ~epochs.gap)
+    if len(moving) <= STRETCHES * STRETCH:
+        return [epochs] if len(epochs) else []
+    starts = np.linspace(0, len(moving) - STRETCH, STRETCHES).astype(int)
+    return [
+        Epochs(epochs.time_ns[a : b + 2], epochs.values[a : b + 1])
+        for a, b in ((moving[k], moving[k + STRETCH - 1]) for k in starts)
+    ]
+
+
+def _most_likely(
+    parts: list[Epochs], model: MotionModel, sensors: SensorModel
+) -> tuple[float, float]:
+    """Density under which the motion is most likely, and its log likelihood there."""
+
+    def likelihood(at: float) -> float:
+        total = 0.0
+        for part in parts:
+            shaken = model.with_density(exp(at))
+            x, p = first_state(part, shaken, sensors)
+            none = np.empty((0, *x.shape)), np.empty((0, *p.shape))
+            par = parameters(shaken, sensors)
+            one = forward(part.values, 0, len(part), par, model.states, x, p, 0, *none)
+            total = max(total + one, DIVERGED)
+        return total
+
+    at, step = log(HAND.density), FIRST_STEP
+    best = likelihood(at)
+    while step >= LAST_STEP:
+        for trial in (at - step, at + step):
+            value = likelihood(trial) if SEARCHED[0] <= trial <= SEARCHED[1] else DIVERGED
+            if value > best:
+                at, best = trial, value
+                break
+        else:
+            step *= 0.5
+    return exp(at), best
+
+
+def _merged(epochs: Epochs, length: int) -> Epochs:
+    """Epochs of several times the length; gaps, and what is left before them, stay shorter."""
+    gap = epochs.gap
+    piece = np.cumsum(gap | np.concatenate(([False], gap[:-1])))
+    number = np.arange(len(gap))
+    start = np.maximum.accumulate(np.where(np.diff(piece, prepend=-1) != 0, number, 0))
+    first = np.flatnonzero((number - start) % length == 0)
+    rows = epochs.values
+    merged = rows[first].copy()
+    for columns in (slice(DURATION, DURATION + 1), slice(DV, DV + 3), slice(JB, SATURATED + 1)):
+        merged[:, columns] = np.add.reduceat(rows[:, columns], first, axis=0)
+    merged[:, W2] = np.add.reduceat(rows[:, W2], first)
+    group = np.repeat(np.arange(len(first)), np.diff(first, append=len(rows)))
+    # position: velocity gained before each epoch goes on through it
+    gained = np.cumsum(rows[:, DV : DV + 3], axis=0) - rows[:, DV : DV + 3]
+    gained -= gained[first][group]
+    way = rows[:, DP : DP + 3] + gained * rows[:, DURATION, None]
+    merged[:, DP : DP + 3] = np.add.reduceat(way, first, axis=0)
+    weight = np.maximum(rows[:, COUNT], 1e-9)
+    merged[:, COUNT] = np.add.reduceat(rows[:, COUNT], first)
+    for columns in (slice(GYRO, GYRO + 3), slice(ACCEL, ACCEL + 3)):
+        summed = np.add.reduceat(rows[:, columns] * weight[:, None], first, axis=0)
+        merged[:, columns] = summed / np.add.reduceat(weight, first)[:, None]
+    merged[:, REST] = np.minimum.reduceat(rows[:, REST], first)
+    return replace(
+        epochs, time_ns=np.append(epochs.time_ns[first], epochs.time_ns[-1]), values=merged
+    )

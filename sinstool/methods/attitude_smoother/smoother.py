@@ -1,0 +1,134 @@
+"""Forwards and backwards over the epochs of a log, and the attitudes that come of it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numba
+import numpy as np
+
+from sinstool.core.arrays import FloatArray
+from sinstool.core.quaternion_kernels import increment_quaternion, product, to_unit
+from sinstool.core.rotation import conjugate, from_dcm, log, multiply
+from sinstool.core.streams import Solution
+from sinstool.methods.attitude_smoother import kernels
+from sinstool.methods.attitude_smoother.epochs import Epochs
+from sinstool.methods.attitude_smoother.model import GRAVITY, MotionModel, SensorModel
+from sinstool.methods.attitude_smoother.start import first_state, parameters
+
+# Epochs that are filtered again and smoothed at once.
+SEGMENT = 500
+
+
+@dataclass(frozen=True)
+class Correction:
+    """What is to be done to an integrated attitude, at the limits of epochs.
+
+    Attributes
+    ----------
+    time_ns : ndarray of int64, shape (n + 1,)
+    q : ndarray, shape (n + 1, 4)
+        The rotation in navigation axes: the attitude is `q` times the integrated one.
+    turn : ndarray, shape (n, 3)
+        Rotation vector from each to the next, rad.
+    gyro_bias : ndarray, shape (n + 1, 3)
+        Beyond what was taken off before, rad/s.
+    covariance_n : ndarray, shape (n + 1, 3, 3)
+        Of the small rotation in NED that takes the attitude to the true one, rad^2; that of
+        heading since the start.
+    gyro_bias_sigma : ndarray, shape (n + 1, 3)
+        rad/s.
+    """
+
+    time_ns: np.ndarray
+    q: FloatArray
+    turn: FloatArray
+    gyro_bias: FloatArray
+    covariance_n: FloatArray
+    gyro_bias_sigma: FloatArray
+
+    def apply(self, solution: Solution) -> Solution:
+        """A solution with its attitude and its rates corrected, and with a covariance."""
+        at = np.clip(
+            np.searchsorted(self.time_ns, solution.time_ns, "left") - 1, 0, len(self.turn) - 1
+        )
+        begin, end = self.time_ns[at], self.time_ns[at + 1]
+        share = (solution.time_ns - begin) / np.maximum(end - begin, 1)
+        q = np.empty_like(solution.q_nb)
+        _turned(self.q, self.turn, at, share, solution.q_nb, q)
+        weight = share[:, None]
+        bias = self.gyro_bias[at] + weight * (self.gyro_bias[at + 1] - self.gyro_bias[at])
+        weight = weight[:, None]
+        low, high = self.covariance_n[at], self.covariance_n[at + 1]
+        return replace(
+            solution,
+            q_nb=q,
+            omega_ib_b=solution.omega_ib_b - bias,
+            covariance_attitude_n=low + weight * (high - low),
+        )
+
+
+def smooth(
+    epochs: Epochs, motion: MotionModel, sensors: SensorModel, heading: float = 0.0
+) -> Correction:
+    """Smooth over a whole log.
+
+    Parameters
+    ----------
+    epochs : Epochs
+        At least one; with rest marked.
+    motion : MotionModel
+    sensors : SensorModel
+    heading : float, optional
+        Standard deviation of the first heading, rad; 0: what is said of heading is its change.
+
+    Returns
+    -------
+    Correction
+    """
+    n, count, rows = motion.states, len(epochs), epochs.values
+    par = parameters(motion, sensors)
+    x, p = first_state(epochs, motion, sensors)
+    held = -(-count // SEGMENT)
+    states, covariances = np.empty((held, kernels.STATE)), np.empty((held, n, n))
+    kernels.forward(rows, 0, count, par, n, x, p, SEGMENT, states, covariances)
+    smoothed = np.empty((count + 1, kernels.STATE))
+    covariance = np.empty((count + 1, kernels.KEPT))
+    smoothed[count] = x
+    kernels.keep(p, covariance[count])
+    for k in range(held - 1, -1, -1):
+        begin, end = SEGMENT * k, min(SEGMENT * (k + 1), count)
+        start = states[k], covariances[k]
+        kernels.backward(rows, begin, end, par, n, *start, x, p, smoothed, covariance)
+    q = from_dcm(smoothed[:, :9].reshape(-1, 3, 3))
+    attitude = covariance[:, :9].reshape(-1, 3, 3).copy()
+    # An accelerometer's bias cannot be told from a tilt.
+    attitude[:, [0, 1], [0, 1]] += (sensors.accel_bias / GRAVITY) ** 2
+    attitude[:, 2, 2] += heading**2
+    return Correction(
+        epochs.time_ns,
+        q,
+        log(multiply(q[1:], conjugate(q[:-1]))),
+        smoothed[:, kernels.B : kernels.B + 3].copy(),
+        attitude,
+        np.sqrt(covariance[:, 9:]),
+    )
+
+
+@numba.njit(cache=True, nogil=True)
+def _turned(
+    q: FloatArray,
+    turn: FloatArray,
+    at: np.ndarray,
+    share: FloatArray,
+    q_nb: FloatArray,
+    out: FloatArray,
+) -> None:
+    """Corrections between the limits of epochs times integrated attitudes."""
+    for i in range(len(out)):
+        k, s = at[i], share[i]
+        w, x, y, z = increment_quaternion(s * turn[k, 0], s * turn[k, 1], s * turn[k, 2], 0)
+        w, x, y, z = product(w, x, y, z, q[k, 0], q[k, 1], q[k, 2], q[k, 3])
+        w, x, y, z = product(w, x, y, z, q_nb[i, 0], q_nb[i, 1], q_nb[i, 2], q_nb[i, 3])
+        w, x, y, z = to_unit(w, x, y, z)
+        out[i, 0], out[i, 1], out[i, 2], out[i, 3] = w, x, y, z

@@ -1,0 +1,77 @@
+"""State and parameters that a filter over epochs begins with."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from sinstool.core.arrays import FloatArray
+from sinstool.methods.attitude_smoother import kernels
+from sinstool.methods.attitude_smoother.epochs import Epochs, mean_force
+from sinstool.methods.attitude_smoother.model import MotionModel, SensorModel
+
+FIRST_S = 3.0
+# Of tilt and heading at the start, rad: what is said of heading is then its change since.
+TILT, HEADING = 0.2, 1e-4
+
+
+def first_state(
+    epochs: Epochs, motion: MotionModel, sensors: SensorModel
+) -> tuple[FloatArray, FloatArray]:
+    """State and covariance before the first epoch.
+
+    The tilt is that which turns the mean specific force of the first seconds upwards.
+
+    Returns
+    -------
+    x : ndarray, shape (STATE,)
+    p : ndarray, shape (n, n)
+    """
+    n = motion.states
+    x = np.zeros(kernels.STATE)
+    x[:9] = upright(mean_force(epochs, FIRST_S)).ravel()
+    variance = np.empty(n)
+    variance[:3] = TILT**2, TILT**2, HEADING**2
+    variance[3:6] = motion.velocity_variance
+    variance[6:9] = sensors.bias**2
+    variance[9] = sensors.gravity**2
+    variance[10:] = motion.position_variance
+    return x, np.diag(variance)
+
+
+def upright(force: FloatArray) -> FloatArray:
+    """Matrix of the shortest rotation that turns a vector upwards, against gravity.
+
+    Parameters
+    ----------
+    force : ndarray, shape (3,)
+        NED.
+    """
+    size = np.linalg.norm(force)
+    if not size > 0.0:
+        return np.eye(3)
+    up = np.array([0.0, 0.0, -1.0])
+    axis = np.cross(force / size, up)
+    sine, cosine = np.linalg.norm(axis), float(force @ up / size)
+    axis = axis / sine if sine > 1e-12 else np.array([1.0, 0.0, 0.0])
+    matrix = np.empty((3, 3))
+    kernels.rotation_of(*(axis * np.arctan2(sine, cosine)), matrix)
+    return matrix
+
+
+def parameters(motion: MotionModel, sensors: SensorModel) -> FloatArray:
+    """What a compiled filter needs to know, in its order."""
+    return np.array(
+        [
+            motion.c1,
+            motion.c0,
+            motion.density,
+            sensors.angle_random_walk,
+            sensors.rate_error,
+            sensors.bias_walk,
+            sensors.zero_rate,
+            sensors.velocity_walk,
+            sensors.gravity_walk,
+            motion.velocity_variance,
+            motion.position_variance,
+        ]
+    )

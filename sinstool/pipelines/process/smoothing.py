@@ -1,0 +1,214 @@
+"""The attitude smoother on a log: two passes, and what is to be said of the outcome."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Iterator
+from typing import Any
+
+import numpy as np
+
+from sinstool.config import ProcessConfig
+from sinstool.core.finding import Finding, Severity
+from sinstool.core.streams import Diagnostics, Imu, Solution
+from sinstool.core.timeline import SECOND
+from sinstool.core.units import DEGREE
+from sinstool.methods.attitude_smoother.epochs import SATURATED, Epochs, EpochStage
+from sinstool.methods.attitude_smoother.model import SensorModel, sensor_model
+from sinstool.methods.attitude_smoother.motion import MARGIN, Motion, find_motion
+from sinstool.methods.attitude_smoother.rest import with_rest
+from sinstool.methods.attitude_smoother.smoother import Correction, smooth
+from sinstool.methods.strapdown.attitude import AttitudeRun, AttitudeSettings
+from sinstool.pipelines.plan import Plan
+from sinstool.pipelines.process.summary import AttitudeSmoothing
+from sinstool.survey.grade import random_walk, sensor_grade
+from sinstool.survey.rest import moving_at
+from sinstool.survey.source import Source, nominal_interval
+
+Blocks = Callable[[int], Iterable[Imu]]
+"""The samples once more, for a pass of a number, 0 or 1."""
+
+# Intervals that are integrated across when gravity will put right what that leaves.
+SHORT_GAP_NS, SHORT_GAP_INTERVALS = 60_000_000, 8
+# A gyro that turns more slowly at its largest is not at its stop, rad/s.
+LEAST_STOP = 1.0
+# What is said of an attitude: tilt less certain than this, rad; shares of the time at the stops.
+UNCERTAIN_TILT = 2.0 * DEGREE
+STOPPED_SHARE, LOST_SHARE = 0.002, 0.03
+DIAGNOSTICS = (
+    "tilt sigma (deg)",
+    "heading sigma (deg)",
+    "gyro bias forward (rad/s)",
+    "gyro bias right (rad/s)",
+    "gyro bias down (rad/s)",
+    "gyro bias sigma (rad/s)",
+    "at rest",
+)
+
+
+class Smoothing:
+    """An attitude integrated, smoothed over the whole log and given out corrected.
+
+    Parameters
+    ----------
+    settings : dict
+        Of the integration: see :func:`~sinstool.pipelines.process.mode.sample_settings`.
+
+    Attributes
+    ----------
+    run : AttitudeRun
+        The integration that is, or was, corrected.
+    """
+
+    def __init__(
+        self,
+        source: Source,
+        config: ProcessConfig,
+        plan: Plan,
+        settings: dict[str, Any],
+        omega_ie_n: np.ndarray | None,
+    ) -> None:
+        self._source, self._config, self._plan = source, config, plan
+        if config.input.max_gap is None:
+            longer = max(SHORT_GAP_INTERVALS * nominal_interval(source, config), SHORT_GAP_NS)
+            settings["max_gap_ns"] = max(settings["max_gap_ns"], int(longer))
+        # The smoother knows what rest is; what is held here could not be put right there.
+        settings["still_until_ns"] = None
+        self._settings = AttitudeSettings(**settings, omega_ie_n=omega_ie_n)
+        self.run = self._new_run()
+        self._unwritten: list[Diagnostics] = []
+
+    def _new_run(self) -> AttitudeRun:
+        return AttitudeRun(self._plan.alignment.q_nb, self._settings)
+
+    def solutions(self, blocks: Blocks) -> Iterator[Solution]:
+        """Smoothed attitude at every update instant."""
+        settings, alignment = self._settings, self._plan.alignment
+        stage = EpochStage(settings.max_gap_ns, self._stops(), settings.sample_rate)
+        for solution in self.run.run(blocks(0)):
+            stage.push(solution)
+        epochs = with_rest(stage.finish(), self._gnss_moves)
+        sensors = sensor_model(
+            sensor_grade(self._source, self._config).grade,
+            walk_at_rest=random_walk(self._source),
+            bias_known=alignment.bias_source != "none",
+            earth_removed=settings.omega_ie_n is not None,
+        )
+        chosen = self._config.navigation.motion
+        motion = find_motion(epochs, sensors, None if chosen == "auto" else chosen)
+        heading = alignment.sigma_rad[2] if alignment.north_referenced else None
+        correction = smooth(epochs, motion.model, sensors, heading or 0.0)
+        self._conclude(epochs, motion, sensors, correction)
+        self._unwritten.append(self._diagnostics(epochs, correction))
+        self.run = self._new_run()
+        for solution in self.run.run(blocks(1)):
+            yield correction.apply(solution)
+
+    def new_diagnostics(self) -> list[Diagnostics]:
+        """Diagnostics since the last call, for writing."""
+        out, self._unwritten = self._unwritten, []
+        return out
+
+    def _stops(self) -> np.ndarray:
+        """Rates at which gyros stop, rad/s; infinite where none did."""
+        survey = self._source.survey
+        return np.array(
+            [
+                rate if f"gyro {axis}" in survey.saturated and rate > LEAST_STOP else np.inf
+                for axis, rate in zip("xyz", survey.gyro_max, strict=True)
+            ]
+        ) - np.abs(self._plan.alignment.gyro_bias)
+
+    def _gnss_moves(self, start_ns: int, end_ns: int) -> bool:
+        return moving_at(self._source.aiding.gnss, start_ns, end_ns) is not None
+
+    def _conclude(
+        self, epochs: Epochs, motion: Motion, sensors: SensorModel, correction: Correction
+    ) -> None:
+        seconds = np.diff(epochs.time_ns) / SECOND
+        tilt, heading = _sigmas(correction)
+        self._moved = float(seconds[~epochs.gap].sum())
+        stopped = epochs.values[:, SATURATED]
+        bias = self._plan.alignment.gyro_bias + correction.gyro_bias
+        self.summary = AttitudeSmoothing(
+            motion=motion.model.name,
+            motion_margin_nat=motion.margin,
+            acceleration_density_m_s2_sqrt_hz=motion.model.density,
+            rest_s=float(seconds[epochs.rest].sum()),
+            gyro_at_stop_s=float(stopped.sum()),
+            tilt_sigma_deg=float(np.median(tilt)) / DEGREE,
+            tilt_sigma_largest_deg=float(tilt.max()) / DEGREE,
+            heading_sigma_end_deg=float(heading[-1]) / DEGREE,
+            gyro_bias_rad_s=tuple(bias[-1].tolist()),
+            gyro_bias_sigma_rad_s=tuple(correction.gyro_bias_sigma[-1].tolist()),
+        )
+        worst = int(np.argmax(tilt))
+        self._worst_ns = int(epochs.time_ns[worst])
+        self._unsure = not motion.sure
+        self._rested = bool(epochs.rest.any())
+
+    def findings(self) -> Iterator[Finding]:
+        """What a user should know of the smoothed attitude."""
+        s, first_ns = self.summary, self._source.survey.first_ns
+        if s.tilt_sigma_largest_deg * DEGREE > UNCERTAIN_TILT:
+            at = (self._worst_ns - first_ns) / SECOND
+            yield Finding(
+                "uncertain-tilt",
+                f"roll and pitch are known to {s.tilt_sigma_deg:.2g} deg (1 sigma, median), but only"
+                f" to {s.tilt_sigma_largest_deg:.2g} deg at {at:.1f} s",
+                start_ns=self._worst_ns,
+                end_ns=self._worst_ns,
+                numbers={"tilt_sigma_deg": s.tilt_sigma_largest_deg},
+            )
+        if not self._rested:
+            yield Finding(
+                "no-rest",
+                "the log holds no rest, so nothing shows the gyro bias about the vertical: heading"
+                f" may have drifted by {s.heading_sigma_end_deg:.2g} deg (1 sigma) at its end",
+                answer="record some seconds at rest, or give --gyro-bias X,Y,Z",
+                numbers={"heading_sigma_deg": s.heading_sigma_end_deg},
+            )
+        share = s.gyro_at_stop_s / max(self._moved, 1e-9)
+        if share > STOPPED_SHARE:
+            lost = share > LOST_SHARE
+            yield Finding(
+                "gyro-at-stop",
+                f"a gyro is at its largest value for {s.gyro_at_stop_s:.3g} s,"
+                f" {100.0 * share:.2g} % of the time: what the body turned beyond that is not in the"
+                " log" + (", and the attitude is not to be trusted" if lost else ""),
+                severity=Severity.LOST if lost else Severity.WARNING,
+                answer="use a gyro of a larger range",
+                numbers={"gyro_at_stop_s": s.gyro_at_stop_s, "share": share},
+            )
+        if self._unsure:
+            other = "vehicle" if s.motion == "hand" else "hand"
+            yield Finding(
+                "unsure-motion",
+                f"the motion was taken for that of a {s.motion}, but that of a {other} explains it"
+                f" about as well ({s.motion_margin_nat:+.2f} nat an epoch; a vehicle from"
+                f" {MARGIN:g} on): on the wrong choice tilt can be degrees off",
+                answer=f"say which it is with --motion {s.motion} or {other}",
+                numbers={"margin_nat": s.motion_margin_nat or 0.0},
+            )
+
+    def _diagnostics(self, epochs: Epochs, correction: Correction) -> Diagnostics:
+        tilt, heading = _sigmas(correction)
+        bias = self._plan.alignment.gyro_bias + correction.gyro_bias
+        values = np.column_stack(
+            [
+                tilt / DEGREE,
+                heading / DEGREE,
+                bias,
+                correction.gyro_bias_sigma.max(axis=1),
+                np.append(epochs.rest, epochs.rest[-1:]),
+            ]
+        )
+        time_ns = correction.time_ns
+        level = np.append((epochs.values[:, SATURATED] > 0.0) | epochs.gap, False).astype(int)
+        return Diagnostics(time_ns, time_ns, level, values)
+
+
+def _sigmas(correction: Correction) -> tuple[np.ndarray, np.ndarray]:
+    """Of tilt (the larger axis) and of heading at the limits of epochs, rad."""
+    variance = np.einsum("nii->ni", correction.covariance_n)
+    sigma = np.sqrt(variance)
+    return np.max(sigma[:, :2], axis=1), sigma[:, 2]
