@@ -99,10 +99,11 @@ class InputOptions(Group):
     body_axes: Literal["flu", "frd"] = option(
         "flu", "axes of the sensor: Forward-Left-Up or Forward-Right-Down"
     )
-    gyro_kind: Literal["rate", "mean-rate", "increment"] = option(
-        "rate",
+    gyro_kind: Literal["auto", "rate", "mean-rate", "increment"] = option(
+        "auto",
         "what a gyro sample is: the rate at its stamp, the mean over the interval that"
-        " ends there, or the angle turned in it",
+        " ends there, or the angle turned in it; auto is mean-rate for a smoothed attitude, else"
+        " rate",
     )
     gyro_unit: Literal["rad/s", "deg/s"] | None = option(
         None, "unit of the gyro (default: rad/s, refused where the data denies it)"
@@ -121,6 +122,11 @@ class InputOptions(Group):
         le=1e9,
     )
     salvage: bool = option(False, "go on past damaged parts of a log and say what was lost")
+
+    @property
+    def sample_kind(self) -> Literal["rate", "mean-rate", "increment"]:
+        """What a gyro sample is; where nobody said, the rate at its stamp."""
+        return "rate" if self.gyro_kind == "auto" else self.gyro_kind
 
     @field_validator("start", "end", mode="before")
     @classmethod

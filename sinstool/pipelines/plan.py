@@ -65,6 +65,8 @@ class Plan:
         ``attitude``, ``ins``, ``ins-gnss`` or ``turntable``.
     attitude : Choice
         ``smoothed``, ``inertial``, or ``filtered`` by the INS/GNSS filter.
+    gyro_samples : Choice
+        ``rate``, ``mean-rate`` or ``increment``.
     first_attitude : Choice
         ``level``, ``gyrocompass``, ``log``, ``fixed``, ``level-moving``, a solver in motion such
         as ``svd``, or ``whole-turn`` on a turntable.
@@ -79,6 +81,7 @@ class Plan:
     imu_topic: Choice
     mode: Choice
     attitude: Choice
+    gyro_samples: Choice
     first_attitude: Choice
     imu_grade: Choice
     coning: Choice
@@ -134,13 +137,17 @@ def make_plan(source: Source, config: ProcessConfig) -> Plan:
     """
     grade = sensor_grade(source, config)
     mode, filter_start, findings = _mode(source, config)
+    attitude = _attitude(source, config, mode.value, grade.grade)
+    samples = _gyro_samples(config, attitude.value)
+    config = as_planned(config, samples.value)
     alignment = None if filter_start is not None else align(source, config)
     first = _first_attitude(source, config, alignment, filter_start)
     algorithm = choose_algorithm(source, config)
     plan = Plan(
         imu_topic=Choice(source.imu_topic.topic, source.imu_topic.reason, "--imu-topic"),
         mode=mode,
-        attitude=_attitude(source, config, mode.value, grade.grade),
+        attitude=attitude,
+        gyro_samples=samples,
         first_attitude=first,
         imu_grade=Choice(grade.grade, grade.why, "--imu-grade"),
         coning=Choice(config.coning.coning, coning_reason(algorithm, config), "--coning"),
@@ -163,6 +170,7 @@ def fixed_plan(source: Source, config: ProcessConfig) -> Plan:
         imu_topic=Choice(source.imu_topic.topic, source.imu_topic.reason, "--imu-topic"),
         mode=Choice("not chosen", untried, "--mode"),
         attitude=Choice("not chosen", untried, "--attitude"),
+        gyro_samples=_gyro_samples(config, "not chosen"),
         first_attitude=Choice(config.align.align, "as configured", "--method"),
         imu_grade=Choice(grade.grade, grade.why, "--imu-grade"),
         coning=Choice("not chosen", untried, "--coning"),
@@ -177,6 +185,7 @@ def turntable_plan(topic: str, config: ProcessConfig) -> Plan:
         imu_topic=Choice(topic, "the gyros of the rig", "--imu-topic"),
         mode=Choice("turntable", hse, "--hse"),
         attitude=Choice("inertial", "as the turntable shows every turn", "--hse"),
+        gyro_samples=Choice("increment", "as the rig counts angles", "--hse"),
         first_attitude=Choice("whole-turn", "as the table turns", "--hse"),
         imu_grade=Choice("navigation", "as the rig was calibrated", "--imu-grade"),
         coning=Choice("none", "as the table's encoder gives the motion", "--hse"),
@@ -231,6 +240,23 @@ def _attitude(source: Source, config: ProcessConfig, mode: str, grade: Grade) ->
     if grade == "navigation":
         return Choice("inertial", "as the gyros are of navigation grade", option)
     return Choice("smoothed", "as gravity holds roll and pitch better than the gyros", option)
+
+
+def _gyro_samples(config: ProcessConfig, attitude: str) -> Choice:
+    """What a gyro sample is taken for."""
+    option, kind = "--gyro-kind", config.input.gyro_kind
+    if kind != "auto":
+        return Choice(kind, "as configured", option)
+    if attitude == "smoothed":
+        # Whether stamps are those of instants or of intervals' ends no log shows by itself.
+        return Choice("mean-rate", "as sensors filter what lies between samples", option)
+    return Choice(config.input.sample_kind, "the default", option)
+
+
+def as_planned(config: ProcessConfig, gyro_samples: str) -> ProcessConfig:
+    """The configuration with gyro samples read as the plan says."""
+    options = config.input.model_copy(update={"gyro_kind": gyro_samples})
+    return config.model_copy(update={"input": options})
 
 
 def _filter_start(source: Source, config: ProcessConfig) -> FilterStart:

@@ -37,7 +37,7 @@ def choose_algorithm(source: Source, config: ProcessConfig) -> ConingAlgorithm:
 
 def coning_reason(chosen: ConingAlgorithm, config: ProcessConfig) -> str:
     """Why an algorithm is run, and what it makes of the samples."""
-    kind = config.input.gyro_kind
+    kind = config.input.sample_kind
     default = type(config.coning).model_fields["coning"].default
     why = "the default" if config.coning.coning == default else "as configured"
     way = "which become increments by the polynomial through six of them"
@@ -67,7 +67,7 @@ def _tuned(source: Source, config: ProcessConfig, nominal_ns: float) -> dict[str
         chosen = tune(
             np.concatenate(longest),
             nominal_ns / SECOND,
-            of_rates(config.input.gyro_kind),
+            of_rates(config.input.sample_kind),
             passband=config.coning.passband,
         )
     except ValueError as exc:

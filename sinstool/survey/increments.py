@@ -22,7 +22,7 @@ class SegmentIncrements:
         self._config = config
         self._settings = SampleSettings(
             algorithm=algorithm,
-            gyro_kind=config.input.gyro_kind,
+            gyro_kind=config.input.sample_kind,
             nominal_ns=nominal_interval(source, config),
             max_gap_ns=source.survey.max_gap_ns,
         )

@@ -213,7 +213,7 @@ def survey_samples(
             imu_units(options),
             span=time_span(log, options),
             max_gap_s=options.max_gap,
-            increments=options.gyro_kind == "increment",
+            increments=options.sample_kind == "increment",
             progress=progress,
             read=samples,
             judged=judged,
@@ -384,7 +384,7 @@ def rate_blocks(
 ) -> Iterator[Imu]:
     """As :func:`imu_blocks`, with increments as mean rates over their own intervals."""
     blocks = imu_blocks(source, start_ns, progress)
-    if config.input.gyro_kind != "increment":
+    if config.input.sample_kind != "increment":
         return blocks
     nominal_ns = nominal_interval(source, config)
     return mean_rates(blocks, nominal_ns, source.survey.max_gap_ns, config.input.imu_rate)

@@ -615,7 +615,7 @@ def test_json_is_one_object_with_the_keys_of_the_contract(sinstool, log, tmp_pat
     assert status == 0
     summary = json.loads(out)
     assert summary["schema"] == "sinstool.process/1"
-    beside = {"schema", "plan", "hse", "height", "filter", "findings", "warnings"}
+    beside = {"schema", "plan", "hse", "smoothing", "height", "filter", "findings", "warnings"}
     assert set(KEYS) | beside == set(summary)
     for key, inside in KEYS.items():
         assert inside <= set(summary[key]), key

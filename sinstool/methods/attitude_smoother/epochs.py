@@ -12,7 +12,7 @@ import numba
 import numpy as np
 
 from sinstool.core.arrays import FloatArray
-from sinstool.core.quaternion_kernels import to_unit
+from sinstool.core.quaternion_kernels import dcm, to_unit
 from sinstool.core.streams import Solution
 from sinstool.core.timeline import SECOND
 from sinstool.methods.attitude_smoother.model import EPOCH_S
@@ -69,17 +69,24 @@ class EpochStage:
         Rates at which the gyros stop, rad/s; infinite where they do not.
     sample_rate : float, optional
         Of the solutions, Hz, whatever their stamps say; but for gaps.
+    point_samples : bool, optional
+        A specific force is that at its stamp, not the mean since the sample before.
     """
 
     def __init__(
-        self, max_gap_ns: int, stops: FloatArray, sample_rate: float | None = None
+        self,
+        max_gap_ns: int,
+        stops: FloatArray,
+        sample_rate: float | None = None,
+        point_samples: bool = False,
     ) -> None:
+        self._point_samples = point_samples
         self._max_gap_s = max_gap_ns / SECOND
         self._interval = 0.0 if sample_rate is None else 1.0 / sample_rate
         self._stops = np.asarray(stops, np.float64) * STOP_SHARE
         self._origin: int | None = None
         self._open = np.zeros(WIDTH)
-        # attitude of the sample before, its time, the epoch that is open, and runs at the stops
+        # of the sample before: attitude, time, epoch, runs at the stops and their length, force
         self._state = np.zeros(16)
         self._closed: list[FloatArray] = []
         self._ends: list[np.ndarray] = []
@@ -107,6 +114,7 @@ class EpochStage:
             begins,
             self._max_gap_s,
             self._interval,
+            self._point_samples,
             self._stops,
             self._open,
             self._state,
@@ -139,6 +147,19 @@ def _close(row: FloatArray) -> None:
 
 
 @numba.njit(cache=True, nogil=True)
+def _turned(q_nb: FloatArray, i: int, x: float, y: float, z: float) -> tuple[float, float, float]:
+    """A vector of the body in the navigation axes of sample i."""
+    c00, c01, c02, c10, c11, c12, c20, c21, c22 = dcm(
+        q_nb[i, 0], q_nb[i, 1], q_nb[i, 2], q_nb[i, 3]
+    )
+    return (
+        c00 * x + c01 * y + c02 * z,
+        c10 * x + c11 * y + c12 * z,
+        c20 * x + c21 * y + c22 * z,
+    )
+
+
+@numba.njit(cache=True, nogil=True)
 def _accumulate(
     seconds: FloatArray,
     q_nb: FloatArray,
@@ -147,6 +168,7 @@ def _accumulate(
     begins: bool,
     max_gap: float,
     interval: float,
+    point: bool,
     stops: FloatArray,
     row: FloatArray,
     state: FloatArray,
@@ -194,19 +216,16 @@ def _accumulate(
                 0.5 * (q_nb[i, 2] + sign * state[2]),
                 0.5 * (q_nb[i, 3] + sign * state[3]),
             )
-            c00 = 1.0 - 2.0 * (y * y + z * z)
-            c01 = 2.0 * (x * y - w * z)
-            c02 = 2.0 * (x * z + w * y)
-            c10 = 2.0 * (x * y + w * z)
-            c11 = 1.0 - 2.0 * (x * x + z * z)
-            c12 = 2.0 * (y * z - w * x)
-            c20 = 2.0 * (x * z - w * y)
-            c21 = 2.0 * (y * z + w * x)
-            c22 = 1.0 - 2.0 * (x * x + y * y)
+            c00, c01, c02, c10, c11, c12, c20, c21, c22 = dcm(w, x, y, z)
             ax, ay, az = force[i, 0], force[i, 1], force[i, 2]
-            fx = c00 * ax + c01 * ay + c02 * az
-            fy = c10 * ax + c11 * ay + c12 * az
-            fz = c20 * ax + c21 * ay + c22 * az
+            if point:
+                # Half at either end, each with the attitude there
+                ex, ey, ez = _turned(q_nb, i, ax, ay, az)
+                fx, fy, fz = 0.5 * (state[12] + ex), 0.5 * (state[13] + ey), 0.5 * (state[14] + ez)
+            else:
+                fx = c00 * ax + c01 * ay + c02 * az
+                fy = c10 * ax + c11 * ay + c12 * az
+                fz = c20 * ax + c21 * ay + c22 * az
             half = 0.5 * dt * dt
             row[DP] += row[DV] * dt + fx * half
             row[DP + 1] += row[DV + 1] * dt + fy * half
@@ -255,6 +274,9 @@ def _accumulate(
         for a in range(4):
             state[a] = q_nb[i, a]
         state[4] = t
+        if point:
+            ax, ay, az = force[i, 0], force[i, 1], force[i, 2]
+            state[12], state[13], state[14] = _turned(q_nb, i, ax, ay, az)
     return made
 
 

@@ -82,7 +82,7 @@ def align_moving(
     doubtful = grade == "mems" and not at_rest and options.sigma_bg is None
     return align_in_motion(
         samples(source, config, ends[-1]),
-        config.input.gyro_kind,
+        config.input.sample_kind,
         _interval_ns(source) / SECOND,
         fixes,
         _settings(config, errors, method, gate, at, start, survey),
@@ -135,7 +135,7 @@ def increments(
     """Samples up to a time as increments, less a gyro bias, rad/s."""
     imu = samples(source, config, end_ns)
     return in_motion.increments(
-        imu, config.input.gyro_kind, _interval_ns(source) / SECOND, gyro_bias
+        imu, config.input.sample_kind, _interval_ns(source) / SECOND, gyro_bias
     )
 
 

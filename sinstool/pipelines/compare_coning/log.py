@@ -118,13 +118,13 @@ def compare_log(
         source = prepare(log, config, gyro_only=True)
         stretches, interval = gyro_segments(source, config)
         truth = _read_truth(source, stretches, config)
-    kind = of_rates(config.input.gyro_kind)
+    kind = of_rates(config.input.sample_kind)
     algorithms = options.algorithms or DEFAULT_ALGORITHMS
     log_choice("algorithms", ", ".join(algorithms))
     log_choice("reference", _reference(options))
     log_choice(
         "stretches",
-        f"{len(stretches)} without a gap, gyro samples taken as {config.input.gyro_kind}",
+        f"{len(stretches)} without a gap, gyro samples taken as {config.input.sample_kind}",
     )
     _check_bands(path, bands, interval)
     longest = max(stretches, key=len).gyro

@@ -81,7 +81,7 @@ def sample_settings(source: Source, config: ProcessConfig, plan: Plan) -> dict[s
     still = source.survey.lead_in if alignment.bias_source == "still" else None
     return {
         "algorithm": plan.algorithm,
-        "gyro_kind": config.input.gyro_kind,
+        "gyro_kind": config.input.sample_kind,
         "nominal_ns": nominal_interval(source, config),
         "max_gap_ns": source.survey.max_gap_ns,
         "gyro_bias": alignment.gyro_bias,

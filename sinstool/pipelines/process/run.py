@@ -16,7 +16,7 @@ from sinstool.core.choices import log_choice
 from sinstool.core.errors import AlignmentError
 from sinstool.core.progress import Progress, share
 from sinstool.io.readers import open_log
-from sinstool.pipelines.plan import Plan, make_plan
+from sinstool.pipelines.plan import Plan, as_planned, make_plan
 from sinstool.pipelines.process.mode import Mode
 from sinstool.pipelines.process.output import Output
 from sinstool.pipelines.process.result import ProcessResult
@@ -93,6 +93,7 @@ def _carry_out(
     source: Source, plan: Plan, config: ProcessConfig, written: Output, progress: Progress | None
 ) -> ProcessResult:
     """Write the solutions of the mode that the plan names."""
+    config = as_planned(config, plan.gyro_samples.value)
     module, _, name = MODES[plan.mode.value].partition(":")
     mode = cast(Mode, getattr(import_module(module), name)(source, config, plan))
     left_out = written.open(

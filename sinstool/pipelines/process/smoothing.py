@@ -83,7 +83,12 @@ class Smoothing:
     def solutions(self, blocks: Blocks) -> Iterator[Solution]:
         """Smoothed attitude at every update instant."""
         settings, alignment = self._settings, self._plan.alignment
-        stage = EpochStage(settings.max_gap_ns, self._stops(), settings.sample_rate)
+        stage = EpochStage(
+            settings.max_gap_ns,
+            self._stops(),
+            settings.sample_rate,
+            point_samples=settings.gyro_kind == "rate",
+        )
         for solution in self.run.run(blocks(0)):
             stage.push(solution)
         epochs = with_rest(stage.finish(), self._gnss_moves)
@@ -153,8 +158,8 @@ class Smoothing:
             at = (self._worst_ns - first_ns) / SECOND
             yield Finding(
                 "uncertain-tilt",
-                f"roll and pitch are known to {s.tilt_sigma_deg:.2g} deg (1 sigma, median), but only"
-                f" to {s.tilt_sigma_largest_deg:.2g} deg at {at:.1f} s",
+                f"roll and pitch are known to {s.tilt_sigma_deg:.2g} deg (1 sigma, median), but"
+                f" only to {s.tilt_sigma_largest_deg:.2g} deg at {at:.1f} s",
                 start_ns=self._worst_ns,
                 end_ns=self._worst_ns,
                 numbers={"tilt_sigma_deg": s.tilt_sigma_largest_deg},

@@ -53,7 +53,7 @@ class Vertical:
             self.damping.grade.grade,
             height=start,
             baro_lag=config.vertical.baro_lag,
-            point_samples=config.input.gyro_kind == "rate",
+            point_samples=config.input.sample_kind == "rate",
         )
         self._pushed = False
         self._first_ns = 0

@@ -49,6 +49,7 @@ SECOND = 10**9
 START_DEG = (20.0, -35.0, 110.0)  # roll, pitch, heading
 START = from_euler(np.radians(START_DEG))
 FIXED = {"align": "fixed", "initial_attitude": START_DEG}
+INERTIAL = {"attitude": "inertial"}
 
 
 def lost(summary):
@@ -310,7 +311,7 @@ def test_align_log_begins_with_the_first_orientation(tmp_path):
     q = attitude.as_quat()
     q[:100] = 0.0
     log = imu_log(tmp_path / "in.mcap", even_times(1000), gyro, accel, q_xyzw=q, covariance=0.0)
-    run(log, tmp_path / "out.mcap", align={"align": "log"})
+    run(log, tmp_path / "out.mcap", align={"align": "log"}, navigation=INERTIAL)
     times, written = read_attitude(tmp_path / "out.mcap")
     assert times.tolist() == even_times(1000)[100:].tolist()
     assert angles_between(written[:1], attitude[100:101])[0] < 1e-12
@@ -330,7 +331,7 @@ def test_a_constant_orientation_is_taken_only_when_asked_for(tmp_path):
     )
     auto = run(log, tmp_path / "a.mcap")
     assert auto["alignment"]["method"] == "level-moving"
-    by_option = run(log, tmp_path / "b.mcap", align={"align": "log"})
+    by_option = run(log, tmp_path / "b.mcap", align={"align": "log"}, navigation=INERTIAL)
     assert by_option["alignment"]["method"] == "log"
     assert angles_between(read_attitude(tmp_path / "b.mcap")[1][:1], q)[0] < 1e-12
 
@@ -386,13 +387,14 @@ def test_attitude_stays_while_the_vehicle_is_known_to_rest(tmp_path):
     rng = np.random.default_rng(0)
     gyro = FLU_FRD.apply(truth.gyro_rate) + BIAS + 0.002 * rng.standard_normal((1201, 3))
     path = imu_log(tmp_path / "in.mcap", truth.time_ns, gyro, FLU_FRD.apply(truth.specific_force))
-    run(path, tmp_path / "out.mcap", align={"align": "level"})
+    run(path, tmp_path / "out.mcap", align={"align": "level"}, navigation=INERTIAL)
     times, q = read_attitude(tmp_path / "out.mcap")
     # a window before the motion may hold its beginning, so 2.5 of the three seconds
     still = times <= T0 + int(2.5 * SECOND)
     assert (q[still] == q[0]).all()
     assert (q[~still][1:] != q[0]).any(axis=1).all()
-    run(path, tmp_path / "free.mcap", align={"align": "level", "gyro_bias": "none"})
+    free = {"align": "level", "gyro_bias": "none"}
+    run(path, tmp_path / "free.mcap", align=free, navigation=INERTIAL)
     assert not (read_attitude(tmp_path / "free.mcap")[1][still] == q[0]).all()
 
 
@@ -466,7 +468,8 @@ def test_attitude_is_held_across_gaps(tmp_path):
     times = even_times(1200)
     times[600:] += 10 * SECOND
     out = tmp_path / "out.mcap"
-    summary = run(imu_log(tmp_path / "in.mcap", times, gyro, accel), out, align=FIXED)
+    log = imu_log(tmp_path / "in.mcap", times, gyro, accel)
+    summary = run(log, out, align=FIXED, navigation=INERTIAL)
     stamps, q = read_attitude(out)
     assert stamps.tolist() == times.tolist()
     assert (q[600] == q[599]).all() and (q[601] != q[600]).any()
@@ -477,7 +480,7 @@ def test_attitude_is_held_across_gaps(tmp_path):
     # each side of the gap is what it would be alone
     for name, rows in (("a", slice(0, 600)), ("b", slice(600, None))):
         alone = imu_log(tmp_path / f"{name}.mcap", times[rows], gyro[rows], accel[rows])
-        run(alone, tmp_path / f"{name}.out.mcap", align=FIXED)
+        run(alone, tmp_path / f"{name}.out.mcap", align=FIXED, navigation=INERTIAL)
         part = Rotation.from_quat(read_attitude(tmp_path / f"{name}.out.mcap")[1])
         whole = Rotation.from_quat(q[rows])
         turn = (part[0].inv() * part).inv() * (whole[0].inv() * whole)

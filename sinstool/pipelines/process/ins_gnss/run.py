@@ -321,7 +321,7 @@ class FilterRun(Mode):
             height = self._damping.result(
                 summary.channel, events, self._start.time_ns, last.vertical[-1]
             )
-        gyro_kind = self.config.input.gyro_kind
+        gyro_kind = self.config.input.sample_kind
         texts = (*self._start.warnings, *self._start.attitude_warnings)
         return ModeResult(
             alignment=_first_attitude(self._start),
