@@ -67,7 +67,7 @@ class Reference:
 
 
 VEHICLES = (
-    Reference("EuRoC V1_01, drone", "euroc/euroc_V1_01_easy", ".ref_corrected.csv"),
+    Reference("EuRoC V1_01, drone", "euroc/euroc_V1_01_easy", ".ref_corrected.csv", mounted=False),
     Reference(
         "car, short turns",
         "vehicle_gnss/yk_urban_short_turn_loop_nominal_002",
@@ -333,9 +333,7 @@ def main() -> None:
             for one in VEHICLES
             if (args.data / f"{one.path}.mcap").exists()
         )
-        print_table(
-            HEAD, rows, "Vehicles, inclination in deg, a constant mount fitted to cars and PX4"
-        )
+        print_table(HEAD, rows, "Vehicles, inclination in deg, the constant mount of each fitted")
 
 
 if __name__ == "__main__":

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from math import sqrt
 
 import numba
 import numpy as np
@@ -18,6 +19,8 @@ from sinstool.methods.attitude_smoother.start import first_state, parameters
 
 # Epochs that are filtered again and smoothed at once.
 SEGMENT = 500
+# m/s^2: gravity on Earth, and how far from it that is anywhere below 3 km.
+MEAN_GRAVITY, GRAVITY_RANGE = 9.807, 0.03
 
 
 @dataclass(frozen=True)
@@ -38,6 +41,8 @@ class Correction:
         heading since the start.
     gyro_bias_sigma : ndarray, shape (n + 1, 3)
         rad/s.
+    accel_bias : float
+        What the covariance of tilt holds of the accelerometers' biases, m/s^2 an axis.
     """
 
     time_ns: np.ndarray
@@ -46,6 +51,7 @@ class Correction:
     gyro_bias: FloatArray
     covariance_n: FloatArray
     gyro_bias_sigma: FloatArray
+    accel_bias: float
 
     def apply(self, solution: Solution) -> Solution:
         """A solution with its attitude and its rates corrected, and with a covariance."""
@@ -69,7 +75,11 @@ class Correction:
 
 
 def smooth(
-    epochs: Epochs, motion: MotionModel, sensors: SensorModel, heading: float = 0.0
+    epochs: Epochs,
+    motion: MotionModel,
+    sensors: SensorModel,
+    heading: float = 0.0,
+    gravity: float | None = None,
 ) -> Correction:
     """Smooth over a whole log.
 
@@ -81,6 +91,8 @@ def smooth(
     sensors : SensorModel
     heading : float, optional
         Standard deviation of the first heading, rad; 0: what is said of heading is its change.
+    gravity : float, optional
+        Local gravity, m/s^2, where it is known.
 
     Returns
     -------
@@ -103,7 +115,8 @@ def smooth(
     q = from_dcm(smoothed[:, :9].reshape(-1, 3, 3))
     attitude = covariance[:, :9].reshape(-1, 3, 3).copy()
     # An accelerometer's bias cannot be told from a tilt.
-    attitude[:, [0, 1], [0, 1]] += (sensors.accel_bias / GRAVITY) ** 2
+    accel_bias = _accel_bias(sensors.accel_bias, smoothed[:, kernels.G], gravity)
+    attitude[:, [0, 1], [0, 1]] += (accel_bias / GRAVITY) ** 2
     attitude[:, 2, 2] += heading**2
     return Correction(
         epochs.time_ns,
@@ -112,7 +125,28 @@ def smooth(
         smoothed[:, kernels.B : kernels.B + 3].copy(),
         attitude,
         np.sqrt(covariance[:, 9:]),
+        accel_bias,
     )
+
+
+def _accel_bias(grade: float, excess: FloatArray, gravity: float | None) -> float:
+    """Standard deviation of the accelerometers' biases, m/s^2, of an axis.
+
+    Parameters
+    ----------
+    grade : float
+        That of their grade; it counts for three axes beside the one that the log shows.
+    excess : ndarray, shape (n,)
+        Smoothed vertical specific force beyond `GRAVITY`, m/s^2.
+    gravity : float or None
+        Local, m/s^2.
+    """
+    shown = GRAVITY + float(np.median(excess))
+    if gravity is None:
+        shown = max(0.0, abs(shown - MEAN_GRAVITY) - GRAVITY_RANGE)
+    else:
+        shown -= gravity
+    return sqrt((3.0 * grade**2 + shown**2) / 4.0)
 
 
 @numba.njit(cache=True, nogil=True)

@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 
 from sinstool.config import ProcessConfig
+from sinstool.core.earth import normal_gravity
 from sinstool.core.finding import Finding, Severity
 from sinstool.core.streams import Diagnostics, Imu, Solution
 from sinstool.core.timeline import SECOND
@@ -101,7 +102,9 @@ class Smoothing:
         chosen = self._config.navigation.motion
         motion = find_motion(epochs, sensors, None if chosen == "auto" else chosen)
         heading = alignment.sigma_rad[2] if alignment.north_referenced else None
-        correction = smooth(epochs, motion.model, sensors, heading or 0.0)
+        latitude, height = self._source.latitude, self._source.position[2]
+        gravity = None if latitude is None else float(normal_gravity(latitude, height or 0.0))
+        correction = smooth(epochs, motion.model, sensors, heading or 0.0, gravity)
         self._conclude(epochs, motion, sensors, correction)
         self._unwritten.append(self._diagnostics(epochs, correction))
         self.run = self._new_run()
@@ -143,6 +146,7 @@ class Smoothing:
             tilt_sigma_deg=float(np.median(tilt)) / DEGREE,
             tilt_sigma_largest_deg=float(tilt.max()) / DEGREE,
             heading_sigma_end_deg=float(heading[-1]) / DEGREE,
+            accel_bias_sigma_m_s2=correction.accel_bias,
             gyro_bias_rad_s=tuple(bias[-1].tolist()),
             gyro_bias_sigma_rad_s=tuple(correction.gyro_bias_sigma[-1].tolist()),
         )
