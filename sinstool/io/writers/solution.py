@@ -65,6 +65,11 @@ class Frames:
         return f"{self.reference}_ned" if self.world == "ned" else self.reference
 
 
+# Where each element of a covariance in ENU comes from in NED, and its sign.
+_AXIS = np.argmax(np.abs(SWAP_ENU_NED), axis=1)
+_ENU_FROM = (3 * _AXIS[:, None] + _AXIS[None, :]).ravel()
+_ENU_SIGN = np.outer(SWAP_ENU_NED.sum(axis=1), SWAP_ENU_NED.sum(axis=1)).ravel()
+
 Columns = dict[str, np.ndarray]
 # A number as the text of a diagnostic value: always as long as this.
 NUMBER = "%14.6e"
@@ -109,12 +114,19 @@ class Rows:
         """NED covariances in the axes of the world frame."""
         if self.frames.world != "enu":
             return covariance_n
-        return SWAP_ENU_NED @ covariance_n @ SWAP_ENU_NED
+        return enu_covariance(covariance_n)
 
     def in_body(self, covariance_n: np.ndarray) -> np.ndarray:
         """NED covariances in the log's body axes."""
         c_nb = turn_body(to_dcm(self.solution.q_nb), self.frames.body_axes)
         return np.swapaxes(c_nb, 1, 2) @ covariance_n @ c_nb
+
+
+def enu_covariance(covariance_n: np.ndarray) -> np.ndarray:
+    """NED covariances, shape (n, 3, 3), in ENU: ``S P S`` as the columns that it only moves."""
+    flat = covariance_n.reshape(-1, 9)
+    # Adding zero leaves no negative zero.
+    return (flat[:, _ENU_FROM] * _ENU_SIGN + 0.0).reshape(-1, 3, 3)
 
 
 def stamp(time_ns: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -195,7 +207,7 @@ def _fix(r: Rows) -> Columns:
     }
     if s.covariance_position_n is not None:
         # always east, north, up in this message
-        turned = SWAP_ENU_NED @ s.covariance_position_n @ SWAP_ENU_NED
+        turned = enu_covariance(s.covariance_position_n)
         columns["position_covariance"] = turned.reshape(-1, 9)
         columns["position_covariance_type"] = np.array(3)
     return columns

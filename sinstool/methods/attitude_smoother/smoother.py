@@ -55,23 +55,24 @@ class Correction:
 
     def apply(self, solution: Solution) -> Solution:
         """A solution with its attitude and its rates corrected, and with a covariance."""
-        at = np.clip(
-            np.searchsorted(self.time_ns, solution.time_ns, "left") - 1, 0, len(self.turn) - 1
+        n = len(solution)
+        at = np.searchsorted(self.time_ns, solution.time_ns, "left") - 1
+        q, rate, covariance = np.empty((n, 4)), np.empty((n, 3)), np.empty((n, 3, 3))
+        _corrected(
+            self.time_ns,
+            self.q,
+            self.turn,
+            self.gyro_bias,
+            self.covariance_n,
+            np.clip(at, 0, len(self.turn) - 1),
+            solution.time_ns,
+            solution.q_nb,
+            solution.omega_ib_b,
+            q,
+            rate,
+            covariance,
         )
-        begin, end = self.time_ns[at], self.time_ns[at + 1]
-        share = (solution.time_ns - begin) / np.maximum(end - begin, 1)
-        q = np.empty_like(solution.q_nb)
-        _turned(self.q, self.turn, at, share, solution.q_nb, q)
-        weight = share[:, None]
-        bias = self.gyro_bias[at] + weight * (self.gyro_bias[at + 1] - self.gyro_bias[at])
-        weight = weight[:, None]
-        low, high = self.covariance_n[at], self.covariance_n[at + 1]
-        return replace(
-            solution,
-            q_nb=q,
-            omega_ib_b=solution.omega_ib_b - bias,
-            covariance_attitude_n=low + weight * (high - low),
-        )
+        return replace(solution, q_nb=q, omega_ib_b=rate, covariance_attitude_n=covariance)
 
 
 def smooth(
@@ -150,19 +151,31 @@ def _accel_bias(grade: float, excess: FloatArray, gravity: float | None) -> floa
 
 
 @numba.njit(cache=True, nogil=True)
-def _turned(
+def _corrected(
+    limits: np.ndarray,
     q: FloatArray,
     turn: FloatArray,
+    bias: FloatArray,
+    covariance_n: FloatArray,
     at: np.ndarray,
-    share: FloatArray,
+    time_ns: np.ndarray,
     q_nb: FloatArray,
-    out: FloatArray,
+    omega: FloatArray,
+    q_out: FloatArray,
+    omega_out: FloatArray,
+    covariance_out: FloatArray,
 ) -> None:
-    """Corrections between the limits of epochs times integrated attitudes."""
-    for i in range(len(out)):
-        k, s = at[i], share[i]
+    """Corrections between the limits of epochs, `at` the epoch of each sample."""
+    for i in range(len(q_out)):
+        k = at[i]
+        s = (time_ns[i] - limits[k]) / max(limits[k + 1] - limits[k], 1)
         w, x, y, z = increment_quaternion(s * turn[k, 0], s * turn[k, 1], s * turn[k, 2], 0)
         w, x, y, z = product(w, x, y, z, q[k, 0], q[k, 1], q[k, 2], q[k, 3])
         w, x, y, z = product(w, x, y, z, q_nb[i, 0], q_nb[i, 1], q_nb[i, 2], q_nb[i, 3])
         w, x, y, z = to_unit(w, x, y, z)
-        out[i, 0], out[i, 1], out[i, 2], out[i, 3] = w, x, y, z
+        q_out[i, 0], q_out[i, 1], q_out[i, 2], q_out[i, 3] = w, x, y, z
+        for a in range(3):
+            omega_out[i, a] = omega[i, a] - ((1.0 - s) * bias[k, a] + s * bias[k + 1, a])
+            for b in range(3):
+                # that of the epoch's end all along: numbers that repeat can be compressed
+                covariance_out[i, a, b] = covariance_n[k + 1, a, b]

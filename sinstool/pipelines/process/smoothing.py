@@ -90,8 +90,12 @@ class Smoothing:
             settings.sample_rate,
             point_samples=settings.gyro_kind == "rate",
         )
+        # Samples that are held anyway are few enough for their attitudes to be held too.
+        held: list[Solution] | None = None if self._source.samples.blocks is None else []
         for solution in self.run.run(blocks(0)):
             stage.push(solution)
+            if held is not None:
+                held.append(solution)
         epochs = with_rest(stage.finish(), self._gnss_moves)
         sensors = sensor_model(
             sensor_grade(self._source, self._config).grade,
@@ -107,6 +111,11 @@ class Smoothing:
         correction = smooth(epochs, motion.model, sensors, heading or 0.0, gravity)
         self._conclude(epochs, motion, sensors, correction)
         self._unwritten.append(self._diagnostics(epochs, correction))
+        if held is not None:
+            held.reverse()
+            while held:
+                yield correction.apply(held.pop())
+            return
         self.run = self._new_run()
         for solution in self.run.run(blocks(1)):
             yield correction.apply(solution)
