@@ -79,6 +79,11 @@ class Recorder:
         rows = valid[:: max(1, -(-len(valid) // FIXES))]
         self._fixes = np.stack([latitude[rows], longitude[rows]], axis=1)
 
+    def free_heading(self) -> None:
+        """Hold headings against the truth as they change from the first."""
+        if self._errors is not None:
+            self._errors.free_heading = True
+
     def refer_filter(self, course: FilterCourse) -> None:
         """Innovations, their squares and biases of a filter that has come to its end."""
         from sinstool.report.figures.filter import filter_figures

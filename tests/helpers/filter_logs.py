@@ -34,6 +34,9 @@ class Capture:
     def refer_height(self, *_):
         pass
 
+    def free_heading(self):
+        pass
+
     def refer_track(self, *_):
         pass
 

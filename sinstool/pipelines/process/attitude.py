@@ -57,7 +57,9 @@ class AttitudeMode(Mode):
             )
 
     def show(self, sink: Sink) -> None:
-        """The heights that the vertical channel is held to."""
+        """Whether heading is free, and the heights that the vertical channel is held to."""
+        if not self.plan.alignment.north_referenced:
+            sink.free_heading()
         if self._vertical is not None:
             self._vertical.damping.show(sink)
 

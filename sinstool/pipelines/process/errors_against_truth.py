@@ -110,11 +110,31 @@ class AxisErrors:
 
 
 @dataclass(frozen=True)
+class VerticalErrors:
+    """Inclination, the angle between the verticals, and heading by itself, deg.
+
+    Attributes
+    ----------
+    heading_drift : float
+        Of the last error of heading less the first, within half a turn.
+    heading_aligned : float or None
+        What was taken off all headings, as nothing refers them to north: the error of the first.
+    """
+
+    inclination_rms: float
+    inclination_largest: float
+    heading_rms: float
+    heading_drift: float
+    heading_aligned: float | None
+
+
+@dataclass(frozen=True)
 class RunErrors:
     """Errors of a run against what was named; None where there was nothing to compare."""
 
     names: tuple[str, ...]
     attitude_deg: AxisErrors | None = None
+    vertical_deg: VerticalErrors | None = None
     position_m: AxisErrors | None = None
     velocity_m_s: AxisErrors | None = None
 
@@ -131,6 +151,9 @@ class Errors:
 
     def __init__(self, truth: Truth) -> None:
         self.truth = truth
+        # Nothing refers headings to north: they are compared as they change from the first.
+        self.free_heading = False
+        self._apart = _Apart()
         # By kind: instants compared; sums of squares, largest sizes and latest values by axis.
         self._sums: dict[str, tuple[int, np.ndarray, np.ndarray, np.ndarray]] = {}
 
@@ -162,7 +185,12 @@ class Errors:
         if rows.any():
             compared = solution.rows(rows)
             part = _around(times, compared.time_ns)
-            error[rows] = good = _error(kind, times[part], values[part], compared)
+            if kind == "attitude":
+                turn = _attitude_error(times[part], values[part], compared)
+                good = log(self._apart.push(turn, self.free_heading))
+            else:
+                good = _error(kind, times[part], values[part], compared)
+            error[rows] = good
             count, square, largest, _ = self._sums.get(kind, (0, *np.zeros((3, 3))))
             self._sums[kind] = (
                 count + len(good),
@@ -180,7 +208,59 @@ class Errors:
                 count, square, largest, last = self._sums[kind]
                 by_axis = np.stack([np.sqrt(square / count), largest, last]) / size
                 errors[kind] = AxisErrors(count, *(tuple(row) for row in by_axis.tolist()))
-        return RunErrors(self.truth.names, *errors.values())
+        return RunErrors(
+            self.truth.names,
+            errors["attitude"],
+            self._apart.summary(self.free_heading),
+            errors["position"],
+            errors["velocity"],
+        )
+
+
+class _Apart:
+    """Errors of inclination and of heading, apart."""
+
+    def __init__(self) -> None:
+        self._first: float | None = None
+        self._count = 0
+        self._squares = np.zeros(2)
+        self._largest = self._last = 0.0
+
+    def push(self, turn: np.ndarray, free_heading: bool) -> np.ndarray:
+        """Take the rotations that lead from true attitudes to those computed, shape (n, 4).
+
+        Returns
+        -------
+        ndarray, shape (n, 4)
+            The same, without the first error of heading if that is free.
+        """
+        heading = 2.0 * np.arctan2(turn[:, 3], turn[:, 0])
+        if self._first is None:
+            self._first = float(wrapped(heading[0]))
+        if free_heading:
+            half = 0.5 * self._first
+            turn = multiply(np.array([np.cos(half), 0.0, 0.0, -np.sin(half)]), turn)
+            heading = heading - self._first
+        heading = wrapped(heading)
+        tilt = 2.0 * np.arcsin(np.minimum(np.hypot(turn[:, 1], turn[:, 2]), 1.0))
+        self._count += len(turn)
+        self._squares += np.sum(tilt**2), np.sum(heading**2)
+        self._largest = max(self._largest, float(tilt.max()))
+        self._last = float(heading[-1])
+        return turn
+
+    def summary(self, free_heading: bool) -> VerticalErrors | None:
+        if self._first is None:
+            return None
+        inclination, heading = np.sqrt(self._squares / self._count) / DEGREE
+        drift = self._last if free_heading else float(wrapped(self._last - self._first))
+        return VerticalErrors(
+            float(inclination),
+            self._largest / DEGREE,
+            float(heading),
+            drift / DEGREE,
+            self._first / DEGREE if free_heading else None,
+        )
 
 
 def _near(times: np.ndarray, at_ns: np.ndarray) -> np.ndarray:
@@ -198,10 +278,12 @@ def _around(times: np.ndarray, at_ns: np.ndarray) -> slice:
     return slice(begin, max(int(np.searchsorted(times, at_ns[-1], "left")) + 1, begin + 2))
 
 
+def _attitude_error(times: np.ndarray, q_nb: np.ndarray, solution: Solution) -> np.ndarray:
+    """Rotations in NED that lead from true attitudes to those computed."""
+    return multiply(solution.q_nb, conjugate(at_times(times, q_nb, solution.time_ns)))
+
+
 def _error(kind: str, times: np.ndarray, values: np.ndarray, solution: Solution) -> np.ndarray:
-    if kind == "attitude":
-        true = at_times(times, values, solution.time_ns)
-        return log(multiply(solution.q_nb, conjugate(true)))
     if kind == "position":
         values = np.column_stack([values[:, 0], np.unwrap(values[:, 1]), values[:, 2]])
     seconds, at = (times - times[0]) * 1e-9, (solution.time_ns - times[0]) * 1e-9

@@ -58,6 +58,9 @@ class Sink(Protocol):
     def refer_track(self, latitude: np.ndarray, longitude: np.ndarray) -> None:
         """Take the fixes (rad); NaN where one has no position."""
 
+    def free_heading(self) -> None:
+        """Take note that nothing refers headings to north."""
+
     def refer_filter(self, course: FilterCourse) -> None:
         """Take a filter's innovations and biases, at its end."""
 

@@ -110,12 +110,14 @@ def _error_facts(truth: RunErrors | None) -> list[Fact]:
                 f"horizontal; {down:.3g} m in height; at most {max(most):.3g} m on an axis",
             )
         )
-    if truth.attitude_deg is not None:
-        north, east, down = truth.attitude_deg.rms
+    apart = truth.vertical_deg
+    if apart is not None:
+        aligned = "" if apart.heading_aligned is None else "; aligned at first"
         facts += [
-            Fact("Heading error, rms", f"{down:.3g} deg",
-                 f"at most {truth.attitude_deg.largest[2]:.3g} deg"),
-            Fact("Tilt error, rms", f"{hypot(north, east):.3g} deg", "about north and east"),
+            Fact("Heading error, rms", f"{apart.heading_rms:.3g} deg",
+                 f"{apart.heading_drift:+.3g} deg from first to last{aligned}"),
+            Fact("Inclination error, rms", f"{apart.inclination_rms:.3g} deg",
+                 f"at most {apart.inclination_largest:.3g} deg"),
         ]  # fmt: skip
     return facts
 

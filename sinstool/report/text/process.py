@@ -202,6 +202,23 @@ def _truth(truth: RunErrors | None) -> list[Row]:
         rms = ", ".join(f"{v:.3g}" for v in error.rms)
         most = ", ".join(f"{v:.3g}" for v in error.largest)
         rows.append((f"{what} error", f"rms {rms} {unit} (N, E, D); at most {most}"))
+        if what == "attitude" and truth.vertical_deg is not None:
+            v = truth.vertical_deg
+            rows.append(
+                (
+                    "inclination error",
+                    f"rms {v.inclination_rms:.3g} deg; at most {v.inclination_largest:.3g}",
+                )
+            )
+            free = v.heading_aligned is not None
+            note = " (aligned at first: heading is not referenced to north)" if free else ""
+            rows.append(
+                (
+                    "heading error",
+                    f"rms {v.heading_rms:.3g} deg, {v.heading_drift:+.3g} deg from first to"
+                    f" last{note}",
+                )
+            )
     if not rows:
         rows.append(("errors", f"nothing to compare with {', '.join(truth.names)}"))
     return rows

@@ -95,6 +95,9 @@ class Collected:
     def refer_height(self, *_):
         pass
 
+    def free_heading(self):
+        pass
+
     def refer_track(self, *_):
         pass
 
