@@ -229,8 +229,8 @@ def _attitude(source: Source, config: ProcessConfig, mode: str, grade: Grade) ->
         return Choice("inertial", "as velocity and position are integrated with it", option)
     if wanted != "auto":
         return Choice(wanted, "as configured", option)
-    if any(odd.kind == "no-gravity" for odd in source.findings):
-        return Choice("inertial", "as the specific force holds no gravity", option)
+    if any(odd.kind in ("no-gravity", "gravity-size") for odd in source.findings):
+        return Choice("inertial", "as the specific force is not of gravity's size", option)
     if config.coning.coning != ProcessConfig().coning.coning:
         return Choice(
             "inertial", f"as --coning {config.coning.coning} is chosen, whose effect shows", option

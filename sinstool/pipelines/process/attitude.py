@@ -44,6 +44,7 @@ class AttitudeMode(Mode):
         settings, earth = sample_settings(source, config, plan), earth_rate(source)
         self._smoothing: Smoothing | None = None
         if plan.attitude.value == "smoothed":
+            require_gravity(source, config)
             # Compiled loops that an integration alone has no need of
             from sinstool.pipelines.process.smoothing import DIAGNOSTICS, Smoothing
 

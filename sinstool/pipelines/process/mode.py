@@ -112,7 +112,8 @@ def require_gravity(source: Source, config: ProcessConfig) -> None:
             f" {survey.specific_force_median:.3f} m/s^2 in size: gravity has been taken out of it,"
             " so that velocity and height cannot be had from it",
             "choose the topic with raw accelerations by --imu-topic, or use --mode attitude"
-            " without --height-damping (--accel-unit m/s^2 if the vehicle falls freely)",
+            " --attitude inertial without --height-damping (--accel-unit m/s^2 if the vehicle"
+            " falls freely)",
         )
     if survey.specific_force_median > MAX_SPECIFIC_FORCE:
         raise DataError(

@@ -1,0 +1,236 @@
+"""`process --mode attitude` where gravity holds it up: on logs whose motion is known."""
+
+from dataclasses import dataclass
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from sinstool.config import ProcessConfig
+from sinstool.config.load import build
+from sinstool.core.errors import DataError
+from sinstool.pipelines.process.run import plan_of, process
+from sinstool.survey import imu as survey
+from sinstool.survey import source
+from tests.helpers.filter_logs import simulated
+from tests.helpers.imulogs import T0, G, even_times, imu_log, read_topic, stamp_ns
+from tests.helpers.logs import real
+
+RATE = 100.0
+BIAS = np.array([0.012, -0.02, 0.016])
+
+
+@dataclass
+class Hand:
+    """A hand that turns and moves a FLU sensor: its samples, and its rotations to ENU."""
+
+    time_ns: np.ndarray
+    gyro: np.ndarray
+    accel: np.ndarray
+    attitude: Rotation
+
+
+def hand(seconds=60.0, seed=0, rest=(5.0, 0.0), bias=BIAS):
+    """Means of sums of sines, after and before a rest, by sensors with errors."""
+    rng = np.random.default_rng(seed)
+    count = int(seconds * RATE) + 1
+    t = np.arange(-1, count) / RATE
+    moving = np.clip((t - rest[0]) / 2.0, 0.0, 1.0) * np.clip(
+        (seconds - rest[1] - t) / 2.0, 0.0, 1.0
+    )
+    moving = moving**2 * (3.0 - 2.0 * moving)
+    waves = [(0.35, 0.6), (0.9, 0.3), (1.6, 0.1)]
+
+    def sines(size):
+        phases = rng.uniform(0.0, 2.0 * np.pi, (3, 3))
+        shape = sum(
+            a * np.sin(2.0 * np.pi * f * t[:, None] + phases[k]) for k, (f, a) in enumerate(waves)
+        )
+        return size * moving[:, None] * shape
+
+    attitude = Rotation.from_euler("xyz", sines(0.8) + rng.uniform(-0.4, 0.4, 3))
+    position = sines(0.1)
+    turned = (attitude[:-1].inv() * attitude[1:]).as_rotvec() * RATE
+    velocity = np.gradient(position, 1.0 / RATE, axis=0)
+    force = np.diff(velocity, axis=0) * RATE + [0.0, 0.0, G]
+    half = attitude[:-1] * Rotation.from_rotvec(0.5 * turned / RATE)
+    crooked = np.eye(3) + 3e-3 * rng.standard_normal((3, 3))
+    gyro = turned @ crooked.T + bias + 2e-3 * rng.standard_normal(turned.shape)
+    offset = 0.03 * rng.standard_normal(3)
+    accel = half.inv().apply(force) + offset + 2e-2 * rng.standard_normal(turned.shape)
+    return Hand(even_times(count, RATE), gyro, accel, attitude[1:])
+
+
+def run(path, out, **groups):
+    return process(path, out, build(ProcessConfig, groups)).to_json()
+
+
+def written(path):
+    """Stamps, rotations to ENU and covariances of /sinstool/imu."""
+    messages = [m for _, m in read_topic(path, "/sinstool/imu")]
+    q = [(m.orientation.x, m.orientation.y, m.orientation.z, m.orientation.w) for m in messages]
+    covariance = np.array([m.orientation_covariance for m in messages]).reshape(-1, 3, 3)
+    return np.array([stamp_ns(m) for m in messages]), Rotation.from_quat(q), covariance
+
+
+def tilt(estimate, truth):
+    """Errors of tilt about east and north, rad, of estimates of free heading."""
+    error = truth * estimate.inv()
+    heading = error.as_quat()
+    heading = 2.0 * np.arctan2(heading[:, 2], heading[:, 3])
+    turn = Rotation.from_rotvec(np.outer(heading, [0.0, 0.0, 1.0]))
+    return (turn.inv() * error).as_rotvec()[:, :2]
+
+
+def smoothed(tmp_path, log, **groups):
+    path = imu_log(tmp_path / "in.mcap", log.time_ns, log.gyro, log.accel)
+    summary = run(path, tmp_path / "out.mcap", **groups)
+    times, q, covariance = written(tmp_path / "out.mcap")
+    at = np.searchsorted(log.time_ns, times)
+    return summary, tilt(q, log.attitude[at]), covariance
+
+
+@pytest.mark.parametrize("rest", [(5.0, 0.0), (0.0, 5.0), (0.0, 0.0)])
+def test_tilt_of_a_hand_wherever_it_rests(tmp_path, rest):
+    """A first tilt from a moving second is degrees off, and a bias of 1.6 deg/s is not known."""
+    log = hand(rest=rest)
+    summary, off, covariance = smoothed(tmp_path, log)
+    assert summary["plan"]["attitude"]["value"] == "smoothed"
+    assert summary["smoothing"]["motion"] == "hand"
+    assert np.degrees(np.sqrt(np.mean(off**2))) < 0.5
+    sigma = np.sqrt(np.einsum("nii->ni", covariance))[:, :2]
+    assert 0.2 < np.sqrt(np.mean((off / sigma) ** 2)) < 1.6
+    assert bool(summary["smoothing"]["rest_s"]) == any(rest)
+    kinds = {finding["kind"] for finding in summary["findings"]}
+    assert ("no-rest" in kinds) == (not any(rest))
+    found = np.array(summary["smoothing"]["gyro_bias_rad_s"]) * [1.0, -1.0, -1.0]
+    limit = np.maximum(4.0 * np.array(summary["smoothing"]["gyro_bias_sigma_rad_s"]), 1e-4)
+    assert (np.abs(found - BIAS) < limit).all()
+
+
+def test_inertial_attitude_is_what_it_was(tmp_path):
+    _, off, covariance = smoothed(tmp_path, hand(), navigation={"attitude": "inertial"})
+    assert not covariance.any()
+    _, better, _ = smoothed(tmp_path, hand(), output={"overwrite": True})
+    assert np.sqrt(np.mean(better**2)) < np.sqrt(np.mean(off**2))
+
+
+def test_samples_that_are_read_twice_give_the_same(tmp_path, monkeypatch):
+    log = hand(20.0)
+    path = imu_log(tmp_path / "in.mcap", log.time_ns, log.gyro, log.accel)
+    run(path, tmp_path / "a.mcap")
+    monkeypatch.setattr(survey, "CACHED_SAMPLES", 100)
+    monkeypatch.setattr(source, "BLOCK_ROWS", 777)
+    run(path, tmp_path / "b.mcap")
+    for one, other in zip(written(tmp_path / "a.mcap"), written(tmp_path / "b.mcap"), strict=True):
+        if isinstance(one, Rotation):
+            one, other = one.as_quat(), other.as_quat()
+        np.testing.assert_array_equal(one, other)
+
+
+def test_after_a_gap_tilt_is_found_again_and_heading_is_not(tmp_path):
+    log = hand(60.0, seed=3)
+    kept = np.ones(len(log.time_ns), bool)
+    kept[3000:3300] = False
+    part = Hand(log.time_ns[kept], log.gyro[kept], log.accel[kept], log.attitude[kept])
+    summary, off, covariance = smoothed(tmp_path, part)
+    sigma = np.sqrt(np.einsum("nii->ni", covariance))
+    assert np.degrees(np.abs(off[3500:]).max()) < 2.0
+    assert (np.abs(off) < 4.0 * sigma[:, :2]).all()
+    assert sigma[2990, 2] < np.radians(5.0) and sigma[3010, 2] > np.radians(60.0)
+    assert any("heading is held across gaps" in text for text in summary["warnings"])
+
+
+def test_a_gyro_at_its_stop_is_not_believed(tmp_path):
+    log = hand(60.0, seed=1)
+    log.gyro = np.clip(log.gyro, -1.6, 1.6)
+    summary, off, covariance = smoothed(tmp_path, log)
+    (finding,) = (f for f in summary["findings"] if f["kind"] == "gyro-at-stop")
+    assert finding["severity"] == "lost"
+    assert finding["numbers"]["gyro_at_stop_s"] > 2.0
+    sigma = np.sqrt(np.einsum("nii->ni", covariance))[:, :2]
+    assert np.sqrt(np.mean((off / sigma) ** 2)) < 2.0
+
+
+def test_motion_by_option(tmp_path):
+    log = hand(30.0)
+    summary, _, _ = smoothed(tmp_path, log, navigation={"motion": "vehicle"})
+    assert summary["smoothing"]["motion"] == "vehicle"
+    assert summary["smoothing"]["motion_margin_nat"] is None
+
+
+def test_heading_is_held_against_the_truth_as_it_changes(tmp_path):
+    log = hand(30.0)
+    path = imu_log(tmp_path / "in.mcap", log.time_ns, log.gyro, log.accel)
+    turned = Rotation.from_euler("z", 1.0) * log.attitude
+    q = turned.as_quat()[:, [3, 0, 1, 2]]
+    lines = (f"{t},{','.join(map(str, row))}" for t, row in zip(log.time_ns, q, strict=True))
+    truth = tmp_path / "truth.csv"
+    truth.write_text("time_ns,qw,qx,qy,qz\n" + "\n".join(lines))
+    from sinstool.cli.process import process_one
+
+    config = build(ProcessConfig, {"output": {"truth": [str(truth)]}})
+    errors = process_one(path, tmp_path / "out.mcap", None, config, None).truth
+    apart = errors.vertical_deg
+    # 1 rad to the left in ENU, and the heading that the sensor began with
+    assert abs(apart.heading_aligned) > 20.0
+    assert apart.heading_rms < 1.0 and abs(apart.heading_drift) < 1.5
+    assert apart.inclination_rms < 0.6 <= apart.inclination_largest + 0.6
+    assert errors.attitude_deg.rms[2] == pytest.approx(apart.heading_rms, rel=0.05)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "options", "value", "why"),
+    [
+        (["static", "--grade", "mems"], {}, "smoothed", "gravity"),
+        (["static", "--grade", "navigation"], {}, "inertial", "navigation grade"),
+        (["static", "--grade", "mems"], {"coning": {"coning": "optimal-4"}}, "inertial", "coning"),
+        (["static", "--grade", "mems", "--duration", "2"], {}, "inertial", "shorter"),
+        (
+            ["static", "--grade", "navigation"],
+            {"navigation": {"attitude": "smoothed"}},
+            "smoothed",
+            "configured",
+        ),
+    ],
+)
+def test_the_plan_says_what_holds_the_attitude(tmp_path, arguments, options, value, why):
+    length = [] if "--duration" in arguments else ["--duration", "20"]
+    log = simulated(tmp_path / "log.mcap", *arguments, *length)
+    plan = plan_of(log, build(ProcessConfig, options))
+    assert plan.attitude.value == value and why in plan.attitude.reason
+    assert plan.gyro_samples.value == ("mean-rate" if value == "smoothed" else "rate")
+
+
+def test_without_gravity_nothing_can_be_held_up(tmp_path):
+    log = hand(20.0)
+    accel = 0.3 * (log.accel - log.attitude.inv().apply([0.0, 0.0, G]))
+    path = imu_log(tmp_path / "in.mcap", log.time_ns, log.gyro, accel)
+    options = {"align": "fixed", "initial_attitude": (0.0, 0.0, 0.0)}
+    summary = run(path, tmp_path / "out.mcap", align=options)
+    assert summary["plan"]["attitude"]["value"] == "inertial"
+    with pytest.raises(DataError, match="gravity has been taken out"):
+        run(path, tmp_path / "b.mcap", align=options, navigation={"attitude": "smoothed"})
+
+
+def test_diagnostics_of_a_smoothed_attitude(tmp_path):
+    log = hand(20.0)
+    path = imu_log(tmp_path / "in.mcap", log.time_ns, log.gyro, log.accel)
+    run(path, tmp_path / "out.mcap")
+    messages = [m for _, m in read_topic(tmp_path / "out.mcap", "/sinstool/diagnostics")]
+    assert len(messages) == pytest.approx(20.0 / 0.2, abs=2)
+    values = [{v.key: float(v.value) for v in m.status[0].values} for m in messages]
+    assert stamp_ns(messages[0]) == T0
+    assert all(0.0 < v["tilt sigma (deg)"] < 5.0 for v in values)
+    assert values[3]["at rest"] == 1.0 and values[60]["at rest"] == 0.0
+
+
+@pytest.mark.parametrize("trial", ["08_undisturbed_fast_rotation_with_breaks_A"])
+def test_a_recorded_hand(tmp_path, trial):
+    """23.6 deg without gravity."""
+    log = real(f"broad/broad_{trial}.mcap")
+    config = build(ProcessConfig, {"output": {"truth": [str(log.with_suffix(".ref.csv"))]}})
+    from sinstool.cli.process import process_one
+
+    errors = process_one(log, tmp_path / "out.mcap", None, config, None).truth
+    assert errors.vertical_deg.inclination_rms < 1.0
