@@ -57,7 +57,7 @@ def test_unknown_shells_are_refused():
         ("sinstool pro", ["process"]),
         ("sinstool simulate l", ["launch"]),
         ("sinstool process --gyro-k", ["--gyro-kind"]),
-        ("sinstool process --gyro-kind ", ["rate", "mean-rate", "increment"]),
+        ("sinstool process --gyro-kind ", ["auto", "rate", "mean-rate", "increment"]),
         ("sinstool process --align l", ["level", "log"]),
         ("sinstool process --coning look", ["lookahead-8", "lookahead-12"]),
         ("sinstool process --emit imu,h", ["imu,height"]),

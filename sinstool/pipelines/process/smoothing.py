@@ -35,6 +35,8 @@ LEAST_STOP = 1.0
 # What is said of an attitude: tilt less certain than this, rad; shares of the time at the stops.
 UNCERTAIN_TILT = 2.0 * DEGREE
 STOPPED_SHARE, LOST_SHARE = 0.002, 0.03
+# Diagnostics are written for each so many epochs.
+DIAGNOSED = 5
 DIAGNOSTICS = (
     "tilt sigma (deg)",
     "heading sigma (deg)",
@@ -222,7 +224,8 @@ class Smoothing:
         )
         time_ns = correction.time_ns
         level = np.append((epochs.values[:, SATURATED] > 0.0) | epochs.gap, False).astype(int)
-        return Diagnostics(time_ns, time_ns, level, values)
+        every = slice(None, None, DIAGNOSED)
+        return Diagnostics(time_ns[every], time_ns[every], level[every], values[every])
 
 
 def _sigmas(correction: Correction) -> tuple[np.ndarray, np.ndarray]:
