@@ -30,8 +30,10 @@ from sinstool.methods.attitude_smoother.model import (
 )
 from sinstool.methods.attitude_smoother.start import first_state, parameters
 
-# A vehicle's motion must explain a moving epoch better by this much, in nat.
-MARGIN = 0.5
+# A vehicle's motion must explain a moving epoch better by this much, in nat; nearer to it than
+# this the choice is not sure. Recorded hands come to 0.1 at most, drones that hover in a room to 1,
+# cars and ships to 3 and more.
+MARGIN, UNSURE = 1.0, 0.5
 # Moving epochs that are looked at: ten minutes, in so many stretches.
 STRETCHES = 5
 STRETCH = 600
@@ -63,7 +65,7 @@ class Motion:
     @property
     def sure(self) -> bool:
         """Whether the margin is far from where the choice turns."""
-        return self.margin is None or abs(self.margin - MARGIN) > MARGIN
+        return self.margin is None or abs(self.margin - MARGIN) > UNSURE
 
 
 def find_motion(epochs: Epochs, sensors: SensorModel, name: MotionName | None = None) -> Motion:

@@ -13,7 +13,7 @@ from sinstool.core.quaternion_kernels import increment_quaternion, product, to_u
 from sinstool.core.rotation import conjugate, from_dcm, log, multiply
 from sinstool.core.streams import Solution
 from sinstool.methods.attitude_smoother import kernels
-from sinstool.methods.attitude_smoother.epochs import Epochs
+from sinstool.methods.attitude_smoother.epochs import ACCEL, Epochs
 from sinstool.methods.attitude_smoother.model import GRAVITY, MotionModel, SensorModel
 from sinstool.methods.attitude_smoother.start import first_state, parameters
 
@@ -21,6 +21,8 @@ from sinstool.methods.attitude_smoother.start import first_state, parameters
 SEGMENT = 500
 # m/s^2: gravity on Earth, and how far from it that is anywhere below 3 km.
 MEAN_GRAVITY, GRAVITY_RANGE = 9.807, 0.03
+# In motion more than this is not the accelerometers' bias alone, m/s^2.
+LIKELY_EXCESS = 0.3
 
 
 @dataclass(frozen=True)
@@ -116,7 +118,7 @@ def smooth(
     q = from_dcm(smoothed[:, :9].reshape(-1, 3, 3))
     attitude = covariance[:, :9].reshape(-1, 3, 3).copy()
     # An accelerometer's bias cannot be told from a tilt.
-    accel_bias = _accel_bias(sensors.accel_bias, smoothed[:, kernels.G], gravity)
+    accel_bias = _accel_bias(sensors.accel_bias, _gravity_shown(epochs, smoothed), gravity)
     attitude[:, [0, 1], [0, 1]] += (accel_bias / GRAVITY) ** 2
     attitude[:, 2, 2] += heading**2
     return Correction(
@@ -130,24 +132,32 @@ def smooth(
     )
 
 
-def _accel_bias(grade: float, excess: FloatArray, gravity: float | None) -> float:
+def _gravity_shown(epochs: Epochs, smoothed: FloatArray) -> float:
+    """Size of gravity that the log shows, m/s^2: at rest, else what the smoother makes of it."""
+    if epochs.rest.any():
+        force = epochs.values[epochs.rest, ACCEL : ACCEL + 3]
+        return float(np.median(np.linalg.norm(force, axis=1)))
+    excess = float(np.median(smoothed[:, kernels.G]))
+    return GRAVITY + min(max(excess, -LIKELY_EXCESS), LIKELY_EXCESS)
+
+
+def _accel_bias(grade: float, shown: float, gravity: float | None) -> float:
     """Standard deviation of the accelerometers' biases, m/s^2, of an axis.
 
     Parameters
     ----------
     grade : float
         That of their grade; it counts for three axes beside the one that the log shows.
-    excess : ndarray, shape (n,)
-        Smoothed vertical specific force beyond `GRAVITY`, m/s^2.
+    shown : float
+        Size of gravity in the log, m/s^2.
     gravity : float or None
         Local, m/s^2.
     """
-    shown = GRAVITY + float(np.median(excess))
     if gravity is None:
-        shown = max(0.0, abs(shown - MEAN_GRAVITY) - GRAVITY_RANGE)
+        off = max(0.0, abs(shown - MEAN_GRAVITY) - GRAVITY_RANGE)
     else:
-        shown -= gravity
-    return sqrt((3.0 * grade**2 + shown**2) / 4.0)
+        off = shown - gravity
+    return sqrt((3.0 * grade**2 + off**2) / 4.0)
 
 
 @numba.njit(cache=True, nogil=True)
