@@ -38,10 +38,11 @@ MARGIN, UNSURE = 1.0, 0.5
 STRETCHES = 5
 STRETCH = 600
 # A hand's density as found, a vehicle's as so many times the largest found over epochs of so many
-# lengths (manoeuvres are not white, and their slowest part sets the tilt), m/s^2/sqrt(Hz).
+# lengths (manoeuvres are not white, and their slowest part sets the tilt: an aircraft's turns last
+# half a minute), m/s^2/sqrt(Hz).
 HAND_RANGE = (0.5, 2.0)
-VEHICLE_RANGE, VEHICLE_FACTOR = (4.0, 12.0), 2.5
-LONGER = (1, 5, 20)  # epochs
+LEAST_VEHICLE, VEHICLE_FACTOR = 4.0, 2.5
+LONGER = (1, 5, 20, 100)  # epochs
 # Of the search on the logarithm of the density
 FIRST_STEP, LAST_STEP = 0.8, 0.15
 SEARCHED = (log(0.005), log(50.0))
@@ -97,17 +98,14 @@ def find_motion(epochs: Epochs, sensors: SensorModel, name: MotionName | None = 
         margin = (best["vehicle"][1] - best["hand"][1]) / moving
         name = "vehicle" if margin > MARGIN else "hand"
     if name == "hand":
-        return Motion(HAND.with_density(_within(best["hand"][0], HAND_RANGE)), margin)
+        density = min(max(best["hand"][0], HAND_RANGE[0]), HAND_RANGE[1])
+        return Motion(HAND.with_density(density), margin)
     found = [best["vehicle"][0]]
     for length in LONGER[1:]:
         merged = [_merged(part, length) for part in parts]
         found.append(_most_likely(merged, VEHICLE, sensors)[0])
-    density = _within(VEHICLE_FACTOR * max(found), VEHICLE_RANGE)
+    density = max(VEHICLE_FACTOR * max(found), LEAST_VEHICLE)
     return Motion(VEHICLE.with_density(density), margin)
-
-
-def _within(value: float, bounds: tuple[float, float]) -> float:
-    return min(max(value, bounds[0]), bounds[1])
 
 
 def _stretches(epochs: Epochs) -> list[Epochs]:

@@ -83,6 +83,7 @@ def smooth(
     sensors: SensorModel,
     heading: float = 0.0,
     gravity: float | None = None,
+    tilt: float | None = None,
 ) -> Correction:
     """Smooth over a whole log.
 
@@ -96,6 +97,8 @@ def smooth(
         Standard deviation of the first heading, rad; 0: what is said of heading is its change.
     gravity : float, optional
         Local gravity, m/s^2, where it is known.
+    tilt : float, optional
+        Standard deviation of the first tilt that was integrated from, rad, where it is known.
 
     Returns
     -------
@@ -103,7 +106,7 @@ def smooth(
     """
     n, count, rows = motion.states, len(epochs), epochs.values
     par = parameters(motion, sensors)
-    x, p = first_state(epochs, motion, sensors)
+    x, p = first_state(epochs, motion, sensors, tilt)
     held = -(-count // SEGMENT)
     states, covariances = np.empty((held, kernels.STATE)), np.empty((held, n, n))
     kernels.forward(rows, 0, count, par, n, x, p, SEGMENT, states, covariances)

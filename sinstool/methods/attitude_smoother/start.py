@@ -15,11 +15,15 @@ TILT, HEADING = 0.2, 1e-4
 
 
 def first_state(
-    epochs: Epochs, motion: MotionModel, sensors: SensorModel
+    epochs: Epochs, motion: MotionModel, sensors: SensorModel, tilt: float | None = None
 ) -> tuple[FloatArray, FloatArray]:
     """State and covariance before the first epoch.
 
-    The tilt is that which turns the mean specific force of the first seconds upwards.
+    Parameters
+    ----------
+    tilt : float, optional
+        Standard deviation of the tilt that the integration began with, rad; where it is not known
+        the first tilt is that which turns the mean specific force of some seconds upwards.
 
     Returns
     -------
@@ -28,9 +32,11 @@ def first_state(
     """
     n = motion.states
     x = np.zeros(kernels.STATE)
-    x[:9] = upright(mean_force(epochs, FIRST_S)).ravel()
+    known = tilt is not None and tilt < TILT
+    x[:9] = (np.eye(3) if known else upright(mean_force(epochs, FIRST_S))).ravel()
     variance = np.empty(n)
-    variance[:3] = TILT**2, TILT**2, HEADING**2
+    variance[:2] = (tilt if tilt is not None and known else TILT) ** 2
+    variance[2] = HEADING**2
     variance[3:6] = motion.velocity_variance
     variance[6:9] = sensors.bias**2
     variance[9] = sensors.gravity**2

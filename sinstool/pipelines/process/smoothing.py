@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -13,8 +14,9 @@ from sinstool.core.finding import Finding, Severity
 from sinstool.core.streams import Diagnostics, Imu, Solution
 from sinstool.core.timeline import SECOND
 from sinstool.core.units import DEGREE
+from sinstool.methods.alignment.initial import Alignment
 from sinstool.methods.attitude_smoother.epochs import SATURATED, Epochs, EpochStage
-from sinstool.methods.attitude_smoother.model import SensorModel, sensor_model
+from sinstool.methods.attitude_smoother.model import GRAVITY, SensorModel, sensor_model
 from sinstool.methods.attitude_smoother.motion import MARGIN, Motion, find_motion
 from sinstool.methods.attitude_smoother.rest import with_rest
 from sinstool.methods.attitude_smoother.smoother import Correction, smooth
@@ -30,6 +32,9 @@ Blocks = Callable[[int], Iterable[Imu]]
 
 # Intervals that are integrated across when gravity will put right what that leaves.
 SHORT_GAP_NS, SHORT_GAP_INTERVALS = 60_000_000, 8
+# Sigmas of an alignment in motion are taken for so many times what they are: what it could not
+# model lasts all along.
+CAUTION = 2.0
 # A gyro that turns more slowly at its largest is not at its stop, rad/s.
 LEAST_STOP = 1.0
 # What is said of an attitude: tilt less certain than this, rad; shares of the time at the stops.
@@ -105,12 +110,17 @@ class Smoothing:
             bias_known=alignment.bias_source != "none",
             earth_removed=settings.omega_ie_n is not None,
         )
+        if alignment.gyro_bias_sigma is not None:
+            known = CAUTION * alignment.gyro_bias_sigma
+            sensors = replace(sensors, bias=min(sensors.bias, known))
         chosen = self._config.navigation.motion
         motion = find_motion(epochs, sensors, None if chosen == "auto" else chosen)
         heading = alignment.sigma_rad[2] if alignment.north_referenced else None
         latitude, height = self._source.latitude, self._source.position[2]
         gravity = None if latitude is None else float(normal_gravity(latitude, height or 0.0))
-        correction = smooth(epochs, motion.model, sensors, heading or 0.0, gravity)
+        correction = smooth(
+            epochs, motion.model, sensors, heading or 0.0, gravity, _first_tilt(alignment, sensors)
+        )
         self._conclude(epochs, motion, sensors, correction)
         self._unwritten.append(self._diagnostics(epochs, correction))
         if held is not None:
@@ -226,6 +236,14 @@ class Smoothing:
         level = np.append((epochs.values[:, SATURATED] > 0.0) | epochs.gap, False).astype(int)
         every = slice(None, None, DIAGNOSED)
         return Diagnostics(time_ns[every], time_ns[every], level[every], values[every])
+
+
+def _first_tilt(alignment: Alignment, sensors: SensorModel) -> float | None:
+    """Standard deviation of a first tilt, rad; None where nothing is known of it."""
+    roll, pitch, _ = alignment.sigma_rad
+    if roll is None or pitch is None:
+        return None
+    return float(np.hypot(CAUTION * max(roll, pitch), sensors.accel_bias / GRAVITY))
 
 
 def _sigmas(correction: Correction) -> tuple[np.ndarray, np.ndarray]:
