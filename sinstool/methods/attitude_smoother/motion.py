@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from math import exp, log
+from math import exp, log, sqrt
 
 import numpy as np
 
@@ -69,7 +69,12 @@ class Motion:
         return self.margin is None or abs(self.margin - MARGIN) > UNSURE
 
 
-def find_motion(epochs: Epochs, sensors: SensorModel, name: MotionName | None = None) -> Motion:
+def find_motion(
+    epochs: Epochs,
+    sensors: SensorModel,
+    name: MotionName | None = None,
+    speed: float | None = None,
+) -> Motion:
     """The kind of motion and how much it shakes.
 
     Parameters
@@ -79,6 +84,8 @@ def find_motion(epochs: Epochs, sensors: SensorModel, name: MotionName | None = 
     sensors : SensorModel
     name : {'hand', 'vehicle'}, optional
         Of the kind, where it is known.
+    speed : float, optional
+        Of the vehicle, m/s, where something else shows it: so large its velocity may be.
 
     Returns
     -------
@@ -86,8 +93,9 @@ def find_motion(epochs: Epochs, sensors: SensorModel, name: MotionName | None = 
     """
     parts = _stretches(epochs)
     moving = sum(int(np.count_nonzero(~part.rest & ~part.gap)) for part in parts)
+    least = max(LEAST_VEHICLE, (speed or 0.0) * sqrt(2.0 * VEHICLE.c1))
     if not moving:
-        known = VEHICLE if name == "vehicle" else HAND
+        known = VEHICLE.with_density(least) if name == "vehicle" else HAND
         return Motion(known, None if name else 0.0)
     best: dict[str, tuple[float, float]] = {}
     for model in (HAND, VEHICLE):
@@ -104,7 +112,7 @@ def find_motion(epochs: Epochs, sensors: SensorModel, name: MotionName | None = 
     for length in LONGER[1:]:
         merged = [_merged(part, length) for part in parts]
         found.append(_most_likely(merged, VEHICLE, sensors)[0])
-    density = max(VEHICLE_FACTOR * max(found), LEAST_VEHICLE)
+    density = max(VEHICLE_FACTOR * max(found), least)
     return Motion(VEHICLE.with_density(density), margin)
 
 

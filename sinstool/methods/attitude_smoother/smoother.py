@@ -21,6 +21,7 @@ from sinstool.methods.attitude_smoother.start import first_state, parameters
 SEGMENT = 500
 # m/s^2: gravity on Earth, and how far from it that is anywhere below 3 km.
 MEAN_GRAVITY, GRAVITY_RANGE = 9.807, 0.03
+UNKNOWN_HEADING = np.pi / np.sqrt(3.0)  # rad
 # In motion more than this is not the accelerometers' bias alone, m/s^2.
 LIKELY_EXCESS = 0.3
 
@@ -124,6 +125,10 @@ def smooth(
     accel_bias = _accel_bias(sensors.accel_bias, _gravity_shown(epochs, smoothed), gravity)
     attitude[:, [0, 1], [0, 1]] += (accel_bias / GRAVITY) ** 2
     attitude[:, 2, 2] += heading**2
+    # A heading of which nothing is known is one of a whole turn.
+    share = np.minimum(1.0, UNKNOWN_HEADING / np.sqrt(attitude[:, 2, 2]))[:, None]
+    attitude[:, 2, :] *= share
+    attitude[:, :, 2] *= share
     return Correction(
         epochs.time_ns,
         q,

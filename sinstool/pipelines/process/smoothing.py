@@ -111,10 +111,11 @@ class Smoothing:
             earth_removed=settings.omega_ie_n is not None,
         )
         if alignment.gyro_bias_sigma is not None:
-            known = CAUTION * alignment.gyro_bias_sigma
-            sensors = replace(sensors, bias=min(sensors.bias, known))
+            bias = CAUTION * alignment.gyro_bias_sigma
+            sensors = replace(sensors, bias=min(sensors.bias, bias))
         chosen = self._config.navigation.motion
-        motion = find_motion(epochs, sensors, None if chosen == "auto" else chosen)
+        known = None if chosen == "auto" else chosen
+        motion = find_motion(epochs, sensors, known, self._gnss_speed())
         heading = alignment.sigma_rad[2] if alignment.north_referenced else None
         latitude, height = self._source.latitude, self._source.position[2]
         gravity = None if latitude is None else float(normal_gravity(latitude, height or 0.0))
@@ -146,6 +147,14 @@ class Smoothing:
                 for axis, rate in zip("xyz", survey.gyro_max, strict=True)
             ]
         ) - np.abs(self._plan.alignment.gyro_bias)
+
+    def _gnss_speed(self) -> float | None:
+        """Speed that GNSS velocities reach, m/s, but for the fastest of them."""
+        gnss = self._source.aiding.gnss
+        if gnss is None or not gnss.has_velocity.any():
+            return None
+        speeds = np.linalg.norm(gnss.velocity_n[gnss.has_velocity, :2], axis=1)
+        return float(np.quantile(speeds, 0.95))
 
     def _gnss_moves(self, start_ns: int, end_ns: int) -> bool:
         return moving_at(self._source.aiding.gnss, start_ns, end_ns) is not None
@@ -193,7 +202,8 @@ class Smoothing:
             yield Finding(
                 "no-rest",
                 "the log holds no rest, so nothing shows the gyro bias about the vertical: heading"
-                f" may have drifted by {s.heading_sigma_end_deg:.2g} deg (1 sigma) at its end",
+                f" may have drifted by {s.heading_sigma_end_deg:.2g} deg (1 sigma; 104 deg: by"
+                " anything) at its end",
                 answer="record some seconds at rest, or give --gyro-bias X,Y,Z",
                 numbers={"heading_sigma_deg": s.heading_sigma_end_deg},
             )

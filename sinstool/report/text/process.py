@@ -11,6 +11,8 @@ if TYPE_CHECKING:
 
 
 Row = tuple[str, str]
+# Nothing is known of a heading from about here on: 104 deg are those of a whole turn.
+UNKNOWN_HEADING_DEG = 100.0
 
 
 def compass(heading_deg: float, digits: int) -> str:
@@ -88,12 +90,14 @@ def _smoothing(s: summary.AttitudeSmoothing | None) -> list[Row]:
     if s is None:
         return []
     bias = ", ".join(f"{b:.3e}" for b in s.gyro_bias_rad_s)
+    lost = s.heading_sigma_end_deg > UNKNOWN_HEADING_DEG
+    heading = "not known" if lost else f"to {s.heading_sigma_end_deg:.2g} deg"
     return [
         (
             "smoothed",
             f"motion of a {s.motion}, {s.rest_s:.1f} s at rest; roll and pitch to"
             f" {s.tilt_sigma_deg:.2g} deg (1 sigma; at most {s.tilt_sigma_largest_deg:.2g}),"
-            f" heading at the end to {s.heading_sigma_end_deg:.2g} deg",
+            f" heading at the end {heading}",
         ),
         ("bias at end", f"gyro {bias} +- {max(s.gyro_bias_sigma_rad_s):.1e} rad/s (FRD)"),
     ]
