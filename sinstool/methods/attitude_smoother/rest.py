@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from dataclasses import replace
 from itertools import pairwise
 
@@ -30,7 +30,11 @@ LARGEST_BIAS = 0.2
 SAME_BIAS, SAME_FORCE = 0.02, 0.15
 
 
-def with_rest(epochs: Epochs, moves: Callable[[int, int], bool] | None = None) -> Epochs:
+def with_rest(
+    epochs: Epochs,
+    moves: Callable[[int, int], bool] | None = None,
+    spans: Iterable[tuple[int, int]] = (),
+) -> Epochs:
     """The epochs, with those at rest marked.
 
     Parameters
@@ -38,6 +42,9 @@ def with_rest(epochs: Epochs, moves: Callable[[int, int], bool] | None = None) -
     epochs : Epochs
     moves : callable, optional
         Whether something else, as GNSS, shows motion between two times (ns).
+    spans : iterable of (int, int), optional
+        Times (ns) between which something else shows rest: where an engine idles the means of
+        epochs scatter by more than their noise explains.
 
     Returns
     -------
@@ -46,6 +53,8 @@ def with_rest(epochs: Epochs, moves: Callable[[int, int], bool] | None = None) -
     values = epochs.values.copy()
     values[:, REST] = 0.0
     still = _still(epochs)
+    for start_ns, end_ns in spans:
+        still |= (epochs.time_ns[:-1] >= start_ns) & (epochs.time_ns[1:] <= end_ns) & ~epochs.gap
     for begin, end in _runs(still):
         if moves is not None and moves(int(epochs.time_ns[begin]), int(epochs.time_ns[end])):
             still[begin:end] = False

@@ -24,7 +24,7 @@ from sinstool.methods.strapdown.attitude import AttitudeRun, AttitudeSettings
 from sinstool.pipelines.plan import Plan
 from sinstool.pipelines.process.summary import AttitudeSmoothing
 from sinstool.survey.grade import random_walk, sensor_grade
-from sinstool.survey.rest import moving_at
+from sinstool.survey.rest import REST_S, moving_at
 from sinstool.survey.source import Source, nominal_interval
 
 Blocks = Callable[[int], Iterable[Imu]]
@@ -103,7 +103,12 @@ class Smoothing:
             stage.push(solution)
             if held is not None:
                 held.append(solution)
-        epochs = with_rest(stage.finish(), self._gnss_moves)
+        spans = (
+            (span.start_ns, span.end_ns)
+            for span in self._source.survey.spans
+            if span.duration_s >= REST_S
+        )
+        epochs = with_rest(stage.finish(), self._gnss_moves, spans)
         sensors = sensor_model(
             sensor_grade(self._source, self._config).grade,
             walk_at_rest=random_walk(self._source),
