@@ -12,6 +12,7 @@ from sinstool.core.units import STANDARD_GRAVITY
 from sinstool.methods.alignment.still import StillSpan, Windows
 
 ROUGH_S = 1.0
+NOT_STILL = "the log does not begin still"
 # m/s^2: less is no gravity.
 LEAST_GRAVITY = 0.1 * STANDARD_GRAVITY
 # A tilt less certain than this is not good, rad; one of which nothing is known has the other.
@@ -173,7 +174,7 @@ def from_motion(windows: Windows, time_ns: int) -> Alignment:
     accel = count @ windows.accel[first] / count.sum()
     if not np.linalg.norm(accel) > LEAST_GRAVITY:
         raise AlignmentError(
-            "the log does not begin still and its specific force holds no gravity",
+            f"{NOT_STILL} and its specific force holds no gravity",
             "give the first attitude with --align log or --align fixed",
         )
     return Alignment(
@@ -184,7 +185,7 @@ def from_motion(windows: Windows, time_ns: int) -> Alignment:
         "degraded",
         False,
         warnings=(
-            "the log does not begin still: tilt is from the mean specific force of its first"
+            f"{NOT_STILL}: tilt is from the mean specific force of its first"
             " second and may be several degrees off",
         ),
     )

@@ -35,7 +35,7 @@ GYROCOMPASS_S = 30.0
 FILTER_SIGMA = 10.0 * DEGREE
 # A mean rate at rest, rad/s (45 deg/h), that is not just the Earth's in an unknown direction.
 PLAIN_BIAS = 3.0 * EARTH_RATE
-NO_BIAS = "the log does not begin still, so no gyro bias is removed"
+NO_BIAS = f"{initial.NOT_STILL}, so no gyro bias is removed"
 
 
 def align(source: Source, config: ProcessConfig) -> Alignment:
@@ -334,7 +334,7 @@ def _with_bias(alignment: Alignment, source: Source, config: ProcessConfig) -> A
         if np.linalg.norm(bias) > PLAIN_BIAS:
             at = seconds_from_start(rest.start_ns, source)
             note = (
-                "the log does not begin still: the gyro bias is the mean rate of its longest rest,"
+                f"{initial.NOT_STILL}: the gyro bias is the mean rate of its longest rest,"
                 f" {rest.duration_s:.1f} s from {at:.1f} s on"
             )
             alignment = replace(alignment, gyro_bias=bias, bias_source="rest")

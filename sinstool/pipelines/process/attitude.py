@@ -9,6 +9,7 @@ from sinstool.config import ProcessConfig
 from sinstool.core.finding import Finding
 from sinstool.core.streams import Diagnostics, Imu, Solution
 from sinstool.core.units import DEGREE
+from sinstool.methods.alignment.initial import NOT_STILL
 from sinstool.methods.strapdown.attitude import AttitudeRun, AttitudeSettings
 from sinstool.pipelines.align.first_attitude import earth_rate
 from sinstool.pipelines.plan import Plan
@@ -92,7 +93,12 @@ class AttitudeMode(Mode):
         """The first attitude, the coning algorithm, the height, and what was odd."""
         settings, vertical = self._run.settings, self._vertical
         alignment = self.plan.alignment
-        findings = list(warned("alignment", alignment.warnings))
+        # A smoothed attitude hangs neither on its first tilt nor on its first bias.
+        findings = [
+            one
+            for one in warned("alignment", alignment.warnings)
+            if self._smoothing is None or not one.text.startswith(NOT_STILL)
+        ]
         if vertical is not None:
             findings += warned("height", vertical.warnings())
         if settings.algorithm.caveat:
