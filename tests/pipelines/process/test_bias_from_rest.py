@@ -39,7 +39,8 @@ def in_the_hand(path, seed, moving_s, still_s, moving_first):
 def test_a_rest_that_is_not_the_beginning_is_used_and_said(tmp_path, seed, moving_first):
     log = tmp_path / "log.mcap"
     truth = in_the_hand(log, seed, 2.5 if moving_first else 30.0, 60.0, moving_first)
-    config = build(ProcessConfig, {"output": {"only_results": True}})
+    options = {"output": {"only_results": True}, "navigation": {"attitude": "inertial"}}
+    config = build(ProcessConfig, options)
     capture = Capture()
     result = process(log, tmp_path / "out.mcap", config, None, capture)
     assert result.alignment.gyro_bias_source == "rest"
