@@ -54,7 +54,8 @@ def upright(force: FloatArray) -> FloatArray:
     sine, cosine = np.linalg.norm(axis), float(force @ up / size)
     axis = axis / sine if sine > 1e-12 else np.array([1.0, 0.0, 0.0])
     matrix = np.empty((3, 3))
-    kernels.rotation_of(*(axis * np.arctan2(sine, cosine)), matrix)
+    x, y, z = axis * np.arctan2(sine, cosine)
+    kernels.rotation_of(x, y, z, matrix)
     return matrix
 
 

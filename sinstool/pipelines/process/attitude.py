@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
 from sinstool.config import ProcessConfig
@@ -61,25 +62,31 @@ class AttitudeMode(Mode):
         if self._vertical is not None:
             self._vertical.damping.show(sink)
 
+    def find_out(self, progress: BytesRead | None) -> None:
+        """What a smoother finds in all of the log: whether heading counts from north, too."""
+        if self._smoothing is not None:
+            self._smoothing.find_out(self._blocks(0, progress))
+            if self._smoothing.north_referenced:
+                self.frames = replace(self.frames, reference="map")
+
     def solutions(self, progress: BytesRead | None) -> Iterator[Solution]:
         """Attitude at every update instant."""
         for solution in self._attitudes(progress):
             yield solution if self._vertical is None else self._vertical.push(solution)
 
     def _attitudes(self, progress: BytesRead | None) -> Iterator[Solution]:
-        begin_ns = self.plan.alignment.time_ns
         if self._smoothing is None:
+            begin_ns = self.plan.alignment.time_ns
             yield from self._run.run(imu_blocks(self.source, begin_ns, progress))
             return
-        size = self.source.log.size
-
-        def blocks(number: int) -> Iterator[Imu]:
-            """Half of the progress is either pass's."""
-            half = progress and (lambda read: progress((number * size + read) // 2))
-            return imu_blocks(self.source, begin_ns, half)
-
-        yield from self._smoothing.solutions(blocks)
+        yield from self._smoothing.solutions(self._blocks(1, progress))
         self._run = self._smoothing.run
+
+    def _blocks(self, number: int, progress: BytesRead | None) -> Iterator[Imu]:
+        """The samples for a pass, 0 or 1, of which either has half of the progress."""
+        size = self.source.log.size
+        half = progress and (lambda read: progress((number * size + read) // 2))
+        return imu_blocks(self.source, self.plan.alignment.time_ns, half)
 
     def new_diagnostics(self) -> Sequence[Diagnostics]:
         """Sigmas and biases, once they are known."""

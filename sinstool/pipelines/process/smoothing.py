@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Iterable, Iterator
 from typing import Any
 
 import numpy as np
@@ -13,19 +13,17 @@ from sinstool.core.streams import Diagnostics, Imu, Solution
 from sinstool.core.timeline import SECOND
 from sinstool.core.units import DEGREE
 from sinstool.methods.attitude_smoother.epochs import SATURATED, Epochs, EpochStage
-from sinstool.methods.attitude_smoother.model import SensorModel, sensor_model
+from sinstool.methods.attitude_smoother.model import sensor_model
 from sinstool.methods.attitude_smoother.motion import MARGIN, Motion, find_motion
 from sinstool.methods.attitude_smoother.rest import with_rest
 from sinstool.methods.attitude_smoother.smoother import Correction, smooth
 from sinstool.methods.strapdown.attitude import AttitudeRun, AttitudeSettings
 from sinstool.pipelines.plan import Plan
+from sinstool.pipelines.process.compass import MagneticHeading
 from sinstool.pipelines.process.summary import AttitudeSmoothing
 from sinstool.survey.grade import random_walk, sensor_grade
 from sinstool.survey.rest import moving_at
 from sinstool.survey.source import Source, nominal_interval
-
-Blocks = Callable[[int], Iterable[Imu]]
-"""The samples once more, for a pass of a number, 0 or 1."""
 
 # Intervals that are integrated across when gravity will put right what that leaves.
 SHORT_GAP_NS, SHORT_GAP_INTERVALS = 60_000_000, 8
@@ -57,6 +55,8 @@ class Smoothing:
     ----------
     run : AttitudeRun
         The integration that is, or was, corrected.
+    north_referenced : bool
+        A magnetometer showed true north.
     """
 
     def __init__(
@@ -75,17 +75,24 @@ class Smoothing:
         settings["still_until_ns"] = None
         self._settings = AttitudeSettings(**settings, omega_ie_n=omega_ie_n)
         self.run = self._new_run()
+        self.north_referenced = False
+        self._magnetic: MagneticHeading | None = None
+        if plan.magnetic is not None:
+            gap_ns = settings["max_gap_ns"]
+            self._magnetic = MagneticHeading(source, config, plan.magnetic, gap_ns)
         self._unwritten: list[Diagnostics] = []
 
     def _new_run(self) -> AttitudeRun:
         return AttitudeRun(self._plan.alignment.q_nb, self._settings)
 
-    def solutions(self, blocks: Blocks) -> Iterator[Solution]:
-        """Smoothed attitude at every update instant."""
+    def find_out(self, blocks: Iterable[Imu]) -> None:
+        """Integrate, and find the correction of what is integrated."""
         settings, alignment = self._settings, self._plan.alignment
         stage = EpochStage(settings.max_gap_ns, self._stops(), settings.sample_rate)
-        for solution in self.run.run(blocks(0)):
+        for solution in self.run.run(blocks):
             stage.push(solution)
+            if self._magnetic is not None:
+                self._magnetic.push(solution)
         epochs = with_rest(stage.finish(), self._gnss_moves)
         sensors = sensor_model(
             sensor_grade(self._source, self._config).grade,
@@ -97,11 +104,20 @@ class Smoothing:
         motion = find_motion(epochs, sensors, None if chosen == "auto" else chosen)
         heading = alignment.sigma_rad[2] if alignment.north_referenced else None
         correction = smooth(epochs, motion.model, sensors, heading or 0.0)
-        self._conclude(epochs, motion, sensors, correction)
+        if self._magnetic is not None:
+            north = self._magnetic.north(epochs, correction)
+            if north is not None:
+                correction = smooth(epochs, motion.model, sensors, north=north)
+            self.north_referenced = self._magnetic.north_referenced
+        self._correction = correction
+        self._conclude(epochs, motion, correction)
         self._unwritten.append(self._diagnostics(epochs, correction))
+
+    def solutions(self, blocks: Iterable[Imu]) -> Iterator[Solution]:
+        """Smoothed attitude at every update instant."""
         self.run = self._new_run()
-        for solution in self.run.run(blocks(1)):
-            yield correction.apply(solution)
+        for solution in self.run.run(blocks):
+            yield self._correction.apply(solution)
 
     def new_diagnostics(self) -> list[Diagnostics]:
         """Diagnostics since the last call, for writing."""
@@ -121,9 +137,7 @@ class Smoothing:
     def _gnss_moves(self, start_ns: int, end_ns: int) -> bool:
         return moving_at(self._source.aiding.gnss, start_ns, end_ns) is not None
 
-    def _conclude(
-        self, epochs: Epochs, motion: Motion, sensors: SensorModel, correction: Correction
-    ) -> None:
+    def _conclude(self, epochs: Epochs, motion: Motion, correction: Correction) -> None:
         seconds = np.diff(epochs.time_ns) / SECOND
         tilt, heading = _sigmas(correction)
         self._moved = float(seconds[~epochs.gap].sum())
@@ -140,6 +154,7 @@ class Smoothing:
             heading_sigma_end_deg=float(heading[-1]) / DEGREE,
             gyro_bias_rad_s=tuple(bias[-1].tolist()),
             gyro_bias_sigma_rad_s=tuple(correction.gyro_bias_sigma[-1].tolist()),
+            magnetometer=None if self._magnetic is None else self._magnetic.summary(correction),
         )
         worst = int(np.argmax(tilt))
         self._worst_ns = int(epochs.time_ns[worst])
@@ -149,17 +164,20 @@ class Smoothing:
     def findings(self) -> Iterator[Finding]:
         """What a user should know of the smoothed attitude."""
         s, first_ns = self.summary, self._source.survey.first_ns
+        if self._magnetic is not None:
+            yield from self._magnetic.findings()
         if s.tilt_sigma_largest_deg * DEGREE > UNCERTAIN_TILT:
             at = (self._worst_ns - first_ns) / SECOND
             yield Finding(
                 "uncertain-tilt",
-                f"roll and pitch are known to {s.tilt_sigma_deg:.2g} deg (1 sigma, median), but only"
-                f" to {s.tilt_sigma_largest_deg:.2g} deg at {at:.1f} s",
+                f"roll and pitch are known to {s.tilt_sigma_deg:.2g} deg (1 sigma, median), but"
+                f" only to {s.tilt_sigma_largest_deg:.2g} deg at {at:.1f} s",
                 start_ns=self._worst_ns,
                 end_ns=self._worst_ns,
                 numbers={"tilt_sigma_deg": s.tilt_sigma_largest_deg},
             )
-        if not self._rested:
+        compassed = s.magnetometer is not None and not s.magnetometer.refused
+        if not self._rested and not compassed:
             yield Finding(
                 "no-rest",
                 "the log holds no rest, so nothing shows the gyro bias about the vertical: heading"
@@ -173,8 +191,8 @@ class Smoothing:
             yield Finding(
                 "gyro-at-stop",
                 f"a gyro is at its largest value for {s.gyro_at_stop_s:.3g} s,"
-                f" {100.0 * share:.2g} % of the time: what the body turned beyond that is not in the"
-                " log" + (", and the attitude is not to be trusted" if lost else ""),
+                f" {100.0 * share:.2g} % of the time: what the body turned beyond that is not in"
+                " the log" + (", and the attitude is not to be trusted" if lost else ""),
                 severity=Severity.LOST if lost else Severity.WARNING,
                 answer="use a gyro of a larger range",
                 numbers={"gyro_at_stop_s": s.gyro_at_stop_s, "share": share},
