@@ -23,6 +23,7 @@ from sinstool.core.timeline import SECOND
 from sinstool.core.units import DEGREE
 from sinstool.io.readers import open_log
 from sinstool.io.readers.frames import q_nb_from_log, turn_body
+from sinstool.io.readers.streams import Losses, read_field
 from sinstool.pipelines.plan import make_plan
 from sinstool.pipelines.process import compass
 from sinstool.pipelines.process.attitude import AttitudeMode
@@ -112,14 +113,11 @@ def run(
     with open_log(path) as log:
         source = prepare(log, config)
         plan = make_plan(source, config)
-        fields = []
 
         def read(*args):
-            field, findings = read_magnetometer(*args)
-            added = turn_body(iron, "flu")
-            field = replace(field, field=field.field + added)
-            fields.append(field)
-            return field, findings
+            measured, findings = read_magnetometer(*args)
+            field = measured.field + turn_body(iron, "flu")
+            return replace(measured, field=field), findings
 
         with patch.object(compass, "read_magnetometer", read):
             mode = AttitudeMode(source, config, plan)
@@ -130,13 +128,12 @@ def run(
         sigma = np.sqrt(solution.covariance_attitude_n[:, 2, 2])
         ours = errors(solution.time_ns, solution.q_nb, path, sigma)
         imu = concatenate(list(imu_blocks(source, source.survey.first_ns)))
-    # VQF wants a field at every sample; between the means of ours it is interpolated
+        blocks = read_field(log, plan.magnetic.channels, "frd", Losses())
+        measured = concatenate(list(blocks))
+    # VQF wants a field with every sample, as these logs have it
+    mag = measured.field[np.searchsorted(measured.time_ns, imu.time_ns)] + iron
     gyro, accel = (np.ascontiguousarray(turn_body(v, "flu")) for v in (imu.gyro, imu.accel))
-    field = turn_body(fields[0].field, "flu")
-    seconds = (imu.time_ns - imu.time_ns[0]) / SECOND
-    at = (fields[0].time_ns - imu.time_ns[0]) / SECOND
-    mag = np.stack([np.interp(seconds, at, column) for column in field.T], axis=1)
-    interval = float(np.mean(np.diff(seconds)))
+    interval = float(np.diff(imu.time_ns).mean()) / SECOND
     made = (
         vqf.offlineVQF(gyro, accel, mag, interval)["quat9D"],
         vqf.VQF(interval).updateBatch(gyro, accel, mag)["quat9D"],
@@ -155,7 +152,7 @@ def main() -> None:
         totals = []
 
         def rows(iron=iron, totals=totals):
-            for path in sorted(chosen.trials.glob(f"*{chosen.only}*.mcap")):
+            for path in sorted(chosen.trials.glob(f"*_{chosen.only}*.mcap")):
                 ours, summary, others = run(path, iron)
                 m = summary.magnetometer
                 totals.append([ours.total, *(e.total for e in others)])

@@ -125,7 +125,7 @@ def read_magnetometer(
     if losses.nonfinite:
         text = f"topic {topic.topic}: {losses.nonfinite} fields are zero or not finite; left out"
         numbers = {"messages": float(losses.nonfinite)}
-        findings.append(Finding("no-field", text, topic=topic.topic, numbers=numbers))
+        findings.append(Finding("bad-fields", text, topic=topic.topic, numbers=numbers))
     measured = found.stream
     size = float(np.median(np.linalg.norm(measured.field, axis=1)))
     unit = suspected_unit(size)

@@ -48,8 +48,8 @@ DRIFT_S = 180.0
 LEAST_SIGMA, CORRELATED_S = 4.0 * DEGREE, 3.0
 # Heading at the start comes from so many trusted epochs, rad.
 FIRST, FIRST_SIGMA = 50, 0.3
-# What is left of an offset, as a share of the field's size: where none was found, and where the
-# log cannot show one.
+# What is left of an offset, as a share of the field's size: for it cannot be told from the gradient
+# of the field in a room, and where the log cannot show one.
 LEFT, UNSEEN_IRON = 0.02, 0.3
 
 
@@ -173,7 +173,7 @@ def find_north(
     first = heading[good][:FIRST]
     middle = np.angle(np.exp(1j * first).mean())
     start = float(middle + np.median(wrapped(first - middle)))
-    left = iron.sigma if iron.applied else LEFT * size
+    left = np.hypot(LEFT * size, iron.sigma if iron.applied else 0.0)
     unseen = 0.0 if iron.seen else UNSEEN_IRON * size
     variance = (left**2 + unseen**2) / (size * np.cos(dip)) ** 2
     return replace(found, north=North(rows, start, float(variance)))

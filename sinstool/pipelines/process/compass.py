@@ -24,8 +24,8 @@ DISTURBED = 0.1
 REFUSALS = {
     "short": "it gives no ten seconds of field",
     "size": "its field of {size:.3g} uT is not the Earth's (20 to 70 uT)",
-    "disturbed": "its field changes all the time: in only {trusted:.0f} % of it are size and dip"
-    " the same",
+    "disturbed": "size and dip of its field are the same in only {trusted:.0f} % of the time: it is"
+    " disturbed, or has other axes than the Imu",
     "scatter": "its headings scatter by {scatter:.0f} deg about those of the gyros: it may be"
     " disturbed, or have other axes than the Imu",
     "steep": "its field dips by {dip:.0f} deg: too little of it is horizontal to show north",
