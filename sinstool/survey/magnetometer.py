@@ -46,6 +46,12 @@ class MagneticTopic:
     doubtful: bool = False
 
 
+def magnetic_channels(log: Log) -> list[int]:
+    """Channels of magnetometers, but for outputs of ours."""
+    topics = optional_topics(log, "--magnetometer", None, MAGNETIC_TYPE)
+    return [channel.id for channels in topics.values() for channel in channels]
+
+
 def choose_magnetometer(
     log: Log, name: str | None, imu: ImuTopic, body_frame: str
 ) -> MagneticTopic:

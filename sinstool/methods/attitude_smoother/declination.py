@@ -35,14 +35,10 @@ def model_declination(
     from pygeomag import GeoMag, calculate_decimal_year
 
     when = datetime.fromtimestamp(time_ns // SECOND, UTC)
+    place = float(np.degrees(latitude)), float(np.degrees(longitude))
     try:
         model = GeoMag(base_year=when.year)
+        result = model.calculate(*place, max(height, LOWEST) / 1000.0, calculate_decimal_year(when))
     except ValueError:
         return None
-    result = model.calculate(
-        float(np.degrees(latitude)),
-        float(np.degrees(longitude)),
-        max(height, LOWEST) / 1000.0,
-        calculate_decimal_year(when),
-    )
     return float(np.radians(result.d))

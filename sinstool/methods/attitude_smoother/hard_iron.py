@@ -13,6 +13,9 @@ ROUNDS = 12
 PRIOR = 0.1
 # Residuals of epochs hang together for seconds: a fifth of a second tells less than it seems.
 CORRELATION = 25.0
+# What does not average out, as a share of the field's size: errors of the attitude (a quarter of a
+# degree) and gradients of the field that go with how the body turns.
+TOGETHER = 0.005
 # Residuals below this share of the field's size all count alike.
 LEAST_RESIDUAL = 0.005
 # An offset is taken off from so many sigmas and this share of the field on. What is smaller may be
@@ -105,6 +108,8 @@ def find_hard_iron(field: FloatArray, attitude: FloatArray, piece: np.ndarray) -
         square = np.einsum("nk,nk->n", residual, residual)
         weight = (9.0 * variance / (9.0 * variance + square)) ** 2
     covariance = CORRELATION * np.linalg.inv(information / variance + prior)
+    spread = information / weight.sum()
+    covariance += np.linalg.inv(spread / (TOGETHER * size) ** 2 + np.eye(3) / size**2)
     # across the mean horizontal field, in body axes
     level = field[:, :2] - np.einsum("nij,j->ni", attitude[:, :2], offset)
     level /= np.maximum(np.linalg.norm(level, axis=1), 1e-3 * size)[:, None]

@@ -24,6 +24,7 @@ from sinstool.methods.attitude_smoother.updates import (
     AZIMUTH,
     FIELD,
     FIELD_GATE,
+    FIELD_GATE_SIGMAS,
     FIELD_VARIANCE,
     FIELD_WIDTH,
 )
@@ -39,6 +40,8 @@ DENSEST = 0.4
 # What differs by more in size or in dip is disturbed, and so is what lies close to such a run.
 SIZE_WITHIN, DIP_WITHIN = 0.1, 8.0 * DEGREE
 RUN, MARGIN = 2, 5  # epochs
+# Share of a normal distribution within a sigma
+ONE_SIGMA = 0.683
 # Refused: less trusted than this share or time, more scattered, or steeper than this.
 LEAST_TRUSTED, LEAST_EPOCHS = 0.2, 50
 MOST_SCATTER, STEEPEST = 10.0 * DEGREE, 80.0 * DEGREE
@@ -206,12 +209,14 @@ def _near_runs(bad: np.ndarray, number: np.ndarray) -> np.ndarray:
 
 
 def _scatter(heading: FloatArray, seconds: FloatArray, piece: np.ndarray) -> float:
-    """Root mean square of headings about a straight drift for each piece, rad."""
-    square = 0.0
+    """Of headings about a straight drift for each piece, but for what a gate holds back, rad."""
+    off = []
     for one in np.split(np.arange(len(piece)), np.flatnonzero(np.diff(piece)) + 1):
         angle = np.unwrap(heading[one])
         time = seconds[one] - seconds[one].mean()
         slope = time @ (angle - angle.mean()) / max(time @ time, 1e-9) if len(one) > FIRST else 0.0
         angle = angle - slope * time
-        square += float(np.sum((angle - angle.mean()) ** 2))
-    return float(np.sqrt(square / max(len(heading), 1)))
+        off.append(np.abs(angle - np.median(angle)))
+    size = np.concatenate(off)
+    most = FIELD_GATE_SIGMAS * np.quantile(size, ONE_SIGMA)
+    return float(np.sqrt(np.mean(np.minimum(size, most) ** 2)))

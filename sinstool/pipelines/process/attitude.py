@@ -66,8 +66,9 @@ class AttitudeMode(Mode):
         """What a smoother finds in all of the log: whether heading counts from north, too."""
         if self._smoothing is not None:
             self._smoothing.find_out(self._blocks(0, progress))
-            if self._smoothing.north_referenced:
-                self.frames = replace(self.frames, reference="map")
+            referenced = self._smoothing.north_referenced
+            if referenced is not None:
+                self.frames = replace(self.frames, reference="map" if referenced else "odom")
 
     def solutions(self, progress: BytesRead | None) -> Iterator[Solution]:
         """Attitude at every update instant."""

@@ -74,8 +74,10 @@ class MagneticHeading:
         return self.compass.north
 
     @property
-    def north_referenced(self) -> bool:
-        """Heading counts from true north."""
+    def north_referenced(self) -> bool | None:
+        """Heading counts from true north; None where the magnetometer is refused."""
+        if self.compass.north is None:
+            return None
         return self.compass.verified and self._declination is not None
 
     def summary(self, correction: Correction) -> MagnetometerUsed:

@@ -55,8 +55,8 @@ class Smoothing:
     ----------
     run : AttitudeRun
         The integration that is, or was, corrected.
-    north_referenced : bool
-        A magnetometer showed true north.
+    north_referenced : bool or None
+        Whether a magnetometer showed true north; None where none was used.
     """
 
     def __init__(
@@ -75,7 +75,7 @@ class Smoothing:
         settings["still_until_ns"] = None
         self._settings = AttitudeSettings(**settings, omega_ie_n=omega_ie_n)
         self.run = self._new_run()
-        self.north_referenced = False
+        self.north_referenced: bool | None = None
         self._magnetic: MagneticHeading | None = None
         if plan.magnetic is not None:
             gap_ns = settings["max_gap_ns"]

@@ -1,0 +1,236 @@
+"""Heading by a magnetometer: what is taken for the Earth's field, and what is said of heading."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from sinstool.core.rotation import from_euler, rotate, to_dcm, to_euler, wrapped
+from sinstool.core.units import DEGREE
+from sinstool.methods.attitude_smoother.declination import model_declination
+from sinstool.methods.attitude_smoother.field import FieldStage
+from sinstool.methods.attitude_smoother.hard_iron import find_hard_iron
+from sinstool.methods.attitude_smoother.magnetometer import find_north
+from sinstool.methods.attitude_smoother.updates import FIELD_GATE, FIELD_VARIANCE
+from tests.methods.attitude_smoother.compass_runs import SIZE, earth, run, turning, wandering
+
+
+@given(
+    seed=st.integers(0, 2**32 - 1),
+    iron=st.tuples(*[st.floats(-40e-6, 40e-6)] * 3),
+    dip=st.floats(-75.0, 75.0),
+)
+@settings(max_examples=40, deadline=None)
+def test_a_hard_iron_is_found_whatever_it_is(seed, iron, dip):
+    rng = np.random.default_rng(seed)
+    n = 400
+    attitude = to_dcm(from_euler(rng.uniform(-np.pi, np.pi, (n, 3)) * [1.0, 0.5, 1.0]))
+    field = earth(dip) + attitude @ np.array(iron) + 2e-7 * rng.standard_normal((n, 3))
+    found = find_hard_iron(field, attitude, np.arange(n) // 50)
+    assert np.linalg.norm(found.offset - iron) < 0.02 * SIZE
+    assert found.seen
+    assert np.linalg.norm(found.offset - iron) < 6.0 * found.sigma
+
+
+def test_a_hard_iron_is_found_though_a_third_of_the_time_is_disturbed():
+    rng = np.random.default_rng(1)
+    n = 600
+    attitude = to_dcm(from_euler(rng.uniform(-np.pi, np.pi, (n, 3)) * [1.0, 0.5, 1.0]))
+    iron = np.array([15e-6, 10e-6, -8e-6])
+    field = earth(69.0) + attitude @ iron + 2e-7 * rng.standard_normal((n, 3))
+    field[200:400] += 30e-6 * rng.standard_normal((200, 3)) + [20e-6, 0.0, 0.0]
+    found = find_hard_iron(field, attitude, np.arange(n) // 150)
+    assert found.applied
+    assert np.linalg.norm(found.offset - iron) < 0.03 * SIZE
+
+
+def test_a_body_that_never_turns_says_that_it_shows_no_hard_iron():
+    made = run(3, seconds=60.0, iron=(15e-6, -10e-6, 8e-6), size=0.01)
+    found = made.compass()
+    assert found.north is not None
+    assert not found.hard_iron.seen
+    assert not found.verified
+    error, sigma = made.heading_errors(made.smoothed(found))
+    assert np.abs(error).max() > 10.0 * DEGREE
+    assert (np.abs(error) < 2.0 * sigma).all()
+
+
+def test_a_vehicle_that_keeps_level_shows_the_iron_that_turns_its_heading():
+    # Of the vertical part it shows nothing, but a level heading does not depend on that.
+    made = run(4, iron=(12e-6, -9e-6, 5e-6), tilts=False)
+    found = made.compass()
+    assert found.hard_iron.applied
+    assert found.hard_iron.seen
+    assert np.abs(found.hard_iron.offset[:2] - [12e-6, -9e-6]).max() < 0.02 * SIZE
+    error, _ = made.heading_errors(made.smoothed(found))
+    assert np.abs(error).max() < 3.0 * DEGREE
+
+
+@pytest.mark.parametrize("dip", [-60.0, 0.0, 69.0])
+def test_heading_counts_from_the_azimuth_of_the_field(dip):
+    made = run(5, field=earth(dip, azimuth_deg=-17.0))
+    magnetic, true = made.compass(), made.compass(azimuth_deg=-17.0)
+    assert np.degrees(true.dip) == pytest.approx(dip, abs=0.3)
+    assert true.size == pytest.approx(SIZE, rel=0.01)
+    error, _ = made.heading_errors(made.smoothed(true))
+    assert np.abs(error).max() < 2.0 * DEGREE
+    error, _ = made.heading_errors(made.smoothed(magnetic))
+    assert np.degrees(np.median(error)) == pytest.approx(-17.0, abs=1.0)
+
+
+def test_tilt_is_that_without_a_magnetometer():
+    made = run(6)
+    with_it = made.smoothed(made.compass())
+    down = np.broadcast_to([0.0, 0.0, 1.0], (len(with_it.q), 3))
+    # the vertical of the body, but for the turn of the navigation axes
+    ours, before = rotate(with_it.q, down)[:, 2], rotate(made.before.q, down)[:, 2]
+    assert np.abs(np.arccos(np.clip(ours, -1, 1)) - np.arccos(np.clip(before, -1, 1))).max() < (
+        0.1 * DEGREE
+    )
+
+
+def test_heading_errors_have_the_size_that_is_said():
+    field = earth(60.0)
+    squares, held = [], []
+    for seed in range(24):
+        made = run(100 + seed, seconds=90.0, field=field, disturbance=wandering(4.0, field))
+        found = made.compass()
+        assert found.north is not None
+        correction = made.smoothed(found)
+        error, sigma = made.heading_errors(correction)
+        # what all headings have in common was not simulated
+        own = np.sqrt(sigma**2 - found.north.variance)
+        squares.append(np.mean((error / own) ** 2))
+        held.append(np.abs(error) < 2.5 * sigma)
+    assert 0.5 < np.mean(squares) < 1.5
+    assert np.mean(held) > 0.99
+
+
+def test_a_magnet_in_passing_is_left_out():
+    def passing(times, _):
+        near = (times > 40.0) & (times < 55.0)
+        return np.where(near[:, None], [-10e-6, 25e-6, 15e-6], 0.0)
+
+    made = run(7, disturbance=passing)
+    found = made.compass()
+    begins = (made.epochs.time_ns[:-1] - made.epochs.time_ns[0]) * 1e-9
+    used = found.north.rows[:, FIELD_VARIANCE] > 0.0
+    assert not used[(begins > 39.3) & (begins < 55.7)].any()
+    assert used[(begins < 38.5) | (begins > 56.5)].all()
+    assert found.trusted == pytest.approx(1.0 - 17.0 / 120.0, abs=0.02)
+    error, sigma = made.heading_errors(made.smoothed(found))
+    assert np.abs(error).max() < 2.0 * DEGREE
+    assert (np.abs(error) < 2.5 * sigma).all()
+
+
+def test_a_magnet_that_looks_like_another_north_is_held_back_by_the_gate():
+    # The Earth's field turned about the vertical for a while: size and dip are right.
+    field = earth(60.0)
+    turned = rotate(from_euler(np.array([0.0, 0.0, 60.0 * DEGREE])), field) - field
+
+    def false_north(times, _):
+        near = (times > 60.0) & (times < 64.0)
+        return np.where(near[:, None], turned, 0.0)
+
+    made = run(8, field=field, disturbance=false_north)
+    found = made.compass()
+    assert found.north is not None
+    error, _ = made.heading_errors(made.smoothed(found))
+    assert np.abs(error).max() < 2.0 * DEGREE
+
+
+def test_a_gyro_bias_about_the_vertical_is_seen():
+    made = run(9, bias=0.005, tilts=False)
+    without, sigma_without = made.heading_errors(made.before)
+    error, sigma = made.heading_errors(made.smoothed(made.compass()))
+    assert np.ptp(np.unwrap(without)) > 10.0 * DEGREE
+    assert np.abs(error).max() < 3.0 * DEGREE
+    assert (np.abs(error) < 3.0 * sigma).all()
+    assert sigma_without[-1] > sigma[-1]
+
+
+@pytest.mark.parametrize("mag_rate", [1, 5, 50])
+def test_a_slow_magnetometer_will_do(mag_rate):
+    made = run(10, mag_rate=mag_rate)
+    found = made.compass()
+    ratio = found.north.rows[:, FIELD_VARIANCE].max() / found.north.rows[0, FIELD_GATE]
+    assert ratio == pytest.approx(6.0 if mag_rate == 1 else 30.0, rel=0.01)
+    error, _ = made.heading_errors(made.smoothed(found))
+    assert np.abs(error).max() < 2.0 * DEGREE
+
+
+def noise_alone(times, rng):
+    return 40e-6 * rng.standard_normal((len(times) // 10 + 1, 3)).repeat(10, axis=0)[: len(times)]
+
+
+@pytest.mark.parametrize(
+    ("options", "refused"),
+    [
+        ({"seconds": 8.0}, "short"),
+        ({"field": earth(86.0)}, "steep"),
+        ({"field": earth(-86.0)}, "steep"),
+        ({"disturbance": noise_alone}, "disturbed"),
+        ({"field": 0.2 * earth(60.0)}, "size"),
+        ({"field": 3.0 * earth(60.0)}, "size"),
+        # of a log in other axes
+        ({"body_of_field": lambda body: body * [1.0, -1.0, -1.0]}, "disturbed"),
+        ({"body_of_field": lambda body: body * [1.0, -1.0, 1.0], "tilts": False}, "disturbed"),
+    ],
+)
+def test_what_shows_no_north_is_refused(options, refused):
+    found = run(11, **options).compass()
+    assert found.refused == refused
+    assert found.north is None
+    assert not found.verified
+
+
+def test_no_field_at_all_is_refused():
+    made = run(12, seconds=30.0)
+    empty = replace(made.measured, count=np.zeros(len(made.epochs)))
+    assert find_north(made.epochs, empty, made.before.q[:-1]).refused == "short"
+
+
+def test_fields_within_a_gap_are_left_out():
+    rng = np.random.default_rng(13)
+    times, q = turning(60.0, rng)
+    keep = (times < 20.0) | (times > 24.0)
+    made = run(13, turn=(times[keep], q[keep]))
+    gap = np.flatnonzero(made.epochs.gap)
+    assert len(gap) == 1
+    assert made.measured.count[gap[0]] == 0.0
+    assert made.measured.count.sum() == pytest.approx(np.count_nonzero(keep), abs=25)
+    assert isinstance(made.measured.field, np.ndarray) and FieldStage is not None
+    error, sigma = made.heading_errors(made.smoothed(made.compass()))
+    after = gap[0] + 5
+    assert np.abs(error[after:]).max() < 4.0 * DEGREE
+    assert (np.abs(error) < 3.0 * sigma).all()
+
+
+@pytest.mark.parametrize(
+    ("latitude", "longitude", "year", "expected"),
+    # NOAA's calculator of the World Magnetic Model
+    [(47.6205, -122.3493, 2025.25, 15.07), (47.6205, -122.3493, 2013.25, 16.42)],
+)
+def test_declination_is_that_of_the_world_magnetic_model(latitude, longitude, year, expected):
+    time_ns = round((year - 1970.0) * 365.2425 * 86400e9)
+    value = model_declination(np.radians(latitude), np.radians(longitude), 0.0, time_ns)
+    assert np.degrees(value) == pytest.approx(expected, abs=0.02)
+
+
+@pytest.mark.parametrize("year", [1970, 2009, 2031])
+def test_there_is_no_declination_for_other_years(year):
+    time_ns = round((year - 1970.0) * 365.2425 * 86400e9) + 10**15
+    assert model_declination(0.8, 0.2, 0.0, time_ns) is None
+
+
+def test_heading_of_a_field_is_that_of_the_body():
+    made = run(14)
+    correction = made.smoothed(made.compass())
+    at = np.searchsorted(made.time_ns, correction.time_ns[:-1])
+    given_ = to_dcm(correction.q[:-1]) @ to_dcm(made.integrated[at])
+    heading = np.arctan2(given_[:, 1, 0], given_[:, 0, 0])
+    true = to_euler(made.true[at])[:, 2]
+    level = np.abs(to_euler(made.true[at])[:, 1]) < 1.0
+    assert np.abs(wrapped(heading - true)[level]).max() < 3.0 * DEGREE
