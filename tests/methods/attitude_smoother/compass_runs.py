@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from sinstool.core.rotation import conjugate as back
-from sinstool.core.rotation import exp, from_euler, multiply, rotate, to_euler, wrapped
+from sinstool.core.rotation import from_euler, multiply, rotate, to_euler, wrapped
 from sinstool.core.streams import Imu, Magnetometer, Solution
 from sinstool.core.timeline import SECOND
 from sinstool.core.units import DEGREE
@@ -152,6 +152,3 @@ def wandering(size_deg, field, memory=3.0):
         return np.radians(size_deg) * out[:, None] * across
 
     return draw
-
-
-__all__ = ["Made", "earth", "exp", "run", "turning", "wandering"]

@@ -10,7 +10,6 @@ from hypothesis import strategies as st
 from sinstool.core.rotation import from_euler, rotate, to_dcm, to_euler, wrapped
 from sinstool.core.units import DEGREE
 from sinstool.methods.attitude_smoother.declination import model_declination
-from sinstool.methods.attitude_smoother.field import FieldStage
 from sinstool.methods.attitude_smoother.hard_iron import find_hard_iron
 from sinstool.methods.attitude_smoother.magnetometer import find_north
 from sinstool.methods.attitude_smoother.updates import FIELD_GATE, FIELD_VARIANCE
@@ -46,8 +45,9 @@ def test_a_hard_iron_is_found_though_a_third_of_the_time_is_disturbed():
     assert np.linalg.norm(found.offset - iron) < 0.03 * SIZE
 
 
-def test_a_body_that_never_turns_says_that_it_shows_no_hard_iron():
-    made = run(3, seconds=60.0, iron=(15e-6, -10e-6, 8e-6), size=0.01)
+@pytest.mark.parametrize("size", [0.0, 0.02])
+def test_a_body_that_hardly_turns_says_that_it_shows_no_hard_iron(size):
+    made = run(3, seconds=60.0, iron=(15e-6, -10e-6, 8e-6), size=size)
     found = made.compass()
     assert found.north is not None
     assert not found.hard_iron.seen
@@ -201,7 +201,6 @@ def test_fields_within_a_gap_are_left_out():
     assert len(gap) == 1
     assert made.measured.count[gap[0]] == 0.0
     assert made.measured.count.sum() == pytest.approx(np.count_nonzero(keep), abs=25)
-    assert isinstance(made.measured.field, np.ndarray) and FieldStage is not None
     error, sigma = made.heading_errors(made.smoothed(made.compass()))
     after = gap[0] + 5
     assert np.abs(error[after:]).max() < 4.0 * DEGREE
@@ -210,8 +209,8 @@ def test_fields_within_a_gap_are_left_out():
 
 @pytest.mark.parametrize(
     ("latitude", "longitude", "year", "expected"),
-    # NOAA's calculator of the World Magnetic Model
-    [(47.6205, -122.3493, 2025.25, 15.07), (47.6205, -122.3493, 2013.25, 16.42)],
+    # the test values that NOAA publishes with the model of 2020
+    [(80.0, 0.0, 2020.001, -1.28), (0.0, 120.0, 2020.001, 0.16), (-80.0, -120.0, 2020.001, 69.36)],
 )
 def test_declination_is_that_of_the_world_magnetic_model(latitude, longitude, year, expected):
     time_ns = round((year - 1970.0) * 365.2425 * 86400e9)
