@@ -256,11 +256,10 @@ def _magnetometer(
     name = config.navigation.magnetometer
     if attitude.value != "smoothed":
         return MagneticTopic("", f"as the attitude is {attitude.value}"), ()
-    # An orientation of the log may count from anywhere
-    chosen = config.align.align != "auto"
-    north = alignment is not None and alignment.north_referenced
-    if name is None and alignment is not None and north and (chosen or alignment.sigma_rad[2]):
-        return MagneticTopic("", "as the first attitude counts from north already"), ()
+    if name is None and alignment is not None and alignment.north_referenced:
+        # An orientation of the log that comes without a sigma may count from anywhere
+        if alignment.sigma_rad[2] is not None or config.align.align != "auto":
+            return MagneticTopic("", "as the first attitude counts from north already"), ()
     found = choose_magnetometer(source.log, name, source.imu_topic, source.body_frame)
     if not found.doubtful:
         return found, ()

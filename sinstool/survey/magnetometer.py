@@ -8,6 +8,7 @@ from itertools import takewhile
 
 import numpy as np
 
+from sinstool.core.errors import UnsupportedLogError
 from sinstool.core.finding import Finding
 from sinstool.core.streams import Magnetometer
 from sinstool.core.timeline import SECOND, sorted_stream
@@ -16,8 +17,8 @@ from sinstool.io.readers.message_types import MAGNETIC_TYPE
 from sinstool.io.readers.streams import Losses, frame_id, read_field
 from sinstool.io.readers.topics import NONE, ImuTopic, optional_topics
 
-# Samples closer together are averaged: an hour's take no more memory than its epochs. Within so
-# little time bodies hardly turn.
+# Samples closer together are averaged, so that a log's take little more memory than its epochs.
+# Within so little time bodies hardly turn: at 10 rad/s the mean is 0.2 % too small.
 BIN_S = 0.02
 # The Earth's field is 22 to 67 uT; what is fixed to a body adds to it, or takes off, T.
 SIZES = (15e-6, 100e-6)
@@ -82,7 +83,7 @@ def choose_magnetometer(
     if len(topics) == 1:
         ((topic, channels),) = topics.items()
         return MagneticTopic(topic, "the log's only MagneticField topic", channels)
-    frames = {t: frame_id(log, c).lstrip("/") for t, c in topics.items()}
+    frames = {t: _frame(log, c) for t, c in topics.items()}
     same = [t for t in topics if frames[t] and frames[t] == body_frame.lstrip("/")]
     if len(same) == 1:
         reason = f"of {len(topics)} the only one in the Imu's frame, {body_frame}"
@@ -95,6 +96,14 @@ def choose_magnetometer(
         return MagneticTopic(best[0], reason, topics[best[0]])
     shown = ", ".join(topics)
     return MagneticTopic("", f"as the log does not show which is meant of {shown}", doubtful=True)
+
+
+def _frame(log: Log, channels: tuple[Channel, ...]) -> str:
+    """Frame of a topic's messages; '' where it has none or they cannot be read."""
+    try:
+        return frame_id(log, channels).lstrip("/")
+    except UnsupportedLogError:
+        return ""
 
 
 def _shared(one: str, other: str) -> int:
@@ -123,14 +132,19 @@ def read_magnetometer(
     """
     losses = Losses()
     blocks = read_field(log, topic.channels, axes, losses)
-    found = sorted_stream(_thinned(blocks, log_time), log_time, True)
+    try:
+        found = sorted_stream(_thinned(blocks, log_time), log_time, True)
+    except UnsupportedLogError as exc:
+        return None, [Finding("no-field", f"the magnetometer cannot be read: {exc}")]
+    problem = f" ({losses.problem})" if losses.problem else ""
     if found is None:
-        text = f"topic {topic.topic} holds no field that is finite and not zero"
+        text = f"topic {topic.topic} holds no field that is finite and not zero{problem}"
         return None, [Finding("no-field", text, topic=topic.topic)]
     findings = []
-    if losses.nonfinite:
-        text = f"topic {topic.topic}: {losses.nonfinite} fields are zero or not finite; left out"
-        numbers = {"messages": float(losses.nonfinite)}
+    bad = losses.nonfinite + losses.malformed
+    if bad:
+        text = f"topic {topic.topic}: {bad} fields are zero, not finite or damaged{problem}"
+        numbers = {"messages": float(bad)}
         findings.append(Finding("bad-fields", text, topic=topic.topic, numbers=numbers))
     measured = found.stream
     size = float(np.median(np.linalg.norm(measured.field, axis=1)))

@@ -6,10 +6,16 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from mcap.reader import make_reader
+from mcap.writer import Writer
+from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
+from sinstool.config import ProcessConfig
+from sinstool.config.load import build
 from sinstool.core.errors import TopicError
 from sinstool.io.readers import open_log
 from sinstool.io.readers.topics import choose_imu
+from sinstool.pipelines.process.run import process
 from sinstool.survey.magnetometer import (
     TESLA,
     choose_magnetometer,
@@ -114,7 +120,7 @@ def test_what_is_no_field_of_the_earth_is_left_as_it_is(size):
 def test_zeros_and_what_is_not_finite_are_counted(tmp_path):
     field = np.tile(FIELD, (200, 1))
     field[10:20], field[30:35], field[40] = 0.0, np.nan, np.inf
-    slow = even_times(200, rate=10.0)
+    slow = even_times(200, rate=10.0)  # too slow to be averaged
     messages = field_messages("/mag", field=field, times=slow)
     measured, findings = read(log_of(tmp_path / "a.mcap", messages))
     assert len(measured) == 184
@@ -122,6 +128,47 @@ def test_zeros_and_what_is_not_finite_are_counted(tmp_path):
     assert finding.kind == "bad-fields" and finding.numbers["messages"] == 16
     none, findings = read(log_of(tmp_path / "b.mcap", field_messages("/mag", field=np.zeros(3))))
     assert none is None and findings[0].kind == "no-field"
+
+
+@pytest.mark.parametrize("encoding", ["cdr", "json"])
+def test_one_that_cannot_be_read_is_done_without(tmp_path, encoding):
+    types = get_typestore(Stores.ROS2_HUMBLE)
+    del types.fielddefs[MAGNETIC]
+    types.register(get_types_from_msg("std_msgs/Header header\nfloat64 strength", MAGNETIC))
+    messages = [
+        m._replace(message=types.types[MAGNETIC](header=m.message.header, strength=4e-5))
+        for m in field_messages("/mag")
+    ]
+    imu = imu_messages(TIMES, [0.0, 0.0, 0.0], [0.0, 0.0, 9.81])
+    path = tmp_path / "log.mcap"
+    write_log(path, sorted([*imu, *messages], key=lambda m: m.log_ns), types=types)
+    if encoding == "json":
+        path = rewritten(path, tmp_path / "json.mcap")
+    measured, (finding,) = read(path)
+    assert measured is None
+    assert finding.kind == "no-field" and "/mag" in finding.text
+    config = build(ProcessConfig, {"navigation": {"attitude": "smoothed"}})
+    result = process(path, tmp_path / "out.mcap", config)
+    assert result.smoothing.magnetometer.refused == "short"
+    assert [f.kind for f in result.findings if "/mag" in f.text] == ["no-field"]
+
+
+def rewritten(path, to):
+    """The log, with its magnetometer in an encoding that nobody reads."""
+    with path.open("rb") as source, to.open("wb") as stream:
+        writer = Writer(stream)
+        writer.start(profile="ros2")
+        numbers = {}
+        for schema, channel, message in make_reader(source).iter_messages():
+            if channel.topic not in numbers:
+                schema_id = writer.register_schema(schema.name, schema.encoding, schema.data)
+                encoding = "json" if schema.name == MAGNETIC else channel.message_encoding
+                numbers[channel.topic] = writer.register_channel(channel.topic, encoding, schema_id)
+            writer.add_message(
+                numbers[channel.topic], message.log_time, message.data, message.publish_time
+            )
+        writer.finish()
+    return to
 
 
 def test_a_fast_magnetometer_is_thinned_to_means(tmp_path):

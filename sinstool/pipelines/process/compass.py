@@ -56,6 +56,7 @@ class MagneticHeading:
         measured, self._odd = read_magnetometer(
             source.log, topic, config.input.body_axes, by_log_time
         )
+        self._read = measured is not None
         self._stage = None if measured is None else FieldStage(measured, max_gap_ns)
         self.compass = Compass("short")
 
@@ -106,6 +107,8 @@ class MagneticHeading:
         """What a user should know of it."""
         yield from self._odd
         found, iron, topic = self.compass, self.compass.hard_iron, self._topic
+        if not self._read:
+            return
         if found.north is None or iron is None:
             why = REFUSALS[found.refused].format(
                 size=1e6 * found.size,

@@ -81,6 +81,7 @@ def run(
     mag_rate=RATE,
     turn=None,
     body_of_field=None,
+    blocks=7,
     **motion,
 ):
     """A body that turns where it stands.
@@ -99,6 +100,8 @@ def run(
         Times and attitudes, instead of those that are drawn.
     body_of_field : callable, optional
         What the magnetometer's axes make of the field in the Imu's.
+    blocks : int
+        In which the solutions come.
     """
     rng = np.random.default_rng(seed)
     times, q = turning(seconds, rng, **motion) if turn is None else turn
@@ -129,8 +132,7 @@ def run(
     rows = slice(None, None, RATE // mag_rate)
     magnetic = Magnetometer(time_ns[rows], time_ns[rows], body[rows])
     stage, fields = EpochStage(MAX_GAP_NS, np.full(3, np.inf)), FieldStage(magnetic, MAX_GAP_NS)
-    # in uneven blocks, which must not matter
-    for part in np.array_split(np.arange(len(times)), 7):
+    for part in np.array_split(np.arange(len(times)), blocks):
         stage.push(solution.rows(part))
         fields.push(solution.rows(part))
     epochs = with_rest(stage.finish())

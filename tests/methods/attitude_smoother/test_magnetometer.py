@@ -10,6 +10,7 @@ from hypothesis import strategies as st
 from sinstool.core.rotation import from_euler, rotate, to_dcm, to_euler, wrapped
 from sinstool.core.units import DEGREE
 from sinstool.methods.attitude_smoother.declination import model_declination
+from sinstool.methods.attitude_smoother.field import EpochField
 from sinstool.methods.attitude_smoother.hard_iron import find_hard_iron
 from sinstool.methods.attitude_smoother.magnetometer import find_north
 from sinstool.methods.attitude_smoother.updates import FIELD_GATE, FIELD_VARIANCE
@@ -43,6 +44,43 @@ def test_a_hard_iron_is_found_though_a_third_of_the_time_is_disturbed():
     found = find_hard_iron(field, attitude, np.arange(n) // 150)
     assert found.applied
     assert np.linalg.norm(found.offset - iron) < 0.03 * SIZE
+
+
+@given(seed=st.integers(0, 2**32 - 1), gradient=st.floats(0.0, 3e-6))
+@settings(max_examples=20, deadline=None)
+def test_where_there_is_no_iron_none_is_taken_off(seed, gradient):
+    rng = np.random.default_rng(seed)
+    n = 600
+    attitude = to_dcm(from_euler(rng.uniform(-1.0, 1.0, (n, 3)) * rng.uniform(0.05, 3.0)))
+    room = gradient * rng.standard_normal((n // 25, 3)).repeat(25, axis=0)
+    field = earth(66.0) + room + 2e-7 * rng.standard_normal((n, 3))
+    assert not find_hard_iron(field, attitude, np.arange(n) // 150).applied
+
+
+def test_an_iron_is_found_in_a_log_of_many_hours():
+    rng = np.random.default_rng(2)
+    made = run(2, seconds=60.0)
+    # as many epochs as 6 hours have, of the same minute again and again
+    again = np.arange(108_000) % 290
+    attitude, iron = made.measured.attitude[again], np.array([12e-6, 4e-6, -9e-6])
+    field = made.measured.field[again] + attitude @ iron
+    field += 3e-7 * rng.standard_normal(field.shape)
+    time_ns = np.arange(108_001) * 200_000_000
+    epochs = replace(made.epochs, time_ns=time_ns, values=made.epochs.values[again])
+    measured = EpochField(field, attitude, np.full(len(again), 10.0))
+    found = find_north(epochs, measured, made.before.q[again])
+    assert found.hard_iron.applied
+    assert np.linalg.norm(found.hard_iron.offset - iron) < 0.02 * SIZE
+    assert found.trusted > 0.99
+
+
+def test_fields_of_epochs_do_not_depend_on_blocks():
+    rng = np.random.default_rng(15)
+    times, q = turning(30.0, rng)
+    one, other = (run(15, turn=(times, q), blocks=k).measured for k in (1, 501))
+    assert np.abs(one.field - other.field).max() < 1e-18
+    assert np.abs(one.attitude - other.attitude).max() < 1e-13
+    assert (one.count == other.count).all() and (one.count == 10.0).all()
 
 
 @pytest.mark.parametrize("size", [0.0, 0.02])
