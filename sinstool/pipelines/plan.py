@@ -256,10 +256,13 @@ def _magnetometer(
     name = config.navigation.magnetometer
     if attitude.value != "smoothed":
         return MagneticTopic("", f"as the attitude is {attitude.value}"), ()
-    if name is None and alignment is not None and alignment.north_referenced:
-        # An orientation of the log that comes without a sigma may count from anywhere
-        if alignment.sigma_rad[2] is not None or config.align.align != "auto":
-            return MagneticTopic("", "as the first attitude counts from north already"), ()
+    # An orientation of the log that comes without a sigma may count from anywhere
+    north = alignment is not None and (
+        alignment.north_referenced
+        and (alignment.sigma_rad[2] is not None or config.align.align != "auto")
+    )
+    if name is None and north:
+        return MagneticTopic("", "as the first attitude counts from north already"), ()
     found = choose_magnetometer(source.log, name, source.imu_topic, source.body_frame)
     if not found.doubtful:
         return found, ()

@@ -5,10 +5,10 @@ import pytest
 
 from sinstool.config import ProcessConfig
 from sinstool.config.load import build
-from sinstool.core.rotation import conjugate, multiply, rotate, wrapped
+from sinstool.core.rotation import conjugate, from_euler, multiply, rotate, wrapped
 from sinstool.core.streams import Solution, concatenate
 from sinstool.io.readers import open_log
-from sinstool.io.readers.frames import q_nb_from_log, turn_body
+from sinstool.io.readers.frames import q_for_log, q_nb_from_log, turn_body
 from sinstool.pipelines.process.run import process
 from sinstool.report.text.process import summary_rows
 from tests.helpers.imulogs import imu_messages, write_log
@@ -37,7 +37,7 @@ class Kept:
         return concatenate(self.blocks)
 
 
-def turning_log(path, *, iron=(0.0, 0.0, 0.0), bad=False, seconds=60.0):
+def turning_log(path, *, iron=(0.0, 0.0, 0.0), bad=False, oriented=False, seconds=60.0):
     """A body that turns where it stands, in FLU axes; its attitudes."""
     rng = np.random.default_rng(5)
     times, q = turning(seconds, rng)
@@ -50,8 +50,14 @@ def turning_log(path, *, iron=(0.0, 0.0, 0.0), bad=False, seconds=60.0):
         field = 40e-6 * rng.standard_normal(field.shape)
     noise = 1e-3 * rng.standard_normal((2, len(q), 3))
     time_ns = T0 + np.rint(times * 1e9).astype(np.int64)
+    # what a driver may give: an orientation whose heading counts from the start
+    turned = multiply(from_euler(np.array([0.0, 0.0, 1.0])), q)
+    given = {"q_xyzw": q_for_log(turned, "flu", "enu")[:, [1, 2, 3, 0]], "covariance": 0.0}
     messages = imu_messages(
-        time_ns, turn_body(gyro + noise[0], "flu"), turn_body(force + noise[1], "flu")
+        time_ns,
+        turn_body(gyro + noise[0], "flu"),
+        turn_body(force + noise[1], "flu"),
+        **(given if oriented else {}),
     )
     fields = field_messages("/mag", field=turn_body(field, "flu"), times=time_ns)
     write_log(path, sorted([*messages, *fields], key=lambda m: m.log_ns))
@@ -154,6 +160,14 @@ def test_a_first_attitude_with_a_heading_is_not_turned(tmp_path):
     kept = Kept()
     process(log, tmp_path / "b.mcap", build(ProcessConfig, config), sink=kept)
     assert np.abs(heading_errors(kept.solution, true)).max() < 3.0
+
+
+def test_an_orientation_of_the_log_is_turned_to_the_field(tmp_path):
+    true = turning_log(tmp_path / "log.mcap", oriented=True)
+    result, solution = processed(tmp_path / "log.mcap", tmp_path, declination=5.0)
+    assert result.alignment.method == "log"
+    assert result.plan.magnetometer.value == "/mag"
+    assert np.abs(heading_errors(solution, true)).max() < 3.0
 
 
 # Total error of the whole rotation where the reference moves, deg: offline VQF has 0.95, 4.04,
