@@ -8,12 +8,18 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from sinstool.core.rotation import from_euler, rotate, to_dcm, to_euler, wrapped
+from sinstool.core.streams import Magnetometer, Solution
 from sinstool.core.units import DEGREE
 from sinstool.methods.attitude_smoother.declination import model_declination
-from sinstool.methods.attitude_smoother.field import EpochField
+from sinstool.methods.attitude_smoother.field import EpochField, FieldStage
 from sinstool.methods.attitude_smoother.hard_iron import find_hard_iron
+from sinstool.methods.attitude_smoother.kernels import STATE, rotation_of
 from sinstool.methods.attitude_smoother.magnetometer import find_north
-from sinstool.methods.attitude_smoother.updates import FIELD_GATE, FIELD_VARIANCE
+from sinstool.methods.attitude_smoother.updates import (
+    FIELD_GATE,
+    FIELD_VARIANCE,
+    measure_heading,
+)
 from tests.methods.attitude_smoother.compass_runs import SIZE, earth, run, turning, wandering
 
 
@@ -271,3 +277,44 @@ def test_heading_of_a_field_is_that_of_the_body():
     true = to_euler(made.true[at])[:, 2]
     level = np.abs(to_euler(made.true[at])[:, 1]) < 1.0
     assert np.abs(wrapped(heading - true)[level]).max() < 3.0 * DEGREE
+
+
+def test_a_heading_depends_on_small_turns_as_the_filter_thinks():
+    rng = np.random.default_rng(16)
+    matrix = to_dcm(from_euler(rng.uniform(-1.0, 1.0, 3)))
+    field = earth(50.0, azimuth_deg=30.0) @ matrix  # before the matrix turns it
+
+    def heading(turn):
+        small = np.empty((3, 3))
+        rotation_of(*turn, small)
+        north, east, _ = small @ matrix @ field
+        return np.arctan2(east, north)
+
+    row = np.array([*field, 0.5, 0.1, 0.1])
+    x, p = np.zeros(STATE), np.eye(10)
+    x[:9] = matrix.ravel()
+    gain, dx = np.empty(13), np.zeros(13)
+    measure_heading(row, 10, x, p, gain, dx)
+    steps = 1e-6 * np.eye(3)
+    slope = np.array([(heading(s) - heading(-s)) / 2e-6 for s in steps])
+    # of unit covariance: the gain is the derivative over its square and the variance
+    expected = slope * (0.5 - heading(np.zeros(3))) / (slope @ slope + 0.1)
+    assert np.allclose(dx[:3], expected, rtol=1e-6)
+    assert not dx[3:].any()
+
+
+def test_the_sign_of_a_quaternion_is_of_no_account():
+    rng = np.random.default_rng(17)
+    times, q = turning(10.0, rng)
+    time_ns = np.rint(times * 1e9).astype(np.int64)
+    # between the attitudes, so that they are interpolated
+    at = time_ns[:-1] + 7_000_000
+    magnetic = Magnetometer(at, at, rng.standard_normal((len(at), 3)))
+    epochs = run(17, turn=(times, q)).epochs
+    means = []
+    for signs in (np.ones(len(q)), rng.choice([-1.0, 1.0], len(q))):
+        stage = FieldStage(magnetic, 60_000_000)
+        stage.push(Solution(time_ns, time_ns, signs[:, None] * q, q[:, 1:], q[:, 1:]))
+        means.append(stage.means(epochs).field)
+    assert np.abs(means[0]).max() > 0.1
+    assert np.abs(means[0] - means[1]).max() < 1e-14
