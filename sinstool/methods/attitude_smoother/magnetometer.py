@@ -16,6 +16,7 @@ from sinstool.core.arrays import FloatArray
 from sinstool.core.rotation import rotate, to_dcm, wrapped
 from sinstool.core.timeline import SECOND
 from sinstool.core.units import DEGREE
+from sinstool.methods.attitude_smoother.earth_field import EarthField
 from sinstool.methods.attitude_smoother.epochs import Epochs
 from sinstool.methods.attitude_smoother.field import EpochField
 from sinstool.methods.attitude_smoother.hard_iron import HardIron, find_hard_iron
@@ -53,6 +54,9 @@ DRIFT_S = 180.0
 LEAST_SIGMA, CORRELATED_S = 4.0 * DEGREE, 3.0
 # Heading at the start comes from so many trusted epochs, rad.
 FIRST, FIRST_SIGMA = 50, 0.3
+# The field of a room may differ by so much from that of the place; by more, and it is of something
+# else, or its dip of a wrong tilt.
+SIZE_OF_PLACE, DIP_OF_PLACE = 0.3, 12.0 * DEGREE
 # What is left of an offset, as a share of the field's size: for it cannot be told from the gradient
 # of the field in a room, and where the log cannot show one.
 LEFT, UNSEEN_IRON = 0.02, 0.3
@@ -102,6 +106,8 @@ class Compass:
         Share of the epochs with a field.
     scatter : float
         Of headings against the gyros', rad.
+    of_place : bool
+        It is about the field that the place is known to have, or that is not known.
     """
 
     refused: Refusal
@@ -111,15 +117,21 @@ class Compass:
     dip: float = 0.0
     trusted: float = 0.0
     scatter: float = 0.0
+    of_place: bool = True
 
     @property
     def verified(self) -> bool:
         """Whether heading is known against north, for all that the log can say."""
-        return self.north is not None and self.hard_iron is not None and self.hard_iron.seen
+        seen = self.hard_iron is not None and self.hard_iron.seen
+        return self.north is not None and seen and self.of_place
 
 
 def find_north(
-    epochs: Epochs, measured: EpochField, correction: FloatArray, azimuth: float = 0.0
+    epochs: Epochs,
+    measured: EpochField,
+    correction: FloatArray,
+    azimuth: float = 0.0,
+    expected: EarthField | None = None,
 ) -> Compass:
     """Headings of the field, from an attitude that was smoothed without it.
 
@@ -132,6 +144,8 @@ def find_north(
         Of the integrated attitude at the begin of the epochs: quaternions in navigation axes.
     azimuth : float, optional
         Of the horizontal field, east of the north that headings shall count from, rad.
+    expected : EarthField, optional
+        Of the place, where that is known.
 
     Returns
     -------
@@ -166,7 +180,10 @@ def find_north(
     if trusted < LEAST_TRUSTED or np.count_nonzero(good) < LEAST_EPOCHS:
         return replace(found, refused="disturbed")
     scatter = _scatter(heading[good], seconds[good], _pieces(seconds, stretch, DRIFT_S)[good])
-    found = replace(found, scatter=scatter)
+    of_place = expected is None or (
+        abs(size / expected.size - 1.0) < SIZE_OF_PLACE and abs(dip - expected.dip) < DIP_OF_PLACE
+    )
+    found = replace(found, scatter=scatter, of_place=of_place)
     if scatter > MOST_SCATTER:
         return replace(found, refused="scatter")
     apart = max(float(np.median(np.diff(seconds))), EPOCH_S)
@@ -180,7 +197,7 @@ def find_north(
     middle = np.angle(np.exp(1j * first).mean())
     start = float(middle + np.median(wrapped(first - middle)))
     left = np.hypot(LEFT * size, iron.sigma if iron.applied else 0.0)
-    unseen = 0.0 if iron.seen else UNSEEN_IRON * size
+    unseen = 0.0 if iron.seen and of_place else UNSEEN_IRON * size
     variance = (left**2 + unseen**2) / (size * np.cos(dip)) ** 2
     return replace(found, north=North(rows, start, float(variance)))
 

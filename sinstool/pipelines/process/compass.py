@@ -10,7 +10,7 @@ from sinstool.config import ProcessConfig
 from sinstool.core.finding import Finding, Severity
 from sinstool.core.streams import Solution
 from sinstool.core.units import DEGREE
-from sinstool.methods.attitude_smoother.declination import model_declination
+from sinstool.methods.attitude_smoother.earth_field import EarthField, model_field
 from sinstool.methods.attitude_smoother.epochs import Epochs
 from sinstool.methods.attitude_smoother.field import FieldStage
 from sinstool.methods.attitude_smoother.magnetometer import Compass, North, find_north
@@ -51,7 +51,14 @@ class MagneticHeading:
         self, source: Source, config: ProcessConfig, topic: MagneticTopic, max_gap_ns: int
     ) -> None:
         self._topic = topic.topic
-        self._declination, self._declination_source = _declination(source, config)
+        self._expected = _expected(source)
+        self._declination, self._declination_source = None, ""
+        if config.navigation.declination is not None:
+            self._declination = config.navigation.declination * DEGREE
+            self._declination_source = "given"
+        elif self._expected is not None:
+            self._declination = self._expected.declination
+            self._declination_source = "model"
         by_log_time = source.survey.time_source == "log"
         measured, self._odd = read_magnetometer(
             source.log, topic, config.input.body_axes, by_log_time
@@ -70,7 +77,8 @@ class MagneticHeading:
         if self._stage is not None:
             measured = self._stage.means(epochs)
             azimuth = self._declination or 0.0
-            self.compass = find_north(epochs, measured, correction.q[:-1], azimuth)
+            attitude = correction.q[:-1]
+            self.compass = find_north(epochs, measured, attitude, azimuth, self._expected)
         self._stage = None
         return self.compass.north
 
@@ -143,6 +151,17 @@ class MagneticHeading:
                 answer="turn the body through all directions in a log, or calibrate it",
                 numbers={"sigma_T": iron.sigma},
             )
+        if not found.of_place and self._expected is not None:
+            yield Finding(
+                "unlike-the-place",
+                f"topic {topic}: a field of {1e6 * found.size:.1f} uT that dips by"
+                f" {found.dip / DEGREE:.1f} deg is not that of the place,"
+                f" {1e6 * self._expected.size:.1f} uT and {self._expected.dip / DEGREE:.1f} deg:"
+                " there is iron about, or the tilt is wrong; heading against north is not verified",
+                topic=topic,
+                answer="check latitude and longitude, and calibrate the sensors",
+                numbers={"size_T": found.size, "dip_deg": found.dip / DEGREE},
+            )
         disturbed = 1.0 - found.trusted
         if disturbed > DISTURBED:
             yield Finding(
@@ -161,15 +180,10 @@ class MagneticHeading:
             )
 
 
-def _declination(source: Source, config: ProcessConfig) -> tuple[float | None, str]:
-    """Declination, rad, and where it is from."""
-    given = config.navigation.declination
-    if given is not None:
-        return given * DEGREE, "given"
+def _expected(source: Source) -> EarthField | None:
+    """The Earth's field where and when the log was made, if that is known."""
     latitude, longitude, height = source.position
     if latitude is None or longitude is None:
-        return None, ""
-    value = model_declination(
-        latitude * DEGREE, longitude * DEGREE, height or 0.0, source.survey.first_ns
-    )
-    return value, "" if value is None else "model"
+        return None
+    time_ns = source.survey.first_ns
+    return model_field(latitude * DEGREE, longitude * DEGREE, height or 0.0, time_ns)

@@ -82,6 +82,7 @@ def run(
     turn=None,
     body_of_field=None,
     blocks=7,
+    force_bias=0.0,
     **motion,
 ):
     """A body that turns where it stands.
@@ -100,6 +101,8 @@ def run(
         Times and attitudes, instead of those that are drawn.
     body_of_field : callable, optional
         What the magnetometer's axes make of the field in the Imu's.
+    force_bias : float
+        Of the accelerometer on all axes, m/s^2.
     blocks : int
         In which the solutions come.
     """
@@ -119,7 +122,7 @@ def run(
     made = AttitudePropagator(first).push(vectors, np.full(len(vectors), 1.0 / RATE))
     integrated = np.concatenate([first[None], made])
     force = rotate(back(q), np.broadcast_to(GRAVITY, (len(q), 3)))
-    force = force + 0.03 * rng.standard_normal(force.shape)
+    force = force + force_bias + 0.03 * rng.standard_normal(force.shape)
     gyro = np.concatenate([vectors[:1], vectors]) * RATE
     imu = Imu(time_ns, time_ns, gyro, force)
     solution = Solution(time_ns, time_ns, integrated, imu.gyro, imu.accel)

@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from sinstool.core.rotation import from_euler, rotate, to_dcm, to_euler, wrapped
 from sinstool.core.streams import Magnetometer, Solution
 from sinstool.core.units import DEGREE
-from sinstool.methods.attitude_smoother.declination import model_declination
+from sinstool.methods.attitude_smoother.earth_field import EarthField, model_field
 from sinstool.methods.attitude_smoother.field import EpochField, FieldStage
 from sinstool.methods.attitude_smoother.hard_iron import find_hard_iron
 from sinstool.methods.attitude_smoother.kernels import STATE, rotation_of
@@ -252,20 +252,36 @@ def test_fields_within_a_gap_are_left_out():
 
 
 @pytest.mark.parametrize(
-    ("latitude", "longitude", "year", "expected"),
-    # the test values that NOAA publishes with the model of 2020
-    [(80.0, 0.0, 2020.001, -1.28), (0.0, 120.0, 2020.001, 0.16), (-80.0, -120.0, 2020.001, 69.36)],
+    ("latitude", "longitude", "north", "east", "down"),
+    # the test values that NOAA publishes with the model of 2020, nT
+    [(80, 0, 6570.4, -146.3, 54606.0), (0, 120, 39624.3, 109.9, -10932.5)],
 )
-def test_declination_is_that_of_the_world_magnetic_model(latitude, longitude, year, expected):
-    time_ns = round((year - 1970.0) * 365.2425 * 86400e9)
-    value = model_declination(np.radians(latitude), np.radians(longitude), 0.0, time_ns)
-    assert np.degrees(value) == pytest.approx(expected, abs=0.02)
+def test_the_field_is_that_of_the_world_magnetic_model(latitude, longitude, north, east, down):
+    time_ns = 1_577_836_800 * 10**9
+    found = model_field(np.radians(latitude), np.radians(longitude), 0.0, time_ns)
+    assert np.degrees(found.declination) == pytest.approx(
+        np.degrees(np.arctan2(east, north)), abs=1e-3
+    )
+    assert found.dip == pytest.approx(np.arctan2(down, np.hypot(north, east)), abs=1e-5)
+    assert found.size == pytest.approx(1e-9 * np.linalg.norm([north, east, down]), rel=1e-5)
+
+
+@pytest.mark.parametrize(
+    ("dip", "size", "of_place"),
+    [(60, 1.0, True), (66, 0.8, True), (75, 1.0, False), (60, 0.6, False), (60, 1.5, False)],
+)
+def test_a_field_that_is_not_that_of_the_place_verifies_nothing(dip, size, of_place):
+    made = run(18)
+    expected = EarthField(0.1, np.radians(dip), size * SIZE)
+    found = find_north(made.epochs, made.measured, made.before.q[:-1], 0.0, expected)
+    assert (found.of_place, found.verified) == (of_place, of_place)
+    assert (found.north.variance > (20.0 * DEGREE) ** 2) == (not of_place)
 
 
 @pytest.mark.parametrize("year", [1970, 2009, 2031])
 def test_there_is_no_declination_for_other_years(year):
     time_ns = round((year - 1970.0) * 365.2425 * 86400e9) + 10**15
-    assert model_declination(0.8, 0.2, 0.0, time_ns) is None
+    assert model_field(0.8, 0.2, 0.0, time_ns) is None
 
 
 def test_heading_of_a_field_is_that_of_the_body():

@@ -146,6 +146,17 @@ def test_a_field_that_is_not_the_earths_is_refused_in_words(tmp_path):
     assert "/mag is not used (disturbed)" in dict(summary_rows(result))["magnetometer"]
 
 
+def test_a_field_of_another_place_is_not_verified(tmp_path):
+    turning_log(tmp_path / "log.mcap")
+    result, _ = processed(tmp_path / "log.mcap", tmp_path, latitude=0.0, longitude=120.0)
+    used = result.smoothing.magnetometer
+    assert (used.refused, used.north, result.output.frame) == ("", "none", "odom")
+    assert used.heading_sigma_deg > 20.0
+    (finding,) = [f for f in result.findings if f.kind == "unlike-the-place"]
+    assert "dips by 64.0 deg is not that of the place" in finding.text
+    assert "north, unverified" in dict(summary_rows(result))["magnetometer"]
+
+
 def test_a_first_attitude_with_a_heading_is_not_turned(tmp_path):
     true = turning_log(tmp_path / "log.mcap")
     log = tmp_path / "log.mcap"

@@ -1,7 +1,8 @@
-"""Where magnetic north is: the World Magnetic Model."""
+"""The Earth's magnetic field at a place and a time: the World Magnetic Model."""
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from datetime import UTC, datetime
 
 import numpy as np
@@ -12,10 +13,29 @@ from sinstool.core.timeline import SECOND
 LOWEST = -10_000.0
 
 
-def model_declination(
+@dataclass(frozen=True)
+class EarthField:
+    """The field at a place.
+
+    Attributes
+    ----------
+    declination : float
+        Of the horizontal field, east of true north, rad.
+    dip : float
+        Downwards, rad.
+    size : float
+        T.
+    """
+
+    declination: float
+    dip: float
+    size: float
+
+
+def model_field(
     latitude: float, longitude: float, height: float, time_ns: int
-) -> float | None:
-    """Declination of the Earth's field, rad, positive to the east.
+) -> EarthField | None:
+    """The Earth's field by the World Magnetic Model.
 
     Parameters
     ----------
@@ -28,7 +48,7 @@ def model_declination(
 
     Returns
     -------
-    float or None
+    EarthField or None
         None where there is no model: for other years than those from 2010 to 2029.
     """
     # It takes time to import, and few logs need it
@@ -38,7 +58,7 @@ def model_declination(
     place = float(np.degrees(latitude)), float(np.degrees(longitude))
     try:
         model = GeoMag(base_year=when.year)
-        result = model.calculate(*place, max(height, LOWEST) / 1000.0, calculate_decimal_year(when))
+        found = model.calculate(*place, max(height, LOWEST) / 1000.0, calculate_decimal_year(when))
     except ValueError:
         return None
-    return float(np.radians(result.d))
+    return EarthField(float(np.radians(found.d)), float(np.radians(found.i)), 1e-9 * found.f)
