@@ -30,6 +30,21 @@ class NavigationOptions(Group):
         "what a smoothed attitude assumes: that the position is bounded (hand) or the velocity"
         " (vehicle: car, ship, aircraft); auto takes what makes the accelerations more likely",
     )
+    magnetometer: str | None = option(
+        None,
+        "topic with MagneticField messages that show a smoothed attitude its heading, or none"
+        " (default: the log's only one, or that beside the Imu, unless heading counts from north"
+        " already)",
+        "TOPIC",
+    )
+    declination: float | None = option(
+        None,
+        "of the magnetic field, degrees east of true north (default: by the World Magnetic Model"
+        " where position and date are known)",
+        "DEG",
+        ge=-180,
+        le=180,
+    )
     initial_velocity: tuple[float, float, float] | None = option(
         None,
         "north, east, down in m/s at the start (default: GNSS velocity, else at rest)",

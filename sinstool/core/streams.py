@@ -158,6 +158,19 @@ class BaroHeight(Stream):
 
 
 @dataclass(frozen=True)
+class Magnetometer(Stream):
+    """The magnetic field.
+
+    Attributes
+    ----------
+    field : ndarray, shape (n, 3)
+        In body axes (FRD), T.
+    """
+
+    field: np.ndarray
+
+
+@dataclass(frozen=True)
 class GnssEpochs(Stream):
     """What a receiver gave at an instant: position, velocity, or both.
 

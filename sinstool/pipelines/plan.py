@@ -22,6 +22,7 @@ from sinstool.methods.sensor_errors import Grade
 from sinstool.pipelines.align.first_attitude import align
 from sinstool.survey.coning import choose_algorithm, coning_reason
 from sinstool.survey.grade import sensor_grade
+from sinstool.survey.magnetometer import MagneticTopic, choose_magnetometer
 from sinstool.survey.source import Source, has_gnss
 
 if TYPE_CHECKING:
@@ -67,6 +68,8 @@ class Plan:
         ``smoothed``, ``inertial``, or ``filtered`` by the INS/GNSS filter.
     gyro_samples : Choice
         ``rate``, ``mean-rate`` or ``increment``.
+    magnetometer : Choice
+        The topic, or ``none``.
     first_attitude : Choice
         ``level``, ``gyrocompass``, ``log``, ``fixed``, ``level-moving``, a solver in motion such
         as ``svd``, or ``whole-turn`` on a turntable.
@@ -82,6 +85,7 @@ class Plan:
     mode: Choice
     attitude: Choice
     gyro_samples: Choice
+    magnetometer: Choice
     first_attitude: Choice
     imu_grade: Choice
     coning: Choice
@@ -90,6 +94,7 @@ class Plan:
     _findings: tuple[Finding, ...] = ()
     _alignment: Alignment | None = None
     _filter_start: FilterStart | None = None
+    _magnetic: MagneticTopic | None = None
 
     @property
     def findings(self) -> tuple[Finding, ...]:
@@ -113,6 +118,11 @@ class Plan:
         """What the filter starts from, in mode ``ins-gnss``."""
         assert self._filter_start is not None
         return self._filter_start
+
+    @property
+    def magnetic(self) -> MagneticTopic | None:
+        """The magnetometer's topic, where one is used."""
+        return self._magnetic
 
     @property
     def choices(self) -> dict[str, Choice]:
@@ -143,19 +153,23 @@ def make_plan(source: Source, config: ProcessConfig) -> Plan:
     alignment = None if filter_start is not None else align(source, config)
     first = _first_attitude(source, config, alignment, filter_start)
     algorithm = choose_algorithm(source, config)
+    attitude = _attitude(source, config, mode.value, grade.grade)
+    magnetic, doubts = _magnetometer(source, config, attitude, alignment)
     plan = Plan(
         imu_topic=Choice(source.imu_topic.topic, source.imu_topic.reason, "--imu-topic"),
         mode=mode,
         attitude=attitude,
         gyro_samples=samples,
+        magnetometer=Choice(magnetic.topic or "none", magnetic.reason, "--magnetometer"),
         first_attitude=first,
         imu_grade=Choice(grade.grade, grade.why, "--imu-grade"),
         coning=Choice(config.coning.coning, coning_reason(algorithm, config), "--coning"),
         height_reference=_height_reference(config, filter_start),
         _algorithm=algorithm,
-        _findings=findings,
+        _findings=(*findings, *doubts),
         _alignment=alignment,
         _filter_start=filter_start,
+        _magnetic=magnetic if magnetic.topic else None,
     )
     for name, text in plan.rows():
         log_choice(name, text)
@@ -171,6 +185,7 @@ def fixed_plan(source: Source, config: ProcessConfig) -> Plan:
         mode=Choice("not chosen", untried, "--mode"),
         attitude=Choice("not chosen", untried, "--attitude"),
         gyro_samples=_gyro_samples(config, "not chosen"),
+        magnetometer=Choice("not chosen", untried, "--magnetometer"),
         first_attitude=Choice(config.align.align, "as configured", "--method"),
         imu_grade=Choice(grade.grade, grade.why, "--imu-grade"),
         coning=Choice("not chosen", untried, "--coning"),
@@ -186,6 +201,7 @@ def turntable_plan(topic: str, config: ProcessConfig) -> Plan:
         mode=Choice("turntable", hse, "--hse"),
         attitude=Choice("inertial", "as the turntable shows every turn", "--hse"),
         gyro_samples=Choice("increment", "as the rig counts angles", "--hse"),
+        magnetometer=Choice("none", "as the turntable shows every turn", "--hse"),
         first_attitude=Choice("whole-turn", "as the table turns", "--hse"),
         imu_grade=Choice("navigation", "as the rig was calibrated", "--imu-grade"),
         coning=Choice("none", "as the table's encoder gives the motion", "--hse"),
@@ -257,6 +273,27 @@ def as_planned(config: ProcessConfig, gyro_samples: str) -> ProcessConfig:
     """The configuration with gyro samples read as the plan says."""
     options = config.input.model_copy(update={"gyro_kind": gyro_samples})
     return config.model_copy(update={"input": options})
+
+
+def _magnetometer(
+    source: Source, config: ProcessConfig, attitude: Choice, alignment: Alignment | None
+) -> tuple[MagneticTopic, tuple[Finding, ...]]:
+    """The magnetometer that shows a smoothed attitude its heading, and why none does."""
+    name = config.navigation.magnetometer
+    if attitude.value != "smoothed":
+        return MagneticTopic("", f"as the attitude is {attitude.value}"), ()
+    # An orientation of the log that comes without a sigma may count from anywhere
+    north = alignment is not None and (
+        alignment.north_referenced
+        and (alignment.sigma_rad[2] is not None or config.align.align != "auto")
+    )
+    if name is None and north:
+        return MagneticTopic("", "as the first attitude counts from north already"), ()
+    found = choose_magnetometer(source.log, name, source.imu_topic, source.body_frame)
+    if not found.doubtful:
+        return found, ()
+    text = f"no magnetometer is used, {found.reason}"
+    return found, (Finding("magnetometer", text, answer="choose one with --magnetometer"),)
 
 
 def _filter_start(source: Source, config: ProcessConfig) -> FilterStart:

@@ -20,10 +20,11 @@ from sinstool.core.units import DEGREE, STANDARD_GRAVITY
 from sinstool.io.readers.log import Log
 from sinstool.io.readers.message_types import FIX_TYPE
 from sinstool.io.readers.streams import ImuUnits, Losses, first_fix, read_imu, tf_parent
-from sinstool.io.readers.topics import ImuTopic, choose_imu, optional_topics
+from sinstool.io.readers.topics import NONE, ImuTopic, choose_imu, optional_topics
 from sinstool.survey.aiding import AidingData, aiding_channels, read_barometer
 from sinstool.survey.gnss import read_gnss
 from sinstool.survey.imu import BLOCK_ROWS, SampleCache, Survey, Watcher, survey, within
+from sinstool.survey.magnetometer import magnetic_channels
 from sinstool.survey.oddities import oddities
 from sinstool.survey.rest import moving_at, rest_end, settled
 
@@ -108,6 +109,8 @@ def prepare(
     all_gnss = not gyro_only and needs_all_gnss(log, config)
     if all_gnss:
         log.cache(aiding_channels(log))
+    elif not gyro_only and _may_need_magnetometer(config):
+        log.cache(magnetic_channels(log))
     survey_, samples = surveyed or survey_samples(log, topic, options, progress)
     for oddity in oddities(survey_, options):
         if oddity.severity == Severity.FAILED:
@@ -263,6 +266,12 @@ def _may_need_barometer(log: Log, config: ProcessConfig) -> bool:
     if damping == "gnss" or config.filter.filter == "plain-15":
         return False
     return mode == "ins-gnss" or (mode == "auto" and has_gnss(log, config.input))
+
+
+def _may_need_magnetometer(config: ProcessConfig) -> bool:
+    """Whether a run that needs no GNSS may use the log's magnetometer."""
+    options = config.navigation
+    return options.attitude != "inertial" and options.magnetometer != NONE
 
 
 def _may_write_tf(config: ProcessConfig) -> bool:

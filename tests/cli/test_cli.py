@@ -394,6 +394,8 @@ gyro_range = 300
 accel_range = 200
 
 [navigation]
+magnetometer = "/mag"
+declination = -3.5
 mode = "attitude"
 initial_velocity = [1, 2, -3]
 imu_grade = "tactical"

@@ -5,6 +5,7 @@ from __future__ import annotations
 IMU_TYPE = "sensor_msgs/msg/Imu"
 FIX_TYPE = "sensor_msgs/msg/NavSatFix"
 PRESSURE_TYPE = "sensor_msgs/msg/FluidPressure"
+MAGNETIC_TYPE = "sensor_msgs/msg/MagneticField"
 JOINT_TYPE = "sensor_msgs/msg/JointState"
 VELOCITY_TYPES = (
     "geometry_msgs/msg/TwistStamped",

@@ -13,7 +13,7 @@ from typing import TypeVar
 import numpy as np
 
 from sinstool.core.errors import UnsupportedLogError
-from sinstool.core.streams import Baro, BaroHeight, Encoder, Gnss, Imu, Velocity
+from sinstool.core.streams import Baro, BaroHeight, Encoder, Gnss, Imu, Magnetometer, Velocity
 from sinstool.io.messages.decode import Decoder
 from sinstool.io.messages.layout import Layout, LayoutError, walk
 from sinstool.io.readers.frames import SWAP_ENU_NED, enu_to_ned, q_nb_from_log, turn_body
@@ -270,6 +270,20 @@ def read_pressure(log: Log, channels: Sequence[Channel], losses: Losses) -> Iter
     columns = {**header(), "pressure": ["fluid_pressure"], "variance": ["variance"]}
     for log_time_ns, v in read_columns(log, channels, columns, losses):
         yield Baro(stamp(v), log_time_ns, v["pressure"], v["variance"])
+
+
+def read_field(
+    log: Log, channels: Sequence[Channel], axes: str, losses: Losses
+) -> Iterator[Magnetometer]:
+    """MagneticField messages in FRD; those that are not finite, or zero, are left out."""
+    columns = {**header(), "field": _vector("magnetic_field")}
+    for log_time_ns, v in read_columns(log, channels, columns, losses):
+        block = Magnetometer(stamp(v), log_time_ns, turn_body(v["field"], axes))
+        with np.errstate(invalid="ignore"):
+            usable = (np.abs(block.field) < LARGEST).all(axis=1) & block.field.any(axis=1)
+        losses.nonfinite += int(len(usable) - np.count_nonzero(usable))
+        if usable.any():
+            yield block.rows(usable)
 
 
 def read_height(log: Log, channels: Sequence[Channel], losses: Losses) -> Iterator[BaroHeight]:

@@ -26,6 +26,7 @@ from sinstool.methods.attitude_smoother.epochs import (
     W2,
 )
 from sinstool.methods.attitude_smoother.model import GRAVITY
+from sinstool.methods.attitude_smoother.updates import measure_heading, update
 from sinstool.methods.rts import smoother_covariance, smoother_gain
 
 V, B, G, P = 9, 12, 15, 16  # of the state
@@ -43,35 +44,6 @@ GAP_RATE = 0.5
 # A gyro at its stop misses this much, rad/s.
 STOP_RATE = 3.0
 DIVERGED = -1e300
-
-
-@numba.njit(cache=True, nogil=True)
-def _update(
-    p: FloatArray,
-    n: int,
-    i: int,
-    a: float,
-    j: int,
-    b: float,
-    k: int,
-    c: float,
-    innovation: float,
-    variance: float,
-    gain: FloatArray,
-    dx: FloatArray,
-) -> tuple[float, float]:
-    """One scalar measurement of a x_i + b x_j + c x_k; the innovation left and its variance."""
-    left = innovation - (a * dx[i] + b * dx[j] + c * dx[k])
-    for m in range(n):
-        gain[m] = a * p[m, i] + b * p[m, j] + c * p[m, k]
-    s = a * gain[i] + b * gain[j] + c * gain[k] + variance
-    for m in range(n):
-        f = gain[m] / s
-        dx[m] += f * left
-        for q in range(m + 1):
-            p[m, q] -= f * gain[q]
-            p[q, m] = p[m, q]
-    return left, s
 
 
 @numba.njit(cache=True, nogil=True)
@@ -122,6 +94,8 @@ def inject(x: FloatArray, dx: FloatArray, n: int, e: FloatArray) -> None:
 @numba.njit(cache=True, nogil=True)
 def _measure(
     row: FloatArray,
+    field: FloatArray,
+    k: int,
     par: FloatArray,
     n: int,
     x: FloatArray,
@@ -130,7 +104,7 @@ def _measure(
     dx: FloatArray,
     e: FloatArray,
 ) -> float:
-    """Hold the state against an epoch; the log likelihood of its motion, 0 at rest."""
+    """Hold the state against epoch k; the log likelihood of its motion, 0 at rest."""
     if row[GAP] > 0.0:
         return 0.0
     rest = row[REST] > 0.0
@@ -151,21 +125,21 @@ def _measure(
             z += c0 * x[P + i]
             pos = XP + i
         if i == 0:
-            left, s = _update(p, n, 1, -GRAVITY, XV, c1, pos, c0, -z, variance, gain, dx)
+            left, s = update(p, n, 1, -GRAVITY, XV, c1, pos, c0, -z, variance, gain, dx)
         elif i == 1:
-            left, s = _update(p, n, 0, GRAVITY, XV + 1, c1, pos, c0, -z, variance, gain, dx)
+            left, s = update(p, n, 0, GRAVITY, XV + 1, c1, pos, c0, -z, variance, gain, dx)
         else:
             z += GRAVITY + x[G]
-            left, s = _update(p, n, XG, 1.0, XV + 2, c1, pos, c0, -z, variance, gain, dx)
+            left, s = update(p, n, XG, 1.0, XV + 2, c1, pos, c0, -z, variance, gain, dx)
         if not (s < 1e8 and abs(left) < 1e4):
             return DIVERGED
         likelihood -= 0.5 * (left * left / s + log(s))
     if rest:
         likelihood = 0.0
         for i in range(3):
-            _update(p, n, XV + i, 1.0, 0, 0.0, 0, 0.0, -x[V + i], REST_VELOCITY**2, gain, dx)
+            update(p, n, XV + i, 1.0, 0, 0.0, 0, 0.0, -x[V + i], REST_VELOCITY**2, gain, dx)
         for i in range(3):
-            _update(
+            update(
                 p,
                 n,
                 XB + i,
@@ -179,6 +153,8 @@ def _measure(
                 gain,
                 dx,
             )
+    if len(field):
+        measure_heading(field[k], n, x, p, gain, dx)
     inject(x, dx, n, e)
     return likelihood
 
@@ -327,6 +303,7 @@ def _carry(p: FloatArray, n: int, f: FloatArray, q: FloatArray, half: FloatArray
 @numba.njit(cache=True, nogil=True)
 def forward(
     epochs: FloatArray,
+    field: FloatArray,
     begin: int,
     end: int,
     par: FloatArray,
@@ -342,6 +319,8 @@ def forward(
     Parameters
     ----------
     epochs : ndarray, shape (m, WIDTH)
+    field : ndarray, shape (m, FIELD_WIDTH) or (0, FIELD_WIDTH)
+        Of the Earth at each, where there is a magnetometer.
     begin, end : int
         Of the epochs.
     par : ndarray, shape (PARAMETERS,)
@@ -369,7 +348,7 @@ def forward(
         if every and (k - begin) % every == 0:
             states[(k - begin) // every] = x
             covariances[(k - begin) // every] = p
-        likelihood = _measure(epochs[k], par, n, x, p, gain, dx, e)
+        likelihood = _measure(epochs[k], field, k, par, n, x, p, gain, dx, e)
         if not likelihood > DIVERGED:
             return DIVERGED
         total += likelihood
@@ -393,6 +372,7 @@ def _rate(epochs: FloatArray, k: int) -> float:
 @numba.njit(cache=True, nogil=True)
 def backward(
     epochs: FloatArray,
+    field: FloatArray,
     begin: int,
     end: int,
     par: FloatArray,
@@ -424,7 +404,7 @@ def backward(
     p_plus, p_minus = np.empty((count, n, n)), np.empty((count, n, n))
     x_plus, x_minus = np.empty((count, STATE)), np.empty((count, STATE))
     for k in range(count):
-        _measure(epochs[begin + k], par, n, x, p, gain, dx, e)
+        _measure(epochs[begin + k], field, begin + k, par, n, x, p, gain, dx, e)
         x_plus[k], p_plus[k] = x, p
         _advance(epochs[begin + k], _rate(epochs, begin + k), par, n, x, f[k], q, e)
         _carry(p, n, f[k], q, half)

@@ -29,6 +29,7 @@ from sinstool.methods.attitude_smoother.model import (
     SensorModel,
 )
 from sinstool.methods.attitude_smoother.start import first_state, parameters
+from sinstool.methods.attitude_smoother.updates import NO_FIELD
 
 # A vehicle's motion must explain a moving epoch better by this much, in nat; nearer to it than
 # this the choice is not sure. Recorded hands come to 0.1 at most, drones that hover in a room to 1,
@@ -140,7 +141,7 @@ def _most_likely(
             x, p = first_state(part, shaken, sensors)
             none = np.empty((0, *x.shape)), np.empty((0, *p.shape))
             par = parameters(shaken, sensors)
-            one = forward(part.values, 0, len(part), par, model.states, x, p, 0, *none)
+            one = forward(part.values, NO_FIELD, 0, len(part), par, model.states, x, p, 0, *none)
             total = max(total + one, DIVERGED)
         return total
 

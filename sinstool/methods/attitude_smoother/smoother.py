@@ -10,13 +10,16 @@ import numpy as np
 
 from sinstool.core.arrays import FloatArray
 from sinstool.core.quaternion_kernels import increment_quaternion, product, to_unit
-from sinstool.core.rotation import conjugate, from_dcm, log, multiply
+from sinstool.core.rotation import conjugate, exp, from_dcm, log, multiply, to_dcm
 from sinstool.core.streams import Solution
 from sinstool.methods.attitude_smoother import kernels
 from sinstool.methods.attitude_smoother.epochs import ACCEL, Epochs
+from sinstool.methods.attitude_smoother.magnetometer import North
 from sinstool.methods.attitude_smoother.model import GRAVITY, MotionModel, SensorModel
-from sinstool.methods.attitude_smoother.start import first_state, parameters
+from sinstool.methods.attitude_smoother.start import Known, first_state, parameters
+from sinstool.methods.attitude_smoother.updates import NO_FIELD
 
+NOTHING_KNOWN = Known()
 # Epochs that are filtered again and smoothed at once.
 SEGMENT = 500
 # m/s^2: gravity on Earth, and how far from it that is anywhere below 3 km.
@@ -82,9 +85,8 @@ def smooth(
     epochs: Epochs,
     motion: MotionModel,
     sensors: SensorModel,
-    heading: float = 0.0,
-    gravity: float | None = None,
-    tilt: float | None = None,
+    known: Known = NOTHING_KNOWN,
+    north: North | None = None,
 ) -> Correction:
     """Smooth over a whole log.
 
@@ -94,12 +96,10 @@ def smooth(
         At least one; with rest marked.
     motion : MotionModel
     sensors : SensorModel
-    heading : float, optional
-        Standard deviation of the first heading, rad; 0: what is said of heading is its change.
-    gravity : float, optional
-        Local gravity, m/s^2, where it is known.
-    tilt : float, optional
-        Standard deviation of the first tilt that was integrated from, rad, where it is known.
+    known : Known, optional
+        What is known beside the samples.
+    north : North, optional
+        What a magnetometer says of heading; then a known heading is not looked at.
 
     Returns
     -------
@@ -107,10 +107,15 @@ def smooth(
     """
     n, count, rows = motion.states, len(epochs), epochs.values
     par = parameters(motion, sensors)
-    x, p = first_state(epochs, motion, sensors, tilt)
+    x, p = first_state(epochs, motion, sensors, known.tilt)
+    field = NO_FIELD
+    if north is not None:
+        field = north.rows
+        x[:9] = (to_dcm(exp([0.0, 0.0, north.start])) @ x[:9].reshape(3, 3)).ravel()
+        p[2, 2] = north.start_sigma**2
     held = -(-count // SEGMENT)
     states, covariances = np.empty((held, kernels.STATE)), np.empty((held, n, n))
-    kernels.forward(rows, 0, count, par, n, x, p, SEGMENT, states, covariances)
+    kernels.forward(rows, field, 0, count, par, n, x, p, SEGMENT, states, covariances)
     smoothed = np.empty((count + 1, kernels.STATE))
     covariance = np.empty((count + 1, kernels.KEPT))
     smoothed[count] = x
@@ -118,13 +123,13 @@ def smooth(
     for k in range(held - 1, -1, -1):
         begin, end = SEGMENT * k, min(SEGMENT * (k + 1), count)
         start = states[k], covariances[k]
-        kernels.backward(rows, begin, end, par, n, *start, x, p, smoothed, covariance)
+        kernels.backward(rows, field, begin, end, par, n, *start, x, p, smoothed, covariance)
     q = from_dcm(smoothed[:, :9].reshape(-1, 3, 3))
     attitude = covariance[:, :9].reshape(-1, 3, 3).copy()
     # An accelerometer's bias cannot be told from a tilt.
-    accel_bias = _accel_bias(sensors.accel_bias, _gravity_shown(epochs, smoothed), gravity)
+    accel_bias = _accel_bias(sensors.accel_bias, _gravity_shown(epochs, smoothed), known.gravity)
     attitude[:, [0, 1], [0, 1]] += (accel_bias / GRAVITY) ** 2
-    attitude[:, 2, 2] += heading**2
+    attitude[:, 2, 2] += known.heading**2 if north is None else north.variance
     # A heading of which nothing is known is one of a whole turn.
     share = np.minimum(1.0, UNKNOWN_HEADING / np.sqrt(attitude[:, 2, 2]))[:, None]
     attitude[:, 2, :] *= share

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 
 from sinstool.core.arrays import FloatArray
@@ -12,6 +14,25 @@ from sinstool.methods.attitude_smoother.model import MotionModel, SensorModel
 FIRST_S = 3.0
 # Of tilt and heading at the start, rad: what is said of heading is then its change since.
 TILT, HEADING = 0.2, 1e-4
+
+
+@dataclass(frozen=True)
+class Known:
+    """What is known of a log beside its samples.
+
+    Attributes
+    ----------
+    heading : float
+        Standard deviation of the first heading, rad; 0: what is said of heading is its change.
+    tilt : float or None
+        Standard deviation of the first tilt that was integrated from, rad.
+    gravity : float or None
+        Local, m/s^2.
+    """
+
+    heading: float = 0.0
+    tilt: float | None = None
+    gravity: float | None = None
 
 
 def first_state(

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
 from sinstool.config import ProcessConfig
@@ -60,10 +61,19 @@ class AttitudeMode(Mode):
 
     def show(self, sink: Sink) -> None:
         """Whether heading is free, and the heights that the vertical channel is held to."""
-        if not self.plan.alignment.north_referenced:
+        compassed = self._smoothing is not None and self._smoothing.north_referenced is not None
+        if not (self.plan.alignment.north_referenced or compassed):
             sink.free_heading()
         if self._vertical is not None:
             self._vertical.damping.show(sink)
+
+    def find_out(self, progress: BytesRead | None) -> None:
+        """What a smoother finds in all of the log: whether heading counts from north, too."""
+        if self._smoothing is not None:
+            self._smoothing.find_out(self._blocks(0, progress))
+            referenced = self._smoothing.north_referenced
+            if referenced is not None:
+                self.frames = replace(self.frames, reference="map" if referenced else "odom")
 
     def solutions(self, progress: BytesRead | None) -> Iterator[Solution]:
         """Attitude at every update instant."""
@@ -71,19 +81,18 @@ class AttitudeMode(Mode):
             yield solution if self._vertical is None else self._vertical.push(solution)
 
     def _attitudes(self, progress: BytesRead | None) -> Iterator[Solution]:
-        begin_ns = self.plan.alignment.time_ns
         if self._smoothing is None:
+            begin_ns = self.plan.alignment.time_ns
             yield from self._run.run(imu_blocks(self.source, begin_ns, progress))
             return
-        size = self.source.log.size
-
-        def blocks(number: int) -> Iterator[Imu]:
-            """Half of the progress is either pass's."""
-            half = progress and (lambda read: progress((number * size + read) // 2))
-            return imu_blocks(self.source, begin_ns, half)
-
-        yield from self._smoothing.solutions(blocks)
+        yield from self._smoothing.solutions(self._blocks(1, progress))
         self._run = self._smoothing.run
+
+    def _blocks(self, number: int, progress: BytesRead | None) -> Iterator[Imu]:
+        """The samples for a pass, 0 or 1, of which either has half of the progress."""
+        size = self.source.log.size
+        half = progress and (lambda read: progress((number * size + read) // 2))
+        return imu_blocks(self.source, self.plan.alignment.time_ns, half)
 
     def new_diagnostics(self) -> Sequence[Diagnostics]:
         """Sigmas and biases, once they are known."""

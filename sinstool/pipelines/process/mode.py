@@ -45,6 +45,9 @@ class Mode(ABC):
     def show(self, sink: Sink) -> None:  # noqa: B027 - most have nothing to show before they run
         """Give a sink what the run is held to."""
 
+    def find_out(self, progress: BytesRead | None) -> None:  # noqa: B027 - most know it all
+        """Find out what must be known before anything is written."""
+
     @abstractmethod
     def solutions(self, progress: BytesRead | None) -> Iterator[Solution]:
         """Compute, block by block."""

@@ -96,13 +96,15 @@ def _carry_out(
     config = as_planned(config, plan.gyro_samples.value)
     module, _, name = MODES[plan.mode.value].partition(":")
     mode = cast(Mode, getattr(import_module(module), name)(source, config, plan))
+    computing = share(progress, source.log.size, 0.5)
+    mode.find_out(computing)
     left_out = written.open(
         source.encoding, mode.emits, mode.frames, source.tf_parent, mode.diagnostic_names
     )
     sink = written.sink
     if sink is not None:
         mode.show(sink)
-    for solution in mode.solutions(share(progress, source.log.size, 0.5)):
+    for solution in mode.solutions(computing):
         written.push(solution)
         for diagnostics in mode.new_diagnostics():
             written.note(diagnostics)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import replace
 from typing import Any
 
@@ -20,15 +20,14 @@ from sinstool.methods.attitude_smoother.model import GRAVITY, SensorModel, senso
 from sinstool.methods.attitude_smoother.motion import MARGIN, Motion, find_motion
 from sinstool.methods.attitude_smoother.rest import with_rest
 from sinstool.methods.attitude_smoother.smoother import Correction, smooth
+from sinstool.methods.attitude_smoother.start import Known
 from sinstool.methods.strapdown.attitude import AttitudeRun, AttitudeSettings
 from sinstool.pipelines.plan import Plan
+from sinstool.pipelines.process.compass import MagneticHeading
 from sinstool.pipelines.process.summary import AttitudeSmoothing
 from sinstool.survey.grade import random_walk, sensor_grade
 from sinstool.survey.rest import REST_S, moving_at
 from sinstool.survey.source import Source, nominal_interval
-
-Blocks = Callable[[int], Iterable[Imu]]
-"""The samples once more, for a pass of a number, 0 or 1."""
 
 # Intervals that are integrated across when gravity will put right what that leaves.
 SHORT_GAP_NS, SHORT_GAP_INTERVALS = 60_000_000, 8
@@ -65,6 +64,8 @@ class Smoothing:
     ----------
     run : AttitudeRun
         The integration that is, or was, corrected.
+    north_referenced : bool or None
+        Whether a magnetometer showed true north; None where none was used.
     """
 
     def __init__(
@@ -83,13 +84,19 @@ class Smoothing:
         settings["still_until_ns"] = None
         self._settings = AttitudeSettings(**settings, omega_ie_n=omega_ie_n)
         self.run = self._new_run()
+        self.north_referenced: bool | None = None
+        self._magnetic: MagneticHeading | None = None
+        if plan.magnetic is not None:
+            gap_ns = settings["max_gap_ns"]
+            self._magnetic = MagneticHeading(source, config, plan.magnetic, gap_ns)
+        self._held: list[Solution] | None = None
         self._unwritten: list[Diagnostics] = []
 
     def _new_run(self) -> AttitudeRun:
         return AttitudeRun(self._plan.alignment.q_nb, self._settings)
 
-    def solutions(self, blocks: Blocks) -> Iterator[Solution]:
-        """Smoothed attitude at every update instant."""
+    def find_out(self, blocks: Iterable[Imu]) -> None:
+        """Integrate, and find the correction of what is integrated."""
         settings, alignment = self._settings, self._plan.alignment
         stage = EpochStage(
             settings.max_gap_ns,
@@ -98,11 +105,13 @@ class Smoothing:
             point_samples=settings.gyro_kind == "rate",
         )
         # Samples that are held anyway are few enough for their attitudes to be held too.
-        held: list[Solution] | None = None if self._source.samples.blocks is None else []
-        for solution in self.run.run(blocks(0)):
+        self._held = None if self._source.samples.blocks is None else []
+        for solution in self.run.run(blocks):
             stage.push(solution)
-            if held is not None:
-                held.append(solution)
+            if self._magnetic is not None:
+                self._magnetic.push(solution)
+            if self._held is not None:
+                self._held.append(solution)
         spans = (
             (span.start_ns, span.end_ns)
             for span in self._source.survey.spans
@@ -123,20 +132,31 @@ class Smoothing:
         motion = find_motion(epochs, sensors, known, self._gnss_speed())
         heading = alignment.sigma_rad[2] if alignment.north_referenced else None
         latitude, height = self._source.latitude, self._source.position[2]
-        gravity = None if latitude is None else float(normal_gravity(latitude, height or 0.0))
-        correction = smooth(
-            epochs, motion.model, sensors, heading or 0.0, gravity, _first_tilt(alignment, sensors)
+        beside = Known(
+            heading or 0.0,
+            _first_tilt(alignment, sensors),
+            None if latitude is None else float(normal_gravity(latitude, height or 0.0)),
         )
-        self._conclude(epochs, motion, sensors, correction)
+        correction = smooth(epochs, motion.model, sensors, beside)
+        if self._magnetic is not None:
+            north = self._magnetic.north(epochs, correction)
+            if north is not None:
+                correction = smooth(epochs, motion.model, sensors, beside, north)
+            self.north_referenced = self._magnetic.north_referenced
+        self._correction = correction
+        self._conclude(epochs, motion, correction)
         self._unwritten.append(self._diagnostics(epochs, correction))
-        if held is not None:
-            held.reverse()
-            while held:
-                yield correction.apply(held.pop())
+
+    def solutions(self, blocks: Iterable[Imu]) -> Iterator[Solution]:
+        """Smoothed attitude at every update instant."""
+        if self._held is not None:
+            self._held.reverse()
+            while self._held:
+                yield self._correction.apply(self._held.pop())
             return
         self.run = self._new_run()
-        for solution in self.run.run(blocks(1)):
-            yield correction.apply(solution)
+        for solution in self.run.run(blocks):
+            yield self._correction.apply(solution)
 
     def new_diagnostics(self) -> list[Diagnostics]:
         """Diagnostics since the last call, for writing."""
@@ -164,9 +184,7 @@ class Smoothing:
     def _gnss_moves(self, start_ns: int, end_ns: int) -> bool:
         return moving_at(self._source.aiding.gnss, start_ns, end_ns) is not None
 
-    def _conclude(
-        self, epochs: Epochs, motion: Motion, sensors: SensorModel, correction: Correction
-    ) -> None:
+    def _conclude(self, epochs: Epochs, motion: Motion, correction: Correction) -> None:
         seconds = np.diff(epochs.time_ns) / SECOND
         tilt, heading = _sigmas(correction)
         self._moved = float(seconds[~epochs.gap].sum())
@@ -184,6 +202,7 @@ class Smoothing:
             accel_bias_sigma_m_s2=correction.accel_bias,
             gyro_bias_rad_s=tuple(bias[-1].tolist()),
             gyro_bias_sigma_rad_s=tuple(correction.gyro_bias_sigma[-1].tolist()),
+            magnetometer=None if self._magnetic is None else self._magnetic.summary(correction),
         )
         worst = int(np.argmax(tilt))
         self._worst_ns = int(epochs.time_ns[worst])
@@ -193,6 +212,8 @@ class Smoothing:
     def findings(self) -> Iterator[Finding]:
         """What a user should know of the smoothed attitude."""
         s, first_ns = self.summary, self._source.survey.first_ns
+        if self._magnetic is not None:
+            yield from self._magnetic.findings()
         if s.tilt_sigma_largest_deg * DEGREE > UNCERTAIN_TILT:
             at = (self._worst_ns - first_ns) / SECOND
             yield Finding(
@@ -203,7 +224,8 @@ class Smoothing:
                 end_ns=self._worst_ns,
                 numbers={"tilt_sigma_deg": s.tilt_sigma_largest_deg},
             )
-        if not self._rested:
+        compassed = s.magnetometer is not None and not s.magnetometer.refused
+        if not self._rested and not compassed:
             yield Finding(
                 "no-rest",
                 "the log holds no rest, so nothing shows the gyro bias about the vertical: heading"

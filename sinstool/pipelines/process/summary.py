@@ -182,6 +182,51 @@ class ConingUsed:
 
 
 @dataclass(frozen=True)
+class MagnetometerUsed:
+    """What a magnetometer showed.
+
+    Attributes
+    ----------
+    refused : str
+        Why it is not used; '' where it is.
+    north : str
+        What heading counts from: ``true``, ``magnetic``, or ``none`` where it is refused or the
+        log cannot show what iron in the body adds to the field.
+    declination_deg : float or None
+        East of north; None where it is not known.
+    declination_source : str
+        ``given``, ``model`` or '' where it is not known.
+    field_T, dip_deg : float
+        Of what was taken for the Earth's field; downwards is positive.
+    trusted : float
+        Share of the time with a field in which it was the Earth's.
+    scatter_deg : float
+        Of headings against the gyros'.
+    hard_iron_T : tuple of float or None
+        FRD; None where nothing could be found.
+    hard_iron_removed : bool
+    hard_iron_sigma_T : float or None
+        Of its part that turns headings.
+    heading_sigma_deg : float or None
+        Median; None where it is refused.
+    """
+
+    topic: str
+    refused: str
+    north: str
+    declination_deg: float | None
+    declination_source: str
+    field_T: float
+    dip_deg: float
+    trusted: float
+    scatter_deg: float
+    hard_iron_T: tuple[float, ...] | None
+    hard_iron_removed: bool
+    hard_iron_sigma_T: float | None
+    heading_sigma_deg: float | None
+
+
+@dataclass(frozen=True)
 class AttitudeSmoothing:
     """How an attitude was smoothed, and what it is known to.
 
@@ -197,6 +242,7 @@ class AttitudeSmoothing:
         Of the last heading: since the start, unless heading is referenced to north.
     accel_bias_sigma_m_s2 : float
         Biases of the accelerometers that the sigmas of tilt allow for.
+    magnetometer : MagnetometerUsed or None
     gyro_bias_rad_s, gyro_bias_sigma_rad_s : tuple of float
         At the end, FRD.
     """
@@ -212,6 +258,7 @@ class AttitudeSmoothing:
     accel_bias_sigma_m_s2: float
     gyro_bias_rad_s: tuple[float, ...]
     gyro_bias_sigma_rad_s: tuple[float, ...]
+    magnetometer: MagnetometerUsed | None = None
 
 
 @dataclass(frozen=True)

@@ -100,6 +100,29 @@ def _smoothing(s: summary.AttitudeSmoothing | None) -> list[Row]:
             f" heading at the end {heading}",
         ),
         ("bias at end", f"gyro {bias} +- {max(s.gyro_bias_sigma_rad_s):.1e} rad/s (FRD)"),
+        *_magnetometer(s.magnetometer),
+    ]
+
+
+def _magnetometer(m: summary.MagnetometerUsed | None) -> list[Row]:
+    """What a magnetometer showed of heading."""
+    if m is None:
+        return []
+    field = f"field {1e6 * m.field_T:.1f} uT, dip {m.dip_deg:.1f} deg" if m.field_T else ""
+    if m.refused:
+        return [("magnetometer", f"{m.topic} is not used ({m.refused})" + (field and f"; {field}"))]
+    north = {"true": "true north", "magnetic": "magnetic north"}.get(m.north, "north, unverified")
+    known = "" if m.declination_deg is None else f", declination {m.declination_deg:+.2f} deg"
+    iron = ""
+    if m.hard_iron_removed and m.hard_iron_T is not None:
+        offset = ", ".join(f"{1e6 * v:.1f}" for v in m.hard_iron_T)
+        iron = f"; hard iron {offset} uT taken off (FRD)"
+    return [
+        (
+            "magnetometer",
+            f"{m.topic}: heading from {north}{known}, to {m.heading_sigma_deg:.2g} deg (1 sigma);"
+            f" {field}, undisturbed {100.0 * m.trusted:.0f} % of the time{iron}",
+        )
     ]
 
 

@@ -1,0 +1,121 @@
+"""The field of magnetised iron that turns with a magnetometer, found from how the body turned."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from sinstool.core.arrays import FloatArray
+
+ROUNDS = 12
+# What is expected of an offset before any turn, as a share of the field's size.
+PRIOR = 0.1
+# Residuals of epochs hang together for seconds: a fifth of a second tells less than it seems.
+CORRELATION = 25.0
+# What does not average out, as a share of the field's size: errors of the attitude (a quarter of a
+# degree) and gradients of the field that go with how the body turns.
+TOGETHER = 0.005
+# Residuals below this share of the field's size all count alike.
+LEAST_RESIDUAL = 0.005
+# An offset is taken off from so many sigmas and this share of the field on. What is smaller may be
+# the gradient of the field in a room, and taking that off makes headings worse.
+SIGNIFICANT, LARGE = 3.0, 0.15
+# An offset across the horizontal field that is known no better than this share of the field's size
+# was not seen.
+UNSEEN = 0.05
+
+
+@dataclass(frozen=True)
+class HardIron:
+    """A field that is fixed in the body.
+
+    Attributes
+    ----------
+    offset : ndarray, shape (3,)
+        In body axes, T.
+    sigma : float
+        Of its part across the horizontal field, which is what turns a heading, T: the root mean
+        square over the attitudes of the log.
+    size : float
+        Median size of the measured field, T.
+    applied : bool
+        It is large and significant enough to be taken off.
+    """
+
+    offset: FloatArray
+    sigma: float
+    size: float
+    applied: bool
+
+    @property
+    def seen(self) -> bool:
+        """Whether the body turned enough to tell it from the Earth's field."""
+        return self.sigma <= UNSEEN * self.size
+
+
+def find_hard_iron(field: FloatArray, attitude: FloatArray, piece: np.ndarray) -> HardIron:
+    """Offset under which the field of the Earth stays what it is while the body turns.
+
+    ``field = h + attitude offset`` by robust least squares (Geman and McClure's weights) with a
+    vertical h that is one for the log and a horizontal one for each piece, as heading drifts.
+
+    Parameters
+    ----------
+    field : ndarray, shape (n, 3)
+        In navigation axes, vertical last, T.
+    attitude : ndarray, shape (n, 3, 3)
+        Body to navigation axes.
+    piece : ndarray of int, shape (n,)
+        Number of the piece that each belongs to, in order.
+
+    Returns
+    -------
+    HardIron
+    """
+    size = float(np.median(np.linalg.norm(field, axis=1)))
+    starts = np.flatnonzero(np.diff(piece, prepend=piece[0] - 1))
+    lengths = np.diff(starts, append=len(piece))
+
+    def centred(columns: FloatArray, weight: FloatArray) -> FloatArray:
+        """Less the weighted means: of the pieces along the horizon, of the log along the vertical.
+
+        `columns` has shape (n, 3, m).
+        """
+        weighted = columns * weight[:, None, None]
+        out = columns.copy()
+        level = np.add.reduceat(weighted[:, :2], starts, axis=0)
+        level /= np.add.reduceat(weight, starts)[:, None, None]
+        out[:, :2] -= np.repeat(level, lengths, axis=0)
+        out[:, 2] -= weighted[:, 2].sum(axis=0) / weight.sum()
+        return out
+
+    columns = np.concatenate([attitude, field[:, :, None]], axis=2)
+    weight = np.ones(len(field))
+    prior = np.eye(3) / (PRIOR * size) ** 2
+    offset = np.zeros(3)
+    for _ in range(ROUNDS):
+        part = centred(columns, weight)
+        turned, left = part[:, :, :3], part[:, :, 3]
+        information = np.einsum("n,nki,nkj->ij", weight, turned, turned)
+        shown = np.einsum("n,nki,nk->i", weight, turned, left)
+        residual = left - turned @ offset
+        # of one axis; 1.54 times it is the median length of a vector of three
+        scale = np.median(np.linalg.norm(residual, axis=1)) / 1.54
+        variance = max(scale, LEAST_RESIDUAL * size) ** 2
+        offset = np.linalg.solve(information / variance + prior, shown / variance)
+        residual = left - turned @ offset
+        square = np.einsum("nk,nk->n", residual, residual)
+        weight = (9.0 * variance / (9.0 * variance + square)) ** 2
+    covariance = CORRELATION * np.linalg.inv(information / variance + prior)
+    spread = information / weight.sum()
+    covariance += np.linalg.inv(spread / (TOGETHER * size) ** 2 + np.eye(3) / size**2)
+    # across the mean horizontal field, in body axes
+    level = field[:, :2] - np.einsum("nij,j->ni", attitude[:, :2], offset)
+    level /= np.maximum(np.linalg.norm(level, axis=1), 1e-3 * size)[:, None]
+    across = level[:, :1] * attitude[:, 1] - level[:, 1:] * attitude[:, 0]
+    sigma = np.sqrt(np.einsum("ni,ij,nj->n", across, covariance, across).mean())
+    length = float(np.linalg.norm(offset))
+    distance = float(offset @ np.linalg.solve(covariance, offset))
+    applied = length > LARGE * size and distance > SIGNIFICANT**2
+    return HardIron(offset, float(sigma), size, applied)

@@ -1,0 +1,242 @@
+"""Heading from a magnetometer: what of its field is the Earth's, and where it is not to be trusted.
+
+Indoors and near vehicles most of what a magnetometer says is wrong for a while. The Earth's field
+has one size and one dip; what has others is left out. What magnetised iron in the body adds turns
+with it, and is taken off where the body turned enough to show it.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import Literal
+
+import numpy as np
+
+from sinstool.core.arrays import FloatArray
+from sinstool.core.rotation import rotate, to_dcm, wrapped
+from sinstool.core.timeline import SECOND
+from sinstool.core.units import DEGREE
+from sinstool.methods.attitude_smoother.earth_field import EarthField
+from sinstool.methods.attitude_smoother.epochs import Epochs
+from sinstool.methods.attitude_smoother.field import EpochField
+from sinstool.methods.attitude_smoother.hard_iron import HardIron, find_hard_iron
+from sinstool.methods.attitude_smoother.model import EPOCH_S
+from sinstool.methods.attitude_smoother.updates import (
+    AZIMUTH,
+    FIELD,
+    FIELD_GATE,
+    FIELD_GATE_SIGMAS,
+    FIELD_VARIANCE,
+    FIELD_WIDTH,
+)
+
+Refusal = Literal["", "short", "size", "disturbed", "scatter", "steep"]
+
+# Heading drifts less within this than a hard iron turns it, s.
+PIECE_S = 30.0
+# An hour shows it as well as ten.
+MOST_EPOCHS = 20_000
+# The Earth's field is at most 67 uT and at least 22; sensors are off by some per cent, T.
+SMALLEST, LARGEST = 15e-6, 100e-6
+# Of the epochs, the densest share whose median is the Earth's field.
+DENSEST = 0.4
+# What differs by more in size or in dip is disturbed, and so is what lies close to such a run.
+SIZE_WITHIN, DIP_WITHIN = 0.1, 8.0 * DEGREE
+RUN, MARGIN = 2, 5  # epochs
+# Share of a normal distribution within a sigma
+ONE_SIGMA = 0.683
+# Refused: less trusted than this share or time, more scattered, or steeper than this.
+LEAST_TRUSTED, LEAST_EPOCHS = 0.2, 50
+MOST_SCATTER, STEEPEST = 10.0 * DEGREE, 80.0 * DEGREE
+# A straight drift of the gyros over this is no scatter, s.
+DRIFT_S = 180.0
+# One heading is off by this at least, rad, and so are those of some seconds before and after.
+LEAST_SIGMA, CORRELATED_S = 4.0 * DEGREE, 3.0
+# Heading at the start comes from so many trusted epochs, rad.
+FIRST, FIRST_SIGMA = 50, 0.3
+# The field of a room may differ by so much from that of the place; by more, and it is of something
+# else, or its dip of a wrong tilt.
+SIZE_OF_PLACE, DIP_OF_PLACE = 0.3, 12.0 * DEGREE
+# What is left of an offset, as a share of the field's size: for it cannot be told from the gradient
+# of the field in a room, and where the log cannot show one.
+LEFT, UNSEEN_IRON = 0.02, 0.3
+
+
+@dataclass(frozen=True)
+class North:
+    """Headings of the field, for the second pass of the smoother.
+
+    Attributes
+    ----------
+    rows : ndarray, shape (n, FIELD_WIDTH)
+        See :mod:`~sinstool.methods.attitude_smoother.updates`.
+    start : float
+        By which the first attitude is to be turned about the vertical, rad.
+    variance : float
+        Of what all headings have in common, rad^2.
+    """
+
+    rows: FloatArray
+    start: float
+    variance: float
+
+    @property
+    def start_sigma(self) -> float:
+        """Of the first heading, before the others are seen, rad."""
+        return FIRST_SIGMA
+
+
+@dataclass(frozen=True)
+class Compass:
+    """What a magnetometer shows over a log.
+
+    Attributes
+    ----------
+    refused : str
+        '' where it is used; else ``short`` (too few epochs), ``size`` (not the Earth's field),
+        ``disturbed`` (too few are trusted), ``scatter`` (the headings do not agree with the gyros)
+        or ``steep`` (there is too little of a horizontal field).
+    north : North or None
+        None where it is refused.
+    hard_iron : HardIron or None
+        None where there was nothing to find it from.
+    size, dip : float
+        Of the field taken for the Earth's, T and rad (down positive).
+    trusted : float
+        Share of the epochs with a field.
+    scatter : float
+        Of headings against the gyros', rad.
+    of_place : bool
+        It is about the field that the place is known to have, or that is not known.
+    """
+
+    refused: Refusal
+    north: North | None = None
+    hard_iron: HardIron | None = None
+    size: float = 0.0
+    dip: float = 0.0
+    trusted: float = 0.0
+    scatter: float = 0.0
+    of_place: bool = True
+
+    @property
+    def verified(self) -> bool:
+        """Whether heading is known against north, for all that the log can say."""
+        seen = self.hard_iron is not None and self.hard_iron.seen
+        return self.north is not None and seen and self.of_place
+
+
+def find_north(
+    epochs: Epochs,
+    measured: EpochField,
+    correction: FloatArray,
+    azimuth: float = 0.0,
+    expected: EarthField | None = None,
+) -> Compass:
+    """Headings of the field, from an attitude that was smoothed without it.
+
+    Parameters
+    ----------
+    epochs : Epochs
+    measured : EpochField
+        Over the same.
+    correction : ndarray, shape (n, 4)
+        Of the integrated attitude at the begin of the epochs: quaternions in navigation axes.
+    azimuth : float, optional
+        Of the horizontal field, east of the north that headings shall count from, rad.
+    expected : EarthField, optional
+        Of the place, where that is known.
+
+    Returns
+    -------
+    Compass
+    """
+    used = np.flatnonzero(measured.count > 0.0)
+    if len(used) < LEAST_EPOCHS:
+        return Compass("short")
+    turn = correction[used]
+    level = rotate(turn, measured.field[used])
+    attitude = to_dcm(turn) @ measured.attitude[used]
+    seconds = (epochs.time_ns[used] - epochs.time_ns[0]) / SECOND
+    stretch = np.cumsum(epochs.gap)[used]
+    some = slice(None, None, len(used) // MOST_EPOCHS + 1)
+    iron = find_hard_iron(level[some], attitude[some], _pieces(seconds, stretch, PIECE_S)[some])
+    field = measured.field[used]
+    if iron.applied:
+        level = level - attitude @ iron.offset
+        field = field - measured.attitude[used] @ iron.offset
+    sizes = np.linalg.norm(level, axis=1)
+    dips = np.arctan2(level[:, 2], np.hypot(level[:, 0], level[:, 1]))
+    size, dip = _densest(sizes), _densest(dips)
+    good = (np.abs(sizes - size) < SIZE_WITHIN * size) & (np.abs(dips - dip) < DIP_WITHIN)
+    good &= ~_near_runs(~good, used)
+    heading = np.asarray(wrapped(azimuth - np.arctan2(level[:, 1], level[:, 0])))
+    trusted = float(good.mean())
+    found = Compass("", None, iron, size, dip, trusted)
+    if not SMALLEST < size < LARGEST:
+        return replace(found, refused="size")
+    if abs(dip) > STEEPEST:
+        return replace(found, refused="steep")
+    if trusted < LEAST_TRUSTED or np.count_nonzero(good) < LEAST_EPOCHS:
+        return replace(found, refused="disturbed")
+    scatter = _scatter(heading[good], seconds[good], _pieces(seconds, stretch, DRIFT_S)[good])
+    of_place = expected is None or (
+        abs(size / expected.size - 1.0) < SIZE_OF_PLACE and abs(dip - expected.dip) < DIP_OF_PLACE
+    )
+    found = replace(found, scatter=scatter, of_place=of_place)
+    if scatter > MOST_SCATTER:
+        return replace(found, refused="scatter")
+    apart = max(float(np.median(np.diff(seconds))), EPOCH_S)
+    sigma = max(LEAST_SIGMA, scatter)
+    rows = np.zeros((len(epochs), FIELD_WIDTH))
+    rows[used, FIELD : FIELD + 3] = field
+    rows[:, AZIMUTH] = azimuth
+    rows[:, FIELD_GATE] = sigma**2
+    rows[used[good], FIELD_VARIANCE] = sigma**2 * max(2.0 * CORRELATED_S / apart, 1.0)
+    first = heading[good][:FIRST]
+    middle = np.angle(np.exp(1j * first).mean())
+    start = float(middle + np.median(wrapped(first - middle)))
+    left = np.hypot(LEFT * size, iron.sigma if iron.applied else 0.0)
+    unseen = 0.0 if iron.seen and of_place else UNSEEN_IRON * size
+    variance = (left**2 + unseen**2) / (size * np.cos(dip)) ** 2
+    return replace(found, north=North(rows, start, float(variance)))
+
+
+def _pieces(seconds: FloatArray, stretch: np.ndarray, length: float) -> np.ndarray:
+    """Numbers of pieces of a length, which begin anew after gaps."""
+    begins = np.concatenate(([True], np.diff(stretch) > 0))
+    since = seconds - np.maximum.accumulate(np.where(begins, seconds, 0.0))
+    number = np.floor(since / length)
+    return np.cumsum(begins | (np.diff(number, prepend=0.0) != 0.0))
+
+
+def _densest(values: FloatArray) -> float:
+    """Median of the share of values that lies closest together."""
+    ordered = np.sort(values)
+    count = max(round(DENSEST * len(ordered)), 1)
+    width = ordered[count - 1 :] - ordered[: len(ordered) - count + 1]
+    first = int(np.argmin(width))
+    return float(np.median(ordered[first : first + count]))
+
+
+def _near_runs(bad: np.ndarray, number: np.ndarray) -> np.ndarray:
+    """Epochs in runs of bad ones, or within a second of one."""
+    wide = np.zeros(number[-1] + 1, np.bool_)
+    wide[number] = bad
+    run = np.convolve(wide, np.ones(RUN), "valid") == RUN
+    near = np.convolve(run, np.ones(RUN + 2 * MARGIN)) > 0.0
+    return near[MARGIN:][: len(wide)][number]
+
+
+def _scatter(heading: FloatArray, seconds: FloatArray, piece: np.ndarray) -> float:
+    """Of headings about a straight drift for each piece, but for what a gate holds back, rad."""
+    off = []
+    for one in np.split(np.arange(len(piece)), np.flatnonzero(np.diff(piece)) + 1):
+        angle = np.unwrap(heading[one])
+        time = seconds[one] - seconds[one].mean()
+        slope = time @ (angle - angle.mean()) / max(time @ time, 1e-9) if len(one) > FIRST else 0.0
+        angle = angle - slope * time
+        off.append(np.abs(angle - np.median(angle)))
+    size = np.concatenate(off)
+    most = FIELD_GATE_SIGMAS * np.quantile(size, ONE_SIGMA)
+    return float(np.sqrt(np.mean(np.minimum(size, most) ** 2)))

@@ -1,0 +1,189 @@
+"""The magnetometer of a smoothed attitude: its field, its north, and what is to be said of them."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import numpy as np
+
+from sinstool.config import ProcessConfig
+from sinstool.core.finding import Finding, Severity
+from sinstool.core.streams import Solution
+from sinstool.core.units import DEGREE
+from sinstool.methods.attitude_smoother.earth_field import EarthField, model_field
+from sinstool.methods.attitude_smoother.epochs import Epochs
+from sinstool.methods.attitude_smoother.field import FieldStage
+from sinstool.methods.attitude_smoother.magnetometer import Compass, North, find_north
+from sinstool.methods.attitude_smoother.smoother import Correction
+from sinstool.pipelines.process.summary import MagnetometerUsed
+from sinstool.survey.magnetometer import MagneticTopic, read_magnetometer
+from sinstool.survey.source import Source
+
+# More of the time that is disturbed is worth knowing.
+DISTURBED = 0.1
+REFUSALS = {
+    "short": "it gives no ten seconds of field",
+    "size": "its field of {size:.3g} uT is not the Earth's (20 to 70 uT)",
+    "disturbed": "size and dip of its field are the same in only {trusted:.0f} % of the time: it is"
+    " disturbed, or has other axes than the Imu",
+    "scatter": "its headings scatter by {scatter:.0f} deg about those of the gyros: it may be"
+    " disturbed, or have other axes than the Imu",
+    "steep": "its field dips by {dip:.0f} deg: too little of it is horizontal to show north",
+}
+
+
+class MagneticHeading:
+    """Heading by the magnetometer of a log.
+
+    Parameters
+    ----------
+    topic : MagneticTopic
+    max_gap_ns : int
+        Longest interval between solutions that is no gap.
+
+    Attributes
+    ----------
+    compass : Compass
+        What it shows, once it was asked for `north`.
+    """
+
+    def __init__(
+        self, source: Source, config: ProcessConfig, topic: MagneticTopic, max_gap_ns: int
+    ) -> None:
+        self._topic = topic.topic
+        self._expected = _expected(source)
+        self._declination, self._declination_source = None, ""
+        if config.navigation.declination is not None:
+            self._declination = config.navigation.declination * DEGREE
+            self._declination_source = "given"
+        elif self._expected is not None:
+            self._declination = self._expected.declination
+            self._declination_source = "model"
+        by_log_time = source.survey.time_source == "log"
+        measured, self._odd = read_magnetometer(
+            source.log, topic, config.input.body_axes, by_log_time
+        )
+        self._read = measured is not None
+        self._stage = None if measured is None else FieldStage(measured, max_gap_ns)
+        self.compass = Compass("short")
+
+    def push(self, solution: Solution) -> None:
+        """Take the next solutions of the integration."""
+        if self._stage is not None:
+            self._stage.push(solution)
+
+    def north(self, epochs: Epochs, correction: Correction) -> North | None:
+        """Headings, from an attitude that was smoothed without them; None where there are none."""
+        if self._stage is not None:
+            measured = self._stage.means(epochs)
+            azimuth = self._declination or 0.0
+            attitude = correction.q[:-1]
+            self.compass = find_north(epochs, measured, attitude, azimuth, self._expected)
+        self._stage = None
+        return self.compass.north
+
+    @property
+    def north_referenced(self) -> bool | None:
+        """Heading counts from true north; None where the magnetometer is refused."""
+        if self.compass.north is None:
+            return None
+        return self.compass.verified and self._declination is not None
+
+    def summary(self, correction: Correction) -> MagnetometerUsed:
+        """What it showed, by the attitude that came of it."""
+        found, iron = self.compass, self.compass.hard_iron
+        used = found.north is not None
+        sigma = np.sqrt(np.median(correction.covariance_n[:, 2, 2])) / DEGREE
+        known = "magnetic" if self._declination is None else "true"
+        return MagnetometerUsed(
+            topic=self._topic,
+            refused=found.refused,
+            north=known if found.verified else "none",
+            declination_deg=None if self._declination is None else self._declination / DEGREE,
+            declination_source=self._declination_source,
+            field_T=found.size,
+            dip_deg=found.dip / DEGREE,
+            trusted=found.trusted,
+            scatter_deg=found.scatter / DEGREE,
+            hard_iron_T=None if iron is None else tuple(iron.offset.tolist()),
+            hard_iron_removed=iron is not None and iron.applied,
+            hard_iron_sigma_T=None if iron is None else iron.sigma,
+            heading_sigma_deg=float(sigma) if used else None,
+        )
+
+    def findings(self) -> Iterator[Finding]:
+        """What a user should know of it."""
+        yield from self._odd
+        found, iron, topic = self.compass, self.compass.hard_iron, self._topic
+        if not self._read:
+            return
+        if found.north is None or iron is None:
+            why = REFUSALS[found.refused].format(
+                size=1e6 * found.size,
+                trusted=100.0 * found.trusted,
+                scatter=found.scatter / DEGREE,
+                dip=abs(found.dip) / DEGREE,
+            )
+            yield Finding(
+                "magnetometer-refused",
+                f"the magnetometer {topic} is not used, as {why}; heading counts from the start",
+                topic=topic,
+                answer="choose another with --magnetometer, or none",
+            )
+            return
+        if iron.applied:
+            size = float(np.linalg.norm(iron.offset))
+            yield Finding(
+                "hard-iron",
+                f"topic {topic}: a field of {1e6 * size:.1f} uT turns with the body (hard iron);"
+                f" taken off, to {1e6 * iron.sigma:.1g} uT",
+                severity=Severity.NOTE,
+                topic=topic,
+                answer="calibrate the magnetometer",
+                numbers={"hard_iron_T": size, "sigma_T": iron.sigma},
+            )
+        if not iron.seen:
+            yield Finding(
+                "heading-unverified",
+                f"topic {topic}: the body turned too little to show whether iron in it adds to the"
+                " field, so heading against north is not verified",
+                topic=topic,
+                answer="turn the body through all directions in a log, or calibrate it",
+                numbers={"sigma_T": iron.sigma},
+            )
+        if not found.of_place and self._expected is not None:
+            yield Finding(
+                "unlike-the-place",
+                f"topic {topic}: a field of {1e6 * found.size:.1f} uT that dips by"
+                f" {found.dip / DEGREE:.1f} deg is not that of the place,"
+                f" {1e6 * self._expected.size:.1f} uT and {self._expected.dip / DEGREE:.1f} deg:"
+                " there is iron about, or the tilt is wrong; heading against north is not verified",
+                topic=topic,
+                answer="check latitude and longitude, and calibrate the sensors",
+                numbers={"size_T": found.size, "dip_deg": found.dip / DEGREE},
+            )
+        disturbed = 1.0 - found.trusted
+        if disturbed > DISTURBED:
+            yield Finding(
+                "disturbed-field",
+                f"topic {topic}: in {100.0 * disturbed:.0f} % of the time the field is not the"
+                " Earth's; heading is held by the gyros then",
+                topic=topic,
+                numbers={"share": disturbed},
+            )
+        if self._declination is None:
+            yield Finding(
+                "magnetic-north",
+                "heading counts from magnetic north, as the declination is not known",
+                severity=Severity.NOTE,
+                answer="give --declination, or --latitude and --longitude where stamps are dates",
+            )
+
+
+def _expected(source: Source) -> EarthField | None:
+    """The Earth's field where and when the log was made, if that is known."""
+    latitude, longitude, height = source.position
+    if latitude is None or longitude is None:
+        return None
+    time_ns = source.survey.first_ns
+    return model_field(latitude * DEGREE, longitude * DEGREE, height or 0.0, time_ns)

@@ -1,0 +1,182 @@
+"""The magnetometer of a log: which topic it is, and what it measured."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+from itertools import takewhile
+
+import numpy as np
+
+from sinstool.core.errors import UnsupportedLogError
+from sinstool.core.finding import Finding
+from sinstool.core.streams import Magnetometer
+from sinstool.core.timeline import SECOND, sorted_stream
+from sinstool.io.readers.log import Channel, Log
+from sinstool.io.readers.message_types import MAGNETIC_TYPE
+from sinstool.io.readers.streams import Losses, frame_id, read_field
+from sinstool.io.readers.topics import NONE, ImuTopic, optional_topics
+
+# Samples closer together are averaged, so that a log's take little more memory than its epochs.
+# Within so little time bodies hardly turn: at 10 rad/s the mean is 0.2 % too small.
+BIN_S = 0.02
+# The Earth's field is 22 to 67 uT; what is fixed to a body adds to it, or takes off, T.
+SIZES = (15e-6, 100e-6)
+# What a tesla is in units that logs hold, and their names.
+TESLA = {"T": 1.0, "G": 1e4, "uT": 1e6, "mG": 1e7, "nT": 1e9}
+
+
+@dataclass(frozen=True)
+class MagneticTopic:
+    """The topic of a magnetometer.
+
+    Attributes
+    ----------
+    topic : str
+        '' for none.
+    reason : str
+        Why, as the end of a sentence: "as the log has ...".
+    channels : tuple of Channel
+    doubtful : bool
+        There were several, and the log says little of which is meant.
+    """
+
+    topic: str
+    reason: str
+    channels: tuple[Channel, ...] = ()
+    doubtful: bool = False
+
+
+def magnetic_channels(log: Log) -> list[int]:
+    """Channels of magnetometers, but for outputs of ours."""
+    topics = optional_topics(log, "--magnetometer", None, MAGNETIC_TYPE)
+    return [channel.id for channels in topics.values() for channel in channels]
+
+
+def choose_magnetometer(
+    log: Log, name: str | None, imu: ImuTopic, body_frame: str
+) -> MagneticTopic:
+    """The magnetometer that belongs to an Imu.
+
+    Of several the one in the Imu's frame, and of those the one whose name has most in common with
+    the Imu's.
+
+    Parameters
+    ----------
+    name : str, optional
+        ``--magnetometer``.
+    imu : ImuTopic
+    body_frame : str
+        Frame id of its messages.
+
+    Raises
+    ------
+    TopicError
+        The named topic is missing or of another type.
+    """
+    topics = optional_topics(log, "--magnetometer", name, MAGNETIC_TYPE)
+    if name is not None:
+        (channels,) = topics.values() or ((),)
+        return MagneticTopic("" if name == NONE else name, "as configured", channels)
+    if not topics:
+        return MagneticTopic("", "as the log has no MagneticField topic")
+    if len(topics) == 1:
+        ((topic, channels),) = topics.items()
+        return MagneticTopic(topic, "the log's only MagneticField topic", channels)
+    frames = {t: _frame(log, c) for t, c in topics.items()}
+    same = [t for t in topics if frames[t] and frames[t] == body_frame.lstrip("/")]
+    if len(same) == 1:
+        reason = f"of {len(topics)} the only one in the Imu's frame, {body_frame}"
+        return MagneticTopic(same[0], reason, topics[same[0]])
+    shared = {t: _shared(t, imu.topic) for t in same or topics}
+    most = max(shared.values())
+    best = [t for t in shared if shared[t] == most]
+    if len(best) == 1:
+        reason = f"of {len(topics)} the one whose name is most like that of {imu.topic}"
+        return MagneticTopic(best[0], reason, topics[best[0]])
+    shown = ", ".join(topics)
+    return MagneticTopic("", f"as the log does not show which is meant of {shown}", doubtful=True)
+
+
+def _frame(log: Log, channels: tuple[Channel, ...]) -> str:
+    """Frame of a topic's messages; '' where it has none or they cannot be read."""
+    try:
+        return frame_id(log, channels).lstrip("/")
+    except UnsupportedLogError:
+        return ""
+
+
+def _shared(one: str, other: str) -> int:
+    """Names that two topics have in common from the left."""
+    pairs = zip(one.split("/"), other.split("/"), strict=False)
+    return len(list(takewhile(lambda pair: pair[0] == pair[1], pairs)))
+
+
+def read_magnetometer(
+    log: Log, topic: MagneticTopic, axes: str, log_time: bool
+) -> tuple[Magnetometer | None, list[Finding]]:
+    """The field by time, in tesla and thinned to what epochs need.
+
+    Parameters
+    ----------
+    topic : MagneticTopic
+    axes : {'flu', 'frd'}
+    log_time : bool
+        Take the recorder's times for stamps.
+
+    Returns
+    -------
+    Magnetometer or None
+        None where there is not one usable sample.
+    findings : list of Finding
+    """
+    losses = Losses()
+    blocks = read_field(log, topic.channels, axes, losses)
+    try:
+        found = sorted_stream(_thinned(blocks, log_time), log_time, True)
+    except UnsupportedLogError as exc:
+        return None, [Finding("no-field", f"the magnetometer cannot be read: {exc}")]
+    problem = f" ({losses.problem})" if losses.problem else ""
+    if found is None:
+        text = f"topic {topic.topic} holds no field that is finite and not zero{problem}"
+        return None, [Finding("no-field", text, topic=topic.topic)]
+    findings = []
+    bad = losses.nonfinite + losses.malformed
+    if bad:
+        text = f"topic {topic.topic}: {bad} fields are zero, not finite or damaged{problem}"
+        numbers = {"messages": float(bad)}
+        findings.append(Finding("bad-fields", text, topic=topic.topic, numbers=numbers))
+    measured = found.stream
+    size = float(np.median(np.linalg.norm(measured.field, axis=1)))
+    unit = suspected_unit(size)
+    if unit != "T":
+        measured = replace(measured, field=measured.field / TESLA[unit])
+        text = (
+            f"topic {topic.topic}: the field is {size:.4g} in size, as the Earth's in {unit}, not"
+            " in tesla; converted"
+        )
+        findings.append(
+            Finding("field-unit", text, topic=topic.topic, numbers={"size_T": size / TESLA[unit]})
+        )
+    return measured, findings
+
+
+def suspected_unit(size: float) -> str:
+    """The unit in which a field of a size is the Earth's; T where it is so in none."""
+    return next((u for u, n in TESLA.items() if SIZES[0] <= size / n < SIZES[1]), "T")
+
+
+def _thinned(blocks: Iterator[Magnetometer], log_time: bool) -> Iterator[Magnetometer]:
+    """Means of samples that lie in the same short span."""
+    for block in blocks:
+        times = block.log_time_ns if log_time else block.time_ns
+        span = times // round(BIN_S * SECOND)
+        first = np.flatnonzero(np.concatenate(([True], np.diff(span) != 0)))
+        count = np.diff(first, append=len(times))
+        field = np.add.reduceat(block.field, first, axis=0) / count[:, None]
+        middle, logged = (
+            column[first]
+            + np.add.reduceat(column - np.repeat(column[first], count), first) // count
+            for column in (block.time_ns, block.log_time_ns)
+        )
+        yield Magnetometer(middle, logged, field)
