@@ -1,7 +1,8 @@
 """Attitude without GNSS on recorded logs, beside the public best, held against their references.
 
 `process --mode attitude` from log to log, smoothed and inertial, and on the same samples VQF, its
-offline variant (package vqf) and imufusion, all without a magnetometer. Inclination is the angle
+offline variant (package vqf) and imufusion, all without a magnetometer; then with one, and with
+iron added to it (`broad_magnetometer.py`). Inclination is the angle
 between the verticals of estimate and reference, as a root mean square over the rows that a
 reference marks as movement, or all that it can answer for; heading is what is left of its error
 when its median is removed. Errors over sigma are those of tilt, over what the output says.
@@ -24,6 +25,7 @@ from pathlib import Path
 
 import numpy as np
 
+from benchmarks.broad_magnetometer import print_tables
 from benchmarks.common import FloatArray, numbers, parser, print_table
 from sinstool.config import ProcessConfig
 from sinstool.config.load import build
@@ -249,7 +251,7 @@ def configured(attitude: str, axes: str) -> ProcessConfig:
         ProcessConfig,
         {
             "input": {"gnss_topic": "none", "body_axes": axes},
-            "navigation": {"mode": "attitude", "attitude": attitude},
+            "navigation": {"mode": "attitude", "attitude": attitude, "magnetometer": "none"},
             "output": {"world": "enu" if axes == "flu" else "ned"},
         },
     )
@@ -317,6 +319,7 @@ def broad(data: Path, lag_s: float) -> None:
     within = np.mean([one[0].within for one in scores])  # type: ignore[misc]
     print(f"smoothed less offline VQF: at most {worse:+.3f} deg on a trial")
     print(f"errors over sigma, rms over all trials: {over:.2f}; within 2.5 sigma: {within:.3f}\n")
+    print_tables(data / "broad", 1e3 * lag_s)
 
 
 def main() -> None:
