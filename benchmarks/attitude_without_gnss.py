@@ -152,7 +152,8 @@ def smoothed(
     flight: Trajectory, alone: list[Solution], start: Begin, grade: Grade
 ) -> tuple[Solution, Motion, Epochs]:
     """The same attitude, smoothed; the motion it was taken for, and the epochs."""
-    stage = EpochStage(60_000_000, np.full(3, np.inf))
+    earth = np.asarray(earth_rate_n(float(flight.latitude[0])))
+    stage = EpochStage(60_000_000, np.full(3, np.inf), omega_in_n=earth)
     for solution in alone:
         stage.push(solution)
     epochs = with_rest(stage.finish())

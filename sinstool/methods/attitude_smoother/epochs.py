@@ -38,7 +38,7 @@ class Epochs:
         Duration (s), length of the gap (s; 0: none); in navigation axes the velocity (m/s) and
         position (m) that the specific force adds and the integral of the attitude matrix (s);
         integral of the squared rate (rad^2/s), seconds with a gyro at its stop, whether at rest;
-        in body axes means and variances of rate and specific force; how many samples.
+        in body axes means and variances of rate against NED and specific force; how many samples.
     """
 
     time_ns: np.ndarray
@@ -69,14 +69,22 @@ class EpochStage:
         Rates at which the gyros stop, rad/s; infinite where they do not.
     sample_rate : float, optional
         Of the solutions, Hz, whatever their stamps say; but for gaps.
+    omega_in_n : ndarray, shape (3,), optional
+        What the integration took for the rate of NED, rad/s. It is taken off the body's rate too,
+        or a rest would show it as bias.
     """
 
     def __init__(
-        self, max_gap_ns: int, stops: FloatArray, sample_rate: float | None = None
+        self,
+        max_gap_ns: int,
+        stops: FloatArray,
+        sample_rate: float | None = None,
+        omega_in_n: FloatArray | None = None,
     ) -> None:
         self._max_gap_s = max_gap_ns / SECOND
         self._interval = 0.0 if sample_rate is None else 1.0 / sample_rate
         self._stops = np.asarray(stops, np.float64) * STOP_SHARE
+        self._omega_in_n = np.zeros(3) if omega_in_n is None else np.asarray(omega_in_n, np.float64)
         self._origin: int | None = None
         self._open = np.zeros(WIDTH)
         # attitude of the sample before, its time, the epoch that is open, and runs at the stops
@@ -108,6 +116,7 @@ class EpochStage:
             self._max_gap_s,
             self._interval,
             self._stops,
+            self._omega_in_n,
             self._open,
             self._state,
             rows,
@@ -148,6 +157,7 @@ def _accumulate(
     max_gap: float,
     interval: float,
     stops: FloatArray,
+    omega_in_n: FloatArray,
     row: FloatArray,
     state: FloatArray,
     rows: FloatArray,
@@ -226,8 +236,14 @@ def _accumulate(
             row[DURATION] += dt
             row[COUNT] += 1.0
             stopped = False
+            nx, ny, nz = omega_in_n[0], omega_in_n[1], omega_in_n[2]
+            turned = (
+                c00 * nx + c10 * ny + c20 * nz,
+                c01 * nx + c11 * ny + c21 * nz,
+                c02 * nx + c12 * ny + c22 * nz,
+            )
             for a in range(3):
-                rate = omega[i, a]
+                rate = omega[i, a] - turned[a]
                 row[W2] += rate * rate * dt
                 delta = rate - row[GYRO + a]
                 row[GYRO + a] += delta / row[COUNT]
@@ -235,7 +251,7 @@ def _accumulate(
                 delta = force[i, a] - row[ACCEL + a]
                 row[ACCEL + a] += delta / row[COUNT]
                 row[ACCEL_VARIANCE + a] += delta * (force[i, a] - row[ACCEL + a])
-                if abs(rate) >= stops[a]:
+                if abs(omega[i, a]) >= stops[a]:
                     state[6 + a] += 1.0
                     state[9 + a] += dt
                     if state[6 + a] >= STOP_RUN:

@@ -38,6 +38,8 @@ PARAMETERS = 11
 # A motion that pulls at a bound is no rest: there the specific force is gravity alone.
 REST_DENSITY = 0.1  # m/s^2/sqrt(Hz)
 REST_VELOCITY = 0.02  # m/s
+# Squared, over its variance, beyond which something denies a rest.
+DENIED = 5.0**2
 # In a gap the body turns as it did, and by this much per second beside, rad.
 GAP_RATE = 0.5
 # A gyro at its stop misses this much, rad/s.
@@ -120,6 +122,32 @@ def inject(x: FloatArray, dx: FloatArray, n: int, e: FloatArray) -> None:
 
 
 @numba.njit(cache=True, nogil=True)
+def _contradicted(
+    row: FloatArray, par: FloatArray, n: int, x: FloatArray, p: FloatArray, dx: FloatArray
+) -> bool:
+    """Whether what is known of velocity, tilt or bias by now denies that an epoch is one of rest.
+
+    Steady motion looks like rest to itself; what led there tells it.
+    """
+    t = row[DURATION]
+    noise = REST_DENSITY**2 / t
+    for i in range(3):
+        v = x[V + i] + dx[XV + i]
+        if v * v > DENIED * (p[XV + i, XV + i] + REST_VELOCITY**2):
+            return True
+        rate = row[GYRO + i] - x[B + i] - dx[XB + i]
+        if rate * rate > DENIED * (p[XB + i, XB + i] + par[ZERO_RATE] ** 2):
+            return True
+        if i < 2:
+            z = (x[3 * i] * row[DV] + x[3 * i + 1] * row[DV + 1] + x[3 * i + 2] * row[DV + 2]) / t
+            a = -GRAVITY if i == 0 else GRAVITY
+            z += a * dx[1 - i]
+            if z * z > DENIED * (GRAVITY**2 * p[1 - i, 1 - i] + noise):
+                return True
+    return False
+
+
+@numba.njit(cache=True, nogil=True)
 def _measure(
     row: FloatArray,
     par: FloatArray,
@@ -130,18 +158,19 @@ def _measure(
     dx: FloatArray,
     e: FloatArray,
 ) -> float:
-    """Hold the state against an epoch; the log likelihood of its motion, 0 at rest."""
+    """Hold a state and what it is known to be off by, `dx`, against an epoch.
+
+    Changes `dx`; the log likelihood of the epoch's motion, 0 at rest.
+    """
     if row[GAP] > 0.0:
         return 0.0
-    rest = row[REST] > 0.0
+    rest = row[REST] > 0.0 and not _contradicted(row, par, n, x, p, dx)
     t = row[DURATION]
     c1 = 0.0 if rest else par[C1]
     c0 = 0.0 if rest else par[C0]
     r = REST_DENSITY if rest else par[DENSITY]
     missed = GRAVITY * STOP_RATE * row[SATURATED]
     variance = r * r / t + missed * missed
-    for m in range(n):
-        dx[m] = 0.0
     likelihood = 0.0
     for i in range(3):
         z = (x[3 * i] * row[DV] + x[3 * i + 1] * row[DV + 1] + x[3 * i + 2] * row[DV + 2]) / t
@@ -179,8 +208,42 @@ def _measure(
                 gain,
                 dx,
             )
-    inject(x, dx, n, e)
     return likelihood
+
+
+@numba.njit(cache=True, nogil=True)
+def _take_in(
+    near: FloatArray, k: int, x: FloatArray, dx: FloatArray, n: int, e: FloatArray
+) -> None:
+    """Correct the state, unless it is one to be linear about."""
+    if len(near) == 0:
+        inject(x, dx, n, e)
+        for m in range(n):
+            dx[m] = 0.0
+    else:
+        x[:] = near[k]
+
+
+@numba.njit(cache=True, nogil=True)
+def _carry_error(
+    near: FloatArray,
+    k: int,
+    x: FloatArray,
+    f: FloatArray,
+    dx: FloatArray,
+    n: int,
+    e: FloatArray,
+    out: FloatArray,
+) -> None:
+    """What the state that an epoch leads to, `x`, makes of `dx` about the one after the epoch."""
+    if len(near) == 0:
+        return
+    less(x, near[k + 1], n, out, e)
+    for i in range(n):
+        for m in range(n):
+            out[i] += f[i, m] * dx[m]
+    dx[:n] = out[:n]
+    x[:] = near[k + 1]
 
 
 @numba.njit(cache=True, nogil=True)
@@ -336,6 +399,8 @@ def forward(
     every: int,
     states: FloatArray,
     covariances: FloatArray,
+    near: FloatArray,
+    dx: FloatArray,
 ) -> float:
     """Filter epochs without keeping more than the state before every so many of them.
 
@@ -353,27 +418,34 @@ def forward(
         Its covariance, likewise.
     every : int
         0 keeps nothing.
-    states, covariances : ndarray, shape (k, STATE) and (k, n, n)
-        Get the states before epochs 0, every, 2 every...
+    states, covariances : ndarray, shape (k, STATE + ERRORS) and (k, n, n)
+        Get the states before epochs 0, every, 2 every... and what they are off by.
+    near : ndarray, shape (m + 1, STATE) or (0, STATE)
+        States between epochs to be linear about; none: the filter's own.
+    dx : ndarray, shape (ERRORS,)
+        What those states are off by: before the first epoch, afterwards at the end; 0 without.
 
     Returns
     -------
     float
         Log likelihood of the moving epochs' motion; `DIVERGED` where the filter lost itself.
     """
-    gain, dx = np.empty(ERRORS), np.zeros(ERRORS)
+    gain, ahead = np.empty(ERRORS), np.empty(ERRORS)
     f, q, half = np.empty((n, n)), np.empty((n, n)), np.empty((n, n))
     e = np.empty((3, 3))
     total = 0.0
     for k in range(begin, end):
         if every and (k - begin) % every == 0:
-            states[(k - begin) // every] = x
+            states[(k - begin) // every, :STATE] = x
+            states[(k - begin) // every, STATE:] = dx
             covariances[(k - begin) // every] = p
         likelihood = _measure(epochs[k], par, n, x, p, gain, dx, e)
         if not likelihood > DIVERGED:
             return DIVERGED
         total += likelihood
+        _take_in(near, k, x, dx, n, e)
         _advance(epochs[k], _rate(epochs, k), par, n, x, f, q, e)
+        _carry_error(near, k, x, f, dx, n, e, ahead)
         _carry(p, n, f, q, half)
     return total
 
@@ -403,6 +475,9 @@ def backward(
     end_p: FloatArray,
     smoothed: FloatArray,
     covariance: FloatArray,
+    near: FloatArray,
+    dx: FloatArray,
+    end_dx: FloatArray,
 ) -> None:
     """Filter a stretch once more and smooth it from its known end to its begin.
 
@@ -416,31 +491,41 @@ def backward(
         Gets the smoothed states before the epochs, `begin` to `end` - 1.
     covariance : ndarray, shape (m + 1, KEPT)
         Gets the covariances of attitude and the variances of the bias there.
+    near, dx : ndarray
+        See :func:`forward`.
+    end_dx : ndarray, shape (ERRORS,)
+        As `dx`, smoothed, after the last epoch; afterwards before the first.
     """
     count = end - begin
-    gain, dx = np.empty(ERRORS), np.zeros(ERRORS)
+    gain, ahead = np.empty(ERRORS), np.empty(ERRORS)
+    dx_plus, dx_minus = np.zeros((count, ERRORS)), np.zeros((count, ERRORS))
     q, half, e = np.empty((n, n)), np.empty((n, n)), np.empty((3, 3))
     f = np.empty((count, n, n))
     p_plus, p_minus = np.empty((count, n, n)), np.empty((count, n, n))
     x_plus, x_minus = np.empty((count, STATE)), np.empty((count, STATE))
     for k in range(count):
         _measure(epochs[begin + k], par, n, x, p, gain, dx, e)
-        x_plus[k], p_plus[k] = x, p
+        _take_in(near, begin + k, x, dx, n, e)
+        x_plus[k], p_plus[k], dx_plus[k] = x, p, dx
         _advance(epochs[begin + k], _rate(epochs, begin + k), par, n, x, f[k], q, e)
+        _carry_error(near, begin + k, x, f[k], dx, n, e, ahead)
         _carry(p, n, f[k], q, half)
-        x_minus[k], p_minus[k] = x, p
+        x_minus[k], p_minus[k], dx_minus[k] = x, p, dx
     low, right, scale = np.empty((n, n)), np.empty((n, n)), np.empty(n)
     difference = np.empty(ERRORS)
     for k in range(count - 1, -1, -1):
-        _less(end_x, x_minus[k], n, difference, e)
+        if len(near) == 0:
+            less(end_x, x_minus[k], n, difference, e)
+        else:
+            difference[:] = end_dx - dx_minus[k]
         smoother_gain(f[k], p_plus[k], p_minus[k], right, low, scale)
         for j in range(n):
             s = 0.0
             for m in range(n):
                 s += right[m, j] * difference[m]
-            dx[j] = s
+            end_dx[j] = dx_plus[k, j] + s
         end_x[:] = x_plus[k]
-        inject(end_x, dx, n, e)
+        inject(end_x, end_dx, n, e)
         smoother_covariance(p_plus[k], p_minus[k], end_p, right, half, low, end_p)
         smoothed[begin + k] = end_x
         keep(end_p, covariance[begin + k])
@@ -456,7 +541,7 @@ def keep(p: FloatArray, out: FloatArray) -> None:
 
 
 @numba.njit(cache=True, nogil=True)
-def _less(a: FloatArray, b: FloatArray, n: int, out: FloatArray, e: FloatArray) -> None:
+def less(a: FloatArray, b: FloatArray, n: int, out: FloatArray, e: FloatArray) -> None:
     """Errors that lead from state b to state a."""
     # e = C_a C_b^T, and its rotation vector
     for i in range(3):

@@ -145,8 +145,10 @@ def sensor_model(
             of.gyro_bias * (3.0 if bias_known else 10.0), 0.0 if earth_removed else EARTH_RATE
         ),
         zero_rate=max(_MEMS.zero_rate * walk / _MEMS.angle_random_walk, of.gyro_instability),
-        velocity_walk=_MEMS.velocity_walk,
-        accel_bias=max(of.accel_bias, 0.005),
+        velocity_walk=_MEMS.velocity_walk
+        * of.velocity_random_walk
+        / IMU_GRADES["mems"].velocity_random_walk,
+        accel_bias=of.accel_bias,
         gravity=_MEMS.gravity,
         gravity_walk=_MEMS.gravity_walk,
     )

@@ -20,7 +20,7 @@ from sinstool.methods.attitude_smoother.epochs import (
     W2,
     Epochs,
 )
-from sinstool.methods.attitude_smoother.kernels import DIVERGED, forward
+from sinstool.methods.attitude_smoother.kernels import DIVERGED, ERRORS, STATE, forward
 from sinstool.methods.attitude_smoother.model import (
     HAND,
     VEHICLE,
@@ -130,7 +130,7 @@ def _most_likely(
         for part in parts:
             shaken = model.with_density(exp(at))
             x, p = first_state(part, shaken, sensors)
-            none = np.empty((0, *x.shape)), np.empty((0, *p.shape))
+            none = np.empty((0, STATE)), np.empty((0, *p.shape)), np.empty((0, STATE)), np.zeros(ERRORS)
             par = parameters(shaken, sensors)
             one = forward(part.values, 0, len(part), par, model.states, x, p, 0, *none)
             total = max(total + one, DIVERGED)

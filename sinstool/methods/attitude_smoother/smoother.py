@@ -69,7 +69,7 @@ class Correction:
 
 
 def smooth(
-    epochs: Epochs, motion: MotionModel, sensors: SensorModel, heading: float = 0.0
+    epochs: Epochs, motion: MotionModel, sensors: SensorModel, heading: float = 0.0, passes: int = 1
 ) -> Correction:
     """Smooth over a whole log.
 
@@ -88,18 +88,30 @@ def smooth(
     """
     n, count, rows = motion.states, len(epochs), epochs.values
     par = parameters(motion, sensors)
-    x, p = first_state(epochs, motion, sensors)
     held = -(-count // SEGMENT)
-    states, covariances = np.empty((held, kernels.STATE)), np.empty((held, n, n))
-    kernels.forward(rows, 0, count, par, n, x, p, SEGMENT, states, covariances)
-    smoothed = np.empty((count + 1, kernels.STATE))
+    covariances = np.empty((held, n, n))
+    states = np.empty((held, kernels.STATE + kernels.ERRORS))
+    smoothed = np.empty((0, kernels.STATE))
     covariance = np.empty((count + 1, kernels.KEPT))
-    smoothed[count] = x
-    kernels.keep(p, covariance[count])
-    for k in range(held - 1, -1, -1):
-        begin, end = SEGMENT * k, min(SEGMENT * (k + 1), count)
-        start = states[k], covariances[k]
-        kernels.backward(rows, begin, end, par, n, *start, x, p, smoothed, covariance)
+    first, spread = first_state(epochs, motion, sensors)
+    e = np.empty((3, 3))
+    for _ in range(passes):
+        near, smoothed = smoothed, np.empty((count + 1, kernels.STATE))
+        x, p, dx = first.copy(), spread.copy(), np.zeros(kernels.ERRORS)
+        if len(near):
+            kernels.less(first, near[0], n, dx, e)
+            x = near[0].copy()
+        kernels.forward(rows, 0, count, par, n, x, p, SEGMENT, states, covariances, near, dx)
+        kernels.keep(p, covariance[count])
+        smoothed[count] = x
+        kernels.inject(smoothed[count], dx, n, e)
+        for k in range(held - 1, -1, -1):
+            begin, end = SEGMENT * k, min(SEGMENT * (k + 1), count)
+            start = states[k, : kernels.STATE].copy(), covariances[k]
+            before = states[k, kernels.STATE :].copy()
+            kernels.backward(
+                rows, begin, end, par, n, *start, x, p, smoothed, covariance, near, before, dx
+            )
     q = from_dcm(smoothed[:, :9].reshape(-1, 3, 3))
     attitude = covariance[:, :9].reshape(-1, 3, 3).copy()
     # An accelerometer's bias cannot be told from a tilt.

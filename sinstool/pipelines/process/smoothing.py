@@ -83,7 +83,9 @@ class Smoothing:
     def solutions(self, blocks: Blocks) -> Iterator[Solution]:
         """Smoothed attitude at every update instant."""
         settings, alignment = self._settings, self._plan.alignment
-        stage = EpochStage(settings.max_gap_ns, self._stops(), settings.sample_rate)
+        stage = EpochStage(
+            settings.max_gap_ns, self._stops(), settings.sample_rate, settings.omega_ie_n
+        )
         for solution in self.run.run(blocks(0)):
             stage.push(solution)
         epochs = with_rest(stage.finish(), self._gnss_moves)
