@@ -38,7 +38,9 @@ PARAMETERS = 11
 # A motion that pulls at a bound is no rest: there the specific force is gravity alone.
 REST_DENSITY = 0.1  # m/s^2/sqrt(Hz)
 REST_VELOCITY = 0.02  # m/s
-# Squared, over its variance, beyond which something denies a rest.
+REST_FORCE = 0.05  # m/s^2; level specific force that an accelerometer may show at rest
+# What an epoch is; and the square, over its variance, beyond which something denies a rest.
+MOVING, STEADY, AT_REST = range(3)
 DENIED = 5.0**2
 # In a gap the body turns as it did, and by this much per second beside, rad.
 GAP_RATE = 0.5
@@ -122,29 +124,28 @@ def inject(x: FloatArray, dx: FloatArray, n: int, e: FloatArray) -> None:
 
 
 @numba.njit(cache=True, nogil=True)
-def _contradicted(
+def _steadiness(
     row: FloatArray, par: FloatArray, n: int, x: FloatArray, p: FloatArray, dx: FloatArray
-) -> bool:
-    """Whether what is known of velocity, tilt or bias by now denies that an epoch is one of rest.
+) -> int:
+    """What an epoch that looks like rest is, by what is known of tilt, bias and velocity by now.
 
-    Steady motion looks like rest to itself; what led there tells it.
+    A steady turn looks like rest to itself, and so does steady travel; what led there tells.
     """
     t = row[DURATION]
-    noise = REST_DENSITY**2 / t
+    steady = AT_REST
     for i in range(3):
-        v = x[V + i] + dx[XV + i]
-        if v * v > DENIED * (p[XV + i, XV + i] + REST_VELOCITY**2):
-            return True
         rate = row[GYRO + i] - x[B + i] - dx[XB + i]
         if rate * rate > DENIED * (p[XB + i, XB + i] + par[ZERO_RATE] ** 2):
-            return True
+            return MOVING
         if i < 2:
             z = (x[3 * i] * row[DV] + x[3 * i + 1] * row[DV + 1] + x[3 * i + 2] * row[DV + 2]) / t
-            a = -GRAVITY if i == 0 else GRAVITY
-            z += a * dx[1 - i]
-            if z * z > DENIED * (GRAVITY**2 * p[1 - i, 1 - i] + noise):
-                return True
-    return False
+            z += (-GRAVITY if i == 0 else GRAVITY) * dx[1 - i]
+            if z * z > DENIED * (GRAVITY**2 * p[1 - i, 1 - i] + REST_FORCE**2):
+                return MOVING
+        v = x[V + i] + dx[XV + i]
+        if v * v > DENIED * (p[XV + i, XV + i] + REST_VELOCITY**2):
+            steady = STEADY
+    return steady
 
 
 @numba.njit(cache=True, nogil=True)
@@ -164,7 +165,8 @@ def _measure(
     """
     if row[GAP] > 0.0:
         return 0.0
-    rest = row[REST] > 0.0 and not _contradicted(row, par, n, x, p, dx)
+    kind = _steadiness(row, par, n, x, p, dx) if row[REST] > 0.0 else MOVING
+    rest = kind != MOVING
     t = row[DURATION]
     c1 = 0.0 if rest else par[C1]
     c0 = 0.0 if rest else par[C0]
@@ -191,7 +193,7 @@ def _measure(
         likelihood -= 0.5 * (left * left / s + log(s))
     if rest:
         likelihood = 0.0
-        for i in range(3):
+        for i in range(3 if kind == AT_REST else 0):
             _update(p, n, XV + i, 1.0, 0, 0.0, 0, 0.0, -x[V + i], REST_VELOCITY**2, gain, dx)
         for i in range(3):
             _update(

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from sinstool.core.arrays import FloatArray
+from sinstool.core.earth import SEMI_MAJOR_AXIS
 from sinstool.methods.attitude_smoother import kernels
 from sinstool.methods.attitude_smoother.epochs import Epochs, mean_force
 from sinstool.methods.attitude_smoother.model import MotionModel, SensorModel
@@ -59,13 +60,18 @@ def upright(force: FloatArray) -> FloatArray:
 
 
 def parameters(motion: MotionModel, sensors: SensorModel) -> FloatArray:
-    """What a compiled filter needs to know, in its order."""
+    """What a compiled filter needs to know, in its order.
+
+    The vertical turns with what a vehicle travels over the Earth, at a rate that is as bounded as
+    its velocity: in the long run a random walk of the tilt.
+    """
+    travel = 0.0 if motion.c0 else motion.density / (motion.c1 * SEMI_MAJOR_AXIS)
     return np.array(
         [
             motion.c1,
             motion.c0,
             motion.density,
-            sensors.angle_random_walk,
+            np.hypot(sensors.angle_random_walk, travel),
             sensors.rate_error,
             sensors.bias_walk,
             sensors.zero_rate,
