@@ -161,7 +161,7 @@ def _measure(
 ) -> float:
     """Hold a state and what it is known to be off by, `dx`, against an epoch.
 
-    Changes `dx`; the log likelihood of the epoch's motion, 0 at rest.
+    Changes `dx`; the log likelihood of the epoch's motion, 0 where it looks like rest.
     """
     if row[GAP] > 0.0:
         return 0.0
@@ -191,8 +191,9 @@ def _measure(
         if not (s < 1e8 and abs(left) < 1e4):
             return DIVERGED
         likelihood -= 0.5 * (left * left / s + log(s))
-    if rest:
+    if row[REST] > 0.0:
         likelihood = 0.0
+    if rest:
         for i in range(3 if kind == AT_REST else 0):
             _update(p, n, XV + i, 1.0, 0, 0.0, 0, 0.0, -x[V + i], REST_VELOCITY**2, gain, dx)
         for i in range(3):
