@@ -15,6 +15,8 @@ import numpy as np
 
 from sinstool.core.arrays import FloatArray
 from sinstool.methods.attitude_smoother.epochs import (
+    ACCEL_VARIANCE,
+    COUNT,
     DP,
     DURATION,
     DV,
@@ -33,12 +35,11 @@ XV, XB, XG, XP = 3, 6, 9, 10  # of the errors
 STATE, ERRORS, KEPT = 19, 13, 12
 # Parameters of a run
 C1, C0, DENSITY, WALK, RATE_ERROR, BIAS_WALK, ZERO_RATE, VELOCITY_WALK, GRAVITY_WALK = range(9)
-VELOCITY_VARIANCE, POSITION_VARIANCE = 9, 10
-PARAMETERS = 11
+VELOCITY_VARIANCE, POSITION_VARIANCE, REST_FORCE = 9, 10, 11
+PARAMETERS = 12
 # A motion that pulls at a bound is no rest: there the specific force is gravity alone.
 REST_DENSITY = 0.1  # m/s^2/sqrt(Hz)
 REST_VELOCITY = 0.02  # m/s
-REST_FORCE = 0.05  # m/s^2; level specific force that an accelerometer may show at rest
 # What an epoch is; and the square, over its variance, beyond which something denies a rest.
 MOVING, STEADY, AT_REST = range(3)
 DENIED = 5.0**2
@@ -132,6 +133,8 @@ def _steadiness(
     A steady turn looks like rest to itself, and so does steady travel; what led there tells.
     """
     t = row[DURATION]
+    own = max(row[ACCEL_VARIANCE], row[ACCEL_VARIANCE + 1], row[ACCEL_VARIANCE + 2])
+    level = par[REST_FORCE] ** 2 + own / max(row[COUNT], 1.0)
     steady = AT_REST
     for i in range(3):
         rate = row[GYRO + i] - x[B + i] - dx[XB + i]
@@ -140,7 +143,7 @@ def _steadiness(
         if i < 2:
             z = (x[3 * i] * row[DV] + x[3 * i + 1] * row[DV + 1] + x[3 * i + 2] * row[DV + 2]) / t
             z += (-GRAVITY if i == 0 else GRAVITY) * dx[1 - i]
-            if z * z > DENIED * (GRAVITY**2 * p[1 - i, 1 - i] + REST_FORCE**2):
+            if z * z > DENIED * (GRAVITY**2 * p[1 - i, 1 - i] + level):
                 return MOVING
         v = x[V + i] + dx[XV + i]
         if v * v > DENIED * (p[XV + i, XV + i] + REST_VELOCITY**2):

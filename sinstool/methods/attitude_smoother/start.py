@@ -79,5 +79,7 @@ def parameters(motion: MotionModel, sensors: SensorModel) -> FloatArray:
             sensors.gravity_walk,
             motion.velocity_variance,
             motion.position_variance,
+            # level specific force at rest: the bias now and that where the tilt was had from
+            np.sqrt(2.0) * sensors.accel_bias,
         ]
     )
