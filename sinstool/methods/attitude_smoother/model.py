@@ -91,7 +91,7 @@ class SensorModel:
     angle_random_walk: float = 3e-4
     rate_error: float = 3e-3
     bias_walk: float = 1e-5
-    bias: float = 0.08
+    bias: float = 0.03
     zero_rate: float = 2e-3
     velocity_walk: float = 0.05
     accel_bias: float = 0.03

@@ -18,6 +18,12 @@ from sinstool.methods.attitude_smoother.start import first_state, parameters
 
 # Epochs that are filtered again and smoothed at once.
 SEGMENT = 500
+# Where the bias of the gyros is as uncertain as this, rad/s, tilt and velocity are so far off at
+# first that what is linear about them is wrong for good. So the smoother is run again about what
+# it found (an iterated smoother, a Gauss-Newton step a pass), at first with motion that is
+# believed to shake more, lest it holds on to where it began.
+LARGE_BIAS = 0.01
+NEARER = (4.0, 3.0, 2.0, 1.5, 1.0, 1.0)
 
 
 @dataclass(frozen=True)
@@ -69,7 +75,7 @@ class Correction:
 
 
 def smooth(
-    epochs: Epochs, motion: MotionModel, sensors: SensorModel, heading: float = 0.0, passes: int = 1
+    epochs: Epochs, motion: MotionModel, sensors: SensorModel, heading: float = 0.0
 ) -> Correction:
     """Smooth over a whole log.
 
@@ -86,32 +92,11 @@ def smooth(
     -------
     Correction
     """
-    n, count, rows = motion.states, len(epochs), epochs.values
-    par = parameters(motion, sensors)
-    held = -(-count // SEGMENT)
-    covariances = np.empty((held, n, n))
-    states = np.empty((held, kernels.STATE + kernels.ERRORS))
+    covariance = np.empty((len(epochs) + 1, kernels.KEPT))
     smoothed = np.empty((0, kernels.STATE))
-    covariance = np.empty((count + 1, kernels.KEPT))
-    first, spread = first_state(epochs, motion, sensors)
-    e = np.empty((3, 3))
-    for _ in range(passes):
-        near, smoothed = smoothed, np.empty((count + 1, kernels.STATE))
-        x, p, dx = first.copy(), spread.copy(), np.zeros(kernels.ERRORS)
-        if len(near):
-            kernels.less(first, near[0], n, dx, e)
-            x = near[0].copy()
-        kernels.forward(rows, 0, count, par, n, x, p, SEGMENT, states, covariances, near, dx)
-        kernels.keep(p, covariance[count])
-        smoothed[count] = x
-        kernels.inject(smoothed[count], dx, n, e)
-        for k in range(held - 1, -1, -1):
-            begin, end = SEGMENT * k, min(SEGMENT * (k + 1), count)
-            start = states[k, : kernels.STATE].copy(), covariances[k]
-            before = states[k, kernels.STATE :].copy()
-            kernels.backward(
-                rows, begin, end, par, n, *start, x, p, smoothed, covariance, near, before, dx
-            )
+    for shaken in NEARER if sensors.bias > LARGE_BIAS else (1.0,):
+        model = motion.with_density(shaken * motion.density)
+        smoothed = _pass(epochs, model, sensors, smoothed, covariance)
     q = from_dcm(smoothed[:, :9].reshape(-1, 3, 3))
     attitude = covariance[:, :9].reshape(-1, 3, 3).copy()
     # An accelerometer's bias cannot be told from a tilt.
@@ -125,6 +110,48 @@ def smooth(
         attitude,
         np.sqrt(covariance[:, 9:]),
     )
+
+
+def _pass(
+    epochs: Epochs,
+    motion: MotionModel,
+    sensors: SensorModel,
+    near: FloatArray,
+    covariance: FloatArray,
+) -> FloatArray:
+    """Forwards and backwards once; the smoothed states, shape (n + 1, STATE).
+
+    Parameters
+    ----------
+    near : ndarray, shape (n + 1, STATE) or (0, STATE)
+        States of a pass before, to be linear about; none: the filter's own.
+    covariance : ndarray, shape (n + 1, KEPT)
+        Gets those of attitude and bias.
+    """
+    n, count, rows = motion.states, len(epochs), epochs.values
+    par = parameters(motion, sensors)
+    held = -(-count // SEGMENT)
+    states = np.empty((held, kernels.STATE + kernels.ERRORS))
+    covariances = np.empty((held, n, n))
+    smoothed = np.empty((count + 1, kernels.STATE))
+    x, p = first_state(epochs, motion, sensors)
+    dx = np.zeros(kernels.ERRORS)
+    scratch = np.empty((3, 3))
+    if len(near):
+        kernels.less(x, near[0], n, dx, scratch)
+        x = near[0].copy()
+    kernels.forward(rows, 0, count, par, n, x, p, SEGMENT, states, covariances, near, dx)
+    kernels.keep(p, covariance[count])
+    smoothed[count] = x
+    kernels.inject(smoothed[count], dx, n, scratch)
+    for k in range(held - 1, -1, -1):
+        begin, end = SEGMENT * k, min(SEGMENT * (k + 1), count)
+        start, off = states[k, : kernels.STATE].copy(), states[k, kernels.STATE :].copy()
+        kernels.backward(
+            rows, begin, end, par, n, start, covariances[k], x, p, smoothed, covariance,
+            near, off, dx,
+        )  # fmt: skip
+    return smoothed
 
 
 @numba.njit(cache=True, nogil=True)
