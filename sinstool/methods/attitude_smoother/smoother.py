@@ -23,7 +23,8 @@ SEGMENT = 500
 # it found (an iterated smoother, a Gauss-Newton step a pass), at first with motion that is
 # believed to shake more, lest it holds on to where it began.
 LARGE_BIAS = 0.01
-NEARER = (4.0, 3.0, 2.0, 1.5, 1.0, 1.0)
+NEARER = (4.0, 3.0, 2.0, 1.5, *[1.0] * 16)
+CLOSE = 1e-3  # rad; the last pass changed no tilt by more
 
 
 @dataclass(frozen=True)
@@ -94,9 +95,12 @@ def smooth(
     """
     covariance = np.empty((len(epochs) + 1, kernels.KEPT))
     smoothed = np.empty((0, kernels.STATE))
-    for shaken in NEARER if sensors.bias > LARGE_BIAS else (1.0,):
-        model = motion.with_density(shaken * motion.density)
-        smoothed = _pass(epochs, model, sensors, smoothed, covariance)
+    passes = NEARER if sensors.bias > LARGE_BIAS else (1.0,)
+    for shaken in passes:
+        near, model = smoothed, motion.with_density(shaken * motion.density)
+        smoothed = _pass(epochs, model, sensors, near, covariance)
+        if len(near) and shaken == 1.0 and _moved(near, smoothed) < CLOSE:
+            break
     q = from_dcm(smoothed[:, :9].reshape(-1, 3, 3))
     attitude = covariance[:, :9].reshape(-1, 3, 3).copy()
     # An accelerometer's bias cannot be told from a tilt.
@@ -110,6 +114,12 @@ def smooth(
         attitude,
         np.sqrt(covariance[:, 9:]),
     )
+
+
+def _moved(before: FloatArray, after: FloatArray) -> float:
+    """Largest change of the tilt between two passes, rad."""
+    up = [a[:, :9].reshape(-1, 3, 3)[:, 2] for a in (before, after)]
+    return float(np.sqrt(np.max(np.sum((up[1] - up[0]) ** 2, axis=1))))
 
 
 def _pass(
