@@ -109,6 +109,21 @@ def _turn(x: FloatArray, e: FloatArray) -> None:
 
 
 @numba.njit(cache=True, nogil=True)
+def _felt(x: FloatArray, row: FloatArray, at: int, share: float, out: FloatArray) -> None:
+    """A sum of specific force over an epoch, corrected.
+
+    The bias has turned the axes by a share of what it does over all of the epoch, in the mean.
+    """
+    a, b, c = row[at], row[at + 1], row[at + 2]
+    u = row[JB] * x[B] + row[JB + 1] * x[B + 1] + row[JB + 2] * x[B + 2]
+    v = row[JB + 3] * x[B] + row[JB + 4] * x[B + 1] + row[JB + 5] * x[B + 2]
+    w = row[JB + 6] * x[B] + row[JB + 7] * x[B + 1] + row[JB + 8] * x[B + 2]
+    d, e, f = a - share * (v * c - w * b), b - share * (w * a - u * c), c - share * (u * b - v * a)
+    for i in range(3):
+        out[i] = x[3 * i] * d + x[3 * i + 1] * e + x[3 * i + 2] * f
+
+
+@numba.njit(cache=True, nogil=True)
 def inject(x: FloatArray, dx: FloatArray, n: int, e: FloatArray) -> None:
     """Add errors to the state."""
     rotation_of(dx[0], dx[1], dx[2], e)
@@ -136,12 +151,14 @@ def _steadiness(
     own = max(row[ACCEL_VARIANCE], row[ACCEL_VARIANCE + 1], row[ACCEL_VARIANCE + 2])
     level = par[REST_FORCE] ** 2 + own / max(row[COUNT], 1.0)
     steady = AT_REST
+    force = np.empty(3)
+    _felt(x, row, DV, 0.5, force)
     for i in range(3):
         rate = row[GYRO + i] - x[B + i] - dx[XB + i]
         if rate * rate > DENIED * (p[XB + i, XB + i] + par[ZERO_RATE] ** 2):
             return MOVING
         if i < 2:
-            z = (x[3 * i] * row[DV] + x[3 * i + 1] * row[DV + 1] + x[3 * i + 2] * row[DV + 2]) / t
+            z = force[i] / t
             z += (-GRAVITY if i == 0 else GRAVITY) * dx[1 - i]
             if z * z > DENIED * (GRAVITY**2 * p[1 - i, 1 - i] + level):
                 return MOVING
@@ -177,8 +194,10 @@ def _measure(
     missed = GRAVITY * STOP_RATE * row[SATURATED]
     variance = r * r / t + missed * missed
     likelihood = 0.0
+    force = np.empty(3)
+    _felt(x, row, DV, 0.5, force)
     for i in range(3):
-        z = (x[3 * i] * row[DV] + x[3 * i + 1] * row[DV + 1] + x[3 * i + 2] * row[DV + 2]) / t
+        z = force[i] / t
         z += c1 * x[V + i]
         pos = XV + i
         if n > XP:
@@ -293,17 +312,15 @@ def _advance(
                 )
         weight = GRAVITY + x[G]
         half = 0.5 * t * t
+        gained = np.empty(3)
         if n > XP:
+            _felt(x, row, DP, 1.0 / 3.0, gained)
             for i in range(3):
-                x[P + i] += (
-                    t * x[V + i]
-                    + x[3 * i] * row[DP]
-                    + x[3 * i + 1] * row[DP + 1]
-                    + x[3 * i + 2] * row[DP + 2]
-                )
+                x[P + i] += t * x[V + i] + gained[i]
             x[P + 2] += weight * half
+        _felt(x, row, DV, 0.5, gained)
         for i in range(3):
-            x[V + i] += x[3 * i] * row[DV] + x[3 * i + 1] * row[DV + 1] + x[3 * i + 2] * row[DV + 2]
+            x[V + i] += gained[i]
         x[V + 2] += weight * t
         rotation_of(
             f[0, XB] * x[B] + f[0, XB + 1] * x[B + 1] + f[0, XB + 2] * x[B + 2],
