@@ -160,7 +160,7 @@ def smoothed(
     sensors = sensor_model(
         grade, walk_at_rest=start.walk, bias_known=start.rested, earth_removed=True
     )
-    motion = find_motion(epochs, sensors, globals().get("FORCE"))
+    motion = find_motion(epochs, sensors)
     correction = smooth(epochs, motion.model, sensors)
     return concatenate([correction.apply(solution) for solution in alone]), motion, epochs
 

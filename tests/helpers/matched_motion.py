@@ -85,9 +85,10 @@ def drawn(motion, sensors, seconds, seed, *, turning=0.3, rate_hz=50, rests=()):
         EPOCH_S
     ) * np.cumsum(random.standard_normal(count))
     felt = acceleration - np.stack([0.0 * excess, 0.0 * excess, GRAVITY + excess], axis=1)
-    felt += sensors.velocity_walk / np.sqrt(EPOCH_S) * random.standard_normal((count, 3))
     middle = multiply(q[:-1], exp(0.5 * rate * dt))
-    force = rotate(conjugate(middle), np.repeat(felt, per, axis=0))
+    felt = np.repeat(felt, per, axis=0)
+    felt += sensors.velocity_walk / np.sqrt(dt) * random.standard_normal((n, 3))
+    force = rotate(conjugate(middle), felt)
     bias = sensors.bias * random.standard_normal(3) + sensors.bias_walk * np.sqrt(dt) * np.cumsum(
         random.standard_normal((n, 3)), axis=0
     )

@@ -18,13 +18,15 @@ from sinstool.methods.attitude_smoother.start import first_state, parameters
 
 # Epochs that are filtered again and smoothed at once.
 SEGMENT = 500
-# Where the bias of the gyros is as uncertain as this, rad/s, tilt and velocity are so far off at
-# first that what is linear about them is wrong for good. So the smoother is run again about what
-# it found (an iterated smoother, a Gauss-Newton step a pass), at first with motion that is
-# believed to shake more, lest it holds on to where it began.
+# Where the bias of the gyros is as uncertain as LARGE_BIAS, rad/s, or the first tilt turns out to be
+# as far off as FAR, rad, what is linear about the filter's own states is wrong for good. So the
+# smoother is run again about what it found (an iterated smoother, a Gauss-Newton step a pass)
+# until a pass changes no tilt by CLOSE, rad; without a bias at first with motion that is believed
+# to shake more, lest it holds on to where it began.
 LARGE_BIAS = 0.01
-NEARER = (4.0, 3.0, 2.0, 1.5, *[1.0] * 16)
-CLOSE = 1e-3  # rad; the last pass changed no tilt by more
+FAR, CLOSE = 0.05, 1e-3
+PASSES = 20
+WIDER = (4.0, 3.0, 2.0, 1.5)
 
 
 @dataclass(frozen=True)
@@ -95,11 +97,13 @@ def smooth(
     """
     covariance = np.empty((len(epochs) + 1, kernels.KEPT))
     smoothed = np.empty((0, kernels.STATE))
-    passes = NEARER if sensors.bias > LARGE_BIAS else (1.0,)
-    for shaken in passes:
-        near, model = smoothed, motion.with_density(shaken * motion.density)
-        smoothed = _pass(epochs, model, sensors, near, covariance)
-        if len(near) and shaken == 1.0 and _moved(near, smoothed) < CLOSE:
+    wider = WIDER if sensors.bias > LARGE_BIAS else ()
+    for k in range(PASSES):
+        before = smoothed
+        model = motion.with_density(motion.density * wider[k]) if k < len(wider) else motion
+        smoothed = _pass(epochs, model, sensors, before, covariance)
+        first = before if k else first_state(epochs, motion, sensors)[0][None]
+        if k >= len(wider) and _moved(first, smoothed[: len(first)]) < (CLOSE if k else FAR):
             break
     q = from_dcm(smoothed[:, :9].reshape(-1, 3, 3))
     attitude = covariance[:, :9].reshape(-1, 3, 3).copy()
