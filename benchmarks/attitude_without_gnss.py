@@ -248,7 +248,8 @@ def main() -> None:
     options.add_argument("--each", action="store_true", help="a line for each seed")
     args = options.parse_args()
     print_table(
-        HEAD, (row for kind in args.kinds for grade in args.grades for row in rows(kind, grade, args))
+        HEAD,
+        (row for kind in args.kinds for grade in args.grades for row in rows(kind, grade, args)),
     )
 
 

@@ -1,6 +1,7 @@
 """Motion and sensors drawn from the attitude smoother's own model."""
 
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 
@@ -114,7 +115,7 @@ def epochs_of(solution, blocks=()):
     """Epochs of a solution, pushed in blocks that end at rows."""
     stage = EpochStage(MAX_GAP_NS, NO_STOPS)
     limits = [0, *blocks, len(solution)]
-    for begin, end in zip(limits, limits[1:], strict=False):
+    for begin, end in pairwise(limits):
         if end > begin:
             stage.push(solution.rows(slice(begin, end)))
     return stage.finish()

@@ -20,7 +20,7 @@ from sinstool.methods.attitude_smoother.epochs import (
     W2,
     Epochs,
 )
-from sinstool.methods.attitude_smoother.kernels import DIVERGED, ERRORS, STATE, forward
+from sinstool.methods.attitude_smoother.kernels import DIVERGED, forward
 from sinstool.methods.attitude_smoother.model import (
     HAND,
     VEHICLE,
@@ -29,6 +29,7 @@ from sinstool.methods.attitude_smoother.model import (
     SensorModel,
 )
 from sinstool.methods.attitude_smoother.start import first_state, parameters
+from sinstool.methods.attitude_smoother.state import ERRORS, STATE
 
 # A vehicle's motion must explain a moving epoch better by this much, in nat.
 MARGIN = 0.5
@@ -130,9 +131,14 @@ def _most_likely(
         for part in parts:
             shaken = model.with_density(exp(at))
             x, p = first_state(part, shaken, sensors)
-            none = np.empty((0, STATE)), np.empty((0, *p.shape)), np.empty((0, STATE)), np.zeros(ERRORS)
+            none = (
+                np.empty((0, STATE)),
+                np.empty((0, *p.shape)),
+                np.empty((0, STATE)),
+                np.zeros(ERRORS),
+            )
             par = parameters(shaken, sensors)
-            one = forward(part.values, 0, len(part), par, model.states, x, p, 0, *none)
+            one = forward(part.values, 0, len(part), par, model.states, x, p, 0, *kept, *own)
             total = max(total + one, DIVERGED)
         return total
 

@@ -11,18 +11,18 @@ from sinstool.core.arrays import FloatArray
 from sinstool.core.quaternion_kernels import increment_quaternion, product, to_unit
 from sinstool.core.rotation import conjugate, from_dcm, log, multiply
 from sinstool.core.streams import Solution
-from sinstool.methods.attitude_smoother import kernels
+from sinstool.methods.attitude_smoother import kernels, state
 from sinstool.methods.attitude_smoother.epochs import Epochs
 from sinstool.methods.attitude_smoother.model import GRAVITY, MotionModel, SensorModel
 from sinstool.methods.attitude_smoother.start import first_state, parameters
 
 # Epochs that are filtered again and smoothed at once.
 SEGMENT = 500
-# Where the bias of the gyros is as uncertain as LARGE_BIAS, rad/s, or the first tilt turns out to be
-# as far off as FAR, rad, what is linear about the filter's own states is wrong for good. So the
-# smoother is run again about what it found (an iterated smoother, a Gauss-Newton step a pass)
-# until a pass changes no tilt by CLOSE, rad; without a bias at first with motion that is believed
-# to shake more, lest it holds on to where it began.
+# Where the bias of the gyros is as uncertain as LARGE_BIAS, rad/s, or the first tilt turns out as
+# far off as FAR, rad, what is linear about the filter's own states is wrong for good. So the
+# smoother is run again about what it found (an iterated smoother, a Gauss-Newton step a pass) until
+# a pass changes no tilt by CLOSE, rad; without a bias at first with motion that is believed to shake
+# more, lest it holds on to where it began.
 LARGE_BIAS = 0.01
 FAR, CLOSE = 0.05, 1e-3
 PASSES = 20
@@ -95,8 +95,8 @@ def smooth(
     -------
     Correction
     """
-    covariance = np.empty((len(epochs) + 1, kernels.KEPT))
-    smoothed = np.empty((0, kernels.STATE))
+    covariance = np.empty((len(epochs) + 1, state.KEPT))
+    smoothed = np.empty((0, state.STATE))
     wider = WIDER if sensors.bias > LARGE_BIAS else ()
     for k in range(PASSES):
         before = smoothed
@@ -114,7 +114,7 @@ def smooth(
         epochs.time_ns,
         q,
         log(multiply(q[1:], conjugate(q[:-1]))),
-        smoothed[:, kernels.B : kernels.B + 3].copy(),
+        smoothed[:, state.B : state.B + 3].copy(),
         attitude,
         np.sqrt(covariance[:, 9:]),
     )
@@ -145,22 +145,22 @@ def _pass(
     n, count, rows = motion.states, len(epochs), epochs.values
     par = parameters(motion, sensors)
     held = -(-count // SEGMENT)
-    states = np.empty((held, kernels.STATE + kernels.ERRORS))
+    states = np.empty((held, state.STATE + state.ERRORS))
     covariances = np.empty((held, n, n))
-    smoothed = np.empty((count + 1, kernels.STATE))
+    smoothed = np.empty((count + 1, state.STATE))
     x, p = first_state(epochs, motion, sensors)
-    dx = np.zeros(kernels.ERRORS)
+    dx = np.zeros(state.ERRORS)
     scratch = np.empty((3, 3))
     if len(near):
-        kernels.less(x, near[0], n, dx, scratch)
+        state.less(x, near[0], n, dx, scratch)
         x = near[0].copy()
     kernels.forward(rows, 0, count, par, n, x, p, SEGMENT, states, covariances, near, dx)
-    kernels.keep(p, covariance[count])
+    state.keep(p, covariance[count])
     smoothed[count] = x
-    kernels.inject(smoothed[count], dx, n, scratch)
+    state.inject(smoothed[count], dx, n, scratch)
     for k in range(held - 1, -1, -1):
         begin, end = SEGMENT * k, min(SEGMENT * (k + 1), count)
-        start, off = states[k, : kernels.STATE].copy(), states[k, kernels.STATE :].copy()
+        start, off = states[k, : state.STATE].copy(), states[k, state.STATE :].copy()
         kernels.backward(
             rows, begin, end, par, n, start, covariances[k], x, p, smoothed, covariance,
             near, off, dx,

@@ -6,7 +6,7 @@ import numpy as np
 
 from sinstool.core.arrays import FloatArray
 from sinstool.core.earth import SEMI_MAJOR_AXIS
-from sinstool.methods.attitude_smoother import kernels
+from sinstool.methods.attitude_smoother import state
 from sinstool.methods.attitude_smoother.epochs import Epochs, mean_force
 from sinstool.methods.attitude_smoother.model import MotionModel, SensorModel
 
@@ -28,7 +28,7 @@ def first_state(
     p : ndarray, shape (n, n)
     """
     n = motion.states
-    x = np.zeros(kernels.STATE)
+    x = np.zeros(state.STATE)
     x[:9] = upright(mean_force(epochs, FIRST_S)).ravel()
     variance = np.empty(n)
     variance[:3] = TILT**2, TILT**2, HEADING**2
@@ -55,7 +55,8 @@ def upright(force: FloatArray) -> FloatArray:
     sine, cosine = np.linalg.norm(axis), float(force @ up / size)
     axis = axis / sine if sine > 1e-12 else np.array([1.0, 0.0, 0.0])
     matrix = np.empty((3, 3))
-    kernels.rotation_of(*(axis * np.arctan2(sine, cosine)), matrix)
+    x, y, z = axis * np.arctan2(sine, cosine)
+    state.rotation_of(x, y, z, matrix)
     return matrix
 
 

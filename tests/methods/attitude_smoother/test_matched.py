@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from sinstool.core.rotation import conjugate, exp, from_dcm, log, multiply, rotate, to_dcm
-from sinstool.methods.attitude_smoother import kernels, smoother
+from sinstool.methods.attitude_smoother import kernels, smoother, state
 from sinstool.methods.attitude_smoother.epochs import (
     COUNT,
     DP,
@@ -70,8 +70,8 @@ def is_one(values, error):
 
 @pytest.mark.parametrize("case", CASES)
 def test_errors_are_as_large_as_the_covariance_says(case):
-    # A run gives one bias of each axis, and hardly more tilts of a vehicle, but many of a hand. By
-    # how much runs differ shows what the mean of so few is worth; the slow test has the narrow band.
+    # A run gives one bias of each axis, and hardly more tilts of a vehicle, but many of a hand. How
+    # much runs differ shows what the mean of so few is worth; the slow test has the narrow band.
     runs = 16 if "hand" in case else 36
     tilt, bias, shares = consistency(case, range(runs))
     assert is_one(tilt, 0.05 if "hand" in case else 0.2)
@@ -97,7 +97,7 @@ def test_errors_are_as_large_as_the_covariance_says_in_many_runs(case):
 def one_step(epoch, motion, sensors, x, p):
     """Transition, and covariance after an epoch's measurements, by the filter itself."""
     n = motion.states
-    dx, gain = np.zeros(kernels.ERRORS), np.empty(kernels.ERRORS)
+    dx, gain = np.zeros(state.ERRORS), np.empty(state.ERRORS)
     f, q, scratch = np.empty((n, n)), np.empty((n, n)), np.empty((3, 3))
     par = parameters(motion, sensors)
     x, p = x.copy(), p.copy()
@@ -166,9 +166,9 @@ def dense(rows, motion, sensors, x0, p0, passes=6):
         ]
     )
 
-    def plus(state, d):
+    def plus(here, d):
         """The state that is off by d."""
-        c, v, b, g, p = state
+        c, v, b, g, p = here
         e = exp(d[:3])
         p = rotate(e, p) + d[10:] if n > 10 else p
         return multiply(e, c), rotate(e, v) + d[3:6], b + d[6:9], g + d[9], p
@@ -181,8 +181,8 @@ def dense(rows, motion, sensors, x0, p0, passes=6):
 
     down = np.array([0.0, 0.0, 1.0])
 
-    def ahead(state, row):
-        c, v, b, g, p = state
+    def ahead(here, row):
+        c, v, b, g, p = here
         t = row[DURATION]
         turn = row[JB : JB + 9].reshape(3, 3) @ b
         dv = row[DV : DV + 3] - 0.5 * np.cross(turn, row[DV : DV + 3])
@@ -196,23 +196,23 @@ def dense(rows, motion, sensors, x0, p0, passes=6):
             p + t * v + rotate(c, dp) + 0.5 * t * t * weight,
         )
 
-    def shaken(state, row):
-        c, v, b, g, p = state
+    def shaken(here, row):
+        c, v, b, g, p = here
         turn = row[JB : JB + 9].reshape(3, 3) @ b
         dv = row[DV : DV + 3] - 0.5 * np.cross(turn, row[DV : DV + 3])
         weight = (GRAVITY + g) * down
         return rotate(c, dv) / row[DURATION] + weight + motion.c1 * v + motion.c0 * p
 
-    def slope(function, state):
+    def slope(function, here):
         h = 1e-6
         return np.stack(
-            [(function(plus(state, s)) - function(plus(state, -s))) / (2 * h) for s in h * np.eye(n)],
-            axis=1,
+            [(function(plus(here, s)) - function(plus(here, -s))) / 2.0 / h for s in h * np.eye(n)],
+            1,
         )
 
-    def shaken_in_its_axes(state, row, c):
+    def shaken_in_its_axes(here, row, c):
         """Alike in every direction, it may be seen in axes that are turned back."""
-        return rotate(multiply(c, conjugate(state[0])), shaken(state, row))
+        return rotate(multiply(c, conjugate(here[0])), shaken(here, row))
 
     states = [x0]
     for row in rows:
@@ -232,8 +232,8 @@ def dense(rows, motion, sensors, x0, p0, passes=6):
         for k, row in enumerate(rows):
             here, there = states[k], states[k + 1]
             r = motion.density**2 / row[DURATION]
-            add(n * k + one, slope(lambda s, row=row, c=here[0]: shaken_in_its_axes(s, row, c), here),
-                shaken(here, row), np.eye(3) / r)  # fmt: skip
+            seen = slope(lambda s, row=row, c=here[0]: shaken_in_its_axes(s, row, c), here)
+            add(n * k + one, seen, shaken(here, row), np.eye(3) / r)
             spread = np.eye(n)
             led = ahead(here, row)
             spread[3:6, :3] = np.cross(np.eye(3), led[1])
@@ -266,10 +266,10 @@ def test_the_smoother_is_the_least_squares_solution_of_all_epochs(motion, monkey
     states, covariance = dense(epochs.values, motion, SENSORS, begin, p)
     n = motion.states
     sigma = np.sqrt(np.diag(covariance).reshape(-1, n))
-    for k, state in enumerate(states):
-        off = log(multiply(state[0], conjugate(found.q[k])))
+    for k, one in enumerate(states):
+        off = log(multiply(one[0], conjugate(found.q[k])))
         assert np.all(np.abs(off[:2]) < 0.01 * sigma[k, :2])
-        assert np.all(np.abs(state[2] - found.gyro_bias[k]) < 0.02 * sigma[k, 6:9])
+        assert np.all(np.abs(one[2] - found.gyro_bias[k]) < 0.02 * sigma[k, 6:9])
         tilt = covariance[n * k : n * k + 2, n * k : n * k + 2]
         assert found.covariance_n[k, :2, :2] == pytest.approx(tilt, rel=0.03, abs=0.01 * tilt[0, 0])
 
@@ -334,9 +334,8 @@ def test_tilt_comes_back_after_a_gap(seconds):
         kept = (t < 45.0) | (t > 45.0 + seconds)
         before = log_.solution.rows(kept)
         # across the gap the integration holds the attitude
-        turned = multiply(before.q_nb[t[kept] < 45.0][-1], conjugate(before.q_nb[t[kept] > 45.0][0]))
-        q = before.q_nb.copy()
-        q[t[kept] > 45.0] = multiply(turned, q[t[kept] > 45.0])
+        q, late = before.q_nb.copy(), t[kept] > 45.0
+        q[late] = multiply(multiply(q[~late][-1], conjugate(q[late][0])), q[late])
         before = replace(before, q_nb=q)
         epochs = epochs_of(before)
         assert epochs.gap.sum() == 1
