@@ -131,12 +131,8 @@ def _most_likely(
         for part in parts:
             shaken = model.with_density(exp(at))
             x, p = first_state(part, shaken, sensors)
-            none = (
-                np.empty((0, STATE)),
-                np.empty((0, *p.shape)),
-                np.empty((0, STATE)),
-                np.zeros(ERRORS),
-            )
+            kept = np.empty((0, STATE)), np.empty((0, *p.shape))
+            own = np.empty((0, STATE)), np.zeros(ERRORS)
             par = parameters(shaken, sensors)
             one = forward(part.values, 0, len(part), par, model.states, x, p, 0, *kept, *own)
             total = max(total + one, DIVERGED)

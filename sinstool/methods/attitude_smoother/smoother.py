@@ -21,8 +21,8 @@ SEGMENT = 500
 # Where the bias of the gyros is as uncertain as LARGE_BIAS, rad/s, or the first tilt turns out as
 # far off as FAR, rad, what is linear about the filter's own states is wrong for good. So the
 # smoother is run again about what it found (an iterated smoother, a Gauss-Newton step a pass) until
-# a pass changes no tilt by CLOSE, rad; without a bias at first with motion that is believed to shake
-# more, lest it holds on to where it began.
+# a pass changes no tilt by CLOSE, rad; without a bias the first passes believe in motion that
+# shakes more, lest they hold on to where they began.
 LARGE_BIAS = 0.01
 FAR, CLOSE = 0.05, 1e-3
 PASSES = 20

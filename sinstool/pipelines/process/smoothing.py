@@ -175,8 +175,8 @@ class Smoothing:
             yield Finding(
                 "gyro-at-stop",
                 f"a gyro is at its largest value for {s.gyro_at_stop_s:.3g} s,"
-                f" {100.0 * share:.2g} % of the time: what the body turned beyond that is not in the"
-                " log" + (", and the attitude is not to be trusted" if lost else ""),
+                f" {100.0 * share:.2g} % of the time: what the body turned beyond that is not in"
+                " the log" + (", and the attitude is not to be trusted" if lost else ""),
                 severity=Severity.LOST if lost else Severity.WARNING,
                 answer="use a gyro of a larger range",
                 numbers={"gyro_at_stop_s": s.gyro_at_stop_s, "share": share},

@@ -92,8 +92,8 @@ def _smoothing(s: summary.AttitudeSmoothing | None) -> list[Row]:
         (
             "smoothed",
             f"motion of a {s.motion}, {s.rest_s:.1f} s at rest; roll and pitch to"
-            f" {s.tilt_sigma_deg:.2g} deg (1 sigma; at most {s.tilt_sigma_largest_deg:.2g}), heading"
-            f" at the end to {s.heading_sigma_end_deg:.2g} deg",
+            f" {s.tilt_sigma_deg:.2g} deg (1 sigma; at most {s.tilt_sigma_largest_deg:.2g}),"
+            f" heading at the end to {s.heading_sigma_end_deg:.2g} deg",
         ),
         ("bias at end", f"gyro {bias} +- {max(s.gyro_bias_sigma_rad_s):.1e} rad/s (FRD)"),
     ]
