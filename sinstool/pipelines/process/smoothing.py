@@ -155,8 +155,8 @@ class Smoothing:
             at = (self._worst_ns - first_ns) / SECOND
             yield Finding(
                 "uncertain-tilt",
-                f"roll and pitch are known to {s.tilt_sigma_deg:.2g} deg (1 sigma, median), but only"
-                f" to {s.tilt_sigma_largest_deg:.2g} deg at {at:.1f} s",
+                f"roll and pitch are known to {s.tilt_sigma_deg:.2g} deg (1 sigma, median), but"
+                f" only to {s.tilt_sigma_largest_deg:.2g} deg at {at:.1f} s",
                 start_ns=self._worst_ns,
                 end_ns=self._worst_ns,
                 numbers={"tilt_sigma_deg": s.tilt_sigma_largest_deg},
