@@ -45,8 +45,8 @@ from sinstool.methods.rts import smoother_covariance, smoother_gain
 
 # Parameters of a run
 C1, C0, DENSITY, WALK, RATE_ERROR, BIAS_WALK, ZERO_RATE, VELOCITY_WALK, GRAVITY_WALK = range(9)
-VELOCITY_VARIANCE, POSITION_VARIANCE, REST_FORCE = 9, 10, 11
-PARAMETERS = 12
+VELOCITY_VARIANCE, POSITION_VARIANCE, REST_FORCE, TRAVEL = 9, 10, 11, 12
+PARAMETERS = 13
 # A motion that pulls at a bound is no rest: there the specific force is gravity alone.
 REST_DENSITY = 0.1  # m/s^2/sqrt(Hz)
 REST_VELOCITY = 0.02  # m/s
@@ -258,6 +258,8 @@ def _advance(
         spread = par[WALK] ** 2 * t + par[RATE_ERROR] ** 2 * row[W2] + missed * missed
         for i in range(3):
             q[i, i] = spread
+        q[0, 0] += par[TRAVEL] ** 2 * t
+        q[1, 1] += par[TRAVEL] ** 2 * t
         _spread(x[V], x[V + 1], x[V + 2], spread, q, XV)
         for i in range(3):
             q[XV + i, XV + i] += par[VELOCITY_WALK] ** 2 * t

@@ -72,7 +72,7 @@ def parameters(motion: MotionModel, sensors: SensorModel) -> FloatArray:
             motion.c1,
             motion.c0,
             motion.density,
-            np.hypot(sensors.angle_random_walk, travel),
+            sensors.angle_random_walk,
             sensors.rate_error,
             sensors.bias_walk,
             sensors.zero_rate,
@@ -82,5 +82,6 @@ def parameters(motion: MotionModel, sensors: SensorModel) -> FloatArray:
             motion.position_variance,
             # level specific force at rest: the bias now and that where the tilt was had from
             np.sqrt(2.0) * sensors.accel_bias,
+            travel,
         ]
     )
