@@ -67,7 +67,8 @@ class Score:
     Attributes
     ----------
     tilt, largest, heading : float
-        Root mean square and largest error of tilt, and root mean square of heading's.
+        Root mean square and largest error of tilt, and standard deviation of heading's: what it
+        is in the mean is given by the start.
     nees : float or None
         Of tilt, over its two degrees of freedom.
     within : ndarray, shape (3,), or None
@@ -94,7 +95,7 @@ def score(flight: Trajectory, q_nb: FloatArray, covariance: FloatArray | None = 
     plain = (
         float(np.sqrt(np.mean(size**2)) / DEGREE),
         float(size.max() / DEGREE),
-        float(np.sqrt(np.mean(heading**2)) / DEGREE),
+        float(np.unwrap(heading).std() / DEGREE),
     )
     if covariance is None:
         return Score(*plain)
@@ -235,7 +236,7 @@ def rows(kind: str, grade: Grade, args: argparse.Namespace) -> Iterator[tuple[st
 
 
 HEAD = (
-    "motion", "sensors", "attitude by", "tilt RMS deg", "largest", "heading RMS",
+    "motion", "sensors", "attitude by", "tilt RMS deg", "largest", "heading std",
     "NEES of tilt, each seed", "within 1, 2, 2.5 sigma", "class, density, margin, rest",
 )  # fmt: skip
 

@@ -6,7 +6,7 @@ a bias of the gyros would do to the attitude meanwhile, are all that the filter 
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numba
 import numpy as np
@@ -39,10 +39,13 @@ class Epochs:
         position (m) that the specific force adds and the integral of the attitude matrix (s);
         integral of the squared rate (rad^2/s), seconds with a gyro at its stop, whether at rest;
         in body axes means and variances of rate against NED and specific force; how many samples.
+    omega_in_n : ndarray, shape (3,)
+        What the integration took for the rate of NED, rad/s.
     """
 
     time_ns: np.ndarray
     values: FloatArray
+    omega_in_n: FloatArray = field(default_factory=lambda: np.zeros(3))
 
     def __len__(self) -> int:
         return len(self.values)
@@ -137,7 +140,7 @@ class EpochStage:
         values = np.concatenate(rows) if rows else np.empty((0, WIDTH))
         seconds = np.concatenate([[0.0], *ends])
         times = (self._origin or 0) + np.rint(seconds * SECOND).astype(np.int64)
-        return Epochs(times, values)
+        return Epochs(times, values, self._omega_in_n)
 
 
 @numba.njit(cache=True, nogil=True)

@@ -46,7 +46,8 @@ from sinstool.methods.rts import smoother_covariance, smoother_gain
 # Parameters of a run
 C1, C0, DENSITY, WALK, RATE_ERROR, BIAS_WALK, ZERO_RATE, VELOCITY_WALK, GRAVITY_WALK = range(9)
 VELOCITY_VARIANCE, POSITION_VARIANCE, REST_FORCE, TRAVEL = 9, 10, 11, 12
-PARAMETERS = 13
+OMEGA = 13
+PARAMETERS = 16
 # A motion that pulls at a bound is no rest: there the specific force is gravity alone.
 REST_DENSITY = 0.1  # m/s^2/sqrt(Hz)
 REST_VELOCITY = 0.02  # m/s
@@ -250,6 +251,16 @@ def _advance(
             e,
         )
         turn(x, e)
+        # NED turned in the integration's axes, and not in those that C turns them to
+        u, v, w = par[OMEGA], par[OMEGA + 1], par[OMEGA + 2]
+        if u != 0.0 or w != 0.0:
+            rotation_of(
+                t * (x[0] * u + x[1] * v + x[2] * w - u),
+                t * (x[3] * u + x[4] * v + x[5] * w - v),
+                t * (x[6] * u + x[7] * v + x[8] * w - w),
+                e,
+            )
+            turn(x, e)
         f[XV, 1] = -GRAVITY * t
         f[XV + 1, 0] = GRAVITY * t
         f[XV + 2, XG] = t

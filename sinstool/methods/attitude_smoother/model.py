@@ -137,8 +137,8 @@ def sensor_model(
     of = IMU_GRADES[grade]
     walk = max(of.angle_random_walk, seen)
     wander = of.gyro_instability * sqrt(2.0 / of.bias_time_s)
-    # A short rest shows less of a good gyro's bias than its data sheet says; where none has shown it,
-    # the grade may be a guess.
+    # A short rest shows less of a good gyro's bias than its data sheet says; without any rest the
+    # grade may be a guess.
     bias = hypot(of.gyro_bias, walk / sqrt(_SHORT_REST_S)) if bias_known else 3.0 * of.gyro_bias
     return SensorModel(
         angle_random_walk=walk,

@@ -116,7 +116,7 @@ def _stretches(epochs: Epochs) -> list[Epochs]:
         return [epochs] if len(epochs) else []
     starts = np.linspace(0, len(moving) - STRETCH, STRETCHES).astype(int)
     return [
-        Epochs(epochs.time_ns[a : b + 2], epochs.values[a : b + 1])
+        replace(epochs, time_ns=epochs.time_ns[a : b + 2], values=epochs.values[a : b + 1])
         for a, b in ((moving[k], moving[k + STRETCH - 1]) for k in starts)
     ]
 
@@ -133,7 +133,7 @@ def _most_likely(
             x, p = first_state(part, shaken, sensors)
             kept = np.empty((0, STATE)), np.empty((0, *p.shape))
             own = np.empty((0, STATE)), np.zeros(ERRORS)
-            par = parameters(shaken, sensors)
+            par = parameters(shaken, sensors, part.omega_in_n)
             one = forward(part.values, 0, len(part), par, model.states, x, p, 0, *kept, *own)
             total = max(total + one, DIVERGED)
         return total

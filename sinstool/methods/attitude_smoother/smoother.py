@@ -143,7 +143,7 @@ def _pass(
         Gets those of attitude and bias.
     """
     n, count, rows = motion.states, len(epochs), epochs.values
-    par = parameters(motion, sensors)
+    par = parameters(motion, sensors, epochs.omega_in_n)
     held = -(-count // SEGMENT)
     states = np.empty((held, state.STATE + state.ERRORS))
     covariances = np.empty((held, n, n))

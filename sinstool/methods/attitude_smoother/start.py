@@ -60,7 +60,9 @@ def upright(force: FloatArray) -> FloatArray:
     return matrix
 
 
-def parameters(motion: MotionModel, sensors: SensorModel) -> FloatArray:
+def parameters(
+    motion: MotionModel, sensors: SensorModel, omega_in_n: FloatArray | None = None
+) -> FloatArray:
     """What a compiled filter needs to know, in its order.
 
     The vertical turns with what a vehicle travels over the Earth, at a rate that is as bounded as
@@ -83,5 +85,6 @@ def parameters(motion: MotionModel, sensors: SensorModel) -> FloatArray:
             # level specific force at rest: the bias now and that where the tilt was had from
             np.sqrt(2.0) * sensors.accel_bias,
             travel,
+            *(np.zeros(3) if omega_in_n is None else omega_in_n),
         ]
     )

@@ -93,7 +93,8 @@ class Smoothing:
             sensor_grade(self._source, self._config).grade,
             walk_at_rest=random_walk(self._source),
             bias_known=alignment.bias_source != "none",
-            earth_removed=settings.omega_ie_n is not None,
+            # without a heading the level part of the Earth's rate is taken off in a wrong direction
+            earth_removed=settings.omega_ie_n is not None and alignment.north_referenced,
         )
         chosen = self._config.navigation.motion
         motion = find_motion(epochs, sensors, None if chosen == "auto" else chosen)
