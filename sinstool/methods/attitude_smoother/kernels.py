@@ -54,6 +54,9 @@ REST_VELOCITY = 0.02  # m/s
 # What an epoch is; and the square, over its variance, beyond which something denies a rest.
 MOVING, STEADY, AT_REST = range(3)
 DENIED = 5.0**2
+# To call travel a rest spoils all tilts before and after, and to call a rest travel hardly any: of
+# the velocity, three axes together, less will do.
+TRAVELS = 3.0**2
 # In a gap the body turns as it did, and by this much per second beside, rad.
 GAP_RATE = 0.5
 # A gyro at its stop misses this much, rad/s.
@@ -72,7 +75,7 @@ def _steadiness(
     t = row[DURATION]
     own = max(row[ACCEL_VARIANCE], row[ACCEL_VARIANCE + 1], row[ACCEL_VARIANCE + 2])
     level = par[REST_FORCE] ** 2 + own / max(row[COUNT], 1.0)
-    steady = AT_REST
+    speed = 0.0
     force = np.empty(3)
     felt(x, row, DV, 0.5, force)
     for i in range(3):
@@ -85,9 +88,8 @@ def _steadiness(
             if z * z > DENIED * (GRAVITY**2 * p[1 - i, 1 - i] + level):
                 return MOVING
         v = x[V + i] + dx[XV + i]
-        if v * v > DENIED * (p[XV + i, XV + i] + REST_VELOCITY**2):
-            steady = STEADY
-    return steady
+        speed += v * v / (p[XV + i, XV + i] + REST_VELOCITY**2)
+    return STEADY if speed > TRAVELS else AT_REST
 
 
 @numba.njit(cache=True, nogil=True)
