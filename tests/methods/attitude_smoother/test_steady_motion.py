@@ -23,8 +23,7 @@ LATITUDE = np.deg2rad(48.0)
 def ride(parts, sensors, seed):
     """A level ride, without a shake, of parts: seconds, acceleration ahead and rate of turn.
 
-    Returns the integrated solution of noisy samples and the true attitude; the bias is zero but
-    for what the sensors' walk makes of it.
+    Returns the integrated solution of noisy samples without bias, and the true attitude.
     """
     count = [round(seconds / DT) for seconds, _, _ in parts]
     pull = np.repeat([a for _, a, _ in parts], count)
@@ -55,8 +54,10 @@ def ride(parts, sensors, seed):
 
 TRAPS = {
     # seconds, m/s^2, rad/s: a minute of cruise, of a bend, at another speed, and a stop at last
-    "cruise": [(20, 0, 0), (20, 1.25, 0), (60, 0, 0), (10, 1.0, 0), (60, 0, 0), (35, -1.0, 0), (20, 0, 0)],
-    "bend": [(20, 0, 0), (16, 1.25, 0), (60, 0, 0.015), (30, 0, 0), (60, 0, -0.02), (16, -1.25, 0), (20, 0, 0)],
+    "cruise": [(20, 0, 0), (20, 1.25, 0), (60, 0, 0), (10, 1.0, 0), (60, 0, 0),
+               (35, -1.0, 0), (20, 0, 0)],
+    "bend": [(20, 0, 0), (16, 1.25, 0), (60, 0, 0.015), (30, 0, 0), (60, 0, -0.02),
+             (16, -1.25, 0), (20, 0, 0)],
 }  # fmt: skip
 
 
