@@ -9,7 +9,7 @@ heading, of which gravity says nothing.
 
 What the smoother corrects is an attitude that was integrated already, with whichever coning
 algorithm: its state is ``C``, a rotation in navigation axes, and the attitude is ``C`` times the
-integrated one.
+integrated one. Where tilt and bias at the start are not known the smoother is iterated [3]_.
 
 References
 ----------
@@ -17,4 +17,6 @@ References
    AIAA J. 3(8), 1965, 1445-1450.
 .. [2] A. Barrau, S. Bonnabel, "The invariant extended Kalman filter as a stable observer", IEEE
    Trans. Automatic Control 62(4), 2017, 1797-1812.
+.. [3] B. M. Bell, "The iterated Kalman smoother as a Gauss-Newton method", SIAM J. Optimization
+   4(3), 1994, 626-636.
 """

@@ -6,7 +6,7 @@ a bias of the gyros would do to the attitude meanwhile, are all that the filter 
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numba
 import numpy as np
@@ -38,11 +38,14 @@ class Epochs:
         Duration (s), length of the gap (s; 0: none); in navigation axes the velocity (m/s) and
         position (m) that the specific force adds and the integral of the attitude matrix (s);
         integral of the squared rate (rad^2/s), seconds with a gyro at its stop, whether at rest;
-        in body axes means and variances of rate and specific force; how many samples.
+        in body axes means and variances of rate against NED and specific force; how many samples.
+    omega_in_n : ndarray, shape (3,)
+        What the integration took for the rate of NED, rad/s.
     """
 
     time_ns: np.ndarray
     values: FloatArray
+    omega_in_n: FloatArray = field(default_factory=lambda: np.zeros(3))
 
     def __len__(self) -> int:
         return len(self.values)
@@ -71,6 +74,9 @@ class EpochStage:
         Of the solutions, Hz, whatever their stamps say; but for gaps.
     point_samples : bool, optional
         A specific force is that at its stamp, not the mean since the sample before.
+    omega_in_n : ndarray, shape (3,), optional
+        What the integration took for the rate of NED, rad/s. It is taken off the body's rate too,
+        or a rest would show it as bias.
     """
 
     def __init__(
@@ -79,11 +85,13 @@ class EpochStage:
         stops: FloatArray,
         sample_rate: float | None = None,
         point_samples: bool = False,
+        omega_in_n: FloatArray | None = None,
     ) -> None:
         self._point_samples = point_samples
         self._max_gap_s = max_gap_ns / SECOND
         self._interval = 0.0 if sample_rate is None else 1.0 / sample_rate
         self._stops = np.asarray(stops, np.float64) * STOP_SHARE
+        self._omega_in_n = np.zeros(3) if omega_in_n is None else np.asarray(omega_in_n, np.float64)
         self._origin: int | None = None
         self._open = np.zeros(WIDTH)
         # of the sample before: attitude, time, epoch, runs at the stops and their length, force
@@ -116,6 +124,7 @@ class EpochStage:
             self._interval,
             self._point_samples,
             self._stops,
+            self._omega_in_n,
             self._open,
             self._state,
             rows,
@@ -136,7 +145,7 @@ class EpochStage:
         values = np.concatenate(rows) if rows else np.empty((0, WIDTH))
         seconds = np.concatenate([[0.0], *ends])
         times = (self._origin or 0) + np.rint(seconds * SECOND).astype(np.int64)
-        return Epochs(times, values)
+        return Epochs(times, values, self._omega_in_n)
 
 
 @numba.njit(cache=True, nogil=True)
@@ -170,6 +179,7 @@ def _accumulate(
     interval: float,
     point: bool,
     stops: FloatArray,
+    omega_in_n: FloatArray,
     row: FloatArray,
     state: FloatArray,
     rows: FloatArray,
@@ -245,8 +255,14 @@ def _accumulate(
             row[DURATION] += dt
             row[COUNT] += 1.0
             stopped = False
+            nx, ny, nz = omega_in_n[0], omega_in_n[1], omega_in_n[2]
+            turned = (
+                c00 * nx + c10 * ny + c20 * nz,
+                c01 * nx + c11 * ny + c21 * nz,
+                c02 * nx + c12 * ny + c22 * nz,
+            )
             for a in range(3):
-                rate = omega[i, a]
+                rate = omega[i, a] - turned[a]
                 row[W2] += rate * rate * dt
                 delta = rate - row[GYRO + a]
                 row[GYRO + a] += delta / row[COUNT]
@@ -254,7 +270,7 @@ def _accumulate(
                 delta = force[i, a] - row[ACCEL + a]
                 row[ACCEL + a] += delta / row[COUNT]
                 row[ACCEL_VARIANCE + a] += delta * (force[i, a] - row[ACCEL + a])
-                if abs(rate) >= stops[a]:
+                if abs(omega[i, a]) >= stops[a]:
                     state[6 + a] += 1.0
                     state[9 + a] += dt
                     if state[6 + a] >= STOP_RUN:

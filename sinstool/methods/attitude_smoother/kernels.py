@@ -1,20 +1,16 @@
-"""The filter over epochs and its smoother, compiled.
-
-The state is kept as 19 numbers: the correction C row by row (9), velocity (3), gyro bias (3),
-vertical excess of the specific force (1), position (3). Errors come in the order attitude,
-velocity, bias, excess, position, so that without the position the first ten are left: the
-right-invariant ``C_true = exp(phi) C``, ``v_true = exp(phi) v + xi_v``, likewise the position.
-"""
+"""The filter over epochs and its smoother, compiled; see `state` for what it estimates."""
 
 from __future__ import annotations
 
-from math import cos, log, sin, sqrt
+from math import log, sqrt
 
 import numba
 import numpy as np
 
 from sinstool.core.arrays import FloatArray
 from sinstool.methods.attitude_smoother.epochs import (
+    ACCEL_VARIANCE,
+    COUNT,
     DP,
     DURATION,
     DV,
@@ -25,20 +21,43 @@ from sinstool.methods.attitude_smoother.epochs import (
     SATURATED,
     W2,
 )
+from sinstool.methods.attitude_smoother.heading_update import measure_heading
 from sinstool.methods.attitude_smoother.model import GRAVITY
-from sinstool.methods.attitude_smoother.updates import measure_heading, update
+from sinstool.methods.attitude_smoother.state import (
+    ERRORS,
+    STATE,
+    XB,
+    XG,
+    XP,
+    XV,
+    B,
+    G,
+    P,
+    V,
+    felt,
+    inject,
+    keep,
+    less,
+    rotation_of,
+    turn,
+    update,
+)
 from sinstool.methods.rts import smoother_covariance, smoother_gain
 
-V, B, G, P = 9, 12, 15, 16  # of the state
-XV, XB, XG, XP = 3, 6, 9, 10  # of the errors
-STATE, ERRORS, KEPT = 19, 13, 12
 # Parameters of a run
 C1, C0, DENSITY, WALK, RATE_ERROR, BIAS_WALK, ZERO_RATE, VELOCITY_WALK, GRAVITY_WALK = range(9)
-VELOCITY_VARIANCE, POSITION_VARIANCE = 9, 10
-PARAMETERS = 11
+VELOCITY_VARIANCE, POSITION_VARIANCE, REST_FORCE, TRAVEL = 9, 10, 11, 12
+OMEGA = 13
+PARAMETERS = 16
 # A motion that pulls at a bound is no rest: there the specific force is gravity alone.
 REST_DENSITY = 0.1  # m/s^2/sqrt(Hz)
 REST_VELOCITY = 0.02  # m/s
+# What an epoch is; and the square, over its variance, beyond which something denies a rest.
+MOVING, STEADY, AT_REST = range(3)
+DENIED = 5.0**2
+# To call travel a rest spoils all tilts before and after, and to call a rest travel hardly any: of
+# the velocity, three axes together, less will do.
+TRAVELS = 3.0**2
 # In a gap the body turns as it did, and by this much per second beside, rad.
 GAP_RATE = 0.5
 # A gyro at its stop misses this much, rad/s.
@@ -47,48 +66,31 @@ DIVERGED = -1e300
 
 
 @numba.njit(cache=True, nogil=True)
-def rotation_of(x: float, y: float, z: float, e: FloatArray) -> None:
-    """Matrix of a rotation vector, rad."""
-    square = x * x + y * y + z * z
-    if square < 1e-8:
-        s, c = 1.0 - square / 6.0, 0.5 - square / 24.0
-    else:
-        angle = sqrt(square)
-        s, c = sin(angle) / angle, (1.0 - cos(angle)) / square
-    e[0, 0] = 1.0 - c * (y * y + z * z)
-    e[0, 1] = c * x * y - s * z
-    e[0, 2] = c * x * z + s * y
-    e[1, 0] = c * x * y + s * z
-    e[1, 1] = 1.0 - c * (x * x + z * z)
-    e[1, 2] = c * y * z - s * x
-    e[2, 0] = c * x * z - s * y
-    e[2, 1] = c * y * z + s * x
-    e[2, 2] = 1.0 - c * (x * x + y * y)
+def _steadiness(
+    row: FloatArray, par: FloatArray, n: int, x: FloatArray, p: FloatArray, dx: FloatArray
+) -> int:
+    """What an epoch that looks like rest is, by what is known of tilt, bias and velocity by now.
 
-
-@numba.njit(cache=True, nogil=True)
-def _turn(x: FloatArray, e: FloatArray) -> None:
-    """C <- e C."""
-    for j in range(3):
-        a, b, c = x[j], x[3 + j], x[6 + j]
-        for i in range(3):
-            x[3 * i + j] = e[i, 0] * a + e[i, 1] * b + e[i, 2] * c
-
-
-@numba.njit(cache=True, nogil=True)
-def inject(x: FloatArray, dx: FloatArray, n: int, e: FloatArray) -> None:
-    """Add errors to the state."""
-    rotation_of(dx[0], dx[1], dx[2], e)
-    _turn(x, e)
-    a, b, c = x[V], x[V + 1], x[V + 2]
+    A steady turn looks like rest to itself, and so does steady travel; what led there tells.
+    """
+    t = row[DURATION]
+    own = max(row[ACCEL_VARIANCE], row[ACCEL_VARIANCE + 1], row[ACCEL_VARIANCE + 2])
+    level = par[REST_FORCE] ** 2 + own / max(row[COUNT], 1.0)
+    speed = 0.0
+    force = np.empty(3)
+    felt(x, row, DV, 0.5, force)
     for i in range(3):
-        x[V + i] = e[i, 0] * a + e[i, 1] * b + e[i, 2] * c + dx[XV + i]
-        x[B + i] += dx[XB + i]
-    x[G] += dx[XG]
-    if n > XP:
-        a, b, c = x[P], x[P + 1], x[P + 2]
-        for i in range(3):
-            x[P + i] = e[i, 0] * a + e[i, 1] * b + e[i, 2] * c + dx[XP + i]
+        rate = row[GYRO + i] - x[B + i] - dx[XB + i]
+        if rate * rate > DENIED * (p[XB + i, XB + i] + par[ZERO_RATE] ** 2):
+            return MOVING
+        if i < 2:
+            z = force[i] / t
+            z += (-GRAVITY if i == 0 else GRAVITY) * dx[1 - i]
+            if z * z > DENIED * (GRAVITY**2 * p[1 - i, 1 - i] + level):
+                return MOVING
+        v = x[V + i] + dx[XV + i]
+        speed += v * v / (p[XV + i, XV + i] + REST_VELOCITY**2)
+    return STEADY if speed > TRAVELS else AT_REST
 
 
 @numba.njit(cache=True, nogil=True)
@@ -104,21 +106,25 @@ def _measure(
     dx: FloatArray,
     e: FloatArray,
 ) -> float:
-    """Hold the state against epoch k; the log likelihood of its motion, 0 at rest."""
+    """Hold a state and what it is known to be off by, `dx`, against epoch k.
+
+    Changes `dx`; the log likelihood of the epoch's motion, 0 where it looks like rest.
+    """
     if row[GAP] > 0.0:
         return 0.0
-    rest = row[REST] > 0.0
+    kind = _steadiness(row, par, n, x, p, dx) if row[REST] > 0.0 else MOVING
+    rest = kind != MOVING
     t = row[DURATION]
     c1 = 0.0 if rest else par[C1]
     c0 = 0.0 if rest else par[C0]
     r = REST_DENSITY if rest else par[DENSITY]
     missed = GRAVITY * STOP_RATE * row[SATURATED]
     variance = r * r / t + missed * missed
-    for m in range(n):
-        dx[m] = 0.0
     likelihood = 0.0
+    force = np.empty(3)
+    felt(x, row, DV, 0.5, force)
     for i in range(3):
-        z = (x[3 * i] * row[DV] + x[3 * i + 1] * row[DV + 1] + x[3 * i + 2] * row[DV + 2]) / t
+        z = force[i] / t
         z += c1 * x[V + i]
         pos = XV + i
         if n > XP:
@@ -134,9 +140,10 @@ def _measure(
         if not (s < 1e8 and abs(left) < 1e4):
             return DIVERGED
         likelihood -= 0.5 * (left * left / s + log(s))
-    if rest:
+    if row[REST] > 0.0:
         likelihood = 0.0
-        for i in range(3):
+    if rest:
+        for i in range(3 if kind == AT_REST else 0):
             update(p, n, XV + i, 1.0, 0, 0.0, 0, 0.0, -x[V + i], REST_VELOCITY**2, gain, dx)
         for i in range(3):
             update(
@@ -155,8 +162,42 @@ def _measure(
             )
     if len(field):
         measure_heading(field[k], n, x, p, gain, dx)
-    inject(x, dx, n, e)
     return likelihood
+
+
+@numba.njit(cache=True, nogil=True)
+def _take_in(
+    near: FloatArray, k: int, x: FloatArray, dx: FloatArray, n: int, e: FloatArray
+) -> None:
+    """Correct the state, unless it is one to be linear about."""
+    if len(near) == 0:
+        inject(x, dx, n, e)
+        for m in range(n):
+            dx[m] = 0.0
+    else:
+        x[:] = near[k]
+
+
+@numba.njit(cache=True, nogil=True)
+def _carry_error(
+    near: FloatArray,
+    k: int,
+    x: FloatArray,
+    f: FloatArray,
+    dx: FloatArray,
+    n: int,
+    e: FloatArray,
+    out: FloatArray,
+) -> None:
+    """What the state that an epoch leads to, `x`, makes of `dx` about the one after the epoch."""
+    if len(near) == 0:
+        return
+    less(x, near[k + 1], n, out, e)
+    for i in range(n):
+        for m in range(n):
+            out[i] += f[i, m] * dx[m]
+    dx[:n] = out[:n]
+    x[:] = near[k + 1]
 
 
 @numba.njit(cache=True, nogil=True)
@@ -200,17 +241,15 @@ def _advance(
                 )
         weight = GRAVITY + x[G]
         half = 0.5 * t * t
+        gained = np.empty(3)
         if n > XP:
+            felt(x, row, DP, 1.0 / 3.0, gained)
             for i in range(3):
-                x[P + i] += (
-                    t * x[V + i]
-                    + x[3 * i] * row[DP]
-                    + x[3 * i + 1] * row[DP + 1]
-                    + x[3 * i + 2] * row[DP + 2]
-                )
+                x[P + i] += t * x[V + i] + gained[i]
             x[P + 2] += weight * half
+        felt(x, row, DV, 0.5, gained)
         for i in range(3):
-            x[V + i] += x[3 * i] * row[DV] + x[3 * i + 1] * row[DV + 1] + x[3 * i + 2] * row[DV + 2]
+            x[V + i] += gained[i]
         x[V + 2] += weight * t
         rotation_of(
             f[0, XB] * x[B] + f[0, XB + 1] * x[B + 1] + f[0, XB + 2] * x[B + 2],
@@ -218,7 +257,17 @@ def _advance(
             f[2, XB] * x[B] + f[2, XB + 1] * x[B + 1] + f[2, XB + 2] * x[B + 2],
             e,
         )
-        _turn(x, e)
+        turn(x, e)
+        # NED turned in the integration's axes, and not in those that C turns them to
+        u, v, w = par[OMEGA], par[OMEGA + 1], par[OMEGA + 2]
+        if u != 0.0 or w != 0.0:
+            rotation_of(
+                t * (x[0] * u + x[1] * v + x[2] * w - u),
+                t * (x[3] * u + x[4] * v + x[5] * w - v),
+                t * (x[6] * u + x[7] * v + x[8] * w - w),
+                e,
+            )
+            turn(x, e)
         f[XV, 1] = -GRAVITY * t
         f[XV + 1, 0] = GRAVITY * t
         f[XV + 2, XG] = t
@@ -227,6 +276,8 @@ def _advance(
         spread = par[WALK] ** 2 * t + par[RATE_ERROR] ** 2 * row[W2] + missed * missed
         for i in range(3):
             q[i, i] = spread
+        q[0, 0] += par[TRAVEL] ** 2 * t
+        q[1, 1] += par[TRAVEL] ** 2 * t
         _spread(x[V], x[V + 1], x[V + 2], spread, q, XV)
         for i in range(3):
             q[XV + i, XV + i] += par[VELOCITY_WALK] ** 2 * t
@@ -313,6 +364,8 @@ def forward(
     every: int,
     states: FloatArray,
     covariances: FloatArray,
+    near: FloatArray,
+    dx: FloatArray,
 ) -> float:
     """Filter epochs without keeping more than the state before every so many of them.
 
@@ -332,27 +385,34 @@ def forward(
         Its covariance, likewise.
     every : int
         0 keeps nothing.
-    states, covariances : ndarray, shape (k, STATE) and (k, n, n)
-        Get the states before epochs 0, every, 2 every...
+    states, covariances : ndarray, shape (k, STATE + ERRORS) and (k, n, n)
+        Get the states before epochs 0, every, 2 every... and what they are off by.
+    near : ndarray, shape (m + 1, STATE) or (0, STATE)
+        States between epochs to be linear about; none: the filter's own.
+    dx : ndarray, shape (ERRORS,)
+        What those states are off by: before the first epoch, afterwards at the end; 0 without.
 
     Returns
     -------
     float
         Log likelihood of the moving epochs' motion; `DIVERGED` where the filter lost itself.
     """
-    gain, dx = np.empty(ERRORS), np.zeros(ERRORS)
+    gain, ahead = np.empty(ERRORS), np.empty(ERRORS)
     f, q, half = np.empty((n, n)), np.empty((n, n)), np.empty((n, n))
     e = np.empty((3, 3))
     total = 0.0
     for k in range(begin, end):
         if every and (k - begin) % every == 0:
-            states[(k - begin) // every] = x
+            states[(k - begin) // every, :STATE] = x
+            states[(k - begin) // every, STATE:] = dx
             covariances[(k - begin) // every] = p
         likelihood = _measure(epochs[k], field, k, par, n, x, p, gain, dx, e)
         if not likelihood > DIVERGED:
             return DIVERGED
         total += likelihood
+        _take_in(near, k, x, dx, n, e)
         _advance(epochs[k], _rate(epochs, k), par, n, x, f, q, e)
+        _carry_error(near, k, x, f, dx, n, e, ahead)
         _carry(p, n, f, q, half)
     return total
 
@@ -383,6 +443,9 @@ def backward(
     end_p: FloatArray,
     smoothed: FloatArray,
     covariance: FloatArray,
+    near: FloatArray,
+    dx: FloatArray,
+    end_dx: FloatArray,
 ) -> None:
     """Filter a stretch once more and smooth it from its known end to its begin.
 
@@ -396,62 +459,41 @@ def backward(
         Gets the smoothed states before the epochs, `begin` to `end` - 1.
     covariance : ndarray, shape (m + 1, KEPT)
         Gets the covariances of attitude and the variances of the bias there.
+    near, dx : ndarray
+        See :func:`forward`.
+    end_dx : ndarray, shape (ERRORS,)
+        As `dx`, smoothed, after the last epoch; afterwards before the first.
     """
     count = end - begin
-    gain, dx = np.empty(ERRORS), np.zeros(ERRORS)
+    gain, ahead = np.empty(ERRORS), np.empty(ERRORS)
+    dx_plus, dx_minus = np.zeros((count, ERRORS)), np.zeros((count, ERRORS))
     q, half, e = np.empty((n, n)), np.empty((n, n)), np.empty((3, 3))
     f = np.empty((count, n, n))
     p_plus, p_minus = np.empty((count, n, n)), np.empty((count, n, n))
     x_plus, x_minus = np.empty((count, STATE)), np.empty((count, STATE))
     for k in range(count):
         _measure(epochs[begin + k], field, begin + k, par, n, x, p, gain, dx, e)
-        x_plus[k], p_plus[k] = x, p
+        _take_in(near, begin + k, x, dx, n, e)
+        x_plus[k], p_plus[k], dx_plus[k] = x, p, dx
         _advance(epochs[begin + k], _rate(epochs, begin + k), par, n, x, f[k], q, e)
+        _carry_error(near, begin + k, x, f[k], dx, n, e, ahead)
         _carry(p, n, f[k], q, half)
-        x_minus[k], p_minus[k] = x, p
+        x_minus[k], p_minus[k], dx_minus[k] = x, p, dx
     low, right, scale = np.empty((n, n)), np.empty((n, n)), np.empty(n)
     difference = np.empty(ERRORS)
     for k in range(count - 1, -1, -1):
-        _less(end_x, x_minus[k], n, difference, e)
+        if len(near) == 0:
+            less(end_x, x_minus[k], n, difference, e)
+        else:
+            difference[:] = end_dx - dx_minus[k]
         smoother_gain(f[k], p_plus[k], p_minus[k], right, low, scale)
         for j in range(n):
             s = 0.0
             for m in range(n):
                 s += right[m, j] * difference[m]
-            dx[j] = s
+            end_dx[j] = dx_plus[k, j] + s
         end_x[:] = x_plus[k]
-        inject(end_x, dx, n, e)
+        inject(end_x, end_dx, n, e)
         smoother_covariance(p_plus[k], p_minus[k], end_p, right, half, low, end_p)
         smoothed[begin + k] = end_x
         keep(end_p, covariance[begin + k])
-
-
-@numba.njit(cache=True, nogil=True)
-def keep(p: FloatArray, out: FloatArray) -> None:
-    """Covariance of the attitude (9) and variances of the bias (3) out of that of all errors."""
-    for i in range(3):
-        for j in range(3):
-            out[3 * i + j] = p[i, j]
-        out[9 + i] = p[XB + i, XB + i]
-
-
-@numba.njit(cache=True, nogil=True)
-def _less(a: FloatArray, b: FloatArray, n: int, out: FloatArray, e: FloatArray) -> None:
-    """Errors that lead from state b to state a."""
-    # e = C_a C_b^T, and its rotation vector
-    for i in range(3):
-        for j in range(3):
-            e[i, j] = (
-                a[3 * i] * b[3 * j] + a[3 * i + 1] * b[3 * j + 1] + a[3 * i + 2] * b[3 * j + 2]
-            )
-    x, y, z = e[2, 1] - e[1, 2], e[0, 2] - e[2, 0], e[1, 0] - e[0, 1]
-    sine = 0.5 * sqrt(x * x + y * y + z * z)
-    cosine = 0.5 * (e[0, 0] + e[1, 1] + e[2, 2] - 1.0)
-    factor = 0.5 if sine < 1e-9 else 0.5 * np.arctan2(sine, cosine) / sine
-    out[0], out[1], out[2] = factor * x, factor * y, factor * z
-    for i in range(3):
-        out[XV + i] = a[V + i] - (e[i, 0] * b[V] + e[i, 1] * b[V + 1] + e[i, 2] * b[V + 2])
-        out[XB + i] = a[B + i] - b[B + i]
-        if n > XP:
-            out[XP + i] = a[P + i] - (e[i, 0] * b[P] + e[i, 1] * b[P + 1] + e[i, 2] * b[P + 2])
-    out[XG] = a[G] - b[G]

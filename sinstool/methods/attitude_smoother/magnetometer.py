@@ -20,8 +20,7 @@ from sinstool.methods.attitude_smoother.earth_field import EarthField
 from sinstool.methods.attitude_smoother.epochs import Epochs
 from sinstool.methods.attitude_smoother.field import EpochField
 from sinstool.methods.attitude_smoother.hard_iron import HardIron, find_hard_iron
-from sinstool.methods.attitude_smoother.model import EPOCH_S
-from sinstool.methods.attitude_smoother.updates import (
+from sinstool.methods.attitude_smoother.heading_update import (
     AZIMUTH,
     FIELD,
     FIELD_GATE,
@@ -29,6 +28,7 @@ from sinstool.methods.attitude_smoother.updates import (
     FIELD_VARIANCE,
     FIELD_WIDTH,
 )
+from sinstool.methods.attitude_smoother.model import EPOCH_S
 
 Refusal = Literal["", "short", "size", "disturbed", "scatter", "steep"]
 
@@ -69,7 +69,7 @@ class North:
     Attributes
     ----------
     rows : ndarray, shape (n, FIELD_WIDTH)
-        See :mod:`~sinstool.methods.attitude_smoother.updates`.
+        See :mod:`~sinstool.methods.attitude_smoother.heading_update`.
     start : float
         By which the first attitude is to be turned about the vertical, rad.
     variance : float

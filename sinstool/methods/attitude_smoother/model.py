@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from math import sqrt
+from math import hypot, sqrt
 from typing import Literal
 
 from sinstool.core.earth import EARTH_RATE
@@ -92,7 +92,7 @@ class SensorModel:
     angle_random_walk: float = 3e-4
     rate_error: float = 3e-3
     bias_walk: float = 1e-5
-    bias: float = 0.08
+    bias: float = 0.03
     zero_rate: float = 2e-3
     velocity_walk: float = 0.05
     accel_bias: float = 0.03
@@ -103,6 +103,7 @@ class SensorModel:
 # The bias of low-cost gyros where no rest has shown it, and about the mean rate of a rest, rad/s.
 _MEMS = SensorModel()
 _MEMS_BIAS_AFTER_REST = 5e-3
+_SHORT_REST_S = 5.0
 
 
 def sensor_model(
@@ -137,17 +138,19 @@ def sensor_model(
     of = IMU_GRADES[grade]
     walk = max(of.angle_random_walk, seen)
     wander = of.gyro_instability * sqrt(2.0 / of.bias_time_s)
+    # A short rest shows less of a good gyro's bias than its data sheet says; without any rest the
+    # grade may be a guess.
+    bias = hypot(of.gyro_bias, walk / sqrt(_SHORT_REST_S)) if bias_known else 3.0 * of.gyro_bias
     return SensorModel(
         angle_random_walk=walk,
         rate_error=sqrt(of.gyro_scale**2 + of.gyro_misalignment**2),
         bias_walk=max(wander, turning),
-        # What is called a bias beyond what was taken off, for a rest may be short
-        bias=max(
-            of.gyro_bias * (3.0 if bias_known else 10.0), 0.0 if earth_removed else EARTH_RATE
-        ),
+        bias=max(bias, 0.0 if earth_removed else EARTH_RATE),
         zero_rate=max(_MEMS.zero_rate * walk / _MEMS.angle_random_walk, of.gyro_instability),
-        velocity_walk=_MEMS.velocity_walk,
-        accel_bias=max(of.accel_bias, 0.005),
+        velocity_walk=_MEMS.velocity_walk
+        * of.velocity_random_walk
+        / IMU_GRADES["mems"].velocity_random_walk,
+        accel_bias=of.accel_bias,
         gravity=_MEMS.gravity,
         gravity_walk=_MEMS.gravity_walk,
     )

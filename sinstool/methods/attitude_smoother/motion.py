@@ -20,6 +20,7 @@ from sinstool.methods.attitude_smoother.epochs import (
     W2,
     Epochs,
 )
+from sinstool.methods.attitude_smoother.heading_update import NO_FIELD
 from sinstool.methods.attitude_smoother.kernels import DIVERGED, forward
 from sinstool.methods.attitude_smoother.model import (
     HAND,
@@ -29,12 +30,16 @@ from sinstool.methods.attitude_smoother.model import (
     SensorModel,
 )
 from sinstool.methods.attitude_smoother.start import first_state, parameters
-from sinstool.methods.attitude_smoother.updates import NO_FIELD
+from sinstool.methods.attitude_smoother.state import ERRORS, STATE
 
-# A vehicle's motion must explain a moving epoch better by this much, in nat; nearer to it than
-# this the choice is not sure. Recorded hands come to 0.1 at most, drones that hover in a room to 1,
-# cars and ships to 3 and more.
-MARGIN, UNSURE = 1.0, 0.5
+# A vehicle must explain a moving epoch better by so much, in nat, or a moving second, where
+# a smooth road shows no more than slow accelerations; between half and one and a half times that
+# the choice is not sure. Recorded hands come to 0.1 and 2 at most, drones that hover in a room to
+# 1 and 5, cars and ships to 3, or 16, and more.
+MARGIN, SECOND_MARGIN = 1.0, 8.0
+UNSURE = 0.5
+# What moves as fast is no hand, m/s.
+HAND_SPEED = 4.0
 # Moving epochs that are looked at: ten minutes, in so many stretches.
 STRETCHES = 5
 STRETCH = 600
@@ -57,8 +62,8 @@ class Motion:
     ----------
     model : MotionModel
     margin : float or None
-        By how much, in nat a moving epoch, a vehicle is more likely than a hand; None where it
-        was not asked.
+        By how much, in nat a moving epoch, a vehicle is more likely than a hand, or what a moving
+        second says of that, if it is more; None where it was not asked.
     """
 
     model: MotionModel
@@ -67,7 +72,7 @@ class Motion:
     @property
     def sure(self) -> bool:
         """Whether the margin is far from where the choice turns."""
-        return self.margin is None or abs(self.margin - MARGIN) > UNSURE
+        return self.margin is None or abs(self.margin - MARGIN) > UNSURE * MARGIN
 
 
 def find_motion(
@@ -98,23 +103,30 @@ def find_motion(
     if not moving:
         known = VEHICLE.with_density(least) if name == "vehicle" else HAND
         return Motion(known, None if name else 0.0)
-    best: dict[str, tuple[float, float]] = {}
-    for model in (HAND, VEHICLE):
-        if name in (None, model.name):
-            best[model.name] = _most_likely(parts, model, sensors)
+    if name is None and speed is not None and speed > HAND_SPEED:
+        name = "vehicle"
     margin = None
     if name is None:
-        margin = (best["vehicle"][1] - best["hand"][1]) / moving
+        seconds = [_merged(part, LONGER[1]) for part in parts]
+        margin = max(_margin(parts, sensors), _margin(seconds, sensors) * MARGIN / SECOND_MARGIN)
         name = "vehicle" if margin > MARGIN else "hand"
     if name == "hand":
-        density = min(max(best["hand"][0], HAND_RANGE[0]), HAND_RANGE[1])
+        density, _ = _most_likely(parts, HAND, sensors)
+        density = min(max(density, HAND_RANGE[0]), HAND_RANGE[1])
         return Motion(HAND.with_density(density), margin)
-    found = [best["vehicle"][0]]
-    for length in LONGER[1:]:
-        merged = [_merged(part, length) for part in parts]
-        found.append(_most_likely(merged, VEHICLE, sensors)[0])
+    found = [
+        _most_likely([_merged(part, length) for part in parts], VEHICLE, sensors)[0]
+        for length in LONGER
+    ]
     density = max(VEHICLE_FACTOR * max(found), least)
     return Motion(VEHICLE.with_density(density), margin)
+
+
+def _margin(parts: list[Epochs], sensors: SensorModel) -> float:
+    """By how much a vehicle is more likely than a hand, in nat a moving epoch."""
+    moving = sum(int(np.count_nonzero(~part.rest & ~part.gap)) for part in parts)
+    hand, vehicle = (_most_likely(parts, model, sensors)[1] for model in (HAND, VEHICLE))
+    return (vehicle - hand) / max(moving, 1)
 
 
 def _stretches(epochs: Epochs) -> list[Epochs]:
@@ -124,7 +136,7 @@ def _stretches(epochs: Epochs) -> list[Epochs]:
         return [epochs] if len(epochs) else []
     starts = np.linspace(0, len(moving) - STRETCH, STRETCHES).astype(int)
     return [
-        Epochs(epochs.time_ns[a : b + 2], epochs.values[a : b + 1])
+        replace(epochs, time_ns=epochs.time_ns[a : b + 2], values=epochs.values[a : b + 1])
         for a, b in ((moving[k], moving[k + STRETCH - 1]) for k in starts)
     ]
 
@@ -139,9 +151,12 @@ def _most_likely(
         for part in parts:
             shaken = model.with_density(exp(at))
             x, p = first_state(part, shaken, sensors)
-            none = np.empty((0, *x.shape)), np.empty((0, *p.shape))
-            par = parameters(shaken, sensors)
-            one = forward(part.values, NO_FIELD, 0, len(part), par, model.states, x, p, 0, *none)
+            kept = np.empty((0, STATE)), np.empty((0, *p.shape))
+            own = np.empty((0, STATE)), np.zeros(ERRORS)
+            par = parameters(shaken, sensors, part.omega_in_n)
+            one = forward(
+                part.values, NO_FIELD, 0, len(part), par, model.states, x, p, 0, *kept, *own
+            )
             total = max(total + one, DIVERGED)
         return total
 

@@ -1,4 +1,7 @@
-"""Rest within a log: two seconds in which the means of epochs stay what they are."""
+"""What looks like rest: two seconds in which the means of epochs stay what they are.
+
+Steady travel and wide turns look alike; the filter denies those by what led there.
+"""
 
 from __future__ import annotations
 

@@ -12,12 +12,12 @@ from sinstool.core.arrays import FloatArray
 from sinstool.core.quaternion_kernels import increment_quaternion, product, to_unit
 from sinstool.core.rotation import conjugate, exp, from_dcm, log, multiply, to_dcm
 from sinstool.core.streams import Solution
-from sinstool.methods.attitude_smoother import kernels
+from sinstool.methods.attitude_smoother import kernels, state
 from sinstool.methods.attitude_smoother.epochs import ACCEL, Epochs
+from sinstool.methods.attitude_smoother.heading_update import NO_FIELD
 from sinstool.methods.attitude_smoother.magnetometer import North
 from sinstool.methods.attitude_smoother.model import GRAVITY, MotionModel, SensorModel
 from sinstool.methods.attitude_smoother.start import Known, first_state, parameters
-from sinstool.methods.attitude_smoother.updates import NO_FIELD
 
 NOTHING_KNOWN = Known()
 # Epochs that are filtered again and smoothed at once.
@@ -27,6 +27,15 @@ MEAN_GRAVITY, GRAVITY_RANGE = 9.807, 0.03
 UNKNOWN_HEADING = np.pi / np.sqrt(3.0)  # rad
 # In motion more than this is not the accelerometers' bias alone, m/s^2.
 LIKELY_EXCESS = 0.3
+# Where the bias of the gyros is as uncertain as LARGE_BIAS, rad/s, or the first tilt turns out as
+# far off as FAR, rad, what is linear about the filter's own states is wrong for good. So the
+# smoother is run again about what it found (an iterated smoother, a Gauss-Newton step a pass) until
+# a pass changes no tilt by CLOSE, rad; without a bias the first passes believe in motion that
+# shakes more, lest they hold on to where they began.
+LARGE_BIAS = 0.01
+FAR, CLOSE = 0.05, 1e-3
+PASSES = 20
+WIDER = (4.0, 3.0, 2.0, 1.5)
 
 
 @dataclass(frozen=True)
@@ -105,25 +114,18 @@ def smooth(
     -------
     Correction
     """
-    n, count, rows = motion.states, len(epochs), epochs.values
-    par = parameters(motion, sensors)
-    x, p = first_state(epochs, motion, sensors, known.tilt)
-    field = NO_FIELD
-    if north is not None:
-        field = north.rows
-        x[:9] = (to_dcm(exp([0.0, 0.0, north.start])) @ x[:9].reshape(3, 3)).ravel()
-        p[2, 2] = north.start_sigma**2
-    held = -(-count // SEGMENT)
-    states, covariances = np.empty((held, kernels.STATE)), np.empty((held, n, n))
-    kernels.forward(rows, field, 0, count, par, n, x, p, SEGMENT, states, covariances)
-    smoothed = np.empty((count + 1, kernels.STATE))
-    covariance = np.empty((count + 1, kernels.KEPT))
-    smoothed[count] = x
-    kernels.keep(p, covariance[count])
-    for k in range(held - 1, -1, -1):
-        begin, end = SEGMENT * k, min(SEGMENT * (k + 1), count)
-        start = states[k], covariances[k]
-        kernels.backward(rows, field, begin, end, par, n, *start, x, p, smoothed, covariance)
+    field = NO_FIELD if north is None else north.rows
+    covariance = np.empty((len(epochs) + 1, state.KEPT))
+    smoothed = np.empty((0, state.STATE))
+    wider = WIDER if sensors.bias > LARGE_BIAS else ()
+    for k in range(PASSES):
+        before = smoothed
+        model = motion.with_density(motion.density * wider[k]) if k < len(wider) else motion
+        first = _first(epochs, model, sensors, known, north)
+        smoothed = _pass(epochs, model, sensors, first, field, before, covariance)
+        begun = before if k else first[0][None]
+        if k >= len(wider) and _moved(begun, smoothed[: len(begun)]) < (CLOSE if k else FAR):
+            break
     q = from_dcm(smoothed[:, :9].reshape(-1, 3, 3))
     attitude = covariance[:, :9].reshape(-1, 3, 3).copy()
     # An accelerometer's bias cannot be told from a tilt.
@@ -138,7 +140,7 @@ def smooth(
         epochs.time_ns,
         q,
         log(multiply(q[1:], conjugate(q[:-1]))),
-        smoothed[:, kernels.B : kernels.B + 3].copy(),
+        smoothed[:, state.B : state.B + 3].copy(),
         attitude,
         np.sqrt(covariance[:, 9:]),
         accel_bias,
@@ -150,7 +152,7 @@ def _gravity_shown(epochs: Epochs, smoothed: FloatArray) -> float:
     if epochs.rest.any():
         force = epochs.values[epochs.rest, ACCEL : ACCEL + 3]
         return float(np.median(np.linalg.norm(force, axis=1)))
-    excess = float(np.median(smoothed[:, kernels.G]))
+    excess = float(np.median(smoothed[:, state.G]))
     return GRAVITY + min(max(excess, -LIKELY_EXCESS), LIKELY_EXCESS)
 
 
@@ -160,17 +162,89 @@ def _accel_bias(grade: float, shown: float, gravity: float | None) -> float:
     Parameters
     ----------
     grade : float
-        That of their grade; it counts for three axes beside the one that the log shows.
+        That of their grade; it counts for three axes beside the one that the log shows. 0: they
+        have none.
     shown : float
         Size of gravity in the log, m/s^2.
     gravity : float or None
         Local, m/s^2.
     """
+    if not grade:
+        return 0.0
     if gravity is None:
         off = max(0.0, abs(shown - MEAN_GRAVITY) - GRAVITY_RANGE)
     else:
         off = shown - gravity
     return sqrt((3.0 * grade**2 + off**2) / 4.0)
+
+
+def _first(
+    epochs: Epochs,
+    motion: MotionModel,
+    sensors: SensorModel,
+    known: Known,
+    north: North | None,
+) -> tuple[FloatArray, FloatArray]:
+    """State and covariance before the first epoch, turned to where a magnetometer shows north."""
+    x, p = first_state(epochs, motion, sensors, known.tilt)
+    if north is not None:
+        x[:9] = (to_dcm(exp([0.0, 0.0, north.start])) @ x[:9].reshape(3, 3)).ravel()
+        p[2, 2] = north.start_sigma**2
+    return x, p
+
+
+def _moved(before: FloatArray, after: FloatArray) -> float:
+    """Largest change of the tilt between two passes, rad."""
+    up = [a[:, :9].reshape(-1, 3, 3)[:, 2] for a in (before, after)]
+    return float(np.sqrt(np.max(np.sum((up[1] - up[0]) ** 2, axis=1))))
+
+
+def _pass(
+    epochs: Epochs,
+    motion: MotionModel,
+    sensors: SensorModel,
+    first: tuple[FloatArray, FloatArray],
+    field: FloatArray,
+    near: FloatArray,
+    covariance: FloatArray,
+) -> FloatArray:
+    """Forwards and backwards once; the smoothed states, shape (n + 1, STATE).
+
+    Parameters
+    ----------
+    first : tuple of ndarray
+        State and covariance before the first epoch.
+    field : ndarray, shape (n, FIELD_WIDTH) or (0, FIELD_WIDTH)
+        What a magnetometer shows.
+    near : ndarray, shape (n + 1, STATE) or (0, STATE)
+        States of a pass before, to be linear about; none: the filter's own.
+    covariance : ndarray, shape (n + 1, KEPT)
+        Gets those of attitude and bias.
+    """
+    n, count, rows = motion.states, len(epochs), epochs.values
+    par = parameters(motion, sensors, epochs.omega_in_n)
+    held = -(-count // SEGMENT)
+    states = np.empty((held, state.STATE + state.ERRORS))
+    covariances = np.empty((held, n, n))
+    smoothed = np.empty((count + 1, state.STATE))
+    x, p = first[0].copy(), first[1].copy()
+    dx = np.zeros(state.ERRORS)
+    scratch = np.empty((3, 3))
+    if len(near):
+        state.less(x, near[0], n, dx, scratch)
+        x = near[0].copy()
+    kernels.forward(rows, field, 0, count, par, n, x, p, SEGMENT, states, covariances, near, dx)
+    state.keep(p, covariance[count])
+    smoothed[count] = x
+    state.inject(smoothed[count], dx, n, scratch)
+    for k in range(held - 1, -1, -1):
+        begin, end = SEGMENT * k, min(SEGMENT * (k + 1), count)
+        start, off = states[k, : state.STATE].copy(), states[k, state.STATE :].copy()
+        kernels.backward(
+            rows, field, begin, end, par, n, start, covariances[k], x, p, smoothed, covariance,
+            near, off, dx,
+        )  # fmt: skip
+    return smoothed
 
 
 @numba.njit(cache=True, nogil=True)

@@ -7,7 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from sinstool.core.arrays import FloatArray
-from sinstool.methods.attitude_smoother import kernels
+from sinstool.core.earth import SEMI_MAJOR_AXIS
+from sinstool.methods.attitude_smoother import state
 from sinstool.methods.attitude_smoother.epochs import Epochs, mean_force
 from sinstool.methods.attitude_smoother.model import MotionModel, SensorModel
 
@@ -52,7 +53,7 @@ def first_state(
     p : ndarray, shape (n, n)
     """
     n = motion.states
-    x = np.zeros(kernels.STATE)
+    x = np.zeros(state.STATE)
     known = tilt is not None and tilt < TILT
     x[:9] = (np.eye(3) if known else upright(mean_force(epochs, FIRST_S))).ravel()
     variance = np.empty(n)
@@ -82,12 +83,19 @@ def upright(force: FloatArray) -> FloatArray:
     axis = axis / sine if sine > 1e-12 else np.array([1.0, 0.0, 0.0])
     matrix = np.empty((3, 3))
     x, y, z = axis * np.arctan2(sine, cosine)
-    kernels.rotation_of(x, y, z, matrix)
+    state.rotation_of(x, y, z, matrix)
     return matrix
 
 
-def parameters(motion: MotionModel, sensors: SensorModel) -> FloatArray:
-    """What a compiled filter needs to know, in its order."""
+def parameters(
+    motion: MotionModel, sensors: SensorModel, omega_in_n: FloatArray | None = None
+) -> FloatArray:
+    """What a compiled filter needs to know, in its order.
+
+    The vertical turns with what a vehicle travels over the Earth, at a rate that is as bounded as
+    its velocity: in the long run a random walk of the tilt.
+    """
+    travel = 0.0 if motion.c0 else motion.density / (motion.c1 * SEMI_MAJOR_AXIS)
     return np.array(
         [
             motion.c1,
@@ -101,5 +109,9 @@ def parameters(motion: MotionModel, sensors: SensorModel) -> FloatArray:
             sensors.gravity_walk,
             motion.velocity_variance,
             motion.position_variance,
+            # level specific force at rest: the bias now and that where the tilt was had from
+            np.sqrt(2.0) * sensors.accel_bias,
+            travel,
+            *(np.zeros(3) if omega_in_n is None else omega_in_n),
         ]
     )

@@ -103,6 +103,7 @@ class Smoothing:
             self._stops(),
             settings.sample_rate,
             point_samples=settings.gyro_kind == "rate",
+            omega_in_n=settings.omega_ie_n,
         )
         # Samples that are held anyway are few enough for their attitudes to be held too.
         self._held = None if self._source.samples.blocks is None else []
@@ -122,7 +123,8 @@ class Smoothing:
             sensor_grade(self._source, self._config).grade,
             walk_at_rest=random_walk(self._source),
             bias_known=alignment.bias_source != "none",
-            earth_removed=settings.omega_ie_n is not None,
+            # without a heading the level part of the Earth's rate is taken off in a wrong direction
+            earth_removed=settings.omega_ie_n is not None and alignment.north_referenced,
         )
         if alignment.gyro_bias_sigma is not None:
             bias = CAUTION * alignment.gyro_bias_sigma

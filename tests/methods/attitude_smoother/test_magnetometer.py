@@ -13,13 +13,13 @@ from sinstool.core.units import DEGREE
 from sinstool.methods.attitude_smoother.earth_field import EarthField, model_field
 from sinstool.methods.attitude_smoother.field import EpochField, FieldStage
 from sinstool.methods.attitude_smoother.hard_iron import find_hard_iron
-from sinstool.methods.attitude_smoother.kernels import STATE, rotation_of
-from sinstool.methods.attitude_smoother.magnetometer import find_north
-from sinstool.methods.attitude_smoother.updates import (
+from sinstool.methods.attitude_smoother.heading_update import (
     FIELD_GATE,
     FIELD_VARIANCE,
     measure_heading,
 )
+from sinstool.methods.attitude_smoother.kernels import STATE, rotation_of
+from sinstool.methods.attitude_smoother.magnetometer import find_north
 from tests.methods.attitude_smoother.compass_runs import SIZE, earth, run, turning, wandering
 
 

@@ -1,4 +1,4 @@
-"""Scalar measurements of the filter over epochs, compiled."""
+"""Heading by a field, as a measurement of the filter over epochs, compiled."""
 
 from __future__ import annotations
 
@@ -8,6 +8,7 @@ import numba
 import numpy as np
 
 from sinstool.core.arrays import FloatArray
+from sinstool.methods.attitude_smoother.state import update
 
 # Columns of the field at an epoch: in navigation axes before the correction, T; its azimuth, rad;
 # variance of the heading that it shows (rad^2; 0: none), and that which its gate goes by
@@ -15,35 +16,6 @@ FIELD, AZIMUTH, FIELD_VARIANCE, FIELD_GATE = 0, 3, 4, 5
 FIELD_WIDTH = 6
 FIELD_GATE_SIGMAS = 3.0
 NO_FIELD: FloatArray = np.empty((0, FIELD_WIDTH))
-
-
-@numba.njit(cache=True, nogil=True)
-def update(
-    p: FloatArray,
-    n: int,
-    i: int,
-    a: float,
-    j: int,
-    b: float,
-    k: int,
-    c: float,
-    innovation: float,
-    variance: float,
-    gain: FloatArray,
-    dx: FloatArray,
-) -> tuple[float, float]:
-    """One scalar measurement of a x_i + b x_j + c x_k; the innovation left and its variance."""
-    left = innovation - (a * dx[i] + b * dx[j] + c * dx[k])
-    for m in range(n):
-        gain[m] = a * p[m, i] + b * p[m, j] + c * p[m, k]
-    s = a * gain[i] + b * gain[j] + c * gain[k] + variance
-    for m in range(n):
-        f = gain[m] / s
-        dx[m] += f * left
-        for q in range(m + 1):
-            p[m, q] -= f * gain[q]
-            p[q, m] = p[m, q]
-    return left, s
 
 
 @numba.njit(cache=True, nogil=True)

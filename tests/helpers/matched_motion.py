@@ -1,0 +1,131 @@
+"""Motion and sensors drawn from the attitude smoother's own model."""
+
+from dataclasses import dataclass
+from itertools import pairwise
+
+import numpy as np
+
+from sinstool.core.rotation import conjugate, exp, log, multiply, normalise, rotate
+from sinstool.core.streams import Solution
+from sinstool.core.timeline import SECOND
+from sinstool.methods.attitude_smoother.epochs import EpochStage
+from sinstool.methods.attitude_smoother.model import EPOCH_S, GRAVITY
+from sinstool.methods.strapdown.attitude import AttitudePropagator
+
+MAX_GAP_NS = 60_000_000
+NO_STOPS = np.full(3, np.inf)
+
+
+@dataclass
+class Drawn:
+    """A log and its truth at every sample.
+
+    Attributes
+    ----------
+    solution : Solution
+        Integrated attitude and the measurements.
+    q_nb : ndarray, shape (n, 4)
+        True.
+    bias : ndarray, shape (n, 3)
+        True, beyond what was taken off, rad/s.
+    velocity, position : ndarray, shape (n, 3)
+        True, about the motion's mean, m/s and m.
+    """
+
+    solution: Solution
+    q_nb: np.ndarray
+    bias: np.ndarray
+    velocity: np.ndarray
+    position: np.ndarray
+
+
+def drawn(motion, sensors, seconds, seed, *, turning=0.3, rate_hz=50, rests=()):
+    """A log whose every error and motion is of the smoother's model.
+
+    Parameters
+    ----------
+    turning : float
+        Root mean square rate of each axis, rad/s; it changes within 3 s.
+    rests : sequence of tuple of 2 float
+        Begin and end, s, of rest: nothing moves and nothing turns.
+    """
+    random = np.random.default_rng(seed)
+    dt = 1.0 / rate_hz
+    per = round(EPOCH_S * rate_hz)
+    count = round(seconds / EPOCH_S)
+    n = count * per
+    resting = np.zeros(count, bool)
+    for begin, end in rests:
+        resting[round(begin / EPOCH_S) : round(end / EPOCH_S)] = True
+    still = np.repeat(resting, per)
+    decay = np.exp(-dt / 3.0)
+    rate = random.standard_normal((n, 3)) * turning * np.sqrt(1.0 - decay**2)
+    rate[0] = turning * random.standard_normal(3)
+    for k in range(1, n):
+        rate[k] += decay * rate[k - 1]
+    rate[still] = 0.0
+    tilt = random.normal(0.0, 0.15, 3) * [1.0, 1.0, 0.0]
+    q_first = exp(tilt)
+    q = np.concatenate([q_first[None], AttitudePropagator(q_first).push(rate * dt, np.full(n, dt))])
+    # the motion, epoch by epoch, with the acceleration of each held through it
+    v = np.sqrt(motion.velocity_variance) * random.standard_normal(3)
+    p = np.sqrt(motion.position_variance) * random.standard_normal(3)
+    acceleration = np.empty((count, 3))
+    velocity, position = np.empty((count + 1, 3)), np.empty((count + 1, 3))
+    velocity[0], position[0] = v, p
+    shaken = motion.density / np.sqrt(EPOCH_S) * random.standard_normal((count, 3))
+    for k in range(count):
+        if resting[k]:
+            v, acceleration[k] = np.zeros(3), 0.0
+        else:
+            acceleration[k] = shaken[k] - motion.c1 * v - motion.c0 * p
+        p = p + v * EPOCH_S + 0.5 * acceleration[k] * EPOCH_S**2
+        v = v + acceleration[k] * EPOCH_S
+        velocity[k + 1], position[k + 1] = v, p
+    excess = sensors.gravity * random.standard_normal() + sensors.gravity_walk * np.sqrt(
+        EPOCH_S
+    ) * np.cumsum(random.standard_normal(count))
+    felt = acceleration - np.stack([0.0 * excess, 0.0 * excess, GRAVITY + excess], axis=1)
+    middle = multiply(q[:-1], exp(0.5 * rate * dt))
+    felt = np.repeat(felt, per, axis=0)
+    felt += sensors.velocity_walk / np.sqrt(dt) * random.standard_normal((n, 3))
+    force = rotate(conjugate(middle), felt)
+    bias = sensors.bias * random.standard_normal(3) + sensors.bias_walk * np.sqrt(dt) * np.cumsum(
+        random.standard_normal((n, 3)), axis=0
+    )
+    spread = sensors.angle_random_walk**2 + sensors.rate_error**2 * np.sum(
+        rate**2, axis=1, keepdims=True
+    )
+    gyro = rate + bias + np.sqrt(spread / dt) * random.standard_normal((n, 3))
+    integrated = AttitudePropagator(q_first).push(gyro * dt, np.full(n, dt))
+    time_ns = np.arange(n + 1) * round(dt * SECOND)
+    first = np.zeros((1, 3))
+    solution = Solution(
+        time_ns,
+        time_ns,
+        np.concatenate([q_first[None], integrated]),
+        np.concatenate([first, gyro]),
+        np.concatenate([first, force]),
+    )
+    at = np.arange(n + 1) // per
+    return Drawn(solution, q, np.concatenate([bias[:1], bias]), velocity[at], position[at])
+
+
+def epochs_of(solution, blocks=()):
+    """Epochs of a solution, pushed in blocks that end at rows."""
+    stage = EpochStage(MAX_GAP_NS, NO_STOPS)
+    limits = [0, *blocks, len(solution)]
+    for begin, end in pairwise(limits):
+        if end > begin:
+            stage.push(solution.rows(slice(begin, end)))
+    return stage.finish()
+
+
+def tilt_error(q_true, q):
+    """Error of tilt, rad: the rotation in navigation axes that is left without its turn about
+    the vertical; and the heading's, rad."""
+    error = multiply(q_true, conjugate(q))
+    zero = np.zeros(len(error))
+    turn = normalise(np.stack([error[:, 0], zero, zero, error[:, 3]], axis=1))
+    tilt = log(multiply(conjugate(turn), error))[:, :2]
+    return tilt, 2.0 * np.arctan2(turn[:, 3], turn[:, 0])

@@ -1,0 +1,123 @@
+"""What looks like rest and is none, and what the Earth's rate does at rest."""
+
+import numpy as np
+import pytest
+
+from sinstool.core.earth import earth_rate_n
+from sinstool.core.rotation import conjugate, exp, from_euler, log, multiply, rotate
+from sinstool.core.streams import Imu, Solution, concatenate
+from sinstool.core.timeline import SECOND
+from sinstool.methods.attitude_smoother.epochs import EpochStage
+from sinstool.methods.attitude_smoother.model import GRAVITY, HAND, VEHICLE, sensor_model
+from sinstool.methods.attitude_smoother.rest import with_rest
+from sinstool.methods.attitude_smoother.smoother import smooth
+from sinstool.methods.coning.registry import algorithm
+from sinstool.methods.strapdown.attitude import AttitudePropagator, AttitudeRun, AttitudeSettings
+from sinstool.simulation.truth import sample_times, static
+from tests.helpers.matched_motion import MAX_GAP_NS, NO_STOPS, epochs_of, tilt_error
+
+DT = 0.02
+LATITUDE = np.deg2rad(48.0)
+
+
+def ride(parts, sensors, seed):
+    """A level ride, without a shake, of parts: seconds, acceleration ahead and rate of turn.
+
+    Returns the integrated solution of noisy samples without bias, and the true attitude.
+    """
+    count = [round(seconds / DT) for seconds, _, _ in parts]
+    pull = np.repeat([a for _, a, _ in parts], count)
+    turn = np.repeat([w for _, _, w in parts], count)
+    n = len(pull)
+    speed = np.cumsum(pull) * DT
+    zero = np.zeros(n)
+    rate = np.stack([zero, zero, turn], axis=1)
+    q0 = np.array([1.0, 0.0, 0.0, 0.0])
+    q = np.concatenate([q0[None], AttitudePropagator(q0).push(rate * DT, np.full(n, DT))])
+    force = np.stack([pull, speed * turn, np.full(n, -GRAVITY)], axis=1)
+    random = np.random.default_rng(seed)
+    noise = sensors.angle_random_walk / 3.0 / np.sqrt(DT)
+    gyro = rate + noise * random.standard_normal((n, 3))
+    felt = force + 0.02 * random.standard_normal((n, 3))
+    found = AttitudePropagator(q0).push(gyro * DT, np.full(n, DT))
+    times = np.arange(n + 1) * round(DT * SECOND)
+    first = np.zeros((1, 3))
+    solution = Solution(
+        times,
+        times,
+        np.concatenate([q0[None], found]),
+        np.concatenate([first, gyro]),
+        np.concatenate([first, felt]),
+    )
+    return solution, q
+
+
+TRAPS = {
+    # seconds, m/s^2, rad/s: a minute of cruise, of a bend, at another speed, and a stop at last
+    "cruise": [(20, 0, 0), (20, 1.25, 0), (60, 0, 0), (10, 1.0, 0), (60, 0, 0),
+               (35, -1.0, 0), (20, 0, 0)],
+    "bend": [(20, 0, 0), (16, 1.25, 0), (60, 0, 0.015), (30, 0, 0), (60, 0, -0.02),
+             (16, -1.25, 0), (20, 0, 0)],
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("grade", ["mems", "tactical"])
+@pytest.mark.parametrize("trap", TRAPS)
+def test_steady_travel_is_not_taken_for_rest(trap, grade):
+    sensors = sensor_model(grade, walk_at_rest=None, bias_known=True, earth_removed=True)
+    solution, q_true = ride(TRAPS[trap], sensors, 3)
+    epochs = with_rest(epochs_of(solution))
+    moving = np.cumsum([p[0] for p in TRAPS[trap]])
+    seconds = epochs.time_ns[:-1] / SECOND
+    travelling = (seconds > moving[1] + 2.0) & (seconds < moving[2] - 2.0)
+    assert trap != "cruise" or epochs.rest[travelling].all(), "else this test shows nothing"
+    after = smooth(epochs, VEHICLE, sensors).apply(solution)
+    tilt, heading = tilt_error(q_true, after.q_nb)
+    sigma = np.sqrt(np.einsum("nii->ni", after.covariance_attitude_n))
+    limit = {"mems": 0.5, "tactical": 0.1}[grade]
+    assert np.degrees(np.abs(tilt)).max() < limit
+    assert np.all(np.abs(tilt) < 4.0 * sigma[:, :2])
+    assert np.degrees(np.abs(heading)).max() < 4.0 * limit
+
+
+def at_rest(q_start, seconds=120.0):
+    """Exact samples of a body at rest on the turning Earth, integrated from a first attitude."""
+    times = sample_times(50.0, seconds)
+    imu = static(times, from_euler([0.05, -0.03, 1.0]), LATITUDE)
+    earth = np.asarray(earth_rate_n(LATITUDE))
+    settings = AttitudeSettings(
+        algorithm=algorithm("previous-1"),
+        gyro_kind="mean-rate",
+        nominal_ns=DT * SECOND,
+        max_gap_ns=MAX_GAP_NS,
+        omega_ie_n=earth,
+    )
+    samples = Imu(times, times, imu.gyro_mean_rate, imu.mean_specific_force)
+    solution = concatenate(list(AttitudeRun(q_start, settings).run([samples])))
+    stage = EpochStage(MAX_GAP_NS, NO_STOPS, omega_in_n=earth)
+    stage.push(solution)
+    return solution, with_rest(stage.finish()), imu.q_nb
+
+
+def test_a_rest_does_not_take_the_rate_of_the_earth_for_a_bias():
+    sensors = sensor_model("tactical", walk_at_rest=None, bias_known=True, earth_removed=True)
+    solution, epochs, q_true = at_rest(from_euler([0.05, -0.03, 1.0]))
+    assert epochs.rest.all()
+    found = smooth(epochs, HAND, sensors)
+    after = found.apply(solution)
+    assert np.abs(found.gyro_bias).max() < 1e-8
+    assert np.abs(log(multiply(q_true, conjugate(after.q_nb)))).max() < 1e-5
+
+
+def test_the_rate_of_the_earth_is_taken_off_in_the_axes_that_are_found():
+    # Begun with a tilt that is 5 degrees off, the integration takes the Earth's rate off in a
+    # direction that is 5 degrees off; where the smoother finds the tilt it must not find a bias.
+    sensors = sensor_model("tactical", walk_at_rest=None, bias_known=True, earth_removed=True)
+    lean = exp([np.deg2rad(5.0), 0.0, 0.0])
+    solution, epochs, q_true = at_rest(multiply(lean, from_euler([0.05, -0.03, 1.0])))
+    found = smooth(epochs, HAND, sensors)
+    tilt, _ = tilt_error(q_true, found.apply(solution).q_nb)
+    off = np.linalg.norm(rotate(lean, earth_rate_n(LATITUDE)) - earth_rate_n(LATITUDE))
+    assert off > 4e-6
+    assert np.abs(found.gyro_bias[-1]).max() < 0.2 * off
+    assert np.abs(tilt).max() < 1e-4
