@@ -7,6 +7,7 @@ from math import exp, log, sqrt
 
 import numpy as np
 
+from sinstool.core.threads import executor
 from sinstool.methods.attitude_smoother.epochs import (
     ACCEL,
     COUNT,
@@ -48,7 +49,8 @@ STRETCH = 600
 # half a minute), m/s^2/sqrt(Hz).
 HAND_RANGE = (0.5, 2.0)
 LEAST_VEHICLE, VEHICLE_FACTOR = 4.0, 2.5
-LONGER = (1, 5, 20, 100)  # epochs
+SECOND = 5  # epochs
+LONGER = (1, SECOND, 20, 100)
 # Of the search on the logarithm of the density
 FIRST_STEP, LAST_STEP = 0.8, 0.15
 SEARCHED = (log(0.005), log(50.0))
@@ -105,28 +107,41 @@ def find_motion(
         return Motion(known, None if name else 0.0)
     if name is None and speed is not None and speed > HAND_SPEED:
         name = "vehicle"
-    margin = None
+    margin, search = None, _Search(parts, sensors)
+    models = [model for model in (HAND, VEHICLE) if name in (None, model.name)]
+    with executor(2, "sinstool-motion") as pool:
+        wanted = [(model, length) for length in LONGER for model in models]
+        list(pool.map(lambda one: search.best(*one), wanted))
     if name is None:
-        seconds = [_merged(part, LONGER[1]) for part in parts]
-        margin = max(_margin(parts, sensors), _margin(seconds, sensors) * MARGIN / SECOND_MARGIN)
+        margin = max(search.margin(1), search.margin(SECOND) * MARGIN / SECOND_MARGIN)
         name = "vehicle" if margin > MARGIN else "hand"
     if name == "hand":
-        density, _ = _most_likely(parts, HAND, sensors)
-        density = min(max(density, HAND_RANGE[0]), HAND_RANGE[1])
+        density = min(max(search.best(HAND, 1)[0], HAND_RANGE[0]), HAND_RANGE[1])
         return Motion(HAND.with_density(density), margin)
-    found = [
-        _most_likely([_merged(part, length) for part in parts], VEHICLE, sensors)[0]
-        for length in LONGER
-    ]
-    density = max(VEHICLE_FACTOR * max(found), least)
-    return Motion(VEHICLE.with_density(density), margin)
+    found = max(search.best(VEHICLE, length)[0] for length in LONGER)
+    return Motion(VEHICLE.with_density(max(VEHICLE_FACTOR * found, least)), margin)
 
 
-def _margin(parts: list[Epochs], sensors: SensorModel) -> float:
-    """By how much a vehicle is more likely than a hand, in nat a moving epoch."""
-    moving = sum(int(np.count_nonzero(~part.rest & ~part.gap)) for part in parts)
-    hand, vehicle = (_most_likely(parts, model, sensors)[1] for model in (HAND, VEHICLE))
-    return (vehicle - hand) / max(moving, 1)
+class _Search:
+    """What is found for a model and a length of epochs, found once."""
+
+    def __init__(self, parts: list[Epochs], sensors: SensorModel) -> None:
+        self._parts = {length: [_merged(part, length) for part in parts] for length in LONGER}
+        self._sensors = sensors
+        self._found: dict[tuple[str, int], tuple[float, float]] = {}
+
+    def best(self, model: MotionModel, length: int) -> tuple[float, float]:
+        """Density under which the motion is most likely, and its log likelihood there."""
+        key = model.name, length
+        if key not in self._found:
+            self._found[key] = _most_likely(self._parts[length], model, self._sensors)
+        return self._found[key]
+
+    def margin(self, length: int) -> float:
+        """By how much a vehicle is more likely than a hand, in nat a moving epoch."""
+        parts = self._parts[length]
+        moving = sum(int(np.count_nonzero(~part.rest & ~part.gap)) for part in parts)
+        return (self.best(VEHICLE, length)[1] - self.best(HAND, length)[1]) / max(moving, 1)
 
 
 def _stretches(epochs: Epochs) -> list[Epochs]:
