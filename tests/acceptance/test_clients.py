@@ -159,7 +159,7 @@ def test_mcap_reads_it_by_index_and_as_a_stream(case, written):
 
 def test_every_message_of_the_input_is_there_unchanged(case, written):
     expected = input_rows(case)
-    rest = [row for row in written if row.topic not in OURS]
+    rest = [row for row in written if not row.topic.startswith("/sinstool/")]
     assert Counter(rest) == Counter(expected)
     if case.made:
         rows = small(case.ros)

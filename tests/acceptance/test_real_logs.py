@@ -161,7 +161,8 @@ def errors_deg(log, out):
 
 
 def test_broad_06_from_level(tmp_path):
-    run(real(BROAD_06), tmp_path / "out.mcap", align={"align": "level"})
+    options = {"align": {"align": "level"}, "navigation": {"attitude": "inertial"}}
+    run(real(BROAD_06), tmp_path / "out.mcap", **options)
     result = errors_deg(BROAD_06, tmp_path / "out.mcap")
     assert (result < [0.2, 1.5, 3.0]).all(), result
 
@@ -172,7 +173,8 @@ def test_broad_02_from_the_reference(tmp_path):
     # its world is z up with some heading: ENU will do
     angles = (ENU_NED * truth[0] * FLU_FRD).as_euler("ZYX", degrees=True)[::-1]
     options = {"align": "fixed", "initial_attitude": tuple(map(float, angles))}
-    run(real(BROAD_02), tmp_path / "out.mcap", align=options)
+    inertial = {"attitude": "inertial"}
+    run(real(BROAD_02), tmp_path / "out.mcap", align=options, navigation=inertial)
     result = errors_deg(BROAD_02, tmp_path / "out.mcap")
     assert (result < 1.25 * np.array([0.05, 1.37, 6.30])).all(), result
 
