@@ -26,7 +26,7 @@ from sinstool.pipelines.plan import Plan
 from sinstool.pipelines.process.compass import MagneticHeading
 from sinstool.pipelines.process.summary import AttitudeSmoothing
 from sinstool.survey.grade import random_walk, sensor_grade
-from sinstool.survey.rest import REST_S, moving_at
+from sinstool.survey.rest import moving_at
 from sinstool.survey.source import Source, nominal_interval
 
 # Intervals that are integrated across when gravity will put right what that leaves.
@@ -36,6 +36,8 @@ SHORT_GAP_NS, SHORT_GAP_INTERVALS = 60_000_000, 8
 CAUTION = 2.0
 # A gyro that turns more slowly at its largest is not at its stop, rad/s.
 LEAST_STOP = 1.0
+# What the survey calls still for so long, s, is a rest; a hand turns slowly for two seconds.
+LONG_REST_S = 5.0
 # What is said of an attitude: tilt less certain than this, rad; shares of the time at the stops.
 UNCERTAIN_TILT = 2.0 * DEGREE
 STOPPED_SHARE, LOST_SHARE = 0.002, 0.03
@@ -116,7 +118,7 @@ class Smoothing:
         spans = (
             (span.start_ns, span.end_ns)
             for span in self._source.survey.spans
-            if span.duration_s >= REST_S
+            if span.duration_s >= LONG_REST_S
         )
         epochs = with_rest(stage.finish(), self._gnss_moves, spans)
         sensors = sensor_model(
@@ -230,8 +232,8 @@ class Smoothing:
         if not self._rested and not compassed:
             yield Finding(
                 "no-rest",
-                "the log holds no rest, so nothing shows the gyro bias about the vertical: heading"
-                f" may have drifted by {s.heading_sigma_end_deg:.2g} deg (1 sigma; 104 deg: by"
+                "the log holds no rest of 2 s, so nothing shows the gyro bias about the vertical:"
+                f" heading may have drifted by {s.heading_sigma_end_deg:.2g} deg (1 sigma; 104 deg: by"
                 " anything) at its end",
                 answer="record some seconds at rest, or give --gyro-bias X,Y,Z",
                 numbers={"heading_sigma_deg": s.heading_sigma_end_deg},
