@@ -233,8 +233,8 @@ class Smoothing:
             yield Finding(
                 "no-rest",
                 "the log holds no rest of 2 s, so nothing shows the gyro bias about the vertical:"
-                f" heading may have drifted by {s.heading_sigma_end_deg:.2g} deg (1 sigma; 104 deg: by"
-                " anything) at its end",
+                f" heading may have drifted by {s.heading_sigma_end_deg:.2g} deg (1 sigma; 104"
+                " deg: by anything) at its end",
                 answer="record some seconds at rest, or give --gyro-bias X,Y,Z",
                 numbers={"heading_sigma_deg": s.heading_sigma_end_deg},
             )
