@@ -4,14 +4,20 @@ from __future__ import annotations
 
 import numpy as np
 
+from sinstool.core import rotation
 from sinstool.core.arrays import FloatArray
+from sinstool.simulation.car import Car, Jet, drift, ferry, ferry_levels, move_by_lever, product
 from sinstool.simulation.flight import add_sinusoids
 from sinstool.simulation.travel import COLUMNS, Levels, Motion, travel
-from sinstool.simulation.truth import Trajectory, sample_times
+from sinstool.simulation.truth import Trajectory, sample_times, turned
 
 _CRUISE = 14.0  # m/s, at which the suspension's motion has its full size
 _CORNER = 5.0
 _LEAN = np.deg2rad(0.5)  # of the body in a curve, outward, per m/s^2
+# Longest way from standing to standing, and from the stop to the ferry, s
+_LEG, _BOARDING = 95.0, 5.0
+# Of the car's own random numbers, apart from those of its roads
+_SLIP_SEED = 3000
 
 
 def road_drive(
@@ -25,6 +31,7 @@ def road_drive(
     still_s: float = 60.0,
     seed: int = 0,
     start_ns: int = 0,
+    car: Car | None = None,
 ) -> Trajectory:
     """Stand, then drive through a town on hills.
 
@@ -44,26 +51,40 @@ def road_drive(
         Of the roads and of the suspension.
     start_ns : int, optional
         First instant.
+    car : Car, optional
+        How it slides and where the Imu is in it; without one the Imu itself follows the road.
 
     Returns
     -------
     Trajectory
-        Up to 17 m/s along the car's own axis; turns of 45 to 150 degrees at 5 m/s, stops of 5 to
-        20 s that are stops to the last bit, slopes up to 5 degrees. On its suspension the body
-        pitches and rolls by 0.2 degrees and heaves by some millimetres at 2 to 4 Hz, in
-        proportion to speed, and it leans outward in turns.
+        Of the Imu, in its own axes. Up to 17 m/s along the car's own axis; turns of 45 to 150
+        degrees at 5 m/s, stops of 5 to 20 s that are stops to the last bit, slopes up to 5
+        degrees. On its suspension the body pitches and rolls by 0.2 degrees and heaves by some
+        millimetres at 2 to 4 Hz, in proportion to speed, and it leans outward in turns.
     """
     times = sample_times(rate_hz, duration_s, start_ns)
-    motion = _roads(duration_s, still_s, np.random.default_rng(seed))
-    return travel(motion, times, latitude, longitude, height, heading)
+    car = Car() if car is None else car
+    slip = drift(car, np.random.default_rng(seed + _SLIP_SEED))
+    motion = _roads(duration_s, still_s, np.random.default_rng(seed), car, slip)
+    trajectory = travel(motion, times, latitude, longitude, height, heading)
+    return turned(trajectory, rotation.from_euler(car.mount)) if any(car.mount) else trajectory
 
 
-def _roads(duration_s: float, still_s: float, random: np.random.Generator) -> Motion:
+def _roads(
+    duration_s: float, still_s: float, random: np.random.Generator, car: Car, slip: Jet
+) -> Motion:
     speeds: list[tuple[float, float, float]] = []
     turns: list[tuple[float, float, float]] = []
     slopes: list[tuple[float, float, float]] = []
     t, moving = still_s, False
+    boarding = np.inf if car.ferry is None else car.ferry[0]
     while t < duration_s:
+        if car.ferry is not None and t + _LEG > boarding:
+            # stands on the ferry, from before it leaves until it has come
+            if moving:
+                speeds.append((t, 7.0, 0.0))
+                t, moving = t + 7.0, False
+            t, boarding = max(t, sum(car.ferry)) + _BOARDING, np.inf
         if not moving:
             speeds.append((t, 9.0, float(random.uniform(11.0, 17.0))))
             t += 9.0
@@ -86,6 +107,8 @@ def _roads(duration_s: float, still_s: float, random: np.random.Generator) -> Mo
     frequency = random.uniform(2.0, 4.0, (4, 3))
     phase = random.uniform(0.0, 2.0 * np.pi, (4, 3))
     angle = np.deg2rad(0.12) * random.uniform(0.5, 1.5, (2, 3))
+    bounce = car.suspension
+    crossing = ferry_levels(car)
 
     def motion(t: FloatArray) -> FloatArray:
         out = np.zeros((len(t), COLUMNS))
@@ -103,19 +126,33 @@ def _roads(duration_s: float, still_s: float, random: np.random.Generator) -> Mo
         out[:, 2], out[:, 5] = -v * climb, -dv * climb - v * level * dhill
         for f, p in zip(frequency[3], phase[3], strict=True):
             w = 2.0 * np.pi * f
-            heave, dheave = 0.0015 * np.sin(w * t + p), 0.0015 * w * np.cos(w * t + p)
+            heave = bounce * 0.0015 * np.sin(w * t + p)
+            dheave = bounce * 0.0015 * w * np.cos(w * t + p)
             out[:, 2] -= dsize * heave + size * dheave
             out[:, 5] -= ddsize * heave + 2.0 * dsize * dheave - size * w * w * heave
         shake = np.zeros_like(out)
-        add_sinusoids(shake, t, frequency[:2], phase[:2], angle)
+        add_sinusoids(shake, t, frequency[:2], phase[:2], bounce * angle)
         for axis in (0, 1):
             out[:, 6 + axis] = size * shake[:, 6 + axis]
             out[:, 9 + axis] = dsize * shake[:, 6 + axis] + size * shake[:, 9 + axis]
-        out[:, 6] -= _LEAN * v * rate
-        out[:, 9] -= _LEAN * (dv * rate + v * bend)
+        out[:, 6] -= bounce * _LEAN * v * rate
+        out[:, 9] -= bounce * _LEAN * (dv * rate + v * bend)
         out[:, 7] += hill
         out[:, 10] += dhill
         out[:, 8], out[:, 11] = yaw, rate
+        if car.slides:
+            right, dright = slip(t, v, dv, rate, bend)
+            out[:, 0] -= right * s
+            out[:, 1] += right * c
+            out[:, 3] -= dright * s + right * rate * c
+            out[:, 4] += dright * c - right * rate * s
+        wave = np.zeros(len(t)) if crossing is None else ferry(out, t, crossing)
+        if car.axle_lever:
+            w = 2.0 * np.pi * frequency[1]
+            acceleration = -np.sin(np.outer(t, w) + phase[1]) @ (bounce * angle[1] * w * w)
+            shaken = (shake[:, 7], shake[:, 10], acceleration)
+            _, _, pitched = product((size, dsize, ddsize), shaken)
+            move_by_lever(out, pitched + slope.curvature(t) + wave, bend, car.axle_lever)
         return out
 
     return motion

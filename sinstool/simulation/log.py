@@ -18,6 +18,7 @@ from sinstool.io.readers.batch import RawBatch
 from sinstool.io.readers.frames import enu_to_ned, q_for_log, turn_body
 from sinstool.io.writers.mcap import McapWriter
 from sinstool.io.writers.solution import QOS
+from sinstool.simulation.car import AxleMotion
 from sinstool.simulation.gnss import GnssSamples
 from sinstool.simulation.truth import ImuTruth, Trajectory
 
@@ -246,6 +247,28 @@ def truth_topics(
             )
         )
     return topics
+
+
+def vehicle_topic(axle: AxleMotion, axes: Axes) -> SimulatedTopic:
+    """``/truth/vehicle``: attitude of a car, place and velocity of its rear axle.
+
+    Its place is in the tangent plane of its first one.
+    """
+
+    def columns(rows: slice) -> Columns:
+        position = np.stack([axle.latitude, axle.longitude, axle.height], axis=1)
+        local = earth.local_position_n(position[0], position[rows])
+        return {
+            "pose.pose.position.x": axes.turn_world(local),
+            "pose.pose.orientation.x": axes.xyzw(axle.q_nv[rows]),
+            "twist.twist.linear.x": axes.turn(axle.velocity_v[rows]),
+            "twist.twist.angular.x": axes.turn(axle.rate_v[rows]),
+        }
+
+    child = "base_link" if axes.body_axes == "flu" else "base_link_ned"
+    frames = {"header.frame_id": axes.reference, "child_frame_id": child}
+    kind = "nav_msgs/msg/Odometry"
+    return SimulatedTopic("/truth/vehicle", kind, axle.time_ns, columns, frames)
 
 
 def _positions(trajectory: Trajectory, rows: slice) -> np.ndarray:

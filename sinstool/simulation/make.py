@@ -17,6 +17,7 @@ from sinstool.core.whole_file import check_output, commit_together, write_whole
 from sinstool.methods.height.pressure import geopotential, height_per_pascal, pressure_at
 from sinstool.methods.sensor_errors import SIMULATED_GRADES
 from sinstool.simulation import drive, flight, launch, motions, scenarios
+from sinstool.simulation.car import Car, axle_motion
 from sinstool.simulation.coning import classical_coning
 from sinstool.simulation.coning_paper import coning_paper, paper_response
 from sinstool.simulation.gnss import MODELS, GnssFaults, Jump, Receiver, gnss_samples
@@ -29,16 +30,18 @@ from sinstool.simulation.log import (
     imu_topic,
     resting_fixes,
     truth_topics,
+    vehicle_topic,
     write_simulated,
 )
 from sinstool.simulation.rig_log import lambda2_arcsec, rig_log, rig_table, rig_topics
-from sinstool.simulation.sensors import barometer, launch_grade, saturated, with_errors
+from sinstool.simulation.sensors import barometer, idling, launch_grade, saturated, with_errors
 from sinstool.simulation.truth import ImuTruth, Trajectory, after_rest, sample_times, static
+from sinstool.simulation.wheels import WheelSensor, wheel_readings, wheel_topic
 
 SCHEMA = "sinstool.simulate/1"
 START_NS = 1_700_000_000_000_000_000
-# Seeds of one log's receiver and barometer, apart from that of its Imu
-GNSS_SEED, BARO_SEED = 1000, 2000
+# Seeds of one log's receiver, barometer, wheels and engine, apart from that of its Imu
+GNSS_SEED, BARO_SEED, WHEEL_SEED, IDLE_SEED = 1000, 2000, 4000, 5000
 
 
 @dataclass(frozen=True)
@@ -65,8 +68,10 @@ class Simulated:
 
     def __post_init__(self) -> None:
         settings = {"scenario": name_of(self.scenario)}
+        plain = scenarios.Car()
         for name, value in self.scenario:
-            if value not in (None, ()):
+            # an option of a car that does nothing is left out
+            if value not in (None, ()) and getattr(plain, name, None) != value:
                 text = ",".join(map(str, value)) if isinstance(value, tuple) else str(value)
                 settings[name] = text
         if self.rig is not None:
@@ -228,6 +233,9 @@ def _vehicle(scenario: scenarios.Vehicle) -> Simulated:
         if scenario.launch_grade is not None:
             grade = launch_grade(scenario.launch_grade, scenario.accel_unit_reading)
     sensor = with_errors(trajectory.imu, grade, scenario.seed)
+    if isinstance(scenario, scenarios.Drive) and any(scenario.idle):
+        standing = np.linalg.norm(trajectory.velocity_n, axis=1) == 0.0
+        sensor = idling(sensor, standing, *scenario.idle, scenario.seed + IDLE_SEED)
     if limit is not None:
         sensor = saturated(sensor, limit * DEGREE)
     topics = _imu_topics(scenario, trajectory.imu, sensor, trajectory)
@@ -235,6 +243,8 @@ def _vehicle(scenario: scenarios.Vehicle) -> Simulated:
         topics += _gnss(scenario, trajectory)
     if scenario.baro_rate > 0.0:
         topics.append(_baro(scenario, trajectory))
+    if isinstance(scenario, scenarios.Drive):
+        topics += _car_topics(scenario, trajectory)
     return Simulated(scenario, topics, trajectory.imu, sensor, trajectory)
 
 
@@ -262,9 +272,45 @@ def _trajectory(s: scenarios.Vehicle) -> Trajectory:
             s.duration, s.rate, turbulence=s.turbulence, seed=s.seed, **place
         )
     if isinstance(s, scenarios.Drive):
-        return drive.road_drive(s.duration, s.rate, still_s=s.still, seed=s.seed, **place)
+        return drive.road_drive(
+            s.duration, s.rate, still_s=s.still, seed=s.seed, car=_car(s), **place
+        )
     assert isinstance(s, scenarios.SpiralClimb)
     return flight.spiral_climb(s.duration, s.rate, **place)
+
+
+def _car(s: scenarios.Car) -> Car:
+    roll, pitch, yaw = (angle * DEGREE for angle in s.mount)
+    return Car(
+        mount=(roll, pitch, yaw),
+        axle_lever=s.axle_lever,
+        sideslip=s.sideslip,
+        slip=s.slip,
+        slip_time=s.slip_time,
+        suspension=s.suspension,
+        ferry=s.ferry,
+    )
+
+
+def _car_topics(s: scenarios.Drive, trajectory: Trajectory) -> list[SimulatedTopic]:
+    """The wheels, and the truth of a car that is not that of its Imu."""
+    car = _car(s)
+    topics = []
+    if s.truth and (car != Car() or s.wheels != "none"):
+        axle = axle_motion(trajectory, car, trajectory.time_ns)
+        topics.append(vehicle_topic(axle, Axes(s.body_axes)))
+    if s.wheels != "none":
+        sensor = WheelSensor(
+            rate_hz=s.wheel_rate,
+            scale=0.01 * s.wheel_scale,
+            latency_s=s.wheel_latency,
+            slip=0.01 * s.wheel_slip,
+            slipping=s.wheel_slipping,
+            noise=s.wheel_noise,
+        )
+        readings = wheel_readings(trajectory, car, sensor, s.seed + WHEEL_SEED)
+        topics.append(wheel_topic(readings, s.wheels, s.wheel_radius))
+    return topics
 
 
 def _imu_topics(
@@ -283,8 +329,13 @@ def _spans(texts: tuple[str, ...]) -> tuple[tuple[float, float], ...]:
 
 
 def _gnss(s: scenarios.Vehicle, trajectory: Trajectory) -> list[SimulatedTopic]:
+    regular: list[tuple[float, float]] = []
+    if s.outages is not None:
+        length, every = s.outages
+        starts = np.arange(every, s.duration, every).tolist()
+        regular = [(start, start + length) for start in starts]
     faults = GnssFaults(
-        outages=_spans(s.gnss_outage),
+        outages=(*_spans(s.gnss_outage), *regular),
         jumps=tuple(Jump(a, b, (100.0, 0.0, 0.0)) for a, b in _spans(s.gnss_jump)),
         outlier_fraction=s.gnss_outliers,
         outlier_position=100.0,

@@ -13,6 +13,7 @@ from sinstool.core.options import Group, option, span
 MAX_RATE_HZ = 1e6
 MAX_DURATION_S = 1e6
 LARGEST_LEAN = 0.5
+SHORTEST_FERRY_S = 30.0
 Positive = Annotated[float, Field(gt=0)]
 
 
@@ -149,6 +150,9 @@ class Vehicle(MotionScenario):
     gnss_outage: tuple[str, ...] = option(
         (), "no fixes there, s from the start; repeatable", "START:END"
     )
+    outages: tuple[Positive, Positive] | None = option(
+        None, "no fixes for LENGTH s each EVERY s, the first after EVERY s", "LENGTH,EVERY"
+    )
     gnss_flat: tuple[str, ...] = option((), "fixes without height there; repeatable", "START:END")
     gnss_outliers: float = option(
         0.0, "share of fixes that are 100 m and 20 m/s off", "X", ge=0, le=1
@@ -187,7 +191,67 @@ class ManoeuvringFlight(Vehicle):
     turbulence: float = option(1.0, "factor of its angles", "X", ge=0)
 
 
-class Drive(Vehicle):
+class Car(Group):
+    """How a car slides, where the Imu is in it, and its wheels; plain by default."""
+
+    mount: tuple[float, float, float] = option(
+        (0.0, 0.0, 0.0),
+        "the Imu's attitude in the vehicle, degrees; FRD axes, turned by yaw, pitch, roll",
+        "ROLL,PITCH,YAW",
+    )
+    axle_lever: float = option(
+        0.0, "of the Imu ahead of the rear axle, which is what follows the road, m", "M"
+    )
+    sideslip: float = option(
+        0.0, "angle of slip outward for each m/s^2 of centripetal acceleration", "RAD/(M/S^2)"
+    )
+    slip: float = option(0.0, "slow random slip of the axle, standard deviation, m/s", "M/S", ge=0)
+    slip_time: float = option(3.0, "its correlation time, s", "S", gt=0)
+    suspension: float = option(
+        1.0, "factor of the body's motion on its springs; 0: body and axle are one", "X", ge=0
+    )
+    idle: tuple[float, float] = option(
+        (0.0, 0.0),
+        "vibration of the engine while the car stands, rms of three axes, m/s^2 and rad/s",
+        "ACCEL,GYRO",
+    )
+    ferry: tuple[float, float] | None = option(
+        None,
+        "the car stands on a ferry that goes sideways at 3 m/s in waves, s from the start",
+        "START,DURATION",
+    )
+    wheels: Literal["none", "odometry", "twist", "joint"] = option(
+        "none",
+        "write wheel speeds: Odometry, TwistStamped, or JointState of two rear wheels, rad/s",
+    )
+    wheel_rate: float = option(20.0, "of the wheels, readings/s, Hz", "HZ", gt=0, le=MAX_RATE_HZ)
+    wheel_radius: float = option(0.31, "of the wheels of --wheels joint, m", "M", gt=0)
+    wheel_scale: float = option(0.0, "by which wheels read too high, per cent", "PERCENT", gt=-100)
+    wheel_latency: float = option(
+        0.0, "by which wheels are older than their stamps, s", "S", ge=0, le=10
+    )
+    wheel_slip: float = option(
+        0.0, "of wheels, per cent of speed for each m/s^2 beyond 1.2 m/s^2", "PERCENT", ge=0
+    )
+    wheel_slipping: Literal["both", "left"] = option("both", "which of the wheels slip so")
+    wheel_noise: float = option(0.0, "white, of a wheel that turns, m/s", "M/S", ge=0)
+
+    @field_validator("idle")
+    @classmethod
+    def _sizes(cls, sizes: tuple[float, float]) -> tuple[float, float]:
+        if min(sizes) < 0.0:
+            raise ValueError("no size of a vibration is below 0")
+        return sizes
+
+    @field_validator("ferry")
+    @classmethod
+    def _crossing(cls, ferry: tuple[float, float] | None) -> tuple[float, float] | None:
+        if ferry is not None and not (ferry[0] >= 0.0 and ferry[1] >= SHORTEST_FERRY_S):
+            raise ValueError(f"a ferry leaves at 0 s or later and takes {SHORTEST_FERRY_S:g} s")
+        return ferry
+
+
+class Drive(Car, Vehicle):
     """Stand, then drive through a town on hills, with stops and turns."""
 
     duration: float = _duration(600.0)

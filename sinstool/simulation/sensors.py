@@ -116,6 +116,53 @@ def carry_over(decay: FloatArray, driven: FloatArray) -> None:
             driven[k, i] += decay[k] * driven[k - 1, i]
 
 
+def idling(
+    samples: ImuTruth, standing: np.ndarray, accel: float, gyro: float, seed: int
+) -> ImuTruth:
+    """Samples that an idling engine shakes.
+
+    Parameters
+    ----------
+    standing : ndarray of bool, shape (n,)
+        Where the vehicle stands with its engine on.
+    accel, gyro : float
+        Root mean square of the three axes together, m/s^2 and rad/s.
+    seed : int
+        Of the random numbers.
+
+    Returns
+    -------
+    ImuTruth
+        Nine tenths of the size are the tone of a four-stroke engine's firing, which wanders
+        about 27 Hz, the rest what folds from everywhere: white. The same is added to values at
+        instants and to means.
+    """
+    random = np.random.default_rng(seed)
+    n, step = len(samples.time_ns), float(np.mean(samples.interval))
+    turn = (
+        2.0
+        * np.pi
+        * np.cumsum(samples.interval * (27.0 + 0.5 * markov(n, step, 5.0, random)[:, 0]))
+    )
+    added = []
+    for size in (accel, gyro):
+        direction = random.standard_normal(3)
+        direction *= np.sqrt(2.0) * 0.9 / np.linalg.norm(direction)
+        tone = np.sin(turn[:, None] + random.uniform(0.0, 2.0 * np.pi, 3)) * direction
+        white = np.sqrt((1.0 - 0.9**2) / 3.0) * random.standard_normal((n, 3))
+        added.append(size * standing[:, None] * (tone + white))
+    force, rate = added
+    mean_rate = samples.gyro_mean_rate + rate
+    return replace(
+        samples,
+        gyro_rate=samples.gyro_rate + rate,
+        gyro_mean_rate=mean_rate,
+        gyro_increment=mean_rate * samples.interval[:, None],
+        specific_force=samples.specific_force + force,
+        mean_specific_force=samples.mean_specific_force + force,
+    )
+
+
 def launch_grade(gyro_bias_deg_h: str, accelerometer_unit: Literal["m/s^2", "g"]) -> SensorGrade:
     """One of the three grades of Qu, Li, Zhu and Wang's Monte Carlo runs.
 

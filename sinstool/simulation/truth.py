@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 
 import numpy as np
 
@@ -74,6 +74,35 @@ class Trajectory:
     def time_ns(self) -> IntArray:
         """Instants, shape (n,)."""
         return self.imu.time_ns
+
+
+def turned(trajectory: Trajectory, q_vb: ArrayLike) -> Trajectory:
+    """What an Imu has that is turned against the axes of a trajectory.
+
+    Parameters
+    ----------
+    trajectory : Trajectory
+        Of axes ``v`` at the Imu.
+    q_vb : array_like, shape (4,)
+        From the Imu's axes ``b`` to ``v``.
+
+    Returns
+    -------
+    Trajectory
+        The same place and velocity; samples and attitude are those of ``b``.
+    """
+    imu = trajectory.imu
+    q_bv = rotation.conjugate(q_vb)
+    own = replace(
+        imu,
+        gyro_rate=rotation.rotate(q_bv, imu.gyro_rate),
+        gyro_mean_rate=rotation.rotate(q_bv, imu.gyro_mean_rate),
+        gyro_increment=rotation.rotate(q_bv, imu.gyro_increment),
+        specific_force=rotation.rotate(q_bv, imu.specific_force),
+        mean_specific_force=rotation.rotate(q_bv, imu.mean_specific_force),
+        q_nb=rotation.multiply(imu.q_nb, q_vb),
+    )
+    return replace(trajectory, imu=own)
 
 
 def sample_times(rate_hz: float, duration_s: float, start_ns: int = 0) -> IntArray:

@@ -17,16 +17,19 @@ from sinstool.report.sections import Column, Fact, Page, Prose, Section, Setting
 from sinstool.simulation.log import BARO_TOPIC, FIX_TOPIC
 from sinstool.simulation.make import Simulated
 from sinstool.simulation.rig_log import lambda2_arcsec
+from sinstool.simulation.wheels import WHEEL_TOPIC
 
 ABOUT = {
     "/imu/data_raw": "what the sensors measured",
     "/truth/imu": "exact attitude, rates and specific force",
     "/truth/odometry": "exact attitude, place on a plane and velocity",
     "/truth/fix": "exact place on the Earth",
+    "/truth/vehicle": "exact attitude of the vehicle, place and velocity of its rear axle",
     FIX_TOPIC: "the receiver's positions",
     "/gnss/velocity": "the receiver's velocities",
     BARO_TOPIC: "the barometer's pressures",
     "/joint_states": "the encoder's angles",
+    WHEEL_TOPIC: "speeds of the wheels",
 }
 
 
