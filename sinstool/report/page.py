@@ -4,15 +4,18 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from sinstool.core.errors import ConfigurationError, OutputError
 from sinstool.core.whole_file import check_output, write_whole
 from sinstool.report.extra import borrowed
-from sinstool.report.markup import markup
-from sinstool.report.sections import Page
-from sinstool.report.static import FORMATS, image
 
+if TYPE_CHECKING:
+    from sinstool.report.sections import Page
+
+# Every command asks whether a report could be written; what draws it is imported where it is.
 PAGES = (".html", ".htm")
+FORMATS = (".png", ".pdf", ".svg")
 
 
 def check_report(
@@ -74,9 +77,13 @@ def write_report(
     check_report(path, inputs=inputs, overwrite=overwrite)
     suffix = path.suffix.lower()
     if suffix in PAGES:
+        from sinstool.report.markup import markup
+
         library = borrowed("plotly.offline").get_plotlyjs() if page.figures else ""
         write_whole(path, markup(page, library))
     elif page.figures:
+        from sinstool.report.static import image
+
         write_whole(path, image(page.figures[0], suffix))
     else:
         raise OutputError(f"there is no figure for {path}", "ask for a page (.html)")

@@ -13,8 +13,6 @@ from sinstool.report.extra import borrowed
 from sinstool.report.figure import Figure, Series
 from sinstool.report.palette import LIGHT, LIGHT_CURVES
 
-FORMATS = (".png", ".pdf", ".svg")
-
 SIZE_IN = (7.0, 4.0)  # over both columns of a page
 RESOLUTION_DPI = 300
 POINTS_PER_CURVE = 6000

@@ -9,9 +9,8 @@ import pytest
 
 from sinstool.report.draw import plotly_figure, unit
 from sinstool.report.figure import Figure, Series, heading_curve
-from sinstool.report.page import write_report
+from sinstool.report.page import FORMATS, write_report
 from sinstool.report.sections import Page
-from sinstool.report.static import FORMATS
 from tests.report.pages import figures, page
 
 

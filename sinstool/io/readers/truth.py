@@ -7,7 +7,6 @@ from decimal import Decimal, InvalidOperation
 from pathlib import Path
 
 import numpy as np
-from scipy.spatial.transform import Rotation, Slerp
 
 from sinstool.core.errors import LogError, TopicError
 from sinstool.io.readers.frames import q_nb_from_log
@@ -126,6 +125,9 @@ def at_times(time_ns: np.ndarray, q_nb: np.ndarray, at_ns: np.ndarray) -> np.nda
     """
     if not len(at_ns):
         return np.empty((0, 4))
+    # It takes longer to import than most logs to process, and few runs are held against anything
+    from scipy.spatial.transform import Rotation, Slerp
+
     origin = int(time_ns[0])
     course = Slerp((time_ns - origin) / 1e9, Rotation.from_quat(q_nb, scalar_first=True))
     q = course((at_ns - origin) / 1e9).as_quat(scalar_first=True)
