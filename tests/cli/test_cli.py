@@ -28,6 +28,7 @@ from tests.helpers.imulogs import (
     write_log,
 )
 from tests.helpers.logs import PRESSURE, Row, payload_of, real, write_mcap
+from tests.helpers.paths import ROOT
 
 PROGRAM = [sys.executable, "-c", "from sinstool.cli.main import main; main()"]
 
@@ -557,6 +558,23 @@ def test_printing_a_configuration_compiles_nothing():
     run = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     loaded = re.findall(r"'(\w+)'", run.stdout.split("loaded ")[1])
     assert {"scipy", "rosbags", "mcap", "rich"} & set(loaded) == set()
+
+
+def test_a_run_imports_only_what_it_uses(tmp_path):
+    """The loops are in numba's cache the second time."""
+    out = str(tmp_path / "out.mcap")
+    words = ["process", str(ROOT / "sample_data/static.mcap"), "-o", out, "--overwrite", "-q"]
+    code = (
+        "import sys\nfrom sinstool.cli.main import cli\n"
+        f"cli.main({[*words, '--mode', 'attitude']!r}, standalone_mode=False)\n"
+        "print('loaded', sorted(sys.modules))"
+    )
+    for _ in range(2):
+        run = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True)
+    loaded = re.findall(r"'([\w.]+)'", run.stdout.split("loaded ")[1])
+    others = {"scipy.linalg", "scipy.spatial", "scipy.special", "numba.np.linalg", "numpy.f2py"}
+    assert others & set(loaded) == set()
+    assert "sinstool.report.markup" not in loaded
 
 
 @pytest.mark.parametrize("command", [(), *((name,) for name in COMMANDS), ("simulate", "coning")])
