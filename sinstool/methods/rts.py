@@ -7,6 +7,7 @@ from math import sqrt
 import numba
 
 from sinstool.core.arrays import FloatArray
+from sinstool.methods.products import add_product
 
 # A pivot of the scaled covariance below which a direction counts as known from the others:
 # rounding of n = 26 sums leaves some 1e-14.
@@ -44,14 +45,8 @@ def smoother_gain(
     """
     n = len(scale)
     # Phi P+, which is the transpose of what G multiplies the inverse with
-    for i in range(n):
-        for j in range(n):
-            gain[i, j] = 0.0
-        for m in range(n):
-            f = transition[i, m]
-            if f != 0.0:
-                for j in range(n):
-                    gain[i, j] += f * p_plus[m, j]
+    gain[:n, :n] = 0.0
+    add_product(transition, p_plus, n, n, n, gain)
     # Cholesky of P- scaled to ones on the diagonal
     for i in range(n):
         v = p_minus[i, i]

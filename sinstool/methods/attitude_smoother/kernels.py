@@ -42,6 +42,7 @@ from sinstool.methods.attitude_smoother.state import (
     turn,
     update,
 )
+from sinstool.methods.products import add_product
 from sinstool.methods.rts import smoother_covariance, smoother_gain
 
 # Parameters of a run
@@ -333,22 +334,10 @@ def _spread(a: float, b: float, c: float, variance: float, q: FloatArray, at: in
 @numba.njit(cache=True, nogil=True)
 def _carry(p: FloatArray, n: int, f: FloatArray, q: FloatArray, half: FloatArray) -> None:
     """p <- f p f^T + q, for a sparse f."""
-    for i in range(n):
-        for j in range(n):
-            half[j, i] = 0.0
-        for m in range(n):
-            a = f[i, m]
-            if a != 0.0:
-                for j in range(n):
-                    half[j, i] += a * p[m, j]
-    for i in range(n):
-        for j in range(n):
-            p[i, j] = q[i, j]
-        for m in range(n):
-            a = f[i, m]
-            if a != 0.0:
-                for j in range(n):
-                    p[i, j] += a * half[m, j]
+    half[:, :] = 0.0
+    add_product(f, p, n, n, n, half.T)
+    p[:, :] = q
+    add_product(f, half, n, n, n, p)
 
 
 @numba.njit(cache=True, nogil=True)

@@ -32,6 +32,7 @@ import numba
 from sinstool.core import earth
 from sinstool.core.arrays import FloatArray, IntArray
 from sinstool.methods.ins_gnss import states
+from sinstool.methods.products import add_product
 
 _N, _E, _D = states.POSITION, states.POSITION + 1, states.POSITION + 2
 _VN, _VE, _VD = states.VELOCITY, states.VELOCITY + 1, states.VELOCITY + 2
@@ -278,14 +279,8 @@ def propagate_covariance(
     n = index[states.I_STATES]
     for i in range(n):
         p[i, i] += 0.5 * delta * noise[i]
-    for i in range(m):
-        for j in range(n):
-            half[i, j] = 0.0
-        for k in range(coupled):
-            f = phi[i, k]
-            if f != 0.0:
-                for j in range(n):
-                    half[i, j] += f * p[k, j]
+    half[:m, :n] = 0.0
+    add_product(phi, p, m, coupled, n, half)
     for i in range(m):
         for j in range(i + 1):
             total = 0.0
@@ -330,14 +325,8 @@ def propagate_product(
     """Product of transitions, shape (n, n), times that of a substep."""
     m = index[states.I_MOVING]
     n = index[states.I_STATES]
-    for i in range(m):
-        for j in range(n):
-            half[i, j] = 0.0
-        for k in range(index[states.I_COUPLED]):
-            f = phi[i, k]
-            if f != 0.0:
-                for j in range(n):
-                    half[i, j] += f * product[k, j]
+    half[:m, :n] = 0.0
+    add_product(phi, product, m, index[states.I_COUPLED], n, half)
     for i in range(m):
         for j in range(n):
             product[i, j] = half[i, j]

@@ -12,20 +12,15 @@ import numba
 
 from sinstool.core.arrays import FloatArray
 from sinstool.methods.ins_gnss.layout import Memory
+from sinstool.methods.products import add_product
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy")
 def project(m: Memory, rows: int) -> None:
     """``hp = H P`` and ``s = H P H^T``, without the measurement's own noise."""
     n = m.p.shape[0]
-    for i in range(rows):
-        for j in range(n):
-            m.hp[i, j] = 0.0
-        for k in range(n):
-            f = m.h[i, k]
-            if f != 0.0:
-                for j in range(n):
-                    m.hp[i, j] += f * m.p[k, j]
+    m.hp[:rows, :n] = 0.0
+    add_product(m.h, m.p, rows, n, n, m.hp)
     for i in range(rows):
         for j in range(i + 1):
             total = 0.0

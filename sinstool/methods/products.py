@@ -1,0 +1,30 @@
+"""Products of matrices most of whose elements are zero, for compiled loops."""
+
+from __future__ import annotations
+
+import numba
+
+from sinstool.core.arrays import FloatArray
+
+
+# Inlined, so that the caller's settings of floating point hold.
+@numba.njit(cache=True, nogil=True, inline="always")
+def add_product(
+    a: FloatArray, b: FloatArray, rows: int, inner: int, columns: int, out: FloatArray
+) -> None:
+    """``out += a b``, without what zeros of `a` would add.
+
+    Parameters
+    ----------
+    a, b : ndarray, shape (>= rows, >= inner) and (>= inner, >= columns)
+    rows, inner, columns : int
+        Of the product; what lies beyond is left alone.
+    out : ndarray, shape (>= rows, >= columns)
+        Neither `a` nor `b`.
+    """
+    for i in range(rows):
+        for k in range(inner):
+            f = a[i, k]
+            if f != 0.0:
+                for j in range(columns):
+                    out[i, j] += f * b[k, j]
