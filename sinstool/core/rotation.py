@@ -369,6 +369,30 @@ def to_euler(quaternion: ArrayLike) -> FloatArray:
     return np.stack([_less_a_turn(roll), pitch, _less_a_turn(heading)], axis=-1)
 
 
+def tilt_and_heading(quaternion: ArrayLike) -> tuple[FloatArray, FloatArray]:
+    """Rotations in NED, such as errors of attitude, as a tilt and then a turn about the vertical.
+
+    Parameters
+    ----------
+    quaternion : array_like, shape (..., 4)
+        In navigation axes: ``q_nb`` of one attitude times the conjugate of that of another.
+
+    Returns
+    -------
+    tilt : ndarray, shape (..., 2)
+        North and east of the level rotation vector, rad; its length is the angle between the
+        verticals.
+    heading : ndarray, shape (...)
+        In (-pi, pi], rad; 0 of what turns upside down, which can be put down to the tilt alone.
+    """
+    q = _last_axis(quaternion, 4, "quaternion")
+    size = np.hypot(q[..., :1], q[..., 3:])
+    turn = q * [1.0, 0.0, 0.0, 1.0] / np.where(size > 0.0, size, 1.0)
+    turn = np.where(size > 0.0, turn, [1.0, 0.0, 0.0, 0.0])
+    tilt = log(multiply(conjugate(turn), q))[..., :2]
+    return tilt, wrapped(2.0 * np.arctan2(turn[..., 3], turn[..., 0]))
+
+
 def _less_a_turn(angle: FloatArray) -> FloatArray:
     """Angle in [-2 pi, 2 pi] brought into [-pi, pi]; one inside keeps its last bit."""
     angle = np.where(angle > np.pi, angle - 2.0 * np.pi, angle)

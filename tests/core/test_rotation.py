@@ -143,6 +143,19 @@ def test_euler_keeps_the_attitude_near_straight_up_and_down(roll, sign, off, hea
     assert np.all(np.abs(angles) <= [np.pi, np.pi / 2, np.pi])
 
 
+@given(quaternions())
+@example(np.array([0.0, 0.6, -0.8, 0.0]))  # upside down
+@example(np.array([0.0, 0.0, 0.0, 1.0]))
+def test_tilt_and_heading_are_all_of_a_rotation(q):
+    tilt, heading = rotation.tilt_and_heading(q)
+    turned = rotation.exp([0.0, 0.0, heading])
+    assert same_rotation(rotation.multiply(turned, rotation.exp([*tilt, 0.0])), q) < 1e-12
+    down = np.array([0.0, 0.0, 1.0])
+    between = np.linalg.norm(np.cross(rotation.rotate(q, down), down))
+    assert abs(np.sin(np.linalg.norm(tilt)) - between) < 1e-12
+    assert -np.pi < heading <= np.pi
+
+
 def test_straight_up_has_heading_alone():
     q = rotation.from_euler([0.3, np.pi / 2, 1.0])
     np.testing.assert_allclose(rotation.to_euler(q), [0.0, np.pi / 2, 0.7], atol=1e-15)
@@ -194,6 +207,7 @@ def test_everything_broadcasts():
         (rotation.from_dcm, (3, 4)),
         (rotation.from_dcm, (3,)),
         (rotation.to_euler, ()),
+        (rotation.tilt_and_heading, (3,)),
         (rotation.from_euler, (4,)),
         (lambda v: rotation.rotate([1, 0, 0, 0], v), (4,)),
         (lambda q: rotation.multiply(q, [1, 0, 0, 0]), (3,)),

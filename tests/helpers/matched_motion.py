@@ -5,7 +5,7 @@ from itertools import pairwise
 
 import numpy as np
 
-from sinstool.core.rotation import conjugate, exp, log, multiply, normalise, rotate
+from sinstool.core.rotation import conjugate, exp, multiply, rotate, tilt_and_heading
 from sinstool.core.streams import Solution
 from sinstool.core.timeline import SECOND
 from sinstool.methods.attitude_smoother.epochs import EpochStage
@@ -66,7 +66,7 @@ def drawn(motion, sensors, seconds, seed, *, turning=0.3, rate_hz=50, rests=()):
     rate[still] = 0.0
     tilt = random.normal(0.0, 0.15, 3) * [1.0, 1.0, 0.0]
     q_first = exp(tilt)
-    q = np.concatenate([q_first[None], AttitudePropagator(q_first).push(rate * dt, np.full(n, dt))])
+    q = turned(q_first, rate, dt)
     # the motion, epoch by epoch, with the acceleration of each held through it
     v = np.sqrt(motion.velocity_variance) * random.standard_normal(3)
     p = np.sqrt(motion.position_variance) * random.standard_normal(3)
@@ -97,18 +97,25 @@ def drawn(motion, sensors, seconds, seed, *, turning=0.3, rate_hz=50, rests=()):
         rate**2, axis=1, keepdims=True
     )
     gyro = rate + bias + np.sqrt(spread / dt) * random.standard_normal((n, 3))
-    integrated = AttitudePropagator(q_first).push(gyro * dt, np.full(n, dt))
-    time_ns = np.arange(n + 1) * round(dt * SECOND)
-    first = np.zeros((1, 3))
-    solution = Solution(
-        time_ns,
-        time_ns,
-        np.concatenate([q_first[None], integrated]),
-        np.concatenate([first, gyro]),
-        np.concatenate([first, force]),
-    )
+    integrated = turned(q_first, gyro, dt)
+    solution = solution_of(dt, integrated, gyro, force)
     at = np.arange(n + 1) // per
     return Drawn(solution, q, np.concatenate([bias[:1], bias]), velocity[at], position[at])
+
+
+def turned(q_first, rate, dt):
+    """Attitudes from a first one on, shape (n + 1, 4), by rates of n samples every `dt` s."""
+    after = AttitudePropagator(q_first).push(rate * dt, np.full(len(rate), dt))
+    return np.concatenate([q_first[None], after])
+
+
+def solution_of(dt, q_nb, gyro, force):
+    """A solution of samples every `dt` s; its attitude has one instant more, the first."""
+    time_ns = np.arange(len(q_nb)) * round(dt * SECOND)
+    first = np.zeros((1, 3))
+    return Solution(
+        time_ns, time_ns, q_nb, np.concatenate([first, gyro]), np.concatenate([first, force])
+    )
 
 
 def epochs_of(solution, blocks=()):
@@ -122,10 +129,5 @@ def epochs_of(solution, blocks=()):
 
 
 def tilt_error(q_true, q):
-    """Error of tilt, rad: the rotation in navigation axes that is left without its turn about
-    the vertical; and the heading's, rad."""
-    error = multiply(q_true, conjugate(q))
-    zero = np.zeros(len(error))
-    turn = normalise(np.stack([error[:, 0], zero, zero, error[:, 3]], axis=1))
-    tilt = log(multiply(conjugate(turn), error))[:, :2]
-    return tilt, 2.0 * np.arctan2(turn[:, 3], turn[:, 0])
+    """Errors of tilt, shape (n, 2), and of heading, rad."""
+    return tilt_and_heading(multiply(q_true, conjugate(q)))

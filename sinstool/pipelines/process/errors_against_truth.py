@@ -9,7 +9,7 @@ import numpy as np
 
 from sinstool.core.earth import horizontal_metres
 from sinstool.core.errors import TopicError
-from sinstool.core.rotation import conjugate, log, multiply, wrapped
+from sinstool.core.rotation import conjugate, exp, log, multiply, tilt_and_heading, wrapped
 from sinstool.core.streams import Solution
 from sinstool.core.timeline import SECOND, sorted_stream
 from sinstool.core.units import DEGREE
@@ -234,15 +234,12 @@ class _Apart:
         ndarray, shape (n, 4)
             The same, without the first error of heading if that is free.
         """
-        heading = 2.0 * np.arctan2(turn[:, 3], turn[:, 0])
         if self._first is None:
-            self._first = float(wrapped(heading[0]))
+            self._first = float(tilt_and_heading(turn[0])[1])
         if free_heading:
-            half = 0.5 * self._first
-            turn = multiply(np.array([np.cos(half), 0.0, 0.0, -np.sin(half)]), turn)
-            heading = heading - self._first
-        heading = wrapped(heading)
-        tilt = 2.0 * np.arcsin(np.minimum(np.hypot(turn[:, 1], turn[:, 2]), 1.0))
+            turn = multiply(exp([0.0, 0.0, -self._first]), turn)
+        level, heading = tilt_and_heading(turn)
+        tilt = np.linalg.norm(level, axis=1)
         self._count += len(turn)
         self._squares += np.sum(tilt**2), np.sum(heading**2)
         self._largest = max(self._largest, float(tilt.max()))

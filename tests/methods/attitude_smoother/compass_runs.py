@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from sinstool.core.rotation import conjugate as back
-from sinstool.core.rotation import from_euler, multiply, rotate, to_euler, wrapped
+from sinstool.core.rotation import from_euler, log, multiply, rotate, tilt_and_heading, to_euler
 from sinstool.core.streams import Imu, Magnetometer, Solution
 from sinstool.core.timeline import SECOND
 from sinstool.core.units import DEGREE
@@ -66,9 +66,8 @@ class Made:
         """At the begin of the epochs, rad, and what is said of them."""
         at = np.searchsorted(self.time_ns, correction.time_ns[:-1])
         given = multiply(correction.q[:-1], self.integrated[at])
-        off = multiply(self.true[at], back(given))
-        error = wrapped(2.0 * np.arctan2(off[:, 3], off[:, 0]))
-        return np.asarray(error), np.sqrt(correction.covariance_n[:-1, 2, 2])
+        _, error = tilt_and_heading(multiply(self.true[at], back(given)))
+        return error, np.sqrt(correction.covariance_n[:-1, 2, 2])
 
 
 def run(
@@ -110,10 +109,7 @@ def run(
     times, q = turning(seconds, rng, **motion) if turn is None else turn
     time_ns = np.rint(times * SECOND).astype(np.int64)
     field = earth(60.0) if field is None else field
-    step = multiply(back(q[:-1]), q[1:])
-    angle = 2.0 * np.arctan2(np.linalg.norm(step[:, 1:], axis=1), step[:, 0])
-    length = np.maximum(np.linalg.norm(step[:, 1:], axis=1), 1e-12)
-    vectors = step[:, 1:] * (np.asarray(wrapped(angle)) / length)[:, None]
+    vectors = log(multiply(back(q[:-1]), q[1:]))
     walk = SENSORS.angle_random_walk / np.sqrt(RATE)
     vectors = vectors + walk * rng.standard_normal(vectors.shape) + bias / RATE
     # the integration knows the tilt at the start, and no heading

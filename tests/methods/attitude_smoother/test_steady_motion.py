@@ -5,16 +5,23 @@ import pytest
 
 from sinstool.core.earth import earth_rate_n
 from sinstool.core.rotation import conjugate, exp, from_euler, log, multiply, rotate
-from sinstool.core.streams import Imu, Solution, concatenate
+from sinstool.core.streams import Imu, concatenate
 from sinstool.core.timeline import SECOND
 from sinstool.methods.attitude_smoother.epochs import EpochStage
 from sinstool.methods.attitude_smoother.model import GRAVITY, HAND, VEHICLE, sensor_model
 from sinstool.methods.attitude_smoother.rest import with_rest
 from sinstool.methods.attitude_smoother.smoother import smooth
 from sinstool.methods.coning.registry import algorithm
-from sinstool.methods.strapdown.attitude import AttitudePropagator, AttitudeRun, AttitudeSettings
+from sinstool.methods.strapdown.attitude import AttitudeRun, AttitudeSettings
 from sinstool.simulation.truth import sample_times, static
-from tests.helpers.matched_motion import MAX_GAP_NS, NO_STOPS, epochs_of, tilt_error
+from tests.helpers.matched_motion import (
+    MAX_GAP_NS,
+    NO_STOPS,
+    epochs_of,
+    solution_of,
+    tilt_error,
+    turned,
+)
 
 DT = 0.02
 LATITUDE = np.deg2rad(48.0)
@@ -33,23 +40,13 @@ def ride(parts, sensors, seed):
     zero = np.zeros(n)
     rate = np.stack([zero, zero, turn], axis=1)
     q0 = np.array([1.0, 0.0, 0.0, 0.0])
-    q = np.concatenate([q0[None], AttitudePropagator(q0).push(rate * DT, np.full(n, DT))])
+    q = turned(q0, rate, DT)
     force = np.stack([pull, speed * turn, np.full(n, -GRAVITY)], axis=1)
     random = np.random.default_rng(seed)
     noise = sensors.angle_random_walk / 3.0 / np.sqrt(DT)
     gyro = rate + noise * random.standard_normal((n, 3))
     felt = force + 0.02 * random.standard_normal((n, 3))
-    found = AttitudePropagator(q0).push(gyro * DT, np.full(n, DT))
-    times = np.arange(n + 1) * round(DT * SECOND)
-    first = np.zeros((1, 3))
-    solution = Solution(
-        times,
-        times,
-        np.concatenate([q0[None], found]),
-        np.concatenate([first, gyro]),
-        np.concatenate([first, felt]),
-    )
-    return solution, q
+    return solution_of(DT, turned(q0, gyro, DT), gyro, felt), q
 
 
 TRAPS = {
