@@ -19,6 +19,7 @@ TOPIC_TYPES = {
     "imu_topic": (message_types.IMU_TYPE,),
     "gnss_topic": (message_types.FIX_TYPE,),
     "velocity_topic": message_types.VELOCITY_TYPES,
+    "wheels": (message_types.JOINT_TYPE, *message_types.VELOCITY_TYPES),
     "baro_topic": (message_types.PRESSURE_TYPE, *message_types.HEIGHT_TYPES),
     "encoder_topic": (message_types.JOINT_TYPE,),
 }

@@ -92,6 +92,9 @@ def _print(inspection: Inspection, verbose: bool) -> None:
         _print_imu(imu, verbose)
     _print_lost(inspection.lost)
     click.echo(f"\n{inspection.process}")
+    plan = inspection.process.plan
+    if plan is not None and plan.wheels.value != "none":
+        click.echo(f"wheels {plan.wheels}")
     _print_findings(inspection.process.findings)
 
 

@@ -79,6 +79,13 @@ class InputOptions(Group):
         " fixes do not contradict)",
         "TOPIC",
     )
+    wheels: str | None = option(
+        None,
+        "topic with the speed of wheels (JointState with velocities, Odometry, TwistStamped or"
+        " TwistWithCovarianceStamped), or none (default: one that holds forward speed alone and"
+        " follows the speed of the fixes)",
+        "TOPIC",
+    )
     baro_topic: str | None = option(None, "topic with FluidPressure messages, or none", "TOPIC")
     baro_kind: Literal["pressure", "height"] = option(
         "pressure", "what the barometer's topic holds; height: PointStamped or Float64"

@@ -129,6 +129,18 @@ class Velocity(Stream):
 
 
 @dataclass(frozen=True)
+class Readings(Stream):
+    """Numbers that are to be judged before anybody knows what they are.
+
+    Attributes
+    ----------
+    values : ndarray, shape (n, k)
+    """
+
+    values: np.ndarray
+
+
+@dataclass(frozen=True)
 class Baro(Stream):
     """Static pressure.
 

@@ -77,6 +77,8 @@ class Plan:
     coning : Choice
     height_reference : Choice
         ``none``, ``baro`` or ``gnss``.
+    wheels : Choice
+        The topic with their speeds, or ``none``.
     findings : tuple of Finding
         What had to be given up.
     """
@@ -90,6 +92,7 @@ class Plan:
     imu_grade: Choice
     coning: Choice
     height_reference: Choice
+    wheels: Choice
     _algorithm: ConingAlgorithm | None = None
     _findings: tuple[Finding, ...] = ()
     _alignment: Alignment | None = None
@@ -165,6 +168,7 @@ def make_plan(source: Source, config: ProcessConfig) -> Plan:
         imu_grade=Choice(grade.grade, grade.why, "--imu-grade"),
         coning=Choice(config.coning.coning, coning_reason(algorithm, config), "--coning"),
         height_reference=_height_reference(config, filter_start),
+        wheels=_wheels(source, mode.value),
         _algorithm=algorithm,
         _findings=(*findings, *doubts),
         _alignment=alignment,
@@ -190,6 +194,7 @@ def fixed_plan(source: Source, config: ProcessConfig) -> Plan:
         imu_grade=Choice(grade.grade, grade.why, "--imu-grade"),
         coning=Choice("not chosen", untried, "--coning"),
         height_reference=Choice("none", "as no height is damped", "--height-damping"),
+        wheels=Choice("not chosen", untried, "--wheels"),
     )
 
 
@@ -206,6 +211,7 @@ def turntable_plan(topic: str, config: ProcessConfig) -> Plan:
         imu_grade=Choice("navigation", "as the rig was calibrated", "--imu-grade"),
         coning=Choice("none", "as the table's encoder gives the motion", "--hse"),
         height_reference=Choice("none", "as attitude alone is computed", "--hse"),
+        wheels=Choice("none", "as attitude alone is computed", "--hse"),
     )
 
 
@@ -344,3 +350,10 @@ def _height_reference(config: ProcessConfig, filter_start: FilterStart | None) -
     if damping == "off":
         return Choice("none", "as no height is damped", option)
     return Choice(damping, "as configured", option)
+
+
+def _wheels(source: Source, mode: str) -> Choice:
+    if mode != "ins-gnss":
+        return Choice("none", f"as the mode is {mode}", "--wheels")
+    wheels = source.aiding.wheels
+    return Choice(wheels.topic or "none", wheels.reason, "--wheels")

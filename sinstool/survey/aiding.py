@@ -18,10 +18,17 @@ from sinstool.core.finding import Finding, Severity
 from sinstool.core.streams import Baro, BaroHeight, GnssEpochs, Stream
 from sinstool.core.timeline import sorted_stream
 from sinstool.io.readers.log import Channel, Log
-from sinstool.io.readers.message_types import FIX_TYPE, HEIGHT_TYPES, PRESSURE_TYPE, VELOCITY_TYPES
+from sinstool.io.readers.message_types import (
+    FIX_TYPE,
+    HEIGHT_TYPES,
+    JOINT_TYPE,
+    PRESSURE_TYPE,
+    VELOCITY_TYPES,
+)
 from sinstool.io.readers.streams import Losses, read_height, read_pressure
 from sinstool.io.readers.topics import OWN_PREFIXES, choose_optional
 from sinstool.methods.height.pressure import suspected_unit
+from sinstool.survey.wheels import WheelSpeeds
 
 S = TypeVar("S", bound=Stream)
 WARNING = Severity.WARNING
@@ -51,7 +58,7 @@ class Barometer:
 
 @dataclass(frozen=True)
 class AidingData:
-    """GNSS and barometer of a run.
+    """GNSS, barometer and wheels of a run.
 
     Attributes
     ----------
@@ -62,6 +69,7 @@ class AidingData:
     findings : tuple of Finding
         What was odd about them, or left out.
     barometer : Barometer
+    wheels : WheelSpeeds
     """
 
     gnss: GnssEpochs | None = None
@@ -69,11 +77,12 @@ class AidingData:
     velocity_topic: str = ""
     findings: tuple[Finding, ...] = ()
     barometer: Barometer = field(default_factory=Barometer)
+    wheels: WheelSpeeds = field(default_factory=WheelSpeeds)
 
 
 def aiding_channels(log: Log) -> list[int]:
-    """Channels that GNSS and a barometer may be read from, but for outputs of ours."""
-    types = {FIX_TYPE, PRESSURE_TYPE, *VELOCITY_TYPES, *HEIGHT_TYPES}
+    """Channels that GNSS, a barometer and wheels may be read from, but for outputs of ours."""
+    types = {FIX_TYPE, PRESSURE_TYPE, JOINT_TYPE, *VELOCITY_TYPES, *HEIGHT_TYPES}
     return [
         number
         for number, channel in log.channels.items()

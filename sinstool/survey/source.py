@@ -27,6 +27,7 @@ from sinstool.survey.imu import BLOCK_ROWS, SampleCache, Survey, Watcher, survey
 from sinstool.survey.magnetometer import magnetic_channels
 from sinstool.survey.oddities import oddities
 from sinstool.survey.rest import moving_at, rest_end, settled
+from sinstool.survey.wheels import read_wheels
 
 
 @dataclass(frozen=True)
@@ -120,6 +121,8 @@ def prepare(
     if not gyro_only and _may_need_barometer(log, config):
         barometer = read_barometer(log, config.input, survey_.time_source == "log")
         aiding = replace(aiding, barometer=barometer)
+    if all_gnss and config.navigation.mode in ("auto", "ins-gnss"):
+        aiding = _with_wheels(log, config, aiding, survey_.time_source == "log")
     findings += aiding.findings
     survey_, aiding, steady = _truly_at_rest(survey_, aiding)
     findings += steady
@@ -326,6 +329,17 @@ def _gnss(log: Log, config: ProcessConfig, survey_: Survey, until_ns: int | None
             raise
         text = f"{exc}; no latitude is taken from them"
         return AidingData(findings=(Finding("gnss-topics", text),))
+
+
+def _with_wheels(log: Log, config: ProcessConfig, aiding: AidingData, log_time: bool) -> AidingData:
+    """The wheels too; what is said of them as a velocity over ground is then left out."""
+    wheels = read_wheels(log, config.input, aiding.gnss, aiding.velocity_topic, log_time)
+    findings = tuple(
+        f
+        for f in aiding.findings
+        if f.kind != "velocity-left-out" or not wheels.topic or f.topic != wheels.topic
+    )
+    return replace(aiding, wheels=wheels, findings=findings)
 
 
 def _position(

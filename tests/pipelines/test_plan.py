@@ -90,7 +90,9 @@ def test_one_plan_for_fixes_beside_wheel_odometry(tmp_path):
     config = build(ProcessConfig, {"input": {"gyro_kind": "mean-rate"}})
     # and `align` finds the heading that the plan promises
     assert align_log(log, config).result.status in ("ok", "degraded")
-    assert "velocity-left-out" in {f.kind for f in inspect(log, config).findings}
+    # nor is it called a velocity left out, as it is wheels
+    assert plan.wheels.value == "/wheels/odometry"
+    assert "velocity-left-out" not in {f.kind for f in inspect(log, config).findings}
     without = build(ProcessConfig, {"input": {"gyro_kind": "mean-rate", "gnss_topic": "none"}})
     mode = plan_of(log, without).mode
     assert (mode.value, mode.reason) == ("attitude", "as --gnss-topic is none")

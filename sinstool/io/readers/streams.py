@@ -13,7 +13,16 @@ from typing import TypeVar
 import numpy as np
 
 from sinstool.core.errors import UnsupportedLogError
-from sinstool.core.streams import Baro, BaroHeight, Encoder, Gnss, Imu, Magnetometer, Velocity
+from sinstool.core.streams import (
+    Baro,
+    BaroHeight,
+    Encoder,
+    Gnss,
+    Imu,
+    Magnetometer,
+    Readings,
+    Velocity,
+)
 from sinstool.io.messages.decode import Decoder
 from sinstool.io.messages.layout import Layout, LayoutError, walk
 from sinstool.io.readers.frames import SWAP_ENU_NED, enu_to_ned, q_nb_from_log, turn_body
@@ -252,8 +261,7 @@ def read_fixes(log: Log, channels: Sequence[Channel], losses: Losses) -> Iterato
 def read_velocity(log: Log, channels: Sequence[Channel], losses: Losses) -> Iterator[Velocity]:
     """Velocity over ground (TwistStamped, TwistWithCovarianceStamped, Odometry: world ENU)."""
     plain = channels[0].type == VELOCITY_TYPES[0]
-    path = "twist.linear" if plain else "twist.twist.linear"
-    columns = {**header(), "linear": _vector(path)}
+    columns = {**header(), "linear": _linear(channels)}
     if not plain:
         columns["covariance"] = ["twist.covariance"]
     widths = {"covariance": 36}
@@ -263,6 +271,19 @@ def read_velocity(log: Log, channels: Sequence[Channel], losses: Losses) -> Iter
             enu = v["covariance"].reshape(-1, 6, 6)[:, :3, :3]
         ned = SWAP_ENU_NED @ enu @ SWAP_ENU_NED
         yield Velocity(stamp(v), log_time_ns, enu_to_ned(v["linear"]), ned)
+
+
+def _linear(channels: Sequence[Channel]) -> list[str]:
+    """Where the types that hold a velocity have it."""
+    return _vector(
+        "twist.linear" if channels[0].type == VELOCITY_TYPES[0] else "twist.twist.linear"
+    )
+
+
+def read_twist(log: Log, channels: Sequence[Channel], losses: Losses) -> Iterator[Readings]:
+    """Linear velocity of the types of :func:`read_velocity`, in whatever axes it is."""
+    for log_time_ns, v in read_columns(log, channels, {**header(), "v": _linear(channels)}, losses):
+        yield Readings(stamp(v), log_time_ns, v["v"])
 
 
 def read_pressure(log: Log, channels: Sequence[Channel], losses: Losses) -> Iterator[Baro]:
@@ -303,12 +324,22 @@ def read_joint(
         yield Encoder(stamp(v), log_time_ns, v["position"])
 
 
-def joint_names(log: Log, channels: Sequence[Channel]) -> list[str]:
-    """Names of the joints in a topic's first message."""
-    for layout, payload in layouts(log, channels):
-        paths = (f"name[{k}]" for k in count())
-        return [layout.text(path, payload) for path in takewhile(layout.leaves.__contains__, paths)]
-    return []
+def read_joint_rates(
+    log: Log, channels: Sequence[Channel], joints: Sequence[str], losses: Losses
+) -> Iterator[Readings]:
+    """Velocities of some joints of JointState messages; those that lack one are left out."""
+    columns = {**header(), "rates": [f"velocity[name={joint}]" for joint in joints]}
+    for log_time_ns, v in read_columns(log, channels, columns, losses):
+        yield Readings(stamp(v), log_time_ns, v["rates"].reshape(-1, len(joints)))
+
+
+def joint_names(log: Log, channels: Sequence[Channel], messages: int = 1) -> list[str]:
+    """Names of the joints in a topic's first messages."""
+    names: dict[str, None] = {}
+    for layout, payload in islice(layouts(log, channels), messages):
+        paths = takewhile(layout.leaves.__contains__, (f"name[{k}]" for k in count()))
+        names |= dict.fromkeys(layout.text(path, payload) for path in paths)
+    return list(names)
 
 
 def first_fix(log: Log, channels: Sequence[Channel]) -> Gnss | None:

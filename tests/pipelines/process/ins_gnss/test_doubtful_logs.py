@@ -73,7 +73,8 @@ def test_fixes_are_navigated_whatever_velocity_is_beside_them(tmp_path, town, sp
     log = write(tmp_path / "log.mcap", data, more)
     result, _, off, heading = navigated(log, town, tmp_path / "out.mcap")
     assert result.plan.mode.value == "ins-gnss" and exit_status(result.findings) == 0
-    assert ("velocity-left-out" in kinds(result)) == (spoil is not by_fixes_alone)
+    assert ("velocity-left-out" in kinds(result)) == (spoil is by_course)
+    assert (result.plan.wheels.value != "none") == (spoil is by_odometry)
     assert np.sqrt(np.mean(off**2)) < 1.0 and off.max() < 5.0
     assert np.sqrt(np.mean(heading**2)) < 3.0
 

@@ -1,0 +1,113 @@
+"""Wheels against a reference: scale, latency, their sigmas, and a wheel that slips."""
+
+import numpy as np
+import pytest
+
+from sinstool.methods.wheel_fit import fit_wheels, slipping_wheels
+
+NS = 1_000_000_000
+START = 1_700_000_000 * NS
+
+
+def speed_at(t, seed=0):
+    """Stop and go, in reverse now and then, m/s."""
+    random = np.random.default_rng(seed)
+    knots = np.arange(-20.0, 1220.0, 12.0)
+    levels = np.maximum(random.uniform(-6.0, 16.0, len(knots)), -2.0)
+    levels[random.random(len(knots)) < 0.3] = 0.0
+    return np.convolve(np.interp(t, knots, levels), np.ones(21) / 21, "same")
+
+
+def made(scale=1.0, latency=0.0, noise=0.05, slow=0.0, seconds=600.0, seed=0):
+    """Readings at 20 Hz and a reference at 5 Hz, whose noise is white or alike over 3 s."""
+    random = np.random.default_rng(seed)
+    fine = np.arange(-10.0, seconds + 10.0, 0.01)
+    truth = speed_at(fine, seed)
+    at = np.arange(0.0, seconds, 0.05) + random.uniform(-0.002, 0.002, round(seconds * 20))
+    t = np.arange(0.03, seconds, 0.2)
+    reading = np.interp(at - latency, fine, truth) / scale
+    error = noise * random.standard_normal(len(t))
+    if slow:
+        drift = random.standard_normal(len(t))
+        for k in range(1, len(t)):
+            drift[k] = np.exp(-0.2 / 3.0) * drift[k - 1] + 0.353 * drift[k]
+        error = slow * drift
+    reference = np.interp(t, fine, truth) + error
+    stamp = START + np.round(at * NS).astype(np.int64)
+    return stamp, reading, START + np.round(t * NS).astype(np.int64), reference
+
+
+@pytest.mark.parametrize("scale", [1.0, 0.97, 0.31])
+@pytest.mark.parametrize("latency", [-0.12, 0.0, 0.234, 0.8])
+def test_scale_and_latency(scale, latency):
+    fit = fit_wheels(*made(scale, latency))
+    assert fit.scale == pytest.approx(scale, rel=2e-3)
+    assert fit.latency_s == pytest.approx(latency, abs=0.02)
+    assert fit.residual_sigma == pytest.approx(0.05, rel=0.2)
+    assert 0.0 < fit.scale_sigma < 1e-3 * scale
+    assert 0.0 < fit.latency_sigma < 0.02
+
+
+@pytest.mark.parametrize("slow", [0.0, 0.1])
+def test_sigmas_are_those_of_the_errors(slow):
+    pulls = []
+    for seed in range(40):
+        fit = fit_wheels(*made(0.98, 0.1, slow=slow, seconds=300.0, seed=seed))
+        pulls.append(
+            [(fit.scale - 0.98) / fit.scale_sigma, (fit.latency_s - 0.1) / fit.latency_sigma]
+        )
+    rms = np.sqrt(np.mean(np.square(pulls), axis=0))
+    assert np.all(rms > 0.5) and np.all(rms < 1.6)
+
+
+def test_slips_and_holes_do_not_count():
+    stamp, reading, t, reference = made(0.98, 0.1)
+    clean = fit_wheels(stamp, reading, t, reference)
+    spoilt = reading.copy()
+    for begin in range(1000, 11000, 1000):
+        spoilt[begin : begin + 60] *= 1.3
+    there = np.ones(len(stamp), bool)
+    there[4000:4600] = False
+    fit = fit_wheels(stamp[there], spoilt[there], t, reference)
+    assert fit.scale == pytest.approx(0.98, rel=2e-3)
+    assert fit.latency_s == pytest.approx(0.1, abs=0.02)
+    assert fit.samples < clean.samples - 60
+
+
+def test_too_little_motion_says_nothing():
+    stamp, reading, t, reference = made()
+    assert fit_wheels(stamp, 0.0 * reading, t, reference) is None
+    assert fit_wheels(stamp[:1], reading[:1], t, reference) is None
+    assert fit_wheels(stamp, reading, t[:0], reference[:0]) is None
+    assert fit_wheels(stamp[:100], reading[:100], t, reference) is None
+
+
+def test_constant_speed_shows_scale_and_no_latency():
+    stamp, _, t, _ = made()
+    random = np.random.default_rng(1)
+    reference = 10.0 + 0.05 * random.standard_normal(len(t))
+    fit = fit_wheels(stamp, np.full(len(stamp), 9.8), t, reference)
+    assert fit.scale == pytest.approx(10.0 / 9.8, rel=1e-3)
+    assert fit.latency_sigma > 10.0
+
+
+@pytest.mark.parametrize("radius", [1.0, -0.31])
+def test_a_wheel_that_slips_is_told_from_a_turn(radius):
+    random = np.random.default_rng(2)
+    n = 12000
+    stamp = START + np.arange(n) * 50_000_000
+    turn = np.repeat(random.choice([-0.3, 0.0, 0.0, 0.25], n // 200), 200)
+    turn = np.convolve(turn, np.ones(41) / 41, "same")
+    speed = np.convolve(
+        np.repeat(random.uniform(4.0, 15.0, n // 400), 400), np.ones(81) / 81, "same"
+    )
+    apart = (1.52 * turn + 0.02 * random.standard_normal(n)) / radius
+    slips = np.zeros(n, bool)
+    for begin in range(700, n, 900):
+        slips[begin : begin + 40] = True
+    apart[slips] += 0.08 * speed[slips] / radius
+    found = slipping_wheels(stamp, speed / abs(radius), apart, stamp[::10], turn[::10])
+    assert found[slips].mean() > 0.95
+    assert found[~slips].mean() < 0.002
+    quiet = slipping_wheels(stamp, speed, apart, stamp[::10], 0.0 * turn[::10])
+    assert not quiet.any()
