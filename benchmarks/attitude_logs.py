@@ -1,11 +1,14 @@
 """Attitude without GNSS on recorded logs, beside the public best, held against their references.
 
 `process --mode attitude` from log to log, smoothed and inertial, and on the same samples VQF, its
-offline variant (package vqf) and imufusion, all without a magnetometer; then with one, and with
-iron added to it (`broad_magnetometer.py`). Inclination is the angle
+offline variant (package vqf) and imufusion, all without a magnetometer. Inclination is the angle
 between the verticals of estimate and reference, as a root mean square over the rows that a
 reference marks as movement, or all that it can answer for; heading is what is left of its error
 when its median is removed. Errors over sigma are those of tilt, over what the output says.
+
+Then with the magnetometers of the trials with an optical reference, as they are and with a constant
+field in body axes added, as iron beside the sensor adds it: root mean square of the whole angle,
+the reference's north as it is.
 
 The logs are not part of the project; see `--data`. References of vehicles are their receivers' or
 autopilots' own, and not the truth: what is constant between the two sensors' axes is fitted.
@@ -16,31 +19,45 @@ python benchmarks/attitude_logs.py --data ../shared/data --only broad --lag 0.00
 
 from __future__ import annotations
 
-import csv
 import tempfile
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass
-from decimal import Decimal
+from contextlib import AbstractContextManager
+from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Any
+from unittest.mock import patch
 
 import numpy as np
 
-from benchmarks.broad_magnetometer import print_tables
+from benchmarks.attitudes import (
+    Attitudes,
+    Errors,
+    errors,
+    imufusion,
+    read_reference,
+    rms_deg,
+    shares,
+    vqf,
+)
 from benchmarks.common import FloatArray, numbers, parser, print_table
 from sinstool.config import ProcessConfig
 from sinstool.config.load import build
-from sinstool.core.rotation import conjugate, from_dcm, log, multiply, rotate
+from sinstool.core.rotation import conjugate, from_dcm, multiply, rotate
 from sinstool.core.streams import Imu, concatenate
 from sinstool.core.timeline import SECOND
 from sinstool.core.units import DEGREE
-from sinstool.io.readers.frames import SWAP_ENU_NED, q_nb_from_log, turn_body
+from sinstool.io.readers.frames import SWAP_ENU_NED, q_nb_from_log
 from sinstool.io.readers.open import open_log
-from sinstool.io.readers.streams import Losses, read_columns
-from sinstool.io.readers.truth import at_times
+from sinstool.io.readers.streams import Losses, read_columns, read_field
+from sinstool.pipelines.process import compass
+from sinstool.pipelines.process.result import ProcessResult
 from sinstool.pipelines.process.run import process
+from sinstool.pipelines.process.summary import MagnetometerUsed
+from sinstool.survey.magnetometer import choose_magnetometer, read_magnetometer
 from sinstool.survey.source import imu_blocks, prepare
 
 DOWN = np.array([0.0, 0.0, 1.0])
+IRON = (15.0, 10.0, -8.0)  # uT, FRD
 
 
 @dataclass(frozen=True)
@@ -105,48 +122,14 @@ VEHICLES = (
 )
 
 
-@dataclass(frozen=True)
-class Attitudes:
-    """Attitude at instants: q_nb, and its covariance in NED where there is one."""
-
-    time_ns: np.ndarray
-    q_nb: FloatArray
-    covariance_n: FloatArray | None = None
-
-
-@dataclass(frozen=True)
-class Score:
-    """Errors of an attitude, deg: of inclination, of heading, over sigma."""
-
-    inclination: float
-    largest: float
-    heading: float
-    over_sigma: float | None
-    within: float | None  # share of the errors within 2.5 sigma
-
-
-def read_reference(path: Path, world: str, settle_s: float) -> tuple[np.ndarray, FloatArray]:
-    """Times and q_nb of the rows that count."""
-    with path.open(newline="", encoding="utf-8") as stream:
-        rows = [r for r in csv.DictReader(line for line in stream if line[0] != "#") if r["qw"]]
-    times = np.array([int(Decimal(r["time_s"]) * SECOND) for r in rows])
-    q = np.array([[float(r[c]) for c in ("qw", "qx", "qy", "qz")] for r in rows])
-    good = np.isfinite(q).all(axis=1) & (times >= times[0] + settle_s * SECOND)
-    if "movement" in rows[0]:
-        good &= np.array([float(r["movement"]) > 0.0 for r in rows])
-    if settle_s:
-        good &= np.abs(q[:, 0]) < 1.0  # no attitude yet
-    return times[good], q_nb_from_log(q[good], world)
-
-
 def samples(path: Path, config: ProcessConfig) -> Imu:
     """All samples of the log's Imu, by time, FRD."""
-    with open_log(path) as log_:
-        source = prepare(log_, config)
+    with open_log(path) as log:
+        source = prepare(log, config)
         return concatenate(list(imu_blocks(source, source.survey.first_ns)))
 
 
-def ours(path: Path, config: ProcessConfig) -> Attitudes:
+def ours(path: Path, config: ProcessConfig) -> tuple[Attitudes, ProcessResult]:
     """`process` from log to log."""
     columns = {
         "sec": ["header.stamp.sec"],
@@ -156,10 +139,10 @@ def ours(path: Path, config: ProcessConfig) -> Attitudes:
     }
     with tempfile.TemporaryDirectory() as folder:
         output = Path(folder) / "out.mcap"
-        process(path, output, config)
-        with open_log(output) as log_:
-            channels = log_.channels_of("/sinstool/imu")
-            read = read_columns(log_, channels, columns, Losses(), widths={"covariance": 9})
+        result = process(path, output, config)
+        with open_log(output) as log:
+            channels = log.channels_of("/sinstool/imu")
+            read = read_columns(log, channels, columns, Losses(), widths={"covariance": 9})
             blocks = [values for _, values in read]
     of = {name: np.concatenate([block[name] for block in blocks]) for name in columns}
     time_ns = of["sec"].astype(np.int64) * SECOND + of["nanosec"].astype(np.int64)
@@ -167,79 +150,17 @@ def ours(path: Path, config: ProcessConfig) -> Attitudes:
     if config.output.world == "enu":
         covariance = SWAP_ENU_NED @ covariance @ SWAP_ENU_NED
     q = q_nb_from_log(of["q"], config.input.body_axes)
-    return Attitudes(time_ns, q, covariance if covariance.any() else None)
+    return Attitudes(time_ns, q, covariance if covariance.any() else None), result
 
 
-def vqf(imu: Imu, offline: bool) -> Attitudes:
-    """VQF without a magnetometer, on samples at their mean interval."""
-    from vqf import VQF, offlineVQF
-
-    interval = float(np.median(np.diff(imu.time_ns))) / SECOND
-    gyro = np.ascontiguousarray(turn_body(imu.gyro, "flu"))
-    accel = np.ascontiguousarray(turn_body(imu.accel, "flu"))
-    if offline:
-        q = offlineVQF(gyro, accel, None, interval)["quat6D"]
-    else:
-        q = VQF(interval).updateBatch(gyro, accel)["quat6D"]
-    return Attitudes(imu.time_ns, q_nb_from_log(q, "flu"))
+# --- without a magnetometer -------------------------------------------------------------------
 
 
-def imufusion(imu: Imu) -> Attitudes:
-    """imufusion as its documentation sets it up, without a magnetometer."""
-    import imufusion as fusion
-
-    interval = float(np.median(np.diff(imu.time_ns))) / SECOND
-    ahrs = fusion.Ahrs()
-    ahrs.set_sample_period(interval)
-    gyro = turn_body(imu.gyro, "flu") / DEGREE
-    accel = turn_body(imu.accel, "flu") / 9.80665
-    q = np.empty((len(imu), 4))
-    for k in range(len(imu)):
-        ahrs.update_no_magnetometer(gyro[k], accel[k])
-        q[k] = ahrs.get_quaternion()
-    return Attitudes(imu.time_ns, q_nb_from_log(q, "flu"))
-
-
-def score(
-    found: Attitudes, times: np.ndarray, true: FloatArray, lag_s: float, mounted: bool
-) -> Score:
-    """Errors of an attitude against a reference whose stamps are early by a lag."""
-    at = times + round(lag_s * SECOND)
-    inside = (at >= found.time_ns[0]) & (at <= found.time_ns[-1])
-    at, true = at[inside], true[inside]
-    q = at_times(found.time_ns, found.q_nb, at)
-    if not mounted:
-        true = multiply(true, fitted_mount(q, true))
-    error = multiply(true, conjugate(q))
-    heading = 2.0 * np.arctan2(error[:, 3], error[:, 0])
-    middle = np.angle(np.mean(np.exp(1j * heading)))
-    off = np.angle(np.exp(1j * (heading - middle)))
-    off -= np.median(off)
-    # What is left of an error when its turn about the vertical is taken out lies level.
-    zero = np.zeros(len(error))
-    turn = np.stack([np.cos(heading / 2), zero, zero, np.sin(heading / 2)], axis=1)
-    tilt = log(multiply(conjugate(turn), error))[:, :2]
-    inclination = np.linalg.norm(tilt, axis=1)
-    over = within = None
-    if found.covariance_n is not None:
-        row = np.clip(np.searchsorted(found.time_ns, at), 0, len(found.time_ns) - 1)
-        sigma = np.sqrt(np.einsum("nii->ni", found.covariance_n[row])[:, :2])
-        over = float(np.sqrt(np.mean((tilt / sigma) ** 2)))
-        within = float(np.mean(np.abs(tilt) < 2.5 * sigma))
-    return Score(
-        float(np.sqrt(np.mean(inclination**2)) / DEGREE),
-        float(inclination.max() / DEGREE),
-        float(np.sqrt(np.mean(off**2)) / DEGREE),
-        over,
-        within,
-    )
-
-
-def fitted_mount(q: FloatArray, true: FloatArray) -> FloatArray:
+def fitted_mount(found: Attitudes, true: Attitudes) -> FloatArray:
     """Rotation of the sensor's axes to the reference's that makes their verticals agree."""
-    ours_, theirs = (
-        rotate(conjugate(one), np.broadcast_to(DOWN, (len(one), 3))) for one in (q, true)
-    )
+    inside = (true.time_ns >= found.time_ns[0]) & (true.time_ns <= found.time_ns[-1])
+    pair = (found.at(true.time_ns[inside]), true.q_nb[inside])
+    ours_, theirs = (rotate(conjugate(q), np.broadcast_to(DOWN, (len(q), 3))) for q in pair)
     u, _, vt = np.linalg.svd(theirs.T @ ours_)
     matrix = u @ np.diag([1.0, 1.0, np.linalg.det(u @ vt)]) @ vt
     return np.asarray(from_dcm(matrix))
@@ -259,8 +180,8 @@ def configured(attitude: str, axes: str) -> ProcessConfig:
 
 def methods(path: Path, axes: str) -> Iterator[Callable[[], Attitudes]]:
     """All that are compared: smoothed, inertial, offline VQF, VQF, imufusion."""
-    yield lambda: ours(path, configured("smoothed", axes))
-    yield lambda: ours(path, configured("inertial", axes))
+    yield lambda: ours(path, configured("smoothed", axes))[0]
+    yield lambda: ours(path, configured("inertial", axes))[0]
     imu = samples(path, configured("inertial", axes))
     yield lambda: vqf(imu, True)
     yield lambda: vqf(imu, False)
@@ -273,70 +194,167 @@ HEAD = (
 )  # fmt: skip
 
 
-def row(
-    name: str, path: Path, reference: Reference, lag_s: float, scores: list[list[Score]]
-) -> tuple[object, ...]:
-    """A row of the table: inclination by every method, then of the smoothed attitude the rest."""
+def held_against(path: Path, reference: Reference, late_s: float) -> list[Errors]:
+    """Errors of every method on a log."""
     file = path.with_name(path.name.removesuffix(".mcap") + reference.reference)
-    times, true = read_reference(file, reference.world, reference.settle_s)
-    all_ = [
-        score(method(), times, true, lag_s, reference.mounted)
-        for method in methods(path, reference.axes)
-    ]
-    scores.append(all_)
-    best = all_[0]
+    true = read_reference(file, reference.world, reference.settle_s, late_s)
+    found = []
+    for method in methods(path, reference.axes):
+        one, theirs = method(), true
+        if not reference.mounted:
+            theirs = replace(true, q_nb=multiply(true.q_nb, fitted_mount(one, true)))
+        found.append(errors(one, theirs))
+    return found
+
+
+def over_sigma(smoothed: Errors) -> tuple[float, float]:
+    """Errors of tilt over their sigmas: root mean square, and share within 2.5."""
+    over = smoothed.tilt_over_sigma()
+    assert over is not None
+    return float(np.sqrt(np.mean(over**2))), shares(over, (2.5,))[0]
+
+
+def row(name: str, every: list[Errors]) -> tuple[str, ...]:
+    """A row of the table: inclination by every method, then of the smoothed attitude the rest."""
+    smoothed = every[0]
+    heading = (rms_deg(every[k].heading_about_median) for k in (0, 2))
+    size, within = over_sigma(smoothed)
     return (
         name,
-        *(f"{one.inclination:.2f}" for one in all_),
-        numbers((best.heading, all_[2].heading), ".2f"),
-        f"{best.largest:.2f}",
-        numbers((best.over_sigma,), ".2f"),
-        numbers((best.within,), ".3f"),
+        *(f"{rms_deg(one.inclination):.2f}" for one in every),
+        numbers(heading, ".2f"),
+        f"{smoothed.inclination.max() / DEGREE:.2f}",
+        f"{size:.2f}",
+        f"{within:.3f}",
     )
 
 
-def broad(data: Path, lag_s: float) -> None:
+def broad(data: Path, late_s: float) -> None:
     """The trials with an optical reference."""
-    scores: list[list[Score]] = []
-    trials = sorted((data / "broad").glob("*.mcap"))
-    of = Reference("", "", ".ref.csv")
-    print_table(
-        HEAD,
-        (row(path.stem, path, of, lag_s, scores) for path in trials),
-        f"BROAD, inclination in deg, reference {1e3 * lag_s:g} ms late",
-    )
-    if not scores:
+    found: list[list[Errors]] = []
+
+    def rows() -> Iterator[tuple[str, ...]]:
+        for path in sorted((data / "broad").glob("*.mcap")):
+            found.append(held_against(path, Reference("", "", ".ref.csv"), late_s))
+            yield row(path.stem, found[-1])
+
+    title = f"BROAD, inclination in deg, reference {1e3 * late_s:g} ms late"
+    print_table(HEAD, rows(), title)
+    if not found:
         return
+    tilt = np.array([[rms_deg(one.inclination) for one in every] for every in found])
+    heading = np.array([[rms_deg(one.heading_about_median) for one in every] for every in found])
     for k, name in enumerate(HEAD[1:6]):
-        tilt = [one[k].inclination for one in scores]
-        heading = [one[k].heading for one in scores]
         print(
-            f"{name}: mean inclination {np.mean(tilt):.3f} deg, worst {max(tilt):.2f}; mean heading"
-            f" {np.mean(heading):.2f} deg"
+            f"{name}: mean inclination {tilt[:, k].mean():.3f} deg, worst {tilt[:, k].max():.2f};"
+            f" mean heading {heading[:, k].mean():.2f} deg"
         )
-    worse = max(one[0].inclination - one[2].inclination for one in scores)
-    over = np.sqrt(np.mean([one[0].over_sigma ** 2 for one in scores]))  # type: ignore[operator]
-    within = np.mean([one[0].within for one in scores])  # type: ignore[misc]
-    print(f"smoothed less offline VQF: at most {worse:+.3f} deg on a trial")
-    print(f"errors over sigma, rms over all trials: {over:.2f}; within 2.5 sigma: {within:.3f}\n")
-    print_tables(data / "broad", 1e3 * lag_s)
+    print(
+        f"smoothed less offline VQF: at most {(tilt[:, 0] - tilt[:, 2]).max():+.3f} deg on a trial"
+    )
+    sizes, within = np.transpose([over_sigma(every[0]) for every in found])
+    print(
+        f"errors over sigma, rms over all trials: {np.sqrt(np.mean(sizes**2)):.2f}; within 2.5"
+        f" sigma: {within.mean():.3f}\n"
+    )
+
+
+def vehicles(data: Path) -> None:
+    """The logs whose reference is their own."""
+    rows = (
+        row(one.name, held_against(data / f"{one.path}.mcap", one, 0.0))
+        for one in VEHICLES
+        if (data / f"{one.path}.mcap").exists()
+    )
+    print_table(HEAD, rows, "Vehicles, inclination in deg, the constant mount of each fitted")
+
+
+# --- with a magnetometer ----------------------------------------------------------------------
+
+
+def with_iron(iron: FloatArray) -> AbstractContextManager[object]:
+    """Whatever `process` reads of a magnetometer has iron beside it."""
+
+    def read(*args: Any) -> Any:
+        measured, findings = read_magnetometer(*args)
+        return measured and replace(measured, field=measured.field + iron), findings
+
+    return patch.object(compass, "read_magnetometer", read)
+
+
+def field(path: Path, imu: Imu) -> FloatArray:
+    """The field at every sample, which these logs have, FRD."""
+    with open_log(path) as log:
+        source = prepare(log, ProcessConfig())
+        topic = choose_magnetometer(log, None, source.imu_topic, source.body_frame)
+        measured = concatenate(list(read_field(log, topic.channels, "flu", Losses())))
+    return np.asarray(measured.field[np.searchsorted(measured.time_ns, imu.time_ns)])
+
+
+def with_magnetometer(data: Path, late_s: float, iron: FloatArray) -> None:
+    """The trials, as they are or with iron."""
+    totals: list[list[float]] = []
+
+    def rows() -> Iterator[tuple[str, ...]]:
+        for path in sorted((data / "broad").glob("*.mcap")):
+            with with_iron(iron):
+                smoothed, result = ours(path, ProcessConfig())
+            imu = samples(path, ProcessConfig())
+            mag = field(path, imu) + iron
+            found = (smoothed, vqf(imu, True, mag), vqf(imu, False, mag))
+            true = read_reference(path.with_suffix(".ref.csv"), late_s=late_s)
+            every = [errors(one, true) for one in found]
+            totals.append([rms_deg(one.total) for one in every])
+            best = every[0]
+            assert best.sigma is not None and result.smoothing is not None
+            heading = shares(best.heading / best.sigma[:, 2], (1.0, 2.0, 3.0))
+            yield (
+                path.stem[6:36],
+                *(f"{v:.2f}" for v in totals[-1]),
+                f"{rms_deg(best.heading):.2f}",
+                f"{rms_deg(best.heading_about_median):.2f}",
+                numbers((100.0 * v for v in heading), ".0f"),
+                told(result.smoothing.magnetometer),
+            )
+
+    head = (
+        "trial", "smoothed", "offline VQF", "VQF", "heading: smoothed", "median removed",
+        "% within 1, 2, 3 sigma", "what was found",
+    )  # fmt: skip
+    added = numbers(1e6 * iron, "g")
+    print_table(head, rows(), f"BROAD with its magnetometers, whole angle in deg; iron {added} uT")
+    for what, of in (("mean", np.mean), ("median", np.median)):
+        if totals:
+            print(f"{what}: {numbers(of(totals, axis=0), '.2f')}")
+    print()
+
+
+def told(m: MagnetometerUsed | None) -> str:
+    """What the summary says of a magnetometer, on one line."""
+    if m is None:
+        return ""
+    iron = numbers((1e6 * v for v in m.hard_iron_T or ()), ".1f")
+    return (
+        f"{m.refused or m.north}: trusted {m.trusted:.2f}, scatter {m.scatter_deg:.1f},"
+        f" {1e6 * m.field_T:.1f} uT, dip {m.dip_deg:.1f}, iron {iron} +-"
+        f" {1e6 * (m.hard_iron_sigma_T or 0.0):.1f} uT {'off' if m.hard_iron_removed else 'left'},"
+        f" sigma {m.heading_sigma_deg or 0.0:.2g}"
+    )
 
 
 def main() -> None:
     """Print the tables."""
     p = parser(__doc__, lag=0.0)
     p.add_argument("--data", type=Path, required=True)
-    p.add_argument("--only", choices=("broad", "vehicles"))
+    p.add_argument("--only", choices=("broad", "magnetometer", "vehicles"))
     args = p.parse_args()
-    if args.only != "vehicles":
+    if args.only in (None, "broad"):
         broad(args.data, args.lag)
-    if args.only != "broad":
-        rows = (
-            row(one.name, args.data / f"{one.path}.mcap", one, 0.0, [])
-            for one in VEHICLES
-            if (args.data / f"{one.path}.mcap").exists()
-        )
-        print_table(HEAD, rows, "Vehicles, inclination in deg, the constant mount of each fitted")
+    if args.only in (None, "magnetometer"):
+        for iron in (np.zeros(3), 1e-6 * np.array(IRON)):
+            with_magnetometer(args.data, args.lag, iron)
+    if args.only in (None, "vehicles"):
+        vehicles(args.data)
 
 
 if __name__ == "__main__":

@@ -18,9 +18,17 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from benchmarks.attitude_motions import KINDS, trajectory
-from benchmarks.common import DEG_H, FloatArray, G, nees, numbers, parser, print_table
+from benchmarks.attitudes import imufusion, rms_deg, shares, vqf
+from benchmarks.common import DEG_H, FloatArray, nees, numbers, parser, print_table
 from sinstool.core.earth import earth_rate_n
-from sinstool.core.rotation import conjugate, from_euler, log, multiply, rotate, to_euler
+from sinstool.core.rotation import (
+    conjugate,
+    from_euler,
+    multiply,
+    rotate,
+    tilt_and_heading,
+    to_euler,
+)
 from sinstool.core.streams import Imu, Solution, concatenate
 from sinstool.core.timeline import SECOND
 from sinstool.core.units import DEGREE
@@ -84,16 +92,10 @@ class Score:
 
 def score(flight: Trajectory, q_nb: FloatArray, covariance: FloatArray | None = None) -> Score:
     """Errors of an attitude at the instants of the truth."""
-    error = multiply(flight.imu.q_nb, conjugate(q_nb))
-    heading = 2.0 * np.arctan2(error[:, 3], error[:, 0])
-    heading = np.angle(np.exp(1j * heading))
-    zero = np.zeros(len(error))
-    turn = np.stack([np.cos(0.5 * heading), zero, zero, np.sin(0.5 * heading)], axis=1)
-    # What is left of an error when its turn about the vertical is taken out lies level.
-    tilt = log(multiply(conjugate(turn), error))[:, :2]
+    tilt, heading = tilt_and_heading(multiply(flight.imu.q_nb, conjugate(q_nb)))
     size = np.linalg.norm(tilt, axis=1)
     plain = (
-        float(np.sqrt(np.mean(size**2)) / DEGREE),
+        rms_deg(size),
         float(size.max() / DEGREE),
         float(np.unwrap(heading).std() / DEGREE),
     )
@@ -101,7 +103,7 @@ def score(flight: Trajectory, q_nb: FloatArray, covariance: FloatArray | None = 
         return Score(*plain)
     level = covariance[:, :2, :2]
     over = np.abs(tilt) / np.sqrt(np.einsum("nii->ni", level))
-    within = np.array([np.mean(over < k) for k in (1.0, 2.0, 2.5)])
+    within = np.array(shares(over, (1.0, 2.0, 2.5)))
     return Score(*plain, float(np.mean(nees(tilt, level))), within)
 
 
@@ -166,31 +168,11 @@ def smoothed(
     return concatenate([correction.apply(solution) for solution in alone]), motion, epochs
 
 
-def others(
-    flight: Trajectory, gyro: FloatArray, accel: FloatArray
-) -> Iterator[tuple[str, FloatArray]]:
+def others(imu: Imu) -> Iterator[tuple[str, FloatArray]]:
     """VQF, its offline variant and imufusion as they come; q_nb with a heading of their own."""
-    import imufusion
-    from vqf import VQF, offlineVQF
-
-    interval = float(np.mean(flight.imu.interval))
-    flip = np.array([1.0, -1.0, -1.0])
-    rate, force = np.ascontiguousarray(gyro * flip), np.ascontiguousarray(accel * flip)
-    yield "offline VQF", _ned(offlineVQF(rate, force, None, interval)["quat6D"])
-    yield "VQF", _ned(VQF(interval).updateBatch(rate, force)["quat6D"])
-    ahrs = imufusion.Ahrs()
-    ahrs.set_sample_period(interval)
-    q = np.empty((len(rate), 4))
-    for k, (one, pull) in enumerate(zip(rate / DEGREE, force / G, strict=True)):
-        ahrs.update_no_magnetometer(one, pull)
-        q[k] = ahrs.get_quaternion()
-    yield "imufusion", _ned(q)
-
-
-def _ned(q: FloatArray) -> FloatArray:
-    """FLU in axes that point up, as FRD in axes that point down; heading stays free."""
-    half = np.array([0.0, 1.0, 0.0, 0.0])  # half a turn about x
-    return multiply(multiply(half, q), conjugate(half))
+    yield "offline VQF", vqf(imu, True).q_nb
+    yield "VQF", vqf(imu, False).q_nb
+    yield "imufusion", imufusion(imu).q_nb
 
 
 def rows(kind: str, grade: Grade, args: argparse.Namespace) -> Iterator[tuple[str, ...]]:
@@ -213,7 +195,7 @@ def rows(kind: str, grade: Grade, args: argparse.Namespace) -> Iterator[tuple[st
         plain = score(flight, concatenate(alone).q_nb)
         found.setdefault("integration", []).append(plain)
         if args.others:
-            for name, q in others(flight, gyro, accel):
+            for name, q in others(Imu(flight.time_ns, flight.time_ns, gyro, accel)):
                 found.setdefault(name, []).append(score(flight, q))
         if args.each:
             cells = numbers([one.tilt, plain.tilt, one.heading, plain.heading, one.nees], ".4f")
