@@ -7,6 +7,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+FEW = 8
+
 
 @dataclass(frozen=True)
 class RawBatch:
@@ -58,8 +60,9 @@ class RawBatch:
 
     def select(self, channels: Collection[int]) -> RawBatch:
         """The messages of some channels."""
-        if len(channels) == 1:
-            keep = self.channel == next(iter(channels))
+        if 0 < len(channels) <= FEW:
+            # a comparison each is quicker than np.isin
+            keep = np.logical_or.reduce([self.channel == channel for channel in channels])
         else:
             keep = np.isin(self.channel, np.fromiter(channels, np.int64, len(channels)))
         if keep.all():

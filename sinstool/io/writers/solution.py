@@ -376,13 +376,16 @@ class SolutionWriter:
 
     def push(self, solution: Solution) -> None:
         """Take solutions, in the order of time."""
-        self._held.append(solution)
-        self._count += len(solution)
-        while self._count >= BATCH:
-            whole = concatenate(self._held)
-            self._write(whole.rows(slice(0, BATCH)))
-            self._held = [whole.rows(slice(BATCH, None))]
-            self._count -= BATCH
+        begin = 0
+        while self._count + len(solution) - begin >= BATCH:
+            # only what lies across two blocks is copied
+            end = begin + BATCH - self._count
+            self._held.append(solution.rows(slice(begin, end)))
+            self._write(concatenate(self._held))
+            self._held, self._count, begin = [], 0, end
+        if begin < len(solution):
+            self._held.append(solution.rows(slice(begin, None)))
+            self._count += len(solution) - begin
 
     def note(self, diagnostics: Diagnostics) -> None:
         """Take diagnostics, in the order of time; they are written beside the solutions."""
