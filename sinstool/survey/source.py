@@ -380,11 +380,16 @@ def imu_blocks(
     start_ns: int,
     progress: Callable[[int], None] | None = None,
     rows: int = BLOCK_ROWS,
+    last: bool = False,
 ) -> Iterator[Imu]:
-    """Ordered samples of the second pass, from ``start_ns`` on, in blocks of ``rows``."""
+    """Ordered samples of the second pass, from ``start_ns`` on, in blocks of ``rows``.
+
+    Where nobody is going to ask for them again, which ``last`` says, those that were kept are let
+    go one by one; whoever asks all the same has the log read anew.
+    """
     survey_ = source.survey
     if source.samples.blocks is not None:
-        raw = _again(source.samples.blocks, source.log.size, progress)
+        raw = _again(source.samples, source.log.size, progress, last)
     else:
         raw = read_imu(
             source.log,
@@ -413,8 +418,15 @@ def rate_blocks(
     return mean_rates(blocks, nominal_ns, source.survey.max_gap_ns, config.input.imu_rate)
 
 
-def _again(blocks: list[Imu], size: int, progress: Callable[[int], None] | None) -> Iterator[Imu]:
-    for number, block in enumerate(blocks):
+def _again(
+    samples: SampleCache, size: int, progress: Callable[[int], None] | None, last: bool
+) -> Iterator[Imu]:
+    """The blocks that were kept; ``last`` leaves none of them."""
+    waiting = list(reversed(samples.blocks or ()))
+    if last:
+        samples.blocks = None
+    count = len(waiting)
+    while waiting:
         if progress is not None:
-            progress(size * number // len(blocks))
-        yield block
+            progress(size * (count - len(waiting)) // count)
+        yield waiting.pop()

@@ -4,12 +4,14 @@ import numpy as np
 import pytest
 
 from sinstool.config import InputOptions, ProcessConfig
+from sinstool.core.streams import concatenate
 from sinstool.io.readers import open_log
 from sinstool.io.readers.streams import ImuUnits
 from sinstool.io.readers.topics import choose_imu
 from sinstool.pipelines.process.run import process
 from sinstool.survey import imu as survey
 from sinstool.survey.imu import SampleCache
+from sinstool.survey.source import imu_blocks, prepare
 from tests.helpers.imulogs import even_times, handheld, imu_log
 
 
@@ -48,3 +50,17 @@ def test_all_or_none_are_kept(log, monkeypatch, most, cached):
         assert sum(map(len, samples.blocks)) == result.count + result.order.duplicates
     else:
         assert samples.blocks is None
+
+
+def test_samples_that_were_let_go_are_read_again(log):
+    with open_log(log) as opened:
+        source = prepare(opened, ProcessConfig())
+        begin = source.survey.first_ns
+        first, last, again = (
+            concatenate(list(imu_blocks(source, begin, rows=400, last=last)))
+            for last in (False, True, False)
+        )
+        assert source.samples.blocks is None
+    for one in (last, again):
+        for name in ("time_ns", "log_time_ns", "gyro", "accel"):
+            np.testing.assert_array_equal(getattr(first, name), getattr(one, name))

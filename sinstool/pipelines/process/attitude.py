@@ -69,6 +69,8 @@ class AttitudeMode(Mode):
 
     def find_out(self, progress: BytesRead | None) -> None:
         """What a smoother finds in all of the log: whether heading counts from north, too."""
+        # GNSS, barometer and magnetometer have been read
+        self.source.log.cache(())
         if self._smoothing is not None:
             self._smoothing.find_out(self._blocks(0, progress))
             referenced = self._smoothing.north_referenced
@@ -83,7 +85,7 @@ class AttitudeMode(Mode):
     def _attitudes(self, progress: BytesRead | None) -> Iterator[Solution]:
         if self._smoothing is None:
             begin_ns = self.plan.alignment.time_ns
-            yield from self._run.run(imu_blocks(self.source, begin_ns, progress))
+            yield from self._run.run(imu_blocks(self.source, begin_ns, progress, last=True))
             return
         yield from self._smoothing.solutions(self._blocks(1, progress))
         self._run = self._smoothing.run
@@ -92,7 +94,8 @@ class AttitudeMode(Mode):
         """The samples for a pass, 0 or 1, of which either has half of the progress."""
         size = self.source.log.size
         half = progress and (lambda read: progress((number * size + read) // 2))
-        return imu_blocks(self.source, self.plan.alignment.time_ns, half)
+        # Where samples were kept, their solutions are kept for the second pass.
+        return imu_blocks(self.source, self.plan.alignment.time_ns, half, last=True)
 
     def new_diagnostics(self) -> Sequence[Diagnostics]:
         """Sigmas and biases, once they are known."""
