@@ -16,10 +16,14 @@ MOVING, LEAST = 0.1, 30
 # m/s^2, beyond which wheels slip: at 10 m/s two per cent of slip for each m/s^2 look like 0.2 s of
 # latency. Over how much an acceleration is taken, s
 GENTLE, SPAN_S = 1.0, 1.0
+# Readings are averaged over so many intervals, within limits, s: between two of them noise is less
+# than at one, and the latency would be drawn there
+INTERVALS, SHORTEST_S, LONGEST_S = 8.0, 0.2, 1.0
+MARGIN_S = SLOPE_S + 0.5 * LONGEST_S
 # Readings further apart than so many usual intervals leave a hole
 HOLE = 3.0
-# Residuals are alike over so long at most
-ALIKE_S = 10.0
+# Residuals are alike over so long at most: a receiver wanders for a minute
+ALIKE_S = 60.0
 # No residual is smaller, of the fastest speeds: wheels are counted in steps
 FINEST = 1e-3
 
@@ -67,8 +71,7 @@ def fit_wheels(
     Returns
     -------
     WheelFit or None
-        None where too little motion is in both. Sigmas are those of least squares, times what
-        the autocorrelation of the residuals makes of them.
+        None where too little motion is in both.
     """
     if len(time_ns) < 2 or not len(reference_ns):
         return None
@@ -81,33 +84,35 @@ def fit_wheels(
     gentle = use & (np.abs(ahead - behind) <= GENTLE * SPAN_S)
     use = gentle if gentle.sum() >= LEAST else use
     t, speed = t[use], reference[use]
-    if len(t) < LEAST or not np.interp(t, at, reading).any():
+    mean = _Mean(at, reading)
+    if len(t) < LEAST or not mean(t).any():
         return None
     lags = np.arange(EARLIEST_S, LATEST_S + 0.5 * STEP_S, STEP_S)
     kept = np.ones(len(t), np.bool_)
     scale, lag, sigma = 0.0, 0.0, 0.0
     for _ in range(ROUNDS):
-        costs = [_cost(np.interp(t[kept] + each, at, reading), speed[kept]) for each in lags]
-        scale, lag = _refined(at, reading, t[kept], speed[kept], float(lags[np.argmin(costs)]))
-        rest = speed - scale * np.interp(t + lag, at, reading)
+        costs = [_cost(mean(t[kept] + each), speed[kept]) for each in lags]
+        scale, lag = _refined(mean, t[kept], speed[kept], float(lags[np.argmin(costs)]))
+        rest = speed - scale * mean(t + lag)
         sigma = max(1.4826 * float(np.median(np.abs(rest))), FINEST * fastest)
         before, kept = kept, np.abs(rest) <= SIGMAS * sigma
         if kept.sum() < LEAST:
             return None
         if np.array_equal(before, kept):
             break
-    design = _design(at, reading, t[kept], scale, lag)
+    design = _design(mean, t[kept], scale, lag)
     normal = design.T @ design
-    rest = rest[kept]
-    variance = float(np.mean(rest**2)) * _inflation(t[kept], rest)
     # Where speed never changes, a slope of nothing says nothing of latency
     normal[1, 1] += 1e-12 * normal[0, 0]
-    covariance = variance * np.linalg.inv(normal)
+    rest = rest[kept]
+    variance = float(np.mean(rest**2)) * np.diag(np.linalg.inv(normal))
+    own = [_inflation(t[kept], column * rest) for column in design.T]
+    scale_sigma, lag_sigma = np.sqrt(variance * own).tolist()
     return WheelFit(
         scale,
-        float(np.sqrt(covariance[0, 0])),
+        scale_sigma,
         lag,
-        float(np.sqrt(covariance[1, 1])),
+        lag_sigma,
         sigma,
         int(kept.sum()),
     )
@@ -163,8 +168,8 @@ def _covered(at: FloatArray, t: FloatArray) -> BoolArray:
     """Times about which readings leave no hole, at any latency that is tried."""
     step = np.diff(at)
     holes = np.concatenate([[0], np.cumsum(step > HOLE * float(np.median(step)))])
-    first = np.searchsorted(at, t + EARLIEST_S - SLOPE_S, "right") - 1
-    last = np.searchsorted(at, t + LATEST_S + SLOPE_S, "left")
+    first = np.searchsorted(at, t + EARLIEST_S - MARGIN_S, "right") - 1
+    last = np.searchsorted(at, t + LATEST_S + MARGIN_S, "left")
     inside = (first >= 0) & (last < len(at))
     return np.asarray(
         inside & (holes[np.minimum(last, len(at) - 1)] == holes[np.maximum(first, 0)])
@@ -177,42 +182,51 @@ def _cost(turned: FloatArray, speed: FloatArray) -> float:
     return float(speed @ speed) - (float(speed @ turned) ** 2 / power if power > 0.0 else 0.0)
 
 
-def _design(
-    at: FloatArray, reading: FloatArray, t: FloatArray, scale: float, lag: float
-) -> FloatArray:
+class _Mean:
+    """Mean of readings about any time."""
+
+    def __init__(self, at: FloatArray, reading: FloatArray) -> None:
+        step = np.diff(at)
+        self._at = at
+        self._sum = np.concatenate([[0.0], np.cumsum(0.5 * (reading[1:] + reading[:-1]) * step)])
+        self._half = 0.5 * float(np.clip(INTERVALS * np.median(step), SHORTEST_S, LONGEST_S))
+
+    def __call__(self, t: FloatArray) -> FloatArray:
+        ends = [np.interp(t + d, self._at, self._sum) for d in (self._half, -self._half)]
+        return np.asarray((ends[0] - ends[1]) / (2.0 * self._half))
+
+
+def _design(mean: _Mean, t: FloatArray, scale: float, lag: float) -> FloatArray:
     """Derivatives of the scaled reading by scale and latency, shape (n, 2)."""
-    late, early = (np.interp(t + lag + d, at, reading) for d in (SLOPE_S, -SLOPE_S))
-    return np.stack(
-        [np.interp(t + lag, at, reading), scale * (late - early) / (2.0 * SLOPE_S)], axis=1
-    )
+    slope = (mean(t + lag + SLOPE_S) - mean(t + lag - SLOPE_S)) / (2.0 * SLOPE_S)
+    return np.stack([mean(t + lag), scale * slope], axis=1)
 
 
-def _refined(
-    at: FloatArray, reading: FloatArray, t: FloatArray, speed: FloatArray, lag: float
-) -> tuple[float, float]:
+def _refined(mean: _Mean, t: FloatArray, speed: FloatArray, lag: float) -> tuple[float, float]:
     """Scale and latency between those that are tried: three steps of Gauss and Newton."""
-    turned = np.interp(t + lag, at, reading)
+    turned = mean(t + lag)
     scale = float(speed @ turned / (turned @ turned))
     about = lag
     for _ in range(3):
-        rest = speed - scale * np.interp(t + lag, at, reading)
-        step = np.linalg.lstsq(_design(at, reading, t, scale, lag), rest, rcond=1e-9)[0]
+        rest = speed - scale * mean(t + lag)
+        step = np.linalg.lstsq(_design(mean, t, scale, lag), rest, rcond=1e-9)[0]
         scale += float(step[0])
         lag = float(np.clip(lag + step[1], about - STEP_S, about + STEP_S))
     return scale, lag
 
 
-def _inflation(t: FloatArray, rest: FloatArray) -> float:
-    """By how much a variance grows as residuals that follow each other are alike."""
+def _inflation(t: FloatArray, score: FloatArray) -> float:
+    """By how much a variance grows as what samples say of a parameter is alike for a while.
+
+    The autocovariances up to the first that is not positive count.
+    """
     step = float(np.median(np.diff(t)))
-    power = float(np.mean(rest**2))
+    power = float(np.mean(score**2))
     total = 1.0
-    for k in range(1, min(int(ALIKE_S / step) + 1, len(rest) // 2)):
+    for k in range(1, min(int(ALIKE_S / step) + 1, len(score) // 2)):
         near = np.abs(t[k:] - t[:-k] - k * step) < 0.5 * step
-        if not near.any():
+        alike = float(np.mean((score[k:] * score[:-k])[near])) if near.any() else 0.0
+        if not alike > 0.0:
             break
-        alike = float(np.mean((rest[k:] * rest[:-k])[near])) / power
-        if alike <= 0.0:
-            break
-        total += 2.0 * alike
+        total += 2.0 * alike / power
     return total

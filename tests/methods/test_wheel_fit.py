@@ -57,7 +57,22 @@ def test_sigmas_are_those_of_the_errors(slow):
             [(fit.scale - 0.98) / fit.scale_sigma, (fit.latency_s - 0.1) / fit.latency_sigma]
         )
     rms = np.sqrt(np.mean(np.square(pulls), axis=0))
-    assert np.all(rms > 0.5) and np.all(rms < 1.6)
+    assert np.all(rms > 0.6) and np.all(rms < 1.6)
+
+
+def test_noise_of_readings_does_not_draw_the_latency_between_them():
+    # stamps of both on the same grid, where only latency decides how readings are mixed
+    random = np.random.default_rng(4)
+    fine = np.arange(-10.0, 610.0, 0.01)
+    at, t = np.arange(0.0, 600.0, 0.05), np.arange(0.0, 600.0, 0.2)
+    truth = speed_at(fine)
+    for latency in (0.1, 0.12, 0.125):
+        reading = np.interp(at, fine, truth) + 0.1 * random.standard_normal(len(at))
+        stamp, reference = START + np.round((at + latency) * NS), np.interp(t, fine, truth)
+        fit = fit_wheels(stamp.astype(np.int64), reading,
+                         START + np.round(t * NS).astype(np.int64), reference)  # fmt: skip
+        assert fit.latency_s == pytest.approx(latency, abs=3.0 * fit.latency_sigma)
+        assert fit.latency_sigma < 0.01
 
 
 def test_slips_and_holes_do_not_count():
