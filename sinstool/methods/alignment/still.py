@@ -210,9 +210,10 @@ def _accumulate(index, gyro, accel, state, rows):  # type: ignore[no-untyped-def
     closed = 0
     for i in range(index.shape[0]):
         if state[1] > 0 and state[0] != index[i]:
-            rows[closed, :] = state
+            for a in range(len(state)):
+                rows[closed, a] = state[a]
+                state[a] = 0.0
             closed += 1
-            state[:] = 0.0
         state[0] = index[i]
         state[1] += 1.0
         for a in range(6):

@@ -7,6 +7,7 @@ a bias of the gyros would do to the attitude meanwhile, are all that the filter 
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from typing import Any
 
 import numba
 import numpy as np
@@ -18,7 +19,11 @@ from sinstool.core.timeline import SECOND
 from sinstool.methods.attitude_smoother.model import EPOCH_S
 
 # Columns of an epoch
-DURATION, GAP, DV, DP, JB, W2, SATURATED, REST = 0, 1, 2, 5, 8, 17, 18, 19
+DURATION, GAP, JB, W2, SATURATED, REST = 0, 1, 8, 17, 18, 19
+# No literals, of which each would be a type of its own to numba where it is passed on
+DV: Any
+DP: Any
+DV, DP = map(np.int64, (2, 5))
 GYRO, ACCEL, GYRO_VARIANCE, ACCEL_VARIANCE, COUNT = 20, 23, 26, 29, 32
 WIDTH = 33
 # Three samples on end at the largest rate of an axis are a gyro at its stop.
@@ -156,6 +161,16 @@ def _close(row: FloatArray) -> None:
 
 
 @numba.njit(cache=True, nogil=True)
+def _end(row: FloatArray, t: float, rows: FloatArray, ends: FloatArray, made: int) -> None:
+    """Give out the open epoch and begin the next."""
+    _close(row)
+    ends[made] = t
+    for a in range(WIDTH):
+        rows[made, a] = row[a]
+        row[a] = 0.0
+
+
+@numba.njit(cache=True, nogil=True)
 def _turned(q_nb: FloatArray, i: int, x: float, y: float, z: float) -> tuple[float, float, float]:
     """A vector of the body in the navigation axes of sample i."""
     c00, c01, c02, c10, c11, c12, c20, c21, c22 = dcm(
@@ -195,21 +210,18 @@ def _accumulate(
         number = np.ceil((t - 1e-6) / EPOCH_S)
         if not first and dt > max_gap:
             if row[COUNT] > 0.0:
-                _close(row)
-                rows[made], ends[made] = row, state[4]
+                _end(row, state[4], rows, ends, made)
                 made += 1
-            rows[made] = 0.0
+            for a in range(WIDTH):
+                rows[made, a] = 0.0
             rows[made, DURATION], rows[made, GAP], ends[made] = dt, dt, t
             made += 1
-            row[:] = 0.0
         elif not first:
             if interval > 0.0:
                 dt = interval
             if row[COUNT] > 0.0 and number != state[5]:
-                _close(row)
-                rows[made], ends[made] = row, state[4]
+                _end(row, state[4], rows, ends, made)
                 made += 1
-                row[:] = 0.0
             # attitude half way
             sign = 1.0
             if (

@@ -8,7 +8,7 @@ import numba
 import numpy as np
 
 from sinstool.core.arrays import FloatArray
-from sinstool.methods.attitude_smoother.state import update
+from sinstool.methods.attitude_smoother.state import XA, update
 
 # Columns of the field at an epoch: in navigation axes before the correction, T; its azimuth, rad;
 # variance of the heading that it shows (rad^2; 0: none), and that which its gate goes by
@@ -39,4 +39,4 @@ def measure_heading(
     s = a * (a * p[0, 0] + 2.0 * (b * p[0, 1] + p[0, 2])) + b * (b * p[1, 1] + 2.0 * p[1, 2])
     if left * left > FIELD_GATE_SIGMAS**2 * (s + p[2, 2] + field[FIELD_GATE]):
         return
-    update(p, n, 0, a, 1, b, 2, 1.0, off, field[FIELD_VARIANCE], gain, dx)
+    update(p, n, XA, a, XA + 1, b, XA + 2, 1.0, off, field[FIELD_VARIANCE], gain, dx)

@@ -26,6 +26,7 @@ from sinstool.methods.attitude_smoother.model import GRAVITY
 from sinstool.methods.attitude_smoother.state import (
     ERRORS,
     STATE,
+    XA,
     XB,
     XG,
     XP,
@@ -34,6 +35,8 @@ from sinstool.methods.attitude_smoother.state import (
     G,
     P,
     V,
+    copy,
+    copy_square,
     felt,
     inject,
     keep,
@@ -131,13 +134,13 @@ def _measure(
         if n > XP:
             z += c0 * x[P + i]
             pos = XP + i
+        first, weight = XA + 1 - i, GRAVITY
         if i == 0:
-            left, s = update(p, n, 1, -GRAVITY, XV, c1, pos, c0, -z, variance, gain, dx)
-        elif i == 1:
-            left, s = update(p, n, 0, GRAVITY, XV + 1, c1, pos, c0, -z, variance, gain, dx)
-        else:
+            weight = -GRAVITY
+        elif i == 2:
             z += GRAVITY + x[G]
-            left, s = update(p, n, XG, 1.0, XV + 2, c1, pos, c0, -z, variance, gain, dx)
+            first, weight = XG, 1.0
+        left, s = update(p, n, first, weight, XV + i, c1, pos, c0, -z, variance, gain, dx)
         if not (s < 1e8 and abs(left) < 1e4):
             return DIVERGED
         likelihood -= 0.5 * (left * left / s + log(s))
@@ -145,22 +148,11 @@ def _measure(
         likelihood = 0.0
     if rest:
         for i in range(3 if kind == AT_REST else 0):
-            update(p, n, XV + i, 1.0, 0, 0.0, 0, 0.0, -x[V + i], REST_VELOCITY**2, gain, dx)
+            z = -x[V + i]
+            update(p, n, XV + i, 1.0, XA, 0.0, XA, 0.0, z, REST_VELOCITY**2, gain, dx)
         for i in range(3):
-            update(
-                p,
-                n,
-                XB + i,
-                1.0,
-                0,
-                0.0,
-                0,
-                0.0,
-                row[GYRO + i] - x[B + i],
-                par[ZERO_RATE] ** 2,
-                gain,
-                dx,
-            )
+            z = row[GYRO + i] - x[B + i]
+            update(p, n, XB + i, 1.0, XA, 0.0, XA, 0.0, z, par[ZERO_RATE] ** 2, gain, dx)
     if len(field):
         measure_heading(field[k], n, x, p, gain, dx)
     return likelihood
@@ -176,7 +168,7 @@ def _take_in(
         for m in range(n):
             dx[m] = 0.0
     else:
-        x[:] = near[k]
+        copy(near[k], x)
 
 
 @numba.njit(cache=True, nogil=True)
@@ -197,8 +189,9 @@ def _carry_error(
     for i in range(n):
         for m in range(n):
             out[i] += f[i, m] * dx[m]
-    dx[:n] = out[:n]
-    x[:] = near[k + 1]
+    for i in range(n):
+        dx[i] = out[i]
+    copy(near[k + 1], x)
 
 
 @numba.njit(cache=True, nogil=True)
@@ -334,9 +327,11 @@ def _spread(a: float, b: float, c: float, variance: float, q: FloatArray, at: in
 @numba.njit(cache=True, nogil=True)
 def _carry(p: FloatArray, n: int, f: FloatArray, q: FloatArray, half: FloatArray) -> None:
     """p <- f p f^T + q, for a sparse f."""
-    half[:, :] = 0.0
+    for i in range(n):
+        for j in range(n):
+            half[i, j] = 0.0
     add_product(f, p, n, n, n, half.T)
-    p[:, :] = q
+    copy_square(q, p)
     add_product(f, half, n, n, n, p)
 
 
@@ -392,9 +387,12 @@ def forward(
     total = 0.0
     for k in range(begin, end):
         if every and (k - begin) % every == 0:
-            states[(k - begin) // every, :STATE] = x
-            states[(k - begin) // every, STATE:] = dx
-            covariances[(k - begin) // every] = p
+            kept = (k - begin) // every
+            for m in range(STATE):
+                states[kept, m] = x[m]
+            for m in range(ERRORS):
+                states[kept, STATE + m] = dx[m]
+            copy_square(p, covariances[kept])
         likelihood = _measure(epochs[k], field, k, par, n, x, p, gain, dx, e)
         if not likelihood > DIVERGED:
             return DIVERGED
@@ -455,7 +453,7 @@ def backward(
     """
     count = end - begin
     gain, ahead = np.empty(ERRORS), np.empty(ERRORS)
-    dx_plus, dx_minus = np.zeros((count, ERRORS)), np.zeros((count, ERRORS))
+    dx_plus, dx_minus = np.empty((count, ERRORS)), np.empty((count, ERRORS))
     q, half, e = np.empty((n, n)), np.empty((n, n)), np.empty((3, 3))
     f = np.empty((count, n, n))
     p_plus, p_minus = np.empty((count, n, n)), np.empty((count, n, n))
@@ -463,26 +461,31 @@ def backward(
     for k in range(count):
         _measure(epochs[begin + k], field, begin + k, par, n, x, p, gain, dx, e)
         _take_in(near, begin + k, x, dx, n, e)
-        x_plus[k], p_plus[k], dx_plus[k] = x, p, dx
+        copy(x, x_plus[k])
+        copy(dx, dx_plus[k])
+        copy_square(p, p_plus[k])
         _advance(epochs[begin + k], _rate(epochs, begin + k), par, n, x, f[k], q, e)
         _carry_error(near, begin + k, x, f[k], dx, n, e, ahead)
         _carry(p, n, f[k], q, half)
-        x_minus[k], p_minus[k], dx_minus[k] = x, p, dx
+        copy(x, x_minus[k])
+        copy(dx, dx_minus[k])
+        copy_square(p, p_minus[k])
     low, right, scale = np.empty((n, n)), np.empty((n, n)), np.empty(n)
     difference = np.empty(ERRORS)
     for k in range(count - 1, -1, -1):
         if len(near) == 0:
             less(end_x, x_minus[k], n, difference, e)
         else:
-            difference[:] = end_dx - dx_minus[k]
+            for j in range(n):
+                difference[j] = end_dx[j] - dx_minus[k, j]
         smoother_gain(f[k], p_plus[k], p_minus[k], right, low, scale)
         for j in range(n):
             s = 0.0
             for m in range(n):
                 s += right[m, j] * difference[m]
             end_dx[j] = dx_plus[k, j] + s
-        end_x[:] = x_plus[k]
+        copy(x_plus[k], end_x)
         inject(end_x, end_dx, n, e)
         smoother_covariance(p_plus[k], p_minus[k], end_p, right, half, low, end_p)
-        smoothed[begin + k] = end_x
+        copy(end_x, smoothed[begin + k])
         keep(end_p, covariance[begin + k])

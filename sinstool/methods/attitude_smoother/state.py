@@ -9,6 +9,7 @@ excess, position, so that without the position the first ten are left: the right
 from __future__ import annotations
 
 from math import cos, sin, sqrt
+from typing import Any
 
 import numba
 import numpy as np
@@ -17,8 +18,30 @@ from sinstool.core.arrays import FloatArray
 from sinstool.methods.attitude_smoother.epochs import JB
 
 V, B, G, P = 9, 12, 15, 16  # of the state
-XV, XB, XG, XP = 3, 6, 9, 10  # of the errors
+# Of the errors. A literal is a type of its own to numba, and every function that it is passed to
+# would be compiled for each.
+XA: Any
+XV: Any
+XB: Any
+XG: Any
+XP: Any
+XA, XV, XB, XG, XP = map(np.int64, (0, 3, 6, 9, 10))
 STATE, ERRORS, KEPT = 19, 13, 12
+
+
+@numba.njit(cache=True, nogil=True)
+def copy(source: FloatArray, out: FloatArray) -> None:
+    """out <- source; an assignment to a slice takes numba a second to compile."""
+    for i in range(len(source)):
+        out[i] = source[i]
+
+
+@numba.njit(cache=True, nogil=True)
+def copy_square(source: FloatArray, out: FloatArray) -> None:
+    """out <- source, of as many rows as columns."""
+    for i in range(len(source)):
+        for j in range(len(source)):
+            out[i, j] = source[i, j]
 
 
 @numba.njit(cache=True, nogil=True)

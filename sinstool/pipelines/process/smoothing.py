@@ -273,10 +273,11 @@ class Smoothing:
                 np.append(epochs.rest, epochs.rest[-1:]),
             ]
         )
-        time_ns = correction.time_ns
         level = np.append((epochs.values[:, SATURATED] > 0.0) | epochs.gap, False).astype(int)
         every = slice(None, None, DIAGNOSED)
-        return Diagnostics(time_ns[every], time_ns[every], level[every], values[every])
+        # contiguous, as all other times that are written: the loop is compiled once
+        time_ns = correction.time_ns[every].copy()
+        return Diagnostics(time_ns, time_ns, level[every], values[every])
 
 
 def _first_tilt(alignment: Alignment, sensors: SensorModel) -> float | None:
