@@ -46,7 +46,7 @@ from sinstool.core.rotation import conjugate, from_dcm, multiply, rotate
 from sinstool.core.streams import Imu, concatenate
 from sinstool.core.timeline import SECOND
 from sinstool.core.units import DEGREE
-from sinstool.io.readers.frames import SWAP_ENU_NED, q_nb_from_log
+from sinstool.io.readers.frames import enu_to_ned_covariance, q_nb_from_log
 from sinstool.io.readers.open import open_log
 from sinstool.io.readers.streams import Losses, read_columns, read_field
 from sinstool.pipelines.process import compass
@@ -148,7 +148,7 @@ def ours(path: Path, config: ProcessConfig) -> tuple[Attitudes, ProcessResult]:
     time_ns = of["sec"].astype(np.int64) * SECOND + of["nanosec"].astype(np.int64)
     covariance = of["covariance"].reshape(-1, 3, 3)
     if config.output.world == "enu":
-        covariance = SWAP_ENU_NED @ covariance @ SWAP_ENU_NED
+        covariance = enu_to_ned_covariance(covariance)
     q = q_nb_from_log(of["q"], config.input.body_axes)
     return Attitudes(time_ns, q, covariance if covariance.any() else None), result
 

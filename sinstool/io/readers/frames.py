@@ -10,8 +10,9 @@ import numpy as np
 
 # Half turn about x: takes FLU to FRD and back.
 _FLIP = np.array([1.0, -1.0, -1.0])
-# Vectors from ENU to NED and back, for covariances
-SWAP_ENU_NED = np.array([[0.0, 1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, -1.0]])
+# Where each element of a covariance in ENU stands in NED, row by row, and its sign.
+_WORLD_PLACE = [4, 3, 5, 1, 0, 2, 7, 6, 8]
+_WORLD_SIGN = np.array([1.0, 1.0, -1.0, 1.0, 1.0, -1.0, -1.0, -1.0, 1.0])
 _SQRT_HALF = np.sqrt(0.5)
 
 
@@ -42,6 +43,22 @@ def enu_to_ned(vectors: np.ndarray) -> np.ndarray:
     ndarray, shape (..., 3)
     """
     return vectors[..., [1, 0, 2]] * np.array([1.0, 1.0, -1.0])
+
+
+def enu_to_ned_covariance(covariance: np.ndarray) -> np.ndarray:
+    """Covariances of world vectors between ENU and NED (the turn is its own inverse).
+
+    Parameters
+    ----------
+    covariance : ndarray, shape (..., 3, 3)
+
+    Returns
+    -------
+    ndarray, shape (..., 3, 3)
+    """
+    flat = covariance.reshape(*covariance.shape[:-2], 9)
+    # Adding zero leaves no negative zero.
+    return (flat[..., _WORLD_PLACE] * _WORLD_SIGN + 0.0).reshape(covariance.shape)
 
 
 _Parts = tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]

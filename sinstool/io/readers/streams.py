@@ -25,7 +25,7 @@ from sinstool.core.streams import (
 )
 from sinstool.io.messages.decode import Decoder
 from sinstool.io.messages.layout import Layout, LayoutError, walk
-from sinstool.io.readers.frames import SWAP_ENU_NED, enu_to_ned, q_nb_from_log, turn_body
+from sinstool.io.readers.frames import enu_to_ned, enu_to_ned_covariance, q_nb_from_log, turn_body
 from sinstool.io.readers.log import Channel, Log
 from sinstool.io.readers.message_types import HEIGHT_TYPES, VELOCITY_TYPES
 
@@ -252,7 +252,7 @@ def read_fixes(log: Log, channels: Sequence[Channel], losses: Losses) -> Iterato
             np.radians(v["latitude"]),
             np.radians(v["longitude"]),
             v["altitude"],
-            SWAP_ENU_NED @ enu @ SWAP_ENU_NED,
+            enu_to_ned_covariance(enu),
             v["covariance_type"].astype(np.int64),
             v["status"].astype(np.int64),
         )
@@ -269,7 +269,7 @@ def read_velocity(log: Log, channels: Sequence[Channel], losses: Losses) -> Iter
         enu = np.zeros((len(log_time_ns), 3, 3))
         if not plain:
             enu = v["covariance"].reshape(-1, 6, 6)[:, :3, :3]
-        ned = SWAP_ENU_NED @ enu @ SWAP_ENU_NED
+        ned = enu_to_ned_covariance(enu)
         yield Velocity(stamp(v), log_time_ns, enu_to_ned(v["linear"]), ned)
 
 

@@ -14,7 +14,7 @@ from sinstool.core.streams import Diagnostics, Solution, concatenate
 from sinstool.io.messages.definitions import md5_sum, ros1_type_name, schema_text, type_hash
 from sinstool.io.messages.encode import Encoder
 from sinstool.io.readers.batch import RawBatch
-from sinstool.io.readers.frames import SWAP_ENU_NED, enu_to_ned, q_for_log, turn_body
+from sinstool.io.readers.frames import enu_to_ned, enu_to_ned_covariance, q_for_log, turn_body
 from sinstool.io.writers.mcap import McapWriter
 
 # Numeric, as the oldest supported rosbag2 reads nothing else: keep last 10, reliable, volatile.
@@ -65,11 +65,6 @@ class Frames:
         return f"{self.reference}_ned" if self.world == "ned" else self.reference
 
 
-# Where each element of a covariance in ENU comes from in NED, and its sign.
-_AXIS = np.argmax(np.abs(SWAP_ENU_NED), axis=1)
-_ENU_FROM = (3 * _AXIS[:, None] + _AXIS[None, :]).ravel()
-_ENU_SIGN = np.outer(SWAP_ENU_NED.sum(axis=1), SWAP_ENU_NED.sum(axis=1)).ravel()
-
 Columns = dict[str, np.ndarray]
 # A number as the text of a diagnostic value: always as long as this.
 NUMBER = "%14.6e"
@@ -114,19 +109,12 @@ class Rows:
         """NED covariances in the axes of the world frame."""
         if self.frames.world != "enu":
             return covariance_n
-        return enu_covariance(covariance_n)
+        return enu_to_ned_covariance(covariance_n)
 
     def in_body(self, covariance_n: np.ndarray) -> np.ndarray:
         """NED covariances in the log's body axes."""
         c_nb = turn_body(to_dcm(self.solution.q_nb), self.frames.body_axes)
         return np.swapaxes(c_nb, 1, 2) @ covariance_n @ c_nb
-
-
-def enu_covariance(covariance_n: np.ndarray) -> np.ndarray:
-    """NED covariances, shape (n, 3, 3), in ENU: ``S P S`` as the columns that it only moves."""
-    flat = covariance_n.reshape(-1, 9)
-    # Adding zero leaves no negative zero.
-    return (flat[:, _ENU_FROM] * _ENU_SIGN + 0.0).reshape(-1, 3, 3)
 
 
 def stamp(time_ns: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -207,7 +195,7 @@ def _fix(r: Rows) -> Columns:
     }
     if s.covariance_position_n is not None:
         # always east, north, up in this message
-        turned = enu_covariance(s.covariance_position_n)
+        turned = enu_to_ned_covariance(s.covariance_position_n)
         columns["position_covariance"] = turned.reshape(-1, 9)
         columns["position_covariance_type"] = np.array(3)
     return columns

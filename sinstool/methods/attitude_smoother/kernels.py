@@ -71,7 +71,7 @@ DIVERGED = -1e300
 
 @numba.njit(cache=True, nogil=True)
 def _steadiness(
-    row: FloatArray, par: FloatArray, n: int, x: FloatArray, p: FloatArray, dx: FloatArray
+    row: FloatArray, par: FloatArray, x: FloatArray, p: FloatArray, dx: FloatArray
 ) -> int:
     """What an epoch that looks like rest is, by what is known of tilt, bias and velocity by now.
 
@@ -108,7 +108,6 @@ def _measure(
     p: FloatArray,
     gain: FloatArray,
     dx: FloatArray,
-    e: FloatArray,
 ) -> float:
     """Hold a state and what it is known to be off by, `dx`, against epoch k.
 
@@ -116,7 +115,7 @@ def _measure(
     """
     if row[GAP] > 0.0:
         return 0.0
-    kind = _steadiness(row, par, n, x, p, dx) if row[REST] > 0.0 else MOVING
+    kind = _steadiness(row, par, x, p, dx) if row[REST] > 0.0 else MOVING
     rest = kind != MOVING
     t = row[DURATION]
     c1 = 0.0 if rest else par[C1]
@@ -146,10 +145,11 @@ def _measure(
         likelihood -= 0.5 * (left * left / s + log(s))
     if row[REST] > 0.0:
         likelihood = 0.0
-    if rest:
-        for i in range(3 if kind == AT_REST else 0):
+    if kind == AT_REST:
+        for i in range(3):
             z = -x[V + i]
             update(p, n, XV + i, 1.0, XA, 0.0, XA, 0.0, z, REST_VELOCITY**2, gain, dx)
+    if rest:
         for i in range(3):
             z = row[GYRO + i] - x[B + i]
             update(p, n, XB + i, 1.0, XA, 0.0, XA, 0.0, z, par[ZERO_RATE] ** 2, gain, dx)
@@ -393,7 +393,7 @@ def forward(
             for m in range(ERRORS):
                 states[kept, STATE + m] = dx[m]
             copy_square(p, covariances[kept])
-        likelihood = _measure(epochs[k], field, k, par, n, x, p, gain, dx, e)
+        likelihood = _measure(epochs[k], field, k, par, n, x, p, gain, dx)
         if not likelihood > DIVERGED:
             return DIVERGED
         total += likelihood
@@ -459,7 +459,7 @@ def backward(
     p_plus, p_minus = np.empty((count, n, n)), np.empty((count, n, n))
     x_plus, x_minus = np.empty((count, STATE)), np.empty((count, STATE))
     for k in range(count):
-        _measure(epochs[begin + k], field, begin + k, par, n, x, p, gain, dx, e)
+        _measure(epochs[begin + k], field, begin + k, par, n, x, p, gain, dx)
         _take_in(near, begin + k, x, dx, n, e)
         copy(x, x_plus[k])
         copy(dx, dx_plus[k])

@@ -4,7 +4,13 @@ from hypothesis import assume, given
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
-from sinstool.io.readers.frames import enu_to_ned, q_for_log, q_nb_from_log, turn_body
+from sinstool.io.readers.frames import (
+    enu_to_ned,
+    enu_to_ned_covariance,
+    q_for_log,
+    q_nb_from_log,
+    turn_body,
+)
 from tests.helpers.imulogs import ENU_NED, FLU_FRD
 
 number = st.floats(-100.0, 100.0)
@@ -29,6 +35,17 @@ def test_vectors(v):
     np.testing.assert_allclose(enu_to_ned(v), ENU_NED.apply(v), atol=1e-12)
     np.testing.assert_array_equal(turn_body(turn_body(v, "flu"), "flu"), v)
     np.testing.assert_array_equal(enu_to_ned(enu_to_ned(v)), v)
+
+
+def test_a_covariance_turns_with_its_vectors():
+    v = np.random.default_rng(2).standard_normal((4, 5, 3))
+    np.testing.assert_array_equal(enu_to_ned_covariance(np.cov(v[0].T)), np.cov(enu_to_ned(v[0]).T))
+    outer = v[..., :, None] * v[..., None, :]
+    turned = enu_to_ned(v)
+    np.testing.assert_array_equal(
+        enu_to_ned_covariance(outer), turned[..., :, None] * turned[..., None, :]
+    )
+    assert not np.signbit(enu_to_ned_covariance(np.zeros((3, 3)))).any()
 
 
 def test_axes_by_name():

@@ -102,7 +102,7 @@ def one_step(epoch, motion, sensors, x, p):
     f, q, scratch = np.empty((n, n)), np.empty((n, n)), np.empty((3, 3))
     par = parameters(motion, sensors)
     x, p = x.copy(), p.copy()
-    kernels._measure(epoch, NO_FIELD, 0, par, n, x, p, gain, dx, scratch)
+    kernels._measure(epoch, NO_FIELD, 0, par, n, x, p, gain, dx)
     kernels._advance(epoch, 0.0, par, n, x, f, q, scratch)
     return f, q, p, dx
 
