@@ -28,3 +28,14 @@ def add_product(
             if f != 0.0:
                 for j in range(columns):
                     out[i, j] += f * b[k, j]
+
+
+@numba.njit(cache=True, nogil=True, inline="always")
+def product(
+    a: FloatArray, b: FloatArray, rows: int, inner: int, columns: int, out: FloatArray
+) -> None:
+    """``out = a b``; see :func:`add_product`."""
+    for i in range(rows):
+        for j in range(columns):
+            out[i, j] = 0.0
+    add_product(a, b, rows, inner, columns, out)

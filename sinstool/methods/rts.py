@@ -7,7 +7,7 @@ from math import sqrt
 import numba
 
 from sinstool.core.arrays import FloatArray
-from sinstool.methods.products import add_product
+from sinstool.methods.products import product
 
 # A pivot of the scaled covariance below which a direction counts as known from the others:
 # rounding of n = 26 sums leaves some 1e-14.
@@ -45,8 +45,7 @@ def smoother_gain(
     """
     n = len(scale)
     # Phi P+, which is the transpose of what G multiplies the inverse with
-    gain[:n, :n] = 0.0
-    add_product(transition, p_plus, n, n, n, gain)
+    product(transition, p_plus, n, n, n, gain)
     # Cholesky of P- scaled to ones on the diagonal
     for i in range(n):
         v = p_minus[i, i]

@@ -45,7 +45,7 @@ from sinstool.methods.attitude_smoother.state import (
     turn,
     update,
 )
-from sinstool.methods.products import add_product
+from sinstool.methods.products import add_product, product
 from sinstool.methods.rts import smoother_covariance, smoother_gain
 
 # Parameters of a run
@@ -327,10 +327,7 @@ def _spread(a: float, b: float, c: float, variance: float, q: FloatArray, at: in
 @numba.njit(cache=True, nogil=True)
 def _carry(p: FloatArray, n: int, f: FloatArray, q: FloatArray, half: FloatArray) -> None:
     """p <- f p f^T + q, for a sparse f."""
-    for i in range(n):
-        for j in range(n):
-            half[i, j] = 0.0
-    add_product(f, p, n, n, n, half.T)
+    product(f, p, n, n, n, half.T)
     copy_square(q, p)
     add_product(f, half, n, n, n, p)
 

@@ -31,8 +31,8 @@ import numba
 
 from sinstool.core import earth
 from sinstool.core.arrays import FloatArray, IntArray
+from sinstool.methods import products
 from sinstool.methods.ins_gnss import states
-from sinstool.methods.products import add_product
 
 _N, _E, _D = states.POSITION, states.POSITION + 1, states.POSITION + 2
 _VN, _VE, _VD = states.VELOCITY, states.VELOCITY + 1, states.VELOCITY + 2
@@ -279,8 +279,7 @@ def propagate_covariance(
     n = index[states.I_STATES]
     for i in range(n):
         p[i, i] += 0.5 * delta * noise[i]
-    half[:m, :n] = 0.0
-    add_product(phi, p, m, coupled, n, half)
+    products.product(phi, p, m, coupled, n, half)
     for i in range(m):
         for j in range(i + 1):
             total = 0.0
@@ -325,8 +324,7 @@ def propagate_product(
     """Product of transitions, shape (n, n), times that of a substep."""
     m = index[states.I_MOVING]
     n = index[states.I_STATES]
-    half[:m, :n] = 0.0
-    add_product(phi, product, m, index[states.I_COUPLED], n, half)
+    products.product(phi, product, m, index[states.I_COUPLED], n, half)
     for i in range(m):
         for j in range(n):
             product[i, j] = half[i, j]

@@ -12,15 +12,14 @@ import numba
 
 from sinstool.core.arrays import FloatArray
 from sinstool.methods.ins_gnss.layout import Memory
-from sinstool.methods.products import add_product
+from sinstool.methods.products import product
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy")
 def project(m: Memory, rows: int) -> None:
     """``hp = H P`` and ``s = H P H^T``, without the measurement's own noise."""
     n = m.p.shape[0]
-    m.hp[:rows, :n] = 0.0
-    add_product(m.h, m.p, rows, n, n, m.hp)
+    product(m.h, m.p, rows, n, n, m.hp)
     for i in range(rows):
         for j in range(i + 1):
             total = 0.0
