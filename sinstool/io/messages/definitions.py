@@ -6,6 +6,8 @@ in what logs leave out, and says clearly what it cannot use.
 
 from __future__ import annotations
 
+import json
+import pkgutil
 from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import lru_cache
@@ -187,21 +189,42 @@ def schema_text(type_name: str, encoding: str) -> str:
     -------
     str
     """
-    text, _ = _store(encoding).generate_msgdef(
-        type_name, ros_version=1 if encoding == "ros1" else 2
-    )
-    return text
+    return _standard(type_name, encoding)[0]
 
 
 def type_hash(type_name: str) -> str:
     """RIHS01 hash (ROS 2) of a standard type."""
-    return str(_store("cdr").hash_rihs01(type_name))
+    return _standard(type_name, "cdr")[1]
 
 
 def md5_sum(type_name: str) -> str:
     """MD5 (ROS 1) of a standard type's definition."""
-    _, md5 = _store("ros1").generate_msgdef(type_name, ros_version=1)
-    return str(md5)
+    return _standard(type_name, "ros1")[1]
+
+
+def _standard(type_name: str, encoding: str) -> tuple[str, str]:
+    """Schema text and hash of a standard type.
+
+    Those of the results lie beside this module: rosbags' collections take longer to import than
+    some logs to process.
+    """
+    known = _results()[encoding].get(type_name)
+    return (known[0], known[1]) if known else collected(type_name, encoding)
+
+
+def collected(type_name: str, encoding: str) -> tuple[str, str]:
+    """Schema text and hash of a standard type out of rosbags' collection."""
+    store = _store(encoding)
+    text, md5 = store.generate_msgdef(type_name, ros_version=1 if encoding == "ros1" else 2)
+    return text, str(md5 if encoding == "ros1" else store.hash_rihs01(type_name))
+
+
+@lru_cache(maxsize=1)
+def _results() -> dict[str, dict[str, list[str]]]:
+    content = pkgutil.get_data(__name__, "results.json")
+    assert content is not None
+    types: dict[str, dict[str, list[str]]] = json.loads(content)
+    return types
 
 
 @lru_cache(maxsize=2)
