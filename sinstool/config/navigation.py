@@ -21,14 +21,15 @@ class NavigationOptions(Group):
     )
     attitude: Literal["auto", "smoothed", "inertial"] = option(
         "auto",
-        "of --mode attitude: smoothed, held up by gravity over the whole log, with sigmas; or"
-        " inertial, the integrated rates alone; auto is inertial for a navigation-grade IMU and"
-        " where --coning chooses an algorithm, else smoothed",
+        "of --mode attitude: smoothed, its roll and pitch held to gravity over the whole log, with"
+        " sigmas; or inertial, the integrated rates alone; auto is inertial for a navigation-grade"
+        " IMU and where --coning chooses an algorithm, else smoothed",
     )
     motion: Literal["auto", "hand", "vehicle"] = option(
         "auto",
-        "what a smoothed attitude assumes: that the position is bounded (hand) or the velocity"
-        " (vehicle: car, ship, aircraft); auto takes what makes the accelerations more likely",
+        "what a smoothed attitude takes the motion for: hand, which stays within about a metre, or"
+        " vehicle (car, ship, aircraft), which goes anywhere at a bounded speed; auto takes what"
+        " fits the accelerations better",
     )
     magnetometer: str | None = option(
         None,

@@ -152,8 +152,8 @@ def read_magnetometer(
     if unit != "T":
         measured = replace(measured, field=measured.field / TESLA[unit])
         text = (
-            f"topic {topic.topic}: the field is {size:.4g} in size, as the Earth's in {unit}, not"
-            " in tesla; converted"
+            f"topic {topic.topic}: the field is {size:.4g} in size, which is the Earth's in {unit},"
+            " not in tesla; converted"
         )
         findings.append(
             Finding("field-unit", text, topic=topic.topic, numbers={"size_T": size / TESLA[unit]})

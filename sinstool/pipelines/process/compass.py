@@ -22,7 +22,7 @@ from sinstool.survey.source import Source
 # More of the time that is disturbed is worth knowing.
 DISTURBED = 0.1
 REFUSALS = {
-    "short": "it gives no ten seconds of field",
+    "short": "it measures for less than ten seconds",
     "size": "its field of {size:.3g} uT is not the Earth's (20 to 70 uT)",
     "disturbed": "size and dip of its field are the same in only {trusted:.0f} % of the time: it is"
     " disturbed, or has other axes than the Imu",
@@ -157,7 +157,8 @@ class MagneticHeading:
                 f"topic {topic}: a field of {1e6 * found.size:.1f} uT that dips by"
                 f" {found.dip / DEGREE:.1f} deg is not that of the place,"
                 f" {1e6 * self._expected.size:.1f} uT and {self._expected.dip / DEGREE:.1f} deg:"
-                " there is iron about, or the tilt is wrong; heading against north is not verified",
+                " there is iron nearby, or the tilt is wrong; heading against north is not"
+                " verified",
                 topic=topic,
                 answer="check latitude and longitude, and calibrate the sensors",
                 numbers={"size_T": found.size, "dip_deg": found.dip / DEGREE},

@@ -17,7 +17,7 @@ from sinstool.core.units import DEGREE
 from sinstool.methods.alignment.initial import Alignment
 from sinstool.methods.attitude_smoother.epochs import SATURATED, Epochs, EpochStage
 from sinstool.methods.attitude_smoother.model import GRAVITY, SensorModel, sensor_model
-from sinstool.methods.attitude_smoother.motion import MARGIN, Motion, find_motion
+from sinstool.methods.attitude_smoother.motion import Motion, find_motion
 from sinstool.methods.attitude_smoother.rest import with_rest
 from sinstool.methods.attitude_smoother.smoother import Correction, smooth
 from sinstool.methods.attitude_smoother.start import Known
@@ -230,11 +230,12 @@ class Smoothing:
             )
         compassed = s.magnetometer is not None and not s.magnetometer.refused
         if not self._rested and not compassed:
+            known = f"{s.heading_sigma_end_deg:.2g} deg (1 sigma)"
+            drift = "any angle" if s.heading_lost else known
             yield Finding(
                 "no-rest",
                 "the log holds no rest of 2 s, so nothing shows the gyro bias about the vertical:"
-                f" heading may have drifted by {s.heading_sigma_end_deg:.2g} deg (1 sigma; 104"
-                " deg: by anything) at its end",
+                f" by its end heading may have drifted by {drift}",
                 answer="record some seconds at rest, or give --gyro-bias X,Y,Z",
                 numbers={"heading_sigma_deg": s.heading_sigma_end_deg},
             )
@@ -243,7 +244,7 @@ class Smoothing:
             lost = share > LOST_SHARE
             yield Finding(
                 "gyro-at-stop",
-                f"a gyro is at its largest value for {s.gyro_at_stop_s:.3g} s,"
+                f"a gyro stays at the largest rate that it can show for {s.gyro_at_stop_s:.3g} s,"
                 f" {100.0 * share:.2g} % of the time: what the body turned beyond that is not in"
                 " the log" + (", and the attitude is not to be trusted" if lost else ""),
                 severity=Severity.LOST if lost else Severity.WARNING,
@@ -254,9 +255,8 @@ class Smoothing:
             other = "vehicle" if s.motion == "hand" else "hand"
             yield Finding(
                 "unsure-motion",
-                f"the motion was taken for that of a {s.motion}, but that of a {other} explains it"
-                f" about as well ({s.motion_margin_nat:+.2f} nat an epoch; a vehicle from"
-                f" {MARGIN:g} on): on the wrong choice tilt can be degrees off",
+                f"the motion was taken for that of a {s.motion}, but a {other} might move like this"
+                " too: with the wrong choice roll and pitch can be degrees off",
                 answer=f"say which it is with --motion {s.motion} or {other}",
                 numbers={"margin_nat": s.motion_margin_nat or 0.0},
             )

@@ -181,6 +181,10 @@ class ConingUsed:
         )
 
 
+# The sigma of a heading that may be any is 104 deg.
+UNKNOWN_HEADING_DEG = 100.0
+
+
 @dataclass(frozen=True)
 class MagnetometerUsed:
     """What a magnetometer showed.
@@ -259,6 +263,11 @@ class AttitudeSmoothing:
     gyro_bias_rad_s: tuple[float, ...]
     gyro_bias_sigma_rad_s: tuple[float, ...]
     magnetometer: MagnetometerUsed | None = None
+
+    @property
+    def heading_lost(self) -> bool:
+        """Whether the last heading may be any."""
+        return self.heading_sigma_end_deg > UNKNOWN_HEADING_DEG
 
 
 @dataclass(frozen=True)

@@ -11,8 +11,6 @@ if TYPE_CHECKING:
 
 
 Row = tuple[str, str]
-# Nothing is known of a heading from about here on: 104 deg are those of a whole turn.
-UNKNOWN_HEADING_DEG = 100.0
 
 
 def compass(heading_deg: float, digits: int) -> str:
@@ -90,8 +88,7 @@ def _smoothing(s: summary.AttitudeSmoothing | None) -> list[Row]:
     if s is None:
         return []
     bias = ", ".join(f"{b:.3e}" for b in s.gyro_bias_rad_s)
-    lost = s.heading_sigma_end_deg > UNKNOWN_HEADING_DEG
-    heading = "not known" if lost else f"to {s.heading_sigma_end_deg:.2g} deg"
+    heading = "not known" if s.heading_lost else f"to {s.heading_sigma_end_deg:.2g} deg"
     return [
         (
             "smoothed",

@@ -425,6 +425,11 @@ def find_start(
             if alignment.bias_source == "none" and config.align.gyro_bias == "still":
                 alignment = with_bias_in_motion(alignment, source, config, gnss)
         if not alignment.north_referenced:
+            if config.align.align == "auto":
+                raise AlignmentError(
+                    "nothing in the log shows heading, and the filter needs one",
+                    "give it with --align fixed --initial-attitude ROLL,PITCH,HEADING",
+                )
             raise AlignmentError(
                 f"--align {alignment.method} gives no heading, and the filter needs one",
                 "leave --align out, or use svd, gyrocompass, log or fixed",
