@@ -102,7 +102,7 @@ class SegmentSamples:
         ndarray of int64, shape (n,)
             Their times: the stamps, or what the believed rate makes of them, ns.
         """
-        self._held = imu if self._held is None else concatenate([self._held, imu])
+        self._held = concatenate([self._held, imu]) if self._held else imu
         times = imu.time_ns
         if self._sample_rate is not None:
             number = self._count + np.arange(len(imu))

@@ -12,6 +12,7 @@ from sinstool.config import ProcessConfig
 from sinstool.core.earth import normal_gravity
 from sinstool.core.finding import Finding, Severity
 from sinstool.core.streams import Diagnostics, Imu, Solution
+from sinstool.core.threads import executor
 from sinstool.core.timeline import SECOND
 from sinstool.core.units import DEGREE
 from sinstool.methods.alignment.initial import Alignment
@@ -109,12 +110,18 @@ class Smoothing:
         )
         # Samples that are held anyway are few enough for their attitudes to be held too.
         self._held = None if self._source.samples.blocks is None else []
-        for solution in self.run.run(blocks):
-            stage.push(solution)
-            if self._magnetic is not None:
-                self._magnetic.push(solution)
-            if self._held is not None:
-                self._held.append(solution)
+        with executor(1, "sinstool-epochs") as pool:
+            pushed = None
+            for solution in self.run.run(blocks):
+                if pushed is not None:
+                    pushed.result()
+                pushed = pool.submit(stage.push, solution)
+                if self._magnetic is not None:
+                    self._magnetic.push(solution)
+                if self._held is not None:
+                    self._held.append(solution)
+            if pushed is not None:
+                pushed.result()
         spans = (
             (span.start_ns, span.end_ns)
             for span in self._source.survey.spans
