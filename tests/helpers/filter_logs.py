@@ -34,14 +34,11 @@ class Capture:
     def refer_height(self, *_):
         pass
 
-    def free_heading(self):
-        pass
+    refer_track = refer_filter = free_heading = refer_height
 
-    def refer_track(self, *_):
-        pass
-
-    def refer_filter(self, *_):
-        pass
+    @property
+    def solution(self):
+        return concatenate(self.parts)
 
 
 def simulated(path, scenario, *options):
@@ -60,7 +57,7 @@ def run(log, **groups):
     out = Path(log).with_suffix(".out.mcap")
     result = process(Path(log), out, ProcessConfig(**groups), None, capture)
     out.unlink()
-    solution = concatenate(capture.parts)
+    solution = capture.solution
     for name, values in vars(solution).items():
         assert values is None or np.isfinite(values).all(), name
     return result.to_json(), solution

@@ -24,6 +24,7 @@ from sinstool.simulation.log import (
     write_simulated,
 )
 from sinstool.simulation.sensors import with_errors
+from tests.helpers.filter_logs import Capture
 
 AXES = Axes("flu")
 T0 = 1_700_000_000_000_000_000
@@ -86,23 +87,8 @@ class FlightLog:
         return options
 
 
-class Collected:
-    """Takes the place of a recorder: keeps every solution."""
-
-    def __init__(self):
-        self.parts = []
-
-    def refer_height(self, *_):
-        pass
-
-    def free_heading(self):
-        pass
-
-    def refer_track(self, *_):
-        pass
-
-    def push(self, solution):
-        self.parts.append(solution)
+class Collected(Capture):
+    """Keeps every solution, by columns too."""
 
     def column(self, name):
         return np.concatenate([getattr(p, name) for p in self.parts])

@@ -5,7 +5,6 @@ import pytest
 
 from sinstool.config import ProcessConfig
 from sinstool.config.load import build
-from sinstool.core.streams import concatenate
 from sinstool.pipelines.process.run import process
 from tests.helpers.filter_logs import Capture
 from tests.helpers.imulogs import angles_between, even_times, handheld, imu_log, in_log_axes
@@ -48,7 +47,7 @@ def test_a_rest_that_is_not_the_beginning_is_used_and_said(tmp_path, seed, movin
     np.testing.assert_allclose(
         result.alignment.gyro_bias_rad_s, BIAS * [1.0, -1.0, -1.0], atol=np.radians(0.05)
     )
-    solution = concatenate(capture.parts)
+    solution = capture.solution
     turned = in_log_axes(solution.q_nb)
     # heading and the first tilt are not known: what is turned since the first second counts
     first = round(1.0 * RATE)

@@ -6,12 +6,12 @@ import pytest
 from sinstool.config import ProcessConfig
 from sinstool.config.load import build
 from sinstool.core.rotation import conjugate, from_euler, log, multiply, rotate, tilt_and_heading
-from sinstool.core.streams import Solution, concatenate
 from sinstool.io.readers import open_log
 from sinstool.io.readers.frames import q_for_log, q_nb_from_log, turn_body
 from sinstool.io.readers.truth import at_times
 from sinstool.pipelines.process.run import process
 from sinstool.report.text.process import summary_rows
+from tests.helpers.filter_logs import Capture
 from tests.helpers.imulogs import imu_messages, write_log
 from tests.helpers.logs import real
 from tests.methods.attitude_smoother.compass_runs import earth, turning
@@ -19,23 +19,6 @@ from tests.survey.test_magnetometer import field_messages
 
 T0 = 1_700_000_000_000_000_000  # 14 November 2023
 FIELD = earth(64.0, azimuth_deg=5.0)
-
-
-class Kept:
-    """A sink that keeps the solutions."""
-
-    def __init__(self):
-        self.blocks = []
-
-    def push(self, solution):
-        self.blocks.append(solution)
-
-    def __getattr__(self, name):
-        return lambda *_: None
-
-    @property
-    def solution(self) -> Solution:
-        return concatenate(self.blocks)
 
 
 def turning_log(path, *, iron=(0.0, 0.0, 0.0), bad=False, oriented=False, seconds=60.0):
@@ -67,7 +50,7 @@ def turning_log(path, *, iron=(0.0, 0.0, 0.0), bad=False, oriented=False, second
 def processed(path, tmp_path, **options):
     groups = {"navigation": options, "align": {}, "input": {"gyro_kind": "mean-rate"}}
     groups["align"] = {k: options.pop(k) for k in ("latitude", "longitude") if k in options}
-    kept = Kept()
+    kept = Capture()
     result = process(path, tmp_path / "out.mcap", build(ProcessConfig, groups), sink=kept)
     return result, kept.solution
 
@@ -168,7 +151,7 @@ def test_a_first_attitude_with_a_heading_is_not_turned(tmp_path):
     assert result.plan.magnetometer.value == "none"
     assert "counts from north already" in result.plan.magnetometer.reason
     config["navigation"] = {"magnetometer": "/mag", "declination": 5.0}
-    kept = Kept()
+    kept = Capture()
     process(log, tmp_path / "b.mcap", build(ProcessConfig, config), sink=kept)
     assert np.abs(heading_errors(kept.solution, true)).max() < 3.0
 
@@ -195,7 +178,7 @@ TRIALS = {
 @pytest.mark.parametrize("trial", TRIALS)
 def test_recorded_trials_have_their_north(tmp_path, trial):
     path = real(f"broad/broad_{trial}.mcap")
-    kept = Kept()
+    kept = Capture()
     result = process(path, tmp_path / "out.mcap", ProcessConfig(), sink=kept)
     assert result.smoothing.magnetometer.north == "magnetic"
     solution = kept.solution

@@ -10,7 +10,6 @@ from sinstool.config import ProcessConfig
 from sinstool.config.load import build
 from sinstool.core.finding import exit_status
 from sinstool.core.rotation import to_dcm
-from sinstool.core.streams import concatenate
 from sinstool.pipelines.process.run import process
 from tests.helpers.filter_logs import Capture
 from tests.helpers.imulogs import T0
@@ -36,7 +35,7 @@ def navigated(log, truth, out, **groups):
     groups["output"] = {"only_results": True}
     capture = Capture()
     result = process(log, out, build(ProcessConfig, groups), None, capture)
-    solution = concatenate(capture.parts)
+    solution = capture.solution
     seconds = (solution.time_ns - T0) * 1e-9
     even = np.abs(seconds * RATE - np.round(seconds * RATE)) < 1e-3
     rows = np.flatnonzero(even)[::20]
@@ -207,7 +206,7 @@ def test_inertial_navigation_starts_at_the_imu_and_not_at_the_antenna(tmp_path, 
     }
     capture = Capture()
     process(log, tmp_path / "out.mcap", build(ProcessConfig, settings), None, capture)
-    first = concatenate(capture.parts).rows(slice(0, 1))
+    first = capture.solution.rows(slice(0, 1))
     off = standing.errors_of(standing.seconds[:1], *first.position.T, first.velocity_n,
                              to_dcm(first.q_nb))[0]  # fmt: skip
     # without a heading only the height of the antenna is known to be another
