@@ -370,7 +370,7 @@ def to_euler(quaternion: ArrayLike) -> FloatArray:
 
 
 def tilt_and_heading(quaternion: ArrayLike) -> tuple[FloatArray, FloatArray]:
-    """Rotations in NED, such as errors of attitude, as a tilt and then a turn about the vertical.
+    """Rotations in NED or ENU, such as errors of attitude: a tilt, then a turn about the vertical.
 
     Parameters
     ----------
@@ -380,7 +380,7 @@ def tilt_and_heading(quaternion: ArrayLike) -> tuple[FloatArray, FloatArray]:
     Returns
     -------
     tilt : ndarray, shape (..., 2)
-        North and east of the level rotation vector, rad; its length is the angle between the
+        First two elements of the level rotation vector, rad; its length is the angle between the
         verticals.
     heading : ndarray, shape (...)
         In (-pi, pi], rad; 0 of what turns upside down, which can be put down to the tilt alone.

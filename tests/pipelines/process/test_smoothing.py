@@ -9,6 +9,7 @@ from scipy.spatial.transform import Rotation
 from sinstool.config import ProcessConfig
 from sinstool.config.load import build
 from sinstool.core.errors import DataError
+from sinstool.core.rotation import tilt_and_heading
 from sinstool.pipelines.process.run import plan_of, process
 from sinstool.survey import imu as survey
 from sinstool.survey import source
@@ -75,11 +76,7 @@ def written(path):
 
 def tilt(estimate, truth):
     """Errors of tilt about east and north, rad, of estimates of free heading."""
-    error = truth * estimate.inv()
-    heading = error.as_quat()
-    heading = 2.0 * np.arctan2(heading[:, 2], heading[:, 3])
-    turn = Rotation.from_rotvec(np.outer(heading, [0.0, 0.0, 1.0]))
-    return (turn.inv() * error).as_rotvec()[:, :2]
+    return tilt_and_heading((truth * estimate.inv()).as_quat(scalar_first=True))[0]
 
 
 def smoothed(tmp_path, log, **groups):
