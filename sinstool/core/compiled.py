@@ -8,6 +8,7 @@ compiler load the rest by itself, at any time.
 
 from __future__ import annotations
 
+from functools import cache
 from typing import Any
 
 from numba.core.caching import FunctionCache
@@ -16,6 +17,7 @@ from numba.core.runtime import rtsys
 PACKAGE = __name__.partition(".")[0]
 
 
+@cache
 def load_quickly() -> None:
     """From now on load compiled loops of this package quickly; those of others as numba does."""
     theirs = FunctionCache.load_overload

@@ -380,6 +380,7 @@ def imu_blocks(
     start_ns: int,
     progress: Callable[[int], None] | None = None,
     rows: int = BLOCK_ROWS,
+    *,
     last: bool = False,
 ) -> Iterator[Imu]:
     """Ordered samples of the second pass, from ``start_ns`` on, in blocks of ``rows``.
