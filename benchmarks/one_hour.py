@@ -388,7 +388,10 @@ OURS: dict[str, Method] = {
     "sinstool: Imu columns, one array each": read_whole,
     "sinstool: Imu columns, in blocks": read_blocks,
 }
-PROCESS = "sinstool process (whole command)"
+PROCESS: dict[str, tuple[str, ...]] = {
+    "sinstool process (whole command)": (),
+    "sinstool process --mode attitude (whole command)": ("--mode", "attitude"),
+}
 BASE = "mcap: iterate over all, undecoded"
 STOCK: dict[str, Method] = {
     BASE: mcap_iteration,
@@ -414,11 +417,11 @@ def run_method(name: str, log: Path) -> Result:
     return Result(said["wall"], said["cpu"], peak, said["messages"])
 
 
-def run_process(log: Path) -> Result:
+def run_process(log: Path, options: tuple[str, ...]) -> Result:
     """`sinstool process`, start-up and all."""
     output = log.with_suffix(".out.mcap")
     output.unlink(missing_ok=True)
-    arguments = ["process", str(log), "-o", str(output), "--json", "-q"]
+    arguments = ["process", str(log), "-o", str(output), "--json", "-q", *options]
     try:
         text, wall, cpu, peak = run_child([*PROGRAM, *arguments])
         return Result(wall, cpu, peak, 2 * json.loads(text)["output"]["attitudes"])
@@ -433,12 +436,13 @@ def compare(log: Path, runs: int, stock_runs: int) -> None:
         for name in OURS:
             if number < runs:
                 results.setdefault(name, []).append(run_method(name, log))
-        if number < runs:
-            results.setdefault(PROCESS, []).append(run_process(log))
+        for name, options in PROCESS.items():
+            if number < runs:
+                results.setdefault(name, []).append(run_process(log, options))
         for name in STOCK:
             if 0 <= number < stock_runs:
                 results.setdefault(name, []).append(run_method(name, log))
-    for name in (*OURS, PROCESS):
+    for name in (*OURS, *PROCESS):
         del results[name][0]
     middle = {name: _median(runs_of) for name, runs_of in results.items()}
     size = log.stat().st_size / 1e6
