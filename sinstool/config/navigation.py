@@ -169,6 +169,17 @@ class FilterOptions(Group):
         le=0.99,
     )
 
+    vehicle: Literal["auto", "land", "none"] = option(
+        "auto",
+        "what the vehicle cannot do: land: it rests where it stands, and its axle slides neither"
+        " sideways nor up; none: nothing is assumed; auto: as far as the log shows it",
+    )
+    mount: tuple[float, float, float] | None = option(
+        None,
+        "attitude of the IMU in the land vehicle in degrees, about which its pitch and yaw are"
+        " estimated (default: found from the motion)",
+        "ROLL,PITCH,YAW",
+    )
     baro_sigma: float | None = option(
         None, "what the barometer is off by for minutes, in m (default: 10)", gt=0
     )

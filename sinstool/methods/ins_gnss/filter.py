@@ -13,9 +13,15 @@ from sinstool.core.errors import ConfigurationError
 from sinstool.core.streams import GnssEpochs
 from sinstool.methods.height import layout as height_layout
 from sinstool.methods.ins_gnss import layout, parameters, results
+from sinstool.methods.ins_gnss.constraints import (
+    INTERVAL,
+    Constraints,
+    VehicleEstimate,
+    vehicle_estimate,
+)
 from sinstool.methods.ins_gnss.loop import run
 from sinstool.methods.ins_gnss.settings import Settings, Start
-from sinstool.methods.ins_gnss.states import I_MOVING, FilterKind
+from sinstool.methods.ins_gnss.states import I_MOVING, LAND_VEHICLE, FilterKind
 from sinstool.methods.strapdown.navigation import SIZE as NAV_SIZE
 from sinstool.methods.strapdown.velocity import Increments
 
@@ -44,6 +50,12 @@ class FilterSummary:
         Of the damping network; without one, of a channel that has seen nothing.
     gains : tuple of float or None
         Of the network: continuous K1, K2, K3.
+    vehicle : VehicleEstimate or None
+        Of a land vehicle.
+    rests, held, wheels : int
+        Constraints used: at rest, of an axle that does not slide, and of wheels.
+    slides, wheel_slips : int
+        Of these, how many did not hold and were left out.
     """
 
     filter: str
@@ -61,6 +73,12 @@ class FilterSummary:
     baro_bias: float
     channel: height_layout.ChannelSummary
     gains: tuple[float, float, float] | None
+    vehicle: VehicleEstimate | None
+    rests: int
+    held: int
+    wheels: int
+    slides: int
+    wheel_slips: int
 
 
 class InsGnssFilter:
@@ -78,6 +96,8 @@ class InsGnssFilter:
     store : bool, optional
         Answer with what a smoother needs: 3 n^2 numbers for each instant with a measurement,
         16 kB for 26 states.
+    constraints : Constraints, optional
+        When the vehicle rests, and what cannot slide.
 
     Attributes
     ----------
@@ -101,11 +121,15 @@ class InsGnssFilter:
         with_baro: bool,
         output: bool = True,
         store: bool = False,
+        constraints: Constraints | None = None,
     ) -> None:
         self.settings = settings
+        self._constraints = constraints
+        vehicle = None if constraints is None else constraints.vehicle
         kind = settings.kind
         self.fell_back = kind.needs_baro and not with_baro
-        self.kind: FilterKind = kind if with_baro else kind.without_baro
+        kind = kind if with_baro else kind.without_baro
+        self.kind: FilterKind = kind if vehicle is None else kind.on_wheels
         self.events: list[results.FilterEvent] = []
         self.channel_events: list[height_layout.Event] = []
         self._output = output
@@ -117,7 +141,7 @@ class InsGnssFilter:
                 "K4 = 0, or one of the network filters",
             )
         index = self.kind.index
-        p0 = parameters.initial_covariance(self.kind, start, settings)
+        p0 = parameters.initial_covariance(self.kind, start, settings, vehicle)
         self._model = layout.Model(
             index,
             parameters.loop_parameters(self.kind, settings),
@@ -127,6 +151,8 @@ class InsGnssFilter:
             parameters.decay_rates(self.kind, settings),
             parameters.noise_densities(self.kind, start, settings),
             p0,
+            np.zeros(layout.V_PARAMETERS) if constraints is None else constraints.parameters(),
+            np.empty((0, 3)) if constraints is None else constraints.grid(),
         )
         self._memory = layout.new_memory(
             start.nav,
@@ -136,6 +162,7 @@ class InsGnssFilter:
             int(index[I_MOVING]),
             settings.control.window,
             settings.control.measured_epochs,
+            np.zeros(layout.VEHICLE_SIZE) if vehicle is None else vehicle.known(),
         )
         self._origin: int | None = None
         # Not used yet: times, fixes, whether they are withheld; times, heights, reasons
@@ -182,7 +209,17 @@ class InsGnssFilter:
             baro_bias=float(self._memory.channel[height_layout.S_BARO_BIAS]),
             channel=height_layout.summarise(self._memory.channel),
             gains=self.settings.damping.gains if self.kind.network else None,
+            vehicle=self._vehicle(),
+            rests=int(number[layout.N_RESTS]),
+            held=int(number[layout.N_HELD]),
+            wheels=int(number[layout.N_WHEELS]),
+            slides=int(number[layout.N_SLIPS]),
+            wheel_slips=int(number[layout.N_WHEEL_SLIPS]),
         )
+
+    def _vehicle(self) -> VehicleEstimate | None:
+        first = self.kind.first(LAND_VEHICLE)
+        return vehicle_estimate(self._memory.vehicle, self._memory.p, first) if first >= 0 else None
 
     # --- data -----------------------------------------------------------------------------
 
@@ -236,6 +273,9 @@ class InsGnssFilter:
         self._take(gnss, withheld, baro_time_ns, baro_height, baro_reason)
         if self._origin is None and len(time_ns):
             self._origin = int(time_ns[0]) - round(float(interval[0]) * 1e9)
+            if self._constraints is not None:
+                begin = (self._constraints.start_ns - self._origin) * 1e-9
+                self._model.vehicle[layout.V_ORIGIN] = begin
         origin = self._origin or 0
         last = int(time_ns[-1]) if len(time_ns) else None
         epochs = 0 if last is None else int(np.searchsorted(self._gnss[0], last, "right"))
@@ -246,7 +286,10 @@ class InsGnssFilter:
         spent = float(interval.sum() + 1.0) if len(time_ns) else 0.0
         if len(time_ns):
             spent = max(spent, (int(time_ns[-1]) - int(time_ns[0])) * 1e-9 + 2.0)
-        room = int(epochs + 2.0 * spent / min(self.settings.row_interval, 1.0)) + 8
+        most = min(self.settings.row_interval, 1.0)
+        if self._constraints is not None:
+            most = min(most, INTERVAL)
+        room = int(epochs + 2.0 * spent / most) + 8
         stored = layout.new_stored(room if self._store else 1, n, results.SENSORS)
         channel_events = height_layout.new_events(len(heights))
         events = np.empty((_MOST_EVENTS, layout.EVENT_WIDTH))

@@ -13,7 +13,7 @@ import numba
 import numpy as np
 
 from sinstool.core.arrays import FloatArray, IntArray
-from sinstool.core.quaternion_kernels import increment_quaternion, product, wrapped_angle
+from sinstool.core.quaternion_kernels import dcm, increment_quaternion, product, wrapped_angle
 from sinstool.core.units import DEGREE, DEGREE_PER_HOUR, MILLI_G
 from sinstool.methods.height.channel import feedback as channel_feedback
 from sinstool.methods.height.layout import S_BARO_BIAS, S_CORRECTION, S_STEP
@@ -242,6 +242,8 @@ def _feed_back(m: Memory, model: Model) -> None:
         if gyro_factor >= 0:
             m.sensors[9 + i] += x[gyro_factor + i]
             x[gyro_factor + i] = 0.0
+    if index[states.I_LAND_VEHICLE] >= 0:
+        _feed_back_vehicle(m.vehicle, x, index[states.I_LAND_VEHICLE])
     b = index[states.I_BARO]
     if b >= 0:
         m.channel[S_BARO_BIAS] += x[b]
@@ -254,6 +256,23 @@ def _feed_back(m: Memory, model: Model) -> None:
             x[a] = 0.0
     for i in range(9):
         x[i] = 0.0
+
+
+@numba.njit(cache=True, nogil=True)
+def _feed_back_vehicle(vehicle: FloatArray, x: FloatArray, first: int) -> None:
+    """Mount, axle, sideslip, squat and wheel scale by what was estimated, which then is 0."""
+    pitch, yaw = x[first + states.MOUNT_PITCH], x[first + states.MOUNT_YAW]
+    w, qx, qy, qz = increment_quaternion(0.0, pitch, yaw, 0)
+    c00, c01, c02, c10, c11, c12, c20, c21, c22 = dcm(w, qx, qy, qz)
+    for j in range(3):
+        a, b, c = vehicle[j], vehicle[3 + j], vehicle[6 + j]
+        vehicle[j] = c00 * a + c01 * b + c02 * c
+        vehicle[3 + j] = c10 * a + c11 * b + c12 * c
+        vehicle[6 + j] = c20 * a + c21 * b + c22 * c
+    for i in range(states.AXLE, states.WHEEL_SCALE + 1):
+        vehicle[9 + i - states.AXLE] += x[first + i]
+    for i in range(states.WHEEL_SCALE + 1):
+        x[first + i] = 0.0
 
 
 @numba.njit(cache=True, nogil=True)
@@ -286,7 +305,7 @@ def begin_anew(m: Memory, model: Model) -> None:
     number[layout.N_RESTART_AT] = number[layout.N_NOW]
     first = model.where[states.I_GNSS_POSITION]
     if first >= 0:
-        for i in range(first, n):
+        for i in range(first, min(first + layout.ROWS, n)):
             m.x[i] = 0.0
     for i in range(layout.ROWS):
         m.ratio[i] = 1.0

@@ -67,7 +67,15 @@ N_REJECTED_SINCE = 57  # time of the first of the epochs rejected in a row, s; w
 N_RESTART_AT = 59  # time of the latest restart, s
 N_FIX = 60  # the latest fix: latitude and longitude, rad
 N_DOUBT = 62  # factor on the gate and on the covariances that come out, since restarts did not help
-NUMBERS = 63
+N_CONSTRAINED_AT = 63  # time of the latest constraint, s
+N_ROLLING = 64  # rate and force, low-passed, three each
+N_TURNED = 70  # rotation since the latest constraint as measured, three, and the time of it, s
+N_RESTS = 74  # constraints used: rest, no slip, wheels; and rows of no slip and wheels turned down
+N_HELD = 75
+N_WHEELS = 76
+N_SLIPS = 77
+N_WHEEL_SLIPS = 78
+NUMBERS = 79
 
 # --- parameters ---------------------------------------------------------------------------
 P_SUBSTEP = 0
@@ -100,6 +108,22 @@ P_CHANNEL_GATE = 49  # of the vertical channel at rest, m
 P_TURN = 50  # variance of attitude per angle turned, rad
 P_ESCALATE = 51  # 1: restarts that do not help admit more
 PARAMETERS = 52
+
+# --- parameters of a land vehicle -----------------------------------------------------------
+V_ORIGIN = 0  # time of the first point of its grid, s, and between points, s
+V_STEP = 1
+V_INTERVAL = 2  # between constraints, s
+V_REST_VELOCITY = 3  # noise of constraints, power densities
+V_REST_RATE = 4
+V_LATERAL = 5
+V_VERTICAL = 6
+V_WHEEL = 7
+V_PARAMETERS = 8
+# Columns of the grid: whether the vehicle rests, whether it may be held not to slide, and its
+# wheels' speed, m/s, NaN where unknown
+G_REST, G_ROLLS, G_WHEEL = range(3)
+# What is known of the vehicle: C_vb by rows, then axle, sideslip, squat, wheel scale
+VEHICLE_SIZE = 13
 
 # --- a row of diagnostics -----------------------------------------------------------------
 D_INNOVATION = 0
@@ -165,6 +189,7 @@ class Memory(NamedTuple):
     gain: FloatArray  # (n, 6)
     pht: FloatArray  # (n, 6)
     old: FloatArray  # (n, n)
+    vehicle: FloatArray  # (VEHICLE_SIZE,)
     moved: FloatArray  # (9,) latitude, longitude, height, velocity, rate per second in an update
 
 
@@ -177,6 +202,8 @@ class Model(NamedTuple):
     decay_rate: FloatArray  # (n,) 1/s
     noise: FloatArray  # (n,) power densities
     p0: FloatArray  # (n, n)
+    vehicle: FloatArray  # (V_PARAMETERS,)
+    grid: FloatArray  # (g, 3) by time; without points, the vehicle has no constraints
 
 
 class Stored(NamedTuple):
@@ -202,6 +229,7 @@ def new_memory(
     moving: int,
     window: int,
     changes: int,
+    vehicle: FloatArray,
 ) -> Memory:
     """Memory at the start of a run.
 
@@ -218,6 +246,8 @@ def new_memory(
         Epochs of the innovation window.
     changes : int
         Epochs whose noise is measured by the gate; 0: it is not.
+    vehicle : ndarray, shape (VEHICLE_SIZE,)
+        What is known of a land vehicle.
     """
     n = len(p0)
     assert channel.shape == (STATE_SIZE,)
@@ -253,6 +283,7 @@ def new_memory(
         gain=np.zeros((n, ROWS)),
         pht=np.zeros((n, ROWS)),
         old=np.zeros((n, n)),
+        vehicle=vehicle.copy(),
         moved=np.zeros(9),
     )
 

@@ -17,7 +17,7 @@ from sinstool.core.arrays import FloatArray, IntArray
 from sinstool.core.quaternion_kernels import dcm
 from sinstool.methods.height.channel import propagate, smooth_height
 from sinstool.methods.height.layout import S_BARO_BIAS, S_CORRECTION
-from sinstool.methods.ins_gnss import baro, instants, layout
+from sinstool.methods.ins_gnss import baro, instants, land_vehicle, layout
 from sinstool.methods.ins_gnss.gnss import gnss_epoch
 from sinstool.methods.ins_gnss.layout import Memory, Model, Stored
 from sinstool.methods.ins_gnss.model import radii
@@ -100,6 +100,7 @@ def run(
     row = int(np.int64(0))  # a literal 0 would compile all it is passed to twice
     first_fix = 0
     moved = m.moved
+    constrained = model.grid.shape[0] > 0
     for k in range(len(time)):
         dt = interval[k]
         begin = time[k] - dt
@@ -108,6 +109,7 @@ def run(
             number[layout.N_NOW] = begin
             number[layout.N_ROW_AT] = begin
             number[layout.N_BARO_AT] = begin
+            number[layout.N_CONSTRAINED_AT] = begin
             number[layout.N_USED_AT] = -np.inf
             number[layout.N_SEEN_AT] = np.inf
             number[layout.N_SEEN_AT + 1] = np.inf
@@ -330,6 +332,13 @@ def run(
                         count,
                     )
                     fix_next += 1
+            if constrained:
+                land_vehicle.follow(m, d, px, py, pz, ux, uy, uz)
+                due = model.vehicle[layout.V_INTERVAL] - ROUNDING
+                if number[layout.N_OPEN] > 0.0:
+                    due *= 0.5
+                if now - number[layout.N_CONSTRAINED_AT] >= due:
+                    land_vehicle.constrain(m, model, stored, row, keep)
             if par[layout.P_CORRECTION_ROW] > 0.0 and now - number[layout.N_ROW_AT] >= wait:
                 number[layout.N_ROW_AT] = now
                 instants.open_instant(m, model, stored, row, keep)

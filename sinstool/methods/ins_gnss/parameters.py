@@ -7,6 +7,7 @@ from scipy.special import chdtri
 
 from sinstool.core.arrays import FloatArray
 from sinstool.methods.ins_gnss import layout, states
+from sinstool.methods.ins_gnss.constraints import LandVehicle
 from sinstool.methods.ins_gnss.settings import Settings, Start
 
 _ADAPTIVE = {"off": 0.0, "sage-husa": 1.0, "innovation": 2.0}
@@ -14,7 +15,9 @@ CHANNEL_GATE = 8.0  # m, of the vertical channel
 TURN = np.pi / 2.0  # rad: after such a turn, errors of gyro axes have done what their sigma says
 
 
-def initial_covariance(kind: states.FilterKind, start: Start, settings: Settings) -> FloatArray:
+def initial_covariance(
+    kind: states.FilterKind, start: Start, settings: Settings, vehicle: LandVehicle | None = None
+) -> FloatArray:
     """Covariance at the start.
 
     Returns
@@ -39,6 +42,8 @@ def initial_covariance(kind: states.FilterKind, start: Start, settings: Settings
     variance[states.GYRO_SCALE : states.GYRO_SCALE + 3] = settings.imu.gyro_scale**2
     variance[states.GNSS_POSITION : states.GNSS_POSITION + 3] = np.square(gnss.position_markov)
     variance[states.GNSS_VELOCITY : states.GNSS_VELOCITY + 3] = np.square(gnss.velocity_markov)
+    if vehicle is not None:
+        variance[states.LAND_VEHICLE : states.SIZE] = vehicle.variances()
     np.fill_diagonal(p, variance)
     return np.ascontiguousarray(p[np.ix_(kind.states, kind.states)])
 

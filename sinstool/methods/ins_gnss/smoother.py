@@ -286,6 +286,8 @@ class Smoother:
         Of the filter, which has to give outputs and to store.
     limit : int, optional
         Bytes kept in memory; more goes to a temporary file.
+    outputs : bool, optional
+        Keep the filter's outputs, too, for :meth:`blocks`.
 
     Notes
     -----
@@ -294,8 +296,11 @@ class Smoother:
     log but for 0.5 kB per row.
     """
 
-    def __init__(self, kind: FilterKind, limit: int = DEFAULT_LIMIT) -> None:
+    def __init__(
+        self, kind: FilterKind, limit: int = DEFAULT_LIMIT, *, outputs: bool = True
+    ) -> None:
         self._kind = kind
+        self._outputs = outputs
         self._storage = Storage(limit)
         self._empty = True
 
@@ -312,9 +317,9 @@ class Smoother:
         ValueError
             If it lacks the outputs or what a smoother needs.
         """
-        if block.updates is None or block.stored is None:
+        if block.stored is None or (self._outputs and block.updates is None):
             raise ValueError("Expected a filter that gives outputs and stores epochs.")
-        for part in (block.updates, block.stored):
+        for part in (block.updates, block.stored) if self._outputs else (block.stored,):
             for name, values in vars(part).items():
                 self._storage.append(f"{type(part).__name__}.{name}", values)
         self._empty = False
@@ -338,8 +343,24 @@ class Smoother:
         if self._empty:
             raise ValueError("There is nothing to smooth: the filter gave no block.")
         stored = StoredEpochs(**self._columns(StoredEpochs))
-        first = int(self._columns(UpdateColumns)["time_ns"][0])
+        first = int(self._columns(UpdateColumns)["time_ns"][0]) if self._outputs else None
         return smooth_epochs(stored, self._kind, first, in_place=True)
+
+    def navigation(self, smoothed: SmoothedEpochs) -> FloatArray:
+        """Smoothed navigations at the rows, of a filter with feedback.
+
+        Parameters
+        ----------
+        smoothed : SmoothedEpochs
+            Of :meth:`epochs`.
+
+        Returns
+        -------
+        ndarray, shape (m, 10)
+            As :func:`sinstool.methods.strapdown.navigation.initial_state` has it.
+        """
+        nav = np.asarray(self._storage.array("StoredEpochs.nav"))
+        return corrected_navigation(nav, smoothed.error)
 
     def blocks(self, smoothed: SmoothedEpochs, rows: int = 16384) -> Iterator[UpdateColumns]:
         """Smoothed outputs in their order.

@@ -1,4 +1,4 @@
-"""The 29 error states: their order, their signs, and the filters that leave some out.
+"""The 35 error states: their order, their signs, and the filters that leave some out.
 
 ========  ==============  ========================================================  ==========
 index     name            error                                                     unit
@@ -14,6 +14,7 @@ index     name            error                                                 
 20 - 22   gyro scale      the same, as a fraction                                   1
 23 - 25   GNSS position   slow (Markov) error of the fixes, NED                     m
 26 - 28   GNSS velocity   the same, NED                                             m/s
+29 - 34   land vehicle    true less the one used: see below
 ========  ==============  ========================================================  ==========
 
 A navigation is corrected by taking its errors off; a sensor's bias by adding. ``psi`` is the
@@ -21,6 +22,12 @@ small rotation in NED that takes the attitude computed to the true one. An error
 the negative of one of "down". Position errors are lengths, ``(R_M + h) dlat`` and
 ``(R_N + h) cos(lat) dlon``: so all numbers in a covariance are of reasonable size, at any
 latitude.
+
+The states of a vehicle that cannot slide are what its constraints are off by: pitch and yaw of the
+mount, rad, of the small rotation in vehicle axes that takes vectors in them as computed to the true
+ones; how far the IMU is ahead of the axle that cannot slide, m; sideslip of that axle and squat of
+the body per acceleration, rad/(m/s^2); scale of the wheels' speed, as a fraction. Only filters of
+such a vehicle have them: :attr:`FilterKind.on_wheels`.
 
 States 0 to 9 drive each other ("moving"); all others only decay, and those up to the
 gyro scale drive the moving ones. A filter with fewer states keeps this order and closes
@@ -35,7 +42,7 @@ References
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Literal
 
 import numpy as np
@@ -54,7 +61,10 @@ ACCEL_BIAS = 17
 GYRO_SCALE = 20
 GNSS_POSITION = 23
 GNSS_VELOCITY = 26
-SIZE = 29
+LAND_VEHICLE = 29
+SIZE = 35
+# Within the block of the land vehicle
+MOUNT_PITCH, MOUNT_YAW, AXLE, SIDESLIP, SQUAT, WHEEL_SCALE = range(6)
 
 _BLOCKS = {
     POSITION: 3,
@@ -68,6 +78,7 @@ _BLOCKS = {
     GYRO_SCALE: 3,
     GNSS_POSITION: 3,
     GNSS_VELOCITY: 3,
+    LAND_VEHICLE: 6,
 }
 
 FilterName = Literal[
@@ -83,8 +94,8 @@ FilterName = Literal[
 
 # Where the numbers of an index array are: see FilterKind.index.
 I_CORRECTION, I_BARO, I_GYRO_BIAS, I_ACCEL_SCALE, I_ACCEL_BIAS, I_GYRO_SCALE = 0, 1, 2, 3, 4, 5
-I_GNSS_POSITION, I_GNSS_VELOCITY = 6, 7
-I_MOVING, I_COUPLED, I_STATES = 8, 9, 10
+I_GNSS_POSITION, I_GNSS_VELOCITY, I_LAND_VEHICLE = 6, 7, 8
+I_MOVING, I_COUPLED, I_STATES = 9, 10, 11
 
 
 @dataclass(frozen=True)
@@ -94,7 +105,7 @@ class FilterKind:
     Attributes
     ----------
     blocks : tuple of int
-        First index, among the 29, of each block of states that it has.
+        First index, among the 35, of each block of states that it has.
     network : bool
         The barometer damps the vertical channel of the mechanisation.
     correction_row : bool
@@ -111,7 +122,7 @@ class FilterKind:
 
     @property
     def states(self) -> IntArray:
-        """Indices, among the 29, of its states in its own order; shape (n,)."""
+        """Indices, among the 35, of its states in its own order; shape (n,)."""
         return np.concatenate([np.arange(b, b + _BLOCKS[b]) for b in self.blocks])
 
     @property
@@ -131,13 +142,18 @@ class FilterKind:
             return self
         return FILTERS["markov-27" if GYRO_SCALE in self.blocks else "markov-24"]
 
+    @property
+    def on_wheels(self) -> FilterKind:
+        """The same, with the states of a land vehicle."""
+        return replace(self, blocks=(*self.blocks, LAND_VEHICLE))
+
     def first(self, block: int) -> int:
         """Own index of a block's first state; -1 if it has none.
 
         Parameters
         ----------
         block : int
-            POSITION, ..., GNSS_VELOCITY.
+            POSITION, ..., LAND_VEHICLE.
         """
         places = np.flatnonzero(self.states == block)
         return int(places[0]) if len(places) else -1
@@ -160,6 +176,7 @@ class FilterKind:
                 GYRO_SCALE,
                 GNSS_POSITION,
                 GNSS_VELOCITY,
+                LAND_VEHICLE,
             )
         ]
         moving = int(np.sum(self.states < BARO))
@@ -169,7 +186,7 @@ class FilterKind:
 
 _VEHICLE = (POSITION, VELOCITY, ATTITUDE)
 _GNSS = (GNSS_POSITION, GNSS_VELOCITY)
-_ALL = tuple(_BLOCKS)
+_ALL = tuple(b for b in _BLOCKS if b != LAND_VEHICLE)
 _PUBLISHED = tuple(b for b in _ALL if b != GYRO_SCALE)
 
 FILTERS: dict[str, FilterKind] = {

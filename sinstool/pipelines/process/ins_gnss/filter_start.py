@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
@@ -58,3 +59,15 @@ class FilterStart:
     def used(self) -> GnssEpochs:
         """Epochs that are not withheld."""
         return self.gnss.rows(~self.withheld)
+
+
+def measurements(p: FilterStart) -> dict[str, Any]:
+    """Measurements that a filter gets with its first increments."""
+    given: dict[str, Any] = {"gnss": p.gnss, "withheld": p.withheld}
+    if p.reference is not None:
+        r = p.reference
+        later = r.arrival_ns >= p.time_ns
+        given["baro_time_ns"] = r.time_ns[later]
+        given["baro_height"] = r.height[later]
+        given["baro_reason"] = r.reason[later]
+    return given

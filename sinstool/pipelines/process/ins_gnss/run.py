@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Iterator
 from dataclasses import replace
-from typing import Any
 
 import numpy as np
 
@@ -18,6 +17,7 @@ from sinstool.core.streams import Diagnostics, Imu, Solution, concatenate, take_
 from sinstool.core.timeline import SECOND
 from sinstool.core.units import DEGREE
 from sinstool.io.writers.solution import Frames
+from sinstool.methods.ins_gnss.constraints import Constraints
 from sinstool.methods.ins_gnss.diagnosis import diagnose
 from sinstool.methods.ins_gnss.filter import InsGnssFilter
 from sinstool.methods.ins_gnss.results import (
@@ -41,9 +41,10 @@ from sinstool.pipelines.process.ins_gnss.after_gap import (
     summed,
 )
 from sinstool.pipelines.process.ins_gnss.before_start import before_start, corrected_start
-from sinstool.pipelines.process.ins_gnss.filter_start import FilterStart
+from sinstool.pipelines.process.ins_gnss.filter_start import FilterStart, measurements
 from sinstool.pipelines.process.ins_gnss.start import timed_start
 from sinstool.pipelines.process.ins_gnss.trust import doubts, marked, untrusted
+from sinstool.pipelines.process.ins_gnss.vehicle import VehicleFound, find_vehicle
 from sinstool.pipelines.process.mode import BytesRead, Mode, warned
 from sinstool.pipelines.process.summary import (
     ConingUsed,
@@ -125,11 +126,30 @@ class FilterRun(Mode):
         self._hidden = bool(start.withheld.any())
         self._score = Withheld(valid, start.withheld, arm)
         self._filtered = Withheld(valid, start.withheld, arm)
-        self._stretches = [Stretch(source, start, self._filter_from(start))]
+        self._vehicle = VehicleFound()
+        self._stretches: list[Stretch] = []
 
-    def _filter_from(self, start: FilterStart) -> InsGnssFilter:
+    def find_out(self, progress: BytesRead | None) -> None:
+        """What the vehicle cannot do."""
+        self._stretches = [self._stretch(self.source, self._start)]
+
+    def _stretch(
+        self, source: Source, start: FilterStart, gap: FilterEvent | None = None
+    ) -> Stretch:
+        longest = longest_carried(start.settings)
+        self._vehicle = find_vehicle(source, self.config, self.plan.algorithm, start, longest)
+        run = self._filter_from(start, self._vehicle.constraints)
+        return Stretch(source, start, run, gap)
+
+    def _filter_from(
+        self, start: FilterStart, constraints: Constraints | None = None
+    ) -> InsGnssFilter:
         return InsGnssFilter(
-            start.start, start.settings, with_baro=start.reference is not None, store=self._smooth
+            start.start,
+            start.settings,
+            with_baro=start.reference is not None,
+            store=self._smooth,
+            constraints=constraints,
         )
 
     def show(self, sink: Sink) -> None:
@@ -201,14 +221,14 @@ class FilterRun(Mode):
         pieces = _pieces(
             steps.from_time(p.time_ns, progress=progress), DETAIL_ROWS if self._detailed else None
         )
-        measurements = _measurements(p)
+        given = measurements(p)
         last_ns = p.time_ns
         for increments, imu in pieces:
             if self._begins_anew(stretch, last_ns, increments):
                 return
             last_ns = int(increments.time_ns[-1])
-            block = run.push(increments, **measurements)
-            measurements = {}
+            block = run.push(increments, **given)
+            given = {}
             self._updates += len(increments.sample)
             updates = block.updates
             assert updates is not None
@@ -234,7 +254,7 @@ class FilterRun(Mode):
             return False
         source, start = result
         event = FilterEvent("imu-gap-new-start", last_ns, gap)
-        self._stretches.append(Stretch(source, start, self._filter_from(start), event))
+        self._stretches.append(self._stretch(source, start, event))
         return True
 
     def _diagnosis(self) -> list[Finding]:
@@ -252,12 +272,12 @@ class FilterRun(Mode):
         p = self._start
         control = replace(p.settings.control, escalate=False)
         plain = replace(p, settings=replace(p.settings, control=control))
-        run, measurements = self._filter_from(plain), _measurements(plain)
+        run, given = self._filter_from(plain), measurements(plain)
         steps = SegmentIncrements(self.source, self.config, self.plan.algorithm)
         made = []
         for increments, _, _ in steps.from_time(p.time_ns, p.time_ns + DIAGNOSED_NS):
-            made.append(run.push(increments, **measurements).updates)
-            measurements = {}
+            made.append(run.push(increments, **given).updates)
+            given = {}
         return concatenate([updates for updates in made if updates is not None])
 
     def _completed(self, finding: Finding) -> Finding:
@@ -437,18 +457,6 @@ class FilterRun(Mode):
             texts = height_warnings(s.channel, channel_events_of(self._stretches), before)
             findings += warned("height", texts)
         return findings
-
-
-def _measurements(p: FilterStart) -> dict[str, Any]:
-    """Measurements that a filter gets with its first increments."""
-    measurements: dict[str, Any] = {"gnss": p.gnss, "withheld": p.withheld}
-    if p.reference is not None:
-        r = p.reference
-        later = r.arrival_ns >= p.time_ns
-        measurements["baro_time_ns"] = r.time_ns[later]
-        measurements["baro_height"] = r.height[later]
-        measurements["baro_reason"] = r.reason[later]
-    return measurements
 
 
 def _smoothed_start(start: Start, smoothed: SmoothedEpochs) -> Start:

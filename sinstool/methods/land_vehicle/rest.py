@@ -1,0 +1,135 @@
+"""When a vehicle stands, by what its IMU feels there and by where it is known to stand or move.
+
+No constant tells rest from motion in all vehicles: what a car with a shaking engine shows at a
+traffic light is more than what another shows as it drives. So the log's own track sets the
+thresholds, and where standing and moving look alike, as in a boat, nothing is a rest.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from sinstool.core.arrays import BoolArray, FloatArray
+from sinstool.methods.ins_gnss.constraints import STEP_NS
+from sinstool.methods.land_vehicle.track import LONGEST_NS, Means, Track, between, within
+
+# Steps of a window over which rate and force are compared: 1 s.
+WINDOW = 10
+# Standing and moving by the track, m/s; a speed that is less certain, m/s, shows neither.
+STANDS, MOVES, UNSURE = 0.1, 1.0, 0.3
+# Windows that show what standing, or moving, is like.
+LEAST_WINDOWS = 20
+# Quantiles between whose means the threshold lies.
+STANDING_QUANTILE, MOVING_QUANTILE = 0.9, 0.01
+# A threshold that standing windows exceed by as much as moving ones do tells nothing.
+LEAST_APART = 1.2
+# Without standing windows, a rest is what shows so much of the least motion; without moving ones,
+# what shows so much more than the usual rest.
+ALONE_MOVING, ALONE_STANDING = 0.5, 2.0
+# What stands still on wheels, rad/s and m/s^2; a boat at anchor or a hand shows more.
+MOST = np.array([0.03, 0.5])
+# A vehicle rocks before it rests, and pulls away so gently that the first of it does not show:
+# steps that are cut off a rest at its begin and end, the latter beside half the window.
+CUT_BEGIN, CUT_END = 7, 7
+
+
+@dataclass(frozen=True)
+class Rests:
+    """When a vehicle stands.
+
+    Attributes
+    ----------
+    at : ndarray of bool, shape (g,)
+        For each step of the means.
+    gyro, accel : float
+        Thresholds on the spread within a window, rad/s and m/s^2; 0 where that tells nothing.
+    reason : str
+        Where they come from, or why there are none.
+    """
+
+    at: BoolArray
+    gyro: float
+    accel: float
+    reason: str
+
+
+def find_rests(means: Means, track: Track) -> Rests:
+    """Rests of a vehicle.
+
+    Parameters
+    ----------
+    means : Means
+    track : Track
+        By a smoother without constraints.
+    """
+    nothing = np.zeros(len(means), bool)
+    if len(means) < 2 * WINDOW or len(track.time_ns) < 2:
+        return Rests(nothing, 0.0, 0.0, "the log is too short")
+    spread = np.stack([_spread(means.rate), _spread(means.force)], axis=1)
+    speed = between(track, track.speed, means.time_ns, LONGEST_NS)
+    sigma = between(track, track.speed_sigma, means.time_ns, LONGEST_NS)
+    known = np.isfinite(speed) & (sigma < UNSURE) & np.isfinite(spread).all(axis=1)
+    half = WINDOW // 2
+    stands = known & ~within(~(known & (speed < STANDS + sigma)), half, half)
+    moves = known & (speed - 2.0 * sigma > MOVES)
+    thresholds, reason = _thresholds(spread, stands, moves)
+    if not thresholds.any():
+        return Rests(nothing, 0.0, 0.0, reason)
+    with np.errstate(invalid="ignore"):
+        quiet = (spread < np.where(thresholds > 0.0, np.minimum(thresholds, MOST), MOST)).all(
+            axis=1
+        )
+    quiet &= np.isfinite(spread).all(axis=1)
+    # The fixes may overrule the IMU: a smooth road
+    quiet &= ~(known & (speed > STANDS + 3.0 * sigma))
+    rest = ~within(~quiet, CUT_BEGIN, half + CUT_END)
+    rest &= ~_near_ends(len(rest), quiet)
+    gyro, accel = thresholds.tolist()
+    return Rests(rest, gyro, accel, reason)
+
+
+def _near_ends(length: int, quiet: BoolArray) -> BoolArray:
+    """Steps next to the log's end, after which nobody knows what came."""
+    ends = np.zeros(length, bool)
+    ends[max(length - CUT_END - WINDOW // 2, 0) :] = True
+    return ends
+
+
+def _spread(values: FloatArray) -> FloatArray:
+    """Norm of the standard deviations within a window about each step; shape (g,)."""
+    half = WINDOW // 2
+    filled = np.nan_to_num(values - np.nanmedian(values, axis=0))
+    out = np.full(len(values), np.nan)
+    # Differences from a reference near the values, or a small spread would drown in rounding
+    first = np.concatenate([np.zeros((1, 3)), np.cumsum(filled, axis=0)])
+    second = np.concatenate([np.zeros((1, 3)), np.cumsum(filled**2, axis=0)])
+    missing = np.concatenate([[0], np.cumsum(~np.isfinite(values).all(axis=1))])
+    begin = np.arange(len(values) - WINDOW + 1)
+    end = begin + WINDOW
+    mean = (first[end] - first[begin]) / WINDOW
+    variance = (second[end] - second[begin]) / WINDOW - mean**2
+    spread = np.sqrt(np.maximum(variance, 0.0).sum(axis=1))
+    spread[missing[end] > missing[begin]] = np.nan
+    out[half : half + len(spread)] = spread
+    return out
+
+
+def _thresholds(spread: FloatArray, stands: BoolArray, moves: BoolArray) -> tuple[FloatArray, str]:
+    """On both features, 0 where one tells nothing; and why."""
+    standing, moving = np.count_nonzero(stands), np.count_nonzero(moves)
+    if standing < LEAST_WINDOWS and moving < LEAST_WINDOWS:
+        return np.zeros(2), "the fixes show neither rest nor motion"
+    low = np.quantile(spread[stands], STANDING_QUANTILE, axis=0) if standing else np.zeros(2)
+    high = np.quantile(spread[moves], MOVING_QUANTILE, axis=0) if moving else np.zeros(2)
+    if standing < LEAST_WINDOWS:
+        return ALONE_MOVING * high, "half of the least that motion shows; the fixes never stand"
+    if moving < LEAST_WINDOWS:
+        return ALONE_STANDING * low, "twice what standing shows; the fixes never move"
+    apart = high > LEAST_APART * low
+    if not apart.any():
+        return np.zeros(2), "standing and moving look alike to the IMU"
+    reason = f"between {standing * STEP_NS * 1e-9:.0f} s of standing and"
+    reason += f" {moving * STEP_NS * 1e-9:.0f} s of motion by the fixes"
+    return np.where(apart, np.sqrt(low * high), 0.0), reason

@@ -1,0 +1,258 @@
+"""How a vehicle's axle moves, by a track that knew nothing of it: does it slide, and how much?
+
+The velocity of a smoother without constraints, in the vehicle's axes, shows what a constraint
+would say wrongly. Innovations inside a constrained filter do not: mount and lever bend first.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from sinstool.core import earth
+from sinstool.core.arrays import BoolArray, FloatArray
+from sinstool.core.units import DEGREE
+from sinstool.methods.ins_gnss.constraints import MOUNT_SIGMA, STEP_NS, LandVehicle
+from sinstool.methods.land_vehicle.track import Means, Track, within
+
+# Rows that move: faster than this, m/s, and than such a share of the fastest.
+SLOW, SHARE_OF_FASTEST = 1.0, 0.3
+# Rows whose own sigma is larger than so many medians lie in outages.
+OUTAGE = 1.5
+LEAST_ROWS, LEAST_S = 60, 30.0
+# Robust least squares: rounds, and sigmas beyond which a row counts for nothing.
+ROUNDS, FAR = 5, 4.0
+# m/s: errors of a velocity that no smoother's sigma knows.
+LEAST_EXCESS = 0.03
+# A smoother's sigma comes from process noise that is taken generously: what is seen is not all it.
+LEAST_SHARE = 0.5
+# Correlation times of what slides, s; and its sigma over 1 s, m/s.
+LEAST_TIME, MOST_TIME = 0.5, 10.0
+LEAST_SIGMA, MOST_SIGMA = 0.1, 1.0
+# A vehicle slides: residual over speed, rad, and share of rows that are far off.
+MOST_ANGLE, MOST_FAR = 2.0 * DEGREE, 0.05
+# Directions of travel in the body that are no vehicle's: length of their mean.
+LEAST_CONCENTRATION = 0.8
+# Beside a bad row nothing is held, s.
+BESIDE_S = 5.0
+# An axle further from the IMU than this, m, is no axle.
+LONGEST_VEHICLE = 20.0
+
+
+@dataclass(frozen=True)
+class AxisTrust:
+    """What the velocity along an axis, that should be 0, is.
+
+    Attributes
+    ----------
+    rms : float
+        Of the residuals, m/s.
+    own : float
+        What the track's own sigma explains of it, m/s.
+    angle : float
+        Robust residual over the median speed, rad.
+    far : float
+        Share of rows that are far off.
+    time : float
+        Correlation time, s.
+    sigma : float
+        As a mean over 1 s, m/s.
+    """
+
+    rms: float
+    own: float
+    angle: float
+    far: float
+    time: float
+    sigma: float
+
+
+@dataclass(frozen=True)
+class Trust:
+    """Whether a vehicle can be held not to slide.
+
+    Attributes
+    ----------
+    vehicle : LandVehicle or None
+        None where the track does not show one.
+    holds : bool
+    reason : str
+    rolls : ndarray of bool, shape (g,)
+        Steps of the means where it may be held.
+    lateral, vertical : AxisTrust or None
+    """
+
+    vehicle: LandVehicle | None
+    holds: bool
+    reason: str
+    rolls: BoolArray
+    lateral: AxisTrust | None = None
+    vertical: AxisTrust | None = None
+
+
+def find_trust(means: Means, track: Track, c_vb: FloatArray | None = None) -> Trust:
+    """Whether a vehicle's axle slides, by a track without constraints.
+
+    Parameters
+    ----------
+    means : Means
+    track : Track
+    c_vb : ndarray, shape (3, 3), optional
+        The mount, where it is known.
+
+    Returns
+    -------
+    Trust
+    """
+    nowhere = np.zeros(len(means), bool)
+    if len(track.time_ns) < LEAST_ROWS:
+        return Trust(None, False, "there are too few fixes to tell", nowhere)
+    speed, sigma = track.speed, track.speed_sigma
+    seen = sigma < OUTAGE * np.median(sigma) if len(sigma) else nowhere
+    fastest = np.quantile(speed[seen], 0.95) if seen.any() else 0.0
+    moving = seen & (speed > max(SLOW, SHARE_OF_FASTEST * fastest)) & (sigma < 0.5 * speed)
+    moving &= np.isfinite(_at(means, means.force, track)).all(axis=1)
+    seconds = np.diff(track.time_ns, append=track.time_ns[-1:]) * 1e-9
+    if np.count_nonzero(moving) < LEAST_ROWS or seconds[moving].clip(max=1.5).sum() < LEAST_S:
+        return Trust(None, False, "the fixes show too little motion to tell", nowhere)
+    if c_vb is None:
+        c_vb, concentration = _mount(means, track, moving)
+        if concentration < LEAST_CONCENTRATION:
+            return Trust(None, False, "it moves in many directions of its own body", nowhere)
+    rows = _Rows.of(means, track, c_vb)
+    lateral, axle, yaw, far_y = _axis(rows, moving, 1)
+    vertical, _, pitch, far_z = _axis(rows, moving, 2)
+    vehicle = LandVehicle(c_vb, axle, lateral.sigma, vertical.sigma, mount_sigma=MOUNT_SIGMA)
+    reason = _doubt(lateral, vertical, axle)
+    far = track.time_ns[moving][far_y | far_z]
+    beside = np.zeros(len(means), bool)
+    step = (far - means.start_ns) // STEP_NS
+    beside[step[(step >= 0) & (step < len(means))]] = True
+    reach = round(BESIDE_S * 1e9 / STEP_NS)
+    rolls = ~within(beside, reach, reach)
+    del yaw, pitch
+    if reason:
+        return Trust(vehicle, False, reason, rolls, lateral, vertical)
+    return Trust(
+        vehicle,
+        True,
+        f"its velocity sideways and up stays within {lateral.rms:.2f} and {vertical.rms:.2f} m/s",
+        rolls,
+        lateral,
+        vertical,
+    )
+
+
+def _doubt(lateral: AxisTrust, vertical: AxisTrust, axle: float) -> str:
+    """Why a vehicle must not be held; empty where it may."""
+    for name, axis in (("sideways", lateral), ("up and down", vertical)):
+        if axis.angle > MOST_ANGLE:
+            return f"it moves {name} by {axis.angle / DEGREE:.1f} deg of its way"
+        if axis.far > MOST_FAR:
+            return f"it slides {name} in {axis.far:.0%} of the time"
+    if abs(axle) > LONGEST_VEHICLE:
+        return f"what does not slide would be {abs(axle):.0f} m from the IMU"
+    return ""
+
+
+def _at(means: Means, values: FloatArray, track: Track) -> FloatArray:
+    """Means at the times of a track; NaN outside."""
+    step = (track.time_ns - means.start_ns) // STEP_NS
+    inside = (step >= 0) & (step < len(means))
+    out = np.full((len(step), 3), np.nan)
+    out[inside] = values[step[inside]]
+    return out
+
+
+def _mount(means: Means, track: Track, moving: BoolArray) -> tuple[FloatArray, float]:
+    """``C_vb`` by the direction of travel and the mean force, and how sure that direction is."""
+    velocity = track.velocity_b[moving]
+    direction = velocity / np.linalg.norm(velocity, axis=1, keepdims=True)
+    forward = np.median(direction, axis=0)
+    concentration = float(np.linalg.norm(forward))
+    forward /= max(concentration, 1e-9)
+    down = -np.median(_at(means, means.force, track)[moving], axis=0)
+    down -= (down @ forward) * forward
+    down /= max(float(np.linalg.norm(down)), 1e-9)
+    return np.stack([forward, np.cross(down, forward), down]), concentration
+
+
+@dataclass(frozen=True)
+class _Rows:
+    """A track in a vehicle's axes: velocity, rate, forward acceleration, own sigmas."""
+
+    time: FloatArray
+    velocity: FloatArray
+    rate: FloatArray
+    forward: FloatArray
+    own: FloatArray
+
+    @classmethod
+    def of(cls, means: Means, track: Track, c_vb: FloatArray) -> _Rows:
+        b = c_vb @ track.dcm_nb.transpose(0, 2, 1)
+        force = _at(means, means.force, track) @ c_vb.T
+        # Of errors dv and psi, which is dv_v = B dv + (v x B) psi
+        h = np.concatenate([b, np.cross(track.velocity_n[:, None, :], b)], axis=2)
+        own = np.sqrt(np.maximum(np.einsum("mij,mjk,mik->mi", h, track.covariance, h), 0.0))
+        return cls(
+            (track.time_ns - track.time_ns[0]) * 1e-9,
+            np.einsum("mij,mj->mi", b, track.velocity_n),
+            _at(means, means.rate, track) @ c_vb.T,
+            force[:, 0] + b[:, 0, 2] * earth.NORMAL_GRAVITY_EQUATOR,
+            own,
+        )
+
+
+def _axis(rows: _Rows, moving: BoolArray, axis: int) -> tuple[AxisTrust, float, float, BoolArray]:
+    """Trust along an axis, 1 right or 2 down; the lever, m, the mount's angle, rad; far rows."""
+    v = rows.velocity[moving]
+    rate = rows.rate[moving]
+    speed = v[:, 0]
+    if axis == 1:
+        columns = [speed, rate[:, 2], speed**2 * rate[:, 2]]
+    else:
+        columns = [speed, -rate[:, 1], speed * rows.forward[moving]]
+    design = np.stack(columns, axis=1)
+    keep = np.ones(len(v), bool)
+    rho, robust = v[:, axis], 0.0
+    solution = np.zeros(3)
+    for _ in range(ROUNDS):
+        solution = np.linalg.lstsq(design[keep], v[keep, axis], rcond=None)[0]
+        rho = v[:, axis] - design @ solution
+        robust = 1.4826 * float(np.median(np.abs(rho)))
+        keep = np.abs(rho) < FAR * max(robust, 1e-6)
+    own = rows.own[moving, axis]
+    excess = max(LEAST_EXCESS**2, robust**2 - float(np.median(own)) ** 2)
+    far = np.abs(rho) > FAR * np.sqrt(own**2 + excess)
+    good = rho[~far]
+    rms = float(np.sqrt(np.mean(good**2))) if len(good) else np.inf
+    usual = float(np.sqrt(np.mean(own[~far] ** 2))) if len(good) else 0.0
+    time = _correlation_time(rows.time[moving][~far], good)
+    beyond = max(LEAST_EXCESS**2, rms**2 - usual**2, (LEAST_SHARE * rms) ** 2)
+    sigma = float(np.clip(np.sqrt(2.0 * time * beyond), LEAST_SIGMA, MOST_SIGMA))
+    angle = robust / float(np.median(np.abs(speed)))
+    trust = AxisTrust(rms, usual, angle, float(np.mean(far)), time, sigma)
+    return trust, float(solution[1]), float(solution[0]), far
+
+
+def _correlation_time(time: FloatArray, values: FloatArray) -> float:
+    """Sum of the autocorrelation up to `MOST_TIME`, s, over rows that need not be even."""
+    if len(time) < LEAST_ROWS:
+        return LEAST_TIME
+    step = float(np.median(np.diff(time)))
+    grid = np.round((time - time[0]) / step).astype(np.int64)
+    dense = np.zeros(int(grid[-1]) + 1)
+    there = np.zeros(len(dense))
+    dense[grid], there[grid] = values, 1.0
+    variance = float(np.mean(values**2))
+    total = 0.5
+    for lag in range(1, min(int(MOST_TIME / step), len(dense) - 1) + 1):
+        pairs = float(there[lag:] @ there[:-lag])
+        if pairs < LEAST_ROWS:
+            break
+        correlation = float(dense[lag:] @ dense[:-lag]) / pairs / variance
+        if correlation < 0.0:
+            break
+        total += correlation
+    return float(np.clip(total * step, LEAST_TIME, MOST_TIME))

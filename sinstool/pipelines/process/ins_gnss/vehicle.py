@@ -1,0 +1,140 @@
+"""What the vehicle of a log cannot do: found by a first run of the filter that assumes nothing."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from sinstool.config import ProcessConfig
+from sinstool.core.choices import log_choice
+from sinstool.core.rotation import from_euler, to_dcm
+from sinstool.core.timeline import SECOND
+from sinstool.core.units import DEGREE
+from sinstool.methods.coning.algorithm import ConingAlgorithm
+from sinstool.methods.ins_gnss.constraints import STEP_NS, Constraints
+from sinstool.methods.ins_gnss.filter import InsGnssFilter
+from sinstool.methods.ins_gnss.smoother import Smoother
+from sinstool.methods.ins_gnss.states import ATTITUDE, VELOCITY
+from sinstool.methods.land_vehicle.rest import Rests, find_rests
+from sinstool.methods.land_vehicle.track import Means, MeansStage, Track
+from sinstool.methods.land_vehicle.trust import Trust, find_trust
+from sinstool.methods.strapdown.navigation import Q_W, Q_Z, V_DOWN, V_NORTH
+from sinstool.pipelines.process.ins_gnss.filter_start import FilterStart, measurements
+from sinstool.survey.increments import SegmentIncrements
+from sinstool.survey.source import Source
+
+# Rests shorter than this in all, s, are none.
+LEAST_REST_S = 1.0
+
+
+@dataclass(frozen=True)
+class VehicleFound:
+    """What of a vehicle is assumed, and why.
+
+    Attributes
+    ----------
+    constraints : Constraints or None
+        None where nothing is.
+    rests : Rests or None
+        None where nobody looked.
+    trust : Trust or None
+    reason : str
+        Why it is, or is not, taken for a land vehicle.
+    """
+
+    constraints: Constraints | None = None
+    rests: Rests | None = None
+    trust: Trust | None = None
+    reason: str = "as --vehicle is none"
+
+    @property
+    def rest_s(self) -> float:
+        """Time at rest, s."""
+        return 0.0 if self.rests is None else np.count_nonzero(self.rests.at) * STEP_NS / SECOND
+
+
+def find_vehicle(
+    source: Source,
+    config: ProcessConfig,
+    algorithm: ConingAlgorithm,
+    start: FilterStart,
+    longest_gap_s: float,
+) -> VehicleFound:
+    """What a vehicle cannot do, as far as its fixes show it.
+
+    Parameters
+    ----------
+    start : FilterStart
+        Of the filter; what it withholds is not looked at.
+    longest_gap_s : float
+        The log is looked at up to a gap of the IMU that is longer.
+    """
+    options = config.filter
+    if options.vehicle == "none":
+        return VehicleFound()
+    if options.feedback == "none":
+        return VehicleFound(reason="as --feedback is none")
+    mount = None
+    if options.mount is not None:
+        mount = to_dcm(from_euler(np.array(options.mount) * DEGREE))
+    track, means = _unconstrained(source, config, algorithm, start, longest_gap_s)
+    if track is None:
+        return VehicleFound(reason="as there is too little of a log")
+    rests = find_rests(means, track)
+    trust = find_trust(means, track, mount)
+    forced = options.vehicle == "land" and trust.vehicle is not None
+    vehicle = trust.vehicle if trust.holds or forced else None
+    reason = "as --vehicle is land" if forced and not trust.holds else f"as {trust.reason}"
+    log_choice("vehicle", f"{'land' if vehicle else 'none'}, {reason}")
+    log_choice("rest", f"{np.count_nonzero(rests.at) * STEP_NS / SECOND:.1f} s, {rests.reason}")
+    found = VehicleFound(None, rests, trust, reason)
+    if vehicle is None and found.rest_s < LEAST_REST_S:
+        return found
+    constraints = Constraints(
+        means.start_ns, rests.at, trust.rolls, np.full(len(means), np.nan), vehicle
+    )
+    return replace(found, constraints=constraints)
+
+
+def _unconstrained(
+    source: Source,
+    config: ProcessConfig,
+    algorithm: ConingAlgorithm,
+    start: FilterStart,
+    longest_gap_s: float,
+) -> tuple[Track | None, Means]:
+    """The track of a smoother that assumes nothing, and short means of the IMU."""
+    run = InsGnssFilter(
+        start.start, start.settings, with_baro=start.reference is not None, output=False, store=True
+    )
+    stage = MeansStage(start.time_ns)
+    given = measurements(start)
+    last_ns = start.time_ns
+    empty = True
+    with Smoother(run.kind, outputs=False) as smoother:
+        steps = SegmentIncrements(source, config, algorithm)
+        for increments, _, _ in steps.from_time(start.time_ns):
+            begin_ns = int(increments.time_ns[0]) - round(float(increments.interval[0]) * SECOND)
+            if begin_ns - last_ns > longest_gap_s * SECOND:
+                break
+            last_ns = int(increments.time_ns[-1])
+            stage.push(increments)
+            smoother.push(run.push(increments, **given))
+            given = {}
+            empty = False
+        means = stage.finish()
+        if empty:
+            return None, means
+        smoothed = smoother.epochs()
+        if len(smoothed) < 2:
+            return None, means
+        nav = smoother.navigation(smoothed)
+        of = np.r_[VELOCITY : VELOCITY + 3, ATTITUDE : ATTITUDE + 3]
+        track = Track(
+            smoothed.time_ns.copy(),
+            nav[:, V_NORTH : V_DOWN + 1].copy(),
+            to_dcm(nav[:, Q_W : Q_Z + 1]),
+            np.array(smoothed.covariance[:, of[:, None], of[None, :]]),
+        )
+    return track, means
