@@ -1,4 +1,4 @@
-"""What a vehicle cannot do, as an INS/GNSS filter is given it: rest, and a land vehicle's wheels."""
+"""What a vehicle cannot do, as an INS/GNSS filter is given it: rests, and wheels on land."""
 
 from __future__ import annotations
 

@@ -50,7 +50,7 @@ class FilterSummary:
         Of the damping network; without one, of a channel that has seen nothing.
     gains : tuple of float or None
         Of the network: continuous K1, K2, K3.
-    vehicle : VehicleEstimate or None
+    land_vehicle : VehicleEstimate or None
         Of a land vehicle.
     rests, held, wheels : int
         Constraints used: at rest, of an axle that does not slide, and of wheels.
@@ -73,7 +73,7 @@ class FilterSummary:
     baro_bias: float
     channel: height_layout.ChannelSummary
     gains: tuple[float, float, float] | None
-    vehicle: VehicleEstimate | None
+    land_vehicle: VehicleEstimate | None
     rests: int
     held: int
     wheels: int
@@ -209,7 +209,7 @@ class InsGnssFilter:
             baro_bias=float(self._memory.channel[height_layout.S_BARO_BIAS]),
             channel=height_layout.summarise(self._memory.channel),
             gains=self.settings.damping.gains if self.kind.network else None,
-            vehicle=self._vehicle(),
+            land_vehicle=self._vehicle(),
             rests=int(number[layout.N_RESTS]),
             held=int(number[layout.N_HELD]),
             wheels=int(number[layout.N_WHEELS]),

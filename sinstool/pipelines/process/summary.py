@@ -17,6 +17,7 @@ from sinstool.methods.alignment.initial import Alignment
 from sinstool.methods.coning.algorithm import ConingAlgorithm, of_rates
 from sinstool.methods.ins_gnss.results import FilterEvent, GnssDiagnostics
 from sinstool.methods.ins_gnss.withheld import WithheldScore
+from sinstool.pipelines.process.vehicle_used import VehicleUsed
 from sinstool.survey.grade import ImuGrade
 from sinstool.survey.source import Source
 
@@ -370,6 +371,7 @@ class FilterUsed:
     accel_scale: np.ndarray
     gyro_scale: np.ndarray
     baro_bias_m: float
+    vehicle: VehicleUsed
     events: dict[str, int]
     withheld: WithheldScores | None
 

@@ -7,8 +7,8 @@ from typing import TYPE_CHECKING
 if TYPE_CHECKING:
     from sinstool.pipelines.process import summary
     from sinstool.pipelines.process.errors_against_truth import RunErrors
-    from sinstool.pipelines.process.result import ProcessResult
-
+    from sinstool.pipelines.process.vehicle_used import VehicleUsed
+from sinstool.pipelines.process.result import ProcessResult
 
 Row = tuple[str, str]
 
@@ -177,7 +177,26 @@ def _filter(filter_: summary.FilterUsed | None) -> list[Row]:
         ),
         ("biases at end", f"gyro {bias} rad/s; accelerometer {accel} m/s^2 (FRD)"),
     ]
-    return rows + _withheld(filter_.withheld)
+    return rows + _vehicle(filter_.vehicle) + _withheld(filter_.withheld)
+
+
+def _vehicle(vehicle: VehicleUsed) -> list[Row]:
+    """What a vehicle was taken not to do."""
+    rest = f"held at rest for {vehicle.rest_s:.1f} s, " if vehicle.rest_s else "never at rest, "
+    rest += vehicle.rest_reason
+    land = vehicle.land
+    if land is None:
+        return [("vehicle", f"may slide, {vehicle.reason}; {rest}")]
+    roll, pitch, yaw = land.mount_deg
+    return [
+        ("vehicle", f"its axle does not slide, {vehicle.reason}; {rest}"),
+        (
+            "mount",
+            f"roll {roll:.2f}, pitch {pitch:.2f}, yaw {yaw:.2f} deg, sigma of pitch and yaw"
+            f" {land.mount_sigma_deg[0]:.2f}, {land.mount_sigma_deg[1]:.2f} deg; the IMU is"
+            f" {land.axle_m:.2f} +- {land.axle_sigma_m:.2f} m ahead of the axle",
+        ),
+    ]
 
 
 def _latency(latency: summary.LatencyUsed) -> str:

@@ -369,6 +369,7 @@ class FilterRun(Mode):
             gyro_bias_rad_s=tuple(s.gyro_bias.tolist()),
             accel_bias_m_s2=tuple(s.accel_bias.tolist()),
             baro_bias_m=s.baro_bias,
+            vehicle=self._vehicle.used(s),
             events=dict(Counter(event.kind for event in events_of(self._stretches))),
             withheld=self._scores(),
         )
@@ -442,6 +443,7 @@ class FilterRun(Mode):
                 "plain-15 takes errors of fixes for white: where they last, its position sigmas are"
                 " several times too small, and innovations do not show it",
             )
+        findings += self._vehicle.findings(self._vehicle.used(s))
         findings += self._diagnosis()
         if self._gnss:
             first_ns = self.source.survey.first_ns

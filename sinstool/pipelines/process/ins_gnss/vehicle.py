@@ -8,12 +8,13 @@ import numpy as np
 
 from sinstool.config import ProcessConfig
 from sinstool.core.choices import log_choice
-from sinstool.core.rotation import from_euler, to_dcm
+from sinstool.core.finding import Finding
+from sinstool.core.rotation import from_dcm, from_euler, to_dcm, to_euler
 from sinstool.core.timeline import SECOND
 from sinstool.core.units import DEGREE
 from sinstool.methods.coning.algorithm import ConingAlgorithm
 from sinstool.methods.ins_gnss.constraints import STEP_NS, Constraints
-from sinstool.methods.ins_gnss.filter import InsGnssFilter
+from sinstool.methods.ins_gnss.filter import FilterSummary, InsGnssFilter
 from sinstool.methods.ins_gnss.smoother import Smoother
 from sinstool.methods.ins_gnss.states import ATTITUDE, VELOCITY
 from sinstool.methods.land_vehicle.rest import Rests, find_rests
@@ -21,11 +22,17 @@ from sinstool.methods.land_vehicle.track import Means, MeansStage, Track
 from sinstool.methods.land_vehicle.trust import Trust, find_trust
 from sinstool.methods.strapdown.navigation import Q_W, Q_Z, V_DOWN, V_NORTH
 from sinstool.pipelines.process.ins_gnss.filter_start import FilterStart, measurements
+from sinstool.pipelines.process.vehicle_used import LandVehicleUsed, VehicleUsed
 from sinstool.survey.increments import SegmentIncrements
 from sinstool.survey.source import Source
 
 # Rests shorter than this in all, s, are none.
 LEAST_REST_S = 1.0
+# What is said of a land vehicle: share of constraints that did not hold; a mount less certain than
+# this, deg; an axle further off, m.
+MOST_SLID = 0.05
+VAGUE_YAW = 1.5
+LONG_VEHICLE = 8.0
 
 
 @dataclass(frozen=True)
@@ -47,6 +54,56 @@ class VehicleFound:
     rests: Rests | None = None
     trust: Trust | None = None
     reason: str = "as --vehicle is none"
+
+    def used(self, summary: FilterSummary) -> VehicleUsed:
+        """What a filter made of it."""
+        rest_reason = "" if self.rests is None else self.rests.reason
+        vehicle, estimate = None, summary.land_vehicle
+        if self.constraints is not None and self.constraints.vehicle and estimate is not None:
+            held = self.constraints.vehicle
+            mount = to_euler(from_dcm(estimate.c_vb)) / DEGREE
+            vehicle = LandVehicleUsed(
+                mount_deg=tuple(mount.tolist()),
+                mount_sigma_deg=tuple((estimate.mount_sigma / DEGREE).tolist()),
+                axle_m=estimate.axle[0],
+                axle_sigma_m=estimate.axle[1],
+                sideslip_rad_s2_m=estimate.sideslip[0],
+                squat_rad_s2_m=estimate.squat[0],
+                lateral_m_s=held.lateral,
+                vertical_m_s=held.vertical,
+                used=summary.held,
+                slid=summary.slides,
+            )
+        kind = "none" if vehicle is None else "land"
+        return VehicleUsed(kind, self.reason, self.rest_s, rest_reason, vehicle)
+
+    def findings(self, used: VehicleUsed) -> list[Finding]:
+        """What the user should know of it."""
+        land, trust = used.land, self.trust
+        if land is None:
+            return []
+        found = []
+        if trust is not None and not trust.holds:
+            text = f"the vehicle is held not to slide, as --vehicle is land, but {trust.reason}"
+            found.append(Finding("vehicle-slides", text, answer="leave --vehicle land out"))
+        if land.slid > MOST_SLID * max(land.used, 1):
+            text = (
+                f"the axle slid in {land.slid / land.used:.0%} of the time in which it was held"
+                " not to"
+            )
+            answer = "if heading or height look wrong, give --vehicle none"
+            found.append(Finding("vehicle-slides", text, answer=answer))
+        if land.mount_sigma_deg[1] > VAGUE_YAW:
+            text = (
+                "how the IMU is turned in the vehicle is known to"
+                f" {land.mount_sigma_deg[1]:.1f} deg only, as it turned and accelerated little"
+            )
+            found.append(Finding("mount-yaw", text, answer="give it with --mount"))
+        if abs(land.axle_m) > LONG_VEHICLE:
+            text = f"the axle that does not slide would be {land.axle_m:.1f} m behind the IMU"
+            answer = "if the vehicle is not so long, give --vehicle none"
+            found.append(Finding("axle", text, answer=answer))
+        return found
 
     @property
     def rest_s(self) -> float:
