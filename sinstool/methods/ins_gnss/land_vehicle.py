@@ -237,15 +237,21 @@ def rolling_rows(m: Memory, model: Model, speed: float) -> tuple[int, float]:
     m.nu[1] = v[2] + w[1] * axle - squat * forward * v[0]
     m.nu[2] = v[0] - (1.0 + known[12]) * speed if rows == 3 else 0.0
     for k in range(rows):
+        # Of velocity across or along, and of the speed in sideslip and squat
         i = (1, 2, 0)[k]
-        b0, b1, b2 = b[i, 0], b[i, 1], b[i, 2]
+        along = (2.0 * sideslip * w[2] * v[0], -squat * forward, 0.0)[k]
+        b0, b1, b2 = b[i, 0] + along * b[0, 0], b[i, 1] + along * b[0, 1], b[i, 2] + along * b[0, 2]
         p0, p1, p2 = cross(vn, ve, vd, b0, b1, b2)
         m.h[k, states.VELOCITY], m.h[k, states.VELOCITY + 1] = b0, b1
         m.h[k, states.VELOCITY + 2] = b2
         m.h[k, states.ATTITUDE], m.h[k, states.ATTITUDE + 1] = p0, p1
         m.h[k, states.ATTITUDE + 2] = p2
+    # Gravity in the forward acceleration
+    lean = squat * v[0] * earth.NORMAL_GRAVITY_EQUATOR
+    m.h[1, states.ATTITUDE] += lean * b[0, 1]
+    m.h[1, states.ATTITUDE + 1] -= lean * b[0, 0]
     for j in range(3):
-        m.h[0, gyro + j] = -axle * known[6 + j]
+        m.h[0, gyro + j] = (sideslip * v[0] * v[0] - axle) * known[6 + j]
         m.h[1, gyro + j] = axle * known[3 + j]
     # [v x] mu, mu without roll
     m.h[0, first + states.MOUNT_YAW] = -v[0]

@@ -34,6 +34,11 @@ LEAST_SIGMA, MOST_SIGMA = 0.1, 1.0
 MOST_ANGLE, MOST_FAR = 2.0 * DEGREE, 0.05
 # Directions of travel in the body that are no vehicle's: length of their mean.
 LEAST_CONCENTRATION = 0.8
+# A track that is less certain than this across its way, rad, cannot tell.
+MOST_OWN = 2.0 * DEGREE
+# A car is pushed sideways in its turns by this share of what they take, at least; an aircraft leans
+# into them. Turns of less than so much, m/s^2 (RMS), show neither.
+LEAST_PUSH, LEAST_TURNS = 0.5, 0.2
 # Beside a bad row nothing is held, s.
 BESIDE_S = 5.0
 # An axle further from the IMU than this, m, is no axle.
@@ -50,8 +55,8 @@ class AxisTrust:
         Of the residuals, m/s.
     own : float
         What the track's own sigma explains of it, m/s.
-    angle : float
-        Robust residual over the median speed, rad.
+    angle, own_angle : float
+        Robust residual, and the track's own sigma, over the median speed, rad.
     far : float
         Share of rows that are far off.
     time : float
@@ -63,6 +68,7 @@ class AxisTrust:
     rms: float
     own: float
     angle: float
+    own_angle: float
     far: float
     time: float
     sigma: float
@@ -121,17 +127,16 @@ def find_trust(means: Means, track: Track, c_vb: FloatArray | None = None) -> Tr
         if concentration < LEAST_CONCENTRATION:
             return Trust(None, False, "it moves in many directions of its own body", nowhere)
     rows = _Rows.of(means, track, c_vb)
-    lateral, axle, yaw, far_y = _axis(rows, moving, 1)
-    vertical, _, pitch, far_z = _axis(rows, moving, 2)
+    lateral, axle, far_y = _axis(rows, moving, 1)
+    vertical, _, far_z = _axis(rows, moving, 2)
     vehicle = LandVehicle(c_vb, axle, lateral.sigma, vertical.sigma, mount_sigma=MOUNT_SIGMA)
-    reason = _doubt(lateral, vertical, axle)
+    reason = _doubt(lateral, vertical, axle) or _leans(rows, moving)
     far = track.time_ns[moving][far_y | far_z]
     beside = np.zeros(len(means), bool)
     step = (far - means.start_ns) // STEP_NS
     beside[step[(step >= 0) & (step < len(means))]] = True
     reach = round(BESIDE_S * 1e9 / STEP_NS)
     rolls = ~within(beside, reach, reach)
-    del yaw, pitch
     if reason:
         return Trust(vehicle, False, reason, rolls, lateral, vertical)
     return Trust(
@@ -147,12 +152,30 @@ def find_trust(means: Means, track: Track, c_vb: FloatArray | None = None) -> Tr
 def _doubt(lateral: AxisTrust, vertical: AxisTrust, axle: float) -> str:
     """Why a vehicle must not be held; empty where it may."""
     for name, axis in (("sideways", lateral), ("up and down", vertical)):
+        if axis.own_angle > MOST_OWN:
+            return (
+                f"its velocity {name} is known to {axis.own_angle / DEGREE:.1f} deg of its way only"
+            )
         if axis.angle > MOST_ANGLE:
             return f"it moves {name} by {axis.angle / DEGREE:.1f} deg of its way"
         if axis.far > MOST_FAR:
             return f"it slides {name} in {axis.far:.0%} of the time"
     if abs(axle) > LONGEST_VEHICLE:
         return f"what does not slide would be {abs(axle):.0f} m from the IMU"
+    return ""
+
+
+def _leans(rows: _Rows, moving: BoolArray) -> str:
+    """Why turns show no land vehicle; empty where they do."""
+    turn = (rows.velocity[:, 0] * rows.rate[:, 2])[moving]
+    push = rows.right[moving]
+    size = float(np.sqrt(np.mean(turn**2)))
+    if size < LEAST_TURNS:
+        return "it turns too little to tell what it is"
+    # Less its mean: the mount's roll
+    share = float(np.mean((push - push.mean()) * (turn - turn.mean())) / np.var(turn))
+    if share < LEAST_PUSH:
+        return "it leans into its turns, as aircraft do"
     return ""
 
 
@@ -180,12 +203,16 @@ def _mount(means: Means, track: Track, moving: BoolArray) -> tuple[FloatArray, f
 
 @dataclass(frozen=True)
 class _Rows:
-    """A track in a vehicle's axes: velocity, rate, forward acceleration, own sigmas."""
+    """A track in a vehicle's axes: velocity, rate, accelerations, own sigmas of the velocity.
+
+    `forward` is the acceleration in this direction, `right` the specific force in that one.
+    """
 
     time: FloatArray
     velocity: FloatArray
     rate: FloatArray
     forward: FloatArray
+    right: FloatArray
     own: FloatArray
 
     @classmethod
@@ -200,12 +227,13 @@ class _Rows:
             np.einsum("mij,mj->mi", b, track.velocity_n),
             _at(means, means.rate, track) @ c_vb.T,
             force[:, 0] + b[:, 0, 2] * earth.NORMAL_GRAVITY_EQUATOR,
+            force[:, 1],
             own,
         )
 
 
-def _axis(rows: _Rows, moving: BoolArray, axis: int) -> tuple[AxisTrust, float, float, BoolArray]:
-    """Trust along an axis, 1 right or 2 down; the lever, m, the mount's angle, rad; far rows."""
+def _axis(rows: _Rows, moving: BoolArray, axis: int) -> tuple[AxisTrust, float, BoolArray]:
+    """Trust along an axis, 1 right or 2 down; the lever, m; rows that are far off."""
     v = rows.velocity[moving]
     rate = rows.rate[moving]
     speed = v[:, 0]
@@ -231,9 +259,11 @@ def _axis(rows: _Rows, moving: BoolArray, axis: int) -> tuple[AxisTrust, float, 
     time = _correlation_time(rows.time[moving][~far], good)
     beyond = max(LEAST_EXCESS**2, rms**2 - usual**2, (LEAST_SHARE * rms) ** 2)
     sigma = float(np.clip(np.sqrt(2.0 * time * beyond), LEAST_SIGMA, MOST_SIGMA))
-    angle = robust / float(np.median(np.abs(speed)))
-    trust = AxisTrust(rms, usual, angle, float(np.mean(far)), time, sigma)
-    return trust, float(solution[1]), float(solution[0]), far
+    usual_speed = float(np.median(np.abs(speed)))
+    trust = AxisTrust(
+        rms, usual, robust / usual_speed, usual / usual_speed, float(np.mean(far)), time, sigma
+    )
+    return trust, float(solution[1]), far
 
 
 def _correlation_time(time: FloatArray, values: FloatArray) -> float:

@@ -1,0 +1,86 @@
+"""Rest by what the IMU feels, with thresholds from the log itself."""
+
+import numpy as np
+import pytest
+
+from sinstool.methods.ins_gnss.constraints import STEP_NS
+from sinstool.methods.land_vehicle.rest import find_rests
+from sinstool.methods.land_vehicle.track import Means, MeansStage, Track, within
+from sinstool.methods.strapdown.velocity import Increments
+
+STEP = STEP_NS * 1e-9
+
+
+def a_drive(seed=0, idle=0.003, road=0.03, minutes=6.0, sigma=0.05, stops=True):
+    """Means and track of a vehicle that drives and stops by turns; when it moves, per step."""
+    random = np.random.default_rng(seed)
+    n = round(60.0 * minutes / STEP)
+    t = STEP * np.arange(n)
+    moves = (t % 60.0) < (40.0 if stops else 61.0)
+    speed = np.where(moves, np.clip(t % 60.0, 0.0, 10.0) * np.clip(40.0 - t % 60.0, 0, 10) / 10, 0)
+    if not stops:
+        speed = np.full(n, 12.0)
+    shake = np.where(speed > 0.02, road * (0.7 + 0.6 * random.random(n)), idle)[:, None]
+    rate = shake * random.standard_normal((n, 3))
+    force = 10.0 * shake * random.standard_normal((n, 3)) + [0.0, 0.0, -9.8]
+    means = Means(5_000, rate, force)
+    rows = slice(None, None, 10)
+    velocity = np.zeros((n, 3))
+    velocity[:, 0] = speed
+    velocity += sigma * random.standard_normal((n, 3)) * 0.3
+    covariance = np.zeros((n, 6, 6)) + np.diag([sigma**2] * 3 + [1e-6] * 3)
+    track = Track(
+        means.time_ns[rows], velocity[rows], np.tile(np.eye(3), (n, 1, 1))[rows], covariance[rows]
+    )
+    return means, track, speed
+
+
+@pytest.mark.parametrize("idle", [1e-5, 3e-3])
+def test_rests_are_found_and_cut_at_both_ends(idle):
+    means, track, speed = a_drive(idle=idle)
+    rests = find_rests(means, track)
+    assert not rests.at[speed > 0.0].any()
+    still = speed == 0.0
+    assert rests.at[still].mean() > 0.7
+    # not within 0.7 s of a stop, nor 1.2 s before pulling away
+    assert not rests.at[within(speed > 0.0, 6, 11)].any()
+
+
+def test_a_boat_whose_rest_feels_like_motion_never_rests():
+    means, track, _ = a_drive(idle=0.03, road=0.02)
+    rests = find_rests(means, track)
+    assert not rests.at.any()
+    assert "look alike" in rests.reason
+
+
+def test_fixes_that_move_overrule_a_smooth_road():
+    means, track, speed = a_drive()
+    smooth = means.rate.copy(), means.force.copy()
+    steady = slice(180, 260)  # at 10 m/s, where the Imu feels nothing
+    for values in smooth:
+        values[steady] = values[500:580]
+    rests = find_rests(Means(means.start_ns, *smooth), track)
+    assert speed[steady].min() > 5.0 and not rests.at[steady].any()
+
+
+def test_no_fix_that_stands_gives_half_of_the_least_motion():
+    means, track, _ = a_drive(stops=False)
+    rests = find_rests(means, track)
+    assert "never stand" in rests.reason
+    assert not rests.at.any()
+
+
+def test_means_are_those_of_the_increments():
+    random = np.random.default_rng(3)
+    interval = np.full(400, 0.01)
+    time_ns = 1_000_000_000 + np.round(np.cumsum(interval) * 1e9).astype(np.int64)
+    phi, dv = 0.01 * random.standard_normal((2, 400, 3))
+    keep = np.r_[0:150, 210:400]  # a gap
+    stage = MeansStage(1_000_000_000)
+    for part in np.array_split(keep, 7):
+        stage.push(Increments(part, time_ns[part], interval[part], phi[part], dv[part]))
+    means = stage.finish()
+    assert len(means) == 40
+    assert means.rate[3] == pytest.approx(phi[30:40].sum(axis=0) / 0.1)
+    assert means.force[30] == pytest.approx(dv[300:310].sum(axis=0) / 0.1)
+    assert np.isnan(means.rate[15:21]).all() and np.isfinite(means.rate[14]).all()

@@ -1,0 +1,93 @@
+"""Whether a vehicle slides, by tracks made for it."""
+
+import numpy as np
+import pytest
+
+from sinstool.core import rotation
+from sinstool.methods.land_vehicle.track import Means, Track
+from sinstool.methods.land_vehicle.trust import find_trust
+
+MOUNT = rotation.to_dcm(rotation.from_euler(np.radians([3.0, 60.0, 170.0])))  # C_vb
+G = 9.81
+
+
+def slow(random, n, sigma, time, step=0.1):
+    """A Gauss-Markov process."""
+    decay = np.exp(-step / time)
+    out = np.zeros(n)
+    noise = sigma * np.sqrt(1.0 - decay**2) * random.standard_normal(n)
+    for k in range(1, n):
+        out[k] = decay * out[k - 1] + noise[k]
+    return out
+
+
+def a_track(seed=0, slip=0.05, axle=1.7, own=0.03, minutes=8.0, heading_walk=False, mount=MOUNT):
+    """A vehicle with turns: its axle moves forward but for a slow slip."""
+    random = np.random.default_rng(seed)
+    n = round(600 * minutes)
+    t = 0.1 * np.arange(n)
+    speed = 10.0 + 5.0 * np.sin(0.05 * t)
+    rate = 0.25 * np.sin(0.11 * t) * (np.sin(0.013 * t) > 0.0)
+    heading = np.cumsum(rate) * 0.1
+    v_v = np.stack([speed, rate * axle + slow(random, n, slip, 3.0), slow(random, n, 0.03, 3.0)], 1)
+    q_nv = rotation.from_euler(np.stack([0 * t, 0 * t, heading], axis=1))
+    if heading_walk:  # goes anywhere in its own body
+        turn = slow(random, n, 1.2, 5.0)
+        v_v = speed[:, None] * np.stack([np.cos(turn), np.sin(turn), 0 * t], axis=1)
+    v_n = rotation.rotate(q_nv, v_v) + own * random.standard_normal((n, 3))
+    omega = np.stack([0 * t, 0 * t, rate], axis=1)
+    force = np.stack([np.gradient(speed, 0.1), speed * rate, np.full(n, -G)], axis=1)
+    means = Means(0, omega @ mount, force @ mount)
+    covariance = np.zeros((n, 6, 6)) + np.diag([own**2] * 3 + [1e-8] * 3)
+    rows = slice(None, None, 2)
+    track = Track(
+        means.time_ns[rows], v_n[rows], (rotation.to_dcm(q_nv) @ mount)[rows], covariance[rows]
+    )
+    return means, track
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_a_car_is_found_with_its_mount_and_its_axle(seed):
+    trust = find_trust(*a_track(seed))
+    assert trust.holds, trust.reason
+    off = rotation.log(rotation.from_dcm(trust.vehicle.c_vb @ MOUNT.T))
+    assert np.degrees(np.linalg.norm(off)) < 2.0
+    assert trust.vehicle.axle == pytest.approx(1.7, abs=0.2)
+    # 0.05 m/s over 3 s: sqrt(2 tau) sigma
+    assert 0.08 < trust.vehicle.lateral < 0.25
+    assert trust.rolls.mean() > 0.9
+
+
+def test_slip_makes_the_constraint_weaker():
+    sigmas = [find_trust(*a_track(1, slip=slip)).vehicle.lateral for slip in (0.02, 0.1, 0.2)]
+    assert sigmas[0] < sigmas[1] < sigmas[2]
+    assert sigmas[2] == pytest.approx(0.2 * np.sqrt(6.0), rel=0.5)
+
+
+def test_a_walk_is_no_vehicle():
+    trust = find_trust(*a_track(0, heading_walk=True))
+    assert not trust.holds
+
+
+def test_a_boat_that_drifts_is_no_vehicle():
+    trust = find_trust(*a_track(0, slip=0.8))
+    assert not trust.holds and "sideways" in trust.reason
+
+
+def test_a_ferry_is_left_out_or_denies_the_whole():
+    means, track = a_track(0, minutes=12.0)
+    velocity = track.velocity_n.copy()
+    aboard = slice(1000, 1080)
+    right = np.einsum("mij,i->mj", track.dcm_nb[aboard].transpose(0, 2, 1), np.zeros(3))
+    del right
+    c_nv = track.dcm_nb[aboard] @ MOUNT.T
+    velocity[aboard] += 3.0 * c_nv[:, :, 1]
+    trust = find_trust(means, Track(track.time_ns, velocity, track.dcm_nb, track.covariance))
+    on = slice(2000, 2160)
+    assert not trust.holds or not trust.rolls[on].any()
+
+
+def test_too_little_motion_says_so():
+    means, track = a_track(0, minutes=0.3)
+    trust = find_trust(means, track)
+    assert not trust.holds and trust.vehicle is None and "too little" in trust.reason
