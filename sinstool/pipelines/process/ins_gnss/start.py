@@ -38,7 +38,7 @@ from sinstool.pipelines.align.first_attitude import align, in_flight, with_bias_
 from sinstool.pipelines.align.in_motion import imu_noise
 from sinstool.pipelines.process.height import height_reference, network
 from sinstool.pipelines.process.ins_gnss.filter_start import FilterStart
-from sinstool.pipelines.process.ins_gnss.imu_fit import fit, next_worse
+from sinstool.pipelines.process.ins_gnss.imu_fit import drift_ratio, fit, next_worse
 from sinstool.pipelines.process.ins_gnss.receiver import (
     AS_CLAIMED,
     gnss_model,
@@ -151,7 +151,7 @@ def timed_start(
     """
     start = _timed(source, config, algorithm, first)
     if config.navigation.imu_grade == "auto":
-        start = _fitted(source, config, algorithm, start)
+        start = _drifting(source, config, algorithm, _fitted(source, config, algorithm, start))
     if start.latency_status == "not settled":
         warning = (
             f"the latency of GNSS did not settle: {1e3 * start.settings.gnss_latency:.0f} ms is"
@@ -219,6 +219,30 @@ def _fitted(
         log_choice("IMU grade", f"{worse}, {why}")
         start, shown = other, fits
     return start
+
+
+def _drifting(
+    source: Source, config: ProcessConfig, algorithm: ConingAlgorithm, start: FilterStart
+) -> FilterStart:
+    """A start whose Imu is taken to be as noisy as it drifts where fixes are left out."""
+    ratio = drift_ratio(source, config, algorithm, _by_the_fixes(start))
+    if ratio == 1.0:
+        return start
+    imu = start.settings.imu
+    noisier = replace(
+        imu,
+        angle_random_walk=ratio * imu.angle_random_walk,
+        velocity_random_walk=ratio * imu.velocity_random_walk,
+        gyro_instability=ratio * imu.gyro_instability,
+        accel_instability=ratio * imu.accel_instability,
+    )
+    why = f"{start.grade.why}; {ratio:.2g} times as noisy, by its drift where fixes are left out"
+    log_choice("IMU noise", f"{ratio:.2g} times that of the grade, by fixes left out")
+    return replace(
+        start,
+        settings=replace(start.settings, imu=noisier),
+        grade=replace(start.grade, why=why),
+    )
 
 
 def _by_the_fixes(start: FilterStart) -> FilterStart:
