@@ -46,6 +46,7 @@ class ProcessConfig(Group):
         self.align.check()
         self.in_flight.check()
         self.vertical.check()
+        self.filter.check()
         if self.hse.hse is not None and self.rig is None:
             raise ConfigurationError(
                 "--hse needs the rig that was calibrated",

@@ -191,6 +191,20 @@ class FilterOptions(Group):
         le=1,
     )
 
+    def check(self) -> None:
+        """Constraints of a vehicle need a filter that corrects what it navigates by."""
+        if self.vehicle == "land" and self.feedback == "none":
+            raise ConfigurationError(
+                "--vehicle land with --feedback none: a vehicle can only be held not to slide by"
+                " a filter that corrects its attitude",
+                "leave one of them out",
+            )
+        if self.vehicle == "none" and self.mount is not None:
+            raise ConfigurationError(
+                "--mount is given, but --vehicle is none",
+                "add --vehicle land, or leave --mount out",
+            )
+
     @field_validator("withhold_gnss")
     @classmethod
     def _spans(cls, value: tuple[str, ...]) -> tuple[str, ...]:

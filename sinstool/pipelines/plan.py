@@ -79,6 +79,9 @@ class Plan:
         ``none``, ``baro`` or ``gnss``.
     wheels : Choice
         The topic with their speeds, or ``none``.
+    vehicle : Choice
+        What the vehicle is taken not to do, in mode ``ins-gnss``: ``land``, ``none``, or ``auto``
+        where a first run of the filter will tell.
     findings : tuple of Finding
         What had to be given up.
     """
@@ -93,6 +96,7 @@ class Plan:
     coning: Choice
     height_reference: Choice
     wheels: Choice
+    vehicle: Choice
     _algorithm: ConingAlgorithm | None = None
     _findings: tuple[Finding, ...] = ()
     _alignment: Alignment | None = None
@@ -169,6 +173,7 @@ def make_plan(source: Source, config: ProcessConfig) -> Plan:
         coning=Choice(config.coning.coning, coning_reason(algorithm, config), "--coning"),
         height_reference=_height_reference(config, filter_start),
         wheels=_wheels(source, mode.value),
+        vehicle=_vehicle(config, mode.value),
         _algorithm=algorithm,
         _findings=(*findings, *doubts),
         _alignment=alignment,
@@ -195,6 +200,7 @@ def fixed_plan(source: Source, config: ProcessConfig) -> Plan:
         coning=Choice("not chosen", untried, "--coning"),
         height_reference=Choice("none", "as no height is damped", "--height-damping"),
         wheels=Choice("not chosen", untried, "--wheels"),
+        vehicle=Choice("none", "as no filter runs", "--vehicle"),
     )
 
 
@@ -212,6 +218,7 @@ def turntable_plan(topic: str, config: ProcessConfig) -> Plan:
         coning=Choice("none", "as the table's encoder gives the motion", "--hse"),
         height_reference=Choice("none", "as attitude alone is computed", "--hse"),
         wheels=Choice("none", "as attitude alone is computed", "--hse"),
+        vehicle=Choice("none", "as no filter runs", "--vehicle"),
     )
 
 
@@ -357,3 +364,13 @@ def _wheels(source: Source, mode: str) -> Choice:
         return Choice("none", f"as the mode is {mode}", "--wheels")
     wheels = source.aiding.wheels
     return Choice(wheels.topic or "none", wheels.reason, "--wheels")
+def _vehicle(config: ProcessConfig, mode: str) -> Choice:
+    """What the vehicle is taken not to do."""
+    option, wanted = "--vehicle", config.filter.vehicle
+    if mode != "ins-gnss":
+        return Choice("none", "as no filter runs", option)
+    if config.filter.feedback == "none":
+        return Choice("none", "as --feedback is none", option)
+    if wanted != "auto":
+        return Choice(wanted, "as configured", option)
+    return Choice("auto", "as a first run without constraints will show", option)

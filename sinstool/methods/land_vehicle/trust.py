@@ -29,7 +29,7 @@ LEAST_EXCESS = 0.03
 LEAST_SHARE = 0.5
 # Correlation times of what slides, s; and its sigma over 1 s, m/s.
 LEAST_TIME, MOST_TIME = 0.5, 10.0
-LEAST_SIGMA, MOST_SIGMA = 0.1, 1.0
+LEAST_SIGMA, MOST_SIGMA, UNSHOWN_SIGMA = 0.1, 1.0, 0.3
 # A vehicle slides: residual over speed, rad, and share of rows that are far off.
 MOST_ANGLE, MOST_FAR = 2.0 * DEGREE, 0.05
 # Directions of travel in the body that are no vehicle's: length of their mean.
@@ -111,21 +111,23 @@ def find_trust(means: Means, track: Track, c_vb: FloatArray | None = None) -> Tr
     -------
     Trust
     """
-    nowhere = np.zeros(len(means), bool)
+    # What the user knows serves where the log does not show it
+    known = None if c_vb is None else LandVehicle(c_vb, 0.0, UNSHOWN_SIGMA, UNSHOWN_SIGMA)
+    anywhere = np.ones(len(means), bool)
     if len(track.time_ns) < LEAST_ROWS:
-        return Trust(None, False, "there are too few fixes to tell", nowhere)
+        return Trust(known, False, "there are too few fixes to tell", anywhere)
     speed, sigma = track.speed, track.speed_sigma
-    seen = sigma < OUTAGE * np.median(sigma) if len(sigma) else nowhere
+    seen = sigma < OUTAGE * np.median(sigma)
     fastest = np.quantile(speed[seen], 0.95) if seen.any() else 0.0
     moving = seen & (speed > max(SLOW, SHARE_OF_FASTEST * fastest)) & (sigma < 0.5 * speed)
     moving &= np.isfinite(_at(means, means.force, track)).all(axis=1)
     seconds = np.diff(track.time_ns, append=track.time_ns[-1:]) * 1e-9
     if np.count_nonzero(moving) < LEAST_ROWS or seconds[moving].clip(max=1.5).sum() < LEAST_S:
-        return Trust(None, False, "the fixes show too little motion to tell", nowhere)
+        return Trust(known, False, "the fixes show too little motion to tell", anywhere)
     if c_vb is None:
         c_vb, concentration = _mount(means, track, moving)
         if concentration < LEAST_CONCENTRATION:
-            return Trust(None, False, "it moves in many directions of its own body", nowhere)
+            return Trust(None, False, "it moves in many directions of its own body", anywhere)
     rows = _Rows.of(means, track, c_vb)
     lateral, axle, far_y = _axis(rows, moving, 1)
     vertical, _, far_z = _axis(rows, moving, 2)

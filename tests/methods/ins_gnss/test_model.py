@@ -34,12 +34,12 @@ from sinstool.methods.ins_gnss.states import (
     GYRO_SCALE,
     I_MOVING,
     I_STATES,
-    SIZE,
     VELOCITY,
 )
 from sinstool.methods.strapdown import navigation
 
 FULL = FILTERS["network-29a"]
+SIZE = FULL.size
 DRIVING = GYRO_SCALE + 3  # states that drive the moving ones
 
 # latitude, height, velocity, roll pitch heading, rate, specific force

@@ -48,12 +48,15 @@ class VehicleFound:
     trust : Trust or None
     reason : str
         Why it is, or is not, taken for a land vehicle.
+    forced : bool
+        The user says that it is one.
     """
 
     constraints: Constraints | None = None
     rests: Rests | None = None
     trust: Trust | None = None
     reason: str = "as --vehicle is none"
+    forced: bool = False
 
     def used(self, summary: FilterSummary) -> VehicleUsed:
         """What a filter made of it."""
@@ -80,6 +83,9 @@ class VehicleFound:
     def findings(self, used: VehicleUsed) -> list[Finding]:
         """What the user should know of it."""
         land, trust = used.land, self.trust
+        if land is None and self.forced:
+            text = f"--vehicle is land, but nothing is held, as {trust.reason if trust else ''}"
+            return [Finding("vehicle-unknown", text, answer="say how the IMU sits, with --mount")]
         if land is None:
             return []
         found = []
@@ -140,12 +146,12 @@ def find_vehicle(
         return VehicleFound(reason="as there is too little of a log")
     rests = find_rests(means, track)
     trust = find_trust(means, track, mount)
-    forced = options.vehicle == "land" and trust.vehicle is not None
+    forced = options.vehicle == "land"
     vehicle = trust.vehicle if trust.holds or forced else None
-    reason = "as --vehicle is land" if forced and not trust.holds else f"as {trust.reason}"
+    reason = "as --vehicle is land" if vehicle and not trust.holds else f"as {trust.reason}"
     log_choice("vehicle", f"{'land' if vehicle else 'none'}, {reason}")
     log_choice("rest", f"{np.count_nonzero(rests.at) * STEP_NS / SECOND:.1f} s, {rests.reason}")
-    found = VehicleFound(None, rests, trust, reason)
+    found = VehicleFound(None, rests, trust, reason, forced)
     if vehicle is None and found.rest_s < LEAST_REST_S:
         return found
     constraints = Constraints(
