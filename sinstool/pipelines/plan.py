@@ -364,6 +364,8 @@ def _wheels(source: Source, mode: str) -> Choice:
         return Choice("none", f"as the mode is {mode}", "--wheels")
     wheels = source.aiding.wheels
     return Choice(wheels.topic or "none", wheels.reason, "--wheels")
+
+
 def _vehicle(config: ProcessConfig, mode: str) -> Choice:
     """What the vehicle is taken not to do."""
     option, wanted = "--vehicle", config.filter.vehicle

@@ -6,6 +6,38 @@ from dataclasses import dataclass
 
 
 @dataclass(frozen=True)
+class WheelSpeedUsed:
+    """Wheels whose speed a filter used.
+
+    Attributes
+    ----------
+    unit : str
+        Of the readings, m/s or rad/s.
+    metres_per_unit, scale_sigma : float
+        A factor near 1, or the radius, as the filter has it in the end; its sigma as a fraction.
+    latency_s, latency_sigma_s : float
+        By which stamps are late.
+    sigma_m_s : float
+        What the speed was taken to be off by, as a mean over a second.
+    used, slipped : int
+        How often it was used, and how often it did not fit and was left out.
+    one_slips : float
+        Share of the readings in which one wheel turned otherwise than the other, left out too.
+    """
+
+    topic: str
+    unit: str
+    metres_per_unit: float
+    scale_sigma: float
+    latency_s: float
+    latency_sigma_s: float
+    sigma_m_s: float
+    used: int
+    slipped: int
+    one_slips: float
+
+
+@dataclass(frozen=True)
 class LandVehicleUsed:
     """A vehicle whose axle does not slide, as a filter estimated it in the end.
 
@@ -23,6 +55,7 @@ class LandVehicleUsed:
         What the axle's velocity was taken to be off 0 by, as a mean over a second.
     used, slid : int
         How often it was held not to slide, and how often that did not hold.
+    wheels : WheelSpeedUsed or None
     """
 
     mount_deg: tuple[float, ...]
@@ -35,6 +68,7 @@ class LandVehicleUsed:
     vertical_m_s: float
     used: int
     slid: int
+    wheels: WheelSpeedUsed | None
 
 
 @dataclass(frozen=True)

@@ -188,6 +188,18 @@ def _vehicle(vehicle: VehicleUsed) -> list[Row]:
     if land is None:
         return [("vehicle", f"may slide, {vehicle.reason}; {rest}")]
     roll, pitch, yaw = land.mount_deg
+    wheels = land.wheels
+    turned = []
+    if wheels is not None:
+        turned.append(
+            (
+                "wheels",
+                f"{wheels.topic}: {wheels.metres_per_unit:.4f} m for each"
+                f" {'m' if wheels.unit == 'm/s' else 'rad'}, latency"
+                f" {1e3 * wheels.latency_s:.0f} +- {1e3 * wheels.latency_sigma_s:.0f} ms; used"
+                f" {wheels.used} times, {wheels.slipped} left out",
+            )
+        )
     return [
         ("vehicle", f"its axle does not slide, {vehicle.reason}; {rest}"),
         (
@@ -196,6 +208,7 @@ def _vehicle(vehicle: VehicleUsed) -> list[Row]:
             f" {land.mount_sigma_deg[0]:.2f}, {land.mount_sigma_deg[1]:.2f} deg; the IMU is"
             f" {land.axle_m:.2f} +- {land.axle_sigma_m:.2f} m ahead of the axle",
         ),
+        *turned,
     ]
 
 

@@ -13,7 +13,7 @@ from sinstool.core.rotation import from_dcm, from_euler, to_dcm, to_euler
 from sinstool.core.timeline import SECOND
 from sinstool.core.units import DEGREE
 from sinstool.methods.coning.algorithm import ConingAlgorithm
-from sinstool.methods.ins_gnss.constraints import STEP_NS, Constraints
+from sinstool.methods.ins_gnss.constraints import STEP_NS, Constraints, VehicleEstimate
 from sinstool.methods.ins_gnss.filter import FilterSummary, InsGnssFilter
 from sinstool.methods.ins_gnss.smoother import Smoother
 from sinstool.methods.ins_gnss.states import ATTITUDE, VELOCITY
@@ -22,7 +22,8 @@ from sinstool.methods.land_vehicle.track import Means, MeansStage, Track
 from sinstool.methods.land_vehicle.trust import Trust, find_trust
 from sinstool.methods.strapdown.navigation import Q_W, Q_Z, V_DOWN, V_NORTH
 from sinstool.pipelines.process.ins_gnss.filter_start import FilterStart, measurements
-from sinstool.pipelines.process.vehicle_used import LandVehicleUsed, VehicleUsed
+from sinstool.pipelines.process.ins_gnss.wheels import WheelsUsed, use_wheels
+from sinstool.pipelines.process.vehicle_used import LandVehicleUsed, VehicleUsed, WheelSpeedUsed
 from sinstool.survey.increments import SegmentIncrements
 from sinstool.survey.source import Source
 
@@ -33,6 +34,8 @@ LEAST_REST_S = 1.0
 MOST_SLID = 0.05
 VAGUE_YAW = 1.5
 LONG_VEHICLE = 8.0
+# And of wheels: a scale, a latency, s, and what of it are its sigmas; a share of slips.
+MOST_SCALE, LATE_S, LATE_SIGMAS, MOST_SLIPS = 0.01, 0.05, 3.0, 0.01
 
 
 @dataclass(frozen=True)
@@ -50,6 +53,8 @@ class VehicleFound:
         Why it is, or is not, taken for a land vehicle.
     forced : bool
         The user says that it is one.
+    wheels : WheelsUsed or None
+        Whose speed is used.
     """
 
     constraints: Constraints | None = None
@@ -57,6 +62,7 @@ class VehicleFound:
     trust: Trust | None = None
     reason: str = "as --vehicle is none"
     forced: bool = False
+    wheels: WheelsUsed | None = None
 
     def used(self, summary: FilterSummary) -> VehicleUsed:
         """What a filter made of it."""
@@ -76,9 +82,28 @@ class VehicleFound:
                 vertical_m_s=held.vertical,
                 used=summary.held,
                 slid=summary.slides,
+                wheels=self._wheels(summary, estimate),
             )
         kind = "none" if vehicle is None else "land"
         return VehicleUsed(kind, self.reason, self.rest_s, rest_reason, vehicle)
+
+    def _wheels(self, summary: FilterSummary, estimate: VehicleEstimate) -> WheelSpeedUsed | None:
+        wheels = self.wheels
+        if wheels is None:
+            return None
+        scale, sigma = estimate.wheel_scale
+        return WheelSpeedUsed(
+            topic=wheels.topic,
+            unit=wheels.unit,
+            metres_per_unit=wheels.fit.scale * (1.0 + scale),
+            scale_sigma=sigma,
+            latency_s=wheels.fit.latency_s,
+            latency_sigma_s=wheels.fit.latency_sigma,
+            sigma_m_s=wheels.sigma,
+            used=summary.wheels,
+            slipped=summary.wheel_slips,
+            one_slips=wheels.slipping,
+        )
 
     def findings(self, used: VehicleUsed) -> list[Finding]:
         """What the user should know of it."""
@@ -99,6 +124,7 @@ class VehicleFound:
             )
             answer = "if heading or height look wrong, give --vehicle none"
             found.append(Finding("vehicle-slides", text, answer=answer))
+        found += [] if land.wheels is None else _of_wheels(land.wheels)
         if land.mount_sigma_deg[1] > VAGUE_YAW:
             text = (
                 "how the IMU is turned in the vehicle is known to"
@@ -115,6 +141,35 @@ class VehicleFound:
     def rest_s(self) -> float:
         """Time at rest, s."""
         return 0.0 if self.rests is None else np.count_nonzero(self.rests.at) * STEP_NS / SECOND
+
+
+def _of_wheels(wheels: WheelSpeedUsed) -> list[Finding]:
+    """What is wrong with wheels, and what was done about it."""
+    found = []
+    if wheels.unit == "m/s" and abs(wheels.metres_per_unit - 1.0) > MOST_SCALE:
+        high = 100.0 * (1.0 / wheels.metres_per_unit - 1.0)
+        text = (
+            f"the speed of {wheels.topic} reads {abs(high):.1f} % too"
+            f" {'high' if high > 0.0 else 'low'} beside the fixes, and is used corrected"
+        )
+        numbers = {"scale_percent": high}
+        found.append(Finding("wheel-scale", text, topic=wheels.topic, numbers=numbers))
+    if abs(wheels.latency_s) > max(LATE_S, LATE_SIGMAS * wheels.latency_sigma_s):
+        text = (
+            f"{wheels.topic} is stamped {1e3 * wheels.latency_s:+.0f} ms after the motion that it"
+            " shows, and is used at its own time"
+        )
+        numbers = {"latency_s": wheels.latency_s}
+        found.append(Finding("wheel-latency", text, topic=wheels.topic, numbers=numbers))
+    slips = wheels.slipped / max(wheels.used, 1)
+    if slips > MOST_SLIPS or wheels.one_slips > MOST_SLIPS:
+        text = (
+            f"wheels slip: {100.0 * max(slips, wheels.one_slips):.0f} % of {wheels.topic} is left"
+            " out"
+        )
+        answer = "if the speed looks wrong, give --wheels none"
+        found.append(Finding("wheels-slip", text, topic=wheels.topic, answer=answer))
+    return found
 
 
 def find_vehicle(
@@ -154,10 +209,15 @@ def find_vehicle(
     found = VehicleFound(None, rests, trust, reason, forced)
     if vehicle is None and found.rest_s < LEAST_REST_S:
         return found
-    constraints = Constraints(
-        means.start_ns, rests.at, trust.rolls, np.full(len(means), np.nan), vehicle
-    )
-    return replace(found, constraints=constraints)
+    wheels = None
+    if vehicle is not None:
+        wheels = use_wheels(source.aiding.wheels, means, track, vehicle.c_vb)
+    speed = np.full(len(means), np.nan)
+    if wheels is not None and vehicle is not None:
+        speed, vehicle = wheels.speed, replace(vehicle, wheel=wheels.sigma)
+        log_choice("wheels", f"{wheels.topic}, {wheels.fit}")
+    constraints = Constraints(means.start_ns, rests.at, trust.rolls, speed, vehicle)
+    return replace(found, constraints=constraints, wheels=wheels)
 
 
 def _unconstrained(
