@@ -182,8 +182,8 @@ def _filter(filter_: summary.FilterUsed | None) -> list[Row]:
 
 def _vehicle(vehicle: VehicleUsed) -> list[Row]:
     """What a vehicle was taken not to do."""
-    rest = f"held at rest for {vehicle.rest_s:.1f} s, " if vehicle.rest_s else "never at rest, "
-    rest += vehicle.rest_reason
+    rest = f"held at rest for {vehicle.rest_s:.1f} s" if vehicle.rest_s else "never held at rest"
+    rest += f", {vehicle.rest_reason}" if vehicle.rest_reason else ""
     land = vehicle.land
     if land is None:
         return [("vehicle", f"may slide, {vehicle.reason}; {rest}")]
