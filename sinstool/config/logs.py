@@ -11,7 +11,9 @@ from pydantic import field_validator
 from sinstool.core.options import Group, option
 from sinstool.core.suggest import nearest
 
-EMITS = ("imu", "attitude", "euler", "odometry", "pose", "fix", "tf", "height", "diagnostics")
+EMITS = (
+    "imu", "attitude", "euler", "odometry", "pose", "fix", "tf", "height", "vehicle", "diagnostics"
+)  # fmt: skip
 
 
 def parse_time(text: str, first_ns: int) -> int:

@@ -9,7 +9,7 @@ from functools import cached_property
 import numpy as np
 
 from sinstool.core import earth
-from sinstool.core.rotation import conjugate, rotate, to_dcm, to_euler
+from sinstool.core.rotation import conjugate, multiply, rotate, to_dcm, to_euler
 from sinstool.core.streams import Diagnostics, Solution, concatenate
 from sinstool.io.messages.definitions import md5_sum, ros1_type_name, schema_text, type_hash
 from sinstool.io.messages.encode import Encoder
@@ -51,6 +51,8 @@ class Frames:
     body_axes : {'flu', 'frd'}
     origin : tuple of float or None
         Latitude, longitude (rad) and height (m) where the reference frame has its origin.
+    q_vb : tuple of float, optional
+        Mount: takes a vector from the sensor's axes (FRD) to those of the vehicle that it is in.
     """
 
     world: str
@@ -58,6 +60,7 @@ class Frames:
     body: str
     body_axes: str
     origin: tuple[float, float, float] | None = None
+    q_vb: tuple[float, float, float, float] | None = None
 
     @property
     def reference_id(self) -> str:
@@ -139,6 +142,14 @@ def _imu(r: Rows) -> Columns:
 
 def _attitude(r: Rows) -> Columns:
     return {**r.header(), "quaternion.x": r.xyzw}
+
+
+def _vehicle(r: Rows) -> Columns:
+    """Attitude of the vehicle, by the mount of the sensor in it."""
+    assert r.frames.q_vb is not None
+    q_nv = multiply(r.solution.q_nb, conjugate(np.array(r.frames.q_vb)))
+    q = q_for_log(q_nv, r.frames.body_axes, r.frames.world)
+    return {**r.header(), "quaternion.x": q[:, [1, 2, 3, 0]]}
 
 
 def _euler(r: Rows) -> Columns:
@@ -257,6 +268,9 @@ TOPICS = {
         (("transforms", 1),),
     ),
     "height": Topic("/sinstool/height", "geometry_msgs/msg/Vector3Stamped", _height, _in_reference),
+    "vehicle": Topic(
+        "/sinstool/vehicle", "geometry_msgs/msg/QuaternionStamped", _vehicle, _in_reference
+    ),
 }
 DIAGNOSTICS_TOPIC = "/sinstool/diagnostics"
 DIAGNOSTICS_TYPE = "diagnostic_msgs/msg/DiagnosticArray"

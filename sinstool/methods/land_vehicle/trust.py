@@ -12,6 +12,7 @@ import numpy as np
 
 from sinstool.core import earth
 from sinstool.core.arrays import BoolArray, FloatArray
+from sinstool.core.rotation import exp, to_dcm
 from sinstool.core.units import DEGREE
 from sinstool.methods.ins_gnss.constraints import MOUNT_SIGMA, STEP_NS, LandVehicle
 from sinstool.methods.land_vehicle.track import Means, Track, within
@@ -129,8 +130,10 @@ def find_trust(means: Means, track: Track, c_vb: FloatArray | None = None) -> Tr
         if concentration < LEAST_CONCENTRATION:
             return Trust(None, False, "it moves in many directions of its own body", anywhere)
     rows = _Rows.of(means, track, c_vb)
-    lateral, axle, far_y = _axis(rows, moving, 1)
-    vertical, _, far_z = _axis(rows, moving, 2)
+    lateral, axle, yaw, far_y = _axis(rows, moving, 1)
+    vertical, _, pitch, far_z = _axis(rows, moving, 2)
+    # What goes to the right and down in proportion to the speed is of the mount
+    c_vb = to_dcm(exp([0.0, pitch, -yaw])) @ c_vb
     vehicle = LandVehicle(c_vb, axle, lateral.sigma, vertical.sigma, mount_sigma=MOUNT_SIGMA)
     reason = _doubt(lateral, vertical, axle) or _leans(rows, moving)
     far = track.time_ns[moving][far_y | far_z]
@@ -234,8 +237,8 @@ class _Rows:
         )
 
 
-def _axis(rows: _Rows, moving: BoolArray, axis: int) -> tuple[AxisTrust, float, BoolArray]:
-    """Trust along an axis, 1 right or 2 down; the lever, m; rows that are far off."""
+def _axis(rows: _Rows, moving: BoolArray, axis: int) -> tuple[AxisTrust, float, float, BoolArray]:
+    """Trust along an axis, 1 right or 2 down; the lever, m; the angle of the way; far rows."""
     v = rows.velocity[moving]
     rate = rows.rate[moving]
     speed = v[:, 0]
@@ -265,7 +268,7 @@ def _axis(rows: _Rows, moving: BoolArray, axis: int) -> tuple[AxisTrust, float, 
     trust = AxisTrust(
         rms, usual, robust / usual_speed, usual / usual_speed, float(np.mean(far)), time, sigma
     )
-    return trust, float(solution[1]), far
+    return trust, float(solution[1]), float(solution[0]), far
 
 
 def _correlation_time(time: FloatArray, values: FloatArray) -> float:

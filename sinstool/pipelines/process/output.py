@@ -138,7 +138,8 @@ class Output:
             raise ConfigurationError(
                 f"--emit {foreign[0]}: this run does not compute it",
                 "odometry and fix come with --mode ins or ins-gnss, height with --height-damping,"
-                " diagnostics with --mode ins-gnss or a smoothed attitude",
+                " diagnostics with --mode ins-gnss or a smoothed attitude, vehicle with a land"
+                " vehicle",
             )
         if self.config.output.only_results:
             return []

@@ -12,7 +12,7 @@ from sinstool.config import ProcessConfig
 from sinstool.config.align import GnssOptions
 from sinstool.core.finding import Finding
 from sinstool.core.result import compass, fields_in
-from sinstool.core.rotation import to_euler
+from sinstool.core.rotation import from_dcm, to_euler
 from sinstool.core.streams import Diagnostics, Imu, Solution, concatenate, take_rows
 from sinstool.core.timeline import SECOND
 from sinstool.core.units import DEGREE
@@ -132,6 +132,11 @@ class FilterRun(Mode):
     def find_out(self, progress: BytesRead | None) -> None:
         """What the vehicle cannot do."""
         self._stretches = [self._stretch(self.source, self._start)]
+        held = self._vehicle.constraints
+        if held is not None and held.vehicle is not None:
+            w, x, y, z = from_dcm(held.vehicle.c_vb).tolist()
+            self.frames = replace(self.frames, q_vb=(w, x, y, z))
+            self.emits = (*self.emits, "vehicle")
 
     def _stretch(
         self, source: Source, start: FilterStart, gap: FilterEvent | None = None

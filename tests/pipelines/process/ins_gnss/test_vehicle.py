@@ -1,0 +1,132 @@
+"""Rest, wheels and axles that cannot slide over whole logs: used where they hold, and only there."""
+
+import numpy as np
+import pytest
+
+from sinstool.config import ProcessConfig
+from sinstool.config.load import build
+from sinstool.core.errors import ConfigurationError
+from sinstool.core.rotation import from_euler, log, multiply
+from sinstool.io.readers import open_log
+from sinstool.pipelines.process.errors_against_truth import read_references
+from tests.helpers.filter_logs import errors, nees, run, simulated
+
+MOUNT = (2.0, -4.0, 5.0)
+CAR = (
+    "--duration", "420", "--grade", "mems", "--mount", "2,-4,5", "--axle-lever", "1.5", "--slip",
+    "0.05", "--sideslip", "0.003", "--idle", "0.3,0.01", "--gnss-outage", "240:290",
+)  # fmt: skip
+
+
+@pytest.fixture(scope="module")
+def car(tmp_path_factory):
+    path = tmp_path_factory.mktemp("vehicle") / "car.mcap"
+    return simulated(
+        path, "drive", *CAR, "--seed", "5", "--wheels", "odometry", "--wheel-scale", "3",
+        "--wheel-latency", "0.2",
+    )  # fmt: skip
+
+
+def kinds(chosen):
+    return {finding["kind"] for finding in chosen["findings"]}
+
+
+def outage(path, solution):
+    """Largest horizontal error in the outage, m."""
+    off, _ = errors(path, solution)["position"]
+    seconds = (solution.time_ns[::20] - solution.time_ns[0]) * 1e-9
+    during = (seconds > 240.0) & (seconds < 290.0)
+    return float(np.nanmax(np.hypot(off[during, 0], off[during, 1])))
+
+
+def test_each_constraint_makes_an_outage_shorter(car):
+    sizes = {}
+    for name, groups in {
+        "none": {"filter": {"vehicle": "none"}},
+        "axle": {"input": {"wheels": "none"}},
+        "all": {},
+    }.items():
+        chosen, solution = run(car, **groups)
+        sizes[name] = outage(car, solution)
+    assert sizes["axle"] < 0.6 * sizes["none"]
+    assert sizes["all"] < 0.5 * sizes["axle"]
+    assert sizes["all"] < 10.0
+    land = chosen["filter"]["vehicle"]["land"]
+    assert land["mount_sigma_deg"][1] < 0.5
+    for k in (1, 2):
+        assert abs(land["mount_deg"][k] - MOUNT[k]) < 3.0 * land["mount_sigma_deg"][k - 1]
+    assert abs(land["axle_m"] - 1.5) < 3.0 * land["axle_sigma_m"]
+    wheels = land["wheels"]
+    assert wheels["metres_per_unit"] == pytest.approx(1.0 / 1.03, abs=3e-3)
+    assert abs(wheels["latency_s"] - 0.2) < 4.0 * wheels["latency_sigma_s"]
+    assert {"wheel-scale", "wheel-latency"} <= kinds(chosen)
+    attitude, position = (errors(car, solution)[kind] for kind in ("attitude", "position"))
+    assert nees(*attitude)[0] < 1.5 and nees(*position)[0] < 2.5
+
+
+def test_the_attitude_of_the_vehicle_is_written(car):
+    _, solution = run(car, filter={"smooth": True}, output={"emit": ("imu", "vehicle")})
+    # Read back is the subject of the writers' tests; here, that the mount takes one to the other
+    with open_log(car) as opened:
+        truth = read_references(opened, ("/truth/vehicle",), "flu")
+    times, q_true = truth.attitude
+    k = np.searchsorted(times, solution.time_ns[::50])
+    q_vb = from_euler(np.radians(MOUNT))
+    off = log(multiply(multiply(q_true[k], q_vb), solution.q_nb[::50] * [1, -1, -1, -1]))
+    assert np.degrees(np.sqrt(np.mean(off[200:] ** 2))) < 1.5
+
+
+def test_a_vehicle_that_stands_stays_where_it_is(tmp_path):
+    path = simulated(
+        tmp_path / "stand.mcap", "drive", "--duration", "260", "--still", "150", "--grade", "mems",
+        "--seed", "8", "--idle", "0.3,0.01",
+    )  # fmt: skip
+    chosen, solution = run(path)
+    assert chosen["filter"]["vehicle"]["rest_s"] > 100.0
+    seconds = (solution.time_ns - solution.time_ns[0]) * 1e-9
+    stands = (seconds > 20.0) & (seconds < 145.0)
+    assert np.abs(solution.velocity_n[stands]).max() < 0.02
+    assert np.ptp(solution.position[stands, 2]) < 1.0
+
+
+@pytest.mark.parametrize("scenario", ["manoeuvring-flight", "spiral-climb"])
+def test_an_aircraft_is_left_alone(tmp_path, scenario):
+    path = simulated(
+        tmp_path / "flight.mcap",
+        scenario,
+        "--duration",
+        "240",
+        "--grade",
+        "tactical",
+        "--seed",
+        "3",
+    )
+    chosen, _ = run(path)
+    assert chosen["filter"]["vehicle"]["kind"] == "none"
+    assert chosen["filter"]["vehicle"]["land"] is None
+
+
+def test_a_ferry_does_not_carry_the_constraint_away(tmp_path):
+    path = simulated(
+        tmp_path / "ferry.mcap", "drive", "--duration", "500", "--grade", "mems", "--seed", "4",
+        "--ferry", "200,120",
+    )  # fmt: skip
+    sizes = {}
+    for vehicle in ("none", "auto"):
+        _, solution = run(path, filter={"vehicle": vehicle})
+        off, covariance = errors(path, solution, 30.0)["position"]
+        sizes[vehicle] = float(np.sqrt(np.nanmean(np.sum(off[:, :2] ** 2, axis=1))))
+        assert nees(off, covariance)[1] < 6.0
+    assert sizes["auto"] < 1.2 * sizes["none"]
+
+
+@pytest.mark.parametrize(
+    "options, named",
+    [
+        ({"vehicle": "land", "feedback": "none"}, "--feedback"),
+        ({"vehicle": "none", "mount": (0.0, 0.0, 90.0)}, "--mount"),
+    ],
+)
+def test_what_cannot_be_is_refused(options, named):
+    with pytest.raises(ConfigurationError, match=named):
+        build(ProcessConfig, {"filter": options})
