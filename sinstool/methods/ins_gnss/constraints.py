@@ -78,6 +78,8 @@ class Constraints:
         Time of the first point; the others follow every `STEP_NS`.
     rests, rolls : ndarray of bool, shape (g,)
         At each point.
+    surely : ndarray of bool, shape (g,)
+        Of the rests, those that fixes show too: the filter's own speed does not deny them.
     wheel_speed : ndarray, shape (g,)
         m/s; NaN where unknown.
     vehicle : LandVehicle or None
@@ -86,13 +88,15 @@ class Constraints:
 
     start_ns: int
     rests: BoolArray
+    surely: BoolArray
     rolls: BoolArray
     wheel_speed: FloatArray
     vehicle: LandVehicle | None
 
     def grid(self) -> FloatArray:
         """Columns by the names ``G_...`` of :mod:`~sinstool.methods.ins_gnss.layout`."""
-        return np.column_stack([self.rests, self.rolls, self.wheel_speed]).astype(np.float64)
+        rests = self.rests.astype(np.float64) + (self.rests & self.surely)
+        return np.column_stack([rests, self.rolls, self.wheel_speed])
 
     def parameters(self) -> FloatArray:
         """Numbers by the names ``V_...`` of :mod:`~sinstool.methods.ins_gnss.layout`."""

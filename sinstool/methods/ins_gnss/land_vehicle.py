@@ -106,7 +106,7 @@ def constrain(m: Memory, model: Model, stored: Stored, row: int, keep: bool) -> 
     if place >= 0.0 and k < model.grid.shape[0] - 1 and number[layout.N_GAP] == 0.0:
         weight = 1.0 / min(since, LONGEST)
         if model.grid[k, layout.G_REST] > 0.0 and model.grid[k + 1, layout.G_REST] > 0.0:
-            if not _moves(m):
+            if model.grid[k, layout.G_REST] > 1.0 or not _moves(m):
                 instants.open_instant(m, model, stored, row, keep)
                 _rest(m, model, weight)
         elif model.where[states.I_LAND_VEHICLE] >= 0 and model.grid[k, layout.G_ROLLS] > 0.0:

@@ -119,8 +119,8 @@ V_LATERAL = 5
 V_VERTICAL = 6
 V_WHEEL = 7
 V_PARAMETERS = 8
-# Columns of the grid: whether the vehicle rests, whether it may be held not to slide, and its
-# wheels' speed, m/s, NaN where unknown
+# Columns of the grid: whether the vehicle rests (2: surely), whether it may be held not to slide,
+# and its wheels' speed, m/s, NaN where unknown
 G_REST, G_ROLLS, G_WHEEL = range(3)
 # What is known of the vehicle: C_vb by rows, then axle, sideslip, squat, wheel scale
 VEHICLE_SIZE = 13

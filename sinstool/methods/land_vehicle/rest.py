@@ -43,6 +43,8 @@ class Rests:
     ----------
     at : ndarray of bool, shape (g,)
         For each step of the means.
+    surely : ndarray of bool, shape (g,)
+        Where the fixes show it, too.
     gyro, accel : float
         Thresholds on the spread within a window, rad/s and m/s^2; 0 where that tells nothing.
     reason : str
@@ -50,6 +52,7 @@ class Rests:
     """
 
     at: BoolArray
+    surely: BoolArray
     gyro: float
     accel: float
     reason: str
@@ -66,7 +69,7 @@ def find_rests(means: Means, track: Track) -> Rests:
     """
     nothing = np.zeros(len(means), bool)
     if len(means) < 2 * WINDOW or len(track.time_ns) < 2:
-        return Rests(nothing, 0.0, 0.0, "the log is too short")
+        return Rests(nothing, nothing, 0.0, 0.0, "the log is too short")
     spread = np.stack([_spread(means.rate), _spread(means.force)], axis=1)
     speed = between(track, track.speed, means.time_ns, LONGEST_NS)
     sigma = between(track, track.speed_sigma, means.time_ns, LONGEST_NS)
@@ -76,7 +79,7 @@ def find_rests(means: Means, track: Track) -> Rests:
     moves = known & (speed - 2.0 * sigma > MOVES)
     thresholds, reason = _thresholds(spread, stands, moves)
     if not thresholds.any():
-        return Rests(nothing, 0.0, 0.0, reason)
+        return Rests(nothing, nothing, 0.0, 0.0, reason)
     with np.errstate(invalid="ignore"):
         quiet = (spread < np.where(thresholds > 0.0, np.minimum(thresholds, MOST), MOST)).all(
             axis=1
@@ -87,7 +90,7 @@ def find_rests(means: Means, track: Track) -> Rests:
     rest = ~within(~quiet, CUT_BEGIN, half + CUT_END)
     rest &= ~_near_ends(len(rest), quiet)
     gyro, accel = thresholds.tolist()
-    return Rests(rest, gyro, accel, reason)
+    return Rests(rest, rest & known, gyro, accel, reason)
 
 
 def _near_ends(length: int, quiet: BoolArray) -> BoolArray:

@@ -20,7 +20,7 @@ def rolling_filter(speed=np.nan):
     flown = Flown(duration=20.0)
     vehicle = LandVehicle(MOUNT, 1.3, 0.1, 0.1, wheel_scale=0.02)
     flags = np.ones(300, bool)
-    constraints = Constraints(0, ~flags, flags, np.full(300, speed), vehicle)
+    constraints = Constraints(0, ~flags, ~flags, flags, np.full(300, speed), vehicle)
     run = InsGnssFilter(
         flown.start, flown.using("markov-27"), with_baro=False, constraints=constraints
     )
@@ -85,7 +85,7 @@ def standing(rests, seconds=30.0, moving=0.0, bias=(0.0, 0.0, 0.0)):
     n = round(seconds * 1e9 / STEP_NS) + 2
     flags = np.full(n, rests)
     start_ns = int(flown.increments.time_ns[0]) - STEP_NS
-    constraints = Constraints(start_ns, flags, ~flags, np.full(n, np.nan), None)
+    constraints = Constraints(start_ns, flags, ~flags, ~flags, np.full(n, np.nan), None)
     still = replace(
         flown.increments,
         rotation_vector=np.outer(flown.increments.interval, bias),

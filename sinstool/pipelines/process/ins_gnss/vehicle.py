@@ -216,7 +216,7 @@ def find_vehicle(
     if wheels is not None and vehicle is not None:
         speed, vehicle = wheels.speed, replace(vehicle, wheel=wheels.sigma)
         log_choice("wheels", f"{wheels.topic}, {wheels.fit}")
-    constraints = Constraints(means.start_ns, rests.at, trust.rolls, speed, vehicle)
+    constraints = Constraints(means.start_ns, rests.at, rests.surely, trust.rolls, speed, vehicle)
     return replace(found, constraints=constraints, wheels=wheels)
 
 
