@@ -19,6 +19,7 @@ FLOORS = (
     ("core",),
 )
 METHODS = (
+    ("land_vehicle",),
     ("ins_gnss",),
     ("alignment",),
     ("strapdown",),

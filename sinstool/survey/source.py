@@ -117,7 +117,7 @@ def prepare(
         if oddity.severity == Severity.FAILED:
             raise DataError(log.path, oddity.text, oddity.answer)
         findings.append(oddity)
-    aiding = _gnss(log, config, survey_, None if all_gnss else _rest_end(survey_))
+    aiding = _gnss(log, config, survey_, None if all_gnss else lead_in_end(survey_))
     if not gyro_only and _may_need_barometer(log, config):
         barometer = read_barometer(log, config.input, survey_.time_source == "log")
         aiding = replace(aiding, barometer=barometer)
@@ -146,7 +146,7 @@ def prepare(
     return source
 
 
-def _rest_end(survey_: Survey) -> int:
+def lead_in_end(survey_: Survey) -> int:
     """When the rest at the beginning ends, or the time of the first sample."""
     rest = survey_.lead_in
     return survey_.first_ns if rest is None else rest_end(rest, survey_.spans, survey_.windows)
@@ -160,7 +160,7 @@ def _truly_at_rest(survey_: Survey, aiding: AidingData) -> tuple[Survey, AidingD
     rest, gnss = survey_.lead_in, aiding.gnss
     if rest is None or gnss is None:
         return survey_, aiding, []
-    end_ns = _rest_end(survey_)
+    end_ns = lead_in_end(survey_)
     speed = moving_at(gnss, rest.start_ns, end_ns)
     if speed is None:
         gnss, findings = settled(gnss, rest.start_ns, end_ns)

@@ -9,6 +9,7 @@ from sinstool.core.streams import Imu, Solution, concatenate, take_rows
 from sinstool.core.timeline import SECOND
 from sinstool.core.units import STANDARD_GRAVITY
 from sinstool.methods.coning.algorithm import ConingAlgorithm
+from sinstool.methods.ins_gnss.constraints import REST_VELOCITY
 from sinstool.methods.ins_gnss.settings import Start
 from sinstool.methods.ins_gnss.smoother import corrected_navigation
 from sinstool.methods.ins_gnss.states import (
@@ -80,6 +81,7 @@ def before_start(
     algorithm: ConingAlgorithm,
     prepared: FilterStart,
     start: Start,
+    rests: bool,
 ) -> Solution | None:
     """Solutions at the samples up to, and at, the one at which a filter starts.
 
@@ -87,6 +89,8 @@ def before_start(
     ----------
     start : Start
         That of the filter, or what a smoother makes of it.
+    rests : bool
+        The vehicle stands all the time before the start: it is held where it is then.
 
     Returns
     -------
@@ -121,9 +125,15 @@ def before_start(
         np.ascontiguousarray(dt),
         rows[:-1],
     )
+    if rests:
+        rows[:, [LATITUDE, LONGITUDE, HEIGHT]] = start.nav[[LATITUDE, LONGITUDE, HEIGHT]]
+        rows[:, V_NORTH : V_DOWN + 1] = 0.0
     imu = concatenate(samples)
     seconds = (prepared.time_ns - imu.time_ns) / SECOND
     position, velocity, attitude = _grown(start, prepared, seconds)
+    if rests:
+        position = np.broadcast_to(start.covariance_position_n, position.shape)
+        velocity = np.broadcast_to(REST_VELOCITY**2 * np.eye(3), velocity.shape)
     vertical = None
     if prepared.reference is not None:
         vertical = np.stack([rows[:, HEIGHT], -rows[:, V_DOWN], np.zeros(len(rows))], axis=1)

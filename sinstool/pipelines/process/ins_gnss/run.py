@@ -58,7 +58,7 @@ from sinstool.pipelines.process.summary import (
     WithheldScores,
 )
 from sinstool.survey.increments import SegmentIncrements
-from sinstool.survey.source import Source
+from sinstool.survey.source import Source, lead_in_end
 
 DIAGNOSTIC_NAMES = (
     "nis / rows",
@@ -211,8 +211,11 @@ class FilterRun(Mode):
 
     def _earlier(self, stretch: Stretch, start: Start) -> Solution | None:
         """What lies before the start of a stretch."""
+        rests = self._vehicle.rests_at_first and (
+            lead_in_end(stretch.source.survey) >= stretch.start.time_ns
+        )
         earlier = before_start(
-            stretch.source, self.config, self.plan.algorithm, stretch.start, start
+            stretch.source, self.config, self.plan.algorithm, stretch.start, start, rests
         )
         if stretch.gap is None:
             self._carried_back = 0 if earlier is None else len(earlier)

@@ -29,6 +29,8 @@ from sinstool.survey.source import Source
 
 # Rests shorter than this in all, s, are none.
 LEAST_REST_S = 1.0
+# A rest with which a filter begins shows within so many steps of its start.
+FIRST_STEPS = 30
 # What is said of a land vehicle: share of constraints that did not hold; a mount less certain than
 # this, deg; an axle further off, m.
 MOST_SLID = 0.05
@@ -136,6 +138,11 @@ class VehicleFound:
             answer = "if the vehicle is not so long, give --vehicle none"
             found.append(Finding("axle", text, answer=answer))
         return found
+
+    @property
+    def rests_at_first(self) -> bool:
+        """Whether the vehicle stands as the filter starts."""
+        return self.constraints is not None and bool(self.constraints.rests[:FIRST_STEPS].any())
 
     @property
     def rest_s(self) -> float:
