@@ -14,7 +14,6 @@ import pytest
 
 import sinstool
 from sinstool.core.errors import ConfigurationError, OutputError
-from sinstool.report import page as page_module
 from sinstool.report.figure import Figure, Series
 from sinstool.report.markup import markup, points_per_curve, style_sheet
 from sinstool.report.page import check_report, write_report
@@ -259,7 +258,7 @@ def test_failure_leaves_nothing(tmp_path, monkeypatch):
     def fails(*_):
         raise RuntimeError
 
-    monkeypatch.setattr(page_module, "markup", fails)
+    monkeypatch.setattr("sinstool.report.markup.markup", fails)
     with pytest.raises(RuntimeError):
         write_report(tmp_path / "page.html", Page("Bare"))
     assert list(tmp_path.iterdir()) == []

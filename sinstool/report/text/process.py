@@ -7,8 +7,8 @@ from typing import TYPE_CHECKING
 if TYPE_CHECKING:
     from sinstool.pipelines.process import summary
     from sinstool.pipelines.process.errors_against_truth import RunErrors
+    from sinstool.pipelines.process.result import ProcessResult
     from sinstool.pipelines.process.vehicle_used import VehicleUsed
-from sinstool.pipelines.process.result import ProcessResult
 
 Row = tuple[str, str]
 
