@@ -81,7 +81,7 @@ def test_a_vehicle_that_stands_stays_where_it_is(tmp_path):
         tmp_path / "stand.mcap", "drive", "--duration", "260", "--still", "150", "--grade", "mems",
         "--seed", "8", "--idle", "0.3,0.01",
     )  # fmt: skip
-    chosen, solution = run(path)
+    chosen, solution = run(path, filter={"smooth": True})
     assert chosen["filter"]["vehicle"]["rest_s"] > 100.0
     seconds = (solution.time_ns - solution.time_ns[0]) * 1e-9
     stands = (seconds > 20.0) & (seconds < 145.0)
