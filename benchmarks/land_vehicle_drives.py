@@ -9,11 +9,18 @@ mount's errors over their sigmas.
 
 python benchmarks/land_vehicle_drives.py --seeds 20
 python benchmarks/land_vehicle_drives.py --grade mems --seeds 4 --smooth
+python benchmarks/land_vehicle_drives.py --others --seeds 6
+
+With --others no cars, by another program's simulation: boats in waves, walks with an IMU in hand,
+multicopters and aircraft, with outages of forty seconds. What is printed is how many were taken for
+land vehicles or for resting, and horizontal errors with `--vehicle none` and `auto`. With --speed,
+updates that the filter's loop takes in a second with and without constraints.
 """
 
 from __future__ import annotations
 
 import tempfile
+import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
@@ -23,16 +30,36 @@ from typing import Any
 import numpy as np
 from click.testing import CliRunner
 
-from benchmarks.common import over_seeds, parser, print_table
+from benchmarks.common import best, over_seeds, parser, print_table
 from sinstool.cli.main import cli
+from sinstool.core.earth import horizontal_metres
 from sinstool.core.rotation import conjugate, from_euler, log, multiply
 from sinstool.io.readers import open_log
+from sinstool.methods.ins_gnss.constraints import STEP_NS, Constraints, LandVehicle
+from sinstool.methods.ins_gnss.filter import InsGnssFilter
 from sinstool.pipelines.process.errors_against_truth import Errors, read_references
 from sinstool.pipelines.process.ins_gnss import run as ins_gnss
 from sinstool.pipelines.process.ins_gnss.vehicle import VehicleFound
 from tests.helpers.filter_logs import nees, run
+from tests.helpers.imulogs import T0
+from tests.helpers.unseen_drives import (
+    GRADES as UNSEEN_GRADES,
+)
+from tests.helpers.unseen_drives import (
+    LEVER,
+    boat,
+    flight,
+    multicopter,
+    record,
+    walk,
+    without_fixes,
+    write,
+)
+from tests.methods.ins_gnss.flown import Flown
 
-ROWS = ("none", "rest", "lateral", "wheels", "all")
+OTHERS_IMU = UNSEEN_GRADES["industrial"]
+
+ROWS = ("none", "rest", "axle", "axle, wheels", "rest, axle", "all")
 GRADES = ("mems", "tactical", "navigation")
 DURATION, OUTAGE, EVERY, SETTLED = 600.0, 60.0, 150.0, 90.0
 
@@ -62,12 +89,12 @@ def only(row: str) -> Iterator[None]:
         unknown = np.full(len(nothing), np.nan)
         if row == "none":
             return replace(found, constraints=None)
-        if row == "rest":
-            held = replace(held, vehicle=None, wheel_speed=unknown)
-        elif row == "lateral":
-            held = replace(held, rests=nothing, wheel_speed=unknown)
-        else:
+        if "wheels" not in row:
+            held = replace(held, wheel_speed=unknown)
+        if "rest" not in row:
             held = replace(held, rests=nothing)
+        if "axle" not in row:
+            held = replace(held, vehicle=None)
         return replace(found, constraints=held)
 
     ins_gnss.find_vehicle = some
@@ -140,12 +167,109 @@ def scored(path: Path, chosen: dict[str, Any], solution: Any, mount: np.ndarray)
     return score
 
 
+def other(job: tuple[str, int]) -> tuple[bool, float, list[float], list[float]]:
+    """What is no car: whether it was taken for one, seconds at rest, errors none and auto."""
+    name, seed = job
+    make = {"boat": boat, "walk": walk, "multicopter": multicopter, "aircraft": flight}[name]
+    truth = make(seed, 400.0)
+    data = record(truth, OTHERS_IMU, seed, gnss_rate=5.0, sigma=0.3, sigma_v=0.05)
+    spans = [(begin, begin + 40.0) for begin in np.arange(100.0, 350.0, 100.0)]
+    errors: list[list[float]] = []
+    with tempfile.TemporaryDirectory() as folder:
+        path = write(Path(folder) / "log.mcap", without_fixes(data, spans))
+        for vehicle in ("none", "auto"):
+            config = {"vehicle": vehicle}
+            arm = tuple(LEVER.tolist())
+            chosen, solution = run(
+                path, filter=config, gnss={"lever_arm": arm}, input={"gyro_kind": "mean-rate"}
+            )
+            seconds = (solution.time_ns - T0) * 1e-9
+            k = np.clip(np.searchsorted(truth.seconds, seconds - 1e-6), 0, len(truth.seconds) - 1)
+            north, east = horizontal_metres(
+                solution.position[:, 0] - truth.latitude[k],
+                solution.position[:, 1] - truth.longitude[k],
+                truth.latitude[k],
+            )
+            level = np.hypot(north, east)
+            errors.append(
+                [float(level[(seconds >= a) & (seconds < b)].max()) for a, b in spans]
+                + [float(np.sqrt(np.mean(level[seconds > 60.0] ** 2)))]
+            )
+    used = chosen["filter"]["vehicle"]
+    return used["kind"] == "land", used["rest_s"], errors[0], errors[1]
+
+
+def others(seeds: int, jobs: int) -> None:
+    """Table of what is no car."""
+    table = []
+    for name in ("boat", "walk", "multicopter", "aircraft"):
+        answers = over_seeds(other, [(name, seed) for seed in range(seeds)], jobs)
+        sizes = []
+        for which in (2, 3):
+            outages = np.array([answer[which][:-1] for answer in answers])
+            whole = np.array([answer[which][-1] for answer in answers])
+            sizes += [f"{np.sqrt(np.mean(outages**2)):.2f}", f"{np.sqrt(np.mean(whole**2)):.3f}"]
+        land = sum(answer[0] for answer in answers)
+        rest = np.mean([answer[1] for answer in answers])
+        table.append([name, f"{land} of {seeds}", f"{rest:.0f}", *sizes])
+    head = (
+        "", "taken for land vehicles", "at rest s", "none: outages m", "whole m",
+        "auto: outages m", "whole m",
+    )  # fmt: skip
+    print_table(head, table)
+
+
+def speed() -> None:
+    """Updates a second of the filter's loop."""
+    flown = Flown(duration=600.0)
+    updates, steps = len(flown.increments.interval), 6020
+    begin = int(flown.increments.time_ns[0]) - STEP_NS
+    every = np.ones(steps, bool)
+    vehicle = LandVehicle(np.eye(3), 1.0, 0.1, 0.1)
+    held = Constraints(begin, ~every, ~every, every, np.full(steps, 30.0), vehicle)
+    stands = Constraints(begin, every, every, ~every, np.full(steps, np.nan), vehicle)
+    cases = (("none", None), ("axle and wheels", held), ("rest", stands))
+    table = []
+    for name, constraints in cases:
+        row: list[object] = [name]
+        for store in (False, True):
+
+            def go(constraints: Constraints | None = constraints, store: bool = store) -> None:
+                filter_ = InsGnssFilter(
+                    flown.start,
+                    flown.using("markov-27"),
+                    with_baro=False,
+                    store=store,
+                    constraints=constraints,
+                )
+                filter_.push(flown.increments, flown.gnss)
+
+            row.append(f"{updates / best(go, 4, time.process_time):.0f}")
+        table.append(row)
+    print_table(("constraints", "updates/s, filter", "updates/s, storing for a smoother"), table)
+
+
+def _worse(answers: list[dict[str, Scores]], row: str) -> str:
+    """Outages that wheels make worse, by more than a tenth and half a metre."""
+    off = np.concatenate([answer[row].metres for answer in answers])
+    without = np.concatenate([answer["rest, axle"].metres for answer in answers])
+    return f"{np.count_nonzero(off > 1.1 * without + 0.5)} of {len(off)}"
+
+
 def main() -> None:
     options = parser(__doc__, seeds=20, first=0, jobs=2)
     options.add_argument("--grade", nargs="+", choices=GRADES, default=GRADES)
     options.add_argument("--rows", nargs="+", choices=ROWS, default=ROWS)
     options.add_argument("--smooth", action="store_true")
+    options.add_argument("--others", action="store_true", help="what is no car")
+    options.add_argument("--speed", action="store_true", help="of the filter's loop")
     args = options.parse_args()
+    if args.others:
+        others(args.seeds, args.jobs)
+        return
+    if args.speed:
+        speed()
+        return
     for grade in args.grade:
         jobs = [
             (seed, grade, args.smooth, tuple(args.rows))
@@ -168,11 +292,12 @@ def main() -> None:
                     ),
                     f"{np.sqrt(np.mean(mount**2)):.2f}" if len(mount) else "",
                     f"{np.abs(mount).max():.1f}" if len(mount) else "",
+                    _worse(answers, row) if row == "all" and "rest, axle" in args.rows else "",
                 ]
             )
         head = (
             "constraints", "outage rms m", "median", "NEES attitude", "position",
-            "mount /sigma", "most",
+            "mount /sigma", "most", "outages worse by wheels",
         )  # fmt: skip
         title = f"{grade}, {args.seeds} drives, {'smoother' if args.smooth else 'filter'}"
         print_table(head, table, title)

@@ -163,6 +163,64 @@ def flight(seed, duration=600.0, turbulent=False):
     return _motion(t, velocity, angles)
 
 
+def boat(seed, duration=600.0):
+    """A boat in waves and a current: at anchor for a minute, then under way with leeway."""
+    random = np.random.default_rng([seed, 3])
+    t = np.arange(0.0, duration, 1.0 / RATE)
+    under_way = np.clip((t - 60.0) / 30.0, 0.0, 1.0)
+    speed = under_way * (5.0 + smoothed(_steps(random, t, (30.0, 90.0), 2.0), 20.0))
+    turning = under_way * smoothed(_steps(random, t, (15.0, 45.0), 0.06), 8.0)
+    heading = _integral(turning, 2.0 * np.pi * random.random())
+    leeway = under_way * (0.3 + 0.5 * random.random()) * np.sign(random.standard_normal())
+    current = random.uniform(-0.6, 0.6, 2) * under_way[:, None]
+    velocity = np.stack(
+        [
+            speed * np.cos(heading) - leeway * np.sin(heading) + current[:, 0],
+            speed * np.sin(heading) + leeway * np.cos(heading) + current[:, 1],
+            np.zeros_like(t),
+        ],
+        axis=1,
+    )
+    velocity += np.array([0.15, 0.15, 0.3]) * _noise(random, t, 0.1, 0.4)
+    angles = np.stack([np.zeros_like(t), np.zeros_like(t), heading], axis=1)
+    angles += DEG * np.array([4.0, 2.0, 1.0]) * _noise(random, t, 0.1, 0.4)
+    return _motion(t, velocity, angles)
+
+
+def walk(seed, duration=600.0):
+    """A hand-held IMU on a walk: steps, pauses, and looking about."""
+    random = np.random.default_rng([seed, 4])
+    t = np.arange(0.0, duration, 1.0 / RATE)
+    speed = smoothed(np.where(_steps(random, t, (10.0, 40.0), 1.0) > -0.1, 1.4, 0.0), 2.0)
+    way = _integral(smoothed(_steps(random, t, (5.0, 20.0), 0.5), 3.0), 6.3 * random.random())
+    look = way + smoothed(_steps(random, t, (4.0, 15.0), 2.0), 3.0)
+    velocity = np.stack([speed * np.cos(way), speed * np.sin(way), np.zeros_like(t)], axis=1)
+    steps = speed[:, None] / 1.4
+    velocity += np.array([0.15, 0.15, 0.25]) * steps * _noise(random, t, 1.5, 2.5)
+    velocity += 0.03 * _noise(random, t, 0.5, 3.0)
+    angles = np.stack([np.zeros_like(t), np.full_like(t, 0.3), look], axis=1)
+    angles += DEG * 4.0 * _noise(random, t, 0.2, 3.0)
+    return _motion(t, velocity, angles)
+
+
+def multicopter(seed, duration=600.0):
+    """It leans to where it goes, in any direction of its body, and hovers."""
+    random = np.random.default_rng([seed, 5])
+    t = np.arange(0.0, duration, 1.0 / RATE)
+    velocity = np.stack(
+        [smoothed(_steps(random, t, (5.0, 20.0), most), 4.0) for most in (8.0, 8.0, 2.0)], axis=1
+    )
+    velocity += 0.1 * _noise(random, t, 0.2, 2.0)
+    turning = smoothed(_steps(random, t, (5.0, 20.0), 0.5), 3.0)
+    heading = _integral(turning, 6.3 * random.random())
+    force = np.gradient(velocity, t, axis=0) / 9.81
+    c, s = np.cos(heading), np.sin(heading)
+    ahead, right = force[:, 0] * c + force[:, 1] * s, force[:, 1] * c - force[:, 0] * s
+    angles = np.stack([np.arctan(right), -np.arctan(ahead), heading], axis=1)
+    angles += DEG * 0.5 * _noise(random, t, 0.5, 8.0)
+    return _motion(t, velocity, angles)
+
+
 def cruise(duration=300.0, heading=0.7):
     """An aircraft that flies straight on at 60 m/s, with nothing that changes."""
     t = np.arange(0.0, duration, 1.0 / RATE)

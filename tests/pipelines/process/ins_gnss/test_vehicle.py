@@ -10,6 +10,7 @@ from sinstool.core.rotation import from_euler, log, multiply
 from sinstool.io.readers import open_log
 from sinstool.pipelines.process.errors_against_truth import read_references
 from tests.helpers.filter_logs import errors, nees, run, simulated
+from tests.helpers.unseen_drives import GRADES, LEVER, boat, multicopter, record, walk, write
 
 MOUNT = (2.0, -4.0, 5.0)
 CAR = (
@@ -98,6 +99,17 @@ def test_an_aircraft_is_left_alone(tmp_path, scenario):
     chosen, _ = run(path)
     assert chosen["filter"]["vehicle"]["kind"] == "none"
     assert chosen["filter"]["vehicle"]["land"] is None
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("motion", [boat, walk, multicopter])
+def test_what_is_no_car_is_left_alone(tmp_path, motion):
+    truth = motion(11, 300.0)
+    data = record(truth, GRADES["industrial"], 11, gnss_rate=5.0, sigma=0.3, sigma_v=0.05)
+    arm = tuple(LEVER.tolist())
+    chosen, _ = run(write(tmp_path / "log.mcap", data), gnss={"lever_arm": arm})
+    assert chosen["filter"]["vehicle"]["kind"] == "none", chosen["filter"]["vehicle"]["reason"]
+    assert chosen["filter"]["vehicle"]["rest_s"] == 0.0
 
 
 def test_a_ferry_does_not_carry_the_constraint_away(tmp_path):
