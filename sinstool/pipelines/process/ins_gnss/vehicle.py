@@ -55,6 +55,8 @@ class VehicleFound:
         Why it is, or is not, taken for a land vehicle.
     forced : bool
         The user says that it is one.
+    mounted : bool
+        The user says how the IMU sits in it.
     wheels : WheelsUsed or None
         Whose speed is used.
     """
@@ -64,6 +66,7 @@ class VehicleFound:
     trust: Trust | None = None
     reason: str = "as --vehicle is none"
     forced: bool = False
+    mounted: bool = False
     wheels: WheelsUsed | None = None
 
     def used(self, summary: FilterSummary) -> VehicleUsed:
@@ -110,6 +113,10 @@ class VehicleFound:
     def findings(self, used: VehicleUsed) -> list[Finding]:
         """What the user should know of it."""
         land, trust = used.land, self.trust
+        if self.mounted and trust is not None and not trust.holds and not self.forced:
+            text = f"nothing is held with the mount that is given, as {trust.reason}"
+            answer = "check --mount, or leave it out"
+            return [Finding("mount", text, answer=answer)]
         if land is None and self.forced:
             text = f"--vehicle is land, but nothing is held, as {trust.reason if trust else ''}"
             return [Finding("vehicle-unknown", text, answer="say how the IMU sits, with --mount")]
@@ -213,7 +220,7 @@ def find_vehicle(
     reason = "as --vehicle is land" if vehicle and not trust.holds else f"as {trust.reason}"
     log_choice("vehicle", f"{'land' if vehicle else 'none'}, {reason}")
     log_choice("rest", f"{np.count_nonzero(rests.at) * STEP_NS / SECOND:.1f} s, {rests.reason}")
-    found = VehicleFound(None, rests, trust, reason, forced)
+    found = VehicleFound(None, rests, trust, reason, forced, mount is not None)
     if vehicle is None and found.rest_s < LEAST_REST_S:
         return found
     wheels = None
