@@ -40,6 +40,8 @@ MOST_OWN = 2.0 * DEGREE
 # A car is pushed sideways in its turns by this share of what they take, at least; an aircraft leans
 # into them. Turns of less than so much, m/s^2 (RMS), show neither.
 LEAST_PUSH, LEAST_TURNS = 0.5, 0.2
+# How well a mount is known that is given, rad, and by how much the way may deny it.
+GIVEN_SIGMA, MOST_OFF = 1.0 * DEGREE, 5.0 * DEGREE
 # Beside a bad row nothing is held, s.
 BESIDE_S = 5.0
 # An axle further from the IMU than this, m, is no axle.
@@ -113,7 +115,10 @@ def find_trust(means: Means, track: Track, c_vb: FloatArray | None = None) -> Tr
     Trust
     """
     # What the user knows serves where the log does not show it
-    known = None if c_vb is None else LandVehicle(c_vb, 0.0, UNSHOWN_SIGMA, UNSHOWN_SIGMA)
+    known, mount_sigma = None, MOUNT_SIGMA
+    if c_vb is not None:
+        mount_sigma = GIVEN_SIGMA
+        known = LandVehicle(c_vb, 0.0, UNSHOWN_SIGMA, UNSHOWN_SIGMA, mount_sigma=mount_sigma)
     anywhere = np.ones(len(means), bool)
     if len(track.time_ns) < LEAST_ROWS:
         return Trust(known, False, "there are too few fixes to tell", anywhere)
@@ -132,10 +137,14 @@ def find_trust(means: Means, track: Track, c_vb: FloatArray | None = None) -> Tr
     rows = _Rows.of(means, track, c_vb)
     lateral, axle, yaw, far_y = _axis(rows, moving, 1)
     vertical, _, pitch, far_z = _axis(rows, moving, 2)
-    # What goes to the right and down in proportion to the speed is of the mount
-    c_vb = to_dcm(exp([0.0, pitch, -yaw])) @ c_vb
-    vehicle = LandVehicle(c_vb, axle, lateral.sigma, vertical.sigma, mount_sigma=MOUNT_SIGMA)
     reason = _doubt(lateral, vertical, axle) or _leans(rows, moving)
+    if known is None:
+        # What goes to the right and down in proportion to the speed is of the mount
+        c_vb = to_dcm(exp([0.0, pitch, -yaw])) @ c_vb
+    elif max(abs(yaw), abs(pitch)) > MOST_OFF:
+        off = max(abs(yaw), abs(pitch)) / DEGREE
+        reason = f"its way is {off:.0f} deg off the mount that is given"
+    vehicle = LandVehicle(c_vb, axle, lateral.sigma, vertical.sigma, mount_sigma=mount_sigma)
     far = track.time_ns[moving][far_y | far_z]
     beside = np.zeros(len(means), bool)
     step = (far - means.start_ns) // STEP_NS

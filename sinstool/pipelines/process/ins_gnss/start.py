@@ -225,6 +225,8 @@ def _drifting(
     source: Source, config: ProcessConfig, algorithm: ConingAlgorithm, start: FilterStart
 ) -> FilterStart:
     """A start whose Imu is taken to be as noisy as it drifts where fixes are left out."""
+    if config.in_flight.arw is not None or config.in_flight.vrw is not None:
+        return start
     ratio = drift_ratio(source, config, algorithm, _by_the_fixes(start))
     if ratio == 1.0:
         return start

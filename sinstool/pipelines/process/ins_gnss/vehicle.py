@@ -12,6 +12,7 @@ from sinstool.core.finding import Finding
 from sinstool.core.rotation import from_dcm, from_euler, to_dcm, to_euler
 from sinstool.core.timeline import SECOND
 from sinstool.core.units import DEGREE
+from sinstool.io.readers.topics import NONE
 from sinstool.methods.coning.algorithm import ConingAlgorithm
 from sinstool.methods.ins_gnss.constraints import STEP_NS, Constraints, VehicleEstimate
 from sinstool.methods.ins_gnss.filter import FilterSummary, InsGnssFilter
@@ -57,6 +58,8 @@ class VehicleFound:
         The user says that it is one.
     mounted : bool
         The user says how the IMU sits in it.
+    wheels_named : bool
+        The user names the topic of its wheels.
     wheels : WheelsUsed or None
         Whose speed is used.
     """
@@ -67,6 +70,7 @@ class VehicleFound:
     reason: str = "as --vehicle is none"
     forced: bool = False
     mounted: bool = False
+    wheels_named: bool = False
     wheels: WheelsUsed | None = None
 
     def used(self, summary: FilterSummary) -> VehicleUsed:
@@ -113,6 +117,13 @@ class VehicleFound:
     def findings(self, used: VehicleUsed) -> list[Finding]:
         """What the user should know of it."""
         land, trust = used.land, self.trust
+        if self.wheels_named and (land is None or land.wheels is None):
+            text = "the wheels of --wheels are not used, "
+            text += "as the vehicle may slide" if land is None else "as they do not fit the motion"
+            return [Finding("wheels-unused", text), *self._findings(land, trust)]
+        return self._findings(land, trust)
+
+    def _findings(self, land: LandVehicleUsed | None, trust: Trust | None) -> list[Finding]:
         if self.mounted and trust is not None and not trust.holds and not self.forced:
             text = f"nothing is held with the mount that is given, as {trust.reason}"
             answer = "check --mount, or leave it out"
@@ -141,7 +152,8 @@ class VehicleFound:
             )
             found.append(Finding("mount-yaw", text, answer="give it with --mount"))
         if abs(land.axle_m) > LONG_VEHICLE:
-            text = f"the axle that does not slide would be {land.axle_m:.1f} m behind the IMU"
+            where = "behind" if land.axle_m > 0.0 else "ahead of"
+            text = f"the axle that does not slide would be {abs(land.axle_m):.1f} m {where} the IMU"
             answer = "if the vehicle is not so long, give --vehicle none"
             found.append(Finding("axle", text, answer=answer))
         return found
@@ -221,6 +233,7 @@ def find_vehicle(
     log_choice("vehicle", f"{'land' if vehicle else 'none'}, {reason}")
     log_choice("rest", f"{np.count_nonzero(rests.at) * STEP_NS / SECOND:.1f} s, {rests.reason}")
     found = VehicleFound(None, rests, trust, reason, forced, mount is not None)
+    found = replace(found, wheels_named=config.input.wheels not in (None, NONE))
     if vehicle is None and found.rest_s < LEAST_REST_S:
         return found
     wheels = None

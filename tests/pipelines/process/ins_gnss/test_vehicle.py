@@ -126,6 +126,22 @@ def test_a_ferry_does_not_carry_the_constraint_away(tmp_path):
     assert sizes["auto"] < 1.2 * sizes["none"]
 
 
+def test_a_mount_that_motion_denies_is_said(car):
+    chosen, _ = run(car, filter={"mount": (2.0, -4.0, 25.0)})
+    assert chosen["filter"]["vehicle"]["kind"] == "none"
+    assert "mount" in kinds(chosen)
+
+
+def test_wheels_that_are_named_in_vain_are_said(tmp_path):
+    path = simulated(
+        tmp_path / "still.mcap", "drive", "--duration", "100", "--still", "70", "--grade", "mems",
+        "--seed", "2", "--wheels", "twist",
+    )  # fmt: skip
+    chosen, _ = run(path, input={"wheels": "/wheels"})
+    assert chosen["filter"]["vehicle"]["land"] is None
+    assert "wheels-unused" in kinds(chosen)
+
+
 @pytest.mark.parametrize(
     "options, named",
     [
