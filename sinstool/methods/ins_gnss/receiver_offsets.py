@@ -67,6 +67,9 @@ _AGREE_S, _AGREE, _APART_S = 1e-3, 0.2, 0.01
 _ROUNDS = 8
 _NEAR_S = 0.02
 _MOST_SLOPE = 0.5  # of the estimate by the latency used
+# For the spread of an estimate that follows the latency used: at most so much of it, shown by
+# latencies at least so many sigmas apart, which are tried where sigma is beyond so many seconds.
+_MOST_FOLLOWED, _WIDE, _TRIED_S = 0.9, 1.0, 5e-3
 
 
 @dataclass(frozen=True)
@@ -84,6 +87,8 @@ class ReceiverOffsets:
     arm_off_b, arm_off_sigma_b : ndarray, shape (3,)
         How much further on than it was assumed the antenna seems to be, by the data: whatever was
         given, it may be a couple of metres elsewhere.
+    spread : float
+        By how much less certain the latency is than its covariance says, see :func:`settle`.
     """
 
     latency_s: float
@@ -91,16 +96,17 @@ class ReceiverOffsets:
     covariance: FloatArray
     arm_off_b: FloatArray
     arm_off_sigma_b: FloatArray
+    spread: float = 1.0
 
     @property
     def sigma_s(self) -> float:
         """Of the latency."""
-        return float(np.sqrt(self.covariance[0, 0]))
+        return self.spread * float(np.sqrt(self.covariance[0, 0]))
 
     @property
     def observable(self) -> bool:
         """Whether the log shows the latency."""
-        return self.sigma_s <= MAX_SIGMA_S
+        return float(np.sqrt(self.covariance[0, 0])) <= MAX_SIGMA_S
 
     @property
     def arm_contradicts(self) -> bool:
@@ -187,14 +193,23 @@ def settle(
         About it.
     agrees : bool
         Whether the two are as near as the estimate is known.
+
+    Notes
+    -----
+    What innovations are held against has noise of its own, that of the filter's velocity. Where a
+    log shows little more than this, an estimate stays near the latency it was made about, however
+    certain it claims to be. One that follows by a share c takes in 1 - c of what it is shown, and
+    what is its own answer scatters by 1 / (1 - c) of its sigma.
     """
     used, gated, gates = first_s, False, True
     offsets = evaluate(used, None, gated)
+    seen: list[tuple[float, float]] = []
     before: tuple[float, float] | None = None
     for _ in range(_ROUNDS):
         if offsets is None or not offsets.observable:
             return used, offsets, False
         step = offsets.latency_s - used
+        seen.append((used, offsets.latency_s))
         if gated >= gates and abs(step) <= max(_AGREE_S, _AGREE * offsets.sigma_s):
             break
         # Until then fixes are far off for no fault of theirs
@@ -214,7 +229,20 @@ def settle(
             break
         used, offsets = following, result
     assert offsets is not None
-    return used, offsets, abs(offsets.latency_s - used) <= max(_APART_S, offsets.sigma_s)
+    agrees = abs(offsets.latency_s - used) <= max(_APART_S, offsets.sigma_s)
+    if agrees and offsets.sigma_s > _TRIED_S:
+        wide = _WIDE * offsets.sigma_s
+        if max(abs(used - latency) for latency, _ in seen) < wide:
+            arm_b = offsets.arm_b if offsets.arm_contradicts else None
+            other = evaluate(used + 2.0 * wide, arm_b, gated)
+            if other is not None:
+                seen.append((used + 2.0 * wide, other.latency_s))
+        latency, estimate = max(seen, key=lambda pair: abs(used - pair[0]))
+        if abs(used - latency) >= wide:
+            followed = (offsets.latency_s - estimate) / (used - latency)
+            followed = min(max(followed, 0.0), _MOST_FOLLOWED)
+            offsets = replace(offsets, spread=1.0 / (1.0 - followed))
+    return used, offsets, agrees
 
 
 @dataclass(frozen=True)

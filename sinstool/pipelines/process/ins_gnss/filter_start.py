@@ -60,6 +60,17 @@ class FilterStart:
         """Epochs that are not withheld."""
         return self.gnss.rows(~self.withheld)
 
+    @property
+    def latency_sigma(self) -> float:
+        """Of the latency used, s; 0 where it is given, or where the log says nothing of it.
+
+        What the log shows counts even where another latency is used.
+        """
+        shown = self.offsets
+        if self.latency_status == "given" or shown is None or not shown.observable:
+            return 0.0
+        return float(np.hypot(shown.sigma_s, shown.latency_s - self.settings.gnss_latency))
+
 
 def measurements(p: FilterStart) -> dict[str, Any]:
     """Measurements that a filter gets with its first increments."""

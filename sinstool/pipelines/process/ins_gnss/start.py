@@ -24,6 +24,7 @@ from sinstool.methods.ins_gnss.fix_velocity import (
     split_position_velocity,
     with_velocities,
 )
+from sinstool.methods.ins_gnss.receiver_offsets import BEYOND
 from sinstool.methods.ins_gnss.settings import (
     BARO_GRADES,
     BaroModel,
@@ -51,6 +52,8 @@ from sinstool.survey.source import Source, rate_blocks
 
 # Noise at rest, over what the options say of it, that is worth a warning.
 NOISIER = 3.0
+# A latency given is taken for wrong where the log shows another by more than this, s.
+LATE_S = 0.01
 # What a barometer is off by, m, and for how long: the weather, the temperature, a cabin.
 AIR_SIGMA, AIR_TIME_S = 10.0, 500.0
 # With which a start is looked for, s, where none is seen with the one before.
@@ -248,11 +251,16 @@ def _drifting(
 
 
 def _by_the_fixes(start: FilterStart) -> FilterStart:
-    """A start with the antenna where the fixes have it: a wrong arm refutes no Imu."""
-    if start.offsets is None or not start.offsets.arm_contradicts:
+    """A start with antenna and latency as fixes have them: wrong options refute no Imu."""
+    shown, settings = start.offsets, start.settings
+    if shown is None:
         return start
-    x, y, z = start.offsets.arm_b.tolist()
-    return replace(start, settings=replace(start.settings, lever_arm_b=(x, y, z)))
+    if shown.arm_contradicts:
+        x, y, z = shown.arm_b.tolist()
+        settings = replace(settings, lever_arm_b=(x, y, z))
+    if shown.latency.differs_from(settings.gnss_latency, LATE_S, BEYOND):
+        settings = replace(settings, gnss_latency=shown.latency_s)
+    return replace(start, settings=settings)
 
 
 def _of_grade(config: ProcessConfig, grade: ImuGrade) -> ProcessConfig:

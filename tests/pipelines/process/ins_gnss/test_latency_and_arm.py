@@ -20,6 +20,7 @@ from tests.helpers.unseen_drives import (
     drive,
     flight,
     record,
+    sensor_errors,
     with_outliers,
     write,
 )
@@ -155,6 +156,18 @@ def test_steps_lead_to_the_latency_that_is_its_own_estimate():
     assert offsets.latency_s == pytest.approx(used, abs=2e-3)
 
 
+@pytest.mark.parametrize("truth", [0.0, 0.03])
+def test_an_estimate_that_follows_what_is_used_is_known_the_less(truth):
+    def follows(latency, *_):
+        return offsets_at(truth + 0.75 * (latency - truth), 0.007)
+
+    used, offsets, agrees = settle(follows, 0.0)
+    assert agrees and abs(used - truth) < 0.007
+    assert offsets.sigma_s == pytest.approx(4.0 * 0.007)
+    _, offsets, _ = settle(lambda *_: offsets_at(truth, 0.007), 0.0)
+    assert offsets.sigma_s == pytest.approx(0.007)
+
+
 def test_an_estimate_that_runs_away_is_said_not_to_agree():
     used, offsets, agrees = settle(lambda latency, *_: offsets_at(latency + 0.1, 0.002), 0.0)
     assert not agrees and offsets.latency_s == pytest.approx(used + 0.1)
@@ -170,6 +183,19 @@ def test_where_all_fixes_would_be_left_out_none_is():
     used, offsets, agrees = settle(bad_start, 0.0)
     assert agrees and used == pytest.approx(0.1, abs=1e-3)
     assert offsets.latency_s == pytest.approx(0.1, abs=1e-3)
+
+
+def test_a_calm_flight_that_hardly_shows_its_latency_says_so(tmp_path):
+    """Estimates stay near the latency they were made about, which is no reason to believe it."""
+    truth = flight(3, 150.0)
+    errors = sensor_errors(0.4, 150.0, 0.15, 1500.0, 3000.0, 0.5)
+    ratios = []
+    for draw in (22, 24):
+        data = record(truth, errors, draw, gnss_rate=10.0, sigma=0.02, sigma_v=0.075)
+        log = write(tmp_path / "log.mcap", data)
+        start = start_of(log, input=KIND, gnss=given())
+        ratios.append(start.settings.gnss_latency / start.latency_sigma)
+    assert np.max(np.abs(ratios)) < 2.5
 
 
 @pytest.mark.slow
