@@ -28,6 +28,7 @@ from sinstool.methods.ins_gnss.results import (
 )
 from sinstool.methods.ins_gnss.settings import Start
 from sinstool.methods.ins_gnss.smoother import SmoothedEpochs, Smoother
+from sinstool.methods.ins_gnss.time_error import TimeError
 from sinstool.methods.ins_gnss.withheld import Withheld
 from sinstool.methods.strapdown.velocity import Increments
 from sinstool.pipelines.plan import Plan
@@ -43,7 +44,7 @@ from sinstool.pipelines.process.ins_gnss.after_gap import (
 from sinstool.pipelines.process.ins_gnss.before_start import before_start, corrected_start
 from sinstool.pipelines.process.ins_gnss.filter_start import FilterStart, measurements
 from sinstool.pipelines.process.ins_gnss.start import timed_start
-from sinstool.pipelines.process.ins_gnss.trust import doubts, marked, untrusted
+from sinstool.pipelines.process.ins_gnss.trust import doubts, late_or_early, marked, untrusted
 from sinstool.pipelines.process.ins_gnss.vehicle import VehicleFound, find_vehicle
 from sinstool.pipelines.process.mode import BytesRead, Mode, warned
 from sinstool.pipelines.process.summary import (
@@ -126,6 +127,7 @@ class FilterRun(Mode):
         self._hidden = bool(start.withheld.any())
         self._score = Withheld(valid, start.withheld, arm)
         self._filtered = Withheld(valid, start.withheld, arm)
+        self._time_error = TimeError(start.latency_sigma)
         self._vehicle = VehicleFound()
         self._stretches: list[Stretch] = []
 
@@ -205,9 +207,9 @@ class FilterRun(Mode):
 
     def _scored(self, solution: Solution | None) -> Iterator[Solution]:
         if solution is not None:
-            if self._hidden:
+            if self._hidden:  # by fixes that would be as early or late as it is
                 self._score.push(solution)
-            yield solution
+            yield self._time_error.added(solution)
 
     def _earlier(self, stretch: Stretch, start: Start) -> Solution | None:
         """What lies before the start of a stretch."""
@@ -426,6 +428,8 @@ class FilterRun(Mode):
                 f" (sigma {p.offsets.sigma_s * 1e3:.1f} ms) and are used so; give"
                 " --gnss-latency to say otherwise",
             )
+        noise = np.hypot(p.settings.gnss.position_white, p.settings.gnss.position_markov)
+        findings += late_or_early(self._time_error.largest_m, p.latency_sigma, float(noise[0]))
         if p.lag != 0.0 and self.config.filter.gnss_velocity_lag is None:
             note(
                 "velocity-lag-used",

@@ -1,0 +1,82 @@
+"""A latency that a log shows only roughly is part of what is not known of position."""
+
+from dataclasses import replace
+from itertools import pairwise
+
+import numpy as np
+import pytest
+
+from sinstool.core.streams import Solution, concatenate
+from sinstool.methods.ins_gnss.time_error import TimeError
+from tests.helpers.filter_logs import run
+from tests.helpers.unseen_drives import GRADES, LEVER, T0, flight, record, write
+
+
+def horizontal(truth, solution):
+    """Square of the error and of its sigma, m^2, once the filter has settled."""
+    rows = solution.rows((solution.time_ns - T0) * 1e-9 > 40.0)
+    seconds = (rows.time_ns - T0) * 1e-9
+    error = truth.errors_of(seconds, *rows.position.T, rows.velocity_n, np.eye(3)[None])[:, :2]
+    variance = np.einsum("nii->ni", rows.covariance_position_n)[:, :2]
+    return np.sum(error**2, axis=1), np.sum(variance, axis=1)
+
+
+def test_a_flight_is_as_far_off_as_its_sigmas_say(tmp_path):
+    """At 60 m/s a latency known to 7 ms is worth 0.4 m, whatever the fixes claim."""
+    truth = flight(3, 150.0)
+    ratios = []
+    for draw in range(11, 14):
+        data = record(truth, GRADES["industrial"], draw, gnss_rate=5.0, latency=0.05)
+        log = write(tmp_path / "log.mcap", data)
+        groups = {"input": {"gyro_kind": "mean-rate"}, "gnss": {"lever_arm": tuple(LEVER.tolist())}}
+        result, solution = run(log, **groups)
+        square, variance = horizontal(truth, solution)
+        ratios.append(np.mean(square / variance))
+        shown = result["filter"]["gnss_latency"]["sigma_s"]
+        assert np.sqrt(np.mean(variance)) == pytest.approx(60.0 * shown, rel=0.3)
+        told = [f for f in result["findings"] if f["kind"] == "latency-uncertain"]
+        assert told[0]["numbers"]["position_m"] == pytest.approx(60.0 * shown, rel=0.2)
+        assert told[0]["answer"] == "give --gnss-latency"
+    assert 0.2 < np.sqrt(np.mean(ratios)) < 2.0
+    groups["gnss"]["gnss_latency"] = 0.05
+    result, solution = run(log, **groups)
+    assert not any(f["kind"] == "latency-uncertain" for f in result["findings"])
+    square, variance = horizontal(truth, solution)
+    assert np.mean(square / variance) < 2.0 and np.mean(variance) < 0.06**2  # given, it is certain
+
+
+def turning(rate=0.2, speed=10.0):
+    """A circle at 20 Hz, its sigmas of nothing."""
+    seconds = np.arange(400) * 0.05
+    n = len(seconds)
+    zero = np.zeros((n, 3))
+    course = rate * seconds
+    velocity = speed * np.stack([np.cos(course), np.sin(course), 0.0 * course], axis=1)
+    stamps = np.round(seconds * 1e9).astype(np.int64)
+    none = np.zeros((n, 3, 3))
+    q = np.tile([1.0, 0.0, 0.0, 0.0], (n, 1))
+    return Solution(stamps, stamps, q, zero, zero, zero, velocity, None, none, none, none)
+
+
+def test_along_the_track_and_across_it():
+    """Position by the velocity, velocity by what it changes by."""
+    solution = turning()
+    answer = TimeError(0.01).added(solution)
+    v = solution.velocity_n
+    square = 1e-4 * v[:, :, None] * v[:, None, :]
+    assert np.allclose(answer.covariance_position_n, square)
+    late = np.einsum("nii->n", answer.covariance_velocity_n)[20:]
+    assert np.sqrt(late) == pytest.approx(0.01 * 0.2 * 10.0, rel=0.01)
+    assert np.all(answer.covariance_attitude_n == 0.0)
+    assert TimeError(0.0).added(solution) is solution
+
+
+def test_blocks_do_not_matter():
+    solution = turning()
+    whole = TimeError(0.01).added(solution)
+    error, ends = TimeError(0.01), [0, 1, 2, 90, 91, 300, 400]
+    pieces = [solution.rows(slice(*pair)) for pair in pairwise(ends)]
+    joined = concatenate([error.added(piece) for piece in pieces])
+    assert np.allclose(joined.covariance_velocity_n, whole.covariance_velocity_n, atol=1e-15)
+    again = error.added(replace(pieces[0], velocity_n=None))
+    assert np.all(again.covariance_position_n == 0.0)
