@@ -27,7 +27,7 @@ ROUNDS, FAR = 5, 4.0
 # m/s: errors of a velocity that no smoother's sigma knows.
 LEAST_EXCESS = 0.03
 # A smoother's sigma comes from process noise that is taken generously: what is seen is not all it.
-LEAST_SHARE = 0.5
+LEAST_SHARE = 0.35
 # Correlation times of what slides, s; and its sigma over 1 s, m/s.
 LEAST_TIME, MOST_TIME = 0.5, 10.0
 LEAST_SIGMA, MOST_SIGMA, UNSHOWN_SIGMA = 0.1, 1.0, 0.3
