@@ -37,6 +37,8 @@ LONGEST_STEP_S = 1.5
 LEAST_OUTAGES = 8
 # Two squares of unit normals are less than this, nearly always; and what chance makes of their sum.
 MOST_SQUARE = 50.0
+# The median of the sum of two squares of unit normals, over its mean.
+MEDIAN_OF_MEAN = float(np.log(2.0))
 CHANCE = 0.01
 # By how much the likelihood of all epochs must rise for a worse grade, natural units.
 LEAST_GAIN = 10.0
@@ -114,28 +116,33 @@ def drift_ratio(
     -------
     float
         Error over sigma, RMS of north and east; 1 where it is not more than chance makes of 1, or
-        too few fixes show it.
+        too few fixes show it. Where the filter began anew, bad fixes may have been the cause: what
+        counts then is the median, to which these add little.
     """
     gnss = start.used
     step = np.diff(gnss.time_ns, prepend=start.time_ns) / SECOND
     # Time with fixes: an outage of the log itself is none of ours
     used = np.cumsum(np.minimum(step, LONGEST_STEP_S))
-    squares = []
+    squares, restarts = [], 0
     for phase in (0.0, LEFT_OUT_S):
         left_out = (used > SETTLED_S) & ((used + phase) % (2.0 * LEFT_OUT_S) >= LEFT_OUT_S)
         run = InsGnssFilter(
             start.start, replace(start.settings, network=None), with_baro=False, output=False
         )
         epochs = _compared(source, config, algorithm, start, run, left_out)
-        if epochs is None or run.summary.restarts:
+        if epochs is None:
             return 1.0
+        restarts += run.summary.restarts
         ends = np.flatnonzero(epochs.withheld[:-1] & ~epochs.withheld[1:])
         ratio = (epochs.innovation / epochs.innovation_sigma)[ends, :2]
         squares.append(np.sum(ratio**2, axis=1))
     square = np.minimum(np.concatenate(squares), MOST_SQUARE)
     if len(square) < LEAST_OUTAGES:
         return 1.0
-    mean = float(np.mean(square))
+    if restarts:
+        mean = float(np.median(square)) / MEDIAN_OF_MEAN
+    else:
+        mean = float(np.mean(square))
     chance = float(chdtri(2 * len(square), CHANCE)) / len(square)
     return float(np.sqrt(0.5 * mean)) if mean > chance else 1.0
 

@@ -54,6 +54,8 @@ from sinstool.survey.source import Source, rate_blocks
 NOISIER = 3.0
 # A latency given is taken for wrong where the log shows another by more than this, s.
 LATE_S = 0.01
+# A grade that drifts so many times as much as its own sigmas say is none of the Imu's.
+OTHER_GRADE = 2.0
 # What a barometer is off by, m, and for how long: the weather, the temperature, a cabin.
 AIR_SIGMA, AIR_TIME_S = 10.0, 500.0
 # With which a start is looked for, s, where none is seen with the one before.
@@ -231,6 +233,19 @@ def _drifting(
     if config.in_flight.arw is not None or config.in_flight.vrw is not None:
         return start
     ratio = drift_ratio(source, config, algorithm, _by_the_fixes(start))
+    worse = next_worse(start.grade.grade)
+    if ratio > OTHER_GRADE and worse is not None:
+        # Noise at rest says nothing of biases and scale factors
+        why = f"as a {start.grade.grade} one drifts {ratio:.2g} times too much without fixes"
+        try:
+            other = _timed(
+                source, config, algorithm, first_start(source, config, ImuGrade(worse, why))
+            )
+        except AlignmentError:
+            other = start
+        less = drift_ratio(source, config, algorithm, _by_the_fixes(other))
+        if less < ratio:
+            start, ratio = other, less
     if ratio == 1.0:
         return start
     imu = start.settings.imu

@@ -1,0 +1,21 @@
+"""A quiet Imu whose biases are not those of the grade that its noise at rest looks like."""
+
+import numpy as np
+import pytest
+
+from tests.helpers.filter_logs import start_of
+from tests.helpers.unseen_drives import GRADES, LEVER, drive, record, with_outliers, write
+
+
+@pytest.mark.parametrize(("grade", "expected"), [("industrial", "industrial"), ("tactical", None)])
+def test_what_drifts_as_a_worse_grade_is_taken_for_one(tmp_path, grade, expected):
+    data = record(drive(9, 260.0, 20.0), GRADES[grade], 32, gnss_rate=10.0, sigma=0.9)
+    if expected is None:  # bad fixes refute no Imu
+        data = with_outliers(data, 31)
+    log = write(tmp_path / "log.mcap", data)
+    gnss = {"lever_arm": tuple(LEVER.tolist()), "gnss_latency": 0.0}
+    start = start_of(log, input={"gyro_kind": "mean-rate"}, gnss=gnss)
+    assert (start.grade.grade == "industrial") == (expected == "industrial"), start.grade
+    bias = np.rad2deg(start.settings.imu.gyro_bias) * 3600.0
+    assert bias > 20.0 if expected else bias < 2.0
+    assert ("without fixes" in start.grade.why) == (expected is not None)
