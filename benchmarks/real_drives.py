@@ -35,7 +35,7 @@ from sinstool.methods.ins_gnss.start import start_at
 from sinstool.methods.sensor_errors import IMU_GRADES
 from sinstool.methods.strapdown.velocity import Increments
 from sinstool.pipelines.align.in_motion import samples
-from sinstool.pipelines.process.ins_gnss.start import find_start
+from sinstool.pipelines.process.ins_gnss.first_state import find_start
 from sinstool.survey.source import Source, prepare
 
 # What receivers of these kinds do: RTK in a street, and a car's receiver with corrections.

@@ -23,7 +23,7 @@ from sinstool.methods.ins_gnss.results import FilterEvent
 from sinstool.methods.ins_gnss.settings import Settings, Start
 from sinstool.methods.ins_gnss.states import ACCEL_BIAS, GYRO_BIAS
 from sinstool.pipelines.process.ins_gnss.filter_start import FilterStart
-from sinstool.pipelines.process.ins_gnss.start import find_start
+from sinstool.pipelines.process.ins_gnss.first_state import find_start
 from sinstool.survey.source import Source, part_of
 
 # A heading less certain than this after a gap, rad (1 sigma), is found anew.

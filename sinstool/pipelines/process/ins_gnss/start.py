@@ -3,26 +3,21 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import Any
 
 import numpy as np
 
 from sinstool.config import ProcessConfig
-from sinstool.config.align import IN_FLIGHT
 from sinstool.core.choices import log_choice
 from sinstool.core.errors import AlignmentError, ConfigurationError, TopicError
 from sinstool.core.options import span
-from sinstool.core.streams import GnssEpochs, Imu
+from sinstool.core.streams import GnssEpochs
 from sinstool.core.timeline import SECOND
 from sinstool.core.units import DEGREE
-from sinstool.methods.alignment.initial import Alignment
-from sinstool.methods.alignment.preparation import rough_fixes
 from sinstool.methods.coning.algorithm import ConingAlgorithm
 from sinstool.methods.height.pressure import HeightReference
 from sinstool.methods.ins_gnss.fix_velocity import (
     message_times,
     split_position_velocity,
-    with_velocities,
 )
 from sinstool.methods.ins_gnss.receiver_offsets import BEYOND
 from sinstool.methods.ins_gnss.settings import (
@@ -33,12 +28,11 @@ from sinstool.methods.ins_gnss.settings import (
     Settings,
     Start,
 )
-from sinstool.methods.ins_gnss.start import TWICE_USED, start_at
 from sinstool.methods.sensor_errors import Grade, SensorGrade
-from sinstool.pipelines.align.first_attitude import align, in_flight, with_bias_in_motion
 from sinstool.pipelines.align.in_motion import imu_noise
 from sinstool.pipelines.process.height import height_reference, network
 from sinstool.pipelines.process.ins_gnss.filter_start import FilterStart
+from sinstool.pipelines.process.ins_gnss.first_state import find_start
 from sinstool.pipelines.process.ins_gnss.imu_fit import drift_ratio, fit, next_worse
 from sinstool.pipelines.process.ins_gnss.receiver import (
     AS_CLAIMED,
@@ -48,7 +42,7 @@ from sinstool.pipelines.process.ins_gnss.receiver import (
 )
 from sinstool.pipelines.process.ins_gnss.timing import significant_lag, white_noise, with_offsets
 from sinstool.survey.grade import ImuGrade, random_walk, random_walks, sensor_grade
-from sinstool.survey.source import Source, rate_blocks
+from sinstool.survey.source import Source
 
 # Noise at rest, over what the options say of it, that is worth a warning.
 NOISIER = 3.0
@@ -422,115 +416,3 @@ def _withheld(time_ns: np.ndarray, config: ProcessConfig, first_ns: int) -> np.n
         begin, end = span(text)
         mask |= (seconds >= begin) & (seconds < end)
     return mask
-
-
-def find_start(
-    source: Source, config: ProcessConfig, settings: Settings, gnss: GnssEpochs
-) -> tuple[Start, int, str, tuple[str, ...]]:
-    """Where the filter starts: by the alignment of the options, else by motion.
-
-    Parameters
-    ----------
-    gnss : GnssEpochs
-        That the filter may use; valid `settings.gnss_latency` before their stamps.
-
-    Returns
-    -------
-    start : Start
-    time_ns : int
-        A sample's.
-    how : str
-        Where the attitude comes from, in words.
-    warnings : tuple of str
-
-    Raises
-    ------
-    AlignmentError
-    """
-    path = source.path
-    options: dict[str, Any] = {
-        "gnss": config.gnss.model_copy(
-            update={"gnss_latency": settings.gnss_latency, "lever_arm": settings.lever_arm_b}
-        )
-    }
-    if config.align.align == "auto" and config.in_flight.gate == "auto":
-        # The sooner the better: a filter cannot wait until a launched vehicle flies calmly.
-        options["in_flight"] = config.in_flight.model_copy(update={"gate": "off"})
-    config = config.model_copy(update=options)
-    shown = gnss
-    if not gnss.has_velocity.any():
-        gnss = with_velocities(gnss, float(max(settings.gnss.position_white[:2])))
-        # Where speed changes quickly these are rough, and that is no fault of the receiver
-        sigma = np.sqrt(np.mean(np.square(gnss.sigma_velocity_n), axis=1))
-        shown = gnss.rows(~rough_fixes(gnss.time_ns, sigma))
-    try:
-        method: str = "svd" if config.align.align == "auto" else config.align.align
-        if method in IN_FLIGHT:
-            valid = gnss.time_ns[gnss.has_position] - round(settings.gnss_latency * SECOND)
-            first = _sample(source, config, int(valid[0]) if len(valid) else 0)
-            alignment = in_flight(source, config, method, shown, int(first.time_ns[0]))
-        else:
-            alignment = align(source, config)
-            if alignment.bias_source == "none" and config.align.gyro_bias == "still":
-                alignment = with_bias_in_motion(alignment, source, config, gnss)
-        if not alignment.north_referenced:
-            if config.align.align == "auto":
-                raise AlignmentError(
-                    "nothing in the log shows heading, and the filter needs one",
-                    "give it with --align fixed --initial-attitude ROLL,PITCH,HEADING",
-                )
-            raise AlignmentError(
-                f"--align {alignment.method} gives no heading, and the filter needs one",
-                "leave --align out, or use svd, gyrocompass, log or fixed",
-            )
-        covariance, bias_sigma = _covariance(alignment), alignment.gyro_bias_sigma
-        if bias_sigma is None and alignment.bias_source != "none":
-            bias_sigma = settings.imu.gyro_instability
-        sample = _sample(source, config, alignment.time_ns)
-        start = start_at(
-            int(sample.time_ns[0]),
-            alignment.q_nb,
-            covariance,
-            gnss,
-            settings,
-            omega_eb_b=sample.gyro[0] - alignment.gyro_bias,
-            gyro_bias=alignment.gyro_bias,
-            gyro_bias_sigma=bias_sigma,
-        )
-    except AlignmentError as exc:
-        message = exc.message if str(path) in exc.message else f"{path}: {exc.message}"
-        hint = exc.hint
-        if config.navigation.imu_grade == "auto" and random_walk(source) is None:
-            hint = f"{hint or 'give an initial attitude'}, or say how good the Imu is: --imu-grade"
-        raise AlignmentError(message, hint) from exc
-    return start, int(sample.time_ns[0]), _how(alignment, covariance), alignment.warnings
-
-
-def _sample(source: Source, config: ProcessConfig, time_ns: int) -> Imu:
-    """The first sample from a time on."""
-    for block in rate_blocks(source, config, time_ns):
-        return block.rows(slice(0, 1))
-    raise AlignmentError("GNSS begins after the last Imu sample", "check the clocks")
-
-
-def _covariance(alignment: Alignment) -> np.ndarray:
-    """Of the attitude, in NED, rad^2."""
-    if alignment.covariance_n is not None:
-        twice = TWICE_USED if alignment.method in IN_FLIGHT else 1.0
-        return twice**2 * alignment.covariance_n
-    tilt = [s if s is not None else 2.0 * DEGREE for s in alignment.sigma_rad[:2]]
-    heading = alignment.sigma_rad[2]
-    return np.diag(np.square([*tilt, 2.0 * DEGREE if heading is None else heading]))
-
-
-def _how(alignment: Alignment, covariance: np.ndarray) -> str:
-    """Where the attitude comes from, in words."""
-    if alignment.method not in IN_FLIGHT or alignment.held_ns is None:
-        shown = "; gyro bias from motion" if alignment.bias_source == "alignment" else ""
-        return f"attitude by {alignment.method}{shown}"
-    away = (alignment.held_ns - alignment.time_ns) / SECOND
-    return (
-        f"attitude by {alignment.method} from velocity changes, carried back over {away:.0f} s;"
-        f" gyro bias: {alignment.bias_source}; heading known to"
-        f" {np.sqrt(covariance[2, 2]) / DEGREE:.1f} deg"
-    )
