@@ -63,7 +63,7 @@ def follow(
     uy: float,
     uz: float,
 ) -> None:
-    """Low-pass of rate and force over an update with its increments, shape (3,) each.
+    """Low-pass of rate and force over an update with its increments.
 
     Parameters
     ----------

@@ -78,8 +78,6 @@ def test_a_ferry_is_left_out_or_denies_the_whole():
     means, track = a_track(0, minutes=12.0)
     velocity = track.velocity_n.copy()
     aboard = slice(1000, 1080)
-    right = np.einsum("mij,i->mj", track.dcm_nb[aboard].transpose(0, 2, 1), np.zeros(3))
-    del right
     c_nv = track.dcm_nb[aboard] @ MOUNT.T
     velocity[aboard] += 3.0 * c_nv[:, :, 1]
     trust = find_trust(means, Track(track.time_ns, velocity, track.dcm_nb, track.covariance))
