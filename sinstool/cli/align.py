@@ -12,6 +12,7 @@ import click
 from sinstool.campaign.inputs import are_many, find_logs
 from sinstool.cli import many
 from sinstool.cli.console import Choice, progress_bar
+from sinstool.cli.help import Command, Option
 from sinstool.cli.many import BatchOptions
 from sinstool.cli.options import config_options, effective_config, path_option, print_config
 from sinstool.config import ALIGN_OPTIONS, ProcessConfig
@@ -19,27 +20,25 @@ from sinstool.config import ALIGN_OPTIONS, ProcessConfig
 if TYPE_CHECKING:
     from sinstool.pipelines.align.result import AlignResult
 
+MAIN = ("align__align", "report", "series", "truth", "output__overwrite")
 AXES = ("north", "east", "down")
 
 
-@click.command("align", epilog=many.EXIT_HELP)
+@click.command("align", cls=Command, first=MAIN, epilog=many.EXIT_HELP)
 @click.argument("logs", nargs=-1, type=click.Path(path_type=Path), metavar="LOG...")
 @many.workers_options("one for each core")
 @config_options(*ALIGN_OPTIONS)
 @click.option(
     "--method",
     type=Choice(["svd", "quest", "davenport", "triad", "gyrocompass", "level"]),
-    help="the same as --align",
+    help="same as --align",
+    cls=Option,
+    section="First attitude",
 )
-@click.option("--imu-grade", "navigation__imu_grade",
-              type=Choice(["auto", "mems", "industrial", "tactical", "navigation"]),
-              help="of the sensors [default: auto]")  # fmt: skip
 @path_option("--series", metavar="FILE.csv", text="also write the solution at every fix")
 @click.option("--truth", metavar="TOPIC|FILE.csv",
-              help="reference attitudes: say how wrong the answer is")  # fmt: skip
+              help="reference attitudes, to show the error")  # fmt: skip
 @path_option("--report", metavar="FILE.html", text="also write a page of figures")
-@click.option("--overwrite", "output__overwrite", is_flag=True, default=None,
-              help="replace existing outputs")  # fmt: skip
 @many.batch_options()
 def command(
     logs: tuple[Path, ...],
@@ -52,18 +51,15 @@ def command(
     batch: BatchOptions,
     **flags: Any,
 ) -> int:
-    """Attitude of the vehicle of LOG with its covariance, or why it cannot be seen.
+    """Find the attitude at the start of LOG, with its covariance, or say why it is unknown.
+
+    Alignment in motion (svd, quest, davenport, triad) needs GNSS; alignment at rest (gyrocompass,
+    level) needs a log that begins at rest. The exit status is 3 if heading is withheld.
+
+    Several LOGs, a folder or a quoted pattern give a row each, and with --truth the rms errors.
 
     \b
-    In motion (svd, quest, davenport, triad) GNSS position and velocity are needed, at rest
-    (gyrocompass, level) a log that begins still. Exits with 3 where heading is withheld.
-
-    Many LOGs, a folder of them or a pattern in quotes: a row for each, and with --truth the root
-    mean square of the errors, as of a Monte Carlo that `simulate --monte-carlo` made.
-
-    \b
-    Example:
-      sinstool align flight.mcap --method svd --json
+      sinstool align flight.mcap --method svd --report align.html
     """
     if method is not None:
         if flags.get("align__align") not in (None, method):
@@ -162,7 +158,7 @@ def align_many(
         for line in _errors(rows):
             click.echo(line)
 
-    return many.finish(rows, batch, table)
+    return many.finish([str(log.path) for log in logs], rows, batch, table)
 
 
 def align_one(path: Path, config: ProcessConfig, truth: str | None, progress: Any) -> Any:

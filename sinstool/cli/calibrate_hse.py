@@ -10,45 +10,51 @@ import click
 
 from sinstool.campaign.inputs import expand
 from sinstool.cli.console import print_json, progress_bar, warn
+from sinstool.cli.help import Command, Option
 from sinstool.cli.many import BatchOptions, batch_options, workers_of, workers_options
 from sinstool.cli.options import Words, config_options, effective_config, path_option, print_config
 from sinstool.config import ProcessConfig
+from sinstool.config.rig import CALIBRATION_OPTIONS
 from sinstool.core.errors import ConfigurationError
 from sinstool.core.units import ARCSEC, DEGREE
+from sinstool.report.text.numbers import measured, places_of
 from sinstool.report.text.table import table
 
 if TYPE_CHECKING:
     from sinstool.pipelines.calibrate_hse.result import Calibration
 
+MAIN = ("output", "config_file", "report", "csv_file", "emit_config", "output__overwrite", "plan")
+PLAN = "With --plan"
 
-@click.command("calibrate-hse")
+
+@click.command("calibrate-hse", cls=Command, first=MAIN)
 @click.argument("logs", nargs=-1, type=click.Path(path_type=Path), metavar="LOG...")
 @path_option("-o", "--output", text="calibration to write (JSON)")
 @workers_options("1")
-@config_options("input", "calibration")
-@click.option("--overwrite", "output__overwrite", is_flag=True, default=None,
-              help="replace an existing output")  # fmt: skip
+@config_options(*CALIBRATION_OPTIONS)
 @path_option(
     "--emit-config",
     metavar="FILE.toml",
-    text="also write the rig with K_g scaled so that the error does not arise, by the axial value",
+    text="also write a rig file whose K_g removes the error",
 )
 @path_option("--csv", "csv_file", metavar="FILE.csv", text="also write the runs as a table")
 @path_option(
     "--report",
     metavar="FILE.html",
-    text="also write a page of figures (.html), or the main one (.png, .pdf)",
+    text="also write a page of figures (.html), or a figure",
 )
-@click.option("--plan", is_flag=True, help="print what a design would give; needs no log")
+@click.option("--plan", is_flag=True, help="predict what a design would give; needs no log")
 @click.option("--rates", type=Words(), default="20,40,60", show_default=True, metavar="DEG/S,...",
-              help="with --plan: rates of the table, signed")  # fmt: skip
-@click.option("--repeats", type=int, default=3, show_default=True, help="with --plan: at each rate")
+              cls=Option, section=PLAN, help="rates of the table, signed")  # fmt: skip
+@click.option("--repeats", type=int, default=3, show_default=True, metavar="N",
+              cls=Option, section=PLAN, help="repeats at each rate")  # fmt: skip
 @click.option("--lean", type=Words(), default="8e-4", show_default=True, metavar="RAD,...",
-              help="with --plan: lean of the axis to the east at each position")  # fmt: skip
+              cls=Option, section=PLAN,
+              help="lean of the axis to the east, for each position of the base")  # fmt: skip
 @click.option("--arw", type=float, default=5e-4, show_default=True, metavar="DEG/SQRT(H)",
-              help="with --plan: angular random walk of the gyros")  # fmt: skip
-@click.option("--latitude", type=float, metavar="DEG",
-              help="with --plan: of the site [default: the rig's]")  # fmt: skip
+              cls=Option, section=PLAN, help="angular random walk of the gyros")  # fmt: skip
+@click.option("--latitude", type=float, metavar="DEG", cls=Option, section=PLAN,
+              help="latitude of the site [default: the rig's]")  # fmt: skip
 @batch_options("every run in the summary", json_of="")
 def command(
     logs: tuple[Path, ...],
@@ -69,17 +75,16 @@ def command(
 ) -> int:
     """Calibrate the heading-sensitive error of a rate-biased laser-gyro system.
 
-    LOGs are recordings on the turntable at several constant rates, at one azimuth of its base or
-    more: raw gyros and accelerometers (Imu) and the table's angle (JointState). A LOG may be a
-    folder of logs, or a pattern in quotes. The rig is described by the table [rig] of --config.
+    LOGs are recordings on a turntable at several constant rates, with its base at one azimuth or
+    more: raw gyros and accelerometers (Imu) and the table's angle (JointState). A LOG may also be
+    a folder or a quoted pattern. The table [rig] of the --config file describes the rig.
 
     \b
-    Example:
       sinstool calibrate-hse north.mcap south.mcap --config rig.toml -o hse.json
     """
     config = effective_config(config_file, flags)
     if show:
-        print_config(config, "input", "calibration", "output", "rig")
+        print_config(config, *CALIBRATION_OPTIONS, "rig")
         return 0
     if plan:
         return _plan(config, rates, repeats, lean, arw, latitude, batch.as_json)
@@ -110,20 +115,19 @@ def command(
             from sinstool.report.pages.calibrate_hse import write_page
 
             write_page(report, calibration, config, paths)
-    for text in calibration.warnings:
-        warn(text)
     if batch.as_json:
         print_json({**calibration.to_json(), "output": str(output)})
     elif not batch.quiet:
         _print(calibration, output, batch.verbose > 0)
+    for text in calibration.warnings:
+        warn(text)
     return calibration.exit_status
 
 
-def _arcsec(value: float | None, sigma: float | None = None, digits: int = 3) -> str:
+def _arcsec(value: float | None, sigma: float | None = None) -> str:
     if value is None:
         return "not determined"
-    text = f'{value / ARCSEC:.{digits}f}"'
-    return text + (f' +- {sigma / ARCSEC:.{digits}f}"' if sigma is not None else "")
+    return measured(value / ARCSEC, None if sigma is None else sigma / ARCSEC, "arcsec")
 
 
 def _print(calibration: Calibration, output: Path, verbose: bool) -> None:
@@ -132,23 +136,29 @@ def _print(calibration: Calibration, output: Path, verbose: bool) -> None:
     rates = sorted({round(r.rate_rad_s / DEGREE, 2) for r in used})
     slope = "not determined"
     if file.K_HSE_s is not None:
-        sigma = "" if file.sigma_K_HSE_s is None else f" +- {file.sigma_K_HSE_s / ARCSEC:.3f}"
-        slope = f'{file.K_HSE_s / ARCSEC:.3f}{sigma} "/(rad/s) where the axis leans as most'
+        sigma = None if file.sigma_K_HSE_s is None else file.sigma_K_HSE_s / ARCSEC
+        shown = measured(file.K_HSE_s / ARCSEC, sigma, "arcsec/(rad/s)")
+        slope = f"{shown}, at the base position where the axis leans most"
+    lambda2 = _arcsec(file.lambda2_rad, file.sigma_lambda2_rad)
+    axial = _arcsec(file.axial.lambda2_rad, file.axial.sigma_rad)
+    interval = ""
+    if file.ci95_lambda2_rad and file.sigma_lambda2_rad:
+        places = places_of(file.sigma_lambda2_rad / ARCSEC)
+        low, high = (f"{limit / ARCSEC:.{places}f}" for limit in file.ci95_lambda2_rad)
+        interval = f", 95 % {low} to {high} arcsec"
     rows = [
         ("runs", f"{len(used)} of {len(file.runs)} in use, from {len(calibration.logs)} logs, at"
                  f" {', '.join(f'{r:g}' for r in rates)} deg/s"),
-        ("lambda2", f"{_arcsec(file.lambda2_rad, file.sigma_lambda2_rad)} by {file.method}"
-                    + (f", 95 % {_arcsec(file.ci95_lambda2_rad[0])} to"
-                       f" {_arcsec(file.ci95_lambda2_rad[1])}" if file.ci95_lambda2_rad else "")),
-        ("axial", f"{_arcsec(file.axial.lambda2_rad, file.axial.sigma_rad, 4)} by gyro rate along"
-                  " the axis"),
-        ("slope K", slope),
-        ("lean C23", f"{file.C23_rad:.3e} +- {file.sigma_C23_rad:.1e} rad, latitude"
+        ("misalignment lambda2", f"{lambda2} by {file.method}{interval}"),
+        ("axial misalignment", f"{axial} by the gyro rate along the axis"),
+        ("slope K of heading over rate", slope),
+        ("lean of the axis to the east, C23",
+                    f"{measured(file.C23_rad * 1e6, file.sigma_C23_rad * 1e6, 'urad')}, latitude"
                      f" {file.latitude_rad / DEGREE:.4f} deg"),
     ]  # fmt: skip
     if file.delay_s is not None:
-        sigma = "" if file.sigma_delay_s is None else f" +- {file.sigma_delay_s * 1e6:.3f}"
-        rows.append(("encoder delay", f"{file.delay_s * 1e6:.3f}{sigma} us"))
+        sigma = None if file.sigma_delay_s is None else file.sigma_delay_s * 1e6
+        rows.append(("encoder delay", measured(file.delay_s * 1e6, sigma, "us")))
     if fit.s is not None:
         chi2 = "" if fit.chi2 is None or not fit.dof else f", chi2/dof {fit.chi2 / fit.dof:.2f}"
         lack = "" if fit.p_lof is None else f", lack of fit p = {fit.p_lof:.3f}"
@@ -158,7 +168,7 @@ def _print(calibration: Calibration, output: Path, verbose: bool) -> None:
     rows += _headings(calibration)
     if verbose:
         for record in file.runs:
-            note = record.reason or f"residual {_arcsec(record.resid_rad, digits=2)}"
+            note = record.reason or f"residual {_arcsec(record.resid_rad)}"
             rows.append(
                 (
                     record.id,
@@ -177,13 +187,12 @@ def _headings(calibration: Calibration) -> list[tuple[str, str]]:
         before, after = calibration.table.before.scatter, calibration.table.after.scatter
         text = (
             f"{before.n} at {len(before.means)} azimuths, less azimuth: peak to peak"
-            f" {_arcsec(before.peak_to_peak, digits=2)} before,"
-            f" {_arcsec(after.peak_to_peak, digits=2)} after"
+            f" {_arcsec(before.peak_to_peak)} before, {_arcsec(after.peak_to_peak)} after"
         )
     elif (largest := calibration.largest_spread) is not None:
         text = (
-            f"within a position peak to peak {_arcsec(largest[0], digits=2)} before,"
-            f" {_arcsec(largest[1], digits=2)} after"
+            f"within a position peak to peak {_arcsec(largest[0])} before,"
+            f" {_arcsec(largest[1])} after"
             + (" (with --azimuth also between them)" if len(calibration.spread) > 1 else "")
         )
     else:
@@ -227,14 +236,14 @@ def _plan(
     if as_json:
         print_json({"plan": asdict(plan)})
         return 0
-    sigma = ", ".join(_arcsec(s, digits=1) for s in plan.sigma_run)
+    sigma = ", ".join(_arcsec(s) for s in plan.sigma_run)
     rows = [
         ("runs", f"{plan.n_runs} of {design.duration_s:g} s, {plan.total_s / 3600.0:.2f} h in all"),
         ("sigma of a heading", f"{sigma} at {', '.join(rates)} deg/s"),
-        ("sigma of K", f'{plan.sigma_K / ARCSEC:.2f} "/(rad/s)'),
+        ("sigma of K", f"{plan.sigma_K / ARCSEC:.3g} arcsec/(rad/s)"),
         ("sigma of lambda2", f"{_arcsec(plan.sigma_lambda2_heading)} by heading"),
         ("", f"{_arcsec(plan.sigma_lambda2_joint)} by joint"),
-        ("", f"{_arcsec(plan.sigma_lambda2_axial, digits=4)} by the axial rate"),
+        ("", f"{_arcsec(plan.sigma_lambda2_axial)} by the axial rate"),
     ]
     if plan.sigma_delay is not None:
         rows.append(("sigma of a delay", f"{plan.sigma_delay * 1e6:.2f} us"))

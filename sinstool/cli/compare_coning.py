@@ -8,19 +8,22 @@ from typing import Any
 import click
 
 from sinstool.campaign.inputs import are_many
-from sinstool.cli.console import print_json, progress_bar, warn
-from sinstool.cli.many import EXIT_HELP, BatchOptions, batch_options, workers_options
+from sinstool.cli.console import print_json, progress_bar
+from sinstool.cli.help import Command
+from sinstool.cli.many import EXIT_HELP, BatchOptions, batch_options, warn_of, workers_options
 from sinstool.cli.options import config_options, effective_config, path_option, print_config
 from sinstool.config.coning import COMPARISON_OPTIONS, check_comparison
 
+MAIN = ("comparison__algorithms", "report", "csv_dir", "overwrite", "paper")
 
-@click.command("compare-coning", epilog=EXIT_HELP)
+
+@click.command("compare-coning", cls=Command, first=MAIN, epilog=EXIT_HELP)
 @click.argument("logs", nargs=-1, type=click.Path(path_type=Path), metavar="[LOG]...")
 @workers_options("one for each core")
-@click.option("--paper", is_flag=True, help="re-run the published experiment instead of a log")
+@click.option("--paper", is_flag=True, help="re-run the published experiment; needs no log")
 @config_options(*COMPARISON_OPTIONS)
-@path_option("--csv", "csv_dir", text="new folder for tables")
-@path_option("--report", text="page (.html) or figure to write")
+@path_option("--csv", "csv_dir", metavar="FOLDER", text="also write tables to this new folder")
+@path_option("--report", metavar="FILE", text="also write a page of figures (.html), or a figure")
 @click.option("--overwrite", is_flag=True, help="replace an existing report")
 @batch_options(quiet_of="no progress")
 def command(
@@ -34,22 +37,19 @@ def command(
     batch: BatchOptions,
     **flags: Any,
 ) -> int:
-    """Which coning algorithm, on LOG, and by how much.
+    """Compare coning algorithms on LOG, and say which one it needs.
 
-    Runs the algorithms side by side on LOG, as it is and as if it had been taken at lower rates,
-    and says how they drift from the sharpest of them, or from --truth, and what the log's own
-    coning predicts. docs/compare-coning.md says what each column means.
+    Runs the algorithms side by side, at the log's rate and at lower ones. Shows their drift against
+    the most accurate one, or against --truth, and the drift predicted from the log's own coning.
 
-    Many LOGs, a folder of them or a pattern in quotes: a line for each, and what every algorithm
-    does over all. --csv and --report are then folders, with a folder or page for each log.
-
-    With --paper it re-runs the published experiment instead, each printed figure beside ours.
+    Several LOGs, a folder or a quoted pattern give a line each; --csv and --report are then
+    folders. With --paper the published experiment is re-run, its printed figures beside ours.
     """
     # [coning] may name an algorithm of `process`, which these options need not fit.
     config = effective_config(config_file, flags, check=False)
     check_comparison(config.comparison, config.coning)
     if show:
-        print_config(config, "input", "coning", "comparison")
+        print_config(config, *COMPARISON_OPTIONS)
         return 0
     if paper == bool(logs):
         raise click.UsageError("give a LOG to compare on, or --paper")
@@ -72,10 +72,9 @@ def command(
 
     with progress_bar(logs[0].name, batch.quiet) as progress:
         result = compare_run.compare_one(logs[0], csv_dir, report, config, overwrite, progress)
-    for text in result.warnings:
-        warn(text)
     if batch.as_json:
         print_json(result.to_json())
     else:
         print_comparison(result)
-    return 3 if result.lost else 0
+    warn_of(result.findings)
+    return result.exit_status

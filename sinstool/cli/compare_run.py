@@ -119,7 +119,7 @@ def compare_many(
         if over_all:
             click.echo()
             columns(ALGORITHM, over_all)
-    return many.finish(rows, batch)
+    return many.finish(names, rows, batch)
 
 
 def summary(names: Sequence[str], rows: Sequence[dict[str, Any]]) -> list[tuple[str, ...]]:

@@ -14,6 +14,8 @@ import click
 from sinstool.core.errors import one_line
 
 F = TypeVar("F", bound=Callable[..., Any])
+# So many characters of a file's name stand beside a progress bar
+LONGEST_LABEL = 32
 
 
 class Choice(click.Choice):
@@ -74,8 +76,16 @@ def progress_bar(label: str, quiet: bool) -> Iterator[Callable[[float], None] | 
         console=Console(stderr=True),
         transient=True,
     ) as bar:
-        task = bar.add_task(label, total=1.0)
+        task = bar.add_task(shortened(label), total=1.0)
         yield lambda fraction: bar.update(task, completed=fraction)
+
+
+def shortened(name: str, most: int = LONGEST_LABEL) -> str:
+    """A name with its middle left out, where it is too long for a label."""
+    if len(name) <= most:
+        return name
+    head = (most - 1) // 2
+    return f"{name[:head]}…{name[head + 1 - most :]}"
 
 
 def print_json(value: Any) -> None:
@@ -94,9 +104,9 @@ def plain(value: Any) -> Any:
     return value
 
 
-def warn(text: str) -> None:
-    """A warning on stderr."""
-    click.echo(f"warning: {one_line(text)}", err=True)
+def warn(text: str, colour: str = "yellow") -> None:
+    """A warning on stderr, coloured on a terminal."""
+    click.echo(f"{click.style('warning:', fg=colour, bold=True)} {one_line(text)}", err=True)
 
 
 class _Shown(logging.Handler):
@@ -143,5 +153,5 @@ def verbose_option(also: str = "") -> Callable[[F], F]:
         "--verbose",
         count=True,
         callback=listen,
-        help=f"say what is chosen, and why{more}; -vv: with a traceback for an error",
+        help=f"show what is chosen and why{more}; -vv: tracebacks",
     )

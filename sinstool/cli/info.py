@@ -1,156 +1,151 @@
-"""`sinstool info`: what is in a log, and what is odd about it."""
+"""`sinstool info`: what is in a log, and what is odd about it; in one log or in many."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from datetime import UTC, datetime
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import click
 
-from sinstool.cli.console import print_json, progress_bar, verbose_option
-from sinstool.cli.options import config_options, effective_config, path_option
-from sinstool.core.finding import Finding, Severity
-from sinstool.report.text.table import table
+from sinstool.campaign.inputs import are_many, find_logs
+from sinstool.cli import many
+from sinstool.cli.console import print_json, progress_bar
+from sinstool.cli.help import Command
+from sinstool.cli.many import BatchOptions
+from sinstool.cli.options import config_options, effective_config, path_option, print_config
+from sinstool.config import INFO_OPTIONS, ProcessConfig
 
-if TYPE_CHECKING:
-    from sinstool.io.readers.lost import LogLosses
-    from sinstool.pipelines.info.result import InspectedImu, Inspection, UnusableImu
+HEADER = ("duration s", "Imu samples", "Hz", "gaps", "mode", "first attitude", "findings")
 
 
-@click.command("info")
-@click.argument("log", type=click.Path(path_type=Path))
-@config_options("input")
+@click.command("info", cls=Command, first=("report", "overwrite"), epilog=many.EXIT_HELP)
+@click.argument("logs", nargs=-1, type=click.Path(path_type=Path), metavar="LOG...")
+@many.workers_options("one for each core")
+@config_options(*INFO_OPTIONS)
 @path_option("--report", metavar="FILE.html",
-             text="also write a page of figures, or its first one (.png, .pdf, .svg)")  # fmt: skip
+             text="also write a page of figures (.html), or its first figure (.png, .pdf,"
+             " .svg); a folder for many logs")  # fmt: skip
 @click.option("--overwrite", is_flag=True, help="replace an existing report")
-@click.option("--json", "as_json", is_flag=True, help="one JSON object on stdout")
-@click.option("-q", "--quiet", is_flag=True, help="no progress")
-@verbose_option("all still spans")
+@many.batch_options("all still spans", quiet_of="no progress")
 def command(
-    log: Path,
+    logs: tuple[Path, ...],
     config_file: Path | None,
     report: Path | None,
     overwrite: bool,
-    as_json: bool,
-    quiet: bool,
-    verbose: int,
+    show: bool,
+    batch: BatchOptions,
     **flags: Any,
 ) -> int:
-    """What is in LOG, what is odd about it, and what process would do with it."""
+    """Show what LOG holds, what is wrong with it, and what process would do with it.
+
+    Several LOGs, a folder or a quoted pattern give a line each.
+    """
     config = effective_config(config_file, flags)
+    if show:
+        print_config(config, *INFO_OPTIONS)
+        return 0
+    if not logs:
+        raise click.UsageError("give a LOG to look into")
+    if are_many(logs):
+        return info_many(logs, report, config, overwrite, batch)
+    if batch.scheduler is not None:
+        raise click.UsageError("--scheduler is for many logs")
+    from sinstool.report.text.info import print_inspection
+
+    with progress_bar(logs[0].name, batch.quiet) as progress:
+        inspection = info_one(logs[0], report, config, overwrite, progress)
+    if batch.as_json:
+        print_json(inspection.to_json())
+    else:
+        print_inspection(inspection, batch.verbose > 0)
+    status: int = inspection.exit_status
+    return status
+
+
+def info_one(
+    log: Path, report: Path | None, config: ProcessConfig, overwrite: bool, progress: Any
+) -> Any:
+    """Inspect a log, and write its page if there is to be one.
+
+    Raises
+    ------
+    SinstoolError
+    """
     from sinstool.pipelines.info.run import Shown, inspect
     from sinstool.report.page import check_report
 
     check_report(report, inputs=[log], overwrite=overwrite)
     shown = None if report is None else Shown()
-    with progress_bar(log.name, quiet) as progress:
-        inspection = inspect(log, config, progress, shown)
+    inspection = inspect(log, config, progress, shown)
     if report is not None and shown is not None:
         from sinstool.report.pages.info import write_page
 
         write_page(report, inspection, shown, config, overwrite)
-    if as_json:
-        print_json(inspection.to_json())
-    else:
-        _print(inspection, verbose > 0)
-    return inspection.exit_status
+    return inspection
 
 
-def _time(value: int) -> str:
-    """A time as people read it; clocks that count from boot are shown in seconds."""
-    if value > 946684800 * 10**9:  # 2000-01-01: recorders' own clocks start at zero
-        when = datetime.fromtimestamp(value // 10**9, UTC)
-        return f"{when:%Y-%m-%d %H:%M:%S}.{value % 10**9 // 10**6:03d} UTC"
-    return f"{value / 1e9:.3f} s"
+def info_row(
+    log: Path, report: Path | None, config: ProcessConfig, overwrite: bool, progress: Any
+) -> dict[str, Any]:
+    """One of many: the values of ``--json`` with ``status`` and ``exit``.
+
+    Raises
+    ------
+    SinstoolError
+    """
+    inspection = info_one(log, report, config, overwrite, progress)
+    status = inspection.exit_status
+    findings = [finding.to_json() for finding in inspection.findings]
+    ended = {"findings": findings, "status": "lost" if status else "done", "exit": status}
+    return {**inspection.to_json(), **ended}
 
 
-def _print(inspection: Inspection, verbose: bool) -> None:
-    source = inspection.input
-    span = (source.end_ns - source.start_ns) / 1e9
-    table(
-        [
-            ("log", f"{source.path} ({source.size / 1e6:.1f} MB)"),
-            ("format", f"{source.format}, profile {source.profile or 'none'}"),
-            ("messages", f"{source.messages} in {span:.3f} s"),
-            ("from", _time(source.start_ns)),
-            ("to", _time(source.end_ns)),
-        ]
+def info_many(
+    inputs: Sequence[Path],
+    folder: Path | None,
+    config: ProcessConfig,
+    overwrite: bool,
+    batch: BatchOptions,
+) -> int:
+    """Inspect many logs: a line for each.
+
+    Parameters
+    ----------
+    inputs : sequence of Path
+        Files, folders, patterns.
+    folder : Path or None
+        Of the pages.
+
+    Returns
+    -------
+    int
+        Exit status.
+    """
+    logs = find_logs(inputs)
+    written = [(page,) for page in many.page_paths(folder, logs)]
+    rows = many.work_on_logs(logs, info_row, written, (many.absolute(config), overwrite), [], batch)
+    names = [str(log.path) for log in logs]
+    return many.finish(names, rows, batch, lambda: many.log_table(HEADER, logs, rows, _cells))
+
+
+def _cells(row: dict[str, Any]) -> tuple[str, ...]:
+    if "process" not in row:
+        return ("-",) * len(HEADER)
+    imu, plan = _taken(row), row["process"]["plan"]
+    samples, rate, gaps = ("-",) * 3
+    if imu is not None:
+        samples, rate, gaps = str(imu["n"]), f"{imu['rate_hz']:.2f}", str(imu["gaps"])
+    source = row["input"]
+    span = (int(source["end_ns"]) - int(source["start_ns"])) / 1e9
+    chosen = (
+        [plan[name]["value"] for name in ("mode", "first_attitude")] if plan else ["refused", "-"]
     )
-    click.echo("\ntopics")
-    names = [t.topic for t in inspection.topics]
-    width = max((len(n) for n in names), default=0)
-    for t in inspection.topics:
-        rate = f"{t.rate_hz:.2f} Hz" if t.rate_hz else "-"
-        odd = f", {t.out_of_order} out of order" if t.out_of_order else ""
-        click.echo(
-            f"  {t.topic:<{width}}  {t.n:>9}  {rate:>11}  {t.type}"
-            f"  (longest interval {t.longest_interval_s:.3g} s{odd})"
-        )
-    for imu in inspection.imu:
-        _print_imu(imu, verbose)
-    _print_lost(inspection.lost)
-    click.echo(f"\n{inspection.process}")
-    plan = inspection.process.plan
-    if plan is not None and plan.wheels.value != "none":
-        click.echo(f"wheels {plan.wheels}")
-    _print_findings(inspection.process.findings)
+    return (f"{span:.1f}", samples, rate, gaps, *chosen, str(len(row["findings"])))
 
 
-def _print_lost(lost: LogLosses) -> None:
-    if not lost.parts:
-        return
-    click.echo("")
-    for part in lost.parts:
-        click.echo(f"lost: {part}")
-    if lost.messages_declared is not None:
-        click.echo(
-            f"recovered: {lost.messages_read} of {lost.messages_declared} messages;"
-            f" {lost.chunks} chunks damaged"
-        )
-
-
-def _print_imu(imu: InspectedImu | UnusableImu, verbose: bool) -> None:
-    from sinstool.pipelines.info.result import UnusableImu
-
-    click.echo(f"\nIMU {imu.topic}")
-    if isinstance(imu, UnusableImu):
-        click.echo(f"  {imu.problem}")
-        return
-    low, median, high = imu.interval_ms
-    gyro = ", ".join(f"{v:.3g}" for v in imu.gyro_max_rad_s)
-    rows = [
-        ("  samples", f"{imu.n} at {imu.rate_hz:.3f} Hz, {imu.covered_s:.3f} s covered"),
-        ("  interval", f"{low:.4g} / {median:.4g} / {high:.4g} ms (shortest, median, longest)"),
-        (
-            "  time",
-            f"{'header stamps' if imu.time_source == 'stamp' else 'log times'};"
-            f" {imu.duplicates} duplicates, {imu.backward} backward, {imu.gaps} gaps",
-        ),
-        ("  clocks", "log time less stamp {:+.4f} to {:+.4f} s".format(*imu.log_less_stamp_s)),
-        ("  gyro", f"largest {gyro} rad/s on x, y, z"),
-        ("  gravity", f"specific force mostly {imu.specific_force_m_s2:.3f} m/s^2"),
-        ("  orientation", "given" if imu.orientation else "none"),
-    ]
-    spans = imu.still if verbose else imu.still[:3]
-    for span in spans:
-        bias = ", ".join(f"{b:.3e}" for b in span.gyro_bias_rad_s)
-        axis = f", gravity on {span.gravity_axis}" if span.gravity_axis else ""
-        rows.append(
-            (
-                "  still",
-                f"{span.duration_s:.1f} s from {span.start_s:.1f} s: mean rate {bias} rad/s{axis}",
-            )
-        )
-    if not imu.still:
-        rows.append(("  still", "never for a second"))
-    table(rows)
-    _print_findings(imu.findings)
-
-
-def _print_findings(findings: Sequence[Finding]) -> None:
-    for finding in findings:
-        answer = f" -> {finding.answer}" if finding.answer else ""
-        mark = "!" if finding.severity == Severity.FAILED else "*"
-        click.echo(f"  {mark} {finding.text}{answer}")
+def _taken(row: dict[str, Any]) -> dict[str, Any] | None:
+    """The Imu topic that process would take, else the first that can be surveyed."""
+    usable = [imu for imu in row["imu"] if "rate_hz" in imu]
+    same = [imu for imu in usable if imu["topic"] == row["process"]["imu_topic"]]
+    return next(iter(same or usable), None)

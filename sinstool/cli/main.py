@@ -31,15 +31,14 @@ if TYPE_CHECKING:
 
 # Name and one line for the list of commands; modules are named after their command
 COMMANDS = {
-    "process": "Recorded IMU to corrected attitude, written as MCAP.",
-    "info": "What is in a log, and what is odd about it.",
-    "compare-coning": "Which coning algorithm, on a log, and by how much; or the published"
-    " experiment.",
-    "align": "Where the vehicle points, at rest or in flight, and how sure that is.",
-    "calibrate-hse": "Heading-sensitive error of a rate-biased system, from its turntable logs.",
-    "simulate": "Write a log with exact truth.",
-    "conventions": "Frames, axes, quaternions, units, gravity and time.",
-    "completion": "Completion of commands and options for bash, zsh or fish.",
+    "info": "Show what a log holds and what is wrong with it.",
+    "process": "Compute attitude, velocity and position, written as MCAP.",
+    "align": "Find the attitude at the start, at rest or in motion, with sigmas.",
+    "compare-coning": "Compare coning algorithms on a log, or re-run the published experiment.",
+    "calibrate-hse": "Calibrate the heading-sensitive error from turntable logs.",
+    "simulate": "Simulate a log with exact truth.",
+    "conventions": "Explain frames, axes, quaternions, units, gravity and time.",
+    "completion": "Print shell completion for bash, zsh or fish.",
 }
 # So many complete files are named; of more only the number is
 NAMED = 3
@@ -76,10 +75,13 @@ class LazyGroup(Group):
         return offered + click.Command.shell_complete(self, ctx, incomplete)
 
 
-@click.group(cls=LazyGroup, context_settings={"help_option_names": ["-h", "--help"]})
+@click.group(
+    cls=LazyGroup,
+    context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 100},
+)
 @click.version_option(VERSION, prog_name="sinstool")
 def cli() -> None:
-    """Recorded IMU logs in, corrected attitude out.
+    """Turn recorded IMU logs into attitude, velocity and position.
 
     Reads MCAP, ROS 1 bags and ROS 2 bags; writes MCAP. See sinstool COMMAND --help.
     """
@@ -178,16 +180,28 @@ def _written(outputs: Sequence[Path]) -> str:
     return f"{names} were complete by then"
 
 
+def _print_failure(error: str, status: int) -> None:
+    """With --json, what went wrong as an object on stdout."""
+    if "--json" in sys.argv[1:]:
+        from sinstool.cli.console import print_json
+
+        failure = {"schema": "sinstool.error/1", "status": "failed", "exit": status}
+        print_json({**failure, "error": error})
+
+
 def _run(outputs: Sequence[Path]) -> None:
     """Run a command and exit with its status."""
     # -v explains choices; only -vv wants to see where in the program an error was found.
     flags = [a for a in sys.argv[1:] if re.fullmatch(r"--verbose|-v+", a)]
     traceback = sum(1 if a == "--verbose" else len(a) - 1 for a in flags) > 1
     try:
-        status = cli.main(standalone_mode=False)
+        # https://no-color.org
+        plain = False if os.environ.get("NO_COLOR") else None
+        status = cli.main(standalone_mode=False, color=plain)
     except SinstoolError as exc:
         if traceback:
             raise
+        _print_failure(str(exc), exc.exit_code)
         again = shlex.join(["sinstool", *sys.argv[1:], "--salvage"])
         exc.hint = exc.hint.replace(AGAIN, f"run `{again}`")
         click.echo(f"sinstool: {exc}", err=True)

@@ -7,7 +7,7 @@ import functools
 import json
 import os
 import sys
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, cast
@@ -16,6 +16,7 @@ import click
 
 from sinstool.cli.console import F, plain, print_json, verbose_option, warn
 from sinstool.config import ProcessConfig
+from sinstool.core.finding import Finding, Severity
 from sinstool.report.text.table import columns, table
 
 if TYPE_CHECKING:
@@ -25,6 +26,7 @@ if TYPE_CHECKING:
     from sinstool.pipelines.process.result import ProcessResult
 
 INTERRUPTED = 130
+COLOURS = {Severity.WARNING: "yellow", Severity.LOST: "red", Severity.FAILED: "red"}
 # So many names of logs behind a warning
 NAMED = 3
 EXIT_HELP = (
@@ -46,14 +48,14 @@ def workers_options(default: str) -> Callable[[F], F]:
         function = click.option(
             "--scheduler",
             metavar="tcp://HOST:PORT",
-            help="workers of this Dask cluster instead, which see the same files",
+            help="use a Dask cluster that sees the same files",
         )(function)
         return click.option(
             "-j",
             "--jobs",
             type=click.IntRange(min=1),
             metavar="N",
-            help=f"processes of this machine, a core each, for many logs [default: {default}]",
+            help=f"processes on this machine [default: {default}]",
         )(function)
 
     return decorate
@@ -134,7 +136,7 @@ def show_result(
     batch: BatchOptions,
     rows: Callable[[Any, bool], list[tuple[str, str]]],
 ) -> int:
-    """Print what came of one log: its warnings, then JSON or a summary.
+    """Print what came of one log: JSON or a summary, then its warnings.
 
     Parameters
     ----------
@@ -146,13 +148,19 @@ def show_result(
     int
         Exit status.
     """
-    for text in result.warnings:
-        warn(text)
     if batch.as_json:
         print_json(result.to_json())
     elif not batch.quiet:
         table(rows(result, batch.verbose > 0))
+    warn_of(result.findings)
     return result.exit_status
+
+
+def warn_of(findings: Iterable[Finding]) -> None:
+    """Findings that are more than notes on stderr, the gravest last, where the eye falls."""
+    for finding in sorted(findings, key=lambda f: f.severity):
+        if finding.severity > Severity.NOTE:
+            warn(str(finding), COLOURS[finding.severity])
 
 
 def log_table(
@@ -284,7 +292,7 @@ def work_through(
     row: Callable[[int, Outcome], dict[str, Any]],
     batch: BatchOptions,
 ) -> list[dict[str, Any]]:
-    """Do all jobs; errors go to stderr as they come, warnings at the end.
+    """Do all jobs; errors go to stderr as they come.
 
     Parameters
     ----------
@@ -329,21 +337,22 @@ def work_through(
             f"sinstool: interrupted; {len(ended)} of {len(jobs)} are done, and whole", err=True
         )
         raise click.exceptions.Exit(INTERRUPTED) from None
-    rows = [ended[number] for number in range(len(jobs))]
-    _warn_together(jobs, rows)
-    return rows
+    return [ended[number] for number in range(len(jobs))]
 
 
 def finish(
+    names: Sequence[str],
     rows: Sequence[dict[str, Any]],
     batch: BatchOptions,
     table: Callable[[], None] | None = None,
     where: str = "",
 ) -> int:
-    """Say how it went: a table, unless there were lines of JSON, and how many ended how.
+    """Say how it went: a table, unless there were lines of JSON, warnings, and how many ended how.
 
     Parameters
     ----------
+    names : sequence of str
+        The logs.
     rows : sequence of dict
         Of :func:`work_through`.
     table : callable, optional
@@ -358,6 +367,7 @@ def finish(
     """
     if table is not None and not batch.as_json and not batch.quiet:
         table()
+    _warn_together(names, rows)
     if not batch.quiet:
         words = sorted(row["status"] for row in rows)
         counted = [f"{words.count(word)} {word}" for word in dict.fromkeys(words)]
@@ -368,15 +378,14 @@ def finish(
     return 3 if 3 in codes else 0
 
 
-def _warn_together(jobs: Sequence[Job], rows: Sequence[dict[str, Any]]) -> None:
+def _warn_together(names: Sequence[str], rows: Sequence[dict[str, Any]]) -> None:
     """Findings of many logs on stderr, a line for each kind, with the logs that it is about."""
     about: dict[str, dict[str, str]] = {}
-    for job, row in zip(jobs, rows, strict=True):
-        texts = row.get("warnings", ())
-        findings = [f for f in row.get("findings", ()) if f["severity"] != "note"]
-        kinds = [f["kind"] for f in findings] or texts
-        for kind, text in zip(kinds, texts, strict=True):
-            about.setdefault(kind, {}).setdefault(job.name, text)
+    for name, row in zip(names, rows, strict=True):
+        for finding in row.get("findings", ()):
+            if finding["severity"] != "note":
+                text = ": ".join(filter(None, (finding["text"], finding["answer"])))
+                about.setdefault(finding["kind"], {}).setdefault(name, text)
     for by_log in about.values():
         names, different = list(by_log), list(dict.fromkeys(by_log.values()))
         shown = ", ".join(names[:NAMED])

@@ -12,8 +12,9 @@ from pydantic.fields import FieldInfo
 
 from sinstool.cli.complete import completion
 from sinstool.cli.console import Choice
+from sinstool.cli.help import Option
 from sinstool.config import ProcessConfig
-from sinstool.config.load import build, dump_toml, load_toml
+from sinstool.config.load import build, load_toml
 from sinstool.core.options import Group
 
 F = TypeVar("F", bound=Callable[..., Any])
@@ -88,33 +89,45 @@ def config_options(*paths: str, model: type[Group] = ProcessConfig) -> Callable[
 
     def decorate(function: F) -> F:
         for group, name, field in reversed(list(model.options(*paths))):
-            function = _option(group, name, field)(function)
-        text = "TOML file with options; flags win"
+            function = _option(group, name, field, model.title_of(group))(function)
+        text = "TOML file with options; the command line wins"
         return path_option("--config", "config_file", metavar="FILE", text=text)(function)
 
     return decorate
 
 
-def _option(group: str, name: str, field: FieldInfo) -> Callable[[F], F]:
+def _option(group: str, name: str, field: FieldInfo, section: str) -> Callable[[F], F]:
     flag = "--" + name.replace("_", "-")
     key = f"{group}__{name}"
-    text = field.description or ""
+    extra = field.json_schema_extra if isinstance(field.json_schema_extra, dict) else {}
+    text, brief = field.description or "", extra.get("brief")
     default = field.default
     if field.annotation is bool:
         flags = f"{flag}/--no-{flag[2:]}" if default else flag
-        return click.option(flags, key, is_flag=True, default=None, help=text)
+        return click.option(
+            flags,
+            key,
+            cls=Option,
+            section=section,
+            brief=brief,
+            is_flag=True,
+            default=None,
+            help=text,
+        )
     if default not in (None, ()):
         shown = ",".join(map(str, default)) if isinstance(default, tuple) else str(default)
         text += f" [default: {shown}]"
     kind = _click_type(field.annotation)
-    extra = field.json_schema_extra
     return click.option(
         flag,
         key,
+        cls=Option,
+        section=section,
+        brief=brief,
         type=kind,
         multiple=isinstance(kind, Words),
         default=None,
-        metavar=extra.get("metavar") if isinstance(extra, dict) else None,
+        metavar=extra.get("metavar"),
         help=text,
         shell_complete=completion(name),
     )
@@ -179,7 +192,8 @@ def _flat(value: Any) -> Any:
     return value
 
 
-def print_config(config: Group, *groups: str) -> None:
-    """Groups of the effective configuration on stdout, as --config reads them."""
-    others = set(type(config).model_fields) - set(groups)
-    click.echo(dump_toml(config, *others), nl=False)
+def print_config(config: Group, *paths: str) -> None:
+    """Options of the effective configuration on stdout, as --config reads them."""
+    from sinstool.config.commented import commented_toml
+
+    click.echo(commented_toml(config, *paths), nl=False)

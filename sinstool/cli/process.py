@@ -12,6 +12,7 @@ import click
 from sinstool.campaign.inputs import are_many, find_logs, output_paths
 from sinstool.cli import many
 from sinstool.cli.console import print_json, progress_bar, warn
+from sinstool.cli.help import Command
 from sinstool.cli.many import BatchOptions
 from sinstool.cli.options import config_options, effective_config, path_option, print_config
 from sinstool.config import PROCESS_OPTIONS, ProcessConfig
@@ -24,19 +25,20 @@ if TYPE_CHECKING:
     from sinstool.pipelines.process.result import ProcessResult
     from sinstool.report.recorder import Recorder
 
+MAIN = ("output", "navigation__mode", "filter__smooth", "output__report", "output__overwrite")
 HEADER = ("samples", "Hz", "gaps", "roll", "pitch", "heading deg", "warnings")
 
 
-@click.command("process", epilog=many.EXIT_HELP)
+@click.command("process", cls=Command, first=MAIN, epilog=many.EXIT_HELP)
 @click.argument("logs", nargs=-1, type=click.Path(path_type=Path), metavar="LOG...")
-@path_option("-o", "--output", text="MCAP file to write; with many logs a folder")
+@path_option("-o", "--output", text="MCAP file to write; a folder for many logs")
 @many.workers_options("one for each core")
 @config_options(*PROCESS_OPTIONS)
 @click.option(
     "--print-plan",
     "show_plan",
     is_flag=True,
-    help="print what would be done with the log, and why, and stop",
+    help="print what would be done and why, and stop",
 )
 @many.batch_options()
 def command(
@@ -48,18 +50,13 @@ def command(
     batch: BatchOptions,
     **flags: Any,
 ) -> int:
-    """Recorded IMU of LOG to corrected attitude, written to OUTPUT as MCAP.
+    """Compute attitude, velocity and position from the IMU in LOG, and write them as MCAP.
 
-    LOG is an MCAP file, a ROS 1 bag, a ROS 2 bag directory or a single .db3. Its own messages
-    are copied byte for byte; /sinstool/imu and /sinstool/attitude are added.
-
-    Many LOGs, a folder of them or a pattern in quotes: each has an output in the folder OUTPUT,
-    named after it and laid out as in the folder that was given. Outputs that are complete are
-    not made again. With --report FOLDER each has a page.
+    LOG is an MCAP file, a ROS 1 bag, a ROS 2 bag directory or a .db3 file. Several LOGs, a folder
+    or a quoted pattern are processed one by one into the folder OUTPUT; complete outputs are kept.
 
     \b
-    Examples:
-      sinstool process flight.mcap -o flight.attitude.mcap --align level
+      sinstool process flight.mcap -o flight.attitude.mcap --report flight.html
       sinstool process campaign/ -o results/ -j 4
     """
     config = effective_config(config_file, flags)
@@ -225,8 +222,9 @@ def process_many(
     rows = many.work_on_logs(
         logs, process_unless_done, written, (config,), reads, batch, named=True
     )
+    names = [str(log.path) for log in logs]
     return many.finish(
-        rows, batch, lambda: many.log_table(HEADER, logs, rows, _cells), f", in {folder}"
+        names, rows, batch, lambda: many.log_table(HEADER, logs, rows, _cells), f", in {folder}"
     )
 
 

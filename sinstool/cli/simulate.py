@@ -11,6 +11,7 @@ from pydantic import create_model
 
 from sinstool.cli import many
 from sinstool.cli.console import Group, print_json
+from sinstool.cli.help import Command
 from sinstool.cli.many import BatchOptions
 from sinstool.cli.options import config_options, effective, path_option, print_config
 from sinstool.core.options import Group as Options
@@ -28,21 +29,21 @@ class Scenarios(Group):
 
 @click.group("simulate", cls=Scenarios)
 def command() -> None:
-    """Write a log with exact truth: /imu/data_raw, and /truth/imu and /truth/odometry beside it."""
+    """Simulate a log with exact truth: /imu/data_raw with /truth/imu and /truth/odometry."""
 
 
 def _scenario_command(name: str, kind: type[Scenario]) -> click.Command:
     # A file has the options of a scenario in its table [simulate].
     model = create_model("Simulation", __base__=Options, simulate=(kind, kind()))
 
-    @click.command(name, help=inspect.getdoc(kind))
-    @path_option("-o", "--output", text="MCAP to write; with many a folder")
+    @click.command(name, cls=Command, first=("output",), help=inspect.getdoc(kind))
+    @path_option("-o", "--output", text="MCAP file to write; a folder for many logs")
     @config_options("simulate", model=model)
     @click.option(
         "--monte-carlo",
         type=click.IntRange(min=1),
         metavar="N",
-        help="write N logs into the folder OUTPUT, with the seeds from --seed on",
+        help="write N logs to the folder OUTPUT, with seeds from --seed on",
     )
     @many.workers_options("one for each core")
     @path_option("--report", metavar="FILE.html", text="also write a page of figures, or its first"
@@ -137,7 +138,9 @@ def _many(
         for row, log in zip(rows, outputs, strict=True)
     ]
     header = ("status", "seed", "log", "topics")
-    return many.finish(rows, batch, lambda: columns(header, cells), f", in {output}")
+    return many.finish(
+        [log.name for log in outputs], rows, batch, lambda: columns(header, cells), f", in {output}"
+    )
 
 
 def _topics(written: dict[str, Any]) -> str:

@@ -8,16 +8,35 @@ from __future__ import annotations
 
 from sinstool.config.align import AlignOptions, GnssOptions, InFlightOptions
 from sinstool.config.coning import ComparisonOptions, ConingOptions, check_coning
-from sinstool.config.logs import InputOptions, OutputOptions
+from sinstool.config.logs import GNSS_INPUT, IMU_INPUT, InputOptions, OutputOptions
 from sinstool.config.navigation import FilterOptions, HeightOptions, NavigationOptions
 from sinstool.config.rig import CalibrationOptions, HseOptions, RigTable
 from sinstool.core.errors import ConfigurationError
 from sinstool.core.options import Group
 
-# What `align` and `process` take, in the order of their help
-ALIGN_OPTIONS = ("input", "align", "gnss", "in_flight")
-_NAVIGATION = ("navigation", "filter", "vertical", "hse")
-PROCESS_OPTIONS = ("input", "coning", *ALIGN_OPTIONS[1:], *_NAVIGATION, "output")
+# What `info`, `align` and `process` take, in the order of their help
+INFO_OPTIONS = ("input",)
+ALIGN_OPTIONS = (
+    *IMU_INPUT,
+    *GNSS_INPUT,
+    "align",
+    "gnss",
+    "in_flight",
+    "navigation.imu_grade",
+    "output.overwrite",
+)
+PROCESS_OPTIONS = (
+    "navigation",
+    "input",
+    "coning",
+    "align",
+    "gnss",
+    *(f"in_flight.{name}" for name in InFlightOptions.model_fields if name != "at"),
+    "filter",
+    "vertical",
+    "hse",
+    "output",
+)
 
 
 class ProcessConfig(Group):

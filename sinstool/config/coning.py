@@ -6,6 +6,7 @@ from typing import Annotated, Any, Literal
 
 from pydantic import Field, field_validator
 
+from sinstool.config.logs import IMU_INPUT
 from sinstool.core.errors import ConfigurationError
 from sinstool.core.options import Group, option
 from sinstool.methods.coning.registry import algorithm, names
@@ -17,7 +18,7 @@ COMPARISON_OPTIONS = (
     "coning.stopband",
     "coning.gyro_response",
     "coning.sp_preset",
-    "input",
+    *IMU_INPUT,
 )
 
 
@@ -32,34 +33,44 @@ def _exists(name: str) -> str:
 class ConingOptions(Group):
     """From angular rate to rotation vectors."""
 
-    coning: str = option("previous-3", "algorithm: " + ", ".join(names()), "NAME")
+    title = "Coning"
+
+    coning: str = option(
+        "previous-3",
+        "coning algorithm, one of " + ", ".join(names()),
+        "NAME",
+        brief="coning algorithm",
+    )
     sp_variant: Literal["exact", "bvp", "truncated", "printed"] | None = option(
         None,
-        "form of the singular-perturbation solution (default: truncated with a"
-        " preset, exact with --epsilon)",
+        "form of the singular-perturbation solution (default: truncated with --sp-preset, exact"
+        " with --epsilon)",
     )
     sp_preset: Literal["best", "paper", "auto"] | None = option(
         None,
-        "best: epsilon = T/2, n = 2; paper: 2e-4 s, n = 0.001; auto: nulls the drift"
-        " of the log's own coning below --passband (default: best)",
+        "best: epsilon = T/2, n = 2; paper: epsilon = 2e-4 s, n = 0.001; auto: chosen to null the"
+        " drift from the log's own coning below --passband (default: best)",
     )
     epsilon: float | None = option(
-        None, "boundary layer in seconds, with --beta-gain or --beta", "S", ge=0
+        None, "boundary layer in s, with --beta-gain or --beta", "S", ge=0
     )
     beta_gain: float | None = option(None, "n of the paper's eq. (14)", "N")
     beta: tuple[float, float, float] | None = option(
-        None, "a constant beta in rad/s^2, in the log's axes", "X,Y,Z"
+        None, "constant beta in rad/s^2, in the log's axes", "X,Y,Z"
     )
     passband: float | None = option(
-        None, "Hz, up to which coning is motion (gyro-tuned, --sp-preset auto)", "HZ", gt=0
+        None,
+        "highest frequency of real coning, Hz (for gyro-tuned and --sp-preset auto)",
+        "HZ",
+        gt=0,
     )
     stopband: float | None = option(
-        None, "Hz, from which on coning is noise (gyro-tuned)", "HZ", gt=0
+        None, "lowest frequency at which coning is noise, Hz (for gyro-tuned)", "HZ", gt=0
     )
     gyro_response: str | None = option(
         None,
-        "of the gyro, for gyro-tuned: none, cheb:ORDER,RIPPLE_DB,HZ, butter:ORDER,HZ,"
-        " or a file with lines of frequency and gain",
+        "the gyro's own low-pass response, for gyro-tuned: none, cheb:ORDER,RIPPLE_DB,HZ,"
+        " butter:ORDER,HZ, or a file with lines of frequency and gain",
         "RESPONSE",
     )
 
@@ -108,26 +119,49 @@ def check_coning(group: ConingOptions) -> None:
 class ComparisonOptions(Group):
     """Coning algorithms compared on a log."""
 
+    title = "Comparison"
+
     algorithms: tuple[str, ...] = option(
-        (), "coning algorithms (default: ten; with --paper more than it needs)", "A,B,..."
+        (),
+        "coning algorithms to compare (default: ten; with --paper those of the paper and more)",
+        "A,B,...",
+        brief="coning algorithms to compare (default: ten)",
     )
     reference: str = option(
         "auto",
-        "what the others are measured against: an algorithm, auto (quatfiter-4), or none",
+        "algorithm that the others are measured against; auto (quatfiter-4), or none",
         "NAME",
+        brief="algorithm that the others are measured against",
     )
     decimate: tuple[Annotated[int, Field(ge=1)], ...] = option(
-        (1, 2, 4), "also as if logged at lower rates: one sample of so many", "M,..."
+        (1, 2, 4),
+        "also compare at the log's rate divided by these factors",
+        "M,...",
+        brief="also compare at the log's rate divided by these",
     )
-    window: float = option(10.0, "drift is measured in windows of this many seconds", "S", gt=0)
-    tolerance: float = option(0.01, "drift that does not matter", "DEG/H", ge=0)
+    window: float = option(
+        10.0,
+        "length in s of the windows in which drift is measured",
+        "S",
+        gt=0,
+        brief="windows in which drift is measured, in s",
+    )
+    tolerance: float = option(
+        0.01,
+        "drift that does not matter, deg/h",
+        "DEG/H",
+        brief="drift that does not matter, deg/h",
+        ge=0,
+    )
     truth: str | None = option(
         None,
-        "true attitude as reference: Imu, QuaternionStamped, PoseStamped or Odometry, or CSV",
+        "true attitude, used as the reference: a topic (Imu, QuaternionStamped, PoseStamped or"
+        " Odometry) or a CSV file",
         "TOPIC|FILE",
+        brief="true attitude, used as the reference",
     )
     phase: Literal["consistent", "literal"] = option(
-        "consistent", "with --paper: how eq. (20) is read"
+        "consistent", "with --paper: how its eq. (20) is read"
     )
 
     @field_validator("algorithms")

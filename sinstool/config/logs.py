@@ -14,6 +14,29 @@ from sinstool.core.suggest import nearest
 EMITS = (
     "imu", "attitude", "euler", "odometry", "pose", "fix", "tf", "height", "vehicle", "diagnostics"
 )  # fmt: skip
+# Options of [input] by the data that a command reads: the IMU, GNSS, a turntable's rig
+IMU_INPUT = (
+    "input.imu_topic",
+    "input.start",
+    "input.end",
+    "input.body_axes",
+    "input.gyro_kind",
+    "input.gyro_unit",
+    "input.accel_unit",
+    "input.imu_rate",
+    "input.max_gap",
+    "input.salvage",
+)
+GNSS_INPUT = ("input.gnss_topic", "input.velocity_topic", "input.gnss_unit")
+RIG_INPUT = (
+    "input.imu_topic",
+    "input.encoder_topic",
+    "input.start",
+    "input.end",
+    "input.gyro_unit",
+    "input.accel_unit",
+    "input.salvage",
+)
 
 
 def parse_time(text: str, first_ns: int) -> int:
@@ -66,71 +89,97 @@ def _in_range(time_ns: int, text: str) -> int:
 
 
 class InputOptions(Group):
-    """Which data of the log, and what it means."""
+    """Which data of the log is read, and in which units and axes."""
 
-    imu_topic: str | None = option(None, "topic with the Imu messages", "TOPIC")
+    title = "Input"
+
+    imu_topic: str | None = option(
+        None,
+        "topic with Imu messages (default: the one in the log; needed where there are several)",
+        "TOPIC",
+        brief="topic with Imu messages, if several",
+    )
     gnss_topic: str | None = option(
         None,
-        "topic with NavSatFix messages, or none (default: the best, where there are several)",
+        "topic with NavSatFix messages, or none (default: the best one in the log)",
         "TOPIC",
     )
     velocity_topic: str | None = option(
         None,
-        "topic with velocity over ground (TwistStamped,"
-        " TwistWithCovarianceStamped or Odometry; world ENU), or none (default: one that the"
-        " fixes do not contradict)",
+        "topic with velocity over ground in ENU (TwistStamped, TwistWithCovarianceStamped or"
+        " Odometry), or none (default: one that agrees with the fixes)",
         "TOPIC",
     )
     wheels: str | None = option(
         None,
-        "topic with the speed of wheels (JointState with velocities, Odometry, TwistStamped or"
-        " TwistWithCovarianceStamped), or none (default: one that holds forward speed alone and"
+        "topic with wheel speed (JointState with velocities, Odometry, TwistStamped or"
+        " TwistWithCovarianceStamped), or none (default: one that holds forward speed only and"
         " follows the speed of the fixes)",
         "TOPIC",
     )
-    baro_topic: str | None = option(None, "topic with FluidPressure messages, or none", "TOPIC")
+    baro_topic: str | None = option(
+        None,
+        "topic with FluidPressure messages, or none (default: the one in the log)",
+        "TOPIC",
+    )
     baro_kind: Literal["pressure", "height"] = option(
-        "pressure", "what the barometer's topic holds; height: PointStamped or Float64"
+        "pressure", "what the barometer's topic holds; height: PointStamped or Float64, in m"
     )
     baro_unit: Literal["Pa", "hPa", "kPa", "inHg"] | None = option(
-        None, "unit of the pressure (default: Pa, refused where the data denies it)"
+        None, "unit of the pressure (default: Pa; refused if the data contradicts it)"
     )
     gnss_unit: Literal["deg", "rad"] | None = option(
-        None, "unit of latitude and longitude (default: deg, refused where the data denies it)"
+        None, "unit of latitude and longitude (default: deg; refused if the data contradicts it)"
     )
-    encoder_topic: str | None = option(None, "topic with JointState messages", "TOPIC")
+    encoder_topic: str | None = option(
+        None, "topic with JointState messages from the turntable's encoder", "TOPIC"
+    )
     start: str | None = option(
         None,
-        "leave out samples before this: seconds from the first sample, RFC 3339, or ns",
+        "ignore samples before this time: seconds from the first sample, an RFC 3339 date, or ns",
         "TIME",
+        brief="ignore samples before this time",
     )
-    end: str | None = option(None, "leave out samples after this, as --start", "TIME")
+    end: str | None = option(
+        None,
+        "ignore samples after this time; written like --start",
+        "TIME",
+        brief="ignore samples after this time",
+    )
     body_axes: Literal["flu", "frd"] = option(
-        "flu", "axes of the sensor: Forward-Left-Up or Forward-Right-Down"
+        "flu",
+        "axes of the IMU: Forward-Left-Up or Forward-Right-Down",
+        brief="axes of the IMU: flu or frd",
     )
     gyro_kind: Literal["auto", "rate", "mean-rate", "increment"] = option(
         "auto",
-        "what a gyro sample is: the rate at its stamp, the mean over the interval that"
-        " ends there, or the angle turned in it; auto is mean-rate for a smoothed attitude, else"
-        " rate",
+        "what a gyro sample is: the rate at its stamp, the mean rate over the interval that ends"
+        " there, or the angle turned in that interval; auto: mean-rate for a smoothed attitude,"
+        " otherwise rate",
+        brief="rate, mean-rate, increment or auto",
     )
     gyro_unit: Literal["rad/s", "deg/s"] | None = option(
-        None, "unit of the gyro (default: rad/s, refused where the data denies it)"
+        None, "unit of the gyro (default: rad/s; refused if the data contradicts it)"
     )
     accel_unit: Literal["m/s^2", "g"] | None = option(
-        None, "unit of the accelerometer (default: m/s^2, refused where the data denies it)"
+        None, "unit of the accelerometer (default: m/s^2; refused if the data contradicts it)"
     )
     imu_rate: float | None = option(
-        None, "sampling rate in Hz, instead of the intervals between stamps", "HZ", ge=1e-3, le=1e6
+        None, "sampling rate in Hz, used in place of the time stamps", "HZ", ge=1e-3, le=1e6
     )
     max_gap: float | None = option(
         None,
-        "longest interval in seconds that is integrated across (default: three nominal intervals)",
+        "longest interval in seconds that is integrated across; a longer one is a gap (default:"
+        " three nominal intervals)",
         "S",
         gt=0,
         le=1e9,
     )
-    salvage: bool = option(False, "go on past damaged parts of a log and say what was lost")
+    salvage: bool = option(
+        False,
+        "skip the damaged parts of a log and report what was lost",
+        brief="skip damaged parts, report what was lost",
+    )
 
     @property
     def sample_kind(self) -> Literal["rate", "mean-rate", "increment"]:
@@ -156,24 +205,35 @@ class InputOptions(Group):
 class OutputOptions(Group):
     """What is written, and how."""
 
-    world: Literal["enu", "ned"] = option("enu", "frame of the written orientation")
+    title = "Output"
+
+    world: Literal["enu", "ned"] = option(
+        "enu", "frame of the written orientation: East-North-Up or North-East-Down"
+    )
     emit: tuple[str, ...] | None = option(
         None,
         "topics to write, any of "
         + ",".join(EMITS)
-        + " (default: imu,attitude and what the mode knows besides)",
+        + " (default: imu, attitude and what else the mode computes)",
         "TOPIC,...",
     )
-    only_results: bool = option(False, "leave the input's own messages out of the output")
-    compression: Literal["zstd", "lz4", "none"] = option("zstd", "of the output")
-    overwrite: bool = option(False, "replace an existing output")
+    only_results: bool = option(False, "write the results only, without the log's own messages")
+    compression: Literal["zstd", "lz4", "none"] = option("zstd", "compression of the output")
+    overwrite: bool = option(
+        False, "replace an existing output", brief="replace an existing output"
+    )
     report: str | None = option(
-        None, "page of figures to write too (.html), or its first figure (.png, .pdf, .svg)"
+        None,
+        "also write a page of figures (.html), or its first figure (.png, .pdf, .svg)",
+        "FILE",
+        brief="also write a page of figures",
     )
     truth: tuple[str, ...] = option(
         (),
-        "what the result is held against: a topic with orientations, NavSatFix or"
-        " TwistStamped of the log, or a CSV file with time_s or time_ns and qw,qx,qy,qz",
+        "compare the result with this reference: a topic of the log with orientations, NavSatFix"
+        " or TwistStamped, or a CSV file with time_s or time_ns and qw,qx,qy,qz; repeatable",
+        "TOPIC|FILE",
+        brief="compare the result with a reference",
     )
 
     @field_validator("emit")

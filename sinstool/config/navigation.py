@@ -11,36 +11,41 @@ from sinstool.core.options import Group, option, span
 
 
 class NavigationOptions(Group):
-    """What is computed, and from where it starts."""
+    """What is computed, and with which sensor models."""
+
+    title = "What to compute"
 
     mode: Literal["auto", "attitude", "ins", "ins-gnss"] = option(
         "auto",
-        "what is computed: attitude; or attitude, velocity and position, from inertial"
-        " data alone (ins) or with GNSS (ins-gnss); auto is ins-gnss where the log has fixes and"
-        " velocity, else attitude",
+        "what is computed: attitude only, or attitude, velocity and position from inertial data"
+        " alone (ins) or with GNSS (ins-gnss); auto: ins-gnss where the log has fixes, otherwise"
+        " attitude",
+        brief="attitude, ins, ins-gnss, or auto: what the log allows",
     )
     attitude: Literal["auto", "smoothed", "inertial"] = option(
         "auto",
-        "of --mode attitude: smoothed, its roll and pitch held to gravity over the whole log, with"
-        " sigmas; or inertial, the integrated rates alone; auto is inertial for a navigation-grade"
-        " IMU and where --coning chooses an algorithm, else smoothed",
+        "kind of attitude in --mode attitude. smoothed: gravity corrects roll and pitch over the"
+        " whole log, with sigmas. inertial: integrated rates only. auto: inertial for a"
+        " navigation-grade IMU or with --coning, otherwise smoothed",
+        brief="smoothed (by gravity), inertial, or auto",
     )
     motion: Literal["auto", "hand", "vehicle"] = option(
         "auto",
-        "what a smoothed attitude takes the motion for: hand, which stays within about a metre, or"
-        " vehicle (car, ship, aircraft), which goes anywhere at a bounded speed; auto takes what"
-        " fits the accelerations better",
+        "motion assumed by a smoothed attitude. hand: stays within about a metre. vehicle (car,"
+        " ship, aircraft): goes anywhere at a bounded speed. auto: whichever fits the"
+        " accelerations better",
     )
     magnetometer: str | None = option(
         None,
-        "topic with MagneticField messages that show a smoothed attitude its heading, or none"
-        " (default: the log's only one, or that beside the Imu, unless heading counts from north"
-        " already)",
+        "topic with MagneticField messages, which give a smoothed attitude its heading, or none"
+        " (default: the only one in the log or the one beside the Imu, unless heading already"
+        " refers to north)",
         "TOPIC",
+        brief="topic with the magnetic field, or none",
     )
     declination: float | None = option(
         None,
-        "of the magnetic field, degrees east of true north (default: by the World Magnetic Model"
+        "magnetic declination in degrees, positive east (default: from the World Magnetic Model"
         " where position and date are known)",
         "DEG",
         ge=-180,
@@ -48,49 +53,52 @@ class NavigationOptions(Group):
     )
     initial_velocity: tuple[float, float, float] | None = option(
         None,
-        "north, east, down in m/s at the start (default: GNSS velocity, else at rest)",
+        "velocity at the start of --mode ins, in m/s (default: GNSS velocity, otherwise zero)",
         "N,E,D",
     )
     imu_grade: Literal["auto", "mems", "industrial", "tactical", "navigation"] = option(
         "auto",
-        "of the sensors, where the configuration gives no noise; auto judges by the"
-        " gyro's noise at rest",
+        "grade of the sensors, which sets their noise where no figure is given; auto: judged by"
+        " the gyro's noise at rest",
+        brief="mems, industrial, tactical, navigation or auto",
     )
     attitude_order: Literal["exact", "1", "2", "3", "4"] = option(
-        "exact", "quaternion of an update in ins: exact, or Picard's approximation of an order"
+        "exact", "quaternion update of --mode ins: exact, or Picard's approximation of this order"
     )
 
 
 class HeightOptions(Group):
-    """The vertical channel and what damps it."""
+    """The vertical channel and its damping."""
+
+    title = "Height"
 
     height_damping: Literal["off", "baro", "gnss"] = option(
-        "off", "third-order network that holds height to the barometer or to GNSS heights"
+        "off",
+        "third-order network that ties inertial height to the barometer or to GNSS heights",
+        brief="tie height to baro or gnss, or off",
     )
     height_preset: Literal["recommended", "paper"] = option(
         "recommended",
-        "recommended: tau 5, 30 or 100 s by --imu-grade, K4 = 0; paper: tau 2.4 s, K4 = 0.5",
+        "recommended: tau = 5, 30 or 100 s by --imu-grade, K4 = 0; paper: tau = 2.4 s, K4 = 0.5",
     )
     tau: float | None = option(
-        None, "time constant in seconds, instead of the preset's", "S", gt=0, le=3000
+        None, "time constant of the network in s, in place of the preset's", "S", gt=0, le=3000
     )
     k4: float | None = option(
-        None, "gain of vertical velocity in s, |K4| < tau, instead of the preset's", "S"
+        None, "gain of vertical velocity in s, |K4| < tau, in place of the preset's", "S"
     )
-    baro_lag: float = option(
-        0.0, "known first-order lag of the barometer in seconds", "S", ge=0, le=60
-    )
+    baro_lag: float = option(0.0, "first-order lag of the barometer in s", "S", ge=0, le=60)
     baro_ref: Literal["auto", "gnss", "init"] = option(
         "auto",
-        "what the barometer is set by: GNSS heights of its first 30 s, or the height at"
-        " the start; auto takes GNSS where there is any",
+        "height that the barometer is set to: GNSS heights over its first 30 s, or the height at"
+        " the start (init); auto: GNSS where there is any",
     )
     qnh: float | None = option(
-        None, "altimeter setting in Pa, instead of --baro-ref", "PA", ge=8e4, le=1.1e5
+        None, "altimeter setting in Pa, in place of --baro-ref", "PA", ge=8e4, le=1.1e5
     )
     undulation: float = option(
         0.0,
-        "height of mean sea level above the ellipsoid in metres, with --qnh",
+        "height of mean sea level above the ellipsoid in m, with --qnh",
         "M",
         ge=-120,
         le=100,
@@ -117,53 +125,60 @@ class HeightOptions(Group):
 class FilterOptions(Group):
     """The INS/GNSS filter and its smoother."""
 
+    title = "INS/GNSS filter"
+
     filter: Literal["network-29a", "network-26a", "network-26", "baro-24", "plain-15"] = option(
         "network-29a",
-        "network-29a: damped height, its network's states and what it corrects in the"
-        " filter, and the gyros' scale factors; network-26a: without these; network-26: the"
-        " published 26 states; baro-24: undamped, the barometer a measurement; plain-15: no"
-        " states for correlated GNSS errors",
+        "states of the filter. network-29a: the damping network's states and corrections, and gyro"
+        " scale factors. network-26a: the same without scale factors. network-26: the published 26"
+        " states. baro-24: undamped, with the barometer as a measurement. plain-15: no barometer"
+        " and no correlated GNSS errors",
+        "NAME",
     )
     feedback: Literal["closed", "none"] = option(
-        "closed", "whether the filter corrects the navigation and the sensors"
+        "closed", "whether the filter's estimates correct the navigation and the sensors"
     )
     virtual_noise: Literal["auto", "on", "off"] = option(
         "auto",
-        "fictitious process noise, against errors of the model; auto: for a MEMS IMU, whose"
-        " errors no model describes, and not where biases stay as the grade says",
+        "extra process noise that allows for errors of the model; auto: for MEMS sensors, whose"
+        " biases wander more than their grade says",
     )
     adaptive: Literal["off", "sage-husa", "innovation"] = option(
-        "off", "measurement noise from the innovations"
+        "off", "adapt the measurement noise to the innovations"
     )
     schmidt_epsilon: float = option(
-        0.0, "weight of the newest measurement beyond its due", "X", ge=0, le=1
+        0.0, "overweighting of the newest measurement (Schmidt)", "X", ge=0, le=1
     )
     restart_after: float = option(
         30.0,
-        "seconds of fixes that the gate rejects, one after the other, before the filter begins"
-        " anew",
+        "restart the filter when it has rejected every fix for this many seconds",
+        "S",
         gt=0,
     )
-    smooth: bool = option(False, "smooth over the whole log (Rauch, Tung, Striebel)")
+    smooth: bool = option(
+        False,
+        "smooth the INS/GNSS solution over the whole log (Rauch-Tung-Striebel)",
+        brief="smooth the INS/GNSS solution",
+    )
     withhold_gnss: tuple[str, ...] = option(
         (),
-        "START:END in seconds from the log's start: fixes there are scored, not used; repeatable",
+        "do not use the fixes of this span (seconds from the log's start) but compare the result"
+        " with them; repeatable",
         "START:END",
+        brief="compare with these fixes, do not use them",
     )
     gnss_sigma: float | None = option(
         None,
-        "position noise in m per horizontal axis where the log gives none (default:"
-        " 5; vertical is 1.6 times that)",
+        "position noise in m per horizontal axis, where the log gives none (default: 5; vertical is"
+        " 1.6 times that)",
         "M",
         gt=0,
     )
-    gnss_noise_scale: float = option(
-        1.0, "factor on what receivers say of their own noise", "X", gt=0
-    )
+    gnss_noise_scale: float = option(1.0, "factor on the noise that the receiver states", "X", gt=0)
     gnss_lasting: float | None = option(
         None,
-        "share of the positions' sigma that lasts for minutes, 0 to 0.99, the rest being white"
-        " (default: found from how the fixes change)",
+        "fraction of the position noise that is correlated over minutes, 0 to 0.99; the rest is"
+        " white (default: estimated from the fixes)",
         "SHARE",
         ge=0,
         le=0.99,
@@ -171,22 +186,25 @@ class FilterOptions(Group):
 
     vehicle: Literal["auto", "land", "none"] = option(
         "auto",
-        "what the vehicle cannot do: land: it rests where it stands, and its axle slides neither"
-        " sideways nor up; none: nothing is assumed; auto: as far as the log shows it",
+        "constraints on the motion. land: a wheeled vehicle, which stays put at rest and whose axle"
+        " moves neither sideways nor vertically. none: no constraints. auto: those that the log"
+        " confirms",
+        brief="constraints: land (wheeled vehicle), none or auto",
     )
     mount: tuple[float, float, float] | None = option(
         None,
-        "attitude of the IMU in the land vehicle in degrees, about which its pitch and yaw are"
-        " estimated (default: found from the motion)",
+        "attitude of the IMU in the land vehicle in degrees; pitch and yaw are refined from the"
+        " motion (default: estimated from the motion)",
         "ROLL,PITCH,YAW",
     )
     baro_sigma: float | None = option(
-        None, "what the barometer is off by for minutes, in m (default: 10)", gt=0
+        None, "slowly varying error of the barometer in m, 1 sigma (default: 10)", "M", gt=0
     )
     gnss_velocity_lag: float | None = option(
         None,
-        "seconds by which a receiver stamps velocities later than positions (default:"
-        " found from the fixes); --gnss-latency is then the mean of both",
+        "delay of the receiver's velocities against its positions in s (default: estimated from"
+        " the fixes); --gnss-latency is then the mean of both",
+        "S",
         ge=-1,
         le=1,
     )

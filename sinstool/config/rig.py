@@ -6,7 +6,11 @@ from typing import Annotated, Any, Literal
 
 from pydantic import AfterValidator
 
+from sinstool.config.logs import RIG_INPUT
 from sinstool.core.options import Group, option
+
+# What `calibrate-hse` takes
+CALIBRATION_OPTIONS = (*RIG_INPUT, "calibration", "output.overwrite")
 
 
 def _rig(table: dict[str, Any]) -> dict[str, Any]:
@@ -23,51 +27,79 @@ RigTable = Annotated[dict[str, Any], AfterValidator(_rig)]
 class CalibrationOptions(Group):
     """How the heading-sensitive error is calibrated."""
 
+    title = "Calibration"
+
     method: Literal["joint", "heading", "axial"] = option(
         "joint",
-        "joint: slope of heading over rate and the encoder's delay, from all azimuths;"
-        " heading: slope of heading alone; axial: gyro rate along the axis against the encoder",
+        "joint: slope of heading over rate and the encoder's delay, from all azimuths. heading:"
+        " slope of heading alone. axial: gyro rate along the axis against the encoder",
+        brief="what the error is estimated from",
     )
     form: Literal["regressor", "paper"] = option(
         "regressor",
-        "of --method heading; paper: the published unweighted line through the mean at each rate",
+        "with --method heading: a weighted regression, or the paper's unweighted line through the"
+        " mean at each rate",
     )
     weights: Literal["turns", "equal"] = option(
-        "turns", "of the runs: by the scatter of their turns, or all the same"
+        "turns", "weights of the runs: by the scatter of their turns, or equal"
     )
-    drift: bool = option(False, "estimate a drift of heading with time too")
+    drift: bool = option(False, "also estimate a drift of heading with time")
     settle: float = option(
-        2.0, "seconds left out at both ends of a stretch at constant rate", "S", ge=0
+        2.0,
+        "time left out at both ends of a stretch at constant rate, in s",
+        "S",
+        brief="time left out at both ends of a stretch, in s",
+        ge=0,
     )
-    min_turns: int = option(10, "whole turns that a run needs", "N", ge=1)
-    min_duration: float = option(60.0, "seconds that a run needs", "S", gt=0)
+    min_turns: int = option(
+        10,
+        "whole turns that a run must have",
+        "N",
+        brief="whole turns that a run must have",
+        ge=1,
+    )
+    min_duration: float = option(60.0, "shortest run, in s", "S", gt=0)
     align_duration: float = option(
-        600.0, "longer stretches are split into repeats of this many seconds", "S", gt=0
+        600.0, "longer stretches are split into repeats of this length, in s", "S", gt=0
     )
-    skip_warmup: float = option(0.0, "seconds left out after the start of every log", "S", ge=0)
-    exclude: tuple[str, ...] = option((), "runs to leave out, by their ID", "ID")
+    skip_warmup: float = option(
+        0.0,
+        "time left out at the start of every log, in s",
+        "S",
+        brief="time left out at the start of every log, in s",
+        ge=0,
+    )
+    exclude: tuple[str, ...] = option(
+        (), "runs to leave out, by ID; repeatable", "ID", brief="runs to leave out"
+    )
     azimuth: tuple[str, ...] = option(
-        (), "LOG=DEG: azimuth that the stand showed, for the table of headings", "LOG=DEG"
+        (),
+        "azimuth of the base in a log, for the table of headings; repeatable",
+        "LOG=DEG",
+        brief="azimuth of the base in a log; repeatable",
     )
     keep_outliers: bool = option(
-        False, "use repeats that do not belong too (by default they are left out and named)"
+        False, "keep outlying repeats, which by default are left out and listed"
     )
     level_rate: Literal["off", "auto", "on"] = option(
-        "off", "take out the rate at which the base tilts, seen by the accelerometers"
+        "off", "remove the rate at which the base tilts, as the accelerometers show it"
     )
     gyro_bias_sigma: float = option(
-        0.003, "deg/h, what is not known of each gyro's bias (axial method)", "DEG/H", ge=0
+        0.003, "uncertainty of each gyro's bias, deg/h (axial method)", "DEG/H", ge=0
     )
 
 
 class HseOptions(Group):
-    """Heading-sensitive error, to be taken out."""
+    """Compensation of the heading-sensitive error."""
+
+    title = "Heading-sensitive error"
 
     hse: str | None = option(
         None,
-        "calibration written by calibrate-hse: the log is of its rig, whose heading is"
-        " corrected in every stretch at constant rate",
+        "calibration written by calibrate-hse, for a log of the same rig; corrects the heading in"
+        " every stretch at constant rate",
         "FILE",
+        brief="calibration of the heading-sensitive error",
     )
     force: bool = option(
         False, "apply a calibration of another rig, or one that is not significant"

@@ -3,13 +3,20 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from typing import Any
+from typing import Any, ClassVar
 
 from pydantic import BaseModel, ConfigDict, Field, model_validator
 from pydantic.fields import FieldInfo
 
 
-def option(default: Any, text: str, metavar: str | None = None, **limits: float) -> Any:
+def option(
+    default: Any,
+    text: str,
+    metavar: str | None = None,
+    *,
+    brief: str | None = None,
+    **limits: float,
+) -> Any:
     """A field with all that the command line says of it.
 
     Parameters
@@ -18,14 +25,21 @@ def option(default: Any, text: str, metavar: str | None = None, **limits: float)
         The option's help.
     metavar : str, optional
         What stands for its value there: a unit, or a form.
+    brief : str, optional
+        One line for ``--help``, which shows the options that matter most; those without it are
+        shown by ``--help-all`` only.
     **limits : float
         ``ge``, ``gt``, ``le`` and ``lt`` of the value.
     """
-    return Field(default, description=text, json_schema_extra={"metavar": metavar}, **limits)  # type: ignore[call-overload]
+    extra = {"metavar": metavar, "brief": brief}
+    return Field(default, description=text, json_schema_extra=extra, **limits)  # type: ignore[call-overload]
 
 
 class Group(BaseModel):
     """Options that belong together: a table of the configuration file."""
+
+    title: ClassVar[str] = ""
+    """Heading of its options in help and documentation."""
 
     # strict: a word is no number and a number is no yes or no
     model_config = ConfigDict(extra="forbid", frozen=True, strict=True, allow_inf_nan=False)
@@ -60,6 +74,13 @@ class Group(BaseModel):
             for name, field in model.model_fields.items():
                 if single in ("", name):
                     yield table, name, field
+
+    @classmethod
+    def title_of(cls, table: str) -> str:
+        """Heading of the options of one of its tables."""
+        model = cls.model_fields[table].annotation
+        assert isinstance(model, type) and issubclass(model, Group)
+        return model.title
 
 
 def _tuple(value: Any) -> Any:

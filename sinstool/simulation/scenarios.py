@@ -36,6 +36,8 @@ def _longitude(degrees: float) -> Any:
 class Scenario(Group):
     """A log that can be simulated."""
 
+    title = "Scenario"
+
     rate: float = _rate(400.0)
     seed: int = option(0, "of the errors", "N", ge=0)
     truth: bool = option(True, "write /truth/... beside the sensors")

@@ -182,7 +182,7 @@ def _deviations(columns: FloatArray, sigma: FloatArray) -> FloatArray:
 
 
 def _arcsec(value: float | None) -> str:
-    return "nothing" if value is None else f'{value / ARCSEC:.3g}"'
+    return "nothing" if value is None else f"{value / ARCSEC:.3g} arcsec"
 
 
 def _advice(design: Design, now: Prediction) -> tuple[str, ...]:

@@ -18,6 +18,7 @@ from typing import Any
 
 import numpy as np
 
+from sinstool.core.finding import Finding
 from sinstool.core.threads import executor
 from sinstool.methods.coning.increments import GyroKind
 from sinstool.methods.coning.registry import algorithm
@@ -116,7 +117,7 @@ class Comparison:
     spectrum: RateSpectrum | None
     exposures: tuple[Exposure, ...]
     verdict: Verdict
-    warnings: tuple[str, ...]
+    findings: tuple[Finding, ...]
 
 
 def compare(
@@ -155,7 +156,7 @@ def compare(
         raise ValueError("no stretch without gaps is long enough to compare algorithms on")
     todo = candidates(settings.algorithms, settings.decimate, kind, settings.options)
     native = [c for c in todo if c.decimate == 1]
-    warnings: list[str] = []
+    findings: list[Finding] = []
     truths: list[Attitudes] | None = None
     judges: list[Candidate] = []
     if truth is not None:
@@ -190,7 +191,8 @@ def compare(
     if truth is None and truths is not None:
         resolution = _resolution(rows, name)
         if resolution is None:
-            warnings.append("the log is too short to judge the reference")
+            text = "the log is too short to judge the reference"
+            findings.append(Finding("reference-unknown", text))
     rows = [_resolved(row, resolution) for row in rows[: len(todo)]]
     pairs = {
         (a, b): float(
@@ -209,10 +211,11 @@ def compare(
                 exposures.append(exposure(spectrum, 1 / interval_s, m, thinning, settings.window_s))
     if len(usable) < len(segments):
         left = sum(len(s) for s in segments) - sum(len(s) for s in usable)
-        warnings.append(
-            f"{len(segments) - len(usable)} stretches between gaps, {left} samples in all, are too"
-            " short to compare on and left out"
+        text = (
+            f"{len(segments) - len(usable)} stretches between gaps are too short to compare on:"
+            f" {left} samples are left out"
         )
+        findings.append(Finding("short-stretches", text, numbers={"samples": left}))
     samples = sum(len(s) for s in usable)
     covered = sum(float(s.time_ns[-1] - s.time_ns[0]) for s in usable) / 1e9
     return Comparison(
@@ -229,7 +232,7 @@ def compare(
         spectrum,
         tuple(exposures),
         verdict(rows, name, resolution, settings.tolerance),
-        tuple(warnings),
+        tuple(findings),
     )
 
 

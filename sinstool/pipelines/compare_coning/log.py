@@ -16,6 +16,7 @@ import numpy as np
 from sinstool.config import ComparisonOptions, ConingOptions, ProcessConfig
 from sinstool.core.choices import log_choice
 from sinstool.core.errors import DataError
+from sinstool.core.finding import Finding, Severity
 from sinstool.core.timeline import SECOND, segments
 from sinstool.io.readers import open_log
 from sinstool.io.readers.truth import at_times, read_truth
@@ -92,7 +93,7 @@ class LogComparison:
     bounds: SpBounds | None
     truth: str
     checks: Checks
-    warnings: tuple[str, ...]
+    findings: tuple[Finding, ...]
     lost: tuple[str, ...]
 
 
@@ -159,27 +160,29 @@ def compare_log(
         survey.order.duplicates,
         float(np.degrees(np.max(survey.gyro_max))),
     )
-    warnings = [*map(str, source.findings), *comparison.warnings]
+    lost = tuple(map(str, log.lost))
+    findings = [*source.findings, *comparison.findings]
+    findings += [Finding("lost-part", f"lost: {part}", Severity.LOST) for part in lost]
     if comparison.duration_s < options.window:
-        warnings.append(
-            f"the log holds {comparison.duration_s:.3g} s, less than a window of"
-            f" {options.window:g} s: drift is that of its own length"
+        text = (
+            f"the log holds {comparison.duration_s:.3g} s, less than one window of"
+            f" {options.window:g} s: drift is measured over all of it"
         )
+        findings.append(Finding("short-log", text, answer="choose a shorter --window"))
     if not long_enough:
-        warnings.append(
-            f"no stretch holds {MIN_SPECTRUM} samples: no spectrum, and no prediction from it"
-        )
+        text = f"no stretch holds {MIN_SPECTRUM} samples: no spectrum and no predicted drift"
+        findings.append(Finding("no-spectrum", text))
     elif len(stretches) > 1:
-        warnings.append(
-            f"the spectrum, and so the prediction, is of the longest stretch"
-            f" ({len(longest) * interval:.4g} s) only"
+        text = (
+            "the spectrum and the predicted drift come from the longest stretch only"
+            f" ({len(longest) * interval:.4g} s)"
         )
+        findings.append(Finding("longest-stretch", text))
     if bands.stopband is None:
-        warnings.append("no --stopband is given: pseudo-coning cannot be distinguished from coning")
-    warnings.append(
-        f"content above half the sampling rate ({0.5 / interval:.4g} Hz) is unobservable in this"
-        " log: nothing is said of it"
-    )
+        text = "pseudo-coning cannot be told from coning without --stopband"
+        findings.append(Finding("no-stopband", text, Severity.NOTE))
+    text = f"the log shows nothing above half its sampling rate ({0.5 / interval:.4g} Hz)"
+    findings.append(Finding("sampling-limit", text, Severity.NOTE))
     return LogComparison(
         path,
         source.imu_topic.topic,
@@ -191,8 +194,8 @@ def compare_log(
         limits,
         options.truth or "",
         checks,
-        tuple(warnings),
-        tuple(map(str, log.lost)),
+        tuple(findings),
+        lost,
     )
 
 

@@ -8,7 +8,8 @@ from typing import Any
 import numpy as np
 
 from sinstool.core.arrays import FloatArray
-from sinstool.core.result import as_json, fields_in
+from sinstool.core.finding import Finding
+from sinstool.core.result import Result, fields_in
 from sinstool.methods.coning.increments import GyroKind
 from sinstool.methods.coning.registry import algorithm
 from sinstool.methods.coning.response import ConingSpectrum, predicted_drift, pseudo_coning
@@ -17,8 +18,6 @@ from sinstool.pipelines.compare_coning.compare import Verdict
 from sinstool.pipelines.compare_coning.divergence import DEG_H, DriftStatistics, Row
 from sinstool.pipelines.compare_coning.log import SP, Checks, LogComparison
 from sinstool.pipelines.compare_coning.runs import Candidate
-
-SCHEMA = "sinstool.compare-coning/1"
 
 # What a candidate is fed with, where that is not what the log holds
 KINDS: dict[str, GyroKind] = {"sums": "increment", "points": "rate"}
@@ -226,8 +225,10 @@ class SpResult:
 
 
 @dataclass(frozen=True)
-class ComparisonResult:
+class ComparisonResult(Result):
     """A comparison on a log; fields are the keys of ``--json``."""
+
+    SCHEMA = "sinstool.compare-coning/1"
 
     input: Input
     meta: Meta
@@ -240,11 +241,7 @@ class ComparisonResult:
     sp: SpResult | None
     verdict: Verdict
     lost: tuple[str, ...]
-    warnings: tuple[str, ...]
-
-    def to_json(self) -> dict[str, Any]:
-        """Plain values, with the version of their layout."""
-        return {"schema": SCHEMA, **as_json(self)}
+    findings: tuple[Finding, ...]
 
 
 def summarise(log: LogComparison) -> ComparisonResult:
@@ -291,7 +288,7 @@ def summarise(log: LogComparison) -> ComparisonResult:
         _sp(log),
         c.verdict,
         log.lost,
-        log.warnings,
+        log.findings,
     )
 
 

@@ -42,7 +42,7 @@ def write_page(report: Path, alignment: LogAlignment, config: ProcessConfig, log
     if result.assumed is not None:
         sections.append(_sensors(result))
     sections += [
-        Settings(config_settings(config, *ALIGN_OPTIONS, "navigation")),
+        Settings(config_settings(config, *ALIGN_OPTIONS)),
         input_rows([read_file(log)]),
     ]
     subtitle = f"{result.input.path}, {result.imu.topic}"

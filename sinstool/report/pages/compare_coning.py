@@ -37,7 +37,7 @@ def comparison_page(
     verdict = Prose((f"{text}.",), "Result", _facts(result))
     last = (Settings(config_settings(config, *COMPARISON_OPTIONS)), input_rows([read_file(log)]))
     sections: tuple[Section, ...] = (verdict, sizes, *figures, *tables, *last)
-    warnings = (*result.warnings, *result.lost)
+    warnings = result.warnings
     return Page("Coning algorithms compared", log.name, sections, warnings)
 
 

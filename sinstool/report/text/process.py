@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
+from sinstool.report.text.numbers import measured
+
 if TYPE_CHECKING:
     from sinstool.pipelines.process import summary
     from sinstool.pipelines.process.errors_against_truth import RunErrors
@@ -285,14 +287,14 @@ def _hse(hse: summary.HseCorrection) -> list[Row]:
     return [
         (
             "heading" if k == 0 else "",
-            f"at {s.rate_deg_s:+.3f} deg/s, {s.turns} turns: {s.heading_raw_deg:.6f} deg,"
-            f" corrected by {-s.correction_arcsec:+.3f}"
-            f"{_sigma(s.sigma_correction_arcsec)} arcsec: {s.heading_deg:.6f} deg"
-            f"{_sigma(s.sigma_heading_arcsec)} arcsec",
+            f"at {s.rate_deg_s:+.3f} deg/s, {s.turns} turns: {s.heading_raw_deg:.4f} deg,"
+            f" corrected by {measured(-s.correction_arcsec, s.sigma_correction_arcsec, 'arcsec')}"
+            f" to {_heading(s.heading_deg, s.sigma_heading_arcsec)}",
         )
         for k, s in enumerate(hse.segments)
     ]
 
 
-def _sigma(value: float | None) -> str:
-    return "" if value is None else f" +- {value:.3f}"
+def _heading(heading_deg: float, sigma_arcsec: float | None) -> str:
+    sigma_deg = None if sigma_arcsec is None else sigma_arcsec / 3600.0
+    return measured(heading_deg, sigma_deg, "deg")

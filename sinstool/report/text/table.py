@@ -2,21 +2,42 @@
 
 from __future__ import annotations
 
+import shutil
+import sys
+import textwrap
 from collections.abc import Sequence
 
 import click
 
 from sinstool.core.errors import one_line
 
+# Narrower columns of text are not worth wrapping into
+NARROWEST = 20
+
 
 def table(rows: list[tuple[str, str]]) -> None:
-    """Two columns on stdout: what, and how much."""
+    """Two columns on stdout: what, and how much; wrapped to the terminal, if it is one."""
     width = max((len(name) for name, _ in rows), default=0)
+    room = terminal_width()
     for name, value in rows:
-        first, *rest = map(one_line, value.split("\n"))
-        click.echo(f"{one_line(name):<{width}}  {first}")
-        for line in rest:
-            click.echo(f"{'':<{width}}  {line}")
+        lines = [one_line(line) for line in value.split("\n")]
+        if room is not None:
+            lines = [part for line in lines for part in wrapped(line, room - width - 2)]
+        for before, line in zip((one_line(name), *[""] * len(lines)), lines, strict=False):
+            click.echo(f"{before:<{width}}  {line}")
+
+
+def terminal_width() -> int | None:
+    """Columns of the terminal that stdout is; None where it is a file or a pipe."""
+    return shutil.get_terminal_size().columns if sys.stdout.isatty() else None
+
+
+def wrapped(text: str, width: int) -> list[str]:
+    """Lines of at most so many characters; words stay whole."""
+    lines = textwrap.wrap(
+        text, max(width, NARROWEST), break_long_words=False, break_on_hyphens=False
+    )
+    return lines or [""]
 
 
 def aligned(rows: Sequence[Sequence[str]], right: Sequence[bool] | None = None) -> list[str]:
