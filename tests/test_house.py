@@ -11,6 +11,7 @@ from tests.helpers.paths import ROOT
 # From the top down; rooms of one floor do not know each other.
 FLOORS = (
     ("cli",),
+    ("api",),
     ("report",),
     ("pipelines",),
     ("survey",),

@@ -13,8 +13,7 @@ from pydantic.fields import FieldInfo
 from sinstool.cli.complete import completion
 from sinstool.cli.console import Choice
 from sinstool.cli.help import Option
-from sinstool.config import ProcessConfig
-from sinstool.config.load import build, load_toml
+from sinstool.config import ProcessConfig, load
 from sinstool.core.options import Group
 
 F = TypeVar("F", bound=Callable[..., Any])
@@ -173,16 +172,12 @@ def effective(
     model: type[G], config_file: Path | None, flags: Mapping[str, Any], check: bool = True
 ) -> G:
     """As `effective_config`, of any model."""
-    data: dict[str, Any] = {}
-    if config_file is not None:
-        data = load_toml(config_file)
-        # The file alone first: its errors are then reported with its name.
-        build(model, data, str(config_file), check=False)
+    given = {}
     for key, value in flags.items():
         group, separator, name = key.partition("__")
         if separator and value is not None and value != ():
-            data.setdefault(group, {})[name] = _flat(value)
-    return build(model, data, check=check)
+            given[group, name] = _flat(value)
+    return load.effective(model, config_file, given, check)
 
 
 def _flat(value: Any) -> Any:

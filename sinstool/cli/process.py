@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import click
 
+from sinstool.api.process import process_one
 from sinstool.campaign.inputs import are_many, find_logs, output_paths
 from sinstool.cli import many
 from sinstool.cli.console import print_json, progress_bar, warn
@@ -22,8 +22,6 @@ from sinstool.report.text.table import table
 
 if TYPE_CHECKING:
     from sinstool.core.progress import Progress
-    from sinstool.pipelines.process.result import ProcessResult
-    from sinstool.report.recorder import Recorder
 
 MAIN = ("output", "navigation__mode", "filter__smooth", "output__report", "output__overwrite")
 HEADER = ("samples", "Hz", "gaps", "roll", "pitch", "heading deg", "warnings")
@@ -103,37 +101,6 @@ def _print_plan(log: Path, config: ProcessConfig, batch: BatchOptions) -> int:
     return exit_status(plan.findings)
 
 
-def process_one(
-    log: Path, output: Path, report: Path | None, config: ProcessConfig, progress: Progress | None
-) -> ProcessResult:
-    """Process a log, and write its page if there is to be one.
-
-    Parameters
-    ----------
-    report : Path or None
-        The page.
-    progress : callable, optional
-        Called with the fraction done.
-
-    Raises
-    ------
-    SinstoolError
-    """
-    from sinstool.core.whole_file import commit_together
-    from sinstool.pipelines.process.run import process
-
-    recorder = _recorder(log, report, config)
-    with commit_together():
-        result = process(log, output, config, progress, recorder)
-        if recorder is not None and config.output.truth:
-            result = replace(result, truth=recorder.errors())
-        if report is not None and recorder is not None:
-            from sinstool.report.pages.process import write_page
-
-            write_page(report, recorder, result, config)
-    return result
-
-
 def process_unless_done(
     log: Path, output: Path, report: Path | None, config: ProcessConfig, progress: Progress | None
 ) -> dict[str, Any]:
@@ -171,20 +138,6 @@ def process_unless_done(
     result = process_one(log, output, report, config, progress)
     status = result.exit_status
     return {**result.to_json(), "status": "lost" if status else "done", "exit": status}
-
-
-def _recorder(log: Path, report: Path | None, config: ProcessConfig) -> Recorder | None:
-    """What collects figures and errors; None where the run needs neither."""
-    if report is None and not config.output.truth:
-        return None
-    from sinstool.io.readers import open_log
-    from sinstool.pipelines.process.errors_against_truth import read_references
-    from sinstool.report.recorder import Recorder
-
-    if not config.output.truth:
-        return Recorder()
-    with open_log(log, config.input.salvage) as opened:
-        return Recorder(read_references(opened, config.output.truth, config.input.body_axes))
 
 
 def process_many(

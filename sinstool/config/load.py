@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import tomllib
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, TypeVar, get_args
 
@@ -135,6 +136,32 @@ def load_toml(path: Path) -> dict[str, Any]:
         raise ConfigurationError(f"{path}: cannot be read ({exc.strerror})") from exc
     except (tomllib.TOMLDecodeError, UnicodeDecodeError) as exc:
         raise ConfigurationError(f"{path}: not valid TOML ({exc})") from exc
+
+
+def effective(
+    model: type[G], config_file: Path | None, given: Mapping[tuple[str, str], Any], check: bool
+) -> G:
+    """Defaults, overlaid by a file, overlaid by options.
+
+    Parameters
+    ----------
+    given : mapping
+        Values by table and key.
+    check : bool
+        Check also that options fit each other.
+
+    Raises
+    ------
+    ConfigurationError
+    """
+    data: dict[str, Any] = {}
+    if config_file is not None:
+        data = load_toml(config_file)
+        # The file alone first: its errors are then reported with its name.
+        build(model, data, str(config_file), check=False)
+    for (table, key), value in given.items():
+        data.setdefault(table, {})[key] = value
+    return build(model, data, check=check)
 
 
 def dump_toml(config: Group, *without: str) -> str:

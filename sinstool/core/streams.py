@@ -9,9 +9,15 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, is_dataclass
-from typing import Any, TypeVar
+from typing import TYPE_CHECKING, Any, TypeVar
 
 import numpy as np
+
+from sinstool.core.arrays import ArrayLike
+
+if TYPE_CHECKING:
+    import pandas
+    import polars
 
 S = TypeVar("S", bound="Stream")
 R = TypeVar("R")
@@ -34,7 +40,7 @@ def take_rows(record: R, which: slice | np.ndarray) -> R:
     )
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class Stream:
     """Samples of one sensor.
 
@@ -54,8 +60,59 @@ class Stream:
         """Rows by slice, mask or index array."""
         return take_rows(self, which)
 
+    def __repr__(self) -> str:
+        names = ", ".join(name for name, column in vars(self).items() if column is not None)
+        span = (int(self.time_ns[-1]) - int(self.time_ns[0])) / 1e9 if len(self) else 0.0
+        return f"<{type(self).__name__}: {len(self)} rows over {span:.3f} s; {names}>"
 
-@dataclass(frozen=True)
+    def to_pandas(self) -> pandas.DataFrame:
+        """A DataFrame: a column for each component, with its unit in the name.
+
+        Returns
+        -------
+        pandas.DataFrame
+            Angles of attitude and position in degrees (``roll_deg``, ``latitude_deg``), standard
+            deviations in place of covariances, all else in SI units.
+
+        Raises
+        ------
+        SinstoolError
+            pandas is not installed.
+        """
+        from sinstool.core.table import pandas_frame, table_of
+
+        return pandas_frame(table_of(self))
+
+    def to_polars(self) -> polars.DataFrame:
+        """The same columns as :meth:`to_pandas`, as a polars DataFrame.
+
+        Returns
+        -------
+        polars.DataFrame
+
+        Raises
+        ------
+        SinstoolError
+            polars is not installed.
+        """
+        from sinstool.core.table import polars_frame, table_of
+
+        return polars_frame(table_of(self))
+
+    def __arrow_c_stream__(self, requested_schema: object = None) -> object:
+        """The same columns for all that takes Arrow data: ``pyarrow.table(imu)``, DuckDB, polars.
+
+        Raises
+        ------
+        SinstoolError
+            pyarrow is not installed.
+        """
+        from sinstool.core.table import arrow_stream, table_of
+
+        return arrow_stream(table_of(self), requested_schema)
+
+
+@dataclass(frozen=True, repr=False)
 class Imu(Stream):
     """Inertial measurements in body axes (FRD).
 
@@ -73,8 +130,58 @@ class Imu(Stream):
     accel: np.ndarray
     orientation: np.ndarray | None = None
 
+    @classmethod
+    def of(cls, time_ns: ArrayLike, gyro: ArrayLike, accel: ArrayLike) -> Imu:
+        """Samples that a program has.
 
-@dataclass(frozen=True)
+        Parameters
+        ----------
+        time_ns : array_like of int, shape (n,)
+            In ascending order; ns.
+        gyro : array_like, shape (n, 3)
+            Angular rate in body axes (FRD), rad/s.
+        accel : array_like, shape (n, 3)
+            Specific force in body axes (FRD), m/s^2: -9.8 on z of a body that is level and at rest.
+
+        Raises
+        ------
+        ConfigurationError
+            Shapes do not fit, times are no integers or not in order, or a value is not finite.
+
+        Examples
+        --------
+        >>> import sinstool
+        >>> sinstool.Imu.of([0, 10_000_000], [[0, 0, 0.1]] * 2, [[0, 0, -9.81]] * 2)
+        <Imu: 2 rows over 0.010 s; time_ns, log_time_ns, gyro, accel>
+        """
+        from sinstool.core.errors import ConfigurationError
+
+        times = np.array(time_ns)
+        if times.ndim != 1 or not np.issubdtype(times.dtype, np.integer):
+            raise ConfigurationError(
+                "time_ns is not a column of integers", "give nanoseconds: np.round(1e9 * seconds)"
+            )
+        if not (np.diff(times) > 0).all():
+            raise ConfigurationError(
+                "time_ns is not in ascending order", "sort the samples, without repeated times"
+            )
+        columns = []
+        for name, values in (("gyro", gyro), ("accel", accel)):
+            try:
+                column = np.array(values, np.float64)
+            except (TypeError, ValueError):
+                raise ConfigurationError(f"{name} is not made of numbers") from None
+            if column.shape != (len(times), 3) or not np.isfinite(column).all():
+                raise ConfigurationError(
+                    f"{name} has the shape {column.shape}, or a value that is not finite",
+                    f"give finite numbers in the shape ({len(times)}, 3)",
+                )
+            columns.append(column)
+        times = times.astype(np.int64)
+        return cls(times, times, *columns)
+
+
+@dataclass(frozen=True, repr=False)
 class Gnss(Stream):
     """Position fixes.
 
@@ -112,7 +219,7 @@ class Gnss(Stream):
         return np.asarray(level & ~(np.abs(self.height) >= HIGHEST))
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class Velocity(Stream):
     """Velocity over ground.
 
@@ -128,7 +235,7 @@ class Velocity(Stream):
     covariance_n: np.ndarray
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class Readings(Stream):
     """Numbers that are to be judged before anybody knows what they are.
 
@@ -140,7 +247,7 @@ class Readings(Stream):
     values: np.ndarray
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class Baro(Stream):
     """Static pressure.
 
@@ -156,7 +263,7 @@ class Baro(Stream):
     variance: np.ndarray
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class BaroHeight(Stream):
     """Height that was computed from pressure before it was logged.
 
@@ -169,7 +276,7 @@ class BaroHeight(Stream):
     height: np.ndarray
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class Magnetometer(Stream):
     """The magnetic field.
 
@@ -182,7 +289,7 @@ class Magnetometer(Stream):
     field: np.ndarray
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class GnssEpochs(Stream):
     """What a receiver gave at an instant: position, velocity, or both.
 
@@ -214,7 +321,7 @@ class GnssEpochs(Stream):
         return np.asarray(np.isfinite(self.velocity_n[:, :2]).all(axis=1))
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class Encoder(Stream):
     """Position of one joint.
 
@@ -227,7 +334,7 @@ class Encoder(Stream):
     position: np.ndarray
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class Solution(Stream):
     """Attitude at sample instants, and the measurements as used there.
 
@@ -263,7 +370,7 @@ class Solution(Stream):
     covariance_attitude_n: np.ndarray | None = None
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class Diagnostics(Stream):
     """What a filter says of itself at its measurements.
 

@@ -242,7 +242,7 @@ def truth_topics(
                 "/truth/fix",
                 "sensor_msgs/msg/NavSatFix",
                 truth.time_ns,
-                lambda rows: _fix_columns(*_positions(trajectory, rows).T),
+                lambda rows: fix_columns(*_positions(trajectory, rows).T),
                 {"header.frame_id": "imu_link"},
             )
         )
@@ -276,7 +276,7 @@ def _positions(trajectory: Trajectory, rows: slice) -> np.ndarray:
     return np.stack([t.latitude[rows], t.longitude[rows], t.height[rows]], axis=1)
 
 
-def _fix_columns(latitude: np.ndarray, longitude: np.ndarray, height: np.ndarray) -> Columns:
+def fix_columns(latitude: np.ndarray, longitude: np.ndarray, height: np.ndarray) -> Columns:
     """Fields of NavSatFix messages, from rad and m."""
     degrees = {"latitude": np.degrees(latitude), "longitude": np.degrees(longitude)}
     return {**degrees, "altitude": height}
@@ -294,7 +294,7 @@ def resting_fixes(time_ns: np.ndarray, position: tuple[float, float, float]) -> 
     """
     step = round(1e9 / REST_FIX_HZ)
     at = np.arange(int(time_ns[0]), int(time_ns[-1]) + 1, step, dtype=np.int64)
-    columns = _fix_columns(*(np.array(one) for one in position))
+    columns = fix_columns(*(np.array(one) for one in position))
     frame = {"header.frame_id": "gnss"}
     return SimulatedTopic(FIX_TOPIC, "sensor_msgs/msg/NavSatFix", at, lambda _: columns, frame)
 
@@ -306,8 +306,8 @@ def gnss_topics(samples: GnssSamples, velocity: bool = True) -> list[SimulatedTo
     def fix(rows: slice) -> Columns:
         variance = samples.sigma_position[rows][:, swap] ** 2
         return {
-            **_fix_columns(samples.latitude[rows], samples.longitude[rows], samples.height[rows]),
-            "position_covariance": _diagonal(variance, 3),
+            **fix_columns(samples.latitude[rows], samples.longitude[rows], samples.height[rows]),
+            "position_covariance": diagonal(variance, 3),
             "position_covariance_type": np.array(2),
         }
 
@@ -315,7 +315,7 @@ def gnss_topics(samples: GnssSamples, velocity: bool = True) -> list[SimulatedTo
         variance = samples.sigma_velocity[rows][:, swap] ** 2
         return {
             "twist.twist.linear.x": enu_to_ned(samples.velocity_n[rows]),
-            "twist.covariance": _diagonal(variance, 6),
+            "twist.covariance": diagonal(variance, 6),
         }
 
     frame = {"header.frame_id": "gnss"}
@@ -326,7 +326,7 @@ def gnss_topics(samples: GnssSamples, velocity: bool = True) -> list[SimulatedTo
     return topics
 
 
-def _diagonal(variance: np.ndarray, size: int) -> np.ndarray:
+def diagonal(variance: np.ndarray, size: int) -> np.ndarray:
     """Covariances with these first elements of the diagonal, row by row."""
     matrix = np.zeros((len(variance), size, size))
     for k in range(variance.shape[1]):

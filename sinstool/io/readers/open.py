@@ -5,12 +5,14 @@ from __future__ import annotations
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from sinstool.core import plugins
 from sinstool.core.errors import NotALogError
 from sinstool.io.readers.formats import kind_of
 
 if TYPE_CHECKING:
     from sinstool.io.readers.log import Log
 
+GROUP = "sinstool.readers"
 KNOWN = "sinstool reads MCAP, ROS 1 .bag, and ROS 2 bags (a directory or a single .db3)"
 
 
@@ -21,7 +23,10 @@ def open_log(path: Path | str, salvage: bool = False) -> Log:
     ----------
     path : path-like
         An MCAP file, a ROS 1 bag, a ROS 2 bag directory or a single ``.db3``; recognised by
-        content, not by suffix.
+        content, not by suffix. Other distributions add formats with an entry point of the group
+        ``sinstool.readers``, which names a subclass of
+        :class:`~sinstool.io.readers.log.Log` with a class method ``recognises(path, head)``,
+        where ``head`` is the first 16 bytes.
     salvage : bool
         Pass over damaged parts and note them in ``lost``.
 
@@ -67,4 +72,9 @@ def open_log(path: Path | str, salvage: bool = False) -> Log:
         from sinstool.io.readers.sqlite import SqliteLog
 
         return SqliteLog(path, salvage)
+    for name in plugins.plugins(GROUP):
+        reader = plugins.load(GROUP, name)
+        if reader.recognises(path, head):
+            foreign: Log = reader(path, salvage)
+            return foreign
     raise NotALogError(path, f"not a log: it begins with {head[:8]!r}", KNOWN)

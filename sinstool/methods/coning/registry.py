@@ -3,15 +3,20 @@
 One line per family: a pattern for its names, the function that builds one (imported only
 when asked for, so that naming algorithms costs nothing), the names shown to users, and the
 options that it takes.
+
+Other distributions add algorithms with an entry point of the group ``sinstool.coning``, and
+programs with `register`.
 """
 
 from __future__ import annotations
 
 import difflib
 import re
+from collections.abc import Callable
 from importlib import import_module
 from typing import TYPE_CHECKING, Any, NamedTuple, cast
 
+from sinstool.core import plugins
 from sinstool.core.errors import ConfigurationError
 
 if TYPE_CHECKING:
@@ -67,8 +72,49 @@ FAMILIES = (
 )
 
 
+GROUP = "sinstool.coning"
+_registered: dict[str, Callable[[], ConingAlgorithm]] = {}
+
+
+def register(name: str, build: Callable[[], ConingAlgorithm]) -> None:
+    """Make an algorithm known by a name, in this process.
+
+    Parameters
+    ----------
+    name : str
+        As for ``--coning``: small letters, digits and hyphens.
+    build : callable
+        Returns a new :class:`~sinstool.methods.coning.algorithm.ConingAlgorithm`; the class itself,
+        if it takes no arguments. A name that was registered before gets the new one.
+
+    Raises
+    ------
+    ConfigurationError
+        sinstool has an algorithm of that name itself, or the name has other characters.
+    """
+    if re.fullmatch(r"[a-z][a-z0-9]*(-[a-z0-9]+)*", name) is None:
+        raise ConfigurationError(
+            f"{name!r} cannot name a coning algorithm", "use small letters, digits and hyphens"
+        )
+    if any(re.fullmatch(family.pattern, name) for family in FAMILIES):
+        raise ConfigurationError(
+            f"{name} is one of sinstool's own coning algorithms", "choose another name"
+        )
+    _registered[name] = build
+
+
+def all_names() -> tuple[str, ...]:
+    """Names of sinstool's own algorithms, and of those of programs and other distributions.
+
+    Returns
+    -------
+    tuple of str
+    """
+    return tuple(dict.fromkeys((*names(), *_registered, *plugins.plugins(GROUP))))
+
+
 def names() -> tuple[str, ...]:
-    """Names of all coning algorithms, as on the command line.
+    """Names of sinstool's own coning algorithms, as on the command line.
 
     Returns
     -------
@@ -113,11 +159,37 @@ def algorithm(name: str, **options: Any) -> ConingAlgorithm:
         build = getattr(import_module(f"sinstool.methods.coning.{module}"), function)
         numbers = [int(group) for group in match.groups() if group is not None]
         return cast("ConingAlgorithm", build(*numbers, **options))
-    near = difflib.get_close_matches(name, names(), n=1, cutoff=0.0)
+    if name in _registered or name in plugins.plugins(GROUP):
+        return _foreign(name, options)
+    there_are = all_names()
+    near = difflib.get_close_matches(name, there_are, n=1, cutoff=0.0)
     raise ConfigurationError(
         f"unknown coning algorithm {name!r}",
-        f"did you mean {near[0]}? There are {', '.join(names())}",
+        f"did you mean {near[0]}? There are {', '.join(there_are)}",
     )
+
+
+def _foreign(name: str, options: dict[str, Any]) -> ConingAlgorithm:
+    """An algorithm that is not sinstool's own; it has no options."""
+    from sinstool.methods.coning.algorithm import ConingAlgorithm
+
+    if options:
+        raise ConfigurationError(
+            f"coning algorithm {name} has no option {', '.join(sorted(options))}", "leave it out"
+        )
+    made = _registered[name] if name in _registered else plugins.load(GROUP, name)
+    try:
+        built = made()
+    except Exception as exc:  # whatever the code of somebody else does
+        raise ConfigurationError(
+            f"coning algorithm {name} cannot be built: {type(exc).__name__}: {exc}"
+        ) from exc
+    if not isinstance(built, ConingAlgorithm):
+        raise ConfigurationError(
+            f"coning algorithm {name} is a {type(built).__name__}",
+            "it must be a subclass of sinstool.coning.ConingAlgorithm, or return one",
+        )
+    return built
 
 
 def _whose(options: list[str]) -> str:

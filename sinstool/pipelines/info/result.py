@@ -133,6 +133,11 @@ class Inspection:
         return tuple(imu for imu in self.imu if isinstance(imu, InspectedImu))
 
     @property
+    def plan(self) -> Plan | None:
+        """What `process` would do with the log, with a reason each; None where it refuses it."""
+        return self.process.plan
+
+    @property
     def findings(self) -> tuple[Finding, ...]:
         """What is odd about the log, over all topics."""
         return (

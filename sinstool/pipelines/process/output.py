@@ -29,10 +29,14 @@ ALWAYS = ("imu", "attitude", "euler", "pose", "tf")
 class Output:
     """An MCAP that is being written; it appears under its name when it is complete.
 
+    Without a name nothing is written, and all that is computed goes to the sink alone.
+
     Parameters
     ----------
     log : Log
         The input, whose messages are copied unless the configuration says otherwise.
+    output : Path or None
+        None to write no file.
     sink : Sink, optional
         Gets every block of solutions too, for the page of figures.
 
@@ -48,14 +52,18 @@ class Output:
     """
 
     def __init__(
-        self, log: Log, output: Path, config: ProcessConfig, sink: Sink | None = None
+        self, log: Log, output: Path | None, config: ProcessConfig, sink: Sink | None = None
     ) -> None:
-        check_output(output, [log.path], config.output.overwrite)
+        if output is not None:
+            check_output(output, [log.path], config.output.overwrite)
         self.log = log
         self.output = output
         self.config = config
         self.sink = sink
         self.last: Solution | None = None
+        self.emits: list[str] = []
+        self._pushed = 0
+        self._solutions: SolutionWriter | None = None
         self._stack = ExitStack()
         pool = executor(1, "sinstool-hash")
         self._stack.enter_context(pool)
@@ -104,12 +112,14 @@ class Output:
         OutputError
             The log holds such topics already, or the output cannot be written.
         """
+        self.frames = frames
+        if self.output is None:
+            return []
         options = self.config.output
         self.emits = list(computed if options.emit is None else options.emit)
         findings = self._leave_out((*computed, *ALWAYS), frames.body, tf_parent)
         if options.only_results:
             encoding = "cdr"
-        self.frames = frames
         whole = self._stack.enter_context(WholeFile(self.output))
         self._writer = McapWriter(
             whole.stream,
@@ -161,20 +171,24 @@ class Output:
 
     def push(self, solution: Solution) -> None:
         """Write solutions, in the order of time."""
-        self._solutions.push(solution)
+        if self._solutions is not None:
+            self._solutions.push(solution)
+        self._pushed += len(solution)
         if self.sink is not None:
             self.sink.push(solution)
         self.last = solution
 
     def note(self, diagnostics: Diagnostics) -> None:
         """Write diagnostics beside the solutions that follow."""
-        self._solutions.note(diagnostics)
+        if self._solutions is not None:
+            self._solutions.note(diagnostics)
 
     def complete(self) -> None:
         """Write what is left of the solutions, and of the input: all of it has been read then."""
-        self._solutions.finish()
-        if self._copier:
-            self._copier.finish()
+        if self._solutions is not None:
+            self._solutions.finish()
+            if self._copier:
+                self._copier.finish()
 
     def finish(self, findings: Sequence[Finding]) -> tuple[InputFile, OutputFile]:
         """End the file's contents; its name comes when the context ends well.
@@ -186,6 +200,9 @@ class Output:
         """
         path = self.log.path
         digest = self._digest.result()
+        read = InputFile(str(path), self.log.size, digest)
+        if self._solutions is None:
+            return read, OutputFile(None, (), self._pushed, self.frames.reference_id)
         self._writer.add_metadata(
             RECORD,
             {
@@ -199,6 +216,6 @@ class Output:
         self._writer.finish()
         topics = tuple(topic_of(name) for name in self.emits)
         return (
-            InputFile(str(path), self.log.size, digest),
+            read,
             OutputFile(str(self.output), topics, self._solutions.written, self.frames.reference_id),
         )

@@ -34,7 +34,7 @@ MODES = {
 
 def process(
     path: Path,
-    output: Path,
+    output: Path | None,
     config: ProcessConfig,
     progress: Progress | None = None,
     sink: Sink | None = None,
@@ -45,8 +45,8 @@ def process(
     ----------
     path : Path
         The log.
-    output : Path
-        MCAP to write; appears when complete.
+    output : Path or None
+        MCAP to write, which appears when it is complete; None to write no file.
     progress : callable, optional
         Called with the fraction done.
     sink : Sink, optional

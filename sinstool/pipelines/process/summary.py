@@ -77,9 +77,9 @@ class InputFile:
 
 @dataclass(frozen=True)
 class OutputFile:
-    """The MCAP that was written: its result topics, and the frame of their attitudes."""
+    """The MCAP that was written, if any: its result topics, and the frame of their attitudes."""
 
-    path: str
+    path: str | None
     topics: tuple[str, ...]
     attitudes: int
     frame: str

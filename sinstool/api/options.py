@@ -1,0 +1,109 @@
+"""Keywords of the API as a configuration: the command line's options, by the same names."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Mapping
+from pathlib import Path, PurePath
+from typing import TYPE_CHECKING, Any, TypeVar, get_args, get_origin
+
+import numpy as np
+
+from sinstool.core.errors import ConfigurationError
+from sinstool.core.options import Group
+from sinstool.core.suggest import nearest
+
+if TYPE_CHECKING:
+    from sinstool.config import ProcessConfig
+
+G = TypeVar("G", bound=Group)
+PathLike = str | os.PathLike[str]
+
+
+def configured(
+    command: str,
+    paths: tuple[str, ...],
+    options: Mapping[str, Any],
+    config: PathLike | None = None,
+    check: bool = True,
+) -> ProcessConfig:
+    """The configuration that keywords describe.
+
+    Parameters
+    ----------
+    command : str
+        Named in errors.
+    paths : tuple of str
+        Tables and keys that the command takes.
+    options : mapping
+        The keywords; those that are None are not set.
+    config : path-like, optional
+        A TOML file as ``--config`` takes, which keywords override.
+
+    Raises
+    ------
+    ConfigurationError
+        A keyword is none of the command's, or its value is impossible.
+    """
+    from sinstool.config import ProcessConfig
+
+    return configured_by(ProcessConfig, command, paths, options, config, check)
+
+
+def configured_by(
+    model: type[G],
+    command: str,
+    paths: tuple[str, ...],
+    options: Mapping[str, Any],
+    config: PathLike | None = None,
+    check: bool = True,
+) -> G:
+    """As `configured`, of any model."""
+    from sinstool.config.load import effective
+
+    known = {name: (table, field) for table, name, field in model.options(*paths)}
+    given = {}
+    for name, value in options.items():
+        if name not in known:
+            near = nearest(name, known)
+            raise ConfigurationError(f"{command} has no option {name}", near or _some(known))
+        if value is not None:
+            table, field = known[name]
+            given[table, name] = _plain(value, field.annotation)
+    return effective(model, None if config is None else Path(config), given, check)
+
+
+def _some(known: Mapping[str, Any]) -> str:
+    return f"its options are {', '.join(sorted(known))}"
+
+
+def _plain(value: Any, annotation: Any) -> Any:
+    """A value as a configuration file would hold it."""
+    if isinstance(value, np.ndarray):
+        value = value.tolist()
+    elif isinstance(value, np.generic):
+        value = value.item()
+    elif isinstance(value, PurePath):
+        value = str(value)
+    kinds = [one for one in (annotation, *get_args(annotation)) if get_origin(one) is tuple]
+    if isinstance(value, str) and any(get_args(kind) == (str, ...) for kind in kinds):
+        return [value]
+    if isinstance(value, (list, tuple)):
+        return [_plain(one, None) for one in value]
+    return value
+
+
+def path_of(value: Any, what: str = "log") -> Path:
+    """A path, whatever kind of path it is given as.
+
+    Raises
+    ------
+    ConfigurationError
+        It is none.
+    """
+    try:
+        return Path(value)
+    except TypeError:
+        raise ConfigurationError(
+            f"the {what} is a {type(value).__name__}", "give a path, as text or pathlib.Path"
+        ) from None
