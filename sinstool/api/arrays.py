@@ -158,6 +158,8 @@ def navigate(
     from sinstool.api.process import run
     from sinstool.config import PROCESS_OPTIONS
 
+    if gnss is None:
+        raise ConfigurationError("no GNSS is given", "give columns: log.gnss()")
     given = {"mode": "ins-gnss", **options}
     settings = configured("navigate", of_columns(PROCESS_OPTIONS), given, config)
     with as_log(imu, gnss, barometer) as path:
@@ -179,6 +181,11 @@ def as_log(
     from sinstool.simulation.recorded import recorded_topics
 
     _check(imu)
+    for name, column, kind in (("gnss", gnss, GnssEpochs), ("barometer", barometer, Baro)):
+        if column is not None and not isinstance(column, kind):
+            raise ConfigurationError(
+                f"{name} is of type {type(column).__name__}", f"give columns: log.{name}()"
+            )
     topics = recorded_topics(imu, gnss, barometer)
     with tempfile.TemporaryDirectory(prefix="sinstool-") as folder:
         path = Path(folder) / "columns.mcap"
@@ -189,7 +196,8 @@ def as_log(
 def _check(imu: Imu) -> None:
     if not isinstance(imu, Imu):
         raise ConfigurationError(
-            f"imu is a {type(imu).__name__}", "give columns: log.imu(), or sinstool.Imu.of(...)"
+            f"imu is of type {type(imu).__name__}",
+            "give columns: log.imu(), or sinstool.Imu.of(...)",
         )
     if len(imu) < 2:
         raise ConfigurationError(f"there are {len(imu)} Imu samples", "give two at least")

@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from pathlib import Path
+from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any
 
 from sinstool.api.log import Log, log_path
@@ -185,7 +184,7 @@ def compare_coning(
 
 
 def calibrate_hse(
-    logs: PathLike | Sequence[PathLike],
+    logs: PathLike | list[PathLike] | tuple[PathLike, ...],
     rig: PathLike | Mapping[str, Any],
     output: PathLike | None = None,
     *,
@@ -196,7 +195,7 @@ def calibrate_hse(
 
     Parameters
     ----------
-    logs : path-like or sequence of path-like
+    logs : path-like, or list of path-like
         Recordings on a turntable at constant rates: files, folders, patterns.
     rig : path-like or mapping
         A TOML file with the table ``[rig]``, or that table.
@@ -242,7 +241,9 @@ def calibrate_hse(
         settings = settings.model_copy(update={"rig": read.rig})
     if settings.rig is None:
         raise ConfigurationError(f"{file} has no table [rig]", "describe the rig there")
-    given = [logs] if isinstance(logs, (str, Path)) or hasattr(logs, "__fspath__") else logs
+    given = logs if isinstance(logs, (list, tuple)) else [logs]
     paths = expand([path_of(log) for log in given])
+    if not paths:
+        raise ConfigurationError("no log is given", "give one at least")
     target = None if output is None else path_of(output, "output")
     return calibrate(paths, target, settings, progress)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import weakref
 from collections.abc import Iterable
 from dataclasses import dataclass, fields, is_dataclass, replace
 from pathlib import Path
@@ -66,7 +67,9 @@ class Log:
     """
 
     def __init__(self, reader: Reader, options: dict[str, Any]) -> None:
-        self._reader = reader
+        self._opened = reader
+        # Of a log that nobody closes, the file is closed when the log is forgotten.
+        self._closing = weakref.finalize(self, reader.close)
         self.path: Path = reader.path
         self.format = reader.format
         self.options = options
@@ -84,8 +87,8 @@ class Log:
         /gnss/fix sensor_msgs/msg/NavSatFix
         """
         found: dict[str, Topic] = {}
-        for number, channel in self._reader.channels.items():
-            count = self._reader.counts.get(number)
+        for number, channel in self._opened.channels.items():
+            count = self._opened.counts.get(number)
             before = found.get(channel.topic)
             if before is not None:
                 both = before.messages is not None and count is not None
@@ -248,7 +251,7 @@ class Log:
 
     def close(self) -> None:
         """Close the file. A ``with`` block does it too."""
-        self._reader.close()
+        self._closing()
 
     def __enter__(self) -> Log:
         return self
@@ -258,6 +261,12 @@ class Log:
 
     def __repr__(self) -> str:
         return f"<Log: {self.path}, {self.format}, {len(self.topics)} topics>"
+
+    @property
+    def _reader(self) -> Reader:
+        if not self._closing.alive:
+            raise LogError(self.path, "the log is closed", "open it again with open_log")
+        return self._opened
 
     def _config(self, **topics: str | None) -> ProcessConfig:
         given = {name: topic for name, topic in topics.items() if topic is not None}

@@ -17,6 +17,8 @@ if TYPE_CHECKING:
     from sinstool.config import ProcessConfig
 
 G = TypeVar("G", bound=Group)
+# More options than these are not listed in a message
+SOME = 40
 PathLike = str | os.PathLike[str]
 
 
@@ -66,15 +68,21 @@ def configured_by(
     for name, value in options.items():
         if name not in known:
             near = nearest(name, known)
-            raise ConfigurationError(f"{command} has no option {name}", near or _some(known))
+            raise ConfigurationError(
+                f"{command} has no option {name}", near or _listing(command, known)
+            )
         if value is not None:
             table, field = known[name]
             given[table, name] = _plain(value, field.annotation)
     return effective(model, None if config is None else Path(config), given, check)
 
 
-def _some(known: Mapping[str, Any]) -> str:
-    return f"its options are {', '.join(sorted(known))}"
+def _listing(command: str, known: Mapping[str, Any]) -> str:
+    """The options, or where they are listed if they are many."""
+    if len(known) <= SOME:
+        return f"its options are {', '.join(sorted(known))}"
+    of = {"survey": "info", "navigate": "process"}.get(command, command.replace("_", "-"))
+    return f"`sinstool {of} --help-all` lists them"
 
 
 def _plain(value: Any, annotation: Any) -> Any:
@@ -105,5 +113,5 @@ def path_of(value: Any, what: str = "log") -> Path:
         return Path(value)
     except TypeError:
         raise ConfigurationError(
-            f"the {what} is a {type(value).__name__}", "give a path, as text or pathlib.Path"
+            f"the {what} is of type {type(value).__name__}", "give a path, as text or pathlib.Path"
         ) from None

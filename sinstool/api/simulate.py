@@ -164,7 +164,7 @@ def simulate(scenario: str, output: PathLike | None = None, **options: Any) -> S
     from sinstool.simulation import make
     from sinstool.simulation.scenarios import SCENARIOS
 
-    kind = SCENARIOS.get(scenario)
+    kind = SCENARIOS.get(str(scenario))
     if kind is None:
         near = nearest(str(scenario), SCENARIOS)
         raise ConfigurationError(

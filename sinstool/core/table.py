@@ -69,7 +69,13 @@ def _vertical(vertical: np.ndarray) -> Table:
     return {name: vertical[:, k] for k, name in enumerate(names)}
 
 
-# Columns of the fields of :mod:`sinstool.core.streams`; what is not here is called as its field is.
+def _plain(name: str) -> Callable[[np.ndarray], Table]:
+    """A column by the name of its field, or numbered ones."""
+    return lambda a: {name: a} if a.ndim == 1 else {f"{name}_{k}": c for k, c in enumerate(a.T)}
+
+
+# Columns of the fields of :mod:`sinstool.core.streams`, of those that mean something else in one
+# stream by its name too; what is not here is called as its field is.
 FIELDS: Mapping[str, Callable[[np.ndarray], Table]] = {
     "gyro": _vector("gyro", XYZ, "rad_s"),
     "accel": _vector("accel", XYZ, "m_s2"),
@@ -91,6 +97,9 @@ FIELDS: Mapping[str, Callable[[np.ndarray], Table]] = {
     "covariance_attitude_n": _sigma("sigma_attitude", "deg", DEGREE),
     "pressure": _scalar("pressure_Pa"),
     "variance": _scalar("variance_Pa2"),
+    "Gnss.covariance_n": _sigma("sigma_position", "m"),
+    "Velocity.covariance_n": _sigma("sigma_velocity", "m_s"),
+    "Encoder.position": _scalar("position_rad"),
 }
 
 
@@ -110,7 +119,8 @@ def table_of(stream: object) -> Table:
     columns: Table = {}
     for name, value in vars(stream).items():
         if value is not None:
-            columns |= FIELDS.get(name, _scalar(name))(value)
+            own = FIELDS.get(f"{type(stream).__name__}.{name}")
+            columns |= (own or FIELDS.get(name) or _plain(name))(value)
     return {name: np.ascontiguousarray(column) for name, column in columns.items()}
 
 
