@@ -7,7 +7,9 @@ A page asks for a generated part with a comment, which GitHub's own rendering le
 ``<!-- options: COMMAND [SUBCOMMAND] -->``
     every option of a command, from the command itself;
 ``<!-- conventions -->``
-    the conventions, from the package.
+    the conventions, from the package;
+``<!-- api -->``
+    the Python API, from its docstrings.
 """
 
 from __future__ import annotations
@@ -18,12 +20,14 @@ from typing import Any
 
 from mathml import equations
 from mkdocs.exceptions import PluginError
+from python_api import python_api
 from reference import command_table, conventions, options
 
 PARTS: dict[str, Callable[[str], str]] = {
     "commands": lambda _: command_table(),
     "options": options,
     "conventions": lambda _: conventions(),
+    "api": lambda _: python_api(),
 }
 MARK = re.compile(r"^<!-- (\w+)(?:: ([^>]*?))? -->$", re.MULTILINE)
 

@@ -111,6 +111,20 @@ def examples(page: Path) -> list[Example]:
     return listed
 
 
+def python_examples(page: Path) -> list[tuple[int, str, str]]:
+    """Line and text of each Python block, and what is shown right below it ('' for nothing)."""
+    text = page.read_text()
+    listed: list[tuple[int, str, str]] = []
+    end = -1
+    for m in FENCE.finditer(text):
+        if m["language"] == "python":
+            listed.append((text.count("\n", 0, m.start("body")) + 1, m["body"], ""))
+            end = m.end()
+        elif m["language"] == "text" and end >= 0 and not text[end : m.start()].strip():
+            listed[-1] = (*listed[-1][:2], m["body"])
+    return listed
+
+
 def scratch(folder: Path) -> Path:
     """A folder with what examples may find beside them."""
     for name in BESIDE:

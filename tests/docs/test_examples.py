@@ -10,7 +10,18 @@ import pytest
 from sinstool.config import ProcessConfig
 from sinstool.config.load import build
 from tests.docs import examples as docs
-from tests.docs.examples import FENCE, PAGES, ROOT, Example, alike, blocks, examples, missing, near
+from tests.docs.examples import (
+    FENCE,
+    PAGES,
+    ROOT,
+    Example,
+    alike,
+    blocks,
+    examples,
+    missing,
+    near,
+    python_examples,
+)
 
 WITH_EXAMPLES = [page for page in PAGES if examples(page)]
 ALL = [example for page in PAGES for example in examples(page)]
@@ -90,12 +101,23 @@ def test_toml_is_a_configuration():
     assert seen >= 1
 
 
+WITH_PYTHON = [page for page in PAGES if python_examples(page)]
+
+
 @pytest.mark.slow
-def test_python_runs():
-    for page in PAGES:
-        for language, text, _, line in blocks(page):
-            if language == "python":
-                exec(compile(text, f"{name_of(page)}:{line}", "exec"), {"__name__": "example"})
+@pytest.mark.parametrize("page", WITH_PYTHON, ids=name_of)
+def test_python_runs_and_prints_what_is_shown(page, tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(docs.scratch(tmp_path))
+    monkeypatch.setenv("MPLBACKEND", "Agg")
+    # one session, as in a notebook
+    names = {"__name__": "example"}
+    for line, code, shown in python_examples(page):
+        where = f"{name_of(page)}:{line}"
+        exec(compile(code, where, "exec"), names)
+        printed = capsys.readouterr().out
+        absent = missing(shown, printed)
+        assert not absent, f"{where} did not print\n" + "\n".join(absent) + f"\nbut\n{printed}"
+        assert bool(shown) == bool(printed), f"{where}: what is printed is not shown, or not all"
 
 
 def test_commands_are_not_hidden_in_indented_text():

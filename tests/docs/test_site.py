@@ -10,7 +10,9 @@ from html.parser import HTMLParser
 
 import pytest
 
+import sinstool
 from docsite.mathml import equations
+from docsite.python_api import python_api
 from docsite.reference import options
 from tests.docs.examples import scratch
 
@@ -114,3 +116,15 @@ def test_what_is_wrong_with_a_page_fails_the_build(wrong, tmp_path):
     with (folder / "docs" / "formats.md").open("a") as page:
         page.write(f"\n{wrong}\n")
     assert build(folder).returncode != 0
+
+
+def test_the_api_page_describes_every_name():
+    text = python_api()
+    for name in sinstool.__all__:
+        if name != "__version__":
+            assert f"{{#{name.lower()}}}" in text or f"## {name}\n" in text, name
+    for name in ("Log.imu", "Imu.to_pandas", "Result.to_json", "Simulated.write"):
+        assert f"### {name} " in text
+    assert "::" not in text and ":class:" not in text
+    # sections of docstrings have become lists
+    assert "----" not in text and "Parameters\n" not in text
