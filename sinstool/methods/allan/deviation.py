@@ -1,0 +1,216 @@
+"""Overlapping Allan and Hadamard variances of rates, streamed, with gaps that nothing bridges.
+
+A segment of n samples has n + 1 phases, the sums of its samples. Second differences of phases m
+apart are the Allan variance at m samples (Riley, Handbook of Frequency Stability Analysis, NIST
+SP 1065, eq. 10 to 12), third differences the Hadamard variance. Differences are taken within
+segments only; the sums of their squares over all segments are pooled.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numba import njit
+
+from sinstool.core.arrays import FloatArray, IntArray
+
+PER_OCTAVE = 3
+# So many phases of an axis are kept; of longer logs every second, fourth, ... one, which serves
+# the averaging times of at least so many samples between two that are kept.
+KEPT = 2_000_000
+COARSE = 64
+# The longest averaging time goes this often into the longest segment.
+TIMES = 4
+
+
+def stride_for(samples: int) -> int:
+    """Phases of which one is kept, a power of two, in a segment of so many samples."""
+    stride = 1
+    while samples > KEPT * stride:
+        stride *= 2
+    return stride
+
+
+def averaging_lags(samples: int, per_octave: int = PER_OCTAVE) -> IntArray:
+    """Averaging times in samples, evenly spaced in the logarithm, shape (k,).
+
+    Parameters
+    ----------
+    samples : int
+        Of the longest segment; the longest averaging time is a quarter of it.
+
+    Returns
+    -------
+    ndarray of int64
+        Rising; powers of two among them. Empty for fewer than four samples.
+    """
+    if samples < TIMES:
+        return np.empty(0, np.int64)
+    steps = int(np.floor(per_octave * np.log2(samples / TIMES) + 1e-9)) + 1
+    stride = stride_for(samples)
+    lags = np.round(2.0 ** (np.arange(steps) / per_octave)).astype(np.int64)
+    coarse = lags >= COARSE * stride
+    lags[coarse] = np.round(lags[coarse] / stride) * stride
+    return np.asarray(np.unique(lags))
+
+
+@dataclass(frozen=True)
+class Variances:
+    """Allan and Hadamard variances of several columns.
+
+    Attributes
+    ----------
+    lags : ndarray of int64, shape (k,)
+        Averaging times in samples.
+    allan, hadamard : ndarray, shape (k, c)
+        Variances, in the square of the unit of the samples; NaN where nothing is so long.
+    terms, hadamard_terms : ndarray of int64, shape (k,)
+        Differences that each is the mean square of.
+    """
+
+    lags: IntArray
+    allan: FloatArray
+    hadamard: FloatArray
+    terms: IntArray
+    hadamard_terms: IntArray
+
+
+class VarianceStage:
+    """Sums up the differences of segments whose samples come in blocks.
+
+    Parameters
+    ----------
+    lags : ndarray of int64, shape (k,)
+        See :func:`averaging_lags`.
+    stride : int
+        One phase of so many is kept of a segment; lags of at least `COARSE` times as many must be
+        multiples of it.
+    columns : int
+        Of the samples.
+    block : int
+        Phases so many samples apart are given back of each segment; a multiple of `stride`.
+    hadamard : bool, optional
+        Sum up third differences too.
+    """
+
+    def __init__(
+        self, lags: IntArray, stride: int, columns: int, block: int, hadamard: bool = True
+    ) -> None:
+        self.lags = lags
+        self.stride = stride
+        self.block = block
+        self.lengths: list[int] = []
+        """Samples of each segment so far."""
+        self.phases: list[FloatArray] = []
+        """Phases of each segment, `block` samples apart, shape (n, columns)."""
+        self._short = lags[lags < COARSE * stride] if stride > 1 else lags[:0]
+        self._long = lags[len(self._short) :]
+        self._orders = (2, 3) if hadamard else (2,)
+        self._sums = np.zeros((2, len(lags), columns))
+        self._terms = np.zeros((2, len(lags)), np.int64)
+        self._tail = np.empty((columns, 0))
+        self._kept = np.empty((columns, 0))
+        self._count = 0
+
+    def begin(self, samples: int) -> None:
+        """Begin a segment of at most so many samples, after ending the one before."""
+        self.end()
+        # One array, filled as blocks come, instead of blocks that are joined at the end
+        self._kept = np.empty((len(self._tail), samples // self.stride + 1))
+        self._kept[:, 0] = 0.0
+        self._tail = np.zeros((len(self._tail), 1))
+        self._count = 0
+
+    def push(self, values: FloatArray) -> None:
+        """Add samples to the segment.
+
+        Parameters
+        ----------
+        values : ndarray, shape (n, columns)
+            Best without their mean, so that sums stay small.
+        """
+        phase = np.cumsum(values, axis=0).T
+        phase += self._tail[:, -1:]
+        first = -self._count - 1 + self.stride * (self._count // self.stride + 1)
+        kept = phase[:, first :: self.stride]
+        at = self._count // self.stride + 1
+        self._kept[:, at : at + kept.shape[1]] = kept
+        if len(self._short):
+            joined = np.hstack((self._tail, phase))
+            self._add(self._short, joined, 0, self._tail.shape[1])
+            longest = 3 * int(self._short[-1])
+            self._tail = joined[:, -longest:].copy()
+        else:
+            self._tail = phase[:, -1:].copy()
+        self._count += len(values)
+
+    def end(self) -> None:
+        """End the segment."""
+        if self._count:
+            kept = self._kept[:, : self._count // self.stride + 1]
+            self._add(self._long // self.stride, kept, len(self._short), 0)
+            self.lengths.append(self._count)
+            self.phases.append(kept[:, :: self.block // self.stride].T.copy())
+        self._count = 0
+
+    def _add(self, lags: IntArray, phase: FloatArray, at: int, begin: int) -> None:
+        """Sums of the squared differences that end at or after a column of the phases."""
+        for order in self._orders:
+            for k, lag in enumerate(lags.tolist()):
+                first = max(begin - order * lag, 0)
+                terms = phase.shape[1] - order * lag - first
+                if terms <= 0:
+                    continue
+                self._terms[order - 2, at + k] += terms
+                for column, row in enumerate(phase):
+                    square = _second if order == 2 else _third
+                    self._sums[order - 2, at + k, column] += square(row, lag, first)
+
+    def finish(self) -> Variances:
+        """The variances of all segments."""
+        self.end()
+        with np.errstate(invalid="ignore", divide="ignore"):
+            scaled = self._sums / self._terms[:, :, None] / self.lags[None, :, None] ** 2.0
+        return Variances(
+            self.lags, scaled[0] / 2.0, scaled[1] / 6.0, self._terms[0], self._terms[1]
+        )
+
+
+def variances(segments: Sequence[FloatArray], hadamard: bool = True) -> Variances:
+    """Overlapping Allan and Hadamard variances of segments that are held as a whole.
+
+    Parameters
+    ----------
+    segments : sequence of ndarray, shape (n_i, c)
+        Samples of rate, evenly spaced within each.
+    """
+    longest = max(len(segment) for segment in segments)
+    stride = stride_for(longest)
+    lags = averaging_lags(longest)
+    stage = VarianceStage(lags, stride, segments[0].shape[1], stride, hadamard)
+    for segment in segments:
+        stage.begin(len(segment))
+        stage.push(segment - segment.mean(axis=0))
+    return stage.finish()
+
+
+@njit(cache=True, nogil=True, fastmath={"reassoc", "contract"})
+def _second(phase, lag, first):  # type: ignore[no-untyped-def]
+    """Sum of squared second differences of phases, from one that starts at ``first`` on."""
+    total = 0.0
+    for i in range(first, phase.shape[0] - 2 * lag):
+        d = phase[i + 2 * lag] - 2.0 * phase[i + lag] + phase[i]
+        total += d * d
+    return total
+
+
+@njit(cache=True, nogil=True, fastmath={"reassoc", "contract"})
+def _third(phase, lag, first):  # type: ignore[no-untyped-def]
+    """As `_second`, of third differences."""
+    total = 0.0
+    for i in range(first, phase.shape[0] - 3 * lag):
+        d = phase[i + 3 * lag] - 3.0 * (phase[i + 2 * lag] - phase[i + lag]) - phase[i]
+        total += d * d
+    return total

@@ -1,0 +1,51 @@
+"""Rates with known noise terms, exact in distribution."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from sinstool.core.arrays import FloatArray
+from sinstool.methods.allan.model import second_differences
+
+
+def simulate_terms(
+    count: int,
+    quantisation: float,
+    white: float,
+    flicker: float,
+    random_walk: float,
+    ramp: float,
+    generator: np.random.Generator,
+) -> FloatArray:
+    """Samples that are means over their intervals, shape (n,); all in the units of samples.
+
+    Parameters
+    ----------
+    count : int
+    quantisation, white, flicker, random_walk : float
+        Roots of the variances of :mod:`sinstool.methods.allan.model`.
+    ramp : float
+        Change of the rate from sample to sample.
+    """
+    rate = ramp * np.arange(count, dtype=np.float64)
+    rate += white * generator.standard_normal(count)
+    if quantisation:
+        rate += quantisation * np.diff(generator.standard_normal(count + 1))
+    if random_walk:
+        # A walk's means over intervals: what it is at their beginning, and what it gains in them
+        step = generator.standard_normal(count)
+        within = 0.5 * step + generator.standard_normal(count) / np.sqrt(12.0)
+        rate += random_walk * (np.cumsum(step) - step + within)
+    if flicker:
+        rate += flicker * _flicker(count, generator)
+    return rate
+
+
+def _flicker(count: int, generator: np.random.Generator) -> FloatArray:
+    """Flicker noise by its first differences, which are stationary (Davies and Harte 1987)."""
+    size = 1 << int(count).bit_length()
+    covariance = second_differences(size + 1)[2]
+    spectrum = np.fft.rfft(np.concatenate((covariance, covariance[-2:0:-1]))).real
+    white = generator.standard_normal(2 * size)
+    coloured = np.fft.irfft(np.fft.rfft(white) * np.sqrt(np.maximum(spectrum, 0.0)), 2 * size)
+    return np.asarray(np.cumsum(coloured[:count]))
