@@ -25,7 +25,7 @@ METHODS = (
     ("alignment",),
     ("strapdown",),
     ("height",),
-    ("attitude_smoother", "coning", "hse"),
+    ("allan", "attitude_smoother", "coning", "hse"),
 )
 # Methods take arrays and give arrays; they ask nobody what a user said.
 NOT_IN_METHODS = ("click", "pydantic", "rich")
