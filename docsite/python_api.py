@@ -13,10 +13,17 @@ import sinstool
 # In the order of a session; classes stand beside the functions that give them.
 ORDER = (
     "open_log", "Log", "survey", "process", "Result", "align", "navigate", "integrate", "Imu",
-    "compare_coning", "coning", "calibrate_hse", "simulate", "Simulated", "SinstoolError",
+    "compare_coning", "coning", "calibrate_hse", "simulate", "Simulated", "Solution", "GnssEpochs",
+    "Baro", "BaroHeight", "Magnetometer", "Finding", "SinstoolError",
 )  # fmt: skip
-# Given by functions, and not a name of its own
-GIVEN = {"Simulated": "sinstool.api.simulate:Simulated"}
+# Given by functions, and not names of their own
+GIVEN = {
+    "Simulated": "sinstool.api.simulate",
+    "Finding": "sinstool.core.finding",
+    **dict.fromkeys(
+        ("Solution", "GnssEpochs", "Baro", "BaroHeight", "Magnetometer"), "sinstool.core.streams"
+    ),
+}
 SECTION = re.compile(r"^(\w[\w ]*)\n-{3,}$", re.MULTILINE)
 ROLE = re.compile(r":\w+:`~?(?:[\w.]*\.)?(\w+)`")
 LISTS = ("Parameters", "Attributes", "Returns", "Raises")
@@ -31,8 +38,7 @@ def python_api() -> str:
 
 
 def _value(name: str) -> Any:
-    module, _, member = GIVEN.get(name, "").partition(":")
-    return getattr(importlib.import_module(module), member) if module else getattr(sinstool, name)
+    return getattr(importlib.import_module(GIVEN[name]) if name in GIVEN else sinstool, name)
 
 
 def _entry(name: str) -> Iterator[str]:
@@ -50,7 +56,8 @@ def _entry(name: str) -> Iterator[str]:
 
 def _members(kind: type) -> Iterator[tuple[str, Any]]:
     """Public methods and properties; those of all streams are described once, with Imu."""
-    for base in reversed(kind.__mro__[:-1]):
+    bases = kind.__mro__[:-1] if kind is sinstool.Imu else (kind,)
+    for base in reversed(bases):
         if base.__module__.startswith("sinstool."):
             for key, member in vars(base).items():
                 if not key.startswith("_") and (
@@ -103,9 +110,16 @@ def _listed(body: str) -> Iterator[str]:
     """Entries, ``name : type`` with an indented text each."""
     for line, text in re.findall(r"^(\S.*)\n?((?:^(?: .*)?\n?)*)", body, re.MULTILINE):
         name, _, kind = line.partition(" : ")
-        names = ", ".join(f"`{one}`" for one in name.split(", "))
+        names = ", ".join(_linked(one) for one in name.split(", "))
         said = " ".join(text.split())
         yield f"* {names}{f' ({_text(kind)})' if kind else ''}{': ' if said else ''}{_text(said)}"
+
+
+def _linked(name: str) -> str:
+    """A name, or classes with ``or`` between them, with links to what this page describes."""
+    parts = name.split(" or ")
+    linked = [f"[`{one}`](#{one.lower()})" if one in ORDER else f"`{one}`" for one in parts]
+    return " or ".join(linked)
 
 
 def _text(text: str) -> str:

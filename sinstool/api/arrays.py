@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from sinstool.api.log import frozen
-from sinstool.api.options import PathLike, configured
+from sinstool.api.options import PathLike, configured, path_of
 from sinstool.core.arrays import ArrayLike
 from sinstool.core.errors import ConfigurationError
 from sinstool.core.streams import Baro, GnssEpochs, Imu, Solution, concatenate
@@ -155,15 +155,17 @@ def navigate(
     >>> result.plan.mode.value, result.solution.position.shape[1]
     ('ins-gnss', 3)
     """
-    from sinstool.api.process import run
+    from sinstool.api.process import refuse_in_vain, run
     from sinstool.config import PROCESS_OPTIONS
 
     if gnss is None:
         raise ConfigurationError("no GNSS is given", "give columns: log.gnss()")
     given = {"mode": "ins-gnss", **options}
     settings = configured("navigate", of_columns(PROCESS_OPTIONS), given, config)
+    target = None if output is None else path_of(output, "output")
+    refuse_in_vain(target, options)
     with as_log(imu, gnss, barometer) as path:
-        return run(path, None if output is None else Path(output), settings, progress)
+        return run(path, target, settings, progress)
 
 
 def of_columns(paths: tuple[str, ...]) -> tuple[str, ...]:

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from sinstool.api.log import Log, frozen, log_path
 from sinstool.api.options import PathLike, configured, path_of
+from sinstool.core.errors import ConfigurationError
 from sinstool.core.finding import Finding
 from sinstool.core.streams import Solution, concatenate
 
@@ -67,7 +69,9 @@ class Result:
         return self.summary.to_json()
 
     def __repr__(self) -> str:
-        return f"<Result: {self.plan.mode.value}, {self.status}, {self.solution!r}>"
+        times = self.solution.time_ns
+        span = f"{len(times)} rows over {(times[-1] - times[0]) / 1e9:.3f} s"
+        return f"<Result: {self.plan.mode.value}, {self.status}, {span}>"
 
 
 class _Collected:
@@ -152,7 +156,26 @@ def process(
     path, options = log_path(log, options)
     settings = configured("process", PROCESS_OPTIONS, options, config)
     target = None if output is None else path_of(output, "output")
+    refuse_in_vain(target, options)
     return run(path, target, settings, progress)
+
+
+# Options of an output, which say nothing where none is written
+OF_OUTPUT = ("world", "emit", "only_results", "compression")
+
+
+def refuse_in_vain(output: Path | None, options: Mapping[str, Any]) -> None:
+    """Refuse options of an output where there is none.
+
+    Raises
+    ------
+    ConfigurationError
+    """
+    vain = [name for name in OF_OUTPUT if options.get(name) is not None]
+    if output is None and vain:
+        raise ConfigurationError(
+            f"{vain[0]} is about the output, and none is written", "give an output, or leave it out"
+        )
 
 
 def run(log: Path, output: Path | None, config: ProcessConfig, progress: Progress | None) -> Result:

@@ -79,6 +79,21 @@ def test_increments_are_given_as_mean_rates():
     assert parts["increment"].gyro == pytest.approx(parts["mean-rate"].gyro, abs=1e-9)
 
 
+def test_the_magnetometer_of_an_imu(tmp_path):
+    from tests.survey.test_magnetometer import FIELD, field_messages, log_of
+
+    path = log_of(tmp_path / "m.mcap", field_messages("/mag"))
+    with sinstool.open_log(path) as log:
+        measured = log.magnetometer()
+        assert measured.field == pytest.approx(np.broadcast_to(FIELD * TO_FRD, (len(measured), 3)))
+        assert list(measured.to_pandas().columns[2:]) == ["field_x_T", "field_y_T", "field_z_T"]
+    path = log_of(tmp_path / "n.mcap", field_messages("/a", ""), field_messages("/b", ""))
+    with sinstool.open_log(path) as log:
+        with pytest.raises(sinstool.SinstoolError, match="which is meant of /a, /b"):
+            log.magnetometer()
+        assert log.magnetometer("/b").field[0] == pytest.approx(FIELD * TO_FRD)
+
+
 def test_topics_and_repr():
     with sinstool.open_log(STATIC) as log:
         assert [one.topic for one in log.topics] == [

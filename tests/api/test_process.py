@@ -112,7 +112,7 @@ def test_progress_comes_to_its_end():
 def test_nothing_is_printed(capsys, drive, navigated):
     sinstool.process(drive[1], mode="attitude")
     assert capsys.readouterr() == ("", "")
-    assert repr(navigated).startswith("<Result: ins-gnss, done, <Solution: 9001 rows over 90.0")
+    assert repr(navigated) == "<Result: ins-gnss, done, 9001 rows over 90.000 s>"
     assert navigated.status == "done"
     assert {f.kind for f in navigated.findings} >= {"velocity-left-out"} or navigated.warnings == ()
 
@@ -189,11 +189,12 @@ def test_compare_coning_is_compare_coning(command):
         ({"latitude": 91}, "--latitude 91: must be less than or equal to 90"),
         ({"lever_arm": (1, 2)}, "--lever-arm"),
         ({"smooth": "yes"}, "--smooth 'yes': must be a valid boolean"),
-        ({"emit": ["attitud"]}, "did you mean attitude"),
+        ({"emit": ["attitud"], "output": "x"}, "did you mean attitude"),
         ({"coning": "previous-33"}, "unknown coning algorithm 'previous-33'"),
         ({"config": "no.toml"}, "no.toml: cannot be read"),
         ({"output": STATIC}, "is the input itself"),
         ({"output": 3}, "the output is of type int"),
+        ({"emit": ["imu"]}, "emit is about the output, and none is written: give an output"),
         ({"start": 30.0}, "no usable Imu message"),
         ({"align": "fixed"}, "needs an attitude"),
         ({"mode": "ins-gnss", "align": "svd"}, "static.mcap"),
