@@ -102,16 +102,18 @@ _HOMES = {
 }
 
 
-def __getattr__(name: str) -> Any:
-    home = _HOMES.get(name)
-    if home is None:
-        raise AttributeError(f"module 'sinstool' has no attribute {name!r}")
-    module, _, member = home.partition(":")
-    value = import_module(module)
-    if member:
-        value = getattr(value, member)
-    globals()[name] = value
-    return value
+if not TYPE_CHECKING:  # a type checker would take any name for one that is there
+
+    def __getattr__(name: str) -> Any:
+        home = _HOMES.get(name)
+        if home is None:
+            raise AttributeError(f"module 'sinstool' has no attribute {name!r}")
+        module, _, member = home.partition(":")
+        value = import_module(module)
+        if member:
+            value = getattr(value, member)
+        globals()[name] = value
+        return value
 
 
 def __dir__() -> list[str]:

@@ -19,6 +19,7 @@ from sinstool.config.load import dump_toml
 from sinstool.core import version
 from sinstool.core.errors import OutputError
 from sinstool.io.readers.log import path_size
+from sinstool.methods.coning.registry import origin
 
 RECORD = "sinstool"
 HASH_BYTES = 2**20
@@ -28,13 +29,16 @@ def identity(config: ProcessConfig) -> dict[str, str]:
     """Version and configuration as an output records them.
 
     Files that the configuration names are in it with their SHA-256, as the same name may hold
-    something else tomorrow. What does not bear on the content is left out: whether an output may
-    be replaced, and the page of figures.
+    something else tomorrow, and the coning algorithm of a plug-in with the plug-in's version. What
+    does not bear on the content is left out: whether an output may be replaced, and the page of
+    figures.
     """
     output = config.output.model_copy(update={"overwrite": False, "report": None})
     effective = config.model_copy(update={"output": output})
     unused = ("comparison",) if config.hse.hse is not None else ("comparison", "calibration")
     record = {"version": version.VERSION, "config": dump_toml(effective, *unused)}
+    if plugin := origin(config.coning.coning):
+        record["coning_from"] = plugin
     for name, path in files(config).items():
         record[f"{name}_sha256"] = sha256(path)
     return record

@@ -12,6 +12,7 @@ import sinstool
 from sinstool.core import plugins
 from sinstool.io.readers import open as readers
 from sinstool.methods.coning import registry
+from sinstool.pipelines.provenance import read_record
 from tests.docs.examples import blocks
 from tests.helpers.paths import ROOT
 
@@ -88,7 +89,8 @@ def test_the_command_line_finds_it_too(distribution, tmp_path, monkeypatch):
         capture_output=True, text=True, cwd=tmp_path,
     )  # fmt: skip
     assert done.returncode == 0, done.stderr
-    assert "averaged" in done.stdout and out.exists()
+    assert "averaged" in done.stdout
+    assert read_record(out)["coning_from"] == "fake-sinstool-plugin 1"
 
 
 @pytest.mark.parametrize(
@@ -114,7 +116,7 @@ def test_sinstools_own_algorithms_cannot_be_replaced(distribution, registered):
         sinstool.coning.register("My Algorithm", dict)
 
 
-def test_a_program_registers_its_own(registered):
+def test_a_program_registers_its_own(registered, tmp_path):
     class Half(sinstool.coning.ConingAlgorithm):
         """Half of every increment."""
 
@@ -127,6 +129,10 @@ def test_a_program_registers_its_own(registered):
     imu = sinstool.Imu.of(np.arange(11) * 10**8, np.tile([0, 0, 1.0], (11, 1)), np.zeros((11, 3)))
     turned = sinstool.integrate(imu, coning="half", gyro_kind="mean-rate").to_pandas().heading_deg
     assert turned.iloc[-1] == pytest.approx(np.degrees(0.5))
+    options = {"mode": "attitude", "attitude": "inertial", "coning": "half"}
+    sinstool.process(CONING, tmp_path / "out.mcap", **options)
+    record = read_record(tmp_path / "out.mcap")
+    assert record["coning_from"] == "registered by the program"
     with pytest.raises(sinstool.SinstoolError, match="half has no option beta"):
         sinstool.coning.algorithm("half", beta=1)
 

@@ -96,7 +96,7 @@ def register(name: str, build: Callable[[], ConingAlgorithm]) -> None:
         raise ConfigurationError(
             f"{name!r} cannot name a coning algorithm", "use small letters, digits and hyphens"
         )
-    if any(re.fullmatch(family.pattern, name) for family in FAMILIES):
+    if _own(name):
         raise ConfigurationError(
             f"{name} is one of sinstool's own coning algorithms", "choose another name"
         )
@@ -190,6 +190,26 @@ def _foreign(name: str, options: dict[str, Any]) -> ConingAlgorithm:
             "it must be a subclass of sinstool.coning.ConingAlgorithm, or return one",
         )
     return built
+
+
+def _own(name: str) -> bool:
+    return any(re.fullmatch(family.pattern, name) for family in FAMILIES)
+
+
+def origin(name: str) -> str:
+    """Where an algorithm comes from.
+
+    Returns
+    -------
+    str
+        Distribution and version; '' for sinstool's own.
+    """
+    if _own(name):
+        return ""
+    if name in _registered:
+        return "registered by the program"
+    dist = plugins.plugins(GROUP)[name].dist
+    return "" if dist is None else f"{dist.name} {dist.version}"
 
 
 def _whose(options: list[str]) -> str:
