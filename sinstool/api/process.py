@@ -196,6 +196,7 @@ def process_one(
     config: ProcessConfig,
     progress: Progress | None,
     collected: list[Solution] | None = None,
+    script: Path | None = None,
 ) -> ProcessResult:
     """Process a log, and write its page if there is to be one.
 
@@ -209,6 +210,8 @@ def process_one(
         Called with the fraction done.
     collected : list, optional
         Gets all solutions.
+    script : Path, optional
+        What draws the page's figures, where many pages share it.
 
     Raises
     ------
@@ -228,7 +231,7 @@ def process_one(
         if report is not None and recorder is not None:
             from sinstool.report.pages.process import write_page
 
-            write_page(report, recorder, result, config)
+            write_page(report, recorder, result, config, script)
     return result
 
 

@@ -71,7 +71,9 @@ def command(
     from sinstool.report.text.coning import print_comparison
 
     with progress_bar(logs[0].name, batch.quiet) as progress:
-        result = compare_run.compare_one(logs[0], csv_dir, report, config, overwrite, progress)
+        result = compare_run.compare_one(
+            logs[0], csv_dir, report, config, overwrite, None, progress
+        )
     if batch.as_json:
         print_json(result.to_json())
     else:

@@ -36,6 +36,7 @@ def compare_one(
     report: Path | None,
     config: ProcessConfig,
     overwrite: bool,
+    script: Path | None,
     progress: Progress | None,
 ) -> ComparisonResult:
     """Compare on a log, and write what belongs to it, all or nothing.
@@ -48,6 +49,8 @@ def compare_one(
         Page of figures, or one figure.
     overwrite : bool
         Whether the report may be replaced.
+    script : Path or None
+        What draws the page's figures, where many pages share it.
 
     Raises
     ------
@@ -61,7 +64,7 @@ def compare_one(
             write_csv(tables, result)
         if report is not None:
             page = comparison_page(log, figures(comparison), config, result)
-            write_report(report, page, overwrite=overwrite)
+            write_report(report, page, overwrite=overwrite, script=script)
     return result
 
 
@@ -108,8 +111,10 @@ def compare_many(
     tables: list[Path | None] = [None] * len(logs)
     if csv is not None:
         tables = [path.with_suffix("").absolute() for path in output_paths(logs, csv)]
-    written = list(zip(tables, many.page_paths(report, logs), strict=True))
-    rows = many.work_on_logs(logs, compare_one_of_many, written, (config, overwrite), reads, batch)
+    pages, script = many.page_paths(report, logs)
+    written = list(zip(tables, pages, strict=True))
+    settings = (config, overwrite, script)
+    rows = many.work_on_logs(logs, compare_one_of_many, written, settings, reads, batch)
     names = [str(log.path) for log in logs]
     over_all = summary(names, rows)
     if csv is not None:

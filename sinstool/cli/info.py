@@ -54,7 +54,7 @@ def command(
     from sinstool.report.text.info import print_inspection
 
     with progress_bar(logs[0].name, batch.quiet) as progress:
-        inspection = info_one(logs[0], report, config, overwrite, progress)
+        inspection = info_one(logs[0], report, config, overwrite, None, progress)
     if batch.as_json:
         print_json(inspection.to_json())
     else:
@@ -64,7 +64,12 @@ def command(
 
 
 def info_one(
-    log: Path, report: Path | None, config: ProcessConfig, overwrite: bool, progress: Any
+    log: Path,
+    report: Path | None,
+    config: ProcessConfig,
+    overwrite: bool,
+    script: Path | None,
+    progress: Any,
 ) -> Any:
     """Inspect a log, and write its page if there is to be one.
 
@@ -81,20 +86,18 @@ def info_one(
     if report is not None and shown is not None:
         from sinstool.report.pages.info import write_page
 
-        write_page(report, inspection, shown, config, overwrite)
+        write_page(report, inspection, shown, config, overwrite, script)
     return inspection
 
 
-def info_row(
-    log: Path, report: Path | None, config: ProcessConfig, overwrite: bool, progress: Any
-) -> dict[str, Any]:
-    """One of many: the values of ``--json`` with ``status`` and ``exit``.
+def info_row(*arguments: Any) -> dict[str, Any]:
+    """As :func:`info_one`: the values of ``--json`` with ``status`` and ``exit``.
 
     Raises
     ------
     SinstoolError
     """
-    inspection = info_one(log, report, config, overwrite, progress)
+    inspection = info_one(*arguments)
     status = inspection.exit_status
     findings = [finding.to_json() for finding in inspection.findings]
     ended = {"findings": findings, "status": "lost" if status else "done", "exit": status}
@@ -123,8 +126,9 @@ def info_many(
         Exit status.
     """
     logs = find_logs(inputs)
-    written = [(page,) for page in many.page_paths(folder, logs)]
-    rows = many.work_on_logs(logs, info_row, written, (many.absolute(config), overwrite), [], batch)
+    pages, script = many.page_paths(folder, logs)
+    settings = (many.absolute(config), overwrite, script)
+    rows = many.work_on_logs(logs, info_row, [(page,) for page in pages], settings, [], batch)
     names = [str(log.path) for log in logs]
     return many.finish(names, rows, batch, lambda: many.log_table(HEADER, logs, rows, _cells))
 

@@ -221,27 +221,36 @@ def absolute(config: ProcessConfig) -> ProcessConfig:
     return config.model_copy(update=groups)
 
 
-def page_paths(folder: Path | None, logs: Sequence[LogInput]) -> list[Path | None]:
+def page_paths(
+    folder: Path | None, logs: Sequence[LogInput]
+) -> tuple[list[Path | None], Path | None]:
     """A page for each log, in the folder that ``--report`` names.
+
+    Returns
+    -------
+    list of Path
+        Of each log.
+    Path or None
+        The script that draws their figures, which is there then.
 
     Raises
     ------
     UsageError
         It is the name of a file.
-    ConfigurationError
-        The extra ``report`` is not installed.
+    OutputError
+        The script cannot be written.
     """
     if folder is None:
-        return [None] * len(logs)
+        return [None] * len(logs), None
     from sinstool.campaign.inputs import output_paths
-    from sinstool.report.extra import borrowed
+    from sinstool.report.library import share_script
 
     if folder.suffix.lower() in (".html", ".htm", ".png", ".pdf", ".svg"):
         raise click.UsageError(
             f"--report {folder}: with many logs give a folder, which gets a page for each"
         )
-    borrowed("plotly.offline")
-    return [path.absolute() for path in output_paths(logs, folder, ".html")]
+    pages: list[Path | None] = [path.absolute() for path in output_paths(logs, folder, ".html")]
+    return pages, share_script(folder)
 
 
 def work_on_logs(

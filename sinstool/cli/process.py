@@ -102,7 +102,12 @@ def _print_plan(log: Path, config: ProcessConfig, batch: BatchOptions) -> int:
 
 
 def process_unless_done(
-    log: Path, output: Path, report: Path | None, config: ProcessConfig, progress: Progress | None
+    log: Path,
+    output: Path,
+    report: Path | None,
+    config: ProcessConfig,
+    script: Path | None,
+    progress: Progress | None,
 ) -> dict[str, Any]:
     """One of many: as :func:`process_one`, unless its output is there and would be the same.
 
@@ -135,7 +140,7 @@ def process_unless_done(
     from sinstool.report.page import check_report
 
     check_report(report, inputs=[log], overwrite=config.output.overwrite)
-    result = process_one(log, output, report, config, progress)
+    result = process_one(log, output, report, config, progress, script=script)
     status = result.exit_status
     return {**result.to_json(), "status": "lost" if status else "done", "exit": status}
 
@@ -168,12 +173,12 @@ def process_many(
         )
     outputs = [path.absolute() for path in output_paths(logs, folder)]
     report = config.output.report
-    pages = many.page_paths(None if report is None else Path(report), logs)
+    pages, script = many.page_paths(None if report is None else Path(report), logs)
     config = many.absolute(config)
     reads = [*files(config).values(), *map(Path, config.output.truth)]
     written = list(zip(outputs, pages, strict=True))
     rows = many.work_on_logs(
-        logs, process_unless_done, written, (config,), reads, batch, named=True
+        logs, process_unless_done, written, (config, script), reads, batch, named=True
     )
     names = [str(log.path) for log in logs]
     return many.finish(

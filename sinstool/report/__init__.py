@@ -1,1 +1,1 @@
-"""Figures and the page that shows them; plotly and matplotlib are imported when they draw."""
+"""Figures and the page that shows them; matplotlib is imported when it draws."""

@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-import base64
 import html
 from collections.abc import Iterator, Sequence
 from typing import Any, Literal
 
 import numpy as np
+from numpy.typing import NDArray
 
 from sinstool.report.decimate import thin
 from sinstool.report.figure import Figure, FloatArray, Series
@@ -36,8 +36,8 @@ def plotly_figure(figure: Figure, limit: int = POINTS_PER_CURVE) -> dict[str, An
     Returns
     -------
     dict
-        With ``data`` and ``layout``, as JSON can hold them. Each trace has its colour's number as
-        ``meta.colour``.
+        With ``data`` and ``layout``; numbers of traces are arrays of 4 or 8 bytes each. Each trace
+        has its colour's number as ``meta.colour``.
     """
     straight = [*_levels(figure), *_marks(figure)]
     ys = [np.asarray(one.y, dtype=np.float64) for one in figure.series if one.shown]
@@ -284,15 +284,13 @@ def _hover(figure: Figure, series: Series, words: bool) -> str:
     )
 
 
-def _packed(values: FloatArray, log: bool) -> dict[str, str]:
-    """Write numbers as plotly's typed arrays, in half the bytes where nobody could see it."""
+def _packed(values: FloatArray, log: bool) -> NDArray[np.floating[Any]]:
+    """Numbers in half the bytes where nobody could see it."""
     finite = values[np.isfinite(values)]
     with np.errstate(over="ignore", under="ignore", invalid="ignore"):
         off = np.abs(finite.astype(np.float32).astype(np.float64) - finite)
         span = np.ptp(finite) if finite.size else 0.0
-        short = bool(np.all(np.isfinite(off) & (off <= 1e-7 * span)))
+        short = bool(np.all(np.isfinite(off) & (off <= 1e-6 * span)))
         if log:
             short = short and bool(np.all(off <= 1e-6 * np.abs(finite)))
-    kind = "<f4" if short else "<f8"
-    raw = base64.b64encode(values.astype(kind).tobytes()).decode("ascii")
-    return {"dtype": kind[1:], "bdata": raw}
+        return np.ascontiguousarray(values.astype("<f4" if short else "<f8"))

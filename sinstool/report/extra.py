@@ -14,7 +14,7 @@ def borrowed(module: str) -> Any:
     Parameters
     ----------
     module : str
-        Its full name, such as ``"plotly.offline"``.
+        Its full name, such as ``"matplotlib.figure"``.
 
     Returns
     -------

@@ -1,18 +1,19 @@
 """A page as HTML.
 
-The figures lie in the page as JSON without colours. The script draws them again, from the same
-dictionaries, when the theme or the width changes or the page is printed; what the reader has
-zoomed to and switched off stays.
+The figures lie in the page as JSON without colours, their numbers in one block beside it. The
+script draws them again, from the same dictionaries, when the theme or the width changes or the page
+is printed; what the reader has zoomed to and switched off stays.
 """
 
 from __future__ import annotations
 
-import json
+import base64
 import math
 import re
 from collections.abc import Mapping, Sequence
 from html import escape
 from importlib.resources import files
+from urllib.parse import quote
 
 import numpy as np
 
@@ -20,17 +21,19 @@ from sinstool.core import version
 from sinstool.report import sections
 from sinstool.report.draw import POINTS_PER_CURVE, colour_of, dash_of, places, plotly_figure, unit
 from sinstool.report.figure import Figure, Series
+from sinstool.report.library import packed_library, page_script
+from sinstool.report.packing import Numbers
 from sinstool.report.palette import DARK, LIGHT
 
-# All points of a page: 16 bytes each at most, a third more as base64, so 4.7 MB beside the 4.8 MB
+# All points of a page: 16 bytes each at most, a third more as base64, so 0.7 MB beside the 0.5 MB
 # of the drawing library.
-POINTS_PER_PAGE = 220_000
-FEWEST_POINTS = 100
+POINTS_PER_PAGE = 34_000
+FEWEST_POINTS = 50
 
-# The page may run what stands in it and load nothing: no host is asked for anything, whatever a
-# library would like to.
+# The page may run what stands in it, or lies beside it, and load nothing else: no host is asked
+# for anything, whatever a library would like to.
 _POLICY = (
-    "default-src 'none'; script-src 'unsafe-inline'; style-src 'unsafe-inline';"
+    "default-src 'none'; script-src 'unsafe-inline'{beside}; style-src 'unsafe-inline';"
     " img-src data: blob:; font-src data:"
 )
 _DASH_PATTERNS = {
@@ -42,20 +45,39 @@ _DASH_PATTERNS = {
 }
 
 
-def markup(page: sections.Page, library: str) -> str:
+def markup(page: sections.Page, script: str | None = None) -> str:
     """Return the page as HTML.
 
     Parameters
     ----------
-    library : str
-        The source of plotly.js; empty where there is no figure.
+    script : str, optional
+        Link to the script that the page shares with others, relative to the page; by default the
+        page carries its own.
 
     Returns
     -------
     str
     """
     limit = points_per_curve(page.figures)
-    body = [
+    numbers = Numbers()
+    shown = [_section(one, f"section-{k}", limit, numbers)
+             for k, one in enumerate(page.sections, start=1)]  # fmt: skip
+    scripts = _scripts(script, numbers) if page.figures else []
+    shared = script is not None and bool(page.figures)
+    policy = _POLICY.format(beside=" 'self' file:" if shared else "")
+    parts = (
+        "<!DOCTYPE html>",
+        '<html lang="en">',
+        "<head>",
+        '<meta charset="utf-8">',
+        f'<meta http-equiv="Content-Security-Policy" content="{policy}">',
+        '<meta name="viewport" content="width=device-width, initial-scale=1">',
+        '<meta name="color-scheme" content="light dark">',
+        f'<meta name="generator" content="sinstool {escape(version.VERSION)}">',
+        f"<title>{escape(page.title)}</title>",
+        f"<style>\n{style_sheet()}</style>",
+        "</head>",
+        "<body>",
         "<header>",
         f"<h1>{escape(page.title)}</h1>",
         f"<p>{escape(page.subtitle)}</p>" if page.subtitle else "",
@@ -64,33 +86,27 @@ def markup(page: sections.Page, library: str) -> str:
         "<main>",
         _warnings(tuple(dict.fromkeys(page.warnings))),
         _contents(page.sections),
-        *(_section(one, f"section-{k}", limit) for k, one in enumerate(page.sections, start=1)),
+        *shown,
         "</main>",
-        _footer(bool(page.figures)),
-    ]
-    scripts = [f"<script>{_closed(library)}</script>", f"<script>\n{_asset('page.js')}</script>"]
-    return "\n".join(
-        part
-        for part in (
-            "<!DOCTYPE html>",
-            '<html lang="en">',
-            "<head>",
-            '<meta charset="utf-8">',
-            f'<meta http-equiv="Content-Security-Policy" content="{_POLICY}">',
-            '<meta name="viewport" content="width=device-width, initial-scale=1">',
-            '<meta name="color-scheme" content="light dark">',
-            f'<meta name="generator" content="sinstool {escape(version.VERSION)}">',
-            f"<title>{escape(page.title)}</title>",
-            f"<style>\n{style_sheet()}</style>",
-            "</head>",
-            "<body>",
-            *body,
-            *(scripts if page.figures else ()),
-            "</body>",
-            "</html>\n",
-        )
-        if part
+        _footer(bool(page.figures), script),
+        *scripts,
+        "</body>",
+        "</html>\n",
     )
+    return "\n".join(part for part in parts if part)
+
+
+def _scripts(script: str | None, numbers: Numbers) -> list[str]:
+    """What draws the figures, and the numbers that are drawn."""
+    data = f'<script type="application/gzip" id="numbers">{numbers.packed()}</script>'
+    if script is not None:
+        return [data, f'<script src="{escape(quote(script))}"></script>']
+    library = base64.b64encode(packed_library()).decode("ascii")
+    return [
+        data,
+        f'<script type="application/gzip" id="library">{library}</script>',
+        f"<script>\n{page_script()}</script>",
+    ]
 
 
 def points_per_curve(figures: Sequence[Figure]) -> int:
@@ -100,13 +116,16 @@ def points_per_curve(figures: Sequence[Figure]) -> int:
     -------
     int
     """
-    curves = sum(len(one.series) for one in figures)
-    return max(FEWEST_POINTS, min(POINTS_PER_CURVE, POINTS_PER_PAGE // max(curves, 1)))
-
-
-def _closed(script: str) -> str:
-    """Keep a script from ending its element early."""
-    return script.replace("</script", "<\\/script").replace("<!--", "<\\!--")
+    sizes = sorted(one.y.size for figure in figures for one in figure.series)
+    left, limit = POINTS_PER_PAGE, POINTS_PER_CURVE
+    # What short curves do not need is left to the long ones
+    for k, size in enumerate(sizes):
+        share = left // (len(sizes) - k)
+        if size > share:
+            limit = min(POINTS_PER_CURVE, share)
+            break
+        left -= size
+    return max(FEWEST_POINTS, limit)
 
 
 def _warnings(messages: Sequence[str]) -> str:
@@ -131,10 +150,10 @@ def _contents(shown: Sequence[sections.Section]) -> str:
     )
 
 
-def _section(section: sections.Section, key: str, limit: int) -> str:
+def _section(section: sections.Section, key: str, limit: int, numbers: Numbers) -> str:
     match section:
         case Figure():
-            inside = _figure(section, key, limit)
+            inside = _figure(section, key, limit, numbers)
         case sections.Table():
             inside = _table(section, key)
         case sections.Settings():
@@ -262,8 +281,8 @@ def _setting_table(items: Sequence[sections.Setting]) -> str:
     return f'<table class="settings"><thead><tr>{head}</tr></thead>\n<tbody>{rows}</tbody></table>'
 
 
-def _figure(figure: Figure, key: str, limit: int) -> str:
-    spec = json.dumps(plotly_figure(figure, limit), ensure_ascii=False, separators=(",", ":"))
+def _figure(figure: Figure, key: str, limit: int, numbers: Numbers) -> str:
+    spec = numbers.as_json(plotly_figure(figure, limit))
     names = ", ".join(one.name for one in figure.series)
     described = f"{figure.title}: {figure.ylabel} against {figure.xlabel}. Curves: {names}."
     curves = (one for one in figure.series if not isinstance(places(figure, one), tuple))
@@ -347,32 +366,42 @@ def _range(series: Series) -> tuple[float | None, ...]:
     return (float(finite.min()), float(np.median(finite)), float(finite.max()), float(finite[-1]))
 
 
-def _footer(figures: bool) -> str:
+def _footer(figures: bool, script: str | None) -> str:
     hint = (
         '<p class="hint">Drag over a figure to zoom, double-click to return. A click on a curve'
         "’s name hides or shows it; with Shift, it shows that one alone. The camera saves"
         " the figure.</p>"
-        "<noscript><p>The figures are drawn by a script in this page, which is switched off"
-        " here; the tables hold their numbers.</p></noscript>"
+        f'<p class="undrawn">{_undrawn(script)}</p>'
     )
+    holds = " This file holds all that it shows and asks no host for anything."
+    if figures and script is not None:
+        holds = (
+            f" This file and {escape(script)} hold all that it shows, and ask no host for anything."
+        )
     return (
         f"<footer>{hint if figures else ''}<p>Made by sinstool {escape(version.VERSION)}."
-        " This file holds all that it shows and asks no host for anything.</p></footer>"
+        f"{holds}</p></footer>"
+    )
+
+
+def _undrawn(script: str | None) -> str:
+    """What to say while there are no figures; the script takes it away when it has drawn them."""
+    where = "in this page" if script is None else f"in {escape(script)}, which belongs beside it"
+    return (
+        f"The figures are drawn by a script {where}. None are to be seen where scripts are switched"
+        " off, or in a browser from before 2023; the tables hold their numbers."
     )
 
 
 def style_sheet() -> str:
     """The style sheet, with the colours of both themes."""
+    css = (files("sinstool.report") / "assets" / "page.css").read_text(encoding="utf-8")
     return (
         f":root {{ color-scheme: light dark; {_variables(LIGHT)} }}\n"
         # The script sets the class before it draws figures for the printer
         f"@media screen and (prefers-color-scheme: dark) {{ :root:not(.printing) {{"
-        f" {_variables(DARK)} }} }}\n" + _asset("page.css")
+        f" {_variables(DARK)} }} }}\n" + css
     )
-
-
-def _asset(name: str) -> str:
-    return (files("sinstool.report") / "assets" / name).read_text(encoding="utf-8")
 
 
 def _variables(colours: Mapping[str, str]) -> str:

@@ -1,7 +1,11 @@
-"""The page that every command can write, and the figure for a paper: one file, whole."""
+"""The page that every command can write, and the figure for a paper: one file, whole.
+
+Pages of many logs may share the script that draws them, which then lies beside them.
+"""
 
 from __future__ import annotations
 
+import os
 from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -36,18 +40,17 @@ def check_report(
     Raises
     ------
     ConfigurationError
-        If the suffix is another, or the extra ``report`` is not installed.
+        If the suffix is another, or an image is asked for and the extra ``report`` is not
+        installed.
     OutputError
         If the file exists, is an input or cannot be written.
     """
     if path is None:
         return
     suffix = path.suffix.lower()
-    if suffix in PAGES:
-        borrowed("plotly.offline")
-    elif suffix in FORMATS:
+    if suffix in FORMATS:
         borrowed("matplotlib.figure")
-    else:
+    elif suffix not in PAGES:
         raise ConfigurationError(
             f"a report is no {suffix or 'file without suffix'}",
             f"one of {', '.join((PAGES[0], *FORMATS))}",
@@ -56,7 +59,12 @@ def check_report(
 
 
 def write_report(
-    path: Path, page: Page, *, inputs: Sequence[Path] = (), overwrite: bool = False
+    path: Path,
+    page: Page,
+    *,
+    inputs: Sequence[Path] = (),
+    overwrite: bool = False,
+    script: Path | None = None,
 ) -> None:
     """Write what the suffix asks for: the page as one whole HTML file, or its first figure alone.
 
@@ -66,6 +74,9 @@ def write_report(
         Files that must not be written over.
     overwrite : bool, optional
         Whether `path` may exist.
+    script : Path, optional
+        That of :func:`~sinstool.report.library.share_script`, of which the page then has a link;
+        by default the page is complete in itself.
 
     Raises
     ------
@@ -79,11 +90,15 @@ def write_report(
     if suffix in PAGES:
         from sinstool.report.markup import markup
 
-        library = borrowed("plotly.offline").get_plotlyjs() if page.figures else ""
-        write_whole(path, markup(page, library))
+        write_whole(path, markup(page, None if script is None else _link(script, path)))
     elif page.figures:
         from sinstool.report.static import image
 
         write_whole(path, image(page.figures[0], suffix))
     else:
         raise OutputError(f"there is no figure for {path}", "ask for a page (.html)")
+
+
+def _link(target: Path, page: Path) -> str:
+    """Where a file lies, seen from a page."""
+    return Path(os.path.relpath(target.absolute(), page.absolute().parent)).as_posix()

@@ -153,12 +153,15 @@ def test_a_page_for_each(sinstool, logs, tmp_path):
     out, pages = tmp_path / "out", tmp_path / "pages"
     arguments = ["process", logs / "*" / "run.mcap", "-o", out, "--report", pages, "-j", 2]
     assert sinstool(*arguments)[0] == 0
-    assert files(pages) == ["a/run.html", "b/run.html"]
+    *made, script = files(pages)
+    assert made == ["a/run.html", "b/run.html"] and re.fullmatch(r"figures-\w+\.js", script)
+    for name in made:
+        assert f'src="../{script}"' in (pages / name).read_text()
     # without its page a log is not complete
     (pages / "b" / "run.html").unlink()
     _, printed, _ = sinstool(*arguments)
     assert [line.split()[0] for line in printed.splitlines()[1:3]] == ["complete", "done"]
-    assert files(pages) == ["a/run.html", "b/run.html"]
+    assert files(pages) == [*made, script]
     status, _, err = sinstool(*arguments[:-3], tmp_path / "page.html")
     assert status == 2 and "give a folder" in err
 

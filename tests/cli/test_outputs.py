@@ -114,15 +114,15 @@ def small_disk(tmp_path):
     subprocess.run(["umount", str(folder)], check=True)
 
 
-# Of 5 MB; a page is 4.7 MB, most of it plotly's
+# Of 5 MB; a page has 0.5 MB and more
 ROOM = {
     "process": 100_000,
-    "process --report": 1_000_000,
+    "process --report": 300_000,
     "simulate": 100_000,
     "simulate hse-rig": 100_000,
-    "calibrate-hse": 1_000_000,
-    "compare-coning": 1_000_000,
-    "align": 1_000_000,
+    "calibrate-hse": 300_000,
+    "compare-coning": 300_000,
+    "align": 300_000,
     "align figure": 8192,
 }
 

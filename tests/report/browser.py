@@ -114,6 +114,7 @@ const waits = setInterval(async () => {
   seen.after = look();
   seen.loaded = performance.getEntriesByType("resource").map(one => one.name);
   seen.heard = heard;
+  seen.undrawn = document.querySelector(".undrawn").getBoundingClientRect().height;
   parent.postMessage(JSON.stringify(seen), "*");
 }, 50);
 </script>"""
@@ -147,6 +148,8 @@ def opened(page: Path, *flags: str) -> tuple[dict, list[str]]:
     text = page.read_text(encoding="utf-8")
     text = text.replace('<meta charset="utf-8">', f'<meta charset="utf-8">{EAR}', 1)
     text = text.replace("</body>", f"{EYE}</body>")
+    for script in page.parent.glob("figures-*.js"):
+        shutil.copy(script, folder)
     (folder / "page.html").write_text(text, encoding="utf-8")
     (folder / "frames.html").write_text(FRAMES, encoding="utf-8")
     done = subprocess.run(

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import pytest
 
+from sinstool.report.library import share_script
 from sinstool.report.page import write_report
 from tests.report.browser import DARK, WIDTHS, needs_browser, opened
 from tests.report.pages import figures, page
@@ -11,10 +12,12 @@ from tests.report.pages import figures, page
 pytestmark = [pytest.mark.slow, needs_browser]
 
 
+# In the dark with the script beside the page
 @pytest.fixture(scope="module", params=["light", "dark"])
 def seen(request, tmp_path_factory):
     path = tmp_path_factory.mktemp(request.param) / "page.html"
-    write_report(path, page())
+    script = share_script(path.parent) if request.param == "dark" else None
+    write_report(path, page(), script=script)
     state, console = opened(path, *([DARK] if request.param == "dark" else []))
     assert set(state) == {str(width) for width in WIDTHS}
     return request.param, state, console
@@ -24,7 +27,9 @@ def test_no_complaint_and_no_request(seen):
     _, state, console = seen
     assert console == []
     for one in state.values():
-        assert one["heard"] == [] and one["loaded"] == []
+        assert one["heard"] == []
+        assert all(name.startswith("file:") for name in one["loaded"])
+        assert one["undrawn"] == 0
 
 
 @pytest.mark.parametrize("width", WIDTHS)

@@ -30,7 +30,12 @@ GAPS = 30
 
 
 def write_page(
-    report: Path, inspection: Inspection, shown: Shown, config: ProcessConfig, overwrite: bool
+    report: Path,
+    inspection: Inspection,
+    shown: Shown,
+    config: ProcessConfig,
+    overwrite: bool,
+    script: Path | None = None,
 ) -> None:
     """Write the page, or its first figure, that ``--report`` asks for.
 
@@ -38,6 +43,8 @@ def write_page(
     ----------
     config : ProcessConfig
         Effective.
+    script : Path, optional
+        What draws the figures, where many pages share it.
     """
     source = inspection.input
     good = inspection.usable
@@ -56,7 +63,7 @@ def write_page(
     sections += [Settings(config_settings(config, "input")), input_rows(read)]
     name = Path(source.path).name
     page = Page("What is in a log", name, tuple(sections), _warnings(inspection))
-    write_report(report, page, inputs=[Path(source.path)], overwrite=overwrite)
+    write_report(report, page, inputs=[Path(source.path)], overwrite=overwrite, script=script)
 
 
 def _warnings(inspection: Inspection) -> tuple[str, ...]:

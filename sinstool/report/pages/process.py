@@ -28,7 +28,11 @@ TITLES = {
 
 
 def write_page(
-    report: Path, recorder: Recorder, result: ProcessResult, config: ProcessConfig
+    report: Path,
+    recorder: Recorder,
+    result: ProcessResult,
+    config: ProcessConfig,
+    script: Path | None = None,
 ) -> None:
     """Write the page, or its first figure, that ``--report`` asks for.
 
@@ -38,6 +42,8 @@ def write_page(
         Through which the run went.
     config : ProcessConfig
         Effective.
+    script : Path, optional
+        What draws the figures, where many pages share it.
     """
     rows = summary_rows(result, verbose=True)
     read, mode = result.input, result.plan.mode.value
@@ -57,7 +63,7 @@ def write_page(
     )
     shown = tuple(one for one in sections if one)
     page = Page(TITLES[mode], Path(read.path).name, shown, result.warnings)
-    write_report(report, page, overwrite=config.output.overwrite)
+    write_report(report, page, overwrite=config.output.overwrite, script=script)
 
 
 def _answer(mode: str, result: ProcessResult) -> Prose:
