@@ -25,7 +25,7 @@ MAIN = ("comparison__algorithms", "report", "csv_dir", "overwrite", "paper")
 @path_option("--csv", "csv_dir", metavar="FOLDER", text="also write tables to this new folder")
 @path_option("--report", metavar="FILE", text="also write a page of figures (.html), or a figure")
 @click.option("--overwrite", is_flag=True, help="replace an existing report")
-@batch_options(quiet_of="no progress")
+@batch_options("tables of lower rates too", quiet_of="no progress")
 def command(
     logs: tuple[Path, ...],
     paper: bool,
@@ -77,6 +77,6 @@ def command(
     if batch.as_json:
         print_json(result.to_json())
     else:
-        print_comparison(result)
+        print_comparison(result, batch.verbose > 0)
     warn_of(result.findings)
     return result.exit_status

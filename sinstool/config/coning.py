@@ -11,6 +11,7 @@ from sinstool.core.errors import ConfigurationError
 from sinstool.core.options import Group, option
 from sinstool.methods.coning.registry import algorithm, names
 
+DEFAULT_CONING = "previous-3"
 # What `compare-coning` takes; of [coning] what says which coning is motion
 COMPARISON_OPTIONS = (
     "comparison",
@@ -36,7 +37,7 @@ class ConingOptions(Group):
     title = "Coning"
 
     coning: str = option(
-        "previous-3",
+        DEFAULT_CONING,
         "coning algorithm, one of " + ", ".join(names()),
         "NAME",
         brief="coning algorithm",

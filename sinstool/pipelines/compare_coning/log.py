@@ -146,7 +146,7 @@ def compare_log(
         raise DataError(path, str(exc), "choose a longer span with --start and --end") from exc
     if limits is not None and limits.status == "noise-limited":
         verdict = comparison.verdict
-        text = f"{verdict.text}. Most of the log is little but noise: of motion it tells nothing"
+        text = f"{verdict.text}. Most of the log is little but noise, so this holds only for rest"
         comparison = replace(comparison, verdict=replace(verdict, text=text))
     survey = source.survey
     low, high = survey.interval_range_ns
@@ -166,7 +166,7 @@ def compare_log(
     if comparison.duration_s < options.window:
         text = (
             f"the log holds {comparison.duration_s:.3g} s, less than one window of"
-            f" {options.window:g} s: drift is measured over all of it"
+            f" {options.window:g} s, so drift is measured over all of it"
         )
         findings.append(Finding("short-log", text, answer="choose a shorter --window"))
     if not long_enough:

@@ -14,10 +14,10 @@ from sinstool.methods.coning.increments import GyroKind
 from sinstool.methods.coning.registry import algorithm
 from sinstool.methods.coning.response import ConingSpectrum, predicted_drift, pseudo_coning
 from sinstool.pipelines.compare_coning.alias import Alias
-from sinstool.pipelines.compare_coning.compare import Verdict
 from sinstool.pipelines.compare_coning.divergence import DEG_H, DriftStatistics, Row
 from sinstool.pipelines.compare_coning.log import SP, Checks, LogComparison
 from sinstool.pipelines.compare_coning.runs import Candidate
+from sinstool.pipelines.compare_coning.verdict import Verdict
 
 # What a candidate is fed with, where that is not what the log holds
 KINDS: dict[str, GyroKind] = {"sums": "increment", "points": "rate"}

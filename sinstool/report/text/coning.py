@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import textwrap
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -79,12 +79,12 @@ TERMINAL: tuple[Column, ...] = (
 )
 LEGEND = (
     "drift: slope of the angle from the reference within {window:g} s windows, rms over windows;"
-    " end: angle at a window's end over its length, rms; mean: of the latter, +/- two sigma;"
-    " predict: that mean as the log's coning spectrum has it; expect: drift from the true motion"
-    " as the spectrum has it{brackets}.{pseudo}"
+    " end: angle at a window's end over its length, rms; mean: mean of end, +/- two sigma;"
+    " predict: that mean, predicted from the log's coning spectrum; expect: predicted drift from"
+    " the true motion{brackets}.{pseudo}"
 )
-BRACKETS = " (in brackets where it cannot hold, see below)"
-PSEUDO = " pseudo: part of expect that is noise, if nothing moves above the stopband."
+BRACKETS = " (in brackets where the prediction does not hold, see below)"
+PSEUDO = " pseudo: the part of expect that is noise, if nothing moves above the stopband."
 WIDTH = 118
 LINE_END = "\r\n"  # of tables: RFC 4180
 # Angles that far below rounding are none
@@ -109,8 +109,14 @@ def _say(text: str) -> None:
     )
 
 
-def print_comparison(result: summary.ComparisonResult) -> None:
-    """Print a comparison as the terminal has room for."""
+def print_comparison(result: summary.ComparisonResult, verbose: bool = False) -> None:
+    """Print a comparison as the terminal has room for.
+
+    Parameters
+    ----------
+    verbose : bool
+        With tables of lower rates, and singular perturbation on this log.
+    """
     meta, reference, checks = result.meta, result.reference, result.checks
     stretches = checks.segments
     gaps = f" in {stretches} stretches between gaps" if stretches > 1 else ""
@@ -119,23 +125,25 @@ def print_comparison(result: summary.ComparisonResult) -> None:
         f" {checks.rate_hz:.3f} Hz, taken as {meta.gyro_kind}"
     )
     _say(about_reference(reference, meta))
-    _print_table(result)
-    brackets = BRACKETS if any(a.pred_exception for a in result.algs) else ""
+    algs = [a for a in result.algs if verbose or a.decimate == 1]
+    _print_table(result, algs)
+    brackets = BRACKETS if any(a.pred_exception for a in algs) else ""
     pseudo = PSEUDO if meta.stopband_hz is not None else ""
     if reference.name != "none":
         click.echo()
         _say(LEGEND.format(window=meta.window_s, brackets=brackets, pseudo=pseudo))
     if reference.below_resolution:
-        _say("* below the reference's resolution: less than ten times what that is good to.")
-    for exception in dict.fromkeys(a.pred_exception for a in result.algs):
+        _say("* less than ten times the uncertainty of the reference.")
+    for exception in dict.fromkeys(a.pred_exception for a in algs):
         if exception:
-            names = {a.name for a in result.algs if a.pred_exception == exception}
-            _say(f"The prediction cannot hold for {', '.join(sorted(names))}: {exception}.")
-    for alg in result.algs:
+            names = {a.name for a in algs if a.pred_exception == exception}
+            _say(f"The prediction does not hold for {', '.join(sorted(names))}: {exception}.")
+    for alg in algs:
         if alg.caveat and alg.decimate == 1:
             _say(alg.caveat)
     click.echo()
-    _print_sp(result.sp)
+    if verbose:
+        _print_sp(result.sp)
     _print_slower(result)
     _say(f"Verdict: {result.verdict.text}.")
 
@@ -148,30 +156,32 @@ def about_reference(reference: summary.Reference, meta: summary.Meta) -> str:
         between = ""
         if widest is not None:
             between = (
-                f"; the two that part most are {widest.first} and {widest.second}, by"
+                f"; {widest.first} and {widest.second} differ most, by"
                 f" {shown(widest.largest_deg)} deg"
             )
         return f"No reference{between} (all pairs: --json, --csv)"
     if reference.is_truth:
-        return f"Reference: {name}: sensor errors, which all rows share, are in every drift"
+        return f"Reference: {name}; every drift holds the sensor's errors, which all algorithms share"
     text = f"Reference: {name}"
     if reference.resolution_dph is not None:
-        text += f", which agrees to {shown(reference.resolution_dph)} deg/h with its judges"
+        text += f", which two algorithms of other kinds confirm to {shown(reference.resolution_dph)} deg/h"
     if reference.pred_dph is not None:
-        text += f" and is expected to drift by {shown(size(reference.pred_dph))} deg/h itself"
+        text += f"; its own predicted drift is {shown(size(reference.pred_dph))} deg/h"
     return text
 
 
-def _print_table(result: summary.ComparisonResult) -> None:
+def _print_table(
+    result: summary.ComparisonResult, algs: Sequence[summary.AlgorithmResult]
+) -> None:
     columns = [
         c
         for c in TERMINAL
-        if c[0] in ("algorithm", "rate", "cost") or any(c[2](a) is not None for a in result.algs)
+        if c[0] in ("algorithm", "rate", "cost") or any(c[2](a) is not None for a in algs)
     ]
     if result.reference.name == "none":
         columns = [c for c in columns if c[0] != "largest"]
     table = []
-    for alg in result.algs:
+    for alg in algs:
         row = [shown(get(alg)) for _, _, get in columns]
         row[0] += " *" if alg.drift_dph is not None and not alg.resolved else ""
         for k, (name, _, _) in enumerate(columns):
@@ -181,7 +191,7 @@ def _print_table(result: summary.ComparisonResult) -> None:
     heads = [[name for name, _, _ in columns], [unit for _, unit, _ in columns]]
     first, second, *lines = aligned([*heads, *table])
     group = None
-    for line, alg in zip(lines, result.algs, strict=True):
+    for line, alg in zip(lines, algs, strict=True):
         if (alg.decimate, alg.input) != group:
             group = (alg.decimate, alg.input)
             click.echo()
@@ -206,7 +216,7 @@ def _print_sp(sp: summary.SpResult | None) -> None:
     epsilon, gain = limits.epsilon_upper_s[0], limits.gain_lower[0]
     text = f"singular-perturbation is the same as {sp.equivalent}."
     if epsilon == epsilon:
-        noise = ", which are those of noise here" if limits.status == "noise-limited" else ""
+        noise = " (set by noise here)" if limits.status == "noise-limited" else ""
         text += (
             f" The paper's bounds on this log{noise}: (13) epsilon at most {shown(epsilon)} s,"
             f" (15) n at least {shown(gain)}."
@@ -220,11 +230,11 @@ def _print_sp(sp: summary.SpResult | None) -> None:
         )
     else:
         why = {
-            "no-passband": "without --passband nothing tells motion from noise",
+            "no-passband": "motion and noise cannot be separated without --passband",
             "noise-limited": "the passband holds little but noise",
             "no-coning": "the passband holds no coning to tune to",
         }[tuning.status]
-        _say(f"Not tuned, as {why}: epsilon = T/2 and n = 2 are its best without knowledge.")
+        _say(f"Not tuned, as {why}: epsilon = T/2 and n = 2 are best without it.")
 
 
 def _print_slower(result: summary.ComparisonResult) -> None:
@@ -243,14 +253,14 @@ def _print_slower(result: summary.ComparisonResult) -> None:
         alias = folded.get((m, how))
         if alias is not None:
             text += (
-                f" content that folds onto rest adds {shown(alias.dc_alias_deg)} deg rms in"
+                f" aliasing to zero frequency adds {shown(alias.dc_alias_deg)} deg rms in"
                 f" {meta.window_s:g} s to every algorithm;"
             )
             if alias.lines_hz:
                 near = ", ".join(f"{f:.4g} Hz" for f in alias.lines_hz)
-                text += f" lines that fold to slow motion: {near};"
+                text += f" lines aliased to slow motion: {near};"
         if limit is not None:
-            text += f" within {shown(limit)} deg/h would still be {', '.join(names) or 'none'};"
+            text += f" algorithms still within {shown(limit)} deg/h: {', '.join(names) or 'none'};"
         _say(text[:-1] + ".")
     if groups:
         click.echo()
