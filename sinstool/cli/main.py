@@ -13,11 +13,11 @@ import sys
 import time
 import warnings
 from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from importlib import import_module
 from pathlib import Path
 from types import FrameType
-from typing import TYPE_CHECKING, Any, TextIO, cast
+from typing import TYPE_CHECKING, Any, NoReturn, TextIO, cast
 
 import click
 
@@ -180,13 +180,24 @@ def _written(outputs: Sequence[Path]) -> str:
     return f"{names} were complete by then"
 
 
-def _print_failure(error: str, status: int) -> None:
-    """With --json, what went wrong as an object on stdout."""
+def _fail(error: str, status: int) -> NoReturn:
+    """Say what went wrong in one line, with ``--json`` as an object on stdout too, and exit."""
     if "--json" in sys.argv[1:]:
         from sinstool.cli.console import print_json
 
         failure = {"schema": "sinstool.error/1", "status": "failed", "exit": status}
-        print_json({**failure, "error": error})
+        # Where stdout is what failed, the line below has to do.
+        with suppress(OSError):
+            print_json({**failure, "error": error})
+    click.echo(f"sinstool: {error}", err=True)
+    sys.exit(status)
+
+
+def _usage(exc: click.ClickException) -> str:
+    """What is wrong with the arguments, and where the right ones are listed."""
+    message = exc.format_message().rstrip(".")
+    ctx = exc.ctx if isinstance(exc, click.UsageError) else None
+    return f"{message}; see {ctx.command_path} --help" if ctx is not None else message
 
 
 def _run(outputs: Sequence[Path]) -> None:
@@ -201,28 +212,25 @@ def _run(outputs: Sequence[Path]) -> None:
     except SinstoolError as exc:
         if traceback:
             raise
-        _print_failure(str(exc), exc.exit_code)
         again = shlex.join(["sinstool", *sys.argv[1:], "--salvage"])
         exc.hint = exc.hint.replace(AGAIN, f"run `{again}`")
-        click.echo(f"sinstool: {exc}", err=True)
+        _fail(str(exc), exc.exit_code)
+    except click.exceptions.NoArgsIsHelpError as exc:
+        exc.show()
         sys.exit(exc.exit_code)
     except click.exceptions.Exit as exc:
         sys.exit(exc.exit_code)
     except click.ClickException as exc:
-        exc.show()
-        sys.exit(exc.exit_code)
+        _fail(_usage(exc), exc.exit_code)
     except (KeyboardInterrupt, click.Abort):
-        click.echo(f"sinstool: interrupted; {_written(outputs)}", err=True)
-        sys.exit(130)
+        _fail(f"interrupted; {_written(outputs)}", 130)
     except MemoryError:
-        click.echo(f"sinstool: out of memory; {_written(outputs)}", err=True)
-        sys.exit(1)
+        _fail(f"out of memory; {_written(outputs)}", 1)
     except OSError as exc:
         if traceback:
             raise
-        where = f"{exc.filename}: " if exc.filename else ""
-        click.echo(f"sinstool: {where}{exc.strerror}; {_written(outputs)}", err=True)
         if isinstance(sys.stdout, _StandardOutput):
             sys.stdout.end()
-        sys.exit(1)
+        where = f"{exc.filename}: " if exc.filename else ""
+        _fail(f"{where}{exc.strerror}; {_written(outputs)}", 1)
     sys.exit(status if isinstance(status, int) else 0)

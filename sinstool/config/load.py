@@ -74,7 +74,9 @@ def _first_error(exc: ValidationError, model: type[Group], source: str) -> str:
     if element is not None:
         path += f"[{element}]"
     if not source and depth == 2:
-        return f"--{str(key[1]).replace('_', '-')} {_shown(error['input'])}: {said}"
+        value = error["input"]
+        listed = ",".join(map(str, value)) if isinstance(value, list | tuple) else _shown(value)
+        return f"--{str(key[1]).replace('_', '-')} {listed}: {said}"
     return f"{where}{path} = {_shown(error['input'])}: {said}"
 
 

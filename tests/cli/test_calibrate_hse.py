@@ -155,7 +155,9 @@ def test_headings_need_azimuths_to_show_what_differs_between_positions(noisy, tm
         assert arcsec(one["peak_to_peak_before_rad"]) > 1500.0
         assert arcsec(one["peak_to_peak_after_rad"]) < 150.0
     _, out, _ = sinstool("calibrate-hse", a, b, "--config", rig, "-o", tmp_path / "b.json", *SHORT)
-    assert re.search(r'headings +within a position peak to peak .*" before, .*" after', out)
+    assert re.search(
+        r"headings +within a position peak to peak .* arcsec before, .* arcsec after", out
+    )
     assert "with --azimuth also between them" in out
 
     # one stand's mark is wrong by 0.2 deg: only azimuths can show it

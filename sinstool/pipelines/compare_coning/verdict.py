@@ -136,8 +136,7 @@ def _named(rows: list[Judged], reference: str, tolerance: float, fallback: str |
     same = [r.candidate.name for r, _ in good if r.candidate.name != best]
     equal = f"; so {'is' if len(same) == 1 else 'are'} {', '.join(same)}" if same else ""
     text = (
-        f"{best} is cheap and within {tolerance:g} deg/h of {reference}{equal}. Larger drift:"
-        f" {far}"
+        f"{best} is cheap and within {tolerance:g} deg/h of {reference}{equal}. Larger drift: {far}"
     )
     return Verdict(best, text, False, tolerance)
 

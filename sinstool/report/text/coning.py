@@ -161,7 +161,9 @@ def about_reference(reference: summary.Reference, meta: summary.Meta) -> str:
             )
         return f"No reference{between} (all pairs: --json, --csv)"
     if reference.is_truth:
-        return f"Reference: {name}; every drift holds the sensor's errors, which all algorithms share"
+        return (
+            f"Reference: {name}; every drift holds the sensor's errors, which all algorithms share"
+        )
     text = f"Reference: {name}"
     if reference.resolution_dph is not None:
         text += f", which two algorithms of other kinds confirm to {shown(reference.resolution_dph)} deg/h"
@@ -170,9 +172,7 @@ def about_reference(reference: summary.Reference, meta: summary.Meta) -> str:
     return text
 
 
-def _print_table(
-    result: summary.ComparisonResult, algs: Sequence[summary.AlgorithmResult]
-) -> None:
+def _print_table(result: summary.ComparisonResult, algs: Sequence[summary.AlgorithmResult]) -> None:
     columns = [
         c
         for c in TERMINAL

@@ -79,10 +79,10 @@ def test_what_is_predicted_is_what_the_fit_claims(leans):
 
 def test_advice_names_what_helps_and_by_how_much():
     text = "\n".join(predict(PLAN).advice)
-    assert 'both directions, 6 runs: 2.49" instead of 5.39"' in text
-    assert 'a lean of 0.008 rad: 0.539" instead of 5.39"' in text
+    assert "both directions, 6 runs: 2.49 arcsec instead of 5.39 arcsec" in text
+    assert "a lean of 0.008 rad: 0.539 arcsec instead of 5.39 arcsec" in text
     assert "turned by 180 deg" in text
-    assert 'if it is 10.8" or more' in text
+    assert "if it is 10.8 arcsec or more" in text
     level = predict(replace(PLAN, C23=(1e-5,)))
     assert level.sigma_lambda2_heading is None
     assert "tilt the base" in level.advice[0]

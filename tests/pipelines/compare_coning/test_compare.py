@@ -4,16 +4,10 @@ import numpy as np
 import pytest
 
 from sinstool.methods.coning.registry import algorithm
-from sinstool.pipelines.compare_coning.compare import (
-    DEFAULT_ALGORITHMS,
-    MARGIN,
-    SAME_COST,
-    Settings,
-    compare,
-    verdict,
-)
+from sinstool.pipelines.compare_coning.compare import DEFAULT_ALGORITHMS, Settings, compare
 from sinstool.pipelines.compare_coning.divergence import DEG_H, DriftStatistics, Row
 from sinstool.pipelines.compare_coning.runs import Attitudes, Candidate, Segment
+from sinstool.pipelines.compare_coning.verdict import MARGIN, SAME_COST, verdict
 from sinstool.simulation.motions import random_manoeuvre, sample
 from sinstool.simulation.truth import sample_times
 from tests.helpers.coning_response import coning_drift, coning_samples
@@ -112,7 +106,7 @@ def test_reference_is_judged_by_another_interpolation_too():
     assert drift["lookahead-12"] > 2.0 * drift["previous-3"] > 0.0
     assert result.reference_resolution * DEG_H == pytest.approx(drift["lookahead-12"])
     assert result.verdict.algorithm is None
-    assert "cannot tell them apart" in result.verdict.text
+    assert result.verdict.text.startswith("This log cannot tell which algorithm is accurate to")
 
 
 def test_nothing_is_compared_across_a_gap():
@@ -156,7 +150,8 @@ def test_stretches_too_short_for_anything_are_left_out_and_said():
     short = Segment(long.time_ns[:8] + 10**12, long.gyro[:8])
     result = compare([short, long], "mean-rate", STEP, Settings(("uncompensated",), decimate=(1,)))
     assert result.segments == 1
-    assert "1 stretches between gaps, 8 samples in all" in result.warnings[0]
+    (left_out,) = result.findings
+    assert left_out.kind == "short-stretches" and left_out.numbers == {"samples": 8}
     with pytest.raises(ValueError, match="long enough"):
         compare([short], "mean-rate", STEP, Settings())
 
@@ -169,7 +164,7 @@ def test_without_a_reference_there_are_pairs_only():
     assert len(result.pairs) == 3
     assert result.pairs["uncompensated", "previous-1"] > 1e-3
     assert result.verdict.algorithm is None
-    assert "without a reference" in result.verdict.text
+    assert "Without a reference" in result.verdict.text
 
 
 def test_pairs_of_long_runs_are_thinned_to_shared_instants(monkeypatch):
@@ -243,37 +238,53 @@ def test_one_clear_winner():
     result = judged(rows)
     assert result.algorithm == "previous-3"
     assert not result.agree
-    assert result.text.startswith("previous-3: cheap, and within 0.01 deg/h of quatfiter-4; ")
-    assert "uncompensated by 5, previous-1 by 0.3 deg/h" in result.text
+    assert result.text == (
+        "previous-3 is cheap and within 0.01 deg/h of quatfiter-4."
+        " Larger drift: uncompensated 5, previous-1 0.3 deg/h"
+    )
 
 
-def test_a_poor_reference_widens_what_counts_as_the_same():
+def test_an_uncertain_reference_names_no_algorithm():
+    """As on a log whose reference was good to 75 deg/h: nothing is within 149 deg/h of it."""
     rows = [row("uncompensated", 5.0), row("previous-1", 0.3), row("previous-3", 0.15)]
     result = judged(rows, resolution=0.2)
     assert result.limit_dph == pytest.approx(MARGIN * 0.2)
-    assert result.algorithm == "previous-3"
-    assert "(as does previous-1)" in result.text
+    assert result.algorithm is None and not result.agree
+    assert result.text == (
+        "This log cannot tell which algorithm is accurate to 0.01 deg/h, as the reference,"
+        " quatfiter-4, is itself uncertain by about 0.4 deg/h. Only larger differences show:"
+        " uncompensated 5 deg/h. The others cannot be told apart, and previous-3, the default, is"
+        " among them"
+    )
     none = judged(rows, resolution=3.0)
-    assert none.algorithm is None
-    assert not none.agree
-    assert "cannot tell them apart" in none.text
-    assert "good to about 3 deg/h only" in none.text
+    assert none.algorithm is None and not none.agree
+    assert none.text.endswith(
+        "uncertain by about 6 deg/h. No two of them differ by more than that, and previous-3, the"
+        " default, is among them"
+    )
+    one = judged([*rows[:2], row("optimal-4", 0.01)], resolution=0.1)
+    assert one.text.endswith("previous-1 0.3 deg/h. Only optimal-4 is within that uncertainty")
+    worse = judged(rows, resolution=0.01)
+    assert worse.text.endswith("uncompensated 5, previous-1 0.3, previous-3 0.15 deg/h")
 
 
-def test_agreement_is_not_claimed_beyond_the_reference():
-    result = judged([row("uncompensated", 0.004), row("previous-1", 0.003)], resolution=0.02)
-    assert not result.agree
-    assert result.algorithm is None
+def test_the_reference_has_to_be_twice_as_good_as_the_tolerance():
+    rows = [row("uncompensated", 5.0), row("previous-3", 0.001)]
+    assert judged(rows, resolution=0.0049).algorithm == "previous-3"
+    assert judged(rows, resolution=0.0051).algorithm is None
+    close = [row("uncompensated", 0.004), row("previous-1", 0.003)]
+    assert judged(close, resolution=0.0049).agree
+    assert not judged(close, resolution=0.0051).agree
 
 
 def test_the_reference_is_no_candidate_of_its_own():
     rows = [row("quatfiter-4", 0.0, 10.0), row("uncompensated", 5.0), row("previous-1", 0.3)]
     result = judged(rows)
     assert result.algorithm == "quatfiter-4"
-    assert "none comes within 0.01 deg/h of quatfiter-4" in result.text
+    assert result.text.startswith("None of the others is within 0.01 deg/h of quatfiter-4: ")
     good = judged([*rows, row("previous-3", 0.005)])
     assert good.algorithm == "previous-3"
-    assert "as do" not in good.text
+    assert "so is" not in good.text and "so are" not in good.text
 
 
 def test_cheap_then_often_then_close():
@@ -303,7 +314,7 @@ def test_too_short():
     assert unjudged.algorithm is None
     assert "too short to judge" in unjudged.text
     one = judged([row("previous-1", 0.3, windows=1), row("previous-3", 0.001, windows=1)])
-    assert one.text.endswith("(of one window: nothing is known of the spread)")
+    assert one.text.endswith("(one window only, so the spread is unknown)")
 
 
 def test_against_a_truth():
@@ -315,13 +326,13 @@ def test_against_a_truth():
     rows = [row("uncompensated", 1553.0), row("previous-1", 1556.0), row("previous-3", 1557.0)]
     result = judged(rows, None, reference="truth")
     assert result.algorithm is None
-    assert "cannot tell them apart: all are between 1553 and 1557 deg/h" in result.text
-    assert "errors of the sensor" in result.text
+    assert "even the closest drifts from it by 1553 deg/h" in result.text
+    assert "the sensor's error (its bias, above all)" in result.text
+    assert "No two of them differ by more than that" in result.text
     rows = [row("uncompensated", 90.0), row("previous-1", 1.2), row("previous-3", 1.0)]
     result = judged(rows, None, reference="truth")
-    assert result.algorithm == "previous-3"
-    assert "these part from it: uncompensated by 90 deg/h" in result.text
-    assert "The 1 deg/h in all of them" in result.text
+    assert result.algorithm is None
+    assert "Only larger differences show: uncompensated 90 deg/h" in result.text
     rows = [row("uncompensated", 0.005), row("previous-1", 0.001)]
     result = judged(rows, None, reference="truth")
     assert result.agree
