@@ -34,6 +34,7 @@ COMMANDS = {
     "info": "Show what a log holds and what is wrong with it.",
     "process": "Compute attitude, velocity and position, written as MCAP.",
     "align": "Find the attitude at the start, at rest or in motion, with sigmas.",
+    "allan": "Measure the noise of an IMU where its log rests, for a filter.",
     "compare-coning": "Compare coning algorithms on a log, or re-run the published experiment.",
     "calibrate-hse": "Calibrate the heading-sensitive error from turntable logs.",
     "simulate": "Simulate a log with exact truth.",

@@ -14,8 +14,9 @@ from sinstool.config.rig import CalibrationOptions, HseOptions, RigTable
 from sinstool.core.errors import ConfigurationError
 from sinstool.core.options import Group
 
-# What `info`, `align` and `process` take, in the order of their help
+# What `info`, `allan`, `align` and `process` take, in the order of their help
 INFO_OPTIONS = ("input",)
+ALLAN_OPTIONS = (*IMU_INPUT, *GNSS_INPUT)
 ALIGN_OPTIONS = (
     *IMU_INPUT,
     *GNSS_INPUT,

@@ -317,7 +317,7 @@ def test_wrong_options_are_named(sinstool, log, tmp_path, options, expected):
         (("process",), "give a LOG"),
         (("process", "a.mcap"), "-o FILE"),
         (("proces",), "did you mean process?"),
-        (("dance",), "there are info, process, align, compare-coning"),
+        (("dance",), "there are info, process, align, allan, compare-coning"),
         (("process", "a", "-o", "b", "--imu-tpic", "x"), "--imu-topic"),
         (("process", "a", "-o", "b", "--align", "sideways"), "'sideways' is not one of"),
         (("process", "a", "-o", "b", "--gyro-bias", "1,2"), "'1,2' is not 3 numbers"),

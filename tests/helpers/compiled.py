@@ -27,6 +27,7 @@ GROUPS = (
     (
         ("simulate", "static", "-o", "static.mcap", "--duration", 60),
         ("align", "static.mcap"),
+        ("allan", "static.mcap"),
         ("compare-coning", CONING, "--gyro-kind", "mean-rate"),
         ("calibrate-hse", *sorted((SAMPLES / "hse").glob("a-*.mcap")), *RIG, "-o", "hse.json"),
         ("simulate", "spiral-climb", "-o", "climb.mcap", "--duration", 20),

@@ -94,6 +94,10 @@ def looked_at(folder):
     return ("info", driven(folder))
 
 
+def at_rest(folder):
+    return ("allan", simulated(folder, "static", "--duration", 60, "--rate", 50))
+
+
 def simulated_drive(folder):
     return ("simulate", "drive", "-o", folder / "drive.mcap", "--duration", 90, "--rate", 50,
             "--grade", "mems", "--gnss-outage", "70:80")  # fmt: skip
@@ -110,7 +114,7 @@ def simulated_rig(folder):
 
 COMMANDS = (
     attitude, ins, ins_gnss, corrected, calibrate, coned, published, aligned, aligned_at_rest,
-    looked_at, simulated_drive, simulated_coning, simulated_rig,
+    at_rest, looked_at, simulated_drive, simulated_coning, simulated_rig,
 )  # fmt: skip
 MAIN_FIGURES = (ins_gnss, calibrate, coned, aligned, looked_at, simulated_drive)
 
@@ -129,7 +133,9 @@ def test_none_is_forgotten():
         for name in cli.list_commands(context)
         if any("--report" in one.opts for one in _options(cli.get_command(context, name)))
     }
-    assert having == {"process", "info", "compare-coning", "align", "calibrate-hse", "simulate"}
+    assert having == {
+        "process", "info", "compare-coning", "align", "allan", "calibrate-hse", "simulate"
+    }  # fmt: skip
     scenarios = cli.get_command(context, "simulate").commands
     assert all(any("--report" in o.opts for o in one.params) for one in scenarios.values())
 

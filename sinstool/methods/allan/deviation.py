@@ -21,6 +21,8 @@ PER_OCTAVE = 3
 # the averaging times of at least so many samples between two that are kept.
 KEPT = 2_000_000
 COARSE = 64
+# Differences this short are summed as blocks come, while they are in the processor's cache.
+NEAR = 2048
 # The longest averaging time goes this often into the longest segment.
 TIMES = 4
 
@@ -65,7 +67,8 @@ class Variances:
     lags : ndarray of int64, shape (k,)
         Averaging times in samples.
     allan, hadamard : ndarray, shape (k, c)
-        Variances, in the square of the unit of the samples; NaN where nothing is so long.
+        Variances, in the square of the unit of the samples; NaN where nothing is so long, and that
+        of Hadamard where the averaging time is no power of two.
     terms, hadamard_terms : ndarray of int64, shape (k,)
         Differences that each is the mean square of.
     """
@@ -92,7 +95,7 @@ class VarianceStage:
     block : int
         Phases so many samples apart are given back of each segment; a multiple of `stride`.
     hadamard : bool, optional
-        Sum up third differences too.
+        Sum up third differences too, at powers of two.
     """
 
     def __init__(
@@ -105,9 +108,9 @@ class VarianceStage:
         """Samples of each segment so far."""
         self.phases: list[FloatArray] = []
         """Phases of each segment, `block` samples apart, shape (n, columns)."""
-        self._short = lags[lags < COARSE * stride] if stride > 1 else lags[:0]
+        self._short = lags[lags < (max(NEAR, COARSE * stride) if stride > 1 else NEAR)]
         self._long = lags[len(self._short) :]
-        self._orders = (2, 3) if hadamard else (2,)
+        self._third = np.isin(lags, 1 << np.arange(63)) if hadamard else np.zeros(len(lags), bool)
         self._sums = np.zeros((2, len(lags), columns))
         self._terms = np.zeros((2, len(lags)), np.int64)
         self._tail = np.empty((columns, 0))
@@ -157,16 +160,18 @@ class VarianceStage:
 
     def _add(self, lags: IntArray, phase: FloatArray, at: int, begin: int) -> None:
         """Sums of the squared differences that end at or after a column of the phases."""
-        for order in self._orders:
-            for k, lag in enumerate(lags.tolist()):
-                first = max(begin - order * lag, 0)
-                terms = phase.shape[1] - order * lag - first
-                if terms <= 0:
-                    continue
-                self._terms[order - 2, at + k] += terms
-                for column, row in enumerate(phase):
-                    square = _second if order == 2 else _third
-                    self._sums[order - 2, at + k, column] += square(row, lag, first)
+        count = phase.shape[1]
+        for k, lag in enumerate(lags.tolist()):
+            third = bool(self._third[at + k])
+            for order in (2, 3) if third else (2,):
+                terms = count - order * lag - max(begin - order * lag, 0)
+                self._terms[order - 2, at + k] += max(terms, 0)
+            first = max(begin - 2 * lag, 0)
+            if count - 2 * lag <= first:
+                continue
+            for column, row in enumerate(phase):
+                sums = _squares(row, lag, first, third)
+                self._sums[:, at + k, column] += sums
 
     def finish(self) -> Variances:
         """The variances of all segments."""
@@ -197,20 +202,17 @@ def variances(segments: Sequence[FloatArray], hadamard: bool = True) -> Variance
 
 
 @njit(cache=True, nogil=True, fastmath={"reassoc", "contract"})
-def _second(phase, lag, first):  # type: ignore[no-untyped-def]
-    """Sum of squared second differences of phases, from one that starts at ``first`` on."""
-    total = 0.0
-    for i in range(first, phase.shape[0] - 2 * lag):
+def _squares(phase, lag, first, third):  # type: ignore[no-untyped-def]
+    """Sums of squared second differences of phases from one on, and of third ones ending there."""
+    second_sum, third_sum = 0.0, 0.0
+    end = phase.shape[0] - 2 * lag
+    alone = min(max(lag, first), end) if third else end
+    for i in range(first, alone):
         d = phase[i + 2 * lag] - 2.0 * phase[i + lag] + phase[i]
-        total += d * d
-    return total
-
-
-@njit(cache=True, nogil=True, fastmath={"reassoc", "contract"})
-def _third(phase, lag, first):  # type: ignore[no-untyped-def]
-    """As `_second`, of third differences."""
-    total = 0.0
-    for i in range(first, phase.shape[0] - 3 * lag):
-        d = phase[i + 3 * lag] - 3.0 * (phase[i + 2 * lag] - phase[i + lag]) - phase[i]
-        total += d * d
-    return total
+        second_sum += d * d
+    for i in range(alone, end):
+        d = phase[i + 2 * lag] - 2.0 * phase[i + lag] + phase[i]
+        e = d - (phase[i + lag] - 2.0 * phase[i] + phase[i - lag])
+        second_sum += d * d
+        third_sum += e * e
+    return second_sum, third_sum

@@ -19,7 +19,12 @@ from math import isfinite, log, sqrt
 import numpy as np
 
 from sinstool.core.arrays import FloatArray, IntArray
-from sinstool.methods.allan.deviation import Variances
+from sinstool.methods.allan.deviation import (
+    Variances,
+    VarianceStage,
+    averaging_lags,
+    stride_for,
+)
 from sinstool.methods.allan.model import (
     TERMS,
     BlockModel,
@@ -29,6 +34,7 @@ from sinstool.methods.allan.model import (
     sine_transform,
 )
 
+NAMES = (*TERMS, "ramp")
 # Blocks that the samples of all segments make up, at most.
 BLOCKS = 512
 # Deviance of 95 % of one coefficient; and that which denies its absence: 1 in 10 000 by chance.
@@ -149,6 +155,27 @@ class NoiseData:
         if len(z) < LEAST_BLOCKS - 2 or not np.all(y > 0.0) or not np.any(z):
             return None
         return _Likelihood(self, z, y).fit()
+
+
+def fit_segments(segments: Sequence[FloatArray]) -> list[NoiseFit | None]:
+    """Fits of segments that are held as a whole, one for each of their columns.
+
+    Parameters
+    ----------
+    segments : sequence of ndarray, shape (n_i, c)
+        Samples of rate, evenly spaced within each.
+    """
+    lengths = [len(segment) for segment in segments]
+    block, stride = block_length(lengths), stride_for(max(lengths))
+    columns = segments[0].shape[1]
+    lags = averaging_lags(max(lengths))
+    stage = VarianceStage(lags, stride, columns, max(block, stride), hadamard=False)
+    for segment in segments:
+        stage.begin(len(segment))
+        stage.push(segment - segment.mean(axis=0))
+    found = stage.finish()
+    data = NoiseData(found, stage.lengths, stage.phases, max(block, stride))
+    return [data.fit(column) for column in range(columns)]
 
 
 class _Likelihood:

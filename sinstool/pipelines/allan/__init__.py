@@ -1,0 +1,1 @@
+"""From a log with rests to the noise of its sensors."""

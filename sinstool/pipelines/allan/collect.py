@@ -1,0 +1,172 @@
+"""Samples of quiet stretches into Allan variances and what else noise is judged by, as they come.
+
+Of each axis is kept: variances, phases a block apart, extremes. Nothing but the phases that long
+averaging times need grows with the log, and they are bounded.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from itertools import pairwise
+
+import numpy as np
+from numba import njit
+
+from sinstool.config import ProcessConfig
+from sinstool.core.arrays import FloatArray
+from sinstool.core.timeline import SECOND
+from sinstool.methods.allan.deviation import (
+    Variances,
+    VarianceStage,
+    averaging_lags,
+    stride_for,
+)
+from sinstool.methods.allan.fit import block_length
+from sinstool.survey.quiet import Stretch
+from sinstool.survey.source import Source, rate_blocks
+
+# Columns of the state of `_extremes`
+_LOW, _HIGH, _AT_LOW, _AT_HIGH, _STEP, _LAST, WIDTH = 0, 1, 2, 3, 4, 5, 6
+
+
+@dataclass(frozen=True)
+class Collected:
+    """All that is known of the samples.
+
+    Attributes
+    ----------
+    interval : float
+        Mean interval between samples, s.
+    samples : int
+    variances : Variances
+        Columns are the gyro's axes, rad/s, then the accelerometer's, m/s^2.
+    lengths : tuple of int
+        Samples of each stretch.
+    phases : list of ndarray
+        See :class:`~sinstool.methods.allan.deviation.VarianceStage`.
+    block : int
+        Samples between two phases.
+    starts_ns : tuple of int
+        First sample of each stretch.
+    range : ndarray, shape (6, 2)
+        Smallest and largest value.
+    at_ends : ndarray, shape (6, 2)
+        Share of the samples that have just these values.
+    step : ndarray, shape (6,)
+        The least difference between two samples in a row that differ; infinite where none do.
+    """
+
+    interval: float
+    samples: int
+    variances: Variances
+    lengths: tuple[int, ...]
+    phases: list[FloatArray]
+    block: int
+    starts_ns: tuple[int, ...]
+    range: FloatArray
+    at_ends: FloatArray
+    step: FloatArray
+
+
+def collect(
+    source: Source,
+    config: ProcessConfig,
+    stretches: tuple[Stretch, ...],
+    progress: Callable[[int], None] | None = None,
+) -> Collected:
+    """Read the samples of the stretches once.
+
+    Parameters
+    ----------
+    stretches : tuple of Stretch
+        In order of time; one at least.
+    progress : callable, optional
+        Called with the bytes read so far.
+    """
+    stage, block = _stage(source, stretches)
+    longest = source.survey.max_gap_ns
+    # Edges alternate: the start and the end of each stretch
+    edges = np.array([[s.start_ns, s.end_ns] for s in stretches], np.int64).reshape(-1)
+    origins = [np.concatenate([s.gyro, s.accel]) for s in stretches]
+    extremes = _no_extremes()
+    spans: list[tuple[int, int]] = []
+    for imu in rate_blocks(source, config, int(edges[0]), progress):
+        time_ns = imu.time_ns
+        place = np.searchsorted(edges, time_ns, side="right")
+        cut = np.flatnonzero((np.diff(place) != 0) | (np.diff(time_ns) > longest)) + 1
+        bounds = [0, *cut.tolist(), len(time_ns)]
+        for first, last in pairwise(bounds):
+            number = int(place[first])
+            if number % 2 == 0:
+                continue
+            stretch = number // 2
+            begun, ended = int(time_ns[first]), int(time_ns[last - 1])
+            goes_on = spans and spans[-1][0] >= edges[2 * stretch]
+            if goes_on and begun - spans[-1][1] <= longest:
+                spans[-1] = spans[-1][0], ended
+            else:
+                stage.begin(stretches[stretch].samples)
+                spans.append((begun, ended))
+            values = np.hstack([imu.gyro[first:last], imu.accel[first:last]])
+            _extremes(values, extremes)
+            values -= origins[stretch]
+            stage.push(values)
+        if time_ns[-1] >= edges[-1]:
+            break
+    variances = stage.finish()
+    samples = sum(stage.lengths)
+    steps = samples - len(stage.lengths)
+    interval = sum(end - start for start, end in spans) / SECOND / max(steps, 1)
+    if config.input.imu_rate is not None:
+        interval = 1.0 / config.input.imu_rate
+    return Collected(
+        interval=interval,
+        samples=samples,
+        variances=variances,
+        lengths=tuple(stage.lengths),
+        phases=stage.phases,
+        block=block,
+        starts_ns=tuple(start for start, _ in spans),
+        range=extremes[:, [_LOW, _HIGH]],
+        at_ends=extremes[:, [_AT_LOW, _AT_HIGH]] / max(samples, 1),
+        step=extremes[:, _STEP],
+    )
+
+
+def _stage(source: Source, stretches: tuple[Stretch, ...]) -> tuple[VarianceStage, int]:
+    """What sums up, made for stretches of about their lengths."""
+    interval = source.survey.interval_ns or SECOND
+    lengths = [max(1, round((s.end_ns - s.start_ns) / interval)) for s in stretches]
+    stride = stride_for(max(lengths))
+    block = max(block_length(lengths), stride)
+    return VarianceStage(averaging_lags(max(lengths)), stride, 6, block), block
+
+
+def _no_extremes() -> FloatArray:
+    state = np.zeros((6, WIDTH))
+    state[:, _LOW], state[:, _HIGH] = np.inf, -np.inf
+    state[:, _STEP], state[:, _LAST] = np.inf, np.nan
+    return state
+
+
+@njit(cache=True, nogil=True)
+def _extremes(values, state):  # type: ignore[no-untyped-def]
+    """Smallest and largest value by column, how often they occur, and the least step."""
+    for i in range(values.shape[0]):
+        for a in range(values.shape[1]):
+            value = values[i, a]
+            if value == state[a, 0]:
+                state[a, 2] += 1.0
+            elif value < state[a, 0]:
+                state[a, 0] = value
+                state[a, 2] = 1.0
+            if value == state[a, 1]:
+                state[a, 3] += 1.0
+            elif value > state[a, 1]:
+                state[a, 1] = value
+                state[a, 3] = 1.0
+            step = abs(value - state[a, 5])
+            if step > 0.0 and step < state[a, 4]:
+                state[a, 4] = step
+            state[a, 5] = value

@@ -1,0 +1,183 @@
+"""What a user has to know of measured noise: what is missing of it, and what may not be noise."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from math import sqrt
+
+import numpy as np
+
+from sinstool.core.finding import Finding, Severity
+from sinstool.core.units import DEGREE_PER_ROOT_HOUR
+from sinstool.methods.allan.fit import NoiseFit
+from sinstool.methods.allan.model import covariance_of_phase, second_differences
+from sinstool.pipelines.allan.collect import Collected
+from sinstool.pipelines.allan.result import Axis, Rest
+
+# Gyros have less angular random walk than this, rad/sqrt(s).
+NOISIEST_GYRO = 5.0 * DEGREE_PER_ROOT_HOUR
+# Shares of the longest rest: its beginning, and what it is held against.
+WARM_UP, SETTLED = 0.1, 0.4
+# So many sigmas of the noise of the settled part away, its beginning was another sensor.
+WARMING_SIGMAS = 5.0
+LEAST_BLOCKS = 64
+# Shaking that is more than this share of the rest is worth a word.
+SHAKEN = 0.01
+
+
+def findings(
+    axes: Sequence[Axis], fits: Sequence[NoiseFit | None], rest: Rest, found: Collected
+) -> list[Finding]:
+    """All that is odd about the noise of the axes."""
+    return [
+        *_unusable(axes),
+        *_units(axes),
+        *_hidden(axes, rest),
+        *_drift(axes),
+        *_warming(axes, fits, found),
+        *_misfits(axes, rest),
+        *_shaken(rest),
+    ]
+
+
+def _names(axes: Sequence[Axis]) -> str:
+    """Axes in words, the letters of a sensor together."""
+    words = {"gyro": "gyro", "accel": "accelerometer"}
+    parts = []
+    for sensor, word in words.items():
+        letters = [axis.axis for axis in axes if axis.sensor == sensor]
+        if letters:
+            parts.append(f"{word} {', '.join(letters)}")
+    return " and ".join(parts)
+
+
+def _unusable(axes: Sequence[Axis]) -> Iterator[Finding]:
+    said = {
+        "dead": "never changes: dead, or not connected; its noise is not measured",
+        "clipped": "stays at one end of its range, where it is cut off; its noise is not measured",
+        "too-short": "has too few samples at rest for its noise",
+    }
+    answers = {
+        "dead": "what is written is of the other axes",
+        "clipped": "let the IMU lie on another side, or choose a larger range",
+        "too-short": "record it lying still for longer",
+    }
+    for status, text in said.items():
+        which = [axis for axis in axes if axis.status == status]
+        if which:
+            yield Finding(
+                f"{status}-axis", f"{_names(which)} {text}", Severity.LOST, answers[status]
+            )
+
+
+def _units(axes: Sequence[Axis]) -> Iterator[Finding]:
+    """A gyro at rest does not show its unit by turning; its noise may."""
+    walks = [
+        white.value
+        for axis in axes
+        if axis.sensor == "gyro" and (white := axis.coefficients.get("white")) and white.value
+    ]
+    if walks and min(walks) > NOISIEST_GYRO:
+        shown = min(walks) / DEGREE_PER_ROOT_HOUR
+        text = f"the gyro's noise is {shown:.3g} deg/sqrt(h) at least, more than gyros have"
+        answer = "if its rates are in deg/s, give --gyro-unit deg/s"
+        yield Finding("gyro-noise", text, answer=answer, numbers={"arw_deg_sqrt_h": shown})
+
+
+def _hidden(axes: Sequence[Axis], rest: Rest) -> Iterator[Finding]:
+    """What of the bias's wandering the rest was too short to show."""
+    without = []
+    for sensor, word in (("gyro", "gyro"), ("accel", "accelerometer")):
+        measured = [a for a in axes if a.sensor == sensor and a.status == "measured"]
+        slow = [
+            a for a in measured if any(a.coefficients[t].value for t in ("flicker", "random_walk"))
+        ]
+        if measured and not slow:
+            without.append(word)
+    if without:
+        text = (
+            f"{' and '.join(without)}: neither bias instability nor random walk is visible in"
+            f" {rest.longest_s:.4g} s of rest without a gap; the file holds bounds for them"
+        )
+        answer = "record for longer at rest if a filter needs more than bounds"
+        yield Finding("short-rest", text, answer=answer, numbers={"longest_s": rest.longest_s})
+
+
+def _drift(axes: Sequence[Axis]) -> Iterator[Finding]:
+    which = [a for a in axes if "ramp" in a.coefficients and a.coefficients["ramp"].value]
+    if which:
+        text = f"{_names(which)} drift steadily over the rest, as in a changing temperature"
+        answer = "let the IMU warm up and record again, or leave its beginning out with --start"
+        yield Finding("drift", text, answer=answer)
+
+
+def _warming(
+    axes: Sequence[Axis], fits: Sequence[NoiseFit | None], found: Collected
+) -> Iterator[Finding]:
+    """Axes whose rate at the beginning of the longest rest the noise of the rest of it denies."""
+    phases = max(found.phases, key=len)
+    blocks = len(phases) - 1
+    if blocks < LEAST_BLOCKS:
+        return
+    which = [
+        axis
+        for column, (axis, fit) in enumerate(zip(axes, fits, strict=True))
+        if fit is not None and _warms(phases[:, column], fit, found.block)
+    ]
+    if which:
+        seconds = WARM_UP * blocks * found.block * found.interval
+        text = f"{_names(which)} read otherwise at first: the IMU was warming up"
+        answer = f"leave the beginning out: --start {10.0 * seconds * SETTLED:.0f}, or more"
+        yield Finding("warm-up", text, answer=answer)
+
+
+def _warms(phase: np.ndarray, fit: NoiseFit, block: int) -> bool:
+    """Whether the beginning lies further from the middle than noise of the second half allows.
+
+    The variance of slow noise is taken from second differences of the second half alone, as the
+    fit of all of it takes a warm-up for a random walk.
+    """
+    count = len(phase) - 1
+    half = phase[count // 2 :]
+    differences = np.diff(half, 2)
+    measured = float(np.mean(differences**2))
+    unit = second_differences(1)[:, 0] * float(block) ** np.arange(4)
+    share = fit.variances * unit
+    white = min(float(share[:2].sum()), measured)
+    # What is left is slow; as a random walk it reaches furthest
+    variances = np.array([0.0, white / unit[1], 0.0, max(measured - white, 0.0) / unit[3]])
+    variances[2] = min(fit.variances[2], measured / unit[2])
+    ends = np.array([0.0, WARM_UP, SETTLED, 1.0]) * count
+    at = np.round(ends).astype(np.int64)
+    a, b = (at[1] - at[0]) * block, (at[3] - at[2]) * block
+    weights = np.array([-1.0 / a, 1.0 / a, 1.0 / b, -1.0 / b])
+    contrast = float(weights @ phase[at])
+    apart = np.subtract.outer(at, at).astype(np.float64) * block
+    variance = float(variances @ (covariance_of_phase(apart) @ weights @ weights))
+    return variance > 0.0 and abs(contrast) > WARMING_SIGMAS * sqrt(variance)
+
+
+def _misfits(axes: Sequence[Axis], rest: Rest) -> Iterator[Finding]:
+    which = [a for a in axes if a.misfit > 1.0]
+    if which:
+        worst = max(a.misfit for a in which)
+        text = (
+            f"{_names(which)}: the curve is not made of these terms alone (it scatters by"
+            f" {np.sqrt(worst):.2g} times what they allow); intervals are wider for it"
+        )
+        answer = "something shook or turned the IMU, or its temperature changed"
+        yield Finding("misfit", text, answer=answer, numbers={"misfit": worst})
+    late = [a for a in axes if a.status == "measured" and a.from_s > 1.5 * rest.interval_s]
+    if late:
+        longest = max(a.from_s for a in late)
+        text = (
+            f"{_names(late)}: averaging times below {longest:.3g} s are left out of the fit: the"
+            " sensor filters its output, repeats samples, or hums"
+        )
+        yield Finding("filtered", text, Severity.NOTE, numbers={"from_s": longest})
+
+
+def _shaken(rest: Rest) -> Iterator[Finding]:
+    if rest.shaken_s > SHAKEN * rest.total_s:
+        text = f"{rest.shaken_s:.1f} s of rest are left out, as they are louder than the others"
+        yield Finding("shaken", text, Severity.NOTE, numbers={"shaken_s": rest.shaken_s})

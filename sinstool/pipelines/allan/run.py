@@ -1,0 +1,191 @@
+"""Noise of the sensors of a log: find its rests, read their samples, fit the terms, judge them."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from sinstool.config import ProcessConfig
+from sinstool.core.arrays import FloatArray, IntArray
+from sinstool.core.choices import log_choice
+from sinstool.core.errors import DataError
+from sinstool.core.progress import share
+from sinstool.core.timeline import SECOND
+from sinstool.io.readers import open_log
+from sinstool.methods.allan.coefficients import AXES, SENSORS, coefficients
+from sinstool.methods.allan.fit import NoiseData, NoiseFit
+from sinstool.methods.allan.model import allan_terms, covariance_of_variances
+from sinstool.pipelines.align.result import LogFile
+from sinstool.pipelines.allan.collect import Collected, collect
+from sinstool.pipelines.allan.judge import findings
+from sinstool.pipelines.allan.result import AllanResult, Axis, Rest, RestStretch, Status
+from sinstool.pipelines.process.summary import ImuTime, Lost
+from sinstool.survey.quiet import QuietStretches, quiet_stretches
+from sinstool.survey.source import Source, prepare
+
+# A rest that is shorter says nothing worth a file.
+LEAST_S = 10.0
+# So many levels, and an axis with more than this share of its samples at one end of them is cut
+# off there: noise has few at its ends.
+LEVELS = 8.0
+CLIPPED = 0.02
+
+
+@dataclass(frozen=True)
+class LogNoise:
+    """The result with the fits behind it, for figures.
+
+    Attributes
+    ----------
+    fits : tuple of (NoiseFit or None)
+        Of the gyro's axes, then of the accelerometer's; in units of samples.
+    lags : ndarray of int64, shape (k,)
+        Averaging times of the result in samples.
+    lengths : tuple of int
+        Samples of each stretch.
+    """
+
+    result: AllanResult
+    fits: tuple[NoiseFit | None, ...]
+    lags: IntArray
+    lengths: tuple[int, ...]
+
+    def band(self, axis: Axis) -> tuple[FloatArray, FloatArray]:
+        """Edges of the 95 % interval of each Allan deviation of an axis.
+
+        A variance counts as chi-squared with the freedom that its mean and its variance by the
+        fitted terms give it (Riley, NIST SP 1065, section 5.3).
+        """
+        from scipy.special import chdtri
+
+        fit = self.fits[self.result.axes.index(axis)]
+        assert fit is not None
+        octaves = 1 << np.arange(int(self.lags[-1]).bit_length())
+        octaves = octaves[octaves <= self.lags[-1]]
+        covariance = covariance_of_variances(octaves, self.lengths)
+        expected = allan_terms(octaves) @ fit.variances
+        scatter = np.einsum("iikl,k,l->i", covariance, fit.variances, fit.variances)
+        logarithm = np.interp(
+            np.log(self.lags), np.log(octaves), np.log(2.0 * expected**2 / scatter)
+        )
+        freedom = np.maximum(np.exp(logarithm), 1.0)
+        low, high = (np.sqrt(freedom / chdtri(freedom, tail)) for tail in (0.025, 0.975))
+        return axis.deviation * low, axis.deviation * high
+
+
+def measure(
+    path: Path, config: ProcessConfig, progress: Callable[[float], None] | None = None
+) -> LogNoise:
+    """Measure the noise of a log's IMU where it rests.
+
+    Parameters
+    ----------
+    config : ProcessConfig
+        Group ``input``.
+    progress : callable, optional
+        Called with the fraction done.
+
+    Raises
+    ------
+    SinstoolError
+        The log cannot be read, or does not rest for long enough.
+    """
+    with open_log(path, config.input.salvage) as log:
+        source = prepare(log, config, share(progress, log.size, 0.0, 0.6))
+        quiet = quiet_stretches(source.survey, source.aiding.gnss)
+        if sum(s.duration_s for s in quiet.stretches) < LEAST_S:
+            raise _no_rest(source, quiet)
+        found = collect(source, config, quiet.stretches, share(progress, log.size, 0.6, 0.3))
+        lost = Lost.of(source)
+    statuses = [_status(found, column) for column in range(6)]
+    data = NoiseData(found.variances, found.lengths, found.phases, found.block)
+    fits = [
+        data.fit(column) if status == "measured" else None for column, status in enumerate(statuses)
+    ]
+    axes = tuple(
+        _axis(found, column, fits[column], status) for column, status in enumerate(statuses)
+    )
+    rest = _rest(source, quiet, found)
+    log_choice("rests", f"{rest.total_s:.1f} s in {len(rest.stretches)} stretches")
+    lags = found.variances.terms > 0
+    result = AllanResult(
+        input=LogFile(str(path), source.log.size),
+        imu=ImuTime.of(source),
+        rest=rest,
+        averaging_s=found.variances.lags[lags] * found.interval,
+        terms=found.variances.terms[lags],
+        axes=axes,
+        findings=(*source.findings, *findings(axes, fits, rest, found), *lost.findings()),
+    )
+    return LogNoise(result, tuple(fits), found.variances.lags[lags], found.lengths)
+
+
+def _no_rest(source: Source, quiet: QuietStretches) -> DataError:
+    """Why there is nothing to measure on, and what may help."""
+    longest = max((s.duration_s for s in quiet.stretches), default=0.0)
+    why = f"it rests for {longest:.1f} s at most" if longest else "it never rests for 5 s"
+    if quiet.moving_s > LEAST_S:
+        why += f", and where the IMU seems at rest for {quiet.moving_s:.0f} s, GNSS moves"
+    if quiet.shaken_s > LEAST_S:
+        why += f", and {quiet.shaken_s:.0f} s in which it is still hold knocks or shaking"
+    windows = source.survey.windows
+    answer = "record it lying still for some minutes at least, better for hours"
+    if len(windows) and float(np.median(windows.accel_std)) < 0.5 * float(
+        np.median(windows.gyro_std)
+    ):
+        answer += "; if it did lie still, the gyro may be in deg/s: --gyro-unit deg/s"
+    return DataError(
+        source.path,
+        f"the noise of {source.imu_topic.topic} can only be measured where the IMU rests, for"
+        f" {LEAST_S:g} s at least: {why}",
+        answer,
+    )
+
+
+def _status(found: Collected, column: int) -> Status:
+    """What can be measured on an axis."""
+    low, high = found.range[column]
+    if not high > low:
+        return "dead"
+    levels = (high - low) / found.step[column]
+    if levels >= LEVELS and float(np.max(found.at_ends[column])) > CLIPPED:
+        return "clipped"
+    return "measured"
+
+
+def _axis(found: Collected, column: int, fit: NoiseFit | None, status: Status) -> Axis:
+    lags = found.variances.terms > 0
+    deviation = np.sqrt(found.variances.allan[lags, column])
+    hadamard = np.sqrt(found.variances.hadamard[lags, column])
+    if fit is None and status == "measured":
+        status = "too-short"
+    return Axis(
+        sensor=SENSORS[column // 3],
+        axis=AXES[column % 3],
+        status=status,
+        coefficients={} if fit is None else coefficients(fit, found.interval),
+        from_s=(1 if fit is None else fit.from_lag) * found.interval,
+        misfit=1.0 if fit is None else fit.misfit,
+        deviation=deviation,
+        hadamard=hadamard,
+    )
+
+
+def _rest(source: Source, quiet: QuietStretches, found: Collected) -> Rest:
+    durations = [n * found.interval for n in found.lengths]
+    first = source.survey.first_ns
+    return Rest(
+        samples=found.samples,
+        interval_s=found.interval,
+        total_s=sum(durations),
+        longest_s=max(durations),
+        shaken_s=quiet.shaken_s,
+        moving_s=quiet.moving_s,
+        stretches=tuple(
+            RestStretch((start - first) / SECOND, duration)
+            for start, duration in zip(found.starts_ns, durations, strict=True)
+        ),
+    )

@@ -1,0 +1,142 @@
+"""Stretches of a log that show the noise of its sensors and nothing else."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from itertools import pairwise
+
+import numpy as np
+
+from sinstool.core.streams import GnssEpochs
+from sinstool.core.timeline import SECOND
+from sinstool.methods.alignment.still import WINDOW_NS, StillSpan, Windows
+from sinstool.survey.imu import Survey
+from sinstool.survey.rest import moving_at
+
+# A window is louder than the quiet ones by this factor, beyond the scatter of so few samples.
+LOUD = 1.6
+SCATTER = 6.0
+# Of all still windows this share is quieter than what counts as quiet.
+QUIET_SHARE = 0.25
+# Shorter stretches show little, and their ends are the end of one motion and the start of another.
+SHORTEST_S = 5.0
+# Of many stretches the longest: a hundred pauses tell all that there is.
+MOST = 100
+
+
+@dataclass(frozen=True)
+class Stretch:
+    """A stretch of samples without motion; its end is exclusive.
+
+    Attributes
+    ----------
+    samples : int
+        At most so many.
+    gyro, accel : ndarray, shape (3,)
+        About their means.
+    """
+
+    start_ns: int
+    end_ns: int
+    samples: int
+    gyro: np.ndarray
+    accel: np.ndarray
+
+    @property
+    def duration_s(self) -> float:
+        """Length in seconds."""
+        return (self.end_ns - self.start_ns) / SECOND
+
+
+@dataclass(frozen=True)
+class QuietStretches:
+    """What of a log may be taken for noise.
+
+    Attributes
+    ----------
+    stretches : tuple of Stretch
+        In order of time.
+    shaken_s : float
+        Left out of still spans since it is louder than the rest of them.
+    moving_s : float
+        Left out since GNSS moves there.
+    """
+
+    stretches: tuple[Stretch, ...]
+    shaken_s: float
+    moving_s: float
+
+
+def quiet_stretches(survey: Survey, gnss: GnssEpochs | None) -> QuietStretches:
+    """Find where a log shows nothing but noise.
+
+    Still spans, which may hold knocks, an engine that idles or hands, without their louder windows,
+    the first window after a motion, and gaps.
+    """
+    resting: list[StillSpan] = []
+    moving = 0.0
+    for span in survey.spans:
+        if moving_at(gnss, span.start_ns, span.end_ns) is None:
+            resting.append(span)
+        else:
+            moving += span.duration_s
+    windows = survey.windows
+    inside = np.zeros(len(windows), np.bool_)
+    for span in resting:
+        first, last = np.searchsorted(windows.start_ns, [span.start_ns, span.end_ns])
+        inside[first:last] = True
+    quiet = inside & ~_loud(windows, inside)
+    shaken = np.count_nonzero(inside & ~quiet) * WINDOW_NS / SECOND
+    for span in resting:
+        if span.start_ns > survey.first_ns:
+            quiet[np.searchsorted(windows.start_ns, span.start_ns)] = False
+    gaps = np.array([start for start, _ in survey.gaps], np.int64)
+    found = [
+        stretch
+        for first, last in _runs(windows, quiet, {span.start_ns for span in resting})
+        for stretch in _without_gaps(windows, first, last, np.sort(gaps))
+        if stretch.duration_s >= SHORTEST_S
+    ]
+    longest = sorted(found, key=lambda one: -one.samples)[:MOST]
+    stretches = tuple(sorted(longest, key=lambda one: one.start_ns))
+    return QuietStretches(stretches, float(shaken), moving)
+
+
+def _loud(windows: Windows, inside: np.ndarray) -> np.ndarray:
+    """Windows that are louder than most of the still ones."""
+    loud = np.zeros(len(windows), np.bool_)
+    if not inside.any():
+        return loud
+    freedom = 6.0 * np.maximum(windows.count - 1.0, 1.0)
+    for size in (windows.gyro_std, windows.accel_std):
+        level = float(np.quantile(size[inside], QUIET_SHARE))
+        # Of samples that hardly ever change, most windows have no scatter at all
+        usual = level or float(np.max(size[inside]))
+        loud |= size > LOUD * usual * (1.0 + SCATTER / np.sqrt(freedom))
+    return loud
+
+
+def _runs(windows: Windows, quiet: np.ndarray, begins: set[int]) -> Iterator[tuple[int, int]]:
+    """First and last window (exclusive) of runs of neighbours; no run goes on in another span."""
+    rows = np.flatnonzero(quiet)
+    if not len(rows):
+        return
+    start = windows.start_ns[rows]
+    apart = (np.diff(rows) != 1) | (np.diff(start) != WINDOW_NS) | np.isin(start[1:], [*begins])
+    cuts = np.flatnonzero(apart) + 1
+    for part in np.split(rows, cuts):
+        yield int(part[0]), int(part[-1]) + 1
+
+
+def _without_gaps(windows: Windows, first: int, last: int, gaps: np.ndarray) -> Iterator[Stretch]:
+    """A run of windows, cut at the gaps in it; a gap is named by the sample before it."""
+    count = windows.count[first:last].astype(np.float64)
+    samples = int(count.sum())
+    gyro = count @ windows.gyro[first:last] / samples
+    accel = count @ windows.accel[first:last] / samples
+    start, end = int(windows.start_ns[first]), int(windows.start_ns[last - 1]) + WINDOW_NS
+    inside = gaps[(gaps >= start) & (gaps < end)]
+    edges = [start, *(int(gap) + 1 for gap in inside), end]
+    for a, b in pairwise(edges):
+        yield Stretch(a, b, samples, gyro, accel)

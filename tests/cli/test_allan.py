@@ -1,0 +1,283 @@
+"""`sinstool allan` as a user calls it: what is measured, printed, written and refused."""
+
+import json
+import tomllib
+from functools import partial
+
+import numpy as np
+import pytest
+import yaml
+
+from sinstool.config.noise import read_noise
+from tests.helpers.resting_logs import ACCEL, GYRO, RATE, T0, moved, noise, write
+
+WALK = GYRO[1] / np.sqrt(RATE)  # rad/sqrt(s)
+FORCE_WALK = ACCEL[1] / np.sqrt(RATE)  # (m/s)/sqrt(s)
+
+
+@pytest.fixture
+def allan(sinstool):
+    """Runs the command in this process: status, stdout, stderr."""
+    return partial(sinstool, "allan")
+
+
+@pytest.fixture(scope="module")
+def rest(tmp_path_factory):
+    """Two minutes at rest, with a minute of motion in the middle."""
+    rates, forces = moved(*noise(12000), 4000, 8000)
+    return write(tmp_path_factory.mktemp("rest") / "rest.mcap", rates, forces)
+
+
+def measured(out):
+    return json.loads(out)["gyro"], json.loads(out)["accel"]
+
+
+def test_noise_of_a_log_with_pauses(allan, rest):
+    code, out, err = allan(rest, "--json")
+    printed = json.loads(out)
+    gyro, accel = printed["gyro"], printed["accel"]
+    assert code == 0 and printed["schema"] == "sinstool.allan/1"
+    assert len(printed["rest"]["stretches"]) == 2
+    assert 78.0 < printed["rest"]["total_s"] < 80.0
+    for axis in "xyz":
+        for table, key, truth in (
+            (gyro, "angle_random_walk_rad_per_sqrt_s", WALK),
+            (accel, "velocity_random_walk_m_per_s_per_sqrt_s", FORCE_WALK),
+        ):
+            found = table[axis][key]
+            assert found["value"] == pytest.approx(truth, rel=0.05)
+            assert found["low"] < found["value"] < found["high"] < 1.1 * found["low"]
+        # what is not in the data is not claimed
+        for name in ("bias_instability_rad_per_s", "rate_random_walk_rad_per_s_per_sqrt_s"):
+            assert gyro[axis][name]["value"] is None and gyro[axis][name]["high"] > 0.0
+    assert [f["kind"] for f in printed["findings"]] == ["short-rest"]
+    assert "neither bias instability nor random walk is visible" in err
+
+
+def test_summary(allan, rest):
+    code, out, _ = allan(rest)
+    lines = {line.split("  ")[0]: line for line in out.splitlines()}
+    assert code == 0
+    assert "2 stretches" in lines["rest"]
+    assert "deg/sqrt(h)" in lines["angle random walk"] and "0.68" in lines["angle random walk"]
+    assert "below" in lines["bias instability"]
+    assert allan(rest, "-q")[1] == ""
+
+
+def test_files_of_all_formats(allan, rest, tmp_path):
+    """Each value is what its unit makes of the two figures that were simulated."""
+    expected = {
+        "kalibr": ("accelerometer_noise_density", FORCE_WALK, "gyroscope_noise_density", WALK),
+        "openvins": ("accelerometer_noise_density", FORCE_WALK, "gyroscope_noise_density", WALK),
+        "vins-fusion": ("acc_n", ACCEL[1], "gyr_n", GYRO[1]),
+        "fast-lio": ("acc_cov", ACCEL[1] ** 2, "gyr_cov", GYRO[1] ** 2),
+        "kf-gins": ("vrw", 60.0 * FORCE_WALK, "arw", 60.0 * np.degrees(WALK)),
+        "robot-localization": (
+            "linear_acceleration_covariance",
+            ACCEL[1] ** 2,
+            "angular_velocity_covariance",
+            GYRO[1] ** 2,
+        ),
+    }
+    for name, (accel_key, force, gyro_key, rate) in expected.items():
+        file = tmp_path / f"{name}.yaml"
+        assert allan(rest, "--format", name, "-o", file)[0] == 0
+        text = file.read_text()
+        read = yaml.safe_load(text)
+        read = read.get("imu0") or read.get("mapping") or read.get("imunoise") or read
+        for key, value in ((accel_key, force), (gyro_key, rate)):
+            first = read[key][0] if isinstance(read[key], list) else read[key]
+            assert isinstance(first, float)
+            assert first == pytest.approx(value, rel=0.1), (name, key)
+        # every line that holds a figure says its unit
+        for line in text.splitlines():
+            if ": " in line and not line.startswith("#") and "rostopic" not in line:
+                assert "#" in line, line
+
+
+def test_kalibr_file_has_the_keys_of_kalibr(allan, rest):
+    code, out, _ = allan(rest, "--format", "kalibr")
+    read = yaml.safe_load(out)
+    assert code == 0
+    assert set(read) == {
+        "rostopic",
+        "update_rate",
+        "accelerometer_noise_density",
+        "accelerometer_random_walk",
+        "gyroscope_noise_density",
+        "gyroscope_random_walk",
+    }
+    assert read["update_rate"] == pytest.approx(RATE) and read["rostopic"] == "/imu/data_raw"
+    assert out.count("NOT VISIBLE") == 2
+
+
+def test_own_file_is_read_back(allan, rest, tmp_path):
+    file = tmp_path / "noise.toml"
+    assert allan(rest, "-o", file, "--json")[0] == 0
+    data = tomllib.loads(file.read_text())
+    assert data["schema"] == "sinstool.imu-noise/1" and data["source"]["log"] == "rest.mcap"
+    found = read_noise(file)
+    for axis in "xyz":
+        white = found.gyro[axis]["white"]
+        assert white.value == pytest.approx(WALK, rel=0.05)
+        assert white.low < white.value < white.high
+        assert found.accel[axis]["flicker"].value is None
+        assert found.accel[axis]["flicker"].high > 0.0
+    code, _, err = allan(rest, "-o", file)
+    assert code == 1 and "--overwrite" in err
+    assert allan(rest, "-o", file, "--overwrite")[0] == 0
+
+
+def test_gaps_are_not_bridged(allan, tmp_path):
+    """What the bias does in a gap is in no difference."""
+    rates, forces = noise(9000)
+    time_ns = T0 + np.arange(9000) * 10_000_000
+    late = np.arange(9000) >= 5000
+    rates[late] += 2e-3
+    log = write(tmp_path / "gap.mcap", rates, forces, time_ns + late * 1_300_000_000)
+    code, out, _ = allan(log, "--json")
+    printed = json.loads(out)
+    assert code == 0 and len(printed["rest"]["stretches"]) == 2
+    for axis in "xyz":
+        assert printed["gyro"][axis]["rate_random_walk_rad_per_s_per_sqrt_s"]["value"] is None
+        assert printed["gyro"][axis]["rate_ramp_rad_per_s2"]["value"] is None
+
+
+def test_jitter_of_stamps_changes_nothing(allan, tmp_path):
+    rates, forces = noise(6000)
+    steady = T0 + np.arange(6000) * 10_000_000
+    jitter = steady + np.random.default_rng(2).integers(-2_000_000, 2_000_000, 6000)
+    logs = [write(tmp_path / f"{k}.mcap", rates, forces, t) for k, t in enumerate((steady, jitter))]
+    (one, _), (other, _) = (measured(allan(log, "--json")[1]) for log in logs)
+    key = "angle_random_walk_rad_per_sqrt_s"
+    assert other["x"][key]["value"] == pytest.approx(one["x"][key]["value"], rel=2e-3)
+
+
+def test_dead_and_clipped_axes(allan, tmp_path):
+    rates, forces = noise(6000)
+    rates[:, 1] = 0.25
+    forces[:, 2] = np.maximum(np.round(forces[:, 2], 3), -9.79)
+    log = write(tmp_path / "faulty.mcap", rates, forces)
+    file = tmp_path / "noise.toml"
+    code, out, err = allan(log, "--json", "-o", file)
+    gyro, accel = measured(out)
+    assert code == 3
+    assert [gyro[a]["status"] for a in "xyz"] == ["measured", "dead", "measured"]
+    assert [accel[a]["status"] for a in "xyz"] == ["measured", "measured", "clipped"]
+    assert "gyro y never changes" in err and "accelerometer z stays at one end" in err
+    assert set(read_noise(file).gyro) == {"x", "z"}
+    code, out, _ = allan(log, "--format", "robot-localization")
+    assert code == 3 and "y was not measured" in out
+    # a coarse converter is no clipped one
+    rates, forces = noise(6000)
+    log = write(tmp_path / "coarse.mcap", np.round(rates, 3), np.round(forces, 2))
+    code, out, _ = allan(log, "--json")
+    assert code == 0 and {a["status"] for a in measured(out)[0].values() if "status" in a} == {
+        "measured"
+    }
+
+
+def test_units(allan, tmp_path):
+    rates, forces = noise(6000)
+    log = write(tmp_path / "g.mcap", rates, forces / 9.80665)
+    code, _, err = allan(log)
+    assert code == 1 and "--accel-unit g" in err
+    code, out, _ = allan(log, "--json", "--accel-unit", "g")
+    key = "velocity_random_walk_m_per_s_per_sqrt_s"
+    assert code == 0
+    assert measured(out)[1]["x"][key]["value"] == pytest.approx(FORCE_WALK, rel=0.05)
+    log = write(tmp_path / "deg.mcap", np.degrees(rates), forces)
+    code, _, err = allan(log)
+    assert code == 1 and "--gyro-unit deg/s" in err
+    code, out, _ = allan(log, "--json", "--gyro-unit", "deg/s")
+    key = "angle_random_walk_rad_per_sqrt_s"
+    assert code == 0 and measured(out)[0]["x"][key]["value"] == pytest.approx(WALK, rel=0.05)
+    # a quiet gyro in deg/s seems at rest in rad/s too
+    log = write(tmp_path / "quiet.mcap", np.degrees(0.2 * rates), forces)
+    code, _, err = allan(log)
+    assert code == 0 and "more than gyros have: if its rates are in deg/s" in err
+
+
+def test_a_log_that_moves_all_the_time(allan, tmp_path):
+    rates, forces = moved(*noise(6000), 0, 6000)
+    log = write(tmp_path / "moves.mcap", rates, forces)
+    code, _, err = allan(log, "-o", tmp_path / "noise.toml")
+    assert code == 1 and not (tmp_path / "noise.toml").exists()
+    assert "it never rests for 5 s" in err and "record it lying still" in err
+    assert err.count("\n") == 1
+
+
+def test_twenty_seconds_of_rest(allan, tmp_path):
+    rates, forces = moved(*noise(6000), 2000, 6000)
+    code, out, err = allan(write(tmp_path / "short.mcap", rates, forces), "--json")
+    gyro, _ = measured(out)
+    assert code == 0 and json.loads(out)["rest"]["total_s"] < 20.1
+    assert gyro["x"]["angle_random_walk_rad_per_sqrt_s"]["value"] == pytest.approx(WALK, rel=0.1)
+    assert gyro["x"]["bias_instability_rad_per_s"]["value"] is None
+    assert "neither bias instability nor random walk" in err
+
+
+def test_drift_and_warm_up_are_said(allan, tmp_path):
+    ramp = (*GYRO[:4], 2e-7)
+    code, _, err = allan(write(tmp_path / "ramp.mcap", *noise(30000, gyro=ramp)))
+    assert code == 0 and "gyro x, y, z drift steadily" in err and "--start" in err
+    rates, forces = noise(60000)
+    rates[:, 0] += 1.5e-3 * np.exp(-np.arange(60000) / 3000.0)
+    code, _, err = allan(write(tmp_path / "warm.mcap", rates, forces))
+    assert code == 0 and "gyro x read otherwise at first: the IMU was warming up" in err
+    _, _, err = allan(write(tmp_path / "cool.mcap", *noise(60000)))
+    assert "warming" not in err
+
+
+def test_knocks_are_left_out(allan, tmp_path):
+    rates, forces = noise(9000)
+    forces[3000:3020] += 0.3
+    forces[6000:6020] += 0.12
+    code, out, _ = allan(write(tmp_path / "knocks.mcap", rates, forces), "--json")
+    rest = json.loads(out)["rest"]
+    assert code == 0 and len(rest["stretches"]) == 3
+    assert 0.5 <= rest["shaken_s"] <= 1.0  # the weaker one, which a still span may hold
+    for axis in "xyz":
+        assert measured(out)[1][axis]["bias_instability_m_per_s2"]["value"] is None
+
+
+def test_part_of_a_log(allan, rest):
+    code, out, _ = allan(rest, "--json", "--end", "30")
+    assert code == 0 and json.loads(out)["rest"]["total_s"] == pytest.approx(30.0, abs=0.6)
+
+
+def test_page(allan, rest, tmp_path):
+    page = tmp_path / "page.html"
+    assert allan(rest, "--report", page, "-q")[0] == 0
+    text = page.read_text()
+    for words in ("Noise of an IMU at rest", "Gyro: Allan deviation", "What to put where",
+                  "gyroscope_noise_density", "Angle random walk", "averaging time"):  # fmt: skip
+        assert words in text
+    figure = tmp_path / "figure.png"
+    assert allan(rest, "--report", figure, "-q")[0] == 0 and figure.stat().st_size > 10_000
+
+
+def test_many_logs(allan, rest, tmp_path):
+    other = write(tmp_path / "moves.mcap", *moved(*noise(3000), 0, 3000))
+    folder = tmp_path / "noise"
+    code, out, err = allan(rest, other, "-o", folder, "-j", "1")
+    assert code == 1
+    table = [line for line in out.splitlines() if "rest.mcap" in line]
+    assert len(table) == 1 and "0.6" in table[0] and "<" in table[0]
+    assert [path.name for path in folder.iterdir()] == ["rest.toml"]
+    assert "2 logs: 1 done, 1 failed" in out and "never rests" in err
+    code, out, _ = allan(rest, other, "--json", "-j", "1")
+    lines = [json.loads(line) for line in out.splitlines()]
+    assert [line["status"] for line in lines] == ["done", "failed"]
+
+
+def test_usage(allan, rest, tmp_path):
+    assert allan()[0] == 2
+    code, _, err = allan(rest, "--format", "kalibr", "--json")
+    assert code == 2 and "--output" in err
+    code, _, err = allan(rest, "--format", "kaliber")
+    assert code == 2 and "kalibr" in err
+    code, out, _ = allan("--print-config")
+    assert code == 0 and "imu_topic" in out
+    code, _, err = allan(rest, "--report", tmp_path / "page.gif")
+    assert code != 0 and "gif" in err
