@@ -11,6 +11,7 @@ from sinstool.config.coning import ComparisonOptions, ConingOptions, check_conin
 from sinstool.config.logs import GNSS_INPUT, IMU_INPUT, InputOptions, OutputOptions
 from sinstool.config.navigation import FilterOptions, HeightOptions, NavigationOptions
 from sinstool.config.rig import CalibrationOptions, HseOptions, RigTable
+from sinstool.config.unused import listed, unused_options
 from sinstool.core.errors import ConfigurationError
 from sinstool.core.options import Group
 
@@ -71,4 +72,16 @@ class ProcessConfig(Group):
             raise ConfigurationError(
                 "--hse needs the rig that was calibrated",
                 "give its table [rig] with --config RIG.toml",
+            )
+        self._check_effects()
+
+    def _check_effects(self) -> None:
+        """Whether every option has an effect; in mode auto that is known with the log only."""
+        mode = self.navigation.mode
+        unused = {} if mode == "auto" else unused_options(self, mode)
+        if unused:
+            used_by = " or ".join(dict.fromkeys(m for modes in unused.values() for m in modes))
+            raise ConfigurationError(
+                f"{listed(list(unused))} no effect with --mode {mode}",
+                f"leave out what is not needed, or choose --mode {used_by}",
             )

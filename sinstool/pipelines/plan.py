@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING
 
 from sinstool.config import ProcessConfig
 from sinstool.config.align import IN_FLIGHT
+from sinstool.config.unused import listed, unused_options
 from sinstool.core.choices import log_choice
 from sinstool.core.errors import AlignmentError, TopicError
 from sinstool.core.finding import Finding
@@ -175,7 +176,7 @@ def make_plan(source: Source, config: ProcessConfig) -> Plan:
         wheels=_wheels(source, mode.value),
         vehicle=_vehicle(config, mode.value),
         _algorithm=algorithm,
-        _findings=(*findings, *doubts),
+        _findings=(*findings, *doubts, *_unused(config, mode)),
         _alignment=alignment,
         _filter_start=filter_start,
         _magnetic=magnetic if magnetic.topic else None,
@@ -206,10 +207,10 @@ def fixed_plan(source: Source, config: ProcessConfig) -> Plan:
 
 def turntable_plan(topic: str, config: ProcessConfig) -> Plan:
     """The plan for a log of a rate-biased system on its turntable: there is nothing to choose."""
-    hse = f"as --hse is given: {config.hse.hse}"
+    mode = Choice("turntable", f"as --hse is given: {config.hse.hse}", "--hse")
     return Plan(
         imu_topic=Choice(topic, "the gyros of the rig", "--imu-topic"),
-        mode=Choice("turntable", hse, "--hse"),
+        mode=mode,
         attitude=Choice("inertial", "as the turntable shows every turn", "--hse"),
         gyro_samples=Choice("increment", "as the rig counts angles", "--hse"),
         magnetometer=Choice("none", "as the turntable shows every turn", "--hse"),
@@ -219,6 +220,7 @@ def turntable_plan(topic: str, config: ProcessConfig) -> Plan:
         height_reference=Choice("none", "as attitude alone is computed", "--hse"),
         wheels=Choice("none", "as attitude alone is computed", "--hse"),
         vehicle=Choice("none", "as no filter runs", "--vehicle"),
+        _findings=_unused(config, mode),
     )
 
 
@@ -247,6 +249,22 @@ def _mode(
     text = f"attitude alone, as no INS/GNSS solution can be started: {why}"
     reason = "as no INS/GNSS solution can be started"
     return Choice("attitude", reason, option), None, (Finding("no-ins-gnss", text),)
+
+
+def _unused(config: ProcessConfig, mode: Choice) -> tuple[Finding, ...]:
+    """Options that the chosen mode does not use."""
+    unused = unused_options(config, mode.value)
+    if not unused:
+        return ()
+    text = f"{listed(list(unused))} no effect in mode {mode.value}, which was chosen {mode.reason}"
+    modes = " or ".join(dict.fromkeys(m for modes in unused.values() for m in modes))
+    return (
+        Finding(
+            "unused-options",
+            text,
+            answer=f"--mode {modes} would use {'it' if len(unused) == 1 else 'them'}",
+        ),
+    )
 
 
 def _attitude(source: Source, config: ProcessConfig, mode: str, grade: Grade) -> Choice:

@@ -402,7 +402,7 @@ accel_range = 200
 [navigation]
 magnetometer = "/mag"
 declination = -3.5
-mode = "attitude"
+mode = "auto"
 initial_velocity = [1, 2, -3]
 imu_grade = "tactical"
 attitude_order = "4"
@@ -477,6 +477,39 @@ def test_the_printed_configuration_can_be_fed_back(sinstool, tmp_path):
         # nothing is mounted in a vehicle that may do anything
         ("filter", "mount"),
     }
+
+
+@pytest.mark.parametrize(
+    ("options", "expected"),
+    [
+        (("--mode", "attitude", "--smooth"), "--smooth has no effect with --mode attitude: "),
+        (("--mode", "ins", "--withhold-gnss", "1:2", "--smooth"), "--smooth and --withhold-gnss"),
+        (("--mode", "ins-gnss", "--declination", "2"), "choose --mode attitude"),
+        (("--mode", "attitude", "--initial-velocity", "1,2,3"), "choose --mode ins"),
+        (("--mode", "attitude", "--vehicle", "land"), "choose --mode ins-gnss"),
+    ],
+)
+def test_options_without_effect_are_refused(sinstool, log, tmp_path, options, expected):
+    status, _, err = sinstool("process", log, "-o", tmp_path / "o.mcap", *options)
+    assert status == 2 and expected in one_line(err)
+    assert not (tmp_path / "o.mcap").exists()
+
+
+def test_options_that_the_chosen_mode_does_not_use_are_reported(sinstool, log, tmp_path):
+    options = ("--smooth", "--vehicle", "none", "--magnetometer", "none", "--json")
+    status, out, err = sinstool("process", log, "-o", tmp_path / "o.mcap", *options)
+    assert status == 0
+    (finding,) = [f for f in json.loads(out)["findings"] if f["kind"] == "unused-options"]
+    assert finding["severity"] == "warning"
+    # what asks for nothing is not ignored
+    assert finding["text"].startswith("--smooth has no effect in mode attitude")
+    assert "warning: --smooth has no effect" in err
+    hse = ROOT / "sample_data" / "hse"
+    runs, rig = sorted(hse.glob("a-*.mcap")), ("--config", hse / "rig-a.toml")
+    assert sinstool("calibrate-hse", *runs, *rig, "-o", tmp_path / "hse.json")[0] == 0
+    command = ("process", runs[0], *rig, "--hse", tmp_path / "hse.json", "--smooth")
+    status, _, err = sinstool(*command, "-o", tmp_path / "h.mcap")
+    assert status == 0 and "warning: --smooth has no effect in mode turntable" in err
 
 
 def test_flags_win_over_the_file(sinstool, tmp_path):

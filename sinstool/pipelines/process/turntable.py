@@ -108,13 +108,19 @@ def process_turntable(
             f"{len(samples.imu) - attitudes} samples lie where the encoder or the gyro has a gap;"
             " they get no attitude"
         )
-    findings = (*left_out, *warned("turntable", warnings), *_findings(samples, hse, lost))
+    plan = turntable_plan(samples.topic.topic, config)
+    findings = (
+        *plan.findings,
+        *left_out,
+        *warned("turntable", warnings),
+        *_findings(samples, hse, lost),
+    )
     input_file, output_file = written.finish(findings)
     assert written.last is not None and rig.latitude is not None
     return ProcessResult(
         input=input_file,
         output=output_file,
-        plan=turntable_plan(samples.topic.topic, config),
+        plan=plan,
         imu=_imu(samples),
         alignment=_first_attitude(turns, alignments[-1], corrected, len(alignments) - 1),
         hse=hse,
