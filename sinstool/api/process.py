@@ -18,6 +18,7 @@ if TYPE_CHECKING:
 
     from sinstool.config import ProcessConfig
     from sinstool.core.progress import Progress
+    from sinstool.pipelines.export.result import ExportResult
     from sinstool.pipelines.plan import Plan
     from sinstool.pipelines.process.result import ProcessResult
     from sinstool.pipelines.process.summary import FilterCourse, Sink
@@ -67,6 +68,47 @@ class Result:
     def to_json(self) -> dict[str, Any]:
         """The values of ``--json``."""
         return self.summary.to_json()
+
+    def export(
+        self, output: PathLike, *, config: PathLike | None = None, **options: Any
+    ) -> ExportResult:
+        """Write the solution as a table, a trajectory or a track on a map.
+
+        Parameters
+        ----------
+        output : path-like
+            Its suffix is the format: ``.csv``, ``.parquet``, ``.tum``, ``.kml``, ``.gpx`` or
+            ``.geojson``.
+        config : path-like, optional
+            A TOML file, as for ``--config``; keywords override it.
+        **options
+            Options of ``sinstool export``: ``rate=10``, ``start=5``, ``overwrite=True``.
+
+        Returns
+        -------
+        ExportResult
+            ``output`` has ``rows`` and the names of the ``columns``.
+
+        Raises
+        ------
+        ConfigurationError
+            The suffix is none of these, or an option is unknown or impossible.
+        SinstoolError
+            The solution has no positions, and the format is made of them; or the output cannot be
+            written.
+
+        Examples
+        --------
+        >>> import sinstool
+        >>> result = sinstool.process("sample_data/static.mcap", align="level", mode="attitude")
+        >>> result.export("static.csv", rate=1).output.rows  # doctest: +SKIP
+        21
+        """
+        from sinstool.config import EXPORT_OPTIONS
+        from sinstool.pipelines.export.run import export_solution
+
+        settings = configured("export", EXPORT_OPTIONS, options, config)
+        return export_solution(self.solution, self.summary, path_of(output, "output"), settings)
 
     def __repr__(self) -> str:
         times = self.solution.time_ns

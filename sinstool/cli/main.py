@@ -33,6 +33,7 @@ if TYPE_CHECKING:
 COMMANDS = {
     "info": "Show what a log holds and what is wrong with it.",
     "process": "Compute attitude, velocity and position, written as MCAP.",
+    "export": "Export a result as CSV, Parquet, TUM, KML, GPX or GeoJSON.",
     "align": "Find the attitude at the start, at rest or in motion, with sigmas.",
     "allan": "Measure the noise of an IMU where its log rests, for a filter.",
     "compare-coning": "Compare coning algorithms on a log, or re-run the published experiment.",

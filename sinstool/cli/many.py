@@ -23,6 +23,7 @@ if TYPE_CHECKING:
     from sinstool.campaign.inputs import LogInput
     from sinstool.campaign.jobs import Job, Outcome, Workers
     from sinstool.pipelines.align.result import AlignResult
+    from sinstool.pipelines.export.result import ExportResult
     from sinstool.pipelines.process.result import ProcessResult
 
 INTERRUPTED = 130
@@ -132,7 +133,7 @@ def batch_options(
 
 
 def show_result(
-    result: ProcessResult | AlignResult,
+    result: ProcessResult | AlignResult | ExportResult,
     batch: BatchOptions,
     rows: Callable[[Any, bool], list[tuple[str, str]]],
 ) -> int:

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from sinstool.config.align import AlignOptions, GnssOptions, InFlightOptions
 from sinstool.config.coning import ComparisonOptions, ConingOptions, check_coning
+from sinstool.config.export import ExportOptions
 from sinstool.config.logs import GNSS_INPUT, IMU_INPUT, InputOptions, OutputOptions
 from sinstool.config.navigation import FilterOptions, HeightOptions, NavigationOptions
 from sinstool.config.rig import CalibrationOptions, HseOptions, RigTable
@@ -15,7 +16,7 @@ from sinstool.config.unused import listed, unused_options
 from sinstool.core.errors import ConfigurationError
 from sinstool.core.options import Group
 
-# What `info`, `allan`, `align` and `process` take, in the order of their help
+# What `info`, `allan`, `align`, `process` and `export` take, in the order of their help
 INFO_OPTIONS = ("input",)
 ALLAN_OPTIONS = (*IMU_INPUT, *GNSS_INPUT)
 ALIGN_OPTIONS = (
@@ -39,6 +40,13 @@ PROCESS_OPTIONS = (
     "hse",
     "output",
 )
+EXPORT_OPTIONS = (
+    "export",
+    "input.start",
+    "input.end",
+    "input.salvage",
+    "output.overwrite",
+)
 
 
 class ProcessConfig(Group):
@@ -60,6 +68,7 @@ class ProcessConfig(Group):
     calibration: CalibrationOptions = CalibrationOptions()
     comparison: ComparisonOptions = ComparisonOptions()
     output: OutputOptions = OutputOptions()
+    export: ExportOptions = ExportOptions()
 
     def check(self) -> None:
         """Whether the options fit each other."""

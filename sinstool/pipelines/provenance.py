@@ -35,7 +35,9 @@ def identity(config: ProcessConfig) -> dict[str, str]:
     """
     output = config.output.model_copy(update={"overwrite": False, "report": None})
     effective = config.model_copy(update={"output": output})
-    unused = ("comparison",) if config.hse.hse is not None else ("comparison", "calibration")
+    unused = ["comparison", "export"]
+    if config.hse.hse is None:
+        unused.append("calibration")
     record = {"version": version.VERSION, "config": dump_toml(effective, *unused)}
     if plugin := origin(config.coning.coning):
         record["coning_from"] = plugin

@@ -317,7 +317,7 @@ def test_wrong_options_are_named(sinstool, log, tmp_path, options, expected):
         (("process",), "give a LOG"),
         (("process", "a.mcap"), "-o FILE"),
         (("proces",), "did you mean process?"),
-        (("dance",), "there are info, process, align, allan, compare-coning"),
+        (("dance",), "there are info, process, export, align, allan, compare-coning"),
         (("process", "a", "-o", "b", "--imu-tpic", "x"), "--imu-topic"),
         (("process", "a", "-o", "b", "--align", "sideways"), "'sideways' is not one of"),
         (("process", "a", "-o", "b", "--gyro-bias", "1,2"), "'1,2' is not 3 numbers"),
@@ -525,7 +525,8 @@ def fields():
     return [
         (group, name)
         for group, field in ProcessConfig.model_fields.items()
-        if group not in ("rig", "calibration", "comparison")  # of a file only, of other commands
+        # of a file only, of other commands
+        if group not in ("rig", "calibration", "comparison", "export")
         for name in field.annotation.model_fields
         if (group, name) != ("in_flight", "at")  # of `align`
     ]

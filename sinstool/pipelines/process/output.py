@@ -19,7 +19,7 @@ from sinstool.io.readers.log import Log
 from sinstool.io.writers.copy import Copier
 from sinstool.io.writers.mcap import McapWriter
 from sinstool.io.writers.solution import Frames, SolutionWriter, topic_of
-from sinstool.pipelines.process.summary import InputFile, OutputFile, Sink
+from sinstool.pipelines.process.summary import InputFile, OutputFile, Place, Sink
 from sinstool.pipelines.provenance import RECORD, identity, sha256
 
 # Made of the attitude, which every run has
@@ -201,8 +201,10 @@ class Output:
         path = self.log.path
         digest = self._digest.result()
         read = InputFile(str(path), self.log.size, digest)
+        frames = self.frames
+        origin = None if frames.origin is None else Place.of(frames.origin)
         if self._solutions is None:
-            return read, OutputFile(None, (), self._pushed, self.frames.reference_id)
+            return read, OutputFile(None, (), self._pushed, frames.reference_id, origin)
         self._writer.add_metadata(
             RECORD,
             {
@@ -215,7 +217,5 @@ class Output:
         )
         self._writer.finish()
         topics = tuple(topic_of(name) for name in self.emits)
-        return (
-            read,
-            OutputFile(str(self.output), topics, self._solutions.written, self.frames.reference_id),
-        )
+        count = self._solutions.written
+        return read, OutputFile(str(self.output), topics, count, frames.reference_id, origin)

@@ -76,13 +76,31 @@ class InputFile:
 
 
 @dataclass(frozen=True)
+class Place:
+    """A place on the Earth; its height is above the ellipsoid."""
+
+    latitude_deg: float
+    longitude_deg: float
+    height_m: float
+
+    @classmethod
+    def of(cls, position: tuple[float, float, float]) -> Place:
+        """Of latitude and longitude in rad, and height in m."""
+        return cls(position[0] / DEGREE, position[1] / DEGREE, position[2])
+
+
+@dataclass(frozen=True)
 class OutputFile:
-    """The MCAP that was written, if any: its result topics, and the frame of their attitudes."""
+    """The MCAP that was written, if any: its result topics, and the frame of their attitudes.
+
+    Positions in that frame count from ``origin``; None where there are none.
+    """
 
     path: str | None
     topics: tuple[str, ...]
     attitudes: int
     frame: str
+    origin: Place | None
 
 
 @dataclass(frozen=True)

@@ -1,0 +1,340 @@
+"""A result that sinstool wrote, read back: its topics joined by time, as solutions."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from functools import reduce
+
+import numpy as np
+
+from sinstool.core.errors import DataError, TopicError, UnsupportedLogError
+from sinstool.core.rotation import from_euler, rotate, to_dcm
+from sinstool.core.streams import Solution
+from sinstool.io.messages.decode import Decoder
+from sinstool.io.messages.layout import LayoutError
+from sinstool.io.readers.frames import enu_to_ned, enu_to_ned_covariance, q_for_log, turn_body
+from sinstool.io.readers.log import Log
+from sinstool.io.readers.streams import Losses, frame_id, header, stamp
+
+PREFIX = "/sinstool/"
+_XYZ = ("x", "y", "z")
+_XYZW = ("x", "y", "z", "w")
+
+
+def _paths(stem: str, axes: Sequence[str]) -> list[str]:
+    return [f"{stem}.{axis}" for axis in axes]
+
+
+# What is read of each topic
+COLUMNS: Mapping[str, Mapping[str, list[str]]] = {
+    "imu": {
+        "q": _paths("orientation", _XYZW),
+        "q_covariance": ["orientation_covariance"],
+        "gyro": _paths("angular_velocity", _XYZ),
+        "accel": _paths("linear_acceleration", _XYZ),
+    },
+    "attitude": {"q": _paths("quaternion", _XYZW)},
+    "odometry": {
+        "q": _paths("pose.pose.orientation", _XYZW),
+        "position": _paths("pose.pose.position", _XYZ),
+        "velocity": _paths("twist.twist.linear", _XYZ),
+        "pose_covariance": ["pose.covariance"],
+        "twist_covariance": ["twist.covariance"],
+    },
+    "pose": {"q": _paths("pose.orientation", _XYZW), "position": _paths("pose.position", _XYZ)},
+    "fix": {
+        "geodetic": ["latitude", "longitude", "altitude"],
+        "fix_covariance": ["position_covariance"],
+    },
+    "euler": {"euler": _paths("vector", _XYZ)},
+    "height": {"vertical": _paths("vector", _XYZ)},
+}
+# Where the attitude is taken from: the first of these that the result has
+ATTITUDES = ("imu", "attitude", "odometry", "pose", "euler")
+# Topics whose frame_id is that of the reference
+IN_REFERENCE = ("attitude", "odometry", "pose")
+# A covariance of zeros stands for one that is not known
+COVARIANCES = {
+    "attitude": ("imu", "q_covariance"),
+    "pose": ("odometry", "pose_covariance"),
+    "velocity": ("odometry", "twist_covariance"),
+    "fix": ("fix", "fix_covariance"),
+}
+Joined = dict[str, dict[str, np.ndarray]]
+
+
+@dataclass(frozen=True)
+class ResultBlock:
+    """Consecutive rows of a result.
+
+    Attributes
+    ----------
+    solution : Solution
+        Rates and specific force are NaN where the result does not have them.
+    local_n : ndarray, shape (n, 3), or None
+        Position from the origin of the reference frame, NED, m; None where there is none.
+    """
+
+    solution: Solution
+    local_n: np.ndarray | None = None
+
+    def __len__(self) -> int:
+        return len(self.solution)
+
+    def rows(self, which: slice | np.ndarray) -> ResultBlock:
+        """Rows by slice, mask or index array."""
+        local = None if self.local_n is None else self.local_n[which]
+        return ResultBlock(self.solution.rows(which), local)
+
+
+class ResultReader:
+    """Reads the topics of a result.
+
+    Parameters
+    ----------
+    log : Log
+        An MCAP that ``sinstool process`` wrote, or a bag with its topics.
+    body_axes : {'flu', 'frd'}
+        Of the log that was processed, which its result keeps.
+    world : {'enu', 'ned'}
+        Of the orientations, where no topic has a frame_id that says it.
+    progress : callable, optional
+        Called with the bytes of the log read so far.
+
+    Attributes
+    ----------
+    topics : tuple of str
+        What the result has, by the names of ``--emit``.
+    reference : str
+        Frame id of the attitudes; '' where no topic says it.
+    losses : Losses
+        Counts the messages that do not fit their definition.
+
+    Raises
+    ------
+    TopicError
+        The log has no attitude of sinstool.
+    """
+
+    def __init__(
+        self,
+        log: Log,
+        body_axes: str,
+        world: str = "enu",
+        progress: Callable[[int], None] | None = None,
+    ) -> None:
+        self._log = log
+        self._axes = body_axes
+        self._progress = progress
+        self.losses = Losses()
+        self._channels = {
+            name: channels
+            for name in COLUMNS
+            if (channels := log.channels_of(PREFIX + name))
+            and not any(log.counts.get(one.id) == 0 for one in channels)
+        }
+        self.topics = tuple(self._channels)
+        source = next((name for name in ATTITUDES if name in self._channels), None)
+        if source is None:
+            raise TopicError(
+                log.path,
+                f"it is no result of sinstool: it has no topic {PREFIX}imu or {PREFIX}attitude",
+                f"make one with `sinstool process {log.path} -o RESULT.mcap`",
+            )
+        self._source: str = source
+        self.reference = next(
+            (frame_id(log, self._channels[one]) for one in IN_REFERENCE if one in self._channels),
+            "",
+        )
+        self._enu = not self.reference.endswith("_ned") if self.reference else world == "enu"
+
+    def blocks(self) -> Iterator[ResultBlock]:
+        """Solutions in the order of time.
+
+        Yields
+        ------
+        ResultBlock
+
+        Raises
+        ------
+        DataError
+            Times go back, or the topics have no instant in common.
+        """
+        known = self._known()
+        empty = True
+        for time_ns, log_time_ns, values in self._joined():
+            empty = False
+            yield self._block(time_ns, log_time_ns, values, known)
+        if empty:
+            raise DataError(
+                self._log.path, f"{PREFIX}{self._source} holds nothing that can be used"
+            )
+
+    def _known(self) -> set[str]:
+        """Covariances that are not zero throughout."""
+        searched = {n for n, (topic, _) in COVARIANCES.items() if topic in self._channels}
+        known: set[str] = set()
+        if searched:
+            for _, _, values in self._joined():
+                for name in searched - known:
+                    topic, column = COVARIANCES[name]
+                    if values[topic][column].any():
+                        known.add(name)
+                if known == searched:
+                    break
+        return known
+
+    def _joined(self) -> Iterator[tuple[np.ndarray, np.ndarray, Joined]]:
+        """Rows of all topics at the instants that they have in common."""
+        held: dict[str, _Held] = {name: _Held() for name in self._channels}
+        by_id = {one.id: name for name, many in self._channels.items() for one in many}
+        decoders = {
+            one.id: self._checked(name, Decoder, one.definition(self._log.path),
+                                  {**header(), **COLUMNS[name]})
+            for name, many in self._channels.items()
+            for one in many
+        }  # fmt: skip
+        for batch in self._log.batches(list(by_id)):
+            if self._progress is not None:
+                self._progress(batch.position)
+            for number in np.unique(batch.channel).tolist():
+                one, name = batch.select([number]), by_id[number]
+                decoded = self._checked(
+                    name, decoders[number].decode, one.buffer, one.offset, one.length
+                )
+                keep = decoded.valid
+                self.losses.malformed += len(one) - int(np.count_nonzero(keep))
+                if keep.any():
+                    values = {column: v[keep] for column, v in decoded.values.items()}
+                    self._in_order(name, held[name].add(stamp(values), one.log_time[keep], values))
+            ready = min(one.last for one in held.values())
+            if (rows := _common(held, ready)) is not None:
+                yield rows
+        # A topic of which nothing came holds nothing back any more.
+        held = {name: one for name, one in held.items() if one.any}
+        if held and (rows := _common(held, max(one.last for one in held.values()))) is not None:
+            yield rows
+
+    def _checked(self, name: str, work: Callable, *arguments: object):  # type: ignore[no-untyped-def]
+        try:
+            return work(*arguments)
+        except LayoutError as exc:
+            raise UnsupportedLogError(self._log.path, f"topic {PREFIX}{name}: {exc}") from exc
+
+    def _in_order(self, name: str, ascending: bool) -> None:
+        if not ascending:
+            raise DataError(
+                self._log.path,
+                f"times of {PREFIX}{name} go back or repeat, as where results were merged",
+                "export each result on its own",
+            )
+
+    def _block(
+        self, time_ns: np.ndarray, log_time_ns: np.ndarray, values: Joined, known: set[str]
+    ) -> ResultBlock:
+        """A block in sinstool's own frames and units."""
+        q_nb = self._attitude(values)
+        blank = np.full((len(q_nb), 3), np.nan)
+        imu, odometry = values.get("imu"), values.get("odometry")
+        columns: dict[str, np.ndarray | None] = {
+            "omega_ib_b": blank if imu is None else turn_body(imu["gyro"], self._axes),
+            "specific_force_b": blank if imu is None else turn_body(imu["accel"], self._axes),
+            "vertical": values["height"]["vertical"] if "height" in values else None,
+        }
+        if imu is not None and "attitude" in known:
+            columns["covariance_attitude_n"] = self._turned(imu["q_covariance"].reshape(-1, 3, 3))
+        local = None
+        if odometry is not None:
+            local = self._from_world(odometry["position"])
+            body = turn_body(odometry["velocity"], self._axes)
+            columns["velocity_n"] = rotate(q_nb, body)
+            if "pose" in known:
+                pose = odometry["pose_covariance"].reshape(-1, 6, 6)
+                columns["covariance_position_n"] = self._turned(pose[:, :3, :3])
+                columns.setdefault("covariance_attitude_n", self._turned(pose[:, 3:, 3:]))
+            if "velocity" in known:
+                twist = odometry["twist_covariance"].reshape(-1, 6, 6)[:, :3, :3]
+                c_nb = turn_body(to_dcm(q_nb), self._axes)
+                columns["covariance_velocity_n"] = _unknown(c_nb @ twist @ np.swapaxes(c_nb, 1, 2))
+        elif "pose" in values and "fix" in values:
+            local = self._from_world(values["pose"]["position"])
+        if "fix" in values:
+            geodetic = values["fix"]["geodetic"]
+            columns["position"] = geodetic * np.array([np.pi / 180.0, np.pi / 180.0, 1.0])
+            if "fix" in known:
+                # always east, north, up in this message
+                covariance = values["fix"]["fix_covariance"].reshape(-1, 3, 3)
+                columns["covariance_position_n"] = _unknown(enu_to_ned_covariance(covariance))
+        return ResultBlock(Solution(time_ns, log_time_ns, q_nb, **columns), local)  # type: ignore[arg-type]
+
+    def _attitude(self, values: Joined) -> np.ndarray:
+        if self._source == "euler":
+            return np.asarray(from_euler(values["euler"]["euler"]))
+        q = values[self._source]["q"][:, [3, 0, 1, 2]]
+        q = q / np.linalg.norm(q, axis=1)[:, None]
+        # Half turns of both axes: what takes attitudes to the log's axes takes them back.
+        return q_for_log(q, self._axes, "enu" if self._enu else "ned")
+
+    def _from_world(self, vectors: np.ndarray) -> np.ndarray:
+        return enu_to_ned(vectors) if self._enu else vectors
+
+    def _turned(self, covariance: np.ndarray) -> np.ndarray:
+        return _unknown(enu_to_ned_covariance(covariance) if self._enu else covariance)
+
+
+def _unknown(covariance: np.ndarray) -> np.ndarray:
+    """Covariances with NaN where they are not known."""
+    known = np.asarray(covariance.any(axis=(1, 2)))
+    return covariance if known.all() else np.where(known[:, None, None], covariance, np.nan)
+
+
+class _Held:
+    """Rows of a topic for which others have not come yet."""
+
+    def __init__(self) -> None:
+        self.last = int(np.iinfo(np.int64).min)
+        self.any = False
+        self._parts: list[tuple[np.ndarray, np.ndarray, dict[str, np.ndarray]]] = []
+
+    def add(
+        self, time_ns: np.ndarray, log_time_ns: np.ndarray, values: dict[str, np.ndarray]
+    ) -> bool:
+        """Take rows in; whether all times ascend."""
+        ascending = (not self.any or time_ns[0] > self.last) and bool((np.diff(time_ns) > 0).all())
+        self._parts.append((time_ns, log_time_ns, values))
+        self.last, self.any = int(time_ns[-1]), True
+        return ascending
+
+    def up_to(self, ready: int) -> tuple[np.ndarray, np.ndarray, dict[str, np.ndarray]] | None:
+        """Give out the rows up to a time."""
+        if not self._parts:
+            return None
+        times, log_times, values = zip(*self._parts, strict=True)
+        time_ns, log_time_ns = np.concatenate(times), np.concatenate(log_times)
+        together = {name: np.concatenate([one[name] for one in values]) for name in values[0]}
+        count = int(np.searchsorted(time_ns, ready, side="right"))
+        rest = {name: column[count:] for name, column in together.items()}
+        self._parts = (
+            [] if count == len(time_ns) else [(time_ns[count:], log_time_ns[count:], rest)]
+        )
+        given = {name: column[:count] for name, column in together.items()}
+        return (time_ns[:count], log_time_ns[:count], given) if count else None
+
+
+def _common(held: dict[str, _Held], ready: int) -> tuple[np.ndarray, np.ndarray, Joined] | None:
+    """Rows up to a time at the instants that all topics have."""
+    given = {name: rows for name, one in held.items() if (rows := one.up_to(ready)) is not None}
+    if len(given) < len(held):
+        return None
+    every = [time_ns for time_ns, _, _ in given.values()]
+    same = every[0]
+    if not all(np.array_equal(same, one) for one in every[1:]):
+        same = reduce(np.intersect1d, every)
+        for name, one in given.items():
+            which = np.searchsorted(one[0], same)
+            given[name] = same, one[1][which], {key: v[which] for key, v in one[2].items()}
+    if not len(same):
+        return None
+    first = next(iter(given.values()))[1]
+    return same, first, {name: values for name, (_, _, values) in given.items()}

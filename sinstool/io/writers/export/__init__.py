@@ -1,0 +1,1 @@
+"""Solutions as files of other programs: tables, trajectories, tracks on a map."""

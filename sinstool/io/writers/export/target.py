@@ -1,0 +1,62 @@
+"""What every kind of exported file is made from, and what its writer does."""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from dataclasses import dataclass
+from typing import BinaryIO
+
+from sinstool.io.readers.results import ResultBlock
+
+
+@dataclass(frozen=True)
+class Described:
+    """What a file says of itself.
+
+    Attributes
+    ----------
+    name : str
+        Of the result.
+    reference : str
+        Frame id of its attitudes; '' where it is not known.
+    first_ns : int
+        Time from which seconds are counted: the result's first.
+    geoid_height : float or None
+        Of the geoid above the ellipsoid, m, for formats whose heights count from the geoid.
+    """
+
+    name: str
+    reference: str
+    first_ns: int
+    geoid_height: float | None = None
+
+
+class Writer(ABC):
+    """Writes blocks of a result to a stream, in the order of time.
+
+    Parameters
+    ----------
+    stream : binary file
+        Open for writing.
+    about : Described
+
+    Attributes
+    ----------
+    columns : tuple of str
+        Names of what a row has, where the format has rows with names; known after a block.
+    """
+
+    needs_position = False
+    """Whether latitude and longitude are what it is made of."""
+
+    def __init__(self, stream: BinaryIO, about: Described) -> None:
+        self.stream = stream
+        self.about = about
+        self.columns: tuple[str, ...] = ()
+
+    @abstractmethod
+    def push(self, block: ResultBlock) -> None:
+        """Write rows; never none."""
+
+    def finish(self) -> None:  # noqa: B027 - not every format has an end
+        """Write what comes after the last row."""
