@@ -23,7 +23,7 @@ TOPIC_TYPES = {
     "baro_topic": (message_types.PRESSURE_TYPE, *message_types.HEIGHT_TYPES),
     "encoder_topic": (message_types.JOINT_TYPE,),
 }
-FILES = ("hse", "report", "gyro_response")
+FILES = ("hse", "imu_noise", "report", "gyro_response")
 
 
 def completion(name: str) -> Complete | None:

@@ -214,6 +214,7 @@ def absolute(config: ProcessConfig) -> ProcessConfig:
     """The configuration with full names of files."""
     changes: dict[str, dict[str, Any]] = {
         "hse": {"hse": full_name(config.hse.hse)},
+        "navigation": {"imu_noise": full_name(config.navigation.imu_noise)},
         "coning": {"gyro_response": full_name(config.coning.gyro_response)},
         "comparison": {"truth": full_name(config.comparison.truth)},
         "output": {"truth": tuple(full_name(name) or name for name in config.output.truth)},

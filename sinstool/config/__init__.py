@@ -26,6 +26,7 @@ ALIGN_OPTIONS = (
     "gnss",
     "in_flight",
     "navigation.imu_grade",
+    "navigation.imu_noise",
     "output.overwrite",
 )
 PROCESS_OPTIONS = (
@@ -75,6 +76,13 @@ class ProcessConfig(Group):
         check_coning(self.coning)
         self.align.check()
         self.in_flight.check()
+        self.navigation.check()
+        for name in ("arw", "vrw"):
+            if self.navigation.imu_noise is not None and getattr(self.in_flight, name) is not None:
+                raise ConfigurationError(
+                    f"--imu-noise and --{name} both say how noisy the IMU is",
+                    "leave one of them out",
+                )
         self.vertical.check()
         self.filter.check()
         if self.hse.hse is not None and self.rig is None:

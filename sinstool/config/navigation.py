@@ -62,9 +62,24 @@ class NavigationOptions(Group):
         " the gyro's noise at rest",
         brief="mems, industrial, tactical, navigation or auto",
     )
+    imu_noise: str | None = option(
+        None,
+        "noise file of this IMU, as sinstool allan writes it, in place of a grade's noise; the"
+        " grade still says what no rest shows, such as scale factors",
+        "FILE",
+        brief="noise file of sinstool allan, for a grade's noise",
+    )
     attitude_order: Literal["exact", "1", "2", "3", "4"] = option(
         "exact", "quaternion update of --mode ins: exact, or Picard's approximation of this order"
     )
+
+    def check(self) -> None:
+        """Noise is measured or that of a grade, not both."""
+        if self.imu_noise is not None and self.imu_grade != "auto":
+            raise ConfigurationError(
+                f"--imu-noise and --imu-grade {self.imu_grade} both say how noisy the IMU is",
+                "leave one of them out",
+            )
 
 
 class HeightOptions(Group):

@@ -9,6 +9,7 @@ is not made again.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 from sinstool.config import ProcessConfig
@@ -17,12 +18,13 @@ from sinstool.config.unused import listed, unused_options
 from sinstool.core.choices import log_choice
 from sinstool.core.errors import AlignmentError, TopicError
 from sinstool.core.finding import Finding
+from sinstool.core.units import DEGREE_PER_ROOT_HOUR, MICRO_G
 from sinstool.methods.alignment.initial import Alignment
 from sinstool.methods.coning.algorithm import ConingAlgorithm
 from sinstool.methods.sensor_errors import Grade
 from sinstool.pipelines.align.first_attitude import align
 from sinstool.survey.coning import choose_algorithm, coning_reason
-from sinstool.survey.grade import sensor_grade
+from sinstool.survey.grade import gyro_walk, measured_noise, random_walks, sensor_grade
 from sinstool.survey.magnetometer import MagneticTopic, choose_magnetometer
 from sinstool.survey.source import Source, has_gnss
 
@@ -31,7 +33,7 @@ if TYPE_CHECKING:
 
 # A log that is shorter holds nothing to smooth.
 SHORTEST_S = 3.0
-LABELS = {"imu_topic": "Imu topic", "imu_grade": "IMU grade"}
+LABELS = {"imu_topic": "Imu topic", "imu_grade": "IMU grade", "imu_noise": "IMU noise"}
 
 
 @dataclass(frozen=True)
@@ -75,6 +77,8 @@ class Plan:
         ``level``, ``gyrocompass``, ``log``, ``fixed``, ``level-moving``, a solver in motion such
         as ``svd``, or ``whole-turn`` on a turntable.
     imu_grade : Choice
+    imu_noise : Choice
+        The noise file, or ``of the grade``.
     coning : Choice
     height_reference : Choice
         ``none``, ``baro`` or ``gnss``.
@@ -94,6 +98,7 @@ class Plan:
     magnetometer: Choice
     first_attitude: Choice
     imu_grade: Choice
+    imu_noise: Choice
     coning: Choice
     height_reference: Choice
     wheels: Choice
@@ -171,6 +176,7 @@ def make_plan(source: Source, config: ProcessConfig) -> Plan:
         magnetometer=Choice(magnetic.topic or "none", magnetic.reason, "--magnetometer"),
         first_attitude=first,
         imu_grade=Choice(grade.grade, grade.why, "--imu-grade"),
+        imu_noise=_imu_noise(source, config),
         coning=Choice(config.coning.coning, coning_reason(algorithm, config), "--coning"),
         height_reference=_height_reference(config, filter_start),
         wheels=_wheels(source, mode.value),
@@ -198,6 +204,7 @@ def fixed_plan(source: Source, config: ProcessConfig) -> Plan:
         magnetometer=Choice("not chosen", untried, "--magnetometer"),
         first_attitude=Choice(config.align.align, "as configured", "--method"),
         imu_grade=Choice(grade.grade, grade.why, "--imu-grade"),
+        imu_noise=_imu_noise(source, config),
         coning=Choice("not chosen", untried, "--coning"),
         height_reference=Choice("none", "as no height is damped", "--height-damping"),
         wheels=Choice("not chosen", untried, "--wheels"),
@@ -216,6 +223,7 @@ def turntable_plan(topic: str, config: ProcessConfig) -> Plan:
         magnetometer=Choice("none", "as the turntable shows every turn", "--hse"),
         first_attitude=Choice("whole-turn", "as the table turns", "--hse"),
         imu_grade=Choice("navigation", "as the rig was calibrated", "--imu-grade"),
+        imu_noise=Choice("of the grade", "as the rig was calibrated", "--imu-noise"),
         coning=Choice("none", "as the table's encoder gives the motion", "--hse"),
         height_reference=Choice("none", "as attitude alone is computed", "--hse"),
         wheels=Choice("none", "as attitude alone is computed", "--hse"),
@@ -287,6 +295,21 @@ def _attitude(source: Source, config: ProcessConfig, mode: str, grade: Grade) ->
     if grade == "navigation":
         return Choice("inertial", "as the gyros are of navigation grade", option)
     return Choice("smoothed", "as gravity holds roll and pitch better than the gyros", option)
+
+
+def _imu_noise(source: Source, config: ProcessConfig) -> Choice:
+    """Whose noise the sensors are taken to have."""
+    option, measured = "--imu-noise", measured_noise(config)
+    if measured is None:
+        walks = random_walks(source)
+        reason = "as no noise file is given"
+        if config.navigation.imu_grade == "auto" and walks is not None:
+            shown = f"{walks[1] / MICRO_G:.2g} ug/sqrt(Hz)"
+            reason += f"; where the accelerometer's at rest, {shown}, is more, a filter takes that"
+        return Choice("of the grade", reason, option)
+    shown = f"{gyro_walk(measured) / DEGREE_PER_ROOT_HOUR:.2g} deg/sqrt(h)"
+    file = Path(str(config.navigation.imu_noise)).name
+    return Choice(file, f"as configured: measured at rest, {shown} for the gyro", option)
 
 
 def _gyro_samples(config: ProcessConfig, attitude: str) -> Choice:

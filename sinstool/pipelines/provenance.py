@@ -48,7 +48,11 @@ def identity(config: ProcessConfig) -> dict[str, str]:
 
 def files(config: ProcessConfig) -> dict[str, Path]:
     """Files on whose content a result depends, as far as they are there, by option."""
-    named = {"hse": config.hse.hse, "gyro_response": config.coning.gyro_response}
+    named = {
+        "hse": config.hse.hse,
+        "imu_noise": config.navigation.imu_noise,
+        "gyro_response": config.coning.gyro_response,
+    }
     return {k: Path(v) for k, v in named.items() if v is not None and Path(v).is_file()}
 
 

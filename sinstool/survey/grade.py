@@ -3,13 +3,16 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from pathlib import Path
 
 import numpy as np
 
 from sinstool.config import ProcessConfig
+from sinstool.config.noise import read_noise
 from sinstool.core.earth import EARTH_RATE
 from sinstool.core.timeline import SECOND
 from sinstool.core.units import DEGREE_PER_HOUR, DEGREE_PER_ROOT_HOUR
+from sinstool.methods.allan.coefficients import ImuNoise, over_axes
 from sinstool.methods.sensor_errors import Grade, grade_by_bias, grade_by_noise
 from sinstool.survey.rest import longest_rest
 from sinstool.survey.source import Source
@@ -23,6 +26,25 @@ class ImuGrade:
 
     grade: Grade
     why: str
+
+
+def measured_noise(config: ProcessConfig) -> ImuNoise | None:
+    """What ``--imu-noise`` names, or None.
+
+    Raises
+    ------
+    ConfigurationError
+        It is no noise file.
+    """
+    file = config.navigation.imu_noise
+    return None if file is None else read_noise(Path(file))
+
+
+def gyro_walk(noise: ImuNoise) -> float:
+    """Angular random walk of a noise file, rad/sqrt(s)."""
+    white = over_axes(noise.gyro, "white")
+    assert white is not None and white.value is not None  # the file's reader has seen to it
+    return white.value
 
 
 def random_walks(source: Source, least_s: float = 0.0) -> tuple[float, float] | None:
@@ -63,14 +85,16 @@ def sensor_grade(source: Source, config: ProcessConfig) -> ImuGrade:
     Without a rest to judge by the sensors are taken for MEMS: too much caution costs accuracy,
     too little the truth of every sigma.
     """
-    configured = config.navigation.imu_grade
+    configured, file = config.navigation.imu_grade, config.navigation.imu_noise
     if configured != "auto":
         return ImuGrade(configured, "as configured")
-    walk = random_walk(source)
+    measured = measured_noise(config)
+    walk = random_walk(source) if measured is None else gyro_walk(measured)
     if walk is None:
         return ImuGrade("mems", "assumed, as the log shows no rest")
     shown = walk / DEGREE_PER_ROOT_HOUR
-    grade, why = grade_by_noise(walk), f"by its gyro noise at rest, {shown:.2g} deg/sqrt(h)"
+    where = "at rest" if file is None else f"in {Path(file).name}"
+    grade, why = grade_by_noise(walk), f"by its gyro noise {where}, {shown:.2g} deg/sqrt(h)"
     bias = bias_at_rest(source)
     lower = grade if bias is None else grade_by_bias(grade, bias)
     if bias is None or lower == grade:

@@ -281,3 +281,28 @@ def test_usage(allan, rest, tmp_path):
     assert code == 0 and "imu_topic" in out
     code, _, err = allan(rest, "--report", tmp_path / "page.gif")
     assert code != 0 and "gif" in err
+
+
+def test_noise_file_in_place_of_a_grade(sinstool, rest, tmp_path):
+    """`process` and `align` take the file, say so, and refuse what contradicts it."""
+    noise = tmp_path / "noise.toml"
+    assert sinstool("allan", rest, "-o", noise, "-q")[0] == 0
+    out = tmp_path / "out.mcap"
+    code, said, err = sinstool("process", rest, "-o", out, "--imu-noise", noise, "--json")
+    plan = json.loads(said)["plan"]
+    assert code == 0, err
+    assert plan["imu_noise"]["value"] == "noise.toml"
+    assert "measured at rest, 0.67 deg/sqrt(h)" in plan["imu_noise"]["reason"]
+    assert "by its gyro noise in noise.toml" in plan["imu_grade"]["reason"]
+    code, said, _ = sinstool("align", rest, "--imu-noise", noise, "--json")
+    assert code == 3 and json.loads(said)["plan"]["imu_noise"]["value"] == "noise.toml"
+    options = ("--imu-noise", noise, "--imu-grade", "mems")
+    code, _, err = sinstool("process", rest, "-o", tmp_path / "no.mcap", *options)
+    assert code == 2 and "both say how noisy the IMU is" in err
+    noise.write_text("schema = 3")
+    code, _, err = sinstool("align", rest, "--imu-noise", noise)
+    assert code == 2 and "noise.toml" in err
+    _, said, _ = sinstool("info", rest, "--json")
+    plan = json.loads(said)["process"]["plan"]
+    assert plan["imu_noise"]["value"] == "of the grade"
+    assert plan["imu_noise"]["reason"].startswith("as no noise file is given")

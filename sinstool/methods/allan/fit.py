@@ -51,8 +51,11 @@ LEAST_BLOCKS = 8
 # Averaging times are left out where what is left would be so seldom worse by chance; that costs
 # little where it is chance. Where any had to be, one more goes: it is not quite free of the cause.
 DOUBTFUL = 3e-3
-# Of two edges of an interval the inner has this weight; held against simulated logs.
-INWARD = 0.25
+# Of two edges of an interval the inner has this weight, by term; held against simulated logs. A
+# random walk that is just too small to be seen is taken for flicker noise by a fit without it.
+INWARD = {"quantisation": 0.5, "white": 0.5, "flicker": 0.0, "random_walk": 0.5}
+# Of flicker noise alone the frequencies of blocks are not quite independent: more deviance is due.
+FLICKER_INTERVAL = 1.1
 _ROUNDS = 3
 
 
@@ -372,17 +375,20 @@ class _Likelihood:
         or nothing: the first interval alone then holds the truth too seldom, the second where they
         are just too small to be seen.
         """
-        high = self._edge(k, p, (), misfit, +1.0)
+        name = TERMS[k]
+        target = INTERVAL * (FLICKER_INTERVAL if name == "flicker" else 1.0)
+        high = self._edge(k, p, (), misfit, +1.0, target)
         if not seen[k]:
             return Term(None, 0.0, sqrt(high))
-        low = self._edge(k, p, (), misfit, -1.0)
+        low = self._edge(k, p, (), misfit, -1.0, target)
         hidden = tuple(j for j, visible in enumerate(seen) if not visible)
         if hidden:
             alone = p.copy()
             alone[list(hidden)] = 0.0
             alone = self._minimise(alone, hidden)[0]
-            high = _between(high, self._edge(k, alone, hidden, misfit, +1.0), max)
-            low = _between(low, self._edge(k, alone, hidden, misfit, -1.0), min)
+            inward = INWARD[name]
+            high = _between(high, self._edge(k, alone, hidden, misfit, +1.0, target), max, inward)
+            low = _between(low, self._edge(k, alone, hidden, misfit, -1.0, target), min, inward)
         return Term(sqrt(p[k]), sqrt(low), sqrt(high))
 
     def _edge(
@@ -445,10 +451,12 @@ class _Likelihood:
         return Term(size, size - half, size + half)
 
 
-def _between(one: float, other: float, outer: Callable[[float, float], float]) -> float:
-    """An edge of an interval, from two of which neither is quite right: nearer to the outer."""
+def _between(
+    one: float, other: float, outer: Callable[[float, float], float], inward: float
+) -> float:
+    """An edge of an interval, from two of which neither is quite right."""
     edge = outer(one, other)
-    return edge + INWARD * (one + other - 2.0 * edge)
+    return edge + inward * (one + other - 2.0 * edge)
 
 
 def _edge(

@@ -15,8 +15,9 @@ from sinstool.io.readers.frames import turn_body
 from sinstool.methods.alignment import in_motion
 from sinstool.methods.alignment.in_motion import MotionAlignment, align_in_motion, gnss_fixes
 from sinstool.methods.alignment.inflight_types import AlignmentSettings, GateLimits, ImuIncrements
+from sinstool.methods.allan.coefficients import as_measured
 from sinstool.methods.sensor_errors import IMU_GRADES, Grade, SensorGrade
-from sinstool.survey.grade import random_walk
+from sinstool.survey.grade import measured_noise, random_walk
 from sinstool.survey.imu import Survey
 from sinstool.survey.rest import REST_S, longest_rest, rest_end
 from sinstool.survey.source import Source, rate_blocks
@@ -145,8 +146,10 @@ def _interval_ns(source: Source) -> float:
 
 
 def imu_noise(config: ProcessConfig, grade: Grade) -> SensorGrade:
-    """Noise of a grade, but for what the options say."""
-    options, noise = config.in_flight, IMU_GRADES[grade]
+    """Noise of a grade, but for what a noise file or the options say."""
+    options, noise, measured = config.in_flight, IMU_GRADES[grade], measured_noise(config)
+    if measured is not None:
+        noise = as_measured(measured, noise)
     changes: dict[str, float] = {}
     if options.arw is not None:
         changes["angle_random_walk"] = options.arw * DEGREE / 60.0

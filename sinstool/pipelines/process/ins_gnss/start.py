@@ -362,7 +362,11 @@ def _settings(
         feedback=options.feedback,
         control=DivergenceControl(
             virtual_noise=options.virtual_noise == "on"
-            or (options.virtual_noise == "auto" and grade == "mems"),
+            or (
+                options.virtual_noise == "auto"
+                and grade == "mems"
+                and config.navigation.imu_noise is None
+            ),
             adaptive=options.adaptive,
             schmidt_epsilon=options.schmidt_epsilon,
             restart_after=options.restart_after,
@@ -383,14 +387,19 @@ def _imu(source: Source, config: ProcessConfig, grade: Grade) -> SensorGrade:
 def _too_good(source: Source, config: ProcessConfig, settings: Settings) -> list[str]:
     """A gyro that options make much better than its noise at rest."""
     shown, assumed = random_walk(source), settings.imu.angle_random_walk
-    stated = config.navigation.imu_grade != "auto" or config.in_flight.arw is not None
+    options = config.navigation
+    stated = (
+        options.imu_grade != "auto"
+        or options.imu_noise is not None
+        or config.in_flight.arw is not None
+    )
     if not stated or shown is None or shown < NOISIER * assumed:
         return []
     size = 60.0 / DEGREE
     return [
         f"the gyro's noise at rest is {size * shown:.2g} deg/sqrt(h), but the filter was set to"
-        f" {size * assumed:.2g} (--imu-grade, --arw): it will believe itself too much; leave that"
-        " out"
+        f" {size * assumed:.2g} (--imu-grade, --imu-noise, --arw): it will believe itself too much;"
+        " leave that out"
     ]
 
 
