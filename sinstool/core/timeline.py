@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, replace
+from datetime import UTC, datetime
 from itertools import pairwise
 from typing import Generic, TypeVar
 
@@ -26,6 +27,14 @@ LAST_HORIZON = 64 * SECOND
 GAP_INTERVALS = 3.0
 S = TypeVar("S", bound=Stream)
 _NEVER = int(np.iinfo(np.int64).min)
+
+
+def clock_time(time_ns: int) -> str:
+    """A time as people read it; clocks that count from boot are shown in seconds."""
+    if time_ns > 946684800 * SECOND:  # 2000-01-01: recorders' own clocks start at zero
+        when = datetime.fromtimestamp(time_ns // SECOND, UTC)
+        return f"{when:%Y-%m-%d %H:%M:%S}.{time_ns % SECOND // 10**6:03d} UTC"
+    return f"{time_ns / SECOND:.3f} s"
 
 
 @dataclass

@@ -314,7 +314,8 @@ def _nothing(log: Log, topic: ImuTopic, losses: Losses, extent: _Extent) -> Data
         return DataError(
             log.path,
             f"topic {topic.topic} has no usable Imu message between --start and --end",
-            f"its samples span {(extent.high - extent.low) / SECOND:.3f} s, from {extent.low} ns",
+            f"its samples span {(extent.high - extent.low) / SECOND:.3f} s, from"
+            f" {clock_time(extent.low)}",
         )
     detail = f" ({losses.problem})" if losses.problem else ""
     if losses.nonfinite:

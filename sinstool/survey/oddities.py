@@ -14,12 +14,13 @@ import numpy as np
 
 from sinstool.config import InputOptions
 from sinstool.core.finding import Finding, Severity
-from sinstool.core.units import STANDARD_GRAVITY
+from sinstool.core.units import DEGREE, STANDARD_GRAVITY
 from sinstool.io.readers.frames import turn_body
 from sinstool.io.readers.streams import LARGEST
 from sinstool.survey.imu import Survey
 from sinstool.survey.unit_evidence import (
     accel_looks_like_g,
+    degrees_look_like_radians,
     gyro_looks_like_degrees,
     turns_like_degrees,
 )
@@ -33,6 +34,10 @@ LEAST_GRAVITY = 0.7
 # m/s^2: less is no gravity, read as it is; and how near to gravity increments come by it.
 WEIGHTLESS = 0.8
 INCREMENT = 0.05
+# Rates of a moving vehicle that never exceed this, deg/s, are suspect; and how much the mean
+# specific force of half a second varies in motion, as a share of its size.
+SLOW_DEG_S = 3.0
+MOVING = 0.01
 
 
 def oddities(survey: Survey, options: InputOptions) -> list[Finding]:
@@ -61,7 +66,9 @@ def _units(s: Survey, options: InputOptions) -> Iterator[Finding]:
             severity=Severity.FAILED,
         )
         return
-    if gyro_looks_like_degrees(s.gyro_unit, s.gyro_max):
+    if options.gyro_unit == "deg/s":
+        yield from _degrees(s)
+    elif gyro_looks_like_degrees(s.gyro_unit, s.gyro_max):
         reason = (
             "gravity turns in the body as if its rates were in deg/s"
             f" ({s.gyro_unit.scale:.2f} of what they then say; it would be 57 for rad/s)"
@@ -75,7 +82,7 @@ def _units(s: Survey, options: InputOptions) -> Iterator[Finding]:
                 answer="add --gyro-unit deg/s (or --gyro-unit rad/s if the log is right)",
                 severity=Severity.FAILED,
             )
-        elif options.gyro_unit == "rad/s":
+        else:
             yield Finding("gyro-unit", f"topic {s.topic}: {reason}, read as rad/s as specified")
     force = s.specific_force_median
     if accel_looks_like_g(force):
@@ -119,6 +126,26 @@ def _units(s: Survey, options: InputOptions) -> Iterator[Finding]:
             f"topic {s.topic}: the specific force is mostly {force:.2f} m/s^2 in size, not 9.8",
             answer="check its unit with --accel-unit",
         )
+
+
+def _degrees(s: Survey) -> Iterator[Finding]:
+    """Whether rates that are read as deg/s, as the user says, can be that."""
+    text = f"topic {s.topic}: rates are read as deg/s as specified, but "
+    most = float(s.gyro_max.max()) / DEGREE
+    if degrees_look_like_radians(s.gyro_unit):
+        times = s.gyro_unit.scale * DEGREE
+        answer = "leave out --gyro-unit unless the log is right"
+        text += f"gravity turns {times:.3g} times as far in the body, as if they were in rad/s"
+        yield Finding("gyro-unit", text, answer=answer)
+    elif most < SLOW_DEG_S and _moves(s):
+        text += f"they never exceed {most:.2g} deg/s in a log that moves"
+        yield Finding("gyro-unit", text, answer="leave out --gyro-unit if they are in rad/s")
+
+
+def _moves(s: Survey) -> bool:
+    """Whether the specific force varies as it does in motion."""
+    size = np.linalg.norm(s.windows.accel, axis=1)
+    return len(size) > 1 and float(np.std(size)) > MOVING * s.specific_force_median
 
 
 def _rate(s: Survey, options: InputOptions) -> float:

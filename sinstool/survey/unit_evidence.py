@@ -135,6 +135,19 @@ def gyro_looks_like_degrees(evidence: UnitEvidence, gyro_max: np.ndarray) -> boo
     return turns_like_degrees(evidence) or (too_fast and not surely_radians)
 
 
+def degrees_look_like_radians(evidence: UnitEvidence) -> bool:
+    """Whether rates that were converted from deg/s must have been rad/s already.
+
+    Parameters
+    ----------
+    evidence : UnitEvidence
+        Of the converted rates: gravity then turns up to 57 times what they say in deg/s where the
+        conversion is right, and 57 times that where it is not.
+    """
+    e = evidence
+    return e.scale > 5.0 * e.sigma and e.scale - 3.0 * e.sigma > RADIANS_SCALE / DEGREE
+
+
 def _turned(direction: np.ndarray, turn: np.ndarray) -> np.ndarray:
     """A direction fixed in space, seen from a body that has turned: Rodrigues by -turn."""
     angle = np.linalg.norm(turn, axis=1, keepdims=True)

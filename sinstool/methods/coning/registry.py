@@ -10,7 +10,6 @@ programs with `register`.
 
 from __future__ import annotations
 
-import difflib
 import re
 from collections.abc import Callable
 from importlib import import_module
@@ -18,6 +17,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple, cast
 
 from sinstool.core import plugins
 from sinstool.core.errors import ConfigurationError
+from sinstool.core.suggest import nearest
 
 if TYPE_CHECKING:
     from sinstool.methods.coning.algorithm import ConingAlgorithm
@@ -162,10 +162,10 @@ def algorithm(name: str, **options: Any) -> ConingAlgorithm:
     if name in _registered or name in plugins.plugins(GROUP):
         return _foreign(name, options)
     there_are = all_names()
-    near = difflib.get_close_matches(name, there_are, n=1, cutoff=0.0)
+    near = nearest(name, there_are)
+    hint = f"there are {', '.join(there_are)}, and most of the numbered ones with other numbers"
     raise ConfigurationError(
-        f"unknown coning algorithm {name!r}",
-        f"did you mean {near[0]}? There are {', '.join(there_are)}",
+        f"unknown coning algorithm {name!r}", f"{near} {hint.capitalize()}" if near else hint
     )
 
 

@@ -3,22 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from datetime import UTC, datetime
 
 import click
 
 from sinstool.core.finding import Finding, Severity
+from sinstool.core.timeline import clock_time
 from sinstool.io.readers.lost import LogLosses
 from sinstool.pipelines.info.result import InspectedImu, Inspection, UnusableImu
 from sinstool.report.text.table import table
-
-
-def _time(value: int) -> str:
-    """A time as people read it; clocks that count from boot are shown in seconds."""
-    if value > 946684800 * 10**9:  # 2000-01-01: recorders' own clocks start at zero
-        when = datetime.fromtimestamp(value // 10**9, UTC)
-        return f"{when:%Y-%m-%d %H:%M:%S}.{value % 10**9 // 10**6:03d} UTC"
-    return f"{value / 1e9:.3f} s"
 
 
 def print_inspection(inspection: Inspection, verbose: bool) -> None:
@@ -30,8 +22,8 @@ def print_inspection(inspection: Inspection, verbose: bool) -> None:
             ("log", f"{source.path} ({source.size / 1e6:.1f} MB)"),
             ("format", f"{source.format}, profile {source.profile or 'none'}"),
             ("messages", f"{source.messages} in {span:.3f} s"),
-            ("from", _time(source.start_ns)),
-            ("to", _time(source.end_ns)),
+            ("from", clock_time(source.start_ns)),
+            ("to", clock_time(source.end_ns)),
         ]
     )
     click.echo("\ntopics")

@@ -46,7 +46,7 @@ def summary_rows(result: ProcessResult, verbose: bool = False) -> list[Row]:
             f" {align.pitch_deg:.3f}, heading {compass(align.heading_deg, 3)} deg{tilt}"
             + ("" if align.north_referenced else "; heading is not referenced to north"),
         ),
-        ("gyro bias", f"{align.gyro_bias_source}: {bias} rad/s (FRD)"),
+        ("gyro bias", _bias(align.gyro_bias_source, bias)),
     ]
     if coning is not None:
         rows.append(
@@ -83,6 +83,13 @@ def summary_rows(result: ProcessResult, verbose: bool = False) -> list[Row]:
             rows.append(("coning source", coning.source))
         rows.append(("input sha256", result.input.sha256))
     return rows
+
+
+def _bias(source: str, bias: str) -> str:
+    """The gyro bias; one that the user gave in the log's axes may differ in its signs."""
+    if source == "given":
+        return f"as specified, converted to FRD axes: {bias} rad/s"
+    return f"{source}: {bias} rad/s (FRD)"
 
 
 def _smoothing(s: summary.AttitudeSmoothing | None) -> list[Row]:
