@@ -23,6 +23,7 @@ from sinstool.core.timeline import (
     SECOND,
     Order,
     OrderCounts,
+    clock_time,
     mean_rates,
     ordered,
     reblock,

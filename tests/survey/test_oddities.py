@@ -392,3 +392,25 @@ def test_a_simulated_rest_is_not_held(rows, findings_of):
     assert "held" not in findings_of(rows)
     rows.gyro[1::2], rows.accel[1::2] = rows.gyro[::2], rows.accel[::2]
     assert "held" in findings_of(rows)
+
+
+def test_rates_wrongly_named_deg_s_are_questioned(rows, findings_of):
+    """Units that the user names are used, and what the log says against them is reported."""
+    odd = findings_of(rows, gyro_unit="deg/s")["gyro-unit"]
+    assert not is_fatal(odd) and "read as deg/s as specified, but gravity turns" in odd.text
+    assert "as if they were in rad/s" in odd.text and "leave out --gyro-unit" in odd.answer
+    rows.gyro *= 180.0 / np.pi
+    assert findings_of(rows, gyro_unit="deg/s") == {}
+
+
+def test_rates_named_deg_s_that_are_tiny_in_motion_are_questioned(findings_of):
+    """A multicopter: its lift shows nothing of the rates, but no motion is that slow."""
+    times = np.arange(4000) / 200.0
+    gyro, accel = resting(4000)
+    gyro[:, 0] += 0.5 * np.sin(6.0 * times)
+    accel[:, 2] *= 1.0 + 0.2 * np.sin(3.0 * times)
+    moving = imu_messages(even_times(4000), gyro, accel)
+    odd = findings_of(moving, gyro_unit="deg/s")["gyro-unit"]
+    assert "never exceed 0.51 deg/s in a log that moves" in odd.text
+    still = imu_messages(even_times(4000), *resting(4000))
+    assert "gyro-unit" not in findings_of(still, gyro_unit="deg/s")
