@@ -204,7 +204,7 @@ class FilterOptions(Group):
         "constraints on the motion. land: a wheeled vehicle, which stays put at rest and whose axle"
         " moves neither sideways nor vertically. none: no constraints. auto: those that the log"
         " confirms",
-        brief="constraints: land (wheeled vehicle), none or auto",
+        brief="constraints: land (on wheels), none or auto",
     )
     mount: tuple[float, float, float] | None = option(
         None,
