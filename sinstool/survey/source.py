@@ -410,9 +410,11 @@ def rate_blocks(
     config: ProcessConfig,
     start_ns: int,
     progress: Callable[[int], None] | None = None,
+    *,
+    last: bool = False,
 ) -> Iterator[Imu]:
     """As :func:`imu_blocks`, with increments as mean rates over their own intervals."""
-    blocks = imu_blocks(source, start_ns, progress)
+    blocks = imu_blocks(source, start_ns, progress, last=last)
     if config.input.sample_kind != "increment":
         return blocks
     nominal_ns = nominal_interval(source, config)

@@ -114,15 +114,13 @@ class VarianceStage:
         self._sums = np.zeros((2, len(lags), columns))
         self._terms = np.zeros((2, len(lags)), np.int64)
         self._tail = np.empty((columns, 0))
-        self._kept = np.empty((columns, 0))
+        self._kept: list[FloatArray] = []
         self._count = 0
 
-    def begin(self, samples: int) -> None:
-        """Begin a segment of at most so many samples, after ending the one before."""
+    def begin(self) -> None:
+        """Begin a segment, after ending the one before."""
         self.end()
-        # One array, filled as blocks come, instead of blocks that are joined at the end
-        self._kept = np.empty((len(self._tail), samples // self.stride + 1))
-        self._kept[:, 0] = 0.0
+        self._kept = [np.zeros((len(self._tail), 1))]
         self._tail = np.zeros((len(self._tail), 1))
         self._count = 0
 
@@ -137,12 +135,11 @@ class VarianceStage:
         phase = np.cumsum(values, axis=0).T
         phase += self._tail[:, -1:]
         first = -self._count - 1 + self.stride * (self._count // self.stride + 1)
-        kept = phase[:, first :: self.stride]
-        at = self._count // self.stride + 1
-        self._kept[:, at : at + kept.shape[1]] = kept
+        self._kept.append(phase[:, first :: self.stride].copy())
         if len(self._short):
             joined = np.hstack((self._tail, phase))
-            self._add(self._short, joined, 0, self._tail.shape[1])
+            for column, row in enumerate(joined):
+                self._add(self._short, row, column, 0, self._tail.shape[1])
             longest = 3 * int(self._short[-1])
             self._tail = joined[:, -longest:].copy()
         else:
@@ -152,26 +149,29 @@ class VarianceStage:
     def end(self) -> None:
         """End the segment."""
         if self._count:
-            kept = self._kept[:, : self._count // self.stride + 1]
-            self._add(self._long // self.stride, kept, len(self._short), 0)
+            phases = []
+            # Column by column, so that no second copy of all there is has to be made
+            for column in range(len(self._tail)):
+                kept = np.concatenate([part[column] for part in self._kept])
+                self._add(self._long // self.stride, kept, column, len(self._short), 0)
+                phases.append(kept[:: self.block // self.stride].copy())
             self.lengths.append(self._count)
-            self.phases.append(kept[:, :: self.block // self.stride].T.copy())
+            self.phases.append(np.stack(phases, axis=1))
+        self._kept = []
         self._count = 0
 
-    def _add(self, lags: IntArray, phase: FloatArray, at: int, begin: int) -> None:
-        """Sums of the squared differences that end at or after a column of the phases."""
-        count = phase.shape[1]
-        for k, lag in enumerate(lags.tolist()):
-            third = bool(self._third[at + k])
-            for order in (2, 3) if third else (2,):
-                terms = count - order * lag - max(begin - order * lag, 0)
-                self._terms[order - 2, at + k] += max(terms, 0)
+    def _add(self, lags: IntArray, phase: FloatArray, column: int, at: int, begin: int) -> None:
+        """Sums of the squared differences of a column that end at or after one of its phases."""
+        count = len(phase)
+        for k, lag in enumerate(lags.tolist(), start=at):
+            third = bool(self._third[k])
+            if column == 0:
+                for order in (2, 3) if third else (2,):
+                    terms = count - order * lag - max(begin - order * lag, 0)
+                    self._terms[order - 2, k] += max(terms, 0)
             first = max(begin - 2 * lag, 0)
-            if count - 2 * lag <= first:
-                continue
-            for column, row in enumerate(phase):
-                sums = _squares(row, lag, first, third)
-                self._sums[:, at + k, column] += sums
+            if count - 2 * lag > first:
+                self._sums[:, k, column] += _squares(phase, lag, first, third)
 
     def finish(self) -> Variances:
         """The variances of all segments."""
@@ -196,23 +196,28 @@ def variances(segments: Sequence[FloatArray], hadamard: bool = True) -> Variance
     lags = averaging_lags(longest)
     stage = VarianceStage(lags, stride, segments[0].shape[1], stride, hadamard)
     for segment in segments:
-        stage.begin(len(segment))
+        stage.begin()
         stage.push(segment - segment.mean(axis=0))
     return stage.finish()
 
 
-@njit(cache=True, nogil=True, fastmath={"reassoc", "contract"})
+@njit(cache=True, nogil=True, fastmath={"reassoc", "contract", "nsz"})
 def _squares(phase, lag, first, third):  # type: ignore[no-untyped-def]
     """Sums of squared second differences of phases from one on, and of third ones ending there."""
     second_sum, third_sum = 0.0, 0.0
     end = phase.shape[0] - 2 * lag
     alone = min(max(lag, first), end) if third else end
-    for i in range(first, alone):
-        d = phase[i + 2 * lag] - 2.0 * phase[i + lag] + phase[i]
+    # Slices, of whose indices the compiler knows that none is negative: ten times as fast
+    a, b, c = phase[first:alone], phase[first + lag :], phase[first + 2 * lag :]
+    for i in range(a.shape[0]):
+        d = c[i] - 2.0 * b[i] + a[i]
         second_sum += d * d
-    for i in range(alone, end):
-        d = phase[i + 2 * lag] - 2.0 * phase[i + lag] + phase[i]
-        e = d - (phase[i + lag] - 2.0 * phase[i] + phase[i - lag])
-        second_sum += d * d
-        third_sum += e * e
+    if alone < end:
+        before, a = phase[alone - lag :], phase[alone:end]
+        b, c = phase[alone + lag :], phase[alone + 2 * lag :]
+        for i in range(a.shape[0]):
+            d = c[i] - 2.0 * b[i] + a[i]
+            e = d - (b[i] - 2.0 * a[i] + before[i])
+            second_sum += d * d
+            third_sum += e * e
     return second_sum, third_sum

@@ -14,7 +14,7 @@ from collections import Counter
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
-from math import isfinite, log, sqrt
+from math import erfc, exp, isfinite, log, pi, sqrt
 
 import numpy as np
 
@@ -53,7 +53,7 @@ LEAST_BLOCKS = 8
 DOUBTFUL = 3e-3
 # Of two edges of an interval the inner has this weight, by term; held against simulated logs. A
 # random walk that is just too small to be seen is taken for flicker noise by a fit without it.
-INWARD = {"quantisation": 0.5, "white": 0.5, "flicker": 0.0, "random_walk": 0.5}
+INWARD = {"quantisation": 0.5, "white": 0.65, "flicker": 0.0, "random_walk": 0.5}
 # Of flicker noise alone the frequencies of blocks are not quite independent: more deviance is due.
 FLICKER_INTERVAL = 1.1
 _ROUNDS = 3
@@ -174,7 +174,7 @@ def fit_segments(segments: Sequence[FloatArray]) -> list[NoiseFit | None]:
     lags = averaging_lags(max(lengths))
     stage = VarianceStage(lags, stride, columns, max(block, stride), hadamard=False)
     for segment in segments:
-        stage.begin(len(segment))
+        stage.begin()
         stage.push(segment - segment.mean(axis=0))
     found = stage.finish()
     data = NoiseData(found, stage.lengths, stage.phases, max(block, stride))
@@ -247,19 +247,13 @@ class _Likelihood:
 
     def _begin(self) -> FloatArray:
         """Terms that follow the curve, each lag and each frequency by its share."""
-        from scipy.optimize import nnls
-
         y = self._y[self._first :]
         parts = [self._data.design[self._first :] / y[:, None]] if len(y) else []
         edges = [0, *(1 << k for k in range(1, 20) if 1 << k < len(self._z)), len(self._z)]
         for a, b in pairwise(edges):
             parts.append(np.mean(self._v[a:b], axis=0)[None] / np.mean(self._z[a:b] ** 2))
         rows = np.concatenate(parts)
-        return np.asarray(nnls(rows / self._size(rows), np.ones(len(rows)))[0] / self._size(rows))
-
-    @staticmethod
-    def _size(rows: FloatArray) -> FloatArray:
-        return np.asarray(np.max(rows, axis=0))
+        return _least_squares(rows)
 
     def _weigh(self, p: FloatArray) -> None:
         rows = slice(self._first, None)
@@ -346,8 +340,6 @@ class _Likelihood:
 
     def _misfit(self, p: FloatArray) -> tuple[float, float]:
         """Scatter by what the terms allow, at worst, and the chance of it were they right."""
-        from scipy.special import chdtrc
-
         ramp = self._ramp_of(p)[0]
         residual = self._residual(p, ramp)
         short = float(residual @ self._weight @ residual)
@@ -357,7 +349,7 @@ class _Likelihood:
         edges = [0, *(1 << k for k in range(2, 20) if 1 << k < len(square)), len(square)]
         pairs = pairwise(edges)
         tests += [(float(square[a:b].sum()), b - a) for a, b in pairs]
-        chance = min(float(chdtrc(freedom, total)) for total, freedom in tests)
+        chance = min(chance_above(total, freedom) for total, freedom in tests)
         worst = max(total / freedom for total, freedom in tests)
         return max(worst, 1.0), min(len(tests) * chance, 1.0)
 
@@ -449,6 +441,40 @@ class _Likelihood:
         if size < sqrt(SURE) * spread:
             return Term(None, 0.0, size + half)
         return Term(size, size - half, size + half)
+
+
+def _least_squares(rows: FloatArray) -> FloatArray:
+    """Terms, none of them negative, that bring each row next to 1."""
+    size = np.max(rows, axis=0)
+    scaled, one = rows / size, np.ones(len(rows))
+    best, least = np.zeros(len(size)), float(len(rows))
+    # The best of all choices of terms whose own best is not negative
+    for chosen in range(1, 1 << len(size)):
+        some = [k for k in range(len(size)) if chosen >> k & 1]
+        found = np.linalg.lstsq(scaled[:, some], one, rcond=None)[0]
+        left = float(np.sum((one - scaled[:, some] @ found) ** 2))
+        if np.all(found >= 0.0) and left < least:
+            best, least = np.zeros(len(size)), left
+            best[some] = found
+    return np.asarray(best / size)
+
+
+def chance_above(value: float, freedom: int) -> float:
+    """Chance that chi-squared with so many degrees of freedom is above a value.
+
+    Abramowitz and Stegun, Handbook of Mathematical Functions, 26.4.4 and 26.4.5. SciPy has it, but
+    takes longer to import than all else here.
+    """
+    half = 0.5 * value
+    if freedom % 2:
+        total, part, k = erfc(sqrt(half)), 2.0 * sqrt(half / pi) * exp(-half), 1.5
+    else:
+        total, part, k = 0.0, exp(-half), 1.0
+    for _ in range(freedom // 2):
+        total += part
+        part *= half / k
+        k += 1.0
+    return min(total, 1.0)
 
 
 def _between(

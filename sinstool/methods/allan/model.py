@@ -22,7 +22,7 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass
-from math import log, pi
+from math import log, pi, sqrt
 
 import numpy as np
 
@@ -132,10 +132,14 @@ class BlockModel:
 
 
 def sine_transform(differences: FloatArray) -> FloatArray:
-    """Orthonormal sine transform (DST-I) along the first axis."""
-    from scipy.fft import dst
-
-    return np.asarray(dst(differences, type=1, norm="ortho", axis=0))
+    """Orthonormal sine transform (DST-I) of columns, shape (n, c)."""
+    count, columns = differences.shape
+    # Odd about both ends it is the imaginary part of a Fourier transform
+    odd = np.zeros((2 * count + 2, columns))
+    odd[1 : count + 1] = differences
+    odd[count + 2 :] = -differences[::-1]
+    transform = np.fft.rfft(odd, axis=0).imag[1 : count + 1]
+    return np.asarray(-transform / sqrt(2.0 * (count + 1)))
 
 
 def second_differences(count: int) -> FloatArray:
@@ -165,5 +169,5 @@ def block_model(count: int, block: int) -> BlockModel:
     product += np.sin(omega * (distance + 1)) / np.sin(omega)
     product *= np.where(distance > 0, 2.0, 1.0) / (count + 1)
     variance = product @ covariance.T
-    ramp = sine_transform(np.full(count, float(block) ** 2))
+    ramp = sine_transform(np.full((count, 1), float(block) ** 2))[:, 0]
     return BlockModel(np.maximum(variance, 0.0), ramp)

@@ -27,15 +27,14 @@ from sinstool.pipelines.align.in_motion import align_moving
 from sinstool.pipelines.align.result import (
     HEADING_KNOWN,
     AlignResult,
-    LogFile,
     TruthError,
     angles,
     at_rest_values,
     in_motion_values,
     plain_values,
 )
+from sinstool.pipelines.log_used import ImuTime, LogFile, Lost
 from sinstool.pipelines.plan import Plan, fixed_plan, make_plan
-from sinstool.pipelines.process.summary import ImuTime, Lost
 from sinstool.survey.grade import sensor_grade
 from sinstool.survey.source import Source, prepare
 

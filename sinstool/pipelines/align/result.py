@@ -15,8 +15,8 @@ from sinstool.methods.alignment.gyrocompass import Gyrocompass
 from sinstool.methods.alignment.inflight import InFlightAlignment
 from sinstool.methods.alignment.inflight_types import UNIFORM_SIGMA, SensorGrade
 from sinstool.methods.alignment.initial import Alignment
+from sinstool.pipelines.log_used import ImuTime, LogFile
 from sinstool.pipelines.plan import Plan
-from sinstool.pipelines.process.summary import ImuTime
 from sinstool.survey.grade import ImuGrade
 
 DEG_H = DEGREE / 3600.0
@@ -24,14 +24,6 @@ DEG_H = DEGREE / 3600.0
 HEADING_KNOWN = ("ok", "degraded")
 
 Vector = tuple[float | None, ...]
-
-
-@dataclass(frozen=True)
-class LogFile:
-    """The log that was read."""
-
-    path: str
-    size: int
 
 
 @dataclass(frozen=True)

@@ -91,7 +91,7 @@ def collect(
     origins = [np.concatenate([s.gyro, s.accel]) for s in stretches]
     extremes = _no_extremes()
     spans: list[tuple[int, int]] = []
-    for imu in rate_blocks(source, config, int(edges[0]), progress):
+    for imu in rate_blocks(source, config, int(edges[0]), progress, last=True):
         time_ns = imu.time_ns
         place = np.searchsorted(edges, time_ns, side="right")
         cut = np.flatnonzero((np.diff(place) != 0) | (np.diff(time_ns) > longest)) + 1
@@ -106,7 +106,7 @@ def collect(
             if goes_on and begun - spans[-1][1] <= longest:
                 spans[-1] = spans[-1][0], ended
             else:
-                stage.begin(stretches[stretch].samples)
+                stage.begin()
                 spans.append((begun, ended))
             values = np.hstack([imu.gyro[first:last], imu.accel[first:last]])
             _extremes(values, extremes)

@@ -18,8 +18,7 @@ from sinstool.methods.allan.coefficients import (
     Sensor,
     over_axes,
 )
-from sinstool.pipelines.align.result import LogFile
-from sinstool.pipelines.process.summary import ImuTime
+from sinstool.pipelines.log_used import ImuTime, LogFile
 
 Status = Literal["measured", "dead", "clipped", "too-short"]
 

@@ -18,11 +18,10 @@ from sinstool.io.readers import open_log
 from sinstool.methods.allan.coefficients import AXES, SENSORS, coefficients
 from sinstool.methods.allan.fit import NoiseData, NoiseFit
 from sinstool.methods.allan.model import allan_terms, covariance_of_variances
-from sinstool.pipelines.align.result import LogFile
 from sinstool.pipelines.allan.collect import Collected, collect
 from sinstool.pipelines.allan.judge import findings
 from sinstool.pipelines.allan.result import AllanResult, Axis, Rest, RestStretch, Status
-from sinstool.pipelines.process.summary import ImuTime, Lost
+from sinstool.pipelines.log_used import ImuTime, LogFile, Lost
 from sinstool.survey.quiet import QuietStretches, quiet_stretches
 from sinstool.survey.source import Source, prepare
 

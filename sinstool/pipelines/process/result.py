@@ -7,6 +7,7 @@ from typing import ClassVar
 
 from sinstool.core.finding import Finding
 from sinstool.core.result import Result
+from sinstool.pipelines.log_used import ImuTime, Lost
 from sinstool.pipelines.plan import Plan
 from sinstool.pipelines.process import summary
 from sinstool.pipelines.process.errors_against_truth import RunErrors
@@ -29,7 +30,7 @@ class ProcessResult(Result):
     input: summary.InputFile
     output: summary.OutputFile
     plan: Plan
-    imu: summary.ImuTime
+    imu: ImuTime
     alignment: summary.FirstAttitude
     coning: summary.ConingUsed | None = None
     hse: summary.HseCorrection | None = None
@@ -38,6 +39,6 @@ class ProcessResult(Result):
     filter: summary.FilterUsed | None = None
     gnss_difference: summary.GnssDifference | None = None
     final: summary.FinalState
-    lost: summary.Lost
+    lost: Lost
     findings: tuple[Finding, ...]
     truth: RunErrors | None = None

@@ -16,11 +16,12 @@ from sinstool.core.choices import log_choice
 from sinstool.core.errors import AlignmentError
 from sinstool.core.progress import Progress, share
 from sinstool.io.readers import open_log
+from sinstool.pipelines.log_used import ImuTime, Lost
 from sinstool.pipelines.plan import Plan, as_planned, make_plan
 from sinstool.pipelines.process.mode import Mode
 from sinstool.pipelines.process.output import Output
 from sinstool.pipelines.process.result import ProcessResult
-from sinstool.pipelines.process.summary import FinalState, ImuTime, Lost, Sink
+from sinstool.pipelines.process.summary import FinalState, Sink
 from sinstool.survey.source import Source, prepare
 
 # What a mode needs is imported when it runs: together it takes longer to import than most logs to

@@ -12,14 +12,12 @@ from sinstool.core.result import compass
 from sinstool.core.rotation import to_euler
 from sinstool.core.streams import Solution
 from sinstool.core.units import DEGREE
-from sinstool.io.readers.lost import LogLosses
 from sinstool.methods.alignment.initial import Alignment
 from sinstool.methods.coning.algorithm import ConingAlgorithm, of_rates
 from sinstool.methods.ins_gnss.results import FilterEvent, GnssDiagnostics
 from sinstool.methods.ins_gnss.withheld import WithheldScore
 from sinstool.pipelines.process.vehicle_used import VehicleUsed
 from sinstool.survey.grade import ImuGrade
-from sinstool.survey.source import Source
 
 
 @dataclass(frozen=True)
@@ -101,41 +99,6 @@ class OutputFile:
     attitudes: int
     frame: str
     origin: Place | None
-
-
-@dataclass(frozen=True)
-class ImuTime:
-    """The Imu topic and its time."""
-
-    topic: str
-    n: int
-    rate_hz: float
-    first_ns: int
-    last_ns: int
-    time_source: str
-    gaps: int
-    gap_total_s: float
-    duplicates: int
-    backward: int
-    dropped: int
-
-    @classmethod
-    def of(cls, source: Source) -> ImuTime:
-        """Of a log that was surveyed."""
-        s = source.survey
-        return cls(
-            topic=s.topic,
-            n=s.count,
-            rate_hz=s.rate_hz,
-            first_ns=s.first_ns,
-            last_ns=s.last_ns,
-            time_source=s.time_source,
-            gaps=s.gap_count,
-            gap_total_s=s.gap_total_s,
-            duplicates=s.order.duplicates,
-            backward=s.order.backward,
-            dropped=s.order.duplicates + s.order.late + s.losses.malformed + s.losses.nonfinite,
-        )
 
 
 @dataclass(frozen=True)
@@ -476,26 +439,6 @@ class FinalState:
             lat_deg=latitude,
             lon_deg=longitude,
             height_m=height,
-        )
-
-
-@dataclass(frozen=True)
-class Lost(LogLosses):
-    """What of the log could not be used."""
-
-    malformed: int
-    not_finite: int
-    late: int
-
-    @classmethod
-    def of(cls, source: Source) -> Lost:
-        """Of a log that was read to its end."""
-        s = source.survey
-        return cls(
-            **vars(source.log.account()),
-            malformed=s.losses.malformed,
-            not_finite=s.losses.nonfinite,
-            late=s.order.late,
         )
 
 

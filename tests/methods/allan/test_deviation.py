@@ -38,7 +38,7 @@ def test_blocks_do_not_matter(walk: np.ndarray, size: int) -> None:
     rows = walk[:1500] - walk[:1500].mean(axis=0)
     whole = variances([walk[:1500]])
     stage = VarianceStage(whole.lags, 1, 2, 1)
-    stage.begin(2000)
+    stage.begin()
     for first in range(0, len(rows), size):
         stage.push(rows[first : first + size])
     found = stage.finish()
@@ -73,7 +73,7 @@ def test_long_segments_keep_fewer_phases(
     lags = averaging_lags(len(walk))
     stage = VarianceStage(lags, 4, 2, 64)
     rows = walk - walk.mean(axis=0)
-    stage.begin(len(rows))
+    stage.begin()
     for first in range(0, len(rows), size):
         stage.push(rows[first : first + size])
     coarse = stage.finish()

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from sinstool.methods.allan.deviation import VarianceStage, averaging_lags, stride_for
-from sinstool.methods.allan.fit import NoiseData, block_length
+from sinstool.methods.allan.fit import NoiseData, block_length, chance_above
 from sinstool.methods.allan.model import (
     TERMS,
     allan_terms,
@@ -33,7 +33,7 @@ def data_of(segments: list[np.ndarray]) -> NoiseData:
     lags = averaging_lags(longest)
     stage = VarianceStage(lags, stride, columns, max(block, stride), hadamard=False)
     for segment in segments:
-        stage.begin(len(segment))
+        stage.begin()
         stage.push(segment - segment.mean(axis=0))
     found = stage.finish()
     return NoiseData(found, stage.lengths, stage.phases, block)
@@ -50,7 +50,7 @@ def test_expected_allan_variance(name: str) -> None:
     rows = simulated(600, UNIT[name], 400, seed=5)
     lags = 2 ** np.arange(6)
     stage = VarianceStage(lags, 1, rows.shape[1], 1, hadamard=False)
-    stage.begin(len(rows))
+    stage.begin()
     stage.push(rows - rows.mean(axis=0))
     found = stage.finish().allan
     k = TERMS.index(name)
@@ -80,7 +80,7 @@ def test_blocks_in_the_sine_basis(name: str) -> None:
 
 def test_ramp_in_the_sine_basis() -> None:
     phase = np.cumsum(np.concatenate([[0.0], 1e-3 * np.arange(160.0)]))[::4]
-    found = sine_transform(np.diff(phase, 2))
+    found = sine_transform(np.diff(phase, 2)[:, None])[:, 0]
     np.testing.assert_allclose(found, 1e-3 * block_model(39, 4).ramp, atol=1e-9)
 
 
@@ -141,3 +141,16 @@ def test_short_averaging_times_that_do_not_fit_are_left_out() -> None:
 def test_nothing_to_fit() -> None:
     assert data_of([np.zeros((5000, 1))]).fit(0) is None
     assert data_of([np.random.default_rng(1).standard_normal((6, 1))]).fit(0) is None
+
+
+def test_functions_beside_scipy() -> None:
+    """The chance of chi-squared, and the sine transform."""
+    special = pytest.importorskip("scipy.special")
+    fft = pytest.importorskip("scipy.fft")
+    for freedom in (1, 2, 3, 8, 31, 256):
+        for value in (0.0, 0.3, 5.0, 40.0, 300.0):
+            expected = float(special.chdtrc(freedom, value))
+            assert chance_above(value, freedom) == pytest.approx(expected, rel=1e-9, abs=1e-300)
+    rows = np.random.default_rng(3).standard_normal((37, 2))
+    expected = fft.dst(rows, type=1, norm="ortho", axis=0)
+    np.testing.assert_allclose(sine_transform(rows), expected, atol=1e-12)

@@ -1,0 +1,71 @@
+"""What results say of the log that was read: the file, the time of its Imu, what was lost."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from sinstool.io.readers.lost import LogLosses
+from sinstool.survey.source import Source
+
+
+@dataclass(frozen=True)
+class LogFile:
+    """The log that was read."""
+
+    path: str
+    size: int
+
+
+@dataclass(frozen=True)
+class ImuTime:
+    """The Imu topic and its time."""
+
+    topic: str
+    n: int
+    rate_hz: float
+    first_ns: int
+    last_ns: int
+    time_source: str
+    gaps: int
+    gap_total_s: float
+    duplicates: int
+    backward: int
+    dropped: int
+
+    @classmethod
+    def of(cls, source: Source) -> ImuTime:
+        """Of a log that was surveyed."""
+        s = source.survey
+        return cls(
+            topic=s.topic,
+            n=s.count,
+            rate_hz=s.rate_hz,
+            first_ns=s.first_ns,
+            last_ns=s.last_ns,
+            time_source=s.time_source,
+            gaps=s.gap_count,
+            gap_total_s=s.gap_total_s,
+            duplicates=s.order.duplicates,
+            backward=s.order.backward,
+            dropped=s.order.duplicates + s.order.late + s.losses.malformed + s.losses.nonfinite,
+        )
+
+
+@dataclass(frozen=True)
+class Lost(LogLosses):
+    """What of the log could not be used."""
+
+    malformed: int
+    not_finite: int
+    late: int
+
+    @classmethod
+    def of(cls, source: Source) -> Lost:
+        """Of a log that was read to its end."""
+        s = source.survey
+        return cls(
+            **vars(source.log.account()),
+            malformed=s.losses.malformed,
+            not_finite=s.losses.nonfinite,
+            late=s.order.late,
+        )
