@@ -9,8 +9,8 @@ from typing import Any
 import click
 
 from sinstool.cli.conventions import sections
+from sinstool.cli.help import Command
 from sinstool.cli.main import COMMANDS, cli
-from sinstool.config import ProcessConfig
 
 
 def command_table() -> str:
@@ -29,7 +29,7 @@ def conventions() -> str:
 
 
 def options(path: str) -> str:
-    """Every option of a command, in the groups that it has in the configuration file.
+    """Every option of a command, in the groups of its help.
 
     Parameters
     ----------
@@ -50,31 +50,29 @@ def options(path: str) -> str:
         context = click.Context(command, parent=context, info_name=name)
     assert command is not None
     lines = [f"```text\n{command.get_usage(context)}\n```", ""]
-    groups: dict[str, list[click.Option]] = {"": []}
-    for parameter in command.params:
-        if isinstance(parameter, click.Option):
-            group = parameter.name.partition("__")[0] if "__" in str(parameter.name) else ""
-            groups.setdefault(group, []).append(parameter)
+    sections = _sections(command, context)
     level = "#" * (2 + path.count(" ") + 1)
-    for group, members in groups.items():
-        if not members:
-            continue
-        title = _title(group)
-        if len(groups) > 1:
-            lines += [f"{level} {title} {{#{path.replace(' ', '-')}-{group or 'command'}}}", ""]
+    for title, members in sections.items():
+        if len(sections) > 1:
+            anchor = f"{path} {title}".replace(" ", "-").replace("/", "-").lower()
+            lines += [f"{level} {title}{_table(members)} {{#{anchor}}}", ""]
         for member in members:
             lines += _entry(member, context, path)
     return "\n".join(lines)
 
 
-def _title(group: str) -> str:
-    if not group:
-        return "The command itself"
-    if group == "simulate":
-        return "The scenario — `[simulate]`"
-    model = ProcessConfig.model_fields[group].annotation
-    told = str(getattr(model, "__doc__", "")).split("\n")[0].rstrip(".")
-    return f"{told} — `[{group}]`"
+def _sections(command: click.Command, context: click.Context) -> dict[str, list[click.Option]]:
+    """Options under the headings of the command's own help."""
+    if isinstance(command, Command):
+        return command.sections(context)
+    return {"Options": [p for p in command.params if isinstance(p, click.Option)]}
+
+
+def _table(members: list[click.Option]) -> str:
+    """The table of the configuration file that all options of a section are in."""
+    tables = {str(o.name).partition("__")[0] for o in members if "__" in str(o.name)}
+    own = [o for o in members if "__" not in str(o.name)]
+    return f" — `[{tables.pop()}]`" if len(tables) == 1 and not own else ""
 
 
 def _entry(option: click.Option, context: click.Context, path: str) -> Iterator[str]:

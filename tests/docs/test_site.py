@@ -15,6 +15,7 @@ from docsite.mathml import equations
 from docsite.python_api import python_api
 from docsite.reference import options
 from tests.docs.examples import scratch
+from tests.report.browser import BROWSER, FLAGS, needs_browser
 
 REMOTE = re.compile(r"^(?:https?:)?//")
 
@@ -91,6 +92,37 @@ def test_equations_are_mathml(site):
     assert text.count("<math") > 20
     for page in site.rglob("*.html"):
         assert 'class="arithmatex"' not in page.read_text(), page
+
+
+# Types a word as a reader would; the title then tells what was found
+TYPING = """<script>
+const waits = setInterval(() => {
+  const query = document.querySelector("[data-md-component=search-query]");
+  const found = document.querySelectorAll(".md-search-result__item").length;
+  if (found) { clearInterval(waits); document.title = `found ${found}`; return; }
+  query.focus();
+  query.value = "sculling";
+  query.dispatchEvent(new Event("keyup", { bubbles: true }));
+}, 500);
+</script></body>"""
+
+
+@pytest.mark.slow
+@needs_browser
+def test_search_works_from_a_folder(site, tmp_path):
+    page = site / "typing.html"
+    page.write_text((site / "index.html").read_text().replace("</body>", TYPING))
+    try:
+        shown = subprocess.run(
+            [str(BROWSER), *FLAGS, f"--user-data-dir={tmp_path}", "--dump-dom", page.as_uri()],
+            capture_output=True,
+            text=True,
+            timeout=120,
+        )
+    finally:
+        page.unlink()
+    assert re.search(r"<title>found \d+</title>", shown.stdout), shown.stderr[-2000:]
+    assert "Uncaught" not in shown.stderr
 
 
 def test_equation_with_its_number():
