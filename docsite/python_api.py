@@ -13,8 +13,8 @@ import sinstool
 # In the order of a session; classes stand beside the functions that give them.
 ORDER = (
     "open_log", "Log", "survey", "process", "Result", "align", "navigate", "integrate", "Imu",
-    "compare_coning", "coning", "calibrate_hse", "simulate", "Simulated", "Solution", "GnssEpochs",
-    "Baro", "BaroHeight", "Magnetometer", "Finding", "SinstoolError",
+    "allan", "compare_coning", "coning", "calibrate_hse", "simulate", "Simulated", "Solution",
+    "GnssEpochs", "Baro", "BaroHeight", "Magnetometer", "Finding", "SinstoolError",
 )  # fmt: skip
 # Given by functions, and not names of their own
 GIVEN = {

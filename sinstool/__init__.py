@@ -56,6 +56,7 @@ from sinstool.core.version import VERSION as __version__
 
 if TYPE_CHECKING:
     from sinstool.api import coning
+    from sinstool.api.allan import allan
     from sinstool.api.arrays import integrate, navigate
     from sinstool.api.commands import align, calibrate_hse, compare_coning, survey
     from sinstool.api.log import Log, open_log
@@ -71,6 +72,7 @@ __all__ = [
     "SinstoolError",
     "__version__",
     "align",
+    "allan",
     "calibrate_hse",
     "compare_coning",
     "coning",
@@ -90,6 +92,7 @@ _HOMES = {
     "Result": "sinstool.api.process:Result",
     "SinstoolError": "sinstool.core.errors:SinstoolError",
     "align": "sinstool.api.commands:align",
+    "allan": "sinstool.api.allan:allan",
     "calibrate_hse": "sinstool.api.commands:calibrate_hse",
     "compare_coning": "sinstool.api.commands:compare_coning",
     "coning": "sinstool.api.coning",

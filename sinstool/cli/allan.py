@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, cast
 
@@ -113,8 +112,8 @@ def allan_one(
     ------
     SinstoolError
     """
-    from sinstool.core.whole_file import check_output, commit_together, write_whole
-    from sinstool.pipelines.allan.formats import text_of
+    from sinstool.core.whole_file import check_output, commit_together
+    from sinstool.pipelines.allan.formats import write_noise
     from sinstool.pipelines.allan.run import measure
     from sinstool.report.page import check_report
 
@@ -125,8 +124,7 @@ def allan_one(
         noise = measure(log, config, progress)
         result = noise.result
         if output is not None:
-            write_whole(output, text_of(result, cast("Format", kind)))
-            result = replace(result, output=str(output))
+            result = write_noise(result, output, cast("Format", kind))
         if report is not None:
             from sinstool.report.pages.allan import write_page
 

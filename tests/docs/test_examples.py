@@ -9,6 +9,7 @@ import pytest
 
 from sinstool.config import ProcessConfig
 from sinstool.config.load import build
+from sinstool.config.noise import SCHEMA, read_noise
 from tests.docs import examples as docs
 from tests.docs.examples import (
     FENCE,
@@ -91,12 +92,16 @@ def test_every_block_has_a_known_language():
             assert text.strip()
 
 
-def test_toml_is_a_configuration():
+def test_toml_is_a_configuration_or_a_noise_file(tmp_path):
     seen = 0
     for page in PAGES:
         for language, text, _, line in blocks(page):
             if language == "toml":
                 seen += 1
+                if text.startswith(f'schema = "{SCHEMA}"'):
+                    (tmp_path / "noise.toml").write_text(text)
+                    assert read_noise(tmp_path / "noise.toml").gyro
+                    continue
                 build(ProcessConfig, tomllib.loads(text), f"{name_of(page)}:{line}")
     assert seen >= 1
 

@@ -15,15 +15,17 @@ from __future__ import annotations
 
 import json
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from math import sqrt
 from pathlib import Path
 from typing import Literal
 
 from sinstool.config.noise import SCHEMA, key_of
-from sinstool.core.errors import one_line
+from sinstool.core.errors import ConfigurationError, one_line
+from sinstool.core.suggest import nearest
 from sinstool.core.units import DEGREE_PER_HOUR, DEGREE_PER_ROOT_HOUR
 from sinstool.core.version import VERSION
+from sinstool.core.whole_file import write_whole
 from sinstool.methods.allan.coefficients import (
     AXES,
     MARKOV_OF_FLICKER,
@@ -98,6 +100,28 @@ class Entry:
         if self.value is None:
             return f"# {self.key}: not measured, as no axis of the {self.what.split()[0]} could be"
         return f"{self.key}: {form(_number(self.value))}  # {self.note}"
+
+
+def write_noise(result: AllanResult, path: Path, kind: Format) -> AllanResult:
+    """Write the file of a format.
+
+    Returns
+    -------
+    AllanResult
+        With the name of the file.
+
+    Raises
+    ------
+    ConfigurationError
+        There is no such format.
+    OutputError
+        It cannot be written.
+    """
+    if kind not in SUFFIXES:
+        near = nearest(kind, SUFFIXES)
+        raise ConfigurationError(f"'{kind}' is not one of {', '.join(SUFFIXES)}", near)
+    write_whole(path, text_of(result, kind))
+    return replace(result, output=str(path))
 
 
 def text_of(result: AllanResult, kind: Format) -> str:
