@@ -96,12 +96,15 @@ class Envelope:
         values : ndarray, shape (k, columns)
             A row of NaN where time has a hole.
         """
-        times, low, high, _ = self.groups()
+        times, low, high, first = self.groups()
         seconds = _seconds(times, origin_ns)
         before, within = _holes(times)
         if self.rows_per_group == 1:
             return with_holes(seconds[:, 0], low, before)
-        both = np.stack([low, high], axis=1).reshape(2 * len(low), -1)
+        # Where a group begins near its highest, that comes first: a curve that falls has no teeth
+        falls = high - first < first - low
+        ends = [np.where(falls, high, low), np.where(falls, low, high)]
+        both = np.stack(ends, axis=1).reshape(2 * len(low), -1)
         holes = np.sort(np.concatenate([2 * before, 2 * within + 1]))
         return with_holes(seconds.reshape(-1), both, holes)
 

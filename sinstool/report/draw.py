@@ -18,6 +18,10 @@ Side = Literal["left", "right"]
 _LINE = {"type": "line", "line": {"dash": "dot", "width": 1.2}}
 _NAME = {"showarrow": False}
 
+# Dark to bright, both of them seen on light pages and on dark ones.
+SHADES = [[0.0, "#3b6fd6"], [0.35, "#1f9e89"], [0.65, "#7ab51d"], [1.0, "#e8590c"]]
+_BESIDE_MAP = {"thickness": 10, "outlinewidth": 0, "len": 0.9, "xpad": 8}
+
 CROWD = 400  # from so many on, points of a series are drawn smaller
 _BESIDE = 0.012  # room beside the outermost points, of the axis
 POINTS_PER_CURVE = 4000  # two for each of the two thousand pixel columns of a wide screen
@@ -67,7 +71,9 @@ def places(figure: Figure, series: Series) -> FloatArray | tuple[str, ...]:
     return np.asarray(x, dtype=np.float64)
 
 
-def drawn(figure: Figure, series: Series, limit: int) -> tuple[Any, FloatArray]:
+def drawn(
+    figure: Figure, series: Series, limit: int
+) -> tuple[Any, FloatArray, NDArray[np.intp] | slice]:
     """Return the points of a series that are drawn.
 
     Parameters
@@ -79,13 +85,15 @@ def drawn(figure: Figure, series: Series, limit: int) -> tuple[Any, FloatArray]:
     -------
     x : ndarray, shape (m,), or tuple of str
     y : ndarray, shape (m,)
+    rows : ndarray of int, shape (m,), or slice
+        Which points they are.
     """
     x = places(figure, series)
     y = np.asarray(series.y, dtype=np.float64)
     if isinstance(x, tuple) or y.size <= limit:
-        return x, y
+        return x, y, slice(None)
     chosen = thin(x, y, limit, figure.log_x)
-    return x[chosen], y[chosen]
+    return x[chosen], y[chosen], chosen
 
 
 def colour_of(figure: Figure, k: int) -> int:
@@ -244,7 +252,7 @@ def _position(value: Any, log: bool) -> Any:
 
 
 def _trace(figure: Figure, k: int, series: Series, limit: int) -> dict[str, Any]:
-    x, y = drawn(figure, series, limit)
+    x, y, rows = drawn(figure, series, limit)
     trace: dict[str, Any] = {
         "type": "bar" if series.style == "bars" else "scatter",
         "name": _text(series.name),
@@ -254,9 +262,20 @@ def _trace(figure: Figure, k: int, series: Series, limit: int) -> dict[str, Any]
         "meta": {"colour": colour_of(figure, k)},
         "hovertemplate": _hover(figure, series, isinstance(x, tuple)),
     }
-    if series.style == "points":
+    if series.error is not None:
+        error = _packed(np.asarray(series.error, dtype=np.float64)[rows], False)
+        trace["error_y"] = {"array": error, "thickness": 1.3, "width": 4}
+    if series.shade is not None:
+        trace |= {"mode": "markers+lines", "line": {"width": 1.0}}
+        shade = _packed(np.asarray(series.shade, dtype=np.float64)[rows], False)
+        trace["marker"] = {"size": 4, "color": shade, "colorscale": SHADES, "showscale": True}
+        trace["marker"]["colorbar"] = _BESIDE_MAP | {"title": {"text": _text(figure.shade_label)}}
+    elif series.style == "halo":
+        trace |= {"mode": "markers", "marker": {"size": 9, "opacity": 0.35}}
+    elif series.style == "points":
         crowd = len(y) > CROWD
-        marker = {"size": 3.5 if crowd else 6, "opacity": 0.6 if crowd else 1.0}
+        size = 3.5 if crowd else 6 if len(y) > 1 else 10
+        marker = {"size": size, "opacity": 0.6 if crowd else 1.0}
         trace |= {"mode": "markers", "marker": marker | {"symbol": k // len(LIGHT_CURVES)}}
     elif series.style in ("line", "dashed"):
         width = 1.2 if series.style == "dashed" else 1.6

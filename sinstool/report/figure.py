@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from sinstool.core.arrays import FloatArray
 
-Style = Literal["line", "dashed", "points", "bars"]
+Style = Literal["line", "dashed", "points", "halo", "bars"]
 
 
 @dataclass(frozen=True)
@@ -26,12 +26,18 @@ class Series:
         In the unit of the figure's y axis; NaN leaves a hole.
     x : ndarray, shape (n,), or sequence of str, or None
         Where it differs from the figure's own `x`.
-    style : {"line", "dashed", "points", "bars"}
+    style : {"line", "dashed", "points", "halo", "bars"}
+        A halo is made of points that are larger than a line is wide, and pale, so that they are
+        seen about one that covers them.
     shown : bool
         Whether it is drawn before the reader asks for it.
     colour : int or None
         The number of the series whose colour it has, as a bound has that of its curve; its own
         for None.
+    error : ndarray, shape (n,), or None
+        Half the length of a bar about each point, in the unit of the y axis.
+    shade : ndarray, shape (n,), or None
+        What the line is coloured by; the figure's `shade_label` says what it is.
     """
 
     name: str
@@ -40,6 +46,8 @@ class Series:
     style: Style = "line"
     shown: bool = True
     colour: int | None = None
+    error: FloatArray | None = None
+    shade: FloatArray | None = None
 
 
 @dataclass(frozen=True)
@@ -65,7 +73,9 @@ class Figure:
     marks : tuple of (str, float)
         Vertical lines.
     equal : bool
-        Both axes have one scale, as a map has.
+        Both axes have one scale, as a map has, and lengths for units: a bar shows the scale.
+    shade_label : str
+        Of what series are coloured by, with the unit.
     """
 
     key: str
@@ -82,6 +92,7 @@ class Figure:
     levels: tuple[tuple[str, float], ...] = field(default=())
     marks: tuple[tuple[str, float], ...] = field(default=())
     equal: bool = False
+    shade_label: str = ""
 
     def __post_init__(self) -> None:
         names = [one.name for one in self.series]
@@ -91,6 +102,9 @@ class Figure:
             n = len(self.x if one.x is None else one.x)
             if one.y.shape != (n,):
                 raise ValueError(f"{self.key}, {one.name}: {one.y.shape} values for {n} places.")
+            for more in (one.error, one.shade):
+                if more is not None and more.shape != (n,):
+                    raise ValueError(f"{self.key}, {one.name}: {more.shape} values for {n} places.")
             if self.log_y and not np.all((one.y > 0.0) | np.isnan(one.y)):
                 raise ValueError(f"{self.key}, {one.name}: not all values have a logarithm.")
 

@@ -36,6 +36,8 @@ _POLICY = (
     "default-src 'none'; script-src 'unsafe-inline'{beside}; style-src 'unsafe-inline';"
     " img-src data: blob:; font-src data:"
 )
+# Height over width of a map: no flatter, and no narrower
+_ASPECTS = (0.4, 2.5)
 _DASH_PATTERNS = {
     "solid": "",
     "dash": "6 4",
@@ -292,7 +294,7 @@ def _figure(figure: Figure, key: str, limit: int, numbers: Numbers) -> str:
         " the highest of each stretch are among them."
     )
     return (
-        f'<figure><p class="ylabel">{escape(figure.ylabel)}</p>\n'
+        f'<figure{_shape(figure)}><p class="ylabel">{escape(figure.ylabel)}</p>\n'
         f'<div class="drawing" role="img" data-key="{escape(figure.key)}"'
         f' data-title="{escape(escape(figure.title, quote=False))}"'
         f' aria-label="{escape(described)}"></div>\n'
@@ -303,6 +305,20 @@ def _figure(figure: Figure, key: str, limit: int, numbers: Numbers) -> str:
         f"{_paragraphs((thinned,), 'thinned') if longest > limit else ''}</figcaption>"
         f"{_numbers(figure, key)}</figure>"
     )
+
+
+def _shape(figure: Figure) -> str:
+    """Return how a map is to be cut, by how high and how wide what it shows is."""
+    if not figure.equal:
+        return ""
+    xs = [np.asarray(places(figure, one), dtype=np.float64) for one in figure.series]
+    spans = [
+        float(np.nanmax(all_) - np.nanmin(all_))
+        for all_ in (np.concatenate([one.y for one in figure.series]), np.concatenate(xs))
+    ]
+    aspect = float(np.clip(spans[0] / max(spans[1], 1e-9), *_ASPECTS))
+    kind = "map portrait" if aspect > 1.0 else "map"
+    return f' class="{kind}" style="--aspect: {aspect:.2f}"'
 
 
 def _legend(figure: Figure) -> str:
@@ -319,6 +335,8 @@ def _key(figure: Figure, k: int) -> str:
     colour = f"var(--curve-{colour_of(figure, k)})"
     if series.style == "bars":
         sign = f'<rect x="6" y="1" width="14" height="10" style="fill:{colour}"/>'
+    elif series.style == "halo":
+        sign = f'<circle cx="13" cy="6" r="5" style="fill:{colour};opacity:0.4"/>'
     elif series.style == "points":
         sign = f'<circle cx="13" cy="6" r="4" style="fill:{colour}"/>'
     else:

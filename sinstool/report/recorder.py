@@ -40,8 +40,7 @@ class Recorder:
     """
 
     def __init__(self, truth: Truth | None = None) -> None:
-        # Of a kind of run. Where it navigates they follow the track, errors and sigmas, and stand
-        # before height, attitude and velocity; otherwise they follow attitude, errors and height.
+        # Of a kind of run; they stand among the checks, after errors and sigmas.
         self.extra: list[Figure] = []
         self._errors = None if truth is None else Errors(truth)
         self._origin_ns = 0
@@ -126,6 +125,7 @@ class Recorder:
             )
         if solution.velocity_n is not None:
             values |= dict(zip(AXES, solution.velocity_n.T, strict=True))
+            values["speed"] = np.hypot(*solution.velocity_n[:, :2].T)
         if solution.vertical is not None:
             names = ("height", "up", "correction")
             values |= dict(zip(names, solution.vertical.T, strict=True))
@@ -165,44 +165,56 @@ class Recorder:
         """Errors of the run; None where there is nothing to be held against."""
         return None if self._errors is None else self._errors.summary()
 
-    def figures(self, result: ProcessResult) -> tuple[Figure, ...]:
-        """The figures of the run, the main one first."""
+    def figures(self, result: ProcessResult) -> tuple[tuple[Figure, ...], tuple[Figure, ...]]:
+        """The figures of the run.
+
+        Returns
+        -------
+        results : tuple of Figure
+            Where the vehicle was and how it pointed, the main figure first.
+        checks : tuple of Figure
+            How good that is, and what it was computed from.
+        """
         if self._motion is None:
-            return ()
+            return (), ()
         seconds, values = self._motion.curves(self._origin_ns)
         curves = draw.Curves(seconds, dict(zip(self._columns, values.T, strict=True)))
-        tilt = curves.figure(
-            "tilt", "Roll and pitch", "angle, deg", ("roll", "pitch"), self._about_curves()
-        )
-        attitude = [tilt, draw.heading(curves)]
+        attitude = draw.heading(curves, result.alignment.north_referenced)
+        tilt = draw.tilt(curves, self._about_curves())
         vertical = draw.vertical(curves, self._held(), self._marks(result))
         off = {kind: values.curves(self._origin_ns) for kind, values in self._off.items()}
         errors = draw.errors(off, curves)
+        shown = [figure.key.removeprefix("error-") for figure in errors]
+        checks = [*errors, *draw.sigmas(curves, shown), *self.extra]
         sizes = [
             curves.figure("rate", "Angular rate", "norm, deg/s", ("rate",),
                           "As used, with the gyros' known bias taken off."),
             curves.figure("force", "Specific force", "norm, m/s²", ("force",), "At rest it is"
                           " gravity, about 9.8 m/s²."),
         ]  # fmt: skip
-        if "latitude" not in curves.of:
-            figures = [*attitude, *errors, *vertical, *self.extra, *sizes]
-        else:
+        results = [attitude, *vertical[:1], *tilt]
+        if "speed" in curves.of:
+            speed = curves.figure("speed", "Speed", "speed, m/s", ("speed",), "Over ground.")
             velocity = curves.figure("velocity", "Velocity", "velocity, m/s", AXES, "Over ground.")
-            shown = [figure.key.removeprefix("error-") for figure in errors]
-            _, samples = self._motion.samples(self._origin_ns)
-            k = self._columns.index("latitude")
-            path = track("computed", samples[:, k], samples[:, k + 1], self._fixes)
-            figures = [path, *errors, *draw.sigmas(curves, shown)]
-            figures += [*self.extra, *vertical, *attitude, velocity, *sizes]
+            results = [attitude, *vertical[:1], speed, *tilt, velocity]
+        if "latitude" in curves.of:
+            results.insert(0, self._track())
         hse = result.hse
         if hse is not None:
-            figures.insert(0, draw.stretches(hse))
-        return tuple(figures)
+            results.insert(0, draw.stretches(hse))
+        return tuple(results), (*checks, *vertical[1:], *sizes)
+
+    def _track(self) -> Figure:
+        assert self._motion is not None
+        _, samples = self._motion.samples(self._origin_ns)
+        k = self._columns.index("latitude")
+        speed = samples[:, self._columns.index("speed")] if "speed" in self._columns else None
+        return track("computed", samples[:, k], samples[:, k + 1], self._fixes, speed)
 
     def _about_curves(self) -> str:
         assert self._motion is not None
         rows = self._motion.rows_per_group
-        axes = "Of the vehicle's Forward-Right-Down axes."
+        axes = "Of the IMU's Forward-Right-Down axes."
         if rows == 1:
             return axes
         return f"{axes} Curves go through the lowest and the highest of every {rows} samples."

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from sinstool.report.draw import CROWD, colour_of, drawn, mark_sides
+from sinstool.report.draw import CROWD, SHADES, colour_of, drawn, mark_sides, unit
 from sinstool.report.extra import borrowed
 from sinstool.report.figure import Figure, Series
 from sinstool.report.palette import LIGHT, LIGHT_CURVES
@@ -95,6 +95,9 @@ def _draw(sheet: Any, figure: Figure) -> None:
         axes.set_xlim(*figure.x_range)
     if figure.y_range is not None:
         axes.set_ylim(*figure.y_range)
+    if figure.equal:
+        sheet.canvas.draw()
+        _scale_bar(axes, figure)
     if figure.log_x and not words:
         _plain_numbers(axes.xaxis, axes.get_xlim())
     if figure.log_y:
@@ -123,7 +126,7 @@ def _text(text: str) -> str:
 def _all_words(figure: Figure, series: Sequence[Series]) -> tuple[str, ...]:
     labels: dict[str, None] = {}
     for one in series:
-        x, _ = drawn(figure, one, POINTS_PER_CURVE)
+        x, _, _ = drawn(figure, one, POINTS_PER_CURVE)
         if isinstance(x, tuple):
             labels |= dict.fromkeys(x)
     return tuple(labels)
@@ -132,7 +135,7 @@ def _all_words(figure: Figure, series: Sequence[Series]) -> tuple[str, ...]:
 def _series(
     axes: Any, figure: Figure, k: int, series: Series, words: Sequence[str], bars: Sequence[int]
 ) -> None:
-    x, y = drawn(figure, series, POINTS_PER_CURVE)
+    x, y, rows = drawn(figure, series, POINTS_PER_CURVE)
     place = np.array([words.index(one) for one in x]) if isinstance(x, tuple) else x
     look: dict[str, Any] = {
         "color": LIGHT_CURVES[colour_of(figure, k)],
@@ -144,12 +147,54 @@ def _series(
         width = room / len(bars)
         offset = (bars.index(k) - (len(bars) - 1) / 2) * width
         axes.bar(place + offset, y, width, **look)
+        place = place + offset
+    elif series.shade is not None:
+        _shaded(axes, figure, place, y, series.shade[rows])
+    elif series.style == "halo":
+        axes.plot(place, y, "o", markersize=6.0, alpha=0.3, markeredgewidth=0.0, **look)
     elif series.style == "points":
         size = 1.2 if len(y) > CROWD else 3.5
         axes.plot(place, y, _MARKERS[again % len(_MARKERS)], markersize=size, **look)
     else:
         line = _LINES.get(series.style, _AGAIN[again % len(_AGAIN)])
         axes.plot(place, y, linestyle=line, linewidth=1.1, **look)
+    if series.error is not None:
+        over = LIGHT["ink"] if series.style == "bars" else look["color"]
+        half = series.error[rows]
+        axes.errorbar(place, y, half, ecolor=over, fmt="none", capsize=2.5, elinewidth=0.9)
+
+
+def _shaded(axes: Any, figure: Figure, x: Any, y: Any, shade: Any) -> None:
+    """Draw a line in the colours of its values, with a bar that says what they mean."""
+    colours = borrowed("matplotlib.colors").LinearSegmentedColormap.from_list("shades", SHADES)
+    lines = borrowed("matplotlib.collections").LineCollection
+    points = np.stack([x, y], axis=1)
+    pieces = lines(np.stack([points[:-1], points[1:]], axis=1), cmap=colours, linewidth=2.0)
+    pieces.set_array(0.5 * (shade[:-1] + shade[1:]))
+    axes.add_collection(pieces)
+    axes.plot(x, y, linewidth=0.0)
+    bar = axes.figure.colorbar(pieces, ax=axes, fraction=0.04, pad=0.02, aspect=30)
+    bar.set_label(_text(figure.shade_label))
+    bar.outline.set_visible(False)
+
+
+def _scale_bar(axes: Any, figure: Figure) -> None:
+    """Draw a length on a map."""
+    low, high = axes.get_xlim()
+    size = round_length(0.2 * (high - low))
+    bottom, top = axes.get_ylim()
+    x, y = low + 0.03 * (high - low), bottom + 0.05 * (top - bottom)
+    look = {"color": LIGHT["ink"], "linewidth": 1.6, "solid_capstyle": "butt"}
+    axes.plot([x, x + size], [y, y], **look)
+    name = f"{size:g} {unit(figure.xlabel)}"
+    axes.annotate(name, (x + 0.5 * size, y), (0, 2.5), textcoords="offset points", ha="center",
+                  fontsize=_FONT_PT - 1.0)  # fmt: skip
+
+
+def round_length(most: float) -> float:
+    """The largest length of 1, 2 or 5 with any power of ten that is not longer."""
+    power = 10.0 ** np.floor(np.log10(most))
+    return float(max(step * power for step in (1.0, 2.0, 5.0) if step * power <= most))
 
 
 def _lines(axes: Any, figure: Figure) -> None:

@@ -64,3 +64,13 @@ def test_nothing_is_drawn_over_a_gap_nor_where_nothing_is():
     assert len(hole) == 1
     assert seconds[hole[0] + 1] - seconds[hole[0] - 1] > 25.0
     assert np.isfinite(curve[:, 1]).sum() >= np.isfinite(curve[:, 0]).sum() - 4
+
+
+@pytest.mark.parametrize("slope", [1.0, -1.0])
+def test_a_straight_curve_has_no_teeth(slope):
+    envelope = Envelope(1, groups=10)
+    times = T0 + np.arange(1000, dtype=np.int64)
+    envelope.push(times, slope * np.arange(1000.0)[:, None])
+    assert envelope.rows_per_group > 1
+    _, values = envelope.curves(T0)
+    assert np.all(slope * np.diff(values[:, 0]) > 0.0)

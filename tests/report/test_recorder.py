@@ -40,8 +40,10 @@ def recorded(solution, *, blocks=1, height=None, hse=None, truth=None, prepare=N
         prepare(recorder)
     for rows in np.array_split(np.arange(N), blocks):
         recorder.push(solution.rows(slice(rows[0], rows[-1] + 1)))
-    result = SimpleNamespace(height=height, hse=hse)
-    return recorder, {one.key: one for one in recorder.figures(result)}
+    alignment = SimpleNamespace(north_referenced=True)
+    result = SimpleNamespace(height=height, hse=hse, alignment=alignment)
+    results, checks = recorder.figures(result)
+    return recorder, {one.key: one for one in (*results, *checks)}
 
 
 def drawn(figure):
@@ -56,7 +58,7 @@ def extra(key="nis"):
 def test_attitude_rates_and_forces_are_in_degrees_and_metres(blocks):
     recorder, shown = recorded(solutions(), blocks=blocks)
     assert recorder.errors() is None
-    assert list(shown) == ["tilt", "heading", "rate", "force"]
+    assert list(shown) == ["heading", "tilt", "rate", "force"]
     np.testing.assert_allclose(shown["tilt"].x, 0.1 * np.arange(N), atol=1e-9)
     np.testing.assert_allclose(drawn(shown["tilt"])["roll"], 3.0)
     np.testing.assert_allclose(drawn(shown["tilt"])["pitch"], -4.0)
@@ -72,10 +74,10 @@ def test_attitude_rates_and_forces_are_in_degrees_and_metres(blocks):
 def test_a_run_that_nothing_came_of_has_no_figures():
     recorder = Recorder()
     recorder.push(solutions().rows(slice(0, 0)))
-    assert recorder.figures({}) == ()
+    assert recorder.figures({}) == ((), ())
 
 
-def test_figures_of_a_kind_of_run_stand_before_height_attitude_and_velocity():
+def test_results_come_first_and_figures_of_a_kind_of_run_are_checks():
     def prepare(recorder):
         recorder.extra += [extra("innovation"), extra("nis")]
 
@@ -83,15 +85,17 @@ def test_figures_of_a_kind_of_run_stand_before_height_attitude_and_velocity():
     solution = solutions(**travelling(), covariance_position_n=sigma)
     _, shown = recorded(solution, prepare=prepare)
     assert list(shown) == [
-        "track", "sigma-position", "innovation", "nis", "height", "tilt", "heading", "velocity",
-        "rate", "force",
+        "track", "heading", "height", "speed", "tilt", "velocity", "sigma-position", "innovation",
+        "nis", "rate", "force",
     ]  # fmt: skip
+    np.testing.assert_allclose(drawn(shown["speed"])["speed"], np.hypot(64.0, 1.0))
+    assert shown["sigma-position"].log_y
     assert [drawn(shown["sigma-position"])[a][0] for a in ("north", "east", "down")] == [2, 3, 4]
     np.testing.assert_array_equal(drawn(shown["velocity"])["down"], -10.0)
     np.testing.assert_array_equal(drawn(shown["height"])["computed"], 100.0 + np.arange(N))
     vertical = np.tile([5.0, 1.0, 0.0], (N, 1))
     _, shown = recorded(solutions(vertical=vertical), prepare=prepare)
-    assert list(shown) == ["tilt", "heading", "height", "up", "correction", "innovation", "nis",
+    assert list(shown) == ["heading", "height", "tilt", "innovation", "nis", "up", "correction",
                            "rate", "force"]  # fmt: skip
     np.testing.assert_array_equal(drawn(shown["up"])["up"], 1.0)
 
@@ -110,6 +114,10 @@ def test_track_is_in_metres_from_the_first_place_with_the_fixes_about_it():
     assert shown["track"].ylabel == "north, m"
     fixes = drawn(shown["track"])["GNSS fixes"]
     assert len(fixes) <= FIXES
+    by_name = {one.name: one for one in shown["track"].series}
+    np.testing.assert_allclose(by_name["computed"].shade, np.hypot(64.0, 1.0))
+    assert shown["track"].shade_label == "speed, m/s"
+    assert next(iter(by_name)) == "GNSS fixes" and by_name["GNSS fixes"].style == "halo"
     # of those that have a position every third
     expected = meridian * np.delete(latitude, 1)[::3]
     np.testing.assert_allclose(fixes, expected, rtol=1e-4, atol=1e-6)
@@ -144,7 +152,7 @@ def test_errors_are_drawn_and_told_against_the_truth():
         names=("truth.csv",),
     )
     recorder, shown = recorded(solution, blocks=3, truth=truth)
-    assert list(shown)[:3] == ["track", "error-attitude", "error-velocity"]
+    assert list(shown)[5:8] == ["velocity", "error-attitude", "error-velocity"]
     assert shown["error-attitude"].ylabel == "error, arcsec"
     np.testing.assert_allclose(drawn(shown["error-attitude"])["down"], 10.0, atol=1e-6)
     np.testing.assert_allclose(drawn(shown["error-attitude"])["north"], 0.0, atol=1e-6)

@@ -20,6 +20,7 @@ from sinstool.io.writers.copy import Copier
 from sinstool.io.writers.mcap import McapWriter
 from sinstool.io.writers.solution import Frames, SolutionWriter, topic_of
 from sinstool.pipelines.process.summary import InputFile, OutputFile, Place, Sink
+from sinstool.pipelines.process.travel import Odometer
 from sinstool.pipelines.provenance import RECORD, identity, sha256
 
 # Made of the attitude, which every run has
@@ -44,6 +45,8 @@ class Output:
     ----------
     last : Solution or None
         The block that was pushed last.
+    odometer : Odometer
+        Through which all blocks went.
 
     Raises
     ------
@@ -61,6 +64,7 @@ class Output:
         self.config = config
         self.sink = sink
         self.last: Solution | None = None
+        self.odometer = Odometer()
         self.emits: list[str] = []
         self._pushed = 0
         self._solutions: SolutionWriter | None = None
@@ -176,6 +180,7 @@ class Output:
         self._pushed += len(solution)
         if self.sink is not None:
             self.sink.push(solution)
+        self.odometer.push(solution)
         self.last = solution
 
     def note(self, diagnostics: Diagnostics) -> None:

@@ -11,6 +11,7 @@ from sinstool.pipelines.log_used import ImuTime, Lost
 from sinstool.pipelines.plan import Plan
 from sinstool.pipelines.process import summary
 from sinstool.pipelines.process.errors_against_truth import RunErrors
+from sinstool.pipelines.process.travel import Travel
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -38,6 +39,7 @@ class ProcessResult(Result):
     height: summary.HeightDamping | None = None
     filter: summary.FilterUsed | None = None
     gnss_difference: summary.GnssDifference | None = None
+    travel: Travel
     final: summary.FinalState
     lost: Lost
     findings: tuple[Finding, ...]

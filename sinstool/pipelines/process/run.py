@@ -124,6 +124,7 @@ def _carry_out(
         output=output_file,
         plan=plan,
         imu=ImuTime.of(source),
+        travel=written.odometer.travel(),
         final=FinalState.of(written.last, source.position),
         lost=lost,
         **vars(replace(outcome, findings=findings)),

@@ -16,6 +16,7 @@ from sinstool.methods.alignment.initial import Alignment
 from sinstool.methods.coning.algorithm import ConingAlgorithm, of_rates
 from sinstool.methods.ins_gnss.results import FilterEvent, GnssDiagnostics
 from sinstool.methods.ins_gnss.withheld import WithheldScore
+from sinstool.pipelines.process.travel import Outages
 from sinstool.pipelines.process.vehicle_used import VehicleUsed
 from sinstool.survey.grade import ImuGrade
 
@@ -354,6 +355,7 @@ class FilterUsed:
     baro_bias_m: float
     vehicle: VehicleUsed
     events: dict[str, int]
+    outages: Outages
     withheld: WithheldScores | None
 
 

@@ -123,6 +123,7 @@ def process_turntable(
         imu=_imu(samples),
         alignment=_first_attitude(turns, alignments[-1], corrected, len(alignments) - 1),
         hse=hse,
+        travel=written.odometer.travel(),
         final=FinalState.of(written.last, (rig.latitude / DEGREE, None, None)),
         lost=lost,
         findings=findings,

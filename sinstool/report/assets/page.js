@@ -34,7 +34,7 @@
     const yaxis = fewer(spec.yaxis, width);
     delete yaxis.title;
     // Room that ticks ask for changes the scale, the scale of a map its ticks, and so on
-    const map = Boolean(yaxis.scaleanchor);
+    const map = Boolean(yaxis.scaleanchor), flat = map && width < NARROW;
     const shown = function (kind) {
       return Object.assign(axis(width, kind), { automargin: !map });
     };
@@ -43,7 +43,7 @@
       yaxis: yaxis,
       width: width, autosize: false, uirevision: "kept", hovermode: "closest",
       showlegend: false, bargap: 0.25,
-      margin: { l: map ? 58 : 48, r: 18, t: 28, b: map ? 50 : 44 },
+      margin: { l: map ? 58 : 48, r: 18, t: flat ? 84 : 28, b: map ? 50 : 44 },
       dragmode: matchMedia("(pointer: coarse)").matches ? false : "zoom",
       template: { layout: {
         font: { family: getComputedStyle(document.body).fontFamily, size: size,
@@ -66,6 +66,43 @@
     const shade = colour("curve-" + trace.meta.colour);
     if (trace.line) trace.line.color = shade;
     else trace.marker = Object.assign({}, trace.marker, { color: shade });
+    if (trace.error_y) trace.error_y.color = trace.type === "bar" ? colour("ink") : shade;
+  }
+
+  // The key of a line's colours: beside the plot, or above it where that is narrow
+  function placeKey(trace, width) {
+    const key = trace.marker && trace.marker.colorbar;
+    if (!key) return;
+    const above = width < NARROW;
+    Object.assign(key, {
+      orientation: above ? "h" : "v", x: above ? 0.5 : 1.01, xanchor: above ? "center" : "left",
+      y: above ? 1.03 : 0.5, yanchor: above ? "bottom" : "middle", lenmode: "fraction",
+      tickfont: { size: fontSize(width) - 1, color: colour("ink") }, nticks: 6,
+    });
+    key.title = Object.assign({}, key.title, { side: above ? "top" : "right",
+      font: { size: fontSize(width), color: colour("ink") } });
+  }
+
+  // The length of 1, 2 or 5 with any power of ten that is a fifth of the map, or less
+  function showScale(figure) {
+    const plot = figure.plot, axis = plot._fullLayout.xaxis;
+    if (!plot._fullLayout.yaxis.scaleanchor) return;
+    if (!figure.scale) {
+      figure.scale = document.createElement("div");
+      figure.scale.className = "scale";
+      plot.append(figure.scale);
+      plot.on("plotly_relayout", function () { showScale(figure); });
+    }
+    const span = Math.abs(axis.range[1] - axis.range[0]) / 5;
+    const power = Math.pow(10, Math.floor(Math.log10(span)));
+    const size = (span >= 5 * power ? 5 : span >= 2 * power ? 2 : 1) * power;
+    const unit = figure.spec.layout.xaxis.title.text.split(", ").pop();
+    const metres = unit === "km" && size < 1;
+    figure.scale.textContent = Number((metres ? 1000 * size : size).toPrecision(1)) + " " +
+      (metres ? "m" : unit);
+    figure.scale.style.width = size / (5 * span) * axis._length + "px";
+    figure.scale.style.left = axis._offset + 12 + "px";
+    figure.scale.style.bottom = plot._fullLayout._size.b + 10 + "px";
   }
 
   const saving = {
@@ -104,7 +141,9 @@
     figure.spec.data.forEach(paint);
     const look = layout(figure.spec.layout, width);
     look.height = figure.plot.clientHeight;
-    return Plotly.react(figure.plot, figure.spec.data, look, config);
+    figure.spec.data.forEach(function (trace) { placeKey(trace, width); });
+    return Plotly.react(figure.plot, figure.spec.data, look, config)
+      .then(function () { showScale(figure); });
   }
 
   function drawAll() { return figures.reduce(
@@ -151,6 +190,14 @@
     return size === 8 ? new Float64Array(bytes.buffer) : new Float32Array(bytes.buffer);
   }
 
+  // Arrays stand in the figures as places in the block of numbers
+  function filled(value, block) {
+    if (value === null || typeof value !== "object") return value;
+    if ("at" in value && "n" in value) return numbersOf(value, block);
+    for (const key of Object.keys(value)) value[key] = filled(value[key], block);
+    return value;
+  }
+
   async function start() {
     if (document.getElementById("library")) {
       const library = document.createElement("script");
@@ -162,10 +209,7 @@
     document.querySelectorAll(".drawing").forEach(function (plot) {
       const holder = plot.closest("figure");
       const spec = JSON.parse(holder.querySelector("script").textContent);
-      spec.data.forEach(function (trace) {
-        for (const axis of ["x", "y"])
-          if (!Array.isArray(trace[axis])) trace[axis] = numbersOf(trace[axis], block);
-      });
+      filled(spec.data, block);
       const figure = {
         plot: plot, key: plot.dataset.key, title: plot.dataset.title, spec: spec,
         buttons: holder.querySelectorAll(".legend button"),

@@ -103,7 +103,7 @@ def _biases(course: FilterCourse) -> list[Figure]:
         ("accel-bias", "Accelerometer bias", course.accel_bias, 1.0, "m/s²"),
     ):
         series = tuple(Series(n, values[rows, k] / size) for k, n in enumerate(BODY))
-        note = "As the filter knew it, along the vehicle's axes."
+        note = "As the filter estimated it, along the IMU's Forward-Right-Down axes."
         figures.append(Figure(key, title, seconds, series, TIME, f"bias, {unit}", notes=(note,)))
     return figures
 

@@ -49,7 +49,11 @@ def length(values: FloatArray) -> tuple[float, str]:
 
 
 def track(
-    name: str, latitude: FloatArray, longitude: FloatArray, fixes: FloatArray | None = None
+    name: str,
+    latitude: FloatArray,
+    longitude: FloatArray,
+    fixes: FloatArray | None = None,
+    speed: FloatArray | None = None,
 ) -> Figure:
     """Where the vehicle went, on the plane that touches the ellipsoid at its first place.
 
@@ -61,14 +65,16 @@ def track(
         rad; NaN makes holes, but not at the first place.
     fixes : ndarray, shape (k, 2), optional
         Latitude and longitude of those of GNSS, rad.
+    speed : ndarray, shape (n,), optional
+        m/s, by which the curve is coloured.
     """
     origin = latitude[0], longitude[0]
     north, east = _on_plane(latitude, longitude, origin)
     size, unit = length(np.concatenate([north, east]))
-    series = [Series(name, north / size, colour=_FIRST)]
+    series = [Series(name, north / size, colour=_FIRST, shade=speed)]
     if fixes is not None and len(fixes):
         north_f, east_f = _on_plane(fixes[:, 0], fixes[:, 1], origin)
-        dots = Series("GNSS fixes", north_f / size, x=east_f / size, style="points", colour=_GREY)
+        dots = Series("GNSS fixes", north_f / size, x=east_f / size, style="halo", colour=_GREY)
         series.insert(0, dots)
     last = np.flatnonzero(np.isfinite(north))[-1]
     for end, k, colour in (("start", 0, _START), ("end", last, _END)):
@@ -79,7 +85,11 @@ def track(
         f" {origin[1] / DEGREE:.6f} deg east; one scale on both axes."
     )
     labels = f"east, {unit}", f"north, {unit}"
-    return Figure("track", "Track", east / size, tuple(series), *labels, notes=(note,), equal=True)
+    shade = "" if speed is None else "speed, m/s"
+    return Figure(
+        "track", "Track", east / size, tuple(series), *labels, notes=(note,), equal=True,
+        shade_label=shade,
+    )  # fmt: skip
 
 
 def _on_plane(

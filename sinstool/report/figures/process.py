@@ -10,7 +10,7 @@ import numpy as np
 from sinstool.pipelines.process.errors_against_truth import KINDS
 from sinstool.pipelines.process.summary import HseCorrection
 from sinstool.report.figure import Figure, FloatArray, Series, heading_curve
-from sinstool.report.figures.parts import AXES, both_sides, length
+from sinstool.report.figures.parts import AXES, both_sides, length, positive
 
 Marks = tuple[tuple[str, float], ...]
 
@@ -44,10 +44,38 @@ class Curves:
         return Figure(key, title, self.seconds, series, TIME, ylabel, notes=notes, marks=marks)
 
 
-def heading(curves: Curves) -> Figure:
-    """Heading within a turn, with holes where it goes over its end."""
+# Roll and pitch share an axis unless they are so many of their own spreads apart, and so far, deg.
+APART, LEAST_APART = 2.0, 10.0
+
+
+def tilt(curves: Curves, note: str) -> list[Figure]:
+    """Roll and pitch, each with an axis of its own where one axis would flatten both."""
+    middles, spreads = [], []
+    for name in ("roll", "pitch"):
+        low, middle, high = np.nanpercentile(curves.of[name], (2.0, 50.0, 98.0))
+        middles.append(float(middle))
+        spreads.append(float(high - low))
+    if abs(middles[0] - middles[1]) < max(APART * sum(spreads), LEAST_APART):
+        both = ("roll", "pitch")
+        return [curves.figure("tilt", "Roll and pitch", "angle, deg", both, note)]
+    return [
+        curves.figure(name, name.capitalize(), f"{name}, deg", (name,), note)
+        for name in ("roll", "pitch")
+    ]
+
+
+def heading(curves: Curves, north: bool = True) -> Figure:
+    """Heading within a turn, with holes where it goes over its end.
+
+    Parameters
+    ----------
+    north : bool, optional
+        Whether it is referenced to north.
+    """
     seconds, within = heading_curve(curves.seconds, curves.of["heading"])
-    note = "Clockwise from above, from north where the alignment knows it."
+    note = "Clockwise from above, from true north."
+    if not north:
+        note = "Clockwise from above. Nothing in the log showed north: only its changes count."
     line = (Series("heading", within),)
     return Figure("heading", "Heading", seconds, line, TIME, "heading, deg", notes=(note,))
 
@@ -82,8 +110,8 @@ def vertical(
             " is wrong by.",
         )
         figures.append(
-            Figure("difference", f"Height less that of {name}", at, off, TIME, "difference, m",
-                   notes=notes, marks=marks)
+            Figure("difference", f"Difference from the height of {name}", at, off, TIME,
+                   "difference, m", notes=notes, marks=marks)
         )  # fmt: skip
     if "up" in curves.of:
         figures.append(
@@ -167,11 +195,17 @@ def sigmas(curves: Curves, without: Sequence[str]) -> list[Figure]:
     for kind, unit, _ in KINDS:
         if f"{kind} {AXES[0]}" not in curves.of or kind in without:
             continue
-        series = tuple(Series(axis, curves.of[f"{kind} {axis}"]) for axis in AXES)
-        note = "What the filter believes of itself: with --truth the page shows errors beside it."
+        columns = [(axis, curves.of[f"{kind} {axis}"]) for axis in AXES]
+        series = tuple(Series(axis, positive(values)) for axis, values in columns)
+        if not any(np.isfinite(one.y).any() for one in series):
+            continue
+        note = (
+            "One standard deviation, by the run's own estimate. A reference given with --truth"
+            " shows the errors themselves."
+        )
         figures.append(
-            Figure(f"sigma-{kind}", f"Standard deviation of {kind}", curves.seconds, series, TIME,
-                   f"sigma, {unit}", notes=(note,))
+            Figure(f"sigma-{kind}", f"Accuracy of {kind}", curves.seconds, series, TIME,
+                   f"sigma, {unit}", log_y=True, notes=(note,))
         )  # fmt: skip
     return figures
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from math import hypot
+from math import hypot, isfinite
 from pathlib import Path
 
 from sinstool.config import PROCESS_OPTIONS, ProcessConfig
@@ -12,16 +12,19 @@ from sinstool.methods.ins_gnss.withheld import Outage
 from sinstool.pipelines.process import summary
 from sinstool.pipelines.process.errors_against_truth import RunErrors
 from sinstool.pipelines.process.result import ProcessResult
+from sinstool.pipelines.process.travel import Spread
 from sinstool.report.page import write_report
 from sinstool.report.pages.settings import config_settings, input_rows
 from sinstool.report.recorder import Recorder
 from sinstool.report.sections import Cell, Column, Fact, Page, Prose, Rows, Section, Settings, Table
+from sinstool.report.text.account import account, distance, duration, squares
 from sinstool.report.text.process import compass, summary_rows
 
 # Rows of the table of events; all of them are in --json.
 EVENTS = 50
 TITLES = {
     "attitude": "Attitude from recorded inertial data",
+    "turntable": "Attitude on a turntable from recorded inertial data",
     "ins": "Inertial navigation from recorded data",
     "ins-gnss": "INS/GNSS navigation from recorded data",
 }
@@ -47,17 +50,18 @@ def write_page(
     """
     rows = summary_rows(result, verbose=True)
     read, mode = result.input, result.plan.mode.value
-    # On a turntable attitude alone is computed.
-    mode = "attitude" if mode == "turntable" else mode
+    results, checks = recorder.figures(result)
     sections: tuple[Section | None, ...] = (
-        _answer(mode, result),
-        *recorder.figures(result),
+        Prose(account(result), "Result", _facts(result)),
+        *results,
+        _stretches(result),
+        _checks(result),
         _truth(result),
         _withheld(result),
+        *checks,
         _events(result),
-        _stretches(result),
-        Rows("What was chosen", tuple(result.plan.rows())),
         Rows("What was done", tuple((what, how) for what, how in rows if what != "input sha256")),
+        Rows("What was chosen, and why", tuple(result.plan.rows())),
         Settings(config_settings(config, *PROCESS_OPTIONS)),
         input_rows([read]),
     )
@@ -66,40 +70,57 @@ def write_page(
     write_report(report, page, overwrite=config.output.overwrite, script=script)
 
 
-def _answer(mode: str, result: ProcessResult) -> Prose:
-    """What came out, in a few sentences and numbers."""
-    imu, align, final = result.imu, result.alignment, result.final
-    seconds = (imu.last_ns - imu.first_ns) / SECOND
-    spent = _duration(seconds)
-    north = "" if align.north_referenced else " Heading is not referenced to north."
-    what = {
-        "attitude": "Attitude alone was computed",
-        "ins": "Attitude, velocity and position were computed from inertial data alone",
-        "ins-gnss": "Attitude, velocity and position were computed from inertial data and GNSS",
-    }[mode]
-    text = f"{what}: {spent} of {imu.topic}, {result.output.attitudes} attitudes.{north}"
-    facts = [
-        *_error_facts(result.truth),
-        *_filter_facts(result.filter),
-        *_height_facts(result.height),
-        _heading("First heading", align, f"; {align.method}, {align.status}"),
-        _heading("Last heading", final),
-        Fact("IMU", f"{imu.rate_hz:.4g} Hz", f"{imu.gaps} gaps, {imu.dropped} dropped"),
-    ]
+def _facts(result: ProcessResult) -> tuple[Fact, ...]:
+    """How long, how far, how fast, how well."""
+    travel, imu = result.travel, result.imu
+    lost = f"{imu.gaps} gaps, {imu.dropped} samples dropped"
+    facts = [Fact("Duration", duration(travel.duration_s), f"IMU at {imu.rate_hz:.4g} Hz; {lost}")]
+    if travel.distance_m is not None and travel.largest_speed_m_s is not None:
+        speeds = (
+            f"{travel.mean_speed_m_s or 0.0:.3g} m/s on average, at most"
+            f" {travel.largest_speed_m_s:.3g} m/s"
+        )
+        facts.append(Fact("Distance", distance(travel.distance_m), speeds))
     if result.hse is not None:
-        facts[:0] = _hse_facts(result.hse)
-    return Prose((text,), "Result", tuple(facts))
+        facts += _hse_facts(result.hse)
+    facts += _error_facts(result.truth) or _accuracy_facts(result)
+    facts += [*_filter_facts(result.filter), *_height_facts(result.height)]
+    if travel.distance_m is None:
+        final = result.final
+        tilt = f"roll {final.roll_deg:.2f}, pitch {final.pitch_deg:.2f} deg"
+        facts.append(Fact("Heading at the end", f"{compass(final.heading_deg, 2)} deg", tilt))
+    return tuple(facts)
 
 
-def _duration(seconds: float) -> str:
-    if seconds < 600.0:
-        return f"{seconds:.4g} s"
-    return f"{seconds / 60.0:.1f} min" if seconds < 7200.0 else f"{seconds / 3600.0:.2f} h"
+def _accuracy_facts(result: ProcessResult) -> list[Fact]:
+    """One sigma of what was computed."""
+    known = result.travel.accuracy
+    if known is None:
+        return []
+    tilt = _accuracy("Roll and pitch", known.tilt_deg, "deg")
+    lost = result.smoothing is not None and result.smoothing.heading_lost
+    heading = _accuracy("Heading", known.heading_deg, "deg")
+    facts = [Fact("Heading", "not known", "at the end") if lost else heading, tilt]
+    if known.horizontal_m is not None and known.height_m is not None:
+        facts += [
+            _accuracy("Position", known.horizontal_m, "m", " north and east"),
+            _accuracy("Height", known.height_m, "m"),
+        ]
+    return facts
 
 
-def _heading(name: str, state: summary.FirstAttitude | summary.FinalState, more: str = "") -> Fact:
-    tilt = f"roll {state.roll_deg:.2f}, pitch {state.pitch_deg:.2f} deg"
-    return Fact(name, f"{compass(state.heading_deg, 2)} deg", tilt + more)
+def _accuracy(name: str, sigma: Spread, unit: str, of: str = "") -> Fact:
+    note = f"1 sigma{of}, median; at most {sigma.largest:.2g} {unit}"
+    return Fact(f"{name}, accuracy", f"± {sigma.median:.2g} {unit}", note)
+
+
+def _checks(result: ProcessResult) -> Prose:
+    """What the figures below are for."""
+    used = result.filter
+    text = "How good the result is, and what it was computed from."
+    if used is None or not isfinite(used.mean_nis):
+        return Prose((text,), "Checks")
+    return Prose((f"{text} {squares(used.mean_nis)}",), "Checks")
 
 
 def _error_facts(truth: RunErrors | None) -> list[Fact]:
@@ -131,11 +152,11 @@ def _error_facts(truth: RunErrors | None) -> list[Fact]:
 def _filter_facts(used: summary.FilterUsed | None) -> list[Fact]:
     if used is None:
         return []
+    out = used.outages
+    missing = f"longest outage {duration(out.longest_s)}" if out.count else "no outage"
     facts = [
-        Fact("Fixes used", f"{used.epochs_used}",
-             f"{used.epochs_gated} rejected, {used.restarts} restarts"),
-        Fact("Innovations squared", f"{used.mean_nis:.2f}", "of what was expected: 1 is right"),
-    ]  # fmt: skip
+        Fact("GNSS fixes used", f"{used.epochs_used}", f"{used.epochs_gated} rejected; {missing}")
+    ]
     if used.withheld is not None:
         count = len(used.withheld.outages)
         drift = used.withheld.rms_of_largest_horizontal_m
@@ -148,7 +169,7 @@ def _height_facts(height: summary.HeightDamping | None) -> list[Fact]:
     if height is None:
         return []
     value = f"{height.difference_rms_m:.3g} m"
-    return [Fact("Height less reference", value, f"rms lately, {height.topic}")]
+    return [Fact("Difference from reference", value, f"of height, rms lately, {height.topic}")]
 
 
 def _hse_facts(hse: summary.HseCorrection) -> list[Fact]:

@@ -105,9 +105,22 @@ def test_height_its_difference_and_what_held_it():
     np.testing.assert_array_equal(
         drawn(by_name["difference"])["computed less reference"].y, [1.5, 2]
     )
-    assert by_name["difference"].title == "Height less that of /baro"
+    assert by_name["difference"].title == "Difference from the height of /baro"
     np.testing.assert_array_equal(drawn(by_name["up"])["up"].y, [1.0, 1.5, 2.0])
     assert draw.vertical(curves(up=np.zeros(3)), None, ()) == []
+
+
+def test_roll_and_pitch_share_an_axis_unless_they_are_far_apart():
+    level = draw.tilt(curves(roll=[0.0, 1.0, 2.0], pitch=[3.0, 4.0, 5.0]), "note")
+    assert [one.key for one in level] == ["tilt"]
+    odd = draw.tilt(curves(roll=[165.0, 166.0, 167.0], pitch=[-61.0, -60.0, -59.0]), "note")
+    assert [(one.key, one.title, one.ylabel) for one in odd] == [
+        ("roll", "Roll", "roll, deg"),
+        ("pitch", "Pitch", "pitch, deg"),
+    ]
+    np.testing.assert_array_equal(drawn(odd[1])["pitch"].y, [-61.0, -60.0, -59.0])
+    # A flight that rolls over is not far from its pitch
+    assert len(draw.tilt(curves(roll=[-170.0, 20.0, 170.0], pitch=[0.0, 1.0, 2.0]), "")) == 1
 
 
 def test_heading_has_holes_where_it_goes_over_the_turn():

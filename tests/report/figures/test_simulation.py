@@ -163,7 +163,9 @@ def test_a_drive_has_the_same_track_when_simulated_and_when_processed():
             position=position, velocity_n=truth.velocity_n,
         )
     )  # fmt: skip
-    processed = by_key(recorder.figures(SimpleNamespace(hse=None, height=None)))["track"]
+    alignment = SimpleNamespace(north_referenced=True)
+    result = SimpleNamespace(hse=None, height=None, alignment=alignment)
+    processed = by_key(recorder.figures(result)[0])["track"]
     assert (simulated.xlabel, simulated.ylabel) == (processed.xlabel, processed.ylabel)
     assert simulated.ylabel == "north, m"
     np.testing.assert_array_equal(simulated.x, processed.x)

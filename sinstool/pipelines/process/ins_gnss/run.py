@@ -58,6 +58,7 @@ from sinstool.pipelines.process.summary import (
     Sink,
     WithheldScores,
 )
+from sinstool.pipelines.process.travel import find_outages
 from sinstool.survey.increments import SegmentIncrements
 from sinstool.survey.source import Source, lead_in_end
 
@@ -381,6 +382,7 @@ class FilterRun(Mode):
             baro_bias_m=s.baro_bias,
             vehicle=self._vehicle.used(s),
             events=dict(Counter(event.kind for event in events_of(self._stretches))),
+            outages=find_outages(self._gnss),
             withheld=self._scores(),
         )
 
