@@ -12,6 +12,7 @@ from __future__ import annotations
 
 import argparse
 import tempfile
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -62,22 +63,32 @@ def duration(path: Path) -> float:
         return float(prepare(log, config).survey.duration_s)
 
 
-def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--data", type=Path, required=True, help="folder with the logs")
-    parser.add_argument("--log", choices=LOGS, default="rtk")
-    parser.add_argument("--lengths", type=int, nargs="+", choices=APART, default=[15, 30, 60])
-    parser.add_argument("--beginnings", type=int, default=15)
-    parser.add_argument("--vehicle", nargs="+", default=["none", "auto"])
-    args = parser.parse_args()
-    path = args.data / LOGS[args.log]
+def outages(
+    data: Path, log: str, lengths: Sequence[int], beginnings: int, vehicles: Sequence[str]
+) -> None:
+    """Print what the outages of one log come to.
+
+    Parameters
+    ----------
+    data : Path
+        Folder with the logs.
+    log : str
+        One of `LOGS`.
+    lengths : sequence of int
+        Of outages, s.
+    beginnings : int
+        How many first instants share an interval between outages.
+    vehicles : sequence of str
+        Values of ``--vehicle``.
+    """
+    path = data / LOGS[log]
     end = duration(path) - 5.0
-    print(f"{args.log}: {args.beginnings} beginnings; largest horizontal error of each outage")
+    print(f"{log}: {beginnings} beginnings; largest horizontal error of each outage")
     print(f"{'':12s} {'':9s} {'':5s} {'rms m':>8s} {'median':>8s} {'largest':>8s} {'/sigma':>6s}")
-    for length in args.lengths:
+    for length in lengths:
         period = length + APART[length]
-        firsts = FIRST[length] + period * np.arange(args.beginnings) / args.beginnings
-        for vehicle in args.vehicle:
+        firsts = FIRST[length] + period * np.arange(beginnings) / beginnings
+        for vehicle in vehicles:
             scores = {"filter": Outages([], []), "smoother": Outages([], [])}
             for first in firsts:
                 begins = np.arange(first, end - length, period)
@@ -101,6 +112,17 @@ def main() -> None:
                 scores["filter"].add(result.filter.withheld.filter)
             for name, score in scores.items():
                 print(f"{length:4d} s {vehicle:5s} {name:9s} {len(score.metres):5d} {score}")
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--data", type=Path, required=True, help="folder with the logs")
+    parser.add_argument("--log", choices=LOGS, default="rtk")
+    parser.add_argument("--lengths", type=int, nargs="+", choices=APART, default=[15, 30, 60])
+    parser.add_argument("--beginnings", type=int, default=15)
+    parser.add_argument("--vehicle", nargs="+", default=["none", "auto"])
+    args = parser.parse_args()
+    outages(args.data, args.log, args.lengths, args.beginnings, args.vehicle)
 
 
 if __name__ == "__main__":
