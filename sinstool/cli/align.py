@@ -83,6 +83,9 @@ def command(
     from sinstool.report.page import check_report
 
     if series is not None:
+        if series.suffix.lower() not in ("", ".csv"):
+            table = series.with_suffix(".csv")
+            raise click.UsageError(f"--series {series}: the table is CSV, give --series {table}")
         check_output(series, [log], config.output.overwrite)
     check_report(report, inputs=[log], overwrite=config.output.overwrite)
     with commit_together(), progress_bar(log.name, batch.quiet) as progress:

@@ -17,6 +17,7 @@ from sinstool.cli.many import BatchOptions
 from sinstool.cli.options import config_options, effective_config, path_option, print_config
 from sinstool.config import PROCESS_OPTIONS, ProcessConfig
 from sinstool.core.finding import exit_status
+from sinstool.core.whole_file import EXPORTED
 from sinstool.report.text.process import compass, summary_rows
 from sinstool.report.text.table import table
 
@@ -167,9 +168,10 @@ def process_many(
     from sinstool.pipelines.provenance import files
 
     logs = find_logs(inputs, without=folder)
-    if folder.suffix.lower() == ".mcap" and not folder.is_dir():
+    if folder.suffix.lower() in (".mcap", *EXPORTED) and not folder.is_dir():
         raise click.UsageError(
             f"-o {folder}: with many logs give a folder, which gets an output for each"
+            " (MCAP; `sinstool export` writes other formats of them)"
         )
     outputs = [path.absolute() for path in output_paths(logs, folder)]
     report = config.output.report

@@ -6,6 +6,7 @@ import contextlib
 import csv
 import io
 import os
+import shlex
 from collections.abc import Iterable, Iterator, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
 from contextvars import ContextVar
@@ -14,9 +15,11 @@ from pathlib import Path
 from types import TracebackType
 from typing import Any
 
-from sinstool.core.errors import OutputError
+from sinstool.core.errors import ConfigurationError, OutputError
 from sinstool.core.temporary import forget, new_file, remove_file, sweep
 
+# Suffixes of what `sinstool export` writes
+EXPORTED = (".csv", ".parquet", ".tum", ".kml", ".gpx", ".geojson")
 SYNC_BYTES = 48 * 2**20
 # Not every system has the call that leaves the file's times alone.
 _put_on_disk = getattr(os, "fdatasync", os.fsync)
@@ -67,6 +70,33 @@ def check_output(output: Path, inputs: list[Path], overwrite: bool) -> None:
         if not os.access(folder, os.W_OK | os.X_OK):
             problem = f"the folder {folder} cannot be written to"
             raise OutputError(problem, "choose another with -o")
+
+
+def check_mcap_name(output: Path, of_log: bool = False) -> None:
+    """Refuse the name of an MCAP that promises another format.
+
+    Parameters
+    ----------
+    of_log : bool, optional
+        It will be a log, not a result, which alone can be exported.
+
+    Raises
+    ------
+    ConfigurationError
+        The suffix is not ``.mcap``; a name without one is taken as it is.
+    """
+    suffix = output.suffix.lower()
+    if suffix in ("", ".mcap"):
+        return
+    mcap = output.with_suffix(".mcap")
+    if of_log:
+        formats = suffix if suffix in EXPORTED else ", ".join(EXPORTED)
+        then = f"; `sinstool export` writes {formats} of what `sinstool process` makes of the log"
+    elif suffix in EXPORTED:
+        then = f", then run `{shlex.join(['sinstool', 'export', str(mcap), '-o', str(output)])}`"
+    else:
+        then = f"; `sinstool export` writes {', '.join(EXPORTED)} of it"
+    raise ConfigurationError(f"-o {output}: the output is an MCAP", f"give -o {mcap}{then}")
 
 
 def check_new_folder(folder: Path, option: str) -> None:

@@ -13,7 +13,7 @@ from sinstool.core.errors import ConfigurationError, OutputError
 from sinstool.core.options import span
 from sinstool.core.rotation import from_euler
 from sinstool.core.units import DEGREE
-from sinstool.core.whole_file import check_output, commit_together, write_whole
+from sinstool.core.whole_file import check_mcap_name, check_output, commit_together, write_whole
 from sinstool.methods.height.pressure import geopotential, height_per_pascal, pressure_at
 from sinstool.methods.sensor_errors import SIMULATED_GRADES
 from sinstool.simulation import drive, flight, launch, motions, scenarios
@@ -103,8 +103,11 @@ class LogFiles:
 
         Raises
         ------
+        ConfigurationError
+            The name of the log promises another format.
         OutputError
         """
+        check_mcap_name(self.log, of_log=True)
         check_output(self.log, [], self.overwrite)
         if self.rig is not None:
             if self.rig.resolve() == self.log.resolve():

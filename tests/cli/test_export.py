@@ -3,10 +3,16 @@
 from __future__ import annotations
 
 import json
+from typing import get_args
 
 import pandas
 import pytest
 
+import sinstool as package
+from sinstool.config import ExportOptions
+from sinstool.core.errors import ConfigurationError
+from sinstool.core.whole_file import EXPORTED
+from sinstool.pipelines.export.run import WRITERS
 from tests.helpers.paths import ROOT
 
 STATIC = ROOT / "sample_data" / "static.mcap"
@@ -103,3 +109,37 @@ def test_a_damaged_result_is_refused_and_salvaged(sinstool, result, tmp_path):
     assert sinstool("export", result, "-o", whole)[0] == 0
     kept = (tmp_path / "x.csv").read_text().splitlines()
     assert 2 < len(kept) < 2002 and kept == whole.read_text().splitlines()[: len(kept)]
+
+
+@pytest.mark.parametrize("suffix", [".kml", ".csv", ".GPX", ".parquet", ".json", ".bag", ".txt"])
+def test_an_output_of_process_and_simulate_is_an_mcap(sinstool, tmp_path, suffix):
+    """Refused at once, with the command that writes such a file."""
+    name = tmp_path / f"my drive{suffix}"
+    mcap = name.with_suffix(".mcap")
+    status, out, err = sinstool("process", STATIC, "-o", name)
+    assert (status, out) == (2, "") and f"-o {name}: the output is an MCAP: give -o {mcap}" in err
+    if suffix.lower() in EXPORTED:
+        assert f"`sinstool export '{mcap}' -o '{name}'`" in err
+    else:
+        assert "`sinstool export` writes .csv, .parquet, .tum, .kml, .gpx, .geojson of it" in err
+    status, out, err = sinstool("simulate", "static", "-o", name)
+    assert (status, out) == (2, "") and "`sinstool process` makes of the log" in err
+    assert sinstool("process", STATIC, "-o", name, "--json")[0] == 2
+    with pytest.raises(ConfigurationError, match="the output is an MCAP"):
+        package.process(STATIC, name)
+    assert not list(tmp_path.iterdir())
+
+
+def test_outputs_of_many_logs_are_not_one_table(sinstool, tmp_path):
+    status, _, err = sinstool("process", STATIC, CONING, "-o", tmp_path / "x.csv")
+    assert status == 2 and "give a folder" in err and "sinstool export" in err
+    status, _, err = sinstool("align", STATIC, "--series", tmp_path / "x.kml")
+    assert status == 2 and f"give --series {tmp_path / 'x.csv'}" in err
+    assert not list(tmp_path.iterdir())
+
+
+def test_every_format_of_export_is_known_to_the_other_commands():
+    assert tuple(f".{name}" for name in WRITERS) == EXPORTED
+    (words,) = [one for one in get_args(ExportOptions.model_fields["format"].annotation)
+                if get_args(one)]  # fmt: skip
+    assert get_args(words) == tuple(WRITERS)

@@ -14,7 +14,7 @@ from sinstool.core.errors import ConfigurationError, OutputError
 from sinstool.core.finding import Finding, exit_status
 from sinstool.core.streams import Diagnostics, Solution
 from sinstool.core.threads import executor
-from sinstool.core.whole_file import WholeFile, check_output
+from sinstool.core.whole_file import WholeFile, check_mcap_name, check_output
 from sinstool.io.readers.log import Log
 from sinstool.io.writers.copy import Copier
 from sinstool.io.writers.mcap import McapWriter
@@ -50,6 +50,8 @@ class Output:
 
     Raises
     ------
+    ConfigurationError
+        The name of the output promises another format.
     OutputError
         The output exists, is the input, or cannot be written.
     """
@@ -58,6 +60,7 @@ class Output:
         self, log: Log, output: Path | None, config: ProcessConfig, sink: Sink | None = None
     ) -> None:
         if output is not None:
+            check_mcap_name(output)
             check_output(output, [log.path], config.output.overwrite)
         self.log = log
         self.output = output
