@@ -15,7 +15,13 @@ from itertools import islice
 from typing import Any
 
 from rosbags.interfaces import Nodetype
-from rosbags.typesys import Stores, get_types_from_idl, get_types_from_msg, get_typestore
+from rosbags.typesys import (
+    Stores,
+    TypesysError,
+    get_types_from_idl,
+    get_types_from_msg,
+    get_typestore,
+)
 
 ENCODINGS = ("cdr", "ros1")
 # The largest standard schema has 12 kB; a hostile one must not cost the time to parse it.
@@ -188,6 +194,11 @@ def schema_text(type_name: str, encoding: str) -> str:
     Returns
     -------
     str
+
+    Raises
+    ------
+    DefinitionError
+        It is not a standard type.
     """
     return _standard(type_name, encoding)[0]
 
@@ -215,8 +226,11 @@ def _standard(type_name: str, encoding: str) -> tuple[str, str]:
 def collected(type_name: str, encoding: str) -> tuple[str, str]:
     """Schema text and hash of a standard type out of rosbags' collection."""
     store = _store(encoding)
-    text, md5 = store.generate_msgdef(type_name, ros_version=1 if encoding == "ros1" else 2)
-    return text, str(md5 if encoding == "ros1" else store.hash_rihs01(type_name))
+    try:
+        text, md5 = store.generate_msgdef(type_name, ros_version=1 if encoding == "ros1" else 2)
+        return text, str(md5 if encoding == "ros1" else store.hash_rihs01(type_name))
+    except (KeyError, TypesysError) as exc:
+        raise DefinitionError(f"{type_name} is not a standard type") from exc
 
 
 @lru_cache(maxsize=1)

@@ -47,8 +47,8 @@ class Lost:
     what : str
         What was wrong with it.
     kind : str
-        ``chunk``, ``record``, ``end`` (of the file), ``index``, ``channel``, ``count``, ``file``
-        or ``row``.
+        ``chunk``, ``record``, ``end`` (of the file), ``index``, ``channel``, ``count``, ``file``,
+        ``row``, ``attachment``, ``metadata`` or ``definition``.
     offset, end : int or None
         Bytes of the file between which it lies.
     start_ns, end_ns : int or None

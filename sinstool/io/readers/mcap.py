@@ -60,9 +60,11 @@ class McapLog(McapFile):
         self.schema_ids: dict[int, int] = {}
         # Messages by channel of each chunk that was ever walked, by the chunk's offset
         self.chunk_counts: dict[int, dict[int, int]] = {}
-        # Offsets of chunks whose CRC was found right, and of those that are not whole
+        # Offsets of chunks whose CRC was found right, and of those that are not whole or define
+        # something else than the log
         self._sound: set[int] = set()
         self.broken: set[int] = set()
+        self._agreeing: set[bytes] = set()  # definitions inside chunks that were found right
         self._defined = 0
         self._counts_proved = False
         try:
@@ -185,6 +187,36 @@ class McapLog(McapFile):
             count, pos = definitions_mcap(records_, pos, places)
             for op, at, length in places[:, :count].T.tolist():
                 self._define(op, records_[at : at + length].tobytes(), offset)
+
+    def _contradicts(self, chunk: np.ndarray) -> bool:
+        """Whether a chunk defines schemas or channels otherwise than the log as a whole."""
+        pos, count, places = 0, 1, np.empty((3, 1024), np.int64)
+        while count:
+            count, pos = definitions_mcap(chunk, pos, places)
+            for op, at, length in places[:, :count].T.tolist():
+                record = chunk[at - 9 : at + length].tobytes()
+                if record not in self._agreeing:
+                    if not self._agrees(op, record[9:]):
+                        return True
+                    self._agreeing.add(record)
+        return False
+
+    def _agrees(self, op: int, body: bytes) -> bool:
+        kind = records.Schema if op == Opcode.SCHEMA else records.Channel
+        try:
+            record = kind.read(ReadDataStream(BytesIO(body)))
+        except Exception:  # see `_parse`
+            return False
+        if isinstance(record, records.Schema):
+            return self.schemas.get(record.id) == record
+        channel = self.channels.get(record.id)
+        return (
+            channel is not None
+            and (channel.topic, channel.message_encoding, channel.metadata)
+            == (record.topic, record.message_encoding, record.metadata)
+            and self.schema_ids[record.id] == record.schema_id
+            and (not record.schema_id or record.schema_id in self.schemas)
+        )
 
     def _whole_parts(self, place: ChunkPlace) -> list[np.ndarray]:
         """The records of a chunk, without the damaged ones where they are passed over."""
@@ -325,6 +357,8 @@ class McapLog(McapFile):
                 _add(counts, out[0, :count])
                 yield batch_of(chunk, out[:, :count], place.offset + place.length)
             self.chunk_counts[place.offset] = counts
+            if self._contradicts(chunk):
+                self.broken.add(place.offset)
         else:
             self.broken.add(place.offset)
             yield self._salvaged_batch(place, chunk)

@@ -9,7 +9,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 from mcap.opcode import Opcode
 
-from sinstool.io.messages.definitions import normalise_type_name, schema_text
+from sinstool.core.finding import Finding
+from sinstool.io.messages.definitions import DefinitionError, normalise_type_name, schema_text
+from sinstool.io.readers.attachments import CHECKED, RecordError, index_of
 from sinstool.io.readers.batch import RawBatch
 from sinstool.io.readers.log import Channel, Log
 from sinstool.io.readers.mcap import McapLog
@@ -17,6 +19,8 @@ from sinstool.io.readers.mcap_file import ChunkPlace, OtherPlace
 from sinstool.io.writers.mcap import Chunk, McapWriter, message_indexes
 
 _START = np.iinfo(np.int64).min
+# Compressions that the format has a name for; chunks of others are written anew.
+COPIED = ("", "lz4", "zstd")
 
 
 @dataclass(frozen=True)
@@ -37,12 +41,24 @@ class Copier:
     ----------
     writer : McapWriter
         Gets the log's schemas and channels, under their own ids where it is MCAP.
+
+    Attributes
+    ----------
+    findings : list of Finding
+        Definitions that the log does not have and that are not in the output therefore.
+
+    Raises
+    ------
+    DamagedLogError
+        A channel or a record contradicts itself and the log is not read with `salvage`; with it,
+        such a record is left out and noted in the log's `lost`.
     """
 
     def __init__(self, log: Log, writer: McapWriter) -> None:
         self._log = log
         self._writer = writer
         self._wide: np.ndarray | None = None
+        self.findings: list[Finding] = []
         self._define()
         self._items = self._mcap_items(log) if isinstance(log, McapLog) else log.batches()
         self._next = next(self._items, None)
@@ -59,28 +75,46 @@ class Copier:
 
     def _define(self) -> None:
         if isinstance(self._log, McapLog):
-            for number, schema in self._log.schemas.items():
-                self._writer.add_schema(schema.name, schema.encoding, schema.data, number)
-            for number, channel in self._log.channels.items():
-                self._writer.add_channel(
-                    channel.topic,
-                    channel.message_encoding,
-                    self._log.schema_ids[number],
-                    channel.metadata,
-                    number,
-                )
+            self._define_as_in(self._log)
             return
         numbers = sorted(self._log.channels)
         if numbers and numbers[-1] >= 2**16:  # bags have room for more than MCAP
             self._wide = np.array(numbers)
+        undefined: dict[str, str] = {}
         for place, number in enumerate(numbers):
             channel = self._log.channels[number]
+            schema = _schema(channel)
+            if not schema[2]:
+                undefined.setdefault(channel.type, channel.topic)
             self._writer.add_channel(
                 channel.topic,
                 channel.message_encoding,
-                self._writer.add_schema(*_schema(channel)),
+                self._writer.add_schema(*schema),
                 channel.metadata,
                 number if self._wide is None else place,
+            )
+        for type_name, topic in undefined.items():
+            text = (
+                f"the log has no definition of {type_name}, and it is not a standard type: the"
+                f" messages of {topic} are copied without one, and viewers cannot show them"
+            )
+            self.findings.append(Finding("no-definition", text, topic=topic))
+
+    def _define_as_in(self, log: McapLog) -> None:
+        """Schemas and channels of an MCAP file under their own ids."""
+        for number, schema in log.schemas.items():
+            self._writer.add_schema(schema.name, schema.encoding, schema.data, number)
+        for number, channel in log.channels.items():
+            schema_id = log.schema_ids[number]
+            if schema_id and schema_id not in log.schemas:
+                what = (
+                    f"the definition of topic {channel.topic}: its channel points to schema"
+                    f" {schema_id}, which the log does not have"
+                )
+                log.damage(what, kind="definition")
+                schema_id = 0  # none, which all readers know
+            self._writer.add_channel(
+                channel.topic, channel.message_encoding, schema_id, channel.metadata, number
             )
 
     @staticmethod
@@ -122,18 +156,26 @@ class Copier:
         elif item.opcode not in (Opcode.HEADER, Opcode.SCHEMA, Opcode.CHANNEL):
             assert isinstance(self._log, McapLog)
             record = self._log.read_at(item.offset, item.length)
+            try:
+                index_of(item.opcode, record, item.offset)
+            except RecordError as exc:
+                kind = CHECKED[Opcode(item.opcode)]
+                what = f"an {kind}" if kind == "attachment" else f"a {kind} record"
+                self._log.damage(f"{what} cannot be copied: {exc}", item.offset, kind)
+                return
             self._writer.write_record_bytes(item.opcode, record)
 
     def _copy_chunk(self, chunk: _Chunk) -> None:
         log, place = self._log, chunk.place
         assert isinstance(log, McapLog)
         indexes = self._own_indexes(chunk)
-        if indexes is None or log.salvage:
+        anew = place.offset in log.broken or place.compression not in COPIED
+        if indexes is None or log.salvage or anew:
             batch = log.chunk_batch(place)
             if not len(batch):
                 return
             defined = batch.select(log.channels.keys())
-            if place.offset in log.broken or len(defined) < len(batch):
+            if place.offset in log.broken or anew or len(defined) < len(batch):
                 self._writer.write([defined])
                 return
             # 31 bytes of record head and fixed fields stand before each payload
@@ -180,6 +222,6 @@ def _schema(channel: Channel) -> tuple[str, str, bytes]:
         # Old ROS 2 bags carry no definitions; the standard ones are the best there is.
         try:
             text = schema_text(normalise_type_name(channel.type_name), channel.message_encoding)
-        except KeyError:
+        except DefinitionError:
             text = ""
     return channel.type_name, encoding, text.encode()

@@ -14,18 +14,18 @@ from collections import Counter, deque
 from collections.abc import Callable, Collection, Sequence
 from concurrent.futures import Future
 from dataclasses import dataclass
-from io import BytesIO
 from typing import IO
 
 import lz4.frame
 import mcap.records as records
 import numpy as np
 import zstandard
-from mcap.data_stream import ReadDataStream, RecordBuilder
+from mcap.data_stream import RecordBuilder
 from mcap.opcode import Opcode
 from numba import njit
 
 from sinstool.core.threads import executor
+from sinstool.io.readers.attachments import index_of
 from sinstool.io.readers.batch import RawBatch
 from sinstool.io.readers.formats import MCAP_MAGIC as MAGIC
 
@@ -320,31 +320,17 @@ class McapWriter:
         Parameters
         ----------
         record : bytes
-            The whole record, its 9-byte head included.
+            The whole record, its 9-byte head included. Attachments and metadata have to be sound
+            (see `index_of`).
         """
 
         def write() -> None:
-            start = self._position
+            index = index_of(opcode, record, self._position)
             self._write(record)
-            if opcode == Opcode.METADATA:
-                name = records.Metadata.read(ReadDataStream(BytesIO(record[9:]))).name
-                self._metadata_indexes.append(records.MetadataIndex(start, len(record), name))
-            elif opcode == Opcode.ATTACHMENT:
-                log_time, create_time = struct.unpack_from("<QQ", record, 9)
-                name, pos = _string(record, 25)
-                media, pos = _string(record, pos)
-                (data_size,) = struct.unpack_from("<Q", record, pos)
-                self._attachment_indexes.append(
-                    records.AttachmentIndex(
-                        offset=start,
-                        length=len(record),
-                        log_time=log_time,
-                        create_time=create_time,
-                        data_size=data_size,
-                        name=name,
-                        media_type=media,
-                    )
-                )
+            if isinstance(index, records.MetadataIndex):
+                self._metadata_indexes.append(index)
+            elif index is not None:
+                self._attachment_indexes.append(index)
 
         self._enqueue(write, len(record))
 
@@ -468,9 +454,3 @@ def _free(taken: Collection[int]) -> int:
     if behind < 2**16:
         return behind
     return next(number for number in range(1, 2**16) if number not in taken)
-
-
-def _string(record: bytes, pos: int) -> tuple[str, int]:
-    """A length-prefixed string in a record, and where it ends."""
-    (length,) = struct.unpack_from("<I", record, pos)
-    return record[pos + 4 : pos + 4 + length].decode("utf-8", "replace"), pos + 4 + length

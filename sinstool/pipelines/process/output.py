@@ -98,7 +98,7 @@ class Output:
         tf_parent: str | None = None,
         diagnostic_names: Sequence[str] = (),
     ) -> list[Finding]:
-        """Begin to write; returns what had to be left out.
+        """Begin to write; returns what had to be left out, or is not in the log.
 
         Parameters
         ----------
@@ -144,7 +144,7 @@ class Output:
             self._copier.advance if self._copier else lambda _: None,
             diagnostic_names,
         )
-        return findings
+        return findings + (self._copier.findings if self._copier else [])
 
     def _leave_out(
         self, possible: Sequence[str], body: str, tf_parent: str | None
