@@ -329,6 +329,8 @@ def test_wrong_options_are_named(sinstool, log, tmp_path, options, expected):
 def test_usage(sinstool, arguments, expected):
     status, out, err = sinstool(*arguments)
     assert status == 2 and out == "" and expected in usage(err)
+    status, out, err = sinstool(*arguments, "--json")
+    assert status == 2 and json.loads(out)["exit"] == 2 and json.loads(out)["error"] in err
 
 
 FULL = """
@@ -704,6 +706,7 @@ def test_json_is_one_object_with_the_keys_of_the_contract(sinstool, log, tmp_pat
     summary = json.loads(out)
     assert summary["schema"] == "sinstool.process/1"
     beside = {"schema", "plan", "hse", "smoothing", "height", "filter", "findings", "warnings"}
+    beside |= {"travel"}
     assert set(KEYS) | beside == set(summary)
     for key, inside in KEYS.items():
         assert inside <= set(summary[key]), key
