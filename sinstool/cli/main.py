@@ -21,8 +21,8 @@ from typing import TYPE_CHECKING, Any, NoReturn, TextIO, cast
 
 import click
 
-from sinstool.cli.console import Group
-from sinstool.core.errors import AGAIN, SinstoolError
+from sinstool.cli.console import Group, warn
+from sinstool.core.errors import AGAIN, SinstoolError, UncachedWarning
 from sinstool.core.version import VERSION
 from sinstool.core.whole_file import completed_outputs
 
@@ -101,6 +101,7 @@ def main() -> None:
     # Of numbers that are none; where they matter they are counted and named in our own words.
     if not sys.warnoptions:
         warnings.simplefilter("ignore", RuntimeWarning)
+    warnings.showwarning = _warn
     _end_well_on_signals()
     if type(sys.stdout) is io.TextIOWrapper:
         sys.stdout = cast(TextIO, _StandardOutput(sys.stdout))
@@ -111,6 +112,17 @@ def main() -> None:
         # What lives now is given back by the operating system at once; taken apart object by
         # object it would take as long as a second of a log.
         gc.freeze()
+
+
+_show_warning = warnings.showwarning
+
+
+def _warn(message: Warning | str, category: type[Warning], *where: Any, **more: Any) -> None:
+    """Print our own warnings as those of the commands; others as Python does."""
+    if issubclass(category, UncachedWarning):
+        warn(str(message))
+    else:
+        _show_warning(message, category, *where, **more)
 
 
 class _StandardOutput:

@@ -1,36 +1,99 @@
-"""Compiled loops out of numba's cache, without what only its compiler needs.
+"""Compiled loops: machine code out of numba's cache, or compiled for one run where none can be had.
 
 Before numba looks into its cache it loads all that it knows of Python and NumPy, and `scipy.linalg`
 with it: that takes longer than most logs. Machine code out of the cache needs none of it but the
 runtime that counts references to arrays. A loop that has to be compiled after all makes numba's
 compiler load the rest by itself, at any time.
+
+numba refuses to import a loop that it has no folder to keep in, and ends where the folder is full
+or holds a damaged file. Here such loops are compiled for one run, and a warning says so once.
+
+Modules that hold loops and may be the first to do so take `njit` from here; for all others the
+packages above them call `set_up_cache`.
 """
 
 from __future__ import annotations
 
+import os
+import warnings
+from contextlib import suppress
 from functools import cache
 from typing import Any
 
+from numba import njit
+from numba.core import caching
 from numba.core.caching import FunctionCache
 from numba.core.runtime import rtsys
+
+from sinstool.core.errors import UncachedWarning
+
+__all__ = ["njit", "set_up_cache"]
 
 PACKAGE = __name__.partition(".")[0]
 
 
+def _is_ours(function: Any) -> bool:
+    return str(function.__module__).partition(".")[0] == PACKAGE
+
+
 @cache
-def load_quickly() -> None:
-    """From now on load compiled loops of this package quickly; those of others as numba does."""
-    theirs = FunctionCache.load_overload
+def set_up_cache() -> None:
+    """From now on keep compiled loops of this package our way; those of others as numba does."""
+    theirs_load, theirs_save = FunctionCache.load_overload, FunctionCache.save_overload
 
     def load_overload(self: Any, signature: Any, target: Any) -> Any:
-        if self._py_func.__module__.partition(".")[0] != PACKAGE:
-            return theirs(self, signature, target)
+        if not _is_ours(self._py_func):
+            return theirs_load(self, signature, target)
         rtsys.initialize(target)
-        with self._guard_against_spurious_io_errors():
-            return self._load_overload(signature, target)
+        try:
+            with self._guard_against_spurious_io_errors():
+                return self._load_overload(signature, target)
+        except Exception:  # a file of the cache that is cut short raises whatever pickle comes upon
+            with suppress(OSError):
+                self.flush()
         return None
 
+    def save_overload(self: Any, signature: Any, data: Any) -> None:
+        if not _is_ours(self._py_func):
+            theirs_save(self, signature, data)
+            return
+        try:
+            theirs_save(self, signature, data)
+        except Exception as exc:  # as above, of an index that cannot be replaced
+            _warn(getattr(exc, "strerror", None) or type(exc).__name__)
+
     # Not of numba's public interface: another numba may do without them
-    ours = ("_guard_against_spurious_io_errors", "_load_overload")
+    ours = ("_guard_against_spurious_io_errors", "_load_overload", "save_overload", "flush")
     if all(hasattr(FunctionCache, name) for name in ours):
         FunctionCache.load_overload = load_overload  # type: ignore[method-assign]
+        FunctionCache.save_overload = save_overload  # type: ignore[method-assign]
+    locators = getattr(caching.CacheImpl, "_locator_classes", None)
+    if locators is not None and hasattr(caching, "InTreeCacheLocator"):
+        caching.CacheImpl._locator_classes = [*locators, _last_resort()]
+
+
+def _last_resort() -> Any:
+    """What finds a folder for a loop where no other does: beside its source, which may be filled
+    though it cannot be written."""
+
+    class BesideTheSource(caching.InTreeCacheLocator):
+        @classmethod
+        def from_function(cls, py_func: Any, py_file: str) -> Any:
+            there = _is_ours(py_func) and os.path.exists(py_file)
+            return cls(py_func, py_file) if there else None
+
+    return BesideTheSource
+
+
+@cache
+def _warn(reason: str) -> None:
+    """Say once how compiled loops can be kept."""
+    warnings.warn(
+        f"compiled code cannot be kept ({reason}), and every run has to compile it again: set the"
+        " environment variable NUMBA_CACHE_DIR to a folder that can be written and has room",
+        UncachedWarning,
+        stacklevel=2,
+    )
+
+
+set_up_cache()

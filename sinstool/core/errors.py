@@ -104,3 +104,7 @@ class AlignmentError(SinstoolError):
 
 class OutputError(SinstoolError):
     """The output cannot be written: it exists, is the input, or its folder refuses it."""
+
+
+class UncachedWarning(UserWarning):
+    """Compiled code cannot be kept for the next run, which will be slow again."""

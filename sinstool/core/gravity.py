@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-import numba
-
 from sinstool.core import earth
+from sinstool.core.compiled import njit
 
 
-@numba.njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True)
 def normal_gravity(sin2: float, root: float, height: float) -> float:
     """Normal gravity, see :func:`sinstool.core.earth.normal_gravity`.
 

@@ -30,9 +30,8 @@ from __future__ import annotations
 
 from math import atan2, cos, pi, sin, sqrt
 
-import numba
-
 from sinstool.core.arrays import FloatArray
+from sinstool.core.compiled import njit
 
 EXACT = 0
 """The order that stands for the exact quaternion."""
@@ -40,7 +39,7 @@ EXACT = 0
 _NEAR = 1e-7  # of the squared length to 1: a Newton step leaves 3/8 of its square
 
 
-@numba.njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True)
 def increment_quaternion(
     px: float, py: float, pz: float, order: int
 ) -> tuple[float, float, float, float]:
@@ -84,7 +83,7 @@ def increment_quaternion(
     return w * scale, f * px, f * py, f * pz
 
 
-@numba.njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True)
 def to_unit(w: float, x: float, y: float, z: float) -> tuple[float, float, float, float]:
     """Quaternion brought to length 1."""
     square = w * w + x * x + y * y + z * z
@@ -94,7 +93,7 @@ def to_unit(w: float, x: float, y: float, z: float) -> tuple[float, float, float
     return w * f, x * f, y * f, z * f
 
 
-@numba.njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True)
 def to_rotation_vector(w: float, x: float, y: float, z: float, out: FloatArray, k: int) -> None:
     """Rotation vector of a quaternion of any length, to row `k` of `out`: from 0 to two pi, rad."""
     length = sqrt(x * x + y * y + z * z)
@@ -103,7 +102,7 @@ def to_rotation_vector(w: float, x: float, y: float, z: float, out: FloatArray, 
     put(out, k, factor * x, factor * y, factor * z)
 
 
-@numba.njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True)
 def cross(
     ax: float, ay: float, az: float, bx: float, by: float, bz: float
 ) -> tuple[float, float, float]:
@@ -111,13 +110,13 @@ def cross(
     return ay * bz - az * by, az * bx - ax * bz, ax * by - ay * bx
 
 
-@numba.njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True)
 def row(a: FloatArray, k: int) -> tuple[float, float, float]:
     """Row `k` of an array of shape (n, 3)."""
     return a[k, 0], a[k, 1], a[k, 2]
 
 
-@numba.njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True)
 def put(a: FloatArray, k: int, x: float, y: float, z: float) -> None:
     """Set row `k` of an array of shape (n, 3)."""
     a[k, 0] = x
@@ -125,7 +124,7 @@ def put(a: FloatArray, k: int, x: float, y: float, z: float) -> None:
     a[k, 2] = z
 
 
-@numba.njit(cache=True, nogil=True, inline="always")
+@njit(cache=True, nogil=True, inline="always")
 def weighted_sum(
     a: FloatArray, first: int, step: int, weights: FloatArray, which: int, count: int
 ) -> tuple[float, float, float]:
@@ -140,7 +139,7 @@ def weighted_sum(
     return x, y, z
 
 
-@numba.njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True)
 def product(
     pw: float, px: float, py: float, pz: float, qw: float, qx: float, qy: float, qz: float
 ) -> tuple[float, float, float, float]:
@@ -158,7 +157,7 @@ def product(
     )
 
 
-@numba.njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True)
 def dcm(
     w: float, x: float, y: float, z: float
 ) -> tuple[float, float, float, float, float, float, float, float, float]:
@@ -182,7 +181,7 @@ def dcm(
     )
 
 
-@numba.njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True)
 def wrapped_angle(angle: float) -> float:
     """Angle, no more than a few turns, brought into (-pi, pi]; one inside keeps its last bit."""
     while angle > pi:

@@ -1,5 +1,5 @@
 """From a log to an answer: one folder for each command."""
 
-from sinstool.core.compiled import load_quickly
+from sinstool.core.compiled import set_up_cache
 
-load_quickly()
+set_up_cache()

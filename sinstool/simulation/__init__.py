@@ -1,5 +1,5 @@
 """Truth trajectories with exact inertial samples, and the errors of sensors."""
 
-from sinstool.core.compiled import load_quickly
+from sinstool.core.compiled import set_up_cache
 
-load_quickly()
+set_up_cache()

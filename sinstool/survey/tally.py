@@ -9,8 +9,8 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 
 import numpy as np
-from numba import njit
 
+from sinstool.core.compiled import njit
 from sinstool.core.streams import Imu
 from sinstool.methods.alignment.still import WINDOW_NS, WindowStage
 

@@ -8,8 +8,8 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 
+from sinstool.core.compiled import njit
 from sinstool.io.messages.definitions import Definition
 from sinstool.io.messages.layout import NUMPY, Layout, LayoutError, Leaf, walk
 

@@ -7,7 +7,8 @@ be missing or wrong and the headers cannot: the walk fails exactly where the chu
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
+
+from sinstool.core.compiled import njit
 
 # What stopped a walk
 END, PARTIAL, FOREIGN, FULL = 0, 1, 2, 3

@@ -22,8 +22,8 @@ import numpy as np
 import zstandard
 from mcap.data_stream import RecordBuilder
 from mcap.opcode import Opcode
-from numba import njit
 
+from sinstool.core.compiled import njit
 from sinstool.core.threads import executor
 from sinstool.io.readers.attachments import index_of
 from sinstool.io.readers.batch import RawBatch

@@ -6,7 +6,8 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numba import njit
+
+from sinstool.core.compiled import njit
 
 # Rows that are made at once: their text stays in the processor's cache
 ROWS = 4096
