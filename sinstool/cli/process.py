@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import time
 from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -116,7 +117,7 @@ def process_unless_done(
     -------
     dict
         The values of ``--json`` with ``status`` and ``exit``; of an output that is there already
-        only ``input`` and ``output``.
+        only ``input``, ``output``, ``travel`` and the ``kinds`` of its findings.
 
     Raises
     ------
@@ -124,7 +125,7 @@ def process_unless_done(
         Also where another file has the output's name.
     """
     if output.exists() and not config.output.overwrite:
-        from sinstool.pipelines.provenance import require_same
+        from sinstool.pipelines.provenance import read_figures, require_same
 
         record = require_same(output, log, config)
         if report is None or report.exists():
@@ -132,6 +133,7 @@ def process_unless_done(
             return {
                 "input": {"path": str(log), "size": size, "sha256": digest},
                 "output": {"path": str(output)},
+                **read_figures(record),
                 "status": "complete",
                 "exit": 3 if record.get("status") == "lost" else 0,
             }
@@ -166,6 +168,13 @@ def process_many(
         Exit status.
     """
     from sinstool.pipelines.provenance import files
+    from sinstool.report.pages.campaign import (
+        INDEX,
+        Entry,
+        check_index,
+        throughput,
+        write_index,
+    )
 
     logs = find_logs(inputs, without=folder)
     if folder.suffix.lower() in (".mcap", *EXPORTED) and not folder.is_dir():
@@ -175,17 +184,33 @@ def process_many(
         )
     outputs = [path.absolute() for path in output_paths(logs, folder)]
     report = config.output.report
+    check_index(folder)
     pages, script = many.page_paths(None if report is None else Path(report), logs)
     config = many.absolute(config)
     reads = [*files(config).values(), *map(Path, config.output.truth)]
+    index = folder.absolute() / INDEX
+    if index in pages:
+        raise click.UsageError(
+            f"--report {report}: {INDEX} is the table of all logs there; give another folder"
+        )
     written = list(zip(outputs, pages, strict=True))
+    began = time.monotonic()
     rows = many.work_on_logs(
         logs, process_unless_done, written, (config, script), reads, batch, named=True
     )
+    seconds = time.monotonic() - began
+    entries = [
+        Entry(log.name, log.path, row, page)
+        for log, row, page in zip(logs, rows, pages, strict=True)
+    ]
+    write_index(folder, entries, seconds)
     names = [str(log.path) for log in logs]
-    return many.finish(
+    status = many.finish(
         names, rows, batch, lambda: many.log_table(HEADER, logs, rows, _cells), f", in {folder}"
     )
+    if not batch.quiet:
+        click.echo(throughput(entries, seconds), err=True)
+    return status
 
 
 def _cells(row: dict[str, Any]) -> tuple[str, ...]:

@@ -7,9 +7,12 @@ three, so that a later run can tell whether an output is the one it would make i
 from __future__ import annotations
 
 import hashlib
+import json
 import struct
+from collections.abc import Iterable, Mapping
 from pathlib import Path
 from threading import Event
+from typing import TYPE_CHECKING, Any
 
 import mcap.reader
 from mcap.exceptions import McapError
@@ -18,8 +21,13 @@ from sinstool.config import ProcessConfig
 from sinstool.config.load import dump_toml
 from sinstool.core import version
 from sinstool.core.errors import OutputError
+from sinstool.core.finding import Finding, Severity
+from sinstool.core.result import as_json
 from sinstool.io.readers.log import path_size
 from sinstool.methods.coning.registry import origin
+
+if TYPE_CHECKING:
+    from sinstool.pipelines.process.travel import Travel
 
 RECORD = "sinstool"
 HASH_BYTES = 2**20
@@ -44,6 +52,27 @@ def identity(config: ProcessConfig) -> dict[str, str]:
     for name, path in files(config).items():
         record[f"{name}_sha256"] = sha256(path)
     return record
+
+
+def figures_of(travel: Travel, findings: Iterable[Finding]) -> dict[str, str]:
+    """What a table over many logs says of a run, as an output records it.
+
+    Only the kinds of findings are in it: their texts may have names of folders.
+    """
+    kinds = dict.fromkeys(f.kind for f in findings if f.severity > Severity.NOTE)
+    shown = {
+        name: value if value is None else float(f"{value:.9g}")
+        for name, value in as_json(travel).items()
+        if not isinstance(value, dict)
+    }
+    return {"travel": json.dumps(shown), "findings": json.dumps(list(kinds))}
+
+
+def read_figures(record: Mapping[str, str]) -> dict[str, Any]:
+    """``travel``, and the ``kinds`` of findings, of a record; empty for one that has none."""
+    if "travel" not in record or "findings" not in record:
+        return {}
+    return {"travel": json.loads(record["travel"]), "kinds": json.loads(record["findings"])}
 
 
 def files(config: ProcessConfig) -> dict[str, Path]:

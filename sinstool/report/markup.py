@@ -211,7 +211,7 @@ def _table(table: sections.Table, key: str) -> str:
         for k, (cell, column) in enumerate(zip(row, table.columns, strict=True)):
             tag = 'th scope="row"' if k == 0 else "td"
             kind = ' class="number"' if numeric[k] else ""
-            cells.append(f"<{tag}{kind}>{escape(_value(cell, column.form))}</{tag[:2]}>")
+            cells.append(f"<{tag}{kind}>{_cell(cell, column.form)}</{tag[:2]}>")
         rows.append(f"<tr>{''.join(cells)}</tr>")
     # It scrolls by itself where the page is narrow, and by the keyboard too
     made = (
@@ -222,6 +222,12 @@ def _table(table: sections.Table, key: str) -> str:
     if not table.folded:
         return made
     return f'<details class="kept"><summary>{len(rows)} rows</summary>{made}</details>'
+
+
+def _cell(cell: sections.Cell, form: str) -> str:
+    if isinstance(cell, sections.Link):
+        return f'<a href="{escape(quote(cell.target))}">{escape(cell.text)}</a>'
+    return escape(_value(cell, form))
 
 
 def _heading(column: sections.Column, numeric: bool) -> str:

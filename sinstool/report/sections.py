@@ -9,7 +9,23 @@ from typing import TypeVar
 from sinstool.report.figure import Figure
 
 T = TypeVar("T")
-Cell = str | float | int | bool | None
+
+
+@dataclass(frozen=True)
+class Link:
+    """Text that leads to another file.
+
+    Attributes
+    ----------
+    target : str
+        Relative to the page, with ``/``.
+    """
+
+    text: str
+    target: str
+
+
+Cell = str | float | int | bool | Link | None
 
 
 @dataclass(frozen=True)

@@ -1,6 +1,7 @@
 """Commands on many logs: rows, reruns, exit status, and what is left when they are ended."""
 
 import contextlib
+import csv
 import json
 import os
 import re
@@ -35,8 +36,19 @@ def logs(tmp_path_factory):
     return top
 
 
+# Which every run writes anew beside the outputs
+INDEX = {"index.html", "summary.csv"}
+
+
 def files(folder):
-    return sorted(p.relative_to(folder).as_posix() for p in folder.rglob("*") if p.is_file())
+    """All files but the index of the outputs."""
+    names = {p.relative_to(folder).as_posix() for p in folder.rglob("*") if p.is_file()}
+    return sorted(names - INDEX if names >= INDEX else names)
+
+
+def contents(folder):
+    """As `files`, with what they hold."""
+    return {name: (folder / name).read_bytes() for name in files(folder)}
 
 
 def rows(out):
@@ -166,6 +178,48 @@ def test_a_page_for_each(sinstool, logs, tmp_path):
     assert status == 2 and "give a folder" in err
 
 
+def test_a_table_of_all_logs_stays_right_when_resumed(sinstool, logs, tmp_path):
+    out = tmp_path / "out"
+    arguments = ["process", logs, "-o", out, "--report", out, "-j", 2]
+    status, _, err = sinstool(*arguments)
+    assert status == 1
+    assert re.search(r"^This run took [\d.]+ s for 3 logs, of which 2 were computed: ", err, re.M)
+    first = list(csv.DictReader((out / "summary.csv").open()))
+    assert [(Path(row["log"]).name, row["status"]) for row in first] == [
+        ("run.mcap", "done"), ("cut.mcap", "failed"), ("run.mcap", "done"),
+    ]  # fmt: skip
+    assert [row["page"] for row in first] == ["a/run.html", "", "b/run.html"]
+    assert [row["output"] for row in first] == ["a/run.mcap", "", "b/run.mcap"]
+    assert float(first[0]["duration_s"]) == pytest.approx(4.995)
+    assert first[0]["distance_m"] == "" and "no-latitude" in first[0]["findings"].split()
+    assert "--salvage" in first[1]["error"]
+    page = (out / "index.html").read_text()
+    assert page.index("b/cut.mcap") < page.index('<a href="a/run.html">a/run.mcap</a>')
+    assert "no-latitude" in page and "2 done" in page
+    # The second time nothing is computed, and what was known stays
+    (out / "b" / "run.mcap").unlink()
+    (out / "b" / "run.html").unlink()
+    assert sinstool(*arguments)[0] == 1
+    again = list(csv.DictReader((out / "summary.csv").open()))
+    assert [row["status"] for row in again] == ["complete", "failed", "done"]
+    for before, after in zip(first, again, strict=True):
+        assert {**before, "status": ""} == {**after, "status": ""}
+    # What is not ours stays
+    (out / "summary.csv").write_text("a,b\n")
+    status, _, err = sinstool(*arguments)
+    assert status == 1 and "is no table of logs" in err
+    assert (out / "summary.csv").read_text() == "a,b\n"
+
+
+def test_no_page_takes_the_place_of_the_table(sinstool, logs, tmp_path):
+    named = tmp_path / "in" / "index.mcap"
+    named.parent.mkdir()
+    named.write_bytes((logs / "a" / "run.mcap").read_bytes())
+    out = tmp_path / "out"
+    status, _, err = sinstool("process", named.parent, "-o", out, "--report", out)
+    assert status == 2 and "the table of all logs" in err
+
+
 @pytest.mark.slow
 def test_what_is_chosen_is_told_log_by_log(sinstool, logs, tmp_path):
     inputs = logs / "*" / "run.mcap"
@@ -264,7 +318,7 @@ def test_compare_coning(sinstool, logs, tmp_path):
     assert re.search(r"^optimal-2 +2 ", printed, re.MULTILINE)
     assert "3 logs: 2 done, 1 failed" in printed
     # warnings of several logs are told once
-    assert err.count("no --stopband is given") == 1
+    assert err.count("less than one window of 10 s") == 1
     status, printed, _ = sinstool("compare-coning", logs, *chosen, "--json")
     results = rows(printed)
     assert [row["status"] for row in results] == ["done", "failed", "done"]
@@ -384,7 +438,7 @@ def ended(processes):
 def expected(large, tmp_path_factory):
     out = tmp_path_factory.mktemp("expected")
     subprocess.run([*PROGRAM, "process", large, "-o", out, "-j", "2", "-q"], check=True)
-    return {p.name: p.read_bytes() for p in out.iterdir()}
+    return contents(out)
 
 
 @pytest.mark.slow
@@ -396,7 +450,7 @@ def test_a_worker_is_killed(large, expected, tmp_path):
     stdout, stderr = run.communicate(timeout=300)
     assert run.returncode == 0, stderr
     assert [row["status"] for row in rows(stdout)] == ["done"] * 4
-    assert {p.name: p.read_bytes() for p in tmp_path.iterdir()} == expected
+    assert contents(tmp_path) == expected
 
 
 @pytest.mark.slow
@@ -409,7 +463,7 @@ def test_ctrl_c(large, expected, tmp_path):
     assert len(said) == 1 and "Traceback" not in stderr
     assert ended(processes)
     # whole files only, and a rerun makes the others
-    done = {p.name: p.read_bytes() for p in tmp_path.iterdir()}
+    done = contents(tmp_path)
     assert len(done) >= int(said[0])
     assert all(expected[name] == content for name, content in done.items())
     again = subprocess.run(
@@ -420,7 +474,7 @@ def test_ctrl_c(large, expected, tmp_path):
     )
     statuses = {Path(row["output"]["path"]).name: row["status"] for row in rows(again.stdout)}
     assert statuses == {name: "complete" if name in done else "done" for name in expected}
-    assert {p.name: p.read_bytes() for p in tmp_path.iterdir()} == expected
+    assert contents(tmp_path) == expected
 
 
 @pytest.mark.slow

@@ -21,7 +21,7 @@ from sinstool.io.writers.mcap import McapWriter
 from sinstool.io.writers.solution import Frames, SolutionWriter, topic_of
 from sinstool.pipelines.process.summary import InputFile, OutputFile, Place, Sink
 from sinstool.pipelines.process.travel import Odometer
-from sinstool.pipelines.provenance import RECORD, identity, sha256
+from sinstool.pipelines.provenance import RECORD, figures_of, identity, sha256
 
 # Made of the attitude, which every run has
 ALWAYS = ("imu", "attitude", "euler", "pose", "tf")
@@ -221,6 +221,7 @@ class Output:
                 "input_size": str(self.log.size),
                 "input_sha256": digest,
                 "status": "lost" if exit_status(findings) else "done",
+                **figures_of(self.odometer.travel(), findings),
             },
         )
         self._writer.finish()

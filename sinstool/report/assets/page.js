@@ -43,7 +43,7 @@
       yaxis: yaxis,
       width: width, autosize: false, uirevision: "kept", hovermode: "closest",
       showlegend: false, bargap: 0.25,
-      margin: { l: map ? 58 : 48, r: 18, t: flat ? 84 : 28, b: map ? 50 : 44 },
+      margin: { l: map ? 58 : 48, r: 18, t: flat ? 84 : 28, b: map ? 58 : 44 },
       dragmode: matchMedia("(pointer: coarse)").matches ? false : "zoom",
       template: { layout: {
         font: { family: getComputedStyle(document.body).fontFamily, size: size,
