@@ -224,7 +224,7 @@ def test_drift_and_warm_up_are_said(allan, tmp_path):
     rates, forces = noise(60000)
     rates[:, 0] += 1.5e-3 * np.exp(-np.arange(60000) / 3000.0)
     code, _, err = allan(write(tmp_path / "warm.mcap", rates, forces))
-    assert code == 0 and "gyro x read otherwise at first: the IMU was warming up" in err
+    assert code == 0 and "gyro x settle at first: the IMU was warming up" in err
     _, _, err = allan(write(tmp_path / "cool.mcap", *noise(60000)))
     assert "warming" not in err
 
@@ -292,7 +292,7 @@ def test_noise_file_in_place_of_a_grade(sinstool, rest, tmp_path):
     plan = json.loads(said)["plan"]
     assert code == 0, err
     assert plan["imu_noise"]["value"] == "noise.toml"
-    assert "measured at rest, 0.67 deg/sqrt(h)" in plan["imu_noise"]["reason"]
+    assert "measured at rest, 0.68 deg/sqrt(h)" in plan["imu_noise"]["reason"]
     assert "by its gyro noise in noise.toml" in plan["imu_grade"]["reason"]
     code, said, _ = sinstool("align", rest, "--imu-noise", noise, "--json")
     assert code == 3 and json.loads(said)["plan"]["imu_noise"]["value"] == "noise.toml"

@@ -53,7 +53,7 @@ LEAST_BLOCKS = 8
 DOUBTFUL = 3e-3
 # Of two edges of an interval the inner has this weight, by term; held against simulated logs. A
 # random walk that is just too small to be seen is taken for flicker noise by a fit without it.
-INWARD = {"quantisation": 0.5, "white": 0.65, "flicker": 0.0, "random_walk": 0.5}
+INWARD = {"quantisation": 0.5, "white": 0.55, "flicker": 0.0, "random_walk": 0.5}
 # Of flicker noise alone the frequencies of blocks are not quite independent: more deviance is due.
 FLICKER_INTERVAL = 1.1
 _ROUNDS = 3
@@ -159,6 +159,27 @@ class NoiseData:
             return None
         return _Likelihood(self, z, y).fit()
 
+    def gain(self, column: int, curve: Sequence[FloatArray]) -> float:
+        """By how much the deviance falls where some part of a curve is taken for no noise.
+
+        Parameters
+        ----------
+        curve : sequence of ndarray, shape (n_i,)
+            Its phases in each segment, a block apart.
+        """
+        z, y = self.coefficients[:, column], self.allan[:, column]
+        shape = np.concatenate(
+            [sine_transform(np.diff(c, 2)[:, None])[:, 0] for c in curve if len(c) > 2]
+        )
+        whole = _Likelihood(self, z, y)
+        p = whole.settle()
+        before, v = whole.deviance(p), self.blocks.variance
+        for _ in range(_ROUNDS):
+            weight = shape / (v @ p)
+            without = z - shape * float(weight @ z) / float(weight @ shape)
+            p, after = whole.again(without, p)
+        return before - after
+
 
 def fit_segments(segments: Sequence[FloatArray]) -> list[NoiseFit | None]:
     """Fits of segments that are held as a whole, one for each of their columns.
@@ -207,15 +228,15 @@ class _Likelihood:
     def fit(self) -> NoiseFit:
         """The likeliest terms from the shortest lag on that they describe, and intervals."""
         count = len(self._y)
-        p = self._settle()
+        p = self.settle()
         misfit, chance = self._misfit(p)
         while chance < DOUBTFUL and self._first < count - 2:
             self._first += 1
-            p = self._settle()
+            p = self.settle()
             misfit, chance = self._misfit(p)
         if 0 < self._first < count - 2:
             self._first += 1
-            p = self._settle()
+            p = self.settle()
             misfit, chance = self._misfit(p)
         if chance > SELDOM:
             misfit = 1.0
@@ -236,7 +257,7 @@ class _Likelihood:
             misfit,
         )
 
-    def _settle(self) -> FloatArray:
+    def settle(self) -> FloatArray:
         """The likeliest terms, with the covariance that they themselves give the variances."""
         p = self._begin()
         for _ in range(_ROUNDS):
@@ -244,6 +265,17 @@ class _Likelihood:
             p = self._minimise(p)[0]
         self._weigh(p)
         return self._minimise(p)[0]
+
+    def deviance(self, p: FloatArray) -> float:
+        """Minus twice the logarithm of the likelihood."""
+        return self._deviance(p)[0]
+
+    def again(self, z: FloatArray, p: FloatArray) -> tuple[FloatArray, float]:
+        """The likeliest terms, and their deviance, where blocks are others, in units of samples."""
+        kept, self._z = self._z, z / sqrt(self._unit)
+        found = self._minimise(p)
+        self._z = kept
+        return found
 
     def _begin(self) -> FloatArray:
         """Terms that follow the curve, each lag and each frequency by its share."""
@@ -372,7 +404,7 @@ class _Likelihood:
         high = self._edge(k, p, (), misfit, +1.0, target)
         if not seen[k]:
             return Term(None, 0.0, sqrt(high))
-        low = self._edge(k, p, (), misfit, -1.0, target)
+        low, value = self._edge(k, p, (), misfit, -1.0, target), float(p[k])
         hidden = tuple(j for j, visible in enumerate(seen) if not visible)
         if hidden:
             alone = p.copy()
@@ -381,7 +413,9 @@ class _Likelihood:
             inward = INWARD[name]
             high = _between(high, self._edge(k, alone, hidden, misfit, +1.0, target), max, inward)
             low = _between(low, self._edge(k, alone, hidden, misfit, -1.0, target), min, inward)
-        return Term(sqrt(p[k]), sqrt(low), sqrt(high))
+            # Nor is the value that without terms that are not visible, nor that with all of them
+            value = min(max(value + inward * (float(alone[k]) - value), low), high)
+        return Term(sqrt(value), sqrt(low), sqrt(high))
 
     def _edge(
         self,

@@ -282,7 +282,7 @@ def _axis_lines(axis: Axis) -> Iterator[str]:
             yield f"{key_of(axis.sensor, term, 'below')} = {c.high:.4g}"
         else:
             yield f"{key_of(axis.sensor, term)} = {c.value:.6g}"
-            yield f"{key_of(axis.sensor, term, '95')} = [{c.low:.4g}, {c.high:.4g}]"
+            yield f"{key_of(axis.sensor, term, '95')} = [{c.low:.6g}, {c.high:.6g}]"
 
 
 def _quoted(text: str) -> str:

@@ -9,24 +9,29 @@ import numpy as np
 
 from sinstool.core.finding import Finding, Severity
 from sinstool.core.units import DEGREE_PER_ROOT_HOUR
-from sinstool.methods.allan.fit import NoiseFit
-from sinstool.methods.allan.model import covariance_of_phase, second_differences
+from sinstool.methods.allan.fit import NoiseData, NoiseFit
 from sinstool.pipelines.allan.collect import Collected
 from sinstool.pipelines.allan.result import Axis, Rest
 
 # Gyros have less angular random walk than this, rad/sqrt(s).
 NOISIEST_GYRO = 5.0 * DEGREE_PER_ROOT_HOUR
-# Shares of the longest rest: its beginning, and what it is held against.
-WARM_UP, SETTLED = 0.1, 0.4
-# So many sigmas of the noise of the settled part away, its beginning was another sensor.
-WARMING_SIGMAS = 5.0
+# Time constants with which a rate may settle, as shares of the longest rest, and after how many of
+# them it has; how much deviance that has to explain, of which noise alone explains 25 hardly ever.
+SETTLING = (0.01, 0.03, 0.1)
+SETTLED = 4.0
+WARMING = 25.0
+BEYOND_WHITE = 4.0
 LEAST_BLOCKS = 64
 # Shaking that is more than this share of the rest is worth a word.
 SHAKEN = 0.01
 
 
 def findings(
-    axes: Sequence[Axis], fits: Sequence[NoiseFit | None], rest: Rest, found: Collected
+    axes: Sequence[Axis],
+    fits: Sequence[NoiseFit | None],
+    data: NoiseData,
+    rest: Rest,
+    found: Collected,
 ) -> list[Finding]:
     """All that is odd about the noise of the axes."""
     return [
@@ -34,7 +39,7 @@ def findings(
         *_units(axes),
         *_hidden(axes, rest),
         *_drift(axes),
-        *_warming(axes, fits, found),
+        *_warming(axes, fits, data, found),
         *_misfits(axes, rest),
         *_shaken(rest),
     ]
@@ -112,49 +117,39 @@ def _drift(axes: Sequence[Axis]) -> Iterator[Finding]:
 
 
 def _warming(
-    axes: Sequence[Axis], fits: Sequence[NoiseFit | None], found: Collected
+    axes: Sequence[Axis], fits: Sequence[NoiseFit | None], data: NoiseData, found: Collected
 ) -> Iterator[Finding]:
-    """Axes whose rate at the beginning of the longest rest the noise of the rest of it denies."""
-    phases = max(found.phases, key=len)
-    blocks = len(phases) - 1
+    """Axes whose rate settles over the longest rest as no noise does."""
+    longest = int(np.argmax([len(phases) for phases in found.phases]))
+    blocks = len(found.phases[longest]) - 1
     if blocks < LEAST_BLOCKS:
         return
-    which = [
-        axis
-        for column, (axis, fit) in enumerate(zip(axes, fits, strict=True))
-        if fit is not None and _warms(phases[:, column], fit, found.block)
-    ]
+    which, slowest = [], 0.0
+    for column, (axis, fit) in enumerate(zip(axes, fits, strict=True)):
+        if fit is None or not _apart(found.phases[longest][:, column]):
+            continue
+        gains = []
+        for share in SETTLING:
+            curve = [np.zeros(len(phases)) for phases in found.phases]
+            curve[longest] = -np.expm1(-np.arange(blocks + 1) / (share * blocks))
+            gains.append(data.gain(column, curve))
+        if max(gains) > WARMING:
+            which.append(axis)
+            slowest = max(slowest, SETTLING[int(np.argmax(gains))])
     if which:
-        seconds = WARM_UP * blocks * found.block * found.interval
-        text = f"{_names(which)} read otherwise at first: the IMU was warming up"
-        answer = f"leave the beginning out: --start {10.0 * seconds * SETTLED:.0f}, or more"
+        seconds = SETTLED * slowest * blocks * found.block * found.interval
+        text = f"{_names(which)} settle at first: the IMU was warming up"
+        answer = f"leave about {seconds:.2g} s of that rest out with --start"
         yield Finding("warm-up", text, answer=answer)
 
 
-def _warms(phase: np.ndarray, fit: NoiseFit, block: int) -> bool:
-    """Whether the beginning lies further from the middle than noise of the second half allows.
-
-    The variance of slow noise is taken from second differences of the second half alone, as the
-    fit of all of it takes a warm-up for a random walk.
-    """
+def _apart(phase: np.ndarray) -> bool:
+    """Whether the beginning lies beyond white noise: only then a closer look is worth its time."""
     count = len(phase) - 1
-    half = phase[count // 2 :]
-    differences = np.diff(half, 2)
-    measured = float(np.mean(differences**2))
-    unit = second_differences(1)[:, 0] * float(block) ** np.arange(4)
-    share = fit.variances * unit
-    white = min(float(share[:2].sum()), measured)
-    # What is left is slow; as a random walk it reaches furthest
-    variances = np.array([0.0, white / unit[1], 0.0, max(measured - white, 0.0) / unit[3]])
-    variances[2] = min(fit.variances[2], measured / unit[2])
-    ends = np.array([0.0, WARM_UP, SETTLED, 1.0]) * count
-    at = np.round(ends).astype(np.int64)
-    a, b = (at[1] - at[0]) * block, (at[3] - at[2]) * block
-    weights = np.array([-1.0 / a, 1.0 / a, 1.0 / b, -1.0 / b])
-    contrast = float(weights @ phase[at])
-    apart = np.subtract.outer(at, at).astype(np.float64) * block
-    variance = float(variances @ (covariance_of_phase(apart) @ weights @ weights))
-    return variance > 0.0 and abs(contrast) > WARMING_SIGMAS * sqrt(variance)
+    first, half = max(count // 10, 1), count // 2
+    contrast = (phase[first] - phase[0]) / first - (phase[-1] - phase[half]) / (count - half)
+    white = float(np.mean(np.diff(phase[half:], 2) ** 2)) / 2.0
+    return abs(contrast) > BEYOND_WHITE * sqrt(white * (1.0 / first + 1.0 / (count - half)))
 
 
 def _misfits(axes: Sequence[Axis], rest: Rest) -> Iterator[Finding]:

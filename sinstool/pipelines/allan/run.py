@@ -117,7 +117,7 @@ def measure(
         averaging_s=found.variances.lags[lags] * found.interval,
         terms=found.variances.terms[lags],
         axes=axes,
-        findings=(*source.findings, *findings(axes, fits, rest, found), *lost.findings()),
+        findings=(*source.findings, *findings(axes, fits, data, rest, found), *lost.findings()),
     )
     return LogNoise(result, tuple(fits), found.variances.lags[lags], found.lengths)
 

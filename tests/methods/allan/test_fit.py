@@ -138,6 +138,17 @@ def test_short_averaging_times_that_do_not_fit_are_left_out() -> None:
     assert fit.terms["quantisation"].value is None
 
 
+def test_intervals_hold_their_values() -> None:
+    """Also where a term that is just not visible moves one that is."""
+    data = data_of([simulated(60000, (0.0, 1.0, 0.02, 0.0, 0.0), 12, seed=21)])
+    for run in range(12):
+        fit = data.fit(run)
+        assert fit is not None
+        for term in fit.terms.values():
+            assert term.value is None or term.low <= term.value <= term.high
+        assert fit.terms["white"].value is not None
+
+
 def test_nothing_to_fit() -> None:
     assert data_of([np.zeros((5000, 1))]).fit(0) is None
     assert data_of([np.random.default_rng(1).standard_normal((6, 1))]).fit(0) is None
