@@ -7,13 +7,13 @@ from typing import TYPE_CHECKING
 
 from sinstool.core import plugins
 from sinstool.core.errors import NotALogError
-from sinstool.io.readers.formats import kind_of
+from sinstool.io.readers.formats import described, kind_of
 
 if TYPE_CHECKING:
     from sinstool.io.readers.log import Log
 
 GROUP = "sinstool.readers"
-KNOWN = "sinstool reads MCAP, ROS 1 .bag, and ROS 2 bags (a directory or a single .db3)"
+KNOWN = "sinstool reads MCAP, ROS 1 .bag, ROS 2 bags (a directory or a single .db3) and ULog of PX4"
 
 
 def open_log(path: Path | str, salvage: bool = False) -> Log:
@@ -22,7 +22,7 @@ def open_log(path: Path | str, salvage: bool = False) -> Log:
     Parameters
     ----------
     path : path-like
-        An MCAP file, a ROS 1 bag, a ROS 2 bag directory or a single ``.db3``; recognised by
+        An MCAP file, a ROS 1 bag, a ROS 2 bag directory, a single ``.db3`` or a ULog; recognised by
         content, not by suffix. Other distributions add formats with an entry point of the group
         ``sinstool.readers``, which names a subclass of
         :class:`~sinstool.io.readers.log.Log` with a class method ``recognises(path, head)``,
@@ -72,9 +72,13 @@ def open_log(path: Path | str, salvage: bool = False) -> Log:
         from sinstool.io.readers.sqlite import SqliteLog
 
         return SqliteLog(path, salvage)
+    if kind == "ulog":
+        from sinstool.io.readers.ulog import UlogLog
+
+        return UlogLog(path, salvage)
     for name in plugins.plugins(GROUP):
         reader = plugins.load(GROUP, name)
         if reader.recognises(path, head):
             foreign: Log = reader(path, salvage)
             return foreign
-    raise NotALogError(path, f"not a log: it begins with {head[:8]!r}", KNOWN)
+    raise NotALogError(path, described(head), KNOWN)
