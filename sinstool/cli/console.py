@@ -82,6 +82,7 @@ def progress_bar(label: str, quiet: bool) -> Iterator[Callable[[float], None] | 
 
 def shortened(name: str, most: int = LONGEST_LABEL) -> str:
     """A name with its middle left out, where it is too long for a label."""
+    name = one_line(name)
     if len(name) <= most:
         return name
     head = (most - 1) // 2
@@ -123,7 +124,7 @@ class _Shown(logging.Handler):
             self._printed.clear()
         if text not in self._printed:
             self._printed.add(text)
-            click.echo(f"- {text}", err=True)
+            click.echo(f"- {one_line(text)}", err=True)
 
 
 def verbose_option(also: str = "") -> Callable[[F], F]:

@@ -22,7 +22,7 @@ from typing import TYPE_CHECKING, Any, NoReturn, TextIO, cast
 import click
 
 from sinstool.cli.console import Group, warn
-from sinstool.core.errors import AGAIN, SinstoolError, UncachedWarning
+from sinstool.core.errors import AGAIN, SinstoolError, UncachedWarning, one_line, visible
 from sinstool.core.version import VERSION
 from sinstool.core.whole_file import completed_outputs
 
@@ -126,9 +126,17 @@ def _warn(message: Warning | str, category: type[Warning], *where: Any, **more: 
 
 
 class _StandardOutput:
-    """Standard output that ends no command when nobody reads it any more."""
+    """Standard output that no name out of a log can command, and that ends none.
 
-    def __init__(self, stream: TextIO) -> None:
+    Control characters do not come through, characters that its encoding lacks are spelled out,
+    and when nobody reads it any more, nothing happens.
+    """
+
+    # click would write to it directly where it thinks it knows better
+    buffer = None
+
+    def __init__(self, stream: io.TextIOWrapper) -> None:
+        stream.reconfigure(errors="backslashreplace")
         self._stream = stream
 
     def __getattr__(self, name: str) -> Any:
@@ -136,7 +144,7 @@ class _StandardOutput:
 
     def write(self, text: str) -> int:
         with self._until_closed():
-            self._stream.write(text)
+            self._stream.write(visible(text))
         return len(text)
 
     def flush(self) -> None:
@@ -203,7 +211,7 @@ def _fail(error: str, status: int) -> NoReturn:
         # Where stdout is what failed, the line below has to do.
         with suppress(OSError):
             print_json({**failure, "error": error})
-    click.echo(f"sinstool: {error}", err=True)
+    click.echo(f"sinstool: {one_line(error)}", err=True)
     sys.exit(status)
 
 

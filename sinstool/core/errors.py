@@ -7,6 +7,7 @@ line prints that line alone and exits with ``exit_code``; a traceback appears on
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
 
 # What to do about a damaged log; the command line puts its own words in place of the first ones.
@@ -25,6 +26,24 @@ def one_line(text: str) -> str:
     if text.isprintable():
         return text
     return "".join(c if c.isprintable() else " " if c.isspace() else "\ufffd" for c in text)
+
+
+# Control characters but tab and line feed, marks that turn the direction of text, and the halves of
+# characters that Python makes of file names that are not UTF-8
+_INVISIBLE = re.compile(
+    "[\x00-\x08\x0b-\x1f\x7f-\x9f\u061c\u200e\u200f\u202a-\u202e\u2066-\u2069\ud800-\udfff]"
+)
+
+
+def visible(text: str) -> str:
+    """Text of several lines without what a terminal or a browser would obey.
+
+    Returns
+    -------
+    str
+        Each such character is the sign for what cannot be shown.
+    """
+    return _INVISIBLE.sub("\ufffd", text)
 
 
 class SinstoolError(Exception):

@@ -18,6 +18,7 @@ from urllib.parse import quote
 import numpy as np
 
 from sinstool.core import version
+from sinstool.core.errors import visible
 from sinstool.report import sections
 from sinstool.report.draw import POINTS_PER_CURVE, colour_of, dash_of, places, plotly_figure, unit
 from sinstool.report.figure import Figure, Series
@@ -95,7 +96,7 @@ def markup(page: sections.Page, script: str | None = None) -> str:
         "</body>",
         "</html>\n",
     )
-    return "\n".join(part for part in parts if part)
+    return visible("\n".join(part for part in parts if part))
 
 
 def _scripts(script: str | None, numbers: Numbers) -> list[str]:

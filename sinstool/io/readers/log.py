@@ -10,7 +10,12 @@ from pathlib import Path
 
 import numpy as np
 
-from sinstool.core.errors import SALVAGE_HINT, DamagedLogError, UnsupportedLogError
+from sinstool.core.errors import (
+    SALVAGE_HINT,
+    DamagedLogError,
+    UnsupportedLogError,
+    one_line,
+)
 from sinstool.io.messages.definitions import (
     Definition,
     DefinitionError,
@@ -30,8 +35,8 @@ class Channel:
     ----------
     id : int
         The reader's number for it, unique in the log.
-    type_name : str
-        As the log spells it.
+    recorded_topic, recorded_type : str
+        As the log spells them, byte for byte; see `topic` and `type_name`.
     message_encoding : str
         ``cdr`` or ``ros1``; others are listed but not decoded.
     schema_encoding, schema_text : str
@@ -41,12 +46,22 @@ class Channel:
     """
 
     id: int
-    topic: str
-    type_name: str
+    recorded_topic: str
+    recorded_type: str
     message_encoding: str
     schema_encoding: str
     schema_text: str
     metadata: dict[str, str] = field(default_factory=dict)
+
+    @property
+    def topic(self) -> str:
+        """The topic's name, in one line that a terminal may show."""
+        return one_line(self.recorded_topic)
+
+    @property
+    def type_name(self) -> str:
+        """The type's name as the log spells it, in one line that a terminal may show."""
+        return one_line(self.recorded_type)
 
     @property
     def type(self) -> str:

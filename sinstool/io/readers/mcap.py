@@ -212,7 +212,7 @@ class McapLog(McapFile):
         channel = self.channels.get(record.id)
         return (
             channel is not None
-            and (channel.topic, channel.message_encoding, channel.metadata)
+            and (channel.recorded_topic, channel.message_encoding, channel.metadata)
             == (record.topic, record.message_encoding, record.metadata)
             and self.schema_ids[record.id] == record.schema_id
             and (not record.schema_id or record.schema_id in self.schemas)

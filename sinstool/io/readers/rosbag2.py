@@ -213,7 +213,7 @@ class Rosbag2Log(Log):
         for part in self.parts:
             numbers = {}
             for number, channel in sorted(part.channels.items()):
-                key = (channel.topic, channel.type, channel.message_encoding)
+                key = (channel.recorded_topic, channel.type, channel.message_encoding)
                 same = [
                     n
                     for n in numbers_of.setdefault(key, [])

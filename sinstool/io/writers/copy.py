@@ -87,7 +87,7 @@ class Copier:
             if not schema[2]:
                 undefined.setdefault(channel.type, channel.topic)
             self._writer.add_channel(
-                channel.topic,
+                channel.recorded_topic,
                 channel.message_encoding,
                 self._writer.add_schema(*schema),
                 channel.metadata,
@@ -114,7 +114,11 @@ class Copier:
                 log.damage(what, kind="definition")
                 schema_id = 0  # none, which all readers know
             self._writer.add_channel(
-                channel.topic, channel.message_encoding, schema_id, channel.metadata, number
+                channel.recorded_topic,
+                channel.message_encoding,
+                schema_id,
+                channel.metadata,
+                number,
             )
 
     @staticmethod
@@ -224,4 +228,4 @@ def _schema(channel: Channel) -> tuple[str, str, bytes]:
             text = schema_text(normalise_type_name(channel.type_name), channel.message_encoding)
         except DefinitionError:
             text = ""
-    return channel.type_name, encoding, text.encode()
+    return channel.recorded_type, encoding, text.encode()

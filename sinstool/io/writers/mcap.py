@@ -335,8 +335,9 @@ class McapWriter:
         self._enqueue(write, len(record))
 
     def add_metadata(self, name: str, values: dict[str, str]) -> None:
-        """Write a Metadata record."""
-        record = records.Metadata(name=name, metadata=values)
+        """Write a Metadata record; what UTF-8 cannot hold becomes ``?``."""
+        texts = {key: value.encode("utf-8", "replace").decode() for key, value in values.items()}
+        record = records.Metadata(name=name, metadata=texts)
         self.write_record_bytes(Opcode.METADATA, _bytes_of(record))
 
     def finish(self) -> None:
