@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import re
+from typing import get_args
 
 from sinstool.config.logs import EMITS
 from sinstool.io.writers.solution import DIAGNOSTICS_TYPE, TOPICS, topic_of
+from sinstool.methods.ins_gnss.states import FilterName
 from tests.docs.examples import ROOT
 
 PROGRAM = re.compile(r"^\| `(\w+\.py)\b", re.MULTILINE)
@@ -33,3 +35,8 @@ def test_every_file_that_the_documentation_names_is_there():
     named = {(page.name, name) for page in pages for name in place.findall(page.read_text())}
     assert len(named) > 10
     assert [pair for pair in sorted(named) if not (ROOT / pair[1]).exists()] == []
+
+
+def test_every_filter_is_in_the_glossary():
+    text = (ROOT / "docs" / "glossary.md").read_text()
+    assert [name for name in get_args(FilterName) if f"`{name}`" not in text] == []
