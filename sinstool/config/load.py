@@ -12,6 +12,7 @@ from pydantic import BaseModel, ValidationError
 
 from sinstool.core.errors import ConfigurationError
 from sinstool.core.options import Group
+from sinstool.core.small_file import read_text
 from sinstool.core.suggest import nearest
 
 G = TypeVar("G", bound=Group)
@@ -132,12 +133,13 @@ def load_toml(path: Path) -> dict[str, Any]:
     ConfigurationError
         It cannot be read or is no TOML.
     """
+    text = read_text(path)
     try:
-        return tomllib.loads(path.read_text(encoding="utf-8"))
-    except OSError as exc:
-        raise ConfigurationError(f"{path}: cannot be read ({exc.strerror})") from exc
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as exc:
+        return tomllib.loads(text)
+    except tomllib.TOMLDecodeError as exc:
         raise ConfigurationError(f"{path}: not valid TOML ({exc})") from exc
+    except RecursionError:
+        raise ConfigurationError(f"{path}: not valid TOML (lists in lists, too deep)") from None
 
 
 def effective(

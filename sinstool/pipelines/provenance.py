@@ -72,7 +72,10 @@ def read_figures(record: Mapping[str, str]) -> dict[str, Any]:
     """``travel``, and the ``kinds`` of findings, of a record; empty for one that has none."""
     if "travel" not in record or "findings" not in record:
         return {}
-    return {"travel": json.loads(record["travel"]), "kinds": json.loads(record["findings"])}
+    try:
+        return {"travel": json.loads(record["travel"]), "kinds": json.loads(record["findings"])}
+    except (ValueError, RecursionError):  # damaged
+        return {}
 
 
 def files(config: ProcessConfig) -> dict[str, Path]:

@@ -11,6 +11,7 @@ from scipy.interpolate import PchipInterpolator
 
 from sinstool.core.arrays import ArrayLike, FloatArray
 from sinstool.core.errors import ConfigurationError
+from sinstool.core.small_file import read_text
 
 _FORMS = "none, cheb:ORDER,RIPPLE_DB,HZ, butter:ORDER,HZ or a file with lines of HZ,GAIN"
 
@@ -189,10 +190,10 @@ def gyro_response(text: str | GyroResponse | None) -> GyroResponse:
     if not path.is_file():
         raise ConfigurationError(f"unknown gyro response {text!r}, and no such file", _FORMS)
     try:
-        lines = [line.partition("#")[0].replace(",", " ") for line in path.read_text().splitlines()]
+        lines = [line.partition("#")[0].replace(",", " ") for line in read_text(path).splitlines()]
         rows = np.array([[float(v) for v in line.split()] for line in lines if line.strip()])
         f, g = rows.T
-    except (OSError, ValueError):
+    except ValueError:
         raise ConfigurationError(f"{path} is not a table of frequency and gain", _FORMS) from None
     return measured(f, g, str(path))
 

@@ -113,11 +113,14 @@ def loads(text: str) -> HseCalibration:
     """
     try:
         data = json.loads(text, parse_constant=_no_constant)
+        return from_dict(data)
+    except RecursionError:
+        reason = "lists in lists, too deep"
     except ValueError as error:
-        raise ConfigurationError(
-            f"this is no calibration of heading-sensitive error: {error}", _OTHER_FILE
-        ) from error
-    return from_dict(data)
+        reason = str(error)
+    raise ConfigurationError(
+        f"this is no calibration of heading-sensitive error: {reason}", _OTHER_FILE
+    )
 
 
 def _no_constant(name: str) -> float:

@@ -146,8 +146,8 @@ def _axes(path: Path) -> tuple[str, str] | None:
         # The rig of a turntable is described in FRD, and so are its results.
         body = "frd" if "hse" in made.get("hse", {}) else made["input"]["body_axes"]
         return str(body), str(made["output"]["world"])
-    except (KeyError, tomllib.TOMLDecodeError):
-        return None
+    except (KeyError, TypeError, AttributeError, ValueError, RecursionError):
+        return None  # written by something else, or damaged
 
 
 def no_position(name: str, kind: str) -> SinstoolError:

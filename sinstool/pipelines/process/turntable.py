@@ -17,6 +17,7 @@ from sinstool.config import ProcessConfig
 from sinstool.core.errors import AlignmentError, ConfigurationError
 from sinstool.core.finding import Finding, Severity
 from sinstool.core.result import compass
+from sinstool.core.small_file import read_text
 from sinstool.core.streams import Solution
 from sinstool.core.units import ARCSEC, DEGREE
 from sinstool.io.readers.log import Log
@@ -158,13 +159,7 @@ def load_calibration(path: Path, rig: Rig, force: bool) -> tuple[HseCalibration,
     ConfigurationError
         It cannot be read, is of another rig or is not significant, and was not forced.
     """
-    try:
-        text = path.read_text(encoding="utf-8")
-    except (OSError, UnicodeDecodeError) as exc:
-        reason = exc.strerror if isinstance(exc, OSError) else "it is no text"
-        raise ConfigurationError(
-            f"--hse {path}: cannot be read ({reason})", "give the file that calibrate-hse wrote"
-        ) from exc
+    text = read_text(path, "--hse", "give the file that calibrate-hse wrote")
     try:
         calibration = loads(text)
         forced = (

@@ -1,0 +1,45 @@
+"""Text files that people write by hand: read as far as such a file goes, and no further."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from sinstool.core.errors import ConfigurationError
+
+# The longest that anyone has reason to write has some kilobytes
+MOST = 2**20
+
+
+def read_text(path: Path, option: str = "", hint: str = "") -> str:
+    """Text of a file that a person or a command wrote for us.
+
+    Parameters
+    ----------
+    option : str, optional
+        The one that named it, for the error.
+    hint : str, optional
+        What to do where it cannot be read.
+
+    Returns
+    -------
+    str
+
+    Raises
+    ------
+    ConfigurationError
+        It cannot be read, is longer than 1 MiB, or is no UTF-8.
+    """
+    name = f"{option} {path}" if option else str(path)
+    try:
+        # Devices and pipes may never end
+        with path.open("rb") as stream:
+            content = stream.read(MOST + 1)
+    except OSError as exc:
+        raise ConfigurationError(f"{name}: cannot be read ({exc.strerror})", hint) from exc
+    if len(content) > MOST:
+        what = f"{name}: cannot be read (longer than the {MOST // 2**20} MiB that are accepted)"
+        raise ConfigurationError(what, hint)
+    try:
+        return content.decode()
+    except UnicodeDecodeError as exc:
+        raise ConfigurationError(f"{name}: cannot be read (it is no text)", hint) from exc
