@@ -3,6 +3,7 @@
 `python benchmarks/killed_runs.py` kills far more often than the test here.
 """
 
+import functools
 import os
 import random
 import resource
@@ -10,6 +11,7 @@ import shutil
 import signal
 import subprocess
 import sys
+import tempfile
 import time
 from pathlib import Path
 
@@ -42,6 +44,15 @@ def one_line(stderr):
     lines = [line for line in stderr.strip().split("\n") if not line.startswith("warning: ")]
     assert len(lines) == 1, stderr
     return lines[0]
+
+
+@functools.cache
+def result():
+    """A result to export, in a folder that goes at the end."""
+    folder = tempfile.TemporaryDirectory()
+    path = Path(folder.name) / "result.mcap"
+    assert run("process", REST, "-o", path, "--mode", "attitude", "-q").returncode == 0
+    return folder, path
 
 
 # Arguments for a folder to write to, and the names that appear there
@@ -84,6 +95,11 @@ COMMANDS = {
         ("align", REST, "--method", "level", "--report", f / "figure.png"),
         ["figure.png"],
     ),
+    "export": lambda f: (("export", result()[1], "-o", f / "table.csv"), ["table.csv"]),
+    "export parquet": lambda f: (
+        ("export", result()[1], "-o", f / "table.parquet"),
+        ["table.parquet"],
+    ),
 }
 
 
@@ -124,6 +140,8 @@ ROOM = {
     "compare-coning": 300_000,
     "align": 300_000,
     "align figure": 8192,
+    "export": 100_000,
+    "export parquet": 100_000,
 }
 
 

@@ -22,6 +22,7 @@ GROUPS = (
     (
         (*DRIVE, "--grade", "mems", "--gnss-rate", 5),
         ("process", "drive.mcap", "-o", "out.mcap", "--mode", "ins-gnss", "--smooth"),
+        ("export", "out.mcap", "-o", "out.csv"),
         ("align", "drive.mcap"),
     ),
     (

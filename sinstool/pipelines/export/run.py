@@ -132,7 +132,9 @@ def export_solution(
         local = local_position_n(place, solution.position)
     if WRITERS[kind].needs_position and solution.position is None:
         raise no_position(name, kind)
-    block = ResultBlock(solution, local)
+    # as a file has it: of the two quaternions of an attitude the one whose scalar part is positive
+    upright = np.where(solution.q_nb[:, :1] < 0.0, -solution.q_nb, solution.q_nb)
+    block = ResultBlock(replace(solution, q_nb=upright), local)
     return export_blocks([block], name, summary.output.frame, output, config)
 
 
