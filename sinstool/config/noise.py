@@ -96,9 +96,8 @@ def _axis(
             number = _number(path, where + value, table[value])
             low, high = _interval(path, where + bounds, table.get(bounds), number)
             found[term] = Coefficient(number, low, high)
-    white = key_of(sensor, "white")
-    if "white" not in found or found["white"].value is None:
-        raise ConfigurationError(f"{path}: {where}{white} is missing", _OTHER_FILE)
+    if not found:
+        raise ConfigurationError(f"{path}: table {where[:-1]} is empty", _OTHER_FILE)
     return found
 
 

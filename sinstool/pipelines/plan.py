@@ -24,7 +24,7 @@ from sinstool.methods.coning.algorithm import ConingAlgorithm
 from sinstool.methods.sensor_errors import Grade
 from sinstool.pipelines.align.first_attitude import align
 from sinstool.survey.coning import choose_algorithm, coning_reason
-from sinstool.survey.grade import gyro_walk, measured_noise, random_walks, sensor_grade
+from sinstool.survey.grade import measured_noise, random_walks, sensor_grade, walk_in
 from sinstool.survey.magnetometer import MagneticTopic, choose_magnetometer
 from sinstool.survey.source import Source, has_gnss
 
@@ -307,9 +307,10 @@ def _imu_noise(source: Source, config: ProcessConfig) -> Choice:
             shown = f"{walks[1] / MICRO_G:.2g} ug/sqrt(Hz)"
             reason += f"; where the accelerometer's at rest, {shown}, is more, a filter takes that"
         return Choice("of the grade", reason, option)
-    shown = f"{gyro_walk(measured) / DEGREE_PER_ROOT_HOUR:.2g} deg/sqrt(h)"
-    file = Path(str(config.navigation.imu_noise)).name
-    return Choice(file, f"as configured: measured at rest, {shown} for the gyro", option)
+    walk, reason = walk_in(measured), "as configured: measured at rest"
+    if walk is not None:
+        reason += f", {walk / DEGREE_PER_ROOT_HOUR:.2g} deg/sqrt(h) for the gyro"
+    return Choice(Path(str(config.navigation.imu_noise)).name, reason, option)
 
 
 def _gyro_samples(config: ProcessConfig, attitude: str) -> Choice:

@@ -40,11 +40,16 @@ def measured_noise(config: ProcessConfig) -> ImuNoise | None:
     return None if file is None else read_noise(Path(file))
 
 
-def gyro_walk(noise: ImuNoise) -> float:
-    """Angular random walk of a noise file, rad/sqrt(s)."""
-    white = over_axes(noise.gyro, "white")
-    assert white is not None and white.value is not None  # the file's reader has seen to it
-    return white.value
+def gyro_walk(source: Source, config: ProcessConfig) -> float | None:
+    """Angular random walk, rad/sqrt(s), by the noise file where it has it, else at rest."""
+    walk = walk_in(measured_noise(config))
+    return random_walk(source) if walk is None else walk
+
+
+def walk_in(noise: ImuNoise | None) -> float | None:
+    """Angular random walk of a noise file, rad/sqrt(s); None where it holds at most a bound."""
+    white = None if noise is None else over_axes(noise.gyro, "white")
+    return None if white is None else white.value
 
 
 def random_walks(source: Source, least_s: float = 0.0) -> tuple[float, float] | None:
@@ -88,12 +93,12 @@ def sensor_grade(source: Source, config: ProcessConfig) -> ImuGrade:
     configured, file = config.navigation.imu_grade, config.navigation.imu_noise
     if configured != "auto":
         return ImuGrade(configured, "as configured")
-    measured = measured_noise(config)
-    walk = random_walk(source) if measured is None else gyro_walk(measured)
+    measured = walk_in(measured_noise(config))
+    walk = random_walk(source) if measured is None else measured
     if walk is None:
         return ImuGrade("mems", "assumed, as the log shows no rest")
     shown = walk / DEGREE_PER_ROOT_HOUR
-    where = "at rest" if file is None else f"in {Path(file).name}"
+    where = f"in {Path(file).name}" if file is not None and measured is not None else "at rest"
     grade, why = grade_by_noise(walk), f"by its gyro noise {where}, {shown:.2g} deg/sqrt(h)"
     bias = bias_at_rest(source)
     lower = grade if bias is None else grade_by_bias(grade, bias)

@@ -1,6 +1,7 @@
 """`sinstool allan` as a user calls it: what is measured, printed, written and refused."""
 
 import json
+import re
 import tomllib
 from functools import partial
 
@@ -299,6 +300,16 @@ def test_noise_file_in_place_of_a_grade(sinstool, rest, tmp_path):
     options = ("--imu-noise", noise, "--imu-grade", "mems")
     code, _, err = sinstool("process", rest, "-o", tmp_path / "no.mcap", *options)
     assert code == 2 and "both say how noisy the IMU is" in err
+    # A file that only bounds the white noise leaves it to the grade
+    text = noise.read_text()
+    noise.write_text(
+        re.sub(r"(angle_random_walk)(_rad\S+) = (\S+)\n.*_95_.*\n", r"\1_below\2 = \3\n", text)
+    )
+    assert "angle_random_walk_below" in noise.read_text()
+    code, said, err = sinstool("align", rest, "--imu-noise", noise, "--json")
+    plan = json.loads(said)["plan"]
+    assert code == 3 and plan["imu_noise"]["reason"] == "as configured: measured at rest"
+    assert "by its gyro noise at rest" in plan["imu_grade"]["reason"]
     noise.write_text("schema = 3")
     code, _, err = sinstool("align", rest, "--imu-noise", noise)
     assert code == 2 and "noise.toml" in err

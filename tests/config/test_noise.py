@@ -49,7 +49,8 @@ def test_values_intervals_and_bounds(tmp_path):
         ("bias_instability_below_rad_per_s = 2e-5",
          "bias_instability_below_rad_per_s = 2e-5\nbias_instability_rad_per_s = 1e-5",
          "contradict each other"),
-        ("angle_random_walk_rad_per_sqrt_s = 1e-4", "", "_rad_per_sqrt_s is missing"),
+        ("velocity_random_walk_m_per_s_per_sqrt_s = 1e-3\n"
+         "acceleration_random_walk_m_per_s2_per_sqrt_s = 3e-5", "", "table accel.z is empty"),
     ],
 )  # fmt: skip
 def test_what_is_wrong_is_named(tmp_path, old, new, said):

@@ -26,7 +26,7 @@ from sinstool.methods.strapdown.attitude import AttitudeRun, AttitudeSettings
 from sinstool.pipelines.plan import Plan
 from sinstool.pipelines.process.compass import MagneticHeading
 from sinstool.pipelines.process.summary import AttitudeSmoothing
-from sinstool.survey.grade import gyro_walk, measured_noise, random_walk, sensor_grade
+from sinstool.survey.grade import gyro_walk, sensor_grade
 from sinstool.survey.rest import moving_at
 from sinstool.survey.source import Source, nominal_interval
 
@@ -128,10 +128,9 @@ class Smoothing:
             if span.duration_s >= LONG_REST_S
         )
         epochs = with_rest(stage.finish(), self._gnss_moves, spans)
-        measured = measured_noise(self._config)
         sensors = sensor_model(
             sensor_grade(self._source, self._config).grade,
-            walk_at_rest=random_walk(self._source) if measured is None else gyro_walk(measured),
+            walk_at_rest=gyro_walk(self._source, self._config),
             bias_known=alignment.bias_source != "none",
             # without a heading the level part of the Earth's rate is taken off in a wrong direction
             earth_removed=settings.omega_ie_n is not None and alignment.north_referenced,
