@@ -22,6 +22,9 @@ _NAME = {"showarrow": False}
 SHADES = [[0.0, "#3b6fd6"], [0.35, "#1f9e89"], [0.65, "#7ab51d"], [1.0, "#e8590c"]]
 _BESIDE_MAP = {"thickness": 10, "outlinewidth": 0, "len": 0.9, "xpad": 8}
 
+# Numbers on a shorter logarithmic axis are written out, decades.
+SHORT_DECADES = 4.0
+
 CROWD = 400  # from so many on, points of a series are drawn smaller
 _BESIDE = 0.012  # room beside the outermost points, of the axis
 POINTS_PER_CURVE = 4000  # two for each of the two thousand pixel columns of a wide screen
@@ -179,6 +182,9 @@ def _axis(
         low, high = np.log10(shown) if shown is not None else _exponents(numbers)
         # One number a decade; with fewer ticks plotly leaves decades out, with more it crowds in
         # twos and fives
+        if high - low < SHORT_DECADES:
+            # Else plotly writes small twos and fives between the powers of ten
+            axis["tickformat"] = "~g" if abs(low + high) < 8.0 else ".0e"
         axis["nticks"] = int(np.clip(np.ceil(1.1 * (high - low)) + 1.0, 5.0, 10.0))
     return axis
 

@@ -10,7 +10,8 @@ from __future__ import annotations
 import base64
 import math
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
 from html import escape
 from importlib.resources import files
 from urllib.parse import quote
@@ -39,6 +40,8 @@ _POLICY = (
 )
 # Height over width of a map: no flatter, and no narrower
 _ASPECTS = (0.4, 2.5)
+# From so many curves on their names stand beside the figure.
+_MANY = 6
 _DASH_PATTERNS = {
     "solid": "",
     "dash": "6 4",
@@ -200,6 +203,7 @@ def _rows(rows: sections.Rows) -> str:
 
 
 def _table(table: sections.Table, key: str) -> str:
+    table = _without_empty_columns(table)
     numeric = [
         any(_is_number(row[k]) for row in table.rows)
         and all(_is_number(row[k]) or row[k] is None for row in table.rows)
@@ -225,7 +229,17 @@ def _table(table: sections.Table, key: str) -> str:
     return f'<details class="kept"><summary>{len(rows)} rows</summary>{made}</details>'
 
 
-def _cell(cell: sections.Cell, form: str) -> str:
+def _without_empty_columns(table: sections.Table) -> sections.Table:
+    """Leave out columns in which no row has a value; the first names the rows."""
+    kept = [
+        k for k in range(len(table.columns))
+        if not k or not table.rows or any(_value(row[k]) != "–" for row in table.rows)
+    ]  # fmt: skip
+    rows = tuple(tuple(row[k] for k in kept) for row in table.rows)
+    return replace(table, columns=tuple(table.columns[k] for k in kept), rows=rows)
+
+
+def _cell(cell: sections.Cell, form: str | Callable[[float], str]) -> str:
     if isinstance(cell, sections.Link):
         return f'<a href="{escape(quote(cell.target))}">{escape(cell.text)}</a>'
     return escape(_value(cell, form))
@@ -241,7 +255,7 @@ def _is_number(value: object) -> bool:
     return isinstance(value, int | float | np.number) and not isinstance(value, bool)
 
 
-def _value(value: object, form: str = ".10g") -> str:
+def _value(value: object, form: str | Callable[[float], str] = ".10g") -> str:
     """Write a value for reading, and for copying into a spreadsheet; no value is a dash."""
     if value is None or (isinstance(value, str) and not value):
         return "–"
@@ -250,6 +264,8 @@ def _value(value: object, form: str = ".10g") -> str:
     if isinstance(value, float | np.floating):
         if math.isnan(value):
             return "–"
+        if not isinstance(form, str):
+            return form(float(value))
         # 1.2e-05 as 1.2e-5
         return re.sub(r"e([+-])0+(?=\d)", r"e\1", format(float(value), form))
     if isinstance(value, list | tuple | np.ndarray):
@@ -315,9 +331,9 @@ def _figure(figure: Figure, key: str, limit: int, numbers: Numbers) -> str:
 
 
 def _shape(figure: Figure) -> str:
-    """Return how a map is to be cut, by how high and how wide what it shows is."""
+    """Return how a figure is laid out: a map by how high and how wide what it shows is."""
     if not figure.equal:
-        return ""
+        return ' class="many"' if len(figure.series) >= _MANY else ""
     xs = [np.asarray(places(figure, one), dtype=np.float64) for one in figure.series]
     spans = [
         float(np.nanmax(all_) - np.nanmin(all_))

@@ -68,13 +68,13 @@ class Column:
     ----------
     unit : str
         Empty for none.
-    form : str
-        Format specification of its numbers that are not whole.
+    form : str or callable
+        Format specification of its numbers that are not whole, or what writes them.
     """
 
     name: str
     unit: str = ""
-    form: str = ".4g"
+    form: str | Callable[[float], str] = ".4g"
 
 
 @dataclass(frozen=True)

@@ -14,6 +14,7 @@ from benchmarks import hse_paper
 from sinstool.methods.hse.calibration import HseCalibration
 from sinstool.methods.hse.rig import Rig
 from sinstool.methods.hse.status import STATUSES
+from sinstool.report.text.numbers import measured
 from tests.helpers.hse_rigs import (
     ARCSEC,
     SHORT,
@@ -489,7 +490,10 @@ def test_page(noisy, tmp_path):
     ):
         assert f'data-key="{key}"' in text
     assert "Status ok. The calibration may be applied." in text
-    assert f"{cal['lambda2_arcsec']:.3f}" in text
+    sigma = cal["sigma_lambda2_rad"] / ARCSEC
+    value = measured(cal["lambda2_arcsec"], sigma, "arcsec")
+    assert f"lambda2 is {value.replace('+-', '±')} by the method" in text
+    assert not re.search(r'\d"[ <]', re.sub(r"<[^>]*>", "", text.partition("<script")[0]))
     for title in ("Coefficients", "Headings before and after correction", "Runs", "Settings"):
         assert f">{title}<" in text
     assert "the rate changes" in text

@@ -184,7 +184,9 @@ def test_events_of_the_height_are_marked_but_for_its_beginning():
 
 
 def test_stretches_come_first():
-    segment = SimpleNamespace(rate_deg_s=60.0, heading_raw_deg=10.001, heading_deg=10.0)
+    segment = SimpleNamespace(rate_deg_s=60.0, heading_raw_deg=10.001, heading_deg=10.0,
+                              sigma_heading_arcsec=2.0)  # fmt: skip
     _, shown = recorded(solutions(), hse=SimpleNamespace(segments=[segment]))
     assert next(iter(shown)) == "stretches"
     np.testing.assert_allclose(drawn(shown["stretches"])["as aligned"], 3.6)
+    np.testing.assert_array_equal(shown["stretches"].series[1].error, [2.0])

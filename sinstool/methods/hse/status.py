@@ -107,13 +107,13 @@ def _extent(result: HseFit) -> Iterator[Finding]:
 
 def _lambda2(value: float, sigma: float | None) -> str:
     if sigma is None or not np.isfinite(sigma):
-        return f'{value / ARCSEC:.3f}"'
-    return f'{value / ARCSEC:.3f}" +- {sigma / ARCSEC:.3f}"'
+        return f"{value / ARCSEC:.3f} arcsec"
+    return f"{value / ARCSEC:.3f} +- {sigma / ARCSEC:.3f} arcsec"
 
 
 def _slope(result: HseFit) -> str:
     sigma = f" +- {result.sigma_K / ARCSEC:.1f}" if result.sigma_K is not None else ""
-    return f'{(result.K or 0.0) / ARCSEC:.1f}{sigma} "/(rad/s)'
+    return f"{(result.K or 0.0) / ARCSEC:.1f}{sigma} arcsec/(rad/s)"
 
 
 def _unobservable(result: HseFit) -> Iterator[Finding]:
@@ -196,7 +196,7 @@ def _insignificant(result: HseFit) -> Iterator[Finding]:
     interval = ""
     if result.ci95_lambda2 is not None:
         low, high = (v / ARCSEC for v in result.ci95_lambda2)
-        interval = f', 95 % interval {low:.3f}" to {high:.3f}"'
+        interval = f", 95 % interval {low:.3f} to {high:.3f} arcsec"
     yield _finding(
         "not_significant",
         f"lambda2 {_lambda2(result.lambda2, result.sigma_lambda2)}{interval} does not stand"

@@ -39,7 +39,7 @@ def figures(alignment: LogAlignment, config: ProcessConfig) -> tuple[Figure, ...
     answer = alignment.answer
     if isinstance(answer, InFlightAlignment):
         if answer.series is not None and len(answer.series.time_ns):
-            made += [sigmas(alignment, answer.series), attitude(alignment, answer.series)]
+            made += [*attitude(alignment, answer.series), sigmas(alignment, answer.series)]
             if alignment.error is not None:
                 made.append(errors(alignment))
             made.append(singular_values(alignment, answer.series))
@@ -90,27 +90,27 @@ def _sigma_range(series: AlignmentSeries) -> tuple[float, float]:
     return min(low, 0.5), float(np.clip(high, 10.0, 200.0))
 
 
-def attitude(alignment: LogAlignment, series: AlignmentSeries) -> Figure:
-    """Roll, pitch and heading at each fix, where the worst sigma is small enough."""
+def attitude(alignment: LogAlignment, series: AlignmentSeries) -> list[Figure]:
+    """Heading, and roll and pitch, at each fix, where the worst sigma is small enough."""
     euler = to_euler(series.q_nb) / DEGREE
     euler[:, 2] %= 360.0
     too_vague = ~(series.sigma_worst <= REFUSE_SIGMA)
-    curves = []
+    curves = {}
     for k, name in enumerate(("roll", "pitch", "heading")):
         values = euler[:, k].copy()
         # A jump over the end of the circle is no motion.
         values[1:][np.abs(np.diff(euler[:, k])) > 180.0] = np.nan
         values[too_vague] = np.nan
-        curves.append(Series(name, values))
-    return Figure(
-        "attitude",
-        "Attitude at each fix",
-        _seconds(alignment, series.time_ns),
-        tuple(curves),
-        LOG_TIME,
-        "angle, deg",
-        notes=("Where the sigma about the worst axis is above 5 deg nothing is shown.",),
-    )
+        curves[name] = Series(name, values)
+    note = "Where the sigma about the worst axis is above 5 deg nothing is shown."
+    seconds = _seconds(alignment, series.time_ns)
+    both = (curves["roll"], curves["pitch"])
+    return [
+        Figure("heading", "Heading at each fix", seconds, (curves["heading"],), LOG_TIME,
+               "heading, deg", notes=(note,)),
+        Figure("attitude", "Roll and pitch at each fix", seconds, both, LOG_TIME, "angle, deg",
+               notes=(note,)),
+    ]  # fmt: skip
 
 
 def errors(alignment: LogAlignment) -> Figure:

@@ -9,8 +9,11 @@ from sinstool.pipelines.compare_coning.compare import SELF_CHECK
 from sinstool.pipelines.compare_coning.divergence import DEG_H, Row
 from sinstool.pipelines.compare_coning.log import LogComparison
 from sinstool.report.figure import Figure, Series
+from sinstool.report.figures.parts import positive
 
 AXES = ("x", "y", "z")
+# Divergences of less than this fraction of the largest are not drawn.
+RANGE = 1e-6
 # Curves of the gain are drawn up to where the sampled motion ceases to be one
 HIGHEST_SHARE = 0.49
 
@@ -36,40 +39,68 @@ def figures(log: LogComparison) -> tuple[Figure, ...]:
 
 
 def _parting(rows: list[Row], log: LogComparison) -> Figure:
-    series = []
+    """Angles from the reference, from the largest at the end to the smallest."""
+    c = log.comparison
+    curves = {}
     for row in rows:
         curve = max(row.curves, key=lambda p: p.time_s[-1])
-        norm = np.degrees(np.maximum(curve.norm, 1e-16))
-        series.append(Series(row.candidate.label, norm, curve.time_s))
-    # Attitudes are equal where they start; from the smallest that lasts on, there is a curve
-    usual = [float(np.nanpercentile(one.y, 5.0)) for one in series]
-    most = max((float(np.nanmax(one.y)) for one in series), default=1.0)
-    shared = (
-        "The truth has no sensor errors, so that these are in every curve."
-        if log.truth
-        else "Sensor errors cancel, as all see the same."
+        curves[row.candidate.label] = (np.degrees(curve.norm), curve.time_s)
+    most = max((float(np.nanmax(angle)) for angle, _ in curves.values()), default=0.0) or 1.0
+    floor = RANGE * most
+    if c.reference_resolution is not None:
+        # By what the reference itself may have turned within a window
+        floor = max(floor, np.degrees(c.reference_resolution) * c.settings.window_s)
+    floor = min(floor, 0.1 * most)
+    # As they lie at the right end, beside their names
+    order = sorted(curves, key=lambda name: -float(curves[name][0][-1]))
+    hidden = [name for name in order if not np.nanmax(curves[name][0]) > floor]
+    series = tuple(
+        Series(name, positive(curves[name][0]), curves[name][1], colour=list(curves).index(name))
+        for name in order
+        if name not in hidden
     )
+    notes = [
+        "The longest stretch without gaps. "
+        + (
+            "The truth has no sensor errors, so that these are in every curve."
+            if log.truth
+            else "Sensor errors cancel, as all see the same."
+        )
+    ]
+    if hidden:
+        notes.append(
+            f"Not drawn, as they stay below {floor:.2g} deg, within what the reference can"
+            f" resolve: {', '.join(hidden)}."
+        )
     return Figure(
         "divergence",
-        f"Divergence from {log.truth or log.comparison.reference}",
+        f"Divergence from {log.truth or c.reference}",
         series[0].x if series and series[0].x is not None else np.zeros(1),
-        tuple(series),
+        series,
         "time, s",
         "angle between attitudes, deg",
         log_y=True,
-        y_range=(min(*usual, 0.1 * most) / 2.0, 2.0 * most) if usual else None,
-        notes=(f"The longest stretch without gaps. {shared}",),
+        y_range=(floor, 2.0 * most) if series else None,
+        notes=tuple(notes),
     )
 
 
 def _bars(rows: list[Row], truth: bool) -> Figure:
-    names = tuple(r.candidate.label for r in rows)
-    drifts = [r.drift_dph for r in rows if r.drift_dph is not None]
+    known = [(r.candidate.label, r.drift_dph) for r in rows]
+    drifts = [(name, d) for name, d in known if d is not None]
+    names = tuple(name for name, _ in drifts)
+    several = all(d.windows > 1 for _, d in drifts)
     series = tuple(
-        Series(f"{axis}", np.array([d.mean[k] for d in drifts]), names, "bars")
+        Series(
+            axis,
+            np.array([d.mean[k] for _, d in drifts]),
+            names,
+            "bars",
+            error=np.array([d.confidence[k] for _, d in drifts]) if several else None,
+        )
         for k, axis in enumerate(AXES)
     )
-    widest = max((float(np.nanmax(d.confidence)) for d in drifts if d.windows > 1), default=0.0)
+    bars = "Lines: two standard deviations of the mean to either side. " if several else ""
     return Figure(
         "drift",
         "Mean drift by axis",
@@ -78,10 +109,12 @@ def _bars(rows: list[Row], truth: bool) -> Figure:
         "algorithm",
         "drift, deg/h",
         notes=(
-            f"Two standard deviations of the mean are at most {widest:.3g} deg/h.",
-            "Axes are those of the truth: north, east, down, unless its world is another."
-            if truth
-            else "Axes are front, right, down of the body where each stretch of the log begins.",
+            bars
+            + (
+                "Axes are those of the truth: north, east, down, unless its world is another."
+                if truth
+                else "Axes are front, right, down of the body where each stretch of the log begins."
+            ),
         ),
     )
 
@@ -157,8 +190,10 @@ def _density(log: LogComparison) -> Figure:
 def _decimation(log: LogComparison) -> Figure:
     c = log.comparison
     curves: dict[str, tuple[list[float], list[float]]] = {}
+    sizes = [row.drift_dph.norm_rms for row in c.rows if row.drift_dph is not None]
+    floor = RANGE * max(sizes, default=0.0)
     for row in c.rows:
-        if row.drift_dph is None or row.drift_dph.norm_rms <= 0.0:
+        if row.drift_dph is None or row.drift_dph.norm_rms <= floor:
             continue
         thinnings = [row.candidate.input]
         if row.candidate.decimate == 1:

@@ -23,6 +23,8 @@ from sinstool.report.figures.parts import both_sides
 
 _GRID = 101
 _OUTSTANDING = 2.0
+# The last of the colours
+_GREY = 9
 
 
 def figures(calibration: Calibration) -> tuple[Figure, ...]:
@@ -61,16 +63,15 @@ def heading_against_rate(result: HseFit) -> Figure:
         grid = _grid(rate)
         lines = _Lines(result)
         for k in lines.positions:
-            series.append(
-                Series(f"fit, {lines.name(k)}", lines.at(k, grid) / ARCSEC, grid / DEGREE)
-            )
+            line = lines.at(k, grid) / ARCSEC
+            series.append(Series(f"fit, {lines.name(k)}", line, grid / DEGREE, colour=k))
         series += _band(lines, grid, lines.at(lines.lead, grid))
         axial = lines.by_axial(grid, rate, offset, used)
         if axial is not None:
             series.append(
                 Series("slope by the axial rate", axial / ARCSEC, grid / DEGREE, "dashed")
             )
-    series += _points(rate / DEGREE, offset / ARCSEC, used)
+    series += _by_position(result, rate / DEGREE, offset / ARCSEC, used)
     return Figure(
         "heading",
         "Heading against rate of the table",
@@ -93,13 +94,28 @@ def _band(lines: _Lines, rate: FloatArray, middle: FloatArray) -> list[Series]:
     if half is None:
         return []
     edges = (middle - half) / ARCSEC, (middle + half) / ARCSEC
-    return [both_sides(f"95 % band, {lines.name(lines.lead)}", rate / DEGREE, *edges)]
+    name = f"95 % band, {lines.name(lines.lead)}"
+    return [both_sides(name, rate / DEGREE, *edges, colour=lines.lead)]
 
 
 def _points(x: FloatArray, y: FloatArray, used: BoolArray) -> list[Series]:
     """A point for each run, those in use and those left out apart."""
     parts = (("runs in use", used), ("runs left out", ~used))
     return [Series(name, y[rows], x[rows], "points") for name, rows in parts if rows.any()]
+
+
+def _by_position(result: HseFit, x: FloatArray, y: FloatArray, used: BoolArray) -> list[Series]:
+    """A point for each run, in the colour of its position; those left out apart."""
+    position = np.array([one.position for one in result.run_fits])
+    psi0 = _psi0(result)
+    parts = []
+    for k in np.unique(position[used]).tolist():
+        rows = used & (position == k)
+        at = f"base at {psi0[k] / DEGREE:.2f} deg" if k in psi0 else f"position {k + 1}"
+        parts.append(Series(f"runs, {at}", y[rows], x[rows], "points", colour=k))
+    if not used.all():
+        parts.append(Series("runs left out", y[~used], x[~used], "points", colour=_GREY))
+    return parts
 
 
 def _headings_at_rest(result: HseFit) -> FloatArray:
@@ -204,7 +220,7 @@ def residuals_against_rate(result: HseFit) -> Figure | None:
     used = np.array([one.used for one in result.run_fits])
     grid = _grid(rate)
     series = _band(_Lines(result), grid, np.zeros_like(grid))
-    series += _points(rate / DEGREE, left / ARCSEC, used)
+    series += _by_position(result, rate / DEGREE, left / ARCSEC, used)
     return Figure(
         "residuals",
         "Residuals against rate",

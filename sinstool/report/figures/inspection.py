@@ -84,7 +84,7 @@ def _histogram(good: list[Sampling]) -> Figure | None:
         notes.append(f"{outside} intervals lie beyond the axis.")
     return Figure(
         "histogram",
-        f"How often which interval{of}",
+        f"Histogram of the sample intervals{of}",
         middles,
         (Series("samples", positive(counts), style="bars"),),
         "interval, ms",

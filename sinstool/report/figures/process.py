@@ -216,6 +216,8 @@ def stretches(hse: HseCorrection) -> Figure:
     raw = np.array([s.heading_raw_deg for s in hse.segments])
     corrected = np.array([s.heading_deg for s in hse.segments])
     middle = float(np.median(corrected))
+    sigmas = [s.sigma_heading_arcsec for s in hse.segments]
+    sigma = None if any(s is None for s in sigmas) else np.array(sigmas, dtype=np.float64)
 
     def shown(values: FloatArray) -> FloatArray:
         return np.asarray(((values - middle + 180.0) % 360.0 - 180.0) * 3600.0)
@@ -226,12 +228,13 @@ def stretches(hse: HseCorrection) -> Figure:
         rates,
         (
             Series("as aligned", shown(raw), style="points"),
-            Series("corrected", shown(corrected), style="points"),
+            Series("corrected", shown(corrected), style="points", error=sigma),
         ),
         "rate, deg/s",
         "heading, arcsec",
         notes=(
             f"Less {middle:.6f} deg, the median of the corrected ones. Heading-sensitive error"
-            " is a slope over rate; what is corrected should have none.",
+            " is a slope over rate; what is corrected should have none."
+            + ("" if sigma is None else " Bars: one standard deviation to either side."),
         ),
     )

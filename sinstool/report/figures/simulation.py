@@ -141,8 +141,8 @@ def _errors(seconds: FloatArray, truth: ImuTruth, sensor: ImuTruth) -> list[Figu
             if key == "gyro-error":
                 text = "The errors added up: noise averages out, a bias is a slope."
                 figures.append(
-                    _three("gyro-sum", "Error of the gyros, added up", seconds, whole / DEGREE,
-                           BODY, "angle, deg", text)
+                    _three("gyro-sum", "Angle that the gyro errors add up to", seconds,
+                           whole / DEGREE, BODY, "angle, deg", text)
                 )  # fmt: skip
     return figures
 

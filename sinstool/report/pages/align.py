@@ -11,7 +11,17 @@ from sinstool.report.figures.alignment import figures
 from sinstool.report.figures.parts import AXES
 from sinstool.report.page import write_report
 from sinstool.report.pages.settings import config_settings, input_rows, read_file
-from sinstool.report.sections import Cell, Column, Fact, Page, Prose, Section, Settings, Table
+from sinstool.report.sections import (
+    Cell,
+    Column,
+    Fact,
+    Page,
+    Prose,
+    Rows,
+    Section,
+    Settings,
+    Table,
+)
 
 # What each status means for the use of this attitude.
 VERDICTS = {
@@ -40,13 +50,15 @@ def write_page(report: Path, alignment: LogAlignment, config: ProcessConfig, log
         sections.append(_result(result))
     sections += figures(alignment, config)
     if result.assumed is not None:
-        sections.append(_sensors(result))
+        sections += _sensors(result)
     sections += [
         Settings(config_settings(config, *ALIGN_OPTIONS)),
         input_rows([read_file(log)]),
     ]
     subtitle = f"{result.input.path}, {result.imu.topic}"
-    page = Page("Where the vehicle points", subtitle, tuple(sections), result.warnings)
+    page = Page(
+        "Alignment: the first attitude of the IMU", subtitle, tuple(sections), result.warnings
+    )
     write_report(report, page, overwrite=config.output.overwrite)
 
 
@@ -99,54 +111,55 @@ def _angles(result: AlignResult) -> dict[str, float | None]:
 
 
 def _result(result: AlignResult) -> Table:
-    rows: list[tuple[Cell, ...]] = [
-        (name, angle, None, None) for name, angle in _angles(result).items()
-    ]
+    """How well attitude is known; the angles themselves stand above."""
     error = None if result.truth is None else result.truth.error_deg
     wrong = error or (None, None, None)
-    for axis, sigma, off in zip(AXES, result.sigma_deg, wrong, strict=True):
-        rows.append((f"rotation about {axis}", None, sigma, off))
+    rows = tuple(
+        (f"about {axis}", sigma, off)
+        for axis, sigma, off in zip(AXES, result.sigma_deg, wrong, strict=True)
+    )
     columns = (
-        Column("Quantity"),
-        Column("angle", "deg", ".4f"),
+        Column("Rotation"),
         Column("sigma", "deg", ".3g"),
         Column("error", "deg", ".3g"),
     )
     notes = (
-        f"At {result.time_s:.3f} s after the log's start. Angles are those of the"
-        " Forward-Right-Down axes in North-East-Down; sigmas are of small rotations about these.",
+        f"Of the attitude at {result.time_s:.3f} s after the log's start: the Forward-Right-Down"
+        " axes of the IMU in North-East-Down.",
     )
-    return Table("Attitude", columns, tuple(rows), notes)
+    return Table("Accuracy", columns, rows, notes)
 
 
-def _sensors(result: AlignResult) -> Table:
+def _sensors(result: AlignResult) -> list[Section]:
+    """Biases, and what else was assumed of the IMU."""
     assumed = result.assumed
     assert assumed is not None
     removed, estimate = result.gyro_bias_removed_deg_h, result.gyro_bias_deg_h
     accel = result.accel_bias_m_s2
-    rows: list[tuple[Cell, ...]] = [
-        _row("gyro bias removed before", "deg/h", removed, None),
-        _row("gyro bias found besides", "deg/h", estimate, assumed.gyro_bias_deg_h),
-        _row("accelerometer bias found", "m/s²", accel, assumed.accel_bias_m_s2),
-    ]
-    none: tuple[Cell, ...] = (None, None, None)
-    rows += [
-        ("gyro scale", "", *none, assumed.gyro_scale),
-        ("accelerometer scale", "", *none, assumed.accel_scale),
-        ("angular random walk", "deg/√h", *none, assumed.angle_random_walk_deg_sqrt_h),
-        ("velocity random walk", "m/s/√s", *none, assumed.velocity_random_walk_m_s_sqrt_s),
-    ]
+    rows = (
+        _row("gyros, removed before", "deg/h", removed, None),
+        _row("gyros, found besides", "deg/h", estimate, assumed.gyro_bias_deg_h),
+        _row("accelerometers, found", "m/s²", accel, assumed.accel_bias_m_s2),
+    )
     columns = (
-        Column("Quantity"),
+        Column("Bias"),
         Column("unit"),
         *(Column(axis, "", ".4g") for axis in "xyz"),
         Column("assumed sigma", "", ".3g"),
     )
     notes = (
-        f"Body axes FRD. Biases wander with a correlation time of {assumed.bias_time_s:g} s."
-        f" The IMU counts as {result.imu_grade.grade}, {result.imu_grade.why}.",
+        "Forward-Right-Down axes. Biases wander with a correlation time of"
+        f" {assumed.bias_time_s:g} s.",
     )
-    return Table("Sensors", columns, tuple(rows), notes)
+    errors = (
+        ("grade", f"{result.imu_grade.grade}, {result.imu_grade.why}"),
+        ("scale of gyros, accelerometers", f"{assumed.gyro_scale:.3g}, {assumed.accel_scale:.3g}"),
+        ("angular random walk", f"{assumed.angle_random_walk_deg_sqrt_h:.3g} deg/√h"),
+        ("velocity random walk", f"{assumed.velocity_random_walk_m_s_sqrt_s:.3g} m/s/√s"),
+    )
+    known = tuple(row for row in rows if any(cell is not None for cell in row[2:]))
+    tables: list[Section] = [Table("Biases of the sensors", columns, known, notes)] if known else []
+    return [*tables, Rows("What was assumed of the IMU (one sigma)", errors)]
 
 
 def _row(name: str, unit: str, values: Vector | None, sigma: float | None) -> tuple[Cell, ...]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from math import isfinite
 from pathlib import Path
 
 from sinstool.config import ProcessConfig
@@ -24,6 +25,7 @@ from sinstool.report.sections import (
     Table,
     table_of,
 )
+from sinstool.report.text.numbers import measured, places_of
 
 # What each status means for the correction of headings.
 VERDICTS = {
@@ -71,22 +73,22 @@ def _verdict(calibration: Calibration) -> tuple[str, ...]:
     file = calibration.file
     paragraphs = [f"Status {file.status.replace('_', ' ')}. {VERDICTS[file.status]}"]
     if file.lambda2_rad is not None:
-        by = "" if file.sigma_lambda2_rad is None else f" ± {_number(file.sigma_lambda2_rad)}"
-        text = f'lambda2 is {_number(file.lambda2_rad)}{by}" by the method {file.method}'
+        value = _arcsec(file.lambda2_rad, file.sigma_lambda2_rad)
+        text = f"lambda2 is {value} by the method {file.method}"
         paragraphs.append(f"{text}; the rate along the axis alone gives {_axial(calibration)}.")
     else:
         paragraphs.append(f"The rate along the axis gives lambda2 as {_axial(calibration)}.")
     if calibration.table is not None:
         before, after = calibration.table.before.scatter, calibration.table.after.scatter
         paragraphs.append(
-            f'Headings less azimuth lie within {_number(before.peak_to_peak, 2)}" of each other'
-            f' before and {_number(after.peak_to_peak, 2)}" after correction.'
+            f"Headings less azimuth lie within {_size(before.peak_to_peak)} of each other before"
+            f" and {_size(after.peak_to_peak)} after correction."
         )
     elif (largest := calibration.largest_spread) is not None:
         paragraphs.append(
-            f'At one position headings lie within {_number(largest[0], 2)}" of each other'
-            f' before and {_number(largest[1], 2)}" after correction. No azimuths were given, so'
-            " that nothing is said of differences between positions."
+            f"At one position headings lie within {_size(largest[0])} of each other before and"
+            f" {_size(largest[1])} after correction. No azimuths were given, so that nothing is"
+            " said of differences between positions."
         )
     if calibration.spread:
         paragraphs.append(
@@ -100,27 +102,32 @@ def _facts(calibration: Calibration) -> tuple[Fact, ...]:
     file = calibration.file
     facts = []
     if file.lambda2_rad is not None:
-        sigma = file.sigma_lambda2_rad
-        note = f"by {file.method}" if sigma is None else f"± {_number(sigma)}, by {file.method}"
-        facts.append(Fact("lambda2", f'{_number(file.lambda2_rad)}"', note))
-    facts.append(Fact("lambda2, axial", f'{_number(file.axial.lambda2_rad)}"', "rate on the axis"))
+        value = _arcsec(file.lambda2_rad, file.sigma_lambda2_rad)
+        facts.append(Fact("Misalignment lambda2", value, f"1 sigma, by the method {file.method}"))
+    facts.append(Fact("The same by the axial rate", _axial(calibration), "no heading is in it"))
     runs = f"{file.fit.n_runs} runs, {file.fit.n_rates} rates"
     facts.append(Fact("Status", file.status.replace("_", " "), runs))
     if calibration.table is not None:
         before, after = calibration.table.before.scatter, calibration.table.after.scatter
-        spread = f'{_number(before.peak_to_peak, 2)}" → {_number(after.peak_to_peak, 2)}"'
+        spread = f"{_size(before.peak_to_peak)} → {_size(after.peak_to_peak)}"
         facts.append(Fact("Peak to peak of headings", spread, "before → after correction"))
     return tuple(facts)
 
 
-def _number(value: float, digits: int = 3) -> str:
-    return f"{value / ARCSEC:.{digits}f}"
+def _size(value: float) -> str:
+    return (
+        f"{value / ARCSEC:.3g} arcsec" if value < 1e3 * ARCSEC else f"{value / ARCSEC:.0f} arcsec"
+    )
+
+
+def _arcsec(value: float, sigma: float | None) -> str:
+    over = None if sigma is None else sigma / ARCSEC
+    return measured(value / ARCSEC, over, "arcsec").replace("+-", "±")
 
 
 def _axial(calibration: Calibration) -> str:
     axial = calibration.file.axial
-    by = "" if axial.sigma_rad is None else f" ± {_number(axial.sigma_rad)}"
-    return f'{_number(axial.lambda2_rad)}{by}"'
+    return _arcsec(axial.lambda2_rad, axial.sigma_rad)
 
 
 def _coefficients(calibration: Calibration) -> Table:
@@ -144,17 +151,19 @@ def _coefficients(calibration: Calibration) -> Table:
     columns = (
         Column("Quantity"),
         Column("unit"),
-        Column("value", "", ".6g"),
+        Column("value", "", ".7g"),
         Column("sigma", "", ".2g"),
-        Column("95 % from", "", ".6g"),
-        Column("to", "", ".6g"),
+        Column("95 % from", "", ".7g"),
+        Column("to", "", ".7g"),
     )
     notes = (
         f"{file.fit.n_runs} runs at {file.fit.n_rates} rates, {file.fit.dof} degrees of freedom,"
-        f" latitude {file.latitude_rad / DEGREE:.4f} deg. Heading is corrected by psi = psi_hat -"
-        " (Omega - w sin L) lambda2 C23 / (3 w cos L).",
+        f" latitude {file.latitude_rad / DEGREE:.4f} deg. Heading is corrected by ψ = ψ̂ −"
+        " (Ω − ω sin L) λ₂ C₂₃ / (3 ω cos L), with the rate of the table Ω, the Earth's ω, the"
+        " latitude L, and λ₂ the coefficient lambda2.",
     )
-    return Table("Coefficients", columns, tuple(rows), notes)
+    known = tuple(row for row in rows if row[2] is not None)
+    return Table("Coefficients", columns, known, notes)
 
 
 def _row(
@@ -165,7 +174,12 @@ def _row(
     interval: tuple[float, float] | None = None,
     size: float = 1.0,
 ) -> tuple[Cell, ...]:
-    return (name, unit, *(_over(v, size) for v in (value, sigma, *(interval or (None, None)))))
+    """A coefficient with as many digits as its sigma has a meaning for."""
+    cells = [_over(v, size) for v in (value, sigma, *(interval or (None, None)))]
+    if sigma is not None and isfinite(sigma) and sigma > 0.0:
+        places = places_of(sigma / size)
+        cells = [None if v is None else round(v, places) for v in cells]
+    return (name, unit, *cells)
 
 
 def _over(value: float | None, size: float) -> float | None:

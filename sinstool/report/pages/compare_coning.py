@@ -13,7 +13,7 @@ from sinstool.report.figure import Figure
 from sinstool.report.figures.paper import figures
 from sinstool.report.pages.settings import config_settings, input_rows, read_file
 from sinstool.report.sections import Column, Fact, Page, Prose, Section, Settings, Table, table_of
-from sinstool.report.text.coning import COLUMNS, LEGEND, PSEUDO, TERMINAL, about_reference
+from sinstool.report.text.coning import COLUMNS, LEGEND, PSEUDO, TERMINAL, about_reference, shown
 from sinstool.report.text.coning import Column as ColumnOf
 
 PAPER_OPTIONS = ("comparison.algorithms", "comparison.phase", "coning.gyro_response")
@@ -109,5 +109,6 @@ def _table(
     notes: tuple[str, ...],
     folded: bool = False,
 ) -> Table:
-    cells = [(Column(name, unit, ".3g"), get) for name, unit, get in columns]
+    # Numbers as on the terminal: no powers of ten where none are needed
+    cells = [(Column(name, unit, shown), get) for name, unit, get in columns]
     return table_of(title, rows, cells, notes, folded)

@@ -99,7 +99,7 @@ def _rig(simulated: Simulated) -> tuple[list[Figure], list[Fact]]:
     log, settings = simulated.rig, simulated.settings
     assert log is not None
     facts = [
-        Fact("lambda2", f'{lambda2_arcsec(log):.4f}"', "what a calibration has to find"),
+        Fact("lambda2", f"{lambda2_arcsec(log):.4f} arcsec", "what a calibration has to find"),
         Fact("Lean to the east", f"{log.truth.C23:.4g} rad", "C23, of the axis"),
         Fact("Heading of the base", f"{log.truth.heading / DEGREE:.4f} deg"),
         Fact("Rates", f"{settings['rates']} deg/s", f"{settings['plateau']} s at each"),

@@ -15,13 +15,13 @@ def test_of_a_flight():
     alignment = aligned(launched(*TACTICAL))
     shown = by_key(alignment)
     assert list(shown) == [
-        "sigma", "attitude", "error", "singular-values", "residuals", "force", "rate",
+        "heading", "attitude", "sigma", "error", "singular-values", "residuals", "force", "rate",
     ]  # fmt: skip
     series = alignment.answer.series
     worst = next(s for s in shown["sigma"].series if s.name == "worst axis")
     np.testing.assert_allclose(worst.y[-1], np.rad2deg(series.sigma_worst[-1]))
     # no attitude is drawn that is not known
-    heading = shown["attitude"].series[2].y
+    heading = shown["heading"].series[0].y
     unknown = series.sigma_worst > np.deg2rad(5.0)
     assert unknown.any() and np.isnan(heading[unknown]).all()
     assert abs(heading[-1] - alignment.result.heading_deg) < 1.0

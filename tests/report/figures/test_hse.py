@@ -61,11 +61,18 @@ def test_all_are_there_and_have_units(drawn, calibration):
         assert ", " in one.xlabel or one.key == "studentised"
 
 
+def in_use(figure):
+    """Runs of all positions, one position after the other."""
+    parts = [(s.x, s.y) for s in figure.series if s.name.startswith("runs, ")]
+    return np.concatenate([x for x, _ in parts]), np.concatenate([y for _, y in parts])
+
+
 def test_fit_and_runs_part_by_the_residuals(drawn, calibration):
     figure = drawn["heading"]
-    rate, heading = series(figure, "runs in use")
+    rate, heading = in_use(figure)
     used = [k for k, one in enumerate(calibration.fit.run_fits) if one.used]
     assert len(rate) == len(used) == 8
+    used.sort(key=lambda k: calibration.fit.run_fits[k].position)
     for k, x, y in zip(used, rate, heading, strict=True):
         run, one = calibration.runs[k], calibration.fit.run_fits[k]
         assert x == pytest.approx(np.degrees(run.rate))
@@ -77,7 +84,12 @@ def test_fit_and_runs_part_by_the_residuals(drawn, calibration):
         assert y - fitted == pytest.approx(one.residual / ARCSEC, abs=1.0)
     left_out, _ = series(figure, "runs left out")
     assert left_out == pytest.approx([np.degrees(calibration.runs[7].rate)])
-    x, y = series(drawn["residuals"], "runs in use")
+    # and each position has the colour of its line
+    colours = {s.name.partition("base")[2]: s.colour for s in figure.series if "fit" in s.name}
+    runs = [s for s in figure.series if s.name.startswith("runs, ")]
+    assert len(runs) == len(colours) == 3
+    assert all(s.colour == colours[s.name.partition("base")[2]] for s in runs)
+    x, y = in_use(drawn["residuals"])
     np.testing.assert_allclose(y, [calibration.fit.run_fits[k].residual / ARCSEC for k in used])
 
 
@@ -194,7 +206,7 @@ def test_other_methods_have_their_line(logs, method):
     slope = np.polyfit(np.radians(x), y * ARCSEC, 1)[0]
     if method[0] == "heading":
         assert slope == pytest.approx(calibration.fit.K)
-        rate, heading = series(figure, "runs in use")
+        rate, heading = in_use(figure)
         # the published line goes through the means at each rate
         by_hand = np.polyfit(rate, heading, 1)
         np.testing.assert_allclose(np.polyval(by_hand, x), y, atol=1e-6)
@@ -210,7 +222,7 @@ def test_without_a_slope_only_runs_are_shown(logs):
     calibration = calibrated_in(folder, paths[:1], rig, exclude=("a#1", "a#3"))
     keys = [one.key for one in figures(calibration)]
     assert keys == ["heading", "axial", "turns", "rates", "allan"]
-    assert {s.name for s in figures(calibration)[0].series} == {"runs in use", "runs left out"}
+    assert {s.name for s in figures(calibration)[0].series} == {"runs, position 1", "runs left out"}
 
 
 def test_noise_free_runs_can_be_drawn(tmp_path):

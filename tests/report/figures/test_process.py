@@ -133,7 +133,9 @@ def test_heading_has_holes_where_it_goes_over_the_turn():
 
 def test_stretches_are_about_the_median_also_over_the_end_of_the_turn():
     def stretch(rate, raw, corrected):
-        return SimpleNamespace(rate_deg_s=rate, heading_raw_deg=raw, heading_deg=corrected)
+        return SimpleNamespace(
+            rate_deg_s=rate, heading_raw_deg=raw, heading_deg=corrected, sigma_heading_arcsec=None
+        )
 
     stretches = [
         stretch(-60.0, 0.002, 359.999),
