@@ -26,6 +26,8 @@ BATCH = 4096
 # A batch ends here too, so that images do not make it large.
 BATCH_BYTES = 32 * 2**20
 _FIRST_ROW = -(2**63)
+# So many steps of SQLite's machine, some milliseconds, until Python can look whether it is to end
+_STEPS = 100_000
 
 # What Python raises of a damaged database; memory, where a size says more than there is, and of
 # Unicode where SQLite's message quotes a name that is none any more.
@@ -80,6 +82,7 @@ class SqliteLog(Log):
             self._beside = None
 
     def _damaged(self, exc: Exception) -> DamagedLogError:
+        _end_if_asked(exc)
         recover = f"`sqlite3 '{self.path}' .recover | sqlite3 recovered.db3` may save more"
         hint = recover if self.salvage else f"{SALVAGE_HINT}; {recover}"
         what = f"SQLite cannot read it ({exc})"
@@ -144,6 +147,14 @@ class SqliteLog(Log):
         return _open(copy, "mode=rw", damaged=self.salvage)
 
     def _read_topics(self, database: sqlite3.Connection) -> None:
+        # A view or a virtual table can compute its rows without end.
+        computed = database.execute(
+            "SELECT name, type FROM sqlite_master WHERE lower(name) IN"
+            " ('topics', 'messages', 'message_definitions') AND (type = 'view' OR rootpage = 0)"
+        ).fetchone()
+        if computed is not None:
+            what = f"not a ROS 2 bag: {computed[0]} in it is a computed {computed[1]}"
+            raise NotALogError(self.path, what)
         tables = {
             name: [row[1] for row in database.execute(f"PRAGMA table_info({name})")]
             for name in ("topics", "messages", "message_definitions")
@@ -177,6 +188,7 @@ class SqliteLog(Log):
             (last,) = database.execute("SELECT max(rowid) FROM messages").fetchone()
             self._last_row = int(last or 0)
         except _UNREADABLE as exc:
+            _end_if_asked(exc)
             if not self.salvage:
                 raise self._damaged(exc) from exc
 
@@ -224,6 +236,7 @@ class SqliteLog(Log):
                     break
                 limit = ""
             except _UNREADABLE as exc:
+                _end_if_asked(exc)
                 if not self.salvage:
                     raise self._damaged(exc) from exc
                 if not limit:
@@ -256,7 +269,8 @@ class SqliteLog(Log):
             query = f"SELECT {columns} FROM messages WHERE rowid > ? ORDER BY rowid"
             try:
                 next_row = self._database.execute(f"{query} LIMIT 1", (behind,)).fetchone()
-            except _UNREADABLE:
+            except _UNREADABLE as exc:
+                _end_if_asked(exc)
                 return None
             return (0, None) if next_row is None else (next_row[0], next_row[1])
 
@@ -292,6 +306,12 @@ def _batch(topics: array, times: array, lengths: array, data: bytearray, positio
     )
 
 
+def _end_if_asked(exc: Exception) -> None:
+    """Raise what a signal raised while SQLite was at work, which tells of it in its own way."""
+    if isinstance(exc, sqlite3.OperationalError) and str(exc) == "interrupted":
+        raise KeyboardInterrupt from exc
+
+
 def _filled(path: Path) -> bool:
     return path.exists() and path.stat().st_size > 0
 
@@ -305,6 +325,8 @@ def _open(
     )
     database.text_factory = _text
     database.setlimit(sqlite3.SQLITE_LIMIT_LENGTH, MAX_BLOCK)
+    # While SQLite is at work, Python runs the handlers of signals at the begin of this function.
+    database.set_progress_handler(lambda: 0, _STEPS)
     try:
         if exclusive:
             database.execute("PRAGMA locking_mode=EXCLUSIVE")

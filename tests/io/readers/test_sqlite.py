@@ -1,7 +1,9 @@
 import os
 import shutil
+import signal
 import sqlite3
 import struct
+import threading
 
 import numpy as np
 import pytest
@@ -287,3 +289,47 @@ def test_flipped_bytes_give_an_error_of_ours_or_nothing(tmp_path):
                     read_back(log)
             except SinstoolError as exc:
                 assert "\n" not in str(exc)
+
+
+ENDLESS = """
+    CREATE VIEW messages AS
+    WITH RECURSIVE more(id) AS (SELECT 1 UNION ALL SELECT id + 1 FROM more)
+    SELECT id AS rowid, id, 1 AS topic_id, id AS timestamp, x'00' AS data FROM more
+"""
+
+
+@pytest.mark.parametrize("salvage", [False, True])
+@pytest.mark.parametrize(
+    ("name", "create"),
+    [
+        ("messages", ENDLESS),
+        ("messages", ENDLESS.replace("VIEW messages", "VIEW Messages")),
+        ("messages", "CREATE VIRTUAL TABLE messages USING fts5(topic_id, timestamp, data)"),
+        ("topics", "CREATE VIEW topics AS SELECT 1 AS id, '/a' AS name, 't/T' AS type"),
+    ],
+    ids=["view", "case", "virtual", "topics"],
+)
+def test_tables_that_are_computed_are_refused(tmp_path, name, create, salvage):
+    path = write_db3(tmp_path / "a.db3", content())
+    with sqlite3.connect(path) as database:
+        database.execute(f"DROP TABLE {name}")
+        database.execute(create)
+    database.close()
+    with pytest.raises(NotALogError, match=rf"(?i){name} in it is a computed (view|table)"):
+        open_log(path, salvage)
+
+
+@pytest.mark.parametrize("salvage", [False, True])
+def test_a_signal_ends_what_sqlite_does(tmp_path, monkeypatch, salvage):
+    """A signal comes while a statement runs that would go on for ever."""
+    monkeypatch.setattr(sqlite_module, "_STEPS", 1000)
+    with open_log(write_db3(tmp_path / "a.db3", content()), salvage) as log:
+        endless = "WITH RECURSIVE more(n) AS (SELECT 1 UNION ALL SELECT 1 FROM more)"
+        query = f"{endless} SELECT count(*) FROM more"
+        timer = threading.Timer(0.2, signal.raise_signal, (signal.SIGINT,))
+        timer.start()
+        with pytest.raises(sqlite3.OperationalError, match="interrupted") as info:
+            log._database.execute(query).fetchone()
+        timer.join()
+        with pytest.raises(KeyboardInterrupt):
+            raise log._damaged(info.value)
