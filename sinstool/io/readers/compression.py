@@ -12,9 +12,9 @@ import zstandard
 from sinstool.io.readers.limits import MAX_BLOCK
 
 _MAGICS = {"zstd": b"\x28\xb5\x2f\xfd", "lz4": b"\x04\x22\x4d\x18", "bz2": b"BZh91AY&SY"}
-_PIECE = 256
 # No measurement swells more; what does is a bomb, and in a damaged block it is left alone.
-_MOST_SWELLING = 1024
+MOST_SWELLING = 1024
+_PIECE = 256
 
 _local = threading.local()
 
@@ -101,7 +101,7 @@ def decompress_prefix(name: str, data: bytes | memoryview, limit: int) -> bytes 
         return bytes(data[:limit])
     if name not in ("zstd", "lz4", "bz2"):
         return b""
-    limit = min(limit, MAX_BLOCK, _MOST_SWELLING * len(data) + _PIECE)
+    limit = min(limit, MAX_BLOCK, MOST_SWELLING * len(data) + _PIECE)
     out, good = _feed(name, data, 0, _PIECE, limit)
     if good < len(data) and len(out) < limit:
         # Somewhere in the next piece: all that comes before that byte is still to be had.

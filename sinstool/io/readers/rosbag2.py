@@ -24,7 +24,7 @@ from sinstool.core.errors import DamagedLogError, LogError, NotALogError, Unsupp
 from sinstool.core.temporary import TemporaryFolder
 from sinstool.io.messages.layout import ZSTD_MAGIC
 from sinstool.io.readers.batch import RawBatch
-from sinstool.io.readers.compression import CompressionError, decompress
+from sinstool.io.readers.compression import MOST_SWELLING, CompressionError, decompress
 from sinstool.io.readers.formats import METADATA, kind_of
 from sinstool.io.readers.limits import MAX_BLOCK
 from sinstool.io.readers.log import Log
@@ -193,7 +193,9 @@ class Rosbag2Log(Log):
         target = self._unpacked.path / file.name.removesuffix(".zstd")
         try:
             with file.open("rb") as source, target.open("wb") as sink:
-                whole = _unzstd(source, sink)
+                # What swells more is no recording, and would only fill the disk.
+                limit = max(MAX_BLOCK, MOST_SWELLING * file.stat().st_size)
+                whole = _unzstd(source, sink, limit)
         except zstandard.ZstdError as exc:
             self.damage(f"{file.name}: zstd data is corrupt ({exc})", kind="file")
         except OSError as exc:
@@ -204,7 +206,10 @@ class Rosbag2Log(Log):
             ) from exc
         else:
             if not whole:
-                self.damage(f"{file.name}: the zstd data ends too early", kind="file")
+                swollen = target.stat().st_size > limit
+                what = f"it unpacks to more than {limit} bytes, which no recording does"
+                what = what if swollen else "the zstd data ends too early"
+                self.damage(f"{file.name}: {what}", kind="file")
         return target
 
     def _unify(self) -> None:

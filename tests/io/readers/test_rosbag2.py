@@ -8,6 +8,7 @@ from rosbags.rosbag2 import Reader
 
 from sinstool.core.errors import DamagedLogError, NotALogError, UnsupportedLogError
 from sinstool.io.readers import open_log
+from sinstool.io.readers import rosbag2 as rosbag2_module
 from tests.helpers.logs import (
     IMU,
     TOPICS,
@@ -208,6 +209,27 @@ def test_compressed_files_of_several_frames(tmp_path):
     file.write_bytes(b"".join(zstandard.compress(f) for f in frames))
     with open_log(path) as log:
         assert read_back(log) == content()
+
+
+@pytest.mark.parametrize("salvage", [False, True])
+def test_a_compressed_file_that_swells_without_end_is_not_unpacked(tmp_path, monkeypatch, salvage):
+    monkeypatch.setattr(rosbag2_module, "MAX_BLOCK", 2**20)
+    monkeypatch.setattr(rosbag2_module, "MOST_SWELLING", 64)
+    folder = write_bag2(tmp_path / "bag", content(30), mode="file")
+    (file,) = folder.glob("*.zstd")
+    plain = zstandard.ZstdDecompressor().stream_reader(file.read_bytes()).read()
+    # Behind its last page SQLite looks at nothing.
+    file.write_bytes(zstandard.compress(plain) + 32 * zstandard.compress(bytes(2**20)))
+    largest = max(2**20, 64 * file.stat().st_size)
+    if salvage:
+        with open_log(folder, salvage=True) as log:
+            assert read_back(log) == content(30)
+            assert log.parts[0].size < largest + 2**21
+            (lost,) = [part for part in log.lost if part.kind == "file"]
+            assert f"more than {largest} bytes" in str(lost)
+    else:
+        with pytest.raises(DamagedLogError, match=f"more than {largest} bytes"):
+            open_log(folder)
 
 
 def test_compressed_messages_that_are_damaged_or_swell(tmp_path, monkeypatch):
