@@ -374,10 +374,12 @@ def _partners(fixes_ns: np.ndarray, velocity_ns: np.ndarray) -> tuple[np.ndarray
     to_left = np.abs(velocity_ns[left] - fixes_ns)
     to_right = np.abs(velocity_ns[right] - fixes_ns)
     partner = np.where(to_left <= to_right, left, right)
-    # a velocity belongs to one fix only
-    first = np.zeros(len(fixes_ns), np.bool_)
-    first[np.unique(partner, return_index=True)[1]] = True
-    return partner, first & (np.minimum(to_left, to_right) <= SAME_EPOCH_NS)
+    away = np.minimum(to_left, to_right)
+    # A velocity belongs to one fix only, the nearest to it.
+    order = np.lexsort((away, partner))
+    nearest = np.zeros(len(fixes_ns), np.bool_)
+    nearest[order[np.unique(partner[order], return_index=True)[1]]] = True
+    return partner, nearest & (away <= SAME_EPOCH_NS)
 
 
 def _sigma(covariance: np.ndarray, stated: np.ndarray | bool) -> np.ndarray:

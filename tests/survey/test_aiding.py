@@ -286,3 +286,19 @@ def test_heights_instead_of_pressures(tmp_path):
     into = baro(tmp_path, messages, baro_kind="height")
     np.testing.assert_array_equal(into.stream.height, 7.0)
     np.testing.assert_array_equal(into.stream.time_ns, TIMES)
+
+
+def test_a_velocity_belongs_to_the_nearest_fix_only():
+    """Of two fixes of one epoch one gets it; it would count twice otherwise.
+
+    Nor does a fix far from any velocity take it away from its own: here most fixes have none.
+    """
+    times = np.array([0, 250, 500, 750, 1000, 1250, 1494, 1503, 1750]) * 1_000_000
+    n = len(times)
+    fixes = Gnss(times, times, np.full(n, 0.5), np.full(n, 0.1), np.zeros(n), np.zeros((n, 3, 3)),
+                 np.zeros(n, int), np.zeros(n, int))  # fmt: skip
+    at = np.array([501, 1500]) * 1_000_000
+    epochs = join(fixes, Velocity(at, at, np.arange(6.0).reshape(2, 3), np.zeros((2, 3, 3))))
+    np.testing.assert_array_equal(epochs.time_ns, times)
+    np.testing.assert_array_equal(np.flatnonzero(epochs.has_velocity), [2, 7])
+    np.testing.assert_array_equal(epochs.velocity_n[7], [3.0, 4.0, 5.0])

@@ -293,3 +293,32 @@ def test_too_little_to_judge():
     imu = path.imu
     block = run.push(increments(imu, imu.gyro_mean_rate, imu.mean_specific_force), gnss)
     assert diagnose(began, block.updates, block.gnss, gnss, SETTINGS) == ()
+
+
+@pytest.mark.parametrize(("following", "kind"), [(0.25, "gnss-noise"), (0.55, "imu-noise")])
+def test_large_innovations_that_follow_one_another_are_the_imu_s(following, kind):
+    """Innovations of four sigmas, each this much like the one before it."""
+    path = truth("flight", 1)
+    gnss = epochs(gnss_samples(path, Receiver(4.0, 0.13, errors=ERRORS), 1))
+    began = start(
+        float(path.latitude[0]),
+        float(path.longitude[0]),
+        float(path.height[0]),
+        path.velocity_n[0],
+        path.imu.q_nb[0],
+        2.0,
+        0.1,
+        ATTITUDE,
+    )
+    imu = path.imu
+    run = InsGnssFilter(began, SETTINGS, with_baro=False)
+    block = run.push(increments(imu, imu.gyro_mean_rate, imu.mean_specific_force), gnss)
+    white = np.random.default_rng(5).standard_normal((len(block.gnss), 2))
+    ratio = white.copy()
+    for k in range(1, len(ratio)):
+        ratio[k] = following * ratio[k - 1] + np.sqrt(1.0 - following**2) * white[k]
+    innovation = block.gnss.innovation.copy()
+    innovation[:, :2] = 4.0 * ratio * block.gnss.innovation_sigma[:, :2]
+    changed = replace(block.gnss, innovation=innovation)
+    found = diagnose(began, block.updates, changed, gnss, SETTINGS)
+    assert [(f.kind, f.topic) for f in found] == [(kind, "horizontal position")]

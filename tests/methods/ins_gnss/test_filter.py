@@ -505,3 +505,46 @@ def test_settings():
     sizes = {grade: for_grade(grade).imu.gyro_bias for grade in ("mems", "tactical", "navigation")}
     assert sizes["mems"] > sizes["tactical"] > sizes["navigation"]
     assert for_grade("mems", filter="plain-15").kind.size == 15
+
+
+def test_specific_force_and_rate_are_those_of_the_middle_of_an_update():
+    """The increment is in the axes that the update begins with; a turn of half of it is between."""
+    quiet = SensorGrade(
+        angle_random_walk=1e-7, velocity_random_walk=1e-6, gyro_bias=1e-8, accel_bias=1e-5
+    )
+    flown = Flown(noise=quiet)
+    _, blocks = flown.run(flown.using(imu=quiet))
+    made, imu = nav_of(blocks), flown.flight.imu
+    rows = slice(1, 1 + len(made["specific_force_b"]))
+    turning = np.linalg.norm(imu.gyro_mean_rate[rows], axis=1) > 0.1
+    assert np.count_nonzero(turning) > 1000
+    force = (made["specific_force_b"] - imu.mean_specific_force[rows])[turning]
+    # The other way round it would be off by an update's turn times gravity, 0.02 m/s^2 and more
+    assert np.sqrt(np.mean(force**2)) < 2e-3
+    rate = (made["omega_ib_b"] - imu.gyro_mean_rate[rows])[turning]
+    assert np.sqrt(np.mean(rate**2)) < 1e-4
+
+
+def test_after_a_long_gap_hardly_anything_is_known():
+    """Each variance grows by what the vehicle may have done, and by nothing more."""
+    flown, begin, length = Flown(), 5000, 8.0
+    missing = np.arange(begin, begin + round(length * 50))
+    everything = np.arange(len(flown.increments.interval))
+    stated = replace_increments(flown.increments, np.delete(everything, missing))
+    # no fix after the gap, which would tell more at once
+    early = flown.gnss.time_ns < flown.increments.time_ns[begin - 1]
+    settings = flown.using("markov-21")
+    _, blocks = flown.run(settings, increments=stated, gnss=flown.gnss.rows(early))
+    u = blocks[0].updates
+    before, after = begin - 1, begin
+    velocity = np.diagonal(u.covariance_velocity_n[after] - u.covariance_velocity_n[before])
+    speed2 = float(np.sum(u.velocity_n[before] ** 2))
+    grown = speed2 + settings.gap_acceleration**2 * length
+    assert velocity == pytest.approx(np.full(3, grown), rel=0.05)
+    assert velocity - speed2 == pytest.approx(np.full(3, grown - speed2), rel=0.1)
+    position = np.diagonal(u.covariance_position_n[after] - u.covariance_position_n[before])
+    assert position == pytest.approx(np.full(3, grown * length**2), rel=0.05)
+    attitude = np.diagonal(u.covariance_attitude_n[after] - u.covariance_attitude_n[before])
+    turned = min(settings.gap_rate**2 * length, 1.0)
+    kept_on = min((settings.gap_rate * length) ** 2, np.pi**2 / 3.0)
+    assert attitude == pytest.approx([turned, turned, turned + kept_on], rel=0.05)

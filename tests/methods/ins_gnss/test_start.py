@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from sinstool.core.errors import AlignmentError
+from sinstool.core.rotation import exp, multiply, rotate
 from sinstool.methods.ins_gnss.start import start_at
 from sinstool.simulation.drive import road_drive
 from sinstool.simulation.flight import manoeuvring_flight
@@ -67,3 +68,33 @@ def test_far_from_any_fix_there_is_no_start():
     gnss = epochs(gnss_samples(truth, Receiver(2.0, 20.0, errors=SHARP), 1), own_sigma=True)
     with pytest.raises(AlignmentError, match="within 2 s"):
         start_at(int(1e10), [1.0, 0.0, 0.0, 0.0], np.eye(3), gnss, for_grade("mems"))
+
+
+def test_attitude_errors_turn_the_lever_arm_and_its_swing():
+    """What of both covariances comes from the attitude's, by differences of turned vectors."""
+    flight = manoeuvring_flight(30.0, 100.0, heading=1.0, seed=3)
+    gnss = epochs(gnss_samples(flight, Receiver(10.0, 0.0, 0.0, LEVER, GnssErrors()), 1))
+    truth = moments(flight, flight.time_ns[2000:2001])
+    q_nb, omega = truth.q_nb[0], np.array([0.5, -0.8, 1.2])
+    settings = for_grade("mems", lever_arm_b=LEVER)
+    covariance = np.array([[4e-4, 1e-4, 0.0], [1e-4, 9e-4, 2e-4], [0.0, 2e-4, 1e-3]])
+
+    def begun(psi):
+        return start_at(int(truth.time_ns[0]), q_nb, psi, gnss, settings, omega_eb_b=omega)
+
+    def turned(vector):
+        """Jacobian of a body vector in NED by a small turn of the attitude about N, E, D."""
+        step = 1e-6
+        columns = [
+            rotate(multiply(exp(step * axis), q_nb), vector)
+            - rotate(multiply(exp(-step * axis), q_nb), vector)
+            for axis in np.eye(3)
+        ]
+        return np.stack(columns, axis=1) / (2.0 * step)
+
+    known, unknown = begun(np.zeros((3, 3))), begun(covariance)
+    arm, swing = turned(np.array(LEVER)), turned(np.cross(omega, LEVER))
+    position = unknown.covariance_position_n - known.covariance_position_n
+    np.testing.assert_allclose(position, arm @ covariance @ arm.T, rtol=1e-6, atol=1e-10)
+    velocity = unknown.covariance_velocity_n - known.covariance_velocity_n
+    np.testing.assert_allclose(velocity, swing @ covariance @ swing.T, rtol=1e-6, atol=1e-10)

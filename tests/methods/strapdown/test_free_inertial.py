@@ -232,3 +232,18 @@ def test_heights_go_by_the_stamps_where_a_rate_is_believed(flight):
     how = replace(settings(heights=heights, sample_rate=100.0), nominal_ns=1.01e7)
     _, columns = navigate(stretched, state(flight), how)
     assert np.abs(columns["vertical"][:, 0] - flight.height).max() < 0.1
+
+
+def test_a_correction_is_no_motion_over_a_gap(flight):
+    """Of a biased accelerometer: what the network takes off all the time moves nothing."""
+    imu = samples(flight)
+    t = (imu.time_ns - T0) * 1e-9
+    imu = replace(imu, accel=imu.accel + np.array([0.0, 0.0, -0.4]))
+    imu = imu.rows(~((t > 60.0) & (t < 63.0)))
+    run, result = navigate(imu, state(flight), settings(heights=reference(flight)))
+    assert "imu-gap" in [e.kind for e in run.events]
+    k = int(np.argmax(np.diff(result["time_ns"])))
+    climbed = result["position"][k + 1, 2] - result["position"][k, 2]
+    # 0.4 m/s^2 in 3 s would be 1.8 m
+    expected = -3.01 * result["velocity_n"][k, 2]
+    assert climbed == pytest.approx(expected, abs=1e-6)
