@@ -95,7 +95,7 @@ def looked_at(folder):
 
 
 def at_rest(folder):
-    return ("allan", simulated(folder, "static", "--duration", 60, "--rate", 50))
+    return ("allan", simulated(folder, "static", "--duration", 60, "--grade", "mems"))
 
 
 def simulated_drive(folder):

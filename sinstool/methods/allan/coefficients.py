@@ -35,6 +35,9 @@ _POWERS = {"quantisation": 1.0, "white": 0.5, "flicker": 0.0, "random_walk": -0.
 # 952-1997, eq. C.22, at 1.89 correlation times); that of flicker noise is 0.6643 B.
 MARKOV_OF_FLICKER = 0.6643 / 0.6176
 
+# Accelerations that a vehicle changes between, m/s^2.
+MANOEUVRE = 1.0
+
 
 @dataclass(frozen=True)
 class Coefficient:
@@ -118,7 +121,9 @@ def as_measured(noise: ImuNoise, grade: SensorGrade) -> SensorGrade:
 
     A filter has one state for each bias: flicker noise becomes a first-order Markov process with
     the same largest Allan deviation, and a random walk adds to what drives it. Of a term that the
-    rest was too short to show the grade's value stays, but for the bound where that is less.
+    rest was too short to show the grade's value stays, but for the bound where that is less. The
+    filter has no states for the accelerometers' scale factors: what they do in a manoeuvre counts
+    as a part of the bias that wanders.
 
     Parameters
     ----------
@@ -134,6 +139,8 @@ def as_measured(noise: ImuNoise, grade: SensorGrade) -> SensorGrade:
             changes[walks[sensor]] = white.value
         instability = f"{sensor}_instability"
         changes[instability] = wandering(measured, getattr(grade, instability), grade.bias_time_s)
+    in_motion = MANOEUVRE * grade.accel_scale
+    changes["accel_instability"] = hypot(changes["accel_instability"], in_motion)
     return replace(grade, **changes)
 
 

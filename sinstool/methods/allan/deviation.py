@@ -23,6 +23,7 @@ KEPT = 2_000_000
 COARSE = 64
 # Differences this short are summed as blocks come, while they are in the processor's cache.
 NEAR = 2048
+ROWS = 16384
 # The longest averaging time goes this often into the longest segment.
 TIMES = 4
 
@@ -197,7 +198,9 @@ def variances(segments: Sequence[FloatArray], hadamard: bool = True) -> Variance
     stage = VarianceStage(lags, stride, segments[0].shape[1], stride, hadamard)
     for segment in segments:
         stage.begin()
-        stage.push(segment - segment.mean(axis=0))
+        mean = segment.mean(axis=0)
+        for first in range(0, len(segment), ROWS):
+            stage.push(segment[first : first + ROWS] - mean)
     return stage.finish()
 
 

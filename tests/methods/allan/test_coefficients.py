@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from sinstool.methods.allan.coefficients import (
+    MANOEUVRE,
     MARKOV_OF_FLICKER,
     Coefficient,
     ImuNoise,
@@ -66,7 +67,9 @@ def test_what_no_rest_shows_is_of_the_grade() -> None:
     errors = as_measured(noise, grade)
     assert errors.angle_random_walk == errors.velocity_random_walk == 1e-5
     assert errors.gyro_instability == grade.gyro_instability
-    assert errors.accel_instability == pytest.approx(MARKOV_OF_FLICKER * 2e-4)
+    in_motion = MANOEUVRE * grade.accel_scale
+    expected = np.hypot(MARKOV_OF_FLICKER * 2e-4, in_motion)
+    assert errors.accel_instability == pytest.approx(expected)
     assert errors.gyro_bias == grade.gyro_bias and errors.gyro_scale == grade.gyro_scale
 
 
