@@ -30,7 +30,7 @@ HEADER = ("frame", "rows", "of")
              " folder for many results")  # fmt: skip
 @many.workers_options("one for each core")
 @config_options(*EXPORT_OPTIONS)
-@many.batch_options(", the names of the columns", json_of=", or one line for each result")
+@many.batch_options("the names of the columns", json_of=", or one line for each result")
 def command(
     results: tuple[Path, ...],
     output: Path | None,

@@ -44,8 +44,13 @@ def _sigma(stem: str, unit: str, factor: float = 1.0) -> Callable[[np.ndarray], 
     return columns
 
 
-def _attitude(q_nb: np.ndarray) -> Table:
-    """The quaternion, and the angles of it."""
+def attitude_columns(q_nb: np.ndarray) -> Table:
+    """The quaternion, and the angles of it; headings from 0 to 360 deg.
+
+    Parameters
+    ----------
+    q_nb : ndarray, shape (n, 4)
+    """
     roll, pitch, heading = (to_euler(q_nb) / DEGREE).T
     heading = heading % 360.0
     return {
@@ -82,8 +87,8 @@ FIELDS: Mapping[str, Callable[[np.ndarray], Table]] = {
     "omega_ib_b": _vector("omega_ib_b", XYZ, "rad_s"),
     "specific_force_b": _vector("specific_force_b", XYZ, "m_s2"),
     "field": _vector("field", XYZ, "T"),
-    "orientation": _attitude,
-    "q_nb": _attitude,
+    "orientation": attitude_columns,
+    "q_nb": attitude_columns,
     "latitude": _scalar("latitude_deg", DEGREE),
     "longitude": _scalar("longitude_deg", DEGREE),
     "height": _scalar("height_m"),

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import reduce
 
@@ -49,6 +50,7 @@ COLUMNS: Mapping[str, Mapping[str, list[str]]] = {
     },
     "euler": {"euler": _paths("vector", _XYZ)},
     "height": {"vertical": _paths("vector", _XYZ)},
+    "vehicle": {"q": _paths("quaternion", _XYZW)},
 }
 # Where the attitude is taken from: the first of these that the result has
 ATTITUDES = ("imu", "attitude", "odometry", "pose", "euler")
@@ -74,18 +76,21 @@ class ResultBlock:
         Rates and specific force are NaN where the result does not have them.
     local_n : ndarray, shape (n, 3), or None
         Position from the origin of the reference frame, NED, m; None where there is none.
+    q_nv : ndarray, shape (n, 4), or None
+        Attitude of the vehicle that the sensor is mounted in, where that is known.
     """
 
     solution: Solution
     local_n: np.ndarray | None = None
+    q_nv: np.ndarray | None = None
 
     def __len__(self) -> int:
         return len(self.solution)
 
     def rows(self, which: slice | np.ndarray) -> ResultBlock:
         """Rows by slice, mask or index array."""
-        local = None if self.local_n is None else self.local_n[which]
-        return ResultBlock(self.solution.rows(which), local)
+        also = (None if one is None else one[which] for one in (self.local_n, self.q_nv))
+        return ResultBlock(self.solution.rows(which), *also)
 
 
 class ResultReader:
@@ -109,7 +114,7 @@ class ResultReader:
     reference : str
         Frame id of the attitudes; '' where no topic says it.
     losses : Losses
-        Counts the messages that do not fit their definition.
+        Counts the messages that do not fit their definition, and rows that hold no attitude.
 
     Raises
     ------
@@ -162,10 +167,15 @@ class ResultReader:
             Times go back, or the topics have no instant in common.
         """
         known = self._known()
+        self.losses = Losses()  # of this pass alone
         empty = True
-        for time_ns, log_time_ns, values in self._joined():
-            empty = False
-            yield self._block(time_ns, log_time_ns, values, known)
+        for time_ns, log_time_ns, values in self._joined(self._progress):
+            block = self._block(time_ns, log_time_ns, values, known)
+            usable = _finite(block)
+            self.losses.nonfinite += int(len(block) - np.count_nonzero(usable))
+            if usable.any():
+                empty = False
+                yield block if usable.all() else block.rows(usable)
         if empty:
             raise DataError(
                 self._log.path, f"{PREFIX}{self._source} holds nothing that can be used"
@@ -185,29 +195,31 @@ class ResultReader:
                     break
         return known
 
-    def _joined(self) -> Iterator[tuple[np.ndarray, np.ndarray, Joined]]:
+    def _joined(
+        self, progress: Callable[[int], None] | None = None
+    ) -> Iterator[tuple[np.ndarray, np.ndarray, Joined]]:
         """Rows of all topics at the instants that they have in common."""
         held: dict[str, _Held] = {name: _Held() for name in self._channels}
         by_id = {one.id: name for name, many in self._channels.items() for one in many}
-        decoders = {
-            one.id: self._checked(name, Decoder, one.definition(self._log.path),
-                                  {**header(), **COLUMNS[name]})
-            for name, many in self._channels.items()
-            for one in many
-        }  # fmt: skip
+        decoders: dict[int, Decoder] = {}
+        for name, many in self._channels.items():
+            with self._named(name):
+                columns = {**header(), **COLUMNS[name]}
+                decoders |= {
+                    one.id: Decoder(one.definition(self._log.path), columns) for one in many
+                }
         for batch in self._log.batches(list(by_id)):
-            if self._progress is not None:
-                self._progress(batch.position)
+            if progress is not None:
+                progress(batch.position)
             for number in np.unique(batch.channel).tolist():
-                one, name = batch.select([number]), by_id[number]
-                decoded = self._checked(
-                    name, decoders[number].decode, one.buffer, one.offset, one.length
-                )
+                mine, name = batch.select([number]), by_id[number]
+                with self._named(name):
+                    decoded = decoders[number].decode(mine.buffer, mine.offset, mine.length)
                 keep = decoded.valid
-                self.losses.malformed += len(one) - int(np.count_nonzero(keep))
+                self.losses.malformed += len(mine) - int(np.count_nonzero(keep))
                 if keep.any():
                     values = {column: v[keep] for column, v in decoded.values.items()}
-                    self._in_order(name, held[name].add(stamp(values), one.log_time[keep], values))
+                    self._in_order(name, held[name].add(stamp(values), mine.log_time[keep], values))
             ready = min(one.last for one in held.values())
             if (rows := _common(held, ready)) is not None:
                 yield rows
@@ -216,9 +228,11 @@ class ResultReader:
         if held and (rows := _common(held, max(one.last for one in held.values()))) is not None:
             yield rows
 
-    def _checked(self, name: str, work: Callable, *arguments: object):  # type: ignore[no-untyped-def]
+    @contextmanager
+    def _named(self, name: str) -> Iterator[None]:
+        """Errors about the fields of a message, with its topic."""
         try:
-            return work(*arguments)
+            yield
         except LayoutError as exc:
             raise UnsupportedLogError(self._log.path, f"topic {PREFIX}{name}: {exc}") from exc
 
@@ -266,13 +280,20 @@ class ResultReader:
                 # always east, north, up in this message
                 covariance = values["fix"]["fix_covariance"].reshape(-1, 3, 3)
                 columns["covariance_position_n"] = _unknown(enu_to_ned_covariance(covariance))
-        return ResultBlock(Solution(time_ns, log_time_ns, q_nb, **columns), local)  # type: ignore[arg-type]
+        q_nv = self._turned_back(values["vehicle"]["q"]) if "vehicle" in values else None
+        return ResultBlock(Solution(time_ns, log_time_ns, q_nb, **columns), local, q_nv)  # type: ignore[arg-type]
 
     def _attitude(self, values: Joined) -> np.ndarray:
         if self._source == "euler":
             return np.asarray(from_euler(values["euler"]["euler"]))
-        q = values[self._source]["q"][:, [3, 0, 1, 2]]
-        q = q / np.linalg.norm(q, axis=1)[:, None]
+        return self._turned_back(values[self._source]["q"])
+
+    def _turned_back(self, q_xyzw: np.ndarray) -> np.ndarray:
+        """Attitudes of messages as q_nb; NaN where they are no rotations."""
+        q = q_xyzw[:, [3, 0, 1, 2]]
+        norm = np.linalg.norm(q, axis=1)
+        norm[~(np.abs(norm - 1.0) < 0.05)] = np.nan
+        q = q / norm[:, None]
         # Half turns of both axes: what takes attitudes to the log's axes takes them back.
         return q_for_log(q, self._axes, "enu" if self._enu else "ned")
 
@@ -281,6 +302,15 @@ class ResultReader:
 
     def _turned(self, covariance: np.ndarray) -> np.ndarray:
         return _unknown(enu_to_ned_covariance(covariance) if self._enu else covariance)
+
+
+def _finite(block: ResultBlock) -> np.ndarray:
+    """Rows with an attitude, and with a position if the result has any."""
+    good = np.isfinite(block.solution.q_nb).all(axis=1)
+    for position in (block.solution.position, block.local_n):
+        if position is not None:
+            good &= np.isfinite(position).all(axis=1)
+    return np.asarray(good)
 
 
 def _unknown(covariance: np.ndarray) -> np.ndarray:

@@ -17,6 +17,7 @@ from sinstool.core.earth import local_position_n
 from sinstool.core.errors import ConfigurationError, SinstoolError
 from sinstool.core.finding import Finding, Severity
 from sinstool.core.progress import Progress, share
+from sinstool.core.rotation import conjugate, multiply
 from sinstool.core.streams import Solution
 from sinstool.core.suggest import nearest
 from sinstool.core.units import DEGREE
@@ -101,8 +102,11 @@ def export(
         exported = export_blocks(reader.blocks(), str(path), reader.reference, output, config)
         lost = log.account()
     if bad := reader.losses.malformed:
-        text = f"{bad} messages of {path} do not fit their definition and were left out"
+        text = f"{path}: left out, as they do not fit their definition: {bad} messages"
         findings.append(Finding("malformed", text, Severity.LOST))
+    if bad := reader.losses.nonfinite:
+        text = f"{path}: left out, as they hold no attitude or no position: {bad} rows"
+        findings.append(Finding("not-finite", text, Severity.LOST))
     if progress:
         progress(1.0)
     return replace(exported, lost=lost, findings=(*findings, *lost.findings()))
@@ -134,7 +138,9 @@ def export_solution(
         raise no_position(name, kind)
     # as a file has it: of the two quaternions of an attitude the one whose scalar part is positive
     upright = np.where(solution.q_nb[:, :1] < 0.0, -solution.q_nb, solution.q_nb)
-    block = ResultBlock(replace(solution, q_nb=upright), local)
+    mount = summary.output.q_vb
+    q_nv = None if mount is None else multiply(solution.q_nb, conjugate(np.array(mount)))
+    block = ResultBlock(replace(solution, q_nb=upright), local, q_nv)
     return export_blocks([block], name, summary.output.frame, output, config)
 
 

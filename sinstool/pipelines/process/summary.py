@@ -92,7 +92,8 @@ class Place:
 class OutputFile:
     """The MCAP that was written, if any: its result topics, and the frame of their attitudes.
 
-    Positions in that frame count from ``origin``; None where there are none.
+    Positions in that frame count from ``origin``; None where there are none. The mount of the
+    sensor takes vectors from its axes to those of the vehicle, both Forward-Right-Down.
     """
 
     path: str | None
@@ -100,6 +101,12 @@ class OutputFile:
     attitudes: int
     frame: str
     origin: Place | None
+    _q_vb: tuple[float, float, float, float] | None
+
+    @property
+    def q_vb(self) -> tuple[float, float, float, float] | None:
+        """The mount, scalar first; None where it is not known."""
+        return self._q_vb
 
 
 @dataclass(frozen=True)

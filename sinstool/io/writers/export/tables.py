@@ -7,7 +7,7 @@ from typing import Any, BinaryIO
 import numpy as np
 
 from sinstool.core.errors import ConfigurationError
-from sinstool.core.table import Table, table_of
+from sinstool.core.table import Table, attitude_columns, table_of
 from sinstool.core.version import VERSION
 from sinstool.io.readers.results import ResultBlock
 from sinstool.io.writers.export.rows import Value, text_rows
@@ -19,7 +19,7 @@ DECIMALS = {"_deg": 10, "_rad_s": 12, "_m_s": 9, "_m_s2": 9, "_m": 6}
 QUATERNION_DECIMALS = 15
 # Rates and specific force, which a result need not have
 RATES = ("omega_ib_b", "specific_force_b")
-LATE = ("sigma", "damp", *RATES)
+LATE = ("vehicle", "sigma", "damp", *RATES)
 # Rows of a Parquet file that are stored together
 GROUP_ROWS = 2**17
 
@@ -43,6 +43,9 @@ def columns_of(block: ResultBlock, first_ns: int) -> Table:
     if block.local_n is not None:
         axes = ("north", "east", "down")
         table |= {f"position_{axis}_m": block.local_n[:, k] for k, axis in enumerate(axes)}
+    if block.q_nv is not None:
+        angles = {k: v for k, v in attitude_columns(block.q_nv).items() if k.endswith("_deg")}
+        table |= {f"vehicle_{name}": column for name, column in angles.items()}
     names = [name for name in table if not (name.startswith(RATES) and _absent(table[name]))]
     names.sort(key=_place)
     seconds = (time_ns - first_ns) / 1e9
