@@ -8,7 +8,7 @@ from typing import Any
 import click
 
 # A command with more options than this shows the most important ones under --help
-FEW = 25
+FEW = 20
 MAIN = "Main options"
 # Sections of the options that belong to the command line alone, by the name of the parameter
 SECTIONS = {

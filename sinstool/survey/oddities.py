@@ -216,7 +216,8 @@ def _time(s: Survey, options: InputOptions) -> Iterator[Finding]:
     if s.missed:
         yield Finding(
             "missed-samples",
-            f"at {s.missed} places samples are missing; they are integrated across",
+            f"samples are missing at {s.missed} place{'' if s.missed == 1 else 's'}; they are"
+            " integrated across",
         )
     low, high = s.clock_offset_s
     if max(abs(low), abs(high)) > CLOCK_OFFSET_S:
