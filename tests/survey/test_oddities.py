@@ -132,7 +132,7 @@ def test_missing_samples(rows, findings_of):
     messages = rows.messages()
     del messages[1000]
     (odd,) = findings_of(messages).values()
-    assert odd.kind == "missed-samples" and "1 places" in odd.text
+    assert odd.kind == "missed-samples" and "at 1 place;" in odd.text
 
 
 def test_intervals_over_four_decades(rows, findings_of):
