@@ -109,7 +109,7 @@ def _rows(result: AlignResult, verbose: bool) -> list[tuple[str, str]]:
     ]
     if result.roll_deg is not None:
         heading = (
-            "not to be seen" if result.heading_deg is None else f"{result.heading_deg:.3f} deg"
+            "not observable" if result.heading_deg is None else f"{result.heading_deg:.3f} deg"
         )
         angles = f"roll {result.roll_deg:.3f}, pitch {result.pitch_deg:.3f}, heading {heading}"
         rows.append(("attitude", f"{angles}, at {result.time_s:.3f} s"))

@@ -149,7 +149,7 @@ def _cells(row: dict[str, Any]) -> tuple[str, ...]:
 
 
 def _taken(row: dict[str, Any]) -> dict[str, Any] | None:
-    """The Imu topic that process would take, else the first that can be surveyed."""
+    """The Imu topic that process would use, else the first that can be surveyed."""
     usable = [imu for imu in row["imu"] if "rate_hz" in imu]
     same = [imu for imu in usable if imu["topic"] == row["process"]["imu_topic"]]
     return next(iter(same or usable), None)

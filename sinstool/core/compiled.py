@@ -89,8 +89,8 @@ def _last_resort() -> Any:
 def _warn(reason: str) -> None:
     """Say once how compiled loops can be kept."""
     warnings.warn(
-        f"compiled code cannot be kept ({reason}), and every run has to compile it again: set the"
-        " environment variable NUMBA_CACHE_DIR to a folder that can be written and has room",
+        f"compiled code cannot be cached ({reason}), so every run compiles it again: set the"
+        " environment variable NUMBA_CACHE_DIR to a writable folder with free space",
         UncachedWarning,
         stacklevel=2,
     )

@@ -12,7 +12,7 @@ from pathlib import Path
 
 # What to do about a damaged log; the command line puts its own words in place of the first ones.
 AGAIN = "run again with --salvage"
-SALVAGE_HINT = f"{AGAIN} to use what is whole"
+SALVAGE_HINT = f"{AGAIN} to use the undamaged parts"
 
 
 def one_line(text: str) -> str:

@@ -48,7 +48,7 @@ class MotionScenario(Scenario):
 
     duration: float = _duration(60.0)
     gyro_kind: Literal["rate", "mean-rate", "increment"] = option(
-        "rate", "what the Imu topic carries"
+        "rate", "contents of the Imu topic"
     )
     body_axes: Literal["flu", "frd"] = option(
         "flu", "axes of the Imu topic; the truth's world is ENU for flu, NED for frd"
@@ -276,7 +276,7 @@ class Launch(Vehicle):
     height: float = option(1000.0, "metres, ellipsoidal", "M")
     heading: float = option(63.0, "at the start, degrees", "DEG")
     gyro_kind: Literal["rate", "mean-rate", "increment"] = option(
-        "increment", "what the Imu topic carries"
+        "increment", "contents of the Imu topic"
     )
     gnss_rate: float = _per_second(10.0, "fixes")
     gnss_model: Literal["perfect", "launch", "coloured"] = _receiver("launch")
@@ -311,13 +311,13 @@ class HseRig(Scenario):
     tilt_east: float = option(8e-4, "by which the axis leans to the east, rad", "RAD")
     tilt_north: float = option(0.0, "by which the axis leans to the north, rad", "RAD")
     epsilon: tuple[float, float, float] = option(
-        (2.2, 0.8, 1.2), "misalignments of the believed K_g, arcsec", "E1,E2,E3"
+        (2.2, 0.8, 1.2), "misalignments in the user's K_g, arcsec", "E1,E2,E3"
     )
     kappa: tuple[float, float, float] = option(
-        (0.0, 0.0, 0.0), "scale errors of the believed K_g, ppm", "K1,K2,K3"
+        (0.0, 0.0, 0.0), "scale errors in the user's K_g, ppm", "K1,K2,K3"
     )
     xi: tuple[float, float, float] = option(
-        (0.0, 0.0, 0.0), "errors of the believed C_s_to_b, arcsec", "X,Y,Z"
+        (0.0, 0.0, 0.0), "errors of the user's C_s_to_b, arcsec", "X,Y,Z"
     )
     arw: float = option(0.0, "angular random walk, deg/sqrt(h)", "DEG/SQRT(H)", ge=0)
     gyro_bias: float = option(0.0, "standard deviation of each gyro's bias, deg/h", "DEG/H", ge=0)

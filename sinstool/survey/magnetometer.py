@@ -92,7 +92,7 @@ def choose_magnetometer(
     most = max(shared.values())
     best = [t for t in shared if shared[t] == most]
     if len(best) == 1:
-        reason = f"of {len(topics)} the one whose name is most like that of {imu.topic}"
+        reason = f"of {len(topics)} the one whose name most resembles that of {imu.topic}"
         return MagneticTopic(best[0], reason, topics[best[0]])
     shown = ", ".join(topics)
     return MagneticTopic("", f"as the log does not show which is meant of {shown}", doubtful=True)

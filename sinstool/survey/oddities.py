@@ -116,8 +116,8 @@ def _units(s: Survey, options: InputOptions) -> Iterator[Finding]:
     elif force < WEIGHTLESS:
         yield Finding(
             "no-gravity",
-            f"topic {s.topic}: the specific force is only {force:.3f} m/s^2 in size, so gravity"
-            " has been taken out of it or it is empty",
+            f"topic {s.topic}: the specific force is only {force:.3f} m/s^2 in size, so the"
+            " driver has removed gravity, or the data are empty",
             answer="tilt cannot be had from it; use --align log or --align fixed",
         )
     elif not 7.0 < force < 13.0:

@@ -167,7 +167,7 @@ def _truly_at_rest(survey_: Survey, aiding: AidingData) -> tuple[Survey, AidingD
         return survey_, replace(aiding, gnss=gnss), findings
     text = (
         f"the Imu seems at rest for the first {rest.duration_s:.1f} s, but GNSS moves at"
-        f" {speed:.1f} m/s: steady motion, not taken for rest"
+        f" {speed:.1f} m/s: this is steady motion, not rest"
     )
     finding = Finding("moving-rest", text, numbers={"speed_m_s": speed})
     return replace(survey_, lead_in=None), aiding, [finding]
@@ -327,7 +327,7 @@ def _gnss(log: Log, config: ProcessConfig, survey_: Survey, until_ns: int | None
         named = config.input.gnss_topic or config.input.velocity_topic
         if named is not None or until_ns is None:
             raise
-        text = f"{exc}; no latitude is taken from them"
+        text = f"{exc}; their latitude is not used"
         return AidingData(findings=(Finding("gnss-topics", text),))
 
 

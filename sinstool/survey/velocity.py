@@ -130,7 +130,7 @@ def _likeness(
     """What a velocity looks like that does not fit: north is real, east imaginary."""
     power, all_ = float(np.sum(np.abs(said) ** 2)), float(np.sum(np.abs(moved) ** 2))
     if not power > 0.0 or not all_ > 0.0:
-        return "it stands while fixes move, or moves while they stand"
+        return "it is zero while the fixes move, or moves while they stand still"
     for mirrored, ways in ((False, said), (True, said.conj())):
         factor = complex(np.sum(moved * ways.conj())) / power
         if float(np.sum(np.abs(moved - factor * ways) ** 2)) > EXPLAINED * all_:
@@ -147,7 +147,7 @@ def _likeness(
         return "it is as if along the vehicle's own axes, forward and left"
     ratio = float(np.median(np.abs(said))) / float(np.median(np.abs(moved)))
     if 0.8 < ratio < 1.25:
-        return "its speed is that of the fixes, its course is not"
+        return "its speed matches the fixes, its course does not"
     return ""
 
 

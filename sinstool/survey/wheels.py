@@ -237,7 +237,7 @@ def _held_against(
         return replace(wheels, topic="", reason=f"{topic} {why}"), fit
 
     if np.isnan(fit.scale):
-        return refused("moves too little beside the fixes to be told")
+        return refused("moves too little to be compared with the fixes")
     if not fit.follows:
         return refused(f"does not follow the speed of the fixes: correlation {fit.correlation:.2f}")
     joints = channels[0].type == JOINT_TYPE

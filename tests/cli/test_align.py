@@ -44,7 +44,7 @@ def test_level_only_ends_with_3_and_without_heading(align):
     assert printed["q_nb_wxyz"] is None and printed["heading_deg"] is None
     assert "heading is not known" in err
     code, out, _ = align(pad, *KIND, "--end", "40")
-    assert code == 3 and "not to be seen" in out
+    assert code == 3 and "not observable" in out
 
 
 def test_series_and_page_are_written(align, tmp_path):

@@ -178,7 +178,7 @@ def test_one_rate_only(tmp_path):
     status, cal, _, err = calibrate([log], rig, tmp_path / "hse.json")
     assert status == 3
     assert (cal["status"], cal["lambda2_rad"], cal["K_HSE_s"]) == ("error", None, None)
-    assert "the rates (60.00 deg/s) do not differ enough to tell a slope" in err
+    assert "the rates (60.00 deg/s) do not differ enough to determine a slope" in err
     # it is kept, and will not be applied
     status, _, err = sinstool(
         "process", log, "-o", tmp_path / "o.mcap", "--config", rig, "--hse", tmp_path / "hse.json",
@@ -210,7 +210,7 @@ def test_not_significant(tmp_path):
     assert cal["status"] == "not_significant"
     assert cal["lambda2_rad"] is not None
     assert status == 3
-    assert "does not stand out of its scatter" in err
+    assert "is not significant against its scatter" in err
     apply = ("process", log, "-o", out, "--config", rig, "--hse", hse)
     status, _, err = sinstool(*apply)
     assert status == 2

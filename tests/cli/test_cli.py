@@ -785,7 +785,7 @@ def test_info_on_every_real_log(sinstool, path):
     assert sum(t["n"] for t in result["topics"]) == result["input"]["messages"]
     status, out, err = sinstool("info", real(path), *axes)
     assert (status, err) == (0, "")
-    assert f"IMU {imu['topic']}" in out and f"process would take {imu['topic']}" in out
+    assert f"IMU {imu['topic']}" in out and f"process would use {imu['topic']}" in out
     assert all(f["text"] in out for f in imu["findings"])
 
 

@@ -231,7 +231,7 @@ def test_report_without_a_reference(compare, moving, tmp_path):
     status, out, _ = compare(moving, "--reference", "none", "--report", page)
     assert status == 0
     assert "No reference; " in out and " differ most, by " in out
-    assert "Verdict: Without a reference there is nothing to choose by." in out
+    assert "Verdict: Without a reference no algorithm can be chosen." in out
     assert page.stat().st_size > 10_000
 
 

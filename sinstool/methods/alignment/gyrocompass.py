@@ -289,7 +289,7 @@ def _answer(
     p = run.p
     if run.chi2 > chdtri(run.freedom, _DOUBT) / run.freedom and not drives:
         warnings.append(
-            "gravity and the Earth's rate do not agree with what the sensors say: squared"
+            "the sensors disagree with gravity and the Earth's rate: squared"
             f" innovations are {run.chi2:.1f} times as large as their errors allow; the"
             " uncertainty is enlarged to match. Check the grade, the latitude and whether the"
             " vehicle stood still"
@@ -316,10 +316,11 @@ def _answer(
     elif worst > REFUSE_SIGMA:
         limit = grade.gyro_bias / max(earth.EARTH_RATE * horizontal, 1e-12)
         warnings.append(
-            f"heading cannot be seen: predicted sigma {min(np.rad2deg(sigma_heading), 180.0):.1f}"
+            "heading is not observable: predicted sigma"
+            f" {min(np.rad2deg(sigma_heading), 180.0):.1f}"
             f" deg, of which a gyro bias of {np.rad2deg(grade.gyro_bias) * 3600.0:.3g} deg/h alone"
             f" makes {min(np.rad2deg(limit), 180.0):.1f} deg at this latitude, over"
-            f" {record.duration_s:.0f} s; better gyros, a longer rest or GNSS in motion show it"
+            f" {record.duration_s:.0f} s; this needs better gyros, a longer rest or GNSS in motion"
         )
         if tilt <= OK_SIGMA:
             roll, pitch, _ = rotation.to_euler(q_nb)

@@ -356,11 +356,13 @@ def with_vertical(
     filled = velocity_n.copy()
     if len(height_s) < 2:
         filled[flat, 2] = 0.0
-        return filled, ("the fixes have no vertical velocity and no height: taken as level",)
+        return filled, (
+            "the fixes have no vertical velocity and no height: level motion is assumed",
+        )
     ends = [np.interp(seconds[flat] + half, height_s, height) for half in (-CLIMB_S, CLIMB_S)]
     filled[flat, 2] = (ends[0] - ends[1]) / (2.0 * CLIMB_S)
     return filled, (
-        f"the fixes have no vertical velocity: taken from height over {2 * CLIMB_S:g} s",
+        f"the fixes have no vertical velocity: it is derived from height over {2 * CLIMB_S:g} s",
     )
 
 

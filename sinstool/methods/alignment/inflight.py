@@ -202,7 +202,7 @@ def align_in_flight(
         return _failed(settings, imu, [*warnings, *(reasons or ["there is nothing to align with"])])
     best = min(answers, key=lambda c: c.sigma_worst)
     if len(answers) > 1:
-        warnings.append(f"{len(answers)} segments could be aligned; the best is given")
+        warnings.append(f"{len(answers)} segments could be aligned; the best is used")
     return _answer(best, settings, warnings + best.warnings)
 
 

@@ -12,7 +12,7 @@ from sinstool.core.units import STANDARD_GRAVITY
 from sinstool.methods.alignment.still import StillSpan, Windows
 
 ROUGH_S = 1.0
-NOT_STILL = "the log does not begin still"
+NOT_STILL = "the log does not begin at rest"
 # m/s^2: less is no gravity.
 LEAST_GRAVITY = 0.1 * STANDARD_GRAVITY
 # A tilt less certain than this is not good, rad; one of which nothing is known has the other.

@@ -190,12 +190,13 @@ def _advice(design: Design, now: Prediction) -> tuple[str, ...]:
     heading = now.sigma_lambda2_heading
     if heading is None:
         advice.append(
-            "the axis leans too little: headings show nothing of lambda2; tilt the base to the"
+            "the axis leans too little: headings do not show lambda2; tilt the base to the"
             f" east or west by {GOOD_LEAN:g} rad"
         )
     else:
         advice.append(
-            f"lambda2 from headings stands out if it is {_arcsec(SIGNIFICANT * heading)} or more"
+            f"lambda2 from headings is significant if it is {_arcsec(SIGNIFICANT * heading)} or"
+            " more"
         )
     rates = np.asarray(design.rates, dtype=np.float64)
     if np.all(rates > 0.0) or np.all(rates < 0.0):

@@ -148,7 +148,9 @@ def fit(runs: Sequence[HseRun], options: FitOptions | None = None) -> HseFit:
     weighted = options.weights == "turns" and not paper
     if weighted and not np.all(np.isfinite(data.sigma[use]) & (data.sigma[use] > 0.0)):
         weighted = False
-        warnings.append("some runs have too few turns to tell their scatter: all weigh the same")
+        warnings.append(
+            "some runs have too few turns to show their scatter: all have the same weight"
+        )
     solved = _solve(model, data, use, weighted, options, runs, reasons, warnings)
     used = [r for r, u in zip(runs, use, strict=True) if u]
     method = "joint" if model.joint else "heading"

@@ -93,7 +93,7 @@ def _extent(result: HseFit) -> Iterator[Finding]:
         rates = ", ".join(f"{np.degrees(r):.2f}" for r in result.rates)
         yield _finding(
             "error",
-            f"the rates ({rates} deg/s) do not differ enough to tell a slope",
+            f"the rates ({rates} deg/s) do not differ enough to determine a slope",
             "record at two rates or more, 10 deg/s apart at least; 20, 40 and 60 deg/s in"
             " both directions are good",
         )
@@ -186,8 +186,7 @@ def _insignificant(result: HseFit) -> Iterator[Finding]:
     if result.sigma_K is None:
         yield _finding(
             "not_significant",
-            "nothing tells the scatter of these few runs, so nothing is known of how good"
-            " lambda2 is",
+            "these few runs do not show their scatter, so the accuracy of lambda2 is unknown",
             "add repeats; applying it needs --force",
         )
         return
@@ -199,8 +198,8 @@ def _insignificant(result: HseFit) -> Iterator[Finding]:
         interval = f", 95 % interval {low:.3f} to {high:.3f} arcsec"
     yield _finding(
         "not_significant",
-        f"lambda2 {_lambda2(result.lambda2, result.sigma_lambda2)}{interval} does not stand"
-        " out of its scatter: correcting with it may make headings worse",
+        f"lambda2 {_lambda2(result.lambda2, result.sigma_lambda2)}{interval} is not significant"
+        " against its scatter: correcting with it may make headings worse",
         "add repeats, both directions of rotation, or more tilt, or use --method axial;"
         " applying it needs --force",
     )
@@ -220,7 +219,7 @@ def _nonlinear(result: HseFit) -> Iterator[Finding]:
             "nonlinear",
             f"heading is not linear in the rate (lack of fit: F = {result.F_lof:.1f},"
             f" p = {result.p_lof:.4f})",
-            "look at the residuals for warming up or a rate that stands apart; interleave the"
+            "look at the residuals for warming up or an outlying rate; interleave the"
             " rates in time",
         )
     beyond = second_order(result)

@@ -251,7 +251,7 @@ def _attitude_findings(fit: _Fit, start: Start, many: int, moving: bool) -> list
             Finding(
                 "initial heading",
                 "velocity changes of the first two minutes say that the initial heading is"
-                f" {np.rad2deg(heading):.0f} deg off, with a sigma of"
+                f" {np.rad2deg(heading):.0f} deg off, sigma"
                 f" {np.rad2deg(np.sqrt(start.covariance_attitude_n[2, 2])):.1f} deg",
                 answer="leave it out, to be estimated in motion",
                 numbers={"heading_deg": float(np.rad2deg(heading))},
@@ -308,7 +308,7 @@ def _time_and_arm(offsets: ReceiverOffsets, settings: Settings) -> list[Finding]
             f" has it (+- {sigmas})"
         )
         arm = ",".join(f"{float(v):.2f}" for v in offsets.arm_b)
-        answer = f"--lever-arm {arm}, if that can be true on your vehicle"
+        answer = f"--lever-arm {arm}, if that is plausible on your vehicle"
         numbers = {"forward_m": x, "right_m": right, "down_m": down}
         findings.append(Finding("lever-arm", text, answer=answer, numbers=numbers))
     return findings
@@ -364,7 +364,7 @@ def _noise(gnss: GnssDiagnostics) -> list[Finding]:
         if level >= _TOO_LARGE and follow > _FOLLOWING:
             kind = "imu-noise"
             text = f"{times:.1f} times their sigma and follow one another"
-            answer = "the IMU is worse than its noise says (grade)"
+            answer = "the IMU is worse than its assumed noise (grade)"
         elif level >= _TOO_LARGE:
             text = f"{times:.1f} times their sigma"
             answer = "the noise of GNSS is set too small"

@@ -141,7 +141,7 @@ def _around(
     ):
         raise AlignmentError(
             f"no GNSS {what} within {_NEAR_S:g} s of the start",
-            "begin where there are fixes with --start, or leave --align out",
+            "use --start to begin where there are fixes, or leave --align out",
         )
     span = int(times[right] - times[left])
     share = float(np.clip((time_ns - int(times[left])) / span, 0.0, 1.0)) if span else 0.0

@@ -127,9 +127,12 @@ def _thresholds(spread: FloatArray, stands: BoolArray, moves: BoolArray) -> tupl
     low = np.quantile(spread[stands], STANDING_QUANTILE, axis=0) if standing else np.zeros(2)
     high = np.quantile(spread[moves], MOVING_QUANTILE, axis=0) if moving else np.zeros(2)
     if standing < LEAST_WINDOWS:
-        return ALONE_MOVING * high, "half of the least that motion shows; the fixes never stand"
+        return (
+            ALONE_MOVING * high,
+            "half of the smallest value in motion, as the fixes never stand still",
+        )
     if moving < LEAST_WINDOWS:
-        return ALONE_STANDING * low, "twice what standing shows; the fixes never move"
+        return ALONE_STANDING * low, "twice the value at rest, as the fixes never move"
     apart = high > LEAST_APART * low
     if not apart.any():
         return np.zeros(2), "standing and moving look alike to the IMU"

@@ -143,7 +143,7 @@ def find_trust(means: Means, track: Track, c_vb: FloatArray | None = None) -> Tr
         c_vb = to_dcm(exp([0.0, pitch, -yaw])) @ c_vb
     elif max(abs(yaw), abs(pitch)) > MOST_OFF:
         off = max(abs(yaw), abs(pitch)) / DEGREE
-        reason = f"its way is {off:.0f} deg off the mount that is given"
+        reason = f"its way is {off:.0f} deg off the direction of --mount"
     vehicle = LandVehicle(c_vb, axle, lateral.sigma, vertical.sigma, mount_sigma=mount_sigma)
     far = track.time_ns[moving][far_y | far_z]
     beside = np.zeros(len(means), bool)
@@ -175,7 +175,7 @@ def _doubt(lateral: AxisTrust, vertical: AxisTrust, axle: float) -> str:
         if axis.far > MOST_FAR:
             return f"it slides {name} in {axis.far:.0%} of the time"
     if abs(axle) > LONGEST_VEHICLE:
-        return f"what does not slide would be {abs(axle):.0f} m from the IMU"
+        return f"an axle that does not slide would be {abs(axle):.0f} m from the IMU"
     return ""
 
 

@@ -97,8 +97,8 @@ def _aligned(source: Source, config: ProcessConfig) -> Alignment:
         alignment = initial.from_still(survey.lead_in, survey.first_ns)
     elif options.align == "level":
         raise AlignmentError(
-            f"{path}: the log does not begin still, so its tilt cannot be levelled",
-            "choose a still beginning with --start, or use --align log, fixed or auto",
+            f"{path}: the log does not begin at rest, so its tilt cannot be levelled",
+            "choose a beginning at rest with --start, or use --align log, fixed or auto",
         )
     elif survey.oriented:
         assert survey.orientation is not None
@@ -264,8 +264,8 @@ def at_rest(source: Source, config: ProcessConfig) -> Alignment:
         )
     if source.survey.lead_in is None:
         raise AlignmentError(
-            f"{path}: --align gyrocompass: the log does not begin still",
-            "choose a still beginning with --start, or use --align svd where there is GNSS",
+            f"{path}: --align gyrocompass: the log does not begin at rest",
+            "choose a beginning at rest with --start, or use --align svd where there is GNSS",
         )
     grade = sensor_grade(source, config).grade
     compassed = compass(source, config, grade)

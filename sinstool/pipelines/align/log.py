@@ -94,7 +94,7 @@ def align_log(
 
 def _plan(source: Source, config: ProcessConfig) -> Plan:
     if config.align.align == "fixed":
-        raise ConfigurationError("--align fixed: there is nothing to find", "choose a method")
+        raise ConfigurationError("--align fixed: there is nothing to compute", "choose a method")
     return make_plan(source, config) if config.align.align == "auto" else fixed_plan(source, config)
 
 
@@ -147,7 +147,7 @@ def _align(source: Source, config: ProcessConfig, plan: Plan) -> LogAlignment:
         if source.survey.lead_in is None or source.latitude is None:
             raise AlignmentError(
                 f"{source.path}: gyrocompassing needs a log that begins still, and a latitude",
-                "choose a still beginning with --start, give --latitude, or use --method svd",
+                "choose a beginning at rest with --start, give --latitude, or use --method svd",
             )
         answer = compass(source, config, grade.grade)
         name, time_ns, span = method, answer.t_ns, (answer.t_start_ns, answer.t_ns)

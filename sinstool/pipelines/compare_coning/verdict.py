@@ -65,7 +65,7 @@ def verdict(
         (r, r.drift_dph) for r in rows if r.candidate.decimate == 1 and r.drift_dph is not None
     ]
     if reference == "none":
-        return Verdict(None, "Without a reference there is nothing to choose by", False)
+        return Verdict(None, "Without a reference no algorithm can be chosen", False)
     if not native:
         return Verdict(None, "The log is too short to choose by", False)
     if reference == "truth":

@@ -114,7 +114,7 @@ class Verdict:
         note = f" ({self.why})" if self.why else ""
         mode, first = self.plan.mode, self.plan.first_attitude
         what = "INS/GNSS" if mode.value == "ins-gnss" else f"{mode.value} alone"
-        return f"process would take {self.imu_topic}{note}; {what}; first attitude {first}"
+        return f"process would use {self.imu_topic}{note}; {what}; first attitude {first}"
 
 
 @dataclass(frozen=True)

@@ -119,12 +119,12 @@ class AttitudeMode(Mode):
             turned = self._run.missed_rotation / DEGREE
             what = "attitude" if self._smoothing is None else "heading"
             text = (
-                f"{what} is held across gaps: at the rates on either side the vehicle turned by"
-                f" {turned:.3g} deg during them"
+                f"{what} is held constant across gaps: at the rates on either side the vehicle"
+                f" turned by {turned:.3g} deg during them"
             )
             findings.append(Finding("gaps", text, numbers={"rotation_deg": turned}))
         if self.source.latitude is None:
-            text = "no latitude is known, so the Earth's rate is not removed"
+            text = "the latitude is unknown, so the Earth's rate is not removed"
             findings.append(Finding("no-latitude", text, answer="give --latitude"))
         smoothing = self._smoothing
         if smoothing is not None:

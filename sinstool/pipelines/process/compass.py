@@ -168,7 +168,7 @@ class MagneticHeading:
             yield Finding(
                 "disturbed-field",
                 f"topic {topic}: in {100.0 * disturbed:.0f} % of the time the field is not the"
-                " Earth's; heading is held by the gyros then",
+                " Earth's; the gyros carry heading then",
                 topic=topic,
                 numbers={"share": disturbed},
             )

@@ -134,15 +134,15 @@ def start(
     notes = []
     if longitude is None:
         longitude = 0.0
-        notes.append("no longitude is known; it is counted from 0 (give --longitude)")
+        notes.append("the longitude is unknown; it counts from 0 (give --longitude)")
     if height is None:
         height = 0.0
-        notes.append("no height is known at the start; 0 m is assumed (give --height)")
+        notes.append("the height at the start is unknown; 0 m is assumed (give --height)")
     velocity = start_velocity(source, alignment, config)
     if velocity is None:
         velocity = np.zeros(3)
         notes.append(
-            "no velocity is known at the start and the vehicle is not seen at rest; 0 is assumed"
+            "the velocity at the start is unknown and the vehicle is not at rest; 0 is assumed"
             " (give --initial-velocity)"
         )
     if not alignment.north_referenced:
@@ -243,13 +243,13 @@ def _run_warnings(run: InsRun) -> list[str]:
         notes.append(run.settings.algorithm.caveat)
     if run.gaps_s:
         notes.append(
-            f"{run.gaps_s:.3g} s without Imu data: carried over by what was measured on either side"
-            " where short, at constant velocity otherwise"
+            f"{run.gaps_s:.3g} s without Imu data: short gaps are bridged with the values on"
+            " either side, longer ones at constant velocity"
         )
     if run.diverged_ns is not None:
         seconds = (run.diverged_ns - run.first_ns) / SECOND
         notes.append(
-            f"after {seconds:.0f} s the solution had left the Earth (1000 km or 20 km/s) and is"
-            " held there: an undamped vertical channel runs away, or the start was wrong"
+            f"after {seconds:.0f} s the solution reached 1000 km or 20 km/s and is held"
+            " there: an undamped vertical channel diverges, or the start was wrong"
         )
     return notes

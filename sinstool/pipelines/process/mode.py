@@ -112,8 +112,8 @@ def require_gravity(source: Source, config: ProcessConfig) -> None:
         raise DataError(
             source.path,
             f"topic {survey.topic}: the specific force is only"
-            f" {survey.specific_force_median:.3f} m/s^2 in size: gravity has been taken out of it,"
-            " so that velocity and height cannot be had from it",
+            f" {survey.specific_force_median:.3f} m/s^2 in size: gravity has been removed from it,"
+            " so velocity and height cannot be computed",
             "choose the topic with raw accelerations by --imu-topic, or use --mode attitude"
             " --attitude inertial without --height-damping (--accel-unit m/s^2 if the vehicle"
             " falls freely)",

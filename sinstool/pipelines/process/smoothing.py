@@ -241,8 +241,9 @@ class Smoothing:
             drift = "any angle" if s.heading_lost else known
             yield Finding(
                 "no-rest",
-                "the log holds no rest of 2 s, so nothing shows the gyro bias about the vertical:"
-                f" by its end heading may have drifted by {drift}",
+                "the log has no rest of 2 s, so the gyro"
+                " bias about the vertical is not observable: by the end heading may have"
+                f" drifted by {drift}",
                 answer="record some seconds at rest, or give --gyro-bias X,Y,Z",
                 numbers={"heading_sigma_deg": s.heading_sigma_end_deg},
             )
@@ -251,9 +252,9 @@ class Smoothing:
             lost = share > LOST_SHARE
             yield Finding(
                 "gyro-at-stop",
-                f"a gyro stays at the largest rate that it can show for {s.gyro_at_stop_s:.3g} s,"
-                f" {100.0 * share:.2g} % of the time: what the body turned beyond that is not in"
-                " the log" + (", and the attitude is not to be trusted" if lost else ""),
+                f"a gyro is saturated for {s.gyro_at_stop_s:.3g} s,"
+                f" {100.0 * share:.2g} % of the time: the rotation beyond its"
+                " range is lost" + (", and the attitude is not to be trusted" if lost else ""),
                 severity=Severity.LOST if lost else Severity.WARNING,
                 answer="use a gyro of a larger range",
                 numbers={"gyro_at_stop_s": s.gyro_at_stop_s, "share": share},
@@ -264,7 +265,7 @@ class Smoothing:
                 "unsure-motion",
                 f"the motion was taken for that of a {s.motion}, but a {other} might move like this"
                 " too: with the wrong choice roll and pitch can be degrees off",
-                answer=f"say which it is with --motion {s.motion} or {other}",
+                answer=f"choose with --motion {s.motion} or {other}",
                 numbers={"margin_nat": s.motion_margin_nat or 0.0},
             )
 

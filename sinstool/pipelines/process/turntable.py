@@ -262,7 +262,7 @@ def _remarks(
         where = f"stretch {number + 1} (from {segment.start_s:.1f} s)"
         if corrected.outside_rate[number]:
             notes.append(
-                f"{where}: its rate, {a.rate / DEGREE:.2f} deg/s, is outside what was calibrated"
+                f"{where}: its rate, {a.rate / DEGREE:.2f} deg/s, is outside the calibrated range"
             )
         if corrected.outside_C23[number]:
             notes.append(

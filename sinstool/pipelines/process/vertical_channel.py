@@ -43,7 +43,7 @@ class Vertical:
         latitude = source.latitude
         if latitude is None:
             latitude = MIDDLE_LATITUDE
-            self._notes.append("no latitude is known; gravity for the height is that of 45 deg")
+            self._notes.append("the latitude is unknown; gravity at 45 deg is used for the height")
         start = source.position[2] or 0.0
         self.damping, notes = damping(source, config, latitude, start)
         self._notes += notes

@@ -149,7 +149,7 @@ def test_gyros_too_poor_give_level_and_no_heading():
         )
         assert got.sigma_heading == pytest.approx(expected, rel=0.25)
         (text,) = got.warnings
-        assert "heading cannot be seen" in text and "1 deg/h" in text and "60 s" in text
+        assert "heading is not observable" in text and "1 deg/h" in text and "60 s" in text
 
 
 def test_near_a_pole_heading_goes():

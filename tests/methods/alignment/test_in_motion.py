@@ -150,7 +150,7 @@ def test_vertical_velocity_comes_from_height_where_there_is_none():
     flat[:, 2] = np.nan
     filled, warnings = with_vertical(flat, seconds, seconds, height)
     np.testing.assert_allclose(filled[4:-4], whole[4:-4], atol=1e-9)
-    assert "taken from height" in warnings[0]
+    assert "derived from height" in warnings[0]
     # few without are better left out than guessed
     few = whole.copy()
     few[10:20, 2] = np.nan
@@ -159,4 +159,4 @@ def test_vertical_velocity_comes_from_height_where_there_is_none():
     assert not warnings
     # no height either
     level, warnings = with_vertical(flat, seconds, np.empty(0), np.empty(0))
-    assert not level[:, 2].any() and "taken as level" in warnings[0]
+    assert not level[:, 2].any() and "level motion is assumed" in warnings[0]

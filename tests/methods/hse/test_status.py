@@ -169,7 +169,7 @@ def test_few_runs():
     assert two.status == "ok"
     bare = judged([replace(r, sigma_heading=np.nan) for r in brute_runs(rates=RATES[[0, 2]])])
     assert bare.status == "not_significant"
-    assert "nothing tells the scatter" in bare.warnings[0] or any(
+    assert "do not show their scatter" in bare.warnings[0] or any(
         "nothing tells" in w for w in bare.warnings
     )
 

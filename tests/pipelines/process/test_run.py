@@ -287,7 +287,7 @@ def test_align_level(tmp_path):
 
 def test_align_level_wants_rest(tmp_path):
     path = simulated(tmp_path / "in.mcap", cone(half_angle_deg=20.0))
-    with pytest.raises(AlignmentError, match=r"does not begin still.*--start"):
+    with pytest.raises(AlignmentError, match=r"does not begin at rest.*--start"):
         run(path, tmp_path / "out.mcap", align={"align": "level"})
     assert [p.name for p in tmp_path.iterdir()] == ["in.mcap"]
 
@@ -475,7 +475,7 @@ def test_attitude_is_held_across_gaps(tmp_path):
     assert stamps.tolist() == times.tolist()
     assert (q[600] == q[599]).all() and (q[601] != q[600]).any()
     turned = np.degrees(np.linalg.norm(gyro[599] + gyro[600]) / 2 * 10.005)
-    (warning,) = [w for w in summary["warnings"] if "held across" in w]
+    (warning,) = [w for w in summary["warnings"] if "held constant across" in w]
     assert f"{turned:.3g} deg" in warning
     assert summary["imu"]["gaps"] == 1
     # each side of the gap is what it would be alone

@@ -206,7 +206,7 @@ def test_without_gravity_nothing_can_be_held_up(tmp_path):
     options = {"align": "fixed", "initial_attitude": (0.0, 0.0, 0.0)}
     summary = run(path, tmp_path / "out.mcap", align=options)
     assert summary["plan"]["attitude"]["value"] == "inertial"
-    with pytest.raises(DataError, match="gravity has been taken out"):
+    with pytest.raises(DataError, match="gravity has been removed"):
         run(path, tmp_path / "b.mcap", align=options, navigation={"attitude": "smoothed"})
 
 

@@ -205,7 +205,7 @@ def test_outside_what_was_calibrated(calibrated, tmp_path):
     rig = edited(rig, "fast", calibration=CALIBRATION)
     status, printed, err, _ = process(tmp_path, log, rig, hse, "--only-results")
     assert status == 0
-    assert "its rate, 120.00 deg/s, is outside what was calibrated" in err
+    assert "its rate, 120.00 deg/s, is outside the calibrated range" in err
     assert "leans to the east by 2.00e-03 rad, more than in the calibration" in err
     (segment,) = printed["hse"]["segments"]
     assert segment["outside_rate"] and segment["outside_C23"]

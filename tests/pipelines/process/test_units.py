@@ -80,7 +80,7 @@ def test_gravity_taken_out(tmp_path, mode, vertical, refused):
         with pytest.raises(DataError) as said:
             run(log, tmp_path / "out.mcap", options)
         text = str(said.value)
-        assert "/imu/data_raw" in text and "gravity has been taken out" in text
+        assert "/imu/data_raw" in text and "gravity has been removed" in text
         assert "--imu-topic" in text
         return
     summary, _ = run(log, tmp_path / "out.mcap", options)

@@ -74,7 +74,7 @@ def find_start(
         if not alignment.north_referenced:
             if config.align.align == "auto":
                 raise AlignmentError(
-                    "nothing in the log shows heading, and the filter needs one",
+                    "the log does not show heading, and the filter needs it",
                     "give it with --align fixed --initial-attitude ROLL,PITCH,HEADING",
                 )
             raise AlignmentError(
@@ -99,7 +99,10 @@ def find_start(
         message = exc.message if str(path) in exc.message else f"{path}: {exc.message}"
         hint = exc.hint
         if config.navigation.imu_grade == "auto" and random_walk(source) is None:
-            hint = f"{hint or 'give an initial attitude'}, or say how good the Imu is: --imu-grade"
+            hint = (
+                f"{hint or 'give an initial attitude'}, or set the grade of the Imu with"
+                " --imu-grade"
+            )
         raise AlignmentError(message, hint) from exc
     return start, int(sample.time_ns[0]), _how(alignment, covariance), alignment.warnings
 

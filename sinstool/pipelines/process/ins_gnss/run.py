@@ -427,8 +427,8 @@ class FilterRun(Mode):
             note(
                 "latency-used",
                 f"fixes were found to be valid {p.settings.gnss_latency:+.3f} s before their stamps"
-                f" (sigma {p.offsets.sigma_s * 1e3:.1f} ms) and are used so; give"
-                " --gnss-latency to say otherwise",
+                f" (sigma {p.offsets.sigma_s * 1e3:.1f} ms) and are used so; --gnss-latency"
+                " overrides this",
             )
         noise = np.hypot(p.settings.gnss.position_white, p.settings.gnss.position_markov)
         findings += late_or_early(self._time_error.largest_m, p.latency_sigma, float(noise[0]))
@@ -436,8 +436,8 @@ class FilterRun(Mode):
             note(
                 "velocity-lag-used",
                 f"the receiver's velocities are stamped {1e3 * p.lag:+.0f} ms later than its"
-                " positions, and both are used at their own times; give --gnss-velocity-lag to say"
-                " otherwise",
+                " positions, and both are used at their own times; --gnss-velocity-lag overrides"
+                " this",
             )
         before = (p.time_ns - self.source.survey.first_ns) / SECOND
         if before > 0.0 and self._carried_back:
@@ -454,8 +454,8 @@ class FilterRun(Mode):
         if self.config.filter.filter == "plain-15":
             note(
                 "white-fixes",
-                "plain-15 takes errors of fixes for white: where they last, its position sigmas are"
-                " several times too small, and innovations do not show it",
+                "plain-15 treats errors of fixes as white noise: if they vary slowly, its"
+                " position sigmas are several times too small, and innovations do not show it",
             )
         findings += self._vehicle.findings(self._vehicle.used(s))
         findings += self._diagnosis()

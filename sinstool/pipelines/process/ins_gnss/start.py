@@ -250,8 +250,10 @@ def _drifting(
         gyro_instability=ratio * imu.gyro_instability,
         accel_instability=ratio * imu.accel_instability,
     )
-    why = f"{start.grade.why}; {ratio:.2g} times as noisy, by its drift where fixes are left out"
-    log_choice("IMU noise", f"{ratio:.2g} times that of the grade, by fixes left out")
+    why = f"{start.grade.why}; {ratio:.2g} times as noisy, judged by its drift without fixes"
+    log_choice(
+        "IMU noise", f"{ratio:.2g} times that of the grade, judged by its drift without fixes"
+    )
     return replace(
         start,
         settings=replace(start.settings, imu=noisier),
@@ -398,8 +400,8 @@ def _too_good(source: Source, config: ProcessConfig, settings: Settings) -> list
     size = 60.0 / DEGREE
     return [
         f"the gyro's noise at rest is {size * shown:.2g} deg/sqrt(h), but the filter was set to"
-        f" {size * assumed:.2g} (--imu-grade, --imu-noise, --arw): it will believe itself too much;"
-        " leave that out"
+        f" {size * assumed:.2g} (--imu-grade, --imu-noise, --arw): its sigmas will be too"
+        " small; leave that option out"
     ]
 
 

@@ -55,11 +55,10 @@ def untrusted(
         findings.append(
             Finding(
                 "fixes-disbelieved",
-                f"{rejected} of {number} fixes were too far off for what filter and receiver claim"
-                " to know: the solution is not to be trusted",
+                f"{rejected} of {number} fixes were too far off for the sigmas"
+                " of filter and receiver: do not trust the solution",
                 Severity.LOST,
-                "look at the first warnings; --imu-grade, --gnss-noise-scale and --lever-arm say"
-                " what the filter may believe",
+                "look at the first warnings; set --imu-grade, --gnss-noise-scale or --lever-arm",
                 numbers={"rejected_share": rejected / number},
             )
         )

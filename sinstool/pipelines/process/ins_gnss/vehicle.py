@@ -125,12 +125,16 @@ class VehicleFound:
 
     def _findings(self, land: LandVehicleUsed | None, trust: Trust | None) -> list[Finding]:
         if self.mounted and trust is not None and not trust.holds and not self.forced:
-            text = f"nothing is held with the mount that is given, as {trust.reason}"
+            text = f"no constraint is used with this --mount, as {trust.reason}"
             answer = "check --mount, or leave it out"
             return [Finding("mount", text, answer=answer)]
         if land is None and self.forced:
-            text = f"--vehicle is land, but nothing is held, as {trust.reason if trust else ''}"
-            return [Finding("vehicle-unknown", text, answer="say how the IMU sits, with --mount")]
+            text = (
+                f"--vehicle is land, but no constraint is used, as {trust.reason if trust else ''}"
+            )
+            return [
+                Finding("vehicle-unknown", text, answer="give the mounting of the IMU with --mount")
+            ]
         if land is None:
             return []
         found = []
@@ -139,8 +143,8 @@ class VehicleFound:
             found.append(Finding("vehicle-slides", text, answer="leave --vehicle land out"))
         if land.slid > MOST_SLID * max(land.used, 1):
             text = (
-                f"the axle slid in {land.slid / land.used:.0%} of the time in which it was held"
-                " not to"
+                f"the axle slid in {land.slid / land.used:.0%} of the time in"
+                " which the constraint was used"
             )
             answer = "if heading or height look wrong, give --vehicle none"
             found.append(Finding("vehicle-slides", text, answer=answer))
