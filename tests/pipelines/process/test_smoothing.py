@@ -135,7 +135,7 @@ def test_after_a_gap_tilt_is_found_again_and_heading_is_not(tmp_path):
     assert np.degrees(np.abs(off[3500:]).max()) < 2.0
     assert (np.abs(off) < 4.0 * sigma[:, :2]).all()
     assert sigma[2990, 2] < np.radians(5.0) and sigma[3010, 2] > np.radians(60.0)
-    assert any("heading is held across gaps" in text for text in summary["warnings"])
+    assert any("heading is held constant across gaps" in text for text in summary["warnings"])
 
 
 def test_a_gyro_at_its_stop_is_not_believed(tmp_path):
