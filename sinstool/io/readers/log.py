@@ -6,6 +6,7 @@ import os
 from abc import ABC, abstractmethod
 from collections.abc import Collection, Iterable, Iterator
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 from pathlib import Path
 
 import numpy as np
@@ -53,17 +54,17 @@ class Channel:
     schema_text: str
     metadata: dict[str, str] = field(default_factory=dict)
 
-    @property
+    @cached_property
     def topic(self) -> str:
         """The topic's name, in one line that a terminal may show."""
         return one_line(self.recorded_topic)
 
-    @property
+    @cached_property
     def type_name(self) -> str:
         """The type's name as the log spells it, in one line that a terminal may show."""
         return one_line(self.recorded_type)
 
-    @property
+    @cached_property
     def type(self) -> str:
         """Type in ROS 2 spelling, ``package/msg/Type``."""
         return normalise_type_name(self.type_name)
@@ -125,6 +126,9 @@ class Log(ABC):
         self.channels: dict[int, Channel] = {}
         self.counts: dict[int, int] = {}
         self.recovered: dict[int, int] = {}
+        # Channels by topic, and of which channels it was made
+        self._by_topic: dict[str, list[Channel]] = {}
+        self._topics_of = (0, 0)
         self._lost = LostParts()
         self._cache = SideChannelCache()
         self.size = path_size(path)
@@ -215,7 +219,12 @@ class Log(ABC):
 
     def channels_of(self, topic: str) -> list[Channel]:
         """All channels that carry a topic, by id."""
-        return [c for _, c in sorted(self.channels.items()) if c.topic == topic]
+        if self._topics_of != (id(self.channels), len(self.channels)):
+            self._by_topic = {}
+            for _, channel in sorted(self.channels.items()):
+                self._by_topic.setdefault(channel.topic, []).append(channel)
+            self._topics_of = (id(self.channels), len(self.channels))
+        return list(self._by_topic.get(topic, ()))
 
     def close(self) -> None:  # noqa: B027 - not every log holds something
         """Give back what the reader holds."""

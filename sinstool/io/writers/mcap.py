@@ -203,6 +203,7 @@ class McapWriter:
         self._position = 0
         self.compression = "" if compression == "none" else compression
         self.schemas: dict[int, records.Schema] = {}
+        self._schema_ids: dict[tuple[str, str, bytes], int] = {}
         self.channels: dict[int, records.Channel] = {}
         self.counts: Counter[int] = Counter()
         self._chunk_indexes: list[records.ChunkIndex] = []
@@ -231,10 +232,11 @@ class McapWriter:
         int
         """
         if number is None:
-            for schema_ in self.schemas.values():
-                if (schema_.name, schema_.encoding, schema_.data) == (name, encoding, data):
-                    return schema_.id
+            same = self._schema_ids.get((name, encoding, data))
+            if same is not None:
+                return same
             number = _free(self.schemas)
+        self._schema_ids.setdefault((name, encoding, data), number)
         schema = records.Schema(id=number, name=name, encoding=encoding, data=data)
         self.schemas[number] = schema
         self._enqueue(lambda: self._write_record(schema), len(data))

@@ -1,3 +1,5 @@
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
@@ -19,6 +21,7 @@ from tests.helpers.imulogs import (
     write_bag,
     write_log,
 )
+from tests.helpers.logs import rows, write_mcap
 
 TIMES = even_times(50)
 NESTED = "vendor_msgs/msg/Packet"
@@ -211,3 +214,25 @@ def test_fixes(tmp_path):
         with pytest.raises(TopicError, match=r"/a, /b: choose one with --gnss-topic"):
             choose_optional(log, "--gnss-topic", None, FIX_TYPE)
         assert [c.topic for c in choose_optional(log, "--gnss-topic", "/b", FIX_TYPE)] == ["/b"]
+
+
+def test_channels_are_found_by_topic_without_a_look_at_all_of_them(tmp_path):
+    class Counting(dict):
+        looks = 0
+
+        def items(self):
+            Counting.looks += 1
+            return super().items()
+
+    with open_log(write_mcap(tmp_path / "a.mcap", rows(3))) as log:
+        first = log.channels_of("/imu")
+        assert [c.topic for c in first] == ["/imu"]
+        log.channels = Counting(
+            {k: replace(first[0], id=k, recorded_topic=f"/t{k % 500}") for k in range(1000, 0, -1)}
+        )
+        for k in range(500):
+            assert [c.id for c in log.channels_of(f"/t{k}")] == [k or 500, k + 500 if k else 1000]
+        assert log.channels_of("/imu") == []
+        assert Counting.looks == 1
+        log.channels[1001] = replace(first[0], id=1001, recorded_topic="/t1")  # met while reading
+        assert [c.id for c in log.channels_of("/t1")] == [1, 501, 1001]
