@@ -57,7 +57,7 @@ class Result:
 
     @property
     def plan(self) -> Plan:
-        """What was done: mode, first attitude, coning algorithm, each with its reason."""
+        """The processing: mode, first attitude, coning algorithm, each with its reason."""
         return self.summary.plan
 
     @property

@@ -68,7 +68,7 @@ class Outcome:
     written : tuple of Path
         Files that it completed.
     choices : tuple of str
-        What was chosen, and why, where the task wants it.
+        Choices and their reasons, if the task asks for them.
     """
 
     value: Any = None

@@ -429,8 +429,8 @@ def _undrawn(script: str | None) -> str:
     """What to say while there are no figures; the script takes it away when it has drawn them."""
     where = "in this page" if script is None else f"in {escape(script)}, which belongs beside it"
     return (
-        f"The figures are drawn by a script {where}. None are to be seen where scripts are switched"
-        " off, or in a browser from before 2023; the tables hold their numbers."
+        f"The figures are drawn by a script {where}. They do not appear if scripts are disabled,"
+        " or in a browser from before 2023; the tables hold their numbers."
     )
 
 

@@ -188,7 +188,7 @@ class Recorder:
         checks = [*errors, *draw.sigmas(curves, shown), *self.extra]
         sizes = [
             curves.figure("rate", "Angular rate", "norm, deg/s", ("rate",),
-                          "As used, with the gyros' known bias taken off."),
+                          "As used, less the known gyro bias."),
             curves.figure("force", "Specific force", "norm, m/s²", ("force",), "At rest it is"
                           " gravity, about 9.8 m/s²."),
         ]  # fmt: skip

@@ -125,7 +125,7 @@ def table_of(
 
 @dataclass(frozen=True)
 class Rows:
-    """What was done, as pairs of what and how.
+    """The processing, as pairs of what and how.
 
     Attributes
     ----------

@@ -141,7 +141,7 @@ def write_log(simulated: Simulated, files: LogFiles) -> dict[str, Any]:
     Returns
     -------
     dict
-        What was written, as ``--json`` says it.
+        Output, as ``--json`` says it.
     """
     with commit_together():
         counts = write_simulated(files.log, simulated.topics, simulated.settings)

@@ -507,7 +507,7 @@ def test_page_of_runs_that_tell_nothing(tmp_path):
     )
     assert status == 3
     text = page.read_text()
-    assert "Status error. The runs do not tell the coefficient." in text
+    assert "Status error. The runs do not determine the coefficient." in text
     assert 'data-key="heading"' in text and 'data-key="azimuth"' not in text
 
 

@@ -211,7 +211,7 @@ def test_report_page(compare, moving, tmp_path):
         "Coning in the log up to each frequency",
         "Fraction of the true coning",
         "Power of the angular rate",
-        "Drift if the log had been taken at a lower rate",
+        "Drift if the log had been recorded at a lower rate",
     ):
         assert title in text
     assert page.stat().st_size < 10_000_000

@@ -67,7 +67,7 @@ def test_few_outages(outages, said):
 def test_attitude_alone_without_an_accuracy_and_without_north():
     extent, known, _ = account(run("attitude", None, north=False))
     assert extent == "Attitude alone was computed, from the IMU: 60001 attitudes over 10.0 min."
-    assert "does not estimate" in known and "Nothing in the log showed north" in known
+    assert "does not estimate" in known and "Nothing in the log shows north" in known
 
 
 def test_errors_stand_beside_what_the_run_believes():

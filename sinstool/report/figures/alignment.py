@@ -67,7 +67,7 @@ def sigmas(alignment: LogAlignment, series: AlignmentSeries) -> Figure:
     refined = getattr(alignment.answer, "errors", None) is not None
     notes = ["Of the solver's answer from the fixes up to each time, sensor errors considered."]
     if refined:
-        notes.append("The answer given is the refined one at the end, which is known better.")
+        notes.append("The result is the refined attitude at the end, which is more accurate.")
     return Figure(
         "sigma",
         "How well attitude is known",
@@ -102,7 +102,7 @@ def attitude(alignment: LogAlignment, series: AlignmentSeries) -> list[Figure]:
         values[1:][np.abs(np.diff(euler[:, k])) > 180.0] = np.nan
         values[too_vague] = np.nan
         curves[name] = Series(name, values)
-    note = "Where the sigma about the worst axis is above 5 deg nothing is shown."
+    note = "The attitude is shown only where the sigma about the worst axis is below 5 deg."
     seconds = _seconds(alignment, series.time_ns)
     both = (curves["roll"], curves["pitch"])
     return [
@@ -170,9 +170,9 @@ def residuals(alignment: LogAlignment, answer: InFlightAlignment) -> Figure:
         LOG_TIME,
         f"residual, {unit}",
         notes=(
-            "In the body axes where the chain of attitude begins. They grow with specific force"
+            "In the body axes at the start. They grow with specific force"
             " where fixes are late, with angular rate where the lever arm is wrong, and with time"
-            " where a gyro drifts, which only the refinement finds.",
+            " where a gyro drifts, which only the refinement estimates.",
         ),
     )
 

@@ -131,7 +131,10 @@ def _coning(log: LogComparison) -> Figure:
         "frequency, Hz",
         "rate of coning up to there, deg/h",
         marks=_bands(log),
-        notes=("What an algorithm without compensation misses, and a perfect one answers to.",),
+        notes=(
+            "The coning that an algorithm without compensation misses, and that a perfect one"
+            " reproduces.",
+        ),
     )
 
 
@@ -156,8 +159,8 @@ def _gains(rows: list[Row], log: LogComparison) -> Figure:
         log_x=True,
         marks=_bands(log),
         notes=(
-            "1 is right. Where it falls below, coning is missed; what is answered to above the"
-            " motion's own frequencies is noise taken for coning.",
+            "1 is right. Below 1 coning is missed; above the motion's"
+            " own frequencies any response turns noise into drift.",
         ),
     )
 
@@ -175,7 +178,7 @@ def _density(log: LogComparison) -> Figure:
         series.append(Series(label, folded, e.frequency[inside], "dashed"))
     return Figure(
         "density",
-        "Power of the angular rate, and what a slower log would fold",
+        "Power of the angular rate, and the part that a slower log would alias",
         s.frequency[keep],
         tuple(series),
         "frequency, Hz",
@@ -183,7 +186,9 @@ def _density(log: LogComparison) -> Figure:
         log_x=True,
         log_y=True,
         marks=_bands(log),
-        notes=("Content above half the log's own rate is folded into it and cannot be seen.",),
+        notes=(
+            "Content above half the log's own rate is aliased into it and cannot be recognised.",
+        ),
     )
 
 
@@ -218,7 +223,7 @@ def _decimation(log: LogComparison) -> Figure:
     )
     return Figure(
         "decimation",
-        "Drift if the log had been taken at a lower rate",
+        "Drift if the log had been recorded at a lower rate",
         np.array(c.settings.decimate, dtype=np.float64),
         series,
         "one sample kept of so many",
@@ -227,8 +232,8 @@ def _decimation(log: LogComparison) -> Figure:
         log_y=True,
         notes=(
             "On coning alone a scheme of order 2N climbs by 2N decades in a decade.",
-            f"Below {1 / SELF_CHECK:.0f} times the reference's own resolution the curves tell"
-            " of the reference.",
+            f"Below {1 / SELF_CHECK:.0f} times the reference's own resolution the curves show the"
+            " error of the reference.",
         ),
     )
 

@@ -44,8 +44,9 @@ def _innovations(
         series = [Series(axis, values[:, k], style="points") for k, axis in enumerate(AXES)]
         series.append(both_sides("3 sigma of the worst axis", seconds, bound, -bound))
         notes = [
-            "Navigation less fix, the estimated errors of both taken off; all but 0.3 % belong"
-            " within the dashed bounds. Withheld and rejected fixes are shown too."
+            "Navigation minus fix, less the estimated errors of both; all"
+            " but 0.3 % should lie within the dashed bounds. Withheld and rejected fixes are"
+            " shown too."
         ]
         figures.append(
             Figure(
@@ -78,7 +79,7 @@ def _squares(gnss: GnssDiagnostics, first: int, marks: tuple[tuple[str, float], 
             series.append(Series(name, value[rows], x=seconds[rows], style="points"))
     return Figure(
         "nis",
-        "Innovations over what was expected",
+        "Innovations over their expected size",
         seconds[:1],
         tuple(series),
         TIME,
@@ -86,8 +87,8 @@ def _squares(gnss: GnssDiagnostics, first: int, marks: tuple[tuple[str, float], 
         levels=(("expected", 1.0),),
         notes=(
             "The root of the normalised innovation squared (NIS) over its number of rows: about 1"
-            " where noise is as assumed. It does not tell of errors of the fixes that last:"
-            " a filter that takes those for white shows less than 1 and is too sure of itself.",
+            " where noise is as assumed. It does not show slowly varying errors of the fixes: a"
+            " filter that treats them as white noise shows less than 1 and is over-confident.",
         ),
         marks=marks,
     )

@@ -229,8 +229,8 @@ def residuals_against_rate(result: HseFit) -> Figure | None:
         "Rate of the table, deg/s",
         "Residual of heading, arcsec",
         notes=(
-            "The band is what the fitted line itself is good to, not where runs lie. Residuals that"
-            " bend with rate are no heading-sensitive error.",
+            "The band is the uncertainty of the fitted line, not the scatter"
+            " of the runs. Residuals that curve with rate are not heading-sensitive error.",
         ),
     )
 
@@ -281,7 +281,7 @@ def azimuth_figure(calibration: Calibration) -> Figure | None:
                 y = (s.offset + s.cosine * np.cos(grid) + s.sine * np.sin(grid)) / ARCSEC
                 series.append(Series(f"sinusoid, {name}", y, grid / DEGREE, style))
         title = "Heading less azimuth, before and after correction"
-        label = "Azimuth shown by the stand, deg"
+        label = "Azimuth of the stand, deg"
         notes = ("Less its mean. Sinusoids are fitted where there are three azimuths or more.",)
     elif spread:
         azimuth = np.array([a for one in spread for a in [one.heading] * len(one.before)])
@@ -293,8 +293,8 @@ def azimuth_figure(calibration: Calibration) -> Figure | None:
         label = "Mean corrected heading of the position, deg"
         notes = (
             "No azimuths were given (--azimuth LOG=DEG): headings are shown less the mean corrected"
-            " heading of their own position. What is wrong with a position as a whole does not"
-            " show.",
+            " heading of their own position. An error common to all runs"
+            " of a position does not show.",
         )
     else:
         return None

@@ -71,13 +71,13 @@ def rates_over_time(logs: Sequence[RigTurns]) -> Figure:
         series.append(_rates("not used", rejected, offsets, "points"))
     return Figure(
         "rates",
-        "Rate of the table, and what of it was used",
+        "Rate of the table, and the stretches used",
         np.array([0.0]),
         tuple(series),
         "Time, logs end to end, min" if len(logs) > 1 else "Time since the start of the log, min",
         "Rate of the table, deg/s",
         marks=tuple(marks),
-        notes=("The table of stretches says why some are not used.",)
+        notes=("The table of stretches gives the reasons why some are not used.",)
         if any(len(t) for t, _ in rejected)
         else (),
     )
@@ -155,8 +155,8 @@ def east_rate_allan(runs: Sequence[HseRun]) -> Figure | None:
         log_y=True,
         notes=(
             "White noise of the gyros falls along the dashed line, drawn through the median of the"
-            " single turns; its random walk is what --plan takes as --arw. A curve that turns up"
-            " shows that longer runs bring nothing.",
+            " single turns; its random walk is the --arw of --plan. Where"
+            " the curve turns up, longer runs do not help.",
         ),
     )
 

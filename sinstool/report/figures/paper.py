@@ -110,8 +110,8 @@ def _figure_4(experiment: Experiment) -> Figure:
         "optimal-4 against the frequency of the noise",
         (*(_length(experiment, key) for key in keys), *_others(experiment)),
         notes=(
-            "At 400 and 800 Hz sampled noise is a constant rate. With true increments nothing of"
-            " it is left: what an integrating gyro gives, or rates that are sampled faster.",
+            "At 400 and 800 Hz sampled noise is a constant rate. With true increments, from an"
+            " integrating gyro or from faster sampling, the error disappears.",
         ),
         levels=(("printed at 400 Hz: 0.35 deg", 0.35),),
     )
@@ -172,9 +172,9 @@ def _figure_8(experiment: Experiment) -> Figure:
         levels=(("printed level, optimal-4", -0.01), ("printed level, SP", -0.005)),
         marks=(("motion", 30.0), ("bandwidth", 200.0)),
         notes=(
-            "Noise of the motion's own frequency adds to the cone. optimal-4 answers at 100 Hz, so"
-            " noise at 130 and 230 Hz folds onto the motion as well; per-sample algorithms have"
-            " nothing there.",
+            "Noise of the motion's own frequency adds to the cone. optimal-4 updates at 100 Hz,"
+            " so noise at 130 and 230 Hz aliases onto the motion as well; algorithms"
+            " with an update per sample have no such jumps.",
         ),
     )
 

@@ -75,7 +75,7 @@ def heading(curves: Curves, north: bool = True) -> Figure:
     seconds, within = heading_curve(curves.seconds, curves.of["heading"])
     note = "Clockwise from above, from true north."
     if not north:
-        note = "Clockwise from above. Nothing in the log showed north: only its changes count."
+        note = "Clockwise from above. Nothing in the log shows north: only its changes count."
     line = (Series("heading", within),)
     return Figure("heading", "Heading", seconds, line, TIME, "heading, deg", notes=(note,))
 
@@ -106,8 +106,8 @@ def vertical(
     if reference is not None:
         off = (Series("computed less reference", values[:, 1], x=at),)
         notes = (
-            "The reference's own slow error is in it: with a barometer it is not what the height"
-            " is wrong by.",
+            "It includes the reference's own slow error, so with a"
+            " barometer it is not the error of the height.",
         )
         figures.append(
             Figure("difference", f"Difference from the height of {name}", at, off, TIME,
@@ -120,8 +120,8 @@ def vertical(
             )
         )
         text = (
-            "What the damping takes off. A steady value is the accelerometer's bias along the"
-            " vertical, and what gravity is wrong by."
+            "The correction by the damping. A steady value is"
+            " the accelerometer's vertical bias plus the error of gravity."
         )
         title = "Correction of the vertical accelerometer"
         figures.append(
@@ -234,7 +234,7 @@ def stretches(hse: HseCorrection) -> Figure:
         "heading, arcsec",
         notes=(
             f"Less {middle:.6f} deg, the median of the corrected ones. Heading-sensitive error"
-            " is a slope over rate; what is corrected should have none."
+            " is a slope over rate; corrected headings should have none."
             + ("" if sigma is None else " Bars: one standard deviation to either side."),
         ),
     )

@@ -26,13 +26,13 @@ from sinstool.report.sections import (
 # What each status means for the use of this attitude.
 VERDICTS = {
     "ok": "Attitude is known about every axis to a degree or better.",
-    "degraded": "Attitude is known, but its worst axis is no better than the sigma below says, or"
-    " the data contradict each other: see the warnings.",
-    "level-only": "Roll and pitch are known, heading is not: nothing in the log showed where north"
-    " is. Heading needs horizontal acceleration or turns seen by GNSS, or gyros that feel the"
-    " Earth's rotation.",
-    "unobservable": "Not even roll and pitch are known. The warnings say why.",
-    "failed": "Nothing could be aligned with. The warnings say why.",
+    "degraded": "The attitude is known only to the sigma below about its"
+    " worst axis, or the data contradict each other: see the warnings.",
+    "level-only": "Roll and pitch are known, heading is"
+    " not: nothing in the log shows north. Heading needs horizontal acceleration or turns with"
+    " GNSS, or gyros that can measure the Earth's rotation.",
+    "unobservable": "Not even roll and pitch are known. The warnings give the reason.",
+    "failed": "Alignment was not possible. The warnings give the reason.",
 }
 
 
@@ -138,8 +138,8 @@ def _sensors(result: AlignResult) -> list[Section]:
     accel = result.accel_bias_m_s2
     rows = (
         _row("gyros, removed before", "deg/h", removed, None),
-        _row("gyros, found besides", "deg/h", estimate, assumed.gyro_bias_deg_h),
-        _row("accelerometers, found", "m/s²", accel, assumed.accel_bias_m_s2),
+        _row("gyros, estimated", "deg/h", estimate, assumed.gyro_bias_deg_h),
+        _row("accelerometers, estimated", "m/s²", accel, assumed.accel_bias_m_s2),
     )
     columns = (
         Column("Bias"),

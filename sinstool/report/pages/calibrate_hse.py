@@ -32,14 +32,14 @@ VERDICTS = {
     "ok": "The calibration may be applied.",
     "nonlinear": "The calibration may be applied, but heading is not quite linear in the rate: see"
     " the warnings.",
-    "not_significant": "The coefficient does not stand out of its own scatter. Correcting with it"
-    " may make headings worse, so that it is applied only with --force.",
+    "not_significant": "The coefficient is not significant against its own scatter. A correction"
+    " may make headings worse, so it is applied only with --force.",
     "inconsistent_axial": "Headings and the rate along the axis give different coefficients."
     " Something else than heading-sensitive error is in the headings, so that the calibration is"
     " applied only with --force.",
     "unobservable": "The axis leans too little to the east: heading-sensitive error does not show"
     " in heading, and there is no coefficient to apply.",
-    "error": "The runs do not tell the coefficient. There is nothing to apply.",
+    "error": "The runs do not determine the coefficient. There is nothing to apply.",
 }
 
 
@@ -87,8 +87,8 @@ def _verdict(calibration: Calibration) -> tuple[str, ...]:
     elif (largest := calibration.largest_spread) is not None:
         paragraphs.append(
             f"At one position headings lie within {_size(largest[0])} of each other before and"
-            f" {_size(largest[1])} after correction. No azimuths were given, so that nothing is"
-            " said of differences between positions."
+            f" {_size(largest[1])} after correction. No azimuths were given, so differences between"
+            " positions are unknown."
         )
     if calibration.spread:
         paragraphs.append(
@@ -211,8 +211,8 @@ def _headings(calibration: Calibration) -> Table | None:
         Column("after", "arcsec", ".3f"),
     )
     notes = (
-        "Heading less azimuth, less its mean. The F test asks whether the sinusoid of azimuth is"
-        " none: a small p says that it is there.",
+        "Heading less azimuth, less its mean. The F test is for a sinusoid over"
+        " azimuth: a small p means that there is one.",
     )
     return Table("Headings before and after correction", columns, tuple(rows), notes)
 
@@ -247,8 +247,8 @@ def _spread(calibration: Calibration) -> Table | None:
         for one in calibration.spread
     )
     notes = (
-        "Within each position. Give the azimuths that the stand showed (--azimuth LOG=DEG) for"
-        " what differs between positions.",
+        "Within each position. Give the azimuths of the stand"
+        " (--azimuth LOG=DEG) to compare positions.",
     )
     return Table("Headings within positions", columns, rows, notes)
 

@@ -95,7 +95,9 @@ def _tables(result: ComparisonResult) -> list[Table]:
     if slower:
         columns = (TERMINAL[0], COLUMNS[1], *TERMINAL[1:])
         tables.append(
-            _table("As if the log had been taken at lower rates", columns, slower, (), folded=True)
+            _table(
+                "As if the log had been recorded at lower rates", columns, slower, (), folded=True
+            )
         )
     # The reasons would make every row as high as a sentence; they stand below.
     tables.append(_table("By axis", COLUMNS[:-1], result.algs, notes, folded=True))

@@ -60,8 +60,8 @@ def write_page(
         _withheld(result),
         *checks,
         _events(result),
-        Rows("What was done", tuple((what, how) for what, how in rows if what != "input sha256")),
-        Rows("What was chosen, and why", tuple(result.plan.rows())),
+        Rows("Processing", tuple((what, how) for what, how in rows if what != "input sha256")),
+        Rows("Choices and their reasons", tuple(result.plan.rows())),
         Settings(config_settings(config, *PROCESS_OPTIONS)),
         input_rows([read]),
     )
@@ -192,7 +192,7 @@ def _withheld(result: ProcessResult) -> Table | None:
         "largest_vertical_m": Column("largest vertical", "m", ".3g"),
         "largest_in_sigmas": Column("largest on an axis", "sigma", ".2f"),
     }
-    note = "Navigation less the fixes that it was not given; their own noise is in it."
+    note = "Navigation minus the withheld fixes; includes their own noise."
     return _by_start("Withheld fixes", "Outage", result, scores.outages, columns, (note,))
 
 

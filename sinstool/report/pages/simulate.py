@@ -20,7 +20,7 @@ from sinstool.simulation.rig_log import lambda2_arcsec
 from sinstool.simulation.wheels import WHEEL_TOPIC
 
 ABOUT = {
-    "/imu/data_raw": "what the sensors measured",
+    "/imu/data_raw": "sensor data",
     "/truth/imu": "exact attitude, rates and specific force",
     "/truth/odometry": "exact attitude, place on a plane and velocity",
     "/truth/fix": "exact place on the Earth",
@@ -54,7 +54,7 @@ def simulation_page(simulated: Simulated, config: Group, output: Path) -> Page:
     sections: tuple[Section, ...] = (
         Prose((about,), "Result", (first, *facts)),
         *figures,
-        Table("What was written", columns, rows),
+        Table("Output", columns, rows),
         Settings(config_settings(config, "simulate")),
         input_rows([read_file(output)], "Output"),
     )
@@ -99,7 +99,7 @@ def _rig(simulated: Simulated) -> tuple[list[Figure], list[Fact]]:
     log, settings = simulated.rig, simulated.settings
     assert log is not None
     facts = [
-        Fact("lambda2", f"{lambda2_arcsec(log):.4f} arcsec", "what a calibration has to find"),
+        Fact("lambda2", f"{lambda2_arcsec(log):.4f} arcsec", "true values for a calibration"),
         Fact("Lean to the east", f"{log.truth.C23:.4g} rad", "C23, of the axis"),
         Fact("Heading of the base", f"{log.truth.heading / DEGREE:.4f} deg"),
         Fact("Rates", f"{settings['rates']} deg/s", f"{settings['plateau']} s at each"),

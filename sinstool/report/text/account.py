@@ -26,7 +26,7 @@ def account(result: ProcessResult) -> tuple[str, ...]:
     Returns
     -------
     tuple of str
-        What was done, over how long and how far; how well it is known; what was assumed.
+        The processing, over how long and how far; how well it is known; what was assumed.
     """
     known = [_accuracy(result), _against_truth(result)]
     parts = (
@@ -84,9 +84,7 @@ def _fixes(used: summary.FilterUsed | None) -> str:
 
 def _accuracy(result: ProcessResult) -> str:
     accuracy, north = result.travel.accuracy, result.alignment.north_referenced
-    heading = (
-        "" if north else " Nothing in the log showed north: of headings only the changes count."
-    )
+    heading = "" if north else " Nothing in the log shows north, so only changes of heading count."
     if accuracy is None:
         if result.hse is not None:
             return ""
