@@ -317,7 +317,9 @@ def write_whole(path: Path, content: bytes | str) -> None:
     OutputError
     """
     with WholeFile(path) as file:
-        file.stream.write(content.encode() if isinstance(content, str) else content)
+        # Names of files may be no UTF-8; what reads this wants it to be
+        raw = content.encode(errors="replace") if isinstance(content, str) else content
+        file.stream.write(raw)
 
 
 def write_table(

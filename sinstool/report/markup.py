@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import base64
 import math
+import os
 import re
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
@@ -106,7 +107,7 @@ def _scripts(script: str | None, numbers: Numbers) -> list[str]:
     """What draws the figures, and the numbers that are drawn."""
     data = f'<script type="application/gzip" id="numbers">{numbers.packed()}</script>'
     if script is not None:
-        return [data, f'<script src="{escape(quote(script))}"></script>']
+        return [data, f'<script src="{escape(quote(os.fsencode(script)))}"></script>']
     library = base64.b64encode(packed_library()).decode("ascii")
     return [
         data,
@@ -241,7 +242,7 @@ def _without_empty_columns(table: sections.Table) -> sections.Table:
 
 def _cell(cell: sections.Cell, form: str | Callable[[float], str]) -> str:
     if isinstance(cell, sections.Link):
-        return f'<a href="{escape(quote(cell.target))}">{escape(cell.text)}</a>'
+        return f'<a href="{escape(quote(os.fsencode(cell.target)))}">{escape(cell.text)}</a>'
     return escape(_value(cell, form))
 
 

@@ -135,3 +135,17 @@ def test_a_type_without_a_stored_definition_is_processed_and_said(sinstool, tmp_
     with (tmp_path / "out.mcap").open("rb") as stream:
         copied = [m.data for _, _, m in make_reader(stream).iter_messages(topics=["/baro"])]
     assert copied == [row.payload for row in content if row.topic == "/baro"]
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="file names are text there")
+def test_a_folder_with_a_log_whose_name_is_not_utf8(log, tmp_path):
+    logs, results = tmp_path / "logs", tmp_path / "results"
+    logs.mkdir()
+    os.link(log, os.fsencode(logs) + b"/bad\xff.mcap")
+    os.link(log, logs / "good.mcap")
+    done = run("process", logs, "-o", results, "--report", results, "-j", 1)
+    assert done.returncode == 0, done.stderr
+    assert is_clean(done.stdout.decode())
+    page = (results / "index.html").read_text("utf-8")
+    assert 'href="bad%FF.html"' in page
+    assert (results / "summary.csv").read_text("utf-8").count("\n") == 3
