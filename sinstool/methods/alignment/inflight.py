@@ -277,12 +277,15 @@ def _answer(best: Candidate, settings: AlignmentSettings, warnings: list[str]) -
         covariance[2, 2] = UNIFORM_SIGMA**2
     elif status == "unobservable":
         warnings.append(
-            "attitude is not known: the sigma about its worst axis is"
+            "the first attitude is unknown: about its least certain axis its sigma is"
             f" {np.rad2deg(min(worst, UNIFORM_SIGMA)):.0f} deg"
         )
         q_nb = np.full(4, np.nan)
     elif status == "degraded":
-        warnings.append(f"the sigma about the worst axis is {np.rad2deg(worst):.1f} deg")
+        warnings.append(
+            "about its least certain axis, the first attitude is known to"
+            f" {np.rad2deg(worst):.1f} deg only (1 sigma)"
+        )
     series = None if best.course is None else _series(best, best.course)
     return InFlightAlignment(
         status=status,
