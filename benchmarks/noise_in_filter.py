@@ -51,7 +51,8 @@ def rest_log(path: Path, errors: SensorErrors, seconds: float, seed: int) -> Pat
         drift = bias * markov(count, 1.0 / RATE, errors.time, random, 3)
         columns.append(drift + white * np.sqrt(RATE) * random.standard_normal((count, 3)))
     rates, forces = columns
-    forces[:, 2] -= STANDARD_GRAVITY
+    scale = errors.accel_scale * markov(count, 1.0 / RATE, errors.time, random)[:, 0]
+    forces[:, 2] -= STANDARD_GRAVITY * (1.0 + scale)
     write_simulated(
         path, recorded_topics(Imu(time_ns, time_ns, rates, forces)), {"scenario": "rest"}
     )

@@ -21,6 +21,8 @@ SCATTER = 6.0
 QUIET_SHARE = 0.25
 # Shorter stretches show little, and their ends are the end of one motion and the start of another.
 SHORTEST_S = 5.0
+# Gravity follows the gyro by at least this share of what it says, and so many sigmas.
+SWAY_SHARE, SWAY_SIGMAS = 0.2, 6.0
 # Of many stretches the longest: a hundred pauses tell all that there is.
 MOST = 100
 
@@ -140,3 +142,41 @@ def _without_gaps(windows: Windows, first: int, last: int, gaps: np.ndarray) -> 
     edges = [start, *(int(gap) + 1 for gap in inside), end]
     for a, b in pairwise(edges):
         yield Stretch(a, b, samples, gyro, accel)
+
+
+def sway(survey: Survey, stretches: tuple[Stretch, ...]) -> float:
+    """Rate, rad/s, root mean square, by which a sensor at rest turns all the same.
+
+    Noise of a gyro has nothing to do with that of an accelerometer. Where the direction of gravity
+    changes as the gyro says, the sensor turns: on a mooring, in the wind, on a soft suspension.
+
+    Returns
+    -------
+    float
+        0 where both are independent, as far as can be seen.
+    """
+    windows = survey.windows
+    said, done = [], []
+    for stretch in stretches:
+        first, last = np.searchsorted(windows.start_ns, [stretch.start_ns, stretch.end_ns])
+        rows = slice(first, last)
+        size = float(np.linalg.norm(stretch.accel))
+        if last - first < 3 or size == 0.0:
+            continue
+        direction = windows.accel[rows] / size
+        rate = windows.gyro[rows] - stretch.gyro
+        turn = 0.5 * (rate[:-1] + rate[1:]) * (WINDOW_NS / SECOND)
+        said.append(np.cross(direction[:-1], turn))
+        done.append(np.diff(direction, axis=0))
+    if not said:
+        return 0.0
+    x, y = np.concatenate(said), np.concatenate(done)
+    power = float(np.sum(x * x))
+    if power == 0.0:
+        return 0.0
+    slope = float(np.sum(x * y)) / power
+    # Directions move in two dimensions
+    sigma = float(np.sqrt(np.sum((y - slope * x) ** 2) / (2 * len(x)) / power))
+    if slope < SWAY_SIGMAS * sigma or slope < SWAY_SHARE:
+        return 0.0
+    return float(np.sqrt(slope * power / len(x))) / (WINDOW_NS / SECOND)

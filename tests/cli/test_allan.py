@@ -317,3 +317,21 @@ def test_noise_file_in_place_of_a_grade(sinstool, rest, tmp_path):
     plan = json.loads(said)["process"]["plan"]
     assert plan["imu_noise"]["value"] == "of the grade"
     assert plan["imu_noise"]["reason"].startswith("as no noise file is given")
+
+
+def test_sway_is_told_from_noise(allan, tmp_path):
+    """A mooring turns gyro and gravity together; noise does not."""
+    rates, forces = noise(12000)
+    seconds = np.arange(12000) / RATE
+    rates[:, 0] += 1e-3 * np.cos(2.0 * np.pi * seconds / 8.0)
+    tilt = 1e-3 * 8.0 / (2.0 * np.pi) * np.sin(2.0 * np.pi * seconds / 8.0)
+    forces[:, 1] += -9.8 * tilt
+    code, out, err = allan(write(tmp_path / "moored.mcap", rates, forces), "--json")
+    assert code == 0 and "sways at rest" in err
+    found = {f["kind"]: f for f in json.loads(out)["findings"]}
+    assert found["sway"]["numbers"]["sway_deg_s"] == pytest.approx(0.04, rel=0.3)
+    rates, forces = noise(
+        12000, gyro=(0.0, 2e-3, 0.0, 1e-5, 0.0), accel=(0.0, 2e-2, 2e-3, 0.0, 0.0)
+    )
+    code, _, err = allan(write(tmp_path / "still.mcap", rates, forces))
+    assert code == 0 and "sways" not in err

@@ -35,8 +35,8 @@ _POWERS = {"quantisation": 1.0, "white": 0.5, "flicker": 0.0, "random_walk": -0.
 # 952-1997, eq. C.22, at 1.89 correlation times); that of flicker noise is 0.6643 B.
 MARKOV_OF_FLICKER = 0.6643 / 0.6176
 
-# Accelerations that a vehicle changes between, m/s^2.
-MANOEUVRE = 1.0
+# Density of a vehicle's own accelerations, (m/s)/sqrt(s): 0.7 m/s^2 for 5 s each, say.
+MANOEUVRE = 2.2
 
 
 @dataclass(frozen=True)
@@ -122,8 +122,8 @@ def as_measured(noise: ImuNoise, grade: SensorGrade) -> SensorGrade:
     A filter has one state for each bias: flicker noise becomes a first-order Markov process with
     the same largest Allan deviation, and a random walk adds to what drives it. Of a term that the
     rest was too short to show the grade's value stays, but for the bound where that is less. The
-    filter has no states for the accelerometers' scale factors: what they do in a manoeuvre counts
-    as a part of the bias that wanders.
+    filter has no states for the accelerometers' scale factors: what they do in manoeuvres counts as
+    white noise.
 
     Parameters
     ----------
@@ -139,13 +139,15 @@ def as_measured(noise: ImuNoise, grade: SensorGrade) -> SensorGrade:
             changes[walks[sensor]] = white.value
         instability = f"{sensor}_instability"
         changes[instability] = wandering(measured, getattr(grade, instability), grade.bias_time_s)
-    in_motion = MANOEUVRE * grade.accel_scale
-    changes["accel_instability"] = hypot(changes["accel_instability"], in_motion)
+    walk = changes.get("velocity_random_walk", grade.velocity_random_walk)
+    changes["velocity_random_walk"] = hypot(walk, MANOEUVRE * grade.accel_scale)
     return replace(grade, **changes)
 
 
 def wandering(noise: SensorNoise, assumed: float, time_s: float) -> float:
     """Standard deviation of the Markov process that stands for flicker noise and random walk.
+
+    That of the worst axis: an accelerometer on which gravity rests shows its scale factor too.
 
     Parameters
     ----------
@@ -154,12 +156,16 @@ def wandering(noise: SensorNoise, assumed: float, time_s: float) -> float:
     time_s : float
         Its correlation time.
     """
-    flicker, walk = over_axes(noise, "flicker"), over_axes(noise, "random_walk")
-    if flicker is None or walk is None:
-        return assumed
     # A Markov process with this sigma is driven as the random walk is
     of_walk = sqrt(0.5 * time_s)
-    if flicker.value is None and walk.value is None:
-        most = hypot(MARKOV_OF_FLICKER * flicker.high, of_walk * walk.high)
-        return min(assumed, most)
-    return hypot(MARKOV_OF_FLICKER * (flicker.value or 0.0), of_walk * (walk.value or 0.0))
+    visible, bounds = [], []
+    for axis in noise.values():
+        if "flicker" in axis and "random_walk" in axis:
+            flicker, walk = axis["flicker"], axis["random_walk"]
+            bounds.append(hypot(MARKOV_OF_FLICKER * flicker.high, of_walk * walk.high))
+            if flicker.value is not None or walk.value is not None:
+                slow = MARKOV_OF_FLICKER * (flicker.value or 0.0), of_walk * (walk.value or 0.0)
+                visible.append(hypot(*slow))
+    if visible:
+        return max(visible)
+    return min([assumed, *([max(bounds)] if bounds else [])])

@@ -8,7 +8,7 @@ from math import sqrt
 import numpy as np
 
 from sinstool.core.finding import Finding, Severity
-from sinstool.core.units import DEGREE_PER_ROOT_HOUR
+from sinstool.core.units import DEGREE, DEGREE_PER_ROOT_HOUR
 from sinstool.methods.allan.fit import NoiseData, NoiseFit
 from sinstool.pipelines.allan.collect import Collected
 from sinstool.pipelines.allan.result import Axis, Rest
@@ -42,6 +42,7 @@ def findings(
         *_warming(axes, fits, data, found),
         *_misfits(axes, rest),
         *_shaken(rest),
+        *_swaying(rest),
     ]
 
 
@@ -176,3 +177,14 @@ def _shaken(rest: Rest) -> Iterator[Finding]:
     if rest.shaken_s > SHAKEN * rest.total_s:
         text = f"{rest.shaken_s:.1f} s of rest are left out, as they are louder than the others"
         yield Finding("shaken", text, Severity.NOTE, numbers={"shaken_s": rest.shaken_s})
+
+
+def _swaying(rest: Rest) -> Iterator[Finding]:
+    if rest.sway_rad_s > 0.0:
+        shown = rest.sway_rad_s / DEGREE
+        text = (
+            f"the IMU sways at rest, by {shown:.2g} deg/s rms, as gravity turns in it as the gyro"
+            " says: slow terms may be of that motion, not of the sensor"
+        )
+        answer = "let it lie on firm ground"
+        yield Finding("sway", text, answer=answer, numbers={"sway_deg_s": shown})

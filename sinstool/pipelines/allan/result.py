@@ -41,6 +41,8 @@ class Rest:
         Of all stretches and of the longest one between two gaps.
     shaken_s, moving_s : float
         Left out of still spans: louder than the rest of them; in motion, by GNSS.
+    sway_rad_s : float
+        By which the sensor turns at rest, as gravity shows; 0 where it shows nothing.
     """
 
     samples: int
@@ -49,6 +51,7 @@ class Rest:
     longest_s: float
     shaken_s: float
     moving_s: float
+    sway_rad_s: float
     stretches: tuple[RestStretch, ...]
 
 

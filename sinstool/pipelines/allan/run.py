@@ -23,7 +23,7 @@ from sinstool.pipelines.allan.collect import Collected, collect
 from sinstool.pipelines.allan.judge import findings
 from sinstool.pipelines.allan.result import AllanResult, Axis, Rest, RestStretch, Status
 from sinstool.pipelines.log_used import ImuTime, LogFile, Lost
-from sinstool.survey.quiet import QuietStretches, quiet_stretches
+from sinstool.survey.quiet import QuietStretches, quiet_stretches, sway
 from sinstool.survey.source import Source, prepare
 
 # A rest that is shorter says nothing worth a file.
@@ -193,6 +193,7 @@ def _rest(source: Source, quiet: QuietStretches, found: Collected) -> Rest:
         longest_s=max(durations),
         shaken_s=quiet.shaken_s,
         moving_s=quiet.moving_s,
+        sway_rad_s=sway(source.survey, quiet.stretches),
         stretches=tuple(
             RestStretch((start - first) / SECOND, duration)
             for start, duration in zip(found.starts_ns, durations, strict=True)

@@ -67,6 +67,8 @@ def _figure(noise: LogNoise, sensor: Sensor) -> Figure:
             ),
         ]
     series += _slopes(result, sensor, tau, size)
+    values = np.concatenate([a.deviation for a in result.of(sensor) if a.status == "measured"])
+    least, most = float(np.min(values)) / size, float(np.max(values)) / size
     return Figure(
         f"allan_{sensor}",
         f"{TITLES[sensor]}: Allan deviation",
@@ -76,6 +78,7 @@ def _figure(noise: LogNoise, sensor: Sensor) -> Figure:
         f"deviation, {unit}",
         log_x=True,
         log_y=True,
+        y_range=(0.3 * least, 2.0 * most),
         notes=(
             "Each axis with the 95 % interval of its deviations. Grey lines are the visible terms,"
             " over the axes; the legend also shows those of an axis together, and the Hadamard"

@@ -65,11 +65,11 @@ def test_what_no_rest_shows_is_of_the_grade() -> None:
     axis = {"white": seen(1e-5), "flicker": below, "random_walk": below}
     noise = ImuNoise({"x": axis}, {"x": axis | {"flicker": seen(2e-4)}}, 100.0)
     errors = as_measured(noise, grade)
-    assert errors.angle_random_walk == errors.velocity_random_walk == 1e-5
-    assert errors.gyro_instability == grade.gyro_instability
+    assert errors.angle_random_walk == 1e-5
     in_motion = MANOEUVRE * grade.accel_scale
-    expected = np.hypot(MARKOV_OF_FLICKER * 2e-4, in_motion)
-    assert errors.accel_instability == pytest.approx(expected)
+    assert errors.velocity_random_walk == pytest.approx(np.hypot(1e-5, in_motion))
+    assert errors.gyro_instability == grade.gyro_instability
+    assert errors.accel_instability == pytest.approx(MARKOV_OF_FLICKER * 2e-4)
     assert errors.gyro_bias == grade.gyro_bias and errors.gyro_scale == grade.gyro_scale
 
 
