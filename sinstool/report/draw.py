@@ -95,6 +95,10 @@ def drawn(
     y = np.asarray(series.y, dtype=np.float64)
     if isinstance(x, tuple) or y.size <= limit:
         return x, y, slice(None)
+    if series.shade is not None or series.style == "halo":
+        # Of a path in colours, and of dots about it, even steps look better than extremes
+        chosen = np.unique(np.linspace(0, y.size - 1, min(y.size, 2 * limit)).astype(np.intp))
+        return x[chosen], y[chosen], chosen
     chosen = thin(x, y, limit, figure.log_x)
     return x[chosen], y[chosen], chosen
 
@@ -272,12 +276,14 @@ def _trace(figure: Figure, k: int, series: Series, limit: int) -> dict[str, Any]
         error = _packed(np.asarray(series.error, dtype=np.float64)[rows], False)
         trace["error_y"] = {"array": error, "thickness": 1.3, "width": 4}
     if series.shade is not None:
-        trace |= {"mode": "markers+lines", "line": {"width": 1.0}}
+        trace |= {"mode": "markers+lines", "line": {"width": 2.5}}
         shade = _packed(np.asarray(series.shade, dtype=np.float64)[rows], False)
-        trace["marker"] = {"size": 4, "color": shade, "colorscale": SHADES, "showscale": True}
+        trace["marker"] = {"size": 5, "color": shade, "colorscale": SHADES, "showscale": True}
         trace["marker"]["colorbar"] = _BESIDE_MAP | {"title": {"text": _text(figure.shade_label)}}
     elif series.style == "halo":
-        trace |= {"mode": "markers", "marker": {"size": 9, "opacity": 0.35}}
+        # In a colour of its own: of pale points that cover each other the overlaps would be seen
+        trace |= {"mode": "markers", "marker": {"size": 9}}
+        trace["meta"]["halo"] = True
     elif series.style == "points":
         crowd = len(y) > CROWD
         size = 3.5 if crowd else 6 if len(y) > 1 else 10

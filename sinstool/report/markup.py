@@ -22,7 +22,15 @@ import numpy as np
 from sinstool.core import version
 from sinstool.core.errors import visible
 from sinstool.report import sections
-from sinstool.report.draw import POINTS_PER_CURVE, colour_of, dash_of, places, plotly_figure, unit
+from sinstool.report.draw import (
+    POINTS_PER_CURVE,
+    SHADES,
+    colour_of,
+    dash_of,
+    places,
+    plotly_figure,
+    unit,
+)
 from sinstool.report.figure import Figure, Series
 from sinstool.report.library import packed_library, page_script
 from sinstool.report.packing import Numbers
@@ -309,6 +317,7 @@ def _setting_table(items: Sequence[sections.Setting]) -> str:
 
 def _figure(figure: Figure, key: str, limit: int, numbers: Numbers) -> str:
     spec = numbers.as_json(plotly_figure(figure, limit))
+    above = f"{figure.ylabel}, over {figure.xlabel}" if figure.equal else figure.ylabel
     names = ", ".join(one.name for one in figure.series)
     described = f"{figure.title}: {figure.ylabel} against {figure.xlabel}. Curves: {names}."
     curves = (one for one in figure.series if not isinstance(places(figure, one), tuple))
@@ -318,7 +327,7 @@ def _figure(figure: Figure, key: str, limit: int, numbers: Numbers) -> str:
         " the highest of each stretch are among them."
     )
     return (
-        f'<figure{_shape(figure)}><p class="ylabel">{escape(figure.ylabel)}</p>\n'
+        f'<figure{_shape(figure)}><p class="ylabel">{escape(above)}</p>\n'
         f'<div class="drawing" role="img" data-key="{escape(figure.key)}"'
         f' data-title="{escape(escape(figure.title, quote=False))}"'
         f' aria-label="{escape(described)}"></div>\n'
@@ -360,7 +369,11 @@ def _key(figure: Figure, k: int) -> str:
     if series.style == "bars":
         sign = f'<rect x="6" y="1" width="14" height="10" style="fill:{colour}"/>'
     elif series.style == "halo":
-        sign = f'<circle cx="13" cy="6" r="5" style="fill:{colour};opacity:0.4"/>'
+        sign = '<circle cx="13" cy="6" r="5" style="fill:var(--halo)"/>'
+    elif series.shade is not None:
+        steps = enumerate(shade for _, shade in SHADES)
+        sign = "".join(f'<path d="M{6.5 * k} 6h6.5" style="stroke:{of};stroke-width:3"/>'
+                       for k, of in steps)  # fmt: skip
     elif series.style == "points":
         sign = f'<circle cx="13" cy="6" r="4" style="fill:{colour}"/>'
     else:

@@ -29,6 +29,7 @@ _COLOURS = {
     "muted": ("#59636e", "#9da7b2"),
     "rule": ("#dde1e6", "#333a42"),
     "grid": ("#e8ebee", "#262c33"),
+    "halo": ("#c4cad2", "#4b545f"),
     "accent": ("#1f5fa8", "#7db7f5"),
     "warning": ("#8a5a00", "#f0c869"),
     "warning-page": ("#fff7e3", "#2b2413"),

@@ -96,7 +96,7 @@ def _draw(sheet: Any, figure: Figure) -> None:
     if figure.y_range is not None:
         axes.set_ylim(*figure.y_range)
     if figure.equal:
-        sheet.canvas.draw()
+        sheet.draw_without_rendering()
         _scale_bar(axes, figure)
     if figure.log_x and not words:
         _plain_numbers(axes.xaxis, axes.get_xlim())
@@ -151,7 +151,8 @@ def _series(
     elif series.shade is not None:
         _shaded(axes, figure, place, y, series.shade[rows])
     elif series.style == "halo":
-        axes.plot(place, y, "o", markersize=6.0, alpha=0.3, markeredgewidth=0.0, **look)
+        look["color"] = LIGHT["halo"]
+        axes.plot(place, y, "o", markersize=5.0, markeredgewidth=0.0, **look)
     elif series.style == "points":
         size = 1.2 if len(y) > CROWD else 3.5
         axes.plot(place, y, _MARKERS[again % len(_MARKERS)], markersize=size, **look)

@@ -82,8 +82,8 @@ const look = () => [...document.querySelectorAll(".drawing")].map(plot => ({
   page: plot._fullLayout.paper_bgcolor,
   cut: cut(plot),
   crowded: crowded(plot),
-  below: plot.closest("figure").querySelector(".legend") === null ||
-    box(plot.closest("figure").querySelector(".legend")).top >= box(plot).bottom - 1,
+  apart: (legend => legend === null || box(legend).top >= box(plot).bottom - 1 ||
+    box(legend).left >= box(plot).right - 1)(plot.closest("figure").querySelector(".legend")),
 }));
 const waits = setInterval(async () => {
   if (root.dataset.figures !== "drawn") return;

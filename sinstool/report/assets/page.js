@@ -31,7 +31,9 @@
   function layout(spec, width) {
     const size = fontSize(width);
     // Its label stands above the figure in the page: read without a turned head, and it wraps
-    const yaxis = fewer(spec.yaxis, width);
+    const yaxis = fewer(spec.yaxis, width), xaxis = fewer(spec.xaxis, width);
+    // Of a map both stand there
+    if (yaxis.scaleanchor) delete xaxis.title;
     delete yaxis.title;
     // Room that ticks ask for changes the scale, the scale of a map its ticks, and so on
     const map = Boolean(yaxis.scaleanchor), flat = map && width < NARROW;
@@ -39,11 +41,11 @@
       return Object.assign(axis(width, kind), { automargin: !map });
     };
     return Object.assign({}, spec, {
-      xaxis: fewer(spec.xaxis, width),
+      xaxis: xaxis,
       yaxis: yaxis,
       width: width, autosize: false, uirevision: "kept", hovermode: "closest",
       showlegend: false, bargap: 0.25,
-      margin: { l: map ? 58 : 48, r: 18, t: flat ? 84 : 28, b: map ? 58 : 44 },
+      margin: { l: map ? 58 : 48, r: 18, t: flat ? 84 : 28, b: map ? 34 : 44 },
       dragmode: matchMedia("(pointer: coarse)").matches ? false : "zoom",
       template: { layout: {
         font: { family: getComputedStyle(document.body).fontFamily, size: size,
@@ -63,8 +65,9 @@
   }
 
   function paint(trace) {
-    const shade = colour("curve-" + trace.meta.colour);
-    if (trace.line) trace.line.color = shade;
+    const shade = colour(trace.meta.halo ? "halo" : "curve-" + trace.meta.colour);
+    // Of a line in colours its points have them; the line itself only closes gaps
+    if (trace.line) trace.line.color = trace.marker ? colour("muted") : shade;
     else trace.marker = Object.assign({}, trace.marker, { color: shade });
     if (trace.error_y) trace.error_y.color = trace.type === "bar" ? colour("ink") : shade;
   }
@@ -116,6 +119,8 @@
       look.xaxis = Object.assign({}, look.xaxis, seen(plot.layout.xaxis));
       look.yaxis = Object.assign({}, look.yaxis, seen(plot.layout.yaxis));
       look.margin.t = 64;
+      look.xaxis.title = figure.spec.layout.xaxis.title;
+      look.margin.b = 50;
       look.annotations = look.annotations.concat({
         text: "<b>" + figure.title + "</b><br>" + figure.spec.layout.yaxis.title.text,
         xref: "paper", x: 0, xanchor: "left", yref: "paper", y: 1, yanchor: "bottom", yshift: 8,
