@@ -14,14 +14,17 @@ import os
 import signal
 import threading
 import time
+import warnings
 from collections import Counter, deque
 from collections.abc import Collection, Generator, Iterator, Sequence
 from multiprocessing.connection import Connection, wait
 from multiprocessing.context import BaseContext
 from multiprocessing.process import BaseProcess
 from types import FrameType
+from typing import Any
 
 from sinstool.campaign import jobs
+from sinstool.core.errors import UncachedWarning
 
 # A job whose worker dies is tried once more.
 ATTEMPTS = 2
@@ -90,6 +93,9 @@ def _listen(
             if isinstance(message, float):
                 yield jobs.Event(task.number, message)
                 continue
+            if isinstance(message, UncachedWarning):
+                warnings.warn(message, stacklevel=2)  # the same of each worker, shown once
+                continue
             worker.task = None
             yield jobs.Event(task.number, outcome=message)
             if not waiting:
@@ -145,6 +151,15 @@ def _serve(pipe: Connection) -> None:
     signal.signal(signal.SIGTERM, _terminated)
     threading.Thread(target=_with_parent, daemon=True).start()
     gc.set_threshold(100_000, 50, 50)
+    show = warnings.showwarning
+
+    def hand_on(message: Warning | str, category: type[Warning], *where: Any, **more: Any) -> None:
+        if isinstance(message, UncachedWarning):
+            pipe.send(message)
+        else:
+            show(message, category, *where, **more)
+
+    warnings.showwarning = hand_on
     with contextlib.suppress(EOFError, OSError):
         while True:
             task = pipe.recv()

@@ -4,12 +4,13 @@ import contextlib
 import os
 import threading
 import time
+import warnings
 
 import pytest
 
 from sinstool.campaign.jobs import Job, Workers
 from sinstool.campaign.run import results, run_jobs
-from sinstool.core.errors import SinstoolError
+from sinstool.core.errors import SinstoolError, UncachedWarning
 from tests.campaign import work
 
 
@@ -51,6 +52,16 @@ def test_one_that_fails_does_not_stop_the_others():
     with pytest.raises(SinstoolError, match="it does not rest") as info:
         results(jobs, Workers(2))
     assert info.value.exit_code == 3
+
+
+def test_what_all_workers_warn_of_is_warned_of_once():
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("default", UncachedWarning)
+        values, _ = outcomes([job(work.warns, n) for n in range(4)])
+    assert [values[n].value for n in range(4)] == [0, 1, 2, 3]
+    assert [(w.category, str(w.message)) for w in caught] == [
+        (UncachedWarning, "compiled code cannot be cached")
+    ]
 
 
 def test_a_job_whose_worker_is_killed_is_done_again(tmp_path):

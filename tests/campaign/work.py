@@ -3,14 +3,20 @@
 import os
 import signal
 import time
+import warnings
 
-from sinstool.core.errors import AlignmentError
+from sinstool.core.errors import AlignmentError, UncachedWarning
 from sinstool.core.whole_file import WholeFile
 
 
 def square(number, progress):
     progress(0.5)
     return number * number, os.getpid()
+
+
+def warns(number, progress):
+    warnings.warn("compiled code cannot be cached", UncachedWarning, stacklevel=1)
+    return number
 
 
 def fails(kind, progress):
