@@ -111,6 +111,8 @@ class Log(ABC):
         Whether damaged parts are passed over (and noted in `lost`) instead of refused.
     lost : list of Lost
         What was passed over, or recovered without proof.
+    parts : list of Log
+        The files that it consists of, opened, in order; empty where it is one file.
     counts : dict of int to int
         Messages by channel as the log itself declares them, where it does; not checked.
     recovered : dict of int to int
@@ -124,6 +126,7 @@ class Log(ABC):
         self.path = path
         self.salvage = salvage
         self.channels: dict[int, Channel] = {}
+        self.parts: list[Log] = []
         self.counts: dict[int, int] = {}
         self.recovered: dict[int, int] = {}
         # Channels by topic, and of which channels it was made

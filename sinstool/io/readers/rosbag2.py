@@ -44,11 +44,6 @@ class Rosbag2Log(Log):
     """A ROS 2 bag folder, its files read one after the other.
 
     A channel is one topic of one type and encoding, with the same number in all files.
-
-    Attributes
-    ----------
-    parts : list of Log
-        The bag's files, opened, in order.
     """
 
     format = "rosbag2"
@@ -56,7 +51,6 @@ class Rosbag2Log(Log):
 
     def __init__(self, path: Path, salvage: bool = False) -> None:
         super().__init__(path, salvage)
-        self.parts: list[Log] = []
         self._disk_sizes: list[int] = []
         self._numbers: list[dict[int, int]] = []
         self._unpacked: TemporaryFolder | None = None

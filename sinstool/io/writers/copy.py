@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from mcap.opcode import Opcode
+from mcap.records import MetadataIndex
 
 from sinstool.core.finding import Finding
 from sinstool.io.messages.definitions import DefinitionError, normalise_type_name, schema_text
@@ -70,8 +71,14 @@ class Copier:
             self._next = next(self._items, None)
 
     def finish(self) -> None:
-        """Copy the rest."""
+        """Copy the rest, and what the files of a bag hold beside messages."""
         self.advance(np.iinfo(np.int64).max)
+        for part in self._log.parts:
+            if not isinstance(part, McapLog):
+                continue
+            for place in part.places():
+                if isinstance(place, OtherPlace) and place.opcode in CHECKED:
+                    self._copy_record(part, place)
 
     def _define(self) -> None:
         if isinstance(self._log, McapLog):
@@ -159,15 +166,22 @@ class Copier:
             self._copy_chunk(item)
         elif item.opcode not in (Opcode.HEADER, Opcode.SCHEMA, Opcode.CHANNEL):
             assert isinstance(self._log, McapLog)
-            record = self._log.read_at(item.offset, item.length)
-            try:
-                index_of(item.opcode, record, item.offset)
-            except RecordError as exc:
-                kind = CHECKED[Opcode(item.opcode)]
-                what = f"an {kind}" if kind == "attachment" else f"a {kind} record"
-                self._log.damage(f"{what} cannot be copied: {exc}", item.offset, kind)
-                return
-            self._writer.write_record_bytes(item.opcode, record)
+            self._copy_record(self._log, item)
+
+    def _copy_record(self, log: McapLog, place: OtherPlace) -> None:
+        """A record at top level as it is, if it is sound."""
+        record = log.read_at(place.offset, place.length)
+        try:
+            index = index_of(place.opcode, record, place.offset)
+        except RecordError as exc:
+            kind = CHECKED[Opcode(place.opcode)]
+            what = f"an {kind}" if kind == "attachment" else f"a {kind} record"
+            log.damage(f"{what} cannot be copied: {exc}", place.offset, kind)
+            return
+        # What a recorder writes of the file itself is not true of one file made of several.
+        of_file = isinstance(index, MetadataIndex) and index.name == "rosbag2"
+        if log is self._log or not of_file:
+            self._writer.write_record_bytes(place.opcode, record)
 
     def _copy_chunk(self, chunk: _Chunk) -> None:
         log, place = self._log, chunk.place

@@ -21,7 +21,7 @@ from tests.helpers.logs import COMPRESSIONS, T0, mcap_records, patched, rows, wr
 PHOTO = bytes(range(256)) * 9
 
 
-def with_extras(path, compression="zstd"):
+def with_extras(path, compression="zstd", of_file=False):
     """A log of 300 messages with one Metadata record and two attachments."""
     with path.open("wb") as stream:
         writer = Writer(stream, 4096, COMPRESSIONS[compression])
@@ -37,6 +37,8 @@ def with_extras(path, compression="zstd"):
             writer.add_message(channels[k % 3 == 0], T0 + k, bytes([k % 256]) * 50, T0 + k, k)
         writer.add_attachment(T0, T0 + 1, "photo.jpg", "image/jpeg", PHOTO)
         writer.add_attachment(T0 + 2, 0, "notes.txt", "text/plain", b"whole")
+        if of_file:
+            writer.add_metadata("rosbag2", {"serialized_metadata": "message_count: 300"})
         writer.finish()
     return path
 
@@ -123,6 +125,27 @@ def test_records_with_fields_of_later_versions_are_copied_whole(tmp_path):
         "photo.jpg",
         "notes.txt",
     ]
+
+
+@pytest.mark.parametrize("damaged", [False, True])
+def test_what_the_files_of_a_bag_hold_beside_messages_is_copied_or_said(tmp_path, damaged):
+    folder = tmp_path / "bag"
+    folder.mkdir()
+    for name in ("bag_0.mcap", "bag_1.mcap"):
+        path = with_extras(folder / name, of_file=True)
+    before = 2 * messages(path.read_bytes())
+    if damaged:
+        patched(path, place_of(path, Opcode.ATTACHMENT) + 1000, b"\xaa")
+        with pytest.raises(DamagedLogError, match="salvage"):
+            copied(folder)
+    data, lost, _ = copied(folder, salvage=damaged)
+    assert lost == ["attachment"] * damaged
+    assert Counter(messages(data)) == Counter(before)
+    reader = make_reader(BytesIO(data))
+    attached = Counter(a.name for a in reader.iter_attachments())
+    assert attached == {"photo.jpg": 2 - damaged, "notes.txt": 2}
+    # one describes the recording, the other the file that it was in
+    assert [m.name for m in reader.iter_metadata()] == ["calibration", "calibration"]
 
 
 def test_a_channel_without_its_schema_keeps_its_messages(tmp_path):
