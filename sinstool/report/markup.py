@@ -322,10 +322,12 @@ def _figure(figure: Figure, key: str, limit: int, numbers: Numbers) -> str:
     described = f"{figure.title}: {figure.ylabel} against {figure.xlabel}. Curves: {names}."
     curves = (one for one in figure.series if not isinstance(places(figure, one), tuple))
     longest = max((one.y.size for one in curves), default=0)
-    thinned = (
-        f"Drawn with at most {_count(limit)} of {_count(longest)} points a curve; the lowest and"
-        " the highest of each stretch are among them."
+    if figure.equal:
+        limit *= 2
+    kept = (
+        "in even steps" if figure.equal else "the lowest and the highest of each stretch among them"
     )
+    thinned = f"Drawn with at most {_count(limit)} of {_count(longest)} points a curve, {kept}."
     return (
         f'<figure{_shape(figure)}><p class="ylabel">{escape(above)}</p>\n'
         f'<div class="drawing" role="img" data-key="{escape(figure.key)}"'

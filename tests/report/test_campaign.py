@@ -55,7 +55,12 @@ def test_the_worst_first_with_sums_and_links(entries, tmp_path):
     ]  # fmt: skip
     assert [row[-1] for row in logs.rows] == [None, "tilt", "tilt", "tilt, gap"]
     facts = {one.name: one.value for one in made.sections[0].facts}
-    assert facts == {"Logs": "4", "Duration": "180 s", "Distance": "900 m", "With findings": "3"}
+    assert facts == {
+        "Logs": "4",
+        "Duration": "180 s",
+        "Distance": "900 m",
+        "Logs with findings": "3",
+    }
 
 
 def test_findings_are_counted_by_log(entries, tmp_path):

@@ -149,7 +149,7 @@ def _facts(entries: Sequence[Entry]) -> tuple[Fact, ...]:
         if known:
             facts.append(Fact(name, shown(sum(known)), f"of {len(known)} logs"))
     warned = sum(bool(one.kinds) for one in entries)
-    facts.append(Fact("With findings", str(warned), "logs"))
+    facts.append(Fact("Logs with findings", str(warned), "beyond notes"))
     return tuple(facts)
 
 

@@ -72,7 +72,7 @@ def _facts(result: ComparisonResult) -> tuple[Fact, ...]:
         Fact("Drift that does not matter", f"{meta.tolerance_dph:g} deg/h", "--tolerance"),
         Fact("Log", f"{meta.duration_s:.4g} s at {checks.rate_hz:.4g} Hz",
              f"{checks.gaps} gaps, read as {meta.gyro_kind}"),
-        Fact("Fastest rotation", f"{checks.largest_rate_deg_s:.3g} deg/s"),
+        Fact("Fastest rotation", f"{shown(checks.largest_rate_deg_s)} deg/s"),
     ]  # fmt: skip
     return tuple(facts)
 
