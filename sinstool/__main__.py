@@ -1,4 +1,4 @@
-"""`python -m sinstool`, where scripts are not on the PATH."""
+"""`python -m sinstool`, for use where scripts are not on the PATH."""
 
 from sinstool.cli.main import main
 

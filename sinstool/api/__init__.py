@@ -1,4 +1,4 @@
-"""The Python API: what the commands do, from a program, without files where none are wanted.
+"""The Python API: the functions of the commands, without files if none are needed.
 
 :mod:`sinstool` gives the names of this room; import them from there.
 """

@@ -1,4 +1,4 @@
-"""Noise of an IMU at rest, as `sinstool allan` measures it, of logs and of columns."""
+"""Noise of an IMU at rest from logs or columns, as in `sinstool allan`."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Columns in, columns out: attitude and navigation of samples that a program already has."""
+"""Attitude and navigation from columns of samples that a program already has."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The commands that judge a log, or many: `info`, `align`, `compare-coning`, `calibrate-hse`."""
+"""The commands that examine logs: `info`, `align`, `compare-coning`, `calibrate-hse`."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Coning algorithms: their names, and how a program adds one of its own."""
+"""Coning algorithms: their names, and how a program adds its own."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A log opened by a program: what it holds, and its sensors as columns."""
+"""A log opened by a program: its contents, and its sensors as columns."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Keywords of the API as a configuration: the command line's options, by the same names."""
+"""Keyword arguments of the API as a configuration, with the names of the command line."""
 
 from __future__ import annotations
 

@@ -1,1 +1,1 @@
-"""Many logs: local processes or a Dask cluster, through one seam (see `jobs`)."""
+"""Many logs, on local processes or a Dask cluster, through one interface (see `jobs`)."""

@@ -1,4 +1,4 @@
-"""Which logs are meant by files, folders and patterns, and how their outputs are called.
+"""The logs that files, folders and patterns stand for, and the names of their outputs.
 
 A ROS 2 bag is a folder and one log; any other folder stands for those in it, be it one.
 What a file is, is decided by its first bytes, as when it is opened.

@@ -1,4 +1,4 @@
-"""Jobs carried out: here, in processes of this machine, or on a cluster."""
+"""Execution of jobs: in this process, in processes of this machine, or on a cluster."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Whether workers elsewhere see the same files as we do.
+"""Checks that workers on other machines see the same files as this one.
 
 A worker that is given a path must find the same bytes behind it, and what it writes must appear
 here. Both are tried before anything starts: inputs by their size and their first bytes, folders

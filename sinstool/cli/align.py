@@ -1,4 +1,4 @@
-"""`sinstool align`: where the vehicle points, at rest or in motion, in one log or in many."""
+"""`sinstool align`: attitude of a vehicle, at rest or in motion, in one log or many."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""`sinstool allan`: the noise of an IMU from where its log rests, in one log or in many."""
+"""`sinstool allan`: noise of an IMU from the rests of its log, in one log or many."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""`sinstool compare-coning --paper`: a published experiment run again, printed beside its paper."""
+"""`sinstool compare-coning --paper`: a published experiment, repeated and compared."""
 
 from __future__ import annotations
 

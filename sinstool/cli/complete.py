@@ -1,4 +1,4 @@
-"""What a shell is offered for the value of an option; nothing rather than an error."""
+"""Values of options that the shell offers; none instead of an error."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""`sinstool completion`: the script that makes a shell complete commands, options and values."""
+"""`sinstool completion`: the script with which a shell completes commands and options."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What commands share in talking to people: words to choose from, ``-v``, progress, JSON."""
+"""User dialogue that commands share: words to choose from, ``-v``, progress, JSON."""
 
 from __future__ import annotations
 

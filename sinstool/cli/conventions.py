@@ -1,4 +1,4 @@
-"""`sinstool conventions`: frames, axes, quaternions, units, time; the package's own statement."""
+"""`sinstool conventions`: frames, axes, quaternions, units, time."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""`sinstool info`: what is in a log, and what is odd about it; in one log or in many."""
+"""`sinstool info`: contents and anomalies of one log or many."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The `sinstool` command. Commands are imported only when they run, so that help is quick."""
+"""The `sinstool` command. Commands are imported only when they run: the help is fast."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What commands on many logs share: who works, bars, lines of JSON, the end, exit status."""
+"""Functions shared by commands on many logs: workers, bars, JSON lines, exit status."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Options made from the configuration models, so that flags and TOML keys are one thing."""
+"""Options generated from the configuration models, the same as the TOML keys."""
 
 from __future__ import annotations
 

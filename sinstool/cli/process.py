@@ -1,4 +1,4 @@
-"""`sinstool process`: recorded IMU to corrected attitude, of one log or of many."""
+"""`sinstool process`: attitude and navigation from one recorded IMU log or many."""
 
 from __future__ import annotations
 

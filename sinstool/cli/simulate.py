@@ -1,4 +1,4 @@
-"""`sinstool simulate`: logs with exact truth, and the same motion with other errors many times."""
+"""`sinstool simulate`: logs with exact truth, also many with different errors."""
 
 from __future__ import annotations
 

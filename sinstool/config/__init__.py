@@ -1,4 +1,4 @@
-"""The options of a run: one model for the command line and the TOML file, validated once.
+"""Options of a run: one model for the command line and the TOML file, validated once.
 
 Each field is an option ``--name`` (underscores become hyphens) and a key of its group's table
 in the file; the command line generates its options from these models, so the two cannot part.

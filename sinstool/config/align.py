@@ -1,4 +1,4 @@
-"""The first attitude: found at rest or in motion, or given."""
+"""Options of the first attitude: determined at rest or in motion, or set by the user."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A configuration as a commented file: every option with its help, those that are not set too."""
+"""A configuration as a commented file: every option with its help, unset ones too."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""From angular rate to rotation vectors: by which algorithm, and how these are compared."""
+"""Options of the coning algorithm, and of the comparison of several."""
 
 from __future__ import annotations
 

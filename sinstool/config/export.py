@@ -1,4 +1,4 @@
-"""What is exported of a result, and as what."""
+"""Options of an export: the data and the file format."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Plain data and TOML into validated configurations, with errors that name the key."""
+"""Validated configurations from plain data and TOML, with errors that name the key."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Which data of the log, and what it means; what is written, and how."""
+"""Options of a log's data and their meaning, and of the output."""
 
 from __future__ import annotations
 

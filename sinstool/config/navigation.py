@@ -1,4 +1,4 @@
-"""What is computed: attitude alone, or navigation with its vertical channel and its filter."""
+"""Options of the computation: attitude only, or navigation with filter and height."""
 
 from __future__ import annotations
 

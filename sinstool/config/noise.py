@@ -1,4 +1,4 @@
-"""The file with an IMU's noise: TOML with the unit in each key, as `allan` writes and others read.
+"""The noise file of an IMU: TOML with the unit in each key, written by `allan`.
 
 Each axis of each sensor has a table. Of a visible term it holds the value and its 95 % interval,
 of any other a bound.

@@ -1,4 +1,4 @@
-"""A turntable rig, and how its heading-sensitive error is calibrated from its logs."""
+"""Options of a turntable rig, and of the calibration of its heading-sensitive error."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Options that have no effect in a mode, so that none is ignored in silence."""
+"""Options that have no effect in a mode, so that none is silently ignored."""
 
 from __future__ import annotations
 

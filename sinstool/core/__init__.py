@@ -1,1 +1,1 @@
-"""What everybody speaks: streams, time, Earth, rotations, units, findings, errors, whole files."""
+"""Shared basics: streams, time, Earth, rotations, units, findings, errors, whole files."""

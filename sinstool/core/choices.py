@@ -1,4 +1,4 @@
-"""What is chosen, and why, logged where it is chosen; the command line shows it with ``-v``."""
+"""Choices and their reasons, logged where they are made; ``-v`` prints them."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Compiled loops: machine code out of numba's cache, or compiled for one run where none can be had.
+"""Compiled loops, from numba's cache or, without one, compiled for a single run.
 
 Before numba looks into its cache it loads all that it knows of Python and NumPy, and `scipy.linalg`
 with it: that takes longer than most logs. Machine code out of the cache needs none of it but the

@@ -1,4 +1,4 @@
-"""The Earth under the vehicle: WGS-84 ellipsoid, rotation, gravity.
+"""Earth model: WGS-84 ellipsoid, rotation, gravity.
 
 Angles in rad, heights ellipsoidal in m, positive up. Every function broadcasts over its
 arguments; vectors are in NED on a last axis of length 3.

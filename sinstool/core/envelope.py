@@ -1,4 +1,4 @@
-"""Columns of any length in bounded memory: extremes and samples of them, as they stream by."""
+"""Extremes and samples of columns of any length, in bounded memory."""
 
 from __future__ import annotations
 

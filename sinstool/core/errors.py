@@ -1,4 +1,4 @@
-"""What can go wrong for a user: one class for each kind, with one line that helps.
+"""Errors for users: one class for each kind, with a one-line message that helps.
 
 Every message says what was wrong, where (file, topic, time) and what to do. The command
 line prints that line alone and exits with ``exit_code``; a traceback appears only with

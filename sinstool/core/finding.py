@@ -1,4 +1,4 @@
-"""Something a user should know about a log or a result, in one form from detection to output.
+"""A fact about a log or result for the user, in one form from detection to output.
 
 The terminal, ``--json``, the page and the table over many logs all show findings, and their
 severity decides how a command ends.

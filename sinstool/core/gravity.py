@@ -1,4 +1,4 @@
-"""Normal gravity within compiled loops, to the same digits as `sinstool.core.earth` has it."""
+"""Normal gravity in compiled loops, to the same digits as `sinstool.core.earth`."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Options as models: one field is a flag, its help, its range and a key of a file."""
+"""Options as models: one field defines a flag, its help, its range and a key of a file."""
 
 from __future__ import annotations
 

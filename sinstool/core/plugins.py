@@ -1,4 +1,4 @@
-"""What other distributions add to sinstool, through their entry points."""
+"""Extensions from other distributions, through their entry points."""
 
 from __future__ import annotations
 

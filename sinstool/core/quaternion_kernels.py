@@ -1,4 +1,4 @@
-"""Quaternions, vectors and angles within compiled loops: of one update, products, matrices.
+"""Quaternions, vectors and angles in compiled loops: updates, products, matrices.
 
 All in scalars, so that nothing is allocated; `sinstool.core.rotation` has them for arrays.
 

@@ -1,4 +1,4 @@
-"""Results of commands as plain values: what ``--json`` prints, in one dialect.
+"""Results of commands as plain values, the contents of ``--json``.
 
 The name of a field is its key, with the unit in it. Times, whose names end in ``_ns``, are strings,
 as JSON's numbers do not hold them; what is not finite is null; headings count from 0 to 360.

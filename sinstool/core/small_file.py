@@ -1,4 +1,4 @@
-"""Text files that people write by hand: read as far as such a file goes, and no further."""
+"""Small text files written by hand, read up to a size limit."""
 
 from __future__ import annotations
 

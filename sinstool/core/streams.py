@@ -1,4 +1,4 @@
-"""The data that flows: streams of samples as columns, in sinstool's own frames and units.
+"""Streams of samples as columns, in sinstool's own frames and units.
 
 Each stream is a frozen dataclass of equally long arrays; a block is just a short stream. A row
 is one sample. ``time_ns`` is the time of measurement on the clock chosen for the run (the

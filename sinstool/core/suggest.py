@@ -1,4 +1,4 @@
-"""The nearest of the words that would have been right."""
+"""The valid words nearest to a misspelt one."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Temporary files and folders that a killed run cannot leave behind for good.
+"""Temporary files and folders that are removed later even if the run is killed.
 
 Whoever makes one holds an advisory lock on it. The system gives the lock back however a process
 ends, so the next run that makes one in the same folder can tell those of running processes from

@@ -1,4 +1,4 @@
-"""Threads beside the main one, or none where a process has one core.
+"""Threads beside the main one, or none if the process has only one core.
 
 A command that works on one log has the machine to itself, and reads, compresses and writes in
 threads while it computes. A worker of a campaign has one core: there threads would take it from

@@ -1,4 +1,4 @@
-"""Time made sane: samples in the order they were measured, without duplicates, split at gaps.
+"""Samples in the order of measurement, without duplicates, split at gaps.
 
 Logs are written in the order in which messages arrive. `Order` puts them in the order of their
 stamps with a bounded look-ahead, drops repeated stamps, and counts what it met; `segments` then

@@ -1,4 +1,4 @@
-"""Units of angle and acceleration, once."""
+"""Units of angle and acceleration."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The version, in one place: pyproject.toml has it too."""
+"""The version, defined here; pyproject.toml has it too."""
 
 from __future__ import annotations
 

@@ -1,1 +1,1 @@
-"""The door: logs in, logs out. Axes, units and quaternions are turned here and nowhere else."""
+"""Reading and writing of logs. Only this package converts axes, units and quaternions."""

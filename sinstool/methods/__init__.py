@@ -1,1 +1,1 @@
-"""Arrays in, arrays out: coning < height < strapdown < alignment < ins_gnss; hse apart."""
+"""Computation on arrays: coning < height < strapdown < alignment < ins_gnss; hse apart."""

@@ -1,4 +1,4 @@
-"""Products of matrices most of whose elements are zero, for compiled loops."""
+"""Products of sparse matrices, for compiled loops."""
 
 from __future__ import annotations
 

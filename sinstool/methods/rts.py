@@ -1,4 +1,4 @@
-"""A step of the Rauch-Tung-Striebel recursion, compiled: what all smoothers share."""
+"""A step of the Rauch-Tung-Striebel recursion, compiled, shared by all smoothers."""
 
 from __future__ import annotations
 

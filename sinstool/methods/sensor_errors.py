@@ -1,4 +1,4 @@
-"""Errors of inertial sensors, and the grades that sensors come in."""
+"""Errors of inertial sensors, and the grades of sensors."""
 
 from __future__ import annotations
 

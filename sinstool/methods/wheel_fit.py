@@ -1,4 +1,4 @@
-"""Wheel speeds against a reference: their scale, their latency, and where one of them slips."""
+"""Wheel speeds compared with a reference: their scale, their latency, their slip."""
 
 from __future__ import annotations
 

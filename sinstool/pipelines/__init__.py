@@ -1,4 +1,4 @@
-"""From a log to an answer: one folder for each command."""
+"""From a log to a result: one folder for each command."""
 
 from sinstool.core.compiled import set_up_cache
 

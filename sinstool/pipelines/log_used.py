@@ -1,4 +1,4 @@
-"""What results say of the log that was read: the file, the time of its Imu, what was lost."""
+"""The log in results: the file, the time span of its Imu, its losses."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What will be done with a log, and why: chosen once, from its survey and the configuration.
+"""The plan for a log, with reasons: chosen once, from its survey and the configuration.
 
 `info` prints the plan, `process` and `align` carry it out, and every result holds it. Nobody else
 chooses. Some choices can only be made by trying: whether a gyrocompass sees north, whether motion

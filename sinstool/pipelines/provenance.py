@@ -1,4 +1,4 @@
-"""What an output says of how it was made: the MCAP Metadata record ``sinstool``.
+"""Provenance of an output: the MCAP Metadata record ``sinstool``.
 
 A log's result is a function of the log, the configuration and the version; the record holds all
 three, so that a later run can tell whether an output is the one it would make itself.

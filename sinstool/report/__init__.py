@@ -1,1 +1,1 @@
-"""Figures and the page that shows them; matplotlib is imported when it draws."""
+"""Figures and the page that shows them; matplotlib is imported only to draw."""

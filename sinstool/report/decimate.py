@@ -1,4 +1,4 @@
-"""Thinning of curves to what a page can show; every extreme stays."""
+"""Thinning of curves for a page; every extreme stays."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Figures as plotly draws them: plain dictionaries, with the colours left to the page's theme."""
+"""Figures for plotly: plain dictionaries; the page's theme sets the colours."""
 
 from __future__ import annotations
 

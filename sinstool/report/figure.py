@@ -1,4 +1,4 @@
-"""What a figure shows, without how it is drawn: the report draws these, tests read them."""
+"""The contents of a figure, independent of drawing: the report draws them, tests read them."""
 
 from __future__ import annotations
 

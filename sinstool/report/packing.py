@@ -1,4 +1,4 @@
-"""Numbers of a page's figures, as small as they can be without loss.
+"""Numbers of a page's figures in compact, lossless form.
 
 All arrays lie in one compressed block; in the figures' JSON stand their types, places and lengths.
 Within an array the first bytes of all numbers come first, then all second ones, and so on: the

@@ -1,4 +1,4 @@
-"""The page that every command can write, and the figure for a paper: one file, whole.
+"""The page of every command, and the single figure for a paper, each a whole file.
 
 Pages of many logs may share the script that draws them, which then lies beside them.
 """

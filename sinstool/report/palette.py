@@ -1,4 +1,4 @@
-"""The colours of the report: each in a shade for light paper and one for dark screens."""
+"""The colours of the report, each in a shade for light and one for dark pages."""
 
 from __future__ import annotations
 

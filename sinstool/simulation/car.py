@@ -1,4 +1,4 @@
-"""How a simulated car slides, where the Imu is in it, and what its rear axle does.
+"""A simulated car: its sliding, the place of the Imu, and the motion of its rear axle.
 
 Vehicle axes ``v`` are FRD at the middle of the rear axle, which cannot slide but for what is told
 here: its velocity to the right is ``-kappa V^2 r + s``, of forward speed V, yaw rate r and a slow

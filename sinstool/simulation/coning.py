@@ -1,4 +1,4 @@
-"""Classical coning, exact for any cone angle: the motion that coning algorithms are tested by.
+"""Classical coning, exact for any cone angle: the test motion of coning algorithms.
 
 The body's z axis stays on a cone about the z axis of a frame ``c``:
 

@@ -1,4 +1,4 @@
-"""A drive on roads with exact sensors: still at first, then stops, turns and hills."""
+"""A drive on roads with exact sensors: rest at first, then stops, turns and hills."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""GNSS fixes of a simulated vehicle: coloured noise, latency, lever arm, and what goes wrong.
+"""GNSS fixes of a simulated vehicle: coloured noise, latency, lever arm, faults.
 
 Fixes lie between the instants of the trajectory. Position there is the quintic in Earth axes that
 has position, velocity and acceleration of the two instants around; velocity is its derivative.

@@ -1,4 +1,4 @@
-"""A skewed triad of gyros on a turntable at rest on the Earth, with all that can be wrong.
+"""A skewed triad of gyros on a turntable at rest on the Earth, with its possible errors.
 
 The angle of the table is known in closed form: constant rates joined by ramps of constant
 acceleration, and a ripple of the rate that follows the angle. What the gyros integrate along

@@ -1,4 +1,4 @@
-"""Simulated motions as logs: the sensors' topics, and the truth beside them."""
+"""Simulated motions as logs: the sensors' topics and the truth."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Logs made of scenarios: truth, sensor errors, topics, and the file."""
+"""Logs of scenarios: truth, sensor errors, topics, and the file."""
 
 from __future__ import annotations
 

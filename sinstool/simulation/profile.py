@@ -1,4 +1,4 @@
-"""A vehicle that flies a profile: speed, flight-path angle, course and Euler angles of time.
+"""A vehicle on a profile: speed, flight-path angle, course and Euler angles over time.
 
 Velocity, acceleration, attitude and angular rate are exact everywhere. Position is their integral
 over the ellipsoid, and gravity is a sum of spherical harmonics, independent of the closed formula

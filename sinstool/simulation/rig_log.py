@@ -1,4 +1,4 @@
-"""The log of a turntable with a rate-biased system, made of its scenario."""
+"""The log of a turntable with a rate-biased system, from its scenario."""
 
 from __future__ import annotations
 

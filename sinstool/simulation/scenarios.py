@@ -1,4 +1,4 @@
-"""The kinds of log that can be simulated, as their options; `make` makes the logs."""
+"""The scenarios of `simulate` as options; `make` produces the logs."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Errors of sensors: white noise, biases that wander, scale, misalignment, range; a barometer."""
+"""Sensor errors: white noise, wandering biases, scale, misalignment, range; a barometer."""
 
 from __future__ import annotations
 

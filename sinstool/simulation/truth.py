@@ -1,4 +1,4 @@
-"""What a simulated motion gives: exact samples of an Imu, the true attitude, and the place."""
+"""The truth of a simulated motion: exact samples of an Imu, attitude, and position."""
 
 from __future__ import annotations
 

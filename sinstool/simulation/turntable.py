@@ -1,4 +1,4 @@
-"""The angle of a turntable that goes from rate to rate."""
+"""The angle of a turntable that steps from rate to rate."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Wheel speeds of a simulated car: scale, latency, slip, and the topics that carry them."""
+"""Wheel speeds of a simulated car: scale, latency, slip, and their topics."""
 
 from __future__ import annotations
 

@@ -1,1 +1,1 @@
-"""What a log holds, what is odd about it, and what will be done with it, and why."""
+"""The contents of a log and its anomalies."""

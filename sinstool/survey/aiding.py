@@ -1,4 +1,4 @@
-"""What helps an IMU along: the barometer of a log, and what all such streams have in common.
+"""Aiding data of an IMU: the barometer of a log, and functions for all such streams.
 
 They are slow beside the Imu's, so they are read whole. Every message is either used or counted, and
 units that cannot be right are refused with the option that answers them.

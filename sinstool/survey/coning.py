@@ -1,4 +1,4 @@
-"""The coning algorithm of a run, with what its options need to know of the log."""
+"""The coning algorithm of a run, with the data that its options need from the log."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""GNSS out of a log: the receiver and the velocity that are chosen, held against each other.
+"""GNSS of a log: the receiver and the velocity to use, checked against each other.
 
 Every message is either used or counted, and units that cannot be right are refused with the option
 that answers them.

@@ -1,4 +1,4 @@
-"""What grade the IMU of a log is: as specified, or by its noise at rest."""
+"""The grade of a log's IMU: set by the user, or from its noise at rest."""
 
 from __future__ import annotations
 

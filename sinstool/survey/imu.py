@@ -1,4 +1,4 @@
-"""The first pass over a log: what its Imu data is, before anything is computed from it.
+"""The first pass over a log: a survey of its Imu data before any computation.
 
 Rates, gaps, clocks, units, stillness, saturation: found in one pass with state that does not
 depend on where blocks end. Both `sinstool info` and `sinstool process` begin here, so that what

@@ -1,4 +1,4 @@
-"""Samples of a log into increments, segment by segment, for filters that run over all of it."""
+"""Increments from the samples of a log, segment by segment, for filters."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The magnetometer of a log: which topic it is, and what it measured."""
+"""The magnetometer of a log: its topic and its measurements."""
 
 from __future__ import annotations
 

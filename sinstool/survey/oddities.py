@@ -1,4 +1,4 @@
-"""What is odd about a log, in words, each with the option that answers it.
+"""Anomalies of a log, in words, each with the option that deals with it.
 
 `info` lists all of it; `process` refuses what would make its result wrong and repeats the
 rest as warnings.

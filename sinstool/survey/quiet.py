@@ -1,4 +1,4 @@
-"""Stretches of a log that show the noise of its sensors and nothing else."""
+"""Stretches of a log that show only the noise of its sensors."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Rest: what the Imu says of it, and whether GNSS may deny it.
+"""Rest according to the Imu, and whether GNSS contradicts it.
 
 An Imu that shows nothing may rest or move steadily; GNSS tells the two apart, unless the receiver
 has only begun to work and its fixes wander. A vehicle that moves goes on until the Imu feels it

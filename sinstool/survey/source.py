@@ -1,4 +1,4 @@
-"""A log, opened and surveyed: the topic that is meant, its units, and its samples in order."""
+"""A log, opened and surveyed: the topic to use, its units, and its samples in order."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What the first pass over a log counts: histograms and extremes of ordered samples.
+"""Counts of the first pass over a log: histograms and extremes of ordered samples.
 
 All state is of bounded size (but for 112 bytes each half second) and does not depend on where
 blocks end.

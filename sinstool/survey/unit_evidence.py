@@ -1,4 +1,4 @@
-"""Is a gyro in deg/s? Is an accelerometer in g? What the data itself says."""
+"""Evidence in the data for units: gyro in deg/s, accelerometer in g."""
 
 from __future__ import annotations
 

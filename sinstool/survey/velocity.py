@@ -1,4 +1,4 @@
-"""Whether a velocity is what it is read as: over ground, along east, north and up.
+"""Whether a velocity is over ground, along east, north and up.
 
 Wheel odometry has the same message types as a receiver, in axes of the vehicle or of a frame that
 begins wherever it was switched on, and drivers mix up axes and units. The fixes show it: over some

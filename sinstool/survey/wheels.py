@@ -1,4 +1,4 @@
-"""Wheel speeds of a log: which topic holds them, and how they fit a reference.
+"""Wheel speeds of a log: their topic, and their fit to a reference.
 
 Wheels have no type of message of their own. Odometry, twists and joints are taken for wheels where
 they hold forward speed alone, which no filter's output does, and where it is the speed of the fixes

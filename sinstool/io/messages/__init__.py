@@ -1,4 +1,4 @@
-"""Message definitions as byte layouts: columns out of bytes, bytes out of columns.
+"""Message definitions as byte layouts: columns from bytes, bytes from columns.
 
 ``definitions`` turns the text of a schema into fields, ``layout`` finds where each field of
 a message lies, ``decode`` gathers columns from many messages at once and ``encode`` writes

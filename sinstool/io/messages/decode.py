@@ -1,4 +1,4 @@
-"""Columns out of bytes: the wanted fields of many messages, gathered in one compiled pass."""
+"""Columns from bytes: selected fields of many messages in one compiled pass."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The fields of a message type, from the schema text a log carries.
+"""The fields of a message type, from the schema text in a log.
 
 The grammar of ``.msg`` and ROS IDL files is rosbags' trade; this module only asks it, fills
 in what logs leave out, and says clearly what it cannot use.

@@ -1,4 +1,4 @@
-"""Bytes out of columns: many messages of one layout at once."""
+"""Bytes from columns: many messages of one layout at once."""
 
 from __future__ import annotations
 

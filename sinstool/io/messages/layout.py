@@ -1,4 +1,4 @@
-"""Where each field of a message lies, derived from the definition and the bytes themselves.
+"""The place of each field in a message, derived from the definition and the bytes.
 
 A message's layout depends on its definition and on the lengths of its strings and sequences.
 `walk` reads those lengths from one message and notes them as *guards*: any other message in

@@ -1,4 +1,4 @@
-"""What an MCAP's index says of attachments and metadata, read from the records and checked.
+"""Index entries of an MCAP's attachments and metadata, read from the records.
 
 These records are copied byte for byte; one that contradicts itself would make the copy
 unreadable, or hand on data that are not what was recorded.

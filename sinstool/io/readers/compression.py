@@ -1,4 +1,4 @@
-"""Decompression of one block whose decompressed size is declared beside it, and checked."""
+"""Decompression of one block, with a check of its declared size."""
 
 from __future__ import annotations
 

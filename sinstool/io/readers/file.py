@@ -1,4 +1,4 @@
-"""A log that is one file: bytes at places of it, its blocks unpacked, its batches read ahead."""
+"""A log in one file: bytes at given places, blocks decompressed, batches read ahead."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The format of a log by its first bytes: one table, without numpy."""
+"""The format of a log from its first bytes: one table, without numpy."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The door: vectors and quaternions between a log's axes and sinstool's.
+"""Vectors and quaternions converted between a log's axes and sinstool's.
 
 A log's body axes are FLU (REP-103) or FRD; its world is ENU for FLU logs and NED for FRD logs,
 as each convention has it. Inside, body is FRD and the navigation frame NED.

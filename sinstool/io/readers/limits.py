@@ -1,4 +1,4 @@
-"""How much of a log is believed, read at once or held: bounds that all formats share.
+"""Limits on declared sizes, on reads and on memory that all formats share.
 
 They are plain numbers, as compiled searches take them in too.
 """

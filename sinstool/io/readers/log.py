@@ -1,4 +1,4 @@
-"""What every recorded log looks like to the rest: channels, and raw messages in batches."""
+"""The interface of every recorded log: channels, and raw messages in batches."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What of a log could not be read, or not be proved right: where, when, and how much."""
+"""Parts of a log that could not be read or verified: where, when, and how much."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""MCAP logs: their channels, and their messages in the order of the file.
+"""MCAP logs: their channels, and their messages in file order.
 
 The summary, where it can be trusted, saves the discovery of channels and the decompression of
 chunks nobody asked for, and no more: messages always come from the walk over the records.

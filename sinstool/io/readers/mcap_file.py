@@ -1,4 +1,4 @@
-"""An MCAP file as bytes: its records at the top level, in the order of the file.
+"""An MCAP file as bytes: its top-level records in file order.
 
 The data section is always walked record by record (a handful of reads per chunk), so chunked and
 unchunked files, with or without indexes, take one path. Behind damage, when that is to be passed

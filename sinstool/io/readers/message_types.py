@@ -1,4 +1,4 @@
-"""Types of the messages that are read, as ROS 2 names them, by what they are read for."""
+"""Message types that are read, by their ROS 2 names and their use."""
 
 from __future__ import annotations
 

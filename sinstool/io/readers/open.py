@@ -1,4 +1,4 @@
-"""Open a log, whatever it is, by what its first bytes say."""
+"""Open a log in whatever format its first bytes indicate."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A result that sinstool wrote, read back: its topics joined by time, as solutions."""
+"""A result written by sinstool, read back: its topics joined by time."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Where the next record begins behind a damaged one: compiled searches, each byte looked at once.
+"""The next record after a damaged one: compiled searches that visit each byte once.
 
 A place counts as a record only where its kind, its length and its own fields agree with one
 another, so that payloads and compressed bytes are not taken for records.

@@ -1,4 +1,4 @@
-"""ROS 2 bag folders: ``metadata.yaml`` and the files it lists, as one log.
+"""ROS 2 bag folders: ``metadata.yaml`` and the files in it, as one log.
 
 The files say themselves what they are (SQLite, MCAP, or one of these inside zstd), so all that
 the metadata decides is their order and whether each message is compressed.

@@ -1,4 +1,4 @@
-"""What can still be had of a damaged part of a log: whole records, wherever they begin again."""
+"""Whole records from a damaged part of a log, wherever they begin again."""
 
 from __future__ import annotations
 

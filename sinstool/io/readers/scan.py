@@ -1,4 +1,4 @@
-"""Compiled walks over the records of a chunk: where every message lies, and what else is there.
+"""Compiled scans of the records of a chunk: the place of every message.
 
 The record headers are read rather than the chunk's own message index, because the index can
 be missing or wrong and the headers cannot: the walk fails exactly where the chunk does.

@@ -1,4 +1,4 @@
-"""Messages of small topics in memory, so that one pass over a log serves all who want them."""
+"""Messages of small topics in memory, so that one pass over a log serves all users."""
 
 from __future__ import annotations
 

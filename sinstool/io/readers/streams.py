@@ -1,4 +1,4 @@
-"""Streams out of a log: which columns each message type gives, turned into our frames and units."""
+"""Streams from a log: columns of each message type, in sinstool's frames and units."""
 
 from __future__ import annotations
 

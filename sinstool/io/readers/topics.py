@@ -1,4 +1,4 @@
-"""Which topic of a log is meant: named by the user, or the only one that can be."""
+"""The topic to use: the one that the user names, or the only candidate."""
 
 from __future__ import annotations
 

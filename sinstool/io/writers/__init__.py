@@ -1,1 +1,1 @@
-"""Solutions out: MCAP that any ROS or Foxglove user can open, whole or not at all."""
+"""Solutions as MCAP files that ROS and Foxglove can open, written whole or not at all."""

@@ -1,4 +1,4 @@
-"""The input's own messages into the output, byte for byte, interleaved with ours by time."""
+"""The input's own messages copied to the output, interleaved with ours by time."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""MCAP out, in bulk: the order of the file, its summary and its indexes.
+"""MCAP output in bulk: the order of the file, its summary and its indexes.
 
 What exists per message is made by one compiled scatter; every other record goes through mcap's
 own classes. All rules that readers in the field rely on are kept: an index for every channel of

@@ -1,4 +1,4 @@
-"""Solutions into an MCAP: serialised in batches, in step with what else is written."""
+"""Solutions written to an MCAP: serialised in batches, in step with the other messages."""
 
 from __future__ import annotations
 

@@ -1,1 +1,1 @@
-"""Where the vehicle points: at rest, and in flight."""
+"""Alignment: the attitude of a vehicle at rest and in flight."""

@@ -1,4 +1,4 @@
-"""How well an attitude from vector pairs is known, and how well it could be.
+"""Accuracy of an attitude from vector pairs, estimated and attainable.
 
 Velocity noise enters differences of integrated vectors twice, so that it is propagated fix by
 fix (a sandwich), not pair by pair; the sensors' own errors are considered without being

@@ -1,4 +1,4 @@
-"""A record at one place, cut into rest and half-second windows of motion, and its noise."""
+"""A record at one place, divided into rest and half-second windows of motion."""
 
 from __future__ import annotations
 

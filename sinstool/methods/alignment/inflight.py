@@ -1,4 +1,4 @@
-"""Attitude found in flight from inertial increments and GNSS velocity.
+"""Attitude in flight from inertial increments and GNSS velocity.
 
 What callers use::
 

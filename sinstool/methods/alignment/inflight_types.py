@@ -1,4 +1,4 @@
-"""What in-flight alignment takes and gives: increments, fixes, settings, series.
+"""Data of in-flight alignment: increments, fixes, settings, series.
 
 Sigmas of sensors and fixes are those of one axis; all three axes are taken alike.
 """

@@ -1,4 +1,4 @@
-"""The attitude a run starts from, and the gyro bias that is taken out."""
+"""The initial attitude of a run, and the gyro bias that is removed."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Pairs of vectors ``beta = C_ib0^i alpha`` out of the two integrated sides.
+"""Pairs of vectors ``beta = C_ib0^i alpha`` from the two integrated sides.
 
 The forms differ only here: ``win`` takes differences over a sliding window, ``int`` from the
 first fix, ``diff`` and ``diffc`` differentiate velocity. ``cen`` takes out the mean and ``pos``

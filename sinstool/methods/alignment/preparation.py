@@ -1,4 +1,4 @@
-"""Both streams made fit for alignment: repeats, gaps, missing values, broken chains."""
+"""Both streams prepared for alignment: repeats, gaps, missing values, breaks."""
 
 from __future__ import annotations
 

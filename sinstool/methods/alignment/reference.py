@@ -1,4 +1,4 @@
-"""The GNSS side: what velocity and position say about the integrated specific force.
+"""The GNSS side: integrated specific force from velocity and position.
 
 ``i`` is the Earth frame ECEF frozen at the origin of time. The specific force integrated in
 ``i`` follows from velocity, the Earth's rate and gravity alone; no transport rate is needed,

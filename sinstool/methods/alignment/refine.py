@@ -1,4 +1,4 @@
-"""Refinement of an attitude found from pairs: a Kalman filter over the same integrals.
+"""Refinement of an attitude from pairs: a Kalman filter over the same integrals.
 
 It starts from the attitude found and runs over the fixes from the first, with the errors of
 the sensors as states; no reference to where the vehicle points is needed, as all is in

@@ -1,4 +1,4 @@
-"""Segments of a log that can be aligned with: found, screened, bounded by the gate, solved."""
+"""Segments of a log for alignment: found, screened, limited by the gate, solved."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""One segment solved: pairs, attitude, covariance, at its end, at every fix and at any time."""
+"""Solution of one segment: pairs, attitude, covariance, at the end and at every fix."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Stillness: half-second windows of inertial data, and the spans in which nothing moved.
+"""Stillness: half-second windows of inertial data, and the spans without motion.
 
 A gyro can be biased by degrees per second, so stillness is judged on variance, never on the
 mean; the means only have to stay what they were.

@@ -1,4 +1,4 @@
-"""Wahba's problem: the rotation that best takes one set of vectors into another.
+"""Wahba's problem: the rotation that best maps one set of vectors to another.
 
 Minimise ``1/2 sum a_k |beta_k - C alpha_k|^2`` over rotations C, given only the attitude
 profile matrix ``B = sum a_k beta_k alpha_k^T``; eq. (5) of Qu et al. All solvers work on

@@ -1,4 +1,4 @@
-"""Attitude held up by gravity: a smoother of gyro, accelerometer and rest, without GNSS.
+"""Attitude corrected by gravity: a smoother of gyro, accelerometer and rest.
 
 A vehicle does not accelerate for ever: its velocity, or the position of a hand, is bounded. So the
 specific force, turned into navigation axes by the gyros, is gravity and the derivative of a bounded

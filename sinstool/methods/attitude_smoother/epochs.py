@@ -1,4 +1,4 @@
-"""Epochs: what a filter at 5 Hz needs of samples at full rate.
+"""Epochs: samples at full rate condensed for a filter at 5 Hz.
 
 Integrated attitudes turn the specific force into navigation axes; its sums over an epoch, and what
 a bias of the gyros would do to the attitude meanwhile, are all that the filter sees of it.

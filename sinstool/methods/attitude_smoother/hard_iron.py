@@ -1,4 +1,4 @@
-"""The field of magnetised iron that turns with a magnetometer, found from how the body turned."""
+"""The field of magnetised iron that turns with the body, estimated from its rotation."""
 
 from __future__ import annotations
 

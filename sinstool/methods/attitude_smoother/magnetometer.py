@@ -1,4 +1,4 @@
-"""Heading from a magnetometer: what of its field is the Earth's, and where it is not to be trusted.
+"""Heading from a magnetometer: which part of its field is the Earth's.
 
 Indoors and near vehicles most of what a magnetometer says is wrong for a while. The Earth's field
 has one size and one dip; what has others is left out. What magnetised iron in the body adds turns

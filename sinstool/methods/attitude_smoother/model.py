@@ -1,4 +1,4 @@
-"""What the smoother assumes: of the sensors by their grade, and of the motion by its class."""
+"""Assumptions of the smoother: sensors by their grade, motion by its class."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What kind of motion a log holds: by which bound makes its accelerations more likely."""
+"""The kind of motion in a log: the bound that makes its accelerations more likely."""
 
 from __future__ import annotations
 

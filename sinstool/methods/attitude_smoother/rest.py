@@ -1,4 +1,4 @@
-"""What looks like rest: two seconds in which the means of epochs stay what they are.
+"""Detection of rest: two seconds in which the means of epochs stay constant.
 
 Steady travel and wide turns look alike; the filter denies those by what led there.
 """

@@ -1,4 +1,4 @@
-"""Forwards and backwards over the epochs of a log, and the attitudes that come of it."""
+"""The smoother over the epochs of a log, forwards and backwards, and its attitudes."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""State and parameters that a filter over epochs begins with."""
+"""Initial state and parameters of a filter over epochs."""
 
 from __future__ import annotations
 

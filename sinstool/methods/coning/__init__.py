@@ -1,4 +1,4 @@
-"""Gyro samples into rotation vectors: one file for each family of coning algorithms.
+"""Rotation vectors from gyro samples: one file for each family of coning algorithms.
 
 Start at :mod:`~sinstool.methods.coning.registry` for the names,
 :mod:`~sinstool.methods.coning.stage` to run one over a log,

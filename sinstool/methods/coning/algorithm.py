@@ -1,4 +1,4 @@
-"""What a coning algorithm is: samples of one update in, its rotation vector out.
+"""The interface of a coning algorithm: samples of one update in, rotation vector out.
 
 Everything that feeds an algorithm (streams, comparisons, the closed-form response) knows
 only :class:`ConingAlgorithm`; everything that is one lives in a file of its own family and

@@ -1,4 +1,4 @@
-"""Magnitude response of a gyro: what its samples leave of a vibration of each frequency."""
+"""Magnitude response of a gyro to vibration of each frequency."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Angular increments from point rates, and the other ways between the kinds of sample.
+"""Angular increments from point rates, and the other conversions between sample kinds.
 
 A point rate is interpolated by the polynomial through `points` consecutive samples centred
 on the interval, and that polynomial is integrated over the interval. At the ends of a

@@ -1,4 +1,4 @@
-"""Coning with the samples that follow as well: what only a recorded log allows.
+"""Coning with later samples as well, which only a recorded log allows.
 
 The polynomial through P consecutive values of the cumulative angle, centred on a sample
 interval, is far sharper there than anything that looks back only, and so there is no need for

@@ -1,4 +1,4 @@
-"""How coning algorithms answer classical coning, in closed form, and the coning of a log.
+"""Response of coning algorithms to classical coning, in closed form; coning of a log.
 
 In classical coning every update is the one before it, turned about the cone's axis. The
 product of any number of them is therefore known from one: no simulation, no accumulated

@@ -1,4 +1,4 @@
-"""Gyro samples of one segment, block by block, into rotation vectors.
+"""Rotation vectors from the gyro samples of one segment, block by block.
 
 A segment is a stretch of a log without gaps. Its first sample gives the instant at which
 it starts; every interval after that is answered for exactly once, and the answers do not

@@ -1,4 +1,4 @@
-"""Height: from air pressure, and the damping network that holds the vertical channel to it.
+"""Height from air pressure, and the damping network of the vertical channel.
 
 Start at :mod:`~sinstool.methods.height.network` for the network and its gains,
 :mod:`~sinstool.methods.height.vertical` to run a vertical channel over a log,

@@ -1,4 +1,4 @@
-"""A vertical channel inside a mechanisation: what to do at each IMU step and baro sample.
+"""A vertical channel inside a mechanisation: its steps at IMU and barometer samples.
 
 The host owns height and upward velocity and advances them free of any damping. The channel
 owns the correction A and everything that decides whether a barometer is to be believed::

@@ -1,4 +1,4 @@
-"""What a vertical channel remembers of the last second: where it was, how often samples come.
+"""The last second of a vertical channel: its heights, and the rate of samples.
 
 A barometer sample that comes late is compared with height and velocity at its own stamp, found
 in a ring of past states. Compiled; the arrays are those of :mod:`~sinstool.methods.height.layout`.

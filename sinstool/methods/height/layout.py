@@ -1,4 +1,4 @@
-"""What a vertical channel carries along: its state, its parameters, its events, as arrays.
+"""Data of a vertical channel as arrays: its state, its parameters, its events.
 
 Compiled loops want numbers in flat arrays; this module says which number lies where, makes the
 arrays and puts names back on what comes out. The kernels are in

@@ -1,4 +1,4 @@
-"""Height from static air pressure: the standard atmosphere, and what the pressure was of.
+"""Height from static air pressure: the standard atmosphere and its reference.
 
 Pressure altitude is geopotential and belongs to a standard day. What makes it a height above
 the ellipsoid is a :class:`BaroReference`: an altimeter setting, GNSS heights or a known height

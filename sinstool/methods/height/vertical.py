@@ -1,4 +1,4 @@
-"""A vertical channel on its own: height and vertical velocity from attitude and a barometer.
+"""A separate vertical channel: height and vertical velocity from attitude and barometer.
 
 Where nothing is known of horizontal motion, the upward specific force of an attitude solution
 less gravity is integrated twice and held to the barometer by the damping network. The Coriolis

@@ -1,4 +1,4 @@
-"""What a calibration of heading-sensitive error would be worth, before the table turns.
+"""Predicted accuracy of a calibration of heading-sensitive error.
 
 White noise of the gyro (angular random walk) is all that is assumed; the covariance is that of
 the fits in :mod:`sinstool.methods.hse.fit` and :mod:`sinstool.methods.hse.axial`.

@@ -1,4 +1,4 @@
-"""Weighted linear least squares with what is needed to trust it.
+"""Weighted linear least squares with diagnostics.
 
 Covariance, leverage, externally studentised residuals and the test for lack of fit, as in
 Seber and Lee, "Linear Regression Analysis", 2nd ed., 2003, chapters 3, 4 and 10.

@@ -1,4 +1,4 @@
-"""Headings of runs as a linear model: columns of the runs, parameters, and what is left out."""
+"""Headings of runs as a linear model: columns of the runs, parameters, exclusions."""
 
 from __future__ import annotations
 

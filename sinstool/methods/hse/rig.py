@@ -1,4 +1,4 @@
-"""What is known of a rig: calibration matrices, the encoder, how samples are stamped.
+"""Description of a rig: calibration matrices, the encoder, stamps of samples.
 
 A heading-sensitive error belongs to one set of these numbers: with another calibration it is
 another error. :meth:`Rig.sha256` tells whether two sets are the same in this sense.

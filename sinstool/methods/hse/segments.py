@@ -1,4 +1,4 @@
-"""Where the table turns steadily: plateaus of its rate, cut into stretches to align on.
+"""Stretches of steady rotation: plateaus of the table's rate, divided for alignment.
 
 Rates are those of the encoder over blocks of a quarter of a second. A plateau grows block by
 block as long as the next one agrees with its mean. What is not used is given back as well, with

@@ -1,4 +1,4 @@
-"""What a barometer tells an INS/GNSS filter: through the damping network, or as a measurement.
+"""Barometer in an INS/GNSS filter: through the damping network, or as a measurement.
 
 The vertical channel decides which samples move the navigation; the filter has a say, as it knows
 how good both heights are, and keeps its covariance true to what was done.

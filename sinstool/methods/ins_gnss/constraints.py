@@ -1,4 +1,4 @@
-"""What a vehicle cannot do, as an INS/GNSS filter is given it: rests, and wheels on land."""
+"""Motion constraints of an INS/GNSS filter: rests, and wheels on land."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Why a filter does badly: the likely cause, by name, from what it did.
+"""Diagnosis of a bad filter run: the likely cause, by name.
 
 A filter with a wrong setting does not say so. Each wrong setting leaves a trace of its own:
 

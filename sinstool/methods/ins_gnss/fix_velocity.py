@@ -1,4 +1,4 @@
-"""Velocities of a receiver: made from its positions, and of an earlier instant than these.
+"""Velocities derived from a receiver's positions, and their earlier instant.
 
 A filter takes positions as they are: velocities from their differences would give it the same
 thing twice. But an attitude in motion is found from changes of velocity, and a receiver may give

@@ -1,4 +1,4 @@
-"""A GNSS epoch in an INS/GNSS filter: compared, believed or not, used."""
+"""A GNSS epoch in an INS/GNSS filter: compared, gated, used."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Substeps and instants of an INS/GNSS filter: to the present, feedback, beginning anew.
+"""Substeps and instants of an INS/GNSS filter: propagation, feedback, restart.
 
 An *instant* is the end of an IMU update with measurements. They change the estimate one after
 the other; at the end of the instant what was estimated is fed back to navigation, sensors and

@@ -1,4 +1,4 @@
-"""How late velocities are stamped, found by sliding one velocity along another.
+"""Delay of velocity stamps, from the shift between two velocities.
 
 Over some seconds a velocity that the IMU alone gives is off by a constant and a slope (tilt and
 bias times gravity); both are fitted away in each window, and what is left depends on time

@@ -1,4 +1,4 @@
-"""What the compiled loop carries along, as arrays, and which number lies where.
+"""Data of the compiled loop as arrays, and the index of each number.
 
 numba's cache of a kernel does not notice that a number here changed, nor a kernel that it calls
 in another file: after editing, delete ``__pycache__`` of this folder.

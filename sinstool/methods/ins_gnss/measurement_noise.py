@@ -1,4 +1,4 @@
-"""White noise of fixes from their innovations: adapted filters, and what the gate measures.
+"""White noise of fixes from their innovations: for adaptive filters and the gate.
 
 A ratio of each row multiplies the variance that was given. ``sage-husa`` and ``innovation`` adapt
 it at every epoch. Otherwise a gate measures it before it turns a fix down: where the noise given is

@@ -1,4 +1,4 @@
-"""How the errors drive each other, and what becomes of estimate and covariance meanwhile.
+"""The error model: how the errors drive each other, and the propagation of covariance.
 
 With ``R_M``, ``R_N`` the radii of curvature plus the height, the mechanisation is
 

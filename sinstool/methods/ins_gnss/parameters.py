@@ -1,4 +1,4 @@
-"""Settings of an INS/GNSS filter as the numbers that its compiled loop takes."""
+"""Settings of an INS/GNSS filter as numbers for its compiled loop."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""How late fixes are stamped and where the antenna is, together, from innovations of a filter.
+"""Latency of fixes and lever arm, estimated together from innovations.
 
 The one looks like the other: at constant speed a latency moves every fix along the track as an
 arm further back does. What tells them apart is speed that changes, and a body that does not turn as

@@ -1,4 +1,4 @@
-"""What an INS/GNSS filter answers with.
+"""Results of an INS/GNSS filter.
 
 A run gives, for each block of IMU updates, a :class:`FilterBlock`: columns at the IMU updates, what
 happened at the GNSS epochs, and, where asked for, what a smoother needs.

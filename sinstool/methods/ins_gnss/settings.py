@@ -1,4 +1,4 @@
-"""Settings of an INS/GNSS filter, its models of the sensors' errors, and where it starts."""
+"""Settings of an INS/GNSS filter, its models of sensor errors, and its start."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Where an INS/GNSS filter starts, once there is an attitude: position and velocity from GNSS.
+"""Start of an INS/GNSS filter with a known attitude: position and velocity from GNSS.
 
 References
 ----------

@@ -1,4 +1,4 @@
-"""What a solution is off by where its fixes are taken to be valid a little too soon or too late.
+"""Error of a solution whose fixes are used a little too early or too late.
 
 A filter that is told when fixes were valid follows them wherever they are: where that time is
 wrong the whole solution is early or late. No innovation shows it, and no state stands for it.

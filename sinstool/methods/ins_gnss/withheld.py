@@ -1,4 +1,4 @@
-"""How far a solution is from fixes that its filter did not see, outage by outage."""
+"""Distance of a solution from withheld fixes, outage by outage."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""When a vehicle stands, by what its IMU feels there and by where it is known to stand or move.
+"""Rests of a vehicle, from its IMU and from where a track shows rest or motion.
 
 No constant tells rest from motion in all vehicles: what a car with a shaking engine shows at a
 traffic light is more than what another shows as it drives. So the log's own track sets the

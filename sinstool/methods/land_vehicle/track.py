@@ -1,4 +1,4 @@
-"""The motion that constraints are held to: short means of the IMU, and a smoothed track."""
+"""The motion that constraints are tested on: short means of the IMU, a smoothed track."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""How a vehicle's axle moves, by a track that knew nothing of it: does it slide, and how much?
+"""Motion of a vehicle's axle on an unconstrained track: does it slide, and how much?
 
 The velocity of a smoother without constraints, in the vehicle's axes, shows what a constraint
 would say wrongly. Innovations inside a constrained filter do not: mount and lever bend first.

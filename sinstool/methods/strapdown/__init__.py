@@ -1,1 +1,1 @@
-"""Rotation vectors and velocity increments into attitude, velocity, position."""
+"""Attitude, velocity and position from rotation vectors and velocity increments."""

@@ -1,4 +1,4 @@
-"""Ordered Imu blocks in, attitude, velocity and position out: the heart of `process --mode ins`.
+"""Attitude, velocity and position from ordered Imu blocks, for `process --mode ins`.
 
 A mechanisation, and a vertical channel that a barometer or GNSS heights may damp.
 """

@@ -1,4 +1,4 @@
-"""Ordered samples through an integration, segment by segment.
+"""Ordered samples for an integration, segment by segment.
 
 A coning stage answers for a sample only when the update that ends there is done, which may be some
 samples, or a block, later. Until then the samples are held here.

@@ -1,4 +1,4 @@
-"""Velocity increments over the updates of any coning algorithm, by that algorithm itself.
+"""Velocity increments over the updates of any coning algorithm.
 
 What a mechanisation needs of an update is the integral of the specific force in the body axes
 of its start,

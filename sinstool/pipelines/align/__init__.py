@@ -1,1 +1,1 @@
-"""Where the vehicle of a log points: the command, and the first attitude of other runs."""
+"""Alignment of a log: the command, and the first attitude of other runs."""

@@ -1,4 +1,4 @@
-"""The first attitude of a run, by whatever means its options and its log allow."""
+"""The first attitude of a run, by the method that options and log allow."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""`sinstool align`: one log in, its attitude with covariance out."""
+"""`sinstool align` on one log: its attitude with covariance."""
 
 from __future__ import annotations
 

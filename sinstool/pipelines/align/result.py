@@ -1,4 +1,4 @@
-"""What `align` comes to: the values of ``--json``, the terminal and the page."""
+"""Result of `align`: the values of ``--json``, the terminal and the page."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Measured noise in the files of those who need it, each with the unit of every figure in words.
+"""Measured noise in the files of other programs, with units in words.
 
 =================  ================================================  ==============================
 format             white noise N, bias random walk K                 said by

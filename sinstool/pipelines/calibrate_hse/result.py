@@ -1,4 +1,4 @@
-"""What a calibration of heading-sensitive error comes to: ``--json``, the terminal and the page."""
+"""Result of a calibration of heading-sensitive error: ``--json``, terminal and page."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Heading-sensitive error calibrated: from a rig's logs to the file that `process --hse` takes.
+"""Calibration of heading-sensitive error: from a rig's logs to a calibration file.
 
 `calibrate` reads every log, finds its stretches at constant rate, aligns on each, fits, judges,
 and writes the calibration; what it returns is what a summary and a page need.

@@ -1,4 +1,4 @@
-"""What a slower log would fold onto slow motion: rate noise and lines about its sampling rate.
+"""Content that a slower log would alias to slow motion: noise and lines.
 
 Sampled at fs', content near a multiple of fs' becomes a slowly varying rate that no algorithm can
 tell from motion. The log at hand shows it up to half its own rate; above that it shows nothing.

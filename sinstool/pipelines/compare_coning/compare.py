@@ -1,4 +1,4 @@
-"""Coning algorithms side by side on one log: what each would have made of it.
+"""Coning algorithms side by side on one log.
 
 The reference is the sharpest thing the log's own samples allow. Everything is reported as the
 rate at which a candidate leaves it, window by window, so that sensor errors, which every

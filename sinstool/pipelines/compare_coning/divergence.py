@@ -1,4 +1,4 @@
-"""How far two attitudes part: per window, with confidence, and over the whole run."""
+"""Angle between two attitudes: per window, with confidence, and over the run."""
 
 from __future__ import annotations
 

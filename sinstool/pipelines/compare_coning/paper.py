@@ -1,4 +1,4 @@
-"""Fu and Luo's experiment beside what their paper prints: claims, verdicts and figures.
+"""Fu and Luo's experiment compared with their paper: claims, verdicts and figures.
 
 References
 ----------

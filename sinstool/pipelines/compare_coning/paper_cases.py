@@ -1,4 +1,4 @@
-"""What is run in the published pseudo-coning experiment: an algorithm and what it is fed."""
+"""Cases of the published pseudo-coning experiment: an algorithm and its input."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What the paper prints, what this experiment gives, and whether the two agree.
+"""Claims of the paper, results of this experiment, and their agreement.
 
 Every verdict is computed: from our number, the printed one and a tolerance that is stated.
 A printed figure was read off a curve and the gyro is known from a curve alone, so agreement

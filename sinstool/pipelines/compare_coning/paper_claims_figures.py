@@ -1,4 +1,4 @@
-"""The figures of the paper: what they show, and whether it comes out again."""
+"""The figures of the paper, and whether they reproduce."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The experiment of Fu and Luo's paper, run again with many gyros and algorithms.
+"""The experiment of Fu and Luo's paper, repeated with many gyros and algorithms.
 
 A cone of 0.1 deg and 30 Hz is sampled at 400 Hz for ten seconds, with noise of 0.01 deg at one
 frequency, which goes from 0 to 1000 Hz in steps of 1 Hz. For each, the attitude that an

@@ -1,4 +1,4 @@
-"""Coning algorithms run over the same samples, natively and as a slower log would have them."""
+"""Coning algorithms on the same samples, at the full rate and as in a slower log."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A comparison on a log as plain values: what ``--json``, the terminal, tables and pages show."""
+"""A comparison on a log as plain values, for ``--json``, terminal, tables and pages."""
 
 from __future__ import annotations
 

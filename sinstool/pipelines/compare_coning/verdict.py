@@ -1,4 +1,4 @@
-"""What a comparison says: which algorithm a log needs, or that the log cannot tell.
+"""The verdict of a comparison: the algorithm that a log needs, or that it cannot tell.
 
 An algorithm is named only where the log shows that it is accurate to the tolerance, so where what
 it is held against is itself that accurate. Otherwise only differences larger than that

@@ -1,4 +1,4 @@
-"""What an export comes to: the values of ``--json`` and of the terminal."""
+"""Result of an export: the values of ``--json`` and of the terminal."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The whole way from a result to a table, a trajectory or a track."""
+"""Export of a result to a table, a trajectory or a track."""
 
 from __future__ import annotations
 

@@ -1,1 +1,1 @@
-"""What a log holds, and what the other commands would do with it."""
+"""Contents of a log, and what the other commands would do with it."""

@@ -1,4 +1,4 @@
-"""What is seen of a log while it is inspected, for figures; what is kept is bounded."""
+"""Data collected for figures while a log is inspected, in bounded memory."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What `info` says of a log: the values of ``--json``, the terminal and the page."""
+"""Result of `info`: the values of ``--json``, the terminal and the page."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What is in a log: topics, the survey of each Imu topic, and what `process` would make of it."""
+"""Contents of a log: topics, the survey of each Imu topic, and the plan of `process`."""
 
 from __future__ import annotations
 

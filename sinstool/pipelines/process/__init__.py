@@ -1,1 +1,1 @@
-"""Kinds of runs: attitude alone, inertial navigation, and with GNSS; one file each."""
+"""Kinds of runs: attitude alone, inertial navigation, and INS/GNSS; one file each."""

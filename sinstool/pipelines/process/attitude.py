@@ -1,4 +1,4 @@
-"""`--mode attitude`: recorded IMU to corrected attitude."""
+"""`--mode attitude`: attitude from a recorded IMU."""
 
 from __future__ import annotations
 

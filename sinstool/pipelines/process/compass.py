@@ -1,4 +1,4 @@
-"""The magnetometer of a smoothed attitude: its field, its north, and what is to be said of them."""
+"""The magnetometer of a smoothed attitude: its field, its north, its findings."""
 
 from __future__ import annotations
 

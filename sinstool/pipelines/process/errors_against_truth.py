@@ -1,4 +1,4 @@
-"""What `process` is held against: attitude, position or velocity that a log or a file knows."""
+"""Errors of a solution against attitude, position or velocity from a log or a file."""
 
 from __future__ import annotations
 

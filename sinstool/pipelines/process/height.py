@@ -1,4 +1,4 @@
-"""What a run holds its height to: barometer or GNSS heights, and the network that does it."""
+"""Height damping of a run: barometer or GNSS heights, and the network."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What the kinds of runs have in common: a mode computes solutions, the runner writes them."""
+"""The interface of all modes: a mode computes solutions, the runner writes them."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The output of a run: solutions beside the input's own messages, whole or not at all."""
+"""The output of a run: solutions and the input's own messages, whole or not at all."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What a run of `process` comes to: the values of ``--json``, the terminal and the page."""
+"""Result of `process`: the values of ``--json``, the terminal and the page."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The whole way from a log to a solution, readable from top to bottom.
+"""A run of `process` from log to solution, readable from top to bottom.
 
 `process` opens the log, surveys it, makes the plan, has it carried out by the mode that it names,
 and returns what there is to say. The output appears when all of it is written.

@@ -1,4 +1,4 @@
-"""The attitude smoother on a log: two passes, and what is to be said of the outcome."""
+"""The attitude smoother on a log: two passes, and the findings."""
 
 from __future__ import annotations
 

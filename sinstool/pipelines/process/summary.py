@@ -1,4 +1,4 @@
-"""The parts of a result of `process`: what was read, what was used, what came of it."""
+"""The parts of a result of `process`: input, methods and results."""
 
 from __future__ import annotations
 

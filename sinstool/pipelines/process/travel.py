@@ -1,4 +1,4 @@
-"""How long and how far a run goes, how fast, and how well that is known, as solutions stream by."""
+"""Duration, distance, speed and accuracy of a run, collected from streamed solutions."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""`process --hse`: the attitude of a system on its turntable, heading-sensitive error taken out.
+"""`process --hse`: attitude of a system on its turntable, corrected for its error.
 
 Every stretch at constant rate is aligned on its whole turns, its heading corrected by the
 calibration. The base does not move, so that between stretches the attitude is that of the

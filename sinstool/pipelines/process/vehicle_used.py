@@ -1,4 +1,4 @@
-"""What an INS/GNSS filter took a vehicle not to do, and what it made of it."""
+"""Motion constraints that an INS/GNSS filter used, and their results."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A vertical channel of its own, beside a run that computes attitude alone."""
+"""A separate vertical channel for a run that computes attitude alone."""
 
 from __future__ import annotations
 

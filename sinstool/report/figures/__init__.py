@@ -1,1 +1,1 @@
-"""What each kind of result draws."""
+"""The figures of each kind of result."""

@@ -1,4 +1,4 @@
-"""What a page shows of an INS/GNSS filter: innovations within bounds, biases, what happened."""
+"""Figures of an INS/GNSS filter: innovations within bounds, biases, events."""
 
 from __future__ import annotations
 

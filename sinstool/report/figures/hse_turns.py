@@ -1,4 +1,4 @@
-"""Figures of what a calibration of heading-sensitive error was fed: turns, rates, noise."""
+"""Figures of the input of a calibration of heading-sensitive error: turns, rates, noise."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Figures of what is in a log, collected in bounded memory while it is inspected."""
+"""Figures of the contents of a log, collected in bounded memory by `info`."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The paper's figures drawn again, as data: the report does the drawing."""
+"""The paper's figures as data for the report."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What figures of several commands have in common: names of axes, labels, units, the track."""
+"""Shared parts of figures: names of axes, labels, units, the track."""
 
 from __future__ import annotations
 

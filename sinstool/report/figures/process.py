@@ -1,4 +1,4 @@
-"""Figures of a run of `process`, from the curves that its recorder collected."""
+"""Figures of a run of `process`, from the curves of its recorder."""
 
 from __future__ import annotations
 

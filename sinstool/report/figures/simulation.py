@@ -1,4 +1,4 @@
-"""Figures of a simulated log: the motion, and what its sensors make of it."""
+"""Figures of a simulated log: the motion, and its sensor data."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What a page tells of a run's settings and input."""
+"""Settings and input of a run on a page."""
 
 from __future__ import annotations
 

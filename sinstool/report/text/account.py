@@ -1,4 +1,4 @@
-"""A run of `process` in a few sentences: how long, how far, how well, and what was assumed."""
+"""A run of `process` in a few sentences: duration, distance, accuracy, assumptions."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What `compare-coning` shows of a comparison: tables of the terminal, the CSV and the page."""
+"""Tables of `compare-coning` for the terminal, the CSV and the page."""
 
 from __future__ import annotations
 

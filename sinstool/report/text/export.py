@@ -1,4 +1,4 @@
-"""What an export comes to, as rows."""
+"""The result of an export, as rows."""
 
 from __future__ import annotations
 

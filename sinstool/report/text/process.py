@@ -1,4 +1,4 @@
-"""What `process` says of a run: the rows that the terminal and the page of figures share."""
+"""The rows of a result of `process`, shared by the terminal and the page."""
 
 from __future__ import annotations
 

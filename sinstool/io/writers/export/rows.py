@@ -1,4 +1,4 @@
-"""Rows of text from columns: numbers are put into bytes by one compiled pass."""
+"""Rows of text from columns: one compiled pass formats the numbers."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Tables: every number of a result under a name with its unit, as CSV and as Parquet."""
+"""Tables as CSV and Parquet: every number of a result, with its unit in the name."""
 
 from __future__ import annotations
 

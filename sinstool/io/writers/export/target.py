@@ -1,4 +1,4 @@
-"""What every kind of exported file is made from, and what its writer does."""
+"""The input of every exported file, and the interface of its writer."""
 
 from __future__ import annotations
 

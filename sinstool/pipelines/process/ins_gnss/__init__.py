@@ -1,1 +1,1 @@
-"""A log through the INS/GNSS filter: timing, start, run, and what lies before the start."""
+"""A log through the INS/GNSS filter: timing, start, run, and the time before the start."""

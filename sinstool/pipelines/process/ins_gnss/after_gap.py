@@ -1,4 +1,4 @@
-"""A filter's new start after a gap of the Imu too long for a linear filter to carry over.
+"""Restart of a filter after an Imu gap that is too long to bridge.
 
 How far a vehicle turned in such a gap, nobody knows: the attitude is found from what follows, as at
 the start of a log. What the filter knew of the sensors stays known.

@@ -1,4 +1,4 @@
-"""What came before a filter's start: its state carried back over the samples by themselves."""
+"""The time before a filter's start: its state carried back over the samples."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""All that a run of the INS/GNSS filter starts from."""
+"""Start data of a run of the INS/GNSS filter."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Where a filter starts: an instant, the attitude there, and how well both are known."""
+"""Start of a filter: an instant, the attitude there, and the accuracy of both."""
 
 from __future__ import annotations
 

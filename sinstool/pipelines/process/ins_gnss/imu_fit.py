@@ -1,4 +1,4 @@
-"""Whether the Imu is as good as its grade says, by the innovations of a filter that believes so.
+"""Whether the Imu is as good as its grade, judged by innovations.
 
 From fix to fix even a poor Imu errs by less than the fixes do; what it is worth in an outage shows
 only where fixes are left out.

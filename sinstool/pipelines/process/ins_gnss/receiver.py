@@ -1,4 +1,4 @@
-"""What a filter assumes of a receiver: from what it says of itself, or from what is usual."""
+"""Receiver noise that a filter assumes: as reported, or the usual values."""
 
 from __future__ import annotations
 

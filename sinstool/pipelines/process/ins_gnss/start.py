@@ -1,4 +1,4 @@
-"""What an INS/GNSS filter starts from: settings, attitude, measurements, and their latency."""
+"""Start of an INS/GNSS filter: settings, attitude, measurements, and their latency."""
 
 from __future__ import annotations
 

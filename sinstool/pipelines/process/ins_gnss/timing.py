@@ -1,4 +1,4 @@
-"""When the fixes of a log were valid, estimated where the user does not say.
+"""Validity time of the fixes of a log, estimated unless the user gives it.
 
 An epoch is valid ``latency`` before its stamp. Position and velocity of one message need not be
 of one instant: some receivers difference positions, or average over the interval that ends at

@@ -1,4 +1,4 @@
-"""Which stretches of a filter's run are not to be believed, whatever its sigmas say."""
+"""Stretches of a filter's run that are not reliable, whatever their sigmas."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What the vehicle of a log cannot do: found by a first run of the filter that assumes nothing."""
+"""Motion constraints of the vehicle in a log, from an unconstrained first run."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The wheels of a land vehicle as a filter takes them: their speed in m/s, at its own times."""
+"""Wheel speeds of a land vehicle for a filter: in m/s, at their own times."""
 
 from __future__ import annotations
 
