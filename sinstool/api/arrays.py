@@ -169,7 +169,7 @@ def navigate(
 
 
 def of_columns(paths: tuple[str, ...]) -> tuple[str, ...]:
-    """Options of a command without those that say what the topics of a log are."""
+    """Options of a command without those about the topics of a log."""
     kept = [path for path in paths if path.partition(".")[0] != "input"]
     return (*kept, *(f"input.{name}" for name in OF_COLUMNS))
 

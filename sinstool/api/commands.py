@@ -24,7 +24,7 @@ def survey(
     progress: Progress | None = None,
     **options: Any,
 ) -> Inspection:
-    """What a log holds, what is odd about it, and what `process` would do, as ``sinstool info``.
+    """Contents and anomalies of a log, and the plan of `process`, as in ``sinstool info``.
 
     Parameters
     ----------

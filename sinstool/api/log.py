@@ -77,7 +77,7 @@ class Log:
 
     @property
     def topics(self) -> tuple[Topic, ...]:
-        """What the log holds, by name.
+        """The topics of the log, by name.
 
         Examples
         --------

@@ -102,7 +102,7 @@ def _plain(value: Any, annotation: Any) -> Any:
 
 
 def path_of(value: Any, what: str = "log") -> Path:
-    """A path, whatever kind of path it is given as.
+    """A path from any kind of path argument.
 
     Raises
     ------

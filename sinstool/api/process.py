@@ -27,7 +27,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, repr=False)
 class Result:
-    """What `process` and `navigate` computed.
+    """The result of `process` or `navigate`.
 
     Attributes
     ----------
@@ -47,7 +47,7 @@ class Result:
 
     @property
     def findings(self) -> tuple[Finding, ...]:
-        """What there is to know of the log and the run: kind, severity, text, answer."""
+        """Findings about the log and the run: kind, severity, text, answer."""
         return self.summary.findings
 
     @property

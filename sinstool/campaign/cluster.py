@@ -25,7 +25,7 @@ START = "dask worker --nworkers 2 --nthreads 1 {address}"
 
 
 def run_on_cluster(tasks: Sequence[jobs.Task], workers: jobs.Workers) -> Generator[jobs.Event]:
-    """Do tasks on a Dask cluster, as :func:`sinstool.campaign.run.run_jobs` says.
+    """Run tasks on a Dask cluster; see :func:`sinstool.campaign.run.run_jobs`.
 
     Raises
     ------

@@ -22,7 +22,7 @@ _MAGIC = re.compile(r"[*?[]")
 
 @dataclass(frozen=True)
 class LogInput:
-    """A log, and what it is called among the others.
+    """A log, and its name among the others.
 
     Attributes
     ----------

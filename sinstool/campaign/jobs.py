@@ -51,7 +51,7 @@ class Job:
 
 @dataclass(frozen=True)
 class Outcome:
-    """What became of a job.
+    """The outcome of a job.
 
     Attributes
     ----------
@@ -119,7 +119,7 @@ class Workers:
 
 @dataclass(frozen=True)
 class Task:
-    """A job on its way: with what a worker needs beside it.
+    """A job with the data that its worker needs.
 
     Attributes
     ----------
@@ -136,7 +136,7 @@ class Task:
 
 
 def perform(task: Task, tell: Report) -> Outcome:
-    """Do a job, here and now, in this thread alone; what goes wrong is part of the outcome.
+    """Run a job in this thread; an error becomes part of the outcome.
 
     Parameters
     ----------
@@ -182,7 +182,7 @@ def _seldom(tell: Report) -> Report:
 
 
 def remove_left(task: Task) -> int:
-    """Remove what a dead worker left unfinished.
+    """Remove the unfinished files of a dead worker.
 
     Returns
     -------

@@ -53,7 +53,7 @@ class _Worker:
             self.pipe.send(task)
 
     def died(self) -> str:
-        """Of what it died."""
+        """The cause of its death."""
         self.process.join(GRACE)
         code = self.process.exitcode
         if code is not None and code < 0:
@@ -63,7 +63,7 @@ class _Worker:
 
 
 def run_local(tasks: Sequence[jobs.Task], workers: jobs.Workers) -> Generator[jobs.Event]:
-    """Do tasks in processes of this machine, as :func:`sinstool.campaign.run.run_jobs` says."""
+    """Run tasks in processes of this machine; see :func:`sinstool.campaign.run.run_jobs`."""
     context = _context({task.job.function.__module__ for task in tasks})
     waiting = deque(jobs.largest_first(tasks))
     deaths: Counter[int] = Counter()

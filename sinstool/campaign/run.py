@@ -45,7 +45,7 @@ def run_jobs(jobs: Sequence[Job], workers: Workers) -> Generator[Event]:
 
 
 def results(jobs: Sequence[Job], workers: Workers, progress: Report | None = None) -> list[Any]:
-    """What all jobs return, in their order.
+    """The results of all jobs, in their order.
 
     Parameters
     ----------

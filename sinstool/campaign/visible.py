@@ -24,7 +24,7 @@ HEAD_BYTES = 65536
 
 @dataclass(frozen=True)
 class Sight:
-    """What is seen of an input.
+    """Size and first bytes of an input.
 
     Attributes
     ----------
@@ -54,7 +54,7 @@ def sight(path: Path) -> Sight:
 
 
 def sights(paths: Sequence[Path]) -> list[tuple[Path, Sight]]:
-    """Look at inputs, as far as they can be read; of others, whoever works on them says it."""
+    """Size and first bytes of all inputs that can be read; others fail in their job."""
     inputs = []
     for path in paths:
         with contextlib.suppress(OSError):
@@ -103,7 +103,7 @@ def tokens(folders: Sequence[Path]) -> Iterator[list[Token]]:
 def what_differs(
     seen: Sequence[tuple[Path, Sight]], folder_tokens: Sequence[Token]
 ) -> tuple[str, list[Token]]:
-    """Look at the same files from elsewhere, and answer each token by another one.
+    """Compare the same files on a worker, and answer each token by another one.
 
     Parameters
     ----------
@@ -143,7 +143,7 @@ def what_differs(
 
 
 def not_seen(answers: Sequence[Token]) -> Path | None:
-    """The first answer that is not here; all are removed."""
+    """The first answer that is missing here; all are removed."""
     missing = None
     for answer in answers:
         try:

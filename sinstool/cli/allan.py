@@ -106,7 +106,7 @@ def allan_one(
     script: Path | None,
     progress: Any,
 ) -> AllanResult:
-    """Measure on a log, and write what is to be written.
+    """Measure the noise of a log, and write the outputs.
 
     Raises
     ------

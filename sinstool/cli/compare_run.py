@@ -39,7 +39,7 @@ def compare_one(
     script: Path | None,
     progress: Progress | None,
 ) -> ComparisonResult:
-    """Compare on a log, and write what belongs to it, all or nothing.
+    """Compare on a log, and write its outputs, all or none.
 
     Parameters
     ----------
@@ -128,7 +128,7 @@ def compare_many(
 
 
 def summary(names: Sequence[str], rows: Sequence[dict[str, Any]]) -> list[tuple[str, ...]]:
-    """What each algorithm does over all logs, as they are: the drift's median and its worst."""
+    """Median and worst drift of each algorithm over all logs at their own rates."""
     drifts: dict[str, list[tuple[float, str]]] = {}
     for name, row in zip(names, rows, strict=True):
         for alg in row.get("algs", ()):

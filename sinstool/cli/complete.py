@@ -47,7 +47,7 @@ def completion(name: str) -> Complete | None:
 
 
 def word_list(*words: str) -> Complete:
-    """Words with commas between: what stands before the last comma stays."""
+    """Completion of a comma-separated list: the words before the last comma stay."""
 
     def complete(_: click.Context, __: click.Parameter, begun: str) -> list[CompletionItem]:
         head, comma, last = begun.rpartition(",")

@@ -22,7 +22,7 @@ class Choice(click.Choice):
     """One of a few words."""
 
     def get_invalid_choice_message(self, value: Any, *_: Any, **__: Any) -> str:
-        """Say what there is, and what may have been meant."""
+        """Name the valid choices and the likely one."""
         from sinstool.core.suggest import nearest
 
         text = f"'{value}' is not one of {', '.join(map(str, self.choices))}"
@@ -95,7 +95,7 @@ def print_json(value: Any) -> None:
 
 
 def plain(value: Any) -> Any:
-    """What JSON can hold: NaN and infinity become None."""
+    """A value that JSON can hold: NaN and infinity become None."""
     if isinstance(value, dict):
         return {key: plain(v) for key, v in value.items()}
     if isinstance(value, (list, tuple)):
@@ -128,7 +128,7 @@ class _Shown(logging.Handler):
 
 
 def verbose_option(also: str = "") -> Callable[[F], F]:
-    """The option ``-v``: how often it was given, as ``verbose``.
+    """The option ``-v``: the number of its uses, as ``verbose``.
 
     Parameters
     ----------

@@ -77,7 +77,7 @@ class Command(click.Command):
 
     @property
     def long(self) -> bool:
-        """Whether it has more options than a screen holds, and says which matter most."""
+        """Whether the help needs a short form: more options than fit a screen."""
         chosen = any(isinstance(o, Option) and o.brief is not None for o in self.params)
         return chosen and len(self.params) > FEW
 

@@ -162,7 +162,7 @@ class _StandardOutput:
             raise OSError(exc.errno, exc.strerror, "standard output") from exc
 
     def end(self) -> None:
-        """Let what follows, and what is still in the buffers, go nowhere."""
+        """Discard all further output, buffered text included."""
         nowhere = os.open(os.devnull, os.O_WRONLY)
         os.dup2(nowhere, self._stream.fileno())
         os.close(nowhere)

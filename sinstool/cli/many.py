@@ -64,7 +64,7 @@ def workers_options(default: str) -> Callable[[F], F]:
 
 @dataclass(frozen=True)
 class BatchOptions:
-    """How a command works on logs, one or many, and what it prints.
+    """How a command runs on one or many logs, and what it prints.
 
     Attributes
     ----------
@@ -92,7 +92,7 @@ def batch_options(
     json_of: str = ", or one line for each log",
     quiet_of: str = "no progress and no summary",
 ) -> Callable[[F], F]:
-    """Decorator: what a command prints, given to it with who works as one ``batch``.
+    """Decorator: options for output and workers, passed to the command as ``batch``.
 
     Parameters
     ----------
@@ -137,7 +137,7 @@ def show_result(
     batch: BatchOptions,
     rows: Callable[[Any, bool], list[tuple[str, str]]],
 ) -> int:
-    """Print what came of one log: JSON or a summary, then its warnings.
+    """Print the result of one log: JSON or a summary, then its warnings.
 
     Parameters
     ----------
@@ -170,7 +170,7 @@ def log_table(
     rows: Sequence[dict[str, Any]],
     cells: Callable[[dict[str, Any]], Sequence[str]],
 ) -> None:
-    """A line for each log on stdout: its status, its name, and what `cells` makes of its row."""
+    """A line for each log on stdout: its status, its name, and the columns of `cells`."""
     lines = [
         (row["status"], str(log.path), *cells(row)) for log, row in zip(logs, rows, strict=True)
     ]
@@ -206,7 +206,7 @@ def workers_of(batch: BatchOptions, reads: Sequence[Path], most: int) -> Workers
 
 
 def full_name(name: str | None) -> str | None:
-    """The full name of a file, as workers may stand elsewhere; what names no file stays."""
+    """The absolute name of a file, because workers may run elsewhere."""
     return str(Path(name).absolute()) if name is not None and Path(name).is_file() else name
 
 
@@ -449,7 +449,7 @@ def _bars(jobs: Sequence[Job], quiet: bool) -> Iterator[Callable[[int, float | N
 
 
 def row_of(outcome: Outcome, log: Path, output: Path | None = None) -> dict[str, Any]:
-    """The row of a log: what its job returned, or its status and error."""
+    """The row of a log: the result of its job, or its status and error."""
     if not outcome.error:
         row: dict[str, Any] = outcome.value
         return row

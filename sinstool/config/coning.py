@@ -94,7 +94,7 @@ def _require_passband(coning: ConingOptions) -> None:
 
 
 def check_coning(group: ConingOptions) -> None:
-    """Whether the options given are those of the algorithm chosen, and fit each other."""
+    """Check that the options belong to the chosen algorithm and fit each other."""
     options = group.algorithm_options()
     if group.coning == "gyro-tuned":
         # The interval is the log's; any will do to see whether the rest is possible.

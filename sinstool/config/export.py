@@ -8,7 +8,7 @@ from sinstool.core.options import Group, option
 
 
 class ExportOptions(Group):
-    """What is exported of a result, and as what."""
+    """Options of an export: the data and the file format."""
 
     title = "Export"
 

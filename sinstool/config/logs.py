@@ -183,7 +183,7 @@ class InputOptions(Group):
 
     @property
     def sample_kind(self) -> Literal["rate", "mean-rate", "increment"]:
-        """What a gyro sample is; where nobody said, the rate at its stamp."""
+        """The kind of gyro samples; by default the rate at the stamp."""
         return "rate" if self.gyro_kind == "auto" else self.gyro_kind
 
     @field_validator("start", "end", mode="before")
@@ -203,7 +203,7 @@ class InputOptions(Group):
 
 
 class OutputOptions(Group):
-    """What is written, and how."""
+    """Options of the output."""
 
     title = "Output"
 

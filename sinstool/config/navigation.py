@@ -11,7 +11,7 @@ from sinstool.core.options import Group, option, span
 
 
 class NavigationOptions(Group):
-    """What is computed, and with which sensor models."""
+    """Options of the computation and of the sensor models."""
 
     title = "What to compute"
 

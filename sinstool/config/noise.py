@@ -38,7 +38,7 @@ KEYS: dict[Sensor, dict[str, tuple[str, str]]] = {
 
 
 def key_of(sensor: Sensor, term: str, what: str = "") -> str:
-    """Key of a term in a sensor's table: its name, what of it, and the unit."""
+    """Key of a term in a sensor's table: its name, its quantity, and the unit."""
     name, unit = KEYS[sensor][term]
     return "_".join(filter(None, (name, what, unit)))
 

@@ -12,7 +12,7 @@ _LOG = "log"
 
 
 def log_choice(what: str, why: str) -> None:
-    """Log what was chosen.
+    """Log a choice with its reason.
 
     Parameters
     ----------
@@ -45,7 +45,7 @@ class _Recorder(logging.Handler):
 
 @contextmanager
 def record_choices(enabled: bool) -> Iterator[list[str]]:
-    """Record what is chosen meanwhile, in this thread, for :func:`replay` elsewhere.
+    """Record the choices of this thread, for :func:`replay` elsewhere.
 
     Parameters
     ----------
@@ -71,7 +71,7 @@ def record_choices(enabled: bool) -> Iterator[list[str]]:
 
 
 def replay(name: str, choices: Sequence[str]) -> None:
-    """Log what was chosen elsewhere.
+    """Log recorded choices.
 
     Parameters
     ----------

@@ -38,7 +38,7 @@ def _is_ours(function: Any) -> bool:
 
 @cache
 def set_up_cache() -> None:
-    """From now on keep compiled loops of this package our way; those of others as numba does."""
+    """Set the folder of this package's compiled loops; others use numba's default."""
     theirs_load, theirs_save = FunctionCache.load_overload, FunctionCache.save_overload
 
     def load_overload(self: Any, signature: Any, target: Any) -> Any:

@@ -203,7 +203,7 @@ def horizontal_metres(
 def displaced(
     latitude: ArrayLike, longitude: ArrayLike, height: ArrayLike, north: ArrayLike, east: ArrayLike
 ) -> tuple[FloatArray, FloatArray]:
-    """Latitude and longitude a small way from a place: the inverse of :func:`horizontal_metres`.
+    """Latitude and longitude near a place: the inverse of :func:`horizontal_metres`.
 
     Parameters
     ----------

@@ -66,7 +66,7 @@ class Envelope:
         self._rest_times, self._rest = self._rest_times[rows:], self._rest[rows:]
 
     def groups(self) -> tuple[IntArray, FloatArray, FloatArray, FloatArray]:
-        """What was kept so far.
+        """The extremes and samples so far.
 
         Returns
         -------

@@ -16,7 +16,7 @@ SALVAGE_HINT = f"{AGAIN} to use the undamaged parts"
 
 
 def one_line(text: str) -> str:
-    """Text without what a terminal would obey: names in a log may hold anything.
+    """Text without control characters, which names in a log may hold.
 
     Returns
     -------
@@ -36,7 +36,7 @@ _INVISIBLE = re.compile(
 
 
 def visible(text: str) -> str:
-    """Text of several lines without what a terminal or a browser would obey.
+    """Text of several lines without control characters of terminals or browsers.
 
     Returns
     -------
@@ -110,15 +110,15 @@ class UnsupportedLogError(LogError):
 
 
 class TopicError(LogError):
-    """The topic asked for is missing, of the wrong type, or one of several."""
+    """The requested topic is missing, of the wrong type, or one of several."""
 
 
 class DataError(LogError):
-    """The values in a topic are not what they are declared to be (units, rates, time)."""
+    """The values in a topic contradict their declaration (units, rates, time)."""
 
 
 class AlignmentError(SinstoolError):
-    """The initial attitude cannot be had from this log in the way that was asked for."""
+    """The requested method cannot determine the initial attitude from this log."""
 
 
 class OutputError(SinstoolError):
@@ -126,4 +126,4 @@ class OutputError(SinstoolError):
 
 
 class UncachedWarning(UserWarning):
-    """Compiled code cannot be kept for the next run, which will be slow again."""
+    """Compiled code cannot be cached, so the next run will be slow again."""

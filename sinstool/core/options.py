@@ -17,7 +17,7 @@ def option(
     brief: str | None = None,
     **limits: float,
 ) -> Any:
-    """A field with all that the command line says of it.
+    """A field with its command-line attributes.
 
     Parameters
     ----------
@@ -51,7 +51,7 @@ class Group(BaseModel):
         return {k: _tuple(v) for k, v in data.items()} if isinstance(data, dict) else data
 
     def check(self) -> None:
-        """What no single option can know: whether they fit each other.
+        """Check that the options fit each other.
 
         Raises
         ------

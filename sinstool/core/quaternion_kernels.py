@@ -183,7 +183,7 @@ def dcm(
 
 @njit(cache=True, nogil=True)
 def wrapped_angle(angle: float) -> float:
-    """Angle, no more than a few turns, brought into (-pi, pi]; one inside keeps its last bit."""
+    """An angle of a few turns reduced to (-pi, pi]; one inside is unchanged."""
     while angle > pi:
         angle -= 2.0 * pi
     while angle <= -pi:

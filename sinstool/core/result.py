@@ -49,7 +49,7 @@ def as_json(value: Any, name: str = "") -> Any:
 
 
 class Result:
-    """What a command comes to: a dataclass with findings, whose fields are the keys of JSON."""
+    """The result of a command: a dataclass with findings, whose fields are the keys of JSON."""
 
     SCHEMA: ClassVar[str]
     OPTIONAL: ClassVar[tuple[str, ...]] = ()
@@ -82,6 +82,6 @@ def compass(heading_deg: float) -> float:
 
 
 def fields_in(source: Any, kind: type) -> dict[str, Any]:
-    """What a dataclass has in common with a value: its fields that are attributes there."""
+    """The fields of a dataclass that are also attributes of a value."""
     names = (field.name for field in fields(kind))
     return {name: getattr(source, name) for name in names if hasattr(source, name)}

@@ -237,7 +237,7 @@ class Velocity(Stream):
 
 @dataclass(frozen=True, repr=False)
 class Readings(Stream):
-    """Numbers that are to be judged before anybody knows what they are.
+    """Numbers to be examined before their meaning is known.
 
     Attributes
     ----------
@@ -291,7 +291,7 @@ class Magnetometer(Stream):
 
 @dataclass(frozen=True, repr=False)
 class GnssEpochs(Stream):
-    """What a receiver gave at an instant: position, velocity, or both.
+    """Output of a receiver at its epochs: position, velocity, or both.
 
     Attributes
     ----------
@@ -372,7 +372,7 @@ class Solution(Stream):
 
 @dataclass(frozen=True, repr=False)
 class Diagnostics(Stream):
-    """What a filter says of itself at its measurements.
+    """A filter's own diagnostics at its measurements.
 
     Attributes
     ----------

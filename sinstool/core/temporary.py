@@ -46,7 +46,7 @@ def _hidden(folder: Path, name: str, host: str) -> Path:
 
 
 def new_file(folder: Path, name: str) -> tuple[int, Path]:
-    """Make a file, open and locked until it is closed, and remove what dead runs left beside it.
+    """Create a file, locked until it is closed, and remove leftovers of dead runs beside it.
 
     Parameters
     ----------

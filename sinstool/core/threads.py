@@ -20,7 +20,7 @@ _single: ContextVar[bool] = ContextVar("_single", default=False)
 
 @contextmanager
 def single_threaded() -> Iterator[None]:
-    """Inside, all work is done in the thread that wants its result."""
+    """Context in which all work is done in the calling thread."""
     token = _single.set(True)
     try:
         yield
@@ -34,7 +34,7 @@ def is_single_threaded() -> bool:
 
 
 def executor(threads: int, name: str) -> Executor:
-    """What takes work off the caller.
+    """An executor for work in another thread.
 
     Parameters
     ----------
@@ -47,10 +47,10 @@ def executor(threads: int, name: str) -> Executor:
 
 
 class AtOnce(Executor):
-    """Does what is submitted before it returns."""
+    """An executor that runs a submitted function at once."""
 
     def submit(self, fn: Callable[P, T], /, *args: P.args, **kwargs: P.kwargs) -> Future[T]:
-        """Call `fn`; what it returns or raises is in the future, as if a thread had done it."""
+        """Call `fn`; the future holds its result or exception."""
         future: Future[Any] = Future()
         try:
             future.set_result(fn(*args, **kwargs))
@@ -59,5 +59,5 @@ class AtOnce(Executor):
         return future
 
     def map(self, fn: Callable[..., T], *iterables: Any, **_: Any) -> Iterator[T]:
-        """Call `fn` on each, when its result is taken."""
+        """Call `fn` on each item when its result is read."""
         return map(fn, *iterables)

@@ -39,7 +39,7 @@ def clock_time(time_ns: int) -> str:
 
 @dataclass
 class OrderCounts:
-    """What `Order` met.
+    """Counts of late and repeated samples in `Order`.
 
     Attributes
     ----------
@@ -80,7 +80,7 @@ class Order:
         self._last_gyro = np.zeros(3)
 
     def push(self, block: Imu) -> Imu:
-        """Take a block in; give out what can no longer be preceded by anything."""
+        """Add a block; return the samples that no later one can precede."""
         block = self._punctual(block)
         if not len(block):
             return block
@@ -94,7 +94,7 @@ class Order:
         return self._give(ordered.rows(slice(0, ready)))
 
     def finish(self) -> Imu | None:
-        """The samples still held; None when nothing was ever pushed."""
+        """The remaining samples; None if there were none at all."""
         held = self.held
         if held is None:
             return None
@@ -262,7 +262,7 @@ def _begun(blocks: Iterable[Imu]) -> Iterator[Imu]:
 
 @dataclass(frozen=True)
 class SortedStream(Generic[S]):
-    """All of a stream that is slow enough to be held at once, by time.
+    """A slow stream held in memory, sorted by time.
 
     Attributes
     ----------

@@ -208,7 +208,7 @@ class _SyncedFile(io.BufferedWriter):
         self._sync: Future[None] | None = None
 
     def write(self, data: Any, /) -> int:
-        """Write, and now and then have what was written put on the disk."""
+        """Write, and regularly flush the data to the disk."""
         count = super().write(data)
         self._unsynced += count
         if self._unsynced > SYNC_BYTES and (self._sync is None or self._sync.done()):
@@ -292,7 +292,7 @@ class WholeFile:
             _sync_folder(self._target.parent)
 
     def discard(self) -> None:
-        """Remove what was written, unless it has its name already."""
+        """Remove the unfinished file; a completed one stays."""
         # A full disk refuses the last flush too; the file goes anyway.
         with contextlib.suppress(OSError):
             self.stream.close()

@@ -91,7 +91,7 @@ def aiding_channels(log: Log) -> list[int]:
 
 
 def read_barometer(log: Log, options: InputOptions, log_time: bool) -> Barometer:
-    """Pressure or height of a log; what is wrong with it is kept for whoever needs it."""
+    """Pressure or height of a log, with its problems for later report."""
     try:
         return _barometer(log, options, log_time)
     except (TopicError, DataError) as exc:
@@ -130,7 +130,7 @@ def until(blocks: Iterable[S], until_ns: int | None) -> Iterator[S]:
 def in_order(
     blocks: Iterable[S], log_time: bool, topic: str, repeats: bool = False
 ) -> tuple[S | None, list[Finding]]:
-    """All of a stream by time, and what was out of order or repeated."""
+    """A whole stream sorted by time, and the counts of late and repeated samples."""
     stream = sorted_stream(blocks, log_time, repeats)
     if stream is None:
         return None, []

@@ -20,7 +20,7 @@ TUNING_S = 600.0
 
 
 def choose_algorithm(source: Source, config: ProcessConfig) -> ConingAlgorithm:
-    """The coning algorithm, with what its options need to know of the log."""
+    """The coning algorithm, with the data that its options need from the log."""
     settings, nominal_ns = config.coning, nominal_interval(source, config)
     options = settings.algorithm_options()
     if settings.coning == "gyro-tuned":
@@ -36,7 +36,7 @@ def choose_algorithm(source: Source, config: ProcessConfig) -> ConingAlgorithm:
 
 
 def coning_reason(chosen: ConingAlgorithm, config: ProcessConfig) -> str:
-    """Why an algorithm is run, and what it makes of the samples."""
+    """The reason for an algorithm, and its treatment of the samples."""
     kind = config.input.sample_kind
     default = type(config.coning).model_fields["coning"].default
     why = "the default" if config.coning.coning == default else "as configured"

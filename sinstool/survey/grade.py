@@ -22,14 +22,14 @@ REST_S = 30.0  # of a rest whose mean is believed
 
 @dataclass(frozen=True)
 class ImuGrade:
-    """The IMU's grade, and why it was taken for that."""
+    """The IMU's grade, and the reason for it."""
 
     grade: Grade
     why: str
 
 
 def measured_noise(config: ProcessConfig) -> ImuNoise | None:
-    """What ``--imu-noise`` names, or None.
+    """The noise of the file of ``--imu-noise``, or None.
 
     Raises
     ------
@@ -73,7 +73,7 @@ def random_walk(source: Source, least_s: float = 0.0) -> float | None:
 
 
 def bias_at_rest(source: Source) -> float | None:
-    """Length of the gyro's bias at rest, rad/s, less what the Earth's rate can be of it.
+    """Length of the gyro's bias at rest, rad/s, less the possible part of the Earth's rate.
 
     The longest rest of half a minute at which GNSS, where the log has it, does not move; None
     where there is none. Steady flight, which passes for rest, does not count.

@@ -75,7 +75,7 @@ class _Extent:
 
 @dataclass(frozen=True)
 class Survey:
-    """What the first pass found.
+    """The result of the first pass.
 
     Attributes
     ----------
@@ -167,7 +167,7 @@ class Survey:
 
     @property
     def oriented(self) -> bool:
-        """Whether the log gives orientations that can be believed."""
+        """Whether the log has usable orientations."""
         there = self.orientation is not None and not self.orientation_constant
         return there and self.orientation_fault is None
 

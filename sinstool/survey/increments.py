@@ -15,7 +15,7 @@ from sinstool.survey.source import Source, nominal_interval, rate_blocks
 
 
 class SegmentIncrements:
-    """Increments of a log's segments, with the samples they answer for."""
+    """Increments of a log's segments, with their samples."""
 
     def __init__(self, source: Source, config: ProcessConfig, algorithm: ConingAlgorithm) -> None:
         self._source = source

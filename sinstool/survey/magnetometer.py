@@ -115,7 +115,7 @@ def _shared(one: str, other: str) -> int:
 def read_magnetometer(
     log: Log, topic: MagneticTopic, axes: str, log_time: bool
 ) -> tuple[Magnetometer | None, list[Finding]]:
-    """The field by time, in tesla and thinned to what epochs need.
+    """The field over time, in tesla, at the rate that epochs need.
 
     Parameters
     ----------

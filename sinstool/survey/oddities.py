@@ -41,7 +41,7 @@ MOVING = 0.01
 
 
 def oddities(survey: Survey, options: InputOptions) -> list[Finding]:
-    """Everything odd that a survey found, the fatal first.
+    """All anomalies of a survey, the fatal first.
 
     Parameters
     ----------

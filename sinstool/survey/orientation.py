@@ -27,7 +27,7 @@ LIKELY = "other axes, or its numbers are in another order"
 
 @dataclass(frozen=True)
 class OrientationFault:
-    """What is wrong with orientations: their axes, or the order of their numbers.
+    """A fault of orientations: their axes, or the order of their components.
 
     Attributes
     ----------

@@ -53,7 +53,7 @@ class Stretch:
 
 @dataclass(frozen=True)
 class QuietStretches:
-    """What of a log may be taken for noise.
+    """The stretches of a log that can count as noise.
 
     Attributes
     ----------

@@ -113,7 +113,7 @@ def longest_rest(spans: Iterable[StillSpan], gnss: GnssEpochs | None) -> StillSp
 
 
 def settled(gnss: GnssEpochs, start_ns: int, end_ns: int) -> tuple[GnssEpochs, list[Finding]]:
-    """Without the fixes of a rest that a receiver gave before it had settled.
+    """GNSS without the fixes at rest from before the receiver settled.
 
     Parameters
     ----------

@@ -71,7 +71,7 @@ class MessageCounts:
     def of(
         cls, topic: str, losses: Losses, ordered: SortedStream[Imu] | SortedStream[Encoder]
     ) -> MessageCounts:
-        """Of what was lost in reading, and in sorting."""
+        """Counts of the losses in reading and in sorting."""
         return cls(topic, ordered.backward, ordered.repeated, losses.malformed, losses.nonfinite)
 
     def findings(self) -> list[Finding]:

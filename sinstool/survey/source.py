@@ -32,7 +32,7 @@ from sinstool.survey.wheels import read_wheels
 
 @dataclass(frozen=True)
 class Source:
-    """A log, opened and surveyed: what every later step starts from.
+    """A log, opened and surveyed: the start of every later step.
 
     Attributes
     ----------
@@ -199,7 +199,7 @@ def survey_samples(
     read: Watcher | None = None,
     judged: Watcher | None = None,
 ) -> tuple[Survey, SampleCache]:
-    """Read an Imu topic once: what it holds, and its samples.
+    """Read an Imu topic once: its survey, and its samples.
 
     Parameters
     ----------

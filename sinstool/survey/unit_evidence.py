@@ -24,7 +24,7 @@ MAX_RATE_RAD_S = 100.0
 
 @dataclass(frozen=True)
 class UnitEvidence:
-    """What the turning of gravity in the body says about the unit of the rates.
+    """Evidence on the unit of the rates from the rotation of gravity in the body.
 
     Attributes
     ----------
@@ -46,7 +46,7 @@ class UnitEvidence:
 
 
 def unit_evidence(windows: Windows) -> UnitEvidence:
-    """Compare how gravity turns in the body with what the gyro says, in rad/s and in deg/s.
+    """Compare the rotation of gravity with the gyro, in rad/s and in deg/s.
 
     In windows half a second apart the direction of the mean specific force turns by what the
     gyro measured, as far as the vehicle does not accelerate.
