@@ -151,7 +151,8 @@ def align_many(
         Exit status.
     """
     logs, truth = find_logs(inputs), many.full_name(truth)
-    reads = [] if truth is None else [Path(truth)]
+    config = many.absolute(config)
+    reads = [Path(name) for name in (truth, config.navigation.imu_noise) if name is not None]
     rows = many.work_on_logs(logs, align_one, [()] * len(logs), (config, truth), reads, batch)
 
     def table() -> None:

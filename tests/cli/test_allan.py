@@ -335,3 +335,14 @@ def test_sway_is_told_from_noise(allan, tmp_path):
     )
     code, _, err = allan(write(tmp_path / "still.mcap", rates, forces))
     assert code == 0 and "sways" not in err
+
+
+def test_noise_file_for_many_logs(sinstool, rest, tmp_path, monkeypatch):
+    """Its name counts from where the command was called, wherever workers stand."""
+    monkeypatch.chdir(tmp_path)
+    assert sinstool("allan", rest, "-o", "noise.toml", "-q")[0] == 0
+    other = write(tmp_path / "other.mcap", *noise(1500))
+    code, out, _ = sinstool("align", rest, other, "--imu-noise", "noise.toml", "--json", "-j", "1")
+    lines = [json.loads(line) for line in out.splitlines()]
+    assert code == 3
+    assert [line["plan"]["imu_noise"]["value"] for line in lines] == ["noise.toml"] * 2
