@@ -216,10 +216,11 @@ def test_a_full_standard_output_of_many_logs(tmp_path):
         shutil.copy(CONING, logs / f"{name}.mcap")
     said = "sinstool: standard output: No space left on device"
     message = full_output("process", logs, "-o", out, "-j", 1)
-    assert message == f"{said}; {out}/a.mcap, {out}/b.mcap were complete by then"
-    # nothing is made a second time
-    assert full_output("process", logs, "-o", out, "-j", 1) == f"{said}; nothing was written"
-    assert names(out) == ["a.mcap", "b.mcap"]
+    assert message == f"{said}; 4 files were complete by then"
+    # nothing but the table of all logs is made a second time
+    message = full_output("process", logs, "-o", out, "-j", 1)
+    assert message == f"{said}; {out}/index.html, {out}/summary.csv were complete by then"
+    assert names(out) == ["a.mcap", "b.mcap", "index.html", "summary.csv"]
     # where there are many they are counted
     many = ("simulate", "static", "--duration", 1, "-o", tmp_path / "mc", "--monte-carlo", 5)
     assert full_output(*many, "-j", 1) == f"{said}; 5 files were complete by then"
