@@ -36,7 +36,7 @@ def run_on_cluster(tasks: Sequence[jobs.Task], workers: jobs.Workers) -> Generat
     """
     address = workers.scheduler or ""
     folders = list(dict.fromkeys(f for task in tasks for f in task.job.folders))
-    with _client(address) as client, tokens(folders) as folder_tokens:
+    with _client(address, workers.tls) as client, tokens(folders) as folder_tokens:
         _require_version(client, address)
         _require_same_files(client, sights(workers.reads), folder_tokens)
         yield from _run(client, tasks)
@@ -61,15 +61,25 @@ def require_distributed() -> Any:
 
 
 @contextlib.contextmanager
-def _client(address: str) -> Iterator[Any]:
+def _client(address: str, tls: jobs.Tls | None) -> Iterator[Any]:
     distributed = require_distributed()
+    security = None
+    if tls is not None:
+        security = distributed.Security(
+            require_encryption=True,
+            tls_ca_file=str(tls.authority),
+            tls_client_cert=str(tls.certificate),
+            tls_client_key=None if tls.key is None else str(tls.key),
+        )
     import logging
 
     # We report errors ourselves, in one line.
     for name in ("distributed.client", "distributed.comm", "distributed.core"):
         logging.getLogger(name).setLevel(logging.CRITICAL)
     try:
-        client = distributed.Client(address, timeout=CONNECT, set_as_default=False)
+        client = distributed.Client(
+            address, timeout=CONNECT, set_as_default=False, security=security
+        )
     except (OSError, TimeoutError, ValueError) as exc:
         raise SinstoolError(
             f"no Dask scheduler answers at {address} ({' '.join(str(exc).split())[:120]})",

@@ -99,6 +99,24 @@ class Event:
 
 
 @dataclass(frozen=True)
+class Tls:
+    """Files by which a cluster and we know each other, in PEM.
+
+    Attributes
+    ----------
+    authority : Path
+        Certificate of the authority that signed those of scheduler and workers; who has no
+        certificate from it is not talked to.
+    certificate, key : Path
+        Ours; no key where the certificate's file has it.
+    """
+
+    authority: Path
+    certificate: Path
+    key: Path | None = None
+
+
+@dataclass(frozen=True)
 class Workers:
     """Who does the jobs.
 
@@ -110,11 +128,14 @@ class Workers:
         Address of a Dask scheduler, whose workers do them instead.
     reads : tuple of Path
         Inputs, which workers elsewhere must see as we do.
+    tls : Tls or None
+        For a scheduler at ``tls://``.
     """
 
     processes: int = 1
     scheduler: str | None = None
     reads: tuple[Path, ...] = ()
+    tls: Tls | None = None
 
 
 @dataclass(frozen=True)

@@ -9,6 +9,7 @@ import click
 from click.shell_completion import CompletionItem
 
 from sinstool.config.logs import EMITS
+from sinstool.core.errors import one_line
 from sinstool.io.readers import message_types
 from sinstool.methods.coning.registry import names
 
@@ -100,7 +101,7 @@ def topics(log: Path, types: tuple[str, ...]) -> list[str]:
     kinds = {key: schema.name for key, schema in summary.schemas.items()}
     return sorted(
         {
-            channel.topic
+            one_line(channel.topic)
             for channel in summary.channels.values()
             if normalise_type_name(kinds.get(channel.schema_id, "")) in types
         }

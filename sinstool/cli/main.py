@@ -132,11 +132,11 @@ class _StandardOutput:
     and when nobody reads it any more, nothing happens.
     """
 
-    # click would write to it directly where it thinks it knows better
-    buffer = None
-
     def __init__(self, stream: io.TextIOWrapper) -> None:
-        stream.reconfigure(errors="backslashreplace")
+        # ASCII mostly means that nobody said what it is; click would go past us and write UTF-8
+        bare = stream.encoding.lower().replace("_", "-") in ("ascii", "us-ascii", "ansi-x3.4-1968")
+        encoding = "utf-8" if bare else stream.encoding
+        stream.reconfigure(encoding=encoding, errors="backslashreplace")
         self._stream = stream
 
     def __getattr__(self, name: str) -> Any:

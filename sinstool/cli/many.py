@@ -46,10 +46,17 @@ def workers_options(default: str) -> Callable[[F], F]:
     """
 
     def decorate(function: F) -> F:
+        for name, of in (
+            ("--tls-key", "our key, unless it is in the certificate's file"),
+            ("--tls-cert", "our certificate for a cluster at tls://"),
+            ("--tls-ca", "certificate of the authority that a cluster at tls:// is trusted by"),
+        ):
+            kind = click.Path(exists=True, dir_okay=False, path_type=Path)
+            function = click.option(name, type=kind, metavar="FILE", help=of)(function)
         function = click.option(
             "--scheduler",
             metavar="tcp://HOST:PORT",
-            help="use a Dask cluster that sees the same files",
+            help="use a Dask cluster that sees the same files; tls:// with --tls-ca, --tls-cert",
         )(function)
         return click.option(
             "-j",
@@ -78,6 +85,8 @@ class BatchOptions:
         No bars and no summary.
     verbose : int
         How often ``-v`` stands in the command: twice for tracebacks.
+    tls : tuple of Path or None
+        Certificate of the authority, our certificate, and our key, for a cluster.
     """
 
     jobs: int | None = None
@@ -85,6 +94,7 @@ class BatchOptions:
     as_json: bool = False
     quiet: bool = False
     verbose: int = 0
+    tls: tuple[Path | None, Path | None, Path | None] = (None, None, None)
 
 
 def batch_options(
@@ -112,9 +122,13 @@ def batch_options(
             verbose: int,
             jobs: int | None = None,
             scheduler: str | None = None,
+            tls_ca: Path | None = None,
+            tls_cert: Path | None = None,
+            tls_key: Path | None = None,
             **options: Any,
         ) -> Any:
-            batch = BatchOptions(jobs, scheduler, as_json, quiet, verbose)
+            tls = (tls_ca, tls_cert, tls_key)
+            batch = BatchOptions(jobs, scheduler, as_json, quiet, verbose, tls)
             return function(batch=batch, **options)
 
         text = f"one JSON object on stdout{json_of}"
@@ -188,9 +202,9 @@ def workers_of(batch: BatchOptions, reads: Sequence[Path], most: int) -> Workers
     Raises
     ------
     UsageError
-        Both kinds of workers are named.
+        Both kinds of workers are named, or encryption only in part.
     """
-    from sinstool.campaign.jobs import Workers
+    from sinstool.campaign.jobs import Tls, Workers
 
     if batch.jobs is not None and batch.scheduler is not None:
         raise click.UsageError(
@@ -200,9 +214,18 @@ def workers_of(batch: BatchOptions, reads: Sequence[Path], most: int) -> Workers
         from sinstool.campaign.cluster import require_distributed
 
         require_distributed()
+    authority, certificate, key = batch.tls
+    encrypted = (batch.scheduler or "").startswith("tls://")
+    tls = None
+    if encrypted and authority is not None and certificate is not None:
+        tls = Tls(authority, certificate, key)
+    elif encrypted:
+        raise click.UsageError("--scheduler tls:// needs --tls-ca and --tls-cert")
+    elif any(batch.tls):
+        raise click.UsageError("--tls-ca, --tls-cert and --tls-key go with --scheduler tls://")
     cores = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count()
     processes = max(1, min(batch.jobs or cores or 1, most))
-    return Workers(processes, batch.scheduler, tuple(reads))
+    return Workers(processes, batch.scheduler, tuple(reads), tls)
 
 
 def full_name(name: str | None) -> str | None:

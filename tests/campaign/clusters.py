@@ -43,8 +43,8 @@ def started(command, folder, **environment):
 
 
 @contextmanager
-def cluster(folder, workers=2):
-    """A scheduler and workers, which talk over TCP.
+def cluster(folder, workers=2, tls=None):
+    """A scheduler and workers, which talk over TCP, or over TLS with an authority, (cert, key).
 
     Yields
     ------
@@ -52,9 +52,22 @@ def cluster(folder, workers=2):
         Address of the scheduler.
     """
     port = free_port()
-    address = f"tcp://127.0.0.1:{port}"
-    scheduler = [*DASK, "scheduler", "--host", "127.0.0.1", "--port", str(port), "--no-dashboard"]
-    crew = [*DASK, "worker", "--nworkers", str(workers), "--nthreads", "1", "--no-dashboard"]
+    protocol = "tls" if tls else "tcp"
+    address = f"{protocol}://127.0.0.1:{port}"
+    names = ("--tls-ca-file", "--tls-cert", "--tls-key")
+    secure = [str(word) for pair in zip(names, tls or (), strict=False) for word in pair]
+    scheduler = [*DASK, "scheduler", "--no-dashboard", "--host", "127.0.0.1", "--port", str(port)]
+    scheduler += ["--protocol", protocol, *secure]
+    crew = [
+        *DASK,
+        "worker",
+        "--nworkers",
+        str(workers),
+        "--nthreads",
+        "1",
+        "--no-dashboard",
+        *secure,
+    ]
     with started(scheduler, folder, DASK_DISTRIBUTED__SCHEDULER__ALLOWED_FAILURES="1") as process:
         until = time.monotonic() + 60.0
         while time.monotonic() < until and process.poll() is None:
@@ -67,7 +80,8 @@ def cluster(folder, workers=2):
             yield address
             return
         with started([*crew, address], folder):
-            wait_for_workers(address, workers)
+            if not tls:
+                wait_for_workers(address, workers)
             yield address
 
 

@@ -2,6 +2,7 @@
 
 import json
 import os
+import shutil
 import subprocess
 import sys
 import time
@@ -10,7 +11,7 @@ from pathlib import Path
 import pytest
 
 from sinstool.campaign import cluster as cluster_module
-from sinstool.campaign.jobs import Job, Workers
+from sinstool.campaign.jobs import Job, Tls, Workers
 from sinstool.campaign.run import results, run_jobs
 from sinstool.campaign.visible import Token, not_seen, sight, tokens, what_differs
 from sinstool.core import version
@@ -47,6 +48,35 @@ def test_jobs_run_there(address, tmp_path):
     assert ended[0].error == "rocks: it does not rest: wait" and ended[0].exit_code == 3
     assert ended[1].error == "fails: ZeroDivisionError: half of nothing"
     assert ended[2].value[0] == 4
+
+
+def certificates(folder):
+    """An authority, and a certificate of it with its key."""
+    names = [folder / name for name in ("ca.pem", "ca.key", "me.pem", "me.key", "me.csr")]
+    authority, authority_key, certificate, key, request = map(str, names)
+    new = ["openssl", "req", "-newkey", "rsa:2048", "-nodes", "-keyout"]
+    sign = ["openssl", "x509", "-req", "-CA", authority, "-CAkey", authority_key]
+    for command in (
+        [*new, authority_key, "-x509", "-out", authority, "-subj", "/CN=authority"],
+        [*new, key, "-out", request, "-subj", "/CN=me"],
+        [*sign, "-in", request, "-out", certificate, "-CAcreateserial"],
+    ):
+        subprocess.run(command, check=True, capture_output=True)
+    return Path(authority), Path(certificate), Path(key)
+
+
+@pytest.mark.skipif(not shutil.which("openssl"), reason="needs openssl for certificates")
+def test_jobs_run_on_a_cluster_that_knows_us_by_certificate(tmp_path):
+    tls = certificates(tmp_path)
+    (tmp_path / "other").mkdir()
+    strangers = certificates(tmp_path / "other")
+    with cluster(tmp_path, workers=1, tls=tls) as address:
+        squares = results(
+            [job(work.square, n) for n in range(3)], Workers(scheduler=address, tls=Tls(*tls))
+        )
+        assert [value for value, _ in squares] == [0, 1, 4]
+        with pytest.raises(SinstoolError, match="no Dask scheduler answers"):
+            results([job(work.square, 1)], Workers(scheduler=address, tls=Tls(*strangers)))
 
 
 def test_a_killed_worker(address, tmp_path):

@@ -77,23 +77,43 @@ def assert_page_and_copy(folder, log):
     assert there <= copied  # byte for byte
 
 
-@pytest.mark.parametrize("encoding", ["latin-1", "ascii", "cp1252"])
-def test_an_encoding_that_lacks_characters_ends_nothing(tmp_path, encoding):
+@pytest.mark.parametrize("encoding", ["utf-8", "latin-1", "ascii"])
+def test_completion_offers_names_without_what_a_terminal_obeys(log, encoding):
+    code = "import sys; sys.argv = ['sinstool']; from sinstool.cli.main import main; main()"
+    asked = {
+        "_SINSTOOL_COMPLETE": "bash_complete",
+        "COMP_WORDS": f"sinstool process {log} --imu-topic /i",
+        "COMP_CWORD": "4",
+        "PYTHONIOENCODING": encoding,
+    }
+    command = [sys.executable, "-c", code]
+    done = subprocess.run(command, capture_output=True, env=os.environ | asked, cwd=ROOT)
+    assert done.returncode == 0, done.stderr
+    text = done.stdout.decode()
+    assert "owned" in text and is_clean(text)
+
+
+@pytest.mark.parametrize(
+    ("encoding", "shown"),
+    [("latin-1", b"\\u6e2c"), ("cp1252", b"\\u6e2c"), ("ascii", "\u6e2c".encode())],
+)
+def test_an_encoding_that_lacks_characters_ends_nothing(tmp_path, encoding, shown):
     path = write_db3(tmp_path / "a.db3", rows(), 3)
     with sqlite3.connect(path) as database:
         database.execute("UPDATE topics SET name = '/größe\u6e2c' WHERE name = '/baro'")
     database.close()
     done = run("info", path, PYTHONIOENCODING=encoding)
     assert done.returncode == 0, done.stderr
-    assert b"\\u6e2c" in done.stdout
+    assert shown in done.stdout
 
 
 def test_standard_output_keeps_lines_and_tabs():
     class Stream:
         written = ""
+        encoding = "latin-1"
 
-        def reconfigure(self, errors):
-            assert errors == "backslashreplace"
+        def reconfigure(self, encoding, errors):
+            assert (encoding, errors) == ("latin-1", "backslashreplace")
 
         def write(self, text):
             self.written += text

@@ -5,6 +5,7 @@ import csv
 import json
 import os
 import re
+import shutil
 import signal
 import subprocess
 import sys
@@ -545,3 +546,23 @@ def test_bars_of_what_has_no_input_count_no_bytes(tmp_path):
     text, _ = shown("simulate", "static", *made)
     assert "3 of 3" in text and "3/3" in text
     assert "byte" not in text
+
+
+@pytest.mark.parametrize(
+    ("options", "said"),
+    [
+        (("--scheduler", "tls://127.0.0.1:1"), "needs --tls-ca and --tls-cert"),
+        (("--scheduler", "tls://127.0.0.1:1", "--tls-ca", "FILE"), "needs --tls-ca and --tls-cert"),
+        (("--scheduler", "tcp://127.0.0.1:1", "--tls-ca", "FILE"), "go with --scheduler tls://"),
+        (("--tls-key", "FILE"), "go with --scheduler tls://"),
+    ],
+)
+def test_encryption_is_asked_for_as_a_whole(sinstool, tmp_path, options, said):
+    (tmp_path / "a.pem").write_text("")
+    logs = [
+        shutil.copy(ROOT / "sample_data/static.mcap", tmp_path / f"{name}.mcap") for name in "ab"
+    ]
+    given = [tmp_path / "a.pem" if word == "FILE" else word for word in options]
+    status, _, err = sinstool("info", *logs, *given)
+    assert status == 2
+    assert said in err
