@@ -14,9 +14,6 @@ MAIN = "Main options"
 SECTIONS = {
     "jobs": "Many logs",
     "scheduler": "Many logs",
-    "tls_ca": "Many logs",
-    "tls_cert": "Many logs",
-    "tls_key": "Many logs",
     "config_file": "Configuration",
     "show": "Configuration",
     "show_plan": "Configuration",

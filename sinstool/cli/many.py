@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING, Any, cast
 import click
 
 from sinstool.cli.console import F, plain, print_json, verbose_option, warn
+from sinstool.cli.help import Option
 from sinstool.config import ProcessConfig
 from sinstool.core.finding import Finding, Severity
 from sinstool.report.text.table import columns, table
@@ -52,11 +53,13 @@ def workers_options(default: str) -> Callable[[F], F]:
             ("--tls-ca", "certificate of the authority that a cluster at tls:// is trusted by"),
         ):
             kind = click.Path(exists=True, dir_okay=False, path_type=Path)
-            function = click.option(name, type=kind, metavar="FILE", help=of)(function)
+            function = click.option(
+                name, cls=Option, section="Many logs", type=kind, metavar="FILE", help=of
+            )(function)
         function = click.option(
             "--scheduler",
             metavar="tcp://HOST:PORT",
-            help="use a Dask cluster that sees the same files; tls:// with --tls-ca, --tls-cert",
+            help="use a Dask cluster that sees the same files",
         )(function)
         return click.option(
             "-j",
