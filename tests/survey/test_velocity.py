@@ -67,7 +67,7 @@ WRONG = {
     "north, east, down": (lambda v: v[:, [1, 0, 2]] * [1.0, 1.0, -1.0], "north, east, down"),
     "km/h": (lambda v: 3.6 * v, "3.6 times as large"),
     "backward": (lambda v: -v, "turned by"),
-    "nothing": (lambda v: 0.0 * v, "stands"),
+    "nothing": (lambda v: 0.0 * v, "zero while the fixes move"),
 }
 
 
