@@ -62,12 +62,18 @@ def read_noise(path: Path) -> ImuNoise:
     _only(path, data, ("schema", "source", *SENSORS), "")
     source = _table(path, data, "source", "")
     rate = _number(path, "source.rate_hz", source.get("rate_hz"))
-    noise = {sensor: _sensor(path, sensor, _table(path, data, sensor, "")) for sensor in SENSORS}
-    return ImuNoise(noise["gyro"], noise["accel"], rate)
+    noise = {
+        sensor: _sensor(path, sensor, _table(path, data, sensor, ""))
+        for sensor in SENSORS
+        if sensor in data
+    }
+    if not noise:
+        raise ConfigurationError(f"{path}: it holds neither gyro nor accel", _OTHER_FILE)
+    return ImuNoise(noise.get("gyro", {}), noise.get("accel", {}), rate)
 
 
 def _sensor(path: Path, sensor: Sensor, table: Mapping[str, Any]) -> dict[str, Any]:
-    """Axes of a sensor; one of them at least, with its white noise."""
+    """Axes of a sensor; one of them at least."""
     _only(path, table, AXES, f"{sensor}.")
     if not table:
         raise ConfigurationError(f"{path}: table {sensor} has no axis", _OTHER_FILE)

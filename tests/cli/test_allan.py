@@ -346,3 +346,17 @@ def test_noise_file_for_many_logs(sinstool, rest, tmp_path, monkeypatch):
     lines = [json.loads(line) for line in out.splitlines()]
     assert code == 3
     assert [line["plan"]["imu_noise"]["value"] for line in lines] == ["noise.toml"] * 2
+
+
+def test_a_dead_sensor_and_a_dead_imu(sinstool, allan, tmp_path):
+    rates, forces = noise(3000)
+    file = tmp_path / "noise.toml"
+    log = write(tmp_path / "one.mcap", rates, np.tile(forces[:1], (3000, 1)))
+    code, _, err = allan(log, "-o", file, "-q")
+    assert code == 3 and "accelerometer x, y, z never changes" in err
+    assert sinstool("align", log, "--imu-noise", file)[0] == 3
+    still = [np.tile(columns[:1], (3000, 1)) for columns in (rates, forces)]
+    log = write(tmp_path / "none.mcap", *still)
+    code, _, err = allan(log, "-o", tmp_path / "no.toml")
+    assert code == 1 and "shows noise where it rests" in err
+    assert not (tmp_path / "no.toml").exists()

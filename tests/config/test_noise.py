@@ -62,6 +62,15 @@ def test_what_is_wrong_is_named(tmp_path, old, new, said):
     assert said in str(info.value) and str(file) in str(info.value)
 
 
+def test_a_file_of_one_sensor(tmp_path):
+    file = tmp_path / "noise.toml"
+    file.write_text(GOOD.partition("[accel.z]")[0])
+    assert read_noise(file).accel == {}
+    file.write_text(GOOD.partition("[gyro.x]")[0])
+    with pytest.raises(ConfigurationError, match="neither gyro nor accel"):
+        read_noise(file)
+
+
 def test_every_key_says_its_unit():
     for sensor, terms in KEYS.items():
         for term, (name, unit) in terms.items():

@@ -59,7 +59,7 @@ def _names(axes: Sequence[Axis]) -> str:
 
 def _unusable(axes: Sequence[Axis]) -> Iterator[Finding]:
     said = {
-        "dead": "never changes: dead, or not connected; its noise is not measured",
+        "dead": "never changes: dead, or not connected, and its noise is not measured",
         "clipped": "stays at one end of its range, where it is cut off; its noise is not measured",
         "too-short": "has too few samples at rest for its noise",
     }

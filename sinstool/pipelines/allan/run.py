@@ -102,6 +102,13 @@ def measure(
         found = collect(source, config, quiet.stretches, share(progress, log.size, 0.6, 0.3))
         lost = Lost.of(source)
     statuses = [_status(found, column) for column in range(6)]
+    if "measured" not in statuses:
+        raise DataError(
+            path,
+            f"no axis of {source.imu_topic.topic} shows noise where it rests: each never changes or"
+            " is cut off",
+            "look at its values: the log may be simulated without noise, or rounded off",
+        )
     data = NoiseData(found.variances, found.lengths, found.phases, found.block)
     fits = [
         data.fit(column) if status == "measured" else None for column, status in enumerate(statuses)
@@ -110,7 +117,8 @@ def measure(
         _axis(found, column, fits[column], status) for column, status in enumerate(statuses)
     )
     rest = _rest(source, quiet, found)
-    log_choice("rests", f"{rest.total_s:.1f} s in {len(rest.stretches)} stretches")
+    starts = ", ".join(f"{one.start_s:.1f} s" for one in rest.stretches[:10])
+    log_choice("rests", f"{rest.total_s:.1f} s in all, from {starts}")
     lags = found.variances.terms > 0
     result = AllanResult(
         input=LogFile(str(path), source.log.size),
