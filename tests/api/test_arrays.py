@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import tempfile
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -59,15 +58,14 @@ def test_integrate_holds_the_attitude_over_a_gap():
     assert across.iloc[-1] == pytest.approx(np.degrees(1.01))
 
 
-def test_navigate_is_process_of_the_same_samples(drive, navigated):
+def test_navigate_is_process_of_the_same_samples(drive, navigated, tmp_path, monkeypatch):
     simulated, _ = drive
-    before = set(Path(tempfile.gettempdir()).glob("sinstool-*"))
+    # a place of its own, as other tests make temporary files too
+    monkeypatch.setattr(tempfile, "tempdir", str(tmp_path))
     result = sinstool.navigate(
         simulated.imu(), simulated.gnss(), simulated.barometer(), imu_grade="tactical"
     )
-    assert set(Path(tempfile.gettempdir()).glob("sinstool-*")) <= before | {
-        Path(simulated._folder.name)
-    }
+    assert list(tmp_path.iterdir()) == []
     assert result.plan.mode.value == "ins-gnss"
     ours, theirs = result.solution, navigated.solution
     assert np.array_equal(ours.time_ns, theirs.time_ns)
