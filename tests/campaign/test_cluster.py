@@ -189,7 +189,7 @@ def test_a_worker_that_sees_other_files_is_refused(address, tmp_path):
     """What a worker on another machine sees is what this one saw before the file was changed."""
     log = tmp_path / "log"
     log.write_bytes(b"one")
-    with cluster_module._client(address) as client:
+    with cluster_module._client(address, None) as client:
         before = [(log, sight(log))]
         log.write_bytes(b"two")
         with pytest.raises(ConfigurationError, match=r"sees another .*log"):
