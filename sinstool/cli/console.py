@@ -11,11 +11,14 @@ from typing import Any, TypeVar
 
 import click
 
+from sinstool.core.compiling import watched
 from sinstool.core.errors import one_line
 
 F = TypeVar("F", bound=Callable[..., Any])
 # So many characters of a file's name stand beside a progress bar
 LONGEST_LABEL = 32
+# Shown while numba compiles loops that its cache does not hold yet
+COMPILING = "compiling, in the first run only"
 
 
 class Choice(click.Choice):
@@ -76,8 +79,14 @@ def progress_bar(label: str, quiet: bool) -> Iterator[Callable[[float], None] | 
         console=Console(stderr=True),
         transient=True,
     ) as bar:
-        task = bar.add_task(shortened(label), total=1.0)
-        yield lambda fraction: bar.update(task, completed=fraction)
+        name = shortened(label)
+        task = bar.add_task(name, total=1.0)
+
+        def show_compiling(busy: bool) -> None:
+            bar.update(task, description=f"{name}: {COMPILING}" if busy else name)
+
+        with watched(show_compiling):
+            yield lambda fraction: bar.update(task, completed=fraction)
 
 
 def shortened(name: str, most: int = LONGEST_LABEL) -> str:

@@ -25,6 +25,7 @@ from numba.core import caching
 from numba.core.caching import FunctionCache
 from numba.core.runtime import rtsys
 
+from sinstool.core import compiling
 from sinstool.core.errors import UncachedWarning
 
 __all__ = ["njit", "set_up_cache"]
@@ -45,18 +46,22 @@ def set_up_cache() -> None:
         if not _is_ours(self._py_func):
             return theirs_load(self, signature, target)
         rtsys.initialize(target)
+        loaded = None
         try:
             with self._guard_against_spurious_io_errors():
-                return self._load_overload(signature, target)
+                loaded = self._load_overload(signature, target)
         except Exception:  # a file of the cache that is cut short raises whatever pickle comes upon
             with suppress(OSError):
                 self.flush()
-        return None
+        if loaded is None:
+            compiling.begins()
+        return loaded
 
     def save_overload(self: Any, signature: Any, data: Any) -> None:
         if not _is_ours(self._py_func):
             theirs_save(self, signature, data)
             return
+        compiling.ends()
         try:
             theirs_save(self, signature, data)
         except Exception as exc:  # as above, of an index that cannot be replaced

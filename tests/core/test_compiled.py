@@ -115,3 +115,28 @@ def test_a_damaged_cache_is_made_anew(tmp_path, ending):
         path.write_bytes(path.read_bytes()[:20] if ending == ".nbc" else b"")
     assert loop(ROOT, cache) == ""
     assert all(path.stat().st_size > 100 for path in damaged)
+
+
+# What those who watch are told, in a first run and in a second
+WATCHED = """
+from sinstool.core.compiling import watched
+seen = []
+with watched(seen.append):
+    from sinstool.core.quaternion_kernels import cross
+    cross(1.0, 0.0, 0.0, 0.0, 2.0, 0.0)
+print(seen)
+"""
+
+
+def test_compilation_is_announced_where_the_cache_is_empty(tmp_path):
+    outputs = [
+        subprocess.run(
+            [sys.executable, "-c", WATCHED],
+            env=os.environ | {"NUMBA_CACHE_DIR": str(tmp_path)},
+            capture_output=True,
+            text=True,
+            check=True,
+        ).stdout.strip()
+        for _ in range(2)
+    ]
+    assert outputs == ["[True, False]", "[]"]
