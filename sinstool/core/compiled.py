@@ -26,6 +26,7 @@ from numba.core.caching import FunctionCache
 from numba.core.runtime import rtsys
 
 from sinstool.core import compiling
+from sinstool.core.compiled_files import CompiledFiles
 from sinstool.core.errors import UncachedWarning
 
 __all__ = ["njit", "set_up_cache"]
@@ -42,10 +43,18 @@ def set_up_cache() -> None:
     """Set the folder of this package's compiled loops; others use numba's default."""
     theirs_load, theirs_save = FunctionCache.load_overload, FunctionCache.save_overload
 
+    def set_files(self: Any) -> None:
+        if not isinstance(self._cache_file, CompiledFiles):
+            impl = self._impl
+            self._cache_file = CompiledFiles(
+                self._cache_path, impl.filename_base, impl.locator.get_source_stamp()
+            )
+
     def load_overload(self: Any, signature: Any, target: Any) -> Any:
         if not _is_ours(self._py_func):
             return theirs_load(self, signature, target)
         rtsys.initialize(target)
+        set_files(self)
         loaded = None
         try:
             with self._guard_against_spurious_io_errors():
@@ -62,9 +71,10 @@ def set_up_cache() -> None:
             theirs_save(self, signature, data)
             return
         compiling.ends()
+        set_files(self)
         try:
             theirs_save(self, signature, data)
-        except Exception as exc:  # as above, of an index that cannot be replaced
+        except Exception as exc:  # of numba or the disk: the loop is compiled already
             _warn(getattr(exc, "strerror", None) or type(exc).__name__)
 
     # Not of numba's public interface: another numba may do without them

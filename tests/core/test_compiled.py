@@ -7,6 +7,7 @@ import sys
 
 import pytest
 
+from sinstool.core.compiled_files import CompiledFiles
 from tests.helpers.paths import ROOT
 
 CODE = """
@@ -105,16 +106,79 @@ def test_an_installation_that_cannot_be_written_works_without_a_home(tmp_path):
     assert loop(installed, nowhere) == ""
 
 
-@pytest.mark.parametrize("ending", [".nbi", ".nbc"])
-def test_a_damaged_cache_is_made_anew(tmp_path, ending):
+def emptied(paths):
+    for path in paths:
+        path.write_bytes(b"")
+
+
+def cut_short(paths):
+    for path in paths:
+        path.write_bytes(path.read_bytes()[:20])
+
+
+def exchanged(paths):
+    contents = [path.read_bytes() for path in paths]
+    for path, content in zip(paths, contents[1:] + contents[:1], strict=True):
+        path.write_bytes(content)
+
+
+@pytest.mark.parametrize("damage", [emptied, cut_short, exchanged])
+def test_a_damaged_cache_is_made_anew(tmp_path, damage):
     cache = {"NUMBA_CACHE_DIR": str(tmp_path)}
     assert loop(ROOT, cache) == ""
-    damaged = list(tmp_path.rglob(f"*{ending}"))
-    assert damaged
-    for path in damaged:
-        path.write_bytes(path.read_bytes()[:20] if ending == ".nbc" else b"")
+    damaged = sorted(tmp_path.rglob("*.nbc"))
+    assert len(damaged) > 1
+    damage(damaged)
     assert loop(ROOT, cache) == ""
+    assert sorted(tmp_path.rglob("*.nbc")) == damaged
     assert all(path.stat().st_size > 100 for path in damaged)
+
+
+def test_processes_that_compile_at_the_same_time_keep_all_of_it(tmp_path):
+    # numba's own index would have given both the same file
+    one, other = (CompiledFiles(str(tmp_path), "module.loop-1", "source") for _ in range(2))
+    assert one.load("int64") is None and other.load("float64") is None
+    one.save("int64", b"code for integers")
+    other.save("float64", b"code for numbers")
+    for files in (one, other):
+        assert files.load("int64") == b"code for integers"
+        assert files.load("float64") == b"code for numbers"
+
+
+def test_code_of_an_earlier_source_is_not_run_and_does_not_stay(tmp_path):
+    old, new = (CompiledFiles(str(tmp_path), "module.loop-1", stamp) for stamp in "ab")
+    neighbour = CompiledFiles(str(tmp_path), "module.loop-12", "a")
+    old.save("int64", b"old")
+    neighbour.save("int64", b"another loop")
+    assert new.load("int64") is None
+    new.save("int64", b"new")
+    assert new.load("int64") == b"new" and old.load("int64") is None
+    assert neighbour.load("int64") == b"another loop"
+    assert len(list(tmp_path.iterdir())) == 2
+
+
+@pytest.mark.slow
+def test_first_runs_at_the_same_time_with_an_empty_cache(tmp_path):
+    command = [sys.executable, "-m", "sinstool", "process", "-q", "-o"]
+    environment = os.environ | {"NUMBA_CACHE_DIR": str(tmp_path / "cache")}
+    log = ROOT / "sample_data" / "coning.mcap"
+    outputs = [tmp_path / f"{k}.mcap" for k in range(3)]
+    for _ in range(2):
+        runs = [
+            subprocess.Popen(
+                [*command, out, log, "--overwrite", "--latitude", "45"],
+                cwd=ROOT,
+                env=environment,
+                stderr=subprocess.PIPE,
+                text=True,
+            )
+            for out in outputs
+        ]
+        said = [run.communicate()[1] for run in runs]
+        assert [run.returncode for run in runs] == [0] * len(runs), said
+        assert said == [""] * len(runs)
+        assert len({out.read_bytes() for out in outputs}) == 1
+    assert not [path for path in tmp_path.rglob("*.nb*") if path.suffix != ".nbc"]
 
 
 # What those who watch are told, in a first run and in a second
