@@ -30,7 +30,7 @@ References
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, fields, replace
 from typing import Any
 
@@ -60,6 +60,13 @@ from sinstool.methods.strapdown.navigation import (
     V_DOWN,
     V_NORTH,
 )
+
+# Bytes of rows that are smoothed before their memory is given back.
+AT_ONCE = 16 << 20
+# Of position, velocity and attitude, which come first among the states.
+CORNER = ATTITUDE + 3
+# Of an update, what smoothing replaces everywhere but where nothing is known beyond the filter.
+COVARIANCES = ("covariance_position_n", "covariance_velocity_n", "covariance_attitude_n")
 
 
 @dataclass(frozen=True)
@@ -99,7 +106,11 @@ class SmoothedEpochs:
 
 
 def smooth_epochs(
-    stored: StoredEpochs, kind: FilterKind, start_ns: int | None = None, in_place: bool = False
+    stored: StoredEpochs,
+    kind: FilterKind,
+    start_ns: int | None = None,
+    in_place: bool = False,
+    release: Callable[[], None] = lambda: None,
 ) -> SmoothedEpochs:
     """Smooth what a filter stored.
 
@@ -112,7 +123,10 @@ def smooth_epochs(
     start_ns : int, optional
         End of the first IMU update; by default the first row.
     in_place : bool, optional
-        Write the smoothed covariances over ``stored.covariance_after``, to save memory.
+        Write over what was stored, to save memory: the smoothed covariances over
+        ``covariance_after``, `error` over ``estimate`` and `error_before` over ``correction``.
+    release : callable, optional
+        Called after each few rows, to give back the memory of those.
 
     Returns
     -------
@@ -128,33 +142,50 @@ def smooth_epochs(
         raise ValueError("There is nothing to smooth: the filter stored no row.")
     if stored.correction.shape[1] != n:
         raise ValueError(f"Expected {n} states of {kind.name}, got {stored.correction.shape[1]}.")
-    after = np.asarray(stored.covariance_after)
-    smooth = after if in_place else np.empty((m, n, n))
-    d = np.empty((m, n))
-    starts = np.asarray(stored.restart).copy()
-    correction = np.where(starts[:, None], 0.0, stored.correction)
-    smooth_backward(
-        np.asarray(stored.transition),
-        np.asarray(stored.covariance_before),
-        after,
-        correction,
-        starts,
-        np.empty((4, n, n)),
-        d,
-        smooth,
+    transition, before = np.asarray(stored.transition), np.asarray(stored.covariance_before)
+    smooth, error, error_before = (
+        np.asarray(c) if in_place else np.array(c)
+        for c in (stored.covariance_after, stored.estimate, stored.correction)
     )
-    before = np.where(starts[:, None], 0.0, d + correction)
+    starts = np.array(stored.restart)
+    error_before[starts] = 0.0
+    work = np.empty((4, n, n))
+    rows = max(1, AT_ONCE // (24 * n * n))
+    end = m
+    while end > 0:
+        begin = max(0, end - rows)
+        # The row behind, which is smoothed already, ends the rows of the loop as the log's last
+        # does. All that it has to say is its covariance, and its error before its measurements.
+        piece = slice(begin, min(end + 1, m))
+        d = np.empty((piece.stop - begin, n))
+        smooth_backward(
+            transition[piece],
+            before[piece],
+            smooth[piece],
+            error_before[piece],
+            starts[piece],
+            work,
+            d,
+            smooth[piece],
+        )
+        d = d[: end - begin]
+        error[begin:end] = d
+        error_before[begin:end] = np.where(
+            starts[begin:end, None], 0.0, d + error_before[begin:end]
+        )
+        release()
+        end = begin
     if starts[0]:
         first, first_covariance = np.zeros(n), smooth[0].copy()
     else:
         # Decaying states cannot vanish, so that a transition can always be taken back.
         back = np.linalg.inv(np.asarray(stored.transition[0]))
-        first, first_covariance = back @ before[0], back @ smooth[0] @ back.T
+        first, first_covariance = back @ error_before[0], back @ smooth[0] @ back.T
     return SmoothedEpochs(
-        np.asarray(stored.time_ns),
-        np.asarray(stored.update),
-        d,
-        before,
+        np.array(stored.time_ns),
+        np.array(stored.update),
+        error,
+        error_before,
         smooth,
         starts,
         first,
@@ -240,10 +271,14 @@ def smooth_updates(
     force = force - error[:, first : first + 3]
     first = kind.first(GYRO_BIAS)
 
+    # Of the large matrices in the file, only those of a few rows, and of these the corner.
+    lowest = int(left.min())
+    corners = np.array(smoothed.covariance[lowest : int(right.max()) + 1, :CORNER, :CORNER])
+
     def covariance(own: FloatArray, block: int) -> FloatArray:
         part = slice(block, block + 3)
-        blocks = smoothed.covariance[:, part, part]
-        c1, c0 = blocks[right], blocks[left]
+        blocks = np.ascontiguousarray(corners[:, part, part])
+        c1, c0 = blocks[right - lowest], blocks[left - lowest]
         c0[span == 0] = smoothed.first_covariance[part, part]
         mixed = c0 + s[:, None, None] * (c1 - c0)
         return np.where(alone[:, None, None], own, mixed)
@@ -292,8 +327,8 @@ class Smoother:
     Notes
     -----
     A context manager: leaving it removes the file. A row of the 26 states takes 16.6 kB, an IMU
-    update 360 bytes; what is in memory besides, once `limit` is reached, does not grow with the
-    log but for 0.5 kB per row.
+    update 144 bytes; what is in memory besides, once `limit` is reached, does not grow with the
+    log but for 17 bytes per row.
     """
 
     def __init__(
@@ -303,6 +338,10 @@ class Smoother:
         self._outputs = outputs
         self._storage = Storage(limit)
         self._empty = True
+        self._pushed = 0
+        # Numbers and covariances of updates: behind the last row so far, and where they stay
+        self._open: list[_Own] = []
+        self._alone: list[_Own] = []
 
     @property
     def spilled(self) -> bool:
@@ -319,16 +358,37 @@ class Smoother:
         """
         if block.stored is None or (self._outputs and block.updates is None):
             raise ValueError("Expected a filter that gives outputs and stores epochs.")
-        for part in (block.updates, block.stored) if self._outputs else (block.stored,):
-            for name, values in vars(part).items():
-                self._storage.append(f"{type(part).__name__}.{name}", values)
+        for name, values in vars(block.stored).items():
+            self._storage.append(f"StoredEpochs.{name}", values)
+        if self._outputs:
+            assert block.updates is not None
+            for name, values in vars(block.updates).items():
+                if name not in COVARIANCES:
+                    self._storage.append(f"UpdateColumns.{name}", values)
+            self._keep_own(block.updates, block.stored)
         self._empty = False
 
+    def _keep_own(self, updates: UpdateColumns, stored: StoredEpochs) -> None:
+        """Keep covariances of the updates between which and the next row nothing is smoothed."""
+        own = _Own.of(updates, self._pushed)
+        self._pushed += len(updates)
+        if not len(stored.update):
+            self._open.append(own)
+            return
+        if stored.restart[0]:
+            self._alone += self._open
+        row = np.searchsorted(stored.update, own.number, side="right")
+        last = row == len(stored.update)
+        restarted = ~last & np.append(stored.restart, False)[row]
+        self._alone.append(own.rows(restarted))
+        self._open = [own.rows(last)]
+
     def _columns(self, kind: type[UpdateColumns] | type[StoredEpochs]) -> dict[str, Any]:
-        return {f.name: self._storage.array(f"{kind.__name__}.{f.name}") for f in fields(kind)}
+        names = [f.name for f in fields(kind) if f.name not in COVARIANCES]
+        return {name: self._storage.array(f"{kind.__name__}.{name}") for name in names}
 
     def epochs(self) -> SmoothedEpochs:
-        """Smooth; once only, as the covariances stored are written over.
+        """Smooth; once only, as what was stored is written over.
 
         Returns
         -------
@@ -344,7 +404,7 @@ class Smoother:
             raise ValueError("There is nothing to smooth: the filter gave no block.")
         stored = StoredEpochs(**self._columns(StoredEpochs))
         first = int(self._columns(UpdateColumns)["time_ns"][0]) if self._outputs else None
-        return smooth_epochs(stored, self._kind, first, in_place=True)
+        return smooth_epochs(stored, self._kind, first, True, self._storage.release)
 
     def navigation(self, smoothed: SmoothedEpochs) -> FloatArray:
         """Smoothed navigations at the rows, of a filter with feedback.
@@ -362,6 +422,28 @@ class Smoother:
         nav = np.asarray(self._storage.array("StoredEpochs.nav"))
         return corrected_navigation(nav, smoothed.error)
 
+    def covariance(self, smoothed: SmoothedEpochs, states: IntArray) -> FloatArray:
+        """Smoothed covariances of some states at the rows.
+
+        Parameters
+        ----------
+        smoothed : SmoothedEpochs
+            Of :meth:`epochs`.
+        states : ndarray of int, shape (k,)
+
+        Returns
+        -------
+        ndarray, shape (m, k, k)
+        """
+        m, k = len(smoothed), len(states)
+        out = np.empty((m, k, k))
+        step = max(1, AT_ONCE // (8 * self._kind.size**2))
+        for begin in range(0, m, step):
+            rows = slice(begin, begin + step)
+            out[rows] = smoothed.covariance[rows][:, states[:, None], states[None, :]]
+            self._storage.release()
+        return out
+
     def blocks(self, smoothed: SmoothedEpochs, rows: int = 16384) -> Iterator[UpdateColumns]:
         """Smoothed outputs in their order.
 
@@ -377,9 +459,18 @@ class Smoother:
         UpdateColumns
         """
         columns = self._columns(UpdateColumns)
+        own = [*self._alone, *self._open]
         for first in range(0, len(columns["time_ns"]), rows):
             part = {name: np.array(c[first : first + rows]) for name, c in columns.items()}
+            for name in COVARIANCES:
+                part[name] = np.full((len(part["time_ns"]), 3, 3), np.nan)
+            for kept in own:
+                begin, end = np.searchsorted(kept.number, (first, first + rows))
+                if begin < end:
+                    for name, values in zip(COVARIANCES, kept.covariances, strict=True):
+                        part[name][kept.number[begin:end] - first] = values[begin:end]
             yield smooth_updates(UpdateColumns(**part), first, smoothed)
+            self._storage.release()
 
     def close(self) -> None:
         """Remove the temporary file."""
@@ -390,3 +481,19 @@ class Smoother:
 
     def __exit__(self, *_: object) -> None:
         self.close()
+
+
+@dataclass(frozen=True)
+class _Own:
+    """The filter's covariances at some updates, by their numbers from the start of the run."""
+
+    number: IntArray
+    covariances: tuple[FloatArray, ...]
+
+    @classmethod
+    def of(cls, updates: UpdateColumns, first: int) -> _Own:
+        number = first + np.arange(len(updates))
+        return cls(number, tuple(getattr(updates, name) for name in COVARIANCES))
+
+    def rows(self, at: np.ndarray) -> _Own:
+        return _Own(self.number[at], tuple(values[at] for values in self.covariances))

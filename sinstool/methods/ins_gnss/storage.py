@@ -7,6 +7,7 @@ closed or the process ends, however it ends (on systems that cannot do so, when 
 
 from __future__ import annotations
 
+import mmap
 import tempfile
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
@@ -17,7 +18,7 @@ from numpy.typing import NDArray
 
 from sinstool.core.errors import OutputError
 
-DEFAULT_LIMIT = 256 << 20
+DEFAULT_LIMIT = 64 << 20
 """Bytes of all columns of a storage that are held in memory."""
 
 
@@ -35,6 +36,7 @@ class Storage:
         self._parts: dict[str, list[NDArray[Any]]] = {}
         self._files: dict[str, BinaryIO] = {}
         self._rows: dict[str, int] = {}
+        self._maps: dict[str, np.memmap[Any, Any]] = {}
 
     @property
     def spilled(self) -> bool:
@@ -54,14 +56,20 @@ class Storage:
         OutputError
             If the folder cannot be written or is full.
         """
+        self._maps.pop(name, None)
+        self._rows[name] = self._rows.get(name, 0) + len(rows)
+        if name in self._files:
+            with _failures_explained():
+                self._files[name].write(np.ascontiguousarray(rows).data)
+            return
         parts = self._parts.setdefault(name, [])
         parts.append(np.array(rows, order="C"))
-        self._rows[name] = self._rows.get(name, 0) + len(rows)
         self._room -= parts[-1].nbytes
         if self._room < 0:
             self._room = 0
             for each in self._parts:
-                self._spill(each)
+                if each not in self._files:
+                    self._spill(each)
 
     def array(self, name: str) -> NDArray[Any]:
         """All rows of a column.
@@ -70,16 +78,28 @@ class Storage:
         -------
         ndarray, shape (n, ...)
             May be changed in place; valid until the next row is added or the storage closed.
-            Rows in a file are mapped, not read.
+            Rows in a file are mapped, not read: see :meth:`release`.
         """
         if name in self._files and self._rows[name]:
-            with _failures_explained():
-                self._files[name].flush()
-            one = self._parts[name][0]
-            shape = (self._rows[name], *one.shape[1:])
-            return np.memmap(self._files[name], one.dtype, "r+", 0, shape)
+            if name not in self._maps:
+                with _failures_explained():
+                    self._files[name].flush()
+                one = self._parts[name][0]
+                shape = (self._rows[name], *one.shape[1:])
+                self._maps[name] = np.memmap(self._files[name], one.dtype, "r+", 0, shape)
+            return self._maps[name]
         self._parts[name] = [np.concatenate(self._parts[name])]
         return self._parts[name][0]
+
+    def release(self) -> None:
+        """Give back the memory of mapped rows; arrays stay valid, and read what they need anew.
+
+        Whoever walks through a long column calls it from time to time, as the system counts what
+        was looked at as this process's memory until another process wants it.
+        """
+        if hasattr(mmap, "MADV_DONTNEED"):
+            for rows in self._maps.values():
+                rows._mmap.madvise(mmap.MADV_DONTNEED)  # type: ignore[attr-defined]
 
     def close(self) -> None:
         """Forget all rows and remove the files. Arrays given out must not be used after it."""
@@ -87,7 +107,7 @@ class Storage:
             # What is still in its buffer goes with it, also where there was no room for it.
             with suppress(OSError):
                 file.close()
-        self._parts, self._files, self._rows = {}, {}, {}
+        self._parts, self._files, self._rows, self._maps = {}, {}, {}, {}
 
     def __enter__(self) -> Storage:
         return self
@@ -98,12 +118,11 @@ class Storage:
     def _spill(self, name: str) -> None:
         """Move what is in memory of a column to its file; an empty part stays, for its type."""
         with _failures_explained():
-            if name not in self._files:
-                file = tempfile.TemporaryFile(prefix="sinstool-")  # noqa: SIM115
-                self._files[name] = file
-            for part in self._parts[name]:
-                self._files[name].write(part.data)
-        self._parts[name] = [self._parts[name][0][:0].copy()]
+            file = tempfile.TemporaryFile(prefix="sinstool-")  # noqa: SIM115
+            self._files[name] = file
+            parts, self._parts[name] = self._parts[name], [self._parts[name][0][:0].copy()]
+            for part in parts:
+                file.write(part.data)
 
 
 @contextmanager

@@ -1,10 +1,13 @@
 """The smoother against least squares over all times at once, and by its consistency."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from sinstool.core import earth
 from sinstool.core.rotation import conjugate, exp, log, multiply
+from sinstool.methods.ins_gnss import smoother as smoother_module
 from sinstool.methods.ins_gnss.results import SENSORS, FilterBlock, StoredEpochs, UpdateColumns
 from sinstool.methods.ins_gnss.settings import DivergenceControl
 from sinstool.methods.ins_gnss.smoother import Smoother, smooth_epochs, smooth_updates
@@ -252,10 +255,16 @@ def test_before_a_restart_and_after_the_last_row_the_filter_is_left_alone():
 
 @pytest.mark.parametrize("limit", [0, 10**9])
 @pytest.mark.parametrize("rows", [1, 7, 4096])
-def test_blocks_and_files_change_nothing(limit, rows):
+@pytest.mark.parametrize("at_once", [1, 24 * N * N * 5, 10**9])
+def test_blocks_and_files_change_nothing(limit, rows, at_once, monkeypatch):
     stored, _ = small_problem(restart=(4,))
     own = updates(stored)
-    whole = smooth_updates(own, 0, smooth_epochs(stored, KIND, int(own.time_ns[0])))
+    # each its own, so that one in another's place would be seen
+    each = (1.0 + np.arange(len(own)))[:, None, None]
+    own = replace(own, **{n: each * getattr(own, n) for n in smoother_module.COVARIANCES})
+    epochs = smooth_epochs(stored, KIND, int(own.time_ns[0]))
+    whole = smooth_updates(own, 0, epochs)
+    monkeypatch.setattr(smoother_module, "AT_ONCE", at_once)
     with Smoother(KIND, limit) as smoother:
         for k in range(len(stored)):
             part = {n: v[10 * k : 10 * k + 10] for n, v in vars(own).items()}
@@ -263,6 +272,12 @@ def test_blocks_and_files_change_nothing(limit, rows):
             smoother.push(FilterBlock(UpdateColumns(**part), None, StoredEpochs(**row)))
         smoothed = smoother.epochs()
         assert smoother.spilled == (limit == 0)
+        for name in ("error", "error_before", "covariance", "first_covariance"):
+            np.testing.assert_array_equal(getattr(smoothed, name), getattr(epochs, name))
+        few = np.array([3, 4, 8])
+        np.testing.assert_array_equal(
+            smoother.covariance(smoothed, few), epochs.covariance[:, few[:, None], few]
+        )
         result = list(smoother.blocks(smoothed, rows))
     for name, expected in vars(whole).items():
         np.testing.assert_array_equal(np.concatenate([getattr(b, name) for b in result]), expected)

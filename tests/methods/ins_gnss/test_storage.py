@@ -41,6 +41,36 @@ def test_rows_may_be_added_and_changed_after_a_look():
             np.testing.assert_array_equal(storage.array("column"), [[1.0, 5.0], [3.0, 4.0]])
 
 
+def test_rows_stay_what_they_are_when_their_memory_is_given_back():
+    with Storage(0) as storage:
+        storage.append("column", np.arange(2048.0).reshape(-1, 2))
+        rows = storage.array("column")
+        rows[1000] = -1.0
+        storage.release()
+        assert rows[3, 1] == 7.0
+        np.testing.assert_array_equal(rows[1000], -1.0)
+        storage.append("later", np.ones(3))
+        np.testing.assert_array_equal(storage.array("later"), 1.0)
+
+
+@pytest.mark.skipif(not os.path.exists("/proc/self/status"), reason="of Linux")
+def test_mapped_rows_that_are_given_back_are_not_in_memory():
+    def mapped_kb():
+        with open("/proc/self/status") as stream:
+            sizes = [int(line.split()[1]) for line in stream if line.startswith("RssFile")]
+        return sizes[0]
+
+    with Storage(0) as storage:
+        storage.append("column", np.ones((1 << 20, 2)))
+        rows = storage.array("column")
+        before = mapped_kb()
+        assert rows.sum() == 2 << 20
+        looked = mapped_kb()
+        storage.release()
+        assert looked - before > 8 << 10
+        assert mapped_kb() - before < 4 << 10
+
+
 def test_the_file_lies_in_the_system_s_folder_and_is_gone_afterwards(tmp_path, monkeypatch):
     monkeypatch.setattr(tempfile, "tempdir", str(tmp_path))
     descriptors = len(os.listdir("/proc/self/fd")) if os.path.isdir("/proc/self/fd") else None

@@ -289,6 +289,6 @@ def _unconstrained(
             smoothed.time_ns.copy(),
             nav[:, V_NORTH : V_DOWN + 1].copy(),
             to_dcm(nav[:, Q_W : Q_Z + 1]),
-            np.array(smoothed.covariance[:, of[:, None], of[None, :]]),
+            smoother.covariance(smoothed, of),
         )
     return track, means
