@@ -23,6 +23,8 @@ References
 
 from __future__ import annotations
 
+from functools import cache
+
 import numba
 import numpy as np
 
@@ -78,7 +80,7 @@ class Picard(MultiSampleAlgorithm):
         self.samples = samples
         self.before = before
         self.iterations = iterations
-        self._fits = table([through_increments(h + samples, h, samples) for h in range(before + 1)])
+        self._fits = _fits(samples, before)
 
     def _fill(self, x: FloatArray, dt: FloatArray, first: int, out: FloatArray) -> None:
         if self.iterations is None:
@@ -89,6 +91,12 @@ class Picard(MultiSampleAlgorithm):
     def _of_samples(self, samples: int) -> ConingAlgorithm:
         before = self.before + self.samples - samples  # the same degree
         return Picard(samples, before, self.iterations, f"{self.name}[{samples}]")
+
+
+@cache
+def _fits(samples: int, before: int) -> FloatArray:
+    """Increments to coefficients of the rate, by the number of earlier ones."""
+    return table([through_increments(h + samples, h, samples) for h in range(before + 1)])
 
 
 def picard(samples: int) -> Picard:

@@ -26,6 +26,8 @@ References
 
 from __future__ import annotations
 
+from functools import cache
+
 import numba
 import numpy as np
 
@@ -98,6 +100,7 @@ def quatfiter(samples: int) -> QuatFIter:
     return QuatFIter(samples)
 
 
+@cache
 def _chebyshev_fits(samples: int, before: int) -> FloatArray:
     """Increments to Chebyshev coefficients of the rate, by the number of earlier ones."""
     return polynomial.table(

@@ -164,7 +164,7 @@ def compare(
         truths = [t for t, enough in zip(truth, long, strict=True) if enough]
     elif name != "none":
         reference = Candidate(name, algorithm(name, **settings.options.get(name, {})))
-        truths = [run(reference, s, kind, interval_s) for s in usable]
+        truths = run(reference, usable, kind, interval_s)
         native_names = {c.name for c in native}
         judges = [Candidate(j, algorithm(j)) for j in JUDGES if j != name and j not in native_names]
     summed = any(c.input == "sums" for c in todo)
@@ -173,9 +173,7 @@ def compare(
     sparse: dict[str, list[Attitudes]] = {}
 
     def work(candidate: Candidate) -> Row:
-        made = [
-            run(candidate, s, kind, interval_s, i) for s, i in zip(usable, increments, strict=True)
-        ]
+        made = run(candidate, usable, kind, interval_s, increments)
         if candidate.decimate == 1:
             sparse[candidate.name] = [_sparse(a, every) for a in made]
         return _row(candidate, made, truths, usable, interval_s, settings)

@@ -19,7 +19,7 @@ from sinstool.methods.strapdown.attitude import AttitudePropagator
 _IDENTITY = (1.0, 0.0, 0.0, 0.0)
 _WARM = 64
 _BLOCK = 16384
-# Of one candidate over one segment
+# Of one candidate over all segments
 _MOST_RUNS = 5
 _ENOUGH_S = 0.02
 
@@ -84,7 +84,8 @@ class Attitudes:
     q : ndarray, shape (k, 4)
         Body against the attitude at the start.
     seconds : float
-        Processor time it took, the least of a few runs where one is short.
+        Processor time it took, the least of a few runs where one is short; of segments that were
+        run together, each has its share by samples.
     samples : int
         Samples it was fed.
     """
@@ -97,43 +98,58 @@ class Attitudes:
 
 def run(
     candidate: Candidate,
-    segment: Segment,
+    segments: Sequence[Segment],
     kind: GyroKind,
     nominal_s: float,
-    increments: FloatArray | None = None,
-) -> Attitudes:
-    """Attitude of one segment by one candidate.
+    increments: Sequence[FloatArray | None] | None = None,
+) -> list[Attitudes]:
+    """Attitudes of segments by one candidate.
 
     Parameters
     ----------
     kind : {'rate', 'mean-rate'}
-        What the segment's samples are.
+        What the segments' samples are.
     nominal_s : float
         Native sample interval, s.
-    increments : ndarray, shape (n - 1, 3), optional
-        What :func:`increments_of` gives for the segment, where it is at hand.
+    increments : sequence of ndarray, shape (n - 1, 3), optional
+        What :func:`increments_of` gives for each segment, where it is at hand.
 
     Returns
     -------
-    Attitudes
-        A single row where the segment holds no update.
+    list of Attitudes
+        A single row where a segment holds no update.
     """
-    gyro, times, rows, fed = _feed(candidate, segment, kind, nominal_s, increments)
-    if len(times) < 2:
-        return Attitudes(rows[:1], np.tile(_IDENTITY, (len(rows[:1]), 1)), 0.0, len(times))
-    interval = nominal_s * candidate.decimate
+    ready = increments or [None] * len(segments)
+    feeds = [
+        _feed(candidate, segment, kind, nominal_s, own)
+        for segment, own in zip(segments, ready, strict=True)
+    ]
+    usable = [feed for feed in feeds if len(feed[1]) >= 2]
+    chosen, interval = candidate.algorithm, nominal_s * candidate.decimate
     # Compiled loops are loaded outside of the time that is reported.
-    _integrate(candidate.algorithm, fed, interval, gyro[:_WARM], times[:_WARM])
+    for gyro, times, _, fed in usable[:1]:
+        _integrate(chosen, fed, interval, gyro[:_WARM], times[:_WARM])
     least, spent = float("inf"), 0.0
     for _ in range(_MOST_RUNS):
+        # all of them at once: asking for the time takes as long as a short stretch
         begin = time.thread_time()
-        sample, q = _integrate(candidate.algorithm, fed, interval, gyro, times)
+        made = [_integrate(chosen, fed, interval, gyro, times) for gyro, times, _, fed in usable]
         seconds = time.thread_time() - begin
         least, spent = min(least, seconds), spent + seconds
         # A short run is timed again: caches and the scheduler are most of it.
         if spent >= _ENOUGH_S:
             break
-    return Attitudes(rows[sample], q, least, len(times))
+    each = least / max(sum(len(times) for _, times, _, _ in usable), 1)
+    results = iter(made)
+    attitudes = []
+    for _, times, rows, _ in feeds:
+        if len(times) < 2:
+            q = np.tile(_IDENTITY, (len(rows[:1]), 1))
+            attitudes.append(Attitudes(rows[:1], q, 0.0, len(times)))
+        else:
+            sample, q = next(results)
+            attitudes.append(Attitudes(rows[sample], q, each * len(times), len(times)))
+    return attitudes
 
 
 def _integrate(

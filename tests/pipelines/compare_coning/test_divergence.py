@@ -41,8 +41,8 @@ def test_windows_are_restarted_integrations(manoeuvre, name):
     ends = np.concatenate([s.sample for s in steps])
     turns = Rotation.from_rotvec(np.concatenate([s.rotation_vector for s in steps]))
     reference = run(
-        Candidate("quatfiter-4", algorithm("quatfiter-4")), manoeuvre, "mean-rate", 0.01
-    )
+        Candidate("quatfiter-4", algorithm("quatfiter-4")), [manoeuvre], "mean-rate", 0.01
+    )[0]
     true = dict(
         zip(
             reference.sample.tolist(),
@@ -57,7 +57,7 @@ def test_windows_are_restarted_integrations(manoeuvre, name):
             attitude = attitude * turns[k]
         psi = (attitude * true[end].inv()).as_rotvec()
         expected.append(psi / ((end - begin) * 0.01))
-    mine = run(Candidate(name, chosen), manoeuvre, "mean-rate", 0.01)
+    mine = run(Candidate(name, chosen), [manoeuvre], "mean-rate", 0.01)[0]
     actual = part(mine, reference, manoeuvre.time_ns, 10.0)
     assert np.linalg.norm(expected, axis=1).min() > 1e-10
     np.testing.assert_allclose(actual.window_rate, expected, atol=1e-13)

@@ -7,6 +7,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from sinstool.methods.coning.registry import algorithm, names
+from sinstool.pipelines.compare_coning import runs
 from sinstool.pipelines.compare_coning.runs import (
     Candidate,
     Segment,
@@ -43,9 +44,9 @@ def test_instants_are_shared_with_the_reference(name, decimate, input):
         input = "none"
     segment, _ = one_axis()
     kind = "rate" if input == "points" else "mean-rate"
-    reference = run(built("quatfiter-4"), segment, kind, STEP)
+    reference = run(built("quatfiter-4"), [segment], kind, STEP)[0]
     candidate = built(name, decimate, input)
-    made = run(candidate, segment, kind, STEP)
+    made = run(candidate, [segment], kind, STEP)[0]
     # on multiples of the update, but for a last update of what is left
     assert np.all(made.sample[:-1] % candidate.stride == 0)
     assert np.all(np.diff(made.sample) > 0)
@@ -64,8 +65,8 @@ def test_instants_are_shared_with_the_reference(name, decimate, input):
 def test_attitudes_stand_at_the_samples_they_name(name, decimate):
     segment, axis = one_axis()
     made = run(
-        built(name, decimate, "sums" if decimate > 1 else "none"), segment, "mean-rate", STEP
-    )
+        built(name, decimate, "sums" if decimate > 1 else "none"), [segment], "mean-rate", STEP
+    )[0]
     # a mean rate is that of the interval that ends at its sample
     angle = np.cumsum(segment.gyro @ axis) * STEP
     turned = angle[made.sample] - angle[made.sample[0]]
@@ -81,7 +82,7 @@ def test_picked_points_stand_at_the_samples_they_name(name, decimate):
     axis, rate = np.array([0.36, 0.48, 0.8]), 1.7
     times = 10**18 + STEP_NS * np.arange(N)
     segment = Segment(times, np.tile(rate * axis, (N, 1)))
-    made = run(built(name, decimate, "points"), segment, "rate", STEP)
+    made = run(built(name, decimate, "points"), [segment], "rate", STEP)[0]
     assert made.sample[0] == 0
     turned = rate * (times[made.sample] - times[0]) * 1e-9
     expected = Rotation.from_rotvec(turned[:, None] * axis)
@@ -103,8 +104,8 @@ def test_increments_of_rates_integrate_polynomials():
 def test_sums_of_given_increments_are_the_same_to_the_bit():
     segment, _ = one_axis()
     c = built("previous-3", 4, "sums")
-    shared = run(c, segment, "rate", STEP, increments_of(segment, "rate", STEP))
-    own = run(c, segment, "rate", STEP)
+    shared = run(c, [segment], "rate", STEP, [increments_of(segment, "rate", STEP)])[0]
+    own = run(c, [segment], "rate", STEP)[0]
     assert np.array_equal(shared.q, own.q)
     assert np.array_equal(shared.sample, own.sample)
 
@@ -142,7 +143,9 @@ def test_options_reach_their_algorithm():
 def test_short_segments_give_what_there_is(count, decimate, name):
     segment, _ = one_axis()
     short = Segment(segment.time_ns[:count], segment.gyro[:count])
-    made = run(built(name, decimate, "sums" if decimate > 1 else "none"), short, "mean-rate", STEP)
+    made = run(
+        built(name, decimate, "sums" if decimate > 1 else "none"), [short], "mean-rate", STEP
+    )[0]
     assert len(made.q) == len(made.sample)
     assert np.all(made.sample < count)
     if decimate == 1:
@@ -151,6 +154,24 @@ def test_short_segments_give_what_there_is(count, decimate, name):
 
 def test_time_is_that_of_the_thread():
     segment, _ = one_axis()
-    made = run(built("previous-3"), segment, "mean-rate", STEP)
+    made = run(built("previous-3"), [segment], "mean-rate", STEP)[0]
     assert 0.0 < made.seconds < 1.0
     assert made.samples == N
+
+
+def test_many_stretches_are_run_as_often_as_one_of_their_length(monkeypatch):
+    # what is timed again for its shortness is all of them, not each
+    segment, _ = one_axis(4096)
+    cuts = range(0, 4096, 64)
+    pieces = [Segment(segment.time_ns[k : k + 64], segment.gyro[k : k + 64]) for k in cuts]
+    monkeypatch.setattr(runs, "_ENOUGH_S", 0.0)
+    calls = []
+    original = runs._integrate
+    monkeypatch.setattr(runs, "_integrate", lambda *a: calls.append(1) or original(*a))
+    made = run(built("quatfiter-4"), pieces, "mean-rate", STEP)
+    assert len(calls) == 1 + len(pieces)
+    for piece, attitudes in zip(pieces, made, strict=True):
+        (alone,) = run(built("quatfiter-4"), [piece], "mean-rate", STEP)
+        assert np.array_equal(alone.q, attitudes.q)
+        assert np.array_equal(alone.sample, attitudes.sample)
+        assert attitudes.seconds > 0.0
