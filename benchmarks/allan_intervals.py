@@ -4,7 +4,8 @@ For each kind of sensor and each length of rest so many runs are simulated, and 
 The table says of each term how often it is taken for visible, how often what is said of it is true
 (the 95 % interval holds the truth, or the bound where it is not visible), how often the interval
 alone, and how often a term is claimed that is not in the simulation or below a twentieth of every
-Allan variance.
+Allan variance. With ``--random`` no two runs are of the same sensor or length: terms and rests are
+drawn anew for each run, and the table is over all of them.
 """
 
 from __future__ import annotations
@@ -15,10 +16,11 @@ from dataclasses import dataclass
 import numpy as np
 
 from benchmarks import common
-from sinstool.methods.allan.fit import NAMES, NoiseFit, fit_segments
+from sinstool.methods.allan.fit import NAMES, NoiseFit, Term, fit_segments
 from sinstool.methods.allan.model import allan_terms
 from sinstool.simulation.noise_terms import simulate_terms
 
+RANDOM_HEAD = ("term", "there", "visible", "interval", "bound", "claimed")
 HEAD = ("sensor", "samples", "term", "truth", "visible", "true", "interval", "claimed")
 # A term with a smaller share of the Allan variance at each averaging time cannot be seen.
 HIDDEN = 0.05
@@ -71,7 +73,7 @@ def rows(case: Case, rest: Sequence[int], fits: Sequence[NoiseFit]) -> Iterator[
         terms = [fit.terms[name] for fit in fits]
         seen = [t for t in terms if t.value is not None]
         unseen = [t for t in terms if t.value is None]
-        held = sum(t.low <= truth <= t.high for t in seen)
+        hold = sum(held(t, truth) for t in seen)
         below = sum(truth <= t.high for t in unseen)
         yield (
             case.name,
@@ -79,15 +81,68 @@ def rows(case: Case, rest: Sequence[int], fits: Sequence[NoiseFit]) -> Iterator[
             name,
             f"{truth:g}",
             f"{len(seen)}",
-            f"{100.0 * (held + below) / len(fits):.1f} %",
-            f"{100.0 * held / len(seen):.1f} %" if seen and there[name] else "-",
+            f"{100.0 * (hold + below) / len(fits):.1f} %",
+            f"{100.0 * hold / len(seen):.1f} %" if seen and there[name] else "-",
             "-" if there[name] else f"{len(seen)} of {len(fits)}",
+        )
+
+
+def random_case(seed: int) -> Case:
+    """A sensor and its rests: each term there or not, its size over two or three decades."""
+    draw = np.random.default_rng([seed, 1])
+
+    def size(least: float, most: float) -> float:
+        return float(np.exp(draw.uniform(np.log(least), np.log(most)))) * (draw.random() < 0.6)
+
+    terms = (size(0.5, 20.0), 1.0, size(3e-3, 0.3), size(3e-5, 1e-2), size(1e-8, 1e-5))
+    count = 1 if draw.random() < 0.6 else int(draw.integers(2, 7))
+    lengths = np.exp(draw.uniform(np.log(2e3), np.log(7.2e5), count)).astype(int)
+    return Case(f"random {seed}", terms, (tuple(lengths.tolist()),))
+
+
+def held(term: Term, truth: float) -> bool:
+    """Whether what is said of a term is true."""
+    return term.low <= truth <= term.high
+
+
+def random_rows(first: int, runs: int, processes: int) -> Iterator[tuple[str, ...]]:
+    """A row for each term, over so many sensors, and one for all terms."""
+
+    def one(seed: int) -> tuple[Case, NoiseFit]:
+        case = random_case(seed)
+        return case, fit_of(case, case.rests[0], seed)
+
+    said = []
+    for case, fit in common.over_seeds(one, range(first, first + runs), processes, 10):
+        there = visible(case.terms, case.rests[0])
+        for name, truth in zip(NAMES, case.terms, strict=True):
+            said.append((name, there[name], fit.terms[name], truth))
+    for name in (*NAMES, "all"):
+        of = [(there, t, truth) for n, there, t, truth in said if name in (n, "all")]
+        seen = [(t, truth) for there, t, truth in of if there and t.value is not None]
+        unseen = [(t, truth) for _, t, truth in of if t.value is None]
+        false = sum(not there and t.value is not None for there, t, _ in of)
+        hold, below = sum(held(*s) for s in seen), sum(held(*s) for s in unseen)
+        yield (
+            name,
+            f"{sum(there for there, _, _ in of)} of {len(of)}",
+            f"{len(seen)}",
+            f"{100.0 * hold / max(len(seen), 1):.1f} %",
+            f"{100.0 * below / max(len(unseen), 1):.1f} % of {len(unseen)}",
+            f"{false} of {sum(not there for there, _, _ in of)}",
         )
 
 
 def main() -> None:
     """Print the table."""
-    options = common.parser(__doc__, runs=500, processes=1, only="").parse_args()
+    parser = common.parser(__doc__, runs=500, processes=1, only="", first=0)
+    parser.add_argument("--random", action="store_true", help="draw sensors and lengths")
+    options = parser.parse_args()
+    if options.random:
+        print(common.line(RANDOM_HEAD) + "\n" + "|---" * len(RANDOM_HEAD) + "|")
+        for cells in random_rows(options.first, options.runs, options.processes):
+            print(common.line(cells), flush=True)
+        return
     print(common.line(HEAD) + "\n" + "|---" * len(HEAD) + "|")
     for case in CASES:
         if options.only not in case.name:

@@ -75,7 +75,7 @@ def motion_of(kind: str, seed: int, duration: float) -> Motion:
 def warnings(start: FilterStart, latency: float) -> Iterator[str]:
     """What it would say of latency and antenna, told the truth."""
     offsets = start.offsets
-    if offsets is not None and offsets.differs_from(latency, LEAST_WARNED_S, BEYOND):
+    if offsets is not None and offsets.latency.differs_from(latency, LEAST_WARNED_S, BEYOND):
         yield f"latency {offsets}"
     if offsets is not None and offsets.arm_contradicts:
         yield f"arm {np.round(offsets.arm_off_b, 2)} +- {np.round(offsets.arm_off_sigma_b, 2)}"

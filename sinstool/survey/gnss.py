@@ -25,6 +25,7 @@ from sinstool.io.readers.message_types import FIX_TYPE, VELOCITY_TYPES
 from sinstool.io.readers.streams import Losses, frame_id, read_fixes, read_velocity
 from sinstool.io.readers.topics import optional_topics
 from sinstool.survey.aiding import AidingData, in_order, only, until
+from sinstool.survey.stuck import stuck_fixes, stuck_velocities
 from sinstool.survey.velocity import Agreement, agreement, odd_frame, usual_noise
 
 S = TypeVar("S", bound=Stream)
@@ -93,6 +94,9 @@ def read_gnss(
             log_choice(what, f"{one}, {why}")
     if fixes is not None and velocity is not None:
         velocity, more = _without_flat(fixes, velocity, chosen.topic)
+        findings += more
+    if fixes is not None:
+        fixes, velocity, more = _without_stuck(fixes, velocity, receiver.topic)
         findings += more
     return AidingData(join(fixes, velocity), receiver.topic, chosen.topic, tuple(findings))
 
@@ -326,6 +330,34 @@ def _without_flat(fixes: Gnss, velocity: Velocity, topic: str) -> tuple[Velocity
     return replace(velocity, velocity_n=columns), [
         Finding("flat-velocity", text, topic=topic, numbers={"height_m": float(np.ptp(heights))})
     ]
+
+
+def _without_stuck(
+    fixes: Gnss, velocity: Velocity | None, topic: str
+) -> tuple[Gnss, Velocity | None, list[Finding]]:
+    """Take out what a receiver that hangs sends again."""
+    stuck = stuck_fixes(fixes)
+    count = int(np.count_nonzero(stuck))
+    if not count:
+        return fixes, velocity, []
+    if velocity is not None:
+        velocity = velocity.rows(~stuck_velocities(fixes, stuck, velocity))
+    at = np.flatnonzero(stuck)
+    seconds = (fixes.time_ns[at] - fixes.time_ns[at - 1]).sum() * 1e-9
+    text = (
+        f"topic {topic}: the receiver hangs for {seconds:.1f} s in all: {count} fixes repeat an"
+        " earlier one, and the next ones are far away; left out"
+    )
+    numbers = {"messages": count, "seconds": float(seconds)}
+    finding = Finding(
+        "stuck-fixes",
+        text,
+        topic=topic,
+        start_ns=int(fixes.time_ns[at[0]]),
+        end_ns=int(fixes.time_ns[at[-1]]),
+        numbers=numbers,
+    )
+    return fixes.rows(~stuck), velocity, [finding]
 
 
 def join(fixes: Gnss | None, velocity: Velocity | None) -> GnssEpochs | None:

@@ -53,7 +53,7 @@ LEAST_BLOCKS = 8
 DOUBTFUL = 3e-3
 # Of two edges of an interval the inner has this weight, by term; held against simulated logs. A
 # random walk that is just too small to be seen is taken for flicker noise by a fit without it.
-INWARD = {"quantisation": 0.5, "white": 0.55, "flicker": 0.0, "random_walk": 0.5}
+INWARD = {"quantisation": 0.5, "white": 0.55, "flicker": 0.0, "random_walk": 0.0}
 # Of flicker noise alone the frequencies of blocks are not quite independent: more deviance is due.
 FLICKER_INTERVAL = 1.1
 _ROUNDS = 3
@@ -405,7 +405,9 @@ class _Likelihood:
         if not seen[k]:
             return Term(None, 0.0, sqrt(high))
         low, value = self._edge(k, p, (), misfit, -1.0, target), float(p[k])
-        hidden = tuple(j for j, visible in enumerate(seen) if not visible)
+        # White noise is in every sensor, whether or not another term hides it
+        white = TERMS.index("white")
+        hidden = tuple(j for j, visible in enumerate(seen) if not visible and j != white)
         if hidden:
             alone = p.copy()
             alone[list(hidden)] = 0.0

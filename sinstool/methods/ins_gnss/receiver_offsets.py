@@ -60,6 +60,7 @@ _HALF_S = 0.06  # velocity changes are taken over so much to either side
 _SETTLED_S = 20.0  # a filter's first innovations hold what is not linear in its start
 _STRETCH_S = 15.0  # scores of such stretches are independent of each other
 _LEAST = 20  # epochs
+_FAR = 3.0  # innovations over what is usual in the log: beyond, they count the less
 _TOLERANCE_NS = 200
 # The latency used and its estimate are brought this near, s, or to so much of a sigma; they agree
 # where they are within a sigma or so many seconds.
@@ -265,6 +266,7 @@ def _solved(
     scores: _Scores, here: FloatArray, usual: FloatArray, arm_m: float
 ) -> tuple[FloatArray, FloatArray]:
     """Latency and arm and their covariance, from scores about `here` and a prior about `usual`."""
+    scores = _robust(scores)
     prior = np.diag(1.0 / np.square([LATENCY_S, arm_m, arm_m, arm_m]))
     pull = prior @ (usual - here)
     information, score = scores.information.sum(axis=0), scores.score.sum(axis=0)
@@ -287,6 +289,23 @@ def _solved(
     more = np.sqrt(np.maximum(np.diag(scattered) / np.diag(covariance), 1.0))
     least = np.diag(np.square([_LEAST_SIGMA_S, *[_LEAST_SIGMA_M] * 3]))
     return here + b, covariance * np.outer(more, more) + least
+
+
+def _robust(scores: _Scores) -> _Scores:
+    """Scores of which no single epoch weighs more than usual ones do (after Huber 1964).
+
+    A bad fix may be many thousand sigmas off, and says of a latency as much as all others.
+    """
+    size = np.sqrt(scores.nis / np.maximum(scores.rows, 1.0))
+    far = _FAR * max(float(np.median(size)), 1.0)
+    weight = np.minimum(1.0, far / np.maximum(size, far))
+    return replace(
+        scores,
+        information=scores.information * weight[:, None, None],
+        score=scores.score * weight[:, None],
+        nis=scores.nis * weight,
+        rows=scores.rows * weight,
+    )
 
 
 def _scores(

@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from sinstool.core.streams import take_rows
+from sinstool.core.streams import GnssEpochs, take_rows
 from sinstool.methods.ins_gnss import receiver_offsets
 from sinstool.methods.ins_gnss.receiver_offsets import ReceiverOffsets, estimate_offsets, settle
 from sinstool.pipelines.process.ins_gnss import timing
@@ -255,3 +255,31 @@ def test_a_piece_of_one_update(tmp_path, calm):
         start_of(log, input=KIND, gnss=given(0.1))
     assert answers[1].latency_s == pytest.approx(answers[0].latency_s, abs=1e-5)
     assert np.allclose(answers[1].covariance, answers[0].covariance, rtol=1e-2, atol=1e-9)
+
+
+def epochs_of(fixes):
+    """Positions of 5 cm, as a filter gets them."""
+    n = len(fixes.seconds)
+    times = np.round(fixes.seconds * 1e9).astype(np.int64)
+    none, sigma = np.full((n, 3), np.nan), np.full((n, 3), 0.05)
+    return GnssEpochs(times, times, fixes.latitude, fixes.longitude, fixes.height, none, sigma,
+                      none)  # fmt: skip
+
+
+@pytest.mark.parametrize("rate", [1.0, 5.0])
+def test_fixes_far_off_their_neighbours_are_seen_before_any_filter(road, rate):
+    data = record(road, GRADES["tactical"], 5, gnss_rate=rate, sigma=0.05)
+    clean = timing.outlying(epochs_of(data.fixes))
+    assert not clean.any()
+    spoilt = with_outliers(data, 3, 0.03, 40.0)
+    moved_m = np.abs(spoilt.fixes.latitude - data.fixes.latitude) * 6.37e6
+    moved_m += np.abs(spoilt.fixes.longitude - data.fixes.longitude) * 4e6
+    seen = timing.outlying(epochs_of(spoilt.fixes))
+    far = moved_m > 25.0
+    assert far.any() and seen[far].all() and not seen[moved_m == 0.0].any()
+
+
+def test_a_position_held_at_rest_has_no_outliers(road):
+    fixes = record(road, GRADES["tactical"], 5, gnss_rate=5.0, sigma=0.05).fixes
+    held = fixes.rows(np.maximum(np.arange(len(fixes.seconds)), 100))
+    assert not timing.outlying(epochs_of(replace(held, seconds=fixes.seconds))).any()

@@ -1,0 +1,104 @@
+"""A receiver that sends its last fix again: left out where it hangs, kept where it rests."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from sinstool.config import InputOptions
+from sinstool.core.earth import displaced
+from sinstool.core.streams import Gnss, Velocity
+from sinstool.io.readers import open_log
+from sinstool.survey.gnss import read_gnss
+from sinstool.survey.stuck import LEAST_ALIKE, stuck_fixes, stuck_velocities
+from tests.helpers.imulogs import T0
+from tests.helpers.unseen_drives import PERFECT, drive, frozen, record, write
+
+
+def track(east, rate=5.0, sigma=0.5):
+    """Fixes that are so far east, m."""
+    n = len(east)
+    times = T0 + np.round(np.arange(n) / rate * 1e9).astype(np.int64)
+    latitude, longitude = displaced(0.8, 0.2, 100.0, np.zeros(n), np.asarray(east, float))
+    covariance = np.tile(sigma**2 * np.eye(3), (n, 1, 1))
+    return Gnss(times, times, latitude, longitude, np.full(n, 100.0), covariance,
+                np.full(n, 2), np.zeros(n, int))  # fmt: skip
+
+
+def noisy(east, seed, sigma=0.5):
+    return np.asarray(east) + sigma * np.random.default_rng(seed).standard_normal(len(east))
+
+
+@settings(max_examples=60, deadline=None)
+@given(
+    speed=st.floats(1.0, 60.0),
+    rate=st.sampled_from([1.0, 5.0, 10.0]),
+    begin=st.integers(5, 60),
+    count=st.integers(LEAST_ALIKE, 60),
+    seed=st.integers(0, 99),
+)
+def test_what_is_sent_again_on_the_way_is_found_and_nothing_else(speed, rate, begin, count, seed):
+    east = noisy(speed / rate * np.arange(140), seed, 0.05)
+    east[begin : begin + count] = east[begin]
+    stuck = stuck_fixes(track(east, rate, 0.05))
+    # Too short a leap for one who moves on so slowly is left to the filter
+    if count >= 4 and speed / rate * count > 1.0:
+        assert np.array_equal(np.flatnonzero(stuck), np.arange(begin + 1, begin + count))
+    else:
+        assert set(np.flatnonzero(stuck)) <= set(range(begin + 1, begin + count))
+
+
+def test_a_receiver_that_holds_its_position_at_rest_is_believed():
+    way = np.concatenate([np.zeros(200), 0.5 * 1.0 * (0.2 * np.arange(100)) ** 2])
+    assert not stuck_fixes(track(way)).any()
+    # It lets go of what it holds by a few sigmas
+    way[200:] += 2.0
+    assert not stuck_fixes(track(way)).any()
+
+
+def test_alike_up_to_the_end_is_rest():
+    way = np.concatenate([noisy(10.0 * np.arange(50), 1), np.full(50, 500.0)])
+    assert not stuck_fixes(track(way)).any()
+
+
+def test_a_slow_receiver_sent_on_quickly_leaves_one_of_each():
+    way = np.repeat(noisy(20.0 * np.arange(30), 2, 0.1), 10)
+    fixes = track(way, rate=10.0, sigma=0.1)
+    kept = ~stuck_fixes(fixes)
+    assert np.count_nonzero(kept[:-10]) == 29 and kept[:-10][::10].all()
+
+
+def test_heights_that_are_missing_are_alike():
+    way = noisy(10.0 * np.arange(60), 3)
+    way[20:30] = way[20]
+    fixes = replace(track(way), height=np.full(60, np.nan))
+    assert np.count_nonzero(stuck_fixes(fixes)) == 9
+
+
+def test_velocities_go_with_the_fixes_they_hang_with():
+    way = noisy(10.0 * np.arange(60), 4)
+    way[20:30] = way[20]
+    fixes = track(way)
+    speed = np.stack([np.zeros(60), noisy(np.full(60, 10.0), 5), np.zeros(60)], axis=1)
+    speed[20:25] = speed[20]
+    velocity = Velocity(fixes.time_ns, fixes.log_time_ns, speed, np.zeros((60, 3, 3)))
+    gone = stuck_velocities(fixes, stuck_fixes(fixes), velocity)
+    assert np.array_equal(np.flatnonzero(gone), np.arange(21, 25))
+
+
+@pytest.mark.parametrize("hung", [True, False])
+def test_it_is_said_how_long_a_receiver_hangs(tmp_path, hung):
+    truth = drive(41, 120.0, rest=20.0)
+    data = record(truth, PERFECT, 41, gnss_rate=5.0, sigma=0.05)
+    data = frozen(data, 60.0, 15.0) if hung else data
+    with open_log(write(tmp_path / "log.mcap", data)) as log:
+        aiding = read_gnss(log, InputOptions(), False)
+    findings = [f for f in aiding.findings if f.kind == "stuck-fixes"]
+    assert len(findings) == hung
+    if hung:
+        assert 10.0 < findings[0].numbers["seconds"] < 15.1
+        assert "hangs for" in findings[0].text
+        gap = np.diff(aiding.gnss.time_ns) * 1e-9
+        assert gap.max() == pytest.approx(findings[0].numbers["seconds"] + 0.2, abs=0.05)
