@@ -47,7 +47,6 @@ from sinstool.core.streams import GnssEpochs
 from sinstool.core.units import DEGREE
 from sinstool.methods.height.network import HeightNetwork, gravity_gradient
 from sinstool.methods.ins_gnss.filter import InsGnssFilter
-from sinstool.methods.ins_gnss.layout import P_K4
 from sinstool.methods.ins_gnss.results import FilterBlock, UpdateColumns
 from sinstool.methods.ins_gnss.settings import (
     BaroModel,
@@ -278,7 +277,7 @@ def score(
     flight = scene.flight
     run = InsGnssFilter(data.start, settings, with_baro=True, store=score_states)
     if not knows_k4:
-        run._model.parameters[P_K4] = 0.0
+        run._model.k4 = 0.0
     rate = round(1.0 / float(data.increments.interval[0]))
     errors, normalised, nees_position, nis, ends, between = [], [], [], [], [], []
     variances = []

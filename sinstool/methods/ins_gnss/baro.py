@@ -9,15 +9,15 @@ from __future__ import annotations
 from math import sqrt
 from typing import Any
 
-import numba
 import numpy as np
 
-from sinstool.core.arrays import FloatArray, IntArray
+from sinstool.core.arrays import FloatArray
+from sinstool.core.parts import part
 from sinstool.methods.height import layout as height_layout
 from sinstool.methods.height.channel import baro_sample
 from sinstool.methods.height.channel import feedback as channel_feedback
 from sinstool.methods.ins_gnss import instants, layout
-from sinstool.methods.ins_gnss.layout import Memory, Model, Stored
+from sinstool.methods.ins_gnss.layout import Memory, Model
 from sinstool.methods.ins_gnss.model import baro_correction
 from sinstool.methods.ins_gnss.states import I_BARO, I_CORRECTION, POSITION, VELOCITY
 from sinstool.methods.ins_gnss.update import apply_measurement, project
@@ -35,24 +35,23 @@ JUMPS_APART = 30.0  # s between jumps of a barometer that is sound otherwise
 DOUBT = 0.25  # of a jump
 
 
-@numba.njit(cache=True, nogil=True)
+@part()
 def correction_row(m: Memory, model: Model) -> None:
     """The network's correction, which is known and ought to be 0."""
     a = model.where[I_CORRECTION]
     instants.clear_rows(m, layout.ONE_ROW)
     m.h[0, a] = 1.0
     m.nu[0] = m.channel[height_layout.S_CORRECTION] - m.x[a]
-    m.r[0] = model.parameters[layout.P_CORRECTION_VARIANCE]
+    m.r[0] = model.correction_variance
     project(m, layout.ONE_ROW)
     apply_measurement(m, layout.ONE_ROW, 0.0)
 
 
-@numba.njit(cache=True, nogil=True)
+@part()
 def baro_difference(
     m: Memory,
     model: Model,
     events: FloatArray,
-    count: IntArray,
     difference: float,
     age: float,
     variance: float,
@@ -64,7 +63,6 @@ def baro_difference(
     the barometer's reference is moved. Returns whether it was used.
     """
     b = model.where[I_BARO]
-    number = m.numbers
     instants.clear_rows(m, layout.ONE_ROW)
     m.h[0, _D] = -1.0
     m.h[0, _VD] = age
@@ -72,51 +70,47 @@ def baro_difference(
     m.nu[0] = difference + m.x[_D] - age * m.x[_VD] + m.x[b]
     m.r[0] = max(variance, LEAST_BARO_SIGMA * LEAST_BARO_SIGMA)
     project(m, layout.ONE_ROW)
-    limit = model.parameters[layout.P_BARO_GATE]
+    limit = model.baro_gate
     if m.nu[0] * m.nu[0] > limit * limit * (m.s[0, 0] + m.r[0]):
-        number[layout.N_ROW_STREAK] += 1.0
-        if number[layout.N_ROW_STREAK] < patience:
+        streak = m.row_streak + 1.0
+        m.row_streak = streak
+        if streak < patience:
             return False
         move_reference(m, model, m.nu[0])
-        instants.record(events, count, layout.E_BARO_JUMP, number[layout.N_NOW], -m.nu[0])
-        number[layout.N_ROW_STREAK] = 0.0
+        instants.record(m, events, layout.E_BARO_JUMP, -m.nu[0])
+        m.row_streak = 0.0
         return False
-    number[layout.N_ROW_STREAK] = 0.0
+    m.row_streak = 0.0
     apply_measurement(m, layout.ONE_ROW, 0.0)
     return True
 
 
-@numba.njit(cache=True, nogil=True)
+@part()
 def move_reference(m: Memory, model: Model, difference: float) -> None:
     """Shift the barometer by a difference, and forget what was known of its error."""
     b = model.where[I_BARO]
     m.channel[height_layout.S_OFFSET] += difference
-    for j in range(m.p.shape[0]):
+    for j in range(m.n):
         m.p[b, j] = 0.0
         m.p[j, b] = 0.0
-    m.p[b, b] = model.parameters[layout.P_BARO_SIGMA] ** 2 + m.p[_D, _D]
-    m.numbers[layout.N_BEGUN] = 1.0
+    m.p[b, b] = model.baro_sigma**2 + m.p[_D, _D]
+    m.begun = 1.0
 
 
-@numba.njit(cache=True, nogil=True)
+@part()
 def note_difference(m: Memory, stamp: float, height: float, reason: int) -> None:
     """Compare height and barometric height; of several samples within an update, the last."""
-    number = m.numbers
-    if (
-        reason != height_layout.ACCEPTED
-        or not np.isfinite(height)
-        or not stamp > number[layout.N_SAMPLE_STAMP]
-    ):
+    if reason != height_layout.ACCEPTED or not np.isfinite(height) or not stamp > m.sample_stamp:
         return
-    age = number[layout.N_NOW] - stamp
+    age = m.now - stamp
     used = height + m.channel[height_layout.S_OFFSET] - m.channel[height_layout.S_BARO_BIAS]
-    number[layout.N_SAMPLE] = 1.0
-    number[layout.N_SAMPLE_STAMP] = stamp
-    number[layout.N_SAMPLE_AGE] = age
-    number[layout.N_SAMPLE_DIFFERENCE] = m.nav[HEIGHT] + m.nav[V_DOWN] * age - used
+    m.sample = 1.0
+    m.sample_stamp = stamp
+    m.sample_age = age
+    m.sample_difference = m.nav[HEIGHT] + m.nav[V_DOWN] * age - used
 
 
-@numba.njit(cache=True, nogil=True)
+@part()
 def _unlikely(m: Memory, model: Model, stamp: float, height: float) -> bool:
     """Whether the filter says of a sample that the channel would use: it cannot be so.
 
@@ -124,64 +118,57 @@ def _unlikely(m: Memory, model: Model, stamp: float, height: float) -> bool:
     filter, sure of it, turns the fixes down.
     """
     channel = m.channel
-    par = model.parameters
     b = model.where[I_BARO]
     v_up = -m.nav[V_DOWN]
     used = height + channel[height_layout.S_OFFSET] - channel[height_layout.S_BARO_BIAS]
-    e = m.nav[HEIGHT] - v_up * (m.numbers[layout.N_NOW] - stamp) - used
+    e = m.nav[HEIGHT] - v_up * (m.now - stamp) - used
     gate = max(
         model.network[height_layout.P_GATE],
         model.network[height_layout.P_GATE_SIGMAS] * sqrt(channel[height_layout.S_SQUARE]),
     )
-    if abs(e + par[layout.P_K4] * v_up) > gate:
+    if abs(e + model.k4 * v_up) > gate:
         return False  # the channel's own affair: a jump perhaps
-    variance = m.p[_D, _D] + 2.0 * m.p[_D, b] + m.p[b, b] + par[layout.P_BARO_WHITE]
+    variance = m.p[_D, _D] + 2.0 * m.p[_D, b] + m.p[b, b] + model.baro_white
     e += m.x[_D] + m.x[b]
-    return e * e > max(LEAST_BARO_GATE**2, par[layout.P_BARO_GATE] ** 2 * variance)
+    return e * e > max(LEAST_BARO_GATE**2, model.baro_gate**2 * variance)
 
 
-@numba.njit(cache=True, nogil=True)
+@part()
 def network_sample(
     m: Memory,
     model: Model,
-    stored: Stored,
-    row: int,
-    keep: bool,
+    stored: FloatArray,
+    events: FloatArray,
+    channel_events: FloatArray,
     stamp: float,
     height: float,
     reason: int,
-    channel_events: FloatArray,
-    events: FloatArray,
-    count: IntArray,
-) -> int:
+) -> None:
     """A barometer sample for the damping network, and what it does to the errors."""
-    number = m.numbers
-    par = model.parameters
     channel = m.channel
     nav = m.nav
     phase = int(channel[height_layout.S_PHASE])
     before = channel[height_layout.S_CORRECTION]
     offset = channel[height_layout.S_OFFSET]
-    now = number[layout.N_NOW]
+    now = m.now
     v_up = -nav[V_DOWN]
     # A filter that knows what K4 does keeps the height right, and so e at K4 v_up: no jump.
-    model.network[height_layout.P_GATE] = par[layout.P_CHANNEL_GATE] + abs(par[layout.P_K4] * v_up)
+    model.network[height_layout.P_GATE] = model.channel_gate + abs(model.k4 * v_up)
     if reason == height_layout.ACCEPTED and (
-        now < number[layout.N_DISTRUST]
-        or (phase == height_layout.ENGAGED and _unlikely(m, model, stamp, height))
+        now < m.distrust or (phase == height_layout.ENGAGED and _unlikely(m, model, stamp, height))
     ):
         reason = height_layout.GATE
     what, dh, dw = baro_sample(
         channel, model.network, channel_events, now, nav[HEIGHT], v_up, stamp, height, reason
     )
     if what == height_layout.NOTHING:
-        return row
+        return
     if what == height_layout.RESTORED:
         # The witness does not know of fixes: where some were used, their navigation stays.
-        instants.close_substep(m, model, keep)
+        instants.close_substep(m, model)
         off = before - channel[height_layout.S_CORRECTION]
-        instants.record(events, count, layout.E_BARO_FROZEN, now, dh)
-        if number[layout.N_USED_AT] > channel[height_layout.S_WITNESS_SINCE]:
+        instants.record(m, events, layout.E_BARO_FROZEN, dh)
+        if m.used_at > channel[height_layout.S_WITNESS_SINCE]:
             channel_feedback(channel, now, -dh, -dw, off)
         else:
             nav[HEIGHT] += dh
@@ -191,77 +178,72 @@ def network_sample(
         m.p[_VD, _VD] += dw * dw
         m.p[a, a] += off * off
         instants.begin_substep(m)
-        return row
+        return
     if phase != height_layout.ENGAGED:
         # The channel would set the height to the barometer. The filter knows how good both are.
         channel_feedback(channel, now, -dh, -dw, 0.0)
-        instants.open_instant(m, model, stored, row, keep)
-        difference = channel[height_layout.S_INNOVATION] - par[layout.P_K4] * v_up
-        used = baro_difference(
-            m, model, events, count, difference, 0.0, par[layout.P_BARO_WHITE], layout.ONE_ROW
-        )
+        instants.open_instant(m, model, stored)
+        difference = channel[height_layout.S_INNOVATION] - model.k4 * v_up
+        used = baro_difference(m, model, events, difference, 0.0, model.baro_white, layout.ONE_ROW)
         if not used:
             _after_jump(m, model)
         if phase == height_layout.COAST:
-            number[layout.N_STEP] = dh
-            number[layout.N_STEP_SET] = 1.0
-        return instants.close_instant(m, model, stored, row, keep)
+            m.step = dh
+            m.step_set = 1.0
+        instants.close_instant(m, model, stored)
+        return
 
     nav[HEIGHT] += dh
     nav[V_DOWN] -= dw
-    k4_height = par[layout.P_K4] * v_up
+    k4_height = model.k4 * v_up
     if (
         what == height_layout.CORRECTED
         and channel[height_layout.S_NOMINAL] < FAST_BARO
-        and now > number[layout.N_FROM]
+        and now > m.from_time
     ):
         for i in range(3):
             gain = channel[height_layout.S_L1 + i]
-            number[layout.N_GAIN + i] += gain
-            number[layout.N_INPUT + i] += gain * k4_height
-        number[layout.N_GAINS] += 1.0
-        return row
-    instants.close_substep(m, model, keep)
+            m.gains[i] += gain
+            m.inputs[i] += gain * k4_height
+        m.gain_count += 1.0
+        return
+    instants.close_substep(m, model)
     if what == height_layout.JUMPED:
         b = model.where[I_BARO]
         # It is known as well as the mean of the differences that showed it; whether the
         # barometer is to be relied on after that, is not.
-        mean = (channel[height_layout.S_SQUARE] + par[layout.P_BARO_WHITE]) / JUMP_ROWS
+        mean = (channel[height_layout.S_SQUARE] + model.baro_white) / JUMP_ROWS
         doubt = DOUBT * (channel[height_layout.S_OFFSET] - offset)
-        m.p[b, b] += mean + par[layout.P_BARO_SIGMA] ** 2 + doubt * doubt
+        m.p[b, b] += mean + model.baro_sigma**2 + doubt * doubt
         _after_jump(m, model)
-        instants.record(
-            events, count, layout.E_BARO_JUMP, now, offset - channel[height_layout.S_OFFSET]
-        )
+        instants.record(m, events, layout.E_BARO_JUMP, offset - channel[height_layout.S_OFFSET])
     baro_correction(
         model.where,
         channel[height_layout.S_L1],
         channel[height_layout.S_L2],
         channel[height_layout.S_L3],
         k4_height,
-        par[layout.P_BARO_WHITE],
+        model.baro_white,
         m.p,
         m.x,
         m.product,
         m.half[0],
     )
-    return row
 
 
-@numba.njit(cache=True, nogil=True)
+@part()
 def _after_jump(m: Memory, model: Model) -> None:
     """Jumps that follow each other, as of a sensor that hangs: leave it alone for a while.
 
     Up to the gate, navigation and network were pulled along between the jumps.
     """
-    number = m.numbers
-    now = number[layout.N_NOW]
-    if now - number[layout.N_JUMP_AT] < JUMPS_APART:
+    now = m.now
+    if now - m.jump_at < JUMPS_APART:
         a = model.where[I_CORRECTION]
-        gate = model.parameters[layout.P_CHANNEL_GATE]
+        gate = model.channel_gate
         rate = 1.0 / model.network[height_layout.P_TAU]
         m.p[_D, _D] += gate**2
         m.p[_VD, _VD] += (gate * rate) ** 2
         m.p[a, a] += (gate * rate * rate) ** 2
-        number[layout.N_DISTRUST] = now + JUMPS_APART
-    number[layout.N_JUMP_AT] = now
+        m.distrust = now + JUMPS_APART
+    m.jump_at = now

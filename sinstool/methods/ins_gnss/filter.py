@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from typing import Any
 
@@ -21,7 +22,7 @@ from sinstool.methods.ins_gnss.constraints import (
 )
 from sinstool.methods.ins_gnss.loop import run
 from sinstool.methods.ins_gnss.settings import Settings, Start
-from sinstool.methods.ins_gnss.states import I_MOVING, LAND_VEHICLE, FilterKind
+from sinstool.methods.ins_gnss.states import LAND_VEHICLE, FilterKind
 from sinstool.methods.strapdown.navigation import SIZE as NAV_SIZE
 from sinstool.methods.strapdown.velocity import Increments
 
@@ -140,11 +141,9 @@ class InsGnssFilter:
                 f"filter {self.kind.name} has no damping network, but K4 is {damping.k4:g} s",
                 "K4 = 0, or one of the network filters",
             )
-        index = self.kind.index
         p0 = parameters.initial_covariance(self.kind, start, settings, vehicle)
-        self._model = layout.Model(
-            index,
-            parameters.loop_parameters(self.kind, settings),
+        self._model = layout.new_model(
+            self.kind.index,
             height_layout.new_parameters(
                 damping, settings.grade, shadow=False, gate=parameters.CHANNEL_GATE
             ),
@@ -152,23 +151,28 @@ class InsGnssFilter:
             parameters.noise_densities(self.kind, start, settings),
             p0,
             np.zeros(layout.V_PARAMETERS) if constraints is None else constraints.parameters(),
-            np.empty((0, 3)) if constraints is None else constraints.grid(),
+            parameters.loop_parameters(self.kind, settings),
         )
+        self._grid = np.empty((0, 3)) if constraints is None else constraints.grid()
         self._memory = layout.new_memory(
             start.nav,
             np.concatenate([start.gyro_bias, np.zeros(3), start.accel_bias, np.zeros(3)]),
             p0,
             height_layout.new_state(),
-            int(index[I_MOVING]),
-            settings.control.window,
-            settings.control.measured_epochs,
             np.zeros(layout.VEHICLE_SIZE) if vehicle is None else vehicle.known(),
         )
+        self._window = np.zeros((settings.control.window, layout.ROWS))
+        self._changes = np.zeros((settings.control.measured_epochs, layout.ROWS))
         self._origin: int | None = None
         # Not used yet: times, fixes, whether they are withheld; times, heights, reasons
         no_time = np.empty(0, dtype=np.int64)
         self._gnss: list[NDArray[Any]] = [no_time, np.empty((0, _FIX)), np.empty(0)]
         self._baro: list[NDArray[Any]] = [no_time, np.empty(0), no_time]
+
+    @property
+    def _p(self) -> FloatArray:
+        n = self.kind.size
+        return np.asarray(self._memory.p[:n, :n])
 
     # --- its state -----------------------------------------------------------------------
 
@@ -180,28 +184,28 @@ class InsGnssFilter:
     @property
     def estimate(self) -> FloatArray:
         """Estimate of the errors that is not fed back yet, shape (n,)."""
-        return self._memory.x.copy()
+        return self._memory.x[: self.kind.size].copy()
 
     @property
     def covariance(self) -> FloatArray:
         """Of the errors, at the latest substep, shape (n, n)."""
-        return self._memory.p.copy()
+        return self._p.copy()
 
     @property
     def summary(self) -> FilterSummary:
         """How it went so far."""
-        number = self._memory.numbers
-        rows = number[layout.N_NIS_ROWS]
-        sensors = self._memory.sensors
+        m = self._memory
+        rows = m.nis_rows
+        sensors = m.sensors
         return FilterSummary(
             filter=self.kind.name,
             fell_back=self.fell_back,
-            updates=int(number[layout.N_UPDATES]),
-            epochs_used=int(number[layout.N_EPOCHS_USED]),
-            epochs_gated=int(number[layout.N_EPOCHS_GATED]),
-            epochs_before_start=int(number[layout.N_DROPPED]),
-            restarts=int(number[layout.N_RESTARTS]),
-            mean_nis=float(number[layout.N_NIS_SUM] / rows) if rows else float("nan"),
+            updates=int(m.updates),
+            epochs_used=int(m.epochs_used),
+            epochs_gated=int(m.epochs_gated),
+            epochs_before_start=int(m.dropped),
+            restarts=int(m.restarts),
+            mean_nis=float(m.nis_sum / rows) if rows else float("nan"),
             gyro_bias=sensors[:3].copy(),
             accel_scale=sensors[3:6].copy(),
             accel_bias=sensors[6:9].copy(),
@@ -210,16 +214,16 @@ class InsGnssFilter:
             channel=height_layout.summarise(self._memory.channel),
             gains=self.settings.damping.gains if self.kind.network else None,
             land_vehicle=self._vehicle(),
-            rests=int(number[layout.N_RESTS]),
-            held=int(number[layout.N_HELD]),
-            wheels=int(number[layout.N_WHEELS]),
-            slides=int(number[layout.N_SLIPS]),
-            wheel_slips=int(number[layout.N_WHEEL_SLIPS]),
+            rests=int(m.rests),
+            held=int(m.held),
+            wheels=int(m.wheels),
+            slides=int(m.slips),
+            wheel_slips=int(m.wheel_slips),
         )
 
     def _vehicle(self) -> VehicleEstimate | None:
         first = self.kind.first(LAND_VEHICLE)
-        return vehicle_estimate(self._memory.vehicle, self._memory.p, first) if first >= 0 else None
+        return vehicle_estimate(self._memory.vehicle, self._p, first) if first >= 0 else None
 
     # --- data -----------------------------------------------------------------------------
 
@@ -290,19 +294,23 @@ class InsGnssFilter:
         if self._constraints is not None:
             most = min(most, INTERVAL)
         room = int(epochs + 2.0 * spent / most) + 8
-        stored = layout.new_stored(room if self._store else 1, n, results.SENSORS)
+        stored = layout.new_stored(room if self._store else 1, n)
         channel_events = height_layout.new_events(len(heights))
         events = np.empty((_MOST_EVENTS, layout.EVENT_WIDTH))
         diagnoses = np.full((epochs, layout.DIAGNOSTICS), np.nan)
         out = np.empty((len(time_ns) if self._output else 0, layout.OUTPUT))
-        counts = np.zeros(5, dtype=np.int64)
-        earlier = self._memory.channel[height_layout.S_EVENTS]
-        self._memory.channel[height_layout.S_EVENTS] = 0.0
+        counts = np.zeros(3, dtype=np.int64)
+        m = self._memory
+        m.keep, m.row, m.events = self._store, 0, 0
+        earlier = float(m.channel[height_layout.S_EVENTS])
+        m.channel[height_layout.S_EVENTS] = 0.0
         run(
-            self._memory,
+            m,
             self._model,
             stored,
-            self._store,
+            self._window,
+            self._changes,
+            self._grid,
             _seconds(time_ns, origin),
             interval,
             phi,
@@ -319,15 +327,15 @@ class InsGnssFilter:
             out,
             counts,
         )
-        self._note(events[: counts[0]], channel_events, origin, earlier)
-        compared = slice(counts[4], counts[1])
+        self._note(events[: m.events], channel_events, origin, earlier)
+        compared = slice(counts[2], counts[0])
         gnss_out = _diagnostics(fix_ns[compared], diagnoses[compared])
-        self._gnss = [column[counts[1] :] for column in self._gnss]
-        self._baro = [column[counts[2] :] for column in self._baro]
+        self._gnss = [column[counts[0] :] for column in self._gnss]
+        self._baro = [column[counts[1] :] for column in self._baro]
         return results.FilterBlock(
             _columns(time_ns, out) if self._output else None,
             gnss_out,
-            _stored(stored, int(counts[3]), origin) if self._store else None,
+            _stored(stored[: m.row], n, origin) if self._store else None,
         )
 
     def _take(
@@ -438,8 +446,24 @@ def _diagnostics(time_ns: IntArray, rows: FloatArray) -> results.GnssDiagnostics
     )
 
 
-def _stored(stored: layout.Stored, rows: int, origin: int) -> results.StoredEpochs:
-    columns: list[NDArray[Any]] = [column[:rows] for column in stored]
-    columns[0] = origin + np.round(columns[0] * 1e9).astype(np.int64)
-    columns[-1] = columns[-1] > 0.0
-    return results.StoredEpochs(*columns)
+def _stored(rows: FloatArray, n: int, origin: int) -> results.StoredEpochs:
+    at = layout.R_STATES
+
+    def columns(*shape: int) -> FloatArray:
+        nonlocal at
+        first, at = at, at + math.prod(shape)
+        return np.ascontiguousarray(rows[:, first:at]).reshape(-1, *shape)
+
+    correction, estimate = columns(n), columns(n)
+    return results.StoredEpochs(
+        time_ns=origin + np.round(rows[:, layout.R_TIME] * 1e9).astype(np.int64),
+        update=rows[:, layout.R_UPDATE].astype(np.int64),
+        transition=columns(n, n),
+        covariance_before=columns(n, n),
+        covariance_after=columns(n, n),
+        correction=correction,
+        estimate=estimate,
+        nav=rows[:, layout.R_NAV : layout.R_SENSORS],
+        sensors=rows[:, layout.R_SENSORS : layout.R_STATES],
+        restart=rows[:, layout.R_RESTART] > 0.0,
+    )

@@ -4,15 +4,15 @@ from __future__ import annotations
 
 from math import cos, pi, sin, sqrt
 
-import numba
 import numpy as np
 
 from sinstool.core import earth
-from sinstool.core.arrays import FloatArray, IntArray
+from sinstool.core.arrays import FloatArray
+from sinstool.core.parts import part
 from sinstool.core.quaternion_kernels import cross, dcm, wrapped_angle
 from sinstool.core.units import STANDARD_GRAVITY
 from sinstool.methods.ins_gnss import instants, layout, measurement_noise, states, update
-from sinstool.methods.ins_gnss.layout import Memory, Model, Stored
+from sinstool.methods.ins_gnss.layout import Memory, Model
 from sinstool.methods.ins_gnss.model import radii
 from sinstool.methods.strapdown.navigation import HEIGHT, LATITUDE, LONGITUDE, Q_W, V_NORTH
 
@@ -36,48 +36,43 @@ LEAST_REJECTED = 3.0  # epochs before a restart, however much time they take
 ROUNDING = 1e-7  # s, of times
 
 
-@numba.njit(cache=True, nogil=True)
+@part()
 def gnss_epoch(
     m: Memory,
     model: Model,
-    stored: Stored,
-    stored_row: int,
-    keep: bool,
+    stored: FloatArray,
+    window: FloatArray,
+    changes: FloatArray,
+    events: FloatArray,
     fix: FloatArray,
     back: float,
-    moved: FloatArray,
     withheld: bool,
     diagnosis: FloatArray,
-    events: FloatArray,
-    count: IntArray,
 ) -> None:
     """A GNSS epoch: used, rejected, or only compared.
 
     Parameters
     ----------
-    m, model, stored, stored_row, keep
-        See :func:`open_instant`.
+    m, model, stored
+        See :func:`~sinstool.methods.ins_gnss.instants.open_instant`.
+    window, changes, events : ndarray
+        See :func:`~sinstool.methods.ins_gnss.loop.run`.
     fix : ndarray, shape (12,)
         Latitude, longitude, height, velocity, and their standard deviations; NaN: not there.
     back : float
         How long ago it was valid, s.
-    moved : ndarray, shape (9,)
-        Changes of latitude, longitude, height, velocity and angular rate per second since then.
     withheld : bool
         Compare only.
     diagnosis : ndarray
         A row, set.
-    events, count : ndarray
     """
-    number = m.numbers
-    par = model.parameters
     if withheld:
-        if number[layout.N_OPEN] == 0.0:
-            instants.close_substep(m, model, keep)
+        if m.open == 0.0:
+            instants.close_substep(m, model)
     else:
-        instants.open_instant(m, model, stored, stored_row, keep)
+        instants.open_instant(m, model, stored)
 
-    rows = _compare(m, model, fix, back, moved, diagnosis)
+    rows = _compare(m, model, fix, back, diagnosis)
     diagnosis[layout.D_ROWS] = rows
     diagnosis[layout.D_WITHHELD] = 1.0 if withheld else 0.0
     diagnosis[layout.D_USED] = 0.0
@@ -87,71 +82,66 @@ def gnss_epoch(
     if rows == 0:
         return
     update.project(m, rows)
-    measured = m.changes.shape[0] > 0 and not withheld
-    if par[layout.P_ADAPTIVE] > 0.0 and not withheld:
-        measurement_noise.adapt(m, model, rows)
+    measured = model.measured > 0.0 and not withheld
+    if model.adaptive > 0.0 and not withheld:
+        measurement_noise.adapt(m, model, window, rows)
     if measured:
-        measurement_noise.note_changes(m, rows)
+        measurement_noise.note_changes(m, changes, rows)
     if not update.factor(m.s, m.r, rows, m.root):
         # No covariance any more: rounding, or a model that broke
-        instants.record(events, count, layout.E_NO_COVARIANCE, number[layout.N_NOW], 0.0)
+        instants.record(m, events, layout.E_NO_COVARIANCE, 0.0)
         instants.begin_anew(m, model)
-        rows = _compare(m, model, fix, back, moved, diagnosis)
+        rows = _compare(m, model, fix, back, diagnosis)
         update.project(m, rows)
         if not update.factor(m.s, m.r, rows, m.root):
             return
-    nis = update.normalised_square(m.root, m.nu, rows, m.gain[:, 0])
-    if measured and measurement_noise.often_far(m, nis > par[layout.P_GATES + rows]):
-        measurement_noise.use_measured(m, rows)
+    nis = update.normalised_square(m.root, m.nu, rows, m.work)
+    if measured and measurement_noise.often_far(m, nis > model.gates[rows]):
+        measurement_noise.use_measured(m, changes, rows)
         if not update.factor(m.s, m.r, rows, m.root):
             return
-        nis = update.normalised_square(m.root, m.nu, rows, m.gain[:, 0])
+        nis = update.normalised_square(m.root, m.nu, rows, m.work)
     _spread(m, rows, diagnosis)
     diagnosis[layout.D_NIS] = nis
     if withheld:
         return
-    if par[layout.P_CLOSED] == 0.0 and number[layout.N_FAR] == 0.0:
-        _warn_if_far(m, events, count)
+    if model.closed == 0.0 and m.far == 0.0:
+        _warn_if_far(m, events)
     # Receivers give positions and velocities apart from each other: either may be rejected alone
     alone = 0 if measurement_noise.row_of(m, 0) < 3 else 1
-    streak = layout.N_REJECTED if alone == 0 else layout.N_REJECTED_VELOCITIES
     # A receiver that hangs repeats itself: that the vehicle moves on is no sign of a bad filter
-    hangs = alone == 0 and fix[0] == number[layout.N_FIX] and fix[1] == number[layout.N_FIX + 1]
-    number[layout.N_FIX] = fix[0]
-    number[layout.N_FIX + 1] = fix[1]
-    if number[layout.N_NOW] - number[layout.N_SEEN_AT + alone] > OUTAGE:
-        number[layout.N_AFTER_OUTAGE + alone] = AGREE
-    number[layout.N_SEEN_AT + alone] = number[layout.N_NOW]
-    gate = number[layout.N_DOUBT] * par[layout.P_GATES + rows]
-    if number[layout.N_AFTER_OUTAGE + alone] > 0.0:
-        number[layout.N_AFTER_OUTAGE + alone] = (
-            number[layout.N_AFTER_OUTAGE + alone] - 1.0 if nis <= gate else AGREE
-        )
+    hangs = alone == 0 and fix[0] == m.latest_fix[0] and fix[1] == m.latest_fix[1]
+    m.latest_fix[0] = fix[0]
+    m.latest_fix[1] = fix[1]
+    if m.now - m.seen_at[alone] > OUTAGE:
+        m.after_outage[alone] = AGREE
+    m.seen_at[alone] = m.now
+    gate = m.doubt * model.gates[rows]
+    if m.after_outage[alone] > 0.0:
+        m.after_outage[alone] = m.after_outage[alone] - 1.0 if nis <= gate else AGREE
         gate *= AFTER_OUTAGE
     if nis > gate:
-        now = number[layout.N_NOW]
-        if number[streak] == 0.0 or hangs:
-            number[layout.N_REJECTED_SINCE + alone] = now
-        number[streak] += 1.0
+        now = m.now
+        if m.streak[alone] == 0.0 or hangs:
+            m.rejected_since[alone] = now
+        m.streak[alone] += 1.0
         for k in range(rows):
             m.rejected[measurement_noise.row_of(m, k)] = m.nu[k]
-        wait = par[layout.P_RESTART_AFTER]
+        wait = model.restart_after
         if instants.lately_restarted(m, model):
             wait /= 3.0
-        lasted = now - number[layout.N_REJECTED_SINCE + alone]
-        if wait == 0.0 or lasted < wait - ROUNDING or number[streak] < LEAST_REJECTED:
+        lasted = now - m.rejected_since[alone]
+        if wait == 0.0 or lasted < wait - ROUNDING or m.streak[alone] < LEAST_REJECTED:
             diagnosis[layout.D_GATED] = 1.0
-            number[layout.N_EPOCHS_GATED] += 1.0
-            instants.record(events, count, layout.E_GATED, number[layout.N_NOW], nis)
+            m.epochs_gated += 1.0
+            instants.record(m, events, layout.E_GATED, nis)
             return
-        instants.record(events, count, layout.E_RESTART, number[layout.N_NOW], nis)
+        instants.record(m, events, layout.E_RESTART, nis)
         diagnosis[layout.D_RESTARTED] = 1.0
         # Where a restart did not help, the fixes are believed rather than the filter
-        number[layout.N_AFTER_OUTAGE + alone] = (
-            AGREE if instants.lately_restarted(m, model) else 0.0
-        )
+        m.after_outage[alone] = AGREE if instants.lately_restarted(m, model) else 0.0
         instants.begin_anew(m, model)
-        rows = _compare(m, model, fix, back, moved, diagnosis)
+        rows = _compare(m, model, fix, back, diagnosis)
         for i in range(6):
             # so far off, at least, is the navigation
             m.p[i, i] = max(m.p[i, i], m.rejected[i] ** 2)
@@ -159,19 +149,19 @@ def gnss_epoch(
             _admit_drift(m, lasted)
         update.project(m, rows)
         _spread(m, rows, diagnosis)
-    number[streak] = 0.0
+    m.streak[alone] = 0.0
     for k in range(rows):
         m.rejected[measurement_noise.row_of(m, k)] = 0.0
-    if update.apply_measurement(m, rows, par[layout.P_EPSILON]):
+    if update.apply_measurement(m, rows, model.epsilon):
         diagnosis[layout.D_USED] = 1.0
-        number[layout.N_EPOCHS_USED] += 1.0
-        number[layout.N_USED_AT] = number[layout.N_NOW]
+        m.epochs_used += 1.0
+        m.used_at = m.now
         if diagnosis[layout.D_RESTARTED] == 0.0:
-            number[layout.N_NIS_SUM] += nis
-            number[layout.N_NIS_ROWS] += rows
+            m.nis_sum += nis
+            m.nis_rows += rows
 
 
-@numba.njit(cache=True, nogil=True)
+@part()
 def _admit_drift(m: Memory, lasted: float) -> None:
     """Sigmas of velocity and tilt no less than what explains a drift from the fixes, by itself."""
     level = 0.0
@@ -189,28 +179,25 @@ def _admit_drift(m: Memory, lasted: float) -> None:
         )
 
 
-@numba.njit(cache=True, nogil=True)
-def _compare(
-    m: Memory, model: Model, fix: FloatArray, back: float, moved: FloatArray, diagnosis: FloatArray
-) -> int:
+@part()
+def _compare(m: Memory, model: Model, fix: FloatArray, back: float, diagnosis: FloatArray) -> int:
     """Innovation and H of a fix; how many rows it has."""
-    par = model.parameters
     index = model.where
-    number = m.numbers
     nav = m.nav
+    moved = m.moved
     gyro = index[states.I_GYRO_BIAS]
     eta = index[states.I_GNSS_POSITION]
-    lx = par[layout.P_LEVER]
-    ly = par[layout.P_LEVER + 1]
-    lz = par[layout.P_LEVER + 2]
+    lx = model.lever[0]
+    ly = model.lever[1]
+    lz = model.lever[2]
 
     c00, c01, c02, c10, c11, c12, c20, c21, c22 = dcm(
         nav[Q_W], nav[Q_W + 1], nav[Q_W + 2], nav[Q_W + 3]
     )
     # Rate and arm when the fix was valid, the arm in the body axes of now
-    rx = number[layout.N_RATE] - back * moved[6]
-    ry = number[layout.N_RATE + 1] - back * moved[7]
-    rz = number[layout.N_RATE + 2] - back * moved[8]
+    rx = m.rate[0] - back * moved[6]
+    ry = m.rate[1] - back * moved[7]
+    rz = m.rate[2] - back * moved[8]
     sx, sy, sz = cross(rx, ry, rz, lx, ly, lz)
     ax = lx - back * sx
     ay = ly - back * sy
@@ -244,8 +231,9 @@ def _compare(
     swing = ((0.0, -bd, be), (bd, 0.0, -bn), (-be, bn, 0.0))
     c_nb = ((c00, c01, c02), (c10, c11, c12), (c20, c21, c22))
     instants.clear_rows(m, layout.ROWS)
-    if m.changes.shape[0] > 0:
-        m.ratio[:] = 1.0
+    if model.measured > 0.0:
+        for i in range(layout.ROWS):
+            m.ratio[i] = 1.0
     rows = 0
     for i in range(6):
         diagnosis[layout.D_INNOVATION + i] = np.nan
@@ -268,37 +256,37 @@ def _compare(
             m.h[rows, gyro], m.h[rows, gyro + 1], m.h[rows, gyro + 2] = -gx, -gy, -gz
         if eta >= 0:
             m.h[rows, eta + i] = -1.0
-        for j in range(m.h.shape[1]):
+        for j in range(m.n):
             if m.h[rows, j] != 0.0:
                 value -= m.h[rows, j] * m.x[j]
         m.nu[rows] = value
-        m.r[rows] = m.ratio[i] * _white_variance(par, i, fix[6 + i], eta >= 0)
+        m.r[rows] = m.ratio[i] * _white_variance(model, i, fix[6 + i], eta >= 0)
         diagnosis[layout.D_INNOVATION + i] = value
         diagnosis[layout.D_MEASUREMENT + i] = sqrt(m.r[rows])
         rows += 1
     return rows
 
 
-@numba.njit(cache=True, nogil=True)
-def _white_variance(par: FloatArray, i: int, sigma: float, slow_states: bool) -> float:
+@part()
+def _white_variance(model: Model, i: int, sigma: float, slow_states: bool) -> float:
     """Variance of a row's white noise, from what the receiver says, if it does.
 
     A receiver speaks of all of its error. Where the slow part has states of its own, the rest
     is left for the white one; a receiver that claims less than the model has the model's share.
     """
-    white = par[layout.P_GNSS_WHITE + i]
+    white = model.gnss_white[i]
     if not (np.isfinite(sigma) and sigma > 0.0):
-        return white if slow_states else par[layout.P_GNSS_ALL + i]
+        return white if slow_states else model.gnss_all[i]
     square = sigma * sigma
     if not slow_states:
         return square
-    slow = par[layout.P_GNSS_MARKOV + i]
+    slow = model.gnss_markov[i]
     if square >= white + slow:
         return square - slow
     return square * white / (white + slow)
 
 
-@numba.njit(cache=True, nogil=True)
+@part()
 def _spread(m: Memory, rows: int, diagnosis: FloatArray) -> None:
     """Note what the innovations should be."""
     for k in range(rows):
@@ -308,8 +296,8 @@ def _spread(m: Memory, rows: int, diagnosis: FloatArray) -> None:
         diagnosis[layout.D_RATIO + i] = m.ratio[i]
 
 
-@numba.njit(cache=True, nogil=True)
-def _warn_if_far(m: Memory, events: FloatArray, count: IntArray) -> None:
+@part()
+def _warn_if_far(m: Memory, events: FloatArray) -> None:
     """Without feedback: is the navigation still where a linear filter can correct it?"""
     x = m.x
     far = sqrt(x[states.POSITION] ** 2 + x[states.POSITION + 1] ** 2 + x[_D] ** 2)
@@ -317,5 +305,5 @@ def _warn_if_far(m: Memory, events: FloatArray, count: IntArray) -> None:
         x[states.ATTITUDE] ** 2 + x[states.ATTITUDE + 1] ** 2 + x[states.ATTITUDE + 2] ** 2
     )
     if far > FAR or turned > FAR_ATTITUDE:
-        m.numbers[layout.N_FAR] = 1.0
-        instants.record(events, count, layout.E_FAR, m.numbers[layout.N_NOW], far)
+        m.far = 1.0
+        instants.record(m, events, layout.E_FAR, far)

@@ -9,16 +9,16 @@ from __future__ import annotations
 
 from math import cos, sqrt
 
-import numba
 import numpy as np
 
-from sinstool.core.arrays import FloatArray, IntArray
+from sinstool.core.arrays import FloatArray
+from sinstool.core.parts import part
 from sinstool.core.quaternion_kernels import dcm, increment_quaternion, product, wrapped_angle
 from sinstool.core.units import DEGREE, DEGREE_PER_HOUR, MILLI_G
 from sinstool.methods.height.channel import feedback as channel_feedback
 from sinstool.methods.height.layout import S_BARO_BIAS, S_CORRECTION, S_STEP
 from sinstool.methods.ins_gnss import layout, states
-from sinstool.methods.ins_gnss.layout import Memory, Model, Stored
+from sinstool.methods.ins_gnss.layout import Memory, Model
 from sinstool.methods.ins_gnss.model import (
     error_rates,
     propagate_covariance,
@@ -28,6 +28,7 @@ from sinstool.methods.ins_gnss.model import (
     transition,
 )
 from sinstool.methods.strapdown.navigation import HEIGHT, LATITUDE, LONGITUDE, Q_W, V_NORTH
+from sinstool.methods.strapdown.navigation import SIZE as NAV_SIZE
 
 _D = states.POSITION + 2
 _VD = states.VELOCITY + 2
@@ -46,35 +47,35 @@ LOST_GYRO_BIAS = 100.0 * DEGREE_PER_HOUR
 LOST_ACCEL_BIAS = 20.0 * MILLI_G
 
 
-@numba.njit(cache=True, nogil=True)
-def record(events: FloatArray, count: IntArray, kind: int, time: float, size: float) -> None:
-    """Note an event; only counted once there is no room."""
-    if count[0] < events.shape[0]:
-        events[count[0], 0] = kind
-        events[count[0], 1] = time
-        events[count[0], 2] = size
-    count[0] += 1
+@part()
+def record(m: Memory, events: FloatArray, kind: int, size: float) -> None:
+    """Note an event of now; only counted once there is no room."""
+    k = m.events
+    if k < events.shape[0]:
+        events[k, 0] = kind
+        events[k, 1] = m.now
+        events[k, 2] = size
+    m.events = k + 1
 
 
-@numba.njit(cache=True, nogil=True)
-def close_substep(m: Memory, model: Model, keep: bool) -> None:
+@part()
+def close_substep(m: Memory, model: Model) -> None:
     """Bring estimate and covariance to the present; begin a new substep."""
-    number = m.numbers
-    delta = number[layout.N_NOW] - number[layout.N_FROM]
+    delta = m.now - m.from_time
     nav = m.nav
     if delta > 0.0:
         scale = 1.0 / delta
-        counted = number[layout.N_GAINS] > 0.0
-        k1 = scale * number[layout.N_GAIN] if counted else 0.0
-        k2 = scale * number[layout.N_GAIN + 1] if counted else 0.0
-        k3 = scale * number[layout.N_GAIN + 2] if counted else 0.0
+        counted = m.gain_count > 0.0
+        k1 = scale * m.gains[0] if counted else 0.0
+        k2 = scale * m.gains[1] if counted else 0.0
+        k3 = scale * m.gains[2] if counted else 0.0
         error_rates(
             model.where,
-            0.5 * (number[layout.N_LATITUDE] + nav[LATITUDE]),
-            0.5 * (number[layout.N_HEIGHT] + nav[HEIGHT]),
-            0.5 * (number[layout.N_VELOCITY] + nav[V_NORTH]),
-            0.5 * (number[layout.N_VELOCITY + 1] + nav[V_NORTH + 1]),
-            0.5 * (number[layout.N_VELOCITY + 2] + nav[V_NORTH + 2]),
+            0.5 * (m.from_latitude + nav[LATITUDE]),
+            0.5 * (m.from_height + nav[HEIGHT]),
+            0.5 * (m.from_velocity[0] + nav[V_NORTH]),
+            0.5 * (m.from_velocity[1] + nav[V_NORTH + 1]),
+            0.5 * (m.from_velocity[2] + nav[V_NORTH + 2]),
             m.mean_c,
             m.mean_cf,
             m.mean_cw,
@@ -87,123 +88,119 @@ def close_substep(m: Memory, model: Model, keep: bool) -> None:
         transition(model.where, m.rates, model.decay_rate, delta, m.phi, m.decay)
         propagate_covariance(model.where, m.phi, m.decay, model.noise, delta, m.p, m.half)
         propagate_estimate(model.where, m.phi, m.decay, m.x, m.half)
-        if keep:
+        if m.keep:
             propagate_product(model.where, m.phi, m.decay, m.product, m.half)
         if counted:
             _white_of_many(m, model)
-        if model.parameters[layout.P_TURN] > 0.0:
-            turned = sqrt(
-                number[layout.N_TURN] ** 2
-                + number[layout.N_TURN + 1] ** 2
-                + number[layout.N_TURN + 2] ** 2
-            )
+        if model.turn_variance > 0.0:
+            turned = sqrt(m.turn[0] ** 2 + m.turn[1] ** 2 + m.turn[2] ** 2)
             for i in range(3):
-                m.p[states.ATTITUDE + i, states.ATTITUDE + i] += (
-                    model.parameters[layout.P_TURN] * turned
-                )
-        if number[layout.N_GAP] > 0.0:
+                m.p[states.ATTITUDE + i, states.ATTITUDE + i] += model.turn_variance * turned
+        if m.in_gap > 0.0:
             # A force and a turn that last for GAP_TIME at a time
             for i in range(3):
                 m.p[states.VELOCITY + i, states.VELOCITY + i] += (
-                    model.parameters[layout.P_GAP_ACCELERATION] ** 2 * GAP_TIME * delta
+                    model.gap_acceleration**2 * GAP_TIME * delta
                 )
                 m.p[states.ATTITUDE + i, states.ATTITUDE + i] += (
-                    model.parameters[layout.P_GAP_RATE] ** 2 * GAP_TIME * delta
+                    model.gap_rate**2 * GAP_TIME * delta
                 )
     begin_substep(m)
 
 
-@numba.njit(cache=True, nogil=True)
+@part()
 def _white_of_many(m: Memory, model: Model) -> None:
     """White noise and known input of samples that were counted within the substep."""
-    number = m.numbers
     a = model.where[states.I_CORRECTION]
-    white = model.parameters[layout.P_BARO_WHITE] / number[layout.N_GAINS]
+    white = model.baro_white / m.gain_count
     where = (_D, _VD, a)
     for i in range(3):
-        m.x[where[i]] += number[layout.N_INPUT + i]
+        m.x[where[i]] += m.inputs[i]
         for j in range(3):
-            m.p[where[i], where[j]] += number[layout.N_GAIN + i] * number[layout.N_GAIN + j] * white
+            m.p[where[i], where[j]] += m.gains[i] * m.gains[j] * white
 
 
-@numba.njit(cache=True, nogil=True)
+@part()
 def begin_substep(m: Memory) -> None:
     """Forget the averages, and note where the substep begins."""
-    number = m.numbers
-    number[layout.N_FROM] = number[layout.N_NOW]
-    number[layout.N_LATITUDE] = m.nav[LATITUDE]
-    number[layout.N_HEIGHT] = m.nav[HEIGHT]
-    number[layout.N_GAINS] = 0.0
+    m.from_time = m.now
+    m.from_latitude = m.nav[LATITUDE]
+    m.from_height = m.nav[HEIGHT]
+    m.gain_count = 0.0
     for i in range(3):
-        number[layout.N_VELOCITY + i] = m.nav[V_NORTH + i]
-        number[layout.N_GAIN + i] = 0.0
-        number[layout.N_INPUT + i] = 0.0
-        number[layout.N_TURN + i] = 0.0
+        m.from_velocity[i] = m.nav[V_NORTH + i]
+        m.gains[i] = 0.0
+        m.inputs[i] = 0.0
+        m.turn[i] = 0.0
         for j in range(3):
             m.mean_c[i, j] = 0.0
             m.mean_cf[i, j] = 0.0
             m.mean_cw[i, j] = 0.0
 
 
-@numba.njit(cache=True, nogil=True)
-def open_instant(m: Memory, model: Model, stored: Stored, row: int, keep: bool) -> None:
+@part()
+def open_instant(m: Memory, model: Model, stored: FloatArray) -> None:
     """Bring the filter to the present for a measurement, if that is not done yet."""
-    if m.numbers[layout.N_OPEN] > 0.0:
+    if m.open > 0.0:
         return
-    close_substep(m, model, keep)
-    n = m.p.shape[0]
+    close_substep(m, model)
+    n = m.n
     for i in range(n):
         m.dx[i] = 0.0
-    if keep:
+    if m.keep:
+        row = m.row
+        transition_at = layout.R_STATES + 2 * n
+        before_at = transition_at + n * n
         for i in range(n):
             for j in range(n):
-                stored.transition[row, i, j] = m.product[i, j]
-                stored.before[row, i, j] = m.p[i, j]
-    m.numbers[layout.N_OPEN] = 1.0
+                stored[row, transition_at + i * n + j] = m.product[i, j]
+                stored[row, before_at + i * n + j] = m.p[i, j]
+    m.open = 1.0
 
 
-@numba.njit(cache=True, nogil=True)
-def close_instant(m: Memory, model: Model, stored: Stored, row: int, keep: bool) -> int:
-    """Feed back, store a row; return the number of rows then."""
-    number = m.numbers
-    if number[layout.N_OPEN] == 0.0:
-        return row
-    number[layout.N_OPEN] = 0.0
-    number[layout.N_INSTANT_AT] = number[layout.N_NOW]
+@part()
+def close_instant(m: Memory, model: Model, stored: FloatArray) -> None:
+    """Feed back, store a row."""
+    if m.open == 0.0:
+        return
+    m.open = 0.0
+    m.instant_at = m.now
     d_height = 0.0
-    if model.parameters[layout.P_CLOSED] > 0.0:
+    if model.closed > 0.0:
         d_height = m.x[_D]
         _feed_back(m, model)
-    if number[layout.N_STEP_SET] > 0.0:
+    if m.step_set > 0.0:
         # The channel thought that all of the difference would go out of the height.
-        m.channel[S_STEP] += number[layout.N_STEP] - d_height
-        number[layout.N_STEP_SET] = 0.0
+        m.channel[S_STEP] += m.step - d_height
+        m.step_set = 0.0
     begin_substep(m)
-    if not keep:
-        return row
-    n = m.p.shape[0]
+    if not m.keep:
+        return
+    n = m.n
+    row = m.row
+    after_at = layout.R_STATES + 2 * n * (n + 1)
     for i in range(n):
-        stored.correction[row, i] = m.dx[i]
-        stored.estimate[row, i] = m.x[i]
+        stored[row, layout.R_STATES + i] = m.dx[i]
+        stored[row, layout.R_STATES + n + i] = m.x[i]
         for j in range(n):
-            stored.after[row, i, j] = m.p[i, j]
+            stored[row, after_at + i * n + j] = m.p[i, j]
             m.product[i, j] = 1.0 if i == j else 0.0
-    for i in range(m.nav.shape[0]):
-        stored.nav[row, i] = m.nav[i]
+    for i in range(NAV_SIZE):
+        stored[row, layout.R_NAV + i] = m.nav[i]
     for i in range(9):
-        stored.sensors[row, i] = m.sensors[i]
-    stored.sensors[row, 9] = m.channel[S_CORRECTION]
-    stored.sensors[row, 10] = m.channel[S_BARO_BIAS]
+        stored[row, layout.R_SENSORS + i] = m.sensors[i]
+    stored[row, layout.R_SENSORS + 9] = m.channel[S_CORRECTION]
+    stored[row, layout.R_SENSORS + 10] = m.channel[S_BARO_BIAS]
     for i in range(3):
-        stored.sensors[row, 11 + i] = m.sensors[9 + i]
-    stored.time[row] = number[layout.N_NOW]
-    stored.update[row] = int(number[layout.N_UPDATES])
-    stored.restart[row] = number[layout.N_BEGUN]
-    number[layout.N_BEGUN] = 0.0
-    return row + 1
+        stored[row, layout.R_SENSORS + 11 + i] = m.sensors[9 + i]
+    stored[row, layout.R_TIME] = m.now
+    stored[row, layout.R_UPDATE] = m.updates
+    stored[row, layout.R_RESTART] = m.begun
+    m.begun = 0.0
+    m.row = row + 1
 
 
-@numba.njit(cache=True, nogil=True)
+@part()
 def corrected(nav: FloatArray, x: FloatArray, out: FloatArray) -> None:
     """A navigation with the estimated errors taken off, into another."""
     rm, rn = radii(nav[LATITUDE], nav[HEIGHT])
@@ -221,7 +218,7 @@ def corrected(nav: FloatArray, x: FloatArray, out: FloatArray) -> None:
     )
 
 
-@numba.njit(cache=True, nogil=True)
+@part()
 def _feed_back(m: Memory, model: Model) -> None:
     """Navigation, sensors and network by what was estimated, which then is 0."""
     index = model.where
@@ -249,16 +246,16 @@ def _feed_back(m: Memory, model: Model) -> None:
         m.channel[S_BARO_BIAS] += x[b]
         x[b] = 0.0
     a = index[states.I_CORRECTION]
-    if model.parameters[layout.P_NETWORK] > 0.0:
+    if model.has_network > 0.0:
         d_a = -x[a] if a >= 0 else 0.0
-        channel_feedback(m.channel, m.numbers[layout.N_NOW], x[_D], x[_VD], d_a)
+        channel_feedback(m.channel, m.now, x[_D], x[_VD], d_a)
         if a >= 0:
             x[a] = 0.0
     for i in range(9):
         x[i] = 0.0
 
 
-@numba.njit(cache=True, nogil=True)
+@part()
 def _feed_back_vehicle(vehicle: FloatArray, x: FloatArray, first: int) -> None:
     """Mount, axle, sideslip, squat and wheel scale by what was estimated, which then is 0."""
     pitch, yaw = x[first + states.MOUNT_PITCH], x[first + states.MOUNT_YAW]
@@ -275,22 +272,21 @@ def _feed_back_vehicle(vehicle: FloatArray, x: FloatArray, first: int) -> None:
         x[first + i] = 0.0
 
 
-@numba.njit(cache=True, nogil=True)
+@part()
 def lately_restarted(m: Memory, model: Model) -> bool:
     """Whether a restart is so recent that it did not help, and more is to be admitted then."""
-    since = m.numbers[layout.N_NOW] - m.numbers[layout.N_RESTART_AT]
-    return model.parameters[layout.P_ESCALATE] > 0.0 and since < NOT_HELPED
+    since = m.now - m.restart_at
+    return model.escalate > 0.0 and since < NOT_HELPED
 
 
-@numba.njit(cache=True, nogil=True)
+@part()
 def begin_anew(m: Memory, model: Model) -> None:
     """Covariance as at the start; navigation and sensors stay, GNSS errors are forgotten.
 
     Where that did not help a moment ago, what the start believed is wrong: nothing is known then
     beyond what a vehicle can have done.
     """
-    n = m.p.shape[0]
-    number = m.numbers
+    n = m.n
     for i in range(n):
         for j in range(n):
             m.p[i, j] = model.p0[i, j]
@@ -301,8 +297,8 @@ def begin_anew(m: Memory, model: Model) -> None:
             m.p[states.ATTITUDE + i, states.ATTITUDE + i] += LOST_ATTITUDE**2
             m.p[gyro + i, gyro + i] += LOST_GYRO_BIAS**2
             m.p[accel + i, accel + i] += LOST_ACCEL_BIAS**2
-        number[layout.N_DOUBT] = min(4.0 * number[layout.N_DOUBT], MOST_DOUBT)
-    number[layout.N_RESTART_AT] = number[layout.N_NOW]
+        m.doubt = min(4.0 * m.doubt, MOST_DOUBT)
+    m.restart_at = m.now
     first = model.where[states.I_GNSS_POSITION]
     if first >= 0:
         for i in range(first, min(first + layout.ROWS, n)):
@@ -310,18 +306,17 @@ def begin_anew(m: Memory, model: Model) -> None:
     for i in range(layout.ROWS):
         m.ratio[i] = 1.0
         m.latest[i] = np.nan
-    m.numbers[layout.N_FAR_SHARE] = 0.0
-    m.numbers[layout.N_FAR_SHARE_VELOCITIES] = 0.0
-    m.numbers[layout.N_WINDOW] = 0.0
-    m.numbers[layout.N_REJECTED] = 0.0
-    m.numbers[layout.N_REJECTED_VELOCITIES] = 0.0
-    m.numbers[layout.N_RESTARTS] += 1.0
-    m.numbers[layout.N_BEGUN] = 1.0
+    for i in range(2):
+        m.far_share[i] = 0.0
+        m.streak[i] = 0.0
+    m.window_seen = 0.0
+    m.restarts += 1.0
+    m.begun = 1.0
 
 
-@numba.njit(cache=True, nogil=True)
+@part()
 def clear_rows(m: Memory, rows: int) -> None:
     """H of no entries."""
     for i in range(rows):
-        for j in range(m.h.shape[1]):
+        for j in range(m.n):
             m.h[i, j] = 0.0

@@ -32,13 +32,14 @@ from __future__ import annotations
 
 from math import cos, sin, sqrt
 
-import numba
 import numpy as np
 
 from sinstool.core import earth
+from sinstool.core.arrays import FloatArray
+from sinstool.core.parts import part
 from sinstool.core.quaternion_kernels import cross, dcm
 from sinstool.methods.ins_gnss import instants, layout, states, update
-from sinstool.methods.ins_gnss.layout import Memory, Model, Stored
+from sinstool.methods.ins_gnss.layout import Memory, Model
 from sinstool.methods.strapdown.navigation import LATITUDE, Q_W, V_NORTH
 
 LOW_PASS = 0.1  # s, of rate and force: vibration is not the vehicle's motion
@@ -52,7 +53,7 @@ PULLS, PULL_SLIP = 1.0, 0.01
 NOT_USED = 1e12
 
 
-@numba.njit(cache=True, nogil=True)
+@part()
 def follow(
     m: Memory,
     d: float,
@@ -72,55 +73,53 @@ def follow(
     px, py, pz, ux, uy, uz : float
         Rotation vector and velocity increment, sensor errors taken off, rad and m/s.
     """
-    number = m.numbers
     share = min(d / LOW_PASS, 1.0)
-    number[layout.N_ROLLING] += share * (px / d - number[layout.N_ROLLING])
-    number[layout.N_ROLLING + 1] += share * (py / d - number[layout.N_ROLLING + 1])
-    number[layout.N_ROLLING + 2] += share * (pz / d - number[layout.N_ROLLING + 2])
-    number[layout.N_ROLLING + 3] += share * (ux / d - number[layout.N_ROLLING + 3])
-    number[layout.N_ROLLING + 4] += share * (uy / d - number[layout.N_ROLLING + 4])
-    number[layout.N_ROLLING + 5] += share * (uz / d - number[layout.N_ROLLING + 5])
+    m.rolling[0] += share * (px / d - m.rolling[0])
+    m.rolling[1] += share * (py / d - m.rolling[1])
+    m.rolling[2] += share * (pz / d - m.rolling[2])
+    m.rolling[3] += share * (ux / d - m.rolling[3])
+    m.rolling[4] += share * (uy / d - m.rolling[4])
+    m.rolling[5] += share * (uz / d - m.rolling[5])
     # As measured: the bias may change before a constraint is made of it
     e = m.sensors
-    number[layout.N_TURNED] += px + e[0] * d
-    number[layout.N_TURNED + 1] += py + e[1] * d
-    number[layout.N_TURNED + 2] += pz + e[2] * d
-    number[layout.N_TURNED + 3] += d
+    m.turned[0] += px + e[0] * d
+    m.turned[1] += py + e[1] * d
+    m.turned[2] += pz + e[2] * d
+    m.turned[3] += d
 
 
-@numba.njit(cache=True, nogil=True)
-def constrain(m: Memory, model: Model, stored: Stored, row: int, keep: bool) -> None:
+@part()
+def constrain(m: Memory, model: Model, stored: FloatArray, grid: FloatArray) -> None:
     """Use the constraints that hold now, all that are due at once.
 
     Parameters
     ----------
-    m, model, stored, row, keep
+    m, model, stored
         See :func:`~sinstool.methods.ins_gnss.instants.open_instant`.
+    grid : ndarray, shape (g, 3)
+        Columns by the names ``G_...`` of :mod:`~sinstool.methods.ins_gnss.layout`.
     """
-    number = m.numbers
-    now = number[layout.N_NOW]
-    since = now - number[layout.N_CONSTRAINED_AT]
-    number[layout.N_CONSTRAINED_AT] = now
+    now = m.now
+    since = now - m.constrained_at
+    m.constrained_at = now
     place = (now - model.vehicle[layout.V_ORIGIN]) / model.vehicle[layout.V_STEP]
     k = int(place)
-    if place >= 0.0 and k < model.grid.shape[0] - 1 and number[layout.N_GAP] == 0.0:
+    if place >= 0.0 and k < grid.shape[0] - 1 and m.in_gap == 0.0:
         weight = 1.0 / min(since, LONGEST)
-        if model.grid[k, layout.G_REST] > 0.0 and model.grid[k + 1, layout.G_REST] > 0.0:
-            if model.grid[k, layout.G_REST] > 1.0 or not _moves(m):
-                instants.open_instant(m, model, stored, row, keep)
+        if grid[k, layout.G_REST] > 0.0 and grid[k + 1, layout.G_REST] > 0.0:
+            if grid[k, layout.G_REST] > 1.0 or not _moves(m):
+                instants.open_instant(m, model, stored)
                 _rest(m, model, weight)
-        elif model.where[states.I_LAND_VEHICLE] >= 0 and model.grid[k, layout.G_ROLLS] > 0.0:
+        elif model.where[states.I_LAND_VEHICLE] >= 0 and grid[k, layout.G_ROLLS] > 0.0:
             share = place - k
-            speed = (1.0 - share) * model.grid[k, layout.G_WHEEL] + share * model.grid[
-                k + 1, layout.G_WHEEL
-            ]
-            instants.open_instant(m, model, stored, row, keep)
+            speed = (1.0 - share) * grid[k, layout.G_WHEEL] + share * grid[k + 1, layout.G_WHEEL]
+            instants.open_instant(m, model, stored)
             _roll(m, model, weight, speed)
     for i in range(4):
-        number[layout.N_TURNED + i] = 0.0
+        m.turned[i] = 0.0
 
 
-@numba.njit(cache=True, nogil=True)
+@part()
 def _moves(m: Memory) -> bool:
     """Whether the filter's own speed denies a rest."""
     square, variance = 0.0, 0.0
@@ -130,10 +129,9 @@ def _moves(m: Memory) -> bool:
     return square > (MOVES + MOVES_SIGMAS * sqrt(variance)) ** 2
 
 
-@numba.njit(cache=True, nogil=True)
+@part()
 def _rest(m: Memory, model: Model, weight: float) -> None:
     """Zero velocity, and the Earth's rate alone."""
-    number = m.numbers
     nav = m.nav
     c00, c01, c02, c10, c11, c12, c20, c21, c22 = dcm(
         nav[Q_W], nav[Q_W + 1], nav[Q_W + 2], nav[Q_W + 3]
@@ -142,7 +140,7 @@ def _rest(m: Memory, model: Model, weight: float) -> None:
     north = earth.EARTH_RATE * cos(nav[LATITUDE])
     down = -earth.EARTH_RATE * sin(nav[LATITUDE])
     gyro = model.where[states.I_GYRO_BIAS]
-    length = number[layout.N_TURNED + 3]
+    length = m.turned[3]
     instants.clear_rows(m, layout.ROWS)
     for i in range(3):
         m.h[i, states.VELOCITY + i] = 1.0
@@ -150,23 +148,22 @@ def _rest(m: Memory, model: Model, weight: float) -> None:
         m.r[i] = model.vehicle[layout.V_REST_VELOCITY] * weight
         m.h[3 + i, gyro + i] = 1.0
         still = c_nb[0][i] * north + c_nb[2][i] * down
-        m.nu[3 + i] = number[layout.N_TURNED + i] / length - m.sensors[i] - still - m.x[gyro + i]
+        m.nu[3 + i] = m.turned[i] / length - m.sensors[i] - still - m.x[gyro + i]
         m.r[3 + i] = model.vehicle[layout.V_REST_RATE] * weight
     rows = 6 if length > 0.0 else 3
     update.project(m, rows)
     if update.apply_measurement(m, rows, 0.0):
-        number[layout.N_RESTS] += 1.0
+        m.rests += 1.0
 
 
-@numba.njit(cache=True, nogil=True)
+@part()
 def _roll(m: Memory, model: Model, weight: float, speed: float) -> None:
     """An axle that goes neither sideways nor up, and what its wheels say of the speed."""
-    number = m.numbers
     rows, pull = rolling_rows(m, model, speed)
     if rows == 0:
         return
     for k in range(rows):
-        for j in range(m.h.shape[1]):
+        for j in range(m.n):
             if m.h[k, j] != 0.0:
                 m.nu[k] -= m.h[k, j] * m.x[j]
     slip = PULL_SLIP * speed if rows == 3 and abs(pull) > PULLS else 0.0
@@ -179,16 +176,16 @@ def _roll(m: Memory, model: Model, weight: float, speed: float) -> None:
         if m.nu[k] ** 2 > GATE**2 * (m.s[k, k] + m.r[k]):
             m.r[k] = NOT_USED
             if k == 2:
-                number[layout.N_WHEEL_SLIPS] += 1.0
+                m.wheel_slips += 1.0
             else:
                 slides = 1.0
     if update.apply_measurement(m, rows, 0.0):
-        number[layout.N_SLIPS] += slides
-        number[layout.N_HELD] += 1.0
-        number[layout.N_WHEELS] += 1.0 if rows == 3 else 0.0
+        m.slips += slides
+        m.held += 1.0
+        m.wheels += 1.0 if rows == 3 else 0.0
 
 
-@numba.njit(cache=True, nogil=True)
+@part()
 def rolling_rows(m: Memory, model: Model, speed: float) -> tuple[int, float]:
     """Innovation and H of a vehicle that rolls; how many rows, and its forward acceleration.
 
@@ -206,7 +203,7 @@ def rolling_rows(m: Memory, model: Model, speed: float) -> tuple[int, float]:
     forward : float
         m/s^2.
     """
-    number, nav, known = m.numbers, m.nav, m.vehicle
+    nav, known, rolling = m.nav, m.vehicle, m.rolling
     first = model.where[states.I_LAND_VEHICLE]
     gyro = model.where[states.I_GYRO_BIAS]
     c00, c01, c02, c10, c11, c12, c20, c21, c22 = dcm(
@@ -224,9 +221,8 @@ def rolling_rows(m: Memory, model: Model, speed: float) -> tuple[int, float]:
         b[i, 1] = x * c10 + y * c11 + z * c12
         b[i, 2] = x * c20 + y * c21 + z * c22
         v[i] = b[i, 0] * vn + b[i, 1] * ve + b[i, 2] * vd
-        at = layout.N_ROLLING
-        w[i] = x * number[at] + y * number[at + 1] + z * number[at + 2]
-        f[i] = x * number[at + 3] + y * number[at + 4] + z * number[at + 5]
+        w[i] = x * rolling[0] + y * rolling[1] + z * rolling[2]
+        f[i] = x * rolling[3] + y * rolling[4] + z * rolling[5]
     if abs(v[0]) < ROLLING:
         return 0, 0.0
     forward = f[0] + b[0, 2] * earth.NORMAL_GRAVITY_EQUATOR

@@ -1,4 +1,9 @@
-"""Data of the compiled loop as arrays, and the index of each number.
+"""Data of the compiled loop: two records, and the index of each number in the arrays beside them.
+
+Compiled code takes a record as one pointer, however many fields it has. Tuples of arrays would be
+taken apart at each call, and functions that call each other with them took most of a minute to
+compile. Arrays of a record are as large as the largest filter needs; a filter of n states uses the
+first n rows and columns.
 
 numba's cache of a kernel does not notice that a number here changed, nor a kernel that it calls
 in another file: after editing, delete ``__pycache__`` of this folder.
@@ -6,108 +11,23 @@ in another file: after editing, delete ``__pycache__`` of this folder.
 
 from __future__ import annotations
 
-from typing import Any, NamedTuple
+from collections.abc import Mapping
+from typing import Any
 
 import numpy as np
 
 from sinstool.core.arrays import FloatArray, IntArray
+from sinstool.methods.height.layout import PARAMETERS as NETWORK_PARAMETERS
 from sinstool.methods.height.layout import STATE_SIZE
+from sinstool.methods.ins_gnss.states import INDEX_SIZE, MOVING, SIZE
 from sinstool.methods.strapdown.navigation import SIZE as NAV_SIZE
 
 ROWS = 6  # of a GNSS epoch
 # Of a single measurement. A literal 1 would be a type of its own to numba, and every function that
 # it is passed to would be compiled twice.
 ONE_ROW: Any = np.int64(1)
-
-# --- numbers carried ----------------------------------------------------------------------
-N_STARTED = 0  # 1 after the first update
-N_NOW = 1  # end of the update before, s
-N_FROM = 2  # start of the substep, s, and latitude, height and velocity then
-N_LATITUDE = 3
-N_HEIGHT = 4
-N_VELOCITY = 5  # three
-N_GAIN = 8  # sums of the network's gains within the substep, three
-N_GAINS = 11  # how many
-N_INPUT = 12  # sums of gain times K4 v_up, three
-N_OPEN = 15  # 1 while measurements at this instant are being made
-N_STEP = 16  # what the channel would have changed the height by on engaging again, m
-N_STEP_SET = 17
-N_ROW_AT = 18  # time of the latest measurement of the correction
-N_BARO_AT = 19  # of the latest baro difference looked at as a measurement
-N_SAMPLE = 20  # 1 where a baro sample came with this update; its difference, m, and age, s
-N_SAMPLE_DIFFERENCE = 21
-N_SAMPLE_AGE = 22
-N_SAMPLE_STAMP = 23
-N_REJECTED = 24  # epochs with a position rejected one after the other
-N_USED_AT = 25  # time of the latest epoch used
-N_BEGUN = 26  # 1 if the filter began anew since the latest stored row
-N_GAP = 27  # 1 within an IMU gap
-N_WINDOW = 28  # innovations in the window so far
-N_UPDATES = 29  # IMU updates so far
-N_FAR = 30  # 1 after the warning that the navigation is far from the fixes
-N_EPOCHS_USED = 31
-N_EPOCHS_GATED = 32
-N_RESTARTS = 33
-N_NIS_SUM = 34
-N_NIS_ROWS = 35
-N_RATE = 36  # angular rate and specific force of the latest update, three each
-N_FORCE = 39
-N_DROPPED = 42  # epochs before the start
-N_ROW_STREAK = 43  # baro differences rejected one after the other
-N_JUMP_AT = 44  # time of the barometer's latest jump
-N_DISTRUST = 45  # until when samples of the barometer are turned down
-N_INSTANT_AT = 46  # time of the latest instant
-N_FAR_SHARE = 47  # of the latest epochs with a position, too far off for the noise given
-N_TURN = 48  # rotation within the substep, body axes, three
-N_REJECTED_VELOCITIES = 51  # epochs with velocity only rejected one after the other
-N_FAR_SHARE_VELOCITIES = 52  # of those with velocity only
-N_SEEN_AT = 53  # time of the latest epoch with a position, used or not, s; with velocity only
-N_AFTER_OUTAGE = 55  # epochs that have yet to agree after an outage; with velocity only
-N_REJECTED_SINCE = 57  # time of the first of the epochs rejected in a row, s; with velocity only
-N_RESTART_AT = 59  # time of the latest restart, s
-N_FIX = 60  # the latest fix: latitude and longitude, rad
-N_DOUBT = 62  # factor on the gate and on the covariances that come out, since restarts did not help
-N_CONSTRAINED_AT = 63  # time of the latest constraint, s
-N_ROLLING = 64  # rate and force, low-passed, three each
-N_TURNED = 70  # rotation since the latest constraint as measured, three, and the time of it, s
-N_RESTS = 74  # constraints used: rest, no slip, wheels; and rows of no slip and wheels turned down
-N_HELD = 75
-N_WHEELS = 76
-N_SLIPS = 77
-N_WHEEL_SLIPS = 78
-NUMBERS = 79
-
-# --- parameters ---------------------------------------------------------------------------
-P_SUBSTEP = 0
-P_CLOSED = 1  # 1: feedback
-P_NETWORK = 2
-P_CORRECTION_ROW = 3
-P_BARO_ROW = 4
-P_ROW_INTERVAL = 5
-P_LEVER = 6  # three
-P_BARO_DECAY = 9
-P_BARO_WHITE = 10  # variance, m^2
-P_BARO_SIGMA = 11
-P_CORRECTION_VARIANCE = 12
-P_K4 = 13
-P_ADAPTIVE = 14  # 0 off, 1 fading, 2 window
-P_FADING = 15
-P_LEAST = 16
-P_MOST = 17
-P_EPSILON = 18
-P_RESTART_AFTER = 19  # s
-P_MAX_GAP = 20
-P_GAP_ACCELERATION = 21
-P_GAP_RATE = 22
-P_BARO_GATE = 23
-P_GNSS_WHITE = 24  # variances, six
-P_GNSS_MARKOV = 30  # variances that have states of their own, six
-P_GNSS_ALL = 36  # variances without those states, six
-P_GATES = 42  # by number of rows, 0 to 6
-P_CHANNEL_GATE = 49  # of the vertical channel at rest, m
-P_TURN = 50  # variance of attitude per angle turned, rad
-P_ESCALATE = 51  # 1: restarts that do not help admit more
-PARAMETERS = 52
+# What is known of a land vehicle: C_vb by rows, then axle, sideslip, squat, wheel scale
+VEHICLE_SIZE = 13
 
 # --- parameters of a land vehicle -----------------------------------------------------------
 V_ORIGIN = 0  # time of the first point of its grid, s, and between points, s
@@ -122,8 +42,6 @@ V_PARAMETERS = 8
 # Columns of the grid: whether the vehicle rests (2: surely), whether it may be held not to slide,
 # and its wheels' speed, m/s, NaN where unknown
 G_REST, G_ROLLS, G_WHEEL = range(3)
-# What is known of the vehicle: C_vb by rows, then axle, sideslip, squat, wheel scale
-VEHICLE_SIZE = 13
 
 # --- a row of diagnostics -----------------------------------------------------------------
 D_INNOVATION = 0
@@ -145,80 +63,175 @@ O_CORRECTION = NAV_SIZE + 6
 O_COVARIANCE = NAV_SIZE + 7  # upper triangles of position, velocity, attitude
 OUTPUT = NAV_SIZE + 25
 
+# --- a row for a smoother -----------------------------------------------------------------
+SENSORS = 14  # columns of StoredEpochs.sensors
+R_TIME, R_UPDATE, R_RESTART = range(3)
+R_NAV = 3
+R_SENSORS = R_NAV + NAV_SIZE
+R_STATES = R_SENSORS + SENSORS  # correction and estimate, n each; transition, before, after, n^2
+
 # --- events -------------------------------------------------------------------------------
 E_GATED, E_RESTART, E_GAP, E_GAP_RESTART, E_BARO_JUMP, E_BARO_FROZEN, E_FAR, E_NO_COVARIANCE = (
     range(8)
 )
 EVENT_WIDTH = 3  # kind, time, size
 
+# Names of fields, with the shapes of those that are arrays
+_MEMORY: tuple[tuple[Any, ...], ...] = (
+    # All that the loop carries from block to block
+    ("n", np.int64),  # states, of which the first so many move
+    ("nav", (NAV_SIZE,)),
+    ("sensors", (12,)),  # gyro bias, accelerometer scale and bias, gyro scale taken off
+    ("channel", (STATE_SIZE,)),  # of sinstool.methods.height.layout
+    ("mean_c", (3, 3)),  # integral of C_nb over the substep
+    ("mean_cf", (3, 3)),  # integral of C_nb[i, j] f[j]
+    ("mean_cw", (3, 3)),  # integral of C_nb[i, j] omega[j]
+    ("x", (SIZE,)),  # estimate of the errors
+    ("dx", (SIZE,)),  # sum of the updates at this instant
+    ("p", (SIZE, SIZE)),
+    ("product", (SIZE, SIZE)),  # transition since the latest stored row
+    ("ratio", (ROWS,)),  # adapted over given measurement variance
+    ("changes_seen", (ROWS,)),
+    ("latest", (ROWS,)),  # innovations over their sigma; NaN where there was none
+    ("rejected", (ROWS,)),  # innovations of epochs rejected since the row was used last, or 0
+    ("vehicle", (VEHICLE_SIZE,)),
+    ("moved", (9,)),  # latitude, longitude, height, velocity, rate per second in an update
+    # Times are in s, flags 0 or 1. Pairs: of epochs with a position; with velocity only
+    ("started",),  # 1 after the first update
+    ("now",),  # end of the update before
+    ("from_time",),  # start of the substep, and latitude, height and velocity then
+    ("from_latitude",),
+    ("from_height",),
+    ("from_velocity", (3,)),
+    ("gains", (3,)),  # sums of the network's gains within the substep
+    ("gain_count",),  # how many
+    ("inputs", (3,)),  # sums of gain times K4 v_up
+    ("turn", (3,)),  # rotation within the substep, body axes
+    ("rate", (3,)),  # angular rate and specific force of the latest update
+    ("force", (3,)),
+    ("open",),  # 1 while measurements at this instant are being made
+    ("instant_at",),  # time of the latest instant
+    ("step",),  # what the channel would have changed the height by on engaging again, m
+    ("step_set",),
+    ("row_at",),  # time of the latest measurement of the correction
+    ("baro_at",),  # of the latest baro difference looked at as a measurement
+    ("sample",),  # 1 where a baro sample came with this update; its difference, m, and age
+    ("sample_difference",),
+    ("sample_age",),
+    ("sample_stamp",),
+    ("row_streak",),  # baro differences rejected one after the other
+    ("jump_at",),  # time of the barometer's latest jump
+    ("distrust",),  # until when samples of the barometer are turned down
+    ("used_at",),  # time of the latest epoch used
+    ("begun",),  # 1 if the filter began anew since the latest stored row
+    ("in_gap",),  # 1 within an IMU gap
+    ("window_seen",),  # epochs in the window so far
+    ("far",),  # 1 after the warning that the navigation is far from the fixes
+    ("streak", (2,)),  # epochs rejected one after the other, pair
+    ("far_share", (2,)),  # of the latest epochs, too far off for the noise given, pair
+    ("seen_at", (2,)),  # time of the latest epoch, used or not, pair
+    ("after_outage", (2,)),  # epochs that have yet to agree after an outage, pair
+    ("rejected_since", (2,)),  # time of the first of the epochs rejected in a row, pair
+    ("latest_fix", (2,)),  # latitude and longitude, rad
+    ("restart_at",),  # time of the latest restart
+    ("doubt",),  # factor on gate and covariances that come out, since restarts did not help
+    ("constrained_at",),  # time of the latest constraint
+    ("rolling", (6,)),  # rate and force, low-passed
+    ("turned", (4,)),  # rotation since the latest constraint as measured, and the time of it
+    # Counted: updates and epochs; constraints used, and rows of no slip and wheels turned down
+    ("updates",),
+    ("epochs_used",),
+    ("epochs_gated",),
+    ("dropped",),  # epochs before the start
+    ("restarts",),
+    ("nis_sum",),
+    ("nis_rows",),
+    ("rests",),
+    ("held",),
+    ("wheels",),
+    ("slips",),
+    ("wheel_slips",),
+    # Of this block
+    ("keep", np.int64),  # 1: set rows for a smoother
+    ("row", np.int64),  # the next of them
+    ("events", np.int64),
+    # Room to work in
+    ("rates", (MOVING, SIZE)),  # F of the moving states
+    ("phi", (MOVING, SIZE)),
+    ("half", (MOVING, SIZE)),
+    ("decay", (SIZE,)),
+    ("h", (ROWS, SIZE)),
+    ("hp", (ROWS, SIZE)),
+    ("s", (ROWS, ROWS)),
+    ("root", (ROWS, ROWS)),
+    ("weight", (ROWS, ROWS)),
+    ("nu", (ROWS,)),
+    ("r", (ROWS,)),
+    ("work", (ROWS,)),
+    ("gain", (SIZE, ROWS)),
+    ("pht", (SIZE, ROWS)),
+    ("old", (SIZE, SIZE)),
+)
+# What does not change during a run
+_MODEL: tuple[tuple[Any, ...], ...] = (
+    ("where", np.int64, (INDEX_SIZE,)),  # FilterKind.index
+    ("network", (NETWORK_PARAMETERS,)),  # of the vertical channel
+    ("decay_rate", (SIZE,)),  # 1/s
+    ("noise", (SIZE,)),  # power densities
+    ("p0", (SIZE, SIZE)),
+    ("vehicle", (V_PARAMETERS,)),
+    ("substep",),  # s
+    ("closed",),  # 1: feedback
+    ("has_network",),
+    ("correction_row",),
+    ("baro_row",),
+    ("row_interval",),  # s
+    ("lever", (3,)),
+    ("baro_decay",),
+    ("baro_white",),  # variance, m^2
+    ("baro_sigma",),
+    ("correction_variance",),
+    ("k4",),
+    ("adaptive",),  # 0 off, 1 fading, 2 window
+    ("fading",),
+    ("least",),
+    ("most",),
+    ("epsilon",),
+    ("restart_after",),  # s
+    ("max_gap",),
+    ("gap_acceleration",),
+    ("gap_rate",),
+    ("baro_gate",),
+    ("measured",),  # 1: the gate measures the noise of fixes
+    ("gnss_white", (ROWS,)),  # variances
+    ("gnss_markov", (ROWS,)),  # variances that have states of their own
+    ("gnss_all", (ROWS,)),  # variances without those states
+    ("gates", (ROWS + 1,)),  # by number of rows
+    ("channel_gate",),  # of the vertical channel at rest, m
+    ("turn_variance",),  # of attitude per angle turned, rad
+    ("escalate",),  # 1: restarts that do not help admit more
+)
 
-class Memory(NamedTuple):
-    """All that the loop carries from block to block, and room to work in.
 
-    n states, of which m move.
-    """
-
-    nav: FloatArray  # (10,)
-    sensors: FloatArray  # (12,) gyro bias, accelerometer scale and bias, gyro scale taken off
-    channel: FloatArray  # of sinstool.methods.height.layout
-    numbers: FloatArray  # (NUMBERS,)
-    mean_c: FloatArray  # (3, 3) integral of C_nb over the substep
-    mean_cf: FloatArray  # (3, 3) integral of C_nb[i, j] f[j]
-    mean_cw: FloatArray  # (3, 3) integral of C_nb[i, j] omega[j]
-    x: FloatArray  # (n,) estimate of the errors
-    dx: FloatArray  # (n,) sum of the updates at this instant
-    p: FloatArray  # (n, n)
-    product: FloatArray  # (n, n) transition since the latest stored row
-    ratio: FloatArray  # (6,) adapted over given measurement variance
-    window: FloatArray  # (N, 6) squares of innovations
-    changes: FloatArray  # (N or 0, 6) of innovations over their sigma, squared and halved
-    changes_seen: FloatArray  # (6,)
-    latest: FloatArray  # (6,) innovations over their sigma; NaN where there was none
-    rejected: FloatArray  # (6,) innovations of epochs rejected since the row was used last, or 0
-    rates: FloatArray  # (m, n) F of the moving states
-    phi: FloatArray  # (m, n)
-    half: FloatArray  # (m, n)
-    decay: FloatArray  # (n,)
-    h: FloatArray  # (6, n)
-    hp: FloatArray  # (6, n)
-    s: FloatArray  # (6, 6)
-    root: FloatArray  # (6, 6)
-    weight: FloatArray  # (6, 6)
-    nu: FloatArray  # (6,)
-    r: FloatArray  # (6,)
-    gain: FloatArray  # (n, 6)
-    pht: FloatArray  # (n, 6)
-    old: FloatArray  # (n, n)
-    vehicle: FloatArray  # (VEHICLE_SIZE,)
-    moved: FloatArray  # (9,) latitude, longitude, height, velocity, rate per second in an update
+def _record(fields: tuple[tuple[Any, ...], ...]) -> np.dtype[Any]:
+    """Type of a record: float64, unless a field names another."""
+    parts = []
+    for name, *rest in fields:
+        kind, shape = np.float64, ()
+        for part in rest:
+            if isinstance(part, tuple):
+                shape = part
+            else:
+                kind = part
+        parts.append((name, kind, shape))
+    return np.dtype((np.record, parts))
 
 
-class Model(NamedTuple):
-    """What does not change during a run."""
-
-    where: IntArray  # FilterKind.index
-    parameters: FloatArray  # (PARAMETERS,)
-    network: FloatArray  # parameters of the vertical channel
-    decay_rate: FloatArray  # (n,) 1/s
-    noise: FloatArray  # (n,) power densities
-    p0: FloatArray  # (n, n)
-    vehicle: FloatArray  # (V_PARAMETERS,)
-    grid: FloatArray  # (g, 3) by time; without points, the vehicle has no constraints
-
-
-class Stored(NamedTuple):
-    """Rows for a smoother; see StoredEpochs."""
-
-    time: FloatArray
-    update: IntArray
-    transition: FloatArray
-    before: FloatArray
-    after: FloatArray
-    correction: FloatArray
-    estimate: FloatArray
-    nav: FloatArray
-    sensors: FloatArray
-    restart: FloatArray
+MEMORY, MODEL = _record(_MEMORY), _record(_MODEL)
+Memory = np.record
+"""Of the type MEMORY: what the loop carries from block to block, and room to work in."""
+Model = np.record
+"""Of the type MODEL."""
 
 
 def new_memory(
@@ -226,9 +239,6 @@ def new_memory(
     sensors: FloatArray,
     p0: FloatArray,
     channel: FloatArray,
-    moving: int,
-    window: int,
-    changes: int,
     vehicle: FloatArray,
 ) -> Memory:
     """Memory at the start of a run.
@@ -240,71 +250,61 @@ def new_memory(
     p0 : ndarray, shape (n, n)
     channel : ndarray
         State of a vertical channel that has seen nothing.
-    moving : int
-        m, of the n states.
-    window : int
-        Epochs of the innovation window.
-    changes : int
-        Epochs whose noise is measured by the gate; 0: it is not.
     vehicle : ndarray, shape (VEHICLE_SIZE,)
         What is known of a land vehicle.
     """
     n = len(p0)
-    assert channel.shape == (STATE_SIZE,)
-    return Memory(
-        nav=nav.copy(),
-        sensors=sensors.copy(),
-        channel=channel.copy(),
-        numbers=np.zeros(NUMBERS),
-        mean_c=np.zeros((3, 3)),
-        mean_cf=np.zeros((3, 3)),
-        mean_cw=np.zeros((3, 3)),
-        x=np.zeros(n),
-        dx=np.zeros(n),
-        p=p0.copy(),
-        product=np.eye(n),
-        ratio=np.ones(ROWS),
-        window=np.zeros((window, ROWS)),
-        changes=np.zeros((changes, ROWS)),
-        changes_seen=np.zeros(ROWS),
-        latest=np.full(ROWS, np.nan),
-        rejected=np.zeros(ROWS),
-        rates=np.zeros((moving, n)),
-        phi=np.zeros((moving, n)),
-        half=np.zeros((moving, n)),
-        decay=np.ones(n),
-        h=np.zeros((ROWS, n)),
-        hp=np.zeros((ROWS, n)),
-        s=np.zeros((ROWS, ROWS)),
-        root=np.zeros((ROWS, ROWS)),
-        weight=np.zeros((ROWS, ROWS)),
-        nu=np.zeros(ROWS),
-        r=np.zeros(ROWS),
-        gain=np.zeros((n, ROWS)),
-        pht=np.zeros((n, ROWS)),
-        old=np.zeros((n, n)),
-        vehicle=vehicle.copy(),
-        moved=np.zeros(9),
-    )
+    m: Memory = np.zeros(1, MEMORY)[0]
+    m.n = n
+    m.nav[:] = nav
+    m.sensors[:] = sensors
+    m.channel[:] = channel
+    m.p[:n, :n] = p0
+    np.fill_diagonal(m.product, 1.0)
+    m.ratio[:] = 1.0
+    m.latest[:] = np.nan
+    m.decay[:] = 1.0
+    m.vehicle[:] = vehicle
+    return m
 
 
-def new_stored(rows: int, n: int, correction_size: int) -> Stored:
-    """Room for so many rows; untouched memory costs nothing.
+def new_model(
+    where: IntArray,
+    network: FloatArray,
+    decay_rate: FloatArray,
+    noise: FloatArray,
+    p0: FloatArray,
+    vehicle: FloatArray,
+    parameters: Mapping[str, Any],
+) -> Model:
+    """Model of a filter.
 
     Parameters
     ----------
-    correction_size : int
-        Width of the sensors' estimates.
+    where : ndarray of int64
+        :attr:`~sinstool.methods.ins_gnss.states.FilterKind.index`.
+    network : ndarray
+        Parameters of the vertical channel.
+    decay_rate, noise : ndarray, shape (n,)
+        1/s, and power densities.
+    p0 : ndarray, shape (n, n)
+    vehicle : ndarray, shape (V_PARAMETERS,)
+    parameters : Mapping
+        All other fields.
     """
-    return Stored(
-        np.empty(rows),
-        np.empty(rows, dtype=np.int64),
-        np.empty((rows, n, n)),
-        np.empty((rows, n, n)),
-        np.empty((rows, n, n)),
-        np.empty((rows, n)),
-        np.empty((rows, n)),
-        np.empty((rows, NAV_SIZE)),
-        np.empty((rows, correction_size)),
-        np.zeros(rows),
-    )
+    n = len(p0)
+    model: Model = np.zeros(1, MODEL)[0]
+    model.where[:] = where
+    model.network[:] = network
+    model.decay_rate[:n] = decay_rate
+    model.noise[:n] = noise
+    model.p0[:n, :n] = p0
+    model.vehicle[:] = vehicle
+    for name, value in parameters.items():
+        model[name] = value
+    return model
+
+
+def new_stored(rows: int, n: int) -> FloatArray:
+    """Room for so many rows for a smoother; untouched memory costs nothing."""
+    return np.empty((rows, R_STATES + 2 * n + 3 * n * n))

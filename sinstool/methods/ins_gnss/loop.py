@@ -10,16 +10,16 @@ from __future__ import annotations
 
 from math import ceil, cos, pi
 
-import numba
 import numpy as np
 
 from sinstool.core.arrays import FloatArray, IntArray
+from sinstool.core.parts import kernel, part
 from sinstool.core.quaternion_kernels import dcm
 from sinstool.methods.height.channel import propagate, smooth_height
 from sinstool.methods.height.layout import S_BARO_BIAS, S_CORRECTION
 from sinstool.methods.ins_gnss import baro, instants, land_vehicle, layout
 from sinstool.methods.ins_gnss.gnss import gnss_epoch
-from sinstool.methods.ins_gnss.layout import Memory, Model, Stored
+from sinstool.methods.ins_gnss.layout import Memory, Model
 from sinstool.methods.ins_gnss.model import radii
 from sinstool.methods.ins_gnss.states import ATTITUDE, I_BARO, POSITION, VELOCITY
 from sinstool.methods.strapdown.navigation import (
@@ -39,12 +39,14 @@ MAX_ROW_INTERVAL = 1.25  # s, longest time between rows for a smoother
 ROUNDING = 1e-7  # s, of times and intervals: they are whole nanoseconds
 
 
-@numba.njit(cache=True, nogil=True)
+@kernel()
 def run(
     m: Memory,
     model: Model,
-    stored: Stored,
-    keep: bool,
+    stored: FloatArray,
+    window: FloatArray,
+    changes: FloatArray,
+    grid: FloatArray,
     time: FloatArray,
     interval: FloatArray,
     phi: FloatArray,
@@ -67,8 +69,14 @@ def run(
     ----------
     m : Memory
         Changed.
-    stored : Stored
-        Rows for a smoother, set if `keep`.
+    stored : ndarray
+        Rows for a smoother, set if the memory says so.
+    window : ndarray, shape (N, 6)
+        Squares of innovations.
+    changes : ndarray, shape (N or 0, 6)
+        Of innovations over their sigma, squared and halved.
+    grid : ndarray, shape (g, 3)
+        Of a vehicle with constraints, by time; without points, it has none.
     time, interval : ndarray, shape (n,)
         End of each update and its duration, s.
     phi, dv : ndarray, shape (n, 3)
@@ -89,69 +97,65 @@ def run(
         A row for each epoch used up.
     out : ndarray, shape (n, OUTPUT) or (0, OUTPUT)
         Set, if it has rows.
-    counts : ndarray of int64, shape (5,)
-        Added to: events; set: epochs and baro samples used up, rows stored, epochs left out.
+    counts : ndarray of int64, shape (3,)
+        Set: epochs and baro samples used up, epochs left out.
     """
-    number = m.numbers
-    par = model.parameters
-    count = counts[:1]
     fix_next = 0
     baro_next = 0
-    row = int(np.int64(0))  # a literal 0 would compile all it is passed to twice
     first_fix = 0
     moved = m.moved
-    constrained = model.grid.shape[0] > 0
+    constrained = grid.shape[0] > 0
     for k in range(len(time)):
         dt = interval[k]
         begin = time[k] - dt
-        if number[layout.N_STARTED] == 0.0:
-            number[layout.N_STARTED] = 1.0
-            number[layout.N_NOW] = begin
-            number[layout.N_ROW_AT] = begin
-            number[layout.N_BARO_AT] = begin
-            number[layout.N_CONSTRAINED_AT] = begin
-            number[layout.N_USED_AT] = -np.inf
-            number[layout.N_SEEN_AT] = np.inf
-            number[layout.N_SEEN_AT + 1] = np.inf
-            number[layout.N_SAMPLE_STAMP] = -np.inf
-            number[layout.N_JUMP_AT] = -np.inf
-            number[layout.N_DISTRUST] = -np.inf
-            number[layout.N_RESTART_AT] = -np.inf
-            number[layout.N_FIX] = np.nan
-            number[layout.N_DOUBT] = 1.0
+        if m.started == 0.0:
+            m.started = 1.0
+            m.now = begin
+            m.row_at = begin
+            m.baro_at = begin
+            m.constrained_at = begin
+            m.used_at = -np.inf
+            m.seen_at[0] = np.inf
+            m.seen_at[1] = np.inf
+            m.sample_stamp = -np.inf
+            m.jump_at = -np.inf
+            m.distrust = -np.inf
+            m.restart_at = -np.inf
+            m.latest_fix[0] = np.nan
+            m.doubt = 1.0
             instants.begin_substep(m)
             for i in range(3):
-                number[layout.N_RATE + i] = phi[k, i] / dt
-                number[layout.N_FORCE + i] = dv[k, i] / dt
+                m.rate[i] = phi[k, i] / dt
+                m.force[i] = dv[k, i] / dt
             while fix_next < len(fix_time) and fix_time[fix_next] < begin:
                 fix_next += 1
-                number[layout.N_DROPPED] += 1.0
+                m.dropped += 1.0
             first_fix = fix_next
         bridges = 0
-        gap = begin - number[layout.N_NOW]
+        gap = begin - m.now
         if gap > 0.5 * dt + ROUNDING:
-            if gap <= par[layout.P_MAX_GAP]:
+            if gap <= model.max_gap:
                 bridges = ceil(gap / BRIDGE)
-                instants.record(events, count, layout.E_GAP, number[layout.N_NOW], gap)
+                instants.record(m, events, layout.E_GAP, gap)
             else:
-                instants.record(events, count, layout.E_GAP_RESTART, number[layout.N_NOW], gap)
-                _carry_over(m, model, gap, keep)
+                instants.record(m, events, layout.E_GAP_RESTART, gap)
+                _carry_over(m, model, gap)
                 while fix_next < len(fix_time) and fix_time[fix_next] < begin - dt:
                     # Fixes of the gap's own time say nothing of where the vehicle is after it
                     diagnoses[fix_next, layout.D_ROWS] = 0.0
                     fix_next += 1
         if bridges > 0:
-            instants.close_substep(m, model, keep)
-            number[layout.N_GAP] = 1.0
+            instants.close_substep(m, model)
+            m.in_gap = 1.0
         rate0, rate1, rate2 = (
-            number[layout.N_RATE],
-            number[layout.N_RATE + 1],
-            number[layout.N_RATE + 2],
+            m.rate[0],
+            m.rate[1],
+            m.rate[2],
         )
         force0, force1, force2 = (
-            number[layout.N_FORCE],
-            number[layout.N_FORCE + 1],
-            number[layout.N_FORCE + 2],
+            m.force[0],
+            m.force[1],
+            m.force[2],
         )
 
         for bridge in range(bridges + 1):
@@ -165,11 +169,11 @@ def run(
                 px = 0.5 * (rate0 + phi[k, 0] / dt) * d
                 py = 0.5 * (rate1 + phi[k, 1] / dt) * d
                 pz = 0.5 * (rate2 + phi[k, 2] / dt) * d
-                now = number[layout.N_NOW] + d
+                now = m.now + d
             else:
                 if bridges > 0:
-                    instants.close_substep(m, model, keep)
-                    number[layout.N_GAP] = 0.0
+                    instants.close_substep(m, model)
+                    m.in_gap = 0.0
                 d = dt
                 px, py, pz = phi[k, 0], phi[k, 1], phi[k, 2]
                 ux, uy, uz = dv[k, 0], dv[k, 1], dv[k, 2]
@@ -195,9 +199,9 @@ def run(
             y = nav[Q_W + 2]
             z = nav[Q_W + 3]
             c00, c01, c02, c10, c11, c12, c20, c21, c22 = dcm(w, x, y, z)
-            number[layout.N_TURN] += px
-            number[layout.N_TURN + 1] += py
-            number[layout.N_TURN + 2] += pz
+            m.turn[0] += px
+            m.turn[1] += py
+            m.turn[2] += pz
             mc = m.mean_c
             mf = m.mean_cf
             mw = m.mean_cw
@@ -235,9 +239,9 @@ def run(
             vn0 = nav[V_NORTH]
             ve0 = nav[V_NORTH + 1]
             vd0 = nav[V_DOWN]
-            step(nav, px, py, pz, ux, uy, uz, d, 0)
-            number[layout.N_NOW] = now
-            if par[layout.P_NETWORK] > 0.0:
+            step(nav[:], px, py, pz, ux, uy, uz, d, 0)
+            m.now = now
+            if model.has_network > 0.0:
                 dh, dw = propagate(
                     m.channel,
                     model.network,
@@ -250,50 +254,46 @@ def run(
                 )
                 nav[HEIGHT] += dh
                 nav[V_DOWN] -= dw
-            share = par[layout.P_BARO_DECAY] * d
+            share = model.baro_decay * d
             m.channel[S_BARO_BIAS] *= 1.0 - share + 0.5 * share * share
             inverse = 1.0 / d
             rate_x, rate_y, rate_z = px * inverse, py * inverse, pz * inverse
 
             # Barometer
             while baro_next < len(baro_time) and baro_time[baro_next] <= now:
-                if par[layout.P_NETWORK] > 0.0:
-                    row = baro.network_sample(
+                if model.has_network > 0.0:
+                    baro.network_sample(
                         m,
                         model,
                         stored,
-                        row,
-                        keep,
+                        events,
+                        channel_events,
                         baro_time[baro_next],
                         baro_height[baro_next],
                         baro_reason[baro_next],
-                        channel_events,
-                        events,
-                        count,
                     )
-                if par[layout.P_BARO_ROW] > 0.0:
+                if model.baro_row > 0.0:
                     baro.note_difference(
                         m, baro_time[baro_next], baro_height[baro_next], baro_reason[baro_next]
                     )
                 baro_next += 1
 
             # GNSS, and what is measured besides where it is due: with a fix rather than alone
-            wait = par[layout.P_ROW_INTERVAL] - ROUNDING
+            wait = model.row_interval - ROUNDING
             if fix_next < len(fix_time) and fix_time[fix_next] <= now:
                 wait *= 0.5
-            if number[layout.N_SAMPLE] > 0.0:
-                number[layout.N_SAMPLE] = 0.0
-                if now - number[layout.N_BARO_AT] >= wait:
-                    number[layout.N_BARO_AT] = now
-                    instants.open_instant(m, model, stored, row, keep)
+            if m.sample > 0.0:
+                m.sample = 0.0
+                if now - m.baro_at >= wait:
+                    m.baro_at = now
+                    instants.open_instant(m, model, stored)
                     baro.baro_difference(
                         m,
                         model,
                         events,
-                        count,
-                        number[layout.N_SAMPLE_DIFFERENCE],
-                        number[layout.N_SAMPLE_AGE],
-                        par[layout.P_BARO_WHITE],
+                        m.sample_difference,
+                        m.sample_age,
+                        model.baro_white,
                         baro.JUMP_ROWS,
                     )
             if fix_next < len(fix_time) and fix_time[fix_next] <= now:
@@ -313,57 +313,55 @@ def run(
                 moved[6] = (phi[k, 0] / dt - rate0) / dt if bridges == 0 else 0.0
                 moved[7] = (phi[k, 1] / dt - rate1) / dt if bridges == 0 else 0.0
                 moved[8] = (phi[k, 2] / dt - rate2) / dt if bridges == 0 else 0.0
-                number[layout.N_RATE] = rate_x + 0.5 * d * moved[6]
-                number[layout.N_RATE + 1] = rate_y + 0.5 * d * moved[7]
-                number[layout.N_RATE + 2] = rate_z + 0.5 * d * moved[8]
+                m.rate[0] = rate_x + 0.5 * d * moved[6]
+                m.rate[1] = rate_y + 0.5 * d * moved[7]
+                m.rate[2] = rate_z + 0.5 * d * moved[8]
                 while fix_next < len(fix_time) and fix_time[fix_next] <= now:
                     gnss_epoch(
                         m,
                         model,
                         stored,
-                        row,
-                        keep,
+                        window,
+                        changes,
+                        events,
                         fixes[fix_next],
                         now - fix_time[fix_next],
-                        moved,
                         withheld[fix_next] != 0.0,
                         diagnoses[fix_next],
-                        events,
-                        count,
                     )
                     fix_next += 1
             if constrained:
                 land_vehicle.follow(m, d, px, py, pz, ux, uy, uz)
                 due = model.vehicle[layout.V_INTERVAL] - ROUNDING
-                if number[layout.N_OPEN] > 0.0:
+                if m.open > 0.0:
                     due *= 0.5
-                if now - number[layout.N_CONSTRAINED_AT] >= due:
-                    land_vehicle.constrain(m, model, stored, row, keep)
-            if par[layout.P_CORRECTION_ROW] > 0.0 and now - number[layout.N_ROW_AT] >= wait:
-                number[layout.N_ROW_AT] = now
-                instants.open_instant(m, model, stored, row, keep)
+                if now - m.constrained_at >= due:
+                    land_vehicle.constrain(m, model, stored, grid)
+            if model.correction_row > 0.0 and now - m.row_at >= wait:
+                m.row_at = now
+                instants.open_instant(m, model, stored)
                 baro.correction_row(m, model)
-            row = instants.close_instant(m, model, stored, row, keep)
-            if now - number[layout.N_INSTANT_AT] >= MAX_ROW_INTERVAL - ROUNDING:
+            instants.close_instant(m, model, stored)
+            if now - m.instant_at >= MAX_ROW_INTERVAL - ROUNDING:
                 # Nothing was measured; a smoother cannot see far across without a row
-                instants.open_instant(m, model, stored, row, keep)
-                row = instants.close_instant(m, model, stored, row, keep)
-            elif now - number[layout.N_FROM] >= par[layout.P_SUBSTEP] - ROUNDING:
-                instants.close_substep(m, model, keep)
+                instants.open_instant(m, model, stored)
+                instants.close_instant(m, model, stored)
+            elif now - m.from_time >= model.substep - ROUNDING:
+                instants.close_substep(m, model)
 
         for i in range(3):
-            number[layout.N_RATE + i] = phi[k, i] / dt
-            number[layout.N_FORCE + i] = dv[k, i] / dt
-        number[layout.N_UPDATES] += 1.0
+            m.rate[i] = phi[k, i] / dt
+            m.force[i] = dv[k, i] / dt
+        m.updates += 1.0
 
         if len(out) > 0:
             line = out[k]
-            if par[layout.P_CLOSED] == 0.0 or par[layout.P_K4] != 0.0:
+            if model.closed == 0.0 or model.k4 != 0.0:
                 instants.corrected(m.nav, m.x, line)
             else:
                 for i in range(NAV_SIZE):
                     line[i] = m.nav[i]
-            if par[layout.P_NETWORK] > 0.0:
+            if model.has_network > 0.0:
                 line[HEIGHT] = smooth_height(m.channel, now, line[HEIGHT])
             line[layout.O_RATE] = rate_x
             line[layout.O_RATE + 1] = rate_y
@@ -374,7 +372,7 @@ def run(
             line[layout.O_FORCE + 2] = inverse * (uz - 0.5 * (px * uy - py * ux))
             line[layout.O_CORRECTION] = m.channel[S_CORRECTION]
             at = layout.O_COVARIANCE
-            doubt = number[layout.N_DOUBT]
+            doubt = m.doubt
             for block in range(3):
                 b = 3 * block
                 line[at] = doubt * m.p[b, b]
@@ -383,24 +381,21 @@ def run(
                 line[at + 3] = doubt * m.p[b + 1, b + 1]
                 line[at + 4] = doubt * m.p[b + 1, b + 2]
                 line[at + 5] = doubt * m.p[b + 2, b + 2]
-                if block < 2 and number[layout.N_REJECTED] > 1.0:
+                if block < 2 and m.streak[0] > 1.0:
                     # Fixes in a row are that far off: whichever of the two is wrong
                     line[at] += m.rejected[b] ** 2
                     line[at + 3] += m.rejected[b + 1] ** 2
                     line[at + 5] += m.rejected[b + 2] ** 2
                 at += 6
-    counts[1] = fix_next
-    counts[2] = baro_next
-    counts[3] = row
-    counts[4] = first_fix
+    counts[0] = fix_next
+    counts[1] = baro_next
+    counts[2] = first_fix
 
 
-@numba.njit(cache=True, nogil=True)
-def _carry_over(m: Memory, model: Model, gap: float, keep: bool) -> None:
+@part()
+def _carry_over(m: Memory, model: Model, gap: float) -> None:
     """Over a gap too long to bridge: straight on, and hardly anything is known after it."""
-    instants.close_substep(m, model, keep)
-    number = m.numbers
-    par = model.parameters
+    instants.close_substep(m, model)
     nav = m.nav
     rm, rn = radii(nav[LATITUDE], nav[HEIGHT])
     instants.begin_anew(m, model)
@@ -411,8 +406,8 @@ def _carry_over(m: Memory, model: Model, gap: float, keep: bool) -> None:
     elif nav[LONGITUDE] <= -pi:
         nav[LONGITUDE] += 2.0 * pi
     speed2 = nav[V_NORTH] ** 2 + nav[V_NORTH + 1] ** 2 + nav[V_DOWN] ** 2
-    force = par[layout.P_GAP_ACCELERATION] ** 2
-    turn = min(par[layout.P_GAP_RATE] ** 2 * gap, 1.0)
+    force = model.gap_acceleration**2
+    turn = min(model.gap_rate**2 * gap, 1.0)
     v2 = speed2 + force * gap
     r2 = v2 * gap * gap
     for i in range(3):
@@ -420,9 +415,9 @@ def _carry_over(m: Memory, model: Model, gap: float, keep: bool) -> None:
         m.p[VELOCITY + i, VELOCITY + i] += v2
         m.p[ATTITUDE + i, ATTITUDE + i] += turn
     # A vehicle rolls and pitches to and fro, but may keep on turning
-    m.p[ATTITUDE + 2, ATTITUDE + 2] += min((par[layout.P_GAP_RATE] * gap) ** 2, pi * pi / 3.0)
+    m.p[ATTITUDE + 2, ATTITUDE + 2] += min((model.gap_rate * gap) ** 2, pi * pi / 3.0)
     b = model.where[I_BARO]
     if b >= 0:
-        m.p[b, b] += par[layout.P_BARO_SIGMA] ** 2 if m.p[b, b] == 0.0 else 0.0
-    number[layout.N_NOW] += gap
+        m.p[b, b] += model.baro_sigma**2 if m.p[b, b] == 0.0 else 0.0
+    m.now += gap
     instants.begin_substep(m)

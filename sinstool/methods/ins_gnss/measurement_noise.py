@@ -24,9 +24,10 @@ from __future__ import annotations
 from math import sqrt
 from typing import Any
 
-import numba
 import numpy as np
 
+from sinstool.core.arrays import FloatArray
+from sinstool.core.parts import part
 from sinstool.methods.ins_gnss import layout
 from sinstool.methods.ins_gnss.layout import Memory, Model
 
@@ -52,7 +53,7 @@ FAR_EPOCHS = 20.0
 FAR_SHARE = 0.15
 
 
-@numba.njit(cache=True, nogil=True)
+@part()
 def row_of(m: Memory, k: int) -> int:
     """Which of position and velocity, N E D, row k of a fix is."""
     i = 0
@@ -61,96 +62,93 @@ def row_of(m: Memory, k: int) -> int:
     return i
 
 
-@numba.njit(cache=True, nogil=True)
-def adapt(m: Memory, model: Model, rows: int) -> None:
+@part()
+def adapt(m: Memory, model: Model, window: FloatArray, rows: int) -> None:
     """Measurement variances from innovations; see DivergenceControl."""
-    par = model.parameters
-    number = m.numbers
-    slot = int(number[layout.N_WINDOW]) % m.window.shape[0]
+    slot = int(m.window_seen) % window.shape[0]
     # 1, 1/2, 1/3, ... to 1 - b: the first epochs count as much as those after them
-    b = par[layout.P_FADING]
-    share = (1.0 - b) / (1.0 - b ** (number[layout.N_WINDOW] + 1.0))
+    b = model.fading
+    share = (1.0 - b) / (1.0 - b ** (m.window_seen + 1.0))
     for i in range(layout.ROWS):
-        m.window[slot, i] = -1.0
+        window[slot, i] = -1.0
     for k in range(rows):
         i = row_of(m, k)
         nominal = m.r[k] / m.ratio[i]
         square = m.nu[k] * m.nu[k]
-        m.window[slot, i] = square
-        if par[layout.P_ADAPTIVE] == 1.0:
+        window[slot, i] = square
+        if model.adaptive == 1.0:
             ratio = (square - m.s[k, k]) / nominal
-            if ratio > par[layout.P_MOST]:
-                m.ratio[i] = par[layout.P_MOST]
+            if ratio > model.most:
+                m.ratio[i] = model.most
             else:
-                m.ratio[i] += share * (max(ratio, par[layout.P_LEAST]) - m.ratio[i])
-        elif number[layout.N_WINDOW] + 1.0 >= m.window.shape[0]:
+                m.ratio[i] += share * (max(ratio, model.least) - m.ratio[i])
+        elif m.window_seen + 1.0 >= window.shape[0]:
             total = 0.0
             many = 0
-            for j in range(m.window.shape[0]):
-                if m.window[j, i] >= 0.0:
-                    total += m.window[j, i]
+            for j in range(window.shape[0]):
+                if window[j, i] >= 0.0:
+                    total += window[j, i]
                     many += 1
             ratio = (total / many - m.s[k, k]) / nominal
-            m.ratio[i] = min(max(ratio, par[layout.P_LEAST]), par[layout.P_MOST])
+            m.ratio[i] = min(max(ratio, model.least), model.most)
         m.r[k] = nominal * m.ratio[i]
-    number[layout.N_WINDOW] += 1.0
+    m.window_seen += 1.0
 
 
-@numba.njit(cache=True, nogil=True)
-def note_changes(m: Memory, rows: int) -> None:
+@part()
+def note_changes(m: Memory, changes: FloatArray, rows: int) -> None:
     """How innovations changed since the epoch before, over their sigma as given.
 
     After :func:`~sinstool.methods.ins_gnss.update.project`, of every epoch, believed or not.
     Squared and halved, changes are 1 in the mean where the noise is as given.
     """
-    length = m.changes.shape[0]
+    length = changes.shape[0]
     for k in range(rows):
         i = row_of(m, k)
         now = m.nu[k] / sqrt(m.s[k, k] + m.r[k])
         before = m.latest[i]
         m.latest[i] = now
         if before == before:
-            m.changes[int(m.changes_seen[i]) % length, i] = 0.5 * (now - before) ** 2
+            changes[int(m.changes_seen[i]) % length, i] = 0.5 * (now - before) ** 2
             m.changes_seen[i] += 1.0
 
 
-@numba.njit(cache=True, nogil=True)
+@part()
 def often_far(m: Memory, far: bool) -> bool:
     """Whether the measured noise is to be used: for an epoch that is too far off as given.
 
     And for those between many such epochs, which are as noisy though they happen to be near.
     Epochs with velocity only are counted apart: their noise is another.
     """
-    number = m.numbers
-    share = layout.N_FAR_SHARE if row_of(m, 0) < 3 else layout.N_FAR_SHARE_VELOCITIES
-    number[share] += ((1.0 if far else 0.0) - number[share]) / FAR_EPOCHS
-    return far or number[share] > FAR_SHARE
+    alone = 0 if row_of(m, 0) < 3 else 1
+    m.far_share[alone] += ((1.0 if far else 0.0) - m.far_share[alone]) / FAR_EPOCHS
+    return far or m.far_share[alone] > FAR_SHARE
 
 
-@numba.njit(cache=True, nogil=True)
-def use_measured(m: Memory, rows: int) -> None:
+@part()
+def use_measured(m: Memory, changes: FloatArray, rows: int) -> None:
     """Measurement variances as changes of the innovations say, if that is more than was given."""
     for k in range(rows):
         i = row_of(m, k)
-        times = _low_change(m, i, m.changes.shape[0])
+        times = _low_change(m, changes, i, changes.shape[0])
         if times < NOISY:
             # Noise that has begun just now
-            times = max(times, _low_change(m, i, SHORT))
+            times = max(times, _low_change(m, changes, i, SHORT))
         if times > 1.0:
             more = (times - 1.0) * (m.s[k, k] + m.r[k])
             m.ratio[i] = 1.0 + more / m.r[k]
             m.r[k] += more
 
 
-@numba.njit(cache=True, nogil=True)
-def _low_change(m: Memory, i: int, many: int) -> float:
+@part()
+def _low_change(m: Memory, changes: FloatArray, i: int, many: int) -> float:
     """Of the latest so many of a row, over that of noise as given; 1 if there are not so many."""
-    length = m.changes.shape[0]
+    length = changes.shape[0]
     seen = int(m.changes_seen[i])
     if seen < many or many > length:
         return 1.0
     latest = np.empty(many)
     for j in range(many):
-        latest[j] = m.changes[(seen - 1 - j) % length, i]
+        latest[j] = changes[(seen - 1 - j) % length, i]
     latest.sort()
     return latest[int(QUANTILE * many)] / OF_NORMAL

@@ -27,10 +27,9 @@ from __future__ import annotations
 
 from math import cos, exp, sin, sqrt
 
-import numba
-
 from sinstool.core import earth
 from sinstool.core.arrays import FloatArray, IntArray
+from sinstool.core.parts import part
 from sinstool.methods import products
 from sinstool.methods.ins_gnss import states
 
@@ -39,7 +38,7 @@ _VN, _VE, _VD = states.VELOCITY, states.VELOCITY + 1, states.VELOCITY + 2
 _PN, _PE, _PD = states.ATTITUDE, states.ATTITUDE + 1, states.ATTITUDE + 2
 
 
-@numba.njit(cache=True, nogil=True)
+@part()
 def radii(lat: float, h: float) -> tuple[float, float]:
     """Radii of curvature plus height, m: along the meridian and across."""
     s = sin(lat)
@@ -48,7 +47,7 @@ def radii(lat: float, h: float) -> tuple[float, float]:
     return transverse * (1.0 - earth.ECCENTRICITY_SQUARED) / square + h, transverse + h
 
 
-@numba.njit(cache=True, nogil=True)
+@part()
 def error_rates(
     index: IntArray,
     lat: float,
@@ -204,7 +203,7 @@ def error_rates(
         out[a, b] -= k3
 
 
-@numba.njit(cache=True, nogil=True)
+@part()
 def transition(
     index: IntArray,
     rates: FloatArray,
@@ -247,7 +246,7 @@ def transition(
 
 
 # Sums may be made in any order, or they would not be made several at a time.
-@numba.njit(cache=True, nogil=True, fastmath={"reassoc", "contract"}, error_model="numpy")
+@part(fastmath={"reassoc", "contract"}, error_model="numpy")
 def propagate_covariance(
     index: IntArray,
     phi: FloatArray,
@@ -300,7 +299,7 @@ def propagate_covariance(
         p[i, i] += 0.5 * delta * noise[i]
 
 
-@numba.njit(cache=True, nogil=True, error_model="numpy")
+@part(error_model="numpy")
 def propagate_estimate(
     index: IntArray, phi: FloatArray, decay: FloatArray, x: FloatArray, half: FloatArray
 ) -> None:
@@ -317,7 +316,7 @@ def propagate_estimate(
         x[i] *= decay[i]
 
 
-@numba.njit(cache=True, nogil=True, error_model="numpy")
+@part(error_model="numpy")
 def propagate_product(
     index: IntArray, phi: FloatArray, decay: FloatArray, product: FloatArray, half: FloatArray
 ) -> None:
@@ -333,7 +332,7 @@ def propagate_product(
             product[i, j] *= decay[i]
 
 
-@numba.njit(cache=True, nogil=True, error_model="numpy")
+@part(error_model="numpy")
 def baro_correction(
     index: IntArray,
     l1: float,

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 from scipy.special import chdtri
 
 from sinstool.core.arrays import FloatArray
-from sinstool.methods.ins_gnss import layout, states
+from sinstool.methods.ins_gnss import states
 from sinstool.methods.ins_gnss.constraints import LandVehicle
 from sinstool.methods.ins_gnss.settings import Settings, Start
 
@@ -103,45 +105,43 @@ def _bias_sigmas(start: Start, settings: Settings) -> tuple[float, float]:
     )
 
 
-def loop_parameters(kind: states.FilterKind, settings: Settings) -> FloatArray:
-    """Numbers by the names ``P_...`` of :mod:`~sinstool.methods.ins_gnss.layout`."""
-    p = np.zeros(layout.PARAMETERS)
+def loop_parameters(kind: states.FilterKind, settings: Settings) -> dict[str, Any]:
+    """Fields of :data:`sinstool.methods.ins_gnss.layout.MODEL` by their names."""
     control, gnss = settings.control, settings.gnss
-    p[layout.P_SUBSTEP] = settings.substep
-    if kind.network:
-        p[layout.P_SUBSTEP] = min(settings.substep, settings.damping.tau / 8.0)
-        p[layout.P_K4] = settings.damping.k4
-    p[layout.P_CLOSED] = float(settings.feedback == "closed")
-    p[layout.P_NETWORK] = float(kind.network)
-    p[layout.P_CORRECTION_ROW] = float(kind.correction_row)
-    p[layout.P_BARO_ROW] = float(kind.baro_row or (kind.network and settings.baro_row))
-    p[layout.P_ROW_INTERVAL] = settings.row_interval
-    p[layout.P_LEVER : layout.P_LEVER + 3] = settings.lever_arm_b
-    p[layout.P_BARO_DECAY] = settings.baro.decay
-    p[layout.P_BARO_WHITE] = settings.baro.white**2
-    p[layout.P_BARO_SIGMA] = settings.baro.sigma
-    p[layout.P_CORRECTION_VARIANCE] = settings.correction_sigma**2
-    p[layout.P_ADAPTIVE] = _ADAPTIVE[control.adaptive]
-    p[layout.P_FADING] = control.fading
-    p[layout.P_LEAST], p[layout.P_MOST] = control.least, control.most
-    p[layout.P_EPSILON] = control.schmidt_epsilon
-    p[layout.P_RESTART_AFTER] = control.restart_after
-    p[layout.P_ESCALATE] = float(control.escalate)
-    p[layout.P_MAX_GAP] = settings.max_gap
-    p[layout.P_GAP_ACCELERATION] = settings.gap_acceleration
-    p[layout.P_GAP_RATE] = settings.gap_rate
-    p[layout.P_BARO_GATE] = settings.baro_gate
     # Scale factors without states of their own are taken for errors of the axes
     own = settings.imu.gyro_scale if kind.first(states.GYRO_SCALE) < 0 else 0.0
-    p[layout.P_TURN] = (own**2 + settings.imu.gyro_misalignment**2) * TURN
     white = np.square([*gnss.position_white, *gnss.velocity_white])
     slow = np.square([*gnss.position_markov, *gnss.velocity_markov])
-    p[layout.P_GNSS_WHITE : layout.P_GNSS_WHITE + 6] = white
-    p[layout.P_GNSS_MARKOV : layout.P_GNSS_MARKOV + 6] = slow
-    p[layout.P_GNSS_ALL : layout.P_GNSS_ALL + 6] = white + slow
-    p[layout.P_CHANNEL_GATE] = CHANNEL_GATE
-    p[layout.P_GATES] = np.inf
-    p[layout.P_GATES + 1 : layout.P_GATES + 7] = chdtri(
-        np.arange(1, 7), 1.0 - control.gate_probability
-    )
-    return p
+    tau = settings.damping.tau
+    return {
+        "substep": min(settings.substep, tau / 8.0) if kind.network else settings.substep,
+        "k4": settings.damping.k4 if kind.network else 0.0,
+        "closed": settings.feedback == "closed",
+        "has_network": kind.network,
+        "correction_row": kind.correction_row,
+        "baro_row": kind.baro_row or (kind.network and settings.baro_row),
+        "row_interval": settings.row_interval,
+        "lever": settings.lever_arm_b,
+        "baro_decay": settings.baro.decay,
+        "baro_white": settings.baro.white**2,
+        "baro_sigma": settings.baro.sigma,
+        "correction_variance": settings.correction_sigma**2,
+        "adaptive": _ADAPTIVE[control.adaptive],
+        "fading": control.fading,
+        "least": control.least,
+        "most": control.most,
+        "epsilon": control.schmidt_epsilon,
+        "restart_after": control.restart_after,
+        "escalate": control.escalate,
+        "max_gap": settings.max_gap,
+        "gap_acceleration": settings.gap_acceleration,
+        "gap_rate": settings.gap_rate,
+        "baro_gate": settings.baro_gate,
+        "measured": control.measured_epochs > 0,
+        "turn_variance": (own**2 + settings.imu.gyro_misalignment**2) * TURN,
+        "gnss_white": white,
+        "gnss_markov": slow,
+        "gnss_all": white + slow,
+        "channel_gate": CHANNEL_GATE,
+        "gates": [np.inf, *chdtri(np.arange(1, 7), 1.0 - control.gate_probability)],
+    }

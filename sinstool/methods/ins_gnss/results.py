@@ -10,8 +10,6 @@ from dataclasses import dataclass
 
 from sinstool.core.arrays import BoolArray, FloatArray, IntArray
 
-SENSORS = 14  # columns of StoredEpochs.sensors
-
 EVENT_NAMES = (
     "gated",
     "restart",

@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-import numba
 import numpy as np
 
 from sinstool.core.arrays import FloatArray
+from sinstool.core.parts import kernel
 from sinstool.methods.rts import smoother_covariance, smoother_gain
 
 
-@numba.njit(cache=True, nogil=True)
+@kernel()
 def smooth_backward(
     transition: FloatArray,
     p_minus: FloatArray,

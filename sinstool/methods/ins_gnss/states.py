@@ -63,6 +63,7 @@ GNSS_POSITION = 23
 GNSS_VELOCITY = 26
 LAND_VEHICLE = 29
 SIZE = 35
+MOVING = 10  # of them at most
 # Within the block of the land vehicle
 MOUNT_PITCH, MOUNT_YAW, AXLE, SIDESLIP, SQUAT, WHEEL_SCALE = range(6)
 
@@ -96,6 +97,7 @@ FilterName = Literal[
 I_CORRECTION, I_BARO, I_GYRO_BIAS, I_ACCEL_SCALE, I_ACCEL_BIAS, I_GYRO_SCALE = 0, 1, 2, 3, 4, 5
 I_GNSS_POSITION, I_GNSS_VELOCITY, I_LAND_VEHICLE = 6, 7, 8
 I_MOVING, I_COUPLED, I_STATES = 9, 10, 11
+INDEX_SIZE = 12
 
 
 @dataclass(frozen=True)

@@ -8,17 +8,16 @@ from __future__ import annotations
 
 from math import sqrt
 
-import numba
-
 from sinstool.core.arrays import FloatArray
+from sinstool.core.parts import part
 from sinstool.methods.ins_gnss.layout import Memory
 from sinstool.methods.products import product
 
 
-@numba.njit(cache=True, nogil=True, error_model="numpy")
+@part(error_model="numpy")
 def project(m: Memory, rows: int) -> None:
     """``hp = H P`` and ``s = H P H^T``, without the measurement's own noise."""
-    n = m.p.shape[0]
+    n = m.n
     product(m.h, m.p, rows, n, n, m.hp)
     for i in range(rows):
         for j in range(i + 1):
@@ -29,7 +28,7 @@ def project(m: Memory, rows: int) -> None:
             m.s[j, i] = total
 
 
-@numba.njit(cache=True, nogil=True, error_model="numpy")
+@part(error_model="numpy")
 def factor(s: FloatArray, add: FloatArray, rows: int, root: FloatArray) -> bool:
     """Cholesky's root of ``s + diag(add)``; False where it is not positive definite."""
     for i in range(rows):
@@ -48,7 +47,7 @@ def factor(s: FloatArray, add: FloatArray, rows: int, root: FloatArray) -> bool:
     return True
 
 
-@numba.njit(cache=True, nogil=True, error_model="numpy")
+@part(error_model="numpy")
 def normalised_square(root: FloatArray, nu: FloatArray, rows: int, work: FloatArray) -> float:
     """``nu^T S^-1 nu`` by the root of S."""
     nis = 0.0
@@ -62,7 +61,7 @@ def normalised_square(root: FloatArray, nu: FloatArray, rows: int, work: FloatAr
     return nis
 
 
-@numba.njit(cache=True, nogil=True, error_model="numpy")
+@part(error_model="numpy")
 def apply_measurement(m: Memory, rows: int, epsilon: float) -> bool:
     """Update estimate and covariance with the measurement in `h`, `nu` and `r`.
 
@@ -82,7 +81,7 @@ def apply_measurement(m: Memory, rows: int, epsilon: float) -> bool:
     bool
         False, and nothing changed, where S is not positive definite.
     """
-    n = m.p.shape[0]
+    n = m.n
     if not factor(m.s, m.r, rows, m.root):
         return False
     for c in range(rows):
@@ -91,8 +90,8 @@ def apply_measurement(m: Memory, rows: int, epsilon: float) -> bool:
         _solve(m.root, m.weight, c, rows)
     if epsilon > 0.0:
         for i in range(rows):
-            m.gain[i, 0] = 0.0
-        if factor(m.s, m.gain[:, 0], rows, m.root):
+            m.work[i] = 0.0
+        if factor(m.s, m.work, rows, m.root):
             for c in range(rows):
                 for i in range(rows):
                     m.pht[i, c] = m.r[i] * m.weight[i, c]
@@ -137,7 +136,7 @@ def apply_measurement(m: Memory, rows: int, epsilon: float) -> bool:
     return True
 
 
-@numba.njit(cache=True, nogil=True, error_model="numpy")
+@part(error_model="numpy")
 def _solve(root: FloatArray, columns: FloatArray, c: int, rows: int) -> None:
     """Solve with a root of Cholesky's, column c in place."""
     for i in range(rows):

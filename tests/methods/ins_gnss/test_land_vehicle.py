@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from sinstool.core import rotation
-from sinstool.methods.ins_gnss import instants, land_vehicle, layout, states
+from sinstool.methods.ins_gnss import instants, land_vehicle, states
 from sinstool.methods.ins_gnss.constraints import STEP_NS, Constraints, LandVehicle
 from sinstool.methods.ins_gnss.filter import InsGnssFilter
 from sinstool.methods.strapdown.navigation import initial_state
@@ -29,7 +29,7 @@ def rolling_filter(speed=np.nan):
         0.8, 0.2, 300.0, [11.0, 7.0, -0.6], rotation.from_euler([0.02, -0.05, 0.3])
     )
     memory.vehicle[9:] = 1.3, 0.003, 0.004, 0.02
-    memory.numbers[layout.N_ROLLING : layout.N_ROLLING + 6] = 0.01, 0.02, 0.3, 1.5, 3.0, -9.7
+    memory.rolling[:] = 0.01, 0.02, 0.3, 1.5, 3.0, -9.7
     return memory, model
 
 
@@ -38,8 +38,8 @@ def test_rows_are_derivatives_of_the_innovations(speed):
     memory, model = rolling_filter(speed)
     rows, _ = land_vehicle.rolling_rows(memory, model, speed)
     assert rows == (3 if np.isfinite(speed) else 2)
-    h, nu = memory.h[:rows].copy(), memory.nu[:rows].copy()
-    nav, vehicle, rate = memory.nav.copy(), memory.vehicle.copy(), memory.numbers.copy()
+    h, nu = memory.h[:rows, : memory.n].copy(), memory.nu[:rows].copy()
+    nav, vehicle, rate = memory.nav.copy(), memory.vehicle.copy(), memory.rolling.copy()
     first = int(model.where[states.I_LAND_VEHICLE])
     gyro = int(model.where[states.I_GYRO_BIAS])
     step = 1e-6
@@ -48,10 +48,10 @@ def test_rows_are_derivatives_of_the_innovations(speed):
         for sign in (1.0, -1.0):
             error = np.zeros(h.shape[1])
             error[state] = sign * step
-            memory.nav[:], memory.vehicle[:], memory.numbers[:] = nav, vehicle, rate
+            memory.nav[:], memory.vehicle[:], memory.rolling[:] = nav, vehicle, rate
             instants.corrected(nav, -error, memory.nav)
             instants._feed_back_vehicle(memory.vehicle, -error, first)
-            bias = memory.numbers[layout.N_ROLLING : layout.N_ROLLING + 3]
+            bias = memory.rolling[:3]
             bias += sign * step * (np.arange(3) == state - gyro)
             land_vehicle.rolling_rows(memory, model, speed)
             moved.append(memory.nu[:rows].copy())

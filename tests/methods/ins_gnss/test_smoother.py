@@ -8,7 +8,8 @@ import pytest
 from sinstool.core import earth
 from sinstool.core.rotation import conjugate, exp, log, multiply
 from sinstool.methods.ins_gnss import smoother as smoother_module
-from sinstool.methods.ins_gnss.results import SENSORS, FilterBlock, StoredEpochs, UpdateColumns
+from sinstool.methods.ins_gnss.layout import SENSORS
+from sinstool.methods.ins_gnss.results import FilterBlock, StoredEpochs, UpdateColumns
 from sinstool.methods.ins_gnss.settings import DivergenceControl
 from sinstool.methods.ins_gnss.smoother import Smoother, smooth_epochs, smooth_updates
 from sinstool.methods.ins_gnss.states import FILTERS, GYRO_BIAS

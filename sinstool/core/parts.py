@@ -1,0 +1,160 @@
+"""Compiled functions in two kinds: kernels that Python calls, and parts that kernels are made of.
+
+numba makes a library of each compiled function: it optimises it together with all that it calls,
+makes machine code of it, and ways in for Python and C. Of what only compiled code calls none of
+that is needed, as whatever calls it is optimised together with it again: a function that lies five
+calls deep is optimised six times, and machine code is made of it as often.
+
+A part is compiled into whatever calls it, and kept with that; it has no machine code of its own.
+Called from Python, as tests do, it is compiled once more as an ordinary function.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from functools import cache, cached_property
+from threading import local
+from typing import Any, TypeVar, cast
+
+from numba import njit
+from numba.core import codegen, config, cpu, registry
+
+from sinstool.core.compiled import set_up_cache
+
+__all__ = ["kernel", "part"]
+
+Function = TypeVar("Function", bound=Callable[..., Any])
+
+_Library = codegen.CPUCodeLibrary
+_turn = local()
+
+
+class _Kernel(registry.CPUDispatcher):
+    """Compiles what it calls as parts."""
+
+    def compile(self, signature: Any) -> Any:
+        with _ours():
+            return super().compile(signature)
+
+
+class _Part(registry.CPUDispatcher):
+    """Compiles for compiled code, and has a kernel compile for Python."""
+
+    @cached_property
+    def _for_python(self) -> Any:
+        options = {k: v for k, v in self.targetoptions.items() if k not in _NO_WAY_IN}
+        return kernel(**options)(self.py_func)
+
+    def add_overload(self, compiled: Any) -> None:
+        # Not where calls from Python look, which would find no way in
+        self.overloads[tuple(compiled.signature.args)] = compiled
+
+    def _compile_for_args(self, *args: Any, **keywords: Any) -> Any:
+        return self._for_python._compile_for_args(*args, **keywords)
+
+
+_ONE_WAY_IN = {"nopython": True, "no_cfunc_wrapper": True}
+_NO_WAY_IN = _ONE_WAY_IN | {"no_cpython_wrapper": True}
+
+
+def kernel(**options: Any) -> Callable[[Function], Function]:
+    """Decorate a function that Python calls; it is kept in numba's cache.
+
+    Parameters
+    ----------
+    **options
+        Of `numba.njit`; `nogil` is set unless given.
+    """
+    options = {"nogil": True} | options
+
+    def decorate(function: Function) -> Function:
+        if not _supported():
+            return cast(Function, njit(cache=True, **options)(function))
+        made = _Kernel(
+            function, targetoptions=options | {"nopython": True, "no_cfunc_wrapper": True}
+        )
+        made.enable_caching()
+        return cast(Function, made)
+
+    return decorate
+
+
+def part(**options: Any) -> Callable[[Function], Function]:
+    """Decorate a function that compiled functions call.
+
+    Parameters
+    ----------
+    **options
+        Of `numba.njit`; `nogil` is set unless given.
+    """
+    options = {"nogil": True} | options
+
+    def decorate(function: Function) -> Function:
+        if not _supported():
+            return cast(Function, njit(cache=True, **options)(function))
+        return cast(Function, _Part(function, targetoptions=options | _NO_WAY_IN))
+
+    return decorate
+
+
+@contextmanager
+def _ours() -> Iterator[None]:
+    """This thread compiles a kernel."""
+    before = getattr(_turn, "ours", False)
+    _turn.ours = True
+    try:
+        yield
+    finally:
+        _turn.ours = before
+
+
+@cache
+def _supported() -> bool:
+    """Have numba leave libraries of parts to the libraries that they become parts of.
+
+    Not of its public interface: another numba may do without, and compile for longer.
+    """
+    needed = (
+        (_Library, ("add_linking_library", "_get_module_for_linking")),
+        (cpu.CPUContext, ("get_executable",)),
+        (registry.CPUDispatcher, ("compile", "add_overload", "_compile_for_args")),
+    )
+    known = all(hasattr(owner, name) for owner, names in needed for name in names)
+    if getattr(config, "DISABLE_JIT", False) or not known:
+        return False
+    theirs_get = cpu.CPUContext.get_executable
+    theirs_add = _Library.add_linking_library
+
+    def get_executable(self: Any, library: Any, fndesc: Any, env: Any) -> Any:
+        if not _without_way_in(library, fndesc):
+            return theirs_get(self, library, fndesc, env)
+        library._is_part = library._finalized = True
+        name = fndesc.qualname.split(".")[-1]
+        return cpu._dynfunc.make_function(fndesc.lookup_module(), name, "", 0, env, (library,))
+
+    def add_linking_library(self: Any, library: Any) -> None:
+        theirs_add(self, library)
+        if getattr(library, "_is_part", False):
+            for each in library._linking_libraries:
+                if each not in self._linking_libraries:
+                    add_linking_library(self, each)
+
+    cpu.CPUContext.get_executable = get_executable  # type: ignore[method-assign]
+    _Library.add_linking_library = add_linking_library  # type: ignore[method-assign]
+    return True
+
+
+def _without_way_in(library: Any, fndesc: Any) -> bool:
+    """Whether a library of a kernel's can only be called by other compiled code."""
+    if library._finalized or not getattr(_turn, "ours", False):
+        return False
+    ways_in = {fndesc.llvm_cpython_wrapper_name, fndesc.llvm_cfunc_wrapper_name}
+    module = library._final_module
+    # What calls itself is found by its address
+    return not any(f.name in ways_in for f in module.functions) and not any(
+        g.name.startswith(codegen.RuntimeLinker.PREFIX) for g in module.global_variables
+    )
+
+
+set_up_cache()
