@@ -209,7 +209,8 @@ class FilterOptions(Group):
     mount: tuple[float, float, float] | None = option(
         None,
         "attitude of the IMU in the land vehicle in degrees; pitch and yaw are refined from the"
-        " motion (default: estimated from the motion)",
+        " motion (default: by the transforms of /tf_static where the motion agrees with them, else"
+        " estimated from the motion)",
         "ROLL,PITCH,YAW",
     )
     baro_sigma: float | None = option(

@@ -19,8 +19,9 @@ from sinstool.core.timeline import SECOND, Order, mean_rates, ordered, reblock
 from sinstool.core.units import DEGREE, STANDARD_GRAVITY
 from sinstool.io.readers.log import Log
 from sinstool.io.readers.message_types import FIX_TYPE
-from sinstool.io.readers.streams import ImuUnits, Losses, first_fix, read_imu, tf_parent
+from sinstool.io.readers.streams import ImuUnits, Losses, first_fix, read_imu
 from sinstool.io.readers.topics import NONE, ImuTopic, choose_imu, optional_topics
+from sinstool.io.readers.transforms import StaticRotation, in_vehicle, tf_parent
 from sinstool.survey.aiding import AidingData, aiding_channels, read_barometer
 from sinstool.survey.gnss import read_gnss
 from sinstool.survey.imu import BLOCK_ROWS, SampleCache, Survey, Watcher, survey, within
@@ -55,6 +56,9 @@ class Source:
         Of the Imu's messages: cdr or ros1.
     tf_parent : str or None
         Parent of the body's frame in the log's own transforms, where one may be in the way.
+    in_vehicle : StaticRotation or None
+        How the body's frame is turned in the vehicle by the log's static transforms, where a mode
+        may use that.
     samples : SampleCache
         What the survey read, where it is not too much to keep.
     """
@@ -70,6 +74,7 @@ class Source:
     body_frame: str
     encoding: str
     tf_parent: str | None
+    in_vehicle: StaticRotation | None
     samples: SampleCache
 
     @property
@@ -140,6 +145,7 @@ def prepare(
         body_frame=body,
         encoding=topic.channels[0].message_encoding,
         tf_parent=tf_parent(log, body) if _may_write_tf(config) else None,
+        in_vehicle=in_vehicle(log, body) if all_gnss and _may_need_mount(config) else None,
         samples=samples,
     )
     _explain(source, config)
@@ -283,6 +289,15 @@ def _may_write_tf(config: ProcessConfig) -> bool:
     if config.output.only_results:
         return False
     return config.navigation.mode != "attitude" if emit is None else "tf" in emit
+
+
+def _may_need_mount(config: ProcessConfig) -> bool:
+    """Whether a run may hold a land vehicle by its axle without being told how the Imu sits."""
+    return (
+        config.navigation.mode in ("auto", "ins-gnss")
+        and config.filter.vehicle != "none"
+        and config.filter.mount is None
+    )
 
 
 def has_gnss(log: Log, options: InputOptions) -> bool:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import suppress
 from dataclasses import dataclass
 from functools import partial
 from itertools import count, islice, takewhile
@@ -33,10 +32,6 @@ Made = TypeVar("Made")
 
 # rad/s and m/s^2: no sensor measures so much, in no unit that anybody writes, but damage does.
 LARGEST = 1e9
-TF_TYPES = ("tf2_msgs/msg/TFMessage", "tf/msg/tfMessage")
-# The tree of a vehicle is complete within its first messages; reading on would cost a Python
-# call for each of what may be millions.
-MAX_TF_MESSAGES = 20_000
 _XYZ = ("x", "y", "z")
 _XYZW = ("x", "y", "z", "w")
 
@@ -372,35 +367,3 @@ def layouts(log: Log, channels: Sequence[Channel]) -> Iterator[tuple[Layout, byt
                 yield walk(definitions[int(batch.channel[i])], payload), payload
             except LayoutError:
                 continue
-
-
-def tf_parent(log: Log, child: str) -> str | None:
-    """Parent of a frame in the log's own /tf and /tf_static; None where it has none.
-
-    Parameters
-    ----------
-    child : str
-        Frame id.
-    """
-    channels = []
-    for channel in log.channels.values():
-        if channel.type in TF_TYPES:
-            with suppress(UnsupportedLogError):
-                channel.definition(log.path)
-                channels.append(channel)
-    if channels:
-        for layout, payload in islice(layouts(log, channels), MAX_TF_MESSAGES):
-            parent = _parent(layout, payload, child)
-            if parent is not None:
-                return parent
-    return None
-
-
-def _parent(layout: Layout, payload: bytes, child: str) -> str | None:
-    index = 0
-    while f"transforms[{index}].child_frame_id" in layout.leaves:
-        name = layout.text(f"transforms[{index}].child_frame_id", payload)
-        if name.lstrip("/") == child.lstrip("/"):
-            return layout.text(f"transforms[{index}].header.frame_id", payload)
-        index += 1
-    return None

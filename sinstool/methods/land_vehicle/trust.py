@@ -100,7 +100,9 @@ class Trust:
     vertical: AxisTrust | None = None
 
 
-def find_trust(means: Means, track: Track, c_vb: FloatArray | None = None) -> Trust:
+def find_trust(
+    means: Means, track: Track, c_vb: FloatArray | None = None, given_sigma: float = GIVEN_SIGMA
+) -> Trust:
     """Whether a vehicle's axle slides, by a track without constraints.
 
     Parameters
@@ -109,6 +111,8 @@ def find_trust(means: Means, track: Track, c_vb: FloatArray | None = None) -> Tr
     track : Track
     c_vb : ndarray, shape (3, 3), optional
         The mount, where it is known.
+    given_sigma : float, optional
+        How well, rad, for pitch and yaw.
 
     Returns
     -------
@@ -117,7 +121,7 @@ def find_trust(means: Means, track: Track, c_vb: FloatArray | None = None) -> Tr
     # What the user knows serves where the log does not show it
     known, mount_sigma = None, MOUNT_SIGMA
     if c_vb is not None:
-        mount_sigma = GIVEN_SIGMA
+        mount_sigma = given_sigma
         known = LandVehicle(c_vb, 0.0, UNSHOWN_SIGMA, UNSHOWN_SIGMA, mount_sigma=mount_sigma)
     anywhere = np.ones(len(means), bool)
     if len(track.time_ns) < LEAST_ROWS:
@@ -143,7 +147,7 @@ def find_trust(means: Means, track: Track, c_vb: FloatArray | None = None) -> Tr
         c_vb = to_dcm(exp([0.0, pitch, -yaw])) @ c_vb
     elif max(abs(yaw), abs(pitch)) > MOST_OFF:
         off = max(abs(yaw), abs(pitch)) / DEGREE
-        reason = f"its way is {off:.0f} deg off the direction of --mount"
+        reason = f"its way is {off:.0f} deg off the direction of the mount"
     vehicle = LandVehicle(c_vb, axle, lateral.sigma, vertical.sigma, mount_sigma=mount_sigma)
     far = track.time_ns[moving][far_y | far_z]
     beside = np.zeros(len(means), bool)

@@ -14,7 +14,12 @@ from sinstool.core.timeline import SECOND
 from sinstool.core.units import DEGREE
 from sinstool.io.readers.topics import NONE
 from sinstool.methods.coning.algorithm import ConingAlgorithm
-from sinstool.methods.ins_gnss.constraints import STEP_NS, Constraints, VehicleEstimate
+from sinstool.methods.ins_gnss.constraints import (
+    MOUNT_SIGMA,
+    STEP_NS,
+    Constraints,
+    VehicleEstimate,
+)
 from sinstool.methods.ins_gnss.filter import FilterSummary, InsGnssFilter
 from sinstool.methods.ins_gnss.smoother import Smoother
 from sinstool.methods.ins_gnss.states import ATTITUDE, VELOCITY
@@ -58,6 +63,8 @@ class VehicleFound:
         The user says that it is one.
     mounted : bool
         The user says how the IMU sits in it.
+    denied : tuple of Finding
+        What the log's own transforms say of that, and its motion denies.
     wheels_named : bool
         The user names the topic of its wheels.
     wheels : WheelsUsed or None
@@ -70,6 +77,7 @@ class VehicleFound:
     reason: str = "as --vehicle is none"
     forced: bool = False
     mounted: bool = False
+    denied: tuple[Finding, ...] = ()
     wheels_named: bool = False
     wheels: WheelsUsed | None = None
 
@@ -124,6 +132,8 @@ class VehicleFound:
         return self._findings(land, trust)
 
     def _findings(self, land: LandVehicleUsed | None, trust: Trust | None) -> list[Finding]:
+        if self.denied:
+            return [*self.denied, *replace(self, denied=())._findings(land, trust)]
         if self.mounted and trust is not None and not trust.holds and not self.forced:
             text = f"no constraint is used with this --mount, as {trust.reason}"
             answer = "check --mount, or leave it out"
@@ -223,20 +233,17 @@ def find_vehicle(
         return VehicleFound()
     if options.feedback == "none":
         return VehicleFound(reason="as --feedback is none")
-    mount = None
-    if options.mount is not None:
-        mount = to_dcm(from_euler(np.array(options.mount) * DEGREE))
     track, means = _unconstrained(source, config, algorithm, start, longest_gap_s)
     if track is None:
         return VehicleFound(reason="as there is too little of a log")
     rests = find_rests(means, track)
-    trust = find_trust(means, track, mount)
+    trust, denied = _trust(source, config, means, track)
     forced = options.vehicle == "land"
     vehicle = trust.vehicle if trust.holds or forced else None
     reason = "as --vehicle is land" if vehicle and not trust.holds else f"as {trust.reason}"
     log_choice("vehicle", f"{'land' if vehicle else 'none'}, {reason}")
     log_choice("rest", f"{np.count_nonzero(rests.at) * STEP_NS / SECOND:.1f} s, {rests.reason}")
-    found = VehicleFound(None, rests, trust, reason, forced, mount is not None)
+    found = VehicleFound(None, rests, trust, reason, forced, options.mount is not None, denied)
     found = replace(found, wheels_named=config.input.wheels not in (None, NONE))
     if vehicle is None and found.rest_s < LEAST_REST_S:
         return found
@@ -249,6 +256,47 @@ def find_vehicle(
         log_choice("wheels", f"{wheels.topic}, {wheels.fit}")
     constraints = Constraints(means.start_ns, rests.at, rests.surely, trust.rolls, speed, vehicle)
     return replace(found, constraints=constraints, wheels=wheels)
+
+
+def _trust(
+    source: Source, config: ProcessConfig, means: Means, track: Track
+) -> tuple[Trust, tuple[Finding, ...]]:
+    """Whether the axle slides, with the mount of the options, of /tf_static, or of the motion."""
+    option, stated = config.filter.mount, source.in_vehicle
+    if option is not None:
+        return find_trust(means, track, to_dcm(from_euler(np.array(option) * DEGREE))), ()
+    if stated is None:
+        return find_trust(means, track), ()
+    c_vb = mount_of(stated.q, config.input.body_axes)
+    roll, pitch, yaw = to_euler(from_dcm(c_vb)) / DEGREE
+    angles = f"roll {roll:.1f}, pitch {pitch:.1f}, yaw {yaw:.1f} deg"
+    trust = find_trust(means, track, c_vb, MOUNT_SIGMA)
+    # Trees are often written before anything is mounted
+    by_motion = trust if trust.holds else find_trust(means, track)
+    if trust.holds or not by_motion.holds:
+        log_choice("mount", f"{angles} in {stated.vehicle}, by /tf_static (--mount)")
+        return trust, ()
+    text = (
+        f"/tf_static has the IMU at {angles} in {stated.vehicle}, which the motion contradicts, as"
+        f" {trust.reason}; the mount is estimated from the motion instead"
+    )
+    answer = f"correct the transform from {stated.vehicle}, or give --mount"
+    return by_motion, (Finding("mount-transform", text, answer=answer),)
+
+
+def mount_of(q: np.ndarray, body_axes: str) -> np.ndarray:
+    """Mount of an IMU, ``C_vb`` between axes forward, right, down, from a transform.
+
+    Parameters
+    ----------
+    q : ndarray, shape (4,)
+        Turns vectors of the IMU's frame into the vehicle's, whose axes are forward, left, up.
+    body_axes : {'flu', 'frd'}
+        What the IMU's messages call x, y, z.
+    """
+    flip = np.diag([1.0, -1.0, -1.0])
+    c = flip @ to_dcm(q)
+    return np.asarray(c @ flip if body_axes == "flu" else c)
 
 
 def _unconstrained(

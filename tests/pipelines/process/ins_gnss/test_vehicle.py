@@ -2,16 +2,22 @@
 
 import numpy as np
 import pytest
+from mcap.reader import make_reader
+from mcap.writer import Writer
+from scipy.spatial.transform import Rotation
 
 from sinstool.config import ProcessConfig
 from sinstool.config.load import build
 from sinstool.core.errors import ConfigurationError
-from sinstool.core.rotation import conjugate, log, multiply
+from sinstool.core.rotation import conjugate, from_euler, log, multiply, to_dcm
 from sinstool.io.readers import open_log
 from sinstool.pipelines.process.errors_against_truth import read_references
+from sinstool.pipelines.process.ins_gnss.vehicle import mount_of
 from sinstool.pipelines.process.run import process
 from tests.helpers.filter_logs import errors, nees, run, simulated
+from tests.helpers.imulogs import serialised, store
 from tests.helpers.unseen_drives import GRADES, LEVER, boat, multicopter, record, walk, write
+from tests.io.readers.test_transforms import static
 
 MOUNT = (2.0, -4.0, 5.0)
 CAR = (
@@ -158,3 +164,48 @@ def test_wheels_that_are_named_in_vain_are_said(tmp_path):
 def test_what_cannot_be_is_refused(options, named):
     with pytest.raises(ConfigurationError, match=named):
         build(ProcessConfig, {"filter": options})
+
+
+def with_transform(path, out, roll, pitch, yaw):
+    """A log with a static transform that puts the Imu at these angles (forward, right, down)."""
+    flip = np.diag([1.0, -1.0, -1.0])
+    angles = np.radians([roll, pitch, yaw])
+    c_flu = flip @ to_dcm(from_euler(angles)) @ flip
+    message = static(("base_link", "imu_link", Rotation.from_matrix(c_flu).as_quat()))
+    with path.open("rb") as source, out.open("wb") as target:
+        writer = Writer(target)
+        writer.start(profile="ros2")
+        name = message.type_name
+        text = store().generate_msgdef(name, ros_version=2)[0].encode()
+        schema = writer.register_schema(name, "ros2msg", text)
+        channel = writer.register_channel(message.topic, "cdr", schema)
+        payload, numbers = serialised(message.message, name, 2), {}
+        for kind, of, one in make_reader(source).iter_messages(log_time_order=True):
+            if not numbers:
+                writer.add_message(channel, one.log_time, payload, one.log_time)
+            if of.id not in numbers:
+                copied = writer.register_schema(kind.name, kind.encoding, kind.data)
+                numbers[of.id] = writer.register_channel(of.topic, of.message_encoding, copied)
+            writer.add_message(numbers[of.id], one.log_time, one.data, one.publish_time)
+        writer.finish()
+    return out
+
+
+@pytest.mark.parametrize("yaw", [5.0, 95.0])
+def test_a_mount_of_the_logs_own_transforms_serves_where_motion_agrees(car, tmp_path, yaw):
+    log = with_transform(car, tmp_path / "car.mcap", 2.0, -4.0, yaw)
+    chosen, solution = run(log, input={"wheels": "none"})
+    land = chosen["filter"]["vehicle"]["land"]
+    assert land["mount_deg"][2] == pytest.approx(MOUNT[2], abs=4.0 * land["mount_sigma_deg"][1])
+    assert ("mount-transform" in kinds(chosen)) == (yaw != MOUNT[2])
+    assert outage(log, solution) < 40.0
+
+
+def test_a_transform_is_turned_into_the_axes_of_the_imu():
+    turn = from_euler(np.radians([10.0, -20.0, 30.0]))
+    forward_left_up = Rotation.from_euler("ZYX", [-30.0, 20.0, 10.0], degrees=True).as_quat()
+    q = np.roll(forward_left_up, 1)
+    assert np.allclose(mount_of(q, "flu"), to_dcm(turn), atol=1e-12)
+    # An Imu whose axes are forward, right, down lies on its back in a frame forward, left, up
+    on_its_back = np.roll(Rotation.from_euler("x", 180.0, degrees=True).as_quat(), 1)
+    assert np.allclose(mount_of(on_its_back, "frd"), np.eye(3), atol=1e-12)

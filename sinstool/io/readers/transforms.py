@@ -1,0 +1,131 @@
+"""Frames that a log itself relates to each other, in /tf and /tf_static."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import suppress
+from dataclasses import dataclass
+from itertools import islice
+
+import numpy as np
+
+from sinstool.core.arrays import FloatArray
+from sinstool.core.errors import UnsupportedLogError
+from sinstool.core.rotation import multiply, normalise
+from sinstool.io.messages.layout import Layout
+from sinstool.io.readers.log import Channel, Log
+from sinstool.io.readers.streams import layouts
+
+TF_TYPES = ("tf2_msgs/msg/TFMessage", "tf/msg/tfMessage")
+STATIC = "tf_static"
+# The tree of a vehicle is complete within its first messages; reading on would cost a Python
+# call for each of what may be millions.
+MAX_TF_MESSAGES = 20_000
+# Frames whose x axis is the vehicle's forward, by REP 105 and by custom.
+VEHICLE_FRAMES = ("base_link", "base_footprint", "base_frame", "chassis", "rear_axle", "vehicle")
+# A quaternion of this length is one that was left empty.
+_EMPTY = 1e-3
+
+
+@dataclass(frozen=True)
+class StaticRotation:
+    """How a frame is turned in the frame of its vehicle.
+
+    Attributes
+    ----------
+    vehicle : str
+        Frame id.
+    q : ndarray, shape (4,)
+        w, x, y, z; turns vectors of the frame into the vehicle's, both forward, left, up.
+    """
+
+    vehicle: str
+    q: FloatArray
+
+
+def tf_parent(log: Log, child: str) -> str | None:
+    """Parent of a frame in the log's own /tf and /tf_static; None where it has none.
+
+    Parameters
+    ----------
+    child : str
+        Frame id.
+    """
+    channels = _channels(log)
+    for layout, payload in islice(layouts(log, channels), MAX_TF_MESSAGES) if channels else ():
+        for path in _transforms(layout):
+            if _same(layout.text(f"{path}.child_frame_id", payload), child):
+                return layout.text(f"{path}.header.frame_id", payload)
+    return None
+
+
+def in_vehicle(log: Log, child: str) -> StaticRotation | None:
+    """How a frame is turned in its vehicle, by the static transforms of a log.
+
+    Parameters
+    ----------
+    child : str
+        Frame id.
+
+    Returns
+    -------
+    StaticRotation or None
+        None where no chain of static transforms leads to a frame with one of the usual names.
+    """
+    channels = [c for c in _channels(log) if c.topic.rsplit("/", 1)[-1] == STATIC]
+    parents: dict[str, tuple[str, FloatArray]] = {}
+    for layout, payload in islice(layouts(log, channels), MAX_TF_MESSAGES) if channels else ():
+        for path in _transforms(layout):
+            q = _quaternion(layout, f"{path}.transform.rotation", payload)
+            if q is not None:
+                name = layout.text(f"{path}.child_frame_id", payload).lstrip("/")
+                parent = layout.text(f"{path}.header.frame_id", payload).lstrip("/")
+                parents[name] = parent, q
+    frame, turned = child.lstrip("/"), np.array([1.0, 0.0, 0.0, 0.0])
+    # A tree has no loops, but what is written may
+    for _ in range(len(parents)):
+        if frame not in parents:
+            return None
+        frame, q = parents[frame]
+        turned = multiply(q, turned)
+        if frame.rsplit("/", 1)[-1] in VEHICLE_FRAMES:
+            return StaticRotation(frame, normalise(turned))
+    return None
+
+
+def _channels(log: Log) -> list[Channel]:
+    """Channels with transforms whose definition can be read."""
+    channels = []
+    for channel in log.channels.values():
+        if channel.type in TF_TYPES:
+            with suppress(UnsupportedLogError):
+                channel.definition(log.path)
+                channels.append(channel)
+    return channels
+
+
+def _transforms(layout: Layout) -> Iterator[str]:
+    """Paths of the transforms of a message."""
+    index = 0
+    while f"transforms[{index}].child_frame_id" in layout.leaves:
+        yield f"transforms[{index}]"
+        index += 1
+
+
+def _quaternion(layout: Layout, path: str, payload: bytes) -> FloatArray | None:
+    """Of unit length, w first; None where it has none."""
+    order = ">" if layout.big_endian else "<"
+    leaves = [layout.leaves.get(f"{path}.{axis}") for axis in "wxyz"]
+    q = np.array(
+        [
+            np.nan if leaf is None else np.frombuffer(payload, order + "f8", 1, leaf.offset)[0]
+            for leaf in leaves
+        ]
+    )
+    if not np.isfinite(q).all() or np.linalg.norm(q) < _EMPTY:
+        return None
+    return normalise(q)
+
+
+def _same(one: str, other: str) -> bool:
+    return one.lstrip("/") == other.lstrip("/")
