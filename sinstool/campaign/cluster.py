@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import gc
 import importlib
 import queue
 import secrets
@@ -15,6 +16,7 @@ from sinstool.campaign import jobs
 from sinstool.campaign.visible import not_seen, sights, tokens, what_differs
 from sinstool.core import version
 from sinstool.core.errors import ConfigurationError, SinstoolError
+from sinstool.core.memory import kept_memory
 
 # Waiting for the scheduler, for a first worker, and for cancelled jobs to let go of their files, s.
 CONNECT = 10.0
@@ -214,6 +216,17 @@ class _Cancelled(BaseException):
     """Nobody wants this job any more."""
 
 
+@contextlib.contextmanager
+def _seldom_collected() -> Iterator[None]:
+    """Look for garbage as seldom as our own workers do; a job leaves next to none."""
+    before = gc.get_threshold()
+    gc.set_threshold(*jobs.GARBAGE)
+    try:
+        yield
+    finally:
+        gc.set_threshold(*before)
+
+
 def _work(task: jobs.Task, key: str, topic: str) -> jobs.Outcome:
     """Do a task, on a worker."""
     from distributed import get_worker
@@ -230,6 +243,7 @@ def _work(task: jobs.Task, key: str, topic: str) -> jobs.Outcome:
         # A worker that came later than the check
         return jobs.Outcome(error=f"{task.job.name}: a worker does not see the output", exit_code=1)
     try:
-        return jobs.perform(task, tell)
+        with kept_memory(), _seldom_collected():
+            return jobs.perform(task, tell)
     except _Cancelled:
         return jobs.Outcome(error="cancelled", exit_code=130)

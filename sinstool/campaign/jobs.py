@@ -23,6 +23,8 @@ from sinstool.core.whole_file import completed_outputs
 Report = Callable[[float], None]
 # Progress is reported at most that often, s.
 TELL_EVERY = 0.2
+# When workers look for garbage: objects made, and how often among older ones.
+GARBAGE = (100_000, 50, 50)
 
 
 @dataclass(frozen=True)

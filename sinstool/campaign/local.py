@@ -150,7 +150,7 @@ def _serve(pipe: Connection) -> None:
             signal.signal(getattr(signal, number), signal.SIG_IGN)
     signal.signal(signal.SIGTERM, _terminated)
     threading.Thread(target=_with_parent, daemon=True).start()
-    gc.set_threshold(100_000, 50, 50)
+    gc.set_threshold(*jobs.GARBAGE)
     show = warnings.showwarning
 
     def hand_on(message: Warning | str, category: type[Warning], *where: Any, **more: Any) -> None:

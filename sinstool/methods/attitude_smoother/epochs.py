@@ -140,8 +140,9 @@ class EpochStage:
             self._ends.append(ends[:made].copy())
 
     def finish(self) -> Epochs:
-        """All epochs, the open one included."""
-        rows, ends = list(self._closed), list(self._ends)
+        """All epochs, the open one included; the stage has none of them any more."""
+        rows, ends = self._closed, self._ends
+        self._closed, self._ends = [], []
         if self._open[COUNT] > 0.0:
             row = self._open.copy()
             _close(row)

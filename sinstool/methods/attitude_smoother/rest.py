@@ -24,6 +24,7 @@ from sinstool.methods.attitude_smoother.epochs import (
 )
 
 WINDOW = 10  # epochs
+AT_ONCE = 4096  # windows
 # What the means of epochs scatter by at rest, beside their own noise, and single samples.
 GYRO_SCATTER, ACCEL_SCATTER = 0.12 * DEGREE, 0.03  # rad/s, m/s^2
 GYRO_NOISE, ACCEL_NOISE = 1.3 * DEGREE, 0.5
@@ -71,24 +72,30 @@ def _still(epochs: Epochs) -> np.ndarray:
     rows, gap = epochs.values, epochs.gap
     still = np.zeros(len(rows), np.bool_)
     for begin, end in _runs(~gap):
-        if end - begin < WINDOW:
-            continue
-        part = rows[begin:end]
-        count = np.maximum(part[:, COUNT], 1.0)[:, None]
-        quiet = np.ones(end - begin - WINDOW + 1, np.bool_)
-        for mean, square, least, most in (
-            (GYRO, GYRO_VARIANCE, GYRO_SCATTER, GYRO_NOISE),
-            (ACCEL, ACCEL_VARIANCE, ACCEL_SCATTER, ACCEL_NOISE),
-        ):
-            variance = _window_mean(part[:, square : square + 3])
-            own = _window_mean(part[:, square : square + 3] / count)
-            scatter = sliding_window_view(part[:, mean : mean + 3], WINDOW, axis=0).var(axis=-1)
-            quiet &= (scatter < least**2 + own).all(axis=1)
-            quiet &= (variance < most**2).all(axis=1)
-        rate = _window_mean(part[:, GYRO : GYRO + 3])
-        quiet &= np.linalg.norm(rate, axis=1) < LARGEST_BIAS
-        still[begin:end] = np.convolve(quiet, np.ones(WINDOW)) > 0.0
+        # so many windows at a time, as each of their epochs is in memory once for every window
+        for first in range(begin, end - WINDOW + 1, AT_ONCE):
+            last = min(first + AT_ONCE + WINDOW - 1, end)
+            quiet = _quiet(rows[first:last])
+            still[first:last] |= np.convolve(quiet, np.ones(WINDOW)) > 0.0
     return still
+
+
+def _quiet(part: np.ndarray) -> np.ndarray:
+    """Whether nothing seems to move in each window, shape (n - WINDOW + 1,)."""
+    count = np.maximum(part[:, COUNT], 1.0)[:, None]
+    quiet = np.ones(len(part) - WINDOW + 1, np.bool_)
+    for mean, square, least, most in (
+        (GYRO, GYRO_VARIANCE, GYRO_SCATTER, GYRO_NOISE),
+        (ACCEL, ACCEL_VARIANCE, ACCEL_SCATTER, ACCEL_NOISE),
+    ):
+        variance = _window_mean(part[:, square : square + 3])
+        own = _window_mean(part[:, square : square + 3] / count)
+        scatter = sliding_window_view(part[:, mean : mean + 3], WINDOW, axis=0).var(axis=-1)
+        quiet &= (scatter < least**2 + own).all(axis=1)
+        quiet &= (variance < most**2).all(axis=1)
+    rate = _window_mean(part[:, GYRO : GYRO + 3])
+    quiet &= np.linalg.norm(rate, axis=1) < LARGEST_BIAS
+    return quiet
 
 
 def _window_mean(columns: np.ndarray) -> np.ndarray:

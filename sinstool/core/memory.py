@@ -1,0 +1,61 @@
+"""Memory that was freed stays with the process, as the next block of a log needs it again.
+
+The C library gives large pieces back to the system as soon as they are freed, and the system clears
+them before it gives them out anew: for columns that live for a block this takes longer than what is
+computed of them. glibc learns with time to keep them, unless something has set its limits, as Dask
+does for its workers.
+"""
+
+from __future__ import annotations
+
+import ctypes
+import os
+import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
+from functools import cache
+from typing import Any
+
+# Numbers of glibc's malloc.h
+_TRIM_THRESHOLD, _MMAP_THRESHOLD = -1, -3
+# Its own limits, without anything set, in bytes
+_USUAL = 128 * 1024
+# Larger than any column of a block; what is beyond is given back.
+PIECE, KEPT = 32 * 2**20, 128 * 2**20
+
+
+@contextmanager
+def kept_memory() -> Iterator[None]:
+    """Context in which freed memory is kept; behind it all of it is given back.
+
+    Nothing happens where the C library is not glibc.
+    """
+    library = _glibc()
+    if library is None:
+        yield
+        return
+    library.mallopt(_MMAP_THRESHOLD, PIECE)
+    library.mallopt(_TRIM_THRESHOLD, KEPT)
+    try:
+        yield
+    finally:
+        for number, name in (
+            (_MMAP_THRESHOLD, "MALLOC_MMAP_THRESHOLD_"),
+            (_TRIM_THRESHOLD, "MALLOC_TRIM_THRESHOLD_"),
+        ):
+            said = os.environ.get(name, "")
+            library.mallopt(number, int(said) if said.isdecimal() else _USUAL)
+        library.malloc_trim(0)
+
+
+@cache
+def _glibc() -> Any:
+    """The C library, if it is glibc."""
+    if sys.platform != "linux":
+        return None
+    try:
+        library = ctypes.CDLL(None)
+        library.gnu_get_libc_version  # noqa: B018 - only glibc has it
+    except (AttributeError, OSError):
+        return None
+    return library
