@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 from sinstool.core import earth
-from sinstool.core.compiled import njit
+from sinstool.core.parts import part
 
 
-@njit(cache=True, nogil=True)
+@part()
 def normal_gravity(sin2: float, root: float, height: float) -> float:
     """Normal gravity, see :func:`sinstool.core.earth.normal_gravity`.
 

@@ -7,10 +7,14 @@ calls deep is optimised six times, and machine code is made of it as often.
 
 A part is compiled into whatever calls it, and kept with that; it has no machine code of its own.
 Called from Python, as tests do, it is compiled once more as an ordinary function.
+
+Neither counts references nor looks for zero divisors, unless asked to, as both take longer to
+compile than what they guard. What allocates or returns arrays has to say so.
 """
 
 from __future__ import annotations
 
+import gc
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from functools import cache, cached_property
@@ -18,7 +22,7 @@ from threading import local
 from typing import Any, TypeVar, cast
 
 from numba import njit
-from numba.core import codegen, config, cpu, registry
+from numba.core import codegen, config, cpu, errors, registry, types
 
 from sinstool.core.compiled import set_up_cache
 
@@ -54,19 +58,22 @@ class _Part(registry.CPUDispatcher):
         return self._for_python._compile_for_args(*args, **keywords)
 
 
+_OPTIONS: dict[str, Any] = {"nogil": True, "error_model": "numpy"}
 _ONE_WAY_IN = {"nopython": True, "no_cfunc_wrapper": True}
 _NO_WAY_IN = _ONE_WAY_IN | {"no_cpython_wrapper": True}
 
 
-def kernel(**options: Any) -> Callable[[Function], Function]:
+def kernel(*, allocates: bool = False, **options: Any) -> Callable[[Function], Function]:
     """Decorate a function that Python calls; it is kept in numba's cache.
 
     Parameters
     ----------
+    allocates : bool, optional
+        It makes arrays.
     **options
-        Of `numba.njit`; `nogil` is set unless given.
+        Of `numba.njit`, by default those for loops over numbers.
     """
-    options = {"nogil": True} | options
+    options = _OPTIONS | {"_nrt": allocates} | options
 
     def decorate(function: Function) -> Function:
         if not _supported():
@@ -80,15 +87,17 @@ def kernel(**options: Any) -> Callable[[Function], Function]:
     return decorate
 
 
-def part(**options: Any) -> Callable[[Function], Function]:
+def part(*, allocates: bool = False, **options: Any) -> Callable[[Function], Function]:
     """Decorate a function that compiled functions call.
 
     Parameters
     ----------
+    allocates : bool, optional
+        It makes arrays.
     **options
-        Of `numba.njit`; `nogil` is set unless given.
+        Of `numba.njit`, by default those for loops over numbers.
     """
-    options = {"nogil": True} | options
+    options = _OPTIONS | {"_nrt": allocates} | options
 
     def decorate(function: Function) -> Function:
         if not _supported():
@@ -101,12 +110,25 @@ def part(**options: Any) -> Callable[[Function], Function]:
 @contextmanager
 def _ours() -> Iterator[None]:
     """This thread compiles a kernel."""
-    before = getattr(_turn, "ours", False)
+    before, colours = getattr(_turn, "ours", False), errors._termcolor_inst  # type: ignore[attr-defined]
     _turn.ours = True
+    errors._termcolor_inst = _Plain()  # type: ignore[attr-defined]
+    collects = gc.isenabled()
+    gc.disable()  # the compiler makes objects by the million, and few circles
     try:
         yield
     finally:
         _turn.ours = before
+        errors._termcolor_inst = colours  # type: ignore[attr-defined]
+        if collects:
+            gc.enable()
+
+
+class _Plain:
+    """Colours of numba's messages, most of which it makes, while it tries what fits, for nobody."""
+
+    def __getattr__(self, name: str) -> Callable[[str], str]:
+        return str
 
 
 @cache
@@ -119,12 +141,26 @@ def _supported() -> bool:
         (_Library, ("add_linking_library", "_get_module_for_linking")),
         (cpu.CPUContext, ("get_executable",)),
         (registry.CPUDispatcher, ("compile", "add_overload", "_compile_for_args")),
+        (types.BaseFunction, ("get_call_type",)),
+        (errors, ("_termcolor_inst",)),
     )
     known = all(hasattr(owner, name) for owner, names in needed for name in names)
     if getattr(config, "DISABLE_JIT", False) or not known:
         return False
+    theirs_type = types.BaseFunction.get_call_type
     theirs_get = cpu.CPUContext.get_executable
     theirs_add = _Library.add_linking_library
+
+    found: dict[tuple[int, Any], tuple[Any, Any]] = {}
+
+    def get_call_type(self: Any, context: Any, args: Any, keywords: Any) -> Any:
+        numbers = all(isinstance(each, types.Number | types.Boolean) for each in args)
+        if keywords or not numbers or not getattr(_turn, "ours", False):
+            return theirs_type(self, context, args, keywords)
+        key = (id(self), args)
+        if key not in found:
+            found[key] = (self, theirs_type(self, context, args, keywords))
+        return found[key][1]
 
     def get_executable(self: Any, library: Any, fndesc: Any, env: Any) -> Any:
         if not _without_way_in(library, fndesc):
@@ -140,6 +176,7 @@ def _supported() -> bool:
                 if each not in self._linking_libraries:
                     add_linking_library(self, each)
 
+    types.BaseFunction.get_call_type = get_call_type  # type: ignore[assignment, method-assign]
     cpu.CPUContext.get_executable = get_executable  # type: ignore[method-assign]
     _Library.add_linking_library = add_linking_library  # type: ignore[method-assign]
     return True

@@ -31,7 +31,7 @@ from __future__ import annotations
 from math import atan2, cos, pi, sin, sqrt
 
 from sinstool.core.arrays import FloatArray
-from sinstool.core.compiled import njit
+from sinstool.core.parts import part
 
 EXACT = 0
 """The order that stands for the exact quaternion."""
@@ -39,7 +39,7 @@ EXACT = 0
 _NEAR = 1e-7  # of the squared length to 1: a Newton step leaves 3/8 of its square
 
 
-@njit(cache=True, nogil=True)
+@part()
 def increment_quaternion(
     px: float, py: float, pz: float, order: int
 ) -> tuple[float, float, float, float]:
@@ -83,7 +83,7 @@ def increment_quaternion(
     return w * scale, f * px, f * py, f * pz
 
 
-@njit(cache=True, nogil=True)
+@part()
 def to_unit(w: float, x: float, y: float, z: float) -> tuple[float, float, float, float]:
     """Quaternion brought to length 1."""
     square = w * w + x * x + y * y + z * z
@@ -93,7 +93,7 @@ def to_unit(w: float, x: float, y: float, z: float) -> tuple[float, float, float
     return w * f, x * f, y * f, z * f
 
 
-@njit(cache=True, nogil=True)
+@part()
 def to_rotation_vector(w: float, x: float, y: float, z: float, out: FloatArray, k: int) -> None:
     """Rotation vector of a quaternion of any length, to row `k` of `out`: from 0 to two pi, rad."""
     length = sqrt(x * x + y * y + z * z)
@@ -102,7 +102,7 @@ def to_rotation_vector(w: float, x: float, y: float, z: float, out: FloatArray, 
     put(out, k, factor * x, factor * y, factor * z)
 
 
-@njit(cache=True, nogil=True)
+@part()
 def cross(
     ax: float, ay: float, az: float, bx: float, by: float, bz: float
 ) -> tuple[float, float, float]:
@@ -110,13 +110,13 @@ def cross(
     return ay * bz - az * by, az * bx - ax * bz, ax * by - ay * bx
 
 
-@njit(cache=True, nogil=True)
+@part()
 def row(a: FloatArray, k: int) -> tuple[float, float, float]:
     """Row `k` of an array of shape (n, 3)."""
     return a[k, 0], a[k, 1], a[k, 2]
 
 
-@njit(cache=True, nogil=True)
+@part()
 def put(a: FloatArray, k: int, x: float, y: float, z: float) -> None:
     """Set row `k` of an array of shape (n, 3)."""
     a[k, 0] = x
@@ -124,7 +124,7 @@ def put(a: FloatArray, k: int, x: float, y: float, z: float) -> None:
     a[k, 2] = z
 
 
-@njit(cache=True, nogil=True, inline="always")
+@part(inline="always")
 def weighted_sum(
     a: FloatArray, first: int, step: int, weights: FloatArray, which: int, count: int
 ) -> tuple[float, float, float]:
@@ -139,7 +139,7 @@ def weighted_sum(
     return x, y, z
 
 
-@njit(cache=True, nogil=True)
+@part()
 def product(
     pw: float, px: float, py: float, pz: float, qw: float, qx: float, qy: float, qz: float
 ) -> tuple[float, float, float, float]:
@@ -157,7 +157,7 @@ def product(
     )
 
 
-@njit(cache=True, nogil=True)
+@part()
 def dcm(
     w: float, x: float, y: float, z: float
 ) -> tuple[float, float, float, float, float, float, float, float, float]:
@@ -181,7 +181,7 @@ def dcm(
     )
 
 
-@njit(cache=True, nogil=True)
+@part()
 def wrapped_angle(angle: float) -> float:
     """An angle of a few turns reduced to (-pi, pi]; one inside is unchanged."""
     while angle > pi:

@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-import numba
-
 from sinstool.core.arrays import FloatArray
+from sinstool.core.parts import part
 
 
 # Inlined, so that the caller's settings of floating point hold.
-@numba.njit(cache=True, nogil=True, inline="always")
+@part(inline="always")
 def add_product(
     a: FloatArray, b: FloatArray, rows: int, inner: int, columns: int, out: FloatArray
 ) -> None:
@@ -30,7 +29,7 @@ def add_product(
                     out[i, j] += f * b[k, j]
 
 
-@numba.njit(cache=True, nogil=True, inline="always")
+@part(inline="always")
 def product(
     a: FloatArray, b: FloatArray, rows: int, inner: int, columns: int, out: FloatArray
 ) -> None:

@@ -4,9 +4,8 @@ from __future__ import annotations
 
 from math import sqrt
 
-import numba
-
 from sinstool.core.arrays import FloatArray
+from sinstool.core.parts import part
 from sinstool.methods.products import product
 
 # A pivot of the scaled covariance below which a direction counts as known from the others:
@@ -14,7 +13,7 @@ from sinstool.methods.products import product
 _PIVOT = 1e-13
 
 
-@numba.njit(cache=True, nogil=True)
+@part()
 def smoother_gain(
     transition: FloatArray,
     p_plus: FloatArray,
@@ -84,7 +83,7 @@ def smoother_gain(
             gain[i, j] *= scale[i]
 
 
-@numba.njit(cache=True, nogil=True)
+@part()
 def smoother_covariance(
     p_plus: FloatArray,
     p_minus: FloatArray,

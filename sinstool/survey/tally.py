@@ -10,7 +10,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from sinstool.core.compiled import njit
+from sinstool.core.parts import kernel
 from sinstool.core.streams import Imu
 from sinstool.methods.alignment.still import WINDOW_NS, WindowStage
 
@@ -170,7 +170,7 @@ class Tally:
         return (place + 0.5) * _FORCE_STEP
 
 
-@njit(cache=True, nogil=True)
+@kernel()
 def _extremes(gyro, accel, state):  # type: ignore[no-untyped-def]
     """Largest magnitude per axis and the longest run at it; counts repeats of all six values.
 

@@ -9,7 +9,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from sinstool.core.compiled import njit
+from sinstool.core.parts import kernel, part
 from sinstool.io.messages.definitions import Definition
 from sinstool.io.messages.layout import NUMPY, Layout, LayoutError, Leaf, walk
 
@@ -113,7 +113,7 @@ class Decoder:
         base = _bases(sizes * count)
         out = np.zeros(int(base[-1]), np.uint8)
         for plan in self._plans:
-            _gather(buffer, offset, length, *plan, out, base, sizes, done, valid)
+            _gather(buffer, offset, length, *plan, *_views(out), base, sizes, done, valid)
             if done.all():
                 break
         while not done.all():
@@ -123,13 +123,14 @@ class Decoder:
                 done[index] = True
             elif len(self._plans) < MAX_LAYOUTS:
                 self._plans.append(new)
-                _gather(buffer, offset, length, *new, out, base, sizes, done, valid)
+                _gather(buffer, offset, length, *new, *_views(out), base, sizes, done, valid)
             else:
                 one = slice(index, index + 1)
                 part = np.zeros(1, np.bool_), np.zeros(1, np.bool_)
                 row_base = _bases(sizes)
                 row = np.zeros(int(row_base[-1]), np.uint8)
-                _gather(buffer, offset[one], length[one], *new, row, row_base, sizes, *part)
+                views = _views(row)
+                _gather(buffer, offset[one], length[one], *new, *views, row_base, sizes, *part)
                 for k in range(len(names)):
                     begin = int(base[k] + index * sizes[k])
                     out[begin : begin + sizes[k]] = row[row_base[k] : row_base[k] + sizes[k]]
@@ -213,8 +214,8 @@ def _declared(definition: Definition, path: str) -> tuple[str, int] | None:
     match = _BY_NAME.match(path)
     *parents, last = (match["array"] if match else path).split(".")
     here = definition.name
-    for part in parents:
-        ftype = dict(definition.types.get(here, ())).get(part.split("[")[0])
+    for parent in parents:
+        ftype = dict(definition.types.get(here, ())).get(parent.split("[")[0])
         if ftype is None:
             return None
         here = ftype.name
@@ -261,13 +262,17 @@ def _merge(pieces: list[tuple[int, int, int, int, int]]) -> list[tuple[int, int,
     return merged
 
 
-@njit(cache=True, nogil=True)
+def _views(out: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    return out, out.view(np.uint64), out.view(np.uint32)
+
+
+@part()
 def _word(b, p):  # type: ignore[no-untyped-def]
     # The compiler makes one load of it, wherever p lies; a loop over bytes stays a loop.
     return _half(b, p) | np.uint64(_half(b, p + np.uint64(4))) << np.uint64(32)
 
 
-@njit(cache=True, nogil=True)
+@part()
 def _half(b, p):  # type: ignore[no-untyped-def]
     return (
         np.uint32(b[p])
@@ -277,7 +282,7 @@ def _half(b, p):  # type: ignore[no-untyped-def]
     )
 
 
-@njit(cache=True, nogil=True)
+@kernel()
 def _gather(  # type: ignore[no-untyped-def]
     buffer,
     offset,
@@ -292,13 +297,13 @@ def _gather(  # type: ignore[no-untyped-def]
     size,
     item,
     out,
+    words,
+    halves,
     base,
     sizes,
     done,
     valid,
 ):
-    words = out.view(np.uint64)
-    halves = out.view(np.uint32)
     for i in range(offset.shape[0]):
         if done[i] or length[i] != plan_length:
             continue

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from sinstool.core.compiled import njit
+from sinstool.core.parts import kernel, part
 
 # What stopped a walk
 END, PARTIAL, FOREIGN, FULL = 0, 1, 2, 3
@@ -20,25 +20,25 @@ _RECORD_HEADER = 9
 _CONNECTION = 7
 
 
-@njit(cache=True, nogil=True)
+@part()
 def u16(b, p):  # type: ignore[no-untyped-def]
     """Two bytes, little-endian."""
     return np.int64(b[p]) | np.int64(b[p + 1]) << 8
 
 
-@njit(cache=True, nogil=True)
+@part()
 def u32(b, p):  # type: ignore[no-untyped-def]
     """Four bytes, little-endian."""
     return u16(b, p) | u16(b, p + 2) << 16
 
 
-@njit(cache=True, nogil=True)
+@part()
 def u64(b, p):  # type: ignore[no-untyped-def]
     """Eight bytes, little-endian; negative from 2^63 on."""
     return u32(b, p) | u32(b, p + 4) << 32
 
 
-@njit(cache=True, nogil=True)
+@kernel()
 def scan_mcap(buffer, start, out, stop_at_foreign):  # type: ignore[no-untyped-def]
     """Walk MCAP records.
 
@@ -94,7 +94,7 @@ def scan_mcap(buffer, start, out, stop_at_foreign):  # type: ignore[no-untyped-d
     return count, pos, END
 
 
-@njit(cache=True, nogil=True)
+@kernel()
 def definitions_mcap(buffer, start, out):  # type: ignore[no-untyped-def]
     """Places of the schemas and channels in a chunk.
 
@@ -129,7 +129,7 @@ def definitions_mcap(buffer, start, out):  # type: ignore[no-untyped-def]
     return count, pos
 
 
-@njit(cache=True, nogil=True)
+@part()
 def rosbag1_record(buffer, pos):  # type: ignore[no-untyped-def]
     """Op (-1: no whole record), connection, time, offset and length of the data of a record."""
     size = buffer.shape[0]
@@ -165,7 +165,7 @@ def rosbag1_record(buffer, pos):  # type: ignore[no-untyped-def]
     return op, connection, time, header_end + 4, length
 
 
-@njit(cache=True, nogil=True)
+@kernel()
 def scan_rosbag1(buffer, start, out, stop_at_foreign):  # type: ignore[no-untyped-def]
     """Walk the records of a ROS 1 bag and note the messages.
 
@@ -211,7 +211,7 @@ def scan_rosbag1(buffer, start, out, stop_at_foreign):  # type: ignore[no-untype
     return count, pos, END
 
 
-@njit(cache=True, nogil=True)
+@kernel()
 def definitions_rosbag1(buffer, start, out):  # type: ignore[no-untyped-def]
     """Places of the connection records in a ROS 1 bag chunk.
 

@@ -23,7 +23,7 @@ import zstandard
 from mcap.data_stream import RecordBuilder
 from mcap.opcode import Opcode
 
-from sinstool.core.compiled import njit
+from sinstool.core.parts import kernel, part
 from sinstool.core.threads import executor
 from sinstool.io.readers.attachments import index_of
 from sinstool.io.readers.batch import RawBatch
@@ -100,18 +100,18 @@ def pack(make: Callable[[], Sequence[RawBatch]], compression: str) -> list[Chunk
     place[order] = ends - size[order]
     body = np.empty(int(ends[-1]), np.uint8)
     begin = 0
-    for part in parts:
-        end = begin + len(part)
+    for piece in parts:
+        end = begin + len(piece)
         _scatter(
             body,
             place[begin:end],
-            part.channel,
-            part.sequence,
-            part.log_time,
-            part.publish_time,
-            part.buffer,
-            part.offset,
-            part.length,
+            piece.channel,
+            piece.sequence,
+            piece.log_time,
+            piece.publish_time,
+            piece.buffer,
+            piece.offset,
+            piece.length,
         )
         begin = end
     channel = np.concatenate([p.channel for p in parts])[order]
@@ -147,13 +147,13 @@ def _pack_one(
     return Chunk(record, indexes, start, end, compression, len(data), len(chunk))
 
 
-@njit(cache=True, nogil=True)
+@part()
 def _put(body, at, value, width):  # type: ignore[no-untyped-def]
     for b in range(np.uint64(width)):
         body[at + b] = (value >> (8 * b)) & 0xFF
 
 
-@njit(cache=True, nogil=True)
+@kernel()
 def _scatter(body, place, channel, sequence, log_time, publish_time, buffer, offset, length):  # type: ignore[no-untyped-def]
     """Write message records, each at its place in the chunk body."""
     for i in range(place.shape[0]):

@@ -19,10 +19,10 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 
-import numba
 import numpy as np
 
 from sinstool.core.arrays import ArrayLike, BoolArray, FloatArray, IntArray
+from sinstool.core.parts import kernel, part
 from sinstool.core.quaternion_kernels import cross, dcm, product, row, to_unit
 from sinstool.core.rotation import to_dcm
 from sinstool.core.streams import take_rows
@@ -179,7 +179,7 @@ def accumulate(
     return InertialRows.from_table(out[:count])
 
 
-@numba.njit(cache=True, nogil=True)
+@part()
 def _advance(src, dst, tx, ty, tz, vx, vy, vz, ox, oy, oz, ux, uy, uz, step):  # type: ignore[no-untyped-def]
     """State `src` over `step` seconds into `dst` (which may be `src`).
 
@@ -251,7 +251,7 @@ def _advance(src, dst, tx, ty, tz, vx, vy, vz, ox, oy, oz, ux, uy, uz, step):  #
         dst[53 + j] = src[53 + j] + m2 * force
 
 
-@numba.njit(cache=True, nogil=True)
+@kernel()
 def _accumulate_kernel(time, theta, velocity, epochs, state, out):  # type: ignore[no-untyped-def]
     """All samples; returns the number of rows written."""
     rows = 0
@@ -264,7 +264,8 @@ def _accumulate_kernel(time, theta, velocity, epochs, state, out):  # type: igno
             while upcoming < count and epochs[upcoming] < time[k]:
                 upcoming += 1
             while upcoming < count and epochs[upcoming] == time[k]:
-                out[rows, :] = 0.0
+                for i in range(out.shape[1]):
+                    out[rows, i] = 0.0
                 out[rows, 0] = now
                 out[rows, 1] = 1.0
                 out[rows, 62] = 1.0

@@ -9,10 +9,10 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-import numba
 import numpy as np
 
 from sinstool.core.arrays import BoolArray, FloatArray, IntArray
+from sinstool.core.parts import kernel
 from sinstool.core.quaternion_kernels import cross, put
 from sinstool.core.rotation import to_dcm
 from sinstool.core.streams import take_rows
@@ -316,7 +316,7 @@ def _pair_sums(out: FloatArray, noise: FloatArray, count: FloatArray) -> PairSum
     )
 
 
-@numba.njit(cache=True, nogil=True)
+@kernel()
 def _run_kernel(terms, parts, newer, older, end, variance, rate, state, touched, out):  # type: ignore[no-untyped-def]
     """Sums from pair to pair.
 
@@ -389,7 +389,7 @@ def running_centred_sums(
 _CENTRED = 113
 
 
-@numba.njit(cache=True, nogil=True)
+@kernel(allocates=True)
 def _centre_kernel(values, end, weight, noise, rate, state, out):  # type: ignore[no-untyped-def]
     """Sums of products less their means, updated so that nothing large cancels."""
     left = np.zeros(42)

@@ -15,10 +15,10 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-import numba
 import numpy as np
 
 from sinstool.core.arrays import BoolArray, FloatArray
+from sinstool.core.parts import kernel
 from sinstool.core.rotation import exp, to_dcm
 from sinstool.methods.alignment.accumulation import InertialRows
 from sinstool.methods.alignment.pairs import cross_columns
@@ -123,11 +123,12 @@ def refine(
     decay = np.exp(-step / grade.bias_time_s)
     alpha = run.alpha - run.alpha[0]
     noise = np.array([grade.angle_random_walk, grade.velocity_random_walk]) ** 2
+    room = np.zeros((6, 22)), np.zeros((22, 3)), np.zeros((3, 3)), np.zeros(3), np.zeros((3, 4))
     for repeat in range(PASSES):
         state, covariance = np.zeros(STATES), np.diag(prior)
         inflated, total = _filter_kernel(
             transition, z_beta @ dcm - alpha, force, lever, step, decay, prior, noise,
-            sigma[order] ** 2, use[order], state, covariance,
+            sigma[order] ** 2, use[order], state, covariance, *room,
         )  # fmt: skip
         if repeat < PASSES - 1:
             turned = theta_at(state, run.rows(slice(-1, None)), run.rows(slice(0, 1)))
@@ -212,15 +213,28 @@ def _transitions(rows: InertialRows) -> FloatArray:
     return out
 
 
-@numba.njit(cache=True, nogil=True)
-def _filter_kernel(transition, z, force, lever, step, decay, prior, noise, variance, use, x, p):  # type: ignore[no-untyped-def]
-    """Run over all rows; `x` and `p` are the prior and become the answer."""
+@kernel()
+def _filter_kernel(  # type: ignore[no-untyped-def]
+    transition,
+    z,
+    force,
+    lever,
+    step,
+    decay,
+    prior,
+    noise,
+    variance,
+    use,
+    x,
+    p,
+    moved,
+    gain,
+    s,
+    y,
+    h,
+):
+    """Run over all rows; `x` and `p` are the prior and become the answer; the rest is room."""
     n = 22
-    moved = np.zeros((6, n))
-    gain = np.zeros((n, 3))
-    s = np.zeros((3, 3))
-    y = np.zeros(3)
-    h = np.zeros((3, 4))
     inflated = 0
     squares = 0.0
     for k in range(z.shape[0]):

@@ -9,7 +9,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numba import njit
+
+from sinstool.core.parts import kernel
 
 WINDOW_NS = 500_000_000
 # Noise of working sensors at rest, with an engine idling: beyond this something moves.
@@ -204,7 +205,7 @@ def lead_in(spans: list[StillSpan], first_ns: int) -> StillSpan | None:
     return None
 
 
-@njit(cache=True, nogil=True)
+@kernel()
 def _accumulate(index, gyro, accel, state, rows):  # type: ignore[no-untyped-def]
     """Welford sums per window; closed windows go to ``rows``, the open one stays in ``state``."""
     closed = 0

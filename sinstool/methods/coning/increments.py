@@ -19,10 +19,10 @@ from __future__ import annotations
 from fractions import Fraction
 from functools import cache
 
-import numba
 import numpy as np
 
 from sinstool.core.arrays import ArrayLike, FloatArray
+from sinstool.core.parts import kernel
 from sinstool.core.quaternion_kernels import put, weighted_sum
 from sinstool.methods.coning.algorithm import GyroKind, Takes
 
@@ -185,7 +185,7 @@ class RateIntegrator:
         return out
 
 
-@numba.njit(cache=True, nogil=True)
+@kernel()
 def _integrate_kernel(
     rate: FloatArray, dt: FloatArray, first: int, stencils: FloatArray, out: FloatArray
 ) -> None:

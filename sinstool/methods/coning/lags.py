@@ -17,10 +17,10 @@ from __future__ import annotations
 from fractions import Fraction
 from functools import cache
 
-import numba
 import numpy as np
 
 from sinstool.core.arrays import FloatArray
+from sinstool.core.parts import kernel
 from sinstool.core.quaternion_kernels import cross, put, row, weighted_sum
 from sinstool.methods.coning.algorithm import ConingAlgorithm, MultiSampleAlgorithm
 
@@ -98,7 +98,7 @@ def optimal(count: int, earlier: int = 0) -> LagAlgorithm:
     )
 
 
-@numba.njit(cache=True, nogil=True)
+@kernel()
 def lag_kernel(
     x: FloatArray, first: int, samples: int, weights: FloatArray, out: FloatArray
 ) -> None:

@@ -24,9 +24,8 @@ from __future__ import annotations
 
 import math
 
-from numba import njit
-
 from sinstool.core.arrays import FloatArray
+from sinstool.core.parts import part
 from sinstool.methods.height import layout
 from sinstool.methods.height.history import at_stamp, note_interval, remember, shift_history
 
@@ -52,7 +51,7 @@ FROZEN_SETTLED = 20.0  # s after engaging, before a witness is worth hearing
 ROUNDING = 1e-9  # s
 
 
-@njit(cache=True, nogil=True)
+@part()
 def propagate(
     state: FloatArray,
     parameters: FloatArray,
@@ -128,7 +127,7 @@ def propagate(
     return dh, dv
 
 
-@njit(cache=True, nogil=True)
+@part()
 def baro_sample(
     state: FloatArray,
     parameters: FloatArray,
@@ -304,7 +303,7 @@ def baro_sample(
     return what, dh, dv
 
 
-@njit(cache=True, nogil=True)
+@part()
 def feedback(
     state: FloatArray, time: float, d_height: float, d_v_up: float, d_correction: float
 ) -> None:
@@ -318,7 +317,7 @@ def feedback(
     shift_history(state, time, d_height, d_v_up)
 
 
-@njit(cache=True, nogil=True)
+@part()
 def smooth_height(state: FloatArray, time: float, height: float) -> float:
     """Height for the output: a step that re-engaging took out of it fades within 20 s."""
     if state[layout.S_STEP] == 0.0:
@@ -326,7 +325,7 @@ def smooth_height(state: FloatArray, time: float, height: float) -> float:
     return height + state[layout.S_STEP] * math.exp(-(time - state[layout.S_STEP_TIME]) / STEP_FADE)
 
 
-@njit(cache=True, nogil=True)
+@part()
 def height_valid(state: FloatArray) -> bool:
     """Whether the height means anything: engaged, or coasting not for too long."""
     return state[layout.S_PHASE] == layout.ENGAGED or (
@@ -334,7 +333,7 @@ def height_valid(state: FloatArray) -> bool:
     )
 
 
-@njit(cache=True, nogil=True)
+@part()
 def begin_anew(state: FloatArray) -> None:
     """Wait for the barometer as at the start: what happened meanwhile is unknown."""
     state[layout.S_PHASE] = layout.INIT
@@ -342,7 +341,7 @@ def begin_anew(state: FloatArray) -> None:
     state[layout.S_WITNESS_ON] = 0.0
 
 
-@njit(cache=True, nogil=True)
+@part()
 def record(
     state: FloatArray, events: FloatArray, kind: int, time: float, size: float, duration: float
 ) -> None:
@@ -356,7 +355,7 @@ def record(
     state[layout.S_EVENTS] += 1.0
 
 
-@njit(cache=True, nogil=True)
+@part()
 def _start_coast(state: FloatArray, time: float) -> None:
     state[layout.S_PHASE] = layout.COAST
     state[layout.S_COAST_SINCE] = time
@@ -365,7 +364,7 @@ def _start_coast(state: FloatArray, time: float) -> None:
     state[layout.S_WITNESS_ON] = 0.0
 
 
-@njit(cache=True, nogil=True)
+@part()
 def _engage(
     state: FloatArray,
     parameters: FloatArray,
@@ -390,14 +389,14 @@ def _engage(
     return _set_height(state, time, height, v_up, stamp, e)
 
 
-@njit(cache=True, nogil=True)
+@part()
 def _undone(parameters: FloatArray, step: float, before: float) -> bool:
     """Whether a step takes back the one before; a filter that corrects the host knows better."""
     alone = parameters[layout.P_SHADOW_TAU] > 0.0 and before != 0.0
     return alone and abs(step + before) <= parameters[layout.P_GATE]
 
 
-@njit(cache=True, nogil=True)
+@part()
 def _set_height(
     state: FloatArray, time: float, height: float, v_up: float, stamp: float, e: float
 ) -> float:
@@ -424,7 +423,7 @@ def _set_height(
     return dh
 
 
-@njit(cache=True, nogil=True)
+@part()
 def _call_witness(
     state: FloatArray, parameters: FloatArray, time: float, height: float, v_up: float
 ) -> None:
@@ -442,7 +441,7 @@ def _call_witness(
         state[layout.S_WITNESS_A] = state[layout.S_CORRECTION]
 
 
-@njit(cache=True, nogil=True)
+@part()
 def _freeze(
     state: FloatArray, events: FloatArray, time: float, height: float, v_up: float, stamp: float
 ) -> tuple[int, float, float]:
@@ -460,7 +459,7 @@ def _freeze(
     return layout.RESTORED, dh, dv
 
 
-@njit(cache=True, nogil=True)
+@part()
 def pole_matched_gains(
     interval: float, tau: float, k4: float, w2: float
 ) -> tuple[float, float, float]:

@@ -8,16 +8,15 @@ from __future__ import annotations
 
 import math
 
-from numba import njit
-
 from sinstool.core.arrays import FloatArray
+from sinstool.core.parts import part
 from sinstool.methods.height import layout
 
 MAX_AGE = 0.5  # s, up to which a late sample is used at its own time
 HISTORY_SPACING = 0.005  # s: the ring reaches back further than MAX_AGE
 
 
-@njit(cache=True, nogil=True)
+@part()
 def note_interval(state: FloatArray, stamp: float) -> None:
     """Median of the latest intervals between samples, by insertion into a sorted ring."""
     interval = stamp - state[layout.S_LAST_STAMP]
@@ -41,7 +40,7 @@ def note_interval(state: FloatArray, stamp: float) -> None:
             return
 
 
-@njit(cache=True, nogil=True)
+@part()
 def remember(state: FloatArray, time: float, height: float, v_up: float) -> None:
     """Keep height and velocity at a time, unless that of a moment ago is kept."""
     number = int(state[layout.S_HISTORY])
@@ -56,7 +55,7 @@ def remember(state: FloatArray, time: float, height: float, v_up: float) -> None
     state[layout.S_HISTORY] += 1.0
 
 
-@njit(cache=True, nogil=True)
+@part()
 def shift_history(state: FloatArray, time: float, dh: float, dv: float) -> None:
     """Move the past along a line that meets a correction made at a time."""
     filled = min(int(state[layout.S_HISTORY]), layout.HISTORY)
@@ -66,7 +65,7 @@ def shift_history(state: FloatArray, time: float, dh: float, dv: float) -> None:
         state[slot + 2] += dv
 
 
-@njit(cache=True, nogil=True)
+@part()
 def at_stamp(
     state: FloatArray, time: float, height: float, v_up: float, stamp: float
 ) -> tuple[float, float, float]:

@@ -162,7 +162,7 @@ class InsGnssFilter:
             np.zeros(layout.VEHICLE_SIZE) if vehicle is None else vehicle.known(),
         )
         self._window = np.zeros((settings.control.window, layout.ROWS))
-        self._changes = np.zeros((settings.control.measured_epochs, layout.ROWS))
+        self._changes = np.zeros((settings.control.measured_epochs, layout.ROWS + 1))
         self._origin: int | None = None
         # Not used yet: times, fixes, whether they are withheld; times, heights, reasons
         no_time = np.empty(0, dtype=np.int64)

@@ -211,10 +211,7 @@ def rolling_rows(m: Memory, model: Model, speed: float) -> tuple[int, float]:
     )
     vn, ve, vd = nav[V_NORTH], nav[V_NORTH + 1], nav[V_NORTH + 2]
     # Of vectors in NED to those of the vehicle, by rows
-    b = np.empty((3, 3))
-    v = np.empty(3)
-    w = np.empty(3)
-    f = np.empty(3)
+    b, v, w, f = m.axes, m.along, m.about, m.pull
     for i in range(3):
         x, y, z = known[3 * i], known[3 * i + 1], known[3 * i + 2]
         b[i, 0] = x * c00 + y * c01 + z * c02

@@ -171,6 +171,10 @@ _MEMORY: tuple[tuple[Any, ...], ...] = (
     ("gain", (SIZE, ROWS)),
     ("pht", (SIZE, ROWS)),
     ("old", (SIZE, SIZE)),
+    ("axes", (3, 3)),  # of a land vehicle in NED, by rows; velocity, rate and force along them
+    ("along", (3,)),
+    ("about", (3,)),
+    ("pull", (3,)),
 )
 # What does not change during a run
 _MODEL: tuple[tuple[Any, ...], ...] = (

@@ -73,8 +73,8 @@ def run(
         Rows for a smoother, set if the memory says so.
     window : ndarray, shape (N, 6)
         Squares of innovations.
-    changes : ndarray, shape (N or 0, 6)
-        Of innovations over their sigma, squared and halved.
+    changes : ndarray, shape (N or 0, 7)
+        Of innovations over their sigma, squared and halved, and a column to sort in.
     grid : ndarray, shape (g, 3)
         Of a vehicle with constraints, by time; without points, it has none.
     time, interval : ndarray, shape (n,)

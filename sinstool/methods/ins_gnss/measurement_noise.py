@@ -37,6 +37,7 @@ QUANTILE = 0.35
 # This quantile of chi-square with one degree of freedom, (Phi^-1(0.675))^2: halved, the square of
 # the difference of two independent unit normals is so distributed.
 OF_NORMAL = 0.2059
+SORTED = layout.ROWS  # a column to sort in
 # Changes that show noise that has begun just now. The third least of them is taken, whose mean
 # rank, 3 in 9, is near the quantile; two bad fixes make four changes large and leave it alone. With
 # noise as given nine in ten of what they say are between 0.09 and 3.9, hence NOISY.
@@ -147,8 +148,12 @@ def _low_change(m: Memory, changes: FloatArray, i: int, many: int) -> float:
     seen = int(m.changes_seen[i])
     if seen < many or many > length:
         return 1.0
-    latest = np.empty(many)
     for j in range(many):
-        latest[j] = changes[(seen - 1 - j) % length, i]
-    latest.sort()
-    return latest[int(QUANTILE * many)] / OF_NORMAL
+        value = changes[(seen - 1 - j) % length, i]
+        k = j
+        # What is no number goes to the end
+        while k > 0 and (value < changes[k - 1, SORTED] or np.isnan(changes[k - 1, SORTED])):
+            changes[k, SORTED] = changes[k - 1, SORTED]
+            k -= 1
+        changes[k, SORTED] = value
+    return changes[int(QUANTILE * many), SORTED] / OF_NORMAL

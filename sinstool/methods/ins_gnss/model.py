@@ -246,7 +246,7 @@ def transition(
 
 
 # Sums may be made in any order, or they would not be made several at a time.
-@part(fastmath={"reassoc", "contract"}, error_model="numpy")
+@part(fastmath={"reassoc", "contract"})
 def propagate_covariance(
     index: IntArray,
     phi: FloatArray,
@@ -299,7 +299,7 @@ def propagate_covariance(
         p[i, i] += 0.5 * delta * noise[i]
 
 
-@part(error_model="numpy")
+@part()
 def propagate_estimate(
     index: IntArray, phi: FloatArray, decay: FloatArray, x: FloatArray, half: FloatArray
 ) -> None:
@@ -316,7 +316,7 @@ def propagate_estimate(
         x[i] *= decay[i]
 
 
-@part(error_model="numpy")
+@part()
 def propagate_product(
     index: IntArray, phi: FloatArray, decay: FloatArray, product: FloatArray, half: FloatArray
 ) -> None:
@@ -332,7 +332,7 @@ def propagate_product(
             product[i, j] *= decay[i]
 
 
-@part(error_model="numpy")
+@part()
 def baro_correction(
     index: IntArray,
     l1: float,

@@ -14,7 +14,7 @@ from sinstool.methods.ins_gnss.layout import Memory
 from sinstool.methods.products import product
 
 
-@part(error_model="numpy")
+@part()
 def project(m: Memory, rows: int) -> None:
     """``hp = H P`` and ``s = H P H^T``, without the measurement's own noise."""
     n = m.n
@@ -28,7 +28,7 @@ def project(m: Memory, rows: int) -> None:
             m.s[j, i] = total
 
 
-@part(error_model="numpy")
+@part()
 def factor(s: FloatArray, add: FloatArray, rows: int, root: FloatArray) -> bool:
     """Cholesky's root of ``s + diag(add)``; False where it is not positive definite."""
     for i in range(rows):
@@ -47,7 +47,7 @@ def factor(s: FloatArray, add: FloatArray, rows: int, root: FloatArray) -> bool:
     return True
 
 
-@part(error_model="numpy")
+@part()
 def normalised_square(root: FloatArray, nu: FloatArray, rows: int, work: FloatArray) -> float:
     """``nu^T S^-1 nu`` by the root of S."""
     nis = 0.0
@@ -61,7 +61,7 @@ def normalised_square(root: FloatArray, nu: FloatArray, rows: int, work: FloatAr
     return nis
 
 
-@part(error_model="numpy")
+@part()
 def apply_measurement(m: Memory, rows: int, epsilon: float) -> bool:
     """Update estimate and covariance with the measurement in `h`, `nu` and `r`.
 
@@ -136,7 +136,7 @@ def apply_measurement(m: Memory, rows: int, epsilon: float) -> bool:
     return True
 
 
-@part(error_model="numpy")
+@part()
 def _solve(root: FloatArray, columns: FloatArray, c: int, rows: int) -> None:
     """Solve with a root of Cholesky's, column c in place."""
     for i in range(rows):

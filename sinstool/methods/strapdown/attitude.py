@@ -11,10 +11,10 @@ from __future__ import annotations
 from dataclasses import dataclass
 from math import factorial
 
-import numba
 import numpy as np
 
 from sinstool.core.arrays import ArrayLike, FloatArray
+from sinstool.core.parts import kernel, part
 from sinstool.core.quaternion_kernels import product, row, to_unit
 from sinstool.core.rotation import normalise
 from sinstool.core.streams import Imu, Solution
@@ -153,7 +153,7 @@ def _solution(imu: Imu, q_nb: np.ndarray) -> Solution:
     return Solution(imu.time_ns, imu.log_time_ns, q_nb, imu.gyro, imu.accel)
 
 
-@numba.njit(cache=True, nogil=True)
+@part()
 def _half_angle_terms(square: float) -> tuple[float, float]:
     """Return cos(a/2) and sin(a/2)/a of a squared angle a, rad^2."""
     if square < 1.0:
@@ -168,7 +168,7 @@ def _half_angle_terms(square: float) -> tuple[float, float]:
     return np.cos(0.5 * angle), np.sin(0.5 * angle) / angle
 
 
-@numba.njit(cache=True, nogil=True)
+@kernel()
 def _propagate_kernel(
     q_start: FloatArray,
     phi: FloatArray,

@@ -29,7 +29,6 @@ from __future__ import annotations
 
 from math import atan2, cos, hypot, pi, sin, sqrt
 
-import numba
 import numpy as np
 
 from sinstool.core.arrays import ArrayLike, FloatArray
@@ -40,6 +39,7 @@ from sinstool.core.earth import (
     SEMI_MAJOR_AXIS,
 )
 from sinstool.core.gravity import normal_gravity
+from sinstool.core.parts import kernel, part
 from sinstool.core.quaternion_kernels import (
     EXACT,
     cross,
@@ -103,7 +103,7 @@ def initial_state(
     return state
 
 
-@numba.njit(cache=True, nogil=True)
+@part()
 def step(
     state: FloatArray,
     px: float,
@@ -234,7 +234,7 @@ def step(
     state[Q_W], state[Q_X], state[Q_Y], state[Q_Z] = to_unit(w, x, y, z)
 
 
-@numba.njit(cache=True, nogil=True)
+@part()
 def advance(
     state: FloatArray, phi: FloatArray, dv: FloatArray, dt: FloatArray, k: int, order: int
 ) -> None:
@@ -252,7 +252,7 @@ def advance(
     step(state, phi[k, 0], phi[k, 1], phi[k, 2], dv[k, 0], dv[k, 1], dv[k, 2], dt[k], order)
 
 
-@numba.njit(cache=True, nogil=True)
+@part()
 def _far_turn(
     s: float, c: float, tn: float, te: float, way: float
 ) -> tuple[float, float, float, float]:
@@ -288,7 +288,6 @@ ROUNDS = 5
 """Each leaves of the error about the turn of the body in one update."""
 
 
-@numba.njit(cache=True, nogil=True)
 def navigate_backward(
     state: FloatArray, phi: FloatArray, dv: FloatArray, dt: FloatArray, out: FloatArray
 ) -> None:
@@ -309,12 +308,25 @@ def navigate_backward(
     out : ndarray, shape (n, SIZE)
         Gets the state at the **start** of each update.
     """
-    before = state.copy()
-    trial = state.copy()
+    _undo(state, phi, dv, dt, out, np.empty(SIZE))
+
+
+@kernel()
+def _undo(
+    state: FloatArray,
+    phi: FloatArray,
+    dv: FloatArray,
+    dt: FloatArray,
+    out: FloatArray,
+    trial: FloatArray,
+) -> None:
     for k in range(out.shape[0] - 1, -1, -1):
-        before[:] = state
+        before = out[k]
+        for i in range(SIZE):
+            before[i] = state[i]
         for _ in range(ROUNDS):
-            trial[:] = before
+            for i in range(SIZE):
+                trial[i] = before[i]
             advance(trial, phi, dv, dt, k, EXACT)
             for i in range(V_DOWN + 1):
                 before[i] += state[i] - trial[i]
@@ -326,6 +338,5 @@ def navigate_backward(
             w, x, y, z = before[Q_W], before[Q_X], before[Q_Y], before[Q_Z]
             w, x, y, z = to_unit(*product(ew, ex, ey, ez, w, x, y, z))
             before[Q_W], before[Q_X], before[Q_Y], before[Q_Z] = w, x, y, z
-        state[:] = before
         for i in range(SIZE):
-            out[k, i] = state[i]
+            state[i] = before[i]

@@ -34,10 +34,10 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from math import sin, sqrt
 
-import numba
 import numpy as np
 
 from sinstool.core.arrays import ArrayLike, FloatArray, IntArray
+from sinstool.core.parts import kernel, part
 from sinstool.core.quaternion_kernels import cross
 from sinstool.methods.coning.stage import ConingStage, RotationVectors
 
@@ -145,7 +145,7 @@ def _increments(
     )
 
 
-@numba.njit(cache=True, nogil=True)
+@kernel()
 def _dual_kernel(
     phi: FloatArray, plus: FloatArray, minus: FloatArray, scale: float, out: FloatArray
 ) -> None:
@@ -160,7 +160,7 @@ def _dual_kernel(
         )
 
 
-@numba.njit(cache=True, nogil=True)
+@part()
 def jacobian(
     px: float, py: float, pz: float, ux: float, uy: float, uz: float
 ) -> tuple[float, float, float]:
@@ -190,7 +190,7 @@ def jacobian(
     return ux + b * cx + d * ex, uy + b * cy + d * ey, uz + b * cz + d * ez
 
 
-@numba.njit(cache=True, nogil=True)
+@part()
 def remove_bias(
     px: float,
     py: float,
