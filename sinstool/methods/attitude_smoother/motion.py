@@ -177,14 +177,19 @@ def _most_likely(
 
     at, step = log(HAND.density), FIRST_STEP
     best = likelihood(at)
+    directions = [-1.0, 1.0]
     while step >= LAST_STEP:
-        for trial in (at - step, at + step):
+        for direction in directions:
+            trial = at + direction * step
             value = likelihood(trial) if SEARCHED[0] <= trial <= SEARCHED[1] else DIVERGED
             if value > best:
                 at, best = trial, value
+                # behind it lies what was just found to be less likely
+                directions = [direction]
                 break
         else:
             step *= 0.5
+            directions = [-1.0, 1.0]
     return exp(at), best
 
 
