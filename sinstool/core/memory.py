@@ -45,6 +45,13 @@ def kept_memory() -> Iterator[None]:
         ):
             said = os.environ.get(name, "")
             library.mallopt(number, int(said) if said.isdecimal() else _USUAL)
+        give_back()
+
+
+def give_back() -> None:
+    """Return to the system what was freed: for who has freed much that is not needed again."""
+    library = _glibc()
+    if library is not None:
         library.malloc_trim(0)
 
 

@@ -15,6 +15,7 @@ from typing import Protocol
 import numpy as np
 
 from sinstool.core.errors import DataError
+from sinstool.core.memory import give_back
 from sinstool.core.streams import Imu
 from sinstool.core.timeline import (
     FIRST_HORIZON,
@@ -211,8 +212,9 @@ class SampleCache:
         count = 0
         for block in blocks if self._beside is None else self._beside.watch(blocks):
             count += len(block)
-            if count > CACHED_SAMPLES:
+            if count > CACHED_SAMPLES and self.blocks is not None:
                 self.blocks = None
+                give_back()
             if self.blocks is not None:
                 # Columns may be parts of something larger, which must not stay alive with them.
                 columns = (block.time_ns, block.log_time_ns, block.gyro, block.accel)

@@ -17,6 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sinstool.core.errors import OutputError
+from sinstool.core.memory import give_back
 
 DEFAULT_LIMIT = 64 << 20
 """Bytes of all columns of a storage that are held in memory."""
@@ -70,6 +71,7 @@ class Storage:
             for each in self._parts:
                 if each not in self._files:
                     self._spill(each)
+            give_back()
 
     def array(self, name: str) -> NDArray[Any]:
         """All rows of a column.

@@ -11,6 +11,7 @@ import numpy as np
 from sinstool.config import ProcessConfig
 from sinstool.core.earth import normal_gravity
 from sinstool.core.finding import Finding, Severity
+from sinstool.core.memory import give_back
 from sinstool.core.streams import Diagnostics, Imu, Solution
 from sinstool.core.threads import executor
 from sinstool.core.timeline import SECOND
@@ -128,6 +129,7 @@ class Smoothing:
             if span.duration_s >= LONG_REST_S
         )
         epochs = with_rest(stage.finish(), self._gnss_moves, spans)
+        give_back()
         sensors = sensor_model(
             sensor_grade(self._source, self._config).grade,
             walk_at_rest=gyro_walk(self._source, self._config),
