@@ -193,7 +193,7 @@ def make(path: Path, compression: str, minutes: float, fast: bool) -> None:
     """Write the log, by mcap's own writer or by ours."""
     parts = streams(minutes)
     part = path.with_suffix(".part")
-    (_make_fast if fast else _make_stock)(part, compression, parts)
+    (write_fast if fast else _make_stock)(part, compression, parts)
     part.replace(path)
 
 
@@ -223,7 +223,8 @@ def _make_stock(path: Path, compression: str, parts: dict[str, Stream]) -> None:
         writer.finish()
 
 
-def _make_fast(path: Path, compression: str, parts: dict[str, Stream]) -> None:
+def write_fast(path: Path, compression: str, parts: dict[str, Stream]) -> None:
+    """Write the streams by our own writer."""
     import numpy as np
 
     from sinstool.io.readers.batch import RawBatch

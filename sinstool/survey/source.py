@@ -14,6 +14,7 @@ from sinstool.config.logs import parse_time
 from sinstool.core.choices import log_choice
 from sinstool.core.errors import DataError, TopicError
 from sinstool.core.finding import Finding, Severity
+from sinstool.core.memory import give_back
 from sinstool.core.streams import Imu
 from sinstool.core.timeline import SECOND, Order, mean_rates, ordered, reblock
 from sinstool.core.units import DEGREE, STANDARD_GRAVITY
@@ -118,6 +119,9 @@ def prepare(
     elif not gyro_only and _may_need_magnetometer(config):
         log.cache(magnetic_channels(log))
     survey_, samples = surveyed or survey_samples(log, topic, options, progress)
+    long = samples.blocks is None  # what was read of it lies about in pieces that were freed
+    if long:
+        give_back()
     for oddity in oddities(survey_, options):
         if oddity.severity == Severity.FAILED:
             raise DataError(log.path, oddity.text, oddity.answer)
@@ -149,6 +153,8 @@ def prepare(
         samples=samples,
     )
     _explain(source, config)
+    if long:
+        give_back()
     return source
 
 
