@@ -10,7 +10,7 @@ import numpy as np
 from sinstool.io.readers.batch import RawBatch
 
 # Topics that are larger together are read again from the log.
-MAX_BYTES = 32 * 2**20
+MAX_BYTES = 64 * 2**20
 
 
 class SideChannelCache:

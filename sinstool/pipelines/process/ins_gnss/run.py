@@ -134,6 +134,8 @@ class FilterRun(Mode):
 
     def find_out(self, progress: BytesRead | None) -> None:
         """What the vehicle cannot do."""
+        # GNSS, barometer and wheels have been read
+        self.source.log.cache(())
         self._stretches = [self._stretch(self.source, self._start)]
         held = self._vehicle.constraints
         if held is not None and held.vehicle is not None:
