@@ -9,10 +9,10 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from typing import Any
 
-import numba
 import numpy as np
 
 from sinstool.core.arrays import FloatArray
+from sinstool.core.parts import kernel, part
 from sinstool.core.quaternion_kernels import dcm, to_unit
 from sinstool.core.streams import Solution
 from sinstool.core.timeline import SECOND
@@ -154,14 +154,14 @@ class EpochStage:
         return Epochs(times, values, self._omega_in_n)
 
 
-@numba.njit(cache=True, nogil=True)
+@part()
 def _close(row: FloatArray) -> None:
     """Make variances of the sums of squares."""
     for a in range(6):
         row[GYRO_VARIANCE + a] /= max(row[COUNT] - 1.0, 1.0)
 
 
-@numba.njit(cache=True, nogil=True)
+@part()
 def _end(row: FloatArray, t: float, rows: FloatArray, ends: FloatArray, made: int) -> None:
     """Give out the open epoch and begin the next."""
     _close(row)
@@ -171,7 +171,7 @@ def _end(row: FloatArray, t: float, rows: FloatArray, ends: FloatArray, made: in
         row[a] = 0.0
 
 
-@numba.njit(cache=True, nogil=True)
+@part()
 def _turned(q_nb: FloatArray, i: int, x: float, y: float, z: float) -> tuple[float, float, float]:
     """A vector of the body in the navigation axes of sample i."""
     c00, c01, c02, c10, c11, c12, c20, c21, c22 = dcm(
@@ -184,7 +184,7 @@ def _turned(q_nb: FloatArray, i: int, x: float, y: float, z: float) -> tuple[flo
     )
 
 
-@numba.njit(cache=True, nogil=True)
+@kernel()
 def _accumulate(
     seconds: FloatArray,
     q_nb: FloatArray,

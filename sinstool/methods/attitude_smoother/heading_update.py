@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from math import atan2, pi
 
-import numba
 import numpy as np
 
 from sinstool.core.arrays import FloatArray
+from sinstool.core.parts import part
 from sinstool.methods.attitude_smoother.state import XA, update
 
 # Columns of the field at an epoch: in navigation axes before the correction, T; its azimuth, rad;
@@ -18,7 +18,7 @@ FIELD_GATE_SIGMAS = 3.0
 NO_FIELD: FloatArray = np.empty((0, FIELD_WIDTH))
 
 
-@numba.njit(cache=True, nogil=True)
+@part()
 def measure_heading(
     field: FloatArray, n: int, x: FloatArray, p: FloatArray, gain: FloatArray, dx: FloatArray
 ) -> None:

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from math import log, sqrt
 
-import numba
 import numpy as np
 
 from sinstool.core.arrays import FloatArray
+from sinstool.core.parts import kernel, part
 from sinstool.methods.attitude_smoother.epochs import (
     ACCEL_VARIANCE,
     COUNT,
@@ -69,7 +69,7 @@ STOP_RATE = 3.0
 DIVERGED = -1e300
 
 
-@numba.njit(cache=True, nogil=True)
+@part()
 def _steadiness(
     row: FloatArray, par: FloatArray, x: FloatArray, p: FloatArray, dx: FloatArray
 ) -> int:
@@ -81,8 +81,7 @@ def _steadiness(
     own = max(row[ACCEL_VARIANCE], row[ACCEL_VARIANCE + 1], row[ACCEL_VARIANCE + 2])
     level = par[REST_FORCE] ** 2 + own / max(row[COUNT], 1.0)
     speed = 0.0
-    force = np.empty(3)
-    felt(x, row, DV, 0.5, force)
+    force = felt(x, row, DV, 0.5)
     for i in range(3):
         rate = row[GYRO + i] - x[B + i] - dx[XB + i]
         if rate * rate > DENIED * (p[XB + i, XB + i] + par[ZERO_RATE] ** 2):
@@ -97,7 +96,7 @@ def _steadiness(
     return STEADY if speed > TRAVELS else AT_REST
 
 
-@numba.njit(cache=True, nogil=True)
+@part()
 def _measure(
     row: FloatArray,
     field: FloatArray,
@@ -124,8 +123,7 @@ def _measure(
     missed = GRAVITY * STOP_RATE * row[SATURATED]
     variance = r * r / t + missed * missed
     likelihood = 0.0
-    force = np.empty(3)
-    felt(x, row, DV, 0.5, force)
+    force = felt(x, row, DV, 0.5)
     for i in range(3):
         z = force[i] / t
         z += c1 * x[V + i]
@@ -158,7 +156,7 @@ def _measure(
     return likelihood
 
 
-@numba.njit(cache=True, nogil=True)
+@part()
 def _take_in(
     near: FloatArray, k: int, x: FloatArray, dx: FloatArray, n: int, e: FloatArray
 ) -> None:
@@ -171,7 +169,7 @@ def _take_in(
         copy(near[k], x)
 
 
-@numba.njit(cache=True, nogil=True)
+@part()
 def _carry_error(
     near: FloatArray,
     k: int,
@@ -194,7 +192,7 @@ def _carry_error(
     copy(near[k + 1], x)
 
 
-@numba.njit(cache=True, nogil=True)
+@part()
 def _advance(
     row: FloatArray,
     rate: float,
@@ -235,13 +233,12 @@ def _advance(
                 )
         weight = GRAVITY + x[G]
         half = 0.5 * t * t
-        gained = np.empty(3)
         if n > XP:
-            felt(x, row, DP, 1.0 / 3.0, gained)
+            gained = felt(x, row, DP, 1.0 / 3.0)
             for i in range(3):
                 x[P + i] += t * x[V + i] + gained[i]
             x[P + 2] += weight * half
-        felt(x, row, DV, 0.5, gained)
+        gained = felt(x, row, DV, 0.5)
         for i in range(3):
             x[V + i] += gained[i]
         x[V + 2] += weight * t
@@ -297,7 +294,7 @@ def _advance(
     q[XG, XG] = par[GRAVITY_WALK] ** 2 * t
 
 
-@numba.njit(cache=True, nogil=True)
+@part()
 def _crossed(a: float, b: float, c: float, f: FloatArray, at: int) -> None:
     """Rows `at` of f, columns of the bias: [a, b, c]x times the rows of the attitude."""
     for j in range(XB, XB + 3):
@@ -306,7 +303,7 @@ def _crossed(a: float, b: float, c: float, f: FloatArray, at: int) -> None:
         f[at + 2, j] = -b * f[0, j] + a * f[1, j]
 
 
-@numba.njit(cache=True, nogil=True)
+@part()
 def _spread(a: float, b: float, c: float, variance: float, q: FloatArray, at: int) -> None:
     """What isotropic noise of the attitude does to a vector's error, and both together."""
     q[at, 1], q[at, 2] = -c * variance, b * variance
@@ -324,7 +321,7 @@ def _spread(a: float, b: float, c: float, variance: float, q: FloatArray, at: in
     q[at + 1, at + 2] = q[at + 2, at + 1] = -b * c * variance
 
 
-@numba.njit(cache=True, nogil=True)
+@part()
 def _carry(p: FloatArray, n: int, f: FloatArray, q: FloatArray, half: FloatArray) -> None:
     """p <- f p f^T + q, for a sparse f."""
     product(f, p, n, n, n, half.T)
@@ -332,7 +329,7 @@ def _carry(p: FloatArray, n: int, f: FloatArray, q: FloatArray, half: FloatArray
     add_product(f, half, n, n, n, p)
 
 
-@numba.njit(cache=True, nogil=True)
+@kernel(allocates=True)
 def forward(
     epochs: FloatArray,
     field: FloatArray,
@@ -347,6 +344,8 @@ def forward(
     covariances: FloatArray,
     near: FloatArray,
     dx: FloatArray,
+    last_x: FloatArray,
+    last_p: FloatArray,
 ) -> float:
     """Filter epochs without keeping more than the state before every so many of them.
 
@@ -371,7 +370,9 @@ def forward(
     near : ndarray, shape (m + 1, STATE) or (0, STATE)
         States between epochs to be linear about; none: the filter's own.
     dx : ndarray, shape (ERRORS,)
-        What those states are off by: before the first epoch, afterwards at the end; 0 without.
+        Zeros; afterwards what the state of `near` is off by at the end.
+    last_x, last_p : ndarray, shape (STATE,) and (KEPT,)
+        Get the state at the end, corrected, and its covariance of attitude and bias.
 
     Returns
     -------
@@ -381,6 +382,9 @@ def forward(
     gain, ahead = np.empty(ERRORS), np.empty(ERRORS)
     f, q, half = np.empty((n, n)), np.empty((n, n)), np.empty((n, n))
     e = np.empty((3, 3))
+    if len(near):
+        less(x, near[begin], n, dx, e)
+        copy(near[begin], x)
     total = 0.0
     for k in range(begin, end):
         if every and (k - begin) % every == 0:
@@ -398,10 +402,13 @@ def forward(
         _advance(epochs[k], _rate(epochs, k), par, n, x, f, q, e)
         _carry_error(near, k, x, f, dx, n, e, ahead)
         _carry(p, n, f, q, half)
+    copy(x, last_x)
+    inject(last_x, dx, n, e)
+    keep(p, last_p)
     return total
 
 
-@numba.njit(cache=True, nogil=True)
+@part()
 def _rate(epochs: FloatArray, k: int) -> float:
     """Root mean square rate beside a gap, rad/s; 0 elsewhere."""
     if epochs[k, GAP] == 0.0:
@@ -413,7 +420,7 @@ def _rate(epochs: FloatArray, k: int) -> float:
     return sqrt(square)
 
 
-@numba.njit(cache=True, nogil=True)
+@kernel(allocates=True)
 def backward(
     epochs: FloatArray,
     field: FloatArray,

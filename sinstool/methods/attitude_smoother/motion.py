@@ -31,7 +31,7 @@ from sinstool.methods.attitude_smoother.model import (
     SensorModel,
 )
 from sinstool.methods.attitude_smoother.start import first_state, parameters
-from sinstool.methods.attitude_smoother.state import ERRORS, STATE
+from sinstool.methods.attitude_smoother.state import ERRORS, KEPT, STATE
 
 # A vehicle must explain a moving epoch better by so much, in nat, or a moving second, where
 # a smooth road shows no more than slow accelerations; between half and one and a half times that
@@ -167,7 +167,7 @@ def _most_likely(
             shaken = model.with_density(exp(at))
             x, p = first_state(part, shaken, sensors)
             kept = np.empty((0, STATE)), np.empty((0, *p.shape))
-            own = np.empty((0, STATE)), np.zeros(ERRORS)
+            own = np.empty((0, STATE)), np.zeros(ERRORS), np.empty(STATE), np.empty(KEPT)
             par = parameters(shaken, sensors, part.omega_in_n)
             one = forward(
                 part.values, NO_FIELD, 0, len(part), par, model.states, x, p, 0, *kept, *own

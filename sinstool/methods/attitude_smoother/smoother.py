@@ -5,10 +5,10 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 from math import sqrt
 
-import numba
 import numpy as np
 
 from sinstool.core.arrays import FloatArray
+from sinstool.core.parts import kernel
 from sinstool.core.quaternion_kernels import increment_quaternion, product, to_unit
 from sinstool.core.rotation import conjugate, exp, from_dcm, log, multiply, to_dcm
 from sinstool.core.streams import Solution
@@ -229,14 +229,10 @@ def _pass(
     smoothed = np.empty((count + 1, state.STATE))
     x, p = first[0].copy(), first[1].copy()
     dx = np.zeros(state.ERRORS)
-    scratch = np.empty((3, 3))
-    if len(near):
-        state.less(x, near[0], n, dx, scratch)
-        x = near[0].copy()
-    kernels.forward(rows, field, 0, count, par, n, x, p, SEGMENT, states, covariances, near, dx)
-    state.keep(p, covariance[count])
-    smoothed[count] = x
-    state.inject(smoothed[count], dx, n, scratch)
+    kernels.forward(
+        rows, field, 0, count, par, n, x, p, SEGMENT, states, covariances,
+        near, dx, smoothed[count], covariance[count],
+    )  # fmt: skip
     for k in range(held - 1, -1, -1):
         begin, end = SEGMENT * k, min(SEGMENT * (k + 1), count)
         start, off = states[k, : state.STATE].copy(), states[k, state.STATE :].copy()
@@ -247,7 +243,7 @@ def _pass(
     return smoothed
 
 
-@numba.njit(cache=True, nogil=True)
+@kernel()
 def _corrected(
     limits: np.ndarray,
     q: FloatArray,

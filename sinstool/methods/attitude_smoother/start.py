@@ -8,6 +8,7 @@ import numpy as np
 
 from sinstool.core.arrays import FloatArray
 from sinstool.core.earth import SEMI_MAJOR_AXIS
+from sinstool.core.rotation import exp, to_dcm
 from sinstool.methods.attitude_smoother import state
 from sinstool.methods.attitude_smoother.epochs import Epochs, mean_force
 from sinstool.methods.attitude_smoother.model import MotionModel, SensorModel
@@ -81,10 +82,7 @@ def upright(force: FloatArray) -> FloatArray:
     axis = np.cross(force / size, up)
     sine, cosine = np.linalg.norm(axis), float(force @ up / size)
     axis = axis / sine if sine > 1e-12 else np.array([1.0, 0.0, 0.0])
-    matrix = np.empty((3, 3))
-    x, y, z = axis * np.arctan2(sine, cosine)
-    state.rotation_of(x, y, z, matrix)
-    return matrix
+    return to_dcm(exp(axis * np.arctan2(sine, cosine)))
 
 
 def parameters(

@@ -11,10 +11,10 @@ from __future__ import annotations
 from math import cos, sin, sqrt
 from typing import Any
 
-import numba
 import numpy as np
 
 from sinstool.core.arrays import FloatArray
+from sinstool.core.parts import part
 from sinstool.methods.attitude_smoother.epochs import JB
 
 V, B, G, P = 9, 12, 15, 16  # of the state
@@ -29,14 +29,14 @@ XA, XV, XB, XG, XP = map(np.int64, (0, 3, 6, 9, 10))
 STATE, ERRORS, KEPT = 19, 13, 12
 
 
-@numba.njit(cache=True, nogil=True)
+@part()
 def copy(source: FloatArray, out: FloatArray) -> None:
     """out <- source; an assignment to a slice takes numba a second to compile."""
     for i in range(len(source)):
         out[i] = source[i]
 
 
-@numba.njit(cache=True, nogil=True)
+@part()
 def copy_square(source: FloatArray, out: FloatArray) -> None:
     """out <- source, of as many rows as columns."""
     for i in range(len(source)):
@@ -44,7 +44,7 @@ def copy_square(source: FloatArray, out: FloatArray) -> None:
             out[i, j] = source[i, j]
 
 
-@numba.njit(cache=True, nogil=True)
+@part()
 def rotation_of(x: float, y: float, z: float, e: FloatArray) -> None:
     """Matrix of a rotation vector, rad."""
     square = x * x + y * y + z * z
@@ -64,7 +64,7 @@ def rotation_of(x: float, y: float, z: float, e: FloatArray) -> None:
     e[2, 2] = 1.0 - c * (x * x + y * y)
 
 
-@numba.njit(cache=True, nogil=True)
+@part()
 def turn(x: FloatArray, e: FloatArray) -> None:
     """C <- e C."""
     for j in range(3):
@@ -73,8 +73,8 @@ def turn(x: FloatArray, e: FloatArray) -> None:
             x[3 * i + j] = e[i, 0] * a + e[i, 1] * b + e[i, 2] * c
 
 
-@numba.njit(cache=True, nogil=True)
-def felt(x: FloatArray, row: FloatArray, at: int, share: float, out: FloatArray) -> None:
+@part()
+def felt(x: FloatArray, row: FloatArray, at: int, share: float) -> tuple[float, float, float]:
     """A sum of specific force over an epoch, corrected.
 
     The bias has turned the axes by a share of what it does over all of the epoch, in the mean.
@@ -84,11 +84,14 @@ def felt(x: FloatArray, row: FloatArray, at: int, share: float, out: FloatArray)
     v = row[JB + 3] * x[B] + row[JB + 4] * x[B + 1] + row[JB + 5] * x[B + 2]
     w = row[JB + 6] * x[B] + row[JB + 7] * x[B + 1] + row[JB + 8] * x[B + 2]
     d, e, f = a - share * (v * c - w * b), b - share * (w * a - u * c), c - share * (u * b - v * a)
-    for i in range(3):
-        out[i] = x[3 * i] * d + x[3 * i + 1] * e + x[3 * i + 2] * f
+    return (
+        x[0] * d + x[1] * e + x[2] * f,
+        x[3] * d + x[4] * e + x[5] * f,
+        x[6] * d + x[7] * e + x[8] * f,
+    )
 
 
-@numba.njit(cache=True, nogil=True)
+@part()
 def inject(x: FloatArray, dx: FloatArray, n: int, e: FloatArray) -> None:
     """Add errors to the state."""
     rotation_of(dx[0], dx[1], dx[2], e)
@@ -104,7 +107,7 @@ def inject(x: FloatArray, dx: FloatArray, n: int, e: FloatArray) -> None:
             x[P + i] = e[i, 0] * a + e[i, 1] * b + e[i, 2] * c + dx[XP + i]
 
 
-@numba.njit(cache=True, nogil=True)
+@part()
 def less(a: FloatArray, b: FloatArray, n: int, out: FloatArray, e: FloatArray) -> None:
     """Errors that lead from state b to state a."""
     # e = C_a C_b^T, and its rotation vector
@@ -126,7 +129,7 @@ def less(a: FloatArray, b: FloatArray, n: int, out: FloatArray, e: FloatArray) -
     out[XG] = a[G] - b[G]
 
 
-@numba.njit(cache=True, nogil=True)
+@part()
 def keep(p: FloatArray, out: FloatArray) -> None:
     """Covariance of the attitude (9) and variances of the bias (3) out of that of all errors."""
     for i in range(3):
@@ -135,7 +138,7 @@ def keep(p: FloatArray, out: FloatArray) -> None:
         out[9 + i] = p[XB + i, XB + i]
 
 
-@numba.njit(cache=True, nogil=True)
+@part()
 def update(
     p: FloatArray,
     n: int,
