@@ -26,14 +26,12 @@ from click.testing import CliRunner
 from benchmarks.common import parser, print_table
 from sinstool.cli.main import cli
 from sinstool.core.errors import AlignmentError
-from sinstool.methods.ins_gnss.receiver_offsets import BEYOND
 from sinstool.pipelines.process.ins_gnss.filter_start import FilterStart
 from tests.helpers.filter_logs import start_of
 from tests.helpers.unseen_drives import GRADES, LEVER, Motion, drive, flight, record, write
 
 MOTIONS = ("smooth", "turbulent", "drive")
 SIGMA_V, ARM_ERROR, REST = 0.05, 0.1, 30.0
-LEAST_WARNED_S = 0.015
 KIND = {"gyro_kind": "mean-rate"}
 OF_OFFSETS = {"latency", "lever-arm", "velocity-lag"}
 
@@ -75,7 +73,7 @@ def motion_of(kind: str, seed: int, duration: float) -> Motion:
 def warnings(start: FilterStart, latency: float) -> Iterator[str]:
     """What it would say of latency and antenna, told the truth."""
     offsets = start.offsets
-    if offsets is not None and offsets.latency.differs_from(latency, LEAST_WARNED_S, BEYOND):
+    if offsets is not None and offsets.latency_contradicts(latency):
         yield f"latency {offsets}"
     if offsets is not None and offsets.arm_contradicts:
         yield f"arm {np.round(offsets.arm_off_b, 2)} +- {np.round(offsets.arm_off_sigma_b, 2)}"

@@ -29,7 +29,7 @@ References
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import permutations, product
 
 import numpy as np
@@ -40,7 +40,7 @@ from sinstool.core.finding import Finding
 from sinstool.core.rotation import from_dcm, log, multiply, normalise, rotate, to_dcm
 from sinstool.core.streams import GnssEpochs
 from sinstool.methods.ins_gnss.fix_velocity import velocity_lag
-from sinstool.methods.ins_gnss.receiver_offsets import BEYOND, ReceiverOffsets
+from sinstool.methods.ins_gnss.receiver_offsets import ReceiverOffsets
 from sinstool.methods.ins_gnss.results import GnssDiagnostics, UpdateColumns
 from sinstool.methods.ins_gnss.settings import Settings, Start
 from sinstool.methods.strapdown.attitude import AttitudePropagator
@@ -59,7 +59,6 @@ _LEAST = 20  # epochs
 _MEDIAN = 0.4549  # of the square of a unit normal
 _TOO_LARGE, _TOO_SMALL = 4.0, 0.25  # of innovations squared over their variance
 _FOLLOWING = 0.4  # correlation of successive innovations
-_LATENCY_S = 0.015
 _LAG_S = 0.03
 _SIGMAS = 5.0
 _TURNED = float(np.deg2rad(5.0))
@@ -96,6 +95,10 @@ def diagnose(
     if len(updates) < 10 or len(gnss) < _LEAST:
         return ()
     first = _first_minute(start, updates, fixes, settings)
+    if first and offsets is not None and offsets.latency_contradicts(settings.gnss_latency):
+        # Velocities at wrong times fit no attitude
+        timed = replace(settings, gnss_latency=offsets.latency_s)
+        first = _first_minute(start, updates, fixes, timed)
     if first:
         return tuple(first)
     findings = _lag(fixes) if offsets is None else _time_and_arm(offsets, settings) + _lag(fixes)
@@ -292,20 +295,22 @@ def _intervals(updates: UpdateColumns) -> FloatArray:
 
 def _time_and_arm(offsets: ReceiverOffsets, settings: Settings) -> list[Finding]:
     findings = []
-    if offsets.latency.differs_from(settings.gnss_latency, _LATENCY_S, BEYOND):
+    if offsets.latency_contradicts(settings.gnss_latency):
         text = (
             f"the latency of GNSS is {1e3 * offsets.latency_s:.0f} ms"
             f" (+- {1e3 * offsets.sigma_s:.0f}), not {1e3 * settings.gnss_latency:.0f} ms: fixes"
-            " and the IMU's motion fit each other best so"
+            " and the IMU's motion fit each other best so. The sigmas include the difference"
         )
-        findings.append(Finding("latency", text, numbers={"latency_s": offsets.latency_s}))
+        answer = f"leave --gnss-latency out, or give --gnss-latency {offsets.latency_s:.3f}"
+        numbers = {"latency_s": offsets.latency_s, "sigma_s": offsets.sigma_s}
+        findings.append(Finding("latency", text, answer=answer, numbers=numbers))
     if offsets.arm_contradicts:
         x, right, down = (float(v) for v in offsets.arm_off_b)
         sigmas = ", ".join(f"{sigma:.2f}" for sigma in offsets.arm_off_sigma_b)
         text = (
             "fixes swing with the vehicle's turns: the antenna seems to be another"
             f" {x:.1f} m forward, {right:.1f} m right, {down:.1f} m down of where the lever arm"
-            f" has it (+- {sigmas})"
+            f" has it (+- {sigmas}). The sigmas include the difference"
         )
         arm = ",".join(f"{float(v):.2f}" for v in offsets.arm_b)
         answer = f"--lever-arm {arm}, if that is plausible on your vehicle"

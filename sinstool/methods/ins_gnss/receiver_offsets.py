@@ -48,8 +48,9 @@ ARM_GIVEN_M, ARM_UNKNOWN_M = 0.1, 2.0
 MAX_SIGMA_S = 0.05
 """A latency that is not known to this is as good as not known."""
 
-BEYOND = 4.0
-"""Sigmas beyond which an estimate contradicts what was assumed."""
+BEYOND, LATENCY_BEYOND, LEAST_LATENCY_S = 4.0, 3.0, 0.01
+"""Sigmas beyond which an estimate contradicts what was assumed, of an arm and of a latency, which
+has one axis; and seconds below which no other latency is spoken of."""
 
 # Of an arm, whatever the noise: rates are means between samples, and a body bends, m. One nearer
 # than the second is where it was said to be.
@@ -88,6 +89,9 @@ class ReceiverOffsets:
     arm_off_b, arm_off_sigma_b : ndarray, shape (3,)
         How much further on than it was assumed the antenna seems to be, by the data: whatever was
         given, it may be a couple of metres elsewhere.
+    turned : ndarray, shape (3, 4, 4)
+        Mean of the products of what each axis of attitude, NED, of a filter with wrong ones is off
+        by for each of them, rad.
     spread : float
         By how much less certain the latency is than its covariance says, see :func:`settle`.
     """
@@ -97,6 +101,7 @@ class ReceiverOffsets:
     covariance: FloatArray
     arm_off_b: FloatArray
     arm_off_sigma_b: FloatArray
+    turned: FloatArray
     spread: float = 1.0
 
     @property
@@ -118,6 +123,30 @@ class ReceiverOffsets:
         sigma = self.arm_off_sigma_b
         limit = np.maximum(BEYOND * sigma, LEAST_ARM_M)
         return bool(np.any((np.abs(self.arm_off_b) > limit) & (sigma < 0.5 * ARM_UNKNOWN_M)))
+
+    def latency_contradicts(self, latency_s: float) -> bool:
+        """Whether the log shows that a latency, s, which was given for certain is wrong."""
+        return self.latency.differs_from(latency_s, LEAST_LATENCY_S, LATENCY_BEYOND)
+
+    def error_of(self, latency_s: float, given: bool) -> FloatArray:
+        """Expected products of what latency and arm used are off by, of s and m, shape (4, 4).
+
+        An arm, and a latency that was given, are right unless the log contradicts them.
+
+        Parameters
+        ----------
+        latency_s : float
+            Used.
+        given : bool
+            For certain, by the user.
+        """
+        doubted = np.full(4, self.arm_contradicts)
+        doubted[0] = not given or self.latency_contradicts(latency_s)
+        off = np.array([self.latency_s - latency_s, *self.arm_off_b])
+        covariance = self.covariance.copy()
+        covariance[0] *= self.spread
+        covariance[:, 0] *= self.spread
+        return np.asarray((covariance + np.outer(off, off)) * np.outer(doubted, doubted))
 
     @property
     def latency(self) -> Latency:
@@ -167,7 +196,8 @@ def estimate_offsets(
     usual = np.array([0.0, *assumed])
     free, covariance = _solved(scores, here, usual, ARM_UNKNOWN_M)
     off, sigma = free[1:] - assumed, np.sqrt(np.diag(covariance)[1:])
-    answer = ReceiverOffsets(float(free[0]), free[1:], covariance, off, sigma)
+    turned = scores.turned.mean(axis=0)
+    answer = ReceiverOffsets(float(free[0]), free[1:], covariance, off, sigma, turned)
     if not assumed.any() or answer.arm_contradicts:
         return answer
     near, covariance = _solved(scores, here, usual, ARM_GIVEN_M)
@@ -255,6 +285,7 @@ class _Scores:
     score: FloatArray  # (n, 4)
     nis: FloatArray
     rows: FloatArray
+    turned: FloatArray  # (n, 3, 4, 4)
     used: BoolArray
     begins: BoolArray  # the filter began anew
 
@@ -320,7 +351,7 @@ def _scores(
         control=replace(settings.control, adaptive="off", schmidt_epsilon=0.0),
     )
     run = InsGnssFilter(start, plain, with_baro=False, store=True)
-    off = np.zeros((run.kind.size, 4))
+    off: FloatArray | None = None
     rows: list[_Scores] = []
     fixes: GnssEpochs | None = gnss
     for part in parts:
@@ -328,6 +359,8 @@ def _scores(
             piece = take_rows(part, slice(first, first + _UPDATES))
             block = run.push(piece, fixes)
             fixes = None
+            if off is None:
+                off = _at_start(run, block, piece.interval)
             some, off = _of_block(run, block, piece.interval, off)
             rows.append(some)
     scores = concatenate(rows)
@@ -336,6 +369,15 @@ def _scores(
         after = (scores.time_ns - begun) * 1e-9
         settled &= (after < 0.0) | (after > _SETTLED_S)
     return take_rows(scores, settled & scores.used)
+
+
+def _at_start(run: InsGnssFilter, block: FilterBlock, interval: FloatArray) -> FloatArray:
+    """V at the start, whose position and velocity are those of the fixes: innovations are 0."""
+    assert block.updates is not None
+    _, d = _rows_of_fixes(run, block.updates, interval, block.updates.time_ns[:1])
+    off = np.zeros((run.kind.size, 4))
+    off[:6] = -d[0]
+    return off
 
 
 def _of_block(
@@ -366,13 +408,14 @@ def _of_block(
         more = following < len(row)
         more[more] = turn[following[more]] == k + 1
         p[following[more]] = after[more]
-    shown = np.empty((len(row), 6, 4))
+    shown, turned = np.empty((len(row), 6, 4)), np.empty((len(row), 3, 4))
     epoch = 0
     for i, transition in enumerate(stored.transition):
         off = transition @ off
         while epoch < len(row) and row[epoch] <= i:
             shown[epoch] = h[epoch] @ off + d[epoch]
             off = off - gain[epoch] @ shown[epoch]
+            turned[epoch] = off[states.ATTITUDE : states.ATTITUDE + 3]
             epoch += 1
     weighed = np.swapaxes(shown, 1, 2) @ inverse
     scores = _Scores(
@@ -381,6 +424,7 @@ def _of_block(
         np.einsum("kij,kj->ki", weighed, nu),
         np.einsum("ki,kij,kj->k", nu, inverse, nu),
         there.sum(axis=1).astype(np.float64),
+        turned[:, :, :, None] * turned[:, :, None, :],
         gnss.used,
         gnss.restarted,
     )

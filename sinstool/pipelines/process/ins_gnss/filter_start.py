@@ -7,9 +7,10 @@ from typing import Any
 
 import numpy as np
 
+from sinstool.core.arrays import FloatArray
 from sinstool.core.streams import GnssEpochs
 from sinstool.methods.height.pressure import HeightReference
-from sinstool.methods.ins_gnss.receiver_offsets import ReceiverOffsets
+from sinstool.methods.ins_gnss.receiver_offsets import LATENCY_S, ReceiverOffsets
 from sinstool.methods.ins_gnss.settings import Settings, Start
 from sinstool.survey.grade import ImuGrade
 
@@ -61,15 +62,15 @@ class FilterStart:
         return self.gnss.rows(~self.withheld)
 
     @property
-    def latency_sigma(self) -> float:
-        """Of the latency used, s; 0 where it is given, or where the log says nothing of it.
+    def offsets_error(self) -> FloatArray:
+        """Expected products of what latency and lever arm used are off by, of s and m, (4, 4).
 
-        What the log shows counts even where another latency is used.
+        A latency that nobody gave and that the log does not show is as uncertain as latencies are.
         """
-        shown = self.offsets
-        if self.latency_status == "given" or shown is None or not shown.observable:
-            return 0.0
-        return float(np.hypot(shown.sigma_s, shown.latency_s - self.settings.gnss_latency))
+        given = self.latency_status == "given"
+        if self.offsets is not None:
+            return self.offsets.error_of(self.settings.gnss_latency, given)
+        return np.diag([0.0 if given else LATENCY_S**2, 0.0, 0.0, 0.0])
 
 
 def measurements(p: FilterStart) -> dict[str, Any]:

@@ -20,6 +20,7 @@ from sinstool.io.writers.solution import Frames
 from sinstool.methods.ins_gnss.constraints import Constraints
 from sinstool.methods.ins_gnss.diagnosis import diagnose
 from sinstool.methods.ins_gnss.filter import InsGnssFilter
+from sinstool.methods.ins_gnss.offsets_error import OffsetsError
 from sinstool.methods.ins_gnss.results import (
     FilterBlock,
     FilterEvent,
@@ -28,7 +29,6 @@ from sinstool.methods.ins_gnss.results import (
 )
 from sinstool.methods.ins_gnss.settings import Start
 from sinstool.methods.ins_gnss.smoother import SmoothedEpochs, Smoother
-from sinstool.methods.ins_gnss.time_error import TimeError
 from sinstool.methods.ins_gnss.withheld import Withheld
 from sinstool.methods.strapdown.velocity import Increments
 from sinstool.pipelines.plan import Plan
@@ -128,7 +128,8 @@ class FilterRun(Mode):
         self._hidden = bool(start.withheld.any())
         self._score = Withheld(valid, start.withheld, arm)
         self._filtered = Withheld(valid, start.withheld, arm)
-        self._time_error = TimeError(start.latency_sigma)
+        turned = None if start.offsets is None else start.offsets.turned
+        self._offsets_error = OffsetsError(start.offsets_error, turned)
         self._vehicle = VehicleFound()
         self._stretches: list[Stretch] = []
 
@@ -212,7 +213,7 @@ class FilterRun(Mode):
         if solution is not None:
             if self._hidden:  # by fixes that would be as early or late as it is
                 self._score.push(solution)
-            yield self._time_error.added(solution)
+            yield self._offsets_error.added(solution)
 
     def _earlier(self, stretch: Stretch, start: Start) -> Solution | None:
         """What lies before the start of a stretch."""
@@ -433,7 +434,9 @@ class FilterRun(Mode):
                 " overrides this",
             )
         noise = np.hypot(p.settings.gnss.position_white, p.settings.gnss.position_markov)
-        findings += late_or_early(self._time_error.largest_m, p.latency_sigma, float(noise[0]))
+        if p.latency_status != "given":
+            sigma = float(np.sqrt(p.offsets_error[0, 0]))
+            findings += late_or_early(self._offsets_error.largest_m, sigma, float(noise[0]))
         if p.lag != 0.0 and self.config.filter.gnss_velocity_lag is None:
             note(
                 "velocity-lag-used",

@@ -19,7 +19,6 @@ from sinstool.methods.ins_gnss.fix_velocity import (
     message_times,
     split_position_velocity,
 )
-from sinstool.methods.ins_gnss.receiver_offsets import BEYOND
 from sinstool.methods.ins_gnss.settings import (
     BARO_GRADES,
     BaroModel,
@@ -46,8 +45,6 @@ from sinstool.survey.source import Source
 
 # Noise at rest, over what the options say of it, that is worth a warning.
 NOISIER = 3.0
-# A latency given is taken for wrong where the log shows another by more than this, s.
-LATE_S = 0.01
 # A grade that drifts so many times as much as its own sigmas say is none of the Imu's.
 OTHER_GRADE = 2.0
 # What a barometer is off by, m, and for how long: the weather, the temperature, a cabin.
@@ -269,7 +266,7 @@ def _by_the_fixes(start: FilterStart) -> FilterStart:
     if shown.arm_contradicts:
         x, y, z = shown.arm_b.tolist()
         settings = replace(settings, lever_arm_b=(x, y, z))
-    if shown.latency.differs_from(settings.gnss_latency, LATE_S, BEYOND):
+    if shown.latency_contradicts(settings.gnss_latency):
         settings = replace(settings, gnss_latency=shown.latency_s)
     return replace(start, settings=settings)
 

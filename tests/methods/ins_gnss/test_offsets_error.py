@@ -7,10 +7,12 @@ import numpy as np
 import pytest
 
 from sinstool.core.streams import Solution, concatenate
-from sinstool.methods.ins_gnss.time_error import TimeError
+from sinstool.methods.ins_gnss.offsets_error import OffsetsError
 from sinstool.pipelines.process.ins_gnss.trust import late_or_early
 from tests.helpers.filter_logs import run
 from tests.helpers.unseen_drives import GRADES, LEVER, T0, flight, record, write
+
+LATE = np.diag([1e-4, 0.0, 0.0, 0.0])  # by 10 ms
 
 
 def horizontal(truth, solution):
@@ -66,22 +68,48 @@ def turning(rate=0.2, speed=10.0):
 def test_along_the_track_and_across_it():
     """Position by the velocity, velocity by what it changes by."""
     solution = turning()
-    answer = TimeError(0.01).added(solution)
+    answer = OffsetsError(LATE).added(solution)
     v = solution.velocity_n
     square = 1e-4 * v[:, :, None] * v[:, None, :]
     assert np.allclose(answer.covariance_position_n, square)
     late = np.einsum("nii->n", answer.covariance_velocity_n)[20:]
     assert np.sqrt(late) == pytest.approx(0.01 * 0.2 * 10.0, rel=0.01)
     assert np.all(answer.covariance_attitude_n == 0.0)
-    assert TimeError(0.0).added(solution) is solution
+    assert OffsetsError(np.zeros((4, 4))).added(solution) is solution
 
 
 def test_blocks_do_not_matter():
     solution = turning()
-    whole = TimeError(0.01).added(solution)
-    error, ends = TimeError(0.01), [0, 1, 2, 90, 91, 300, 400]
+    whole = OffsetsError(LATE).added(solution)
+    error, ends = OffsetsError(LATE), [0, 1, 2, 90, 91, 300, 400]
     pieces = [solution.rows(slice(*pair)) for pair in pairwise(ends)]
     joined = concatenate([error.added(piece) for piece in pieces])
     assert np.allclose(joined.covariance_velocity_n, whole.covariance_velocity_n, atol=1e-15)
     again = error.added(replace(pieces[0], velocity_n=None))
     assert np.all(again.covariance_position_n == 0.0)
+
+
+def test_an_arm_swings_with_the_body():
+    """Half a metre to the right, in a turn of 0.2 rad/s: 0.5 m, and 0.1 m/s."""
+    solution = turning()
+    course = 0.2 * np.arange(400) * 0.05
+    zero = np.zeros(400)
+    q = np.stack([np.cos(course / 2), zero, zero, np.sin(course / 2)], axis=1)
+    moment = np.diag([0.0, 0.0, 0.25, 0.0])
+    turned = np.zeros((3, 4, 4))
+    turned[2, 2, 2] = 0.04**2  # rad for each metre
+    answer = OffsetsError(moment, turned).added(replace(solution, q_nb=q))
+    right = np.stack([-np.sin(course), np.cos(course), zero], axis=1)
+    square = 0.25 * right[:, :, None] * right[:, None, :]
+    assert np.allclose(answer.covariance_position_n, square)
+    late = np.einsum("nii->n", answer.covariance_velocity_n)[20:]
+    assert np.sqrt(late) == pytest.approx(0.1, rel=0.01)
+    assert np.sqrt(answer.covariance_attitude_n[:, 2, 2]) == pytest.approx(0.02)
+    assert np.all(answer.covariance_attitude_n[:, :2, :2] == 0.0)
+
+
+def test_latency_and_arm_that_cancel():
+    """Ahead by 2 m for the latency, behind by 2 m for the arm: certain where they cancel."""
+    off = np.array([0.2, 2.0, 0.0, 0.0])
+    answer = OffsetsError(np.outer(off, off)).added(turning(rate=0.0))
+    assert np.allclose(answer.covariance_position_n, 0.0)
