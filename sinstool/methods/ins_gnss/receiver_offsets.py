@@ -106,8 +106,8 @@ class ReceiverOffsets:
 
     @property
     def sigma_s(self) -> float:
-        """Of the latency."""
-        return self.spread * float(np.sqrt(self.covariance[0, 0]))
+        """Of the latency: no more than that of any receiver."""
+        return min(self.spread * float(np.sqrt(self.covariance[0, 0])), LATENCY_S)
 
     @property
     def observable(self) -> bool:
@@ -143,9 +143,8 @@ class ReceiverOffsets:
         doubted = np.full(4, self.arm_contradicts)
         doubted[0] = not given or self.latency_contradicts(latency_s)
         off = np.array([self.latency_s - latency_s, *self.arm_off_b])
-        covariance = self.covariance.copy()
-        covariance[0] *= self.spread
-        covariance[:, 0] *= self.spread
+        scale = np.array([self.sigma_s / np.sqrt(self.covariance[0, 0]), 1.0, 1.0, 1.0])
+        covariance = self.covariance * np.outer(scale, scale)
         return np.asarray((covariance + np.outer(off, off)) * np.outer(doubted, doubted))
 
     @property

@@ -27,7 +27,7 @@ from sinstool.methods.ins_gnss.settings import (
     Settings,
     Start,
 )
-from sinstool.methods.sensor_errors import Grade, SensorGrade
+from sinstool.methods.sensor_errors import IMU_GRADES, Grade, SensorGrade
 from sinstool.pipelines.align.in_motion import imu_noise
 from sinstool.pipelines.process.height import height_reference, network
 from sinstool.pipelines.process.ins_gnss.filter_start import FilterStart
@@ -45,6 +45,10 @@ from sinstool.survey.source import Source
 
 # Noise at rest, over what the options say of it, that is worth a warning.
 NOISIER = 3.0
+# Times the biases of a navigation grade that one judged by its noise may have: data sheets of such
+# noise lie a factor of ten and more apart.
+OPEN_BIAS = 3.0
+OPEN = ("gyro_bias", "gyro_instability", "accel_bias", "accel_instability")
 # A grade that drifts so many times as much as its own sigmas say is none of the Imu's.
 OTHER_GRADE = 2.0
 # What a barometer is off by, m, and for how long: the weather, the temperature, a cabin.
@@ -375,12 +379,27 @@ def _settings(
 
 
 def _imu(source: Source, config: ProcessConfig, grade: Grade) -> SensorGrade:
-    """Errors of the sensors, the accelerometers' noise at rest among them where it is more."""
+    """Errors of the sensors: of a grade that a rest shows, no less than the noise there.
+
+    Noise tells a navigation grade from others, but leaves its biases open, and scale factors are
+    then no better than those of the grade below.
+    """
     noise, walks = imu_noise(config, grade), random_walks(source)
-    stated = config.navigation.imu_grade != "auto" or config.in_flight.vrw is not None
-    if stated or walks is None:
+    options, file = config.in_flight, config.navigation.imu_noise
+    if config.navigation.imu_grade != "auto" or walks is None:
         return noise
-    return replace(noise, velocity_random_walk=max(noise.velocity_random_walk, walks[1]))
+    if options.vrw is None:
+        noise = replace(noise, velocity_random_walk=max(noise.velocity_random_walk, walks[1]))
+    if grade == "navigation" and file is None:
+        if options.arw is None:
+            noise = replace(noise, angle_random_walk=max(noise.angle_random_walk, walks[0]))
+        judged, below = IMU_GRADES[grade], IMU_GRADES["tactical"]
+        changes = {name: OPEN_BIAS * getattr(judged, name) for name in OPEN}
+        changes |= {name: getattr(below, name) for name in ("gyro_scale", "accel_scale")}
+        # What options say stays
+        same = {name for name in changes if getattr(noise, name) == getattr(judged, name)}
+        noise = replace(noise, **{name: changes[name] for name in same})
+    return noise
 
 
 def _too_good(source: Source, config: ProcessConfig, settings: Settings) -> list[str]:
