@@ -160,8 +160,8 @@ def navigate(
 
     if gnss is None:
         raise ConfigurationError("no GNSS is given", "give columns: log.gnss()")
-    given = {"mode": "ins-gnss", **options}
-    settings = configured("navigate", of_columns(PROCESS_OPTIONS), given, config)
+    all_options = {"mode": "ins-gnss", **options}
+    settings = configured("navigate", of_columns(PROCESS_OPTIONS), all_options, config)
     target = None if output is None else path_of(output, "output")
     refuse_in_vain(target, options)
     with as_log(imu, gnss, barometer) as path:
@@ -170,8 +170,8 @@ def navigate(
 
 def of_columns(paths: tuple[str, ...]) -> tuple[str, ...]:
     """Options of a command without those about the topics of a log."""
-    kept = [path for path in paths if path.partition(".")[0] != "input"]
-    return (*kept, *(f"input.{name}" for name in OF_COLUMNS))
+    own = [path for path in paths if path.partition(".")[0] != "input"]
+    return (*own, *(f"input.{name}" for name in OF_COLUMNS))
 
 
 @contextmanager

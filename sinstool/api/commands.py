@@ -241,8 +241,8 @@ def calibrate_hse(
         settings = settings.model_copy(update={"rig": read.rig})
     if settings.rig is None:
         raise ConfigurationError(f"{file} has no table [rig]", "describe the rig there")
-    given = logs if isinstance(logs, (list, tuple)) else [logs]
-    paths = expand([path_of(log) for log in given])
+    each = logs if isinstance(logs, (list, tuple)) else [logs]
+    paths = expand([path_of(log) for log in each])
     if not paths:
         raise ConfigurationError("no log is given", "give one at least")
     target = None if output is None else path_of(output, "output")

@@ -86,15 +86,15 @@ class Log:
         ...     print(log.topics[0].topic, log.topics[0].type)
         /gnss/fix sensor_msgs/msg/NavSatFix
         """
-        found: dict[str, Topic] = {}
+        by_name: dict[str, Topic] = {}
         for number, channel in self._opened.channels.items():
             count = self._opened.counts.get(number)
-            before = found.get(channel.topic)
+            before = by_name.get(channel.topic)
             if before is not None:
                 both = before.messages is not None and count is not None
                 count = before.messages + count if both else None  # type: ignore[operator]
-            found[channel.topic] = Topic(channel.topic, channel.type, count)
-        return tuple(found[name] for name in sorted(found))
+            by_name[channel.topic] = Topic(channel.topic, channel.type, count)
+        return tuple(by_name[name] for name in sorted(by_name))
 
     def imu(self, topic: str | None = None) -> Imu:
         """Samples of an Imu topic.
@@ -164,10 +164,10 @@ class Log:
         from sinstool.survey.gnss import read_gnss
 
         config = self._config(gnss_topic=topic, velocity_topic=velocity_topic)
-        found = read_gnss(self._reader, config.input, self._log_time())
-        if found.gnss is None:
+        aiding = read_gnss(self._reader, config.input, self._log_time())
+        if aiding.gnss is None:
             raise self._absent("fixes or velocities", "NavSatFix")
-        return frozen(found.gnss)
+        return frozen(aiding.gnss)
 
     def barometer(self, topic: str | None = None) -> Baro | BaroHeight:
         """Static pressure, or height, if the log was opened with ``baro_kind="height"``.
@@ -199,12 +199,12 @@ class Log:
         from sinstool.survey.aiding import read_barometer
 
         config = self._config(baro_topic=topic)
-        found = read_barometer(self._reader, config.input, self._log_time())
-        if found.problem is not None:
-            raise found.problem
-        if found.stream is None:
+        read = read_barometer(self._reader, config.input, self._log_time())
+        if read.problem is not None:
+            raise read.problem
+        if read.stream is None:
             raise self._absent("a barometer", "FluidPressure")
-        return frozen(found.stream)
+        return frozen(read.stream)
 
     def magnetometer(self, topic: str | None = None) -> Magnetometer:
         """The magnetic field, in means over 0.02 s where samples are closer together.
@@ -269,8 +269,8 @@ class Log:
         return self._opened
 
     def _config(self, **topics: str | None) -> ProcessConfig:
-        given = {name: topic for name, topic in topics.items() if topic is not None}
-        return configured("open_log", INPUT, {**self.options, **given})
+        chosen = {name: topic for name, topic in topics.items() if topic is not None}
+        return configured("open_log", INPUT, {**self.options, **chosen})
 
     def _source(self, topic: str | None, config: ProcessConfig) -> Source:
         """The survey of an Imu topic, made once."""

@@ -63,24 +63,24 @@ def configured_by(
     """As `configured`, of any model."""
     from sinstool.config.load import effective
 
-    known = {name: (table, field) for table, name, field in model.options(*paths)}
-    given = {}
+    fields = {name: (table, field) for table, name, field in model.options(*paths)}
+    values = {}
     for name, value in options.items():
-        if name not in known:
-            near = nearest(name, known)
+        if name not in fields:
+            near = nearest(name, fields)
             raise ConfigurationError(
-                f"{command} has no option {name}", near or _listing(command, known)
+                f"{command} has no option {name}", near or _listing(command, fields)
             )
         if value is not None:
-            table, field = known[name]
-            given[table, name] = _plain(value, field.annotation)
-    return effective(model, None if config is None else Path(config), given, check)
+            table, field = fields[name]
+            values[table, name] = _plain(value, field.annotation)
+    return effective(model, None if config is None else Path(config), values, check)
 
 
-def _listing(command: str, known: Mapping[str, Any]) -> str:
+def _listing(command: str, names: Mapping[str, Any]) -> str:
     """The options, or where they are listed if they are many."""
-    if len(known) <= SOME:
-        return f"its options are {', '.join(sorted(known))}"
+    if len(names) <= SOME:
+        return f"its options are {', '.join(sorted(names))}"
     of = {"survey": "info", "navigate": "process"}.get(command, command.replace("_", "-"))
     return f"`sinstool {of} --help-all` lists them"
 

@@ -122,8 +122,8 @@ class Simulated:
         if self._folder is None:
             self._folder = tempfile.TemporaryDirectory(prefix="sinstool-")
             self.write(Path(self._folder.name) / "simulated.mcap")
-        known = {name: self.settings.get(name) for name in ("body_axes", "gyro_kind")}
-        return open_log(Path(self._folder.name) / "simulated.mcap", **known)
+        conventions = {name: self.settings.get(name) for name in ("body_axes", "gyro_kind")}
+        return open_log(Path(self._folder.name) / "simulated.mcap", **conventions)
 
 
 def simulate(scenario: str, output: PathLike | None = None, **options: Any) -> Simulated:

@@ -16,7 +16,7 @@ from sinstool.campaign import jobs
 from sinstool.campaign.visible import not_seen, sights, tokens, what_differs
 from sinstool.core import version
 from sinstool.core.errors import ConfigurationError, SinstoolError
-from sinstool.core.memory import kept_memory
+from sinstool.core.memory import memory_held
 
 # Waiting for the scheduler, for a first worker, and for cancelled jobs to let go of their files, s.
 CONNECT = 10.0
@@ -243,7 +243,7 @@ def _work(task: jobs.Task, key: str, topic: str) -> jobs.Outcome:
         # A worker that came later than the check
         return jobs.Outcome(error=f"{task.job.name}: a worker does not see the output", exit_code=1)
     try:
-        with kept_memory(), _seldom_collected():
+        with memory_held(), _seldom_collected():
             return jobs.perform(task, tell)
     except _Cancelled:
         return jobs.Outcome(error="cancelled", exit_code=130)

@@ -199,12 +199,12 @@ def _cells(row: dict[str, Any]) -> tuple[str, ...]:
     cells = [f"{row['rest'][key]:.1f}" for key in ("total_s", "longest_s")]
     for sensor, terms in SHOWN.items():
         for term in ("white", "flicker"):
-            found = (row[sensor]["over_axes"] or {}).get(key_of(sensor, term))
+            coefficient = (row[sensor]["over_axes"] or {}).get(key_of(sensor, term))
             size = terms[term][2]
-            if found is None:
+            if coefficient is None:
                 cells.append("-")
-            elif found["value"] is None:
-                cells.append(f"<{found['high'] / size:.3g}")
+            elif coefficient["value"] is None:
+                cells.append(f"<{coefficient['high'] / size:.3g}")
             else:
-                cells.append(f"{found['value'] / size:.4g}")
+                cells.append(f"{coefficient['value'] / size:.4g}")
     return tuple(cells)

@@ -172,12 +172,12 @@ def effective(
     model: type[G], config_file: Path | None, flags: Mapping[str, Any], check: bool = True
 ) -> G:
     """As `effective_config`, of any model."""
-    given = {}
+    by_table = {}
     for key, value in flags.items():
         group, separator, name = key.partition("__")
         if separator and value is not None and value != ():
-            given[group, name] = _flat(value)
-    return load.effective(model, config_file, given, check)
+            by_table[group, name] = _flat(value)
+    return load.effective(model, config_file, by_table, check)
 
 
 def _flat(value: Any) -> Any:

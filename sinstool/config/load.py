@@ -143,7 +143,7 @@ def load_toml(path: Path) -> dict[str, Any]:
 
 
 def effective(
-    model: type[G], config_file: Path | None, given: Mapping[tuple[str, str], Any], check: bool
+    model: type[G], config_file: Path | None, overrides: Mapping[tuple[str, str], Any], check: bool
 ) -> G:
     """Defaults, overlaid by a file, overlaid by options.
 
@@ -163,7 +163,7 @@ def effective(
         data = load_toml(config_file)
         # The file alone first: its errors are then reported with its name.
         build(model, data, str(config_file), check=False)
-    for (table, key), value in given.items():
+    for (table, key), value in overrides.items():
         data.setdefault(table, {})[key] = value
     return build(model, data, check=check)
 

@@ -88,7 +88,7 @@ def _axis(
 ) -> dict[str, Coefficient]:
     names = [key_of(sensor, term, what) for term in KEYS[sensor] for what in ("", "95", "below")]
     _only(path, table, names, where)
-    found: dict[str, Coefficient] = {}
+    terms: dict[str, Coefficient] = {}
     for term in KEYS[sensor]:
         value, bounds, below = (key_of(sensor, term, what) for what in ("", "95", "below"))
         if value in table and below in table:
@@ -97,14 +97,14 @@ def _axis(
                 "leave one of them out",
             )
         if below in table:
-            found[term] = Coefficient(None, 0.0, _number(path, where + below, table[below]))
+            terms[term] = Coefficient(None, 0.0, _number(path, where + below, table[below]))
         elif value in table:
             number = _number(path, where + value, table[value])
             low, high = _interval(path, where + bounds, table.get(bounds), number)
-            found[term] = Coefficient(number, low, high)
-    if not found:
+            terms[term] = Coefficient(number, low, high)
+    if not terms:
         raise ConfigurationError(f"{path}: table {where[:-1]} is empty", _OTHER_FILE)
-    return found
+    return terms
 
 
 def _interval(path: Path, key: str, value: Any, inside: float) -> tuple[float, float]:

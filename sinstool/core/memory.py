@@ -21,11 +21,11 @@ _TRIM_THRESHOLD, _MMAP_THRESHOLD = -1, -3
 # Its own limits, without anything set, in bytes
 _USUAL = 128 * 1024
 # Larger than any column of a block; what is beyond is given back.
-PIECE, KEPT = 32 * 2**20, 128 * 2**20
+PIECE, UNUSED_AT_MOST = 32 * 2**20, 128 * 2**20
 
 
 @contextmanager
-def kept_memory() -> Iterator[None]:
+def memory_held() -> Iterator[None]:
     """Context in which freed memory is kept; behind it all of it is given back.
 
     Nothing happens where the C library is not glibc.
@@ -35,7 +35,7 @@ def kept_memory() -> Iterator[None]:
         yield
         return
     library.mallopt(_MMAP_THRESHOLD, PIECE)
-    library.mallopt(_TRIM_THRESHOLD, KEPT)
+    library.mallopt(_TRIM_THRESHOLD, UNUSED_AT_MOST)
     try:
         yield
     finally:

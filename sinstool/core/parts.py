@@ -144,23 +144,23 @@ def _supported() -> bool:
         (types.BaseFunction, ("get_call_type",)),
         (errors, ("_termcolor_inst",)),
     )
-    known = all(hasattr(owner, name) for owner, names in needed for name in names)
-    if getattr(config, "DISABLE_JIT", False) or not known:
+    complete = all(hasattr(owner, name) for owner, names in needed for name in names)
+    if getattr(config, "DISABLE_JIT", False) or not complete:
         return False
     theirs_type = types.BaseFunction.get_call_type
     theirs_get = cpu.CPUContext.get_executable
     theirs_add = _Library.add_linking_library
 
-    found: dict[tuple[int, Any], tuple[Any, Any]] = {}
+    inferred: dict[tuple[int, Any], tuple[Any, Any]] = {}
 
     def get_call_type(self: Any, context: Any, args: Any, keywords: Any) -> Any:
         numbers = all(isinstance(each, types.Number | types.Boolean) for each in args)
         if keywords or not numbers or not getattr(_turn, "ours", False):
             return theirs_type(self, context, args, keywords)
         key = (id(self), args)
-        if key not in found:
-            found[key] = (self, theirs_type(self, context, args, keywords))
-        return found[key][1]
+        if key not in inferred:
+            inferred[key] = (self, theirs_type(self, context, args, keywords))
+        return inferred[key][1]
 
     def get_executable(self: Any, library: Any, fndesc: Any, env: Any) -> Any:
         if not _without_way_in(library, fndesc):

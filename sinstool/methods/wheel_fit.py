@@ -88,25 +88,25 @@ def fit_wheels(
     if len(t) < LEAST or not mean(t).any():
         return None
     lags = np.arange(EARLIEST_S, LATEST_S + 0.5 * STEP_S, STEP_S)
-    kept = np.ones(len(t), np.bool_)
+    used = np.ones(len(t), np.bool_)
     scale, lag, sigma = 0.0, 0.0, 0.0
     for _ in range(ROUNDS):
-        costs = [_cost(mean(t[kept] + each), speed[kept]) for each in lags]
-        scale, lag = _refined(mean, t[kept], speed[kept], float(lags[np.argmin(costs)]))
+        costs = [_cost(mean(t[used] + each), speed[used]) for each in lags]
+        scale, lag = _refined(mean, t[used], speed[used], float(lags[np.argmin(costs)]))
         rest = speed - scale * mean(t + lag)
         sigma = max(1.4826 * float(np.median(np.abs(rest))), FINEST * fastest)
-        before, kept = kept, np.abs(rest) <= SIGMAS * sigma
-        if kept.sum() < LEAST:
+        before, used = used, np.abs(rest) <= SIGMAS * sigma
+        if used.sum() < LEAST:
             return None
-        if np.array_equal(before, kept):
+        if np.array_equal(before, used):
             break
-    design = _design(mean, t[kept], scale, lag)
+    design = _design(mean, t[used], scale, lag)
     normal = design.T @ design
     # Where speed never changes, a slope of nothing says nothing of latency
     normal[1, 1] += 1e-12 * normal[0, 0]
-    rest = rest[kept]
+    rest = rest[used]
     variance = float(np.mean(rest**2)) * np.diag(np.linalg.inv(normal))
-    own = [_inflation(t[kept], column * rest) for column in design.T]
+    own = [_inflation(t[used], column * rest) for column in design.T]
     scale_sigma, lag_sigma = np.sqrt(variance * own).tolist()
     return WheelFit(
         scale,
@@ -114,7 +114,7 @@ def fit_wheels(
         lag,
         lag_sigma,
         sigma,
-        int(kept.sum()),
+        int(used.sum()),
     )
 
 
@@ -151,15 +151,15 @@ def slipping_wheels(
     moving = within & (np.abs(speed) > MOVING * fastest)
     if moving.sum() < LEAST or not turn[moving].any():
         return np.zeros(len(time_ns), np.bool_)
-    kept = moving
+    rolling = moving
     rest, most = apart, np.full(len(apart), np.inf)
     for _ in range(ROUNDS):
-        track = float(turn[kept] @ apart[kept] / (turn[kept] @ turn[kept]))
+        track = float(turn[rolling] @ apart[rolling] / (turn[rolling] @ turn[rolling]))
         rest = apart - track * turn
-        sigma = 1.4826 * float(np.median(np.abs(rest[kept])))
+        sigma = 1.4826 * float(np.median(np.abs(rest[rolling])))
         most = SIGMAS * max(sigma, FINEST * fastest) + 0.01 * np.abs(speed)
-        kept = moving & (np.abs(rest) <= most)
-        if not turn[kept].any():
+        rolling = moving & (np.abs(rest) <= most)
+        if not turn[rolling].any():
             break
     return np.asarray(within & (np.abs(rest) > most))
 

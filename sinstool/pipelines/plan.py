@@ -277,13 +277,13 @@ def _unused(config: ProcessConfig, mode: Choice) -> tuple[Finding, ...]:
 
 def _attitude(source: Source, config: ProcessConfig, mode: str, grade: Grade) -> Choice:
     """Whether gravity holds up the attitude."""
-    option, wanted = "--attitude", config.navigation.attitude
+    option, configured = "--attitude", config.navigation.attitude
     if mode == "ins-gnss":
         return Choice("filtered", "as GNSS corrects it", option)
     if mode == "ins":
         return Choice("inertial", "as velocity and position are integrated with it", option)
-    if wanted != "auto":
-        return Choice(wanted, "as configured", option)
+    if configured != "auto":
+        return Choice(configured, "as configured", option)
     if any(odd.kind in ("no-gravity", "gravity-size") for odd in source.findings):
         return Choice("inertial", "as the specific force is not of gravity's size", option)
     if config.coning.coning != ProcessConfig().coning.coning:
@@ -344,11 +344,11 @@ def _magnetometer(
     )
     if name is None and north:
         return MagneticTopic("", "as the first attitude counts from north already"), ()
-    found = choose_magnetometer(source.log, name, source.imu_topic, source.body_frame)
-    if not found.doubtful:
-        return found, ()
-    text = f"no magnetometer is used, {found.reason}"
-    return found, (Finding("magnetometer", text, answer="choose one with --magnetometer"),)
+    chosen = choose_magnetometer(source.log, name, source.imu_topic, source.body_frame)
+    if not chosen.doubtful:
+        return chosen, ()
+    text = f"no magnetometer is used, {chosen.reason}"
+    return chosen, (Finding("magnetometer", text, answer="choose one with --magnetometer"),)
 
 
 def _filter_start(source: Source, config: ProcessConfig) -> FilterStart:
@@ -410,11 +410,11 @@ def _wheels(source: Source, mode: str) -> Choice:
 
 def _vehicle(config: ProcessConfig, mode: str) -> Choice:
     """What the vehicle is taken not to do."""
-    option, wanted = "--vehicle", config.filter.vehicle
+    option, configured = "--vehicle", config.filter.vehicle
     if mode != "ins-gnss":
         return Choice("none", "as no filter runs", option)
     if config.filter.feedback == "none":
         return Choice("none", "as --feedback is none", option)
-    if wanted != "auto":
-        return Choice(wanted, "as configured", option)
+    if configured != "auto":
+        return Choice(configured, "as configured", option)
     return Choice("auto", "as a first run without constraints will show", option)

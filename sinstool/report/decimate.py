@@ -53,8 +53,8 @@ def thin(x: FloatArray, y: FloatArray, limit: int, log_x: bool = False) -> Index
     path = bool(np.any(places[1:] < places[:-1]))
     holes = not bool(np.all(whole))
 
-    kept_of_each = (4 if path else 2) + holes
-    stretches = max(1, (limit - 2) // kept_of_each)
+    points_of_each = (4 if path else 2) + holes
+    stretches = max(1, (limit - 2) // points_of_each)
     place = np.linspace(0.0, 1.0, n)
     if not path and places.size:
         place = 0.5 * (place + _along(x, usable, log_x))

@@ -240,12 +240,12 @@ def _table(table: sections.Table, key: str) -> str:
 
 def _without_empty_columns(table: sections.Table) -> sections.Table:
     """Leave out columns in which no row has a value; the first names the rows."""
-    kept = [
+    shown = [
         k for k in range(len(table.columns))
         if not k or not table.rows or any(_value(row[k]) != "–" for row in table.rows)
     ]  # fmt: skip
-    rows = tuple(tuple(row[k] for k in kept) for row in table.rows)
-    return replace(table, columns=tuple(table.columns[k] for k in kept), rows=rows)
+    rows = tuple(tuple(row[k] for k in shown) for row in table.rows)
+    return replace(table, columns=tuple(table.columns[k] for k in shown), rows=rows)
 
 
 def _cell(cell: sections.Cell, form: str | Callable[[float], str]) -> str:
@@ -324,10 +324,10 @@ def _figure(figure: Figure, key: str, limit: int, numbers: Numbers) -> str:
     longest = max((one.y.size for one in curves), default=0)
     if figure.equal:
         limit *= 2
-    kept = (
+    extremes = (
         "in even steps" if figure.equal else "the lowest and the highest of each stretch among them"
     )
-    thinned = f"Drawn with at most {_count(limit)} of {_count(longest)} points a curve, {kept}."
+    thinned = f"Drawn with at most {_count(limit)} of {_count(longest)} points a curve, {extremes}."
     return (
         f'<figure{_shape(figure)}><p class="ylabel">{escape(above)}</p>\n'
         f'<div class="drawing" role="img" data-key="{escape(figure.key)}"'

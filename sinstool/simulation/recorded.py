@@ -63,11 +63,11 @@ def _gnss_topics(gnss: GnssEpochs) -> list[SimulatedTopic]:
     fixes, moving = gnss.rows(gnss.has_position), gnss.rows(gnss.has_velocity)
 
     def fix(rows: slice) -> Columns:
-        variance, known = _variance(fixes.sigma_position_n[rows])
+        variance, measured = _variance(fixes.sigma_position_n[rows])
         return {
             **fix_columns(fixes.latitude[rows], fixes.longitude[rows], fixes.height[rows]),
             "position_covariance": diagonal(variance, 3),
-            "position_covariance_type": np.where(known, 2, 0),
+            "position_covariance_type": np.where(measured, 2, 0),
         }
 
     def twist(rows: slice) -> Columns:

@@ -133,11 +133,11 @@ def read_magnetometer(
     losses = Losses()
     blocks = read_field(log, topic.channels, axes, losses)
     try:
-        found = sorted_stream(_thinned(blocks, log_time), log_time, True)
+        ordered = sorted_stream(_thinned(blocks, log_time), log_time, True)
     except UnsupportedLogError as exc:
         return None, [Finding("no-field", f"the magnetometer cannot be read: {exc}")]
     problem = f" ({losses.problem})" if losses.problem else ""
-    if found is None:
+    if ordered is None:
         text = f"topic {topic.topic} holds no field that is finite and not zero{problem}"
         return None, [Finding("no-field", text, topic=topic.topic)]
     findings = []
@@ -146,7 +146,7 @@ def read_magnetometer(
         text = f"topic {topic.topic}: {bad} fields are zero, not finite or damaged{problem}"
         numbers = {"messages": float(bad)}
         findings.append(Finding("bad-fields", text, topic=topic.topic, numbers=numbers))
-    measured = found.stream
+    measured = ordered.stream
     size = float(np.median(np.linalg.norm(measured.field, axis=1)))
     unit = suspected_unit(size)
     if unit != "T":

@@ -94,13 +94,13 @@ def quiet_stretches(survey: Survey, gnss: GnssEpochs | None) -> QuietStretches:
         if span.start_ns > survey.first_ns:
             quiet[np.searchsorted(windows.start_ns, span.start_ns)] = False
     gaps = np.array([start for start, _ in survey.gaps], np.int64)
-    found = [
+    candidates = [
         stretch
         for first, last in _runs(windows, quiet, {span.start_ns for span in resting})
         for stretch in _without_gaps(windows, first, last, np.sort(gaps))
         if stretch.duration_s >= SHORTEST_S
     ]
-    longest = sorted(found, key=lambda one: -one.samples)[:MOST]
+    longest = sorted(candidates, key=lambda one: -one.samples)[:MOST]
     stretches = tuple(sorted(longest, key=lambda one: one.start_ns))
     return QuietStretches(stretches, float(shaken), moving)
 

@@ -19,7 +19,7 @@ _LOW, _HIGH, _STEP = np.log(100.0), np.log(1e15), 1e-3
 _BINS = int((_HIGH - _LOW) / _STEP) + 1
 # Norm-of-specific-force histogram: 1 mm/s^2 bins up to 100 m/s^2.
 _FORCE_BINS, _FORCE_STEP = 100_000, 1e-3
-MAX_GAPS_KEPT = 1000
+MAX_GAPS_LISTED = 1000
 # Orientations are kept for so long, one of each window, to be held against the other sensors.
 ORIENTED_NS = 20_000_000_000
 
@@ -91,7 +91,7 @@ class Tally:
         self.shortest = min(self.shortest, int(steps.min()))
         self.longest = max(self.longest, int(steps.max()))
         start, step = times[:-1], steps
-        if len(self.long_step) == MAX_GAPS_KEPT:
+        if len(self.long_step) == MAX_GAPS_LISTED:
             # of equal intervals the first stays, so only longer ones can take a place
             longer = steps > self.long_step.min()
             start, step = start[longer], step[longer]
@@ -99,8 +99,8 @@ class Tally:
                 return
         start = np.concatenate((self.long_start, start))
         step = np.concatenate((self.long_step, step))
-        if len(step) > MAX_GAPS_KEPT:
-            keep = np.sort(np.argsort(-step, kind="stable")[:MAX_GAPS_KEPT])
+        if len(step) > MAX_GAPS_LISTED:
+            keep = np.sort(np.argsort(-step, kind="stable")[:MAX_GAPS_LISTED])
             start, step = start[keep], step[keep]
         self.long_start, self.long_step = start, step
 
@@ -152,7 +152,7 @@ class Tally:
         if (
             not len(self.long_step)
             or self.long_step.min() <= limit
-            or len(self.long_step) < MAX_GAPS_KEPT
+            or len(self.long_step) < MAX_GAPS_LISTED
         ):
             longer = self.long_step[self.long_step > limit]
             return len(longer), int(longer.sum())

@@ -125,7 +125,7 @@ def read_wheels(
     topics = optional_topics(log, "--wheels", name, JOINT_TYPE, *VELOCITY_TYPES)
     if name == NONE:
         return WheelSpeeds(reason="as --wheels is none")
-    found, refused = [], []
+    candidates, refused = [], []
     for topic, channels in topics.items():
         if topic == taken and name is None:
             continue
@@ -139,15 +139,15 @@ def read_wheels(
             return _configured(wheels, topic, channels, gnss)
         if wheels.topic:
             wheels, likeness = _held_against(wheels, channels, gnss)
-            found += [(likeness.left, wheels)] if wheels.topic else []
+            candidates += [(likeness.left, wheels)] if wheels.topic else []
         if not wheels.topic:
             refused.append(wheels.reason)
-    if not found:
+    if not candidates:
         none = "as the log has no topic that may hold them"
         return WheelSpeeds(reason="as " + "; ".join(refused) if refused else none)
-    best = min(found, key=lambda pair: pair[0])[1]
-    if len(found) > 1:
-        best = replace(best, reason=f"{best.reason}, best of {len(found)} topics that do")
+    best = min(candidates, key=lambda pair: pair[0])[1]
+    if len(candidates) > 1:
+        best = replace(best, reason=f"{best.reason}, best of {len(candidates)} topics that do")
     return best
 
 
@@ -223,8 +223,8 @@ def _words(name: str) -> set[str]:
 
 def _sorted(blocks: Iterable[Readings], log_time: bool) -> Readings | None:
     usable = (b.rows((np.abs(b.values) < FASTEST).all(axis=1)) for b in blocks)
-    found = sorted_stream(usable, log_time)
-    return None if found is None else found.stream
+    ordered = sorted_stream(usable, log_time)
+    return None if ordered is None else ordered.stream
 
 
 def _held_against(

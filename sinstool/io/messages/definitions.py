@@ -219,8 +219,8 @@ def _standard(type_name: str, encoding: str) -> tuple[str, str]:
     Those of the results lie beside this module: rosbags' collections take longer to import than
     some logs to process.
     """
-    known = _results()[encoding].get(type_name)
-    return (known[0], known[1]) if known else collected(type_name, encoding)
+    result = _results()[encoding].get(type_name)
+    return (result[0], result[1]) if result else collected(type_name, encoding)
 
 
 def collected(type_name: str, encoding: str) -> tuple[str, str]:

@@ -13,7 +13,7 @@ if TYPE_CHECKING:
     from sinstool.io.readers.log import Log
 
 GROUP = "sinstool.readers"
-KNOWN = "sinstool reads MCAP, ROS 1 .bag, ROS 2 bags (a directory or a single .db3) and ULog of PX4"
+READS = "sinstool reads MCAP, ROS 1 .bag, ROS 2 bags (a directory or a single .db3) and ULog of PX4"
 
 
 def open_log(path: Path | str, salvage: bool = False) -> Log:
@@ -81,4 +81,4 @@ def open_log(path: Path | str, salvage: bool = False) -> Log:
         if reader.recognises(path, head):
             foreign: Log = reader(path, salvage)
             return foreign
-    raise NotALogError(path, described(head), KNOWN)
+    raise NotALogError(path, described(head), READS)

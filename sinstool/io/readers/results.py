@@ -166,11 +166,11 @@ class ResultReader:
         DataError
             Times go back, or the topics have no instant in common.
         """
-        known = self._known()
+        present = self._present()
         self.losses = Losses()  # of this pass alone
         empty = True
         for time_ns, log_time_ns, values in self._joined(self._progress):
-            block = self._block(time_ns, log_time_ns, values, known)
+            block = self._block(time_ns, log_time_ns, values, present)
             usable = _finite(block)
             self.losses.nonfinite += int(len(block) - np.count_nonzero(usable))
             if usable.any():
@@ -181,19 +181,19 @@ class ResultReader:
                 self._log.path, f"{PREFIX}{self._source} holds nothing that can be used"
             )
 
-    def _known(self) -> set[str]:
+    def _present(self) -> set[str]:
         """Covariances that are not zero throughout."""
         searched = {n for n, (topic, _) in COVARIANCES.items() if topic in self._channels}
-        known: set[str] = set()
+        present: set[str] = set()
         if searched:
             for _, _, values in self._joined():
-                for name in searched - known:
+                for name in searched - present:
                     topic, column = COVARIANCES[name]
                     if values[topic][column].any():
-                        known.add(name)
-                if known == searched:
+                        present.add(name)
+                if present == searched:
                     break
-        return known
+        return present
 
     def _joined(
         self, progress: Callable[[int], None] | None = None
@@ -245,7 +245,7 @@ class ResultReader:
             )
 
     def _block(
-        self, time_ns: np.ndarray, log_time_ns: np.ndarray, values: Joined, known: set[str]
+        self, time_ns: np.ndarray, log_time_ns: np.ndarray, values: Joined, present: set[str]
     ) -> ResultBlock:
         """A block in sinstool's own frames and units."""
         q_nb = self._attitude(values)
@@ -256,18 +256,18 @@ class ResultReader:
             "specific_force_b": blank if imu is None else turn_body(imu["accel"], self._axes),
             "vertical": values["height"]["vertical"] if "height" in values else None,
         }
-        if imu is not None and "attitude" in known:
+        if imu is not None and "attitude" in present:
             columns["covariance_attitude_n"] = self._turned(imu["q_covariance"].reshape(-1, 3, 3))
         local = None
         if odometry is not None:
             local = self._from_world(odometry["position"])
             body = turn_body(odometry["velocity"], self._axes)
             columns["velocity_n"] = rotate(q_nb, body)
-            if "pose" in known:
+            if "pose" in present:
                 pose = odometry["pose_covariance"].reshape(-1, 6, 6)
                 columns["covariance_position_n"] = self._turned(pose[:, :3, :3])
                 columns.setdefault("covariance_attitude_n", self._turned(pose[:, 3:, 3:]))
-            if "velocity" in known:
+            if "velocity" in present:
                 twist = odometry["twist_covariance"].reshape(-1, 6, 6)[:, :3, :3]
                 c_nb = turn_body(to_dcm(q_nb), self._axes)
                 columns["covariance_velocity_n"] = _unknown(c_nb @ twist @ np.swapaxes(c_nb, 1, 2))
@@ -276,7 +276,7 @@ class ResultReader:
         if "fix" in values:
             geodetic = values["fix"]["geodetic"]
             columns["position"] = geodetic * np.array([np.pi / 180.0, np.pi / 180.0, 1.0])
-            if "fix" in known:
+            if "fix" in present:
                 # always east, north, up in this message
                 covariance = values["fix"]["fix_covariance"].reshape(-1, 3, 3)
                 columns["covariance_position_n"] = _unknown(enu_to_ned_covariance(covariance))
@@ -315,8 +315,8 @@ def _finite(block: ResultBlock) -> np.ndarray:
 
 def _unknown(covariance: np.ndarray) -> np.ndarray:
     """Covariances with NaN where they are not known."""
-    known = np.asarray(covariance.any(axis=(1, 2)))
-    return covariance if known.all() else np.where(known[:, None, None], covariance, np.nan)
+    filled = np.asarray(covariance.any(axis=(1, 2)))
+    return covariance if filled.all() else np.where(filled[:, None, None], covariance, np.nan)
 
 
 class _Held:
@@ -348,23 +348,23 @@ class _Held:
         self._parts = (
             [] if count == len(time_ns) else [(time_ns[count:], log_time_ns[count:], rest)]
         )
-        given = {name: column[:count] for name, column in together.items()}
-        return (time_ns[:count], log_time_ns[:count], given) if count else None
+        rows = {name: column[:count] for name, column in together.items()}
+        return (time_ns[:count], log_time_ns[:count], rows) if count else None
 
 
 def _common(held: dict[str, _Held], ready: int) -> tuple[np.ndarray, np.ndarray, Joined] | None:
     """Rows up to a time at the instants that all topics have."""
-    given = {name: rows for name, one in held.items() if (rows := one.up_to(ready)) is not None}
-    if len(given) < len(held):
+    parts = {name: rows for name, one in held.items() if (rows := one.up_to(ready)) is not None}
+    if len(parts) < len(held):
         return None
-    every = [time_ns for time_ns, _, _ in given.values()]
+    every = [time_ns for time_ns, _, _ in parts.values()]
     same = every[0]
     if not all(np.array_equal(same, one) for one in every[1:]):
         same = reduce(np.intersect1d, every)
-        for name, one in given.items():
+        for name, one in parts.items():
             which = np.searchsorted(one[0], same)
-            given[name] = same, one[1][which], {key: v[which] for key, v in one[2].items()}
+            parts[name] = same, one[1][which], {key: v[which] for key, v in one[2].items()}
     if not len(same):
         return None
-    first = next(iter(given.values()))[1]
-    return same, first, {name: values for name, (_, _, values) in given.items()}
+    first = next(iter(parts.values()))[1]
+    return same, first, {name: values for name, (_, _, values) in parts.items()}

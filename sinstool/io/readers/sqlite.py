@@ -82,7 +82,7 @@ class SqliteLog(Log):
             self._beside = None
 
     def _damaged(self, exc: Exception) -> DamagedLogError:
-        _end_if_asked(exc)
+        _raise_if_interrupted(exc)
         recover = f"`sqlite3 '{self.path}' .recover | sqlite3 recovered.db3` may save more"
         hint = recover if self.salvage else f"{SALVAGE_HINT}; {recover}"
         what = f"SQLite cannot read it ({exc})"
@@ -188,7 +188,7 @@ class SqliteLog(Log):
             (last,) = database.execute("SELECT max(rowid) FROM messages").fetchone()
             self._last_row = int(last or 0)
         except _UNREADABLE as exc:
-            _end_if_asked(exc)
+            _raise_if_interrupted(exc)
             if not self.salvage:
                 raise self._damaged(exc) from exc
 
@@ -236,7 +236,7 @@ class SqliteLog(Log):
                     break
                 limit = ""
             except _UNREADABLE as exc:
-                _end_if_asked(exc)
+                _raise_if_interrupted(exc)
                 if not self.salvage:
                     raise self._damaged(exc) from exc
                 if not limit:
@@ -270,7 +270,7 @@ class SqliteLog(Log):
             try:
                 next_row = self._database.execute(f"{query} LIMIT 1", (behind,)).fetchone()
             except _UNREADABLE as exc:
-                _end_if_asked(exc)
+                _raise_if_interrupted(exc)
                 return None
             return (0, None) if next_row is None else (next_row[0], next_row[1])
 
@@ -306,7 +306,7 @@ def _batch(topics: array, times: array, lengths: array, data: bytearray, positio
     )
 
 
-def _end_if_asked(exc: Exception) -> None:
+def _raise_if_interrupted(exc: Exception) -> None:
     """Raise what a signal raised while SQLite was at work, which tells of it in its own way."""
     if isinstance(exc, sqlite3.OperationalError) and str(exc) == "interrupted":
         raise KeyboardInterrupt from exc

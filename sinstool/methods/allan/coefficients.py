@@ -86,12 +86,12 @@ class ImuNoise:
 
 def coefficients(fit: NoiseFit, interval: float) -> dict[str, Coefficient]:
     """Coefficients of a fit to samples so many seconds apart."""
-    found = {}
+    by_name = {}
     for name in NAMES:
         term, unit = fit.terms[name], interval ** _POWERS[name]
         value = None if term.value is None else term.value * unit
-        found[name] = Coefficient(value, term.low * unit, term.high * unit)
-    return found
+        by_name[name] = Coefficient(value, term.low * unit, term.high * unit)
+    return by_name
 
 
 def over_axes(noise: SensorNoise, term: str) -> Coefficient | None:

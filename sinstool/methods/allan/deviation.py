@@ -19,7 +19,7 @@ from sinstool.core.arrays import FloatArray, IntArray
 PER_OCTAVE = 3
 # So many phases of an axis are kept; of longer logs every second, fourth, ... one, which serves
 # the averaging times of at least so many samples between two that are kept.
-KEPT = 2_000_000
+MOST_PHASES = 2_000_000
 COARSE = 64
 # Differences this short are summed as blocks come, while they are in the processor's cache.
 NEAR = 2048
@@ -31,7 +31,7 @@ TIMES = 4
 def stride_for(samples: int) -> int:
     """Phases of which one is kept, a power of two, in a segment of so many samples."""
     stride = 1
-    while samples > KEPT * stride:
+    while samples > MOST_PHASES * stride:
         stride *= 2
     return stride
 
@@ -115,13 +115,13 @@ class VarianceStage:
         self._sums = np.zeros((2, len(lags), columns))
         self._terms = np.zeros((2, len(lags)), np.int64)
         self._tail = np.empty((columns, 0))
-        self._kept: list[FloatArray] = []
+        self._phases: list[FloatArray] = []
         self._count = 0
 
     def begin(self) -> None:
         """Begin a segment, after ending the one before."""
         self.end()
-        self._kept = [np.zeros((len(self._tail), 1))]
+        self._phases = [np.zeros((len(self._tail), 1))]
         self._tail = np.zeros((len(self._tail), 1))
         self._count = 0
 
@@ -136,7 +136,7 @@ class VarianceStage:
         phase = np.cumsum(values, axis=0).T
         phase += self._tail[:, -1:]
         first = -self._count - 1 + self.stride * (self._count // self.stride + 1)
-        self._kept.append(phase[:, first :: self.stride].copy())
+        self._phases.append(phase[:, first :: self.stride].copy())
         if len(self._short):
             joined = np.hstack((self._tail, phase))
             for column, row in enumerate(joined):
@@ -153,12 +153,12 @@ class VarianceStage:
             phases = []
             # Column by column, so that no second copy of all there is has to be made
             for column in range(len(self._tail)):
-                kept = np.concatenate([part[column] for part in self._kept])
-                self._add(self._long // self.stride, kept, column, len(self._short), 0)
-                phases.append(kept[:: self.block // self.stride].copy())
+                phase = np.concatenate([part[column] for part in self._phases])
+                self._add(self._long // self.stride, phase, column, len(self._short), 0)
+                phases.append(phase[:: self.block // self.stride].copy())
             self.lengths.append(self._count)
             self.phases.append(np.stack(phases, axis=1))
-        self._kept = []
+        self._phases = []
         self._count = 0
 
     def _add(self, lags: IntArray, phase: FloatArray, column: int, at: int, begin: int) -> None:

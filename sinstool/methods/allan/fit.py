@@ -272,10 +272,10 @@ class _Likelihood:
 
     def again(self, z: FloatArray, p: FloatArray) -> tuple[FloatArray, float]:
         """The likeliest terms, and their deviance, where blocks are others, in units of samples."""
-        kept, self._z = self._z, z / sqrt(self._unit)
-        found = self._minimise(p)
-        self._z = kept
-        return found
+        own, self._z = self._z, z / sqrt(self._unit)
+        fit = self._minimise(p)
+        self._z = own
+        return fit
 
     def _begin(self) -> FloatArray:
         """Terms that follow the curve, each lag and each frequency by its share."""
@@ -487,11 +487,11 @@ def _least_squares(rows: FloatArray) -> FloatArray:
     # The best of all choices of terms whose own best is not negative
     for chosen in range(1, 1 << len(size)):
         some = [k for k in range(len(size)) if chosen >> k & 1]
-        found = np.linalg.lstsq(scaled[:, some], one, rcond=None)[0]
-        left = float(np.sum((one - scaled[:, some] @ found) ** 2))
-        if np.all(found >= 0.0) and left < least:
+        solution = np.linalg.lstsq(scaled[:, some], one, rcond=None)[0]
+        left = float(np.sum((one - scaled[:, some] @ solution) ** 2))
+        if np.all(solution >= 0.0) and left < least:
             best, least = np.zeros(len(size)), left
-            best[some] = found
+            best[some] = solution
     return np.asarray(best / size)
 
 

@@ -85,7 +85,7 @@ def covariance_of_variances(lags: IntArray, lengths: Sequence[int]) -> FloatArra
         G.
     """
     count = len(lags)
-    found = np.zeros((count, count, 4, 4))
+    covariance = np.zeros((count, count, 4, 4))
     alike = Counter(lengths)
     terms = [sum(n * max(s - 2 * m + 1, 0) for s, n in alike.items()) for m in lags.tolist()]
     for i, a in enumerate(lags.tolist()):
@@ -107,9 +107,9 @@ def covariance_of_variances(lags: IntArray, lengths: Sequence[int]) -> FloatArra
                     end = np.minimum(from_a, from_b + apart)
                     weight += n * np.maximum(end - np.maximum(apart, 0), 0)
             scale = 2.0 * step / (4.0 * float(a) ** 2 * float(b) ** 2 * terms[i] * terms[j])
-            found[i, j] = scale * np.einsum("kt,lt,t->kl", both, both, weight)
-            found[j, i] = found[i, j]
-    return found
+            covariance[i, j] = scale * np.einsum("kt,lt,t->kl", both, both, weight)
+            covariance[j, i] = covariance[i, j]
+    return covariance
 
 
 @dataclass(frozen=True)
@@ -147,16 +147,16 @@ def second_differences(count: int) -> FloatArray:
 
     The fourth differences of K; that of flicker noise by its series where its parts would cancel.
     """
-    found = np.zeros((4, max(count, 3)))
-    found[0, :3] = 6.0, -4.0, 1.0
-    found[1, :2] = 2.0, -1.0
-    found[3, :2] = 2.0 / 3.0, 1.0 / 6.0
+    covariance = np.zeros((4, max(count, 3)))
+    covariance[0, :3] = 6.0, -4.0, 1.0
+    covariance[1, :2] = 2.0, -1.0
+    covariance[3, :2] = 2.0 / 3.0, 1.0 / 6.0
     near = np.arange(min(count, FAR), dtype=np.float64)
     for shift, weight in zip((-2, -1, 0, 1, 2), (1.0, -4.0, 6.0, -4.0, 1.0), strict=True):
-        found[2, : len(near)] += weight * covariance_of_phase(near + shift)[2]
+        covariance[2, : len(near)] += weight * covariance_of_phase(near + shift)[2]
     far = np.arange(FAR, count, dtype=np.float64) ** -2.0
-    found[2, FAR:count] = -(far + far**2 + 1.5 * far**3) / pi
-    return found[:, :count]
+    covariance[2, FAR:count] = -(far + far**2 + 1.5 * far**3) / pi
+    return covariance[:, :count]
 
 
 def block_model(count: int, block: int) -> BlockModel:

@@ -25,7 +25,7 @@ from sinstool.methods.ins_gnss.fix_velocity import with_velocities
 from sinstool.pipelines.align.first_attitude import align, compass, seconds_from_start
 from sinstool.pipelines.align.in_motion import align_moving
 from sinstool.pipelines.align.result import (
-    HEADING_KNOWN,
+    HEADING_OBSERVED,
     AlignResult,
     TruthError,
     angles,
@@ -109,7 +109,7 @@ def _with_truth(
         findings = (*findings, Finding("truth", text))
     elif np.isfinite(aligned).all():
         true = at_times(time_ns, q_nb, np.array([result.time_ns]))
-        if result.status in HEADING_KNOWN:
+        if result.status in HEADING_OBSERVED:
             psi = errors(aligned[None], true)[0] / DEGREE
             error = TruthError(name, tuple(psi.tolist()), float(np.linalg.norm(psi)))
         else:
@@ -167,7 +167,7 @@ def _align(source: Source, config: ProcessConfig, plan: Plan) -> LogAlignment:
         *(Finding("alignment", text) for text in warnings),
         *lost.findings(),
     ]
-    if status not in HEADING_KNOWN:
+    if status not in HEADING_OBSERVED:
         findings.append(
             Finding("heading-withheld", f"heading is not known: {status}", Severity.LOST)
         )

@@ -21,7 +21,7 @@ from sinstool.survey.grade import ImuGrade
 
 DEG_H = DEGREE / 3600.0
 # Statuses whose heading is known.
-HEADING_KNOWN = ("ok", "degraded")
+HEADING_OBSERVED = ("ok", "degraded")
 
 Vector = tuple[float | None, ...]
 
@@ -123,7 +123,7 @@ def angles(q_nb: np.ndarray, status: str) -> dict[str, Any]:
     """Quaternion and Euler angles of an answer, without a heading that is not known."""
     if not np.isfinite(q_nb).all():
         return dict.fromkeys(("q_nb_wxyz", "roll_deg", "pitch_deg", "heading_deg"))
-    north = status in HEADING_KNOWN
+    north = status in HEADING_OBSERVED
     roll, pitch, heading = (float(v) for v in to_euler(q_nb) / DEGREE)
     return {
         "q_nb_wxyz": tuple(q_nb.tolist()) if north else None,
@@ -143,7 +143,7 @@ def sigmas(answer: InFlightAlignment | Gyrocompass) -> Vector:
 
 def covariance(answer: InFlightAlignment | Gyrocompass) -> np.ndarray | None:
     """Covariance in deg^2, where heading is known."""
-    return np.asarray(answer.cov / DEGREE**2) if answer.status in HEADING_KNOWN else None
+    return np.asarray(answer.cov / DEGREE**2) if answer.status in HEADING_OBSERVED else None
 
 
 def finite(value: float | None) -> float | None:

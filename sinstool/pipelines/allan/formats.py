@@ -160,13 +160,13 @@ def _entry(
     of: Callable[[float], float],
 ) -> Entry:
     """A key with the figure for all axes of a sensor; ``of`` turns SI into what it holds."""
-    found = over_axes(result.noise.of(sensor), term)
+    coefficient = over_axes(result.noise.of(sensor), term)
     what = f"{SENSOR_WORDS[sensor]} {WORDS[term]}"
-    if found is None:
+    if coefficient is None:
         return Entry(key, None, True, (0.0, 0.0), unit, what)
-    value = found.high if found.value is None else found.value
-    interval = of(found.low), of(found.high)
-    return Entry(key, of(value), found.value is not None, interval, unit, what)
+    value = coefficient.high if coefficient.value is None else coefficient.value
+    interval = of(coefficient.low), of(coefficient.high)
+    return Entry(key, of(value), coefficient.value is not None, interval, unit, what)
 
 
 def _continuous(rate: float) -> list[Key]:

@@ -31,7 +31,7 @@ def findings(
     fits: Sequence[NoiseFit | None],
     data: NoiseData,
     rest: Rest,
-    found: Collected,
+    at_rest: Collected,
 ) -> list[Finding]:
     """All that is odd about the noise of the axes."""
     return [
@@ -39,7 +39,7 @@ def findings(
         *_units(axes),
         *_hidden(axes, rest),
         *_drift(axes),
-        *_warming(axes, fits, data, found),
+        *_warming(axes, fits, data, at_rest),
         *_misfits(axes, rest),
         *_shaken(rest),
         *_swaying(rest),
@@ -118,27 +118,27 @@ def _drift(axes: Sequence[Axis]) -> Iterator[Finding]:
 
 
 def _warming(
-    axes: Sequence[Axis], fits: Sequence[NoiseFit | None], data: NoiseData, found: Collected
+    axes: Sequence[Axis], fits: Sequence[NoiseFit | None], data: NoiseData, at_rest: Collected
 ) -> Iterator[Finding]:
     """Axes whose rate settles over the longest rest as no noise does."""
-    longest = int(np.argmax([len(phases) for phases in found.phases]))
-    blocks = len(found.phases[longest]) - 1
+    longest = int(np.argmax([len(phases) for phases in at_rest.phases]))
+    blocks = len(at_rest.phases[longest]) - 1
     if blocks < LEAST_BLOCKS:
         return
     which, slowest = [], 0.0
     for column, (axis, fit) in enumerate(zip(axes, fits, strict=True)):
-        if fit is None or not _apart(found.phases[longest][:, column]):
+        if fit is None or not _apart(at_rest.phases[longest][:, column]):
             continue
         gains = []
         for share in SETTLING:
-            curve = [np.zeros(len(phases)) for phases in found.phases]
+            curve = [np.zeros(len(phases)) for phases in at_rest.phases]
             curve[longest] = -np.expm1(-np.arange(blocks + 1) / (share * blocks))
             gains.append(data.gain(column, curve))
         if max(gains) > WARMING:
             which.append(axis)
             slowest = max(slowest, SETTLING[int(np.argmax(gains))])
     if which:
-        seconds = SETTLED * slowest * blocks * found.block * found.interval
+        seconds = SETTLED * slowest * blocks * at_rest.block * at_rest.interval
         text = f"{_names(which)} settle at first: the IMU was warming up"
         answer = f"leave about {seconds:.2g} s of that rest out with --start"
         yield Finding("warm-up", text, answer=answer)

@@ -152,7 +152,7 @@ class AllanResult(Result):
 
     def _over_axes(self, sensor: Sensor) -> dict[str, Any] | None:
         """One figure for all axes of each term, by its key."""
-        found = {
+        figures = {
             key_of(sensor, term): over_axes(self.noise.of(sensor), term) for term in KEYS[sensor]
         }
-        return as_json(found) if any(found.values()) else None
+        return as_json(figures) if any(figures.values()) else None

@@ -99,9 +99,9 @@ def measure(
         quiet = quiet_stretches(source.survey, source.aiding.gnss)
         if sum(s.duration_s for s in quiet.stretches) < LEAST_S:
             raise _no_rest(source, quiet)
-        found = collect(source, config, quiet.stretches, share(progress, log.size, 0.6, 0.3))
+        at_rest = collect(source, config, quiet.stretches, share(progress, log.size, 0.6, 0.3))
         lost = Lost.of(source)
-    statuses = [_status(found, column) for column in range(6)]
+    statuses = [_status(at_rest, column) for column in range(6)]
     if "measured" not in statuses:
         raise DataError(
             path,
@@ -109,27 +109,27 @@ def measure(
             " is cut off",
             "look at its values: the log may be simulated without noise, or rounded off",
         )
-    data = NoiseData(found.variances, found.lengths, found.phases, found.block)
+    data = NoiseData(at_rest.variances, at_rest.lengths, at_rest.phases, at_rest.block)
     fits = [
         data.fit(column) if status == "measured" else None for column, status in enumerate(statuses)
     ]
     axes = tuple(
-        _axis(found, column, fits[column], status) for column, status in enumerate(statuses)
+        _axis(at_rest, column, fits[column], status) for column, status in enumerate(statuses)
     )
-    rest = _rest(source, quiet, found)
+    rest = _rest(source, quiet, at_rest)
     starts = ", ".join(f"{one.start_s:.1f} s" for one in rest.stretches[:10])
     log_choice("rests", f"{rest.total_s:.1f} s in all, from {starts}")
-    lags = found.variances.terms > 0
+    lags = at_rest.variances.terms > 0
     result = AllanResult(
         input=LogFile(str(path), source.log.size),
         imu=ImuTime.of(source),
         rest=rest,
-        averaging_s=found.variances.lags[lags] * found.interval,
-        terms=found.variances.terms[lags],
+        averaging_s=at_rest.variances.lags[lags] * at_rest.interval,
+        terms=at_rest.variances.terms[lags],
         axes=axes,
-        findings=(*source.findings, *findings(axes, fits, data, rest, found), *lost.findings()),
+        findings=(*source.findings, *findings(axes, fits, data, rest, at_rest), *lost.findings()),
     )
-    return LogNoise(result, tuple(fits), found.variances.lags[lags], found.lengths)
+    return LogNoise(result, tuple(fits), at_rest.variances.lags[lags], at_rest.lengths)
 
 
 def _forget_log_times(source: Source) -> None:
@@ -162,41 +162,41 @@ def _no_rest(source: Source, quiet: QuietStretches) -> DataError:
     )
 
 
-def _status(found: Collected, column: int) -> Status:
+def _status(at_rest: Collected, column: int) -> Status:
     """What can be measured on an axis."""
-    low, high = found.range[column]
+    low, high = at_rest.range[column]
     if not high > low:
         return "dead"
-    levels = (high - low) / found.step[column]
-    if levels >= LEVELS and float(np.max(found.at_ends[column])) > CLIPPED:
+    levels = (high - low) / at_rest.step[column]
+    if levels >= LEVELS and float(np.max(at_rest.at_ends[column])) > CLIPPED:
         return "clipped"
     return "measured"
 
 
-def _axis(found: Collected, column: int, fit: NoiseFit | None, status: Status) -> Axis:
-    lags = found.variances.terms > 0
-    deviation = np.sqrt(found.variances.allan[lags, column])
-    hadamard = np.sqrt(found.variances.hadamard[lags, column])
+def _axis(at_rest: Collected, column: int, fit: NoiseFit | None, status: Status) -> Axis:
+    lags = at_rest.variances.terms > 0
+    deviation = np.sqrt(at_rest.variances.allan[lags, column])
+    hadamard = np.sqrt(at_rest.variances.hadamard[lags, column])
     if fit is None and status == "measured":
         status = "too-short"
     return Axis(
         sensor=SENSORS[column // 3],
         axis=AXES[column % 3],
         status=status,
-        coefficients={} if fit is None else coefficients(fit, found.interval),
-        from_s=(1 if fit is None else fit.from_lag) * found.interval,
+        coefficients={} if fit is None else coefficients(fit, at_rest.interval),
+        from_s=(1 if fit is None else fit.from_lag) * at_rest.interval,
         misfit=1.0 if fit is None else fit.misfit,
         deviation=deviation,
         hadamard=hadamard,
     )
 
 
-def _rest(source: Source, quiet: QuietStretches, found: Collected) -> Rest:
-    durations = [n * found.interval for n in found.lengths]
+def _rest(source: Source, quiet: QuietStretches, at_rest: Collected) -> Rest:
+    durations = [n * at_rest.interval for n in at_rest.lengths]
     first = source.survey.first_ns
     return Rest(
-        samples=found.samples,
-        interval_s=found.interval,
+        samples=at_rest.samples,
+        interval_s=at_rest.interval,
         total_s=sum(durations),
         longest_s=max(durations),
         shaken_s=quiet.shaken_s,
@@ -204,6 +204,6 @@ def _rest(source: Source, quiet: QuietStretches, found: Collected) -> Rest:
         sway_rad_s=sway(source.survey, quiet.stretches),
         stretches=tuple(
             RestStretch((start - first) / SECOND, duration)
-            for start, duration in zip(found.starts_ns, durations, strict=True)
+            for start, duration in zip(at_rest.starts_ns, durations, strict=True)
         ),
     )

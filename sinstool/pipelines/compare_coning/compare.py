@@ -58,7 +58,7 @@ REFERENCE = "quatfiter-4"
 JUDGES = ("quatfiter-4", "previous-3", "lookahead-12")
 SELF_CHECK = 0.1
 # Runs that are kept to be compared in pairs have about this many instants in each segment
-_KEPT = 1 << 18
+_MOST_ROWS = 1 << 18
 # Two updates of the reference and the sample they begin at
 LEAST_SAMPLES = 9
 
@@ -236,7 +236,7 @@ def compare(
 
 def _sparse(made: Attitudes, every: int) -> Attitudes:
     """Run with fewer instants, that every other thinned one has too."""
-    step = every * -(-int(made.sample[-1]) // (_KEPT * every))
+    step = every * -(-int(made.sample[-1]) // (_MOST_ROWS * every))
     if step <= every:
         return made
     few = made.sample % step == 0

@@ -91,20 +91,20 @@ class MagneticHeading:
 
     def summary(self, correction: Correction) -> MagnetometerUsed:
         """What it showed, by the attitude that came of it."""
-        found, iron = self.compass, self.compass.hard_iron
-        used = found.north is not None
+        compass, iron = self.compass, self.compass.hard_iron
+        used = compass.north is not None
         sigma = np.sqrt(np.median(correction.covariance_n[:, 2, 2])) / DEGREE
-        known = "magnetic" if self._declination is None else "true"
+        true_or_magnetic = "magnetic" if self._declination is None else "true"
         return MagnetometerUsed(
             topic=self._topic,
-            refused=found.refused,
-            north=known if found.verified else "none",
+            refused=compass.refused,
+            north=true_or_magnetic if compass.verified else "none",
             declination_deg=None if self._declination is None else self._declination / DEGREE,
             declination_source=self._declination_source,
-            field_T=found.size,
-            dip_deg=found.dip / DEGREE,
-            trusted=found.trusted,
-            scatter_deg=found.scatter / DEGREE,
+            field_T=compass.size,
+            dip_deg=compass.dip / DEGREE,
+            trusted=compass.trusted,
+            scatter_deg=compass.scatter / DEGREE,
             hard_iron_T=None if iron is None else tuple(iron.offset.tolist()),
             hard_iron_removed=iron is not None and iron.applied,
             hard_iron_sigma_T=None if iron is None else iron.sigma,
@@ -114,15 +114,15 @@ class MagneticHeading:
     def findings(self) -> Iterator[Finding]:
         """What a user should know of it."""
         yield from self._odd
-        found, iron, topic = self.compass, self.compass.hard_iron, self._topic
+        compass, iron, topic = self.compass, self.compass.hard_iron, self._topic
         if not self._read:
             return
-        if found.north is None or iron is None:
-            why = REFUSALS[found.refused].format(
-                size=1e6 * found.size,
-                trusted=100.0 * found.trusted,
-                scatter=found.scatter / DEGREE,
-                dip=abs(found.dip) / DEGREE,
+        if compass.north is None or iron is None:
+            why = REFUSALS[compass.refused].format(
+                size=1e6 * compass.size,
+                trusted=100.0 * compass.trusted,
+                scatter=compass.scatter / DEGREE,
+                dip=abs(compass.dip) / DEGREE,
             )
             yield Finding(
                 "magnetometer-refused",
@@ -151,19 +151,19 @@ class MagneticHeading:
                 answer="turn the body through all directions in a log, or calibrate it",
                 numbers={"sigma_T": iron.sigma},
             )
-        if not found.of_place and self._expected is not None:
+        if not compass.of_place and self._expected is not None:
             yield Finding(
                 "unlike-the-place",
-                f"topic {topic}: a field of {1e6 * found.size:.1f} uT that dips by"
-                f" {found.dip / DEGREE:.1f} deg is not that of the place,"
+                f"topic {topic}: a field of {1e6 * compass.size:.1f} uT that dips by"
+                f" {compass.dip / DEGREE:.1f} deg is not that of the place,"
                 f" {1e6 * self._expected.size:.1f} uT and {self._expected.dip / DEGREE:.1f} deg:"
                 " there is iron nearby, or the tilt is wrong; heading against north is not"
                 " verified",
                 topic=topic,
                 answer="check latitude and longitude, and calibrate the sensors",
-                numbers={"size_T": found.size, "dip_deg": found.dip / DEGREE},
+                numbers={"size_T": compass.size, "dip_deg": compass.dip / DEGREE},
             )
-        disturbed = 1.0 - found.trusted
+        disturbed = 1.0 - compass.trusted
         if disturbed > DISTURBED:
             yield Finding(
                 "disturbed-field",

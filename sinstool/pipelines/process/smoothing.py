@@ -141,8 +141,8 @@ class Smoothing:
             bias = CAUTION * alignment.gyro_bias_sigma
             sensors = replace(sensors, bias=min(sensors.bias, bias))
         chosen = self._config.navigation.motion
-        known = None if chosen == "auto" else chosen
-        motion = find_motion(epochs, sensors, known, self._gnss_speed())
+        motion_class = None if chosen == "auto" else chosen
+        motion = find_motion(epochs, sensors, motion_class, self._gnss_speed())
         heading = alignment.sigma_rad[2] if alignment.north_referenced else None
         latitude, height = self._source.latitude, self._source.position[2]
         beside = Known(
@@ -239,8 +239,8 @@ class Smoothing:
             )
         compassed = s.magnetometer is not None and not s.magnetometer.refused
         if not self._rested and not compassed:
-            known = f"{s.heading_sigma_end_deg:.2g} deg (1 sigma)"
-            drift = "any angle" if s.heading_lost else known
+            sigma = f"{s.heading_sigma_end_deg:.2g} deg (1 sigma)"
+            drift = "any angle" if s.heading_lost else sigma
             yield Finding(
                 "no-rest",
                 "the log has no rest of 2 s, so the gyro"

@@ -16,7 +16,7 @@ from sinstool.core.units import DEGREE
 from sinstool.methods.ins_gnss.results import GnssDiagnostics
 
 # Kept at most, for medians; of a longer run every second one, and so on.
-KEPT = 8192
+MOST_SIGMAS = 8192
 # Fixes are missing where the next one used comes later than so many usual intervals, and than
 # so many seconds.
 MISSED, LEAST_OUTAGE_S = 3.0, 2.0
@@ -151,7 +151,7 @@ class Odometer:
         if solution.covariance_position_n is not None:
             variances.append(np.einsum("nii->ni", solution.covariance_position_n[rows]))
         self._sigmas += list(np.sqrt(np.concatenate(variances, axis=1)))
-        while len(self._sigmas) > KEPT:
+        while len(self._sigmas) > MOST_SIGMAS:
             self._sigmas = self._sigmas[::2]
             self._stride *= 2
 

@@ -115,8 +115,8 @@ def _terms(axis: Axis, tau: FloatArray) -> FloatArray:
 def _slopes(result: AllanResult, sensor: Sensor, tau: FloatArray, size: float) -> list[Series]:
     lines = []
     for term, name in SLOPES.items():
-        found = over_axes(result.noise.of(sensor), term)
-        if found is not None and found.value is not None:
-            y = positive(curve(term, found.value, tau) / size)
+        coefficient = over_axes(result.noise.of(sensor), term)
+        if coefficient is not None and coefficient.value is not None:
+            y = positive(curve(term, coefficient.value, tau) / size)
             lines.append(Series(name, y, tau, colour=_GREY))
     return lines

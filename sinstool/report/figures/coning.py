@@ -86,8 +86,8 @@ def _parting(rows: list[Row], log: LogComparison) -> Figure:
 
 
 def _bars(rows: list[Row], truth: bool) -> Figure:
-    known = [(r.candidate.label, r.drift_dph) for r in rows]
-    drifts = [(name, d) for name, d in known if d is not None]
+    all_drifts = [(r.candidate.label, r.drift_dph) for r in rows]
+    drifts = [(name, d) for name, d in all_drifts if d is not None]
     names = tuple(name for name, _ in drifts)
     several = all(d.windows > 1 for _, d in drifts)
     series = tuple(

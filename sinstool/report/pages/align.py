@@ -157,8 +157,8 @@ def _sensors(result: AlignResult) -> list[Section]:
         ("angular random walk", f"{assumed.angle_random_walk_deg_sqrt_h:.3g} deg/√h"),
         ("velocity random walk", f"{assumed.velocity_random_walk_m_s_sqrt_s:.3g} m/s/√s"),
     )
-    known = tuple(row for row in rows if any(cell is not None for cell in row[2:]))
-    tables: list[Section] = [Table("Biases of the sensors", columns, known, notes)] if known else []
+    shown = tuple(row for row in rows if any(cell is not None for cell in row[2:]))
+    tables: list[Section] = [Table("Biases of the sensors", columns, shown, notes)] if shown else []
     return [*tables, Rows("What was assumed of the IMU (one sigma)", errors)]
 
 

@@ -59,22 +59,22 @@ def write_page(
 
 def _facts(result: AllanResult) -> tuple[Fact, ...]:
     """White noise and bias instability of both sensors."""
-    wanted: tuple[tuple[Sensor, str, str, float, str], ...] = (
+    rows: tuple[tuple[Sensor, str, str, float, str], ...] = (
         ("gyro", "white", "deg/√h", DEGREE_PER_ROOT_HOUR, "Angle random walk"),
         ("gyro", "flicker", "deg/h", DEGREE_PER_HOUR, "Gyro bias instability"),
         ("accel", "white", "µg/√Hz", MICRO_G, "Velocity random walk"),
         ("accel", "flicker", "µg", MICRO_G, "Accelerometer bias instability"),
     )
     facts = []
-    for sensor, term, unit, size, name in wanted:
-        found = over_axes(result.noise.of(sensor), term)
-        if found is None:
+    for sensor, term, unit, size, name in rows:
+        coefficient = over_axes(result.noise.of(sensor), term)
+        if coefficient is None:
             facts.append(Fact(name, "not measured"))
-        elif found.value is None:
-            facts.append(Fact(name, f"below {found.high / size:.3g} {unit}", "not visible"))
+        elif coefficient.value is None:
+            facts.append(Fact(name, f"below {coefficient.high / size:.3g} {unit}", "not visible"))
         else:
-            interval = f"95 %: {found.low / size:.3g} to {found.high / size:.3g}"
-            facts.append(Fact(name, f"{found.value / size:.4g} {unit}", interval))
+            interval = f"95 %: {coefficient.low / size:.3g} to {coefficient.high / size:.3g}"
+            facts.append(Fact(name, f"{coefficient.value / size:.4g} {unit}", interval))
     return tuple(facts)
 
 

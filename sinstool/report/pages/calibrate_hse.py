@@ -162,8 +162,8 @@ def _coefficients(calibration: Calibration) -> Table:
         " (Ω − ω sin L) λ₂ C₂₃ / (3 ω cos L), with the rate of the table Ω, the Earth's ω, the"
         " latitude L, and λ₂ the coefficient lambda2.",
     )
-    known = tuple(row for row in rows if row[2] is not None)
-    return Table("Coefficients", columns, known, notes)
+    estimated = tuple(row for row in rows if row[2] is not None)
+    return Table("Coefficients", columns, estimated, notes)
 
 
 def _row(

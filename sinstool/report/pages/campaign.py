@@ -62,8 +62,8 @@ class Entry:
         """Kinds of findings beyond notes; of an output that was there, those that it records."""
         if "findings" not in self.row:
             return tuple(self.row.get("kinds", ()))
-        found = (one["kind"] for one in self.row["findings"] if one["severity"] != "note")
-        return tuple(dict.fromkeys(found))
+        kinds = (one["kind"] for one in self.row["findings"] if one["severity"] != "note")
+        return tuple(dict.fromkeys(kinds))
 
     def travelled(self, key: str) -> float | None:
         """A figure of ``travel``, None where there is none."""
@@ -145,9 +145,9 @@ def _facts(entries: Sequence[Entry]) -> tuple[Fact, ...]:
     lengths = [one.travelled("duration_s") for one in entries]
     ways = [one.travelled("distance_m") for one in entries]
     for name, values, shown in (("Duration", lengths, duration), ("Distance", ways, distance)):
-        known = [value for value in values if value is not None]
-        if known:
-            facts.append(Fact(name, shown(sum(known)), f"of {len(known)} logs"))
+        numbers = [value for value in values if value is not None]
+        if numbers:
+            facts.append(Fact(name, shown(sum(numbers)), f"of {len(numbers)} logs"))
     warned = sum(bool(one.kinds) for one in entries)
     facts.append(Fact("Logs with findings", str(warned), "beyond notes"))
     return tuple(facts)
@@ -200,11 +200,11 @@ def _logs(folder: Path, entries: Sequence[Entry]) -> Table:
         Column("findings"),
     )
     # A column in which no log has anything says nothing
-    kept = [k for k in range(len(columns)) if k < 2 or any(row[k] is not None for row in rows)]
+    shown = [k for k in range(len(columns)) if k < 2 or any(row[k] is not None for row in rows)]
     return Table(
         "Logs",
-        tuple(columns[k] for k in kept),
-        tuple(tuple(row[k] for k in kept) for row in rows),
+        tuple(columns[k] for k in shown),
+        tuple(tuple(row[k] for k in shown) for row in rows),
         (f"The same is in {TABLE}, for a spreadsheet.",),
     )
 

@@ -94,17 +94,17 @@ def _facts(result: ProcessResult) -> tuple[Fact, ...]:
 
 def _accuracy_facts(result: ProcessResult) -> list[Fact]:
     """One sigma of what was computed."""
-    known = result.travel.accuracy
-    if known is None:
+    accuracy = result.travel.accuracy
+    if accuracy is None:
         return []
-    tilt = _accuracy("Roll and pitch", known.tilt_deg, "deg")
+    tilt = _accuracy("Roll and pitch", accuracy.tilt_deg, "deg")
     lost = result.smoothing is not None and result.smoothing.heading_lost
-    heading = _accuracy("Heading", known.heading_deg, "deg")
+    heading = _accuracy("Heading", accuracy.heading_deg, "deg")
     facts = [Fact("Heading", "not known", "at the end") if lost else heading, tilt]
-    if known.horizontal_m is not None and known.height_m is not None:
+    if accuracy.horizontal_m is not None and accuracy.height_m is not None:
         facts += [
-            _accuracy("Position", known.horizontal_m, "m", " north and east"),
-            _accuracy("Height", known.height_m, "m"),
+            _accuracy("Position", accuracy.horizontal_m, "m", " north and east"),
+            _accuracy("Height", accuracy.height_m, "m"),
         ]
     return facts
 

@@ -28,10 +28,10 @@ def account(result: ProcessResult) -> tuple[str, ...]:
     tuple of str
         The processing, over how long and how far; how well it is known; what was assumed.
     """
-    known = [_accuracy(result), _against_truth(result)]
+    accuracy = [_accuracy(result), _against_truth(result)]
     parts = (
         " ".join(filter(None, (_extent(result), _fixes(result.filter)))),
-        " ".join(filter(None, known)),
+        " ".join(filter(None, accuracy)),
         _assumptions(result),
     )
     return tuple(part for part in parts if part)

@@ -118,7 +118,7 @@ def _magnetometer(m: summary.MagnetometerUsed | None) -> list[Row]:
     if m.refused:
         return [("magnetometer", f"{m.topic} is not used ({m.refused})" + (field and f"; {field}"))]
     north = {"true": "true north", "magnetic": "magnetic north"}.get(m.north, "north, unverified")
-    known = "" if m.declination_deg is None else f", declination {m.declination_deg:+.2f} deg"
+    declination = "" if m.declination_deg is None else f", declination {m.declination_deg:+.2f} deg"
     iron = ""
     if m.hard_iron_removed and m.hard_iron_T is not None:
         offset = ", ".join(f"{1e6 * v:.1f}" for v in m.hard_iron_T)
@@ -126,8 +126,8 @@ def _magnetometer(m: summary.MagnetometerUsed | None) -> list[Row]:
     return [
         (
             "magnetometer",
-            f"{m.topic}: heading from {north}{known}, to {m.heading_sigma_deg:.2g} deg (1 sigma);"
-            f" {field}, undisturbed {100.0 * m.trusted:.0f} % of the time{iron}",
+            f"{m.topic}: heading from {north}{declination}, to {m.heading_sigma_deg:.2g} deg (1"
+            f" sigma); {field}, undisturbed {100.0 * m.trusted:.0f} % of the time{iron}",
         )
     ]
 

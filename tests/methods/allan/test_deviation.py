@@ -68,7 +68,7 @@ def test_long_segments_keep_fewer_phases(
     walk: np.ndarray, size: int, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     whole = variances([walk])
-    monkeypatch.setattr(deviation, "KEPT", 3000)
+    monkeypatch.setattr(deviation, "MOST_PHASES", 3000)
     assert stride_for(len(walk)) == 4
     lags = averaging_lags(len(walk))
     stage = VarianceStage(lags, 4, 2, 64)

@@ -7,7 +7,7 @@ import pytest
 
 from sinstool.core.earth import radii_of_curvature
 from sinstool.core.streams import Solution
-from sinstool.pipelines.process.travel import KEPT, Odometer, find_outages
+from sinstool.pipelines.process.travel import MOST_SIGMAS, Odometer, find_outages
 
 T0 = 1_700_000_000_000_000_000
 LATITUDE = 0.8
@@ -77,8 +77,8 @@ def test_memory_is_bounded():
         return np.tile([0.2, 0.1, 1.0, 0.5, 0.6, 2.0], (n, 1))
 
     made = Odometer()
-    made.push(eastward(3 * KEPT, rate=1, sigma=sigma))
-    assert KEPT // 2 <= len(made._sigmas) <= KEPT
+    made.push(eastward(3 * MOST_SIGMAS, rate=1, sigma=sigma))
+    assert MOST_SIGMAS // 2 <= len(made._sigmas) <= MOST_SIGMAS
     assert made.travel().accuracy.heading_deg.median == pytest.approx(1.0)
 
 

@@ -30,11 +30,11 @@ class MapWriter(Writer):
     def push(self, block: ResultBlock) -> None:
         """Keep places and times: formats have them apart, or need the last before the first."""
         assert block.solution.position is not None
-        known = np.isfinite(block.solution.position).all(axis=1)
-        place = block.solution.position[known] / np.array([DEGREE, DEGREE, 1.0])
+        finite = np.isfinite(block.solution.position).all(axis=1)
+        place = block.solution.position[finite] / np.array([DEGREE, DEGREE, 1.0])
         # Due west of the date line and east of it is one place, and GPX knows only one of the two.
         place[:, 1] = (place[:, 1] + 180.0) % 360.0 - 180.0
-        self._blocks.append((block.solution.time_ns[known], place))
+        self._blocks.append((block.solution.time_ns[finite], place))
 
     def track(self) -> tuple[np.ndarray, np.ndarray]:
         """Times (n,), and latitude, longitude in deg and ellipsoidal height in m (n, 3)."""
