@@ -16,9 +16,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from benchmarks import common
-from sinstool.methods.allan.fit import NAMES, NoiseFit, Term, fit_segments
+from sinstool.methods.allan.fit import NAMES, NoiseFit, Term
 from sinstool.methods.allan.model import allan_terms
-from sinstool.simulation.noise_terms import simulate_terms
+from tests.helpers.allan import fit_segments, simulate_terms
 
 RANDOM_HEAD = ("term", "there", "visible", "interval", "bound", "claimed")
 HEAD = ("sensor", "samples", "term", "truth", "visible", "true", "interval", "claimed")

@@ -25,7 +25,7 @@ def samples(seconds: float, rate: float):
     """Rates and specific forces at rest, shape (n, 6)."""
     import numpy as np
 
-    from sinstool.simulation.noise_terms import simulate_terms
+    from tests.helpers.allan import simulate_terms
 
     random, count = np.random.default_rng(1), round(seconds * rate)
     terms = [(0.0, s, 0.03 * s, 2e-4 * s, 0.0) for s in (2e-3, 2e-3, 2e-3, 2e-2, 2e-2, 2e-2)]
@@ -55,7 +55,7 @@ def beside(seconds: float, rate: float) -> None:
     import allantools
     import numpy as np
 
-    from sinstool.methods.allan.deviation import variances
+    from tests.helpers.allan import variances
 
     rows = samples(seconds, rate)
     variances([rows[:5000]])

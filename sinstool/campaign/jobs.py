@@ -16,6 +16,7 @@ from typing import Any
 from sinstool.core import version
 from sinstool.core.choices import record_choices
 from sinstool.core.errors import ConfigurationError, SinstoolError
+from sinstool.core.result import Result
 from sinstool.core.temporary import sweep
 from sinstool.core.threads import single_threaded
 from sinstool.core.whole_file import completed_outputs
@@ -37,7 +38,8 @@ class Job:
         For people.
     function : callable
         Of a module, found by name on the other side: ``function(*arguments, progress)``, where
-        ``progress`` takes the fraction done. What it returns travels back, so: plain values.
+        ``progress`` takes the fraction done. What it returns travels back, so: plain values, or a
+        result, which travels as its row.
     size : int
         Bytes of its input; the largest are begun first.
     folders : tuple of Path
@@ -180,7 +182,8 @@ def perform(task: Task, tell: Report) -> Outcome:
 
 def _perform(job: Job, tell: Report) -> Outcome:
     try:
-        return Outcome(value=job.function(*job.arguments, _seldom(tell)))
+        value = job.function(*job.arguments, _seldom(tell))
+        return Outcome(value=value.row() if isinstance(value, Result) else value)
     except SinstoolError as exc:
         return Outcome(error=str(exc), exit_code=exc.exit_code, trace=traceback.format_exc())
     except MemoryError:

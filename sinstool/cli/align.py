@@ -165,8 +165,8 @@ def align_many(
     return many.finish([str(log.path) for log in logs], rows, batch, table)
 
 
-def align_one(path: Path, config: ProcessConfig, truth: str | None, progress: Any) -> Any:
-    """One of many: the values of ``--json`` with ``exit``.
+def align_one(path: Path, config: ProcessConfig, truth: str | None, progress: Any) -> AlignResult:
+    """Align on one of many logs.
 
     Raises
     ------
@@ -174,8 +174,7 @@ def align_one(path: Path, config: ProcessConfig, truth: str | None, progress: An
     """
     from sinstool.pipelines.align.log import align_log
 
-    result = align_log(path, config, progress, truth).result
-    return {**result.to_json(), "exit": result.exit_status}
+    return align_log(path, config, progress, truth).result
 
 
 def _cells(row: dict[str, Any]) -> tuple[str, ...]:

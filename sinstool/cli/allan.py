@@ -132,18 +132,6 @@ def allan_one(
     return result
 
 
-def allan_row(*arguments: Any) -> dict[str, Any]:
-    """As :func:`allan_one`: the values of ``--json`` with ``status`` and ``exit``.
-
-    Raises
-    ------
-    SinstoolError
-    """
-    result = allan_one(*arguments)
-    status = result.exit_status
-    return {**result.to_json(), "status": "lost" if status else "done", "exit": status}
-
-
 def allan_many(
     inputs: Sequence[Path],
     config: ProcessConfig,
@@ -180,7 +168,7 @@ def allan_many(
     reports, script = many.page_paths(pages, logs)
     written = list(zip(whole, reports, strict=True))
     settings = (many.absolute(config), kind, overwrite, script)
-    rows = many.work_on_logs(logs, allan_row, written, settings, [], batch)
+    rows = many.work_on_logs(logs, allan_one, written, settings, [], batch)
     names = [str(log.path) for log in logs]
     where = "" if folder is None else f"; noise in {folder}"
 

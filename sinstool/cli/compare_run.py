@@ -68,18 +68,6 @@ def compare_one(
     return result
 
 
-def compare_one_of_many(*arguments: Any) -> dict[str, Any]:
-    """As :func:`compare_one`: the values of ``--json`` with ``status`` and ``exit``.
-
-    Raises
-    ------
-    SinstoolError
-    """
-    result = compare_one(*arguments)
-    status = {"status": "lost", "exit": 3} if result.lost else {"status": "done", "exit": 0}
-    return {**result.to_json(), **status}
-
-
 def compare_many(
     inputs: Sequence[Path],
     config: ProcessConfig,
@@ -114,7 +102,7 @@ def compare_many(
     pages, script = many.page_paths(report, logs)
     written = list(zip(tables, pages, strict=True))
     settings = (config, overwrite, script)
-    rows = many.work_on_logs(logs, compare_one_of_many, written, settings, reads, batch)
+    rows = many.work_on_logs(logs, compare_one, written, settings, reads, batch)
     names = [str(log.path) for log in logs]
     over_all = summary(names, rows)
     if csv is not None:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import click
 
@@ -16,9 +16,6 @@ from sinstool.cli.many import BatchOptions
 from sinstool.cli.options import config_options, effective_config, path_option, print_config
 from sinstool.config import EXPORT_OPTIONS, ProcessConfig
 from sinstool.report.text.export import summary_rows
-
-if TYPE_CHECKING:
-    from sinstool.core.progress import Progress
 
 MAIN = ("output", "export__rate", "input__start", "input__end", "output__overwrite")
 HEADER = ("frame", "rows", "of")
@@ -74,22 +71,6 @@ def command(
     return many.show_result(result, batch, summary_rows)
 
 
-def export_one(
-    result: Path, output: Path, config: ProcessConfig, progress: Progress | None
-) -> dict[str, Any]:
-    """One of many: the values of ``--json`` with ``status`` and ``exit``.
-
-    Raises
-    ------
-    SinstoolError
-    """
-    from sinstool.pipelines.export.run import export
-
-    exported = export(result, output, config, progress)
-    status = exported.exit_status
-    return {**exported.to_json(), "status": "lost" if status else "done", "exit": status}
-
-
 def export_many(
     inputs: Sequence[Path], folder: Path, config: ProcessConfig, batch: BatchOptions
 ) -> int:
@@ -107,6 +88,8 @@ def export_many(
     int
         Exit status.
     """
+    from sinstool.pipelines.export.run import export
+
     if folder.suffix and not folder.is_dir():
         raise click.UsageError(
             f"-o {folder}: with many results give a folder, which gets a file for each"
@@ -116,7 +99,7 @@ def export_many(
     results = find_logs(inputs, without=folder)
     outputs = output_paths(results, folder, f".{config.export.format}")
     written = [(path.absolute(),) for path in outputs]
-    rows = many.work_on_logs(results, export_one, written, (config,), [], batch, named=True)
+    rows = many.work_on_logs(results, export, written, (config,), [], batch, named=True)
     names = [str(result.path) for result in results]
     return many.finish(
         names, rows, batch, lambda: many.log_table(HEADER, results, rows, _cells), f", in {folder}"

@@ -24,6 +24,7 @@ from sinstool.report.text.table import table
 
 if TYPE_CHECKING:
     from sinstool.core.progress import Progress
+    from sinstool.pipelines.process.result import ProcessResult
 
 MAIN = ("output", "navigation__mode", "filter__smooth", "output__report", "output__overwrite")
 HEADER = ("samples", "Hz", "gaps", "roll", "pitch", "heading deg", "warnings")
@@ -110,14 +111,14 @@ def process_unless_done(
     config: ProcessConfig,
     script: Path | None,
     progress: Progress | None,
-) -> dict[str, Any]:
+) -> ProcessResult | dict[str, Any]:
     """One of many: as :func:`process_one`, unless its output is there and would be the same.
 
     Returns
     -------
-    dict
-        The values of ``--json`` with ``status`` and ``exit``; of an output that is there already
-        only ``input``, ``output``, ``travel`` and the ``kinds`` of its findings.
+    ProcessResult or dict
+        Of an output that is there already only ``input``, ``output``, ``travel`` and the ``kinds``
+        of its findings, with ``status`` and ``exit``.
 
     Raises
     ------
@@ -143,9 +144,7 @@ def process_unless_done(
     from sinstool.report.page import check_report
 
     check_report(report, inputs=[log], overwrite=config.output.overwrite)
-    result = process_one(log, output, report, config, progress, script=script)
-    status = result.exit_status
-    return {**result.to_json(), "status": "lost" if status else "done", "exit": status}
+    return process_one(log, output, report, config, progress, script=script)
 
 
 def process_many(

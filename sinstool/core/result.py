@@ -74,6 +74,12 @@ class Result:
                 del values[key]
         return {"schema": self.SCHEMA, **values, "warnings": list(self.warnings)}
 
+    def row(self) -> dict[str, Any]:
+        """The values of ``--json`` of one log among many, with ``status`` and ``exit``."""
+        values = self.to_json()
+        values.setdefault("status", "lost" if self.exit_status else "done")
+        return {**values, "exit": self.exit_status}
+
 
 def compass(heading_deg: float) -> float:
     """A heading from 0 up to 360 deg, clockwise from north."""

@@ -4,8 +4,8 @@ import numpy as np
 
 from sinstool.core.streams import Imu
 from sinstool.simulation.log import write_simulated
-from sinstool.simulation.noise_terms import simulate_terms
 from sinstool.simulation.recorded import recorded_topics
+from tests.helpers.allan import simulate_terms
 
 T0 = 1_700_000_000_000_000_000
 RATE = 100.0

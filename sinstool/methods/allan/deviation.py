@@ -8,7 +8,6 @@ segments only; the sums of their squares over all segments are pooled.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -182,26 +181,6 @@ class VarianceStage:
         return Variances(
             self.lags, scaled[0] / 2.0, scaled[1] / 6.0, self._terms[0], self._terms[1]
         )
-
-
-def variances(segments: Sequence[FloatArray], hadamard: bool = True) -> Variances:
-    """Overlapping Allan and Hadamard variances of segments that are held as a whole.
-
-    Parameters
-    ----------
-    segments : sequence of ndarray, shape (n_i, c)
-        Samples of rate, evenly spaced within each.
-    """
-    longest = max(len(segment) for segment in segments)
-    stride = stride_for(longest)
-    lags = averaging_lags(longest)
-    stage = VarianceStage(lags, stride, segments[0].shape[1], stride, hadamard)
-    for segment in segments:
-        stage.begin()
-        mean = segment.mean(axis=0)
-        for first in range(0, len(segment), ROWS):
-            stage.push(segment[first : first + ROWS] - mean)
-    return stage.finish()
 
 
 @njit(cache=True, nogil=True, fastmath={"reassoc", "contract", "nsz"})

@@ -11,20 +11,15 @@ Allan variance; of any other only an upper bound is given.
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import pairwise
-from math import erfc, exp, isfinite, log, pi, sqrt
+from math import isfinite, log, sqrt
 
 import numpy as np
 
 from sinstool.core.arrays import FloatArray, IntArray
-from sinstool.methods.allan.deviation import (
-    Variances,
-    VarianceStage,
-    averaging_lags,
-    stride_for,
-)
+from sinstool.methods.allan.deviation import Variances
 from sinstool.methods.allan.model import (
     TERMS,
     BlockModel,
@@ -33,6 +28,7 @@ from sinstool.methods.allan.model import (
     covariance_of_variances,
     sine_transform,
 )
+from sinstool.methods.allan.profile import between, chance_above, edge
 
 NAMES = (*TERMS, "ramp")
 # Blocks that the samples of all segments make up, at most.
@@ -179,27 +175,6 @@ class NoiseData:
             without = z - shape * float(weight @ z) / float(weight @ shape)
             p, after = whole.again(without, p)
         return before - after
-
-
-def fit_segments(segments: Sequence[FloatArray]) -> list[NoiseFit | None]:
-    """Fits of segments that are held as a whole, one for each of their columns.
-
-    Parameters
-    ----------
-    segments : sequence of ndarray, shape (n_i, c)
-        Samples of rate, evenly spaced within each.
-    """
-    lengths = [len(segment) for segment in segments]
-    block, stride = block_length(lengths), stride_for(max(lengths))
-    columns = segments[0].shape[1]
-    lags = averaging_lags(max(lengths))
-    stage = VarianceStage(lags, stride, columns, max(block, stride), hadamard=False)
-    for segment in segments:
-        stage.begin()
-        stage.push(segment - segment.mean(axis=0))
-    found = stage.finish()
-    data = NoiseData(found, stage.lengths, stage.phases, max(block, stride))
-    return [data.fit(column) for column in range(columns)]
 
 
 class _Likelihood:
@@ -413,8 +388,8 @@ class _Likelihood:
             alone[list(hidden)] = 0.0
             alone = self._minimise(alone, hidden)[0]
             inward = INWARD[name]
-            high = _between(high, self._edge(k, alone, hidden, misfit, +1.0, target), max, inward)
-            low = _between(low, self._edge(k, alone, hidden, misfit, -1.0, target), min, inward)
+            high = between(high, self._edge(k, alone, hidden, misfit, +1.0, target), max, inward)
+            low = between(low, self._edge(k, alone, hidden, misfit, -1.0, target), min, inward)
             # Nor is the value that without terms that are not visible, nor that with all of them
             value = min(max(value + inward * (float(alone[k]) - value), low), high)
         return Term(sqrt(value), sqrt(low), sqrt(high))
@@ -444,7 +419,7 @@ class _Likelihood:
             fitted, deviance = self._minimise(begin, (k, *fixed))
             return (deviance - best) / misfit, fitted
 
-        return _edge(rise, p, float(p[k]), self._spread(k, p, fixed), side, sqrt(target))
+        return edge(rise, p, float(p[k]), self._spread(k, p, fixed), side, sqrt(target))
 
     def _spread(self, k: int, p: FloatArray, fixed: tuple[int, ...]) -> float:
         """About the standard deviation of a term."""
@@ -493,72 +468,3 @@ def _least_squares(rows: FloatArray) -> FloatArray:
             best, least = np.zeros(len(size)), left
             best[some] = solution
     return np.asarray(best / size)
-
-
-def chance_above(value: float, freedom: int) -> float:
-    """Chance that chi-squared with so many degrees of freedom is above a value.
-
-    Abramowitz and Stegun, Handbook of Mathematical Functions, 26.4.4 and 26.4.5. SciPy has it, but
-    takes longer to import than all else here.
-    """
-    half = 0.5 * value
-    if freedom % 2:
-        total, part, k = erfc(sqrt(half)), 2.0 * sqrt(half / pi) * exp(-half), 1.5
-    else:
-        total, part, k = 0.0, exp(-half), 1.0
-    for _ in range(freedom // 2):
-        total += part
-        part *= half / k
-        k += 1.0
-    return min(total, 1.0)
-
-
-def _between(
-    one: float, other: float, outer: Callable[[float, float], float], inward: float
-) -> float:
-    """An edge of an interval, from two of which neither is quite right."""
-    edge = outer(one, other)
-    return edge + inward * (one + other - 2.0 * edge)
-
-
-def _edge(
-    rise: Callable[[float, FloatArray], tuple[float, FloatArray]],
-    p: FloatArray,
-    best: float,
-    spread: float,
-    side: float,
-    target: float,
-) -> float:
-    """Where the root of the rise in deviance reaches its target.
-
-    The root of the rise is nearly straight in the coefficient; secants find the edge soon.
-    """
-    inner, inner_root = best, 0.0
-    outer = best + side * 2.0 * spread
-    start = p
-    if side < 0.0:
-        outer = max(outer, 0.0)
-    for _ in range(40):
-        value, fitted = rise(outer, start)
-        root = sqrt(max(value, 0.0))
-        if root >= target or (side < 0.0 and outer <= 0.0):
-            break
-        inner, inner_root, start = outer, root, fitted
-        outer = best + side * 1.6 * abs(outer - best)
-        if side < 0.0:
-            outer = max(outer, 0.0)
-    if root < target:
-        return outer
-    for _ in range(25):
-        # Between secant and halving: safe where the root is far from straight
-        part = (target - inner_root) / (root - inner_root)
-        middle = inner + min(max(part, 0.1), 0.9) * (outer - inner)
-        value, start = rise(middle, start)
-        at = sqrt(max(value, 0.0))
-        if abs(at - target) < 0.005:
-            return middle
-        if at < target:
-            inner, inner_root = middle, at
-        else:
-            outer, root = middle, at
-    return middle

@@ -15,9 +15,8 @@ from sinstool.methods.allan.coefficients import (
     over_axes,
     wandering,
 )
-from sinstool.methods.allan.fit import fit_segments
 from sinstool.methods.sensor_errors import IMU_GRADES
-from sinstool.simulation.noise_terms import simulate_terms
+from tests.helpers.allan import fit_segments, simulate_terms
 
 DT = 0.01
 

@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 
 from sinstool.methods.allan import deviation
-from sinstool.methods.allan.deviation import VarianceStage, averaging_lags, stride_for, variances
+from sinstool.methods.allan.deviation import VarianceStage, averaging_lags, stride_for
+from tests.helpers.allan import variances
 
 
 @pytest.fixture(scope="module")

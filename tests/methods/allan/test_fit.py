@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from sinstool.methods.allan.deviation import VarianceStage, averaging_lags, stride_for
-from sinstool.methods.allan.fit import NoiseData, block_length, chance_above
+from sinstool.methods.allan.fit import NoiseData, block_length
 from sinstool.methods.allan.model import (
     TERMS,
     allan_terms,
@@ -14,7 +14,8 @@ from sinstool.methods.allan.model import (
     covariance_of_variances,
     sine_transform,
 )
-from sinstool.simulation.noise_terms import simulate_terms
+from sinstool.methods.allan.profile import chance_above
+from tests.helpers.allan import simulate_terms
 
 NAMES = (*TERMS, "ramp")
 UNIT = {
