@@ -94,7 +94,6 @@ class Event:
         Of the job.
     fraction : float or None
         None where it was given back because its worker died.
-    outcome : Outcome or None
     """
 
     number: int

@@ -26,7 +26,6 @@ def unused_options(config: Group, mode: str) -> dict[str, tuple[str, ...]]:
 
     Parameters
     ----------
-    config : ProcessConfig
     mode : str
         ``attitude``, ``ins``, ``ins-gnss`` or ``turntable``.
 

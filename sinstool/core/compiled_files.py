@@ -26,7 +26,6 @@ class CompiledFiles:
 
     Parameters
     ----------
-    folder : str
     base : str
         Of all file names of the loop.
     stamp : object

@@ -20,10 +20,6 @@ def read_text(path: Path, option: str = "", hint: str = "") -> str:
     hint : str, optional
         What to do where it cannot be read.
 
-    Returns
-    -------
-    str
-
     Raises
     ------
     ConfigurationError

@@ -64,7 +64,6 @@ class Plan:
 
     Attributes
     ----------
-    imu_topic : Choice
     mode : Choice
         ``attitude``, ``ins``, ``ins-gnss`` or ``turntable``.
     attitude : Choice
@@ -76,10 +75,8 @@ class Plan:
     first_attitude : Choice
         ``level``, ``gyrocompass``, ``log``, ``fixed``, ``level-moving``, a solver in motion such
         as ``svd``, or ``whole-turn`` on a turntable.
-    imu_grade : Choice
     imu_noise : Choice
         The noise file, or ``of the grade``.
-    coning : Choice
     height_reference : Choice
         ``none``, ``baro`` or ``gnss``.
     wheels : Choice

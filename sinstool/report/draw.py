@@ -110,22 +110,13 @@ def colour_of(figure: Figure, k: int) -> int:
     ----------
     k : int
         Number of the series.
-
-    Returns
-    -------
-    int
     """
     own = figure.series[k].colour
     return (k if own is None else own) % len(LIGHT_CURVES)
 
 
 def dash_of(figure: Figure, k: int) -> str:
-    """How the line of a series is dashed; as :func:`colour_of`.
-
-    Returns
-    -------
-    str
-    """
+    """How the line of a series is dashed; as :func:`colour_of`."""
     series = figure.series[k]
     if series.style == "dashed":
         return "dash"

@@ -68,10 +68,6 @@ def markup(page: sections.Page, script: str | None = None) -> str:
     script : str, optional
         Link to the script that the page shares with others, relative to the page; by default the
         page carries its own.
-
-    Returns
-    -------
-    str
     """
     limit = points_per_curve(page.figures)
     numbers = Numbers()
@@ -125,12 +121,7 @@ def _scripts(script: str | None, numbers: Numbers) -> list[str]:
 
 
 def points_per_curve(figures: Sequence[Figure]) -> int:
-    """How many points of each curve a page can hold.
-
-    Returns
-    -------
-    int
-    """
+    """How many points of each curve a page can hold."""
     sizes = sorted(one.y.size for figure in figures for one in figure.series)
     left, limit = POINTS_PER_PAGE, POINTS_PER_CURVE
     # What short curves do not need is left to the long ones

@@ -31,10 +31,6 @@ class Numbers:
         ----------
         spec : dict
             Of :func:`~sinstool.report.draw.plotly_figure`.
-
-        Returns
-        -------
-        str
         """
         return json.dumps(spec, default=self._reference, ensure_ascii=False, separators=(",", ":"))
 

@@ -125,12 +125,7 @@ def table_of(
 
 @dataclass(frozen=True)
 class Rows:
-    """The processing, as pairs of what and how.
-
-    Attributes
-    ----------
-    pairs : tuple of (str, str)
-    """
+    """The processing, as pairs of what and how."""
 
     title: str
     pairs: tuple[tuple[str, str], ...]

@@ -80,10 +80,6 @@ def paper_response(text: str) -> GyroResponse:
         As :func:`~sinstool.methods.coning.gyro_response.gyro_response` takes it; also ``cheb:N``
         and ``butter:N``, which have the 0.2 dB and 200 Hz of the paper's figure 1.
 
-    Returns
-    -------
-    GyroResponse
-
     Raises
     ------
     ConfigurationError
@@ -119,10 +115,6 @@ def tone(time_ns: IntArray, interval: FloatArray, frequency: float) -> Tone:
         s; see :func:`~sinstool.simulation.truth.check_times`.
     frequency : float
         Hz, of any size: beyond half the sample rate too.
-
-    Returns
-    -------
-    Tone
     """
     # Whole turns are taken off before the product could lose digits.
     seconds, rest = np.divmod(time_ns - time_ns[0], 1_000_000_000)

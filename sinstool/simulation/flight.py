@@ -56,10 +56,6 @@ def spiral_climb(
         At the start, rad.
     start_ns : int, optional
         First instant.
-
-    Returns
-    -------
-    Trajectory
     """
     turn = SPIRAL_SPEED / _RADIUS
     climb = _CLIMB_PER_TURN * turn / (2.0 * np.pi)

@@ -174,10 +174,6 @@ def gnss_samples(
         :func:`true_moments` of the same trajectory and receiver, to save interpolating it for
         each of many seeds.
 
-    Returns
-    -------
-    GnssSamples
-
     Raises
     ------
     ValueError
@@ -227,10 +223,6 @@ def gnss_samples(
 
 def true_moments(trajectory: Trajectory, receiver: Receiver) -> Moments:
     """Motion of the antenna when the fixes are valid, outages included.
-
-    Returns
-    -------
-    Moments
 
     Raises
     ------
@@ -315,10 +307,6 @@ def moments(
         Within those of the trajectory, in any order.
     lever_arm_b : array_like, shape (3,), optional
         From the Imu to the point, FRD, m.
-
-    Returns
-    -------
-    Moments
 
     Raises
     ------

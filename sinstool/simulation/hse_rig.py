@@ -236,18 +236,12 @@ def hse_rig(
     plateaus : sequence of (float, float)
         Rates of the table, rad/s, and how long each is held, s; positive is clockwise seen
         from above.
-    setup : HseRigSetup, optional
-    errors : HseRigErrors, optional
     acceleration : float
         rad/s^2 between plateaus.
     start_angle : float
         rad at the start.
     seed : int
         Of the random numbers.
-
-    Returns
-    -------
-    HseRigLog
 
     Raises
     ------

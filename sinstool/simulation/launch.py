@@ -33,10 +33,6 @@ def launch_profile(dynamics: float = 1.0, straight: bool = False) -> Profile:
         Factor on the weaving and the turns after the boost; boost and rolls stay.
     straight : bool, optional
         After the boost fly straight and level at constant speed, without any roll.
-
-    Returns
-    -------
-    Profile
     """
     boost = (Step(0.05, 0.2, 1.0), Step(24.0, 4.0, -1.0))
     coning = 2.0 * np.pi * _CONING_HZ

@@ -101,10 +101,6 @@ def two_frequency(half_angles: tuple[float, float], frequencies: tuple[float, fl
     frequencies : tuple of 2 float
         Hz; negative turns the other way round.
 
-    Returns
-    -------
-    Sinusoids
-
     Notes
     -----
     ``phi = sum of a_i [sin 2 pi f_i t, cos 2 pi f_i t, 0]``. An update of N samples folds the
@@ -175,10 +171,6 @@ def random_manoeuvre(
     lines : int, optional
         Sinusoids in each axis.
 
-    Returns
-    -------
-    Sinusoids
-
     Raises
     ------
     ValueError
@@ -219,10 +211,6 @@ def sample(
     nodes : int, optional
         Of the quadrature over each interval; by default as many as the highest frequency
         needs.
-
-    Returns
-    -------
-    ImuTruth
 
     Raises
     ------

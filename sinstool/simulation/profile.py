@@ -123,10 +123,6 @@ def fly(
         Latitude, longitude (rad) and height (m) at the first instant.
     azimuth : float
         Course at which the profile's course is 0, rad.
-
-    Returns
-    -------
-    Trajectory
     """
     t = (time_ns - lift_off_ns) * 1e-9
     interval = np.concatenate([[t[1] - t[0]], np.diff(t)])

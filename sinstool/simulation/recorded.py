@@ -33,7 +33,6 @@ def recorded_topics(
         In FRD.
     gnss : GnssEpochs, optional
         Epochs with a position become NavSatFix, those with a velocity TwistWithCovarianceStamped.
-    barometer : Baro, optional
     """
     axes = Axes("flu")
 

@@ -26,7 +26,6 @@ def with_errors(truth: ImuTruth, grade: SensorGrade, seed: int) -> ImuTruth:
 
     Parameters
     ----------
-    grade : SensorGrade
     seed : int
         Of the random numbers: the same seed gives the same errors.
 

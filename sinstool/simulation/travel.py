@@ -132,10 +132,6 @@ def travel(
     azimuth : float, optional
         Of the first axis of ``w`` at the first instant, from north, rad.
 
-    Returns
-    -------
-    Trajectory
-
     Raises
     ------
     ValueError

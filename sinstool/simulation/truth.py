@@ -176,10 +176,6 @@ def after_rest(motion: ImuTruth, rest: ImuTruth) -> ImuTruth:
         Its last instant is the motion's first; of the motion's first row nothing is used but
         the rate at the instant, since the interval before it belongs to the rest.
 
-    Returns
-    -------
-    ImuTruth
-
     Raises
     ------
     ValueError

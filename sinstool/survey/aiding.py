@@ -44,8 +44,6 @@ class Barometer:
     ----------
     stream : Baro or BaroHeight or None
         By time; values that no atmosphere has are still in it. None where the log has none.
-    topic : str
-    findings : tuple of Finding
     problem : SinstoolError or None
         Why it cannot be read, to be raised where it is needed.
     """
@@ -68,8 +66,6 @@ class AidingData:
         Where they come from; '' where the log has none.
     findings : tuple of Finding
         What was odd about them, or left out.
-    barometer : Barometer
-    wheels : WheelSpeeds
     """
 
     gnss: GnssEpochs | None = None

@@ -365,7 +365,6 @@ def join(fixes: Gnss | None, velocity: Velocity | None) -> GnssEpochs | None:
 
     Parameters
     ----------
-    fixes : Gnss or None
     velocity : Velocity or None
         Both by time, without repeated stamps.
 

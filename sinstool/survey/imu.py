@@ -263,10 +263,6 @@ def survey(
     judged : Watcher, optional
         Gets them as they are judged: in the order of time, increments as mean rates.
 
-    Returns
-    -------
-    Survey
-
     Raises
     ------
     DataError

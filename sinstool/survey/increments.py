@@ -37,7 +37,6 @@ class SegmentIncrements:
         ----------
         start_ns : int
             Time of the sample at which the first update begins.
-        end_ns : int, optional
         progress : callable, optional
             Called with the bytes read.
 

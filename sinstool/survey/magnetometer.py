@@ -36,7 +36,6 @@ class MagneticTopic:
         '' for none.
     reason : str
         Why, as the end of a sentence: "as the log has ...".
-    channels : tuple of Channel
     doubtful : bool
         There were several, and the log says little of which is meant.
     """
@@ -65,7 +64,6 @@ def choose_magnetometer(
     ----------
     name : str, optional
         ``--magnetometer``.
-    imu : ImuTopic
     body_frame : str
         Frame id of its messages.
 
@@ -119,7 +117,6 @@ def read_magnetometer(
 
     Parameters
     ----------
-    topic : MagneticTopic
     axes : {'flu', 'frd'}
     log_time : bool
         Take the recorder's times for stamps.

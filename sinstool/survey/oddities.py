@@ -47,10 +47,6 @@ def oddities(survey: Survey, options: InputOptions) -> list[Finding]:
     ----------
     options : InputOptions
         What the user said about units and axes: a unit that was given is believed.
-
-    Returns
-    -------
-    list of Finding
     """
     odd = chain(_units(survey, options), _time(survey, options), _values(survey, options))
     findings = (replace(one, topic=survey.topic) for one in odd)

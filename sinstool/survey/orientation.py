@@ -48,7 +48,6 @@ def orientation_fault(
     ----------
     orientations : mapping of int to ndarray, shape (4,)
         q_nb at the middle of windows, by their number from `first_ns` on.
-    windows : Windows
     """
     numbers = (windows.start_ns - first_ns) // WINDOW_NS
     rows = np.flatnonzero([int(number) in orientations for number in numbers])

@@ -40,9 +40,6 @@ class Source:
     ----------
     log : Log
         For the passes that follow; what a run needs to know of it is in the fields below.
-    imu_topic : ImuTopic
-    units : ImuUnits
-    survey : Survey
     aiding : AidingData
         GNSS of the whole log, or of its beginning, and the barometer where one may be needed.
     latitude : float or None

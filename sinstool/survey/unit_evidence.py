@@ -55,10 +55,6 @@ def unit_evidence(windows: Windows) -> UnitEvidence:
     ----------
     windows : Windows
         With rates read as rad/s.
-
-    Returns
-    -------
-    UnitEvidence
     """
     size = np.linalg.norm(windows.accel, axis=1)
     nonzero = size > 0

@@ -60,7 +60,6 @@ def agreement(fixes: Gnss, velocity: Velocity) -> Agreement:
 
     Parameters
     ----------
-    fixes : Gnss
     velocity : Velocity
         Both by time.
     """

@@ -96,10 +96,6 @@ class Decoder:
             Bytes that hold the payloads.
         offset, length : ndarray of int64, shape (n,)
             Where each payload starts and how long it is.
-
-        Returns
-        -------
-        Columns
         """
         count = len(offset)
         done = np.zeros(count, np.bool_)

@@ -140,10 +140,6 @@ def parse_definition(type_name: str, schema_encoding: str, text: str, encoding: 
     encoding : {'cdr', 'ros1'}
         How messages of the topic are serialised.
 
-    Returns
-    -------
-    Definition
-
     Raises
     ------
     DefinitionError
@@ -190,10 +186,6 @@ def schema_text(type_name: str, encoding: str) -> str:
         A standard type in ROS 2 spelling.
     encoding : {'cdr', 'ros1'}
         Which flavour: ROS 1 headers have a sequence number.
-
-    Returns
-    -------
-    str
 
     Raises
     ------

@@ -91,10 +91,6 @@ def walk(definition: Definition, payload: bytes) -> Layout:
     payload : bytes
         The serialised message.
 
-    Returns
-    -------
-    Layout
-
     Raises
     ------
     LayoutError

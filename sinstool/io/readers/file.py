@@ -125,10 +125,6 @@ def read_ahead(
         Bytes of a chunk; a large one is not read ahead.
     batches : callable
         Unpacks a chunk.
-
-    Yields
-    ------
-    RawBatch
     """
 
     def load(place: Place | RawBatch) -> Place | list[RawBatch]:

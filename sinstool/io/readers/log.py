@@ -153,10 +153,6 @@ class Log(ABC):
         channels : collection of int, optional
             Only these; by default all.
 
-        Yields
-        ------
-        RawBatch
-
         Raises
         ------
         DamagedLogError

@@ -106,12 +106,7 @@ class McapFile(FileLog):
         self.chunk_starts: frozenset[int] = frozenset()
 
     def places(self) -> Iterator[ChunkPlace | OtherPlace | RawBatch]:
-        """Top level of the data section in file order; runs of messages come as batches.
-
-        Yields
-        ------
-        ChunkPlace, OtherPlace or RawBatch
-        """
+        """Top level of the data section in file order; runs of messages come as batches."""
         pos = len(MAGIC)
         end = self.size - len(MAGIC) if self.complete else self.size
         # Where a search begins if what follows turns out damaged: the record before may have

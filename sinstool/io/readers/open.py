@@ -30,10 +30,6 @@ def open_log(path: Path | str, salvage: bool = False) -> Log:
     salvage : bool
         Pass over damaged parts and note them in ``lost``.
 
-    Returns
-    -------
-    Log
-
     Raises
     ------
     NotALogError

@@ -157,10 +157,6 @@ class ResultReader:
     def blocks(self) -> Iterator[ResultBlock]:
         """Solutions in the order of time.
 
-        Yields
-        ------
-        ResultBlock
-
         Raises
         ------
         DataError

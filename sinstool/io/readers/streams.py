@@ -179,10 +179,6 @@ def read_imu(
         rows are NaN, which spares turning what nobody looks at any more.
     progress : callable, optional
         Called with the bytes of the log read so far.
-
-    Yields
-    ------
-    Imu
     """
     prefix = f"{path}." if path else ""
     columns: dict[str, Sequence[str]] = {

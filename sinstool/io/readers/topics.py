@@ -89,10 +89,6 @@ def choose_imu(log: Log, name: str | None) -> ImuTopic:
     name : str, optional
         ``--imu-topic``.
 
-    Returns
-    -------
-    ImuTopic
-
     Raises
     ------
     TopicError

@@ -226,10 +226,6 @@ class McapWriter:
         ----------
         number : int, optional
             Id to give it; by default the next free one.
-
-        Returns
-        -------
-        int
         """
         if number is None:
             same = self._schema_ids.get((name, encoding, data))
@@ -258,10 +254,6 @@ class McapWriter:
             Its schema's id; 0 for none.
         number : int, optional
             Id to give it; by default the next free one.
-
-        Returns
-        -------
-        int
         """
         if number is None:
             number = _free(self.channels)

@@ -47,7 +47,6 @@ def attitude_covariance(
         the pairs have.
     elapsed_s : ndarray, shape (...)
         Over which pairs were gathered.
-    grade : SensorGrade
     kappa : float
         Factor on the variances of biases and scale factors.
 

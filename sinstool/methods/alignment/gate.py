@@ -57,10 +57,6 @@ def dynamics(imu: ImuIncrements, smooth: int = 1) -> Dynamics:
     ----------
     smooth : int
         Samples up to each whose mean stands for it, before anything else.
-
-    Returns
-    -------
-    Dynamics
     """
     step = np.diff(imu.time_ns) * 1e-9
     if not len(step):

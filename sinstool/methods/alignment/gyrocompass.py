@@ -119,10 +119,6 @@ def gyrocompass(
         Biases and scale of the sensors. White noise is measured; only where there is no rest
         long enough, that of the gyros is at least the grade's.
 
-    Returns
-    -------
-    Gyrocompass
-
     Raises
     ------
     AlignmentError

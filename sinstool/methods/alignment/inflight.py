@@ -100,8 +100,6 @@ class InFlightAlignment:
         Mean squared residual by what GNSS noise alone explains: about 1.
     time_to_align_s : float or None
         From the start to the first fix after which the worst-axis sigma stays below 1 deg.
-    errors : RefinedErrors or None
-    series : AlignmentSeries or None
     residual_ns : ndarray of int64, shape (k,)
         When the newer vector of each pair was taken.
     residuals : ndarray, shape (k, 3)
@@ -162,10 +160,6 @@ def align_in_flight(
     imu: ImuIncrements, gnss: GnssFixes, settings: AlignmentSettings | None = None
 ) -> InFlightAlignment:
     """Align in flight.
-
-    Parameters
-    ----------
-    settings : AlignmentSettings, optional
 
     Returns
     -------

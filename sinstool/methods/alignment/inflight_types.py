@@ -203,7 +203,6 @@ class AlignmentSettings:
         A fix is valid this long before its stamp.
     lever_arm_b : tuple of float
         From the IMU to the antenna, FRD, m.
-    grade : SensorGrade
     kappa : float
         Factor on the variances of sensor errors; 1 for constant errors, 4 covers biases that
         wander during the run.

@@ -267,10 +267,6 @@ def total_sums(pairs: Pairs, end_s: FloatArray, sigma: FloatArray, fade_s: float
         Noise of the fixes.
     fade_s : float
         Time constant with which weight fades; may be infinite.
-
-    Returns
-    -------
-    PairSums
     """
     weight = pairs.weight * np.exp((end_s - end_s[-1]) / fade_s)
     weighted = weight[:, None] * pairs.alpha

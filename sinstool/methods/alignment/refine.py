@@ -87,17 +87,12 @@ def refine(
         Rows whose fix is taken.
     dcm : ndarray, shape (3, 3)
         ``C_ib0^i`` to start from.
-    grade : SensorGrade
     start_sigma : float
         How far `dcm` may be off, rad per axis.
     lever_sigma, latency_sigma : float
         How far lever arm, m, and latency, s, may be off; 0 where they are exact.
     backward : bool
         From the last row to the first, to answer there.
-
-    Returns
-    -------
-    Refined
 
     Notes
     -----
@@ -171,7 +166,6 @@ def theta_covariance(
     covariance : ndarray, shape (22, 22)
     known, wanted : InertialRows
         One row each.
-    grade : SensorGrade
 
     Returns
     -------

@@ -45,7 +45,6 @@ class Candidate:
         Of the gate.
     rejected : int
         Fixes that the screen left out.
-    course : Course or None
     sigma_worst : float
         At the last fix, rad.
     """
@@ -112,10 +111,6 @@ def candidates(
         Of the whole log.
     reasons : list of str
         Gains why others could not.
-
-    Returns
-    -------
-    list of Candidate
     """
     imu = stretch.imu
     origin = int(imu.time_ns[0])

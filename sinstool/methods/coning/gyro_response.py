@@ -129,10 +129,6 @@ def measured(frequency: ArrayLike, gain: ArrayLike, name: str = "table") -> Gyro
     name : str, optional
         To be shown.
 
-    Returns
-    -------
-    GyroResponse
-
     Raises
     ------
     ConfigurationError
@@ -162,10 +158,6 @@ def gyro_response(text: str | GyroResponse | None) -> GyroResponse:
     text : str, GyroResponse or None
         ``none``, ``cheb:ORDER,RIPPLE_DB,HZ``, ``butter:ORDER,HZ``, or a text file with lines
         of frequency and gain separated by a comma or blanks (``#`` starts a comment).
-
-    Returns
-    -------
-    GyroResponse
 
     Raises
     ------

@@ -104,12 +104,7 @@ def register(name: str, build: Callable[[], ConingAlgorithm]) -> None:
 
 
 def all_names() -> tuple[str, ...]:
-    """Names of sinstool's own algorithms, and of those of programs and other distributions.
-
-    Returns
-    -------
-    tuple of str
-    """
+    """Names of sinstool's own algorithms, and of those of programs and other distributions."""
     return tuple(dict.fromkeys((*names(), *_registered, *plugins.plugins(GROUP))))
 
 

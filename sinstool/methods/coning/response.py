@@ -276,10 +276,6 @@ def coning_spectrum(
     taper : {"hann", "boxcar"}, optional
         Window of each piece; pieces under ``hann`` overlap by half.
 
-    Returns
-    -------
-    ConingSpectrum
-
     Raises
     ------
     ValueError

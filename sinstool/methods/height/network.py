@@ -134,10 +134,6 @@ def recommended(grade: Grade, w2: float = 3.0858e-6) -> HeightNetwork:
     grade : {"mems", "industrial", "tactical", "navigation"}
     w2 : float, optional
         Gravity's gradient, 1/s^2.
-
-    Returns
-    -------
-    HeightNetwork
     """
     return HeightNetwork(RECOMMENDED_TAU[grade], w2=w2)
 

@@ -391,10 +391,6 @@ def fit_scale(standard_height: ArrayLike, gnss_height: ArrayLike) -> ScaleFit:
         Geometric height of a standard day, m.
     gnss_height : array_like, shape (n,)
         m.
-
-    Returns
-    -------
-    ScaleFit
     """
     # takes longer to import than all else that reads a barometer
     from scipy.optimize import least_squares
@@ -462,7 +458,6 @@ class HeightReference:
         Why a sample is not to be used; 0 where it is.
     sigma : float
         Median of what the sensor says of its own noise, m; 0 where it says nothing.
-    baro : BaroReference or None
     """
 
     kind: Literal["baro", "gnss"]

@@ -37,7 +37,6 @@ class AxialFit:
     bias : float or None
         Of the gyro along the axis, rad/s; None when it was not estimated and is therefore in
         ``c``.
-    sigma_bias : float or None
     quantile : float
         Standard deviations in half of a 95 % interval.
     """
@@ -79,10 +78,6 @@ def fit_axial(runs: Sequence[HseRun], weighted: bool) -> AxialFit:
         At least one.
     weighted : bool
         By the scatter of the turns of each run, where all runs have it.
-
-    Returns
-    -------
-    AxialFit
     """
     rate = np.array([r.rate + earth_rate_along_axis(r) for r in runs])
     c = np.array([r.c_axial for r in runs])

@@ -367,10 +367,6 @@ def correct_heading(
     rate, C23, latitude, sigma_C23 : array_like, shape (...)
         See :func:`correction`.
 
-    Returns
-    -------
-    CorrectedHeading
-
     Raises
     ------
     ConfigurationError

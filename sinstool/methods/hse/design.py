@@ -125,10 +125,6 @@ def predict(design: Design, advise: bool = True) -> Prediction:
     advise : bool
         Compare with what a little more effort would give.
 
-    Returns
-    -------
-    Prediction
-
     Raises
     ------
     ConfigurationError

@@ -113,7 +113,6 @@ def fit(runs: Sequence[HseRun], options: FitOptions | None = None) -> HseFit:
     ----------
     runs : sequence of HseRun
         Of one system with one set of matrices.
-    options : FitOptions, optional
 
     Returns
     -------

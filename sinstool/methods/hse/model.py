@@ -185,10 +185,6 @@ class HeadingModel:
             By ``data.sigma``; without, all the same. A fit without redundancy is weighted in
             any case if it can be: nothing else tells the scatter.
 
-        Returns
-        -------
-        LeastSquares
-
         Raises
         ------
         numpy.linalg.LinAlgError

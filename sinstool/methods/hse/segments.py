@@ -123,11 +123,6 @@ def find_segments(pieces: Sequence[TableAngle], rules: SegmentRules | None = Non
     ----------
     pieces : sequence of TableAngle
         From :func:`~sinstool.methods.hse.encoder.table_angle`.
-    rules : SegmentRules, optional
-
-    Returns
-    -------
-    Segmentation
     """
     rules = rules or SegmentRules()
     used: list[Segment] = []

@@ -138,10 +138,6 @@ def fit_sinusoid(azimuth: ArrayLike, values: ArrayLike) -> Sinusoid:
         rad.
     values : array_like, shape (n,)
 
-    Returns
-    -------
-    Sinusoid
-
     Raises
     ------
     ValueError

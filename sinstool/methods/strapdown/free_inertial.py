@@ -50,7 +50,6 @@ class InsSettings(SampleSettings):
         Of the attitude's quaternion: 0 exact, 1 to 4 Picard's.
     parameters : ndarray or None
         Of the vertical channel; None leaves it undamped.
-    reference : HeightReference or None
     """
 
     order: int = 0

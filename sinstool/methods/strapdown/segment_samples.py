@@ -62,10 +62,6 @@ def unbiased_segments(blocks: Iterable[Imu], settings: SampleSettings) -> Iterat
     ----------
     blocks : iterable of Imu
         Ordered, without duplicates.
-
-    Yields
-    ------
-    Piece
     """
     s = settings
     if s.gyro_kind == "increment":
@@ -117,10 +113,6 @@ class SegmentSamples:
         ----------
         sample : ndarray of int, shape (m,)
             Ascending, counted from the segment's first; not empty.
-
-        Returns
-        -------
-        Imu
         """
         assert self._held is not None
         rows = sample - self._first

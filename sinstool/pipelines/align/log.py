@@ -45,7 +45,6 @@ class LogAlignment:
 
     Attributes
     ----------
-    result : AlignResult
     answer : InFlightAlignment or Gyrocompass or None
         With the series, where the method has one.
     windows : tuple of ndarray

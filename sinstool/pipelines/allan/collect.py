@@ -38,7 +38,6 @@ class Collected:
     ----------
     interval : float
         Mean interval between samples, s.
-    samples : int
     variances : Variances
         Columns are the gyro's axes, rad/s, then the accelerometer's, m/s^2.
     lengths : tuple of int

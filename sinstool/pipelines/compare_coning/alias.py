@@ -137,10 +137,6 @@ def exposure(
         At least 2.
     thinning : {'sums', 'points'}
         Sums weaken content at f by sinc^2(f / rate) before it folds.
-
-    Returns
-    -------
-    Exposure
     """
     f, s = spectrum.frequency, spectrum.density.copy()
     if 2.0 * f[-1] > native_rate * (1.0 - 1e-9):

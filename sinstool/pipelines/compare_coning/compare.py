@@ -101,7 +101,6 @@ class Comparison:
         Candidates as the log is, then decimated.
     pairs : dict
         Largest angle between native candidates, rad, by pair of names.
-    spectrum : RateSpectrum or None
     """
 
     settings: Settings
@@ -139,10 +138,6 @@ def compare(
         True attitude of each segment, to be the reference.
     progress : callable, optional
         Called with the fraction done.
-
-    Returns
-    -------
-    Comparison
 
     Raises
     ------

@@ -273,10 +273,6 @@ def statistics(window_rates: FloatArray, window_slopes: FloatArray) -> DriftStat
     ----------
     window_rates, window_slopes : ndarray, shape (w, 3)
         rad/s.
-
-    Returns
-    -------
-    DriftStatistics
     """
     d = window_rates * DEG_H
     n = len(d)

@@ -77,8 +77,6 @@ class LogComparison:
         Of the longest stretch.
     passband, stopband : float or None
         Hz.
-    tuning : SpTuning or None
-    bounds : SpBounds or None
     truth : str
         Where the truth came from, '' without one.
     """

@@ -191,10 +191,6 @@ def reproduce(
     ----------
     phase, response, algorithms, progress
         See :func:`~sinstool.pipelines.compare_coning.paper_experiment.run_experiment`.
-
-    Returns
-    -------
-    Reproduction
     """
     experiment = run_experiment(phase, response, algorithms, progress=progress)
     return Reproduction(experiment, judge(experiment))

@@ -151,10 +151,6 @@ def run_experiment(
     progress : callable, optional
         Takes the fraction done.
 
-    Returns
-    -------
-    Experiment
-
     Raises
     ------
     ConfigurationError

@@ -239,10 +239,6 @@ def candidates(
         Picking points makes sense for point rates only.
     options : dict
         Options of algorithms that take any, by name.
-
-    Returns
-    -------
-    list of Candidate
     """
     compared = []
     for m in decimate:

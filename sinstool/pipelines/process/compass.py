@@ -37,7 +37,6 @@ class MagneticHeading:
 
     Parameters
     ----------
-    topic : MagneticTopic
     max_gap_ns : int
         Longest interval between solutions that is no gap.
 

@@ -293,14 +293,7 @@ def _from_gnss(source: Source) -> HeightReference:
 
 @dataclass(frozen=True)
 class Damping:
-    """What holds the height of a run.
-
-    Attributes
-    ----------
-    reference : HeightReference
-    network : HeightNetwork
-    grade : ImuGrade
-    """
+    """What holds the height of a run."""
 
     reference: HeightReference
     network: HeightNetwork

@@ -212,7 +212,6 @@ def difference_to_gnss(last: Solution, gnss: GnssEpochs | None) -> GnssDifferenc
     ----------
     last : Solution
         The last block of a run.
-    gnss : GnssEpochs or None
     """
     if gnss is None or last.position is None:
         return None

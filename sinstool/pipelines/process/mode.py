@@ -31,8 +31,6 @@ class Mode(ABC):
     emits : sequence of str
         What it writes unless the configuration says otherwise; beside it there are always Euler
         angles, poses and transforms.
-    frames : Frames
-    diagnostic_names : sequence of str
     """
 
     emits: Sequence[str]

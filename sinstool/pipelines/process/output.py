@@ -110,7 +110,6 @@ class Output:
             transforms.
         tf_parent : str, optional
             Parent of the Imu's frame in the log's own transforms.
-        diagnostic_names : sequence of str, optional
 
         Raises
         ------

@@ -35,7 +35,6 @@ class FilterCourse:
         Ends of the blocks after which the biases were noted.
     gyro_bias, accel_bias : ndarray, shape (n, 3)
         rad/s and m/s^2.
-    events : list of FilterEvent
     """
 
     first_ns: int
@@ -198,7 +197,6 @@ class MagnetometerUsed:
         Of headings against the gyros'.
     hard_iron_T : tuple of float or None
         FRD; None where nothing could be found.
-    hard_iron_removed : bool
     hard_iron_sigma_T : float or None
         Of its part that turns headings.
     heading_sigma_deg : float or None
@@ -236,7 +234,6 @@ class AttitudeSmoothing:
         Of the last heading: since the start, unless heading is referenced to north.
     accel_bias_sigma_m_s2 : float
         Biases of the accelerometers that the sigmas of tilt allow for.
-    magnetometer : MagnetometerUsed or None
     gyro_bias_rad_s, gyro_bias_sigma_rad_s : tuple of float
         At the end, FRD.
     """

@@ -38,7 +38,6 @@ class Accuracy:
     ----------
     tilt_deg : Spread
         About the worse of north and east.
-    heading_deg : Spread
     horizontal_m, height_m : Spread or None
         The worse of north and east, and down; None where a run has no position.
     """

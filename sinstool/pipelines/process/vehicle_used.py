@@ -55,7 +55,6 @@ class LandVehicleUsed:
         What the axle's velocity was taken to be off 0 by, as a mean over a second.
     used, slid : int
         How often it was held not to slide, and how often that did not hold.
-    wheels : WheelSpeedUsed or None
     """
 
     mount_deg: tuple[float, ...]
@@ -85,7 +84,6 @@ class VehicleUsed:
         How long it was held at rest.
     rest_reason : str
         By what it was known to rest.
-    land : LandVehicleUsed or None
     """
 
     kind: str

@@ -27,10 +27,6 @@ class Vertical:
     config : ProcessConfig
         With damping.
 
-    Attributes
-    ----------
-    damping : Damping
-
     Raises
     ------
     TopicError, DataError

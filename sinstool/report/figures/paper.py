@@ -20,12 +20,7 @@ _NOISE = "frequency of the noise, Hz"
 
 
 def figures(experiment: Experiment) -> tuple[Figure, ...]:
-    """Figures 1, 4, 6, 7, 8, 9 and table 1 of the paper, ours with the printed levels.
-
-    Returns
-    -------
-    tuple of Figure
-    """
+    """Figures 1, 4, 6, 7, 8, 9 and table 1 of the paper, ours with the printed levels."""
     return (
         _responses(experiment),
         _figure_4(experiment),

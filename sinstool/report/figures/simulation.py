@@ -39,10 +39,6 @@ def motion_figures(
         As measured.
     trajectory : Trajectory, optional
         Where the vehicle is.
-
-    Returns
-    -------
-    tuple of Figure
     """
     seconds = _seconds(truth.time_ns, truth.time_ns)
     attitude = attitude_figures(seconds, truth.q_nb)

@@ -40,7 +40,6 @@ class Entry:
     ----------
     name : PurePath
         Among the others.
-    path : Path
     row : mapping
         Its line of ``--json``.
     page : Path or None

@@ -38,7 +38,6 @@ class Writer(ABC):
     ----------
     stream : binary file
         Open for writing.
-    about : Described
 
     Attributes
     ----------
