@@ -278,7 +278,7 @@ def process_one(
 
 
 def _recorder(log: Path, report: Path | None, config: ProcessConfig) -> Recorder | None:
-    """What collects figures and errors; None where the run needs neither."""
+    """Collect figures and errors during the run; None where it needs neither."""
     if report is None and not config.output.truth:
         return None
     from sinstool.io.readers import open_log

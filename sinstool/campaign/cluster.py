@@ -120,7 +120,7 @@ def _require_version(client: Any, address: str) -> None:
 
 
 def _require_same_files(client: Any, seen: Sequence[Any], folder_tokens: Sequence[Any]) -> None:
-    """Refuse a cluster of which a worker does not see what we see, before anything starts."""
+    """Refuse a cluster with a worker that sees other files than we do, before anything starts."""
     hint = "inputs and outputs must lie where all workers see them under the same path"
     replies = client.run(what_differs, seen, folder_tokens, on_error="return")
     differing: list[str] = []
@@ -140,7 +140,7 @@ def _require_same_files(client: Any, seen: Sequence[Any], folder_tokens: Sequenc
 
 
 def _run(client: Any, tasks: Sequence[jobs.Task]) -> Iterator[jobs.Event]:
-    """Submit everything, and pass on what comes back."""
+    """Submit all tasks and pass on the events that come back."""
     topic = f"sinstool-{secrets.token_hex(8)}"
     news: queue.SimpleQueue[jobs.Event | tuple[int, Any]] = queue.SimpleQueue()
     client.subscribe_topic(topic, lambda event: news.put(jobs.Event(*event[1])))
@@ -181,7 +181,7 @@ def _done(news: queue.SimpleQueue[Any], number: int) -> Callable[[Any], None]:
 
 
 def _outcome(task: jobs.Task, future: Any) -> jobs.Outcome:
-    """What a future holds, or why it holds nothing."""
+    """The outcome of a future, or the error that took its place."""
     name = task.job.name
     if future.status == "finished":
         outcome: jobs.Outcome = future.result()

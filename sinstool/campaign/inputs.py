@@ -185,7 +185,7 @@ def _below(folder: Path, hidden: Path | None, seen: set[Path] | None = None) -> 
 
 
 def _matches(root: Path, parts: Sequence[str]) -> Iterator[Path]:
-    """What the parts of a pattern match below a folder."""
+    """Paths below a folder that match the parts of a pattern."""
     # The standard library follows links that lead back in `**`, for ever if there are two.
     if "**" not in parts:
         yield from map(Path, glob.glob(str(Path(glob.escape(str(root)), *parts))))

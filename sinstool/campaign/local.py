@@ -33,7 +33,7 @@ GRACE = 2.0
 
 
 class _Worker:
-    """A process, its pipe, and what it is doing."""
+    """A process, its pipe, and the task it works on."""
 
     def __init__(self, context: BaseContext, task: jobs.Task) -> None:
         self.pipe, theirs = context.Pipe()
@@ -84,7 +84,7 @@ def run_local(tasks: Sequence[jobs.Task], workers: jobs.Workers) -> Generator[jo
 def _listen(
     worker: _Worker, waiting: deque[jobs.Task], deaths: Counter[int]
 ) -> Iterator[jobs.Event]:
-    """What a worker has to tell; it goes on with the next task, or without one is dismissed."""
+    """Read a worker's message; after its last one, send the next task, or dismiss the worker."""
     task = worker.task
     assert task is not None
     try:
@@ -143,7 +143,7 @@ def _context(modules: Collection[str]) -> BaseContext:
 
 
 def _serve(pipe: Connection) -> None:
-    """Do what comes through the pipe until it ends; a process of its own."""
+    """Perform the tasks that come through the pipe until it closes; a process of its own."""
     # Ctrl-C at a terminal, and its end, reach all; whoever started the workers ends them.
     for number in ("SIGINT", "SIGHUP"):
         if hasattr(signal, number):

@@ -100,7 +100,7 @@ def command(
 
 
 def _rows(result: AlignResult, verbose: bool) -> list[tuple[str, str]]:
-    """The summary as pairs of what and how."""
+    """The summary as pairs of label and text."""
     rows = [
         ("log", result.input.path),
         ("IMU", f"{result.imu.topic}: {result.imu_grade.grade}, {result.imu_grade.why}"),

@@ -209,7 +209,7 @@ def _plan(
     latitude: float | None,
     as_json: bool,
 ) -> int:
-    """What a design of runs would give."""
+    """Print what a design of runs would give."""
     from dataclasses import asdict
 
     from sinstool.methods.hse.design import Design, predict

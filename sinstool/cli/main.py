@@ -172,7 +172,7 @@ _ENDING = tuple(getattr(signal, n) for n in ("SIGINT", "SIGTERM", "SIGHUP") if h
 
 
 def _end_well_on_signals() -> None:
-    """Make a request to end, and the end of the terminal, what Ctrl-C is: outputs go, then we."""
+    """Treat a request to terminate, and a closed terminal, like Ctrl-C."""
     last = -1.0
 
     def interrupt(number: int, frame: FrameType | None) -> None:
@@ -192,7 +192,7 @@ def _end_well_on_signals() -> None:
 
 
 def _written(outputs: Sequence[Path]) -> str:
-    """What is complete by now."""
+    """Say which outputs are complete."""
     paths = [str(path) for path in dict.fromkeys(outputs)]
     if not paths:
         return "nothing was written"
@@ -216,7 +216,7 @@ def _fail(error: str, status: int) -> NoReturn:
 
 
 def _usage(exc: click.ClickException) -> str:
-    """What is wrong with the arguments, and where the right ones are listed."""
+    """Say what is wrong with the arguments, and where the right ones are listed."""
     message = exc.format_message().rstrip(".")
     ctx = exc.ctx if isinstance(exc, click.UsageError) else None
     return f"{message}; see {ctx.command_path} --help" if ctx is not None else message

@@ -57,7 +57,7 @@ class AlignOptions(Group):
     )
 
     def check(self) -> None:
-        """An attitude is given where, and only where, it is taken."""
+        """Require an initial attitude exactly where ``--align fixed`` uses one."""
         fixed = self.align == "fixed"
         if fixed and self.initial_attitude is None:
             raise ConfigurationError(

@@ -112,7 +112,7 @@ def _shown(value: Any) -> str:
 
 
 def _said(error: Any) -> str:
-    """What pydantic says, in the words of the file."""
+    """An error of pydantic, in the terms of the configuration file."""
     words = {
         "tuple_type": "must be a list",
         "model_type": "must be a table",

@@ -88,8 +88,7 @@ def set_up_cache() -> None:
 
 
 def _last_resort() -> Any:
-    """What finds a folder for a loop where no other does: beside its source, which may be filled
-    though it cannot be written."""
+    """Locator of last resort for a loop's cache: beside its source, where it may be read-only."""
 
     class BesideTheSource(caching.InTreeCacheLocator):
         @classmethod

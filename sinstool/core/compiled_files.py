@@ -22,7 +22,7 @@ from numba.core.serialize import dumps
 
 
 class CompiledFiles:
-    """What numba's `IndexDataCacheFile` does, without an index.
+    """A cache like numba's `IndexDataCacheFile`, without an index.
 
     Parameters
     ----------
@@ -38,7 +38,7 @@ class CompiledFiles:
         self.every, self.start = f"{base}.", f"{base}.{_digest(self.stamp, 8)}."
 
     def save(self, key: Any, data: Any) -> None:
-        """Keep the code for a key, and remove what is out of date.
+        """Store the code for a key, and remove files that are out of date.
 
         Raises
         ------

@@ -26,7 +26,7 @@ PIECE, UNUSED_AT_MOST = 32 * 2**20, 128 * 2**20
 
 @contextmanager
 def memory_held() -> Iterator[None]:
-    """Context in which freed memory is kept; behind it all of it is given back.
+    """Context in which the process keeps freed memory; at its end all of it is returned.
 
     Nothing happens where the C library is not glibc.
     """
@@ -49,7 +49,7 @@ def memory_held() -> Iterator[None]:
 
 
 def give_back() -> None:
-    """Return to the system what was freed: for who has freed much that is not needed again."""
+    """Return freed memory to the system; to be called after freeing much."""
     library = _glibc()
     if library is not None:
         library.malloc_trim(0)

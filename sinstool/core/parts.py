@@ -35,7 +35,7 @@ _turn = local()
 
 
 class _Kernel(registry.CPUDispatcher):
-    """Compiles what it calls as parts."""
+    """A kernel: the functions that it calls are compiled as parts of it."""
 
     def compile(self, signature: Any) -> Any:
         with _ours():

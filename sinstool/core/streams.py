@@ -237,7 +237,7 @@ class Velocity(Stream):
 
 @dataclass(frozen=True, repr=False)
 class Readings(Stream):
-    """Numbers to be examined before their meaning is known.
+    """Numbers of a topic before their meaning has been determined.
 
     Attributes
     ----------

@@ -178,7 +178,7 @@ def _lock(handle: int, wait: bool = False) -> bool | None:
 
 
 def _locked_for_good(handle: int) -> bool:
-    """Lock what was just made; false where a sweep came between, and it is no longer there."""
+    """Lock a new file; False where a sweep has removed it in the meantime."""
     return _lock(handle, wait=True) is None or os.fstat(handle).st_nlink > 0
 
 

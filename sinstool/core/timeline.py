@@ -102,7 +102,7 @@ class Order:
         return self._give(held)
 
     def _punctual(self, block: Imu) -> Imu:
-        """Count what is out of order; drop what lies further back than the horizon.
+        """Count samples out of order; drop those that lie further back than the horizon.
 
         By this rule, and not by what happens to have been given out, no sample depends on
         where blocks end.

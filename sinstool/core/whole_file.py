@@ -27,7 +27,7 @@ _put_on_disk = getattr(os, "fdatasync", os.fsync)
 
 @contextlib.contextmanager
 def _as_output_error(what: str, hint: str = "") -> Iterator[None]:
-    """Say what the system refuses in one line."""
+    """Turn an error of the operating system into one line."""
     try:
         yield
     except OSError as exc:
@@ -124,7 +124,7 @@ def _real(path: Path) -> Path:
 
 @dataclass
 class _Group:
-    """What waits until all of it is complete."""
+    """Files and folders that wait until all of them are complete."""
 
     files: list[WholeFile] = field(default_factory=list)
     folders: list[Path] = field(default_factory=list)

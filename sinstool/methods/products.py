@@ -11,7 +11,7 @@ from sinstool.core.parts import part
 def add_product(
     a: FloatArray, b: FloatArray, rows: int, inner: int, columns: int, out: FloatArray
 ) -> None:
-    """``out += a b``, without what zeros of `a` would add.
+    """``out += a b``, skipping the zeros of `a`.
 
     Parameters
     ----------

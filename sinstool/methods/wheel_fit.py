@@ -30,7 +30,7 @@ FINEST = 1e-3
 
 @dataclass(frozen=True)
 class WheelFit:
-    """How the readings of wheels are to be taken.
+    """Scale and latency of wheel readings.
 
     Attributes
     ----------
@@ -177,7 +177,7 @@ def _covered(at: FloatArray, t: FloatArray) -> BoolArray:
 
 
 def _cost(turned: FloatArray, speed: FloatArray) -> float:
-    """What a scale leaves of the squares."""
+    """Sum of squared residuals after fitting a scale."""
     power = float(turned @ turned)
     return float(speed @ speed) - (float(speed @ turned) ** 2 / power if power > 0.0 else 0.0)
 
@@ -216,7 +216,7 @@ def _refined(mean: _Mean, t: FloatArray, speed: FloatArray, lag: float) -> tuple
 
 
 def _inflation(t: FloatArray, score: FloatArray) -> float:
-    """By how much a variance grows as what samples say of a parameter is alike for a while.
+    """Factor on a variance for the correlation in time of samples' contributions.
 
     The autocovariances up to the first that is not positive count.
     """

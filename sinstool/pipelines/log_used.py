@@ -53,7 +53,7 @@ class ImuTime:
 
 @dataclass(frozen=True)
 class Lost(LogLosses):
-    """What of the log could not be used."""
+    """Parts of the log that could not be used."""
 
     malformed: int
     not_finite: int

@@ -60,7 +60,7 @@ class Choice:
 
 @dataclass(frozen=True)
 class Plan:
-    """What will be done with a log.
+    """All choices about the processing of a log, each with its reason.
 
     Attributes
     ----------
@@ -108,7 +108,7 @@ class Plan:
 
     @property
     def findings(self) -> tuple[Finding, ...]:
-        """What had to be given up."""
+        """Findings about choices that had to be dropped."""
         return self._findings
 
     @property
@@ -125,7 +125,7 @@ class Plan:
 
     @property
     def filter_start(self) -> FilterStart:
-        """What the filter starts from, in mode ``ins-gnss``."""
+        """First attitude of the filter, in mode ``ins-gnss``."""
         assert self._filter_start is not None
         return self._filter_start
 
@@ -136,11 +136,11 @@ class Plan:
 
     @property
     def choices(self) -> dict[str, Choice]:
-        """What was chosen, by name."""
+        """The choices by name."""
         return {name: value for name, value in vars(self).items() if isinstance(value, Choice)}
 
     def rows(self) -> list[tuple[str, str]]:
-        """The choices as pairs of what and how, each with the option that chooses otherwise."""
+        """The choices as pairs of label and text, each with the option that overrides it."""
         return [
             (LABELS.get(name, name.replace("_", " ")), f"{choice} ({choice.option})")
             for name, choice in self.choices.items()
@@ -148,7 +148,7 @@ class Plan:
 
 
 def make_plan(source: Source, config: ProcessConfig) -> Plan:
-    """Choose what will be done with a log.
+    """Choose how a log will be processed.
 
     Raises
     ------
@@ -295,7 +295,7 @@ def _attitude(source: Source, config: ProcessConfig, mode: str, grade: Grade) ->
 
 
 def _imu_noise(source: Source, config: ProcessConfig) -> Choice:
-    """Whose noise the sensors are taken to have."""
+    """Source of the sensors' noise."""
     option, measured = "--imu-noise", measured_noise(config)
     if measured is None:
         walks = random_walks(source)
@@ -311,7 +311,7 @@ def _imu_noise(source: Source, config: ProcessConfig) -> Choice:
 
 
 def _gyro_samples(config: ProcessConfig, attitude: str) -> Choice:
-    """What a gyro sample is taken for."""
+    """Kind of the gyro samples."""
     option, kind = "--gyro-kind", config.input.gyro_kind
     if kind != "auto":
         return Choice(kind, "as configured", option)
@@ -371,7 +371,7 @@ def _first_attitude(
 
 
 def _why(alignment: Alignment, source: Source) -> str:
-    """What of a log made `auto` take the first attitude that it took."""
+    """Property of the log that made `auto` choose this first attitude."""
     still = source.survey.lead_in
     rest = "" if still is None else f"the first {still.duration_s:.1f} s are at rest"
     if alignment.method == "gyrocompass":
@@ -406,7 +406,7 @@ def _wheels(source: Source, mode: str) -> Choice:
 
 
 def _vehicle(config: ProcessConfig, mode: str) -> Choice:
-    """What the vehicle is taken not to do."""
+    """Motions that the vehicle is assumed not to make."""
     option, configured = "--vehicle", config.filter.vehicle
     if mode != "ins-gnss":
         return Choice("none", "as no filter runs", option)

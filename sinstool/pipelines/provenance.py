@@ -55,7 +55,7 @@ def identity(config: ProcessConfig) -> dict[str, str]:
 
 
 def figures_of(travel: Travel, findings: Iterable[Finding]) -> dict[str, str]:
-    """What a table over many logs says of a run, as an output records it.
+    """Figures of a run for a table over many logs, as an output records them.
 
     Only the kinds of findings are in it: their texts may have names of folders.
     """
@@ -145,7 +145,7 @@ def _difference(there: str, here: str) -> str:
 
 
 def sha256(path: Path, stop: Event | None = None) -> str:
-    """SHA-256 of a log, given up when ``stop`` is set.
+    """SHA-256 of a log; stops early when ``stop`` is set.
 
     Of a directory: of the lines ``<sha256>  <relative name>`` of its files, sorted by name.
     """

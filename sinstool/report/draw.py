@@ -124,7 +124,7 @@ def dash_of(figure: Figure, k: int) -> str:
 
 
 def unit(label: str) -> str:
-    """Return what follows the last comma of an axis label.
+    """The unit in an axis label: the part after its last comma.
 
     Returns
     -------
@@ -139,7 +139,7 @@ def _xs(figure: Figure) -> list[FloatArray | tuple[str, ...]]:
 
 
 def _shown_x(figure: Figure) -> tuple[float, float] | None:
-    """Return what of the x axis is shown; plotly leaves much room beside points."""
+    """Range of the x axis; plotly by itself leaves much room beside points."""
     styles = {one.style for one in figure.series}
     xs = [x for x in _xs(figure) if not isinstance(x, tuple)]
     plain = not (figure.log_x or figure.equal or "bars" in styles) and len(xs) == len(figure.series)
@@ -154,7 +154,7 @@ def _shown_x(figure: Figure) -> tuple[float, float] | None:
 
 
 def _text(text: str) -> str:
-    """Escape what plotly would read as markup."""
+    """Escape text that plotly would read as markup."""
     return html.escape(text, quote=False)
 
 

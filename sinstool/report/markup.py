@@ -108,7 +108,7 @@ def markup(page: sections.Page, script: str | None = None) -> str:
 
 
 def _scripts(script: str | None, numbers: Numbers) -> list[str]:
-    """What draws the figures, and the numbers that are drawn."""
+    """The script that draws the figures, and their data."""
     data = f'<script type="application/gzip" id="numbers">{numbers.packed()}</script>'
     if script is not None:
         return [data, f'<script src="{escape(quote(os.fsencode(script)))}"></script>']
@@ -334,7 +334,7 @@ def _figure(figure: Figure, key: str, limit: int, numbers: Numbers) -> str:
 
 
 def _shape(figure: Figure) -> str:
-    """Return how a figure is laid out: a map by how high and how wide what it shows is."""
+    """Aspect of a figure; that of a map follows its content."""
     if not figure.equal:
         return ' class="many"' if len(figure.series) >= _MANY else ""
     xs = [np.asarray(places(figure, one), dtype=np.float64) for one in figure.series]
@@ -383,7 +383,7 @@ def _key(figure: Figure, k: int) -> str:
 
 
 def _numbers(figure: Figure, key: str) -> str:
-    """Tell what the figure shows without the eye: each curve's range, from all its points."""
+    """Describe the figure in words: each curve's range, from all its points."""
     of = unit(figure.ylabel)
     columns = (
         sections.Column("Curve"),
@@ -433,7 +433,7 @@ def _footer(figures: bool, script: str | None) -> str:
 
 
 def _undrawn(script: str | None) -> str:
-    """What to say while there are no figures; the script takes it away when it has drawn them."""
+    """Text shown until the script has drawn the figures."""
     where = "in this page" if script is None else f"in {escape(script)}, which belongs beside it"
     return (
         f"The figures are drawn by a script {where}. They do not appear if scripts are disabled,"

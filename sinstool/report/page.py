@@ -66,7 +66,7 @@ def write_report(
     overwrite: bool = False,
     script: Path | None = None,
 ) -> None:
-    """Write what the suffix asks for: the page as one whole HTML file, or its first figure alone.
+    """Write by suffix: the page as one whole HTML file, or its first figure alone.
 
     Parameters
     ----------

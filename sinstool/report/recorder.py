@@ -31,7 +31,7 @@ FIXES = 4000
 
 
 class Recorder:
-    """What the page of a run shows, collected while it runs.
+    """Collects the content of a run's page while it runs.
 
     Parameters
     ----------
@@ -230,7 +230,7 @@ class Recorder:
         )[:MARKS]
 
     def _held(self) -> tuple[str, np.ndarray, np.ndarray] | None:
-        """What the height was held to: its name, seconds, height and difference."""
+        """Reference of the height: its name, seconds, height and difference."""
         if self._reference is None or not self._compared:
             return None
         return (self._reference[0], *self._difference.curves(self._origin_ns))

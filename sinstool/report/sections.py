@@ -125,7 +125,7 @@ def table_of(
 
 @dataclass(frozen=True)
 class Rows:
-    """The processing, as pairs of what and how."""
+    """Pairs of label and text."""
 
     title: str
     pairs: tuple[tuple[str, str], ...]

@@ -76,7 +76,7 @@ class Jump:
 
 @dataclass(frozen=True)
 class GnssFaults:
-    """What goes wrong. Spans are in seconds after the trajectory's first instant, [start, end).
+    """Faults. Spans are in seconds after the trajectory's first instant, [start, end).
 
     Attributes
     ----------

@@ -37,7 +37,7 @@ _STAMPS = {"end": 1.0, "mid": 0.5, "start": 0.0}
 
 @dataclass(frozen=True)
 class HseRigSetup:
-    """A rig and what is true of it.
+    """A rig and its true parameters.
 
     Attributes
     ----------
@@ -156,7 +156,7 @@ class HseRigErrors:
 
 @dataclass(frozen=True, eq=False)
 class HseRigTruth:
-    """What is true of a simulated log.
+    """Truth of a simulated log.
 
     Attributes
     ----------

@@ -105,7 +105,7 @@ class _Open:
         self.done = 0
 
     def until(self, end_ns: int | None) -> RawBatch | None:
-        """Messages up to a time (all of them for None) that were not given out yet."""
+        """Further messages up to a time; all that remain for None."""
         times = self.topic.time_ns
         stop = len(times) if end_ns is None else int(np.searchsorted(times, end_ns, "right"))
         if stop <= self.done:
@@ -300,7 +300,7 @@ def resting_fixes(time_ns: np.ndarray, position: tuple[float, float, float]) -> 
 
 
 def gnss_topics(samples: GnssSamples, velocity: bool = True) -> list[SimulatedTopic]:
-    """NavSatFix and, if asked for, TwistWithCovarianceStamped of a simulated receiver."""
+    """NavSatFix and, optionally, TwistWithCovarianceStamped of a simulated receiver."""
     swap = [1, 0, 2]  # north, east, down to east, north, up
 
     def fix(rows: slice) -> Columns:

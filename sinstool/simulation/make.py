@@ -46,7 +46,7 @@ GNSS_SEED, BARO_SEED, WHEEL_SEED, IDLE_SEED = 1000, 2000, 4000, 5000
 
 @dataclass(frozen=True)
 class Simulated:
-    """A log that can be written, and what it was made from.
+    """A log that can be written, and the data it was made from.
 
     Attributes
     ----------
@@ -136,7 +136,7 @@ def simulate(scenario: scenarios.Scenario) -> Simulated:
 
 
 def write_log(simulated: Simulated, files: LogFiles) -> dict[str, Any]:
-    """Write a log and what belongs to it, all or nothing.
+    """Write a log and its rig file, all or nothing.
 
     Returns
     -------
@@ -181,7 +181,7 @@ def _motion(scenario: scenarios.MotionScenario) -> Simulated:
 
 
 def _truth(s: scenarios.MotionScenario) -> tuple[ImuTruth, ImuTruth]:
-    """The truth, and what perfect sensors would have of it."""
+    """The truth, and the readings of perfect sensors."""
     if isinstance(s, scenarios.Coning):
         truth = _coning(s)
         return truth, truth

@@ -83,7 +83,7 @@ class Sinusoids:
         return s @ self.sine + c @ self.cosine, c @ (w * self.sine) - s @ (w * self.cosine)
 
     def delayed(self, seconds: float) -> Sinusoids:
-        """Sinusoids that are now what these were some time ago."""
+        """These sinusoids, delayed."""
         phase = 2.0 * np.pi * self.frequency[:, np.newaxis] * seconds
         s, c = np.sin(phase), np.cos(phase)
         return Sinusoids(
@@ -196,7 +196,7 @@ def sample(
     gravity_n: ArrayLike = _STANDARD_GRAVITY_N,
     nodes: int | None = None,
 ) -> ImuTruth:
-    """Samples of a motion of the body that goes nowhere, NED taken as not rotating.
+    """Samples of a rotation about a fixed point, with NED not rotating.
 
     Parameters
     ----------

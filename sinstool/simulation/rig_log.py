@@ -65,7 +65,7 @@ def rig_log(s: HseRig) -> HseRigLog:
 
 
 def lambda2_arcsec(log: HseRigLog) -> float:
-    """What a calibration has to find, arcsec."""
+    """The true lambda2 that a calibration should find, arcsec."""
     return log.truth.lambda2 / ARCSEC
 
 
@@ -94,7 +94,7 @@ def lean(heading: float, north: float, east: float) -> tuple[float, float]:
 
 
 def rig_topics(log: HseRigLog, truth: bool) -> list[SimulatedTopic]:
-    """Raw triad and encoder, and where it is wanted the true attitude of the body."""
+    """Raw triad and encoder, and optionally the true attitude of the body."""
     axes = Axes("frd")
 
     def imu(rows: slice) -> Columns:

@@ -101,7 +101,7 @@ def markov(
 # scipy.signal.lfilter does the same, but takes longer to import than most logs to simulate.
 @numba.njit(cache=True, nogil=True)
 def carry_over(decay: FloatArray, driven: FloatArray) -> None:
-    """Turn what drives first-order processes into the processes, ``x[k] = decay[k] x[k-1] + w[k]``.
+    """First-order processes from their driving noise, ``x[k] = decay[k] x[k-1] + w[k]``.
 
     Parameters
     ----------

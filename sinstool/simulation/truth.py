@@ -77,7 +77,7 @@ class Trajectory:
 
 
 def turned(trajectory: Trajectory, q_vb: ArrayLike) -> Trajectory:
-    """What an Imu has that is turned against the axes of a trajectory.
+    """The trajectory of an Imu that is mounted at an angle to it.
 
     Parameters
     ----------

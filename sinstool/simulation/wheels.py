@@ -21,7 +21,7 @@ _GRIP = 1.2  # m/s^2, beyond which wheels slip
 
 @dataclass(frozen=True)
 class WheelSensor:
-    """What is wrong with the wheels' speeds.
+    """Errors of the wheels' speeds.
 
     Attributes
     ----------

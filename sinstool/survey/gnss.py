@@ -212,7 +212,7 @@ def _velocities(
 def _believed_velocity(
     candidates: list[_Read[Velocity]], fix_topic: str, named: bool
 ) -> tuple[_Read[Velocity], list[Finding]]:
-    """The velocity to use, and what is said of those that are left out.
+    """The velocity to use, and findings about those left out.
 
     Fixes decide; where they show too little, names of frames do. One that the user names is used.
     """
@@ -335,7 +335,7 @@ def _without_flat(fixes: Gnss, velocity: Velocity, topic: str) -> tuple[Velocity
 def _without_stuck(
     fixes: Gnss, velocity: Velocity | None, topic: str
 ) -> tuple[Gnss, Velocity | None, list[Finding]]:
-    """Take out what a receiver that hangs sends again."""
+    """Remove fixes that a frozen receiver repeats."""
     stuck = stuck_fixes(fixes)
     count = int(np.count_nonzero(stuck))
     if not count:

@@ -51,7 +51,7 @@ SET_BACK_RATIO = 10
 
 @dataclass
 class _Extent:
-    """What is seen of all samples in the order of the file, be they in the span or not."""
+    """Extent of all samples in the order of the file, within the span or not."""
 
     count: int = 0
     low: int = 0
@@ -243,7 +243,7 @@ def survey(
     read: Watcher | None = None,
     judged: Watcher | None = None,
 ) -> Survey:
-    """Read a log's Imu topic once and say what it holds.
+    """Survey a log's Imu topic in one pass.
 
     Parameters
     ----------

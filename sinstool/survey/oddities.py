@@ -149,7 +149,7 @@ def _rate(s: Survey, options: InputOptions) -> float:
 
 
 def _looks_like_rates(s: Survey, options: InputOptions) -> bool:
-    """Whether what was divided by intervals must be a specific force, in m/s^2 or in g."""
+    """Whether increments over their intervals must be specific forces, in m/s^2 or in g."""
     if options.accel_unit is not None or 7.0 < s.specific_force_median < 13.0:
         return False
     force = s.specific_force_median / _rate(s, options)

@@ -88,7 +88,7 @@ def prepare(
     surveyed: tuple[Survey, SampleCache] | None = None,
     gyro_only: bool = False,
 ) -> Source:
-    """Choose topics, survey the Imu and refuse what cannot be processed.
+    """Choose topics, survey the Imu, and refuse a log that cannot be processed.
 
     Parameters
     ----------
@@ -238,7 +238,7 @@ def survey_samples(
 
 
 def _explain(source: Source, config: ProcessConfig) -> None:
-    """Say what the survey saw, for ``-v``."""
+    """Log the survey's results, for ``-v``."""
     survey_, latitude = source.survey, source.position[0]
     log_choice(
         "time",
@@ -295,7 +295,7 @@ def _may_write_tf(config: ProcessConfig) -> bool:
 
 
 def _may_need_mount(config: ProcessConfig) -> bool:
-    """Whether a run may hold a land vehicle by its axle without being told how the Imu sits."""
+    """Whether a run may constrain a land vehicle without a configured mount of the Imu."""
     return (
         config.navigation.mode in ("auto", "ins-gnss")
         and config.filter.vehicle != "none"
@@ -338,7 +338,7 @@ def time_span(
 
 
 def _gnss(log: Log, config: ProcessConfig, survey_: Survey, until_ns: int | None) -> AidingData:
-    """GNSS of a log: all of it, or what says where and how the vehicle began."""
+    """GNSS of a log: all of it, or enough for the vehicle's position and velocity at the start."""
     try:
         return read_gnss(log, config.input, survey_.time_source == "log", until_ns)
     except TopicError as exc:
@@ -350,7 +350,7 @@ def _gnss(log: Log, config: ProcessConfig, survey_: Survey, until_ns: int | None
 
 
 def _with_wheels(log: Log, config: ProcessConfig, aiding: AidingData, log_time: bool) -> AidingData:
-    """The wheels too; what is said of them as a velocity over ground is then left out."""
+    """Add the wheels, and drop findings about them as a velocity over ground."""
     wheels = read_wheels(log, config.input, aiding.gnss, aiding.velocity_topic, log_time)
     findings = tuple(
         f
@@ -442,7 +442,7 @@ def rate_blocks(
 def _again(
     samples: SampleCache, size: int, progress: Callable[[int], None] | None, last: bool
 ) -> Iterator[Imu]:
-    """The blocks that were kept; ``last`` leaves none of them."""
+    """The cached blocks; with ``last`` the cache is emptied."""
     waiting = list(reversed(samples.blocks or ()))
     if last:
         samples.blocks = None

@@ -126,7 +126,7 @@ def _windows(
 def _likeness(
     moved: NDArray[np.complex128], said: NDArray[np.complex128], velocity: Velocity
 ) -> str:
-    """What a velocity looks like that does not fit: north is real, east imaginary."""
+    """Describe a velocity that does not fit the fixes: north is real, east imaginary."""
     power, all_ = float(np.sum(np.abs(said) ** 2)), float(np.sum(np.abs(moved) ** 2))
     if not power > 0.0 or not all_ > 0.0:
         return "it is zero while the fixes move, or moves while they stand still"

@@ -38,7 +38,7 @@ class Columns:
 
 
 class _Plan(NamedTuple):
-    """A layout turned into what the kernel needs, in its order."""
+    """A layout as the arrays that the kernel needs, in its order."""
 
     length: int
     guard_offset: np.ndarray
@@ -88,7 +88,7 @@ class Decoder:
         self.problem = ""
 
     def decode(self, buffer: np.ndarray, offset: np.ndarray, length: np.ndarray) -> Columns:
-        """Gather the columns of the messages at the given places.
+        """Gather columns from the messages at some places of a buffer.
 
         Parameters
         ----------

@@ -91,7 +91,7 @@ class Definition:
         yield from islice(self._paths_of(self.name, type_name, "", holding), MAX_PATHS)
 
     def _holds(self, here: str, holding: dict[str, bool]) -> bool:
-        """Whether a type nests the wanted one; each type is looked into once."""
+        """Whether a type nests another; each type is searched once."""
         if here not in holding:
             nested = [f.name for _, f in self.types.get(here, ()) if f.kind == "message"]
             inside = [self._holds(name, holding) for name in nested]  # all of them, not the first

@@ -98,6 +98,6 @@ class Encoder:
 
 @lru_cache(maxsize=64)
 def standard_definition(type_name: str, encoding: str) -> Definition:
-    """Definition of a standard type in the given encoding."""
+    """Definition of a standard type in an encoding."""
     flavour = "ros1msg" if encoding == "ros1" else "ros2msg"
     return parse_definition(type_name, flavour, schema_text(type_name, encoding), encoding)

@@ -124,7 +124,7 @@ def packed_at(data: bytes) -> int:
 def _feed(
     name: str, data: bytes | memoryview, whole: int, piece: int, limit: int
 ) -> tuple[bytearray, int]:
-    """Decompress the first `whole` bytes by large pieces and the rest by given ones.
+    """Decompress the first `whole` bytes in large pieces, and the rest in pieces of a given size.
 
     Returns what came out, and how many bytes went in before the first that would not.
     """

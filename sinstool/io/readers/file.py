@@ -1,4 +1,4 @@
-"""A log in one file: bytes at given places, blocks decompressed, batches read ahead."""
+"""A log in one file: reads bytes, decompresses blocks and reads batches ahead."""
 
 from __future__ import annotations
 
@@ -82,7 +82,7 @@ class FileLog(Log):
     def unpacked(
         self, name: str, size: int, offset: int, data_offset: int, data_length: int
     ) -> bytes | memoryview | str:
-        """Content of a chunk; in words what is wrong with it.
+        """Content of a chunk, and what is wrong with it in words.
 
         Parameters
         ----------

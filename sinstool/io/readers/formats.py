@@ -32,7 +32,7 @@ _HEAD = 16
 
 
 def kind_of(stream: BinaryIO) -> tuple[str, bytes]:
-    """What a file is.
+    """The kind of a file, by its first bytes.
 
     Parameters
     ----------
@@ -51,7 +51,7 @@ def kind_of(stream: BinaryIO) -> tuple[str, bytes]:
 
 
 def described(head: bytes) -> str:
-    """What a file that is no log seems to be, by its first bytes.
+    """Describe a file that is no log by its first bytes.
 
     Parameters
     ----------

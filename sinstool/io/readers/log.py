@@ -138,7 +138,7 @@ class Log(ABC):
 
     @property
     def lost(self) -> list[Lost]:
-        """What was passed over so far, or recovered without proof."""
+        """Parts that were skipped so far, or recovered without proof."""
         return self._lost.all()
 
     @abstractmethod
@@ -226,7 +226,7 @@ class Log(ABC):
         return list(self._by_topic.get(topic, ()))
 
     def close(self) -> None:  # noqa: B027 - not every log holds something
-        """Give back what the reader holds."""
+        """Close files and free memory."""
 
     def __enter__(self) -> Log:
         return self
@@ -264,7 +264,7 @@ class Log(ABC):
         return self._lost.note(part, always)
 
     def account(self) -> LogLosses:
-        """What was lost, once the log has been read."""
+        """The losses, once the log has been read."""
         parts = self.lost
         read = sum(self.recovered.values()) if parts and self.recovered else None
         declared = None

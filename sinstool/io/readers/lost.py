@@ -13,7 +13,7 @@ MAX_PARTS = 1000
 
 @dataclass(frozen=True)
 class LogLosses:
-    """What was lost of a log.
+    """Parts of a log that were lost.
 
     Attributes
     ----------
@@ -170,7 +170,7 @@ class LostParts:
         return bool(self._open)
 
     def all(self) -> list[Lost]:
-        """The parts, in the order in which they were found."""
+        """The parts, in the order of their discovery."""
         last = [Lost(f"and more than these {MAX_PARTS} places")] if self.more else []
         return [*self.parts.values(), *last]
 

@@ -259,7 +259,7 @@ class McapLog(McapFile):
     # -- walking ---------------------------------------------------------------------------
 
     def _load(self, place: ChunkPlace) -> np.ndarray | str:
-        """A chunk's records, decompressed and checked; in words what is wrong with them."""
+        """A chunk's records, decompressed and checked, and what is wrong with them in words."""
         raw = self.unpacked(
             place.compression, place.size, place.offset, place.data_offset, place.data_length
         )
@@ -276,7 +276,7 @@ class McapLog(McapFile):
         return what
 
     def _salvaged(self, place: ChunkPlace) -> tuple[np.ndarray, list[tuple[int, int]], bool]:
-        """What a damaged chunk still gives: its bytes, its runs of whole records, and whether
+        """The readable part of a damaged chunk: its bytes, its runs of whole records, and whether
         its CRC proves them."""
         length = min(MAX_BLOCK, place.offset + place.length - place.data_offset)
         data = self.read_at(place.data_offset, length)
@@ -286,7 +286,7 @@ class McapLog(McapFile):
         return content, parts, proved
 
     def _salvaged_batch(self, place: ChunkPlace, what: str) -> RawBatch:
-        """The messages of a damaged chunk that are whole; what is lost is noted."""
+        """The whole messages of a damaged chunk; the losses are recorded."""
         content, parts, proved = self._salvaged(place)
         rows = np.concatenate(
             [np.empty((6, 0), np.int64), *(_rows(content, part) for part in parts)], axis=1

@@ -157,7 +157,7 @@ class McapFile(FileLog):
     def _behind_damage(
         self, what: str, pos: int, doubt: int, end: int
     ) -> Generator[ChunkPlace, None, int]:
-        """Where to go on behind a record that is none; gives what there is of a chunk."""
+        """Find where to resume after an invalid record; yields the readable part of a chunk."""
         self.refuse(what, pos)
         head = self.read_at(pos, 512)
         chunk = None
@@ -267,6 +267,6 @@ def record_length(head: bytes) -> int:
 
 
 def batch_of(buffer: np.ndarray, columns: np.ndarray | list[np.ndarray], position: int) -> RawBatch:
-    """A batch out of what `scan_mcap` found."""
+    """A batch from the result of `scan_mcap`."""
     channel, offset, length, log_time, publish_time, sequence = columns
     return RawBatch(buffer, channel, offset, length, log_time, publish_time, sequence, position)

@@ -310,7 +310,7 @@ def _finite(block: ResultBlock) -> np.ndarray:
 
 
 def _unknown(covariance: np.ndarray) -> np.ndarray:
-    """Covariances with NaN where they are not known."""
+    """Covariances with NaN where they are unknown."""
     filled = np.asarray(covariance.any(axis=(1, 2)))
     return covariance if filled.all() else np.where(filled[:, None, None], covariance, np.nan)
 

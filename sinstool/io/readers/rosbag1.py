@@ -191,7 +191,7 @@ class Rosbag1Log(FileLog):
         return record
 
     def _read_index(self, start: int, connections: int, chunks: int) -> bool:
-        """Connections and counts from the index section; False if it is not what it should be."""
+        """Read connections and counts from the index section; False if it is invalid."""
         if self.size - start > MAX_INDEX:
             return False
         section = self.read_at(start, self.size - start)
@@ -309,7 +309,7 @@ class Rosbag1Log(FileLog):
             )
 
     def _behind_damage(self, what: str, pos: int, doubt: int) -> Generator[Record, None, int]:
-        """Where to go on behind a record that is none; gives what there is of a chunk."""
+        """Find where to resume after an invalid record; yields the readable part of a chunk."""
         self.refuse(what, pos)
         chunk = None
         with suppress(BadRecordError):
@@ -369,7 +369,7 @@ class Rosbag1Log(FileLog):
             need = 0
 
     def _load(self, place: Record) -> np.ndarray | str:
-        """A chunk's records, decompressed; in words what is wrong with them."""
+        """A chunk's records, decompressed, and what is wrong with them in words."""
         try:
             name = place.fields.get("compression", b"").decode("ascii")
             size = place.number("size")
@@ -400,7 +400,7 @@ class Rosbag1Log(FileLog):
         )
 
     def _salvaged_batch(self, place: Record, what: str) -> RawBatch:
-        """The messages of a damaged chunk that are whole; what is lost is noted."""
+        """The whole messages of a damaged chunk; the losses are recorded."""
         content, parts = self._content(place)
         runs = [_scan(content[:end], begin, False)[0] for begin, end in parts]
         rows = np.concatenate([np.empty((4, 0), np.int64), *runs], axis=1)

@@ -71,7 +71,7 @@ class Rosbag2Log(Log):
         self._unify()
 
     def close(self) -> None:
-        """Close all files and remove what was decompressed."""
+        """Close all files and remove decompressed copies."""
         for part in self.parts:
             part.close()
         if self._unpacked is not None:
@@ -80,7 +80,7 @@ class Rosbag2Log(Log):
 
     @property
     def lost(self) -> list[Lost]:
-        """What was passed over so far, in all files."""
+        """Parts that were skipped so far, in all files."""
         theirs = [replace(n, file=part.path.name) for part in self.parts for n in part.lost]
         return [*self._lost.all(), *theirs]
 

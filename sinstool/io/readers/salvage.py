@@ -18,7 +18,7 @@ Next = Callable[[np.ndarray, int], int]
 
 
 def unpack(name: str, data: bytes, size: int, crc: int) -> tuple[np.ndarray, bool]:
-    """What a damaged chunk still gives, decompressed as far as it goes.
+    """The readable part of a damaged chunk, decompressed as far as possible.
 
     Parameters
     ----------
@@ -109,7 +109,7 @@ def search(
 
 
 def channel_mask(channels: object) -> np.ndarray:
-    """1 for each channel of an MCAP file that exists; all of them where none is known yet."""
+    """1 for each channel that an MCAP file defines; all channels before the first definition."""
     numbers = [n for n in channels if 0 <= n < 2**16]  # type: ignore[attr-defined]
     mask = np.full(2**16, 0 if numbers else 1, np.uint8)
     mask[numbers] = 1

@@ -109,7 +109,7 @@ class SqliteLog(Log):
     # -- opening ---------------------------------------------------------------------------
 
     def _connect(self) -> sqlite3.Connection:
-        """Open without changing anything, and without missing what is not yet in the main file."""
+        """Open read-only, including rows that are still in the write-ahead log."""
         journal, wal, shared = (
             self.path.with_name(self.path.name + tail) for tail in ("-journal", "-wal", "-shm")
         )
@@ -307,7 +307,7 @@ def _batch(topics: array, times: array, lengths: array, data: bytearray, positio
 
 
 def _raise_if_interrupted(exc: Exception) -> None:
-    """Raise what a signal raised while SQLite was at work, which tells of it in its own way."""
+    """Raise an interruption by a signal during a query, which SQLite reports as its own error."""
     if isinstance(exc, sqlite3.OperationalError) and str(exc) == "interrupted":
         raise KeyboardInterrupt from exc
 

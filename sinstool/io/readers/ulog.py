@@ -126,7 +126,7 @@ def _field(data: Data) -> _Messages:
 
 @dataclass(frozen=True)
 class _Topic:
-    """What becomes of the first of some PX4 topics that the file has."""
+    """How the first of several PX4 topics present in the file becomes a message."""
 
     topic: str
     type_name: str
@@ -187,7 +187,7 @@ class UlogLog(Log):
             self.damage("parts of the file are corrupt, by pyulog")
 
     def _read(self, selection: frozenset[int] | None) -> Iterator[RawBatch]:
-        """Messages by log time, encoded as they are asked for."""
+        """Messages by log time, encoded on demand."""
         chosen = [n for n in self._messages if selection is None or n in selection]
         if not chosen:
             return

@@ -33,7 +33,7 @@ class _Chunk:
 
 
 class Copier:
-    """Feeds a log into a writer, as far as asked.
+    """Copies a log into a writer, up to the time of the results.
 
     MCAP chunks are copied without decompression where their message index is there; everything
     else is written anew, the payloads untouched.
@@ -71,7 +71,7 @@ class Copier:
             self._next = next(self._items, None)
 
     def finish(self) -> None:
-        """Copy the rest, and what the files of a bag hold beside messages."""
+        """Copy the rest of the log, with the attachments and metadata of its files."""
         self.advance(np.iinfo(np.int64).max)
         for part in self._log.parts:
             if not isinstance(part, McapLog):

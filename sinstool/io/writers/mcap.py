@@ -39,7 +39,7 @@ _local = threading.local()
 
 @dataclass(frozen=True)
 class Chunk:
-    """A chunk ready for the file: its record, its indexes, and what the summary needs."""
+    """A chunk ready for the file: its record, its indexes, and its entries in the summary."""
 
     record: bytes
     indexes: list[tuple[int, bytes]]
@@ -329,7 +329,7 @@ class McapWriter:
         self._enqueue(write, len(record))
 
     def add_metadata(self, name: str, values: dict[str, str]) -> None:
-        """Write a Metadata record; what UTF-8 cannot hold becomes ``?``."""
+        """Write a Metadata record; characters outside UTF-8 become ``?``."""
         texts = {key: value.encode("utf-8", "replace").decode() for key, value in values.items()}
         record = records.Metadata(name=name, metadata=texts)
         self.write_record_bytes(Opcode.METADATA, _bytes_of(record))
@@ -345,7 +345,7 @@ class McapWriter:
         self._write(MAGIC)
 
     def abort(self) -> None:
-        """Drop what is queued; the file is of no use afterwards."""
+        """Drop all queued records; the file is unusable afterwards."""
         self._queue.clear()
         self._packers.shutdown(wait=True, cancel_futures=True)
         self._file.shutdown(wait=True, cancel_futures=True)
@@ -353,7 +353,7 @@ class McapWriter:
     # -- inside ----------------------------------------------------------------------------
 
     def _enqueue(self, write: Callable[[], None], size: int) -> None:
-        """Have something written after all that was asked for before it."""
+        """Queue a record; records are written in the order of the calls."""
         self._queue.append((self._file.submit(write), size))
         self._waiting += size
         while self._queue and (self._waiting > _AHEAD or self._queue[0][0].done()):

@@ -39,7 +39,7 @@ BATCH = 4096
 
 @dataclass(frozen=True)
 class Frames:
-    """Names and axes of what is written.
+    """Names and axes of the output's frames.
 
     Attributes
     ----------
@@ -75,7 +75,7 @@ NUMBER_LENGTH = 14
 
 
 class Rows:
-    """A batch of solutions as messages give it; what several topics share is made once."""
+    """A batch of solutions in the terms of messages; values shared by topics are computed once."""
 
     def __init__(self, solution: Solution, frames: Frames) -> None:
         self.solution = solution
@@ -98,7 +98,7 @@ class Rows:
 
     @cached_property
     def position(self) -> np.ndarray | None:
-        """Cartesian position in the world frame, from its origin; None where none is known."""
+        """Cartesian position in the world frame, from its origin; None without a position."""
         if self.solution.position is None or self.frames.origin is None:
             return None
         ned = earth.local_position_n(self.frames.origin, self.solution.position)
@@ -277,7 +277,7 @@ DIAGNOSTICS_TYPE = "diagnostic_msgs/msg/DiagnosticArray"
 
 
 def topic_of(name: str) -> str:
-    """Topic of what ``--emit`` calls by a name."""
+    """The topic for a name of ``--emit``."""
     return DIAGNOSTICS_TOPIC if name == "diagnostics" else TOPICS[name].topic
 
 
@@ -397,7 +397,7 @@ class SolutionWriter:
             self._diagnostics.append(diagnostics)
 
     def finish(self) -> None:
-        """Write what is held."""
+        """Write the solutions held back so far."""
         if self._count:
             self._write(concatenate(self._held))
         self._held, self._count = [], 0

@@ -141,7 +141,7 @@ def accumulate(
     epochs_ns: ArrayLike,
     origin_ns: int,
 ) -> InertialRows:
-    """Integrate the increments of a stretch and answer at given times.
+    """Integrate the increments of a stretch; results at a list of times.
 
     Parameters
     ----------

@@ -36,7 +36,7 @@ def attitude_covariance(
     grade: SensorGrade,
     kappa: float,
 ) -> FloatArray:
-    """Covariance of an attitude found from pairs, in ``ib0``.
+    """Covariance of an attitude estimated from pairs of vectors, in ``ib0``.
 
     Parameters
     ----------

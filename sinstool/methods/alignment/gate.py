@@ -23,7 +23,7 @@ _TIME_SLACK = 1e-6
 
 @dataclass(frozen=True)
 class Dynamics:
-    """What the gate looks at, sample by sample.
+    """Inputs of the gate, sample by sample.
 
     Attributes
     ----------

@@ -279,7 +279,7 @@ def _filter(
 def _answer(
     record: Record, run: _Run, latitude: float, grade: SensorGrade, drives: bool
 ) -> Gyrocompass:
-    """What the last pass found, judged."""
+    """The result of the last pass, with its status."""
     warnings = list(record.warnings)
     still_s = sum(s.duration for s in record.stretches if s.still)
     p = run.p

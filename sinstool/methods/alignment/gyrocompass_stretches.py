@@ -55,7 +55,7 @@ class Stretch:
 
 @dataclass(frozen=True)
 class Record:
-    """Stretches in order without gaps, and what was measured over them.
+    """Stretches without gaps, in order, and the measurements over them.
 
     Attributes
     ----------

@@ -41,7 +41,7 @@ CLIMB_S = 2.0
 
 @dataclass(frozen=True)
 class MotionAlignment:
-    """An alignment in motion, and what went into it.
+    """An alignment in motion, and its inputs.
 
     Attributes
     ----------

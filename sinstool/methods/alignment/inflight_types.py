@@ -252,7 +252,7 @@ class AlignmentSettings:
 
 @dataclass(frozen=True)
 class AlignmentSeries:
-    """The solution at every fix of the segment, each from what came before it.
+    """The solution at every fix of the segment, each from the data before it.
 
     For ``pos`` about every two seconds.
 
@@ -283,7 +283,7 @@ class AlignmentSeries:
 
 @dataclass(frozen=True)
 class RefinedErrors:
-    """What the refinement found besides attitude.
+    """Sensor errors that the refinement estimated beside attitude.
 
     Attributes
     ----------

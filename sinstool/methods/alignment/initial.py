@@ -100,7 +100,7 @@ def level(specific_force_b: np.ndarray) -> np.ndarray:
 def tilted(
     q_nb: np.ndarray, covariance: np.ndarray, specific_force_b: np.ndarray, accel_bias: float
 ) -> tuple[np.ndarray, np.ndarray]:
-    """An attitude at rest that was found otherwise, made better by its specific force.
+    """Improve an attitude at rest, from another source, by the specific force.
 
     Parameters
     ----------
@@ -197,13 +197,13 @@ def from_log(q_nb: np.ndarray, time_ns: int) -> Alignment:
 
 
 def from_angles(roll_pitch_heading: tuple[float, float, float], time_ns: int) -> Alignment:
-    """An attitude given by the user, in radians."""
+    """An attitude from the user's angles, in radians."""
     q = from_euler(np.asarray(roll_pitch_heading))
     return Alignment(q, "fixed", time_ns, (None, None, None), "ok", True)
 
 
 def still_bias(span: StillSpan, q_nb: np.ndarray, omega_ie_n: np.ndarray | None) -> np.ndarray:
-    """Gyro bias of a still span: its mean rate less the Earth's, where that is known.
+    """Gyro bias of a span at rest: its mean rate less the Earth's, where the latitude is known.
 
     Parameters
     ----------

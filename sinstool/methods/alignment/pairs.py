@@ -54,7 +54,7 @@ class Pairs:
 
 
 def velocity_gains(rows: InertialRows) -> FloatArray:
-    """What alpha answers to the four errors, shape (n, 4, 3, 3), in the order of `Pairs.gains`."""
+    """Sensitivity of alpha to the four errors of `Pairs.gains`, shape (n, 4, 3, 3)."""
     return np.stack(
         [
             rows.gyro_bias_attitude,
@@ -356,7 +356,7 @@ def _run_kernel(terms, parts, newer, older, end, variance, rate, state, touched,
 def running_centred_sums(
     rows: InertialRows, beta: FloatArray, sigma: FloatArray, fade_s: float, sigma_usual: float
 ) -> PairSums:
-    """Sums after each fix over the pairs ``cen``: means and what is left of products are updated.
+    """Sums after each fix over the pairs ``cen``; updates means and centred products.
 
     Parameters
     ----------

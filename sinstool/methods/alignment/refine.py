@@ -133,7 +133,7 @@ def refine(
 
 
 def theta_at(state: FloatArray, reference: InertialRows, rows: InertialRows) -> FloatArray:
-    """Theta at other rows, by the gyro errors found.
+    """Theta at other rows, from the estimated gyro errors.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""Segments of a log for alignment: found, screened, limited by the gate, solved."""
+"""Segments of a log for alignment: choose them, screen fixes, apply the gate, solve."""
 
 from __future__ import annotations
 
@@ -63,7 +63,7 @@ class Candidate:
 
 
 def plausible_fixes(alpha: FloatArray, beta: FloatArray, sigma: FloatArray) -> BoolArray:
-    """Fixes whose velocity agrees with most of its neighbours, before any attitude is known.
+    """Fixes whose velocity agrees with most of its neighbours; needs no attitude.
 
     A rotation leaves lengths as they are: between two fixes the integrated vector must be as long
     in the inertial measurements as in the velocities, whatever the attitude.

@@ -202,7 +202,7 @@ def solution_covariance(
 
 @dataclass(frozen=True)
 class Course:
-    """The solution at each fix from what came before it.
+    """The solution at each fix, from the data before it.
 
     Attributes
     ----------
@@ -222,7 +222,7 @@ class Course:
     singular: FloatArray
 
     def until(self, count: int) -> Course:
-        """What lies in the first rows of the segment."""
+        """The course over the first rows of the segment."""
         return take_rows(self, slice(0, int(np.searchsorted(self.rows, count))))
 
 
@@ -295,7 +295,7 @@ def _position_course(segment: Segment, settings: AlignmentSettings) -> Course:
 
 
 def explain_residuals(solution: Solution, segment: Segment) -> str:
-    """What residuals look like: late fixes, or a lever arm that was not given.
+    """Explain large residuals: late fixes, or a missing lever arm.
 
     Returns
     -------
@@ -428,14 +428,14 @@ class AttitudeChain:
         return q
 
     def dcm_ni(self, time_ns: IntArray) -> FloatArray:
-        """``C_i^n`` at given times."""
+        """``C_i^n`` at each of some times."""
         latitude, longitude = position_between(self.fixes, time_ns)
         return dcm_ni(
             latitude, longitude, np.asarray((time_ns - self.origin_ns) * 1e-9, dtype=np.float64)
         )
 
     def dcm_ib(self, rows: InertialRows) -> FloatArray:
-        """``C_b^i`` at given rows."""
+        """``C_b^i`` at each of some rows."""
         chain = to_dcm(rows.q)
         if self.refined is not None:
             state, reference = self.refined

@@ -1,4 +1,4 @@
-"""Noise coefficients of inertial sensors in SI units, and what a filter makes of them.
+"""Noise coefficients of inertial sensors in SI units, and a filter's settings from them.
 
 With samples ``dt`` apart a variance p of :mod:`sinstool.methods.allan.model` is, by IEEE Std
 952-1997, annex C:

@@ -28,7 +28,7 @@ TIMES = 4
 
 
 def stride_for(samples: int) -> int:
-    """Phases of which one is kept, a power of two, in a segment of so many samples."""
+    """Stride, a power of two, at which phases of a segment of so many samples are stored."""
     stride = 1
     while samples > MOST_PHASES * stride:
         stride *= 2

@@ -108,7 +108,7 @@ class NoiseFit:
 
 
 class NoiseData:
-    """What axes that were sampled together have in common, for fits of each.
+    """Data shared by axes that were sampled together, for the fit of each axis.
 
     Parameters
     ----------
@@ -156,7 +156,7 @@ class NoiseData:
         return _Likelihood(self, z, y).fit()
 
     def gain(self, column: int, curve: Sequence[FloatArray]) -> float:
-        """By how much the deviance falls where some part of a curve is taken for no noise.
+        """Decrease of the deviance when a multiple of a curve is removed from the data.
 
         Parameters
         ----------
@@ -346,7 +346,7 @@ class _Likelihood:
         return p, value
 
     def _misfit(self, p: FloatArray) -> tuple[float, float]:
-        """Scatter by what the terms allow, at worst, and the chance of it were they right."""
+        """Largest ratio of scatter to its expectation, and its chance if the terms are right."""
         ramp = self._ramp_of(p)[0]
         residual = self._residual(p, ramp)
         short = float(residual @ self._weight @ residual)

@@ -1,4 +1,4 @@
-"""What noise terms make of Allan variances and of block means: means and covariances.
+"""Means and covariances of Allan variances and of block means under each noise term.
 
 All is in samples: time counts in sampling intervals, rates are as sampled, and phases are sums of
 samples. A term has the generalised covariance K(t) of its phase (Matheron 1973, The intrinsic
@@ -160,7 +160,7 @@ def second_differences(count: int) -> FloatArray:
 
 
 def block_model(count: int, block: int) -> BlockModel:
-    """What the terms make of so many second differences of phases that are `block` apart."""
+    """Covariances, under each term, of second differences of phases that are `block` apart."""
     distance = np.arange(count, dtype=np.float64)
     covariance = second_differences(count) * float(block) ** np.arange(4)[:, None]
     # The diagonal of S C S, of a Toeplitz C: each distance by the product of two sines so far apart

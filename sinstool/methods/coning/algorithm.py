@@ -19,7 +19,7 @@ GyroKind = Literal["rate", "mean-rate", "increment"]
 
 
 def of_rates(gyro_kind: str) -> GyroKind:
-    """What samples of a kind are once increments are divided by their intervals."""
+    """Kind of samples after increments have been divided by their intervals."""
     return "rate" if gyro_kind == "rate" else "mean-rate"
 
 
@@ -136,7 +136,7 @@ class ConingAlgorithm(ABC):
         """Write the rotation vectors of ``len(out)`` updates; arguments are checked."""
 
     def shorter(self, samples: int) -> ConingAlgorithm:
-        """Algorithm of the same family and order for what is left at a segment's end.
+        """Algorithm of the same family and order for the samples left over at a segment's end.
 
         Parameters
         ----------

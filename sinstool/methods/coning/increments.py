@@ -32,7 +32,7 @@ DEFAULT_POINTS = 6
 
 
 def convert(samples: FloatArray, dt: FloatArray, gyro_kind: GyroKind, takes: Takes) -> FloatArray:
-    """Turn gyro samples into what an algorithm takes, where no neighbours are needed.
+    """Convert gyro samples to an algorithm's input where no neighbouring samples are needed.
 
     Parameters
     ----------

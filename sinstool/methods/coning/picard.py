@@ -207,7 +207,7 @@ def _part(c: FloatArray, terms: int, middle: float, half_width: float, moved: Fl
 def _series(
     c: FloatArray, terms: int, size: float, q: FloatArray
 ) -> tuple[float, float, float, float]:
-    """Quaternion of a polynomial rate by its power series, kept in `q`."""
+    """Quaternion of a polynomial rate by its power series, stored in `q`."""
     q[0] = 0.0
     q[0, 0] = 1.0
     # The rotations from the middle of the update to its end and start are even +- odd.

@@ -77,7 +77,7 @@ _registered: dict[str, Callable[[], ConingAlgorithm]] = {}
 
 
 def register(name: str, build: Callable[[], ConingAlgorithm]) -> None:
-    """Make an algorithm known by a name, in this process.
+    """Register an algorithm under a name, in this process.
 
     Parameters
     ----------

@@ -56,7 +56,7 @@ _LEAST_COHERENT = 0.01
 
 @dataclass(frozen=True)
 class SpTuning:
-    """What ``--sp-preset auto`` chooses.
+    """The parameters that ``--sp-preset auto`` chooses.
 
     Attributes
     ----------

@@ -138,7 +138,7 @@ class ConingStage:
         return self._drain(final=False)
 
     def finish(self) -> RotationVectors:
-        """Answer for what is left at the end of the segment.
+        """Updates from the samples left over at the end of the segment.
 
         Returns
         -------

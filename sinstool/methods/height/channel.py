@@ -307,7 +307,7 @@ def baro_sample(
 def feedback(
     state: FloatArray, time: float, d_height: float, d_v_up: float, d_correction: float
 ) -> None:
-    """Note that a filter corrected the host: what it added to height, v_up and A.
+    """Account for a filter's correction of the host: its changes of height, v_up and A.
 
     Late samples are compared with where the host would have been, so the past must follow; A
     is changed here.
@@ -335,7 +335,7 @@ def height_valid(state: FloatArray) -> bool:
 
 @part()
 def begin_anew(state: FloatArray) -> None:
-    """Wait for the barometer as at the start: what happened meanwhile is unknown."""
+    """Wait for the barometer as at the start, since the motion meanwhile is unknown."""
     state[layout.S_PHASE] = layout.INIT
     state[layout.S_WAITING] = 0.0
     state[layout.S_WITNESS_ON] = 0.0
@@ -445,7 +445,7 @@ def _call_witness(
 def _freeze(
     state: FloatArray, events: FloatArray, time: float, height: float, v_up: float, stamp: float
 ) -> tuple[int, float, float]:
-    """Undo what a hanging sensor did since the witness was called, and coast."""
+    """Undo the effect of a frozen sensor since the last check against GNSS, and coast."""
     dh = state[layout.S_WITNESS_H] - height
     dv = state[layout.S_WITNESS_V] - v_up
     state[layout.S_CORRECTION] = state[layout.S_WITNESS_A]

@@ -42,7 +42,7 @@ def note_interval(state: FloatArray, stamp: float) -> None:
 
 @part()
 def remember(state: FloatArray, time: float, height: float, v_up: float) -> None:
-    """Keep height and velocity at a time, unless that of a moment ago is kept."""
+    """Store height and velocity at a time, unless those of a moment ago are stored."""
     number = int(state[layout.S_HISTORY])
     if number > 0:
         latest = layout.S_HISTORY + 1 + 3 * ((number - 1) % layout.HISTORY)

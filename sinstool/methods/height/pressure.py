@@ -149,7 +149,7 @@ def pressure_reason(pressure: ArrayLike) -> IntArray:
 
 @dataclass(frozen=True)
 class UnitSuspicion:
-    """What the size of the pressures says about their unit.
+    """Evidence about the unit of pressures from their size.
 
     Attributes
     ----------
@@ -319,7 +319,7 @@ def reference_from_setting(qnh: float, undulation: float = 0.0) -> BaroReference
 
 
 def reference_from_start(pressure: ArrayLike, height: float) -> BaroReference:
-    """Heights that begin at a known one.
+    """Reference heights that begin at a given initial height.
 
     Parameters
     ----------

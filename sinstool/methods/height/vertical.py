@@ -261,7 +261,7 @@ class VerticalChannel:
         self._pending.append((available, stamps, heights, reasons.astype(np.int64)))
 
     def _ready(self, until: int) -> tuple[IntArray, IntArray, FloatArray, IntArray]:
-        """Take the barometer samples known by a time out of those that wait."""
+        """Remove from the queue, and return, the barometer samples up to a time."""
         if not self._pending:
             none = np.empty(0, np.int64)
             return none, none, np.empty(0), none

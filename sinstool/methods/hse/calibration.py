@@ -21,7 +21,7 @@ from sinstool.methods.hse.status import APPLICABLE, MAX_LATITUDE, Judgement
 
 @dataclass(frozen=True)
 class AxialRecord:
-    """What the rate along the axis gave."""
+    """Result from the rate along the axis."""
 
     c: float
     lambda2_rad: float
@@ -275,7 +275,7 @@ def correction(
     latitude: ArrayLike,
     sigma_C23: ArrayLike = 0.0,
 ) -> tuple[FloatArray, FloatArray]:
-    """Heading-sensitive error, to be taken from the heading.
+    """Heading-sensitive error, to be subtracted from the heading.
 
     Parameters
     ----------

@@ -53,7 +53,7 @@ class Design:
 
 @dataclass(frozen=True)
 class Prediction:
-    """What a design would give.
+    """Expected accuracy of a design.
 
     Attributes
     ----------

@@ -304,7 +304,7 @@ def _tracks(
 
 
 def _corrected(angle: FloatArray, model: EncoderModel) -> FloatArray:
-    """Readings in rad without their known harmonics."""
+    """Readings in rad, corrected for the calibrated harmonics."""
     corrected = angle
     for order, cosine, sine in model.harmonics:
         phase = order * angle
@@ -324,7 +324,7 @@ def _unwrap(position, turn, out):  # type: ignore[no-untyped-def]
 
 @njit(cache=True, nogil=True)
 def _add(total, lost, value):  # type: ignore[no-untyped-def]
-    """A sum with one more value, and what its rounding lost (Kahan)."""
+    """A sum with one more value, and its rounding error (Kahan)."""
     value -= lost
     more = total + value
     return more, (more - total) - value

@@ -189,7 +189,7 @@ def _solve(
     reasons: list[str],
     warnings: list[str],
 ) -> LeastSquares | None:
-    """Fit headings; what is left out is noted in ``use``, ``reasons`` and ``warnings``."""
+    """Fit headings; ``use``, ``reasons`` and ``warnings`` record what is left out."""
     rate = data.rate[use]
     if len(distinct_rates(rate)) < 2 or float(np.ptp(rate)) < MIN_RATE_SPAN:
         return None
@@ -369,7 +369,7 @@ def _with_slope(result: HseFit, k: float, sigma: float, quantile: float) -> HseF
 def _with_lambda2(
     result: HseFit, model: HeadingModel, lambda2: float, deviation: float, quantile: float
 ) -> HseFit:
-    """The result with a coefficient from headings; what is unsure of the lean adds to its sigma."""
+    """The result with a coefficient from headings; the lean's uncertainty adds to its sigma."""
     sigma = float(np.hypot(deviation, lambda2 * model.relative_C23))
     return replace(
         result,

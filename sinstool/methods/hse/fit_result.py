@@ -67,7 +67,7 @@ class FitOptions:
 
 @dataclass(frozen=True)
 class RunFit:
-    """What the fit made of one run.
+    """Residual, leverage and use of one run in the fit.
 
     Attributes
     ----------

@@ -24,7 +24,7 @@ ROUNDING = 1e-12
 
 @dataclass(frozen=True)
 class RunColumns:
-    """What a fit needs of ``n`` runs, as columns.
+    """The data of ``n`` runs for a fit, as columns.
 
     Attributes
     ----------

@@ -217,7 +217,7 @@ class Rig:
         return self.C_s_to_b @ self.K_a
 
     def require_latitude(self) -> float:
-        """Latitude in rad; ConfigurationError if it was not given."""
+        """Latitude in rad; ConfigurationError if it is missing."""
         if self.latitude is None:
             raise ConfigurationError(
                 "rig.latitude_deg is missing", "heading cannot be had from Earth rate without it"
@@ -225,7 +225,7 @@ class Rig:
         return self.latitude
 
     def scaled(self, c: float) -> Rig:
-        """The rig with a relative rate error along the axis taken out.
+        """The rig with a relative rate error along the axis removed.
 
         Parameters
         ----------
@@ -263,7 +263,7 @@ class Rig:
         return hashlib.sha256(json.dumps(parts, sort_keys=True).encode()).hexdigest()
 
     def remarks(self) -> list[str]:
-        """What its owner should know of this calibration, one sentence each."""
+        """Remarks on this calibration for its owner, one sentence each."""
         share = -3.0 * (float(np.linalg.norm(self.C_s_to_b[2])) - 1.0)
         if abs(share) < _REMARKABLE:
             return []

@@ -42,7 +42,7 @@ _FEWEST_BLOCKS = 8
 
 @dataclass(frozen=True)
 class SegmentRules:
-    """What makes a stretch good enough.
+    """Requirements on a stretch at constant rate.
 
     Attributes
     ----------
@@ -142,7 +142,7 @@ def find_segments(pieces: Sequence[TableAngle], rules: SegmentRules | None = Non
 
 
 def _plateaus(piece: TableAngle, number: int, rate: FloatArray, size: int) -> list[Segment]:
-    """Plateaus, and what lies between them with a reason."""
+    """Plateaus of constant rate, and the stretches between them with a reason."""
     spans: list[tuple[int, int]] = []
     begin, total = 0, 0.0
     for k, r in enumerate(rate.tolist()):
@@ -286,7 +286,7 @@ class TurnStatistics:
 def turn_statistics(
     piece: TableAngle, segment: Segment, gyro: ArrayLike, accel: ArrayLike
 ) -> TurnStatistics:
-    """Sums over the whole turns of a segment; what is left at its end is not used.
+    """Sums over the whole turns of a segment; an incomplete turn at its end is not used.
 
     Parameters
     ----------

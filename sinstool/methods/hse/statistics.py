@@ -130,7 +130,7 @@ class Sinusoid:
 
 
 def fit_sinusoid(azimuth: ArrayLike, values: ArrayLike) -> Sinusoid:
-    """Fit what heading-sensitive error does when the system is turned on a level stand.
+    """Fit the sinusoid of heading-sensitive error over the headings of a level stand.
 
     Parameters
     ----------

@@ -206,7 +206,7 @@ def _insignificant(result: HseFit) -> Iterator[Finding]:
 
 
 def second_order(result: HseFit) -> float | None:
-    """Relative error of the linear model by what it leaves out: c Omega tilt / (2 w cos L)."""
+    """Relative error of the linear model from its neglected term: c Omega tilt / (2 w cos L)."""
     if result.lambda2 is None:
         return None
     c = abs(result.lambda2) / 3.0

@@ -37,7 +37,7 @@ _LARGEST_AXIAL_ERROR = 0.05
 
 @dataclass(frozen=True, eq=False)
 class WholeTurnAlignment:
-    """Attitude of the base and what the turns say of it.
+    """Attitude of the base, with statistics of the turns.
 
     Attributes
     ----------
@@ -248,7 +248,7 @@ def run_from_turns(
     level_rate: str = "off",
     gyro_bias_sigma: float = 0.0,
 ) -> HseRun:
-    """What the calibration is fed: one alignment as a run.
+    """One alignment as a run for the calibration.
 
     Parameters
     ----------

@@ -291,7 +291,7 @@ ROUNDS = 5
 def navigate_backward(
     state: FloatArray, phi: FloatArray, dv: FloatArray, dt: FloatArray, out: FloatArray
 ) -> None:
-    """Undo the updates of a block, the last first: what came before a state.
+    """Undo the updates of a block, the last first: the states before a given one.
 
     An update of :func:`step` is undone by finding the state that it takes to the later one. The
     step is the identity but for terms of first order in its duration, so that the fixed point

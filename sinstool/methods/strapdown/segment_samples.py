@@ -21,7 +21,7 @@ from sinstool.methods.coning.stage import ConingStage
 
 @dataclass(frozen=True, kw_only=True)
 class SampleSettings:
-    """What has to be known of samples to integrate them.
+    """Settings for the integration of samples.
 
     Attributes
     ----------
@@ -56,7 +56,7 @@ class SampleSettings:
 
 
 def unbiased_segments(blocks: Iterable[Imu], settings: SampleSettings) -> Iterator[Piece]:
-    """Rates of a log, cut at gaps, with the bias of the gyros taken off.
+    """Rates of a log, cut at gaps, with the gyro bias removed.
 
     Parameters
     ----------
@@ -127,7 +127,7 @@ class SegmentSamples:
 
 
 class SegmentRun(ABC):
-    """An integration of ordered samples; what is carried over gaps is up to the kind of run.
+    """An integration of ordered samples; subclasses decide how to bridge gaps.
 
     Attributes
     ----------
@@ -176,7 +176,7 @@ class SegmentRun(ABC):
 
     @abstractmethod
     def _advance(self, updates: Any, taken: Imu) -> Solution:
-        """Solutions at finished updates, and so at the samples taken."""
+        """Solutions at finished updates."""
 
     def _answer(self, updates: Any) -> Iterator[Solution]:
         """Integrate over finished updates and let go of the samples they answer for."""

@@ -124,7 +124,7 @@ class IncrementStage:
         )
 
     def finish(self) -> Increments:
-        """Answer for what is left at the end of the segment."""
+        """Increments from the samples left over at the end of the segment."""
         return _increments(self._attitude.finish(), self._plus.finish(), self._minus.finish())
 
 

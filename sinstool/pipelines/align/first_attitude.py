@@ -220,7 +220,7 @@ def _from_motion(
 def _carried_back(
     moving: MotionAlignment, source: Source, config: ProcessConfig, time_ns: int, most_sigma: float
 ) -> tuple[int, np.ndarray, np.ndarray]:
-    """Attitude and covariance at a time, or where it was found, if that cannot be reached.
+    """Attitude and covariance at a time, or at the original time if that cannot be reached.
 
     That is where the Imu has a gap on the way, or the sigma (rad) would grow beyond the most.
 
@@ -293,7 +293,7 @@ def compass(source: Source, config: ProcessConfig, grade: Grade) -> Gyrocompass:
 
 
 def _from_compass(answer: Gyrocompass, source: Source) -> Alignment:
-    """The body kept its attitude while it was at rest: that at the end is that at the start."""
+    """Attitude at the start of a rest: the same as at its end, as the body did not move."""
     still = source.survey.lead_in
     assert still is not None
     north = answer.status != "level-only"
@@ -344,7 +344,7 @@ def _with_bias(alignment: Alignment, source: Source, config: ProcessConfig) -> A
 def with_bias_in_motion(
     alignment: Alignment, source: Source, config: ProcessConfig, gnss: GnssEpochs
 ) -> Alignment:
-    """An attitude that is given, with the gyro bias that changes of GNSS velocity show.
+    """A given attitude with a gyro bias from changes of GNSS velocity.
 
     The same alignment where they show none.
     """
@@ -367,7 +367,7 @@ def with_bias_in_motion(
 
 
 def earth_rate(source: Source) -> np.ndarray | None:
-    """Earth rate in NED, rad/s; None where the latitude is not known."""
+    """Earth rate in NED, rad/s; None without a latitude."""
     if source.latitude is None:
         return None
     return np.asarray(earth_rate_n(source.latitude))

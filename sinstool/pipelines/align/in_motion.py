@@ -146,7 +146,7 @@ def _interval_ns(source: Source) -> float:
 
 
 def imu_noise(config: ProcessConfig, grade: Grade) -> SensorGrade:
-    """Noise of a grade, but for what a noise file or the options say."""
+    """Noise of a grade, overridden by a noise file or by options."""
     options, noise, measured = config.in_flight, IMU_GRADES[grade], measured_noise(config)
     if measured is not None:
         noise = as_measured(measured, noise)

@@ -41,7 +41,7 @@ from sinstool.survey.source import Source, prepare
 
 @dataclass(frozen=True)
 class LogAlignment:
-    """What `align` found.
+    """Result of `align` with the data for its page.
 
     Attributes
     ----------

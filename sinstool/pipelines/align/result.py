@@ -63,7 +63,7 @@ class TruthError:
 
 @dataclass(frozen=True)
 class AlignResult(Result):
-    """An attitude with its covariance; what a method does not give is None.
+    """An attitude with its covariance; fields that a method does not provide are None.
 
     Attributes
     ----------
@@ -120,7 +120,7 @@ class AlignResult(Result):
 
 
 def angles(q_nb: np.ndarray, status: str) -> dict[str, Any]:
-    """Quaternion and Euler angles of an answer, without a heading that is not known."""
+    """Quaternion and Euler angles of an answer; heading only where it is observable."""
     if not np.isfinite(q_nb).all():
         return dict.fromkeys(("q_nb_wxyz", "roll_deg", "pitch_deg", "heading_deg"))
     north = status in HEADING_OBSERVED
@@ -134,7 +134,7 @@ def angles(q_nb: np.ndarray, status: str) -> dict[str, Any]:
 
 
 def sigmas(answer: InFlightAlignment | Gyrocompass) -> Vector:
-    """Sigmas in degrees; that of a heading that is not known is None."""
+    """Sigmas in degrees; None for a heading that is not observable."""
     values: list[float | None] = [finite(s / DEGREE) for s in answer.sigma_rad]
     if answer.status == "level-only":
         values[2] = None
@@ -142,7 +142,7 @@ def sigmas(answer: InFlightAlignment | Gyrocompass) -> Vector:
 
 
 def covariance(answer: InFlightAlignment | Gyrocompass) -> np.ndarray | None:
-    """Covariance in deg^2, where heading is known."""
+    """Covariance in deg^2, where heading is observable."""
     return np.asarray(answer.cov / DEGREE**2) if answer.status in HEADING_OBSERVED else None
 
 
@@ -154,7 +154,7 @@ def finite(value: float | None) -> float | None:
 def in_motion_values(
     answer: InFlightAlignment, errors: SensorGrade, gate: str, gyro_bias: np.ndarray
 ) -> dict[str, Any]:
-    """What an alignment in motion says beside its attitude."""
+    """Values of an alignment in motion beside its attitude."""
     refined = answer.errors
     return {
         "vectors": answer.vectors,
@@ -179,7 +179,7 @@ def in_motion_values(
 
 
 def at_rest_values(answer: Gyrocompass) -> dict[str, Any]:
-    """What a gyrocompass says beside its attitude."""
+    """Values of a gyrocompass beside its attitude."""
     return {
         "sigma_deg": sigmas(answer),
         "sigma_worst_deg": finite(answer.sigma_heading / DEGREE),
@@ -191,7 +191,7 @@ def at_rest_values(answer: Gyrocompass) -> dict[str, Any]:
 
 
 def plain_values(alignment: Alignment) -> dict[str, Any]:
-    """What a level, or the log's own orientation, says beside its attitude."""
+    """Values of levelling, or of the log's own orientation, beside the attitude."""
     return {
         "sigma_deg": tuple(None if s is None else s / DEGREE for s in alignment.sigma_rad),
         "gyro_bias_deg_h": tuple((alignment.gyro_bias / DEG_H).tolist()),

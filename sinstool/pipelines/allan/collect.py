@@ -1,4 +1,4 @@
-"""Samples of quiet stretches into Allan variances and what else noise is judged by, as they come.
+"""Accumulate Allan variances, phases and extremes of the samples at rest, block by block.
 
 Of each axis is kept: variances, phases a block apart, extremes. Nothing but the phases that long
 averaging times need grows with the log, and they are bounded.
@@ -32,7 +32,7 @@ _LOW, _HIGH, _AT_LOW, _AT_HIGH, _STEP, _LAST, WIDTH = 0, 1, 2, 3, 4, 5, 6
 
 @dataclass(frozen=True)
 class Collected:
-    """All that is known of the samples.
+    """Variances, phases and extremes of the samples at rest.
 
     Attributes
     ----------
@@ -134,7 +134,7 @@ def collect(
 
 
 def _stage(source: Source, stretches: tuple[Stretch, ...]) -> tuple[VarianceStage, int]:
-    """What sums up, made for stretches of about their lengths."""
+    """Accumulator of variances for stretches of about these lengths, and its block."""
     interval = source.survey.interval_ns or SECOND
     lengths = [max(1, round((s.end_ns - s.start_ns) / interval)) for s in stretches]
     stride = stride_for(max(lengths))

@@ -83,7 +83,7 @@ class Entry:
 
     @property
     def note(self) -> str:
-        """What a reader has to know of the value."""
+        """Remark on the value for a reader of the file."""
         if not self.visible:
             return f"NOT VISIBLE in this log: at most this, {self.what}, {self.unit}"
         low, high = self.interval

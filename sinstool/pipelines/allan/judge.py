@@ -1,4 +1,4 @@
-"""What a user has to know of measured noise: what is missing of it, and what may not be noise."""
+"""Findings about measured noise: which parts are missing, and which may not be noise."""
 
 from __future__ import annotations
 
@@ -91,7 +91,7 @@ def _units(axes: Sequence[Axis]) -> Iterator[Finding]:
 
 
 def _hidden(axes: Sequence[Axis], rest: Rest) -> Iterator[Finding]:
-    """What of the bias's wandering the rest was too short to show."""
+    """Sensors whose rest was too short to show how the bias wanders."""
     without = []
     for sensor, word in (("gyro", "gyro"), ("accel", "accelerometer")):
         measured = [a for a in axes if a.sensor == sensor and a.status == "measured"]

@@ -1,4 +1,4 @@
-"""What `allan` says of a log: the values of ``--json``, the terminal, the page and the files."""
+"""Result of `allan`: the values of ``--json``, the terminal, the page and the files."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ Status = Literal["measured", "dead", "clipped", "too-short"]
 
 @dataclass(frozen=True)
 class RestStretch:
-    """A stretch whose samples were taken."""
+    """A stretch of rest whose samples were used."""
 
     start_s: float
     duration_s: float
@@ -133,7 +133,7 @@ class AllanResult(Result):
 
     @property
     def noise(self) -> ImuNoise:
-        """What was measured, as files hold it."""
+        """The measured noise, as stored in files."""
         of = {
             sensor: {a.axis: a.coefficients for a in self.of(sensor) if a.status == "measured"}
             for sensor in SENSORS

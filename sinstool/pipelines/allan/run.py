@@ -141,7 +141,7 @@ def _forget_log_times(source: Source) -> None:
 
 
 def _no_rest(source: Source, quiet: QuietStretches) -> DataError:
-    """Why there is nothing to measure on, and what may help."""
+    """Error for a log without a usable rest, with advice."""
     longest = max((s.duration_s for s in quiet.stretches), default=0.0)
     why = f"it rests for {longest:.1f} s at most" if longest else "it never rests for 5 s"
     if quiet.moving_s > LEAST_S:
@@ -163,7 +163,7 @@ def _no_rest(source: Source, quiet: QuietStretches) -> DataError:
 
 
 def _status(at_rest: Collected, column: int) -> Status:
-    """What can be measured on an axis."""
+    """Whether noise can be measured on an axis."""
     low, high = at_rest.range[column]
     if not high > low:
         return "dead"

@@ -38,7 +38,7 @@ _READER = TypeAdapter(
 
 
 def _derived(cal: HseCalibration) -> dict[str, Any]:
-    """What is written beside the quantities and must agree with them."""
+    """Figures written beside the quantities, which must agree with them."""
     lambda2, k = cal.lambda2_rad, cal.K_HSE_s
     return {
         "lambda2_arcsec": None if lambda2 is None else lambda2 / ARCSEC,
@@ -48,12 +48,12 @@ def _derived(cal: HseCalibration) -> dict[str, Any]:
 
 
 def to_dict(cal: HseCalibration) -> dict[str, Any]:
-    """Calibration as what JSON can hold."""
+    """Calibration as a dictionary for JSON."""
     return {"schema": SCHEMA, "sign": dict(SIGN), **asdict(cal), **_derived(cal)}
 
 
 def from_dict(data: Mapping[str, Any]) -> HseCalibration:
-    """Calibration of what :func:`to_dict` gave.
+    """Calibration from a dictionary of :func:`to_dict`.
 
     Raises
     ------
@@ -104,7 +104,7 @@ def dumps(cal: HseCalibration) -> str:
 
 
 def loads(text: str) -> HseCalibration:
-    """Calibration of the text that :func:`dumps` gave.
+    """Calibration from a text of :func:`dumps`.
 
     Raises
     ------

@@ -105,7 +105,7 @@ class Calibration:
         return tuple(str(finding) for finding in self.findings)
 
     def to_json(self) -> dict[str, Any]:
-        """The calibration as it was written, the table of headings, and what was not used."""
+        """The calibration as written, the table of headings, and the stretches not used."""
         values = {
             "validation": None if self.table is None else _table(self.table),
             "positions": [_position(one) for one in self.spread],
@@ -171,7 +171,7 @@ def check_files(outputs: Sequence[Path | None], others: list[Path], overwrite: b
 
 
 def write_rig(path: Path, calibration: Calibration, config: ProcessConfig) -> None:
-    """Write the rig as a configuration in which the error along the axis is taken out of K_g.
+    """Write the rig as a configuration with the error along the axis removed from K_g.
 
     Parameters
     ----------

@@ -63,7 +63,7 @@ def rig_of(config: ProcessConfig) -> Rig:
 
 
 def segment_rules(options: CalibrationOptions) -> SegmentRules:
-    """What makes a stretch good enough to align on."""
+    """Requirements on a stretch to align on, from the configuration."""
     return SegmentRules(
         settle_s=options.settle,
         min_turns=options.min_turns,
@@ -214,7 +214,7 @@ def _each(
 def read_turns(
     path: Path, name: str, rig: Rig, config: ProcessConfig, progress: Progress | None
 ) -> tuple[RigTurns, list[Lost]]:
-    """Turns of one log, and what of it was lost.
+    """Turns of one log, and its losses.
 
     Raises
     ------
@@ -299,7 +299,7 @@ def azimuths(options: CalibrationOptions, sources: Sequence[str]) -> dict[str, f
 def correct_runs(
     runs: Sequence[HseRun] | Sequence[WholeTurnAlignment], calibration: HseCalibration
 ) -> CorrectedHeading:
-    """Headings of stretches at constant rate, their heading-sensitive error taken out."""
+    """Headings of stretches at constant rate, corrected for heading-sensitive error."""
 
     def column(name: str) -> FloatArray:
         return np.array([getattr(run, name) for run in runs])

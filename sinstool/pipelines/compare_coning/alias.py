@@ -39,7 +39,7 @@ class RateSpectrum:
 
 @dataclass(frozen=True)
 class Alias:
-    """What a lower rate would fold onto rest.
+    """Noise and lines that a lower rate would alias to slow motion.
 
     Attributes
     ----------
@@ -64,7 +64,7 @@ class Alias:
 
 @dataclass(frozen=True)
 class Exposure(Alias):
-    """What logging at a lower rate would do.
+    """Aliasing at a lower rate, with its folded spectrum.
 
     Attributes
     ----------
@@ -125,7 +125,7 @@ def lines(spectrum: RateSpectrum) -> FloatArray:
 def exposure(
     spectrum: RateSpectrum, native_rate: float, decimate: int, thinning: str, window_s: float
 ) -> Exposure:
-    """What the log would fold if it had been taken at a lower rate.
+    """Aliasing if the log had been recorded at a lower rate.
 
     Parameters
     ----------

@@ -65,7 +65,7 @@ LEAST_SAMPLES = 9
 
 @dataclass(frozen=True)
 class Settings:
-    """What is compared, and how.
+    """Settings of a comparison.
 
     Attributes
     ----------
@@ -87,7 +87,7 @@ class Settings:
 
 @dataclass(frozen=True)
 class Comparison:
-    """All that a comparison found.
+    """Result of a comparison.
 
     Attributes
     ----------

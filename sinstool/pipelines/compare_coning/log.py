@@ -69,7 +69,7 @@ class Checks:
 
 @dataclass(frozen=True)
 class LogComparison:
-    """A comparison with what is particular to logs.
+    """A comparison on a log, with its spectrum, checks and findings.
 
     Attributes
     ----------
@@ -198,7 +198,7 @@ def compare_log(
 
 
 def _reference(options: ComparisonOptions) -> str:
-    """What drift is measured from, and why."""
+    """Reference for the drift, and why it was chosen."""
     if options.truth is not None:
         return f"{options.truth}, as specified"
     if options.reference == "auto":

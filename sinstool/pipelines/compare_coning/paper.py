@@ -135,7 +135,7 @@ def cost(judge: Judge) -> None:
 
 
 def conclusion(judge: Judge) -> None:
-    """What section 5 says of coning itself."""
+    """Conclusion of section 5 on coning itself."""
     claim = partial(judge.add, "Section 5")
     flat = Setting(judge.e.setting.phase, none())
     left = {}

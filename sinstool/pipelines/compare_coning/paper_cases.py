@@ -24,7 +24,7 @@ PAPER_GAIN = 0.001
 
 @dataclass(frozen=True)
 class Case:
-    """An algorithm and what it is fed.
+    """An algorithm and its input.
 
     Attributes
     ----------

@@ -90,7 +90,7 @@ class Experiment:
     costs: dict[str, Cost]
 
     def sweep(self, key: str, setting: Setting | None = None) -> Sweep:
-        """Return the sweep of a case, in the experiment's own setting unless another is given."""
+        """The sweep of a case, by default in the experiment's own setting."""
         return self.sweeps[setting or self.setting, key]
 
     @property

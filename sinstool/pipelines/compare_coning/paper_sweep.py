@@ -112,7 +112,7 @@ class Sweep:
         return float(np.mean(self.z_deg))
 
     def row(self, frequency: float) -> int:
-        """Row of the frequency next to one given, Hz."""
+        """Row of the frequency nearest to one in Hz."""
         return int(np.argmin(np.abs(self.frequency - frequency)))
 
 
@@ -157,7 +157,7 @@ def run_sweeps(
 
 
 class _Runner:
-    """What all frequencies have in common, and the run of one block of them."""
+    """Data shared by all frequencies, and the run of one block of them."""
 
     def __init__(
         self, plan: Mapping[Setting, Sequence[Case]], sweeps: dict[tuple[Setting, str], Sweep]

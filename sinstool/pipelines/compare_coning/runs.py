@@ -44,7 +44,7 @@ class Segment:
 
 @dataclass(frozen=True)
 class Candidate:
-    """An algorithm and what it is fed.
+    """An algorithm and its input.
 
     Attributes
     ----------
@@ -64,7 +64,7 @@ class Candidate:
 
     @property
     def label(self) -> str:
-        """Name with what it is fed."""
+        """Name with its input."""
         return self.name if self.decimate == 1 else f"{self.name} /{self.decimate} {self.input}"
 
     @property
@@ -75,7 +75,7 @@ class Candidate:
 
 @dataclass(frozen=True)
 class Attitudes:
-    """What a candidate made of a segment.
+    """Attitudes that a candidate computed over a segment.
 
     Attributes
     ----------

@@ -25,7 +25,7 @@ KINDS: dict[str, GyroKind] = {"sums": "increment", "points": "rate"}
 
 @dataclass(frozen=True)
 class Prediction:
-    """What the spectrum says of one candidate.
+    """Drift of one candidate as predicted from the spectrum.
 
     Attributes
     ----------
@@ -99,7 +99,7 @@ class Pair:
 
 @dataclass(frozen=True)
 class Meta:
-    """What was compared, and how.
+    """Log and settings of the comparison.
 
     Attributes
     ----------
@@ -121,7 +121,7 @@ class Meta:
 
 @dataclass(frozen=True)
 class Reference:
-    """What the algorithms are held against.
+    """Reference of the comparison.
 
     Attributes
     ----------

@@ -142,7 +142,7 @@ def _named(rows: list[Judged], reference: str, tolerance: float, fallback: str |
 
 
 def _larger_differences(rows: list[Judged], limit: float) -> str:
-    """State what differs by more than the uncertainty, and what that leaves."""
+    """State which algorithms differ by more than the uncertainty, and which remain."""
     far = [(r, d) for r, d in rows if d.slope_rms > limit]
     close = [r.candidate.name for r, d in rows if d.slope_rms <= limit]
     default = f", and {DEFAULT_CONING}, the default, is among them" * (DEFAULT_CONING in close)

@@ -12,7 +12,7 @@ from sinstool.io.readers.lost import LogLosses
 
 @dataclass(frozen=True)
 class ExportedFrom:
-    """The result: its rows, and the frame of its attitudes ('' where it is not known)."""
+    """The exported result: its rows, and the frame of its attitudes ('' if unknown)."""
 
     path: str
     rows: int
@@ -23,7 +23,7 @@ class ExportedFrom:
 
 @dataclass(frozen=True)
 class ExportedFile:
-    """The file: its rows, and what each of them has."""
+    """The written file: its rows and columns."""
 
     path: str
     format: str

@@ -159,7 +159,7 @@ def _axes(path: Path) -> tuple[str, str] | None:
 
 
 def no_position(name: str, kind: str) -> SinstoolError:
-    """What is said of a result without positions for a format that consists of them."""
+    """Error for a result without positions in a format that consists of them."""
     return SinstoolError(
         f"{name} has no position, and .{kind} is made of positions",
         "process the log with --mode ins or ins-gnss, or export .csv, .parquet or .tum",
@@ -224,7 +224,7 @@ def export_blocks(
 
 
 def _span(config: ProcessConfig, first_ns: int) -> tuple[int, int]:
-    """Times between which rows are taken."""
+    """Times between which rows are exported."""
     limits = np.iinfo(np.int64)
     begin, end = config.input.start, config.input.end
     return (
@@ -234,7 +234,7 @@ def _span(config: ProcessConfig, first_ns: int) -> tuple[int, int]:
 
 
 class _Counted:
-    """Blocks, and what has passed of them."""
+    """Iterate over blocks and count their rows."""
 
     def __init__(self, blocks: Iterable[ResultBlock]) -> None:
         self._blocks = blocks

@@ -1,1 +1,1 @@
-"""Contents of a log, and what the other commands would do with it."""
+"""Contents of a log, and the plan of `process` for it."""

@@ -75,7 +75,7 @@ class _Watcher(ABC):
 
 
 class Values(_Watcher):
-    """What the sensors of one Imu topic measured, in the order of time and along the log's axes.
+    """Readings of one Imu topic in the order of time, in the log's axes.
 
     Parameters
     ----------

@@ -97,7 +97,7 @@ class UnusableImu:
 
 @dataclass(frozen=True)
 class Verdict:
-    """What `process` would do with the log, or why it would refuse it.
+    """The plan of `process` for the log, or why it would refuse it.
 
     Its findings are of what it takes beside the Imu, and of what it has to give up.
     """
@@ -119,7 +119,7 @@ class Verdict:
 
 @dataclass(frozen=True)
 class Inspection:
-    """What is in a log."""
+    """Contents of a log, its findings, and the plan of `process`."""
 
     input: InspectedFile
     topics: tuple[Topic, ...]
@@ -134,12 +134,12 @@ class Inspection:
 
     @property
     def plan(self) -> Plan | None:
-        """What `process` would do with the log, with a reason each; None where it refuses it."""
+        """The plan of `process`, with a reason for each choice; None where it refuses the log."""
         return self.process.plan
 
     @property
     def findings(self) -> tuple[Finding, ...]:
-        """What is odd about the log, over all topics."""
+        """Findings about the log, over all topics."""
         return (
             *self.lost.findings(),
             *(finding for imu in self.usable for finding in imu.findings),

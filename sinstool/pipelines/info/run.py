@@ -27,7 +27,7 @@ MAX_SPANS = 20
 
 @dataclass
 class Shown:
-    """What figures show of an inspection.
+    """Data of an inspection for its figures.
 
     Attributes
     ----------
@@ -228,7 +228,7 @@ def _verdict(
     choice: ImuTopic | TopicError,
     surveyed: tuple[Survey, SampleCache] | None,
 ) -> result.Verdict:
-    """What `process` would do with the log, or why it would refuse it."""
+    """The plan of `process` for the log, or why it would refuse it."""
     if isinstance(choice, TopicError):
         return result.Verdict(False, None, str(choice), None)
     try:

@@ -41,10 +41,10 @@ class Mode(ABC):
         self.source, self.config, self.plan = source, config, plan
 
     def show(self, sink: Sink) -> None:  # noqa: B027 - most have nothing to show before they run
-        """Give a sink what the run is held to."""
+        """Pass the run's references to a sink."""
 
     def find_out(self, progress: BytesRead | None) -> None:  # noqa: B027 - most know it all
-        """Find out what must be known before anything is written."""
+        """Do the passes that must precede any output."""
 
     @abstractmethod
     def solutions(self, progress: BytesRead | None) -> Iterator[Solution]:
@@ -56,7 +56,7 @@ class Mode(ABC):
 
     @abstractmethod
     def conclude(self, last: Solution, sink: Sink | None) -> ModeResult:
-        """What came of it, once all solutions are written."""
+        """Result of the run, once all solutions are written."""
 
 
 def odometry_frames(source: Source, plan: Plan, config: ProcessConfig) -> Frames:
@@ -71,7 +71,7 @@ def odometry_frames(source: Source, plan: Plan, config: ProcessConfig) -> Frames
 
 
 def sample_settings(source: Source, config: ProcessConfig, plan: Plan) -> dict[str, Any]:
-    """What a run from the plan's first attitude needs to know of its samples.
+    """Settings for integrating samples from the plan's first attitude.
 
     Returns
     -------

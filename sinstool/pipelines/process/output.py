@@ -98,7 +98,7 @@ class Output:
         tf_parent: str | None = None,
         diagnostic_names: Sequence[str] = (),
     ) -> list[Finding]:
-        """Begin to write; returns what had to be left out, or is not in the log.
+        """Begin to write; returns findings about outputs left out or absent from the log.
 
         Parameters
         ----------
@@ -191,7 +191,7 @@ class Output:
             self._solutions.note(diagnostics)
 
     def complete(self) -> None:
-        """Write what is left of the solutions, and of the input: all of it has been read then."""
+        """Write the remaining solutions and the rest of the input."""
         if self._solutions is not None:
             self._solutions.finish()
             if self._copier:

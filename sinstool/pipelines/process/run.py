@@ -74,7 +74,7 @@ def process(
 
 
 def plan_of(path: Path, config: ProcessConfig, progress: Progress | None = None) -> Plan:
-    """What `process` would do with a log.
+    """The plan of `process` for a log.
 
     Raises
     ------

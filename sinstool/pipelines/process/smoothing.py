@@ -57,7 +57,7 @@ DIAGNOSTICS = (
 
 
 class Smoothing:
-    """An attitude integrated, smoothed over the whole log and given out corrected.
+    """Attitude that is integrated, smoothed over the whole log, and corrected on output.
 
     Parameters
     ----------
@@ -100,7 +100,7 @@ class Smoothing:
         return AttitudeRun(self._plan.alignment.q_nb, self._settings)
 
     def find_out(self, blocks: Iterable[Imu]) -> None:
-        """Integrate, and find the correction of what is integrated."""
+        """Integrate the attitude and compute its correction."""
         settings, alignment = self._settings, self._plan.alignment
         stage = EpochStage(
             settings.max_gap_ns,
@@ -223,7 +223,7 @@ class Smoothing:
         self._rested = bool(epochs.rest.any())
 
     def findings(self) -> Iterator[Finding]:
-        """What a user should know of the smoothed attitude."""
+        """Findings about the smoothed attitude."""
         s, first_ns = self.summary, self._source.survey.first_ns
         if self._magnetic is not None:
             yield from self._magnetic.findings()
@@ -291,7 +291,7 @@ class Smoothing:
 
 
 def _first_tilt(alignment: Alignment, sensors: SensorModel) -> float | None:
-    """Standard deviation of a first tilt, rad; None where nothing is known of it."""
+    """Standard deviation of a first tilt, rad; None where it is unknown."""
     roll, pitch, _ = alignment.sigma_rad
     if roll is None or pitch is None:
         return None

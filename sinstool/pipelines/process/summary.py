@@ -23,7 +23,7 @@ from sinstool.survey.grade import ImuGrade
 
 @dataclass(frozen=True)
 class FilterCourse:
-    """What a filter noted on its way, for figures.
+    """Innovations, biases and events of a filter over time, for figures.
 
     Attributes
     ----------
@@ -46,7 +46,7 @@ class FilterCourse:
 
 
 class Sink(Protocol):
-    """Takes what a run computes, while it runs, for figures and statistics."""
+    """Receives a run's solutions and references, for figures and statistics."""
 
     def push(self, solution: Solution) -> None:
         """Take the next solutions, in the order of time."""
@@ -104,7 +104,7 @@ class OutputFile:
 
     @property
     def q_vb(self) -> tuple[float, float, float, float] | None:
-        """The mount, scalar first; None where it is not known."""
+        """The mount, scalar first; None if unknown."""
         return self._q_vb
 
 
@@ -176,7 +176,7 @@ UNKNOWN_HEADING_DEG = 100.0
 
 @dataclass(frozen=True)
 class MagnetometerUsed:
-    """What a magnetometer showed.
+    """How a magnetometer was used, and the field it measured.
 
     Attributes
     ----------
@@ -220,7 +220,7 @@ class MagnetometerUsed:
 
 @dataclass(frozen=True)
 class AttitudeSmoothing:
-    """How an attitude was smoothed, and what it is known to.
+    """How an attitude was smoothed, and its sigmas.
 
     Attributes
     ----------
@@ -259,7 +259,7 @@ class AttitudeSmoothing:
 
 @dataclass(frozen=True)
 class BarometerSetting:
-    """What the barometer was set by."""
+    """Reference of the barometer."""
 
     mode: str
     offset_m: float
@@ -287,7 +287,7 @@ class FinalHeight:
 
 @dataclass(frozen=True)
 class HeightDamping:
-    """What damped the height, how, and what happened."""
+    """Damping of the height: its source, its settings, and its events."""
 
     damping: str
     topic: str
@@ -315,7 +315,7 @@ class FilterStartTime:
 
 @dataclass(frozen=True)
 class LatencyUsed:
-    """When fixes were taken to be valid before their stamps, and how that is known."""
+    """Latency of the fixes, and how it was determined."""
 
     status: str
     sigma_s: float | None
@@ -333,7 +333,7 @@ class WithheldScores(WithheldScore):
 
 @dataclass(frozen=True)
 class FilterUsed:
-    """An INS/GNSS filter: what it was, what it used, and what it estimated last."""
+    """An INS/GNSS filter: its kind, its inputs, and its last estimates."""
 
     filter: str
     requested: str
@@ -365,7 +365,7 @@ class FilterUsed:
 
 @dataclass(frozen=True)
 class TurntableStretch:
-    """A stretch at constant rate: its heading as aligned, its error, and what is left."""
+    """A stretch at constant rate: its heading as aligned, the correction, and the result."""
 
     start_ns: int
     duration_s: float
@@ -393,7 +393,7 @@ class UnusedStretch:
 
 @dataclass(frozen=True)
 class HseCorrection:
-    """The heading-sensitive error that was taken out, stretch by stretch."""
+    """The heading-sensitive error that was removed, stretch by stretch."""
 
     file: str | None
     status: str
@@ -415,7 +415,7 @@ class GnssDifference:
 
 @dataclass(frozen=True)
 class FinalState:
-    """The last attitude, and where the vehicle was as far as that is known."""
+    """The last attitude, and the last position where there is one."""
 
     time_ns: int
     q_wxyz_ned_frd: tuple[float, ...]
@@ -430,7 +430,7 @@ class FinalState:
     def of(
         cls, last: Solution, position: tuple[float | None, float | None, float | None]
     ) -> FinalState:
-        """Of the last block of a run, or with a position (deg, m) that is known otherwise."""
+        """From the last block of a run; without positions there, with another position (deg, m)."""
         roll, pitch, heading = to_euler(last.q_nb[-1]) / DEGREE
         latitude, longitude, height = position
         if last.position is not None:
@@ -450,7 +450,7 @@ class FinalState:
 
 @dataclass(frozen=True)
 class ModeResult:
-    """What one kind of run adds to a result, by the names that it has there."""
+    """Part of a result that depends on the mode, by the names of its fields."""
 
     alignment: FirstAttitude
     coning: ConingUsed

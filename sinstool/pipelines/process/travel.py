@@ -155,7 +155,7 @@ class Odometer:
             self._stride *= 2
 
     def travel(self) -> Travel:
-        """What was collected."""
+        """The distance, accuracy and outages collected so far."""
         duration = 0.0 if self._first_ns is None else (self._last_ns - self._first_ns) / SECOND
         moved = self._fastest is not None
         return Travel(

@@ -132,7 +132,7 @@ def process_turntable(
 
 
 def _findings(samples: RigLog, hse: HseCorrection, lost: Lost) -> list[Finding]:
-    """What was left out of the log, and a calibration that shows nothing."""
+    """Findings about stretches left out, and about a calibration without effect."""
     findings = list(samples.findings)
     if hse.status != "ok":
         text = f"the calibration is {hse.status}"
@@ -190,7 +190,7 @@ def _write(
     alignments: list[WholeTurnAlignment],
     corrected: CorrectedHeading,
 ) -> int:
-    """Write the attitude at every sample whose angle is known; returns how many."""
+    """Write the attitude at every sample with an encoder angle; returns their number."""
     imu = samples.imu
     encoder = samples.encoder
     read = table_angle(
@@ -256,7 +256,7 @@ def _nearest(seconds: np.ndarray, segments: list[Segment]) -> np.ndarray:
 def _remarks(
     turns: RigTurns, alignments: list[WholeTurnAlignment], corrected: CorrectedHeading
 ) -> list[str]:
-    """What is doubtful about single stretches."""
+    """Findings about single stretches."""
     notes = []
     for number, (segment, a) in enumerate(zip(turns.segments, alignments, strict=True)):
         where = f"stretch {number + 1} (from {segment.start_s:.1f} s)"
@@ -364,7 +364,7 @@ def _hse(
 
 
 def _arcsec(angle: float | None) -> float | None:
-    """An angle in arc seconds; None where it is not known."""
+    """An angle in arc seconds; None if unknown."""
     return None if angle is None or not np.isfinite(angle) else float(angle) / ARCSEC
 
 

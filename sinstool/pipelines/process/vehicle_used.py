@@ -72,7 +72,7 @@ class LandVehicleUsed:
 
 @dataclass(frozen=True)
 class VehicleUsed:
-    """What a vehicle was taken not to do.
+    """Constraints of a vehicle that a run used.
 
     Attributes
     ----------

@@ -71,11 +71,11 @@ class Vertical:
         return replace(solution, vertical=vertical)
 
     def summary(self) -> HeightDamping:
-        """What damped the height, and what happened."""
+        """Damping of the height, and its events."""
         return self.damping.result(
             self._channel.summary, self._channel.events, self._first_ns, self._last
         )
 
     def warnings(self) -> list[str]:
-        """What a user has to know about the height."""
+        """Warnings about the height."""
         return [*self._notes, *height_warnings(self._channel.summary, self._channel.events)]

@@ -49,7 +49,7 @@ def figures(alignment: LogAlignment, config: ProcessConfig) -> tuple[Figure, ...
 
 
 def _marks(alignment: LogAlignment) -> tuple[tuple[str, float], ...]:
-    """Start and stop of what was used."""
+    """Start and stop of the segment used."""
     result = alignment.result
     named = (("start", result.start_s), ("stop", result.stop_s))
     return tuple((name, float(at)) for name, at in named if at is not None)
@@ -60,7 +60,7 @@ def _seconds(alignment: LogAlignment, time_ns: np.ndarray) -> FloatArray:
 
 
 def sigmas(alignment: LogAlignment, series: AlignmentSeries) -> Figure:
-    """How well attitude is known, from what came before each fix."""
+    """Sigmas of the attitude at each fix, from the data before it."""
     columns = [(f"about {a}", series.sigma[:, k]) for k, a in enumerate(AXES)]
     shown = tuple(Series(n, positive(v / DEGREE, _TINY)) for n, v in columns)
     worst = Series("worst axis", positive(series.sigma_worst / DEGREE, _TINY), style="dashed")
@@ -114,7 +114,7 @@ def attitude(alignment: LogAlignment, series: AlignmentSeries) -> list[Figure]:
 
 
 def errors(alignment: LogAlignment) -> Figure:
-    """What the reference says is wrong."""
+    """Errors against the reference."""
     course = alignment.error
     assert course is not None
     usable = course.sigma_worst <= OK_SIGMA
@@ -141,7 +141,7 @@ def errors(alignment: LogAlignment) -> Figure:
 
 
 def singular_values(alignment: LogAlignment, series: AlignmentSeries) -> Figure:
-    """Of the attitude profile matrix: the sum of the second and third is what shows attitude."""
+    """Of the attitude profile matrix; attitude is observable by the sum of the second and third."""
     s = series.singular_values
     curves = tuple(Series(f"s{k + 1}", positive(np.abs(s[:, k]), _TINY)) for k in range(3))
     return Figure(

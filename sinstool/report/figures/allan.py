@@ -88,7 +88,7 @@ def _figure(noise: LogNoise, sensor: Sensor) -> Figure:
 
 
 def _drifts(axis: Axis) -> bool:
-    """Whether a drift hides what the Hadamard deviation, which no drift moves, shows."""
+    """Whether a drift dominates the Allan but not the Hadamard deviation, which ignores drift."""
     ramp = axis.coefficients.get("ramp")
     return ramp is not None and ramp.value is not None
 

@@ -64,7 +64,7 @@ def _innovations(
 
 
 def _squares(gnss: GnssDiagnostics, first: int, marks: tuple[tuple[str, float], ...]) -> Figure:
-    """Normalised innovation squared over its number of rows, by what became of the fix."""
+    """Normalised innovation squared over its number of rows, by use of the fix."""
     seconds = (gnss.time_ns - first) / SECOND
     value = np.sqrt(gnss.nis / np.maximum(gnss.rows, 1))
     series = []
@@ -110,7 +110,7 @@ def _biases(course: FilterCourse) -> list[Figure]:
 
 
 def _events(course: FilterCourse) -> tuple[tuple[str, float], ...]:
-    """Restarts, gaps and what else a filter notes, but for single rejected fixes."""
+    """Restarts, gaps and other events of a filter, except single rejected fixes."""
     return tuple(
         (event.kind, (event.time_ns - course.first_ns) / SECOND)
         for event in course.events

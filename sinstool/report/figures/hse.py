@@ -212,7 +212,7 @@ class _Lines:
 
 
 def residuals_against_rate(result: HseFit) -> Figure | None:
-    """What the fit leaves of each heading, in the band of the position that leans most."""
+    """Residual of each heading after the fit, in the band of the position that leans most."""
     if result.K is None:
         return None
     rate = np.array([run.rate for run in result.runs])
@@ -315,7 +315,7 @@ def _headings(name: str, azimuth: FloatArray, values: FloatArray) -> Series:
 
 
 def axial_rate(result: HseFit) -> Figure:
-    """What gyros and encoder disagree by along the axis, and the line whose slope is lambda2."""
+    """Difference of gyros and encoder along the axis, and the line whose slope is lambda2."""
     total = np.array([run.rate + earth_rate_along_axis(run) for run in result.runs])
     error = np.array([run.c_axial for run in result.runs]) * total
     used = np.array([one.used for one in result.run_fits])

@@ -83,7 +83,7 @@ def heading(curves: Curves, north: bool = True) -> Figure:
 def vertical(
     curves: Curves, reference: tuple[str, FloatArray, FloatArray] | None, marks: Marks
 ) -> list[Figure]:
-    """Height, its difference to the reference, and what held it.
+    """Height, its difference to the reference, and the reference.
 
     Parameters
     ----------

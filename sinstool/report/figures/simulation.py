@@ -120,7 +120,7 @@ def _travel(seconds: FloatArray, trajectory: Trajectory) -> list[Figure]:
 
 
 def _errors(seconds: FloatArray, truth: ImuTruth, sensor: ImuTruth) -> list[Figure]:
-    """What was measured less what was true, as means over each interval."""
+    """Measured less true values, as means over each interval."""
     figures = []
     for key, title, off, size, unit in (
         ("gyro-error", "Error of the gyros", sensor.gyro_mean_rate - truth.gyro_mean_rate,
@@ -196,7 +196,7 @@ def baro_figures(time_ns: IntArray, pressure: FloatArray, trajectory: Trajectory
 
 
 def rig_figures(log: HseRigLog) -> tuple[Figure, ...]:
-    """What a turntable did, and what its sensors measured."""
+    """Motion of a turntable, and its sensors' measurements."""
     seconds = _seconds(log.time_ns, log.time_ns)
     axes = ("x", "y", "z")
     tilt, heading = attitude_figures(seconds, log.truth.q_nb)

@@ -111,7 +111,7 @@ def _angles(result: AlignResult) -> dict[str, float | None]:
 
 
 def _result(result: AlignResult) -> Table:
-    """How well attitude is known; the angles themselves stand above."""
+    """Sigmas and quality of the attitude, whose angles stand above."""
     error = None if result.truth is None else result.truth.error_deg
     wrong = error or (None, None, None)
     rows = tuple(
@@ -131,7 +131,7 @@ def _result(result: AlignResult) -> Table:
 
 
 def _sensors(result: AlignResult) -> list[Section]:
-    """Biases, and what else was assumed of the IMU."""
+    """Biases, and the errors assumed of the IMU."""
     assumed = result.assumed
     assert assumed is not None
     removed, estimate = result.gyro_bias_removed_deg_h, result.gyro_bias_deg_h

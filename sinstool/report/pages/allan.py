@@ -97,7 +97,7 @@ def _coefficients(result: AllanResult, sensor: Sensor) -> Table:
 
 
 def _where(result: AllanResult) -> Table:
-    """What to put where: each key of each file."""
+    """Values for other programs: each key of each file."""
     rows: list[tuple[Cell, ...]] = []
     for kind in SUFFIXES:
         for entry in entries(result, kind):

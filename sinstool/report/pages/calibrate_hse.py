@@ -272,7 +272,7 @@ def _runs(calibration: Calibration) -> Table:
 
 
 def _stretches(calibration: Calibration) -> Table | None:
-    """What of the logs was not used, and why."""
+    """Stretches of the logs that were not used, and why."""
     columns = (
         Column("Log"),
         Column("from", "s", ".1f"),

@@ -34,7 +34,7 @@ ORDER = ("failed", "missing", "lost", "done", "complete")
 
 @dataclass(frozen=True)
 class Entry:
-    """A log and what came of it.
+    """A log and its result.
 
     Attributes
     ----------
@@ -125,7 +125,7 @@ def index_page(folder: Path, entries: Sequence[Entry], seconds: float) -> Page:
 
 
 def throughput(entries: Sequence[Entry], seconds: float) -> str:
-    """What a run did in how long."""
+    """Logs and bytes processed in a time, as a line."""
     done = [one for one in entries if one.status in ("done", "lost")]
     text = f"This run took {duration(float(f'{seconds:.3g}'))} for {len(entries)} logs"
     data = sum(one.travelled("duration_s") or 0.0 for one in done)

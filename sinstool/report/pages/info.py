@@ -67,7 +67,7 @@ def write_page(
 
 
 def _warnings(inspection: Inspection) -> tuple[str, ...]:
-    """Damage, then what is odd of each Imu topic with what to do about it."""
+    """Damage, then the findings of each Imu topic with their answers."""
     texts = [f"lost: {part}" for part in inspection.lost.parts]
     lost = inspection.lost
     if lost.messages_declared is not None:

@@ -93,7 +93,7 @@ def _facts(result: ProcessResult) -> tuple[Fact, ...]:
 
 
 def _accuracy_facts(result: ProcessResult) -> list[Fact]:
-    """One sigma of what was computed."""
+    """One sigma of each result."""
     accuracy = result.travel.accuracy
     if accuracy is None:
         return []
@@ -115,7 +115,7 @@ def _accuracy(name: str, sigma: Spread, unit: str, of: str = "") -> Fact:
 
 
 def _checks(result: ProcessResult) -> Prose:
-    """What the figures below are for."""
+    """How to read the figures below."""
     used = result.filter
     text = "How good the result is, and what it was computed from."
     if used is None or not isfinite(used.mean_nis):

@@ -65,6 +65,6 @@ def read_file(path: Path) -> InputFile:
 
 
 def input_rows(read: Sequence[InputFile], title: str = "Input") -> Rows:
-    """What the page was made from, and by which version, so that it can be made again."""
+    """Inputs and version of the page, so that it can be made again."""
     pairs = [(one.path, f"{one.size} bytes, SHA-256 {one.sha256}") for one in read]
     return Rows(title, (*pairs, ("made by", f"sinstool {version.VERSION}")))

@@ -139,7 +139,7 @@ def _assumptions(result: ProcessResult) -> str:
 
 
 def _first(result: ProcessResult) -> str:
-    """Why the first attitude is what it is, without the name of its method once more."""
+    """Reason for the first attitude, without repeating its method."""
     choice = result.plan.first_attitude
     return choice.reason.removeprefix(f"attitude by {choice.value} ")
 
@@ -153,7 +153,7 @@ def _vehicle(plan: Plan, used: summary.FilterUsed | None) -> list[str]:
 
 
 def squares(mean_nis: float) -> str:
-    """What the size of innovations means, in words.
+    """The size of innovations in words.
 
     Parameters
     ----------

@@ -30,7 +30,7 @@ TITLES: dict[Sensor, str] = {"gyro": "gyro", "accel": "accelerometer"}
 
 
 def print_noise(result: AllanResult) -> None:
-    """What was measured, on stdout."""
+    """Print the measured noise."""
     rest = result.rest
     count = len(rest.stretches)
     lengths = f"{count} stretches, the longest {rest.longest_s:.1f} s" if count > 1 else "a stretch"

@@ -149,7 +149,7 @@ def print_comparison(result: summary.ComparisonResult, verbose: bool = False) ->
 
 
 def about_reference(reference: summary.Reference, meta: summary.Meta) -> str:
-    """One line on what the candidates are held against, and how far it can be trusted."""
+    """One line on the reference of the comparison, and how far it can be trusted."""
     name = reference.name
     if name == "none":
         widest = meta.widest_pair
@@ -239,7 +239,7 @@ def _print_sp(sp: summary.SpResult | None) -> None:
 
 
 def _print_slower(result: summary.ComparisonResult) -> None:
-    """What lower rates would have folded, and which algorithms would still have done."""
+    """Aliasing at lower rates, and the algorithms that would still suffice."""
     meta, limit = result.meta, result.verdict.limit_dph
     folded = {(a.decimate, a.input): a for a in result.alias}
     groups: dict[tuple[int, str], list[str]] = {}

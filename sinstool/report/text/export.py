@@ -6,7 +6,7 @@ from sinstool.pipelines.export.result import ExportResult
 
 
 def summary_rows(result: ExportResult, verbose: bool) -> list[tuple[str, str]]:
-    """The summary as pairs of what and how.
+    """The summary as pairs of label and text.
 
     Parameters
     ----------
@@ -30,7 +30,7 @@ def summary_rows(result: ExportResult, verbose: bool) -> list[tuple[str, str]]:
 
 
 def _note(result: ExportResult) -> tuple[str, str] | None:
-    """What a user would not expect of positions and heights."""
+    """Remark on positions and heights that a user may not expect."""
     kind = result.output.format
     if kind == "tum" and not result.position:
         return "position", "none in the result: x, y and z are 0"

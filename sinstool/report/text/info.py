@@ -14,7 +14,7 @@ from sinstool.report.text.table import table
 
 
 def print_inspection(inspection: Inspection, verbose: bool) -> None:
-    """What is in a log, on stdout."""
+    """Print the contents of a log."""
     source = inspection.input
     span = (source.end_ns - source.start_ns) / 1e9
     table(

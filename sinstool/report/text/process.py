@@ -21,7 +21,7 @@ def compass(heading_deg: float, digits: int) -> str:
 
 
 def summary_rows(result: ProcessResult, verbose: bool = False) -> list[Row]:
-    """A summary as pairs of what and how.
+    """The summary as pairs of label and text.
 
     Parameters
     ----------
@@ -93,7 +93,7 @@ def _bias(source: str, bias: str) -> str:
 
 
 def _smoothing(s: summary.AttitudeSmoothing | None) -> list[Row]:
-    """How the attitude was smoothed, and what it is known to."""
+    """How the attitude was smoothed, and its sigmas."""
     if s is None:
         return []
     bias = ", ".join(f"{b:.3e}" for b in s.gyro_bias_rad_s)
@@ -111,7 +111,7 @@ def _smoothing(s: summary.AttitudeSmoothing | None) -> list[Row]:
 
 
 def _magnetometer(m: summary.MagnetometerUsed | None) -> list[Row]:
-    """What a magnetometer showed of heading."""
+    """Heading by a magnetometer."""
     if m is None:
         return []
     field = f"field {1e6 * m.field_T:.1f} uT, dip {m.dip_deg:.1f} deg" if m.field_T else ""
@@ -164,7 +164,7 @@ def _height(height: summary.HeightDamping) -> list[Row]:
 
 
 def _filter(filter_: summary.FilterUsed | None) -> list[Row]:
-    """``filter`` of a result as pairs of what and how."""
+    """The filter as pairs of label and text."""
     if filter_ is None:
         return []
     smoothed = ", smoothed" if filter_.smoothed else ""
@@ -190,7 +190,7 @@ def _filter(filter_: summary.FilterUsed | None) -> list[Row]:
 
 
 def _vehicle(vehicle: VehicleUsed) -> list[Row]:
-    """What a vehicle was taken not to do."""
+    """Constraints of a vehicle that were used."""
     rest = f"held at rest for {vehicle.rest_s:.1f} s" if vehicle.rest_s else "never held at rest"
     rest += f", {vehicle.rest_reason}" if vehicle.rest_reason else ""
     land = vehicle.land

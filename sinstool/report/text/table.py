@@ -16,7 +16,7 @@ NARROWEST = 20
 
 
 def table(rows: list[tuple[str, str]]) -> None:
-    """Two columns on stdout: what, and how much; wrapped to the terminal, if it is one."""
+    """Print two columns, label and text, wrapped to the width of a terminal."""
     width = max((len(name) for name, _ in rows), default=0)
     room = terminal_width()
     for name, value in rows:

@@ -19,7 +19,7 @@ PLACE, HEIGHT = 9, 3
 
 
 class MapWriter(Writer):
-    """What the formats of maps have in common: places with times, as columns."""
+    """Base of the map formats: collects positions with times."""
 
     needs_position = True
 
@@ -51,7 +51,7 @@ class MapWriter(Writer):
             self.stream.write(text)
 
     def above_sea(self, height: np.ndarray) -> np.ndarray:
-        """Heights above the geoid, as far as its own height is known."""
+        """Heights above the geoid where its own height is known, else above the ellipsoid."""
         return height - (self.about.geoid_height or 0.0)
 
 
@@ -168,7 +168,7 @@ class GeoJsonWriter(MapWriter):
         self.write("}}]}\n")
 
     def _pieces(self, whole: bool, pieces: list[list[str | Value]]) -> None:
-        """Lists of what the parts make, in a list of their own where there are several."""
+        """The geometry of the parts: nested lists where there are several."""
         self.write("" if whole else "[")
         for number, parts in enumerate(pieces):
             text = b"".join(bytes(rows) for rows in text_rows([*parts, ",\n"]))

@@ -53,7 +53,7 @@ def columns_of(block: ResultBlock, first_ns: int) -> Table:
 
 
 def _place(name: str) -> int:
-    """Where a column stands: behind the state its sigmas, then what it was made from."""
+    """Sort key of a column: the state first, then its sigmas, then its inputs."""
     return next((k for k, stem in enumerate(LATE, 1) if name.startswith(stem)), 0)
 
 
@@ -91,7 +91,7 @@ class CsvWriter(Writer):
 
 
 class ParquetWriter(Writer):
-    """Apache Parquet, by pyarrow; what is not known is null.
+    """Apache Parquet, by pyarrow; unknown values are null.
 
     Raises
     ------
@@ -118,7 +118,7 @@ class ParquetWriter(Writer):
             self._store()
 
     def finish(self) -> None:
-        """Store what is held, and the file's own index."""
+        """Write the remaining rows and the file's index."""
         self._store()
         self._file.close()
 

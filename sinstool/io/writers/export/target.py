@@ -11,7 +11,7 @@ from sinstool.io.readers.results import ResultBlock
 
 @dataclass(frozen=True)
 class Described:
-    """What a file says of itself.
+    """Description of an exported file, written into it.
 
     Attributes
     ----------
@@ -58,4 +58,4 @@ class Writer(ABC):
         """Write rows; never none."""
 
     def finish(self) -> None:  # noqa: B027 - not every format has an end
-        """Write what comes after the last row."""
+        """Write the end of the file, after the last row."""
