@@ -37,7 +37,7 @@ class LogInput:
 
     @property
     def output(self) -> PurePath:
-        """Where its result goes, in the folder of outputs."""
+        """Path of its result below the folder of outputs."""
         if self.name.suffix == OUTPUT_SUFFIX:
             return self.name
         return self.name.with_name(self.name.name + OUTPUT_SUFFIX)
@@ -74,7 +74,7 @@ def are_many(inputs: Sequence[Path]) -> bool:
 
 
 def find_logs(inputs: Sequence[Path], without: Path | None = None) -> list[LogInput]:
-    """All logs that are meant, in the order of the inputs.
+    """All logs that the inputs name, in their order.
 
     Parameters
     ----------

@@ -121,7 +121,7 @@ class Tls:
 
 @dataclass(frozen=True)
 class Workers:
-    """Who does the jobs.
+    """Where and by how many processes jobs are done.
 
     Attributes
     ----------

@@ -182,7 +182,7 @@ def _print(calibration: Calibration, output: Path, verbose: bool) -> None:
 
 
 def _headings(calibration: Calibration) -> list[tuple[str, str]]:
-    """How far headings lie apart before and after correction."""
+    """Scatter of headings before and after correction."""
     if calibration.table is not None and len(calibration.table.position_azimuth) > 1:
         before, after = calibration.table.before.scatter, calibration.table.after.scatter
         text = (

@@ -28,7 +28,7 @@ FILES = ("hse", "imu_noise", "report", "gyro_response")
 
 
 def completion(name: str) -> Complete | None:
-    """How the value of an option is completed, where its type alone does not know.
+    """Completion of an option's value where its type offers none.
 
     Parameters
     ----------

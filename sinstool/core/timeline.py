@@ -147,7 +147,7 @@ class Order:
 
 
 def ordered(blocks: Iterable[Imu], order: Order) -> Iterator[Imu]:
-    """All samples of a stream by time, through an `Order`."""
+    """All samples of a stream in the order of time, through an `Order`."""
     for block in blocks:
         if len(out := order.push(block)):
             yield out

@@ -125,7 +125,7 @@ def slipping_wheels(
     yaw_ns: IntArray,
     yaw_rate: FloatArray,
 ) -> BoolArray:
-    """Where the difference of two wheels of an axle is not that of a turn.
+    """Times at which the difference of an axle's two wheels contradicts the turn.
 
     Parameters
     ----------

@@ -34,7 +34,7 @@ class ImuTime:
 
     @classmethod
     def of(cls, source: Source) -> ImuTime:
-        """Of a log that was surveyed."""
+        """From the survey of a log."""
         s = source.survey
         return cls(
             topic=s.topic,
@@ -61,7 +61,7 @@ class Lost(LogLosses):
 
     @classmethod
     def of(cls, source: Source) -> Lost:
-        """Of a log that was read to its end."""
+        """From a log that was read to its end."""
         s = source.survey
         return cls(
             **vars(source.log.account()),

@@ -70,7 +70,7 @@ def thin(x: FloatArray, y: FloatArray, limit: int, log_x: bool = False) -> Index
 
 
 def _along(x: FloatArray, usable: BoolArray, log_x: bool) -> FloatArray:
-    """How far along the axis each point is, 0 to 1, ascending.
+    """Place of each point along the axis, 0 to 1, ascending.
 
     Stretches are cut by the mean of this and of the point's number. By number alone, the sparse
     decades at the left of a logarithmic axis would be one stretch; by place alone, a burst of

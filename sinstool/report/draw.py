@@ -62,7 +62,7 @@ def plotly_figure(figure: Figure, limit: int = POINTS_PER_CURVE) -> dict[str, An
 
 
 def places(figure: Figure, series: Series) -> FloatArray | tuple[str, ...]:
-    """Where the points of a series are: its own places, or else its figure's.
+    """Places of the points of a series: its own, or else its figure's.
 
     Returns
     -------
@@ -116,7 +116,7 @@ def colour_of(figure: Figure, k: int) -> int:
 
 
 def dash_of(figure: Figure, k: int) -> str:
-    """How the line of a series is dashed; as :func:`colour_of`."""
+    """Dash of the line of a series; arguments as for :func:`colour_of`."""
     series = figure.series[k]
     if series.style == "dashed":
         return "dash"

@@ -121,7 +121,7 @@ def _scripts(script: str | None, numbers: Numbers) -> list[str]:
 
 
 def points_per_curve(figures: Sequence[Figure]) -> int:
-    """How many points of each curve a page can hold."""
+    """Number of points of each curve that a page can hold."""
     sizes = sorted(one.y.size for figure in figures for one in figure.series)
     left, limit = POINTS_PER_PAGE, POINTS_PER_CURVE
     # What short curves do not need is left to the long ones

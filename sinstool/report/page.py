@@ -100,5 +100,5 @@ def write_report(
 
 
 def _link(target: Path, page: Path) -> str:
-    """Where a file lies, seen from a page."""
+    """Relative link from a page to a file."""
     return Path(os.path.relpath(target.absolute(), page.absolute().parent)).as_posix()

@@ -155,7 +155,7 @@ class Setting:
 
 @dataclass(frozen=True)
 class Settings:
-    """With which settings it was done: those that were changed first, defaults to be unfolded."""
+    """Settings of the run: changed ones first, defaults folded."""
 
     items: tuple[Setting, ...]
     title: str = "Settings"
@@ -166,7 +166,7 @@ Section = Prose | Table | Rows | Settings | Figure
 
 @dataclass(frozen=True)
 class Page:
-    """All that a page shows.
+    """Content of a page.
 
     Attributes
     ----------

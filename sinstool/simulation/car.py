@@ -111,7 +111,7 @@ def drift(car: Car, random: np.random.Generator) -> Jet:
 
 
 def ferry_levels(car: Car) -> Levels | None:
-    """How much of the ship's motion the car has, 0 to 1."""
+    """Share of the ship's motion that the car takes part in, 0 to 1."""
     if car.ferry is None:
         return None
     leaves, lasts = car.ferry
@@ -150,7 +150,7 @@ def ferry(out: FloatArray, t: FloatArray, crossing: Levels) -> FloatArray:
 
 
 def move_by_lever(out: FloatArray, pitched: FloatArray, bend: FloatArray, lever: float) -> None:
-    """From the motion of the axle to that of a point ahead of it.
+    """Turn the motion of the axle into that of a point ahead of it.
 
     Parameters
     ----------

@@ -261,7 +261,7 @@ def _directions(random: np.random.Generator, n: int) -> FloatArray:
 
 
 def _within(after: ArrayLike, spans: tuple[Span, ...]) -> np.ndarray:
-    """Which times lie in any of the spans."""
+    """Times that lie in any of the spans."""
     t = np.asarray(after)
     inside = np.zeros(t.shape, dtype=bool)
     for start, end in spans:

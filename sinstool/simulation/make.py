@@ -86,7 +86,7 @@ def name_of(scenario: scenarios.Scenario) -> str:
 
 @dataclass(frozen=True)
 class LogFiles:
-    """Where a simulated log goes.
+    """Paths of a simulated log.
 
     Attributes
     ----------

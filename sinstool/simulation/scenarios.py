@@ -194,7 +194,7 @@ class ManoeuvringFlight(Vehicle):
 
 
 class Car(Group):
-    """How a car slides, where the Imu is in it, and its wheels; plain by default."""
+    """Slip of a car, place of the Imu in it, and its wheels; ideal by default."""
 
     mount: tuple[float, float, float] = option(
         (0.0, 0.0, 0.0),

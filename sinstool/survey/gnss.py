@@ -146,7 +146,7 @@ def _fixes(
 def _best_receiver(
     receivers: list[_Read[Gnss]], velocity_topics: tuple[str, ...]
 ) -> tuple[_Read[Gnss], list[Finding]]:
-    """Of several receivers the one that has fixes nearly all the time and claims the least noise.
+    """The receiver of several with fixes nearly all the time and the smallest claimed noise.
 
     Those that claim about the same are told apart by a velocity topic beside theirs, then by rate.
     """
@@ -259,7 +259,7 @@ def _believed_velocity(
 
 
 def _of_vehicles(velocity_n: np.ndarray) -> np.ndarray:
-    """Which velocities a vehicle can have; those without a vertical part are of use too."""
+    """Plausible velocities of a vehicle, including those without a vertical part."""
     level = (np.abs(velocity_n[:, :2]) < FASTEST_M_S).all(axis=1)
     return np.asarray(level & ~(np.abs(velocity_n[:, 2]) >= FASTEST_M_S))
 

@@ -308,7 +308,7 @@ def survey(
 
 
 def _nothing(log: Log, topic: ImuTopic, losses: Losses, extent: _Extent) -> DataError:
-    """Why there is not a single sample."""
+    """Error for a topic without a single usable sample."""
     if extent.count:
         return DataError(
             log.path,
@@ -349,7 +349,7 @@ def within(blocks: Iterable[Imu], start_ns: int | None, end_ns: int | None) -> I
 
 
 def _unusable(tally: Tally, counts: OrderCounts, extent: _Extent) -> str:
-    """Why the header stamps cannot be used; empty when they can."""
+    """Reason not to use the header stamps; empty if they can be used."""
     if extent.count > 1 and extent.low == extent.high:
         return f"all header stamps are {extent.low} ns"
     total = tally.count + counts.duplicates + counts.late

@@ -40,7 +40,7 @@ LEAST_FIXES = 10
 
 
 def rest_end(lead_in: StillSpan, spans: tuple[StillSpan, ...], windows: Windows) -> int:
-    """When a rest ends that the log begins with, knocks and the like included, ns.
+    """End of the rest at the beginning of a log, including knocks during it, ns.
 
     Parameters
     ----------

@@ -247,7 +247,7 @@ def find_turns(rig_log: RigLog, rig: Rig, rules: SegmentRules, name: str = "") -
 
 
 def nothing_to_use(turns: RigTurns, path: Path, rules: SegmentRules) -> TurnsError:
-    """Why a log has no stretch that can be aligned on."""
+    """Error for a log without a stretch to align on."""
     rejected = turns.segmentation.rejected
     rates = np.abs(turns.segmentation.block_rate)
     seen = float(np.median(rates)) if len(rates) else 0.0

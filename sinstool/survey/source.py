@@ -156,7 +156,7 @@ def prepare(
 
 
 def lead_in_end(survey_: Survey) -> int:
-    """When the rest at the beginning ends, or the time of the first sample."""
+    """End of the rest at the beginning, or the time of the first sample."""
     rest = survey_.lead_in
     return survey_.first_ns if rest is None else rest_end(rest, survey_.spans, survey_.windows)
 
@@ -363,7 +363,7 @@ def _with_wheels(log: Log, config: ProcessConfig, aiding: AidingData, log_time: 
 def _position(
     log: Log, config: ProcessConfig, aiding: AidingData
 ) -> tuple[float | None, float | None, float | None]:
-    """Where the vehicle is: as specified, else the log's first fix."""
+    """Position of the vehicle: as configured, else the log's first fix."""
     options = config.align
     if options.latitude is not None:
         return options.latitude, options.longitude, options.height

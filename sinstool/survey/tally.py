@@ -145,7 +145,7 @@ class Tally:
         return max(median, shorter), median
 
     def above(self, limit: float) -> tuple[int, int]:
-        """How many intervals exceed a limit, and their sum, ns.
+        """Number of intervals above a limit, and their sum, ns.
 
         Exact among the thousand longest; beyond those, to the histogram's bin.
         """

@@ -37,7 +37,7 @@ WORLD_FRAMES = ("map", "world", "earth", "enu", "utm")
 
 @dataclass(frozen=True)
 class Agreement:
-    """How a velocity agrees with fixes.
+    """Agreement of a velocity with fixes.
 
     Attributes
     ----------
@@ -151,7 +151,7 @@ def _likeness(
 
 
 def odd_frame(frame: str, child: str | None) -> str:
-    """Why the frames of a velocity's messages do not say east, north and up; '' where they may.
+    """Reason why a velocity's frame is not east, north, up; '' where it may be.
 
     Parameters
     ----------

@@ -85,7 +85,7 @@ class WheelSpeeds:
 
 @dataclass(frozen=True)
 class _Likeness:
-    """How readings follow the speed of fixes; NaN where too little can be compared."""
+    """Agreement of readings with the speed of fixes; NaN where too few can be compared."""
 
     correlation: float = np.nan
     left: float = np.nan
@@ -205,7 +205,7 @@ def _joints(
 
 
 def wheel_joints(names: Iterable[str]) -> list[str]:
-    """Of joints those of wheels: of the rear axle where names tell, which is not steered."""
+    """Joints that are wheels; only those of the unsteered rear axle where names tell."""
     named = {name: _words(name) for name in names}
     wheels = [n for n, words in named.items() if "wheel" in words and not words & set(NO_WHEELS)]
     return [n for n in wheels if named[n] & set(REAR)] or wheels
@@ -255,7 +255,7 @@ def _held_against(
 
 
 def _likeness(wheels: WheelSpeeds, gnss: GnssEpochs | None) -> _Likeness:
-    """How mean speeds over spans agree with those of the fixes."""
+    """Agreement of mean speeds over spans with those of the fixes."""
     best = _Likeness()
     if gnss is None or len(wheels) < 2 or not wheels.speed.any():
         return best

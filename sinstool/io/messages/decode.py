@@ -198,7 +198,7 @@ class Decoder:
 
 
 def _bases(sizes: np.ndarray) -> np.ndarray:
-    """Where each column begins and the last ends, on 8 bytes: views need it, so do words."""
+    """Offsets of the columns and the end of the last, aligned to 8 bytes for views and words."""
     return np.concatenate(([0], np.cumsum((sizes + 7) // 8 * 8)))
 
 

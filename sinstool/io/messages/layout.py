@@ -54,7 +54,7 @@ class Leaf:
 
 @dataclass
 class Layout:
-    """Where the fields of one message lie.
+    """Offsets of the fields of one message.
 
     Attributes
     ----------

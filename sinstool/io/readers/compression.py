@@ -81,7 +81,7 @@ def _decompress(name: str, data: bytes | memoryview, size: int) -> bytes | memor
 
 
 def decompress_prefix(name: str, data: bytes | memoryview, limit: int) -> bytes | bytearray:
-    """As much of a damaged block as can be had, from its beginning on.
+    """The readable beginning of a damaged block.
 
     Parameters
     ----------
@@ -116,7 +116,7 @@ def compression_of(data: bytes | memoryview) -> str:
 
 
 def packed_at(data: bytes) -> int:
-    """Where compressed data begins in the first bytes of something; -1 where none does."""
+    """Offset of compressed data in the first bytes of a file; -1 where there is none."""
     places = [data.find(magic) for magic in _MAGICS.values()]
     return min((place for place in places if place >= 0), default=-1)
 

@@ -96,7 +96,7 @@ class Lost:
         return f"{name}{self.what}" + (f" ({'; '.join(where)})" if where else "")
 
     def as_json(self) -> dict[str, Any]:
-        """For machines; times as strings of nanoseconds."""
+        """Values for JSON; times as strings of nanoseconds."""
         return {
             "kind": self.kind,
             "text": str(self),
@@ -113,7 +113,7 @@ class Lost:
 
 @dataclass
 class LostParts:
-    """All that was lost of a log, each part once however often the log is read.
+    """All losses of a log, each part once however often the log is read.
 
     Attributes
     ----------

@@ -313,7 +313,7 @@ class McapLog(McapFile):
         return batch_of(content, rows, place.offset)
 
     def _indexed(self, place: ChunkPlace) -> int | None:
-        """How many messages the index behind a chunk says that it has; None without an index."""
+        """Number of messages by the index behind a chunk; None without an index."""
         pos, count = place.offset + place.length, 0
         while (head := self.read_at(pos, 15)) and len(head) == 15:
             length = record_length(head)
@@ -325,7 +325,7 @@ class McapLog(McapFile):
         return count or None
 
     def chunk_batch(self, place: ChunkPlace) -> RawBatch:
-        """All messages of one chunk that can be had.
+        """All readable messages of one chunk.
 
         Raises
         ------
@@ -408,7 +408,7 @@ def _add(counts: dict[int, int], channels: np.ndarray) -> None:
 
 
 def _rows(buffer: np.ndarray, part: tuple[int, int]) -> np.ndarray:
-    """Where the messages in a run of whole records lie."""
+    """Offsets of the messages in a run of whole records."""
     begin, end = part
     out = np.empty((6, (end - begin) // MIN_MESSAGE + 1), np.int64)
     count, _, _ = scan_mcap(buffer[:end], begin, out, False)

@@ -56,7 +56,7 @@ class Record:
 
     @property
     def end(self) -> int:
-        """Where the next record begins."""
+        """Offset of the next record."""
         return self.data_offset + self.data_length
 
     def number(self, name: str) -> int:
@@ -414,7 +414,7 @@ class Rosbag1Log(FileLog):
         return _batch(content, rows, place.offset)
 
     def _indexed(self, place: Record) -> int | None:
-        """How many messages the index behind a chunk says that it has; None without an index."""
+        """Number of messages by the index behind a chunk; None without an index."""
         pos, count = place.end, 0
         with suppress(BadRecordError):
             while pos < self.size and (record := self._record(pos)).op == INDEX:

@@ -38,7 +38,7 @@ _XYZW = ("x", "y", "z", "w")
 
 @dataclass(frozen=True)
 class ImuUnits:
-    """How a log's Imu topic is to be read.
+    """Units and axes in which a log's Imu topic is read.
 
     Attributes
     ----------
@@ -265,7 +265,7 @@ def read_velocity(log: Log, channels: Sequence[Channel], losses: Losses) -> Iter
 
 
 def _linear(channels: Sequence[Channel]) -> list[str]:
-    """Where the types that hold a velocity have it."""
+    """Field paths of the velocity in the types that hold one."""
     return _vector(
         "twist.linear" if channels[0].type == VELOCITY_TYPES[0] else "twist.twist.linear"
     )

@@ -29,7 +29,7 @@ _EMPTY = 1e-3
 
 @dataclass(frozen=True)
 class StaticRotation:
-    """How a frame is turned in the frame of its vehicle.
+    """Rotation of a frame in the frame of its vehicle.
 
     Attributes
     ----------
@@ -60,7 +60,7 @@ def tf_parent(log: Log, child: str) -> str | None:
 
 
 def in_vehicle(log: Log, child: str) -> StaticRotation | None:
-    """How a frame is turned in its vehicle, by the static transforms of a log.
+    """Rotation of a frame in its vehicle, by the static transforms of a log.
 
     Parameters
     ----------
@@ -113,7 +113,7 @@ def _transforms(layout: Layout) -> Iterator[str]:
 
 
 def _quaternion(layout: Layout, path: str, payload: bytes) -> FloatArray | None:
-    """Of unit length, w first; None where it has none."""
+    """Unit quaternion, w first; None where it is missing or zero."""
     order = ">" if layout.big_endian else "<"
     leaves = [layout.leaves.get(f"{path}.{axis}") for axis in "wxyz"]
     q = np.array(

@@ -253,7 +253,7 @@ def _advance(src, dst, tx, ty, tz, vx, vy, vz, ox, oy, oz, ux, uy, uz, step):  #
 
 @kernel()
 def _accumulate_kernel(time, theta, velocity, epochs, state, out):  # type: ignore[no-untyped-def]
-    """All samples; returns the number of rows written."""
+    """Integrate all samples; returns the number of rows written."""
     rows = 0
     complete = 0
     upcoming = 0

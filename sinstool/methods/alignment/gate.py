@@ -84,7 +84,7 @@ def _trailing_mean(values: FloatArray, width: int) -> FloatArray:
 
 
 def run_lengths(flags: BoolArray) -> IntArray:
-    """For each sample, how many flags in a row are true up to it."""
+    """Number of true flags in a row up to each sample."""
     index = np.arange(len(flags))
     last = np.maximum.accumulate(np.where(flags, -1, index)) if len(flags) else index
     return np.asarray(np.where(flags, index - last, 0))

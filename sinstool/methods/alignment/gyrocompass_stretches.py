@@ -182,7 +182,7 @@ def cut(imu: ImuIncrements) -> Record:
 
 
 def _unsteady(force: FloatArray, middle: FloatArray) -> FloatArray:
-    """How far each window's force is from gravity, root mean square of the axes.
+    """Difference of each window's force from gravity, root mean square of the axes.
 
     In axes that do not turn gravity goes round once a day; drifting gyros add a slow trend. A fit
     of both that heeds outliers little (Huber's weights).

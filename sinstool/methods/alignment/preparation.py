@@ -210,7 +210,7 @@ def _usual_s(time_ns: IntArray) -> float:
 
 
 def gap_edges(time_s: FloatArray) -> tuple[IntArray, float]:
-    """Where fixes are missing for so long that integrals from before are worth nothing.
+    """Rows of the fixes after gaps that are too long to integrate across.
 
     Parameters
     ----------

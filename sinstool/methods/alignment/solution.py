@@ -364,7 +364,7 @@ def position_between(fixes: GnssFixes, time_ns: IntArray) -> tuple[FloatArray, F
 
 @dataclass(frozen=True)
 class AttitudeChain:
-    """All that carries an attitude through its stretch of the log.
+    """Rotations that carry an attitude through its stretch of the log.
 
     Attributes
     ----------

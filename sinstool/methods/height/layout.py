@@ -237,7 +237,7 @@ def read_events(rows: FloatArray) -> list[Event]:
 
 @dataclass(frozen=True)
 class ChannelSummary:
-    """How a run of a vertical channel went.
+    """Counts and last state of a run of a vertical channel.
 
     Attributes
     ----------

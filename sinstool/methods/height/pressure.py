@@ -128,7 +128,7 @@ def geopotential(height: ArrayLike) -> FloatArray:
 
 
 def pressure_reason(pressure: ArrayLike) -> IntArray:
-    """Why pressures are not to be used.
+    """Reason not to use pressures.
 
     Parameters
     ----------
@@ -470,5 +470,5 @@ class HeightReference:
 
     @property
     def arrival_ns(self) -> np.ndarray:
-        """When samples are used, shape (m,): in the order of the stamps they were sorted by."""
+        """Times at which samples are used, shape (m,), in the order of their stamps."""
         return np.asarray(np.maximum.accumulate(self.time_ns))

@@ -161,7 +161,7 @@ class VerticalChannel:
 
     @property
     def summary(self) -> ChannelSummary:
-        """How it went so far."""
+        """Summary of the run so far."""
         return layout.summarise(self._state)
 
     def push(

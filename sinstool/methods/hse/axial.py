@@ -54,7 +54,7 @@ class AxialFit:
 
     @property
     def sigma_lambda2(self) -> float:
-        """Of ``lambda2``, rad."""
+        """Standard deviation of ``lambda2``, rad."""
         return 3.0 * self.sigma_c
 
 

@@ -32,7 +32,7 @@ class AxialRecord:
 
 @dataclass(frozen=True)
 class FitRecord:
-    """How good the fit of headings is; ``s_rad`` is the scatter of a run about it."""
+    """Quality of the fit of headings; ``s_rad`` is the scatter of a run about it."""
 
     n_runs: int
     n_rates: int

@@ -218,7 +218,7 @@ def _stamps(time_ns: ArrayLike, whose: str) -> IntArray:
 
 
 def _samples_lost(times: IntArray, cuts: IntArray, nominal: float) -> BoolArray:
-    """Of long intervals, those where time went on by more than the samples there are."""
+    """Whether samples were lost in each of these long intervals."""
     window = np.arange(_NEIGHBOURS)
     after = cuts[:, None] + window
     before = cuts[:, None] - 1 - window

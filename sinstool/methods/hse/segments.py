@@ -94,7 +94,7 @@ class Segment:
 
     @property
     def turns(self) -> float:
-        """How often the table turned round."""
+        """Number of turns of the table."""
         return abs(self.rate) * self.duration_s / (2.0 * np.pi)
 
 

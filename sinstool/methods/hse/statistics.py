@@ -22,7 +22,7 @@ ROUNDING = 1e-15
 
 @dataclass(frozen=True)
 class Scatter:
-    """How far values at several positions lie apart.
+    """Scatter of values at several positions.
 
     Attributes
     ----------

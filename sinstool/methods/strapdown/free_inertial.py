@@ -93,7 +93,7 @@ class InsRun(SegmentRun):
 
     @property
     def channel(self) -> ChannelSummary:
-        """How the vertical channel went."""
+        """Summary of the vertical channel."""
         return layout.summarise(self._channel)
 
     @property

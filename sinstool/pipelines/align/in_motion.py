@@ -141,7 +141,7 @@ def increments(
 
 
 def _interval_ns(source: Source) -> float:
-    """Of a sample that follows nothing."""
+    """Interval of the first sample."""
     return source.survey.interval_ns or SECOND
 
 

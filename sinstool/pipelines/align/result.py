@@ -40,7 +40,7 @@ class AssumedErrors:
 
     @classmethod
     def of(cls, grade: SensorGrade) -> AssumedErrors:
-        """Of a grade, in the units of data sheets."""
+        """Errors of a grade, in the units of data sheets."""
         return cls(
             gyro_bias_deg_h=grade.gyro_bias / DEG_H,
             accel_bias_m_s2=grade.accel_bias,
@@ -54,7 +54,7 @@ class AssumedErrors:
 
 @dataclass(frozen=True)
 class TruthError:
-    """How wrong the answer is, by a reference; about north, east, down."""
+    """Error of the attitude against a reference; about north, east, down."""
 
     name: str
     error_deg: Vector | None = None

@@ -245,7 +245,7 @@ _FRAMES: dict[Format, tuple[str, tuple[str, ...], str]] = {
 
 
 def sources(result: AllanResult) -> str:
-    """Where the figures come from, in a line."""
+    """Source of the figures, in a line."""
     rest = result.rest
     return one_line(
         f"sinstool {VERSION} from {Path(result.input.path).name}, {result.imu.topic}:"
@@ -317,7 +317,7 @@ def _robot_localization(result: AllanResult) -> str:
 
 
 def _rate(result: AllanResult) -> float:
-    """Of the samples, Hz."""
+    """Rate of the samples, Hz."""
     return 1.0 / result.rest.interval_s
 
 

@@ -33,7 +33,7 @@ def findings(
     rest: Rest,
     at_rest: Collected,
 ) -> list[Finding]:
-    """All that is odd about the noise of the axes."""
+    """All findings about the noise of the axes."""
     return [
         *_unusable(axes),
         *_units(axes),

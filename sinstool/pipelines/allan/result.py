@@ -33,7 +33,7 @@ class RestStretch:
 
 @dataclass(frozen=True)
 class Rest:
-    """Where the noise was measured.
+    """The rest in which noise was measured.
 
     Attributes
     ----------
@@ -85,7 +85,7 @@ class Axis:
 
     @property
     def name(self) -> str:
-        """In words."""
+        """Sensor and axis in words."""
         return f"{'gyro' if self.sensor == 'gyro' else 'accelerometer'} {self.axis}"
 
     def to_json(self) -> dict[str, Any]:

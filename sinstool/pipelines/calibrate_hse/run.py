@@ -140,7 +140,7 @@ def calibrate(
 
 
 def _method_why(option: str, used: str, runs: int) -> str:
-    """Which method the coefficient came from."""
+    """Source of the coefficient."""
     if option == used:
         return f"{used}, as specified" if option != "joint" else f"{used}, over {runs} runs"
     return f"{used}, as the runs do not determine {option}"

@@ -240,7 +240,7 @@ def _sparse(made: Attitudes, every: int) -> Attitudes:
 
 
 def _resolution(rows: Sequence[Row], reference: str) -> float | None:
-    """How far the reference can be trusted: its drift against algorithms that err otherwise."""
+    """Resolution of the reference: its drift against algorithms with other errors."""
     drifts = [
         r.drift_dph.slope_rms / DEG_H
         for r in rows

@@ -174,7 +174,7 @@ class Reproduction:
 
     @property
     def agreeing(self) -> int:
-        """How many claims reproduce."""
+        """Number of claims that are reproduced."""
         return sum(claim.reproduces for claim in self.claims)
 
 

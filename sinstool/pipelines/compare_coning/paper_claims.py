@@ -65,7 +65,7 @@ class Claim:
 
 @dataclass(frozen=True)
 class Tolerance:
-    """When a number counts as agreeing."""
+    """Tolerance within which two numbers agree."""
 
     text: str
     holds: Callable[[float], bool]

@@ -67,7 +67,7 @@ class Cost:
 
 @dataclass(frozen=True)
 class Experiment:
-    """All that was run.
+    """All runs of the experiment.
 
     Attributes
     ----------
@@ -95,7 +95,7 @@ class Experiment:
 
     @property
     def settings(self) -> tuple[Setting, ...]:
-        """All gyros that table 1 was looked for with."""
+        """All gyro settings tried for table 1."""
         return tuple(dict.fromkeys(setting for setting, _ in self.sweeps))
 
     def mean_without_jumps(self, sweep: Sweep) -> float:

@@ -62,7 +62,7 @@ class Setting:
 
     @property
     def name(self) -> str:
-        """For tables and files."""
+        """Name in tables and files."""
         return f"{self.phase}, {self.gyro}"
 
 

@@ -227,7 +227,7 @@ def candidates(
     kind: GyroKind,
     options: dict[str, dict[str, Any]],
 ) -> list[Candidate]:
-    """All that is to be compared.
+    """All candidates to compare.
 
     Parameters
     ----------

@@ -107,7 +107,7 @@ class Values(_Watcher):
         self._envelope.push(block.time_ns, values)
 
     def _after_gap(self, time_ns: IntArray) -> BoolArray:
-        """Which samples come later after the one before than is usual at the log's beginning."""
+        """Whether each sample follows a longer interval than usual at the log's beginning."""
         steps = np.diff(time_ns, prepend=time_ns[0] if self._last is None else self._last)
         if np.isinf(self._longest) and len(time_ns) > 1:
             self._longest = GAP_INTERVALS * float(np.median(steps[1:]))
@@ -166,7 +166,7 @@ class Sampling(_Watcher):
         return self._envelope.rows_per_group
 
     def shares(self) -> tuple[FloatArray, FloatArray, int]:
-        """How often which interval.
+        """Counts of the intervals: the usual ones in bins, and the others.
 
         Returns
         -------

@@ -147,7 +147,7 @@ class RunErrors:
 
 
 class Errors:
-    """How far solutions are from the truth, collected as they stream by."""
+    """Errors of solutions against the truth, collected block by block."""
 
     def __init__(self, truth: Truth) -> None:
         self.truth = truth
@@ -261,7 +261,7 @@ class _Apart:
 
 
 def _near(times: np.ndarray, at_ns: np.ndarray) -> np.ndarray:
-    """Which times lie between two instants of a reference that are not far apart."""
+    """Times that lie between two nearby instants of a reference."""
     after = np.clip(np.searchsorted(times, at_ns), 1, len(times) - 1)
     inside = (at_ns >= times[0]) & (at_ns <= times[-1])
     apart = times[after] - times[after - 1]

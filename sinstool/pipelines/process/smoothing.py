@@ -299,7 +299,7 @@ def _first_tilt(alignment: Alignment, sensors: SensorModel) -> float | None:
 
 
 def _sigmas(correction: Correction) -> tuple[np.ndarray, np.ndarray]:
-    """Of tilt (the larger axis) and of heading at the limits of epochs, rad."""
+    """Sigmas of tilt (the larger axis) and of heading at the limits of epochs, rad."""
     variance = np.einsum("nii->ni", correction.covariance_n)
     sigma = np.sqrt(variance)
     return np.max(sigma[:, :2], axis=1), sigma[:, 2]

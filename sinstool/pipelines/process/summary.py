@@ -83,7 +83,7 @@ class Place:
 
     @classmethod
     def of(cls, position: tuple[float, float, float]) -> Place:
-        """Of latitude and longitude in rad, and height in m."""
+        """From latitude and longitude in rad, and height in m."""
         return cls(position[0] / DEGREE, position[1] / DEGREE, position[2])
 
 
@@ -126,7 +126,7 @@ class FirstAttitude:
 
     @classmethod
     def of(cls, a: Alignment, how: str) -> FirstAttitude:
-        """Of an alignment."""
+        """From an alignment."""
         roll, pitch, heading = to_euler(a.q_nb) / DEGREE
         return cls(
             method=a.method,
@@ -157,7 +157,7 @@ class ConingUsed:
 
     @classmethod
     def of(cls, algorithm: ConingAlgorithm, gyro_kind: str, updates: int) -> ConingUsed:
-        """Of an algorithm and the kind of samples it was run on."""
+        """From an algorithm and the kind of its samples."""
         form = algorithm.for_kind(of_rates(gyro_kind))
         return cls(
             algorithm=form.name,
@@ -307,7 +307,7 @@ class HeightDamping:
 
 @dataclass(frozen=True)
 class FilterStartTime:
-    """When a filter started, and how."""
+    """Time and method of a filter's start."""
 
     time_ns: int
     how: str
@@ -326,7 +326,7 @@ class LatencyUsed:
 
 @dataclass(frozen=True)
 class WithheldScores(WithheldScore):
-    """How far a solution was from withheld fixes; beside a smoother's that of its filter."""
+    """Errors of a solution at withheld fixes; beside a smoother's those of its filter."""
 
     filter: WithheldScore | None = None
 

@@ -50,7 +50,7 @@ class Accuracy:
 
 @dataclass(frozen=True)
 class Travel:
-    """How long and how far.
+    """Duration, distance and accuracy of a run.
 
     Attributes
     ----------

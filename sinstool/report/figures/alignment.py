@@ -83,7 +83,7 @@ def sigmas(alignment: LogAlignment, series: AlignmentSeries) -> Figure:
 
 
 def _sigma_range(series: AlignmentSeries) -> tuple[float, float]:
-    """From a little below the best to 200 deg at most: the first seconds are no information."""
+    """Range of sigmas, from below the best to 200 deg at most, as the first seconds say nothing."""
     values = series.sigma[np.isfinite(series.sigma) & (series.sigma > 0.0)] / DEGREE
     low = 0.5 * float(values.min()) if len(values) else 0.1
     high = 2.0 * float(values.max()) if len(values) else 10.0
@@ -141,7 +141,7 @@ def errors(alignment: LogAlignment) -> Figure:
 
 
 def singular_values(alignment: LogAlignment, series: AlignmentSeries) -> Figure:
-    """Of the attitude profile matrix; attitude is observable by the sum of the second and third."""
+    """Singular values of the attitude profile matrix; the second and third show attitude."""
     s = series.singular_values
     curves = tuple(Series(f"s{k + 1}", positive(np.abs(s[:, k]), _TINY)) for k in range(3))
     return Figure(
@@ -160,7 +160,7 @@ def singular_values(alignment: LogAlignment, series: AlignmentSeries) -> Figure:
 
 
 def residuals(alignment: LogAlignment, answer: InFlightAlignment) -> Figure:
-    """Of the solver's pairs."""
+    """Residuals of the solver's pairs."""
     unit = {"diff": "m/s²", "diffc": "m/s²", "pos": "m"}.get(answer.vectors, "m/s")
     return Figure(
         "residuals",

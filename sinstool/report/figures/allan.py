@@ -106,7 +106,7 @@ def curve(term: str, value: float, tau: FloatArray) -> FloatArray:
 
 
 def _terms(axis: Axis, tau: FloatArray) -> FloatArray:
-    """All visible terms of an axis together, from where they describe it."""
+    """Sum of all visible terms of an axis, over the range of the fit."""
     parts = [curve(t, c.value, tau) ** 2 for t, c in axis.coefficients.items() if c.value]
     total = np.sqrt(np.sum(parts, axis=0)) if parts else np.full(len(tau), np.nan)
     return np.where(tau >= 0.999 * axis.from_s, total, np.nan)

@@ -24,7 +24,7 @@ def filter_figures(course: FilterCourse) -> list[Figure]:
 
 
 def _thinned(rows: np.ndarray) -> np.ndarray:
-    """So many of them that they can be drawn."""
+    """Thin the values to a number that can be drawn."""
     step = max(1, -(-len(rows) // MOST))
     return np.asarray(rows[::step])
 

@@ -96,7 +96,7 @@ def _histogram(good: list[Sampling]) -> Figure | None:
 
 
 def _delays(good: list[Sampling], imus: dict[str, InspectedImu], origin: int) -> Figure | None:
-    """How much later than stamped samples were recorded."""
+    """Delay of samples from stamp to recording."""
     series, notes = [], []
     for one in good:
         if imus[one.topic].time_source != "stamp" or one.least_delay_ns is None:

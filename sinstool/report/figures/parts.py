@@ -55,7 +55,7 @@ def track(
     fixes: FloatArray | None = None,
     speed: FloatArray | None = None,
 ) -> Figure:
-    """Where the vehicle went, on the plane that touches the ellipsoid at its first place.
+    """Track of the vehicle, on the plane tangent to the ellipsoid at its first place.
 
     Parameters
     ----------

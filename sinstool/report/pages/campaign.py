@@ -53,7 +53,7 @@ class Entry:
 
     @property
     def status(self) -> str:
-        """As in the table on the terminal."""
+        """Status, as in the table on the terminal."""
         return str(self.row["status"])
 
     @property
@@ -158,7 +158,7 @@ def _failures(entries: Sequence[Entry]) -> Table:
 
 
 def _findings(entries: Sequence[Entry]) -> Table:
-    """How many logs each kind of finding is about, with the text of the first."""
+    """Number of logs for each kind of finding, with the text of the first."""
     logs: dict[str, list[Entry]] = {}
     texts: dict[str, str] = {}
     for one in entries:

@@ -71,7 +71,7 @@ def write_page(
 
 
 def _facts(result: ProcessResult) -> tuple[Fact, ...]:
-    """How long, how far, how fast, how well."""
+    """Duration, distance, speed and accuracy."""
     travel, imu = result.travel, result.imu
     lost = f"{imu.gaps} gaps, {imu.dropped} samples dropped"
     facts = [Fact("Duration", duration(travel.duration_s), f"IMU at {imu.rate_hz:.4g} Hz; {lost}")]

@@ -34,7 +34,7 @@ def _rate(alg: summary.AlgorithmResult) -> str:
 
 
 def _of_drift(name: str) -> Get:
-    """Of the drift, where there is one."""
+    """A figure of the drift, where there is one."""
     return lambda alg: None if alg.drift_dph is None else getattr(alg.drift_dph, name)
 
 

@@ -133,7 +133,7 @@ def _magnetometer(m: summary.MagnetometerUsed | None) -> list[Row]:
 
 
 def _place(result: ProcessResult) -> str:
-    """Where the run ended, if it computed that."""
+    """Last position of the run, if it computed any."""
     final = result.final
     if "/sinstool/fix" not in result.output.topics:
         return ""
@@ -222,7 +222,7 @@ def _vehicle(vehicle: VehicleUsed) -> list[Row]:
 
 
 def _latency(latency: summary.LatencyUsed) -> str:
-    """When fixes were valid."""
+    """Latency of the fixes."""
     position, velocity = 1e3 * latency.position_s, 1e3 * latency.velocity_s
     how = latency.status
     if latency.estimate_s is not None and latency.sigma_s is not None:
@@ -250,7 +250,7 @@ def _withheld(scores: summary.WithheldScores | None) -> list[Row]:
 
 
 def _gnss(off: summary.GnssDifference | None) -> list[Row]:
-    """How far inertial navigation has gone from GNSS, which it does not use."""
+    """Distance of inertial navigation from GNSS, which it does not use."""
     if off is None:
         return []
     up = "" if off.up_m is None else f", {off.up_m:+.1f} m up"
