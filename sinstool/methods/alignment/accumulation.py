@@ -28,13 +28,15 @@ from sinstool.core.rotation import to_dcm
 from sinstool.core.streams import take_rows
 
 # A row, and the head of the state, is: time, attitude, alpha, its integral, sensitivities.
+_TIME = 0
 _Q, _ALPHA, _XI = 1, 5, 8
 _A, _G, _AG, _GG, _KA = 11, 20, 29, 38, 47
 _FORCE, _RATE = 56, 59
 _SHARE, _MIDDLE = 62, 63  # of the fix in its interval; whether force and rate are settled
 ROW = 64
-# The state goes on from 56 with the previous increments, their interval, and whether there is
-# a sample at all.
+# Behind the sensitivities the state has the previous increments, their interval, and whether there
+# was a sample at all.
+_THETA, _VELOCITY, _INTERVAL, _BEGUN = 56, 59, 62, 63
 STATE = 64
 
 
@@ -185,7 +187,7 @@ def _advance(src, dst, tx, ty, tz, vx, vy, vz, ox, oy, oz, ux, uy, uz, step):  #
 
     t and v are the increments; o and u what coning and sculling with the previous interval add.
     """
-    w, x, y, z = src[1], src[2], src[3], src[4]
+    w, x, y, z = src[_Q], src[_Q + 1], src[_Q + 2], src[_Q + 3]
     c00, c01, c02, c10, c11, c12, c20, c21, c22 = dcm(w, x, y, z)
 
     # Velocity turned within the interval: exact for constant rate and force.
@@ -214,14 +216,14 @@ def _advance(src, dst, tx, ty, tz, vx, vy, vz, ox, oy, oz, ux, uy, uz, step):  #
         cosine = np.cos(0.5 * angle)
         scale = np.sin(0.5 * angle) / angle
     w, x, y, z = to_unit(*product(w, x, y, z, cosine, px * scale, py * scale, pz * scale))
-    dst[1], dst[2], dst[3], dst[4] = w, x, y, z
+    dst[_Q], dst[_Q + 1], dst[_Q + 2], dst[_Q + 3] = w, x, y, z
 
-    dst[8] = src[8] + step * (src[5] + 0.5 * dx)
-    dst[9] = src[9] + step * (src[6] + 0.5 * dy)
-    dst[10] = src[10] + step * (src[7] + 0.5 * dz)
-    dst[5] = src[5] + dx
-    dst[6] = src[6] + dy
-    dst[7] = src[7] + dz
+    dst[_XI] = src[_XI] + step * (src[_ALPHA] + 0.5 * dx)
+    dst[_XI + 1] = src[_XI + 1] + step * (src[_ALPHA + 1] + 0.5 * dy)
+    dst[_XI + 2] = src[_XI + 2] + step * (src[_ALPHA + 2] + 0.5 * dz)
+    dst[_ALPHA] = src[_ALPHA] + dx
+    dst[_ALPHA + 1] = src[_ALPHA + 1] + dy
+    dst[_ALPHA + 2] = src[_ALPHA + 2] + dz
 
     # The mean of C over the interval.
     d00, d01, d02, d10, d11, d12, d20, d21, d22 = dcm(w, x, y, z)
@@ -236,7 +238,7 @@ def _advance(src, dst, tx, ty, tz, vx, vy, vz, ox, oy, oz, ux, uy, uz, step):  #
         else:
             m0, m1, m2, rate, force = c02, c12, c22, tz, vz
         # Attitude per gyro bias, then per gyro scale; velocity follows from the middle of each.
-        for at, error in ((11 + j, step), (29 + j, rate)):
+        for at, error in ((_A + j, step), (_AG + j, rate)):
             h0 = src[at] + 0.5 * m0 * error
             h1 = src[at + 3] + 0.5 * m1 * error
             h2 = src[at + 6] + 0.5 * m2 * error
@@ -246,9 +248,9 @@ def _advance(src, dst, tx, ty, tz, vx, vy, vz, ox, oy, oz, ux, uy, uz, step):  #
             dst[at] = src[at] + m0 * error
             dst[at + 3] = src[at + 3] + m1 * error
             dst[at + 6] = src[at + 6] + m2 * error
-        dst[47 + j] = src[47 + j] + m0 * force
-        dst[50 + j] = src[50 + j] + m1 * force
-        dst[53 + j] = src[53 + j] + m2 * force
+        dst[_KA + j] = src[_KA + j] + m0 * force
+        dst[_KA + 3 + j] = src[_KA + 3 + j] + m1 * force
+        dst[_KA + 6 + j] = src[_KA + 6 + j] + m2 * force
 
 
 @kernel()
@@ -260,46 +262,48 @@ def _accumulate_kernel(time, theta, velocity, epochs, state, out):  # type: igno
     count = epochs.shape[0]
     for k in range(time.shape[0]):
         now = float(time[k])
-        if state[63] == 0.0:
+        if state[_BEGUN] == 0.0:
             while upcoming < count and epochs[upcoming] < time[k]:
                 upcoming += 1
             while upcoming < count and epochs[upcoming] == time[k]:
                 for i in range(out.shape[1]):
                     out[rows, i] = 0.0
-                out[rows, 0] = now
-                out[rows, 1] = 1.0
-                out[rows, 62] = 1.0
+                out[rows, _TIME] = now
+                out[rows, _Q] = 1.0
+                out[rows, _SHARE] = 1.0
                 upcoming += 1
                 rows += 1
-            state[63] = 1.0
-            state[0] = now
+            state[_BEGUN] = 1.0
+            state[_TIME] = now
             for i in range(3):
-                state[56 + i] = theta[k, i]
-                state[59 + i] = velocity[k, i]
+                state[_THETA + i] = theta[k, i]
+                state[_VELOCITY + i] = velocity[k, i]
             continue
-        step = (now - state[0]) * 1e-9
+        step = (now - state[_TIME]) * 1e-9
         if step <= 0.0:
             continue
-        before = state[62]
+        before = state[_INTERVAL]
         if before == 0.0:
             before = step
         # With unequal intervals the previous increments stand for the same duration.
         even = step / before
         tx, ty, tz = row(theta, k)
         vx, vy, vz = row(velocity, k)
-        qx, qy, qz = state[56] * even, state[57] * even, state[58] * even
-        rx, ry, rz = state[59] * even, state[60] * even, state[61] * even
+        qx, qy, qz = state[_THETA], state[_THETA + 1], state[_THETA + 2]
+        qx, qy, qz = qx * even, qy * even, qz * even
+        rx, ry, rz = state[_VELOCITY], state[_VELOCITY + 1], state[_VELOCITY + 2]
+        rx, ry, rz = rx * even, ry * even, rz * even
         # Distance between the middles of both intervals, and thus rates of change.
         apart = 0.5 * (before + step)
 
         while complete < rows:
-            share = (out[complete, 62] - 0.5) * before / apart
+            share = (out[complete, _SHARE] - 0.5) * before / apart
             for i in range(3):
-                old = state[59 + i] / before
-                out[complete, 56 + i] = old + share * (velocity[k, i] / step - old)
-                old = state[56 + i] / before
-                out[complete, 59 + i] = old + share * (theta[k, i] / step - old)
-            out[complete, 63] = 1.0
+                old = state[_VELOCITY + i] / before
+                out[complete, _FORCE + i] = old + share * (velocity[k, i] / step - old)
+                old = state[_THETA + i] / before
+                out[complete, _RATE + i] = old + share * (theta[k, i] / step - old)
+            out[complete, _MIDDLE] = 1.0
             complete += 1
 
         # Rate and force linear in time through both increments: coning, sculling, and parts.
@@ -311,7 +315,7 @@ def _accumulate_kernel(time, theta, velocity, epochs, state, out):  # type: igno
         uy = (qz * vx - qx * vz + rz * tx - rx * tz) * ratio / 12.0
         uz = (qx * vy - qy * vx + rx * ty - ry * tx) * ratio / 12.0
         while upcoming < count and epochs[upcoming] <= time[k]:
-            s = (float(epochs[upcoming]) - state[0]) * 1e-9 / step
+            s = (float(epochs[upcoming]) - state[_TIME]) * 1e-9 / step
             bend = 0.5 * (s * s - s) * ratio
             cube = s * s * s
             target = out[rows]
@@ -322,24 +326,24 @@ def _accumulate_kernel(time, theta, velocity, epochs, state, out):  # type: igno
                 cube * ox, cube * oy, cube * oz, cube * ux, cube * uy, cube * uz,
                 s * step,
             )  # fmt: skip
-            target[0] = float(epochs[upcoming])
-            target[62] = s
+            target[_TIME] = float(epochs[upcoming])
+            target[_SHARE] = s
             share = (s - 0.5) * ratio
             for i in range(3):
                 new = velocity[k, i] / step
-                target[56 + i] = new + share * (new - state[59 + i] / before)
+                target[_FORCE + i] = new + share * (new - state[_VELOCITY + i] / before)
                 new = theta[k, i] / step
-                target[59 + i] = new + share * (new - state[56 + i] / before)
-            target[63] = 0.0
+                target[_RATE + i] = new + share * (new - state[_THETA + i] / before)
+            target[_MIDDLE] = 0.0
             if s <= 0.5:
-                target[63] = 1.0
+                target[_MIDDLE] = 1.0
                 complete += 1
             upcoming += 1
             rows += 1
         _advance(state, state, tx, ty, tz, vx, vy, vz, ox, oy, oz, ux, uy, uz, step)
-        state[0] = now
-        state[62] = step
+        state[_TIME] = now
+        state[_INTERVAL] = step
         for i in range(3):
-            state[56 + i] = theta[k, i]
-            state[59 + i] = velocity[k, i]
+            state[_THETA + i] = theta[k, i]
+            state[_VELOCITY + i] = velocity[k, i]
     return rows

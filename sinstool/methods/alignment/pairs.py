@@ -292,14 +292,14 @@ def running_sums(pairs: Pairs, end_s: FloatArray, sigma: FloatArray, fade_s: flo
     terms[:, :9] = (pairs.beta[:, :, None] * weighted[:, None, :]).reshape(count, 9)
     terms[:, 9:18] = (pairs.alpha[:, :, None] * weighted[:, None, :]).reshape(count, 9)
     terms[:, 18:54] = cross_columns(weighted[:, None], pairs.gains).reshape(count, 36)
-    terms[:, 54] = pairs.weight > 0.0
-    out = np.empty((count, 61))
+    terms[:, _COUNT] = pairs.weight > 0.0
+    out = np.empty((count, _FADING))
     _run_kernel(
         terms, pairs.scale[:, None] * weighted, pairs.newer, pairs.older, end_s,
         sigma * sigma, 1.0 / fade_s, np.zeros(64), np.zeros((len(sigma), 4)), out,
     )  # fmt: skip
     noise = out[:, [55, 56, 57, 56, 58, 59, 57, 59, 60]]
-    return _pair_sums(out, noise, out[:, 54])
+    return _pair_sums(out, noise, out[:, _COUNT])
 
 
 def _pair_sums(out: FloatArray, noise: FloatArray, count: FloatArray) -> PairSums:
@@ -312,44 +312,47 @@ def _pair_sums(out: FloatArray, noise: FloatArray, count: FloatArray) -> PairSum
     )
 
 
+# Columns of the sums from pair to pair: profile, second and errors, their count, the noise (6);
+# then of the state the logarithm of all fading so far, the last time, and whether there was one.
+_COUNT, _NOISE, _FADING, _LAST, _BEGUN = 54, 55, 61, 62, 63
+
+
 @kernel()
 def _run_kernel(terms, parts, newer, older, end, variance, rate, state, touched, out):  # type: ignore[no-untyped-def]
     """Sums from pair to pair.
 
-    `state` holds the sums so far (profile, second, errors, count: 55), the noise (6), the logarithm
-    of all fading so far, the last time, and whether there was one; `touched` for each fix its part
-    d_k and the fading that it includes.
+    `touched` holds for each fix its part d_k and the fading that it includes.
     """
     for j in range(terms.shape[0]):
-        if state[63] == 0.0:
-            state[63] = 1.0
-            state[62] = end[j]
-        fading = (end[j] - state[62]) * rate
-        state[62] = end[j]
-        state[61] -= fading
+        if state[_BEGUN] == 0.0:
+            state[_BEGUN] = 1.0
+            state[_LAST] = end[j]
+        fading = (end[j] - state[_LAST]) * rate
+        state[_LAST] = end[j]
+        state[_FADING] -= fading
         decay = np.exp(-fading)
-        for i in range(54):
+        for i in range(_COUNT):
             state[i] = state[i] * decay + terms[j, i]
-        state[54] += terms[j, 54]
-        for i in range(55, 61):
+        state[_COUNT] += terms[j, _COUNT]
+        for i in range(_NOISE, _FADING):
             state[i] *= decay * decay
-        if terms[j, 54] > 0.0:
+        if terms[j, _COUNT] > 0.0:
             for side in range(2):
                 fix = newer[j] if side == 0 else older[j]
                 sign = 1.0 if side == 0 else -1.0
-                late = np.exp(state[61] - touched[fix, 3])
+                late = np.exp(state[_FADING] - touched[fix, 3])
                 x, y, z = touched[fix, 0] * late, touched[fix, 1] * late, touched[fix, 2] * late
                 nx, ny, nz = x + sign * parts[j, 0], y + sign * parts[j, 1], z + sign * parts[j, 2]
                 put(touched, fix, nx, ny, nz)
-                touched[fix, 3] = state[61]
+                touched[fix, 3] = state[_FADING]
                 v = variance[fix]
-                state[55] += v * (nx * nx - x * x)
-                state[56] += v * (nx * ny - x * y)
-                state[57] += v * (nx * nz - x * z)
-                state[58] += v * (ny * ny - y * y)
-                state[59] += v * (ny * nz - y * z)
-                state[60] += v * (nz * nz - z * z)
-        for i in range(61):
+                state[_NOISE] += v * (nx * nx - x * x)
+                state[_NOISE + 1] += v * (nx * ny - x * y)
+                state[_NOISE + 2] += v * (nx * nz - x * z)
+                state[_NOISE + 3] += v * (ny * ny - y * y)
+                state[_NOISE + 4] += v * (ny * nz - y * z)
+                state[_NOISE + 5] += v * (nz * nz - z * z)
+        for i in range(_FADING):
             out[j, i] = state[i]
 
 

@@ -155,17 +155,17 @@ def _extremes(values, state):  # type: ignore[no-untyped-def]
     for i in range(values.shape[0]):
         for a in range(values.shape[1]):
             value = values[i, a]
-            if value == state[a, 0]:
-                state[a, 2] += 1.0
-            elif value < state[a, 0]:
-                state[a, 0] = value
-                state[a, 2] = 1.0
-            if value == state[a, 1]:
-                state[a, 3] += 1.0
-            elif value > state[a, 1]:
-                state[a, 1] = value
-                state[a, 3] = 1.0
-            step = abs(value - state[a, 5])
-            if step > 0.0 and step < state[a, 4]:
-                state[a, 4] = step
-            state[a, 5] = value
+            if value == state[a, _LOW]:
+                state[a, _AT_LOW] += 1.0
+            elif value < state[a, _LOW]:
+                state[a, _LOW] = value
+                state[a, _AT_LOW] = 1.0
+            if value == state[a, _HIGH]:
+                state[a, _AT_HIGH] += 1.0
+            elif value > state[a, _HIGH]:
+                state[a, _HIGH] = value
+                state[a, _AT_HIGH] = 1.0
+            step = abs(value - state[a, _LAST])
+            if step > 0.0 and step < state[a, _STEP]:
+                state[a, _STEP] = step
+            state[a, _LAST] = value
