@@ -58,7 +58,7 @@ def model_field(
     place = float(np.degrees(latitude)), float(np.degrees(longitude))
     try:
         model = GeoMag(base_year=when.year)
-        found = model.calculate(*place, max(height, LOWEST) / 1000.0, calculate_decimal_year(when))
+        result = model.calculate(*place, max(height, LOWEST) / 1000.0, calculate_decimal_year(when))
     except ValueError:
         return None
-    return EarthField(float(np.radians(found.d)), float(np.radians(found.i)), 1e-9 * found.f)
+    return EarthField(float(np.radians(result.d)), float(np.radians(result.i)), 1e-9 * result.f)

@@ -71,10 +71,10 @@ class FieldStage:
         self._next = max(self._next, until)
         at, field = self._measured.time_ns[rows], self._measured.field[rows]
         after = np.searchsorted(times, at, "left")
-        known = (after > 0) & (times[after] - times[after - 1] <= self._max_gap_ns)
-        if not known.any():
+        usable = (after > 0) & (times[after] - times[after - 1] <= self._max_gap_ns)
+        if not usable.any():
             return
-        at, field, after = at[known], field[known], after[known]
+        at, field, after = at[usable], field[usable], after[usable]
         share = ((at - times[after - 1]) / (times[after] - times[after - 1]))[:, None]
         before, behind = q[after - 1], q[after]
         behind = np.where(np.einsum("ij,ij->i", before, behind)[:, None] < 0.0, -behind, behind)

@@ -172,20 +172,20 @@ def find_north(
     good &= ~_near_runs(~good, used)
     heading = np.asarray(wrapped(azimuth - np.arctan2(level[:, 1], level[:, 0])))
     trusted = float(good.mean())
-    found = Compass("", None, iron, size, dip, trusted)
+    compass = Compass("", None, iron, size, dip, trusted)
     if not SMALLEST < size < LARGEST:
-        return replace(found, refused="size")
+        return replace(compass, refused="size")
     if abs(dip) > STEEPEST:
-        return replace(found, refused="steep")
+        return replace(compass, refused="steep")
     if trusted < LEAST_TRUSTED or np.count_nonzero(good) < LEAST_EPOCHS:
-        return replace(found, refused="disturbed")
+        return replace(compass, refused="disturbed")
     scatter = _scatter(heading[good], seconds[good], _pieces(seconds, stretch, DRIFT_S)[good])
     of_place = expected is None or (
         abs(size / expected.size - 1.0) < SIZE_OF_PLACE and abs(dip - expected.dip) < DIP_OF_PLACE
     )
-    found = replace(found, scatter=scatter, of_place=of_place)
+    compass = replace(compass, scatter=scatter, of_place=of_place)
     if scatter > MOST_SCATTER:
-        return replace(found, refused="scatter")
+        return replace(compass, refused="scatter")
     apart = max(float(np.median(np.diff(seconds))), EPOCH_S)
     sigma = max(LEAST_SIGMA, scatter)
     rows = np.zeros((len(epochs), FIELD_WIDTH))
@@ -199,7 +199,7 @@ def find_north(
     left = np.hypot(LEFT * size, iron.sigma if iron.applied else 0.0)
     unseen = 0.0 if iron.seen and of_place else UNSEEN_IRON * size
     variance = (left**2 + unseen**2) / (size * np.cos(dip)) ** 2
-    return replace(found, north=North(rows, start, float(variance)))
+    return replace(compass, north=North(rows, start, float(variance)))
 
 
 def _pieces(seconds: FloatArray, stretch: np.ndarray, length: float) -> np.ndarray:

@@ -63,7 +63,7 @@ class LandVehicle:
         )
         return sigma**2
 
-    def known(self) -> FloatArray:
+    def start_values(self) -> FloatArray:
         """What a filter starts from: see :mod:`~sinstool.methods.ins_gnss.layout`."""
         return np.concatenate([self.c_vb.ravel(), [self.axle, 0.0, 0.0, self.wheel_scale]])
 
@@ -134,15 +134,15 @@ class VehicleEstimate:
     wheel_scale: tuple[float, float]
 
 
-def vehicle_estimate(known: FloatArray, covariance: FloatArray, first: int) -> VehicleEstimate:
+def vehicle_estimate(memory: FloatArray, covariance: FloatArray, first: int) -> VehicleEstimate:
     """What memory and covariance of a filter hold of the vehicle, whose states begin at `first`."""
     sigma = np.sqrt(np.diagonal(covariance)[first : first + 6])
 
     def pair(state: int) -> tuple[float, float]:
-        return float(known[9 + state - states.AXLE]), float(sigma[state])
+        return float(memory[9 + state - states.AXLE]), float(sigma[state])
 
     return VehicleEstimate(
-        known[:9].reshape(3, 3).copy(),
+        memory[:9].reshape(3, 3).copy(),
         sigma[:2].copy(),
         pair(states.AXLE),
         pair(states.SIDESLIP),

@@ -159,7 +159,7 @@ class InsGnssFilter:
             np.concatenate([start.gyro_bias, np.zeros(3), start.accel_bias, np.zeros(3)]),
             p0,
             height_layout.new_state(),
-            np.zeros(layout.VEHICLE_SIZE) if vehicle is None else vehicle.known(),
+            np.zeros(layout.VEHICLE_SIZE) if vehicle is None else vehicle.start_values(),
         )
         self._window = np.zeros((settings.control.window, layout.ROWS))
         self._changes = np.zeros((settings.control.measured_epochs, layout.ROWS + 1))

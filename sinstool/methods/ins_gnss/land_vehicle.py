@@ -203,7 +203,7 @@ def rolling_rows(m: Memory, model: Model, speed: float) -> tuple[int, float]:
     forward : float
         m/s^2.
     """
-    nav, known, rolling = m.nav, m.vehicle, m.rolling
+    nav, memory, rolling = m.nav, m.vehicle, m.rolling
     first = model.where[states.I_LAND_VEHICLE]
     gyro = model.where[states.I_GYRO_BIAS]
     c00, c01, c02, c10, c11, c12, c20, c21, c22 = dcm(
@@ -213,7 +213,7 @@ def rolling_rows(m: Memory, model: Model, speed: float) -> tuple[int, float]:
     # Of vectors in NED to those of the vehicle, by rows
     b, v, w, f = m.axes, m.along, m.about, m.pull
     for i in range(3):
-        x, y, z = known[3 * i], known[3 * i + 1], known[3 * i + 2]
+        x, y, z = memory[3 * i], memory[3 * i + 1], memory[3 * i + 2]
         b[i, 0] = x * c00 + y * c01 + z * c02
         b[i, 1] = x * c10 + y * c11 + z * c12
         b[i, 2] = x * c20 + y * c21 + z * c22
@@ -223,12 +223,12 @@ def rolling_rows(m: Memory, model: Model, speed: float) -> tuple[int, float]:
     if abs(v[0]) < ROLLING:
         return 0, 0.0
     forward = f[0] + b[0, 2] * earth.NORMAL_GRAVITY_EQUATOR
-    axle, sideslip, squat = known[9], known[10], known[11]
+    axle, sideslip, squat = memory[9], memory[10], memory[11]
     rows = 3 if np.isfinite(speed) else 2
     instants.clear_rows(m, layout.ROWS)
     m.nu[0] = v[1] - w[2] * axle + sideslip * w[2] * v[0] * v[0]
     m.nu[1] = v[2] + w[1] * axle - squat * forward * v[0]
-    m.nu[2] = v[0] - (1.0 + known[12]) * speed if rows == 3 else 0.0
+    m.nu[2] = v[0] - (1.0 + memory[12]) * speed if rows == 3 else 0.0
     for k in range(rows):
         # Of velocity across or along, and of the speed in sideslip and squat
         i = (1, 2, 0)[k]
@@ -244,8 +244,8 @@ def rolling_rows(m: Memory, model: Model, speed: float) -> tuple[int, float]:
     m.h[1, states.ATTITUDE] += lean * b[0, 1]
     m.h[1, states.ATTITUDE + 1] -= lean * b[0, 0]
     for j in range(3):
-        m.h[0, gyro + j] = (sideslip * v[0] * v[0] - axle) * known[6 + j]
-        m.h[1, gyro + j] = axle * known[3 + j]
+        m.h[0, gyro + j] = (sideslip * v[0] * v[0] - axle) * memory[6 + j]
+        m.h[1, gyro + j] = axle * memory[3 + j]
     # [v x] mu, mu without roll
     m.h[0, first + states.MOUNT_YAW] = -v[0]
     m.h[1, first + states.MOUNT_PITCH] = v[0]

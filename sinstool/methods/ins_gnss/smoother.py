@@ -464,11 +464,11 @@ class Smoother:
             part = {name: np.array(c[first : first + rows]) for name, c in columns.items()}
             for name in COVARIANCES:
                 part[name] = np.full((len(part["time_ns"]), 3, 3), np.nan)
-            for kept in own:
-                begin, end = np.searchsorted(kept.number, (first, first + rows))
+            for stored in own:
+                begin, end = np.searchsorted(stored.number, (first, first + rows))
                 if begin < end:
-                    for name, values in zip(COVARIANCES, kept.covariances, strict=True):
-                        part[name][kept.number[begin:end] - first] = values[begin:end]
+                    for name, values in zip(COVARIANCES, stored.covariances, strict=True):
+                        part[name][stored.number[begin:end] - first] = values[begin:end]
             yield smooth_updates(UpdateColumns(**part), first, smoothed)
             self._storage.release()
 

@@ -73,10 +73,10 @@ def find_rests(means: Means, track: Track) -> Rests:
     spread = np.stack([_spread(means.rate), _spread(means.force)], axis=1)
     speed = between(track, track.speed, means.time_ns, LONGEST_NS)
     sigma = between(track, track.speed_sigma, means.time_ns, LONGEST_NS)
-    known = np.isfinite(speed) & (sigma < UNSURE) & np.isfinite(spread).all(axis=1)
+    shown = np.isfinite(speed) & (sigma < UNSURE) & np.isfinite(spread).all(axis=1)
     half = WINDOW // 2
-    stands = known & ~within(~(known & (speed < STANDS + sigma)), half, half)
-    moves = known & (speed - 2.0 * sigma > MOVES)
+    stands = shown & ~within(~(shown & (speed < STANDS + sigma)), half, half)
+    moves = shown & (speed - 2.0 * sigma > MOVES)
     thresholds, reason = _thresholds(spread, stands, moves)
     if not thresholds.any():
         return Rests(nothing, nothing, 0.0, 0.0, reason)
@@ -86,11 +86,11 @@ def find_rests(means: Means, track: Track) -> Rests:
         )
     quiet &= np.isfinite(spread).all(axis=1)
     # The fixes may overrule the IMU: a smooth road
-    quiet &= ~(known & (speed > STANDS + 3.0 * sigma))
+    quiet &= ~(shown & (speed > STANDS + 3.0 * sigma))
     rest = ~within(~quiet, CUT_BEGIN, half + CUT_END)
     rest &= ~_near_ends(len(rest), quiet)
     gyro, accel = thresholds.tolist()
-    return Rests(rest, rest & known, gyro, accel, reason)
+    return Rests(rest, rest & shown, gyro, accel, reason)
 
 
 def _near_ends(length: int, quiet: BoolArray) -> BoolArray:

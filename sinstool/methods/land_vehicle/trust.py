@@ -41,7 +41,7 @@ MOST_OWN = 2.0 * DEGREE
 # into them. Turns of less than so much, m/s^2 (RMS), show neither.
 LEAST_PUSH, LEAST_TURNS = 0.5, 0.2
 # How well a mount is known that is given, rad, and by how much the way may deny it.
-GIVEN_SIGMA, MOST_OFF = 1.0 * DEGREE, 5.0 * DEGREE
+OPTION_SIGMA, MOST_OFF = 1.0 * DEGREE, 5.0 * DEGREE
 # Beside a bad row nothing is held, s.
 BESIDE_S = 5.0
 # An axle further from the IMU than this, m, is no axle.
@@ -101,7 +101,10 @@ class Trust:
 
 
 def find_trust(
-    means: Means, track: Track, c_vb: FloatArray | None = None, given_sigma: float = GIVEN_SIGMA
+    means: Means,
+    track: Track,
+    c_vb: FloatArray | None = None,
+    option_sigma: float = OPTION_SIGMA,
 ) -> Trust:
     """Whether a vehicle's axle slides, by a track without constraints.
 
@@ -111,7 +114,7 @@ def find_trust(
     track : Track
     c_vb : ndarray, shape (3, 3), optional
         The mount, where it is known.
-    given_sigma : float, optional
+    option_sigma : float, optional
         How well, rad, for pitch and yaw.
 
     Returns
@@ -119,13 +122,13 @@ def find_trust(
     Trust
     """
     # What the user knows serves where the log does not show it
-    known, mount_sigma = None, MOUNT_SIGMA
+    mounted, mount_sigma = None, MOUNT_SIGMA
     if c_vb is not None:
-        mount_sigma = given_sigma
-        known = LandVehicle(c_vb, 0.0, UNSHOWN_SIGMA, UNSHOWN_SIGMA, mount_sigma=mount_sigma)
+        mount_sigma = option_sigma
+        mounted = LandVehicle(c_vb, 0.0, UNSHOWN_SIGMA, UNSHOWN_SIGMA, mount_sigma=mount_sigma)
     anywhere = np.ones(len(means), bool)
     if len(track.time_ns) < LEAST_ROWS:
-        return Trust(known, False, "there are too few fixes to tell", anywhere)
+        return Trust(mounted, False, "there are too few fixes to tell", anywhere)
     speed, sigma = track.speed, track.speed_sigma
     seen = sigma < OUTAGE * np.median(sigma)
     fastest = np.quantile(speed[seen], 0.95) if seen.any() else 0.0
@@ -133,7 +136,7 @@ def find_trust(
     moving &= np.isfinite(_at(means, means.force, track)).all(axis=1)
     seconds = np.diff(track.time_ns, append=track.time_ns[-1:]) * 1e-9
     if np.count_nonzero(moving) < LEAST_ROWS or seconds[moving].clip(max=1.5).sum() < LEAST_S:
-        return Trust(known, False, "the fixes show too little motion to tell", anywhere)
+        return Trust(mounted, False, "the fixes show too little motion to tell", anywhere)
     if c_vb is None:
         c_vb, concentration = _mount(means, track, moving)
         if concentration < LEAST_CONCENTRATION:
@@ -142,7 +145,7 @@ def find_trust(
     lateral, axle, yaw, far_y = _axis(rows, moving, 1)
     vertical, _, pitch, far_z = _axis(rows, moving, 2)
     reason = _doubt(lateral, vertical, axle) or _leans(rows, moving)
-    if known is None:
+    if mounted is None:
         # What goes to the right and down in proportion to the speed is of the mount
         c_vb = to_dcm(exp([0.0, pitch, -yaw])) @ c_vb
     elif max(abs(yaw), abs(pitch)) > MOST_OFF:

@@ -79,11 +79,11 @@ def start_after_gap(
         What follows as a log of its own; its start. None where nothing there shows an attitude.
     """
     first, run = before.start, before.filter
-    known = run.summary.restarts == 0
+    trusted = run.summary.restarts == 0
     align = config.align.align
     # Angles of the log's first instant say nothing here
     options: dict[str, Any] = {"align": align if align in IN_FLIGHT or align == "log" else "auto"}
-    if known:
+    if trusted:
         bias = turn_body(run.summary.gyro_bias, config.input.body_axes)
         options["gyro_bias"] = tuple(bias.tolist())
     whole = {"align_start": None, "align_end": None, "lift_off": None}
@@ -100,7 +100,7 @@ def start_after_gap(
     except (AlignmentError, DataError) as exc:
         log_choice("start after a gap", f"none found: {exc}")
         return None
-    if known:
+    if trusted:
         start = _with_sensors(start, run, first.settings, gap_s)
     log_choice("start after a gap", how)
     valid_ns = first.gnss.time_ns - round(first.settings.gnss_latency * SECOND)

@@ -147,30 +147,30 @@ class VehicleFound:
             ]
         if land is None:
             return []
-        found = []
+        findings = []
         if trust is not None and not trust.holds:
             text = f"the vehicle is held not to slide, as --vehicle is land, but {trust.reason}"
-            found.append(Finding("vehicle-slides", text, answer="leave --vehicle land out"))
+            findings.append(Finding("vehicle-slides", text, answer="leave --vehicle land out"))
         if land.slid > MOST_SLID * max(land.used, 1):
             text = (
                 f"the axle slid in {land.slid / land.used:.0%} of the time in"
                 " which the constraint was used"
             )
             answer = "if heading or height look wrong, give --vehicle none"
-            found.append(Finding("vehicle-slides", text, answer=answer))
-        found += [] if land.wheels is None else _of_wheels(land.wheels)
+            findings.append(Finding("vehicle-slides", text, answer=answer))
+        findings += [] if land.wheels is None else _of_wheels(land.wheels)
         if land.mount_sigma_deg[1] > VAGUE_YAW:
             text = (
                 "how the IMU is turned in the vehicle is known to"
                 f" {land.mount_sigma_deg[1]:.1f} deg only, as it turned and accelerated little"
             )
-            found.append(Finding("mount-yaw", text, answer="give it with --mount"))
+            findings.append(Finding("mount-yaw", text, answer="give it with --mount"))
         if abs(land.axle_m) > LONG_VEHICLE:
             where = "behind" if land.axle_m > 0.0 else "ahead of"
             text = f"the axle that does not slide would be {abs(land.axle_m):.1f} m {where} the IMU"
             answer = "if the vehicle is not so long, give --vehicle none"
-            found.append(Finding("axle", text, answer=answer))
-        return found
+            findings.append(Finding("axle", text, answer=answer))
+        return findings
 
     @property
     def rests_at_first(self) -> bool:
@@ -185,7 +185,7 @@ class VehicleFound:
 
 def _of_wheels(wheels: WheelSpeedUsed) -> list[Finding]:
     """What is wrong with wheels, and what was done about it."""
-    found = []
+    findings = []
     if wheels.unit == "m/s" and abs(wheels.metres_per_unit - 1.0) > MOST_SCALE:
         high = 100.0 * (1.0 / wheels.metres_per_unit - 1.0)
         text = (
@@ -193,14 +193,14 @@ def _of_wheels(wheels: WheelSpeedUsed) -> list[Finding]:
             f" {'high' if high > 0.0 else 'low'} beside the fixes, and is used corrected"
         )
         numbers = {"scale_percent": high}
-        found.append(Finding("wheel-scale", text, topic=wheels.topic, numbers=numbers))
+        findings.append(Finding("wheel-scale", text, topic=wheels.topic, numbers=numbers))
     if abs(wheels.latency_s) > max(LATE_S, LATE_SIGMAS * wheels.latency_sigma_s):
         text = (
             f"{wheels.topic} is stamped {1e3 * wheels.latency_s:+.0f} ms after the motion that it"
             " shows, and is used at its own time"
         )
         numbers = {"latency_s": wheels.latency_s}
-        found.append(Finding("wheel-latency", text, topic=wheels.topic, numbers=numbers))
+        findings.append(Finding("wheel-latency", text, topic=wheels.topic, numbers=numbers))
     slips = wheels.slipped / max(wheels.used, 1)
     if slips > MOST_SLIPS or wheels.one_slips > MOST_SLIPS:
         text = (
@@ -208,8 +208,8 @@ def _of_wheels(wheels: WheelSpeedUsed) -> list[Finding]:
             " out"
         )
         answer = "if the speed looks wrong, give --wheels none"
-        found.append(Finding("wheels-slip", text, topic=wheels.topic, answer=answer))
-    return found
+        findings.append(Finding("wheels-slip", text, topic=wheels.topic, answer=answer))
+    return findings
 
 
 def find_vehicle(
@@ -243,10 +243,10 @@ def find_vehicle(
     reason = "as --vehicle is land" if vehicle and not trust.holds else f"as {trust.reason}"
     log_choice("vehicle", f"{'land' if vehicle else 'none'}, {reason}")
     log_choice("rest", f"{np.count_nonzero(rests.at) * STEP_NS / SECOND:.1f} s, {rests.reason}")
-    found = VehicleFound(None, rests, trust, reason, forced, options.mount is not None, denied)
-    found = replace(found, wheels_named=config.input.wheels not in (None, NONE))
-    if vehicle is None and found.rest_s < LEAST_REST_S:
-        return found
+    chosen = VehicleFound(None, rests, trust, reason, forced, options.mount is not None, denied)
+    chosen = replace(chosen, wheels_named=config.input.wheels not in (None, NONE))
+    if vehicle is None and chosen.rest_s < LEAST_REST_S:
+        return chosen
     wheels = None
     if vehicle is not None:
         wheels = use_wheels(source.aiding.wheels, means, track, vehicle.c_vb)
@@ -255,7 +255,7 @@ def find_vehicle(
         speed, vehicle = wheels.speed, replace(vehicle, wheel=wheels.sigma)
         log_choice("wheels", f"{wheels.topic}, {wheels.fit}")
     constraints = Constraints(means.start_ns, rests.at, rests.surely, trust.rolls, speed, vehicle)
-    return replace(found, constraints=constraints, wheels=wheels)
+    return replace(chosen, constraints=constraints, wheels=wheels)
 
 
 def _trust(
@@ -311,7 +311,7 @@ def _unconstrained(
         start.start, start.settings, with_baro=start.reference is not None, output=False, store=True
     )
     stage = MeansStage(start.time_ns)
-    given = measurements(start)
+    columns = measurements(start)
     last_ns = start.time_ns
     empty = True
     with Smoother(run.kind, outputs=False) as smoother:
@@ -322,8 +322,8 @@ def _unconstrained(
                 break
             last_ns = int(increments.time_ns[-1])
             stage.push(increments)
-            smoother.push(run.push(increments, **given))
-            given = {}
+            smoother.push(run.push(increments, **columns))
+            columns = {}
             empty = False
         means = stage.finish()
         if empty:
