@@ -16,7 +16,7 @@ from sinstool.methods.attitude_smoother.model import EPOCH_S
 
 @dataclass(frozen=True)
 class EpochField:
-    """What a magnetometer measured in the epochs of a log.
+    """Readings of a magnetometer in the epochs of a log.
 
     Attributes
     ----------

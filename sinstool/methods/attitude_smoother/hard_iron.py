@@ -55,7 +55,7 @@ class HardIron:
 
 
 def find_hard_iron(field: FloatArray, attitude: FloatArray, piece: np.ndarray) -> HardIron:
-    """Offset under which the field of the Earth stays what it is while the body turns.
+    """Offset of a magnetometer under which the Earth's field stays constant as the body turns.
 
     ``field = h + attitude offset`` by robust least squares (Geman and McClure's weights) with a
     vertical h that is one for the log and a horizontal one for each piece, as heading drifts.

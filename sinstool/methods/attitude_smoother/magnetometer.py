@@ -82,13 +82,13 @@ class North:
 
     @property
     def start_sigma(self) -> float:
-        """Of the first heading, before the others are seen, rad."""
+        """Standard deviation of the first heading, before the others are used, rad."""
         return FIRST_SIGMA
 
 
 @dataclass(frozen=True)
 class Compass:
-    """What a magnetometer shows over a log.
+    """Field, hard iron and headings by a magnetometer over a log.
 
     Attributes
     ----------
@@ -121,7 +121,7 @@ class Compass:
 
     @property
     def verified(self) -> bool:
-        """Whether heading is known against north, for all that the log can say."""
+        """Whether the log confirms the heading against north."""
         seen = self.hard_iron is not None and self.hard_iron.seen
         return self.north is not None and seen and self.of_place
 
@@ -229,7 +229,7 @@ def _near_runs(bad: np.ndarray, number: np.ndarray) -> np.ndarray:
 
 
 def _scatter(heading: FloatArray, seconds: FloatArray, piece: np.ndarray) -> float:
-    """Of headings about a straight drift for each piece, but for what a gate holds back, rad."""
+    """Scatter of gated headings about a straight drift in each piece, rad."""
     off = []
     for one in np.split(np.arange(len(piece)), np.flatnonzero(np.diff(piece)) + 1):
         angle = np.unwrap(heading[one])

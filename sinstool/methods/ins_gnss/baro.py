@@ -37,7 +37,7 @@ DOUBT = 0.25  # of a jump
 
 @part()
 def correction_row(m: Memory, model: Model) -> None:
-    """The network's correction, which is known and ought to be 0."""
+    """Measurement row of the network's correction, which is known and should be 0."""
     a = model.where[I_CORRECTION]
     instants.clear_rows(m, layout.ONE_ROW)
     m.h[0, a] = 1.0
@@ -87,7 +87,7 @@ def baro_difference(
 
 @part()
 def move_reference(m: Memory, model: Model, difference: float) -> None:
-    """Shift the barometer by a difference, and forget what was known of its error."""
+    """Shift the barometer by a difference, and reset the covariance of its error."""
     b = model.where[I_BARO]
     m.channel[height_layout.S_OFFSET] += difference
     for j in range(m.n):
@@ -144,7 +144,7 @@ def network_sample(
     height: float,
     reason: int,
 ) -> None:
-    """A barometer sample for the damping network, and what it does to the errors."""
+    """Process a barometer sample in the damping network, with its effect on the errors."""
     channel = m.channel
     nav = m.nav
     phase = int(channel[height_layout.S_PHASE])

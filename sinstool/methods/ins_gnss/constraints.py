@@ -50,7 +50,7 @@ class LandVehicle:
     mount_sigma: float = MOUNT_SIGMA
 
     def variances(self) -> FloatArray:
-        """Of its states at the start, in the order of the filter; shape (6,)."""
+        """Variances of its states at the start, in the order of the filter; shape (6,)."""
         sigma = np.array(
             [
                 self.mount_sigma,
@@ -64,13 +64,13 @@ class LandVehicle:
         return sigma**2
 
     def start_values(self) -> FloatArray:
-        """What a filter starts from: see :mod:`~sinstool.methods.ins_gnss.layout`."""
+        """Initial values for a filter: see :mod:`~sinstool.methods.ins_gnss.layout`."""
         return np.concatenate([self.c_vb.ravel(), [self.axle, 0.0, 0.0, self.wheel_scale]])
 
 
 @dataclass(frozen=True)
 class Constraints:
-    """When a vehicle rests and when it may be held not to slide, on a grid of time.
+    """Times at rest and times without sliding of a vehicle, on a grid.
 
     Attributes
     ----------
@@ -114,7 +114,7 @@ class Constraints:
 
 @dataclass(frozen=True)
 class VehicleEstimate:
-    """What a filter made of a land vehicle in the end.
+    """A filter's last estimates of a land vehicle.
 
     Attributes
     ----------
@@ -135,7 +135,7 @@ class VehicleEstimate:
 
 
 def vehicle_estimate(memory: FloatArray, covariance: FloatArray, first: int) -> VehicleEstimate:
-    """What memory and covariance of a filter hold of the vehicle, whose states begin at `first`."""
+    """Estimates of the vehicle from a filter's memory and covariance, from state `first` on."""
     sigma = np.sqrt(np.diagonal(covariance)[first : first + 6])
 
     def pair(state: int) -> tuple[float, float]:

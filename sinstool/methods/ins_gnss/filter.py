@@ -32,7 +32,7 @@ _FIX = 12
 
 @dataclass(frozen=True)
 class FilterSummary:
-    """How a run went so far.
+    """Summary of a run so far.
 
     Attributes
     ----------
@@ -188,12 +188,12 @@ class InsGnssFilter:
 
     @property
     def covariance(self) -> FloatArray:
-        """Of the errors, at the latest substep, shape (n, n)."""
+        """Covariance of the errors at the latest substep, shape (n, n)."""
         return self._p.copy()
 
     @property
     def summary(self) -> FilterSummary:
-        """How it went so far."""
+        """Summary of the run so far."""
         m = self._memory
         rows = m.nis_rows
         sensors = m.sensors
@@ -346,7 +346,7 @@ class InsGnssFilter:
         baro_height: ArrayLike,
         baro_reason: ArrayLike | None,
     ) -> None:
-        """Queue what was given."""
+        """Queue new measurements."""
         if gnss is not None and len(gnss):
             stamps = np.asarray(gnss.time_ns, dtype=np.int64)
             valid = stamps - round(self.settings.gnss_latency * 1e9)

@@ -94,7 +94,7 @@ def _half(seconds: np.ndarray, sigma_m: float) -> float:
 
 
 def velocity_lag(gnss: GnssEpochs) -> Latency:
-    """How much later the velocities of a receiver are stamped than its positions.
+    """Delay of a receiver's velocities relative to its positions.
 
     Some receivers difference positions, or average the Doppler shift over the interval that ends
     at the fix: their velocity is that of half an interval before. Found from the fixes alone, by

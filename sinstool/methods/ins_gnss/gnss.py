@@ -163,7 +163,7 @@ def gnss_epoch(
 
 @part()
 def _admit_drift(m: Memory, lasted: float) -> None:
-    """Sigmas of velocity and tilt no less than what explains a drift from the fixes, by itself."""
+    """Raise sigmas of velocity and tilt until each alone explains a drift from the fixes."""
     level = 0.0
     for i in range(3):
         far = m.rejected[i]
@@ -269,7 +269,7 @@ def _compare(m: Memory, model: Model, fix: FloatArray, back: float, diagnosis: F
 
 @part()
 def _white_variance(model: Model, i: int, sigma: float, slow_states: bool) -> float:
-    """Variance of a row's white noise, from what the receiver says, if it does.
+    """Variance of a row's white noise, from the receiver's own figure where there is one.
 
     A receiver speaks of all of its error. Where the slow part has states of its own, the rest
     is left for the white one; a receiver that claims less than the model has the model's share.
@@ -288,7 +288,7 @@ def _white_variance(model: Model, i: int, sigma: float, slow_states: bool) -> fl
 
 @part()
 def _spread(m: Memory, rows: int, diagnosis: FloatArray) -> None:
-    """Note what the innovations should be."""
+    """Record the expected size of the innovations."""
     for k in range(rows):
         i = measurement_noise.row_of(m, k)
         diagnosis[layout.D_SIGMA + i] = sqrt(m.s[k, k] + m.r[k])

@@ -110,7 +110,7 @@ def close_substep(m: Memory, model: Model) -> None:
 
 @part()
 def _white_of_many(m: Memory, model: Model) -> None:
-    """White noise and known input of samples that were counted within the substep."""
+    """White noise and known input of the samples within the substep."""
     a = model.where[states.I_CORRECTION]
     white = model.baro_white / m.gain_count
     where = (_D, _VD, a)
@@ -202,7 +202,7 @@ def close_instant(m: Memory, model: Model, stored: FloatArray) -> None:
 
 @part()
 def corrected(nav: FloatArray, x: FloatArray, out: FloatArray) -> None:
-    """A navigation with the estimated errors taken off, into another."""
+    """Write a navigation state, corrected by the estimated errors, into another."""
     rm, rn = radii(nav[LATITUDE], nav[HEIGHT])
     across = rn * cos(nav[LATITUDE])
     out[LATITUDE] = nav[LATITUDE] - x[states.POSITION] / rm
@@ -220,7 +220,7 @@ def corrected(nav: FloatArray, x: FloatArray, out: FloatArray) -> None:
 
 @part()
 def _feed_back(m: Memory, model: Model) -> None:
-    """Navigation, sensors and network by what was estimated, which then is 0."""
+    """Correct navigation, sensors and network by the estimates, which are then 0."""
     index = model.where
     x = m.x
     corrected(m.nav, x, m.nav)
@@ -257,7 +257,7 @@ def _feed_back(m: Memory, model: Model) -> None:
 
 @part()
 def _feed_back_vehicle(vehicle: FloatArray, x: FloatArray, first: int) -> None:
-    """Mount, axle, sideslip, squat and wheel scale by what was estimated, which then is 0."""
+    """Correct mount, axle, sideslip, squat and wheel scale by the estimates, which are then 0."""
     pitch, yaw = x[first + states.MOUNT_PITCH], x[first + states.MOUNT_YAW]
     w, qx, qy, qz = increment_quaternion(0.0, pitch, yaw, 0)
     c00, c01, c02, c10, c11, c12, c20, c21, c22 = dcm(w, qx, qy, qz)

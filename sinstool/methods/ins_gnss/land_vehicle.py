@@ -158,7 +158,7 @@ def _rest(m: Memory, model: Model, weight: float) -> None:
 
 @part()
 def _roll(m: Memory, model: Model, weight: float, speed: float) -> None:
-    """An axle that goes neither sideways nor up, and what its wheels say of the speed."""
+    """Constraint of an axle that moves neither sideways nor up, with the speed by its wheels."""
     rows, pull = rolling_rows(m, model, speed)
     if rows == 0:
         return

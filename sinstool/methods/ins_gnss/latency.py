@@ -45,7 +45,7 @@ _MIN_FIXES = 5  # in a window; two of them go into the line
 
 @dataclass(frozen=True)
 class Latency:
-    """A latency, and how well it is known.
+    """A latency and its sigma.
 
     Attributes
     ----------
@@ -237,7 +237,7 @@ class _Windows:
 
     @property
     def degrees(self) -> float:
-        """Of freedom, of the windows in use."""
+        """Degrees of freedom of the windows in use."""
         rows = self._sum(self._level)
         return float(((rows - 2.0 * (rows > 2)).sum(axis=1) * self.weight).sum())
 

@@ -394,7 +394,7 @@ def run(
 
 @part()
 def _carry_over(m: Memory, model: Model, gap: float) -> None:
-    """Over a gap too long to bridge: straight on, and hardly anything is known after it."""
+    """Carry the state straight over a gap too long to bridge, with large sigmas after it."""
     instants.close_substep(m, model)
     nav = m.nav
     rm, rn = radii(nav[LATITUDE], nav[HEIGHT])

@@ -56,7 +56,7 @@ FAR_SHARE = 0.15
 
 @part()
 def row_of(m: Memory, k: int) -> int:
-    """Which of position and velocity, N E D, row k of a fix is."""
+    """Component of row k of a fix among position and velocity, N E D."""
     i = 0
     while m.h[k, i] != 1.0:
         i += 1
@@ -98,7 +98,7 @@ def adapt(m: Memory, model: Model, window: FloatArray, rows: int) -> None:
 
 @part()
 def note_changes(m: Memory, changes: FloatArray, rows: int) -> None:
-    """How innovations changed since the epoch before, over their sigma as given.
+    """Record changes of the innovations since the last epoch, over their nominal sigma.
 
     After :func:`~sinstool.methods.ins_gnss.update.project`, of every epoch, believed or not.
     Squared and halved, changes are 1 in the mean where the noise is as given.
@@ -116,7 +116,7 @@ def note_changes(m: Memory, changes: FloatArray, rows: int) -> None:
 
 @part()
 def often_far(m: Memory, far: bool) -> bool:
-    """Whether the measured noise is to be used: for an epoch that is too far off as given.
+    """Whether to use the measured noise: for an epoch that nominal noise does not explain.
 
     And for those between many such epochs, which are as noisy though they happen to be near.
     Epochs with velocity only are counted apart: their noise is another.
@@ -128,7 +128,7 @@ def often_far(m: Memory, far: bool) -> bool:
 
 @part()
 def use_measured(m: Memory, changes: FloatArray, rows: int) -> None:
-    """Measurement variances as changes of the innovations say, if that is more than was given."""
+    """Measurement variances from changes of the innovations, where above the nominal ones."""
     for k in range(rows):
         i = row_of(m, k)
         times = _low_change(m, changes, i, changes.shape[0])
@@ -143,7 +143,7 @@ def use_measured(m: Memory, changes: FloatArray, rows: int) -> None:
 
 @part()
 def _low_change(m: Memory, changes: FloatArray, i: int, many: int) -> float:
-    """Of the latest so many of a row, over that of noise as given; 1 if there are not so many."""
+    """Low quantile of a row's latest changes over its nominal value; 1 if there are too few."""
     length = changes.shape[0]
     seen = int(m.changes_seen[i])
     if seen < many or many > length:

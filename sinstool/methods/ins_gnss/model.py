@@ -345,7 +345,7 @@ def baro_correction(
     product: FloatArray,
     row: FloatArray,
 ) -> None:
-    """What the network's correction at a sample does to the errors: ``M = I + L m^T``.
+    """Effect of the network's correction at a sample on the errors: ``M = I + L m^T``.
 
     The sample moves height, velocity and A by gains times
     ``e = dh - dh_B - w + K4 v_up``; in these states, ``m = (-1 at D, -1 at baro)`` and

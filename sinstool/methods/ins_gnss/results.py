@@ -27,7 +27,7 @@ far off for a linear filter; the covariance was none any more, and the filter be
 
 @dataclass(frozen=True)
 class UpdateColumns:
-    """At the end of each IMU update.
+    """Columns at the end of each IMU update.
 
     Attributes
     ----------
@@ -67,7 +67,7 @@ class UpdateColumns:
 
 @dataclass(frozen=True)
 class GnssDiagnostics:
-    """At each GNSS epoch that lies within the IMU updates.
+    """Columns at each GNSS epoch that lies within the IMU updates.
 
     Attributes
     ----------
@@ -108,7 +108,7 @@ class GnssDiagnostics:
 
 @dataclass(frozen=True)
 class StoredEpochs:
-    """What a smoother needs, one row for each instant with a measurement of any kind.
+    """Data for a smoother, one row for each instant with a measurement of any kind.
 
     Where nothing is measured there is a row about every second all the same.
 

@@ -116,7 +116,7 @@ the one of the damping network's paper."""
 
 @dataclass(frozen=True)
 class DivergenceControl:
-    """What keeps a filter from believing itself against its measurements.
+    """Settings against divergence of a filter from its measurements.
 
     Attributes
     ----------
@@ -274,7 +274,7 @@ class Settings:
 
 @dataclass(frozen=True)
 class Start:
-    """Where a filter starts, and how well that is known.
+    """Initial state of a filter, and its sigmas.
 
     Attributes
     ----------

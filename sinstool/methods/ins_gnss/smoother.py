@@ -112,7 +112,7 @@ def smooth_epochs(
     in_place: bool = False,
     release: Callable[[], None] = lambda: None,
 ) -> SmoothedEpochs:
-    """Smooth what a filter stored.
+    """Smooth the epochs that a filter stored.
 
     Parameters
     ----------
@@ -313,7 +313,7 @@ def _position_error(
 
 
 class Smoother:
-    """Collects what a filter gives, block by block, and smooths it when all is there.
+    """Collects a filter's blocks, and smooths them once all are there.
 
     Parameters
     ----------
@@ -388,7 +388,7 @@ class Smoother:
         return {name: self._storage.array(f"{kind.__name__}.{name}") for name in names}
 
     def epochs(self) -> SmoothedEpochs:
-        """Smooth; once only, as what was stored is written over.
+        """Smooth; only once, since the stored epochs are overwritten.
 
         Returns
         -------

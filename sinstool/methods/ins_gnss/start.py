@@ -36,7 +36,7 @@ def start_at(
     gyro_bias: ArrayLike = (0.0, 0.0, 0.0),
     gyro_bias_sigma: float | None = None,
 ) -> Start:
-    """Start from an attitude and what GNSS says around it.
+    """Start from an attitude and the fixes around its time.
 
     Parameters
     ----------

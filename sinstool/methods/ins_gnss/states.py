@@ -102,7 +102,7 @@ INDEX_SIZE = 12
 
 @dataclass(frozen=True)
 class FilterKind:
-    """Which states a filter has, and what it does with a barometer.
+    """States of a filter, and its use of a barometer.
 
     Attributes
     ----------
@@ -139,7 +139,7 @@ class FilterKind:
 
     @property
     def without_baro(self) -> FilterKind:
-        """What takes its place where there is no barometer."""
+        """The filter in its place where there is no barometer."""
         if not self.needs_baro:
             return self
         return FILTERS["markov-27" if GYRO_SCALE in self.blocks else "markov-24"]
@@ -162,7 +162,7 @@ class FilterKind:
 
     @property
     def index(self) -> IntArray:
-        """What compiled code asks for; see the numbers ``I_...`` of this module.
+        """Indices for compiled code; see the numbers ``I_...`` of this module.
 
         Own indices of the blocks from the correction on (-1: not there), then how many states
         move, how many are coupled to those, how many there are.

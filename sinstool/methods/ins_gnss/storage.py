@@ -118,7 +118,7 @@ class Storage:
         self.close()
 
     def _spill(self, name: str) -> None:
-        """Move what is in memory of a column to its file; an empty part stays, for its type."""
+        """Move the rows of a column in memory to its file; an empty part stays, for its type."""
         with _failures_explained():
             file = tempfile.TemporaryFile(prefix="sinstool-")  # noqa: SIM115
             self._files[name] = file

@@ -17,7 +17,7 @@ APART = 3.0
 
 @dataclass(frozen=True)
 class Outage:
-    """How far a solution was from the fixes of one outage; vertical is None without heights."""
+    """Errors of a solution at the fixes of one outage; vertical is None without heights."""
 
     start_ns: int
     duration_s: float
@@ -29,7 +29,7 @@ class Outage:
 
 @dataclass(frozen=True)
 class WithheldScore:
-    """How far a solution was from all fixes that were withheld."""
+    """Errors of a solution at all withheld fixes."""
 
     outages: tuple[Outage, ...]
     rms_of_largest_horizontal_m: float
@@ -94,7 +94,7 @@ class Withheld:
         self._error[rows[near]], self._sigma[rows[near]] = error[near], sigma[near]
 
     def score(self) -> WithheldScore | None:
-        """By outage: when, how long, the largest errors, and how many sigmas they were.
+        """Errors by outage: its time and length, the largest errors, and their size in sigmas.
 
         Sigmas are those of the solution and of the fix together. None where no outage was seen.
         """

@@ -37,7 +37,7 @@ CUT_BEGIN, CUT_END = 7, 7
 
 @dataclass(frozen=True)
 class Rests:
-    """When a vehicle stands.
+    """Times at which a vehicle stands.
 
     Attributes
     ----------
@@ -94,7 +94,7 @@ def find_rests(means: Means, track: Track) -> Rests:
 
 
 def _near_ends(length: int, quiet: BoolArray) -> BoolArray:
-    """Steps next to the log's end, after which nobody knows what came."""
+    """Steps next to the log's end, beyond which the motion is unknown."""
     ends = np.zeros(length, bool)
     ends[max(length - CUT_END - WINDOW // 2, 0) :] = True
     return ends

@@ -68,7 +68,7 @@ class MeansStage:
         self._sums.append((first, np.stack(sums, axis=1)))
 
     def finish(self) -> Means:
-        """All means."""
+        """The means of all steps."""
         length = max((first + len(sums) for first, sums in self._sums), default=0)
         total = np.zeros((length, 7))
         for first, sums in self._sums:
@@ -104,13 +104,13 @@ class Track:
 
     @property
     def speed_sigma(self) -> FloatArray:
-        """Of each component of the velocity, the largest, m/s."""
+        """Largest standard deviation of the velocity's components, m/s."""
         variance = np.diagonal(self.covariance, axis1=1, axis2=2)[:, :3]
         return np.asarray(np.sqrt(np.maximum(variance.max(axis=1), 0.0)))
 
     @property
     def velocity_b(self) -> FloatArray:
-        """In body axes, m/s."""
+        """Velocity in body axes, m/s."""
         return np.einsum("mij,mi->mj", self.dcm_nb, self.velocity_n)
 
 

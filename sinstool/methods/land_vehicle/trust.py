@@ -50,7 +50,7 @@ LONGEST_VEHICLE = 20.0
 
 @dataclass(frozen=True)
 class AxisTrust:
-    """What the velocity along an axis, that should be 0, is.
+    """Size of the velocity along an axis where it should be 0.
 
     Attributes
     ----------
@@ -171,7 +171,7 @@ def find_trust(
 
 
 def _doubt(lateral: AxisTrust, vertical: AxisTrust, axle: float) -> str:
-    """Why a vehicle must not be held; empty where it may."""
+    """Reason not to constrain a vehicle; empty where there is none."""
     for name, axis in (("sideways", lateral), ("up and down", vertical)):
         if axis.own_angle > MOST_OWN:
             return (
@@ -187,7 +187,7 @@ def _doubt(lateral: AxisTrust, vertical: AxisTrust, axle: float) -> str:
 
 
 def _leans(rows: _Rows, moving: BoolArray) -> str:
-    """Why turns show no land vehicle; empty where they do."""
+    """Reason why turns show no land vehicle; empty where they show one."""
     turn = (rows.velocity[:, 0] * rows.rate[:, 2])[moving]
     push = rows.right[moving]
     size = float(np.sqrt(np.mean(turn**2)))

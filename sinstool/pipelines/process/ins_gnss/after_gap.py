@@ -60,7 +60,7 @@ def longest_carried(settings: Settings) -> float:
 def start_after_gap(
     source: Source, config: ProcessConfig, before: Stretch, begin_ns: int, gap_s: float
 ) -> tuple[Source, FilterStart] | None:
-    """Start of a filter in what follows a gap.
+    """Start of a filter after a gap.
 
     Parameters
     ----------
@@ -135,7 +135,7 @@ def _with_sensors(start: Start, run: InsGnssFilter, settings: Settings, gap_s: f
 
 
 def summed(stretches: list[Stretch]) -> FilterSummary:
-    """How the filters of all stretches went, taken together; estimates are those of the last."""
+    """Summary over the filters of all stretches; estimates are those of the last."""
     parts = [stretch.filter.summary for stretch in stretches]
     if len(parts) == 1:
         return parts[0]
@@ -164,7 +164,7 @@ def _added(tables: list[dict[str, int]] | list[dict[str, float]]) -> dict[str, A
 
 
 def events_of(stretches: list[Stretch]) -> list[FilterEvent]:
-    """What happened to the filters, the gaps between them included, in order."""
+    """Events of the filters, including the gaps between them, in order."""
     return [
         event
         for stretch in stretches
@@ -173,7 +173,7 @@ def events_of(stretches: list[Stretch]) -> list[FilterEvent]:
 
 
 def channel_events_of(stretches: list[Stretch]) -> list[height_layout.Event]:
-    """What happened to the vertical channels; times count from the first start."""
+    """Events of the vertical channels; times count from the first start."""
     first_ns = stretches[0].start.time_ns
     return [
         replace(event, time=event.time + (stretch.start.time_ns - first_ns) / SECOND)

@@ -25,7 +25,7 @@ from sinstool.survey.source import Source, rate_blocks
 def find_start(
     source: Source, config: ProcessConfig, settings: Settings, gnss: GnssEpochs
 ) -> tuple[Start, int, str, tuple[str, ...]]:
-    """Where the filter starts: by the alignment of the options, else by motion.
+    """Start of the filter: by the alignment of the options, else by motion.
 
     Parameters
     ----------
@@ -115,7 +115,7 @@ def _sample(source: Source, config: ProcessConfig, time_ns: int) -> Imu:
 
 
 def _covariance(alignment: Alignment) -> np.ndarray:
-    """Of the attitude, in NED, rad^2."""
+    """Covariance of the attitude, in NED, rad^2."""
     if alignment.covariance_n is not None:
         twice = TWICE_USED if alignment.method in IN_FLIGHT else 1.0
         return twice**2 * alignment.covariance_n
@@ -125,7 +125,7 @@ def _covariance(alignment: Alignment) -> np.ndarray:
 
 
 def _how(alignment: Alignment, covariance: np.ndarray) -> str:
-    """Where the attitude comes from, in words."""
+    """Source of the attitude in words."""
     if alignment.method not in IN_FLIGHT or alignment.held_ns is None:
         shown = "; gyro bias from motion" if alignment.bias_source == "alignment" else ""
         return f"attitude by {alignment.method}{shown}"

@@ -111,7 +111,7 @@ def with_white_noise(model: GnssModel, level: float, vertical: float) -> GnssMod
 def _usual(
     sigma: np.ndarray, assumed: tuple[float, float, float], least: float, factor: float
 ) -> tuple[np.ndarray, bool]:
-    """Median of what the fixes say by axis, or what is usual."""
+    """Median of the fixes' own sigmas by axis, or the usual value."""
     stated = np.isfinite(sigma).any(axis=0)
     if not stated[:2].all():
         return factor * np.array(assumed), False

@@ -51,7 +51,7 @@ MEDIAN_SQUARE = 0.4549
 
 
 def significant_lag(gnss: GnssEpochs) -> float:
-    """How much later velocities are stamped than positions, s; 0 where no lag stands out."""
+    """Delay of velocities relative to positions, s; 0 where none is significant."""
     lag = velocity_lag(gnss.rows(gnss.time_ns <= gnss.time_ns[0] + FIRST_NS))
     stands_out = lag.status == "found" and lag.differs_from(0.0, LEAST_LAG_S, LAG_SIGMAS)
     return lag.latency_s if stands_out else 0.0
@@ -64,7 +64,7 @@ def with_offsets(
     first: FilterStart,
     begin: Callable[[float, np.ndarray | None], FilterStart],
 ) -> FilterStart:
-    """A start with the receiver's latency, given or as the log shows it, and the arm beside it.
+    """A start with the receiver's latency, configured or estimated, and the lever arm beside it.
 
     Where the latency is given the log is asked all the same: what it says may contradict. Elsewhere
     it is used where the log shows it, and where it differs from the one assumed first.
@@ -187,7 +187,7 @@ def white_noise(
 
 
 def _loose(settings: Settings) -> Settings:
-    """Of a filter that hardly believes the fixes."""
+    """Settings of a filter with little trust in the fixes."""
     return replace(
         settings,
         filter="plain-15",
@@ -198,7 +198,7 @@ def _loose(settings: Settings) -> Settings:
 
 
 def _unsized(gnss: GnssEpochs) -> GnssEpochs:
-    """Fixes without what they say of their own noise."""
+    """Fixes without their own sigmas."""
     return replace(
         gnss,
         sigma_position_n=np.full_like(gnss.sigma_position_n, np.nan),

@@ -122,7 +122,7 @@ def doubts(
 def marked(
     updates: UpdateColumns, doubtful: Sequence[tuple[int, int, np.ndarray]]
 ) -> UpdateColumns:
-    """Smoothed answers with sigmas that admit what was doubted, from :func:`doubts`."""
+    """Smoothed answers with sigmas enlarged for the doubts of :func:`doubts`."""
     position = updates.covariance_position_n.copy()
     velocity = updates.covariance_velocity_n.copy()
     axis = np.arange(3)
@@ -136,7 +136,7 @@ def marked(
 
 
 def _stretches(gnss: GnssDiagnostics, events: Sequence[FilterEvent]) -> list[tuple[int, int, bool]]:
-    """Begin and end of what lay before each restart, and whether an Imu gap was its cause."""
+    """Begin and end of the stretch before each restart, and whether an Imu gap caused it."""
     spans: list[tuple[int, int, bool]] = []
     for event in events:
         gap = event.kind in ("imu-gap-restart", "imu-gap-new-start")

@@ -48,7 +48,7 @@ MOST_SCALE, LATE_S, LATE_SIGMAS, MOST_SLIPS = 0.01, 0.05, 3.0, 0.01
 
 @dataclass(frozen=True)
 class VehicleFound:
-    """What of a vehicle is assumed, and why.
+    """Assumptions about a vehicle, and the reasons for them.
 
     Attributes
     ----------
@@ -82,7 +82,7 @@ class VehicleFound:
     wheels: WheelsUsed | None = None
 
     def used(self, summary: FilterSummary) -> VehicleUsed:
-        """What a filter made of it."""
+        """Constraints as a filter used and estimated them."""
         rest_reason = "" if self.rests is None else self.rests.reason
         vehicle, estimate = None, summary.land_vehicle
         if self.constraints is not None and self.constraints.vehicle and estimate is not None:
@@ -123,7 +123,7 @@ class VehicleFound:
         )
 
     def findings(self, used: VehicleUsed) -> list[Finding]:
-        """What the user should know of it."""
+        """Findings about the vehicle."""
         land, trust = used.land, self.trust
         if self.wheels_named and (land is None or land.wheels is None):
             text = "the wheels of --wheels are not used, "
@@ -184,7 +184,7 @@ class VehicleFound:
 
 
 def _of_wheels(wheels: WheelSpeedUsed) -> list[Finding]:
-    """What is wrong with wheels, and what was done about it."""
+    """Findings about the wheels."""
     findings = []
     if wheels.unit == "m/s" and abs(wheels.metres_per_unit - 1.0) > MOST_SCALE:
         high = 100.0 * (1.0 / wheels.metres_per_unit - 1.0)
@@ -219,7 +219,7 @@ def find_vehicle(
     start: FilterStart,
     longest_gap_s: float,
 ) -> VehicleFound:
-    """What a vehicle cannot do, as far as its fixes show it.
+    """Constraints of a vehicle, as far as its fixes show them.
 
     Parameters
     ----------
