@@ -68,10 +68,6 @@ def find_hard_iron(field: FloatArray, attitude: FloatArray, piece: np.ndarray) -
         Body to navigation axes.
     piece : ndarray of int, shape (n,)
         Number of the piece that each belongs to, in order.
-
-    Returns
-    -------
-    HardIron
     """
     size = float(np.median(np.linalg.norm(field, axis=1)))
     starts = np.flatnonzero(np.diff(piece, prepend=piece[0] - 1))

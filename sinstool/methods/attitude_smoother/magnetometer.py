@@ -137,7 +137,6 @@ def find_north(
 
     Parameters
     ----------
-    epochs : Epochs
     measured : EpochField
         Over the same.
     correction : ndarray, shape (n, 4)
@@ -146,10 +145,6 @@ def find_north(
         Of the horizontal field, east of the north that headings shall count from, rad.
     expected : EarthField, optional
         Of the place, where that is known.
-
-    Returns
-    -------
-    Compass
     """
     used = np.flatnonzero(measured.count > 0.0)
     if len(used) < LEAST_EPOCHS:

@@ -254,10 +254,6 @@ class InsGnssFilter:
         baro_reason : array_like of int, shape (b,), optional
             0 for samples to be used; see :mod:`sinstool.methods.height.layout`.
 
-        Returns
-        -------
-        FilterBlock
-
         Raises
         ------
         ValueError

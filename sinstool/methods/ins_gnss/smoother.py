@@ -128,10 +128,6 @@ def smooth_epochs(
     release : callable, optional
         Called after each few rows, to give back the memory of those.
 
-    Returns
-    -------
-    SmoothedEpochs
-
     Raises
     ------
     ValueError
@@ -453,10 +449,6 @@ class Smoother:
             Of :meth:`epochs`.
         rows : int, optional
             Updates of a block.
-
-        Yields
-        ------
-        UpdateColumns
         """
         columns = self._columns(UpdateColumns)
         own = [*self._alone, *self._open]

@@ -63,7 +63,6 @@ def find_rests(means: Means, track: Track) -> Rests:
 
     Parameters
     ----------
-    means : Means
     track : Track
         By a smoother without constraints.
     """

@@ -85,11 +85,8 @@ class Trust:
     ----------
     vehicle : LandVehicle or None
         None where the track does not show one.
-    holds : bool
-    reason : str
     rolls : ndarray of bool, shape (g,)
         Steps of the means where it may be held.
-    lateral, vertical : AxisTrust or None
     """
 
     vehicle: LandVehicle | None
@@ -110,16 +107,10 @@ def find_trust(
 
     Parameters
     ----------
-    means : Means
-    track : Track
     c_vb : ndarray, shape (3, 3), optional
         The mount, where it is known.
     option_sigma : float, optional
         How well, rad, for pitch and yaw.
-
-    Returns
-    -------
-    Trust
     """
     # What the user knows serves where the log does not show it
     mounted, mount_sigma = None, MOUNT_SIGMA

@@ -56,7 +56,6 @@ class VehicleFound:
         None where nothing is.
     rests : Rests or None
         None where nobody looked.
-    trust : Trust or None
     reason : str
         Why it is, or is not, taken for a land vehicle.
     forced : bool

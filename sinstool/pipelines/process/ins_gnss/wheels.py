@@ -29,10 +29,8 @@ class WheelsUsed:
 
     Attributes
     ----------
-    topic : str
     unit : str
         Of the readings.
-    fit : WheelFit
     speed : ndarray, shape (g,)
         At the steps of the means' begins, m/s; NaN where unknown or slipping.
     sigma : float
