@@ -15,7 +15,7 @@ from contextlib import nullcontext
 
 import numpy as np
 
-from sinstool.core.memory import kept_memory
+from sinstool.core.memory import memory_held
 
 def faults():
     return resource.getrusage(resource.RUSAGE_SELF).ru_minflt
@@ -25,7 +25,7 @@ def resident():
         return int(stream.read().split()[1])
 
 before = resident()
-with kept_memory() if sys.argv[1] == "kept" else nullcontext():
+with memory_held() if sys.argv[1] == "kept" else nullcontext():
     np.ones(2**19)
     begun = faults()
     for _ in range(50):
@@ -50,5 +50,5 @@ def test_pages_are_used_again_where_dask_has_them_given_back():
 
 def test_without_glibc_nothing_happens(monkeypatch):
     monkeypatch.setattr(memory, "_glibc", lambda: None)
-    with memory.kept_memory():
+    with memory.memory_held():
         pass
