@@ -19,10 +19,7 @@ import numpy as np
 
 from sinstool.core import rotation
 from sinstool.core.arrays import ArrayLike, FloatArray, IntArray
-from sinstool.core.units import STANDARD_GRAVITY
-from sinstool.simulation.truth import ImuTruth, check_times
-
-_STANDARD_GRAVITY_N = (0.0, 0.0, STANDARD_GRAVITY)
+from sinstool.simulation.truth import STANDARD_GRAVITY_N, ImuTruth, check_times
 
 
 def classical_coning(
@@ -31,7 +28,7 @@ def classical_coning(
     frequency: float,
     *,
     q_nc: ArrayLike = (1.0, 0.0, 0.0, 0.0),
-    gravity_n: ArrayLike = _STANDARD_GRAVITY_N,
+    gravity_n: ArrayLike = STANDARD_GRAVITY_N,
 ) -> ImuTruth:
     """Exact samples of a body in classical coning that goes nowhere.
 

@@ -26,10 +26,8 @@ import numpy as np
 
 from sinstool.core import rotation
 from sinstool.core.arrays import ArrayLike, FloatArray, IntArray
-from sinstool.core.units import STANDARD_GRAVITY
-from sinstool.simulation.truth import ImuTruth, check_times
+from sinstool.simulation.truth import STANDARD_GRAVITY_N, ImuTruth, check_times
 
-_STANDARD_GRAVITY_N = (0.0, 0.0, STANDARD_GRAVITY)
 _QUADRATURE_ERROR = 1e-14
 _HARMONICS = 4.0
 _MOST_NODES = 1000  # a hundred turns of the highest frequency in one interval
@@ -193,7 +191,7 @@ def sample(
     time_ns: ArrayLike,
     *,
     q_nm: ArrayLike = (1.0, 0.0, 0.0, 0.0),
-    gravity_n: ArrayLike = _STANDARD_GRAVITY_N,
+    gravity_n: ArrayLike = STANDARD_GRAVITY_N,
     nodes: int | None = None,
 ) -> ImuTruth:
     """Samples of a rotation about a fixed point, with NED not rotating.

@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from sinstool.core.units import ARCSEC, DEGREE, STANDARD_GRAVITY
+from sinstool.core.units import ARCSEC, DEGREE, DEGREE_PER_HOUR, MICRO_G
 from sinstool.simulation.hse_rig import HseRigErrors, HseRigLog, HseRigSetup, hse_rig
 from sinstool.simulation.log import (
     IMU_TOPIC,
@@ -18,8 +18,6 @@ from sinstool.simulation.log import (
 )
 from sinstool.simulation.scenarios import HseRig
 
-DEGREE_PER_HOUR = DEGREE / 3600.0
-MICRO_G = 1e-6 * STANDARD_GRAVITY
 JOINT = "table"
 
 

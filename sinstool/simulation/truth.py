@@ -8,6 +8,9 @@ import numpy as np
 
 from sinstool.core import earth, rotation
 from sinstool.core.arrays import ArrayLike, FloatArray, IntArray
+from sinstool.core.units import STANDARD_GRAVITY
+
+STANDARD_GRAVITY_N = (0.0, 0.0, STANDARD_GRAVITY)
 
 
 @dataclass(frozen=True)

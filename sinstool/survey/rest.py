@@ -23,7 +23,7 @@ from sinstool.methods.alignment.still import StillSpan, Windows
 MOVING_M_S = 1.0
 MOVING_M = 30.0
 SIGMAS = 4.0
-UNKNOWN_SIGMA_M = 5.0
+UNKNOWN_SIGMA_M = 5.0  # of a fix without its own sigma
 # Epochs beside a span at the log's end that has none of its own.
 BESIDE = 10
 # Rests shorter than this say little of a bias, s.

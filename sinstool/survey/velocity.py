@@ -18,6 +18,7 @@ from sinstool.core.rotation import wrapped
 from sinstool.core.streams import Gnss, Velocity
 from sinstool.core.timeline import SECOND
 from sinstool.core.units import DEGREE
+from sinstool.survey.rest import UNKNOWN_SIGMA_M
 
 # Ways that are compared: of this length, m, and of so many sigmas of a fix; a quarter of them off
 # by such a share of their length contradict. Noise and stamps explain less of long ones.
@@ -25,8 +26,6 @@ LONG, SHORT = (100.0, 100.0, 0.25), (10.0, 20.0, 0.5)
 QUARTILE = 0.75
 # They end within this time, s, and are so many at least.
 LONGEST_S, LEAST = 120.0, 5
-# Noise of a fix that does not say its own, m.
-UNKNOWN_SIGMA_M = 5.0
 # Samples further apart than this are not integrated across, s.
 APART_S = 2.0
 # What is left of the ways' squares where an explanation holds.

@@ -16,11 +16,9 @@ from sinstool.io.messages.decode import Decoder
 from sinstool.io.messages.layout import LayoutError
 from sinstool.io.readers.frames import enu_to_ned, enu_to_ned_covariance, q_for_log, turn_body
 from sinstool.io.readers.log import Log
-from sinstool.io.readers.streams import Losses, frame_id, header, stamp
+from sinstool.io.readers.streams import XYZ, XYZW, Losses, frame_id, header, stamp
 
 PREFIX = "/sinstool/"
-_XYZ = ("x", "y", "z")
-_XYZW = ("x", "y", "z", "w")
 
 
 def _paths(stem: str, axes: Sequence[str]) -> list[str]:
@@ -30,27 +28,27 @@ def _paths(stem: str, axes: Sequence[str]) -> list[str]:
 # What is read of each topic
 COLUMNS: Mapping[str, Mapping[str, list[str]]] = {
     "imu": {
-        "q": _paths("orientation", _XYZW),
+        "q": _paths("orientation", XYZW),
         "q_covariance": ["orientation_covariance"],
-        "gyro": _paths("angular_velocity", _XYZ),
-        "accel": _paths("linear_acceleration", _XYZ),
+        "gyro": _paths("angular_velocity", XYZ),
+        "accel": _paths("linear_acceleration", XYZ),
     },
-    "attitude": {"q": _paths("quaternion", _XYZW)},
+    "attitude": {"q": _paths("quaternion", XYZW)},
     "odometry": {
-        "q": _paths("pose.pose.orientation", _XYZW),
-        "position": _paths("pose.pose.position", _XYZ),
-        "velocity": _paths("twist.twist.linear", _XYZ),
+        "q": _paths("pose.pose.orientation", XYZW),
+        "position": _paths("pose.pose.position", XYZ),
+        "velocity": _paths("twist.twist.linear", XYZ),
         "pose_covariance": ["pose.covariance"],
         "twist_covariance": ["twist.covariance"],
     },
-    "pose": {"q": _paths("pose.orientation", _XYZW), "position": _paths("pose.position", _XYZ)},
+    "pose": {"q": _paths("pose.orientation", XYZW), "position": _paths("pose.position", XYZ)},
     "fix": {
         "geodetic": ["latitude", "longitude", "altitude"],
         "fix_covariance": ["position_covariance"],
     },
-    "euler": {"euler": _paths("vector", _XYZ)},
-    "height": {"vertical": _paths("vector", _XYZ)},
-    "vehicle": {"q": _paths("quaternion", _XYZW)},
+    "euler": {"euler": _paths("vector", XYZ)},
+    "height": {"vertical": _paths("vector", XYZ)},
+    "vehicle": {"q": _paths("quaternion", XYZW)},
 }
 # Where the attitude is taken from: the first of these that the result has
 ATTITUDES = ("imu", "attitude", "odometry", "pose", "euler")

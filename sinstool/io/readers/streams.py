@@ -32,8 +32,8 @@ Made = TypeVar("Made")
 
 # rad/s and m/s^2: no sensor measures so much, in no unit that anybody writes, but damage does.
 LARGEST = 1e9
-_XYZ = ("x", "y", "z")
-_XYZW = ("x", "y", "z", "w")
+XYZ = ("x", "y", "z")
+XYZW = ("x", "y", "z", "w")
 
 
 @dataclass(frozen=True)
@@ -72,7 +72,7 @@ class Losses:
 
 
 def _vector(path: str) -> list[str]:
-    return [f"{path}.{axis}" for axis in _XYZ]
+    return [f"{path}.{axis}" for axis in XYZ]
 
 
 def stamp(columns: Mapping[str, np.ndarray]) -> np.ndarray:
@@ -187,7 +187,7 @@ def read_imu(
         "accel": _vector(f"{prefix}linear_acceleration"),
     }
     if orientation:
-        columns["q"] = [f"{prefix}orientation.{axis}" for axis in _XYZW]
+        columns["q"] = [f"{prefix}orientation.{axis}" for axis in XYZW]
         columns["q_covariance"] = [f"{prefix}orientation_covariance"]
     axes = turn_body(np.ones(3), units.body_axes)
     gyro_scale, accel_scale = units.gyro_scale * axes, units.accel_scale * axes

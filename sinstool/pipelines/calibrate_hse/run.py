@@ -6,7 +6,7 @@ and writes the calibration; what it returns is what a summary and a page need.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from datetime import UTC, datetime
 from pathlib import Path
@@ -21,7 +21,7 @@ from sinstool.core.arrays import FloatArray
 from sinstool.core.choices import log_choice
 from sinstool.core.errors import AlignmentError, ConfigurationError, SinstoolError
 from sinstool.core.finding import Finding, Severity
-from sinstool.core.progress import share
+from sinstool.core.progress import Progress, share
 from sinstool.core.rotation import wrapped
 from sinstool.core.units import DEGREE
 from sinstool.core.whole_file import check_output, write_whole
@@ -45,8 +45,6 @@ from sinstool.methods.hse.whole_turn import WholeTurnAlignment, run_from_turns
 from sinstool.pipelines.calibrate_hse.calibration_file import dumps
 from sinstool.pipelines.calibrate_hse.result import Calibration, PositionSpread
 from sinstool.survey.rig import RigTurns, find_turns, nothing_to_use, read_rig_log
-
-Progress = Callable[[float], None]
 
 
 def rig_of(config: ProcessConfig) -> Rig:
