@@ -64,8 +64,8 @@ class OffsetsError:
         before = self._at(solution.time_ns - HELD_NS, time, shift)
         speed = np.linalg.norm(v, axis=1).max()
         self.largest_m = max(self.largest_m, float(np.sqrt(self._moment[0, 0]) * speed))
-        kept = slice(max(int(np.searchsorted(time, time[-1] - HELD_NS)) - 1, 0), None)
-        self._time_ns, self._shift = time[kept], shift[kept]
+        latest = slice(max(int(np.searchsorted(time, time[-1] - HELD_NS)) - 1, 0), None)
+        self._time_ns, self._shift = time[latest], shift[latest]
         return replace(
             solution,
             covariance_position_n=position + self._square(now),

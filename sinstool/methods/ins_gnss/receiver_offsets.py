@@ -42,7 +42,7 @@ from sinstool.methods.strapdown.velocity import Increments
 LATENCY_S = 0.2
 """Latencies of receivers are 0 give or take this, 1 sigma."""
 
-ARM_GIVEN_M, ARM_UNKNOWN_M = 0.1, 2.0
+ARM_SURE_M, ARM_UNKNOWN_M = 0.1, 2.0
 """A lever arm is measured to a decimetre; one that is not given is within a couple of metres."""
 
 MAX_SIGMA_S = 0.05
@@ -128,8 +128,8 @@ class ReceiverOffsets:
         """Whether the log shows that a latency, s, which was given for certain is wrong."""
         return self.latency.differs_from(latency_s, LEAST_LATENCY_S, LATENCY_BEYOND)
 
-    def error_of(self, latency_s: float, given: bool) -> FloatArray:
-        """Expected products of what latency and arm used are off by, of s and m, shape (4, 4).
+    def error_of(self, latency_s: float, configured: bool) -> FloatArray:
+        """Second moments of the errors of the latency and arm used, of s and m, shape (4, 4).
 
         An arm, and a latency that was given, are right unless the log contradicts them.
 
@@ -137,11 +137,11 @@ class ReceiverOffsets:
         ----------
         latency_s : float
             Used.
-        given : bool
+        configured : bool
             For certain, by the user.
         """
         doubted = np.full(4, self.arm_contradicts)
-        doubted[0] = not given or self.latency_contradicts(latency_s)
+        doubted[0] = not configured or self.latency_contradicts(latency_s)
         off = np.array([self.latency_s - latency_s, *self.arm_off_b])
         scale = np.array([self.sigma_s / np.sqrt(self.covariance[0, 0]), 1.0, 1.0, 1.0])
         covariance = self.covariance * np.outer(scale, scale)
@@ -199,7 +199,7 @@ def estimate_offsets(
     answer = ReceiverOffsets(float(free[0]), free[1:], covariance, off, sigma, turned)
     if not assumed.any() or answer.arm_contradicts:
         return answer
-    near, covariance = _solved(scores, here, usual, ARM_GIVEN_M)
+    near, covariance = _solved(scores, here, usual, ARM_SURE_M)
     return replace(answer, latency_s=float(near[0]), arm_b=near[1:], covariance=covariance)
 
 

@@ -63,23 +63,23 @@ class FilterStart:
 
     @property
     def offsets_error(self) -> FloatArray:
-        """Expected products of what latency and lever arm used are off by, of s and m, (4, 4).
+        """Second moments of the errors of the latency and lever arm used, of s and m, (4, 4).
 
         A latency that nobody gave and that the log does not show is as uncertain as latencies are.
         """
-        given = self.latency_status == "given"
+        configured = self.latency_status == "given"
         if self.offsets is not None:
-            return self.offsets.error_of(self.settings.gnss_latency, given)
-        return np.diag([0.0 if given else LATENCY_S**2, 0.0, 0.0, 0.0])
+            return self.offsets.error_of(self.settings.gnss_latency, configured)
+        return np.diag([0.0 if configured else LATENCY_S**2, 0.0, 0.0, 0.0])
 
 
 def measurements(p: FilterStart) -> dict[str, Any]:
     """Measurements that a filter gets with its first increments."""
-    given: dict[str, Any] = {"gnss": p.gnss, "withheld": p.withheld}
+    columns: dict[str, Any] = {"gnss": p.gnss, "withheld": p.withheld}
     if p.reference is not None:
         r = p.reference
         later = r.arrival_ns >= p.time_ns
-        given["baro_time_ns"] = r.time_ns[later]
-        given["baro_height"] = r.height[later]
-        given["baro_reason"] = r.reason[later]
-    return given
+        columns["baro_time_ns"] = r.time_ns[later]
+        columns["baro_height"] = r.height[later]
+        columns["baro_reason"] = r.reason[later]
+    return columns
