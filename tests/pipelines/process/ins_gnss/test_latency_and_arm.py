@@ -175,17 +175,17 @@ def offsets_at(latency, sigma):
 
 def test_what_was_given_is_right_until_the_log_contradicts_it():
     shown = offsets_at(0.05, 0.005)
-    assert not shown.error_of(0.06, given=True).any()
-    wrong = shown.error_of(0.3, given=True)
+    assert not shown.error_of(0.06, configured=True).any()
+    wrong = shown.error_of(0.3, configured=True)
     assert wrong[0, 0] == pytest.approx(0.25**2 + 0.005**2) and np.count_nonzero(wrong) == 1
-    assert shown.error_of(0.05, given=False)[0, 0] == pytest.approx(0.005**2)
+    assert shown.error_of(0.05, configured=False)[0, 0] == pytest.approx(0.005**2)
     arm = replace(shown, arm_off_b=np.array([2.0, 0.0, 0.1]))
-    both = arm.error_of(0.05, given=True)
+    both = arm.error_of(0.05, configured=True)
     assert both[1, 1] == pytest.approx(4.0 + 0.01) and both[1, 3] == pytest.approx(0.2)
     assert not both[0].any()
     # What the log hardly shows is known no worse than latencies are
     hardly = replace(offsets_at(0.0, 0.1), spread=10.0)
-    assert hardly.error_of(0.0, given=False)[0, 0] == pytest.approx(LATENCY_S**2)
+    assert hardly.error_of(0.0, configured=False)[0, 0] == pytest.approx(LATENCY_S**2)
 
 
 def test_steps_lead_to_the_latency_that_is_its_own_estimate():
