@@ -1,13 +1,15 @@
-"""Read damaged logs, very many, and look for what must not be.
+"""Read damaged logs and files, very many, and look for what must not be.
 
     python benchmarks/fuzz_readers.py --count 100000 --seed 1 --jobs 2
 
 Logs of each format (MCAP; ROS 1 bag; ROS 2 .db3 and folder) are damaged by flipped bits, cuts,
-splices, hostile sizes, and by changes behind compression and checksums; half are opened with
-salvage. Imu topics are decoded; of every tenth input all is done that `info` does. Each must be
-read, or refused by an error of sinstool's own, in less than 5 s of CPU and 500 MB (peak of the
-whole process, libraries included). A tenth is read with bounds checks in compiled loops and with
-the threads that a command has. Inputs are read in processes of their own, so that a crash is seen
+splices, hostile sizes, and by changes behind compression and checksums, in definitions, metadata
+and attachments too; half are opened with salvage. Imu topics are decoded; of every tenth input all
+is done that `info` does. Configurations, noise files and calibrations are damaged word by word;
+one that is accepted must say the same when it is written and read again. Each input must be read,
+or refused by an error of sinstool's own, in less than 5 s of CPU and 500 MB (peak of the whole
+process, libraries included). A tenth is read with bounds checks in compiled loops and with the
+threads that a command has. Inputs are read in processes of their own, so that a crash is seen
 and attributed; what fails is kept in --keep, and `--replay KIND:NUMBER` reads one again. Needs
 the extra `test`.
 """
@@ -74,15 +76,39 @@ def read_everything(path: Path, salvage: bool, info: bool) -> int:
     return count
 
 
-def try_input(path: Path, salvage: bool, info: bool = True) -> tuple[str, str]:
+def read_text_file(path: Path, kind: str) -> None:
+    """Read a file that people write; what is accepted is written and read again."""
+    import tomllib
+
+    from sinstool.config import ProcessConfig
+    from sinstool.config.load import build, dump_toml, load_toml
+    from sinstool.config.noise import read_noise
+    from sinstool.core.small_file import read_text
+    from sinstool.pipelines.calibrate_hse import calibration_file
+
+    if kind == "noise":
+        read_noise(path)
+    elif kind == "calibration":
+        calibration = calibration_file.loads(read_text(path))
+        assert calibration_file.loads(calibration_file.dumps(calibration)) == calibration
+    else:
+        config = build(ProcessConfig, load_toml(path), str(path))
+        assert build(ProcessConfig, tomllib.loads(dump_toml(config))) == config
+
+
+def try_input(path: Path, kind: str, salvage: bool, info: bool = True) -> tuple[str, str]:
     """Read an input; the outcome (``read``, ``refused`` or a failure), and for a failure how."""
+    from benchmarks.fuzz_inputs import FORMATS
     from sinstool.core.errors import SinstoolError
 
     try:
         with warnings.catch_warnings():
             # Whoever runs a command would see them, and not know what to do.
             warnings.simplefilter("error")
-            read_everything(path, salvage, info)
+            if kind in FORMATS:
+                read_everything(path, salvage, info)
+            else:
+                read_text_file(path, kind)
     except SinstoolError as exc:
         if "\n" in str(exc).strip():
             return "told in several lines", str(exc)
@@ -105,25 +131,27 @@ def _work(
 
     # Imports and compiled loops first: they take longer than an input may
     for base in sorted((logs / kind).iterdir()):
-        try_input(base, True)
+        try_input(base, kind, True)
     for number in range(WARMING):
         folder = place / "warming"
         shutil.rmtree(folder, ignore_errors=True)
         folder.mkdir(parents=True)
         made = make_input(logs, kind, -1, number, folder)
-        try_input(made.path, made.salvage)
+        try_input(made.path, kind, made.salvage)
     resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
     for number in numbers:
         folder = place / "input"
         shutil.rmtree(folder, ignore_errors=True)
         folder.mkdir(parents=True)
         made = make_input(logs, kind, seed, number, folder)
-        report.send((number, "started", made.base, time.process_time()))
-        outcome, details = try_input(made.path, made.salvage, info=number % 10 == 0)
+        begun = time.process_time()
+        report.send((number, "started", "", begun))
+        outcome, details = try_input(made.path, kind, made.salvage, info=number % 10 == 0)
+        seconds = time.process_time() - begun
         peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss >> 10
         if outcome in FINE and peak > MEGABYTES:
             outcome, details = "memory", f"{peak} MB"
-        report.send((number, outcome, details, peak))
+        report.send((number, outcome, details, (peak, seconds)))
         if outcome == "memory":
             return
 
@@ -170,7 +198,7 @@ class Worker:
         self.left = range(number + 1, self.left.stop)
         if outcome == "memory" and self.left:
             self._again()
-        return Result(number, outcome, details, value, self.checked)
+        return Result(number, outcome, details, *value, self.checked)
 
     def overdue(self) -> Result | None:
         """An input that takes too long, given up."""
@@ -189,7 +217,7 @@ class Worker:
         return self._ended("time", f"{used:.1f} s of CPU")
 
     def _ended(self, outcome: str, details: str) -> Result:
-        result = Result(self.current, outcome, details, 0, self.checked)
+        result = Result(self.current, outcome, details, 0, 0.0, self.checked)
         self.left = range(self.current + 1, self.left.stop)
         self.process.kill()
         self.process.join()
@@ -219,6 +247,9 @@ class Result(NamedTuple):
     outcome: str
     details: str
     peak: int
+    """MB, of its process so far."""
+    seconds: float
+    """CPU time."""
     checked: bool
 
 
@@ -262,14 +293,15 @@ def _keep(folder: Path, logs: Path, kind: str, seed: int, result: Result) -> Non
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    from benchmarks.fuzz_inputs import FORMATS, make_input, make_logs
+    from benchmarks.fuzz_inputs import FORMATS, TEXTS, make_files, make_input, make_logs
 
     parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
-    parser.add_argument("--count", type=int, default=100_000, help="of inputs, for each format")
+    parser.add_argument("--count", type=int, default=100_000, help="of inputs, for each kind")
     parser.add_argument("--seed", type=int, default=1)
     parser.add_argument("--first", type=int, default=0, help="number of the first input")
     parser.add_argument("--jobs", type=int, default=os.cpu_count() or 1)
-    parser.add_argument("--formats", nargs="+", choices=FORMATS, default=list(FORMATS))
+    kinds = [*FORMATS, *TEXTS]
+    parser.add_argument("--kinds", nargs="+", choices=kinds, default=kinds)
     parser.add_argument("--keep", type=Path, default=Path("fuzz_failures"))
     parser.add_argument("--replay", metavar="KIND:NUMBER", help="read one input, here")
     options = parser.parse_args(arguments)
@@ -277,20 +309,23 @@ def main(arguments: Sequence[str] | None = None) -> int:
     with tempfile.TemporaryDirectory() as name:
         place = Path(name)
         make_logs(place / "logs")
+        make_files(place / "logs")
         if options.replay:
             kind, number = options.replay.split(":")
             made = make_input(place / "logs", kind, options.seed, int(number), place)
             print(made)
-            print(*try_input(made.path, made.salvage), sep="\n")
+            print(*try_input(made.path, kind, made.salvage), sep="\n")
             return 0
-        for kind in options.formats:
+        for kind in options.kinds:
             begun = time.monotonic()
             numbers = range(options.first, options.first + options.count)
             outcomes: Counter[str] = Counter()
             peak = failures = checked = 0
+            longest = 0.0
             for result in fuzz(kind, options.seed, numbers, options.jobs, place):
                 outcomes[result.outcome] += 1
                 peak = max(peak, result.peak)
+                longest = max(longest, result.seconds)
                 checked += result.checked
                 if outcomes.total() % 10_000 == 0:
                     print(f"  {kind}: {outcomes.total()} inputs", file=sys.stderr, flush=True)
@@ -305,7 +340,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
             print(
                 f"{kind}: seed {options.seed}, {outcomes.total()} inputs ({checked} with bounds"
                 f" checks): {counted}; failures {failures}; peak {peak} MB;"
-                f" {time.monotonic() - begun:.0f} s",
+                f" longest {longest:.2f} s of CPU; {time.monotonic() - begun:.0f} s",
                 flush=True,
             )
     return 1 if wrong else 0

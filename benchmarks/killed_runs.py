@@ -1,17 +1,21 @@
 """Kill commands without warning while they write, and look at what they leave.
 
-    python benchmarks/killed_runs.py --kills 200 --seed 1
+    python benchmarks/killed_runs.py --kills 200 --campaign-kills 50 --seed 1
 
 Every kill is a new process of the whole command, ended with SIGKILL at a random moment between its
-first temporary file and a little after its end. After each, every target must hold the old file or
-the complete new one; after the next run of the command, nothing may lie beside the targets that
-the run before has left. Exits with 1 where that does not hold.
+first temporary file and a little after its end. Half of the kills are of `process` with a report,
+half of `simulate`; those of a campaign, `process` over several logs with two workers, end only
+the process that was started, and what its workers still do is waited for. After each, every
+target must hold the old file or the complete new one; after the next run of the command, nothing
+may lie beside the targets that the run before has left, and no worker may live on. Exits with 1
+where that does not hold.
 """
 
 from __future__ import annotations
 
 import argparse
 import hashlib
+import os
 import random
 import signal
 import subprocess
@@ -26,6 +30,9 @@ from pathlib import Path
 from benchmarks.commands import PROGRAM, sinstool
 
 OLD = b"what was there before"
+LOGS = 4
+# Workers of a campaign end when the log is done that they are at.
+PATIENCE = 60.0
 
 
 @dataclass(frozen=True)
@@ -37,6 +44,8 @@ class Command:
     """``--overwrite`` among them."""
     targets: tuple[Path, ...]
     """All in one folder that holds nothing else."""
+    changing: frozenset[str] = frozenset()
+    """Names of files there that are written too, and say how long it took."""
 
     @property
     def folder(self) -> Path:
@@ -44,12 +53,16 @@ class Command:
 
     def start(self) -> subprocess.Popen[bytes]:
         return subprocess.Popen(
-            [*PROGRAM, *self.arguments], stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL
+            [*PROGRAM, *self.arguments],
+            stdout=subprocess.DEVNULL,
+            stderr=subprocess.DEVNULL,
+            start_new_session=True,
         )
 
     def strays(self) -> set[str]:
         """Names in the folder that are no targets."""
-        return {p.name for p in self.folder.iterdir()} - {p.name for p in self.targets}
+        names = {p.name for p in self.folder.iterdir()}
+        return names - {p.name for p in self.targets} - self.changing
 
 
 @dataclass
@@ -74,6 +87,37 @@ def commands(folder: Path, seconds: int) -> list[Command]:
         Command("process", (*process, "--report", str(targets[1]), "--overwrite"), targets),
         Command("simulate", (*simulate, str(again), "--overwrite"), (again,)),
     ]
+
+
+def campaign(folder: Path, seconds: int) -> Command:
+    """`process` over logs of so many seconds, with two workers."""
+    logs, out = folder / "logs", folder / "campaign"
+    logs.mkdir()
+    for k in range(LOGS):
+        log = logs / f"{k}.mcap"
+        sinstool("simulate", "static", "--duration", seconds, "--seed", k, "-o", log)
+    out.mkdir()
+    targets = tuple(out / f"{k}.mcap" for k in range(LOGS))
+    paths = [str(logs / f"{k}.mcap") for k in range(LOGS)]
+    return Command(
+        "campaign",
+        ("process", *paths, "--mode", "attitude", "-j", "2", "-o", str(out), "--overwrite"),
+        targets,
+        frozenset({"index.html", "summary.csv"}),
+    )
+
+
+def ended(run: subprocess.Popen[bytes]) -> bool:
+    """Wait until no process is left that a run began; false where one does not end."""
+    begun = time.monotonic()
+    while time.monotonic() - begun < PATIENCE:
+        try:
+            os.killpg(run.pid, 0)
+        except ProcessLookupError:
+            return True
+        time.sleep(0.02)
+    os.killpg(run.pid, signal.SIGKILL)
+    return False
 
 
 def digest(path: Path) -> str:
@@ -114,6 +158,8 @@ def kill_at_random(command: Command, kills: int, rng: random.Random) -> Tally:
         time.sleep(rng.uniform(0.0, 1.2 * lasts))
         run.send_signal(signal.SIGKILL)
         run.wait()
+        if not ended(run):
+            tally.faults.append(f"kill {number}: a worker lives on")
         tally.counts["killed" if run.returncode == -signal.SIGKILL else "ended before"] += 1
         if written and left & command.strays():
             tally.faults.append(f"kill {number}: strays of the run before are still there")
@@ -139,7 +185,8 @@ def kill_at_random(command: Command, kills: int, rng: random.Random) -> Tally:
 
 def main(arguments: Sequence[str] | None = None) -> int:
     parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
-    parser.add_argument("--kills", type=int, default=200, help="in all")
+    parser.add_argument("--kills", type=int, default=200, help="of process and simulate")
+    parser.add_argument("--campaign-kills", type=int, default=50)
     parser.add_argument("--seed", type=int, default=1)
     parser.add_argument("--seconds", type=int, default=300, help="length of the log")
     options = parser.parse_args(arguments)
@@ -147,15 +194,18 @@ def main(arguments: Sequence[str] | None = None) -> int:
     faults: list[str] = []
     with tempfile.TemporaryDirectory() as folder:
         made = commands(Path(folder), options.seconds)
-        for k, command in enumerate(made):
-            kills = (options.kills + k) // len(made)
+        planned = [(c, (options.kills + k) // len(made)) for k, c in enumerate(made)]
+        if options.campaign_kills:
+            planned.append((campaign(Path(folder), options.seconds // 5), options.campaign_kills))
+        for command, kills in planned:
             tally = kill_at_random(command, kills, rng)
             faults += tally.faults
             counts = ", ".join(f"{name} {count}" for name, count in sorted(tally.counts.items()))
             print(f"{command.name}: {counts}; faults {len(tally.faults)}", flush=True)
     for fault in faults:
         print(fault)
-    print(f"seed {options.seed}: {options.kills} kills, {len(faults)} faults")
+    total = options.kills + options.campaign_kills
+    print(f"seed {options.seed}: {total} kills, {len(faults)} faults")
     return 1 if faults else 0
 
 

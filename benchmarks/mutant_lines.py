@@ -15,6 +15,8 @@ SWAPPED = {
 }  # fmt: skip
 NAMES = {"sin": "cos", "cos": "sin", "minimum": "maximum", "maximum": "minimum", "min": "max"}
 MODULE = "<module>"
+# Decorators of what numba compiles
+COMPILING = {"njit", "kernel", "part"}
 
 
 @dataclass(frozen=True)
@@ -195,7 +197,7 @@ def _functions(path: str, body: list[ast.stmt], around: str, compiled: bool) -> 
         if isinstance(node, ast.ClassDef):
             yield from _functions(path, node.body, f"{around}{node.name}.", compiled)
         elif isinstance(node, ast.FunctionDef):
-            own = compiled or any("njit" in _names(d) for d in node.decorator_list)
+            own = compiled or any(COMPILING & _names(d) for d in node.decorator_list)
             line = min([node.lineno, *(d.lineno for d in node.decorator_list)])
             inside = around + node.name
             yield Function(path, inside, line, own, _names(node))

@@ -73,11 +73,11 @@ class Copy:
         if (ROOT.parent / "shared").exists():
             (folder / "shared").symlink_to((ROOT.parent / "shared").resolve())
 
-    def learn(self) -> None:
-        """Run all tests on the copy as it is, unless that is known already."""
+    def learn(self, tests: Sequence[str]) -> None:
+        """Run tests on the copy as it is, unless that is known already."""
         if not self.known.exists():
             left_out = [f"--ignore={name}" for name in LEFT_OUT]
-            self._run(["tests", *left_out], 1e5, learn=True)
+            self._run([*tests, *left_out], 1e5, learn=True)
         known = json.loads(self.known.read_text())
         self.failed = set(known["failed"])
         self.tests: dict[str, float] = {}
@@ -236,10 +236,10 @@ def draw(root: Path, only: str, count: int, seed: int) -> tuple[list[Mutant], in
     return [chosen.choice(by_line[line]) for line in sample], len(lines)
 
 
-def run(copy: Copy, mutants: Sequence[Mutant], seconds: float) -> None:
+def run(copy: Copy, mutants: Sequence[Mutant], tests: Sequence[str], seconds: float) -> None:
     """Judge mutants and print the score."""
     began = time.monotonic()
-    copy.learn()
+    copy.learn(tests)
     print(
         f"{len(copy.tests)} tests known after {(time.monotonic() - began) / 60.0:.0f} min,"
         f" {len(copy.failed)} fail without a mutant: {sorted(copy.failed)[:10]}",
@@ -274,6 +274,7 @@ def main() -> None:
     p.add_argument("--seed", type=int, default=1)
     p.add_argument("--first", type=int, default=0, help="number of the first of them to judge")
     p.add_argument("--only", default="", help="part of a path")
+    p.add_argument("--tests", nargs="+", default=["tests"], help="files and folders of tests")
     p.add_argument("--seconds", type=float, default=60.0, help="of tests for a mutant")
     p.add_argument("--folder", type=Path, help="where the copy is made and kept")
     args = p.parse_args()
@@ -286,7 +287,7 @@ def main() -> None:
         copy = Copy(folder)
         mutants, lines = draw(copy.root, args.only, args.count, args.seed)
         print(f"{len(mutants)} of {lines} numerical lines, seed {args.seed}", flush=True)
-        run(copy, mutants[args.first :], args.seconds)
+        run(copy, mutants[args.first :], args.tests, args.seconds)
 
 
 if __name__ == "__main__":

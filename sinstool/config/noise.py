@@ -7,7 +7,8 @@ of any other a bound.
 from __future__ import annotations
 
 from collections.abc import Mapping
-from math import isfinite
+from contextlib import suppress
+from math import isfinite, nan
 from pathlib import Path
 from typing import Any
 
@@ -120,10 +121,13 @@ def _interval(path: Path, key: str, value: Any, inside: float) -> tuple[float, f
 
 
 def _number(path: Path, key: str, value: Any) -> float:
-    number = isinstance(value, (int, float)) and not isinstance(value, bool)
-    if not (number and isfinite(value) and value > 0.0):
+    number = nan
+    if isinstance(value, (int, float)) and not isinstance(value, bool):
+        with suppress(OverflowError):  # a whole number beyond all floats
+            number = float(value)
+    if not (isfinite(number) and number > 0.0):
         raise ConfigurationError(f"{path}: {key} = {value!r}: must be a number above 0")
-    return float(value)
+    return number
 
 
 def _table(path: Path, data: Mapping[str, Any], name: str, where: str) -> Mapping[str, Any]:

@@ -20,11 +20,16 @@ def plain(x):
 ''',
     "sinstool/methods/outer.py": '''"""Outer loop."""
 import numba
+from sinstool.core.parts import kernel, part
 from sinstool.methods.inner import twice
 
-@numba.njit(cache=True)
+@kernel()
 def four(x):
-    return twice(twice(x))
+    return half(twice(twice(x)))
+
+@part(allocates=True)
+def half(x):
+    return 2.0 * (0.5 * x)
 
 @numba.njit(cache=True)
 def other(x):
@@ -68,6 +73,14 @@ def test_a_compiled_function_is_felt_by_those_that_call_it(root):
     assert ("tests/methods/test_outer.py", "test_other") not in reached
 
 
+def test_a_part_is_felt_by_the_kernel_it_is_part_of(root):
+    program = Program(root)
+    mutant = mutant_of(root, "half", "0.5")
+    compiled, _ = program.compiled_with(mutant)
+    assert {f.inside for f in compiled} == {"half", "four"}
+    assert ("tests/methods/test_outer.py", "test_four") in program.reached_from(mutant)
+
+
 def test_a_plain_function_makes_nothing_compile(root):
     program = Program(root)
     mutant = mutant_of(root, "plain", "+")
@@ -101,7 +114,7 @@ def test_compiled_loops_come_back_after_a_mutant(root, monkeypatch):
     path = root / mutant.path
     cache = path.parent / "__pycache__"
     cache.mkdir()
-    names = ("inner.twice-4.py311.a.nbc", "outer.four-5.py311.b.nbc", "outer.other-9.py311.c.nbc")
+    names = ("inner.twice-4.py311.a.nbc", "outer.four-6.py311.b.nbc", "outer.other-9.py311.c.nbc")
     for name in names:
         (cache / name).write_text("of the original")
     before = path.read_bytes(), path.stat().st_mtime_ns

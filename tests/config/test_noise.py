@@ -38,6 +38,7 @@ def test_values_intervals_and_bounds(tmp_path):
     [
         ('schema = "sinstool.imu-noise/1"', "", "no noise file"),
         ("imu-noise/1", "imu-noise/9", "reads 'sinstool.imu-noise/1'"),
+        ("= 1e-3", f"= {10**400}", "must be a number above 0"),
         ("rate_hz = 100", "rate_hz = 0", "source.rate_hz = 0: must be a number above 0"),
         ("[gyro.x]", "[gyro.w]", "unknown key gyro.w"),
         ("[accel.z]", "[accel]", "unknown key accel.velocity_random_walk"),

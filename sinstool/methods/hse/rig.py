@@ -15,7 +15,9 @@ from __future__ import annotations
 
 import hashlib
 import json
+import math
 from collections.abc import Mapping
+from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from typing import Any
 
@@ -203,7 +205,8 @@ class Rig:
     @property
     def orthonormality_error(self) -> float:
         """Largest element of ``C_s_to_b C_s_to_b^T - I``."""
-        return float(np.abs(self.C_s_to_b @ self.C_s_to_b.T - np.eye(3)).max())
+        with np.errstate(over="ignore"):  # infinite is large enough
+            return float(np.abs(self.C_s_to_b @ self.C_s_to_b.T - np.eye(3)).max())
 
     @property
     def gyro_to_b(self) -> FloatArray:
@@ -387,10 +390,13 @@ def _refuse_unknown(table: Mapping[str, Any], keys: tuple[str, ...], where: str)
 
 
 def _number(value: Any, where: str) -> float:
-    good = isinstance(value, int | float | np.number) and not isinstance(value, bool)
-    if not good or not np.isfinite(value):
+    number = math.nan
+    if isinstance(value, int | float | np.number) and not isinstance(value, bool):
+        with suppress(OverflowError):  # a whole number beyond all floats
+            number = float(value)
+    if not math.isfinite(number):
         raise ConfigurationError(f"{where} is {value!r}", "give a number")
-    return float(value) + 0.0  # no negative zero, which would be another fingerprint
+    return number + 0.0  # no negative zero, which would be another fingerprint
 
 
 def _array(value: Any, shape: tuple[int, ...], where: str) -> FloatArray:
@@ -398,7 +404,7 @@ def _array(value: Any, shape: tuple[int, ...], where: str) -> FloatArray:
     size = " x ".join(map(str, shape))
     try:
         array = np.array(value, dtype=np.float64) + 0.0
-    except (TypeError, ValueError):
+    except (TypeError, ValueError, OverflowError):
         raise ConfigurationError(f"{where} is not of numbers", f"give {size} numbers") from None
     if array.shape != shape or not np.isfinite(array).all():
         raise ConfigurationError(

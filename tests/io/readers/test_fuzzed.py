@@ -3,6 +3,9 @@
 `python benchmarks/fuzz_readers.py` reads far more of them, with limits of time and memory.
 """
 
+import lzma
+from pathlib import Path
+
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
@@ -11,42 +14,46 @@ from benchmarks import fuzz_inputs, fuzz_readers
 from sinstool.core.errors import SinstoolError
 from sinstool.io.readers import open_log
 
-# Inputs of seed 1 that were read wrong once: an index that points beyond any file, pages of a
-# database that lead in a circle, a row longer than memory
-CASES = [("mcap", 519), ("db3", 50856), ("db3", 9436)]
+# Damaged logs that were once read wrong, each named after what led astray
+WRONG_ONCE = sorted(Path(__file__).with_name("read_wrong_once").iterdir())
 
 
 @pytest.fixture(scope="module")
 def logs(tmp_path_factory):
     folder = tmp_path_factory.mktemp("fuzz") / "logs"
     fuzz_inputs.make_logs(folder)
+    fuzz_inputs.make_files(folder)
     return folder
 
 
 def tried(logs, kind, number, folder):
     folder.mkdir()
     made = fuzz_inputs.make_input(logs, kind, 1, number, folder)
-    outcome, details = fuzz_readers.try_input(made.path, made.salvage, number % 10 == 0)
+    outcome, details = fuzz_readers.try_input(made.path, kind, made.salvage, number % 10 == 0)
     assert outcome in fuzz_readers.FINE, f"{made}: {details}"
     return outcome
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("kind", ["mcap", "bag", "db3"])
-def test_damaged_logs_are_read_or_refused(logs, tmp_path, kind):
+@pytest.mark.parametrize("kind", [*fuzz_inputs.FORMATS, *fuzz_inputs.TEXTS])
+def test_damaged_logs_and_files_are_read_or_refused(logs, tmp_path, kind):
     outcomes = [tried(logs, kind, n, tmp_path / str(n)) for n in range(150)]
     # neither a reader that refuses all, nor damage that harms none
     assert {"read", "refused"} == set(outcomes)
 
 
-@pytest.mark.parametrize(("kind", "number"), CASES)
-def test_what_was_found_stays_mended(logs, tmp_path, kind, number):
-    tried(logs, kind, number, tmp_path / "input")
+@pytest.mark.parametrize("salvage", [False, True])
+@pytest.mark.parametrize("packed", WRONG_ONCE, ids=lambda path: path.stem)
+def test_what_was_read_wrong_once_is_not_again(tmp_path, packed, salvage):
+    path = tmp_path / packed.stem
+    path.write_bytes(lzma.decompress(packed.read_bytes()))
+    outcome, details = fuzz_readers.try_input(path, path.suffix[1:], salvage)
+    assert outcome in fuzz_readers.FINE, details
 
 
-def test_whole_logs_are_read(logs):
+def test_whole_logs_and_files_are_read(logs):
     for path in logs.glob("*/*"):
-        assert fuzz_readers.try_input(path, False) == ("read", ""), path
+        assert fuzz_readers.try_input(path, path.parent.name, False) == ("read", ""), path
 
 
 HEADS = [b"\x89MCAP0\r\n", b"#ROSBAG V2.0\n", b"SQLite format 3\0", b""]
