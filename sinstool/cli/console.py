@@ -89,9 +89,9 @@ def progress_bar(label: str, quiet: bool) -> Iterator[Callable[[float], None] | 
             yield lambda fraction: bar.update(task, completed=fraction)
 
 
-def shortened(name: str, most: int = LONGEST_LABEL) -> str:
+def shortened(name: str) -> str:
     """A name with its middle left out, where it is too long for a label."""
-    name = one_line(name)
+    name, most = one_line(name), LONGEST_LABEL
     if len(name) <= most:
         return name
     head = (most - 1) // 2

@@ -35,7 +35,7 @@ def stride_for(samples: int) -> int:
     return stride
 
 
-def averaging_lags(samples: int, per_octave: int = PER_OCTAVE) -> IntArray:
+def averaging_lags(samples: int) -> IntArray:
     """Averaging times in samples, evenly spaced in the logarithm, shape (k,).
 
     Parameters
@@ -50,9 +50,9 @@ def averaging_lags(samples: int, per_octave: int = PER_OCTAVE) -> IntArray:
     """
     if samples < TIMES:
         return np.empty(0, np.int64)
-    steps = int(np.floor(per_octave * np.log2(samples / TIMES) + 1e-9)) + 1
+    steps = int(np.floor(PER_OCTAVE * np.log2(samples / TIMES) + 1e-9)) + 1
     stride = stride_for(samples)
-    lags = np.round(2.0 ** (np.arange(steps) / per_octave)).astype(np.int64)
+    lags = np.round(2.0 ** (np.arange(steps) / PER_OCTAVE)).astype(np.int64)
     coarse = lags >= COARSE * stride
     lags[coarse] = np.round(lags[coarse] / stride) * stride
     return np.asarray(np.unique(lags))

@@ -339,11 +339,6 @@ class Smoother:
         self._open: list[_Own] = []
         self._alone: list[_Own] = []
 
-    @property
-    def spilled(self) -> bool:
-        """Whether a temporary file is used."""
-        return self._storage.spilled
-
     def push(self, block: FilterBlock) -> None:
         """Take the filter's next block.
 

@@ -39,11 +39,6 @@ class Storage:
         self._rows: dict[str, int] = {}
         self._maps: dict[str, np.memmap[Any, Any]] = {}
 
-    @property
-    def spilled(self) -> bool:
-        """Whether the columns are in files."""
-        return bool(self._files)
-
     def append(self, name: str, rows: NDArray[Any]) -> None:
         """Add rows to a column; they are copied.
 

@@ -28,7 +28,7 @@ def test_rows_come_back_wherever_they_lie(lengths, limit, shape, dtype):
         expected = np.concatenate(blocks)
         assert rows.dtype == expected.dtype
         np.testing.assert_array_equal(rows, expected)
-        assert storage.spilled == (expected.nbytes + 16 * len(blocks) > limit)
+        assert bool(storage._files) == (expected.nbytes + 16 * len(blocks) > limit)
         assert len(storage.array("other")) == len(blocks)
 
 
@@ -76,9 +76,9 @@ def test_the_file_lies_in_the_system_s_folder_and_is_gone_afterwards(tmp_path, m
     descriptors = len(os.listdir("/proc/self/fd")) if os.path.isdir("/proc/self/fd") else None
     with Storage(100) as storage:
         storage.append("column", np.zeros((1, 10)))
-        assert not storage.spilled
+        assert not storage._files
         storage.append("column", np.zeros((1, 10)))
-        assert storage.spilled
+        assert storage._files
     assert list(tmp_path.iterdir()) == []
     if descriptors is not None:
         assert len(os.listdir("/proc/self/fd")) == descriptors
