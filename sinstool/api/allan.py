@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any, Literal
+from typing import TYPE_CHECKING, Any
 
 from sinstool.api.log import Log, log_path
 from sinstool.api.options import PathLike, configured, path_of
 from sinstool.core.streams import Imu
 
 if TYPE_CHECKING:
+    from sinstool.config.export import NoiseFormat
     from sinstool.core.progress import Progress
     from sinstool.pipelines.allan.result import AllanResult
 
@@ -17,9 +18,7 @@ def allan(
     log: PathLike | Log | Imu,
     output: PathLike | None = None,
     *,
-    format: Literal[
-        "sinstool", "kalibr", "vins-fusion", "openvins", "fast-lio", "robot-localization", "kf-gins"
-    ] = "sinstool",
+    format: NoiseFormat = "sinstool",
     overwrite: bool = False,
     config: PathLike | None = None,
     progress: Progress | None = None,
@@ -34,7 +33,8 @@ def allan(
     output : path-like, optional
         File to write, such as one for ``process(..., imu_noise=...)``. By default none is written.
     format : str, optional
-        Whose file.
+        Whose file: ``sinstool``, ``kalibr``, ``vins-fusion``, ``openvins``, ``fast-lio``,
+        ``robot-localization`` or ``kf-gins``.
     overwrite : bool, optional
         Replace an existing output.
     config : path-like, optional

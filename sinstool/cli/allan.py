@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, cast
+from typing import TYPE_CHECKING, Any, get_args
 
 import click
 
@@ -15,15 +15,13 @@ from sinstool.cli.help import Command
 from sinstool.cli.many import BatchOptions
 from sinstool.cli.options import config_options, effective_config, path_option, print_config
 from sinstool.config import ALLAN_OPTIONS, ProcessConfig
+from sinstool.config.export import NoiseFormat
 
 if TYPE_CHECKING:
-    from sinstool.pipelines.allan.formats import Format
     from sinstool.pipelines.allan.result import AllanResult
 
 MAIN = ("output", "kind", "report", "overwrite")
-FORMATS = (
-    "sinstool", "kalibr", "vins-fusion", "openvins", "fast-lio", "robot-localization", "kf-gins"
-)  # fmt: skip
+FORMATS: tuple[NoiseFormat, ...] = get_args(NoiseFormat)
 HEADER = ("rest s", "longest s", "gyro deg/sqrt(h)", "deg/h", "accel ug/sqrt(Hz)", "ug")
 
 
@@ -46,7 +44,7 @@ def command(
     logs: tuple[Path, ...],
     config_file: Path | None,
     output: Path | None,
-    kind: str | None,
+    kind: NoiseFormat | None,
     report: Path | None,
     overwrite: bool,
     show: bool,
@@ -87,7 +85,7 @@ def command(
     elif kind is not None and output is None:
         from sinstool.pipelines.allan.formats import text_of
 
-        click.echo(text_of(result, cast("Format", kind)), nl=False)
+        click.echo(text_of(result, kind), nl=False)
     elif not batch.quiet:
         from sinstool.report.text.allan import print_noise
 
@@ -101,7 +99,7 @@ def allan_one(
     output: Path | None,
     report: Path | None,
     config: ProcessConfig,
-    kind: str,
+    kind: NoiseFormat,
     overwrite: bool,
     script: Path | None,
     progress: Any,
@@ -124,7 +122,7 @@ def allan_one(
         noise = measure(log, config, progress)
         result = noise.result
         if output is not None:
-            result = write_noise(result, output, cast("Format", kind))
+            result = write_noise(result, output, kind)
         if report is not None:
             from sinstool.report.pages.allan import write_page
 
@@ -136,7 +134,7 @@ def allan_many(
     inputs: Sequence[Path],
     config: ProcessConfig,
     folder: Path | None,
-    kind: str,
+    kind: NoiseFormat,
     pages: Path | None,
     overwrite: bool,
     batch: BatchOptions,
@@ -158,7 +156,7 @@ def allan_many(
     from sinstool.pipelines.allan.formats import SUFFIXES
 
     logs = find_logs(inputs)
-    suffix = SUFFIXES[cast("Format", kind)]
+    suffix = SUFFIXES[kind]
     if folder is not None and folder.suffix.lower() in (".toml", ".yaml", ".yml"):
         raise click.UsageError(
             f"--output {folder}: with many logs give a folder, which gets a file for each"

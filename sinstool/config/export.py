@@ -1,10 +1,15 @@
-"""Options of an export: the data and the file format."""
+"""Formats of files for other programs, and the options of an export."""
 
 from __future__ import annotations
 
 from typing import Literal
 
 from sinstool.core.options import Group, option
+
+NoiseFormat = Literal[
+    "sinstool", "kalibr", "vins-fusion", "openvins", "fast-lio", "robot-localization", "kf-gins"
+]
+"""Programs whose noise files `allan` writes."""
 
 
 class ExportOptions(Group):

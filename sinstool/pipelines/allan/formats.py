@@ -18,8 +18,9 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from math import sqrt
 from pathlib import Path
-from typing import Literal
+from typing import get_args
 
+from sinstool.config.export import NoiseFormat
 from sinstool.config.noise import SCHEMA, key_of
 from sinstool.core.errors import ConfigurationError, one_line
 from sinstool.core.suggest import nearest
@@ -35,18 +36,8 @@ from sinstool.methods.allan.coefficients import (
 )
 from sinstool.pipelines.allan.result import AllanResult, Axis
 
-Format = Literal[
-    "sinstool", "kalibr", "vins-fusion", "openvins", "fast-lio", "robot-localization", "kf-gins"
-]
-SUFFIXES: dict[Format, str] = {
-    "sinstool": ".toml",
-    "kalibr": ".yaml",
-    "vins-fusion": ".yaml",
-    "openvins": ".yaml",
-    "fast-lio": ".yaml",
-    "robot-localization": ".yaml",
-    "kf-gins": ".yaml",
-}
+NAMES: tuple[NoiseFormat, ...] = get_args(NoiseFormat)
+SUFFIXES = {name: ".toml" if name == "sinstool" else ".yaml" for name in NAMES}
 MILLIGAL = 1e-5  # m/s^2
 # Correlation time of the biases in the files that come with KF-GINS, hours
 KF_GINS_HOURS = 1.0
@@ -102,7 +93,7 @@ class Entry:
         return f"{self.key}: {form(_number(self.value))}  # {self.note}"
 
 
-def write_noise(result: AllanResult, path: Path, kind: Format) -> AllanResult:
+def write_noise(result: AllanResult, path: Path, kind: NoiseFormat) -> AllanResult:
     """Write the file of a format.
 
     Returns
@@ -124,7 +115,7 @@ def write_noise(result: AllanResult, path: Path, kind: Format) -> AllanResult:
     return replace(result, output=str(path))
 
 
-def text_of(result: AllanResult, kind: Format) -> str:
+def text_of(result: AllanResult, kind: NoiseFormat) -> str:
     """The file of a format, as text."""
     if kind == "sinstool":
         return _sinstool(result)
@@ -143,7 +134,7 @@ def text_of(result: AllanResult, kind: Format) -> str:
     return "\n".join([*lines, *body]) + "\n"
 
 
-def entries(result: AllanResult, kind: Format) -> list[Entry]:
+def entries(result: AllanResult, kind: NoiseFormat) -> list[Entry]:
     """The keys of a file that are one figure for a sensor; none of sinstool's, which has axes."""
     return [_entry(result, *key) for key in _KEYS.get(kind, lambda _: [])(_rate(result))]
 
@@ -223,7 +214,7 @@ def _kf_gins(rate: float) -> list[Key]:
     ]
 
 
-_KEYS: dict[Format, Callable[[float], list[Key]]] = {
+_KEYS: dict[NoiseFormat, Callable[[float], list[Key]]] = {
     "kalibr": _continuous,
     "openvins": _continuous,
     "vins-fusion": _vins_fusion,
@@ -231,7 +222,7 @@ _KEYS: dict[Format, Callable[[float], list[Key]]] = {
     "kf-gins": _kf_gins,
 }
 # Of each file the first line, lines below it, and the key that holds the others
-_FRAMES: dict[Format, tuple[str, tuple[str, ...], str]] = {
+_FRAMES: dict[NoiseFormat, tuple[str, tuple[str, ...], str]] = {
     "kalibr": ("Kalibr, imu.yaml: noise of continuous time", (), ""),
     "openvins": ("OpenVINS, kalibr_imu_chain.yaml: noise of continuous time", (), "imu0:"),
     "vins-fusion": ("VINS-Fusion: standard deviations of single samples", (), ""),
