@@ -235,14 +235,14 @@ class FilterRun(Mode):
         pieces = _pieces(
             steps.from_time(p.time_ns, progress=progress), DETAIL_ROWS if self._detailed else None
         )
-        given = measurements(p)
+        columns = measurements(p)
         last_ns = p.time_ns
         for increments, imu in pieces:
             if self._begins_anew(stretch, last_ns, increments):
                 return
             last_ns = int(increments.time_ns[-1])
-            block = run.push(increments, **given)
-            given = {}
+            block = run.push(increments, **columns)
+            columns = {}
             self._updates += len(increments.sample)
             updates = block.updates
             assert updates is not None
@@ -286,12 +286,12 @@ class FilterRun(Mode):
         p = self._start
         control = replace(p.settings.control, escalate=False)
         plain = replace(p, settings=replace(p.settings, control=control))
-        run, given = self._filter_from(plain), measurements(plain)
+        run, columns = self._filter_from(plain), measurements(plain)
         steps = SegmentIncrements(self.source, self.config, self.plan.algorithm)
         made = []
         for increments, _, _ in steps.from_time(p.time_ns, p.time_ns + DIAGNOSED_NS):
-            made.append(run.push(increments, **given).updates)
-            given = {}
+            made.append(run.push(increments, **columns).updates)
+            columns = {}
         return concatenate([updates for updates in made if updates is not None])
 
     def _completed(self, finding: Finding) -> Finding:
