@@ -103,15 +103,15 @@ def find_motion(
     moving = sum(int(np.count_nonzero(~part.rest & ~part.gap)) for part in parts)
     least = max(LEAST_VEHICLE, (speed or 0.0) * sqrt(2.0 * VEHICLE.c1))
     if not moving:
-        known = VEHICLE.with_density(least) if name == "vehicle" else HAND
-        return Motion(known, None if name else 0.0)
+        assumed = VEHICLE.with_density(least) if name == "vehicle" else HAND
+        return Motion(assumed, None if name else 0.0)
     if name is None and speed is not None and speed > HAND_SPEED:
         name = "vehicle"
     margin, search = None, _Search(parts, sensors)
     models = [model for model in (HAND, VEHICLE) if name in (None, model.name)]
     with executor(2, "sinstool-motion") as pool:
-        wanted = [(model, length) for length in LONGER for model in models]
-        list(pool.map(lambda one: search.best(*one), wanted))
+        pairs = [(model, length) for length in LONGER for model in models]
+        list(pool.map(lambda one: search.best(*one), pairs))
     if name is None:
         margin = max(search.margin(1), search.margin(SECOND) * MARGIN / SECOND_MARGIN)
         name = "vehicle" if margin > MARGIN else "hand"
@@ -128,14 +128,14 @@ class _Search:
     def __init__(self, parts: list[Epochs], sensors: SensorModel) -> None:
         self._parts = {length: [_merged(part, length) for part in parts] for length in LONGER}
         self._sensors = sensors
-        self._found: dict[tuple[str, int], tuple[float, float]] = {}
+        self._cache: dict[tuple[str, int], tuple[float, float]] = {}
 
     def best(self, model: MotionModel, length: int) -> tuple[float, float]:
         """Density under which the motion is most likely, and its log likelihood there."""
         key = model.name, length
-        if key not in self._found:
-            self._found[key] = _most_likely(self._parts[length], model, self._sensors)
-        return self._found[key]
+        if key not in self._cache:
+            self._cache[key] = _most_likely(self._parts[length], model, self._sensors)
+        return self._cache[key]
 
     def margin(self, length: int) -> float:
         """By how much a vehicle is more likely than a hand, in nat a moving epoch."""

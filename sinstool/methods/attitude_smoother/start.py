@@ -55,10 +55,10 @@ def first_state(
     """
     n = motion.states
     x = np.zeros(state.STATE)
-    known = tilt is not None and tilt < TILT
-    x[:9] = (np.eye(3) if known else upright(mean_force(epochs, FIRST_S))).ravel()
+    sure = tilt is not None and tilt < TILT
+    x[:9] = (np.eye(3) if sure else upright(mean_force(epochs, FIRST_S))).ravel()
     variance = np.empty(n)
-    variance[:2] = (tilt if tilt is not None and known else TILT) ** 2
+    variance[:2] = (tilt if tilt is not None and sure else TILT) ** 2
     variance[2] = HEADING**2
     variance[3:6] = motion.velocity_variance
     variance[6:9] = sensors.bias**2
