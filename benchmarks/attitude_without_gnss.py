@@ -161,7 +161,7 @@ def smoothed(
         stage.push(solution)
     epochs = with_rest(stage.finish())
     sensors = sensor_model(
-        grade, walk_at_rest=start.walk, bias_measured=start.rested, earth_removed=True
+        grade, walk_at_rest=start.walk, bias_known=start.rested, earth_removed=True
     )
     motion = find_motion(epochs, sensors)
     correction = smooth(epochs, motion.model, sensors)

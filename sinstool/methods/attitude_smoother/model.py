@@ -107,7 +107,7 @@ _SHORT_REST_S = 5.0
 
 
 def sensor_model(
-    grade: Grade, *, walk_at_rest: float | None, bias_measured: bool, earth_removed: bool
+    grade: Grade, *, walk_at_rest: float | None, bias_known: bool, earth_removed: bool
 ) -> SensorModel:
     """Errors of a grade of IMU.
 
@@ -116,7 +116,7 @@ def sensor_model(
     grade : {'mems', 'industrial', 'tactical', 'navigation'}
     walk_at_rest : float or None
         Angular random walk that the log shows at rest, rad/sqrt(s).
-    bias_measured : bool
+    bias_known : bool
         A rest, an alignment or the user gave the bias that was taken off.
     earth_removed : bool
         The Earth's rate was taken off; where it was not, it wanders through the body's axes like
@@ -132,7 +132,7 @@ def sensor_model(
         return replace(
             _MEMS,
             angle_random_walk=max(_MEMS.angle_random_walk, seen),
-            bias=_MEMS_BIAS_AFTER_REST if bias_measured else _MEMS.bias,
+            bias=_MEMS_BIAS_AFTER_REST if bias_known else _MEMS.bias,
             bias_walk=max(_MEMS.bias_walk, turning),
         )
     of = IMU_GRADES[grade]
@@ -140,7 +140,7 @@ def sensor_model(
     wander = of.gyro_instability * sqrt(2.0 / of.bias_time_s)
     # A short rest shows less of a good gyro's bias than its data sheet says; without any rest the
     # grade may be a guess.
-    bias = hypot(of.gyro_bias, walk / sqrt(_SHORT_REST_S)) if bias_measured else 3.0 * of.gyro_bias
+    bias = hypot(of.gyro_bias, walk / sqrt(_SHORT_REST_S)) if bias_known else 3.0 * of.gyro_bias
     return SensorModel(
         angle_random_walk=walk,
         rate_error=sqrt(of.gyro_scale**2 + of.gyro_misalignment**2),

@@ -133,7 +133,7 @@ class Smoothing:
         sensors = sensor_model(
             sensor_grade(self._source, self._config).grade,
             walk_at_rest=gyro_walk(self._source, self._config),
-            bias_measured=alignment.bias_source != "none",
+            bias_known=alignment.bias_source != "none",
             # without a heading the level part of the Earth's rate is taken off in a wrong direction
             earth_removed=settings.omega_ie_n is not None and alignment.north_referenced,
         )

@@ -61,7 +61,7 @@ TRAPS = {
 @pytest.mark.parametrize("grade", ["mems", "tactical"])
 @pytest.mark.parametrize("trap", TRAPS)
 def test_steady_travel_is_not_taken_for_rest(trap, grade):
-    sensors = sensor_model(grade, walk_at_rest=None, bias_measured=True, earth_removed=True)
+    sensors = sensor_model(grade, walk_at_rest=None, bias_known=True, earth_removed=True)
     solution, q_true = ride(TRAPS[trap], sensors, 3)
     epochs = with_rest(epochs_of(solution))
     moving = np.cumsum([p[0] for p in TRAPS[trap]])
@@ -97,7 +97,7 @@ def at_rest(q_start, seconds=120.0):
 
 
 def test_a_rest_does_not_take_the_rate_of_the_earth_for_a_bias():
-    sensors = sensor_model("tactical", walk_at_rest=None, bias_measured=True, earth_removed=True)
+    sensors = sensor_model("tactical", walk_at_rest=None, bias_known=True, earth_removed=True)
     solution, epochs, q_true = at_rest(from_euler([0.05, -0.03, 1.0]))
     assert epochs.rest.all()
     found = smooth(epochs, HAND, sensors)
@@ -109,7 +109,7 @@ def test_a_rest_does_not_take_the_rate_of_the_earth_for_a_bias():
 def test_the_rate_of_the_earth_is_taken_off_in_the_axes_that_are_found():
     # Begun with a tilt that is 5 degrees off, the integration takes the Earth's rate off in a
     # direction that is 5 degrees off; where the smoother finds the tilt it must not find a bias.
-    sensors = sensor_model("tactical", walk_at_rest=None, bias_measured=True, earth_removed=True)
+    sensors = sensor_model("tactical", walk_at_rest=None, bias_known=True, earth_removed=True)
     lean = exp([np.deg2rad(5.0), 0.0, 0.0])
     solution, epochs, q_true = at_rest(multiply(lean, from_euler([0.05, -0.03, 1.0])))
     found = smooth(epochs, HAND, sensors)
