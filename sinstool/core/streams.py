@@ -357,6 +357,8 @@ class Solution(Stream):
         m^2 and m^2/s^2, in NED.
     covariance_attitude_n : ndarray, shape (n, 3, 3), optional
         Of the small rotation in NED that takes the attitude given to the true one, rad^2.
+    q_vb : ndarray, shape (n, 4), optional
+        The mount: from body axes to those of the vehicle, both forward, right, down.
     """
 
     q_nb: np.ndarray
@@ -368,6 +370,7 @@ class Solution(Stream):
     covariance_position_n: np.ndarray | None = None
     covariance_velocity_n: np.ndarray | None = None
     covariance_attitude_n: np.ndarray | None = None
+    q_vb: np.ndarray | None = None
 
 
 @dataclass(frozen=True, repr=False)

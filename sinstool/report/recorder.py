@@ -179,8 +179,9 @@ class Recorder:
             return (), ()
         seconds, values = self._motion.curves(self._origin_ns)
         curves = draw.Curves(seconds, dict(zip(self._columns, values.T, strict=True)))
-        attitude = draw.heading(curves, result.alignment.north_referenced)
-        tilt = draw.tilt(curves, self._about_curves())
+        axes = _axes(result)
+        attitude = draw.heading(curves, axes, result.alignment.north_referenced)
+        tilt = draw.tilt(curves, " ".join([axes, *self._about_curves()]))
         vertical = draw.vertical(curves, self._held(), self._marks(result))
         off = {kind: values.curves(self._origin_ns) for kind, values in self._off.items()}
         errors = draw.errors(off, curves)
@@ -211,13 +212,12 @@ class Recorder:
         speed = samples[:, self._columns.index("speed")] if "speed" in self._columns else None
         return track("computed", samples[:, k], samples[:, k + 1], self._fixes, speed)
 
-    def _about_curves(self) -> str:
+    def _about_curves(self) -> list[str]:
         assert self._motion is not None
         rows = self._motion.rows_per_group
-        axes = "Of the IMU's Forward-Right-Down axes."
         if rows == 1:
-            return axes
-        return f"{axes} Curves go through the lowest and the highest of every {rows} samples."
+            return []
+        return [f"Curves go through the lowest and the highest of every {rows} samples."]
 
     def _marks(self, result: ProcessResult) -> draw.Marks:
         height = result.height
@@ -234,3 +234,16 @@ class Recorder:
         if self._reference is None or not self._compared:
             return None
         return (self._reference[0], *self._difference.curves(self._origin_ns))
+
+
+def _axes(result: ProcessResult) -> str:
+    """Whose angles the figures show."""
+    axes = "Of the IMU's Forward-Right-Down axes."
+    land = None if result.filter is None else result.filter.vehicle.land
+    if land is None:
+        return axes
+    roll, pitch, yaw = land.mount_deg
+    return (
+        f"{axes} In the vehicle the IMU is turned by roll {roll:.1f}, pitch {pitch:.1f}, yaw"
+        f" {yaw:.1f} deg: the vehicle's own attitude is in /sinstool/vehicle."
+    )

@@ -39,6 +39,8 @@ NEARLY_ALL = 0.8
 FLAT_HEIGHT_M = 5.0
 # Beyond what any vehicle with an IMU on Earth does, though not beyond what damaged bytes say.
 FASTEST_M_S = 2e4
+# The kind of finding about a velocity that is none over ground.
+LEFT_OUT = "velocity-left-out"
 # A standard deviation above this says "unknown", however much larger it is.
 UNKNOWN_SIGMA = 1e6
 
@@ -233,7 +235,7 @@ def _believed_velocity(
             reason for reason in reasons if reason
         )
         numbers = {} if fits.misfit is None else {"misfit": fits.misfit}
-        kind, end = "velocity-left-out", "left out"
+        kind, end = LEFT_OUT, "left out"
         answer = f"--velocity-topic {read.topic} uses it all the same"
         if named:
             usable.append(read)

@@ -24,12 +24,12 @@ from sinstool.io.readers.streams import ImuUnits, Losses, first_fix, read_imu
 from sinstool.io.readers.topics import NONE, ImuTopic, choose_imu, optional_topics
 from sinstool.io.readers.transforms import StaticRotation, in_vehicle, tf_parent
 from sinstool.survey.aiding import AidingData, aiding_channels, read_barometer
-from sinstool.survey.gnss import read_gnss
+from sinstool.survey.gnss import LEFT_OUT, read_gnss
 from sinstool.survey.imu import BLOCK_ROWS, SampleCache, Survey, Watcher, survey, within
 from sinstool.survey.magnetometer import magnetic_channels
 from sinstool.survey.oddities import oddities
 from sinstool.survey.rest import moving_at, rest_end, settled
-from sinstool.survey.wheels import read_wheels
+from sinstool.survey.wheels import WheelSpeeds, read_wheels
 
 
 @dataclass(frozen=True)
@@ -351,11 +351,17 @@ def _gnss(log: Log, config: ProcessConfig, survey_: Survey, until_ns: int | None
 
 def _with_wheels(log: Log, config: ProcessConfig, aiding: AidingData, log_time: bool) -> AidingData:
     """Add the wheels, and drop findings about them as a velocity over ground."""
-    wheels = read_wheels(log, config.input, aiding.gnss, aiding.velocity_topic, log_time)
+
+    def read(options: InputOptions) -> WheelSpeeds:
+        return read_wheels(log, options, aiding.gnss, aiding.velocity_topic, log_time)
+
+    wheels = read(config.input)
+    topic = wheels.topic
+    if config.input.wheels == NONE and any(f.kind == LEFT_OUT for f in aiding.findings):
+        # A topic of wheels that are not to be used is one all the same
+        topic = read(config.input.model_copy(update={"wheels": None})).topic
     findings = tuple(
-        f
-        for f in aiding.findings
-        if f.kind != "velocity-left-out" or not wheels.topic or f.topic != wheels.topic
+        f for f in aiding.findings if f.kind != LEFT_OUT or not topic or f.topic != topic
     )
     return replace(aiding, wheels=wheels, findings=findings)
 

@@ -51,8 +51,6 @@ class Frames:
     body_axes : {'flu', 'frd'}
     origin : tuple of float or None
         Latitude, longitude (rad) and height (m) where the reference frame has its origin.
-    q_vb : tuple of float, optional
-        Mount: takes a vector from the sensor's axes (FRD) to those of the vehicle that it is in.
     """
 
     world: str
@@ -60,7 +58,6 @@ class Frames:
     body: str
     body_axes: str
     origin: tuple[float, float, float] | None = None
-    q_vb: tuple[float, float, float, float] | None = None
 
     @property
     def reference_id(self) -> str:
@@ -146,8 +143,8 @@ def _attitude(r: Rows) -> Columns:
 
 def _vehicle(r: Rows) -> Columns:
     """Attitude of the vehicle, by the mount of the sensor in it."""
-    assert r.frames.q_vb is not None
-    q_nv = multiply(r.solution.q_nb, conjugate(np.array(r.frames.q_vb)))
+    assert r.solution.q_vb is not None
+    q_nv = multiply(r.solution.q_nb, conjugate(r.solution.q_vb))
     q = q_for_log(q_nv, r.frames.body_axes, r.frames.world)
     return {**r.header(), "quaternion.x": q[:, [1, 2, 3, 0]]}
 

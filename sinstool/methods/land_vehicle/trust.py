@@ -142,6 +142,13 @@ def find_trust(
     elif max(abs(yaw), abs(pitch)) > MOST_OFF:
         off = max(abs(yaw), abs(pitch)) / DEGREE
         reason = f"its way is {off:.0f} deg off the direction of the mount"
+    else:
+        # Roll has no state, and neither row shows it
+        upright, _ = _mount(means, track, moving)
+        roll = np.arctan2(upright[1] @ c_vb[2], upright[2] @ c_vb[2])
+        if abs(roll) > MOST_OFF:
+            off = abs(roll) / DEGREE
+            reason = f"gravity is {off:.0f} deg off the down axis of the mount"
     vehicle = LandVehicle(c_vb, axle, lateral.sigma, vertical.sigma, mount_sigma=mount_sigma)
     far = track.time_ns[moving][far_y | far_z]
     beside = np.zeros(len(means), bool)

@@ -138,8 +138,8 @@ def export_solution(
         raise no_position(name, kind)
     # as a file has it: of the two quaternions of an attitude the one whose scalar part is positive
     upright = np.where(solution.q_nb[:, :1] < 0.0, -solution.q_nb, solution.q_nb)
-    mount = summary.output.q_vb
-    q_nv = None if mount is None else multiply(solution.q_nb, conjugate(np.array(mount)))
+    mount = solution.q_vb
+    q_nv = None if mount is None else multiply(solution.q_nb, conjugate(mount))
     block = ResultBlock(replace(solution, q_nb=upright), local, q_nv)
     return export_blocks([block], name, summary.output.frame, output, config)
 

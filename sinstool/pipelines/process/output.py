@@ -211,9 +211,7 @@ class Output:
         frames = self.frames
         origin = None if frames.origin is None else Place.of(frames.origin)
         if self._solutions is None:
-            return read, OutputFile(
-                None, (), self._pushed, frames.reference_id, origin, frames.q_vb
-            )
+            return read, OutputFile(None, (), self._pushed, frames.reference_id, origin)
         self._writer.add_metadata(
             RECORD,
             {
@@ -228,6 +226,4 @@ class Output:
         self._writer.finish()
         topics = tuple(topic_of(name) for name in self.emits)
         count = self._solutions.written
-        return read, OutputFile(
-            str(self.output), topics, count, frames.reference_id, origin, frames.q_vb
-        )
+        return read, OutputFile(str(self.output), topics, count, frames.reference_id, origin)

@@ -91,8 +91,7 @@ class Place:
 class OutputFile:
     """The MCAP that was written, if any: its result topics, and the frame of their attitudes.
 
-    Positions in that frame count from ``origin``; None where there are none. The mount of the
-    sensor takes vectors from its axes to those of the vehicle, both Forward-Right-Down.
+    Positions in that frame count from ``origin``; None where there are none.
     """
 
     path: str | None
@@ -100,12 +99,6 @@ class OutputFile:
     attitudes: int
     frame: str
     origin: Place | None
-    _q_vb: tuple[float, float, float, float] | None
-
-    @property
-    def q_vb(self) -> tuple[float, float, float, float] | None:
-        """The mount, scalar first; None if unknown."""
-        return self._q_vb
 
 
 @dataclass(frozen=True)

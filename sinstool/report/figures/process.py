@@ -64,11 +64,13 @@ def tilt(curves: Curves, note: str) -> list[Figure]:
     ]
 
 
-def heading(curves: Curves, north: bool = True) -> Figure:
+def heading(curves: Curves, axes: str, north: bool = True) -> Figure:
     """Heading within a turn, with holes where it goes over its end.
 
     Parameters
     ----------
+    axes : str
+        Whose heading it is, in a sentence.
     north : bool, optional
         Whether it is referenced to north.
     """
@@ -77,7 +79,8 @@ def heading(curves: Curves, north: bool = True) -> Figure:
     if not north:
         note = "Clockwise from above. Nothing in the log shows north: only its changes count."
     line = (Series("heading", within),)
-    return Figure("heading", "Heading", seconds, line, TIME, "heading, deg", notes=(note,))
+    notes = (f"{note} {axes}",)
+    return Figure("heading", "Heading", seconds, line, TIME, "heading, deg", notes=notes)
 
 
 def vertical(

@@ -89,3 +89,12 @@ def test_too_little_motion_says_so():
     means, track = a_track(0, minutes=0.3)
     trust = find_trust(means, track)
     assert not trust.holds and trust.vehicle is None and "too little" in trust.reason
+
+
+@pytest.mark.parametrize("roll, holds", [(3.0, True), (10.0, False), (180.0, False)])
+def test_a_mount_stated_with_another_roll_is_denied_by_gravity(roll, holds):
+    means, track = a_track(4)
+    stated = rotation.to_dcm(rotation.from_euler(np.radians([roll, 0.0, 0.0]))) @ MOUNT
+    trust = find_trust(means, track, stated)
+    assert trust.holds == holds
+    assert ("gravity" in trust.reason) == (not holds)

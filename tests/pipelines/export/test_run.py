@@ -116,7 +116,7 @@ def test_the_attitude_of_the_vehicle_is_that_of_the_sensor_less_its_mount(tmp_pa
     result = sinstool.process(log, path, mode="ins-gnss")
     export(path, tmp_path / "file.csv", configured())
     result.export(tmp_path / "memory.csv")
-    q_vb = np.array(result.summary.output.q_vb)
+    q_vb = result.solution.q_vb
     expected = to_euler(multiply(result.solution.q_nb, conjugate(q_vb))) / DEGREE
     for name in ("file", "memory"):
         frame = pandas.read_csv(tmp_path / f"{name}.csv")

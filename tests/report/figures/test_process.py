@@ -124,7 +124,9 @@ def test_roll_and_pitch_share_an_axis_unless_they_are_far_apart():
 
 
 def test_heading_has_holes_where_it_goes_over_the_turn():
-    figure = draw.heading(curves(np.arange(6.0), heading=[250, 350, 450, 550, 650, 710]))
+    figure = draw.heading(
+        curves(np.arange(6.0), heading=[250, 350, 450, 550, 650, 710]), "Of the IMU."
+    )
     np.testing.assert_allclose(figure.x, [0.0, 1.0, 2.0, 2.0, 3.0, 4.0, 5.0])
     np.testing.assert_allclose(
         drawn(figure)["heading"].y, [250.0, 350.0, np.nan, 90.0, 190.0, 290.0, 350.0]

@@ -24,6 +24,8 @@ from sinstool.methods.ins_gnss.settings import Settings, Start
 from sinstool.methods.ins_gnss.states import ACCEL_BIAS, GYRO_BIAS
 from sinstool.pipelines.process.ins_gnss.filter_start import FilterStart
 from sinstool.pipelines.process.ins_gnss.first_state import find_start
+from sinstool.pipelines.process.ins_gnss.vehicle import VehicleFound
+from sinstool.pipelines.process.vehicle_used import VehicleUsed
 from sinstool.survey.source import Source, part_of
 
 # A heading less certain than this after a gap, rad (1 sigma), is found anew.
@@ -42,6 +44,8 @@ class Stretch:
         The log, or its part from the gap on.
     filter : InsGnssFilter
         That runs over it.
+    vehicle : VehicleFound
+        What is held of the vehicle in it.
     gap : FilterEvent or None
         The gap before.
     """
@@ -49,6 +53,7 @@ class Stretch:
     source: Source
     start: FilterStart
     filter: InsGnssFilter
+    vehicle: VehicleFound
     gap: FilterEvent | None = None
 
 
@@ -139,7 +144,10 @@ def summed(stretches: list[Stretch]) -> FilterSummary:
     parts = [stretch.filter.summary for stretch in stretches]
     if len(parts) == 1:
         return parts[0]
-    counts = ("updates", "epochs_used", "epochs_gated", "epochs_before_start", "restarts")
+    counts = (
+        *("updates", "epochs_used", "epochs_gated", "epochs_before_start", "restarts"),
+        *("rests", "held", "wheels", "slides", "wheel_slips"),
+    )
     rated = [part for part in parts if np.isfinite(part.mean_nis) and part.epochs_used]
     nis = (
         np.average([part.mean_nis for part in rated], weights=[part.epochs_used for part in rated])
@@ -157,6 +165,15 @@ def summed(stretches: list[Stretch]) -> FilterSummary:
             seconds=_added([channel.seconds for channel in channels]),
         ),
     )
+
+
+def vehicle_of(stretches: list[Stretch]) -> tuple[VehicleFound, VehicleUsed]:
+    """The vehicle by the stretch in which it was constrained most, and what all made of it."""
+    main = max(stretches, key=lambda s: (s.filter.summary.held, s.filter.summary.rests))
+    summary = replace(summed(stretches), land_vehicle=main.filter.summary.land_vehicle)
+    used = main.vehicle.used(summary)
+    rest_s = sum(stretch.vehicle.rest_s for stretch in stretches)
+    return main.vehicle, replace(used, rest_s=rest_s)
 
 
 def _added(tables: list[dict[str, int]] | list[dict[str, float]]) -> dict[str, Any]:

@@ -40,12 +40,13 @@ from sinstool.pipelines.process.ins_gnss.after_gap import (
     longest_carried,
     start_after_gap,
     summed,
+    vehicle_of,
 )
 from sinstool.pipelines.process.ins_gnss.before_start import before_start, corrected_start
 from sinstool.pipelines.process.ins_gnss.filter_start import FilterStart, measurements
 from sinstool.pipelines.process.ins_gnss.start import timed_start
 from sinstool.pipelines.process.ins_gnss.trust import doubts, late_or_early, marked, untrusted
-from sinstool.pipelines.process.ins_gnss.vehicle import VehicleFound, find_vehicle
+from sinstool.pipelines.process.ins_gnss.vehicle import find_vehicle
 from sinstool.pipelines.process.mode import BytesRead, Mode, warned
 from sinstool.pipelines.process.summary import (
     ConingUsed,
@@ -130,7 +131,7 @@ class FilterRun(Mode):
         self._filtered = Withheld(valid, start.withheld, arm)
         turned = None if start.offsets is None else start.offsets.turned
         self._offsets_error = OffsetsError(start.offsets_error, turned)
-        self._vehicle = VehicleFound()
+        self._mount: np.ndarray | None = None
         self._stretches: list[Stretch] = []
 
     def find_out(self, progress: BytesRead | None) -> None:
@@ -138,19 +139,17 @@ class FilterRun(Mode):
         # GNSS, barometer and wheels have been read
         self.source.log.cache(())
         self._stretches = [self._stretch(self.source, self._start)]
-        held = self._vehicle.constraints
-        if held is not None and held.vehicle is not None:
-            w, x, y, z = from_dcm(held.vehicle.c_vb).tolist()
-            self.frames = replace(self.frames, q_vb=(w, x, y, z))
+        self._mount = self._stretches[0].vehicle.mount
+        if self._mount is not None:
             self.emits = (*self.emits, "vehicle")
 
     def _stretch(
         self, source: Source, start: FilterStart, gap: FilterEvent | None = None
     ) -> Stretch:
         longest = longest_carried(start.settings)
-        self._vehicle = find_vehicle(source, self.config, self.plan.algorithm, start, longest)
-        run = self._filter_from(start, self._vehicle.constraints)
-        return Stretch(source, start, run, gap)
+        vehicle = find_vehicle(source, self.config, self.plan.algorithm, start, longest)
+        run = self._filter_from(start, vehicle.constraints)
+        return Stretch(source, start, run, vehicle, gap)
 
     def _filter_from(
         self, start: FilterStart, constraints: Constraints | None = None
@@ -176,6 +175,7 @@ class FilterRun(Mode):
         """Filtered, or smoothed, at every update instant, from the log's start on."""
         # Each may find the start of the next
         for stretch in self._stretches:
+            self._mounted(stretch.vehicle.mount)
             solve = self._smoothed if self._smooth else self._as_filtered
             yield from solve(stretch, progress)
 
@@ -196,6 +196,8 @@ class FilterRun(Mode):
                 log_times.append(imu.log_time_ns)
             if not log_times:
                 return
+            vehicle = stretch.filter.summary.land_vehicle
+            self._mounted(None if vehicle is None else vehicle.c_vb)
             log_time = np.concatenate(log_times)
             smoothed = smoother.epochs()
             first = _smoothed_start(stretch.start.start, smoothed)
@@ -209,15 +211,23 @@ class FilterRun(Mode):
                 yield from self._scored(self._solution(updates, log_time[begin:end]))
                 begin = end
 
+    def _mounted(self, c_vb: np.ndarray | None) -> None:
+        """Write the vehicle's attitude by this mount; where there is none, by the one before."""
+        if self._mount is not None and c_vb is not None:
+            self._mount = c_vb
+
     def _scored(self, solution: Solution | None) -> Iterator[Solution]:
         if solution is not None:
             if self._hidden:  # by fixes that would be as early or late as it is
                 self._score.push(solution)
+            if self._mount is not None:
+                q_vb = np.broadcast_to(from_dcm(self._mount), solution.q_nb.shape)
+                solution = replace(solution, q_vb=q_vb)
             yield self._offsets_error.added(solution)
 
     def _earlier(self, stretch: Stretch, start: Start) -> Solution | None:
         """What lies before the start of a stretch."""
-        rests = self._vehicle.rests_at_first and (
+        rests = stretch.vehicle.rests_at_first and (
             lead_in_end(stretch.source.survey) >= stretch.start.time_ns
         )
         earlier = before_start(
@@ -383,7 +393,7 @@ class FilterRun(Mode):
             gyro_bias_rad_s=tuple(s.gyro_bias.tolist()),
             accel_bias_m_s2=tuple(s.accel_bias.tolist()),
             baro_bias_m=s.baro_bias,
-            vehicle=self._vehicle.used(s),
+            vehicle=vehicle_of(self._stretches)[1],
             events=dict(Counter(event.kind for event in events_of(self._stretches))),
             outages=find_outages(self._gnss),
             withheld=self._scores(),
@@ -462,7 +472,8 @@ class FilterRun(Mode):
                 "plain-15 treats errors of fixes as white noise: if they vary slowly, its"
                 " position sigmas are several times too small, and innovations do not show it",
             )
-        findings += self._vehicle.findings(self._vehicle.used(s))
+        vehicle, used = vehicle_of(self._stretches)
+        findings += vehicle.findings(used)
         findings += self._diagnosis()
         if self._gnss:
             first_ns = self.source.survey.first_ns

@@ -32,7 +32,8 @@ from sinstool.pipelines.align.in_motion import imu_noise
 from sinstool.pipelines.process.height import height_reference, network
 from sinstool.pipelines.process.ins_gnss.filter_start import FilterStart
 from sinstool.pipelines.process.ins_gnss.first_state import find_start
-from sinstool.pipelines.process.ins_gnss.imu_fit import drift_ratio, fit, next_worse
+from sinstool.pipelines.process.ins_gnss.imu_drift import Drift
+from sinstool.pipelines.process.ins_gnss.imu_fit import fit, next_worse
 from sinstool.pipelines.process.ins_gnss.receiver import (
     AS_CLAIMED,
     gnss_model,
@@ -227,37 +228,29 @@ def _drifting(
     """A start whose Imu is taken to be as noisy as it drifts where fixes are left out."""
     if config.in_flight.arw is not None or config.in_flight.vrw is not None:
         return start
-    ratio = drift_ratio(source, config, algorithm, _by_the_fixes(start))
+    drift = Drift(source, config, algorithm, _by_the_fixes(start))
     worse = next_worse(start.grade.grade)
-    if ratio > OTHER_GRADE and worse is not None:
+    if drift.ratio > OTHER_GRADE and worse is not None:
         # Noise at rest says nothing of biases and scale factors
-        why = f"as a {start.grade.grade} one drifts {ratio:.2g} times too much without fixes"
+        why = f"as a {start.grade.grade} one drifts {drift.ratio:.2g} times too much without fixes"
         try:
             other = _timed(
                 source, config, algorithm, first_start(source, config, ImuGrade(worse, why))
             )
         except AlignmentError:
             other = start
-        less = drift_ratio(source, config, algorithm, _by_the_fixes(other))
-        if less < ratio:
-            start, ratio = other, less
-    if ratio == 1.0:
+        less = Drift(source, config, algorithm, _by_the_fixes(other))
+        if less.ratio < drift.ratio:
+            start, drift = other, less
+    factors = drift.factors()
+    if factors.ordinary:
         return start
-    imu = start.settings.imu
-    noisier = replace(
-        imu,
-        angle_random_walk=ratio * imu.angle_random_walk,
-        velocity_random_walk=ratio * imu.velocity_random_walk,
-        gyro_instability=ratio * imu.gyro_instability,
-        accel_instability=ratio * imu.accel_instability,
-    )
-    why = f"{start.grade.why}; {ratio:.2g} times as noisy, judged by its drift without fixes"
-    log_choice(
-        "IMU noise", f"{ratio:.2g} times that of the grade, judged by its drift without fixes"
-    )
+    log_choice("IMU noise", f"{factors} that of the grade, judged by its drift without fixes")
+    why = f"{start.grade.why}; {factors} as noisy, judged by its drift without fixes"
+    used = drift.used(factors)
     return replace(
         start,
-        settings=replace(start.settings, imu=noisier),
+        settings=replace(start.settings, imu=used.imu, control=used.control),
         grade=replace(start.grade, why=why),
     )
 

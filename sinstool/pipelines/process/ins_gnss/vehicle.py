@@ -172,6 +172,12 @@ class VehicleFound:
         return findings
 
     @property
+    def mount(self) -> np.ndarray | None:
+        """``C_vb`` of the first run; None where no vehicle is held."""
+        held = self.constraints
+        return None if held is None or held.vehicle is None else held.vehicle.c_vb
+
+    @property
     def rests_at_first(self) -> bool:
         """Whether the vehicle stands as the filter starts."""
         return self.constraints is not None and bool(self.constraints.rests[:FIRST_STEPS].any())

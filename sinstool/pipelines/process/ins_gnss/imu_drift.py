@@ -1,0 +1,307 @@
+"""How noisy an Imu is, judged by how a navigation drifts where fixes are left out.
+
+From one fix to the next even a poor Imu errs by less than the fixes do. Within the first seconds
+without fixes mostly the accelerometers' noise shows, later that of the gyros, which tilts the
+navigation: errors at several ages tell the two apart. Both are sought by the likelihood of these
+errors (Schweppe 1965), each error by itself, as those of a window belong together.
+
+References
+----------
+.. [1] F. C. Schweppe, "Evaluation of likelihood functions for Gaussian signals", IEEE Trans.
+   Information Theory 11(1), 1965, 61-70.
+.. [2] C. Varin, N. Reid, D. Firth, "An overview of composite likelihood methods", Statistica
+   Sinica 21, 2011, 5-42.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+from scipy.special import chdtri
+
+from sinstool.config import ProcessConfig
+from sinstool.core.arrays import BoolArray, FloatArray
+from sinstool.core.earth import horizontal_metres
+from sinstool.core.rotation import wrapped
+from sinstool.core.streams import GnssEpochs, concatenate, take_rows
+from sinstool.core.timeline import SECOND
+from sinstool.methods.coning.algorithm import ConingAlgorithm
+from sinstool.methods.ins_gnss.filter import InsGnssFilter
+from sinstool.methods.ins_gnss.results import GnssDiagnostics
+from sinstool.methods.ins_gnss.settings import Settings
+from sinstool.methods.strapdown.velocity import Increments
+from sinstool.pipelines.process.ins_gnss.filter_start import FilterStart
+from sinstool.survey.increments import SegmentIncrements
+from sinstool.survey.source import Source
+
+# So much of a log shows it.
+SHOWN_NS = 660 * SECOND
+# Fixes are left out for so long, s, and used as long, from when the filter has settled, s, on.
+LEFT_OUT_S, SETTLED_S = 20.0, 60.0
+LONGEST_STEP_S = 1.5
+# Where errors of a window are looked at, as shares of it.
+LOOKS = (0.1, 0.35, 1.0)
+LEAST_WINDOWS = 4
+# A window in which the fixes show less of a way, m and sigmas, shows the Imu at rest.
+LEAST_WAY, LEAST_WAY_SIGMAS = 10.0, 6.0
+# Squares of unit normals are less than this, nearly always; and what chance makes of their sum.
+MOST_SQUARE = 50.0
+CHANCE = 0.01
+# The median of the sum of two squares of unit normals, over its mean.
+MEDIAN_OF_MEAN = float(np.log(2.0))
+# What is known of a factor beforehand: its logarithm is so uncertain, and the mean of its square 1.
+PRIOR_SIGMA = 1.0
+# Factors nearer to 1 than this are none; those that are tried, as powers of 2.
+LEAST_CHANGE = 1.3
+LEAST_POWER, MOST_POWER = -4, 3
+
+
+@dataclass(frozen=True)
+class NoiseFactors:
+    """By how much gyros and accelerometers are noisier than a grade has them."""
+
+    gyro: float
+    accel: float
+
+    @property
+    def ordinary(self) -> bool:
+        """Whether nothing is different."""
+        return self.gyro == 1.0 and self.accel == 1.0
+
+    def of(self, settings: Settings, virtual_noise: bool) -> Settings:
+        """Settings with the noise that is meant.
+
+        Parameters
+        ----------
+        virtual_noise : bool
+            Whether fictitious noise, if there is any, remains.
+        """
+        imu, control = settings.imu, settings.control
+        noisier = replace(
+            imu,
+            angle_random_walk=self.gyro * imu.angle_random_walk,
+            gyro_instability=self.gyro * imu.gyro_instability,
+            velocity_random_walk=self.accel * imu.velocity_random_walk,
+            accel_instability=self.accel * imu.accel_instability,
+        )
+        virtual = replace(control, virtual_noise=control.virtual_noise and virtual_noise)
+        return replace(settings, imu=noisier, control=virtual)
+
+    def __str__(self) -> str:
+        if self.gyro == self.accel:
+            return f"{self.gyro:.2g} times"
+        return f"gyros {self.gyro:.2g}, accelerometers {self.accel:.2g} times"
+
+
+@dataclass(frozen=True)
+class _Windows:
+    """Errors where fixes are left out, with all fixes of both runs.
+
+    Attributes
+    ----------
+    error, sigma : ndarray, shape (w, looks, 3)
+        North, east, down, m.
+    moved : ndarray of bool, shape (w,)
+        Whether the vehicle went anywhere.
+    restarts : int
+        How often the filter began anew.
+    """
+
+    error: FloatArray
+    sigma: FloatArray
+    moved: BoolArray
+    restarts: int
+
+    @property
+    def ratio(self) -> float:
+        """Error over sigma at the windows' ends, RMS of north and east.
+
+        1 where it is not more than chance makes of 1, or too few windows show it. Where the filter
+        began anew, bad fixes may have been the cause: what counts then is the median, to which
+        these add little.
+        """
+        ends = (self.error / self.sigma)[:, -1, :2]
+        square = np.minimum(np.sum(ends**2, axis=1), MOST_SQUARE)
+        if len(square) < LEAST_WINDOWS:
+            return 1.0
+        mean = float(np.median(square)) / MEDIAN_OF_MEAN if self.restarts else float(square.mean())
+        chance = float(chdtri(2 * len(square), CHANCE)) / len(square)
+        return float(np.sqrt(0.5 * mean)) if mean > chance else 1.0
+
+    @property
+    def cost(self) -> float:
+        """-2 log likelihood of the windows in motion, the looks of each counted as one."""
+        error, sigma = self.error[self.moved], self.sigma[self.moved]
+        square = np.minimum((error / sigma) ** 2, MOST_SQUARE)
+        return float(np.nansum(square + 2.0 * np.log(sigma))) / len(LOOKS)
+
+
+class Drift:
+    """The drift of a navigation in the first part of a log.
+
+    Parameters
+    ----------
+    start : FilterStart
+        What it withholds is not looked at.
+    """
+
+    def __init__(
+        self, source: Source, config: ProcessConfig, algorithm: ConingAlgorithm, start: FilterStart
+    ) -> None:
+        self._start = start
+        self._estimated = config.filter.virtual_noise == "auto"
+        self._measured = config.navigation.imu_noise is not None
+        self._increments: list[Increments] = []
+        last_ns = start.time_ns
+        steps = SegmentIncrements(source, config, algorithm)
+        for increments, _, _ in steps.from_time(start.time_ns, start.time_ns + SHOWN_NS):
+            if int(increments.time_ns[0]) - last_ns > round(start.settings.max_gap * SECOND):
+                break
+            last_ns = int(increments.time_ns[-1])
+            self._increments.append(increments)
+
+    @cached_property
+    def _as_graded(self) -> _Windows | None:
+        return self._windows(self._start.settings)
+
+    @property
+    def ratio(self) -> float:
+        """By how much more the navigation drifts than the filter says that it does."""
+        windows = self._as_graded
+        return 1.0 if windows is None else windows.ratio
+
+    def factors(self) -> NoiseFactors:
+        """Noise of gyros and accelerometers over that of the settings.
+
+        Where one is noisier than its grade the model is in doubt, and the other is not taken for
+        better than its own; nor is any by a log in which the vehicle hardly moves, or whose noise
+        was measured.
+        """
+        windows = self._as_graded
+        if windows is None or windows.restarts or windows.moved.sum() < LEAST_WINDOWS:
+            return NoiseFactors(self.ratio, self.ratio)
+        gyro, accel = _likeliest(self._cost)
+        if max(gyro, accel) > 1.0 or self._measured:
+            gyro, accel = max(gyro, 1.0), max(accel, 1.0)
+        if max(gyro, accel, 1.0 / gyro, 1.0 / accel) < LEAST_CHANGE:
+            return NoiseFactors(1.0, 1.0)
+        return NoiseFactors(gyro, accel)
+
+    def used(self, factors: NoiseFactors) -> Settings:
+        """The settings with such noise, and without a fictitious one that has been measured."""
+        better = self._estimated and max(factors.gyro, factors.accel) < 1.0
+        return factors.of(self._start.settings, not better)
+
+    def _cost(self, gyro: float, accel: float) -> float:
+        factors = NoiseFactors(gyro, accel)
+        windows = self._windows(factors.of(self._start.settings, not self._estimated))
+        return np.inf if windows is None else windows.cost
+
+    def _windows(self, settings: Settings) -> _Windows | None:
+        """Both runs, by turns with fixes and without and the other way round."""
+        start = self._start
+        gnss, settings = start.used, replace(settings, network=None)
+        step = np.diff(gnss.time_ns, prepend=start.time_ns) / SECOND
+        # Time with fixes: an outage of the log itself is none of ours
+        used = np.cumsum(np.minimum(step, LONGEST_STEP_S))
+        errors, sigmas, moved, restarts = [], [], [], 0
+        for phase in (0.0, LEFT_OUT_S):
+            left_out = (used > SETTLED_S) & ((used + phase) % (2.0 * LEFT_OUT_S) >= LEFT_OUT_S)
+            run = InsGnssFilter(start.start, settings, with_baro=False, output=False)
+            fixes: GnssEpochs | None = gnss
+            parts = []
+            for increments in self._increments:
+                mask = None if fixes is None else left_out
+                parts.append(run.push(increments, fixes, mask).gnss)
+                fixes = None
+            if not parts:
+                return None
+            epochs = concatenate(parts)
+            epochs = take_rows(epochs, np.isfinite(epochs.innovation[:, 1]))
+            restarts += run.summary.restarts
+            begin, end = _spans(epochs.withheld)
+            share = epochs.time_ns[end] - epochs.time_ns[begin]
+            looks = [
+                np.searchsorted(epochs.time_ns, epochs.time_ns[begin] + (s * share).astype(int))
+                for s in LOOKS
+            ]
+            at = np.minimum(np.stack(looks, axis=1), end[:, None])
+            errors.append(epochs.innovation[at, :3])
+            sigmas.append(epochs.innovation_sigma[at, :3])
+            moved.append(self._moved(epochs, begin, end))
+        return _Windows(
+            np.concatenate(errors), np.concatenate(sigmas), np.concatenate(moved), restarts
+        )
+
+    def _moved(self, epochs: GnssDiagnostics, begin: np.ndarray, end: np.ndarray) -> BoolArray:
+        gnss = self._start.used
+        late = round(self._start.settings.gnss_latency * SECOND)
+        placed = np.flatnonzero(gnss.has_position)
+        rows = [
+            placed[np.clip(np.searchsorted(gnss.time_ns[placed] - late, time), 0, len(placed) - 1)]
+            for time in (epochs.time_ns[begin], epochs.time_ns[end])
+        ]
+        latitude, longitude = gnss.latitude, gnss.longitude
+        north, east = horizontal_metres(
+            latitude[rows[1]] - latitude[rows[0]],
+            wrapped(longitude[rows[1]] - longitude[rows[0]]),
+            latitude[rows[0]],
+            gnss.height[rows[0]],
+        )
+        sigma = np.nan_to_num(gnss.sigma_position_n[rows[0], 0])
+        return np.asarray(np.hypot(north, east) > LEAST_WAY + LEAST_WAY_SIGMAS * sigma)
+
+
+def _spans(mask: BoolArray) -> tuple[np.ndarray, np.ndarray]:
+    """First and last of each run of marked rows that ends."""
+    edge = np.diff(mask.astype(np.int8), prepend=0)
+    begin, end = np.flatnonzero(edge > 0), np.flatnonzero(edge < 0) - 1
+    return begin[: len(end)], end
+
+
+def _likeliest(cost: Callable[[float, float], float]) -> tuple[float, float]:
+    """Two factors of noise: roots of the mean of their squares, by a cost and the prior."""
+    found: dict[tuple[int, int], float] = {}
+
+    def total(gyro: int, accel: int) -> float:
+        at = gyro, accel
+        if at not in found:
+            logs = np.log(2.0) * np.array(at)
+            prior = np.sum(((logs + PRIOR_SIGMA**2) / PRIOR_SIGMA) ** 2)
+            found[at] = cost(2.0**gyro, 2.0**accel) + float(prior)
+        return found[at]
+
+    best = (0, 0)
+    for step in (2, 1):
+        while True:
+            near = [best]
+            for k in (0, 1):
+                for way in (step, -step):
+                    beside = list(best)
+                    beside[k] = min(max(best[k] + way, LEAST_POWER), MOST_POWER)
+                    near.append((beside[0], beside[1]))
+            lowest = min(near, key=lambda at: total(*at))
+            if lowest == best:
+                break
+            best = lowest
+    # A paraboloid through the points about the best, as good as any between them
+    middle = np.clip(best, LEAST_POWER + 1, MOST_POWER - 1)
+
+    def at(*offset: int) -> float:
+        return total(int(middle[0]) + offset[0], int(middle[1]) + offset[1])
+
+    step_cost = np.array([[at(1, 0), at(-1, 0)], [at(0, 1), at(0, -1)]])
+    slope = 0.5 * (step_cost[:, 0] - step_cost[:, 1])
+    bend = np.diag(step_cost.sum(axis=1) - 2.0 * at(0, 0))
+    bend[0, 1] = bend[1, 0] = 0.25 * (at(1, 1) - at(1, -1) - at(-1, 1) + at(-1, -1))
+    if np.linalg.eigvalsh(bend)[0] <= 0.0:
+        return 2.0 ** best[0], 2.0 ** best[1]
+    inverse = np.linalg.inv(bend)
+    powers = middle + np.clip(-inverse @ slope, -1.0, 1.0)
+    # The root of the mean of a square whose logarithm is that uncertain
+    powers = powers + 2.0 * np.log(2.0) * np.diag(inverse)
+    gyro, accel = 2.0 ** np.clip(powers, LEAST_POWER, MOST_POWER)
+    return float(gyro), float(accel)

@@ -1,0 +1,73 @@
+"""How noisy an Imu is, by its drift where fixes are left out."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from sinstool.config import ProcessConfig
+from sinstool.io.readers import open_log
+from sinstool.pipelines.plan import make_plan
+from sinstool.pipelines.process.ins_gnss.imu_drift import Drift, NoiseFactors, _likeliest
+from sinstool.pipelines.process.ins_gnss.start import timed_start
+from sinstool.survey.source import prepare
+from tests.helpers.filter_logs import simulated
+from tests.helpers.unseen_drives import GRADES, LEVER, drive, record, write
+
+
+@pytest.mark.parametrize("gyro, accel", [(2.5, 0.4), (0.2, 0.3), (1.0, 1.0), (3.0, 3.0)])
+def test_the_likeliest_factors_are_those_of_the_errors(gyro, accel):
+    """Errors of which early ones are an accelerometer's, and late ones mostly a gyro's."""
+    shares = np.array([[0.01, 1.0], [0.5, 1.0], [1.0, 0.2]])
+
+    def sigma(*factors):
+        return np.sqrt(1e-4 + shares @ np.square(factors))
+
+    ratios = []
+    for seed in range(20):
+        error = sigma(gyro, accel) * np.random.default_rng(seed).standard_normal((60, 3))
+
+        def cost(g, a, error=error):
+            return np.sum((error / sigma(g, a)) ** 2 + 2.0 * np.log(sigma(g, a)))
+
+        ratios.append(np.log(np.array(_likeliest(cost)) / (gyro, accel)))
+    assert np.abs(np.mean(ratios, axis=0)).max() < 0.2
+    assert np.std(ratios, axis=0).max() < 0.35
+
+
+def test_without_anything_seen_the_grade_counts():
+    assert _likeliest(lambda g, a: 0.0) == pytest.approx((1.0, 1.0))
+
+
+def drift_of(path, change=lambda settings: settings, **groups):
+    groups.setdefault("navigation", {})["mode"] = "ins-gnss"
+    config = ProcessConfig(**groups)
+    with open_log(path) as opened:
+        source = prepare(opened, config, None)
+        plan = make_plan(source, config)
+        start = timed_start(source, config, plan.algorithm, plan.filter_start)
+        start = replace(start, settings=change(start.settings))
+        return start, Drift(source, config, plan.algorithm, start)
+
+
+def test_factors_make_up_for_a_grade_that_is_too_cautious(tmp_path):
+    data = record(drive(3, 400.0, 60.0), GRADES["industrial"], 3, gnss_rate=5.0, sigma_v=0.03)
+    log = write(tmp_path / "log.mcap", data)
+    groups = {"gnss": {"lever_arm": tuple(LEVER.tolist())}, "input": {"gyro_kind": "mean-rate"}}
+    noise = []
+    for factor in (3.0, 6.0):
+        start, drift = drift_of(log, lambda s, k=factor: NoiseFactors(k, k).of(s, True), **groups)
+        used = drift.used(drift.factors()).imu
+        assert used.angle_random_walk < 0.7 * start.settings.imu.angle_random_walk
+        noise.append([used.angle_random_walk, used.velocity_random_walk])
+    assert np.allclose(noise[0], noise[1], rtol=0.3)
+
+
+def test_a_vehicle_that_stands_makes_no_imu_better(tmp_path):
+    path = simulated(
+        tmp_path / "stand.mcap", "drive", "--duration", "400", "--still", "330", "--grade", "mems",
+        "--seed", "8", "--idle", "0.3,0.01",
+    )  # fmt: skip
+    _, drift = drift_of(path)
+    factors = drift.factors()
+    assert min(factors.gyro, factors.accel) >= 1.0
