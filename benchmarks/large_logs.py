@@ -2,10 +2,11 @@
 
     python benchmarks/large_logs.py --dir /tmp/large
 
-Each goes through the whole command, `process --mode attitude` and `info`, once to compile and once
-to measure. Printed are CPU time and peak memory of the process; each output is read by the `mcap`
-package and must hold every message of the input. The logs (5 GB in all) are made one by one and
-removed again. Exits with 1 where five hours take more than 1.1 times the memory of one.
+Each goes through whole commands, `process --mode attitude` and `info`, whose loops a short log has
+compiled before. Printed are CPU time and peak memory of the process. Each output must hold every
+message of the input: the `mcap` package counts them one by one, and of the long logs, which would
+take it many minutes, reads the statistics. The logs (5 GB in all) are made one by one and removed
+again. Exits with 1 where five hours take more than 1.1 times the memory of one.
 """
 
 from __future__ import annotations
@@ -21,6 +22,10 @@ from benchmarks.common import parser, print_table
 
 GIGABYTE = 10**9
 SECONDS, RATE = 60, 200
+
+
+def a_minute(path: Path) -> None:
+    _with_imu(path, {})
 
 
 def an_hour(path: Path) -> None:
@@ -77,8 +82,19 @@ def _with_imu(path: Path, others: dict[str, list[bytes]], chunked: bool = True) 
         writer.finish()
 
 
+def declared(path: Path) -> Counter[str]:
+    """Messages by topic, as the statistics of a file have them."""
+    from mcap.reader import make_reader
+
+    with path.open("rb") as stream:
+        summary = make_reader(stream).get_summary()
+    assert summary is not None and summary.statistics is not None
+    counts = summary.statistics.channel_message_counts
+    return Counter({summary.channels[number].topic: n for number, n in counts.items()})
+
+
 def counted(path: Path) -> Counter[str]:
-    """Messages by topic: counted one by one, each with its size."""
+    """Messages by topic and size, counted one by one."""
     from mcap.exceptions import McapError
     from mcap.records import Channel, Message
     from mcap.stream_reader import StreamReader
@@ -97,8 +113,8 @@ def counted(path: Path) -> Counter[str]:
 
 
 LOGS: dict[str, Callable[[Path], None]] = {
-    "an hour": an_hour, "five hours": five_hours, "a message of 1 GB": a_large_message,
-    "10 000 topics": many_topics,
+    "a minute": a_minute, "an hour": an_hour, "five hours": five_hours,
+    "a message of 1 GB": a_large_message, "10 000 topics": many_topics,
 }  # fmt: skip
 
 
@@ -113,17 +129,16 @@ def measure(name: str, folder: Path) -> list[tuple[str, str, float, float]]:
             "info": ["info", str(log)],
         }
         for shown, arguments in commands.items():
-            for _ in range(2):
-                out.unlink(missing_ok=True)
-                text, _, cpu, peak = run_child([*PROGRAM, *arguments, "--json", "-q"])
+            text, _, cpu, peak = run_child([*PROGRAM, *arguments, "--json", "-q"])
             rows.append((name, shown, cpu, peak))
             if shown != "info":
                 said = json.loads(text)["output"]
-                written = counted(out)
+                count = declared if "hour" in name else counted
+                written = count(out)
                 ours = {k: n for k, n in written.items() if k.startswith("/sinstool/")}
                 assert ours, f"{name}: no results"
                 assert said["attitudes"] in ours.values(), f"{name}: {ours}, {said}"
-                assert written - Counter(ours) == counted(log), f"{name}: messages are missing"
+                assert written - Counter(ours) == count(log), f"{name}: messages are missing"
     finally:
         log.unlink(missing_ok=True)
         out.unlink(missing_ok=True)
@@ -133,11 +148,12 @@ def measure(name: str, folder: Path) -> list[tuple[str, str, float, float]]:
 def main(arguments: Sequence[str] | None = None) -> int:
     made = parser(__doc__)
     made.add_argument("--dir", type=Path, help="where the logs are made")
-    made.add_argument("--logs", nargs="+", choices=LOGS, default=list(LOGS))
+    made.add_argument("--logs", nargs="+", choices=LOGS, default=list(LOGS)[1:])
     options = made.parse_args(arguments)
     peaks = {}
     rows = []
     with folder_for_logs(options.dir) as folder:
+        measure("a minute", folder)
         for name in options.logs:
             print(f"{name} ...", file=sys.stderr, flush=True)
             for row in measure(name, folder):

@@ -5,10 +5,12 @@
 Lines are drawn by the seed from the methods and the pipelines: a sign, an operator, a comparison,
 a bound, a factor or an index is changed, in a copy of the project. All tests run once on the copy
 as it is: which functions each of them reaches, how long it takes, and whether it passes. Then, for
-each mutant, those that reach it run, the nearest and quickest first, until one fails; a mutant that
-all of them let pass survives. Compiled loops are kept in the copy, and only those that hold the
-mutant or call what does are compiled again, with little optimisation. A folder that is given is
-kept: the copy and what is known of its tests are used by the next run.
+each mutant, those that reach it run, the nearest and quickest first, until one fails or --seconds
+of them have run; a mutant that all of these let pass survives. Those that survived a quick look
+can be judged again by more tests, with --numbers and more --seconds. Compiled loops are kept in
+the copy, and only those that hold the mutant or call what does are compiled again, with little
+optimisation. A folder that is given is kept: the copy and what is known of its tests are used by
+the next run.
 """
 
 from __future__ import annotations
@@ -168,7 +170,8 @@ class Copy:
             return ""
         said = self.log.read_text(errors="replace").split("\n")
         failed = [line for line in said if line.startswith(("FAILED", "ERROR"))]
-        if status == 4 or not failed:
+        # A file whose import fails has no tests to collect, which is noticed too.
+        if not failed:
             raise RuntimeError(f"pytest ends with {status}: {said[-30:]}")
         return failed[0].split(" - ")[0]
 
@@ -236,8 +239,8 @@ def draw(root: Path, only: str, count: int, seed: int) -> tuple[list[Mutant], in
     return [chosen.choice(by_line[line]) for line in sample], len(lines)
 
 
-def run(copy: Copy, mutants: Sequence[Mutant], tests: Sequence[str], seconds: float) -> None:
-    """Judge mutants and print the score."""
+def run(copy: Copy, mutants: dict[int, Mutant], tests: Sequence[str], seconds: float) -> None:
+    """Judge mutants, by their number in the sample, and print the score."""
     began = time.monotonic()
     copy.learn(tests)
     print(
@@ -246,7 +249,7 @@ def run(copy: Copy, mutants: Sequence[Mutant], tests: Sequence[str], seconds: fl
         flush=True,
     )
     survivors = []
-    for number, mutant in enumerate(mutants, 1):
+    for number, mutant in mutants.items():
         nodes, expected, left_out = copy.tests_of(mutant, seconds)
         begun = time.monotonic()
         verdict = copy.judge(mutant, nodes, expected) if nodes else ""
@@ -272,7 +275,8 @@ def main() -> None:
     p = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawTextHelpFormatter)
     p.add_argument("--count", type=int, default=200)
     p.add_argument("--seed", type=int, default=1)
-    p.add_argument("--first", type=int, default=0, help="number of the first of them to judge")
+    p.add_argument("--first", type=int, default=1, help="number of the first of them to judge")
+    p.add_argument("--numbers", type=int, nargs="+", help="judge only these of them")
     p.add_argument("--only", default="", help="part of a path")
     p.add_argument("--tests", nargs="+", default=["tests"], help="files and folders of tests")
     p.add_argument("--seconds", type=float, default=60.0, help="of tests for a mutant")
@@ -287,7 +291,8 @@ def main() -> None:
         copy = Copy(folder)
         mutants, lines = draw(copy.root, args.only, args.count, args.seed)
         print(f"{len(mutants)} of {lines} numerical lines, seed {args.seed}", flush=True)
-        run(copy, mutants[args.first :], args.tests, args.seconds)
+        numbers = args.numbers or range(args.first, len(mutants) + 1)
+        run(copy, {n: mutants[n - 1] for n in numbers}, args.tests, args.seconds)
 
 
 if __name__ == "__main__":

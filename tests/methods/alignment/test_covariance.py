@@ -6,6 +6,8 @@ from sinstool.methods.alignment.covariance import (
     attitude_covariance,
     drifting_noise,
     geometry,
+    triad_attitude,
+    triad_covariance,
     worst_sigma,
 )
 from sinstool.methods.alignment.inflight_types import AlignmentSettings
@@ -147,3 +149,28 @@ def test_geometry_and_worst():
     turn = rotation.to_dcm(rotation.normalise([0.3, 0.2, -0.4, 0.8]))
     assert worst_sigma(turn @ np.diag([1.0, 9.0, 4.0]) @ turn.T) == pytest.approx(3.0)
     assert worst_sigma(-np.eye(3)) == np.inf
+
+
+@pytest.mark.parametrize("which", ["first", "middle", "last"])
+def test_what_noise_of_a_fix_does_to_triad(which):
+    """Put noise into one velocity: the attitude moves by what the covariance says of it."""
+    _, imu, gnss = exact()
+    rows = segment_of(imu, gnss, 36.0, 100.0, sigma=1e-9).rows
+    turned = rotation.to_dcm(rotation.exp(np.array([0.3, -1.0, 2.0])))
+    beta = rows.alpha @ turned.T
+    ends = np.array([len(rows.time_s) - 1])
+    before, middle = triad_attitude(rows, beta, ends)
+    row = {"first": 0, "middle": middle[0], "last": ends[0]}[which]
+    noise = 1e-4 * np.linalg.norm(rows.alpha[middle[0]] - rows.alpha[0])
+    moved = []
+    for axis in range(3):
+        other = beta.copy()
+        other[row] += noise * turned[:, axis]
+        after, _ = triad_attitude(rows, other, ends)
+        moved.append(rotation.log(rotation.from_dcm(before[0].T @ after[0])))
+    expected = np.array(moved).T @ np.array(moved)
+    sigma = np.zeros(len(rows.time_s))
+    sigma[row] = noise
+    grade = SensorGrade(**NOTHING)
+    actual = triad_covariance(rows, sigma, middle, ends, ends, grade, 0.0)[0]
+    assert np.abs(actual - expected).max() < 0.01 * np.abs(expected).max()

@@ -132,6 +132,9 @@ def test_the_bias_of_the_east_gyro_is_what_turns_heading():
     assert got.gyro_bias_sigma[1] == pytest.approx(FIBRE.gyro_bias, rel=0.01)
     # that of the others can, as the size and slope of the Earth's rate are known
     assert got.gyro_bias_sigma[0] < 0.8 * FIBRE.gyro_bias
+    # no rest tells level accelerometer biases from tilt
+    assert got.accel_bias_sigma.shape == (3,)
+    assert got.accel_bias_sigma[:2] == pytest.approx([FIBRE.accel_bias] * 2, rel=0.05)
 
 
 def test_gyros_too_poor_give_level_and_no_heading():

@@ -24,7 +24,7 @@ from sinstool.simulation.drive import road_drive
 from sinstool.simulation.flight import manoeuvring_flight
 from sinstool.simulation.gnss import GnssErrors, Receiver, gnss_samples
 from sinstool.simulation.sensors import with_errors
-from tests.helpers.gnss import epochs
+from tests.helpers.gnss import epochs, straight
 
 LEVER = (0.8, -0.4, -1.1)
 SHARP = GnssErrors((0.5, 0.5, 0.8), (0.0,) * 3, 100.0, (0.05, 0.05, 0.08))
@@ -160,3 +160,15 @@ def test_vertical_velocity_comes_from_height_where_there_is_none():
     # no height either
     level, warnings = with_vertical(flat, seconds, np.empty(0), np.empty(0))
     assert not level[:, 2].any() and "level motion is assumed" in warnings[0]
+
+
+def test_a_late_receiver_s_fix_counts_where_the_samples_of_its_time_are():
+    gnss = straight(1_700_000_000 * SECOND + 200_000_000 * np.arange(20), 3.0)
+    last = int(gnss.time_ns[-1])
+    step = int(np.diff(gnss.time_ns)[0])
+    span = int(gnss.time_ns[0]), last - step // 2
+    prompt, _ = gnss_fixes(gnss, *span)
+    late, _ = gnss_fixes(gnss, *span, latency_s=0.75 * step / SECOND)
+    # Stamped after the last sample, but older; the first is older than the first sample
+    assert prompt.time_ns[-1] == last - step and prompt.time_ns[0] == gnss.time_ns[0]
+    assert late.time_ns[-1] == last and late.time_ns[0] == gnss.time_ns[1]

@@ -109,6 +109,9 @@ def test_velocities_from_positions(noise):
     assert np.abs(off[:, 0]).max() < bend + 0.005 * 16.0 + 2.5 * noise
     assert np.abs(off[:, 2]).max() < 2.5 * noise + 1e-3
     assert np.abs(off[:, 1]).max() < 0.005 * 6.0 + 2.5 * noise
+    if not noise:  # what is left is the third derivative, which a parabola does not have
+        north = off[:, 0] / made.sigma_velocity_n[inner, 0]
+        assert 0.3 < np.sqrt(np.mean(north**2)) < 1.5
     if noise:
         ratio = off[:, 2] / made.sigma_velocity_n[inner, 2]
         assert 0.5 < np.sqrt(np.mean(ratio**2)) < 1.5
