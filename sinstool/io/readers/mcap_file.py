@@ -121,6 +121,8 @@ class McapFile(FileLog):
                     pos, doubt = stop, last + 1
                     continue
                 what = "a message record runs over the end of the file"
+                if length <= end - pos - 9:
+                    what = f"a message of {length >> 20} MiB is longer than {MAX_BLOCK >> 20} MiB"
             elif len(head) < 9:
                 what = "the file ends inside a record"
             elif op == 0 or length > end - pos - 9:

@@ -429,3 +429,20 @@ def test_real_logs_read_as_mcap_reads_them(name):
     with open_log(path) as log:
         assert read_back(log) == stream_rows(path)
         assert not log.lost
+
+
+def test_a_message_longer_than_what_is_read_is_refused_by_its_size(tmp_path):
+    path = tmp_path / "a.mcap"
+    whole = write_mcap(tmp_path / "b.mcap", rows(3), use_chunking=False).read_bytes()
+    (_, at, _) = next(r for r in mcap_records(whole) if r[0] == 5)
+    size = 300 * 2**20
+    path.write_bytes(whole[:at] + b"\x05" + size.to_bytes(8, "little"))
+    with path.open("r+b") as stream:  # a hole takes no disk
+        stream.seek(at + 9 + size)
+        stream.write(b"\x0f" + (4).to_bytes(8, "little") + bytes(4))
+        stream.write(b"\x02" + (20).to_bytes(8, "little") + bytes(20) + whole[:8])
+    with (
+        pytest.raises(SinstoolError, match="300 MiB is longer than 256 MiB"),
+        open_log(path) as log,
+    ):
+        list(log.batches())
