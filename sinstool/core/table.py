@@ -89,6 +89,8 @@ FIELDS: Mapping[str, Callable[[np.ndarray], Table]] = {
     "field": _vector("field", XYZ, "T"),
     "orientation": attitude_columns,
     "q_nb": attitude_columns,
+    # The same in each row: an attitude of the vehicle is a stream of its own
+    "q_vb": lambda a: {},
     "latitude": _scalar("latitude_deg", DEGREE),
     "longitude": _scalar("longitude_deg", DEGREE),
     "height": _scalar("height_m"),

@@ -396,7 +396,8 @@ def forward(
             copy_square(p, covariances[kept])
         likelihood = _measure(epochs[k], field, k, par, n, x, p, gain, dx)
         if not likelihood > DIVERGED:
-            return DIVERGED
+            total = DIVERGED
+            break
         total += likelihood
         _take_in(near, k, x, dx, n, e)
         _advance(epochs[k], _rate(epochs, k), par, n, x, f, q, e)

@@ -172,7 +172,7 @@ def test_pairs_of_long_runs_are_thinned_to_shared_instants(monkeypatch):
     names = ("uncompensated", "optimal-3", "optimal-4")
     settings = Settings(names, decimate=(1,))
     whole = compare([segment], "mean-rate", STEP, settings)
-    monkeypatch.setattr("sinstool.pipelines.compare_coning.compare._KEPT", 50)
+    monkeypatch.setattr("sinstool.pipelines.compare_coning.compare._MOST_ROWS", 50)
     few = compare([segment], "mean-rate", STEP, settings)
     for pair, angle in whole.pairs.items():
         assert 0.5 * angle < few.pairs[pair] <= angle * (1 + 1e-12)
