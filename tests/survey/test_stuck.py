@@ -12,7 +12,7 @@ from sinstool.core.earth import displaced
 from sinstool.core.streams import Gnss, Velocity
 from sinstool.io.readers import open_log
 from sinstool.survey.gnss import read_gnss
-from sinstool.survey.stuck import LEAST_ALIKE, stuck_fixes, stuck_velocities
+from sinstool.survey.stuck import LEAP_STEPS, LEAST_ALIKE, stuck_fixes, stuck_velocities
 from tests.helpers.imulogs import T0
 from tests.helpers.unseen_drives import PERFECT, drive, frozen, record, write
 
@@ -44,7 +44,7 @@ def test_what_is_sent_again_on_the_way_is_found_and_nothing_else(speed, rate, be
     east[begin : begin + count] = east[begin]
     stuck = stuck_fixes(track(east, rate, 0.05))
     # Too short a leap for one who moves on so slowly is left to the filter
-    if count >= 4 and speed / rate * count > 1.0:
+    if speed / rate * (count - LEAP_STEPS) > 1.0:
         assert np.array_equal(np.flatnonzero(stuck), np.arange(begin + 1, begin + count))
     else:
         assert set(np.flatnonzero(stuck)) <= set(range(begin + 1, begin + count))
