@@ -7,6 +7,7 @@ mean; the means only have to stay what they were.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from math import dist, sqrt
 
 import numpy as np
 
@@ -19,7 +20,7 @@ MAX_ACCEL_STD = 0.35  # m/s^2
 # Within a span the noise may grow to this many times its smallest so far, or, as when somebody
 # knocks at the table, to these small values; the means must stay what they were all the same.
 STD_GROWTH = 2.5
-KNOCK_STD = np.array([0.012, 0.15])
+KNOCK_STD = (0.012, 0.15)
 # Slow rotation or tilting shows in the means: allowed change beside the noise of a mean.
 GYRO_STEP = 0.003  # rad/s
 ACCEL_STEP = 0.05  # m/s^2
@@ -141,40 +142,44 @@ def still_spans(windows: Windows) -> list[StillSpan]:
     )
     spans: list[StillSpan] = []
     begin: int | None = None
-    total = 0.0
-    gyro = np.zeros(3)
-    accel = np.zeros(3)
-    floor = np.zeros(2)
-    for k in range(len(windows)):
-        joins = bool(quiet[k])
-        noise = np.array([windows.gyro_std[k], windows.accel_std[k]])
-        if joins and begin is not None:
-            joined = windows.start_ns[k] - windows.start_ns[k - 1] == WINDOW_NS
-            steady = bool(np.all(noise <= np.maximum(STD_GROWTH * floor, KNOCK_STD)))
-            spread = MEAN_SIGMAS * noise / np.sqrt(windows.count[k])
-            same = bool(
-                np.linalg.norm(windows.gyro[k] - gyro) < GYRO_STEP + spread[0]
-                and np.linalg.norm(windows.accel[k] - accel) < ACCEL_STEP + spread[1]
+    total = turning = shaking = 0.0
+    gyro: list[float] = []
+    accel: list[float] = []
+    # Numbers of Python, as a log of hours has ten thousands of windows
+    starts, counts = windows.start_ns.tolist(), windows.count.tolist()
+    gyros, accels = windows.gyro.tolist(), windows.accel.tolist()
+    noise = zip(windows.gyro_std.tolist(), windows.accel_std.tolist(), strict=True)
+    for k, (joins, (gyro_std, accel_std)) in enumerate(zip(quiet.tolist(), noise, strict=True)):
+        if begin is not None:
+            joins_span = (
+                joins
+                and starts[k] - starts[k - 1] == WINDOW_NS
+                and gyro_std <= max(STD_GROWTH * turning, KNOCK_STD[0])
+                and accel_std <= max(STD_GROWTH * shaking, KNOCK_STD[1])
+                and dist(gyros[k], gyro) < GYRO_STEP + MEAN_SIGMAS * gyro_std / sqrt(counts[k])
+                and dist(accels[k], accel) < ACCEL_STEP + MEAN_SIGMAS * accel_std / sqrt(counts[k])
             )
-            if not (joined and steady and same):
+            if not joins_span:
                 _close(spans, windows, begin, k)
                 begin = None
         if not joins:
-            if begin is not None:
-                _close(spans, windows, begin, k)
-            begin = None
             continue
-        weight = float(windows.count[k])
+        weight = float(counts[k])
         if begin is None:
-            begin, total, floor = k, 0.0, noise
-            gyro, accel = windows.gyro[k], windows.accel[k]
-        gyro = (gyro * total + windows.gyro[k] * weight) / (total + weight)
-        accel = (accel * total + windows.accel[k] * weight) / (total + weight)
+            begin, total, turning, shaking = k, 0.0, gyro_std, accel_std
+            gyro, accel = gyros[k], accels[k]
+        gyro = _mean(gyro, total, gyros[k], weight)
+        accel = _mean(accel, total, accels[k], weight)
         total += weight
-        floor = np.minimum(floor, noise)
+        turning, shaking = min(turning, gyro_std), min(shaking, accel_std)
     if begin is not None:
         _close(spans, windows, begin, len(windows))
     return spans
+
+
+def _mean(one: list[float], weight: float, other: list[float], more: float) -> list[float]:
+    """Weighted mean of two vectors."""
+    return [(a * weight + b * more) / (weight + more) for a, b in zip(one, other, strict=True)]
 
 
 def _close(spans: list[StillSpan], windows: Windows, begin: int, end: int) -> None:
