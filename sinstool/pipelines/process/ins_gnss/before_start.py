@@ -11,7 +11,7 @@ from sinstool.core.units import STANDARD_GRAVITY
 from sinstool.methods.coning.algorithm import ConingAlgorithm
 from sinstool.methods.ins_gnss.constraints import REST_VELOCITY
 from sinstool.methods.ins_gnss.settings import Start
-from sinstool.methods.ins_gnss.smoother import corrected_navigation
+from sinstool.methods.ins_gnss.smoother import SmoothedEpochs, corrected_navigation
 from sinstool.methods.ins_gnss.states import (
     ACCEL_BIAS,
     ATTITUDE,
@@ -150,6 +150,13 @@ def before_start(
         velocity,
         attitude,
     )
+
+
+def smoothed_start(start: Start, smoothed: SmoothedEpochs) -> Start:
+    """A start as all that follows says it was; unchanged where the smoother does not say."""
+    if not np.isfinite(smoothed.first_error).all():
+        return start
+    return corrected_start(start, smoothed.first_error, smoothed.first_covariance, smoothed.kind)
 
 
 def _grown(

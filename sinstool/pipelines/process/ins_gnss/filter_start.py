@@ -8,11 +8,18 @@ from typing import Any
 import numpy as np
 
 from sinstool.core.arrays import FloatArray
+from sinstool.core.result import compass
+from sinstool.core.rotation import to_euler
 from sinstool.core.streams import GnssEpochs
+from sinstool.core.units import DEGREE
 from sinstool.methods.height.pressure import HeightReference
 from sinstool.methods.ins_gnss.receiver_offsets import LATENCY_S, ReceiverOffsets
 from sinstool.methods.ins_gnss.settings import Settings, Start
+from sinstool.pipelines.process.summary import FirstAttitude
 from sinstool.survey.grade import ImuGrade
+
+# A heading more certain than this is good, deg.
+GOOD_HEADING = 5.0
 
 
 @dataclass(frozen=True)
@@ -71,6 +78,26 @@ class FilterStart:
         if self.offsets is not None:
             return self.offsets.error_of(self.settings.gnss_latency, configured)
         return np.diag([0.0 if configured else LATENCY_S**2, 0.0, 0.0, 0.0])
+
+    @property
+    def first_attitude(self) -> FirstAttitude:
+        """The attitude that the filter starts from."""
+        start = self.start
+        roll, pitch, heading = (to_euler(start.nav[6:10]) / DEGREE).tolist()
+        sigma = np.sqrt(np.diag(start.covariance_attitude_n)) / DEGREE
+        return FirstAttitude(
+            method="filter-start",
+            how=self.how,
+            time_ns=self.time_ns,
+            roll_deg=roll,
+            pitch_deg=pitch,
+            heading_deg=compass(heading),
+            sigma_deg=tuple(sigma.tolist()),
+            status="ok" if sigma[2] < GOOD_HEADING else "degraded",
+            north_referenced=True,
+            gyro_bias_rad_s=tuple(start.gyro_bias.tolist()),
+            gyro_bias_source="start",
+        )
 
 
 def measurements(p: FilterStart) -> dict[str, Any]:

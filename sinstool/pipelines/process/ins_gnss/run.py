@@ -11,11 +11,10 @@ import numpy as np
 from sinstool.config import ProcessConfig
 from sinstool.config.align import GnssOptions
 from sinstool.core.finding import Finding
-from sinstool.core.result import compass, fields_in
-from sinstool.core.rotation import from_dcm, to_euler
+from sinstool.core.result import fields_in
+from sinstool.core.rotation import from_dcm
 from sinstool.core.streams import Diagnostics, Imu, Solution, concatenate, take_rows
 from sinstool.core.timeline import SECOND
-from sinstool.core.units import DEGREE
 from sinstool.io.writers.solution import Frames
 from sinstool.methods.ins_gnss.constraints import Constraints
 from sinstool.methods.ins_gnss.diagnosis import diagnose
@@ -28,7 +27,7 @@ from sinstool.methods.ins_gnss.results import (
     UpdateColumns,
 )
 from sinstool.methods.ins_gnss.settings import Start
-from sinstool.methods.ins_gnss.smoother import SmoothedEpochs, Smoother
+from sinstool.methods.ins_gnss.smoother import Smoother
 from sinstool.methods.ins_gnss.withheld import Withheld
 from sinstool.methods.strapdown.velocity import Increments
 from sinstool.pipelines.plan import Plan
@@ -42,7 +41,7 @@ from sinstool.pipelines.process.ins_gnss.after_gap import (
     summed,
     vehicle_of,
 )
-from sinstool.pipelines.process.ins_gnss.before_start import before_start, corrected_start
+from sinstool.pipelines.process.ins_gnss.before_start import before_start, smoothed_start
 from sinstool.pipelines.process.ins_gnss.filter_start import FilterStart, measurements
 from sinstool.pipelines.process.ins_gnss.start import timed_start
 from sinstool.pipelines.process.ins_gnss.trust import doubts, late_or_early, marked, untrusted
@@ -53,7 +52,6 @@ from sinstool.pipelines.process.summary import (
     FilterCourse,
     FilterStartTime,
     FilterUsed,
-    FirstAttitude,
     LatencyUsed,
     ModeResult,
     Sink,
@@ -72,8 +70,6 @@ DIAGNOSTIC_NAMES = (
         for axis in ("north", "east", "down")
     ),
 )
-# A heading more certain than this is good, deg.
-GOOD_HEADING = 5.0
 # What is wrong shows within minutes.
 DIAGNOSED_NS = 300 * SECOND
 USUAL_SIGMA_V = GnssOptions().gnss_sigma_v
@@ -200,7 +196,7 @@ class FilterRun(Mode):
             self._mounted(None if vehicle is None else vehicle.c_vb)
             log_time = np.concatenate(log_times)
             smoothed = smoother.epochs()
-            first = _smoothed_start(stretch.start.start, smoothed)
+            first = smoothed_start(stretch.start.start, smoothed)
             yield from self._scored(self._earlier(stretch, first))
             events = stretch.filter.events
             doubtful = doubts(concatenate(self._gnss), events) if self._gnss else []
@@ -368,7 +364,7 @@ class FilterRun(Mode):
         gyro_kind = self.config.input.sample_kind
         texts = (*self._start.warnings, *self._start.attitude_warnings)
         return ModeResult(
-            alignment=_first_attitude(self._start),
+            alignment=self._start.first_attitude,
             coning=ConingUsed.of(self.plan.algorithm, gyro_kind, self._updates),
             height=height,
             filter=self._summary(),
@@ -489,29 +485,3 @@ class FilterRun(Mode):
             texts = height_warnings(s.channel, channel_events_of(self._stretches), before)
             findings += warned("height", texts)
         return findings
-
-
-def _smoothed_start(start: Start, smoothed: SmoothedEpochs) -> Start:
-    """A start as all that follows says it was."""
-    if not np.isfinite(smoothed.first_error).all():
-        return start
-    return corrected_start(start, smoothed.first_error, smoothed.first_covariance, smoothed.kind)
-
-
-def _first_attitude(start: FilterStart) -> FirstAttitude:
-    """The filter's start as a first attitude."""
-    roll, pitch, heading = (to_euler(start.start.nav[6:10]) / DEGREE).tolist()
-    sigma = np.sqrt(np.diag(start.start.covariance_attitude_n)) / DEGREE
-    return FirstAttitude(
-        method="filter-start",
-        how=start.how,
-        time_ns=start.time_ns,
-        roll_deg=roll,
-        pitch_deg=pitch,
-        heading_deg=compass(heading),
-        sigma_deg=tuple(sigma.tolist()),
-        status="ok" if sigma[2] < GOOD_HEADING else "degraded",
-        north_referenced=True,
-        gyro_bias_rad_s=tuple(start.start.gyro_bias.tolist()),
-        gyro_bias_source="start",
-    )
