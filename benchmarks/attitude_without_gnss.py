@@ -2,11 +2,12 @@
 
 Simulated cars, drones, ships and hands, each with sensors of three grades: white noise, biases at
 turn-on and wandering, scale factors and misalignment. Everything begins with the tilt and the gyro
-bias of the first rest, where there is one, and with the true heading. The last three motions are
-traps: they are so smooth that they look like a rest.
+bias of the first rest, where there is one, and with the true heading. Three motions are traps: they
+are so smooth that they look like a rest. Of the kinds called "any" every size is drawn by the seed.
 
 python benchmarks/attitude_without_gnss.py
 python benchmarks/attitude_without_gnss.py --seeds 2 --kinds car ship --grades mems
+python benchmarks/attitude_without_gnss.py --seeds 10 --first-seed 20 --kinds "any car" "any ship"
 """
 
 from __future__ import annotations
@@ -35,7 +36,7 @@ from sinstool.core.units import DEGREE
 from sinstool.methods.attitude_smoother.epochs import Epochs, EpochStage
 from sinstool.methods.attitude_smoother.model import sensor_model
 from sinstool.methods.attitude_smoother.motion import Motion, find_motion
-from sinstool.methods.attitude_smoother.rest import with_rest
+from sinstool.methods.attitude_smoother.rest import confirmed, with_rest
 from sinstool.methods.attitude_smoother.smoother import smooth
 from sinstool.methods.coning.registry import algorithm
 from sinstool.methods.sensor_errors import SIMULATED_GRADES, Grade
@@ -159,10 +160,10 @@ def smoothed(
     stage = EpochStage(60_000_000, np.full(3, np.inf), omega_in_n=earth)
     for solution in alone:
         stage.push(solution)
-    epochs = with_rest(stage.finish())
     sensors = sensor_model(
         grade, walk_at_rest=start.walk, bias_known=start.rested, earth_removed=True
     )
+    epochs = confirmed(with_rest(stage.finish()), sensors)
     motion = find_motion(epochs, sensors)
     correction = smooth(epochs, motion.model, sensors)
     return concatenate([correction.apply(solution) for solution in alone]), motion, epochs
@@ -225,7 +226,12 @@ HEAD = (
 
 def main() -> None:
     options = parser(__doc__, seeds=4, first_seed=0, minutes=0.0)
-    options.add_argument("--kinds", nargs="+", choices=KINDS, default=list(KINDS))
+    options.add_argument(
+        "--kinds",
+        nargs="+",
+        choices=KINDS,
+        default=[kind for kind in KINDS if not kind.startswith("any ")],
+    )
     options.add_argument("--grades", nargs="+", choices=GRADES, default=list(GRADES))
     options.add_argument("--alone", dest="others", action="store_false", help="no other packages")
     options.add_argument("--each", action="store_true", help="a line for each seed")

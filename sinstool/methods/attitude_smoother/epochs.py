@@ -25,7 +25,11 @@ DV: Any
 DP: Any
 DV, DP = map(np.int64, (2, 5))
 GYRO, ACCEL, GYRO_VARIANCE, ACCEL_VARIANCE, COUNT = 20, 23, 26, 29, 32
-WIDTH = 33
+OWN_RATE, SWAY_RATE, SWAY_FORCE = 33, 34, 35
+WIDTH = 36
+# What an epoch is. It does not turn where it is quiet, nor accelerate where it is steady, nor move
+# at rest.
+MOVING, QUIET, STEADY, AT_REST = range(4)
 # Three samples on end at the largest rate of an axis are a gyro at its stop.
 STOP_RUN = 3
 STOP_SHARE = 0.997
@@ -42,8 +46,10 @@ class Epochs:
     values : ndarray, shape (n, WIDTH)
         Duration (s), length of the gap (s; 0: none); in navigation axes the velocity (m/s) and
         position (m) that the specific force adds and the integral of the attitude matrix (s);
-        integral of the squared rate (rad^2/s), seconds with a gyro at its stop, whether at rest;
-        in body axes means and variances of rate against NED and specific force; how many samples.
+        integral of the squared rate (rad^2/s), seconds with a gyro at its stop, whether at rest
+        (see `rest`); in body axes means and variances of rate against NED and specific force; how
+        many samples; at rest, the variance of an axis' mean rate by its noise, and those of the
+        mean rate and the mean specific force from epoch to epoch.
     omega_in_n : ndarray, shape (3,)
         What the integration took for the rate of NED, rad/s.
     """
@@ -57,8 +63,13 @@ class Epochs:
 
     @property
     def rest(self) -> np.ndarray:
-        """Which are at rest, shape (n,)."""
-        return self.values[:, REST] > 0.0
+        """Which do not turn, so that the bias shows, shape (n,)."""
+        return self.values[:, REST] > MOVING
+
+    @property
+    def at_rest(self) -> np.ndarray:
+        """Which stand still, shape (n,)."""
+        return self.values[:, REST] == AT_REST
 
     @property
     def gap(self) -> np.ndarray:

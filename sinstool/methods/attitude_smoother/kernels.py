@@ -9,16 +9,20 @@ import numpy as np
 from sinstool.core.arrays import FloatArray
 from sinstool.core.parts import kernel, part
 from sinstool.methods.attitude_smoother.epochs import (
-    ACCEL_VARIANCE,
-    COUNT,
+    AT_REST,
     DP,
     DURATION,
     DV,
     GAP,
     GYRO,
     JB,
+    MOVING,
+    OWN_RATE,
     REST,
     SATURATED,
+    STEADY,
+    SWAY_FORCE,
+    SWAY_RATE,
     W2,
 )
 from sinstool.methods.attitude_smoother.heading_update import measure_heading
@@ -51,17 +55,20 @@ from sinstool.methods.rts import smoother_covariance, smoother_gain
 # Parameters of a run
 C1, C0, DENSITY, WALK, RATE_ERROR, BIAS_WALK, ZERO_RATE, VELOCITY_WALK, GRAVITY_WALK = range(9)
 VELOCITY_VARIANCE, POSITION_VARIANCE, REST_FORCE, TRAVEL = 9, 10, 11, 12
-OMEGA = 13
-PARAMETERS = 16
+DRIFT, JUDGED_AGAIN, OMEGA = 13, 14, 15
+PARAMETERS = 18
 # A motion that pulls at a bound is no rest: there the specific force is gravity alone.
 REST_DENSITY = 0.1  # m/s^2/sqrt(Hz)
 REST_VELOCITY = 0.02  # m/s
-# What an epoch is; and the square, over its variance, beyond which something denies a rest.
-MOVING, STEADY, AT_REST = range(3)
+# The square, over its variance, beyond which something denies a rest.
 DENIED = 5.0**2
 # To call travel a rest spoils all tilts before and after, and to call a rest travel hardly any: of
 # the velocity, three axes together, less will do.
 TRAVELS = 3.0**2
+# Judged again, a rest may show a bias that has drifted for so long, s.
+DRIFTED_S = 60.0
+# What sways does so for as many epochs in one direction.
+SWAY_LASTS = 10.0
 # In a gap the body turns as it did, and by this much per second beside, rad.
 GAP_RATE = 0.5
 # A gyro at its stop misses this much, rad/s.
@@ -70,21 +77,40 @@ DIVERGED = -1e300
 
 
 @part()
+def _rate_at_rest(row: FloatArray, par: FloatArray, x: FloatArray) -> tuple[float, float, float]:
+    """Mean rate of an epoch against NED, about the body's axes, less the bias so far.
+
+    The epoch's own was taken against NED in the integration's axes: C puts those right.
+    """
+    u, v, w = par[OMEGA], par[OMEGA + 1], par[OMEGA + 2]
+    t = row[DURATION]
+    north = (x[0] * u + x[3] * v + x[6] * w - u) / t
+    east = (x[1] * u + x[4] * v + x[7] * w - v) / t
+    down = (x[2] * u + x[5] * v + x[8] * w - w) / t
+    return (
+        row[GYRO] - row[JB] * north - row[JB + 3] * east - row[JB + 6] * down - x[B],
+        row[GYRO + 1] - row[JB + 1] * north - row[JB + 4] * east - row[JB + 7] * down - x[B + 1],
+        row[GYRO + 2] - row[JB + 2] * north - row[JB + 5] * east - row[JB + 8] * down - x[B + 2],
+    )
+
+
+@part()
 def _steadiness(
-    row: FloatArray, par: FloatArray, x: FloatArray, p: FloatArray, dx: FloatArray
+    row: FloatArray, par: FloatArray, x: FloatArray, p: FloatArray, dx: FloatArray, since: float
 ) -> int:
     """What an epoch that looks like rest is, by what is known of tilt, bias and velocity by now.
 
-    A steady turn looks like rest to itself, and so does steady travel; what led there tells.
+    A steady turn looks like rest to itself, and so does steady travel; what led there tells. The
+    last rest ended `since` seconds ago.
     """
     t = row[DURATION]
-    own = max(row[ACCEL_VARIANCE], row[ACCEL_VARIANCE + 1], row[ACCEL_VARIANCE + 2])
-    level = par[REST_FORCE] ** 2 + own / max(row[COUNT], 1.0)
+    level = par[REST_FORCE] ** 2 + row[SWAY_FORCE]
+    steady = par[ZERO_RATE] ** 2 + (par[DRIFT] * since) ** 2
     speed = 0.0
-    force = felt(x, row, DV, 0.5)
+    force, rates = felt(x, row, DV, 0.5), _rate_at_rest(row, par, x)
     for i in range(3):
-        rate = row[GYRO + i] - x[B + i] - dx[XB + i]
-        if rate * rate > DENIED * (p[XB + i, XB + i] + par[ZERO_RATE] ** 2):
+        rate = rates[i] - dx[XB + i]
+        if rate * rate > DENIED * (p[XB + i, XB + i] + steady):
             return MOVING
         if i < 2:
             z = force[i] / t
@@ -93,7 +119,7 @@ def _steadiness(
                 return MOVING
         v = x[V + i] + dx[XV + i]
         speed += v * v / (p[XV + i, XV + i] + REST_VELOCITY**2)
-    return STEADY if speed > TRAVELS else AT_REST
+    return min(int(row[REST]), STEADY if speed > TRAVELS else AT_REST)
 
 
 @part()
@@ -107,15 +133,15 @@ def _measure(
     p: FloatArray,
     gain: FloatArray,
     dx: FloatArray,
+    kind: int,
 ) -> float:
-    """Hold a state and what it is known to be off by, `dx`, against epoch k.
+    """Hold a state and what it is known to be off by, `dx`, against epoch k, of a kind.
 
-    Changes `dx`; the log likelihood of the epoch's motion, 0 where it looks like rest.
+    Changes `dx`; the log likelihood of the epoch's motion, 0 at rest.
     """
     if row[GAP] > 0.0:
         return 0.0
-    kind = _steadiness(row, par, x, p, dx) if row[REST] > 0.0 else MOVING
-    rest = kind != MOVING
+    rest = kind >= STEADY
     t = row[DURATION]
     c1 = 0.0 if rest else par[C1]
     c0 = 0.0 if rest else par[C0]
@@ -141,16 +167,18 @@ def _measure(
         if not (s < 1e8 and abs(left) < 1e4):
             return DIVERGED
         likelihood -= 0.5 * (left * left / s + log(s))
-    if row[REST] > 0.0:
+    if kind != MOVING:
         likelihood = 0.0
     if kind == AT_REST:
         for i in range(3):
             z = -x[V + i]
             update(p, n, XV + i, 1.0, XA, 0.0, XA, 0.0, z, REST_VELOCITY**2, gain, dx)
-    if rest:
+    if kind != MOVING:
+        steady = par[ZERO_RATE] ** 2 + row[OWN_RATE]
+        steady += SWAY_LASTS * max(0.0, row[SWAY_RATE] - row[OWN_RATE])
+        rates = _rate_at_rest(row, par, x)
         for i in range(3):
-            z = row[GYRO + i] - x[B + i]
-            update(p, n, XB + i, 1.0, XA, 0.0, XA, 0.0, z, par[ZERO_RATE] ** 2, gain, dx)
+            update(p, n, XB + i, 1.0, XA, 0.0, XA, 0.0, rates[i], steady, gain, dx)
     if len(field):
         measure_heading(field[k], n, x, p, gain, dx)
     return likelihood
@@ -346,6 +374,7 @@ def forward(
     dx: FloatArray,
     last_x: FloatArray,
     last_p: FloatArray,
+    kinds: FloatArray,
 ) -> float:
     """Filter epochs without keeping more than the state before every so many of them.
 
@@ -373,6 +402,9 @@ def forward(
         Zeros; afterwards what the state of `near` is off by at the end.
     last_x, last_p : ndarray, shape (STATE,) and (KEPT,)
         Get the state at the end, corrected, and its covariance of attitude and bias.
+    kinds : ndarray, shape (m,) or (0,)
+        Gets what each epoch is, MOVING to AT_REST, by what led there; none: they are what
+        the epochs say.
 
     Returns
     -------
@@ -385,7 +417,7 @@ def forward(
     if len(near):
         less(x, near[begin], n, dx, e)
         copy(near[begin], x)
-    total = 0.0
+    total, since = 0.0, 0.0
     for k in range(begin, end):
         if every and (k - begin) % every == 0:
             kept = (k - begin) // every
@@ -394,7 +426,15 @@ def forward(
             for m in range(ERRORS):
                 states[kept, STATE + m] = dx[m]
             copy_square(p, covariances[kept])
-        likelihood = _measure(epochs[k], field, k, par, n, x, p, gain, dx)
+        kind = int(epochs[k, REST])
+        if kind > MOVING and len(kinds):
+            kind = _steadiness(epochs[k], par, x, p, dx, since)
+        elif kind > MOVING and par[JUDGED_AGAIN] > 0.0:
+            kind = _steadiness(epochs[k], par, x, p, dx, DRIFTED_S)
+        if len(kinds):
+            since = 0.0 if kind == AT_REST else since + epochs[k, DURATION]
+            kinds[k] = kind
+        likelihood = _measure(epochs[k], field, k, par, n, x, p, gain, dx, kind)
         if not likelihood > DIVERGED:
             total = DIVERGED
             break
@@ -464,7 +504,10 @@ def backward(
     p_plus, p_minus = np.empty((count, n, n)), np.empty((count, n, n))
     x_plus, x_minus = np.empty((count, STATE)), np.empty((count, STATE))
     for k in range(count):
-        _measure(epochs[begin + k], field, begin + k, par, n, x, p, gain, dx)
+        kind = int(epochs[begin + k, REST])
+        if kind > MOVING and par[JUDGED_AGAIN] > 0.0:
+            kind = _steadiness(epochs[begin + k], par, x, p, dx, DRIFTED_S)
+        _measure(epochs[begin + k], field, begin + k, par, n, x, p, gain, dx, kind)
         _take_in(near, begin + k, x, dx, n, e)
         copy(x, x_plus[k])
         copy(dx, dx_plus[k])

@@ -80,7 +80,9 @@ class SensorModel:
     bias : float
         Of the gyros beyond what was taken off, at the start, rad/s.
     zero_rate : float
-        How far the mean rate of an epoch of rest may be from the bias, rad/s.
+        How far the mean rate of an epoch of rest may be from the bias beside its noise, rad/s.
+    bias_drift : float
+        Of the gyros while they warm up, rad/s^2: a rest may show it.
     velocity_walk : float
         Accelerometer errors as noise of the velocity, m/s/sqrt(s).
     accel_bias : float
@@ -93,7 +95,8 @@ class SensorModel:
     rate_error: float = 3e-3
     bias_walk: float = 1e-5
     bias: float = 0.03
-    zero_rate: float = 2e-3
+    zero_rate: float = IMU_GRADES["mems"].gyro_instability
+    bias_drift: float = 3e-6
     velocity_walk: float = 0.05
     accel_bias: float = 0.03
     gravity: float = 0.2
@@ -104,6 +107,8 @@ class SensorModel:
 _MEMS = SensorModel()
 _MEMS_BIAS_AFTER_REST = 5e-3
 _SHORT_REST_S = 5.0
+# A bias as uncertain as this makes a first pass linear about a wrong attitude, rad/s.
+LARGE_BIAS = 0.01
 
 
 def sensor_model(
@@ -146,7 +151,8 @@ def sensor_model(
         rate_error=sqrt(of.gyro_scale**2 + of.gyro_misalignment**2),
         bias_walk=max(wander, turning),
         bias=max(bias, 0.0 if earth_removed else EARTH_RATE),
-        zero_rate=max(_MEMS.zero_rate * walk / _MEMS.angle_random_walk, of.gyro_instability),
+        zero_rate=of.gyro_instability,
+        bias_drift=_MEMS.bias_drift * of.gyro_instability / _MEMS.zero_rate,
         velocity_walk=_MEMS.velocity_walk
         * of.velocity_random_walk
         / IMU_GRADES["mems"].velocity_random_walk,

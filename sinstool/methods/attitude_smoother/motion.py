@@ -21,17 +21,16 @@ from sinstool.methods.attitude_smoother.epochs import (
     W2,
     Epochs,
 )
-from sinstool.methods.attitude_smoother.heading_update import NO_FIELD
-from sinstool.methods.attitude_smoother.kernels import DIVERGED, forward
+from sinstool.methods.attitude_smoother.kernels import DIVERGED
 from sinstool.methods.attitude_smoother.model import (
+    EPOCH_S,
     HAND,
     VEHICLE,
     MotionModel,
     MotionName,
     SensorModel,
 )
-from sinstool.methods.attitude_smoother.start import first_state, parameters
-from sinstool.methods.attitude_smoother.state import ERRORS, KEPT, STATE
+from sinstool.methods.attitude_smoother.start import filtered
 
 # A vehicle must explain a moving epoch better by so much, in nat, or a moving second, where
 # a smooth road shows no more than slow accelerations; between half and one and a half times that
@@ -39,6 +38,8 @@ from sinstool.methods.attitude_smoother.state import ERRORS, KEPT, STATE
 # 1 and 5, cars and ships to 3, or 16, and more.
 MARGIN, SECOND_MARGIN = 1.0, 8.0
 UNSURE = 0.5
+# Some times that a hand goes round and about, s.
+SHORTEST_S = 15.0
 # What moves as fast is no hand, m/s.
 HAND_SPEED = 4.0
 # Moving epochs that are looked at: ten minutes, in so many stretches.
@@ -66,14 +67,20 @@ class Motion:
     margin : float or None
         By how much, in nat a moving epoch, a vehicle is more likely than a hand, or what a moving
         second says of that, if it is more; None where it was not asked.
+    short : bool
+        The motion is too short to show whether its position is bounded: then it is a vehicle's,
+        as that claims less.
     """
 
     model: MotionModel
     margin: float | None
+    short: bool = False
 
     @property
     def sure(self) -> bool:
         """Whether the margin is far from where the choice turns."""
+        if self.short:
+            return False
         return self.margin is None or abs(self.margin - MARGIN) > UNSURE * MARGIN
 
 
@@ -107,19 +114,20 @@ def find_motion(
         return Motion(assumed, None if name else 0.0)
     if name is None and speed is not None and speed > HAND_SPEED:
         name = "vehicle"
-    margin, search = None, _Search(parts, sensors)
+    margin, short, search = None, False, _Search(parts, sensors)
     models = [model for model in (HAND, VEHICLE) if name in (None, model.name)]
     with executor(2, "sinstool-motion") as pool:
         pairs = [(model, length) for length in LONGER for model in models]
         list(pool.map(lambda one: search.best(*one), pairs))
     if name is None:
         margin = max(search.margin(1), search.margin(SECOND) * MARGIN / SECOND_MARGIN)
-        name = "vehicle" if margin > MARGIN else "hand"
+        short = moving * EPOCH_S < SHORTEST_S
+        name = "vehicle" if short or margin > MARGIN else "hand"
     if name == "hand":
         density = min(max(search.best(HAND, 1)[0], HAND_RANGE[0]), HAND_RANGE[1])
         return Motion(HAND.with_density(density), margin)
     found = max(search.best(VEHICLE, length)[0] for length in LONGER)
-    return Motion(VEHICLE.with_density(max(VEHICLE_FACTOR * found, least)), margin)
+    return Motion(VEHICLE.with_density(max(VEHICLE_FACTOR * found, least)), margin, short)
 
 
 class _Search:
@@ -165,13 +173,7 @@ def _most_likely(
         total = 0.0
         for part in parts:
             shaken = model.with_density(exp(at))
-            x, p = first_state(part, shaken, sensors)
-            kept = np.empty((0, STATE)), np.empty((0, *p.shape))
-            own = np.empty((0, STATE)), np.zeros(ERRORS), np.empty(STATE), np.empty(KEPT)
-            par = parameters(shaken, sensors, part.omega_in_n)
-            one = forward(
-                part.values, NO_FIELD, 0, len(part), par, model.states, x, p, 0, *kept, *own
-            )
+            one = filtered(part, shaken, sensors)
             total = max(total + one, DIVERGED)
         return total
 

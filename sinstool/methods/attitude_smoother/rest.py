@@ -1,6 +1,7 @@
-"""Detection of rest: two seconds in which the means of epochs stay constant.
+"""Rest: two seconds in which the means of epochs stay constant, unless what led there denies it.
 
-Steady travel and wide turns look alike; the filter denies those by what led there.
+Steady travel and wide turns look like rest. They differ in the rate, which no gyro's bias would
+have, in a specific force that is not level, and in the velocity that a filter finds.
 """
 
 from __future__ import annotations
@@ -12,16 +13,29 @@ from itertools import pairwise
 import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
 
+from sinstool.core.earth import EARTH_RATE
+from sinstool.core.timeline import SECOND
 from sinstool.core.units import DEGREE
 from sinstool.methods.attitude_smoother.epochs import (
     ACCEL,
     ACCEL_VARIANCE,
+    AT_REST,
     COUNT,
     GYRO,
     GYRO_VARIANCE,
+    MOVING,
+    OWN_RATE,
+    QUIET,
     REST,
+    STEADY,
+    SWAY_FORCE,
+    SWAY_RATE,
     Epochs,
 )
+from sinstool.methods.attitude_smoother.kernels import DIVERGED
+from sinstool.methods.attitude_smoother.model import VEHICLE, SensorModel
+from sinstool.methods.attitude_smoother.start import filtered
+from sinstool.methods.sensor_errors import LIKELY
 
 WINDOW = 10  # epochs
 AT_ONCE = 4096  # windows
@@ -30,6 +44,13 @@ GYRO_SCATTER, ACCEL_SCATTER = 0.12 * DEGREE, 0.03  # rad/s, m/s^2
 GYRO_NOISE, ACCEL_NOISE = 1.3 * DEGREE, 0.5
 # No gyro's bias is as large, rad/s.
 LARGEST_BIAS = 0.2
+# What sways by more than its gyros' noise, or than the quietest rest of its log, may be afloat, in
+# the air or on a road: it does not accelerate, but that it stands still is not certain.
+SWAYS = 3.0**2
+# Shorter it is a lull, of which a slow acceleration is as likely as before and after.
+LULL = 25  # epochs
+# A rest that is so much shorter than the longest has to have its rate.
+SHORT_SHARE = 1.0 / 3.0
 # Rests of one log show one bias, rad/s, and one size of gravity, m/s^2: steady turns show others.
 SAME_BIAS, SAME_FORCE = 0.02, 0.15
 
@@ -62,9 +83,96 @@ def with_rest(
     for begin, end in _runs(still):
         if moves is not None and moves(int(epochs.time_ns[begin]), int(epochs.time_ns[end])):
             still[begin:end] = False
+    _note_sway(values, still)
     still &= _agreeing(values, still)
-    values[still, REST] = 1.0
+    values[still, REST] = AT_REST
     return replace(epochs, values=values)
+
+
+def confirmed(epochs: Epochs, sensors: SensorModel, tilt: float | None = None) -> Epochs:
+    """The epochs, without the rests that a filter denies by what led there.
+
+    Parameters
+    ----------
+    epochs : Epochs
+        With those marked that look like rest.
+    sensors : SensorModel
+    tilt : float, optional
+        See :func:`~sinstool.methods.attitude_smoother.start.first_state`.
+
+    Returns
+    -------
+    Epochs
+        What is denied is motion, and so is what is within two seconds of it. What sways by more
+        than noise is steady at most, and for less than five seconds only quiet.
+    """
+    if not epochs.rest.any():
+        return epochs
+    rows = epochs.values.copy()
+    sway = rows[:, SWAY_RATE]
+    # by the usual sway: the last epochs of a rest may sway more as something begins to move
+    usual = np.median(sway[epochs.rest])
+    sensors = replace(sensors, zero_rate=np.sqrt(sensors.zero_rate**2 + usual))
+    _drop_short_turns(rows, epochs, sensors)
+    quiet = min(np.median(sway[begin:end]) for begin, end in _runs(epochs.rest))
+    sways = epochs.rest & (sway > SWAYS * np.minimum(rows[:, OWN_RATE], quiet))
+    rows[sways & (rows[:, REST] > MOVING), REST] = STEADY
+    _drop_lulls(rows)
+    kinds = np.zeros(len(epochs))
+    if filtered(replace(epochs, values=rows), VEHICLE, sensors, tilt, kinds) == DIVERGED:
+        return epochs
+    denied = epochs.rest & (kinds == MOVING)
+    near = np.convolve(denied, np.ones(2 * WINDOW + 1))[WINDOW:-WINDOW] > 0.0
+    rows[:, REST] = np.where(near, MOVING, kinds)
+    _drop_lulls(rows)
+    return replace(epochs, values=rows)
+
+
+def _drop_lulls(rows: np.ndarray) -> None:
+    """Steady for a short time is only quiet."""
+    for begin, end in _runs(rows[:, REST] == STEADY):
+        if end - begin < LULL:
+            rows[begin:end, REST] = QUIET
+
+
+def _drop_short_turns(rows: np.ndarray, epochs: Epochs, sensors: SensorModel) -> None:
+    """No rest is what is short and has not the rate of the longest one: hands turn slowly too."""
+    first, last = max(_runs(epochs.rest), key=lambda run: run[1] - run[0])
+    rate = rows[:, GYRO : GYRO + 3] - np.median(rows[first:last, GYRO : GYRO + 3], axis=0)
+    at = epochs.time_ns[:-1]
+    apart_s = np.maximum(np.maximum(at[first] - at, at - at[last - 1]), 0) / SECOND
+    unlike = LIKELY * np.hypot(sensors.zero_rate, sensors.bias_drift * apart_s) + EARTH_RATE
+    other = epochs.rest & (np.linalg.norm(rate, axis=1) > unlike)
+    for begin, end in _runs(other):
+        if end - begin < SHORT_SHARE * (last - first):
+            rows[begin:end, REST] = MOVING
+
+
+def _note_sway(rows: np.ndarray, still: np.ndarray) -> None:
+    """How much the means of epochs vary about those of their windows, and their noise."""
+    for begin, end in _runs(still):
+        part = rows[begin:end]
+        wide = min(WINDOW, len(part))
+        for mean, sway in ((GYRO, SWAY_RATE), (ACCEL, SWAY_FORCE)):
+            about = part[:, mean : mean + 3] - part[:, mean : mean + 3].mean(axis=0)
+            square = _over_windows((about**2).mean(axis=1), wide)
+            for axis in about.T:
+                square -= _over_windows(axis, wide) ** 2 / 3.0
+            part[:, sway] = _of_windows(square * wide / max(wide - 1, 1), len(part))
+        own = part[:, GYRO_VARIANCE : GYRO_VARIANCE + 3].mean(axis=1)
+        own /= np.maximum(part[:, COUNT], 1.0)
+        part[:, OWN_RATE] = _of_windows(_over_windows(own, wide), len(part))
+
+
+def _over_windows(column: np.ndarray, wide: int) -> np.ndarray:
+    """Means over all windows of so many epochs."""
+    return np.convolve(column, np.full(wide, 1.0 / wide), "valid")
+
+
+def _of_windows(windows: np.ndarray, count: int) -> np.ndarray:
+    """Of each epoch the mean over the windows that hold it."""
+    ones = np.ones(count - len(windows) + 1)
+    return np.convolve(windows, ones) / np.convolve(np.ones(len(windows)), ones)
 
 
 def _still(epochs: Epochs) -> np.ndarray:

@@ -16,8 +16,8 @@ from sinstool.methods.attitude_smoother import kernels, state
 from sinstool.methods.attitude_smoother.epochs import ACCEL, Epochs
 from sinstool.methods.attitude_smoother.heading_update import NO_FIELD
 from sinstool.methods.attitude_smoother.magnetometer import North
-from sinstool.methods.attitude_smoother.model import GRAVITY, MotionModel, SensorModel
-from sinstool.methods.attitude_smoother.start import Known, first_state, parameters
+from sinstool.methods.attitude_smoother.model import GRAVITY, LARGE_BIAS, MotionModel, SensorModel
+from sinstool.methods.attitude_smoother.start import NO_KINDS, Known, first_state, parameters
 
 NOTHING_KNOWN = Known()
 # Epochs that are filtered again and smoothed at once.
@@ -32,7 +32,6 @@ LIKELY_EXCESS = 0.3
 # smoother is run again about what it found (an iterated smoother, a Gauss-Newton step a pass) until
 # a pass changes no tilt by CLOSE, rad; without a bias the first passes believe in motion that
 # shakes more, lest they hold on to where they began.
-LARGE_BIAS = 0.01
 FAR, CLOSE = 0.05, 1e-3
 PASSES = 20
 WIDER = (4.0, 3.0, 2.0, 1.5)
@@ -231,7 +230,7 @@ def _pass(
     dx = np.zeros(state.ERRORS)
     kernels.forward(
         rows, field, 0, count, par, n, x, p, SEGMENT, states, covariances,
-        near, dx, smoothed[count], covariance[count],
+        near, dx, smoothed[count], covariance[count], NO_KINDS,
     )  # fmt: skip
     for k in range(held - 1, -1, -1):
         begin, end = SEGMENT * k, min(SEGMENT * (k + 1), count)

@@ -9,13 +9,16 @@ import numpy as np
 from sinstool.core.arrays import FloatArray
 from sinstool.core.earth import SEMI_MAJOR_AXIS
 from sinstool.core.rotation import exp, to_dcm
-from sinstool.methods.attitude_smoother import state
+from sinstool.methods.attitude_smoother import kernels, state
 from sinstool.methods.attitude_smoother.epochs import Epochs, mean_force
-from sinstool.methods.attitude_smoother.model import MotionModel, SensorModel
+from sinstool.methods.attitude_smoother.heading_update import NO_FIELD
+from sinstool.methods.attitude_smoother.model import LARGE_BIAS, MotionModel, SensorModel
 
 FIRST_S = 3.0
 # Of tilt and heading at the start, rad: what is said of heading is then its change since.
 TILT, HEADING = 0.2, 1e-4
+# Where nobody asks what each epoch is.
+NO_KINDS = np.empty(0)
 
 
 @dataclass(frozen=True)
@@ -110,6 +113,42 @@ def parameters(
             # level specific force at rest: the bias now and that where the tilt was had from
             np.sqrt(2.0) * sensors.accel_bias,
             travel,
+            sensors.bias_drift,
+            # what one pass said of rests is then not final
+            float(sensors.bias > LARGE_BIAS),
             *(np.zeros(3) if omega_in_n is None else omega_in_n),
         ]
     )
+
+
+def filtered(
+    epochs: Epochs,
+    motion: MotionModel,
+    sensors: SensorModel,
+    tilt: float | None = None,
+    kinds: FloatArray = NO_KINDS,
+) -> float:
+    """Filter a log without keeping anything.
+
+    Parameters
+    ----------
+    tilt : float, optional
+        See :func:`first_state`.
+    kinds : ndarray, shape (n,), optional
+        Gets what each epoch is, by what led there.
+
+    Returns
+    -------
+    float
+        Log likelihood of the moving epochs' motion; `DIVERGED` where the filter lost itself.
+    """
+    x, p = first_state(epochs, motion, sensors, tilt)
+    par = parameters(motion, sensors, epochs.omega_in_n)
+    rows, nowhere = epochs.values, np.empty((0, state.STATE))
+    return float(
+        kernels.forward(
+            rows, NO_FIELD, 0, len(rows), par, motion.states, x, p, 0, nowhere,
+            np.empty((0, *p.shape)), nowhere, np.zeros(state.ERRORS), np.empty(state.STATE),
+            np.empty(state.KEPT), kinds,
+        )
+    )  # fmt: skip

@@ -20,7 +20,7 @@ from sinstool.methods.alignment.initial import Alignment
 from sinstool.methods.attitude_smoother.epochs import SATURATED, Epochs, EpochStage
 from sinstool.methods.attitude_smoother.model import GRAVITY, SensorModel, sensor_model
 from sinstool.methods.attitude_smoother.motion import Motion, find_motion
-from sinstool.methods.attitude_smoother.rest import with_rest
+from sinstool.methods.attitude_smoother.rest import confirmed, with_rest
 from sinstool.methods.attitude_smoother.smoother import Correction, smooth
 from sinstool.methods.attitude_smoother.start import Known
 from sinstool.methods.strapdown.attitude import AttitudeRun, AttitudeSettings
@@ -142,6 +142,7 @@ class Smoothing:
             sensors = replace(sensors, bias=min(sensors.bias, bias))
         chosen = self._config.navigation.motion
         motion_class = None if chosen == "auto" else chosen
+        epochs = confirmed(epochs, sensors, _first_tilt(alignment, sensors))
         motion = find_motion(epochs, sensors, motion_class, self._gnss_speed())
         heading = alignment.sigma_rad[2] if alignment.north_referenced else None
         latitude, height = self._source.latitude, self._source.position[2]
@@ -207,7 +208,7 @@ class Smoothing:
             motion=motion.model.name,
             motion_margin_nat=motion.margin,
             acceleration_density_m_s2_sqrt_hz=motion.model.density,
-            rest_s=float(seconds[epochs.rest].sum()),
+            rest_s=float(seconds[epochs.at_rest].sum()),
             gyro_at_stop_s=float(stopped.sum()),
             tilt_sigma_deg=float(np.median(tilt)) / DEGREE,
             tilt_sigma_largest_deg=float(tilt.max()) / DEGREE,
@@ -280,7 +281,7 @@ class Smoothing:
                 heading / DEGREE,
                 bias,
                 correction.gyro_bias_sigma.max(axis=1),
-                np.append(epochs.rest, epochs.rest[-1:]),
+                np.append(epochs.at_rest, epochs.at_rest[-1:]),
             ]
         )
         level = np.append((epochs.values[:, SATURATED] > 0.0) | epochs.gap, False).astype(int)

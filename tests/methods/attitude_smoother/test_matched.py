@@ -10,12 +10,14 @@ from hypothesis import strategies as st
 from sinstool.core.rotation import conjugate, exp, from_dcm, log, multiply, rotate, to_dcm
 from sinstool.methods.attitude_smoother import kernels, smoother, state
 from sinstool.methods.attitude_smoother.epochs import (
+    AT_REST,
     COUNT,
     DP,
     DURATION,
     DV,
     GYRO,
     JB,
+    MOVING,
     REST,
     W2,
 )
@@ -27,7 +29,7 @@ from sinstool.methods.attitude_smoother.model import (
     VEHICLE,
     SensorModel,
 )
-from sinstool.methods.attitude_smoother.rest import with_rest
+from sinstool.methods.attitude_smoother.rest import confirmed, with_rest
 from sinstool.methods.attitude_smoother.start import first_state, parameters
 from tests.helpers.matched_motion import drawn, epochs_of, tilt_error
 
@@ -102,7 +104,7 @@ def one_step(epoch, motion, sensors, x, p):
     f, q, scratch = np.empty((n, n)), np.empty((n, n)), np.empty((3, 3))
     par = parameters(motion, sensors)
     x, p = x.copy(), p.copy()
-    kernels._measure(epoch, NO_FIELD, 0, par, n, x, p, gain, dx)
+    kernels._measure(epoch, NO_FIELD, 0, par, n, x, p, gain, dx, int(epoch[REST]))
     kernels._advance(epoch, 0.0, par, n, x, f, q, scratch)
     return f, q, p, dx
 
@@ -117,7 +119,7 @@ def test_nothing_is_ever_learnt_of_heading(motion, rest):
     x[9:12], x[12:15], x[16:19] = random.normal(0.0, [[3.0], [0.01], [0.5]], (3, 3))
     p[2, 2] = 0.3**2
     row = epochs.values[20].copy()
-    row[REST] = float(rest)
+    row[REST] = AT_REST if rest else MOVING
     row[GYRO : GYRO + 3] = x[12:15]
     f, q, after, dx = one_step(row, motion, SENSORS, x, p)
     # An error of heading alone stays one of heading alone...
@@ -283,7 +285,7 @@ def test_the_smoother_is_the_least_squares_solution_of_all_epochs(motion, monkey
 def test_segments_make_no_difference(case, monkeypatch):
     motion, sensors, turning = CASES[case]
     log_ = drawn(motion, sensors, 300.0, 4, turning=turning, rests=[(100.0, 110.0)])
-    epochs = with_rest(epochs_of(log_.solution))
+    epochs = confirmed(with_rest(epochs_of(log_.solution)), sensors)
     assert len(epochs) > 2 * smoother.SEGMENT
     by_segments = smoother.smooth(epochs, motion, sensors)
     monkeypatch.setattr(smoother, "SEGMENT", len(epochs))
@@ -360,7 +362,7 @@ def test_a_log_that_rests_only_at_its_end():
     # first instant is far off by then.
     motion, sensors, _ = CASES["hand, bias unknown"]
     log_ = drawn(motion, sensors, 120.0, 8, turning=0.5, rests=[(110.0, 120.0)])
-    epochs = with_rest(epochs_of(log_.solution))
+    epochs = confirmed(with_rest(epochs_of(log_.solution)), sensors)
     resting = (epochs.time_ns[:-1] >= 110_000_000_000) & (epochs.time_ns[1:] <= 120_000_000_000)
     assert not np.any(epochs.rest[~resting])
     assert np.mean(epochs.rest[resting]) > 0.4  # noise hides some

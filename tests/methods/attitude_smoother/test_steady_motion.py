@@ -9,7 +9,8 @@ from sinstool.core.streams import Imu, concatenate
 from sinstool.core.timeline import SECOND
 from sinstool.methods.attitude_smoother.epochs import EpochStage
 from sinstool.methods.attitude_smoother.model import GRAVITY, HAND, VEHICLE, sensor_model
-from sinstool.methods.attitude_smoother.rest import with_rest
+from sinstool.methods.attitude_smoother.motion import find_motion
+from sinstool.methods.attitude_smoother.rest import confirmed, with_rest
 from sinstool.methods.attitude_smoother.smoother import smooth
 from sinstool.methods.coning.registry import algorithm
 from sinstool.methods.strapdown.attitude import AttitudeRun, AttitudeSettings
@@ -17,6 +18,7 @@ from sinstool.simulation.truth import sample_times, static
 from tests.helpers.matched_motion import (
     MAX_GAP_NS,
     NO_STOPS,
+    drawn,
     epochs_of,
     solution_of,
     tilt_error,
@@ -68,13 +70,83 @@ def test_steady_travel_is_not_taken_for_rest(trap, grade):
     seconds = epochs.time_ns[:-1] / SECOND
     travelling = (seconds > moving[1] + 2.0) & (seconds < moving[2] - 2.0)
     assert trap != "cruise" or epochs.rest[travelling].all(), "else this test shows nothing"
-    after = smooth(epochs, VEHICLE, sensors).apply(solution)
+    after = smooth(confirmed(epochs, sensors), VEHICLE, sensors).apply(solution)
     tilt, heading = tilt_error(q_true, after.q_nb)
     sigma = np.sqrt(np.einsum("nii->ni", after.covariance_attitude_n))
     limit = {"mems": 0.5, "tactical": 0.1}[grade]
     assert np.degrees(np.abs(tilt)).max() < limit
     assert np.all(np.abs(tilt) < 4.0 * sigma[:, :2])
     assert np.degrees(np.abs(heading)).max() < 4.0 * limit
+
+
+def turning(parts, seed=4):
+    """Where a body that stands or turns at so many rad/s is at rest: the epochs, and the parts'."""
+    sensors = sensor_model("mems", walk_at_rest=None, bias_known=True, earth_removed=True)
+    solution, q_true = ride([(seconds, 0.0, rate) for seconds, rate in parts], sensors, seed)
+    epochs = with_rest(epochs_of(solution))
+    ends = np.cumsum([seconds for seconds, _ in parts])
+    part = np.searchsorted(ends, epochs.time_ns[:-1] / SECOND + 0.1)
+    return solution, q_true, epochs, confirmed(epochs, sensors), part, sensors
+
+
+def test_a_slow_turn_after_a_rest_is_none():
+    # half a degree a second: by itself it might be the bias of a MEMS gyro
+    solution, q_true, epochs, believed, part, sensors = turning([(40, 0.0), (60, 0.0087), (20, 0)])
+    assert np.mean(epochs.rest[part == 1]) > 0.9, "else this test shows nothing"
+    assert not np.any(believed.rest[part == 1])
+    assert np.mean(believed.at_rest[part != 1]) > 0.8
+    after = smooth(believed, HAND, sensors).apply(solution)
+    _, heading = tilt_error(q_true, after.q_nb)
+    sigma = np.sqrt(after.covariance_attitude_n[:, 2, 2])
+    assert np.degrees(np.abs(heading)).max() < 2.0
+    assert np.all(np.abs(heading[50:]) < 4.0 * sigma[50:])
+
+
+def test_a_log_may_be_shorter_than_what_a_denial_spoils():
+    _, _, epochs, believed, _, _ = turning([(3, 0.0)])
+    assert len(believed) == len(epochs) < 20
+    assert believed.at_rest.all()
+
+
+def test_a_slow_turn_at_the_beginning_is_not_the_rest_of_a_log():
+    _, _, epochs, believed, part, _ = turning([(3, 0.0087), (30, 0.0)])
+    assert np.any(epochs.rest[part == 0]), "else this test shows nothing"
+    assert not np.any(believed.rest[part == 0])
+    assert np.mean(believed.at_rest[part == 1]) > 0.9
+
+
+@pytest.mark.parametrize("rolling_deg", [0.0, 0.1])
+def test_what_sways_by_more_than_its_gyros_noise_may_travel(rolling_deg):
+    # A swell of 8 s, of which a tactical gyro sees all.
+    sensors = sensor_model("tactical", walk_at_rest=None, bias_known=True, earth_removed=True)
+    n, random = round(60.0 / DT), np.random.default_rng(6)
+    rate = np.zeros((n, 3))
+    swell = 2.0 * np.pi / 8.0
+    rate[:, 0] = np.deg2rad(rolling_deg) * swell * np.cos(swell * DT * np.arange(n))
+    gyro = rate + sensors.angle_random_walk / np.sqrt(DT) * random.standard_normal((n, 3))
+    force = [0.0, 0.0, -GRAVITY] + 1e-3 * random.standard_normal((n, 3))
+    level = np.array([1.0, 0.0, 0.0, 0.0])
+    epochs = with_rest(epochs_of(solution_of(DT, turned(level, gyro, DT), gyro, force)))
+    believed = confirmed(epochs, sensors)
+    assert epochs.rest.all()
+    if rolling_deg:
+        assert not np.any(believed.at_rest)
+    else:
+        assert np.mean(believed.at_rest) > 0.95
+    # and its rate is not taken for bias
+    found = smooth(believed, VEHICLE, sensors)
+    assert np.all(np.abs(found.gyro_bias) < 4.0 * found.gyro_bias_sigma)
+
+
+def test_a_few_seconds_do_not_show_that_a_position_is_bounded():
+    sensors = sensor_model("mems", walk_at_rest=None, bias_known=False, earth_removed=True)
+    for seconds, short in ((10.0, True), (60.0, False)):
+        epochs = epochs_of(drawn(HAND, sensors, seconds, 3, turning=0.5).solution)
+        motion = find_motion(epochs, sensors)
+        assert motion.short == short
+        assert motion.model.name == ("vehicle" if short else "hand")
+        assert motion.sure != short
+        assert find_motion(epochs, sensors, "hand").model.name == "hand"
 
 
 def at_rest(q_start, seconds=120.0):
@@ -100,7 +172,7 @@ def test_a_rest_does_not_take_the_rate_of_the_earth_for_a_bias():
     sensors = sensor_model("tactical", walk_at_rest=None, bias_known=True, earth_removed=True)
     solution, epochs, q_true = at_rest(from_euler([0.05, -0.03, 1.0]))
     assert epochs.rest.all()
-    found = smooth(epochs, HAND, sensors)
+    found = smooth(confirmed(epochs, sensors), HAND, sensors)
     after = found.apply(solution)
     assert np.abs(found.gyro_bias).max() < 1e-8
     assert np.abs(log(multiply(q_true, conjugate(after.q_nb)))).max() < 1e-5
@@ -112,7 +184,7 @@ def test_the_rate_of_the_earth_is_taken_off_in_the_axes_that_are_found():
     sensors = sensor_model("tactical", walk_at_rest=None, bias_known=True, earth_removed=True)
     lean = exp([np.deg2rad(5.0), 0.0, 0.0])
     solution, epochs, q_true = at_rest(multiply(lean, from_euler([0.05, -0.03, 1.0])))
-    found = smooth(epochs, HAND, sensors)
+    found = smooth(confirmed(epochs, sensors), HAND, sensors)
     tilt, _ = tilt_error(q_true, found.apply(solution).q_nb)
     off = np.linalg.norm(rotate(lean, earth_rate_n(LATITUDE)) - earth_rate_n(LATITUDE))
     assert off > 4e-6
