@@ -35,9 +35,13 @@ from sinstool.methods.attitude_smoother.start import filtered
 # A vehicle must explain a moving epoch better by so much, in nat, or a moving second, where
 # a smooth road shows no more than slow accelerations; between half and one and a half times that
 # the choice is not sure. Recorded hands come to 0.1 and 2 at most, drones that hover in a room to
-# 1 and 5, cars and ships to 3, or 16, and more.
-MARGIN, SECOND_MARGIN = 1.0, 8.0
+# 1 and 5, cars and ships to 3, or 16, and more; gentle cars and drones with MEMS sensors to 0.6.
+# Doubt goes to the vehicle: its model is tenths of a degree off on a hand and has wide sigmas, a
+# hand's is a degree off on a car, by several of its sigmas.
+MARGIN, SECOND_MARGIN = 0.5, 4.0
 UNSURE = 0.5
+# No margin is larger, nat: the filter of the other model then lost itself.
+LARGEST_MARGIN = 1000.0
 # Some times that a hand goes round and about, s.
 SHORTEST_S = 15.0
 # What moves as fast is no hand, m/s.
@@ -149,7 +153,8 @@ class _Search:
         """By how much a vehicle is more likely than a hand, in nat a moving epoch."""
         parts = self._parts[length]
         moving = sum(int(np.count_nonzero(~part.rest & ~part.gap)) for part in parts)
-        return (self.best(VEHICLE, length)[1] - self.best(HAND, length)[1]) / max(moving, 1)
+        more = (self.best(VEHICLE, length)[1] - self.best(HAND, length)[1]) / max(moving, 1)
+        return min(max(more, -LARGEST_MARGIN), LARGEST_MARGIN)
 
 
 def _stretches(epochs: Epochs) -> list[Epochs]:

@@ -190,3 +190,21 @@ def test_the_rate_of_the_earth_is_taken_off_in_the_axes_that_are_found():
     assert off > 4e-6
     assert np.abs(found.gyro_bias[-1]).max() < 0.2 * off
     assert np.abs(tilt).max() < 1e-4
+
+
+def test_in_doubt_a_gentle_ride_is_a_vehicles():
+    """A hand explains it nearly as well, but would pull the velocity back to zero."""
+    sensors = sensor_model("mems", walk_at_rest=None, bias_known=True, earth_removed=True)
+    stage = [(4, 0.5, 0), (5, 0, 0.02), (4, -0.5, 0), (3, 0, 0)]
+    solution, q_true = ride([(10, 0, 0), *12 * stage], sensors, 5)
+    epochs = confirmed(with_rest(epochs_of(solution)), sensors)
+    motion = find_motion(epochs, sensors)
+    assert motion.model.name == "vehicle"
+    over_sigma = {}
+    for model in (motion.model, HAND):
+        after = smooth(epochs, model, sensors).apply(solution)
+        tilt, _ = tilt_error(q_true, after.q_nb)
+        variance = np.einsum("nii->ni", after.covariance_attitude_n)[:, :2]
+        over_sigma[model.name] = np.sqrt(np.mean(tilt**2 / variance))
+    assert over_sigma["vehicle"] < 1.4
+    assert over_sigma["vehicle"] < 0.5 * over_sigma["hand"]
