@@ -7,7 +7,7 @@ A page asks for a generated part with a comment, which GitHub's own rendering le
 ``<!-- options: COMMAND [SUBCOMMAND] -->``
     every option of a command, from the command itself;
 ``<!-- conventions -->``
-    the conventions, from the package;
+    the conventions, from `sinstool.core.conventions`;
 ``<!-- api -->``
     the Python API, from its docstrings.
 """

@@ -7,7 +7,7 @@ import re
 
 import click
 
-import sinstool
+from sinstool.core import conventions
 
 
 def sections() -> list[tuple[str, str]]:
@@ -16,10 +16,10 @@ def sections() -> list[tuple[str, str]]:
     Returns
     -------
     list of tuple
-        In the order of the package's docstring; texts are paragraphs with ``names`` in double
-        backticks.
+        In the order of the docstring of :mod:`sinstool.core.conventions`; texts are paragraphs with
+        ``names`` in double backticks.
     """
-    text = inspect.cleandoc(sinstool.__doc__ or "") + "\n"
+    text = inspect.cleandoc(conventions.__doc__ or "") + "\n"
     matches = re.findall(r"^(\S.*)\n((?:    .*\n|\n)+)", text, re.MULTILINE)
     # A title stands right above its text; prose has a line of none between.
     return [(title, inspect.cleandoc(body)) for title, body in matches if body.startswith("    ")]

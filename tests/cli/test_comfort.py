@@ -6,8 +6,8 @@ import re
 
 import pytest
 
-import sinstool as package
 from sinstool.cli.conventions import sections
+from sinstool.core import conventions
 from sinstool.core.errors import NotALogError
 from sinstool.core.suggest import nearest
 from tests.helpers.paths import ROOT
@@ -141,13 +141,13 @@ def test_nothing_near_is_not_guessed():
     assert nearest("/imu", ["/gnss/fix", "/sensors/imu/data"]) == "did you mean /sensors/imu/data?"
 
 
-def test_conventions_are_the_package_s_own(run):
+def test_conventions_are_those_of_the_core(run):
     status, out, _ = run("conventions")
     assert status == 0
     titles = [title for title, _ in sections()]
     assert {"Frames", "Quaternions", "Angles", "Gravity", "Units", "Height", "Time",
             "Samples"} <= set(titles)  # fmt: skip
-    plain = " ".join((package.__doc__ or "").replace("``", "").split())
+    plain = " ".join((conventions.__doc__ or "").replace("``", "").split())
     for title, text in sections():
         assert title in out.splitlines()
         assert " ".join(text.replace("``", "").split()) in plain

@@ -121,7 +121,7 @@ class ConingAlgorithm(ABC):
         Parameters
         ----------
         gyro_kind : {"rate", "mean-rate", "increment"}
-            What the samples are; see the conventions in :mod:`sinstool`.
+            What the samples are; see `sinstool.core.conventions`.
 
         Returns
         -------

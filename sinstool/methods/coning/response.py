@@ -108,7 +108,7 @@ def coning_samples(
     count : int
         Number of samples; the first is at time 0.
     gyro_kind : {"rate", "mean-rate", "increment"}
-        See the conventions in :mod:`sinstool`.
+        See `sinstool.core.conventions`.
 
     Returns
     -------

@@ -47,7 +47,7 @@ class ConingStage:
         See :func:`sinstool.methods.coning.registry.algorithm`; of several forms that for the kind
         of sample is taken.
     gyro_kind : {"rate", "mean-rate", "increment"}
-        What the samples are; see the conventions in :mod:`sinstool`. Rates for an algorithm
+        What the samples are; see `sinstool.core.conventions`. Rates for an algorithm
         that takes increments are integrated by
         :class:`~sinstool.methods.coning.increments.RateIntegrator`; increments for one that takes
         rates are divided by their intervals.
