@@ -23,7 +23,7 @@ from sinstool.config import ProcessConfig
 from sinstool.config.load import build
 from sinstool.core import earth
 from sinstool.core.rotation import conjugate, exp, log, multiply, normalise, rotate
-from sinstool.core.streams import GnssEpochs, Imu
+from sinstool.core.streams import GnssEpochs, Imu, concatenate
 from sinstool.io.readers.open import open_log
 from sinstool.methods.ins_gnss.filter import InsGnssFilter
 from sinstool.methods.ins_gnss.fix_velocity import split_position_velocity, velocity_lag
@@ -34,9 +34,8 @@ from sinstool.methods.ins_gnss.smoother import Smoother
 from sinstool.methods.ins_gnss.start import start_at
 from sinstool.methods.sensor_errors import IMU_GRADES
 from sinstool.methods.strapdown.velocity import Increments
-from sinstool.pipelines.align.in_motion import samples
 from sinstool.pipelines.process.ins_gnss.first_state import find_start
-from sinstool.survey.source import Source, prepare
+from sinstool.survey.source import Source, prepare, rate_blocks
 
 # What receivers of these kinds do: RTK in a street, and a car's receiver with corrections.
 RTK = GnssModel(
@@ -118,7 +117,7 @@ def read(folder: Path, drive: Drive) -> Log:
     config = build(ProcessConfig, options)
     with open_log(folder / drive.path) as log_file:
         source = prepare(log_file, config)
-        imu = samples(source, config)
+        imu = concatenate(list(rate_blocks(source, config, source.survey.first_ns)))
     gnss = source.aiding.gnss
     assert gnss is not None
     if not drive.own_sigma:

@@ -18,6 +18,7 @@ from sinstool.methods.alignment.inflight_types import GateLimits, ImuIncrements
 LIFT_OFF_FORCE = 2.0 * STANDARD_GRAVITY
 LIFT_OFF_S = 0.1
 MIN_FOR_CLIPPING = 100
+BLOCK_ROWS = 65_536
 _TIME_SLACK = 1e-6
 
 
@@ -61,19 +62,23 @@ def dynamics(imu: ImuIncrements, smooth: int = 1) -> Dynamics:
     step = np.diff(imu.time_ns) * 1e-9
     if not len(step):
         step = np.ones(1)
-    step = np.concatenate([step[:1], step])[: len(imu), None]
-    force, rate = imu.delta_velocity / step, imu.delta_theta / step
-    if smooth > 1:
-        force, rate = _trailing_mean(force, smooth), _trailing_mean(rate, smooth)
-    change = np.diff(force, axis=0, prepend=force[:1]), np.diff(rate, axis=0, prepend=rate[:1])
-    norm = np.linalg.norm
-    return Dynamics(
-        imu.time_ns,
-        norm(force, axis=1),
-        norm(change[0] / step, axis=1),
-        norm(rate, axis=1),
-        norm(change[1] / step, axis=1),
-    )
+    step = np.concatenate([step[:1], step])[: len(imu)]
+    norms = np.empty((4, len(imu)))
+    for k, increment in ((0, imu.delta_velocity), (2, imu.delta_theta)):
+        # A block at a time, as a long log has more samples than should be held several times.
+        before = np.empty((0, 3))
+        for begin in range(0, len(imu), BLOCK_ROWS):
+            rows = slice(begin, begin + BLOCK_ROWS)
+            value = increment[rows] / step[rows, None]
+            if smooth > 1:
+                early = slice(max(begin - smooth + 1, 0), begin + BLOCK_ROWS)
+                mean = _trailing_mean(increment[early] / step[early, None], smooth)
+                value = mean[begin - early.start :]
+            change = np.diff(value, axis=0, prepend=before if begin else value[:1])
+            before = value[-1:]
+            norms[k, rows] = np.linalg.norm(value, axis=1)
+            norms[k + 1, rows] = np.linalg.norm(change / step[rows, None], axis=1)
+    return Dynamics(imu.time_ns, norms[0], norms[1], norms[2], norms[3])
 
 
 def _trailing_mean(values: FloatArray, width: int) -> FloatArray:

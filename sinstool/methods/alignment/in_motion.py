@@ -7,18 +7,19 @@ the INS/GNSS filter all begin here.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 
 from sinstool.core.arrays import FloatArray
 from sinstool.core.errors import AlignmentError
-from sinstool.core.streams import GnssEpochs, Imu
+from sinstool.core.streams import GnssEpochs, Imu, concatenate
 from sinstool.core.timeline import SECOND
 from sinstool.core.units import DEGREE
 from sinstool.methods.alignment.inflight import InFlightAlignment, align_in_flight
 from sinstool.methods.alignment.inflight_types import AlignmentSettings, GnssFixes, ImuIncrements
+from sinstool.methods.alignment.preparation import prepare_fixes
 from sinstool.methods.alignment.solution import carried
 from sinstool.methods.sensor_errors import SensorGrade
 
@@ -35,6 +36,9 @@ LEVEL_SIGMA = 0.1 * DEGREE
 # the refinement is linear.
 SURPRISE = 1.0
 ROUNDS = 4
+# So many samples are held at most, where no end is set: an hour at 200 Hz. They take 200 MB, with
+# all that is computed of them.
+MOST_SAMPLES = 720_000
 # Vertical velocity from height: over so long before and after, as heights are noisy.
 CLIMB_S = 2.0
 
@@ -102,8 +106,79 @@ class MotionAlignment:
         return q_nb, covariance
 
 
+class SpanReader:
+    """Samples from a beginning up to any end, read no further than the spans ask.
+
+    Parameters
+    ----------
+    blocks : iterable of Imu
+        In order; increments as mean rates.
+    most : int, optional
+        Samples beyond so many are not read, whatever the span.
+
+    Attributes
+    ----------
+    cut : bool
+        Samples have been left out.
+    """
+
+    def __init__(self, blocks: Iterable[Imu], most: int | None = MOST_SAMPLES) -> None:
+        self._waiting = iter(blocks)
+        self._most = most
+        self._imu: Imu | None = None
+        self._ended = False
+        self.cut = False
+
+    @property
+    def first_ns(self) -> int:
+        """Time of the first sample, of those read."""
+        assert self._imu is not None
+        return int(self._imu.time_ns[0])
+
+    def until(self, end_ns: int | None) -> Imu:
+        """Samples up to a time; None for the last one.
+
+        Raises
+        ------
+        AlignmentError
+            There are none at all.
+        """
+        parts = [] if self._imu is None else [self._imu]
+        count = sum(map(len, parts))
+        while not self._ended and (
+            not parts or end_ns is None or int(parts[-1].time_ns[-1]) <= end_ns
+        ):
+            block = next(self._waiting, None)
+            if block is None:
+                self._ended = True
+            elif self._most is not None and count + len(block) > self._most:
+                self._ended = self.cut = True
+                parts.append(block.rows(slice(0, self._most - count)))
+            elif len(block):
+                parts.append(block)
+                count += len(block)
+        if not parts:
+            raise AlignmentError("there are no IMU samples to align with", "widen start and end")
+        self._imu = imu = concatenate(parts)
+        if end_ns is None:
+            return imu
+        return imu.rows(slice(0, int(np.searchsorted(imu.time_ns, end_ns, "right"))))
+
+    def cut_short(self, end_ns: int | None) -> tuple[str, ...]:
+        """A warning where samples up to a time, which have been read, are not all there are."""
+        if not self.cut or self._imu is None:
+            return ()
+        last_ns = int(self._imu.time_ns[-1])
+        if end_ns is not None and end_ns <= last_ns:
+            return ()
+        return (
+            f"aligned with {len(self._imu)} samples, {(last_ns - self.first_ns) / SECOND:.0f} s: no"
+            " more are taken, unless --align-end is given",
+        )
+
+
 def align_in_motion(
-    imu: Imu,
+    samples: SpanReader,
     gyro_kind: str,
     interval_s: float,
     fixes: GnssFixes,
@@ -117,8 +192,8 @@ def align_in_motion(
 
     Parameters
     ----------
-    imu : Imu
-        Samples; increments as mean rates.
+    samples : SpanReader
+        From the alignment's beginning, or from before it.
     gyro_kind : {'rate', 'mean-rate', 'increment'}
         What the samples are: see :func:`increments`.
     interval_s : float
@@ -151,13 +226,14 @@ def align_in_motion(
     ) -> MotionAlignment | None:
         best: MotionAlignment | None = None
         for end_ns in ends:
-            part = imu
-            if end_ns is not None:
-                part = imu.rows(slice(0, int(np.searchsorted(imu.time_ns, end_ns, "right"))))
             span = replace(settings, grade=errors, end_ns=end_ns)
-            result = align_in_flight(increments(part, gyro_kind, interval_s, bias), fixes, span)
+            # Where the fixes do not do, samples need not be read.
+            prepare_fixes(fixes, span)
+            imu = samples.until(end_ns)
+            result = align_in_flight(increments(imu, gyro_kind, interval_s, bias), fixes, span)
             if best is None or _better(result, best.result):
-                result = replace(result, warnings=(*notes, *result.warnings))
+                warnings = (*notes, *result.warnings, *samples.cut_short(end_ns))
+                result = replace(result, warnings=warnings)
                 best = MotionAlignment(result, bias, span, fixes)
             if result.status == "ok":
                 break
@@ -167,8 +243,11 @@ def align_in_motion(
     assert best is not None
     if bias_unknown is None or not best.bias_surprises:
         return best
-    begin = int(imu.time_ns[0]) if settings.start_ns is None else settings.start_ns
+    begin = samples.first_ns if settings.start_ns is None else settings.start_ns
     short = [begin + round(s * SECOND) for s in SHORT_S]
+    beyond = short[-1] + SECOND
+    last = ends_ns[-1]
+    imu = samples.until(beyond if last is None else min(beyond, last))
     ends = [end for end in short if end < imu.time_ns[-1]]
     rough = tried(gyro_bias, replace(settings.grade, gyro_bias=bias_unknown), ends)
     if rough is None or not rough.good:

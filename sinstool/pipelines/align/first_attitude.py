@@ -236,8 +236,7 @@ def _carried_back(
         return time_ns, result.attitude_at(np.array([time_ns]))[0], result.cov
     from sinstool.pipelines.align.in_motion import increments
 
-    imu = increments(source, config, moving.refined_bias, result.t_ns)
-    imu = imu.rows(imu.time_ns >= begin)
+    imu = increments(source, config, moving.refined_bias, result.t_ns, begin)
     if not len(imu) or (np.diff(imu.time_ns) > source.survey.max_gap_ns).any():
         return result.t_ns, result.q_nb, result.cov
     q_nb, covariance = moving.carried_back(imu)
@@ -282,9 +281,10 @@ def compass(source: Source, config: ProcessConfig, grade: Grade) -> Gyrocompass:
     still, latitude = source.survey.lead_in, source.latitude
     assert still is not None and latitude is not None
     from sinstool.methods.alignment.gyrocompass import gyrocompass
+    from sinstool.methods.alignment.in_motion import MOST_SAMPLES
     from sinstool.pipelines.align.in_motion import increments, sensor_errors
 
-    imu = increments(source, config, np.zeros(3), still.end_ns)
+    imu = increments(source, config, np.zeros(3), still.end_ns, most=MOST_SAMPLES)
     errors = sensor_errors(config, grade, False)
     try:
         return gyrocompass(imu, latitude, source.position[2] or 0.0, errors)

@@ -8,12 +8,18 @@ import numpy as np
 
 from sinstool.config import ProcessConfig
 from sinstool.core.errors import AlignmentError
-from sinstool.core.streams import GnssEpochs, Imu, concatenate
+from sinstool.core.streams import GnssEpochs
 from sinstool.core.timeline import SECOND
 from sinstool.core.units import DEGREE, STANDARD_GRAVITY
 from sinstool.io.readers.frames import turn_body
 from sinstool.methods.alignment import in_motion
-from sinstool.methods.alignment.in_motion import MotionAlignment, align_in_motion, gnss_fixes
+from sinstool.methods.alignment.in_motion import (
+    MOST_SAMPLES,
+    MotionAlignment,
+    SpanReader,
+    align_in_motion,
+    gnss_fixes,
+)
 from sinstool.methods.alignment.inflight_types import AlignmentSettings, GateLimits, ImuIncrements
 from sinstool.methods.allan.coefficients import as_measured
 from sinstool.methods.sensor_errors import IMU_GRADES, Grade, SensorGrade
@@ -24,6 +30,9 @@ from sinstool.survey.source import Source, rate_blocks
 
 # The largest specific force below this: no lift-off to look for.
 LIFT_OFF = 2.0 * STANDARD_GRAVITY
+# Samples read before a beginning: the one before its first, and before a lift-off a moment of rest.
+BEFORE_START_NS = SECOND
+BEFORE_LIFT_OFF_NS = 10 * SECOND
 # A gyro bias seen at rest stays what it was within this, rad/s (45 deg/h): between the rests of
 # recorded drives of a few minutes those of two consumer grade IMUs moved by 20 to 70 deg/h.
 AFTER_REST = 45.0 * DEGREE / 3600.0
@@ -81,8 +90,9 @@ def align_moving(
     ends = in_motion.spans(gate, start, end, first, int(fixes.time_ns[-1]))
     errors = sensor_errors(config, grade, at_rest, random_walk(source, REST_S) or 0.0)
     doubtful = grade == "mems" and not at_rest and options.sigma_bg is None
+    blocks = rate_blocks(source, config, _reading_from(source, gate, start))
     return align_in_motion(
-        samples(source, config, ends[-1]),
+        SpanReader(blocks, MOST_SAMPLES if end is None else None),
         config.input.sample_kind,
         _interval_ns(source) / SECOND,
         fixes,
@@ -95,9 +105,12 @@ def align_moving(
 
 
 def _lifts_off(source: Source) -> bool:
-    """A half-second mean of specific force above 2 g."""
-    windows = source.survey.windows
-    return bool((np.linalg.norm(windows.accel, axis=1) > LIFT_OFF).any())
+    return bool(_beyond_lift_off(source).any())
+
+
+def _beyond_lift_off(source: Source) -> np.ndarray:
+    """Half-seconds with a mean specific force above 2 g."""
+    return np.asarray(np.linalg.norm(source.survey.windows.accel, axis=1) > LIFT_OFF)
 
 
 def bias_at_rest(source: Source, config: ProcessConfig, grade: Grade) -> tuple[np.ndarray, bool]:
@@ -117,27 +130,52 @@ def bias_at_rest(source: Source, config: ProcessConfig, grade: Grade) -> tuple[n
     return (np.zeros(3), False) if rest is None else (rest.gyro.copy(), True)
 
 
-def samples(source: Source, config: ProcessConfig, end_ns: int | None = None) -> Imu:
-    """Samples up to a time, increments as mean rates."""
-    parts: list[Imu] = []
-    for block in rate_blocks(source, config, source.survey.first_ns):
-        if end_ns is not None and int(block.time_ns[0]) > end_ns:
-            break
-        parts.append(block)
-    imu = concatenate(parts)
-    if end_ns is None:
-        return imu
-    return imu.rows(slice(0, int(np.searchsorted(imu.time_ns, end_ns, "right"))))
+def _reading_from(source: Source, gate: str, start_ns: int | None) -> int:
+    """Time of the first sample to read: shortly before the alignment's own beginning, ns.
+
+    A log that is short enough to be read as a whole is, up to a beginning that the gate finds.
+    """
+    survey = source.survey
+    if start_ns is not None:
+        return max(survey.first_ns, start_ns - BEFORE_START_NS)
+    if gate == "paper" and survey.count > MOST_SAMPLES:
+        lively = np.flatnonzero(_beyond_lift_off(source))
+        if len(lively):
+            lift_off = int(survey.windows.start_ns[lively[0]])
+            return max(survey.first_ns, lift_off - BEFORE_LIFT_OFF_NS)
+    return survey.first_ns
 
 
 def increments(
-    source: Source, config: ProcessConfig, gyro_bias: np.ndarray, end_ns: int | None
+    source: Source,
+    config: ProcessConfig,
+    gyro_bias: np.ndarray,
+    end_ns: int,
+    begin_ns: int | None = None,
+    most: int | None = None,
 ) -> ImuIncrements:
-    """Samples up to a time as increments, less a gyro bias, rad/s."""
-    imu = samples(source, config, end_ns)
-    return in_motion.increments(
-        imu, config.input.sample_kind, _interval_ns(source) / SECOND, gyro_bias
+    """Samples of a span as increments, less a gyro bias.
+
+    Parameters
+    ----------
+    gyro_bias : ndarray, shape (3,)
+        rad/s.
+    begin_ns : int, optional
+        By default the first sample.
+    most : int, optional
+        The first so many at most.
+    """
+    first_ns = source.survey.first_ns
+    begin_ns = first_ns if begin_ns is None else begin_ns
+    # From a little earlier, as the first increment needs the sample before it.
+    blocks = rate_blocks(source, config, max(first_ns, begin_ns - BEFORE_START_NS))
+    imu = in_motion.increments(
+        SpanReader(blocks, most).until(end_ns),
+        config.input.sample_kind,
+        _interval_ns(source) / SECOND,
+        gyro_bias,
     )
+    return imu.rows(slice(int(np.searchsorted(imu.time_ns, begin_ns)), None))
 
 
 def _interval_ns(source: Source) -> float:

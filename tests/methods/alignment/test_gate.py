@@ -51,6 +51,16 @@ def test_smoothing():
         assert motion.force[k] == pytest.approx(np.linalg.norm(mean))
 
 
+@pytest.mark.parametrize("smooth", [1, 4])
+def test_a_long_record_is_the_same_block_by_block(smooth, monkeypatch):
+    rng = np.random.default_rng(4)
+    imu = flight(*rng.normal(size=(2, 50, 3)))
+    whole = dynamics(imu, smooth)
+    monkeypatch.setattr("sinstool.methods.alignment.gate.BLOCK_ROWS", 7)
+    for name, values in vars(dynamics(imu, smooth)).items():
+        np.testing.assert_allclose(values, getattr(whole, name), rtol=1e-12, atol=1e-12)
+
+
 def test_run_lengths():
     flags = np.array([1, 1, 0, 1, 1, 1, 0, 0, 1], dtype=bool)
     np.testing.assert_array_equal(run_lengths(flags), [1, 2, 0, 1, 2, 3, 0, 0, 1])

@@ -10,6 +10,7 @@ from sinstool.core.rotation import conjugate, from_euler, log, multiply, rotate
 from sinstool.core.streams import Imu
 from sinstool.core.timeline import SECOND
 from sinstool.methods.alignment.in_motion import (
+    SpanReader,
     align_in_motion,
     first_motion,
     gnss_fixes,
@@ -38,7 +39,7 @@ def mounted(imu, mount=(1.0, 0.0, 0.0, 0.0)):
     return Imu(imu.time_ns, imu.time_ns, gyro, accel)
 
 
-def aligned(imu, gnss, lever=(0.0, 0.0, 0.0)):
+def aligned(imu, gnss, lever=(0.0, 0.0, 0.0), samples=None):
     """As the pipelines do it: bias from a rest at first, spans from the first motion on."""
     first, last = int(imu.time_ns[0]), int(imu.time_ns[-1])
     fixes, _ = gnss_fixes(gnss, first, last)
@@ -51,7 +52,7 @@ def aligned(imu, gnss, lever=(0.0, 0.0, 0.0)):
         gate="off", at="start", refine=True, start_ns=start, grade=grade, lever_arm_b=lever
     )
     return align_in_motion(
-        imu,
+        samples or SpanReader([imu]),
         "mean-rate",
         0.01,
         fixes,
@@ -130,6 +131,67 @@ def test_without_fixes_it_says_so():
             gnss_fixes(nothing, first, last)
     with pytest.raises(AlignmentError, match="within the span"):
         gnss_fixes(gnss, last + 1, last + SECOND)
+
+
+def blocks_of(imu, size, read):
+    """Blocks of samples, and the first sample of each that was read."""
+    for begin in range(0, len(imu), size):
+        read.append(begin)
+        yield imu.rows(slice(begin, begin + size))
+
+
+def test_no_more_is_read_than_a_span_needs():
+    time_ns = 10**9 + 10_000_000 * np.arange(1000)
+    values = np.random.default_rng(1).normal(size=(1000, 3))
+    imu = Imu(time_ns, time_ns, values, -values)
+    read = []
+    samples = SpanReader(blocks_of(imu, 100, read))
+    for end, count, blocks in ((150, 151, 2), (30, 31, 2), (199, 200, 3), (950, 951, 10)):
+        part = samples.until(int(time_ns[end]))
+        assert len(part) == count
+        np.testing.assert_array_equal(part.accel, imu.accel[:count])
+        assert len(read) == blocks
+        assert not samples.cut_short(int(time_ns[end]))
+    assert len(samples.until(None)) == 1000
+    assert not samples.cut
+    assert not samples.cut_short(None)
+
+
+def test_where_there_are_too_many_samples_the_rest_is_left_and_said():
+    time_ns = 10**9 + 10_000_000 * np.arange(1000)
+    imu = Imu(time_ns, time_ns, np.zeros((1000, 3)), np.ones((1000, 3)))
+    read = []
+    samples = SpanReader(blocks_of(imu, 100, read), 250)
+    assert len(samples.until(int(time_ns[200]))) == 201
+    assert not samples.cut_short(int(time_ns[200]))
+    for end in (int(time_ns[700]), None):
+        assert samples.until(end).time_ns[-1] == time_ns[249]
+        assert "250 samples, 2 s" in samples.cut_short(end)[0]
+    assert len(read) == 3
+    with pytest.raises(AlignmentError, match="no IMU samples"):
+        SpanReader([]).until(None)
+
+
+def test_a_good_first_span_leaves_the_rest_of_the_log_unread():
+    truth = road_drive(400.0, 100.0, heading=2.3, still_s=30.0, seed=1)
+    imu = mounted(with_errors(truth.imu, SIMULATED_GRADES["mems"], 1))
+    gnss = epochs(gnss_samples(truth, Receiver(4.0, errors=SHARP), 1), own_sigma=True)
+    whole = aligned(imu, gnss)
+    assert whole.result.status == "ok"
+    read = []
+    again = aligned(imu, gnss, samples=SpanReader(blocks_of(imu, 1000, read)))
+    np.testing.assert_array_equal(again.result.q_nb, whole.result.q_nb)
+    np.testing.assert_array_equal(again.result.cov, whole.result.cov)
+    assert 1000 * len(read) < 0.7 * len(imu)
+
+
+def test_an_alignment_with_a_part_of_the_samples_says_so():
+    standing = road_drive(60.0, 100.0, still_s=100.0)
+    gnss = epochs(gnss_samples(standing, Receiver(4.0, errors=SHARP), 1), own_sigma=True)
+    imu = mounted(with_errors(standing.imu, SIMULATED_GRADES["mems"], 1))
+    result = aligned(imu, gnss, samples=SpanReader([imu], 3000)).result
+    assert any("3000 samples" in text for text in result.warnings)
+    assert result.t_ns <= imu.time_ns[3000]
 
 
 def test_spans_grow_to_the_end_of_the_log():

@@ -5,10 +5,21 @@ import pytest
 
 from sinstool.config import ProcessConfig
 from sinstool.config.load import build
+from sinstool.core.units import DEGREE
+from sinstool.io.readers import open_log
 from sinstool.methods.sensor_errors import IMU_GRADES
-from sinstool.pipelines.align.in_motion import AFTER_REST, sensor_errors
+from sinstool.pipelines.align.in_motion import (
+    AFTER_REST,
+    align_moving,
+    imu_noise,
+    increments,
+    sensor_errors,
+)
+from sinstool.survey.source import prepare
+from tests.helpers.launch_logs import TACTICAL, launched
 
 HOUR = 3600.0
+MODULE = "sinstool.pipelines.align.in_motion"
 
 
 def errors(grade="mems", at_rest=False, walk=0.0, **options):
@@ -39,3 +50,51 @@ def test_options_win():
     assert result.gyro_scale == result.accel_scale == 5e-4
     assert np.rad2deg(result.angle_random_walk) * 60.0 == pytest.approx(0.2)
     assert result.velocity_random_walk == pytest.approx(80e-6 * 9.80665)
+
+
+def test_a_bias_that_an_option_makes_small_does_not_wander_more_than_a_tenth_of_it():
+    grade = IMU_GRADES["mems"]
+
+    def noise(**options):
+        return imu_noise(build(ProcessConfig, {"in_flight": options}), "mems")
+
+    small = 2.0 * grade.accel_instability
+    assert noise(sigma_ba=small).accel_bias == small
+    assert noise(sigma_ba=small).accel_instability == pytest.approx(0.1 * small)
+    assert noise(sigma_ba=100.0 * small).accel_instability == grade.accel_instability
+    assert noise(sigma_ba=small).gyro_instability == grade.gyro_instability
+    small = 2.0 * grade.gyro_instability
+    turned = noise(sigma_bg=small / DEGREE * HOUR)
+    assert turned.gyro_instability == pytest.approx(0.1 * small)
+    assert turned.accel_instability == grade.accel_instability
+
+
+@pytest.mark.parametrize("kind", ["rate", "mean-rate", "increment"])
+def test_increments_of_a_part_are_those_of_the_whole(kind):
+    config = build(ProcessConfig, {"input": {"gyro_kind": kind}})
+    bias = np.array([0.01, -0.02, 0.03])
+    with open_log(launched(*TACTICAL, "--pad", "30", "--gyro-kind", kind)) as log:
+        source = prepare(log, config)
+        first, end = source.survey.first_ns, source.survey.first_ns + 50 * 10**9
+        whole = increments(source, config, bias, end)
+        assert whole.time_ns[0] == first and end - 10**8 < whole.time_ns[-1] <= end
+        begin = first + 20 * 10**9
+        part = increments(source, config, bias, end, begin)
+        rows = whole.rows(whole.time_ns >= begin)
+        for name, values in vars(part).items():
+            np.testing.assert_array_equal(values, getattr(rows, name))
+        assert len(increments(source, config, bias, end, most=700)) == 700
+
+
+def test_a_lift_off_late_in_a_long_log_is_aligned_all_the_same(monkeypatch):
+    config = build(ProcessConfig, {"input": {"gyro_kind": "increment"}})
+    with open_log(launched(*TACTICAL, "--pad", "30")) as log:
+        source = prepare(log, config)
+        whole = align_moving(source, config, "tactical", "svd", "end").result
+        # 20 of the 30 s of rest are more than may be held beside the flight
+        rate = 1e9 / source.survey.interval_ns
+        monkeypatch.setattr(f"{MODULE}.MOST_SAMPLES", source.survey.count - round(15.0 * rate))
+        again = align_moving(source, config, "tactical", "svd", "end").result
+    assert whole.status == again.status == "ok"
+    assert again.t_ns == whole.t_ns
+    np.testing.assert_allclose(again.q_nb, whole.q_nb, atol=1e-6)
