@@ -74,6 +74,10 @@ GAP_RATE = 0.5
 # A gyro at its stop misses this much, rad/s.
 STOP_RATE = 3.0
 DIVERGED = -1e300
+# What the filter stores of each epoch for the smoother: after its measurements (plus) and at its
+# end, before those of the next (minus).
+X_PLUS, X_MINUS, DX_PLUS, DX_MINUS, VECTORS = range(5)
+P_PLUS, P_MINUS, TRANSITION, MATRICES = range(4)
 
 
 @part()
@@ -95,7 +99,7 @@ def _rate_at_rest(row: FloatArray, par: FloatArray, x: FloatArray) -> tuple[floa
 
 
 @part()
-def _steadiness(
+def _rest_kind(
     row: FloatArray, par: FloatArray, x: FloatArray, p: FloatArray, dx: FloatArray, since: float
 ) -> int:
     """What an epoch that looks like rest is, by what is known of tilt, bias and velocity by now.
@@ -185,7 +189,7 @@ def _measure(
 
 
 @part()
-def _take_in(
+def _correct(
     near: FloatArray, k: int, x: FloatArray, dx: FloatArray, n: int, e: FloatArray
 ) -> None:
     """Correct the state, unless it is one to be linear about."""
@@ -198,7 +202,7 @@ def _take_in(
 
 
 @part()
-def _carry_error(
+def _predict_error(
     near: FloatArray,
     k: int,
     x: FloatArray,
@@ -221,7 +225,7 @@ def _carry_error(
 
 
 @part()
-def _advance(
+def _predict_state(
     row: FloatArray,
     rate: float,
     par: FloatArray,
@@ -350,11 +354,18 @@ def _spread(a: float, b: float, c: float, variance: float, q: FloatArray, at: in
 
 
 @part()
-def _carry(p: FloatArray, n: int, f: FloatArray, q: FloatArray, half: FloatArray) -> None:
+def _predict_covariance(
+    p: FloatArray, n: int, f: FloatArray, q: FloatArray, half: FloatArray
+) -> None:
     """p <- f p f^T + q, for a sparse f."""
     product(f, p, n, n, n, half.T)
     copy_square(q, p)
     add_product(f, half, n, n, n, p)
+
+
+def storage(count: int, n: int) -> tuple[FloatArray, FloatArray]:
+    """Arrays for what :func:`forward` stores of so many epochs with `n` error states."""
+    return np.empty((count, VECTORS, STATE)), np.empty((count, MATRICES, n, n))
 
 
 @kernel(allocates=True)
@@ -367,16 +378,15 @@ def forward(
     n: int,
     x: FloatArray,
     p: FloatArray,
-    every: int,
-    states: FloatArray,
-    covariances: FloatArray,
     near: FloatArray,
     dx: FloatArray,
     last_x: FloatArray,
     last_p: FloatArray,
     kinds: FloatArray,
+    vectors: FloatArray,
+    matrices: FloatArray,
 ) -> float:
-    """Filter epochs without keeping more than the state before every so many of them.
+    """Run the filter over a segment of the epochs.
 
     Parameters
     ----------
@@ -384,65 +394,72 @@ def forward(
     field : ndarray, shape (m, FIELD_WIDTH) or (0, FIELD_WIDTH)
         Of the Earth at each, where there is a magnetometer.
     begin, end : int
-        Of the epochs.
+        Of the segment: its first epoch, and the one after its last.
     par : ndarray, shape (PARAMETERS,)
     n : int
-        How many errors there are: 10 or 13.
+        Number of error states: 10 or 13.
     x : ndarray, shape (STATE,)
-        Before the first epoch; afterwards that at the end.
+        State before the first epoch; replaced by the state after the last.
     p : ndarray, shape (n, n)
-        Its covariance, likewise.
-    every : int
-        0 keeps nothing.
-    states, covariances : ndarray, shape (k, STATE + ERRORS) and (k, n, n)
-        Get the states before epochs 0, every, 2 every... and what they are off by.
+        Its covariance, replaced likewise.
     near : ndarray, shape (m + 1, STATE) or (0, STATE)
-        States between epochs to be linear about; none: the filter's own.
+        States before and after each epoch to linearise about; none: the filter's own estimates.
     dx : ndarray, shape (ERRORS,)
-        Zeros; afterwards what the state of `near` is off by at the end.
+        Estimated error of the state of `near` before the first epoch, zeros at the start of a log;
+        replaced by that after the last.
     last_x, last_p : ndarray, shape (STATE,) and (KEPT,)
-        Get the state at the end, corrected, and its covariance of attitude and bias.
+        Outputs: the state after the last epoch, corrected by `dx`, and its covariance of attitude
+        and bias.
     kinds : ndarray, shape (m,) or (0,)
-        Gets what each epoch is, MOVING to AT_REST, by what led there; none: they are what
-        the epochs say.
+        Output: the kind of each epoch, MOVING to AT_REST, as the filter judges it; none: the kinds
+        marked in `epochs` are taken.
+    vectors, matrices : ndarray, shape (k, VECTORS, STATE) and (k, MATRICES, n, n)
+        Outputs: states, error estimates, covariances and transitions of each epoch, for
+        :func:`backward`. With k = 0 nothing is stored, and a filter that diverges stops at once.
 
     Returns
     -------
     float
-        Log likelihood of the moving epochs' motion; `DIVERGED` where the filter lost itself.
+        Log likelihood of the specific force in the moving epochs; `DIVERGED` where the filter
+        diverged.
     """
     gain, ahead = np.empty(ERRORS), np.empty(ERRORS)
     f, q, half = np.empty((n, n)), np.empty((n, n)), np.empty((n, n))
     e = np.empty((3, 3))
-    if len(near):
-        less(x, near[begin], n, dx, e)
-        copy(near[begin], x)
+    stored = len(matrices) > 0
+    if len(near) and begin == 0:
+        less(x, near[0], n, dx, e)
+        copy(near[0], x)
     total, since = 0.0, 0.0
     for k in range(begin, end):
-        if every and (k - begin) % every == 0:
-            kept = (k - begin) // every
-            for m in range(STATE):
-                states[kept, m] = x[m]
-            for m in range(ERRORS):
-                states[kept, STATE + m] = dx[m]
-            copy_square(p, covariances[kept])
         kind = int(epochs[k, REST])
         if kind > MOVING and len(kinds):
-            kind = _steadiness(epochs[k], par, x, p, dx, since)
+            kind = _rest_kind(epochs[k], par, x, p, dx, since)
         elif kind > MOVING and par[JUDGED_AGAIN] > 0.0:
-            kind = _steadiness(epochs[k], par, x, p, dx, DRIFTED_S)
+            kind = _rest_kind(epochs[k], par, x, p, dx, DRIFTED_S)
         if len(kinds):
             since = 0.0 if kind == AT_REST else since + epochs[k, DURATION]
             kinds[k] = kind
         likelihood = _measure(epochs[k], field, k, par, n, x, p, gain, dx, kind)
-        if not likelihood > DIVERGED:
+        if likelihood > DIVERGED:
+            total += likelihood
+        else:
             total = DIVERGED
-            break
-        total += likelihood
-        _take_in(near, k, x, dx, n, e)
-        _advance(epochs[k], _rate(epochs, k), par, n, x, f, q, e)
-        _carry_error(near, k, x, f, dx, n, e, ahead)
-        _carry(p, n, f, q, half)
+            if not stored:
+                break
+        _correct(near, k, x, dx, n, e)
+        if stored:
+            copy(x, vectors[k - begin, X_PLUS])
+            copy(dx, vectors[k - begin, DX_PLUS])
+            copy_square(p, matrices[k - begin, P_PLUS])
+        _predict_state(epochs[k], _rate(epochs, k), par, n, x, f, q, e)
+        _predict_error(near, k, x, f, dx, n, e, ahead)
+        _predict_covariance(p, n, f, q, half)
+        if stored:
+            copy(x, vectors[k - begin, X_MINUS])
+            copy(dx, vectors[k - begin, DX_MINUS])
+            copy_square(p, matrices[k - begin, P_MINUS])
+            copy_square(f, matrices[k - begin, TRANSITION])
     copy(x, last_x)
     inject(last_x, dx, n, e)
     keep(p, last_p)
@@ -463,77 +480,54 @@ def _rate(epochs: FloatArray, k: int) -> float:
 
 @kernel(allocates=True)
 def backward(
-    epochs: FloatArray,
-    field: FloatArray,
     begin: int,
     end: int,
-    par: FloatArray,
     n: int,
-    x: FloatArray,
-    p: FloatArray,
+    vectors: FloatArray,
+    matrices: FloatArray,
     end_x: FloatArray,
     end_p: FloatArray,
+    end_dx: FloatArray,
     smoothed: FloatArray,
     covariance: FloatArray,
-    near: FloatArray,
-    dx: FloatArray,
-    end_dx: FloatArray,
+    relinearised: bool,
 ) -> None:
-    """Filter a stretch once more and smooth it from its known end to its begin.
+    """Smooth a segment, from its last epoch to its first (Rauch, Tung and Striebel).
 
     Parameters
     ----------
-    x, p : ndarray, shape (STATE,) and (n, n)
-        Before the first epoch of the stretch; changed.
-    end_x, end_p : ndarray, shape (STATE,) and (n, n)
-        Smoothed, after its last epoch; afterwards those before its first.
-    smoothed : ndarray, shape (m + 1, STATE)
-        Gets the smoothed states before the epochs, `begin` to `end` - 1.
-    covariance : ndarray, shape (m + 1, KEPT)
-        Gets the covariances of attitude and the variances of the bias there.
-    near, dx : ndarray
+    begin, end, n
         See :func:`forward`.
-    end_dx : ndarray, shape (ERRORS,)
-        As `dx`, smoothed, after the last epoch; afterwards before the first.
+    vectors, matrices : ndarray
+        What :func:`forward` stored for the segment.
+    end_x, end_p, end_dx : ndarray, shape (STATE,), (n, n) and (ERRORS,)
+        Smoothed state, covariance and error estimate after the last epoch; replaced by those before
+        the first.
+    smoothed : ndarray, shape (m + 1, STATE)
+        Output: smoothed states before the epochs `begin` to `end` - 1.
+    covariance : ndarray, shape (m + 1, KEPT)
+        Output: covariances of attitude and variances of the bias there.
+    relinearised : bool
+        The filter was linear about states of an earlier pass.
     """
-    count = end - begin
-    gain, ahead = np.empty(ERRORS), np.empty(ERRORS)
-    dx_plus, dx_minus = np.empty((count, ERRORS)), np.empty((count, ERRORS))
-    q, half, e = np.empty((n, n)), np.empty((n, n)), np.empty((3, 3))
-    f = np.empty((count, n, n))
-    p_plus, p_minus = np.empty((count, n, n)), np.empty((count, n, n))
-    x_plus, x_minus = np.empty((count, STATE)), np.empty((count, STATE))
-    for k in range(count):
-        kind = int(epochs[begin + k, REST])
-        if kind > MOVING and par[JUDGED_AGAIN] > 0.0:
-            kind = _steadiness(epochs[begin + k], par, x, p, dx, DRIFTED_S)
-        _measure(epochs[begin + k], field, begin + k, par, n, x, p, gain, dx, kind)
-        _take_in(near, begin + k, x, dx, n, e)
-        copy(x, x_plus[k])
-        copy(dx, dx_plus[k])
-        copy_square(p, p_plus[k])
-        _advance(epochs[begin + k], _rate(epochs, begin + k), par, n, x, f[k], q, e)
-        _carry_error(near, begin + k, x, f[k], dx, n, e, ahead)
-        _carry(p, n, f[k], q, half)
-        copy(x, x_minus[k])
-        copy(dx, dx_minus[k])
-        copy_square(p, p_minus[k])
+    half, e = np.empty((n, n)), np.empty((3, 3))
     low, right, scale = np.empty((n, n)), np.empty((n, n)), np.empty(n)
     difference = np.empty(ERRORS)
-    for k in range(count - 1, -1, -1):
-        if len(near) == 0:
-            less(end_x, x_minus[k], n, difference, e)
-        else:
+    for k in range(end - begin - 1, -1, -1):
+        if relinearised:
             for j in range(n):
-                difference[j] = end_dx[j] - dx_minus[k, j]
-        smoother_gain(f[k], p_plus[k], p_minus[k], right, low, scale)
+                difference[j] = end_dx[j] - vectors[k, DX_MINUS, j]
+        else:
+            less(end_x, vectors[k, X_MINUS], n, difference, e)
+        p_plus, p_minus = matrices[k, P_PLUS], matrices[k, P_MINUS]
+        smoother_gain(matrices[k, TRANSITION], p_plus, p_minus, right, low, scale)
         for j in range(n):
             s = 0.0
             for m in range(n):
                 s += right[m, j] * difference[m]
-            end_dx[j] = dx_plus[k, j] + s
-        copy(x_plus[k], end_x)
+            end_dx[j] = vectors[k, DX_PLUS, j] + s
+        copy(vectors[k, X_PLUS], end_x)
         inject(end_x, end_dx, n, e)
-        smoother_covariance(p_plus[k], p_minus[k], end_p, right, half, low, end_p)
+        smoother_covariance(p_plus, p_minus, end_p, right, half, low, end_p)
         copy(end_x, smoothed[begin + k])
         keep(end_p, covariance[begin + k])

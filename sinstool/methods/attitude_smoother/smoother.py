@@ -222,23 +222,26 @@ def _pass(
     """
     n, count, rows = motion.states, len(epochs), epochs.values
     par = parameters(motion, sensors, epochs.omega_in_n)
-    held = -(-count // SEGMENT)
-    states = np.empty((held, state.STATE + state.ERRORS))
-    covariances = np.empty((held, n, n))
     smoothed = np.empty((count + 1, state.STATE))
-    x, p = first[0].copy(), first[1].copy()
-    dx = np.zeros(state.ERRORS)
-    kernels.forward(
-        rows, field, 0, count, par, n, x, p, SEGMENT, states, covariances,
-        near, dx, smoothed[count], covariance[count], NO_KINDS,
-    )  # fmt: skip
-    for k in range(held - 1, -1, -1):
-        begin, end = SEGMENT * k, min(SEGMENT * (k + 1), count)
-        start, off = states[k, : state.STATE].copy(), states[k, state.STATE :].copy()
-        kernels.backward(
-            rows, field, begin, end, par, n, start, covariances[k], x, p, smoothed, covariance,
-            near, off, dx,
+    last = np.empty(state.STATE), np.empty(state.KEPT)
+    stored = kernels.storage(min(SEGMENT, count), n)
+    segments = [(begin, min(begin + SEGMENT, count)) for begin in range(0, count, SEGMENT)]
+
+    def forward(begin: int, end: int, x: FloatArray, p: FloatArray, dx: FloatArray) -> None:
+        kernels.forward(
+            rows, field, begin, end, par, n, x, p, near, dx, *last, NO_KINDS, *stored
         )  # fmt: skip
+
+    x, p, dx = first[0].copy(), first[1].copy(), np.zeros(state.ERRORS)
+    starts = []
+    for segment in segments:
+        starts.append((x.copy(), p.copy(), dx.copy()))
+        forward(*segment, x, p, dx)
+    smoothed[count], covariance[count] = last
+    for segment, start in zip(reversed(segments), reversed(starts), strict=True):
+        if segment is not segments[-1]:  # whose steps are still stored
+            forward(*segment, *start)
+        kernels.backward(*segment, n, *stored, x, p, dx, smoothed, covariance, len(near) > 0)
     return smoothed
 
 

@@ -144,11 +144,11 @@ def filtered(
     """
     x, p = first_state(epochs, motion, sensors, tilt)
     par = parameters(motion, sensors, epochs.omega_in_n)
-    rows, nowhere = epochs.values, np.empty((0, state.STATE))
+    n, rows = motion.states, epochs.values
     return float(
         kernels.forward(
-            rows, NO_FIELD, 0, len(rows), par, motion.states, x, p, 0, nowhere,
-            np.empty((0, *p.shape)), nowhere, np.zeros(state.ERRORS), np.empty(state.STATE),
-            np.empty(state.KEPT), kinds,
+            rows, NO_FIELD, 0, len(rows), par, n, x, p, np.empty((0, state.STATE)),
+            np.zeros(state.ERRORS), np.empty(state.STATE), np.empty(state.KEPT), kinds,
+            *kernels.storage(0, n),
         )
     )  # fmt: skip

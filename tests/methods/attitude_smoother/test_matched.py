@@ -105,7 +105,7 @@ def one_step(epoch, motion, sensors, x, p):
     par = parameters(motion, sensors)
     x, p = x.copy(), p.copy()
     kernels._measure(epoch, NO_FIELD, 0, par, n, x, p, gain, dx, int(epoch[REST]))
-    kernels._advance(epoch, 0.0, par, n, x, f, q, scratch)
+    kernels._predict_state(epoch, 0.0, par, n, x, f, q, scratch)
     return f, q, p, dx
 
 
