@@ -48,6 +48,15 @@ def test_scale_and_latency(scale, latency):
     assert 0.0 < fit.latency_sigma < 0.02
 
 
+@pytest.mark.parametrize("unit", [0.1, 1.0, 30.0])
+def test_no_reference_is_believed_to_more_than_a_thousandth_of_the_speed(unit):
+    """Readings that fit exactly, at any speed: each is used, and the residual is the least."""
+    stamps, reading, reference_ns, reference = made(0.97, noise=0.0)
+    fit = fit_wheels(stamps, unit * reading, reference_ns, unit * reference)
+    fastest = unit * np.quantile(np.abs(reference), 0.95)
+    assert 0.999e-3 * fastest < fit.residual_sigma < 2e-3 * fastest
+
+
 @pytest.mark.parametrize("slow", [0.0, 0.1])
 def test_sigmas_are_those_of_the_errors(slow):
     pulls = []

@@ -14,7 +14,7 @@ import numpy as np
 
 from sinstool.core.arrays import FloatArray, IntArray
 from sinstool.core.parts import kernel, part
-from sinstool.core.quaternion_kernels import dcm
+from sinstool.core.quaternion_kernels import dcm, wrapped_angle
 from sinstool.methods.height.channel import propagate, smooth_height
 from sinstool.methods.height.layout import S_BARO_BIAS, S_CORRECTION
 from sinstool.methods.ins_gnss import baro, instants, land_vehicle, layout
@@ -298,11 +298,7 @@ def run(
                     )
             if fix_next < len(fix_time) and fix_time[fix_next] <= now:
                 # The way of this update, feedback of earlier instants not included
-                turn = nav[LONGITUDE] - lon0
-                if turn > pi:
-                    turn -= 2.0 * pi
-                elif turn < -pi:
-                    turn += 2.0 * pi
+                turn = wrapped_angle(nav[LONGITUDE] - lon0)
                 moved[0] = (nav[LATITUDE] - lat0) * inverse
                 moved[1] = turn * inverse
                 moved[2] = (nav[HEIGHT] - h0) * inverse
@@ -400,11 +396,8 @@ def _carry_over(m: Memory, model: Model, gap: float) -> None:
     rm, rn = radii(nav[LATITUDE], nav[HEIGHT])
     instants.begin_anew(m, model)
     nav[LATITUDE] += gap * nav[V_NORTH] / rm
-    nav[LONGITUDE] += gap * nav[V_NORTH + 1] / (rn * cos(nav[LATITUDE]))
-    if nav[LONGITUDE] > pi:
-        nav[LONGITUDE] -= 2.0 * pi
-    elif nav[LONGITUDE] <= -pi:
-        nav[LONGITUDE] += 2.0 * pi
+    eastward = gap * nav[V_NORTH + 1] / (rn * cos(nav[LATITUDE]))
+    nav[LONGITUDE] = wrapped_angle(nav[LONGITUDE] + eastward)
     speed2 = nav[V_NORTH] ** 2 + nav[V_NORTH + 1] ** 2 + nav[V_DOWN] ** 2
     force = model.gap_acceleration**2
     turn = min(model.gap_rate**2 * gap, 1.0)

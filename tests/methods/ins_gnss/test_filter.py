@@ -10,6 +10,7 @@ from sinstool.methods.height.network import HeightNetwork
 from sinstool.methods.ins_gnss.settings import DivergenceControl, GnssModel, Settings
 from sinstool.methods.ins_gnss.states import FILTERS, GNSS_POSITION, GYRO_SCALE
 from sinstool.methods.sensor_errors import SensorGrade
+from sinstool.methods.strapdown.navigation import LONGITUDE
 from sinstool.methods.strapdown.velocity import Increments
 from sinstool.simulation.gnss import GnssErrors, GnssFaults
 from tests.methods.ins_gnss.flown import IMU, Flown, for_grade, joined
@@ -548,3 +549,85 @@ def test_after_a_long_gap_hardly_anything_is_known():
     turned = min(settings.gap_rate**2 * length, 1.0)
     kept_on = min((settings.gap_rate * length) ** 2, np.pi**2 / 3.0)
     assert attitude == pytest.approx([turned, turned, turned + kept_on], rel=0.05)
+
+
+# --- what errors of the sensors do --------------------------------------------------------
+
+SENSORS = ("gyro_bias", "accel_bias", "gyro_scale", "accel_scale")
+
+
+def with_error(stated, name, axis, size):
+    """Increments of a sensor with one error more."""
+    turned, pushed = stated.rotation_vector.copy(), stated.velocity_increment.copy()
+    values = turned if name.startswith("gyro") else pushed
+    values[:, axis] += size * (stated.interval if name.endswith("bias") else values[:, axis])
+    return replace(stated, rotation_vector=turned, velocity_increment=pushed)
+
+
+@pytest.mark.parametrize("name", SENSORS)
+def test_each_error_of_a_sensor_spreads_as_the_navigation_with_it_does(name):
+    """Vary one sigma: the covariance against differences of whole navigations."""
+    flown, seconds = Flown(), 30.0
+    stated = replace_increments(flown.increments, slice(0, round(50 * seconds)))
+    none = flown.gnss.rows(np.zeros(len(flown.gnss), bool))
+    sizes = {"gyro_bias": 1e-5, "accel_bias": 1e-3, "gyro_scale": 1e-4, "accel_scale": 1e-4}
+    quiet = {"angle_random_walk": 1e-12, "velocity_random_walk": 1e-12, "bias_time_s": 1e9}
+    quiet |= {other: 1e-3 * sizes[other] for other in SENSORS}
+    sharp = replace(
+        flown.start,
+        covariance_position_n=1e-12 * np.eye(3),
+        covariance_velocity_n=1e-16 * np.eye(3),
+        covariance_attitude_n=1e-20 * np.eye(3),
+    )
+
+    def navigated(increments, **noise):
+        chosen = flown.using("markov-27", imu=SensorGrade(**{**quiet, **noise}))
+        more = {"increments": increments, "gnss": none, "with_baro": False, "start": sharp}
+        return flown.run(chosen, **more)[1][-1].updates
+
+    made, least = navigated(stated, **{name: sizes[name]}), navigated(stated)
+    moved = np.empty((9, 3))
+    for axis in range(3):
+        ends = [navigated(with_error(stated, name, axis, s * sizes[name])) for s in (-1.0, 1.0)]
+        moved[:, axis] = 0.5 * (flown.errors(ends[1])[-1] - flown.errors(ends[0])[-1])
+    expected = moved @ moved.T
+    for part, rows in (
+        ("position", slice(0, 3)),
+        ("velocity", slice(3, 6)),
+        ("attitude", slice(6, 9)),
+    ):
+        covariance, before = (getattr(m, f"covariance_{part}_n")[-1] for m in (made, least))
+        covariance = covariance - before
+        own = expected[rows, rows]
+        scale = np.sqrt(np.outer(np.diag(own), np.diag(own)))
+        np.testing.assert_allclose(covariance / scale, own / scale, atol=0.1, err_msg=part)
+
+
+@pytest.mark.parametrize("east", [True, False])
+def test_a_long_gap_across_the_antimeridian(east):
+    """The Earth is round: the same flight elsewhere has the same longitudes, but for an offset."""
+    flown, length = Flown(), 8.0
+    speed = flown.flight.velocity_n[:, 1]
+    begin = int(np.argmax(speed[1000:8000]) if east else np.argmin(speed[1000:8000])) + 1000
+    missing = np.arange(begin, begin + round(length * 50))
+    everything = np.arange(len(flown.increments.interval))
+    stated = replace_increments(flown.increments, np.delete(everything, missing))
+    none = flown.gnss.rows(np.zeros(len(flown.gnss), bool))
+
+    def longitudes(offset):
+        nav = flown.start.nav.copy()
+        nav[LONGITUDE] = offset
+        there = replace(flown.start, nav=nav)
+        more = {"increments": stated, "gnss": none, "with_baro": False, "start": there}
+        return flown.run(flown.using("markov-21"), **more)[1][0].updates.longitude
+
+    here = longitudes(0.0)
+    edge = np.pi if east else -np.pi
+    there = longitudes(edge - 0.5 * (here[begin - 1] + here[begin]))
+    assert (here[begin] > here[begin - 1]) == east
+    assert np.all((there > -np.pi) & (there <= np.pi))
+    assert np.sign(there[begin - 1]) == np.sign(edge) == -np.sign(there[begin])
+    apart = there - here - (there - here)[0]
+    np.testing.assert_allclose(
+        apart - 2.0 * np.pi * np.round(apart / (2.0 * np.pi)), 0.0, atol=1e-12
+    )

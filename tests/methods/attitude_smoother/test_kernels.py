@@ -1,0 +1,114 @@
+"""One epoch of the filter: what it does to state, errors and noise, against what they mean."""
+
+import numpy as np
+import pytest
+
+from sinstool.core.rotation import skew, to_dcm
+from sinstool.methods.attitude_smoother import kernels
+from sinstool.methods.attitude_smoother.epochs import DURATION, JB, WIDTH
+from sinstool.methods.attitude_smoother.model import GRAVITY
+from sinstool.methods.attitude_smoother.state import ERRORS, STATE, B, G, P, V, inject, less
+
+NEEDED = {"with position": ERRORS, "without": 10}
+T = 0.7
+
+
+def a_state():
+    random = np.random.default_rng(5)
+    x = np.zeros(STATE)
+    q = random.normal(size=4)
+    x[:9] = to_dcm(q / np.linalg.norm(q)).ravel()
+    x[V : V + 3] = 3.0, -2.0, 0.7
+    x[P : P + 3] = -4.0, 1.5, 2.5
+    return x
+
+
+def an_epoch(**columns):
+    row = np.zeros(WIDTH)
+    row[DURATION] = T
+    row[JB : JB + 9] = T * to_dcm(np.array([0.9, 0.3, -0.2, 0.24]) / np.sqrt(0.9976)).ravel()
+    for name, values in columns.items():
+        at = getattr(kernels, name)
+        row[at : at + np.size(values)] = values
+    return row
+
+
+def advanced(x, row, n, **parameters):
+    """State, transition and noise after an epoch."""
+    x, par = x.copy(), np.zeros(kernels.PARAMETERS)
+    for name, value in parameters.items():
+        par[getattr(kernels, name)] = value
+    f, q = np.full((n, n), np.nan), np.full((n, n), np.nan)
+    kernels._predict_state(row, 0.0, par, n, x, f, q, np.empty((3, 3)))
+    return x, f, q
+
+
+@pytest.mark.parametrize("n", NEEDED.values(), ids=NEEDED)
+@pytest.mark.parametrize("pulled", [False, True])
+def test_the_transition_is_what_an_epoch_makes_of_small_errors(n, pulled):
+    force = {"DV": (0.4, -0.3, -6.0), "DP": (0.15, -0.1, -2.1)} if pulled else {}
+    row, x = an_epoch(**force), a_state()
+    after, f, _ = advanced(x, row, n)
+    e = np.empty((3, 3))
+    for j in range(n):
+        if pulled and 6 <= j < 9:
+            continue  # that a bias turns the force within the epoch is not in it
+        ends = []
+        for size in (-1e-5, 1e-5):
+            wrong, dx, out = x.copy(), np.zeros(n), np.zeros(n)
+            dx[j] = size
+            inject(wrong, dx, n, e)
+            less(advanced(wrong, row, n)[0], after, n, out, e)
+            ends.append(out)
+        np.testing.assert_allclose(f[:, j], (ends[1] - ends[0]) / 2e-5, atol=2e-8)
+
+
+def test_an_epoch_without_force_falls():
+    x = a_state()
+    x[G] = 0.05
+    after, _, _ = advanced(x, an_epoch(), ERRORS)
+    fall = np.array([0.0, 0.0, GRAVITY + 0.05])
+    np.testing.assert_allclose(after[V : V + 3], x[V : V + 3] + fall * T, rtol=1e-12)
+    here = x[P : P + 3] + x[V : V + 3] * T + fall * T**2 / 2.0
+    np.testing.assert_allclose(after[P : P + 3], here, rtol=1e-12)
+    np.testing.assert_array_equal(after[:9], x[:9])
+
+
+@pytest.mark.parametrize("n", NEEDED.values(), ids=NEEDED)
+def test_noise_of_the_gyros_turns_velocity_and_position_with_the_attitude(n):
+    parameters = {"WALK": 0.02, "RATE_ERROR": 0.1, "TRAVEL": 0.003, "VELOCITY_WALK": 0.5}
+    parameters |= {"BIAS_WALK": 1e-3, "GRAVITY_WALK": 0.02}
+    x, _, q = advanced(a_state(), an_epoch(W2=0.09), n, **parameters)
+    spread = 0.02**2 * T + 0.1**2 * 0.09
+    through = np.zeros((n, 3))
+    through[:3], through[3:6] = np.eye(3), skew(x[V : V + 3])
+    if n == ERRORS:
+        through[10:] = skew(x[P : P + 3])
+    expected = spread * through @ through.T
+    expected[[0, 1], [0, 1]] += 0.003**2 * T
+    for rows, walk in ((range(3, 6), 0.5), (range(6, 9), 1e-3), ((9,), 0.02)):
+        for i in rows:
+            expected[i, i] += walk**2 * T
+    np.testing.assert_allclose(q, expected, atol=1e-15)
+
+
+@pytest.mark.parametrize("n", NEEDED.values(), ids=NEEDED)
+def test_a_gap_leaves_attitude_and_biases_and_nothing_of_the_motion(n):
+    x = a_state()
+    x[B : B + 3], x[G] = (0.01, -0.02, 0.03), 0.1
+    variances = {"VELOCITY_VARIANCE": 9.0, "POSITION_VARIANCE": 49.0}
+    row = an_epoch(DV=(1.0, 2.0, 3.0), DP=(0.1, 0.2, 0.3), GAP=1.0)
+    after, f, q = advanced(x, row, n, BIAS_WALK=1e-3, GRAVITY_WALK=0.02, **variances)
+    lost = slice(10, 13)
+    expected = x.copy()
+    expected[V : V + 3] = 0.0
+    same, noise = np.ones(n), np.zeros(n)
+    same[3:6], noise[3:6] = 0.0, 9.0
+    noise[:3] = (kernels.GAP_RATE * T) ** 2
+    noise[6:9], noise[9] = 1e-6 * T, 0.02**2 * T
+    if n == ERRORS:
+        expected[P : P + 3] = 0.0
+        same[lost], noise[lost] = 0.0, 49.0
+    np.testing.assert_array_equal(after, expected)
+    np.testing.assert_array_equal(f, np.diag(same))
+    np.testing.assert_allclose(q, np.diag(noise), rtol=1e-12)
