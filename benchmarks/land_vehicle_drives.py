@@ -39,7 +39,7 @@ from sinstool.methods.ins_gnss.constraints import STEP_NS, Constraints, LandVehi
 from sinstool.methods.ins_gnss.filter import InsGnssFilter
 from sinstool.pipelines.process.errors_against_truth import Errors, read_references
 from sinstool.pipelines.process.ins_gnss import run as ins_gnss
-from sinstool.pipelines.process.ins_gnss.vehicle import VehicleFound
+from sinstool.pipelines.process.ins_gnss.vehicle import VehicleAssumptions
 from tests.helpers.filter_logs import nees, run
 from tests.helpers.imulogs import T0
 from tests.helpers.unseen_drives import (
@@ -80,7 +80,7 @@ def only(row: str) -> Iterator[None]:
     """A filter that uses some constraints of those found."""
     whole = ins_gnss.find_vehicle
 
-    def some(*args: Any) -> VehicleFound:
+    def some(*args: Any) -> VehicleAssumptions:
         found = whole(*args)
         held = found.constraints
         if held is None or row == "all":

@@ -1,4 +1,4 @@
-"""The filter over epochs and its smoother, compiled; see `state` for what it estimates."""
+"""The filter over epochs and its smoother, compiled; see `state` for the states."""
 
 from __future__ import annotations
 
@@ -57,21 +57,21 @@ C1, C0, DENSITY, WALK, RATE_ERROR, BIAS_WALK, ZERO_RATE, VELOCITY_WALK, GRAVITY_
 VELOCITY_VARIANCE, POSITION_VARIANCE, REST_FORCE, TRAVEL = 9, 10, 11, 12
 DRIFT, JUDGED_AGAIN, OMEGA = 13, 14, 15
 PARAMETERS = 18
-# A motion that pulls at a bound is no rest: there the specific force is gravity alone.
+# At rest the specific force is gravity alone: its noise, and that of a velocity of zero.
 REST_DENSITY = 0.1  # m/s^2/sqrt(Hz)
 REST_VELOCITY = 0.02  # m/s
-# The square, over its variance, beyond which something denies a rest.
+# A squared innovation this many times its variance refutes a rest.
 DENIED = 5.0**2
-# To call travel a rest spoils all tilts before and after, and to call a rest travel hardly any: of
-# the velocity, three axes together, less will do.
+# Taking travel for rest spoils all tilts before and after, the reverse hardly any. So a velocity
+# (three axes together) refutes a rest at a lower limit.
 TRAVELS = 3.0**2
-# Judged again, a rest may show a bias that has drifted for so long, s.
+# Drift time of the bias allowed where later passes check rests again, s.
 DRIFTED_S = 60.0
-# What sways does so for as many epochs in one direction.
+# Sway lasts so many epochs in one direction, so its means are correlated.
 SWAY_LASTS = 10.0
-# In a gap the body turns as it did, and by this much per second beside, rad.
+# In a gap the body may turn as fast as beside it, and at this rate on top, rad/s.
 GAP_RATE = 0.5
-# A gyro at its stop misses this much, rad/s.
+# A saturated gyro misses this much, rad/s.
 STOP_RATE = 3.0
 DIVERGED = -1e300
 # What the filter stores of each epoch for the smoother: after its measurements (plus) and at its
@@ -82,9 +82,10 @@ P_PLUS, P_MINUS, TRANSITION, MATRICES = range(4)
 
 @part()
 def _rate_at_rest(row: FloatArray, par: FloatArray, x: FloatArray) -> tuple[float, float, float]:
-    """Mean rate of an epoch against NED, about the body's axes, less the bias so far.
+    """Mean angular rate of an epoch relative to NED, in body axes, less the estimated bias, rad/s.
 
-    The epoch's own was taken against NED in the integration's axes: C puts those right.
+    The rate of the epoch was taken relative to NED as the integrated attitude has it; the
+    correction C gives the difference.
     """
     u, v, w = par[OMEGA], par[OMEGA + 1], par[OMEGA + 2]
     t = row[DURATION]
@@ -102,10 +103,11 @@ def _rate_at_rest(row: FloatArray, par: FloatArray, x: FloatArray) -> tuple[floa
 def _rest_kind(
     row: FloatArray, par: FloatArray, x: FloatArray, p: FloatArray, dx: FloatArray, since: float
 ) -> int:
-    """What an epoch that looks like rest is, by what is known of tilt, bias and velocity by now.
+    """Kind of an epoch that is marked as rest: MOVING, QUIET, STEADY or AT_REST.
 
-    A steady turn looks like rest to itself, and so does steady travel; what led there tells. The
-    last rest ended `since` seconds ago.
+    Steady turns and steady travel look like rest. They are recognised by innovations of rate and
+    level specific force, and by the velocity, under the filter's predicted bias, tilt and velocity.
+    The last rest ended `since` seconds ago, in which the bias may have drifted.
     """
     t = row[DURATION]
     level = par[REST_FORCE] ** 2 + row[SWAY_FORCE]
@@ -139,9 +141,10 @@ def _measure(
     dx: FloatArray,
     kind: int,
 ) -> float:
-    """Hold a state and what it is known to be off by, `dx`, against epoch k, of a kind.
+    """Measurement updates of `dx` and `p` by epoch k: specific force, rest, heading.
 
-    Changes `dx`; the log likelihood of the epoch's motion, 0 at rest.
+    Returns the log likelihood of the specific force, 0 at rest; `DIVERGED` where the filter
+    diverged.
     """
     if row[GAP] > 0.0:
         return 0.0
@@ -192,7 +195,7 @@ def _measure(
 def _correct(
     near: FloatArray, k: int, x: FloatArray, dx: FloatArray, n: int, e: FloatArray
 ) -> None:
-    """Correct the state, unless it is one to be linear about."""
+    """Add the estimated error to the state, or replace the state by that of an earlier pass."""
     if len(near) == 0:
         inject(x, dx, n, e)
         for m in range(n):
@@ -212,7 +215,7 @@ def _predict_error(
     e: FloatArray,
     out: FloatArray,
 ) -> None:
-    """What the state that an epoch leads to, `x`, makes of `dx` about the one after the epoch."""
+    """Predict `dx`, relative to the states of an earlier pass; `x` is the predicted state."""
     if len(near) == 0:
         return
     less(x, near[k + 1], n, out, e)
@@ -235,7 +238,7 @@ def _predict_state(
     q: FloatArray,
     e: FloatArray,
 ) -> None:
-    """Carry the state over an epoch; its transition to `f` and its noise to `q`."""
+    """Predict the state over an epoch; outputs its transition `f` and process noise `q`."""
     for i in range(n):
         for j in range(n):
             f[i, j] = 0.0
@@ -281,7 +284,7 @@ def _predict_state(
             e,
         )
         turn(x, e)
-        # NED turned in the integration's axes, and not in those that C turns them to
+        # the Earth's rate was removed along NED of the integration, not of the corrected attitude
         u, v, w = par[OMEGA], par[OMEGA + 1], par[OMEGA + 2]
         if u != 0.0 or w != 0.0:
             rotation_of(
@@ -337,7 +340,7 @@ def _crossed(a: float, b: float, c: float, f: FloatArray, at: int) -> None:
 
 @part()
 def _spread(a: float, b: float, c: float, variance: float, q: FloatArray, at: int) -> None:
-    """What isotropic noise of the attitude does to a vector's error, and both together."""
+    """Process noise of a vector due to isotropic noise of attitude, and their covariance."""
     q[at, 1], q[at, 2] = -c * variance, b * variance
     q[at + 1, 0], q[at + 1, 2] = c * variance, -a * variance
     q[at + 2, 0], q[at + 2, 1] = -b * variance, a * variance
@@ -357,7 +360,7 @@ def _spread(a: float, b: float, c: float, variance: float, q: FloatArray, at: in
 def _predict_covariance(
     p: FloatArray, n: int, f: FloatArray, q: FloatArray, half: FloatArray
 ) -> None:
-    """p <- f p f^T + q, for a sparse f."""
+    """Predict the covariance: p <- f p f^T + q, for a sparse f."""
     product(f, p, n, n, n, half.T)
     copy_square(q, p)
     add_product(f, half, n, n, n, p)

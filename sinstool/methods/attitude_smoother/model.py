@@ -12,7 +12,7 @@ from sinstool.methods.sensor_errors import IMU_GRADES, Grade
 MotionName = Literal["hand", "vehicle"]
 
 EPOCH_S = 0.2
-GRAVITY = 9.81  # m/s^2; what the local one differs from it is a state
+GRAVITY = 9.81  # m/s^2; the difference of local gravity from this is a state
 
 
 @dataclass(frozen=True)
@@ -53,7 +53,7 @@ class MotionModel:
         return self.velocity_variance / self.c0 if self.c0 else 0.0
 
     def with_density(self, density: float) -> MotionModel:
-        """The same bound, shaken otherwise."""
+        """The same bound with another density of acceleration."""
         return replace(self, density=density)
 
 
@@ -73,12 +73,12 @@ class SensorModel:
     angle_random_walk : float
         rad/sqrt(s).
     rate_error : float
-        What grows with the rate (scale factors, misalignment, timing): the attitude's variance
-        grows by its square times the integral of the squared rate.
+        Errors in proportion to the rate (scale factor, misalignment, timing): the variance of
+        attitude grows by its square times the integral of the squared rate.
     bias_walk : float
         rad/s/sqrt(s).
     bias : float
-        Of the gyros beyond what was taken off, at the start, rad/s.
+        Gyro bias at the start, beyond what was removed, rad/s.
     zero_rate : float
         How far the mean rate of an epoch of rest may be from the bias beside its noise, rad/s.
     bias_drift : float
@@ -86,7 +86,7 @@ class SensorModel:
     velocity_walk : float
         Accelerometer errors as noise of the velocity, m/s/sqrt(s).
     accel_bias : float
-        m/s^2. It cannot be told from tilt: it is added to what is said of the tilt.
+        m/s^2. A level bias looks like a tilt, so it is added to the covariance of tilt.
     gravity, gravity_walk : float
         Vertical excess of the specific force at the start, m/s^2, and its walk, m/s^2/sqrt(s).
     """

@@ -40,18 +40,18 @@ from sinstool.methods.attitude_smoother.start import filtered
 # hand's is a degree off on a car, by several of its sigmas.
 MARGIN, SECOND_MARGIN = 0.5, 4.0
 UNSURE = 0.5
-# No margin is larger, nat: the filter of the other model then lost itself.
+# Limit of the margin, nat: beyond it the filter of the other model diverged.
 LARGEST_MARGIN = 1000.0
 # Some times that a hand goes round and about, s.
 SHORTEST_S = 15.0
-# What moves as fast is no hand, m/s.
+# Faster than this it is not a hand, m/s.
 HAND_SPEED = 4.0
 # Moving epochs that are looked at: ten minutes, in so many stretches.
 STRETCHES = 5
 STRETCH = 600
-# A hand's density as found, a vehicle's as so many times the largest found over epochs of so many
-# lengths (manoeuvres are not white, and their slowest part sets the tilt: an aircraft's turns last
-# half a minute), m/s^2/sqrt(Hz).
+# The density of a hand is the most likely one; that of a vehicle is so many times the largest over
+# epochs of these lengths (manoeuvres are not white, and their slowest part sets the tilt: turns of
+# an aircraft last half a minute), m/s^2/sqrt(Hz).
 HAND_RANGE = (0.5, 2.0)
 LEAST_VEHICLE, VEHICLE_FACTOR = 4.0, 2.5
 SECOND = 5  # epochs
@@ -69,8 +69,8 @@ class Motion:
     ----------
     model : MotionModel
     margin : float or None
-        By how much, in nat a moving epoch, a vehicle is more likely than a hand, or what a moving
-        second says of that, if it is more; None where it was not asked.
+        Log likelihood of a vehicle less that of a hand, nat per moving epoch, or the same over
+        moving seconds, scaled, if that is larger; None where the kind was chosen by other means.
     short : bool
         The motion is too short to show whether its position is bounded: then it is a vehicle's,
         as that claims less.
@@ -94,7 +94,7 @@ def find_motion(
     name: MotionName | None = None,
     speed: float | None = None,
 ) -> Motion:
-    """The kind of motion and how much it shakes.
+    """The kind of motion, and the density of its accelerations.
 
     Parameters
     ----------
@@ -102,9 +102,9 @@ def find_motion(
         With rest marked.
     sensors : SensorModel
     name : {'hand', 'vehicle'}, optional
-        Of the kind, where it is known.
+        Kind of motion, where the user chose it.
     speed : float, optional
-        Of the vehicle, m/s, where something else shows it: so large its velocity may be.
+        Speed that GNSS shows, m/s: the model must allow for velocities of that size.
 
     Returns
     -------
@@ -130,12 +130,12 @@ def find_motion(
     if name == "hand":
         density = min(max(search.best(HAND, 1)[0], HAND_RANGE[0]), HAND_RANGE[1])
         return Motion(HAND.with_density(density), margin)
-    found = max(search.best(VEHICLE, length)[0] for length in LONGER)
-    return Motion(VEHICLE.with_density(max(VEHICLE_FACTOR * found, least)), margin, short)
+    density = max(search.best(VEHICLE, length)[0] for length in LONGER)
+    return Motion(VEHICLE.with_density(max(VEHICLE_FACTOR * density, least)), margin, short)
 
 
 class _Search:
-    """What is found for a model and a length of epochs, found once."""
+    """Most likely density of each model and length of epochs, computed once."""
 
     def __init__(self, parts: list[Epochs], sensors: SensorModel) -> None:
         self._parts = {length: [_merged(part, length) for part in parts] for length in LONGER}
@@ -150,7 +150,7 @@ class _Search:
         return self._cache[key]
 
     def margin(self, length: int) -> float:
-        """By how much a vehicle is more likely than a hand, in nat a moving epoch."""
+        """Log likelihood of a vehicle less that of a hand, nat per moving epoch."""
         parts = self._parts[length]
         moving = sum(int(np.count_nonzero(~part.rest & ~part.gap)) for part in parts)
         more = (self.best(VEHICLE, length)[1] - self.best(HAND, length)[1]) / max(moving, 1)
@@ -191,7 +191,7 @@ def _most_likely(
             value = likelihood(trial) if SEARCHED[0] <= trial <= SEARCHED[1] else DIVERGED
             if value > best:
                 at, best = trial, value
-                # behind it lies what was just found to be less likely
+                # the other direction leads back to a lower likelihood
                 directions = [direction]
                 break
         else:

@@ -1,7 +1,7 @@
-"""Rest: two seconds in which the means of epochs stay constant, unless what led there denies it.
+"""Rest: two seconds in which the means of epochs stay constant, unless a filter refutes it.
 
-Steady travel and wide turns look like rest. They differ in the rate, which no gyro's bias would
-have, in a specific force that is not level, and in the velocity that a filter finds.
+Steady travel and wide turns look like rest. They differ in a rate too large for a gyro bias, in a
+specific force that is not vertical, and in the velocity that a filter estimates.
 """
 
 from __future__ import annotations
@@ -39,17 +39,17 @@ from sinstool.methods.sensor_errors import LIKELY
 
 WINDOW = 10  # epochs
 AT_ONCE = 4096  # windows
-# What the means of epochs scatter by at rest, beside their own noise, and single samples.
+# Largest scatter at rest of the means of epochs, beyond their noise, and of single samples.
 GYRO_SCATTER, ACCEL_SCATTER = 0.12 * DEGREE, 0.03  # rad/s, m/s^2
 GYRO_NOISE, ACCEL_NOISE = 1.3 * DEGREE, 0.5
-# No gyro's bias is as large, rad/s.
+# Gyro biases are smaller than this, rad/s.
 LARGEST_BIAS = 0.2
-# What sways by more than its gyros' noise, or than the quietest rest of its log, may be afloat, in
-# the air or on a road: it does not accelerate, but that it stands still is not certain.
+# Times the variance of gyro noise, or of the quietest rest. What sways more may be afloat, in the
+# air or on a smooth road: it does not accelerate, but it need not stand still.
 SWAYS = 3.0**2
-# Shorter it is a lull, of which a slow acceleration is as likely as before and after.
+# Shorter steady times are a lull of the motion, in which a slow acceleration may go on.
 LULL = 25  # epochs
-# A rest that is so much shorter than the longest has to have its rate.
+# A rest shorter than this share of the longest must have the same rate.
 SHORT_SHARE = 1.0 / 3.0
 # Rests of one log show one bias, rad/s, and one size of gravity, m/s^2: steady turns show others.
 SAME_BIAS, SAME_FORCE = 0.02, 0.15
@@ -90,7 +90,7 @@ def with_rest(
 
 
 def confirmed(epochs: Epochs, sensors: SensorModel, tilt: float | None = None) -> Epochs:
-    """The epochs, without the rests that a filter denies by what led there.
+    """The epochs, without the rests that the states of a filter refute.
 
     Parameters
     ----------
@@ -103,14 +103,14 @@ def confirmed(epochs: Epochs, sensors: SensorModel, tilt: float | None = None) -
     Returns
     -------
     Epochs
-        What is denied is motion, and so is what is within two seconds of it. What sways by more
-        than noise is steady at most, and for less than five seconds only quiet.
+        Refuted epochs, and those within two seconds of one, are moving. Epochs that sway by more
+        than noise are at most steady, and those of less than five seconds only quiet.
     """
     if not epochs.rest.any():
         return epochs
     rows = epochs.values.copy()
     sway = rows[:, SWAY_RATE]
-    # by the usual sway: the last epochs of a rest may sway more as something begins to move
+    # the median sway: the last epochs of a rest may sway more as motion begins
     usual = np.median(sway[epochs.rest])
     sensors = replace(sensors, zero_rate=np.sqrt(sensors.zero_rate**2 + usual))
     _drop_short_turns(rows, epochs, sensors)
@@ -129,14 +129,14 @@ def confirmed(epochs: Epochs, sensors: SensorModel, tilt: float | None = None) -
 
 
 def _drop_lulls(rows: np.ndarray) -> None:
-    """Steady for a short time is only quiet."""
+    """Mark steady epochs as quiet where they last for less than `LULL`."""
     for begin, end in _runs(rows[:, REST] == STEADY):
         if end - begin < LULL:
             rows[begin:end, REST] = QUIET
 
 
 def _drop_short_turns(rows: np.ndarray, epochs: Epochs, sensors: SensorModel) -> None:
-    """No rest is what is short and has not the rate of the longest one: hands turn slowly too."""
+    """Mark short rests as moving where their rate is not that of the longest: a slow turn."""
     first, last = max(_runs(epochs.rest), key=lambda run: run[1] - run[0])
     rate = rows[:, GYRO : GYRO + 3] - np.median(rows[first:last, GYRO : GYRO + 3], axis=0)
     at = epochs.time_ns[:-1]
@@ -149,7 +149,7 @@ def _drop_short_turns(rows: np.ndarray, epochs: Epochs, sensors: SensorModel) ->
 
 
 def _note_sway(rows: np.ndarray, still: np.ndarray) -> None:
-    """How much the means of epochs vary about those of their windows, and their noise."""
+    """Set the variances of the means of epochs within their windows, and those due to noise."""
     for begin, end in _runs(still):
         part = rows[begin:end]
         wide = min(WINDOW, len(part))
@@ -170,7 +170,7 @@ def _over_windows(column: np.ndarray, wide: int) -> np.ndarray:
 
 
 def _of_windows(windows: np.ndarray, count: int) -> np.ndarray:
-    """Of each epoch the mean over the windows that hold it."""
+    """Mean over the windows that contain each epoch."""
     ones = np.ones(count - len(windows) + 1)
     return np.convolve(windows, ones) / np.convolve(np.ones(len(windows)), ones)
 

@@ -17,21 +17,21 @@ from sinstool.methods.attitude_smoother.epochs import ACCEL, Epochs
 from sinstool.methods.attitude_smoother.heading_update import NO_FIELD
 from sinstool.methods.attitude_smoother.magnetometer import North
 from sinstool.methods.attitude_smoother.model import GRAVITY, LARGE_BIAS, MotionModel, SensorModel
-from sinstool.methods.attitude_smoother.start import NO_KINDS, Known, first_state, parameters
+from sinstool.methods.attitude_smoother.start import NO_KINDS, Prior, first_state, parameters
 
-NOTHING_KNOWN = Known()
-# Epochs that are filtered again and smoothed at once.
+NO_PRIOR = Prior()
+# Epochs whose steps of the filter are stored at a time.
 SEGMENT = 500
 # m/s^2: gravity on Earth, and how far from it that is anywhere below 3 km.
 MEAN_GRAVITY, GRAVITY_RANGE = 9.807, 0.03
 UNKNOWN_HEADING = np.pi / np.sqrt(3.0)  # rad
-# In motion more than this is not the accelerometers' bias alone, m/s^2.
+# In motion a larger excess than this is not due to accelerometer biases alone, m/s^2.
 LIKELY_EXCESS = 0.3
-# Where the bias of the gyros is as uncertain as LARGE_BIAS, rad/s, or the first tilt turns out as
-# far off as FAR, rad, what is linear about the filter's own states is wrong for good. So the
-# smoother is run again about what it found (an iterated smoother, a Gauss-Newton step a pass) until
-# a pass changes no tilt by CLOSE, rad; without a bias the first passes believe in motion that
-# shakes more, lest they hold on to where they began.
+# Where the gyro bias is as uncertain as LARGE_BIAS, rad/s, or the first tilt proves wrong by FAR,
+# rad, linearising about the filter's own estimates is too far off. The smoother then runs again,
+# linearised about its last result (an iterated smoother: each pass is a Gauss-Newton step), until a
+# pass changes no tilt by CLOSE, rad. Where the bias is unknown the first passes assume stronger
+# accelerations, so that they can leave a wrong start.
 FAR, CLOSE = 0.05, 1e-3
 PASSES = 20
 WIDER = (4.0, 3.0, 2.0, 1.5)
@@ -39,7 +39,7 @@ WIDER = (4.0, 3.0, 2.0, 1.5)
 
 @dataclass(frozen=True)
 class Correction:
-    """What is to be done to an integrated attitude, at the limits of epochs.
+    """Correction of an integrated attitude, at the limits of epochs.
 
     Attributes
     ----------
@@ -49,14 +49,15 @@ class Correction:
     turn : ndarray, shape (n, 3)
         Rotation vector from each to the next, rad.
     gyro_bias : ndarray, shape (n + 1, 3)
-        Beyond what was taken off before, rad/s.
+        Beyond the bias that the integration removed, rad/s.
     covariance_n : ndarray, shape (n + 1, 3, 3)
         Of the small rotation in NED that takes the attitude to the true one, rad^2; that of
         heading since the start.
     gyro_bias_sigma : ndarray, shape (n + 1, 3)
         rad/s.
     accel_bias : float
-        What the covariance of tilt holds of the accelerometers' biases, m/s^2 an axis.
+        Standard deviation of the accelerometer biases, by axis, that the covariance of tilt
+        includes, m/s^2.
     """
 
     time_ns: np.ndarray
@@ -93,7 +94,7 @@ def smooth(
     epochs: Epochs,
     motion: MotionModel,
     sensors: SensorModel,
-    known: Known = NOTHING_KNOWN,
+    prior: Prior = NO_PRIOR,
     north: North | None = None,
 ) -> Correction:
     """Smooth over a whole log.
@@ -104,10 +105,10 @@ def smooth(
         At least one; with rest marked.
     motion : MotionModel
     sensors : SensorModel
-    known : Known, optional
-        What is known beside the samples.
+    prior : Prior, optional
+        Of the first attitude, and of gravity.
     north : North, optional
-        What a magnetometer says of heading; then a known heading is not looked at.
+        Headings of a magnetometer, which take the place of the prior heading.
 
     Returns
     -------
@@ -120,18 +121,18 @@ def smooth(
     for k in range(PASSES):
         before = smoothed
         model = motion.with_density(motion.density * wider[k]) if k < len(wider) else motion
-        first = _first(epochs, model, sensors, known, north)
+        first = _first(epochs, model, sensors, prior, north)
         smoothed = _pass(epochs, model, sensors, first, field, before, covariance)
         begun = before if k else first[0][None]
         if k >= len(wider) and _moved(begun, smoothed[: len(begun)]) < (CLOSE if k else FAR):
             break
     q = from_dcm(smoothed[:, :9].reshape(-1, 3, 3))
     attitude = covariance[:, :9].reshape(-1, 3, 3).copy()
-    # An accelerometer's bias cannot be told from a tilt.
-    accel_bias = _accel_bias(sensors.accel_bias, _gravity_shown(epochs, smoothed), known.gravity)
+    # The bias of a level accelerometer looks like a tilt.
+    accel_bias = _accel_bias(sensors.accel_bias, _gravity_shown(epochs, smoothed), prior.gravity)
     attitude[:, [0, 1], [0, 1]] += (accel_bias / GRAVITY) ** 2
-    attitude[:, 2, 2] += known.heading**2 if north is None else north.variance
-    # A heading of which nothing is known is one of a whole turn.
+    attitude[:, 2, 2] += prior.heading**2 if north is None else north.variance
+    # No heading is less certain than one that is uniform over a whole turn.
     share = np.minimum(1.0, UNKNOWN_HEADING / np.sqrt(attitude[:, 2, 2]))[:, None]
     attitude[:, 2, :] *= share
     attitude[:, :, 2] *= share
@@ -147,7 +148,7 @@ def smooth(
 
 
 def _gravity_shown(epochs: Epochs, smoothed: FloatArray) -> float:
-    """Size of gravity that the log shows, m/s^2: at rest, else what the smoother makes of it."""
+    """Size of gravity that the log shows, m/s^2: at rest, else the smoother's estimate."""
     if epochs.rest.any():
         force = epochs.values[epochs.rest, ACCEL : ACCEL + 3]
         return float(np.median(np.linalg.norm(force, axis=1)))
@@ -181,11 +182,11 @@ def _first(
     epochs: Epochs,
     motion: MotionModel,
     sensors: SensorModel,
-    known: Known,
+    prior: Prior,
     north: North | None,
 ) -> tuple[FloatArray, FloatArray]:
     """State and covariance before the first epoch, turned to where a magnetometer shows north."""
-    x, p = first_state(epochs, motion, sensors, known.tilt)
+    x, p = first_state(epochs, motion, sensors, prior.tilt)
     if north is not None:
         x[:9] = (to_dcm(exp([0.0, 0.0, north.start])) @ x[:9].reshape(3, 3)).ravel()
         p[2, 2] = north.start_sigma**2
@@ -207,18 +208,18 @@ def _pass(
     near: FloatArray,
     covariance: FloatArray,
 ) -> FloatArray:
-    """Forwards and backwards once; the smoothed states, shape (n + 1, STATE).
+    """One pass forwards and backwards; the smoothed states, shape (n + 1, STATE).
 
     Parameters
     ----------
     first : tuple of ndarray
         State and covariance before the first epoch.
     field : ndarray, shape (n, FIELD_WIDTH) or (0, FIELD_WIDTH)
-        What a magnetometer shows.
+        Of the magnetometer.
     near : ndarray, shape (n + 1, STATE) or (0, STATE)
-        States of a pass before, to be linear about; none: the filter's own.
+        States of the last pass, to linearise about; none: the filter's own estimates.
     covariance : ndarray, shape (n + 1, KEPT)
-        Gets those of attitude and bias.
+        Output: covariances of the attitude and variances of the gyro bias.
     """
     n, count, rows = motion.states, len(epochs), epochs.values
     par = parameters(motion, sensors, epochs.omega_in_n)
@@ -272,5 +273,5 @@ def _corrected(
         for a in range(3):
             omega_out[i, a] = omega[i, a] - ((1.0 - s) * bias[k, a] + s * bias[k + 1, a])
             for b in range(3):
-                # that of the epoch's end all along: numbers that repeat can be compressed
+                # the value at the end of the epoch throughout: repeated numbers compress well
                 covariance_out[i, a, b] = covariance_n[k + 1, a, b]

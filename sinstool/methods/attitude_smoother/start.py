@@ -15,24 +15,26 @@ from sinstool.methods.attitude_smoother.heading_update import NO_FIELD
 from sinstool.methods.attitude_smoother.model import LARGE_BIAS, MotionModel, SensorModel
 
 FIRST_S = 3.0
-# Of tilt and heading at the start, rad: what is said of heading is then its change since.
+# Standard deviations of tilt and heading at the start, rad: with a heading so certain its variance
+# later is that of its change since the start.
 TILT, HEADING = 0.2, 1e-4
-# Where nobody asks what each epoch is.
+# For a filter that takes the kinds of epochs as they are marked.
 NO_KINDS = np.empty(0)
 
 
 @dataclass(frozen=True)
-class Known:
-    """What is known of a log beside its samples.
+class Prior:
+    """Prior information about a log, beyond its samples.
 
     Attributes
     ----------
     heading : float
-        Standard deviation of the first heading, rad; 0: what is said of heading is its change.
+        Standard deviation of the first heading, rad; with 0 the covariance of heading is that of
+        its change since the start.
     tilt : float or None
-        Standard deviation of the first tilt that was integrated from, rad.
+        Standard deviation of the tilt at which the integration started, rad; None: unknown.
     gravity : float or None
-        Local, m/s^2.
+        Local gravity, m/s^2; None: unknown.
     """
 
     heading: float = 0.0
@@ -48,8 +50,8 @@ def first_state(
     Parameters
     ----------
     tilt : float, optional
-        Standard deviation of the tilt that the integration began with, rad; where it is not known
-        the first tilt is that which turns the mean specific force of some seconds upwards.
+        Standard deviation of the tilt at which the integration started, rad. Without it the first
+        tilt is the one that levels the mean specific force of the first seconds.
 
     Returns
     -------
@@ -91,10 +93,10 @@ def upright(force: FloatArray) -> FloatArray:
 def parameters(
     motion: MotionModel, sensors: SensorModel, omega_in_n: FloatArray | None = None
 ) -> FloatArray:
-    """What a compiled filter needs to know, in its order.
+    """Parameters of the compiled filter, in its order.
 
-    The vertical turns with what a vehicle travels over the Earth, at a rate that is as bounded as
-    its velocity: in the long run a random walk of the tilt.
+    The vertical turns as a vehicle travels over the curved Earth (transport rate). As the velocity
+    is bounded, this is a random walk of the tilt in the long run.
     """
     travel = 0.0 if motion.c0 else motion.density / (motion.c1 * SEMI_MAJOR_AXIS)
     return np.array(
@@ -110,11 +112,11 @@ def parameters(
             sensors.gravity_walk,
             motion.velocity_variance,
             motion.position_variance,
-            # level specific force at rest: the bias now and that where the tilt was had from
+            # level specific force at rest: the bias there, and the bias where the tilt was levelled
             np.sqrt(2.0) * sensors.accel_bias,
             travel,
             sensors.bias_drift,
-            # what one pass said of rests is then not final
+            # a linearisation so far off may deny rests wrongly: each pass checks them again
             float(sensors.bias > LARGE_BIAS),
             *(np.zeros(3) if omega_in_n is None else omega_in_n),
         ]
@@ -128,19 +130,20 @@ def filtered(
     tilt: float | None = None,
     kinds: FloatArray = NO_KINDS,
 ) -> float:
-    """Filter a log without keeping anything.
+    """Log likelihood of a log under a model of its motion.
 
     Parameters
     ----------
     tilt : float, optional
         See :func:`first_state`.
     kinds : ndarray, shape (n,), optional
-        Gets what each epoch is, by what led there.
+        Output: the kind of each epoch, MOVING to AT_REST, as the filter judges it.
 
     Returns
     -------
     float
-        Log likelihood of the moving epochs' motion; `DIVERGED` where the filter lost itself.
+        Log likelihood of the specific force in the moving epochs; `DIVERGED` where the filter
+        diverged.
     """
     x, p = first_state(epochs, motion, sensors, tilt)
     par = parameters(motion, sensors, epochs.omega_in_n)

@@ -1,6 +1,6 @@
 """The state of the filter over epochs: how it is numbered, corrected and compared.
 
-It is kept as 19 numbers: the correction C row by row (9), velocity (3), gyro bias (3), vertical
+It has 19 numbers: the correction C row by row (9), velocity (3), gyro bias (3), vertical
 excess of the specific force (1), position (3). Errors come in the order attitude, velocity, bias,
 excess, position, so that without the position the first ten are left: the right-invariant
 ``C_true = exp(phi) C``, ``v_true = exp(phi) v + xi_v``, likewise the position.

@@ -22,7 +22,7 @@ from sinstool.methods.attitude_smoother.model import GRAVITY, SensorModel, senso
 from sinstool.methods.attitude_smoother.motion import Motion, find_motion
 from sinstool.methods.attitude_smoother.rest import confirmed, with_rest
 from sinstool.methods.attitude_smoother.smoother import Correction, smooth
-from sinstool.methods.attitude_smoother.start import Known
+from sinstool.methods.attitude_smoother.start import Prior
 from sinstool.methods.strapdown.attitude import AttitudeRun, AttitudeSettings
 from sinstool.pipelines.plan import Plan
 from sinstool.pipelines.process.compass import MagneticHeading
@@ -146,16 +146,16 @@ class Smoothing:
         motion = find_motion(epochs, sensors, motion_class, self._gnss_speed())
         heading = alignment.sigma_rad[2] if alignment.north_referenced else None
         latitude, height = self._source.latitude, self._source.position[2]
-        beside = Known(
+        prior = Prior(
             heading or 0.0,
             _first_tilt(alignment, sensors),
             None if latitude is None else float(normal_gravity(latitude, height or 0.0)),
         )
-        correction = smooth(epochs, motion.model, sensors, beside)
+        correction = smooth(epochs, motion.model, sensors, prior)
         if self._magnetic is not None:
             north = self._magnetic.north(epochs, correction)
             if north is not None:
-                correction = smooth(epochs, motion.model, sensors, beside, north)
+                correction = smooth(epochs, motion.model, sensors, prior, north)
             self.north_referenced = self._magnetic.north_referenced
         self._correction = correction
         self._conclude(epochs, motion, correction)

@@ -1,7 +1,7 @@
 """Restart of a filter after an Imu gap that is too long to bridge.
 
-How far a vehicle turned in such a gap, nobody knows: the attitude is found from what follows, as at
-the start of a log. What the filter knew of the sensors stays known.
+How far a vehicle turned in such a gap is unknown, so the attitude is aligned from the data that
+follow, as at the start of a log. The estimated sensor errors are carried over.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ from sinstool.methods.ins_gnss.settings import Settings, Start
 from sinstool.methods.ins_gnss.states import ACCEL_BIAS, GYRO_BIAS
 from sinstool.pipelines.process.ins_gnss.filter_start import FilterStart
 from sinstool.pipelines.process.ins_gnss.first_state import find_start
-from sinstool.pipelines.process.ins_gnss.vehicle import VehicleFound
+from sinstool.pipelines.process.ins_gnss.vehicle import VehicleAssumptions
 from sinstool.pipelines.process.vehicle_used import VehicleUsed
 from sinstool.survey.source import Source, part_of
 
@@ -44,7 +44,7 @@ class Stretch:
         The log, or its part from the gap on.
     filter : InsGnssFilter
         That runs over it.
-    vehicle : VehicleFound
+    vehicle : VehicleAssumptions
         What is held of the vehicle in it.
     gap : FilterEvent or None
         The gap before.
@@ -53,7 +53,7 @@ class Stretch:
     source: Source
     start: FilterStart
     filter: InsGnssFilter
-    vehicle: VehicleFound
+    vehicle: VehicleAssumptions
     gap: FilterEvent | None = None
 
 
@@ -167,7 +167,7 @@ def summed(stretches: list[Stretch]) -> FilterSummary:
     )
 
 
-def vehicle_of(stretches: list[Stretch]) -> tuple[VehicleFound, VehicleUsed]:
+def vehicle_of(stretches: list[Stretch]) -> tuple[VehicleAssumptions, VehicleUsed]:
     """The vehicle by the stretch in which it was constrained most, and what all made of it."""
     main = max(stretches, key=lambda s: (s.filter.summary.held, s.filter.summary.rests))
     summary = replace(summed(stretches), land_vehicle=main.filter.summary.land_vehicle)

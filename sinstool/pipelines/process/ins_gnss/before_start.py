@@ -153,7 +153,7 @@ def before_start(
 
 
 def smoothed_start(start: Start, smoothed: SmoothedEpochs) -> Start:
-    """A start as all that follows says it was; unchanged where the smoother does not say."""
+    """A start corrected by smoothing over what follows; unchanged where that is not possible."""
     if not np.isfinite(smoothed.first_error).all():
         return start
     return corrected_start(start, smoothed.first_error, smoothed.first_covariance, smoothed.kind)

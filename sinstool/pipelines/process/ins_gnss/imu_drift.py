@@ -1,4 +1,4 @@
-"""How noisy an Imu is, judged by how a navigation drifts where fixes are left out.
+"""Noise of an Imu, estimated from the drift of its navigation where fixes are left out.
 
 From one fix to the next even a poor Imu errs by less than the fixes do. Within the first seconds
 without fixes mostly the accelerometers' noise shows, later that of the gyros, which tilts the
@@ -47,12 +47,12 @@ LOOKS = (0.1, 0.35, 1.0)
 LEAST_WINDOWS = 4
 # A window in which the fixes show less of a way, m and sigmas, shows the Imu at rest.
 LEAST_WAY, LEAST_WAY_SIGMAS = 10.0, 6.0
-# Squares of unit normals are less than this, nearly always; and what chance makes of their sum.
+# Squares of unit normals hardly ever exceed this; and the scatter of their sum.
 MOST_SQUARE = 50.0
 CHANCE = 0.01
 # The median of the sum of two squares of unit normals, over its mean.
 MEDIAN_OF_MEAN = float(np.log(2.0))
-# What is known of a factor beforehand: its logarithm is so uncertain, and the mean of its square 1.
+# Prior of a factor: standard deviation of its logarithm; the mean of its square is 1.
 PRIOR_SIGMA = 1.0
 # Factors nearer to 1 than this are none; those that are tried, as powers of 2.
 LEAST_CHANGE = 1.3
@@ -68,7 +68,7 @@ class NoiseFactors:
 
     @property
     def ordinary(self) -> bool:
-        """Whether nothing is different."""
+        """Whether both factors are 1."""
         return self.gyro == 1.0 and self.accel == 1.0
 
     def of(self, settings: Settings, virtual_noise: bool) -> Settings:
@@ -263,16 +263,16 @@ def _spans(mask: BoolArray) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _likeliest(cost: Callable[[float, float], float]) -> tuple[float, float]:
-    """Two factors of noise: roots of the mean of their squares, by a cost and the prior."""
-    found: dict[tuple[int, int], float] = {}
+    """Root mean squares of both factors under the posterior of a cost and the prior."""
+    costs: dict[tuple[int, int], float] = {}
 
     def total(gyro: int, accel: int) -> float:
         at = gyro, accel
-        if at not in found:
+        if at not in costs:
             logs = np.log(2.0) * np.array(at)
             prior = np.sum(((logs + PRIOR_SIGMA**2) / PRIOR_SIGMA) ** 2)
-            found[at] = cost(2.0**gyro, 2.0**accel) + float(prior)
-        return found[at]
+            costs[at] = cost(2.0**gyro, 2.0**accel) + float(prior)
+        return costs[at]
 
     best = (0, 0)
     for step in (2, 1):

@@ -52,11 +52,11 @@ class Fit:
 
     @property
     def doubted(self) -> bool:
-        """Whether the model is worth a doubt."""
+        """Whether innovations are too large for the model."""
         return self.square > DOUBTED
 
     def worse_than(self, other: Fit) -> bool:
-        """Whether another model is clearly more likely."""
+        """Whether another model is clearly more likely than this."""
         return self.cost > other.cost + LEAST_GAIN / self.epochs
 
 

@@ -70,7 +70,7 @@ DIAGNOSTIC_NAMES = (
         for axis in ("north", "east", "down")
     ),
 )
-# What is wrong shows within minutes.
+# Part of a log that a diagnosis looks at: faults show within minutes.
 DIAGNOSED_NS = 300 * SECOND
 USUAL_SIGMA_V = GnssOptions().gnss_sigma_v
 DETAIL_ROWS = 512
@@ -131,7 +131,7 @@ class FilterRun(Mode):
         self._stretches: list[Stretch] = []
 
     def find_out(self, progress: BytesRead | None) -> None:
-        """What the vehicle cannot do."""
+        """Determine the motion constraints of the vehicle."""
         # GNSS, barometer and wheels have been read
         self.source.log.cache(())
         self._stretches = [self._stretch(self.source, self._start)]
@@ -159,7 +159,7 @@ class FilterRun(Mode):
         )
 
     def show(self, sink: Sink) -> None:
-        """The barometer's heights and the fixes, and more of the biases than the output has."""
+        """Record barometer heights, fixes, and the biases at full detail for figures."""
         if self._damping is not None:
             self._damping.show(sink)
         gnss = self.source.aiding.gnss
@@ -222,7 +222,7 @@ class FilterRun(Mode):
             yield self._offsets_error.added(solution)
 
     def _earlier(self, stretch: Stretch, start: Start) -> Solution | None:
-        """What lies before the start of a stretch."""
+        """Solutions before the start of a stretch."""
         rests = stretch.vehicle.rests_at_first and (
             lead_in_end(stretch.source.survey) >= stretch.start.time_ns
         )
@@ -278,7 +278,7 @@ class FilterRun(Mode):
         return True
 
     def _diagnosis(self) -> list[Finding]:
-        """What seems to be wrong with settings or sensors, the likeliest cause first."""
+        """Suspected faults of settings or sensors, the likeliest first."""
         if not self._gnss:
             return []
         p, gnss = self._start, concatenate(self._gnss)
@@ -288,7 +288,7 @@ class FilterRun(Mode):
         return [self._completed(f) for f in findings if self._matters(f)]
 
     def _plain_first(self) -> UpdateColumns:
-        """The first minutes by a filter whose restarts leave what is wrong where it is."""
+        """Updates of the first minutes, by a filter whose restarts do not escalate."""
         p = self._start
         control = replace(p.settings.control, escalate=False)
         plain = replace(p, settings=replace(p.settings, control=control))
@@ -301,14 +301,14 @@ class FilterRun(Mode):
         return concatenate([updates for updates in made if updates is not None])
 
     def _completed(self, finding: Finding) -> Finding:
-        """Slow errors of fixes, taken for small ones, look like those of an IMU."""
+        """A finding of Imu noise, with the other cause of it: too small a noise of the fixes."""
         if finding.kind != "imu-noise" or self.config.filter.gnss_noise_scale >= 1.0:
             return finding
         more = "; or --gnss-noise-scale is too small"
         return replace(finding, answer=finding.answer + more)
 
     def _matters(self, finding: Finding) -> bool:
-        """What follows from no option, the user need not put right."""
+        """Whether a finding is about an option, so that the user can put it right."""
         gnss, options = self.config.gnss, self.config.filter
         if finding.kind == "latency":
             return self._start.latency_status == "given"
@@ -396,7 +396,7 @@ class FilterRun(Mode):
         )
 
     def _latency(self) -> LatencyUsed:
-        """When fixes were taken to be valid, and how that is known."""
+        """Assumed validity time of the fixes, and its source."""
         p = self._start
         shown = p.offsets if p.offsets is not None and p.offsets.observable else None
         half = 0.5 * p.lag
@@ -417,7 +417,7 @@ class FilterRun(Mode):
         return WithheldScores(**vars(score), filter=filtered)
 
     def _warnings(self) -> list[Finding]:
-        """What a user has to know about the run, the likeliest causes of trouble included."""
+        """Warnings about the run, with the likeliest causes of trouble."""
         p, s = self._start, summed(self._stretches)
         findings: list[Finding] = []
 

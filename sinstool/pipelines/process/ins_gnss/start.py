@@ -52,16 +52,16 @@ OPEN_BIAS = 3.0
 OPEN = ("gyro_bias", "gyro_instability", "accel_bias", "accel_instability")
 # A grade that drifts so many times as much as its own sigmas say is none of the Imu's.
 OTHER_GRADE = 2.0
-# What a barometer is off by, m, and for how long: the weather, the temperature, a cabin.
+# Slow error of a barometer, m, and its correlation time: weather, temperature, a cabin.
 AIR_SIGMA, AIR_TIME_S = 10.0, 500.0
-# With which a start is looked for, s, where none is seen with the one before.
+# Latencies with which a start is tried one after the other, s.
 FIRST_LATENCIES = (0.0, 0.15, -0.15)
 
 
 def first_start(
     source: Source, config: ProcessConfig, grade: ImuGrade | None = None
 ) -> FilterStart:
-    """Settings, start and measurements of a filter run, its latency as given, else none.
+    """Settings, start and measurements of a filter run, with the configured latency or zero.
 
     Parameters
     ----------
@@ -121,7 +121,7 @@ def first_start(
 def _first_latency(
     source: Source, config: ProcessConfig, settings: Settings, gnss: GnssEpochs
 ) -> tuple[float, tuple[Start, int, str, tuple[str, ...]]]:
-    """The latency given, else none, else the first of the usual ones with which a start is seen.
+    """The configured latency, else zero, else the first usual latency with which a start succeeds.
 
     In rough air no attitude fits velocities that are a fifth of a second off.
     """
@@ -140,7 +140,7 @@ def _first_latency(
 def timed_start(
     source: Source, config: ProcessConfig, algorithm: ConingAlgorithm, first: FilterStart
 ) -> FilterStart:
-    """A start with what only a filter's run over the log shows, where it is not given.
+    """A start with latency, noise and grade estimated by runs of the filter, unless configured.
 
     That is the receiver's latency, the share of its noise that is white, and a grade of the Imu
     that innovations do not refute.
@@ -225,7 +225,7 @@ def _fitted(
 def _drifting(
     source: Source, config: ProcessConfig, algorithm: ConingAlgorithm, start: FilterStart
 ) -> FilterStart:
-    """A start whose Imu is taken to be as noisy as it drifts where fixes are left out."""
+    """A start with Imu noise that explains the drift where fixes are left out."""
     if config.in_flight.arw is not None or config.in_flight.vrw is not None:
         return start
     drift = Drift(source, config, algorithm, _by_the_fixes(start))
@@ -256,7 +256,7 @@ def _drifting(
 
 
 def _by_the_fixes(start: FilterStart) -> FilterStart:
-    """A start with antenna and latency as fixes have them: wrong options refute no Imu."""
+    """A start with estimated lever arm and latency, lest wrong options be blamed on the Imu."""
     shown, settings = start.offsets, start.settings
     if shown is None:
         return start
@@ -277,7 +277,7 @@ def _of_grade(config: ProcessConfig, grade: ImuGrade) -> ProcessConfig:
 def _with_noise(
     source: Source, config: ProcessConfig, algorithm: ConingAlgorithm, start: FilterStart
 ) -> FilterStart:
-    """A start with the share of the fixes' noise that is white, given or as the log shows it."""
+    """A start with the white share of the fixes' noise, configured or estimated."""
     model, share = start.settings.gnss, config.filter.gnss_lasting
     if share is not None:
         noise = np.sqrt(1.0 - share**2) * np.hypot(model.position_white, model.position_markov)
@@ -396,7 +396,7 @@ def _imu(source: Source, config: ProcessConfig, grade: Grade) -> SensorGrade:
 
 
 def _too_good(source: Source, config: ProcessConfig, settings: Settings) -> list[str]:
-    """A gyro that options make much better than its noise at rest."""
+    """Warning of a gyro whose configured noise is far below its noise at rest."""
     shown, assumed = random_walk(source), settings.imu.angle_random_walk
     options = config.navigation
     stated = (
@@ -429,7 +429,7 @@ def _baro_model(
 
 
 def _withheld(time_ns: np.ndarray, config: ProcessConfig, first_ns: int) -> np.ndarray:
-    """Which messages the user wants scored, not used."""
+    """Messages that the user withholds from the filter, to score it."""
     seconds = (time_ns - first_ns) / SECOND
     mask = np.zeros(len(time_ns), np.bool_)
     for text in config.filter.withhold_gnss:

@@ -47,7 +47,7 @@ MOST_SCALE, LATE_S, LATE_SIGMAS, MOST_SLIPS = 0.01, 0.05, 3.0, 0.01
 
 
 @dataclass(frozen=True)
-class VehicleFound:
+class VehicleAssumptions:
     """Assumptions about a vehicle, and the reasons for them.
 
     Attributes
@@ -223,7 +223,7 @@ def find_vehicle(
     algorithm: ConingAlgorithm,
     start: FilterStart,
     longest_gap_s: float,
-) -> VehicleFound:
+) -> VehicleAssumptions:
     """Constraints of a vehicle, as far as its fixes show them.
 
     Parameters
@@ -235,12 +235,12 @@ def find_vehicle(
     """
     options = config.filter
     if options.vehicle == "none":
-        return VehicleFound()
+        return VehicleAssumptions()
     if options.feedback == "none":
-        return VehicleFound(reason="as --feedback is none")
+        return VehicleAssumptions(reason="as --feedback is none")
     track, means = _unconstrained(source, config, algorithm, start, longest_gap_s)
     if track is None:
-        return VehicleFound(reason="as there is too little of a log")
+        return VehicleAssumptions(reason="as there is too little of a log")
     rests = find_rests(means, track)
     trust, denied = _trust(source, config, means, track)
     forced = options.vehicle == "land"
@@ -248,7 +248,9 @@ def find_vehicle(
     reason = "as --vehicle is land" if vehicle and not trust.holds else f"as {trust.reason}"
     log_choice("vehicle", f"{'land' if vehicle else 'none'}, {reason}")
     log_choice("rest", f"{np.count_nonzero(rests.at) * STEP_NS / SECOND:.1f} s, {rests.reason}")
-    chosen = VehicleFound(None, rests, trust, reason, forced, options.mount is not None, denied)
+    chosen = VehicleAssumptions(
+        None, rests, trust, reason, forced, options.mount is not None, denied
+    )
     chosen = replace(chosen, wheels_named=config.input.wheels not in (None, NONE))
     if vehicle is None and chosen.rest_s < LEAST_REST_S:
         return chosen
