@@ -221,6 +221,35 @@ def _circle(angle: float) -> FloatArray:
     return np.array([np.cos(angle), np.sin(angle)])
 
 
+def _afloat(
+    speed: Levels,
+    turn: Levels,
+    rolling: Part,
+    shaking: tuple[Part, Part],
+    lean: float,
+    arm: FloatArray,
+) -> Part:
+    """A ship that leans out of turns by `lean` rad a m/s^2, `arm` from where it rolls about."""
+
+    def part(t: FloatArray) -> FloatArray:
+        out = np.empty((len(t), 6))
+        v, rate, yaw = speed.value(t), turn.value(t), turn.integral(t)
+        out[:, 0], out[:, 1], out[:, 2] = v * np.cos(yaw), v * np.sin(yaw), 0.0
+        out[:, :3] += shaking[0](t) + shaking[1](t)
+        out[:, 3:] = rolling(t)
+        out[:, 3] -= lean * v * rate
+        out[:, 5] += yaw
+        dt = 1e-3
+        swing = (rolling(t + dt) - rolling(t - dt)) / (2.0 * dt)
+        out[:, 2] += swing[:, 0] * arm[1] - swing[:, 1] * arm[0]
+        side = -swing[:, 0] * arm[2]
+        out[:, 0] -= side * np.sin(yaw)
+        out[:, 1] += side * np.cos(yaw)
+        return out
+
+    return part
+
+
 def _ship(waves: float) -> Callable[[float, Random], Part]:
     """A ship in waves of 8 to 12 s, with rolling of so many degrees RMS."""
 
@@ -248,25 +277,7 @@ def _ship(waves: float) -> Callable[[float, Random], Part]:
         engine = _by_velocity(random, 0.03, (8.0, 40.0))
         arm = random.uniform(-6.0, 6.0, 3)
 
-        def part(t: FloatArray) -> FloatArray:
-            out = np.empty((len(t), 6))
-            v, rate, yaw = speed.value(t), turn.value(t), turn.integral(t)
-            out[:, 0], out[:, 1], out[:, 2] = v * np.cos(yaw), v * np.sin(yaw), 0.0
-            out[:, :3] += heaving(t) + engine(t)
-            angles = rolling(t)
-            out[:, 3:] = angles
-            out[:, 3] -= 0.3 * v * rate
-            out[:, 5] += yaw
-            # off the axis about which it rolls and pitches
-            dt = 1e-3
-            swing = (rolling(t + dt) - rolling(t - dt)) / (2.0 * dt)
-            out[:, 2] += swing[:, 0] * arm[1] - swing[:, 1] * arm[0]
-            side = -swing[:, 0] * arm[2]
-            out[:, 0] -= side * np.sin(yaw)
-            out[:, 1] += side * np.cos(yaw)
-            return out
-
-        return part
+        return _afloat(speed, turn, rolling, (heaving, engine), 0.3, arm)
 
     return make
 
@@ -495,23 +506,7 @@ def _any_ship(seconds: float, random: Random) -> Part:
     engine = _by_velocity(random, _between(random, 1e-3, 0.1), (8.0, 20.0))
     lean, arm = _between(random, 0.02, 0.6), random.uniform(-6.0, 6.0, 3)
 
-    def part(t: FloatArray) -> FloatArray:
-        out = np.empty((len(t), 6))
-        v, rate, yaw = speed.value(t), turn.value(t), turn.integral(t)
-        out[:, 0], out[:, 1], out[:, 2] = v * np.cos(yaw), v * np.sin(yaw), 0.0
-        out[:, :3] += heaving(t) + engine(t)
-        out[:, 3:] = rolling(t)
-        out[:, 3] -= lean * v * rate
-        out[:, 5] += yaw
-        dt = 1e-3
-        swing = (rolling(t + dt) - rolling(t - dt)) / (2.0 * dt)
-        out[:, 2] += swing[:, 0] * arm[1] - swing[:, 1] * arm[0]
-        side = -swing[:, 0] * arm[2]
-        out[:, 0] -= side * np.sin(yaw)
-        out[:, 1] += side * np.cos(yaw)
-        return out
-
-    return part
+    return _afloat(speed, turn, rolling, (heaving, engine), lean, arm)
 
 
 def _any_aircraft(seconds: float, random: Random) -> Part:

@@ -2,368 +2,38 @@
 
 from __future__ import annotations
 
-from math import log, sqrt
-
 import numpy as np
 
 from sinstool.core.arrays import FloatArray
-from sinstool.core.parts import kernel, part
-from sinstool.methods.attitude_smoother.epochs import (
-    AT_REST,
-    DP,
-    DURATION,
-    DV,
-    GAP,
-    GYRO,
-    JB,
-    MOVING,
-    OWN_RATE,
-    REST,
-    SATURATED,
-    STEADY,
-    SWAY_FORCE,
-    SWAY_RATE,
-    W2,
+from sinstool.core.parts import kernel
+from sinstool.methods.attitude_smoother.epochs import AT_REST, DURATION, MOVING, REST
+from sinstool.methods.attitude_smoother.filter_step import (
+    DIVERGED,
+    DRIFTED_S,
+    JUDGED_AGAIN,
+    correct,
+    measure,
+    predict_covariance,
+    predict_error,
+    predict_state,
+    rate_at_gap,
+    rest_kind,
 )
-from sinstool.methods.attitude_smoother.heading_update import measure_heading
-from sinstool.methods.attitude_smoother.model import GRAVITY
 from sinstool.methods.attitude_smoother.state import (
     ERRORS,
     STATE,
-    XA,
-    XB,
-    XG,
-    XP,
-    XV,
-    B,
-    G,
-    P,
-    V,
     copy,
     copy_square,
-    felt,
     inject,
     keep,
     less,
-    rotation_of,
-    turn,
-    update,
 )
-from sinstool.methods.products import add_product, product
 from sinstool.methods.rts import smoother_covariance, smoother_gain
 
-# Parameters of a run
-C1, C0, DENSITY, WALK, RATE_ERROR, BIAS_WALK, ZERO_RATE, VELOCITY_WALK, GRAVITY_WALK = range(9)
-VELOCITY_VARIANCE, POSITION_VARIANCE, REST_FORCE, TRAVEL = 9, 10, 11, 12
-DRIFT, JUDGED_AGAIN, OMEGA = 13, 14, 15
-PARAMETERS = 18
-# At rest the specific force is gravity alone: its noise, and that of a velocity of zero.
-REST_DENSITY = 0.1  # m/s^2/sqrt(Hz)
-REST_VELOCITY = 0.02  # m/s
-# A squared innovation this many times its variance refutes a rest.
-DENIED = 5.0**2
-# Taking travel for rest spoils all tilts before and after, the reverse hardly any. So a velocity
-# (three axes together) refutes a rest at a lower limit.
-TRAVELS = 3.0**2
-# Drift time of the bias allowed where later passes check rests again, s.
-DRIFTED_S = 60.0
-# Sway lasts so many epochs in one direction, so its means are correlated.
-SWAY_LASTS = 10.0
-# In a gap the body may turn as fast as beside it, and at this rate on top, rad/s.
-GAP_RATE = 0.5
-# A saturated gyro misses this much, rad/s.
-STOP_RATE = 3.0
-DIVERGED = -1e300
 # What the filter stores of each epoch for the smoother: after its measurements (plus) and at its
 # end, before those of the next (minus).
 X_PLUS, X_MINUS, DX_PLUS, DX_MINUS, VECTORS = range(5)
 P_PLUS, P_MINUS, TRANSITION, MATRICES = range(4)
-
-
-@part()
-def _rate_at_rest(row: FloatArray, par: FloatArray, x: FloatArray) -> tuple[float, float, float]:
-    """Mean angular rate of an epoch relative to NED, in body axes, less the estimated bias, rad/s.
-
-    The rate of the epoch was taken relative to NED as the integrated attitude has it; the
-    correction C gives the difference.
-    """
-    u, v, w = par[OMEGA], par[OMEGA + 1], par[OMEGA + 2]
-    t = row[DURATION]
-    north = (x[0] * u + x[3] * v + x[6] * w - u) / t
-    east = (x[1] * u + x[4] * v + x[7] * w - v) / t
-    down = (x[2] * u + x[5] * v + x[8] * w - w) / t
-    return (
-        row[GYRO] - row[JB] * north - row[JB + 3] * east - row[JB + 6] * down - x[B],
-        row[GYRO + 1] - row[JB + 1] * north - row[JB + 4] * east - row[JB + 7] * down - x[B + 1],
-        row[GYRO + 2] - row[JB + 2] * north - row[JB + 5] * east - row[JB + 8] * down - x[B + 2],
-    )
-
-
-@part()
-def _rest_kind(
-    row: FloatArray, par: FloatArray, x: FloatArray, p: FloatArray, dx: FloatArray, since: float
-) -> int:
-    """Kind of an epoch that is marked as rest: MOVING, QUIET, STEADY or AT_REST.
-
-    Steady turns and steady travel look like rest. They are recognised by innovations of rate and
-    level specific force, and by the velocity, under the filter's predicted bias, tilt and velocity.
-    The last rest ended `since` seconds ago, in which the bias may have drifted.
-    """
-    t = row[DURATION]
-    level = par[REST_FORCE] ** 2 + row[SWAY_FORCE]
-    steady = par[ZERO_RATE] ** 2 + (par[DRIFT] * since) ** 2
-    speed = 0.0
-    force, rates = felt(x, row, DV, 0.5), _rate_at_rest(row, par, x)
-    for i in range(3):
-        rate = rates[i] - dx[XB + i]
-        if rate * rate > DENIED * (p[XB + i, XB + i] + steady):
-            return MOVING
-        if i < 2:
-            z = force[i] / t
-            z += (-GRAVITY if i == 0 else GRAVITY) * dx[1 - i]
-            if z * z > DENIED * (GRAVITY**2 * p[1 - i, 1 - i] + level):
-                return MOVING
-        v = x[V + i] + dx[XV + i]
-        speed += v * v / (p[XV + i, XV + i] + REST_VELOCITY**2)
-    return min(int(row[REST]), STEADY if speed > TRAVELS else AT_REST)
-
-
-@part()
-def _measure(
-    row: FloatArray,
-    field: FloatArray,
-    k: int,
-    par: FloatArray,
-    n: int,
-    x: FloatArray,
-    p: FloatArray,
-    gain: FloatArray,
-    dx: FloatArray,
-    kind: int,
-) -> float:
-    """Measurement updates of `dx` and `p` by epoch k: specific force, rest, heading.
-
-    Returns the log likelihood of the specific force, 0 at rest; `DIVERGED` where the filter
-    diverged.
-    """
-    if row[GAP] > 0.0:
-        return 0.0
-    rest = kind >= STEADY
-    t = row[DURATION]
-    c1 = 0.0 if rest else par[C1]
-    c0 = 0.0 if rest else par[C0]
-    r = REST_DENSITY if rest else par[DENSITY]
-    missed = GRAVITY * STOP_RATE * row[SATURATED]
-    variance = r * r / t + missed * missed
-    likelihood = 0.0
-    force = felt(x, row, DV, 0.5)
-    for i in range(3):
-        z = force[i] / t
-        z += c1 * x[V + i]
-        pos = XV + i
-        if n > XP:
-            z += c0 * x[P + i]
-            pos = XP + i
-        first, weight = XA + 1 - i, GRAVITY
-        if i == 0:
-            weight = -GRAVITY
-        elif i == 2:
-            z += GRAVITY + x[G]
-            first, weight = XG, 1.0
-        left, s = update(p, n, first, weight, XV + i, c1, pos, c0, -z, variance, gain, dx)
-        if not (s < 1e8 and abs(left) < 1e4):
-            return DIVERGED
-        likelihood -= 0.5 * (left * left / s + log(s))
-    if kind != MOVING:
-        likelihood = 0.0
-    if kind == AT_REST:
-        for i in range(3):
-            z = -x[V + i]
-            update(p, n, XV + i, 1.0, XA, 0.0, XA, 0.0, z, REST_VELOCITY**2, gain, dx)
-    if kind != MOVING:
-        steady = par[ZERO_RATE] ** 2 + row[OWN_RATE]
-        steady += SWAY_LASTS * max(0.0, row[SWAY_RATE] - row[OWN_RATE])
-        rates = _rate_at_rest(row, par, x)
-        for i in range(3):
-            update(p, n, XB + i, 1.0, XA, 0.0, XA, 0.0, rates[i], steady, gain, dx)
-    if len(field):
-        measure_heading(field[k], n, x, p, gain, dx)
-    return likelihood
-
-
-@part()
-def _correct(
-    near: FloatArray, k: int, x: FloatArray, dx: FloatArray, n: int, e: FloatArray
-) -> None:
-    """Add the estimated error to the state, or replace the state by that of an earlier pass."""
-    if len(near) == 0:
-        inject(x, dx, n, e)
-        for m in range(n):
-            dx[m] = 0.0
-    else:
-        copy(near[k], x)
-
-
-@part()
-def _predict_error(
-    near: FloatArray,
-    k: int,
-    x: FloatArray,
-    f: FloatArray,
-    dx: FloatArray,
-    n: int,
-    e: FloatArray,
-    out: FloatArray,
-) -> None:
-    """Predict `dx`, relative to the states of an earlier pass; `x` is the predicted state."""
-    if len(near) == 0:
-        return
-    less(x, near[k + 1], n, out, e)
-    for i in range(n):
-        for m in range(n):
-            out[i] += f[i, m] * dx[m]
-    for i in range(n):
-        dx[i] = out[i]
-    copy(near[k + 1], x)
-
-
-@part()
-def _predict_state(
-    row: FloatArray,
-    rate: float,
-    par: FloatArray,
-    n: int,
-    x: FloatArray,
-    f: FloatArray,
-    q: FloatArray,
-    e: FloatArray,
-) -> None:
-    """Predict the state over an epoch; outputs its transition `f` and process noise `q`."""
-    for i in range(n):
-        for j in range(n):
-            f[i, j] = 0.0
-            q[i, j] = 0.0
-        f[i, i] = 1.0
-    t = row[DURATION]
-    gap = row[GAP] > 0.0
-    if gap:
-        turned = sqrt(GAP_RATE**2 + rate * rate) * t
-        for i in range(3):
-            q[i, i] = turned * turned
-            f[XV + i, XV + i] = 0.0
-            q[XV + i, XV + i] = par[VELOCITY_VARIANCE]
-            x[V + i] = 0.0
-            if n > XP:
-                f[XP + i, XP + i] = 0.0
-                q[XP + i, XP + i] = par[POSITION_VARIANCE]
-                x[P + i] = 0.0
-    else:
-        # M = -C Jb, what a bias does to the attitude; then C' = C exp(-Jb b) = exp(M b) C
-        for i in range(3):
-            for j in range(3):
-                f[i, XB + j] = -(
-                    x[3 * i] * row[JB + j]
-                    + x[3 * i + 1] * row[JB + 3 + j]
-                    + x[3 * i + 2] * row[JB + 6 + j]
-                )
-        weight = GRAVITY + x[G]
-        half = 0.5 * t * t
-        if n > XP:
-            gained = felt(x, row, DP, 1.0 / 3.0)
-            for i in range(3):
-                x[P + i] += t * x[V + i] + gained[i]
-            x[P + 2] += weight * half
-        gained = felt(x, row, DV, 0.5)
-        for i in range(3):
-            x[V + i] += gained[i]
-        x[V + 2] += weight * t
-        rotation_of(
-            f[0, XB] * x[B] + f[0, XB + 1] * x[B + 1] + f[0, XB + 2] * x[B + 2],
-            f[1, XB] * x[B] + f[1, XB + 1] * x[B + 1] + f[1, XB + 2] * x[B + 2],
-            f[2, XB] * x[B] + f[2, XB + 1] * x[B + 1] + f[2, XB + 2] * x[B + 2],
-            e,
-        )
-        turn(x, e)
-        # the Earth's rate was removed along NED of the integration, not of the corrected attitude
-        u, v, w = par[OMEGA], par[OMEGA + 1], par[OMEGA + 2]
-        if u != 0.0 or w != 0.0:
-            rotation_of(
-                t * (x[0] * u + x[1] * v + x[2] * w - u),
-                t * (x[3] * u + x[4] * v + x[5] * w - v),
-                t * (x[6] * u + x[7] * v + x[8] * w - w),
-                e,
-            )
-            turn(x, e)
-        f[XV, 1] = -GRAVITY * t
-        f[XV + 1, 0] = GRAVITY * t
-        f[XV + 2, XG] = t
-        _crossed(x[V], x[V + 1], x[V + 2], f, XV)
-        missed = STOP_RATE * row[SATURATED]
-        spread = par[WALK] ** 2 * t + par[RATE_ERROR] ** 2 * row[W2] + missed * missed
-        for i in range(3):
-            q[i, i] = spread
-        q[0, 0] += par[TRAVEL] ** 2 * t
-        q[1, 1] += par[TRAVEL] ** 2 * t
-        _spread(x[V], x[V + 1], x[V + 2], spread, q, XV)
-        for i in range(3):
-            q[XV + i, XV + i] += par[VELOCITY_WALK] ** 2 * t
-        if n > XP:
-            f[XP, 1] = -GRAVITY * half
-            f[XP + 1, 0] = GRAVITY * half
-            f[XP + 2, XG] = half
-            for i in range(3):
-                f[XP + i, XV + i] = t
-            _crossed(x[P], x[P + 1], x[P + 2], f, XP)
-            _spread(x[P], x[P + 1], x[P + 2], spread, q, XP)
-            # noise that velocity and position share
-            for i in range(3):
-                for j in range(3):
-                    s = 0.0
-                    for m in range(3):
-                        s += q[XV + i, m] * q[XP + j, m]
-                    s = s / spread if spread > 0.0 else 0.0
-                    q[XV + i, XP + j] = s
-                    q[XP + j, XV + i] = s
-    for i in range(3):
-        q[XB + i, XB + i] = par[BIAS_WALK] ** 2 * t
-    q[XG, XG] = par[GRAVITY_WALK] ** 2 * t
-
-
-@part()
-def _crossed(a: float, b: float, c: float, f: FloatArray, at: int) -> None:
-    """Rows `at` of f, columns of the bias: [a, b, c]x times the rows of the attitude."""
-    for j in range(XB, XB + 3):
-        f[at, j] = -c * f[1, j] + b * f[2, j]
-        f[at + 1, j] = c * f[0, j] - a * f[2, j]
-        f[at + 2, j] = -b * f[0, j] + a * f[1, j]
-
-
-@part()
-def _spread(a: float, b: float, c: float, variance: float, q: FloatArray, at: int) -> None:
-    """Process noise of a vector due to isotropic noise of attitude, and their covariance."""
-    q[at, 1], q[at, 2] = -c * variance, b * variance
-    q[at + 1, 0], q[at + 1, 2] = c * variance, -a * variance
-    q[at + 2, 0], q[at + 2, 1] = -b * variance, a * variance
-    for i in range(3):
-        for j in range(3):
-            q[j, at + i] = q[at + i, j]
-    square = a * a + b * b + c * c
-    q[at, at] = (square - a * a) * variance
-    q[at + 1, at + 1] = (square - b * b) * variance
-    q[at + 2, at + 2] = (square - c * c) * variance
-    q[at, at + 1] = q[at + 1, at] = -a * b * variance
-    q[at, at + 2] = q[at + 2, at] = -a * c * variance
-    q[at + 1, at + 2] = q[at + 2, at + 1] = -b * c * variance
-
-
-@part()
-def _predict_covariance(
-    p: FloatArray, n: int, f: FloatArray, q: FloatArray, half: FloatArray
-) -> None:
-    """Predict the covariance: p <- f p f^T + q, for a sparse f."""
-    product(f, p, n, n, n, half.T)
-    copy_square(q, p)
-    add_product(f, half, n, n, n, p)
 
 
 def storage(count: int, n: int) -> tuple[FloatArray, FloatArray]:
@@ -437,27 +107,27 @@ def forward(
     for k in range(begin, end):
         kind = int(epochs[k, REST])
         if kind > MOVING and len(kinds):
-            kind = _rest_kind(epochs[k], par, x, p, dx, since)
+            kind = rest_kind(epochs[k], par, x, p, dx, since)
         elif kind > MOVING and par[JUDGED_AGAIN] > 0.0:
-            kind = _rest_kind(epochs[k], par, x, p, dx, DRIFTED_S)
+            kind = rest_kind(epochs[k], par, x, p, dx, DRIFTED_S)
         if len(kinds):
             since = 0.0 if kind == AT_REST else since + epochs[k, DURATION]
             kinds[k] = kind
-        likelihood = _measure(epochs[k], field, k, par, n, x, p, gain, dx, kind)
+        likelihood = measure(epochs[k], field, k, par, n, x, p, gain, dx, kind)
         if likelihood > DIVERGED:
             total += likelihood
         else:
             total = DIVERGED
             if not stored:
                 break
-        _correct(near, k, x, dx, n, e)
+        correct(near, k, x, dx, n, e)
         if stored:
             copy(x, vectors[k - begin, X_PLUS])
             copy(dx, vectors[k - begin, DX_PLUS])
             copy_square(p, matrices[k - begin, P_PLUS])
-        _predict_state(epochs[k], _rate(epochs, k), par, n, x, f, q, e)
-        _predict_error(near, k, x, f, dx, n, e, ahead)
-        _predict_covariance(p, n, f, q, half)
+        predict_state(epochs[k], rate_at_gap(epochs, k), par, n, x, f, q, e)
+        predict_error(near, k, x, f, dx, n, e, ahead)
+        predict_covariance(p, n, f, q, half)
         if stored:
             copy(x, vectors[k - begin, X_MINUS])
             copy(dx, vectors[k - begin, DX_MINUS])
@@ -467,18 +137,6 @@ def forward(
     inject(last_x, dx, n, e)
     keep(p, last_p)
     return total
-
-
-@part()
-def _rate(epochs: FloatArray, k: int) -> float:
-    """Root mean square rate beside a gap, rad/s; 0 elsewhere."""
-    if epochs[k, GAP] == 0.0:
-        return 0.0
-    square = 0.0
-    for j in (k - 1, k + 1):
-        if 0 <= j < len(epochs) and epochs[j, GAP] == 0.0 and epochs[j, DURATION] > 0.0:
-            square = max(square, epochs[j, W2] / epochs[j, DURATION])
-    return sqrt(square)
 
 
 @kernel(allocates=True)

@@ -21,7 +21,7 @@ from sinstool.methods.attitude_smoother.epochs import (
     W2,
     Epochs,
 )
-from sinstool.methods.attitude_smoother.kernels import DIVERGED
+from sinstool.methods.attitude_smoother.filter_step import DIVERGED
 from sinstool.methods.attitude_smoother.model import (
     EPOCH_S,
     HAND,

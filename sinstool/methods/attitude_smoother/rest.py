@@ -32,7 +32,7 @@ from sinstool.methods.attitude_smoother.epochs import (
     SWAY_RATE,
     Epochs,
 )
-from sinstool.methods.attitude_smoother.kernels import DIVERGED
+from sinstool.methods.attitude_smoother.filter_step import DIVERGED
 from sinstool.methods.attitude_smoother.model import VEHICLE, SensorModel
 from sinstool.methods.attitude_smoother.start import filtered
 from sinstool.methods.sensor_errors import LIKELY

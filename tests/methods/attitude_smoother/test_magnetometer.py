@@ -18,8 +18,8 @@ from sinstool.methods.attitude_smoother.heading_update import (
     FIELD_VARIANCE,
     measure_heading,
 )
-from sinstool.methods.attitude_smoother.kernels import STATE, rotation_of
 from sinstool.methods.attitude_smoother.magnetometer import find_north
+from sinstool.methods.attitude_smoother.state import STATE, rotation_of
 from tests.methods.attitude_smoother.compass_runs import SIZE, earth, run, turning, wandering
 
 

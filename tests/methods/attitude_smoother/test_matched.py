@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from sinstool.core.rotation import conjugate, exp, from_dcm, log, multiply, rotate, to_dcm
-from sinstool.methods.attitude_smoother import kernels, smoother, state
+from sinstool.methods.attitude_smoother import filter_step, smoother, state
 from sinstool.methods.attitude_smoother.epochs import (
     AT_REST,
     COUNT,
@@ -104,8 +104,8 @@ def one_step(epoch, motion, sensors, x, p):
     f, q, scratch = np.empty((n, n)), np.empty((n, n)), np.empty((3, 3))
     par = parameters(motion, sensors)
     x, p = x.copy(), p.copy()
-    kernels._measure(epoch, NO_FIELD, 0, par, n, x, p, gain, dx, int(epoch[REST]))
-    kernels._predict_state(epoch, 0.0, par, n, x, f, q, scratch)
+    filter_step.measure(epoch, NO_FIELD, 0, par, n, x, p, gain, dx, int(epoch[REST]))
+    filter_step.predict_state(epoch, 0.0, par, n, x, f, q, scratch)
     return f, q, p, dx
 
 
@@ -137,7 +137,7 @@ def test_heading_gets_less_certain_by_the_noise_of_the_gyros_alone():
     log_ = drawn(VEHICLE, known, 120.0, 2, turning=0.3)
     epochs = epochs_of(log_.solution)
     heading = smoother.smooth(epochs, VEHICLE, known).covariance_n[:, 2, 2]
-    walk = parameters(VEHICLE, known)[kernels.WALK]
+    walk = parameters(VEHICLE, known)[filter_step.WALK]
     rows = epochs.values
     noise = walk**2 * rows[:, DURATION] + known.rate_error**2 * rows[:, W2]
     expected = 1e-8 + np.concatenate([[0.0], np.cumsum(noise)])

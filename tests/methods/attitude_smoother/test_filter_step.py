@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from sinstool.core.rotation import skew, to_dcm
-from sinstool.methods.attitude_smoother import kernels
+from sinstool.methods.attitude_smoother import filter_step
 from sinstool.methods.attitude_smoother.epochs import DURATION, JB, WIDTH
 from sinstool.methods.attitude_smoother.model import GRAVITY
 from sinstool.methods.attitude_smoother.state import ERRORS, STATE, B, G, P, V, inject, less
@@ -28,18 +28,18 @@ def an_epoch(**columns):
     row[DURATION] = T
     row[JB : JB + 9] = T * to_dcm(np.array([0.9, 0.3, -0.2, 0.24]) / np.sqrt(0.9976)).ravel()
     for name, values in columns.items():
-        at = getattr(kernels, name)
+        at = getattr(filter_step, name)
         row[at : at + np.size(values)] = values
     return row
 
 
 def advanced(x, row, n, **parameters):
     """State, transition and noise after an epoch."""
-    x, par = x.copy(), np.zeros(kernels.PARAMETERS)
+    x, par = x.copy(), np.zeros(filter_step.PARAMETERS)
     for name, value in parameters.items():
-        par[getattr(kernels, name)] = value
+        par[getattr(filter_step, name)] = value
     f, q = np.full((n, n), np.nan), np.full((n, n), np.nan)
-    kernels._predict_state(row, 0.0, par, n, x, f, q, np.empty((3, 3)))
+    filter_step.predict_state(row, 0.0, par, n, x, f, q, np.empty((3, 3)))
     return x, f, q
 
 
@@ -104,7 +104,7 @@ def test_a_gap_leaves_attitude_and_biases_and_nothing_of_the_motion(n):
     expected[V : V + 3] = 0.0
     same, noise = np.ones(n), np.zeros(n)
     same[3:6], noise[3:6] = 0.0, 9.0
-    noise[:3] = (kernels.GAP_RATE * T) ** 2
+    noise[:3] = (filter_step.GAP_RATE * T) ** 2
     noise[6:9], noise[9] = 1e-6 * T, 0.02**2 * T
     if n == ERRORS:
         expected[P : P + 3] = 0.0
