@@ -140,6 +140,7 @@ def same_noise(errors: SensorErrors, grade: str) -> list[str]:
         "--sigma-bg": errors.gyro_bias * 3600.0 / DEGREE,
         "--sigma-ba": errors.accel_bias,
         "--sigma-sf": errors.accel_scale,
+        "--bias-time": errors.time,
         "--gnss-latency": 0,
     }
     return [str(word) for pair in values.items() for word in pair]

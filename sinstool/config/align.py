@@ -159,6 +159,13 @@ class InFlightOptions(Group):
     sigma_sf: float | None = option(
         None, "scale factors (1 sigma), relative, in place of the grade's", "X", gt=0
     )
+    bias_time: float | None = option(
+        None,
+        "correlation time, s, of biases and scale factors that wander by all of their sigma"
+        " (first-order Markov), in place of the grade's, which wander by a part of it",
+        "S",
+        gt=0,
+    )
     arw: float | None = option(
         None, "angular random walk, deg/sqrt(h), in place of the grade's", "DEG/SQRT(H)", gt=0
     )

@@ -395,6 +395,7 @@ sigma_stop = 0.5
 sigma_bg = 3
 sigma_ba = 0.02
 sigma_sf = 3e-4
+bias_time = 500
 arw = 0.1
 vrw = 70
 kappa = 1

@@ -201,6 +201,10 @@ def imu_noise(config: ProcessConfig, grade: Grade) -> SensorGrade:
         changes["accel_instability"] = min(noise.accel_instability, 0.1 * options.sigma_ba)
     if options.sigma_sf is not None:
         changes["accel_scale"] = changes["gyro_scale"] = options.sigma_sf
+    if options.bias_time is not None:
+        changes["bias_time_s"] = options.bias_time
+        changes["gyro_instability"] = changes.get("gyro_bias", noise.gyro_bias)
+        changes["accel_instability"] = changes.get("accel_bias", noise.accel_bias)
     return replace(noise, **changes)
 
 

@@ -69,6 +69,19 @@ def test_a_bias_that_an_option_makes_small_does_not_wander_more_than_a_tenth_of_
     assert turned.accel_instability == grade.accel_instability
 
 
+def test_a_bias_time_lets_all_of_a_bias_wander():
+    def noise(**options):
+        return imu_noise(build(ProcessConfig, {"in_flight": options}), "industrial")
+
+    grade, slow = IMU_GRADES["industrial"], noise(bias_time=3600.0)
+    assert slow.bias_time_s == 3600.0
+    assert slow.gyro_instability == slow.gyro_bias == grade.gyro_bias
+    assert slow.accel_instability == slow.accel_bias == grade.accel_bias
+    both = noise(bias_time=3600.0, sigma_bg=25.0, sigma_ba=2e-3)
+    assert both.gyro_instability == both.gyro_bias == pytest.approx(25.0 * DEGREE / HOUR)
+    assert both.accel_instability == both.accel_bias == 2e-3
+
+
 @pytest.mark.parametrize("kind", ["rate", "mean-rate", "increment"])
 def test_increments_of_a_part_are_those_of_the_whole(kind):
     config = build(ProcessConfig, {"input": {"gyro_kind": kind}})
