@@ -42,7 +42,7 @@ def options(path: str) -> str:
         There is no such command.
     """
     command: click.Command | None = cli
-    context = click.Context(cli, info_name="sinstool")
+    context = click.Context(cli, info_name="sinstool", **cli.context_settings)
     for name in path.split():
         command = command.get_command(context, name) if isinstance(command, click.Group) else None
         if command is None:

@@ -74,7 +74,7 @@ def test_every_option_of_every_command_is_there(site):
 
     from sinstool.cli.main import COMMANDS, cli
 
-    context = click.Context(cli)
+    context = click.Context(cli, **cli.context_settings)
     for name in COMMANDS:
         command = cli.get_command(context, name)
         page = site / "commands" / f"{name}.html"
