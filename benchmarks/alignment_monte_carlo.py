@@ -363,7 +363,10 @@ def nees_table(run, runs: int, marks: Marks) -> None:  # type: ignore[no-untyped
             ]
             result = run(tasks)
             means = [float(np.nanmean([f[form, s].nees for f in result])) for s in NEES_TIMES_S]
-            sign = marks.mark(f"nees {name} {form} kappa {kappa:g}", max(means), high)
+            label = f"nees {name} {form} kappa {kappa:g}"
+            sign = marks.mark(label, max(means), high)
+            if marks.mark(f"{label}, least", low, min(means)) == "short":
+                sign = "too wide"
             print(
                 f"{name:>6} {form:>8} {kappa:5g} {'constant' if constant else 'wander':>10}"
                 + "".join(f"{m:8.2f}" for m in means)

@@ -62,10 +62,8 @@ def attitude_covariance(
     angle random walk counts with all its variance over the time about each axis: pairs take out
     some of it about the axes they know well, and let more gather about the one they know least.
     """
-    information = _complement(sums.second)
-    size = np.trace(information, axis1=-2, axis2=-1)[..., None, None]
+    inverse = _inverse_information(sums)
     with np.errstate(divide="ignore", invalid="ignore"):
-        inverse = np.linalg.inv(information / size + _NO_INFORMATION * np.eye(3)) / size
         noise = _complement(sums.noise)
         all_noise = np.trace(noise, axis1=-2, axis2=-1)[..., None, None]
         noise = noise + _NO_INFORMATION * all_noise * np.eye(3)
@@ -81,6 +79,48 @@ def attitude_covariance(
         covariance = covariance + kappa * sigma**2 * gain @ np.swapaxes(gain, -1, -2)
     walk = grade.angle_random_walk**2 * np.asarray(elapsed_s)
     return np.asarray(covariance + walk[..., None, None] * np.eye(3))
+
+
+def _inverse_information(sums: PairSums) -> FloatArray:
+    information = _complement(sums.second)
+    size = np.trace(information, axis1=-2, axis2=-1)[..., None, None]
+    with np.errstate(divide="ignore", invalid="ignore"):
+        unit = np.linalg.inv(information / size + _NO_INFORMATION * np.eye(3))
+        return np.asarray(unit / size)
+
+
+def residuals_of_sensors(
+    sums: PairSums, pairs: Pairs, grade: SensorGrade, kappa: float
+) -> FloatArray:
+    """Squared residuals that sensor errors leave, which the solver cannot turn away.
+
+    Parameters
+    ----------
+    sums : PairSums
+        Of these pairs, without leading axes.
+    pairs : Pairs
+        Of shape (n,).
+    grade, kappa
+        As for :func:`attitude_covariance`.
+
+    Returns
+    -------
+    ndarray, shape (n,)
+        Expected square of each residual, all three axes together, (m/s)^2 or m^2.
+
+    Notes
+    -----
+    An error changes each alpha by its gain and the attitude by ``phi = J^-1 sum w [alpha x] gain``;
+    ``gain + [alpha x] phi`` is left. Over a minute and more the errors of a tactical gyro leave
+    far more than the noise of fixes does, where pairs go back to the start or to a mean.
+    """
+    turned = _inverse_information(sums) @ sums.errors
+    square = np.zeros(len(pairs))
+    sigmas = (grade.accel_bias, grade.accel_scale, grade.gyro_bias, grade.gyro_scale)
+    for i, sigma in enumerate(sigmas):
+        left = pairs.gains[:, i] + cross_columns(pairs.alpha, turned[i])
+        square += kappa * sigma**2 * np.sum(left * left, axis=(1, 2))
+    return square
 
 
 def geometry(second: FloatArray) -> FloatArray:

@@ -97,7 +97,7 @@ class InFlightAlignment:
     residual_rms : float
         Of the pairs, in the units of their vectors.
     chi2 : float
-        Mean squared residual by what GNSS noise alone explains: about 1.
+        Mean squared residual by what GNSS noise and sensor errors explain: about 1.
     time_to_align_s : float or None
         From the start to the first fix after which the worst-axis sigma stays below 1 deg.
     residual_ns : ndarray of int64, shape (k,)

@@ -14,6 +14,7 @@ from sinstool.methods.alignment.accumulation import InertialRows, accumulate
 from sinstool.methods.alignment.covariance import (
     attitude_covariance,
     drifting_noise,
+    residuals_of_sensors,
     triad_attitude,
     triad_covariance,
 )
@@ -96,6 +97,7 @@ class Solution:
     n_pairs: int
     residual_rms: float
     chi2: float
+    """Mean squared residual by what GNSS noise and sensor errors explain: about 1."""
     residuals: FloatArray
     pairs: pairing.Pairs
 
@@ -164,6 +166,7 @@ def solve(segment: Segment, settings: AlignmentSettings) -> Solution | None:
         variance = segment.sigma[pairs.newer] ** 2
         variance = variance + np.where(pairs.older >= 0, segment.sigma[pairs.older] ** 2, 0.0)
         variance = variance * pairs.scale**2
+    explained = 3.0 * variance + residuals_of_sensors(sums, pairs, settings.grade, settings.kappa)
     square = np.sum(residuals**2, axis=1)
     time = segment.rows.time_s
     return Solution(
@@ -172,7 +175,7 @@ def solve(segment: Segment, settings: AlignmentSettings) -> Solution | None:
         float(time[-1] - time[0]),
         len(pairs),
         float(np.sqrt(square.mean())),
-        float(np.mean(square / (3.0 * variance))),
+        float(np.mean(square / explained)),
         residuals,
         pairs,
     )

@@ -13,6 +13,7 @@ from sinstool.methods.alignment.inflight_types import (
     GnssFixes,
     ImuIncrements,
 )
+from sinstool.methods.sensor_errors import SensorGrade
 from sinstool.simulation.gnss import GnssFaults, Receiver
 from tests.methods.alignment.launches import (
     DEGREE,
@@ -175,7 +176,35 @@ def test_what_the_answer_says():
 @pytest.mark.parametrize("form", ["win", "cen", "diff", "diffc"])
 def test_residuals_are_what_noise_explains(form):
     _, imu, gnss = noisy(3)
-    assert align_in_flight(imu, gnss, with_form(form)).chi2 == pytest.approx(1.0, abs=0.1)
+    answer = align_in_flight(imu, gnss, with_form(form, grade=SensorGrade()))
+    assert answer.chi2 == pytest.approx(1.0, abs=0.1)
+
+
+@pytest.mark.parametrize("form", ["int", "cen"])
+def test_residuals_are_what_sensor_errors_explain(form):
+    """Over minutes constant biases leave far more than noise: the sigma is not theirs twice."""
+    grade = SensorGrade(gyro_bias=10.0 * DEGREE / 3600.0, accel_bias=0.02)
+    random, ratios, squares, inconsistent = np.random.default_rng(11), [], [], 0
+    for seed in range(10):
+        flight, imu, gnss = noisy(seed)
+        interval = np.gradient(imu.time_ns * 1e-9)[:, None]
+        off = replace(
+            imu,
+            delta_theta=imu.delta_theta + grade.gyro_bias * random.normal(size=3) * interval,
+            delta_velocity=imu.delta_velocity + grade.accel_bias * random.normal(size=3) * interval,
+        )
+        settings = with_form(form, gate="off", grade=grade, kappa=1.0)
+        answer = align_in_flight(off, gnss, settings)
+        inconsistent += any("inconsistent" in w for w in answer.warnings)
+        ratios.append(answer.chi2)
+        error = psi(answer.q_nb, true_attitude(flight, answer.t_ns)[0])
+        squares.append(error @ np.linalg.solve(answer.cov, error) / 3.0)
+        if seed == 0:
+            blind = align_in_flight(off, gnss, replace(settings, grade=SensorGrade()))
+            assert any("inconsistent" in w for w in blind.warnings)
+    assert inconsistent <= 2  # three sigmas of one bias are
+    assert 0.4 < np.mean(ratios) < 1.6
+    assert 0.4 < np.mean(squares) < 1.6
 
 
 def test_stop_by_sigma_and_by_the_gate():
