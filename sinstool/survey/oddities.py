@@ -65,12 +65,18 @@ def _units(s: Survey, options: InputOptions) -> Iterator[Finding]:
     if options.gyro_unit == "deg/s":
         yield from _degrees(s)
     elif gyro_looks_like_degrees(s.gyro_unit, s.gyro_max):
-        reason = (
-            "gravity turns in the body as if its rates were in deg/s"
-            f" ({s.gyro_unit.scale:.2f} of what they then say; it would be 57 for rad/s)"
-            if turns_like_degrees(s.gyro_unit)
-            else f"its rates reach {s.gyro_max.max():.0f}, too much for rad/s"
-        )
+        if s.gyro_unit.tipped_rad > 0.0:
+            reason = (
+                f"in rad/s its rates would tip it by {s.gyro_unit.tipped_rad / DEGREE:.0f} deg"
+                " within a minute, while its specific force stays on one of its axes"
+            )
+        elif turns_like_degrees(s.gyro_unit):
+            reason = (
+                "gravity turns in the body as if its rates were in deg/s"
+                f" ({s.gyro_unit.scale:.2f} of what they then say; it would be 57 for rad/s)"
+            )
+        else:
+            reason = f"its rates reach {s.gyro_max.max():.0f}, too much for rad/s"
         if options.gyro_unit is None:
             yield Finding(
                 "gyro-unit",
