@@ -8,7 +8,8 @@ none of them. The log goes through the whole command. A *miss* is a log whose so
 10 of its own sigmas and beyond 100 m from the truth with exit status 0.
 
 Printed are the worst by error over sigma, at the end and anywhere, with all that was random about
-them; --only makes and shows one seed again.
+them; --only makes and shows one seed again. With --others it hunts among boats, walks and
+multicopters instead.
 
 python benchmarks/divergence_hunt.py --logs 500 --jobs 2
 python benchmarks/divergence_hunt.py --only 17
@@ -33,11 +34,14 @@ from tests.helpers.unseen_drives import (
     LEVER,
     Motion,
     Record,
+    boat,
     drive,
     flight,
     frozen,
+    multicopter,
     record,
     sensor_errors,
+    walk,
     with_outliers,
     without_fixes,
     without_samples,
@@ -45,6 +49,7 @@ from tests.helpers.unseen_drives import (
 )
 
 SENSORS = {**GRADES, "consumer": sensor_errors(0.4, 150.0, 0.15, 1500.0, 3000.0, 0.5)}
+OTHERS = {"boat": boat, "walk": walk, "multicopter": multicopter}
 FAR_M, FAR_SIGMAS = 100.0, 10.0
 WORST = 10
 
@@ -85,9 +90,12 @@ class Outcome:
         return self.status == 0 and self.most_m > FAR_M and self.most_sigmas > FAR_SIGMAS
 
 
-def trajectory(random: np.random.Generator) -> tuple[str, Motion]:
+def trajectory(random: np.random.Generator, others: bool) -> tuple[str, Motion]:
     """A random one, of 4 to 10 minutes."""
     duration, seed = float(random.integers(240, 600)), int(random.integers(1 << 30))
+    if others:
+        name = str(random.choice(list(OTHERS)))
+        return f"{name} {duration:.0f} s", OTHERS[name](seed, duration)
     kind = random.choice(["drive", "flight", "turbulent"], p=[0.6, 0.2, 0.2])
     if kind == "drive":
         rest = float(random.choice([5.0, 30.0, 120.0]))
@@ -162,10 +170,10 @@ def harmless(words: list[str]) -> list[str]:
     return [*words[k : k + 2], *smooth]
 
 
-def hunted(seed: int, right: bool = False) -> Outcome:
+def hunted(seed: int, right: bool = False, others: bool = False) -> Outcome:
     """One log through the command, with random options, or without those that may be wrong."""
     random = np.random.default_rng([seed, 77])
-    moving, truth = trajectory(random)
+    moving, truth = trajectory(random, others)
     grade = str(random.choice(list(SENSORS)))
     heard, options = receiver(random)
     texts, data = faulty(random, record(truth, SENSORS[grade], seed, **options))
@@ -189,9 +197,10 @@ def main() -> None:
     options = parser(__doc__, logs=500, first=1, jobs=2)
     options.add_argument("--right", action="store_true", help="no options that are wrong")
     options.add_argument("--only", type=int, help="this seed alone")
+    options.add_argument("--others", action="store_true", help="boats, walks and multicopters")
     args = options.parse_args()
     seeds = range(args.first, args.first + args.logs) if args.only is None else [args.only]
-    outcomes = over_seeds(partial(hunted, right=args.right), seeds, args.jobs)
+    outcomes = over_seeds(partial(hunted, right=args.right, others=args.others), seeds, args.jobs)
     status = Counter(outcome.status for outcome in outcomes)
     solved = [outcome for outcome in outcomes if np.isfinite(outcome.end_m)]
     print(
