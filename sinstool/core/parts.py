@@ -7,6 +7,7 @@ calls deep is optimised six times, and machine code is made of it as often.
 
 A part is compiled into whatever calls it, and kept with that; it has no machine code of its own.
 Called from Python, as tests do, it is compiled once more as an ordinary function.
+:mod:`~sinstool.core.kernel_compiler` says what of numba's compiler both do without.
 
 Neither counts references nor looks for zero divisors, unless asked to, as both take longer to
 compile than what they guard. What allocates or returns arrays has to say so.
@@ -19,10 +20,11 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from functools import cache, cached_property
 from threading import local
+from types import BuiltinFunctionType
 from typing import Any, TypeVar, cast
 
 from numba import njit
-from numba.core import codegen, config, cpu, errors, registry, types
+from numba.core import base, codegen, compiler, config, cpu, errors, registry, types, typing
 
 from sinstool.core.compiled import set_up_cache
 
@@ -37,8 +39,10 @@ _turn = local()
 class _Kernel(registry.CPUDispatcher):
     """A kernel: the functions that it calls are compiled as parts of it."""
 
+    vectorizes = True
+
     def compile(self, signature: Any) -> Any:
-        with _ours():
+        with _ours(self.vectorizes):
             return super().compile(signature)
 
 
@@ -58,18 +62,24 @@ class _Part(registry.CPUDispatcher):
         return self._for_python._compile_for_args(*args, **keywords)
 
 
+_PLAIN = (types.Number, types.Boolean, types.Array, types.BaseTuple, types.Record)
 _OPTIONS: dict[str, Any] = {"nogil": True, "error_model": "numpy"}
 _ONE_WAY_IN = {"nopython": True, "no_cfunc_wrapper": True}
 _NO_WAY_IN = _ONE_WAY_IN | {"no_cpython_wrapper": True}
 
 
-def kernel(*, allocates: bool = False, **options: Any) -> Callable[[Function], Function]:
+def kernel(
+    *, allocates: bool = False, vectorizes: bool = True, **options: Any
+) -> Callable[[Function], Function]:
     """Decorate a function that Python calls; it is kept in numba's cache.
 
     Parameters
     ----------
     allocates : bool, optional
         It makes arrays.
+    vectorizes : bool, optional
+        Its loops are made into ones over several elements at a time, which are quicker where they
+        are long; the code is twice as large, and so is the time that it takes to compile.
     **options
         Of `numba.njit`, by default those for loops over numbers.
     """
@@ -78,9 +88,8 @@ def kernel(*, allocates: bool = False, **options: Any) -> Callable[[Function], F
     def decorate(function: Function) -> Function:
         if not _supported():
             return cast(Function, njit(cache=True, **options)(function))
-        made = _Kernel(
-            function, targetoptions=options | {"nopython": True, "no_cfunc_wrapper": True}
-        )
+        made = _Kernel(function, targetoptions=options | _ONE_WAY_IN, pipeline_class=_compiler())
+        made.vectorizes = vectorizes
         made.enable_caching()
         return cast(Function, made)
 
@@ -102,15 +111,20 @@ def part(*, allocates: bool = False, **options: Any) -> Callable[[Function], Fun
     def decorate(function: Function) -> Function:
         if not _supported():
             return cast(Function, njit(cache=True, **options)(function))
-        return cast(Function, _Part(function, targetoptions=options | _NO_WAY_IN))
+        return cast(
+            Function,
+            _Part(function, targetoptions=options | _NO_WAY_IN, pipeline_class=_compiler()),
+        )
 
     return decorate
 
 
 @contextmanager
-def _ours() -> Iterator[None]:
+def _ours(vectorizes: bool) -> Iterator[None]:
     """This thread compiles a kernel."""
     before, colours = getattr(_turn, "ours", False), errors._termcolor_inst  # type: ignore[attr-defined]
+    if not before:
+        _turn.values, _turn.vectorizes = {}, vectorizes
     _turn.ours = True
     errors._termcolor_inst = _Plain()  # type: ignore[attr-defined]
     collects = gc.isenabled()
@@ -132,13 +146,26 @@ class _Plain:
 
 
 @cache
+def _compiler() -> Any:
+    """The compiler of kernels, or numba's where another numba lacks what it is made of."""
+    try:
+        from sinstool.core.kernel_compiler import KernelCompiler
+    except ImportError:
+        return compiler.Compiler
+    return KernelCompiler
+
+
+@cache
 def _supported() -> bool:
     """Have numba leave libraries of parts to the libraries that they become parts of.
 
     Not of its public interface: another numba may do without, and compile for longer.
     """
     needed = (
-        (_Library, ("add_linking_library", "_get_module_for_linking")),
+        (_Library, ("add_linking_library", "_get_module_for_linking", "_optimize_functions")),
+        (codegen.CPUCodegen, ("_pass_builder",)),
+        (base, ("_has_loc",)),
+        (typing.Context, ("resolve_value_type",)),
         (cpu.CPUContext, ("get_executable",)),
         (registry.CPUDispatcher, ("compile", "add_overload", "_compile_for_args")),
         (types.BaseFunction, ("get_call_type",)),
@@ -150,12 +177,21 @@ def _supported() -> bool:
     theirs_type = types.BaseFunction.get_call_type
     theirs_get = cpu.CPUContext.get_executable
     theirs_add = _Library.add_linking_library
-
+    theirs_optimize = _Library._optimize_functions
+    theirs_builder = codegen.CPUCodegen._pass_builder
+    theirs_value = typing.Context.resolve_value_type
     inferred: dict[tuple[int, Any], tuple[Any, Any]] = {}
 
+    def resolve_value_type(self: Any, value: Any) -> Any:
+        if not isinstance(value, BuiltinFunctionType) or not getattr(_turn, "ours", False):
+            return theirs_value(self, value)
+        if value not in _turn.values:
+            _turn.values[value] = theirs_value(self, value)
+        return _turn.values[value]
+
     def get_call_type(self: Any, context: Any, args: Any, keywords: Any) -> Any:
-        numbers = all(isinstance(each, types.Number | types.Boolean) for each in args)
-        if keywords or not numbers or not getattr(_turn, "ours", False):
+        plain = all(isinstance(each, _PLAIN) for each in args)
+        if keywords or not plain or not getattr(_turn, "ours", False):
             return theirs_type(self, context, args, keywords)
         key = (id(self), args)
         if key not in inferred:
@@ -169,6 +205,17 @@ def _supported() -> bool:
         name = fndesc.qualname.split(".")[-1]
         return cpu._dynfunc.make_function(fndesc.lookup_module(), name, "", 0, env, (library,))
 
+    def optimize_functions(self: Any, module: Any) -> None:
+        # What becomes part of others is optimised there; doing so before takes as long again
+        if not getattr(_turn, "ours", False):
+            theirs_optimize(self, module)
+        module.data_layout = self._codegen._data_layout
+
+    def pass_builder(self: Any, **keywords: Any) -> Any:
+        if getattr(_turn, "ours", False) and not _turn.vectorizes:
+            keywords["loop_vectorize"] = False
+        return theirs_builder(self, **keywords)
+
     def add_linking_library(self: Any, library: Any) -> None:
         theirs_add(self, library)
         if getattr(library, "_is_part", False):
@@ -176,8 +223,12 @@ def _supported() -> bool:
                 if each not in self._linking_libraries:
                     add_linking_library(self, each)
 
+    typing.Context.resolve_value_type = resolve_value_type  # type: ignore[method-assign]
+    base._has_loc = cache(base._has_loc)
     types.BaseFunction.get_call_type = get_call_type  # type: ignore[assignment, method-assign]
     cpu.CPUContext.get_executable = get_executable  # type: ignore[method-assign]
+    codegen.CPUCodegen._pass_builder = pass_builder  # type: ignore[method-assign]
+    _Library._optimize_functions = optimize_functions  # type: ignore[method-assign]
     _Library.add_linking_library = add_linking_library  # type: ignore[method-assign]
     return True
 

@@ -207,7 +207,7 @@ def _transitions(rows: InertialRows) -> FloatArray:
     return out
 
 
-@kernel()
+@kernel(vectorizes=False)
 def _filter_kernel(  # type: ignore[no-untyped-def]
     transition,
     z,

@@ -20,7 +20,6 @@ from sinstool.methods.attitude_smoother.filter_step import (
     rest_kind,
 )
 from sinstool.methods.attitude_smoother.state import (
-    ERRORS,
     STATE,
     copy,
     copy_square,
@@ -41,7 +40,13 @@ def storage(count: int, n: int) -> tuple[FloatArray, FloatArray]:
     return np.empty((count, VECTORS, STATE)), np.empty((count, MATRICES, n, n))
 
 
-@kernel(allocates=True)
+def scratch(n: int) -> tuple[FloatArray, ...]:
+    """Arrays that :func:`forward` and :func:`backward` work in, which allocate none themselves."""
+    squares = np.empty((3, n, n))
+    return np.empty(n), np.empty(n), *squares, np.empty((3, 3))
+
+
+@kernel(vectorizes=False)
 def forward(
     epochs: FloatArray,
     field: FloatArray,
@@ -58,6 +63,12 @@ def forward(
     kinds: FloatArray,
     vectors: FloatArray,
     matrices: FloatArray,
+    gain: FloatArray,
+    ahead: FloatArray,
+    f: FloatArray,
+    q: FloatArray,
+    half: FloatArray,
+    e: FloatArray,
 ) -> float:
     """Run the filter over a segment of the epochs.
 
@@ -89,6 +100,8 @@ def forward(
     vectors, matrices : ndarray, shape (k, VECTORS, STATE) and (k, MATRICES, n, n)
         Outputs: states, error estimates, covariances and transitions of each epoch, for
         :func:`backward`. With k = 0 nothing is stored, and a filter that diverges stops at once.
+    gain, ahead, f, q, half, e : ndarray
+        Of :func:`scratch`.
 
     Returns
     -------
@@ -96,9 +109,6 @@ def forward(
         Log likelihood of the specific force in the moving epochs; `DIVERGED` where the filter
         diverged.
     """
-    gain, ahead = np.empty(ERRORS), np.empty(ERRORS)
-    f, q, half = np.empty((n, n)), np.empty((n, n)), np.empty((n, n))
-    e = np.empty((3, 3))
     stored = len(matrices) > 0
     if len(near) and begin == 0:
         less(x, near[0], n, dx, e)
@@ -139,7 +149,7 @@ def forward(
     return total
 
 
-@kernel(allocates=True)
+@kernel(vectorizes=False)
 def backward(
     begin: int,
     end: int,
@@ -152,6 +162,12 @@ def backward(
     smoothed: FloatArray,
     covariance: FloatArray,
     relinearised: bool,
+    scale: FloatArray,
+    difference: FloatArray,
+    low: FloatArray,
+    right: FloatArray,
+    half: FloatArray,
+    e: FloatArray,
 ) -> None:
     """Smooth a segment, from its last epoch to its first (Rauch, Tung and Striebel).
 
@@ -170,10 +186,9 @@ def backward(
         Output: covariances of attitude and variances of the bias there.
     relinearised : bool
         The filter was linear about states of an earlier pass.
+    scale, difference, low, right, half, e : ndarray
+        Of :func:`scratch`.
     """
-    half, e = np.empty((n, n)), np.empty((3, 3))
-    low, right, scale = np.empty((n, n)), np.empty((n, n)), np.empty(n)
-    difference = np.empty(ERRORS)
     for k in range(end - begin - 1, -1, -1):
         if relinearised:
             for j in range(n):

@@ -225,12 +225,12 @@ def _pass(
     par = parameters(motion, sensors, epochs.omega_in_n)
     smoothed = np.empty((count + 1, state.STATE))
     last = np.empty(state.STATE), np.empty(state.KEPT)
-    stored = kernels.storage(min(SEGMENT, count), n)
+    stored, scratch = kernels.storage(min(SEGMENT, count), n), kernels.scratch(n)
     segments = [(begin, min(begin + SEGMENT, count)) for begin in range(0, count, SEGMENT)]
 
     def forward(begin: int, end: int, x: FloatArray, p: FloatArray, dx: FloatArray) -> None:
         kernels.forward(
-            rows, field, begin, end, par, n, x, p, near, dx, *last, NO_KINDS, *stored
+            rows, field, begin, end, par, n, x, p, near, dx, *last, NO_KINDS, *stored, *scratch
         )  # fmt: skip
 
     x, p, dx = first[0].copy(), first[1].copy(), np.zeros(state.ERRORS)
@@ -242,7 +242,9 @@ def _pass(
     for segment, start in zip(reversed(segments), reversed(starts), strict=True):
         if segment is not segments[-1]:  # whose steps are still stored
             forward(*segment, *start)
-        kernels.backward(*segment, n, *stored, x, p, dx, smoothed, covariance, len(near) > 0)
+        kernels.backward(
+            *segment, n, *stored, x, p, dx, smoothed, covariance, len(near) > 0, *scratch
+        )
     return smoothed
 
 

@@ -152,6 +152,6 @@ def filtered(
         kernels.forward(
             rows, NO_FIELD, 0, len(rows), par, n, x, p, np.empty((0, state.STATE)),
             np.zeros(state.ERRORS), np.empty(state.STATE), np.empty(state.KEPT), kinds,
-            *kernels.storage(0, n),
+            *kernels.storage(0, n), *kernels.scratch(n),
         )
     )  # fmt: skip

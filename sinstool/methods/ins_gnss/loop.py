@@ -57,7 +57,7 @@ def run(
     baro_time: FloatArray,
     baro_height: FloatArray,
     baro_reason: IntArray,
-    channel_events: FloatArray,
+    channel_events: FloatArray | None,
     events: FloatArray,
     diagnoses: FloatArray,
     out: FloatArray,
@@ -91,8 +91,11 @@ def run(
         s, in order of arrival, and m.
     baro_reason : ndarray of int64, shape (b,)
         See :func:`sinstool.methods.height.channel.baro_sample`.
-    channel_events, events : ndarray
-        Of the vertical channel and of the filter.
+    channel_events : ndarray or None
+        Of the vertical channel. None of a filter without a barometer: all that deals with one is
+        left out of what is compiled, which is a third of it.
+    events : ndarray
+        Of the filter.
     diagnoses : ndarray, shape (f, DIAGNOSTICS)
         A row for each epoch used up.
     out : ndarray, shape (n, OUTPUT) or (0, OUTPUT)
@@ -241,7 +244,7 @@ def run(
             vd0 = nav[V_DOWN]
             step(nav[:], px, py, pz, ux, uy, uz, d, 0)
             m.now = now
-            if model.has_network > 0.0:
+            if channel_events is not None and model.has_network > 0.0:
                 dh, dw = propagate(
                     m.channel,
                     model.network,
@@ -254,35 +257,35 @@ def run(
                 )
                 nav[HEIGHT] += dh
                 nav[V_DOWN] -= dw
-            share = model.baro_decay * d
-            m.channel[S_BARO_BIAS] *= 1.0 - share + 0.5 * share * share
             inverse = 1.0 / d
             rate_x, rate_y, rate_z = px * inverse, py * inverse, pz * inverse
 
-            # Barometer
-            while baro_next < len(baro_time) and baro_time[baro_next] <= now:
-                if model.has_network > 0.0:
-                    baro.network_sample(
-                        m,
-                        model,
-                        stored,
-                        events,
-                        channel_events,
-                        baro_time[baro_next],
-                        baro_height[baro_next],
-                        baro_reason[baro_next],
-                    )
-                if model.baro_row > 0.0:
-                    baro.note_difference(
-                        m, baro_time[baro_next], baro_height[baro_next], baro_reason[baro_next]
-                    )
-                baro_next += 1
+            if channel_events is not None:
+                share = model.baro_decay * d
+                m.channel[S_BARO_BIAS] *= 1.0 - share + 0.5 * share * share
+                while baro_next < len(baro_time) and baro_time[baro_next] <= now:
+                    if model.has_network > 0.0:
+                        baro.network_sample(
+                            m,
+                            model,
+                            stored,
+                            events,
+                            channel_events,
+                            baro_time[baro_next],
+                            baro_height[baro_next],
+                            baro_reason[baro_next],
+                        )
+                    if model.baro_row > 0.0:
+                        baro.note_difference(
+                            m, baro_time[baro_next], baro_height[baro_next], baro_reason[baro_next]
+                        )
+                    baro_next += 1
 
             # GNSS, and what is measured besides where it is due: with a fix rather than alone
             wait = model.row_interval - ROUNDING
             if fix_next < len(fix_time) and fix_time[fix_next] <= now:
                 wait *= 0.5
-            if m.sample > 0.0:
+            if channel_events is not None and m.sample > 0.0:
                 m.sample = 0.0
                 if now - m.baro_at >= wait:
                     m.baro_at = now
@@ -333,7 +336,8 @@ def run(
                     due *= 0.5
                 if now - m.constrained_at >= due:
                     land_vehicle.constrain(m, model, stored, grid)
-            if model.correction_row > 0.0 and now - m.row_at >= wait:
+            corrects = model.correction_row > 0.0 and now - m.row_at >= wait
+            if channel_events is not None and corrects:
                 m.row_at = now
                 instants.open_instant(m, model, stored)
                 baro.correction_row(m, model)
@@ -357,7 +361,7 @@ def run(
             else:
                 for i in range(NAV_SIZE):
                     line[i] = m.nav[i]
-            if model.has_network > 0.0:
+            if channel_events is not None and model.has_network > 0.0:
                 line[HEIGHT] = smooth_height(m.channel, now, line[HEIGHT])
             line[layout.O_RATE] = rate_x
             line[layout.O_RATE + 1] = rate_y

@@ -1,0 +1,166 @@
+"""Kernels compute what numba's own compiler makes of the same functions."""
+
+import numba
+import numpy as np
+import pytest
+from numba.core.caching import NullCache
+
+from sinstool.core.kernel_compiler import _is_plain
+from sinstool.core.parts import _supported, kernel, part
+
+RECORD = np.dtype(
+    (
+        np.record,
+        [("scale", "f8"), ("count", "i8"), ("vector", "f8", (3,)), ("square", "f8", (3, 3))],
+    )
+)
+
+
+@part()
+def scaled(x, by):
+    return x * by, x**2
+
+
+@part(inline="always")
+def add(source, out):
+    for i in range(len(source)):
+        out[i] += source[i]
+
+
+def record(r):
+    for i in range(3):
+        r.vector[i] += r.square[i, -1] * r.scale
+        r.square[2 - i, 0] = r.vector[-1]
+        r.count += i
+    r.vector[1], r.square[1, 1] = scaled(r.vector[0], r.scale)
+    add(r.square[2], r.vector)
+    return r.vector[-3]
+
+
+def strided(a, b):
+    total = 0.0
+    for i in range(a.shape[0]):
+        for j in range(a.shape[1]):
+            if j == 1:
+                continue
+            b[j, i] = a[i, j] ** 2 - a[-1, j]
+            total += b[j, i]
+    row, column = a[0, 1:], b[:, 0]
+    row[0] = column[-1]
+    return total
+
+
+def integers(a, k):
+    n = len(a)
+    a[k] = a[-k] // 3
+    a[np.uint8(2)] = a[n - 1] % 7
+    a[3] = 2.9
+    while k > 0:
+        k -= 2
+        a[0] += k << 1
+    best = a[0]
+    for x in a:
+        if not x <= best:
+            best = x
+    return best, min(k, 5), n and k
+
+
+def wide(a):
+    a[1, 0, -1] = a[0, 1, 1]
+    return a[-1, -1, -1] + np.sqrt(a[0, 0, 0]) + abs(a[1, 1, 1])
+
+
+def bools(flags, x):
+    inside = (x > 0.0 and x < 1.0) or flags[-1]
+    flags[0] = inside
+    return not inside
+
+
+ARRAY = np.arange(12.0).reshape(3, 4) + 0.3
+CASES = {
+    "a record": (record, lambda: (_record(),)),
+    "rows": (strided, lambda: (ARRAY.copy(), np.zeros((4, 3)))),
+    "columns": (strided, lambda: (np.asfortranarray(ARRAY), np.zeros((4, 3)))),
+    "every second": (strided, lambda: (np.repeat(ARRAY, 2, 1)[:, ::2], np.zeros((3, 4)).T)),
+    "backwards": (strided, lambda: (ARRAY.copy()[::-1], np.zeros((4, 3)))),
+    "integers": (integers, lambda: (np.arange(20, 28), 5)),
+    "short integers": (integers, lambda: (np.arange(20, 28, dtype=np.int16), 5)),
+    "three dimensions": (wide, lambda: (np.arange(8.0).reshape(2, 2, 2),)),
+    "not aligned": (wide, lambda: (_shifted(np.arange(8.0).reshape(2, 2, 2)),)),
+    "Booleans": (bools, lambda: (np.array([False, True]), 2.0)),
+}
+
+
+def _record():
+    r = np.zeros(1, RECORD)[0]
+    r.scale, r.count, r.vector, r.square = 1.7, 3, [1.0, 2.0, 3.5], np.arange(9.0).reshape(3, 3)
+    return r
+
+
+def _shifted(array):
+    raw = np.zeros(array.nbytes + 1, np.uint8)[1:]
+    shifted = raw.view(np.float64).reshape(array.shape)
+    shifted[...] = array
+    assert not shifted.flags.aligned
+    return shifted
+
+
+@pytest.mark.parametrize("name", CASES)
+def test_kernels_compute_what_numba_makes_of_them(name):
+    function, arguments = CASES[name]
+    ours, theirs = arguments(), arguments()
+    compiled = kernel()(function)
+    assert _supported()
+    assert _is_plain(function, [numba.typeof(each) for each in ours], _Flags)
+    results = compiled(*ours), numba.njit(error_model="numpy")(function)(*theirs)
+    np.testing.assert_array_equal(*results)
+    for own, other in zip(ours, theirs, strict=True):
+        np.testing.assert_array_equal(own, other)
+
+
+class _Flags:
+    nrt = debuginfo = False
+
+
+def test_what_is_done_only_with_an_argument_is_left_out_where_it_is_none():
+    # An addition of an array and a number has no meaning without memory: compiled, it would fail
+    @kernel()
+    def noted(x, events):
+        x[0] = 2.0
+        if events is not None and x[1] > 0.0:
+            x[0] = (events + 1.0)[0]
+        return x[0]
+
+    assert noted(np.ones(2), None) == 2.0
+    with pytest.raises(numba.core.errors.NumbaError):
+        noted(np.ones(2), np.ones(2))
+
+
+def test_kernels_with_closures_and_exceptions_are_left_to_numba():
+    @kernel()
+    def both(x):
+        def double(y):
+            return 2.0 * y
+
+        if x[0] < 0.0:
+            raise ValueError("negative")
+        return double(x[0])
+
+    assert both(np.array([1.5])) == 3.0
+    with pytest.raises(ValueError, match="negative"):
+        both(np.array([-1.5]))
+
+
+def test_loops_over_several_elements_at_a_time_can_be_done_without():
+    def sums(a, b):
+        for i in range(len(a)):
+            a[i] += 3.0 * b[i]
+
+    for vectorizes in (True, False):
+        compiled = kernel(vectorizes=vectorizes)(sums)
+        compiled._cache = NullCache()  # which keeps no text of the code
+        a = np.arange(37.0)
+        compiled(a, a[::-1].copy())
+        np.testing.assert_array_equal(a, np.arange(37.0) + 3.0 * np.arange(36.0, -1.0, -1.0))
+        (code,) = compiled.inspect_llvm().values()
+        assert ("x double>" in code) == vectorizes
