@@ -93,7 +93,7 @@ def run(
         See :func:`sinstool.methods.height.channel.baro_sample`.
     channel_events : ndarray or None
         Of the vertical channel. None of a filter without a barometer: all that deals with one is
-        left out of what is compiled, which is a third of it.
+        left out of what is compiled, a quarter of it.
     events : ndarray
         Of the filter.
     diagnoses : ndarray, shape (f, DIAGNOSTICS)
