@@ -23,7 +23,7 @@ from threading import local
 from types import BuiltinFunctionType
 from typing import Any, TypeVar, cast
 
-from numba import njit
+from numba import njit, version_info
 from numba.core import base, codegen, compiler, config, cpu, errors, registry, types, typing
 
 from sinstool.core.compiled import set_up_cache
@@ -31,6 +31,9 @@ from sinstool.core.compiled import set_up_cache
 __all__ = ["kernel", "part"]
 
 Function = TypeVar("Function", bound=Callable[..., Any])
+
+# Versions of numba whose insides are as this module and the compiler of kernels have them.
+INSIDES = {(0, 68)}
 
 _Library = codegen.CPUCodeLibrary
 _turn = local()
@@ -159,8 +162,11 @@ def _compiler() -> Any:
 def _supported() -> bool:
     """Have numba leave libraries of parts to the libraries that they become parts of.
 
-    Not of its public interface: another numba may do without, and compile for longer.
+    Not of its public interface: any other version than those of `INSIDES` does without, and
+    compiles for longer.
     """
+    if version_info.short not in INSIDES:
+        return False
     needed = (
         (_Library, ("add_linking_library", "_get_module_for_linking", "_optimize_functions")),
         (codegen.CPUCodegen, ("_pass_builder",)),

@@ -3,10 +3,12 @@
 import numba
 import numpy as np
 import pytest
+from numba import version_info
 from numba.core.caching import NullCache
 
+from sinstool.core import parts
 from sinstool.core.kernel_compiler import _is_plain
-from sinstool.core.parts import _supported, kernel, part
+from sinstool.core.parts import INSIDES, _supported, kernel, part
 
 RECORD = np.dtype(
     (
@@ -110,12 +112,34 @@ def test_kernels_compute_what_numba_makes_of_them(name):
     function, arguments = CASES[name]
     ours, theirs = arguments(), arguments()
     compiled = kernel()(function)
+    if version_info.short not in INSIDES:
+        pytest.skip("this numba compiles in its own way")
     assert _supported()
     assert _is_plain(function, [numba.typeof(each) for each in ours], _Flags)
     results = compiled(*ours), numba.njit(error_model="numpy")(function)(*theirs)
     np.testing.assert_array_equal(*results)
     for own, other in zip(ours, theirs, strict=True):
         np.testing.assert_array_equal(own, other)
+
+
+def test_another_numba_compiles_in_its_own_way(monkeypatch):
+    monkeypatch.setattr(parts, "INSIDES", set())
+    assert not _supported.__wrapped__()
+    monkeypatch.setattr(parts, "_supported", lambda: False)
+
+    @part()
+    def twice(x):
+        return 2.0 * x
+
+    @kernel()
+    def fill(a):
+        for i in range(len(a)):
+            a[i] = twice(a[i])
+
+    assert type(twice) is type(fill) is type(numba.njit(lambda x: x))
+    a = np.arange(3.0)
+    fill(a)
+    np.testing.assert_array_equal(a, [0.0, 2.0, 4.0])
 
 
 class _Flags:
