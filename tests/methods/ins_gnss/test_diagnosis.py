@@ -2,6 +2,7 @@
 
 from dataclasses import replace
 from functools import cache
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -9,7 +10,7 @@ import pytest
 from sinstool.core.rotation import exp, multiply, normalise
 from sinstool.methods.coning.registry import algorithm
 from sinstool.methods.coning.stage import ConingStage
-from sinstool.methods.ins_gnss.diagnosis import diagnose
+from sinstool.methods.ins_gnss.diagnosis import _intervals, diagnose
 from sinstool.methods.ins_gnss.filter import InsGnssFilter
 from sinstool.methods.ins_gnss.fix_velocity import split_position_velocity
 from sinstool.methods.ins_gnss.receiver_offsets import estimate_offsets, settle
@@ -322,3 +323,10 @@ def test_large_innovations_that_follow_one_another_are_the_imu_s(following, kind
     changed = replace(block.gnss, innovation=innovation)
     found = diagnose(began, block.updates, changed, gnss, SETTINGS)
     assert [(f.kind, f.topic) for f in found] == [(kind, "horizontal position")]
+
+
+def test_what_a_gap_hides_is_not_integrated():
+    """The update after a gap stands for five usual intervals at most, not for all of the gap."""
+    ends = np.array([10, 20, 30, 2030, 2040, 2050], dtype=np.int64) * 1_000_000
+    updates = SimpleNamespace(time_ns=ends)
+    np.testing.assert_allclose(_intervals(updates), [0.01, 0.01, 0.01, 0.05, 0.01, 0.01])
