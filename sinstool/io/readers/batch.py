@@ -69,8 +69,8 @@ class RawBatch:
             return self
         return self.rows(keep)
 
-    def rows(self, which: np.ndarray | list[int]) -> RawBatch:
-        """Messages by mask or index, in the same buffer."""
+    def rows(self, which: np.ndarray | list[int] | slice) -> RawBatch:
+        """Messages by mask, index or slice, in the same buffer."""
         columns = {name: column for name, column in vars(self).items() if np.ndim(column)}
         del columns["buffer"]
         return replace(self, **{name: column[which] for name, column in columns.items()})

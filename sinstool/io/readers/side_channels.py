@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Collection, Iterator
-from dataclasses import replace
 
 import numpy as np
 
@@ -11,6 +10,8 @@ from sinstool.io.readers.batch import RawBatch
 
 # Topics that are larger together are read again from the log.
 MAX_BYTES = 64 * 2**20
+# Messages that are answered with at a time
+ROWS = 2**16
 
 
 class SideChannelCache:
@@ -30,12 +31,18 @@ class SideChannelCache:
         self.channels = frozenset(channels)
         self.filling = False
         self.complete = False
-        self._parts: list[RawBatch] = []
-        self._size = 0
+        self._empty()
+
+    def _empty(self) -> None:
+        # One piece that grows in place: to join pieces would take their memory a second time
+        self._payload = bytearray()
+        self._columns: dict[str, list[np.ndarray]] = {name: [] for name in _COLUMNS}
+        self._whole: RawBatch | None = None
 
     def begin(self) -> None:
         """A pass begins."""
-        self.filling, self._parts, self._size = True, [], 0
+        self.filling = True
+        self._empty()
 
     def add(self, batch: RawBatch) -> None:
         """Copy the messages that are of the channels."""
@@ -45,31 +52,29 @@ class SideChannelCache:
         if not len(chosen):
             return
         ends = np.cumsum(chosen.length)
-        self._size += int(ends[-1])
-        if self._size > MAX_BYTES:
-            self.channels, self._parts = frozenset(), []
-            return
         begins = ends - chosen.length
+        size = len(self._payload)
+        if size + int(ends[-1]) > MAX_BYTES:
+            self.channels = frozenset()
+            self._empty()
+            return
         places = np.repeat(chosen.offset - begins, chosen.length) + np.arange(ends[-1])
-        self._parts.append(replace(chosen, buffer=chosen.buffer[places], offset=begins))
+        self._payload += memoryview(chosen.buffer[places])
+        for name, columns in self._columns.items():
+            columns.append(size + begins if name == "offset" else getattr(chosen, name).copy())
+        self._position = batch.position
 
     def end(self, complete: bool) -> None:
         """A pass ended."""
         self.filling, self.complete = False, complete
-        if not complete or len(self._parts) < 2:
-            self._parts = self._parts if complete else []
+        if not complete or not self._columns["channel"]:
+            self._empty()
             return
-        sizes = np.array([len(part.buffer) for part in self._parts])
-        shift = np.repeat(np.cumsum(sizes) - sizes, [len(part) for part in self._parts])
-        columns = {
-            name: np.concatenate([getattr(part, name) for part in self._parts])
-            for name in vars(self._parts[0])
-            if name != "position"
-        }
-        columns["offset"] = columns["offset"] + shift
+        columns = {name: np.concatenate(self._columns.pop(name)) for name in _COLUMNS}
+        buffer = np.frombuffer(self._payload or bytes(1), np.uint8)
         # as the readers give it, so that compiled loops need no second version
-        columns["buffer"].flags.writeable = False
-        self._parts = [RawBatch(**columns, position=self._parts[-1].position)]
+        buffer.flags.writeable = False
+        self._whole = RawBatch(buffer, **columns, position=self._position)
 
     def covers(self, selection: Collection[int] | None) -> bool:
         """Whether these channels can be had without the log."""
@@ -77,6 +82,13 @@ class SideChannelCache:
 
     def batches(self, selection: Collection[int]) -> Iterator[RawBatch]:
         """The messages of some of the channels, in the order of the file."""
-        for part in self._parts:
+        whole = self._whole
+        if whole is None:
+            return
+        for begin in range(0, len(whole), ROWS):
+            part = whole.rows(slice(begin, begin + ROWS))
             if len(chosen := part.select(selection)):
                 yield chosen
+
+
+_COLUMNS = ("channel", "offset", "length", "log_time", "publish_time", "sequence")

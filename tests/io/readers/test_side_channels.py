@@ -1,10 +1,14 @@
 """What a pass holds of small topics is what another pass over the log would give."""
 
+import tracemalloc
+
+import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
 from sinstool.io.readers import open_log, side_channels
+from sinstool.io.readers.batch import RawBatch
 from tests.helpers.logs import content, read_back, write_bag1, write_db3, write_mcap
 
 TWICE = {"channels": {"/imu": 2, "/baro": 2}}
@@ -81,3 +85,49 @@ def test_what_is_too_large_is_read_again(path, monkeypatch):
         for expected in ([first], others, others):
             assert read_back(log, expected) == alone(path, expected)
         assert len(seen) == 3
+
+
+def test_what_is_held_is_answered_with_piece_by_piece(path, monkeypatch):
+    monkeypatch.setattr(side_channels, "ROWS", 7)
+    with open_log(path) as log:
+        first, *others = sorted(log.channels)
+        log.cache(others)
+        read_back(log, [first])
+        assert read_back(log, others) == alone(path, others)
+        assert max(len(batch) for batch in log.batches(others)) <= 7
+
+
+def test_messages_without_a_payload_are_held():
+    cache = side_channels.SideChannelCache([1])
+    numbers = np.arange(3)
+    cache.begin()
+    cache.add(RawBatch(np.zeros(0, np.uint8), numbers * 0 + 1, *[numbers * 0] * 2, *[numbers] * 3))
+    cache.end(True)
+    (batch,) = cache.batches([1])
+    np.testing.assert_array_equal(batch.log_time, numbers)
+    assert not batch.length.any()
+
+
+def test_what_is_held_takes_its_memory_once():
+    size, count = 200, 1000
+    payload = np.arange(size * count, dtype=np.int64).astype(np.uint8).reshape(count, size)
+    cache = side_channels.SideChannelCache([1])
+    times = np.arange(count)
+    cache.begin()
+    tracemalloc.start()
+    try:
+        for _ in range(100):
+            cache.add(RawBatch.from_rows(1, payload, times, times))
+        held, _ = tracemalloc.get_traced_memory()
+        tracemalloc.reset_peak()
+        cache.end(True)
+        after, peak = tracemalloc.get_traced_memory()
+    finally:
+        tracemalloc.stop()
+    assert 100 * size * count < held < 100 * count * (1.2 * size + 60)
+    assert max(after, peak) < 1.15 * held
+    batches = list(cache.batches([1]))
+    assert sum(len(batch) for batch in batches) == 100 * count
+    last = batches[-1]
+    begin = last.offset[-1]
+    np.testing.assert_array_equal(last.buffer[begin : begin + size], payload[-1])
