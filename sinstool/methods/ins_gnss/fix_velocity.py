@@ -24,6 +24,8 @@ SHORTEST_S, LONGEST_S = 1.0, 4.0
 TARGET = 0.15
 LEAST = 5
 LEAST_SIGMA = 0.02
+# Fixes at a time: a row of each takes half a kilobyte
+BLOCK = 2**14
 
 
 def with_velocities(gnss: GnssEpochs, sigma_m: float) -> GnssEpochs:
@@ -55,18 +57,31 @@ def with_velocities(gnss: GnssEpochs, sigma_m: float) -> GnssEpochs:
     )
     position = np.stack([north, east, -(rows.height - rows.height[0])], axis=1)
     half = _half(t, sigma_m)
-    moments, right, count = np.zeros((n, 5)), np.zeros((n, 3, 3)), np.zeros(n)
-    squares, reached = np.zeros((n, 3)), np.zeros(n)
-    reach = int(np.max(np.searchsorted(t, t + half, "right") - np.arange(n)))
-    here = np.arange(n)
+    velocity, sigma, good = np.empty((n, 3)), np.empty((n, 3)), np.empty(n, np.bool_)
+    for begin in range(0, n, BLOCK):
+        here = np.arange(begin, min(begin + BLOCK, n))
+        velocity[here], sigma[here], good[here] = _slopes(t, position, here, half, sigma_m)
+    return replace(rows, velocity_n=velocity, sigma_velocity_n=sigma).rows(good)
+
+
+def _slopes(
+    t: np.ndarray, position: np.ndarray, here: np.ndarray, half: float, sigma_m: float
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Slopes of the parabolas about some of the fixes, their sigmas, and where they are any good."""
+    n, size = len(t), len(here)
+    moments, right, count = np.zeros((size, 5)), np.zeros((size, 3, 3)), np.zeros(size)
+    squares, reached = np.zeros((size, 3)), np.zeros(size)
+    own, start = t[here], position[here]
+    reach = int(np.max(np.searchsorted(t, own + half, "right") - here))
+    reach = max(reach, int(np.max(here - np.searchsorted(t, own - half))))
     for step in range(-reach, reach + 1):
         other = np.clip(here + step, 0, n - 1)
-        away = t[other] - t
+        away = t[other] - own
         inside = (here + step == other) & (np.abs(away) <= half)
         count += inside
         powers = np.where(inside[:, None], away[:, None] ** np.arange(5), 0.0)
         moments += powers
-        moved = np.where(inside[:, None], position[other] - position, 0.0)
+        moved = np.where(inside[:, None], position[other] - start, 0.0)
         right += powers[:, :3, None] * moved[:, None, :]
         squares += moved**2
         reached = np.where(inside, np.maximum(reached, np.abs(away)), reached)
@@ -82,8 +97,7 @@ def with_velocities(gnss: GnssEpochs, sigma_m: float) -> GnssEpochs:
     bend = 4.0 * np.sqrt(bent / np.maximum(count, 1.0)[:, None])
     bend /= np.where(reached > 0.0, reached, 1.0)[:, None]
     sigma = np.hypot(sigma_m * np.sqrt(np.abs(inverse[:, 1, 1]))[:, None], bend)
-    sigma = np.maximum(sigma, LEAST_SIGMA)
-    return replace(rows, velocity_n=fitted[:, 1], sigma_velocity_n=sigma).rows(good)
+    return fitted[:, 1], np.maximum(sigma, LEAST_SIGMA), good
 
 
 def _half(seconds: np.ndarray, sigma_m: float) -> float:

@@ -7,6 +7,7 @@ import pytest
 
 from sinstool.config import ProcessConfig
 from sinstool.core.streams import GnssEpochs
+from sinstool.methods.ins_gnss import fix_velocity
 from sinstool.methods.ins_gnss.fix_velocity import (
     message_times,
     split_position_velocity,
@@ -124,3 +125,14 @@ def test_too_few_fixes_make_no_velocity():
     sparse = dataclasses.replace(gnss, time_ns=gnss.time_ns + gaps)
     made = with_velocities(sparse.rows(slice(None, None, 3)), 3.0)
     assert len(made) == 0
+
+
+def test_velocities_of_positions_do_not_depend_on_how_many_are_made_at_a_time(monkeypatch):
+    gnss = epochs(noise=0.02)
+    gnss = gnss.rows(np.delete(np.arange(len(gnss)), np.r_[30:33, 150:190]))  # gaps
+    at_once = with_velocities(gnss, 0.02)
+    monkeypatch.setattr(fix_velocity, "BLOCK", 7)
+    in_blocks = with_velocities(gnss, 0.02)
+    assert len(at_once) > 300
+    for name in ("time_ns", "velocity_n", "sigma_velocity_n"):
+        np.testing.assert_array_equal(getattr(in_blocks, name), getattr(at_once, name))
