@@ -67,7 +67,7 @@ def with_velocities(gnss: GnssEpochs, sigma_m: float) -> GnssEpochs:
 def _slopes(
     t: np.ndarray, position: np.ndarray, here: np.ndarray, half: float, sigma_m: float
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Slopes of the parabolas about some of the fixes, their sigmas, and where they are any good."""
+    """Slopes of the parabolas about some of the fixes, their sigmas, and which are any good."""
     n, size = len(t), len(here)
     moments, right, count = np.zeros((size, 5)), np.zeros((size, 3, 3)), np.zeros(size)
     squares, reached = np.zeros((size, 3)), np.zeros(size)
