@@ -1,6 +1,7 @@
 """First runs of the whole command where it may not keep what it compiles, or many begin at once.
 
     python benchmarks/first_runs.py
+    python benchmarks/first_runs.py --log LOG
 
 Eight runs of `process` begin at the same time with an empty cache; then again with what they left
 there. Another user runs an installation that is not theirs, with a home of their own and without
@@ -8,6 +9,9 @@ one; a user without a home runs one that nobody may write. Every run must exit w
 a usual run writes, byte for byte, and print nothing but the one line that says how the cache can
 be kept, where it cannot. What another user does is run by root only. Exits with 1 where that does
 not hold.
+
+With a log, prints instead what its first run costs in each mode: processor time with an empty
+cache, and in the run after it.
 """
 
 from __future__ import annotations
@@ -21,8 +25,8 @@ import time
 from collections.abc import Sequence
 from pathlib import Path
 
-from benchmarks.commands import PROGRAM
-from benchmarks.common import parser
+from benchmarks.commands import PROGRAM, run_child
+from benchmarks.common import parser, print_table
 
 ROOT = Path(__file__).resolve().parents[1]
 LOG = ROOT / "sample_data" / "coning.mcap"
@@ -67,8 +71,25 @@ def judge(name: str, runs: Sequence[subprocess.Popen[str]], outs: Sequence[Path]
     return wrong
 
 
+def costs(log: Path) -> None:
+    """Print the processor time of a first run, and of the one after it, in each mode."""
+    rows = []
+    for mode in ("attitude", "ins-gnss"):
+        with tempfile.TemporaryDirectory() as name:
+            os.environ["NUMBA_CACHE_DIR"] = name
+            run = [*PROGRAM, "process", str(log), "-o", str(Path(name, "out.mcap")), "--overwrite"]
+            first, second = (run_child([*run, "-q", "--mode", mode])[2] for _ in range(2))
+        rows.append((mode, f"{first:.1f}", f"{second:.1f}", f"{first - second:.1f}"))
+    print_table(("mode", "first run, s", "second run, s", "compiling, s"), rows)
+
+
 def main(arguments: Sequence[str] | None = None) -> int:
-    options = parser(__doc__, runs=8).parse_args(arguments)
+    words = parser(__doc__, runs=8)
+    words.add_argument("--log", type=Path, help="what a first run on this log costs")
+    options = words.parse_args(arguments)
+    if options.log is not None:
+        costs(options.log)
+        return 0
     wrong = 0
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)

@@ -71,6 +71,8 @@ class SideChannelCache:
             self._empty()
             return
         columns = {name: np.concatenate(self._columns.pop(name)) for name in _COLUMNS}
+        if np.array_equal(columns["publish_time"], columns["log_time"]):
+            columns["publish_time"] = columns["log_time"]
         buffer = np.frombuffer(self._payload or bytes(1), np.uint8)
         # as the readers give it, so that compiled loops need no second version
         buffer.flags.writeable = False
