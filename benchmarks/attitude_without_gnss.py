@@ -25,6 +25,7 @@ from sinstool.core.earth import earth_rate_n
 from sinstool.core.rotation import (
     conjugate,
     from_euler,
+    log,
     multiply,
     rotate,
     tilt_and_heading,
@@ -67,6 +68,7 @@ SENSORS = {
 REST_S = 5.0  # at the beginning, that gives tilt and bias
 GRAVITY_SHOWN_S = 1.0  # where there is none
 LARGEST_SCATTER = 0.3  # m/s^2
+LARGEST_TURN = 1e-5  # rad, by the truth: what sways, as a buoy does, does not show its bias
 
 
 @dataclass(frozen=True)
@@ -121,8 +123,11 @@ class Begin:
 def begin(flight: Trajectory, gyro: FloatArray, accel: FloatArray) -> Begin:
     """Tilt and bias of the first seconds where they are at rest, else a rough tilt."""
     still = round(REST_S / float(np.mean(flight.imu.interval)))
-    rested = bool(np.all(accel[:still].std(axis=0) < LARGEST_SCATTER)) and not np.any(
-        np.abs(flight.velocity_n[:still]) > 0.5
+    turned = multiply(flight.imu.q_nb[:still], conjugate(flight.imu.q_nb[0]))
+    rested = bool(
+        np.all(accel[:still].std(axis=0) < LARGEST_SCATTER)
+        and np.all(np.abs(flight.velocity_n[:still]) < 0.5)
+        and np.all(np.linalg.norm(log(turned), axis=1) < LARGEST_TURN)
     )
     count = still if rested else round(GRAVITY_SHOWN_S / float(np.mean(flight.imu.interval)))
     x, y, z = -accel[:count].mean(axis=0)

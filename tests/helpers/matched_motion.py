@@ -68,7 +68,7 @@ def drawn(motion, sensors, seconds, seed, *, turning=0.3, rate_hz=50, rests=()):
     q_first = exp(tilt)
     q = turned(q_first, rate, dt)
     # the motion, epoch by epoch, with the acceleration of each held through it
-    v = np.sqrt(motion.velocity_variance) * random.standard_normal(3)
+    v = np.sqrt(motion.first_velocity_variance) * random.standard_normal(3)
     p = np.sqrt(motion.position_variance) * random.standard_normal(3)
     acceleration = np.empty((count, 3))
     velocity, position = np.empty((count + 1, 3)), np.empty((count + 1, 3))

@@ -33,6 +33,8 @@ MOVING, QUIET, STEADY, AT_REST = range(4)
 # Three samples on end at the largest rate of an axis are a gyro at its stop.
 STOP_RUN = 3
 STOP_SHARE = 0.997
+# A turn as long and as fast as this (s, rad/s) looks like a gyro's bias, unless a rest shows that.
+TURN_S, TURN_RATE = 30.0, 0.01
 
 
 @dataclass(frozen=True)
@@ -331,3 +333,24 @@ def mean_force(epochs: Epochs, seconds: float) -> FloatArray:
     rows = epochs.values[inside]
     time = rows[:, DURATION].sum()
     return rows[:, DV : DV + 3].sum(axis=0) / time if time > 0.0 else np.zeros(3)
+
+
+def steady_turning(epochs: Epochs) -> float:
+    """Share of a log's time that is spent in turns of `TURN_S` and more.
+
+    A turn is steady where the rate's mean over so long is `TURN_RATE` off the median of such means,
+    which is that of straight travel and of the bias.
+
+    Returns
+    -------
+    float
+        0 to 1.
+    """
+    wide = round(TURN_S / EPOCH_S)
+    rate = epochs.values[~epochs.gap, GYRO : GYRO + 3]
+    if len(rate) < wide:
+        return 0.0
+    sums = np.cumsum(np.vstack([np.zeros(3), rate]), axis=0)
+    means = (sums[wide:] - sums[:-wide]) / wide
+    turning = np.linalg.norm(means - np.median(means, axis=0), axis=1) > TURN_RATE
+    return float(np.count_nonzero(np.convolve(turning, np.ones(wide)) > 0.5) / len(rate))

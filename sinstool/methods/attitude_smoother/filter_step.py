@@ -16,6 +16,7 @@ from sinstool.methods.attitude_smoother.epochs import (
     JB,
     MOVING,
     OWN_RATE,
+    QUIET,
     REST,
     SATURATED,
     STEADY,
@@ -59,6 +60,11 @@ DENIED = 5.0**2
 # Taking travel for rest spoils all tilts before and after, the reverse hardly any. So a velocity
 # (three axes together) refutes a rest at a lower limit.
 TRAVELS = 3.0**2
+# A steady acceleration looks like steady travel, if the tilt leaves room for it. So travel is
+# steady only while the tilt is known to this (as level specific force, m/s^2), and while the force
+# stays within a lower limit than that for a rest. Otherwise it only shows the bias.
+STEADY_TILT = 0.2
+ACCELERATES = 3.0**2
 # Drift time of the bias allowed where later passes check rests again, s.
 DRIFTED_S = 60.0
 # Sway lasts so many epochs in one direction, so its means are correlated.
@@ -96,13 +102,15 @@ def rest_kind(
     """Kind of an epoch that is marked as rest: MOVING, QUIET, STEADY or AT_REST.
 
     Steady turns and steady travel look like rest. They are recognised by innovations of rate and
-    level specific force, and by the velocity, under the filter's predicted bias, tilt and velocity.
+    level specific force, and by the velocity, under the filter's predicted bias, tilt and velocity;
+    braking, which looks like steady travel, by the specific force at a lower limit.
     The last rest ended `since` seconds ago, in which the bias may have drifted.
     """
     t = row[DURATION]
     level = par[REST_FORCE] ** 2 + row[SWAY_FORCE]
     steady = par[ZERO_RATE] ** 2 + (par[DRIFT] * since) ** 2
     speed = 0.0
+    most = STEADY
     force, rates = felt(x, row, DV, 0.5), _rate_at_rest(row, par, x)
     for i in range(3):
         rate = rates[i] - dx[XB + i]
@@ -111,11 +119,17 @@ def rest_kind(
         if i < 2:
             z = force[i] / t
             z += (-GRAVITY if i == 0 else GRAVITY) * dx[1 - i]
-            if z * z > DENIED * (GRAVITY**2 * p[1 - i, 1 - i] + level):
+            tilted = GRAVITY**2 * p[1 - i, 1 - i]
+            if z * z > DENIED * (tilted + level):
                 return MOVING
+            if tilted > STEADY_TILT**2 or z * z > ACCELERATES * (tilted + level):
+                most = QUIET
         v = x[V + i] + dx[XV + i]
         speed += v * v / (p[XV + i, XV + i] + REST_VELOCITY**2)
-    return min(int(row[REST]), STEADY if speed > TRAVELS else AT_REST)
+    kind = int(row[REST])
+    if kind == AT_REST and speed <= TRAVELS:
+        return AT_REST
+    return min(kind, most)
 
 
 @part()

@@ -13,6 +13,9 @@ MotionName = Literal["hand", "vehicle"]
 
 EPOCH_S = 0.2
 GRAVITY = 9.81  # m/s^2; the difference of local gravity from this is a state
+# Of a vehicle at the start of a log, at least, m/s, along each axis: it may be on a motorway or in
+# the air, and braking from there looks like a tilt. A rest at the start is more certain than this.
+FIRST_VELOCITY = 30.0
 
 
 @dataclass(frozen=True)
@@ -46,6 +49,12 @@ class MotionModel:
     def velocity_variance(self) -> float:
         """In the long run, m^2/s^2."""
         return self.density**2 / (2.0 * self.c1)
+
+    @property
+    def first_velocity_variance(self) -> float:
+        """At the start of a log, m^2/s^2."""
+        least = 0.0 if self.c0 else FIRST_VELOCITY**2
+        return max(self.velocity_variance, least)
 
     @property
     def position_variance(self) -> float:

@@ -47,6 +47,9 @@ LARGEST_BIAS = 0.2
 # Times the variance of gyro noise, or of the quietest rest. What sways more may be afloat, in the
 # air or on a smooth road: it does not accelerate, but it need not stand still.
 SWAYS = 3.0**2
+# All of a rest sways where most of it does: by a fifth more than its noise explains, by three sigma
+# of what noise does in so many epochs, and by more than the correlated noise of sensors, rad/s.
+SWAYS_SLIGHTLY, QUIET_RATE = 1.2, 2e-4
 # Shorter steady times are a lull of the motion, in which a slow acceleration may go on.
 LULL = 25  # epochs
 # A rest shorter than this share of the longest must have the same rate.
@@ -104,7 +107,8 @@ def confirmed(epochs: Epochs, sensors: SensorModel, tilt: float | None = None) -
     -------
     Epochs
         Refuted epochs, and those within two seconds of one, are moving. Epochs that sway by more
-        than noise are at most steady, and those of less than five seconds only quiet.
+        than noise are at most steady. They are only quiet where they last less than five seconds,
+        or where the tilt leaves room for a steady acceleration.
     """
     if not epochs.rest.any():
         return epochs
@@ -115,7 +119,13 @@ def confirmed(epochs: Epochs, sensors: SensorModel, tilt: float | None = None) -
     sensors = replace(sensors, zero_rate=np.sqrt(sensors.zero_rate**2 + usual))
     _drop_short_turns(rows, epochs, sensors)
     quiet = min(np.median(sway[begin:end]) for begin, end in _runs(epochs.rest))
-    sways = epochs.rest & (sway > SWAYS * np.minimum(rows[:, OWN_RATE], quiet))
+    own = rows[:, OWN_RATE]
+    sways = epochs.rest & (sway > SWAYS * np.minimum(own, quiet))
+    for begin, end in _runs(epochs.rest):
+        slightly = max(SWAYS_SLIGHTLY, 1.0 + 3.0 * np.sqrt(2.0 / (3.0 * (end - begin))))
+        noise = float(np.median(own[begin:end]))
+        usual = float(np.median(sway[begin:end]))
+        sways[begin:end] |= usual > max(slightly * noise, QUIET_RATE**2)
     rows[sways & (rows[:, REST] > MOVING), REST] = STEADY
     _drop_lulls(rows)
     kinds = np.zeros(len(epochs))

@@ -65,7 +65,7 @@ def first_state(
     variance = np.empty(n)
     variance[:2] = (tilt if tilt is not None and sure else TILT) ** 2
     variance[2] = HEADING**2
-    variance[3:6] = motion.velocity_variance
+    variance[3:6] = motion.first_velocity_variance
     variance[6:9] = sensors.bias**2
     variance[9] = sensors.gravity**2
     variance[10:] = motion.position_variance

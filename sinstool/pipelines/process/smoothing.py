@@ -17,8 +17,18 @@ from sinstool.core.threads import executor
 from sinstool.core.timeline import SECOND
 from sinstool.core.units import DEGREE
 from sinstool.methods.alignment.initial import Alignment
-from sinstool.methods.attitude_smoother.epochs import SATURATED, Epochs, EpochStage
-from sinstool.methods.attitude_smoother.model import GRAVITY, SensorModel, sensor_model
+from sinstool.methods.attitude_smoother.epochs import (
+    SATURATED,
+    Epochs,
+    EpochStage,
+    steady_turning,
+)
+from sinstool.methods.attitude_smoother.model import (
+    GRAVITY,
+    LARGE_BIAS,
+    SensorModel,
+    sensor_model,
+)
 from sinstool.methods.attitude_smoother.motion import Motion, find_motion
 from sinstool.methods.attitude_smoother.rest import confirmed, with_rest
 from sinstool.methods.attitude_smoother.smoother import Correction, smooth
@@ -43,6 +53,8 @@ LONG_REST_S = 5.0
 # What is said of an attitude: tilt less certain than this, rad; shares of the time at the stops.
 UNCERTAIN_TILT = 2.0 * DEGREE
 STOPPED_SHARE, LOST_SHARE = 0.002, 0.03
+# Share of the time in steady turns that is more than a bend or two.
+LONG_TURNS = 0.1
 # Diagnostics are written for each so many epochs.
 DIAGNOSED = 5
 DIAGNOSTICS = (
@@ -159,6 +171,7 @@ class Smoothing:
             self.north_referenced = self._magnetic.north_referenced
         self._correction = correction
         self._conclude(epochs, motion, correction)
+        self._turning = steady_turning(epochs) if sensors.bias > LARGE_BIAS else 0.0
         self._unwritten.append(self._diagnostics(epochs, correction))
 
     def solutions(self, blocks: Iterable[Imu]) -> Iterator[Solution]:
@@ -249,6 +262,15 @@ class Smoothing:
                 f" drifted by {drift}",
                 answer="record some seconds at rest, or give --gyro-bias X,Y,Z",
                 numbers={"heading_sigma_deg": s.heading_sigma_end_deg},
+            )
+        if not self._rested and s.motion == "vehicle" and self._turning > LONG_TURNS:
+            yield Finding(
+                "long-turns",
+                f"{100.0 * self._turning:.2g} % of the log are turns of half a minute and more, and"
+                " no rest shows the gyro bias: such a turn looks like a bias, so roll and pitch may"
+                " be off by several of their sigmas",
+                answer="record some seconds at rest, or give --gyro-bias X,Y,Z",
+                numbers={"share": self._turning},
             )
         share = s.gyro_at_stop_s / max(self._moved, 1e-9)
         if share > STOPPED_SHARE:

@@ -5,7 +5,16 @@ import pytest
 
 from sinstool.core.rotation import skew, to_dcm
 from sinstool.methods.attitude_smoother import filter_step
-from sinstool.methods.attitude_smoother.epochs import DURATION, JB, WIDTH
+from sinstool.methods.attitude_smoother.epochs import (
+    AT_REST,
+    DURATION,
+    JB,
+    MOVING,
+    QUIET,
+    REST,
+    STEADY,
+    WIDTH,
+)
 from sinstool.methods.attitude_smoother.model import GRAVITY
 from sinstool.methods.attitude_smoother.state import ERRORS, STATE, B, G, P, V, inject, less
 
@@ -112,3 +121,32 @@ def test_a_gap_leaves_attitude_and_biases_and_nothing_of_the_motion(n):
     np.testing.assert_array_equal(after, expected)
     np.testing.assert_array_equal(f, np.diag(same))
     np.testing.assert_allclose(q, np.diag(noise), rtol=1e-12)
+
+
+@pytest.mark.parametrize(
+    "marked, tilt_sigma, pulled, kind",
+    [
+        (STEADY, 0.002, 0.0, STEADY),
+        # braking, at a time when the tilt would show it
+        (STEADY, 0.002, 0.12, QUIET),
+        (STEADY, 0.002, 0.4, MOVING),
+        # ... and when it might be a tilt
+        (STEADY, 0.03, 0.0, QUIET),
+        # A rest is more likely than an acceleration that looks like one.
+        (AT_REST, 0.002, 0.12, AT_REST),
+        (AT_REST, 0.03, 0.0, AT_REST),
+        (AT_REST, 0.002, 0.4, MOVING),
+    ],
+)
+def test_travel_is_steady_only_where_the_tilt_leaves_no_room_for_an_acceleration(
+    marked, tilt_sigma, pulled, kind
+):
+    n = 10
+    x, p = np.zeros(STATE), np.zeros((n, n))
+    x[:9] = np.eye(3).ravel()
+    p[0, 0] = p[1, 1] = tilt_sigma**2
+    par = np.zeros(filter_step.PARAMETERS)
+    par[filter_step.REST_FORCE], par[filter_step.ZERO_RATE] = 0.025, 1e-3
+    row = an_epoch(DV=(pulled * T, 0.0, -GRAVITY * T))
+    row[JB : JB + 9], row[REST] = 0.0, marked
+    assert filter_step.rest_kind(row, par, x, p, np.zeros(n), 0.0) == kind

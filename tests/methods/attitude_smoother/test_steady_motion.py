@@ -208,3 +208,33 @@ def test_in_doubt_a_gentle_ride_is_a_vehicles():
         over_sigma[model.name] = np.sqrt(np.mean(tilt**2 / variance))
     assert over_sigma["vehicle"] < 1.4
     assert over_sigma["vehicle"] < 0.5 * over_sigma["hand"]
+
+
+@pytest.mark.parametrize("swaying", [False, True])
+def test_a_sway_within_the_noise_shows_over_a_minute(swaying):
+    # a calm ship rolls by less than the noise of a MEMS gyro: no two seconds of it show it
+    sensors = sensor_model("mems", walk_at_rest=None, bias_known=True, earth_removed=True)
+    n, random = round(60.0 / DT), np.random.default_rng(11)
+    noise = sensors.angle_random_walk / np.sqrt(DT)
+    swell = np.sin(2.0 * np.pi / 3.0 * DT * np.arange(n))[:, None] * [1.0, 0.7, 0.7]
+    rate = 1.2 * sensors.angle_random_walk / np.sqrt(0.2) * swell if swaying else np.zeros((n, 3))
+    gyro = rate + noise * random.standard_normal((n, 3))
+    force = [0.0, 0.0, -GRAVITY] + 1e-3 * random.standard_normal((n, 3))
+    level = np.array([1.0, 0.0, 0.0, 0.0])
+    epochs = with_rest(epochs_of(solution_of(DT, turned(level, gyro, DT), gyro, force)))
+    believed = confirmed(epochs, sensors)
+    assert np.mean(epochs.rest) > 0.95
+    assert believed.at_rest.mean() == (pytest.approx(1.0, abs=0.05) if not swaying else 0.0)
+
+
+def test_braking_at_the_start_is_no_tilt():
+    # From 45 m/s to a standstill soon, in ten minutes: only the first velocity shows that the mean
+    # acceleration is no tilt. (As uncertain as later ones, 16 m/s, it leaves 0.25 deg.)
+    sensors = sensor_model("tactical", walk_at_rest=None, bias_known=True, earth_removed=True)
+    solution, q_true = ride([(10, 0, 0), (30, -1.5, 0), (560, 0, 0)], sensors, 8)
+    after = smooth(epochs_of(solution), VEHICLE, sensors).apply(solution)
+    tilt, _ = tilt_error(q_true, after.q_nb)
+    level = after.covariance_attitude_n[:, :2, :2]
+    squares = np.einsum("ni,nij,nj->n", tilt, np.linalg.inv(level), tilt) / 2.0
+    assert np.degrees(np.abs(tilt)).max() < 0.15
+    assert squares.mean() < 1.5

@@ -231,3 +231,22 @@ def test_a_recorded_hand(tmp_path, trial):
 
     errors = process_one(log, tmp_path / "out.mcap", None, config, None).truth
     assert errors.vertical_deg.inclination_rms < 1.0
+
+
+@pytest.mark.parametrize("turning_s, named", [(60.0, True), (5.0, False)])
+def test_long_turns_without_a_rest_are_named(tmp_path, turning_s, named):
+    # an aircraft at 60 m/s that circles with 14 deg of bank, left and right, and never rests
+    random, count = np.random.default_rng(3), round(150.0 * RATE)
+    t = np.arange(count) / RATE
+    turn = 0.04 * np.sign(np.sin(np.pi * t / turning_s))
+    bank = np.arctan(60.0 * turn / G)
+    half = np.stack([np.zeros(count), -np.sin(bank), np.cos(bank)], axis=1)
+    gyro = turn[:, None] * half + BIAS + 2e-3 * random.standard_normal((count, 3))
+    gyro[:, 0] += np.gradient(bank, t)
+    level = np.array([0.0, 0.0, G]) / np.cos(bank)[:, None]
+    accel = level + 1.0 * random.standard_normal((count, 3))
+    path = imu_log(tmp_path / "in.mcap", even_times(count, RATE), gyro, accel)
+    summary = run(path, tmp_path / "out.mcap", navigation={"motion": "vehicle"})
+    kinds = [one["kind"] for one in summary["findings"]]
+    assert "no-rest" in kinds
+    assert ("long-turns" in kinds) == named
