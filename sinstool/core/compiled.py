@@ -27,6 +27,7 @@ from numba.core.runtime import rtsys
 
 from sinstool.core import compiling
 from sinstool.core.compiled_files import CompiledFiles
+from sinstool.core.compiled_sources import stamp
 from sinstool.core.errors import UncachedWarning
 
 __all__ = ["njit", "set_up_cache"]
@@ -47,7 +48,7 @@ def set_up_cache() -> None:
         if not isinstance(self._cache_file, CompiledFiles):
             impl = self._impl
             self._cache_file = CompiledFiles(
-                self._cache_path, impl.filename_base, impl.locator.get_source_stamp()
+                self._cache_path, impl.filename_base, stamp(self._py_func)
             )
 
     def load_overload(self: Any, signature: Any, target: Any) -> Any:
