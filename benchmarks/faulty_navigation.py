@@ -19,7 +19,7 @@ from __future__ import annotations
 
 import tempfile
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
@@ -56,10 +56,12 @@ class Fault:
         Makes the faulty record from the sound one and a seed.
     length : float or None
         s; None: it lasts.
-    options : list of str
+    options : tuple of str
         That are wrong.
     late : float
         Seconds by which fixes are older than their stamps.
+    lever : ndarray, shape (3,)
+        The antenna's place as the optimal filter gets it, m, FRD.
     """
 
     name: str
@@ -127,14 +129,8 @@ def row(fault: Fault, grade: str, args, folder: Path) -> list[str]:  # type: ign
     marks, ratios = [], []
     for seed in range(args.seed, args.seed + args.draws):
         truth = drive(seed, duration)
-        sound = record(truth, GRADES[grade], seed, lever=fault.lever)
-        if fault.options and fault.lever is not LEVER:
-            # The antenna is where it is: only the optimal filter's record has the wrong place
-            faulty = record(truth, GRADES[grade], seed)
-        else:
-            faulty = fault.spoil(record(truth, GRADES[grade], seed, latency=fault.late), seed)
-        yardstick = faulty if fault.lever is not LEVER else sound
-        yardstick = Record(**{**vars(yardstick), "lever": fault.lever})
+        faulty = fault.spoil(record(truth, GRADES[grade], seed, latency=fault.late), seed)
+        yardstick = replace(record(truth, GRADES[grade], seed), lever=fault.lever)
         best.add(next(iter(optimal(yardstick, grade, seed))), begin)
         log = write(folder / f"{seed}.mcap", faulty)
         for scores, more in ((ours, []), (smoothed, ["--smooth"])):

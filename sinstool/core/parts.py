@@ -24,7 +24,7 @@ from types import BuiltinFunctionType
 from typing import Any, TypeVar, cast
 
 from numba import njit, version_info
-from numba.core import base, codegen, compiler, config, cpu, errors, registry, types, typing
+from numba.core import base, codegen, config, cpu, errors, registry, types, typing
 
 from sinstool.core.compiled import set_up_cache
 
@@ -150,11 +150,9 @@ class _Plain:
 
 @cache
 def _compiler() -> Any:
-    """The compiler of kernels, or numba's where another numba lacks what it is made of."""
-    try:
-        from sinstool.core.kernel_compiler import KernelCompiler
-    except ImportError:
-        return compiler.Compiler
+    """The compiler of kernels; another numba may lack what it is made of, and never gets here."""
+    from sinstool.core.kernel_compiler import KernelCompiler
+
     return KernelCompiler
 
 
@@ -165,20 +163,7 @@ def _supported() -> bool:
     Not of its public interface: any other version than those of `INSIDES` does without, and
     compiles for longer.
     """
-    if version_info.short not in INSIDES:
-        return False
-    needed = (
-        (_Library, ("add_linking_library", "_get_module_for_linking", "_optimize_functions")),
-        (codegen.CPUCodegen, ("_pass_builder",)),
-        (base, ("_has_loc",)),
-        (typing.Context, ("resolve_value_type",)),
-        (cpu.CPUContext, ("get_executable",)),
-        (registry.CPUDispatcher, ("compile", "add_overload", "_compile_for_args")),
-        (types.BaseFunction, ("get_call_type",)),
-        (errors, ("_termcolor_inst",)),
-    )
-    complete = all(hasattr(owner, name) for owner, names in needed for name in names)
-    if getattr(config, "DISABLE_JIT", False) or not complete:
+    if version_info.short not in INSIDES or getattr(config, "DISABLE_JIT", False):
         return False
     theirs_type = types.BaseFunction.get_call_type
     theirs_get = cpu.CPUContext.get_executable
