@@ -62,6 +62,9 @@ class SensorGrade:
         the whole bias wander.
     gyro_instability, accel_instability : float
         The part of a bias that wanders, rad/s and m/s^2; 0: a bias stays.
+    scale_wander : float
+        The share of the scale factors, as a fraction of their sigma, that wanders as biases do:
+        temperature moves both.
     gyro_misalignment, accel_misalignment : float
         Each of the six angles between the axes, rad. A filter has no states for them: attitude
         gets less certain with each angle turned, by that of the gyros in a turn by a right angle.
@@ -82,6 +85,7 @@ class SensorGrade:
     bias_time_s: float = 100.0
     gyro_instability: float = 0.0
     accel_instability: float = 0.0
+    scale_wander: float = 0.0
     gyro_misalignment: float = 0.0
     accel_misalignment: float = 0.0
 
@@ -127,6 +131,7 @@ _ASSUMED: dict[str, tuple[float, tuple[float, ...]]] = {
     "accel_bias": (units.MILLI_G, (10.0, 2.0, 1.0, 0.05)),
     "gyro_instability": (units.DEGREE_PER_HOUR, (100.0, 15.0, 0.3, 0.002)),
     "accel_instability": (units.MILLI_G, (1.0, 0.2, 0.05, 0.005)),
+    "scale_wander": (1.0, (0.1, 0.1, 0.05, 0.1)),
     "bias_time_s": (1.0, (100.0, 2000.0, 300.0, 1000.0)),
     "accel_scale": (1.0, (3e-3, 1e-3, 3e-4, 2e-4)),
     "gyro_scale": (1.0, (5e-3, 1e-3, 3e-4, 2e-4)),

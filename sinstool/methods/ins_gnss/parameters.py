@@ -73,13 +73,11 @@ def noise_densities(kind: states.FilterKind, start: Start, settings: Settings) -
     q[states.BARO] = 2.0 * settings.baro.decay * settings.baro.sigma**2
     q[states.GYRO_BIAS : states.GYRO_BIAS + 3] = 2.0 * imu.gyro_instability**2 / imu.bias_time_s
     q[states.ACCEL_BIAS : states.ACCEL_BIAS + 3] = 2.0 * imu.accel_instability**2 / imu.bias_time_s
-    # Scale factors wander as the accelerometers' biases do: the temperature moves both
-    share = min(1.0, imu.accel_instability / imu.accel_bias) if imu.accel_bias > 0.0 else 0.0
     for block, scale in (
         (states.ACCEL_SCALE, imu.accel_scale),
         (states.GYRO_SCALE, imu.gyro_scale),
     ):
-        q[block : block + 3] = 2.0 * (share * scale) ** 2 / imu.bias_time_s
+        q[block : block + 3] = 2.0 * (imu.scale_wander * scale) ** 2 / imu.bias_time_s
     q[states.GNSS_POSITION : states.GNSS_POSITION + 3] = (
         2.0 * np.square(gnss.position_markov) / gnss.position_time
     )

@@ -205,6 +205,7 @@ def imu_noise(config: ProcessConfig, grade: Grade) -> SensorGrade:
         changes["bias_time_s"] = options.bias_time
         changes["gyro_instability"] = changes.get("gyro_bias", noise.gyro_bias)
         changes["accel_instability"] = changes.get("accel_bias", noise.accel_bias)
+        changes["scale_wander"] = 1.0
     return replace(noise, **changes)
 
 

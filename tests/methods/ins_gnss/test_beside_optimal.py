@@ -46,6 +46,7 @@ def same_noise(errors):
         bias_time_s=errors.time,
         gyro_instability=errors.gyro_bias,
         accel_instability=errors.accel_bias,
+        scale_wander=1.0,
     )
     gnss = GnssModel(position_white=(0.0497,) * 3, position_markov=(0.005,) * 3)
     return Settings("markov-27", imu, gnss, control=DivergenceControl(virtual_noise=False))

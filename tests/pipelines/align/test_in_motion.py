@@ -77,6 +77,7 @@ def test_a_bias_time_lets_all_of_a_bias_wander():
     assert slow.bias_time_s == 3600.0
     assert slow.gyro_instability == slow.gyro_bias == grade.gyro_bias
     assert slow.accel_instability == slow.accel_bias == grade.accel_bias
+    assert slow.scale_wander == 1.0 > grade.scale_wander
     both = noise(bias_time=3600.0, sigma_bg=25.0, sigma_ba=2e-3)
     assert both.gyro_instability == both.gyro_bias == pytest.approx(25.0 * DEGREE / HOUR)
     assert both.accel_instability == both.accel_bias == 2e-3

@@ -2,8 +2,9 @@
 
 From one fix to the next even a poor Imu errs by less than the fixes do. Within the first seconds
 without fixes mostly the accelerometers' noise shows, later that of the gyros, which tilts the
-navigation: errors at several ages tell the two apart. Both are sought by the likelihood of these
-errors (Schweppe 1965), each error by itself, as those of a window belong together.
+navigation: errors at several ages tell the two apart. Scale factors of accelerometers that wander
+show in the vertical, where gravity always acts. All are sought by the likelihood of these errors
+(Schweppe 1965), each error by itself, as those of a window belong together.
 
 References
 ----------
@@ -34,6 +35,7 @@ from sinstool.methods.ins_gnss.results import GnssDiagnostics
 from sinstool.methods.ins_gnss.settings import Settings
 from sinstool.methods.strapdown.velocity import Increments
 from sinstool.pipelines.process.ins_gnss.filter_start import FilterStart
+from sinstool.survey.grade import random_walks
 from sinstool.survey.increments import SegmentIncrements
 from sinstool.survey.source import Source
 
@@ -54,22 +56,32 @@ CHANCE = 0.01
 MEDIAN_OF_MEAN = float(np.log(2.0))
 # Prior of a factor: standard deviation of its logarithm; the mean of its square is 1.
 PRIOR_SIGMA = 1.0
-# Factors nearer to 1 than this are none; those that are tried, as powers of 2.
+# Factors nearer to 1 than this are none; those that are tried, of gyros, accelerometers and scale
+# factors, as powers of 2.
 LEAST_CHANGE = 1.3
-LEAST_POWER, MOST_POWER = -4, 3
+LEAST_POWERS, MOST_POWERS = np.full(3, -4), np.full(3, 3)
 
 
 @dataclass(frozen=True)
 class NoiseFactors:
-    """By how much gyros and accelerometers are noisier than a grade has them."""
+    """By how much gyros and accelerometers are noisier than a grade has them.
+
+    Attributes
+    ----------
+    gyro, accel : float
+        Of white noise and of what of the biases wanders.
+    scale : float
+        Of what of the scale factors wanders.
+    """
 
     gyro: float
     accel: float
+    scale: float = 1.0
 
     @property
     def ordinary(self) -> bool:
-        """Whether both factors are 1."""
-        return self.gyro == 1.0 and self.accel == 1.0
+        """Whether all factors are 1."""
+        return self.gyro == self.accel == self.scale == 1.0
 
     def of(self, settings: Settings, virtual_noise: bool) -> Settings:
         """Settings with the noise that is meant.
@@ -86,14 +98,17 @@ class NoiseFactors:
             gyro_instability=self.gyro * imu.gyro_instability,
             velocity_random_walk=self.accel * imu.velocity_random_walk,
             accel_instability=self.accel * imu.accel_instability,
+            scale_wander=min(1.0, self.scale * imu.scale_wander),
         )
         virtual = replace(control, virtual_noise=control.virtual_noise and virtual_noise)
         return replace(settings, imu=noisier, control=virtual)
 
     def __str__(self) -> str:
         if self.gyro == self.accel:
-            return f"{self.gyro:.2g} times"
-        return f"gyros {self.gyro:.2g}, accelerometers {self.accel:.2g} times"
+            noise = f"{self.gyro:.2g} times"
+        else:
+            noise = f"gyros {self.gyro:.2g}, accelerometers {self.accel:.2g} times"
+        return noise if self.scale == 1.0 else f"scale factors {self.scale:.2g}, {noise}"
 
 
 @dataclass(frozen=True)
@@ -132,11 +147,24 @@ class _Windows:
         return float(np.sqrt(0.5 * mean)) if mean > chance else 1.0
 
     @property
+    def looks(self) -> float:
+        """The number of looks of a window, less as far as their squares belong together.
+
+        This makes up for treating them as independent: the variance of a mean of squares that are
+        correlated is that of so many (Varin 2011, section 2.3).
+        """
+        square = np.minimum((self.error / self.sigma)[self.moved] ** 2, MOST_SQUARE)
+        columns = np.nan_to_num(square).transpose(0, 2, 1).reshape(-1, len(LOOKS))
+        with np.errstate(divide="ignore", invalid="ignore"):
+            together = np.nan_to_num(np.corrcoef(columns.T), nan=1.0)
+        return float(np.clip(len(LOOKS) ** 2 / together.sum(), 1.0, len(LOOKS)))
+
+    @property
     def cost(self) -> float:
-        """-2 log likelihood of the windows in motion, the looks of each counted as one."""
+        """-2 log likelihood of the windows in motion, each look counted as one."""
         error, sigma = self.error[self.moved], self.sigma[self.moved]
         square = np.minimum((error / sigma) ** 2, MOST_SQUARE)
-        return float(np.nansum(square + 2.0 * np.log(sigma))) / len(LOOKS)
+        return float(np.nansum(square + 2.0 * np.log(sigma)))
 
 
 class Drift:
@@ -154,6 +182,7 @@ class Drift:
         self._start = start
         self._estimated = config.filter.virtual_noise == "auto"
         self._measured = config.navigation.imu_noise is not None
+        self._least = _of_rest(source, start.settings)
         self._increments: list[Increments] = []
         last_ns = start.time_ns
         steps = SegmentIncrements(source, config, algorithm)
@@ -178,27 +207,31 @@ class Drift:
 
         Where one is noisier than its grade the model is in doubt, and the other is not taken for
         better than its own; nor is any by a log in which the vehicle hardly moves, or whose noise
-        was measured.
+        was measured. None is taken for better than it is at rest.
         """
         windows = self._as_graded
         if windows is None or windows.restarts or windows.moved.sum() < LEAST_WINDOWS:
             return NoiseFactors(self.ratio, self.ratio)
-        gyro, accel = _likeliest(self._cost)
-        if max(gyro, accel) > 1.0 or self._measured:
+        gyro, accel, scale = _likeliest(self._cost)
+        gyro, accel = np.maximum((gyro, accel), self._least).tolist()
+        scale = scale if scale > LEAST_CHANGE else 1.0
+        if max(gyro, accel) > LEAST_CHANGE or self._measured:
             gyro, accel = max(gyro, 1.0), max(accel, 1.0)
         if max(gyro, accel, 1.0 / gyro, 1.0 / accel) < LEAST_CHANGE:
-            return NoiseFactors(1.0, 1.0)
-        return NoiseFactors(gyro, accel)
+            gyro = accel = 1.0
+        return NoiseFactors(gyro, accel, scale)
 
     def used(self, factors: NoiseFactors) -> Settings:
         """The settings with such noise, and without a fictitious one that has been measured."""
         better = self._estimated and max(factors.gyro, factors.accel) < 1.0
         return factors.of(self._start.settings, not better)
 
-    def _cost(self, gyro: float, accel: float) -> float:
-        factors = NoiseFactors(gyro, accel)
+    def _cost(self, gyro: float, accel: float, scale: float) -> float:
+        factors = NoiseFactors(gyro, accel, scale)
         windows = self._windows(factors.of(self._start.settings, not self._estimated))
-        return np.inf if windows is None else windows.cost
+        if windows is None or self._as_graded is None:
+            return np.inf
+        return windows.cost * self._as_graded.looks / len(LOOKS)
 
     def _windows(self, settings: Settings) -> _Windows | None:
         """Both runs, by turns with fixes and without and the other way round."""
@@ -255,6 +288,15 @@ class Drift:
         return np.asarray(np.hypot(north, east) > LEAST_WAY + LEAST_WAY_SIGMAS * sigma)
 
 
+def _of_rest(source: Source, settings: Settings) -> np.ndarray:
+    """Noise of gyros and accelerometers at rest over that of the settings, at most 1."""
+    walks = random_walks(source)
+    imu = settings.imu
+    if walks is None or not imu.angle_random_walk or not imu.velocity_random_walk:
+        return np.zeros(2)
+    return np.minimum(np.divide(walks, (imu.angle_random_walk, imu.velocity_random_walk)), 1.0)
+
+
 def _spans(mask: BoolArray) -> tuple[np.ndarray, np.ndarray]:
     """First and last of each run of marked rows that ends."""
     edge = np.diff(mask.astype(np.int8), prepend=0)
@@ -262,46 +304,43 @@ def _spans(mask: BoolArray) -> tuple[np.ndarray, np.ndarray]:
     return begin[: len(end)], end
 
 
-def _likeliest(cost: Callable[[float, float], float]) -> tuple[float, float]:
-    """Root mean squares of both factors under the posterior of a cost and the prior."""
-    costs: dict[tuple[int, int], float] = {}
+def _likeliest(cost: Callable[[float, float, float], float]) -> tuple[float, float, float]:
+    """Root mean squares of the factors under the posterior of a cost and the prior."""
+    costs: dict[tuple[int, ...], float] = {}
 
-    def total(gyro: int, accel: int) -> float:
-        at = gyro, accel
+    def total(powers: np.ndarray) -> float:
+        at = tuple(powers.tolist())
         if at not in costs:
-            logs = np.log(2.0) * np.array(at)
-            prior = np.sum(((logs + PRIOR_SIGMA**2) / PRIOR_SIGMA) ** 2)
-            costs[at] = cost(2.0**gyro, 2.0**accel) + float(prior)
+            prior = np.sum(((np.log(2.0) * powers + PRIOR_SIGMA**2) / PRIOR_SIGMA) ** 2)
+            costs[at] = cost(*(2.0**powers).tolist()) + float(prior)
         return costs[at]
 
-    best = (0, 0)
+    axes = np.eye(len(LEAST_POWERS), dtype=int)
+    best = np.zeros(len(axes), int)
     for step in (2, 1):
         while True:
             near = [best]
-            for k in (0, 1):
-                for way in (step, -step):
-                    beside = list(best)
-                    beside[k] = min(max(best[k] + way, LEAST_POWER), MOST_POWER)
-                    near.append((beside[0], beside[1]))
-            lowest = min(near, key=lambda at: total(*at))
-            if lowest == best:
+            for way in (step * axes, -step * axes):
+                near.extend(np.clip(best + way, LEAST_POWERS, MOST_POWERS))
+            lowest = min(near, key=total)
+            if (lowest == best).all():
                 break
             best = lowest
     # A paraboloid through the points about the best, as good as any between them
-    middle = np.clip(best, LEAST_POWER + 1, MOST_POWER - 1)
-
-    def at(*offset: int) -> float:
-        return total(int(middle[0]) + offset[0], int(middle[1]) + offset[1])
-
-    step_cost = np.array([[at(1, 0), at(-1, 0)], [at(0, 1), at(0, -1)]])
-    slope = 0.5 * (step_cost[:, 0] - step_cost[:, 1])
-    bend = np.diag(step_cost.sum(axis=1) - 2.0 * at(0, 0))
-    bend[0, 1] = bend[1, 0] = 0.25 * (at(1, 1) - at(1, -1) - at(-1, 1) + at(-1, -1))
+    middle = np.clip(best, LEAST_POWERS + 1, MOST_POWERS - 1)
+    ahead, behind = ([total(middle + sign * axis) for axis in axes] for sign in (1, -1))
+    slope = 0.5 * np.subtract(ahead, behind)
+    bend = np.diag(np.add(ahead, behind) - 2.0 * total(middle))
+    for i, j in zip(*np.triu_indices(len(axes), 1), strict=True):
+        both = total(middle + axes[i] + axes[j]) + total(middle - axes[i] - axes[j])
+        apart = total(middle + axes[i] - axes[j]) + total(middle - axes[i] + axes[j])
+        bend[i, j] = bend[j, i] = 0.25 * (both - apart)
     if np.linalg.eigvalsh(bend)[0] <= 0.0:
-        return 2.0 ** best[0], 2.0 ** best[1]
-    inverse = np.linalg.inv(bend)
-    powers = middle + np.clip(-inverse @ slope, -1.0, 1.0)
-    # The root of the mean of a square whose logarithm is that uncertain
-    powers = powers + 2.0 * np.log(2.0) * np.diag(inverse)
-    gyro, accel = 2.0 ** np.clip(powers, LEAST_POWER, MOST_POWER)
-    return float(gyro), float(accel)
+        powers = best.astype(float)
+    else:
+        inverse = np.linalg.inv(bend)
+        powers = middle + np.clip(-inverse @ slope, -1.0, 1.0)
+        # The root of the mean of a square whose logarithm is that uncertain
+        powers = powers + 2.0 * np.log(2.0) * np.diag(inverse)
+    gyro, accel, scale = 2.0 ** np.clip(powers, LEAST_POWERS, MOST_POWERS)
+    return float(gyro), float(accel), float(scale)

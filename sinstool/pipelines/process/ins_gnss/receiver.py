@@ -19,7 +19,7 @@ USUAL_VELOCITY = (0.11, 0.11, 0.17)
 # Fixes no noisier than so many times what the receiver says have good stamps too.
 AS_CLAIMED = 1.3
 # Of the whole, at least so much lasts: no log is long enough to show that nothing does.
-LEAST_SLOW = 0.2
+LEAST_SLOW = 0.1
 # A receiver that claims less than this speaks of its own resolution.
 LEAST_POSITION, LEAST_VELOCITY = 0.005, 0.005
 # Stamps of receiver and Imu are no better than this, s: what a vehicle moves meanwhile is white
