@@ -142,6 +142,7 @@ def same_noise(errors: SensorErrors, grade: str) -> list[str]:
         "--sigma-sf": errors.accel_scale,
         "--bias-time": errors.time,
         "--gnss-latency": 0,
+        "--gnss-lasting": 0,
     }
     return [str(word) for pair in values.items() for word in pair]
 

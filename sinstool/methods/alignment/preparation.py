@@ -154,7 +154,10 @@ def prepare_fixes(
     gnss = gnss.rows(good)
     rough = rough_fixes(gnss.time_ns, np.asarray(gnss.sigma_v))
     if rough.any() and settings.vectors != "pos":
-        warnings.append(f"{int(rough.sum())} fixes much noisier than their neighbours not used")
+        warnings.append(
+            f"{int(rough.sum())} fixes whose velocities are much less certain than those of their"
+            " neighbours not used"
+        )
         gnss = gnss.rows(~rough)
     if settings.vectors == "pos":
         return gnss, settings, warnings

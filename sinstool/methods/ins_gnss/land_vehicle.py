@@ -159,7 +159,7 @@ def _rest(m: Memory, model: Model, weight: float) -> None:
 @part()
 def _roll(m: Memory, model: Model, weight: float, speed: float) -> None:
     """Constraint of an axle that moves neither sideways nor up, with the speed by its wheels."""
-    rows, pull = rolling_rows(m, model, speed)
+    rows, pull, nods = rolling_rows(m, model, speed)
     if rows == 0:
         return
     for k in range(rows):
@@ -168,7 +168,8 @@ def _roll(m: Memory, model: Model, weight: float, speed: float) -> None:
                 m.nu[k] -= m.h[k, j] * m.x[j]
     slip = PULL_SLIP * speed if rows == 3 and abs(pull) > PULLS else 0.0
     m.r[0] = model.vehicle[layout.V_LATERAL] * weight
-    m.r[1] = model.vehicle[layout.V_VERTICAL] * weight
+    axle = model.where[states.I_LAND_VEHICLE] + states.AXLE
+    m.r[1] = (model.vehicle[layout.V_VERTICAL] + nods * nods * m.p[axle, axle]) * weight
     m.r[2] = (model.vehicle[layout.V_WHEEL] + slip * slip) * weight
     update.project(m, rows)
     slides = 0.0
@@ -186,8 +187,8 @@ def _roll(m: Memory, model: Model, weight: float, speed: float) -> None:
 
 
 @part()
-def rolling_rows(m: Memory, model: Model, speed: float) -> tuple[int, float]:
-    """Innovation and H of a vehicle that rolls; how many rows, and its forward acceleration.
+def rolling_rows(m: Memory, model: Model, speed: float) -> tuple[int, float, float]:
+    """Innovation and H of a vehicle that rolls; how many rows, and how it speeds up and nods.
 
     Parameters
     ----------
@@ -202,6 +203,8 @@ def rolling_rows(m: Memory, model: Model, speed: float) -> tuple[int, float]:
         0 where it is too slow to tell; else lateral, vertical and, if there are any, wheels.
     forward : float
         m/s^2.
+    nods : float
+        rad/s.
     """
     nav, memory, rolling = m.nav, m.vehicle, m.rolling
     first = model.where[states.I_LAND_VEHICLE]
@@ -221,7 +224,7 @@ def rolling_rows(m: Memory, model: Model, speed: float) -> tuple[int, float]:
         w[i] = x * rolling[0] + y * rolling[1] + z * rolling[2]
         f[i] = x * rolling[3] + y * rolling[4] + z * rolling[5]
     if abs(v[0]) < ROLLING:
-        return 0, 0.0
+        return 0, 0.0, 0.0
     forward = f[0] + b[0, 2] * earth.NORMAL_GRAVITY_EQUATOR
     axle, sideslip, squat = memory[9], memory[10], memory[11]
     rows = 3 if np.isfinite(speed) else 2
@@ -250,11 +253,11 @@ def rolling_rows(m: Memory, model: Model, speed: float) -> tuple[int, float]:
     m.h[0, first + states.MOUNT_YAW] = -v[0]
     m.h[1, first + states.MOUNT_PITCH] = v[0]
     m.h[0, first + states.AXLE] = w[2]
-    m.h[1, first + states.AXLE] = -w[1]
+    # None for the vertical: on its springs a body pitches and heaves at once, about no axle
     m.h[0, first + states.SIDESLIP] = -w[2] * v[0] * v[0]
     m.h[1, first + states.SQUAT] = forward * v[0]
     if rows == 3:
         m.h[2, first + states.MOUNT_PITCH] = -v[2]
         m.h[2, first + states.MOUNT_YAW] = v[1]
         m.h[2, first + states.WHEEL_SCALE] = speed
-    return rows, forward
+    return rows, forward, w[1]

@@ -104,11 +104,14 @@ class NoiseFactors:
         return replace(settings, imu=noisier, control=virtual)
 
     def __str__(self) -> str:
-        if self.gyro == self.accel:
-            noise = f"{self.gyro:.2g} times"
-        else:
-            noise = f"gyros {self.gyro:.2g}, accelerometers {self.accel:.2g} times"
-        return noise if self.scale == 1.0 else f"scale factors {self.scale:.2g}, {noise}"
+        parts = [] if self.scale == 1.0 else [f"scale factors {self.scale:.2g}"]
+        if self.gyro != self.accel:
+            parts += [f"gyros {self.gyro:.2g}", f"accelerometers {self.accel:.2g}"]
+        elif not parts:
+            parts.append(f"{self.gyro:.2g}")
+        elif self.gyro != 1.0:
+            parts.append(f"gyros and accelerometers {self.gyro:.2g}")
+        return ", ".join(parts) + " times"
 
 
 @dataclass(frozen=True)
@@ -182,7 +185,7 @@ class Drift:
         self._start = start
         self._estimated = config.filter.virtual_noise == "auto"
         self._measured = config.navigation.imu_noise is not None
-        self._least = _of_rest(source, start.settings)
+        self._least = _of_rest(source, start)
         self._increments: list[Increments] = []
         last_ns = start.time_ns
         steps = SegmentIncrements(source, config, algorithm)
@@ -207,7 +210,7 @@ class Drift:
 
         Where one is noisier than its grade the model is in doubt, and the other is not taken for
         better than its own; nor is any by a log in which the vehicle hardly moves, or whose noise
-        was measured. None is taken for better than it is at rest.
+        was measured. Sensors that a rest shows to be quiet are no quieter in motion.
         """
         windows = self._as_graded
         if windows is None or windows.restarts or windows.moved.sum() < LEAST_WINDOWS:
@@ -288,13 +291,16 @@ class Drift:
         return np.asarray(np.hypot(north, east) > LEAST_WAY + LEAST_WAY_SIGMAS * sigma)
 
 
-def _of_rest(source: Source, settings: Settings) -> np.ndarray:
-    """Noise of gyros and accelerometers at rest over that of the settings, at most 1."""
-    walks = random_walks(source)
-    imu = settings.imu
-    if walks is None or not imu.angle_random_walk or not imu.velocity_random_walk:
+def _of_rest(source: Source, start: FilterStart) -> np.ndarray:
+    """Noise of gyros and accelerometers at rest over that of the settings, at most 1.
+
+    0 for a MEMS grade: an idling engine looks like poor sensors.
+    """
+    walks, imu = random_walks(source), start.settings.imu
+    assumed = imu.angle_random_walk, imu.velocity_random_walk
+    if walks is None or start.grade.grade == "mems" or not all(assumed):
         return np.zeros(2)
-    return np.minimum(np.divide(walks, (imu.angle_random_walk, imu.velocity_random_walk)), 1.0)
+    return np.minimum(np.divide(walks, assumed), 1.0)
 
 
 def _spans(mask: BoolArray) -> tuple[np.ndarray, np.ndarray]:

@@ -40,6 +40,20 @@ def test_without_anything_seen_the_grade_counts():
     assert _likeliest(lambda g, a, s: 0.0) == pytest.approx((1.0, 1.0, 1.0))
 
 
+@pytest.mark.parametrize(
+    "factors, text",
+    [
+        ((0.5, 0.5), "0.5 times"),
+        ((2.0, 1.0), "gyros 2, accelerometers 1 times"),
+        ((1.0, 1.0, 5.0), "scale factors 5 times"),
+        ((2.0, 2.0, 5.0), "scale factors 5, gyros and accelerometers 2 times"),
+        ((2.0, 1.0, 5.0), "scale factors 5, gyros 2, accelerometers 1 times"),
+    ],
+)
+def test_factors_in_words(factors, text):
+    assert str(NoiseFactors(*factors)) == text
+
+
 def drift_of(path, change=lambda settings: settings, **groups):
     groups.setdefault("navigation", {})["mode"] = "ins-gnss"
     config = ProcessConfig(**groups)
@@ -82,7 +96,6 @@ def test_scale_factors_that_wander_are_found(industrial):
     factors = drift.factors()
     assert 3.0 < factors.scale <= 8.0
     assert drift.used(factors).imu.scale_wander == pytest.approx(factors.scale * grade.scale_wander)
-    assert str(factors).startswith("scale factors ")
 
 
 def test_a_vehicle_that_stands_makes_no_imu_better(tmp_path):
