@@ -7,8 +7,8 @@ import numpy as np
 from sinstool.config import ProcessConfig
 from sinstool.core.streams import Imu, Solution, concatenate, take_rows
 from sinstool.core.timeline import SECOND
-from sinstool.core.units import STANDARD_GRAVITY
 from sinstool.methods.coning.algorithm import ConingAlgorithm
+from sinstool.methods.ins_gnss.carried_back import carried_back
 from sinstool.methods.ins_gnss.constraints import REST_VELOCITY
 from sinstool.methods.ins_gnss.settings import Start
 from sinstool.methods.ins_gnss.smoother import SmoothedEpochs, corrected_navigation
@@ -96,8 +96,7 @@ def before_start(
     -------
     Solution or None
         None where the log has no such samples. Samples before a gap, or more than five minutes
-        before the start, are left out. Covariances are those of the start, grown by what
-        sensors of the grade do meanwhile.
+        before the start, are left out.
     """
     first = max(source.survey.first_ns, prepared.time_ns - MAX_NS)
     steps = SegmentIncrements(source, config, algorithm)
@@ -129,8 +128,16 @@ def before_start(
         rows[:, [LATITUDE, LONGITUDE, HEIGHT]] = start.nav[[LATITUDE, LONGITUDE, HEIGHT]]
         rows[:, V_NORTH : V_DOWN + 1] = 0.0
     imu = concatenate(samples)
+    nodes, covariance = carried_back(start, prepared.settings.imu, updates, rows[:, Q_W : Q_Z + 1])
     seconds = (prepared.time_ns - imu.time_ns) / SECOND
-    position, velocity, attitude = _grown(start, prepared, seconds)
+    at = np.clip(np.searchsorted(nodes, seconds), 1, len(nodes) - 1)
+    share = ((nodes[at] - seconds) / (nodes[at] - nodes[at - 1]))[:, None, None]
+
+    def block(part: slice) -> np.ndarray:
+        c = covariance[:, part, part]
+        return np.asarray(share * c[at - 1] + (1.0 - share) * c[at])
+
+    position, velocity, attitude = (block(slice(k, k + 3)) for k in (0, 3, 6))
     if rests:
         position = np.broadcast_to(start.covariance_position_n, position.shape)
         velocity = np.broadcast_to(REST_VELOCITY**2 * np.eye(3), velocity.shape)
@@ -157,22 +164,3 @@ def smoothed_start(start: Start, smoothed: SmoothedEpochs) -> Start:
     if not np.isfinite(smoothed.first_error).all():
         return start
     return corrected_start(start, smoothed.first_error, smoothed.first_covariance, smoothed.kind)
-
-
-def _grown(
-    start: Start, prepared: FilterStart, seconds: np.ndarray
-) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Covariances so long before the start: biases and walks of the grade, tilt times gravity."""
-    noise = prepared.settings.imu
-    t = seconds[:, None, None]
-    eye = np.eye(3)
-    gyro = noise.gyro_bias if start.gyro_bias_sigma is None else start.gyro_bias_sigma
-    accel = noise.accel_bias if start.accel_bias_sigma is None else start.accel_bias_sigma
-    walk = noise.angle_random_walk**2 * t + (gyro * t) ** 2
-    attitude = start.covariance_attitude_n + walk * eye
-    tilt = float(np.max(np.diag(start.covariance_attitude_n)[:2]))
-    wrong = accel**2 + STANDARD_GRAVITY**2 * (tilt + walk)
-    velocity = start.covariance_velocity_n + wrong * t**2 * eye
-    speed = float(np.max(np.diag(start.covariance_velocity_n)))
-    position = start.covariance_position_n + (speed * t**2 + 0.25 * wrong * t**4) * eye
-    return position, velocity, attitude

@@ -1,0 +1,111 @@
+"""How certain a navigation is that was carried back from a later state.
+
+A step of the errors forward is ``x' = F x + w``, so that before it ``P = F^-1 (P' + Q) F^-T``.
+Errors of sensors are as large as a filter takes them to be, and wander as they do there.
+
+References
+----------
+.. [1] P. D. Groves, "Principles of GNSS, Inertial, and Multisensor Integrated Navigation
+   Systems", 2nd ed., 2013, section 14.2.4: errors resolved in local axes, less the small terms.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from sinstool.core.arrays import FloatArray
+from sinstool.core.rotation import skew, to_dcm
+from sinstool.methods.ins_gnss.parameters import TURN
+from sinstool.methods.ins_gnss.settings import Start
+from sinstool.methods.sensor_errors import SensorGrade
+from sinstool.methods.strapdown.velocity import Increments
+
+STEP_S = 1.0
+# Blocks of three errors: position, velocity, attitude, biases and scale factors of both sensors.
+P, V, A, BG, BA, SG, SA = (slice(3 * k, 3 * k + 3) for k in range(7))
+SIZE = 21
+
+
+def carried_back(
+    start: Start, imu: SensorGrade, updates: Increments, q_nb: FloatArray
+) -> tuple[FloatArray, FloatArray]:
+    """Covariances of position, velocity and attitude before a start.
+
+    Parameters
+    ----------
+    start : Start
+        At the end of the last update.
+    updates : Increments
+        n of them, biases not taken off.
+    q_nb : ndarray, shape (n + 1, 4)
+        Attitude at the start of each, and at the end of the last.
+
+    Returns
+    -------
+    seconds : ndarray, shape (m,)
+        Before the start, from 0 on.
+    covariance : ndarray, shape (m, 9, 9)
+        North, east, down: m, m/s, rad.
+    """
+    dt = updates.interval
+    p = _first(start, imu)
+    if not len(dt):
+        return np.array([0.0, STEP_S]), np.array([p[:9, :9]] * 2)
+    c_nb = to_dcm(q_nb[:-1])
+    turned = updates.rotation_vector - start.gyro_bias * dt[:, None]
+    gained = updates.velocity_increment - start.accel_bias * dt[:, None]
+    before = np.cumsum(dt[::-1])[::-1]  # the start's time less that of each update's start
+    begins = np.flatnonzero(np.diff(np.floor(before / STEP_S), prepend=np.inf))
+
+    def total(values: FloatArray) -> FloatArray:
+        return np.asarray(np.add.reduceat(values, begins, axis=0))
+
+    steps = zip(
+        total(dt),
+        total(np.einsum("nij,nj->ni", c_nb, gained)),
+        total(c_nb * dt[:, None, None]),
+        total(c_nb * turned[:, None, :]),
+        total(c_nb * gained[:, None, :]),
+        total(np.linalg.norm(turned, axis=1)),
+        strict=True,
+    )
+    seconds, covariances = [0.0], [p[:9, :9]]
+    for length, force, turn, turn_scale, force_scale, angle in reversed(list(steps)):
+        f = np.eye(SIZE)
+        f[P, V] = length * np.eye(3)
+        f[V, A], f[V, BA], f[V, SA] = skew(force), turn, force_scale
+        f[P, A], f[P, BA], f[P, SA] = (
+            0.5 * length * f[V, A],
+            0.5 * length * turn,
+            (0.5 * length * force_scale),
+        )
+        f[A, BG], f[A, SG] = turn, turn_scale
+        noise = _noise(imu) * length
+        noise[A] += imu.gyro_misalignment**2 * TURN * angle
+        back = np.linalg.inv(f)
+        p = back @ (p + np.diag(noise)) @ back.T
+        seconds.append(seconds[-1] + float(length))
+        covariances.append(p[:9, :9])
+    return np.array(seconds), np.array(covariances)
+
+
+def _first(start: Start, imu: SensorGrade) -> FloatArray:
+    p = np.zeros((SIZE, SIZE))
+    p[P, P], p[V, V] = start.covariance_position_n, start.covariance_velocity_n
+    p[A, A] = start.covariance_attitude_n
+    gyro = imu.gyro_bias if start.gyro_bias_sigma is None else start.gyro_bias_sigma
+    accel = imu.accel_bias if start.accel_bias_sigma is None else start.accel_bias_sigma
+    for block, sigma in ((BG, gyro), (BA, accel), (SG, imu.gyro_scale), (SA, imu.accel_scale)):
+        p[block, block] = sigma**2 * np.eye(3)
+    return p
+
+
+def _noise(imu: SensorGrade) -> FloatArray:
+    """Power densities of what drives the errors, shape (21,)."""
+    q = np.zeros(SIZE)
+    q[V], q[A] = imu.velocity_random_walk**2, imu.angle_random_walk**2
+    wander = 2.0 / imu.bias_time_s
+    q[BG], q[BA] = wander * imu.gyro_instability**2, wander * imu.accel_instability**2
+    q[SG] = wander * (imu.scale_wander * imu.gyro_scale) ** 2
+    q[SA] = wander * (imu.scale_wander * imu.accel_scale) ** 2
+    return q
