@@ -129,9 +129,10 @@ def _how(alignment: Alignment, covariance: np.ndarray) -> str:
     if alignment.method not in IN_FLIGHT or alignment.held_ns is None:
         shown = "; gyro bias from motion" if alignment.bias_source == "alignment" else ""
         return f"attitude by {alignment.method}{shown}"
-    away = (alignment.held_ns - alignment.time_ns) / SECOND
+    later = (alignment.held_ns - alignment.time_ns) / SECOND
+    carried = f"carried {'back' if later >= 0.0 else 'forward'} over {abs(later):.0f} s"
     return (
-        f"attitude by {alignment.method} from velocity changes, carried back over {away:.0f} s;"
+        f"attitude by {alignment.method} from velocity changes, {carried};"
         f" gyro bias: {alignment.bias_source}; heading known to"
         f" {np.sqrt(covariance[2, 2]) / DEGREE:.1f} deg"
     )
