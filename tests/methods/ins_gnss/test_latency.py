@@ -255,3 +255,15 @@ def test_its_sigma_follows_from_the_noise_of_the_velocities():
     assert np.std(errors) == pytest.approx(bound, rel=0.35)
     # Stated as the root of 2 of it, for what of the noise is not white
     assert 1.25 * bound < np.median(sigmas) < 1.8 * bound
+
+
+@pytest.mark.parametrize("downs, status", [(4, "not observable"), (5, "found")])
+def test_more_than_ten_degrees_of_freedom_are_needed(downs, status):
+    # Six fixes in a window: a line takes two degrees of freedom from each axis; 4 + 4 + 2 or 3.
+    t = np.arange(0.0, 40.0, 0.01)
+    fix = np.array([8.3, 9.7, 10.9, 12.2, 13.6, 15.1])
+    measured = smooth_motion(fix - 0.1)[0] + 1e-4 * np.random.default_rng(2).normal(size=(6, 3))
+    measured[downs:, 2] = np.nan
+    found = correlate((t * 1e9).astype(np.int64), smooth_motion(t)[0],
+                      (fix * 1e9).astype(np.int64), measured)  # fmt: skip
+    assert found.status == status
