@@ -15,10 +15,9 @@ from sinstool.methods.ins_gnss.fix_velocity import (
 )
 from sinstool.pipelines.process.ins_gnss.receiver import STAMP_S, gnss_model, inflate_sigmas
 from sinstool.pipelines.process.ins_gnss.timing import significant_lag
+from tests.helpers.gnss import straight
 
 RADIUS = 6.37e6
-
-from tests.helpers.gnss import straight
 
 
 def epochs(n=400, rate=5.0, sigma=0.01, sigma_v=0.05, lag=0.0, latitude=0.85, noise=0.0):
