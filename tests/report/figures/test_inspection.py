@@ -59,10 +59,10 @@ def test_steps_back_are_kept_and_no_interval_is_negative():
 @pytest.mark.parametrize("interval_ms", [0.5, 1.0, 2.5, 10.0, 40.0])
 def test_bars_of_even_intervals_are_about_them(interval_ms):
     """Edges to half of the bins in which intervals are counted, which are 0.1 % wide."""
-    middles, counts, outside = sampled([interval_ms] * 500 + [3.0 * interval_ms]).shares()
+    middles, counts, outside = sampled([interval_ms] * 2000 + [3.0 * interval_ms]).shares()
     assert middles.mean() == pytest.approx(interval_ms, rel=5.2e-4)
     assert np.ptp(middles) == pytest.approx(0.04 * interval_ms, rel=0.03)
-    assert counts.sum() == counts.max() == 500 and outside == 1
+    assert counts.sum() == counts.max() == 2000 and outside == 1
     assert middles[np.argmax(counts)] == pytest.approx(interval_ms, rel=2e-3)
 
 
