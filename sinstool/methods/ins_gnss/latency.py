@@ -238,7 +238,8 @@ class _Windows:
     def degrees(self) -> float:
         """Degrees of freedom of the windows in use."""
         rows = self._sum(self._level)
-        return float(((rows - 2.0 * (rows > 2)).sum(axis=1) * self.weight).sum())
+        # One or two downs are on any line
+        return float((np.maximum(rows - 2.0, 0.0).sum(axis=1) * self.weight).sum())
 
     def costs(self, tau: float) -> FloatArray:
         """Sum of squares in each window."""

@@ -188,6 +188,7 @@ def test_every_key_is_needed_and_has_its_type():
         (("sigma_lambda2_rad",), -1e-6, "standard deviations"),
         (("cov",), [[1.0]], "cov is impossible"),
         (("latitude_rad",), 28.2, "latitude_rad is impossible"),
+        (("latitude_rad",), -1.58, "latitude_rad is impossible"),
         (("omega_ie",), 7.3e-5, "omega_ie is impossible"),
         (("config_sha256",), "abc", "config_sha256 is impossible"),
         (("runs",), [], "runs is impossible"),
