@@ -99,6 +99,7 @@ def test_the_schema():
     assert set(keys.split()) <= data["runs"][0].keys()
     assert data["lambda2_arcsec"] == pytest.approx(data["lambda2_rad"] / ARCSEC)
     assert data["eps_sum_rad"] == -data["lambda2_rad"]
+    assert data["K_HSE_arcsec_per_rad_s"] == pytest.approx(data["K_HSE_s"] / ARCSEC)
     assert data["method"] == "joint" and data["fit"]["n_runs"] == 18
     assert data["axial"]["lambda2_rad"] == pytest.approx(-EPSILON.sum(), rel=0.02)
     assert len(data["cov"]) == len(data["parameters"]) == 4

@@ -109,6 +109,12 @@ def test_increments_after_a_gap_are_left_out(blocks):
     assert np.flatnonzero(~missing).tolist() == [6, 9]
 
 
+@pytest.mark.parametrize("blocks", [1, 3])
+def test_of_even_increments_none_is_left_out(blocks):
+    _, values = measured([10.0] * 120, blocks, increments=True)
+    assert np.isfinite(values).all()
+
+
 def shown_of(log, **options):
     shown = Shown()
     inspection = inspect(log, ProcessConfig(input=InputOptions(**options)), shown=shown)
