@@ -120,6 +120,19 @@ def test_order_of_the_runs_does_not_matter():
     assert other.F_lof == pytest.approx(one.F_lof, rel=1e-6)
 
 
+def test_the_papers_sigma_is_of_the_scatter_within_rates():
+    """Three repeats of three rates: pooled variance, and the slope through the means."""
+    runs = noisy(brute_runs(), np.random.default_rng(4))
+    result = fit(runs, FitOptions(method="heading", form="paper", reject_outliers=False))
+    heading, rate = np.array([[r.heading, r.rate] for r in runs]).T
+    groups = [heading[rate == one] for one in RATES]
+    pooled = np.mean([group.var(ddof=1) for group in groups])
+    sigma = np.sqrt(pooled / 3.0 / np.sum((RATES - RATES.mean()) ** 2))
+    assert result.sigma_K == pytest.approx(sigma, rel=1e-6)
+    assert result.dof == 6
+    assert np.polyfit(RATES, [g.mean() for g in groups], 1)[0] == pytest.approx(result.K, rel=1e-6)
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize("kind", ["heading", "joint", "drift", "equal", "paper"])
 def test_covariance_is_that_of_many_simulations(kind):
