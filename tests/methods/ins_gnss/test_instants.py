@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from sinstool.core.streams import take_rows
 from sinstool.methods.ins_gnss import baro, instants
 from sinstool.methods.ins_gnss.filter import InsGnssFilter
 from sinstool.methods.ins_gnss.settings import DivergenceControl
@@ -167,3 +168,29 @@ def test_scale_factors_of_gyros_and_accelerometers_are_found(flown):
         assert np.all(np.abs(found - true) < 3.5 * sigma[first : first + 3])
         # of each sensor two axes show in such a flight
         assert np.sort(sigma[first : first + 3])[1] < 2e-3
+
+
+def test_sensor_errors_are_taken_off_as_they_came_in(flown):
+    """Biases and scale factors, all different and large: the way is that of the true increments."""
+    gyro, accel = np.array([2e-3, -3e-3, 4e-3]), np.array([0.3, 0.5, -0.4])
+    gyro_scale, accel_scale = np.array([0.05, -0.07, 0.09]), np.array([-0.11, 0.13, 0.16])
+    true = take_rows(flown.increments, slice(0, 100))
+    step = true.interval[:, None]
+    stated = replace(
+        true,
+        rotation_vector=(true.rotation_vector + gyro * step) * (1.0 + gyro_scale),
+        velocity_increment=(true.velocity_increment + accel * step) * (1.0 + accel_scale),
+    )
+    ways = []
+    for increments, sensors in (
+        (true, np.zeros(12)),
+        (stated, np.concatenate([gyro, accel_scale, accel, gyro_scale])),
+    ):
+        run = InsGnssFilter(flown.start, flown.using("markov-27"), with_baro=False, output=True)
+        run._memory.sensors[:] = sensors
+        updates = run.push(increments).updates
+        ways.append([updates.velocity_n, updates.q_nb, updates.omega_ib_b,
+                     updates.specific_force_b])  # fmt: skip
+    # but for what the turn of an interval does to the force in it
+    for one, other, limit in zip(*ways, (1e-2, 1e-6, 1e-9, 1e-2), strict=True):
+        assert np.abs(one - other).max() < limit
