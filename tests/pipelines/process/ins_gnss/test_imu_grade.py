@@ -45,3 +45,27 @@ def test_a_grade_is_asked_for_where_no_rest_shows_it_and_nothing_starts(
     with pytest.raises(AlignmentError) as refused:
         start_of(log, input=part, navigation={"imu_grade": grade})
     assert ("--imu-grade" in refused.value.hint) == named
+
+
+@pytest.mark.parametrize(
+    ("grade", "option", "expected"),
+    [
+        ("mems", "auto", True),
+        ("tactical", "auto", False),
+        ("tactical", "on", True),
+        ("mems", "off", False),
+    ],
+)
+def test_fictitious_noise_is_added_for_mems_or_as_asked_for(tmp_path, grade, option, expected):
+    log = simulated(
+        tmp_path / "log.mcap", "drive", "--duration", "60", "--still", "10", "--grade", grade,
+        "--rate", "50", "--baro-rate", "0",
+    )  # fmt: skip
+    start = start_of(
+        log,
+        navigation={"imu_grade": grade},
+        filter={"virtual_noise": option},
+        gnss={"gnss_latency": 0.0},
+        align={"align": "fixed", "initial_attitude": (0.0, 0.0, 0.0)},
+    )
+    assert start.settings.control.virtual_noise == expected
