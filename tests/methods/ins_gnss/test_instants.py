@@ -20,6 +20,7 @@ from sinstool.methods.ins_gnss.states import (
     POSITION,
     VELOCITY,
 )
+from sinstool.methods.strapdown.velocity import Increments
 from tests.methods.ins_gnss.flown import Flown
 
 
@@ -194,3 +195,27 @@ def test_sensor_errors_are_taken_off_as_they_came_in(flown):
     # but for what the turn of an interval does to the force in it
     for one, other, limit in zip(*ways, (1e-2, 1e-6, 1e-9, 1e-2), strict=True):
         assert np.abs(one - other).max() < limit
+
+
+def test_a_steady_turn_goes_on_through_a_gap(flown):
+    """Turned by 1.5 rad within it: as if no sample had been missing."""
+    count, step = 500, 0.02
+    first = int(flown.flight.time_ns[0])
+    stamps = first + np.round(np.arange(1, count + 1) * step * 1e9).astype(np.int64)
+    turning = Increments(
+        np.arange(count),
+        stamps,
+        np.full(count, step),
+        np.tile([0.02 * step, -0.05 * step, 0.5 * step], (count, 1)),
+        np.tile([1.0 * step, 8.0 * step, -9.8 * step], (count, 1)),
+    )
+    kept = np.r_[0:200, 350:count]
+    ends = []
+    for rows in (slice(None), kept):
+        run = InsGnssFilter(flown.start, flown.using("markov-21"), with_baro=False)
+        run.push(take_rows(turning, rows))
+        ends.append(run.nav)
+    away = ends[1] - ends[0]
+    assert np.abs(away[:2]).max() * 6.4e6 < 0.1 and abs(away[2]) < 0.1
+    assert np.abs(away[3:6]).max() < 0.02
+    assert np.abs(away[6:]).max() < 1e-5
